@@ -1,0 +1,61 @@
+# Every folder is a room: a library target whose headers are seen only by those who link it.
+# The include root of a room is a directory that holds one symbolic link, <room> -> <source>/<room>,
+# so that `#include "model/slse.hpp"` compiles only for targets that link isorig_model.
+
+add_library(isorig_options INTERFACE)
+target_compile_options(isorig_options INTERFACE
+  -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wno-sign-conversion -Wdouble-promotion
+  -Wnon-virtual-dtor -Woverloaded-virtual -Wformat=2
+  $<$<BOOL:${ISORIG_WERROR}>:-Werror>)
+if(ISORIG_SANITIZE)
+  # For the whole tree: a sanitizer that sees half of a program reports half of its faults.
+  add_compile_options(-fsanitize=${ISORIG_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all)
+  add_link_options(-fsanitize=${ISORIG_SANITIZE})
+endif()
+
+function(isorig_include_root room out)
+  set(root ${PROJECT_BINARY_DIR}/include/${room})
+  file(MAKE_DIRECTORY ${root})
+  file(CREATE_LINK ${PROJECT_SOURCE_DIR}/${room} ${root}/${room} SYMBOLIC)
+  set(${out} ${root} PARENT_SCOPE)
+endfunction()
+
+# isorig_room(<room> [TARGET name] SOURCES ... [LINKS public...] [PRIVATE private...])
+function(isorig_room room)
+  cmake_parse_arguments(arg "" "TARGET" "SOURCES;LINKS;PRIVATE" ${ARGN})
+  if(NOT arg_TARGET)
+    set(arg_TARGET isorig_${room})
+  endif()
+  isorig_include_root(${room} root)
+  if(arg_SOURCES)
+    add_library(${arg_TARGET} STATIC ${arg_SOURCES})
+    target_include_directories(${arg_TARGET} PUBLIC ${root})
+    target_link_libraries(${arg_TARGET} PUBLIC ${arg_LINKS} PRIVATE ${arg_PRIVATE} isorig_options)
+  else()
+    add_library(${arg_TARGET} INTERFACE)
+    target_include_directories(${arg_TARGET} INTERFACE ${root})
+    target_link_libraries(${arg_TARGET} INTERFACE ${arg_LINKS})
+  endif()
+endfunction()
+
+# isorig_program(<name> SOURCES ... LINKS ...)
+function(isorig_program name)
+  cmake_parse_arguments(arg "" "" "SOURCES;LINKS" ${ARGN})
+  add_executable(${name} ${arg_SOURCES})
+  target_link_libraries(${name} PRIVATE ${arg_LINKS} isorig_options)
+endfunction()
+
+# isorig_test(<name> SOURCES ... LINKS ... [LABELS ...] [TIMEOUT s])
+# Labels: `asan`, `tsan` name the sanitizers a test makes sense for; `slow` keeps it out of sanitizer runs.
+function(isorig_test name)
+  cmake_parse_arguments(arg "" "TIMEOUT" "SOURCES;LINKS;LABELS" ${ARGN})
+  if(NOT arg_TIMEOUT)
+    set(arg_TIMEOUT 120)
+  endif()
+  add_executable(${name} ${arg_SOURCES})
+  target_link_libraries(${name} PRIVATE ${arg_LINKS} isorig_options GTest::gmock GTest::gtest_main)
+  target_compile_definitions(${name} PRIVATE
+    ISORIG_SOURCE_DIR="${PROJECT_SOURCE_DIR}" ISORIG_BIN_DIR="${CMAKE_RUNTIME_OUTPUT_DIRECTORY}")
+  include(GoogleTest)
+  gtest_discover_tests(${name} DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT ${arg_TIMEOUT} LABELS "${arg_LABELS}")
+endfunction()

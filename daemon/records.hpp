@@ -1,0 +1,91 @@
+#pragma once
+#include <cstdint>
+
+#include "drivers/clock/clock.hpp"
+
+/// What the real-time core hands to the recorder and the publisher: plain values, each through its own
+/// wait-free queue (daemon/streams.hpp). Fixed size, no pointers, no destructors.
+namespace isorig::daemon {
+
+/// How the recorder keeps the samples of a step. LCM and the supervisor get every sample regardless.
+enum class Keep : std::uint8_t {
+  kFull,      ///< every sample
+  kAveraged,  ///< mean, minimum and maximum over the policy's interval; the last `before_s` stay in memory
+              ///< and are written in full when the next full-rate step begins (the run-up of a ramp)
+};
+
+struct FrameRecord {
+  std::int64_t mono_ns = 0;
+  std::int64_t device_us = 0;
+  std::uint32_t sequence = 0;
+  std::uint32_t step = 0;          ///< index into the plan
+  float bound_ns = 0.0F;           ///< the stamp's error is inside +- this (contains path asymmetry)
+  float repeatability_ns = 0.0F;   ///< one sigma of the stamp's scatter
+  float raw_position_mm = 0.0F;    ///< as the frame sent it
+  float raw_force_N = 0.0F;
+  double position_mm = 0.0;        ///< calibrated, relative to the unpressurized rest length
+  double force_N = 0.0;            ///< calibrated
+  Keep keep = Keep::kFull;
+};
+
+struct PressureRecord {
+  std::int64_t mono_ns = 0;
+  std::int64_t device_us = 0;
+  std::uint32_t sequence = 0;
+  std::uint32_t step = 0;
+  float bound_ns = 0.0F;
+  float repeatability_ns = 0.0F;
+  std::uint32_t raw_word = 0;      ///< the sensor's 32 bits
+  std::uint8_t status = 0;         ///< decoded: messages/elvh.hpp
+  Keep keep = Keep::kFull;
+  float temperature_C = 0.0F;
+  double pressure_psi = 0.0;       ///< calibrated, gauge
+};
+
+enum class RunState : std::uint8_t { kIdle, kReady, kRunning, kPaused, kStopping, kFaulted };
+
+/// The controller and the loop's own health, at the control rate (100 Hz).
+struct ControlRecord {
+  std::int64_t mono_ns = 0;
+  std::uint32_t step = 0;
+  RunState state = RunState::kIdle;
+  float setpoint_psi = 0.0F;
+  float pressure_psi = 0.0F;
+  std::uint16_t fill_permille = 0;
+  std::uint16_t vent_permille = 0;
+  float target_mm = 0.0F;
+  float velocity_mm_s = 0.0F;
+  float position_mm = 0.0F;
+  float force_N = 0.0F;
+  std::uint64_t ticks = 0;
+  std::uint64_t overruns = 0;
+  std::uint32_t worst_wakeup_ns = 0;   ///< since the last ControlRecord
+  std::uint32_t worst_run_ns = 0;      ///< since the last ControlRecord
+  float progress = 0.0F;               ///< 0..1 of the plan's estimated time
+  float remaining_s = 0.0F;
+};
+
+enum class Severity : std::uint8_t { kInfo, kWarning, kProgramStop, kSafeState };
+
+/// Something happened: a transition with its cause, a step, a mark, a fault, a lost sample.
+struct EventRecord {
+  std::int64_t mono_ns = 0;
+  std::uint32_t step = 0;
+  Severity severity = Severity::kInfo;
+  RunState from = RunState::kIdle;
+  RunState to = RunState::kIdle;
+  char code[32] = {};      ///< stable name for machines: "step", "mark", "limit.force", "stale.frame", ...
+  char text[160] = {};     ///< for people: what happened, the value, the threshold, what to do
+  double value = 0.0;      ///< what was measured, where that makes sense
+  double threshold = 0.0;  ///< what it was compared with
+};
+
+enum class DeviceId : std::uint8_t { kFrame, kPressure };
+
+/// A time exchange, kept raw so that the mapping can be done again offline.
+struct ExchangeRecord {
+  DeviceId device = DeviceId::kFrame;
+  clock::Exchange exchange;
+};
+
+}  // namespace isorig::daemon

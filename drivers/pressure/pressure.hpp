@@ -1,0 +1,64 @@
+#pragma once
+#include <cstdint>
+#include <span>
+#include <string>
+
+#include "drivers/clock/clock.hpp"
+#include "drivers/error.hpp"
+
+/// The pressure side: a sensor that streams and valves (or a regulator) that take commands.
+/// Implementations: drivers/pressure/ (Teensy over serial), sim/pressure/ (virtual plant).
+namespace isorig::pressure {
+
+/// One conversion of the ELVH as the device sent it. Decoding is messages/elvh.hpp.
+struct Sample {
+  std::uint32_t sequence = 0;   ///< the device's own counter, wraps at 2^32
+  std::int64_t device_us = 0;   ///< device clock at the conversion, extended over the 71.6 min wrap
+  std::uint32_t raw_word = 0;   ///< the 32 bits from the sensor: status, pressure, temperature
+};
+
+/// What the daemon asks for, refreshed at 100 Hz or more. With valves: one of the two is zero.
+struct Command {
+  std::uint16_t fill_permille = 0;   ///< duty of the fill valve, 0..1000
+  std::uint16_t vent_permille = 0;   ///< duty of the vent valve, 0..1000
+  float regulator_psi = 0.0F;        ///< set-point when a regulator does the work; valves ignore it
+};
+
+struct Identity {
+  std::string model, serial, firmware;
+  std::uint16_t protocol_version = 0;
+  double sample_rate_hz = 0.0;
+};
+
+struct State {
+  bool vented_by_watchdog = false;    ///< heartbeats stopped and the device opened the vent by itself
+  std::uint32_t dropped = 0;          ///< samples the device discarded because the host stalled
+  std::uint16_t fill_permille = 0;    ///< echoed
+  std::uint16_t vent_permille = 0;
+};
+
+struct Poll {
+  std::size_t samples = 0;     ///< how many of `samples_out` were filled
+  std::size_t exchanges = 0;   ///< how many of `exchanges_out` were filled
+  std::uint32_t lost = 0;      ///< gaps in the sequence since the last poll
+  std::uint32_t corrupt = 0;   ///< frames that failed COBS, CRC or version
+  State state;
+};
+
+/// Owned by one I/O thread; throws drivers::DeviceError. Not for the real-time loop.
+class Device {
+ public:
+  virtual ~Device() = default;
+  virtual Identity connect() = 0;
+  virtual void disconnect() noexcept = 0;
+  /// Takes what has arrived, waiting at most `timeout_ns` for the first byte.
+  virtual Poll poll(std::span<Sample> samples_out, std::span<clock::Exchange> exchanges_out,
+                    std::int64_t timeout_ns) = 0;
+  virtual void command(const Command& command) = 0;
+  /// Feeds the device's watchdog; without it the device vents by itself.
+  virtual void heartbeat() = 0;
+  /// Sends a time-sync request; the reply comes out of a later poll() as an Exchange.
+  virtual void request_time_sync() = 0;
+};
+
+}  // namespace isorig::pressure
