@@ -1,0 +1,257 @@
+#include "messages/csv.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+#include <system_error>
+
+#include "messages/recording.hpp"
+
+namespace isorig::messages {
+namespace {
+
+using Fault = RecordingFault;
+
+template <typename Column>
+std::string header_text(std::span<const Column> columns) {
+  std::string text;
+  for (const auto& column : columns) {
+    if (!text.empty()) text += ',';
+    text += column.name;
+  }
+  return text;
+}
+
+/// A cell for an error message: short, and without what would upset a terminal.
+std::string quoted(std::string_view cell) {
+  std::string out = "\"";
+  for (const char c : cell.substr(0, 40)) out += (c >= ' ' && c <= '~') ? c : '?';
+  return out + (cell.size() > 40 ? "...\"" : "\"");
+}
+
+std::string_view trimmed(std::string_view cell) {
+  const auto first = cell.find_first_not_of(" \t");
+  if (first == std::string_view::npos) return {};
+  return cell.substr(first, cell.find_last_not_of(" \t") - first + 1);
+}
+
+class Reader {
+ public:
+  Reader(const std::filesystem::path& file, std::span<const CsvColumn> columns)
+      : file_(file), columns_(columns), text_(read_whole_file(file)) {}
+
+  void run() {
+    const char* p = read_header();
+    const char* const end = text_.data() + text_.size();
+    const auto rows = static_cast<std::size_t>(std::count(p, end, '\n')) + 1;
+    for (const auto& column : columns_) {
+      column.values->clear();
+      column.values->reserve(rows);
+    }
+    row_.resize(columns_.size());
+    while (p != end) {
+      ++line_;
+      const char* next = parse_row(p, end);
+      if (next == nullptr) next = parse_row_carefully(p, end);
+      auto& time = *columns_[0].values;
+      if (!time.empty() && !(row_[0] > time.back())) fail_time(time.back());
+      for (std::size_t c = 0; c < row_.size(); ++c) columns_[c].values->push_back(row_[c]);
+      p = next;
+    }
+    if (columns_[0].values->empty()) fail(Fault::kEmpty, line_ + 1, "no rows below the header");
+  }
+
+ private:
+  [[noreturn]] void fail(Fault fault, std::size_t line, const std::string& message) const {
+    throw RecordingError(fault, file_, line, message);
+  }
+
+  [[noreturn]] void fail_time(double before) const {
+    const bool repeats = row_[0] == before;
+    char numbers[80];
+    std::snprintf(numbers, sizeof numbers, "%.9g s after %.9g s", row_[0], before);
+    fail(Fault::kTime, line_,
+         std::string(repeats ? "time stands still: " : "time runs backwards: ") + numbers +
+             "; every row has to be later than the one before");
+  }
+
+  const char* read_header() {
+    std::string_view rest = text_;
+    if (rest.starts_with("\xEF\xBB\xBF")) rest.remove_prefix(3);
+    const std::string expected = header_text(columns_);
+    if (rest.empty()) fail(Fault::kEmpty, 1, "the file is empty; it has to begin with `" + expected + "`");
+    const auto length = std::min(rest.find('\n'), rest.size());
+    std::string_view header = rest.substr(0, length);
+    if (header.ends_with('\r')) header.remove_suffix(1);
+    line_ = 1;
+    if (header != expected) {
+      std::string message = "the header is " + quoted(header) + "; expected `" + expected + "`";
+      for (const auto& column : columns_) {
+        if (!has_cell(header, column.name)) message += "; column `" + std::string(column.name) + "` is missing";
+      }
+      fail(Fault::kHeader, 1, message);
+    }
+    return length == rest.size() ? rest.data() + length : rest.data() + length + 1;
+  }
+
+  static bool has_cell(std::string_view line, std::string_view name) {
+    while (true) {
+      const auto comma = line.find(',');
+      if (line.substr(0, comma) == name) return true;
+      if (comma == std::string_view::npos) return false;
+      line.remove_prefix(comma + 1);
+    }
+  }
+
+  /// A well-formed row into row_; null when anything at all is unusual.
+  const char* parse_row(const char* p, const char* end) {
+    for (std::size_t c = 0; c < row_.size(); ++c) {
+      const auto [stop, error] = std::from_chars(p, end, row_[c]);
+      if (error != std::errc{} || stop == end || !std::isfinite(row_[c])) return nullptr;
+      if (c + 1 < row_.size()) {
+        if (*stop != ',') return nullptr;
+      } else if (*stop == '\r' && stop + 1 != end && stop[1] == '\n') {
+        return stop + 2;
+      } else if (*stop != '\n') {
+        return nullptr;
+      }
+      p = stop + 1;
+    }
+    return nullptr;
+  }
+
+  /// The same with blanks and a plus sign allowed round the numbers; throws what is wrong.
+  const char* parse_row_carefully(const char* p, const char* end) {
+    const void* newline = std::memchr(p, '\n', static_cast<std::size_t>(end - p));
+    const char* stop = newline == nullptr ? end : static_cast<const char*>(newline);
+    std::string_view line(p, static_cast<std::size_t>(stop - p));
+    if (line.ends_with('\r')) line.remove_suffix(1);
+    const auto cells = static_cast<std::size_t>(std::count(line.begin(), line.end(), ',')) + 1;
+    if (newline == nullptr && (cells < row_.size() || !last_line_is_whole(line))) {
+      fail(Fault::kTruncated, line_,
+           "the last line " + quoted(line) + " has no line end, so it may have been cut off; the recording was " +
+               "interrupted, or, if the line is whole, end it with a newline");
+    }
+    if (trimmed(line).empty()) fail(Fault::kColumns, line_, "an empty line; remove it");
+    if (cells != row_.size()) {
+      fail(Fault::kColumns, line_,
+           std::to_string(cells) + " cells, expected " + std::to_string(row_.size()) + " (`" + header_text(columns_) +
+               "`)");
+    }
+    for (std::size_t c = 0; c < row_.size(); ++c) {
+      const auto comma = std::min(line.find(','), line.size());
+      row_[c] = number(trimmed(line.substr(0, comma)), columns_[c].name);
+      line.remove_prefix(std::min(comma + 1, line.size()));
+    }
+    return newline == nullptr ? end : stop + 1;
+  }
+
+  double number(std::string_view cell, std::string_view name) const {
+    std::string_view digits = cell;
+    if (digits.size() > 1 && digits[0] == '+' && digits[1] != '-') digits.remove_prefix(1);
+    double value = 0.0;
+    const auto [stop, error] = std::from_chars(digits.data(), digits.data() + digits.size(), value);
+    const bool whole = stop == digits.data() + digits.size() && !digits.empty();
+    if (error == std::errc::invalid_argument || !whole) {
+      fail(Fault::kNotNumber, line_, "`" + std::string(name) + "` is " + quoted(cell) + "; a number is needed");
+    }
+    if (error != std::errc{} || !std::isfinite(value)) {
+      fail(Fault::kNotFinite, line_,
+           "`" + std::string(name) + "` is " + quoted(cell) + "; a finite number is needed");
+    }
+    return value;
+  }
+
+  /// Without a line end, "44.5" may be all of the number or the beginning of "44.5250". Only a column written
+  /// with a fixed number of decimals tells: then the line is whole when it has as many as all others.
+  bool last_line_is_whole(std::string_view last) const {
+    const auto wanted = decimals(last);
+    if (wanted == 0 || line_ < 3) return false;
+    std::string_view rest(text_);
+    rest.remove_prefix(rest.find('\n') + 1);
+    while (rest.data() != last.data()) {
+      const auto length = rest.find('\n');
+      std::string_view line = rest.substr(0, length);
+      if (line.ends_with('\r')) line.remove_suffix(1);
+      if (decimals(line) != wanted) return false;
+      rest.remove_prefix(length + 1);
+    }
+    return true;
+  }
+
+  /// Digits behind the last cell's point; 0 when it has none or is in exponent form.
+  static std::size_t decimals(std::string_view line) {
+    const auto point = line.rfind('.');
+    if (point == std::string_view::npos) return 0;
+    const auto digits = line.substr(point + 1);
+    return digits.find_first_not_of("0123456789") == std::string_view::npos ? digits.size() : 0;
+  }
+
+  const std::filesystem::path& file_;
+  std::span<const CsvColumn> columns_;
+  std::string text_;
+  std::vector<double> row_;
+  std::size_t line_ = 0;
+};
+
+}  // namespace
+
+std::string read_whole_file(const std::filesystem::path& file) {
+  std::error_code ignored;
+  const auto status = std::filesystem::status(file, ignored);
+  if (!std::filesystem::exists(status)) throw RecordingError(Fault::kMissingFile, file, 0, "no such file");
+  std::ifstream in(file, std::ios::binary | std::ios::ate);
+  const auto size = in && !std::filesystem::is_directory(status) ? static_cast<std::streamoff>(in.tellg()) : -1;
+  std::string text(size > 0 ? static_cast<std::size_t>(size) : 0, '\0');
+  if (size < 0 || !in.seekg(0) || !in.read(text.data(), size)) {
+    throw RecordingError(Fault::kUnreadable, file, 0, "cannot be read; check that it is a file and its permissions");
+  }
+  return text;
+}
+
+void read_number_csv(const std::filesystem::path& file, std::span<const CsvColumn> columns) {
+  Reader(file, columns).run();
+}
+
+void check_columns(const std::filesystem::path& file, std::span<const CsvColumnView> columns) {
+  const auto time = columns[0].values;
+  if (time.empty()) throw RecordingError(Fault::kInconsistent, file, 0, "not written: no rows");
+  for (const auto& column : columns) {
+    const std::string name = "`" + std::string(column.name) + "`";
+    if (column.values.size() != time.size()) {
+      throw RecordingError(Fault::kInconsistent, file, 0,
+                           "not written: " + name + " has " + std::to_string(column.values.size()) + " rows, `" +
+                               std::string(columns[0].name) + "` has " + std::to_string(time.size()));
+    }
+    for (std::size_t i = 0; i < time.size(); ++i) {
+      if (!std::isfinite(column.values[i])) {
+        throw RecordingError(Fault::kInconsistent, file, i + 2, "not written: " + name + " is not finite");
+      }
+    }
+  }
+  for (std::size_t i = 1; i < time.size(); ++i) {
+    if (!(time[i] > time[i - 1])) {
+      throw RecordingError(Fault::kInconsistent, file, i + 2, "not written: time does not increase");
+    }
+  }
+}
+
+std::string number_csv_text(std::span<const CsvColumnView> columns) {
+  std::string text = header_text(columns) + '\n';
+  const std::size_t rows = columns[0].values.size();
+  text.reserve(text.size() + rows * columns.size() * 12);
+  char digits[32];
+  for (std::size_t i = 0; i < rows; ++i) {
+    for (std::size_t c = 0; c < columns.size(); ++c) {
+      const auto end = std::to_chars(digits, digits + sizeof digits, columns[c].values[i]).ptr;
+      text.append(digits, end);
+      text += c + 1 < columns.size() ? ',' : '\n';
+    }
+  }
+  return text;
+}
+
+}  // namespace isorig::messages

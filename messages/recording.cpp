@@ -1,0 +1,197 @@
+#include "messages/recording.hpp"
+
+#include <toml++/toml.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <fstream>
+#include <sstream>
+#include <system_error>
+
+#include "base/toml_reader.hpp"
+#include "messages/csv.hpp"
+
+namespace isorig::messages {
+namespace {
+
+using Fault = RecordingFault;
+constexpr std::array<std::string_view, 5> kOwnKeys{"format", "specimen", "rest_length_mm",
+                                                   "pressurized_rest_length_mm", "nominal_pressure_psi"};
+
+std::array<CsvColumnView, 3> columns_of(const FrameSamples& f) {
+  return {{{"t_s", f.t_s}, {"position_mm", f.position_mm}, {"force_N", f.force_N}}};
+}
+
+std::array<CsvColumnView, 2> columns_of(const PressureSamples& p) {
+  return {{{"t_s", p.t_s}, {"pressure_psi", p.pressure_psi}}};
+}
+
+/// The text without the lines of our own keys; all else, comments included, stays as it was written.
+std::string further_text(const std::string& text) {
+  const toml::table root = toml::parse(text);
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> cut;
+  for (const auto key : kOwnKeys) {
+    if (const auto* node = root.get(key)) cut.emplace_back(node->source().begin.line, node->source().end.line);
+  }
+  std::string kept;
+  std::istringstream in(text);
+  std::string line;
+  for (std::uint32_t number = 1; std::getline(in, line); ++number) {
+    const bool own = std::any_of(cut.begin(), cut.end(),
+                                 [&](const auto& c) { return number >= c.first && number <= c.second; });
+    if (!own) kept += line + '\n';
+  }
+  return kept.find_first_not_of(" \t\r\n") == std::string::npos ? std::string{} : kept;
+}
+
+RecordingMetadata parse_metadata(const std::string& text, const std::filesystem::path& file) {
+  try {
+    const auto document = base::TomlDocument::parse_text(text, file.string());
+    const auto root = document.root();
+    root.ignore_rest();
+    if (root.type_of("format") == "string" && root.string("format") != kRecordingFormat) {
+      throw RecordingError(Fault::kFormat, file, root.where("format").line,
+                           "`format` is \"" + root.string("format") + "\"; this reads \"" +
+                               std::string(kRecordingFormat) + "\"");
+    }
+    RecordingMetadata metadata;
+    static_cast<void>(root.string("format"));
+    metadata.specimen = root.string("specimen");
+    metadata.rest_length_mm = root.number("rest_length_mm", base::kPositive);
+    if (root.has("pressurized_rest_length_mm")) {
+      metadata.pressurized_rest_length_mm = root.number("pressurized_rest_length_mm", base::kPositive);
+    }
+    if (root.has("nominal_pressure_psi")) metadata.nominal_pressure_psi = root.number("nominal_pressure_psi");
+    document.finish();
+    metadata.further_toml = further_text(text);
+    return metadata;
+  } catch (const base::ConfigError& e) {
+    std::string message;
+    for (const auto& d : e.diagnostics()) {
+      if (!message.empty()) message += "; line " + std::to_string(d.line) + ": ";
+      message += d.message;
+    }
+    throw RecordingError(Fault::kMetadata, file, e.diagnostics().front().line, message);
+  }
+}
+
+std::string toml_string(const std::string& value) {
+  std::ostringstream out;
+  out << toml::value<std::string>(value);
+  return out.str();
+}
+
+std::string toml_number(double value) {
+  char digits[32];
+  const auto end = std::to_chars(digits, digits + sizeof digits, value).ptr;
+  std::string text(digits, end);
+  return text.find_first_of(".en") == std::string::npos ? text + ".0" : text;
+}
+
+std::string metadata_text(const RecordingMetadata& metadata) {
+  std::string text = "format = \"" + std::string(kRecordingFormat) + "\"\n";
+  text += "specimen = " + toml_string(metadata.specimen) + '\n';
+  text += "rest_length_mm = " + toml_number(metadata.rest_length_mm) + '\n';
+  if (metadata.pressurized_rest_length_mm) {
+    text += "pressurized_rest_length_mm = " + toml_number(*metadata.pressurized_rest_length_mm) + '\n';
+  }
+  if (metadata.nominal_pressure_psi) {
+    text += "nominal_pressure_psi = " + toml_number(*metadata.nominal_pressure_psi) + '\n';
+  }
+  text += metadata.further_toml;
+  if (!text.ends_with('\n')) text += '\n';
+  return text;
+}
+
+void replace_file(const std::filesystem::path& file, const std::string& text) {
+  auto aside = file;
+  aside += ".new";
+  {
+    std::ofstream out(aside, std::ios::binary | std::ios::trunc);
+    out.write(text.data(), static_cast<std::streamsize>(text.size()));
+    out.close();
+    if (!out) {
+      std::error_code ignored;
+      std::filesystem::remove(aside, ignored);
+      throw RecordingError(Fault::kUnreadable, file, 0, "cannot be written; check the disk's space and permissions");
+    }
+  }
+  std::error_code failed;
+  std::filesystem::rename(aside, file, failed);
+  if (failed) throw RecordingError(Fault::kUnreadable, file, 0, "cannot be replaced: " + failed.message());
+}
+
+}  // namespace
+
+RecordingError::RecordingError(RecordingFault fault, std::filesystem::path file, std::size_t line,
+                               const std::string& message)
+    : std::runtime_error(file.string() + (line > 0 ? ":" + std::to_string(line) : std::string{}) + ": " + message),
+      fault_(fault), file_(std::move(file)), line_(line) {}
+
+std::vector<double> Recording::strain() const {
+  std::vector<double> out(frame.position_mm.size());
+  std::transform(frame.position_mm.begin(), frame.position_mm.end(), out.begin(),
+                 [this](double position_mm) { return metadata.strain(position_mm); });
+  return out;
+}
+
+FrameSamples read_frame_csv(const std::filesystem::path& file) {
+  FrameSamples frame;
+  read_number_csv(file, std::array<CsvColumn, 3>{
+                            {{"t_s", &frame.t_s}, {"position_mm", &frame.position_mm}, {"force_N", &frame.force_N}}});
+  return frame;
+}
+
+PressureSamples read_pressure_csv(const std::filesystem::path& file) {
+  PressureSamples pressure;
+  read_number_csv(file, std::array<CsvColumn, 2>{
+                            {{"t_s", &pressure.t_s}, {"pressure_psi", &pressure.pressure_psi}}});
+  return pressure;
+}
+
+RecordingMetadata read_recording_toml(const std::filesystem::path& file) {
+  return parse_metadata(read_whole_file(file), file);
+}
+
+Recording read_recording(const std::filesystem::path& folder) {
+  std::error_code ignored;
+  if (!std::filesystem::is_directory(folder, ignored)) {
+    throw RecordingError(Fault::kMissingFile, folder, 0,
+                         "not a recording: no such folder (a recording is a folder with recording.toml, frame.csv "
+                         "and, if it has one, pressure.csv)");
+  }
+  Recording recording;
+  recording.metadata = read_recording_toml(folder / "recording.toml");
+  recording.frame = read_frame_csv(folder / "frame.csv");
+  // symlink_status: a dangling link is a fault, not a recording without pressure.
+  if (std::filesystem::exists(std::filesystem::symlink_status(folder / "pressure.csv", ignored))) {
+    recording.pressure = read_pressure_csv(folder / "pressure.csv");
+  }
+  return recording;
+}
+
+void write_recording(const std::filesystem::path& folder, const Recording& recording) {
+  const std::string metadata = metadata_text(recording.metadata);
+  try {
+    static_cast<void>(parse_metadata(metadata, folder / "recording.toml"));
+  } catch (const RecordingError& e) {
+    throw RecordingError(Fault::kInconsistent, folder / "recording.toml", e.line(),
+                         std::string("not written: ") + e.what());
+  }
+  check_columns(folder / "frame.csv", columns_of(recording.frame));
+  if (recording.pressure) check_columns(folder / "pressure.csv", columns_of(*recording.pressure));
+
+  std::error_code failed;
+  std::filesystem::create_directories(folder, failed);
+  if (failed) throw RecordingError(Fault::kUnreadable, folder, 0, "cannot be made: " + failed.message());
+  replace_file(folder / "recording.toml", metadata);
+  replace_file(folder / "frame.csv", number_csv_text(columns_of(recording.frame)));
+  if (recording.pressure) {
+    replace_file(folder / "pressure.csv", number_csv_text(columns_of(*recording.pressure)));
+  } else {
+    std::filesystem::remove(folder / "pressure.csv", failed);
+  }
+}
+
+}  // namespace isorig::messages

@@ -1,0 +1,109 @@
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace isorig::messages {
+
+/// The recording format "isorig-recording/1": one folder with `recording.toml`, `frame.csv` and, when the rig
+/// has a pneumatic part, `pressure.csv`. Both CSV files stamp with seconds on one clock; neither is sampled
+/// uniformly, and their rates differ.
+
+/// What is wrong with a recording. `kTruncated`: the last line was cut off, so the writer was interrupted.
+enum class RecordingFault {
+  kMissingFile,
+  kUnreadable,
+  kMetadata,   ///< recording.toml: not TOML, a key missing, of the wrong type or out of range
+  kFormat,     ///< `format` names something else
+  kHeader,     ///< a column is missing or has another name
+  kEmpty,      ///< no rows
+  kColumns,    ///< a row with too few or too many cells, or an empty line
+  kNotNumber,
+  kNotFinite,  ///< NaN, infinity, or beyond the range of a double
+  kTime,       ///< time runs backwards or stands still
+  kTruncated,
+  kInconsistent,  ///< write_recording: what was to be written could not be read back
+};
+
+/// what() is "file:line: message", or "file: message" for a fault of the whole file (line 0).
+class RecordingError : public std::runtime_error {
+ public:
+  RecordingError(RecordingFault fault, std::filesystem::path file, std::size_t line, const std::string& message);
+  [[nodiscard]] RecordingFault fault() const noexcept { return fault_; }
+  [[nodiscard]] const std::filesystem::path& file() const noexcept { return file_; }
+  [[nodiscard]] std::size_t line() const noexcept { return line_; }
+
+ private:
+  RecordingFault fault_;
+  std::filesystem::path file_;
+  std::size_t line_;
+};
+
+inline constexpr std::string_view kRecordingFormat = "isorig-recording/1";
+
+struct RecordingMetadata {
+  std::string specimen;
+  double rest_length_mm = 0.0;  ///< unpressurized; zero of `position_mm`
+  /// Only a McKibben has these two.
+  std::optional<double> pressurized_rest_length_mm;
+  std::optional<double> nominal_pressure_psi;
+  /// All other keys and tables of recording.toml, verbatim with their comments.
+  std::string further_toml;
+
+  /// The length that strain is counted from: pressurized if there is one, else the rest length.
+  [[nodiscard]] double reference_length_mm() const noexcept {
+    return pressurized_rest_length_mm.value_or(rest_length_mm);
+  }
+  /// Strain as in the paper: (position + rest - pressurized rest) / pressurized rest. Zero at the length the
+  /// pressurized specimen has without load; without a pressurized length it is position / rest length.
+  [[nodiscard]] double strain(double position_mm) const noexcept {
+    return (position_mm + rest_length_mm - reference_length_mm()) / reference_length_mm();
+  }
+  [[nodiscard]] double position_mm(double strain) const noexcept {
+    return strain * reference_length_mm() + reference_length_mm() - rest_length_mm;
+  }
+};
+
+/// Vectors of equal length; `t_s` strictly increasing, everything finite.
+struct FrameSamples {
+  std::vector<double> t_s;
+  std::vector<double> position_mm;  ///< crosshead, relative to the unpressurized rest length; extension positive
+  std::vector<double> force_N;      ///< tension positive
+  [[nodiscard]] std::size_t size() const noexcept { return t_s.size(); }
+};
+
+struct PressureSamples {
+  std::vector<double> t_s;
+  std::vector<double> pressure_psi;  ///< gauge
+  [[nodiscard]] std::size_t size() const noexcept { return t_s.size(); }
+};
+
+struct Recording {
+  RecordingMetadata metadata;
+  FrameSamples frame;
+  std::optional<PressureSamples> pressure;
+
+  [[nodiscard]] double strain(double position_mm) const noexcept { return metadata.strain(position_mm); }
+  [[nodiscard]] std::vector<double> strain() const;  ///< of every row of `frame`
+};
+
+/// Throws RecordingError at the first fault; nothing is half-read.
+[[nodiscard]] Recording read_recording(const std::filesystem::path& folder);
+
+/// One stream alone, as recorded by an instrument with its own clock (what `isorig align` starts from).
+[[nodiscard]] FrameSamples read_frame_csv(const std::filesystem::path& file);
+[[nodiscard]] PressureSamples read_pressure_csv(const std::filesystem::path& file);
+[[nodiscard]] RecordingMetadata read_recording_toml(const std::filesystem::path& file);
+
+/// Makes the folder if needed and replaces its three files, each at once (written aside, then renamed). A
+/// pressure.csv of an earlier recording goes when this one has none. Numbers are written in the shortest form
+/// that reads back as the same double. Throws RecordingError before touching anything if the content breaks
+/// a rule of the format.
+void write_recording(const std::filesystem::path& folder, const Recording& recording);
+
+}  // namespace isorig::messages
