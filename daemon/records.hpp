@@ -2,17 +2,13 @@
 #include <cstdint>
 
 #include "drivers/clock/clock.hpp"
+#include "protocol/plan.hpp"
 
 /// What the real-time core hands to the recorder and the publisher: plain values, each through its own
 /// wait-free queue (daemon/streams.hpp). Fixed size, no pointers, no destructors.
 namespace isorig::daemon {
 
-/// How the recorder keeps the samples of a step. LCM and the supervisor get every sample regardless.
-enum class Keep : std::uint8_t {
-  kFull,      ///< every sample
-  kAveraged,  ///< mean, minimum and maximum over the policy's interval; the last `before_s` stay in memory
-              ///< and are written in full when the next full-rate step begins (the run-up of a ramp)
-};
+using protocol::Keep;  ///< per sample, as the plan's recording policy has it
 
 struct FrameRecord {
   std::int64_t mono_ns = 0;

@@ -1,0 +1,70 @@
+#include <cstdio>
+#include <string>
+
+#include "protocol/plan.hpp"
+
+namespace isorig::protocol {
+namespace {
+
+std::string number(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.6g", value);
+  return text;
+}
+
+std::string position(double value_mm) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%+.6g mm", value_mm);
+  return value_mm == 0.0 ? "0 mm" : text;
+}
+
+}  // namespace
+
+const char* name_of(StepKind kind) noexcept {
+  switch (kind) {
+    case StepKind::kPressurize:
+      return "pressurize";
+    case StepKind::kSettle:
+      return "settle";
+    case StepKind::kRamp:
+      return "ramp";
+    case StepKind::kHold:
+      return "hold";
+    case StepKind::kWave:
+      return "wave";
+    case StepKind::kMark:
+      return "mark";
+  }
+  return "?";
+}
+
+std::string describe(const Step& step) {
+  switch (step.kind) {
+    case StepKind::kPressurize:
+      return "pressurize to " + number(step.pressure_psi) + " psi at " + number(step.rate_psi_s) +
+             " psi/s, within " + number(step.tolerance_psi) + " psi for " + number(step.settled_for_s) + " s";
+    case StepKind::kSettle:
+      return "settle until the force moves by at most " + number(step.force_slope_N_s) + " N/s over " +
+             number(step.window_s) + " s, for " + number(step.settled_for_s) + " s";
+    case StepKind::kRamp:
+      return "ramp to " + position(step.target_mm) + " at " + number(step.velocity_mm_s) + " mm/s";
+    case StepKind::kHold:
+      return "hold for " + number(step.duration_s) + " s";
+    case StepKind::kWave: {
+      std::string text = step.shape == WaveShape::kSine ? "sine" : "triangle";
+      text += " of +-" + number(step.amplitude_mm) + " mm at " + number(step.frequency_hz) + " Hz (peak " +
+              number(step.velocity_mm_s) + " mm/s), " + std::to_string(step.cycles) +
+              (step.cycles == 1 ? " cycle" : " cycles");
+      if (step.shape == WaveShape::kSine) {
+        text += ", " + std::to_string(4 * step.segments_per_quarter) + " segments per cycle, within " +
+                number(step.deviation_mm) + " mm";
+      }
+      return text;
+    }
+    case StepKind::kMark:
+      return "mark \"" + std::string(step.label) + "\"";
+  }
+  return "?";
+}
+
+}  // namespace isorig::protocol

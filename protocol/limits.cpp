@@ -1,0 +1,25 @@
+#include "protocol/limits.hpp"
+
+namespace isorig::protocol {
+
+Limits read_limits(const base::TomlTable& table) {
+  Limits out;
+  out.travel_min_mm = table.number("travel_min_mm", {-Limits::kNone, 0.0});
+  out.travel_max_mm = table.number("travel_max_mm", base::kNonNegative);
+  out.speed_min_mm_s = table.number_or("speed_min_mm_s", out.speed_min_mm_s, base::kNonNegative);
+  out.speed_max_mm_s = table.number("speed_max_mm_s", base::kPositive);
+  out.force_min_N = table.number("force_min_N", {-Limits::kNone, 0.0});
+  out.force_max_N = table.number("force_max_N", base::kPositive);
+  out.force_rate_max_N_s = table.number_or("force_rate_max_N_s", out.force_rate_max_N_s, base::kPositive);
+  out.pressure_max_psi = table.number("pressure_max_psi", base::kPositive);
+  out.pressure_rate_max_psi_s =
+      table.number_or("pressure_rate_max_psi_s", out.pressure_rate_max_psi_s, base::kPositive);
+  out.segment_interval_min_s =
+      table.number_or("segment_interval_min_s", out.segment_interval_min_s, base::kPositive);
+  if (out.speed_min_mm_s > out.speed_max_mm_s) {
+    table.error("speed_min_mm_s", "`speed_min_mm_s` is above `speed_max_mm_s`; swap or correct them");
+  }
+  return out;
+}
+
+}  // namespace isorig::protocol
