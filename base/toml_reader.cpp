@@ -91,10 +91,11 @@ struct TomlDocument::Impl {
 
   void find_unread(const toml::table& table, std::vector<Diagnostic>& out) const {
     const auto known = asked.find(&table);
-    if (open.contains(&table)) return;
+    const bool is_open = open.contains(&table);
     for (const auto& [key, node] : table) {
       const std::string name_of_key(key.str());
       if (known == asked.end() || !known->second.contains(name_of_key)) {
+        if (is_open) continue;
         std::string message = "unknown key `" + name_of_key + "`";
         std::string best;
         std::size_t best_distance = 1 + name_of_key.size() / 2;

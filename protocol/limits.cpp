@@ -14,8 +14,7 @@ Limits read_limits(const base::TomlTable& table) {
   out.pressure_max_psi = table.number("pressure_max_psi", base::kPositive);
   out.pressure_rate_max_psi_s =
       table.number_or("pressure_rate_max_psi_s", out.pressure_rate_max_psi_s, base::kPositive);
-  out.segment_interval_min_s =
-      table.number_or("segment_interval_min_s", out.segment_interval_min_s, base::kPositive);
+  out.segment_interval_min_s = table.number_or("segment_interval_min_s", 0.05, base::kPositive);
   if (out.speed_min_mm_s > out.speed_max_mm_s) {
     table.error("speed_min_mm_s", "`speed_min_mm_s` is above `speed_max_mm_s`; swap or correct them");
   }

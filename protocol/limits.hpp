@@ -20,8 +20,9 @@ struct Limits {
   double force_rate_max_N_s = kNone;
   double pressure_max_psi = kNone;         ///< gauge
   double pressure_rate_max_psi_s = kNone;  ///< of the set-point
-  /// Shortest time between two segments that the frame's link sustains; bounds how finely a sine is cut.
-  double segment_interval_min_s = 0.05;
+  /// Shortest time between two segments that the frame's link sustains; bounds how finely a sine is cut. A
+  /// rig file that does not say has 0.05 s.
+  double segment_interval_min_s = 0.0;
 };
 
 /// Reads [limits]. Errors are noted in the table's document: call its finish().

@@ -1,0 +1,65 @@
+#include <array>
+#include <cstdio>
+#include <memory>
+
+#include "cli/command.hpp"
+#include "cli/protocol_input.hpp"
+
+namespace isorig::cli {
+namespace {
+
+struct Options {
+  std::string protocol_path;
+  std::string rig_path;
+};
+
+void print_steps(const protocol::Plan& plan) {
+  std::array<std::size_t, 6> count{};
+  for (const auto& step : plan.steps) ++count[static_cast<std::size_t>(step.kind)];
+  std::printf("  steps       %zu:", plan.steps.size());
+  const char* joint = " ";
+  for (std::size_t kind = 0; kind < count.size(); ++kind) {
+    if (count[kind] == 0) continue;
+    std::printf("%s%zu %s", joint, count[kind], protocol::name_of(static_cast<protocol::StepKind>(kind)));
+    joint = ", ";
+  }
+  std::printf("\n");
+}
+
+int check(const Options& options) {
+  const auto plan = read_plan(options.protocol_path, options.rig_path);
+  std::printf("%s is well: %s\n", options.protocol_path.c_str(), plan.name.c_str());
+  if (!plan.description.empty()) std::printf("  %s\n", plan.description.c_str());
+  std::printf(
+      "  duration    %s expected (%.1f s); %s at worst, if every settle and pressurize runs out of time\n",
+      duration_text(plan.nominal_s).c_str(), plan.nominal_s, duration_text(plan.worst_s).c_str());
+  print_steps(plan);
+  std::printf("  sessions    %zu: \"%s\"", plan.sessions.size(), plan.sessions.front().label.c_str());
+  if (plan.sessions.size() > 1) std::printf(" to \"%s\"", plan.sessions.back().label.c_str());
+  std::printf("\n  travel      %.6g mm, between %+.6g and %+.6g mm of the rest length\n", plan.travel_mm,
+              plan.position_min_mm, plan.position_max_mm);
+  std::printf("  peak speed  %.6g mm/s\n", plan.peak_speed_mm_s);
+  std::printf("  pressure    up to %.6g psi\n", plan.pressure_max_psi);
+  std::printf("  recording   full rate for %s, elsewhere a mean, minimum and maximum per %.6g s\n",
+              duration_text(plan.full_rate_s).c_str(), plan.recording.average_interval_s);
+  if (options.rig_path.empty()) {
+    std::printf("  limits      NOT checked; add --rig config/rigs/....toml\n");
+  } else {
+    std::printf("  limits      within those of %s\n", options.rig_path.c_str());
+  }
+  return kOk;
+}
+
+Command add_check(CLI::App& app) {
+  auto options = std::make_shared<Options>();
+  auto* sub =
+      app.add_subcommand("check", "Compile a protocol; show what it would do, or everything wrong with it");
+  sub->add_option("FILE", options->protocol_path, "Protocol (config/protocols/*.toml)")->required();
+  sub->add_option("--rig", options->rig_path, "Rig whose limits it has to keep (config/rigs/*.toml)");
+  return {sub, [options] { return check(*options); }};
+}
+
+const Registration kCheck(10, add_check);
+
+}  // namespace
+}  // namespace isorig::cli

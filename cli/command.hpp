@@ -1,0 +1,36 @@
+#pragma once
+#include <CLI/CLI.hpp>
+#include <functional>
+#include <vector>
+
+#include "cli/exit_codes.hpp"
+
+/// One file per subcommand, each with a Registration at its end; main() knows none of them by name:
+///
+///   Command add_check(CLI::App& app) {
+///     auto* sub = app.add_subcommand("check", "...");
+///     auto options = std::make_shared<Options>();
+///     sub->add_option(...);
+///     return {sub, [options] { return run(*options); }};
+///   }
+///   const Registration kCheck(10, add_check);
+namespace isorig::cli {
+
+struct Command {
+  CLI::App* app = nullptr;
+  std::function<int()>
+      run;  ///< returns an ExitCode; may throw base::ConfigError (kBadInput) or std::exception
+};
+
+using AddCommand = Command (*)(CLI::App&);
+
+/// Adds a subcommand to the list at start-up; `order` sorts the help: 10 protocol, 20 runs on the rig, 30
+/// recordings and diagnosis.
+struct Registration {
+  Registration(int order, AddCommand add);
+};
+
+/// All that registered, in order.
+[[nodiscard]] std::vector<AddCommand> commands();
+
+}  // namespace isorig::cli

@@ -1,0 +1,17 @@
+#pragma once
+#include <filesystem>
+#include <string>
+
+#include "protocol/plan.hpp"
+
+namespace isorig::cli {
+
+/// Compiles `protocol_path`; with a rig file, against its [limits] (its other tables have other readers and
+/// are not looked at). Throws one base::ConfigError with what is wrong in both files.
+[[nodiscard]] protocol::Plan read_plan(const std::filesystem::path& protocol_path,
+                                       const std::filesystem::path& rig_path);
+
+/// "23 h 01 min", "3 min 42 s", "12.5 s"
+[[nodiscard]] std::string duration_text(double seconds);
+
+}  // namespace isorig::cli

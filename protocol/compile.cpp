@@ -1,0 +1,442 @@
+#include "protocol/compile.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <numbers>
+#include <set>
+#include <tuple>
+#include <utility>
+
+#include "protocol/force_slope.hpp"
+#include "protocol/recording.hpp"
+#include "protocol/syntax.hpp"
+#include "protocol/wave.hpp"
+
+namespace isorig::protocol {
+namespace {
+
+using base::Range;
+using syntax::Node;
+
+/// More than this is a slip of the pen, not an experiment (the paper's protocol has 880 steps).
+constexpr std::size_t kMaxSteps = 100'000;
+constexpr double kWeek_s = 7 * 24 * 3600.0;
+/// Limits are decimal numbers, positions are sums of them.
+constexpr double kEpsilon = 1e-9;
+
+std::string demand(Range range) {
+  const std::string low = number_text(range.min), high = number_text(range.max);
+  if (std::isfinite(range.min) && std::isfinite(range.max)) {
+    return (range.open_min ? "above " + low + " and at most " : "from " + low + " to ") + high;
+  }
+  if (std::isfinite(range.min)) return (range.open_min ? "greater than " : "at least ") + low;
+  return std::isfinite(range.max) ? "at most " + high : "a finite number";
+}
+
+/// Walks the tree with the variables bound, and lays down the plan step by step.
+class Compiler {
+ public:
+  Compiler(const syntax::Protocol& protocol, const Limits& limits, Plan& plan)
+      : limits_(limits), plan_(plan), bindings_(protocol.constants) {}
+
+  void run(const syntax::Protocol& protocol, const base::TomlTable& root) {
+    walk(protocol.steps);
+    if (plan_.steps.empty()) {
+      root.error("steps", "the protocol has no steps");
+      return;
+    }
+    if (plan_.sessions.empty()) {
+      open_session(nullptr);
+      for (auto& step : plan_.steps) {
+        step.session = 0;
+        step.repetition = plan_.sessions.front().repetition;
+      }
+      close_session(root, 0, "");
+    }
+    if (const auto v = plan_.approach_velocity_mm_s;
+        v > limits_.speed_max_mm_s || v < limits_.speed_min_mm_s) {
+      root.error("approach_velocity_mm_s",
+                 "`approach_velocity_mm_s` = " + number_text(v) + "; " + speed_range());
+    }
+  }
+
+ private:
+  void walk(const std::vector<Node>& nodes) {
+    for (const auto& node : nodes) {
+      if (too_long_) return;
+      if (node.is_repeat) {
+        repeat(node);
+      } else {
+        step(node);
+      }
+    }
+  }
+
+  void repeat(const Node& node) {
+    for (const auto& row : node.rows) {
+      const std::size_t outer = bindings_.size();
+      bindings_.insert(bindings_.end(), row.begin(), row.end());
+      const auto first = static_cast<std::uint32_t>(plan_.steps.size());
+      if (node.is_session) open_session(&node);
+      walk(node.body);
+      if (node.is_session) close_session(node.table, first, node.label);
+      bindings_.resize(outer);
+      if (too_long_) return;
+    }
+  }
+
+  void open_session(const Node* node) {
+    Session session;
+    session.position_mm = node == nullptr ? 0.0 : position_mm_;
+    session.repetition = 0;
+    if (node != nullptr && node->values.contains("repetition")) {
+      session.repetition = static_cast<std::int32_t>(whole(*node, "repetition", {1.0, 1e6}));
+    }
+    plan_.sessions.push_back(session);
+    in_session_ = true;
+  }
+
+  /// The session's pressure is that of its first pressurize, which has to come before any motion.
+  void close_session(const base::TomlTable& table, std::uint32_t first, const std::string& label) {
+    in_session_ = false;
+    auto& session = plan_.sessions.back();
+    const auto begin = plan_.steps.begin() + first;
+    const auto pressurize =
+        std::find_if(begin, plan_.steps.end(), [](const Step& step) { return step.kind != StepKind::kMark; });
+    if (begin == plan_.steps.end()) {
+      note(table, {}, "a session without steps");
+      plan_.sessions.pop_back();
+      return;
+    }
+    if (pressurize == plan_.steps.end() || pressurize->kind != StepKind::kPressurize) {
+      note(table, {},
+           "a session begins with a pressurize (to 0 psi if it needs none), so that it can be resumed on its "
+           "own from a vented actuator");
+    } else {
+      session.pressure_psi = pressurize->pressure_psi;
+    }
+    session.first_step = first;
+    session.last_step = static_cast<std::uint32_t>(plan_.steps.size() - 1);
+    if (session.repetition == 0) {
+      session.repetition = static_cast<std::int32_t>(
+          std::count_if(plan_.sessions.begin(), plan_.sessions.end(),
+                        [&](const Session& s) { return s.pressure_psi == session.pressure_psi; }));
+    }
+    for (auto it = begin; it != plan_.steps.end(); ++it) it->repetition = session.repetition;
+    session.label = "repetition " + std::to_string(session.repetition) + ", " +
+                    number_text(session.pressure_psi) + " psi";
+    if (!label.empty()) {
+      std::string error;
+      if (auto text = fill_in(label, bindings_, error)) {
+        session.label = *std::move(text);
+      } else {
+        note(table, "label", "`label`: " + error);
+      }
+    }
+    if (!session_labels_.insert(session.label).second) {
+      note(table, {},
+           "two sessions are called \"" + session.label +
+               "\"; bind `repetition`, or give the session a `label` with its {variables}");
+    }
+  }
+
+  void step(const Node& node) {
+    if (plan_.steps.size() >= kMaxSteps) {
+      note(node.table, {},
+           "more than " + std::to_string(kMaxSteps) + " steps; shorten the repeats around this one");
+      too_long_ = true;
+      return;
+    }
+    Step out;
+    out.index = static_cast<std::uint32_t>(plan_.steps.size());
+    if (in_session_) out.session = static_cast<std::uint32_t>(plan_.sessions.size() - 1);
+    out.kind = node.kind;
+    const auto at = node.table.where();
+    out.line = at.line;
+    out.column = at.column;
+    out.start_s = plan_.nominal_s;
+    out.position_before_mm = out.position_after_mm = position_mm_;
+    out.pressure_psi = setpoint_psi_;
+    switch (node.kind) {
+      case StepKind::kPressurize:
+        pressurize(node, out);
+        break;
+      case StepKind::kSettle:
+        settle(node, out);
+        break;
+      case StepKind::kRamp:
+        ramp(node, out);
+        break;
+      case StepKind::kHold:
+        out.duration_s = out.nominal_s = value(node, "duration_s", {0.0, kWeek_s, true}, 1.0);
+        break;
+      case StepKind::kWave:
+        wave(node, out);
+        break;
+      case StepKind::kMark:
+        mark(node, out);
+        break;
+    }
+    out.worst_s = out.timeout_s > 0.0 ? out.timeout_s : out.nominal_s;
+    out.keep = resolve_keep(plan_.recording.mode, out.kind, node.record);
+    position_mm_ = out.position_after_mm;
+    setpoint_psi_ = out.pressure_psi;
+    plan_.nominal_s += out.nominal_s;
+    plan_.worst_s += out.worst_s;
+    plan_.peak_speed_mm_s = std::max(plan_.peak_speed_mm_s, out.velocity_mm_s);
+    plan_.position_min_mm = std::min(plan_.position_min_mm, position_mm_ - out.amplitude_mm);
+    plan_.position_max_mm = std::max(plan_.position_max_mm, position_mm_ + out.amplitude_mm);
+    plan_.pressure_max_psi = std::max(plan_.pressure_max_psi, setpoint_psi_);
+    plan_.steps.push_back(out);
+  }
+
+  void pressurize(const Node& node, Step& out) {
+    const double before_psi = out.pressure_psi;
+    out.pressure_psi = value(node, "pressure_psi", {0.0, 1000.0}, before_psi);
+    out.tolerance_psi = value(node, "tolerance_psi", base::kPositive, 0.1);
+    out.settled_for_s = value(node, "settled_for_s", {0.0, 3600.0}, 1.0);
+    out.rate_psi_s = value(node, "rate_psi_s", base::kPositive, 1.0);
+    out.timeout_s = value(node, "timeout_s", {0.0, 24 * 3600.0, true}, 60.0);
+    if (out.pressure_psi > limits_.pressure_max_psi) {
+      note(node.table, "pressure_psi",
+           said(node, "pressure_psi", out.pressure_psi) + "; the rig allows at most " +
+               number_text(limits_.pressure_max_psi) + " (limits.pressure_max_psi)");
+    }
+    if (out.rate_psi_s > limits_.pressure_rate_max_psi_s) {
+      note(node.table, "rate_psi_s",
+           said(node, "rate_psi_s", out.rate_psi_s) + "; the rig allows at most " +
+               number_text(limits_.pressure_rate_max_psi_s) + " (limits.pressure_rate_max_psi_s)");
+    }
+    out.nominal_s = std::abs(out.pressure_psi - before_psi) / out.rate_psi_s + out.settled_for_s;
+    // Resumed, a session starts from a vented actuator.
+    const double longest_s = std::max(out.nominal_s, out.pressure_psi / out.rate_psi_s + out.settled_for_s);
+    if (all_well(node, {"pressure_psi", "rate_psi_s", "settled_for_s", "timeout_s"}) &&
+        out.timeout_s <= longest_s) {
+      note(node.table, "timeout_s",
+           said(node, "timeout_s", out.timeout_s) + ", but the set-point alone takes " +
+               number_text(longest_s) +
+               " s at rate_psi_s, settled_for_s included; allow "
+               "clearly more");
+    }
+  }
+
+  void settle(const Node& node, Step& out) {
+    out.force_slope_N_s = value(node, "force_slope_N_s", base::kPositive, 1.0);
+    out.window_s = value(node, "window_s", {ForceSlope::kMinWindow_s, 3600.0}, 10.0);
+    out.settled_for_s = value(node, "settled_for_s", {0.0, 3600.0}, 2.0);
+    out.timeout_s = value(node, "timeout_s", {0.0, kWeek_s, true}, 60.0);
+    out.on_timeout = node.on_timeout;
+    const double shortest_s = out.window_s + out.settled_for_s;
+    out.nominal_s = value(node, "expected_s", base::kPositive, shortest_s);
+    if (all_well(node, {"window_s", "settled_for_s", "timeout_s"}) && out.timeout_s <= shortest_s) {
+      note(node.table, "timeout_s",
+           said(node, "timeout_s", out.timeout_s) +
+               ", but the force cannot be judged in "
+               "less than window_s + settled_for_s = " +
+               number_text(shortest_s) + " s");
+    } else if (all_well(node, {"expected_s", "window_s", "settled_for_s", "timeout_s"}) &&
+               (out.nominal_s < shortest_s || out.nominal_s > out.timeout_s)) {
+      note(node.table, "expected_s",
+           said(node, "expected_s", out.nominal_s) +
+               "; it lies between window_s + "
+               "settled_for_s = " +
+               number_text(shortest_s) + " s and timeout_s = " + number_text(out.timeout_s) + " s");
+    }
+  }
+
+  void ramp(const Node& node, Step& out) {
+    out.target_mm = value(node, "to_mm", {}, position_mm_);
+    out.velocity_mm_s = value(node, "velocity_mm_s", base::kPositive, 1.0);
+    check_speed(node, "velocity_mm_s", out.velocity_mm_s);
+    if (outside_travel(out.target_mm)) {
+      note(node.table, "to_mm", said(node, "to_mm", out.target_mm) + "; " + travel_range());
+    }
+    const double distance_mm = std::abs(out.target_mm - position_mm_);
+    out.nominal_s = distance_mm / out.velocity_mm_s;
+    out.position_after_mm = out.target_mm;
+    plan_.travel_mm += distance_mm;
+  }
+
+  void wave(const Node& node, Step& out) {
+    out.shape = node.shape;
+    out.target_mm = position_mm_;
+    out.amplitude_mm = value(node, "amplitude_mm", base::kPositive, 1.0);
+    out.cycles = static_cast<std::uint32_t>(whole(node, "cycles", {1.0, 1e6}));
+    const bool sine = node.shape == WaveShape::kSine;
+    // Peak speed per Hz: 4 A f for a triangle, 2 pi A f for a sine.
+    const double speed_per_hz = (sine ? 2.0 * std::numbers::pi : 4.0) * out.amplitude_mm;
+    const bool by_velocity = node.table.has("velocity_mm_s");
+    const char* rate_key = by_velocity ? "velocity_mm_s" : "frequency_hz";
+    if (by_velocity) {
+      out.velocity_mm_s = value(node, rate_key, base::kPositive, 1.0);
+      out.frequency_hz = out.velocity_mm_s / speed_per_hz;
+    } else {
+      out.frequency_hz = value(node, rate_key, base::kPositive, 0.1);
+      out.velocity_mm_s = out.frequency_hz * speed_per_hz;
+    }
+    out.nominal_s = out.cycles / out.frequency_hz;
+    plan_.travel_mm += 4.0 * out.amplitude_mm * out.cycles;
+    if (!all_well(node, {"amplitude_mm", rate_key})) return;
+    check_speed(node, rate_key, out.velocity_mm_s);
+    for (const double end_mm : {position_mm_ - out.amplitude_mm, position_mm_ + out.amplitude_mm}) {
+      if (outside_travel(end_mm)) {
+        note(node.table, "amplitude_mm",
+             said(node, "amplitude_mm", out.amplitude_mm) + " about " + number_text(position_mm_) +
+                 " mm goes to " + number_text(end_mm) + "; " + travel_range());
+      }
+    }
+    if (sine) {
+      cut_sine(node, out, rate_key);
+    } else {
+      check_interval(node, rate_key, 0.25 / out.frequency_hz, "quarter of a cycle");
+    }
+  }
+
+  /// As few chords as keep the sine within deviation_mm.
+  void cut_sine(const Node& node, Step& out, const char* rate_key) {
+    const double allowed_mm = value(node, "deviation_mm", {1e-4 * out.amplitude_mm, out.amplitude_mm / 4.0},
+                                    0.01 * out.amplitude_mm);
+    out.segments_per_quarter = static_cast<std::uint32_t>(
+        std::ceil(std::numbers::pi / (4.0 * std::acos(1.0 - allowed_mm / out.amplitude_mm)) - kEpsilon));
+    out.deviation_mm = wave::deviation_mm(out.amplitude_mm, out.segments_per_quarter);
+    check_interval(node, rate_key, 0.25 / (out.frequency_hz * out.segments_per_quarter),
+                   "segment of a sine cut in " + std::to_string(4 * out.segments_per_quarter));
+    const double slowest_mm_s = wave::quarter_speed_mm_s(out, out.segments_per_quarter - 1);
+    if (slowest_mm_s < limits_.speed_min_mm_s) {
+      note(node.table, rate_key,
+           said(node, rate_key, value(node, rate_key, {}, 0.0)) + " needs a segment at " +
+               number_text(slowest_mm_s) + " mm/s at the turning points; the rig's slowest is " +
+               number_text(limits_.speed_min_mm_s) +
+               " (limits.speed_min_mm_s): be faster or allow a larger deviation_mm");
+    }
+  }
+
+  void mark(const Node& node, Step& out) {
+    std::string error;
+    const auto text = fill_in(node.label, bindings_, error);
+    if (!text) {
+      note(node.table, "label", "`label`: " + error);
+    } else if (text->size() >= sizeof out.label) {
+      note(node.table, "label",
+           "`label` = \"" + *text + "\" is too long; at most " + std::to_string(sizeof out.label - 1) +
+               " bytes");
+    } else {
+      std::memcpy(out.label, text->c_str(), text->size());
+    }
+  }
+
+  void check_speed(const Node& node, std::string_view key, double speed_mm_s) {
+    if (speed_mm_s <= limits_.speed_max_mm_s * (1.0 + kEpsilon) &&
+        speed_mm_s >= limits_.speed_min_mm_s * (1.0 - kEpsilon)) {
+      return;
+    }
+    const double given = value(node, key, {}, speed_mm_s);
+    note(node.table, key,
+         said(node, key, given) +
+             (given == speed_mm_s ? "" : ", a peak of " + number_text(speed_mm_s) + " mm/s") + "; " +
+             speed_range());
+  }
+
+  void check_interval(const Node& node, std::string_view key, double interval_s, const std::string& what) {
+    if (interval_s >= limits_.segment_interval_min_s * (1.0 - kEpsilon)) return;
+    note(node.table, key,
+         said(node, key, value(node, key, {}, 0.0)) + " makes every " + what + " last " +
+             number_text(interval_s) + " s; the rig's frame takes one per " +
+             number_text(limits_.segment_interval_min_s) + " s (limits.segment_interval_min_s): be slower" +
+             (node.shape == WaveShape::kSine ? " or allow a larger deviation_mm" : ""));
+  }
+
+  [[nodiscard]] bool outside_travel(double position_mm) const {
+    return position_mm > limits_.travel_max_mm + kEpsilon || position_mm < limits_.travel_min_mm - kEpsilon;
+  }
+  [[nodiscard]] std::string travel_range() const {
+    return "the rig travels from " + number_text(limits_.travel_min_mm) + " to " +
+           number_text(limits_.travel_max_mm) + " mm (limits.travel_min_mm, limits.travel_max_mm)";
+  }
+  [[nodiscard]] std::string speed_range() const {
+    return "the rig allows " + number_text(limits_.speed_min_mm_s) + " to " +
+           number_text(limits_.speed_max_mm_s) + " mm/s (limits.speed_min_mm_s, limits.speed_max_mm_s)";
+  }
+
+  /// The value of `key` in this turn of the repeats; `fallback` where there is none or it was reported.
+  double value(const Node& node, std::string_view key, Range range, double fallback) {
+    const auto it = node.values.find(key);
+    if (it == node.values.end()) return fallback;
+    const double v = it->second.value(bindings_);
+    const bool inside =
+        std::isfinite(v) && (range.open_min ? v > range.min : v >= range.min) && v <= range.max;
+    if (inside) return v;
+    note(node.table, key, said(node, key, v) + "; it has to be " + demand(range));
+    bad_.insert({&node, std::string(key)});
+    return fallback;
+  }
+
+  double whole(const Node& node, std::string_view key, Range range) {
+    const double v = value(node, key, range, 1.0);
+    if (v == std::floor(v)) return v;
+    note(node.table, key, said(node, key, v) + "; it has to be a whole number");
+    bad_.insert({&node, std::string(key)});
+    return 1.0;
+  }
+
+  /// None of these keys has been reported: comparing them makes sense.
+  [[nodiscard]] bool all_well(const Node& node, std::initializer_list<std::string_view> keys) const {
+    return std::none_of(keys.begin(), keys.end(), [&](std::string_view key) {
+      return node.broken.contains(key) || bad_.contains({&node, std::string(key)});
+    });
+  }
+
+  /// "`velocity_mm_s` = 12 with speed_mm_s = 12"
+  [[nodiscard]] std::string said(const Node& node, std::string_view key, double v) const {
+    std::string out = "`" + std::string(key) + "` = " + number_text(v);
+    const auto it = node.values.find(key);
+    if (it == node.values.end()) return out;
+    const char* joint = " with ";
+    for (const auto& name : it->second.variables()) {
+      out += joint + name + " = " + number_text(find(bindings_, name)->value);
+      joint = ", ";
+    }
+    return out;
+  }
+
+  /// Each message once per place, however often a repeat comes by.
+  void note(const base::TomlTable& table, std::string_view key, std::string message) {
+    const auto at = table.where(key);
+    if (noted_.insert({at.line, at.column, message}).second) table.error(key, std::move(message));
+  }
+
+  const Limits& limits_;
+  Plan& plan_;
+  Bindings bindings_;
+  double position_mm_ = 0.0;
+  double setpoint_psi_ = 0.0;
+  bool in_session_ = false;
+  bool too_long_ = false;
+  std::set<std::string> session_labels_;
+  std::set<std::pair<const Node*, std::string>> bad_;
+  std::set<std::tuple<std::uint32_t, std::uint32_t, std::string>> noted_;
+};
+
+}  // namespace
+
+Plan compile(const base::TomlDocument& document, const Limits& limits) {
+  const auto root = document.root();
+  const auto protocol = syntax::parse(root);
+  Plan plan;
+  plan.name = protocol.name;
+  plan.description = protocol.description;
+  plan.source = document.name();
+  plan.recording = protocol.recording;
+  plan.approach_velocity_mm_s = protocol.approach_velocity_mm_s;
+  Compiler(protocol, limits, plan).run(protocol, root);
+  document.finish();
+  resolve_recording(plan);
+  return plan;
+}
+
+Plan compile_file(const std::filesystem::path& path, const Limits& limits) {
+  return compile(base::TomlDocument::parse_file(path), limits);
+}
+
+}  // namespace isorig::protocol

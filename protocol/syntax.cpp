@@ -1,0 +1,300 @@
+#include "protocol/syntax.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+namespace isorig::protocol::syntax {
+namespace {
+
+using base::TomlTable;
+using Names = std::vector<std::string>;
+
+std::string list(const Names& names) {
+  std::string out;
+  for (const auto& name : names) out += (out.empty() ? "" : ", ") + name;
+  return out.empty() ? "none" : out;
+}
+
+/// Keys in the order in which they are written: TOML tables have none, but people read them so.
+Names keys_as_written(const TomlTable& table) {
+  auto keys = table.keys();
+  std::sort(keys.begin(), keys.end(), [&](const std::string& a, const std::string& b) {
+    const auto at_a = table.where(a), at_b = table.where(b);
+    return std::pair(at_a.line, at_a.column) < std::pair(at_b.line, at_b.column);
+  });
+  return keys;
+}
+
+bool usable_name(const TomlTable& table, const std::string& name, const Names& scope) {
+  if (!is_name(name)) {
+    table.error(name, "`" + name + "` cannot name a variable; use letters, digits and _ (with the unit)");
+    return false;
+  }
+  if (std::find(scope.begin(), scope.end(), name) != scope.end()) {
+    table.error(name, "`" + name + "` is bound already further out; choose another name");
+    return false;
+  }
+  return true;
+}
+
+enum class Need { kRequired, kOptional };
+
+void read_value(Node& node, std::string_view key, Need need, const Names& scope) {
+  const std::string name(key);
+  if (!node.table.has(key)) {
+    if (need == Need::kRequired) {
+      (void)node.table.number(key);  // notes that it is missing
+      node.broken.insert(name);
+    } else {
+      (void)node.table.number_or(key, 0.0);  // makes the key known
+    }
+    return;
+  }
+  if (node.table.type_of(key) != "string") {
+    const double value = node.table.number(key);
+    const auto type = node.table.type_of(key);
+    if ((type == "integer" || type == "float") && std::isfinite(value)) {
+      node.values.emplace(name, Expression(value));
+    } else {
+      node.broken.insert(name);
+    }
+    return;
+  }
+  const std::string text = node.table.string(key);
+  std::string error;
+  auto expression = Expression::parse(text, error);
+  if (!expression) {
+    node.table.error(key, "`" + name + "` = \"" + text + "\": " + error);
+    node.broken.insert(name);
+    return;
+  }
+  bool bound = true;
+  for (const auto& variable : expression->variables()) {
+    if (std::find(scope.begin(), scope.end(), variable) != scope.end()) continue;
+    node.table.error(key, "`" + name + "`: unknown variable `" + variable + "`; bound here: " + list(scope));
+    bound = false;
+  }
+  if (bound) {
+    node.values.emplace(name, *std::move(expression));
+  } else {
+    node.broken.insert(name);
+  }
+}
+
+void read_values(Node& node, Need need, const Names& scope, std::initializer_list<std::string_view> keys) {
+  for (const auto key : keys) read_value(node, key, need, scope);
+}
+
+std::vector<Node> read_steps(const TomlTable& table, const Names& scope, bool in_session);
+
+void read_rows_of_lists(Node& node, const TomlTable& lists, Names& scope) {
+  node.rows = {Bindings{}};
+  for (const auto& name : keys_as_written(lists)) {
+    const bool usable = usable_name(lists, name, scope);
+    const auto values =
+        lists.type_of(name) == "array" ? lists.numbers(name) : std::vector{lists.number(name)};
+    if (values.empty()) lists.error(name, "`" + name + "` has no values; give at least one number");
+    if (!usable || values.empty()) continue;
+    scope.push_back(name);
+    std::vector<Bindings> product;  // the first written varies slowest
+    for (const auto& row : node.rows) {
+      for (const double value : values) {
+        product.push_back(row);
+        product.back().push_back({name, value});
+      }
+    }
+    node.rows = std::move(product);
+  }
+}
+
+void read_rows_of_tables(Node& node, Names& scope) {
+  Names names;
+  const auto tables = node.table.tables("for");
+  if (tables.empty()) node.table.error("for", "`for` has no values; give at least one row");
+  for (const auto& table : tables) {
+    auto keys = keys_as_written(table);
+    if (names.empty()) {
+      for (const auto& name : keys) {
+        if (usable_name(table, name, scope)) names.push_back(name);
+      }
+      scope.insert(scope.end(), names.begin(), names.end());
+    }
+    Bindings row;
+    for (const auto& name : keys) {
+      const double value = table.number(name);
+      if (std::find(names.begin(), names.end(), name) != names.end()) {
+        row.push_back({name, value});
+      } else if (&table != &tables.front()) {
+        table.error(name,
+                    "`" + name + "` is not in the first row; every row binds the same names: " + list(names));
+      }
+    }
+    if (row.size() < names.size()) {
+      table.error({}, "this row does not bind all names that the first one does: " + list(names));
+      for (const auto& name : names) {
+        if (find(row, name) == nullptr) row.push_back({name, 0.0});
+      }
+    }
+    node.rows.push_back(std::move(row));
+  }
+}
+
+void read_repeat(Node& node, Names scope, bool in_session) {
+  const auto& table = node.table;
+  node.is_repeat = true;
+  if (table.has("unit")) {
+    node.is_session = table.choice("unit", {"session"}) == "session" && table.type_of("unit") == "string";
+    if (node.is_session && in_session) {
+      table.error("unit", "a session cannot hold another session; take `unit` off one of them");
+    }
+  } else {
+    (void)table.string_or("unit", {});
+  }
+  const std::int64_t times = table.integer_or("times", 1, {1.0, 1e5});
+  const auto type = table.type_of("for");
+  if (type == "array") {
+    read_rows_of_tables(node, scope);
+  } else if (const auto lists = table.table_if("for")) {
+    read_rows_of_lists(node, *lists, scope);
+  } else {
+    node.rows = {Bindings{}};
+    if (type.empty() && !table.has("times") && !table.has("unit")) {
+      table.error({}, "a repeat needs `for` (values to go through) or `times`");
+    }
+  }
+  if (!type.empty() && table.has("times")) {
+    table.error("times", "give either `for` or `times`; put one repeat into another for both");
+  }
+  const auto once = node.rows;
+  for (std::int64_t i = 1; i < times && type.empty(); ++i) {
+    node.rows.insert(node.rows.end(), once.begin(), once.end());
+  }
+  if (node.is_session) {
+    // Its own name is the default; a label may use it.
+    if (!table.has("repetition") && std::find(scope.begin(), scope.end(), "repetition") != scope.end()) {
+      std::string unused;
+      node.values.emplace("repetition", *Expression::parse("repetition", unused));
+    }
+    read_value(node, "repetition", Need::kOptional, scope);
+    node.label = table.string_or("label", {});
+  }
+  if (!table.has("steps")) table.error({}, "`steps` is missing here: what to repeat");
+  node.body = read_steps(table, scope, in_session || node.is_session);
+}
+
+void read_step(Node& node, const Names& scope) {
+  const auto& table = node.table;
+  switch (node.kind) {
+    case StepKind::kPressurize:
+      read_values(node, Need::kRequired, scope, {"pressure_psi", "rate_psi_s", "settled_for_s", "timeout_s"});
+      read_values(node, Need::kOptional, scope, {"tolerance_psi"});
+      break;
+    case StepKind::kSettle:
+      read_values(node, Need::kRequired, scope, {"force_slope_N_s", "window_s", "timeout_s"});
+      read_values(node, Need::kOptional, scope, {"settled_for_s", "expected_s"});
+      if (table.choice_or("on_timeout", "stop", {"continue", "stop"}) == "continue") {
+        node.on_timeout = OnTimeout::kContinue;
+      }
+      break;
+    case StepKind::kRamp:
+      read_values(node, Need::kRequired, scope, {"to_mm", "velocity_mm_s"});
+      break;
+    case StepKind::kHold:
+      read_values(node, Need::kRequired, scope, {"duration_s"});
+      break;
+    case StepKind::kWave:
+      if (table.choice("shape", {"triangle", "sine"}) == "sine") {
+        node.shape = WaveShape::kSine;
+        read_values(node, Need::kOptional, scope, {"deviation_mm"});
+      }
+      read_values(node, Need::kRequired, scope, {"amplitude_mm", "cycles"});
+      read_values(node, Need::kOptional, scope, {"frequency_hz", "velocity_mm_s"});
+      if (table.has("frequency_hz") == table.has("velocity_mm_s")) {
+        table.error({}, "a wave needs either `frequency_hz` or `velocity_mm_s`");
+        node.broken.insert("frequency_hz");
+      }
+      break;
+    case StepKind::kMark:
+      node.label = table.string("label");
+      break;
+  }
+  if (node.kind != StepKind::kMark && table.has("record")) {
+    const auto record = table.choice("record", {"full", "averaged"});
+    node.record = record == "full" ? Keep::kFull : Keep::kAveraged;
+  } else if (node.kind != StepKind::kMark) {
+    (void)table.string_or("record", {});
+  }
+}
+
+std::vector<Node> read_steps(const TomlTable& table, const Names& scope, bool in_session) {
+  static constexpr std::array kKinds{StepKind::kPressurize, StepKind::kSettle, StepKind::kRamp,
+                                     StepKind::kHold,       StepKind::kWave,   StepKind::kMark};
+  std::vector<Node> out;
+  for (const auto& step : table.tables("steps")) {
+    Node node(step);
+    const std::string verb = step.string_or("do", {});
+    if (verb == "repeat") {
+      read_repeat(node, scope, in_session);
+      out.push_back(std::move(node));
+      continue;
+    }
+    const auto kind =
+        std::find_if(kKinds.begin(), kKinds.end(), [&](StepKind k) { return verb == name_of(k); });
+    if (kind == kKinds.end()) {
+      static constexpr auto kVerbs = "pressurize, settle, ramp, hold, wave, mark or repeat";
+      if (!step.has("do")) {
+        step.error({}, std::string("`do` is missing here: ") + kVerbs);
+      } else if (step.type_of("do") == "string") {
+        step.error("do", "`do` = \"" + verb + "\"; it has to be " + kVerbs);
+      }
+      step.ignore_rest();
+      continue;
+    }
+    node.kind = *kind;
+    read_step(node, scope);
+    out.push_back(std::move(node));
+  }
+  return out;
+}
+
+RecordingPolicy read_recording(const TomlTable& table) {
+  RecordingPolicy out;
+  const auto policy = table.choice_or("policy", "round_ramps", {"round_ramps", "full", "averaged"});
+  if (policy == "full") out.mode = RecordingMode::kFull;
+  if (policy == "averaged") out.mode = RecordingMode::kAveraged;
+  out.before_s = table.number_or("before_s", out.before_s, {0.0, 60.0});
+  out.after_s = table.number_or("after_s", out.after_s, {0.0, 3600.0});
+  out.average_interval_s = table.number_or("average_interval_s", out.average_interval_s, {0.01, 60.0});
+  return out;
+}
+
+}  // namespace
+
+Protocol parse(const TomlTable& root) {
+  Protocol out;
+  if (root.choice("format", {"isorig-protocol/1"}).empty()) return out;
+  out.name = root.string("name");
+  out.description = root.string_or("description", {});
+  out.approach_velocity_mm_s =
+      root.number_or("approach_velocity_mm_s", out.approach_velocity_mm_s, base::kPositive);
+  if (const auto table = root.table_if("recording")) out.recording = read_recording(*table);
+  Names scope;
+  if (const auto table = root.table_if("constants")) {
+    for (const auto& name : keys_as_written(*table)) {
+      const bool usable = usable_name(*table, name, scope);
+      const double value = table->number(name);
+      if (!usable) continue;
+      scope.push_back(name);
+      out.constants.push_back({name, value});
+    }
+  }
+  if (!root.has("steps")) {
+    root.error({}, "`steps` is missing: the list of what to do, before the first [table] of the file");
+  }
+  out.steps = read_steps(root, scope, false);
+  return out;
+}
+
+}  // namespace isorig::protocol::syntax
