@@ -1,0 +1,286 @@
+#include <gtest/gtest.h>
+
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "messages/teensy/device.hpp"
+
+namespace isorig::messages::teensy {
+namespace {
+
+using Message = std::variant<Identity, TimeSyncReply, Status, Samples, SyncEdge>;
+
+class FakeBoard final : public Board {
+ public:
+  uint64_t now_us() noexcept override { return time_us += step_us; }
+  bool send(const uint8_t* bytes, size_t size) noexcept override {
+    if (is_stalled) return false;
+    decoder_.feed(bytes, size, [this](const Packet& packet) {
+      Identity identity;
+      TimeSyncReply reply;
+      Status status;
+      Samples samples;
+      SyncEdge edge;
+      if (parse(packet, identity)) sent.emplace_back(identity);
+      if (parse(packet, reply)) sent.emplace_back(reply);
+      if (parse(packet, status)) sent.emplace_back(status);
+      if (parse(packet, samples)) sent.emplace_back(samples);
+      if (parse(packet, edge)) sent.emplace_back(edge);
+    });
+    return true;
+  }
+  void set_valves(uint16_t fill, uint16_t vent) noexcept override {
+    fill_permille = fill;
+    vent_permille = vent;
+  }
+
+  template <class T>
+  std::vector<T> take() {
+    std::vector<T> out;
+    for (const Message& message : sent)
+      if (const T* value = std::get_if<T>(&message)) out.push_back(*value);
+    std::erase_if(sent, [](const Message& message) { return std::holds_alternative<T>(message); });
+    return out;
+  }
+
+  uint64_t time_us = 1'000'000;
+  uint64_t step_us = 0;
+  bool is_stalled = false;
+  uint16_t fill_permille = 9999;
+  uint16_t vent_permille = 9999;
+  std::vector<Message> sent;
+
+ private:
+  Decoder decoder_;
+};
+
+class TeensyDevice : public testing::Test {
+ protected:
+  TeensyDevice() { core.start(); }
+
+  template <class T>
+  void say(const T& message) {
+    const Frame frame = encode(message);
+    core.receive(frame.bytes, frame.size);
+  }
+  void run_ms(int ms, bool with_heartbeat) {
+    for (int i = 0; i < ms; ++i) {
+      board.time_us += 1000;
+      if (with_heartbeat) say(Heartbeat{});
+      core.tick();
+    }
+  }
+  void expect_valves(int fill, int vent) {
+    EXPECT_EQ(board.fill_permille, fill);
+    EXPECT_EQ(board.vent_permille, vent);
+    EXPECT_EQ(core.status().fill_permille, fill);
+    EXPECT_EQ(core.status().vent_permille, vent);
+  }
+
+  FakeBoard board;
+  DeviceCore core{{.serial = "1234560", .firmware = "test"}, board};
+};
+
+TEST_F(TeensyDevice, StartsVented) {
+  expect_valves(0, 1000);
+}
+
+TEST_F(TeensyDevice, AnswersIdentityThenStatus) {
+  core.add_sample(1, 0);
+  say(IdentityRequest{77});
+  core.tick();
+  ASSERT_EQ(board.sent.size(), 3U);
+  const auto identity = std::get<Identity>(board.sent[1]);
+  EXPECT_EQ(identity.session, 77U);
+  EXPECT_EQ(identity.next_sequence, 1U);
+  EXPECT_EQ(identity.device_us, 1'000'000U);
+  EXPECT_EQ(identity.watchdog_ms, 200);
+  EXPECT_EQ(std::string(identity.serial), "1234560");
+  EXPECT_EQ(std::string(identity.model), "isorig-teensy36");
+  EXPECT_TRUE(std::holds_alternative<Status>(board.sent[2]));
+}
+
+TEST_F(TeensyDevice, TimeSyncEchoesTheCookieWithBothStamps) {
+  board.step_us = 3;
+  say(TimeSyncRequest{0xABCD});
+  const auto replies = board.take<TimeSyncReply>();
+  ASSERT_EQ(replies.size(), 1U);
+  EXPECT_EQ(replies[0].cookie, 0xABCDU);
+  EXPECT_EQ(replies[0].device_tx_us - replies[0].device_rx_us, 3U);
+}
+
+TEST_F(TeensyDevice, CommandsNeedASession) {
+  say(ValveCommand{1, 500, 0, 100});
+  expect_valves(0, 1000);
+  EXPECT_EQ(core.status().rejected, 1U);
+  say(IdentityRequest{});
+  say(ValveCommand{1, 500, 0, 100});
+  expect_valves(500, 0);
+}
+
+TEST_F(TeensyDevice, RefusesCommandsOutOfRange) {
+  say(IdentityRequest{});
+  say(ValveCommand{1, 10, 0, 100});
+  uint32_t sequence = 2;
+  for (const ValveCommand& bad :
+       {ValveCommand{0, 1001, 0, 100}, ValveCommand{0, 0, 1001, 100}, ValveCommand{0, 1, 1, 100},
+        ValveCommand{0, 1, 0, 0}, ValveCommand{0, 1, 0, 10'001}}) {
+    ValveCommand command = bad;
+    command.sequence = sequence++;
+    say(command);
+    expect_valves(10, 0);
+  }
+  EXPECT_EQ(core.status().rejected, 5U);
+  EXPECT_EQ(core.status().command_sequence, 1U);
+}
+
+TEST_F(TeensyDevice, IgnoresOldCommandsAlsoOverTheWrap) {
+  say(IdentityRequest{});
+  say(ValveCommand{0xFFFFFFFF, 100, 0, 100});
+  say(ValveCommand{0, 200, 0, 100});
+  expect_valves(200, 0);
+  say(ValveCommand{0xFFFFFFFF, 300, 0, 100});
+  say(ValveCommand{0, 400, 0, 100});
+  expect_valves(200, 0);
+  say(IdentityRequest{});  // a restarted host counts anew
+  say(ValveCommand{0xFFFFFF00, 50, 0, 100});
+  expect_valves(50, 0);
+}
+
+TEST_F(TeensyDevice, CommandExpiresToClosedValvesAndSaysSo) {
+  say(IdentityRequest{});
+  say(ValveCommand{1, 500, 0, 50});
+  run_ms(50, true);
+  expect_valves(500, 0);
+  board.take<Status>();
+  run_ms(1, true);
+  expect_valves(0, 0);
+  const auto statuses = board.take<Status>();
+  ASSERT_EQ(statuses.size(), 1U);
+  EXPECT_EQ(statuses[0].flags, kStatusCommandExpired);
+  say(ValveCommand{2, 0, 300, 50});
+  core.tick();
+  expect_valves(0, 300);
+  EXPECT_EQ(board.take<Status>().at(0).flags, 0);
+}
+
+TEST_F(TeensyDevice, AFullVentNeedsNoRenewal) {
+  say(IdentityRequest{});
+  say(ValveCommand{1, 500, 0, 50});
+  say(ValveCommand{2, 0, 1000, 50});
+  run_ms(1000, true);
+  expect_valves(0, 1000);
+}
+
+TEST_F(TeensyDevice, VentsByItselfWhenHeartbeatsStop) {
+  say(IdentityRequest{});
+  say(ValveCommand{1, 500, 0, 10'000});
+  run_ms(1000, true);
+  run_ms(200, false);
+  expect_valves(500, 0);
+  board.take<Status>();
+  run_ms(1, false);
+  expect_valves(0, 1000);
+  const auto statuses = board.take<Status>();
+  ASSERT_EQ(statuses.size(), 1U);
+  EXPECT_EQ(statuses[0].flags, kStatusWatchdogVented);
+  EXPECT_EQ(statuses[0].watchdog_vents, 1);
+}
+
+TEST_F(TeensyDevice, OnlyAgreeingWithTheVentReleasesTheLatch) {
+  say(IdentityRequest{});
+  run_ms(300, false);
+  ASSERT_TRUE(core.is_vented_by_watchdog());
+  say(ValveCommand{1, 0, 1000, 100});  // agrees, but no heartbeat came since
+  ASSERT_TRUE(core.is_vented_by_watchdog());
+  run_ms(10, true);
+  say(ValveCommand{2, 500, 0, 100});  // a host that never noticed
+  expect_valves(0, 1000);
+  say(IdentityRequest{});
+  say(ValveCommand{3, 500, 0, 100});  // nor does reconnecting release it
+  expect_valves(0, 1000);
+  EXPECT_EQ(core.status().rejected, 3U);
+  say(ValveCommand{4, 0, 1000, 100});
+  EXPECT_FALSE(core.is_vented_by_watchdog());
+  say(ValveCommand{5, 500, 0, 100});
+  expect_valves(500, 0);
+  EXPECT_EQ(core.status().watchdog_vents, 1);
+}
+
+TEST_F(TeensyDevice, SamplesKeepSequenceAndLowTimeBits) {
+  core.add_sample((1ULL << 32U) - 1, 0x11);
+  core.skip_samples(3);
+  core.add_sample((1ULL << 32U) + 999, 0x22);
+  const auto samples = board.take<Samples>();
+  ASSERT_EQ(samples.size(), 2U);
+  EXPECT_EQ(samples[0].items[0].device_us, 0xFFFFFFFFU);
+  EXPECT_EQ(samples[1].items[0].device_us, 999U);
+  EXPECT_EQ(samples[1].items[0].sequence, 4U);
+}
+
+TEST_F(TeensyDevice, CountsWhatAStalledHostLoses) {
+  board.is_stalled = true;
+  for (int i = 0; i < 10; ++i) core.add_sample(board.time_us, 0);
+  board.is_stalled = false;
+  core.add_sample(board.time_us, 0);
+  EXPECT_EQ(core.status().dropped, 10U);
+  EXPECT_EQ(board.take<Samples>().at(0).items[0].sequence, 10U);
+}
+
+TEST_F(TeensyDevice, WithoutAHostNothingIsSentAndNothingCountsAsDropped) {
+  core.set_link_up(false);
+  for (int i = 0; i < 10; ++i) core.add_sample(board.time_us, 0);
+  run_ms(500, false);
+  EXPECT_TRUE(board.sent.empty());
+  EXPECT_EQ(core.status().dropped, 0U);
+  core.set_link_up(true);
+  core.add_sample(board.time_us, 0);
+  EXPECT_EQ(board.take<Samples>().at(0).items[0].sequence, 10U);
+}
+
+TEST_F(TeensyDevice, StatusIsPeriodic) {
+  run_ms(1000, false);
+  EXPECT_EQ(board.take<Status>().size(), 10U);
+}
+
+TEST_F(TeensyDevice, AStatusThatFoundNoRoomIsSentLater) {
+  say(IdentityRequest{});
+  run_ms(100, true);
+  board.take<Status>();
+  board.is_stalled = true;
+  run_ms(300, false);
+  ASSERT_TRUE(core.is_vented_by_watchdog());
+  board.is_stalled = false;
+  run_ms(1, false);
+  const auto statuses = board.take<Status>();
+  ASSERT_EQ(statuses.size(), 1U);
+  EXPECT_EQ(statuses[0].flags, kStatusWatchdogVented);
+}
+
+TEST_F(TeensyDevice, CountsDamageAndEchoedFrames) {
+  core.receive(reinterpret_cast<const uint8_t*>("\0garbage"), 9);
+  say(Status{});  // its own kind, come back from a tty in cooked mode
+  EXPECT_EQ(core.status().corrupt, 2U);
+}
+
+TEST(TeensyDeviceBatch, SendsWhenFullOrOld) {
+  FakeBoard board;
+  DeviceCore core({.batch_samples = 4, .batch_age_us = 1500}, board);
+  core.start();
+  for (int i = 0; i < 5; ++i) core.add_sample(board.time_us, 0);
+  auto samples = board.take<Samples>();
+  ASSERT_EQ(samples.size(), 1U);
+  EXPECT_EQ(samples[0].count, 4);
+  board.time_us += 1499;
+  core.tick();
+  EXPECT_TRUE(board.take<Samples>().empty());
+  board.time_us += 1;
+  core.tick();
+  samples = board.take<Samples>();
+  ASSERT_EQ(samples.size(), 1U);
+  EXPECT_EQ(samples[0].count, 1);
+}
+
+}  // namespace
+}  // namespace isorig::messages::teensy
