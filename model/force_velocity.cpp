@@ -5,7 +5,9 @@
 
 namespace isorig::model {
 
-double maxwell_ramp_share(double u) noexcept { return u < 1e-300 ? 1.0 : -std::expm1(-u) / u; }
+double maxwell_ramp_share(double u) noexcept {
+  return u < 1e-300 ? 1.0 : -std::expm1(-u) / u;
+}
 
 double ramp_force_N(const StandardLinearSolid& element, double initial_strain, double rate_per_s,
                     double t_s) noexcept {
@@ -15,8 +17,8 @@ double ramp_force_N(const StandardLinearSolid& element, double initial_strain, d
          element.k2_N * rate_per_s * t_s * maxwell_ramp_share(u);
 }
 
-double hold_force_N(const StandardLinearSolid& element, double initial_strain, double rate_per_s, double ramp_s,
-                    double t_s) noexcept {
+double hold_force_N(const StandardLinearSolid& element, double initial_strain, double rate_per_s,
+                    double ramp_s, double t_s) noexcept {
   const double step = rate_per_s * ramp_s;
   const double arm_strain = step * maxwell_ramp_share(element.gamma_per_s() * ramp_s);
   return element.k1_N * (initial_strain + step) +
@@ -51,7 +53,8 @@ double fv_asymptote(std::span<const FvElement> elements, const FvTest& test) noe
   return test.strain_step / test.initial_strain * weighted / weight;
 }
 
-double rate_at_share_approximate(std::span<const FvElement> elements, const FvTest& test, double alpha) noexcept {
+double rate_at_share_approximate(std::span<const FvElement> elements, const FvTest& test,
+                                 double alpha) noexcept {
   double weighted = 0.0;
   double weight = 0.0;
   for (const FvElement& e : elements) {
@@ -61,7 +64,8 @@ double rate_at_share_approximate(std::span<const FvElement> elements, const FvTe
   return test.strain_step / (2.0 * (1.0 - alpha)) * weighted / weight;
 }
 
-double share_of_asymptote(std::span<const FvElement> elements, const FvTest& test, double rate_per_s) noexcept {
+double share_of_asymptote(std::span<const FvElement> elements, const FvTest& test,
+                          double rate_per_s) noexcept {
   return std::abs(fv_height(elements, test, rate_per_s)) / fv_asymptote(elements, test);
 }
 
