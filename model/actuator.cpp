@@ -1,0 +1,70 @@
+#include "model/actuator.hpp"
+
+#include <stdexcept>
+
+namespace isorig::model {
+
+Actuator::Actuator(const ActuatorParameters& p)
+    : initial_length_mm_(p.initial_length_mm),
+      contraction_mm_(p.initial_length_mm - p.minimum_length_mm),
+      inverse_reference_1_psi_(1.0 / p.minimum_length_psi),
+      exponent_(p.contraction_exponent),
+      quadratic_(p.contraction_exponent == 2.0),
+      braid_(p.initial_length_mm, p.mesh_diameter_mm, p.braid_angle_deg) {
+  if (!(p.minimum_length_mm > 0.0) || !(contraction_mm_ >= 0.0)) {
+    throw std::invalid_argument("an actuator needs 0 < minimum length <= initial length");
+  }
+  if (!(p.minimum_length_psi > 0.0) || !(p.contraction_exponent > 0.0) || !(p.mesh_diameter_mm > 0.0) ||
+      !(p.braid_angle_deg > 0.0 && p.braid_angle_deg < 90.0)) {
+    throw std::invalid_argument("an actuator's pressure, exponent, diameter and braid angle must be positive");
+  }
+  std::vector<std::vector<double>> channels{p.mckibben.stiffness, p.mckibben.kappa, p.mckibben.gamma_1_s};
+  const bool sheath = !p.sheath.stiffness.empty();
+  if (sheath) channels.insert(channels.end(), {p.sheath.stiffness, p.sheath.kappa, p.sheath.gamma_1_s});
+  table_ = PressureTable(p.pressure_psi, channels);
+  stack_.add({});
+  if (sheath) stack_.add({});
+  settle(0.0, 0.0);
+}
+
+SlseParameters Actuator::parameters(std::size_t element, double pressure_psi) const noexcept {
+  PressureTable::Values v;
+  table_.evaluate(pressure_psi, v);
+  if (element == 0) return SlseParameters::from_ratios(v[0], v[1], v[2]);
+  return SlseParameters::from_ratios(v[0] * v[3], v[4], v[5]);
+}
+
+void Actuator::set_parameters(double pressure_psi) noexcept {
+  PressureTable::Values v;
+  table_.evaluate(pressure_psi, v);
+  stack_[0].parameters = SlseParameters::from_ratios(v[0], v[1], v[2]);
+  if (stack_.size() > 1) stack_[1].parameters = SlseParameters::from_ratios(v[0] * v[3], v[4], v[5]);
+}
+
+double Actuator::settle(double position_mm, double pressure_psi) noexcept {
+  set_parameters(pressure_psi);
+  position_mm_ = position_mm;
+  strain_ = strain(position_mm, pressure_psi);
+  stack_.settle(strain_);
+  force_N_ = stack_.force_N();
+  const Stroke at{position_mm, 0.0, strain_, 0.0, pressure_psi, 0.0};
+  for (const auto& element : elements_) force_N_ += element->settle(at);
+  return force_N_;
+}
+
+double Actuator::step(double position_mm, double pressure_psi, double dt_s) noexcept {
+  set_parameters(pressure_psi);
+  const double strain_end = strain(position_mm, pressure_psi);
+  force_N_ = stack_.step(strain_end, dt_s);
+  if (!elements_.empty()) {
+    const Stroke to{position_mm,  (position_mm - position_mm_) / dt_s,
+                    strain_end,   (strain_end - strain_) / dt_s,
+                    pressure_psi, dt_s};
+    for (const auto& element : elements_) force_N_ += element->step(to);
+  }
+  position_mm_ = position_mm;
+  strain_ = strain_end;
+  return force_N_;
+}
+
+}  // namespace isorig::model

@@ -1,0 +1,93 @@
+#pragma once
+#include <memory>
+#include <vector>
+
+#include "model/braid.hpp"
+#include "model/element.hpp"
+#include "model/pressure_table.hpp"
+#include "model/slse.hpp"
+
+namespace isorig::model {
+
+/// Identified (or chosen) at a few pressures; interpolated in between (PressureTable).
+struct SlseByPressure {
+  std::vector<double> stiffness;  ///< k1 [N] of the McKibben; beta_s = k1s / k1 [1] of a sheath
+  std::vector<double> kappa;      ///< k2 / k1 [1]
+  std::vector<double> gamma_1_s;  ///< k2 / eta [1/s]
+};
+
+struct ActuatorParameters {
+  double initial_length_mm = 0.0;        ///< IL: length at 0 psi, the zero of `position_mm`
+  double minimum_length_mm = 0.0;        ///< ML: free length at `minimum_length_psi`
+  double minimum_length_psi = 20.0;      ///< 20 in the paper
+  double contraction_exponent = 2.0;     ///< free contraction ~ p^this
+  double mesh_diameter_mm = 0.0;         ///< at IL
+  double braid_angle_deg = 0.0;          ///< thread to axis, at IL
+  std::vector<double> pressure_psi;      ///< where the following are given, increasing
+  SlseByPressure mckibben;
+  SlseByPressure sheath;                 ///< empty: no sheath
+};
+
+/// A McKibben actuator with or without a viscoelastic sheath: one or two standard linear solids in parallel
+/// round a rest length that shortens with pressure (Bennington, Wang et al., eqs. 1-7), and whatever else is
+/// added.
+///
+///   L0(p) = IL - (IL - ML) (p / 20 psi)^n,   e = (IL + x - L0(p)) / L0(p),   F = sum of the elements' forces
+///
+/// Position x and strain e: extension positive; F: tension positive [N]; p: gauge [psi], negative counts as 0.
+/// Both the paper's strain and its speeds are relative to the pressurized rest length L0(p). Between IL and
+/// ML the paper gives no curve: n = 2 is chosen because it leaves 1.0 to 1.5 mm of contraction at 5 psi,
+/// where the paper has to limit its shortening to 1 mm. The elements are linear in strain, as in the paper, so
+/// the actuator pushes when it is shorter than L0 (a real one buckles), and the response is symmetrical
+/// (the measured one is stiffer in extension): effects for that are elements of their own, see add().
+class Actuator {
+ public:
+  /// Throws std::invalid_argument on lengths or tables that make no actuator.
+  explicit Actuator(const ActuatorParameters& parameters);
+
+  /// Adds an element in parallel. It must be settled again afterwards.
+  void add(std::unique_ptr<Element> element) { elements_.push_back(std::move(element)); }
+
+  /// Steady state at a position and pressure. Returns the force [N].
+  double settle(double position_mm, double pressure_psi) noexcept;
+  /// Moves there, strain linear in time, within `dt_s` > 0; the parameters are those at the end of the step.
+  /// Returns the force at the end [N]. No allocation.
+  double step(double position_mm, double pressure_psi, double dt_s) noexcept;
+
+  [[nodiscard]] double rest_length_mm(double pressure_psi) const noexcept {
+    if (!(pressure_psi > 0.0)) return initial_length_mm_;
+    const double u = pressure_psi * inverse_reference_1_psi_;
+    return initial_length_mm_ - contraction_mm_ * (quadratic_ ? u * u : std::pow(u, exponent_));
+  }
+  [[nodiscard]] double strain(double position_mm, double pressure_psi) const noexcept {
+    const double rest_mm = rest_length_mm(pressure_psi);
+    return (initial_length_mm_ + position_mm - rest_mm) / rest_mm;
+  }
+  [[nodiscard]] double volume_mm3(double position_mm) const noexcept {
+    return braid_.volume_mm3(initial_length_mm_ + position_mm);
+  }
+  [[nodiscard]] const Braid& braid() const noexcept { return braid_; }
+  [[nodiscard]] double initial_length_mm() const noexcept { return initial_length_mm_; }
+  [[nodiscard]] bool has_sheath() const noexcept { return stack_.size() > 1; }
+  [[nodiscard]] double force_N() const noexcept { return force_N_; }
+  /// The elements' parameters at a pressure; index 0 the McKibben, 1 the sheath.
+  [[nodiscard]] SlseParameters parameters(std::size_t element, double pressure_psi) const noexcept;
+
+ private:
+  void set_parameters(double pressure_psi) noexcept;
+
+  double initial_length_mm_ = 0.0;
+  double contraction_mm_ = 0.0;
+  double inverse_reference_1_psi_ = 0.0;
+  double exponent_ = 2.0;
+  bool quadratic_ = true;
+  Braid braid_;
+  PressureTable table_;
+  SlseStack stack_;
+  std::vector<std::unique_ptr<Element>> elements_;
+  double position_mm_ = 0.0;
+  double strain_ = 0.0;
+  double force_N_ = 0.0;
+};
+
+}  // namespace isorig::model

@@ -1,0 +1,39 @@
+#pragma once
+#include <cmath>
+
+namespace isorig::model {
+
+/// Volume of a braided chamber as a function of its length, for inextensible threads of length b that wind
+/// n times round a cylinder (Chou and Hannaford 1996, eqs. 1-3):
+///
+///   D(L) = sqrt(b^2 - L^2) / (n pi),   V(L) = L (b^2 - L^2) / (4 pi n^2),   dV/dL = (b^2 - 3 L^2) / (4 pi n^2)
+///
+/// Valid for 0 < L < b. Wall thickness and the cones at the end caps are neglected: V is the volume inside
+/// the mesh, an upper bound of the air's. At the largest volume the braid stands at 54.7 degrees.
+class Braid {
+ public:
+  Braid() = default;
+  /// From the mesh diameter and the angle between thread and axis, both at the length `length_mm`.
+  Braid(double length_mm, double diameter_mm, double angle_deg) noexcept {
+    const double angle_rad = angle_deg * kPi / 180.0;
+    const double thread_mm = length_mm / std::cos(angle_rad);
+    const double turns = thread_mm * std::sin(angle_rad) / (kPi * diameter_mm);
+    thread2_mm2_ = thread_mm * thread_mm;
+    scale_ = 1.0 / (4.0 * kPi * turns * turns);
+  }
+  [[nodiscard]] double volume_mm3(double length_mm) const noexcept {
+    return length_mm * (thread2_mm2_ - length_mm * length_mm) * scale_;
+  }
+  /// Negative below the neutral angle: the chamber loses volume when it is stretched.
+  [[nodiscard]] double slope_mm2(double length_mm) const noexcept {
+    return (thread2_mm2_ - 3.0 * length_mm * length_mm) * scale_;
+  }
+  [[nodiscard]] double thread_mm() const noexcept { return std::sqrt(thread2_mm2_); }
+
+ private:
+  static constexpr double kPi = 3.14159265358979323846;
+  double thread2_mm2_ = 0.0;
+  double scale_ = 0.0;
+};
+
+}  // namespace isorig::model
