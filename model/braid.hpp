@@ -6,7 +6,8 @@ namespace isorig::model {
 /// Volume of a braided chamber as a function of its length, for inextensible threads of length b that wind
 /// n times round a cylinder (Chou and Hannaford 1996, eqs. 1-3):
 ///
-///   D(L) = sqrt(b^2 - L^2) / (n pi),   V(L) = L (b^2 - L^2) / (4 pi n^2),   dV/dL = (b^2 - 3 L^2) / (4 pi n^2)
+///   D(L) = sqrt(b^2 - L^2) / (n pi),   V(L) = L (b^2 - L^2) / (4 pi n^2),   dV/dL = (b^2 - 3 L^2) / (4 pi
+///   n^2)
 ///
 /// Valid for 0 < L < b. Wall thickness and the cones at the end caps are neglected: V is the volume inside
 /// the mesh, an upper bound of the air's. At the largest volume the braid stands at 54.7 degrees.

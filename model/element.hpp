@@ -7,9 +7,9 @@ namespace isorig::model {
 /// unpressurized rest length, strain relative to the pressurized one, pressure gauge.
 struct Stroke {
   double position_mm = 0.0;
-  double velocity_mm_s = 0.0;   ///< mean over the step
+  double velocity_mm_s = 0.0;  ///< mean over the step
   double strain = 0.0;
-  double strain_rate_1_s = 0.0; ///< mean over the step; includes the change of the rest length with pressure
+  double strain_rate_1_s = 0.0;  ///< mean over the step; includes the change of the rest length with pressure
   double pressure_psi = 0.0;
   double dt_s = 0.0;
 };

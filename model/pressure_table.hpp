@@ -9,8 +9,8 @@ namespace isorig::model {
 /// Several quantities identified at the same few pressures, as smooth functions of pressure.
 ///
 /// Between the nodes: monotone cubic Hermite (Fritsch and Butland 1984: harmonic mean of the neighbouring
-/// slopes), so that it never leaves the range of the values. Beyond the first and last node: constant, and the
-/// end slopes are 0, so that there is no kink at a node, which is where a rig holds the pressure.
+/// slopes), so that it never leaves the range of the values. Beyond the first and last node: constant, and
+/// the end slopes are 0, so that there is no kink at a node, which is where a rig holds the pressure.
 class PressureTable {
  public:
   static constexpr std::size_t kMaxChannels = 6;

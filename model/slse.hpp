@@ -12,15 +12,16 @@ struct Relaxation {
 };
 
 /// Valid for 0 <= z <= infinity; relative error below 1e-15 in both members over the whole range. The series
-/// serves the fixed 1 ms step (z ~ 1e-4) without a library call; expm1 serves the middle, where 1 - e^-z would
-/// cancel, and exp the tail, where 1 - (1 - e^-z) would.
+/// serves the fixed 1 ms step (z ~ 1e-4) without a library call; expm1 serves the middle, where 1 - e^-z
+/// would cancel, and exp the tail, where 1 - (1 - e^-z) would.
 inline Relaxation relaxation(double z) noexcept {
   if (z <= 0.03) {
     const double gain =
-        1.0 - z / 2.0 *
-                  (1.0 - z / 3.0 *
-                             (1.0 - z / 4.0 *
-                                        (1.0 - z / 5.0 * (1.0 - z / 6.0 * (1.0 - z / 7.0 * (1.0 - z / 8.0))))));
+        1.0 -
+        z / 2.0 *
+            (1.0 -
+             z / 3.0 *
+                 (1.0 - z / 4.0 * (1.0 - z / 5.0 * (1.0 - z / 6.0 * (1.0 - z / 7.0 * (1.0 - z / 8.0))))));
     return {1.0 - z * gain, gain};
   }
   if (z <= 1.0) {
@@ -45,7 +46,8 @@ struct SlseParameters {
   double k2_N = 0.0;
   double gamma_1_s = 0.0;
 
-  [[nodiscard]] static constexpr SlseParameters from_ratios(double k1_N, double kappa, double gamma_1_s) noexcept {
+  [[nodiscard]] static constexpr SlseParameters from_ratios(double k1_N, double kappa,
+                                                            double gamma_1_s) noexcept {
     return {k1_N, kappa * k1_N, gamma_1_s};
   }
   [[nodiscard]] constexpr double kappa() const noexcept { return k2_N / k1_N; }

@@ -1,0 +1,204 @@
+#include "sim/pressure/pressure.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace isorig::sim {
+namespace {
+constexpr std::int64_t kCheckInterval_ns = 10'000'000;  // watchdog resolution
+constexpr std::int64_t kTemperatureInterval_ns = 1'000'000'000;
+constexpr double kTemperaturePeriod_s = 7200.0;
+constexpr double kOffsetCounts = 1638.0;          // ELVH, option A: 10 % of 2^14
+constexpr double kCountsPerPsi = 13108.0 / 30.0;  // 80 % of 2^14 over 30 psi
+
+Random stream(std::uint64_t seed, Stream s) {
+  return Random(seed, static_cast<std::uint64_t>(s));
+}
+}  // namespace
+
+SimPressure::SimPressure(const SensorParameters& p, const PneumaticParameters& valves, Host& host,
+                         std::uint64_t seed, std::int64_t start_ns)
+    : p_(p),
+      host_(host),
+      duty_dead_(valves.duty_dead_permille),
+      duty_step_(valves.duty_step_permille),
+      command_delay_ns_(static_cast<std::int64_t>((p.command_delay_ms + valves.valve_delay_ms) * 1e6)),
+      start_ns_(start_ns),
+      clock_(p.clock, stream(seed, Stream::kSensorClock), start_ns),
+      noise_(stream(seed, Stream::kSensorNoise)),
+      request_(p.request, stream(seed, Stream::kSensorRequest)),
+      reply_(p.reply, stream(seed, Stream::kSensorReply)),
+      sample_period_us_(1e6 / p.sample_rate_hz),
+      next_sample_us_((std::floor(p.clock.offset_us / sample_period_us_) + 1.0) * sample_period_us_),
+      next_temperature_ns_(start_ns),
+      ring_(static_cast<std::size_t>(p.ring_samples)),
+      next_check_ns_(start_ns) {
+  state_.vent_permille = 1000;
+}
+
+void SimPressure::require_link() const {
+  if (!connected_ || faults.disconnected) {
+    throw drivers::DeviceError(drivers::Fault::kDisconnected,
+                               connected_ ? "simulated pressure device: connection lost"
+                                          : "simulated pressure device: not connected, call connect()");
+  }
+}
+
+pressure::Identity SimPressure::connect() {
+  const auto visit = host_.enter();
+  connected_ = true;
+  try {
+    require_link();
+  } catch (...) {
+    connected_ = false;
+    throw;
+  }
+  stored_ = 0;
+  expected_ = sequence_;
+  replies_pending_ = 0;
+  return {"isorig simulated Teensy with ELVH-030G", "SIM-PRESSURE-1", "1.0", 1, p_.sample_rate_hz};
+}
+
+pressure::Poll SimPressure::poll(std::span<pressure::Sample> samples_out,
+                                 std::span<clock::Exchange> exchanges_out,
+                                 std::int64_t /*timeout_ns: the plant never blocks*/) {
+  const auto visit = host_.enter();
+  require_link();
+  pressure::Poll poll;
+  poll.state = state_;
+  poll.state.dropped = dropped_;
+  if (faults.silent) return poll;
+  const double now_ns = static_cast<double>(visit.now_ns);
+  const double until_us = clock_.device_us(now_ns - 1e6 * p_.sample_latency_ms);
+  while (stored_ > 0 && poll.samples < samples_out.size()) {
+    const pressure::Sample& sample = ring_[oldest_];
+    if (static_cast<double>(sample.device_us) > until_us) break;
+    poll.lost += sample.sequence - expected_;
+    expected_ = sample.sequence + 1;
+    samples_out[poll.samples++] = sample;
+    oldest_ = oldest_ + 1 == ring_.size() ? 0 : oldest_ + 1;
+    --stored_;
+  }
+  for (std::size_t i = 0; i < replies_pending_ && poll.exchanges < exchanges_out.size();) {
+    if (replies_[i].at_ns > now_ns) {
+      ++i;
+      continue;
+    }
+    exchanges_out[poll.exchanges++] = replies_[i].exchange;
+    std::copy(replies_.begin() + static_cast<std::ptrdiff_t>(i) + 1,
+              replies_.begin() + static_cast<std::ptrdiff_t>(replies_pending_),
+              replies_.begin() + static_cast<std::ptrdiff_t>(i));
+    --replies_pending_;
+  }
+  return poll;
+}
+
+void SimPressure::command(const pressure::Command& command) {
+  const auto visit = host_.enter();
+  require_link();
+  if (command.fill_permille > 1000 || command.vent_permille > 1000) {
+    throw drivers::DeviceError(drivers::Fault::kRefused,
+                               "simulated pressure device: a duty is above 1000 permille");
+  }
+  if (queue_write_ - queue_read_ == kQueue)
+    ++queue_read_;  // faster than the delay allows: the oldest is overtaken
+  queue_[queue_write_++ % kQueue] = {visit.now_ns + command_delay_ns_, command.fill_permille,
+                                     command.vent_permille};
+}
+
+void SimPressure::heartbeat() {
+  const auto visit = host_.enter();
+  require_link();
+  heartbeat_seen_ = true;
+  heartbeat_ns_ = visit.now_ns;
+  state_.vented_by_watchdog = false;
+}
+
+void SimPressure::request_time_sync() {
+  const auto visit = host_.enter();
+  require_link();
+  if (replies_pending_ == kQueue) return;  // nobody reads: the reply would be lost as well
+  const double sent_ns = static_cast<double>(visit.now_ns);
+  const double received_ns = sent_ns + request_.next_ns();
+  const double answered_ns = received_ns + 1e3 * p_.turnaround_us;
+  const double arrived_ns = answered_ns + reply_.next_ns();
+  // micros() truncates; the half microsecond put back keeps the stamps unbiased.
+  replies_[replies_pending_++] = {
+      arrived_ns,
+      {visit.now_ns, static_cast<std::int64_t>(std::ceil(arrived_ns)),
+       std::floor(clock_.device_us(received_ns)) + 0.5, std::floor(clock_.device_us(answered_ns)) + 0.5}};
+}
+
+double SimPressure::opening(std::uint16_t permille) const noexcept {
+  const double duty = std::floor(static_cast<double>(permille) / duty_step_ + 0.5) * duty_step_;
+  return std::clamp((duty - duty_dead_) / (1000.0 - duty_dead_), 0.0, 1.0);
+}
+
+void SimPressure::check(std::int64_t now_ns) noexcept {
+  if (now_ns >= next_check_ns_) next_check_ns_ = now_ns + kCheckInterval_ns;
+  const bool alive = heartbeat_seen_ && static_cast<double>(now_ns - heartbeat_ns_) <= p_.watchdog_s * 1e9;
+  if (!alive) {
+    state_.vented_by_watchdog = heartbeat_seen_;
+    state_.fill_permille = 0;
+    state_.vent_permille = 1000;
+    targets_.fill = 0.0;
+    targets_.vent = 1.0;
+    queue_read_ = queue_write_;
+    return;
+  }
+  while (queue_read_ != queue_write_ && queue_[queue_read_ % kQueue].at_ns <= now_ns) {
+    const Pending& next = queue_[queue_read_++ % kQueue];
+    if (faults.ignores_commands) continue;
+    state_.fill_permille = next.fill_permille;
+    state_.vent_permille = next.vent_permille;
+    targets_.fill = opening(next.fill_permille);
+    targets_.vent = opening(next.vent_permille);
+  }
+}
+
+std::uint32_t SimPressure::convert(double pressure_psi) noexcept {
+  if (faults.bus_low) return 0;
+  if (faults.bus_high) return 0xFFFFFFFFU;
+  if (faults.stuck_value) return last_word_;
+  if (faults.sensor_stale) return (last_word_ & 0x3FFFFFFFU) | 0x80000000U;
+  const double counts =
+      kOffsetCounts + (pressure_psi + p_.offset_psi) * kCountsPerPsi + p_.noise_counts * noise_.normal();
+  const auto raw = static_cast<std::uint32_t>(std::clamp(counts + 0.5, 0.0, 16383.0));
+  last_word_ = raw << 16U | temperature_bits_;
+  return faults.sensor_fault ? last_word_ | 0xC0000000U : last_word_;
+}
+
+void SimPressure::after_step(const StepView& step) noexcept {
+  clock_.advance_to(step.begin_ns);
+  if (step.begin_ns >= next_temperature_ns_) {
+    next_temperature_ns_ += kTemperatureInterval_ns;
+    const double t_s = 1e-9 * static_cast<double>(step.begin_ns - start_ns_);
+    const double temperature_C =
+        p_.temperature_C +
+        p_.temperature_swing_C * std::sin(2.0 * 3.14159265358979323846 * t_s / kTemperaturePeriod_s);
+    temperature_bits_ =
+        static_cast<std::uint32_t>(std::clamp((temperature_C + 50.0) * 2047.0 / 200.0 + 0.5, 0.0, 2047.0))
+        << 5U;
+  }
+  const double length_ns = static_cast<double>(step.length_ns);
+  for (;;) {
+    const double at_ns = clock_.host_since(step.begin_ns, next_sample_us_);
+    if (at_ns > length_ns) break;
+    if (!faults.frozen_samples) {
+      const double pressure_psi =
+          step.pressure_begin_psi + at_ns / length_ns * (step.pressure_end_psi - step.pressure_begin_psi);
+      const std::uint32_t word = convert(pressure_psi);
+      if (stored_ == ring_.size()) {
+        ++dropped_;
+      } else {
+        std::size_t slot = oldest_ + stored_++;
+        if (slot >= ring_.size()) slot -= ring_.size();
+        ring_[slot] = {sequence_, static_cast<std::int64_t>(next_sample_us_), word};
+      }
+      ++sequence_;
+    }
+    next_sample_us_ += sample_period_us_;
+  }
+}
+
+}  // namespace isorig::sim

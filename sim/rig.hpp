@@ -1,0 +1,82 @@
+#pragma once
+#include <memory>
+#include <mutex>
+
+#include "drivers/clock/clock.hpp"
+#include "model/actuator.hpp"
+#include "sim/config.hpp"
+#include "sim/frame/frame.hpp"
+#include "sim/host.hpp"
+#include "sim/interlock/interlock.hpp"
+#include "sim/pressure/pressure.hpp"
+#include "sim/specimen.hpp"
+
+namespace isorig::sim {
+
+/// What the plant really did, at the end of the last physics step.
+struct Truth {
+  std::int64_t mono_ns = 0;
+  double position_mm = 0.0;  ///< relative to the unpressurized rest length, extension positive
+  double velocity_mm_s = 0.0;
+  double force_N = 0.0;       ///< tension positive
+  double pressure_psi = 0.0;  ///< gauge, in the actuator
+  double supply_psi = 0.0;
+};
+
+struct RigOptions {
+  /// Time of the first step. The rig stands at 0 mm, 0 psi, vented, relaxed.
+  std::int64_t start_ns = 0;
+  /// When set, every call to a device first brings the rig up to this clock's time. Without it, advance()
+  /// does.
+  const clock::Clock* clock = nullptr;
+  /// Devices are called from several threads (one I/O thread each): lock. Not needed in virtual time.
+  bool threaded = false;
+};
+
+/// The virtual rig: actuator, pneumatics, and the three devices that stand for it. Fixed 1 ms steps; all
+/// random numbers from one seed, so equal calls give equal bytes.
+///
+/// Order within a step: valve commands and frame supervision, crosshead, air (with the new volume), actuator
+/// (with the new position and pressure), then the devices sample between the step's two ends.
+class Rig final : public Host {
+ public:
+  static constexpr std::int64_t kStep_ns = 1'000'000;
+
+  explicit Rig(const SimConfig& config);  ///< loads config.specimen; throws base::ConfigError
+  Rig(const SimConfig& config, const Specimen& specimen, const RigOptions& options = {});
+  Rig(const Rig&) = delete;
+  Rig& operator=(const Rig&) = delete;
+
+  /// Steps everything up to `now_ns` (whole steps; the rest follows with the next call). Never goes back.
+  void advance(std::int64_t now_ns);
+  /// Adds an effect in parallel to the actuator and settles it anew: before the first step.
+  void add_element(std::unique_ptr<model::Element> element);
+
+  [[nodiscard]] SimFrame& frame() noexcept { return frame_; }
+  [[nodiscard]] SimPressure& pressure() noexcept { return pressure_; }
+  [[nodiscard]] SimInterlock& interlock() noexcept { return interlock_; }
+  [[nodiscard]] Pneumatics& pneumatics() noexcept { return pneumatics_; }
+  [[nodiscard]] const model::Actuator& actuator() const noexcept { return actuator_; }
+  [[nodiscard]] const Specimen& specimen() const noexcept { return specimen_; }
+  [[nodiscard]] Truth truth();
+
+  Visit enter() override;
+
+ private:
+  void advance_unlocked(std::int64_t now_ns) noexcept;
+  void step() noexcept;
+
+  Specimen specimen_;
+  RigOptions options_;
+  std::mutex mutex_;
+  std::int64_t now_ns_;  // what the host has told us
+  model::Actuator actuator_;
+  Pneumatics pneumatics_;
+  SimFrame frame_;
+  SimPressure pressure_;
+  SimInterlock interlock_;
+  StepView step_;
+  Truth truth_;
+};
+
+}  // namespace isorig::sim
