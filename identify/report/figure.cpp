@@ -18,7 +18,7 @@ constexpr std::array kPalette{"#0072B2", "#D55E00", "#009E73", "#CC79A7",
                               "#E69F00", "#56B4E9", "#000000", "#999999"};
 
 /// In single quotes gnuplot takes everything as it is (in double quotes it would run `commands`).
-std::string quoted(std::string_view text) {
+std::string gnuplot_literal(std::string_view text) {
   std::string out = "'";
   for (char c : text) {
     if (static_cast<unsigned char>(c) < 0x20)
@@ -85,7 +85,7 @@ void plot_elements(std::ostream& out, const Panel& panel, std::size_t p) {
   int next_color = 0;
   auto element = [&](std::size_t k, const std::string& how, std::string_view title) {
     out << joint << "$d" << p << '_' << k << ' ' << how
-        << (title.empty() ? " notitle" : " title " + quoted(title));
+        << (title.empty() ? " notitle" : " title " + gnuplot_literal(title));
     joint = ", ";
   };
   for (std::size_t k = 0; k < panel.series.size(); ++k) {
@@ -135,9 +135,9 @@ void plot_elements(std::ostream& out, const Panel& panel, std::size_t p) {
 void plot_panel(std::ostream& out, const Panel& panel, std::size_t p) {
   out << "reset\nset border 3 lc rgb '#555555'\nset tics nomirror out scale 0.5 textcolor rgb '#222222'\n"
          "set grid lc rgb '#e4e4e4' lt 1\nset samples 2\nset boxwidth 0.7 relative\n";
-  if (!panel.title.empty()) out << "set title " << quoted(panel.title) << " offset 0,-0.4\n";
-  if (!panel.x_label.empty()) out << "set xlabel " << quoted(panel.x_label) << " offset 0,0.3\n";
-  if (!panel.y_label.empty()) out << "set ylabel " << quoted(panel.y_label) << " offset 0.6,0\n";
+  if (!panel.title.empty()) out << "set title " << gnuplot_literal(panel.title) << " offset 0,-0.4\n";
+  if (!panel.x_label.empty()) out << "set xlabel " << gnuplot_literal(panel.x_label) << " offset 0,0.3\n";
+  if (!panel.y_label.empty()) out << "set ylabel " << gnuplot_literal(panel.y_label) << " offset 0.6,0\n";
   auto range = [&](const char* axis, const std::optional<std::pair<double, double>>& r) {
     if (!r) return;
     out << "set " << axis << "range [";
@@ -158,7 +158,7 @@ void plot_panel(std::ostream& out, const Panel& panel, std::size_t p) {
     number(out, x);
     out << ", graph 1 nohead lc rgb '#888888' dt 3\n";
     if (!label.empty()) {
-      out << "set label " << quoted(label) << " at first ";
+      out << "set label " << gnuplot_literal(label) << " at first ";
       number(out, x);
       out << ", graph 0.97 offset 0.4,0 textcolor rgb '#555555'\n";
     }
@@ -166,7 +166,7 @@ void plot_panel(std::ostream& out, const Panel& panel, std::size_t p) {
   if (!panel.categories.empty()) {
     out << "set xtics (";
     for (std::size_t i = 0; i < panel.categories.size(); ++i)
-      out << (i > 0 ? ", " : "") << quoted(panel.categories[i]) << ' ' << i;
+      out << (i > 0 ? ", " : "") << gnuplot_literal(panel.categories[i]) << ' ' << i;
     out << ") rotate by -35 left\n";
   }
   plot_elements(out, panel, p);
@@ -176,7 +176,7 @@ void plot_to(std::ostream& out, const Figure& figure, const char* terminal,
              const std::filesystem::path& file) {
   const int rows = (static_cast<int>(figure.panels.size()) + figure.columns - 1) / figure.columns;
   out << "reset\nset terminal " << terminal << " size " << figure.columns * figure.panel_width_px << ','
-      << rows * figure.panel_height_px << "\nset output " << quoted(file.string()) << '\n';
+      << rows * figure.panel_height_px << "\nset output " << gnuplot_literal(file.string()) << '\n';
   const bool many = figure.panels.size() > 1;
   if (many) out << "set multiplot layout " << rows << ',' << figure.columns << '\n';
   for (std::size_t p = 0; p < figure.panels.size(); ++p) plot_panel(out, figure.panels[p], p);
