@@ -1,0 +1,284 @@
+#include "identify/diagnose/drive.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+namespace isorig::identify {
+namespace {
+
+double median(std::vector<double> values) {
+  if (values.empty()) return 0.0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+/// One pass of filter and smoother with acceleration variances `spread` per interval.
+class AccelerationSmoother {
+ public:
+  AccelerationSmoother(std::span<const double> t_s, std::span<const double> reading_mm)
+      : t_s_(t_s), y_(reading_mm), filtered_(t_s.size()), smoothed_(t_s.size()) {}
+
+  struct State {
+    double x = 0.0, v = 0.0;
+    double pxx = 0.0, pxv = 0.0, pvv = 0.0;
+  };
+
+  /// Fills mean and variance of the acceleration of every interval.
+  void run(std::span<const double> spread, double noise_mm2, std::vector<double>& mean, std::vector<double>& variance) {
+    const std::size_t n = t_s_.size();
+    const double range = 1.0 + std::fabs(y_[0]);
+    State s{y_[0], 0.0, 1e6 * noise_mm2 + 1e-6 * range * range, 0.0, 1e4};
+    update(s, y_[0], noise_mm2);
+    filtered_[0] = s;
+    for (std::size_t k = 1; k < n; ++k) {
+      s = predict(s, t_s_[k] - t_s_[k - 1], spread[k - 1]);
+      update(s, y_[k], noise_mm2);
+      filtered_[k] = s;
+    }
+    smoothed_[n - 1] = s;
+    for (std::size_t k = n - 1; k-- > 0;) {
+      const double h = t_s_[k + 1] - t_s_[k];
+      const State& f = filtered_[k];
+      const State p = predict(f, h, spread[k]);
+      const State& next = smoothed_[k + 1];
+      const double det = std::fmax(p.pxx * p.pvv - p.pxv * p.pxv, 1e-300);
+      const double dx = next.x - p.x, dv = next.v - p.v;
+      // inv(P-) * d and inv(P-) (Ps - P-) inv(P-), for state and acceleration alike.
+      const double ix = (p.pvv * dx - p.pxv * dv) / det, iv = (p.pxx * dv - p.pxv * dx) / det;
+      const double dxx = next.pxx - p.pxx, dxv = next.pxv - p.pxv, dvv = next.pvv - p.pvv;
+      const double axx = (p.pvv * dxx - p.pxv * dxv) / det, axv = (p.pvv * dxv - p.pxv * dvv) / det;
+      const double avx = (p.pxx * dxv - p.pxv * dxx) / det, avv = (p.pxx * dvv - p.pxv * dxv) / det;
+      const double mxx = (axx * p.pvv - axv * p.pxv) / det, mxv = (axv * p.pxx - axx * p.pxv) / det;
+      const double mvv = (avv * p.pxx - avx * p.pxv) / det;
+      // Cross covariances of (x, v) and of the acceleration with the predicted state.
+      const double cxx = f.pxx + h * f.pxv, cxv = f.pxv, cvx = f.pxv + h * f.pvv, cvv = f.pvv;
+      State& out = smoothed_[k];
+      out.x = f.x + cxx * ix + cxv * iv;
+      out.v = f.v + cvx * ix + cvv * iv;
+      out.pxx = f.pxx + quadratic(cxx, cxv, cxx, cxv, mxx, mxv, mvv);
+      out.pxv = f.pxv + quadratic(cxx, cxv, cvx, cvv, mxx, mxv, mvv);
+      out.pvv = f.pvv + quadratic(cvx, cvv, cvx, cvv, mxx, mxv, mvv);
+      const double ax = spread[k] * 0.5 * h * h, av = spread[k] * h;
+      mean[k] = ax * ix + av * iv;
+      variance[k] = std::clamp(spread[k] + quadratic(ax, av, ax, av, mxx, mxv, mvv), 0.0, spread[k]);
+    }
+  }
+
+  [[nodiscard]] const std::vector<State>& states() const noexcept { return smoothed_; }
+
+ private:
+  static double quadratic(double a0, double a1, double b0, double b1, double mxx, double mxv, double mvv) {
+    return a0 * (mxx * b0 + mxv * b1) + a1 * (mxv * b0 + mvv * b1);
+  }
+  static State predict(const State& s, double h, double spread) {
+    State p;
+    p.x = s.x + h * s.v;
+    p.v = s.v;
+    const double b0 = 0.5 * h * h;
+    p.pxx = s.pxx + 2.0 * h * s.pxv + h * h * s.pvv + b0 * b0 * spread;
+    p.pxv = s.pxv + h * s.pvv + b0 * h * spread;
+    p.pvv = s.pvv + h * h * spread;
+    // A trace of each keeps the prediction invertible when an interval has no acceleration of its own.
+    p.pxx *= 1.0 + 1e-9;
+    p.pvv *= 1.0 + 1e-9;
+    return p;
+  }
+  static void update(State& s, double y, double noise_mm2) {
+    const double total = s.pxx + noise_mm2;
+    const double kx = s.pxx / total, kv = s.pxv / total;
+    const double e = y - s.x;
+    s.x += kx * e;
+    s.v += kv * e;
+    const double pxx = s.pxx * noise_mm2 / total;
+    s.pvv -= kv * s.pxv;
+    s.pxv *= noise_mm2 / total;
+    s.pxx = pxx;
+  }
+
+  std::span<const double> t_s_;
+  std::span<const double> y_;
+  std::vector<State> filtered_, smoothed_;
+};
+
+}  // namespace
+
+double white_noise(std::span<const double> t_s, std::span<const double> reading) {
+  std::vector<double> bends;
+  bends.reserve(t_s.size());
+  for (std::size_t k = 1; k + 1 < t_s.size(); ++k) {
+    const double share = (t_s[k] - t_s[k - 1]) / (t_s[k + 1] - t_s[k - 1]);
+    const double bend = reading[k] - ((1.0 - share) * reading[k - 1] + share * reading[k + 1]);
+    bends.push_back(std::fabs(bend) / std::sqrt(1.0 + share * share + (1.0 - share) * (1.0 - share)));
+  }
+  return median(std::move(bends)) / 0.6745;
+}
+
+double quantisation(std::span<const double> reading) {
+  double smallest = std::numeric_limits<double>::infinity();
+  const std::size_t count = std::min<std::size_t>(reading.size(), 20000);
+  for (std::size_t k = 1; k < count; ++k) {
+    const double d = std::fabs(reading[k] - reading[k - 1]);
+    if (d > 1e-12) smallest = std::min(smallest, d);
+  }
+  if (!std::isfinite(smallest)) return 0.0;
+  for (std::size_t k = 1; k < count; ++k) {
+    const double steps = (reading[k] - reading[k - 1]) / smallest;
+    if (std::fabs(steps) < 1e4 && std::fabs(steps - std::round(steps)) > 0.05) return 0.0;
+  }
+  return smallest;
+}
+
+Motion smooth_motion(std::span<const double> t_s, std::span<const double> reading_mm) {
+  const std::size_t n = t_s.size();
+  Motion motion;
+  if (n < 3) {
+    motion.position_mm.assign(reading_mm.begin(), reading_mm.end());
+    motion.velocity_mm_s.assign(n, 0.0);
+    motion.acceleration_mm_s2.assign(n, 0.0);
+    return motion;
+  }
+  const auto [low, high] = std::minmax_element(reading_mm.begin(), reading_mm.end());
+  const double step = quantisation(reading_mm);
+  // A staircase wider than the noise hides it; its error is uniform within a step.
+  double noise = std::max({white_noise(t_s, reading_mm), step / std::sqrt(12.0), 1e-7 * (*high - *low), 1e-12});
+  motion.quantisation_mm = step;
+
+  AccelerationSmoother smoother(t_s, reading_mm);
+  std::vector<double> spread(n - 1), mean(n - 1), variance(n - 1), next(n - 1);
+  for (std::size_t k = 0; k + 1 < n; ++k) {
+    const double h = t_s[k + 1] - t_s[k];
+    const double bound = 3.0 * (noise + std::fabs(reading_mm[k + 1] - reading_mm[k])) / (h * h);
+    spread[k] = std::min(bound * bound, 1e8);
+  }
+  constexpr int kPasses = 40;
+  for (int pass = 0; pass < kPasses; ++pass) {
+    smoother.run(spread, noise * noise, mean, variance);
+    // The variance of one interval rests on its neighbours too: two to each side, so that a corner is found
+    // as a whole and a lucky reading is not.
+    for (std::size_t k = 0; k + 1 < n; ++k) {
+      double energy = 0.0, known = 0.0;
+      const std::size_t from = k >= 2 ? k - 2 : 0, to = std::min(k + 2, n - 2);
+      for (std::size_t j = from; j <= to; ++j) {
+        // Neighbours that are sampled at another rate speak of other accelerations.
+        const double ratio = (t_s[j + 1] - t_s[j]) / (t_s[k + 1] - t_s[k]);
+        if (ratio > 4.0 || ratio < 0.25) continue;
+        const double weight = j == k ? 1.0 : 0.6;
+        energy += weight * mean[j] * mean[j];
+        known += weight * std::max(1.0 - variance[j] / spread[j], 1e-3);
+      }
+      next[k] = std::clamp(energy / known, 1e-14, 1e10);
+    }
+    spread.swap(next);
+  }
+  smoother.run(spread, noise * noise, mean, variance);
+  motion.position_mm.resize(n);
+  motion.velocity_mm_s.resize(n);
+  motion.acceleration_mm_s2.resize(n);
+  double squares = 0.0;
+  for (std::size_t k = 0; k < n; ++k) {
+    motion.position_mm[k] = smoother.states()[k].x;
+    motion.velocity_mm_s[k] = smoother.states()[k].v;
+    const double before = k > 0 ? mean[k - 1] : mean[0], after = k + 1 < n ? mean[k] : mean[n - 2];
+    motion.acceleration_mm_s2[k] = 0.5 * (before + after);
+    const double e = reading_mm[k] - motion.position_mm[k];
+    squares += e * e;
+  }
+  motion.noise_mm = std::sqrt(squares / static_cast<double>(n));
+  return motion;
+}
+
+SlowSignal smooth_slow(std::span<const double> t_s, std::span<const double> reading) {
+  const std::size_t n = t_s.size();
+  SlowSignal out;
+  out.value.assign(reading.begin(), reading.end());
+  if (n < 8) return out;
+  const double step = quantisation(reading);
+  std::vector<double> filtered(n), p_filtered(n), p_predicted(n);
+  const auto run = [&](double noise2, double walk2_s) {
+    double x = reading[0], p = 100.0 * noise2 + 1e-12, log_likelihood = 0.0;
+    for (std::size_t k = 0; k < n; ++k) {
+      if (k > 0) p += walk2_s * (t_s[k] - t_s[k - 1]);
+      p_predicted[k] = p;
+      const double total = p + noise2, e = reading[k] - x;
+      log_likelihood -= 0.5 * (e * e / total + std::log(total));
+      x += p / total * e;
+      p *= noise2 / total;
+      filtered[k] = x;
+      p_filtered[k] = p;
+    }
+    return log_likelihood;
+  };
+  const double white = std::max({white_noise(t_s, reading), step / std::sqrt(12.0), 1e-12});
+  double best = -std::numeric_limits<double>::infinity(), best_noise = white, best_walk = white;
+  for (const double scale : {0.6, 0.75, 0.9, 1.0, 1.15}) {
+    for (int i = -7; i <= 4; ++i) {
+      const double noise = scale * white, walk = white * std::pow(10.0, 0.5 * i);
+      const double value = run(noise * noise, walk * walk);
+      if (value > best) {
+        best = value;
+        best_noise = noise;
+        best_walk = walk;
+      }
+    }
+  }
+  run(best_noise * best_noise, best_walk * best_walk);
+  out.value[n - 1] = filtered[n - 1];
+  for (std::size_t k = n - 1; k-- > 0;)
+    out.value[k] = filtered[k] + p_filtered[k] / p_predicted[k + 1] * (out.value[k + 1] - filtered[k]);
+  out.noise = best_noise;
+  return out;
+}
+
+Drive reconstruct_drive(const messages::Recording& recording) {
+  Drive drive;
+  const auto& frame = recording.frame;
+  const std::size_t n = frame.size();
+  drive.motion = smooth_motion(frame.t_s, frame.position_mm);
+  const auto& metadata = recording.metadata;
+  drive.reference.elongation_at_zero_mm =
+      metadata.pressurized_rest_length_mm ? metadata.rest_length_mm - *metadata.pressurized_rest_length_mm : 0.0;
+  drive.reference.duration_s = n > 0 ? frame.t_s.back() - frame.t_s.front() : 0.0;
+
+  if (recording.pressure && recording.pressure->size() > 0) {
+    const auto& stream = *recording.pressure;
+    const SlowSignal slow = smooth_slow(stream.t_s, stream.pressure_psi);
+    drive.pressure_noise_psi = slow.noise;
+    drive.pressure_psi.resize(n);
+    std::size_t at = 0;
+    for (std::size_t k = 0; k < n; ++k) {
+      while (at + 1 < stream.size() && stream.t_s[at + 1] <= frame.t_s[k]) ++at;
+      if (at + 1 >= stream.size() || frame.t_s[k] <= stream.t_s[at]) {
+        drive.pressure_psi[k] = slow.value[at];
+        continue;
+      }
+      const double share = (frame.t_s[k] - stream.t_s[at]) / (stream.t_s[at + 1] - stream.t_s[at]);
+      drive.pressure_psi[k] = slow.value[at] + share * (slow.value[at + 1] - slow.value[at]);
+    }
+  }
+  double nominal = metadata.nominal_pressure_psi.value_or(0.0);
+  if (!metadata.nominal_pressure_psi && !drive.pressure_psi.empty()) {
+    for (const double p : drive.pressure_psi) nominal += p / static_cast<double>(n);
+  }
+  drive.reference.nominal_pressure_psi = nominal;
+
+  drive.instants.resize(n);
+  for (std::size_t k = 0; k < n; ++k) {
+    model::Instant& now = drive.instants[k];
+    now.t_s = frame.t_s[k];
+    now.position_mm = drive.motion.position_mm[k];
+    now.elongation_mm = now.position_mm + drive.reference.elongation_at_zero_mm;
+    if (k > 0) {
+      now.dt_s = now.t_s - frame.t_s[k - 1];
+      now.step_mm = now.position_mm - drive.motion.position_mm[k - 1];
+    }
+    now.velocity_mm_s = drive.motion.velocity_mm_s[k];
+    now.acceleration_mm_s2 = drive.motion.acceleration_mm_s2[k];
+    now.excess_pressure_psi = drive.pressure_psi.empty() ? 0.0 : drive.pressure_psi[k] - nominal;
+  }
+  return drive;
+}
+
+}  // namespace isorig::identify

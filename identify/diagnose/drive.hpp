@@ -1,0 +1,52 @@
+#pragma once
+#include <span>
+#include <string>
+#include <vector>
+
+#include "messages/recording.hpp"
+#include "model/process.hpp"
+
+namespace isorig::identify {
+
+/// The motion that a noisy, unevenly sampled position reading most likely shows.
+struct Motion {
+  std::vector<double> position_mm;
+  std::vector<double> velocity_mm_s;
+  std::vector<double> acceleration_mm_s2;
+  double noise_mm = 0.0;         ///< rms of the reading about it
+  double quantisation_mm = 0.0;  ///< smallest step of the reading, 0 when it is finer than the noise
+};
+
+/// Sparse Bayesian smoothing: between two readings the acceleration is constant and Gaussian with a variance of
+/// its own, which is estimated (MacKay's fixed point over a Rauch-Tung-Striebel smoother). Where the crosshead
+/// holds or runs at constant velocity the variance dies out and hundreds of readings average into a straight
+/// line; at a corner it survives and the readings are followed. Play, friction and lag operators must be driven
+/// by this, never by the reading: every micrometre of noise reverses them.
+[[nodiscard]] Motion smooth_motion(std::span<const double> t_s, std::span<const double> reading_mm);
+
+/// Random-walk smoothing of a slow signal (pressure), its two variances by maximum likelihood.
+struct SlowSignal {
+  std::vector<double> value;
+  double noise = 0.0;
+};
+[[nodiscard]] SlowSignal smooth_slow(std::span<const double> t_s, std::span<const double> reading);
+
+/// rms of the white noise of a reading from its second differences, median-based (motion does not matter as
+/// long as it is smooth for most of the record).
+[[nodiscard]] double white_noise(std::span<const double> t_s, std::span<const double> reading);
+
+/// Smallest nonzero difference between two values of the reading when all differences are multiples of it;
+/// 0 otherwise.
+[[nodiscard]] double quantisation(std::span<const double> reading);
+
+/// A recording's input: what drives a model, one instant per row of frame.csv.
+struct Drive {
+  std::vector<model::Instant> instants;
+  model::Reference reference;
+  Motion motion;
+  std::vector<double> pressure_psi;  ///< smoothed, per row; empty without a pressure channel
+  double pressure_noise_psi = 0.0;
+};
+[[nodiscard]] Drive reconstruct_drive(const messages::Recording& recording);
+
+}  // namespace isorig::identify

@@ -1,0 +1,90 @@
+#include "identify/diagnose/series.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace isorig::identify {
+namespace {
+
+/// Seconds since the motion last changed its velocity by more than its noise allows; 0 while it does.
+std::vector<double> since_corner(const Drive& drive) {
+  const std::size_t n = drive.instants.size();
+  std::vector<double> since(n, 0.0);
+  const double noise = std::max(drive.motion.noise_mm, drive.motion.quantisation_mm);
+  double last_s = n > 0 ? drive.instants[0].t_s - 10.0 : 0.0;
+  for (std::size_t k = 0; k < n; ++k) {
+    const std::size_t from = k >= 2 ? k - 2 : 0, to = std::min(k + 2, n - 1);
+    double change = 0.0;
+    for (std::size_t j = from; j <= to; ++j)
+      change += std::fabs(drive.instants[j].acceleration_mm_s2) * drive.instants[j].dt_s;
+    const double reach = change * (drive.instants[to].t_s - drive.instants[from].t_s);
+    if (reach > 4.0 * noise) last_s = drive.instants[k].t_s;
+    since[k] = drive.instants[k].t_s - last_s;
+  }
+  return since;
+}
+
+}  // namespace
+
+Series prepare_series(std::string name, messages::Recording recording, const std::vector<bool>& usable) {
+  Series series;
+  series.name = std::move(name);
+  series.recording = std::move(recording);
+  series.drive = reconstruct_drive(series.recording);
+  const auto& rows = series.drive.instants;
+  const auto& force = series.recording.frame.force_N;
+  const std::vector<double> since = since_corner(series.drive);
+  constexpr double kLongest_s = 2.0, kShareOfElapsed = 0.05;
+
+  std::size_t k = 0;
+  while (k < rows.size()) {
+    const std::size_t first = k;
+    const double span_s = std::min(kLongest_s, kShareOfElapsed * since[first]);
+    model::Instant mean;
+    double weight = 0.0, force_sum = 0.0;
+    std::size_t taken = 0;
+    for (; k < rows.size(); ++k) {
+      const bool fits = k == first || (since[k] > 0.0 && rows[k].t_s - rows[first].t_s <= span_s);
+      if (!fits) break;
+      ++taken;
+      if (!usable.empty() && !usable[k]) continue;
+      const model::Instant& row = rows[k];
+      mean.t_s += row.t_s;
+      mean.position_mm += row.position_mm;
+      mean.velocity_mm_s += row.velocity_mm_s;
+      mean.acceleration_mm_s2 += row.acceleration_mm_s2;
+      mean.excess_pressure_psi += row.excess_pressure_psi;
+      force_sum += force[k];
+      weight += 1.0;
+    }
+    if (weight == 0.0) {
+      // Nothing usable: the motion still passes here, and the model must see it.
+      mean = rows[first + taken / 2];
+      weight = 1.0;
+    }
+    mean.t_s /= weight;
+    mean.position_mm /= weight;
+    mean.velocity_mm_s /= weight;
+    mean.acceleration_mm_s2 /= weight;
+    mean.excess_pressure_psi /= weight;
+    mean.elongation_mm = mean.position_mm + series.drive.reference.elongation_at_zero_mm;
+    if (!series.nodes.empty()) {
+      mean.dt_s = mean.t_s - series.nodes.back().t_s;
+      mean.step_mm = mean.position_mm - series.nodes.back().position_mm;
+    } else {
+      mean.dt_s = mean.step_mm = 0.0;
+    }
+    const bool seen = force_sum != 0.0 || usable.empty() ||
+                      std::any_of(usable.begin() + static_cast<std::ptrdiff_t>(first),
+                                  usable.begin() + static_cast<std::ptrdiff_t>(k), [](bool u) { return u; });
+    series.nodes.push_back(mean);
+    series.force_N.push_back(force_sum / weight);
+    series.count.push_back(seen ? weight : 0.0);
+    series.first_row.push_back(first);
+    series.since_corner_s.push_back(since[first + taken / 2]);
+  }
+  series.first_row.push_back(rows.size());
+  return series;
+}
+
+}  // namespace isorig::identify

@@ -1,0 +1,59 @@
+#include "model/catalogue.hpp"
+
+#include <algorithm>
+#include <array>
+
+#include "model/effects/effects.hpp"
+#include "model/elements.hpp"
+
+namespace isorig::model {
+
+std::span<const Physics* const> elements() {
+  static const std::array all{&element::spring(), &element::maxwell(),  &element::dashpot(),
+                              &element::mass(),   &element::constant(), &element::gravity()};
+  return all;
+}
+
+std::span<const Physics* const> effects() {
+  static const std::array all{
+      &effect::coulomb_friction(),    &effect::strain_stiffening(),  &effect::second_relaxation(),
+      &effect::nonlinear_viscosity(), &effect::pressure_coupling(),  &effect::cyclic_softening(),
+      &effect::force_lag(),           &effect::force_delay(),        &effect::fixture_inertia(),
+      &effect::zero_drift(),          &effect::grip_slip(),          &effect::crosshead_backlash(),
+      &effect::slack(),               &effect::viscous_drag(),       &effect::friction_asymmetry(),
+      &effect::friction_with_pressure(), &effect::cell_nonlinearity(), &effect::unsettled_start()};
+  return all;
+}
+
+const Physics* find_physics(std::string_view name) {
+  for (const auto list : {elements(), effects()}) {
+    const auto found = std::ranges::find_if(list, [name](const Physics* p) { return p->name == name; });
+    if (found != list.end()) return *found;
+  }
+  return nullptr;
+}
+
+const Law* find_law(const Physics& physics, std::string_view law) {
+  const auto found = std::ranges::find_if(physics.laws, [law](const Law& l) { return l.name == law; });
+  return found == physics.laws.end() ? nullptr : &*found;
+}
+
+bool is_effect(const Physics& physics) {
+  const auto list = effects();
+  return std::ranges::find(list, &physics) != list.end();
+}
+
+std::string_view side_of(Stage stage) noexcept {
+  switch (stage) {
+    case Stage::kKinematics: return "kinematics";
+    case Stage::kSpecimen:
+    case Stage::kSpecimenShape: return "specimen";
+    case Stage::kRig: return "rig";
+    case Stage::kSensorLag:
+    case Stage::kSensorDelay:
+    case Stage::kSensor: return "sensor";
+  }
+  return "";
+}
+
+}  // namespace isorig::model

@@ -1,0 +1,124 @@
+#include "model/composed.hpp"
+
+#include <algorithm>
+#include <cassert>
+#include <numeric>
+
+#include "model/catalogue.hpp"
+#include "model/elements.hpp"
+
+namespace isorig::model {
+
+std::size_t ModelSpec::coefficient_count() const noexcept {
+  std::size_t count = 0;
+  for (const Part& part : parts) count += part.coefficients.size();
+  return count;
+}
+
+std::vector<double> ModelSpec::coefficients() const {
+  std::vector<double> all;
+  for (const Part& part : parts) all.insert(all.end(), part.coefficients.begin(), part.coefficients.end());
+  return all;
+}
+
+void ModelSpec::set_coefficients(std::span<const double> values) noexcept {
+  std::size_t next = 0;
+  for (Part& part : parts)
+    for (double& coefficient : part.coefficients) coefficient = values[next++];
+}
+
+bool ModelSpec::has(std::string_view physics) const noexcept {
+  return std::ranges::any_of(parts, [physics](const Part& part) { return part.physics->name == physics; });
+}
+
+Part make_part(const Physics& physics, const Law& law) {
+  Part part{&physics, &law, {}, {}, false};
+  for (const Parameter& parameter : law.parameters)
+    part.parameters.push_back(parameter.starts.empty() ? 0.5 * (parameter.lower + parameter.upper)
+                                                       : parameter.starts.front());
+  part.coefficients.assign(law.coefficients.size(), 1.0);
+  return part;
+}
+
+ModelSpec nominal_model(std::string_view name) {
+  if (name != "slse1" && name != "slse2") return {};
+  ModelSpec spec{std::string(name), {}};
+  const auto add = [&spec](const Physics& physics) -> Part& {
+    return spec.parts.emplace_back(make_part(physics, physics.laws.front()));
+  };
+  add(element::spring());
+  add(element::maxwell());
+  if (name == "slse2") {
+    spec.parts.back().parameters[0] = 0.3;
+    add(element::maxwell()).parameters[0] = 5.0;
+  }
+  add(element::constant()).coefficients[0] = 0.0;
+  return spec;
+}
+
+RunningModel::RunningModel(const ModelSpec& spec, const Reference& reference) {
+  std::vector<std::size_t> first_of_part;
+  std::size_t next = 0;
+  for (const Part& part : spec.parts) {
+    first_of_part.push_back(next);
+    next += part.coefficients.size();
+  }
+  std::vector<std::size_t> by_stage(spec.parts.size());
+  std::iota(by_stage.begin(), by_stage.end(), std::size_t{0});
+  std::ranges::stable_sort(by_stage, {}, [&](std::size_t i) { return spec.parts[i].physics->stage; });
+
+  for (const std::size_t i : by_stage) {
+    const Part& part = spec.parts[i];
+    running_.push_back({part.law->make(part.parameters, reference), part.physics->stage, coefficients_.size()});
+    for (std::size_t c = 0; c < part.coefficients.size(); ++c) {
+      coefficients_.push_back(part.coefficients[c]);
+      order_.push_back(first_of_part[i] + c);
+    }
+    piecewise_ = piecewise_ || part.physics->stage == Stage::kSpecimenShape ||
+                 part.physics->name == "cell_nonlinearity";
+  }
+  work_.resize(coefficients_.size());
+}
+
+void RunningModel::reset(const Instant& first) noexcept {
+  for (Running& running : running_) running.process->reset(first);
+}
+
+void RunningModel::set_coefficients(std::span<const double> values) noexcept {
+  for (std::size_t i = 0; i < order_.size(); ++i) coefficients_[i] = values[order_[i]];
+}
+
+void RunningModel::run(Instant now) noexcept {
+  std::ranges::fill(work_, 0.0);
+  for (Running& running : running_) {
+    switch (running.stage) {
+      case Stage::kKinematics:
+        running.process->move(now);
+        break;
+      case Stage::kSpecimen:
+      case Stage::kRig:
+      case Stage::kSensor:
+        running.process->force(now, work_.data() + running.first_column);
+        break;
+      case Stage::kSpecimenShape:
+      case Stage::kSensorLag:
+      case Stage::kSensorDelay:
+        // first_column counts the columns of the stages before it: what it acts on.
+        running.process->shape(now, {work_.data(), running.first_column},
+                               {coefficients_.data(), running.first_column});
+        break;
+    }
+  }
+}
+
+void RunningModel::step_columns(Instant now, std::span<double> columns) noexcept {
+  run(now);
+  for (std::size_t i = 0; i < work_.size(); ++i) columns[order_[i]] = work_[i];
+}
+
+double RunningModel::step(Instant now) noexcept {
+  run(now);
+  return std::transform_reduce(work_.begin(), work_.end(), coefficients_.begin(), 0.0);
+}
+
+}  // namespace isorig::model

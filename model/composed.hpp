@@ -1,0 +1,78 @@
+#pragma once
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "model/process.hpp"
+
+namespace isorig::model {
+
+/// One piece of a model with its numbers.
+struct Part {
+  const Physics* physics = nullptr;
+  const Law* law = nullptr;
+  std::vector<double> parameters;    ///< as law->parameters
+  std::vector<double> coefficients;  ///< as law->coefficients
+  bool fixed = false;                ///< its coefficients are known, not fitted
+};
+
+/// A whole model: which parts, with which numbers. Order of the parts within a stage is kept; the stages order
+/// themselves.
+struct ModelSpec {
+  std::string name;
+  std::vector<Part> parts;
+
+  [[nodiscard]] std::size_t coefficient_count() const noexcept;
+  [[nodiscard]] std::vector<double> coefficients() const;
+  void set_coefficients(std::span<const double> values) noexcept;
+  [[nodiscard]] bool has(std::string_view physics) const noexcept;
+};
+
+/// Nominal models by name: "slse1", "slse2" (one or two standard linear solids in parallel, whose springs k1 add
+/// up to one); all with a free tare. Numbers are starting values.
+[[nodiscard]] ModelSpec nominal_model(std::string_view name);
+
+/// Part with the law's starting values.
+[[nodiscard]] Part make_part(const Physics& physics, const Law& law);
+
+/// Reads a model from TOML ("isorig-model/1"). Throws base::ConfigError with every fault in it. Keys that are
+/// absent keep their starting values, so that a nominal model need not state what is to be fitted.
+[[nodiscard]] ModelSpec read_model(const std::filesystem::path& file);
+[[nodiscard]] ModelSpec parse_model(std::string_view text, std::string name);
+/// `comment` stands at the top, one line per line.
+[[nodiscard]] std::string model_text(const ModelSpec& spec, std::string_view comment = {});
+
+/// A model that runs. One instant at a time; real-time safe after construction.
+class RunningModel {
+ public:
+  RunningModel(const ModelSpec& spec, const Reference& reference);
+
+  void reset(const Instant& first) noexcept;
+  /// The force at `now`, N. `now.dt_s` is 0 at the first instant.
+  double step(Instant now) noexcept;
+  /// The same before the coefficients are applied: one value per coefficient, in the order of the spec. Laws
+  /// that are not linear (slack) use the coefficients set last.
+  void step_columns(Instant now, std::span<double> columns) noexcept;
+  void set_coefficients(std::span<const double> values) noexcept;
+
+  [[nodiscard]] std::size_t columns() const noexcept { return coefficients_.size(); }
+  /// The force in terms of coefficients is only piecewise linear.
+  [[nodiscard]] bool depends_on_coefficients() const noexcept { return piecewise_; }
+
+ private:
+  void run(Instant now) noexcept;
+  struct Running {
+    std::unique_ptr<Process> process;
+    Stage stage;
+    std::size_t first_column;  // in stage order
+  };
+  std::vector<Running> running_;
+  std::vector<std::size_t> order_;  // stage order -> order of the spec
+  std::vector<double> coefficients_;  // in stage order
+  std::vector<double> work_;
+  bool piecewise_ = false;
+};
+
+}  // namespace isorig::model

@@ -1,0 +1,110 @@
+#include <array>
+#include <cmath>
+
+#include "model/effects/effects.hpp"
+#include "model/stepping.hpp"
+
+namespace isorig::model::effect {
+namespace {
+
+/// Dahl's bristle z in [-1, 1], dz/dx = (1 - z sign(dx)) / delta: rate-independent, with presliding. Exact on
+/// any monotone step, so the size of the step does not matter.
+class Dahl : public Process {
+ public:
+  Dahl(double presliding_mm, double stribeck_mm_s) noexcept
+      : presliding_mm_(presliding_mm), stribeck_mm_s_(stribeck_mm_s) {}
+  void reset(const Instant&) noexcept override { z_ = 0.0; }
+  void force(const Instant& now, double* columns) noexcept override {
+    const double s = sign_of(now.step_mm);
+    if (s != 0.0) z_ = s + (z_ - s) * std::exp(-std::fabs(now.step_mm) / presliding_mm_);
+    columns[0] = z_;
+    if (stribeck_mm_s_ > 0.0) columns[1] = z_ * std::exp(-std::fabs(now.velocity_mm_s) / stribeck_mm_s_);
+  }
+
+ private:
+  double presliding_mm_;
+  double stribeck_mm_s_;
+  double z_ = 0.0;
+};
+
+/// Jenkins: a spring that slips at once when its force reaches the limit. Exact on monotone steps.
+class Jenkins : public Process {
+ public:
+  explicit Jenkins(double presliding_mm) noexcept : presliding_mm_(presliding_mm) {}
+  void reset(const Instant&) noexcept override { z_ = 0.0; }
+  void force(const Instant& now, double* columns) noexcept override {
+    z_ = std::clamp(z_ + now.step_mm / presliding_mm_, -1.0, 1.0);
+    columns[0] = z_;
+  }
+
+ private:
+  double presliding_mm_;
+  double z_ = 0.0;
+};
+
+/// Many Jenkins elements whose slip distances are spread evenly (Iwan): the presliding curve is a parabola.
+class Iwan : public Process {
+ public:
+  explicit Iwan(double presliding_mm) noexcept : presliding_mm_(presliding_mm) {}
+  void reset(const Instant&) noexcept override { z_.fill(0.0); }
+  void force(const Instant& now, double* columns) noexcept override {
+    double sum = 0.0;
+    for (std::size_t i = 0; i < kCount; ++i) {
+      const double distance = presliding_mm_ * (static_cast<double>(i) + 0.5) / kCount;
+      z_[i] = std::clamp(z_[i] + now.step_mm / distance, -1.0, 1.0);
+      sum += z_[i];
+    }
+    columns[0] = sum / kCount;
+  }
+
+ private:
+  static constexpr std::size_t kCount = 8;
+  double presliding_mm_;
+  std::array<double, kCount> z_{};
+};
+
+/// sign(v) made smooth over a small velocity: no memory, so nothing is left of it in a hold.
+class Regularised : public Process {
+ public:
+  explicit Regularised(double velocity_mm_s) noexcept : velocity_mm_s_(velocity_mm_s) {}
+  void reset(const Instant&) noexcept override {}
+  void force(const Instant& now, double* columns) noexcept override {
+    columns[0] = std::tanh(now.velocity_mm_s / velocity_mm_s_);
+  }
+
+ private:
+  double velocity_mm_s_;
+};
+
+const Parameter kPresliding{"presliding_mm", 2e-4, 1.0, {0.02, 0.2}, true};
+
+}  // namespace
+
+const Physics& coulomb_friction() {
+  static const Physics physics{
+      "coulomb_friction",
+      Stage::kSpecimen,
+      "Rate-independent friction between mesh, bladder and sheath, with presliding.",
+      "Coulomb; Dahl 1968 (bristle); Jenkins and Iwan 1966 (spread slip distances); Stribeck weakening "
+      "exp(-|v| / vs) as in Armstrong-Helouvry 1991; for McKibben muscles Chou & Hannaford 1996, Tondu 2006.",
+      "Slow triangles: the loop keeps its height at every velocity. Reversals of 1 to 100 um show the presliding. "
+      "Mistaken for play (which scales with stiffness and delays every relaxation) and for a slow relaxation.",
+      {{"dahl", "F = Fc z, dz/dx = (1 - z sign(dx)) / delta", {kPresliding}, {{"force_N", Sign::kNonNegative}},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Dahl>(p[0], 0.0); }},
+       {"jenkins", "F = Fc clamp(z), dz = dx / delta within [-1, 1]", {kPresliding},
+        {{"force_N", Sign::kNonNegative}},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Jenkins>(p[0]); }},
+       {"iwan", "F = Fc mean of Jenkins elements, distances even in (0, delta)", {kPresliding},
+        {{"force_N", Sign::kNonNegative}},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Iwan>(p[0]); }},
+       {"stribeck", "F = (Fc + (Fs - Fc) exp(-|v| / vs)) z, z as Dahl",
+        {kPresliding, {"stribeck_velocity_mm_s", 0.02, 50.0, {1.0}, true}},
+        {{"force_N", Sign::kNonNegative}, {"static_excess_N", Sign::kNonNegative}},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Dahl>(p[0], p[1]); }},
+       {"regularised", "F = Fc tanh(v / v0)", {{"velocity_mm_s", 1e-4, 1e3, {0.002, 0.5}, true}},
+        {{"force_N", Sign::kNonNegative}},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Regularised>(p[0]); }}}};
+  return physics;
+}
+
+}  // namespace isorig::model::effect

@@ -1,0 +1,26 @@
+#pragma once
+#include "model/process.hpp"
+
+/// One function per file of this folder. Add yours here and in model/catalogue.cpp (docs/effects.md).
+namespace isorig::model::effect {
+
+const Physics& coulomb_friction();
+const Physics& strain_stiffening();
+const Physics& second_relaxation();
+const Physics& nonlinear_viscosity();
+const Physics& pressure_coupling();
+const Physics& cyclic_softening();
+const Physics& force_lag();
+const Physics& force_delay();
+const Physics& fixture_inertia();
+const Physics& zero_drift();
+const Physics& grip_slip();
+const Physics& crosshead_backlash();
+const Physics& slack();
+const Physics& viscous_drag();
+const Physics& friction_asymmetry();
+const Physics& friction_with_pressure();
+const Physics& cell_nonlinearity();
+const Physics& unsettled_start();
+
+}  // namespace isorig::model::effect

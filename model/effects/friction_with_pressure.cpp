@@ -1,0 +1,42 @@
+#include <cmath>
+
+#include "model/effects/effects.hpp"
+#include "model/stepping.hpp"
+
+namespace isorig::model::effect {
+namespace {
+
+class Pressed : public Process {
+ public:
+  Pressed(double presliding_mm, double nominal_psi) noexcept
+      : presliding_mm_(presliding_mm), nominal_psi_(nominal_psi) {}
+  void reset(const Instant&) noexcept override { z_ = 0.0; }
+  void force(const Instant& now, double* columns) noexcept override {
+    const double s = sign_of(now.step_mm);
+    if (s != 0.0) z_ = s + (z_ - s) * std::exp(-std::fabs(now.step_mm) / presliding_mm_);
+    columns[0] = z_;
+    columns[1] = z_ * (now.excess_pressure_psi + nominal_psi_);
+  }
+
+ private:
+  double presliding_mm_;
+  double nominal_psi_;
+  double z_ = 0.0;
+};
+
+}  // namespace
+
+const Physics& friction_with_pressure() {
+  static const Physics physics{
+      "friction_with_pressure", Stage::kSpecimen, "Friction that grows with the pressure on seal or braid.",
+      "Tondu 2006 (braid contact pressure); seals of pneumatic cylinders (Belforte et al. 1989).",
+      "Slow triangles at every pressure.",
+      {{"dahl", "F = (Fc + f p) z, z as Dahl", {{"presliding_mm", 2e-4, 1.0, {0.02}, true}},
+        {{"force_N", Sign::kFree}, {"force_N_psi", Sign::kNonNegative}},
+        [](std::span<const double> p, const Reference& reference) {
+          return std::make_unique<Pressed>(p[0], reference.nominal_pressure_psi);
+        }}}};
+  return physics;
+}
+
+}  // namespace isorig::model::effect

@@ -1,0 +1,110 @@
+#include "model/elements.hpp"
+
+#include <cmath>
+
+#include "model/stepping.hpp"
+
+namespace isorig::model::element {
+namespace {
+
+/// Force that follows the instant alone.
+class Memoryless : public Process {
+ public:
+  using Function = double (*)(const Instant&);
+  explicit Memoryless(Function function) noexcept : function_(function) {}
+  void reset(const Instant&) noexcept override {}
+  void force(const Instant& now, double* columns) noexcept override { columns[0] = function_(now); }
+
+ private:
+  Function function_;
+};
+
+class Maxwell : public Process {
+ public:
+  explicit Maxwell(double time_constant_s) noexcept : state_(time_constant_s) {}
+  void reset(const Instant&) noexcept override { state_.reset(); }
+  void force(const Instant& now, double* columns) noexcept override {
+    columns[0] = state_.step(now.step_mm, now.dt_s);
+  }
+
+ private:
+  MaxwellState state_;
+};
+
+class Gravity : public Process {
+ public:
+  explicit Gravity(double length_mm) noexcept : length_mm_(length_mm) {}
+  void reset(const Instant&) noexcept override {}
+  void force(const Instant& now, double* columns) noexcept override {
+    columns[0] = std::sin(now.position_mm / length_mm_);
+  }
+
+ private:
+  double length_mm_;
+};
+
+Law memoryless(std::string_view name, std::string_view formula, Coefficient coefficient,
+               Memoryless::Function function) {
+  return {name, formula, {}, {coefficient},
+          [function](auto, const Reference&) { return std::make_unique<Memoryless>(function); }};
+}
+
+}  // namespace
+
+const Physics& spring() {
+  static const Physics physics{
+      "spring", Stage::kSpecimen, "Linear spring, slack-free, unstretched at the pressurized rest length.",
+      "Paper, eq. for the system force, k1; stiffness per mm = k1 / pressurized rest length.",
+      "Slow triangle.",
+      {memoryless("linear", "F = k e", {"stiffness_N_mm", Sign::kNonNegative},
+                  [](const Instant& now) { return now.elongation_mm; })}};
+  return physics;
+}
+
+const Physics& maxwell() {
+  static const Physics physics{
+      "maxwell", Stage::kSpecimen, "Spring and dashpot in series: the viscous arm of a standard linear solid.",
+      "Paper, eqs. for the system force and the strain rate of k2; time constant = eta / k2 = 1 / gamma.",
+      "Ramps of different velocity; relaxation in a hold.",
+      {{"linear", "F = k z, dz/dt = v - z / tau",
+        {{"time_constant_s", 1e-3, 1e5, {0.3, 3.0}, true}},
+        {{"stiffness_N_mm", Sign::kNonNegative}},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Maxwell>(p[0]); }}}};
+  return physics;
+}
+
+const Physics& dashpot() {
+  static const Physics physics{"dashpot", Stage::kSpecimen, "Linear dashpot in parallel.", "Newton.",
+                               "Ramps of different velocity.",
+                               {memoryless("linear", "F = c v", {"viscosity_N_s_mm", Sign::kNonNegative},
+                                           [](const Instant& now) { return now.velocity_mm_s; })}};
+  return physics;
+}
+
+const Physics& mass() {
+  static const Physics physics{"mass", Stage::kRig, "Mass that moves with the position.", "Newton.",
+                               "Fast reversals.",
+                               {memoryless("linear", "F = m a", {"mass_kg", Sign::kNonNegative},
+                                           [](const Instant& now) { return now.acceleration_mm_s2 * 1e-3; })}};
+  return physics;
+}
+
+const Physics& constant() {
+  static const Physics physics{"constant", Stage::kSensor, "Constant force: a tare that is not zero, a dead weight.",
+                               "None needed.", "Any rest.",
+                               {memoryless("linear", "F = F0", {"force_N", Sign::kFree},
+                                           [](const Instant&) { return 1.0; })}};
+  return physics;
+}
+
+const Physics& gravity() {
+  static const Physics physics{
+      "gravity", Stage::kSpecimen, "Weight of a pendulum whose position is arc length.", "Newton.", "Free swings.",
+      {{"pendulum", "F = W sin(x / length)",
+        {{"length_mm", 1e-3, 1e6, {1000.0}, true, true}},
+        {{"weight_N", Sign::kNonNegative}},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Gravity>(p[0]); }}}};
+  return physics;
+}
+
+}  // namespace isorig::model::element

@@ -1,0 +1,111 @@
+#include <charconv>
+#include <string>
+
+#include "base/toml_reader.hpp"
+#include "model/catalogue.hpp"
+#include "model/composed.hpp"
+
+namespace isorig::model {
+namespace {
+
+constexpr std::string_view kFormat = "isorig-model/1";
+
+std::string number(double value) {
+  char text[32];
+  const auto end = std::to_chars(text, text + sizeof text, value).ptr;
+  std::string out(text, end);
+  // TOML tells integers from floats; ours are floats.
+  if (out.find_first_of(".einf") == std::string::npos) out += ".0";
+  return out;
+}
+
+std::string known_names(std::span<const Physics* const> list) {
+  std::string names;
+  for (const Physics* physics : list) names += (names.empty() ? "" : ", ") + std::string(physics->name);
+  return names;
+}
+
+void read_part(const base::TomlTable& table, ModelSpec& spec) {
+  const std::string name = table.string("physics");
+  const Physics* physics = find_physics(name);
+  if (physics == nullptr) {
+    table.error("physics", "unknown physics \"" + name + "\"; elements: " + known_names(elements()) +
+                               "; effects: " + known_names(effects()));
+    table.ignore_rest();
+    return;
+  }
+  const std::string law_name = table.string_or("law", physics->laws.front().name);
+  const Law* law = find_law(*physics, law_name);
+  if (law == nullptr) {
+    std::string names;
+    for (const Law& each : physics->laws) names += (names.empty() ? "" : ", ") + std::string(each.name);
+    table.error("law", name + " has no law \"" + law_name + "\"; it has: " + names);
+    table.ignore_rest();
+    return;
+  }
+  Part part = make_part(*physics, *law);
+  for (std::size_t i = 0; i < law->parameters.size(); ++i) {
+    const Parameter& parameter = law->parameters[i];
+    part.parameters[i] = table.number_or(parameter.name, part.parameters[i], {parameter.lower, parameter.upper});
+  }
+  for (std::size_t i = 0; i < law->coefficients.size(); ++i) {
+    const Coefficient& coefficient = law->coefficients[i];
+    base::Range range;
+    if (coefficient.sign == Sign::kNonNegative) range.min = 0.0;
+    if (coefficient.sign == Sign::kNonPositive) range.max = 0.0;
+    const double start = coefficient.sign == Sign::kNonNegative ? 1.0 : 0.0;
+    part.coefficients[i] = table.number_or(coefficient.name, start, range);
+  }
+  part.fixed = table.boolean_or("fixed", false);
+  spec.parts.push_back(std::move(part));
+}
+
+ModelSpec read_document(const base::TomlDocument& document) {
+  const base::TomlTable root = document.root();
+  ModelSpec spec;
+  if (const std::string format = root.string("format"); format != kFormat && root.has("format"))
+    root.error("format", "format is \"" + format + "\", this program reads \"" + std::string(kFormat) + "\"");
+  spec.name = root.string_or("name", "");
+  const auto parts = root.tables("part");
+  if (parts.empty()) root.error("part", "a model needs at least one [[part]]");
+  for (const base::TomlTable& part : parts) read_part(part, spec);
+  if (spec.coefficient_count() > 32) root.error("part", "more than 32 coefficients");
+  document.finish();
+  return spec;
+}
+
+}  // namespace
+
+ModelSpec read_model(const std::filesystem::path& file) {
+  ModelSpec spec = read_document(base::TomlDocument::parse_file(file));
+  if (spec.name.empty()) spec.name = file.stem().string();
+  return spec;
+}
+
+ModelSpec parse_model(std::string_view text, std::string name) {
+  return read_document(base::TomlDocument::parse_text(text, std::move(name)));
+}
+
+std::string model_text(const ModelSpec& spec, std::string_view comment) {
+  std::string out;
+  while (!comment.empty()) {
+    const std::size_t end = comment.find('\n');
+    out += "# " + std::string(comment.substr(0, end)) + "\n";
+    comment = end == std::string_view::npos ? std::string_view{} : comment.substr(end + 1);
+  }
+  const auto quoted = [](std::string_view text) { return "\"" + std::string(text) + "\""; };
+  out += "format = " + quoted(kFormat) + "\nname = " + quoted(spec.name) + "\n";
+  for (const Part& part : spec.parts) {
+    out += "\n[[part]]  # " + std::string(side_of(part.physics->stage));
+    out += "\nphysics = " + quoted(part.physics->name) + "\nlaw = " + quoted(part.law->name);
+    out += "  # " + std::string(part.law->formula) + "\n";
+    for (std::size_t i = 0; i < part.parameters.size(); ++i)
+      out += std::string(part.law->parameters[i].name) + " = " + number(part.parameters[i]) + "\n";
+    for (std::size_t i = 0; i < part.coefficients.size(); ++i)
+      out += std::string(part.law->coefficients[i].name) + " = " + number(part.coefficients[i]) + "\n";
+    if (part.fixed) out += "fixed = true\n";
+  }
+  return out;
+}
+
+}  // namespace isorig::model
