@@ -1,0 +1,339 @@
+#include "drivers/frame/modbus_frame.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace isorig::frame {
+namespace {
+
+using drivers::DeviceError;
+using drivers::Fault;
+
+constexpr int kAttempts = 3;
+/// Beyond twice what time explains a counter has jumped. The slack covers a frame that hands samples on in
+/// bursts; a torn word is 65536 off.
+constexpr double kAdvanceSlack = 256.0;
+
+std::uint32_t counter_mask(const RegisterMap& map) {
+  return map.at(Quantity::kSampleCounter)->format.type == RegisterType::kUint16 ? 0xFFFFU : 0xFFFFFFFFU;
+}
+
+}  // namespace
+
+ModbusFrame::ModbusFrame(ModbusConfig config, clock::Clock& clock)
+    : config_(std::move(config)),
+      clock_(clock),
+      link_(config_),
+      header_block_(config_.map.header_block()),
+      state_blocks_(config_.map.state_blocks()) {
+  slot_words_.reserve(static_cast<std::size_t>(config_.map.samples.slots) *
+                      config_.map.samples.stride_registers);
+}
+
+ModbusFrame::Statistics ModbusFrame::statistics() const noexcept {
+  auto all = statistics_;
+  all.resyncs = link_.resyncs();
+  return all;
+}
+
+// ---- registers
+// ------------------------------------------------------------------------------------------------
+
+void ModbusFrame::take_words(const ReadBlock& block, std::span<const std::uint16_t> words) {
+  for (const auto quantity : block.quantities) {
+    const auto& reg = *config_.map.at(quantity);
+    const auto from = static_cast<std::size_t>(reg.address - block.address);
+    std::copy_n(words.begin() + static_cast<std::ptrdiff_t>(from), reg.format.registers(),
+                words_[static_cast<std::size_t>(quantity)].begin());
+  }
+}
+
+double ModbusFrame::value(Quantity quantity) const {
+  return config_.map.at(quantity)->format.decode(words_[static_cast<std::size_t>(quantity)]);
+}
+
+std::uint16_t ModbusFrame::code(Quantity quantity) const {
+  return config_.map.at(quantity) ? static_cast<std::uint16_t>(static_cast<std::uint32_t>(value(quantity)))
+                                  : 0;
+}
+
+void ModbusFrame::read_state_blocks() {
+  std::array<std::uint16_t, 125> words{};
+  for (const auto& block : state_blocks_) {
+    const auto part = std::span(words).first(block.registers);
+    link_.read(block.function, block.address, part);
+    take_words(block, part);
+  }
+}
+
+State ModbusFrame::decode_state() const {
+  State state;
+  state.motion = config_.map.motion_of(code(Quantity::kState));
+  if (state.motion == Motion::kMoving && code(Quantity::kTargetReached) != 0) state.motion = Motion::kReached;
+  state.segment_id = code(Quantity::kSegmentId);
+  state.target_mm = static_cast<float>(value(Quantity::kTarget_mm));
+  state.velocity_mm_s = static_cast<float>(value(Quantity::kVelocity_mm_s));
+  state.fault_bits = config_.map.fault_bits_of(code(Quantity::kFaultBits));
+  state.heartbeat_echo = code(Quantity::kHeartbeatEcho);
+  return state;
+}
+
+// ---- counter and clock
+// ----------------------------------------------------------------------------------------
+
+double ModbusFrame::unwrap_us(const NumberFormat& format, double raw_us, double expected_us) const noexcept {
+  const double turn_us = (format.type == RegisterType::kUint16 ? 0x1p16 : 0x1p32) * format.scale;
+  return raw_us + turn_us * std::round((expected_us - raw_us) / turn_us);
+}
+
+ModbusFrame::Header ModbusFrame::read_header() {
+  std::array<std::uint16_t, 125> words{};
+  const auto part = std::span(words).first(header_block_.registers);
+  Header header;
+  header.sent_ns = clock_.now_ns();
+  link_.read(header_block_.function, header_block_.address, part);
+  header.received_ns = clock_.now_ns();
+  take_words(header_block_, part);
+
+  header.counter = static_cast<std::uint32_t>(value(Quantity::kSampleCounter));
+  if (config_.map.at(Quantity::kWriteIndex)) {
+    header.index = static_cast<std::uint32_t>(value(Quantity::kWriteIndex));
+  }
+  const double expected_us =
+      anchor_device_us_ + static_cast<double>(header.received_ns - anchor_ns_) / 1000.0;
+  const double raw_us = value(Quantity::kDeviceTime_us);
+  header.device_us = has_history_
+                         ? unwrap_us(config_.map.at(Quantity::kDeviceTime_us)->format, raw_us, expected_us)
+                         : raw_us;
+  header.newest_us = header.device_us;
+  if (const auto& newest = config_.map.at(Quantity::kNewestSampleTime_us)) {
+    header.newest_us = unwrap_us(newest->format, value(Quantity::kNewestSampleTime_us), header.device_us);
+  }
+  return header;
+}
+
+std::uint32_t ModbusFrame::newer_by(std::uint32_t counter, std::uint32_t than) const noexcept {
+  return (counter - than) & counter_mask(config_.map);
+}
+
+bool ModbusFrame::explained(std::uint32_t advance, std::int64_t now_ns) const noexcept {
+  const double elapsed_s = static_cast<double>(now_ns - advanced_ns_) * 1e-9;
+  return static_cast<double>(advance) <= 2.0 * elapsed_s * rate_Hz_ + kAdvanceSlack;
+}
+
+void ModbusFrame::note_advance(const Header& header) noexcept {
+  if (header.counter != newest_counter_) {
+    newest_counter_ = header.counter;
+    advanced_ns_ = header.received_ns;
+  }
+  if (header.device_us > anchor_device_us_) {
+    anchor_device_us_ = header.device_us;
+    anchor_ns_ = header.received_ns;
+  }
+}
+
+// ---- connection
+// -----------------------------------------------------------------------------------------------
+
+std::string ModbusFrame::read_text(const std::optional<TextRegisters>& text) {
+  if (!text) return {};
+  std::vector<std::uint16_t> words(text->registers);
+  link_.read(text->function, text->address, words);
+  std::string characters;
+  for (const auto word : words) {
+    characters += static_cast<char>(word >> 8);
+    characters += static_cast<char>(word & 0xFF);
+  }
+  characters.resize(std::min(characters.find('\0'), characters.size()));
+  while (!characters.empty() && characters.back() == ' ') characters.pop_back();
+  return characters;
+}
+
+void ModbusFrame::check_identity(const Identity& identity) const {
+  const auto expect = [&](const char* what, const std::string& expected, const std::string& found) {
+    if (expected.empty() || expected == found) return;
+    throw DeviceError(Fault::kIdentity, at() + what + " is \"" + found + "\" and the rig's [frame] names \"" +
+                                            expected + "\"; connect the right frame or correct the rig file");
+  };
+  expect("maker", config_.expected_maker, identity.maker);
+  expect("model", config_.expected_model, identity.model);
+  expect("serial", config_.expected_serial, identity.serial);
+}
+
+Identity ModbusFrame::connect() {
+  const auto& map = config_.map;
+  link_.open();
+  try {
+    const auto read_value = [&](Quantity quantity) {
+      const auto& reg = *map.at(quantity);
+      std::array<std::uint16_t, 2> words{};
+      link_.read(reg.function, reg.address, std::span(words).first(reg.format.registers()));
+      return reg.format.decode(words);
+    };
+    if (map.at(Quantity::kIdentityWord)) {
+      const auto word = static_cast<std::uint32_t>(read_value(Quantity::kIdentityWord));
+      if (word != map.expected_identity_word) {
+        throw DeviceError(Fault::kIdentity, at() + "identity word is " + std::to_string(word) + ", not " +
+                                                std::to_string(map.expected_identity_word) + " as map \"" +
+                                                map.name + "\" says; another gateway, or another map");
+      }
+    }
+    Identity identity;
+    identity.maker = read_text(map.maker);
+    identity.model = read_text(map.model);
+    identity.serial = read_text(map.serial);
+    identity.firmware = read_text(map.firmware);
+    identity.sample_rate_hz =
+        map.at(Quantity::kSampleRate_Hz) ? read_value(Quantity::kSampleRate_Hz) : map.sample_rate_Hz;
+    check_identity(identity);
+    if (!(identity.sample_rate_hz > 0.0 && identity.sample_rate_hz < 1e6)) {
+      throw DeviceError(Fault::kIdentity, at() + "sample rate reads " +
+                                              std::to_string(identity.sample_rate_hz) +
+                                              " Hz; check address, type and word_order of sample_rate_Hz");
+    }
+    resume_or_restart(identity);
+    return identity;
+  } catch (...) {
+    link_.close();
+    throw;
+  }
+}
+
+void ModbusFrame::disconnect() noexcept {
+  link_.close();
+}
+
+/// The same frame that never stopped counting goes on; anything else starts anew.
+void ModbusFrame::resume_or_restart(const Identity& identity) {
+  rate_Hz_ = identity.sample_rate_hz;
+  Header header = read_header();
+  if (has_history_) {
+    const double elapsed_us = static_cast<double>(header.received_ns - anchor_ns_) / 1000.0;
+    const double error_us = std::abs(header.device_us - anchor_device_us_ - elapsed_us);
+    has_history_ = identity.serial == serial_ && error_us < 50e3 + 1e-3 * elapsed_us &&
+                   explained(newer_by(header.counter, newest_counter_), header.received_ns);
+  }
+  if (!has_history_) {
+    header = read_header();  // device time without the old epoch
+    has_history_ = true;
+    sequence_ = counter_ = newest_counter_ = header.counter;
+    advanced_ns_ = anchor_ns_ = header.received_ns;
+    anchor_device_us_ = header.device_us;
+  }
+  serial_ = identity.serial;
+}
+
+// ---- samples
+// --------------------------------------------------------------------------------------------------
+
+Poll ModbusFrame::poll(std::span<Sample> out) {
+  const std::uint32_t usable = config_.map.samples.slots - 1;  // the oldest slot may be in the frame's hands
+  for (int attempt = 0; attempt < kAttempts; ++attempt) {
+    const Header before = read_header();
+    const auto jump = [&] { ++statistics_.reread_headers; };
+    if (!explained(newer_by(before.counter, newest_counter_), before.received_ns)) {
+      jump();
+      continue;
+    }
+    const std::uint32_t available = newer_by(before.counter, counter_);
+    std::uint32_t skip = available > usable ? available - usable : 0;
+    std::size_t count = std::min<std::size_t>(available - skip, out.size());
+    Header after = before;
+    if (count > 0) {
+      read_slots(counter_ + skip + 1, count, before);
+      after = read_header();
+      const std::uint32_t meanwhile = newer_by(after.counter, before.counter);
+      if (!explained(meanwhile, after.received_ns)) {
+        jump();
+        continue;
+      }
+      // The frame may be writing after.counter + 1, over the sample that is `slots` older.
+      const std::uint32_t span = available + meanwhile + 1;
+      const std::uint32_t unsafe = span > config_.map.samples.slots ? span - config_.map.samples.slots : 0;
+      if (unsafe > skip) {
+        const auto torn = std::min<std::size_t>(unsafe - skip, count);
+        slot_words_.erase(
+            slot_words_.begin(),
+            slot_words_.begin() + static_cast<std::ptrdiff_t>(torn * config_.map.samples.stride_registers));
+        skip += static_cast<std::uint32_t>(torn);
+        count -= torn;
+      }
+    }
+    read_state_blocks();
+
+    Poll result;
+    decode_samples(counter_ + skip + 1, out.first(count), before);
+    result.samples = count;
+    result.lost = skip;
+    result.state = decode_state();
+    // A clock that stands still dates nothing: the frame, or what is behind the gateway, hangs.
+    const Header& best =
+        after.received_ns - after.sent_ns < before.received_ns - before.sent_ns ? after : before;
+    result.has_exchange = best.device_us > anchor_device_us_;
+    result.exchange = {best.sent_ns, best.received_ns, best.device_us, best.device_us};
+
+    note_advance(before);
+    note_advance(after);
+    const auto consumed = skip + static_cast<std::uint32_t>(count);
+    counter_ = (counter_ + consumed) & counter_mask(config_.map);
+    sequence_ += consumed;
+    ++statistics_.polls;
+    statistics_.lost_samples += skip;
+    return result;
+  }
+  link_.close();
+  throw DeviceError(
+      Fault::kDisconnected,
+      at() + "the sample counter jumped from " + std::to_string(newest_counter_) + " by more than " +
+          "time explains: the frame was restarted; reconnect, and check the clock mapping starts anew");
+}
+
+void ModbusFrame::read_slots(std::uint32_t first_counter, std::size_t count, const Header& header) {
+  const auto& map = config_.map;
+  const auto& ring = map.samples;
+  const std::size_t per_request = std::max<std::size_t>(1, map.max_read_registers / ring.stride_registers);
+  slot_words_.resize(count * ring.stride_registers);
+  for (std::size_t done = 0; done < count;) {
+    const std::uint32_t counter = (first_counter + static_cast<std::uint32_t>(done)) & counter_mask(map);
+    // Distance modulo the counter's width, so that a 16-bit counter wraps rightly too.
+    const std::uint32_t age = newer_by(header.counter, counter);
+    const std::uint32_t slot = map.slot_of(header.counter - age, header.counter, header.index);
+    const std::size_t here =
+        std::min({count - done, per_request, static_cast<std::size_t>(ring.slots - slot)});
+    link_.read(ring.function, static_cast<std::uint16_t>(ring.address + slot * ring.stride_registers),
+               std::span(slot_words_).subspan(done * ring.stride_registers, here * ring.stride_registers));
+    done += here;
+  }
+}
+
+void ModbusFrame::decode_samples(std::uint32_t first_counter, std::span<Sample> out,
+                                 const Header& header) const {
+  const auto& ring = config_.map.samples;
+  const auto stride = static_cast<std::size_t>(ring.stride_registers);
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    const auto slot = std::span<const std::uint16_t>(slot_words_).subspan(i * stride, stride);
+    const std::uint32_t ahead = first_counter + static_cast<std::uint32_t>(i) - counter_;
+    auto& sample = out[i];
+    sample.sequence = sequence_ + ahead;
+    sample.position_mm =
+        static_cast<float>(ring.position_mm.format.decode(slot.subspan(ring.position_mm.at)));
+    sample.force_N = static_cast<float>(ring.force_N.format.decode(slot.subspan(ring.force_N.at)));
+    if (!std::isfinite(sample.position_mm) || !std::isfinite(sample.force_N)) {
+      throw DeviceError(Fault::kProtocol,
+                        at() + "sample " + std::to_string(sample.sequence) +
+                            " is not a number; check type and word_order of [samples], and the "
+                            "frame's transducers");
+    }
+    double time_us = 0.0;
+    if (ring.time_us) {
+      time_us = unwrap_us(ring.time_us->format, ring.time_us->format.decode(slot.subspan(ring.time_us->at)),
+                          header.newest_us);
+    } else {
+      const std::uint32_t age = newer_by(header.counter, counter_ + ahead);
+      time_us = header.newest_us - static_cast<double>(age) * 1e6 / rate_Hz_;
+    }
+    sample.device_us = std::llround(time_us);
+  }
+}
+
+}  // namespace isorig::frame
