@@ -1,0 +1,397 @@
+#include "sim/frame/modbus_server.hpp"
+
+#include <arpa/inet.h>
+#include <fcntl.h>
+#include <modbus/modbus.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <sys/select.h>
+#include <sys/socket.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <cstdlib>
+#include <cstring>
+#include <stdexcept>
+#include <thread>
+#include <utility>
+
+#include "sim/frame/register_image.hpp"
+
+namespace isorig::sim {
+namespace {
+
+using drivers::DeviceError;
+using frame::Quantity;
+
+constexpr int kIdlePoll_ms = 5;
+
+[[noreturn]] void throw_errno(const std::string& what) {
+  throw std::runtime_error("frame emulator: " + what + ": " + std::strerror(errno));
+}
+
+class Fd {
+ public:
+  Fd() = default;
+  explicit Fd(int fd) : fd_(fd) {}
+  Fd(Fd&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
+  Fd& operator=(Fd&& other) noexcept {
+    if (this != &other) {
+      reset();
+      fd_ = std::exchange(other.fd_, -1);
+    }
+    return *this;
+  }
+  ~Fd() { reset(); }
+  void reset() noexcept {
+    if (fd_ >= 0) ::close(fd_);
+    fd_ = -1;
+  }
+  [[nodiscard]] int get() const noexcept { return fd_; }
+  explicit operator bool() const noexcept { return fd_ >= 0; }
+
+ private:
+  int fd_ = -1;
+};
+
+struct FreeContext {
+  void operator()(modbus_t* context) const noexcept { modbus_free(context); }
+};
+using Context = std::unique_ptr<modbus_t, FreeContext>;
+
+/// One way in: a TCP port or a serial line.
+struct Endpoint {
+  Context context;
+  bool rtu = false;
+  Fd listener;   // TCP
+  Fd line;       // the TCP client, or the master side or the tty
+  Fd keep_open;  // slave side of the pseudo-terminal: without it the master hangs up between clients
+};
+
+}  // namespace
+
+class ModbusServer::Impl {
+ public:
+  Impl(Options options, frame::Device& backend, FrameWireFaults& faults)
+      : options_(std::move(options)), backend_(backend), faults_(faults), image_(options_.map) {
+    stop_ = Fd(::eventfd(0, EFD_CLOEXEC));
+    int pair[2];
+    if (!stop_ || ::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, pair) != 0)
+      throw_errno("no descriptors");
+    reply_in_ = Fd(pair[0]);
+    reply_out_ = Fd(pair[1]);
+    samples_.resize(options_.map.samples.slots);
+    if (options_.tcp) add_tcp();
+    if (options_.pty) add_pty();
+    if (!options_.tty.empty()) add_tty();
+    identity_ = backend_.connect();
+    image_.set_identity(identity_, false);
+    refresh();
+    thread_ = std::thread([this] { run(); });
+  }
+
+  ~Impl() {
+    const std::uint64_t one = 1;
+    [[maybe_unused]] const auto written = ::write(stop_.get(), &one, sizeof one);
+    thread_.join();
+    backend_.disconnect();
+    if (!options_.pty_link.empty()) ::unlink(options_.pty_link.c_str());
+  }
+
+  std::uint16_t port_ = 0;
+  std::string tty_;
+  std::atomic<std::uint64_t> requests_{0};
+  std::atomic<std::uint64_t> connections_{0};
+
+ private:
+  // ---- ways in
+  // ------------------------------------------------------------------------------------------------
+
+  void configure(modbus_t* context) {
+    if (context == nullptr || modbus_set_slave(context, options_.map.unit_id) != 0) {
+      throw_errno("libmodbus refuses unit_id " + std::to_string(options_.map.unit_id) +
+                  " or the line's settings");
+    }
+    modbus_set_byte_timeout(context, 0, 50'000);     // a client that stops in the middle of a request
+    modbus_set_response_timeout(context, 0, 1'000);  // libmodbus sleeps this long before some exceptions
+  }
+
+  void add_tcp() {
+    Endpoint end;
+    end.context.reset(modbus_new_tcp("127.0.0.1", options_.tcp_port));
+    configure(end.context.get());
+    end.listener = Fd(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
+    const int on = 1;
+    ::setsockopt(end.listener.get(), SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(options_.tcp_port);
+    if (::inet_pton(AF_INET, options_.tcp_address.c_str(), &address.sin_addr) != 1) {
+      throw std::runtime_error("frame emulator: `" + options_.tcp_address + "` is no IPv4 address");
+    }
+    socklen_t size = sizeof address;
+    auto* generic = reinterpret_cast<sockaddr*>(&address);
+    if (::bind(end.listener.get(), generic, size) != 0 || ::listen(end.listener.get(), 4) != 0 ||
+        ::getsockname(end.listener.get(), generic, &size) != 0) {
+      throw_errno("cannot listen on " + options_.tcp_address + ":" + std::to_string(options_.tcp_port));
+    }
+    port_ = ntohs(address.sin_port);
+    endpoints_.push_back(std::move(end));
+  }
+
+  void add_pty() {
+    Endpoint end;
+    end.rtu = true;
+    end.line = Fd(::posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
+    std::array<char, 64> name{};
+    if (!end.line || ::grantpt(end.line.get()) != 0 || ::unlockpt(end.line.get()) != 0 ||
+        ::ptsname_r(end.line.get(), name.data(), name.size()) != 0) {
+      throw_errno("no pseudo-terminal");
+    }
+    tty_ = name.data();
+    end.keep_open = Fd(::open(name.data(), O_RDWR | O_NOCTTY | O_CLOEXEC));
+    termios raw{};
+    if (!end.keep_open || ::tcgetattr(end.keep_open.get(), &raw) != 0) throw_errno(tty_);
+    ::cfmakeraw(&raw);  // or what arrives before the client sets its own mode is echoed to it
+    ::tcsetattr(end.keep_open.get(), TCSANOW, &raw);
+    if (!options_.pty_link.empty()) {
+      ::unlink(options_.pty_link.c_str());
+      if (::symlink(tty_.c_str(), options_.pty_link.c_str()) != 0)
+        throw_errno("cannot link " + options_.pty_link);
+    }
+    end.context.reset(modbus_new_rtu(tty_.c_str(), options_.tty_baud, options_.tty_parity, 8, 1));
+    configure(end.context.get());
+    endpoints_.push_back(std::move(end));
+  }
+
+  void add_tty() {
+    Endpoint end;
+    end.rtu = true;
+    end.context.reset(modbus_new_rtu(options_.tty.c_str(), options_.tty_baud, options_.tty_parity, 8, 1));
+    configure(end.context.get());
+    if (modbus_connect(end.context.get()) != 0) throw_errno("cannot open " + options_.tty);
+    end.line = Fd(modbus_get_socket(end.context.get()));
+    if (tty_.empty()) tty_ = options_.tty;
+    endpoints_.push_back(std::move(end));
+  }
+
+  // ---- the thread
+  // ---------------------------------------------------------------------------------------------
+
+  void run() {
+    std::vector<pollfd> wait;
+    for (;;) {
+      wait.assign(1, {stop_.get(), POLLIN, 0});
+      for (const auto& end : endpoints_) {
+        wait.push_back({end.listener.get(), POLLIN, 0});  // negative descriptors are skipped by poll()
+        wait.push_back({end.line.get(), POLLIN, 0});
+      }
+      ::poll(wait.data(), wait.size(), kIdlePoll_ms);
+      if (wait[0].revents != 0) return;
+      refresh();
+      for (std::size_t i = 0; i < endpoints_.size(); ++i) {
+        auto& end = endpoints_[i];
+        if (faults_.disconnect.load() && !end.rtu) end.line.reset();
+        if (wait[2 + 2 * i].revents != 0 && end.line) serve(end);
+        if (wait[1 + 2 * i].revents != 0) accept(end);
+      }
+    }
+  }
+
+  void accept(Endpoint& end) {
+    Fd client(::accept4(end.listener.get(), nullptr, nullptr, SOCK_CLOEXEC));
+    // libmodbus 3.1.6 waits with select(): a descriptor from FD_SETSIZE on would write outside its set.
+    if (!client || client.get() >= FD_SETSIZE || faults_.disconnect.load()) return;
+    const int on = 1;
+    ::setsockopt(client.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+    end.line = std::move(client);
+    ++connections_;
+  }
+
+  /// False when the server was told to stop meanwhile.
+  bool wait_ms(int duration_ms) {
+    const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(duration_ms);
+    for (;;) {
+      const auto left =
+          std::chrono::duration_cast<std::chrono::milliseconds>(until - std::chrono::steady_clock::now())
+              .count();
+      if (left <= 0) return true;
+      pollfd wait{stop_.get(), POLLIN, 0};
+      if (::poll(&wait, 1, static_cast<int>(std::min<long>(left, kIdlePoll_ms))) != 0) return false;
+      refresh();
+    }
+  }
+
+  // ---- the frame
+  // ----------------------------------------------------------------------------------------------
+
+  void refresh() {
+    image_.set_identity(identity_, faults_.wrong_identity.load());
+    if (faults_.freeze.load()) return;
+    try {
+      for (;;) {
+        const auto poll = backend_.poll(samples_);
+        for (std::size_t i = 0; i < poll.samples; ++i) image_.add_sample(samples_[i]);
+        if (poll.has_exchange) {
+          device_us_ = poll.exchange.device_tx_us;
+        } else if (poll.samples > 0) {
+          device_us_ = std::max(device_us_, static_cast<double>(samples_[poll.samples - 1].device_us));
+        }
+        image_.set_state(poll.state);
+        image_.set_device_time_us(device_us_);
+        if (poll.samples < samples_.size()) return;
+      }
+    } catch (const DeviceError&) {
+      // The frame behind the gateway does not answer: the registers stand still, as they do in a real one.
+    }
+  }
+
+  /// Acts on what a client writes. Returns the exception to answer with, or 0.
+  int act(std::uint16_t address, std::span<const std::uint16_t> words) {
+    if (!image_.covers(address, words.size())) return MODBUS_EXCEPTION_ILLEGAL_DATA_ADDRESS;
+    if (faults_.freeze.load()) return 0;  // written, and nobody there to act on it
+    const auto value = [&](Quantity quantity) {
+      return image_.touched(quantity, address, words).value_or(image_.written(quantity));
+    };
+    try {
+      if (const auto command = image_.touched(Quantity::kCommand, address, words)) {
+        if (*command == options_.map.start_command) {
+          if (faults_.refuse.load()) return MODBUS_EXCEPTION_SLAVE_OR_SERVER_FAILURE;
+          backend_.start_segment({static_cast<std::uint16_t>(value(Quantity::kSegmentIdSetpoint)),
+                                  static_cast<float>(value(Quantity::kTargetSetpoint_mm)),
+                                  static_cast<float>(value(Quantity::kVelocitySetpoint_mm_s))});
+        } else if (*command == options_.map.stop_command) {
+          backend_.stop();
+        } else {
+          return MODBUS_EXCEPTION_ILLEGAL_DATA_VALUE;
+        }
+      }
+      if (const auto counter = image_.touched(Quantity::kHeartbeat, address, words)) {
+        backend_.heartbeat(static_cast<std::uint16_t>(*counter));
+      }
+    } catch (const DeviceError& error) {
+      return error.fault() == drivers::Fault::kRefused ? MODBUS_EXCEPTION_ILLEGAL_DATA_VALUE
+                                                       : MODBUS_EXCEPTION_SLAVE_OR_SERVER_FAILURE;
+    }
+    return 0;
+  }
+
+  // ---- requests
+  // -----------------------------------------------------------------------------------------------
+
+  void serve(Endpoint& end) {
+    std::array<std::uint8_t, MODBUS_MAX_ADU_LENGTH> request{};
+    auto* context = end.context.get();
+    modbus_set_socket(context, end.line.get());
+    const int length = modbus_receive(context, request.data());
+    if (length < 0) {
+      if (end.rtu) {
+        ::tcflush(end.line.get(), TCIFLUSH);  // noise, or half a request: the client will ask again
+      } else {
+        end.line.reset();
+      }
+      return;
+    }
+    if (length == 0 || (end.rtu && faults_.disconnect.load()))
+      return;  // for another unit, or the cable is out
+    ++requests_;
+
+    const auto header = static_cast<std::size_t>(modbus_get_header_length(context));
+    const auto word = [&](std::size_t at) {
+      return static_cast<std::uint16_t>((request[header + at] << 8) | request[header + at + 1]);
+    };
+    const int function = request[header];
+    int exception = 0;
+    if (function == MODBUS_FC_WRITE_SINGLE_REGISTER) {
+      const std::array<std::uint16_t, 1> words{word(3)};
+      exception = act(word(1), words);
+    } else if (function == MODBUS_FC_WRITE_MULTIPLE_REGISTERS) {
+      const std::size_t count = word(3);
+      if (count < 1 || count > options_.map.max_write_registers || request[header + 5] != 2 * count) {
+        exception = MODBUS_EXCEPTION_ILLEGAL_DATA_VALUE;
+      } else {
+        std::vector<std::uint16_t> words(count);
+        for (std::size_t i = 0; i < count; ++i) words[i] = word(6 + 2 * i);
+        exception = act(word(1), words);
+      }
+    } else if (function != MODBUS_FC_READ_HOLDING_REGISTERS && function != MODBUS_FC_READ_INPUT_REGISTERS) {
+      exception = MODBUS_EXCEPTION_ILLEGAL_FUNCTION;
+    } else if (word(3) > options_.map.max_read_registers) {
+      exception = MODBUS_EXCEPTION_ILLEGAL_DATA_VALUE;
+    }
+    reply(end, request, length, exception);
+  }
+
+  static bool take_one(std::atomic<int>& left) {
+    int now = left.load();
+    while (now > 0 && !left.compare_exchange_weak(now, now - 1)) {
+    }
+    return now != 0;
+  }
+
+  /// libmodbus writes its answer into a socket pair, so that it can be held back, lost or damaged.
+  void reply(Endpoint& end, const std::array<std::uint8_t, MODBUS_MAX_ADU_LENGTH>& request, int length,
+             int exception) {
+    auto* context = end.context.get();
+    modbus_set_socket(context, reply_in_.get());
+    if (exception != 0) {
+      modbus_reply_exception(context, request.data(), static_cast<unsigned>(exception));
+    } else {
+      modbus_mapping_t mapping{};
+      mapping.nb_registers = static_cast<int>(image_.holding().size());
+      mapping.tab_registers = image_.holding().data();
+      mapping.nb_input_registers = static_cast<int>(image_.input().size());
+      mapping.tab_input_registers = image_.input().data();
+      modbus_reply(context, request.data(), length, &mapping);
+    }
+    std::array<std::uint8_t, MODBUS_MAX_ADU_LENGTH> answer{};
+    const auto bytes = ::recv(reply_out_.get(), answer.data(), answer.size(), MSG_DONTWAIT);
+    if (bytes <= 0) return;  // a broadcast has no answer
+
+    const int wait = faults_.delay_ms.load() + faults_.late_ms.exchange(0);
+    if (wait > 0 && !wait_ms(wait)) return;
+    if (take_one(faults_.drop)) return;
+    const auto size = static_cast<std::size_t>(bytes);
+    // RTU: a bit of the data, for the CRC to find. TCP has none; what can be found there is a wrong
+    // transaction.
+    if (take_one(faults_.corrupt)) answer[end.rtu ? size - 3 : 1] ^= 0x40U;
+    const auto sent = end.rtu ? ::write(end.line.get(), answer.data(), size)
+                              : ::send(end.line.get(), answer.data(), size, MSG_NOSIGNAL | MSG_DONTWAIT);
+    if (sent != bytes && !end.rtu) end.line.reset();
+  }
+
+  Options options_;
+  frame::Device& backend_;
+  FrameWireFaults& faults_;
+  RegisterImage image_;
+  frame::Identity identity_;
+  std::vector<frame::Sample> samples_;
+  double device_us_ = 0.0;
+  Fd stop_, reply_in_, reply_out_;
+  std::vector<Endpoint> endpoints_;
+  std::thread thread_;
+};
+
+ModbusServer::ModbusServer(Options options, frame::Device& backend, FrameWireFaults& faults)
+    : impl_(std::make_unique<Impl>(std::move(options), backend, faults)) {}
+ModbusServer::~ModbusServer() = default;
+std::uint16_t ModbusServer::port() const noexcept {
+  return impl_->port_;
+}
+std::string ModbusServer::tty() const {
+  return impl_->tty_;
+}
+std::uint64_t ModbusServer::requests() const noexcept {
+  return impl_->requests_.load();
+}
+std::uint64_t ModbusServer::connections() const noexcept {
+  return impl_->connections_.load();
+}
+
+}  // namespace isorig::sim

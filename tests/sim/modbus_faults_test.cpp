@@ -1,0 +1,269 @@
+// The real driver against the emulator's faults. Each test says what the I/O thread sees, and that what comes
+// afterwards is right again.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "wire_rig.hpp"
+
+namespace isorig::sim {
+namespace {
+
+using drivers::DeviceError;
+using drivers::Fault;
+using testing::HasSubstr;
+
+class ModbusFaults : public testing::TestWithParam<Line> {
+ protected:
+  WireRig rig{GetParam()};
+  std::vector<frame::Sample> buffer = std::vector<frame::Sample>(4096);
+
+  void SetUp() override {
+    rig.driver->connect();
+    rig.fake.advance(10);
+    ASSERT_EQ(rig.drain().size(), 10U);
+  }
+  void expect_fault(Fault fault) {
+    try {
+      rig.driver->poll(buffer);
+      FAIL() << "no error";
+    } catch (const DeviceError& error) {
+      EXPECT_EQ(error.fault(), fault) << error.what();
+      EXPECT_THAT(error.what(), HasSubstr(rig.config.where()));
+    }
+  }
+  /// Nothing missing, nothing twice, up to what the frame has taken.
+  void expect_all_up_to_now(std::uint32_t first) {
+    const auto samples = rig.drain();
+    ASSERT_EQ(samples.size(), rig.fake.last_sequence() - first + 1);
+    for (std::size_t i = 0; i < samples.size(); ++i) {
+      ASSERT_EQ(samples[i].sequence, first + i);
+      ASSERT_EQ(samples[i].position_mm, FakeFrame::position_mm(samples[i].sequence));
+    }
+    EXPECT_EQ(rig.lost, 0U);
+  }
+};
+
+INSTANTIATE_TEST_SUITE_P(Lines, ModbusFaults, testing::Values(Line::kTcp, Line::kRtu),
+                         [](const auto& way) { return way.param == Line::kTcp ? "Tcp" : "Rtu"; });
+
+TEST_P(ModbusFaults, ALateReplyIsNeverTheNextAnswer) {
+  // The late answer to the header's read says 10 samples and an old time. Taken as the next, equal request's
+  // answer it would hide the new samples and date the exchange back. All delays from "just late" to "during
+  // the second request after".
+  std::uint32_t seen = 10;
+  for (const int late_ms : {WireRig::kTimeout_ms + 20, 2 * WireRig::kTimeout_ms - 20,
+                            2 * WireRig::kTimeout_ms + 20, 5 * WireRig::kTimeout_ms / 2}) {
+    rig.faults.late_ms = late_ms;
+    expect_fault(Fault::kTimeout);
+    rig.fake.advance(5);
+    const double device_us = static_cast<double>(rig.fake.device_us());
+    frame::Poll poll;
+    for (int attempt = 0;; ++attempt) {  // the probe itself may meet a gateway that still sits on its answer
+      ASSERT_LT(attempt, 5);
+      try {
+        poll = rig.driver->poll(buffer);
+        break;
+      } catch (const DeviceError& error) {
+        ASSERT_NE(error.fault(), Fault::kRefused);
+        if (error.fault() == Fault::kDisconnected) rig.driver->connect();
+      }
+    }
+    ASSERT_EQ(poll.samples, 5U) << "late by " << late_ms << " ms";
+    EXPECT_EQ(buffer[0].sequence, ++seen);
+    ASSERT_TRUE(poll.has_exchange);
+    EXPECT_EQ(poll.exchange.device_tx_us, device_us);
+    seen += 4;
+  }
+  EXPECT_GE(rig.driver->statistics().resyncs, 4U);
+}
+
+TEST_P(ModbusFaults, ALateWriteReplyIsNotTheHeartbeats) {
+  rig.faults.late_ms = WireRig::kTimeout_ms + 30;
+  EXPECT_THROW(rig.driver->heartbeat(1), DeviceError);
+  rig.driver->heartbeat(2);
+  rig.fake.advance(1);
+  expect_all_up_to_now(11);
+  EXPECT_EQ(rig.last.state.heartbeat_echo, 2);
+}
+
+TEST_P(ModbusFaults, ADroppedReplyIsATimeOut) {
+  rig.faults.drop = 1;
+  expect_fault(Fault::kTimeout);
+  rig.fake.advance(20);
+  expect_all_up_to_now(11);
+}
+
+TEST_P(ModbusFaults, ADamagedReplyIsNotBelieved) {
+  rig.fake.advance(3);
+  rig.faults.corrupt = 1;
+  expect_fault(Fault::kProtocol);
+  rig.fake.advance(20);
+  expect_all_up_to_now(11);
+}
+
+TEST_P(ModbusFaults, StopIsTriedAgainAfterATimeOut) {
+  rig.faults.drop = 1;
+  rig.driver->stop();
+  EXPECT_EQ(rig.fake.stops(), 2) << "the first arrived, only its answer was lost; a stop may be given twice";
+}
+
+TEST_P(ModbusFaults, AStartWithoutAnswerIsStoppedAndReported) {
+  rig.faults.drop = -1;
+  EXPECT_THROW(rig.driver->start_segment({3, 1.0F, 1.0F}), DeviceError);
+  EXPECT_TRUE(rig.fake.started().empty()) << "set-points unconfirmed: nothing may start";
+}
+
+TEST_P(ModbusFaults, DelaysBelowTheTimeOutOnlyCostTime) {
+  rig.faults.delay_ms = 20;
+  rig.fake.advance(30);
+  expect_all_up_to_now(11);
+}
+
+TEST_P(ModbusFaults, AFrozenFrameGivesNoSamplesAndNoTime) {
+  rig.faults.freeze = true;
+  rig.fake.advance(50);
+  for (int i = 0; i < 3; ++i) {
+    const auto poll = rig.driver->poll(buffer);
+    EXPECT_EQ(poll.samples, 0U);
+    EXPECT_FALSE(poll.has_exchange) << "a clock that stands still must not be mapped";
+  }
+  rig.driver->heartbeat(99);
+  EXPECT_NE(rig.fake.state().heartbeat_echo, 99) << "the frame behind does not hear it, so its watchdog runs";
+  rig.faults.freeze = false;
+  expect_all_up_to_now(11);
+  EXPECT_NE(rig.last.state.heartbeat_echo, 99);
+}
+
+TEST_P(ModbusFaults, ARefusedStartLeavesTheFrameAlone) {
+  rig.faults.refuse = true;
+  try {
+    rig.driver->start_segment({3, 1.0F, 1.0F});
+    FAIL() << "accepted";
+  } catch (const DeviceError& error) {
+    EXPECT_EQ(error.fault(), Fault::kRefused) << error.what();
+  }
+  EXPECT_TRUE(rig.fake.started().empty());
+  EXPECT_EQ(rig.fake.stops(), 0);
+  rig.faults.refuse = false;
+  rig.driver->start_segment({4, 1.0F, 1.0F});
+  EXPECT_EQ(rig.fake.started().at(0).id, 4);
+}
+
+TEST_P(ModbusFaults, TheFramesOwnRefusalComesThrough) {
+  rig.fake.refuse_segments(true);
+  try {
+    rig.driver->start_segment({3, 1.0F, 1.0F});
+    FAIL() << "accepted";
+  } catch (const DeviceError& error) {
+    EXPECT_EQ(error.fault(), Fault::kRefused) << error.what();
+  }
+  EXPECT_EQ(rig.fake.stops(), 0);
+}
+
+TEST_P(ModbusFaults, AClampedTargetIsFoundAndStopped) {
+  rig.fake.clamp_target_mm(5.0F);
+  try {
+    rig.driver->start_segment({3, 8.0F, 1.0F});
+    FAIL() << "accepted";
+  } catch (const DeviceError& error) {
+    EXPECT_EQ(error.fault(), Fault::kRefused);
+    EXPECT_THAT(error.what(), HasSubstr("to 5 mm"));
+  }
+  EXPECT_EQ(rig.fake.stops(), 1);
+}
+
+TEST_P(ModbusFaults, ASampleThatIsNoNumberIsAnError) {
+  rig.fake.make_next_sample_invalid();
+  rig.fake.advance(1);
+  expect_fault(Fault::kProtocol);
+}
+
+TEST_P(ModbusFaults, AnotherFrameIsNotAccepted) {
+  rig.driver->disconnect();
+  rig.faults.wrong_identity = true;
+  try {
+    rig.driver->connect();
+    FAIL() << "accepted";
+  } catch (const DeviceError& error) {
+    EXPECT_EQ(error.fault(), Fault::kIdentity) << error.what();
+  }
+  rig.faults.wrong_identity = false;
+  rig.config.expected_serial = "F-0043";
+  frame::ModbusFrame other(rig.config, rig.fake.clock());
+  try {
+    other.connect();
+    FAIL() << "accepted";
+  } catch (const DeviceError& error) {
+    EXPECT_EQ(error.fault(), Fault::kIdentity);
+    EXPECT_THAT(error.what(), HasSubstr("F-0042"));
+  }
+}
+
+TEST_P(ModbusFaults, ARestartedFrameIsNotTakenForTheOldOne) {
+  rig.fake.set_next(1, 0);
+  rig.fake.advance(3);
+  // Counter 13 -> 3 is no progress; only a new connection may begin a new count.
+  expect_fault(Fault::kDisconnected);
+  rig.driver->connect();
+  rig.fake.advance(4);
+  const auto samples = rig.drain();
+  ASSERT_EQ(samples.size(), 4U);
+  EXPECT_EQ(samples[0].sequence, 4U);
+  EXPECT_EQ(samples[3].device_us, 7000);
+}
+
+TEST(ModbusReconnect, ALostConnectionLosesNoSample) {
+  WireRig rig(Line::kTcp);
+  rig.driver->connect();
+  rig.fake.advance(10);
+  ASSERT_EQ(rig.drain().size(), 10U);
+  std::vector<frame::Sample> buffer(4096);
+
+  rig.faults.disconnect = true;
+  const auto fails_with = [&](auto&& call) {
+    try {
+      call();
+    } catch (const DeviceError& error) {
+      return error.fault() == Fault::kDisconnected;
+    }
+    return false;
+  };
+  EXPECT_TRUE(fails_with([&] { rig.driver->poll(buffer); }));
+  EXPECT_TRUE(fails_with([&] { rig.driver->poll(buffer); }))
+      << "without connect() nothing comes back by itself";
+  EXPECT_TRUE(fails_with([&] { rig.driver->connect(); }));
+  rig.fake.advance(700);
+
+  rig.faults.disconnect = false;
+  rig.driver->connect();
+  const auto samples = rig.drain();
+  ASSERT_EQ(samples.size(), 700U) << "the ring held them all meanwhile";
+  EXPECT_EQ(samples.front().sequence, 11U);
+  EXPECT_EQ(rig.lost, 0U);
+}
+
+TEST(ModbusReconnect, TheNewestClientWins) {
+  WireRig rig(Line::kTcp);
+  rig.driver->connect();
+  frame::ModbusFrame second(rig.config, rig.fake.clock());
+  EXPECT_EQ(second.connect().serial, "F-0042");
+  std::vector<frame::Sample> buffer(16);
+  EXPECT_THROW(rig.driver->poll(buffer), DeviceError);
+  EXPECT_NO_THROW(second.poll(buffer));
+}
+
+TEST(ModbusReconnect, ATtyThatIsNotThereSaysSo) {
+  WireRig rig(Line::kRtu);
+  rig.config.tty = "/dev/does-not-exist";
+  frame::ModbusFrame driver(rig.config, rig.fake.clock());
+  try {
+    driver.connect();
+    FAIL() << "connected";
+  } catch (const DeviceError& error) {
+    EXPECT_EQ(error.fault(), Fault::kDisconnected);
+    EXPECT_THAT(error.what(), HasSubstr("dialout"));
+  }
+}
+
+}  // namespace
+}  // namespace isorig::sim

@@ -1,0 +1,56 @@
+#pragma once
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "drivers/frame/modbus_frame.hpp"
+#include "fake_frame.hpp"
+#include "sim/frame/modbus_server.hpp"
+
+namespace isorig::sim {
+
+enum class Line { kTcp, kRtu };
+
+/// A fake frame, the emulator round it, and the driver at the other end of a real socket or pseudo-terminal.
+struct WireRig {
+  explicit WireRig(Line line, const std::string& map_file = "isorig-gateway.toml")
+      : WireRig(line, frame::read_register_map(std::string(ISORIG_SOURCE_DIR "/config/frames/") + map_file)) {
+  }
+
+  WireRig(Line line, const frame::RegisterMap& map) : fake(map.sample_rate_Hz) {
+    ModbusServer::Options options;
+    options.map = map;
+    options.tcp = line == Line::kTcp;
+    options.pty = line == Line::kRtu;
+    server = std::make_unique<ModbusServer>(options, fake, faults);
+    config.map = map;
+    config.transport = line == Line::kTcp ? frame::ModbusTransport::kTcp : frame::ModbusTransport::kRtu;
+    config.port = server->port();
+    config.tty = server->tty();
+    config.response_timeout_ms = kTimeout_ms;
+    driver = std::make_unique<frame::ModbusFrame>(config, fake.clock());
+  }
+
+  /// Polls until nothing new comes, and returns what came.
+  std::vector<frame::Sample> drain(std::size_t at_once = 4096) {
+    std::vector<frame::Sample> all, part(at_once);
+    for (;;) {
+      last = driver->poll(part);
+      lost += last.lost;
+      all.insert(all.end(), part.begin(), part.begin() + static_cast<std::ptrdiff_t>(last.samples));
+      if (last.samples == 0) return all;
+    }
+  }
+
+  static constexpr int kTimeout_ms = 100;
+  FakeFrame fake;
+  FrameWireFaults faults;
+  std::unique_ptr<ModbusServer> server;
+  frame::ModbusConfig config;
+  std::unique_ptr<frame::ModbusFrame> driver;
+  frame::Poll last;
+  std::uint64_t lost = 0;
+};
+
+}  // namespace isorig::sim
