@@ -57,5 +57,7 @@ function(isorig_test name)
   target_compile_definitions(${name} PRIVATE
     ISORIG_SOURCE_DIR="${PROJECT_SOURCE_DIR}" ISORIG_BIN_DIR="${CMAKE_RUNTIME_OUTPUT_DIRECTORY}")
   include(GoogleTest)
-  gtest_discover_tests(${name} DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT ${arg_TIMEOUT} LABELS "${arg_LABELS}")
+  # gtest_discover_tests() flattens a list, and only its first label arrives. `ctest -L` matches within a label.
+  string(REPLACE ";" "," labels "${arg_LABELS}")
+  gtest_discover_tests(${name} DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT ${arg_TIMEOUT} LABELS "${labels}")
 endfunction()
