@@ -39,7 +39,7 @@ class Board {
 class DeviceCore {
  public:
   struct Options {
-    const char* model = "isorig-teensy36";
+    const char* model = "isorig-teensy36";  ///< the texts outlive the core
     const char* serial = "";
     const char* firmware = "";
     uint32_t sample_rate_mhz = 1'000'000;
