@@ -1,5 +1,6 @@
 #pragma once
 #include <cmath>
+#include <numbers>
 
 namespace isorig::model {
 
@@ -16,11 +17,11 @@ class Braid {
   Braid() = default;
   /// From the mesh diameter and the angle between thread and axis, both at the length `length_mm`.
   Braid(double length_mm, double diameter_mm, double angle_deg) noexcept {
-    const double angle_rad = angle_deg * kPi / 180.0;
+    const double angle_rad = angle_deg * std::numbers::pi / 180.0;
     const double thread_mm = length_mm / std::cos(angle_rad);
-    const double turns = thread_mm * std::sin(angle_rad) / (kPi * diameter_mm);
+    const double turns = thread_mm * std::sin(angle_rad) / (std::numbers::pi * diameter_mm);
     thread2_mm2_ = thread_mm * thread_mm;
-    scale_ = 1.0 / (4.0 * kPi * turns * turns);
+    scale_ = 1.0 / (4.0 * std::numbers::pi * turns * turns);
   }
   [[nodiscard]] double volume_mm3(double length_mm) const noexcept {
     return length_mm * (thread2_mm2_ - length_mm * length_mm) * scale_;
@@ -32,7 +33,6 @@ class Braid {
   [[nodiscard]] double thread_mm() const noexcept { return std::sqrt(thread2_mm2_); }
 
  private:
-  static constexpr double kPi = 3.14159265358979323846;
   double thread2_mm2_ = 0.0;
   double scale_ = 0.0;
 };

@@ -4,8 +4,7 @@ namespace isorig::model {
 
 bool SlseStack::add(const SlseParameters& parameters) noexcept {
   if (size_ == kMaxElements) return false;
-  elements_[size_] = Slse{};
-  elements_[size_++].parameters = parameters;
+  elements_[size_++] = Slse(parameters);
   return true;
 }
 

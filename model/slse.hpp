@@ -64,6 +64,9 @@ class Slse {
  public:
   SlseParameters parameters;
 
+  Slse() = default;
+  explicit Slse(const SlseParameters& p) noexcept : parameters(p) {}
+
   /// Steady state at `strain`: the arm is relaxed.
   void settle(double strain) noexcept {
     strain_ = strain;

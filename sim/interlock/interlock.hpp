@@ -1,4 +1,6 @@
 #pragma once
+#include <atomic>
+
 #include "drivers/interlock/interlock.hpp"
 #include "sim/host.hpp"
 
@@ -23,13 +25,17 @@ class SimInterlock final : public interlock::Device {
     energised_ = energise;
   }
 
-  [[nodiscard]] bool drive_enabled() const noexcept { return estop_closed && guard_closed; }
-  [[nodiscard]] double dump_opening() const noexcept { return energised_ && estop_closed ? 0.0 : 1.0; }
+  [[nodiscard]] bool drive_enabled() const noexcept {
+    return estop_closed.load(std::memory_order_relaxed) && guard_closed.load(std::memory_order_relaxed);
+  }
+  [[nodiscard]] double dump_opening() const noexcept {
+    return energised_ && estop_closed.load(std::memory_order_relaxed) ? 0.0 : 1.0;
+  }
 
-  // Switches for tests and demonstrations.
-  bool estop_closed = true;
-  bool guard_closed = true;
-  bool faulty = false;  ///< every call throws kDisconnected
+  // Switches for tests and demonstrations; any thread.
+  std::atomic<bool> estop_closed{true};
+  std::atomic<bool> guard_closed{true};
+  std::atomic<bool> faulty{false};  ///< every call throws kDisconnected
 
  private:
   void require_link() const {

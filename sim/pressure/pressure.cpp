@@ -2,14 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
+
+#include "messages/elvh.hpp"
 
 namespace isorig::sim {
 namespace {
 constexpr std::int64_t kCheckInterval_ns = 10'000'000;  // watchdog resolution
 constexpr std::int64_t kTemperatureInterval_ns = 1'000'000'000;
 constexpr double kTemperaturePeriod_s = 7200.0;
-constexpr double kOffsetCounts = 1638.0;          // ELVH, option A: 10 % of 2^14
-constexpr double kCountsPerPsi = 13108.0 / 30.0;  // 80 % of 2^14 over 30 psi
 
 Random stream(std::uint64_t seed, Stream s) {
   return Random(seed, static_cast<std::uint64_t>(s));
@@ -161,10 +162,8 @@ std::uint32_t SimPressure::convert(double pressure_psi) noexcept {
   if (faults.bus_high) return 0xFFFFFFFFU;
   if (faults.stuck_value) return last_word_;
   if (faults.sensor_stale) return (last_word_ & 0x3FFFFFFFU) | 0x80000000U;
-  const double counts =
-      kOffsetCounts + (pressure_psi + p_.offset_psi) * kCountsPerPsi + p_.noise_counts * noise_.normal();
-  const auto raw = static_cast<std::uint32_t>(std::clamp(counts + 0.5, 0.0, 16383.0));
-  last_word_ = raw << 16U | temperature_bits_;
+  const double noise_psi = p_.noise_counts * messages::kElvhPsiPerCount * noise_.normal();
+  last_word_ = messages::encode_elvh(pressure_psi + p_.offset_psi + noise_psi, temperature_C_);
   return faults.sensor_fault ? last_word_ | 0xC0000000U : last_word_;
 }
 
@@ -173,12 +172,8 @@ void SimPressure::after_step(const StepView& step) noexcept {
   if (step.begin_ns >= next_temperature_ns_) {
     next_temperature_ns_ += kTemperatureInterval_ns;
     const double t_s = 1e-9 * static_cast<double>(step.begin_ns - start_ns_);
-    const double temperature_C =
-        p_.temperature_C +
-        p_.temperature_swing_C * std::sin(2.0 * 3.14159265358979323846 * t_s / kTemperaturePeriod_s);
-    temperature_bits_ =
-        static_cast<std::uint32_t>(std::clamp((temperature_C + 50.0) * 2047.0 / 200.0 + 0.5, 0.0, 2047.0))
-        << 5U;
+    temperature_C_ = p_.temperature_C +
+                     p_.temperature_swing_C * std::sin(2.0 * std::numbers::pi * t_s / kTemperaturePeriod_s);
   }
   const double length_ns = static_cast<double>(step.length_ns);
   for (;;) {

@@ -74,7 +74,7 @@ class SimPressure final : public pressure::Device {
   double sample_period_us_;
   double next_sample_us_;
   std::int64_t next_temperature_ns_;
-  std::uint32_t temperature_bits_ = 0;
+  double temperature_C_ = 0.0;
   std::uint32_t last_word_ = 0;
 
   std::vector<pressure::Sample> ring_;
