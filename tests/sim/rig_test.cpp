@@ -2,8 +2,8 @@
 
 #include <gmock/gmock.h>
 
-#include <chrono>
 #include <cstdio>
+#include <ctime>
 
 #include "driver.hpp"
 
@@ -114,6 +114,91 @@ TEST(Rig, SameSeedSameBytesOtherSeedOtherBytes) {
   ASSERT_GT(first.exchanges.size(), 55U);
   EXPECT_TRUE(same(first, record(7)));
   EXPECT_FALSE(same(first, record(8)));
+}
+
+TEST(Rig, LongAdvancesComputeTheSameAsShortOnes) {
+  const auto run = [](std::int64_t stride_ns) {
+    Rig rig(shipped());
+    rig.interlock().connect();
+    rig.interlock().hold_pressure(true);
+    rig.frame().connect();
+    rig.frame().heartbeat(1);
+    rig.frame().start_segment({1, 3.0F, 10.0F});
+    for (std::int64_t t = 0; t <= 400'000'000; t += stride_ns) rig.advance(t);
+    return rig.truth();
+  };
+  const Truth a = run(1'000'000);
+  for (const std::int64_t stride_ns : {100'000, 400'000'000 / 7, 400'000'000}) {
+    const Truth b = run(stride_ns);
+    if (b.mono_ns == a.mono_ns) {
+      EXPECT_EQ(a.position_mm, b.position_mm);
+      EXPECT_EQ(a.force_N, b.force_N);
+    } else {
+      EXPECT_LT(b.mono_ns, a.mono_ns);  // the stride did not divide the time
+    }
+  }
+}
+
+TEST(Rig, AStrokeMovesThePressureAndThePressureTheForce) {
+  Rig rig(shipped());
+  Driver d(rig);
+  d.target_psi = 20.0;
+  d.run(6.0);
+  d.target_psi = -1.0;
+  rig.pressure().command({0, 0, 0.0F});
+  d.run(1.0);
+  const Truth before = rig.truth();
+  d.move(2.0, 10.0);
+  d.run(0.25);
+  const Truth after = rig.truth();
+  // The chamber loses dV/dx * 2 mm of its volume; Boyle gives the rise.
+  const auto& a = rig.actuator();
+  const double volume_mL = 150.0 + 1e-3 * a.volume_mm3(before.position_mm);
+  const double lost_mL = 1e-3 * (a.volume_mm3(before.position_mm) - a.volume_mm3(after.position_mm));
+  EXPECT_GT(lost_mL, 0.3);
+  EXPECT_NEAR(after.pressure_psi - before.pressure_psi, (before.pressure_psi + 14.696) * lost_mL / volume_mL,
+              0.01);
+  EXPECT_GT(after.force_N, before.force_N + 2.0);
+}
+
+TEST(Rig, FollowsAClockWhenGivenOne) {
+  clock::VirtualClock clock(5'000'000'000);
+  SimConfig config = shipped();
+  Rig rig(config, load_specimen(config.specimen), {.start_ns = clock.now_ns(), .clock = &clock});
+  rig.frame().connect();
+  std::vector<frame::Sample> buffer(256);
+  clock.sleep_until_ns(5'100'000'000);
+  EXPECT_NEAR(static_cast<double>(rig.frame().poll(buffer).samples), 99.0, 2.0);
+  EXPECT_EQ(rig.truth().mono_ns, 5'100'000'000);
+}
+
+TEST(Rig, ReportsEveryErrorOfItsConfiguration) {
+  const auto document = base::TomlDocument::parse_text(
+      "[sim]\nspecimen = 'x.toml'\n[sim.frame]\nring_samples = 1\nlag = 3\n[sim.pneumatics]\nsupply_psi = "
+      "-1\n",
+      "rig.toml");
+  (void)read_sim(document.root(), ".");
+  try {
+    document.finish();
+    FAIL();
+  } catch (const base::ConfigError& e) {
+    EXPECT_EQ(e.diagnostics().size(), 3U) << e.what();
+  }
+}
+
+TEST(Rig, PrintsWhatATickCosts) {
+  Rig rig(shipped());
+  Driver d(rig);
+  d.polling = false;
+  d.target_psi = 10.0;
+  d.run(5.0);
+  const std::clock_t start = std::clock();
+  const int ticks = 1'000'000;
+  rig.advance(d.now_ns() + ticks * Rig::kStep_ns);
+  const double ns = 1e9 * static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC / ticks;
+  std::printf("plant tick: %.0f ns of CPU time (goal: 250)\n", ns);
+  RecordProperty("tick_ns", std::to_string(ns));
+  EXPECT_LT(ns, 10'000.0);  // catches a fall off a cliff, also under a sanitizer
 }
 
 }  // namespace
