@@ -34,7 +34,7 @@ void print_table(const protocol::Plan& plan) {
   std::uint32_t session = protocol::kNoSession;
   for (const auto& step : plan.steps) {
     if (step.session != session && step.session != protocol::kNoSession) {
-      std::printf("-- session %u: %s\n", step.session, plan.sessions[step.session].label.c_str());
+      std::printf("-- %s\n", plan.sessions[step.session].label.c_str());
     }
     session = step.session;
     std::printf("%11s  %5u  %9.2f  %-8s  %s\n", clock_text(step.start_s).c_str(), step.index, step.nominal_s,

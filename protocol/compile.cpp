@@ -148,6 +148,7 @@ class Compiler {
       too_long_ = true;
       return;
     }
+    bad_.clear();
     Step out;
     out.index = static_cast<std::uint32_t>(plan_.steps.size());
     if (in_session_) out.session = static_cast<std::uint32_t>(plan_.sessions.size() - 1);
@@ -198,12 +199,12 @@ class Compiler {
     out.settled_for_s = value(node, "settled_for_s", {0.0, 3600.0}, 1.0);
     out.rate_psi_s = value(node, "rate_psi_s", base::kPositive, 1.0);
     out.timeout_s = value(node, "timeout_s", {0.0, 24 * 3600.0, true}, 60.0);
-    if (out.pressure_psi > limits_.pressure_max_psi) {
+    if (out.pressure_psi > limits_.pressure_max_psi && all_well(node, {"pressure_psi"})) {
       note(node.table, "pressure_psi",
            said(node, "pressure_psi", out.pressure_psi) + "; the rig allows at most " +
                number_text(limits_.pressure_max_psi) + " (limits.pressure_max_psi)");
     }
-    if (out.rate_psi_s > limits_.pressure_rate_max_psi_s) {
+    if (out.rate_psi_s > limits_.pressure_rate_max_psi_s && all_well(node, {"rate_psi_s"})) {
       note(node.table, "rate_psi_s",
            said(node, "rate_psi_s", out.rate_psi_s) + "; the rig allows at most " +
                number_text(limits_.pressure_rate_max_psi_s) + " (limits.pressure_rate_max_psi_s)");
@@ -248,9 +249,10 @@ class Compiler {
   void ramp(const Node& node, Step& out) {
     out.target_mm = value(node, "to_mm", {}, position_mm_);
     out.velocity_mm_s = value(node, "velocity_mm_s", base::kPositive, 1.0);
-    check_speed(node, "velocity_mm_s", out.velocity_mm_s);
+    if (all_well(node, {"velocity_mm_s"})) check_speed(node, "velocity_mm_s", out.velocity_mm_s);
     if (outside_travel(out.target_mm)) {
       note(node.table, "to_mm", said(node, "to_mm", out.target_mm) + "; " + travel_range());
+      out.target_mm = position_mm_;  // what follows is checked from where the rig can be
     }
     const double distance_mm = std::abs(out.target_mm - position_mm_);
     out.nominal_s = distance_mm / out.velocity_mm_s;
@@ -368,7 +370,7 @@ class Compiler {
         std::isfinite(v) && (range.open_min ? v > range.min : v >= range.min) && v <= range.max;
     if (inside) return v;
     note(node.table, key, said(node, key, v) + "; it has to be " + demand(range));
-    bad_.insert({&node, std::string(key)});
+    bad_.emplace(key);
     return fallback;
   }
 
@@ -376,14 +378,14 @@ class Compiler {
     const double v = value(node, key, range, 1.0);
     if (v == std::floor(v)) return v;
     note(node.table, key, said(node, key, v) + "; it has to be a whole number");
-    bad_.insert({&node, std::string(key)});
+    bad_.emplace(key);
     return 1.0;
   }
 
   /// None of these keys has been reported: comparing them makes sense.
   [[nodiscard]] bool all_well(const Node& node, std::initializer_list<std::string_view> keys) const {
     return std::none_of(keys.begin(), keys.end(), [&](std::string_view key) {
-      return node.broken.contains(key) || bad_.contains({&node, std::string(key)});
+      return node.broken.contains(key) || bad_.contains(key);
     });
   }
 
@@ -414,7 +416,7 @@ class Compiler {
   bool in_session_ = false;
   bool too_long_ = false;
   std::set<std::string> session_labels_;
-  std::set<std::pair<const Node*, std::string>> bad_;
+  std::set<std::string, std::less<>> bad_;  ///< keys of the step at hand whose value was reported
   std::set<std::tuple<std::uint32_t, std::uint32_t, std::string>> noted_;
 };
 

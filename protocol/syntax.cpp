@@ -145,7 +145,8 @@ void read_repeat(Node& node, Names scope, bool in_session) {
   const auto& table = node.table;
   node.is_repeat = true;
   if (table.has("unit")) {
-    node.is_session = table.choice("unit", {"session"}) == "session" && table.type_of("unit") == "string";
+    (void)table.choice("unit", {"session"});
+    node.is_session = table.string_or("unit", {}) == "session";
     if (node.is_session && in_session) {
       table.error("unit", "a session cannot hold another session; take `unit` off one of them");
     }

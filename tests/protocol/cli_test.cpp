@@ -1,0 +1,116 @@
+// `isorig check` and `isorig plan` as a user runs them: what they print and what they return.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+namespace {
+
+using testing::HasSubstr;
+
+struct Outcome {
+  int code = -1;
+  std::string out;  ///< both streams
+};
+
+Outcome isorig(const std::string& arguments) {
+  const std::string command = "cd " ISORIG_SOURCE_DIR " && " ISORIG_BIN_DIR "/isorig " + arguments + " 2>&1";
+  Outcome outcome;
+  FILE* pipe = popen(command.c_str(), "r");
+  if (pipe == nullptr) return outcome;
+  char buffer[4096];
+  for (std::size_t n = 0; (n = fread(buffer, 1, sizeof buffer, pipe)) > 0;) outcome.out.append(buffer, n);
+  const int status = pclose(pipe);
+  outcome.code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+  return outcome;
+}
+
+std::string file_text(const std::filesystem::path& path) {
+  std::ostringstream text;
+  text << std::ifstream(path).rdbuf();
+  return text.str();
+}
+
+class CliFiles : public testing::Test {
+ protected:
+  CliFiles()
+      : folder_(std::filesystem::path(testing::TempDir()) /
+                (std::string("isorig-") + testing::UnitTest::GetInstance()->current_test_info()->name())) {
+    std::filesystem::create_directories(folder_);
+  }
+  ~CliFiles() override { std::filesystem::remove_all(folder_); }
+  std::string write(const std::string& name, const std::string& text) {
+    std::ofstream(folder_ / name) << text;
+    return (folder_ / name).string();
+  }
+
+ private:
+  std::filesystem::path folder_;
+};
+
+TEST(Cli, PlanOfTheShortProtocolIsAsItWas) {
+  const auto plan = isorig("plan config/protocols/vma-short.toml");
+  EXPECT_EQ(plan.code, 0);
+  EXPECT_EQ(plan.out, file_text(ISORIG_SOURCE_DIR "/tests/protocol/vma-short.plan.txt"))
+      << "If the change is meant: build/bin/isorig plan config/protocols/vma-short.toml > "
+         "tests/protocol/vma-short.plan.txt";
+}
+
+TEST(Cli, CheckSaysWhatThePapersProtocolTakes) {
+  const auto check = isorig("check config/protocols/vma-isovelocity.toml");
+  EXPECT_EQ(check.code, 0);
+  EXPECT_THAT(check.out, HasSubstr("23 h 02 min expected"));
+  EXPECT_THAT(check.out, HasSubstr("880: 20 pressurize, 40 settle, 400 ramp, 400 hold, 20 wave"));
+  EXPECT_THAT(check.out, HasSubstr("20: \"repetition 1, 5 psi\" to \"repetition 5, 20 psi\""));
+  EXPECT_THAT(check.out, HasSubstr("1020 mm, between -4 and +4 mm"));
+  EXPECT_THAT(check.out, HasSubstr("peak speed  10 mm/s"));
+  EXPECT_THAT(check.out, HasSubstr("NOT checked"));
+}
+
+TEST(Cli, PlanAsJsonIsWhole) {
+  const auto plan = isorig("plan --json config/protocols/vma-isovelocity.toml");
+  EXPECT_EQ(plan.code, 0);
+  EXPECT_THAT(plan.out, HasSubstr("\"format\": \"isorig-plan/1\""));
+  EXPECT_THAT(plan.out, HasSubstr("\"index\": 879"));
+}
+
+TEST_F(CliFiles, EveryFaultOfBothFilesIsPrintedAtOnce) {
+  const auto rig = write("rig.toml", "[frame]\nany = 1\n[limits]\ntravel_min_mm = -6\n");
+  const auto protocol =
+      write("p.toml", "format = \"isorig-protocol/1\"\nnam = \"x\"\nsteps = [ { do = \"jump\" } ]\n");
+  const auto check = isorig("check " + protocol + " --rig " + rig);
+  EXPECT_EQ(check.code, 3);
+  EXPECT_THAT(check.out, HasSubstr("rig.toml:3:1: `travel_max_mm` is missing here"));
+  EXPECT_THAT(check.out, HasSubstr("p.toml:2:1: unknown key `nam`; did you mean `name`?"));
+  EXPECT_THAT(check.out, HasSubstr("p.toml:3:18: `do` = \"jump\""));
+}
+
+TEST_F(CliFiles, LimitsComeFromTheRigsFileAndTheRestOfItIsNotLookedAt) {
+  const auto rig = write("rig.toml",
+                         "whatever = 1\n[frame]\nany = 1\n[limits]\ntravel_min_mm = -3\ntravel_max_mm = 6\n"
+                         "speed_max_mm_s = 8\nforce_min_N = -5\nforce_max_N = 200\npressure_max_psi = 22\n");
+  const auto check = isorig("check config/protocols/vma-isovelocity.toml --rig " + rig);
+  EXPECT_EQ(check.code, 3);
+  EXPECT_THAT(check.out,
+              HasSubstr("config/protocols/vma-isovelocity.toml:34:57: `amplitude_mm` = 4 about 0 mm goes to "
+                        "-4; the rig travels from -3 to 6 mm"));
+  EXPECT_THAT(check.out,
+              HasSubstr(":37:73: `velocity_mm_s` = 10 with speed_mm_s = 10; the rig allows 0 to 8 mm/s"));
+  EXPECT_EQ(isorig("check config/protocols/vma-smoke.toml").code, 0);
+}
+
+TEST(Cli, ExitCodes) {
+  EXPECT_EQ(isorig("--help").code, 0);
+  EXPECT_EQ(isorig("").code, 2);
+  EXPECT_EQ(isorig("check").code, 2);
+  EXPECT_EQ(isorig("nonsense").code, 2);
+  const auto missing = isorig("check no-such-file.toml");
+  EXPECT_EQ(missing.code, 3);
+  EXPECT_THAT(missing.out, HasSubstr("no-such-file.toml"));
+}
+
+}  // namespace
