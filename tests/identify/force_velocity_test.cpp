@@ -7,6 +7,8 @@
 #include <random>
 #include <vector>
 
+#include "model/slse.hpp"
+
 namespace isorig::model {
 namespace {
 
@@ -138,6 +140,35 @@ TEST(ForceVelocity, CurveOfAnyNumberOfElementsIsTheSteppedPeak) {
                     1e-12 * std::abs(stepped) + 1e-12);
       }
     }
+}
+
+TEST(ForceVelocity, TheSimulatorsElementsGiveTheSameForces) {
+  // model/slse.hpp is what the simulated rig steps: ramp, hold and curve from it, at 1 ms and in one step.
+  SlseStack stack;
+  const std::vector<StandardLinearSolid> two{kElement, {80.0, 240.0, 20.0}};
+  for (const auto& e : two) ASSERT_TRUE(stack.add({e.k1_N, e.k2_N, e.gamma_per_s()}));
+  for (double rate_per_s : kRates_per_s) {
+    const double ramp_s = kTest.strain_step / std::abs(rate_per_s);
+    for (int pieces : {1, 1000}) {
+      stack.settle(kTest.initial_strain);
+      const double before_N = stack.force_N();
+      double strain = kTest.initial_strain;
+      for (int i = 1; i <= pieces; ++i) {
+        strain = kTest.initial_strain + rate_per_s * ramp_s * i / pieces;
+        stack.step(strain, ramp_s / pieces);
+      }
+      EXPECT_NEAR(stack.force_N(),
+                  ramp_force_N(two[0], kTest.initial_strain, rate_per_s, ramp_s) +
+                      ramp_force_N(two[1], kTest.initial_strain, rate_per_s, ramp_s),
+                  1e-9);
+      EXPECT_NEAR(stack.force_N() / before_N, force_velocity(ratios(two), kTest, rate_per_s), 1e-11);
+      for (int i = 0; i < 10; ++i) stack.step(strain, 0.1);
+      EXPECT_NEAR(stack.force_N(),
+                  hold_force_N(two[0], kTest.initial_strain, rate_per_s, ramp_s, 1.0) +
+                      hold_force_N(two[1], kTest.initial_strain, rate_per_s, ramp_s, 1.0),
+                  1e-9);
+    }
+  }
 }
 
 TEST(ForceVelocity, TheBetaWeightsAreThoseOfTheForceBeforeTheRamp) {
