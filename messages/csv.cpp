@@ -90,7 +90,8 @@ class Reader {
     if (header != expected) {
       std::string message = "the header is " + quoted(header) + "; expected `" + expected + "`";
       for (const auto& column : columns_) {
-        if (!has_cell(header, column.name)) message += "; column `" + std::string(column.name) + "` is missing";
+        if (!has_cell(header, column.name))
+          message += "; column `" + std::string(column.name) + "` is missing";
       }
       fail(Fault::kHeader, 1, message);
     }
@@ -132,14 +133,15 @@ class Reader {
     const auto cells = static_cast<std::size_t>(std::count(line.begin(), line.end(), ',')) + 1;
     if (newline == nullptr && (cells < row_.size() || !last_line_is_whole(line))) {
       fail(Fault::kTruncated, line_,
-           "the last line " + quoted(line) + " has no line end, so it may have been cut off; the recording was " +
+           "the last line " + quoted(line) +
+               " has no line end, so it may have been cut off; the recording was " +
                "interrupted, or, if the line is whole, end it with a newline");
     }
     if (trimmed(line).empty()) fail(Fault::kColumns, line_, "an empty line; remove it");
     if (cells != row_.size()) {
       fail(Fault::kColumns, line_,
-           std::to_string(cells) + " cells, expected " + std::to_string(row_.size()) + " (`" + header_text(columns_) +
-               "`)");
+           std::to_string(cells) + " cells, expected " + std::to_string(row_.size()) + " (`" +
+               header_text(columns_) + "`)");
     }
     for (std::size_t c = 0; c < row_.size(); ++c) {
       const auto comma = std::min(line.find(','), line.size());
@@ -156,7 +158,8 @@ class Reader {
     const auto [stop, error] = std::from_chars(digits.data(), digits.data() + digits.size(), value);
     const bool whole = stop == digits.data() + digits.size() && !digits.empty();
     if (error == std::errc::invalid_argument || !whole) {
-      fail(Fault::kNotNumber, line_, "`" + std::string(name) + "` is " + quoted(cell) + "; a number is needed");
+      fail(Fault::kNotNumber, line_,
+           "`" + std::string(name) + "` is " + quoted(cell) + "; a number is needed");
     }
     if (error != std::errc{} || !std::isfinite(value)) {
       fail(Fault::kNotFinite, line_,
@@ -204,10 +207,12 @@ std::string read_whole_file(const std::filesystem::path& file) {
   const auto status = std::filesystem::status(file, ignored);
   if (!std::filesystem::exists(status)) throw RecordingError(Fault::kMissingFile, file, 0, "no such file");
   std::ifstream in(file, std::ios::binary | std::ios::ate);
-  const auto size = in && !std::filesystem::is_directory(status) ? static_cast<std::streamoff>(in.tellg()) : -1;
+  const auto size =
+      in && !std::filesystem::is_directory(status) ? static_cast<std::streamoff>(in.tellg()) : -1;
   std::string text(size > 0 ? static_cast<std::size_t>(size) : 0, '\0');
   if (size < 0 || !in.seekg(0) || !in.read(text.data(), size)) {
-    throw RecordingError(Fault::kUnreadable, file, 0, "cannot be read; check that it is a file and its permissions");
+    throw RecordingError(Fault::kUnreadable, file, 0,
+                         "cannot be read; check that it is a file and its permissions");
   }
   return text;
 }
@@ -223,8 +228,9 @@ void check_columns(const std::filesystem::path& file, std::span<const CsvColumnV
     const std::string name = "`" + std::string(column.name) + "`";
     if (column.values.size() != time.size()) {
       throw RecordingError(Fault::kInconsistent, file, 0,
-                           "not written: " + name + " has " + std::to_string(column.values.size()) + " rows, `" +
-                               std::string(columns[0].name) + "` has " + std::to_string(time.size()));
+                           "not written: " + name + " has " + std::to_string(column.values.size()) +
+                               " rows, `" + std::string(columns[0].name) + "` has " +
+                               std::to_string(time.size()));
     }
     for (std::size_t i = 0; i < time.size(); ++i) {
       if (!std::isfinite(column.values[i])) {

@@ -19,7 +19,8 @@ struct CsvColumnView {
 };
 
 /// Reads the whole file (the first column is the time) or throws RecordingError naming file and line.
-/// A UTF-8 byte order mark and CR LF line ends are accepted; other names, orders or numbers of columns are not.
+/// A UTF-8 byte order mark and CR LF line ends are accepted; other names, orders or numbers of columns are
+/// not.
 void read_number_csv(const std::filesystem::path& file, std::span<const CsvColumn> columns);
 
 /// Header and rows, in the shortest digits that read back the same.

@@ -32,7 +32,8 @@ std::string further_text(const std::string& text) {
   const toml::table root = toml::parse(text);
   std::vector<std::pair<std::uint32_t, std::uint32_t>> cut;
   for (const auto key : kOwnKeys) {
-    if (const auto* node = root.get(key)) cut.emplace_back(node->source().begin.line, node->source().end.line);
+    if (const auto* node = root.get(key))
+      cut.emplace_back(node->source().begin.line, node->source().end.line);
   }
   std::string kept;
   std::istringstream in(text);
@@ -114,7 +115,8 @@ void replace_file(const std::filesystem::path& file, const std::string& text) {
     if (!out) {
       std::error_code ignored;
       std::filesystem::remove(aside, ignored);
-      throw RecordingError(Fault::kUnreadable, file, 0, "cannot be written; check the disk's space and permissions");
+      throw RecordingError(Fault::kUnreadable, file, 0,
+                           "cannot be written; check the disk's space and permissions");
     }
   }
   std::error_code failed;
@@ -126,8 +128,11 @@ void replace_file(const std::filesystem::path& file, const std::string& text) {
 
 RecordingError::RecordingError(RecordingFault fault, std::filesystem::path file, std::size_t line,
                                const std::string& message)
-    : std::runtime_error(file.string() + (line > 0 ? ":" + std::to_string(line) : std::string{}) + ": " + message),
-      fault_(fault), file_(std::move(file)), line_(line) {}
+    : std::runtime_error(file.string() + (line > 0 ? ":" + std::to_string(line) : std::string{}) + ": " +
+                         message),
+      fault_(fault),
+      file_(std::move(file)),
+      line_(line) {}
 
 std::vector<double> Recording::strain() const {
   std::vector<double> out(frame.position_mm.size());
@@ -138,15 +143,16 @@ std::vector<double> Recording::strain() const {
 
 FrameSamples read_frame_csv(const std::filesystem::path& file) {
   FrameSamples frame;
-  read_number_csv(file, std::array<CsvColumn, 3>{
-                            {{"t_s", &frame.t_s}, {"position_mm", &frame.position_mm}, {"force_N", &frame.force_N}}});
+  read_number_csv(
+      file, std::array<CsvColumn, 3>{
+                {{"t_s", &frame.t_s}, {"position_mm", &frame.position_mm}, {"force_N", &frame.force_N}}});
   return frame;
 }
 
 PressureSamples read_pressure_csv(const std::filesystem::path& file) {
   PressureSamples pressure;
-  read_number_csv(file, std::array<CsvColumn, 2>{
-                            {{"t_s", &pressure.t_s}, {"pressure_psi", &pressure.pressure_psi}}});
+  read_number_csv(
+      file, std::array<CsvColumn, 2>{{{"t_s", &pressure.t_s}, {"pressure_psi", &pressure.pressure_psi}}});
   return pressure;
 }
 
@@ -157,9 +163,10 @@ RecordingMetadata read_recording_toml(const std::filesystem::path& file) {
 Recording read_recording(const std::filesystem::path& folder) {
   std::error_code ignored;
   if (!std::filesystem::is_directory(folder, ignored)) {
-    throw RecordingError(Fault::kMissingFile, folder, 0,
-                         "not a recording: no such folder (a recording is a folder with recording.toml, frame.csv "
-                         "and, if it has one, pressure.csv)");
+    throw RecordingError(
+        Fault::kMissingFile, folder, 0,
+        "not a recording: no such folder (a recording is a folder with recording.toml, frame.csv "
+        "and, if it has one, pressure.csv)");
   }
   Recording recording;
   recording.metadata = read_recording_toml(folder / "recording.toml");

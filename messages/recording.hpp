@@ -18,11 +18,11 @@ namespace isorig::messages {
 enum class RecordingFault {
   kMissingFile,
   kUnreadable,
-  kMetadata,   ///< recording.toml: not TOML, a key missing, of the wrong type or out of range
-  kFormat,     ///< `format` names something else
-  kHeader,     ///< a column is missing or has another name
-  kEmpty,      ///< no rows
-  kColumns,    ///< a row with too few or too many cells, or an empty line
+  kMetadata,  ///< recording.toml: not TOML, a key missing, of the wrong type or out of range
+  kFormat,    ///< `format` names something else
+  kHeader,    ///< a column is missing or has another name
+  kEmpty,     ///< no rows
+  kColumns,   ///< a row with too few or too many cells, or an empty line
   kNotNumber,
   kNotFinite,  ///< NaN, infinity, or beyond the range of a double
   kTime,       ///< time runs backwards or stands still
@@ -33,7 +33,8 @@ enum class RecordingFault {
 /// what() is "file:line: message", or "file: message" for a fault of the whole file (line 0).
 class RecordingError : public std::runtime_error {
  public:
-  RecordingError(RecordingFault fault, std::filesystem::path file, std::size_t line, const std::string& message);
+  RecordingError(RecordingFault fault, std::filesystem::path file, std::size_t line,
+                 const std::string& message);
   [[nodiscard]] RecordingFault fault() const noexcept { return fault_; }
   [[nodiscard]] const std::filesystem::path& file() const noexcept { return file_; }
   [[nodiscard]] std::size_t line() const noexcept { return line_; }
@@ -72,8 +73,9 @@ struct RecordingMetadata {
 /// Vectors of equal length; `t_s` strictly increasing, everything finite.
 struct FrameSamples {
   std::vector<double> t_s;
-  std::vector<double> position_mm;  ///< crosshead, relative to the unpressurized rest length; extension positive
-  std::vector<double> force_N;      ///< tension positive
+  std::vector<double>
+      position_mm;              ///< crosshead, relative to the unpressurized rest length; extension positive
+  std::vector<double> force_N;  ///< tension positive
   [[nodiscard]] std::size_t size() const noexcept { return t_s.size(); }
 };
 
