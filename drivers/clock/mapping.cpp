@@ -1,0 +1,246 @@
+#include "drivers/clock/mapping.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <vector>
+
+namespace isorig::clock {
+namespace {
+
+constexpr double kOutOfOrder_us = 1e6;  // no stream delivers its samples a second out of order
+
+bool possible(const Exchange& e, double resolution_us) noexcept {
+  if (!std::isfinite(e.device_rx_us) || !std::isfinite(e.device_tx_us)) return false;
+  const double host_us = static_cast<double>(e.host_recv_ns - e.host_send_ns) * 1e-3;
+  const double device_us = e.device_tx_us - e.device_rx_us;
+  // The device's part is not longer than the whole, but for 1000 ppm and the rounding of its stamps.
+  return host_us > 0.0 && device_us >= 0.0 && device_us <= host_us * 1.001 + resolution_us + 2.0;
+}
+
+}  // namespace
+
+double MapSnapshot::bound_ns(double device_us) const noexcept {
+  const double s = std::abs(device_us - device_reference_us) * 1e-6;
+  return 1e3 * (bound_us + bound_slope_ppm * s + bound_wander_us_per_s15 * s * std::sqrt(s));
+}
+
+MappedTime MapSnapshot::map(double device_us) const noexcept {
+  const double ahead_us = device_us - device_reference_us;
+  const double s = ahead_us * 1e-6;
+  const double variance = variance_us2 + s * (variance_slope_us2_per_s + s * variance_curvature_ppm2) +
+                          variance_wander_us2_per_s3 * std::abs(s) * s * s;
+  return {host_reference_ns + std::llround(ahead_us * 1e3 + s * rate_ppm * 1e3), bound_ns(device_us),
+          1e3 * std::sqrt(std::max(variance, 0.0))};
+}
+
+DeviceClockMap::DeviceClockMap(const MapOptions& options) : options_(options), filter_(options.wander) {}
+
+ExchangeVerdict DeviceClockMap::add(const Exchange& exchange) {
+  if (!possible(exchange, options_.device_resolution_us)) {
+    ++rejected_;
+    return ExchangeVerdict::kRejected;
+  }
+  if (!filter_.started()) {
+    begin(exchange);
+    return ExchangeVerdict::kAccepted;
+  }
+  if (take(exchange)) {
+    if (held_) ++rejected_;  // it was the held one that was wrong
+    held_.reset();
+    publish();
+    return ExchangeVerdict::kAccepted;
+  }
+  if (!held_) {
+    held_ = exchange;
+    current_.bound_us = MappedTime::kUnknown;
+    publish();
+    return ExchangeVerdict::kHeld;
+  }
+  begin(Exchange{*held_});
+  if (take(exchange)) {
+    publish();
+  } else {
+    begin(exchange);  // the two disagree with each other as well; the younger one counts
+  }
+  return ExchangeVerdict::kRestarted;
+}
+
+void DeviceClockMap::restart() {
+  filter_ = DelayFilter(options_.wander);
+  window_.clear();
+  held_.reset();
+  current_.bound_us = MappedTime::kUnknown;
+  publish();
+}
+
+void DeviceClockMap::begin(const Exchange& first) {
+  filter_ = DelayFilter(options_.wander);
+  window_.clear();
+  held_.reset();
+  host_origin_ns_ = first.host_recv_ns;
+  device_origin_us_ = first.device_tx_us;
+  ++current_.epoch;
+  current_.exchanges = 0;
+  take(first);
+  publish();
+}
+
+Interval DeviceClockMap::absolute(const Exchange& e) const noexcept {
+  const double rx_us = e.device_rx_us - device_origin_us_, tx_us = e.device_tx_us - device_origin_us_;
+  // Stamps are rounded down. That makes `high` later by up to the resolution, which is safe, and `low` as
+  // well.
+  const double send_us =
+      static_cast<double>(e.host_send_ns - host_origin_ns_) * 1e-3 - options_.device_resolution_us;
+  return {rx_us * 1e-6, send_us - rx_us, tx_us * 1e-6,
+          static_cast<double>(e.host_recv_ns - host_origin_ns_) * 1e-3 - tx_us};
+}
+
+void DeviceClockMap::remember(const Interval& now) {
+  const double rate_ppm = filter_.started() ? filter_.state().mean[1] : 0.0;
+  const auto bin = [this](const Interval& i) { return std::floor(i.high_seconds / options_.bin_s); };
+  if (!window_.empty() && bin(now) == bin(window_.back())) {
+    // Leaving a constraint out never makes the bound wrong, only wider; the tightest of each side stays.
+    auto& last = window_.back();
+    if (now.low_us - rate_ppm * (now.low_seconds - last.low_seconds) > last.low_us) {
+      last.low_us = now.low_us;
+      last.low_seconds = now.low_seconds;
+    }
+    if (now.high_us - rate_ppm * (now.high_seconds - last.high_seconds) < last.high_us) {
+      last.high_us = now.high_us;
+      last.high_seconds = now.high_seconds;
+    }
+  } else {
+    window_.push_back(now);
+  }
+  while (window_.size() > options_.window_least &&
+         now.high_seconds - window_.front().high_seconds > options_.window_s) {
+    window_.pop_front();
+  }
+}
+
+bool DeviceClockMap::take(const Exchange& exchange) {
+  const Interval now = absolute(exchange);
+  // A clock that runs backwards by more than its resolution has been restarted.
+  if (filter_.started() &&
+      now.low_seconds < filter_.state().device_s - options_.device_resolution_us * 1e-6) {
+    return false;
+  }
+  std::vector<Interval> relative(window_.begin(), window_.end());
+  relative.push_back(now);
+  for (auto& i : relative) {
+    i.low_seconds -= now.high_seconds;
+    i.high_seconds -= now.high_seconds;
+  }
+  const auto allowed = envelope(relative, options_.wander, options_.bound_sigmas, options_.rate_limit_ppm);
+  if (!allowed.consistent) return false;
+
+  filter_.add(now);
+  remember(now);
+  const auto& state = filter_.state();
+  const double offset_us = std::clamp(state.mean[0], allowed.low_us, allowed.high_us);
+  const double rate_ppm = std::clamp(state.mean[1], allowed.rate_low_ppm, allowed.rate_high_ppm);
+  // A sample's stamp is rounded down like the exchange's: on average it is half the resolution later than it
+  // says.
+  const double resolution_us = options_.device_resolution_us;
+  current_.host_reference_ns =
+      host_origin_ns_ +
+      std::llround((exchange.device_tx_us - device_origin_us_ + offset_us + 0.5 * resolution_us) * 1e3);
+  current_.device_reference_us = exchange.device_tx_us;
+  current_.rate_ppm = rate_ppm;
+  current_.bound_us = std::max(allowed.high_us - offset_us, offset_us - allowed.low_us) + 0.5 * resolution_us;
+  current_.bound_slope_ppm = std::max(allowed.rate_high_ppm - rate_ppm, rate_ppm - allowed.rate_low_ppm);
+  current_.bound_wander_us_per_s15 = options_.bound_sigmas * options_.wander.largest_departure_us(1.0);
+  const auto& p = state.covariance;
+  current_.variance_us2 = p(0, 0) + resolution_us * resolution_us / 12.0;
+  current_.variance_slope_us2_per_s = 2.0 * p(0, 1);
+  current_.variance_curvature_ppm2 = p(1, 1);
+  current_.variance_wander_us2_per_s3 = options_.wander.diffusion_ppm2_per_s() / 3.0;
+  ++current_.exchanges;
+  return true;
+}
+
+// A sequence lock without fences (Boehm, MSPC 2012): release stores cannot move before the odd version,
+// acquire loads not after the second look at it. The reader never retries.
+void DeviceClockMap::publish() noexcept {
+  const auto words = std::bit_cast<std::array<std::uint64_t, kWords>>(current_);
+  const auto version = version_.load(std::memory_order_relaxed);
+  version_.store(version + 1, std::memory_order_relaxed);
+  for (std::size_t i = 0; i < kWords; ++i) published_[i].store(words[i], std::memory_order_release);
+  version_.store(version + 2, std::memory_order_release);
+}
+
+bool DeviceClockMap::read(MapSnapshot& out) const noexcept {
+  std::array<std::uint64_t, kWords> words{};
+  const auto version = version_.load(std::memory_order_acquire);
+  if (version % 2 != 0) return false;
+  for (std::size_t i = 0; i < kWords; ++i) words[i] = published_[i].load(std::memory_order_acquire);
+  if (version_.load(std::memory_order_relaxed) != version || version == 0) return false;
+  out = std::bit_cast<MapSnapshot>(words);
+  return true;
+}
+
+void StreamMapper::renew() noexcept {
+  const auto version = map_->version();
+  if (version == version_) return;
+  MapSnapshot fresh;
+  if (!map_->read(fresh)) return;
+  version_ = version;
+  const bool same_clock = fresh.epoch == snapshot_.epoch;
+  if (started_ && same_clock) {
+    // Go on from where the last stamp was put.
+    lead_ns_ +=
+        static_cast<double>(snapshot_.map(last_device_us_).mono_ns - fresh.map(last_device_us_).mono_ns);
+  } else {
+    lead_ns_ = 0.0;
+    started_ = false;
+  }
+  snapshot_ = fresh;
+}
+
+MappedTime StreamMapper::map(double device_us, std::int64_t arrival_ns) noexcept {
+  renew();
+  MappedTime out = snapshot_.map(device_us);
+  if (snapshot_.epoch == 0) {
+    // No exchange yet: all that is known is that the sample is not from the future.
+    out = {std::max(arrival_ns == kNoArrival ? 0 : arrival_ns, last_mono_ns_), MappedTime::kUnknown,
+           MappedTime::kUnknown};
+    last_mono_ns_ = out.mono_ns;
+    return out;
+  }
+  const bool future = arrival_ns != kNoArrival &&
+                      static_cast<double>(out.mono_ns - arrival_ns) > snapshot_.bound_ns(device_us);
+  const bool past = started_ && device_us < last_device_us_ - kOutOfOrder_us;
+  if (future || past) {
+    // The device restarted and no exchange has told the map yet.
+    if (arrival_ns != kNoArrival) last_mono_ns_ = std::max(arrival_ns, last_mono_ns_ + 1);
+    return {last_mono_ns_, MappedTime::kUnknown, MappedTime::kUnknown};
+  }
+  double lead_ns = lead_ns_;
+  const bool newer = !started_ || device_us > last_device_us_;
+  if (started_ && newer && lead_ns != 0.0) {
+    constexpr double kDecay_ns = 20e6;
+    const double passed_ns = (device_us - last_device_us_) * 1e3;
+    const double wanted = lead_ns * std::min(1.0, passed_ns / kDecay_ns);
+    lead_ns -= std::clamp(wanted, -0.5 * passed_ns, 0.5 * passed_ns);
+    if (std::abs(lead_ns) < 0.5) lead_ns = 0.0;
+  }
+  std::int64_t mono_ns = out.mono_ns + std::llround(lead_ns);
+  if (newer) {
+    mono_ns = std::max(std::min(mono_ns, arrival_ns), last_mono_ns_ + 1);
+    last_mono_ns_ = mono_ns;
+    last_device_us_ = device_us;
+    lead_ns_ = static_cast<double>(mono_ns - out.mono_ns);
+    started_ = true;
+  }
+  // Coming down to the arrival time only ever comes nearer to the truth; anything else adds to the error.
+  const auto moved_ns = static_cast<double>(mono_ns - std::min(out.mono_ns, arrival_ns));
+  out.mono_ns = mono_ns;
+  if (moved_ns != 0.0) {
+    out.bound_ns += std::abs(moved_ns);
+    out.repeatability_ns = std::hypot(out.repeatability_ns, moved_ns);
+  }
+  return out;
+}
+
+}  // namespace isorig::clock

@@ -1,0 +1,148 @@
+#pragma once
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <deque>
+#include <limits>
+#include <optional>
+
+#include "drivers/clock/clock.hpp"
+#include "drivers/clock/envelope.hpp"
+#include "drivers/clock/filter.hpp"
+#include "drivers/clock/wander.hpp"
+
+namespace isorig::clock {
+
+struct MapOptions {
+  Wander wander;
+  double bound_sigmas = 5.0;      ///< wander that the bound allows for
+  double rate_limit_ppm = 250.0;  ///< |device rate - 1|; a crystal is within 100, a ceramic resonator is not
+  double window_s = 240.0;        ///< exchanges older than this are forgotten by the bound,
+  std::size_t window_least = 32;  ///< unless fewer than this many remain
+  double bin_s = 0.25;            ///< of several exchanges this close, the tightest of each side is kept
+  double device_resolution_us = 1.0;  ///< how coarsely the device stamps
+};
+
+/// A sample's time on the host, with the two numbers that belong to it.
+struct MappedTime {
+  std::int64_t mono_ns = 0;
+  /// The error is inside +-bound_ns, whatever the asymmetry of the path. kUnknown while there is no map or
+  /// the last exchange contradicts it.
+  double bound_ns = kUnknown;
+  /// One standard deviation of the error, but for the constant that asymmetry adds to all of them.
+  double repeatability_ns = kUnknown;
+
+  static constexpr double kUnknown = std::numeric_limits<double>::infinity();
+};
+
+/// All that mapping needs; plain words, so that it can be published and recorded.
+struct MapSnapshot {
+  std::int64_t host_reference_ns = 0;  ///< the host's time at device_reference_us
+  double device_reference_us = 0.0;
+  double rate_ppm = 0.0;  ///< host time gained per device time: host = reference + (1 + rate) * device
+  double bound_us = MappedTime::kUnknown;  ///< half-width at the reference,
+  double bound_slope_ppm = 0.0;            ///< growing linearly with the distance from it
+  double bound_wander_us_per_s15 = 0.0;    ///< and with its power 3/2
+  double variance_us2 = 0.0;               ///< at the reference, and its growth with s, s^2 and |s|^3
+  double variance_slope_us2_per_s = 0.0;
+  double variance_curvature_ppm2 = 0.0;
+  double variance_wander_us2_per_s3 = 0.0;
+  std::uint64_t epoch = 0;      ///< counts restarts of the device's clock; 0 is none yet
+  std::uint64_t exchanges = 0;  ///< accepted in this epoch
+
+  [[nodiscard]] bool known() const noexcept { return bound_us < MappedTime::kUnknown; }
+  [[nodiscard]] MappedTime map(double device_us) const noexcept;
+  /// Half-width of the bound at a device time; grows honestly when exchanges stop coming.
+  [[nodiscard]] double bound_ns(double device_us) const noexcept;
+};
+
+enum class ExchangeVerdict {
+  kAccepted,
+  kRejected,   ///< impossible by itself: answered before it was sent, not finite, turned round slower than it
+               ///< took
+  kHeld,       ///< contradicts the map; stamps are unknown until the next exchange tells which is wrong
+  kRestarted,  ///< the second in a row that contradicts: the map begins anew (device restarted, or beyond
+               ///< Wander)
+};
+
+/// Maps one device's clock to CLOCK_MONOTONIC, online. One thread add()s exchanges (an I/O thread; some 50 us
+/// each, may allocate); any number of others read the published snapshot wait-free.
+///
+/// Estimate and standard deviation come from DelayFilter, the bound from envelope(). Probe in a burst (50
+/// exchanges) before the first motion, then once a second.
+class DeviceClockMap {
+ public:
+  explicit DeviceClockMap(const MapOptions& options = {});
+
+  ExchangeVerdict add(const Exchange& exchange);
+  /// The device said that it started anew: forget everything, begin another epoch.
+  void restart();
+
+  /// The writer's own view.
+  [[nodiscard]] const MapSnapshot& current() const noexcept { return current_; }
+  [[nodiscard]] std::uint64_t rejected() const noexcept { return rejected_; }
+
+  /// Any thread. Wait-free: false (and `out` untouched) while the writer is in the middle of publishing, so a
+  /// real-time reader that preempted the writer goes on with the snapshot it has instead of spinning.
+  [[nodiscard]] bool read(MapSnapshot& out) const noexcept;
+  /// Changes with every publication; for readers that cache.
+  [[nodiscard]] std::uint64_t version() const noexcept { return version_.load(std::memory_order_acquire); }
+
+ private:
+  void begin(const Exchange& first);
+  bool take(const Exchange& exchange);
+  [[nodiscard]] Interval absolute(const Exchange& exchange) const noexcept;
+  void remember(const Interval& interval);
+  void publish() noexcept;
+
+  static constexpr std::size_t kWords = sizeof(MapSnapshot) / sizeof(std::uint64_t);
+  static_assert(sizeof(MapSnapshot) % sizeof(std::uint64_t) == 0);
+
+  MapOptions options_;
+  std::int64_t host_origin_ns_ = 0;
+  double device_origin_us_ = 0.0;
+  DelayFilter filter_;
+  std::deque<Interval> window_;  // absolute: seconds and us from the origins
+  std::optional<Exchange> held_;
+  MapSnapshot current_;
+  std::uint64_t rejected_ = 0;
+
+  alignas(64) std::atomic<std::uint64_t> version_{0};  // odd while being written
+  std::array<std::atomic<std::uint64_t>, kWords> published_{};
+};
+
+/// One stream's stamps, in one thread (the real-time loop). noexcept, no allocation, no lock.
+///
+/// Monotone: increasing device times get increasing host times, also across a new snapshot. What the new
+/// snapshot says differently is not stepped but run off: the difference decays with a time constant of 20 ms,
+/// at most half of the time that passes, so mapped time always goes on at 0.5 to 1.5 times the device's
+/// pace. What is left of the difference is added to the bound and the deviation of each stamp. When the
+/// device restarts, the first stamp comes after the last one of the old epoch. A device time not later than
+/// the newest so far is mapped in its place before that one, and changes nothing.
+///
+/// A sample cannot be younger than its arrival: pass that time where it is known, so that a device that
+/// restarted between two exchanges (a 32-bit counter then seems to wrap) cannot send the stamps an hour
+/// ahead. Such stamps, and those that run back by more than a second, get their arrival time and an unknown
+/// bound.
+class StreamMapper {
+ public:
+  explicit StreamMapper(const DeviceClockMap& map) noexcept : map_(&map) {}
+
+  static constexpr std::int64_t kNoArrival = std::numeric_limits<std::int64_t>::max();
+  [[nodiscard]] MappedTime map(double device_us, std::int64_t arrival_ns = kNoArrival) noexcept;
+  /// Of the snapshot in use; changes when the device's clock restarted.
+  [[nodiscard]] std::uint64_t epoch() const noexcept { return snapshot_.epoch; }
+
+ private:
+  void renew() noexcept;
+
+  const DeviceClockMap* map_;
+  MapSnapshot snapshot_;
+  std::uint64_t version_ = 0;
+  double last_device_us_ = 0.0;
+  std::int64_t last_mono_ns_ = std::numeric_limits<std::int64_t>::min() + 1;
+  double lead_ns_ = 0.0;  // what was given out last minus what the snapshot says
+  bool started_ = false;
+};
+
+}  // namespace isorig::clock
