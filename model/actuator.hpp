@@ -17,13 +17,13 @@ struct SlseByPressure {
 };
 
 struct ActuatorParameters {
-  double initial_length_mm = 0.0;     ///< IL: length at 0 psi, the zero of `position_mm`
-  double minimum_length_mm = 0.0;     ///< ML: free length at `minimum_length_psi`
-  double minimum_length_psi = 20.0;   ///< 20 in the paper
-  double contraction_exponent = 2.0;  ///< free contraction ~ p^this
-  double mesh_diameter_mm = 0.0;      ///< at IL
-  double braid_angle_deg = 0.0;       ///< thread to axis, at IL
-  std::vector<double> pressure_psi;   ///< where the following are given, increasing
+  double initial_length_mm = 0.0;      ///< IL: length at 0 psi, the zero of `position_mm`
+  double minimum_length_mm = 0.0;      ///< ML: free length at `minimum_length_psi`
+  double minimum_length_psi = 20.0;    ///< 20 in the paper
+  double contraction_exponent = 1.85;  ///< free contraction ~ p^this
+  double mesh_diameter_mm = 0.0;       ///< at IL
+  double braid_angle_deg = 0.0;        ///< thread to axis, at IL
+  std::vector<double> pressure_psi;    ///< where the following are given, increasing
   SlseByPressure mckibben;
   SlseByPressure sheath;  ///< empty: no sheath
 };
@@ -36,10 +36,11 @@ struct ActuatorParameters {
 ///
 /// Position x and strain e: extension positive; F: tension positive [N]; p: gauge [psi], negative counts as
 /// 0. Both the paper's strain and its speeds are relative to the pressurized rest length L0(p). Between IL
-/// and ML the paper gives no curve: n = 2 is chosen because it leaves 1.0 to 1.5 mm of contraction at 5 psi,
-/// where the paper has to limit its shortening to 1 mm. The elements are linear in strain, as in the paper,
-/// so the actuator pushes when it is shorter than L0 (a real one buckles), and the response is symmetrical
-/// (the measured one is stiffer in extension): effects for that are elements of their own, see add().
+/// and ML the paper gives no curve: n = 1.85 is chosen because it leaves 1.3 to 1.9 mm of contraction at
+/// 5 psi, where the paper has to limit its shortening to 1 mm. The elements are linear in strain, as in the
+/// paper, so the actuator pushes when it is shorter than L0 (a real one buckles), and the response is
+/// symmetrical (the measured one is stiffer in extension): effects for that are elements of their own, see
+/// add().
 class Actuator {
  public:
   /// Throws std::invalid_argument on lengths or tables that make no actuator.

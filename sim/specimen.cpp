@@ -42,7 +42,7 @@ Specimen load_specimen(const std::filesystem::path& path) {
     geometry.error("minimum_length_mm", "must not exceed initial_length_mm");
   }
   a.minimum_length_psi = geometry.number_or("minimum_length_psi", 20.0, base::kPositive);
-  a.contraction_exponent = geometry.number_or("contraction_exponent", 2.0, base::kPositive);
+  a.contraction_exponent = geometry.number_or("contraction_exponent", 1.85, base::kPositive);
   a.mesh_diameter_mm = geometry.number("mesh_diameter_mm", base::kPositive);
   a.braid_angle_deg = geometry.number("braid_angle_deg", {1.0, 89.0});
 

@@ -11,6 +11,7 @@ ActuatorParameters parameters() {
   ActuatorParameters p;
   p.initial_length_mm = 94.3;
   p.minimum_length_mm = 70.3;
+  p.contraction_exponent = 2.0;
   p.mesh_diameter_mm = 10.0;
   p.braid_angle_deg = 35.0;
   p.pressure_psi = {5.0, 10.0, 15.0, 20.0};
@@ -70,6 +71,9 @@ TEST(Actuator, StrainIsRelativeToThePressurizedRestLength) {
   EXPECT_NEAR(actuator.rest_length_mm(5.0), 94.3 - 24.0 / 16.0, 1e-12);
   EXPECT_NEAR(actuator.strain(2.0, 20.0), (96.3 - 70.3) / 70.3, 1e-15);
   EXPECT_NEAR(actuator.strain(-1.5, 5.0), 0.0, 1e-15);
+  auto other = parameters();
+  other.contraction_exponent = 1.8;
+  EXPECT_NEAR(Actuator(other).rest_length_mm(10.0), 94.3 - 24.0 * std::pow(0.5, 1.8), 1e-12);
 }
 
 TEST(Actuator, RampAtConstantPressureIsTheTwoElementClosedForm) {

@@ -265,7 +265,7 @@ TEST(SimFrame, ForceLimitStopsAndLetsOnlyUnloadingThrough) {
   config.frame.force_max_N = 8.0;
   Rig rig(config);
   Driver d(rig);
-  d.target_psi = 8.0;
+  d.target_psi = 6.0;
   d.run(4.0);
   d.move(6.0, 5.0);
   d.run(2.0);
