@@ -219,9 +219,8 @@ void Teensy::handle(const wire::TimeSyncReply& reply, std::int64_t recv_ns) {
     ++counters_.unmatched_replies;
     return;
   }
-  // The device rounds down to whole microseconds. An exchange is a pair of bounds (sent before rx, received
-  // after tx), and they stay true with rx at the end of its microsecond and tx at the start of its own.
-  exchanges_.items.push_back({request.send_ns, recv_ns, static_cast<double>(reply.device_rx_us) + 1.0,
+  // As stamped, rounded down to whole microseconds: clock::MapOptions::device_resolution_us accounts for that.
+  exchanges_.items.push_back({request.send_ns, recv_ns, static_cast<double>(reply.device_rx_us),
                               static_cast<double>(reply.device_tx_us)});
 }
 
