@@ -76,7 +76,7 @@ nlohmann::ordered_json to_json(const protocol::Step& step) {
       out.update({{"to_mm", step.target_mm}, {"velocity_mm_s", step.velocity_mm_s}});
       break;
     case StepKind::kHold:
-      out.update({{"duration_s", step.duration_s}, {"full_tail_s", step.full_tail_s}});
+      out["duration_s"] = step.duration_s;
       break;
     case StepKind::kWave:
       out.update({{"shape", step.shape == protocol::WaveShape::kSine ? "sine" : "triangle"},

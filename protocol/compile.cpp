@@ -5,9 +5,9 @@
 #include <cstring>
 #include <numbers>
 #include <set>
-#include <tuple>
 #include <utility>
 
+#include "protocol/evaluator.hpp"
 #include "protocol/force_slope.hpp"
 #include "protocol/recording.hpp"
 #include "protocol/syntax.hpp"
@@ -25,20 +25,11 @@ constexpr double kWeek_s = 7 * 24 * 3600.0;
 /// Limits are decimal numbers, positions are sums of them.
 constexpr double kEpsilon = 1e-9;
 
-std::string demand(Range range) {
-  const std::string low = number_text(range.min), high = number_text(range.max);
-  if (std::isfinite(range.min) && std::isfinite(range.max)) {
-    return (range.open_min ? "above " + low + " and at most " : "from " + low + " to ") + high;
-  }
-  if (std::isfinite(range.min)) return (range.open_min ? "greater than " : "at least ") + low;
-  return std::isfinite(range.max) ? "at most " + high : "a finite number";
-}
-
 /// Walks the tree with the variables bound, and lays down the plan step by step.
-class Compiler {
+class Compiler : private Evaluator {
  public:
   Compiler(const syntax::Protocol& protocol, const Limits& limits, Plan& plan)
-      : limits_(limits), plan_(plan), bindings_(protocol.constants) {}
+      : Evaluator(protocol.constants), limits_(limits), plan_(plan) {}
 
   void run(const syntax::Protocol& protocol, const base::TomlTable& root) {
     walk(protocol.steps);
@@ -75,13 +66,12 @@ class Compiler {
 
   void repeat(const Node& node) {
     for (const auto& row : node.rows) {
-      const std::size_t outer = bindings_.size();
-      bindings_.insert(bindings_.end(), row.begin(), row.end());
+      const std::size_t outer = bind(row);
       const auto first = static_cast<std::uint32_t>(plan_.steps.size());
       if (node.is_session) open_session(&node);
       walk(node.body);
       if (node.is_session) close_session(node.table, first, node.label);
-      bindings_.resize(outer);
+      unbind(outer);
       if (too_long_) return;
     }
   }
@@ -128,7 +118,7 @@ class Compiler {
                     number_text(session.pressure_psi) + " psi";
     if (!label.empty()) {
       std::string error;
-      if (auto text = fill_in(label, bindings_, error)) {
+      if (auto text = fill_in(label, bindings(), error)) {
         session.label = *std::move(text);
       } else {
         note(table, "label", "`label`: " + error);
@@ -148,7 +138,7 @@ class Compiler {
       too_long_ = true;
       return;
     }
-    bad_.clear();
+    begin_step();
     Step out;
     out.index = static_cast<std::uint32_t>(plan_.steps.size());
     if (in_session_) out.session = static_cast<std::uint32_t>(plan_.sessions.size() - 1);
@@ -316,7 +306,7 @@ class Compiler {
 
   void mark(const Node& node, Step& out) {
     std::string error;
-    const auto text = fill_in(node.label, bindings_, error);
+    const auto text = fill_in(node.label, bindings(), error);
     if (!text) {
       note(node.table, "label", "`label`: " + error);
     } else if (text->size() >= sizeof out.label) {
@@ -361,63 +351,13 @@ class Compiler {
            number_text(limits_.speed_max_mm_s) + " mm/s (limits.speed_min_mm_s, limits.speed_max_mm_s)";
   }
 
-  /// The value of `key` in this turn of the repeats; `fallback` where there is none or it was reported.
-  double value(const Node& node, std::string_view key, Range range, double fallback) {
-    const auto it = node.values.find(key);
-    if (it == node.values.end()) return fallback;
-    const double v = it->second.value(bindings_);
-    const bool inside =
-        std::isfinite(v) && (range.open_min ? v > range.min : v >= range.min) && v <= range.max;
-    if (inside) return v;
-    note(node.table, key, said(node, key, v) + "; it has to be " + demand(range));
-    bad_.emplace(key);
-    return fallback;
-  }
-
-  double whole(const Node& node, std::string_view key, Range range) {
-    const double v = value(node, key, range, 1.0);
-    if (v == std::floor(v)) return v;
-    note(node.table, key, said(node, key, v) + "; it has to be a whole number");
-    bad_.emplace(key);
-    return 1.0;
-  }
-
-  /// None of these keys has been reported: comparing them makes sense.
-  [[nodiscard]] bool all_well(const Node& node, std::initializer_list<std::string_view> keys) const {
-    return std::none_of(keys.begin(), keys.end(), [&](std::string_view key) {
-      return node.broken.contains(key) || bad_.contains(key);
-    });
-  }
-
-  /// "`velocity_mm_s` = 12 with speed_mm_s = 12"
-  [[nodiscard]] std::string said(const Node& node, std::string_view key, double v) const {
-    std::string out = "`" + std::string(key) + "` = " + number_text(v);
-    const auto it = node.values.find(key);
-    if (it == node.values.end()) return out;
-    const char* joint = " with ";
-    for (const auto& name : it->second.variables()) {
-      out += joint + name + " = " + number_text(find(bindings_, name)->value);
-      joint = ", ";
-    }
-    return out;
-  }
-
-  /// Each message once per place, however often a repeat comes by.
-  void note(const base::TomlTable& table, std::string_view key, std::string message) {
-    const auto at = table.where(key);
-    if (noted_.insert({at.line, at.column, message}).second) table.error(key, std::move(message));
-  }
-
   const Limits& limits_;
   Plan& plan_;
-  Bindings bindings_;
   double position_mm_ = 0.0;
   double setpoint_psi_ = 0.0;
   bool in_session_ = false;
   bool too_long_ = false;
   std::set<std::string> session_labels_;
-  std::set<std::string, std::less<>> bad_;  ///< keys of the step at hand whose value was reported
-  std::set<std::tuple<std::uint32_t, std::uint32_t, std::string>> noted_;
 };
 
 }  // namespace

@@ -265,18 +265,12 @@ void Cursor::tick_wave(std::int64_t now_ns, const Observation& seen) noexcept {
 void Cursor::decide_keep(std::int64_t now_ns) noexcept {
   const Step& step = plan_->steps[action_.step];
   const bool at_work = action_.state == CursorState::kRunning && !action_.approaching && !begin_pending_;
-  bool full = now_ns < full_until_ns_ || plan_->recording.mode == RecordingMode::kFull ||
-              (at_work && step.keep == Keep::kFull);
+  const bool in_tail = now_ns < full_until_ns_;
+  const bool full =
+      in_tail || plan_->recording.mode == RecordingMode::kFull || (at_work && step.keep == Keep::kFull);
   quiet_until_ns_ = 0;
   if (at_work && step.kind == StepKind::kHold) {
-    const std::int64_t tail_begin_ns = step_end_ns_ - to_ns(step.full_tail_s);
-    quiet_until_ns_ = step_end_ns_;
-    if (now_ns < full_until_ns_) quiet_until_ns_ = std::min(quiet_until_ns_, full_until_ns_);
-    if (now_ns < tail_begin_ns) {
-      quiet_until_ns_ = std::min(quiet_until_ns_, tail_begin_ns);
-    } else {
-      full = true;
-    }
+    quiet_until_ns_ = in_tail ? std::min(step_end_ns_, full_until_ns_) : step_end_ns_;
   }
   action_.keep = full ? Keep::kFull : Keep::kAveraged;
 }

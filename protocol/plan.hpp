@@ -33,7 +33,7 @@ struct Step {
   std::uint32_t session = kNoSession;  ///< index into Plan::sessions
   std::int32_t repetition = 0;         ///< of its session, from 1; 0 outside sessions
   StepKind kind = StepKind::kMark;
-  Keep keep = Keep::kAveraged;  ///< of the step's own time; see also full_tail_s
+  Keep keep = Keep::kAveraged;  ///< of the step's own time; what lies round a ramp: RecordingPolicy
   OnTimeout on_timeout = OnTimeout::kStop;
   WaveShape shape = WaveShape::kTriangle;
 
@@ -44,7 +44,6 @@ struct Step {
   double position_before_mm = 0.0;
   double position_after_mm = 0.0;
   double pressure_psi = 0.0;  ///< the set-point in force during the step (of a pressurize: the new one)
-  double full_tail_s = 0.0;   ///< the last part of a hold that is kept in full (before_s of a ramp)
   double full_after_s = 0.0;  ///< after a ramp or wave kept in full: so long the next steps are, too
 
   // pressurize: done when |pressure - pressure_psi| <= tolerance_psi for settled_for_s.
@@ -92,8 +91,11 @@ enum class RecordingMode : std::uint8_t { kRoundRamps, kFull, kAveraged };
 
 struct RecordingPolicy {
   RecordingMode mode = RecordingMode::kRoundRamps;
-  double before_s = 3.0;  ///< kept in full before a ramp (the paper's F0 is the mean of the last 2 s)
-  double after_s = 5.0;   ///< kept in full after a ramp
+  /// Kept in full before a ramp (the paper's F0 is the mean of the last 2 s). The plan does not mark it: the
+  /// recorder holds the last before_s of averaged stretches in memory, which also serves where the end of the
+  /// step before is not known in advance (settle).
+  double before_s = 3.0;
+  double after_s = 5.0;             ///< kept in full after a ramp; Cursor marks it
   double average_interval_s = 0.1;  ///< elsewhere
 };
 

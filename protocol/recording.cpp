@@ -29,21 +29,10 @@ void resolve_recording(Plan& plan) {
     full_until_s = to_s;
   };
   plan.full_rate_s = 0.0;
-  for (std::size_t i = 0; i < plan.steps.size(); ++i) {
-    Step& step = plan.steps[i];
+  for (Step& step : plan.steps) {
     if (step.keep != Keep::kFull) continue;
     const bool round = moves(step) && policy.mode != RecordingMode::kFull;
-    if (round) {
-      step.full_after_s = policy.after_s;
-      double left_s = policy.before_s;
-      for (std::size_t j = i; j-- > 0 && left_s > 0.0;) {
-        Step& before = plan.steps[j];
-        if (before.kind == StepKind::kMark) continue;
-        if (before.kind != StepKind::kHold) break;
-        before.full_tail_s = std::max(before.full_tail_s, std::min(left_s, before.duration_s));
-        left_s -= before.duration_s;
-      }
-    }
+    if (round) step.full_after_s = policy.after_s;
     count(step.start_s - (round ? policy.before_s : 0.0),
           step.start_s + step.nominal_s + (round ? policy.after_s : 0.0));
   }

@@ -103,6 +103,14 @@ TEST_F(CliFiles, LimitsComeFromTheRigsFileAndTheRestOfItIsNotLookedAt) {
   EXPECT_EQ(isorig("check config/protocols/vma-smoke.toml").code, 0);
 }
 
+TEST(Cli, ShippedProtocolsKeepTheSimulatedRigsLimits) {
+  for (const auto& entry : std::filesystem::directory_iterator(ISORIG_SOURCE_DIR "/config/protocols")) {
+    const auto check = isorig("check " + entry.path().string() + " --rig config/rigs/sim.toml");
+    EXPECT_EQ(check.code, 0) << check.out;
+    EXPECT_THAT(check.out, HasSubstr("within those of config/rigs/sim.toml"));
+  }
+}
+
 TEST(Cli, ExitCodes) {
   EXPECT_EQ(isorig("--help").code, 0);
   EXPECT_EQ(isorig("").code, 2);

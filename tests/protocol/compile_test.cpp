@@ -135,9 +135,8 @@ TEST(Compile, RecordsAsThePolicyAndTheStepsSay) {
                             "{ do = \"ramp\", to_mm = 0, velocity_mm_s = 1, record = \"averaged\" },\n";
   const Plan round = plan_of(text_of(steps, "\nrecording = { before_s = 1.5, after_s = 2 }"));
   EXPECT_EQ(round.steps[4].keep, Keep::kFull);
-  EXPECT_EQ(round.steps[3].full_tail_s, 1.0);
-  EXPECT_EQ(round.steps[1].full_tail_s, 0.5);  // the rest, across the mark
   EXPECT_EQ(round.steps[4].full_after_s, 2.0);
+  EXPECT_EQ(round.steps[6].full_after_s, 0.0);
   EXPECT_EQ(round.steps[5].keep, Keep::kFull);
   EXPECT_EQ(round.steps[6].keep, Keep::kAveraged);
   EXPECT_NEAR(round.full_rate_s, 1.5 + 1.0 + 9.0, 1e-12);
