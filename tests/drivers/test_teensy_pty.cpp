@@ -12,6 +12,7 @@
 #include <thread>
 #include <vector>
 
+#include "bench/teensy_backend.hpp"
 #include "drivers/backoff.hpp"
 #include "drivers/error.hpp"
 #include "drivers/pressure/teensy.hpp"
@@ -26,38 +27,7 @@ using drivers::DeviceError;
 using drivers::Fault;
 using testing::HasSubstr;
 
-/// Sensor and valves without physics: conversions on true time, commands remembered.
-class Backend final : public Device {
- public:
-  explicit Backend(const clock::Clock& clock) : clock_(clock), next_us_(clock.now_ns() / 1000) {}
-  Identity connect() override { return {}; }
-  void disconnect() noexcept override {}
-  Poll poll(std::span<Sample> out, std::span<clock::Exchange>, std::int64_t) override {
-    Poll result;
-    while (result.samples < out.size() && next_us_ * 1000 <= clock_.now_ns()) {
-      out[result.samples++] = {sequence_++, next_us_, word(next_us_)};
-      next_us_ += period_us;
-    }
-    return result;
-  }
-  void command(const Command& command) override { valves = command; }
-  void heartbeat() override { ++heartbeats; }
-  void request_time_sync() override {}
-
-  /// A pressure that tells when it was taken.
-  static std::uint32_t word(std::int64_t true_us) {
-    return messages::encode_elvh(10.0 + 0.005 * static_cast<double>(true_us / 1000 % 1000), 25.0);
-  }
-
-  std::int64_t period_us = 1000;
-  Command valves;
-  int heartbeats = 0;
-
- private:
-  const clock::Clock& clock_;
-  std::int64_t next_us_;
-  std::uint32_t sequence_ = 0;
-};
+using Backend = bench::TeensyBackend;
 
 /// Moves time and the emulator while the driver waits.
 class PumpedStream final : public ByteStream {
