@@ -143,6 +143,18 @@ TEST(Shipped, AllKeepAnInstronsLimits) {
   }
 }
 
+TEST(Shipped, TheExampleOfTheDocumentationCompiles) {
+  std::ostringstream page;
+  page << std::ifstream(ISORIG_SOURCE_DIR "/docs/protocol.md").rdbuf();
+  const std::string text = page.str(), fence = "```toml\n";
+  const auto begin = text.find(fence);
+  ASSERT_NE(begin, std::string::npos);
+  const auto from = begin + fence.size();
+  const auto example = text.substr(from, text.find("```", from) - from);
+  const Plan plan = compile(base::TomlDocument::parse_text(example, "docs/protocol.md"), rig());
+  EXPECT_EQ(plan.sessions.size(), 6U);
+}
+
 TEST(Shipped, SlowGoesDownToATwentiethOfAMillimetrePerSecond) {
   const Plan plan = compile_file(shipped("vma-slow"), rig());
   double slowest_mm_s = 1e9;
