@@ -44,28 +44,13 @@ void Actuator::set_parameters(double pressure_psi) noexcept {
 
 double Actuator::settle(double position_mm, double pressure_psi) noexcept {
   set_parameters(pressure_psi);
-  position_mm_ = position_mm;
-  strain_ = strain(position_mm, pressure_psi);
-  stack_.settle(strain_);
-  force_N_ = stack_.force_N();
-  const Stroke at{position_mm, 0.0, strain_, 0.0, pressure_psi, 0.0};
-  for (const auto& element : elements_) force_N_ += element->settle(at);
-  return force_N_;
+  stack_.settle(strain(position_mm, pressure_psi));
+  return force_N_ = stack_.force_N();
 }
 
 double Actuator::step(double position_mm, double pressure_psi, double dt_s) noexcept {
   set_parameters(pressure_psi);
-  const double strain_end = strain(position_mm, pressure_psi);
-  force_N_ = stack_.step(strain_end, dt_s);
-  if (!elements_.empty()) {
-    const Stroke to{position_mm,  (position_mm - position_mm_) / dt_s,
-                    strain_end,   (strain_end - strain_) / dt_s,
-                    pressure_psi, dt_s};
-    for (const auto& element : elements_) force_N_ += element->step(to);
-  }
-  position_mm_ = position_mm;
-  strain_ = strain_end;
-  return force_N_;
+  return force_N_ = stack_.step(strain(position_mm, pressure_psi), dt_s);
 }
 
 }  // namespace isorig::model

@@ -1,9 +1,8 @@
 #pragma once
-#include <memory>
+#include <cmath>
 #include <vector>
 
 #include "model/braid.hpp"
-#include "model/element.hpp"
 #include "model/pressure_table.hpp"
 #include "model/slse.hpp"
 
@@ -29,8 +28,7 @@ struct ActuatorParameters {
 };
 
 /// A McKibben actuator with or without a viscoelastic sheath: one or two standard linear solids in parallel
-/// round a rest length that shortens with pressure (Bennington, Wang et al., eqs. 1-7), and whatever else is
-/// added.
+/// round a rest length that shortens with pressure (Bennington, Wang et al., eqs. 1-7).
 ///
 ///   L0(p) = IL - (IL - ML) (p / 20 psi)^n,   e = (IL + x - L0(p)) / L0(p),   F = sum of the elements' forces
 ///
@@ -39,15 +37,12 @@ struct ActuatorParameters {
 /// and ML the paper gives no curve: n = 1.85 is chosen because it leaves 1.3 to 1.9 mm of contraction at
 /// 5 psi, where the paper has to limit its shortening to 1 mm. The elements are linear in strain, as in the
 /// paper, so the actuator pushes when it is shorter than L0 (a real one buckles), and the response is
-/// symmetrical (the measured one is stiffer in extension): effects for that are elements of their own, see
-/// add().
+/// symmetrical (the measured one is stiffer in extension): effects for that are model/effects/, which the
+/// simulated rig composes with this actuator (sim/physics.hpp).
 class Actuator {
  public:
   /// Throws std::invalid_argument on lengths or tables that make no actuator.
   explicit Actuator(const ActuatorParameters& parameters);
-
-  /// Adds an element in parallel. It must be settled again afterwards.
-  void add(std::unique_ptr<Element> element) { elements_.push_back(std::move(element)); }
 
   /// Steady state at a position and pressure. Returns the force [N].
   double settle(double position_mm, double pressure_psi) noexcept;
@@ -85,9 +80,6 @@ class Actuator {
   Braid braid_;
   PressureTable table_;
   SlseStack stack_;
-  std::vector<std::unique_ptr<Element>> elements_;
-  double position_mm_ = 0.0;
-  double strain_ = 0.0;
   double force_N_ = 0.0;
 };
 

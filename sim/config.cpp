@@ -97,6 +97,30 @@ void read_pneumatics(const std::optional<TomlTable>& t, PneumaticParameters& p) 
   read_number(t, "dump_time_ms", p.dump_time_ms, kPositive);
 }
 
+// [sim.physics]: effects = "FILE" or model = "FILE", and nominal_pressure_psi.
+std::optional<PhysicsConfig> read_physics(const std::optional<TomlTable>& t,
+                                          const std::filesystem::path& directory) {
+  if (!t) return std::nullopt;
+  PhysicsConfig physics;
+  const bool effects = t->has("effects");
+  const bool model = t->has("model");
+  const std::string effects_file = t->string_or("effects", "");
+  const std::string model_file = t->string_or("model", "");
+  physics.nominal_pressure_psi = t->number("nominal_pressure_psi", kNonNegative);
+  if (effects == model) {
+    t->error(model ? "model" : "",
+             "needs either `effects` (added to the specimen) or `model` (in its place)");
+    return std::nullopt;
+  }
+  physics.replaces_actuator = model;
+  try {
+    physics.spec = model::read_model((directory / (model ? model_file : effects_file)).lexically_normal());
+  } catch (const base::ConfigError& e) {
+    t->error(model ? "model" : "effects", e.what());
+  }
+  return physics;
+}
+
 }  // namespace
 
 SimConfig read_sim(const TomlTable& root, const std::filesystem::path& directory) {
@@ -108,6 +132,7 @@ SimConfig read_sim(const TomlTable& root, const std::filesystem::path& directory
   read_frame(sim.table_if("frame"), config.frame);
   read_sensor(sim.table_if("pressure"), config.pressure);
   read_pneumatics(sim.table_if("pneumatics"), config.pneumatics);
+  config.physics = read_physics(sim.table_if("physics"), directory);
   return config;
 }
 

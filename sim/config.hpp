@@ -1,8 +1,10 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 
 #include "base/toml_reader.hpp"
+#include "model/composed.hpp"
 
 /// The [sim] tables of a rig's file. Every default is the value the shipped virtual rig uses; where it comes
 /// from is in docs/simulated-rig.md.
@@ -89,12 +91,24 @@ struct PneumaticParameters {
   double dump_time_ms = 15.0;
 };
 
+/// Physics beyond the specimen's own: parts of the catalogue (model/catalogue.hpp) from an "isorig-model/1"
+/// file.
+struct PhysicsConfig {
+  model::ModelSpec spec;
+  /// False: the parts are effects, added to the specimen's actuator. True: the parts are the whole specimen,
+  /// such as a model that was identified; the actuator is left with its volume.
+  bool replaces_actuator = false;
+  double nominal_pressure_psi =
+      15.0;  ///< at which the model was identified; effects of pressure count from here
+};
+
 struct SimConfig {
   std::uint64_t seed = 1;
   std::filesystem::path specimen;  ///< absolute, or relative to the working directory once read
   FrameParameters frame;
   SensorParameters pressure;
   PneumaticParameters pneumatics;
+  std::optional<PhysicsConfig> physics;
 };
 
 /// Reads [sim] from the rig's root table; a path in it is relative to `directory`. Errors are noted in the

@@ -11,14 +11,14 @@ Rig::Rig(const SimConfig& config, const Specimen& specimen, const RigOptions& op
     : specimen_(specimen),
       options_(options),
       now_ns_(options.start_ns),
-      actuator_(specimen.actuator),
-      pneumatics_(config.pneumatics, 1e-3 * actuator_.volume_mm3(0.0), kStep_s),
+      physics_(specimen.actuator, config.physics),
+      pneumatics_(config.pneumatics, 1e-3 * physics_.actuator().volume_mm3(0.0), kStep_s),
       frame_(config.frame, *this, config.seed, options.start_ns, kStep_s),
       pressure_(config.pressure, config.pneumatics, *this, config.seed, options.start_ns),
       interlock_(*this) {
   truth_.mono_ns = options.start_ns;
   truth_.supply_psi = pneumatics_.supply_psi();
-  truth_.force_N = actuator_.force_N();
+  truth_.force_N = physics_.force_N();
   step_.begin_ns = options.start_ns;
   step_.length_ns = kStep_ns;
 }
@@ -43,11 +43,6 @@ void Rig::advance_unlocked(std::int64_t now_ns) noexcept {
   while (step_.begin_ns + kStep_ns <= now_ns) step();
 }
 
-void Rig::add_element(std::unique_ptr<model::Element> element) {
-  actuator_.add(std::move(element));
-  truth_.force_N = actuator_.settle(truth_.position_mm, truth_.pressure_psi);
-}
-
 Truth Rig::truth() {
   const Visit visit = enter();
   truth_.supply_psi = pneumatics_.supply_psi();
@@ -64,9 +59,10 @@ void Rig::step() noexcept {
   step_.pressure_begin_psi = truth_.pressure_psi;
 
   step_.position_end_mm = frame_.crosshead().position_mm();
-  pneumatics_.step(valves, 1e-3 * actuator_.volume_mm3(step_.position_end_mm));
+  pneumatics_.step(valves, 1e-3 * physics_.actuator().volume_mm3(step_.position_end_mm));
   step_.pressure_end_psi = pneumatics_.pressure_psi();
-  step_.force_end_N = actuator_.step(step_.position_end_mm, step_.pressure_end_psi, kStep_s);
+  step_.force_end_N = physics_.step(step_.position_end_mm, frame_.crosshead().velocity_mm_s(),
+                                    step_.pressure_end_psi, kStep_s);
 
   frame_.after_step(step_);
   pressure_.after_step(step_);

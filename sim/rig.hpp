@@ -8,6 +8,7 @@
 #include "sim/frame/frame.hpp"
 #include "sim/host.hpp"
 #include "sim/interlock/interlock.hpp"
+#include "sim/physics.hpp"
 #include "sim/pressure/pressure.hpp"
 #include "sim/specimen.hpp"
 
@@ -49,14 +50,12 @@ class Rig final : public Host {
 
   /// Steps everything up to `now_ns` (whole steps; the rest follows with the next call). Never goes back.
   void advance(std::int64_t now_ns);
-  /// Adds an effect in parallel to the actuator and settles it anew: before the first step.
-  void add_element(std::unique_ptr<model::Element> element);
 
   [[nodiscard]] SimFrame& frame() noexcept { return frame_; }
   [[nodiscard]] SimPressure& pressure() noexcept { return pressure_; }
   [[nodiscard]] SimInterlock& interlock() noexcept { return interlock_; }
   [[nodiscard]] Pneumatics& pneumatics() noexcept { return pneumatics_; }
-  [[nodiscard]] const model::Actuator& actuator() const noexcept { return actuator_; }
+  [[nodiscard]] const model::Actuator& actuator() const noexcept { return physics_.actuator(); }
   [[nodiscard]] const Specimen& specimen() const noexcept { return specimen_; }
   [[nodiscard]] Truth truth();
 
@@ -70,7 +69,7 @@ class Rig final : public Host {
   RigOptions options_;
   std::mutex mutex_;
   std::int64_t now_ns_;  // what the host has told us
-  model::Actuator actuator_;
+  SpecimenPhysics physics_;
   Pneumatics pneumatics_;
   SimFrame frame_;
   SimPressure pressure_;

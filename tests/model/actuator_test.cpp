@@ -103,34 +103,6 @@ TEST(Actuator, FillingStretchesTheElementsRoundAShorterRestLength) {
   EXPECT_NEAR(force_N, relaxed_N, 1e-4);
 }
 
-class Spy final : public Element {
- public:
-  double settle(const Stroke& at) noexcept override {
-    settled = at;
-    return 1.0;
-  }
-  double step(const Stroke& to) noexcept override {
-    last = to;
-    return 2.0;
-  }
-  Stroke settled, last;
-};
-
-TEST(Actuator, AddedElementsSeeTheStrokeAndAddTheirForce) {
-  Actuator plain(parameters());
-  Actuator actuator(parameters());
-  auto owned = std::make_unique<Spy>();
-  Spy& spy = *owned;
-  actuator.add(std::move(owned));
-  EXPECT_NEAR(actuator.settle(1.0, 10.0), plain.settle(1.0, 10.0) + 1.0, 1e-12);
-  EXPECT_EQ(spy.settled.position_mm, 1.0);
-  EXPECT_NEAR(actuator.step(1.5, 10.0, 0.1), plain.step(1.5, 10.0, 0.1) + 2.0, 1e-12);
-  EXPECT_NEAR(spy.last.velocity_mm_s, 5.0, 1e-12);
-  EXPECT_NEAR(spy.last.strain_rate_1_s, 5.0 / 88.3, 1e-12);
-  EXPECT_EQ(spy.last.pressure_psi, 10.0);
-  EXPECT_EQ(spy.last.dt_s, 0.1);
-}
-
 TEST(Actuator, RefusesParametersThatMakeNone) {
   auto p = parameters();
   p.minimum_length_mm = 95.0;
