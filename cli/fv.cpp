@@ -1,0 +1,103 @@
+#include <cstdio>
+#include <iostream>
+#include <memory>
+
+#include "cli/command.hpp"
+#include "identify/fv_report.hpp"
+
+namespace isorig::cli {
+namespace {
+
+struct Options {
+  std::vector<std::string> recordings;
+  std::string out;
+  std::string model = "slse1";
+  std::string control;
+  std::string control_specimen;
+  bool no_png = false;
+  bool no_figures = false;
+};
+
+void print_curve(const identify::Curve& curve) {
+  std::printf("%s: %zu points", identify::title_of(curve).c_str(), curve.points.size());
+  if (!curve.result.fit) {
+    std::printf("\n  %s\n", curve.result.refusal.c_str());
+    return;
+  }
+  std::printf(", R2 %.4f\n", curve.result.fit->r_squared);
+  for (const auto& p : curve.result.fit->parameters)
+    std::printf("  %-12s %s%s\n", p.name.c_str(),
+                identify::report::interval_text(p.value, p.low, p.high).c_str(),
+                p.identifiable ? "" : "  NOT identifiable");
+  for (const auto& s : curve.result.fit->statements) std::printf("  %s\n", s.c_str());
+}
+
+int fv(const Options& options) {
+  const bool two = options.model == "slse2";
+  std::vector<identify::ControlFit> controls;
+  if (two && options.control.empty()) {
+    std::cerr
+        << "isorig fv: --model slse2 needs --control FV.json, the 1-SLSE analysis of the control actuator\n";
+    return kUsage;
+  }
+  if (two) {
+    try {
+      controls = identify::read_controls(options.control, options.control_specimen);
+    } catch (const std::exception& e) {
+      std::cerr << e.what() << '\n';
+      return kBadInput;
+    }
+  }
+  // Every recording is read before anything is written: all that is wrong is said at once.
+  std::vector<identify::RecordingResult> results;
+  bool bad = false;
+  for (const auto& path : options.recordings) {
+    try {
+      results.push_back(identify::analyse_recording(messages::read_recording(path), path));
+    } catch (const messages::RecordingError& e) {
+      std::cerr << e.what() << '\n';
+      bad = true;
+    }
+  }
+  if (bad) return kBadInput;
+  const auto analysis = identify::analyse_curves(
+      std::move(results), two ? identify::FvModel::kSlse2 : identify::FvModel::kSlse1, controls);
+  identify::write_fv_tables(analysis, options.out);
+  if (!options.no_figures) {
+    identify::report::DrawOptions draw;
+    draw.png = !options.no_png;
+    identify::write_fv_report(analysis, options.out, draw);
+  }
+  bool fitted = false;
+  for (const auto& r : analysis.recordings)
+    for (const auto& s : r.ramps.statements) std::printf("%s: %s\n", r.path.c_str(), s.c_str());
+  for (const auto& curve : analysis.curves) {
+    print_curve(curve);
+    fitted = fitted || curve.result.fit.has_value();
+  }
+  std::printf("written to %s\n", options.out.c_str());
+  return fitted ? kOk : kFailure;
+}
+
+Command add_fv(CLI::App& app) {
+  auto options = std::make_shared<Options>();
+  auto* sub = app.add_subcommand("fv", "Ramps, force-velocity points and their fits, from recordings");
+  sub->add_option("RECORDING", options->recordings,
+                  "Recording folders; those of one specimen and pressure are repetitions")
+      ->required();
+  sub->add_option("--out", options->out, "Folder for fv.json, tables, report.html and figures")->required();
+  sub->add_option("--model", options->model,
+                  "slse1: a control; slse2: a sheath on a control whose parameters are held")
+      ->check(CLI::IsMember({"slse1", "slse2"}));
+  sub->add_option("--control", options->control, "fv.json of the control actuator (for slse2)");
+  sub->add_option("--control-specimen", options->control_specimen,
+                  "which specimen of that file, if it has several");
+  sub->add_flag("--no-png", options->no_png, "Figures as SVG only");
+  sub->add_flag("--no-figures", options->no_figures, "Tables only, no report");
+  return {sub, [options] { return fv(*options); }};
+}
+
+const Registration kFv(30, add_fv);
+
+}  // namespace
+}  // namespace isorig::cli

@@ -1,0 +1,215 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "iso_velocity_recording.hpp"
+
+/// `isorig fv` as a user runs it: files in, files and words out.
+namespace isorig {
+namespace {
+
+namespace fs = std::filesystem;
+using identify::testing::IsoVelocityTest;
+using identify::testing::simulate;
+using ::testing::HasSubstr;
+
+struct Outcome {
+  int code = 0;
+  std::string text;
+};
+
+Outcome isorig(const std::string& arguments) {
+  const std::string command = std::string(ISORIG_BIN_DIR "/isorig ") + arguments + " 2>&1";
+  FILE* pipe = popen(command.c_str(), "r");
+  Outcome out;
+  char buffer[4096];
+  while (std::fgets(buffer, sizeof buffer, pipe) != nullptr) out.text += buffer;
+  const int status = pclose(pipe);
+  out.code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+  return out;
+}
+
+std::string read(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+class FvCommand : public ::testing::Test {
+ protected:
+  fs::path folder_ = fs::path(::testing::TempDir()) /
+                     (std::string("fv-") + ::testing::UnitTest::GetInstance()->current_test_info()->name());
+  void SetUp() override {
+    fs::remove_all(folder_);
+    fs::create_directories(folder_);
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+
+  messages::Recording recording(IsoVelocityTest test, const std::string& specimen) {
+    auto r = simulate(test);
+    r.metadata.specimen = specimen;
+    messages::PressureSamples p;
+    for (double t = 0; t < r.frame.t_s.back(); t += 0.2) {
+      p.t_s.push_back(t);
+      p.pressure_psi.push_back(10.0);
+    }
+    r.pressure = p;
+    return r;
+  }
+  fs::path save(const messages::Recording& r, const std::string& name) {
+    messages::write_recording(folder_ / name, r);
+    return folder_ / name;
+  }
+  std::string out() const { return " --out " + (folder_ / "out").string(); }
+  nlohmann::json result() const { return nlohmann::json::parse(read(folder_ / "out/fv.json")); }
+};
+
+TEST_F(FvCommand, ControlThenSheath) {
+  IsoVelocityTest test;
+  test.speeds_mm_s = {0.05, 0.5, 2, 5, 10};
+  test.force_noise_N = 0.005;
+  test.elements = {{200.0, 100.0, 100.0}};  // kappa 0.5, gamma 1
+  std::string controls, sheathed;
+  for (unsigned seed : {1U, 2U}) {
+    test.seed = seed;
+    controls += " " + save(recording(test, "control"), "c" + std::to_string(seed)).string();
+  }
+  test.elements.push_back({100.0, 200.0, 10.0});  // beta 0.5, kappa 2, gamma 20
+  for (unsigned seed : {3U, 4U}) {
+    test.seed = seed;
+    sheathed += " " + save(recording(test, "sheathed"), "s" + std::to_string(seed)).string();
+  }
+  const Outcome first = isorig("fv" + controls + out());
+  ASSERT_EQ(first.code, 0) << first.text;
+  EXPECT_THAT(first.text, HasSubstr("control at 10 psi: 20 points"));
+  auto json = result();
+  EXPECT_EQ(json["format"], "isorig-fv/1");
+  EXPECT_NEAR(json["curves"][0]["fit"]["parameters"]["kappa"]["value"].get<double>(), 0.5, 0.02);
+  EXPECT_NEAR(json["curves"][0]["fit"]["parameters"]["gamma_per_s"]["value"].get<double>(), 1.0, 0.04);
+  EXPECT_EQ(json["curves"][0]["means"].size(), 10U);
+  EXPECT_EQ(json["curves"][0]["means"][0]["repetitions"], 2);
+  EXPECT_EQ(json["recordings"][0]["ramps"].size(), 10U);
+  for (const char* file : {"ramps.csv", "moves.csv", "curves.csv", "parameters.csv", "report.html",
+                           "figures/curve_1_control_at_10_psi.svg", "figures/curve_1_control_at_10_psi.png"})
+    EXPECT_GT(fs::file_size(folder_ / "out" / file), 100U) << file;
+  fs::rename(folder_ / "out", folder_ / "control-out");
+  const Outcome second = isorig("fv" + sheathed + " --model slse2 --no-png --control " +
+                                (folder_ / "control-out/fv.json").string() + out());
+  ASSERT_EQ(second.code, 0) << second.text;
+  json = result();
+  const auto& p = json["curves"][0]["fit"]["parameters"];
+  // The control's own error (2 %) is carried into the sheath's parameters several times over.
+  EXPECT_NEAR(p["beta"]["value"].get<double>(), 0.5, 0.15);
+  EXPECT_NEAR(p["gamma_per_s"]["value"].get<double>(), 20.0, 6.0);
+  EXPECT_GT(json["curves"][0]["fit"]["r_squared"].get<double>(), 0.9999);
+  EXPECT_FALSE(fs::exists(folder_ / "out/figures/curve_1_sheathed_at_10_psi.png"));
+}
+
+TEST_F(FvCommand, SheathNeedsItsControl) {
+  const auto path = save(recording({}, "sheathed"), "s").string();
+  EXPECT_EQ(isorig("fv " + path + " --model slse2" + out()).code, 2);
+  std::ofstream(folder_ / "other.json") << "{\"format\": \"something\"}";
+  const Outcome wrong =
+      isorig("fv " + path + " --model slse2 --control " + (folder_ / "other.json").string() + out());
+  EXPECT_EQ(wrong.code, 3);
+  EXPECT_THAT(wrong.text, HasSubstr("isorig-fv/1"));
+}
+
+TEST_F(FvCommand, NoRampsIsSaid) {
+  auto r = recording({}, "still");
+  for (double& x : r.frame.position_mm) x = 0.0;
+  const Outcome o = isorig("fv " + save(r, "still").string() + out());
+  EXPECT_EQ(o.code, 1);
+  EXPECT_THAT(o.text, HasSubstr("Nothing moves"));
+  EXPECT_TRUE(result()["curves"][0]["fit"].is_null());
+  EXPECT_TRUE(fs::exists(folder_ / "out/report.html"));
+}
+
+TEST_F(FvCommand, OneRampIsNotEnough) {
+  IsoVelocityTest test;
+  test.speeds_mm_s = {5};
+  test.precondition = false;
+  auto r = recording(test, "one");
+  const auto cut = static_cast<std::size_t>(std::lower_bound(r.frame.t_s.begin(), r.frame.t_s.end(), 65.0) -
+                                            r.frame.t_s.begin());
+  r.frame.t_s.resize(cut);
+  r.frame.position_mm.resize(cut);
+  r.frame.force_N.resize(cut);
+  const Outcome o = isorig("fv " + save(r, "one").string() + out());
+  EXPECT_EQ(o.code, 1);
+  EXPECT_THAT(o.text, HasSubstr("1 usable ramp,"));
+  EXPECT_TRUE(result()["curves"][0]["fit"].is_null());
+  EXPECT_EQ(result()["recordings"][0]["ramps"].size(), 1U);
+}
+
+TEST_F(FvCommand, ClippedForceGivesNoNumbers) {
+  auto r = recording({}, "clipped");
+  double highest = -1e9, lowest = 1e9;
+  for (double f : r.frame.force_N) {
+    highest = std::max(highest, f);
+    lowest = std::min(lowest, f);
+  }
+  for (double& f : r.frame.force_N) f = std::clamp(f, lowest + 2.5, highest - 2.5);
+  const Outcome o = isorig("fv " + save(r, "clipped").string() + out());
+  EXPECT_THAT(o.text, HasSubstr("saturated"));
+  for (const auto& ramp : result()["recordings"][0]["ramps"]) {
+    const auto& flags = ramp["flags"];
+    if (std::find(flags.begin(), flags.end(), "force_clipped") == flags.end()) continue;
+    EXPECT_TRUE(ramp["normalized_force"].is_null());
+  }
+  EXPECT_FALSE(result()["recordings"][0]["whole_series_refusal"].is_null());
+}
+
+TEST_F(FvCommand, MissingPressureFileIsSaidAndTheRestIsDone) {
+  auto r = recording({}, "no-pressure");
+  r.pressure.reset();
+  const Outcome o = isorig("fv " + save(r, "r").string() + out());
+  EXPECT_EQ(o.code, 0) << o.text;
+  EXPECT_THAT(o.text, HasSubstr("no pressure.csv"));
+}
+
+TEST_F(FvCommand, BadFilesAreNamedWithTheirLineAndNothingIsWritten) {
+  const auto good = save(recording({}, "good"), "good");
+  auto broken = [&](const std::string& name, auto&& change) {
+    fs::copy(good, folder_ / name);
+    std::string text = read(folder_ / name / "frame.csv");
+    change(text);
+    std::ofstream(folder_ / name / "frame.csv", std::ios::binary) << text;
+    return (folder_ / name).string();
+  };
+  const std::string paths =
+      " " + broken("nan", [](std::string& t) { t.insert(t.find('\n', 200) + 1, "nan,0,0\n"); }) + " " +
+      broken("column", [](std::string& t) { t.replace(0, 3, "tim"); }) + " " +
+      broken("truncated", [](std::string& t) { t.resize(t.size() - 4); }) + " " + good.string();
+  const Outcome o = isorig("fv" + paths + out());
+  EXPECT_EQ(o.code, 3);
+  EXPECT_THAT(o.text, HasSubstr("nan/frame.csv:"));
+  EXPECT_THAT(o.text, HasSubstr("column/frame.csv:1"));
+  EXPECT_THAT(o.text, HasSubstr("truncated/frame.csv:"));
+  EXPECT_FALSE(fs::exists(folder_ / "out"));
+}
+
+TEST_F(FvCommand, FiftyThousandSamplesTakeWellUnderASecond) {
+  IsoVelocityTest test;
+  test.dense_step_s = 0.0015;
+  auto r = recording(test, "long");
+  ASSERT_GT(r.frame.size(), 40000U);
+  const auto path = save(r, "long").string();
+  rusage before{}, after{};
+  getrusage(RUSAGE_CHILDREN, &before);
+  const Outcome o = isorig("fv " + path + out());
+  getrusage(RUSAGE_CHILDREN, &after);
+  ASSERT_EQ(o.code, 0) << o.text;
+  const double cpu_s = static_cast<double>(after.ru_utime.tv_sec - before.ru_utime.tv_sec) +
+                       1e-6 * static_cast<double>(after.ru_utime.tv_usec - before.ru_utime.tv_usec);
+  std::printf("%zu samples: %.2f s of processor time, figures and PNGs included\n", r.frame.size(), cpu_s);
+  EXPECT_LT(cpu_s, 1.0);
+}
+
+}  // namespace
+}  // namespace isorig
