@@ -11,19 +11,41 @@ namespace {
 /// any monotone step, so the size of the step does not matter.
 class Dahl : public Process {
  public:
-  Dahl(double presliding_mm, double stribeck_mm_s) noexcept
-      : presliding_mm_(presliding_mm), stribeck_mm_s_(stribeck_mm_s) {}
+  explicit Dahl(double presliding_mm) noexcept : presliding_mm_(presliding_mm) {}
   void reset(const Instant&) noexcept override { z_ = 0.0; }
   void force(const Instant& now, double* columns) noexcept override {
     const double s = sign_of(now.step_mm);
     if (s != 0.0) z_ = s + (z_ - s) * std::exp(-std::fabs(now.step_mm) / presliding_mm_);
     columns[0] = z_;
-    if (stribeck_mm_s_ > 0.0) columns[1] = z_ * std::exp(-std::fabs(now.velocity_mm_s) / stribeck_mm_s_);
   }
 
  private:
   double presliding_mm_;
-  double stribeck_mm_s_;
+  double z_ = 0.0;
+};
+
+/// LuGre without its bristle damping: as Dahl, but the bristle slips at g(v) = 1 + r exp(-(|v| / vs)^n). It keeps
+/// its force in a hold, whatever the velocity before it was. Exact at constant velocity.
+class Stribeck : public Process {
+ public:
+  Stribeck(double presliding_mm, double velocity_mm_s, double excess, bool square) noexcept
+      : presliding_mm_(presliding_mm), velocity_mm_s_(velocity_mm_s), excess_(excess), square_(square) {}
+  void reset(const Instant&) noexcept override { z_ = 0.0; }
+  void force(const Instant& now, double* columns) noexcept override {
+    const double s = sign_of(now.step_mm);
+    if (s != 0.0 && now.dt_s > 0.0) {
+      const double u = std::fabs(now.step_mm) / now.dt_s / velocity_mm_s_;
+      const double limit = 1.0 + excess_ * std::exp(square_ ? -u * u : -u);
+      z_ = s * limit + (z_ - s * limit) * std::exp(-std::fabs(now.step_mm) / (presliding_mm_ * limit));
+    }
+    columns[0] = z_;
+  }
+
+ private:
+  double presliding_mm_;
+  double velocity_mm_s_;
+  double excess_;
+  bool square_;
   double z_ = 0.0;
 };
 
@@ -85,22 +107,30 @@ const Physics& coulomb_friction() {
       "coulomb_friction",
       Stage::kSpecimen,
       "Rate-independent friction between mesh, bladder and sheath, with presliding.",
-      "Coulomb; Dahl 1968 (bristle); Jenkins and Iwan 1966 (spread slip distances); Stribeck weakening "
-      "exp(-|v| / vs) as in Armstrong-Helouvry 1991; for McKibben muscles Chou & Hannaford 1996, Tondu 2006.",
+      "Coulomb; Dahl 1968 (bristle); Jenkins and Iwan 1966 (spread slip distances); Stribeck weakening as "
+      "in LuGre (Canudas de Wit et al. 1995); for McKibben muscles Chou & Hannaford 1996, Tondu 2006.",
       "Slow triangles: the loop keeps its height at every velocity. Reversals of 1 to 100 um show the presliding. "
       "Mistaken for play (which scales with stiffness and delays every relaxation) and for a slow relaxation.",
       {{"dahl", "F = Fc z, dz/dx = (1 - z sign(dx)) / delta", {kPresliding}, {{"force_N", Sign::kNonNegative}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Dahl>(p[0], 0.0); }},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Dahl>(p[0]); }},
        {"jenkins", "F = Fc clamp(z), dz = dx / delta within [-1, 1]", {kPresliding},
         {{"force_N", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Jenkins>(p[0]); }},
        {"iwan", "F = Fc mean of Jenkins elements, distances even in (0, delta)", {kPresliding},
         {{"force_N", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Iwan>(p[0]); }},
-       {"stribeck", "F = (Fc + (Fs - Fc) exp(-|v| / vs)) z, z as Dahl",
-        {kPresliding, {"stribeck_velocity_mm_s", 0.02, 50.0, {1.0}, true}},
-        {{"force_N", Sign::kNonNegative}, {"static_excess_N", Sign::kNonNegative}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Dahl>(p[0], p[1]); }},
+       {"stribeck", "F = Fc z, dz/dx = (1 - z sign(dx) / g) / delta, g = 1 + r exp(-(v / vs)^2)",
+        {kPresliding, {"stribeck_velocity_mm_s", 0.02, 50.0, {2.0, 0.3}, true}, {"static_excess", 0.0, 4.0, {0.3}}},
+        {{"force_N", Sign::kNonNegative}},
+        [](std::span<const double> p, const Reference&) {
+          return std::make_unique<Stribeck>(p[0], p[1], p[2], true);
+        }},
+       {"stribeck_exponential", "as stribeck with g = 1 + r exp(-|v| / vs)",
+        {kPresliding, {"stribeck_velocity_mm_s", 0.02, 50.0, {2.0, 0.3}, true}, {"static_excess", 0.0, 4.0, {0.3}}},
+        {{"force_N", Sign::kNonNegative}},
+        [](std::span<const double> p, const Reference&) {
+          return std::make_unique<Stribeck>(p[0], p[1], p[2], false);
+        }},
        {"regularised", "F = Fc tanh(v / v0)", {{"velocity_mm_s", 1e-4, 1e3, {0.002, 0.5}, true}},
         {{"force_N", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Regularised>(p[0]); }}}};

@@ -1,0 +1,88 @@
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "cli/command.hpp"
+#include "identify/diagnose/diagnosis.hpp"
+#include "messages/recording.hpp"
+#include "model/composed.hpp"
+
+namespace isorig::cli {
+namespace {
+
+struct Options {
+  std::vector<std::string> recordings;
+  std::string model;
+  std::string out;
+  unsigned threads = 2;
+};
+
+bool write(const std::filesystem::path& file, const std::string& text) {
+  std::ofstream stream(file, std::ios::binary | std::ios::trunc);
+  stream << text;
+  stream.flush();
+  if (!stream) std::cerr << file.string() << ": cannot be written\n";
+  return static_cast<bool>(stream);
+}
+
+int diagnose(const Options& options) {
+  model::ModelSpec nominal = model::nominal_model(options.model);
+  if (nominal.parts.empty()) nominal = model::read_model(options.model);
+  std::vector<messages::Recording> recordings;
+  for (const std::string& folder : options.recordings) {
+    try {
+      recordings.push_back(messages::read_recording(folder));
+    } catch (const messages::RecordingError& e) {
+      std::cerr << e.what() << '\n';
+      return kBadInput;
+    }
+  }
+  identify::DiagnosisOptions settings;
+  settings.threads = options.threads;
+  const identify::Study study = identify::diagnose(std::move(recordings), options.recordings, nominal, settings);
+  const identify::Diagnosis& d = study.diagnosis;
+
+  const std::filesystem::path out(options.out);
+  std::error_code error;
+  std::filesystem::create_directories(out, error);
+  if (error) {
+    std::cerr << options.out << ": " << error.message() << '\n';
+    return kFailure;
+  }
+  const bool written = write(out / "diagnosis.json", identify::diagnosis_json(d).dump(2) + "\n") &&
+                       write(out / "nominal.toml", model::model_text(d.nominal, "The given model, refitted.")) &&
+                       write(out / "model.toml", model::model_text(d.model, "The model with what it lacked."));
+  if (!written) return kFailure;
+
+  std::printf("%s\n", std::string(identify::name_of(d.verdict)).c_str());
+  for (const auto& missing : d.missing) {
+    std::printf("  %-20s p = %.2f ", std::string(missing.effect->name).c_str(), missing.probability);
+    for (const auto& value : missing.parameters)
+      std::printf("  %s = %.4g [%.4g, %.4g]", value.name.c_str(), value.value, value.low, value.high);
+    std::printf("\n");
+  }
+  for (const auto& fault : d.faults) std::printf("  data: %s\n", fault.text.c_str());
+  std::printf("  rms %.4g N nominal, %.4g N with it; noise %.4g N; %s/report\n", d.nominal_errors.train_rmse_N,
+              d.model_errors.train_rmse_N, d.noise_N, options.out.c_str());
+  return kOk;
+}
+
+Command add_diagnose(CLI::App& app) {
+  auto options = std::make_shared<Options>();
+  auto* sub = app.add_subcommand(
+      "diagnose", "Where a model and recordings differ, what physics is missing, and a model that has it");
+  sub->add_option("RECORDING", options->recordings, "Folders of recordings, fitted jointly")->required();
+  sub->add_option("--model", options->model, "Nominal model: slse1, slse2 or a TOML file")->required();
+  sub->add_option("--out", options->out, "Folder for diagnosis.json, the models and report.html")->required();
+  sub->add_option("--threads", options->threads, "Threads to use")->capture_default_str()->check(CLI::Range(1, 64));
+  return {sub, [options] { return diagnose(*options); }};
+}
+
+const Registration kDiagnose(30, add_diagnose);
+
+}  // namespace
+}  // namespace isorig::cli

@@ -1,0 +1,238 @@
+#include "identify/diagnose/diagnosis.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "identify/diagnose/locate.hpp"
+#include "model/catalogue.hpp"
+#include "model/elements.hpp"
+
+namespace isorig::identify {
+namespace {
+
+/// rms of measured minus simulated force over all usable rows.
+double rmse(const model::ModelSpec& spec, std::span<const Series> series, std::span<const std::vector<bool>> usable) {
+  double squares = 0.0;
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < series.size(); ++i) {
+    const Series& each = series[i];
+    model::RunningModel running(spec, each.drive.reference);
+    running.reset(each.drive.instants.front());
+    for (std::size_t k = 0; k < each.drive.instants.size(); ++k) {
+      const double e = each.recording.frame.force_N[k] - running.step(each.drive.instants[k]);
+      if (!usable[i].empty() && !usable[i][k]) continue;
+      squares += e * e;
+      ++count;
+    }
+  }
+  return count > 0 ? std::sqrt(squares / static_cast<double>(count)) : 0.0;
+}
+
+/// Parameters and coefficients of a part with 95 % intervals from the curvature of the likelihood. Whitened by
+/// the fit's own noise, which takes up model error: the intervals grow with what is left.
+std::vector<NamedValue> intervals(const Problem& problem, const model::ModelSpec& spec, std::size_t part_index) {
+  struct Free {
+    std::size_t part, index;
+    bool parameter;
+    double step;
+  };
+  std::vector<Free> free;
+  for (std::size_t p = 0; p < spec.parts.size(); ++p) {
+    const auto& part = spec.parts[p];
+    if (part.fixed) continue;
+    for (std::size_t i = 0; i < part.parameters.size(); ++i) {
+      const auto& parameter = part.law->parameters[i];
+      if (parameter.fixed) continue;
+      const double step = parameter.name == "time_s" ? 0.02
+                          : parameter.logarithmic    ? 1e-3 * std::fabs(part.parameters[i])
+                                                     : 1e-3 * std::max(std::fabs(part.parameters[i]), 1e-2);
+      free.push_back({p, i, true, step});
+    }
+    for (std::size_t i = 0; i < part.coefficients.size(); ++i)
+      if (part.coefficients[i] != 0.0) free.push_back({p, i, false, 1e-3 * std::fabs(part.coefficients[i])});
+  }
+  const auto residual_of = [&](const model::ModelSpec& s) {
+    RowMatrix r = problem.target() - problem.predict(s);
+    (void)whiten(problem.series(), problem.noise(), r);
+    return Eigen::VectorXd(r.col(0));
+  };
+  const Eigen::VectorXd at = residual_of(spec);
+  Eigen::MatrixXd jacobian(at.size(), static_cast<Eigen::Index>(free.size()));
+  for (std::size_t i = 0; i < free.size(); ++i) {
+    model::ModelSpec moved = spec;
+    auto& part = moved.parts[free[i].part];
+    (free[i].parameter ? part.parameters : part.coefficients)[free[i].index] += free[i].step;
+    jacobian.col(static_cast<Eigen::Index>(i)) = residual_of(moved) - at;  // per step: well scaled
+  }
+  Eigen::MatrixXd hessian = jacobian.transpose() * jacobian;
+  const double scale = std::max(at.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(at.size(), 1)), 1.0);
+  const Eigen::MatrixXd covariance = scale * hessian.completeOrthogonalDecomposition().pseudoInverse();
+  std::vector<NamedValue> out;
+  const auto& part = spec.parts[part_index];
+  const auto add = [&](std::string_view name, double value, bool parameter, std::size_t index) {
+    NamedValue named{std::string(name), value, value, value};
+    for (std::size_t i = 0; i < free.size(); ++i) {
+      if (free[i].part != part_index || free[i].index != index || free[i].parameter != parameter) continue;
+      const auto d = static_cast<Eigen::Index>(i);
+      const double half = 1.96 * free[i].step * std::sqrt(std::max(covariance(d, d), 0.0));
+      named.low = value - half;
+      named.high = value + half;
+    }
+    out.push_back(std::move(named));
+  };
+  for (std::size_t i = 0; i < part.coefficients.size(); ++i)
+    add(part.law->coefficients[i].name, part.coefficients[i], false, i);
+  for (std::size_t i = 0; i < part.parameters.size(); ++i)
+    if (!part.law->parameters[i].fixed) add(part.law->parameters[i].name, part.parameters[i], true, i);
+  return out;
+}
+
+/// Excess that comes back when an effect is taken away: the best explanation without it.
+double importance_of(const Selection& selection, const model::Physics* effect) {
+  double least = selection.excess[0];
+  for (std::size_t i = 0; i < selection.pool.size(); ++i) {
+    const auto& h = selection.pool[i];
+    if (h.has(*effect)) continue;
+    // Only subsets of the chosen: another effect standing in for it does not make it unimportant.
+    if (std::ranges::all_of(h.effects, [&](const auto* e) { return selection.chosen().has(*e); }))
+      least = std::min(least, selection.excess[i]);
+  }
+  return least - selection.excess[selection.best];
+}
+
+void note_equivalences(const model::ModelSpec& spec, Diagnosis& diagnosis) {
+  const bool solid = spec.has("spring") && spec.has("maxwell");
+  if (solid)
+    diagnosis.notes.emplace_back(
+        "A spring in series with the specimen (grips, load cell, frame) turns this model into another of the same "
+        "form: no force and crosshead reading can tell its stiffness. It is not looked for, and the stiffnesses "
+        "here are those of specimen and load train together.");
+}
+
+}  // namespace
+
+std::string_view name_of(Verdict verdict) {
+  switch (verdict) {
+    case Verdict::kConsistent: return "consistent";
+    case Verdict::kMissingPhysics: return "missing_physics";
+    case Verdict::kUnknownPhysics: return "unknown_physics";
+  }
+  return "";
+}
+
+Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::string> names,
+               const model::ModelSpec& nominal, const DiagnosisOptions& options) {
+  Study study;
+  for (std::size_t i = 0; i < recordings.size(); ++i) {
+    Guarded guarded = guard_recording(recordings[i]);
+    study.faults.insert(study.faults.end(), guarded.faults.begin(), guarded.faults.end());
+    study.series.push_back(prepare_series(names[i], std::move(recordings[i]), guarded.usable));
+    study.usable.push_back(std::move(guarded.usable));
+  }
+  study.noise = instrument_noise(study.series, study.usable);
+  const Search search(study.series, study.noise.noise, options.threads);
+  study.selection = select_effects(search, nominal, options.selection);
+  const Selection& selection = study.selection;
+  const Hypothesis& chosen = selection.chosen();
+
+  Diagnosis& out = study.diagnosis;
+  out.faults = study.faults;
+  out.instrument = study.noise.noise;
+  out.noise_from_rests = study.noise.from_rests;
+  out.noise_N = std::hypot(study.noise.noise.white_N, study.noise.noise.coloured_N);
+  out.nominal = selection.nominal().fit.spec;
+  out.model = chosen.fit.spec;
+  out.nominal.name = nominal.name;
+  out.model.name = nominal.name;
+  const Problem problem(study.series, chosen.fit.noise);
+  for (const auto* effect : chosen.effects) {
+    MissingEffect missing;
+    missing.effect = effect;
+    missing.probability = selection.probability.at(effect);
+    missing.importance = importance_of(selection, effect);
+    for (std::size_t p = 0; p < chosen.fit.spec.parts.size(); ++p) {
+      if (chosen.fit.spec.parts[p].physics != effect) continue;
+      missing.law = chosen.fit.spec.parts[p].law->name;
+      missing.parameters = intervals(problem, chosen.fit.spec, p);
+    }
+    out.missing.push_back(std::move(missing));
+  }
+  std::ranges::stable_sort(out.missing, std::greater<>(), &MissingEffect::importance);
+  for (std::size_t i = 0; i < selection.pool.size(); ++i) {
+    if (i == selection.best || selection.weight[i] < 0.005) continue;
+    Alternative alternative;
+    for (const auto* effect : selection.pool[i].effects) alternative.effects.emplace_back(effect->name);
+    alternative.probability = selection.weight[i];
+    out.alternatives.push_back(std::move(alternative));
+  }
+  std::ranges::stable_sort(out.alternatives, std::greater<>(), &Alternative::probability);
+  if (out.alternatives.size() > 8) out.alternatives.resize(8);
+
+  const double rows = static_cast<double>(chosen.fit.rows);
+  const double left = selection.excess[selection.best], before = selection.excess[0];
+  out.unexplained = before > 0.0 ? left / before : 0.0;
+  const bool structure_left = left > 0.08 * rows && left > 400.0;
+  if (structure_left && (out.missing.empty() || out.unexplained > 0.15)) out.verdict = Verdict::kUnknownPhysics;
+  else if (!out.missing.empty()) out.verdict = Verdict::kMissingPhysics;
+  out.nominal_errors.train_rmse_N = rmse(out.nominal, study.series, study.usable);
+  out.model_errors.train_rmse_N = rmse(out.model, study.series, study.usable);
+  out.nominal_errors.heldout_rmse_N = out.nominal_errors.train_rmse_N;
+  out.model_errors.heldout_rmse_N = out.model_errors.train_rmse_N;
+  if (out.verdict != Verdict::kConsistent)
+    out.where = locate(search.instrument_problem(), out.nominal, selection.noise_scale);
+  note_equivalences(out.nominal, out);
+  return study;
+}
+
+nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
+  using nlohmann::ordered_json;
+  ordered_json json;
+  json["format"] = "isorig-diagnosis/1";
+  json["verdict"] = name_of(d.verdict);
+  json["missing"] = ordered_json::array();
+  for (const MissingEffect& missing : d.missing) {
+    ordered_json entry;
+    entry["effect"] = missing.effect->name;
+    entry["probability"] = missing.probability;
+    entry["law"] = missing.law;
+    entry["side"] = model::side_of(missing.effect->stage);
+    entry["parameters"] = ordered_json::object();
+    for (const NamedValue& value : missing.parameters)
+      entry["parameters"][value.name] = {{"value", value.value}, {"ci95", {value.low, value.high}}};
+    json["missing"].push_back(std::move(entry));
+  }
+  json["alternatives"] = ordered_json::array();
+  for (const Alternative& alternative : d.alternatives)
+    json["alternatives"].push_back({{"effects", alternative.effects}, {"probability", alternative.probability}});
+  json["where"] = ordered_json::array();
+  for (const Place& place : d.where)
+    json["where"].push_back({{"t_start_s", place.t_start_s},
+                             {"t_end_s", place.t_end_s},
+                             {"covariate", place.covariate},
+                             {"share", place.share},
+                             {"share_ci95", {place.share_low, place.share_high}},
+                             {"text", place.text}});
+  json["next_experiment"] = nullptr;
+  json["fit"] = {{"noise_N", d.noise_N},
+                 {"nominal",
+                  {{"train_rmse_N", d.nominal_errors.train_rmse_N}, {"heldout_rmse_N", d.nominal_errors.heldout_rmse_N}}},
+                 {"model",
+                  {{"train_rmse_N", d.model_errors.train_rmse_N}, {"heldout_rmse_N", d.model_errors.heldout_rmse_N}}}};
+  json["noise"] = {{"white_N", d.instrument.white_N},
+                   {"coloured_N", d.instrument.coloured_N},
+                   {"correlation_s", d.instrument.correlation_s},
+                   {"from_rests", d.noise_from_rests}};
+  json["data_faults"] = ordered_json::array();
+  for (const DataFault& fault : d.faults)
+    json["data_faults"].push_back({{"kind", fault.kind},
+                                   {"t_start_s", fault.t_start_s},
+                                   {"t_end_s", fault.t_end_s},
+                                   {"rows", fault.rows},
+                                   {"text", fault.text}});
+  json["unexplained_share"] = d.unexplained;
+  json["notes"] = d.notes;
+  return json;
+}
+
+}  // namespace isorig::identify

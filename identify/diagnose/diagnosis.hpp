@@ -1,0 +1,89 @@
+#pragma once
+#include <filesystem>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "identify/diagnose/guard.hpp"
+#include "identify/diagnose/noise.hpp"
+#include "identify/diagnose/select.hpp"
+
+namespace isorig::identify {
+
+struct NamedValue {
+  std::string name;
+  double value = 0.0;
+  double low = 0.0;   ///< 95 % interval
+  double high = 0.0;
+};
+
+struct MissingEffect {
+  const model::Physics* effect = nullptr;
+  std::string law;
+  double probability = 0.0;
+  double importance = 0.0;  ///< excess that returns when it is left out
+  std::vector<NamedValue> parameters;
+};
+
+struct Alternative {
+  std::vector<std::string> effects;
+  double probability = 0.0;
+};
+
+struct Place {
+  double t_start_s = 0.0;
+  double t_end_s = 0.0;
+  std::string covariate;
+  double share = 0.0;
+  double share_low = 0.0;
+  double share_high = 0.0;
+  std::string text;
+};
+
+struct Errors {
+  double train_rmse_N = 0.0;
+  double heldout_rmse_N = 0.0;
+};
+
+enum class Verdict { kConsistent, kMissingPhysics, kUnknownPhysics };
+[[nodiscard]] std::string_view name_of(Verdict verdict);
+
+struct Diagnosis {
+  Verdict verdict = Verdict::kConsistent;
+  std::vector<MissingEffect> missing;
+  std::vector<Alternative> alternatives;
+  std::vector<Place> where;
+  std::vector<DataFault> faults;
+  std::vector<std::string> notes;  ///< equivalences, limits of what was shown, what stays unexplained
+  double noise_N = 0.0;
+  NoiseModel instrument;
+  bool noise_from_rests = false;
+  Errors nominal_errors;
+  Errors model_errors;
+  model::ModelSpec nominal;
+  model::ModelSpec model;
+  double unexplained = 0.0;  ///< share of the nominal model's excess that is left
+};
+
+struct DiagnosisOptions {
+  unsigned threads = 2;
+  SelectionOptions selection;
+};
+
+/// A diagnosis with what it rests on, for the report.
+struct Study {
+  std::vector<Series> series;
+  std::vector<std::vector<bool>> usable;
+  std::vector<DataFault> faults;
+  InstrumentNoise noise;
+  Selection selection;
+  Diagnosis diagnosis;
+};
+
+[[nodiscard]] Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::string> names,
+                             const model::ModelSpec& nominal, const DiagnosisOptions& options);
+
+[[nodiscard]] nlohmann::ordered_json diagnosis_json(const Diagnosis& diagnosis);
+
+}  // namespace isorig::identify

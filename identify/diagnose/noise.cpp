@@ -1,0 +1,138 @@
+#include "identify/diagnose/noise.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace isorig::identify {
+namespace {
+
+struct Rest {
+  std::vector<double> t_s;
+  std::vector<double> force_N;
+};
+
+void take_line_out(Rest& rest) {
+  const auto n = static_cast<double>(rest.t_s.size());
+  double t = 0.0, f = 0.0;
+  for (std::size_t k = 0; k < rest.t_s.size(); ++k) {
+    t += rest.t_s[k] / n;
+    f += rest.force_N[k] / n;
+  }
+  double tt = 0.0, tf = 0.0;
+  for (std::size_t k = 0; k < rest.t_s.size(); ++k) {
+    tt += (rest.t_s[k] - t) * (rest.t_s[k] - t);
+    tf += (rest.t_s[k] - t) * (rest.force_N[k] - f);
+  }
+  const double slope = tt > 0.0 ? tf / tt : 0.0;
+  for (std::size_t k = 0; k < rest.t_s.size(); ++k) rest.force_N[k] -= f + slope * (rest.t_s[k] - t);
+}
+
+std::vector<Rest> find_rests(const Series& series, const std::vector<bool>& usable) {
+  constexpr double kSettled_s = 10.0, kShortest_s = 8.0;
+  std::vector<Rest> rests;
+  Rest rest;
+  const auto close = [&] {
+    if (rest.t_s.size() >= 20 && rest.t_s.back() - rest.t_s.front() >= kShortest_s) {
+      take_line_out(rest);
+      rests.push_back(std::move(rest));
+    }
+    rest = {};
+  };
+  double fastest = 0.0;
+  for (const auto& node : series.nodes) fastest = std::max(fastest, std::fabs(node.velocity_mm_s));
+  for (std::size_t k = 0; k < series.nodes.size(); ++k) {
+    const bool still = std::fabs(series.nodes[k].velocity_mm_s) < 2e-4 * fastest;
+    if (!still || series.since_corner_s[k] < kSettled_s) {
+      close();
+      continue;
+    }
+    for (std::size_t row = series.first_row[k]; row < series.first_row[k + 1]; ++row) {
+      if (!usable.empty() && !usable[row]) continue;
+      rest.t_s.push_back(series.recording.frame.t_s[row]);
+      rest.force_N.push_back(series.recording.frame.force_N[row]);
+    }
+  }
+  close();
+  return rests;
+}
+
+double score(std::span<const Rest> rests, const NoiseModel& noise) {
+  double sum = 0.0;
+  for (const Rest& rest : rests) {
+    double mean = 0.0, variance = noise.coloured_N * noise.coloured_N;
+    const double stationary = variance, white2 = noise.white_N * noise.white_N;
+    for (std::size_t k = 0; k < rest.t_s.size(); ++k) {
+      if (k > 0 && stationary > 0.0) {
+        const double decay = std::exp(-(rest.t_s[k] - rest.t_s[k - 1]) / noise.correlation_s);
+        mean *= decay;
+        variance = variance * decay * decay + stationary * (1.0 - decay * decay);
+      }
+      const double total = variance + white2, e = rest.force_N[k] - mean;
+      sum -= 0.5 * (e * e / total + std::log(total));
+      mean += variance / total * e;
+      variance *= white2 / total;
+    }
+  }
+  return sum;
+}
+
+}  // namespace
+
+InstrumentNoise instrument_noise(std::span<const Series> series, std::span<const std::vector<bool>> usable) {
+  InstrumentNoise out;
+  std::vector<Rest> rests;
+  std::size_t rows = 0;
+  double squares = 0.0, white = 0.0;
+  for (std::size_t i = 0; i < series.size(); ++i) {
+    for (Rest& rest : find_rests(series[i], i < usable.size() ? usable[i] : std::vector<bool>{})) {
+      rows += rest.t_s.size();
+      for (const double f : rest.force_N) squares += f * f;
+      rests.push_back(std::move(rest));
+    }
+    const auto& frame = series[i].recording.frame;
+    white = std::max({white, white_noise(frame.t_s, frame.force_N), quantisation(frame.force_N) / std::sqrt(12.0)});
+  }
+  out.noise = {std::max(white, 1e-9), 0.0, 1.0};
+  if (rows < 200) return out;
+  out.from_rests = true;
+  NoiseModel best{std::max(std::sqrt(squares / static_cast<double>(rows)), 1e-9), 0.0, 1.0};
+  const double all = best.white_N;
+  double best_score = score(rests, best);
+  const double white_only = best_score;
+  for (const double correlation : {0.05, 0.3, 1.0, 3.0, 8.0}) {
+    for (const double share : {0.15, 0.4, 0.8}) {
+      NoiseModel trial{all * std::sqrt(1.0 - share * share), share * all, correlation};
+      if (const double s = score(rests, trial); s > best_score) {
+        best_score = s;
+        best = trial;
+      }
+    }
+  }
+  std::array<double, 3> width{0.1, 0.5, 0.6};
+  for (int pass = 0; pass < 12; ++pass) {
+    for (int i = 0; i < 3; ++i) {
+      if (i > 0 && best.coloured_N == 0.0) continue;
+      for (const double direction : {1.0, -1.0}) {
+        NoiseModel trial = best;
+        double& value = i == 0 ? trial.white_N : i == 1 ? trial.coloured_N : trial.correlation_s;
+        value *= std::exp(direction * width[i]);
+        // Longer than that, a rest cannot tell it from its own straight line.
+        trial.correlation_s = std::clamp(trial.correlation_s, 0.01, 15.0);
+        if (const double s = score(rests, trial); s > best_score) {
+          best_score = s;
+          best = trial;
+          break;
+        }
+      }
+    }
+    for (double& w : width) w *= 0.75;
+  }
+  // Two more numbers must earn their keep.
+  if (best_score - white_only < std::log(static_cast<double>(rows)))
+    best = {all, 0.0, 1.0};
+  out.noise = best;
+  return out;
+}
+
+}  // namespace isorig::identify

@@ -1,0 +1,48 @@
+#pragma once
+#include <map>
+#include <string>
+#include <vector>
+
+#include "identify/diagnose/hypothesis.hpp"
+
+namespace isorig::identify {
+
+/// Everything that was tried, weighed.
+struct Selection {
+  std::vector<Hypothesis> pool;   ///< one per set of effects; pool[0] is the nominal model
+  std::vector<double> weight;     ///< posterior weight of each, sums to 1
+  std::size_t best = 0;
+  double noise_scale = 1.0;       ///< whitened variance where nothing is left to explain
+  std::vector<double> excess;     ///< per hypothesis: sum of squares beyond the noise
+  std::map<const model::Physics*, double> probability;  ///< of each effect being there
+
+  [[nodiscard]] const Hypothesis& nominal() const { return pool.front(); }
+  [[nodiscard]] const Hypothesis& chosen() const { return pool[best]; }
+};
+
+struct SelectionOptions {
+  std::size_t most_effects = 3;
+  /// What an effect must gain in log evidence to be looked at further.
+  double least_gain = 8.0;
+  /// Prior log odds against each effect: most rigs lack none of a given one.
+  double prior_cost = 3.0;
+  /// Further against effects outside of the recording format's list.
+  double unusual_cost = 2.0;
+  /// How many independent looks at the model error a recording gives. When the best explanation leaves more
+  /// than noise, likelihoods overstate: two explanations are then compared by what they leave, as variances
+  /// with this many degrees of freedom (calibrated on simulated cases, docs/diagnosis.md).
+  double error_degrees = 12.0;
+};
+
+/// The named effects of the recording format.
+[[nodiscard]] bool is_format_effect(const model::Physics& physics);
+
+/// Singles, pairs, threes by beam; every set refitted as a whole; sets that do not need all their members lose
+/// them again.
+[[nodiscard]] Selection select_effects(const Search& search, const model::ModelSpec& nominal,
+                                       const SelectionOptions& options);
+
+/// Weighs the pool anew (after hypotheses were added).
+void weigh(Selection& selection, const Search& search, const SelectionOptions& options);
+
+}  // namespace isorig::identify
