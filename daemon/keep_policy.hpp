@@ -64,6 +64,9 @@ class KeepPolicy {
     close_interval();
   }
 
+  [[nodiscard]] bool has_more(const base::SpscQueue<Record>& queue) const noexcept {
+    return waiting_ || queue.size() > 0;
+  }
   [[nodiscard]] const KeepCounts& counts() const noexcept { return counts_; }
   /// True while the last sample was kept in full.
   [[nodiscard]] bool in_full() const noexcept { return in_full_; }

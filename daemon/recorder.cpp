@@ -17,6 +17,8 @@ namespace {
 using messages::Channel;
 
 constexpr std::int64_t kSliceNs = 100'000'000;
+// Ten minutes are more than a queue holds; a stamp beyond is nonsense and is taken as it comes.
+constexpr int kMostLastSlices = 6'000;
 constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
 
 std::int64_t to_ns(double s) {
@@ -59,6 +61,10 @@ class Peeked {
       waiting_ = false;
       take(next_);
     }
+  }
+
+  [[nodiscard]] bool has_more(const base::SpscQueue<Record>& queue) const noexcept {
+    return waiting_ || queue.size() > 0;
   }
 
  private:
@@ -281,6 +287,12 @@ struct Recorder::Impl {
     }
   }
 
+  [[nodiscard]] bool has_more(const Streams& streams) const {
+    return frame.has_more(streams.frame) || pressure.has_more(streams.pressure) ||
+           control.has_more(streams.control) || events.has_more(streams.events) ||
+           exchanges.has_more(streams.exchanges);
+  }
+
   void publish_status() {
     RecorderStatus s;
     log.describe(s);
@@ -342,19 +354,19 @@ void Recorder::drain(Streams& streams, std::int64_t now_ns) {
   impl_->publish_status();
 }
 
-void Recorder::finish(Streams& streams, std::int64_t now_ns, bool complete) {
+void Recorder::finish(Streams& streams, bool complete) {
   auto& m = *impl_;
   if (std::exchange(m.finished, true)) return;
-  m.run_slices(streams, now_ns);
+  for (int i = 0; i < kMostLastSlices && m.has_more(streams); ++i) m.run_slices(streams, m.slice_end_ns);
   m.take_slice(streams, kNever);
-  m.report_dropped(streams, now_ns);
+  m.report_dropped(streams, m.slice_end_ns);
   m.frame.finish();
   m.pressure.finish();
   m.flush_batches();
   m.write_staged();
   m.log.end_session(complete);
   m.log.sync();
-  if (m.log.synced()) m.synced_until_ns = now_ns;
+  if (m.log.synced()) m.synced_until_ns = m.slice_end_ns;
   disk_.store(m.log.condition(), std::memory_order_relaxed);
   m.publish_status();
 }

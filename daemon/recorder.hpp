@@ -122,7 +122,7 @@ class Recorder {
   void drain(Streams& streams, std::int64_t now_ns);
   /// The rest, the end of the session, sync. `complete`: the plan was carried out to its end. Nothing is
   /// recorded afterwards.
-  void finish(Streams& streams, std::int64_t now_ns, bool complete);
+  void finish(Streams& streams, bool complete);
 
   void on_session(std::function<void(const SessionChange&)> callback);
 

@@ -24,7 +24,7 @@ messages::ReadReport record(const std::filesystem::path& dir, const RecorderOpti
   Streams streams;
   Recorder recorder(options, info);
   run_plan(recorder, streams, plan, drain_every_ms);
-  recorder.finish(streams, plan.back().until_ms * kMs, true);
+  recorder.finish(streams, true);
   EXPECT_EQ(streams.dropped(), 0U);
   return messages::read_run(dir, out);
 }
@@ -168,7 +168,7 @@ TEST(Recorder, AStopIsRecordedInFullWithItsRunUpAndWhatFollows) {
     if (i == 5'042) streams.events.push(event_record(i, 0, "limit.force", Severity::kProgramStop));
     recorder.drain(streams, i * kMs);
   }
-  recorder.finish(streams, slow.until_ms * kMs, false);
+  recorder.finish(streams, false);
   Collected c;
   EXPECT_TRUE(messages::read_run(dir.path(), c).whole());
   ASSERT_FALSE(c.frames.empty());
@@ -193,7 +193,7 @@ TEST(Recorder, EachSessionBeginsASegmentThatSaysWhatItIs) {
     Recorder recorder(recorder_options(dir.path()), info);
     recorder.on_session([&](const SessionChange& s) { changes.push_back(s); });
     run_plan(recorder, streams, kTwoRamps, 20);
-    recorder.finish(streams, 12'500 * kMs, true);
+    recorder.finish(streams, true);
   }
   Collected c;
   EXPECT_TRUE(messages::read_run(dir.path(), c).whole());
@@ -264,7 +264,7 @@ TEST(Recorder, GapsInADevicesCounterAreCounted) {
   for (std::int64_t i = 0; i < 1'000; ++i) {
     if (i < 100 || i >= 117) push_ms(streams, i, {1'000, 0, Keep::kFull});
   }
-  recorder.finish(streams, 1'000 * kMs, true);
+  recorder.finish(streams, true);
   EXPECT_EQ(recorder.status().frame_missing, 17U);
   EXPECT_EQ(recorder.status().pressure_missing, 17U);
 }
@@ -274,7 +274,7 @@ TEST(Recorder, AQueueThatOverflowedIsAnEventInTheRecording) {
   Streams streams(64);
   Recorder recorder(recorder_options(dir.path()), run_info());
   for (std::int64_t i = 0; i < 100; ++i) push_ms(streams, i, {100, 0, Keep::kFull});
-  recorder.finish(streams, 1'000 * kMs, true);
+  recorder.finish(streams, true);
   Collected c;
   messages::read_run(dir.path(), c);
   ASSERT_EQ(c.events.size(), 1U);
@@ -294,7 +294,7 @@ TEST(Recorder, AFurtherAttemptGoesOnBehindWhatIsThere) {
     EXPECT_TRUE(RunLock::is_held(dir.path()));
     EXPECT_THROW(Recorder(recorder_options(dir.path()), run_info()), std::runtime_error);
     run_plan(recorder, streams, {{3'000, 0, Keep::kFull}}, 20, 2'000);
-    recorder.finish(streams, 3'000 * kMs, true);
+    recorder.finish(streams, true);
   }
   EXPECT_FALSE(RunLock::is_held(dir.path()));
   Collected all;

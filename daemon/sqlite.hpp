@@ -1,0 +1,87 @@
+#pragma once
+#include <sqlite3.h>
+
+#include <concepts>
+#include <cstdint>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+
+/// As much of SQLite as the catalogue needs.
+namespace isorig::daemon::sqlite {
+
+[[noreturn]] inline void fail(sqlite3* db, const std::string& what) {
+  throw std::runtime_error("catalogue: " + what + ": " + sqlite3_errmsg(db));
+}
+
+inline void execute(sqlite3* db, const char* sql) {
+  if (sqlite3_exec(db, sql, nullptr, nullptr, nullptr) != SQLITE_OK) fail(db, sql);
+}
+
+/// A prepared statement with its values: Statement(db, "... ?1 ... ?2").bind(a, b).
+class Statement {
+ public:
+  Statement(sqlite3* db, const char* sql) : db_(db) {
+    if (sqlite3_prepare_v2(db, sql, -1, &statement_, nullptr) != SQLITE_OK) fail(db, sql);
+  }
+  ~Statement() { sqlite3_finalize(statement_); }
+  Statement(const Statement&) = delete;
+  Statement& operator=(const Statement&) = delete;
+
+  template <typename... Values>
+  Statement& bind(const Values&... values) {
+    int i = 0;
+    (bind_one(++i, values), ...);
+    return *this;
+  }
+  /// True: there is a row.
+  bool step() {
+    const int result = sqlite3_step(statement_);
+    if (result != SQLITE_ROW && result != SQLITE_DONE) fail(db_, sqlite3_sql(statement_));
+    return result == SQLITE_ROW;
+  }
+  void run() {
+    while (step()) {
+    }
+  }
+  [[nodiscard]] std::string text(int column) const {
+    const auto* t = reinterpret_cast<const char*>(sqlite3_column_text(statement_, column));
+    return t == nullptr ? std::string() : std::string(t);
+  }
+  [[nodiscard]] std::int64_t integer(int column) const { return sqlite3_column_int64(statement_, column); }
+  [[nodiscard]] double real(int column) const { return sqlite3_column_double(statement_, column); }
+
+ private:
+  void bind_one(int i, std::string_view v) {
+    sqlite3_bind_text(statement_, i, v.data(), static_cast<int>(v.size()), SQLITE_TRANSIENT);
+  }
+  void bind_one(int i, double v) { sqlite3_bind_double(statement_, i, v); }
+  template <std::integral Integer>
+  void bind_one(int i, Integer v) {
+    sqlite3_bind_int64(statement_, i, static_cast<std::int64_t>(v));
+  }
+
+  sqlite3* db_;
+  sqlite3_stmt* statement_ = nullptr;
+};
+
+/// All or nothing: rolls back unless commit() was reached.
+class Transaction {
+ public:
+  explicit Transaction(sqlite3* db) : db_(db) { execute(db, "BEGIN IMMEDIATE"); }
+  ~Transaction() {
+    if (!done_) sqlite3_exec(db_, "ROLLBACK", nullptr, nullptr, nullptr);
+  }
+  Transaction(const Transaction&) = delete;
+  Transaction& operator=(const Transaction&) = delete;
+  void commit() {
+    execute(db_, "COMMIT");
+    done_ = true;
+  }
+
+ private:
+  sqlite3* db_;
+  bool done_ = false;
+};
+
+}  // namespace isorig::daemon::sqlite

@@ -1,0 +1,150 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sqlite3.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <csignal>
+
+#include "daemon/catalogue.hpp"
+#include "recording_rig.hpp"
+
+namespace isorig::daemon::testing {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::ThrowsMessage;
+
+protocol::Plan two_sessions() {
+  protocol::Plan plan;
+  plan.sessions.resize(2);
+  plan.sessions[0].repetition = 1;
+  plan.sessions[0].pressure_psi = 5.0;
+  plan.sessions[0].label = "repetition 1, 5 psi";
+  plan.sessions[1].first_step = 2;
+  plan.sessions[1].repetition = 1;
+  plan.sessions[1].pressure_psi = 10.0;
+  plan.sessions[1].label = "repetition 1, 10 psi";
+  return plan;
+}
+
+RunInfo info_for(const protocol::Plan& plan) {
+  auto info = run_info();
+  info.texts = {{"protocol.toml", "# the protocol\n"}, {"specimen.toml", "# the specimen\n"}};
+  for (const auto& s : plan.sessions) info.sessions.push_back({s.first_step, s.repetition, s.pressure_psi});
+  return info;
+}
+
+TEST(Catalogue, FollowsARunFromStartToEnd) {
+  const TemporaryDirectory root("catalogue");
+  const auto plan = two_sessions();
+  const auto info = info_for(plan);
+  Catalogue catalogue(root.path());
+  const auto id = catalogue.new_run_id("a-run");
+  ASSERT_EQ(id, "a-run");
+  auto options = recorder_options(root.path() / id);
+  {
+    Recorder recorder(options, info);
+    recorder.on_session([&](const SessionChange& c) { catalogue.on_session(id, c); });
+    catalogue.open_run(id, info, plan, "p.toml", "Ada");
+    Catalogue watching(root.path(), Catalogue::Access::kReadOnly);
+    EXPECT_EQ(watching.find_run("a-r")->state, "running");
+    EXPECT_EQ(watching.sessions_of(id)[1].state, "planned");
+    Streams streams;
+    run_plan(recorder, streams, {{1'000, 0, Keep::kFull}, {2'000, 2, Keep::kFull}}, 50);
+    recorder.drain(streams, 2'000 * kMs);
+    EXPECT_EQ(watching.sessions_of(id)[0].state, "done");
+    EXPECT_EQ(watching.sessions_of(id)[1].state, "running");
+    recorder.finish(streams, true);
+  }
+  catalogue.close_run(id, "done", "");
+  const auto run = catalogue.find_run("latest");
+  ASSERT_TRUE(run);
+  EXPECT_EQ(run->state, "done");
+  EXPECT_EQ(run->operator_name, "Ada");
+  EXPECT_EQ(run->sessions, 2);
+  EXPECT_EQ(run->sessions_done, 2);
+  const auto sessions = catalogue.sessions_of(id);
+  EXPECT_EQ(sessions[0].last_mono_ns, pressure_record(999, 0, Keep::kFull).mono_ns);
+  EXPECT_EQ(sessions[1].segment, "segment-0002.lcm");
+  EXPECT_EQ(catalogue.new_run_id("a-run"), "a-run-2");
+  EXPECT_EQ(catalogue.inputs_of(id).first_open_session, 2U);
+}
+
+TEST(Catalogue, ARunWhoseDaemonWasKilledIsInterruptedAndCanGoOn) {
+  const TemporaryDirectory root("catalogue");
+  const auto plan = two_sessions();
+  const auto info = info_for(plan);
+  int ready[2];
+  ASSERT_EQ(::pipe(ready), 0);
+  const pid_t child = ::fork();
+  ASSERT_GE(child, 0);
+  if (child == 0) {
+    Catalogue catalogue(root.path());
+    Recorder recorder(recorder_options(root.path() / "killed"), info);
+    recorder.on_session([&](const SessionChange& c) { catalogue.on_session("killed", c); });
+    catalogue.open_run("killed", info, plan, "p.toml", "");
+    Streams streams;
+    run_plan(recorder, streams, {{1'000, 0, Keep::kFull}, {3'000, 2, Keep::kFull}}, 50);
+    recorder.drain(streams, 3'000 * kMs);
+    if (::write(ready[1], "x", 1) != 1) ::_exit(1);
+    for (;;) ::pause();
+  }
+  ::close(ready[1]);
+  char x = 0;
+  ASSERT_EQ(::read(ready[0], &x, 1), 1);
+  {
+    const Catalogue watching(root.path(), Catalogue::Access::kReadOnly);
+    EXPECT_EQ(watching.find_run("killed")->state, "running");
+    EXPECT_THAT([&] { (void)watching.inputs_of("killed"); },
+                ThrowsMessage<std::runtime_error>(HasSubstr("still running")));
+  }
+  ASSERT_EQ(::kill(child, SIGKILL), 0);
+  ASSERT_EQ(::waitpid(child, nullptr, 0), child);
+  ::close(ready[0]);
+  {
+    // Before anybody has written it down.
+    const Catalogue watching(root.path(), Catalogue::Access::kReadOnly);
+    EXPECT_EQ(watching.find_run("killed")->state, "interrupted");
+    EXPECT_EQ(watching.sessions_of("killed")[1].state, "interrupted");
+  }
+  Catalogue catalogue(root.path());
+  const auto inputs = catalogue.inputs_of("killed");
+  EXPECT_EQ(inputs.first_open_session, 1U);
+  EXPECT_EQ(inputs.protocol_text, "# the protocol\n");
+  EXPECT_EQ(inputs.specimen_text, "# the specimen\n");
+  {
+    Recorder recorder(recorder_options(inputs.directory), info);
+    recorder.on_session([&](const SessionChange& c) { catalogue.on_session("killed", c); });
+    catalogue.open_run("killed", info, plan, "p.toml", "");
+    EXPECT_EQ(catalogue.find_run("killed")->attempts, 2);
+    EXPECT_EQ(catalogue.sessions_of("killed")[0].state, "done");
+    Streams streams;
+    run_plan(recorder, streams, {{4'000, 2, Keep::kFull}}, 50, 3'500);
+    recorder.finish(streams, true);
+  }
+  catalogue.close_run("killed", "done", "");
+  EXPECT_EQ(catalogue.sessions_of("killed")[1].attempt, 2);
+  EXPECT_EQ(catalogue.find_run("killed")->sessions_done, 2);
+}
+
+TEST(Catalogue, SaysWhatIsWrong) {
+  const TemporaryDirectory root("catalogue");
+  EXPECT_THAT([&] { Catalogue(root.path(), Catalogue::Access::kReadOnly); },
+              ThrowsMessage<std::runtime_error>(HasSubstr("--runs")));
+  {
+    const Catalogue catalogue(root.path());
+    EXPECT_FALSE(catalogue.find_run("nothing"));
+    EXPECT_THAT([&] { (void)catalogue.inputs_of("nothing"); },
+                ThrowsMessage<std::runtime_error>(HasSubstr("isorig runs")));
+  }
+  sqlite3* db = nullptr;
+  ASSERT_EQ(sqlite3_open((root.path() / "catalogue.sqlite").c_str(), &db), SQLITE_OK);
+  ASSERT_EQ(sqlite3_exec(db, "PRAGMA user_version = 99", nullptr, nullptr, nullptr), SQLITE_OK);
+  sqlite3_close(db);
+  EXPECT_THAT([&] { Catalogue again(root.path()); },
+              ThrowsMessage<std::runtime_error>(HasSubstr("newer isorig")));
+}
+
+}  // namespace
+}  // namespace isorig::daemon::testing
