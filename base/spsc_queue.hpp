@@ -54,9 +54,12 @@ class SpscQueue {
 
   [[nodiscard]] std::size_t dropped() const noexcept { return dropped_.load(std::memory_order_relaxed); }
   [[nodiscard]] std::size_t capacity() const noexcept { return mask_ + 1; }
-  /// Approximate when the other side is active.
+  /// Approximate while the other side is active, but never more than the capacity nor below zero: the tail is
+  /// read first, since it can only catch up with a head that is read later.
   [[nodiscard]] std::size_t size() const noexcept {
-    return head_.load(std::memory_order_acquire) - tail_.load(std::memory_order_acquire);
+    const std::size_t tail = tail_.load(std::memory_order_acquire);
+    const std::size_t held = head_.load(std::memory_order_acquire) - tail;
+    return held <= capacity() ? held : capacity();
   }
 
  private:

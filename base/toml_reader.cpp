@@ -3,6 +3,7 @@
 #include <toml++/toml.h>
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <fstream>
 #include <map>
@@ -37,9 +38,11 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
 }
 
 std::string number_text(double value) {
-  std::ostringstream out;
-  out << value;
-  return out.str();
+  if (std::abs(value) < 1e15 && value == std::floor(value)) {
+    return std::to_string(static_cast<std::int64_t>(value));
+  }
+  char digits[32];
+  return {digits, std::to_chars(digits, digits + sizeof digits, value).ptr};
 }
 
 std::string range_text(Range range) {
@@ -49,22 +52,32 @@ std::string range_text(Range range) {
            number_text(range.max);
   }
   if (low) return (range.open_min ? "greater than " : "at least ") + number_text(range.min);
-  return "at most " + number_text(range.max);
+  if (high) return "at most " + number_text(range.max);
+  return "finite";
 }
 
 bool inside(double value, Range range) {
-  return std::isfinite(value) && (range.open_min ? value > range.min : value >= range.min) && value <= range.max;
+  return std::isfinite(value) && (range.open_min ? value > range.min : value >= range.min) &&
+         value <= range.max;
 }
 
-const char* type_name(const toml::node& node) {
+/// With its article.
+std::string_view type_name(const toml::node& node) {
   switch (node.type()) {
-    case toml::node_type::string: return "string";
-    case toml::node_type::integer: return "integer";
-    case toml::node_type::floating_point: return "float";
-    case toml::node_type::boolean: return "boolean";
-    case toml::node_type::array: return "array";
-    case toml::node_type::table: return "table";
-    default: return "date or time";
+    case toml::node_type::string:
+      return "a string";
+    case toml::node_type::integer:
+      return "an integer";
+    case toml::node_type::floating_point:
+      return "a float";
+    case toml::node_type::boolean:
+      return "a boolean";
+    case toml::node_type::array:
+      return "an array";
+    case toml::node_type::table:
+      return "a table";
+    default:
+      return "a date or time";
   }
 }
 
@@ -168,8 +181,12 @@ TomlTable TomlDocument::root() const {
   return {impl_.get(), &impl_->root};
 }
 
-const std::string& TomlDocument::name() const { return impl_->name; }
-const std::string& TomlDocument::text() const { return impl_->text; }
+const std::string& TomlDocument::name() const {
+  return impl_->name;
+}
+const std::string& TomlDocument::text() const {
+  return impl_->text;
+}
 
 std::vector<Diagnostic> TomlDocument::diagnostics() const {
   auto all = impl_->diagnostics;
@@ -187,7 +204,9 @@ void TomlDocument::finish() const {
 
 namespace {
 
-const toml::table* as_table(const void* table) { return static_cast<const toml::table*>(table); }
+const toml::table* as_table(const void* table) {
+  return static_cast<const toml::table*>(table);
+}
 
 const toml::node* find(TomlDocument::Impl* document, const void* table, std::string_view key) {
   if (table == nullptr) return nullptr;
@@ -227,7 +246,7 @@ void TomlTable::error(std::string_view key, std::string message) const {
 std::string_view TomlTable::type_of(std::string_view key) const {
   if (table_ == nullptr) return {};
   const auto* node = as_table(table_)->get(key);
-  return node == nullptr ? std::string_view{} : std::string_view{type_name(*node)};
+  return node == nullptr ? std::string_view{} : type_name(*node).substr(type_name(*node).find(' ') + 1);
 }
 
 void TomlTable::ignore_rest() const {
@@ -239,7 +258,7 @@ double TomlTable::number_or(std::string_view key, double fallback, Range range) 
   if (node == nullptr) return fallback;
   const auto value = node->value<double>();
   if (!value || node->is_boolean()) {
-    error(key, "`" + std::string(key) + "` is a " + type_name(*node) + "; a number is needed");
+    error(key, "`" + std::string(key) + "` is " + std::string(type_name(*node)) + "; a number is needed");
     return fallback;
   }
   if (!inside(*value, range)) {
@@ -254,11 +273,13 @@ std::int64_t TomlTable::integer_or(std::string_view key, std::int64_t fallback, 
   if (node == nullptr) return fallback;
   const auto value = node->is_integer() ? node->value<std::int64_t>() : std::nullopt;
   if (!value) {
-    error(key, "`" + std::string(key) + "` is a " + type_name(*node) + "; a whole number is needed");
+    error(key,
+          "`" + std::string(key) + "` is " + std::string(type_name(*node)) + "; a whole number is needed");
     return fallback;
   }
   if (!inside(static_cast<double>(*value), range)) {
-    error(key, "`" + std::string(key) + "` = " + std::to_string(*value) + "; it has to be " + range_text(range));
+    error(key,
+          "`" + std::string(key) + "` = " + std::to_string(*value) + "; it has to be " + range_text(range));
     return fallback;
   }
   return *value;
@@ -268,7 +289,8 @@ bool TomlTable::boolean_or(std::string_view key, bool fallback) const {
   const auto* node = find(document_, table_, key);
   if (node == nullptr) return fallback;
   if (!node->is_boolean()) {
-    error(key, "`" + std::string(key) + "` is a " + type_name(*node) + "; true or false is needed");
+    error(key,
+          "`" + std::string(key) + "` is " + std::string(type_name(*node)) + "; true or false is needed");
     return fallback;
   }
   return *node->value<bool>();
@@ -278,7 +300,7 @@ std::string TomlTable::string_or(std::string_view key, std::string_view fallback
   const auto* node = find(document_, table_, key);
   if (node == nullptr) return std::string(fallback);
   if (!node->is_string()) {
-    error(key, "`" + std::string(key) + "` is a " + type_name(*node) + "; a \"string\" is needed");
+    error(key, "`" + std::string(key) + "` is " + std::string(type_name(*node)) + "; a \"string\" is needed");
     return std::string(fallback);
   }
   return *node->value<std::string>();
@@ -297,7 +319,9 @@ std::string TomlTable::choice_or(std::string_view key, std::string_view fallback
 }
 
 namespace {
-std::string missing(std::string_view key) { return "`" + std::string(key) + "` is missing here"; }
+std::string missing(std::string_view key) {
+  return "`" + std::string(key) + "` is missing here";
+}
 }  // namespace
 
 double TomlTable::number(std::string_view key, Range range) const {
@@ -336,15 +360,18 @@ std::vector<double> TomlTable::numbers(std::string_view key, Range range) const 
   if (node == nullptr) return out;
   const auto* array = node->as_array();
   if (array == nullptr) {
-    error(key, "`" + std::string(key) + "` is a " + type_name(*node) + "; a list of numbers is needed");
+    error(key,
+          "`" + std::string(key) + "` is " + std::string(type_name(*node)) + "; a list of numbers is needed");
     return out;
   }
   for (const auto& element : *array) {
     const auto value = element.value<double>();
     if (!value || element.is_boolean() || !inside(*value, range)) {
+      const bool number = element.is_number() && value;
       document_->diagnostics.push_back(document_->at(
-          element.source(), "`" + std::string(key) + "` holds something that is not a number " +
-                                (std::isfinite(range.min) || std::isfinite(range.max) ? range_text(range) : "")));
+          element.source(), "`" + std::string(key) + "` holds " +
+                                (number ? number_text(*value) + "; each has to be " + range_text(range)
+                                        : std::string(type_name(element)) + "; a number is needed")));
       continue;
     }
     out.push_back(*value);
@@ -359,15 +386,17 @@ std::vector<std::string> TomlTable::strings(std::string_view key) const {
   if (node == nullptr) return out;
   const auto* array = node->as_array();
   if (array == nullptr) {
-    error(key, "`" + std::string(key) + "` is a " + type_name(*node) + "; a list of strings is needed");
+    error(key,
+          "`" + std::string(key) + "` is " + std::string(type_name(*node)) + "; a list of strings is needed");
     return out;
   }
   for (const auto& element : *array) {
     if (const auto value = element.value<std::string>()) {
       out.push_back(*value);
     } else {
-      document_->diagnostics.push_back(
-          document_->at(element.source(), "`" + std::string(key) + "` holds something that is not a string"));
+      document_->diagnostics.push_back(document_->at(element.source(), "`" + std::string(key) + "` holds " +
+                                                                           std::string(type_name(element)) +
+                                                                           "; a \"string\" is needed"));
     }
   }
   return out;
@@ -378,8 +407,8 @@ std::optional<TomlTable> TomlTable::table_if(std::string_view key) const {
   if (node == nullptr) return std::nullopt;
   const auto* sub = node->as_table();
   if (sub == nullptr) {
-    error(key, "`" + std::string(key) + "` is a " + type_name(*node) + "; a table [" + std::string(key) +
-                   "] is needed");
+    error(key, "`" + std::string(key) + "` is " + std::string(type_name(*node)) + "; a table [" +
+                   std::string(key) + "] is needed");
     return std::nullopt;
   }
   document_->asked[sub];
@@ -397,7 +426,8 @@ std::vector<TomlTable> TomlTable::tables(std::string_view key) const {
   if (node == nullptr) return out;
   const auto* array = node->as_array();
   if (array == nullptr) {
-    error(key, "`" + std::string(key) + "` is a " + type_name(*node) + "; a list of tables is needed");
+    error(key,
+          "`" + std::string(key) + "` is " + std::string(type_name(*node)) + "; a list of tables is needed");
     return out;
   }
   for (const auto& element : *array) {
@@ -405,8 +435,9 @@ std::vector<TomlTable> TomlTable::tables(std::string_view key) const {
       document_->asked[sub];
       out.emplace_back(document_, sub);
     } else {
-      document_->diagnostics.push_back(
-          document_->at(element.source(), "`" + std::string(key) + "` holds something that is not a table"));
+      document_->diagnostics.push_back(document_->at(
+          element.source(),
+          "`" + std::string(key) + "` holds " + std::string(type_name(element)) + "; a table is needed"));
     }
   }
   return out;

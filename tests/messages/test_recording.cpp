@@ -135,7 +135,7 @@ TEST_F(RecordingTest, BadMetadata) {
     expect_fault(fault, "recording.toml", line, HasSubstr(text));
   };
   expect("specimen = \"a\"\nrest_length_mm = 90\n", Fault::kMetadata, 1, "`format` is missing");
-  expect("format = 1\nspecimen = \"a\"\nrest_length_mm = 90\n", Fault::kMetadata, 1, "`format` is a integer");
+  expect("format = 1\nspecimen = \"a\"\nrest_length_mm = 90\n", Fault::kMetadata, 1, "`format` is an integer");
   expect("specimen = \"a\"\nrest_length_mm = 90\nformat = \"isorig-recording/2\"\n", Fault::kFormat, 3,
          "isorig-recording/1");
   expect("format = \"isorig-recording/1\"\nspecimen = \"a\"\n", Fault::kMetadata, 1,

@@ -288,7 +288,7 @@ TEST(CompileErrors, EveryClassWithItsPlace) {
       {"{ do = \"repeat\", for = { x = [] }, steps = [] },",
        {"p.toml:5:30: `x` has no values; give at least one number"}},
       {"{ do = \"repeat\", for = { x = [1, \"a\"] }, steps = [] },",
-       {"p.toml:5:34: `x` holds something that is not a number "}},
+       {"p.toml:5:34: `x` holds a string; a number is needed"}},
       {"{ do = \"repeat\", for = { \"x y\" = 1 }, steps = [] },",
        {"p.toml:5:34: `x y` cannot name a variable; use letters, digits and _ (with the unit)"}},
       {"{ do = \"repeat\", for = { x = 1 }, steps = [ { do = \"repeat\", for = { x = 2 }, steps = [] } ] },",
