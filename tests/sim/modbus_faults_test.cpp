@@ -3,7 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "wire_rig.hpp"
+#include "fake_wire.hpp"
 
 namespace isorig::sim {
 namespace {
@@ -14,7 +14,7 @@ using testing::HasSubstr;
 
 class ModbusFaults : public testing::TestWithParam<Line> {
  protected:
-  WireRig rig{GetParam()};
+  FakeWire rig{GetParam()};
   std::vector<frame::Sample> buffer = std::vector<frame::Sample>(4096);
 
   void SetUp() override {
@@ -51,8 +51,8 @@ TEST_P(ModbusFaults, ALateReplyIsNeverTheNextAnswer) {
   // answer it would hide the new samples and date the exchange back. All delays from "just late" to "during
   // the second request after".
   std::uint32_t seen = 10;
-  for (const int late_ms : {WireRig::kTimeout_ms + 20, 2 * WireRig::kTimeout_ms - 20,
-                            2 * WireRig::kTimeout_ms + 20, 5 * WireRig::kTimeout_ms / 2}) {
+  for (const int late_ms : {FakeWire::kTimeout_ms + 20, 2 * FakeWire::kTimeout_ms - 20,
+                            2 * FakeWire::kTimeout_ms + 20, 5 * FakeWire::kTimeout_ms / 2}) {
     rig.faults.late_ms = late_ms;
     expect_fault(Fault::kTimeout);
     rig.fake.advance(5);
@@ -78,7 +78,7 @@ TEST_P(ModbusFaults, ALateReplyIsNeverTheNextAnswer) {
 }
 
 TEST_P(ModbusFaults, ALateWriteReplyIsNotTheHeartbeats) {
-  rig.faults.late_ms = WireRig::kTimeout_ms + 30;
+  rig.faults.late_ms = FakeWire::kTimeout_ms + 30;
   EXPECT_THROW(rig.driver->heartbeat(1), DeviceError);
   rig.driver->heartbeat(2);
   rig.fake.advance(1);
@@ -213,7 +213,7 @@ TEST_P(ModbusFaults, ARestartedFrameIsNotTakenForTheOldOne) {
 }
 
 TEST(ModbusReconnect, ALostConnectionLosesNoSample) {
-  WireRig rig(Line::kTcp);
+  FakeWire rig(Line::kTcp);
   rig.driver->connect();
   rig.fake.advance(10);
   ASSERT_EQ(rig.drain().size(), 10U);
@@ -243,7 +243,7 @@ TEST(ModbusReconnect, ALostConnectionLosesNoSample) {
 }
 
 TEST(ModbusReconnect, TheNewestClientWins) {
-  WireRig rig(Line::kTcp);
+  FakeWire rig(Line::kTcp);
   rig.driver->connect();
   frame::ModbusFrame second(rig.config, rig.fake.clock());
   EXPECT_EQ(second.connect().serial, "F-0042");
@@ -253,7 +253,7 @@ TEST(ModbusReconnect, TheNewestClientWins) {
 }
 
 TEST(ModbusReconnect, ATtyThatIsNotThereSaysSo) {
-  WireRig rig(Line::kRtu);
+  FakeWire rig(Line::kRtu);
   rig.config.tty = "/dev/does-not-exist";
   frame::ModbusFrame driver(rig.config, rig.fake.clock());
   try {

@@ -8,7 +8,7 @@
 #include <fstream>
 #include <sstream>
 
-#include "wire_rig.hpp"
+#include "fake_wire.hpp"
 
 namespace isorig::sim {
 namespace {
@@ -25,7 +25,7 @@ struct Way {
 
 class ModbusWire : public testing::TestWithParam<Way> {
  protected:
-  WireRig rig{GetParam().line, GetParam().map};
+  FakeWire rig{GetParam().line, GetParam().map};
 
   /// Each value is its own and each sequence follows the one before.
   void expect_run(const std::vector<frame::Sample>& samples, std::uint32_t first, std::size_t count) {
@@ -196,7 +196,7 @@ TEST(ModbusWireMaps, NarrowCounterIsExtended) {
   const std::string counter = "sample_counter = { address = 64, type = \"uint32\" }";
   text.replace(text.find(counter), counter.size(), "sample_counter = { address = 64, type = \"uint16\" }");
   text.replace(text.find("unit_id = 1"), 11, "unit_id = 1\nbridge_gap_registers = 1");
-  WireRig rig(Line::kTcp, frame::read_register_map(base::TomlDocument::parse_text(text, "narrow.toml")));
+  FakeWire rig(Line::kTcp, frame::read_register_map(base::TomlDocument::parse_text(text, "narrow.toml")));
   rig.fake.set_next(65400, 1'000'000);
   rig.fake.advance(1);
   rig.driver->connect();
@@ -209,7 +209,7 @@ TEST(ModbusWireMaps, NarrowCounterIsExtended) {
 }
 
 TEST(ModbusWireLimits, SetPointThatDoesNotFitItsRegisterIsRefused) {
-  WireRig rig(Line::kTcp, "int32-scaled.toml");
+  FakeWire rig(Line::kTcp, "int32-scaled.toml");
   rig.driver->connect();
   try {
     rig.driver->start_segment({1, 30000.0F, 1.0F});  // 3e9 counts of 10 nm
@@ -222,7 +222,7 @@ TEST(ModbusWireLimits, SetPointThatDoesNotFitItsRegisterIsRefused) {
 }
 
 TEST(ModbusWireLimits, TooHighADescriptorIsAnErrorAndNoOverflow) {
-  WireRig rig(Line::kTcp);
+  FakeWire rig(Line::kTcp);
   rlimit limit{};
   ASSERT_EQ(getrlimit(RLIMIT_NOFILE, &limit), 0);
   if (limit.rlim_cur < 1100) {

@@ -13,12 +13,12 @@ namespace isorig::sim {
 enum class Line { kTcp, kRtu };
 
 /// A fake frame, the emulator round it, and the driver at the other end of a real socket or pseudo-terminal.
-struct WireRig {
-  explicit WireRig(Line line, const std::string& map_file = "isorig-gateway.toml")
-      : WireRig(line, frame::read_register_map(std::string(ISORIG_SOURCE_DIR "/config/frames/") + map_file)) {
-  }
+struct FakeWire {
+  explicit FakeWire(Line line, const std::string& map_file = "isorig-gateway.toml")
+      : FakeWire(line,
+                 frame::read_register_map(std::string(ISORIG_SOURCE_DIR "/config/frames/") + map_file)) {}
 
-  WireRig(Line line, const frame::RegisterMap& map) : fake(map.sample_rate_Hz) {
+  FakeWire(Line line, const frame::RegisterMap& map) : fake(map.sample_rate_Hz) {
     ModbusServer::Options options;
     options.map = map;
     options.tcp = line == Line::kTcp;

@@ -1,0 +1,144 @@
+// isorig-simrig: a simulated rig on the wire, for the daemon and its drivers as they are
+// (docs/wire-frame.md).
+#include <CLI/CLI.hpp>
+#include <csignal>
+#include <cstdio>
+#include <memory>
+#include <optional>
+
+#include "base/toml_reader.hpp"
+#include "sim/control_socket.hpp"
+#include "sim/wire_control.hpp"
+#include "sim/wire_rig.hpp"
+
+namespace {
+
+using namespace isorig;
+
+volatile std::sig_atomic_t stop_asked = 0;
+
+struct CloseFile {
+  void operator()(std::FILE* file) const noexcept { std::fclose(file); }
+};
+
+/// What the plant really did, one line per physics step seen: within 1 ms of each other but when the host
+/// stalls.
+class TruthLog {
+ public:
+  explicit TruthLog(const std::string& path) : file_(std::fopen(path.c_str(), "w")) {
+    if (!file_) throw std::runtime_error("cannot write " + path);
+    std::fputs("mono_ns,position_mm,force_N,pressure_psi\n", file_.get());
+  }
+  void write(const sim::Truth& truth) {
+    if (truth.mono_ns == last_ns_) return;
+    last_ns_ = truth.mono_ns;
+    std::fprintf(file_.get(), "%lld,%.6f,%.5f,%.5f\n", static_cast<long long>(truth.mono_ns),
+                 truth.position_mm, truth.force_N, truth.pressure_psi);
+  }
+
+ private:
+  std::unique_ptr<std::FILE, CloseFile> file_;
+  std::int64_t last_ns_ = -1;
+};
+
+struct Arguments {
+  std::string rig;
+  std::string truth;
+  std::string control;
+  std::vector<std::string> faults;
+  double duration_s = 0.0;
+  std::optional<std::uint16_t> port;
+  std::string rtu;
+  std::string teensy;
+};
+
+int serve(const Arguments& arguments) {
+  auto config = sim::read_wire_rig(arguments.rig);
+  if (arguments.port) config.frame.port = *arguments.port;
+  if (!arguments.rtu.empty()) config.rtu_link = arguments.rtu;
+  if (!arguments.teensy.empty()) config.teensy_link = arguments.teensy;
+
+  clock::RealClock clock;
+  sim::WireRig rig(config, clock);
+  sim::WireControl control(rig.frame_faults(), rig.teensy_faults(), rig.rig());
+  for (const auto& fault : arguments.faults) {
+    const auto answer = control.execute("fault " + fault);
+    if (answer != "ok\n") {
+      std::fprintf(stderr, "isorig-simrig: --fault \"%s\": %s", fault.c_str(), answer.c_str());
+      return 2;
+    }
+  }
+  std::optional<sim::ControlSocket> socket;
+  if (!arguments.control.empty()) {
+    socket.emplace(arguments.control, [&](std::string_view line) { return control.execute(line); });
+  }
+  std::optional<TruthLog> truth;
+  if (!arguments.truth.empty()) truth.emplace(arguments.truth);
+
+  if (rig.frame().port() != 0)
+    std::printf("frame: tcp %s:%u\n", config.frame.host.c_str(), rig.frame().port());
+  if (!rig.frame().tty().empty()) std::printf("frame: rtu %s\n", rig.frame().tty().c_str());
+  std::printf("pressure: %s\n", config.teensy_link.c_str());
+  if (socket) std::printf("control: %s\n", arguments.control.c_str());
+  std::puts("ready; stop with Ctrl-C");
+  std::fflush(stdout);
+
+  const std::int64_t start_ns = clock.now_ns();
+  std::int64_t next_ns = start_ns;
+  while (stop_asked == 0 && (arguments.duration_s <= 0.0 ||
+                             static_cast<double>(next_ns - start_ns) * 1e-9 < arguments.duration_s)) {
+    next_ns = std::max(next_ns + 1'000'000, clock.now_ns());  // after a stall: go on, do not catch up
+    rig.service_until(next_ns);
+    if (truth) truth->write(rig.rig().truth());
+    if (socket) socket->service();
+  }
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app{"A simulated rig in real time: its frame on Modbus, its Teensy on a pseudo-terminal."};
+  Arguments arguments;
+  app.add_option("--rig", arguments.rig, "rig file; serves what its [frame] and [pressure] connect to")
+      ->type_name("FILE");
+  app.add_option("--truth", arguments.truth, "write what the plant really does, as CSV")->type_name("FILE");
+  app.add_option("--control", arguments.control, "take fault commands on this Unix socket")
+      ->type_name("SOCKET");
+  app.add_option("--fault", arguments.faults, "switch a fault on from the start, such as \"frame delay 20\"");
+  app.add_option("--duration", arguments.duration_s, "stop after so many seconds; 0: never");
+  app.add_option("--port", arguments.port, "TCP port instead of the rig file's; 0: a free one, printed");
+  app.add_option("--rtu", arguments.rtu, "serve the frame over RTU too, on a pseudo-terminal linked here");
+  app.add_option("--teensy", arguments.teensy,
+                 "link to the Teensy's pseudo-terminal instead of the rig file's");
+  auto* send = app.add_subcommand("send",
+                                  "send one line to a running isorig-simrig: \"fault frame delay 200\", "
+                                  "\"clear\", \"list\"");
+  std::string socket, line;
+  send->add_option("SOCKET", socket, "its --control")->required();
+  send->add_option("LINE", line)->required();
+  CLI11_PARSE(app, argc, argv);
+  try {
+    if (*send) {
+      const auto answer = sim::ControlSocket::ask(socket, line);
+      std::fputs(answer.c_str(), stdout);
+      return answer.starts_with("error") || answer.empty() ? 1 : 0;
+    }
+    if (arguments.rig.empty()) {
+      std::fputs("isorig-simrig: --rig FILE is needed, such as config/rigs/sim-wire.toml\n", stderr);
+      return 2;
+    }
+    struct sigaction on_stop {};
+    on_stop.sa_handler = [](int) { stop_asked = 1; };
+    sigaction(SIGINT, &on_stop, nullptr);
+    sigaction(SIGTERM, &on_stop, nullptr);
+    std::signal(SIGPIPE, SIG_IGN);
+    return serve(arguments);
+  } catch (const base::ConfigError& error) {
+    std::fprintf(stderr, "%s\n", error.what());
+    return 2;
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "isorig-simrig: %s\n", error.what());
+    return 1;
+  }
+}

@@ -1,0 +1,43 @@
+#pragma once
+#include <functional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "sim/faults.hpp"
+#include "sim/pressure/teensy_pty.hpp"
+#include "sim/rig.hpp"
+
+namespace isorig::sim {
+
+/// The fault switches of an emulated rig by name, for a command line or a socket (docs/wire-frame.md):
+///
+///     fault frame delay 200        set one: a number, or on | off
+///     clear                        all off
+///     list                         each with its value and what it does
+///
+/// One thread.
+class WireControl {
+ public:
+  WireControl(FrameWireFaults& frame, TeensyFaults& teensy, Rig& rig);
+
+  /// Does what the line says. The answer ends with "ok\n" or is "error: ...\n" with what would be right.
+  std::string execute(std::string_view line);
+
+ private:
+  struct Switch {
+    std::string name;  // "frame delay"
+    std::string unit;  // "ms", "answers", "permille", ...; empty: on or off
+    std::string what;
+    int max = 1;  // the largest number; "on" stands for -1 (without end) where that is allowed, else max
+    bool endless = false;
+    std::function<int()> get;
+    std::function<void(int)> set;
+  };
+
+  std::string set(const std::vector<std::string>& words);
+
+  std::vector<Switch> switches_;
+};
+
+}  // namespace isorig::sim

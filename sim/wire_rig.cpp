@@ -1,0 +1,102 @@
+#include "sim/wire_rig.hpp"
+
+#include <poll.h>
+
+#include <algorithm>
+#include <ctime>
+
+#include "sim/specimen.hpp"
+
+namespace isorig::sim {
+namespace {
+
+SimConfig without_simulated_wires(SimConfig sim) {
+  const DelayParameters none{0.0, 0.0, 0.0, 0.0};
+  sim.frame.request = sim.frame.reply = none;
+  sim.frame.exchange_interval_ms = 0.0;  // the register of the frame's time is right at every read
+  sim.pressure.request = sim.pressure.reply = none;
+  sim.pressure.sample_latency_ms = 0.0;
+  // TeensyPty takes the backend's stamps as true time and puts a clock of its own on it.
+  sim.pressure.clock = {0.0, 0.0, 0.0, 600.0};
+  return sim;
+}
+
+RigOptions live(const clock::Clock& clock, std::int64_t start_ns) {
+  RigOptions options;
+  options.start_ns = start_ns;
+  options.clock = &clock;
+  options.threaded = true;
+  return options;
+}
+
+ModbusServer::Options frame_options(const WireRigConfig& config) {
+  ModbusServer::Options options;
+  options.map = config.frame.map;
+  options.tcp = config.frame.transport == frame::ModbusTransport::kTcp;
+  options.tcp_address = config.frame.host;
+  options.tcp_port = config.frame.port;
+  options.pty_link = options.tcp ? config.rtu_link : config.frame.tty;
+  options.pty = !options.pty_link.empty();
+  return options;
+}
+
+TeensyPty::Options teensy_options(const WireRigConfig& config, const std::string& serial,
+                                  std::int64_t start_ns) {
+  TeensyPty::Options options;
+  options.link_path = config.teensy_link;
+  options.core.serial = serial.c_str();
+  options.core.sample_rate_mhz = static_cast<std::uint32_t>(config.sim.pressure.sample_rate_hz * 1000.0);
+  options.core.watchdog_ms = static_cast<std::uint16_t>(config.sim.pressure.watchdog_s * 1000.0);
+  options.skew_ppm = config.sim.pressure.clock.skew_ppm;
+  options.start_us = static_cast<std::uint64_t>(config.sim.pressure.clock.offset_us);
+  options.backend_epoch_ns = start_ns;
+  return options;
+}
+
+}  // namespace
+
+WireRigConfig read_wire_rig(const std::filesystem::path& rig_file) {
+  const auto document = base::TomlDocument::parse_file(rig_file);
+  const auto root = document.root();
+  const auto directory = rig_file.parent_path();
+  WireRigConfig config;
+  config.sim = read_sim(root, directory);
+  const auto frame = root.table("frame");
+  (void)frame.choice("driver", {"modbus"});
+  config.frame = frame::read_modbus_config(frame, directory);
+  const auto pressure = root.table("pressure");
+  (void)pressure.choice("driver", {"teensy"});
+  config.teensy_link = pressure.string("port");
+  config.teensy_serial = pressure.string_or("serial", config.teensy_serial);
+  pressure.ignore_rest();
+  root.ignore_rest();  // the daemon's own tables
+  document.finish();
+  return config;
+}
+
+WireRig::WireRig(const WireRigConfig& config, const clock::Clock& clock)
+    : clock_(clock),
+      start_ns_(clock.now_ns()),
+      teensy_serial_(config.teensy_serial),
+      rig_(without_simulated_wires(config.sim), load_specimen(config.sim.specimen), live(clock, start_ns_)),
+      frame_(frame_options(config), rig_.frame(), frame_faults_),
+      teensy_(teensy_options(config, teensy_serial_, start_ns_), rig_.pressure(), clock.now_ns()) {
+  rig_.interlock().connect();
+  rig_.interlock().hold_pressure(
+      true);  // the interlock has no wire here: energised until the stop is pressed
+}
+
+void WireRig::service_until(std::int64_t deadline_ns) {
+  for (;;) {
+    teensy_.service(clock_.now_ns());
+    const std::int64_t left_ns = deadline_ns - clock_.now_ns();
+    if (left_ns <= 0) return;
+    // A request of the host is answered when it comes, not at the next millisecond: time exchanges are
+    // symmetric.
+    pollfd port{teensy_.is_open() ? teensy_.fd() : -1, POLLIN, 0};
+    const timespec wait{0, std::min<std::int64_t>(left_ns, 1'000'000)};
+    ::ppoll(&port, 1, &wait, nullptr);
+  }
+}
+
+}  // namespace isorig::sim

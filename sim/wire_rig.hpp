@@ -1,0 +1,58 @@
+#pragma once
+#include <cstdint>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <string>
+
+#include "drivers/clock/clock.hpp"
+#include "drivers/frame/modbus_config.hpp"
+#include "sim/faults.hpp"
+#include "sim/frame/modbus_server.hpp"
+#include "sim/pressure/teensy_pty.hpp"
+#include "sim/rig.hpp"
+
+namespace isorig::sim {
+
+/// Where and what an emulated rig serves. read_wire_rig() takes it from the same rig file the daemon runs
+/// with: what its [frame] and [pressure] connect to is what is served, by the plant of its [sim].
+struct WireRigConfig {
+  SimConfig sim;
+  frame::ModbusConfig frame;
+  std::string rtu_link;     ///< the frame also on a pseudo-terminal, linked from here; empty: not
+  std::string teensy_link;  ///< link to the Teensy's pseudo-terminal
+  std::string teensy_serial = "1234560";
+};
+
+/// Throws base::ConfigError with all that is wrong.
+[[nodiscard]] WireRigConfig read_wire_rig(const std::filesystem::path& rig_file);
+
+/// One simulated rig in real time, with its frame on Modbus and its Teensy on a pseudo-terminal.
+///
+/// On the wire the delays are the wire's own: the simulated ones of [sim.frame] and [sim.pressure]
+/// (`request`, `reply`, `exchange_interval_ms`) do not apply. The device clocks are those of [sim]; the
+/// Teensy's has offset and skew, no wander.
+class WireRig {
+ public:
+  WireRig(const WireRigConfig& config, const clock::Clock& clock);
+
+  /// Serves the Teensy and the plant until `deadline_ns` or sooner; call it again at 1 kHz or more. The frame
+  /// has its own thread.
+  void service_until(std::int64_t deadline_ns);
+
+  [[nodiscard]] Rig& rig() noexcept { return rig_; }
+  [[nodiscard]] FrameWireFaults& frame_faults() noexcept { return frame_faults_; }
+  [[nodiscard]] TeensyFaults& teensy_faults() noexcept { return teensy_.faults(); }
+  [[nodiscard]] const ModbusServer& frame() const noexcept { return frame_; }
+
+ private:
+  const clock::Clock& clock_;
+  std::int64_t start_ns_;
+  std::string teensy_serial_;
+  Rig rig_;
+  FrameWireFaults frame_faults_;
+  ModbusServer frame_;
+  TeensyPty teensy_;
+};
+
+}  // namespace isorig::sim
