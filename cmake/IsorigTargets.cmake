@@ -56,6 +56,14 @@ function(isorig_test name)
   target_link_libraries(${name} PRIVATE ${arg_LINKS} isorig_options GTest::gmock GTest::gtest_main)
   target_compile_definitions(${name} PRIVATE
     ISORIG_SOURCE_DIR="${PROJECT_SOURCE_DIR}" ISORIG_BIN_DIR="${CMAKE_RUNTIME_OUTPUT_DIRECTORY}")
+  foreach(label IN ITEMS asan tsan)  # what ./test builds with that sanitizer
+    if(label IN_LIST arg_LABELS)
+      if(NOT TARGET tests_${label})
+        add_custom_target(tests_${label})
+      endif()
+      add_dependencies(tests_${label} ${name})
+    endif()
+  endforeach()
   include(GoogleTest)
   # gtest_discover_tests() flattens a list, and only its first label arrives. `ctest -L` matches within a label.
   string(REPLACE ";" "," labels "${arg_LABELS}")

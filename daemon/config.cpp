@@ -1,0 +1,136 @@
+#include "daemon/config.hpp"
+
+#include <cmath>
+
+namespace isorig::daemon {
+namespace {
+
+constexpr double kMiB = 1024.0 * 1024.0;
+
+Calibration read_calibration(const base::TomlTable& table) {
+  Calibration c;
+  const auto scale = [&](const char* key) {
+    const double value = table.number_or(key, 1.0);
+    if (value == 0.0) table.error(key, std::string("`") + key + "` is 0; a scale has to be another number");
+    return value;
+  };
+  c.position_scale = scale("position_scale");
+  c.position_offset_mm = table.number_or("position_offset_mm", 0.0);
+  c.force_scale = scale("force_scale");
+  c.force_offset_N = table.number_or("force_offset_N", 0.0);
+  c.pressure_scale = scale("pressure_scale");
+  c.pressure_offset_psi = table.number_or("pressure_offset_psi", 0.0);
+  return c;
+}
+
+RigConfig::Teensy read_teensy(const base::TomlTable& table) {
+  RigConfig::Teensy t;
+  t.port = table.string("port");
+  t.options.serial = table.string_or("serial", "");
+  t.options.model = table.string_or("model", t.options.model);
+  t.options.connect_timeout_ns = static_cast<std::int64_t>(
+      1e9 * table.number_or("connect_timeout_s", static_cast<double>(t.options.connect_timeout_ns) * 1e-9, {0.1, 60.0}));
+  t.options.command_validity_ms = static_cast<std::uint16_t>(
+      table.integer_or("command_validity_ms", t.options.command_validity_ms, {20, 5000}));
+  return t;
+}
+
+ServiceConfig read_services(const base::TomlTable& table) {
+  ServiceConfig c;
+  const auto ms = [&](const char* key, std::int64_t fallback_ns, base::Range range) {
+    return static_cast<std::int64_t>(
+        std::llround(table.number_or(key, static_cast<double>(fallback_ns) * 1e-6, range) * 1e6));
+  };
+  c.poll_period_ns = ms("poll_period_ms", c.poll_period_ns, {1.0, 100.0});
+  c.heartbeat_period_ns = ms("heartbeat_period_ms", c.heartbeat_period_ns, {5.0, 1000.0});
+  c.sync_period_ns = ms("sync_period_ms", c.sync_period_ns, {50.0, 10'000.0});
+  c.sync_burst = static_cast<int>(table.integer_or("sync_burst", c.sync_burst, {4, 1000}));
+  return c;
+}
+
+}  // namespace
+
+RigConfig load_rig(const std::filesystem::path& path) {
+  const auto document = base::TomlDocument::parse_file(path);
+  const auto root = document.root();
+  const auto directory = path.parent_path();
+  RigConfig rig;
+  rig.path = path;
+  rig.text = document.text();
+  (void)root.choice("format", {"isorig-rig/1"});
+  rig.name = root.string("name");
+  (void)root.string_or("description", "");
+
+  const auto limits = root.table("limits");
+  rig.limits = protocol::read_limits(limits);
+
+  const auto frame = root.table("frame");
+  const auto frame_driver = frame.choice("driver", {"sim", "modbus"});
+  if (frame_driver == "modbus") {
+    rig.frame_backend = RigConfig::FrameBackend::kModbus;
+    rig.modbus = frame::read_modbus_config(frame, directory);
+  }
+  const auto pressure = root.table("pressure");
+  const auto pressure_driver = pressure.choice("driver", {"sim", "teensy"});
+  if (pressure_driver == "teensy") {
+    rig.pressure_backend = RigConfig::PressureBackend::kTeensy;
+    rig.teensy = read_teensy(pressure);
+  }
+  if ((frame_driver == "sim") != (pressure_driver == "sim")) {
+    pressure.error("driver", "a simulated frame goes with a simulated pressure side: they share one plant");
+  }
+  (void)root.table("interlock").choice("driver", {"sim"});
+
+  const auto table = [&](const char* name, auto&& read) {
+    if (const auto t = root.table_if(name)) read(*t);
+  };
+  rig.core.supervisor.limits = rig.limits;
+  table("supervisor", [&](const auto& t) { rig.core.supervisor = SupervisorConfig::read(t, rig.limits); });
+  table("pressure_loop", [&](const auto& t) { rig.core.pressure_loop = PressureLoopConfig::read(t); });
+  table("calibration", [&](const auto& t) { rig.core.calibration = read_calibration(t); });
+  table("realtime", [&](const auto& t) { rig.realtime = RealtimeConfig::read(t); });
+  table("services", [&](const auto& t) { rig.services = read_services(t); });
+  table("recorder", [&](const auto& t) {
+    auto& r = rig.recording;
+    r.sync_interval_s = t.number_or("sync_interval_s", r.sync_interval_s, {0.1, 60.0});
+    r.virtual_sync_interval_s = t.number_or("virtual_sync_interval_s", r.virtual_sync_interval_s, {0.1, 1e6});
+    const auto mib = [&](const char* key, std::uint64_t& bytes) {
+      bytes = static_cast<std::uint64_t>(t.number_or(key, static_cast<double>(bytes) / kMiB, {1.0, 1e6}) * kMiB);
+    };
+    mib("min_free_MiB", r.min_free_bytes);
+    mib("reserve_MiB", r.reserve_bytes);
+    mib("max_segment_MiB", r.max_segment_bytes);
+  });
+  table("lcm", [&](const auto& t) {
+    rig.lcm.enabled = t.boolean_or("enabled", rig.lcm.enabled);
+    rig.lcm.url = t.string_or("url", rig.lcm.url);
+  });
+  table("api", [&](const auto& t) {
+    rig.api.socket = t.string_or("socket", "");
+    const auto mode = t.string_or("mode", "0660");
+    std::size_t used = 0;
+    unsigned long value = 0;
+    try {
+      value = std::stoul(mode, &used, 8);
+    } catch (const std::exception&) {
+      used = 0;
+    }
+    if (used != mode.size() || value > 0777) {
+      t.error("mode", "`mode` = \"" + mode + "\"; it has to be an octal file mode such as \"0660\"");
+    } else {
+      rig.api.mode = static_cast<unsigned>(value);
+    }
+  });
+  if (rig.frame_backend == RigConfig::FrameBackend::kSim) {
+    rig.sim = sim::read_sim(root, directory);
+    rig.specimen = rig.sim->specimen;
+  } else {
+    const auto specimen = root.string_or("specimen", "");
+    if (!specimen.empty()) rig.specimen = directory / specimen;
+    if (const auto t = root.table_if("sim")) t->ignore_rest();  // for the emulator that plays this rig
+  }
+  document.finish();
+  return rig;
+}
+
+}  // namespace isorig::daemon

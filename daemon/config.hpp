@@ -1,0 +1,66 @@
+#pragma once
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "base/toml_reader.hpp"
+#include "daemon/core.hpp"
+#include "daemon/realtime.hpp"
+#include "daemon/services.hpp"
+#include "drivers/frame/modbus_config.hpp"
+#include "drivers/pressure/teensy.hpp"
+#include "protocol/limits.hpp"
+#include "sim/config.hpp"
+
+namespace isorig::daemon {
+
+/// A rig's file, whole (docs/config.md has every key). Paths in it are relative to the file.
+struct RigConfig {
+  std::filesystem::path path;
+  std::string text;
+  std::string name;
+
+  enum class FrameBackend : std::uint8_t { kSim, kModbus } frame_backend = FrameBackend::kSim;
+  enum class PressureBackend : std::uint8_t { kSim, kTeensy } pressure_backend = PressureBackend::kSim;
+
+  protocol::Limits limits;
+  CoreConfig core;
+  RealtimeConfig realtime;
+  ServiceConfig services;
+  std::optional<frame::ModbusConfig> modbus;
+  struct Teensy {
+    std::string port;                    ///< a path that names the device, such as /dev/serial/by-id/...
+    pressure::Teensy::Options options;
+  };
+  std::optional<Teensy> teensy;
+  std::optional<sim::SimConfig> sim;
+  std::filesystem::path specimen;        ///< what is mounted, unless a run names another
+
+  struct Recording {
+    double sync_interval_s = 1.0;
+    double virtual_sync_interval_s = 600.0;  ///< in virtual time a second of the run is no second of danger
+    std::uint64_t min_free_bytes = std::uint64_t{512} << 20U;
+    std::uint64_t reserve_bytes = std::uint64_t{32} << 20U;
+    std::uint64_t max_segment_bytes = std::uint64_t{256} << 20U;
+  } recording;
+
+  struct Lcm {
+    bool enabled = true;
+    std::string url = "udpm://239.255.76.67:7667?ttl=0";
+  } lcm;
+
+  struct Api {
+    std::filesystem::path socket;        ///< empty: daemon/paths.hpp
+    unsigned mode = 0660;
+  } api;
+
+  /// Everything in process and in virtual time if wanted: no device is outside.
+  [[nodiscard]] bool simulated() const noexcept {
+    return frame_backend == FrameBackend::kSim && pressure_backend == PressureBackend::kSim;
+  }
+};
+
+/// Reads and validates. Throws base::ConfigError with everything that is wrong.
+[[nodiscard]] RigConfig load_rig(const std::filesystem::path& path);
+
+}  // namespace isorig::daemon

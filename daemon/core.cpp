@@ -1,0 +1,497 @@
+#include "daemon/core.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include "daemon/fixed_text.hpp"
+
+namespace isorig::daemon {
+namespace {
+
+constexpr std::int64_t kEvidenceNs = 2'000'000'000;
+
+void copy(char* to, std::size_t size, std::string_view text) noexcept {
+  const std::size_t n = std::min(size - 1, text.size());
+  std::memcpy(to, text.data(), n);
+  to[n] = '\0';
+}
+
+const char* name_of(RunState state) noexcept {
+  switch (state) {
+    case RunState::kIdle: return "idle";
+    case RunState::kReady: return "ready";
+    case RunState::kRunning: return "running";
+    case RunState::kPaused: return "paused";
+    case RunState::kStopping: return "stopping";
+    case RunState::kFaulted: return "faulted";
+  }
+  return "?";
+}
+
+}  // namespace
+
+Core::Core(const CoreConfig& config, FrameLink& frame, PressureLink& pressure, InterlockLink& interlock,
+           Streams& recorder, Streams* publisher) noexcept
+    : config_(config),
+      frame_(frame),
+      pressure_(pressure),
+      interlock_(interlock),
+      recorder_(recorder),
+      publisher_(publisher),
+      supervisor_(config.supervisor),
+      loop_(config.pressure_loop) {
+  loop_.vent();
+}
+
+void Core::tick(std::int64_t now_ns, std::int64_t late_ns, std::int64_t last_run_ns) noexcept {
+  ++ticks_;
+  worst_wakeup_ns_ = std::max(worst_wakeup_ns_, late_ns);
+  worst_run_ns_ = std::max(worst_run_ns_, last_run_ns);
+  supervisor_.on_tick_lateness(late_ns);
+
+  read_interlock();
+  read_frame();
+  read_pressure();
+  take_requests(now_ns);
+  supervise(now_ns);
+  step_plan(now_ns);
+  command(now_ns);
+  hand_off(now_ns);
+}
+
+template <typename T>
+void Core::fan_out(base::SpscQueue<T> Streams::* queue, const T& record) noexcept {
+  (recorder_.*queue).push(record);
+  if (publisher_ != nullptr) (publisher_->*queue).push(record);
+}
+
+void Core::read_frame() noexcept {
+  Stamped<frame::Sample> in;
+  force_new_ = 0;
+  force_sum_N_ = 0.0;
+  const auto& cal = config_.calibration;
+  while (frame_.samples.pop(in)) {
+    FrameRecord r;
+    r.mono_ns = in.mono_ns;
+    r.device_us = in.sample.device_us;
+    r.sequence = in.sample.sequence;
+    r.step = step_;
+    r.bound_ns = in.bound_ns;
+    r.repeatability_ns = in.repeatability_ns;
+    r.raw_position_mm = in.sample.position_mm;
+    r.raw_force_N = in.sample.force_N;
+    r.position_mm = double{in.sample.position_mm} * cal.position_scale + cal.position_offset_mm;
+    r.force_N = double{in.sample.force_N} * cal.force_scale + cal.force_offset_N;
+    r.keep = keep_;
+    supervisor_.on_frame_sample(r);
+    fan_out(&Streams::frame, r);
+    seen_.position_mm = r.position_mm;
+    raw_position_mm_ = double{r.raw_position_mm};
+    force_sum_N_ += r.force_N;
+    ++force_new_;
+  }
+  seen_.new_force = force_new_ > 0;
+  if (seen_.new_force) seen_.force_N = force_sum_N_ / force_new_;
+
+  FrameReport report;
+  while (frame_.reports.pop(report)) {
+    supervisor_.on_frame_report(report.state);
+    seen_.segment_reached = report.state.motion == frame::Motion::kReached;
+    seen_.segment_id = report.state.segment_id;
+    moving_ = report.state.motion == frame::Motion::kMoving;
+  }
+  clock::Exchange exchange;
+  while (frame_.exchanges.pop(exchange)) {
+    fan_out(&Streams::exchanges, ExchangeRecord{DeviceId::kFrame, exchange});
+  }
+  LinkHealth health;
+  while (frame_.health.pop(health)) frame_health_ = health;
+}
+
+void Core::read_pressure() noexcept {
+  Stamped<pressure::Sample> in;
+  const auto& cal = config_.calibration;
+  while (pressure_.samples.pop(in)) {
+    const auto reading = monitor_.update(in.sample.raw_word, in.sample.device_us);
+    PressureRecord r;
+    r.mono_ns = in.mono_ns;
+    r.device_us = in.sample.device_us;
+    r.sequence = in.sample.sequence;
+    r.step = step_;
+    r.bound_ns = in.bound_ns;
+    r.repeatability_ns = in.repeatability_ns;
+    r.raw_word = in.sample.raw_word;
+    r.status = static_cast<std::uint8_t>(reading.word.status);
+    r.keep = keep_;
+    r.temperature_C = static_cast<float>(reading.temperature_c);
+    r.pressure_psi = reading.pressure_psi * cal.pressure_scale + cal.pressure_offset_psi;
+    fan_out(&Streams::pressure, r);
+    // A stale word is the last value once more: neither news for the loop nor a fault.
+    if (!reading.fresh || !reading.plausible()) {
+      if (!reading.plausible()) ++now_.invalid_pressure;
+      supervisor_.on_pressure_sample(r.mono_ns, r.pressure_psi, false);
+      continue;
+    }
+    supervisor_.on_pressure_sample(r.mono_ns, r.pressure_psi, true);
+    pressure_psi_ = r.pressure_psi;
+    const double dt_s = std::clamp(static_cast<double>(r.mono_ns - filter_last_ns_) * 1e-9, 0.0, 1.0);
+    filter_last_ns_ = r.mono_ns;
+    seen_.pressure_psi += (r.pressure_psi - seen_.pressure_psi) * std::min(1.0, dt_s / config_.pressure_filter_s);
+    loop_.update(r.mono_ns, r.pressure_psi, moving_ ? commanded_velocity_mm_s_ : 0.0);
+  }
+  clock::Exchange exchange;
+  while (pressure_.exchanges.pop(exchange)) {
+    fan_out(&Streams::exchanges, ExchangeRecord{DeviceId::kPressure, exchange});
+  }
+  pressure::State state;
+  while (pressure_.states.pop(state)) {
+    if (state.vented_by_watchdog && state_ == RunState::kRunning) supervisor_.on_device_vented();
+  }
+  LinkHealth health;
+  while (pressure_.health.pop(health)) pressure_health_ = health;
+}
+
+void Core::read_interlock() noexcept {
+  const auto state = interlock_.get_state();
+  if (state.mono_ns > 0) {
+    supervisor_.on_interlock(state);
+    now_.estop_closed = state.estop_closed;
+    now_.guard_closed = state.guard_closed;
+  }
+}
+
+void Core::take_requests(std::int64_t now_ns) noexcept {
+  Request request;
+  while (requests.pop(request)) {
+    Reply reply;
+    reply.id = request.id;
+    reply.accepted = true;
+    FixedText text(reply.text);
+    const auto refuse = [&](std::string_view why) {
+      reply.accepted = false;
+      text << "the rig is " << name_of(state_) << ": " << why;
+    };
+    switch (request.verb) {
+      case Request::Verb::kStart:
+        if (state_ != RunState::kReady) {
+          refuse(state_ == RunState::kFaulted ? "reset the fault first (isorig reset)"
+                 : state_ == RunState::kIdle ? std::string_view(now_.not_ready)
+                                             : "a run is under way; abort it first (isorig abort)");
+        } else {
+          begin_run(now_ns, request);
+        }
+        break;
+      case Request::Verb::kPause:
+        if (state_ != RunState::kRunning) {
+          refuse("only a running protocol can be paused");
+        } else {
+          cursor_->pause(now_ns);
+          send_stop();
+          transition(now_ns, RunState::kPaused, Severity::kInfo, "pause", "paused by the operator: frame and pressure hold",
+                     0.0, 0.0);
+        }
+        break;
+      case Request::Verb::kResume:
+        if (state_ != RunState::kPaused) {
+          refuse("there is nothing to resume");
+        } else {
+          cursor_->resume(now_ns);
+          transition(now_ns, RunState::kRunning, Severity::kInfo, "resume", "resumed by the operator", 0.0, 0.0);
+        }
+        break;
+      case Request::Verb::kAbort:
+        if (state_ == RunState::kRunning || state_ == RunState::kPaused ||
+            (state_ == RunState::kFaulted && run_open_)) {
+          end_run(now_ns, Outcome::kAborted, "aborted by the operator: frame stops, pressure vents");
+        } else {
+          refuse("there is no run to abort");
+        }
+        break;
+      case Request::Verb::kReset: {
+        const char* why = nullptr;
+        if (state_ != RunState::kFaulted) {
+          refuse("there is no fault to reset");
+        } else if (recorder_fault_.load(std::memory_order_acquire)) {
+          refuse("the recorder cannot write; make room on the disk and restart the daemon");
+        } else if (!supervisor_.healthy(now_ns, &why)) {
+          refuse(why);
+        } else {
+          supervisor_.rearm(now_ns);
+          now_.fault[0] = '\0';
+          if (run_open_ && !vented_fault_) {
+            transition(now_ns, RunState::kPaused, Severity::kInfo, "reset",
+                       "fault reset; the run is paused: resume or abort it", 0.0, 0.0);
+          } else {
+            stop_and_vent(now_ns);
+            transition(now_ns, RunState::kStopping, Severity::kInfo, "reset", "fault reset", 0.0, 0.0);
+          }
+        }
+        break;
+      }
+    }
+    if (reply.accepted) text << "now " << name_of(state_);
+    replies.push(reply);
+  }
+}
+
+void Core::begin_run(std::int64_t now_ns, const Request& request) noexcept {
+  plan_ = request.plan;
+  cursor_.emplace(*plan_);
+  cursor_->start(now_ns, request.first_session, static_cast<std::uint16_t>(last_segment_id_ + 1));
+  outcome_ = Outcome::kNone;
+  run_open_ = true;
+  ++now_.runs_started;
+  setpoint_psi_ = -1.0;
+  supervisor_.rearm(now_ns);
+  interlock_.hold_pressure.store(true, std::memory_order_release);
+  now_.sessions = static_cast<std::uint32_t>(plan_->sessions.size());
+  now_.steps = static_cast<std::uint32_t>(plan_->steps.size());
+  transition(now_ns, RunState::kRunning, Severity::kInfo, "run.start", "protocol started", 0.0, 0.0);
+}
+
+void Core::end_run(std::int64_t now_ns, Outcome outcome, const char* why) noexcept {
+  outcome_ = outcome;
+  run_open_ = false;
+  stop_and_vent(now_ns);
+  const char* code = outcome == Outcome::kDone ? "run.done" : outcome == Outcome::kAborted ? "run.aborted" : "run.failed";
+  transition(now_ns, RunState::kStopping, Severity::kInfo, code, why, 0.0, 0.0);
+}
+
+void Core::send_stop() noexcept {
+  commanded_velocity_mm_s_ = 0.0;
+  supervisor_.on_stop();
+  frame_.commands.push({FrameCommand::Kind::kStop, {}});
+}
+
+void Core::stop_and_vent(std::int64_t now_ns) noexcept {
+  send_stop();
+  loop_.vent();
+  setpoint_psi_ = -1.0;
+  interlock_.hold_pressure.store(false, std::memory_order_release);
+  stopping_since_ns_ = now_ns;
+}
+
+void Core::supervise(std::int64_t now_ns) noexcept {
+  Trip trip = supervisor_.check(now_ns);
+  if (recorder_fault_.load(std::memory_order_relaxed) && trip.severity < Severity::kProgramStop) {
+    trip = {Severity::kProgramStop, "recorder", "the recording cannot be continued; make room on the disk", 0.0, 0.0};
+  }
+  const bool live = state_ == RunState::kRunning || state_ == RunState::kPaused;
+  if (live && !trip && loop_.unreachable()) {
+    trip = {Severity::kProgramStop, "pressure.unreachable",
+            "the set-point cannot be reached; check supply, leaks and the fill valve", pressure_psi_,
+            loop_.target_psi()};
+  }
+  if (trip && (live || (state_ == RunState::kFaulted && trip.severity > (vented_fault_ ? Severity::kSafeState
+                                                                                       : Severity::kProgramStop)))) {
+    vented_fault_ = trip.severity == Severity::kSafeState;
+    if (vented_fault_) {
+      stop_and_vent(now_ns);
+      if (run_open_) {
+        run_open_ = false;
+        outcome_ = Outcome::kFailed;
+      }
+    } else {
+      send_stop();
+      if (cursor_) cursor_->pause(now_ns);
+    }
+    keep_ = Keep::kFull;  // the run-up to the fault goes to disk in full, and some seconds of what follows
+    faulted_since_ns_ = now_ns;
+    FixedText text(now_.fault);
+    text << trip.code << ": " << trip.what << " (" << trip.value << ", limit " << trip.threshold << ")";
+    transition(now_ns, RunState::kFaulted, trip.severity, trip.code, trip.what, trip.value, trip.threshold);
+    return;
+  }
+
+  const char* why = nullptr;
+  const bool healthy = supervisor_.healthy(now_ns, &why) && frame_health_.clock_ready && pressure_health_.clock_ready;
+  now_.healthy = healthy;
+  if (state_ == RunState::kIdle || state_ == RunState::kReady) {
+    if (why == nullptr || why[0] == '\0') why = healthy ? "" : "the device clocks are being measured";
+    if (std::strncmp(now_.not_ready, why, sizeof now_.not_ready) != 0) copy(now_.not_ready, sizeof now_.not_ready, why);
+    if (healthy != (state_ == RunState::kReady)) {
+      transition(now_ns, healthy ? RunState::kReady : RunState::kIdle, Severity::kInfo, healthy ? "ready" : "not_ready",
+                 healthy ? "all streams fresh, interlock closed, clocks mapped" : why, 0.0, 0.0);
+    }
+  } else if (state_ == RunState::kFaulted) {
+    if (now_ns - faulted_since_ns_ > kEvidenceNs) keep_ = Keep::kAveraged;
+  } else if (state_ == RunState::kStopping) {
+    const double elapsed_s = static_cast<double>(now_ns - stopping_since_ns_) * 1e-9;
+    const bool vented = pressure_psi_ < config_.vented_psi && !moving_;
+    if (vented || elapsed_s > config_.vent_time_max_s) {
+      if (!vented) {
+        emit(now_ns, Severity::kWarning, "vent.slow", "the rig did not vent in time; check the dump valve", pressure_psi_,
+             config_.vented_psi);
+      }
+      keep_ = Keep::kAveraged;
+      transition(now_ns, RunState::kIdle, Severity::kInfo, "stopped", "frame stopped, pressure vented", pressure_psi_, 0.0);
+    }
+  }
+}
+
+void Core::step_plan(std::int64_t now_ns) noexcept {
+  if (state_ != RunState::kRunning) return;
+  const protocol::Action& action = cursor_->advance(now_ns, seen_);
+  keep_ = action.keep;
+  step_ = action.step;
+  if (action.step_began || action.step_ended) emit_step(now_ns, action);
+  if (action.start_segment) {
+    const auto& cal = config_.calibration;
+    frame::Segment segment;
+    segment.id = action.segment.id;
+    segment.target_mm = static_cast<float>((action.segment.target_mm - cal.position_offset_mm) / cal.position_scale);
+    segment.velocity_mm_s = static_cast<float>(action.segment.velocity_mm_s / std::abs(cal.position_scale));
+    last_segment_id_ = segment.id;
+    commanded_velocity_mm_s_ = std::copysign(action.segment.velocity_mm_s, action.segment.target_mm - seen_.position_mm);
+    supervisor_.on_segment(segment, raw_position_mm_, now_ns);
+    frame_.commands.push({FrameCommand::Kind::kSegment, segment});
+  }
+  if (action.rate_psi_s > 0.0 && action.setpoint_psi != setpoint_psi_) {
+    setpoint_psi_ = action.setpoint_psi;
+    loop_.set_target(setpoint_psi_, action.rate_psi_s, now_ns);
+  }
+  if (action.state == protocol::CursorState::kFinished) {
+    end_run(now_ns, Outcome::kDone, "protocol finished: frame stops, pressure vents");
+  } else if (action.state == protocol::CursorState::kFailed) {
+    vented_fault_ = false;
+    run_open_ = false;
+    outcome_ = Outcome::kFailed;
+    send_stop();
+    FixedText text(now_.fault);
+    text << "protocol: " << protocol::describe(action.failure) << " (" << action.failure_value << ", wanted "
+         << action.failure_threshold << ")";
+    transition(now_ns, RunState::kFaulted, Severity::kProgramStop, "protocol", protocol::describe(action.failure),
+               action.failure_value, action.failure_threshold);
+  }
+}
+
+void Core::command(std::int64_t) noexcept {
+  pressure_.set_command(loop_.command());
+  const auto beat = static_cast<std::uint32_t>(ticks_);
+  frame_.loop_beat.store(beat, std::memory_order_release);
+  pressure_.loop_beat.store(beat, std::memory_order_release);
+  interlock_.loop_beat.store(beat, std::memory_order_release);
+}
+
+void Core::hand_off(std::int64_t now_ns) noexcept {
+  if (now_ns < next_control_ns_) return;
+  next_control_ns_ = now_ns + config_.control_period_ns;
+
+  if (frame_health_.lost > frame_lost_) {
+    emit(now_ns, Severity::kWarning, "lost.frame", "samples of the frame were overwritten before we read them",
+         static_cast<double>(frame_health_.lost - frame_lost_), 0.0);
+    frame_lost_ = frame_health_.lost;
+  }
+  if (pressure_health_.lost > pressure_lost_) {
+    emit(now_ns, Severity::kWarning, "lost.pressure", "pressure samples are missing from the sequence",
+         static_cast<double>(pressure_health_.lost - pressure_lost_), 0.0);
+    pressure_lost_ = pressure_health_.lost;
+  }
+  const std::uint64_t drops = recorder_.dropped();
+  if (drops > reported_drops_) {
+    emit(now_ns, Severity::kWarning, "lost.record", "the recorder did not keep up; records were dropped",
+         static_cast<double>(drops - reported_drops_), 0.0);
+    reported_drops_ = drops;
+  }
+
+  ControlRecord& c = now_.control;
+  c.mono_ns = now_ns;
+  c.step = step_;
+  c.state = state_;
+  c.setpoint_psi = static_cast<float>(loop_.target_psi());
+  c.pressure_psi = static_cast<float>(pressure_psi_);
+  c.fill_permille = loop_.command().fill_permille;
+  c.vent_permille = loop_.command().vent_permille;
+  c.position_mm = static_cast<float>(seen_.position_mm);
+  c.force_N = static_cast<float>(seen_.force_N);
+  c.ticks = ticks_;
+  c.overruns = overruns_;
+  c.worst_wakeup_ns = static_cast<std::uint32_t>(std::min<std::int64_t>(worst_wakeup_ns_, UINT32_MAX));
+  c.worst_run_ns = static_cast<std::uint32_t>(std::min<std::int64_t>(worst_run_ns_, UINT32_MAX));
+  if (cursor_) {
+    const auto progress = cursor_->progress(now_ns);
+    c.progress = static_cast<float>(progress.fraction);
+    c.remaining_s = static_cast<float>(progress.remaining_s);
+    c.target_mm = static_cast<float>(cursor_->action().segment.target_mm);
+    c.velocity_mm_s = static_cast<float>(commanded_velocity_mm_s_);
+    now_.session = cursor_->session();
+    now_.repetition = plan_->steps[step_].repetition;
+  }
+  fan_out(&Streams::control, c);
+
+  now_.run_loaded = run_open_;
+  now_.outcome = outcome_;
+  now_.vented_fault = vented_fault_;
+  now_.frame = frame_health_;
+  now_.pressure = pressure_health_;
+  now_.records_dropped = drops;
+  now_.publish_dropped = publisher_ == nullptr ? 0 : publisher_->dropped();
+  now_.worst_wakeup_ns = std::max(now_.worst_wakeup_ns, c.worst_wakeup_ns);
+  now_.worst_run_ns = std::max(now_.worst_run_ns, c.worst_run_ns);
+  status_.store(now_);
+  worst_wakeup_ns_ = 0;
+  worst_run_ns_ = 0;
+}
+
+void Core::transition(std::int64_t now_ns, RunState to, Severity severity, const char* code, const char* text, double value,
+                      double threshold) noexcept {
+  EventRecord event;
+  event.mono_ns = now_ns;
+  event.step = step_;
+  event.severity = severity;
+  event.from = state_;
+  event.to = to;
+  copy(event.code, sizeof event.code, code);
+  copy(event.text, sizeof event.text, text);
+  event.value = value;
+  event.threshold = threshold;
+  state_ = to;
+  next_control_ns_ = now_ns;  // the new state shows at once
+  emit(event);
+}
+
+void Core::emit(std::int64_t now_ns, Severity severity, const char* code, std::string_view text, double value,
+                double threshold) noexcept {
+  EventRecord event;
+  event.mono_ns = now_ns;
+  event.step = step_;
+  event.severity = severity;
+  event.from = event.to = state_;
+  copy(event.code, sizeof event.code, code);
+  copy(event.text, sizeof event.text, text);
+  event.value = value;
+  event.threshold = threshold;
+  emit(event);
+}
+
+void Core::emit(const EventRecord& event) noexcept {
+  fan_out(&Streams::events, event);
+  host_events.push(event);
+}
+
+void Core::emit_step(std::int64_t now_ns, const protocol::Action& action) noexcept {
+  if (action.step_ended) {
+    const auto& ended = plan_->steps[action.ended_step];
+    if (action.settle_timed_out) {
+      emit(now_ns, Severity::kWarning, "settle.timeout", "force still moving when the settle step timed out",
+           action.end_value, ended.force_slope_N_s);
+    }
+    if (action.session_ended) {
+      emit(now_ns, Severity::kInfo, "session.end", plan_->sessions[ended.session].label, double(ended.session), 0.0);
+    }
+  }
+  if (action.step_began) {
+    const auto& step = plan_->steps[action.step];
+    if (step.session != protocol::kNoSession && plan_->sessions[step.session].first_step == action.step) {
+      emit(now_ns, Severity::kInfo, "session.start", plan_->sessions[step.session].label, double(step.session), 0.0);
+    }
+    if (step.kind == protocol::StepKind::kMark) {
+      emit(now_ns, Severity::kInfo, "mark", step.label, double(action.step), 0.0);
+    } else {
+      emit(now_ns, Severity::kInfo, "step", protocol::name_of(step.kind), double(action.step), 0.0);
+    }
+  }
+}
+
+}  // namespace isorig::daemon

@@ -1,0 +1,32 @@
+#include "daemon/devices.hpp"
+
+#include "drivers/frame/modbus_frame.hpp"
+#include "drivers/pressure/teensy.hpp"
+#include "drivers/pressure/tty_stream.hpp"
+#include "sim/interlock/bench_interlock.hpp"
+
+namespace isorig::daemon {
+
+Devices open_devices(const RigConfig& rig, clock::Clock& clock) {
+  Devices d;
+  if (rig.simulated()) {
+    sim::RigOptions options;
+    options.start_ns = clock.now_ns();
+    options.clock = &clock;
+    options.threaded = true;
+    d.rig = std::make_unique<sim::Rig>(*rig.sim, sim::load_specimen(rig.sim->specimen), options);
+    d.frame = &d.rig->frame();
+    d.pressure = &d.rig->pressure();
+    d.interlock = &d.rig->interlock();
+    return d;
+  }
+  d.owned_frame = std::make_unique<frame::ModbusFrame>(*rig.modbus, clock);
+  d.owned_pressure = std::make_unique<pressure::Teensy>(rig.teensy->options, std::make_unique<pressure::TtyStream>(pressure::TtyStream::Options{rig.teensy->port}), clock);
+  d.owned_interlock = std::make_unique<sim::BenchInterlock>();
+  d.frame = d.owned_frame.get();
+  d.pressure = d.owned_pressure.get();
+  d.interlock = d.owned_interlock.get();
+  return d;
+}
+
+}  // namespace isorig::daemon

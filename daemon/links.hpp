@@ -1,0 +1,95 @@
+#pragma once
+#include <atomic>
+#include <bit>
+#include <cstdint>
+
+#include "base/spsc_queue.hpp"
+#include "drivers/frame/frame.hpp"
+#include "drivers/interlock/interlock.hpp"
+#include "drivers/pressure/pressure.hpp"
+
+/// What crosses between the real-time loop and the threads that own a device. Each link has one I/O thread on
+/// one side and the loop on the other; nothing in it blocks.
+namespace isorig::daemon {
+
+/// A device sample with its place on the one clock.
+template <typename Sample>
+struct Stamped {
+  Sample sample;
+  std::int64_t mono_ns = 0;
+  float bound_ns = 0.0F;
+  float repeatability_ns = 0.0F;
+};
+
+/// How a device is doing, from its I/O thread, each time something changed and at least every 100 ms.
+struct LinkHealth {
+  bool connected = false;
+  bool clock_ready = false;        ///< enough exchanges for a mapping with a bound
+  std::uint32_t lost = 0;          ///< samples, since start
+  std::uint32_t corrupt = 0;       ///< messages, since start
+  std::uint32_t errors = 0;        ///< failed calls, since start
+  std::uint32_t reconnects = 0;    ///< since start
+  float bound_ns = 0.0F;           ///< of the newest stamp
+  float repeatability_ns = 0.0F;
+  char detail[96] = {};            ///< the last error, for people
+};
+
+struct FrameReport {
+  frame::State state;
+  std::int64_t mono_ns = 0;  ///< when the state was read
+};
+
+struct FrameCommand {
+  enum class Kind : std::uint8_t { kSegment, kStop } kind = Kind::kStop;
+  frame::Segment segment;
+};
+
+struct FrameLink {
+  base::SpscQueue<Stamped<frame::Sample>> samples{8192};
+  base::SpscQueue<FrameReport> reports{1024};
+  base::SpscQueue<LinkHealth> health{64};
+  base::SpscQueue<clock::Exchange> exchanges{1024};
+  base::SpscQueue<FrameCommand> commands{64};
+  /// The loop's tick counter: the I/O thread writes it to the frame as the heartbeat, so that a loop that
+  /// hangs stops the frame even while the I/O thread lives.
+  std::atomic<std::uint32_t> loop_beat{0};
+};
+
+struct PressureLink {
+  base::SpscQueue<Stamped<pressure::Sample>> samples{8192};
+  base::SpscQueue<LinkHealth> health{64};
+  base::SpscQueue<clock::Exchange> exchanges{1024};
+  base::SpscQueue<pressure::State> states{256};
+  /// The newest command only: an old duty is of no use. fill | vent << 16 | bits of the regulator's set-point << 32.
+  std::atomic<std::uint64_t> command{0};
+  std::atomic<std::uint32_t> loop_beat{0};
+
+  void set_command(const pressure::Command& c) noexcept {
+    command.store(std::uint64_t{c.fill_permille} | std::uint64_t{c.vent_permille} << 16 |
+                      std::uint64_t{std::bit_cast<std::uint32_t>(c.regulator_psi)} << 32,
+                  std::memory_order_release);
+  }
+  [[nodiscard]] pressure::Command get_command() const noexcept {
+    const auto packed = command.load(std::memory_order_acquire);
+    return {static_cast<std::uint16_t>(packed), static_cast<std::uint16_t>(packed >> 16),
+            std::bit_cast<float>(static_cast<std::uint32_t>(packed >> 32))};
+  }
+};
+
+struct InterlockLink {
+  /// mono_ns of the reading with its two lowest bits replaced: bit 0 e-stop chain whole, bit 1 guard closed.
+  std::atomic<std::int64_t> state{0};
+  std::atomic<bool> hold_pressure{false};
+  std::atomic<std::uint32_t> loop_beat{0};
+
+  void set_state(const interlock::State& s) noexcept {
+    state.store((s.mono_ns & ~std::int64_t{3}) | (s.estop_closed ? 1 : 0) | (s.guard_closed ? 2 : 0),
+                std::memory_order_release);
+  }
+  [[nodiscard]] interlock::State get_state() const noexcept {
+    const auto packed = state.load(std::memory_order_acquire);
+    return {(packed & 1) != 0, (packed & 2) != 0, packed & ~std::int64_t{3}};
+  }
+};
+
+}  // namespace isorig::daemon

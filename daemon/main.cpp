@@ -1,0 +1,54 @@
+#include <spdlog/spdlog.h>
+
+#include <CLI/CLI.hpp>
+#include <iostream>
+
+#include "daemon/config.hpp"
+#include "daemon/daemon.hpp"
+#include "daemon/paths.hpp"
+#include "daemon/version.hpp"
+
+/// Exit codes: 0 stopped as asked, 1 failure, 2 usage, 3 wrong configuration, 8 no real-time rights.
+int main(int argc, char** argv) {
+  using namespace isorig;
+  CLI::App app("The daemon that owns the rig", "isorigd");
+  std::string rig_path, socket;
+  std::string runs = daemon::default_runs().string();
+  bool no_realtime = false, check = false;
+  app.add_option("--rig", rig_path, "The rig's file (config/rigs/)")->required();
+  app.add_option("--runs", runs, "Where runs and their catalogue are kept")->capture_default_str();
+  app.add_option("--socket", socket, "The control socket, instead of the rig's [api] socket");
+  app.add_flag("--no-realtime", no_realtime, "Run without real-time rights; for a simulated rig on a desk");
+  app.add_flag("--check", check, "Read and validate the rig's file, then exit");
+  app.set_version_flag("--version", std::string("isorigd ") + daemon::kVersion);
+  app.footer("Exit codes: 0 stopped as asked, 1 failure, 2 usage, 3 wrong configuration, 8 no real-time rights.");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    return app.exit(e) == 0 ? 0 : 2;
+  }
+  try {
+    auto rig = daemon::load_rig(rig_path);
+    rig.realtime.enforce = !no_realtime;
+    if (check) {
+      std::cout << rig_path << ": rig \"" << rig.name << "\" is valid\n";
+      return 0;
+    }
+    daemon::DaemonOptions options;
+    options.runs_root = runs;
+    options.socket = !socket.empty() ? std::filesystem::path(socket)
+                     : !rig.api.socket.empty() ? rig.api.socket
+                                               : daemon::default_socket();
+    daemon::Daemon(rig, options).run();
+    return 0;
+  } catch (const base::ConfigError& e) {
+    std::cerr << e.what() << '\n';
+    return 3;
+  } catch (const daemon::RealtimeError& e) {
+    std::cerr << "isorigd: " << e.what() << '\n';
+    return 8;
+  } catch (const std::exception& e) {
+    std::cerr << "isorigd: " << e.what() << '\n';
+    return 1;
+  }
+}

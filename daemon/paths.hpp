@@ -1,0 +1,27 @@
+#pragma once
+#include <cstdlib>
+#include <filesystem>
+#include <string>
+
+namespace isorig::daemon {
+
+/// Where daemon and tools meet unless told otherwise: $ISORIG_SOCKET, else the service's socket when it is there,
+/// else the user's runtime directory.
+inline std::filesystem::path default_socket() {
+  if (const char* named = std::getenv("ISORIG_SOCKET"); named != nullptr && *named != '\0') return named;
+  const std::filesystem::path service = "/run/isorig/isorigd.sock";
+  std::error_code ignored;
+  if (std::filesystem::exists(service, ignored)) return service;
+  if (const char* runtime = std::getenv("XDG_RUNTIME_DIR"); runtime != nullptr && *runtime != '\0') {
+    return std::filesystem::path(runtime) / "isorigd.sock";
+  }
+  return std::filesystem::temp_directory_path() / ("isorigd-" + std::string(std::getenv("USER") ? std::getenv("USER") : "user") + ".sock");
+}
+
+/// Where runs are kept unless told otherwise: $ISORIG_RUNS, else ./runs.
+inline std::filesystem::path default_runs() {
+  if (const char* named = std::getenv("ISORIG_RUNS"); named != nullptr && *named != '\0') return named;
+  return "runs";
+}
+
+}  // namespace isorig::daemon

@@ -1,0 +1,86 @@
+#pragma once
+#include <cstdint>
+
+#include "drivers/pressure/pressure.hpp"
+
+namespace isorig::base {
+class TomlTable;
+}
+
+/// The pressure loop: ELVH reading against the step's set-point, through a fill and a vent valve.
+///
+/// The chamber is an integrator. With absolute pressures, ISO 6358 gives for the rate at duty u in [0, 1]
+///
+///   dP/dt = +u_fill * fill_gain_per_s * Ps * phi(P / Ps)        (supply Ps -> chamber P)
+///   dP/dt = -u_vent * vent_gain_per_s * P  * phi(Pa / P)        (chamber P -> atmosphere Pa)
+///   phi(r) = 1                                   r <= b         (choked)
+///          = sqrt(1 - ((r - b) / (1 - b))^2)     b < r < 1
+///
+/// so the loop computes the rate it wants and divides by the rate the valve can give there:
+///
+///   rate = d(reference)/dt + kp (e + (1/Ti) integral e) + feedforward_psi_per_mm * crosshead velocity
+///
+/// The reference runs to the target at the rate limit. Anti-windup: the integral stands still while the valve is
+/// saturated in the direction of the error. The gains are in 1/s of the linearised loop; with a dead time Td
+/// (valve, wire, sample) the phase margin at crossover kp is 90 deg - kp * Td * 57.3 - atan(1 / (kp * Ti)).
+namespace isorig::daemon {
+
+struct PressureLoopConfig {
+  enum class Actuator : std::uint8_t { kValves, kRegulator } actuator = Actuator::kValves;
+  double supply_psi = 45.0;               ///< gauge
+  double fill_gain_per_s = 0.4;           ///< full-duty rate over absolute upstream pressure, nominal volume
+  double vent_gain_per_s = 0.4;
+  double proportional_per_s = 25.0;
+  double integral_time_s = 0.25;
+  double rate_limit_psi_s = 10.0;         ///< of the reference
+  double feedforward_psi_per_mm = 0.0;    ///< pressure the chamber would lose per mm of extension, if the valves slept
+  double minimum_duty = 0.0;              ///< below it a valve does not open; smaller commands are shut
+  double settled_tolerance_psi = 0.1;
+  double unreachable_error_psi = 0.5;     ///< error and saturation for longer than `unreachable_after_s` ...
+  double unreachable_after_s = 5.0;       ///< ... is a set-point that cannot be reached (leak, empty supply)
+
+  /// Reads [pressure_loop].
+  static PressureLoopConfig read(const base::TomlTable& table);
+};
+
+/// Pure: no clock, no I/O, no allocation. Call update() once per pressure sample (100 Hz or more).
+class PressureLoop {
+ public:
+  explicit PressureLoop(const PressureLoopConfig& config) noexcept : config_(config) {}
+
+  /// A new set-point; `rate_psi_s` <= 0 takes the configured limit.
+  void set_target(double target_psi, double rate_psi_s, std::int64_t mono_ns) noexcept;
+  /// Vent: the vent valve fully open, the loop off, until the next set_target().
+  void vent() noexcept;
+  /// Both valves shut, the loop off (the pressure holds as well as the chamber does).
+  void shut() noexcept;
+
+  /// One step of the loop. `crosshead_velocity_mm_s` is what the frame was told to do, for the feed-forward.
+  pressure::Command update(std::int64_t mono_ns, double pressure_psi, double crosshead_velocity_mm_s) noexcept;
+
+  [[nodiscard]] double target_psi() const noexcept { return target_psi_; }
+  [[nodiscard]] double reference_psi() const noexcept { return reference_psi_; }
+  /// How long the reading has been within the tolerance of the target, without a break.
+  [[nodiscard]] double settled_for_s(std::int64_t mono_ns) const noexcept;
+  /// The set-point cannot be reached (see the configuration).
+  [[nodiscard]] bool unreachable() const noexcept { return unreachable_; }
+  [[nodiscard]] const pressure::Command& command() const noexcept { return command_; }
+
+ private:
+  enum class Mode : std::uint8_t { kShut, kControl, kVent };
+
+  PressureLoopConfig config_;
+  Mode mode_ = Mode::kShut;
+  double target_psi_ = 0.0;
+  double rate_psi_s_ = 0.0;
+  double reference_psi_ = 0.0;
+  double integral_psi_s_ = 0.0;
+  bool reference_started_ = false;
+  bool unreachable_ = false;
+  std::int64_t last_ns_ = 0;
+  std::int64_t settled_since_ns_ = -1;
+  std::int64_t saturated_since_ns_ = -1;
+  pressure::Command command_;
+};
+
+}  // namespace isorig::daemon

@@ -1,0 +1,268 @@
+#include "daemon/services.hpp"
+
+#include <algorithm>
+#include <cstdio>
+#include <span>
+
+namespace isorig::daemon {
+namespace {
+
+constexpr std::int64_t kHealthPeriodNs = 100'000'000;
+// A loop that has not ticked for this long no longer holds the dump valve.
+constexpr std::int64_t kLoopDeadNs = 500'000'000;
+
+// Fewer leave the first stamps with a scatter of a whole round trip.
+constexpr std::uint64_t kExchangesForReady = 20;
+
+template <typename Link, typename Sample>
+void push_sample(Link& link, LinkHealth& health, const Sample& sample, const clock::MappedTime& stamp) {
+  health.bound_ns = static_cast<float>(stamp.bound_ns);
+  health.repeatability_ns = static_cast<float>(stamp.repeatability_ns);
+  link.samples.push({sample, stamp.mono_ns, health.bound_ns, health.repeatability_ns});
+}
+
+void put(char (&to)[96], const char* text) { std::snprintf(to, sizeof to, "%s", text); }
+
+}  // namespace
+
+FrameService::FrameService(frame::Device& device, FrameLink& link, const ServiceConfig& config)
+    : device_(device), link_(link), config_(config) {}
+
+void FrameService::run_once(std::int64_t now_ns) noexcept {
+  try {
+    turn(now_ns);
+  } catch (const drivers::DeviceError& error) {
+    fail(now_ns, error);
+  } catch (const std::exception& error) {
+    fail(now_ns, drivers::DeviceError(drivers::Fault::kDisconnected, error.what()));
+  }
+  report_health(now_ns, false);
+}
+
+void FrameService::turn(std::int64_t now_ns) {
+  if (!health_.connected) {
+    FrameCommand stale;  // a command for a frame that was not there must not run when it comes back
+    while (link_.commands.pop(stale)) {
+    }
+    if (!backoff_.is_due(now_ns)) return;
+    device_.connect();
+    device_.stop();
+    health_.connected = true;
+    if (was_connected_) ++health_.reconnects;
+    was_connected_ = true;
+    backoff_.reset();
+    burst_left_ = config_.sync_burst;
+    next_sync_ns_ = now_ns;
+    has_best_ = false;
+    report_health(now_ns, true);
+  }
+
+  FrameCommand command;
+  while (link_.commands.pop(command)) {
+    if (command.kind == FrameCommand::Kind::kStop) {
+      device_.stop();
+    } else {
+      device_.start_segment(command.segment);
+    }
+  }
+
+  const std::uint32_t beat = link_.loop_beat.load(std::memory_order_acquire);
+  if (now_ns >= next_heartbeat_ns_ && beat != last_beat_) {
+    device_.heartbeat(static_cast<std::uint16_t>(beat));
+    last_beat_ = beat;
+    next_heartbeat_ns_ = now_ns + config_.heartbeat_period_ns;
+  }
+
+  const auto poll = device_.poll(samples_);
+  health_.lost += poll.lost;
+  if (poll.has_exchange) take_exchange(poll.exchange);
+  if (map_.current().known()) {
+    for (const auto& sample : std::span(samples_).first(poll.samples)) {
+      push_sample(link_, health_, sample, mapper_.map(static_cast<double>(sample.device_us), now_ns));
+    }
+  }
+  link_.reports.push({poll.state, now_ns});
+}
+
+void FrameService::take_exchange(const clock::Exchange& exchange) {
+  const auto keep = [&](const clock::Exchange& e) {
+    map_.add(e);
+    link_.exchanges.push(e);
+  };
+  if (burst_left_ > 0) {
+    --burst_left_;
+    keep(exchange);
+    next_sync_ns_ = exchange.host_recv_ns + config_.sync_period_ns;
+    return;
+  }
+  const auto round_trip = [](const clock::Exchange& e) { return e.host_recv_ns - e.host_send_ns; };
+  if (!has_best_ || round_trip(exchange) < round_trip(best_)) best_ = exchange;
+  has_best_ = true;
+  if (exchange.host_recv_ns >= next_sync_ns_) {
+    keep(best_);
+    has_best_ = false;
+    next_sync_ns_ = exchange.host_recv_ns + config_.sync_period_ns;
+  }
+}
+
+void FrameService::fail(std::int64_t now_ns, const drivers::DeviceError& error) noexcept {
+  ++health_.errors;
+  put(health_.detail, error.what());
+  // A refusal leaves the connection good; everything else starts it afresh, so that no late reply survives.
+  if (error.fault() != drivers::Fault::kRefused) {
+    device_.disconnect();
+    health_.connected = false;
+    backoff_.failed(now_ns);
+  }
+  report_health(now_ns, true);
+}
+
+void FrameService::report_health(std::int64_t now_ns, bool force) noexcept {
+  if (!force && now_ns < next_health_ns_) return;
+  next_health_ns_ = now_ns + kHealthPeriodNs;
+  health_.clock_ready = map_.current().known() && map_.current().exchanges >= kExchangesForReady;
+  link_.health.push(health_);
+}
+
+void FrameService::shut_down() noexcept {
+  try {
+    if (health_.connected) device_.stop();
+  } catch (const std::exception&) {
+    // The frame's own heartbeat time-out stops it.
+  }
+  device_.disconnect();
+  health_.connected = false;
+}
+
+PressureService::PressureService(pressure::Device& device, PressureLink& link, const ServiceConfig& config)
+    : device_(device), link_(link), config_(config) {}
+
+void PressureService::run_once(std::int64_t now_ns, std::int64_t wait_ns) noexcept {
+  try {
+    turn(now_ns, wait_ns);
+  } catch (const drivers::DeviceError& error) {
+    fail(now_ns, error);
+  } catch (const std::exception& error) {
+    fail(now_ns, drivers::DeviceError(drivers::Fault::kDisconnected, error.what()));
+  }
+  report_health(now_ns, false);
+}
+
+void PressureService::turn(std::int64_t now_ns, std::int64_t wait_ns) {
+  if (!health_.connected) {
+    if (!backoff_.is_due(now_ns)) return;
+    device_.connect();
+    health_.connected = true;
+    if (was_connected_) ++health_.reconnects;
+    was_connected_ = true;
+    backoff_.reset();
+    burst_left_ = config_.sync_burst;
+    next_sync_ns_ = now_ns;
+    last_command_ = ~std::uint64_t{0};
+    report_health(now_ns, true);
+  }
+
+  const std::uint32_t beat = link_.loop_beat.load(std::memory_order_acquire);
+  const bool loop_alive = beat != last_beat_;
+  // Commands go out when they change, and again before the device's validity time ends; a loop that hangs gets
+  // neither commands nor heartbeats through, and the device vents by itself.
+  const std::uint64_t packed = link_.command.load(std::memory_order_acquire);
+  if (loop_alive && (packed != last_command_ || now_ns >= next_command_ns_)) {
+    device_.command(link_.get_command());
+    last_command_ = packed;
+    next_command_ns_ = now_ns + config_.heartbeat_period_ns;
+  }
+  if (loop_alive && now_ns >= next_heartbeat_ns_) {
+    device_.heartbeat();
+    last_beat_ = beat;
+    next_heartbeat_ns_ = now_ns + config_.heartbeat_period_ns;
+  }
+  if (now_ns >= next_sync_ns_) {
+    device_.request_time_sync();
+    next_sync_ns_ = now_ns + (burst_left_ > 0 ? config_.sync_burst_period_ns : config_.sync_period_ns);
+    if (burst_left_ > 0) --burst_left_;
+  }
+
+  const auto poll = device_.poll(samples_, exchanges_, wait_ns);
+  health_.lost += poll.lost;
+  health_.corrupt += poll.corrupt;
+  for (const auto& exchange : std::span(exchanges_).first(poll.exchanges)) {
+    map_.add(exchange);
+    link_.exchanges.push(exchange);
+  }
+  if (map_.current().known()) {
+    for (const auto& sample : std::span(samples_).first(poll.samples)) {
+      push_sample(link_, health_, sample, mapper_.map(static_cast<double>(sample.device_us), now_ns));
+    }
+  }
+  link_.states.push(poll.state);
+}
+
+void PressureService::fail(std::int64_t now_ns, const drivers::DeviceError& error) noexcept {
+  ++health_.errors;
+  put(health_.detail, error.what());
+  if (error.fault() != drivers::Fault::kRefused) {
+    device_.disconnect();
+    health_.connected = false;
+    backoff_.failed(now_ns);
+  }
+  report_health(now_ns, true);
+}
+
+void PressureService::report_health(std::int64_t now_ns, bool force) noexcept {
+  if (!force && now_ns < next_health_ns_) return;
+  next_health_ns_ = now_ns + kHealthPeriodNs;
+  health_.clock_ready = map_.current().known() && map_.current().exchanges >= kExchangesForReady;
+  link_.health.push(health_);
+}
+
+void PressureService::shut_down() noexcept {
+  try {
+    if (health_.connected) device_.command({0, 1000, 0.0F});
+  } catch (const std::exception&) {
+    // The device's own heartbeat time-out vents.
+  }
+  device_.disconnect();
+  health_.connected = false;
+}
+
+void InterlockService::run_once(std::int64_t now_ns) noexcept {
+  try {
+    if (!connected_) {
+      if (now_ns < next_attempt_ns_) return;
+      device_.connect();
+      connected_ = true;
+      holding_ = false;
+      device_.hold_pressure(false);
+    }
+    auto state = device_.read();
+    state.mono_ns = now_ns;
+    link_.set_state(state);
+    const std::uint32_t beat = link_.loop_beat.load(std::memory_order_acquire);
+    if (beat != last_beat_) {
+      last_beat_ = beat;
+      last_beat_ns_ = now_ns;
+    }
+    const bool hold = link_.hold_pressure.load(std::memory_order_acquire) && now_ns - last_beat_ns_ < kLoopDeadNs;
+    if (hold != holding_) {
+      device_.hold_pressure(hold);
+      holding_ = hold;
+    }
+  } catch (const std::exception&) {
+    // The state is not renewed: the age limit brings the rig to its safe state, and the valve fails to vent.
+    device_.disconnect();
+    connected_ = false;
+    next_attempt_ns_ = now_ns + 500'000'000;
+  }
+}
+
+void InterlockService::shut_down() noexcept {
+  try {
+    if (connected_) device_.hold_pressure(false);
+  } catch (const std::exception&) {
+  }
+  device_.disconnect();
+  connected_ = false;
+}
+
+}  // namespace isorig::daemon

@@ -1,0 +1,105 @@
+#pragma once
+#include <array>
+#include <cstdint>
+
+#include "daemon/links.hpp"
+#include "drivers/backoff.hpp"
+#include "drivers/clock/mapping.hpp"
+
+/// The device side of the links: each service owns one device and is run by one thread in real time
+/// (`run_once` at its period) or inline by the virtual runner. The same code in both. Everything that blocks or
+/// throws stays in here.
+namespace isorig::daemon {
+
+/// When to reconnect, and how often to ask for what. Policy after a reconnect: nothing is sent again by itself;
+/// the loop has seen the stream go stale, has brought the rig to its safe state and waits for a reset.
+struct ServiceConfig {
+  std::int64_t poll_period_ns = 5'000'000;
+  std::int64_t heartbeat_period_ns = 50'000'000;
+  std::int64_t sync_period_ns = 1'000'000'000;     ///< time exchanges kept in steady state
+  std::int64_t sync_burst_period_ns = 20'000'000;  ///< and for the first `sync_burst` of a connection
+  int sync_burst = 50;
+};
+
+class FrameService {
+ public:
+  FrameService(frame::Device& device, FrameLink& link, const ServiceConfig& config);
+  /// One turn: reconnect if due, commands, heartbeat, poll. Never throws.
+  void run_once(std::int64_t now_ns) noexcept;
+  /// The frame stops and the connection closes; called on every way out.
+  void shut_down() noexcept;
+
+ private:
+  void turn(std::int64_t now_ns);
+  void fail(std::int64_t now_ns, const drivers::DeviceError& error) noexcept;
+  void take_exchange(const clock::Exchange& exchange);
+  void report_health(std::int64_t now_ns, bool force) noexcept;
+
+  frame::Device& device_;
+  FrameLink& link_;
+  ServiceConfig config_;
+  clock::DeviceClockMap map_;
+  clock::StreamMapper mapper_{map_};
+  drivers::Backoff backoff_;
+  LinkHealth health_;
+  bool was_connected_ = false;
+  std::int64_t next_heartbeat_ns_ = 0;
+  std::int64_t next_health_ns_ = 0;
+  std::uint32_t last_beat_ = 0;
+  int burst_left_ = 0;
+  // Between the exchanges that are kept, the one with the shortest round trip.
+  clock::Exchange best_;
+  bool has_best_ = false;
+  std::int64_t next_sync_ns_ = 0;
+  std::array<frame::Sample, 512> samples_{};
+};
+
+class PressureService {
+ public:
+  PressureService(pressure::Device& device, PressureLink& link, const ServiceConfig& config);
+  /// One turn; waits at most `wait_ns` for data (0 in virtual time). Never throws.
+  void run_once(std::int64_t now_ns, std::int64_t wait_ns) noexcept;
+  /// Vents and closes; called on every way out.
+  void shut_down() noexcept;
+
+ private:
+  void turn(std::int64_t now_ns, std::int64_t wait_ns);
+  void fail(std::int64_t now_ns, const drivers::DeviceError& error) noexcept;
+  void report_health(std::int64_t now_ns, bool force) noexcept;
+
+  pressure::Device& device_;
+  PressureLink& link_;
+  ServiceConfig config_;
+  clock::DeviceClockMap map_;
+  clock::StreamMapper mapper_{map_};
+  drivers::Backoff backoff_;
+  LinkHealth health_;
+  bool was_connected_ = false;
+  std::int64_t next_heartbeat_ns_ = 0;
+  std::int64_t next_health_ns_ = 0;
+  std::int64_t next_sync_ns_ = 0;
+  std::int64_t next_command_ns_ = 0;
+  std::uint64_t last_command_ = ~std::uint64_t{0};
+  std::uint32_t last_beat_ = 0;
+  int burst_left_ = 0;
+  std::array<pressure::Sample, 512> samples_{};
+  std::array<clock::Exchange, 16> exchanges_{};
+};
+
+class InterlockService {
+ public:
+  InterlockService(interlock::Device& device, InterlockLink& link) : device_(device), link_(link) {}
+  void run_once(std::int64_t now_ns) noexcept;
+  void shut_down() noexcept;
+
+ private:
+  interlock::Device& device_;
+  InterlockLink& link_;
+  bool connected_ = false;
+  bool holding_ = false;
+  std::uint32_t last_beat_ = 0;
+  std::int64_t last_beat_ns_ = 0;
+  std::int64_t next_attempt_ns_ = 0;
+};
+
+}  // namespace isorig::daemon

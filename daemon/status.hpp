@@ -1,0 +1,77 @@
+#pragma once
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <cstring>
+
+#include "daemon/links.hpp"
+#include "daemon/records.hpp"
+
+namespace isorig::daemon {
+
+/// How a run ended; kNone while it goes on.
+enum class Outcome : std::uint8_t { kNone, kDone, kAborted, kFailed };
+
+/// What `isorig status` and `watch` show: the loop's newest view of everything.
+struct Status {
+  ControlRecord control;
+  std::uint32_t session = 0;
+  std::uint32_t sessions = 0;
+  std::uint32_t steps = 0;
+  std::int32_t repetition = 0;
+  bool healthy = false;
+  std::uint64_t runs_started = 0;
+  bool run_loaded = false;          ///< a run is open: it can still go on
+  Outcome outcome = Outcome::kNone;
+  bool vented_fault = false;        ///< the fault's reaction was the safe state
+  LinkHealth frame;
+  LinkHealth pressure;
+  bool estop_closed = false;
+  bool guard_closed = false;
+  std::uint64_t records_dropped = 0;   ///< by a full queue to the recorder: the run says so and fails
+  std::uint64_t publish_dropped = 0;
+  std::uint32_t worst_wakeup_ns = 0;   ///< since start
+  std::uint32_t worst_run_ns = 0;
+  std::uint64_t invalid_pressure = 0;  ///< sensor words that were no current reading, since start
+  char not_ready[64] = {};             ///< what is missing for ready, in words
+  char fault[160] = {};                ///< the latched cause
+};
+
+/// One writer that never waits, many readers that retry: a sequence lock over words that are themselves atomic, so
+/// that a torn read is detected and is no data race (Boehm, "Can seqlocks get along with programming language
+/// memory models?", MSPC 2012).
+template <typename T>
+class SeqLock {
+  static_assert(std::is_trivially_copyable_v<T>);
+  static constexpr std::size_t kWords = (sizeof(T) + 7) / 8;
+
+ public:
+  void store(const T& value) noexcept {
+    std::array<std::uint64_t, kWords> words{};
+    std::memcpy(words.data(), &value, sizeof(T));
+    const auto s = sequence_.load(std::memory_order_relaxed);
+    sequence_.store(s + 1, std::memory_order_relaxed);
+    std::atomic_thread_fence(std::memory_order_release);
+    for (std::size_t i = 0; i < kWords; ++i) words_[i].store(words[i], std::memory_order_relaxed);
+    sequence_.store(s + 2, std::memory_order_release);
+  }
+
+  [[nodiscard]] T load() const noexcept {
+    std::array<std::uint64_t, kWords> words{};
+    for (;;) {
+      const auto before = sequence_.load(std::memory_order_acquire);
+      for (std::size_t i = 0; i < kWords; ++i) words[i] = words_[i].load(std::memory_order_relaxed);
+      std::atomic_thread_fence(std::memory_order_acquire);
+      if ((before & 1U) == 0 && sequence_.load(std::memory_order_relaxed) == before) break;
+    }
+    T value;
+    std::memcpy(static_cast<void*>(&value), words.data(), sizeof(T));
+    return value;
+  }
+
+ private:
+  std::atomic<std::uint64_t> sequence_{0};
+  std::array<std::atomic<std::uint64_t>, kWords> words_{};
+};
+
+}  // namespace isorig::daemon

@@ -1,0 +1,131 @@
+#include <dlfcn.h>
+#include <pthread.h>
+#include <sys/uio.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cstdlib>
+
+#include "rig_fixture.hpp"
+
+/// The contract of the real-time loop, proved: across a whole protocol, a fault and its reset, no tick allocates,
+/// frees, takes a mutex or makes a blocking call. The C library's own functions are interposed here and count while
+/// `guarded` is set, which is only inside Core::tick().
+namespace {
+thread_local bool guarded = false;
+std::atomic<int> violations{0};
+const char* volatile last_violation = "";
+
+void note(const char* what) {
+  if (guarded) {
+    last_violation = what;
+    violations.fetch_add(1);
+  }
+}
+
+template <typename Function>
+Function next(const char* name) {
+  return reinterpret_cast<Function>(dlsym(RTLD_NEXT, name));
+}
+}  // namespace
+
+extern "C" {
+void* __libc_malloc(std::size_t);
+void* __libc_calloc(std::size_t, std::size_t);
+void* __libc_realloc(void*, std::size_t);
+void __libc_free(void*);
+
+void* malloc(std::size_t size) {
+  note("malloc");
+  return __libc_malloc(size);
+}
+void* calloc(std::size_t count, std::size_t size) {
+  note("calloc");
+  return __libc_calloc(count, size);
+}
+void* realloc(void* block, std::size_t size) {
+  note("realloc");
+  return __libc_realloc(block, size);
+}
+void free(void* block) {
+  if (block != nullptr) note("free");
+  __libc_free(block);
+}
+int pthread_mutex_lock(pthread_mutex_t* mutex) {
+  note("pthread_mutex_lock");
+  static const auto real = next<int (*)(pthread_mutex_t*)>("pthread_mutex_lock");
+  return real(mutex);
+}
+int pthread_cond_signal(pthread_cond_t* condition) {
+  note("pthread_cond_signal");
+  static const auto real = next<int (*)(pthread_cond_t*)>("pthread_cond_signal");
+  return real(condition);
+}
+ssize_t write(int fd, const void* data, std::size_t size) {
+  note("write");
+  static const auto real = next<ssize_t (*)(int, const void*, std::size_t)>("write");
+  return real(fd, data, size);
+}
+ssize_t read(int fd, void* data, std::size_t size) {
+  note("read");
+  static const auto real = next<ssize_t (*)(int, void*, std::size_t)>("read");
+  return real(fd, data, size);
+}
+int clock_nanosleep(clockid_t clock, int flags, const timespec* request, timespec* remain) {
+  note("clock_nanosleep");
+  static const auto real = next<int (*)(clockid_t, int, const timespec*, timespec*)>("clock_nanosleep");
+  return real(clock, flags, request, remain);
+}
+}
+
+namespace isorig::daemon::test {
+namespace {
+
+class AllocationTest : public RigFixture {
+ protected:
+  void SetUp() override {
+    RigFixture::SetUp();
+    bench->around_core = [](Core& core, std::int64_t now_ns) {
+      guarded = true;
+      core.tick(now_ns, 0, 0);
+      guarded = false;
+    };
+  }
+};
+
+TEST_F(AllocationTest, TheGuardSeesAnAllocation) {
+  const int before = violations;
+  guarded = true;
+  void* volatile block = std::malloc(16);
+  std::free(block);
+  guarded = false;
+  EXPECT_EQ(violations, before + 2);
+  violations = before;
+}
+
+TEST_F(AllocationTest, NoTickOfAWholeProtocolAllocatesLocksOrBlocks) {
+  violations = 0;
+  plan = protocol::compile_file(source("config/protocols/vma-short.toml"), config.limits);
+  ASSERT_TRUE(reach(RunState::kReady, 5.0));
+  ASSERT_TRUE(ask(Request::Verb::kStart, &plan).accepted);
+  run_for(20.0);
+  ASSERT_TRUE(ask(Request::Verb::kPause).accepted);
+  run_for(1.0);
+  ASSERT_TRUE(ask(Request::Verb::kResume).accepted);
+  ASSERT_TRUE(run_until(600.0, [&] { return bench->core().outcome() == Outcome::kDone; }));
+  ASSERT_TRUE(reach(RunState::kReady, 30.0));
+
+  ASSERT_TRUE(ask(Request::Verb::kStart, &plan).accepted);
+  run_for(5.0);
+  bench->rig().interlock().estop_closed = false;
+  ASSERT_TRUE(reach(RunState::kFaulted, 1.0));
+  run_for(5.0);
+  bench->rig().interlock().estop_closed = true;
+  run_for(0.5);
+  ASSERT_TRUE(ask(Request::Verb::kReset).accepted);
+  ASSERT_TRUE(reach(RunState::kReady, 30.0));
+  EXPECT_EQ(violations, 0) << "first seen: " << last_violation;
+}
+
+}  // namespace
+}  // namespace isorig::daemon::test

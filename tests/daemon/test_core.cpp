@@ -1,0 +1,269 @@
+#include <cmath>
+
+#include "rig_fixture.hpp"
+
+namespace isorig::daemon::test {
+namespace {
+
+using CoreTest = RigFixture;
+using Verb = Request::Verb;
+
+TEST_F(CoreTest, GetsReadyOnceTheClocksAreMapped) {
+  EXPECT_EQ(bench->core().state(), RunState::kIdle);
+  ASSERT_TRUE(reach(RunState::kReady, 2.0));
+  run_for(0.1);
+  const auto s = bench->core().status();
+  EXPECT_TRUE(s.frame.clock_ready && s.pressure.clock_ready);
+  // Delays: 0.25 ms each way and more, so no honest bound is below 0.25 ms; after a burst none is above 1 ms.
+  EXPECT_GT(s.frame.bound_ns, 0.2e6F);
+  EXPECT_LT(s.frame.bound_ns, 1.0e6F);
+}
+
+TEST_F(CoreTest, VerbsAreRefusedOutsideTheirStatesAndSayWhy) {
+  EXPECT_FALSE(ask(Verb::kStart, &plan).accepted);  // idle
+  ASSERT_TRUE(reach(RunState::kReady, 2.0));
+  for (const auto verb : {Verb::kPause, Verb::kResume, Verb::kAbort, Verb::kReset}) {
+    const auto reply = ask(verb);
+    EXPECT_FALSE(reply.accepted);
+    EXPECT_NE(std::string(reply.text).find("the rig is ready"), std::string::npos) << reply.text;
+  }
+}
+
+TEST_F(CoreTest, PauseHoldsFrameAndPressureAndResumeFinishesTheRamp) {
+  start(R"(  { do = "pressurize", pressure_psi = 10, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 20 },
+  { do = "ramp", to_mm = 3, velocity_mm_s = 1 },
+  { do = "hold", duration_s = 1 },)");
+  ASSERT_TRUE(run_until(20.0, [&] { return bench->rig().truth().position_mm > 1.5; }));
+  ASSERT_TRUE(ask(Verb::kPause).accepted);
+  run_for(1.0);
+  const double held_mm = bench->rig().truth().position_mm;
+  EXPECT_LT(held_mm, 1.7);
+  run_for(5.0);
+  EXPECT_EQ(bench->core().state(), RunState::kPaused);
+  EXPECT_NEAR(bench->rig().truth().position_mm, held_mm, 0.001);
+  EXPECT_NEAR(bench->rig().truth().pressure_psi, 10.0, 0.05);
+  ASSERT_TRUE(ask(Verb::kResume).accepted);
+  ASSERT_TRUE(run_until(10.0, [&] { return bench->core().outcome() == Outcome::kDone; }));
+  EXPECT_NEAR(bench->rig().truth().position_mm, 3.0, 0.005);
+}
+
+TEST_F(CoreTest, AbortStopsTheFrameAndVents) {
+  start(R"(  { do = "pressurize", pressure_psi = 10, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 20 },
+  { do = "ramp", to_mm = 4, velocity_mm_s = 0.5 },)");
+  ASSERT_TRUE(run_until(20.0, [&] { return bench->rig().truth().position_mm > 1.0; }));
+  ASSERT_TRUE(ask(Verb::kAbort).accepted);
+  EXPECT_EQ(bench->core().state(), RunState::kStopping);
+  ASSERT_TRUE(reach(RunState::kIdle, 10.0));
+  EXPECT_EQ(bench->core().outcome(), Outcome::kAborted);
+  EXPECT_LT(bench->rig().truth().pressure_psi, 0.6);
+  EXPECT_LT(bench->rig().truth().position_mm, 1.2);
+  ASSERT_TRUE(reach(RunState::kReady, 1.0));  // and can start again
+}
+
+TEST_F(CoreTest, EveryStepAndSessionIsAnEvent) {
+  start(R"(  { do = "mark", label = "here" },
+  { do = "pressurize", pressure_psi = 5, rate_psi_s = 8, settled_for_s = 0.2, timeout_s = 20 },
+  { do = "hold", duration_s = 1 },)");
+  ASSERT_TRUE(run_until(20.0, [&] { return bench->core().outcome() == Outcome::kDone; }));
+  run_for(0.1);
+  for (const char* code : {"run.start", "session.start", "mark", "step", "session.end", "run.done"}) {
+    EXPECT_NE(event(code), nullptr) << code;
+  }
+  EXPECT_STREQ(event("mark")->text, "here");
+}
+
+
+class TripTest : public RigFixture {
+ protected:
+  void expect_trip(const char* code, Severity severity, double within_s) {
+    ASSERT_TRUE(reach(RunState::kFaulted, within_s)) << "no fault; wanted " << code;
+    run_for(0.05);
+    const auto* e = event(code);
+    ASSERT_NE(e, nullptr) << "faulted for another reason: " << bench->core().status().fault;
+    EXPECT_EQ(e->severity, severity);
+    EXPECT_EQ(e->to, RunState::kFaulted);
+    const double before_mm = bench->rig().truth().position_mm;
+    run_for(6.0);
+    EXPECT_NEAR(bench->rig().truth().position_mm, before_mm, 0.2) << "the frame has to stand";
+    if (severity == Severity::kSafeState) {
+      EXPECT_LT(bench->rig().truth().pressure_psi, 1.0) << "a safe state vents";
+    }
+  }
+};
+
+TEST_F(TripTest, ForceLimitHoldsAndCanGoOnAfterReset) {
+  // The specimen pulls about 15 N at 10 psi; stretched by 3 mm it passes the limit.
+  start(R"(  { do = "pressurize", pressure_psi = 10, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 20 },
+  { do = "hold", duration_s = 5 },
+  { do = "ramp", to_mm = 4, velocity_mm_s = 1 },
+  { do = "hold", duration_s = 1 },)");
+  ASSERT_TRUE(run_until(20.0, [&] { return bench->rig().truth().position_mm > 0.2; }));
+  const double force_N = bench->rig().truth().force_N;
+  config.core.supervisor.limits.force_max_N = force_N + 2.0;
+  // The limit belongs to the configuration: a second rig has it from the start.
+  rebuild();
+  start(R"(  { do = "pressurize", pressure_psi = 5, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 20 },
+  { do = "hold", duration_s = 5 },
+  { do = "pressurize", pressure_psi = 10, rate_psi_s = 1, settled_for_s = 0.5, timeout_s = 20 },
+  { do = "ramp", to_mm = 4, velocity_mm_s = 1 },
+  { do = "hold", duration_s = 1 },)");
+  expect_trip("limit.force", Severity::kProgramStop, 60.0);
+  EXPECT_GT(bench->rig().truth().pressure_psi, 5.0) << "a program stop holds the pressure";
+  EXPECT_EQ(ask(Verb::kStart, &plan).accepted, false);
+}
+
+TEST_F(TripTest, ProgramStopIsResetToPausedAndThenResumed) {
+  start(kHold);
+  ASSERT_TRUE(run_until(20.0, [&] { return std::abs(bench->rig().truth().pressure_psi - 10.0) < 0.05; }));
+  bench->core().tick(bench->now_ns() + 1, 400'000'000, 0);  // a tick that came 0.4 s late
+  expect_trip("loop.late", Severity::kProgramStop, 0.1);
+  EXPECT_NEAR(bench->rig().truth().pressure_psi, 10.0, 0.1);
+  ASSERT_TRUE(ask(Verb::kReset).accepted);
+  EXPECT_EQ(bench->core().state(), RunState::kPaused);
+  ASSERT_TRUE(ask(Verb::kResume).accepted);
+  EXPECT_EQ(bench->core().state(), RunState::kRunning);
+}
+
+TEST_F(TripTest, EmergencyStopVentsAndIsLatchedUntilClosedAndReset) {
+  start(kHold);
+  ASSERT_TRUE(run_until(20.0, [&] { return std::abs(bench->rig().truth().pressure_psi - 10.0) < 0.05; }));
+  bench->rig().interlock().estop_closed = false;
+  expect_trip("interlock.estop", Severity::kSafeState, 0.1);
+  const auto refused = ask(Verb::kReset);
+  EXPECT_FALSE(refused.accepted);
+  bench->rig().interlock().estop_closed = true;
+  run_for(0.5);
+  EXPECT_EQ(bench->core().state(), RunState::kFaulted) << "closing the chain alone must not re-arm";
+  ASSERT_TRUE(ask(Verb::kReset).accepted);
+  ASSERT_TRUE(reach(RunState::kReady, 5.0));
+  EXPECT_EQ(bench->core().outcome(), Outcome::kFailed);
+}
+
+TEST_F(TripTest, OpenGuardIsASafeState) {
+  start(kHold);
+  run_for(3.0);
+  bench->rig().interlock().guard_closed = false;
+  expect_trip("interlock.guard", Severity::kSafeState, 0.1);
+}
+
+TEST_F(TripTest, AFrameThatStopsSamplingIsStale) {
+  start(kHold);
+  run_for(3.0);
+  bench->rig().frame().faults.frozen_samples = true;
+  expect_trip("stale.frame", Severity::kSafeState, config.core.supervisor.frame_age_max_s + 0.1);
+}
+
+TEST_F(TripTest, AFrameThatIsGoneIsStale) {
+  start(kHold);
+  run_for(3.0);
+  bench->rig().frame().faults.disconnected = true;
+  expect_trip("stale.frame", Severity::kSafeState, config.core.supervisor.frame_age_max_s + 0.1);
+}
+
+TEST_F(TripTest, ASensorWithoutValidReadingsIsStale) {
+  for (bool sim::PressureFaults::* fault : {&sim::PressureFaults::sensor_fault, &sim::PressureFaults::bus_low, &sim::PressureFaults::bus_high,
+                      &sim::PressureFaults::sensor_stale, &sim::PressureFaults::frozen_samples}) {
+    rebuild();
+    start(kHold);
+    run_for(3.0);
+    bench->rig().pressure().faults.*fault = true;
+    expect_trip("stale.pressure", Severity::kSafeState, config.core.supervisor.pressure_age_max_s + 0.1);
+  }
+}
+
+TEST_F(TripTest, AnInterlockThatIsNotReadIsStale) {
+  start(kHold);
+  run_for(3.0);
+  bench->rig().interlock().faulty = true;
+  expect_trip("stale.interlock", Severity::kSafeState, config.core.supervisor.interlock_age_max_s + 0.1);
+}
+
+TEST_F(TripTest, ATrippedDriveIsASafeState) {
+  start(kHold);
+  run_for(3.0);
+  bench->rig().frame().faults.drive_fault = true;
+  expect_trip("frame.fault", Severity::kSafeState, 0.2);
+}
+
+TEST_F(TripTest, AFrameThatDoesNotMoveIsCaughtBeforeTheStepTimesOut) {
+  start(R"(  { do = "pressurize", pressure_psi = 10, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 20 },
+  { do = "hold", duration_s = 1 },
+  { do = "ramp", to_mm = 4, velocity_mm_s = 2 },)");
+  bench->rig().frame().faults.ignores_segments = true;
+  expect_trip("frame.following", Severity::kProgramStop, 30.0);
+}
+
+TEST_F(TripTest, PressureAboveItsLimitVents) {
+  config.core.supervisor.limits.pressure_max_psi = 9.0;
+  rebuild();
+  start(kHold);  // compiled against the rig's 24 psi: the supervisor has the last word
+  expect_trip("limit.pressure", Severity::kSafeState, 20.0);
+}
+
+TEST_F(TripTest, TravelLimitStops) {
+  config.core.supervisor.limits.travel_max_mm = 1.0;
+  rebuild();
+  start(R"(  { do = "pressurize", pressure_psi = 5, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 20 },
+  { do = "ramp", to_mm = 4, velocity_mm_s = 2 },)");
+  expect_trip("limit.travel", Severity::kProgramStop, 30.0);
+  EXPECT_LT(bench->rig().truth().position_mm, 1.2);
+}
+
+TEST_F(TripTest, ForceRateLimitStops) {
+  config.core.supervisor.limits.force_rate_max_N_s = 15.0;
+  rebuild();
+  start(R"(  { do = "pressurize", pressure_psi = 10, rate_psi_s = 0.5, settled_for_s = 0.5, timeout_s = 40 },
+  { do = "hold", duration_s = 5 },
+  { do = "ramp", to_mm = 4, velocity_mm_s = 10 },)");
+  expect_trip("limit.force_rate", Severity::kProgramStop, 60.0);
+}
+
+TEST_F(TripTest, AnEmptySupplyIsAProgramStopThatNamesTheSetPoint) {
+  start(R"(  { do = "pressurize", pressure_psi = 20, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 120 },)");
+  bench->rig().pneumatics().supply_empty = true;
+  expect_trip("pressure.unreachable", Severity::kProgramStop, 60.0);
+  EXPECT_DOUBLE_EQ(event("pressure.unreachable")->threshold, 20.0);
+}
+
+TEST_F(TripTest, AStepsTimeOutEndsTheRun) {
+  start(R"(  { do = "pressurize", pressure_psi = 20, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 4.5 },)");
+  bench->rig().pneumatics().supply_empty = true;
+  expect_trip("protocol", Severity::kProgramStop, 10.0);
+  EXPECT_EQ(bench->core().outcome(), Outcome::kFailed);
+}
+
+TEST_F(TripTest, ARecorderThatCannotWriteStopsTheProgram) {
+  start(kHold);
+  run_for(3.0);
+  bench->core().raise_recorder_fault();
+  expect_trip("recorder", Severity::kProgramStop, 0.1);
+}
+
+TEST_F(TripTest, AFaultEscalatesFromProgramStopToSafeState) {
+  start(kHold);
+  ASSERT_TRUE(run_until(20.0, [&] { return std::abs(bench->rig().truth().pressure_psi - 10.0) < 0.05; }));
+  bench->core().tick(bench->now_ns() + 1, 400'000'000, 0);
+  run_for(0.2);
+  ASSERT_EQ(bench->core().state(), RunState::kFaulted);
+  EXPECT_NEAR(bench->rig().truth().pressure_psi, 10.0, 0.1);
+  bench->rig().interlock().estop_closed = false;
+  run_for(6.0);
+  EXPECT_NE(event("interlock.estop"), nullptr);
+  EXPECT_LT(bench->rig().truth().pressure_psi, 1.0);
+}
+
+TEST_F(TripTest, ALoopThatHangsIsStoppedByTheDevices) {
+  start(R"(  { do = "pressurize", pressure_psi = 10, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 20 },
+  { do = "ramp", to_mm = 4, velocity_mm_s = 0.5 },)");
+  ASSERT_TRUE(run_until(20.0, [&] { return bench->rig().truth().position_mm > 1.0; }));
+  bench->hang_core = true;  // the I/O threads live on
+  run_for(1.0);
+  const double stopped_mm = bench->rig().truth().position_mm;
+  EXPECT_LT(stopped_mm, 1.0 + 0.5 * (config.sim->frame.heartbeat_timeout_s + 0.2));
+  run_for(5.0);
+  EXPECT_NEAR(bench->rig().truth().position_mm, stopped_mm, 0.001);
+  EXPECT_LT(bench->rig().truth().pressure_psi, 1.0);
+}
+
+}  // namespace
+}  // namespace isorig::daemon::test
