@@ -1,0 +1,34 @@
+#pragma once
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+#include <string>
+
+namespace isorig::cli {
+
+/// The daemon is not there, or the socket is not ours to open; what() says which and what to do.
+class NoDaemon : public std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+/// What the daemon answered: HTTP status and JSON body.
+struct Answer {
+  int status = 0;
+  nlohmann::json body;
+  [[nodiscard]] bool ok() const { return status == 200; }
+  [[nodiscard]] std::string text() const { return body.value("text", ""); }
+};
+
+/// Talks to isorigd over its Unix socket (docs/api.md).
+class Client {
+ public:
+  explicit Client(std::filesystem::path socket) : socket_(std::move(socket)) {}
+  /// Both throw NoDaemon.
+  [[nodiscard]] Answer get(const std::string& path) const;
+  [[nodiscard]] Answer post(const std::string& path, const nlohmann::json& body = nlohmann::json::object()) const;
+
+ private:
+  std::filesystem::path socket_;
+};
+
+}  // namespace isorig::cli

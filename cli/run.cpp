@@ -1,0 +1,139 @@
+#include <unistd.h>
+
+#include <csignal>
+#include <cstdio>
+#include <fstream>
+#include <iostream>
+#include <memory>
+#include <sstream>
+
+#include "cli/command.hpp"
+#include "cli/protocol_input.hpp"
+#include "cli/screen.hpp"
+#include "daemon/catalogue.hpp"
+#include "daemon/paths.hpp"
+#include "daemon/virtual_run.hpp"
+
+/// isorig run: a protocol on a simulated rig, all in this process, in virtual time.
+namespace isorig::cli {
+namespace {
+
+volatile std::sig_atomic_t stop_requested = 0;
+
+struct Options {
+  std::string protocol, rig, specimen, resume;
+  std::string runs = daemon::default_runs().string();
+  std::uint64_t seed = 0;
+  bool has_seed = false;
+  bool json = false;
+  bool quiet = false;
+};
+
+std::string slurp(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  if (!in) throw base::ConfigError({{path, 0, 0, "cannot be opened; check the path and its permissions"}});
+  std::ostringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+void show(const daemon::Status& s, double wall_s, bool in_place) {
+  const double done_s = static_cast<double>(s.control.mono_ns) * 1e-9;
+  std::printf("%s%s  %s of rig time in %.1f s%s", in_place ? "\r" : "", progress_bar(double{s.control.progress}, 30).c_str(),
+              duration_text(done_s).c_str(), wall_s, in_place ? "\x1b[K" : "\n");
+  std::fflush(stdout);
+}
+
+void print_result(const daemon::VirtualRunResult& r) {
+  const auto& rec = r.recorder;
+  const auto missing = rec.frame_missing + rec.pressure_missing + rec.dropped_records;
+  std::printf("run %s: %s%s%s\n", r.run_id.c_str(), r.outcome.c_str(), r.fault.empty() ? "" : ": ", r.fault.c_str());
+  std::printf("  %s of rig time, %llu ticks, in %.1f s (%.0f times real time)\n", duration_text(r.simulated_s).c_str(),
+              static_cast<unsigned long long>(r.ticks), r.wall_s, r.simulated_s / std::max(r.wall_s, 1e-9));
+  std::printf("  recorded: force and position %llu samples in full, %llu in averages; pressure %llu and %llu; missing %llu\n",
+              static_cast<unsigned long long>(rec.frame_full), static_cast<unsigned long long>(rec.frame_averaged),
+              static_cast<unsigned long long>(rec.pressure_full), static_cast<unsigned long long>(rec.pressure_averaged),
+              static_cast<unsigned long long>(missing));
+  std::printf("  %.1f MiB in %s\n", static_cast<double>(rec.written_bytes) / 1048576.0, r.directory.string().c_str());
+}
+
+int exit_code(const daemon::VirtualRunResult& r) {
+  if (r.outcome == "failed") return kTripped;
+  if (r.outcome != "done") return kFailure;
+  const auto& rec = r.recorder;
+  return rec.frame_missing + rec.pressure_missing + rec.dropped_records + rec.lost_messages > 0 ? kDataLost : kOk;
+}
+
+int run(const Options& o) {
+  auto rig = daemon::load_rig(o.rig);
+  daemon::VirtualRunOptions options;
+  options.runs_root = o.runs;
+  if (o.has_seed) options.seed = o.seed;
+  if (o.resume.empty()) {
+    options.start.protocol_text = slurp(o.protocol);
+    options.start.protocol_name = o.protocol;
+    options.specimen = o.specimen;
+  } else {
+    options.start.resume_run = o.resume;
+  }
+  const bool in_place = ::isatty(STDOUT_FILENO) != 0;
+  double next_line_s = 5.0;
+  if (!o.quiet && !o.json) {
+    options.on_progress = [&](const daemon::Status& s, double wall_s) {
+      if (in_place) return show(s, wall_s, true);
+      if (wall_s >= next_line_s) {
+        show(s, wall_s, false);
+        next_line_s += 10.0;
+      }
+    };
+  }
+  stop_requested = 0;
+  const auto previous = std::signal(SIGINT, [](int) { stop_requested = 1; });
+  options.interrupted = [] { return stop_requested != 0; };
+  const auto result = daemon::run_virtual(rig, options);
+  std::signal(SIGINT, previous);
+  if (in_place && !o.quiet && !o.json) std::printf("\r\x1b[K");
+  if (o.json) {
+    const auto& rec = result.recorder;
+    std::cout << nlohmann::json{{"run", result.run_id},
+                                {"directory", result.directory.string()},
+                                {"outcome", result.outcome},
+                                {"fault", result.fault},
+                                {"ticks", result.ticks},
+                                {"simulated_s", result.simulated_s},
+                                {"wall_s", result.wall_s},
+                                {"written_bytes", rec.written_bytes},
+                                {"missing_samples", rec.frame_missing + rec.pressure_missing + rec.dropped_records}}
+                     .dump(2)
+              << '\n';
+  } else {
+    print_result(result);
+  }
+  return exit_code(result);
+}
+
+Command add_run(CLI::App& app) {
+  auto* sub = app.add_subcommand("run", "Run a protocol on a simulated rig, in this process and in virtual time");
+  auto o = std::make_shared<Options>();
+  auto* protocol = sub->add_option("protocol", o->protocol, "Protocol file (TOML)");
+  sub->add_option("--rig", o->rig, "The rig's file (config/rigs/)")->required();
+  sub->add_option("--specimen", o->specimen, "Specimen file, if not the rig's own");
+  sub->add_option("--runs", o->runs, "Where runs and their catalogue are kept")->capture_default_str();
+  sub->add_option("--seed", o->seed, "Of the simulated rig's noise, instead of the rig file's")
+      ->each([o](const std::string&) { o->has_seed = true; });
+  sub->add_option("--resume", o->resume, "Go on with this interrupted run instead of starting a protocol")->excludes(protocol);
+  sub->add_flag("--json", o->json, "Print the result as JSON");
+  sub->add_flag("--quiet", o->quiet, "No progress");
+  return {sub, [o] {
+            if (o->protocol.empty() && o->resume.empty()) {
+              std::cerr << "isorig run: name a protocol file, or a run to --resume\n";
+              return static_cast<int>(kUsage);
+            }
+            return run(*o);
+          }};
+}
+
+const Registration kRun(19, add_run);
+
+}  // namespace
+}  // namespace isorig::cli

@@ -1,0 +1,154 @@
+#include "cli/screen.hpp"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <cstdarg>
+#include <cstdio>
+#include <iostream>
+#include <thread>
+
+#include "cli/exit_codes.hpp"
+#include "cli/protocol_input.hpp"
+
+namespace isorig::cli {
+namespace {
+
+volatile std::sig_atomic_t interrupted = 0;
+
+[[gnu::format(printf, 1, 2)]] std::string format(const char* pattern, ...) {
+  char buffer[512];
+  va_list args;
+  va_start(args, pattern);
+  std::vsnprintf(buffer, sizeof buffer, pattern, args);
+  va_end(args);
+  return buffer;
+}
+
+std::string link_text(const nlohmann::json& link) {
+  if (!link.value("connected", false)) {
+    const auto detail = link.value("detail", "");
+    return "not connected" + (detail.empty() ? "" : ": " + detail);
+  }
+  std::string text = link.value("clock_ready", false) ? format("clock +-%.0f us (scatter %.0f us)", link.value("bound_us", 0.0),
+                                                               link.value("repeatability_us", 0.0))
+                                                      : "clock is being measured";
+  text += format(", lost %d", link.value("lost", 0));
+  if (link.value("corrupt", 0) > 0) text += format(", corrupt %d", link.value("corrupt", 0));
+  if (link.value("reconnects", 0) > 0) text += format(", reconnected %d times", link.value("reconnects", 0));
+  return text;
+}
+
+int exit_code_of(const nlohmann::json& status) {
+  const auto& last = status.contains("last_run") ? status["last_run"] : nlohmann::json::object();
+  const auto outcome = last.value("outcome", "");
+  if (outcome == "failed" || status.value("state", "") == "faulted") return kTripped;
+  if (status.value("records_dropped", 0) > 0) return kDataLost;
+  return outcome == "done" ? kOk : kFailure;
+}
+
+}  // namespace
+
+std::string progress_bar(double fraction, int width) {
+  const int filled = static_cast<int>(std::lround(std::clamp(fraction, 0.0, 1.0) * width));
+  return "[" + std::string(static_cast<std::size_t>(filled), '#') + std::string(static_cast<std::size_t>(width - filled), '.') +
+         "] " + format("%5.1f %%", 100.0 * fraction);
+}
+
+std::string status_text(const nlohmann::json& s) {
+  std::string out = "rig " + s.value("rig", "") + ": " + s.value("state", "");
+  if (const auto why = s.value("not_ready", ""); !why.empty() && s.value("state", "") == "idle") out += " (" + why + ")";
+  out += "\n";
+  if (const auto fault = s.value("fault", ""); !fault.empty()) out += "  FAULT     " + fault + "\n";
+  if (s.contains("run")) {
+    const auto& r = s["run"];
+    out += "  run       " + r.value("id", "") + "\n";
+    out += format("  step      %d of %d: ", r.value("step", 0) + 1, r.value("steps", 0)) + r.value("step_text", "") + "\n";
+    if (const auto label = r.value("session_text", ""); !label.empty()) {
+      out += format("  session   %s (of %d)\n", label.c_str(), r.value("sessions", 0));
+    }
+    out += "  progress  " + progress_bar(s.value("progress", 0.0)) + "  " +
+           duration_text(s.value("remaining_s", 0.0)) + " left\n";
+  } else if (s.contains("last_run") && !s["last_run"].value("id", "").empty()) {
+    out += "  last run  " + s["last_run"].value("id", "") + ": " + s["last_run"].value("outcome", "") + "\n";
+  }
+  out += format("  force     %9.3f N\n", s.value("force_N", 0.0));
+  out += format("  position  %9.4f mm  (target %.4f)\n", s.value("position_mm", 0.0), s.value("target_mm", 0.0));
+  out += format("  pressure  %9.3f psi (set-point %.2f, fill %d, vent %d permille)\n", s.value("pressure_psi", 0.0),
+                s.value("setpoint_psi", 0.0), s.value("fill_permille", 0), s.value("vent_permille", 0));
+  const auto& loop = s["loop"];
+  out += format("  loop      overruns %llu, worst wake-up %.0f us, worst run %.0f us\n",
+                static_cast<unsigned long long>(loop.value("overruns", std::uint64_t{0})), loop.value("worst_wakeup_us", 0.0),
+                loop.value("worst_run_us", 0.0));
+  out += "  frame     " + link_text(s["frame"]) + "\n";
+  out += "  sensor    " + link_text(s["pressure"]) + "\n";
+  const auto& interlock = s["interlock"];
+  out += std::string("  interlock e-stop chain ") + (interlock.value("estop_closed", false) ? "closed" : "OPEN") +
+         ", guard " + (interlock.value("guard_closed", false) ? "closed" : "OPEN") + "\n";
+  if (s.contains("recorder")) {
+    const auto& r = s["recorder"];
+    out += format("  recorder  %.1f MiB written, %llu MiB free, disk %s", r.value("written_MiB", 0.0),
+                  static_cast<unsigned long long>(r.value("free_MiB", std::uint64_t{0})), r.value("disk", "").c_str());
+    if (r.value("missing_samples", std::uint64_t{0}) + r.value("dropped_records", std::uint64_t{0}) > 0) {
+      out += format(", MISSING %llu samples", static_cast<unsigned long long>(r.value("missing_samples", std::uint64_t{0}) +
+                                                                              r.value("dropped_records", std::uint64_t{0})));
+    }
+    out += "\n";
+  }
+  return out;
+}
+
+int watch(const Client& client, const WatchOptions& options) {
+  const bool in_place = ::isatty(STDOUT_FILENO) != 0 && !options.json;
+  std::uint64_t last_event = 0;
+  bool first = true;
+  int lines = 0;
+  bool had_run = false;
+  interrupted = 0;
+  const auto previous = std::signal(SIGINT, [](int) { interrupted = 1; });
+  int code = kOk;
+  while (interrupted == 0) {
+    const auto events = client.get("/v1/events?after=" + std::to_string(last_event)).body;
+    const auto status = client.get("/v1/status").body;
+    if (in_place && lines > 0) std::printf("\x1b[%dA\x1b[J", lines);
+    for (const auto& e : events.value("events", nlohmann::json::array())) {
+      last_event = e.value("number", last_event);
+      const auto event_code = e.value("code", "");
+      if (first || event_code == "step") continue;
+      if (!options.json) {
+        std::cout << "* " << event_code << ": " << e.value("text", "")
+                  << (e.value("threshold", 0.0) != 0.0 ? format(" (%.3f, limit %.3f)", e.value("value", 0.0), e.value("threshold", 0.0))
+                                                       : std::string())
+                  << '\n';
+      }
+    }
+    first = false;
+    if (options.json) {
+      std::cout << status.dump() << '\n';
+    } else if (in_place) {
+      const auto text = status_text(status);
+      lines = static_cast<int>(std::count(text.begin(), text.end(), '\n'));
+      std::cout << text;
+    } else {
+      std::cout << status.value("state", "") << "  " << progress_bar(status.value("progress", 0.0), 20)
+                << format("  %9.3f N  %8.4f mm  %7.3f psi  %s left\n", status.value("force_N", 0.0),
+                          status.value("position_mm", 0.0), status.value("pressure_psi", 0.0),
+                          duration_text(status.value("remaining_s", 0.0)).c_str());
+    }
+    std::cout.flush();
+    had_run = had_run || status.contains("run");
+    if (options.until_done && (!status.contains("run") || status.value("state", "") == "faulted") &&
+        (had_run || status.contains("last_run"))) {
+      code = exit_code_of(status);
+      break;
+    }
+    std::this_thread::sleep_for(std::chrono::duration<double>(options.interval_s));
+  }
+  std::signal(SIGINT, previous);
+  return code;
+}
+
+}  // namespace isorig::cli
