@@ -19,8 +19,7 @@ DeviceCore::DeviceCore(const Options& options, Board& board) noexcept : options_
 
 void DeviceCore::start() noexcept {
   apply(0, kFull);
-  last_heartbeat_us_ = board_.now_us();
-  last_status_us_ = last_heartbeat_us_;
+  last_status_us_ = board_.now_us();
 }
 
 void DeviceCore::set_link_up(bool is_up) noexcept {
@@ -44,6 +43,7 @@ void DeviceCore::handle(const Packet& packet) noexcept {
     (void)send(encode(reply));
   } else if (Heartbeat heartbeat; parse(packet, heartbeat)) {
     last_heartbeat_us_ = now_us;
+    is_armed_ = true;
   } else if (ValveCommand command; parse(packet, command)) {
     handle(command, now_us);
   } else if (IdentityRequest request; parse(packet, request)) {
@@ -56,12 +56,11 @@ void DeviceCore::handle(const Packet& packet) noexcept {
 void DeviceCore::open_session(uint32_t session) noexcept {
   has_session_ = true;
   has_command_ = false;
-  last_heartbeat_us_ = board_.now_us();
   Identity identity;
   identity.session = session;
   identity.sample_rate_mhz = options_.sample_rate_mhz;
   identity.watchdog_ms = options_.watchdog_ms;
-  identity.device_us = last_heartbeat_us_;
+  identity.device_us = board_.now_us();
   // Samples that still wait in the batch follow the identity.
   identity.next_sequence = batch_.count > 0 ? batch_.items[0].sequence : next_sequence_;
   copy_text(options_.model, identity.model);
@@ -78,7 +77,9 @@ void DeviceCore::handle(const ValveCommand& command, uint64_t now_us) noexcept {
                            (command.fill_permille == 0 || command.vent_permille == 0) &&
                            command.validity_ms >= 1 && command.validity_ms <= kMaxValidity_ms;
   const bool asks_full_vent = command.fill_permille == 0 && command.vent_permille == kFull;
-  const bool is_refused = !has_session_ || (is_latched_ && !(asks_full_vent && is_alive(now_us)));
+  const bool is_alive = is_armed_ && is_heartbeat_recent(now_us);
+  const bool is_refused =
+      !has_session_ || (!asks_full_vent && (!is_alive || is_latched_)) || (is_latched_ && !is_alive);
   if (!is_in_range || is_refused) {
     ++rejected_;
     return;
@@ -122,13 +123,9 @@ void DeviceCore::sync_edge(uint64_t device_us, bool is_high) noexcept {
 
 void DeviceCore::tick() noexcept {
   const uint64_t now_us = board_.now_us();
-  if (has_session_ && !is_latched_ && !is_alive(now_us)) {
-    apply(0, kFull);
-    is_latched_ = true;
-    is_command_running_ = false;
-    is_command_expired_ = false;
-    ++watchdog_vents_;
-    is_status_due_ = true;
+  if (is_armed_ && !is_heartbeat_recent(now_us)) {
+    is_armed_ = false;
+    if (fill_permille_ != 0 || vent_permille_ != kFull) vent_by_watchdog();
   }
   if (is_command_running_ && now_us > command_until_us_) {
     apply(0, 0);
@@ -141,6 +138,15 @@ void DeviceCore::tick() noexcept {
     is_status_due_ = !send(encode(status()));
     last_status_us_ = now_us;
   }
+}
+
+void DeviceCore::vent_by_watchdog() noexcept {
+  apply(0, kFull);
+  is_latched_ = true;
+  is_command_running_ = false;
+  is_command_expired_ = false;
+  ++watchdog_vents_;
+  is_status_due_ = true;
 }
 
 Status DeviceCore::status() noexcept {

@@ -23,16 +23,15 @@ class Board {
 
 /// The device's half of the protocol: the same state machine in the firmware, the emulator and the tests.
 ///
-/// Valves, from safest on:
+/// Valves:
 ///  - At start: fill closed, vent open.
-///  - Watchdog: from the first IdentityRequest on, `watchdog_ms` without a Heartbeat opens the vent and
-///  latches.
-///    Latched, valve commands are refused. The latch is released only by a command for what the device
-///    already does (fill 0, vent 1000) while heartbeats arrive: a host that never noticed and still asks for
-///    pressure does not get it back by itself.
+///  - They obey only while heartbeats arrive; without them nothing but a full vent is accepted.
+///  - Watchdog: once a heartbeat came, `watchdog_ms` without one opens the vent and latches, unless the vent is
+///    fully open anyway: a host that vents and goes away leaves nothing to report.
+///  - Latched, commands are refused. Only one for what the device already does (fill 0, vent 1000), while
+///    heartbeats arrive, releases it: a host that never noticed and still asks for pressure does not get it.
 ///  - Validity: a command that is not renewed in time closes both valves (pressure is held), except that a
-///  full
-///    vent stays: asking for the safe state needs no renewal.
+///    full vent stays: asking for the safe state needs no renewal.
 ///
 /// Sending never waits. Samples that find no room are dropped and counted, and their sequence numbers are
 /// gone, so the host sees both. One context calls all members, tick() at 1 kHz or more.
@@ -78,7 +77,8 @@ class DeviceCore {
   void apply(uint16_t fill_permille, uint16_t vent_permille) noexcept;
   void send_batch() noexcept;
   bool send(const Frame& frame) noexcept;
-  [[nodiscard]] bool is_alive(uint64_t now_us) const noexcept {
+  void vent_by_watchdog() noexcept;
+  [[nodiscard]] bool is_heartbeat_recent(uint64_t now_us) const noexcept {
     return now_us - last_heartbeat_us_ <= uint64_t{options_.watchdog_ms} * 1000U;
   }
 
@@ -97,6 +97,7 @@ class DeviceCore {
   uint32_t rejected_ = 0;
   uint32_t unexpected_ = 0;  // right CRC, but not a message for a device of this version
 
+  bool is_armed_ = false;  // by the first heartbeat
   uint64_t last_heartbeat_us_ = 0;
   bool is_latched_ = false;
   uint16_t watchdog_vents_ = 0;

@@ -36,8 +36,7 @@ enum class Type : uint8_t {
   kSyncEdge = 0x45,
 };
 
-/// Opens a session: the device answers with Identity and Status, accepts any next command sequence, and its
-/// watchdog counts from here.
+/// Opens a session: the device answers with Identity and Status, and accepts any next command sequence.
 struct IdentityRequest {
   uint32_t session = 0;  ///< echoed; a host picks a new one each time
 };

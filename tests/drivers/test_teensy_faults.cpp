@@ -15,7 +15,9 @@ using testing::HasSubstr;
 TEST_F(TeensyOnPty, ReconnectsAfterAHangUpAndKnowsWhatItMissed) {
   start();
   device->connect();
-  Log before = run_for(300);
+  run_for(300);
+  device->command({.fill_permille = 500});
+  run_for(20);
   emulator->faults().hung_up = true;
   // The status in which the device says that it vented cannot arrive; the counter tells later.
   EXPECT_EQ(fault_of([&] { run_for(100); }), Fault::kDisconnected);
@@ -58,6 +60,7 @@ TEST_F(TeensyOnPty, CountsEverySampleOfAnOutage) {
 TEST_F(TeensyOnPty, StartsOverAfterThePlugWasPulled) {
   start({.start_us = 5'000'000'000});
   device->connect();
+  run_for(20);
   device->command({.fill_permille = 500});
   run_for(50);
   EXPECT_EQ(backend_.valves.fill_permille, 500);
@@ -115,6 +118,7 @@ TEST_F(TeensyOnPty, ADeviceThatHoldsNothingBackCountsWhatAStalledHostLoses) {
   start();
   device->connect();
   Log run = run_for(50);
+  device->command({.fill_permille = 500});
   // The kernel's buffers take some seconds of samples; then the device's own fill up.
   for (int i = 0; i < 10'000; ++i) {
     clock_.sleep_until_ns(clock_.now_ns() + 1'000'000);

@@ -59,6 +59,10 @@ class TeensyDevice : public testing::Test {
  protected:
   TeensyDevice() { core.start(); }
 
+  void open_session() {
+    say(IdentityRequest{});
+    say(Heartbeat{});
+  }
   template <class T>
   void say(const T& message) {
     const Frame frame = encode(message);
@@ -114,13 +118,53 @@ TEST_F(TeensyDevice, CommandsNeedASession) {
   say(ValveCommand{1, 500, 0, 100});
   expect_valves(0, 1000);
   EXPECT_EQ(core.status().rejected, 1U);
+  open_session();
+  say(ValveCommand{1, 500, 0, 100});
+  expect_valves(500, 0);
+}
+
+TEST_F(TeensyDevice, ValvesObeyOnlyWhileHeartbeatsArrive) {
   say(IdentityRequest{});
+  say(ValveCommand{1, 500, 0, 100});
+  say(ValveCommand{2, 0, 999, 100});
+  say(ValveCommand{3, 0, 0, 100});
+  expect_valves(0, 1000);
+  EXPECT_EQ(core.status().rejected, 3U);
+  say(ValveCommand{4, 0, 1000, 100});
+  EXPECT_EQ(core.status().rejected, 3U);
+  say(Heartbeat{});
+  board.time_us += 200'000;
+  say(ValveCommand{5, 500, 0, 100});
+  expect_valves(500, 0);
+  board.time_us += 1;  // and before the next tick
+  say(ValveCommand{6, 600, 0, 100});
+  expect_valves(500, 0);
+}
+
+TEST_F(TeensyDevice, WithoutAHeartbeatYetTheWatchdogWaits) {
+  say(IdentityRequest{});
+  run_ms(1000, false);
+  EXPECT_FALSE(core.is_vented_by_watchdog());
+  EXPECT_EQ(core.status().watchdog_vents, 0);
+}
+
+TEST_F(TeensyDevice, AHostThatVentsAndGoesAwayLeavesNothingToReport) {
+  open_session();
+  say(ValveCommand{1, 500, 0, 100});
+  run_ms(50, true);
+  say(ValveCommand{2, 0, 1000, 100});
+  run_ms(1000, false);
+  EXPECT_FALSE(core.is_vented_by_watchdog());
+  EXPECT_EQ(core.status().watchdog_vents, 0);
+  say(ValveCommand{3, 500, 0, 100});
+  expect_valves(0, 1000);
+  open_session();
   say(ValveCommand{1, 500, 0, 100});
   expect_valves(500, 0);
 }
 
 TEST_F(TeensyDevice, RefusesCommandsOutOfRange) {
-  say(IdentityRequest{});
+  open_session();
   say(ValveCommand{1, 10, 0, 100});
   uint32_t sequence = 2;
   for (const ValveCommand& bad :
@@ -136,7 +180,7 @@ TEST_F(TeensyDevice, RefusesCommandsOutOfRange) {
 }
 
 TEST_F(TeensyDevice, IgnoresOldCommandsAlsoOverTheWrap) {
-  say(IdentityRequest{});
+  open_session();
   say(ValveCommand{0xFFFFFFFF, 100, 0, 100});
   say(ValveCommand{0, 200, 0, 100});
   expect_valves(200, 0);
@@ -149,7 +193,7 @@ TEST_F(TeensyDevice, IgnoresOldCommandsAlsoOverTheWrap) {
 }
 
 TEST_F(TeensyDevice, CommandExpiresToClosedValvesAndSaysSo) {
-  say(IdentityRequest{});
+  open_session();
   say(ValveCommand{1, 500, 0, 50});
   run_ms(50, true);
   expect_valves(500, 0);
@@ -166,7 +210,7 @@ TEST_F(TeensyDevice, CommandExpiresToClosedValvesAndSaysSo) {
 }
 
 TEST_F(TeensyDevice, AFullVentNeedsNoRenewal) {
-  say(IdentityRequest{});
+  open_session();
   say(ValveCommand{1, 500, 0, 50});
   say(ValveCommand{2, 0, 1000, 50});
   run_ms(1000, true);
@@ -174,7 +218,7 @@ TEST_F(TeensyDevice, AFullVentNeedsNoRenewal) {
 }
 
 TEST_F(TeensyDevice, VentsByItselfWhenHeartbeatsStop) {
-  say(IdentityRequest{});
+  open_session();
   say(ValveCommand{1, 500, 0, 10'000});
   run_ms(1000, true);
   run_ms(200, false);
@@ -189,7 +233,8 @@ TEST_F(TeensyDevice, VentsByItselfWhenHeartbeatsStop) {
 }
 
 TEST_F(TeensyDevice, OnlyAgreeingWithTheVentReleasesTheLatch) {
-  say(IdentityRequest{});
+  open_session();
+  say(ValveCommand{0, 500, 0, 100});
   run_ms(300, false);
   ASSERT_TRUE(core.is_vented_by_watchdog());
   say(ValveCommand{1, 0, 1000, 100});  // agrees, but no heartbeat came since
@@ -245,7 +290,8 @@ TEST_F(TeensyDevice, StatusIsPeriodic) {
 }
 
 TEST_F(TeensyDevice, AStatusThatFoundNoRoomIsSentLater) {
-  say(IdentityRequest{});
+  open_session();
+  say(ValveCommand{1, 500, 0, 1000});
   run_ms(100, true);
   board.take<Status>();
   board.is_stalled = true;
