@@ -5,12 +5,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdarg>
-#include <cstdio>
 #include <limits>
 #include <stdexcept>
 
 #include "identify/statistics.hpp"
+#include "identify/text.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -212,22 +211,13 @@ Profile profile(const Problem& problem, const std::array<double, 3>& best, doubl
   return out;
 }
 
-[[gnu::format(printf, 1, 2)]] std::string text(const char* format, ...) {
-  std::array<char, 400> buffer{};
-  va_list values;
-  va_start(values, format);
-  std::vsnprintf(buffer.data(), buffer.size(), format, values);
-  va_end(values);
-  return buffer.data();
-}
-
 /// Why a side of the interval is open, in terms of where the tested speeds lie on the curve.
 std::string explain(const FittedParameter& p, const FvFit& fit, std::span<const FvPoint> points,
                     bool sheath) {
   if (p.identifiable) {
     if (p.high > 10.0 * p.low)
-      return text("%s is known only to a factor of %.0f from these velocities.", p.name.c_str(),
-                  p.high / p.low);
+      return formatted("%s is known only to a factor of %.0f from these velocities.", p.name.c_str(),
+                       p.high / p.low);
     return {};
   }
   const auto speeds = speeds_of(points);
@@ -235,19 +225,19 @@ std::string explain(const FittedParameter& p, const FvFit& fit, std::span<const 
   const double u_slow = e.gamma_per_s * points.front().strain_step / speeds.front();
   const double slow = model::maxwell_ramp_share(u_slow);
   const double fast = model::maxwell_ramp_share(e.gamma_per_s * points.front().strain_step / speeds.back());
-  std::string range = std::isfinite(p.high)  ? text("only that it is below %.3g", p.high)
-                      : std::isfinite(p.low) ? text("only that it is above %.3g", p.low)
+  std::string range = std::isfinite(p.high)  ? formatted("only that it is below %.3g", p.high)
+                      : std::isfinite(p.low) ? formatted("only that it is above %.3g", p.low)
                                              : std::string("nothing");
   std::string why;
   if (speeds.size() < 2)
     why = "all ramps have one speed";
   else if (slow > 0.9)
-    why = text(
+    why = formatted(
         "even the slowest ramp (%.3g 1/s) is at %.0f %% of the asymptote, so the steep part of the curve was "
         "not visited; slower ramps would settle it",
         speeds.front(), 100.0 * slow);
   else if (fast < 0.3)
-    why = text(
+    why = formatted(
         "even the fastest ramp (%.3g 1/s) is at %.0f %% of the asymptote, so the curve is still a line; "
         "faster "
         "ramps would settle it",
@@ -268,7 +258,7 @@ FvFitResult fit(std::span<const FvPoint> points, std::optional<model::FvElement>
         !std::isfinite(p.normalized_force)) {
       result.refusal =
           "No fit: the specimen is not under tension at the start of its ramps (initial strain " +
-          text("%.4g", p.initial_strain) +
+          formatted("%.4g", p.initial_strain) +
           "), and the model divides by that strain. Are rest_length_mm and "
           "pressurized_rest_length_mm right?";
       return result;

@@ -194,6 +194,45 @@ TEST_F(FvCommand, BadFilesAreNamedWithTheirLineAndNothingIsWritten) {
   EXPECT_FALSE(fs::exists(folder_ / "out"));
 }
 
+TEST_F(FvCommand, AlignMakesARecordingOfTwoStreams) {
+  IsoVelocityTest test;
+  test.precondition = false;
+  auto r = simulate(test);
+  r.metadata.specimen = "streams";
+  // The pressure dips with every stroke and recovers within a second; its clock began 12.5 s later.
+  messages::PressureSamples p;
+  double dip = 0.0;
+  std::size_t k = 0;
+  for (double t = 0; t + 12.5 < r.frame.t_s.back(); t += 0.02) {
+    double moved = 0.0;
+    for (; k + 1 < r.frame.size() && r.frame.t_s[k + 1] <= t + 12.5; ++k)
+      moved += r.frame.position_mm[k + 1] - r.frame.position_mm[k];
+    dip = dip * std::exp(-0.02) + moved;
+    p.t_s.push_back(t);
+    p.pressure_psi.push_back(10.0 - 0.2 * dip + 0.003 * std::sin(1e4 * t));
+  }
+  auto separate = r;
+  separate.pressure = p;
+  const auto folder = save(separate, "separate");
+  const std::string streams = (folder / "frame.csv").string() + " " + (folder / "pressure.csv").string();
+  const Outcome o = isorig("align " + streams + " --toml " + (folder / "recording.toml").string() + out());
+  ASSERT_EQ(o.code, 0) << o.text;
+  const auto json = nlohmann::json::parse(read(folder_ / "out/align.json"));
+  EXPECT_NEAR(json["offset_s"]["value"].get<double>(), 12.5, 0.02);
+  const auto aligned = messages::read_recording(folder_ / "out");
+  EXPECT_NEAR(aligned.pressure->t_s.front(), 12.5, 0.05);
+  EXPECT_EQ(aligned.metadata.specimen, "streams");
+  EXPECT_EQ(isorig("fv " + (folder_ / "out").string() + " --no-png --out " + (folder_ / "fv").string()).code,
+            0);
+
+  for (double& v : separate.pressure->pressure_psi) v = 10.0 + 0.01 * std::sin(1e5 * v);
+  const auto flat = save(separate, "flat");
+  const Outcome refused =
+      isorig("align " + (flat / "frame.csv").string() + " " + (flat / "pressure.csv").string() + out());
+  EXPECT_EQ(refused.code, 1);
+  EXPECT_THAT(refused.text, HasSubstr("Not aligned"));
+}
+
 TEST_F(FvCommand, FiftyThousandSamplesTakeWellUnderASecond) {
   IsoVelocityTest test;
   test.dense_step_s = 0.0015;
