@@ -3,23 +3,30 @@
 namespace isorig::sim {
 namespace {
 constexpr double kStep_s = 1e-9 * static_cast<double>(Rig::kStep_ns);
+
+RigOptions resolved(RigOptions options) {
+  if (options.start_ns == RigOptions::kNow) {
+    options.start_ns = options.clock != nullptr ? options.clock->now_ns() : 0;
+  }
+  return options;
 }
+}  // namespace
 
 Rig::Rig(const SimConfig& config) : Rig(config, load_specimen(config.specimen)) {}
 
 Rig::Rig(const SimConfig& config, const Specimen& specimen, const RigOptions& options)
     : specimen_(specimen),
-      options_(options),
-      now_ns_(options.start_ns),
+      options_(resolved(options)),
+      now_ns_(options_.start_ns),
       physics_(specimen.actuator, config.physics),
       pneumatics_(config.pneumatics, 1e-3 * physics_.actuator().volume_mm3(0.0), kStep_s),
-      frame_(config.frame, *this, config.seed, options.start_ns, kStep_s),
-      pressure_(config.pressure, config.pneumatics, *this, config.seed, options.start_ns),
+      frame_(config.frame, *this, config.seed, options_.start_ns, kStep_s),
+      pressure_(config.pressure, config.pneumatics, *this, config.seed, options_.start_ns),
       interlock_(*this) {
-  truth_.mono_ns = options.start_ns;
+  truth_.mono_ns = options_.start_ns;
   truth_.supply_psi = pneumatics_.supply_psi();
   truth_.force_N = physics_.force_N();
-  step_.begin_ns = options.start_ns;
+  step_.begin_ns = options_.start_ns;
   step_.length_ns = kStep_ns;
 }
 

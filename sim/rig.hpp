@@ -1,4 +1,6 @@
 #pragma once
+#include <cstdint>
+#include <limits>
 #include <memory>
 #include <mutex>
 
@@ -25,8 +27,10 @@ struct Truth {
 };
 
 struct RigOptions {
-  /// Time of the first step. The rig stands at 0 mm, 0 psi, vented, relaxed.
-  std::int64_t start_ns = 0;
+  /// Time of the first step; kNow: the clock's present time, or 0 without a clock. The rig then stands at 0
+  /// mm, 0 psi, vented, relaxed.
+  static constexpr std::int64_t kNow = std::numeric_limits<std::int64_t>::min();
+  std::int64_t start_ns = kNow;
   /// When set, every call to a device first brings the rig up to this clock's time. Without it, advance()
   /// does.
   const clock::Clock* clock = nullptr;
@@ -66,7 +70,7 @@ class Rig final : public Host {
   void step() noexcept;
 
   Specimen specimen_;
-  RigOptions options_;
+  RigOptions options_;  // start_ns resolved
   std::mutex mutex_;
   std::int64_t now_ns_;  // what the host has told us
   SpecimenPhysics physics_;

@@ -164,7 +164,7 @@ TEST(Rig, AStrokeMovesThePressureAndThePressureTheForce) {
 TEST(Rig, FollowsAClockWhenGivenOne) {
   clock::VirtualClock clock(5'000'000'000);
   SimConfig config = shipped();
-  Rig rig(config, load_specimen(config.specimen), {.start_ns = clock.now_ns(), .clock = &clock});
+  Rig rig(config, load_specimen(config.specimen), {.clock = &clock});
   rig.frame().connect();
   std::vector<frame::Sample> buffer(256);
   clock.sleep_until_ns(5'100'000'000);
