@@ -69,8 +69,9 @@ using Context = std::unique_ptr<modbus_t, FreeContext>;
 struct Endpoint {
   Context context;
   bool rtu = false;
-  Fd listener;   // TCP
-  Fd line;       // the TCP client, or the master side or the tty
+  Fd listener;                                  // TCP
+  Fd line;                                      // the TCP client, or the master side or the tty
+  std::chrono::steady_clock::time_point heard;  // last request of the TCP client
   Fd keep_open;  // slave side of the pseudo-terminal: without it the master hangs up between clients
 };
 
@@ -189,7 +190,8 @@ class ModbusServer::Impl {
     for (;;) {
       wait.assign(1, {stop_.get(), POLLIN, 0});
       for (const auto& end : endpoints_) {
-        wait.push_back({end.listener.get(), POLLIN, 0});  // negative descriptors are skipped by poll()
+        // Negative descriptors are skipped by poll().
+        wait.push_back({end.line && !is_silent(end) ? -1 : end.listener.get(), POLLIN, 0});
         wait.push_back({end.line.get(), POLLIN, 0});
       }
       ::poll(wait.data(), wait.size(), kIdlePoll_ms);
@@ -211,7 +213,13 @@ class ModbusServer::Impl {
     const int on = 1;
     ::setsockopt(client.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
     end.line = std::move(client);
+    end.heard = std::chrono::steady_clock::now();
     ++connections_;
+  }
+
+  [[nodiscard]] bool is_silent(const Endpoint& end) const {
+    return std::chrono::steady_clock::now() - end.heard >
+           std::chrono::milliseconds(options_.client_silence_ms);
   }
 
   /// False when the server was told to stop meanwhile.
@@ -301,6 +309,7 @@ class ModbusServer::Impl {
     if (length == 0 || (end.rtu && faults_.disconnect.load()))
       return;  // for another unit, or the cable is out
     ++requests_;
+    end.heard = std::chrono::steady_clock::now();
 
     const auto header = static_cast<std::size_t>(modbus_get_header_length(context));
     const auto word = [&](std::size_t at) {

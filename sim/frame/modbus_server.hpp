@@ -17,8 +17,9 @@ namespace isorig::sim {
 /// One thread owns the backend and the registers. Before each answer it polls the backend, so that the device
 /// time in the answer is that of the request: the backend has to bring an exchange with every poll, with no
 /// delays of its own, since here the wire makes them. Between requests it polls every 5 ms. Heartbeat and
-/// watchdog are the backend's. One TCP client at a time, the newest: that is how a client gets in again whose
-/// old connection hangs.
+/// watchdog are the backend's. One TCP client at a time: another waits in the backlog until the first has
+/// closed or was silent for `client_silence_ms`, so that two daemons cannot move one frame in turns, and one
+/// whose old connection hangs gets in again.
 class ModbusServer {
  public:
   struct Options {
@@ -26,9 +27,10 @@ class ModbusServer {
     bool tcp = true;
     std::string tcp_address = "127.0.0.1";
     std::uint16_t tcp_port = 0;  ///< 0: a free one, see port()
-    bool pty = false;            ///< makes a pseudo-terminal, see tty()
-    std::string pty_link;        ///< a symbolic link to it, replaced and removed again
-    std::string tty;             ///< serves on this serial port too
+    int client_silence_ms = 1000;
+    bool pty = false;      ///< makes a pseudo-terminal, see tty()
+    std::string pty_link;  ///< a symbolic link to it, replaced and removed again
+    std::string tty;       ///< serves on this serial port too
     int tty_baud = 115200;
     char tty_parity = 'N';
   };

@@ -22,6 +22,7 @@ struct FakeWire {
     ModbusServer::Options options;
     options.map = map;
     options.tcp = line == Line::kTcp;
+    options.client_silence_ms = kSilence_ms;
     options.pty = line == Line::kRtu;
     server = std::make_unique<ModbusServer>(options, fake, faults);
     config.map = map;
@@ -44,6 +45,7 @@ struct FakeWire {
   }
 
   static constexpr int kTimeout_ms = 100;
+  static constexpr int kSilence_ms = 400;
   FakeFrame fake;
   FrameWireFaults faults;
   std::unique_ptr<ModbusServer> server;

@@ -242,12 +242,18 @@ TEST(ModbusReconnect, ALostConnectionLosesNoSample) {
   EXPECT_EQ(rig.lost, 0U);
 }
 
-TEST(ModbusReconnect, TheNewestClientWins) {
+TEST(ModbusReconnect, ASecondClientWaitsUntilTheFirstIsSilent) {
   FakeWire rig(Line::kTcp);
   rig.driver->connect();
-  frame::ModbusFrame second(rig.config, rig.fake.clock());
-  EXPECT_EQ(second.connect().serial, "F-0042");
   std::vector<frame::Sample> buffer(16);
+  rig.driver->poll(buffer);
+  frame::ModbusFrame second(rig.config, rig.fake.clock());
+  EXPECT_THROW(second.connect(), DeviceError);
+  EXPECT_NO_THROW(rig.driver->poll(buffer)) << "the first must not notice";
+
+  clock::RealClock real;
+  real.sleep_until_ns(real.now_ns() + (FakeWire::kSilence_ms + 50) * 1'000'000LL);
+  EXPECT_EQ(second.connect().serial, "F-0042");
   EXPECT_THROW(rig.driver->poll(buffer), DeviceError);
   EXPECT_NO_THROW(second.poll(buffer));
 }
