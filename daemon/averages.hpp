@@ -75,12 +75,13 @@ struct FrameAverage {
   }
 };
 
+/// Mean and extremes are of the sensor's current conversions alone: a stale or faulty word is no measurement.
 struct PressureAverage {
   IntervalCore core;
   double raw_counts_sum = 0.0;
   double temperature_sum = 0.0;
   MinMaxSum pressure_psi;
-  bool any_status = false;
+  std::int32_t current = 0;
 
   /// The 14-bit bridge value stands below the two status bits of the sensor's 32-bit word.
   static double counts(const PressureRecord& r) noexcept {
@@ -88,17 +89,25 @@ struct PressureAverage {
   }
   void begin(const PressureRecord& r) noexcept {
     core.begin(r);
-    raw_counts_sum = counts(r);
-    temperature_sum = static_cast<double>(r.temperature_C);
-    pressure_psi.begin(r.pressure_psi);
-    any_status = r.status != 0;
+    raw_counts_sum = temperature_sum = 0.0;
+    current = 0;
+    take(r);
   }
   void add(const PressureRecord& r) noexcept {
     core.add(r);
+    take(r);
+  }
+
+ private:
+  void take(const PressureRecord& r) noexcept {
+    if (r.status != 0) return;
+    if (current++ == 0) {
+      pressure_psi.begin(r.pressure_psi);
+    } else {
+      pressure_psi.add(r.pressure_psi);
+    }
     raw_counts_sum += counts(r);
     temperature_sum += static_cast<double>(r.temperature_C);
-    pressure_psi.add(r.pressure_psi);
-    any_status = any_status || r.status != 0;
   }
 };
 

@@ -133,7 +133,7 @@ void FrameAverageBatch::add(const FrameAverage& a, std::int32_t session) noexcep
 PressureAverageBatch::PressureAverageBatch() {
   auto& m = message;
   resize_intervals(m, messages::kPressureAverageBatch);
-  resize(messages::kPressureAverageBatch, m.mean_raw_counts, m.any_status, m.mean_temperature_C,
+  resize(messages::kPressureAverageBatch, m.mean_raw_counts, m.current, m.mean_temperature_C,
          m.mean_pressure_psi, m.min_pressure_psi, m.max_pressure_psi);
 }
 bool PressureAverageBatch::fits(const PressureAverage& a, std::int32_t session) const noexcept {
@@ -143,13 +143,15 @@ bool PressureAverageBatch::fits(const PressureAverage& a, std::int32_t session) 
 void PressureAverageBatch::add(const PressureAverage& a, std::int32_t session) noexcept {
   auto& m = message;
   const auto i = add_interval(m, a.core, session);
-  const double n = a.core.samples;
-  m.mean_raw_counts[i] = static_cast<float>(a.raw_counts_sum / n);
-  m.any_status[i] = a.any_status ? 1 : 0;
-  m.mean_temperature_C[i] = static_cast<float>(a.temperature_sum / n);
-  m.mean_pressure_psi[i] = a.pressure_psi.sum / n;
-  m.min_pressure_psi[i] = a.pressure_psi.min;
-  m.max_pressure_psi[i] = a.pressure_psi.max;
+  constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+  const bool any = a.current > 0;
+  const double n = a.current;
+  m.current[i] = a.current;
+  m.mean_raw_counts[i] = static_cast<float>(any ? a.raw_counts_sum / n : kNone);
+  m.mean_temperature_C[i] = static_cast<float>(any ? a.temperature_sum / n : kNone);
+  m.mean_pressure_psi[i] = any ? a.pressure_psi.sum / n : kNone;
+  m.min_pressure_psi[i] = any ? a.pressure_psi.min : kNone;
+  m.max_pressure_psi[i] = any ? a.pressure_psi.max : kNone;
 }
 
 ControlBatch::ControlBatch() {

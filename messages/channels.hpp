@@ -34,8 +34,8 @@ constexpr std::string_view name_of(Channel channel) {
 inline constexpr std::size_t kMaxMessageBytes = 1400;
 inline constexpr std::int16_t kFrameBatch = 30;            // 42 B each
 inline constexpr std::int16_t kPressureBatch = 36;         // 35 B each
-inline constexpr std::int16_t kFrameAverageBatch = 10;     // 116 B each
-inline constexpr std::int16_t kPressureAverageBatch = 14;  // 93 B each
+inline constexpr std::int16_t kFrameAverageBatch = 10;     // 124 B each
+inline constexpr std::int16_t kPressureAverageBatch = 14;  // 96 B each
 inline constexpr std::int16_t kControlBatch = 17;          // 77 B each
 inline constexpr std::int16_t kExchangeBatch = 40;         // 33 B each
 

@@ -1,0 +1,268 @@
+#include "daemon/export.hpp"
+
+#include <toml++/toml.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <optional>
+#include <sstream>
+#include <stdexcept>
+
+#include "drivers/clock/remap.hpp"
+#include "messages/recording.hpp"
+
+namespace isorig::daemon {
+namespace {
+
+/// Exchanges this long before and after a session still say something about it.
+constexpr std::int64_t kRemapMarginNs = 600'000'000'000;
+
+struct Row {
+  std::int64_t mono_ns;
+  double device_us;
+  double first;   // position or pressure
+  double second;  // force
+};
+
+struct Session {
+  bool complete = false;
+  std::vector<Row> frame;
+  std::vector<Row> pressure;
+  std::size_t not_measured = 0;
+};
+
+/// A first pass over the log: the exchanges of every attempt, by device.
+struct Exchanges : messages::RunVisitor {
+  void header(const isorig_msgs::run_header_t& h) override { attempt = h.attempt; }
+  void exchanges(const isorig_msgs::exchange_batch_t& m) override {
+    for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
+      auto& to = of[attempt][m.device[i] == isorig_msgs::exchange_batch_t::FRAME ? 0 : 1];
+      to.push_back({m.host_send_ns[i], m.host_recv_ns[i], m.device_rx_us[i], m.device_tx_us[i]});
+    }
+  }
+  std::int32_t attempt = 0;
+  std::map<std::int32_t, std::array<std::vector<clock::Exchange>, 2>> of;
+};
+
+class Exporter : public messages::RunVisitor {
+ public:
+  Exporter(const std::filesystem::path& out, const ExportOptions& options, const Exchanges& exchanges)
+      : out_(out), options_(options), exchanges_(exchanges) {}
+
+  void header(const isorig_msgs::run_header_t& h) override {
+    if (h.attempt != header_.attempt) write_before(std::numeric_limits<std::int32_t>::max());
+    header_ = h;
+  }
+  void session(const isorig_msgs::session_mark_t& m) override {
+    const auto index = m.session.session;
+    if (m.kind == isorig_msgs::session_mark_t::BEGIN) {
+      // A message of the session before may still come, none of the one before that.
+      write_before(index - 1);
+      sessions_[index];
+    } else if (m.kind == isorig_msgs::session_mark_t::END) {
+      sessions_[index].complete = m.complete != 0;
+    }
+  }
+  void frame(const isorig_msgs::frame_batch_t& m) override {
+    auto& rows = sessions_[m.session].frame;
+    for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
+      rows.push_back({m.mono_ns + m.mono_offset_ns[i],
+                      static_cast<double>(m.device_us + m.device_offset_us[i]), m.position_mm[i],
+                      m.force_N[i]});
+    }
+  }
+  void frame_average(const isorig_msgs::frame_average_batch_t& m) override {
+    auto& rows = sessions_[m.session].frame;
+    for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
+      rows.push_back(middle(m, i, m.mean_position_mm[i], m.mean_force_N[i]));
+    }
+  }
+  void pressure(const isorig_msgs::pressure_batch_t& m) override {
+    auto& s = sessions_[m.session];
+    for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
+      if (m.status[i] != 0) {
+        ++s.not_measured;
+        continue;
+      }
+      s.pressure.push_back({m.mono_ns + m.mono_offset_ns[i],
+                            static_cast<double>(m.device_us + m.device_offset_us[i]), m.pressure_psi[i],
+                            0.0});
+    }
+  }
+  void pressure_average(const isorig_msgs::pressure_average_batch_t& m) override {
+    auto& s = sessions_[m.session];
+    for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
+      s.not_measured += static_cast<std::size_t>(std::max(0, m.samples[i] - m.current[i]));
+      if (m.current[i] > 0) s.pressure.push_back(middle(m, i, m.mean_pressure_psi[i], 0.0));
+    }
+  }
+
+  std::vector<ExportedSession> finish() {
+    write_before(std::numeric_limits<std::int32_t>::max());
+    std::vector<ExportedSession> all;
+    for (auto& [index, session] : written_) all.push_back(std::move(session));
+    return all;
+  }
+
+ private:
+  template <typename Message>
+  static Row middle(const Message& m, std::size_t i, double first, double second) {
+    return {m.first_mono_ns[i] + (m.last_mono_ns[i] - m.first_mono_ns[i]) / 2,
+            0.5 * static_cast<double>(m.first_device_us[i] + m.last_device_us[i]), first, second};
+  }
+
+  void write_before(std::int32_t index) {
+    while (!sessions_.empty() && sessions_.begin()->first < index) {
+      auto node = sessions_.extract(sessions_.begin());
+      write(node.key(), node.mapped());
+    }
+  }
+
+  [[nodiscard]] isorig_msgs::session_t session_of(std::int32_t index) const {
+    for (const auto& s : header_.sessions) {
+      if (s.session == index) return s;
+    }
+    throw std::runtime_error("the recording has samples of session " + std::to_string(index) +
+                             ", which its header does not know");
+  }
+
+  /// Sum of squares of what the stamps moved by, us^2.
+  double remap(std::vector<Row>& rows, std::size_t device) {
+    const auto found = exchanges_.of.find(header_.attempt);
+    if (found == exchanges_.of.end() || rows.empty()) return 0.0;
+    const auto& all = found->second[device];
+    const auto from = std::lower_bound(all.begin(), all.end(), rows.front().mono_ns - kRemapMarginNs,
+                                       [](const auto& e, std::int64_t ns) { return e.host_recv_ns < ns; });
+    const auto to = std::lower_bound(from, all.end(), rows.back().mono_ns + kRemapMarginNs,
+                                     [](const auto& e, std::int64_t ns) { return e.host_recv_ns < ns; });
+    std::vector<clock::DeviceStamp> stamps;
+    stamps.reserve(rows.size());
+    for (const auto& r : rows) stamps.push_back({r.device_us, r.mono_ns});
+    const auto mapped = clock::remap_offline({from, to}, stamps);
+    double sum_us2 = 0.0;
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      if (!std::isfinite(mapped[i].bound_ns)) continue;  // no exchange near: the online stamp stays
+      const double moved_us = static_cast<double>(mapped[i].mono_ns - rows[i].mono_ns) * 1e-3;
+      sum_us2 += moved_us * moved_us;
+      rows[i].mono_ns = mapped[i].mono_ns;
+    }
+    return sum_us2;
+  }
+
+  static std::size_t sort_and_thin(std::vector<Row>& rows) {
+    std::stable_sort(rows.begin(), rows.end(),
+                     [](const Row& a, const Row& b) { return a.mono_ns < b.mono_ns; });
+    const auto end = std::unique(rows.begin(), rows.end(),
+                                 [](const Row& a, const Row& b) { return b.mono_ns <= a.mono_ns; });
+    const auto gone = static_cast<std::size_t>(rows.end() - end);
+    rows.erase(end, rows.end());
+    return gone;
+  }
+
+  void write(std::int32_t index, Session& s) {
+    if (s.frame.empty() || index < 0) return;  // nothing, or the way to the first session
+    const auto earlier = written_.find(index);
+    if (earlier != written_.end() && earlier->second.complete && !s.complete) return;
+
+    ExportedSession e;
+    e.session = index;
+    e.attempt = header_.attempt;
+    const auto planned = session_of(index);
+    e.repetition = planned.repetition;
+    e.pressure_psi = planned.pressure_psi;
+    e.complete = s.complete;
+    e.not_measured = s.not_measured;
+    // Messages of one stream may be written out of order (a run-up behind an average): by time again.
+    e.not_increasing = sort_and_thin(s.frame) + sort_and_thin(s.pressure);
+    if (options_.remap) {
+      const auto n = static_cast<double>(s.frame.size() + s.pressure.size());
+      e.remap_rms_us = std::sqrt((remap(s.frame, 0) + remap(s.pressure, 1)) / n);
+      e.not_increasing += sort_and_thin(s.frame) + sort_and_thin(s.pressure);
+    }
+
+    std::int64_t start_ns = s.frame.front().mono_ns;
+    if (!s.pressure.empty()) start_ns = std::min(start_ns, s.pressure.front().mono_ns);
+    const auto seconds = [&](const Row& r) { return static_cast<double>(r.mono_ns - start_ns) * 1e-9; };
+    messages::Recording recording;
+    for (const auto& r : s.frame) {
+      recording.frame.t_s.push_back(seconds(r));
+      recording.frame.position_mm.push_back(r.first);
+      recording.frame.force_N.push_back(r.second);
+    }
+    if (!s.pressure.empty()) {
+      auto& p = recording.pressure.emplace();
+      for (const auto& r : s.pressure) {
+        p.t_s.push_back(seconds(r));
+        p.pressure_psi.push_back(r.first);
+      }
+    }
+    e.frame_rows = s.frame.size();
+    e.pressure_rows = s.pressure.size();
+    recording.metadata = metadata(planned, e, start_ns);
+    char name[64];
+    std::snprintf(name, sizeof name, "rep-%d_%g-psi", e.repetition, e.pressure_psi);
+    e.folder = out_ / name;
+    // Two sessions of a plan may have the same repetition and pressure.
+    for (const auto& [other, session] : written_) {
+      if (other != index && session.folder == e.folder) e.folder += "_session-" + std::to_string(index);
+    }
+    messages::write_recording(e.folder, recording);
+    written_[index] = std::move(e);
+  }
+
+  messages::RecordingMetadata metadata(const Session& s, const ExportedSession& e,
+                                       std::int64_t start_ns) const {
+    messages::RecordingMetadata m;
+    m.specimen = header_.specimen;
+    m.rest_length_mm = header_.rest_length_mm;
+    if (std::isfinite(session.pressurized_rest_length_mm)) {
+      m.pressurized_rest_length_mm = session.pressurized_rest_length_mm;
+    }
+    m.nominal_pressure_psi = session.pressure_psi;
+    toml::table versions;
+    for (const auto& v : header_.versions) versions.insert_or_assign(v.name, v.text);
+    toml::table further{{"run", options_.run_id},
+                        {"rig", header_.rig},
+                        {"session", e.session},
+                        {"repetition", e.repetition},
+                        {"attempt", e.attempt},
+                        {"complete", e.complete},
+                        {"start_mono_ns", start_ns},
+                        {"start_unix_us", header_.epoch_unix_us + start_ns / 1000},
+                        {"virtual_time", header_.virtual_time != 0},
+                        {"seed", header_.seed},
+                        {"plan", header_.plan_summary},
+                        {"time_mapping", options_.remap ? "offline" : "online"},
+                        {"average_interval_s", header_.average_interval_s},
+                        {"versions", versions}};
+    std::ostringstream text;
+    text << further << '\n';
+    m.further_toml = text.str();
+    return m;
+  }
+
+  std::filesystem::path out_;
+  ExportOptions options_;
+  const Exchanges& exchanges_;
+  isorig_msgs::run_header_t header_{};
+  std::map<std::int32_t, Session> sessions_;
+  std::map<std::int32_t, ExportedSession> written_;
+};
+
+}  // namespace
+
+ExportReport export_run(const std::filesystem::path& run_dir, const std::filesystem::path& out,
+                        const ExportOptions& options) {
+  Exchanges exchanges;
+  if (options.remap) messages::read_run(run_dir, exchanges);
+  Exporter exporter(out, options, exchanges);
+  ExportReport report;
+  report.read = messages::read_run(run_dir, exporter);
+  report.sessions = exporter.finish();
+  return report;
+}
+
+}  // namespace isorig::daemon

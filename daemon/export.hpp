@@ -1,0 +1,45 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "messages/run_log.hpp"
+
+namespace isorig::daemon {
+
+struct ExportOptions {
+  /// Maps device times to the host's clock again, from the recorded exchanges before and after each sample.
+  bool remap = false;
+  /// Provenance only: `run` in recording.toml.
+  std::string run_id;
+};
+
+/// One repetition at one pressure, as a folder in the recording format.
+struct ExportedSession {
+  std::filesystem::path folder;
+  std::int32_t session = 0;
+  std::int32_t attempt = 0;
+  std::int32_t repetition = 0;
+  double pressure_psi = 0.0;
+  bool complete = false;
+  std::size_t frame_rows = 0;
+  std::size_t pressure_rows = 0;
+  std::size_t not_measured = 0;  ///< pressure samples left out: stale or faulty words, intervals without any
+  std::size_t not_increasing = 0;  ///< rows left out since their time is not after the row before
+  double remap_rms_us = 0.0;       ///< how far remapping moved the stamps of both streams, rms
+};
+
+struct ExportReport {
+  messages::ReadReport read;
+  std::vector<ExportedSession> sessions;
+};
+
+/// Writes each session of a run that has samples to `out`/rep-N_PP-psi. Seconds in both files count from the
+/// session's first sample, of whichever stream. Full-rate samples are rows as they are; an averaged interval
+/// is one row, its mean at the middle of its time. Of a session that was recorded in several attempts the
+/// last counts, unless only an earlier one is complete.
+ExportReport export_run(const std::filesystem::path& run_dir, const std::filesystem::path& out,
+                        const ExportOptions& options);
+
+}  // namespace isorig::daemon
