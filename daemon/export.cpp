@@ -213,15 +213,15 @@ class Exporter : public messages::RunVisitor {
     written_[index] = std::move(e);
   }
 
-  messages::RecordingMetadata metadata(const Session& s, const ExportedSession& e,
+  messages::RecordingMetadata metadata(const isorig_msgs::session_t& planned, const ExportedSession& e,
                                        std::int64_t start_ns) const {
     messages::RecordingMetadata m;
     m.specimen = header_.specimen;
     m.rest_length_mm = header_.rest_length_mm;
-    if (std::isfinite(session.pressurized_rest_length_mm)) {
-      m.pressurized_rest_length_mm = session.pressurized_rest_length_mm;
+    if (std::isfinite(planned.pressurized_rest_length_mm)) {
+      m.pressurized_rest_length_mm = planned.pressurized_rest_length_mm;
     }
-    m.nominal_pressure_psi = session.pressure_psi;
+    m.nominal_pressure_psi = planned.pressure_psi;
     toml::table versions;
     for (const auto& v : header_.versions) versions.insert_or_assign(v.name, v.text);
     toml::table further{{"run", options_.run_id},

@@ -1,0 +1,32 @@
+#pragma once
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <string>
+
+#include "daemon/paths.hpp"
+
+namespace isorig::cli {
+
+/// How `show` and `export` are told which run: its name in the catalogue (or the beginning of it, or
+/// "latest"), or its directory, which needs no catalogue.
+struct RunArgument {
+  std::string run;
+  std::string runs = daemon::default_runs().string();
+
+  void add_to(CLI::App& sub) {
+    sub.add_option("RUN", run, "Name of a run, the beginning of it, \"latest\", or a run's directory")
+        ->required();
+    sub.add_option("--runs", runs, "Where runs and their catalogue are kept")->capture_default_str();
+  }
+};
+
+struct FoundRun {
+  std::string id;
+  std::filesystem::path directory;
+  bool in_catalogue = false;
+};
+
+/// Throws std::runtime_error that says what to do when there is no such run.
+[[nodiscard]] FoundRun find_run(const RunArgument& argument);
+
+}  // namespace isorig::cli
