@@ -1,0 +1,139 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "daemon/export.hpp"
+#include "messages/recording.hpp"
+#include "recording_rig.hpp"
+
+namespace isorig::daemon::testing {
+namespace {
+
+using ::testing::HasSubstr;
+
+RunInfo two_sessions() {
+  auto info = run_info();
+  info.sessions = {{0, 1, 5.0, 118.25}, {2, 1, 10.0}};
+  return info;
+}
+
+/// Session 0: averaged until 2.5 s, then full; session 1: averaged.
+const std::vector<Stretch> kPlan{
+    {2'500, 0, Keep::kAveraged}, {4'000, 1, Keep::kFull}, {6'000, 2, Keep::kAveraged}};
+
+TEST(Export, WritesWhatWasRecordedInTheRecordingFormat) {
+  const TemporaryDirectory dir("export");
+  auto options = recorder_options(dir.path() / "run");
+  options.before_s = 0.5;
+  {
+    Streams streams;
+    Recorder recorder(options, two_sessions());
+    run_plan(recorder, streams, kPlan, 20);
+    recorder.finish(streams, true);
+  }
+  const auto report = export_run(dir.path() / "run", dir.path() / "out", {false, "the-run"});
+  EXPECT_TRUE(report.read.whole());
+  ASSERT_EQ(report.sessions.size(), 2U);
+  EXPECT_EQ(report.sessions[0].folder, dir.path() / "out" / "rep-1_5-psi");
+  EXPECT_TRUE(report.sessions[0].complete);
+  EXPECT_EQ(report.sessions[0].not_increasing, 0U);
+  EXPECT_EQ(report.sessions[0].not_measured, 4U);  // every thousandth word is stale
+
+  const auto r = messages::read_recording(report.sessions[0].folder);
+  EXPECT_EQ(r.metadata.specimen, "M1");
+  EXPECT_EQ(r.metadata.rest_length_mm, 120.5);
+  EXPECT_EQ(r.metadata.pressurized_rest_length_mm, 118.25);
+  EXPECT_EQ(r.metadata.nominal_pressure_psi, 5.0);
+  EXPECT_THAT(r.metadata.further_toml, HasSubstr("run = 'the-run'"));
+  EXPECT_THAT(r.metadata.further_toml, HasSubstr("seed = 42"));
+  // 2 s of averages in 0.1 s, then 0.5 s of run-up and 1.5 s at 1 kHz. (Sample 2000 leaves the ring with the
+  // first full one: it is 500 ms old, and alone in its interval.)
+  ASSERT_EQ(r.frame.size(), 20U + 1U + 1'999U);
+  const std::int64_t start = frame_record(0, 0, Keep::kFull).mono_ns + 99 * kMs / 2;
+  EXPECT_EQ(r.frame.t_s[0], 0.0);
+  double mean = 0.0;
+  for (int i = 0; i < 100; ++i) mean += frame_record(i, 0, Keep::kFull).position_mm / 100.0;
+  EXPECT_NEAR(r.frame.position_mm[0], mean, 1e-12);
+  for (std::size_t i = 0; i < 1'999; ++i) {
+    const auto f = frame_record(2'001 + static_cast<std::int64_t>(i), 0, Keep::kFull);
+    ASSERT_EQ(r.frame.t_s[21 + i], static_cast<double>(f.mono_ns - start) * 1e-9) << i;
+    ASSERT_EQ(r.frame.position_mm[21 + i], f.position_mm);
+    ASSERT_EQ(r.frame.force_N[21 + i], f.force_N);
+  }
+  ASSERT_TRUE(r.pressure);
+  // Both files count from the same moment.
+  const auto p = pressure_record(3'998, 0, Keep::kFull);
+  EXPECT_EQ(r.pressure->t_s.back(), static_cast<double>(p.mono_ns - start) * 1e-9);
+  EXPECT_EQ(r.pressure->pressure_psi.back(), p.pressure_psi);
+
+  const auto second = messages::read_recording(report.sessions[1].folder);
+  EXPECT_FALSE(second.metadata.pressurized_rest_length_mm) << "NaN is: not known";
+  EXPECT_EQ(second.frame.size(), 20U);
+}
+
+TEST(Export, TheLastAttemptCountsUnlessOnlyAnEarlierOneIsComplete) {
+  const TemporaryDirectory dir("export");
+  const auto run = dir.path() / "run";
+  const auto record = [&](const std::vector<Stretch>& plan, std::int64_t from_ms, bool complete) {
+    Streams streams;
+    Recorder recorder(recorder_options(run), two_sessions());
+    run_plan(recorder, streams, plan, 20, from_ms);
+    recorder.finish(streams, complete);
+  };
+  record({{1'000, 0, Keep::kFull}, {1'500, 2, Keep::kFull}}, 0, false);  // stopped in session 1
+  record({{3'000, 2, Keep::kFull}}, 2'000, true);                        // session 1 again, whole
+  record({{4'100, 2, Keep::kFull}}, 4'000, false);                       // and a third try that was stopped
+  const auto report = export_run(run, dir.path() / "out", {});
+  ASSERT_EQ(report.sessions.size(), 2U);
+  EXPECT_TRUE(report.sessions[0].complete);
+  EXPECT_EQ(report.sessions[0].attempt, 1);
+  EXPECT_EQ(report.sessions[1].attempt, 2);
+  EXPECT_TRUE(report.sessions[1].complete);
+  EXPECT_EQ(report.sessions[1].frame_rows, 1'000U);
+  EXPECT_EQ(messages::read_recording(report.sessions[1].folder).frame.size(), 1'000U);
+}
+
+/// A device whose clock is 30 ppm fast, symmetric delays: the truth is known, the online stamps are made
+/// wrong.
+TEST(Export, RemapsStampsFromTheRecordedExchanges) {
+  const TemporaryDirectory dir("export");
+  const auto host_ns = [](double device_us) { return device_us * 1e3 * (1.0 - 30e-6) + 7'000'000.0; };
+  {
+    Streams streams;
+    Recorder recorder(recorder_options(dir.path() / "run"), run_info());
+    for (std::int64_t i = 0; i < 60'000; ++i) {
+      auto f = frame_record(i, 0, Keep::kFull);
+      f.device_us = 1'000'000 + i * 1000;
+      // Online, the first half was off by up to 90 us.
+      f.mono_ns =
+          std::llround(host_ns(static_cast<double>(f.device_us))) + (i < 30'000 ? (i % 7) * 15'000 : 0);
+      streams.frame.push(f);
+      if (i % 500 == 0) {
+        const double at_us = 1'000'000.0 + static_cast<double>(i) * 1000.0;
+        ExchangeRecord x;
+        x.device = DeviceId::kFrame;
+        const auto delay_ns = 250'000 + (i / 500 * 37 % 11) * 20'000;
+        x.exchange = {std::llround(host_ns(at_us)) - delay_ns, std::llround(host_ns(at_us)) + delay_ns, at_us,
+                      at_us};
+        streams.exchanges.push(x);
+      }
+      if (i % 100 == 0) recorder.drain(streams, i * kMs);
+    }
+    recorder.finish(streams, true);
+  }
+  const auto online = export_run(dir.path() / "run", dir.path() / "online", {false, ""});
+  const auto offline = export_run(dir.path() / "run", dir.path() / "offline", {true, ""});
+  const auto jitter_us = [&](const ExportReport& report) {
+    const auto r = messages::read_recording(report.sessions.at(0).folder);
+    double worst = 0.0;
+    for (std::size_t i = 1; i < r.frame.size(); ++i) {
+      worst = std::max(worst, std::abs((r.frame.t_s[i] - r.frame.t_s[i - 1]) * 1e6 - 1000.0 * (1.0 - 30e-6)));
+    }
+    return worst;
+  };
+  EXPECT_GT(jitter_us(online), 80.0);
+  EXPECT_LT(jitter_us(offline), 2.0);
+  EXPECT_GT(offline.sessions.at(0).remap_rms_us, 10.0);
+}
+
+}  // namespace
+}  // namespace isorig::daemon::testing
