@@ -33,9 +33,12 @@ std::string link_text(const nlohmann::json& link) {
     const auto detail = link.value("detail", "");
     return "not connected" + (detail.empty() ? "" : ": " + detail);
   }
-  std::string text = link.value("clock_ready", false) ? format("clock +-%.0f us (scatter %.0f us)", link.value("bound_us", 0.0),
-                                                               link.value("repeatability_us", 0.0))
-                                                      : "clock is being measured";
+  std::string text = "clock is being measured";
+  if (link.value("clock_ready", false)) {
+    text = link["bound_us"].is_number() ? format("clock +-%.0f us (scatter %.0f us)", link["bound_us"].get<double>(),
+                                                 link["repeatability_us"].get<double>())
+                                        : "clock in doubt: the last exchange contradicts the others";
+  }
   text += format(", lost %d", link.value("lost", 0));
   if (link.value("corrupt", 0) > 0) text += format(", corrupt %d", link.value("corrupt", 0));
   if (link.value("reconnects", 0) > 0) text += format(", reconnected %d times", link.value("reconnects", 0));

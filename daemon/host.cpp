@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <ctime>
 #include <iomanip>
 #include <sstream>
@@ -31,6 +32,8 @@ std::int64_t unix_now_us() {
   return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
       .count();
 }
+
+nlohmann::json finite_or_null(double value) { return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json(); }
 
 std::string stem_of(const std::string& file_name) {
   std::string stem = std::filesystem::path(file_name).stem().string();
@@ -112,8 +115,12 @@ Host::Result Host::start(const StartOptions& options) {
 
   const std::int64_t wall_us = options_.virtual_time ? unix_now_us() : options_.epoch_unix_us + now.control.mono_ns / 1000;
   if (run->id.empty()) {
-    run->id = catalogue_.new_run_id(utc_text(wall_us, "%Y%m%d-%H%M%S") + "-" + stem_of(protocol_name) + "-" + specimen.name);
-    run->directory = options_.runs_root / run->id;
+    const auto wanted = utc_text(wall_us, "%Y%m%d-%H%M%S") + "-" + stem_of(protocol_name) + "-" + specimen.name;
+    std::filesystem::create_directories(options_.runs_root);
+    do {  // making the directory is what reserves the name: another process may start in the same second
+      run->id = catalogue_.new_run_id(wanted);
+      run->directory = options_.runs_root / run->id;
+    } while (!std::filesystem::create_directory(run->directory));
   }
 
   RunInfo info;
@@ -305,7 +312,8 @@ nlohmann::json Host::status_json() const {
   std::lock_guard lock(mutex_);
   const auto link = [](const LinkHealth& h) {
     return json{{"connected", h.connected},   {"clock_ready", h.clock_ready},
-                {"bound_us", double{h.bound_ns} * 1e-3}, {"repeatability_us", double{h.repeatability_ns} * 1e-3},
+                {"bound_us", finite_or_null(double{h.bound_ns} * 1e-3)},
+                {"repeatability_us", finite_or_null(double{h.repeatability_ns} * 1e-3)},
                 {"lost", h.lost},             {"corrupt", h.corrupt},
                 {"errors", h.errors},         {"reconnects", h.reconnects},
                 {"detail", h.detail}};

@@ -21,12 +21,26 @@ void push_sample(Link& link, LinkHealth& health, const Sample& sample, const clo
   link.samples.push({sample, stamp.mono_ns, health.bound_ns, health.repeatability_ns});
 }
 
+// A refusal leaves the connection good. A missing or spoilt answer is cleared up by the driver, which lets no late
+// reply through; only when they repeat is the connection started afresh, since that stops the frame.
+bool loses_connection(drivers::Fault fault, int failures_in_a_row) {
+  switch (fault) {
+    case drivers::Fault::kRefused: return false;
+    case drivers::Fault::kTimeout:
+    case drivers::Fault::kProtocol: return failures_in_a_row >= 5;
+    case drivers::Fault::kDisconnected:
+    case drivers::Fault::kIdentity: break;
+  }
+  return true;
+}
+
 void put(char (&to)[96], const char* text) { std::snprintf(to, sizeof to, "%s", text); }
 
 }  // namespace
 
-FrameService::FrameService(frame::Device& device, FrameLink& link, const ServiceConfig& config)
-    : device_(device), link_(link), config_(config) {}
+FrameService::FrameService(frame::Device& device, FrameLink& link, const ServiceConfig& config,
+                           const clock::Clock& clock)
+    : device_(device), link_(link), config_(config), clock_(clock) {}
 
 void FrameService::run_once(std::int64_t now_ns) noexcept {
   try {
@@ -77,11 +91,14 @@ void FrameService::turn(std::int64_t now_ns) {
   health_.lost += poll.lost;
   if (poll.has_exchange) take_exchange(poll.exchange);
   if (map_.current().known()) {
+    // Taken after the poll, which may have waited: nothing in it is younger.
+    const std::int64_t arrival_ns = clock_.now_ns();
     for (const auto& sample : std::span(samples_).first(poll.samples)) {
-      push_sample(link_, health_, sample, mapper_.map(static_cast<double>(sample.device_us), now_ns));
+      push_sample(link_, health_, sample, mapper_.map(static_cast<double>(sample.device_us), arrival_ns));
     }
   }
   link_.reports.push({poll.state, now_ns});
+  failures_in_a_row_ = 0;
 }
 
 void FrameService::take_exchange(const clock::Exchange& exchange) {
@@ -108,10 +125,10 @@ void FrameService::take_exchange(const clock::Exchange& exchange) {
 void FrameService::fail(std::int64_t now_ns, const drivers::DeviceError& error) noexcept {
   ++health_.errors;
   put(health_.detail, error.what());
-  // A refusal leaves the connection good; everything else starts it afresh, so that no late reply survives.
-  if (error.fault() != drivers::Fault::kRefused) {
+  if (loses_connection(error.fault(), ++failures_in_a_row_)) {
     device_.disconnect();
     health_.connected = false;
+    failures_in_a_row_ = 0;
     backoff_.failed(now_ns);
   }
   report_health(now_ns, true);
@@ -134,8 +151,9 @@ void FrameService::shut_down() noexcept {
   health_.connected = false;
 }
 
-PressureService::PressureService(pressure::Device& device, PressureLink& link, const ServiceConfig& config)
-    : device_(device), link_(link), config_(config) {}
+PressureService::PressureService(pressure::Device& device, PressureLink& link, const ServiceConfig& config,
+                                 const clock::Clock& clock)
+    : device_(device), link_(link), config_(config), clock_(clock) {}
 
 void PressureService::run_once(std::int64_t now_ns, std::int64_t wait_ns) noexcept {
   try {
@@ -191,19 +209,23 @@ void PressureService::turn(std::int64_t now_ns, std::int64_t wait_ns) {
     link_.exchanges.push(exchange);
   }
   if (map_.current().known()) {
+    // Taken after the poll, which may have waited: nothing in it is younger.
+    const std::int64_t arrival_ns = clock_.now_ns();
     for (const auto& sample : std::span(samples_).first(poll.samples)) {
-      push_sample(link_, health_, sample, mapper_.map(static_cast<double>(sample.device_us), now_ns));
+      push_sample(link_, health_, sample, mapper_.map(static_cast<double>(sample.device_us), arrival_ns));
     }
   }
   link_.states.push(poll.state);
+  failures_in_a_row_ = 0;
 }
 
 void PressureService::fail(std::int64_t now_ns, const drivers::DeviceError& error) noexcept {
   ++health_.errors;
   put(health_.detail, error.what());
-  if (error.fault() != drivers::Fault::kRefused) {
+  if (loses_connection(error.fault(), ++failures_in_a_row_)) {
     device_.disconnect();
     health_.connected = false;
+    failures_in_a_row_ = 0;
     backoff_.failed(now_ns);
   }
   report_health(now_ns, true);

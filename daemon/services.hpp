@@ -23,7 +23,7 @@ struct ServiceConfig {
 
 class FrameService {
  public:
-  FrameService(frame::Device& device, FrameLink& link, const ServiceConfig& config);
+  FrameService(frame::Device& device, FrameLink& link, const ServiceConfig& config, const clock::Clock& clock);
   /// One turn: reconnect if due, commands, heartbeat, poll. Never throws.
   void run_once(std::int64_t now_ns) noexcept;
   /// The frame stops and the connection closes; called on every way out.
@@ -38,11 +38,13 @@ class FrameService {
   frame::Device& device_;
   FrameLink& link_;
   ServiceConfig config_;
+  const clock::Clock& clock_;
   clock::DeviceClockMap map_;
   clock::StreamMapper mapper_{map_};
   drivers::Backoff backoff_;
   LinkHealth health_;
   bool was_connected_ = false;
+  int failures_in_a_row_ = 0;
   std::int64_t next_heartbeat_ns_ = 0;
   std::int64_t next_health_ns_ = 0;
   std::uint32_t last_beat_ = 0;
@@ -56,7 +58,8 @@ class FrameService {
 
 class PressureService {
  public:
-  PressureService(pressure::Device& device, PressureLink& link, const ServiceConfig& config);
+  PressureService(pressure::Device& device, PressureLink& link, const ServiceConfig& config,
+                  const clock::Clock& clock);
   /// One turn; waits at most `wait_ns` for data (0 in virtual time). Never throws.
   void run_once(std::int64_t now_ns, std::int64_t wait_ns) noexcept;
   /// Vents and closes; called on every way out.
@@ -70,11 +73,13 @@ class PressureService {
   pressure::Device& device_;
   PressureLink& link_;
   ServiceConfig config_;
+  const clock::Clock& clock_;
   clock::DeviceClockMap map_;
   clock::StreamMapper mapper_{map_};
   drivers::Backoff backoff_;
   LinkHealth health_;
   bool was_connected_ = false;
+  int failures_in_a_row_ = 0;
   std::int64_t next_heartbeat_ns_ = 0;
   std::int64_t next_health_ns_ = 0;
   std::int64_t next_sync_ns_ = 0;

@@ -92,6 +92,14 @@ void Supervisor::on_frame_report(const frame::State& state) noexcept {
             double(state.fault_bits), 0.0});
     }
   }
+  if (segment_active_ && segment_acknowledged_ && state.segment_id == segment_.id &&
+      (state.motion == frame::Motion::kStopped || state.motion == frame::Motion::kLimit ||
+       state.motion == frame::Motion::kDisabled)) {
+    note({Severity::kProgramStop, "frame.stopped",
+          "the frame stopped short of its target, and not because we said so; look at its display, then reset and resume",
+          0.0, double{segment_.target_mm}});
+    segment_active_ = false;
+  }
   if (segment_active_ && !segment_acknowledged_ && state.segment_id == segment_.id) {
     segment_acknowledged_ = true;
     if (std::abs(state.target_mm - segment_.target_mm) > 1e-3F ||

@@ -6,6 +6,7 @@
 #include "daemon/core.hpp"
 #include "daemon/services.hpp"
 #include "daemon/streams.hpp"
+#include "drivers/clock/clock.hpp"
 #include "sim/rig.hpp"
 
 namespace isorig::daemon {
@@ -23,14 +24,15 @@ class VirtualRig {
       : streams(std::size_t{1} << 14U),
         rig_(*config.sim),
         core_(config.core, frame_link_, pressure_link_, interlock_link_, streams, nullptr),
-        frame_(rig_.frame(), frame_link_, config.services),
-        pressure_(rig_.pressure(), pressure_link_, config.services),
+        frame_(rig_.frame(), frame_link_, config.services, clock_),
+        pressure_(rig_.pressure(), pressure_link_, config.services, clock_),
         interlock_(rig_.interlock(), interlock_link_),
         poll_ns_(config.services.poll_period_ns) {}
 
   /// One millisecond: plant, device threads' turns, then the core.
   void tick() {
     now_ns_ += kTickNs;
+    clock_.sleep_until_ns(now_ns_);
     rig_.advance(now_ns_);
     if (now_ns_ % kInterlockTurnNs == 0) interlock_.run_once(now_ns_);
     if (now_ns_ % poll_ns_ == 0) frame_.run_once(now_ns_);
@@ -62,6 +64,7 @@ class VirtualRig {
 
  private:
   std::int64_t now_ns_ = 0;
+  clock::VirtualClock clock_;
   sim::Rig rig_;
   FrameLink frame_link_;
   PressureLink pressure_link_;

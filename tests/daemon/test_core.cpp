@@ -193,6 +193,30 @@ TEST_F(TripTest, AFrameThatDoesNotMoveIsCaughtBeforeTheStepTimesOut) {
   expect_trip("frame.following", Severity::kProgramStop, 30.0);
 }
 
+TEST_F(TripTest, AFrameThatStopsByItselfIsNotWaitedFor) {
+  start(R"(  { do = "pressurize", pressure_psi = 10, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 20 },
+  { do = "ramp", to_mm = 4, velocity_mm_s = 0.5 },)");
+  ASSERT_TRUE(run_until(20.0, [&] { return bench->rig().truth().position_mm > 1.0; }));
+  bench->rig().frame().stop();  // somebody pressed stop on the frame's own panel
+  expect_trip("frame.stopped", Severity::kProgramStop, 0.2);
+  EXPECT_NEAR(bench->rig().truth().pressure_psi, 10.0, 0.1);
+  ASSERT_TRUE(ask(Verb::kReset).accepted);
+  ASSERT_TRUE(ask(Verb::kResume).accepted);
+  ASSERT_TRUE(run_until(20.0, [&] { return bench->rig().truth().position_mm > 3.99; }));
+}
+
+TEST_F(TripTest, AnAnswerThatIsMissingOnceIsNoFault) {
+  start(kHold);
+  run_for(3.0);
+  bench->rig().frame().faults.silent = true;
+  run_for(0.015);
+  bench->rig().frame().faults.silent = false;
+  run_for(1.0);
+  EXPECT_EQ(bench->core().state(), RunState::kRunning) << bench->core().status().fault;
+  EXPECT_GE(bench->core().status().frame.errors, 1U);
+  EXPECT_EQ(bench->core().status().frame.reconnects, 0U);
+}
+
 TEST_F(TripTest, PressureAboveItsLimitVents) {
   config.core.supervisor.limits.pressure_max_psi = 9.0;
   rebuild();
