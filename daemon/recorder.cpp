@@ -94,9 +94,9 @@ const char* describe(DiskCondition condition) noexcept {
 }
 
 std::uint64_t estimate_bytes(double full_s, double averaged_s, double average_interval_s) noexcept {
-  // Measured with tests/daemon: bytes per second of both streams, control, events and exchanges together.
-  constexpr double kFullBytesPerS = 96'000.0;
-  constexpr double kBytesPerInterval = 370.0;
+  // Measured (build/bin/bench_recorder_drain): both streams, control and exchanges, a little more for events.
+  constexpr double kFullBytesPerS = 92'000.0;
+  constexpr double kBytesPerInterval = 330.0;
   return static_cast<std::uint64_t>(full_s * kFullBytesPerS +
                                     averaged_s / average_interval_s * kBytesPerInterval);
 }

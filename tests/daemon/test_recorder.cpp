@@ -3,8 +3,11 @@
 #include <lcm/eventlog.h>
 
 #include <algorithm>
+#include <atomic>
 #include <map>
+#include <memory>
 #include <optional>
+#include <thread>
 
 #include "daemon/recorder.hpp"
 #include "recording_rig.hpp"
@@ -286,6 +289,36 @@ TEST(Recorder, AQueueThatOverflowedIsAnEventInTheRecording) {
   EXPECT_EQ(c.events[0].code, "recorder.dropped");
   EXPECT_EQ(c.events[0].value, static_cast<double>(streams.dropped()));
   EXPECT_EQ(recorder.status().dropped_records, streams.dropped());
+}
+
+TEST(Recorder, WorksBesideTheLoopThatFillsItsQueuesAndThoseWhoAsk) {
+  const TemporaryDirectory dir("recorder");
+  auto streams = std::make_unique<Streams>();
+  Recorder recorder(recorder_options(dir.path()), run_info());
+  std::atomic<std::int64_t> pushed{0};
+  std::atomic<bool> done{false};
+  std::thread loop([&] {
+    for (std::int64_t i = 0; i < 20'000; ++i) {
+      push_ms(*streams, i, {0, 0, i % 4'000 < 1'000 ? Keep::kFull : Keep::kAveraged});
+      pushed.store(i * kMs, std::memory_order_release);
+      // The real loop has a millisecond for this; here the recorder only has to get its turn.
+      while (streams->frame.size() > 20'000) std::this_thread::yield();
+    }
+    done = true;
+  });
+  std::thread asking([&] {
+    while (!done) {
+      EXPECT_EQ(recorder.disk(), DiskCondition::kOk);
+      EXPECT_EQ(recorder.status().dropped_records, 0U);
+    }
+  });
+  while (!done) recorder.drain(*streams, pushed.load(std::memory_order_acquire));
+  loop.join();
+  asking.join();
+  recorder.finish(*streams, true);
+  const auto status = recorder.status();
+  EXPECT_EQ(status.frame_full + status.frame_averaged, 20'000U);
+  EXPECT_EQ(status.pressure_full + status.pressure_averaged, 20'000U);
 }
 
 TEST(Recorder, AFurtherAttemptGoesOnBehindWhatIsThere) {
