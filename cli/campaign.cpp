@@ -1,0 +1,67 @@
+#include "identify/campaign.hpp"
+
+#include <cstdio>
+#include <iostream>
+#include <memory>
+
+#include "cli/command.hpp"
+
+namespace isorig::cli {
+namespace {
+
+struct Options {
+  std::vector<std::string> recordings;
+  std::string out;
+  std::string simulated;
+  bool no_png = false;
+};
+
+int campaign(const Options& options) {
+  std::vector<identify::RecordingResult> results;
+  identify::FvOptions analysis;
+  analysis.whole_series = false;  // hundreds of recordings; `isorig fv` does it for any one of them
+  bool bad = false;
+  for (const auto& path : options.recordings) {
+    try {
+      results.push_back(identify::analyse_recording(messages::read_recording(path), path, analysis));
+    } catch (const messages::RecordingError& e) {
+      std::cerr << e.what() << '\n';
+      bad = true;
+    }
+  }
+  if (bad) return kBadInput;
+  identify::Campaign found;
+  try {
+    found = identify::analyse_campaign(std::move(results));
+  } catch (const std::invalid_argument& e) {
+    std::cerr << "isorig campaign: " << e.what() << '\n';
+    return kBadInput;
+  }
+  identify::report::DrawOptions draw;
+  draw.png = !options.no_png;
+  identify::write_campaign_report(found, options.out, options.simulated, draw);
+  std::printf("%zu fits, R2 %.3f +- %.3f (mean, SD)\n", found.fits, found.r_squared_mean, found.r_squared_sd);
+  for (const auto& t : found.trends) std::printf("%3d of %3d  %s\n", t.holds, t.of, t.claim.c_str());
+  std::printf("written to %s\n", options.out.c_str());
+  return found.fits > 0 ? kOk : kFailure;
+}
+
+Command add_campaign(CLI::App& app) {
+  auto options = std::make_shared<Options>();
+  auto* sub = app.add_subcommand(
+      "campaign",
+      "The paper's figures, tables and trends from the recordings of a whole campaign (proof/campaign)");
+  sub->add_option("RECORDING", options->recordings,
+                  "Recordings of Control<n> and <material><n>, all pressures")
+      ->required();
+  sub->add_option("--out", options->out, "Folder for report.html, campaign.json and tables")->required();
+  sub->add_option("--simulated", options->simulated,
+                  "What is simulated in these recordings, for the top of the report");
+  sub->add_flag("--no-png", options->no_png, "Figures as SVG only");
+  return {sub, [options] { return campaign(*options); }};
+}
+
+const Registration kCampaign(31, add_campaign);
+
+}  // namespace
+}  // namespace isorig::cli
