@@ -48,6 +48,9 @@ void add_curve(Panel& panel, const Curve& curve, int color, const std::string& l
     widest = std::max(widest, std::abs(it->strain_rate_per_s));
   }
   panel.series.push_back(std::move(points));
+  // Symmetrical, and the same step in all panels: they are compared side by side.
+  if (!panel.x_range || panel.x_range->second < 1.1 * widest) panel.x_range = {{-1.1 * widest, 1.1 * widest}};
+  panel.x_tic = panel.x_range->second > 0.12 ? 0.1 : 0.05;
   if (!curve.result.fit) return;
   const FvTest test{curve.strain_step, curve.initial_strain};
   auto line = [&](std::span<const FvElement> elements, Mark mark, int line_color) {

@@ -149,6 +149,13 @@ FvAnalysis analyse_curves(std::vector<RecordingResult> recordings, FvModel model
     curve.recordings.push_back(i);
     for (const FvPoint& p : points_of(r.ramps.ramps)) curve.points.push_back(p);
   }
+  // Specimens in the order they were given in, pressures rising.
+  std::map<std::string, std::size_t> first;
+  for (const Curve& curve : out.curves) first.emplace(curve.specimen, first.size());
+  std::stable_sort(out.curves.begin(), out.curves.end(), [&](const Curve& a, const Curve& b) {
+    return std::make_pair(first[a.specimen], a.nominal_pressure_psi) <
+           std::make_pair(first[b.specimen], b.nominal_pressure_psi);
+  });
   for (Curve& curve : out.curves) {
     const double n = static_cast<double>(curve.points.size());
     for (const FvPoint& p : curve.points) {

@@ -148,6 +148,11 @@ void plot_panel(std::ostream& out, const Panel& panel, std::size_t p) {
   };
   range("x", panel.x_range);
   range("y", panel.y_range);
+  if (panel.x_tic > 0.0) {
+    out << "set xtics ";
+    number(out, panel.x_tic);
+    out << '\n';
+  }
   if (panel.log_x) out << "set logscale x\nset format x '%g'\n";
   if (panel.log_y) out << "set logscale y\nset format y '%g'\n";
   out << (panel.key.empty() ? "unset key\n" : "set key " + panel.key + " samplen 1.5 spacing 1.0 nobox\n");

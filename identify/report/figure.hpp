@@ -40,6 +40,7 @@ struct Panel {
   std::vector<Series> series{};
   std::optional<std::pair<double, double>> x_range{};
   std::optional<std::pair<double, double>> y_range{};
+  double x_tic = 0.0;  ///< distance of the ticks; 0: gnuplot's choice
   bool log_x = false;
   bool log_y = false;
   std::string key = "top right";  ///< a gnuplot key place; empty: no key
