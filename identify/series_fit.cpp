@@ -59,8 +59,10 @@ Gram gram(const Data& d, const Eigen::VectorXd& log_gamma) {
       row[2 + kMost + j] = ds[static_cast<std::size_t>(j)];
     }
     row[kColumns - 1] = d.force_N[i] - d.force_mean;
-    g.noalias() += row * row.transpose();
+    for (int a = 0; a < kColumns; ++a)
+      for (int b = a; b < kColumns; ++b) g(a, b) += row[a] * row[b];
   }
+  g.triangularView<Eigen::StrictlyLower>() = g.transpose();
   return g;
 }
 
@@ -102,6 +104,7 @@ Reduced reduce(const Gram& g, int n) {
 
 struct Outcome {
   Eigen::VectorXd log_gamma;
+  Gram products;  ///< at log_gamma
   Reduced reduced;
   int evaluations = 0;
   bool converged = false;
@@ -110,7 +113,8 @@ struct Outcome {
 /// Levenberg-Marquardt on ln gamma within bounds.
 Outcome descend(const Data& d, Eigen::VectorXd at, double low, double high, int most) {
   const int n = static_cast<int>(at.size());
-  Outcome out{at, reduce(gram(d, at), n), 1, false};
+  const Gram first = gram(d, at);
+  Outcome out{at, first, reduce(first, n), 1, false};
   double damping = 1e-3;
   while (out.evaluations < most) {
     Eigen::MatrixXd h = out.reduced.curvature;
@@ -124,11 +128,13 @@ Outcome descend(const Data& d, Eigen::VectorXd at, double low, double high, int 
       out.converged = true;
       break;
     }
-    Reduced trial = reduce(gram(d, next), n);
+    const Gram products = gram(d, next);
+    Reduced trial = reduce(products, n);
     ++out.evaluations;
     if (trial.ssr < out.reduced.ssr) {
       const double gain = (out.reduced.ssr - trial.ssr) / out.reduced.ssr;
       out.log_gamma = next;
+      out.products = products;
       out.reduced = std::move(trial);
       damping = std::max(damping * 0.1, 1e-12);
       if (gain < 1e-10) {
@@ -145,6 +151,34 @@ Outcome descend(const Data& d, Eigen::VectorXd at, double low, double high, int 
     }
   }
   return out;
+}
+
+/// The best of several starts, on few samples.
+Outcome search(const Data& all, int arms, double low, double high, std::size_t samples) {
+  std::vector<double> t, x, f;
+  const std::size_t n = all.t_s.size();
+  const std::size_t every = std::max<std::size_t>(1, n / samples);
+  for (std::size_t i = 0; i < n; i += every) {
+    t.push_back(all.t_s[i]);
+    x.push_back(all.x_mm[i]);
+    f.push_back(all.force_N[i]);
+  }
+  const Data few{t, x, f, all.x_mean, all.force_mean};
+  std::vector<Eigen::VectorXd> starts;
+  const std::vector<double> decades{0.02, 0.1, 0.5, 2.5, 12.0, 60.0};
+  for (std::size_t i = 0; i < decades.size(); ++i) {
+    if (arms == 1) starts.push_back(Eigen::VectorXd::Constant(1, std::log(decades[i])));
+    for (std::size_t j = i + 1; arms == 2 && j < decades.size(); j += 2)
+      starts.push_back(Eigen::Vector2d(std::log(decades[j]), std::log(decades[i])));
+  }
+  Outcome best;
+  best.reduced.ssr = std::numeric_limits<double>::infinity();
+  for (auto& start : starts) {
+    start = start.cwiseMax(low).cwiseMin(high);
+    Outcome o = descend(few, start, low, high, 12);
+    if (o.reduced.ssr < best.reduced.ssr) best = o;
+  }
+  return best;
 }
 
 }  // namespace
@@ -185,27 +219,14 @@ SeriesFit fit_series(std::span<const double> t_s, std::span<const double> positi
   for (std::size_t i = 1; i < n; ++i) densest_s = std::min(densest_s, t_s[i] - t_s[i - 1]);
   const double low = std::log(1.0 / span_s), high = std::log(5.0 / densest_s);
 
-  std::vector<double> t, x, f;
-  const std::size_t every = std::max<std::size_t>(1, n / options.search_samples);
-  for (std::size_t i = 0; i < n; i += every) {
-    t.push_back(t_s[i]);
-    x.push_back(position_mm[i]);
-    f.push_back(force_N[i]);
-  }
-  const Data few{t, x, f, all.x_mean, all.force_mean};
-  std::vector<Eigen::VectorXd> starts;
-  const std::vector<double> decades{0.02, 0.1, 0.5, 2.5, 12.0, 60.0};
-  for (std::size_t i = 0; i < decades.size(); ++i) {
-    if (arms == 1) starts.push_back(Eigen::VectorXd::Constant(1, std::log(decades[i])));
-    for (std::size_t j = i + 1; arms == 2 && j < decades.size(); j += 2)
-      starts.push_back(Eigen::Vector2d(std::log(decades[j]), std::log(decades[i])));
-  }
   Outcome best;
-  best.reduced.ssr = std::numeric_limits<double>::infinity();
-  for (auto& start : starts) {
-    start = start.cwiseMax(low).cwiseMin(high);
-    Outcome o = descend(few, start, low, high, 25);
-    if (o.reduced.ssr < best.reduced.ssr) best = o;
+  if (static_cast<int>(options.start_gamma_per_s.size()) == arms) {
+    best.log_gamma.resize(arms);
+    for (int j = 0; j < arms; ++j)
+      best.log_gamma[j] =
+          std::clamp(std::log(options.start_gamma_per_s[static_cast<std::size_t>(j)]), low, high);
+  } else {
+    best = search(all, arms, low, high, options.search_samples);
   }
   best = descend(all, best.log_gamma, low, high, 40);
 
@@ -244,7 +265,7 @@ SeriesFit fit_series(std::span<const double> t_s, std::span<const double> positi
             parameters * std::log(std::max(fit.effective_samples, 2.0));
 
   // Covariance of everything (linear and nonlinear together) from the inner products at the optimum.
-  const Gram g = gram(all, best.log_gamma);
+  const Gram& g = best.products;
   Eigen::MatrixXd normal(parameters, parameters);
   std::vector<int> column(static_cast<std::size_t>(parameters));
   std::vector<double> factor(static_cast<std::size_t>(parameters), 1.0);

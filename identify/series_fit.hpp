@@ -46,7 +46,9 @@ struct SeriesFit {
 
 struct SeriesOptions {
   /// Starts are searched on at most this many samples; the best go on with all.
-  std::size_t search_samples = 10000;
+  std::size_t search_samples = 6000;
+  /// One start of one's own instead (one gamma per arm), straight on all samples.
+  std::vector<double> start_gamma_per_s{};
 };
 
 /// `arms` 1 or 2. Throws std::invalid_argument for other numbers, lengths that differ or fewer than 20

@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <fstream>
+#include <sstream>
 
 #include "iso_velocity_recording.hpp"
 
@@ -268,6 +270,59 @@ TEST(Ramps, TooSparseARampHasNoVelocity) {
     EXPECT_FALSE(r.usable());
     EXPECT_TRUE(std::isnan(r.move.velocity_mm_s.value));
   }
+}
+
+/// A measurement by others from beside the source tree: its own column names and metres.
+messages::Recording foreign(const std::filesystem::path& file, const char* position, const char* force) {
+  std::ifstream in(file);
+  std::string line, cell;
+  std::getline(in, line);
+  std::vector<std::string> header;
+  for (std::istringstream row(line); std::getline(row, cell, ',');) header.push_back(cell);
+  const auto column = [&](const char* name) {
+    return std::find(header.begin(), header.end(), name) - header.begin();
+  };
+  messages::Recording out;
+  out.metadata.rest_length_mm = 80.0;
+  while (std::getline(in, line)) {
+    std::vector<double> values;
+    for (std::istringstream row(line); std::getline(row, cell, ',');) values.push_back(std::stod(cell));
+    out.frame.t_s.push_back(values.at(static_cast<std::size_t>(column("time_s"))));
+    out.frame.position_mm.push_back(1000.0 * values.at(static_cast<std::size_t>(column(position))));
+    out.frame.force_N.push_back(values.at(static_cast<std::size_t>(column(force))));
+  }
+  return out;
+}
+
+TEST(Ramps, MeasurementsByOthersGiveTheSpeedsTheyWereMadeAt) {
+  const auto root = std::filesystem::path(ISORIG_SOURCE_DIR).parent_path() / "shared/recordings";
+  if (!std::filesystem::exists(root)) GTEST_SKIP() << "no recordings beside the source tree";
+  // Load and unload without a hold: legs of a cycle, at 0.01, 0.03 and 0.05 of 80 mm a second.
+  for (const auto& [name, speed] : {std::pair{"cycle_rate0.01_stretch3.0.csv", 0.8},
+                                    {"cycle_rate0.03_stretch1.5.csv", 2.4},
+                                    {"cycle_rate0.05_stretch2.0.csv", 4.0}}) {
+    const auto found = analyse_ramps(foreign(root / "vhb4910-tape" / name, "displacement_m", "force_N"));
+    ASSERT_EQ(found.moves.size(), 2U) << name;
+    EXPECT_TRUE(found.ramps.empty());
+    EXPECT_NEAR(found.moves[0].velocity_mm_s.value, speed, 1e-3 * speed);
+    EXPECT_NEAR(found.moves[1].velocity_mm_s.value, -speed, 1e-3 * speed);
+  }
+  // A ramp that begins with the record, then a hold of half an hour: velocity and peak, but no F0 to divide
+  // by.
+  const auto relaxation =
+      analyse_ramps(foreign(root / "vhb4910-tape/relax_stretch3.0.csv", "displacement_m", "force_N"));
+  ASSERT_EQ(relaxation.ramps.size(), 1U);
+  EXPECT_NEAR(relaxation.ramps[0].move.velocity_mm_s.value, 20.0, 0.02);
+  EXPECT_TRUE(relaxation.ramps[0].peak_force_N);
+  EXPECT_TRUE(relaxation.ramps[0].has(RampFlag::kNoRestBefore));
+  EXPECT_FALSE(relaxation.ramps[0].normalized_force);
+  // Pulled to failure: one stroke, no rest and no hold.
+  const auto pulled =
+      analyse_ramps(foreign(root / "elastomer-tensile/dragon_skin_30.csv", "extension_m", "force_N"));
+  ASSERT_EQ(pulled.ramps.size(), 1U);
+  EXPECT_NEAR(pulled.ramps[0].move.velocity_mm_s.value, 7.5, 1e-3);
+  EXPECT_TRUE(pulled.ramps[0].has(RampFlag::kNoHoldAfter));
+  EXPECT_FALSE(pulled.ramps[0].peak_force_N);
 }
 
 /// Practice recordings of an independent rig, where they lie beside the source tree.

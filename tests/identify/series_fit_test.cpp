@@ -74,6 +74,24 @@ TEST(SeriesFit, FindsBothArmsWithinTheirErrorsAndTheErrorsAreRight) {
   EXPECT_LT(square_stiffness, 2.6);
 }
 
+TEST(SeriesFit, EveryStartEndsAtTheSameOptimum) {
+  const Series s = bench(60000, 0.05, 1);
+  const SeriesFit best = fit_series(s.t_s, s.x_mm, s.force_N, 2);
+  std::mt19937 random(12);
+  std::uniform_real_distribution<double> unit;
+  int most = 0;
+  for (int i = 0; i < 12; ++i) {
+    SeriesOptions options;
+    options.start_gamma_per_s = {1.0 / std::pow(20.0, unit(random)),
+                                 1.0 / (0.05 * std::pow(20.0, unit(random)))};
+    const SeriesFit fit = fit_series(s.t_s, s.x_mm, s.force_N, 2, options);
+    EXPECT_NEAR(fit.arms[0].gamma_per_s.value, best.arms[0].gamma_per_s.value, 1e-4);
+    EXPECT_NEAR(fit.arms[1].gamma_per_s.value, best.arms[1].gamma_per_s.value, 1e-5);
+    most = std::max(most, fit.evaluations);
+  }
+  std::printf("12 random starts, at most %d passes\n", most);
+}
+
 TEST(SeriesFit, OrderIsToldByBic) {
   const Series two = bench(60000, 0.05, 3), one = bench(60000, 0.05, 4, false);
   EXPECT_LT(fit_series(two.t_s, two.x_mm, two.force_N, 2).bic,
