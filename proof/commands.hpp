@@ -1,0 +1,12 @@
+#pragma once
+#include <CLI/CLI.hpp>
+
+namespace isorig::proof {
+
+void add_generate(CLI::App& app);
+void add_run(CLI::App& app);
+void add_score(CLI::App& app);
+void add_score_practice(CLI::App& app);
+void add_real(CLI::App& app);
+
+}  // namespace isorig::proof

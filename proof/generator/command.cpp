@@ -1,0 +1,33 @@
+#include <memory>
+#include <random>
+
+#include "proof/commands.hpp"
+#include "proof/generator/study.hpp"
+
+namespace isorig::proof {
+
+void add_generate(CLI::App& app) {
+  auto options = std::make_shared<StudyOptions>();
+  auto seed = std::make_shared<std::optional<std::uint64_t>>();
+  auto* sub = app.add_subcommand("generate", "Draw cases, write their recordings, seal their labels");
+  sub->add_option("--seed", *seed, "Equal seeds give equal studies; without one, nobody knows it beforehand");
+  sub->add_option("--cases", options->cases, "Number of cases")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 999));
+  sub->add_option("--out", options->out, "Folder of the study")->required();
+  sub->add_option("-j,--jobs", options->threads, "Cases at a time")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 64));
+  sub->callback([options, seed] {
+    if (!*seed) {
+      std::random_device device;
+      *seed = (static_cast<std::uint64_t>(device()) << 32) | device();
+    }
+    options->seed = **seed;
+    const std::string hash = generate_study(*options);
+    std::printf("%zu cases in %s\nSHA-256 of the sealed labels: %s\n", options->cases, options->out.c_str(),
+                hash.c_str());
+  });
+}
+
+}  // namespace isorig::proof

@@ -1,0 +1,20 @@
+#include <cstdio>
+#include <exception>
+
+#include "proof/commands.hpp"
+
+int main(int argc, char** argv) {
+  CLI::App app{
+      "The concealed-effect study: hide physics in a rig of its own, and score what a diagnosis finds"};
+  app.require_subcommand(1);
+  isorig::proof::add_generate(app);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "%s\n", error.what());
+    return 1;
+  }
+  return 0;
+}
