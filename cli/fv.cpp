@@ -26,8 +26,7 @@ void print_curve(const identify::Curve& curve) {
   }
   std::printf(", R2 %.4f\n", curve.result.fit->r_squared);
   for (const auto& p : curve.result.fit->parameters)
-    std::printf("  %-12s %s%s\n", p.name.c_str(),
-                identify::report::interval_text(p.value, p.low, p.high).c_str(),
+    std::printf("  %-12s %s%s\n", p.name.c_str(), identify::value_text(p).c_str(),
                 p.identifiable ? "" : "  NOT identifiable");
   for (const auto& s : curve.result.fit->statements) std::printf("  %s\n", s.c_str());
 }

@@ -13,7 +13,6 @@ namespace {
 using model::FvElement;
 using model::FvTest;
 using report::Figure;
-using report::interval_text;
 using report::Mark;
 using report::number_text;
 using report::Page;
@@ -200,8 +199,7 @@ void parameter_rows(const FvAnalysis& a, std::vector<std::vector<std::string>>& 
       rows.push_back(std::move(row));
       continue;
     }
-    for (const FittedParameter& p : c.result.fit->parameters)
-      row.push_back(interval_text(p.value, p.low, p.high) + (p.identifiable ? "" : " open"));
+    for (const FittedParameter& p : c.result.fit->parameters) row.push_back(value_text(p));
     while (row.size() < 6) row.push_back("");
     row.push_back(number_text(c.result.fit->r_squared, 3));
     rows.push_back(std::move(row));
@@ -339,9 +337,9 @@ void write_campaign_report(const Campaign& campaign, const std::filesystem::path
   page.table(
       {"specimen", "pressure (psi)", "points", "kappa [95 %]", "gamma (1/s) [95 %]", "beta [95 %]", "R²"},
       rows,
-      "Controls: kappa_c, gamma_c. Others: kappa_s, gamma_s, beta_s with the control's held. \"open\": not "
-      "identifiable "
-      "from these velocities on at least one side.");
+      "Controls: kappa_c, gamma_c. Others: kappa_s, gamma_s, beta_s with the control's held. Without "
+      "brackets: "
+      "not identifiable from these velocities, and this is all that is known (95 %).");
   page.write(folder, options);
   report::write_text_file(folder / "campaign.json", json_of(campaign, simulated).dump(1) + "\n");
   write_fv_tables(campaign.controls, folder / "fv-controls");

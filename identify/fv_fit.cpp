@@ -15,6 +15,8 @@ namespace isorig::identify {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
+/// An interval of more than two decades is bounded, but identifies nothing.
+constexpr double kWidest = 100.0;
 
 /// phi(u) = (1 - e^-u) / u for Ceres' dual numbers (model::maxwell_ramp_share is for doubles).
 template <typename T>
@@ -225,9 +227,11 @@ std::string explain(const FittedParameter& p, const FvFit& fit, std::span<const 
   const double u_slow = e.gamma_per_s * points.front().strain_step / speeds.front();
   const double slow = model::maxwell_ramp_share(u_slow);
   const double fast = model::maxwell_ramp_share(e.gamma_per_s * points.front().strain_step / speeds.back());
-  std::string range = std::isfinite(p.high)  ? formatted("only that it is below %.3g", p.high)
-                      : std::isfinite(p.low) ? formatted("only that it is above %.3g", p.low)
-                                             : std::string("nothing");
+  const bool low = std::isfinite(p.low), high = std::isfinite(p.high);
+  const std::string range = low && high ? formatted("only that it lies between %.2g and %.2g", p.low, p.high)
+                            : high      ? formatted("only that it is below %.3g", p.high)
+                            : low       ? formatted("only that it is above %.3g", p.low)
+                                        : std::string("nothing");
   std::string why;
   if (speeds.size() < 2)
     why = "all ramps have one speed";
@@ -317,7 +321,7 @@ FvFitResult fit(std::span<const FvPoint> points, std::optional<model::FvElement>
     parameter.value = std::exp(best[k]);
     parameter.low = p.low;
     parameter.high = p.high;
-    parameter.identifiable = std::isfinite(p.low) && std::isfinite(p.high);
+    parameter.identifiable = std::isfinite(p.low) && std::isfinite(p.high) && p.high < kWidest * p.low;
     parameter.profile = p.points;
     parameter.statement = explain(parameter, fit, points, control.has_value());
     if (!parameter.statement.empty()) fit.statements.push_back(parameter.statement);

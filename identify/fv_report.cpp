@@ -86,8 +86,7 @@ void parameters_table(Page& page, const FvAnalysis& analysis) {
     std::vector<std::string> row{c.specimen, text_of(c.nominal_pressure_psi, 3),
                                  std::to_string(c.points.size())};
     if (c.result.fit) {
-      for (const FittedParameter& p : c.result.fit->parameters)
-        row.push_back(interval_text(p.value, p.low, p.high) + (p.identifiable ? "" : " (open)"));
+      for (const FittedParameter& p : c.result.fit->parameters) row.push_back(value_text(p));
       row.push_back(number_text(c.result.fit->r_squared, 4));
       const auto test = model::FvTest{c.strain_step, c.initial_strain};
       row.push_back(number_text(model::fv_asymptote(c.result.fit->elements, test), 3));
@@ -104,10 +103,21 @@ void parameters_table(Page& page, const FvAnalysis& analysis) {
   }
   header.push_back("R²");
   header.push_back("asymptote ΔFV(∞)");
-  page.table(header, rows, "Fitted parameters; \"open\": not identifiable on at least one side.");
+  page.table(header, rows,
+             "Fitted parameters. Without brackets: not identifiable from these velocities, and this is all "
+             "that is known (95 %).");
 }
 
 }  // namespace
+
+std::string value_text(const FittedParameter& p) {
+  const bool low = std::isfinite(p.low), high = std::isfinite(p.high);
+  if (p.identifiable) return interval_text(p.value, p.low, p.high);
+  if (low && high) return number_text(p.low, 2) + " .. " + number_text(p.high, 2);
+  if (high) return "< " + number_text(p.high, 3);
+  if (low) return "> " + number_text(p.low, 3);
+  return "undetermined";
+}
 
 std::string title_of(const Curve& curve) {
   return curve.specimen +

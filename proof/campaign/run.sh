@@ -3,7 +3,8 @@
 # strain stiffening and mesh friction switched on (effects-*.toml), exported, analysed, reported.
 #
 #   proof/campaign/run.sh OUT              12 actuators x 4 pressures x 5 repetitions: 270 h of rig time, about 10 minutes
-#   proof/campaign/run.sh --reduced OUT    3 actuators x 4 pressures x 2 repetitions, faster returns: well under a minute
+#   proof/campaign/run.sh --short OUT      12 actuators x 4 pressures x 2 repetitions, faster returns: about a minute
+#   proof/campaign/run.sh --reduced OUT    the same with 3 actuators: a quarter of that
 #   --jobs N   runs at a time (default: one per processor);  --keep   also the runs themselves (0.4 GB each)
 #
 # OUT/report.html is the report, OUT/recordings/ what it was made from. ISORIG names the program (build/bin/isorig).
@@ -18,6 +19,7 @@ keep=no
 out=
 while (($#)); do
   case $1 in
+    --short) protocol=$here/reduced.toml ;;
     --reduced) protocol=$here/reduced.toml specimens=(control1 urethane1 ecoflex1) ;;
     --jobs) jobs=$2; shift ;;
     --keep) keep=yes ;;
@@ -26,7 +28,7 @@ while (($#)); do
   esac
   shift
 done
-[[ -n $out ]] || { echo "usage: run.sh [--reduced] [--jobs N] [--keep] OUT" >&2; exit 2; }
+[[ -n $out ]] || { echo "usage: run.sh [--short | --reduced] [--jobs N] [--keep] OUT" >&2; exit 2; }
 mkdir -p "$out/rigs" "$out/recordings" "$out/runs"
 out=$(cd "$out" && pwd)
 
