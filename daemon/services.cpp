@@ -14,13 +14,6 @@ constexpr std::int64_t kLoopDeadNs = 500'000'000;
 // Fewer leave the first stamps with a scatter of a whole round trip.
 constexpr std::uint64_t kExchangesForReady = 20;
 
-template <typename Link, typename Sample>
-void push_sample(Link& link, LinkHealth& health, const Sample& sample, const clock::MappedTime& stamp) {
-  health.bound_ns = static_cast<float>(stamp.bound_ns);
-  health.repeatability_ns = static_cast<float>(stamp.repeatability_ns);
-  link.samples.push({sample, stamp.mono_ns, health.bound_ns, health.repeatability_ns});
-}
-
 // A refusal leaves the connection good. A missing or spoilt answer is cleared up by the driver, which lets no late
 // reply through; only when they repeat is the connection started afresh, since that stops the frame.
 bool loses_connection(drivers::Fault fault, int failures_in_a_row) {
@@ -38,9 +31,43 @@ void put(char (&to)[96], const char* text) { std::snprintf(to, sizeof to, "%s", 
 
 }  // namespace
 
-FrameService::FrameService(frame::Device& device, FrameLink& link, const ServiceConfig& config,
-                           const clock::Clock& clock)
-    : device_(device), link_(link), config_(config), clock_(clock) {}
+void LinkKeeper::note_connected() noexcept {
+  health_.connected = true;
+  if (was_connected_) ++health_.reconnects;
+  was_connected_ = true;
+  backoff_.reset();
+  failures_in_a_row_ = 0;
+  burst_left_ = config_.sync_burst;
+}
+
+bool LinkKeeper::note_failure(std::int64_t now_ns, const drivers::DeviceError& error) noexcept {
+  ++health_.errors;
+  put(health_.detail, error.what());
+  if (!loses_connection(error.fault(), ++failures_in_a_row_)) return false;
+  health_.connected = false;
+  failures_in_a_row_ = 0;
+  backoff_.failed(now_ns);
+  return true;
+}
+
+template <typename Sample, typename Queue>
+void LinkKeeper::hand_over(std::span<const Sample> samples, Queue& queue) {
+  if (!map_.current().known()) return;
+  const std::int64_t arrival_ns = clock_.now_ns();
+  for (const auto& sample : samples) {
+    const auto stamp = mapper_.map(static_cast<double>(sample.device_us), arrival_ns);
+    health_.bound_ns = static_cast<float>(stamp.bound_ns);
+    health_.repeatability_ns = static_cast<float>(stamp.repeatability_ns);
+    queue.push({sample, stamp.mono_ns, health_.bound_ns, health_.repeatability_ns});
+  }
+}
+
+void LinkKeeper::report_health(std::int64_t now_ns, base::SpscQueue<LinkHealth>& to, bool force) noexcept {
+  if (!force && now_ns < next_health_ns_) return;
+  next_health_ns_ = now_ns + kHealthPeriodNs;
+  health_.clock_ready = map_.current().known() && map_.current().exchanges >= kExchangesForReady;
+  to.push(health_);
+}
 
 void FrameService::run_once(std::int64_t now_ns) noexcept {
   try {
@@ -50,7 +77,7 @@ void FrameService::run_once(std::int64_t now_ns) noexcept {
   } catch (const std::exception& error) {
     fail(now_ns, drivers::DeviceError(drivers::Fault::kDisconnected, error.what()));
   }
-  report_health(now_ns, false);
+  report_health(now_ns, link_.health, false);
 }
 
 void FrameService::turn(std::int64_t now_ns) {
@@ -58,17 +85,13 @@ void FrameService::turn(std::int64_t now_ns) {
     FrameCommand stale;  // a command for a frame that was not there must not run when it comes back
     while (link_.commands.pop(stale)) {
     }
-    if (!backoff_.is_due(now_ns)) return;
+    if (!may_connect(now_ns)) return;
     device_.connect();
     device_.stop();
-    health_.connected = true;
-    if (was_connected_) ++health_.reconnects;
-    was_connected_ = true;
-    backoff_.reset();
-    burst_left_ = config_.sync_burst;
+    note_connected();
     next_sync_ns_ = now_ns;
     has_best_ = false;
-    report_health(now_ns, true);
+    report_health(now_ns, link_.health, true);
   }
 
   FrameCommand command;
@@ -90,15 +113,9 @@ void FrameService::turn(std::int64_t now_ns) {
   const auto poll = device_.poll(samples_);
   health_.lost += poll.lost;
   if (poll.has_exchange) take_exchange(poll.exchange);
-  if (map_.current().known()) {
-    // Taken after the poll, which may have waited: nothing in it is younger.
-    const std::int64_t arrival_ns = clock_.now_ns();
-    for (const auto& sample : std::span(samples_).first(poll.samples)) {
-      push_sample(link_, health_, sample, mapper_.map(static_cast<double>(sample.device_us), arrival_ns));
-    }
-  }
+  hand_over(std::span<const frame::Sample>(samples_).first(poll.samples), link_.samples);
   link_.reports.push({poll.state, now_ns});
-  failures_in_a_row_ = 0;
+  note_answer();
 }
 
 void FrameService::take_exchange(const clock::Exchange& exchange) {
@@ -123,22 +140,8 @@ void FrameService::take_exchange(const clock::Exchange& exchange) {
 }
 
 void FrameService::fail(std::int64_t now_ns, const drivers::DeviceError& error) noexcept {
-  ++health_.errors;
-  put(health_.detail, error.what());
-  if (loses_connection(error.fault(), ++failures_in_a_row_)) {
-    device_.disconnect();
-    health_.connected = false;
-    failures_in_a_row_ = 0;
-    backoff_.failed(now_ns);
-  }
-  report_health(now_ns, true);
-}
-
-void FrameService::report_health(std::int64_t now_ns, bool force) noexcept {
-  if (!force && now_ns < next_health_ns_) return;
-  next_health_ns_ = now_ns + kHealthPeriodNs;
-  health_.clock_ready = map_.current().known() && map_.current().exchanges >= kExchangesForReady;
-  link_.health.push(health_);
+  if (note_failure(now_ns, error)) device_.disconnect();
+  report_health(now_ns, link_.health, true);
 }
 
 void FrameService::shut_down() noexcept {
@@ -151,10 +154,6 @@ void FrameService::shut_down() noexcept {
   health_.connected = false;
 }
 
-PressureService::PressureService(pressure::Device& device, PressureLink& link, const ServiceConfig& config,
-                                 const clock::Clock& clock)
-    : device_(device), link_(link), config_(config), clock_(clock) {}
-
 void PressureService::run_once(std::int64_t now_ns, std::int64_t wait_ns) noexcept {
   try {
     turn(now_ns, wait_ns);
@@ -163,21 +162,17 @@ void PressureService::run_once(std::int64_t now_ns, std::int64_t wait_ns) noexce
   } catch (const std::exception& error) {
     fail(now_ns, drivers::DeviceError(drivers::Fault::kDisconnected, error.what()));
   }
-  report_health(now_ns, false);
+  report_health(now_ns, link_.health, false);
 }
 
 void PressureService::turn(std::int64_t now_ns, std::int64_t wait_ns) {
   if (!health_.connected) {
-    if (!backoff_.is_due(now_ns)) return;
+    if (!may_connect(now_ns)) return;
     device_.connect();
-    health_.connected = true;
-    if (was_connected_) ++health_.reconnects;
-    was_connected_ = true;
-    backoff_.reset();
-    burst_left_ = config_.sync_burst;
+    note_connected();
     next_sync_ns_ = now_ns;
     last_command_ = ~std::uint64_t{0};
-    report_health(now_ns, true);
+    report_health(now_ns, link_.health, true);
   }
 
   const std::uint32_t beat = link_.loop_beat.load(std::memory_order_acquire);
@@ -208,34 +203,14 @@ void PressureService::turn(std::int64_t now_ns, std::int64_t wait_ns) {
     map_.add(exchange);
     link_.exchanges.push(exchange);
   }
-  if (map_.current().known()) {
-    // Taken after the poll, which may have waited: nothing in it is younger.
-    const std::int64_t arrival_ns = clock_.now_ns();
-    for (const auto& sample : std::span(samples_).first(poll.samples)) {
-      push_sample(link_, health_, sample, mapper_.map(static_cast<double>(sample.device_us), arrival_ns));
-    }
-  }
+  hand_over(std::span<const pressure::Sample>(samples_).first(poll.samples), link_.samples);
   link_.states.push(poll.state);
-  failures_in_a_row_ = 0;
+  note_answer();
 }
 
 void PressureService::fail(std::int64_t now_ns, const drivers::DeviceError& error) noexcept {
-  ++health_.errors;
-  put(health_.detail, error.what());
-  if (loses_connection(error.fault(), ++failures_in_a_row_)) {
-    device_.disconnect();
-    health_.connected = false;
-    failures_in_a_row_ = 0;
-    backoff_.failed(now_ns);
-  }
-  report_health(now_ns, true);
-}
-
-void PressureService::report_health(std::int64_t now_ns, bool force) noexcept {
-  if (!force && now_ns < next_health_ns_) return;
-  next_health_ns_ = now_ns + kHealthPeriodNs;
-  health_.clock_ready = map_.current().known() && map_.current().exchanges >= kExchangesForReady;
-  link_.health.push(health_);
+  if (note_failure(now_ns, error)) device_.disconnect();
+  report_health(now_ns, link_.health, true);
 }
 
 void PressureService::shut_down() noexcept {

@@ -1,6 +1,7 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <span>
 
 #include "daemon/links.hpp"
 #include "drivers/backoff.hpp"
@@ -21,9 +22,45 @@ struct ServiceConfig {
   int sync_burst = 50;
 };
 
-class FrameService {
+/// What both device services have in common: the connection with its back-off and failures, the clock mapping, and the
+/// health they report.
+class LinkKeeper {
+ protected:
+  LinkKeeper(const ServiceConfig& config, const clock::Clock& clock) : config_(config), clock_(clock) {}
+
+  [[nodiscard]] bool may_connect(std::int64_t now_ns) const noexcept { return backoff_.is_due(now_ns); }
+  void note_connected() noexcept;
+  /// True when the connection has to be started afresh; the caller disconnects.
+  bool note_failure(std::int64_t now_ns, const drivers::DeviceError& error) noexcept;
+  void note_answer() noexcept { failures_in_a_row_ = 0; }
+  /// Stamps what a poll brought and hands it to the loop. Call it after the poll, which may have waited: nothing in it
+  /// is younger than now.
+  template <typename Sample, typename Queue>
+  void hand_over(std::span<const Sample> samples, Queue& queue);
+  /// At most every 100 ms, unless forced.
+  void report_health(std::int64_t now_ns, base::SpscQueue<LinkHealth>& to, bool force) noexcept;
+
+  ServiceConfig config_;
+  clock::DeviceClockMap map_;
+  LinkHealth health_;
+  std::int64_t next_heartbeat_ns_ = 0;
+  std::int64_t next_sync_ns_ = 0;
+  std::uint32_t last_beat_ = 0;
+  int burst_left_ = 0;
+
+ private:
+  const clock::Clock& clock_;
+  clock::StreamMapper mapper_{map_};
+  drivers::Backoff backoff_;
+  bool was_connected_ = false;
+  int failures_in_a_row_ = 0;
+  std::int64_t next_health_ns_ = 0;
+};
+
+class FrameService : private LinkKeeper {
  public:
-  FrameService(frame::Device& device, FrameLink& link, const ServiceConfig& config, const clock::Clock& clock);
+  FrameService(frame::Device& device, FrameLink& link, const ServiceConfig& config, const clock::Clock& clock)
+      : LinkKeeper(config, clock), device_(device), link_(link) {}
   /// One turn: reconnect if due, commands, heartbeat, poll. Never throws.
   void run_once(std::int64_t now_ns) noexcept;
   /// The frame stops and the connection closes; called on every way out.
@@ -33,33 +70,19 @@ class FrameService {
   void turn(std::int64_t now_ns);
   void fail(std::int64_t now_ns, const drivers::DeviceError& error) noexcept;
   void take_exchange(const clock::Exchange& exchange);
-  void report_health(std::int64_t now_ns, bool force) noexcept;
 
   frame::Device& device_;
   FrameLink& link_;
-  ServiceConfig config_;
-  const clock::Clock& clock_;
-  clock::DeviceClockMap map_;
-  clock::StreamMapper mapper_{map_};
-  drivers::Backoff backoff_;
-  LinkHealth health_;
-  bool was_connected_ = false;
-  int failures_in_a_row_ = 0;
-  std::int64_t next_heartbeat_ns_ = 0;
-  std::int64_t next_health_ns_ = 0;
-  std::uint32_t last_beat_ = 0;
-  int burst_left_ = 0;
   // Between the exchanges that are kept, the one with the shortest round trip.
   clock::Exchange best_;
   bool has_best_ = false;
-  std::int64_t next_sync_ns_ = 0;
   std::array<frame::Sample, 512> samples_{};
 };
 
-class PressureService {
+class PressureService : private LinkKeeper {
  public:
-  PressureService(pressure::Device& device, PressureLink& link, const ServiceConfig& config,
-                  const clock::Clock& clock);
+  PressureService(pressure::Device& device, PressureLink& link, const ServiceConfig& config, const clock::Clock& clock)
+      : LinkKeeper(config, clock), device_(device), link_(link) {}
   /// One turn; waits at most `wait_ns` for data (0 in virtual time). Never throws.
   void run_once(std::int64_t now_ns, std::int64_t wait_ns) noexcept;
   /// Vents and closes; called on every way out.
@@ -68,25 +91,11 @@ class PressureService {
  private:
   void turn(std::int64_t now_ns, std::int64_t wait_ns);
   void fail(std::int64_t now_ns, const drivers::DeviceError& error) noexcept;
-  void report_health(std::int64_t now_ns, bool force) noexcept;
 
   pressure::Device& device_;
   PressureLink& link_;
-  ServiceConfig config_;
-  const clock::Clock& clock_;
-  clock::DeviceClockMap map_;
-  clock::StreamMapper mapper_{map_};
-  drivers::Backoff backoff_;
-  LinkHealth health_;
-  bool was_connected_ = false;
-  int failures_in_a_row_ = 0;
-  std::int64_t next_heartbeat_ns_ = 0;
-  std::int64_t next_health_ns_ = 0;
-  std::int64_t next_sync_ns_ = 0;
   std::int64_t next_command_ns_ = 0;
   std::uint64_t last_command_ = ~std::uint64_t{0};
-  std::uint32_t last_beat_ = 0;
-  int burst_left_ = 0;
   std::array<pressure::Sample, 512> samples_{};
   std::array<clock::Exchange, 16> exchanges_{};
 };
