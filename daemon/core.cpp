@@ -76,7 +76,7 @@ void Core::read_frame() noexcept {
     r.mono_ns = in.mono_ns;
     r.device_us = in.sample.device_us;
     r.sequence = in.sample.sequence;
-    r.step = step_;
+    r.step = step_now();
     r.bound_ns = in.bound_ns;
     r.repeatability_ns = in.repeatability_ns;
     r.raw_position_mm = in.sample.position_mm;
@@ -118,7 +118,7 @@ void Core::read_pressure() noexcept {
     r.mono_ns = in.mono_ns;
     r.device_us = in.sample.device_us;
     r.sequence = in.sample.sequence;
-    r.step = step_;
+    r.step = step_now();
     r.bound_ns = in.bound_ns;
     r.repeatability_ns = in.repeatability_ns;
     r.raw_word = in.sample.raw_word;
@@ -237,6 +237,7 @@ void Core::take_requests(std::int64_t now_ns) noexcept {
 
 void Core::begin_run(std::int64_t now_ns, const Request& request) noexcept {
   plan_ = request.plan;
+  step_ = plan_->sessions.empty() ? 0 : plan_->sessions[request.first_session].first_step;
   cursor_.emplace(*plan_);
   cursor_->start(now_ns, request.first_session, static_cast<std::uint16_t>(last_segment_id_ + 1));
   outcome_ = Outcome::kNone;
@@ -397,7 +398,7 @@ void Core::hand_off(std::int64_t now_ns) noexcept {
 
   ControlRecord& c = now_.control;
   c.mono_ns = now_ns;
-  c.step = step_;
+  c.step = step_now();
   c.state = state_;
   c.setpoint_psi = static_cast<float>(loop_.target_psi());
   c.pressure_psi = static_cast<float>(pressure_psi_);
@@ -438,7 +439,8 @@ void Core::transition(std::int64_t now_ns, RunState to, Severity severity, const
                       double threshold) noexcept {
   EventRecord event;
   event.mono_ns = now_ns;
-  event.step = step_;
+  // A run's first and last transition belong to it.
+  event.step = to == RunState::kIdle || to == RunState::kReady ? step_now() : step_;
   event.severity = severity;
   event.from = state_;
   event.to = to;
@@ -455,7 +457,7 @@ void Core::emit(std::int64_t now_ns, Severity severity, const char* code, std::s
                 double threshold) noexcept {
   EventRecord event;
   event.mono_ns = now_ns;
-  event.step = step_;
+  event.step = step_now();
   event.severity = severity;
   event.from = event.to = state_;
   copy(event.code, sizeof event.code, code);

@@ -79,6 +79,10 @@ class Core {
   void command(std::int64_t now_ns) noexcept;
   void hand_off(std::int64_t now_ns) noexcept;
 
+  /// What records are labelled with: before and after a run there is no step.
+  [[nodiscard]] std::uint32_t step_now() const noexcept {
+    return state_ == RunState::kIdle || state_ == RunState::kReady ? kNoStep : step_;
+  }
   void begin_run(std::int64_t now_ns, const Request& request) noexcept;
   void end_run(std::int64_t now_ns, Outcome outcome, const char* why) noexcept;
   void stop_and_vent(std::int64_t now_ns) noexcept;

@@ -139,6 +139,7 @@ Host::Result Host::start(const StartOptions& options) {
     info.sessions.push_back({session.first_step, session.repetition, session.pressure_psi,
                              specimen.pressurized_rest_length_mm(session.pressure_psi)});
   }
+  info.first_session = static_cast<std::int32_t>(run->first_session);
   info.run_id = run->id;
   info.started_utc = utc_text(wall_us, "%Y-%m-%dT%H:%M:%SZ");
 
@@ -266,7 +267,12 @@ void Host::close_run(const std::string& outcome, bool complete) {
   run_->recorder.reset();
   catalogue_.close_run(run_->id, outcome, last_fault_);
   last_outcome_ = outcome;
-  finished_ = std::move(run_);
+  // The loop may look at the plan of the last run it took up until it takes up the next.
+  if (outcome == "refused") {
+    refused_.push_back(std::move(run_));
+  } else {
+    finished_ = std::move(run_);
+  }
   closing_since_ns_ = -1;
 }
 
@@ -347,11 +353,17 @@ nlohmann::json Host::status_json() const {
            {"publish_dropped", s.publish_dropped}};
   const Run* run = run_ ? run_.get() : nullptr;
   if (run != nullptr) {
-    const auto& step = run->plan.steps[std::min<std::size_t>(s.control.step, run->plan.steps.size() - 1)];
+    // Until the loop has taken it up there is no step yet: the first that will be.
+    const std::size_t at = s.control.step == kNoStep ? run->plan.sessions.empty()
+                                                           ? 0
+                                                           : run->plan.sessions[run->first_session].first_step
+                                                     : s.control.step;
+    const std::size_t index = std::min(at, run->plan.steps.size() - 1);
+    const auto& step = run->plan.steps[index];
     out["run"] = {{"id", run->id},
                   {"directory", run->directory.string()},
                   {"protocol", run->plan.name},
-                  {"step", s.control.step},
+                  {"step", index},
                   {"steps", run->plan.steps.size()},
                   {"step_text", protocol::describe(step)},
                   {"session", step.session == protocol::kNoSession ? json() : json(step.session)},
@@ -375,7 +387,8 @@ nlohmann::json Host::status_json() const {
 
 nlohmann::json Host::events_json(std::uint64_t after) const {
   std::lock_guard lock(mutex_);
-  nlohmann::json list = nlohmann::json::array();
+  using nlohmann::json;
+  json list = json::array();
   for (const auto& e : events_) {
     if (e.number <= after) continue;
     list.push_back({{"number", e.number},
@@ -385,7 +398,7 @@ nlohmann::json Host::events_json(std::uint64_t after) const {
                     {"text", e.record.text},
                     {"from", to_text(e.record.from)},
                     {"to", to_text(e.record.to)},
-                    {"step", e.record.step},
+                    {"step", e.record.step == kNoStep ? json() : json(e.record.step)},
                     {"value", e.record.value},
                     {"threshold", e.record.threshold}});
   }

@@ -6,6 +6,7 @@
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <vector>
 
 #include "daemon/catalogue.hpp"
 #include "daemon/config.hpp"
@@ -86,6 +87,7 @@ class Host {
   std::uint32_t next_request_ = 1;
   std::unique_ptr<Run> run_;
   std::unique_ptr<Run> finished_;       // the plan of the last run: the core may look at it until the next start
+  std::vector<std::unique_ptr<Run>> refused_;  // few; the loop may have taken one up after we gave up waiting
   std::int64_t closing_since_ns_ = -1;
   std::string last_outcome_;
   std::string last_fault_;

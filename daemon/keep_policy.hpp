@@ -81,7 +81,7 @@ class KeepPolicy {
     }
     have_last_ = true;
     last_sequence_ = r.sequence;
-    if (r.step != last_step_) {
+    if (r.step != last_step_ || sink_.session < 0) {
       last_step_ = r.step;
       const auto session = sink_.session_of(r.step);
       if (session != sink_.session) {

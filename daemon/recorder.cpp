@@ -111,7 +111,7 @@ struct Recorder::Impl {
     Averages average_batch;
     std::int32_t session = -1;
 
-    [[nodiscard]] std::int32_t session_of(std::uint32_t step) const { return impl.session_of(step); }
+    [[nodiscard]] std::int32_t session_of(std::uint32_t step) const { return impl.session_of(step, session); }
     template <typename Record>
     void full(const Record& r) {
       append(full_batch, r, session, impl);
@@ -169,12 +169,19 @@ struct Recorder::Impl {
             static_cast<std::size_t>(o.before_s * o.max_rate_hz) + 64};
   }
 
-  [[nodiscard]] std::int32_t session_of(std::uint32_t step) const {
+  /// What is stamped outside the run (the moment before its start, the moment after its end) belongs to the session
+  /// that is next to it.
+  [[nodiscard]] std::int32_t session_of(std::uint32_t step, std::int32_t present) const {
     if (info.sessions.empty()) return 0;
+    if (step == kNoStep) return std::max(present, info.first_session);
     const auto after =
         std::upper_bound(info.sessions.begin(), info.sessions.end(), step,
                          [](std::uint32_t s, const SessionInfo& i) { return s < i.first_step; });
-    return static_cast<std::int32_t>(after - info.sessions.begin()) - 1;
+    return std::max(static_cast<std::int32_t>(after - info.sessions.begin()) - 1, info.first_session);
+  }
+
+  [[nodiscard]] std::int32_t present_session() const {
+    return std::max(frame_sink.session, pressure_sink.session);
   }
 
   void fill(isorig_msgs::session_mark_t& m) const {
@@ -199,7 +206,7 @@ struct Recorder::Impl {
   }
 
   void write_event(const EventRecord& r) {
-    auto message = to_message(r, session_of(r.step));
+    auto message = to_message(r, session_of(r.step, present_session()));
     write(Channel::kEvent, message.session, message);
   }
 
@@ -216,7 +223,7 @@ struct Recorder::Impl {
     pressure.take(streams.pressure, end);
     control.until(streams.control, end, [&](const ControlRecord& r) { take_control(r); });
     exchanges.until(streams.exchanges, end, [&](const ExchangeRecord& r) {
-      append(exchange_batch, r, std::max(frame_sink.session, pressure_sink.session), *this);
+      append(exchange_batch, r, present_session(), *this);
     });
   }
 
@@ -231,7 +238,7 @@ struct Recorder::Impl {
     last_step = r.step;
     r.worst_wakeup_ns = std::exchange(worst_wakeup_ns, 0U);
     r.worst_run_ns = std::exchange(worst_run_ns, 0U);
-    append(control_batch, r, session_of(r.step), *this);
+    append(control_batch, r, session_of(r.step, present_session()), *this);
   }
 
   void report_dropped(const Streams& streams, std::int64_t at_ns) {

@@ -10,11 +10,14 @@ namespace isorig::daemon {
 
 using protocol::Keep;  ///< per sample, as the plan's recording policy has it
 
+/// The step of what happens outside a run; -1 in the messages.
+inline constexpr std::uint32_t kNoStep = 0xFFFF'FFFF;
+
 struct FrameRecord {
   std::int64_t mono_ns = 0;
   std::int64_t device_us = 0;
   std::uint32_t sequence = 0;
-  std::uint32_t step = 0;          ///< index into the plan
+  std::uint32_t step = 0;          ///< index into the plan; kNoStep outside a run
   float bound_ns = 0.0F;           ///< the stamp's error is inside +- this (contains path asymmetry)
   float repeatability_ns = 0.0F;   ///< one sigma of the stamp's scatter
   float raw_position_mm = 0.0F;    ///< as the frame sent it
