@@ -278,7 +278,11 @@ Ramp measure(const Channels& c, const Move& m, const RampOptions& options, bool 
       if (!ramp.has(RampFlag::kForceClipped)) ramp.flags.push_back(RampFlag::kForceClipped);
     } else {
       ramp.peak_force_N = force_at_target(c, m, *ramp.t_peak_s);
-      if (!ramp.peak_force_N) ramp.flags.push_back(RampFlag::kGapAtPeak);
+      if (!ramp.peak_force_N)
+        ramp.flags.push_back(RampFlag::kGapAtPeak);
+      else if (m.stroke_mm() < 0.0 && std::abs(ramp.peak_force_N->value) <
+                                          4.0 * std::max(ramp.peak_force_N->standard_error, c.sigma_force_N))
+        ramp.flags.push_back(RampFlag::kWentSlack);
     }
   }
   normalise(c, ramp);
@@ -322,6 +326,8 @@ std::string_view name(RampFlag flag) noexcept {
       return "overshot";
     case RampFlag::kUnsteadyStart:
       return "unsteady_start";
+    case RampFlag::kWentSlack:
+      return "went_slack";
     case RampFlag::kShortRest:
       return "short_rest";
   }
@@ -348,6 +354,8 @@ std::string_view text(RampFlag flag) noexcept {
       return "went past its target";
     case RampFlag::kUnsteadyStart:
       return "the force was still drifting when the ramp began";
+    case RampFlag::kWentSlack:
+      return "the specimen went slack: its force at the target is not told from zero";
     case RampFlag::kShortRest:
       return "less than 2 s of rest before the ramp";
   }

@@ -46,6 +46,7 @@ enum class RampFlag {
   kNeverReachedSpeed,  ///< no stretch of constant speed: the velocity is not a test velocity
   kOvershot,           ///< went past its target (see `overshoot_mm`)
   kUnsteadyStart,      ///< the force was still drifting (see `drift_N_s`)
+  kWentSlack,          ///< the force at the target is not told from zero: a specimen that cannot push
   kShortRest,          ///< less than the 2 s of rest that F0 asks for
 };
 [[nodiscard]] std::string_view name(RampFlag flag) noexcept;

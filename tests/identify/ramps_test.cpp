@@ -244,6 +244,27 @@ TEST(Ramps, StartingForceOfZeroIsNotDividedBy) {
   }
 }
 
+TEST(Ramps, ASpecimenThatGoesSlackIsFlagged) {
+  IsoVelocityTest test;
+  test.speeds_mm_s = {2, 10};
+  test.pressurized_length_mm = 90.0;  // 1 mm of tension, 2 mm of shortening
+  auto recording = testing::simulate(test);
+  for (double& f : recording.frame.force_N) f = std::max(f, 0.0);
+  const RampAnalysis found = analyse_ramps(recording);
+  ASSERT_EQ(found.ramps.size(), 4U);
+  for (const Ramp& r : found.ramps) {
+    if (r.has(RampFlag::kForceClipped)) continue;  // exact zeros are a saturated channel as well
+    EXPECT_EQ(r.has(RampFlag::kWentSlack), r.move.velocity_mm_s.value < 0.0);
+  }
+  // With noise on the zero it is no saturation.
+  std::mt19937 random(4);
+  std::normal_distribution<double> noise(0.0, 0.02);
+  for (double& f : recording.frame.force_N) f += noise(random);
+  const RampAnalysis noisy = analyse_ramps(recording);
+  ASSERT_EQ(noisy.ramps.size(), 4U);
+  for (const Ramp& r : noisy.ramps) EXPECT_EQ(r.has(RampFlag::kWentSlack), r.move.velocity_mm_s.value < 0.0);
+}
+
 TEST(Ramps, OneRampIsOneRamp) {
   IsoVelocityTest test;
   test.speeds_mm_s = {5};
