@@ -65,8 +65,9 @@ int diagnose(const Options& options) {
       std::printf("  %s = %.4g [%.4g, %.4g]", value.name.c_str(), value.value, value.low, value.high);
     std::printf("\n");
   }
+  if (!d.described_by.empty()) std::printf("  unknown, described as a function of %s\n", d.described_by.c_str());
   for (const auto& fault : d.faults) std::printf("  data: %s\n", fault.text.c_str());
-  std::printf("  rms %.4g N nominal, %.4g N with it; noise %.4g N; %s/report\n", d.nominal_errors.train_rmse_N,
+  std::printf("  rms %.4g N nominal, %.4g N with it; noise %.4g N; %s/\n", d.nominal_errors.train_rmse_N,
               d.model_errors.train_rmse_N, d.noise_N, options.out.c_str());
   return kOk;
 }

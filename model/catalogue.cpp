@@ -10,7 +10,8 @@ namespace isorig::model {
 
 std::span<const Physics* const> elements() {
   static const std::array all{&element::spring(), &element::maxwell(),  &element::dashpot(),
-                              &element::mass(),   &element::constant(), &element::gravity()};
+                              &element::mass(),   &element::constant(), &element::gravity(),
+                              &element::empirical_force(), &element::empirical_motion()};
   return all;
 }
 

@@ -32,7 +32,7 @@ bool ModelSpec::has(std::string_view physics) const noexcept {
 }
 
 Part make_part(const Physics& physics, const Law& law) {
-  Part part{&physics, &law, {}, {}, false};
+  Part part{&physics, &law, {}, {}, false, {}};
   for (const Parameter& parameter : law.parameters)
     part.parameters.push_back(parameter.starts.empty() ? 0.5 * (parameter.lower + parameter.upper)
                                                        : parameter.starts.front());
@@ -69,7 +69,9 @@ RunningModel::RunningModel(const ModelSpec& spec, const Reference& reference) {
 
   for (const std::size_t i : by_stage) {
     const Part& part = spec.parts[i];
-    running_.push_back({part.law->make(part.parameters, reference), part.physics->stage, coefficients_.size()});
+    running_.push_back({part.law->make_table ? part.law->make_table(part.table, reference)
+                                             : part.law->make(part.parameters, reference),
+                        part.physics->stage, coefficients_.size()});
     for (std::size_t c = 0; c < part.coefficients.size(); ++c) {
       coefficients_.push_back(part.coefficients[c]);
       order_.push_back(first_of_part[i] + c);

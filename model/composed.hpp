@@ -16,6 +16,7 @@ struct Part {
   std::vector<double> parameters;    ///< as law->parameters
   std::vector<double> coefficients;  ///< as law->coefficients
   bool fixed = false;                ///< its coefficients are known, not fitted
+  Table table = {};                  ///< of an empirical law
 };
 
 /// A whole model: which parts, with which numbers. Order of the parts within a stage is kept; the stages order

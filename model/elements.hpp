@@ -11,4 +11,8 @@ const Physics& mass();
 const Physics& constant();
 const Physics& gravity();
 
+/// What was measured and has no law yet: tables of one variable, in force or in motion.
+const Physics& empirical_force();
+const Physics& empirical_motion();
+
 }  // namespace isorig::model::element

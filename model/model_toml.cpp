@@ -57,6 +57,12 @@ void read_part(const base::TomlTable& table, ModelSpec& spec) {
     part.coefficients[i] = table.number_or(coefficient.name, start, range);
   }
   part.fixed = table.boolean_or("fixed", false);
+  if (law->make_table) {
+    part.table.first = table.number("table_first");
+    part.table.step = table.number("table_step", base::kPositive);
+    part.table.values = table.numbers("table_values");
+    if (part.table.values.empty()) table.error("table_values", "a table needs at least one value");
+  }
   spec.parts.push_back(std::move(part));
 }
 
@@ -104,6 +110,13 @@ std::string model_text(const ModelSpec& spec, std::string_view comment) {
     for (std::size_t i = 0; i < part.coefficients.size(); ++i)
       out += std::string(part.law->coefficients[i].name) + " = " + number(part.coefficients[i]) + "\n";
     if (part.fixed) out += "fixed = true\n";
+    if (part.law->make_table) {
+      out += "table_first = " + number(part.table.first) + "\ntable_step = " + number(part.table.step) +
+             "\ntable_values = [";
+      for (std::size_t i = 0; i < part.table.values.size(); ++i)
+        out += (i == 0 ? "" : i % 8 == 0 ? ",\n  " : ", ") + number(part.table.values[i]);
+      out += "]\n";
+    }
   }
   return out;
 }

@@ -67,6 +67,23 @@ struct Coefficient {
   Sign sign = Sign::kFree;
 };
 
+/// A function of one variable by its values at even knots, straight between them, constant beyond the ends.
+struct Table {
+  double first = 0.0;
+  double step = 1.0;
+  std::vector<double> values;
+
+  [[nodiscard]] double at(double x) const noexcept {
+    if (values.empty()) return 0.0;
+    const double u = (x - first) / step;
+    if (!(u > 0.0)) return values.front();
+    const auto last = static_cast<double>(values.size() - 1);
+    if (u >= last) return values.back();
+    const auto i = static_cast<std::size_t>(u);
+    return values[i] + (u - static_cast<double>(i)) * (values[i + 1] - values[i]);
+  }
+};
+
 /// One mathematical form of a piece of physics.
 struct Law {
   std::string_view name;
@@ -76,6 +93,8 @@ struct Law {
   std::function<std::unique_ptr<Process>(std::span<const double> parameters, const Reference&)> make;
   /// The law is another form of a linear Maxwell arm of the nominal model, and takes its place.
   bool replaces_arm = false;
+  /// Set instead of `make` for a law that is a table (empirical models).
+  std::function<std::unique_ptr<Process>(const Table&, const Reference&)> make_table = {};
 };
 
 /// An entry of the catalogue.

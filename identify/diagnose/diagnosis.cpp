@@ -172,8 +172,10 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   const double rows = static_cast<double>(chosen.fit.rows);
   const double left = selection.excess[selection.best], before = selection.excess[0];
   out.unexplained = before > 0.0 ? left / before : 0.0;
-  const bool structure_left = left > 0.08 * rows && left > 400.0;
-  if (structure_left && (out.missing.empty() || out.unexplained > 0.15)) out.verdict = Verdict::kUnknownPhysics;
+  out.described_by = chosen.empirical;
+  const bool structure_left = left > 0.25 * rows && left > 400.0;
+  // Physics that has no name in the catalogue, or too much left for the names found to be the story.
+  if (!chosen.empirical.empty() || (structure_left && (out.missing.empty() || out.unexplained > 0.15))) out.verdict = Verdict::kUnknownPhysics;
   else if (!out.missing.empty()) out.verdict = Verdict::kMissingPhysics;
   out.nominal_errors.train_rmse_N = rmse(out.nominal, study.series, study.usable);
   out.model_errors.train_rmse_N = rmse(out.model, study.series, study.usable);
@@ -230,6 +232,9 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
                                    {"t_end_s", fault.t_end_s},
                                    {"rows", fault.rows},
                                    {"text", fault.text}});
+  if (!d.described_by.empty())
+    json["described"] = {{"function_of", d.described_by},
+                         {"text", "structure that no effect of the catalogue explains, as a table in model.toml"}};
   json["unexplained_share"] = d.unexplained;
   json["notes"] = d.notes;
   return json;

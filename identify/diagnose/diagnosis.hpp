@@ -63,6 +63,7 @@ struct Diagnosis {
   Errors model_errors;
   model::ModelSpec nominal;
   model::ModelSpec model;
+  std::string described_by;  ///< variable of the table that stands for unknown physics
   double unexplained = 0.0;  ///< share of the nominal model's excess that is left
 };
 

@@ -26,6 +26,19 @@ class AccelerationSmoother {
     double pxx = 0.0, pxv = 0.0, pvv = 0.0;
   };
 
+  /// Log-likelihood of every reading given those before it.
+  void score(std::span<const double> spread, double noise_mm2, std::vector<double>& log_likelihood) {
+    State s{y_[0], 0.0, 1e6 * noise_mm2 + 1e-6 * (1.0 + std::fabs(y_[0])) * (1.0 + std::fabs(y_[0])), 0.0, 1e4};
+    update(s, y_[0], noise_mm2);
+    log_likelihood[0] = 0.0;
+    for (std::size_t k = 1; k < t_s_.size(); ++k) {
+      s = predict(s, t_s_[k] - t_s_[k - 1], spread[k - 1]);
+      const double total = s.pxx + noise_mm2, e = y_[k] - s.x;
+      log_likelihood[k] = -0.5 * (e * e / total + std::log(total));
+      update(s, y_[k], noise_mm2);
+    }
+  }
+
   /// Fills mean and variance of the acceleration of every interval.
   void run(std::span<const double> spread, double noise_mm2, std::vector<double>& mean, std::vector<double>& variance) {
     const std::size_t n = t_s_.size();
@@ -153,26 +166,88 @@ Motion smooth_motion(std::span<const double> t_s, std::span<const double> readin
     const double bound = 3.0 * (noise + std::fabs(reading_mm[k + 1] - reading_mm[k])) / (h * h);
     spread[k] = std::min(bound * bound, 1e8);
   }
-  constexpr int kPasses = 40;
-  for (int pass = 0; pass < kPasses; ++pass) {
-    smoother.run(spread, noise * noise, mean, variance);
-    // The variance of one interval rests on its neighbours too: two to each side, so that a corner is found
-    // as a whole and a lucky reading is not.
-    for (std::size_t k = 0; k + 1 < n; ++k) {
-      double energy = 0.0, known = 0.0;
-      const std::size_t from = k >= 2 ? k - 2 : 0, to = std::min(k + 2, n - 2);
-      for (std::size_t j = from; j <= to; ++j) {
-        // Neighbours that are sampled at another rate speak of other accelerations.
-        const double ratio = (t_s[j + 1] - t_s[j]) / (t_s[k + 1] - t_s[k]);
-        if (ratio > 4.0 || ratio < 0.25) continue;
-        const double weight = j == k ? 1.0 : 0.6;
-        energy += weight * mean[j] * mean[j];
-        known += weight * std::max(1.0 - variance[j] / spread[j], 1e-3);
+  constexpr double kStill = 1e-14, kAlive = 1e-7, kTogether_s = 0.012;
+  const auto refine = [&](int passes) {
+    for (int pass = 0; pass < passes; ++pass) {
+      smoother.run(spread, noise * noise, mean, variance);
+      // Accelerations of a machine last some 10 ms: neighbours within that time share their variance, so that a
+      // corner that was sampled densely is found as a whole and one lucky reading is not.
+      for (std::size_t k = 0; k + 1 < n; ++k) {
+        if (spread[k] <= kStill) {
+          next[k] = kStill;
+          continue;
+        }
+        double energy = 0.0, known = 0.0;
+        const std::size_t from = k >= 2 ? k - 2 : 0, to = std::min(k + 2, n - 2);
+        for (std::size_t j = from; j <= to; ++j) {
+          if (std::fabs(t_s[j] - t_s[k]) > kTogether_s) continue;
+          const double weight = j == k ? 1.0 : 0.6;
+          energy += weight * mean[j] * mean[j];
+          known += weight * std::max(1.0 - variance[j] / spread[j], 1e-3);
+        }
+        next[k] = std::clamp(energy / known, kStill, 1e10);
       }
-      next[k] = std::clamp(energy / known, 1e-14, 1e10);
+      spread.swap(next);
     }
-    spread.swap(next);
+  };
+  refine(30);
+  // Evidence alone lets some of 30 000 lucky readings through. A run of accelerations stays only if the
+  // readings after it are explained clearly better with it: e^kWorth times, which is once in a long session.
+  constexpr double kWorth = 9.0;
+  std::vector<double> with(n), without(n);
+  const auto prune = [&](std::size_t apart) {
+    struct Run {
+      std::size_t first, last;
+    };
+    std::vector<Run> runs;
+    for (std::size_t k = 0; k + 1 < n; ++k) {
+      if (spread[k] <= kAlive) continue;
+      // Runs that nearly touch are judged as one at first, then apart.
+      if (!runs.empty() && k - runs.back().last <= apart) runs.back().last = k;
+      else runs.push_back({k, k});
+    }
+    smoother.score(spread, noise * noise, with);
+    // Every other run at a time: what is taken out must not spoil what follows its neighbour.
+    for (std::size_t parity = 0; parity < 2; ++parity) {
+      std::vector<double> trial = spread;
+      for (std::size_t r = parity; r < runs.size(); r += 2)
+        for (std::size_t k = runs[r].first; k <= runs[r].last; ++k) trial[k] = kStill;
+      smoother.score(trial, noise * noise, without);
+      for (std::size_t r = parity; r < runs.size(); r += 2) {
+        const std::size_t end = r + 1 < runs.size() ? runs[r + 1].first + 1 : n;
+        double gain = 0.0;
+        for (std::size_t k = runs[r].first + 1; k < end; ++k) gain += with[k] - without[k];
+        if (gain >= kWorth) continue;
+        for (std::size_t k = runs[r].first; k <= runs[r].last; ++k) spread[k] = kStill;
+      }
+    }
+    refine(6);
+  };
+  prune(3);
+  prune(3);
+  // Where that went too far the readings leave the line together: open it again, wider.
+  for (int round = 0; round < 3; ++round) {
+    smoother.run(spread, noise * noise, mean, variance);
+    std::vector<double> sum(n + 1, 0.0);
+    for (std::size_t k = 0; k < n; ++k) sum[k + 1] = sum[k] + (reading_mm[k] - smoother.states()[k].x) / noise;
+    bool opened = false;
+    for (const std::size_t width : {4u, 8u, 16u, 48u}) {
+      for (std::size_t k = 0; k + width <= n; ++k) {
+        if (std::fabs(sum[k + width] - sum[k]) < 5.0 * std::sqrt(static_cast<double>(width))) continue;
+        const std::size_t from = k > width / 2 + 2 ? k - width / 2 - 2 : 0;
+        for (std::size_t j = from; j < std::min(k + width + width / 2 + 2, n - 1); ++j) {
+          const double h = t_s[j + 1] - t_s[j];
+          spread[j] = std::max(spread[j], 4.0 * noise * noise / (h * h * h * h));
+        }
+        opened = true;
+      }
+    }
+    if (!opened) break;
+    refine(20);
+    prune(3);
   }
+  for (double& value : spread)
+    if (value <= kAlive) value = kStill;
   smoother.run(spread, noise * noise, mean, variance);
   motion.position_mm.resize(n);
   motion.velocity_mm_s.resize(n);

@@ -47,6 +47,7 @@ bool Hypothesis::has(const model::Physics& effect) const {
 std::string Hypothesis::key() const {
   std::string key;
   for (const auto* effect : effects) key += (key.empty() ? "" : "+") + std::string(effect->name);
+  if (!empirical.empty()) key += (key.empty() ? "" : "+") + ("table of " + empirical);
   return key.empty() ? "nominal" : key;
 }
 
@@ -221,6 +222,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
       Trial trial{&slip, &slip.laws.front(), base.fit.spec, {}};
       trial.spec.parts.push_back(model::make_part(slip, slip.laws.front()));
       trial.spec.parts.back().parameters[0] = time;
+      trial.spec.parts.back().parameters[2] = series_[0].drive.reference.duration_s;
       all.push_back(std::move(trial));
     }
   }

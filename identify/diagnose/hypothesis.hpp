@@ -13,6 +13,7 @@ namespace isorig::identify {
 /// Nominal model plus a set of effects, fitted.
 struct Hypothesis {
   std::vector<const model::Physics*> effects;  ///< sorted by catalogue order; empty: the nominal model
+  std::string empirical;   ///< variables of the tables in it, "" without any
   Fit fit;                 ///< under the noise that it was left with itself
   double ls_chi2 = 0.0;    ///< sum of squares over the instrument's own noise: what it leaves
   double evidence = 0.0;   ///< log-likelihood minus half log(rows) per free number

@@ -12,29 +12,12 @@ struct Rest {
   std::vector<double> force_N;
 };
 
-void take_line_out(Rest& rest) {
-  const auto n = static_cast<double>(rest.t_s.size());
-  double t = 0.0, f = 0.0;
-  for (std::size_t k = 0; k < rest.t_s.size(); ++k) {
-    t += rest.t_s[k] / n;
-    f += rest.force_N[k] / n;
-  }
-  double tt = 0.0, tf = 0.0;
-  for (std::size_t k = 0; k < rest.t_s.size(); ++k) {
-    tt += (rest.t_s[k] - t) * (rest.t_s[k] - t);
-    tf += (rest.t_s[k] - t) * (rest.force_N[k] - f);
-  }
-  const double slope = tt > 0.0 ? tf / tt : 0.0;
-  for (std::size_t k = 0; k < rest.t_s.size(); ++k) rest.force_N[k] -= f + slope * (rest.t_s[k] - t);
-}
-
 std::vector<Rest> find_rests(const Series& series, const std::vector<bool>& usable) {
   constexpr double kSettled_s = 10.0, kShortest_s = 8.0;
   std::vector<Rest> rests;
   Rest rest;
   const auto close = [&] {
     if (rest.t_s.size() >= 20 && rest.t_s.back() - rest.t_s.front() >= kShortest_s) {
-      take_line_out(rest);
       rests.push_back(std::move(rest));
     }
     rest = {};
@@ -57,22 +40,31 @@ std::vector<Rest> find_rests(const Series& series, const std::vector<bool>& usab
   return rests;
 }
 
+/// Restricted likelihood: level and slope of every rest are integrated out, so that they take no noise along.
 double score(std::span<const Rest> rests, const NoiseModel& noise) {
   double sum = 0.0;
+  const double stationary = noise.coloured_N * noise.coloured_N, white2 = noise.white_N * noise.white_N;
   for (const Rest& rest : rests) {
-    double mean = 0.0, variance = noise.coloured_N * noise.coloured_N;
-    const double stationary = variance, white2 = noise.white_N * noise.white_N;
+    Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+    Eigen::Matrix3d gram = Eigen::Matrix3d::Zero();
+    double variance = stationary;
+    const double middle = 0.5 * (rest.t_s.front() + rest.t_s.back());
     for (std::size_t k = 0; k < rest.t_s.size(); ++k) {
       if (k > 0 && stationary > 0.0) {
         const double decay = std::exp(-(rest.t_s[k] - rest.t_s[k - 1]) / noise.correlation_s);
         mean *= decay;
         variance = variance * decay * decay + stationary * (1.0 - decay * decay);
       }
-      const double total = variance + white2, e = rest.force_N[k] - mean;
-      sum -= 0.5 * (e * e / total + std::log(total));
+      const double total = variance + white2;
+      const Eigen::Vector3d e = Eigen::Vector3d(1.0, (rest.t_s[k] - middle) / 10.0, rest.force_N[k] - rest.force_N[0]) - mean;
+      gram += e * e.transpose() / total;
+      sum -= 0.5 * std::log(total);
       mean += variance / total * e;
       variance *= white2 / total;
     }
+    const Eigen::Matrix2d a = gram.topLeftCorner<2, 2>();
+    const Eigen::Vector2d b = gram.topRightCorner<2, 1>();
+    sum -= 0.5 * (gram(2, 2) - b.dot(a.ldlt().solve(b)) + std::log(a.determinant()));
   }
   return sum;
 }
@@ -87,7 +79,9 @@ InstrumentNoise instrument_noise(std::span<const Series> series, std::span<const
   for (std::size_t i = 0; i < series.size(); ++i) {
     for (Rest& rest : find_rests(series[i], i < usable.size() ? usable[i] : std::vector<bool>{})) {
       rows += rest.t_s.size();
-      for (const double f : rest.force_N) squares += f * f;
+      double mean = 0.0;
+      for (const double f : rest.force_N) mean += f / static_cast<double>(rest.force_N.size());
+      for (const double f : rest.force_N) squares += (f - mean) * (f - mean);
       rests.push_back(std::move(rest));
     }
     const auto& frame = series[i].recording.frame;
@@ -97,6 +91,12 @@ InstrumentNoise instrument_noise(std::span<const Series> series, std::span<const
   if (rows < 200) return out;
   out.from_rests = true;
   NoiseModel best{std::max(std::sqrt(squares / static_cast<double>(rows)), 1e-9), 0.0, 1.0};
+  for (double width = 0.3; width > 0.002; width *= 0.6) {
+    for (const double direction : {1.0, -1.0}) {
+      const NoiseModel trial{best.white_N * std::exp(direction * width), 0.0, 1.0};
+      if (score(rests, trial) > score(rests, best)) best = trial;
+    }
+  }
   const double all = best.white_N;
   double best_score = score(rests, best);
   const double white_only = best_score;

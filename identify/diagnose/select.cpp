@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "identify/diagnose/empirical.hpp"
 #include "model/catalogue.hpp"
 
 namespace isorig::identify {
@@ -11,7 +12,7 @@ namespace {
 
 void add(std::vector<Hypothesis>& pool, std::vector<Hypothesis> more) {
   for (Hypothesis& hypothesis : more) {
-    const auto same = std::ranges::find_if(pool, [&](const Hypothesis& h) { return h.effects == hypothesis.effects; });
+    const auto same = std::ranges::find_if(pool, [&](const Hypothesis& h) { return h.effects == hypothesis.effects && h.empirical == hypothesis.empirical; });
     if (same == pool.end()) pool.push_back(std::move(hypothesis));
     else if (hypothesis.evidence > same->evidence) *same = std::move(hypothesis);
   }
@@ -53,6 +54,8 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
     for (const auto* effect : pool[i].effects)
       cost[i] += options.prior_cost + (is_format_effect(*effect) ? 0.0 : options.unusual_cost);
   }
+  for (std::size_t i = 0; i < pool.size(); ++i)
+    if (!pool[i].empirical.empty()) cost[i] += options.unknown_cost;
   std::size_t top = 0;
   for (std::size_t i = 1; i < pool.size(); ++i)
     if (pool[i].evidence - cost[i] > pool[top].evidence - cost[top]) top = i;
@@ -109,6 +112,18 @@ Selection select_effects(const Search& search, const model::ModelSpec& nominal, 
     }
   }
   weigh(selection, search, options);
+
+  // What no effect explains is described by what it depends on, on top of nothing and of the best so far; then
+  // all compete again.
+  const double rows = static_cast<double>(selection.nominal().fit.rows);
+  if (selection.excess[selection.best] > std::max(0.05 * rows, 150.0)) {
+    std::vector<Hypothesis> described;
+    if (auto plain = describe_unknown(search, selection.nominal())) described.push_back(std::move(*plain));
+    if (selection.best != 0)
+      if (auto more = describe_unknown(search, selection.chosen())) described.push_back(std::move(*more));
+    for (Hypothesis& hypothesis : described) pool.push_back(std::move(hypothesis));
+    weigh(selection, search, options);
+  }
   return selection;
 }
 

@@ -28,6 +28,8 @@ struct SelectionOptions {
   double prior_cost = 3.0;
   /// Further against effects outside of the recording format's list.
   double unusual_cost = 2.0;
+  /// Against physics that the catalogue lacks, beyond what its table costs in degrees of freedom.
+  double unknown_cost = 6.0;
   /// How many independent looks at the model error a recording gives. When the best explanation leaves more
   /// than noise, likelihoods overstate: two explanations are then compared by what they leave, as variances
   /// with this many degrees of freedom (calibrated on simulated cases, docs/diagnosis.md).

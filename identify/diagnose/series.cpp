@@ -36,6 +36,18 @@ Series prepare_series(std::string name, messages::Recording recording, const std
   const std::vector<double> since = since_corner(series.drive);
   constexpr double kLongest_s = 2.0, kShareOfElapsed = 0.05;
 
+  const double noise = std::max(white_noise(series.recording.frame.t_s, force), quantisation(force));
+  // A bin in which the force jumps (a grip that slips) would hide the jump: its halves must agree.
+  const auto jumps = [&](std::size_t from, std::size_t end) {
+    const std::size_t half = (end - from) / 2;
+    double a = 0.0, b = 0.0;
+    for (std::size_t j = from; j < from + half; ++j) {
+      a += force[j];
+      b += force[end - 1 - (j - from)];
+    }
+    return std::fabs(a - b) > 5.0 * noise * std::sqrt(2.0 * static_cast<double>(half));
+  };
+
   std::size_t k = 0;
   while (k < rows.size()) {
     const std::size_t first = k;
@@ -43,9 +55,10 @@ Series prepare_series(std::string name, messages::Recording recording, const std
     model::Instant mean;
     double weight = 0.0, force_sum = 0.0;
     std::size_t taken = 0;
-    for (; k < rows.size(); ++k) {
-      const bool fits = k == first || (since[k] > 0.0 && rows[k].t_s - rows[first].t_s <= span_s);
-      if (!fits) break;
+    std::size_t end = first + 1;
+    while (end < rows.size() && since[end] > 0.0 && rows[end].t_s - rows[first].t_s <= span_s) ++end;
+    while (end - first >= 2 && jumps(first, end)) end = first + (end - first) / 2;
+    for (; k < end; ++k) {
       ++taken;
       if (!usable.empty() && !usable[k]) continue;
       const model::Instant& row = rows[k];

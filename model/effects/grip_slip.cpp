@@ -1,3 +1,5 @@
+#include <cmath>
+
 #include "model/effects/effects.hpp"
 
 namespace isorig::model::effect {
@@ -5,10 +7,10 @@ namespace {
 
 class Slip : public Process {
  public:
-  Slip(double time_s, double slip_mm) noexcept : time_s_(time_s), slip_mm_(slip_mm) {}
+  Slip(double time_s, double slip_mm, bool here) noexcept : time_s_(time_s), slip_mm_(slip_mm), here_(here) {}
   void reset(const Instant& first) noexcept override { slipped_ = first.t_s >= time_s_; }
   void move(Instant& now) noexcept override {
-    if (now.t_s < time_s_) return;
+    if (!here_ || now.t_s < time_s_) return;
     now.position_mm -= slip_mm_;
     now.elongation_mm -= slip_mm_;
     if (!slipped_) now.step_mm -= slip_mm_;
@@ -18,6 +20,7 @@ class Slip : public Process {
  private:
   double time_s_;
   double slip_mm_;
+  bool here_;
   bool slipped_ = false;
 };
 
@@ -28,8 +31,16 @@ const Physics& grip_slip() {
       "grip_slip", Stage::kKinematics, "Sudden, irreversible slip in a grip: an event, with its time.",
       "A specimen under tension can only become longer between the grips, so the slip is positive.",
       "It is in the recording or not; marks on the specimen at the grips. A slip of the force zero would not relax.",
-      {{"event", "x' = x - s for t >= t0", {{"time_s", -1e9, 1e9, {}}, {"slip_mm", 0.0, 50.0, {0.05}}}, {},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Slip>(p[0], p[1]); }}}};
+      {{"event", "x' = x - s for t >= t0", {{"time_s", -1e9, 1e9, {}},
+         {"slip_mm", 0.0, 50.0, {0.05}},
+         // An event is no property of the rig: another recording does not hold it. 0: every recording does.
+         {"recording_duration_s", 0.0, 1e9, {0.0}, false, true}},
+        {},
+        [](std::span<const double> p, const Reference& reference) {
+          const bool here = p[2] == 0.0 || reference.duration_s == 0.0 ||
+                            std::fabs(p[2] - reference.duration_s) < 1e-3;
+          return std::make_unique<Slip>(p[0], p[1], here);
+        }}}};
   return physics;
 }
 
