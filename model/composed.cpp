@@ -1,7 +1,7 @@
 #include "model/composed.hpp"
 
 #include <algorithm>
-#include <cassert>
+#include <cmath>
 #include <numeric>
 
 #include "model/catalogue.hpp"
@@ -91,6 +91,7 @@ void RunningModel::set_coefficients(std::span<const double> values) noexcept {
 }
 
 void RunningModel::run(Instant now) noexcept {
+  if (std::isnan(now.slide_mm)) now.slide_mm = now.step_mm;
   std::ranges::fill(work_, 0.0);
   for (Running& running : running_) {
     switch (running.stage) {

@@ -57,6 +57,7 @@ class TableMotion : public Process {
     now.position_mm += error;
     now.elongation_mm += error;
     now.step_mm += change;
+    now.slide_mm += change;
     if (now.dt_s > 0.0) now.velocity_mm_s += change / now.dt_s;
   }
 

@@ -1,5 +1,6 @@
 #pragma once
 #include <functional>
+#include <limits>
 #include <memory>
 #include <span>
 #include <string_view>
@@ -24,6 +25,9 @@ struct Instant {
   double position_mm = 0.0;         ///< what the specimen sees: the crosshead after play and slip
   double elongation_mm = 0.0;       ///< position + Reference::elongation_at_zero_mm
   double step_mm = 0.0;             ///< change of position since the last instant
+  /// The same without reversals smaller than the reading's noise, for laws that take every reversal at its
+  /// word (friction). NaN: as step_mm, which is right when the motion is known and not read.
+  double slide_mm = std::numeric_limits<double>::quiet_NaN();
   double velocity_mm_s = 0.0;       ///< at the instant
   double acceleration_mm_s2 = 0.0;  ///< at the instant
   double excess_pressure_psi = 0.0; ///< measured minus nominal

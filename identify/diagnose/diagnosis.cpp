@@ -101,6 +101,32 @@ double importance_of(const Selection& selection, const model::Physics* effect) {
   return least - selection.excess[selection.best];
 }
 
+/// The time of a slip to the row: bins only say between which of them it was.
+void place_slips(model::ModelSpec& spec, std::span<const Series> series, std::span<const std::vector<bool>> usable) {
+  for (auto& part : spec.parts) {
+    if (part.physics->name != "grip_slip") continue;
+    const Series& first = series[0];
+    double before = first.nodes.front().t_s, after = first.nodes.back().t_s;
+    for (const auto& node : first.nodes) {
+      if (node.t_s < part.parameters[0]) before = node.t_s;
+      else {
+        after = node.t_s;
+        break;
+      }
+    }
+    double best_s = part.parameters[0], best = rmse(spec, series.first(1), usable);
+    for (const auto& row : first.drive.instants) {
+      if (row.t_s < before - 1.0 || row.t_s > after + 1.0) continue;
+      part.parameters[0] = row.t_s - 0.5 * row.dt_s;
+      if (const double value = rmse(spec, series.first(1), usable); value < best) {
+        best = value;
+        best_s = part.parameters[0];
+      }
+    }
+    part.parameters[0] = best_s;
+  }
+}
+
 void note_equivalences(const model::ModelSpec& spec, Diagnosis& diagnosis) {
   const bool solid = spec.has("spring") && spec.has("maxwell");
   if (solid)
@@ -143,6 +169,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   out.noise_N = std::hypot(study.noise.noise.white_N, study.noise.noise.coloured_N);
   out.nominal = selection.nominal().fit.spec;
   out.model = chosen.fit.spec;
+  place_slips(out.model, study.series, study.usable);
   out.nominal.name = nominal.name;
   out.model.name = nominal.name;
   const Problem problem(study.series, chosen.fit.noise);
@@ -154,7 +181,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     for (std::size_t p = 0; p < chosen.fit.spec.parts.size(); ++p) {
       if (chosen.fit.spec.parts[p].physics != effect) continue;
       missing.law = chosen.fit.spec.parts[p].law->name;
-      missing.parameters = intervals(problem, chosen.fit.spec, p);
+      missing.parameters = intervals(problem, out.model, p);
     }
     out.missing.push_back(std::move(missing));
   }

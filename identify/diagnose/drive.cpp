@@ -15,7 +15,9 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
-/// One pass of filter and smoother with acceleration variances `spread` per interval.
+/// One pass of filter and smoother with acceleration variances `spread` per interval. The acceleration acts as
+/// an impulse at the interval's end, so that the motion is straight between readings: a smoother motion cannot
+/// follow a corner between two sparse readings without ringing, and friction would see every swing.
 class AccelerationSmoother {
  public:
   AccelerationSmoother(std::span<const double> t_s, std::span<const double> reading_mm)
@@ -74,9 +76,9 @@ class AccelerationSmoother {
       out.pxx = f.pxx + quadratic(cxx, cxv, cxx, cxv, mxx, mxv, mvv);
       out.pxv = f.pxv + quadratic(cxx, cxv, cvx, cvv, mxx, mxv, mvv);
       out.pvv = f.pvv + quadratic(cvx, cvv, cvx, cvv, mxx, mxv, mvv);
-      const double ax = spread[k] * 0.5 * h * h, av = spread[k] * h;
-      mean[k] = ax * ix + av * iv;
-      variance[k] = std::clamp(spread[k] + quadratic(ax, av, ax, av, mxx, mxv, mvv), 0.0, spread[k]);
+      const double av = spread[k] * h;
+      mean[k] = av * iv;
+      variance[k] = std::clamp(spread[k] + av * mvv * av, 0.0, spread[k]);
     }
   }
 
@@ -90,9 +92,8 @@ class AccelerationSmoother {
     State p;
     p.x = s.x + h * s.v;
     p.v = s.v;
-    const double b0 = 0.5 * h * h;
-    p.pxx = s.pxx + 2.0 * h * s.pxv + h * h * s.pvv + b0 * b0 * spread;
-    p.pxv = s.pxv + h * s.pvv + b0 * h * spread;
+    p.pxx = s.pxx + 2.0 * h * s.pxv + h * h * s.pvv;
+    p.pxv = s.pxv + h * s.pvv;
     p.pvv = s.pvv + h * h * spread;
     // A trace of each keeps the prediction invertible when an interval has no acceleration of its own.
     p.pxx *= 1.0 + 1e-9;
@@ -115,6 +116,44 @@ class AccelerationSmoother {
   std::span<const double> y_;
   std::vector<State> filtered_, smoothed_;
 };
+
+/// The same path with every reversal smaller than `least_mm` taken out: monotone from one true turning point to
+/// the next, which keep their place.
+std::vector<double> without_small_reversals(const std::vector<double>& path, double least_mm) {
+  std::vector<std::size_t> turns{0};
+  std::size_t low = 0, high = 0;
+  int direction = 0;
+  for (std::size_t k = 1; k < path.size(); ++k) {
+    if (path[k] > path[high]) high = k;
+    if (path[k] < path[low]) low = k;
+    if (direction >= 0 && path[high] - path[k] > least_mm) {
+      turns.push_back(high);
+      direction = -1;
+      low = k;
+      high = k;
+    } else if (direction <= 0 && path[k] - path[low] > least_mm) {
+      turns.push_back(low);
+      direction = 1;
+      low = k;
+      high = k;
+    }
+    // Moving on in the same direction: the other extreme starts anew from here.
+    if (direction > 0 && high == k) low = k;
+    if (direction < 0 && low == k) high = k;
+  }
+  turns.push_back(path.empty() ? 0 : path.size() - 1);
+  std::vector<double> out = path;
+  for (std::size_t t = 0; t + 1 < turns.size(); ++t) {
+    const double from = path[turns[t]], to = path[turns[t + 1]];
+    const double least = std::min(from, to), most = std::max(from, to);
+    double at = from;
+    for (std::size_t k = turns[t]; k <= turns[t + 1]; ++k) {
+      at = std::clamp(to >= from ? std::max(at, path[k]) : std::min(at, path[k]), least, most);
+      out[k] = at;
+    }
+  }
+  return out;
+}
 
 }  // namespace
 
@@ -255,9 +294,10 @@ Motion smooth_motion(std::span<const double> t_s, std::span<const double> readin
   double squares = 0.0;
   for (std::size_t k = 0; k < n; ++k) {
     motion.position_mm[k] = smoother.states()[k].x;
-    motion.velocity_mm_s[k] = smoother.states()[k].v;
-    const double before = k > 0 ? mean[k - 1] : mean[0], after = k + 1 < n ? mean[k] : mean[n - 2];
-    motion.acceleration_mm_s2[k] = 0.5 * (before + after);
+    // At a reading: the mean of what was before and what comes after.
+    const double after = smoother.states()[k].v, before = k > 0 ? smoother.states()[k - 1].v : after;
+    motion.velocity_mm_s[k] = 0.5 * (before + after);
+    if (k > 0 && k + 1 < n) motion.acceleration_mm_s2[k] = (after - before) / (0.5 * (t_s[k + 1] - t_s[k - 1]));
     const double e = reading_mm[k] - motion.position_mm[k];
     squares += e * e;
   }
@@ -340,6 +380,8 @@ Drive reconstruct_drive(const messages::Recording& recording) {
   drive.reference.nominal_pressure_psi = nominal;
 
   drive.instants.resize(n);
+  drive.slid_mm = without_small_reversals(
+      drive.motion.position_mm, 5.0 * std::max(drive.motion.noise_mm, drive.motion.quantisation_mm));
   for (std::size_t k = 0; k < n; ++k) {
     model::Instant& now = drive.instants[k];
     now.t_s = frame.t_s[k];
@@ -348,6 +390,7 @@ Drive reconstruct_drive(const messages::Recording& recording) {
     if (k > 0) {
       now.dt_s = now.t_s - frame.t_s[k - 1];
       now.step_mm = now.position_mm - drive.motion.position_mm[k - 1];
+      now.slide_mm = drive.slid_mm[k] - drive.slid_mm[k - 1];
     }
     now.velocity_mm_s = drive.motion.velocity_mm_s[k];
     now.acceleration_mm_s2 = drive.motion.acceleration_mm_s2[k];

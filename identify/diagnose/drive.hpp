@@ -17,8 +17,8 @@ struct Motion {
   double quantisation_mm = 0.0;  ///< smallest step of the reading, 0 when it is finer than the noise
 };
 
-/// Sparse Bayesian smoothing: between two readings the acceleration is constant and Gaussian with a variance of
-/// its own, which is estimated (MacKay's fixed point over a Rauch-Tung-Striebel smoother). Where the crosshead
+/// Sparse Bayesian smoothing: straight between readings, with a change of velocity at each that is Gaussian with
+/// a variance of its own, which is estimated (MacKay's fixed point over a Rauch-Tung-Striebel smoother). Where the crosshead
 /// holds or runs at constant velocity the variance dies out and hundreds of readings average into a straight
 /// line; at a corner it survives and the readings are followed. Play, friction and lag operators must be driven
 /// by this, never by the reading: every micrometre of noise reverses them.
@@ -44,6 +44,7 @@ struct Drive {
   std::vector<model::Instant> instants;
   model::Reference reference;
   Motion motion;
+  std::vector<double> slid_mm;       ///< position without reversals smaller than the reading's noise, per row
   std::vector<double> pressure_psi;  ///< smoothed, per row; empty without a pressure channel
   double pressure_noise_psi = 0.0;
 };

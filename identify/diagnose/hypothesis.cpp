@@ -16,9 +16,34 @@ namespace {
 using model::ModelSpec;
 using model::Part;
 
-/// Refinements of an effect that stands in the list itself; tried only on top of it.
+/// Refinements of friction; tried only on a nominal model that has friction already.
 bool is_refinement(const model::Physics& physics) {
   return &physics == &model::effect::friction_asymmetry() || &physics == &model::effect::friction_with_pressure();
+}
+
+/// Smaller than what the instruments could show: such a play or slip stands in for noise in the position
+/// reading, such a lag for jitter of the time stamps, whatever the likelihood says.
+bool below_resolution(const ModelSpec& spec, std::span<const Series> series) {
+  double noise_mm = 0.0, interval_s = 1e9;
+  for (const Series& each : series) {
+    noise_mm = std::max({noise_mm, each.drive.motion.noise_mm, each.drive.motion.quantisation_mm});
+    std::vector<double> steps;
+    for (const auto& now : each.drive.instants)
+      if (now.dt_s > 0.0) steps.push_back(now.dt_s);
+    std::ranges::nth_element(steps, steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 10));
+    interval_s = std::min(interval_s, steps[steps.size() / 10]);
+  }
+  for (const Part& part : spec.parts) {
+    for (std::size_t i = 0; i < part.parameters.size(); ++i) {
+      const std::string_view name = part.law->parameters[i].name;
+      const double value = part.parameters[i];
+      if (name == "gap_mm" && value < 8.0 * noise_mm) return true;
+      if (name == "slip_mm" && value < 4.0 * noise_mm) return true;
+      if (name == "delay_s" && value < 0.1 * interval_s) return true;
+      if (part.physics == &model::effect::force_lag() && value < 0.1 * interval_s) return true;
+    }
+  }
+  return false;
 }
 
 std::size_t free_numbers(const ModelSpec& spec) {
@@ -105,7 +130,10 @@ std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
       series_, [](const Series& s) { return !s.drive.pressure_psi.empty(); });
   for (const model::Physics* effect : model::effects()) {
     if (base.has(*effect)) continue;
-    if (is_refinement(*effect) && !base.has(model::effect::coulomb_friction())) continue;
+    if (is_refinement(*effect) && (!spec.has("coulomb_friction") || base.has(model::effect::coulomb_friction())))
+      continue;
+    // A nominal model that has it does not lack it.
+    if (spec.has(effect->name) && effect != &model::effect::second_relaxation()) continue;
     const bool of_pressure = effect == &model::effect::pressure_coupling() ||
                              effect == &model::effect::friction_with_pressure();
     if (of_pressure && !with_pressure) continue;
@@ -259,6 +287,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
   std::ranges::stable_sort(out, std::greater<>(), &Hypothesis::evidence);
   std::vector<Hypothesis> best;
   for (Hypothesis& hypothesis : out) {
+    if (below_resolution(hypothesis.fit.spec, series_)) continue;
     if (std::ranges::none_of(best, [&](const Hypothesis& other) { return other.effects == hypothesis.effects; }))
       best.push_back(std::move(hypothesis));
   }

@@ -106,6 +106,9 @@ Selection select_effects(const Search& search, const model::ModelSpec& nominal, 
     const auto larger = ranked(pool, size + 1);
     // More of the beam only where one more effect explains more at all.
     if (larger.empty() || pool[larger.front()].evidence < best + options.least_gain) break;
+    // A first effect that explains all but a little is in every explanation; else the others get their turn, so
+    // that the answer does not hang on which was best alone.
+    if (size == 1 && pool[order.front()].ls_chi2 < 0.02 * pool.front().ls_chi2) continue;
     for (std::size_t b = 1; b < std::min<std::size_t>(order.size(), size == 1 ? 4 : 2); ++b) {
       const Hypothesis base = pool[order[b]];
       add(pool, search.extend(base, 2, false));

@@ -48,12 +48,13 @@ Series prepare_series(std::string name, messages::Recording recording, const std
     return std::fabs(a - b) > 5.0 * noise * std::sqrt(2.0 * static_cast<double>(half));
   };
 
+  double last_slid_mm = 0.0;
   std::size_t k = 0;
   while (k < rows.size()) {
     const std::size_t first = k;
     const double span_s = std::min(kLongest_s, kShareOfElapsed * since[first]);
     model::Instant mean;
-    double weight = 0.0, force_sum = 0.0;
+    double weight = 0.0, force_sum = 0.0, slid_mm = 0.0;
     std::size_t taken = 0;
     std::size_t end = first + 1;
     while (end < rows.size() && since[end] > 0.0 && rows[end].t_s - rows[first].t_s <= span_s) ++end;
@@ -64,6 +65,7 @@ Series prepare_series(std::string name, messages::Recording recording, const std
       const model::Instant& row = rows[k];
       mean.t_s += row.t_s;
       mean.position_mm += row.position_mm;
+      slid_mm += series.drive.slid_mm[k];
       mean.velocity_mm_s += row.velocity_mm_s;
       mean.acceleration_mm_s2 += row.acceleration_mm_s2;
       mean.excess_pressure_psi += row.excess_pressure_psi;
@@ -73,6 +75,7 @@ Series prepare_series(std::string name, messages::Recording recording, const std
     if (weight == 0.0) {
       // Nothing usable: the motion still passes here, and the model must see it.
       mean = rows[first + taken / 2];
+      slid_mm = series.drive.slid_mm[first + taken / 2];
       weight = 1.0;
     }
     mean.t_s /= weight;
@@ -81,11 +84,13 @@ Series prepare_series(std::string name, messages::Recording recording, const std
     mean.acceleration_mm_s2 /= weight;
     mean.excess_pressure_psi /= weight;
     mean.elongation_mm = mean.position_mm + series.drive.reference.elongation_at_zero_mm;
+    mean.slide_mm = slid_mm / weight - last_slid_mm;
+    last_slid_mm = slid_mm / weight;
     if (!series.nodes.empty()) {
       mean.dt_s = mean.t_s - series.nodes.back().t_s;
       mean.step_mm = mean.position_mm - series.nodes.back().position_mm;
     } else {
-      mean.dt_s = mean.step_mm = 0.0;
+      mean.dt_s = mean.step_mm = mean.slide_mm = 0.0;
     }
     const bool seen = force_sum != 0.0 || usable.empty() ||
                       std::any_of(usable.begin() + static_cast<std::ptrdiff_t>(first),

@@ -14,8 +14,8 @@ class Dahl : public Process {
   explicit Dahl(double presliding_mm) noexcept : presliding_mm_(presliding_mm) {}
   void reset(const Instant&) noexcept override { z_ = 0.0; }
   void force(const Instant& now, double* columns) noexcept override {
-    const double s = sign_of(now.step_mm);
-    if (s != 0.0) z_ = s + (z_ - s) * std::exp(-std::fabs(now.step_mm) / presliding_mm_);
+    const double s = sign_of(now.slide_mm);
+    if (s != 0.0) z_ = s + (z_ - s) * std::exp(-std::fabs(now.slide_mm) / presliding_mm_);
     columns[0] = z_;
   }
 
@@ -32,11 +32,11 @@ class Stribeck : public Process {
       : presliding_mm_(presliding_mm), velocity_mm_s_(velocity_mm_s), excess_(excess), square_(square) {}
   void reset(const Instant&) noexcept override { z_ = 0.0; }
   void force(const Instant& now, double* columns) noexcept override {
-    const double s = sign_of(now.step_mm);
+    const double s = sign_of(now.slide_mm);
     if (s != 0.0 && now.dt_s > 0.0) {
-      const double u = std::fabs(now.step_mm) / now.dt_s / velocity_mm_s_;
+      const double u = std::fabs(now.slide_mm) / now.dt_s / velocity_mm_s_;
       const double limit = 1.0 + excess_ * std::exp(square_ ? -u * u : -u);
-      z_ = s * limit + (z_ - s * limit) * std::exp(-std::fabs(now.step_mm) / (presliding_mm_ * limit));
+      z_ = s * limit + (z_ - s * limit) * std::exp(-std::fabs(now.slide_mm) / (presliding_mm_ * limit));
     }
     columns[0] = z_;
   }
@@ -55,7 +55,7 @@ class Jenkins : public Process {
   explicit Jenkins(double presliding_mm) noexcept : presliding_mm_(presliding_mm) {}
   void reset(const Instant&) noexcept override { z_ = 0.0; }
   void force(const Instant& now, double* columns) noexcept override {
-    z_ = std::clamp(z_ + now.step_mm / presliding_mm_, -1.0, 1.0);
+    z_ = std::clamp(z_ + now.slide_mm / presliding_mm_, -1.0, 1.0);
     columns[0] = z_;
   }
 
@@ -73,7 +73,7 @@ class Iwan : public Process {
     double sum = 0.0;
     for (std::size_t i = 0; i < kCount; ++i) {
       const double distance = presliding_mm_ * (static_cast<double>(i) + 0.5) / kCount;
-      z_[i] = std::clamp(z_[i] + now.step_mm / distance, -1.0, 1.0);
+      z_[i] = std::clamp(z_[i] + now.slide_mm / distance, -1.0, 1.0);
       sum += z_[i];
     }
     columns[0] = sum / kCount;

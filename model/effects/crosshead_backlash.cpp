@@ -20,6 +20,7 @@ class Play : public Process {
     now.position_mm += offset;
     now.elongation_mm += offset;
     now.step_mm = now.dt_s > 0.0 ? at_mm_ - before : 0.0;
+    now.slide_mm = now.step_mm;  // play has taken out small reversals itself
     if (now.dt_s > 0.0) now.velocity_mm_s = now.step_mm == 0.0 ? 0.0 : now.velocity_mm_s;
   }
 

@@ -12,8 +12,8 @@ class Asymmetric : public Process {
   explicit Asymmetric(double presliding_mm) noexcept : presliding_mm_(presliding_mm) {}
   void reset(const Instant&) noexcept override { z_ = 0.0; }
   void force(const Instant& now, double* columns) noexcept override {
-    const double s = sign_of(now.step_mm);
-    if (s != 0.0) z_ = s + (z_ - s) * std::exp(-std::fabs(now.step_mm) / presliding_mm_);
+    const double s = sign_of(now.slide_mm);
+    if (s != 0.0) z_ = s + (z_ - s) * std::exp(-std::fabs(now.slide_mm) / presliding_mm_);
     columns[0] = std::fmax(z_, 0.0);
     columns[1] = std::fmin(z_, 0.0);
     columns[2] = std::fabs(now.velocity_mm_s);

@@ -12,8 +12,8 @@ class Pressed : public Process {
       : presliding_mm_(presliding_mm), nominal_psi_(nominal_psi) {}
   void reset(const Instant&) noexcept override { z_ = 0.0; }
   void force(const Instant& now, double* columns) noexcept override {
-    const double s = sign_of(now.step_mm);
-    if (s != 0.0) z_ = s + (z_ - s) * std::exp(-std::fabs(now.step_mm) / presliding_mm_);
+    const double s = sign_of(now.slide_mm);
+    if (s != 0.0) z_ = s + (z_ - s) * std::exp(-std::fabs(now.slide_mm) / presliding_mm_);
     columns[0] = z_;
     columns[1] = z_ * (now.excess_pressure_psi + nominal_psi_);
   }

@@ -13,7 +13,10 @@ class Slip : public Process {
     if (!here_ || now.t_s < time_s_) return;
     now.position_mm -= slip_mm_;
     now.elongation_mm -= slip_mm_;
-    if (!slipped_) now.step_mm -= slip_mm_;
+    if (!slipped_) {
+      now.step_mm -= slip_mm_;
+      now.slide_mm -= slip_mm_;
+    }
     slipped_ = true;
   }
 

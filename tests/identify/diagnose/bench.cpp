@@ -1,0 +1,169 @@
+#include "bench.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+namespace isorig::test {
+namespace {
+
+constexpr double kStep_s = 1e-3;
+
+struct Script {
+  std::vector<double> position_mm{0.0};  // per millisecond, before the corners are rounded
+  std::vector<std::pair<double, double>> dense;
+
+  void to(double target_mm, double velocity_mm_s, bool watch) {
+    const double from_mm = position_mm.back(), start_s = time_s();
+    const auto steps = static_cast<int>(std::fabs(target_mm - from_mm) / velocity_mm_s / kStep_s);
+    for (int i = 1; i <= steps; ++i) position_mm.push_back(from_mm + (target_mm - from_mm) * i / steps);
+    if (watch) dense.emplace_back(start_s - 0.5, time_s() + 3.0);
+  }
+  void hold(double seconds) { position_mm.insert(position_mm.end(), static_cast<std::size_t>(seconds / kStep_s), position_mm.back()); }
+  void sine(double amplitude_mm, double frequency_Hz, int cycles) {
+    const double zero = position_mm.back(), start_s = time_s();
+    const auto steps = static_cast<int>(cycles / frequency_Hz / kStep_s);
+    for (int i = 1; i <= steps; ++i) position_mm.push_back(zero + amplitude_mm * std::sin(2.0 * M_PI * frequency_Hz * i * kStep_s));
+    dense.emplace_back(start_s - 0.5, time_s() + 2.0);
+  }
+  [[nodiscard]] double time_s() const { return static_cast<double>(position_mm.size() - 1) * kStep_s; }
+
+  /// Mean over 40 ms: what an acceleration limit makes of corners.
+  void round_corners() {
+    constexpr int kHalf = 20;
+    std::vector<double> sum(position_mm.size() + 1, 0.0);
+    for (std::size_t i = 0; i < position_mm.size(); ++i) sum[i + 1] = sum[i] + position_mm[i];
+    std::vector<double> rounded(position_mm.size());
+    for (std::size_t i = 0; i < position_mm.size(); ++i) {
+      const std::size_t from = i > kHalf ? i - kHalf : 0, to = std::min(position_mm.size(), i + kHalf + 1);
+      rounded[i] = (sum[to] - sum[from]) / static_cast<double>(to - from);
+    }
+    position_mm = std::move(rounded);
+  }
+};
+
+messages::Recording run(const Bench& b, Script script, bool noise) {
+  script.round_corners();
+  const auto& x = script.position_mm;
+  const std::size_t n = x.size();
+  std::mt19937 random(b.seed);
+  std::normal_distribution<double> normal;
+  // Pressure wanders whether or not the specimen cares.
+  std::vector<double> pressure(n), force(n);
+  double wander = 0.0;
+  for (std::size_t i = 0; i < n; ++i) {
+    wander += -wander * kStep_s / 60.0 + b.pressure_wander_psi * std::sqrt(2.0 * kStep_s / 60.0) * normal(random);
+    pressure[i] = wander;
+  }
+  double arm = 0.0, second = 0.0, bristle = 0.0, seen = x[0], travel = 0.0, lagged = 0.0, colour = 0.0;
+  bool slipped = false;
+  for (std::size_t i = 0; i < n; ++i) {
+    const double t = static_cast<double>(i) * kStep_s;
+    const double before = seen;
+    seen = std::clamp(seen, x[i] - 0.5 * b.gap_mm, x[i] + 0.5 * b.gap_mm);
+    if (b.slip_mm > 0.0) {
+      slipped = t >= b.slip_s;
+      seen = x[i] - (slipped ? b.slip_mm : 0.0);
+    }
+    const double dx = i == 0 ? 0.0 : seen - before;
+    travel += std::fabs(dx);
+    const auto flow = [&](double z) { return std::copysign(std::pow(std::fabs(z), b.power), z) / b.arm_s; };
+    const double middle = arm + 0.5 * (dx - kStep_s * flow(arm));
+    arm += dx - kStep_s * flow(middle);
+    const double middle2 = second + 0.5 * (dx - kStep_s * second / b.second_arm_s);
+    second += dx - kStep_s * middle2 / b.second_arm_s;
+    constexpr int kFine = 50;  // a bristle bends over less than what passes in a millisecond
+    for (int j = 0; j < kFine; ++j)
+      bristle += dx / kFine / b.presliding_mm * (1.0 - bristle * (dx > 0.0 ? 1.0 : dx < 0.0 ? -1.0 : 0.0));
+    const double e = seen + b.elongation_at_zero_mm;
+    double f = b.stiffness_N_mm * e + b.arm_N_mm * arm + b.second_arm_N_mm * second + b.friction_N * bristle;
+    f += b.quadratic_N_mm2 * seen * seen + b.coupling_N_mm_psi * pressure[i] * e;
+    f -= b.softening_N_mm * e * (1.0 - std::exp(-travel / b.softening_travel_mm));
+    f += b.ripple_N * std::sin(2.0 * M_PI * seen / b.ripple_mm);
+    if (b.slack) f = std::max(0.0, f);
+    if (b.mass_kg > 0.0 && i > 0 && i + 1 < n)
+      f += b.mass_kg * 1e-3 * (x[i + 1] - 2.0 * x[i] + x[i - 1]) / (kStep_s * kStep_s);
+    if (b.lag_s > 0.0) {
+      lagged = i == 0 ? f : lagged + kStep_s / b.lag_s * (f - lagged);
+      f = lagged;
+    }
+    force[i] = f;
+  }
+  if (b.delay_s > 0.0) {
+    const auto shift = static_cast<std::size_t>(std::lround(b.delay_s / kStep_s));
+    for (std::size_t i = n; i-- > 0;) force[i] = force[i >= shift ? i - shift : 0];
+  }
+  messages::Recording out;
+  out.metadata.specimen = "bench";
+  out.metadata.rest_length_mm = 90.0;
+  out.metadata.pressurized_rest_length_mm = 90.0 - b.elongation_at_zero_mm;
+  out.metadata.nominal_pressure_psi = 15.0;
+  out.pressure.emplace();
+  double next_s = 0.0, next_pressure_s = 0.003, last_s = 0.0;
+  std::uniform_real_distribution<double> jitter(-2e-4, 2e-4);
+  while (next_s < script.time_s() - 0.01) {
+    const double t = std::max(0.0, next_s + jitter(random));
+    const auto i = static_cast<std::size_t>(t / kStep_s);
+    const double share = t / kStep_s - static_cast<double>(i);
+    const double at = x[i] + share * (x[i + 1] - x[i]);
+    double f = force[i] + share * (force[i + 1] - force[i]) + b.drift_N_h * t / 3600.0;
+    if (noise) {
+      const double keep = std::exp(-(t - last_s) / b.coloured_s);
+      colour = colour * keep + b.coloured_N * std::sqrt(1.0 - keep * keep) * normal(random);
+      f += b.force_noise_N * normal(random) + colour;
+      f = std::round(f / b.force_step_N) * b.force_step_N;
+    }
+    last_s = t;
+    out.frame.t_s.push_back(t);
+    out.frame.position_mm.push_back(std::round((at + b.position_noise_mm * normal(random)) * 1e5) / 1e5);
+    out.frame.force_N.push_back(f);
+    const bool dense = std::ranges::any_of(script.dense, [&](const auto& d) { return next_s >= d.first && next_s <= d.second; });
+    next_s += dense ? 0.005 : 0.2;
+    if (next_s >= next_pressure_s) {
+      const auto k = std::min(n - 1, static_cast<std::size_t>(next_pressure_s / kStep_s));
+      out.pressure->t_s.push_back(next_pressure_s);
+      out.pressure->pressure_psi.push_back(15.0 + pressure[k] + 0.005 * normal(random));
+      next_pressure_s += 0.2;
+    }
+  }
+  for (int s = 0; s < b.spikes; ++s) out.frame.force_N[random() % out.frame.size()] += (s % 2 == 0 ? 1.0 : -1.0) * (1.0 + s % 3);
+  return out;
+}
+
+}  // namespace
+
+messages::Recording record(const Bench& bench) {
+  Script s;
+  s.hold(20.0);
+  s.to(4.0, 0.05, false);
+  s.to(-4.0, 0.05, false);
+  s.to(0.0, 0.05, false);
+  s.hold(25.0);
+  for (const double v : {2.0, 4.0, 6.0, 8.0, 10.0}) {
+    for (const double side : {1.0, -1.0}) {
+      s.to(2.0 * side, v, true);
+      s.hold(25.0);
+      s.to(0.0, 0.05, false);
+      s.hold(25.0);
+    }
+  }
+  return run(bench, s, true);
+}
+
+messages::Recording record_other(const Bench& bench) {
+  Script s;
+  s.hold(10.0);
+  for (const double v : {1.0, 5.0}) {
+    for (const double side : {1.0, -1.0}) {
+      s.to(1.5 * side, v, true);
+      s.hold(10.0);
+      s.to(0.0, 0.05, false);
+      s.hold(10.0);
+    }
+  }
+  s.sine(0.75, 0.5, 4);
+  s.hold(5.0);
+  return run(bench, s, false);
+}
+
+}  // namespace isorig::test

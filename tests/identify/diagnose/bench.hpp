@@ -1,0 +1,49 @@
+#pragma once
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "messages/recording.hpp"
+
+/// A test bench of its own: straightforward integration at 1 ms, no line shared with model/. What it conceals,
+/// the diagnosis must find.
+namespace isorig::test {
+
+struct Bench {
+  // Specimen.
+  double stiffness_N_mm = 2.5;
+  double arm_N_mm = 2.0;
+  double arm_s = 0.8;
+  double elongation_at_zero_mm = 20.0;
+  // Concealed; zero or empty: not there.
+  double friction_N = 0.0, presliding_mm = 0.03;
+  double quadratic_N_mm2 = 0.0;
+  double second_arm_N_mm = 0.0, second_arm_s = 8.0;
+  double power = 1.0;  ///< of the arm's dashpot: dz/dt = v - sign(z) |z|^power / arm_s
+  double coupling_N_mm_psi = 0.0;
+  double softening_N_mm = 0.0, softening_travel_mm = 15.0;
+  double lag_s = 0.0;
+  double delay_s = 0.0;
+  double mass_kg = 0.0;
+  double drift_N_h = 0.0;
+  double slip_mm = 0.0, slip_s = 0.0;
+  double gap_mm = 0.0;
+  bool slack = false;
+  double ripple_N = 0.0, ripple_mm = 0.4;  ///< in no catalogue
+  // Instruments.
+  double force_noise_N = 0.02;
+  double coloured_N = 0.0, coloured_s = 2.0;
+  double position_noise_mm = 4e-4;
+  double force_step_N = 0.001;
+  int spikes = 0;
+  double pressure_wander_psi = 0.02;
+  unsigned seed = 1;
+};
+
+/// One shortened session: triangle, then +-2 mm at five velocities with holds and slow returns; 200 Hz round the
+/// ramps, 5 Hz else, stamps jittered. `slow` scales how long it takes.
+[[nodiscard]] messages::Recording record(const Bench& bench);
+/// Other velocities and a sine, noise-free force for measuring predictions.
+[[nodiscard]] messages::Recording record_other(const Bench& bench);
+
+}  // namespace isorig::test
