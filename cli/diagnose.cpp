@@ -8,6 +8,7 @@
 
 #include "cli/command.hpp"
 #include "identify/diagnose/diagnosis.hpp"
+#include "identify/diagnose/report.hpp"
 #include "messages/recording.hpp"
 #include "model/composed.hpp"
 
@@ -19,6 +20,7 @@ struct Options {
   std::string model;
   std::string out;
   unsigned threads = 2;
+  bool report = true;
 };
 
 bool write(const std::filesystem::path& file, const std::string& text) {
@@ -57,6 +59,14 @@ int diagnose(const Options& options) {
                        write(out / "nominal.toml", model::model_text(d.nominal, "The given model, refitted.")) &&
                        write(out / "model.toml", model::model_text(d.model, "The model with what it lacked."));
   if (!written) return kFailure;
+  if (options.report) {
+    try {
+      identify::write_diagnosis_report(study, out);
+    } catch (const std::exception& e) {
+      // The diagnosis stands without its figures.
+      std::cerr << "report.html: " << e.what() << '\n';
+    }
+  }
 
   std::printf("%s\n", std::string(identify::name_of(d.verdict)).c_str());
   for (const auto& missing : d.missing) {
@@ -80,6 +90,7 @@ Command add_diagnose(CLI::App& app) {
   sub->add_option("--model", options->model, "Nominal model: slse1, slse2 or a TOML file")->required();
   sub->add_option("--out", options->out, "Folder for diagnosis.json, the models and report.html")->required();
   sub->add_option("--threads", options->threads, "Threads to use")->capture_default_str()->check(CLI::Range(1, 64));
+  sub->add_flag("!--no-report", options->report, "Leave out report.html and its figures");
   return {sub, [options] { return diagnose(*options); }};
 }
 

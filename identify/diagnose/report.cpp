@@ -1,0 +1,131 @@
+#include "identify/diagnose/report.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "identify/report/page.hpp"
+#include "model/catalogue.hpp"
+
+namespace isorig::identify {
+namespace {
+
+using report::number_text;
+
+struct Residuals {
+  std::vector<double> t_s, position_mm, nominal_N, model_N;
+};
+
+Residuals residuals(const Series& series, const std::vector<bool>& usable, const Diagnosis& d) {
+  model::RunningModel nominal(d.nominal, series.drive.reference), full(d.model, series.drive.reference);
+  const auto& instants = series.drive.instants;
+  nominal.reset(instants.front());
+  full.reset(instants.front());
+  Residuals out;
+  for (std::size_t k = 0; k < instants.size(); ++k) {
+    const double without = nominal.step(instants[k]), with = full.step(instants[k]);
+    if (!usable.empty() && !usable[k]) continue;
+    out.t_s.push_back(instants[k].t_s);
+    out.position_mm.push_back(instants[k].position_mm);
+    out.nominal_N.push_back(series.recording.frame.force_N[k] - without);
+    out.model_N.push_back(series.recording.frame.force_N[k] - with);
+  }
+  return out;
+}
+
+std::string verdict_text(const Diagnosis& d) {
+  switch (d.verdict) {
+    case Verdict::kConsistent:
+      return "The model is consistent with the recording: what is left is what the instruments would leave.";
+    case Verdict::kMissingPhysics:
+      return "The model lacks physics that the catalogue knows.";
+    case Verdict::kUnknownPhysics:
+      return d.described_by.empty()
+                 ? "Something is left that neither the catalogue nor a table of one variable explains."
+                 : "Something is left that no effect of the catalogue explains. It is described as a function of " +
+                       d.described_by + ".";
+  }
+  return "";
+}
+
+}  // namespace
+
+void write_diagnosis_report(const Study& study, const std::filesystem::path& folder) {
+  const Diagnosis& d = study.diagnosis;
+  report::Page page("Diagnosis of " + (study.series.empty() ? std::string() : study.series[0].recording.metadata.specimen));
+  page.paragraph(verdict_text(d));
+  if (!d.missing.empty()) {
+    std::vector<std::vector<std::string>> rows;
+    for (const MissingEffect& missing : d.missing) {
+      std::string numbers;
+      for (const NamedValue& value : missing.parameters)
+        numbers += (numbers.empty() ? "" : "; ") + value.name + " " + report::interval_text(value.value, value.low, value.high);
+      rows.push_back({std::string(missing.effect->name), std::string(model::side_of(missing.effect->stage)),
+                      number_text(missing.probability, 3), missing.law, numbers});
+    }
+    page.table({"effect", "side", "probability", "law", "parameters [95 %]"}, rows, "What is missing, most important first");
+    for (const MissingEffect& missing : d.missing)
+      page.paragraph(std::string(missing.effect->what) + " What would show it: " + std::string(missing.effect->reveals));
+  }
+  page.table({"", "rms, N"},
+             {{"nominal model", number_text(d.nominal_errors.train_rmse_N)},
+              {"model with it", number_text(d.model_errors.train_rmse_N)},
+              {"nominal model, a block of moves left out in turn", number_text(d.nominal_errors.heldout_rmse_N)},
+              {"model with it, the same", number_text(d.model_errors.heldout_rmse_N)},
+              {"noise of the force channel", number_text(d.noise_N)}},
+             "Measured minus simulated force");
+  for (std::size_t i = 0; i < study.series.size(); ++i) {
+    const Residuals r = residuals(study.series[i], study.usable[i], d);
+    report::Figure figure;
+    figure.name = "residual-" + std::to_string(i);
+    figure.caption = "Measured minus simulated force, over time and over position.";
+    figure.panel_width_px = 860;
+    const auto panel = [&](const std::vector<double>& x, const char* label) {
+      report::Panel p;
+      p.x_label = label;
+      p.y_label = "residual, N";
+      p.series.push_back(report::thinned({x, r.nominal_N, "nominal", report::Mark::kPoints}));
+      p.series.push_back(report::thinned({x, r.model_N, "with what it lacked", report::Mark::kPoints}));
+      return p;
+    };
+    figure.panels.push_back(panel(r.t_s, "time, s"));
+    figure.panels.push_back(panel(r.position_mm, "position, mm"));
+    for (const MissingEffect& missing : d.missing) {
+      for (const NamedValue& value : missing.parameters)
+        if (value.name == "time_s") figure.panels[0].verticals.emplace_back(value.value, "slip");
+    }
+    page.figure(std::move(figure));
+  }
+  if (!d.where.empty()) {
+    page.heading("Where the nominal model misses");
+    std::vector<std::vector<std::string>> rows;
+    for (const Place& place : d.where)
+      rows.push_back({place.covariate, number_text(place.t_start_s, 6), number_text(place.t_end_s, 6),
+                      report::interval_text(place.share, place.share_low, place.share_high), place.text});
+    page.table({"variable", "from, s", "to, s", "share", ""}, rows);
+  }
+  if (!d.alternatives.empty()) {
+    page.heading("What else it could be");
+    std::vector<std::vector<std::string>> rows;
+    for (const Alternative& alternative : d.alternatives) {
+      std::string names;
+      for (const std::string& name : alternative.effects) names += (names.empty() ? "" : ", ") + name;
+      rows.push_back({names.empty() ? "nothing is missing" : names, number_text(alternative.probability, 3)});
+    }
+    page.table({"explanation", "probability"}, rows);
+  }
+  page.heading("Data");
+  std::vector<std::string> items;
+  for (const DataFault& fault : d.faults) items.push_back(fault.kind + ": " + fault.text);
+  items.push_back("Force noise: white " + number_text(d.instrument.white_N) + " N" +
+                  (d.instrument.coloured_N > 0.0 ? ", coloured " + number_text(d.instrument.coloured_N) + " N over " +
+                                                       number_text(d.instrument.correlation_s) + " s"
+                                                 : std::string()) +
+                  (d.noise_from_rests ? ", from the rests." : ", from second differences (there are no rests)."));
+  items.push_back("Share of the nominal model's excess that stays unexplained: " + number_text(100.0 * d.unexplained, 3) + " %.");
+  page.list(items);
+  for (const std::string& note : d.notes) page.note(note);
+  page.write(folder, {.png = false});
+}
+
+}  // namespace isorig::identify

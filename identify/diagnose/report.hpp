@@ -1,0 +1,11 @@
+#pragma once
+#include <filesystem>
+
+#include "identify/diagnose/diagnosis.hpp"
+
+namespace isorig::identify {
+
+/// `folder`/report.html: for people, with figures. Throws what report::Page::write throws.
+void write_diagnosis_report(const Study& study, const std::filesystem::path& folder);
+
+}  // namespace isorig::identify
