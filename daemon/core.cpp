@@ -11,24 +11,6 @@ namespace {
 
 constexpr std::int64_t kEvidenceNs = 2'000'000'000;
 
-void copy(char* to, std::size_t size, std::string_view text) noexcept {
-  const std::size_t n = std::min(size - 1, text.size());
-  std::memcpy(to, text.data(), n);
-  to[n] = '\0';
-}
-
-const char* name_of(RunState state) noexcept {
-  switch (state) {
-    case RunState::kIdle: return "idle";
-    case RunState::kReady: return "ready";
-    case RunState::kRunning: return "running";
-    case RunState::kPaused: return "paused";
-    case RunState::kStopping: return "stopping";
-    case RunState::kFaulted: return "faulted";
-  }
-  return "?";
-}
-
 }  // namespace
 
 Core::Core(const CoreConfig& config, FrameLink& frame, PressureLink& pressure, InterlockLink& interlock,
@@ -58,12 +40,6 @@ void Core::tick(std::int64_t now_ns, std::int64_t late_ns, std::int64_t last_run
   step_plan(now_ns);
   command(now_ns);
   hand_off(now_ns);
-}
-
-template <typename T>
-void Core::fan_out(base::SpscQueue<T> Streams::* queue, const T& record) noexcept {
-  (recorder_.*queue).push(record);
-  if (publisher_ != nullptr) (publisher_->*queue).push(record);
 }
 
 void Core::read_frame() noexcept {
@@ -161,118 +137,6 @@ void Core::read_interlock() noexcept {
   }
 }
 
-void Core::take_requests(std::int64_t now_ns) noexcept {
-  Request request;
-  while (requests.pop(request)) {
-    Reply reply;
-    reply.id = request.id;
-    reply.accepted = true;
-    FixedText text(reply.text);
-    const auto refuse = [&](std::string_view why) {
-      reply.accepted = false;
-      text << "the rig is " << name_of(state_) << ": " << why;
-    };
-    switch (request.verb) {
-      case Request::Verb::kStart:
-        if (state_ != RunState::kReady) {
-          refuse(state_ == RunState::kFaulted ? "reset the fault first (isorig reset)"
-                 : state_ == RunState::kIdle ? std::string_view(now_.not_ready)
-                                             : "a run is under way; abort it first (isorig abort)");
-        } else {
-          begin_run(now_ns, request);
-        }
-        break;
-      case Request::Verb::kPause:
-        if (state_ != RunState::kRunning) {
-          refuse("only a running protocol can be paused");
-        } else {
-          cursor_->pause(now_ns);
-          send_stop();
-          transition(now_ns, RunState::kPaused, Severity::kInfo, "pause", "paused by the operator: frame and pressure hold",
-                     0.0, 0.0);
-        }
-        break;
-      case Request::Verb::kResume:
-        if (state_ != RunState::kPaused) {
-          refuse("there is nothing to resume");
-        } else {
-          cursor_->resume(now_ns);
-          transition(now_ns, RunState::kRunning, Severity::kInfo, "resume", "resumed by the operator", 0.0, 0.0);
-        }
-        break;
-      case Request::Verb::kAbort:
-        if (state_ == RunState::kRunning || state_ == RunState::kPaused ||
-            (state_ == RunState::kFaulted && run_open_)) {
-          end_run(now_ns, Outcome::kAborted, "aborted by the operator: frame stops, pressure vents");
-        } else {
-          refuse("there is no run to abort");
-        }
-        break;
-      case Request::Verb::kReset: {
-        const char* why = nullptr;
-        if (state_ != RunState::kFaulted) {
-          refuse("there is no fault to reset");
-        } else if (recorder_fault_.load(std::memory_order_acquire)) {
-          refuse("the recorder cannot write; make room on the disk and restart the daemon");
-        } else if (!supervisor_.healthy(now_ns, &why)) {
-          refuse(why);
-        } else {
-          supervisor_.rearm(now_ns);
-          now_.fault[0] = '\0';
-          if (run_open_ && !vented_fault_) {
-            transition(now_ns, RunState::kPaused, Severity::kInfo, "reset",
-                       "fault reset; the run is paused: resume or abort it", 0.0, 0.0);
-          } else {
-            stop_and_vent(now_ns);
-            transition(now_ns, RunState::kStopping, Severity::kInfo, "reset", "fault reset", 0.0, 0.0);
-          }
-        }
-        break;
-      }
-    }
-    if (reply.accepted) text << "now " << name_of(state_);
-    replies.push(reply);
-  }
-}
-
-void Core::begin_run(std::int64_t now_ns, const Request& request) noexcept {
-  plan_ = request.plan;
-  step_ = plan_->sessions.empty() ? 0 : plan_->sessions[request.first_session].first_step;
-  cursor_.emplace(*plan_);
-  cursor_->start(now_ns, request.first_session, static_cast<std::uint16_t>(last_segment_id_ + 1));
-  outcome_ = Outcome::kNone;
-  run_open_ = true;
-  ++now_.runs_started;
-  setpoint_psi_ = -1.0;
-  supervisor_.rearm(now_ns);
-  interlock_.hold_pressure.store(true, std::memory_order_release);
-  now_.sessions = static_cast<std::uint32_t>(plan_->sessions.size());
-  now_.steps = static_cast<std::uint32_t>(plan_->steps.size());
-  transition(now_ns, RunState::kRunning, Severity::kInfo, "run.start", "protocol started", 0.0, 0.0);
-}
-
-void Core::end_run(std::int64_t now_ns, Outcome outcome, const char* why) noexcept {
-  outcome_ = outcome;
-  run_open_ = false;
-  stop_and_vent(now_ns);
-  const char* code = outcome == Outcome::kDone ? "run.done" : outcome == Outcome::kAborted ? "run.aborted" : "run.failed";
-  transition(now_ns, RunState::kStopping, Severity::kInfo, code, why, 0.0, 0.0);
-}
-
-void Core::send_stop() noexcept {
-  commanded_velocity_mm_s_ = 0.0;
-  supervisor_.on_stop();
-  frame_.commands.push({FrameCommand::Kind::kStop, {}});
-}
-
-void Core::stop_and_vent(std::int64_t now_ns) noexcept {
-  send_stop();
-  loop_.vent();
-  setpoint_psi_ = -1.0;
-  interlock_.hold_pressure.store(false, std::memory_order_release);
-  stopping_since_ns_ = now_ns;
-}
-
 void Core::supervise(std::int64_t now_ns) noexcept {
   Trip trip = supervisor_.check(now_ns);
   if (recorder_fault_.load(std::memory_order_relaxed) && trip.severity < Severity::kProgramStop) {
@@ -310,7 +174,7 @@ void Core::supervise(std::int64_t now_ns) noexcept {
   now_.healthy = healthy;
   if (state_ == RunState::kIdle || state_ == RunState::kReady) {
     if (why == nullptr || why[0] == '\0') why = healthy ? "" : "the device clocks are being measured";
-    if (std::strncmp(now_.not_ready, why, sizeof now_.not_ready) != 0) copy(now_.not_ready, sizeof now_.not_ready, why);
+    if (std::strncmp(now_.not_ready, why, sizeof now_.not_ready) != 0) copy_text(now_.not_ready, why);
     if (healthy != (state_ == RunState::kReady)) {
       transition(now_ns, healthy ? RunState::kReady : RunState::kIdle, Severity::kInfo, healthy ? "ready" : "not_ready",
                  healthy ? "all streams fresh, interlock closed, clocks mapped" : why, 0.0, 0.0);
@@ -433,67 +297,6 @@ void Core::hand_off(std::int64_t now_ns) noexcept {
   status_.store(now_);
   worst_wakeup_ns_ = 0;
   worst_run_ns_ = 0;
-}
-
-void Core::transition(std::int64_t now_ns, RunState to, Severity severity, const char* code, const char* text, double value,
-                      double threshold) noexcept {
-  EventRecord event;
-  event.mono_ns = now_ns;
-  // A run's first and last transition belong to it.
-  event.step = to == RunState::kIdle || to == RunState::kReady ? step_now() : step_;
-  event.severity = severity;
-  event.from = state_;
-  event.to = to;
-  copy(event.code, sizeof event.code, code);
-  copy(event.text, sizeof event.text, text);
-  event.value = value;
-  event.threshold = threshold;
-  state_ = to;
-  next_control_ns_ = now_ns;  // the new state shows at once
-  emit(event);
-}
-
-void Core::emit(std::int64_t now_ns, Severity severity, const char* code, std::string_view text, double value,
-                double threshold) noexcept {
-  EventRecord event;
-  event.mono_ns = now_ns;
-  event.step = step_now();
-  event.severity = severity;
-  event.from = event.to = state_;
-  copy(event.code, sizeof event.code, code);
-  copy(event.text, sizeof event.text, text);
-  event.value = value;
-  event.threshold = threshold;
-  emit(event);
-}
-
-void Core::emit(const EventRecord& event) noexcept {
-  fan_out(&Streams::events, event);
-  host_events.push(event);
-}
-
-void Core::emit_step(std::int64_t now_ns, const protocol::Action& action) noexcept {
-  if (action.step_ended) {
-    const auto& ended = plan_->steps[action.ended_step];
-    if (action.settle_timed_out) {
-      emit(now_ns, Severity::kWarning, "settle.timeout", "force still moving when the settle step timed out",
-           action.end_value, ended.force_slope_N_s);
-    }
-    if (action.session_ended) {
-      emit(now_ns, Severity::kInfo, "session.end", plan_->sessions[ended.session].label, double(ended.session), 0.0);
-    }
-  }
-  if (action.step_began) {
-    const auto& step = plan_->steps[action.step];
-    if (step.session != protocol::kNoSession && plan_->sessions[step.session].first_step == action.step) {
-      emit(now_ns, Severity::kInfo, "session.start", plan_->sessions[step.session].label, double(step.session), 0.0);
-    }
-    if (step.kind == protocol::StepKind::kMark) {
-      emit(now_ns, Severity::kInfo, "mark", step.label, double(action.step), 0.0);
-    } else {
-      emit(now_ns, Severity::kInfo, "step", protocol::name_of(step.kind), double(action.step), 0.0);
-    }
-  }
 }
 
 }  // namespace isorig::daemon

@@ -94,7 +94,10 @@ class Core {
             double threshold) noexcept;
   void emit_step(std::int64_t now_ns, const protocol::Action& action) noexcept;
   template <typename T>
-  void fan_out(base::SpscQueue<T> Streams::* queue, const T& record) noexcept;
+  void fan_out(base::SpscQueue<T> Streams::* queue, const T& record) noexcept {
+    (recorder_.*queue).push(record);
+    if (publisher_ != nullptr) (publisher_->*queue).push(record);
+  }
 
   CoreConfig config_;
   FrameLink& frame_;

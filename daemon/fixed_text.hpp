@@ -6,6 +6,14 @@
 
 namespace isorig::daemon {
 
+/// Copies as much as fits; always NUL-terminated.
+template <std::size_t N>
+void copy_text(char (&to)[N], std::string_view text) noexcept {
+  const std::size_t n = text.size() < N - 1 ? text.size() : N - 1;
+  for (std::size_t i = 0; i < n; ++i) to[i] = text[i];
+  to[n] = '\0';
+}
+
 /// Builds a message in a fixed buffer without locale, allocation or printf, for the real-time loop.
 /// Truncates at the end of the buffer; always NUL-terminated.
 template <std::size_t N>

@@ -44,28 +44,6 @@ std::string stem_of(const std::string& file_name) {
 
 }  // namespace
 
-const char* to_text(RunState state) noexcept {
-  switch (state) {
-    case RunState::kIdle: return "idle";
-    case RunState::kReady: return "ready";
-    case RunState::kRunning: return "running";
-    case RunState::kPaused: return "paused";
-    case RunState::kStopping: return "stopping";
-    case RunState::kFaulted: return "faulted";
-  }
-  return "unknown";
-}
-
-const char* to_text(Severity severity) noexcept {
-  switch (severity) {
-    case Severity::kInfo: return "info";
-    case Severity::kWarning: return "warning";
-    case Severity::kProgramStop: return "program stop";
-    case Severity::kSafeState: return "safe state";
-  }
-  return "unknown";
-}
-
 struct Host::Run {
   std::string id;
   std::filesystem::path directory;

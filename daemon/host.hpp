@@ -101,7 +101,4 @@ class Host {
   DiskCondition disk_ = DiskCondition::kOk;
 };
 
-[[nodiscard]] const char* to_text(RunState state) noexcept;
-[[nodiscard]] const char* to_text(Severity severity) noexcept;
-
 }  // namespace isorig::daemon

@@ -43,6 +43,18 @@ struct PressureRecord {
 
 enum class RunState : std::uint8_t { kIdle, kReady, kRunning, kPaused, kStopping, kFaulted };
 
+constexpr const char* to_text(RunState state) noexcept {
+  switch (state) {
+    case RunState::kIdle: return "idle";
+    case RunState::kReady: return "ready";
+    case RunState::kRunning: return "running";
+    case RunState::kPaused: return "paused";
+    case RunState::kStopping: return "stopping";
+    case RunState::kFaulted: return "faulted";
+  }
+  return "unknown";
+}
+
 /// The controller and the loop's own health, at the control rate (100 Hz).
 struct ControlRecord {
   std::int64_t mono_ns = 0;
@@ -65,6 +77,16 @@ struct ControlRecord {
 };
 
 enum class Severity : std::uint8_t { kInfo, kWarning, kProgramStop, kSafeState };
+
+constexpr const char* to_text(Severity severity) noexcept {
+  switch (severity) {
+    case Severity::kInfo: return "info";
+    case Severity::kWarning: return "warning";
+    case Severity::kProgramStop: return "program stop";
+    case Severity::kSafeState: return "safe state";
+  }
+  return "unknown";
+}
 
 /// Something happened: a transition with its cause, a step, a mark, a fault, a lost sample.
 struct EventRecord {

@@ -4,6 +4,8 @@
 #include <cstdio>
 #include <span>
 
+#include "daemon/fixed_text.hpp"
+
 namespace isorig::daemon {
 namespace {
 
@@ -27,8 +29,6 @@ bool loses_connection(drivers::Fault fault, int failures_in_a_row) {
   return true;
 }
 
-void put(char (&to)[96], const char* text) { std::snprintf(to, sizeof to, "%s", text); }
-
 }  // namespace
 
 void LinkKeeper::note_connected() noexcept {
@@ -42,7 +42,7 @@ void LinkKeeper::note_connected() noexcept {
 
 bool LinkKeeper::note_failure(std::int64_t now_ns, const drivers::DeviceError& error) noexcept {
   ++health_.errors;
-  put(health_.detail, error.what());
+  copy_text(health_.detail, error.what());
   if (!loses_connection(error.fault(), ++failures_in_a_row_)) return false;
   health_.connected = false;
   failures_in_a_row_ = 0;
