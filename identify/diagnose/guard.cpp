@@ -1,6 +1,7 @@
 #include "identify/diagnose/guard.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 
@@ -54,6 +55,26 @@ void find_outliers(const messages::FrameSamples& frame, Guarded& out) {
       largest = std::max(largest, std::max(std::fabs(least), std::fabs(most)));
       count += run;
     }
+  }
+  // Several close together hide each other from their neighbours, not from the median of nine. The limit grows
+  // with the spread within the nine, so that steep motion is not taken for a fault.
+  constexpr std::size_t kHalf = 4;
+  std::array<double, 2 * kHalf + 1> near{};
+  const auto middle = near.begin() + kHalf;
+  for (std::size_t k = kHalf; k + kHalf < n; ++k) {
+    if (!out.usable[k]) continue;
+    for (std::size_t j = 0; j < near.size(); ++j) near[j] = f[k - kHalf + j];
+    std::nth_element(near.begin(), middle, near.end());
+    const double median = *middle, away = std::fabs(f[k] - median);
+    if (away < 8.0 * noise) continue;
+    for (std::size_t j = 0; j < near.size(); ++j) near[j] = std::fabs(f[k - kHalf + j] - median);
+    std::nth_element(near.begin(), middle, near.end());
+    if (away < 9.0 * *middle) continue;
+    out.usable[k] = false;
+    first = count == 0 ? t[k] : std::min(first, t[k]);
+    last = std::max(last, t[k]);
+    largest = std::max(largest, away);
+    ++count;
   }
   if (count > 0)
     out.faults.push_back({"outliers", first, last, count,
