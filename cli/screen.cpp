@@ -45,6 +45,13 @@ std::string link_text(const nlohmann::json& link) {
   return text;
 }
 
+/// Behind a value that is not of now.
+std::string age_text(const nlohmann::json& status, const char* key) {
+  const double age_s = status.value(key, 0.0);
+  if (age_s < 0.0) return "  never read";
+  return age_s > 1.0 ? format("  STALE, read %.1f s ago", age_s) : std::string();
+}
+
 int exit_code_of(const nlohmann::json& status) {
   const auto& last = status.contains("last_run") ? status["last_run"] : nlohmann::json::object();
   const auto outcome = last.value("outcome", "");
@@ -78,10 +85,12 @@ std::string status_text(const nlohmann::json& s) {
   } else if (s.contains("last_run") && !s["last_run"].value("id", "").empty()) {
     out += "  last run  " + s["last_run"].value("id", "") + ": " + s["last_run"].value("outcome", "") + "\n";
   }
-  out += format("  force     %9.3f N\n", s.value("force_N", 0.0));
-  out += format("  position  %9.4f mm  (target %.4f)\n", s.value("position_mm", 0.0), s.value("target_mm", 0.0));
-  out += format("  pressure  %9.3f psi (set-point %.2f, fill %d, vent %d permille)\n", s.value("pressure_psi", 0.0),
-                s.value("setpoint_psi", 0.0), s.value("fill_permille", 0), s.value("vent_permille", 0));
+  const auto frame_age = age_text(s, "frame_age_s") + "\n";
+  out += format("  force     %9.3f N", s.value("force_N", 0.0)) + frame_age;
+  out += format("  position  %9.4f mm  (target %.4f)", s.value("position_mm", 0.0), s.value("target_mm", 0.0)) + frame_age;
+  out += format("  pressure  %9.3f psi (set-point %.2f, fill %d, vent %d permille)", s.value("pressure_psi", 0.0),
+                s.value("setpoint_psi", 0.0), s.value("fill_permille", 0), s.value("vent_permille", 0)) +
+         age_text(s, "pressure_age_s") + "\n";
   const auto& loop = s["loop"];
   out += format("  loop      overruns %llu, worst wake-up %.0f us, worst run %.0f us\n",
                 static_cast<unsigned long long>(loop.value("overruns", std::uint64_t{0})), loop.value("worst_wakeup_us", 0.0),

@@ -30,7 +30,7 @@ void Core::tick(std::int64_t now_ns, std::int64_t late_ns, std::int64_t last_run
   ++ticks_;
   worst_wakeup_ns_ = std::max(worst_wakeup_ns_, late_ns);
   worst_run_ns_ = std::max(worst_run_ns_, last_run_ns);
-  supervisor_.on_tick_lateness(late_ns);
+  supervisor_.on_tick_lateness(now_ns, late_ns);
 
   read_interlock();
   read_frame();
@@ -164,7 +164,8 @@ void Core::supervise(std::int64_t now_ns) noexcept {
     keep_ = Keep::kFull;  // the run-up to the fault goes to disk in full, and some seconds of what follows
     faulted_since_ns_ = now_ns;
     FixedText text(now_.fault);
-    text << trip.code << ": " << trip.what << " (" << trip.value << ", limit " << trip.threshold << ")";
+    text << trip.code << ": " << trip.what;
+    if (trip.threshold != 0.0) text << " (" << trip.value << ", limit " << trip.threshold << ")";
     transition(now_ns, RunState::kFaulted, trip.severity, trip.code, trip.what, trip.value, trip.threshold);
     return;
   }
@@ -288,6 +289,8 @@ void Core::hand_off(std::int64_t now_ns) noexcept {
   now_.run_loaded = run_open_;
   now_.outcome = outcome_;
   now_.vented_fault = vented_fault_;
+  now_.frame_age_s = supervisor_.frame_age_s(now_ns);
+  now_.pressure_age_s = supervisor_.pressure_age_s(now_ns);
   now_.frame = frame_health_;
   now_.pressure = pressure_health_;
   now_.records_dropped = drops;

@@ -32,6 +32,18 @@ std::int64_t epoch_unix_us(const clock::Clock& clock) {
   return wall - clock.now_ns() / 1000;
 }
 
+/// What an operator finds in the journal the morning after; single steps are in the recording.
+void log_event(const EventRecord& e) {
+  const std::string_view code = e.code;
+  if (code == "step" || code == "mark") return;
+  const auto level = e.severity >= Severity::kProgramStop ? spdlog::level::err
+                     : e.severity == Severity::kWarning   ? spdlog::level::warn
+                                                          : spdlog::level::info;
+  const std::string change = e.from == e.to ? "" : std::string(" [") + to_text(e.from) + " -> " + to_text(e.to) + "]";
+  const std::string numbers = e.threshold == 0.0 ? "" : fmt::format(" ({:.3f}, limit {:.3f})", e.value, e.threshold);
+  spdlog::log(level, "{}: {}{}{}", code, e.text, numbers, change);
+}
+
 sigset_t stop_signals() {
   sigset_t set;
   sigemptyset(&set);
@@ -62,6 +74,7 @@ struct Daemon::Impl {
     Host::Options h;
     h.runs_root = options.runs_root;
     h.epoch_unix_us = epoch_unix_us(clock);
+    h.on_event = log_event;
     h.seed = rig.sim ? static_cast<std::int64_t>(rig.sim->seed) : 0;
     return h;
   }

@@ -73,8 +73,12 @@ Host::Result Host::start(const StartOptions& options) {
   std::string protocol_text = options.protocol_text, protocol_name = options.protocol_name;
   std::string specimen_text = options.specimen_text, specimen_name = options.specimen_name;
   if (!options.resume_run.empty()) {
-    const auto saved = catalogue_.inputs_of(options.resume_run);
-    run->id = options.resume_run;
+    const auto known = catalogue_.find_run(options.resume_run);
+    if (!known) {
+      return {false, "no run is called " + options.resume_run + ", nor does one name begin so; isorig runs lists them", {}};
+    }
+    const auto saved = catalogue_.inputs_of(known->id);
+    run->id = known->id;
     run->directory = saved.directory;
     run->first_session = saved.first_open_session;
     protocol_text = saved.protocol_text;
@@ -235,6 +239,7 @@ void Host::take_events() {
   while (core_.host_events.pop(record)) {
     events_.push_back({next_event_++, record});
     if (events_.size() > kEventsKept) events_.pop_front();
+    if (options_.on_event) options_.on_event(record);
     if (record.severity >= Severity::kProgramStop) last_fault_ = std::string(record.code) + ": " + record.text;
   }
 }
@@ -311,6 +316,8 @@ nlohmann::json Host::status_json() const {
            {"position_mm", s.control.position_mm},
            {"force_N", s.control.force_N},
            {"pressure_psi", s.control.pressure_psi},
+           {"frame_age_s", s.frame_age_s},
+           {"pressure_age_s", s.pressure_age_s},
            {"setpoint_psi", s.control.setpoint_psi},
            {"fill_permille", s.control.fill_permille},
            {"vent_permille", s.control.vent_permille},

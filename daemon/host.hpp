@@ -36,6 +36,8 @@ class Host {
     std::int64_t seed = 0;
     /// Waits for the loop's answer to a verb; the virtual runner lets the rig tick here.
     std::function<void()> breathe;
+    /// Every event of the core as it is taken, for a log.
+    std::function<void(const EventRecord&)> on_event;
   };
   struct Result {
     bool ok = false;

@@ -31,7 +31,7 @@ struct LinkHealth {
   std::uint32_t reconnects = 0;    ///< since start
   float bound_ns = 0.0F;           ///< of the newest stamp
   float repeatability_ns = 0.0F;
-  char detail[96] = {};            ///< the last error, for people
+  char detail[224] = {};            ///< the last error, for people
 };
 
 struct FrameReport {

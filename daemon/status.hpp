@@ -26,6 +26,8 @@ struct Status {
   bool vented_fault = false;        ///< the fault's reaction was the safe state
   LinkHealth frame;
   LinkHealth pressure;
+  double frame_age_s = -1.0;        ///< of the newest sample; negative before the first
+  double pressure_age_s = -1.0;     ///< of the newest valid reading
   bool estop_closed = false;
   bool guard_closed = false;
   std::uint64_t records_dropped = 0;   ///< by a full queue to the recorder: the run says so and fails

@@ -7,6 +7,8 @@
 
 namespace isorig::daemon {
 namespace {
+constexpr std::int64_t kExcuseNs = 200'000'000;
+
 constexpr double seconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
 }  // namespace
 
@@ -19,6 +21,7 @@ SupervisorConfig SupervisorConfig::read(const base::TomlTable& table, const prot
   c.late_tick_max_s = table.number_or("late_tick_max_s", c.late_tick_max_s, base::kPositive);
   c.following_error_max_mm = table.number_or("following_error_max_mm", c.following_error_max_mm, base::kPositive);
   c.segment_ack_max_s = table.number_or("segment_ack_max_s", c.segment_ack_max_s, base::kPositive);
+  c.frozen_force_max_s = table.number_or("frozen_force_max_s", c.frozen_force_max_s, base::kPositive);
   c.force_rate_window_s = table.number_or("force_rate_window_s", c.force_rate_window_s, {0.002, 0.06});
   return c;
 }
@@ -63,6 +66,14 @@ void Supervisor::on_frame_sample(const FrameRecord& s) noexcept {
     }
     break;
   }
+  if (s.raw_force_N != same_force_N_ || same_force_since_ns_ < 0 || !segment_moving_) {
+    same_force_N_ = s.raw_force_N;
+    same_force_since_ns_ = s.mono_ns;
+  } else if (seconds(s.mono_ns - same_force_since_ns_) > config_.frozen_force_max_s) {
+    // The noise of a load cell moves its last digit many times a second; a moving specimen all the more.
+    note({Severity::kProgramStop, "force.frozen", "the force reading does not change while the crosshead moves; check the load cell",
+          seconds(s.mono_ns - same_force_since_ns_), config_.frozen_force_max_s});
+  }
   if (segment_active_ && segment_acknowledged_) {
     // Where the crosshead may be: between standing still for the permitted error and having run the whole segment.
     const double elapsed_s = std::max(0.0, seconds(s.mono_ns - segment_start_ns_));
@@ -80,6 +91,7 @@ void Supervisor::on_frame_sample(const FrameRecord& s) noexcept {
 void Supervisor::on_frame_report(const frame::State& state) noexcept {
   frame_state_ = state;
   frame_state_known_ = true;
+  segment_moving_ = segment_active_ && state.segment_id == segment_.id && state.motion == frame::Motion::kMoving;
   if (state.fault_bits != 0) {
     if (state.fault_bits & frame::kInterlockOpen) {
       note({Severity::kSafeState, "interlock.frame", "the frame says its safety chain is open; close it, then reset",
@@ -135,8 +147,11 @@ void Supervisor::on_interlock(const interlock::State& state) noexcept {
   }
 }
 
-void Supervisor::on_tick_lateness(std::int64_t late_ns) noexcept {
+void Supervisor::on_tick_lateness(std::int64_t now_ns, std::int64_t late_ns) noexcept {
   if (seconds(late_ns) > config_.late_tick_max_s) {
+    // What is old now is old because we were away: the cause is ours, and the streams are judged once they had
+    // the time to come in.
+    excused_until_ns_ = now_ns + kExcuseNs;
     note({Severity::kProgramStop, "loop.late", "the real-time loop was late; check the machine's load and priorities",
           seconds(late_ns), config_.late_tick_max_s});
   }
@@ -152,9 +167,17 @@ void Supervisor::on_segment(const frame::Segment& segment, double from_mm, std::
 
 void Supervisor::on_stop() noexcept { segment_active_ = false; }
 
+double Supervisor::frame_age_s(std::int64_t now_ns) const noexcept {
+  return frame_seen_ns_ < 0 ? -1.0 : seconds(now_ns - frame_seen_ns_);
+}
+
+double Supervisor::pressure_age_s(std::int64_t now_ns) const noexcept {
+  return pressure_seen_ns_ < 0 ? -1.0 : seconds(now_ns - pressure_seen_ns_);
+}
+
 Trip Supervisor::check(std::int64_t now_ns) noexcept {
   const auto stale = [&](std::int64_t seen_ns, double limit_s, const char* code, const char* what) {
-    if (seen_ns >= 0 && seconds(now_ns - seen_ns) > limit_s) {
+    if (seen_ns >= 0 && now_ns >= excused_until_ns_ && seconds(now_ns - seen_ns) > limit_s) {
       note({Severity::kSafeState, code, what, seconds(now_ns - seen_ns), limit_s});
     }
   };
@@ -198,6 +221,7 @@ bool Supervisor::healthy(std::int64_t now_ns, const char** why) const noexcept {
 }
 
 void Supervisor::rearm(std::int64_t now_ns) noexcept {
+  same_force_since_ns_ = -1;
   worst_ = {};
   segment_active_ = false;
   force_count_ = 0;

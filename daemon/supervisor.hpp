@@ -23,6 +23,7 @@ struct SupervisorConfig {
   double following_error_max_mm = 1.0;  ///< position against the commanded segment: program stop
   double segment_ack_max_s = 0.5;     ///< a segment the frame does not echo within this: program stop
   double force_rate_window_s = 0.02;  ///< the force rate is the difference over this window
+  double frozen_force_max_s = 1.0;    ///< the very same raw force for longer while the crosshead moves: program stop
 
   /// Reads [supervisor]; `limits` come from [limits].
   static SupervisorConfig read(const base::TomlTable& table, const protocol::Limits& limits);
@@ -51,10 +52,14 @@ class Supervisor {
   /// The pressure device's own watchdog opened the vent: it missed our heartbeat.
   void on_device_vented() noexcept;
   void on_interlock(const interlock::State& state) noexcept;
-  void on_tick_lateness(std::int64_t late_ns) noexcept;
+  void on_tick_lateness(std::int64_t now_ns, std::int64_t late_ns) noexcept;
   /// The segment that was commanded, for the check that the frame does it.
   void on_segment(const frame::Segment& segment, double from_mm, std::int64_t mono_ns) noexcept;
   void on_stop() noexcept;
+
+  /// Age of the newest sample of each, in s; negative before the first.
+  [[nodiscard]] double frame_age_s(std::int64_t now_ns) const noexcept;
+  [[nodiscard]] double pressure_age_s(std::int64_t now_ns) const noexcept;
 
   /// The worst thing since the last call, and what is stale now.
   [[nodiscard]] Trip check(std::int64_t now_ns) noexcept;
@@ -85,9 +90,13 @@ class Supervisor {
   };
   std::array<ForceSample, kForceHistory> force_history_{};
   std::size_t force_count_ = 0;
+  float same_force_N_ = 0.0F;
+  std::int64_t same_force_since_ns_ = -1;
+  std::int64_t excused_until_ns_ = 0;   ///< after a late tick the streams get time to come in
 
   bool segment_active_ = false;
   bool segment_acknowledged_ = false;
+  bool segment_moving_ = false;         ///< the frame says so
   frame::Segment segment_;
   double segment_from_mm_ = 0.0;
   std::int64_t segment_start_ns_ = 0;

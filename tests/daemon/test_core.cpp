@@ -205,6 +205,26 @@ TEST_F(TripTest, AFrameThatStopsByItselfIsNotWaitedFor) {
   ASSERT_TRUE(run_until(20.0, [&] { return bench->rig().truth().position_mm > 3.99; }));
 }
 
+TEST_F(TripTest, AFrozenLoadCellIsNoticedWhileTheCrossheadMoves) {
+  start(R"(  { do = "pressurize", pressure_psi = 10, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 20 },
+  { do = "hold", duration_s = 3 },
+  { do = "ramp", to_mm = 4, velocity_mm_s = 0.5 },)");
+  ASSERT_TRUE(run_until(30.0, [&] { return bench->rig().truth().position_mm > 1.0; }));
+  bench->rig().frame().faults.frozen_force = true;
+  expect_trip("force.frozen", Severity::kProgramStop, config.core.supervisor.frozen_force_max_s + 0.1);
+}
+
+TEST_F(TripTest, AStalledDaemonBlamesItselfAndNotTheFrame) {
+  start(kHold);
+  ASSERT_TRUE(run_until(20.0, [&] { return std::abs(bench->rig().truth().pressure_psi - 10.0) < 0.05; }));
+  // The process was stopped for 3 s: nothing was read, then the loop wakes up late.
+  bench->core().tick(bench->now_ns() + 3'000'000'000, 3'000'000'000, 0);
+  drain();
+  EXPECT_EQ(bench->core().state(), RunState::kFaulted);
+  EXPECT_NE(event("loop.late"), nullptr);
+  EXPECT_EQ(event("stale.frame"), nullptr);
+}
+
 TEST_F(TripTest, AnAnswerThatIsMissingOnceIsNoFault) {
   start(kHold);
   run_for(3.0);
