@@ -22,6 +22,7 @@ using syntax::Node;
 /// More than this is a slip of the pen, not an experiment (the paper's protocol has 880 steps).
 constexpr std::size_t kMaxSteps = 100'000;
 constexpr double kWeek_s = 7 * 24 * 3600.0;
+constexpr double kYear_s = 365 * 24 * 3600.0;
 /// Limits are decimal numbers, positions are sums of them.
 constexpr double kEpsilon = 1e-9;
 
@@ -44,6 +45,10 @@ class Compiler : private Evaluator {
         step.repetition = plan_.sessions.front().repetition;
       }
       close_session(root, 0, "");
+    }
+    if (plan_.worst_s > kYear_s) {
+      root.error("steps", "the whole takes up to " + number_text(plan_.worst_s / kYear_s) +
+                              " years; at most one is taken: shorten holds, time-outs or repeats");
     }
     if (const auto v = plan_.approach_velocity_mm_s;
         v > limits_.speed_max_mm_s || v < limits_.speed_min_mm_s) {

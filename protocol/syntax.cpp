@@ -8,6 +8,16 @@
 namespace isorig::protocol::syntax {
 namespace {
 
+/// A label goes to terminals, logs and file names: one line of printable text.
+std::string read_label(const base::TomlTable& table) {
+  auto label = table.string_or("label", {});
+  if (std::any_of(label.begin(), label.end(), [](unsigned char c) { return c < 0x20 || c == 0x7f; })) {
+    table.error("label", "`label` holds a control character; one line of plain text is needed");
+    label.clear();
+  }
+  return label;
+}
+
 using base::TomlTable;
 using Names = std::vector<std::string>;
 
@@ -179,7 +189,7 @@ void read_repeat(Node& node, Names scope, bool in_session) {
       node.values.emplace("repetition", *Expression::parse("repetition", unused));
     }
     read_value(node, "repetition", Need::kOptional, scope);
-    node.label = table.string_or("label", {});
+    node.label = read_label(table);
   }
   if (!table.has("steps")) table.error({}, "`steps` is missing here: what to repeat");
   node.body = read_steps(table, scope, in_session || node.is_session);
@@ -218,7 +228,7 @@ void read_step(Node& node, const Names& scope) {
       }
       break;
     case StepKind::kMark:
-      node.label = table.string("label");
+      node.label = table.has("label") ? read_label(table) : table.string("label");
       break;
   }
   if (node.kind != StepKind::kMark && table.has("record")) {

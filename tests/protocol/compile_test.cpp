@@ -352,6 +352,16 @@ TEST(CompileErrors, ASlipThatNeverEndsIsRefused) {
   EXPECT_THAT(faults, ElementsAre(testing::HasSubstr("more than 100000 steps")));
 }
 
+TEST(CompileErrors, ALabelIsOneLineOfPlainText) {
+  EXPECT_THAT(faults_of(text_of(std::string(kBegin) + "{ do = \"mark\", label = \"a\\u001b[31m\\nb\" },\n")),
+              ElementsAre(testing::HasSubstr("`label` holds a control character")));
+}
+
+TEST(CompileErrors, MoreThanAYearIsNotTaken) {
+  const std::string weeks = "  { do = \"repeat\", times = 60, steps = [ { do = \"hold\", duration_s = 604800 } ] },\n";
+  EXPECT_THAT(faults_of(text_of(std::string(kBegin) + weeks)), ElementsAre(testing::HasSubstr("years; at most one")));
+}
+
 TEST(Limits, AreReadWholeAndTheirFaultsFound) {
   const auto document = base::TomlDocument::parse_text(
       "[frame]\nanything = 1\n[limits]\ntravel_min_mm = -6\ntravel_max_mm = 6\nspeed_min_mm_s = 20\n"
