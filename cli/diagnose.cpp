@@ -59,6 +59,7 @@ int diagnose(const Options& options) {
                        write(out / "nominal.toml", model::model_text(d.nominal, "The given model, refitted.")) &&
                        write(out / "model.toml", model::model_text(d.model, "The model with what it lacked."));
   if (!written) return kFailure;
+  if (d.next_experiment && !write(out / "next_experiment.toml", d.next_experiment->protocol)) return kFailure;
   if (options.report) {
     try {
       identify::write_diagnosis_report(study, out);

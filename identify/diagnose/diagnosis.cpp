@@ -253,6 +253,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   out.model_errors.heldout_rmse_N = left_out_rmse(problem, out.model, options.threads);
   if (out.verdict != Verdict::kConsistent)
     out.where = locate(search.instrument_problem(), out.nominal, selection.noise_scale);
+  out.next_experiment = design_experiment(search, selection, options.limits);
   note_equivalences(out.nominal, out);
   return study;
 }
@@ -286,6 +287,12 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
                              {"share_ci95", {place.share_low, place.share_high}},
                              {"text", place.text}});
   json["next_experiment"] = nullptr;
+  if (d.next_experiment)
+    json["next_experiment"] = {{"name", d.next_experiment->name},
+                               {"protocol", "next_experiment.toml"},
+                               {"duration_s", d.next_experiment->duration_s},
+                               {"distance", d.next_experiment->distance},
+                               {"separates", d.next_experiment->separates}};
   json["fit"] = {{"noise_N", d.noise_N},
                  {"nominal",
                   {{"train_rmse_N", d.nominal_errors.train_rmse_N}, {"heldout_rmse_N", d.nominal_errors.heldout_rmse_N}}},

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "identify/diagnose/design.hpp"
 #include "identify/diagnose/guard.hpp"
 #include "identify/diagnose/noise.hpp"
 #include "identify/diagnose/select.hpp"
@@ -63,6 +64,7 @@ struct Diagnosis {
   Errors model_errors;
   model::ModelSpec nominal;
   model::ModelSpec model;
+  std::optional<Experiment> next_experiment;
   std::string described_by;  ///< variable of the table that stands for unknown physics
   double unexplained = 0.0;  ///< share of the nominal model's excess that is left
 };
@@ -70,6 +72,7 @@ struct Diagnosis {
 struct DiagnosisOptions {
   unsigned threads = 2;
   SelectionOptions selection;
+  DesignLimits limits;
 };
 
 /// A diagnosis with what it rests on, for the report.

@@ -135,6 +135,24 @@ TEST(Diagnose, ACleanSecondArmIsNoEffectOfATwoArmModel) {
   EXPECT_EQ(d.verdict, Verdict::kConsistent);
 }
 
+TEST(Diagnose, DesignsAnExperimentThatTellsALagFromADelay) {
+  std::vector<messages::Recording> recordings{test::record({.lag_s = 0.03})};
+  Study study = diagnose(std::move(recordings), {"bench"}, model::nominal_model("slse1"), {});
+  EXPECT_FALSE(study.diagnosis.next_experiment.has_value());  // nothing is tied
+  Selection& selection = study.selection;
+  const Search search(study.series, study.noise.noise, 2);
+  std::ranges::fill(selection.weight, 0.0);
+  for (std::size_t i = 0; i < selection.pool.size(); ++i) {
+    if (selection.pool[i].key() == "force_lag") selection.weight[selection.best = i] = 0.6;
+    if (selection.pool[i].key() == "force_delay") selection.weight[i] = 0.4;
+  }
+  const auto experiment = design_experiment(search, selection, {});
+  ASSERT_TRUE(experiment.has_value());
+  EXPECT_GT(experiment->distance, 40.0);
+  EXPECT_EQ(experiment->separates.size(), 2u);
+  EXPECT_NE(experiment->protocol.find("isorig-protocol/1"), std::string::npos);
+}
+
 TEST(Diagnose, WritesTheFixedFormat) {
   const Diagnosis d = diagnose_bench({.friction_N = 0.8});
   const auto json = diagnosis_json(d);
