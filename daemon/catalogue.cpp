@@ -246,9 +246,14 @@ std::vector<RunRow> Catalogue::runs() const {
 }
 
 std::optional<RunRow> Catalogue::find_run(const std::string& id_or_prefix) const {
+  if (id_or_prefix.empty()) return std::nullopt;  // the beginning of every name is nobody's
+  auto rows = runs();
+  // A whole name first: "run-2" begins with "run", and is the newer one.
+  for (auto& row : rows) {
+    if (row.id == id_or_prefix || id_or_prefix == "latest") return std::move(row);
+  }
   std::optional<RunRow> found;
-  for (auto& row : runs()) {
-    if (row.id == id_or_prefix || id_or_prefix == "latest") return row;
+  for (auto& row : rows) {
     if (!row.id.starts_with(id_or_prefix)) continue;
     if (found) {
       throw std::runtime_error("\"" + id_or_prefix + "\" begins the names of several runs, among them " +

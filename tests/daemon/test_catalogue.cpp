@@ -71,6 +71,22 @@ TEST(Catalogue, FollowsARunFromStartToEnd) {
   EXPECT_EQ(catalogue.inputs_of(id).first_open_session, 2U);
 }
 
+TEST(Catalogue, AWholeNameIsFoundAmongLongerOnes) {
+  const TemporaryDirectory root("catalogue");
+  const auto plan = two_sessions();
+  const auto info = info_for(plan);
+  Catalogue catalogue(root.path());
+  for (const char* name : {"a-run", "a-run-2", "a-run-3"}) {  // one second, three runs
+    catalogue.open_run(name, info, plan, "p.toml", "");
+    catalogue.close_run(name, "done", "");
+  }
+  EXPECT_EQ(catalogue.find_run("a-run")->id, "a-run");
+  EXPECT_EQ(catalogue.find_run("a-run-2")->id, "a-run-2");
+  EXPECT_THAT([&] { (void)catalogue.find_run("a-r"); },
+              ThrowsMessage<std::runtime_error>(HasSubstr("several runs")));
+  EXPECT_FALSE(catalogue.find_run(""));
+}
+
 TEST(Catalogue, ARunWhoseDaemonWasKilledIsInterruptedAndCanGoOn) {
   const TemporaryDirectory root("catalogue");
   const auto plan = two_sessions();
