@@ -20,6 +20,8 @@ Devices open_devices(const RigConfig& rig, clock::Clock& clock) {
     d.interlock = &d.rig->interlock();
     return d;
   }
+  d.claims.emplace_back("frame at " + rig.modbus->where());
+  d.claims.emplace_back("pressure device at " + rig.teensy->port);
   d.owned_frame = std::make_unique<frame::ModbusFrame>(*rig.modbus, clock);
   d.owned_pressure = std::make_unique<pressure::Teensy>(rig.teensy->options, std::make_unique<pressure::TtyStream>(pressure::TtyStream::Options{rig.teensy->port}), clock);
   d.owned_interlock = std::make_unique<sim::BenchInterlock>();

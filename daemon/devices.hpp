@@ -1,7 +1,9 @@
 #pragma once
 #include <memory>
+#include <vector>
 
 #include "daemon/config.hpp"
+#include "daemon/device_claim.hpp"
 #include "drivers/clock/clock.hpp"
 #include "drivers/frame/frame.hpp"
 #include "drivers/interlock/interlock.hpp"
@@ -12,6 +14,7 @@ namespace isorig::daemon {
 
 /// The rig's devices as its file names them: drivers, or the simulated rig in process. Not connected yet.
 struct Devices {
+  std::vector<DeviceClaim> claims;  ///< of the real ones; given back after the drivers are gone
   std::unique_ptr<sim::Rig> rig;  ///< when simulated; owns the devices below
   std::unique_ptr<frame::Device> owned_frame;
   std::unique_ptr<pressure::Device> owned_pressure;
@@ -21,7 +24,7 @@ struct Devices {
   interlock::Device* interlock = nullptr;
 };
 
-/// For real time: the simulated rig follows `clock` and may be called from several threads.
+/// Throws std::runtime_error when another program drives one of them. For real time: the simulated rig follows `clock` and may be called from several threads.
 [[nodiscard]] Devices open_devices(const RigConfig& rig, clock::Clock& clock);
 
 }  // namespace isorig::daemon
