@@ -40,11 +40,35 @@ bool somebody_answers(const sockaddr_un& address) {
 
 void answer(httplib::Response& response, int status, const json& body) {
   response.status = status;
-  response.set_content(body.dump(), "application/json");
+  // What a client sent may stand in a text and need not be UTF-8.
+  response.set_content(body.dump(-1, ' ', false, json::error_handler_t::replace), "application/json");
 }
 
 void answer(httplib::Response& response, const Host::Result& result) {
   answer(response, result.ok ? 200 : 409, {{"ok", result.ok}, {"text", result.text}, {"run", result.run}});
+}
+
+constexpr std::size_t kLongestRequest = 4 * 1024 * 1024;
+
+/// What cpp-httplib refuses by itself gets the form of every other answer.
+void explain_refusal(const httplib::Request& request, httplib::Response& response) {
+  if (!response.body.empty()) return;
+  std::string text;
+  switch (response.status) {
+    case 404:
+      text = request.method + " " + request.path +
+             " is not a call of this daemon; GET /v1/status, /v1/events; POST /v1/start, /v1/pause, /v1/resume, "
+             "/v1/abort, /v1/reset";
+      break;
+    case 413:
+      text = "the request is longer than 4 MiB, or longer than 8 KiB and not declared as JSON; send it with "
+             "Content-Type: application/json";
+      break;
+    default:
+      text = request.method + " " + request.path + " could not be read or answered (HTTP " +
+             std::to_string(response.status) + "); docs/api.md has the calls";
+  }
+  answer(response, response.status, {{"ok", false}, {"text", text}});
 }
 
 }  // namespace
@@ -81,7 +105,17 @@ Api::Api(Host& host, const std::filesystem::path& socket_path, unsigned mode) : 
   server_ = std::make_unique<Server>(fd);
   auto& s = *server_;
   s.new_task_queue = [] { return new httplib::ThreadPool(4); };
-  s.set_payload_max_length(4 * 1024 * 1024);
+  s.set_payload_max_length(kLongestRequest);
+  s.set_error_handler(explain_refusal);
+  s.set_exception_handler([](const httplib::Request&, httplib::Response& r, std::exception_ptr e) {
+    try {
+      std::rethrow_exception(std::move(e));
+    } catch (const std::exception& thrown) {
+      answer(r, 500, {{"ok", false}, {"text", std::string("isorigd could not answer: ") + thrown.what()}});
+    } catch (...) {
+      answer(r, 500, {{"ok", false}, {"text", "isorigd could not answer"}});
+    }
+  });
   s.Get("/v1/status", [&host](const httplib::Request&, httplib::Response& r) { answer(r, 200, host.status_json()); });
   s.Get("/v1/events", [&host](const httplib::Request& q, httplib::Response& r) {
     std::uint64_t after = 0;
@@ -99,12 +133,17 @@ Api::Api(Host& host, const std::filesystem::path& socket_path, unsigned mode) : 
     try {
       const json body = json::parse(q.body);
       StartOptions options;
-      options.protocol_text = body.at("protocol").get<std::string>();
+      if (!body.is_object()) {
+        answer(r, 400, {{"ok", false}, {"text", "the request is not what /v1/start takes: it has to be a JSON object"}});
+        return;
+      }
+      options.resume_run = body.value("resume_run", "");
+      // A run that goes on has its protocol with it.
+      options.protocol_text = options.resume_run.empty() ? body.at("protocol").get<std::string>() : "";
       options.protocol_name = body.value("protocol_name", "protocol.toml");
       options.specimen_text = body.value("specimen", "");
       options.specimen_name = body.value("specimen_name", "");
       options.operator_name = body.value("operator", "");
-      options.resume_run = body.value("resume_run", "");
       answer(r, host.start(options));
     } catch (const base::ConfigError& e) {
       answer(r, 400, {{"ok", false}, {"text", e.what()}});
