@@ -252,10 +252,34 @@ class Exporter : public messages::RunVisitor {
   std::map<std::int32_t, ExportedSession> written_;
 };
 
+/// The run that a recording folder says it is of; empty when it does not say, as in one that was made by hand.
+std::string run_of(const std::filesystem::path& recording) {
+  try {
+    return toml::parse_file((recording / "recording.toml").string())["run"].value_or(std::string());
+  } catch (const toml::parse_error&) {
+    return {};
+  }
+}
+
+/// Folders of two runs have the same names: those of the other run would be replaced, or stay among this one's and
+/// be analysed with them.
+void refuse_recordings_of_others(const std::filesystem::path& out, const std::string& run_id) {
+  std::error_code none;
+  for (const auto& entry : std::filesystem::directory_iterator(out, none)) {
+    if (!std::filesystem::exists(entry.path() / "recording.toml", none)) continue;
+    const auto run = run_of(entry.path());
+    if (run == run_id) continue;
+    throw std::runtime_error(out.string() + " already holds " + entry.path().filename().string() + ", " +
+                             (run.empty() ? std::string("which is of no run") : "of run " + run) +
+                             "; export into a folder of this run's own");
+  }
+}
+
 }  // namespace
 
 ExportReport export_run(const std::filesystem::path& run_dir, const std::filesystem::path& out,
                         const ExportOptions& options) {
+  refuse_recordings_of_others(out, options.run_id);
   Exchanges exchanges;
   if (options.remap) messages::read_run(run_dir, exchanges);
   Exporter exporter(out, options, exchanges);

@@ -70,6 +70,21 @@ TEST(Export, WritesWhatWasRecordedInTheRecordingFormat) {
   EXPECT_EQ(second.frame.size(), 20U);
 }
 
+TEST(Export, KeepsRunsApart) {
+  const TemporaryDirectory dir("export");
+  {
+    Streams streams;
+    Recorder recorder(recorder_options(dir.path() / "run"), two_sessions());
+    run_plan(recorder, streams, kPlan, 20);
+    recorder.finish(streams, true);
+  }
+  const auto out = dir.path() / "out";
+  (void)export_run(dir.path() / "run", out, {false, "first"});
+  EXPECT_EQ(export_run(dir.path() / "run", out, {false, "first"}).sessions.size(), 2U);  // again: replaced
+  EXPECT_THAT([&] { (void)export_run(dir.path() / "run", out, {false, "second"}); },
+              ::testing::ThrowsMessage<std::runtime_error>(HasSubstr("of run first; export into a folder of this run's own")));
+}
+
 TEST(Export, TheLastAttemptCountsUnlessOnlyAnEarlierOneIsComplete) {
   const TemporaryDirectory dir("export");
   const auto run = dir.path() / "run";
