@@ -8,6 +8,10 @@ int main(int argc, char** argv) {
       "The concealed-effect study: hide physics in a rig of its own, and score what a diagnosis finds"};
   app.require_subcommand(1);
   isorig::proof::add_generate(app);
+  isorig::proof::add_run(app);
+  isorig::proof::add_score(app);
+  isorig::proof::add_score_practice(app);
+  isorig::proof::add_real(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

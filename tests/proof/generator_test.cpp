@@ -36,7 +36,8 @@ class Scratch : public testing::Test {
  protected:
   void SetUp() override {
     folder_ = fs::temp_directory_path() /
-              ("isorig-proof-" + std::to_string(getpid()) + std::string(testing::UnitTest::GetInstance()->current_test_info()->name()));
+              ("isorig-proof-" + std::to_string(getpid()) +
+               std::string(testing::UnitTest::GetInstance()->current_test_info()->name()));
     fs::remove_all(folder_);
   }
   void TearDown() override { fs::remove_all(folder_); }

@@ -1,0 +1,150 @@
+#include <cstdio>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "messages/csv.hpp"
+#include "messages/recording.hpp"
+#include "proof/baselines/baseline.hpp"
+#include "proof/commands.hpp"
+#include "proof/parallel.hpp"
+#include "proof/scoring/runner.hpp"
+#include "proof/scoring/table.hpp"
+#include "proof/sealed.hpp"
+
+namespace isorig::proof {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct StudyPaths {
+  fs::path study;
+  fs::path results;
+  fs::path labels;
+  RunOptions run;
+  bool baselines = true;
+
+  [[nodiscard]] fs::path results_or_default() const { return results.empty() ? study / "results" : results; }
+};
+
+void tell(const std::vector<Score>& scores, const std::vector<std::vector<std::string>>& rows,
+          const fs::path& out, const std::string& title, const std::string& seal) {
+  for (const auto& row : rows)
+    std::printf("%-9s %-16s %-44s %5s %6s  %s; %s %%\n", row[0].c_str(), row[1].c_str(), row[2].c_str(),
+                row[3].c_str(), row[4].c_str(), row[5].c_str(), row[6].c_str());
+  std::printf("\n%s", table_text(scores).c_str());
+  nlohmann::ordered_json json = score_json(scores);
+  if (!seal.empty()) json["labels_sha256"] = seal;
+  write_text(out / "score.json", json.dump(2) + "\n");
+  write_score_report(out, title, scores, rows, seal);
+  std::printf("%s, %s\n", (out / "score.json").c_str(), (out / "report.html").c_str());
+}
+
+void run_study(const StudyPaths& paths) {
+  const auto listed = nlohmann::json::parse(read_text(paths.study / "cases.json"));
+  std::vector<CaseToRun> cases;
+  for (const auto& one : listed.at("cases")) {
+    const std::string name = one.at("case");
+    cases.push_back({name, one.at("nominal"), paths.study / name / "train", paths.study / name / "heldout"});
+  }
+  // Kept with the results: these labels, and no later ones, are what they will be scored with.
+  const std::string hash = published_hash(paths.study / "labels.sha256");
+  write_text(paths.results_or_default() / "labels.sha256", hash + "  labels.json\n");
+  std::printf("labels sealed as %s\n", hash.c_str());
+  run_cases(cases, paths.results_or_default(), paths.run);
+}
+
+std::vector<double> true_force_N(const fs::path& file, const std::string& sealed_hash) {
+  if (sha256(read_text(file)) != sealed_hash)
+    throw std::runtime_error(file.string() + " was changed after it was sealed");
+  std::vector<double> t_s, force_N;
+  const messages::CsvColumn columns[] = {{"t_s", &t_s}, {"force_N", &force_N}};
+  messages::read_number_csv(file, columns);
+  return force_N;
+}
+
+void score_study(const StudyPaths& paths) {
+  const fs::path labels_file = paths.labels.empty() ? paths.study / "sealed" / "labels.json" : paths.labels;
+  const fs::path results = paths.results_or_default();
+  const std::vector<Label> labels = parse_labels(unseal(labels_file, results / "labels.sha256"));
+  std::vector<Outcome> outcomes(labels.size());
+  std::vector<std::vector<double>> truth(labels.size());
+  for (std::size_t i = 0; i < labels.size(); ++i) {
+    truth[i] =
+        true_force_N(labels_file.parent_path() / "truth" / (labels[i].name + ".csv"), labels[i].truth_sha256);
+    outcomes[i] = collect(results / labels[i].name, truth[i]);
+  }
+  std::vector<Score> scores{score("isorig", labels, outcomes)};
+  if (paths.baselines) {
+    std::vector<std::vector<Outcome>> by_method(baselines().size(), std::vector<Outcome>(labels.size()));
+    for_each_in_parallel(labels.size(), paths.run.jobs, [&](std::size_t i) {
+      const auto each = run_baselines(messages::read_recording(paths.study / labels[i].name / "train"),
+                                      messages::read_recording(paths.study / labels[i].name / "heldout"),
+                                      labels[i].nominal, truth[i], labels[i].name);
+      for (std::size_t m = 0; m < each.size(); ++m) by_method[m][i] = each[m];
+    });
+    for (std::size_t m = 0; m < by_method.size(); ++m)
+      scores.push_back(score(std::string(baselines()[m]), labels, by_method[m]));
+  }
+  tell(scores, case_rows(labels, outcomes, false), results, "Concealed effects: what was found",
+       published_hash(results / "labels.sha256"));
+}
+
+/// Cases made elsewhere: no noise-free truth, so the recorded force and the labels' noise stand in for it.
+void score_practice(const StudyPaths& paths) {
+  const std::vector<Label> labels = parse_foreign_labels(read_text(paths.labels));
+  std::vector<CaseToRun> cases;
+  for (const Label& label : labels)
+    cases.push_back({label.name, label.nominal, paths.study / label.name / "train",
+                     paths.study / label.name / "heldout"});
+  if (paths.results.empty()) throw std::runtime_error("practice cases are not written into: --out is needed");
+  run_cases(cases, paths.results, paths.run);
+  std::vector<Outcome> outcomes;
+  for (const CaseToRun& one : cases)
+    outcomes.push_back(
+        collect(paths.results / one.name, messages::read_recording(one.heldout).frame.force_N));
+  tell({score("isorig", labels, outcomes, true)}, case_rows(labels, outcomes, true), paths.results,
+       "Practice cases: what was found", "");
+}
+
+void add_run_options(CLI::App* sub, StudyPaths& paths) {
+  sub->add_option("--isorig", paths.run.isorig, "The program to judge")->capture_default_str();
+  sub->add_option("-j,--jobs", paths.run.jobs, "Cases at a time")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 64));
+  sub->add_option("--threads", paths.run.threads, "Threads of each diagnosis")->capture_default_str();
+}
+
+}  // namespace
+
+void add_run(CLI::App& app) {
+  auto paths = std::make_shared<StudyPaths>();
+  auto* sub =
+      app.add_subcommand("run", "Run `isorig diagnose` and `isorig predict` on every case of a study");
+  sub->add_option("STUDY", paths->study, "Folder that generate wrote")->required();
+  sub->add_option("--results", paths->results, "Folder for what the tool says (default: STUDY/results)");
+  add_run_options(sub, *paths);
+  sub->callback([paths] { run_study(*paths); });
+}
+
+void add_score(CLI::App& app) {
+  auto paths = std::make_shared<StudyPaths>();
+  auto* sub = app.add_subcommand("score", "Verify the seal and tabulate the results, beside the baselines");
+  sub->add_option("STUDY", paths->study, "Folder that generate wrote")->required();
+  sub->add_option("--labels", paths->labels, "The sealed labels (default: STUDY/sealed/labels.json)");
+  sub->add_option("--results", paths->results, "Folder that run wrote (default: STUDY/results)");
+  sub->add_flag("--baselines,!--no-baselines", paths->baselines, "Run the methods to compare with");
+  sub->add_option("-j,--jobs", paths->run.jobs, "Cases at a time")->capture_default_str();
+  sub->callback([paths] { score_study(*paths); });
+}
+
+void add_score_practice(CLI::App& app) {
+  auto paths = std::make_shared<StudyPaths>();
+  auto* sub = app.add_subcommand("score-practice", "Run and score cases that were made elsewhere");
+  sub->add_option("--cases", paths->study, "Folder with case-*/train and case-*/heldout")->required();
+  sub->add_option("--labels", paths->labels, "Their labels")->required();
+  sub->add_option("--out", paths->results, "Folder for results, score.json and report.html")->required();
+  add_run_options(sub, *paths);
+  sub->callback([paths] { score_practice(*paths); });
+}
+
+}  // namespace isorig::proof

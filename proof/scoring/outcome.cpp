@@ -1,0 +1,132 @@
+#include "proof/scoring/outcome.hpp"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
+
+#include "messages/csv.hpp"
+#include "proof/sealed.hpp"
+
+namespace isorig::proof {
+namespace {
+using Json = nlohmann::json;
+}
+
+Outcome read_diagnosis(const std::filesystem::path& file) {
+  try {
+    const Json json = Json::parse(read_text(file));
+    Outcome outcome;
+    outcome.verdict = json.at("verdict").get<std::string>();
+    for (const Json& one : json.at("missing"))
+      outcome.missing.push_back({one.at("effect").get<std::string>(), one.at("probability").get<double>()});
+    for (const Json& one : json.value("alternatives", Json::array()))
+      outcome.alternatives.push_back(
+          {one.at("effects").get<std::vector<std::string>>(), one.value("probability", 0.0)});
+    return outcome;
+  } catch (const Json::exception& error) {
+    throw std::runtime_error(file.string() + ": " + error.what());
+  }
+}
+
+std::vector<Label> parse_labels(const std::string& text) {
+  const Json json = Json::parse(text);
+  std::vector<Label> labels;
+  for (const Json& one : json.at("cases")) {
+    Label label;
+    label.name = one.at("case");
+    label.category = one.at("category");
+    label.nominal = one.at("nominal");
+    label.trap = one.at("trap");
+    label.noise_N = one.at("noise_N");
+    label.residual_over_noise = one.at("residual_over_noise");
+    label.truth_sha256 = one.at("truth_sha256");
+    for (const Json& effect : one.at("effects")) {
+      label.effects.push_back(effect.at("effect"));
+      label.size = effect.at("size");
+    }
+    labels.push_back(std::move(label));
+  }
+  return labels;
+}
+
+namespace {
+
+std::string keys_of(const Json& json) {
+  std::string keys;
+  for (const auto& [key, value] : json.items()) keys += (keys.empty() ? "" : ", ") + key;
+  return keys;
+}
+
+/// The first of the names that is there.
+const Json* find_any(const Json& object, std::initializer_list<const char*> names) {
+  for (const char* name : names)
+    if (const auto found = object.find(name); found != object.end()) return &*found;
+  return nullptr;
+}
+
+void add_effects(const Json& json, std::vector<std::string>& effects) {
+  if (json.is_null()) return;
+  if (json.is_string()) {
+    if (const std::string name = json; !name.empty() && name != "none" && name != "null")
+      effects.push_back(name);
+  } else if (json.is_array()) {
+    for (const Json& one : json) add_effects(one, effects);
+  } else if (json.is_object()) {
+    const Json* name = find_any(json, {"effect", "name", "kind"});
+    if (name == nullptr) throw std::runtime_error("an effect without a name; its keys: " + keys_of(json));
+    add_effects(*name, effects);
+  }
+}
+
+Label foreign_label(const std::string& name, const Json& json) {
+  Label label;
+  label.name = name;
+  const Json* nominal = find_any(json, {"nominal", "model", "nominal_model"});
+  const Json* effects = find_any(json, {"effects", "concealed", "missing", "effect", "hidden"});
+  const Json* noise =
+      find_any(json, {"noise_N", "white_noise_N", "noise_sd_N", "sigma_N", "noise_std_N", "noise"});
+  if (nominal == nullptr || effects == nullptr || noise == nullptr || !noise->is_number())
+    throw std::runtime_error(name +
+                             ": nominal model, effects or noise not found; its keys: " + keys_of(json));
+  label.nominal = nominal->get<std::string>();
+  label.noise_N = noise->get<double>();
+  add_effects(*effects, label.effects);
+  label.category = label.effects.empty() ? "null" : label.effects.size() == 1 ? "single" : "pair";
+  return label;
+}
+
+}  // namespace
+
+std::vector<Label> parse_foreign_labels(const std::string& text) {
+  const Json json = Json::parse(text);
+  const Json* cases = json.is_object() && json.contains("cases") ? &json.at("cases") : &json;
+  std::vector<Label> labels;
+  if (cases->is_array()) {
+    for (const Json& one : *cases) {
+      const Json* name = find_any(one, {"case", "name", "id"});
+      if (name == nullptr) throw std::runtime_error("a case without a name; its keys: " + keys_of(one));
+      labels.push_back(foreign_label(name->get<std::string>(), one));
+    }
+  } else {
+    for (const auto& [name, one] : cases->items())
+      if (one.is_object()) labels.push_back(foreign_label(name, one));
+  }
+  if (labels.empty()) throw std::runtime_error("no cases in the labels; keys: " + keys_of(json));
+  std::ranges::sort(labels, {}, &Label::name);
+  return labels;
+}
+
+double prediction_rmse_N(const std::filesystem::path& prediction, const std::vector<double>& reference_N) {
+  std::vector<double> t_s, force_N;
+  const messages::CsvColumn columns[] = {{"t_s", &t_s}, {"force_N", &force_N}};
+  messages::read_number_csv(prediction, columns);
+  if (force_N.size() != reference_N.size())
+    throw std::runtime_error(prediction.string() + ": " + std::to_string(force_N.size()) + " rows, not " +
+                             std::to_string(reference_N.size()));
+  double sum = 0.0;
+  for (std::size_t i = 0; i < force_N.size(); ++i)
+    sum += (force_N[i] - reference_N[i]) * (force_N[i] - reference_N[i]);
+  return std::sqrt(sum / static_cast<double>(force_N.size()));
+}
+
+}  // namespace isorig::proof

@@ -1,0 +1,207 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "proof/baselines/baseline.hpp"
+#include "proof/generator/case.hpp"
+#include "proof/real/convert.hpp"
+#include "proof/scoring/runner.hpp"
+#include "proof/scoring/table.hpp"
+#include "proof/sealed.hpp"
+
+namespace isorig::proof {
+namespace {
+
+namespace fs = std::filesystem;
+
+Label label(std::string category, std::vector<std::string> effects, double size = 1.0,
+            std::string trap = "none") {
+  Label l;
+  l.name = "case";
+  l.category = std::move(category);
+  l.effects = std::move(effects);
+  l.size = size;
+  l.trap = std::move(trap);
+  return l;
+}
+
+Outcome said(std::string verdict, std::vector<Claim> missing, double nominal_rmse_N = 1.0,
+             double model_rmse_N = 0.0) {
+  Outcome o;
+  o.verdict = std::move(verdict);
+  o.missing = std::move(missing);
+  o.nominal_rmse_N = nominal_rmse_N;
+  o.model_rmse_N = model_rmse_N;
+  return o;
+}
+
+MATCHER_P2(Is, hits, of, "") {
+  return arg.hits == static_cast<std::size_t>(hits) && arg.of == static_cast<std::size_t>(of);
+}
+
+TEST(ProofScore, CountsWhatTheDefinitionsSay) {
+  const std::vector<Label> labels{
+      label("null", {}),
+      label("null", {}, 1.0, "outliers"),
+      label("single", {"slack"}),
+      label("single", {"force_lag"}, 0.5),
+      label("single", {"zero_drift"}, 0.25),
+      label("pair", {"slack", "force_lag"}),
+      label("pair", {"slack", "zero_drift"}),
+      label("confusable", {"force_lag", "force_delay"}),
+      label("out_of_catalogue", {"screw_ripple"}),
+      label("out_of_catalogue", {"thixotropy"}),
+      label("background", {"grip_slip"}),
+  };
+  const std::vector<Outcome> outcomes{
+      said("consistent", {}),
+      said("missing_physics", {{"zero_drift", 0.6}}),
+      said("missing_physics", {{"slack", 0.98}, {"force_lag", 0.95}}, 1.0, 0.1),
+      said("missing_physics", {{"force_delay", 0.7}, {"force_lag", 0.3}}, 1.0, 0.2),
+      said("consistent", {}, 1.0, 1.0),
+      said("missing_physics", {{"force_lag", 0.99}, {"slack", 0.97}}, 1.0, 0.3),
+      said("missing_physics", {{"slack", 0.97}}, 1.0, 0.4),
+      said("missing_physics", {{"force_lag", 0.9}, {"force_delay", 0.8}, {"slack", 0.2}}, 1.0, 0.5),
+      said("unknown_physics", {}, 1.0, 0.6),
+      said("missing_physics", {{"cyclic_softening", 0.93}}, 1.0, 0.7),
+      said("missing_physics", {{"grip_slip", 1.0}}, 1.0, 0.8),
+  };
+  const Score s = score("tool", labels, outcomes);
+  EXPECT_THAT(s.false_alarms, Is(1, 2));
+  EXPECT_THAT(s.clean_false_alarms, Is(0, 1));
+  EXPECT_THAT(s.first_full, Is(1, 1));
+  EXPECT_THAT(s.first_half, Is(0, 1));
+  EXPECT_THAT(s.first_quarter, Is(0, 1));
+  EXPECT_THAT(s.first_all, Is(1, 3));
+  EXPECT_THAT(s.missed, Is(1, 3));
+  EXPECT_THAT(s.pairs_complete, Is(1, 2));
+  EXPECT_THAT(s.pairs_exact, Is(1, 2));
+  EXPECT_THAT(s.confusable_complete, Is(1, 1));
+  EXPECT_THAT(s.confusable_exact, Is(0, 1));
+  EXPECT_THAT(s.unknown_called, Is(1, 2));
+  EXPECT_THAT(s.unknown_wrong_sure, Is(1, 2));
+  EXPECT_THAT(s.background_first, Is(1, 1));
+  EXPECT_THAT(s.wrong_sure, Is(2, 11));
+  EXPECT_EQ(s.gaps.size(), 9U);
+  EXPECT_NEAR(s.median_gap, 0.5, 1e-12);
+  const std::string text = table_text(std::vector{s});
+  EXPECT_THAT(text, testing::HasSubstr("1/3"));
+  EXPECT_EQ(score_json(std::vector{s}).at("methods").at(0).at("wrong_sure").at("hits"), 2);
+}
+
+TEST(ProofScore, CalibrationOfHandMadeClaims) {
+  // Ten claims of 0.9: nine right. One of 0.6: wrong.
+  std::vector<Label> labels(11, label("single", {"slack"}));
+  labels[9].effects = {"zero_drift"};
+  labels[10].effects = {"zero_drift"};
+  std::vector<Outcome> outcomes(10, said("missing_physics", {{"slack", 0.9}}));
+  outcomes.push_back(said("missing_physics", {{"slack", 0.6}}));
+  const Score s = score("tool", labels, outcomes);
+  EXPECT_NEAR(s.brier, (9 * 0.01 + 0.81 + 0.36) / 11.0, 1e-12);
+  EXPECT_NEAR(s.calibration_error, 0.6 / 11.0, 1e-12);
+  std::size_t claims = 0;
+  for (const ReliabilityBin& bin : s.reliability) {
+    claims += bin.claims;
+    if (bin.claims == 10) {
+      EXPECT_NEAR(bin.right, 0.9, 1e-12);
+    }
+  }
+  EXPECT_EQ(claims, 11U);
+}
+
+TEST(ProofScore, NoiseIsTakenOutOfErrorsAgainstRecordedForce) {
+  EXPECT_NEAR(gap_closed(said("", {}, 0.5, 0.05), 0.0), 0.9, 1e-12);
+  EXPECT_NEAR(gap_closed(said("", {}, 0.5, 0.3), 0.3), 1.0, 1e-12);
+  EXPECT_NEAR(gap_closed(said("", {}, 0.5, std::sqrt(0.3 * 0.3 + 0.2 * 0.2)), 0.3), 0.5, 1e-12);
+}
+
+TEST(ProofLabels, OfOthersAreReadInTheirOwnForms) {
+  const auto by_name = parse_foreign_labels(
+      R"({"b": {"effects": ["slack"], "nominal": "slse2", "noise_N": 0.02},
+          "a": {"effects": [], "nominal": "slse1", "noise_N": 0.03}})");
+  ASSERT_EQ(by_name.size(), 2U);
+  EXPECT_EQ(by_name[0].category, "null");
+  EXPECT_EQ(by_name[1].effects, std::vector<std::string>{"slack"});
+  const auto listed = parse_foreign_labels(
+      R"({"cases": [{"case": "c", "concealed": [{"effect": "slack"}, {"effect": "force_lag"}], "model": "slse1", "noise": 0.1}]})");
+  EXPECT_EQ(listed.at(0).category, "pair");
+  EXPECT_THAT([] { (void)parse_foreign_labels(R"({"a": {"what": 1}})"); },
+              testing::ThrowsMessage<std::runtime_error>(testing::HasSubstr("what")));
+}
+
+TEST(ProofRunner, MeasuresAProcessAndKeepsItsOutput) {
+  const fs::path log = fs::temp_directory_path() / ("isorig-proof-log-" + std::to_string(getpid()));
+  const ProcessResult result = run_process({"sh", "-c", "echo said; exit 3"}, log);
+  EXPECT_EQ(result.exit_code, 3);
+  EXPECT_GE(result.wall_s, 0.0);
+  EXPECT_EQ(read_text(log), "said\n");
+  fs::remove(log);
+  EXPECT_THROW((void)run_process({"/no/such/program"}, log), std::runtime_error);
+  fs::remove(log);
+}
+
+TEST(ProofRunner, CollectsADiagnosisWithItsPredictions) {
+  const fs::path folder = fs::temp_directory_path() / ("isorig-proof-collect-" + std::to_string(getpid()));
+  write_text(folder / "run.json", R"({"exit_code": 0, "wall_s": 1.5, "cpu_s": 2.5})");
+  write_text(folder / "diagnosis.json",
+             R"({"verdict": "missing_physics", "missing": [{"effect": "slack", "probability": 0.97}],
+                 "alternatives": [{"effects": ["zero_drift"], "probability": 0.02}]})");
+  write_text(folder / "nominal.csv", "t_s,force_N\n0,1\n1,1\n");
+  write_text(folder / "model.csv", "t_s,force_N\n0,3\n1,2\n");
+  const Outcome outcome = collect(folder, {3.0, 3.0});
+  EXPECT_FALSE(outcome.failed) << outcome.why;
+  EXPECT_EQ(outcome.missing.at(0).effect, "slack");
+  EXPECT_EQ(outcome.alternatives.at(0).effects.at(0), "zero_drift");
+  EXPECT_NEAR(outcome.nominal_rmse_N, 2.0, 1e-12);
+  EXPECT_NEAR(outcome.model_rmse_N, std::sqrt(0.5), 1e-12);
+  EXPECT_EQ(outcome.cpu_s, 2.5);
+  EXPECT_TRUE(collect(folder, {3.0}).failed);  // a prediction of another length is no prediction
+  fs::remove_all(folder);
+  EXPECT_TRUE(collect(folder, {3.0, 3.0}).failed);
+}
+
+TEST(ProofReal, ConvertsColumnsAndUnitsAndSkipsARepeatedTime) {
+  const fs::path folder = fs::temp_directory_path() / ("isorig-proof-real-" + std::to_string(getpid()));
+  write_text(folder / "emps/emps_estimation.csv",
+             "time_s,reference_position_m,position_m,motor_command_V,drive_force_N\n"
+             "0,0,0.001,0,5\n0.001,0,0.002,0,6\n0.001,0,0.009,0,9\n0.002,0,0.003,0,7\n");
+  write_real_case(real_cases().front(), folder, folder / "out");
+  const messages::Recording r = messages::read_recording(folder / "out/recording");
+  EXPECT_THAT(r.frame.t_s, testing::ElementsAre(0.0, 0.001, 0.002));
+  EXPECT_THAT(r.frame.position_mm, testing::ElementsAre(1.0, 2.0, 3.0));
+  EXPECT_THAT(r.frame.force_N, testing::ElementsAre(5.0, 6.0, 7.0));
+  EXPECT_FALSE(r.pressure.has_value());
+  write_text(folder / "emps/emps_estimation.csv", "time_s,position_m\n0,1\n");
+  EXPECT_THAT([&] { write_real_case(real_cases().front(), folder, folder / "out"); },
+              testing::ThrowsMessage<std::runtime_error>(testing::HasSubstr("drive_force_N")));
+  fs::remove_all(folder);
+}
+
+/// A short session with friction: the simple methods see it. (What greedy BIC piles on it need not predict.)
+TEST(ProofBaselines, GreedyBicFindsPlainFriction) {
+  Case c;
+  c.name = "case-000";
+  c.nominal = "slse1";
+  c.clean.specimen = {90.0, 80.0, 2.0, {{1.5, 0.8}}};
+  c.rig = c.clean;
+  c.rig.hidden.friction_N = 1.0;
+  c.train_protocol = {{4.0, 10.0}, 2.0, 4.0, 0.2, 5.0};
+  c.heldout_protocol.velocities_mm_s = {6.0};
+  const MadeRecording train = record(c, Part::kTrain, 5);
+  const MadeRecording heldout = record(c, Part::kHeldout, 5);
+  const auto outcomes = run_baselines(train.recording, heldout.recording, "slse1", heldout.truth_N, c.name);
+  ASSERT_EQ(outcomes.size(), baselines().size());
+  const Outcome& greedy = outcomes[1];
+  ASSERT_FALSE(greedy.missing.empty());
+  EXPECT_EQ(greedy.missing[0].effect, "coulomb_friction");
+  EXPECT_GT(greedy.missing[0].probability, 0.99);
+  EXPECT_EQ(outcomes[0].model_rmse_N, outcomes[0].nominal_rmse_N);  // chance predicts nothing
+  EXPECT_TRUE(outcomes[4].missing.empty());
+  EXPECT_EQ(outcomes[4].verdict, "unknown_physics");
+}
+
+}  // namespace
+}  // namespace isorig::proof
