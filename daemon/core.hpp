@@ -56,8 +56,9 @@ class Core {
   void tick(std::int64_t now_ns, std::int64_t late_ns, std::int64_t last_run_ns) noexcept;
   /// Ticks that were skipped because the loop came back late; counted, never made up for.
   void note_missed_ticks(std::uint64_t count) noexcept { overruns_ += count; }
-  /// From the recorder: it cannot keep what it is given (full disk, write error). Program stop. Any thread.
-  void raise_recorder_fault() noexcept { recorder_fault_.store(true, std::memory_order_release); }
+  /// From the recorder: it cannot keep what it is given (full disk, write error): program stop; reset is refused
+  /// until it can again. Any thread.
+  void set_recorder_fault(bool failing) noexcept { recorder_fault_.store(failing, std::memory_order_release); }
 
   /// The way in for verbs (one producer: the API), the way out for answers and for events (one consumer).
   base::SpscQueue<Request> requests{16};

@@ -58,7 +58,7 @@ void Core::take_requests(std::int64_t now_ns) noexcept {
         if (state_ != RunState::kFaulted) {
           refuse("there is no fault to reset");
         } else if (recorder_fault_.load(std::memory_order_acquire)) {
-          refuse("the recorder cannot write; make room on the disk and restart the daemon");
+          refuse("the recorder cannot write; make room on the disk first");
         } else if (!supervisor_.healthy(now_ns, &why)) {
           refuse(why);
         } else {
@@ -87,6 +87,7 @@ void Core::begin_run(std::int64_t now_ns, const Request& request) noexcept {
   cursor_->start(now_ns, request.first_session, static_cast<std::uint16_t>(last_segment_id_ + 1));
   outcome_ = Outcome::kNone;
   run_open_ = true;
+  now_.fault[0] = '\0';
   ++now_.runs_started;
   setpoint_psi_ = -1.0;
   supervisor_.rearm(now_ns);

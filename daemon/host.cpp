@@ -163,6 +163,10 @@ Host::Result Host::start(const StartOptions& options) {
   auto result = post(request);
   std::lock_guard lock(mutex_);
   if (!result.ok) {
+    // A loop that did not answer in time may still take the start: it must not go on without a recorder.
+    Request never_mind;
+    never_mind.verb = Request::Verb::kAbort;
+    core_.requests.push(never_mind);
     close_run("refused", false);
   } else {
     result.run = run_->id;
@@ -230,7 +234,7 @@ void Host::turn(std::int64_t now_ns) {
 
 void Host::watch_disk() {
   const auto disk = run_->recorder->disk();
-  if (disk > disk_ && disk >= DiskCondition::kLow) core_.raise_recorder_fault();
+  if (disk != disk_) core_.set_recorder_fault(disk >= DiskCondition::kLow);
   disk_ = disk;
 }
 
@@ -248,6 +252,8 @@ void Host::close_run(const std::string& outcome, bool complete) {
   run_->recorder->finish(recording_, complete);
   last_recorder_ = run_->recorder->status();
   run_->recorder.reset();
+  disk_ = DiskCondition::kOk;  // the next run asks again before it starts
+  core_.set_recorder_fault(false);
   catalogue_.close_run(run_->id, outcome, last_fault_);
   last_outcome_ = outcome;
   // The loop may look at the plan of the last run it took up until it takes up the next.

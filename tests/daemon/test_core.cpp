@@ -279,7 +279,7 @@ TEST_F(TripTest, AStepsTimeOutEndsTheRun) {
 TEST_F(TripTest, ARecorderThatCannotWriteStopsTheProgram) {
   start(kHold);
   run_for(3.0);
-  bench->core().raise_recorder_fault();
+  bench->core().set_recorder_fault(true);
   expect_trip("recorder", Severity::kProgramStop, 0.1);
 }
 

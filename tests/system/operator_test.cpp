@@ -290,6 +290,12 @@ TEST(Daemon, AFullDiskStopsTheRunBeforeDataIsLost) {
   const auto report = messages::read_run(runs / id, last);
   EXPECT_TRUE(report.whole()) << testing::PrintToString(report.complaints());
   EXPECT_EQ(last.codes.count("recorder"), 1U);
+  // With room again the next protocol starts, without a new daemon.
+  std::filesystem::remove(runs / "hog");
+  EXPECT_TRUE(daemon.reach("ready", 20.0));
+  EXPECT_EQ(daemon.call({"start", kSmoke}).code, 0);
+  EXPECT_EQ(daemon.status().value("fault", "-"), "");
+  EXPECT_EQ(daemon.call({"abort"}).code, 0);
   EXPECT_EQ(daemon.process().stop(SIGTERM), 0);
 }
 
