@@ -4,6 +4,8 @@
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <stdexcept>
 #include <thread>
 
 #include "cli/command.hpp"
@@ -45,7 +47,14 @@ int diagnose(const Options& options) {
   }
   identify::DiagnosisOptions settings;
   settings.threads = options.threads;
-  const identify::Study study = identify::diagnose(std::move(recordings), options.recordings, nominal, settings);
+  std::optional<identify::Study> made;
+  try {
+    made = identify::diagnose(std::move(recordings), options.recordings, nominal, settings);
+  } catch (const std::invalid_argument& e) {
+    std::cerr << e.what() << '\n';
+    return kBadInput;
+  }
+  const identify::Study& study = *made;
   const identify::Diagnosis& d = study.diagnosis;
 
   const std::filesystem::path out(options.out);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <stdexcept>
 
 #include "identify/diagnose/locate.hpp"
 #include "model/catalogue.hpp"
@@ -193,6 +194,16 @@ std::string_view name_of(Verdict verdict) {
 Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::string> names,
                const model::ModelSpec& nominal, const DiagnosisOptions& options) {
   Study study;
+  for (std::size_t i = 0; i < recordings.size(); ++i) {
+    const auto& frame = recordings[i].frame;
+    constexpr std::size_t kFewest = 100;
+    if (frame.size() < kFewest)
+      throw std::invalid_argument(names[i] + ": " + std::to_string(frame.size()) + " rows are too few to judge a model by (at least " +
+                                  std::to_string(kFewest) + ")");
+    const auto [low, high] = std::ranges::minmax_element(frame.position_mm);
+    if (*high - *low <= 20.0 * white_noise(frame.t_s, frame.position_mm))
+      throw std::invalid_argument(names[i] + ": nothing moves in this recording, or its samples are too far apart to follow the motion");
+  }
   for (std::size_t i = 0; i < recordings.size(); ++i) {
     Guarded guarded = guard_recording(recordings[i]);
     study.faults.insert(study.faults.end(), guarded.faults.begin(), guarded.faults.end());

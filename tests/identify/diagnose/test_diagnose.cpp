@@ -153,6 +153,17 @@ TEST(Diagnose, DesignsAnExperimentThatTellsALagFromADelay) {
   EXPECT_NE(experiment->protocol.find("isorig-protocol/1"), std::string::npos);
 }
 
+TEST(Diagnose, RefusesWhatCannotBeJudged) {
+  messages::Recording few = test::record({});
+  few.frame.t_s.resize(5);
+  few.frame.position_mm.resize(5);
+  few.frame.force_N.resize(5);
+  EXPECT_THROW((void)diagnose({few}, {"few"}, model::nominal_model("slse1"), {}), std::invalid_argument);
+  messages::Recording still = test::record({});
+  std::ranges::fill(still.frame.position_mm, 0.0);
+  EXPECT_THROW((void)diagnose({still}, {"still"}, model::nominal_model("slse1"), {}), std::invalid_argument);
+}
+
 TEST(Diagnose, WritesTheFixedFormat) {
   const Diagnosis d = diagnose_bench({.friction_N = 0.8});
   const auto json = diagnosis_json(d);
