@@ -64,9 +64,10 @@ int diagnose(const Options& options) {
     std::cerr << options.out << ": " << error.message() << '\n';
     return kFailure;
   }
-  const bool written = write(out / "diagnosis.json", identify::diagnosis_json(d).dump(2) + "\n") &&
-                       write(out / "nominal.toml", model::model_text(d.nominal, "The given model, refitted.")) &&
-                       write(out / "model.toml", model::model_text(d.model, "The model with what it lacked."));
+  const bool written =
+      write(out / "diagnosis.json", identify::diagnosis_json(d).dump(2) + "\n") &&
+      write(out / "nominal.toml", model::model_text(d.nominal, "The given model, refitted.")) &&
+      write(out / "model.toml", model::model_text(d.model, "The model with what it lacked."));
   if (!written) return kFailure;
   if (d.next_experiment && !write(out / "next_experiment.toml", d.next_experiment->protocol)) return kFailure;
   if (options.report) {
@@ -85,7 +86,8 @@ int diagnose(const Options& options) {
       std::printf("  %s = %.4g [%.4g, %.4g]", value.name.c_str(), value.value, value.low, value.high);
     std::printf("\n");
   }
-  if (!d.described_by.empty()) std::printf("  unknown, described as a function of %s\n", d.described_by.c_str());
+  if (!d.described_by.empty())
+    std::printf("  unknown, described as a function of %s\n", d.described_by.c_str());
   for (const auto& fault : d.faults) std::printf("  data: %s\n", fault.text.c_str());
   std::printf("  rms %.4g N nominal, %.4g N with it; noise %.4g N; %s/\n", d.nominal_errors.train_rmse_N,
               d.model_errors.train_rmse_N, d.noise_N, options.out.c_str());
@@ -99,7 +101,9 @@ Command add_diagnose(CLI::App& app) {
   sub->add_option("RECORDING", options->recordings, "Folders of recordings, fitted jointly")->required();
   sub->add_option("--model", options->model, "Nominal model: slse1, slse2 or a TOML file")->required();
   sub->add_option("--out", options->out, "Folder for diagnosis.json, the models and report.html")->required();
-  sub->add_option("--threads", options->threads, "Threads to use")->capture_default_str()->check(CLI::Range(1, 64));
+  sub->add_option("--threads", options->threads, "Threads to use")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 64));
   sub->add_flag("!--no-report", options->report, "Leave out report.html and its figures");
   return {sub, [options] { return diagnose(*options); }};
 }

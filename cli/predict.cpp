@@ -50,10 +50,12 @@ int predict(const Options& options) {
 Command add_predict(CLI::App& app) {
   auto options = std::make_shared<Options>();
   auto* sub = app.add_subcommand(
-      "predict", "Simulate a model on a recording's position and pressure; its measured force is not looked at");
+      "predict",
+      "Simulate a model on a recording's position and pressure; its measured force is not looked at");
   sub->add_option("RECORDING", options->recording, "Folder of the recording")->required();
   sub->add_option("--model", options->model, "Model (model.toml or nominal.toml of a diagnosis)")->required();
-  sub->add_option("--out", options->out, "CSV to write: t_s,force_N, one row per row of frame.csv")->required();
+  sub->add_option("--out", options->out, "CSV to write: t_s,force_N, one row per row of frame.csv")
+      ->required();
   return {sub, [options] { return predict(*options); }};
 }
 

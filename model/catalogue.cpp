@@ -9,20 +9,31 @@
 namespace isorig::model {
 
 std::span<const Physics* const> elements() {
-  static const std::array all{&element::spring(), &element::maxwell(),  &element::dashpot(),
-                              &element::mass(),   &element::constant(), &element::gravity(),
-                              &element::empirical_force(), &element::empirical_motion()};
+  static const std::array all{
+      &element::spring(),   &element::maxwell(), &element::dashpot(),         &element::mass(),
+      &element::constant(), &element::gravity(), &element::empirical_force(), &element::empirical_motion()};
   return all;
 }
 
 std::span<const Physics* const> effects() {
-  static const std::array all{
-      &effect::coulomb_friction(),    &effect::strain_stiffening(),  &effect::second_relaxation(),
-      &effect::nonlinear_viscosity(), &effect::pressure_coupling(),  &effect::cyclic_softening(),
-      &effect::force_lag(),           &effect::force_delay(),        &effect::fixture_inertia(),
-      &effect::zero_drift(),          &effect::grip_slip(),          &effect::crosshead_backlash(),
-      &effect::slack(),               &effect::viscous_drag(),       &effect::friction_asymmetry(),
-      &effect::friction_with_pressure(), &effect::cell_nonlinearity(), &effect::unsettled_start()};
+  static const std::array all{&effect::coulomb_friction(),
+                              &effect::strain_stiffening(),
+                              &effect::second_relaxation(),
+                              &effect::nonlinear_viscosity(),
+                              &effect::pressure_coupling(),
+                              &effect::cyclic_softening(),
+                              &effect::force_lag(),
+                              &effect::force_delay(),
+                              &effect::fixture_inertia(),
+                              &effect::zero_drift(),
+                              &effect::grip_slip(),
+                              &effect::crosshead_backlash(),
+                              &effect::slack(),
+                              &effect::viscous_drag(),
+                              &effect::friction_asymmetry(),
+                              &effect::friction_with_pressure(),
+                              &effect::cell_nonlinearity(),
+                              &effect::unsettled_start()};
   return all;
 }
 
@@ -46,13 +57,17 @@ bool is_effect(const Physics& physics) {
 
 std::string_view side_of(Stage stage) noexcept {
   switch (stage) {
-    case Stage::kKinematics: return "kinematics";
+    case Stage::kKinematics:
+      return "kinematics";
     case Stage::kSpecimen:
-    case Stage::kSpecimenShape: return "specimen";
-    case Stage::kRig: return "rig";
+    case Stage::kSpecimenShape:
+      return "specimen";
+    case Stage::kRig:
+      return "rig";
     case Stage::kSensorLag:
     case Stage::kSensorDelay:
-    case Stage::kSensor: return "sensor";
+    case Stage::kSensor:
+      return "sensor";
   }
   return "";
 }

@@ -19,8 +19,8 @@ struct Part {
   Table table = {};                  ///< of an empirical law
 };
 
-/// A whole model: which parts, with which numbers. Order of the parts within a stage is kept; the stages order
-/// themselves.
+/// A whole model: which parts, with which numbers. Order of the parts within a stage is kept; the stages
+/// order themselves.
 struct ModelSpec {
   std::string name;
   std::vector<Part> parts;
@@ -31,8 +31,8 @@ struct ModelSpec {
   [[nodiscard]] bool has(std::string_view physics) const noexcept;
 };
 
-/// Nominal models by name: "slse1", "slse2" (one or two standard linear solids in parallel, whose springs k1 add
-/// up to one); all with a free tare. Numbers are starting values.
+/// Nominal models by name: "slse1", "slse2" (one or two standard linear solids in parallel, whose springs k1
+/// add up to one); all with a free tare. Numbers are starting values.
 [[nodiscard]] ModelSpec nominal_model(std::string_view name);
 
 /// Part with the law's starting values.
@@ -70,7 +70,7 @@ class RunningModel {
     std::size_t first_column;  // in stage order
   };
   std::vector<Running> running_;
-  std::vector<std::size_t> order_;  // stage order -> order of the spec
+  std::vector<std::size_t> order_;    // stage order -> order of the spec
   std::vector<double> coefficients_;  // in stage order
   std::vector<double> work_;
   bool piecewise_ = false;

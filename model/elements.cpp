@@ -45,15 +45,18 @@ class Gravity : public Process {
 
 Law memoryless(std::string_view name, std::string_view formula, Coefficient coefficient,
                Memoryless::Function function) {
-  return {name, formula, {}, {coefficient},
-          [function](auto, const Reference&) { return std::make_unique<Memoryless>(function); }};
+  return {name, formula, {}, {coefficient}, [function](auto, const Reference&) {
+            return std::make_unique<Memoryless>(function);
+          }};
 }
 
 }  // namespace
 
 const Physics& spring() {
   static const Physics physics{
-      "spring", Stage::kSpecimen, "Linear spring, slack-free, unstretched at the pressurized rest length.",
+      "spring",
+      Stage::kSpecimen,
+      "Linear spring, slack-free, unstretched at the pressurized rest length.",
       "Paper, eq. for the system force, k1; stiffness per mm = k1 / pressurized rest length.",
       "Slow triangle.",
       {memoryless("linear", "F = k e", {"stiffness_N_mm", Sign::kNonNegative},
@@ -63,10 +66,13 @@ const Physics& spring() {
 
 const Physics& maxwell() {
   static const Physics physics{
-      "maxwell", Stage::kSpecimen, "Spring and dashpot in series: the viscous arm of a standard linear solid.",
+      "maxwell",
+      Stage::kSpecimen,
+      "Spring and dashpot in series: the viscous arm of a standard linear solid.",
       "Paper, eqs. for the system force and the strain rate of k2; time constant = eta / k2 = 1 / gamma.",
       "Ramps of different velocity; relaxation in a hold.",
-      {{"linear", "F = k z, dz/dt = v - z / tau",
+      {{"linear",
+        "F = k z, dz/dt = v - z / tau",
         {{"time_constant_s", 1e-3, 1e5, {0.3, 3.0}, true}},
         {{"stiffness_N_mm", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Maxwell>(p[0]); }}}};
@@ -74,7 +80,10 @@ const Physics& maxwell() {
 }
 
 const Physics& dashpot() {
-  static const Physics physics{"dashpot", Stage::kSpecimen, "Linear dashpot in parallel.", "Newton.",
+  static const Physics physics{"dashpot",
+                               Stage::kSpecimen,
+                               "Linear dashpot in parallel.",
+                               "Newton.",
                                "Ramps of different velocity.",
                                {memoryless("linear", "F = c v", {"viscosity_N_s_mm", Sign::kNonNegative},
                                            [](const Instant& now) { return now.velocity_mm_s; })}};
@@ -82,25 +91,37 @@ const Physics& dashpot() {
 }
 
 const Physics& mass() {
-  static const Physics physics{"mass", Stage::kRig, "Mass that moves with the position.", "Newton.",
-                               "Fast reversals.",
-                               {memoryless("linear", "F = m a", {"mass_kg", Sign::kNonNegative},
-                                           [](const Instant& now) { return now.acceleration_mm_s2 * 1e-3; })}};
+  static const Physics physics{
+      "mass",
+      Stage::kRig,
+      "Mass that moves with the position.",
+      "Newton.",
+      "Fast reversals.",
+      {memoryless("linear", "F = m a", {"mass_kg", Sign::kNonNegative},
+                  [](const Instant& now) { return now.acceleration_mm_s2 * 1e-3; })}};
   return physics;
 }
 
 const Physics& constant() {
-  static const Physics physics{"constant", Stage::kSensor, "Constant force: a tare that is not zero, a dead weight.",
-                               "None needed.", "Any rest.",
-                               {memoryless("linear", "F = F0", {"force_N", Sign::kFree},
-                                           [](const Instant&) { return 1.0; })}};
+  static const Physics physics{
+      "constant",
+      Stage::kSensor,
+      "Constant force: a tare that is not zero, a dead weight.",
+      "None needed.",
+      "Any rest.",
+      {memoryless("linear", "F = F0", {"force_N", Sign::kFree}, [](const Instant&) { return 1.0; })}};
   return physics;
 }
 
 const Physics& gravity() {
   static const Physics physics{
-      "gravity", Stage::kSpecimen, "Weight of a pendulum whose position is arc length.", "Newton.", "Free swings.",
-      {{"pendulum", "F = W sin(x / length)",
+      "gravity",
+      Stage::kSpecimen,
+      "Weight of a pendulum whose position is arc length.",
+      "Newton.",
+      "Free swings.",
+      {{"pendulum",
+        "F = W sin(x / length)",
         {{"length_mm", 1e-3, 1e6, {1000.0}, true, true}},
         {{"weight_N", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Gravity>(p[0]); }}}};

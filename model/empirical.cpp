@@ -26,13 +26,20 @@ class TableForce : public Process {
   static constexpr double kMoved_mm = 2e-5;
   [[nodiscard]] double value(const Instant& now) const noexcept {
     switch (of_) {
-      case Of::kPosition: return table_.at(now.position_mm);
-      case Of::kRate: return table_.at(squeeze(now.velocity_mm_s));
-      case Of::kTravel: return table_.at(travelled_mm_);
-      case Of::kPressure: return table_.at(now.excess_pressure_psi);
-      case Of::kTime: return table_.at(now.t_s - start_s_);
-      case Of::kExtending: return direction_ > 0.0 ? table_.at(now.position_mm) : 0.0;
-      case Of::kShortening: return direction_ < 0.0 ? table_.at(now.position_mm) : 0.0;
+      case Of::kPosition:
+        return table_.at(now.position_mm);
+      case Of::kRate:
+        return table_.at(squeeze(now.velocity_mm_s));
+      case Of::kTravel:
+        return table_.at(travelled_mm_);
+      case Of::kPressure:
+        return table_.at(now.excess_pressure_psi);
+      case Of::kTime:
+        return table_.at(now.t_s - start_s_);
+      case Of::kExtending:
+        return direction_ > 0.0 ? table_.at(now.position_mm) : 0.0;
+      case Of::kShortening:
+        return direction_ < 0.0 ? table_.at(now.position_mm) : 0.0;
     }
     return 0.0;
   }
@@ -67,8 +74,9 @@ class TableMotion : public Process {
 };
 
 Law table_law(std::string_view name, std::string_view formula, Of of) {
-  return {name, formula, {}, {{"scale", Sign::kFree}}, {}, false,
-          [of](const Table& table, const Reference&) { return std::make_unique<TableForce>(table, of); }};
+  return {name, formula, {}, {{"scale", Sign::kFree}}, {}, false, [of](const Table& table, const Reference&) {
+            return std::make_unique<TableForce>(table, of);
+          }};
 }
 
 }  // namespace
@@ -97,8 +105,9 @@ const Physics& empirical_motion() {
       "A position error without a law yet, by table of the position: lead error of a screw, a bent guide.",
       "The recording it was fitted to.",
       "A slow triangle against a second position sensor.",
-      {{"position", "x' = x + table(x)", {}, {}, {}, false,
-        [](const Table& table, const Reference&) { return std::make_unique<TableMotion>(table); }}}};
+      {{"position", "x' = x + table(x)", {}, {}, {}, false, [](const Table& table, const Reference&) {
+          return std::make_unique<TableMotion>(table);
+        }}}};
   return physics;
 }
 

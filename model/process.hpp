@@ -17,20 +17,20 @@ struct Reference {
   double duration_s = 0.0;  ///< of the recording; 0 when it is not known (a running rig)
 };
 
-/// One instant of the drive. Between two instants the specimen moves at constant velocity; steps are exact for
-/// that motion unless a law says otherwise.
+/// One instant of the drive. Between two instants the specimen moves at constant velocity; steps are exact
+/// for that motion unless a law says otherwise.
 struct Instant {
   double t_s = 0.0;
-  double dt_s = 0.0;                ///< since the last instant, 0 at the first
-  double position_mm = 0.0;         ///< what the specimen sees: the crosshead after play and slip
-  double elongation_mm = 0.0;       ///< position + Reference::elongation_at_zero_mm
-  double step_mm = 0.0;             ///< change of position since the last instant
+  double dt_s = 0.0;           ///< since the last instant, 0 at the first
+  double position_mm = 0.0;    ///< what the specimen sees: the crosshead after play and slip
+  double elongation_mm = 0.0;  ///< position + Reference::elongation_at_zero_mm
+  double step_mm = 0.0;        ///< change of position since the last instant
   /// The same without reversals smaller than the reading's noise, for laws that take every reversal at its
   /// word (friction). NaN: as step_mm, which is right when the motion is known and not read.
   double slide_mm = std::numeric_limits<double>::quiet_NaN();
-  double velocity_mm_s = 0.0;       ///< at the instant
-  double acceleration_mm_s2 = 0.0;  ///< at the instant
-  double excess_pressure_psi = 0.0; ///< measured minus nominal
+  double velocity_mm_s = 0.0;        ///< at the instant
+  double acceleration_mm_s2 = 0.0;   ///< at the instant
+  double excess_pressure_psi = 0.0;  ///< measured minus nominal
 };
 
 /// A running piece of physics. Force enters as columns: the force per unit of each coefficient of the law, so
@@ -45,7 +45,8 @@ class Process {
   /// Writes one value per coefficient of the law.
   virtual void force(const Instant&, double* /*columns*/) noexcept {}
   /// Acts on all columns of the stages before it (a sensor's lag acts on each alike, since it is linear).
-  virtual void shape(const Instant&, std::span<double> /*columns*/, std::span<const double> /*coefficients*/) noexcept {}
+  virtual void shape(const Instant&, std::span<double> /*columns*/,
+                     std::span<const double> /*coefficients*/) noexcept {}
 };
 
 /// Order of the stages, from the reading of the crosshead to the reading of the load cell.
@@ -65,7 +66,8 @@ struct Parameter {
   bool fixed = false;          ///< given, not identified
 };
 
-/// What enters linearly. The sign is a law of nature (a spring pushes back, friction dissipates), not a habit.
+/// What enters linearly. The sign is a law of nature (a spring pushes back, friction dissipates), not a
+/// habit.
 struct Coefficient {
   std::string_view name;
   Sign sign = Sign::kFree;

@@ -26,6 +26,8 @@ class MaxwellState {
   double z_mm_ = 0.0;
 };
 
-inline double sign_of(double value) noexcept { return value > 0.0 ? 1.0 : value < 0.0 ? -1.0 : 0.0; }
+inline double sign_of(double value) noexcept {
+  return value > 0.0 ? 1.0 : value < 0.0 ? -1.0 : 0.0;
+}
 
 }  // namespace isorig::model

@@ -25,7 +25,8 @@ constexpr double kRest_s = 20.0;
 Series simulate(const Motif& motif, const model::Reference& reference) {
   Series series;
   series.drive.reference = reference;
-  const double busy_s = motif.period_s() * motif.cycles, step_s = std::clamp(motif.period_s() / 400.0, 0.005, 0.5);
+  const double busy_s = motif.period_s() * motif.cycles,
+               step_s = std::clamp(motif.period_s() / 400.0, 0.005, 0.5);
   const auto at = [&](double t_s) {
     const double phase = std::clamp(t_s, 0.0, busy_s) / motif.period_s();
     if (motif.sine) return motif.amplitude_mm * std::sin(2.0 * std::numbers::pi * phase);
@@ -58,21 +59,23 @@ Series simulate(const Motif& motif, const model::Reference& reference) {
 
 std::string protocol_text(const Motif& motif, const std::string& name, double pressure_psi) {
   char text[900];
-  std::snprintf(text, sizeof text,
-                "format = \"isorig-protocol/1\"\n"
-                "name = \"%s\"\n"
-                "description = \"Separates explanations that a diagnosis left tied\"\n"
-                "recording.policy = \"full\"\n\n"
-                "steps = [\n"
-                "  { do = \"repeat\", unit = \"session\", for = { repetition = [1] }, steps = [\n"
-                "    { do = \"pressurize\", pressure_psi = %.6g, rate_psi_s = 1, settled_for_s = 5, timeout_s = 120 },\n"
-                "    { do = \"hold\", duration_s = %.6g },\n"
-                "    { do = \"wave\", shape = \"%s\", amplitude_mm = %.6g, velocity_mm_s = %.6g, cycles = %d },\n"
-                "    { do = \"hold\", duration_s = %.6g },\n"
-                "  ] },\n"
-                "]\n",
-                name.c_str(), pressure_psi, kRest_s, motif.sine ? "sine" : "triangle", motif.amplitude_mm,
-                motif.peak_mm_s, motif.cycles, kRest_s);
+  std::snprintf(
+      text, sizeof text,
+      "format = \"isorig-protocol/1\"\n"
+      "name = \"%s\"\n"
+      "description = \"Separates explanations that a diagnosis left tied\"\n"
+      "recording.policy = \"full\"\n\n"
+      "steps = [\n"
+      "  { do = \"repeat\", unit = \"session\", for = { repetition = [1] }, steps = [\n"
+      "    { do = \"pressurize\", pressure_psi = %.6g, rate_psi_s = 1, settled_for_s = 5, timeout_s = 120 "
+      "},\n"
+      "    { do = \"hold\", duration_s = %.6g },\n"
+      "    { do = \"wave\", shape = \"%s\", amplitude_mm = %.6g, velocity_mm_s = %.6g, cycles = %d },\n"
+      "    { do = \"hold\", duration_s = %.6g },\n"
+      "  ] },\n"
+      "]\n",
+      name.c_str(), pressure_psi, kRest_s, motif.sine ? "sine" : "triangle", motif.amplitude_mm,
+      motif.peak_mm_s, motif.cycles, kRest_s);
   return text;
 }
 
@@ -85,8 +88,10 @@ std::optional<Experiment> design_experiment(const Search& search, const Selectio
   double rivals = 0.0;
   for (std::size_t i = 0; i < selection.pool.size(); ++i) {
     const Hypothesis& other = selection.pool[i];
-    const bool more = std::ranges::all_of(selection.chosen().effects, [&](const auto* e) { return other.has(*e); });
-    if (i == selection.best || !other.empirical.empty() || (more && !selection.chosen().effects.empty())) continue;
+    const bool more =
+        std::ranges::all_of(selection.chosen().effects, [&](const auto* e) { return other.has(*e); });
+    if (i == selection.best || !other.empirical.empty() || (more && !selection.chosen().effects.empty()))
+      continue;
     rivals += selection.weight[i];
     if (selection.weight[i] > 0.05) tied.push_back(i);
   }
@@ -119,8 +124,8 @@ std::optional<Experiment> design_experiment(const Search& search, const Selectio
     const bool enough = worst >= kApart, had = best && best->distance >= kApart;
     if (best && (had ? !(enough && duration < best->duration_s) : worst <= best->distance)) continue;
     char name[80];
-    std::snprintf(name, sizeof name, "%s-%.3gmm-%.3gmm_s", motif.sine ? "sine" : "triangle", motif.amplitude_mm,
-                  motif.peak_mm_s);
+    std::snprintf(name, sizeof name, "%s-%.3gmm-%.3gmm_s", motif.sine ? "sine" : "triangle",
+                  motif.amplitude_mm, motif.peak_mm_s);
     best = Experiment{name, protocol_text(motif, name, reference.nominal_pressure_psi), duration, worst, {}};
   }
   if (best)

@@ -15,15 +15,15 @@ struct DesignLimits {
 
 struct Experiment {
   std::string name;
-  std::string protocol;    ///< TOML, isorig-protocol/1
+  std::string protocol;  ///< TOML, isorig-protocol/1
   double duration_s = 0.0;
-  double distance = 0.0;   ///< smallest whitened squared distance between two of the tied explanations
+  double distance = 0.0;  ///< smallest whitened squared distance between two of the tied explanations
   std::vector<std::string> separates;
 };
 
-/// When explanations remain tied: of a menu of motions within the limits the shortest that separates every two of
-/// them (each refitted freely to what the other predicts; Hunter-Reiner's criterion, worst pair first), or the one
-/// that separates best. Empty when nothing is tied.
+/// When explanations remain tied: of a menu of motions within the limits the shortest that separates every
+/// two of them (each refitted freely to what the other predicts; Hunter-Reiner's criterion, worst pair
+/// first), or the one that separates best. Empty when nothing is tied.
 [[nodiscard]] std::optional<Experiment> design_experiment(const Search& search, const Selection& selection,
                                                           const DesignLimits& limits);
 

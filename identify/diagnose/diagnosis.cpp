@@ -13,7 +13,8 @@ namespace isorig::identify {
 namespace {
 
 /// rms of measured minus simulated force over all usable rows.
-double rmse(const model::ModelSpec& spec, std::span<const Series> series, std::span<const std::vector<bool>> usable) {
+double rmse(const model::ModelSpec& spec, std::span<const Series> series,
+            std::span<const std::vector<bool>> usable) {
   double squares = 0.0;
   std::size_t count = 0;
   for (std::size_t i = 0; i < series.size(); ++i) {
@@ -30,9 +31,10 @@ double rmse(const model::ModelSpec& spec, std::span<const Series> series, std::s
   return count > 0 ? std::sqrt(squares / static_cast<double>(count)) : 0.0;
 }
 
-/// Parameters and coefficients of a part with 95 % intervals from the curvature of the likelihood. Whitened by
-/// the fit's own noise, which takes up model error: the intervals grow with what is left.
-std::vector<NamedValue> intervals(const Problem& problem, const model::ModelSpec& spec, std::size_t part_index) {
+/// Parameters and coefficients of a part with 95 % intervals from the curvature of the likelihood. Whitened
+/// by the fit's own noise, which takes up model error: the intervals grow with what is left.
+std::vector<NamedValue> intervals(const Problem& problem, const model::ModelSpec& spec,
+                                  std::size_t part_index) {
   struct Free {
     std::size_t part, index;
     bool parameter;
@@ -67,7 +69,8 @@ std::vector<NamedValue> intervals(const Problem& problem, const model::ModelSpec
     jacobian.col(static_cast<Eigen::Index>(i)) = residual_of(moved) - at;  // per step: well scaled
   }
   Eigen::MatrixXd hessian = jacobian.transpose() * jacobian;
-  const double scale = std::max(at.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(at.size(), 1)), 1.0);
+  const double scale =
+      std::max(at.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(at.size(), 1)), 1.0);
   const Eigen::MatrixXd covariance = scale * hessian.completeOrthogonalDecomposition().pseudoInverse();
   std::vector<NamedValue> out;
   const auto& part = spec.parts[part_index];
@@ -103,13 +106,15 @@ double importance_of(const Selection& selection, const model::Physics* effect) {
 }
 
 /// The time of a slip to the row: bins only say between which of them it was.
-void place_slips(model::ModelSpec& spec, std::span<const Series> series, std::span<const std::vector<bool>> usable) {
+void place_slips(model::ModelSpec& spec, std::span<const Series> series,
+                 std::span<const std::vector<bool>> usable) {
   for (auto& part : spec.parts) {
     if (part.physics->name != "grip_slip") continue;
     const Series& first = series[0];
     double before = first.nodes.front().t_s, after = first.nodes.back().t_s;
     for (const auto& node : first.nodes) {
-      if (node.t_s < part.parameters[0]) before = node.t_s;
+      if (node.t_s < part.parameters[0])
+        before = node.t_s;
       else {
         after = node.t_s;
         break;
@@ -128,8 +133,8 @@ void place_slips(model::ModelSpec& spec, std::span<const Series> series, std::sp
   }
 }
 
-/// Every block of moves (from one rest to the next; a ramp, its hold and its return) predicted by a model refitted
-/// without it. Blocks in folds of four, each fold another velocity in a session of ten ramps.
+/// Every block of moves (from one rest to the next; a ramp, its hold and its return) predicted by a model
+/// refitted without it. Blocks in folds of four, each fold another velocity in a session of ten ramps.
 double left_out_rmse(const Problem& problem, const model::ModelSpec& spec, unsigned threads) {
   constexpr int kFolds = 4;
   std::vector<double> squares(kFolds, 0.0), counts(kFolds, 0.0);
@@ -175,8 +180,10 @@ void note_equivalences(const model::ModelSpec& spec, Diagnosis& diagnosis) {
   const bool solid = spec.has("spring") && spec.has("maxwell");
   if (solid)
     diagnosis.notes.emplace_back(
-        "A spring in series with the specimen (grips, load cell, frame) turns this model into another of the same "
-        "form: no force and crosshead reading can tell its stiffness. It is not looked for, and the stiffnesses "
+        "A spring in series with the specimen (grips, load cell, frame) turns this model into another of the "
+        "same "
+        "form: no force and crosshead reading can tell its stiffness. It is not looked for, and the "
+        "stiffnesses "
         "here are those of specimen and load train together.");
 }
 
@@ -184,9 +191,12 @@ void note_equivalences(const model::ModelSpec& spec, Diagnosis& diagnosis) {
 
 std::string_view name_of(Verdict verdict) {
   switch (verdict) {
-    case Verdict::kConsistent: return "consistent";
-    case Verdict::kMissingPhysics: return "missing_physics";
-    case Verdict::kUnknownPhysics: return "unknown_physics";
+    case Verdict::kConsistent:
+      return "consistent";
+    case Verdict::kMissingPhysics:
+      return "missing_physics";
+    case Verdict::kUnknownPhysics:
+      return "unknown_physics";
   }
   return "";
 }
@@ -198,11 +208,14 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     const auto& frame = recordings[i].frame;
     constexpr std::size_t kFewest = 100;
     if (frame.size() < kFewest)
-      throw std::invalid_argument(names[i] + ": " + std::to_string(frame.size()) + " rows are too few to judge a model by (at least " +
+      throw std::invalid_argument(names[i] + ": " + std::to_string(frame.size()) +
+                                  " rows are too few to judge a model by (at least " +
                                   std::to_string(kFewest) + ")");
     const auto [low, high] = std::ranges::minmax_element(frame.position_mm);
     if (*high - *low <= 20.0 * white_noise(frame.t_s, frame.position_mm))
-      throw std::invalid_argument(names[i] + ": nothing moves in this recording, or its samples are too far apart to follow the motion");
+      throw std::invalid_argument(
+          names[i] +
+          ": nothing moves in this recording, or its samples are too far apart to follow the motion");
   }
   for (std::size_t i = 0; i < recordings.size(); ++i) {
     Guarded guarded = guard_recording(recordings[i]);
@@ -256,8 +269,10 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   out.described_by = chosen.empirical;
   const bool structure_left = left > 0.25 * rows && left > 400.0;
   // Physics that has no name in the catalogue, or too much left for the names found to be the story.
-  if (!chosen.empirical.empty() || (structure_left && (out.missing.empty() || out.unexplained > 0.15))) out.verdict = Verdict::kUnknownPhysics;
-  else if (!out.missing.empty()) out.verdict = Verdict::kMissingPhysics;
+  if (!chosen.empirical.empty() || (structure_left && (out.missing.empty() || out.unexplained > 0.15)))
+    out.verdict = Verdict::kUnknownPhysics;
+  else if (!out.missing.empty())
+    out.verdict = Verdict::kMissingPhysics;
   out.nominal_errors.train_rmse_N = rmse(out.nominal, study.series, study.usable);
   out.model_errors.train_rmse_N = rmse(out.model, study.series, study.usable);
   out.nominal_errors.heldout_rmse_N = left_out_rmse(problem, out.nominal, options.threads);
@@ -288,7 +303,8 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
   }
   json["alternatives"] = ordered_json::array();
   for (const Alternative& alternative : d.alternatives)
-    json["alternatives"].push_back({{"effects", alternative.effects}, {"probability", alternative.probability}});
+    json["alternatives"].push_back(
+        {{"effects", alternative.effects}, {"probability", alternative.probability}});
   json["where"] = ordered_json::array();
   for (const Place& place : d.where)
     json["where"].push_back({{"t_start_s", place.t_start_s},
@@ -304,11 +320,13 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
                                {"duration_s", d.next_experiment->duration_s},
                                {"distance", d.next_experiment->distance},
                                {"separates", d.next_experiment->separates}};
-  json["fit"] = {{"noise_N", d.noise_N},
-                 {"nominal",
-                  {{"train_rmse_N", d.nominal_errors.train_rmse_N}, {"heldout_rmse_N", d.nominal_errors.heldout_rmse_N}}},
-                 {"model",
-                  {{"train_rmse_N", d.model_errors.train_rmse_N}, {"heldout_rmse_N", d.model_errors.heldout_rmse_N}}}};
+  json["fit"] = {
+      {"noise_N", d.noise_N},
+      {"nominal",
+       {{"train_rmse_N", d.nominal_errors.train_rmse_N},
+        {"heldout_rmse_N", d.nominal_errors.heldout_rmse_N}}},
+      {"model",
+       {{"train_rmse_N", d.model_errors.train_rmse_N}, {"heldout_rmse_N", d.model_errors.heldout_rmse_N}}}};
   json["noise"] = {{"white_N", d.instrument.white_N},
                    {"coloured_N", d.instrument.coloured_N},
                    {"correlation_s", d.instrument.correlation_s},
@@ -321,8 +339,9 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
                                    {"rows", fault.rows},
                                    {"text", fault.text}});
   if (!d.described_by.empty())
-    json["described"] = {{"function_of", d.described_by},
-                         {"text", "structure that no effect of the catalogue explains, as a table in model.toml"}};
+    json["described"] = {
+        {"function_of", d.described_by},
+        {"text", "structure that no effect of the catalogue explains, as a table in model.toml"}};
   json["unexplained_share"] = d.unexplained;
   json["notes"] = d.notes;
   return json;

@@ -15,7 +15,7 @@ namespace isorig::identify {
 struct NamedValue {
   std::string name;
   double value = 0.0;
-  double low = 0.0;   ///< 95 % interval
+  double low = 0.0;  ///< 95 % interval
   double high = 0.0;
 };
 

@@ -15,9 +15,9 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
-/// One pass of filter and smoother with acceleration variances `spread` per interval. The acceleration acts as
-/// an impulse at the interval's end, so that the motion is straight between readings: a smoother motion cannot
-/// follow a corner between two sparse readings without ringing, and friction would see every swing.
+/// One pass of filter and smoother with acceleration variances `spread` per interval. The acceleration acts
+/// as an impulse at the interval's end, so that the motion is straight between readings: a smoother motion
+/// cannot follow a corner between two sparse readings without ringing, and friction would see every swing.
 class AccelerationSmoother {
  public:
   AccelerationSmoother(std::span<const double> t_s, std::span<const double> reading_mm)
@@ -30,7 +30,8 @@ class AccelerationSmoother {
 
   /// Log-likelihood of every reading given those before it.
   void score(std::span<const double> spread, double noise_mm2, std::vector<double>& log_likelihood) {
-    State s{y_[0], 0.0, 1e6 * noise_mm2 + 1e-6 * (1.0 + std::fabs(y_[0])) * (1.0 + std::fabs(y_[0])), 0.0, 1e4};
+    State s{y_[0], 0.0, 1e6 * noise_mm2 + 1e-6 * (1.0 + std::fabs(y_[0])) * (1.0 + std::fabs(y_[0])), 0.0,
+            1e4};
     update(s, y_[0], noise_mm2);
     log_likelihood[0] = 0.0;
     for (std::size_t k = 1; k < t_s_.size(); ++k) {
@@ -42,7 +43,8 @@ class AccelerationSmoother {
   }
 
   /// Fills mean and variance of the acceleration of every interval.
-  void run(std::span<const double> spread, double noise_mm2, std::vector<double>& mean, std::vector<double>& variance) {
+  void run(std::span<const double> spread, double noise_mm2, std::vector<double>& mean,
+           std::vector<double>& variance) {
     const std::size_t n = t_s_.size();
     const double range = 1.0 + std::fabs(y_[0]);
     State s{y_[0], 0.0, 1e6 * noise_mm2 + 1e-6 * range * range, 0.0, 1e4};
@@ -117,8 +119,8 @@ class AccelerationSmoother {
   std::vector<State> filtered_, smoothed_;
 };
 
-/// The same path with every reversal smaller than `least_mm` taken out: monotone from one true turning point to
-/// the next, which keep their place.
+/// The same path with every reversal smaller than `least_mm` taken out: monotone from one true turning point
+/// to the next, which keep their place.
 std::vector<double> without_small_reversals(const std::vector<double>& path, double least_mm) {
   std::vector<std::size_t> turns{0};
   std::size_t low = 0, high = 0;
@@ -195,7 +197,8 @@ Motion smooth_motion(std::span<const double> t_s, std::span<const double> readin
   const auto [low, high] = std::minmax_element(reading_mm.begin(), reading_mm.end());
   const double step = quantisation(reading_mm);
   // A staircase wider than the noise hides it; its error is uniform within a step.
-  double noise = std::max({white_noise(t_s, reading_mm), step / std::sqrt(12.0), 1e-7 * (*high - *low), 1e-12});
+  double noise =
+      std::max({white_noise(t_s, reading_mm), step / std::sqrt(12.0), 1e-7 * (*high - *low), 1e-12});
   motion.quantisation_mm = step;
 
   AccelerationSmoother smoother(t_s, reading_mm);
@@ -209,8 +212,8 @@ Motion smooth_motion(std::span<const double> t_s, std::span<const double> readin
   const auto refine = [&](int passes) {
     for (int pass = 0; pass < passes; ++pass) {
       smoother.run(spread, noise * noise, mean, variance);
-      // Accelerations of a machine last some 10 ms: neighbours within that time share their variance, so that a
-      // corner that was sampled densely is found as a whole and one lucky reading is not.
+      // Accelerations of a machine last some 10 ms: neighbours within that time share their variance, so that
+      // a corner that was sampled densely is found as a whole and one lucky reading is not.
       for (std::size_t k = 0; k + 1 < n; ++k) {
         if (spread[k] <= kStill) {
           next[k] = kStill;
@@ -242,8 +245,10 @@ Motion smooth_motion(std::span<const double> t_s, std::span<const double> readin
     for (std::size_t k = 0; k + 1 < n; ++k) {
       if (spread[k] <= kAlive) continue;
       // Runs that nearly touch are judged as one at first, then apart.
-      if (!runs.empty() && k - runs.back().last <= apart) runs.back().last = k;
-      else runs.push_back({k, k});
+      if (!runs.empty() && k - runs.back().last <= apart)
+        runs.back().last = k;
+      else
+        runs.push_back({k, k});
     }
     smoother.score(spread, noise * noise, with);
     // Every other run at a time: what is taken out must not spoil what follows its neighbour.
@@ -268,7 +273,8 @@ Motion smooth_motion(std::span<const double> t_s, std::span<const double> readin
   for (int round = 0; round < 3; ++round) {
     smoother.run(spread, noise * noise, mean, variance);
     std::vector<double> sum(n + 1, 0.0);
-    for (std::size_t k = 0; k < n; ++k) sum[k + 1] = sum[k] + (reading_mm[k] - smoother.states()[k].x) / noise;
+    for (std::size_t k = 0; k < n; ++k)
+      sum[k + 1] = sum[k] + (reading_mm[k] - smoother.states()[k].x) / noise;
     bool opened = false;
     for (const std::size_t width : {4u, 8u, 16u, 48u}) {
       for (std::size_t k = 0; k + width <= n; ++k) {
@@ -297,7 +303,8 @@ Motion smooth_motion(std::span<const double> t_s, std::span<const double> readin
     // At a reading: the mean of what was before and what comes after.
     const double after = smoother.states()[k].v, before = k > 0 ? smoother.states()[k - 1].v : after;
     motion.velocity_mm_s[k] = 0.5 * (before + after);
-    if (k > 0 && k + 1 < n) motion.acceleration_mm_s2[k] = (after - before) / (0.5 * (t_s[k + 1] - t_s[k - 1]));
+    if (k > 0 && k + 1 < n)
+      motion.acceleration_mm_s2[k] = (after - before) / (0.5 * (t_s[k + 1] - t_s[k - 1]));
     const double e = reading_mm[k] - motion.position_mm[k];
     squares += e * e;
   }
@@ -353,8 +360,9 @@ Drive reconstruct_drive(const messages::Recording& recording) {
   const std::size_t n = frame.size();
   drive.motion = smooth_motion(frame.t_s, frame.position_mm);
   const auto& metadata = recording.metadata;
-  drive.reference.elongation_at_zero_mm =
-      metadata.pressurized_rest_length_mm ? metadata.rest_length_mm - *metadata.pressurized_rest_length_mm : 0.0;
+  drive.reference.elongation_at_zero_mm = metadata.pressurized_rest_length_mm
+                                              ? metadata.rest_length_mm - *metadata.pressurized_rest_length_mm
+                                              : 0.0;
   drive.reference.duration_s = n > 0 ? frame.t_s.back() - frame.t_s.front() : 0.0;
 
   if (recording.pressure && recording.pressure->size() > 0) {

@@ -17,11 +17,11 @@ struct Motion {
   double quantisation_mm = 0.0;  ///< smallest step of the reading, 0 when it is finer than the noise
 };
 
-/// Sparse Bayesian smoothing: straight between readings, with a change of velocity at each that is Gaussian with
-/// a variance of its own, which is estimated (MacKay's fixed point over a Rauch-Tung-Striebel smoother). Where the crosshead
-/// holds or runs at constant velocity the variance dies out and hundreds of readings average into a straight
-/// line; at a corner it survives and the readings are followed. Play, friction and lag operators must be driven
-/// by this, never by the reading: every micrometre of noise reverses them.
+/// Sparse Bayesian smoothing: straight between readings, with a change of velocity at each that is Gaussian
+/// with a variance of its own, which is estimated (MacKay's fixed point over a Rauch-Tung-Striebel smoother).
+/// Where the crosshead holds or runs at constant velocity the variance dies out and hundreds of readings
+/// average into a straight line; at a corner it survives and the readings are followed. Play, friction and
+/// lag operators must be driven by this, never by the reading: every micrometre of noise reverses them.
 [[nodiscard]] Motion smooth_motion(std::span<const double> t_s, std::span<const double> reading_mm);
 
 /// Random-walk smoothing of a slow signal (pressure), its two variances by maximum likelihood.

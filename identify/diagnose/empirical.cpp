@@ -23,9 +23,13 @@ struct Covariate {
 };
 
 std::vector<Covariate> covariates(std::span<const Series> series) {
-  std::vector<Covariate> all{{"position", 260, {}}, {"rate", 24, {}},      {"travel", 40, {}},
-                             {"extending", 40, {}}, {"shortening", 40, {}}};
-  const bool pressure = std::ranges::any_of(series, [](const Series& s) { return !s.drive.pressure_psi.empty(); });
+  std::vector<Covariate> all{{"position", 260, {}},
+                             {"rate", 24, {}},
+                             {"travel", 40, {}},
+                             {"extending", 40, {}},
+                             {"shortening", 40, {}}};
+  const bool pressure =
+      std::ranges::any_of(series, [](const Series& s) { return !s.drive.pressure_psi.empty(); });
   if (pressure) all.push_back({"pressure", 24, {}});
   for (const Series& each : series) {
     double travelled = 0.0, direction = 0.0;
@@ -33,12 +37,18 @@ std::vector<Covariate> covariates(std::span<const Series> series) {
       travelled += std::fabs(node.step_mm);
       if (std::fabs(node.step_mm) > 2e-5) direction = node.step_mm;
       for (Covariate& c : all) {
-        if (c.law == "position") c.value.push_back(node.position_mm);
-        else if (c.law == "rate") c.value.push_back(std::asinh(node.velocity_mm_s / 0.01));
-        else if (c.law == "travel") c.value.push_back(travelled);
-        else if (c.law == "pressure") c.value.push_back(node.excess_pressure_psi);
-        else if (c.law == "extending") c.value.push_back(direction > 0.0 ? node.position_mm : kNowhere);
-        else c.value.push_back(direction < 0.0 ? node.position_mm : kNowhere);
+        if (c.law == "position")
+          c.value.push_back(node.position_mm);
+        else if (c.law == "rate")
+          c.value.push_back(std::asinh(node.velocity_mm_s / 0.01));
+        else if (c.law == "travel")
+          c.value.push_back(travelled);
+        else if (c.law == "pressure")
+          c.value.push_back(node.excess_pressure_psi);
+        else if (c.law == "extending")
+          c.value.push_back(direction > 0.0 ? node.position_mm : kNowhere);
+        else
+          c.value.push_back(direction < 0.0 ? node.position_mm : kNowhere);
       }
     }
   }
@@ -47,8 +57,8 @@ std::vector<Covariate> covariates(std::span<const Series> series) {
 
 struct TableFit {
   Table table;
-  double gain = 0.0;       ///< cross-validated: whitened squares saved on what was left out
-  double freedom = 0.0;    ///< effective number of parameters
+  double gain = 0.0;     ///< cross-validated: whitened squares saved on what was left out
+  double freedom = 0.0;  ///< effective number of parameters
 };
 
 /// Penalised B-spline (degree one, second differences) beside the model's own columns, by weighted least
@@ -157,7 +167,9 @@ std::optional<Hypothesis> describe_unknown(const Search& search, const Hypothesi
   for (const Series& each : series) {
     for (std::size_t k = 0; k < each.nodes.size(); ++k, ++row) {
       const double count = each.count[k];
-      weight[row] = count > 0.0 ? 1.0 / (noise.white_N * noise.white_N / count + noise.coloured_N * noise.coloured_N) : 0.0;
+      weight[row] = count > 0.0
+                        ? 1.0 / (noise.white_N * noise.white_N / count + noise.coloured_N * noise.coloured_N)
+                        : 0.0;
       if (k > 0 && each.since_corner_s[k] == 0.0 && each.since_corner_s[k - 1] > 5.0) ++block;
       fold[static_cast<std::size_t>(row)] = block % kFolds;
     }
@@ -175,7 +187,8 @@ std::optional<Hypothesis> describe_unknown(const Search& search, const Hypothesi
   problem.columns(base.fit.spec, columns);
   Eigen::VectorXd residual = problem.target() - problem.predict(base.fit.spec);
   std::vector<TableFit> fits(all.size());
-  for (std::size_t c = 0; c < all.size(); ++c) fits[c] = fit_table(all[c], columns, residual, weight, fold, kFolds);
+  for (std::size_t c = 0; c < all.size(); ++c)
+    fits[c] = fit_table(all[c], columns, residual, weight, fold, kFolds);
   std::size_t best = 0;
   for (std::size_t c = 1; c < all.size(); ++c)
     if (fits[c].gain > fits[best].gain) best = c;
@@ -210,7 +223,8 @@ std::optional<Hypothesis> describe_unknown(const Search& search, const Hypothesi
       if (more.table.values.empty()) break;
       auto& table = spec.parts.back().table;
       for (std::size_t i = 0; i < table.values.size(); ++i)
-        table.values[i] += motion ? (stiffness > 0.0 ? more.table.values[i] / stiffness : 0.0) : more.table.values[i];
+        table.values[i] +=
+            motion ? (stiffness > 0.0 ? more.table.values[i] / stiffness : 0.0) : more.table.values[i];
     }
     return std::pair{kept, kept_squares};
   };
@@ -243,7 +257,8 @@ std::optional<Hypothesis> describe_unknown(const Search& search, const Hypothesi
   out.fit.noise = left;
   out.fit.log_likelihood = problem.log_likelihood(out.fit.spec, left);
   const double cost = 0.5 * std::log(static_cast<double>(base.fit.rows));
-  out.evidence = out.fit.log_likelihood - cost * (fits[best].freedom + 2.0 * static_cast<double>(base.effects.size() + 3));
+  out.evidence = out.fit.log_likelihood -
+                 cost * (fits[best].freedom + 2.0 * static_cast<double>(base.effects.size() + 3));
   return out;
 }
 

@@ -69,7 +69,9 @@ Eigen::VectorXd solve_signed(const Eigen::MatrixXd& gram, const Eigen::VectorXd&
     Eigen::Index worst = -1;
     double worst_value = -1e-12;
     for (Eigen::Index i = 0; i < k; ++i) {
-      const double wrong = signs[in[i]] == Sign::kNonNegative ? x[i] : signs[in[i]] == Sign::kNonPositive ? -x[i] : 0.0;
+      const double wrong = signs[in[i]] == Sign::kNonNegative   ? x[i]
+                           : signs[in[i]] == Sign::kNonPositive ? -x[i]
+                                                                : 0.0;
       if (wrong < worst_value) {
         worst_value = wrong;
         worst = in[i];
@@ -203,8 +205,10 @@ double Problem::solve(ModelSpec& spec, Eigen::VectorXd& residual) const {
     std::vector<double> c = spec.coefficients();
     std::vector<Eigen::Index> free;
     for (Eigen::Index i = 0; i < m; ++i) {
-      if (fixed[i]) b -= a.col(i) * c[i];
-      else free.push_back(i);
+      if (fixed[i])
+        b -= a.col(i) * c[i];
+      else
+        free.push_back(i);
     }
     if (static_cast<Eigen::Index>(free.size()) == m) {
       Eigen::MatrixXd gram = a.transpose() * a;
@@ -219,7 +223,8 @@ double Problem::solve(ModelSpec& spec, Eigen::VectorXd& residual) const {
         picked.col(static_cast<Eigen::Index>(i)) = a.col(free[i]);
         picked_signs.push_back(signs[free[i]]);
       }
-      const Eigen::VectorXd x = solve_signed(picked.transpose() * picked, picked.transpose() * b, picked_signs);
+      const Eigen::VectorXd x =
+          solve_signed(picked.transpose() * picked, picked.transpose() * b, picked_signs);
       residual = b - picked * x;
       for (std::size_t i = 0; i < free.size(); ++i) c[free[i]] = x[static_cast<Eigen::Index>(i)];
     }
@@ -242,9 +247,11 @@ Fit Problem::fit(ModelSpec spec, int iterations) const {
     u[i] = to_search(*handles[i].parameter, spec.parts[handles[i].part].parameters[handles[i].index]);
   const auto clamp = [&](Eigen::VectorXd& v) {
     for (Eigen::Index i = 0; i < p; ++i)
-      v[i] = std::clamp(v[i], to_search(*handles[i].parameter, std::max(handles[i].parameter->lower,
-                                                                         handles[i].parameter->logarithmic ? 1e-300 : -1e300)),
-                        to_search(*handles[i].parameter, handles[i].parameter->upper));
+      v[i] = std::clamp(
+          v[i],
+          to_search(*handles[i].parameter, std::max(handles[i].parameter->lower,
+                                                    handles[i].parameter->logarithmic ? 1e-300 : -1e300)),
+          to_search(*handles[i].parameter, handles[i].parameter->upper));
   };
   double chi2 = solve(spec, residual);
   out.evaluations = 1;
@@ -275,7 +282,9 @@ Fit Problem::fit(ModelSpec spec, int iterations) const {
       Eigen::MatrixXd damped = hessian;
       for (Eigen::Index i = 0; i < p; ++i) damped(i, i) += damping * hessian(i, i) + 1e-12;
       Eigen::VectorXd step = -damped.ldlt().solve(gradient);
-      for (Eigen::Index i = 0; i < p; ++i) step[i] = std::clamp(step[i], -1.5 * scale_of(*handles[i].parameter), 1.5 * scale_of(*handles[i].parameter));
+      for (Eigen::Index i = 0; i < p; ++i)
+        step[i] = std::clamp(step[i], -1.5 * scale_of(*handles[i].parameter),
+                             1.5 * scale_of(*handles[i].parameter));
       Eigen::VectorXd next = u + step;
       clamp(next);
       ModelSpec trial = spec;
@@ -301,7 +310,8 @@ Fit Problem::fit(ModelSpec spec, int iterations) const {
   for (Eigen::Index i = 0; i < p; ++i) {
     const Parameter& parameter = *handles[i].parameter;
     const double value = spec.parts[handles[i].part].parameters[handles[i].index];
-    out.at_bound.push_back(value <= parameter.lower * (1 + 1e-9) + 1e-12 || value >= parameter.upper * (1 - 1e-9));
+    out.at_bound.push_back(value <= parameter.lower * (1 + 1e-9) + 1e-12 ||
+                           value >= parameter.upper * (1 - 1e-9));
   }
   out.spec = std::move(spec);
   out.noise = noise_;

@@ -12,8 +12,8 @@ namespace isorig::identify {
 /// Force noise: white per reading, and an Ornstein-Uhlenbeck part that stands for coloured noise and for what
 /// the model still lacks (a Gaussian process in time, amplitude inferred per hypothesis).
 struct NoiseModel {
-  double white_N = 0.01;      ///< rms per reading
-  double coloured_N = 0.0;    ///< stationary rms
+  double white_N = 0.01;    ///< rms per reading
+  double coloured_N = 0.0;  ///< stationary rms
   double correlation_s = 1.0;
 };
 
@@ -27,11 +27,11 @@ struct Fit {
   model::ModelSpec spec;
   NoiseModel noise;
   double log_likelihood = 0.0;
-  double chi2 = 0.0;          ///< whitened sum of squares
+  double chi2 = 0.0;  ///< whitened sum of squares
   double sum_log = 0.0;
   std::size_t rows = 0;
-  Eigen::VectorXd residual;   ///< whitened, one per bin
-  std::vector<bool> at_bound; ///< per search parameter
+  Eigen::VectorXd residual;    ///< whitened, one per bin
+  std::vector<bool> at_bound;  ///< per search parameter
   int evaluations = 0;
 };
 
@@ -50,11 +50,12 @@ class Problem {
   [[nodiscard]] Eigen::VectorXd predict(const model::ModelSpec& spec) const;
   [[nodiscard]] const Eigen::VectorXd& target() const noexcept { return force_; }
 
-  /// Solves the coefficients for the spec's parameters, signs obeyed. Sets them in `spec`; whitened residual out.
+  /// Solves the coefficients for the spec's parameters, signs obeyed. Sets them in `spec`; whitened residual
+  /// out.
   double solve(model::ModelSpec& spec, Eigen::VectorXd& residual) const;
 
-  /// Variable projection: Levenberg-Marquardt over the nonlinear parameters, coefficients solved at each step.
-  /// `free_parts`: which parts' parameters move (empty: all).
+  /// Variable projection: Levenberg-Marquardt over the nonlinear parameters, coefficients solved at each
+  /// step. `free_parts`: which parts' parameters move (empty: all).
   [[nodiscard]] Fit fit(model::ModelSpec spec, int iterations = 25) const;
 
   /// Noise of the residual of a fit by maximum likelihood (white and coloured).

@@ -59,8 +59,8 @@ void find_outliers(const messages::FrameSamples& frame, Guarded& out) {
       count += run;
     }
   }
-  // Several close together hide each other from their neighbours, not from the median of nine. The limit grows
-  // with the spread within the nine, so that steep motion is not taken for a fault.
+  // Several close together hide each other from their neighbours, not from the median of nine. The limit
+  // grows with the spread within the nine, so that steep motion is not taken for a fault.
   constexpr std::size_t kHalf = 4;
   std::array<double, 2 * kHalf + 1> near{};
   const auto middle = near.begin() + kHalf;
@@ -81,7 +81,8 @@ void find_outliers(const messages::FrameSamples& frame, Guarded& out) {
   }
   if (count > 0)
     out.faults.push_back({"outliers", first, last, count,
-                          std::to_string(count) + " force readings jump away from their neighbours and back, by up to " +
+                          std::to_string(count) +
+                              " force readings jump away from their neighbours and back, by up to " +
                               number(largest) + " N; left out"});
 }
 
@@ -101,9 +102,10 @@ void find_frozen(const messages::FrameSamples& frame, Guarded& out) {
     if (run >= 12) {
       const bool edge = f[k] == *low || f[k] == *high;
       for (std::size_t j = k; j < end; ++j) out.usable[j] = false;
-      out.faults.push_back({edge ? "saturation" : "frozen", t[k], t[end - 1], run,
-                            edge ? "force stands at the end of its range, " + number(f[k]) + " N; left out"
-                                 : "force does not change at all for " + std::to_string(run) + " readings; left out"});
+      out.faults.push_back(
+          {edge ? "saturation" : "frozen", t[k], t[end - 1], run,
+           edge ? "force stands at the end of its range, " + number(f[k]) + " N; left out"
+                : "force does not change at all for " + std::to_string(run) + " readings; left out"});
     }
     k = end;
   }

@@ -18,7 +18,8 @@ using model::Part;
 
 /// Refinements of friction; tried only on a nominal model that has friction already.
 bool is_refinement(const model::Physics& physics) {
-  return &physics == &model::effect::friction_asymmetry() || &physics == &model::effect::friction_with_pressure();
+  return &physics == &model::effect::friction_asymmetry() ||
+         &physics == &model::effect::friction_with_pressure();
 }
 
 /// Smaller than what the instruments could show: such a play or slip stands in for noise in the position
@@ -93,7 +94,9 @@ void parallel_for(std::size_t count, unsigned threads, const std::function<void(
 Search::Search(std::span<const Series> series, const NoiseModel& instrument, unsigned threads)
     : series_(series), instrument_problem_(series, instrument), threads_(threads) {}
 
-Fit Search::fit_from(const ModelSpec& spec, int iterations) const { return instrument_problem_.fit(spec, iterations); }
+Fit Search::fit_from(const ModelSpec& spec, int iterations) const {
+  return instrument_problem_.fit(spec, iterations);
+}
 
 Hypothesis Search::nominal(const ModelSpec& nominal) const {
   std::vector<std::size_t> arms;
@@ -116,7 +119,8 @@ Hypothesis Search::nominal(const ModelSpec& nominal) const {
     }
   }
   std::vector<Fit> fits(specs.size());
-  parallel_for(specs.size(), threads_, [&](std::size_t i) { fits[i] = instrument_problem_.fit(specs[i], 20); });
+  parallel_for(specs.size(), threads_,
+               [&](std::size_t i) { fits[i] = instrument_problem_.fit(specs[i], 20); });
   Hypothesis best;
   best.fit = *std::ranges::min_element(fits, {}, &Fit::chi2);
   settle(best, false);
@@ -126,16 +130,17 @@ Hypothesis Search::nominal(const ModelSpec& nominal) const {
 std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
   std::vector<Trial> out;
   const ModelSpec& spec = base.fit.spec;
-  const bool with_pressure = std::ranges::any_of(
-      series_, [](const Series& s) { return !s.drive.pressure_psi.empty(); });
+  const bool with_pressure =
+      std::ranges::any_of(series_, [](const Series& s) { return !s.drive.pressure_psi.empty(); });
   for (const model::Physics* effect : model::effects()) {
     if (base.has(*effect)) continue;
-    if (is_refinement(*effect) && (!spec.has("coulomb_friction") || base.has(model::effect::coulomb_friction())))
+    if (is_refinement(*effect) &&
+        (!spec.has("coulomb_friction") || base.has(model::effect::coulomb_friction())))
       continue;
     // A nominal model that has it does not lack it.
     if (spec.has(effect->name) && effect != &model::effect::second_relaxation()) continue;
-    const bool of_pressure = effect == &model::effect::pressure_coupling() ||
-                             effect == &model::effect::friction_with_pressure();
+    const bool of_pressure =
+        effect == &model::effect::pressure_coupling() || effect == &model::effect::friction_with_pressure();
     if (of_pressure && !with_pressure) continue;
     for (const model::Law& law : effect->laws) {
       // Every arm of the nominal model may be the one whose dashpot is not linear.
@@ -153,7 +158,8 @@ std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
           Part part = model::make_part(*effect, law);
           for (std::size_t i = 0; i < law.parameters.size(); ++i) {
             const auto& parameter = law.parameters[i];
-            if (parameter.name == "duration_s") part.parameters[i] = series_[0].drive.reference.duration_s;
+            if (parameter.name == "duration_s")
+              part.parameters[i] = series_[0].drive.reference.duration_s;
             else if (!parameter.starts.empty())
               part.parameters[i] = parameter.starts[std::min(k, parameter.starts.size() - 1)];
           }
@@ -170,7 +176,8 @@ std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
   return out;
 }
 
-std::vector<double> Search::slip_times(const ModelSpec& spec, const NoiseModel& noise, std::size_t count) const {
+std::vector<double> Search::slip_times(const ModelSpec& spec, const NoiseModel& noise,
+                                       std::size_t count) const {
   // The force drops by a step when a grip slips. Exact scan: with r the whitened residual after all columns
   // and Q their basis, a step at bin k gains (r.s)^2 / (s.s - |Q's|^2); all sums run from the end. The
   // relaxation that follows the step is left to the fit.
@@ -189,8 +196,10 @@ std::vector<double> Search::slip_times(const ModelSpec& spec, const NoiseModel& 
     for (int twice = 0; twice < 2; ++twice)
       for (Eigen::Index j = 0; j < i; ++j) q.col(i) -= q.col(j).dot(q.col(i)) * q.col(j);
     const double after = q.col(i).norm();
-    if (after > 1e-7 * before && after > 0.0) q.col(i) /= after;
-    else q.col(i).setZero();
+    if (after > 1e-7 * before && after > 0.0)
+      q.col(i) /= after;
+    else
+      q.col(i).setZero();
   }
   Eigen::VectorXd r = a.col(m);
   r -= q * (q.transpose() * r);
@@ -255,7 +264,8 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
     }
   }
   // A few steps from every start, then all the way from the best of each effect.
-  parallel_for(all.size(), threads_, [&](std::size_t i) { all[i].fit = instrument_problem_.fit(all[i].spec, 4); });
+  parallel_for(all.size(), threads_,
+               [&](std::size_t i) { all[i].fit = instrument_problem_.fit(all[i].spec, 4); });
   std::ranges::stable_sort(all, {}, [](const Trial& t) { return t.fit.chi2; });
   std::vector<Trial> chosen;
   std::map<const model::Physics*, int> per_effect;
@@ -288,7 +298,8 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
   std::vector<Hypothesis> best;
   for (Hypothesis& hypothesis : out) {
     if (below_resolution(hypothesis.fit.spec, series_)) continue;
-    if (std::ranges::none_of(best, [&](const Hypothesis& other) { return other.effects == hypothesis.effects; }))
+    if (std::ranges::none_of(best,
+                             [&](const Hypothesis& other) { return other.effects == hypothesis.effects; }))
       best.push_back(std::move(hypothesis));
   }
   return best;

@@ -38,7 +38,8 @@ Cells by_quantile(const std::vector<double>& value, int count) {
   std::vector<double> sorted = value;
   std::ranges::sort(sorted);
   std::vector<double> edges;
-  for (int c = 1; c < count; ++c) edges.push_back(sorted[sorted.size() * static_cast<std::size_t>(c) / count]);
+  for (int c = 1; c < count; ++c)
+    edges.push_back(sorted[sorted.size() * static_cast<std::size_t>(c) / count]);
   edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
   Cells cells{{}, static_cast<int>(edges.size()) + 1};
   for (const double v : value)
@@ -108,7 +109,8 @@ std::vector<Place> locate(const Problem& problem, const model::ModelSpec& nomina
   std::vector<double> capped = since;
   axes.emplace_back("hold", with_direction(by_quantile(capped, 10)));
   Cells onset{{}, 4};
-  for (std::size_t i = 0; i < n; ++i) onset.cell.push_back(since[i] < 0.05 ? 0 : since[i] < 0.3 ? 1 : since[i] < 2.0 ? 2 : 3);
+  for (std::size_t i = 0; i < n; ++i)
+    onset.cell.push_back(since[i] < 0.05 ? 0 : since[i] < 0.3 ? 1 : since[i] < 2.0 ? 2 : 3);
   axes.emplace_back("onset", with_direction(onset));
 
   const std::vector<double> once(static_cast<std::size_t>(blocks), 1.0);
@@ -146,7 +148,8 @@ std::vector<Place> locate(const Problem& problem, const model::ModelSpec& nomina
   std::vector<double> power(kWindows, 0.0);
   const double first = time.front(), span = std::max(time.back() - first, 1e-9);
   for (std::size_t i = 0; i < n; ++i) {
-    const auto w = std::min<std::size_t>(kWindows - 1, static_cast<std::size_t>((time[i] - first) / span * kWindows));
+    const auto w =
+        std::min<std::size_t>(kWindows - 1, static_cast<std::size_t>((time[i] - first) / span * kWindows));
     const auto row = static_cast<Eigen::Index>(i);
     power[w] += residual[row] * residual[row] - noise_scale;
   }

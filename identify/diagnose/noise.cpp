@@ -56,7 +56,8 @@ double score(std::span<const Rest> rests, const NoiseModel& noise) {
         variance = variance * decay * decay + stationary * (1.0 - decay * decay);
       }
       const double total = variance + white2;
-      const Eigen::Vector3d e = Eigen::Vector3d(1.0, (rest.t_s[k] - middle) / 10.0, rest.force_N[k] - rest.force_N[0]) - mean;
+      const Eigen::Vector3d e =
+          Eigen::Vector3d(1.0, (rest.t_s[k] - middle) / 10.0, rest.force_N[k] - rest.force_N[0]) - mean;
       gram += e * e.transpose() / total;
       sum -= 0.5 * std::log(total);
       mean += variance / total * e;
@@ -85,7 +86,8 @@ InstrumentNoise instrument_noise(std::span<const Series> series, std::span<const
       rests.push_back(std::move(rest));
     }
     const auto& frame = series[i].recording.frame;
-    white = std::max({white, white_noise(frame.t_s, frame.force_N), quantisation(frame.force_N) / std::sqrt(12.0)});
+    white = std::max(
+        {white, white_noise(frame.t_s, frame.force_N), quantisation(frame.force_N) / std::sqrt(12.0)});
   }
   out.noise = {std::max(white, 1e-9), 0.0, 1.0};
   if (rows < 200) return out;
@@ -129,8 +131,7 @@ InstrumentNoise instrument_noise(std::span<const Series> series, std::span<const
     for (double& w : width) w *= 0.75;
   }
   // Two more numbers must earn their keep.
-  if (best_score - white_only < std::log(static_cast<double>(rows)))
-    best = {all, 0.0, 1.0};
+  if (best_score - white_only < std::log(static_cast<double>(rows))) best = {all, 0.0, 1.0};
   out.noise = best;
   return out;
 }

@@ -42,7 +42,8 @@ std::string verdict_text(const Diagnosis& d) {
     case Verdict::kUnknownPhysics:
       return d.described_by.empty()
                  ? "Something is left that neither the catalogue nor a table of one variable explains."
-                 : "Something is left that no effect of the catalogue explains. It is described as a function of " +
+                 : "Something is left that no effect of the catalogue explains. It is described as a "
+                   "function of " +
                        d.described_by + ".";
   }
   return "";
@@ -52,28 +53,33 @@ std::string verdict_text(const Diagnosis& d) {
 
 void write_diagnosis_report(const Study& study, const std::filesystem::path& folder) {
   const Diagnosis& d = study.diagnosis;
-  report::Page page("Diagnosis of " + (study.series.empty() ? std::string() : study.series[0].recording.metadata.specimen));
+  report::Page page("Diagnosis of " +
+                    (study.series.empty() ? std::string() : study.series[0].recording.metadata.specimen));
   page.paragraph(verdict_text(d));
   if (!d.missing.empty()) {
     std::vector<std::vector<std::string>> rows;
     for (const MissingEffect& missing : d.missing) {
       std::string numbers;
       for (const NamedValue& value : missing.parameters)
-        numbers += (numbers.empty() ? "" : "; ") + value.name + " " + report::interval_text(value.value, value.low, value.high);
+        numbers += (numbers.empty() ? "" : "; ") + value.name + " " +
+                   report::interval_text(value.value, value.low, value.high);
       rows.push_back({std::string(missing.effect->name), std::string(model::side_of(missing.effect->stage)),
                       number_text(missing.probability, 3), missing.law, numbers});
     }
-    page.table({"effect", "side", "probability", "law", "parameters [95 %]"}, rows, "What is missing, most important first");
+    page.table({"effect", "side", "probability", "law", "parameters [95 %]"}, rows,
+               "What is missing, most important first");
     for (const MissingEffect& missing : d.missing)
-      page.paragraph(std::string(missing.effect->what) + " What would show it: " + std::string(missing.effect->reveals));
+      page.paragraph(std::string(missing.effect->what) +
+                     " What would show it: " + std::string(missing.effect->reveals));
   }
-  page.table({"", "rms, N"},
-             {{"nominal model", number_text(d.nominal_errors.train_rmse_N)},
-              {"model with it", number_text(d.model_errors.train_rmse_N)},
-              {"nominal model, a block of moves left out in turn", number_text(d.nominal_errors.heldout_rmse_N)},
-              {"model with it, the same", number_text(d.model_errors.heldout_rmse_N)},
-              {"noise of the force channel", number_text(d.noise_N)}},
-             "Measured minus simulated force");
+  page.table(
+      {"", "rms, N"},
+      {{"nominal model", number_text(d.nominal_errors.train_rmse_N)},
+       {"model with it", number_text(d.model_errors.train_rmse_N)},
+       {"nominal model, a block of moves left out in turn", number_text(d.nominal_errors.heldout_rmse_N)},
+       {"model with it, the same", number_text(d.model_errors.heldout_rmse_N)},
+       {"noise of the force channel", number_text(d.noise_N)}},
+      "Measured minus simulated force");
   for (std::size_t i = 0; i < study.series.size(); ++i) {
     const Residuals r = residuals(study.series[i], study.usable[i], d);
     report::Figure figure;
@@ -125,12 +131,14 @@ void write_diagnosis_report(const Study& study, const std::filesystem::path& fol
   page.heading("Data");
   std::vector<std::string> items;
   for (const DataFault& fault : d.faults) items.push_back(fault.kind + ": " + fault.text);
-  items.push_back("Force noise: white " + number_text(d.instrument.white_N) + " N" +
-                  (d.instrument.coloured_N > 0.0 ? ", coloured " + number_text(d.instrument.coloured_N) + " N over " +
-                                                       number_text(d.instrument.correlation_s) + " s"
-                                                 : std::string()) +
-                  (d.noise_from_rests ? ", from the rests." : ", from second differences (there are no rests)."));
-  items.push_back("Share of the nominal model's excess that stays unexplained: " + number_text(100.0 * d.unexplained, 3) + " %.");
+  items.push_back(
+      "Force noise: white " + number_text(d.instrument.white_N) + " N" +
+      (d.instrument.coloured_N > 0.0 ? ", coloured " + number_text(d.instrument.coloured_N) + " N over " +
+                                           number_text(d.instrument.correlation_s) + " s"
+                                     : std::string()) +
+      (d.noise_from_rests ? ", from the rests." : ", from second differences (there are no rests)."));
+  items.push_back("Share of the nominal model's excess that stays unexplained: " +
+                  number_text(100.0 * d.unexplained, 3) + " %.");
   page.list(items);
   for (const std::string& note : d.notes) page.note(note);
   page.write(folder, {.png = false});

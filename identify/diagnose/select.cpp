@@ -12,9 +12,13 @@ namespace {
 
 void add(std::vector<Hypothesis>& pool, std::vector<Hypothesis> more) {
   for (Hypothesis& hypothesis : more) {
-    const auto same = std::ranges::find_if(pool, [&](const Hypothesis& h) { return h.effects == hypothesis.effects && h.empirical == hypothesis.empirical; });
-    if (same == pool.end()) pool.push_back(std::move(hypothesis));
-    else if (hypothesis.evidence > same->evidence) *same = std::move(hypothesis);
+    const auto same = std::ranges::find_if(pool, [&](const Hypothesis& h) {
+      return h.effects == hypothesis.effects && h.empirical == hypothesis.empirical;
+    });
+    if (same == pool.end())
+      pool.push_back(std::move(hypothesis));
+    else if (hypothesis.evidence > same->evidence)
+      *same = std::move(hypothesis);
   }
 }
 
@@ -31,7 +35,8 @@ double block_median(const Eigen::VectorXd& residual) {
   std::vector<double> means;
   for (Eigen::Index b = 0; b < kBlocks; ++b) {
     const Eigen::Index from = residual.size() * b / kBlocks, to = residual.size() * (b + 1) / kBlocks;
-    if (to > from) means.push_back(residual.segment(from, to - from).squaredNorm() / static_cast<double>(to - from));
+    if (to > from)
+      means.push_back(residual.segment(from, to - from).squaredNorm() / static_cast<double>(to - from));
   }
   std::ranges::nth_element(means, means.begin() + static_cast<std::ptrdiff_t>(means.size() / 2));
   return means[means.size() / 2];
@@ -40,10 +45,19 @@ double block_median(const Eigen::VectorXd& residual) {
 }  // namespace
 
 bool is_format_effect(const model::Physics& physics) {
-  constexpr std::array<std::string_view, 13> names{
-      "coulomb_friction", "strain_stiffening", "second_relaxation", "nonlinear_viscosity", "pressure_coupling",
-      "cyclic_softening", "force_lag",         "force_delay",       "fixture_inertia",     "zero_drift",
-      "grip_slip",        "crosshead_backlash", "slack"};
+  constexpr std::array<std::string_view, 13> names{"coulomb_friction",
+                                                   "strain_stiffening",
+                                                   "second_relaxation",
+                                                   "nonlinear_viscosity",
+                                                   "pressure_coupling",
+                                                   "cyclic_softening",
+                                                   "force_lag",
+                                                   "force_delay",
+                                                   "fixture_inertia",
+                                                   "zero_drift",
+                                                   "grip_slip",
+                                                   "crosshead_backlash",
+                                                   "slack"};
   return std::ranges::find(names, physics.name) != names.end();
 }
 
@@ -92,7 +106,8 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
   }
 }
 
-Selection select_effects(const Search& search, const model::ModelSpec& nominal, const SelectionOptions& options) {
+Selection select_effects(const Search& search, const model::ModelSpec& nominal,
+                         const SelectionOptions& options) {
   Selection selection;
   auto& pool = selection.pool;
   pool.push_back(search.nominal(nominal));
@@ -106,8 +121,8 @@ Selection select_effects(const Search& search, const model::ModelSpec& nominal, 
     const auto larger = ranked(pool, size + 1);
     // More of the beam only where one more effect explains more at all.
     if (larger.empty() || pool[larger.front()].evidence < best + options.least_gain) break;
-    // A first effect that explains all but a little is in every explanation; else the others get their turn, so
-    // that the answer does not hang on which was best alone.
+    // A first effect that explains all but a little is in every explanation; else the others get their turn,
+    // so that the answer does not hang on which was best alone.
     if (size == 1 && pool[order.front()].ls_chi2 < 0.02 * pool.front().ls_chi2) continue;
     for (std::size_t b = 1; b < std::min<std::size_t>(order.size(), size == 1 ? 4 : 2); ++b) {
       const Hypothesis base = pool[order[b]];
@@ -116,8 +131,8 @@ Selection select_effects(const Search& search, const model::ModelSpec& nominal, 
   }
   weigh(selection, search, options);
 
-  // What no effect explains is described by what it depends on, on top of nothing and of the best so far; then
-  // all compete again.
+  // What no effect explains is described by what it depends on, on top of nothing and of the best so far;
+  // then all compete again.
   const double rows = static_cast<double>(selection.nominal().fit.rows);
   if (selection.excess[selection.best] > std::max(0.05 * rows, 150.0)) {
     std::vector<Hypothesis> described;

@@ -9,11 +9,11 @@ namespace isorig::identify {
 
 /// Everything that was tried, weighed.
 struct Selection {
-  std::vector<Hypothesis> pool;   ///< one per set of effects; pool[0] is the nominal model
-  std::vector<double> weight;     ///< posterior weight of each, sums to 1
+  std::vector<Hypothesis> pool;  ///< one per set of effects; pool[0] is the nominal model
+  std::vector<double> weight;    ///< posterior weight of each, sums to 1
   std::size_t best = 0;
-  double noise_scale = 1.0;       ///< whitened variance where nothing is left to explain
-  std::vector<double> excess;     ///< per hypothesis: sum of squares beyond the noise
+  double noise_scale = 1.0;    ///< whitened variance where nothing is left to explain
+  std::vector<double> excess;  ///< per hypothesis: sum of squares beyond the noise
   std::map<const model::Physics*, double> probability;  ///< of each effect being there
 
   [[nodiscard]] const Hypothesis& nominal() const { return pool.front(); }
@@ -39,8 +39,8 @@ struct SelectionOptions {
 /// The named effects of the recording format.
 [[nodiscard]] bool is_format_effect(const model::Physics& physics);
 
-/// Singles, pairs, threes by beam; every set refitted as a whole; sets that do not need all their members lose
-/// them again.
+/// Singles, pairs, threes by beam; every set refitted as a whole; sets that do not need all their members
+/// lose them again.
 [[nodiscard]] Selection select_effects(const Search& search, const model::ModelSpec& nominal,
                                        const SelectionOptions& options);
 

@@ -24,8 +24,8 @@ class Dahl : public Process {
   double z_ = 0.0;
 };
 
-/// LuGre without its bristle damping: as Dahl, but the bristle slips at g(v) = 1 + r exp(-(|v| / vs)^n). It keeps
-/// its force in a hold, whatever the velocity before it was. Exact at constant velocity.
+/// LuGre without its bristle damping: as Dahl, but the bristle slips at g(v) = 1 + r exp(-(|v| / vs)^n). It
+/// keeps its force in a hold, whatever the velocity before it was. Exact at constant velocity.
 class Stribeck : public Process {
  public:
   Stribeck(double presliding_mm, double velocity_mm_s, double excess, bool square) noexcept
@@ -109,29 +109,46 @@ const Physics& coulomb_friction() {
       "Rate-independent friction between mesh, bladder and sheath, with presliding.",
       "Coulomb; Dahl 1968 (bristle); Jenkins and Iwan 1966 (spread slip distances); Stribeck weakening as "
       "in LuGre (Canudas de Wit et al. 1995); for McKibben muscles Chou & Hannaford 1996, Tondu 2006.",
-      "Slow triangles: the loop keeps its height at every velocity. Reversals of 1 to 100 um show the presliding. "
-      "Mistaken for play (which scales with stiffness and delays every relaxation) and for a slow relaxation.",
-      {{"dahl", "F = Fc z, dz/dx = (1 - z sign(dx)) / delta", {kPresliding}, {{"force_N", Sign::kNonNegative}},
+      "Slow triangles: the loop keeps its height at every velocity. Reversals of 1 to 100 um show the "
+      "presliding. "
+      "Mistaken for play (which scales with stiffness and delays every relaxation) and for a slow "
+      "relaxation.",
+      {{"dahl",
+        "F = Fc z, dz/dx = (1 - z sign(dx)) / delta",
+        {kPresliding},
+        {{"force_N", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Dahl>(p[0]); }},
-       {"jenkins", "F = Fc clamp(z), dz = dx / delta within [-1, 1]", {kPresliding},
+       {"jenkins",
+        "F = Fc clamp(z), dz = dx / delta within [-1, 1]",
+        {kPresliding},
         {{"force_N", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Jenkins>(p[0]); }},
-       {"iwan", "F = Fc mean of Jenkins elements, distances even in (0, delta)", {kPresliding},
+       {"iwan",
+        "F = Fc mean of Jenkins elements, distances even in (0, delta)",
+        {kPresliding},
         {{"force_N", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Iwan>(p[0]); }},
-       {"stribeck", "F = Fc z, dz/dx = (1 - z sign(dx) / g) / delta, g = 1 + r exp(-(v / vs)^2)",
-        {kPresliding, {"stribeck_velocity_mm_s", 0.02, 50.0, {2.0, 0.3}, true}, {"static_excess", 0.0, 4.0, {0.3}}},
+       {"stribeck",
+        "F = Fc z, dz/dx = (1 - z sign(dx) / g) / delta, g = 1 + r exp(-(v / vs)^2)",
+        {kPresliding,
+         {"stribeck_velocity_mm_s", 0.02, 50.0, {2.0, 0.3}, true},
+         {"static_excess", 0.0, 4.0, {0.3}}},
         {{"force_N", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Stribeck>(p[0], p[1], p[2], true);
         }},
-       {"stribeck_exponential", "as stribeck with g = 1 + r exp(-|v| / vs)",
-        {kPresliding, {"stribeck_velocity_mm_s", 0.02, 50.0, {2.0, 0.3}, true}, {"static_excess", 0.0, 4.0, {0.3}}},
+       {"stribeck_exponential",
+        "as stribeck with g = 1 + r exp(-|v| / vs)",
+        {kPresliding,
+         {"stribeck_velocity_mm_s", 0.02, 50.0, {2.0, 0.3}, true},
+         {"static_excess", 0.0, 4.0, {0.3}}},
         {{"force_N", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Stribeck>(p[0], p[1], p[2], false);
         }},
-       {"regularised", "F = Fc tanh(v / v0)", {{"velocity_mm_s", 1e-4, 1e3, {0.002, 0.5}, true}},
+       {"regularised",
+        "F = Fc tanh(v / v0)",
+        {{"velocity_mm_s", 1e-4, 1e3, {0.002, 0.5}, true}},
         {{"force_N", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Regularised>(p[0]); }}}};
   return physics;

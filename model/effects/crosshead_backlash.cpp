@@ -39,10 +39,13 @@ const Physics& crosshead_backlash() {
       Stage::kKinematics,
       "Play between the position reading and the crosshead.",
       "Gap in the ball screw or the coupling; the play operator of Prandtl and Krasnosel'skii.",
-      "Triangles of 2 mm at 5 mm/s, and of a few times the gap: the force stands still after every reversal over "
+      "Triangles of 2 mm at 5 mm/s, and of a few times the gap: the force stands still after every reversal "
+      "over "
       "the same distance, whatever the stiffness. Mistaken for friction (coulomb_friction).",
-      {{"play", "x' stays until |x - x'| reaches gap / 2",
-        {{"gap_mm", 0.0, 3.0, {0.01, 0.08}}, {"start", -1.0, 1.0, {0.0, 1.0, -1.0}}}, {},
+      {{"play",
+        "x' stays until |x - x'| reaches gap / 2",
+        {{"gap_mm", 0.0, 3.0, {0.01, 0.08}}, {"start", -1.0, 1.0, {0.0, 1.0, -1.0}}},
+        {},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Play>(p[0], p[1]); }}}};
   return physics;
 }

@@ -40,16 +40,25 @@ const Physics& cyclic_softening() {
       "Stiffness lost with accumulated travel: Mullins effect, preconditioning not finished.",
       "Mullins 1948; exponential in travel as in Dorfmann & Ogden's damage variable for repeated cycles.",
       "The same slow triangle ten times over. Mistaken for a drift of the force zero, which goes on at rest.",
-      {{"elastic", "F = -dk e (1 - exp(-s / s0)), s travelled", {kTravel}, {{"lost_N_mm", Sign::kNonPositive}},
+      {{"elastic",
+        "F = -dk e (1 - exp(-s / s0)), s travelled",
+        {kTravel},
+        {{"lost_N_mm", Sign::kNonPositive}},
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Softening>(Softening::Of::kElongation, p[0], 0.0);
         }},
-       {"tangent", "F = -dk x (1 - exp(-s / s0))", {kTravel}, {{"lost_N_mm", Sign::kNonPositive}},
+       {"tangent",
+        "F = -dk x (1 - exp(-s / s0))",
+        {kTravel},
+        {{"lost_N_mm", Sign::kNonPositive}},
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Softening>(Softening::Of::kPosition, p[0], 0.0);
         }},
        // Nothing linear is left here: the share scales elastic and viscous force alike.
-       {"overall", "F = F_specimen (1 - a (1 - exp(-s / s0)))", {kTravel, {"share", 0.0, 0.9, {0.03}}}, {},
+       {"overall",
+        "F = F_specimen (1 - a (1 - exp(-s / s0)))",
+        {kTravel, {"share", 0.0, 0.9, {0.03}}},
+        {},
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Softening>(Softening::Of::kAll, p[0], p[1]);
         }}}};

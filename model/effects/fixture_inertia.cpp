@@ -15,12 +15,16 @@ class Inertia : public Process {
 
 const Physics& fixture_inertia() {
   static const Physics physics{
-      "fixture_inertia", Stage::kRig, "Mass between specimen and load cell.",
+      "fixture_inertia",
+      Stage::kRig,
+      "Mass between specimen and load cell.",
       "Newton; standard correction of dynamic load cells (ISO 4965).",
-      "The same motion with a rigid bar or with no specimen: what is left is the mass. Spikes at the corners of "
+      "The same motion with a rigid bar or with no specimen: what is left is the mass. Spikes at the corners "
+      "of "
       "ramps, of opposite sign at start and stop.",
-      {{"rigid", "F = m a", {}, {{"mass_kg", Sign::kNonNegative}},
-        [](auto, const Reference&) { return std::make_unique<Inertia>(); }}}};
+      {{"rigid", "F = m a", {}, {{"mass_kg", Sign::kNonNegative}}, [](auto, const Reference&) {
+          return std::make_unique<Inertia>();
+        }}}};
   return physics;
 }
 

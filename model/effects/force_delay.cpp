@@ -54,7 +54,10 @@ const Physics& force_delay() {
       "Dead time between the position and the force channel.",
       "Buffers, clocks aligned late.",
       "Sines of 1 mm at 0.5 to 4 Hz: the phase grows with frequency and the gain stays. See force_lag.",
-      {{"dead_time", "F'(t) = F(t - d)", {{"delay_s", 0.0, 1.0, {0.004, 0.03}}}, {},
+      {{"dead_time",
+        "F'(t) = F(t - d)",
+        {{"delay_s", 0.0, 1.0, {0.004, 0.03}}},
+        {},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Delay>(p[0]); }}}};
   return physics;
 }

@@ -44,9 +44,13 @@ const Physics& force_lag() {
       Stage::kSensorLag,
       "First-order lag of the force channel.",
       "A filter in the load cell's amplifier.",
-      "Sines of 1 mm at 0.5 to 4 Hz, or a tap: a lag rounds the corner of a ramp, a dead time moves it. On ramps "
+      "Sines of 1 mm at 0.5 to 4 Hz, or a tap: a lag rounds the corner of a ramp, a dead time moves it. On "
+      "ramps "
       "alone it is nearly a dead time, nearly a parallel dashpot of negative sign, nearly a fast relaxation.",
-      {{"first_order", "tau dF'/dt = F - F'", {{"time_constant_s", 2e-4, 2.0, {0.005, 0.05}, true}}, {},
+      {{"first_order",
+        "tau dF'/dt = F - F'",
+        {{"time_constant_s", 2e-4, 2.0, {0.005, 0.05}, true}},
+        {},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Lag>(p[0]); }}}};
   return physics;
 }

@@ -28,12 +28,16 @@ class Asymmetric : public Process {
 
 const Physics& friction_asymmetry() {
   static const Physics physics{
-      "friction_asymmetry", Stage::kSpecimen,
+      "friction_asymmetry",
+      Stage::kSpecimen,
       "Friction that differs between extension and shortening.",
       "Worn ball screws (Janot, Gautier & Brunot 2019, EMPS); braids (Tondu 2006).",
       "Slow triangles at several velocities in both directions.",
-      {{"dahl", "F = F+ max(z, 0) + F- min(z, 0) + c |v|", {{"presliding_mm", 2e-4, 1.0, {0.02}, true}},
-        {{"extending_N", Sign::kNonNegative}, {"shortening_N", Sign::kNonNegative},
+      {{"dahl",
+        "F = F+ max(z, 0) + F- min(z, 0) + c |v|",
+        {{"presliding_mm", 2e-4, 1.0, {0.02}, true}},
+        {{"extending_N", Sign::kNonNegative},
+         {"shortening_N", Sign::kNonNegative},
          {"viscosity_difference_N_s_mm", Sign::kFree}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Asymmetric>(p[0]); }}}};
   return physics;

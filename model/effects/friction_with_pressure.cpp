@@ -28,10 +28,14 @@ class Pressed : public Process {
 
 const Physics& friction_with_pressure() {
   static const Physics physics{
-      "friction_with_pressure", Stage::kSpecimen, "Friction that grows with the pressure on seal or braid.",
+      "friction_with_pressure",
+      Stage::kSpecimen,
+      "Friction that grows with the pressure on seal or braid.",
       "Tondu 2006 (braid contact pressure); seals of pneumatic cylinders (Belforte et al. 1989).",
       "Slow triangles at every pressure.",
-      {{"dahl", "F = (Fc + f p) z, z as Dahl", {{"presliding_mm", 2e-4, 1.0, {0.02}, true}},
+      {{"dahl",
+        "F = (Fc + f p) z, z as Dahl",
+        {{"presliding_mm", 2e-4, 1.0, {0.02}, true}},
         {{"force_N", Sign::kFree}, {"force_N_psi", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference& reference) {
           return std::make_unique<Pressed>(p[0], reference.nominal_pressure_psi);

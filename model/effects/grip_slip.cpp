@@ -31,17 +31,22 @@ class Slip : public Process {
 
 const Physics& grip_slip() {
   static const Physics physics{
-      "grip_slip", Stage::kKinematics, "Sudden, irreversible slip in a grip: an event, with its time.",
+      "grip_slip",
+      Stage::kKinematics,
+      "Sudden, irreversible slip in a grip: an event, with its time.",
       "A specimen under tension can only become longer between the grips, so the slip is positive.",
-      "It is in the recording or not; marks on the specimen at the grips. A slip of the force zero would not relax.",
-      {{"event", "x' = x - s for t >= t0", {{"time_s", -1e9, 1e9, {}},
+      "It is in the recording or not; marks on the specimen at the grips. A slip of the force zero would not "
+      "relax.",
+      {{"event",
+        "x' = x - s for t >= t0",
+        {{"time_s", -1e9, 1e9, {}},
          {"slip_mm", 0.0, 50.0, {0.05}},
          // An event is no property of the rig: another recording does not hold it. 0: every recording does.
          {"recording_duration_s", 0.0, 1e9, {0.0}, false, true}},
         {},
         [](std::span<const double> p, const Reference& reference) {
-          const bool here = p[2] == 0.0 || reference.duration_s == 0.0 ||
-                            std::fabs(p[2] - reference.duration_s) < 1e-3;
+          const bool here =
+              p[2] == 0.0 || reference.duration_s == 0.0 || std::fabs(p[2] - reference.duration_s) < 1e-3;
           return std::make_unique<Slip>(p[0], p[1], here);
         }}}};
   return physics;

@@ -61,7 +61,9 @@ class YieldArm : public Process {
   void step(double step_mm, double dt_s) noexcept {
     for (int part = 0; part < 4 && dt_s > 0.0; ++part) {
       const double v = step_mm / dt_s;
-      const double side = std::fabs(z_) > yield_mm_ ? sign_of(z_) : std::fabs(z_) < yield_mm_ ? 0.0 : sign_of(v);
+      const double side = std::fabs(z_) > yield_mm_   ? sign_of(z_)
+                          : std::fabs(z_) < yield_mm_ ? 0.0
+                                                      : sign_of(v);
       if (side == 0.0 || (std::fabs(z_) == yield_mm_ && side != sign_of(z_))) {
         const double target = sign_of(v) * yield_mm_;
         const double needed_s = v == 0.0 ? dt_s : (target - z_) / v;
@@ -116,17 +118,24 @@ const Physics& nonlinear_viscosity() {
       "A dashpot that is not linear in rate: power law or yield.",
       "Ostwald-de Waele power law; Bingham yield (Carbopol gels, as in the paper's sheaths, follow both: "
       "Herschel-Bulkley).",
-      "Ramps over three decades of velocity: the time constant seen in a hold falls with the force. Mistaken for a "
+      "Ramps over three decades of velocity: the time constant seen in a hold falls with the force. Mistaken "
+      "for a "
       "second relaxation time at one amplitude; a second amplitude tells them apart.",
-      {{"power_arm", "F = k z, dz/dt = v - (|z| / 1 mm)^(m-1) z / tau",
+      {{"power_arm",
+        "F = k z, dz/dt = v - (|z| / 1 mm)^(m-1) z / tau",
         {{"time_constant_s", 1e-3, 1e4, {0.5, 3.0}, true}, {"exponent", 0.4, 6.0, {0.7, 1.5}, true}},
         {{"stiffness_N_mm", Sign::kNonNegative}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<PowerArm>(p[0], p[1]); }, true},
-       {"yield_arm", "F = k z, dz/dt = v - sign(z) max(0, |z| - y) / tau",
+        [](std::span<const double> p, const Reference&) { return std::make_unique<PowerArm>(p[0], p[1]); },
+        true},
+       {"yield_arm",
+        "F = k z, dz/dt = v - sign(z) max(0, |z| - y) / tau",
         {{"time_constant_s", 1e-3, 1e4, {0.5, 3.0}, true}, {"yield_mm", 1e-3, 3.0, {0.05, 0.4}, true}},
         {{"stiffness_N_mm", Sign::kNonNegative}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<YieldArm>(p[0], p[1]); }, true},
-       {"power_dashpot", "F = c sign(v) |v / (1 mm/s)|^n", {{"exponent", 0.05, 3.0, {0.3, 2.0}, true}},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<YieldArm>(p[0], p[1]); },
+        true},
+       {"power_dashpot",
+        "F = c sign(v) |v / (1 mm/s)|^n",
+        {{"exponent", 0.05, 3.0, {0.3, 2.0}, true}},
         {{"viscosity_N", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<PowerDashpot>(p[0]); }}}};
   return physics;

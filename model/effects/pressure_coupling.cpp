@@ -25,13 +25,22 @@ const Physics& pressure_coupling() {
       Stage::kSpecimen,
       "Stiffness or force that follows the measured pressure, which is not constant.",
       "Chou & Hannaford 1996, Tondu 2012: the force of a McKibben is proportional to its pressure.",
-      "A pressure step at fixed position. During ramps alone it is mistaken for viscosity, because the regulator "
+      "A pressure step at fixed position. During ramps alone it is mistaken for viscosity, because the "
+      "regulator "
       "droops in proportion to the velocity.",
-      {{"stiffness", "F = k' (p - p0) e", {}, {{"stiffness_N_mm_psi", Sign::kFree}},
+      {{"stiffness",
+        "F = k' (p - p0) e",
+        {},
+        {{"stiffness_N_mm_psi", Sign::kFree}},
         [](auto, const Reference&) { return std::make_unique<Coupling>(false, true); }},
-       {"force", "F = f' (p - p0)", {}, {{"force_N_psi", Sign::kFree}},
+       {"force",
+        "F = f' (p - p0)",
+        {},
+        {{"force_N_psi", Sign::kFree}},
         [](auto, const Reference&) { return std::make_unique<Coupling>(true, false); }},
-       {"both", "F = (f' + k' e) (p - p0)", {},
+       {"both",
+        "F = (f' + k' e) (p - p0)",
+        {},
         {{"force_N_psi", Sign::kFree}, {"stiffness_N_mm_psi", Sign::kFree}},
         [](auto, const Reference&) { return std::make_unique<Coupling>(true, true); }}}};
   return physics;

@@ -68,16 +68,21 @@ const Physics& second_relaxation() {
       Stage::kSpecimen,
       "A further relaxation time, or a spectrum of them.",
       "Wiechert / generalised Maxwell; box spectrum after Fung's quasi-linear viscoelasticity.",
-      "A hold ten times as long as the slowest time constant; ramps over three decades of velocity. A fast arm is "
+      "A hold ten times as long as the slowest time constant; ramps over three decades of velocity. A fast "
+      "arm is "
       "mistaken for a lag of the force channel, a slow one for friction or drift.",
-      {{"arm", "F = k z, dz/dt = v - z / tau", {{"time_constant_s", 5e-3, 2e4, {0.1, 2.0, 20.0, 200.0}, true}},
+      {{"arm",
+        "F = k z, dz/dt = v - z / tau",
+        {{"time_constant_s", 5e-3, 2e4, {0.1, 2.0, 20.0, 200.0}, true}},
         {{"stiffness_N_mm", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Arm>(p[0]); }},
-       {"two_arms", "F = k z + k' z', each as an arm",
+       {"two_arms",
+        "F = k z + k' z', each as an arm",
         {{"time_constant_s", 5e-3, 2e4, {0.2}, true}, {"slow_time_constant_s", 5e-3, 2e4, {30.0}, true}},
         {{"stiffness_N_mm", Sign::kNonNegative}, {"slow_stiffness_N_mm", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<TwoArms>(p[0], p[1]); }},
-       {"spectrum", "F = k mean of arms, tau even in log from tau0 over `decades`",
+       {"spectrum",
+        "F = k mean of arms, tau even in log from tau0 over `decades`",
         {{"shortest_time_s", 5e-3, 1e3, {0.1}, true}, {"decades", 0.5, 5.0, {3.0}}},
         {{"stiffness_N_mm", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Spectrum>(p[0], p[1]); }}}};

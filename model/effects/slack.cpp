@@ -9,7 +9,8 @@ namespace {
 class Slack : public Process {
  public:
   void reset(const Instant&) noexcept override {}
-  void shape(const Instant&, std::span<double> columns, std::span<const double> coefficients) noexcept override {
+  void shape(const Instant&, std::span<double> columns,
+             std::span<const double> coefficients) noexcept override {
     double force_N = 0.0;
     for (std::size_t i = 0; i < columns.size(); ++i) force_N += columns[i] * coefficients[i];
     if (force_N < 0.0) std::ranges::fill(columns, 0.0);
@@ -19,12 +20,15 @@ class Slack : public Process {
 }  // namespace
 
 const Physics& slack() {
-  static const Physics physics{
-      "slack", Stage::kSpecimenShape, "A specimen that cannot push: force ends at zero.",
-      "A mesh and its Kevlar ties carry tension only.",
-      "Shorten beyond the pressurized rest length: the force stays at zero. Mistaken for a saturated load cell.",
-      {{"unilateral", "F = max(0, F_specimen)", {}, {},
-        [](auto, const Reference&) { return std::make_unique<Slack>(); }}}};
+  static const Physics physics{"slack",
+                               Stage::kSpecimenShape,
+                               "A specimen that cannot push: force ends at zero.",
+                               "A mesh and its Kevlar ties carry tension only.",
+                               "Shorten beyond the pressurized rest length: the force stays at zero. "
+                               "Mistaken for a saturated load cell.",
+                               {{"unilateral", "F = max(0, F_specimen)", {}, {}, [](auto, const Reference&) {
+                                   return std::make_unique<Slack>();
+                                 }}}};
   return physics;
 }
 

@@ -52,21 +52,35 @@ const Physics& strain_stiffening() {
       "strain_stiffening",
       Stage::kSpecimen,
       "Elastic force that is nonlinear in strain.",
-      "Tondu 2012 (McKibben: stiffness grows with length); Fung 1967 (exponential). Linear and constant parts "
+      "Tondu 2012 (McKibben: stiffness grows with length); Fung 1967 (exponential). Linear and constant "
+      "parts "
       "belong to the spring and the tare, so the position may be counted from anywhere.",
-      "Slow triangle of the largest amplitude: the loading line is curved, the same at every velocity. Mistaken "
+      "Slow triangle of the largest amplitude: the loading line is curved, the same at every velocity. "
+      "Mistaken "
       "for a load cell that is not linear, which curves the relaxing part too.",
-      {{"quadratic", "F = k x^2", {}, {{"quadratic_N_mm2", Sign::kFree}},
+      {{"quadratic",
+        "F = k x^2",
+        {},
+        {{"quadratic_N_mm2", Sign::kFree}},
         [](auto, const Reference&) { return std::make_unique<Polynomial>(true, false); }},
-       {"cubic", "F = k x^3", {}, {{"cubic_N_mm3", Sign::kFree}},
+       {"cubic",
+        "F = k x^3",
+        {},
+        {{"cubic_N_mm3", Sign::kFree}},
         [](auto, const Reference&) { return std::make_unique<Polynomial>(false, true); }},
-       {"polynomial", "F = k2 x^2 + k3 x^3", {},
+       {"polynomial",
+        "F = k2 x^2 + k3 x^3",
+        {},
         {{"quadratic_N_mm2", Sign::kFree}, {"cubic_N_mm3", Sign::kFree}},
         [](auto, const Reference&) { return std::make_unique<Polynomial>(true, true); }},
-       {"exponential", "F = k L (exp(x / L) - 1 - x / L)", {{"length_mm", 0.1, 100.0, {3.0}, true}},
+       {"exponential",
+        "F = k L (exp(x / L) - 1 - x / L)",
+        {{"length_mm", 0.1, 100.0, {3.0}, true}},
         {{"stiffness_N_mm", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Exponential>(p[0]); }},
-       {"knee", "F = k max(0, x - x0)", {{"position_mm", -1e3, 1e3, {-1.0, 1.0}}},
+       {"knee",
+        "F = k max(0, x - x0)",
+        {{"position_mm", -1e3, 1e3, {-1.0, 1.0}}},
         {{"stiffness_N_mm", Sign::kFree}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Knee>(p[0]); }}}};
   return physics;

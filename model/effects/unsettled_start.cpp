@@ -22,9 +22,14 @@ class Unsettled : public Process {
 
 const Physics& unsettled_start() {
   static const Physics physics{
-      "unsettled_start", Stage::kSpecimen, "The recording starts before the specimen has come to rest.",
-      "Maxwell arm with force left in it.", "Wait longer before the first motion.",
-      {{"exponential", "F = F0 exp(-t / tau)", {{"time_constant_s", 0.05, 100.0, {1.0, 20.0}, true}},
+      "unsettled_start",
+      Stage::kSpecimen,
+      "The recording starts before the specimen has come to rest.",
+      "Maxwell arm with force left in it.",
+      "Wait longer before the first motion.",
+      {{"exponential",
+        "F = F0 exp(-t / tau)",
+        {{"time_constant_s", 0.05, 100.0, {1.0, 20.0}, true}},
         {{"force_N", Sign::kFree}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Unsettled>(p[0]); }}}};
   return physics;

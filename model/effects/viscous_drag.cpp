@@ -13,11 +13,15 @@ class Drag : public Process {
 
 const Physics& viscous_drag() {
   static const Physics physics{
-      "viscous_drag", Stage::kSpecimen, "Linear dashpot in parallel: air through the fitting, a greased guide.",
-      "Newton.", "Steps of force in proportion to the velocity at both corners of a ramp. Nearly a force that leads "
+      "viscous_drag",
+      Stage::kSpecimen,
+      "Linear dashpot in parallel: air through the fitting, a greased guide.",
+      "Newton.",
+      "Steps of force in proportion to the velocity at both corners of a ramp. Nearly a force that leads "
       "(a negative dead time), nearly a very fast relaxation.",
-      {{"linear", "F = c v", {}, {{"viscosity_N_s_mm", Sign::kNonNegative}},
-        [](auto, const Reference&) { return std::make_unique<Drag>(); }}}};
+      {{"linear", "F = c v", {}, {{"viscosity_N_s_mm", Sign::kNonNegative}}, [](auto, const Reference&) {
+          return std::make_unique<Drag>();
+        }}}};
   return physics;
 }
 

@@ -19,11 +19,14 @@ struct Script {
     for (int i = 1; i <= steps; ++i) position_mm.push_back(from_mm + (target_mm - from_mm) * i / steps);
     if (watch) dense.emplace_back(start_s - 0.5, time_s() + 3.0);
   }
-  void hold(double seconds) { position_mm.insert(position_mm.end(), static_cast<std::size_t>(seconds / kStep_s), position_mm.back()); }
+  void hold(double seconds) {
+    position_mm.insert(position_mm.end(), static_cast<std::size_t>(seconds / kStep_s), position_mm.back());
+  }
   void sine(double amplitude_mm, double frequency_Hz, int cycles) {
     const double zero = position_mm.back(), start_s = time_s();
     const auto steps = static_cast<int>(cycles / frequency_Hz / kStep_s);
-    for (int i = 1; i <= steps; ++i) position_mm.push_back(zero + amplitude_mm * std::sin(2.0 * M_PI * frequency_Hz * i * kStep_s));
+    for (int i = 1; i <= steps; ++i)
+      position_mm.push_back(zero + amplitude_mm * std::sin(2.0 * M_PI * frequency_Hz * i * kStep_s));
     dense.emplace_back(start_s - 0.5, time_s() + 2.0);
   }
   [[nodiscard]] double time_s() const { return static_cast<double>(position_mm.size() - 1) * kStep_s; }
@@ -52,7 +55,8 @@ messages::Recording run(const Bench& b, Script script, bool noise) {
   std::vector<double> pressure(n), force(n);
   double wander = 0.0;
   for (std::size_t i = 0; i < n; ++i) {
-    wander += -wander * kStep_s / 60.0 + b.pressure_wander_psi * std::sqrt(2.0 * kStep_s / 60.0) * normal(random);
+    wander +=
+        -wander * kStep_s / 60.0 + b.pressure_wander_psi * std::sqrt(2.0 * kStep_s / 60.0) * normal(random);
     pressure[i] = wander;
   }
   double arm = 0.0, second = 0.0, bristle = 0.0, seen = x[0], travel = 0.0, lagged = 0.0, colour = 0.0;
@@ -117,7 +121,8 @@ messages::Recording run(const Bench& b, Script script, bool noise) {
     out.frame.t_s.push_back(t);
     out.frame.position_mm.push_back(std::round((at + b.position_noise_mm * normal(random)) * 1e5) / 1e5);
     out.frame.force_N.push_back(f);
-    const bool dense = std::ranges::any_of(script.dense, [&](const auto& d) { return next_s >= d.first && next_s <= d.second; });
+    const bool dense = std::ranges::any_of(
+        script.dense, [&](const auto& d) { return next_s >= d.first && next_s <= d.second; });
     next_s += dense ? 0.005 : 0.2;
     if (next_s >= next_pressure_s) {
       const auto k = std::min(n - 1, static_cast<std::size_t>(next_pressure_s / kStep_s));
@@ -126,7 +131,8 @@ messages::Recording run(const Bench& b, Script script, bool noise) {
       next_pressure_s += 0.2;
     }
   }
-  for (int s = 0; s < b.spikes; ++s) out.frame.force_N[random() % out.frame.size()] += (s % 2 == 0 ? 1.0 : -1.0) * (1.0 + s % 3);
+  for (int s = 0; s < b.spikes; ++s)
+    out.frame.force_N[random() % out.frame.size()] += (s % 2 == 0 ? 1.0 : -1.0) * (1.0 + s % 3);
   return out;
 }
 

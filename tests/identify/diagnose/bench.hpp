@@ -5,8 +5,8 @@
 
 #include "messages/recording.hpp"
 
-/// A test bench of its own: straightforward integration at 1 ms, no line shared with model/. What it conceals,
-/// the diagnosis must find.
+/// A test bench of its own: straightforward integration at 1 ms, no line shared with model/. What it
+/// conceals, the diagnosis must find.
 namespace isorig::test {
 
 struct Bench {
@@ -40,8 +40,8 @@ struct Bench {
   unsigned seed = 1;
 };
 
-/// One shortened session: triangle, then +-2 mm at five velocities with holds and slow returns; 200 Hz round the
-/// ramps, 5 Hz else, stamps jittered. `slow` scales how long it takes.
+/// One shortened session: triangle, then +-2 mm at five velocities with holds and slow returns; 200 Hz round
+/// the ramps, 5 Hz else, stamps jittered. `slow` scales how long it takes.
 [[nodiscard]] messages::Recording record(const Bench& bench);
 /// Other velocities and a sine, noise-free force for measuring predictions.
 [[nodiscard]] messages::Recording record_other(const Bench& bench);

@@ -33,14 +33,17 @@ double rms_against(const model::ModelSpec& spec, messages::Recording truth) {
 
 /// The named effect first, alone, near certain, with its size within `tolerance`, and a model that predicts
 /// motions it has not seen: at least 95 % of the nominal model's error gone.
-void expect_single(const Bench& bench, std::string_view effect, std::string_view number, double truth, double tolerance) {
+void expect_single(const Bench& bench, std::string_view effect, std::string_view number, double truth,
+                   double tolerance) {
   const Diagnosis d = diagnose_bench(bench);
   ASSERT_EQ(d.verdict, Verdict::kMissingPhysics);
   ASSERT_EQ(d.missing.size(), 1u) << diagnosis_json(d)["missing"].dump(1);
   EXPECT_EQ(d.missing[0].effect->name, effect);
   EXPECT_GT(d.missing[0].probability, 0.9);
   for (const NamedValue& value : d.missing[0].parameters)
-    if (value.name == number) { EXPECT_NEAR(value.value, truth, tolerance); }
+    if (value.name == number) {
+      EXPECT_NEAR(value.value, truth, tolerance);
+    }
   const double before = rms_against(d.nominal, test::record_other(bench));
   const double after = rms_against(d.model, test::record_other(bench));
   EXPECT_LT(after, 0.05 * before + 0.004) << "nominal " << before;
@@ -50,7 +53,8 @@ TEST(Diagnose, FindsFriction) {
   expect_single({.friction_N = 0.8, .presliding_mm = 0.04}, "coulomb_friction", "force_N", 0.8, 0.02);
 }
 TEST(Diagnose, FindsQuarterSizeFriction) {
-  expect_single({.friction_N = 0.1, .presliding_mm = 0.04, .seed = 5}, "coulomb_friction", "force_N", 0.1, 0.015);
+  expect_single({.friction_N = 0.1, .presliding_mm = 0.04, .seed = 5}, "coulomb_friction", "force_N", 0.1,
+                0.015);
 }
 TEST(Diagnose, FindsStiffening) {
   expect_single({.quadratic_N_mm2 = 0.06}, "strain_stiffening", "quadratic_N_mm2", 0.06, 0.002);
@@ -62,7 +66,8 @@ TEST(Diagnose, FindsANonlinearDashpot) {
   expect_single({.power = 1.8}, "nonlinear_viscosity", "exponent", 1.8, 0.05);
 }
 TEST(Diagnose, FindsPressureCoupling) {
-  expect_single({.coupling_N_mm_psi = 0.15, .pressure_wander_psi = 0.1}, "pressure_coupling", "stiffness_N_mm_psi", 0.15, 0.01);
+  expect_single({.coupling_N_mm_psi = 0.15, .pressure_wander_psi = 0.1}, "pressure_coupling",
+                "stiffness_N_mm_psi", 0.15, 0.01);
 }
 TEST(Diagnose, FindsSoftening) {
   expect_single({.softening_N_mm = 0.05}, "cyclic_softening", "travel_mm", 15.0, 1.0);
@@ -76,7 +81,9 @@ TEST(Diagnose, FindsADelayAndCallsItNoLag) {
 TEST(Diagnose, FindsAMass) {
   expect_single({.mass_kg = 0.5}, "fixture_inertia", "mass_kg", 0.5, 0.05);
 }
-TEST(Diagnose, FindsDrift) { expect_single({.drift_N_h = 1.5}, "zero_drift", "rate_N_h", 1.5, 0.05); }
+TEST(Diagnose, FindsDrift) {
+  expect_single({.drift_N_h = 1.5}, "zero_drift", "rate_N_h", 1.5, 0.05);
+}
 TEST(Diagnose, FindsPlay) {
   expect_single({.gap_mm = 0.08}, "crosshead_backlash", "gap_mm", 0.08, 0.004);
 }
@@ -93,8 +100,12 @@ TEST(Diagnose, FindsASlipWithItsTimeAndKeepsItOutOfOtherRecordings) {
   ASSERT_EQ(d.missing.size(), 1u);
   ASSERT_EQ(d.missing[0].effect->name, "grip_slip");
   for (const NamedValue& value : d.missing[0].parameters) {
-    if (value.name == "time_s") { EXPECT_NEAR(value.value, 700.0, 0.3); }
-    if (value.name == "slip_mm") { EXPECT_NEAR(value.value, 0.1, 0.005); }
+    if (value.name == "time_s") {
+      EXPECT_NEAR(value.value, 700.0, 0.3);
+    }
+    if (value.name == "slip_mm") {
+      EXPECT_NEAR(value.value, 0.1, 0.005);
+    }
   }
   EXPECT_LT(rms_against(d.model, test::record_other({})), 0.01);
 }
@@ -113,7 +124,8 @@ TEST(Diagnose, CallsStructureOutsideOfTheCatalogueUnknownAndStillPredictsIt) {
   const Diagnosis d = diagnose_bench(bench);
   EXPECT_EQ(d.verdict, Verdict::kUnknownPhysics);
   for (const MissingEffect& missing : d.missing) EXPECT_LT(missing.probability, 0.9);
-  EXPECT_LT(rms_against(d.model, test::record_other(bench)), 0.3 * rms_against(d.nominal, test::record_other(bench)));
+  EXPECT_LT(rms_against(d.model, test::record_other(bench)),
+            0.3 * rms_against(d.nominal, test::record_other(bench)));
   ASSERT_FALSE(d.where.empty());
   EXPECT_EQ(d.where[0].covariate, "position");
 }
@@ -124,11 +136,13 @@ TEST_P(Nothing, IsCalledConsistent) {
   const Diagnosis d = diagnose_bench(GetParam());
   EXPECT_EQ(d.verdict, Verdict::kConsistent) << (d.missing.empty() ? "" : d.missing[0].effect->name);
 }
-INSTANTIATE_TEST_SUITE_P(
-    Traps, Nothing,
-    testing::Values(Bench{}, Bench{.position_noise_mm = 2e-3, .seed = 2}, Bench{.coloured_N = 0.04, .seed = 3},
-                    Bench{.coloured_N = 0.03, .coloured_s = 0.4, .seed = 4}, Bench{.force_step_N = 0.05, .seed = 5},
-                    Bench{.spikes = 40, .seed = 6}, Bench{.pressure_wander_psi = 0.3, .seed = 7}));
+INSTANTIATE_TEST_SUITE_P(Traps, Nothing,
+                         testing::Values(Bench{}, Bench{.position_noise_mm = 2e-3, .seed = 2},
+                                         Bench{.coloured_N = 0.04, .seed = 3},
+                                         Bench{.coloured_N = 0.03, .coloured_s = 0.4, .seed = 4},
+                                         Bench{.force_step_N = 0.05, .seed = 5},
+                                         Bench{.spikes = 40, .seed = 6},
+                                         Bench{.pressure_wander_psi = 0.3, .seed = 7}));
 
 TEST(Diagnose, ACleanSecondArmIsNoEffectOfATwoArmModel) {
   const Diagnosis d = diagnose_bench({.second_arm_N_mm = 0.6, .second_arm_s = 9.0}, "slse2");
