@@ -30,6 +30,9 @@ int campaign(const Options& options) {
     }
   }
   if (bad) return kBadInput;
+  const auto repeated = identify::repeated_recordings(results);
+  for (const auto& line : repeated) std::cerr << "isorig campaign: " << line << '\n';
+  if (!repeated.empty()) return kUsage;
   identify::Campaign found;
   try {
     found = identify::analyse_campaign(std::move(results));

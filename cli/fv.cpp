@@ -59,6 +59,9 @@ int fv(const Options& options) {
     }
   }
   if (bad) return kBadInput;
+  const auto repeated = identify::repeated_recordings(results);
+  for (const auto& line : repeated) std::cerr << "isorig fv: " << line << '\n';
+  if (!repeated.empty()) return kUsage;
   const auto analysis = identify::analyse_curves(
       std::move(results), two ? identify::FvModel::kSlse2 : identify::FvModel::kSlse1, controls);
   identify::write_fv_tables(analysis, options.out);

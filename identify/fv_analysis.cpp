@@ -1,12 +1,18 @@
 #include "identify/fv_analysis.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <map>
 #include <tuple>
 
+#include "identify/report/page.hpp"
+
 namespace isorig::identify {
 namespace {
+
+/// The ELVH's total error band is 0.3 psi; the paper's pressures are 5 psi apart.
+constexpr double kPressureMismatchPsi = 0.5;
 
 RampTrace trace_of(const messages::Recording& recording, const Ramp& ramp) {
   RampTrace trace;
@@ -106,6 +112,50 @@ void fit_curve(Curve& curve, FvModel model, std::span<const ControlFit> controls
                            (controls.empty() ? std::string("none") : pressures_text(controls)) + ").";
 }
 
+/// Specimens in the order they were given in, pressures rising: a shell sorts folders as text, 10 before 5.
+void sort_recordings(std::vector<RecordingResult>& recordings) {
+  std::map<std::string, std::size_t> first;
+  for (const RecordingResult& r : recordings) first.emplace(r.specimen, first.size());
+  std::stable_sort(recordings.begin(), recordings.end(), [&](const RecordingResult& a, const RecordingResult& b) {
+    return std::make_pair(first[a.specimen], a.nominal_pressure_psi) <
+           std::make_pair(first[b.specimen], b.nominal_pressure_psi);
+  });
+}
+
+/// What the pressure says against the recording's own words about it.
+void state_pressure(const messages::Recording& recording, RecordingResult& out) {
+  if (!out.nominal_pressure_psi) return;
+  if (!recording.pressure) {
+    out.ramps.statements.push_back(
+        "There is no pressure.csv, although the recording names a nominal pressure: whether it was kept is "
+        "not known.");
+    return;
+  }
+  std::vector<double> before;
+  for (const Ramp& ramp : out.ramps.ramps)
+    if (ramp.pressure_before_psi) before.push_back(*ramp.pressure_before_psi);
+  if (before.empty()) {
+    if (!out.ramps.ramps.empty())
+      out.ramps.statements.push_back(
+          "pressure.csv has no sample before any ramp, so whether the pressure was kept is not known. Are both "
+          "files on one clock? `isorig align` finds the offset.");
+    return;
+  }
+  std::nth_element(before.begin(), before.begin() + static_cast<std::ptrdiff_t>(before.size() / 2), before.end());
+  const double measured_psi = before[before.size() / 2];
+  if (!(std::abs(measured_psi - *out.nominal_pressure_psi) <= kPressureMismatchPsi))
+    out.ramps.statements.push_back("The measured pressure before the ramps is " + report::number_text(measured_psi, 3) +
+                                   " psi, the nominal one " + report::number_text(*out.nominal_pressure_psi, 3) +
+                                   " psi: is this pressure.csv of this recording?");
+}
+
+std::uint64_t fingerprint(const messages::Recording& recording) {
+  std::uint64_t hash = 14695981039346656037ULL;  // FNV-1a
+  for (const auto* column : {&recording.frame.t_s, &recording.frame.position_mm, &recording.frame.force_N})
+    for (const double value : *column) hash = (hash ^ std::bit_cast<std::uint64_t>(value)) * 1099511628211ULL;
+  return hash;
+}
+
 }  // namespace
 
 RecordingResult analyse_recording(const messages::Recording& recording, std::string path,
@@ -117,14 +167,24 @@ RecordingResult analyse_recording(const messages::Recording& recording, std::str
   out.samples = recording.frame.size();
   if (out.samples > 0) out.duration_s = recording.frame.t_s.back() - recording.frame.t_s.front();
   out.ramps = analyse_ramps(recording, options.ramps);
-  if (!recording.pressure && out.nominal_pressure_psi)
-    out.ramps.statements.push_back(
-        "There is no pressure.csv, although the recording names a nominal pressure: whether it was kept is "
-        "not known.");
+  out.fingerprint = fingerprint(recording);
+  state_pressure(recording, out);
   for (const Ramp& ramp : out.ramps.ramps)
     if (ramp.normalized_force && std::isfinite(ramp.move.velocity_mm_s.value))
       out.traces.push_back(trace_of(recording, ramp));
   if (options.whole_series) fit_whole_series(recording, out);
+  return out;
+}
+
+std::vector<std::string> repeated_recordings(std::span<const RecordingResult> recordings) {
+  std::vector<std::string> out;
+  std::map<std::uint64_t, std::string> seen;
+  for (const RecordingResult& r : recordings) {
+    const auto [first, is_new] = seen.emplace(r.fingerprint, r.path);
+    if (is_new) continue;
+    out.push_back(r.path + ": the same samples as " + first->second +
+                  "; counted twice they would make the results look more certain than they are, so name one of them");
+  }
   return out;
 }
 
@@ -133,6 +193,7 @@ FvAnalysis analyse_curves(std::vector<RecordingResult> recordings, FvModel model
   FvAnalysis out;
   out.model = model;
   out.recordings = std::move(recordings);
+  sort_recordings(out.recordings);
   std::map<std::tuple<std::string, bool, double>, std::size_t> index;
   for (std::size_t i = 0; i < out.recordings.size(); ++i) {
     const RecordingResult& r = out.recordings[i];
@@ -149,13 +210,6 @@ FvAnalysis analyse_curves(std::vector<RecordingResult> recordings, FvModel model
     curve.recordings.push_back(i);
     for (const FvPoint& p : points_of(r.ramps.ramps)) curve.points.push_back(p);
   }
-  // Specimens in the order they were given in, pressures rising.
-  std::map<std::string, std::size_t> first;
-  for (const Curve& curve : out.curves) first.emplace(curve.specimen, first.size());
-  std::stable_sort(out.curves.begin(), out.curves.end(), [&](const Curve& a, const Curve& b) {
-    return std::make_pair(first[a.specimen], a.nominal_pressure_psi) <
-           std::make_pair(first[b.specimen], b.nominal_pressure_psi);
-  });
   for (Curve& curve : out.curves) {
     const double n = static_cast<double>(curve.points.size());
     for (const FvPoint& p : curve.points) {

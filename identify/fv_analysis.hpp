@@ -29,6 +29,7 @@ struct RecordingResult {
   std::optional<double> nominal_pressure_psi;
   std::size_t samples = 0;
   double duration_s = 0.0;
+  std::uint64_t fingerprint = 0;  ///< of the frame's samples: equal for copies of one recording
   RampAnalysis ramps;
   std::vector<RampTrace> traces;
   /// Fits to the whole record with one and with two arms; empty where `series_refusal` says why.
@@ -43,6 +44,9 @@ struct FvOptions {
 
 [[nodiscard]] RecordingResult analyse_recording(const messages::Recording& recording, std::string path,
                                                 const FvOptions& options = {});
+
+/// One line for each recording that is another one over again, under its own path or a second one.
+[[nodiscard]] std::vector<std::string> repeated_recordings(std::span<const RecordingResult> recordings);
 
 /// Mean and standard deviation over repetitions of one commanded speed and direction.
 struct CurvePoint {

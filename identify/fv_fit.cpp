@@ -308,6 +308,12 @@ FvFitResult fit(std::span<const FvPoint> points, std::optional<model::FvElement>
   fit.mean_residual_extension = side_count[0] > 0 ? side_sum[0] / side_count[0] : 0.0;
   fit.mean_residual_shortening = side_count[1] > 0 ? side_sum[1] / side_count[1] : 0.0;
   fit.r_squared = spread > 0.0 ? 1.0 - ssr / spread : std::numeric_limits<double>::quiet_NaN();
+  // Worse than the points' own mean: no parameter of such a curve means anything.
+  if (fit.r_squared < 0.0) {
+    result.refusal = "No fit: the points follow no force-velocity curve of this model; their own mean describes " 
+                     "them better than the best one does. Is the force zeroed, and are the rest lengths right?";
+    return result;
+  }
   fit.residual_rms = std::sqrt(ssr / n);
   const double freedom = n - static_cast<double>(parameters);
   fit.noise = std::sqrt(std::max(ssr / freedom, measured_variance));

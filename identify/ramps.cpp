@@ -375,7 +375,8 @@ RampAnalysis analyse_ramps(const messages::Recording& recording, const RampOptio
   RampAnalysis out;
   const auto& frame = recording.frame;
   if (frame.size() < 8) {
-    out.statements.push_back("The recording has only " + std::to_string(frame.size()) + " samples.");
+    out.statements.push_back("The recording has only " + std::to_string(frame.size()) +
+                             (frame.size() == 1 ? " sample." : " samples."));
     return out;
   }
   out.position_noise_mm = estimate_noise(frame.t_s, frame.position_mm);

@@ -110,6 +110,69 @@ TEST_F(FvCommand, ControlThenSheath) {
   EXPECT_FALSE(fs::exists(folder_ / "out/figures/curve_1_sheathed_at_10_psi.png"));
 }
 
+TEST_F(FvCommand, PressuresRiseInEveryTableHoweverTheFoldersAreSorted) {
+  IsoVelocityTest test;
+  test.speeds_mm_s = {2, 10};
+  test.precondition = false;
+  std::string paths;
+  for (const int psi : {10, 15, 20, 5}) {  // as a shell sorts them
+    test.seed = static_cast<unsigned>(psi);
+    auto r = recording(test, "one");
+    r.metadata.nominal_pressure_psi = psi;
+    for (double& p : r.pressure->pressure_psi) p = psi;
+    paths += " " + save(r, "rep-1_" + std::to_string(psi) + "-psi").string();
+  }
+  const Outcome o = isorig("fv" + paths + " --no-figures" + out());
+  ASSERT_EQ(o.code, 0) << o.text;
+  const auto json = result();
+  for (const char* list : {"recordings", "curves"}) {
+    std::vector<double> psi;
+    for (const auto& entry : json[list]) psi.push_back(entry["nominal_pressure_psi"].get<double>());
+    EXPECT_THAT(psi, ::testing::ElementsAre(5, 10, 15, 20)) << list;
+  }
+  for (std::size_t i = 0; i < 4; ++i) EXPECT_EQ(json["curves"][i]["recordings"], nlohmann::json::array({i}));
+}
+
+TEST_F(FvCommand, ARecordingCountsOnce) {
+  IsoVelocityTest test;
+  test.speeds_mm_s = {2, 10};
+  test.precondition = false;
+  const auto path = save(recording(test, "one"), "one");
+  fs::copy(path, folder_ / "copy");
+  for (const auto& second : {path, folder_ / "copy"}) {
+    const Outcome o = isorig("fv " + path.string() + " " + second.string() + " --no-figures" + out());
+    EXPECT_EQ(o.code, 2);
+    EXPECT_THAT(o.text, HasSubstr("the same samples as " + path.string()));
+  }
+  EXPECT_FALSE(fs::exists(folder_ / "out"));
+}
+
+TEST_F(FvCommand, APressureThatIsNotTheRecordingsIsSaid) {
+  IsoVelocityTest test;
+  test.speeds_mm_s = {2, 10};
+  test.precondition = false;
+  auto r = recording(test, "one");
+  for (double& p : r.pressure->pressure_psi) p = 5.0;
+  const Outcome other = isorig("fv " + save(r, "other").string() + " --no-figures" + out());
+  EXPECT_EQ(other.code, 0);
+  EXPECT_THAT(other.text, HasSubstr("measured pressure before the ramps is 5 psi, the nominal one 10 psi"));
+  for (double& t : r.pressure->t_s) t += 1e6;
+  const Outcome elsewhere = isorig("fv " + save(r, "elsewhere").string() + " --no-figures" + out());
+  EXPECT_THAT(elsewhere.text, HasSubstr("no sample before any ramp"));
+}
+
+TEST_F(FvCommand, ACurveWorseThanTheMeanIsNoFit) {
+  IsoVelocityTest test;
+  test.speeds_mm_s = {2, 10};
+  test.precondition = false;
+  auto r = recording(test, "one");
+  for (double& f : r.frame.force_N) f += 1e9;  // not zeroed: the normalised force is 1 whatever the speed
+  const Outcome o = isorig("fv " + save(r, "one").string() + " --no-figures" + out());
+  EXPECT_EQ(o.code, 1) << o.text;
+  EXPECT_THAT(o.text, HasSubstr("follow no force-velocity curve"));
+  EXPECT_TRUE(result()["curves"][0]["fit"].is_null());
+}
+
 TEST_F(FvCommand, SheathNeedsItsControl) {
   const auto path = save(recording({}, "sheathed"), "s").string();
   EXPECT_EQ(isorig("fv " + path + " --model slse2" + out()).code, 2);
