@@ -104,6 +104,8 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
     if (selection.weight[i] > selection.weight[selection.best]) selection.best = i;
     for (const auto* effect : pool[i].effects) selection.probability[effect] += selection.weight[i];
   }
+  // Sums of rounded weights: a probability stays one.
+  for (auto& [effect, probability] : selection.probability) probability = std::min(probability, 1.0);
 }
 
 Selection select_effects(const Search& search, const model::ModelSpec& nominal,
