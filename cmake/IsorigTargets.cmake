@@ -50,7 +50,7 @@ endfunction()
 function(isorig_test name)
   cmake_parse_arguments(arg "" "TIMEOUT" "SOURCES;LINKS;LABELS" ${ARGN})
   if(NOT arg_TIMEOUT)
-    set(arg_TIMEOUT 120)
+    set(arg_TIMEOUT 300)  # a hang, not a slow machine: sanitizers take ten times as long
   endif()
   add_executable(${name} ${arg_SOURCES})
   target_link_libraries(${name} PRIVATE ${arg_LINKS} isorig_options GTest::gmock GTest::gtest_main)
