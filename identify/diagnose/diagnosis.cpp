@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
+#include "identify/diagnose/filling.hpp"
 #include "identify/diagnose/locate.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
@@ -204,7 +205,11 @@ std::string_view name_of(Verdict verdict) {
 Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::string> names,
                const model::ModelSpec& nominal, const DiagnosisOptions& options) {
   Study study;
+  std::vector<double> duration_s;
   for (std::size_t i = 0; i < recordings.size(); ++i) {
+    const auto& t_s = recordings[i].frame.t_s;
+    duration_s.push_back(t_s.empty() ? 0.0 : t_s.back() - t_s.front());
+    if (auto cut = cut_filling(recordings[i])) study.faults.push_back(std::move(*cut));
     const auto& frame = recordings[i].frame;
     constexpr std::size_t kFewest = 100;
     if (frame.size() < kFewest)
@@ -221,6 +226,8 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     Guarded guarded = guard_recording(recordings[i]);
     study.faults.insert(study.faults.end(), guarded.faults.begin(), guarded.faults.end());
     study.series.push_back(prepare_series(names[i], std::move(recordings[i]), guarded.usable));
+    // A slip knows its recording by its duration, and `predict` sees the whole of it.
+    study.series.back().drive.reference.duration_s = duration_s[i];
     study.usable.push_back(std::move(guarded.usable));
   }
   study.noise = instrument_noise(study.series, study.usable);
