@@ -53,7 +53,8 @@ ServiceConfig read_services(const base::TomlTable& table) {
 RigConfig load_rig(const std::filesystem::path& path) {
   const auto document = base::TomlDocument::parse_file(path);
   const auto root = document.root();
-  const auto directory = path.parent_path();
+  // The file itself, not the link that chose it: /etc/isorig/rig.toml -> rigs/lab.toml.
+  const auto directory = std::filesystem::weakly_canonical(path).parent_path();
   RigConfig rig;
   rig.path = path;
   rig.text = document.text();

@@ -15,6 +15,7 @@
 #include "daemon/host.hpp"
 #include "daemon/publisher.hpp"
 #include "daemon/realtime.hpp"
+#include "daemon/service_notifier.hpp"
 #include "daemon/services.hpp"
 
 namespace isorig::daemon {
@@ -24,6 +25,10 @@ constexpr std::int64_t kPressureWaitNs = 2'000'000;
 constexpr std::int64_t kInterlockPeriodNs = 5'000'000;
 constexpr std::int64_t kRecorderPeriodNs = 20'000'000;
 constexpr std::int64_t kPublisherPeriodNs = 10'000'000;
+// Below the devices' threads, above everything ordinary: a busy machine must not look like a stalled loop.
+constexpr int kWatchdogPriority = 1;
+constexpr auto kStatusPeriod = std::chrono::seconds(1);
+constexpr auto kFirstTickPatience = std::chrono::seconds(1);
 
 std::int64_t epoch_unix_us(const clock::Clock& clock) {
   const auto wall = std::chrono::duration_cast<std::chrono::microseconds>(
@@ -42,6 +47,16 @@ void log_event(const EventRecord& e) {
   const std::string change = e.from == e.to ? "" : std::string(" [") + to_text(e.from) + " -> " + to_text(e.to) + "]";
   const std::string numbers = e.threshold == 0.0 ? "" : fmt::format(" ({:.3f}, limit {:.3f})", e.value, e.threshold);
   spdlog::log(level, "{}: {}{}{}", code, e.text, numbers, change);
+}
+
+/// The line of `systemctl status`.
+std::string status_line(const Status& s, const std::string& run) {
+  std::string line = to_text(s.control.state);
+  if (s.run_loaded) {
+    line += fmt::format(": run {}, step {} of {}, {:.0f} %", run, s.control.step + 1, s.steps, 100.0 * double{s.control.progress});
+  }
+  const std::string why = s.fault[0] != '\0' ? s.fault : s.not_ready;
+  return why.empty() ? line : line + ": " + why;
 }
 
 sigset_t stop_signals() {
@@ -111,7 +126,10 @@ struct Daemon::Impl {
 
   void start_threads();
   void stop_threads();
+  void await_first_tick();
+  [[nodiscard]] std::string status_text() const { return status_line(core.status(), host.run_id()); }
 
+  ServiceNotifier notifier = ServiceNotifier::from_environment();  // before any thread: it changes the environment
   RigConfig rig;
   clock::RealClock clock;
   Devices devices;
@@ -127,6 +145,7 @@ struct Daemon::Impl {
   std::optional<Publisher> publisher;
   Host host;
   Api api;
+  WatchdogFeeder feeder{notifier, frame_link.loop_beat};
   std::atomic<bool> stop_loop{false}, stop_io{false}, stop_rest{false};
   std::vector<std::thread> loop, io, rest;
 };
@@ -155,6 +174,11 @@ void Daemon::Impl::start_threads() {
       });
     }
     spawn(rest, "isorig-api", 0, [this] { api.serve(); });
+    if (feeder.period_ns() > 0) {
+      spawn(rest, "isorig-watchdog", kWatchdogPriority, [this] {
+        every(feeder.period_ns(), stop_rest, [this] { feeder.turn(); });
+      });
+    }
   } catch (...) {
     stop_threads();
     throw;
@@ -179,6 +203,17 @@ void Daemon::Impl::stop_threads() {
   host.shut_down();
 }
 
+void Daemon::Impl::await_first_tick() {
+  const auto deadline = std::chrono::steady_clock::now() + kFirstTickPatience;
+  while (frame_link.loop_beat.load(std::memory_order_acquire) == 0) {
+    if (std::chrono::steady_clock::now() > deadline) {
+      throw std::runtime_error("the real-time loop has not ticked within a second; is another real-time process "
+                               "keeping the CPU ([realtime] cpu, priority)?");
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+}
+
 Daemon::Daemon(const RigConfig& rig, const DaemonOptions& options) {
   // Before any thread: they all inherit the mask, and only run() takes these signals.
   const sigset_t set = stop_signals();
@@ -191,22 +226,33 @@ Daemon::Daemon(const RigConfig& rig, const DaemonOptions& options) {
 Daemon::~Daemon() = default;
 
 void Daemon::run() {
-  impl_->start_threads();
-  spdlog::info("rig \"{}\" up{}", impl_->rig.name,
-               impl_->rig.realtime.enforce ? "" : " without real-time rights (--no-realtime)");
+  auto& d = *impl_;
+  d.start_threads();
+  try {
+    d.await_first_tick();
+  } catch (...) {
+    d.stop_threads();
+    throw;
+  }
+  spdlog::info("rig \"{}\" up{}", d.rig.name, d.rig.realtime.enforce ? "" : " without real-time rights (--no-realtime)");
+  d.notifier.ready(d.status_text());
   const sigset_t set = stop_signals();
+  const timespec between_states{kStatusPeriod.count(), 0};
   int signal_number = 0;
-  sigwait(&set, &signal_number);
+  while ((signal_number = ::sigtimedwait(&set, nullptr, &between_states)) < 0) {
+    if (d.notifier.connected()) d.notifier.status(d.status_text());
+  }
   spdlog::info("signal {}: stopping", signal_number);
-  if (impl_->host.run_open()) {
-    impl_->host.verb(Request::Verb::kAbort);
-    const auto patience = std::chrono::duration<double>(impl_->rig.core.vent_time_max_s + 2.0);
+  d.notifier.stopping(d.host.run_open() ? "aborting the run, venting" : "stopping");
+  if (d.host.run_open()) {
+    d.host.verb(Request::Verb::kAbort);
+    const auto patience = std::chrono::duration<double>(d.rig.core.vent_time_max_s + 2.0);
     const auto deadline = std::chrono::steady_clock::now() + patience;
-    while (impl_->host.run_open() && std::chrono::steady_clock::now() < deadline) {
+    while (d.host.run_open() && std::chrono::steady_clock::now() < deadline) {
       std::this_thread::sleep_for(std::chrono::milliseconds(20));
     }
   }
-  impl_->stop_threads();
+  d.stop_threads();
 }
 
 }  // namespace isorig::daemon

@@ -113,6 +113,7 @@ class Process {
     return wait(seconds);
   }
   [[nodiscard]] std::string output() const { return slurp(log_); }
+  [[nodiscard]] pid_t pid() const { return pid_; }
   [[nodiscard]] double cpu_s() const {
     const auto s = [](const timeval& t) { return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec); };
     return s(usage_.ru_utime) + s(usage_.ru_stime);
