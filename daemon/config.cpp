@@ -35,6 +35,38 @@ RigConfig::Teensy read_teensy(const base::TomlTable& table) {
   return t;
 }
 
+std::optional<interlock::GpioLine> read_gpio_line(const base::TomlTable& table, const char* key, bool fails_safe = true) {
+  const auto line = table.table_if(key);
+  if (!line) return std::nullopt;
+  interlock::GpioLine read;
+  read.line = line->string("line");
+  read.active_low = line->boolean_or("active_low", false);
+  const auto bias = line->choice_or("bias", "as-is", {"as-is", "disabled", "pull-up", "pull-down"});
+  if (bias == "disabled") read.bias = interlock::Bias::kDisabled;
+  if (bias == "pull-up") read.bias = interlock::Bias::kPullUp;
+  if (bias == "pull-down") read.bias = interlock::Bias::kPullDown;
+  if (fails_safe && read.bias == (read.active_low ? interlock::Bias::kPullDown : interlock::Bias::kPullUp)) {
+    line->error("bias", "with this `bias` the line is active when its wire is broken; change `active_low` or the wiring");
+  }
+  return read;
+}
+
+interlock::GpioInterlock::Options read_gpio(const base::TomlTable& table) {
+  interlock::GpioInterlock::Options o;
+  o.chip = table.string("chip");
+  if (const auto estop = read_gpio_line(table, "estop")) {
+    o.estop = *estop;
+  } else {
+    table.error("estop", "`estop = { line = \"...\" }` is missing: the emergency-stop chain has to be watched");
+  }
+  o.guard = read_gpio_line(table, "guard");
+  o.vent_valve = read_gpio_line(table, "vent_valve");
+  o.sync = read_gpio_line(table, "sync", false);
+  o.closing_ns = static_cast<std::int64_t>(
+      std::llround(table.number_or("closing_ms", static_cast<double>(o.closing_ns) * 1e-6, {0.0, 10'000.0}) * 1e6));
+  return o;
+}
+
 ServiceConfig read_services(const base::TomlTable& table) {
   ServiceConfig c;
   const auto ms = [&](const char* key, std::int64_t fallback_ns, base::Range range) {
@@ -80,7 +112,11 @@ RigConfig load_rig(const std::filesystem::path& path) {
   if ((frame_driver == "sim") != (pressure_driver == "sim")) {
     pressure.error("driver", "a simulated frame goes with a simulated pressure side: they share one plant");
   }
-  (void)root.table("interlock").choice("driver", {"sim"});
+  const auto interlock = root.table("interlock");
+  if (interlock.choice("driver", {"sim", "gpio"}) == "gpio") {
+    rig.gpio = read_gpio(interlock);
+    if (rig.simulated()) interlock.error("driver", "a simulated rig has its own interlock: driver = \"sim\"");
+  }
 
   const auto table = [&](const char* name, auto&& read) {
     if (const auto t = root.table_if(name)) read(*t);

@@ -8,6 +8,7 @@
 #include "daemon/realtime.hpp"
 #include "daemon/services.hpp"
 #include "drivers/frame/modbus_config.hpp"
+#include "drivers/interlock/gpio_interlock.hpp"
 #include "drivers/pressure/teensy.hpp"
 #include "protocol/limits.hpp"
 #include "sim/config.hpp"
@@ -33,6 +34,7 @@ struct RigConfig {
     pressure::Teensy::Options options;
   };
   std::optional<Teensy> teensy;
+  std::optional<interlock::GpioInterlock::Options> gpio;  ///< none: the simulated interlock
   std::optional<sim::SimConfig> sim;
   std::filesystem::path specimen;        ///< what is mounted, unless a run names another
 

@@ -135,6 +135,8 @@ void Core::read_interlock() noexcept {
     now_.estop_closed = state.estop_closed;
     now_.guard_closed = state.guard_closed;
   }
+  LinkHealth health;
+  while (interlock_.health.pop(health)) now_.interlock = health;
 }
 
 void Core::supervise(std::int64_t now_ns) noexcept {

@@ -23,6 +23,7 @@ namespace {
 
 constexpr std::int64_t kPressureWaitNs = 2'000'000;
 constexpr std::int64_t kInterlockPeriodNs = 5'000'000;
+constexpr std::int64_t kInterlockLeastNs = 500'000;
 constexpr std::int64_t kRecorderPeriodNs = 20'000'000;
 constexpr std::int64_t kPublisherPeriodNs = 10'000'000;
 // Below the devices' threads, above everything ordinary: a busy machine must not look like a stalled loop.
@@ -163,7 +164,12 @@ void Daemon::Impl::start_threads() {
       every(1'000'000, stop_io, [this] { pressure_service.run_once(clock.now_ns(), kPressureWaitNs); });
     });
     spawn(io, "isorig-interlock", io_priority, [this] {
-      every(kInterlockPeriodNs, stop_io, [this] { interlock_service.run_once(clock.now_ns()); });
+      // Woken by an edge where the device can do that, but no more often than a chattering contact may take of the
+      // processor.
+      every(kInterlockLeastNs, stop_io, [this] {
+        if (!interlock_service.wait(kInterlockPeriodNs)) clock.sleep_until_ns(clock.now_ns() + kInterlockPeriodNs);
+        interlock_service.run_once(clock.now_ns());
+      });
     });
     spawn(rest, "isorig-recorder", 0, [this] {
       every(kRecorderPeriodNs, stop_rest, [this] { host.turn(clock.now_ns()); });

@@ -1,6 +1,7 @@
 #include "daemon/devices.hpp"
 
 #include "drivers/frame/modbus_frame.hpp"
+#include "drivers/interlock/gpio_interlock.hpp"
 #include "drivers/pressure/teensy.hpp"
 #include "drivers/pressure/tty_stream.hpp"
 #include "sim/interlock/bench_interlock.hpp"
@@ -24,7 +25,11 @@ Devices open_devices(const RigConfig& rig, clock::Clock& clock) {
   d.claims.emplace_back("pressure device at " + rig.teensy->port);
   d.owned_frame = std::make_unique<frame::ModbusFrame>(*rig.modbus, clock);
   d.owned_pressure = std::make_unique<pressure::Teensy>(rig.teensy->options, std::make_unique<pressure::TtyStream>(pressure::TtyStream::Options{rig.teensy->port}), clock);
-  d.owned_interlock = std::make_unique<sim::BenchInterlock>();
+  if (rig.gpio) {
+    d.owned_interlock = std::make_unique<interlock::GpioInterlock>(*rig.gpio, clock);
+  } else {
+    d.owned_interlock = std::make_unique<sim::BenchInterlock>();
+  }
   d.frame = d.owned_frame.get();
   d.pressure = d.owned_pressure.get();
   d.interlock = d.owned_interlock.get();

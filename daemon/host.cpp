@@ -338,7 +338,10 @@ nlohmann::json Host::status_json() const {
              {"worst_run_us", s.worst_run_ns * 1e-3}}},
            {"frame", link(s.frame)},
            {"pressure", link(s.pressure)},
-           {"interlock", {{"estop_closed", s.estop_closed}, {"guard_closed", s.guard_closed}}},
+           {"interlock",
+            {{"estop_closed", s.estop_closed}, {"guard_closed", s.guard_closed}, {"connected", s.interlock.connected},
+             {"lost_edges", s.interlock.lost}, {"errors", s.interlock.errors},
+             {"reconnects", s.interlock.reconnects}, {"detail", s.interlock.detail}}},
            {"invalid_pressure_words", s.invalid_pressure},
            {"records_dropped", s.records_dropped},
            {"publish_dropped", s.publish_dropped}};

@@ -77,19 +77,30 @@ struct PressureLink {
 };
 
 struct InterlockLink {
-  /// mono_ns of the reading with its two lowest bits replaced: bit 0 e-stop chain whole, bit 1 guard closed.
+  /// mono_ns of the reading with its three lowest bits replaced: bit 0 e-stop chain whole, bit 1 guard closed,
+  /// bit 2 the inputs cannot be read.
   std::atomic<std::int64_t> state{0};
+  std::atomic<std::int64_t> opened_ns{0};
+  base::SpscQueue<LinkHealth> health{64};
   std::atomic<bool> hold_pressure{false};
   std::atomic<std::uint32_t> loop_beat{0};
 
   void set_state(const interlock::State& s) noexcept {
-    state.store((s.mono_ns & ~std::int64_t{3}) | (s.estop_closed ? 1 : 0) | (s.guard_closed ? 2 : 0),
+    opened_ns.store(s.opened_ns, std::memory_order_relaxed);
+    state.store((s.mono_ns & ~kBits) | (s.estop_closed ? 1 : 0) | (s.guard_closed ? 2 : 0) | (s.lost ? 4 : 0),
                 std::memory_order_release);
   }
   [[nodiscard]] interlock::State get_state() const noexcept {
     const auto packed = state.load(std::memory_order_acquire);
-    return {(packed & 1) != 0, (packed & 2) != 0, packed & ~std::int64_t{3}};
+    return {.estop_closed = (packed & 1) != 0,
+            .guard_closed = (packed & 2) != 0,
+            .mono_ns = packed & ~kBits,
+            .opened_ns = opened_ns.load(std::memory_order_relaxed),
+            .lost = (packed & 4) != 0};
   }
+
+ private:
+  static constexpr std::int64_t kBits = 7;
 };
 
 }  // namespace isorig::daemon

@@ -13,6 +13,9 @@ constexpr std::int64_t kHealthPeriodNs = 100'000'000;
 // A loop that has not ticked for this long no longer holds the dump valve.
 constexpr std::int64_t kLoopDeadNs = 500'000'000;
 
+// A chip that is plugged in again enumerates in some tenths of a second.
+constexpr std::int64_t kInterlockRetryNs = 500'000'000;
+
 // Fewer leave the first stamps with a scatter of a whole round trip.
 constexpr std::uint64_t kExchangesForReady = 20;
 
@@ -225,32 +228,60 @@ void PressureService::shut_down() noexcept {
 
 void InterlockService::run_once(std::int64_t now_ns) noexcept {
   try {
-    if (!connected_) {
-      if (now_ns < next_attempt_ns_) return;
-      device_.connect();
-      connected_ = true;
-      holding_ = false;
-      device_.hold_pressure(false);
-    }
-    auto state = device_.read();
-    state.mono_ns = now_ns;
-    link_.set_state(state);
-    const std::uint32_t beat = link_.loop_beat.load(std::memory_order_acquire);
-    if (beat != last_beat_) {
-      last_beat_ = beat;
-      last_beat_ns_ = now_ns;
-    }
-    const bool hold = link_.hold_pressure.load(std::memory_order_acquire) && now_ns - last_beat_ns_ < kLoopDeadNs;
-    if (hold != holding_) {
-      device_.hold_pressure(hold);
-      holding_ = hold;
-    }
-  } catch (const std::exception&) {
-    // The state is not renewed: the age limit brings the rig to its safe state, and the valve fails to vent.
+    turn(now_ns);
+  } catch (const std::exception& error) {
+    // An input that cannot be read is an open one, and the valve fails to vent.
     device_.disconnect();
     connected_ = false;
-    next_attempt_ns_ = now_ns + 500'000'000;
+    next_attempt_ns_ = now_ns + kInterlockRetryNs;
+    link_.set_state({.mono_ns = now_ns, .lost = true});
+    ++health_.errors;
+    copy_text(health_.detail, error.what());
+    report_health(now_ns, true);
   }
+  report_health(now_ns, false);
+}
+
+void InterlockService::turn(std::int64_t now_ns) {
+  if (!connected_) {
+    if (now_ns < next_attempt_ns_) return;
+    device_.connect();
+    connected_ = true;
+    if (was_connected_) ++health_.reconnects;
+    was_connected_ = true;
+    holding_ = false;
+    device_.hold_pressure(false);
+    report_health(now_ns, true);
+  }
+  auto state = device_.read();
+  state.mono_ns = now_ns;
+  link_.set_state(state);
+  const std::uint32_t beat = link_.loop_beat.load(std::memory_order_acquire);
+  if (beat != last_beat_) {
+    last_beat_ = beat;
+    last_beat_ns_ = now_ns;
+  }
+  const bool hold = link_.hold_pressure.load(std::memory_order_acquire) && now_ns - last_beat_ns_ < kLoopDeadNs;
+  if (hold != holding_) {
+    device_.hold_pressure(hold);
+    holding_ = hold;
+  }
+}
+
+bool InterlockService::wait(std::int64_t timeout_ns) noexcept {
+  try {
+    return connected_ && device_.wait(timeout_ns);
+  } catch (const std::exception&) {
+    return true;  // the next turn meets it again and says so
+  }
+}
+
+void InterlockService::report_health(std::int64_t now_ns, bool force) noexcept {
+  if (!force && now_ns < next_health_ns_) return;
+  next_health_ns_ = now_ns + kHealthPeriodNs;
+  health_.connected = connected_;
+  health_.lost = device_.counters().lost_edges;
+  link_.health.push(health_);
 }
 
 void InterlockService::shut_down() noexcept {

@@ -105,10 +105,18 @@ class InterlockService {
   InterlockService(interlock::Device& device, InterlockLink& link) : device_(device), link_(link) {}
   void run_once(std::int64_t now_ns) noexcept;
   void shut_down() noexcept;
+  /// Waits for an input to change; false at once when the device cannot tell, or is not there.
+  bool wait(std::int64_t timeout_ns) noexcept;
 
  private:
+  void turn(std::int64_t now_ns);
+  void report_health(std::int64_t now_ns, bool force) noexcept;
+
   interlock::Device& device_;
   InterlockLink& link_;
+  LinkHealth health_;
+  bool was_connected_ = false;
+  std::int64_t next_health_ns_ = 0;
   bool connected_ = false;
   bool holding_ = false;
   std::uint32_t last_beat_ = 0;

@@ -26,6 +26,7 @@ struct Status {
   bool vented_fault = false;        ///< the fault's reaction was the safe state
   LinkHealth frame;
   LinkHealth pressure;
+  LinkHealth interlock;
   double frame_age_s = -1.0;        ///< of the newest sample; negative before the first
   double pressure_age_s = -1.0;     ///< of the newest valid reading
   bool estop_closed = false;

@@ -140,10 +140,15 @@ void Supervisor::on_interlock(const interlock::State& state) noexcept {
   if (state.mono_ns <= interlock_seen_ns_) return;
   interlock_seen_ns_ = state.mono_ns;
   interlock_ = state;
-  if (!state.estop_closed) {
-    note({Severity::kSafeState, "interlock.estop", "the emergency-stop chain is open; release it, then reset", 0.0, 1.0});
+  // How long ago it opened, where the kernel stamped it.
+  const double open_s = state.opened_ns > 0 ? seconds(state.mono_ns - state.opened_ns) : 0.0;
+  if (state.lost) {
+    note({Severity::kSafeState, "interlock.lost", "the interlock inputs cannot be read; check their chip and cable", 0.0,
+          0.0});
+  } else if (!state.estop_closed) {
+    note({Severity::kSafeState, "interlock.estop", "the emergency-stop chain is open; release it, then reset", open_s, 0.0});
   } else if (!state.guard_closed) {
-    note({Severity::kSafeState, "interlock.guard", "the guard is open; close it, then reset", 0.0, 1.0});
+    note({Severity::kSafeState, "interlock.guard", "the guard is open; close it, then reset", open_s, 0.0});
   }
 }
 
@@ -211,6 +216,8 @@ bool Supervisor::healthy(std::int64_t now_ns, const char** why) const noexcept {
     reason = "no valid pressure reading";
   } else if (!fresh(interlock_seen_ns_, config_.interlock_age_max_s)) {
     reason = "the interlock is not being read";
+  } else if (interlock_.lost) {
+    reason = "the interlock inputs cannot be read";
   } else if (!interlock_.estop_closed) {
     reason = "the emergency-stop chain is open";
   } else if (!interlock_.guard_closed) {

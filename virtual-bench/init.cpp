@@ -74,7 +74,6 @@ void enter_root() {
   mount_at("devpts", root + "/dev/pts", "devpts", 0, "ptmxmode=0666");
   mount_at("shm", root + "/dev/shm", "tmpfs");
   mount_at("run", root + "/run", "tmpfs", 0, "mode=0755");
-  mount_at("tmp", root + "/tmp", "tmpfs", 0, "mode=1777");
   mkdir((root + "/lib/modules").c_str(), 0755);
   mount_at("modules", root + "/lib/modules", "9p", MS_RDONLY, k9p);
   mount_at("share", root + kShare, "9p", 0, "trans=virtio,version=9p2000.L,msize=262144,access=any");
