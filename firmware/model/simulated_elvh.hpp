@@ -27,7 +27,8 @@ class SimulatedElvh {
 
   void set_fault(Fault fault) noexcept { fault_ = fault; }
   /// Duties of the air paths, not of the coils.
-  void set_valves(uint16_t fill_permille, uint16_t vent_permille) noexcept {
+  void set_valves(uint64_t now_ns, uint16_t fill_permille, uint16_t vent_permille) noexcept {
+    advance(now_ns);
     fill_permille_ = fill_permille;
     vent_permille_ = vent_permille;
   }

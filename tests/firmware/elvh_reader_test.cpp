@@ -82,7 +82,7 @@ TEST_F(Reader, StampsAreWithinHalfAPollPeriodOfTheConversion) {
 }
 
 TEST_F(Reader, PollsFourThousandTimesASecondAndReadsTheWholeWord) {
-  hardware.sensor.set_valves(1000, 0);
+  hardware.sensor.set_valves(hardware.now_ns(), 1000, 0);
   hardware.reads = 0;
   const auto seen = run_us(1'000'000);
   EXPECT_NEAR(static_cast<double>(hardware.reads), 4000.0, 5.0);

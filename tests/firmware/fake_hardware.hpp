@@ -75,7 +75,7 @@ class FakeHardware final : public Hardware {
   void drive_coils(std::uint16_t fill, std::uint16_t vent_closing) noexcept override {
     fill_permille = fill;
     vent_closing_permille = vent_closing;
-    sensor.set_valves(fill, static_cast<std::uint16_t>(1000 - vent_closing));
+    sensor.set_valves(now_ns(), fill, static_cast<std::uint16_t>(1000 - vent_closing));
     driven_us = now_ns() / 1000;
   }
   void set_sync(bool is_high) noexcept override { sync_edges.push_back({is_high, cycles}); }
