@@ -64,3 +64,14 @@ set(logic
 isorig_firmware_image(isorig-qemu
   LINKER_SCRIPT mps2/mps2.ld
   SOURCES ${logic} firmware/mps2/machine.cpp firmware/mps2/main.cpp firmware/mps2/startup.cpp)
+
+isorig_firmware_image(isorig-teensy36
+  LINKER_SCRIPT teensy36/teensy36.ld
+  SOURCES
+    ${logic}
+    firmware/usb_device.cpp
+    firmware/teensy36/board.cpp
+    firmware/teensy36/clocks.cpp
+    firmware/teensy36/main.cpp
+    firmware/teensy36/startup.cpp
+    firmware/teensy36/usb_sie_k66.cpp)

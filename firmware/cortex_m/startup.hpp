@@ -14,8 +14,12 @@ int main();
 namespace isorig::firmware::cortex_m {
 
 /// ARM DDI 0403 (ARMv7-M Architecture Reference Manual), B3.2.
-inline volatile uint32_t& aircr() noexcept { return *reinterpret_cast<volatile uint32_t*>(0xE000ED0C); }
-inline volatile uint32_t& cpacr() noexcept { return *reinterpret_cast<volatile uint32_t*>(0xE000ED88); }
+inline volatile uint32_t& aircr() noexcept {
+  return *reinterpret_cast<volatile uint32_t*>(0xE000ED0C);
+}
+inline volatile uint32_t& cpacr() noexcept {
+  return *reinterpret_cast<volatile uint32_t*>(0xE000ED88);
+}
 
 [[noreturn]] inline void reset_system() noexcept {
   constexpr uint32_t kKey = 0x05FAU << 16U;

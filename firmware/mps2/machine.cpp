@@ -8,7 +8,9 @@ namespace {
 struct SysTick {
   volatile uint32_t control, reload, value;
 };
-SysTick& systick() noexcept { return *reinterpret_cast<SysTick*>(0xE000E010); }
+SysTick& systick() noexcept {
+  return *reinterpret_cast<SysTick*>(0xE000E010);
+}
 
 constexpr uint32_t kTick_us = 10'000;
 /// 50 ms, as on the Teensy.
@@ -31,7 +33,9 @@ void start_watchdog() noexcept {
   systick().control = 0x7;
 }
 
-void feed_watchdog() noexcept { ticks_since_fed = 0; }
+void feed_watchdog() noexcept {
+  ticks_since_fed = 0;
+}
 
 void tick() noexcept {
   const uint32_t ticks = ticks_since_fed + 1;

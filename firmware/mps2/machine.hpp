@@ -14,7 +14,8 @@ struct Uart {
     divider = 16;
     control = 0x3;
   }
-  /// False while the last byte still waits, which here means that whoever is behind the emulator does not read.
+  /// False while the last byte still waits, which here means that whoever is behind the emulator does not
+  /// read.
   bool put(uint8_t byte) noexcept {
     if ((state & 0x1U) != 0) return false;
     data = byte;
@@ -26,8 +27,12 @@ struct Uart {
     return true;
   }
 };
-inline Uart& link_uart() noexcept { return *reinterpret_cast<Uart*>(0x40004000); }
-inline Uart& bench_uart() noexcept { return *reinterpret_cast<Uart*>(0x40005000); }
+inline Uart& link_uart() noexcept {
+  return *reinterpret_cast<Uart*>(0x40004000);
+}
+inline Uart& bench_uart() noexcept {
+  return *reinterpret_cast<Uart*>(0x40005000);
+}
 
 struct Timer {
   volatile uint32_t control, value, reload, interrupt;
@@ -40,7 +45,9 @@ struct Timer {
   /// It counts down, at kClock_MHz.
   [[nodiscard]] uint32_t elapsed() const noexcept { return ~value; }
 };
-inline Timer& timer() noexcept { return *reinterpret_cast<Timer*>(0x40000000); }
+inline Timer& timer() noexcept {
+  return *reinterpret_cast<Timer*>(0x40000000);
+}
 
 /// Exit codes of the emulator.
 inline constexpr uint32_t kExitFault = 70;

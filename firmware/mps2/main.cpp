@@ -3,7 +3,8 @@
 #include "firmware/model/simulated_elvh.hpp"
 #include "firmware/mps2/machine.hpp"
 
-/// The Teensy's firmware on an emulated Cortex-M4: UART0 is the link, UART1 the bench, the sensor is simulated.
+/// The Teensy's firmware on an emulated Cortex-M4: UART0 is the link, UART1 the bench, the sensor is
+/// simulated.
 namespace isorig::firmware::mps2 {
 namespace {
 
@@ -61,14 +62,30 @@ class Board final : public Hardware {
   void obey(uint8_t command, Application& application) noexcept {
     using Fault = SimulatedElvh::Fault;
     switch (command) {
-      case '+': is_open_ = true; break;
-      case '-': is_open_ = false; break;
-      case '0': sensor_.set_fault(Fault::kNone); break;
-      case 'a': sensor_.set_fault(Fault::kAbsent); break;
-      case 'l': sensor_.set_fault(Fault::kShorted); break;
-      case 's': sensor_.set_fault(Fault::kSilent); break;
-      case 'c': sensor_.set_fault(Fault::kStuckCurrent); break;
-      case 'd': sensor_.set_fault(Fault::kDiagnostic); break;
+      case '+':
+        is_open_ = true;
+        break;
+      case '-':
+        is_open_ = false;
+        break;
+      case '0':
+        sensor_.set_fault(Fault::kNone);
+        break;
+      case 'a':
+        sensor_.set_fault(Fault::kAbsent);
+        break;
+      case 'l':
+        sensor_.set_fault(Fault::kShorted);
+        break;
+      case 's':
+        sensor_.set_fault(Fault::kSilent);
+        break;
+      case 'c':
+        sensor_.set_fault(Fault::kStuckCurrent);
+        break;
+      case 'd':
+        sensor_.set_fault(Fault::kDiagnostic);
+        break;
       case 'p':
         say("pass", application.longest_pass_cycles());
         say("stack", cortex_m::stack_high_water());
@@ -79,8 +96,10 @@ class Board final : public Hardware {
       case 'f':
         asm volatile("udf #0");
         break;
-      case 'q': exit_emulator(0);
-      default: break;
+      case 'q':
+        exit_emulator(0);
+      default:
+        break;
     }
   }
 
@@ -130,8 +149,8 @@ class Board final : public Hardware {
 int main() {
   using namespace isorig::firmware;
   static mps2::Board board;
-  static Application application({.cycles_per_us = mps2::kClock_MHz, .serial = "QEMU0", .firmware = ISORIG_VERSION},
-                                 board);
+  static Application application(
+      {.cycles_per_us = mps2::kClock_MHz, .serial = "QEMU0", .firmware = ISORIG_VERSION}, board);
   board.start();
   application.start();
   for (;;) {

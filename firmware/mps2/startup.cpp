@@ -1,4 +1,5 @@
 #include "firmware/cortex_m/startup.hpp"
+
 #include "firmware/mps2/machine.hpp"
 
 using namespace isorig::firmware;
@@ -10,7 +11,9 @@ extern "C" [[noreturn]] void reset_handler() {
 }
 
 namespace {
-[[noreturn]] void fault() { mps2::exit_emulator(mps2::kExitFault); }
+[[noreturn]] void fault() {
+  mps2::exit_emulator(mps2::kExitFault);
+}
 }  // namespace
 
 using Vector = void (*)();
@@ -20,7 +23,7 @@ struct VectorTable {
 };
 
 extern const VectorTable vectors;
-__attribute__((section(".vectors"), used)) const VectorTable vectors = {
-    _stack_top,
-    {reset_handler, fault, fault, fault, fault, fault, nullptr, nullptr, nullptr, nullptr, fault, fault, nullptr,
-     fault, mps2::tick}};
+__attribute__((section(".vectors"), used))
+const VectorTable vectors = {_stack_top,
+                             {reset_handler, fault, fault, fault, fault, fault, nullptr, nullptr, nullptr,
+                              nullptr, fault, fault, nullptr, fault, mps2::tick}};

@@ -1,6 +1,6 @@
 #pragma once
-// The firmware on QEMU's Cortex-M4 as a child process: its link is a pseudo-terminal, which the real driver opens by
-// path; the bench line (firmware/mps2/main.cpp) is a socket.
+// The firmware on QEMU's Cortex-M4 as a child process: its link is a pseudo-terminal, which the real driver
+// opens by path; the bench line (firmware/mps2/main.cpp) is a socket.
 #include <gtest/gtest.h>
 #include <poll.h>
 #include <signal.h>

@@ -1,5 +1,5 @@
-// The firmware's image on an emulated Cortex-M4 against the host's real driver over a real tty. The emulator shares
-// the machine with everything else, so nothing here judges microseconds: the tests in virtual time do.
+// The firmware's image on an emulated Cortex-M4 against the host's real driver over a real tty. The emulator
+// shares the machine with everything else, so nothing here judges microseconds: the tests in virtual time do.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -49,7 +49,8 @@ class Qemu : public testing::Test {
         next_beat_ns = now_ns + 10 * kMs;
       }
       const pressure::Poll poll = device->poll(buffer, exchange_buffer, kMs);
-      samples.insert(samples.end(), buffer.begin(), buffer.begin() + static_cast<std::ptrdiff_t>(poll.samples));
+      samples.insert(samples.end(), buffer.begin(),
+                     buffer.begin() + static_cast<std::ptrdiff_t>(poll.samples));
       exchanges.insert(exchanges.end(), exchange_buffer.begin(),
                        exchange_buffer.begin() + static_cast<std::ptrdiff_t>(poll.exchanges));
       lost += poll.lost;
@@ -81,7 +82,8 @@ class Qemu : public testing::Test {
   bool sees(const std::function<bool(std::uint32_t)>& is_wanted) {
     samples.clear();
     return run_until([&] {
-      return std::any_of(samples.begin(), samples.end(), [&](const Sample& s) { return is_wanted(s.raw_word); });
+      return std::any_of(samples.begin(), samples.end(),
+                         [&](const Sample& s) { return is_wanted(s.raw_word); });
     });
   }
 
