@@ -270,6 +270,13 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   std::ranges::stable_sort(out.alternatives, std::greater<>(), &Alternative::probability);
   if (out.alternatives.size() > 8) out.alternatives.resize(8);
 
+  for (std::size_t i = 0; i < selection.pool.size(); ++i) {
+    const Hypothesis& h = selection.pool[i];
+    out.tried.push_back({h.key(), selection.weight[i], h.evidence, selection.excess[i],
+                         std::ranges::count(h.fit.at_bound, true) > 0});
+  }
+  std::ranges::stable_sort(out.tried, std::greater<>(), &Explanation::weight);
+  out.rows = chosen.fit.rows;
   const double rows = static_cast<double>(chosen.fit.rows);
   const double left = selection.excess[selection.best], before = selection.excess[0];
   out.unexplained = before > 0.0 ? left / before : 0.0;
@@ -350,6 +357,14 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
         {"function_of", d.described_by},
         {"text", "structure that no effect of the catalogue explains, as a table in model.toml"}};
   json["unexplained_share"] = d.unexplained;
+  json["bins"] = d.rows;
+  json["tried"] = ordered_json::array();
+  for (const Explanation& one : d.tried)
+    json["tried"].push_back({{"explanation", one.key},
+                             {"weight", one.weight},
+                             {"log_evidence", one.log_evidence},
+                             {"excess", one.excess},
+                             {"at_bound", one.at_bound}});
   json["notes"] = d.notes;
   return json;
 }

@@ -32,6 +32,15 @@ struct Alternative {
   double probability = 0.0;
 };
 
+/// One of the sets of effects that were weighed against each other.
+struct Explanation {
+  std::string key;
+  double weight = 0.0;
+  double log_evidence = 0.0;
+  double excess = 0.0;   ///< sum of squares beyond the noise, in units of the noise
+  bool at_bound = false;  ///< a parameter stands at the end of its range
+};
+
 struct Place {
   double t_start_s = 0.0;
   double t_end_s = 0.0;
@@ -54,6 +63,8 @@ struct Diagnosis {
   Verdict verdict = Verdict::kConsistent;
   std::vector<MissingEffect> missing;
   std::vector<Alternative> alternatives;
+  std::vector<Explanation> tried;  ///< every set that was weighed, most probable first
+  std::size_t rows = 0;            ///< independent readings (bins) that the fits rest on
   std::vector<Place> where;
   std::vector<DataFault> faults;
   std::vector<std::string> notes;  ///< equivalences, limits of what was shown, what stays unexplained

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "identify/diagnose/busy_motion.hpp"
+
 namespace isorig::identify {
 namespace {
 
@@ -155,6 +157,32 @@ std::vector<double> without_small_reversals(const std::vector<double>& path, dou
     }
   }
   return out;
+}
+
+/// Seconds since the motion last changed its velocity by more than its noise allows; 0 while it does.
+std::vector<double> since_corner(std::span<const double> t_s, const Motion& motion) {
+  const std::size_t n = t_s.size();
+  std::vector<double> since(n, 0.0);
+  const double noise = std::max(motion.noise_mm, motion.quantisation_mm);
+  double last_s = n > 0 ? t_s[0] - 10.0 : 0.0;
+  for (std::size_t k = 0; k < n; ++k) {
+    const std::size_t from = k >= 2 ? k - 2 : 0, to = std::min(k + 2, n - 1);
+    double change = 0.0;
+    for (std::size_t j = std::max<std::size_t>(from, 1); j <= to; ++j)
+      change += std::fabs(motion.acceleration_mm_s2[j]) * (t_s[j] - t_s[j - 1]);
+    const double reach = change * (t_s[to] - t_s[from]);
+    if (reach > 4.0 * noise) last_s = t_s[k];
+    since[k] = t_s[k] - last_s;
+  }
+  return since;
+}
+
+/// Share of the time in which the velocity changes.
+double busy_share(std::span<const double> t_s, std::span<const double> since) {
+  double busy_s = 0.0;
+  for (std::size_t k = 1; k < t_s.size(); ++k)
+    if (since[k] < 3.0 * (t_s[k] - t_s[k - 1])) busy_s += t_s[k] - t_s[k - 1];
+  return t_s.size() > 1 ? busy_s / (t_s.back() - t_s.front()) : 0.0;
 }
 
 }  // namespace
@@ -359,6 +387,14 @@ Drive reconstruct_drive(const messages::Recording& recording) {
   const auto& frame = recording.frame;
   const std::size_t n = frame.size();
   drive.motion = smooth_motion(frame.t_s, frame.position_mm);
+  drive.since_corner_s = since_corner(frame.t_s, drive.motion);
+  constexpr double kBusy = 0.5;
+  if (busy_share(frame.t_s, drive.since_corner_s) > kBusy) {
+    if (auto busy = busy_motion(frame.t_s, frame.position_mm)) {
+      drive.motion = std::move(busy->motion);
+      drive.width = busy->width;
+    }
+  }
   const auto& metadata = recording.metadata;
   drive.reference.elongation_at_zero_mm = metadata.pressurized_rest_length_mm
                                               ? metadata.rest_length_mm - *metadata.pressurized_rest_length_mm

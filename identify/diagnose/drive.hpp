@@ -47,6 +47,10 @@ struct Drive {
   std::vector<double> slid_mm;       ///< position without reversals smaller than the reading's noise, per row
   std::vector<double> pressure_psi;  ///< smoothed, per row; empty without a pressure channel
   double pressure_noise_psi = 0.0;
+  std::vector<double> since_corner_s;  ///< per row: time since the motion last changed its velocity
+  /// Rows that position and force are averaged over, three times, in a recording whose motion changes its
+  /// velocity most of the time (busy_motion.hpp); 1 otherwise.
+  std::size_t width = 1;
 };
 [[nodiscard]] Drive reconstruct_drive(const messages::Recording& recording);
 

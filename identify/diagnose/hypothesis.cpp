@@ -16,7 +16,7 @@ namespace {
 using model::ModelSpec;
 using model::Part;
 
-/// Refinements of friction; tried only on a nominal model that has friction already.
+/// Refinements of friction; tried only beside friction, given or found.
 bool is_refinement(const model::Physics& physics) {
   return &physics == &model::effect::friction_asymmetry() ||
          &physics == &model::effect::friction_with_pressure();
@@ -134,9 +134,7 @@ std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
       std::ranges::any_of(series_, [](const Series& s) { return !s.drive.pressure_psi.empty(); });
   for (const model::Physics* effect : model::effects()) {
     if (base.has(*effect)) continue;
-    if (is_refinement(*effect) &&
-        (!spec.has("coulomb_friction") || base.has(model::effect::coulomb_friction())))
-      continue;
+    if (is_refinement(*effect) && !spec.has("coulomb_friction")) continue;
     // A nominal model that has it does not lack it.
     if (spec.has(effect->name) && effect != &model::effect::second_relaxation()) continue;
     const bool of_pressure =

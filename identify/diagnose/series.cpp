@@ -3,25 +3,45 @@
 #include <algorithm>
 #include <cmath>
 
+#include "identify/diagnose/busy_motion.hpp"
+
 namespace isorig::identify {
 namespace {
 
-/// Seconds since the motion last changed its velocity by more than its noise allows; 0 while it does.
-std::vector<double> since_corner(const Drive& drive) {
-  const std::size_t n = drive.instants.size();
-  std::vector<double> since(n, 0.0);
-  const double noise = std::max(drive.motion.noise_mm, drive.motion.quantisation_mm);
-  double last_s = n > 0 ? drive.instants[0].t_s - 10.0 : 0.0;
-  for (std::size_t k = 0; k < n; ++k) {
-    const std::size_t from = k >= 2 ? k - 2 : 0, to = std::min(k + 2, n - 1);
-    double change = 0.0;
-    for (std::size_t j = from; j <= to; ++j)
-      change += std::fabs(drive.instants[j].acceleration_mm_s2) * drive.instants[j].dt_s;
-    const double reach = change * (drive.instants[to].t_s - drive.instants[from].t_s);
-    if (reach > 4.0 * noise) last_s = drive.instants[k].t_s;
-    since[k] = drive.instants[k].t_s - last_s;
+/// One bin per filter width, of motion and force that went through the same filter.
+void bin_busy(Series& series, const std::vector<bool>& usable) {
+  const Drive& drive = series.drive;
+  const auto& rows = drive.instants;
+  const std::size_t width = drive.width;
+  std::vector<double> force = series.recording.frame.force_N;
+  std::vector<double> lost(force.size(), 0.0);
+  for (std::size_t k = 0; k < usable.size(); ++k) {
+    if (usable[k]) continue;
+    lost[k] = 1.0;
+    force[k] = k > 0 ? force[k - 1] : 0.0;
   }
-  return since;
+  force = band_limited(force, width);
+  lost = band_limited(lost, width);
+  for (std::size_t first = 0; first + width <= rows.size(); first += width) {
+    const std::size_t k = first + width / 2;
+    model::Instant node = rows[k];
+    if (!series.nodes.empty()) {
+      const std::size_t last = k - width;
+      node.dt_s = node.t_s - series.nodes.back().t_s;
+      node.step_mm = node.position_mm - series.nodes.back().position_mm;
+      node.slide_mm = drive.slid_mm[k] - drive.slid_mm[last];
+    } else {
+      node.dt_s = node.step_mm = node.slide_mm = 0.0;
+    }
+    // Where the filter hangs over an end it filters less, and lets noise into the acceleration.
+    const bool inside = k >= 2 * width && k + 2 * width < rows.size() && lost[k] < 0.1;
+    series.nodes.push_back(node);
+    series.force_N.push_back(force[k]);
+    series.count.push_back(inside ? static_cast<double>(width) : 0.0);
+    series.first_row.push_back(first);
+    series.since_corner_s.push_back(drive.since_corner_s[k]);
+  }
+  series.first_row.push_back(rows.size());
 }
 
 }  // namespace
@@ -33,7 +53,11 @@ Series prepare_series(std::string name, messages::Recording recording, const std
   series.drive = reconstruct_drive(series.recording);
   const auto& rows = series.drive.instants;
   const auto& force = series.recording.frame.force_N;
-  const std::vector<double> since = since_corner(series.drive);
+  const std::vector<double>& since = series.drive.since_corner_s;
+  if (series.drive.width > 1) {
+    bin_busy(series, usable);
+    return series;
+  }
   constexpr double kLongest_s = 2.0, kShareOfElapsed = 0.05;
 
   const double noise = std::max(white_noise(series.recording.frame.t_s, force), quantisation(force));

@@ -6,23 +6,29 @@
 namespace isorig::model::effect {
 namespace {
 
-/// Friction and drag that differ between extension and shortening; bristle as in coulomb_friction.
+/// What friction and drag differ by between extension and shortening; bristle as in coulomb_friction. Beside a
+/// symmetric friction Fc and a dashpot c: F+ = Fc + d and F- = Fc - d, c+ = c + e and c- = c - e.
 class Asymmetric : public Process {
  public:
-  explicit Asymmetric(double presliding_mm) noexcept : presliding_mm_(presliding_mm) {}
+  Asymmetric(bool sliding, bool viscous, double presliding_mm) noexcept
+      : sliding_(sliding), viscous_(viscous), presliding_mm_(presliding_mm) {}
   void reset(const Instant&) noexcept override { z_ = 0.0; }
   void force(const Instant& now, double* columns) noexcept override {
     const double s = sign_of(now.slide_mm);
     if (s != 0.0) z_ = s + (z_ - s) * std::exp(-std::fabs(now.slide_mm) / presliding_mm_);
-    columns[0] = std::fmax(z_, 0.0);
-    columns[1] = std::fmin(z_, 0.0);
-    columns[2] = std::fabs(now.velocity_mm_s);
+    if (sliding_) *columns++ = std::fabs(z_);
+    if (viscous_) *columns = std::fabs(now.velocity_mm_s);
   }
 
  private:
+  bool sliding_;
+  bool viscous_;
   double presliding_mm_;
   double z_ = 0.0;
 };
+
+const Coefficient kSlidingHalf{"force_half_difference_N", Sign::kFree};
+const Coefficient kViscousHalf{"viscosity_half_difference_N_s_mm", Sign::kFree};
 
 }  // namespace
 
@@ -32,14 +38,27 @@ const Physics& friction_asymmetry() {
       Stage::kSpecimen,
       "Friction that differs between extension and shortening.",
       "Worn ball screws (Janot, Gautier & Brunot 2019, EMPS); braids (Tondu 2006).",
-      "Slow triangles at several velocities in both directions.",
-      {{"dahl",
-        "F = F+ max(z, 0) + F- min(z, 0) + c |v|",
+      "Slow triangles at several velocities in both directions. Where the motion never rests, the difference of "
+      "the sliding forces cannot be told from an offset of the force.",
+      {{"viscous",
+        "F = e |v|, beside a dashpot: c+ = c + e, c- = c - e",
+        {},
+        {kViscousHalf},
+        [](auto, const Reference&) { return std::make_unique<Asymmetric>(false, true, 1.0); }},
+       {"sliding",
+        "F = d |z|, z as Dahl, beside friction: F+ = Fc + d, F- = Fc - d",
         {{"presliding_mm", 2e-4, 1.0, {0.02}, true}},
-        {{"extending_N", Sign::kNonNegative},
-         {"shortening_N", Sign::kNonNegative},
-         {"viscosity_difference_N_s_mm", Sign::kFree}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Asymmetric>(p[0]); }}}};
+        {kSlidingHalf},
+        [](std::span<const double> p, const Reference&) {
+          return std::make_unique<Asymmetric>(true, false, p[0]);
+        }},
+       {"both",
+        "F = d |z| + e |v|",
+        {{"presliding_mm", 2e-4, 1.0, {0.02}, true}},
+        {kSlidingHalf, kViscousHalf},
+        [](std::span<const double> p, const Reference&) {
+          return std::make_unique<Asymmetric>(true, true, p[0]);
+        }}}};
   return physics;
 }
 
