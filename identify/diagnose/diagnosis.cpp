@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
@@ -229,6 +230,16 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     // A slip knows its recording by its duration, and `predict` sees the whole of it.
     study.series.back().drive.reference.duration_s = duration_s[i];
     study.usable.push_back(std::move(guarded.usable));
+    const Drive& drive = study.series.back().drive;
+    if (drive.pressure_clock_s != 0.0) {
+      char text[160];
+      std::snprintf(text, sizeof text,
+                    "the pressure's time stamps are %.3f s (+- %.3f s) %s against the frame's, by its response to "
+                    "the motion; corrected",
+                    std::fabs(drive.pressure_clock_s), drive.pressure_clock_error_s,
+                    drive.pressure_clock_s > 0.0 ? "late" : "early");
+      study.faults.push_back({"clock", drive.instants.front().t_s, drive.instants.back().t_s, 0, text});
+    }
   }
   study.noise = instrument_noise(study.series, study.usable);
   const Search search(study.series, study.noise.noise, options.threads);

@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "identify/diagnose/busy_motion.hpp"
+#include "identify/diagnose/pressure_drive.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -340,48 +341,6 @@ Motion smooth_motion(std::span<const double> t_s, std::span<const double> readin
   return motion;
 }
 
-SlowSignal smooth_slow(std::span<const double> t_s, std::span<const double> reading) {
-  const std::size_t n = t_s.size();
-  SlowSignal out;
-  out.value.assign(reading.begin(), reading.end());
-  if (n < 8) return out;
-  const double step = quantisation(reading);
-  std::vector<double> filtered(n), p_filtered(n), p_predicted(n);
-  const auto run = [&](double noise2, double walk2_s) {
-    double x = reading[0], p = 100.0 * noise2 + 1e-12, log_likelihood = 0.0;
-    for (std::size_t k = 0; k < n; ++k) {
-      if (k > 0) p += walk2_s * (t_s[k] - t_s[k - 1]);
-      p_predicted[k] = p;
-      const double total = p + noise2, e = reading[k] - x;
-      log_likelihood -= 0.5 * (e * e / total + std::log(total));
-      x += p / total * e;
-      p *= noise2 / total;
-      filtered[k] = x;
-      p_filtered[k] = p;
-    }
-    return log_likelihood;
-  };
-  const double white = std::max({white_noise(t_s, reading), step / std::sqrt(12.0), 1e-12});
-  double best = -std::numeric_limits<double>::infinity(), best_noise = white, best_walk = white;
-  for (const double scale : {0.6, 0.75, 0.9, 1.0, 1.15}) {
-    for (int i = -7; i <= 4; ++i) {
-      const double noise = scale * white, walk = white * std::pow(10.0, 0.5 * i);
-      const double value = run(noise * noise, walk * walk);
-      if (value > best) {
-        best = value;
-        best_noise = noise;
-        best_walk = walk;
-      }
-    }
-  }
-  run(best_noise * best_noise, best_walk * best_walk);
-  out.value[n - 1] = filtered[n - 1];
-  for (std::size_t k = n - 1; k-- > 0;)
-    out.value[k] = filtered[k] + p_filtered[k] / p_predicted[k + 1] * (out.value[k + 1] - filtered[k]);
-  out.noise = best_noise;
-  return out;
-}
-
 Drive reconstruct_drive(const messages::Recording& recording) {
   Drive drive;
   const auto& frame = recording.frame;
@@ -402,20 +361,11 @@ Drive reconstruct_drive(const messages::Recording& recording) {
   drive.reference.duration_s = n > 0 ? frame.t_s.back() - frame.t_s.front() : 0.0;
 
   if (recording.pressure && recording.pressure->size() > 0) {
-    const auto& stream = *recording.pressure;
-    const SlowSignal slow = smooth_slow(stream.t_s, stream.pressure_psi);
-    drive.pressure_noise_psi = slow.noise;
-    drive.pressure_psi.resize(n);
-    std::size_t at = 0;
-    for (std::size_t k = 0; k < n; ++k) {
-      while (at + 1 < stream.size() && stream.t_s[at + 1] <= frame.t_s[k]) ++at;
-      if (at + 1 >= stream.size() || frame.t_s[k] <= stream.t_s[at]) {
-        drive.pressure_psi[k] = slow.value[at];
-        continue;
-      }
-      const double share = (frame.t_s[k] - stream.t_s[at]) / (stream.t_s[at + 1] - stream.t_s[at]);
-      drive.pressure_psi[k] = slow.value[at] + share * (slow.value[at + 1] - slow.value[at]);
-    }
+    PressureDrive pressure = reconstruct_pressure(*recording.pressure, frame.t_s, drive.motion.position_mm);
+    drive.pressure_psi = std::move(pressure.pressure_psi);
+    drive.pressure_noise_psi = pressure.noise_psi;
+    drive.pressure_clock_s = pressure.clock_s;
+    drive.pressure_clock_error_s = pressure.clock_error_s;
   }
   double nominal = metadata.nominal_pressure_psi.value_or(0.0);
   if (!metadata.nominal_pressure_psi && !drive.pressure_psi.empty()) {

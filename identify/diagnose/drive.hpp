@@ -24,13 +24,6 @@ struct Motion {
 /// lag operators must be driven by this, never by the reading: every micrometre of noise reverses them.
 [[nodiscard]] Motion smooth_motion(std::span<const double> t_s, std::span<const double> reading_mm);
 
-/// Random-walk smoothing of a slow signal (pressure), its two variances by maximum likelihood.
-struct SlowSignal {
-  std::vector<double> value;
-  double noise = 0.0;
-};
-[[nodiscard]] SlowSignal smooth_slow(std::span<const double> t_s, std::span<const double> reading);
-
 /// rms of the white noise of a reading from its second differences, median-based (motion does not matter as
 /// long as it is smooth for most of the record).
 [[nodiscard]] double white_noise(std::span<const double> t_s, std::span<const double> reading);
@@ -47,6 +40,8 @@ struct Drive {
   std::vector<double> slid_mm;       ///< position without reversals smaller than the reading's noise, per row
   std::vector<double> pressure_psi;  ///< smoothed, per row; empty without a pressure channel
   double pressure_noise_psi = 0.0;
+  double pressure_clock_s = 0.0;        ///< its time stamps minus the frame's, 0 when it cannot be told
+  double pressure_clock_error_s = 0.0;  ///< 95 % half-width
   std::vector<double> since_corner_s;  ///< per row: time since the motion last changed its velocity
   /// Rows that position and force are averaged over, three times, in a recording whose motion changes its
   /// velocity most of the time (busy_motion.hpp); 1 otherwise.

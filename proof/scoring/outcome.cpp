@@ -82,7 +82,7 @@ Label foreign_label(const std::string& name, const Json& json) {
   Label label;
   label.name = name;
   const Json* nominal = find_any(json, {"nominal", "model", "nominal_model"});
-  const Json* effects = find_any(json, {"effects", "concealed", "missing", "effect", "hidden"});
+  const Json* effects = find_any(json, {"effects", "concealed", "missing", "effect", "hidden", "labels"});
   const Json* noise =
       find_any(json, {"noise_N", "white_noise_N", "noise_sd_N", "sigma_N", "noise_std_N", "noise"});
   if (nominal == nullptr || effects == nullptr || noise == nullptr || !noise->is_number())
