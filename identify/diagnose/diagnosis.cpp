@@ -94,19 +94,6 @@ std::vector<NamedValue> intervals(const Problem& problem, const model::ModelSpec
   return out;
 }
 
-/// Excess that comes back when an effect is taken away: the best explanation without it.
-double importance_of(const Selection& selection, const model::Physics* effect) {
-  double least = selection.excess[0];
-  for (std::size_t i = 0; i < selection.pool.size(); ++i) {
-    const auto& h = selection.pool[i];
-    if (h.has(*effect)) continue;
-    // Only subsets of the chosen: another effect standing in for it does not make it unimportant.
-    if (std::ranges::all_of(h.effects, [&](const auto* e) { return selection.chosen().has(*e); }))
-      least = std::min(least, selection.excess[i]);
-  }
-  return least - selection.excess[selection.best];
-}
-
 /// The time of a slip to the row: bins only say between which of them it was.
 void place_slips(model::ModelSpec& spec, std::span<const Series> series,
                  std::span<const std::vector<bool>> usable) {
@@ -262,7 +249,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     MissingEffect missing;
     missing.effect = effect;
     missing.probability = selection.probability.at(effect);
-    missing.importance = importance_of(selection, effect);
+    missing.size_N = selection.size_N.at(effect);
     for (std::size_t p = 0; p < chosen.fit.spec.parts.size(); ++p) {
       if (chosen.fit.spec.parts[p].physics != effect) continue;
       missing.law = chosen.fit.spec.parts[p].law->name;
@@ -270,7 +257,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     }
     out.missing.push_back(std::move(missing));
   }
-  std::ranges::stable_sort(out.missing, std::greater<>(), &MissingEffect::importance);
+  std::ranges::stable_sort(out.missing, std::greater<>(), &MissingEffect::size_N);
   for (std::size_t i = 0; i < selection.pool.size(); ++i) {
     if (i == selection.best || selection.weight[i] < 0.005) continue;
     Alternative alternative;
@@ -319,6 +306,7 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
     ordered_json entry;
     entry["effect"] = missing.effect->name;
     entry["probability"] = missing.probability;
+    entry["size_N"] = missing.size_N;
     entry["law"] = missing.law;
     entry["side"] = model::side_of(missing.effect->stage);
     entry["parameters"] = ordered_json::object();

@@ -23,7 +23,7 @@ struct MissingEffect {
   const model::Physics* effect = nullptr;
   std::string law;
   double probability = 0.0;
-  double importance = 0.0;  ///< excess that returns when it is left out
+  double size_N = 0.0;      ///< of the force that it stands for (material.hpp)
   std::vector<NamedValue> parameters;
 };
 

@@ -22,6 +22,18 @@ bool is_refinement(const model::Physics& physics) {
          &physics == &model::effect::friction_with_pressure();
 }
 
+/// By enough to tell friction that grows with pressure from friction.
+bool pressure_varies(std::span<const Series> series) {
+  double low = 1e300, high = -1e300;
+  for (const Series& each : series) {
+    for (const double p : each.drive.pressure_psi) {
+      low = std::min(low, p);
+      high = std::max(high, p);
+    }
+  }
+  return high - low > 0.2 * std::max(std::fabs(high), std::fabs(low));
+}
+
 /// Smaller than what the instruments could show: such a play or slip stands in for noise in the position
 /// reading, such a lag for jitter of the time stamps, whatever the likelihood says.
 bool below_resolution(const ModelSpec& spec, std::span<const Series> series) {
@@ -140,6 +152,7 @@ std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
     const bool of_pressure =
         effect == &model::effect::pressure_coupling() || effect == &model::effect::friction_with_pressure();
     if (of_pressure && !with_pressure) continue;
+    if (effect == &model::effect::friction_with_pressure() && !pressure_varies(series_)) continue;
     for (const model::Law& law : effect->laws) {
       // Every arm of the nominal model may be the one whose dashpot is not linear.
       std::vector<std::size_t> replaced{spec.parts.size()};
@@ -301,6 +314,27 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
       best.push_back(std::move(hypothesis));
   }
   return best;
+}
+
+Hypothesis Search::without(const Hypothesis& whole, const model::Physics& effect) const {
+  Hypothesis out;
+  out.effects = whole.effects;
+  std::erase(out.effects, &effect);
+  out.empirical = whole.empirical;
+  out.fit.spec = whole.fit.spec;
+  auto& parts = out.fit.spec.parts;
+  for (Part& part : parts) {
+    if (part.physics != &effect || !part.law->replaces_arm) continue;
+    // The linear arm that it stood for.
+    Part arm = model::make_part(model::element::maxwell(), model::element::maxwell().laws.front());
+    arm.parameters[0] = part.parameters[0];
+    arm.coefficients[0] = part.coefficients[0];
+    part = std::move(arm);
+  }
+  std::erase_if(parts, [&](const Part& part) { return part.physics == &effect; });
+  out.fit = instrument_problem_.fit(out.fit.spec, 25);
+  settle(out, true);
+  return out;
 }
 
 void Search::settle(Hypothesis& hypothesis, bool restart_arms) const {

@@ -44,6 +44,9 @@ class Search {
   /// fit.
   void settle(Hypothesis& hypothesis, bool restart_arms) const;
 
+  /// The same explanation with one effect left out, refitted.
+  [[nodiscard]] Hypothesis without(const Hypothesis& whole, const model::Physics& effect) const;
+
   [[nodiscard]] const Problem& instrument_problem() const noexcept { return instrument_problem_; }
   [[nodiscard]] const NoiseModel& instrument() const noexcept { return instrument_problem_.noise(); }
 

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "identify/diagnose/empirical.hpp"
+#include "identify/diagnose/material.hpp"
 #include "model/catalogue.hpp"
 
 namespace isorig::identify {
@@ -144,6 +145,7 @@ Selection select_effects(const Search& search, const model::ModelSpec& nominal,
     for (Hypothesis& hypothesis : described) pool.push_back(std::move(hypothesis));
     weigh(selection, search, options);
   }
+  discount_immaterial(selection, search, options);
   return selection;
 }
 

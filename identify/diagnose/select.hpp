@@ -16,6 +16,8 @@ struct Selection {
   std::vector<double> excess;  ///< per hypothesis: sum of squares beyond the noise
   std::map<const model::Physics*, double> probability;  ///< of each effect being there
 
+  std::map<const model::Physics*, double> size_N;  ///< of each effect of the chosen, see material.hpp
+
   [[nodiscard]] const Hypothesis& nominal() const { return pool.front(); }
   [[nodiscard]] const Hypothesis& chosen() const { return pool[best]; }
 };
@@ -34,6 +36,10 @@ struct SelectionOptions {
   /// than noise, likelihoods overstate: two explanations are then compared by what they leave, as variances
   /// with this many degrees of freedom (calibrated on simulated cases, docs/diagnosis.md).
   double error_degrees = 12.0;
+  /// What a model errs by that lacks nothing worth a name: in noises of a reading, and as a share of the
+  /// largest effect in it (material.hpp).
+  double model_error_noises = 2.0;
+  double model_error_share = 0.08;
 };
 
 /// The named effects of the recording format.

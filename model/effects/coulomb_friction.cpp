@@ -85,6 +85,22 @@ class Iwan : public Process {
   std::array<double, kCount> z_{};
 };
 
+/// Iwan's elements whose force weakens at once with velocity, and is back at once at rest: what a film between
+/// the surfaces does, where the bristles of Stribeck keep in a hold what the last velocity left them.
+class WeakenedIwan : public Iwan {
+ public:
+  WeakenedIwan(double presliding_mm, double velocity_mm_s, double excess) noexcept
+      : Iwan(presliding_mm), velocity_mm_s_(velocity_mm_s), excess_(excess) {}
+  void force(const Instant& now, double* columns) noexcept override {
+    Iwan::force(now, columns);
+    columns[0] *= 1.0 + excess_ * std::exp(-std::fabs(now.velocity_mm_s) / velocity_mm_s_);
+  }
+
+ private:
+  double velocity_mm_s_;
+  double excess_;
+};
+
 /// sign(v) made smooth over a small velocity: no memory, so nothing is left of it in a hold.
 class Regularised : public Process {
  public:
@@ -145,6 +161,15 @@ const Physics& coulomb_friction() {
         {{"force_N", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Stribeck>(p[0], p[1], p[2], false);
+        }},
+       {"iwan_stribeck",
+        "as iwan, times 1 + r exp(-|v| / vs)",
+        {kPresliding,
+         {"stribeck_velocity_mm_s", 0.02, 50.0, {2.0, 0.3}, true},
+         {"static_excess", 0.0, 4.0, {0.3}}},
+        {{"force_N", Sign::kNonNegative}},
+        [](std::span<const double> p, const Reference&) {
+          return std::make_unique<WeakenedIwan>(p[0], p[1], p[2]);
         }},
        {"regularised",
         "F = Fc tanh(v / v0)",

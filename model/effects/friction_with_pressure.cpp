@@ -14,8 +14,7 @@ class Pressed : public Process {
   void force(const Instant& now, double* columns) noexcept override {
     const double s = sign_of(now.slide_mm);
     if (s != 0.0) z_ = s + (z_ - s) * std::exp(-std::fabs(now.slide_mm) / presliding_mm_);
-    columns[0] = z_;
-    columns[1] = z_ * (now.excess_pressure_psi + nominal_psi_);
+    columns[0] = z_ * (now.excess_pressure_psi + nominal_psi_);
   }
 
  private:
@@ -34,9 +33,9 @@ const Physics& friction_with_pressure() {
       "Tondu 2006 (braid contact pressure); seals of pneumatic cylinders (Belforte et al. 1989).",
       "Slow triangles at every pressure.",
       {{"dahl",
-        "F = (Fc + f p) z, z as Dahl",
+        "F = f p z, z as Dahl, beside friction: (Fc + f p) z",
         {{"presliding_mm", 2e-4, 1.0, {0.02}, true}},
-        {{"force_N", Sign::kFree}, {"force_N_psi", Sign::kNonNegative}},
+        {{"force_N_psi", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference& reference) {
           return std::make_unique<Pressed>(p[0], reference.nominal_pressure_psi);
         }}}};
