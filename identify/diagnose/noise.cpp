@@ -40,13 +40,15 @@ std::vector<Rest> find_rests(const Series& series, const std::vector<bool>& usab
   return rests;
 }
 
-/// Restricted likelihood: level and slope of every rest are integrated out, so that they take no noise along.
+/// Restricted likelihood: level, slope and two decays of every rest are integrated out, so that they take no
+/// noise along, and relaxation does not pass for coloured noise.
 double score(std::span<const Rest> rests, const NoiseModel& noise) {
+  using Vector = Eigen::Matrix<double, 5, 1>;
   double sum = 0.0;
   const double stationary = noise.coloured_N * noise.coloured_N, white2 = noise.white_N * noise.white_N;
   for (const Rest& rest : rests) {
-    Eigen::Vector3d mean = Eigen::Vector3d::Zero();
-    Eigen::Matrix3d gram = Eigen::Matrix3d::Zero();
+    Vector mean = Vector::Zero();
+    Eigen::Matrix<double, 5, 5> gram = Eigen::Matrix<double, 5, 5>::Zero();
     double variance = stationary;
     const double middle = 0.5 * (rest.t_s.front() + rest.t_s.back());
     for (std::size_t k = 0; k < rest.t_s.size(); ++k) {
@@ -56,16 +58,19 @@ double score(std::span<const Rest> rests, const NoiseModel& noise) {
         variance = variance * decay * decay + stationary * (1.0 - decay * decay);
       }
       const double total = variance + white2;
-      const Eigen::Vector3d e =
-          Eigen::Vector3d(1.0, (rest.t_s[k] - middle) / 10.0, rest.force_N[k] - rest.force_N[0]) - mean;
+      const double since_s = rest.t_s[k] - rest.t_s[0];
+      Vector e;
+      e << 1.0, (rest.t_s[k] - middle) / 10.0, std::exp(-since_s / 4.0), std::exp(-since_s / 12.0),
+          rest.force_N[k] - rest.force_N[0];
+      e -= mean;
       gram += e * e.transpose() / total;
       sum -= 0.5 * std::log(total);
       mean += variance / total * e;
       variance *= white2 / total;
     }
-    const Eigen::Matrix2d a = gram.topLeftCorner<2, 2>();
-    const Eigen::Vector2d b = gram.topRightCorner<2, 1>();
-    sum -= 0.5 * (gram(2, 2) - b.dot(a.ldlt().solve(b)) + std::log(a.determinant()));
+    const Eigen::Matrix4d a = gram.topLeftCorner<4, 4>();
+    const Eigen::Vector4d b = gram.topRightCorner<4, 1>();
+    sum -= 0.5 * (gram(4, 4) - b.dot(a.ldlt().solve(b)) + std::log(a.determinant()));
   }
   return sum;
 }
@@ -119,8 +124,8 @@ InstrumentNoise instrument_noise(std::span<const Series> series, std::span<const
         NoiseModel trial = best;
         double& value = i == 0 ? trial.white_N : i == 1 ? trial.coloured_N : trial.correlation_s;
         value *= std::exp(direction * width[i]);
-        // Longer than that, a rest cannot tell it from its own straight line.
-        trial.correlation_s = std::clamp(trial.correlation_s, 0.01, 15.0);
+        // Longer than that, a rest cannot tell it from its own relaxation.
+        trial.correlation_s = std::clamp(trial.correlation_s, 0.01, 8.0);
         if (const double s = score(rests, trial); s > best_score) {
           best_score = s;
           best = trial;
