@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "identify/diagnose/busy_motion.hpp"
+#include "identify/diagnose/corner_motion.hpp"
 #include "identify/diagnose/pressure_drive.hpp"
 
 namespace isorig::identify {
@@ -354,6 +355,7 @@ Drive reconstruct_drive(const messages::Recording& recording) {
       drive.width = busy->width;
     }
   }
+  if (drive.width == 1) smooth_corners(frame.t_s, frame.position_mm, drive.motion);
   const auto& metadata = recording.metadata;
   drive.reference.elongation_at_zero_mm = metadata.pressurized_rest_length_mm
                                               ? metadata.rest_length_mm - *metadata.pressurized_rest_length_mm
