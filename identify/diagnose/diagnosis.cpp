@@ -275,6 +275,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   }
   std::ranges::stable_sort(out.tried, std::greater<>(), &Explanation::weight);
   out.rows = chosen.fit.rows;
+  out.noise_scale = selection.noise_scale;
   const double rows = static_cast<double>(chosen.fit.rows);
   const double left = selection.excess[selection.best], before = selection.excess[0];
   out.unexplained = before > 0.0 ? left / before : 0.0;
@@ -357,6 +358,7 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
         {"text", "structure that no effect of the catalogue explains, as a table in model.toml"}};
   json["unexplained_share"] = d.unexplained;
   json["bins"] = d.rows;
+  json["noise_scale"] = d.noise_scale;
   json["tried"] = ordered_json::array();
   for (const Explanation& one : d.tried)
     json["tried"].push_back({{"explanation", one.key},

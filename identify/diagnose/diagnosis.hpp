@@ -64,6 +64,7 @@ struct Diagnosis {
   std::vector<MissingEffect> missing;
   std::vector<Alternative> alternatives;
   std::vector<Explanation> tried;  ///< every set that was weighed, most probable first
+  double noise_scale = 1.0;        ///< variance where nothing is left to explain, over the instrument's
   std::size_t rows = 0;            ///< independent readings (bins) that the fits rest on
   std::vector<Place> where;
   std::vector<DataFault> faults;

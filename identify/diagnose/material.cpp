@@ -42,20 +42,23 @@ void discount_immaterial(Selection& selection, const Search& search, const Selec
   for (int round = 0; round < 4; ++round) {
     const std::size_t chosen = selection.best;
     const auto effects = selection.pool[chosen].effects;
-    double largest = 0.0;
+    // Of all that the nominal model lacked: effects that share a part of it are each smaller than it.
+    double largest = size_N(search, selection.pool[chosen], selection.pool.front());
+    double first = 0.0;
     std::map<const model::Physics*, double> sizes;
     for (const auto* effect : effects) {
       const std::size_t rest = without_effect(selection, search, chosen, *effect);
       sizes[effect] = size_N(search, selection.pool[chosen], selection.pool[rest]);
-      largest = std::max(largest, sizes[effect]);
+      first = std::max(first, sizes[effect]);
     }
+    largest = std::max(largest, first);
     for (const auto& [effect, size] : sizes) selection.size_N[effect] = size;
     if (effects.size() < 2) break;
-    const double error = std::hypot(options.model_error_noises * noise_N, options.model_error_share * largest);
+    const double error_N = std::hypot(options.model_error_noises * noise_N, options.model_error_share * largest);
     bool moved = false;
     for (const auto* effect : effects) {
-      if (sizes[effect] == largest || !done.insert(effect).second) continue;
-      const double odds = std::pow(sizes[effect] / error, 4.0);
+      if (sizes[effect] == first || !done.insert(effect).second) continue;
+      const double odds = std::pow(sizes[effect] / error_N, 4.0);
       const double kept = odds / (1.0 + odds);
       for (std::size_t i = 0, count = selection.pool.size(); i < count; ++i) {
         if (!selection.pool[i].has(*effect) || selection.pool[i].effects.size() < 2) continue;

@@ -72,6 +72,16 @@ class Line {
   std::size_t at_ = 0;
 };
 
+/// A tenth of the intervals is shorter.
+double usual_interval_s(std::span<const double> t_s) {
+  if (t_s.size() < 3) return 0.0;
+  std::vector<double> steps;
+  for (std::size_t k = 1; k < t_s.size(); ++k) steps.push_back(t_s[k] - t_s[k - 1]);
+  const auto at = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 10);
+  std::nth_element(steps.begin(), at, steps.end());
+  return *at;
+}
+
 class Response {
  public:
   Response(const messages::PressureSamples& gauge, std::span<const double> t_s,
@@ -132,9 +142,11 @@ PressureDrive reconstruct_pressure(const messages::PressureSamples& gauge, std::
   std::vector<double> rest = gauge.pressure_psi;
   SlowSignal slow = smooth_slow(gauge.t_s, rest);
   constexpr std::size_t kFewest = 50;
+  // A gauge read as often as the frame needs no help, and is on the same clock.
+  const bool sparse = usual_interval_s(gauge.t_s) > 3.0 * usual_interval_s(t_s);
   // Three numbers more (size, time, clock) on thousands of readings: by chance one gains 15 at the most.
   constexpr double kWorth = 25.0, kWorthClock = 12.0, kLargestClock_s = 0.6;
-  if (gauge.size() >= kFewest && t_s.size() >= kFewest) {
+  if (sparse && gauge.size() >= kFewest && t_s.size() >= kFewest) {
     Response response(gauge, t_s, position_mm);
     double recovery_s = 1.0, clock_s = 0.0;
     Response::Score best;
