@@ -7,6 +7,7 @@
 #include <stdexcept>
 
 #include "identify/diagnose/filling.hpp"
+#include "identify/diagnose/laws.hpp"
 #include "identify/diagnose/locate.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
@@ -31,67 +32,6 @@ double rmse(const model::ModelSpec& spec, std::span<const Series> series,
     }
   }
   return count > 0 ? std::sqrt(squares / static_cast<double>(count)) : 0.0;
-}
-
-/// Parameters and coefficients of a part with 95 % intervals from the curvature of the likelihood. Whitened
-/// by the fit's own noise, which takes up model error: the intervals grow with what is left.
-std::vector<NamedValue> intervals(const Problem& problem, const model::ModelSpec& spec,
-                                  std::size_t part_index) {
-  struct Free {
-    std::size_t part, index;
-    bool parameter;
-    double step;
-  };
-  std::vector<Free> free;
-  for (std::size_t p = 0; p < spec.parts.size(); ++p) {
-    const auto& part = spec.parts[p];
-    if (part.fixed) continue;
-    for (std::size_t i = 0; i < part.parameters.size(); ++i) {
-      const auto& parameter = part.law->parameters[i];
-      if (parameter.fixed) continue;
-      const double step = parameter.name == "time_s" ? 0.02
-                          : parameter.logarithmic    ? 1e-3 * std::fabs(part.parameters[i])
-                                                     : 1e-3 * std::max(std::fabs(part.parameters[i]), 1e-2);
-      free.push_back({p, i, true, step});
-    }
-    for (std::size_t i = 0; i < part.coefficients.size(); ++i)
-      if (part.coefficients[i] != 0.0) free.push_back({p, i, false, 1e-3 * std::fabs(part.coefficients[i])});
-  }
-  const auto residual_of = [&](const model::ModelSpec& s) {
-    RowMatrix r = problem.target() - problem.predict(s);
-    (void)whiten(problem.series(), problem.noise(), r);
-    return Eigen::VectorXd(r.col(0));
-  };
-  const Eigen::VectorXd at = residual_of(spec);
-  Eigen::MatrixXd jacobian(at.size(), static_cast<Eigen::Index>(free.size()));
-  for (std::size_t i = 0; i < free.size(); ++i) {
-    model::ModelSpec moved = spec;
-    auto& part = moved.parts[free[i].part];
-    (free[i].parameter ? part.parameters : part.coefficients)[free[i].index] += free[i].step;
-    jacobian.col(static_cast<Eigen::Index>(i)) = residual_of(moved) - at;  // per step: well scaled
-  }
-  Eigen::MatrixXd hessian = jacobian.transpose() * jacobian;
-  const double scale =
-      std::max(at.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(at.size(), 1)), 1.0);
-  const Eigen::MatrixXd covariance = scale * hessian.completeOrthogonalDecomposition().pseudoInverse();
-  std::vector<NamedValue> out;
-  const auto& part = spec.parts[part_index];
-  const auto add = [&](std::string_view name, double value, bool parameter, std::size_t index) {
-    NamedValue named{std::string(name), value, value, value};
-    for (std::size_t i = 0; i < free.size(); ++i) {
-      if (free[i].part != part_index || free[i].index != index || free[i].parameter != parameter) continue;
-      const auto d = static_cast<Eigen::Index>(i);
-      const double half = 1.96 * free[i].step * std::sqrt(std::max(covariance(d, d), 0.0));
-      named.low = value - half;
-      named.high = value + half;
-    }
-    out.push_back(std::move(named));
-  };
-  for (std::size_t i = 0; i < part.coefficients.size(); ++i)
-    add(part.law->coefficients[i].name, part.coefficients[i], false, i);
-  for (std::size_t i = 0; i < part.parameters.size(); ++i)
-    if (!part.law->parameters[i].fixed) add(part.law->parameters[i].name, part.parameters[i], true, i);
-  return out;
 }
 
 /// The time of a slip to the row: bins only say between which of them it was.
@@ -231,6 +171,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   study.noise = instrument_noise(study.series, study.usable);
   const Search search(study.series, study.noise.noise, options.threads);
   study.selection = select_effects(search, nominal, options.selection);
+  prefer_simpler_laws(study.selection, search);
   const Selection& selection = study.selection;
   const Hypothesis& chosen = selection.chosen();
 
@@ -245,6 +186,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   out.nominal.name = nominal.name;
   out.model.name = nominal.name;
   const Problem problem(study.series, chosen.fit.noise);
+  const auto values = intervals(problem, out.model);
   for (const auto* effect : chosen.effects) {
     MissingEffect missing;
     missing.effect = effect;
@@ -253,7 +195,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     for (std::size_t p = 0; p < chosen.fit.spec.parts.size(); ++p) {
       if (chosen.fit.spec.parts[p].physics != effect) continue;
       missing.law = chosen.fit.spec.parts[p].law->name;
-      missing.parameters = intervals(problem, out.model, p);
+      missing.parameters = values[p];
     }
     out.missing.push_back(std::move(missing));
   }

@@ -7,17 +7,11 @@
 
 #include "identify/diagnose/design.hpp"
 #include "identify/diagnose/guard.hpp"
+#include "identify/diagnose/intervals.hpp"
 #include "identify/diagnose/noise.hpp"
 #include "identify/diagnose/select.hpp"
 
 namespace isorig::identify {
-
-struct NamedValue {
-  std::string name;
-  double value = 0.0;
-  double low = 0.0;  ///< 95 % interval
-  double high = 0.0;
-};
 
 struct MissingEffect {
   const model::Physics* effect = nullptr;

@@ -13,7 +13,8 @@ struct Rest {
 };
 
 std::vector<Rest> find_rests(const Series& series, const std::vector<bool>& usable) {
-  constexpr double kSettled_s = 10.0, kShortest_s = 8.0;
+  // Longer rests are cut: a line and two decays cannot follow an hour of relaxation.
+  constexpr double kSettled_s = 10.0, kShortest_s = 8.0, kLongest_s = 40.0;
   std::vector<Rest> rests;
   Rest rest;
   const auto close = [&] {
@@ -32,6 +33,7 @@ std::vector<Rest> find_rests(const Series& series, const std::vector<bool>& usab
     }
     for (std::size_t row = series.first_row[k]; row < series.first_row[k + 1]; ++row) {
       if (!usable.empty() && !usable[row]) continue;
+      if (!rest.t_s.empty() && series.recording.frame.t_s[row] - rest.t_s.front() > kLongest_s) close();
       rest.t_s.push_back(series.recording.frame.t_s[row]);
       rest.force_N.push_back(series.recording.frame.force_N[row]);
     }
@@ -81,13 +83,10 @@ InstrumentNoise instrument_noise(std::span<const Series> series, std::span<const
   InstrumentNoise out;
   std::vector<Rest> rests;
   std::size_t rows = 0;
-  double squares = 0.0, white = 0.0;
+  double white = 0.0;
   for (std::size_t i = 0; i < series.size(); ++i) {
     for (Rest& rest : find_rests(series[i], i < usable.size() ? usable[i] : std::vector<bool>{})) {
       rows += rest.t_s.size();
-      double mean = 0.0;
-      for (const double f : rest.force_N) mean += f / static_cast<double>(rest.force_N.size());
-      for (const double f : rest.force_N) squares += (f - mean) * (f - mean);
       rests.push_back(std::move(rest));
     }
     const auto& frame = series[i].recording.frame;
@@ -97,8 +96,8 @@ InstrumentNoise instrument_noise(std::span<const Series> series, std::span<const
   out.noise = {std::max(white, 1e-9), 0.0, 1.0};
   if (rows < 200) return out;
   out.from_rests = true;
-  NoiseModel best{std::max(std::sqrt(squares / static_cast<double>(rows)), 1e-9), 0.0, 1.0};
-  for (double width = 0.3; width > 0.002; width *= 0.6) {
+  NoiseModel best = out.noise;
+  for (double width = 1.0; width > 0.002; width *= 0.6) {
     for (const double direction : {1.0, -1.0}) {
       const NoiseModel trial{best.white_N * std::exp(direction * width), 0.0, 1.0};
       if (score(rests, trial) > score(rests, best)) best = trial;

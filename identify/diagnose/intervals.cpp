@@ -1,0 +1,69 @@
+#include "identify/diagnose/intervals.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace isorig::identify {
+
+std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const model::ModelSpec& spec) {
+  struct Free {
+    std::size_t part, index;
+    bool parameter;
+    double step;
+  };
+  std::vector<Free> free;
+  for (std::size_t p = 0; p < spec.parts.size(); ++p) {
+    const auto& part = spec.parts[p];
+    if (part.fixed) continue;
+    for (std::size_t i = 0; i < part.parameters.size(); ++i) {
+      const auto& parameter = part.law->parameters[i];
+      if (parameter.fixed) continue;
+      const double step = parameter.name == "time_s" ? 0.02
+                          : parameter.logarithmic    ? 1e-3 * std::fabs(part.parameters[i])
+                                                     : 1e-3 * std::max(std::fabs(part.parameters[i]), 1e-2);
+      free.push_back({p, i, true, step});
+    }
+    for (std::size_t i = 0; i < part.coefficients.size(); ++i)
+      if (part.coefficients[i] != 0.0) free.push_back({p, i, false, 1e-3 * std::fabs(part.coefficients[i])});
+  }
+  const auto residual_of = [&](const model::ModelSpec& s) {
+    RowMatrix r = problem.target() - problem.predict(s);
+    (void)whiten(problem.series(), problem.noise(), r);
+    return Eigen::VectorXd(r.col(0));
+  };
+  const Eigen::VectorXd at = residual_of(spec);
+  Eigen::MatrixXd jacobian(at.size(), static_cast<Eigen::Index>(free.size()));
+  for (std::size_t i = 0; i < free.size(); ++i) {
+    model::ModelSpec moved = spec;
+    auto& part = moved.parts[free[i].part];
+    (free[i].parameter ? part.parameters : part.coefficients)[free[i].index] += free[i].step;
+    jacobian.col(static_cast<Eigen::Index>(i)) = residual_of(moved) - at;  // per step: well scaled
+  }
+  Eigen::MatrixXd hessian = jacobian.transpose() * jacobian;
+  const double scale =
+      std::max(at.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(at.size(), 1)), 1.0);
+  const Eigen::MatrixXd covariance = scale * hessian.completeOrthogonalDecomposition().pseudoInverse();
+  std::vector<std::vector<NamedValue>> out;
+  for (std::size_t p = 0; p < spec.parts.size(); ++p) {
+    const auto& part = spec.parts[p];
+    auto& values = out.emplace_back();
+    const auto add = [&](std::string_view name, double value, bool parameter, std::size_t index) {
+      NamedValue named{std::string(name), value, value, value};
+      for (std::size_t i = 0; i < free.size(); ++i) {
+        if (free[i].part != p || free[i].index != index || free[i].parameter != parameter) continue;
+        const auto d = static_cast<Eigen::Index>(i);
+        const double half = 1.96 * free[i].step * std::sqrt(std::max(covariance(d, d), 0.0));
+        named.low = value - half;
+        named.high = value + half;
+      }
+      values.push_back(std::move(named));
+    };
+    for (std::size_t i = 0; i < part.coefficients.size(); ++i)
+      add(part.law->coefficients[i].name, part.coefficients[i], false, i);
+    for (std::size_t i = 0; i < part.parameters.size(); ++i)
+      if (!part.law->parameters[i].fixed) add(part.law->parameters[i].name, part.parameters[i], true, i);
+  }
+  return out;
+}
+
+}  // namespace isorig::identify
