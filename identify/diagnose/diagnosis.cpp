@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
+#include "identify/diagnose/calibration.hpp"
 #include "identify/diagnose/filling.hpp"
 #include "identify/diagnose/laws.hpp"
 #include "identify/diagnose/locate.hpp"
@@ -228,6 +229,8 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     out.verdict = Verdict::kUnknownPhysics;
   else if (!out.missing.empty())
     out.verdict = Verdict::kMissingPhysics;
+  for (MissingEffect& missing : out.missing)
+    missing.probability = calibrated(missing.probability, out.verdict == Verdict::kUnknownPhysics);
   out.nominal_errors.train_rmse_N = rmse(out.nominal, study.series, study.usable);
   out.model_errors.train_rmse_N = rmse(out.model, study.series, study.usable);
   out.nominal_errors.heldout_rmse_N = left_out_rmse(problem, out.nominal, options.threads);
