@@ -12,8 +12,8 @@ namespace {
 double fast_noise(std::span<const double> reading) {
   std::vector<double> sizes;
   for (std::size_t k = 2; k + 2 < reading.size(); ++k)
-    sizes.push_back(std::fabs(reading[k - 2] - 4.0 * reading[k - 1] + 6.0 * reading[k] - 4.0 * reading[k + 1] +
-                              reading[k + 2]));
+    sizes.push_back(std::fabs(reading[k - 2] - 4.0 * reading[k - 1] + 6.0 * reading[k] -
+                              4.0 * reading[k + 1] + reading[k + 2]));
   const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2);
   std::nth_element(sizes.begin(), middle, sizes.end());
   return *middle / (0.6745 * std::sqrt(70.0));

@@ -161,11 +161,12 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     const Drive& drive = study.series.back().drive;
     if (drive.pressure_clock_s != 0.0) {
       char text[160];
-      std::snprintf(text, sizeof text,
-                    "the pressure's time stamps are %.3f s (+- %.3f s) %s against the frame's, by its response to "
-                    "the motion; corrected",
-                    std::fabs(drive.pressure_clock_s), drive.pressure_clock_error_s,
-                    drive.pressure_clock_s > 0.0 ? "late" : "early");
+      std::snprintf(
+          text, sizeof text,
+          "the pressure's time stamps are %.3f s (+- %.3f s) %s against the frame's, by its response to "
+          "the motion; corrected",
+          std::fabs(drive.pressure_clock_s), drive.pressure_clock_error_s,
+          drive.pressure_clock_s > 0.0 ? "late" : "early");
       study.faults.push_back({"clock", drive.instants.front().t_s, drive.instants.back().t_s, 0, text});
     }
   }

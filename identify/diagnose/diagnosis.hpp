@@ -17,7 +17,7 @@ struct MissingEffect {
   const model::Physics* effect = nullptr;
   std::string law;
   double probability = 0.0;
-  double size_N = 0.0;      ///< of the force that it stands for (material.hpp)
+  double size_N = 0.0;  ///< of the force that it stands for (material.hpp)
   std::vector<NamedValue> parameters;
 };
 
@@ -31,7 +31,7 @@ struct Explanation {
   std::string key;
   double weight = 0.0;
   double log_evidence = 0.0;
-  double excess = 0.0;   ///< sum of squares beyond the noise, in units of the noise
+  double excess = 0.0;    ///< sum of squares beyond the noise, in units of the noise
   bool at_bound = false;  ///< a parameter stands at the end of its range
 };
 

@@ -13,9 +13,9 @@ struct NamedValue {
   double high = 0.0;
 };
 
-/// Parameters and coefficients of every part, in the order of the spec, with 95 % intervals from the curvature
-/// of the likelihood. Whitened by the fit's own noise, which takes up model error: the intervals grow with
-/// what is left.
+/// Parameters and coefficients of every part, in the order of the spec, with 95 % intervals from the
+/// curvature of the likelihood. Whitened by the fit's own noise, which takes up model error: the intervals
+/// grow with what is left.
 [[nodiscard]] std::vector<std::vector<NamedValue>> intervals(const Problem& problem,
                                                              const model::ModelSpec& spec);
 

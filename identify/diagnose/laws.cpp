@@ -65,7 +65,8 @@ void prefer_simpler_laws(Selection& selection, const Search& search) {
             const auto& parameter = law.parameters[i];
             const auto same = std::ranges::find(at->law->parameters, parameter.name, &model::Parameter::name);
             if (k == 0 && same != at->law->parameters.end())
-              part.parameters[i] = at->parameters[static_cast<std::size_t>(same - at->law->parameters.begin())];
+              part.parameters[i] =
+                  at->parameters[static_cast<std::size_t>(same - at->law->parameters.begin())];
             else if (!parameter.starts.empty())
               part.parameters[i] = parameter.starts[std::min(k, parameter.starts.size() - 1)];
           }

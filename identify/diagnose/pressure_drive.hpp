@@ -14,8 +14,8 @@ struct SlowSignal {
 };
 [[nodiscard]] SlowSignal smooth_slow(std::span<const double> t_s, std::span<const double> reading);
 
-/// The pressure at the rows of the frame. Gauges are read some times a second, a ramp lasts less than that: in
-/// between, the regulator gives way to the motion, which is known. The pressure is taken as a slow signal
+/// The pressure at the rows of the frame. Gauges are read some times a second, a ramp lasts less than that:
+/// in between, the regulator gives way to the motion, which is known. The pressure is taken as a slow signal
 /// plus h times the position through a high-pass (time constant tau: the regulator's recovery), where that
 /// explains the readings clearly better; its delay against the frame is the error of the gauge's clock.
 struct PressureDrive {

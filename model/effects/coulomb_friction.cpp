@@ -85,8 +85,8 @@ class Iwan : public Process {
   std::array<double, kCount> z_{};
 };
 
-/// Iwan's elements whose force weakens at once with velocity, and is back at once at rest: what a film between
-/// the surfaces does, where the bristles of Stribeck keep in a hold what the last velocity left them.
+/// Iwan's elements whose force weakens at once with velocity, and is back at once at rest: what a film
+/// between the surfaces does, where the bristles of Stribeck keep in a hold what the last velocity left them.
 class WeakenedIwan : public Iwan {
  public:
   WeakenedIwan(double presliding_mm, double velocity_mm_s, double excess) noexcept

@@ -6,8 +6,8 @@
 namespace isorig::model::effect {
 namespace {
 
-/// What friction and drag differ by between extension and shortening; bristle as in coulomb_friction. Beside a
-/// symmetric friction Fc and a dashpot c: F+ = Fc + d and F- = Fc - d, c+ = c + e and c- = c - e.
+/// What friction and drag differ by between extension and shortening; bristle as in coulomb_friction. Beside
+/// a symmetric friction Fc and a dashpot c: F+ = Fc + d and F- = Fc - d, c+ = c + e and c- = c - e.
 class Asymmetric : public Process {
  public:
   Asymmetric(bool sliding, bool viscous, double presliding_mm) noexcept
@@ -38,7 +38,8 @@ const Physics& friction_asymmetry() {
       Stage::kSpecimen,
       "Friction that differs between extension and shortening.",
       "Worn ball screws (Janot, Gautier & Brunot 2019, EMPS); braids (Tondu 2006).",
-      "Slow triangles at several velocities in both directions. Where the motion never rests, the difference of "
+      "Slow triangles at several velocities in both directions. Where the motion never rests, the difference "
+      "of "
       "the sliding forces cannot be told from an offset of the force.",
       {{"viscous",
         "F = e |v|, beside a dashpot: c+ = c + e, c- = c - e",
