@@ -53,6 +53,9 @@ void read_frame(const std::optional<TomlTable>& t, FrameParameters& f) {
   read_number(t, "force_noise_N", f.force_noise_N, kNonNegative);
   read_number(t, "force_quantum_N", f.force_quantum_N, kPositive);
   read_number(t, "force_drift_N_h", f.force_drift_N_h);
+  read_number(t, "force_gain", f.force_gain, {0.5, 2.0});
+  read_number(t, "force_offset_N", f.force_offset_N);
+  read_number(t, "position_gain", f.position_gain, {0.5, 2.0});
   read_number(t, "position_noise_mm", f.position_noise_mm, kNonNegative);
   read_number(t, "position_quantum_mm", f.position_quantum_mm, kPositive);
   read_number(t, "exchange_interval_ms", f.exchange_interval_ms, kNonNegative);
@@ -66,6 +69,7 @@ void read_sensor(const std::optional<TomlTable>& t, SensorParameters& s) {
   read_number(t, "sample_rate_hz", s.sample_rate_hz, {1.0, 5000.0});
   read_number(t, "noise_counts", s.noise_counts, kNonNegative);
   read_number(t, "offset_psi", s.offset_psi, {-1.0, 1.0});
+  read_number(t, "gain", s.gain, {0.5, 2.0});
   read_number(t, "temperature_C", s.temperature_C, {-50.0, 150.0});
   read_number(t, "temperature_swing_C", s.temperature_swing_C, kNonNegative);
   read_count(t, "ring_samples", s.ring_samples, {2, 65536});

@@ -48,6 +48,9 @@ struct FrameParameters {
   double force_noise_N = 0.01;  ///< rms, white
   double force_quantum_N = 0.001;
   double force_drift_N_h = 0.0;
+  double force_gain = 1.0;      ///< of the load cell: it shows gain * force + offset
+  double force_offset_N = 0.0;
+  double position_gain = 1.0;   ///< of the crosshead's scale, in what it shows and in what it is told
   double position_noise_mm = 0.0002;  ///< rms, white
   double position_quantum_mm = 0.0001;
   DeviceClockParameters clock{1.0e6, -12.0, 1.0, 600.0};
@@ -60,6 +63,7 @@ struct SensorParameters {
   double sample_rate_hz = 1000.0;
   double noise_counts = 1.0;  ///< rms, white, before rounding
   double offset_psi = 0.0;    ///< of the sensor, inside its total error band
+  double gain = 1.0;          ///< it shows gain * pressure + offset
   double temperature_C = 23.0;
   double temperature_swing_C = 0.5;  ///< slow sine, 2 h
   int ring_samples = 512;

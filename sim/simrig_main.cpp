@@ -113,7 +113,7 @@ int main(int argc, char** argv) {
                  "link to the Teensy's pseudo-terminal instead of the rig file's");
   auto* send = app.add_subcommand("send",
                                   "send one line to a running isorig-simrig: \"fault frame delay 200\", "
-                                  "\"clear\", \"list\"");
+                                  "\"clear\", \"list\", \"truth pressure\"");
   std::string socket, line;
   send->add_option("SOCKET", socket, "its --control")->required();
   send->add_option("LINE", line)->required();

@@ -7,7 +7,7 @@
 
 namespace isorig::sim {
 
-WireControl::WireControl(FrameWireFaults& frame, TeensyFaults& teensy, Rig& rig) {
+WireControl::WireControl(FrameWireFaults& frame, TeensyFaults& teensy, Rig& rig) : rig_(rig) {
   const auto atomic = [this](std::string name, auto& value, std::string unit, int max, bool endless,
                              std::string what) {
     using Value = typename std::remove_reference_t<decltype(value)>::value_type;
@@ -83,7 +83,13 @@ std::string WireControl::execute(std::string_view line) {
     }
     return out.str() + "ok\n";
   }
-  return "error: say `fault DEVICE NAME VALUE`, `clear` or `list`\n";
+  if (words.size() == 2 && words[0] == "truth") {
+    const auto truth = rig_.truth();
+    if (words[1] == "pressure") return std::to_string(truth.pressure_psi) + "\nok\n";
+    if (words[1] == "force") return std::to_string(truth.force_N) + "\nok\n";
+    if (words[1] == "position") return std::to_string(truth.position_mm) + "\nok\n";
+  }
+  return "error: say `fault DEVICE NAME VALUE`, `clear`, `list`, or `truth pressure | force | position`\n";
 }
 
 std::string WireControl::set(const std::vector<std::string>& words) {

@@ -15,6 +15,7 @@ namespace isorig::sim {
 ///     fault frame delay 200        set one: a number, or on | off
 ///     clear                        all off
 ///     list                         each with its value and what it does
+///     truth pressure               what a reference gauge at the plant would show; also force, position
 ///
 /// One thread.
 class WireControl {
@@ -37,6 +38,7 @@ class WireControl {
 
   std::string set(const std::vector<std::string>& words);
 
+  Rig& rig_;
   std::vector<Switch> switches_;
 };
 

@@ -107,7 +107,7 @@ void SimFrame::start_segment(const frame::Segment& segment) {
     refuse("target or velocity is not a number above 0");
   if (static_cast<double>(segment.velocity_mm_s) > p_.speed_max_mm_s * (1.0 + 1e-6))
     refuse("faster than the frame's speed_max_mm_s");
-  const double target_mm = static_cast<double>(segment.target_mm) - p_.zero_mm;
+  const double target_mm = (static_cast<double>(segment.target_mm) - p_.zero_mm) / p_.position_gain;
   if (target_mm > p_.travel_max_mm || target_mm < p_.travel_min_mm)
     refuse("target outside the frame's travel limits");
   if (!drive_enabled_) refuse("the drive is disabled (interlock open)");
@@ -185,8 +185,8 @@ void SimFrame::check(std::int64_t now_ns, bool drive_enabled) noexcept {
     moving_ = true;
     in_position_ns_ = -1;
     if (!faults.ignores_segments) {
-      crosshead_.move(static_cast<double>(waiting_.target_mm) - p_.zero_mm,
-                      static_cast<double>(waiting_.velocity_mm_s));
+      crosshead_.move((static_cast<double>(waiting_.target_mm) - p_.zero_mm) / p_.position_gain,
+                      static_cast<double>(waiting_.velocity_mm_s) / p_.position_gain);
     }
   }
 }
@@ -223,8 +223,9 @@ void SimFrame::supervise_motion(const StepView& step) noexcept {
 
 frame::Sample SimFrame::sample(const StepView& step, double fraction, double device_us) noexcept {
   const double position_mm =
-      step.position_begin_mm + fraction * (step.position_end_mm - step.position_begin_mm) + p_.zero_mm;
+      p_.position_gain * (step.position_begin_mm + fraction * (step.position_end_mm - step.position_begin_mm)) + p_.zero_mm;
   double force_N = step.force_begin_N + fraction * (step.force_end_N - step.force_begin_N);
+  force_N = p_.force_gain * force_N + p_.force_offset_N;
   if (p_.force_drift_N_h != 0.0) {
     force_N += p_.force_drift_N_h * static_cast<double>(step.begin_ns - start_ns_) / 3.6e12;
   }

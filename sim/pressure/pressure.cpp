@@ -163,7 +163,7 @@ std::uint32_t SimPressure::convert(double pressure_psi) noexcept {
   if (faults.stuck_value) return last_word_;
   if (faults.sensor_stale) return (last_word_ & 0x3FFFFFFFU) | 0x80000000U;
   const double noise_psi = p_.noise_counts * messages::kElvhPsiPerCount * noise_.normal();
-  last_word_ = messages::encode_elvh(pressure_psi + p_.offset_psi + noise_psi, temperature_C_);
+  last_word_ = messages::encode_elvh(p_.gain * pressure_psi + p_.offset_psi + noise_psi, temperature_C_);
   return faults.sensor_fault ? last_word_ | 0xC0000000U : last_word_;
 }
 
