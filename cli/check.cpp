@@ -1,9 +1,13 @@
 #include <array>
 #include <cstdio>
 #include <memory>
+#include <optional>
 
+#include "calibration/date.hpp"
 #include "cli/command.hpp"
 #include "cli/protocol_input.hpp"
+#include "daemon/calibrations.hpp"
+#include "daemon/paths.hpp"
 
 namespace isorig::cli {
 namespace {
@@ -11,6 +15,7 @@ namespace {
 struct Options {
   std::string protocol_path;
   std::string rig_path;
+  std::string runs = daemon::default_runs().string();
 };
 
 void print_steps(const protocol::Plan& plan) {
@@ -24,6 +29,29 @@ void print_steps(const protocol::Plan& plan) {
     joint = ", ";
   }
   std::printf("\n");
+}
+
+/// False when the rig would refuse to start.
+bool print_calibration(const Options& options) {
+  std::optional<daemon::RigConfig> rig;
+  try {
+    rig = daemon::load_rig(options.rig_path);
+  } catch (const base::ConfigError&) {
+    std::printf("  calibration not looked at: the rig's file is not valid as a whole (isorigd --rig FILE --check)\n");
+    return true;
+  }
+  const auto store = daemon::open_records(*rig, options.runs);
+  const auto overdue = store.overdue(calibration::today());
+  std::string never;
+  for (const auto c : calibration::kChannels) {
+    if (store.in_force(c).record == nullptr) never += (never.empty() ? "" : ", ") + std::string(name_of(c));
+  }
+  for (const auto& text : overdue) {
+    std::printf("  calibration %s: %s\n", rig->calibration.refuse_overdue ? "REFUSED" : "WARNING", text.c_str());
+  }
+  if (!never.empty()) std::printf("  calibration no record of %s in %s\n", never.c_str(), store.directory().c_str());
+  if (overdue.empty() && never.empty()) std::printf("  calibration all channels within their dates\n");
+  return overdue.empty() || !rig->calibration.refuse_overdue;
 }
 
 int check(const Options& options) {
@@ -46,6 +74,7 @@ int check(const Options& options) {
     std::printf("  limits      NOT checked; add --rig config/rigs/....toml\n");
   } else {
     std::printf("  limits      within those of %s\n", options.rig_path.c_str());
+    if (!print_calibration(options)) return kRefused;
   }
   return kOk;
 }
@@ -56,6 +85,7 @@ Command add_check(CLI::App& app) {
       app.add_subcommand("check", "Compile a protocol; show what it would do, or everything wrong with it");
   sub->add_option("FILE", options->protocol_path, "Protocol (config/protocols/*.toml)")->required();
   sub->add_option("--rig", options->rig_path, "Rig whose limits it has to keep (config/rigs/*.toml)");
+  sub->add_option("--runs", options->runs, "Where runs and calibration records are kept")->capture_default_str();
   return {sub, [options] { return check(*options); }};
 }
 

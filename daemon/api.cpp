@@ -57,8 +57,8 @@ void explain_refusal(const httplib::Request& request, httplib::Response& respons
   switch (response.status) {
     case 404:
       text = request.method + " " + request.path +
-             " is not a call of this daemon; GET /v1/status, /v1/events; POST /v1/start, /v1/pause, /v1/resume, "
-             "/v1/abort, /v1/reset";
+             " is not a call of this daemon; GET /v1/status, /v1/events, /v1/readings, /v1/calibrations, /v1/selftest; POST "
+             "/v1/start, /v1/pause, /v1/resume, /v1/abort, /v1/reset, /v1/seal, /v1/calibrations";
       break;
     case 413:
       text = "the request is longer than 4 MiB, or longer than 8 KiB and not declared as JSON; send it with "
@@ -129,6 +129,36 @@ Api::Api(Host& host, const std::filesystem::path& socket_path, unsigned mode) : 
     }
     answer(r, 200, host.events_json(after));
   });
+  s.Get("/v1/readings", [&host](const httplib::Request& q, httplib::Response& r) {
+    double window_s = 2.0;
+    if (q.has_param("window_s")) {
+      try {
+        window_s = std::stod(q.get_param_value("window_s"));
+      } catch (const std::exception&) {
+        window_s = -1.0;
+      }
+    }
+    if (!(window_s >= 0.1 && window_s <= LiveWindow::kLongest_s)) {
+      answer(r, 400, {{"ok", false}, {"text", "`window_s` has to be a number of seconds between 0.1 and 10"}});
+      return;
+    }
+    answer(r, 200, host.readings_json(window_s));
+  });
+  s.Get("/v1/selftest", [&host](const httplib::Request&, httplib::Response& r) { answer(r, 200, host.selftest_json()); });
+  s.Get("/v1/calibrations",
+        [&host](const httplib::Request&, httplib::Response& r) { answer(r, 200, host.calibrations_json()); });
+  s.Post("/v1/calibrations", [&host](const httplib::Request& q, httplib::Response& r) {
+    try {
+      const json body = json::parse(q.body);
+      answer(r, host.add_calibration(body.at("record").get<std::string>()));
+    } catch (const base::ConfigError& e) {
+      answer(r, 400, {{"ok", false}, {"text", e.what()}});
+    } catch (const json::exception& e) {
+      answer(r, 400, {{"ok", false}, {"text", std::string("the request is not what /v1/calibrations takes: ") + e.what()}});
+    } catch (const std::exception& e) {
+      answer(r, 409, {{"ok", false}, {"text", e.what()}});
+    }
+  });
   s.Post("/v1/start", [&host](const httplib::Request& q, httplib::Response& r) {
     try {
       const json body = json::parse(q.body);
@@ -160,6 +190,7 @@ Api::Api(Host& host, const std::filesystem::path& socket_path, unsigned mode) : 
   verb("/v1/resume", Request::Verb::kResume);
   verb("/v1/abort", Request::Verb::kAbort);
   verb("/v1/reset", Request::Verb::kReset);
+  verb("/v1/seal", Request::Verb::kSeal);
 }
 
 Api::~Api() {

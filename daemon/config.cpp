@@ -124,7 +124,11 @@ RigConfig load_rig(const std::filesystem::path& path) {
   rig.core.supervisor.limits = rig.limits;
   table("supervisor", [&](const auto& t) { rig.core.supervisor = SupervisorConfig::read(t, rig.limits); });
   table("pressure_loop", [&](const auto& t) { rig.core.pressure_loop = PressureLoopConfig::read(t); });
-  table("calibration", [&](const auto& t) { rig.core.calibration = read_calibration(t); });
+  table("calibration", [&](const auto& t) {
+    rig.core.calibration = read_calibration(t);
+    if (const auto records = t.string_or("records", ""); !records.empty()) rig.calibration.records = directory / records;
+    rig.calibration.refuse_overdue = t.choice_or("overdue", "warn", {"warn", "refuse"}) == "refuse";
+  });
   table("realtime", [&](const auto& t) { rig.realtime = RealtimeConfig::read(t); });
   table("services", [&](const auto& t) { rig.services = read_services(t); });
   table("recorder", [&](const auto& t) {

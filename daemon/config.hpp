@@ -36,6 +36,10 @@ struct RigConfig {
   std::optional<Teensy> teensy;
   std::optional<interlock::GpioInterlock::Options> gpio;  ///< none: the simulated interlock
   std::optional<sim::SimConfig> sim;
+  struct CalibrationPolicy {
+    std::filesystem::path records;       ///< empty: RUNS/calibration/NAME
+    bool refuse_overdue = false;         ///< else a warning
+  } calibration;
   std::filesystem::path specimen;        ///< what is mounted, unless a run names another
 
   struct Recording {

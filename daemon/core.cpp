@@ -29,6 +29,7 @@ Core::Core(const CoreConfig& config, FrameLink& frame, PressureLink& pressure, I
 void Core::tick(std::int64_t now_ns, std::int64_t late_ns, std::int64_t last_run_ns) noexcept {
   ++ticks_;
   worst_wakeup_ns_ = std::max(worst_wakeup_ns_, late_ns);
+  ++now_.lateness[lateness_bin(late_ns)];
   worst_run_ns_ = std::max(worst_run_ns_, last_run_ns);
   supervisor_.on_tick_lateness(now_ns, late_ns);
 
@@ -62,6 +63,7 @@ void Core::read_frame() noexcept {
     r.keep = keep_;
     supervisor_.on_frame_sample(r);
     fan_out(&Streams::frame, r);
+    if (observer_ != nullptr) observer_->frame.push(r);
     seen_.position_mm = r.position_mm;
     raw_position_mm_ = double{r.raw_position_mm};
     force_sum_N_ += r.force_N;
@@ -103,6 +105,7 @@ void Core::read_pressure() noexcept {
     r.temperature_C = static_cast<float>(reading.temperature_c);
     r.pressure_psi = reading.pressure_psi * cal.pressure_scale + cal.pressure_offset_psi;
     fan_out(&Streams::pressure, r);
+    if (observer_ != nullptr) observer_->pressure.push(r);
     // A stale word is the last value once more: neither news for the loop nor a fault.
     if (!reading.fresh || !reading.plausible()) {
       if (!reading.plausible()) ++now_.invalid_pressure;

@@ -4,6 +4,7 @@
 
 #include "base/spsc_queue.hpp"
 #include "daemon/links.hpp"
+#include "daemon/live_window.hpp"
 #include "daemon/pressure_loop.hpp"
 #include "daemon/status.hpp"
 #include "daemon/streams.hpp"
@@ -34,10 +35,11 @@ struct CoreConfig {
 
 /// A verb from the operator. The plan has to live until its run has ended.
 struct Request {
-  enum class Verb : std::uint8_t { kStart, kPause, kResume, kAbort, kReset } verb = Verb::kAbort;
+  enum class Verb : std::uint8_t { kStart, kPause, kResume, kAbort, kReset, kSeal, kCalibrate } verb = Verb::kAbort;
   std::uint32_t id = 0;
   const protocol::Plan* plan = nullptr;
   std::uint32_t first_session = 0;
+  Calibration calibration;  ///< of kCalibrate
 };
 
 struct Reply {
@@ -59,6 +61,8 @@ class Core {
   /// From the recorder: it cannot keep what it is given (full disk, write error): program stop; reset is refused
   /// until it can again. Any thread.
   void set_recorder_fault(bool failing) noexcept { recorder_fault_.store(failing, std::memory_order_release); }
+  /// A further consumer of the samples, for readings. Before the first tick.
+  void set_observer(LiveStreams* observer) noexcept { observer_ = observer; }
 
   /// The way in for verbs (one producer: the API), the way out for answers and for events (one consumer).
   base::SpscQueue<Request> requests{16};
@@ -106,6 +110,7 @@ class Core {
   InterlockLink& interlock_;
   Streams& recorder_;
   Streams* publisher_;
+  LiveStreams* observer_ = nullptr;
 
   Supervisor supervisor_;
   PressureLoop loop_;

@@ -53,6 +53,24 @@ void Core::take_requests(std::int64_t now_ns) noexcept {
           refuse("there is no run to abort");
         }
         break;
+      case Request::Verb::kSeal:
+        if (state_ != RunState::kPaused) {
+          refuse("only a paused run can be sealed");
+        } else {
+          loop_.shut();
+          setpoint_psi_ = -1.0;  // the plan's set-point counts again when it goes on
+          emit(now_ns, Severity::kInfo, "sealed", "both valves shut by the operator until the run goes on", pressure_psi_, 0.0);
+        }
+        break;
+      case Request::Verb::kCalibrate:
+        if (state_ != RunState::kIdle && state_ != RunState::kReady) {
+          refuse("a calibration is put in force between runs");
+        } else {
+          config_.calibration = request.calibration;
+          supervisor_.rearm(now_ns);  // a step of the correction is no force rate
+          emit(now_ns, Severity::kInfo, "calibration", "another calibration is in force", 0.0, 0.0);
+        }
+        break;
       case Request::Verb::kReset: {
         const char* why = nullptr;
         if (state_ != RunState::kFaulted) {

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "daemon/api.hpp"
+#include "daemon/calibrations.hpp"
 #include "daemon/core.hpp"
 #include "daemon/devices.hpp"
 #include "daemon/host.hpp"
@@ -72,7 +73,7 @@ sigset_t stop_signals() {
 
 struct Daemon::Impl {
   Impl(const RigConfig& config, const DaemonOptions& options)
-      : rig(config),
+      : rig(with_calibration(config, options.runs_root)),
         devices(open_devices(rig, clock)),
         recorder_streams(std::size_t{1} << 16U),
         publisher_streams(std::size_t{1} << 14U),
@@ -242,6 +243,7 @@ void Daemon::run() {
   }
   spdlog::info("rig \"{}\" up{}", d.rig.name, d.rig.realtime.enforce ? "" : " without real-time rights (--no-realtime)");
   d.notifier.ready(d.status_text());
+  for (const auto& text : d.host.overdue()) spdlog::warn("{}", text);
   const sigset_t set = stop_signals();
   const timespec between_states{kStatusPeriod.count(), 0};
   int signal_number = 0;

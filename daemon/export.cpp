@@ -238,6 +238,10 @@ class Exporter : public messages::RunVisitor {
                         {"time_mapping", options_.remap ? "offline" : "online"},
                         {"average_interval_s", header_.average_interval_s},
                         {"versions", versions}};
+    for (const auto& t : header_.texts) {
+      // What corrected these values; the raw ones are in the run.
+      if (t.name == "calibration.toml") further.insert_or_assign("calibration", toml::parse(t.text));
+    }
     std::ostringstream text;
     text << further << '\n';
     m.further_toml = text.str();

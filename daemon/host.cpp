@@ -8,6 +8,7 @@
 #include <sstream>
 #include <thread>
 
+#include "daemon/calibrations.hpp"
 #include "daemon/specimen.hpp"
 #include "daemon/version.hpp"
 #include "protocol/compile.hpp"
@@ -54,7 +55,9 @@ struct Host::Run {
 };
 
 Host::Host(const RigConfig& rig, Core& core, Streams& recording, Options options)
-    : rig_(rig), core_(core), recording_(recording), options_(std::move(options)), catalogue_(options_.runs_root) {}
+    : rig_(rig), core_(core), recording_(recording), options_(std::move(options)), catalogue_(options_.runs_root), records_(open_records(rig, options_.runs_root)) {
+  if (!options_.virtual_time) core_.set_observer(&live_);
+}
 
 Host::~Host() = default;
 
@@ -67,6 +70,14 @@ Host::Result Host::start(const StartOptions& options) {
             "the rig is " + state + (now.not_ready[0] != '\0' ? std::string(": ") + now.not_ready : "") +
                 "; a protocol starts from ready (isorig status)",
             {}};
+  }
+
+  std::string warnings;
+  for (const auto& text : overdue()) {
+    if (rig_.calibration.refuse_overdue) {
+      return {false, text + "; calibrate (isorig calibrate), or allow it with [calibration] overdue = \"warn\"", {}};
+    }
+    warnings += "\nwarning: " + text;
   }
 
   auto run = std::make_unique<Run>();
@@ -115,7 +126,10 @@ Host::Result Host::start(const StartOptions& options) {
   info.rest_length_mm = specimen.rest_length_mm;
   info.plan_summary = run->plan.name + ": " + std::to_string(run->plan.steps.size()) + " steps, " +
                       std::to_string(run->plan.sessions.size()) + " sessions";
-  info.texts = {{"rig.toml", rig_.text}, {"protocol.toml", protocol_text}, {"specimen.toml", specimen.text}};
+  info.texts = {{"rig.toml", rig_.text},
+                {"protocol.toml", protocol_text},
+                {"specimen.toml", specimen.text},
+                {"calibration.toml", calibration_text()}};
   info.versions = {{"isorig", kVersion}};
   for (const auto& session : run->plan.sessions) {
     info.sessions.push_back({session.first_step, session.repetition, session.pressure_psi,
@@ -170,7 +184,7 @@ Host::Result Host::start(const StartOptions& options) {
     close_run("refused", false);
   } else {
     result.run = run_->id;
-    result.text = "run " + run_->id + " started";
+    result.text = "run " + run_->id + " started" + warnings;
   }
   return result;
 }
@@ -206,6 +220,7 @@ Host::Result Host::post(Request request) {
 void Host::turn(std::int64_t now_ns) {
   std::lock_guard lock(mutex_);
   take_events();
+  window_.drain(live_);
   if (!run_) {
     FrameRecord f;
     PressureRecord p;

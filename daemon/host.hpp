@@ -8,9 +8,11 @@
 #include <string>
 #include <vector>
 
+#include "calibration/store.hpp"
 #include "daemon/catalogue.hpp"
 #include "daemon/config.hpp"
 #include "daemon/core.hpp"
+#include "daemon/live_window.hpp"
 #include "daemon/recorder.hpp"
 #include "protocol/plan.hpp"
 
@@ -70,6 +72,17 @@ class Host {
   [[nodiscard]] nlohmann::json status_json() const;
   [[nodiscard]] nlohmann::json events_json(std::uint64_t after) const;
 
+  /// For calibration and self-test (host_bench.cpp). Averages over the last `window_s`, whatever the rig does.
+  [[nodiscard]] nlohmann::json readings_json(double window_s) const;
+  /// What is in force, and every record there is.
+  [[nodiscard]] nlohmann::json calibrations_json() const;
+  /// What a self-test cannot see from outside: devices, limits, real-time properties, disk.
+  [[nodiscard]] nlohmann::json selftest_json() const;
+  /// Keeps a record and puts it in force at once. Throws base::ConfigError when the record is wrong.
+  Result add_calibration(const std::string& record_toml);
+  /// Calibrations whose date is over, a line each.
+  [[nodiscard]] std::vector<std::string> overdue() const;
+
  private:
   struct Run;
 
@@ -77,6 +90,7 @@ class Host {
   void take_events();
   void close_run(const std::string& outcome, bool complete);
   void watch_disk();
+  [[nodiscard]] std::string calibration_text() const;
 
   const RigConfig& rig_;
   Core& core_;
@@ -101,6 +115,9 @@ class Host {
   std::deque<Event> events_;
   std::uint64_t next_event_ = 1;
   DiskCondition disk_ = DiskCondition::kOk;
+  calibration::Store records_;
+  LiveStreams live_;
+  LiveWindow window_;
 };
 
 }  // namespace isorig::daemon

@@ -31,7 +31,9 @@ struct LinkHealth {
   std::uint32_t reconnects = 0;    ///< since start
   float bound_ns = 0.0F;           ///< of the newest stamp
   float repeatability_ns = 0.0F;
+  float sample_rate_hz = 0.0F;      ///< as the device says
   char detail[224] = {};            ///< the last error, for people
+  char identity[96] = {};           ///< maker, model, serial number, firmware, as the device says
 };
 
 struct FrameReport {

@@ -32,9 +32,19 @@ bool loses_connection(drivers::Fault fault, int failures_in_a_row) {
   return true;
 }
 
+std::string words(std::initializer_list<std::string> parts) {
+  std::string all;
+  for (const auto& part : parts) {
+    if (!part.empty()) all += (all.empty() ? "" : ", ") + part;
+  }
+  return all;
+}
+
 }  // namespace
 
-void LinkKeeper::note_connected() noexcept {
+void LinkKeeper::note_connected(const std::string& identity, double sample_rate_hz) noexcept {
+  copy_text(health_.identity, identity);
+  health_.sample_rate_hz = static_cast<float>(sample_rate_hz);
   health_.connected = true;
   if (was_connected_) ++health_.reconnects;
   was_connected_ = true;
@@ -89,9 +99,9 @@ void FrameService::turn(std::int64_t now_ns) {
     while (link_.commands.pop(stale)) {
     }
     if (!may_connect(now_ns)) return;
-    device_.connect();
+    const auto identity = device_.connect();
     device_.stop();
-    note_connected();
+    note_connected(words({identity.maker, identity.model, identity.serial, identity.firmware}), identity.sample_rate_hz);
     next_sync_ns_ = now_ns;
     has_best_ = false;
     report_health(now_ns, link_.health, true);
@@ -171,8 +181,8 @@ void PressureService::run_once(std::int64_t now_ns, std::int64_t wait_ns) noexce
 void PressureService::turn(std::int64_t now_ns, std::int64_t wait_ns) {
   if (!health_.connected) {
     if (!may_connect(now_ns)) return;
-    device_.connect();
-    note_connected();
+    const auto identity = device_.connect();
+    note_connected(words({identity.model, identity.serial, identity.firmware}), identity.sample_rate_hz);
     next_sync_ns_ = now_ns;
     last_command_ = ~std::uint64_t{0};
     report_health(now_ns, link_.health, true);

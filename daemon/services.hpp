@@ -2,6 +2,7 @@
 #include <array>
 #include <cstdint>
 #include <span>
+#include <string>
 
 #include "daemon/links.hpp"
 #include "drivers/backoff.hpp"
@@ -29,7 +30,7 @@ class LinkKeeper {
   LinkKeeper(const ServiceConfig& config, const clock::Clock& clock) : config_(config), clock_(clock) {}
 
   [[nodiscard]] bool may_connect(std::int64_t now_ns) const noexcept { return backoff_.is_due(now_ns); }
-  void note_connected() noexcept;
+  void note_connected(const std::string& identity, double sample_rate_hz) noexcept;
   /// True when the connection has to be started afresh; the caller disconnects.
   bool note_failure(std::int64_t now_ns, const drivers::DeviceError& error) noexcept;
   void note_answer() noexcept { failures_in_a_row_ = 0; }

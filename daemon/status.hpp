@@ -1,6 +1,7 @@
 #pragma once
 #include <array>
 #include <atomic>
+#include <bit>
 #include <cstdint>
 #include <cstring>
 
@@ -11,6 +12,14 @@ namespace isorig::daemon {
 
 /// How a run ended; kNone while it goes on.
 enum class Outcome : std::uint8_t { kNone, kDone, kAborted, kFailed };
+
+/// Wake-ups by how late they came: below 1, 2, 4, ... 2^18 us, and later.
+inline constexpr std::size_t kLatenessBins = 20;
+[[nodiscard]] constexpr std::size_t lateness_bin(std::int64_t late_ns) noexcept {
+  const auto us = static_cast<std::uint64_t>(late_ns < 0 ? 0 : late_ns) / 1000;
+  const auto width = static_cast<std::size_t>(std::bit_width(us));
+  return width < kLatenessBins ? width : kLatenessBins - 1;
+}
 
 /// What `isorig status` and `watch` show: the loop's newest view of everything.
 struct Status {
@@ -35,6 +44,7 @@ struct Status {
   std::uint64_t publish_dropped = 0;
   std::uint32_t worst_wakeup_ns = 0;   ///< since start
   std::uint32_t worst_run_ns = 0;
+  std::array<std::uint64_t, kLatenessBins> lateness{};  ///< since start
   std::uint64_t invalid_pressure = 0;  ///< sensor words that were no current reading, since start
   char not_ready[64] = {};             ///< what is missing for ready, in words
   char fault[160] = {};                ///< the latched cause

@@ -3,6 +3,7 @@
 #include <chrono>
 #include <memory>
 
+#include "daemon/calibrations.hpp"
 #include "daemon/virtual_rig.hpp"
 
 namespace isorig::daemon {
@@ -20,7 +21,7 @@ VirtualRunResult run_virtual(const RigConfig& rig, const VirtualRunOptions& opti
     throw std::runtime_error("virtual time needs a simulated rig, and " + rig.path.string() +
                              " has real devices; start isorigd --rig and isorig start");
   }
-  RigConfig config = rig;
+  RigConfig config = with_calibration(rig, options.runs_root);
   if (!options.specimen.empty()) {
     config.specimen = options.specimen;
     config.sim->specimen = options.specimen;
