@@ -89,6 +89,7 @@ class Board final : public Hardware {
       case 'p':
         say("pass", application.longest_pass_cycles());
         say("stack", cortex_m::stack_high_water());
+        say("dropped", application.status().dropped);
         application.forget_longest_pass();
         break;
       case 'h':

@@ -288,6 +288,8 @@ void K66Machine::write_watchdog(std::uint32_t address, std::uint32_t value) {
   constexpr std::uint64_t kWindow = 256ULL * 3;
   switch (address - kWdog) {
     case 0x0E:
+      // After reset the bus is as fast as the core, and the window closes for good after 256 of its cycles.
+      if (unlock_cycles_ == 0 && cycles() > 256) violate("watchdog unlocked too late after reset");
       if (value == 0xD928 && cycles() - unlock_cycles_ > kTwentyBusCycles) violate("slow unlock");
       unlock_cycles_ = cycles();
       return;
