@@ -28,24 +28,24 @@ class FakeHardware final : public Hardware {
   void select(bool is_selected) noexcept override {
     if (is_selected) {
       sensor.select(now_ns());
-      if (has_been_idle && cycles - deselected_cycles < 2 * kCyclesPerUs) ++bus_violations;
-      selected_cycles = cycles;
+      if (has_been_idle_ && cycles - deselected_cycles_ < 2 * kCyclesPerUs) ++bus_violations;
+      selected_cycles_ = cycles;
       ++reads;
     } else {
-      deselected_cycles = cycles;
-      has_been_idle = true;
-      if (is_shifting) ++bus_violations;
+      deselected_cycles_ = cycles;
+      has_been_idle_ = true;
+      if (is_shifting_) ++bus_violations;
     }
     is_selected_ = is_selected;
   }
   void start_word() noexcept override {
-    if (!is_selected_ || is_shifting || 2 * (cycles - selected_cycles) < 5 * kCyclesPerUs) ++bus_violations;
-    word_cycles = cycles;
-    is_shifting = true;
+    if (!is_selected_ || is_shifting_ || 2 * (cycles - selected_cycles_) < 5 * kCyclesPerUs) ++bus_violations;
+    word_cycles_ = cycles;
+    is_shifting_ = true;
   }
   bool take_word(std::uint16_t& word) noexcept override {
-    if (is_bus_dead || !is_shifting || cycles - word_cycles < word_us * kCyclesPerUs) return false;
-    is_shifting = false;
+    if (is_bus_dead || !is_shifting_ || cycles - word_cycles_ < word_us * kCyclesPerUs) return false;
+    is_shifting_ = false;
     word = sensor.shift_word();
     return true;
   }
@@ -144,11 +144,11 @@ class FakeHardware final : public Hardware {
 
   Decoder decoder_;
   bool is_selected_ = false;
-  bool is_shifting = false;
-  bool has_been_idle = false;
-  std::uint64_t selected_cycles = 0;
-  std::uint64_t deselected_cycles = 0;
-  std::uint64_t word_cycles = 0;
+  bool is_shifting_ = false;
+  bool has_been_idle_ = false;
+  std::uint64_t selected_cycles_ = 0;
+  std::uint64_t deselected_cycles_ = 0;
+  std::uint64_t word_cycles_ = 0;
 };
 
 }  // namespace isorig::firmware
