@@ -129,7 +129,8 @@ void Board::select(bool is_selected) noexcept {
 }
 
 void Board::start_word() noexcept {
-  spi0().mcr = kMcrMaster | kMcrClearFifos;
+  // A word that was given up would be taken for this one. The queue holds four.
+  for (int i = 0; i < 4 && (spi0().sr & kSrReceiveCount) != 0; ++i) (void)spi0().popr;
   spi0().sr = kSrAllFlags;
   spi0().pushr = 0;
 }

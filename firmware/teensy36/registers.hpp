@@ -196,6 +196,7 @@ inline constexpr uint32_t kMcrMaster = 1U << 31U;
 inline constexpr uint32_t kMcrClearFifos = 3U << 10U;
 inline constexpr uint32_t kMcrHalt = 1U;
 inline constexpr uint32_t kSrReceived = 1U << 17U;
+inline constexpr uint32_t kSrReceiveCount = 0xFU << 4U;
 inline constexpr uint32_t kSrAllFlags = 0x9A0A'0000;
 /// 16 bits, mode 0, MSB first; 60 MHz / 5 / 16 = 750 kHz, high and low 0.667 us each: the fastest that these
 /// dividers give below the sensor's 800 kHz.
