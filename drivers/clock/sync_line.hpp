@@ -1,0 +1,89 @@
+#pragma once
+#include <cstdint>
+#include <deque>
+#include <optional>
+
+#include "drivers/clock/mapping.hpp"
+
+namespace isorig::clock {
+
+/// One edge of the sync line, seen from both sides: what the clock mapping says of it against what the kernel saw.
+struct SyncCheck {
+  std::int64_t mono_ns = 0;  ///< the kernel's stamp
+  double device_us = 0.0;
+  double error_us = 0.0;     ///< mapped device time minus the kernel's stamp, which comes its interrupt's latency late
+  double bound_us = 0.0;     ///< what the mapping claimed its error to be within,
+  double repeatability_us = 0.0;  ///< and its standard deviation, but for the constant of the path's asymmetry
+  bool rising = false;
+  bool within = false;       ///< |error| <= bound
+};
+
+/// Since construction.
+struct SyncCounts {
+  std::uint32_t pairs = 0;
+  std::uint32_t outside = 0;         ///< pairs whose error was beyond the bound
+  std::uint32_t unseen = 0;          ///< announced by the device, and the line did not change
+  std::uint32_t unannounced = 0;     ///< seen on the line, and the device said nothing
+  std::uint32_t ambiguous = 0;       ///< several edges too close together to tell which is which
+  std::uint32_t unmapped = 0;        ///< the mapping could not say where to look yet
+  std::uint32_t wrong_polarity = 0;  ///< the line went the other way
+  double mean_us = 0.0;              ///< of the pairs' errors: half the asymmetry of the path, mostly
+  double rms_us = 0.0;               ///< about zero
+  double worst_us = 0.0;             ///< largest |error|
+  bool inverted = false;  ///< the line goes the other way each time: wired or configured upside down
+
+  [[nodiscard]] bool operator==(const SyncCounts&) const noexcept = default;
+};
+
+/// Pairs the edges that the device announces with those that the kernel saw, and measures the mapping by them. One
+/// thread. Edges come in any order between the two sides; each side's own in order.
+///
+/// An edge of the line is looked for within `window_ns` of where the mapping puts it, far wider than the bound: a
+/// mapping that is wrong has to show as an error, not as a missing edge. Where that leaves a choice there is no pair:
+/// the nearest edge would always agree best with the mapping that is to be judged.
+class SyncLine {
+ public:
+  struct Options {
+    std::int64_t window_ns = 50'000'000;   ///< pulses have to be at least twice this apart
+    std::int64_t settle_ns = 250'000'000;  ///< by then an edge has come from either side, or will not
+  };
+
+  SyncLine() = default;
+  explicit SyncLine(const Options& options) : options_(options) {}
+
+  void line_edge(std::int64_t mono_ns, bool rising);
+  /// `mapped`: where the mapping put this edge when it was announced.
+  void device_edge(double device_us, bool rising, const MappedTime& mapped);
+  /// Decides on what is due; call it again until it returns nothing.
+  [[nodiscard]] std::optional<SyncCheck> next(std::int64_t now_ns);
+  /// Either side was away: what waits has no counterpart any more.
+  void forget() noexcept;
+
+  [[nodiscard]] const SyncCounts& counts() const noexcept { return counts_; }
+
+ private:
+  struct LineEdge {
+    std::int64_t mono_ns = 0;
+    bool rising = false;
+  };
+  struct DeviceEdge {
+    double device_us = 0.0;
+    bool rising = false;
+    MappedTime mapped;
+  };
+
+  [[nodiscard]] std::optional<SyncCheck> decide(const DeviceEdge& edge);
+  [[nodiscard]] bool is_crowded(const DeviceEdge& edge) const noexcept;
+  void drop_unannounced(std::int64_t before_ns) noexcept;
+  SyncCheck pair(const DeviceEdge& edge, std::int64_t mono_ns) noexcept;
+
+  Options options_;
+  std::deque<LineEdge> line_;
+  std::deque<DeviceEdge> device_;
+  std::optional<DeviceEdge> decided_;  // the last one
+  bool has_begun_ = false;             // edges of the line before the device's first are nobody's
+  int opposite_in_a_row_ = 0;
+  SyncCounts counts_;
+};
+
+}  // namespace isorig::clock
