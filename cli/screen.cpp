@@ -45,6 +45,22 @@ std::string link_text(const nlohmann::json& link) {
   return text;
 }
 
+/// Nothing for a rig without a sync line.
+std::string sync_text(const nlohmann::json& line) {
+  const auto count = [&](const char* key) { return line.value(key, 0U); };
+  const unsigned missed = count("unseen") + count("unannounced") + count("ambiguous") + count("wrong_polarity");
+  if (count("pairs") + missed == 0) return {};
+  std::string text = format("  sync line %u edges", count("pairs"));
+  if (count("pairs") > 0) {
+    text += format(", clock off by %+.0f us (bound %.0f us), rms %.0f us, worst %.0f us", line.value("error_us", 0.0),
+                   line.value("bound_us", 0.0), line.value("rms_us", 0.0), line.value("worst_us", 0.0));
+  }
+  if (count("outside") > 0) text += format(", BEYOND THE BOUND %u times", count("outside"));
+  if (missed > 0) text += format(", %u not paired", missed);
+  if (line.value("inverted", false)) text += ", the line is UPSIDE DOWN: change active_low of [interlock] sync";
+  return text + "\n";
+}
+
 /// Behind a value that is not of now.
 std::string age_text(const nlohmann::json& status, const char* key) {
   const double age_s = status.value(key, 0.0);
@@ -100,6 +116,10 @@ std::string status_text(const nlohmann::json& s) {
   const auto& interlock = s["interlock"];
   out += std::string("  interlock e-stop chain ") + (interlock.value("estop_closed", false) ? "closed" : "OPEN") +
          ", guard " + (interlock.value("guard_closed", false) ? "closed" : "OPEN") + "\n";
+  out += sync_text(s.value("sync_line", nlohmann::json::object()));
+  if (const auto detail = interlock.value("detail", ""); !interlock.value("connected", true) && !detail.empty()) {
+    out += "            " + detail + "\n";
+  }
   if (s.contains("recorder")) {
     const auto& r = s["recorder"];
     out += format("  recorder  %.1f MiB written, %llu MiB free, disk %s", r.value("written_MiB", 0.0),

@@ -204,6 +204,25 @@ void ExchangeBatch::add(const ExchangeRecord& r, std::int32_t session) noexcept 
   m.device_tx_us[i] = r.exchange.device_tx_us;
 }
 
+isorig_msgs::sync_check_t to_message(const SyncRecord& r, std::int32_t session) {
+  isorig_msgs::sync_check_t m{};
+  m.mono_ns = r.mono_ns;
+  m.session = session;
+  m.edge_ns = r.check.mono_ns;
+  m.device_us = r.check.device_us;
+  m.error_us = r.check.error_us;
+  m.bound_us = r.check.bound_us;
+  m.repeatability_us = r.check.repeatability_us;
+  m.rising = r.check.rising ? 1 : 0;
+  m.within = r.check.within ? 1 : 0;
+  m.pairs = static_cast<std::int32_t>(r.counts.pairs);
+  m.outside = static_cast<std::int32_t>(r.counts.outside);
+  m.unseen = static_cast<std::int32_t>(r.counts.unseen);
+  m.unannounced = static_cast<std::int32_t>(r.counts.unannounced);
+  m.ambiguous = static_cast<std::int32_t>(r.counts.ambiguous);
+  return m;
+}
+
 isorig_msgs::event_t to_message(const EventRecord& r, std::int32_t session) {
   isorig_msgs::event_t m{};
   m.mono_ns = r.mono_ns;

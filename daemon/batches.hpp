@@ -3,6 +3,7 @@
 #include <isorig_msgs/control_batch_t.hpp>
 #include <isorig_msgs/event_t.hpp>
 #include <isorig_msgs/exchange_batch_t.hpp>
+#include <isorig_msgs/sync_check_t.hpp>
 #include <isorig_msgs/frame_average_batch_t.hpp>
 #include <isorig_msgs/frame_batch_t.hpp>
 #include <isorig_msgs/pressure_average_batch_t.hpp>
@@ -71,6 +72,7 @@ class ExchangeBatch {
   isorig_msgs::exchange_batch_t message;
 };
 
+isorig_msgs::sync_check_t to_message(const SyncRecord& r, std::int32_t session);
 isorig_msgs::event_t to_message(const EventRecord& r, std::int32_t session);
 
 /// `Sink` is called as write(channel, session, message) and sets message.number.

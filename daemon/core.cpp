@@ -123,12 +123,27 @@ void Core::read_pressure() noexcept {
   while (pressure_.exchanges.pop(exchange)) {
     fan_out(&Streams::exchanges, ExchangeRecord{DeviceId::kPressure, exchange});
   }
+  SyncReport sync;
+  while (pressure_.sync.pop(sync)) take_sync(sync);
   pressure::State state;
   while (pressure_.states.pop(state)) {
     if (state.vented_by_watchdog && state_ == RunState::kRunning) supervisor_.on_device_vented();
   }
   LinkHealth health;
   while (pressure_.health.pop(health)) pressure_health_ = health;
+}
+
+void Core::take_sync(const SyncReport& report) noexcept {
+  now_.sync = report.counts;
+  if (!report.has_check) return;
+  const bool was_within = now_.sync_check.mono_ns == 0 || now_.sync_check.within;
+  now_.sync_check = report.check;
+  fan_out(&Streams::sync, SyncRecord{report.mono_ns, report.check, report.counts});
+  if (was_within && !report.check.within) {
+    emit(report.mono_ns, Severity::kWarning, "clock.bound",
+         "the sync line shows the Teensy's time further off than its bound; compare the two clocks (docs/clock.md)",
+         report.check.error_us, report.check.bound_us);
+  }
 }
 
 void Core::read_interlock() noexcept {

@@ -77,6 +77,7 @@ class Core {
  private:
   void read_frame() noexcept;
   void read_pressure() noexcept;
+  void take_sync(const SyncReport& report) noexcept;
   void read_interlock() noexcept;
   void take_requests(std::int64_t now_ns) noexcept;
   void supervise(std::int64_t now_ns) noexcept;

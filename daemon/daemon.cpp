@@ -80,7 +80,7 @@ struct Daemon::Impl {
         core(rig.core, frame_link, pressure_link, interlock_link, recorder_streams,
              rig.lcm.enabled ? &publisher_streams : nullptr),
         frame_service(*devices.frame, frame_link, rig.services, clock),
-        pressure_service(*devices.pressure, pressure_link, rig.services, clock),
+        pressure_service(*devices.pressure, pressure_link, interlock_link, rig.services, clock),
         interlock_service(*devices.interlock, interlock_link),
         host(rig, core, recorder_streams, host_options(options)),
         api(host, options.socket, rig.api.mode) {

@@ -227,11 +227,13 @@ void Host::turn(std::int64_t now_ns) {
     ControlRecord c;
     EventRecord e;
     ExchangeRecord x;
+    SyncRecord s;
     while (recording_.frame.pop(f)) {}
     while (recording_.pressure.pop(p)) {}
     while (recording_.control.pop(c)) {}
     while (recording_.events.pop(e)) {}
     while (recording_.exchanges.pop(x)) {}
+    while (recording_.sync.pop(s)) {}
     return;
   }
   run_->recorder->drain(recording_, now_ns);
@@ -357,6 +359,13 @@ nlohmann::json Host::status_json() const {
             {{"estop_closed", s.estop_closed}, {"guard_closed", s.guard_closed}, {"connected", s.interlock.connected},
              {"lost_edges", s.interlock.lost}, {"errors", s.interlock.errors},
              {"reconnects", s.interlock.reconnects}, {"detail", s.interlock.detail}}},
+           {"sync_line",
+            {{"pairs", s.sync.pairs}, {"outside", s.sync.outside}, {"unseen", s.sync.unseen},
+             {"unannounced", s.sync.unannounced}, {"ambiguous", s.sync.ambiguous}, {"unmapped", s.sync.unmapped},
+             {"wrong_polarity", s.sync.wrong_polarity}, {"inverted", s.sync.inverted},
+             {"error_us", s.sync_check.error_us}, {"bound_us", s.sync_check.bound_us},
+             {"within", s.sync_check.within}, {"mean_us", s.sync.mean_us}, {"rms_us", s.sync.rms_us},
+             {"worst_us", s.sync.worst_us}}},
            {"invalid_pressure_words", s.invalid_pressure},
            {"records_dropped", s.records_dropped},
            {"publish_dropped", s.publish_dropped}};

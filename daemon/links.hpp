@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "base/spsc_queue.hpp"
+#include "drivers/clock/sync_check.hpp"
 #include "drivers/frame/frame.hpp"
 #include "drivers/interlock/interlock.hpp"
 #include "drivers/pressure/pressure.hpp"
@@ -36,6 +37,14 @@ struct LinkHealth {
   char identity[96] = {};           ///< maker, model, serial number, firmware, as the device says
 };
 
+/// The clock mapping measured by the sync line, each time something changed.
+struct SyncReport {
+  std::int64_t mono_ns = 0;  ///< when it was decided
+  bool has_check = false;
+  clock::SyncCheck check;
+  clock::SyncCounts counts;
+};
+
 struct FrameReport {
   frame::State state;
   std::int64_t mono_ns = 0;  ///< when the state was read
@@ -62,6 +71,7 @@ struct PressureLink {
   base::SpscQueue<LinkHealth> health{64};
   base::SpscQueue<clock::Exchange> exchanges{1024};
   base::SpscQueue<pressure::State> states{256};
+  base::SpscQueue<SyncReport> sync{64};
   /// The newest command only: an old duty is of no use. fill | vent << 16 | bits of the regulator's set-point << 32.
   std::atomic<std::uint64_t> command{0};
   std::atomic<std::uint32_t> loop_beat{0};
@@ -83,6 +93,7 @@ struct InterlockLink {
   /// bit 2 the inputs cannot be read.
   std::atomic<std::int64_t> state{0};
   std::atomic<std::int64_t> opened_ns{0};
+  base::SpscQueue<interlock::SyncLineEdge> sync_edges{256};  ///< to the thread that owns the pressure device
   base::SpscQueue<LinkHealth> health{64};
   std::atomic<bool> hold_pressure{false};
   std::atomic<std::uint32_t> loop_beat{0};

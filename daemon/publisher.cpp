@@ -114,6 +114,11 @@ void Publisher::drain(Streams& streams, std::int64_t now_ns) {
   ExchangeRecord exchange;
   while (streams.exchanges.pop(exchange)) append(m.exchanges, exchange, kNoSession, m);
   flush(m.exchanges, m);
+  SyncRecord sync;
+  while (streams.sync.pop(sync)) {
+    auto message = to_message(sync, kNoSession);
+    m.write(Channel::kSync, kNoSession, message);
+  }
   m.report_dropped(streams, now_ns);
   if (now_ns >= m.next_progress_ns) {
     m.next_progress_ns = now_ns + kProgressPeriodNs;

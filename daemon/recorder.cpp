@@ -44,6 +44,9 @@ std::int64_t end_ns(const isorig_msgs::control_batch_t& m) {
 std::int64_t end_ns(const isorig_msgs::exchange_batch_t& m) {
   return m.host_recv_ns[m.count - 1];
 }
+std::int64_t end_ns(const isorig_msgs::sync_check_t& m) {
+  return m.mono_ns;
+}
 std::int64_t end_ns(const isorig_msgs::event_t& m) {
   return m.mono_ns;
 }
@@ -70,6 +73,7 @@ class Peeked {
  private:
   static std::int64_t stamp(const ControlRecord& r) { return r.mono_ns; }
   static std::int64_t stamp(const EventRecord& r) { return r.mono_ns; }
+  static std::int64_t stamp(const SyncRecord& r) { return r.mono_ns; }
   static std::int64_t stamp(const ExchangeRecord& r) { return r.exchange.host_recv_ns; }
   Record next_{};
   bool waiting_ = false;
@@ -225,6 +229,10 @@ struct Recorder::Impl {
     exchanges.until(streams.exchanges, end, [&](const ExchangeRecord& r) {
       append(exchange_batch, r, present_session(), *this);
     });
+    sync_checks.until(streams.sync, end, [&](const SyncRecord& r) {
+      auto message = to_message(r, present_session());
+      write(Channel::kSync, message.session, message);
+    });
   }
 
   /// In slow parts the controller's samples are thinned to the averages' rate; their worst figures are kept.
@@ -297,7 +305,7 @@ struct Recorder::Impl {
   [[nodiscard]] bool has_more(const Streams& streams) const {
     return frame.has_more(streams.frame) || pressure.has_more(streams.pressure) ||
            control.has_more(streams.control) || events.has_more(streams.events) ||
-           exchanges.has_more(streams.exchanges);
+           exchanges.has_more(streams.exchanges) || sync_checks.has_more(streams.sync);
   }
 
   void publish_status() {
@@ -325,6 +333,7 @@ struct Recorder::Impl {
   Peeked<ControlRecord> control;
   Peeked<EventRecord> events;
   Peeked<ExchangeRecord> exchanges;
+  Peeked<SyncRecord> sync_checks;
   ControlBatch control_batch;
   ExchangeBatch exchange_batch;
   std::vector<std::uint8_t> arena;

@@ -2,6 +2,7 @@
 #include <cstdint>
 
 #include "drivers/clock/clock.hpp"
+#include "drivers/clock/sync_check.hpp"
 #include "protocol/plan.hpp"
 
 /// What the real-time core hands to the recorder and the publisher: plain values, each through its own
@@ -107,6 +108,13 @@ enum class DeviceId : std::uint8_t { kFrame, kPressure };
 struct ExchangeRecord {
   DeviceId device = DeviceId::kFrame;
   clock::Exchange exchange;
+};
+
+/// The clock mapping measured by the sync line.
+struct SyncRecord {
+  std::int64_t mono_ns = 0;  ///< when both sides had come
+  clock::SyncCheck check;
+  clock::SyncCounts counts;
 };
 
 }  // namespace isorig::daemon

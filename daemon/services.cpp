@@ -218,11 +218,32 @@ void PressureService::turn(std::int64_t now_ns, std::int64_t wait_ns) {
   }
   hand_over(std::span<const pressure::Sample>(samples_).first(poll.samples), link_.samples);
   link_.states.push(poll.state);
+  check_clock(now_ns);
   note_answer();
 }
 
+void PressureService::check_clock(std::int64_t now_ns) {
+  interlock::SyncLineEdge seen;
+  while (line_.sync_edges.pop(seen)) sync_.line_edge(seen.mono_ns, seen.rising);
+  while (const auto edge = device_.take_sync_edge()) {
+    const auto device_us = static_cast<double>(edge->device_us);
+    sync_.device_edge(device_us, edge->rising, map_.current().map(device_us));
+  }
+  const auto report = [&](const clock::SyncCheck* check) {
+    SyncReport r{.mono_ns = now_ns, .has_check = check != nullptr, .check = {}, .counts = sync_.counts()};
+    if (check != nullptr) r.check = *check;
+    link_.sync.push(r);
+    reported_ = sync_.counts();
+  };
+  while (const auto check = sync_.next(now_ns)) report(&*check);
+  if (sync_.counts() != reported_) report(nullptr);
+}
+
 void PressureService::fail(std::int64_t now_ns, const drivers::DeviceError& error) noexcept {
-  if (note_failure(now_ns, error)) device_.disconnect();
+  if (note_failure(now_ns, error)) {
+    device_.disconnect();
+    sync_.forget();
+  }
   report_health(now_ns, link_.health, true);
 }
 
@@ -264,6 +285,8 @@ void InterlockService::turn(std::int64_t now_ns) {
     report_health(now_ns, true);
   }
   auto state = device_.read();
+  std::array<interlock::SyncLineEdge, 32> edges;
+  for (const auto& edge : std::span(edges).first(device_.take_sync_edges(edges))) link_.sync_edges.push(edge);
   state.mono_ns = now_ns;
   link_.set_state(state);
   const std::uint32_t beat = link_.loop_beat.load(std::memory_order_acquire);

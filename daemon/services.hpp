@@ -7,6 +7,7 @@
 #include "daemon/links.hpp"
 #include "drivers/backoff.hpp"
 #include "drivers/clock/mapping.hpp"
+#include "drivers/clock/sync_line.hpp"
 
 /// The device side of the links: each service owns one device and is run by one thread in real time
 /// (`run_once` at its period) or inline by the virtual runner. The same code in both. Everything that blocks or
@@ -82,8 +83,10 @@ class FrameService : private LinkKeeper {
 
 class PressureService : private LinkKeeper {
  public:
-  PressureService(pressure::Device& device, PressureLink& link, const ServiceConfig& config, const clock::Clock& clock)
-      : LinkKeeper(config, clock), device_(device), link_(link) {}
+  /// `line`: the sync line as the interlock's thread sees it.
+  PressureService(pressure::Device& device, PressureLink& link, InterlockLink& line, const ServiceConfig& config,
+                  const clock::Clock& clock)
+      : LinkKeeper(config, clock), device_(device), link_(link), line_(line) {}
   /// One turn; waits at most `wait_ns` for data (0 in virtual time). Never throws.
   void run_once(std::int64_t now_ns, std::int64_t wait_ns) noexcept;
   /// Vents and closes; called on every way out.
@@ -92,9 +95,13 @@ class PressureService : private LinkKeeper {
  private:
   void turn(std::int64_t now_ns, std::int64_t wait_ns);
   void fail(std::int64_t now_ns, const drivers::DeviceError& error) noexcept;
+  void check_clock(std::int64_t now_ns);
 
   pressure::Device& device_;
   PressureLink& link_;
+  InterlockLink& line_;
+  clock::SyncLine sync_;
+  clock::SyncCounts reported_;
   std::int64_t next_command_ns_ = 0;
   std::uint64_t last_command_ = ~std::uint64_t{0};
   std::array<pressure::Sample, 512> samples_{};

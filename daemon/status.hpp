@@ -36,6 +36,8 @@ struct Status {
   LinkHealth frame;
   LinkHealth pressure;
   LinkHealth interlock;
+  clock::SyncCounts sync;           ///< the mapping of the Teensy's clock, measured by the sync line
+  clock::SyncCheck sync_check;      ///< the last
   double frame_age_s = -1.0;        ///< of the newest sample; negative before the first
   double pressure_age_s = -1.0;     ///< of the newest valid reading
   bool estop_closed = false;

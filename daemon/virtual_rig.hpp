@@ -25,7 +25,7 @@ class VirtualRig {
         rig_(*config.sim),
         core_(config.core, frame_link_, pressure_link_, interlock_link_, streams, nullptr),
         frame_(rig_.frame(), frame_link_, config.services, clock_),
-        pressure_(rig_.pressure(), pressure_link_, config.services, clock_),
+        pressure_(rig_.pressure(), pressure_link_, interlock_link_, config.services, clock_),
         interlock_(rig_.interlock(), interlock_link_),
         poll_ns_(config.services.poll_period_ns) {}
 

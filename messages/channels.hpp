@@ -18,12 +18,14 @@ enum class Channel : std::uint8_t {
   kEvent,            ///< event_t
   kProgress,         ///< progress_t, live only
   kClock,            ///< exchange_batch_t
+  kSync,             ///< sync_check_t
 };
-inline constexpr std::size_t kChannels = 10;
+inline constexpr std::size_t kChannels = 11;
 
 inline constexpr std::array<std::string_view, kChannels> kChannelNames{
     "ISORIG_HEADER",           "ISORIG_SESSION", "ISORIG_FRAME", "ISORIG_PRESSURE", "ISORIG_FRAME_AVERAGE",
-    "ISORIG_PRESSURE_AVERAGE", "ISORIG_STATE",   "ISORIG_EVENT", "ISORIG_PROGRESS", "ISORIG_CLOCK"};
+    "ISORIG_PRESSURE_AVERAGE", "ISORIG_STATE",   "ISORIG_EVENT", "ISORIG_PROGRESS", "ISORIG_CLOCK",
+    "ISORIG_SYNC"};
 
 constexpr std::string_view name_of(Channel channel) {
   return kChannelNames[static_cast<std::size_t>(channel)];

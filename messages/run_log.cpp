@@ -57,6 +57,8 @@ class Dispatch {
         return pass(event, *channel, event_, &RunVisitor::event);
       case Channel::kClock:
         return pass(event, *channel, exchanges_, &RunVisitor::exchanges);
+      case Channel::kSync:
+        return pass(event, *channel, sync_, &RunVisitor::sync);
       case Channel::kProgress:
         return;
     }
@@ -98,6 +100,7 @@ class Dispatch {
   isorig_msgs::control_batch_t control_;
   isorig_msgs::event_t event_;
   isorig_msgs::exchange_batch_t exchanges_;
+  isorig_msgs::sync_check_t sync_;
 };
 
 }  // namespace

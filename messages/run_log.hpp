@@ -5,6 +5,7 @@
 #include <isorig_msgs/control_batch_t.hpp>
 #include <isorig_msgs/event_t.hpp>
 #include <isorig_msgs/exchange_batch_t.hpp>
+#include <isorig_msgs/sync_check_t.hpp>
 #include <isorig_msgs/frame_average_batch_t.hpp>
 #include <isorig_msgs/frame_batch_t.hpp>
 #include <isorig_msgs/pressure_average_batch_t.hpp>
@@ -42,6 +43,7 @@ class RunVisitor {
   virtual void control(const isorig_msgs::control_batch_t&) {}
   virtual void event(const isorig_msgs::event_t&) {}
   virtual void exchanges(const isorig_msgs::exchange_batch_t&) {}
+  virtual void sync(const isorig_msgs::sync_check_t&) {}
 };
 
 struct ReadReport {

@@ -1,5 +1,6 @@
 #pragma once
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 
@@ -45,6 +46,12 @@ struct Poll {
   State state;
 };
 
+/// The device changed its sync line at this time of its own clock.
+struct SyncEdge {
+  std::int64_t device_us = 0;
+  bool rising = false;
+};
+
 /// Owned by one I/O thread; throws drivers::DeviceError. Not for the real-time loop.
 class Device {
  public:
@@ -59,6 +66,8 @@ class Device {
   virtual void heartbeat() = 0;
   /// Sends a time-sync request; the reply comes out of a later poll() as an Exchange.
   virtual void request_time_sync() = 0;
+  /// The oldest edge of its sync line that poll() has brought and nobody has taken; nothing from a device without.
+  virtual std::optional<SyncEdge> take_sync_edge() { return std::nullopt; }
 };
 
 }  // namespace isorig::pressure

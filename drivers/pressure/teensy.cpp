@@ -264,10 +264,10 @@ void Teensy::send(const Message& message) {
   has_partial_write_ = false;
 }
 
-std::optional<wire::SyncEdge> Teensy::take_sync_edge() {
+std::optional<SyncEdge> Teensy::take_sync_edge() {
   wire::SyncEdge edge;
   if (sync_edges_.take(std::span(&edge, 1)) == 0) return std::nullopt;
-  return edge;
+  return SyncEdge{static_cast<std::int64_t>(edge.device_us), edge.level != 0};
 }
 
 }  // namespace isorig::pressure

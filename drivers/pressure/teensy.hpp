@@ -53,8 +53,7 @@ class Teensy final : public Device {
   void heartbeat() override;
   void request_time_sync() override;
 
-  /// The oldest edge of the sync line not yet taken; its device time is 64 bit.
-  std::optional<messages::teensy::SyncEdge> take_sync_edge();
+  std::optional<SyncEdge> take_sync_edge() override;
   [[nodiscard]] const Counters& counters() const noexcept { return counters_; }
   /// After how long without heartbeat() the connected device vents.
   [[nodiscard]] std::uint16_t watchdog_ms() const noexcept { return watchdog_ms_; }

@@ -3,6 +3,7 @@
 
 #include "drivers/interlock/interlock.hpp"
 #include "sim/host.hpp"
+#include "sim/sync_line.hpp"
 
 namespace isorig::sim {
 
@@ -10,7 +11,7 @@ namespace isorig::sim {
 /// de-energises the dump valve, whatever the daemon asks for; an open guard disables the drive only.
 class SimInterlock final : public interlock::Device {
  public:
-  explicit SimInterlock(Host& host) noexcept : host_(host) {}
+  explicit SimInterlock(Host& host, std::int64_t start_ns = 0) noexcept : host_(host), sync_line_(start_ns) {}
 
   void connect() override { connected_ = true; }
   void disconnect() noexcept override { connected_ = false; }
@@ -23,6 +24,13 @@ class SimInterlock final : public interlock::Device {
     const auto visit = host_.enter();
     require_link();
     energised_ = energise;
+  }
+
+  std::size_t take_sync_edges(std::span<interlock::SyncLineEdge> out) override {
+    const auto visit = host_.enter();
+    std::size_t count = 0;
+    while (count < out.size() && sync_line_.next(visit.now_ns, out[count].mono_ns, out[count].rising)) ++count;
+    return count;
   }
 
   [[nodiscard]] bool drive_enabled() const noexcept {
@@ -44,6 +52,7 @@ class SimInterlock final : public interlock::Device {
     }
   }
   Host& host_;
+  SyncLineTimes sync_line_;
   bool energised_ = false;
   bool connected_ = false;
 };

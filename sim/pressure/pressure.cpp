@@ -33,6 +33,7 @@ SimPressure::SimPressure(const SensorParameters& p, const PneumaticParameters& v
       next_sample_us_((std::floor(p.clock.offset_us / sample_period_us_) + 1.0) * sample_period_us_),
       next_temperature_ns_(start_ns),
       ring_(static_cast<std::size_t>(p.ring_samples)),
+      sync_line_(start_ns),
       next_check_ns_(start_ns) {
   state_.vent_permille = 1000;
 }
@@ -128,6 +129,15 @@ void SimPressure::request_time_sync() {
       arrived_ns,
       {visit.now_ns, static_cast<std::int64_t>(std::ceil(arrived_ns)),
        std::floor(clock_.device_us(received_ns)) + 0.5, std::floor(clock_.device_us(answered_ns)) + 0.5}};
+}
+
+std::optional<pressure::SyncEdge> SimPressure::take_sync_edge() {
+  const auto visit = host_.enter();
+  require_link();
+  std::int64_t edge_ns = 0;
+  bool rising = false;
+  if (faults.silent || !sync_line_.next(visit.now_ns, edge_ns, rising)) return std::nullopt;
+  return pressure::SyncEdge{static_cast<std::int64_t>(clock_.device_us(static_cast<double>(edge_ns))), rising};
 }
 
 double SimPressure::opening(std::uint16_t permille) const noexcept {

@@ -5,6 +5,7 @@
 #include "drivers/pressure/pressure.hpp"
 #include "sim/device_clock.hpp"
 #include "sim/host.hpp"
+#include "sim/sync_line.hpp"
 #include "sim/pressure/pneumatics.hpp"
 
 namespace isorig::sim {
@@ -37,6 +38,7 @@ class SimPressure final : public pressure::Device {
   void command(const pressure::Command& command) override;
   void heartbeat() override;
   void request_time_sync() override;
+  std::optional<pressure::SyncEdge> take_sync_edge() override;
 
   /// Before the physics of a step: what the valves are told in it (dump is the rig's).
   const ValveTargets& before_step(std::int64_t begin_ns) noexcept {
@@ -90,6 +92,7 @@ class SimPressure final : public pressure::Device {
   std::size_t replies_pending_ = 0;
 
   pressure::State state_;
+  SyncLineTimes sync_line_;
   ValveTargets targets_;
   bool heartbeat_seen_ = false;
   std::int64_t heartbeat_ns_ = 0;

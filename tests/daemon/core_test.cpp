@@ -171,7 +171,7 @@ TEST_F(TripTest, ASensorWithoutValidReadingsIsStale) {
   }
 }
 
-TEST_F(TripTest, AnInterlockThatIsNotReadIsStale) {
+TEST_F(TripTest, AnInterlockThatCannotBeReadIsOpen) {
   start(kHold);
   run_for(3.0);
   bench->rig().interlock().faulty = true;
@@ -307,6 +307,35 @@ TEST_F(TripTest, ALoopThatHangsIsStoppedByTheDevices) {
   run_for(5.0);
   EXPECT_NEAR(bench->rig().truth().position_mm, stopped_mm, 0.001);
   EXPECT_LT(bench->rig().truth().pressure_psi, 1.0);
+}
+
+TEST_F(CoreTest, TheSyncLineMeasuresTheClockMapping) {
+  ASSERT_TRUE(reach(RunState::kReady, 5.0));
+  run_for(30.0);
+  SyncRecord record;
+  std::vector<SyncRecord> records;
+  while (bench->streams.sync.pop(record)) records.push_back(record);
+  ASSERT_GT(records.size(), 50U);
+  for (const auto& r : records) {
+    EXPECT_TRUE(r.check.within) << r.check.error_us << " us, bound " << r.check.bound_us;
+    EXPECT_LT(r.check.bound_us, 20'000.0);
+  }
+  const auto counts = bench->core().status().sync;
+  EXPECT_EQ(counts.pairs, records.back().counts.pairs);
+  EXPECT_EQ(counts.outside + counts.unannounced + counts.ambiguous + counts.unseen, 0U);
+  EXPECT_LT(counts.rms_us, 500.0);
+}
+
+TEST_F(CoreTest, EdgesThatTheInterlockMissedAreCountedAndShiftNothing) {
+  ASSERT_TRUE(reach(RunState::kReady, 5.0));
+  bench->rig().interlock().faulty = true;
+  run_for(2.0);
+  bench->rig().interlock().faulty = false;
+  run_for(5.0);
+  const auto counts = bench->core().status().sync;
+  EXPECT_GE(counts.unseen, 3U);
+  EXPECT_EQ(counts.outside, 0U);
+  EXPECT_GE(counts.pairs, 8U);
 }
 
 }  // namespace

@@ -378,8 +378,8 @@ TEST_F(TeensyOnScript, HandsOverSyncEdgesAndCountsLostOnes) {
   stream->push(encode(wire::SyncEdge{1ULL << 40U, 7, 1}));
   stream->push(encode(wire::SyncEdge{(1ULL << 40U) + 500, 9, 0}));
   poll();
-  EXPECT_EQ(device->take_sync_edge()->device_us, 1ULL << 40U);
-  EXPECT_EQ(device->take_sync_edge()->level, 0);
+  EXPECT_EQ(device->take_sync_edge()->device_us, std::int64_t{1} << 40U);
+  EXPECT_EQ(device->take_sync_edge()->rising, false);
   EXPECT_FALSE(device->take_sync_edge());
   EXPECT_EQ(device->counters().sync_edges_lost, 1U);
 }
