@@ -8,6 +8,7 @@
 
 #include "base/toml_reader.hpp"
 #include "sim/control_socket.hpp"
+#include "sim/gpio_lines.hpp"
 #include "sim/wire_control.hpp"
 #include "sim/wire_rig.hpp"
 
@@ -50,6 +51,7 @@ struct Arguments {
   std::optional<std::uint16_t> port;
   std::string rtu;
   std::string teensy;
+  sim::GpioLines::Options lines;
 };
 
 int serve(const Arguments& arguments) {
@@ -72,6 +74,7 @@ int serve(const Arguments& arguments) {
   if (!arguments.control.empty()) {
     socket.emplace(arguments.control, [&](std::string_view line) { return control.execute(line); });
   }
+  sim::GpioLines lines(arguments.lines, rig, clock);
   std::optional<TruthLog> truth;
   if (!arguments.truth.empty()) truth.emplace(arguments.truth);
 
@@ -89,6 +92,7 @@ int serve(const Arguments& arguments) {
                              static_cast<double>(next_ns - start_ns) * 1e-9 < arguments.duration_s)) {
     next_ns = std::max(next_ns + 1'000'000, clock.now_ns());  // after a stall: go on, do not catch up
     rig.service_until(next_ns);
+    lines.service();
     if (truth) truth->write(rig.rig().truth());
     if (socket) socket->service();
   }
@@ -111,6 +115,10 @@ int main(int argc, char** argv) {
   app.add_option("--rtu", arguments.rtu, "serve the frame over RTU too, on a pseudo-terminal linked here");
   app.add_option("--teensy", arguments.teensy,
                  "link to the Teensy's pseudo-terminal instead of the rig file's");
+  app.add_option("--gpio-sync", arguments.lines.sync_pull,
+                 "raise the sync line through this `pull` of a gpio-sim line (docs/virtual-bench.md)");
+  app.add_option("--gpio-vent", arguments.lines.vent_value,
+                 "the dump valve follows this `value` of a gpio-sim line");
   auto* send = app.add_subcommand("send",
                                   "send one line to a running isorig-simrig: \"fault frame delay 200\", "
                                   "\"clear\", \"list\", \"truth pressure\"");

@@ -86,6 +86,8 @@ WireRig::WireRig(const WireRigConfig& config, const clock::Clock& clock)
       true);  // the interlock has no wire here: energised until the stop is pressed
 }
 
+void WireRig::sync_edge(std::int64_t mono_ns, bool is_high) { teensy_.sync_edge(mono_ns, is_high); }
+
 void WireRig::service_until(std::int64_t deadline_ns) {
   for (;;) {
     teensy_.service(clock_.now_ns());

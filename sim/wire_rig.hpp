@@ -40,6 +40,9 @@ class WireRig {
   /// has its own thread.
   void service_until(std::int64_t deadline_ns);
 
+  /// The Teensy changed its sync line at true time `mono_ns`; from the thread that serves.
+  void sync_edge(std::int64_t mono_ns, bool is_high);
+
   [[nodiscard]] Rig& rig() noexcept { return rig_; }
   [[nodiscard]] FrameWireFaults& frame_faults() noexcept { return frame_faults_; }
   [[nodiscard]] TeensyFaults& teensy_faults() noexcept { return teensy_.faults(); }

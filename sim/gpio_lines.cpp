@@ -1,0 +1,29 @@
+#include "sim/gpio_lines.hpp"
+
+#include <fstream>
+#include <utility>
+
+namespace isorig::sim {
+
+GpioLines::GpioLines(Options options, WireRig& rig, const clock::Clock& clock)
+    : options_(std::move(options)), rig_(rig), clock_(clock), edges_(clock.now_ns()) {}
+
+void GpioLines::service() {
+  std::int64_t due_ns = 0;
+  bool rising = false;
+  if (!options_.sync_pull.empty() && edges_.next(clock_.now_ns(), due_ns, rising)) {
+    std::ofstream pull(options_.sync_pull);
+    const std::int64_t before_ns = clock_.now_ns();
+    pull << (rising ? "pull-up" : "pull-down") << std::flush;
+    // The edge lies between the two; a chip that is unplugged has none, and the Teensy raises its pin all the same.
+    rig_.sync_edge((before_ns + clock_.now_ns()) / 2, rising);
+  }
+  if (!options_.vent_value.empty() && clock_.now_ns() >= next_valve_ns_) {
+    next_valve_ns_ = clock_.now_ns() + kValvePeriod_ns;
+    char level = '0';
+    std::ifstream(options_.vent_value) >> level;
+    rig_.rig().interlock().hold_pressure(level == '1');
+  }
+}
+
+}  // namespace isorig::sim
