@@ -257,5 +257,46 @@ TEST_F(Usb, ForgetsWhatWaitedButNotWhatTheEngineHolds) {
   EXPECT_EQ(host.toggle_errors, 0);
 }
 
+// Any requests in any order, broken off anywhere, between resets: whatever was before, the next host gets a
+// port.
+TEST_F(Usb, AnyHostLeavesItUsableForTheNext) {
+  std::uint32_t state = 12'345;
+  const auto random = [&state](std::uint32_t limit) {
+    state = state * 1'664'525U + 1'013'904'223U;
+    return (state >> 8U) % limit;
+  };
+  const std::uint8_t requests[] = {0, 1, 3, 5, 6, 8, 9, 9, 10, 11, 0x20, 0x21, 0x22, 0x23, 0xFF};
+  int frames_sent = 0;
+  for (int round = 0; round < 300; ++round) {
+    open();
+    if (round % 3 == 0) plug_in();
+    for (int i = 0; i < 30; ++i) {
+      const std::uint8_t types[] = {0x00, 0x01, 0x02, 0x21, 0x80, 0x81, 0x82, 0xA1, 0xC0};
+      const auto value = static_cast<std::uint16_t>(random(2) == 0 ? random(3) : random(0x700));
+      host.setup(types[random(9)], requests[random(15)], value, static_cast<std::uint16_t>(random(0x90)),
+                 static_cast<std::uint16_t>(random(200)));
+      for (std::uint32_t k = random(4); k > 0; --k) {
+        if (random(2) == 0) (void)host.in(static_cast<std::uint8_t>(random(2) * 4));
+        if (random(2) == 0) (void)host.out(static_cast<std::uint8_t>(random(2) * 3), Bytes(random(65), 1));
+        frames_sent += send(Bytes(1 + random(250), 2)) ? 1 : 0;
+        (void)received();
+        if (random(8) == 0) device.discard_output();
+        if (random(8) == 0) host.frame_start();
+      }
+    }
+    open();
+    EXPECT_TRUE(device.is_open());
+    host.toggle_errors = 0;  // the host above kept no toggles
+    for (std::uint8_t i = 0; i < 5; ++i) {
+      ASSERT_TRUE(host.bulk_out({i}));
+      ASSERT_EQ(received(), Bytes{i});
+      ASSERT_TRUE(send({i}));
+      ASSERT_EQ(host.bulk_in(), Bytes{i});
+    }
+    ASSERT_EQ(host.toggle_errors, 0);
+  }
+  EXPECT_GT(frames_sent, 1'000) << "often enough it was configured all the same";
+}
+
 }  // namespace
 }  // namespace isorig::firmware
