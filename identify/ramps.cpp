@@ -2,10 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <sstream>
+#include <iomanip>
 #include <limits>
 
 namespace isorig::identify {
 namespace {
+
+constexpr double kLongestInterval_s = 0.2;  // between samples; the paper's 2 mm take 0.2 to 1 s
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
@@ -398,12 +402,24 @@ RampAnalysis analyse_ramps(const messages::Recording& recording, const RampOptio
     const bool hold_after = frame.t_s[next] - frame.t_s[m.last] >= options.shortest_hold_s;
     out.ramps.push_back(measure(c, m, options, hold_after));
   }
-  if (out.moves.empty())
-    out.statements.push_back("Nothing moves in this recording: no motion exceeds the noise of the position.");
-  else if (out.ramps.empty())
+  if (out.moves.empty()) {
+    const auto [low, high] = std::minmax_element(frame.position_mm.begin(), frame.position_mm.end());
+    const double interval_s = (frame.t_s.back() - frame.t_s.front()) / static_cast<double>(frame.size() - 1);
+    if (interval_s > kLongestInterval_s && *high - *low > 0.1) {
+      // From one such sample to the next a stroke is as large as noise, and its noise estimate takes it for that.
+      std::ostringstream text;
+      text << "No motion can be told from noise: the samples are " << std::setprecision(2) << interval_s
+           << " s apart, and between them the position moves by up to " << *high - *low
+           << " mm. A ramp needs some ten samples; record or export at a higher rate.";
+      out.statements.push_back(text.str());
+    } else {
+      out.statements.push_back("Nothing moves in this recording: no motion exceeds the noise of the position.");
+    }
+  } else if (out.ramps.empty()) {
     out.statements.push_back(
         "There is no iso-velocity ramp in this recording: " + std::to_string(out.moves.size()) +
         " motions, none of which is a stroke between two holds that is not a slow return.");
+  }
   if (out.clipped_samples > 0)
     out.statements.push_back("The force stays at its own extreme value for " +
                              std::to_string(out.clipped_samples) +

@@ -50,6 +50,27 @@ TEST(Ramps, PaperProtocolWithIdealCrosshead) {
   expect_protocol_found({}, 1e-3);
 }
 
+TEST(Ramps, SaysThatSamplesAreTooFarApart) {
+  auto recording = testing::simulate({}, nullptr);
+  messages::Recording sparse;
+  sparse.metadata = recording.metadata;
+  double next_s = 0.0;
+  for (std::size_t i = 0; i < recording.frame.size(); ++i) {
+    if (recording.frame.t_s[i] < next_s) continue;
+    next_s = recording.frame.t_s[i] + 1.0;  // the recording itself comes in averages of 0.1 s: 1.1 s
+    // Nothing of the protocol's rests is left either: strokes all the time, at one sample a second.
+    const double phase = 1.9 * static_cast<double>(sparse.frame.size());
+    sparse.frame.t_s.push_back(recording.frame.t_s[i]);
+    sparse.frame.position_mm.push_back(2.0 * std::sin(phase));
+    sparse.frame.force_N.push_back(std::sin(phase));
+  }
+  const auto found = analyse_ramps(sparse);
+  EXPECT_TRUE(found.moves.empty());
+  EXPECT_THAT(found.statements, ::testing::Contains(::testing::HasSubstr("the samples are 1.1 s apart")));
+  for (auto& x : sparse.frame.position_mm) x *= 1e-4;  // at rest, in noise
+  EXPECT_THAT(analyse_ramps(sparse).statements, ::testing::Contains(::testing::HasSubstr("Nothing moves")));
+}
+
 TEST(Ramps, SlowRampsAndMillimetreStrokes) {
   IsoVelocityTest test;
   test.speeds_mm_s = {0.05, 0.2, 1.0};
