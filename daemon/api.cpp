@@ -5,6 +5,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cstring>
 #include <nlohmann/json.hpp>
 
@@ -46,6 +47,11 @@ void answer(httplib::Response& response, int status, const json& body) {
 
 void answer(httplib::Response& response, const Host::Result& result) {
   answer(response, result.ok ? 200 : 409, {{"ok", result.ok}, {"text", result.text}, {"run", result.run}});
+}
+
+/// A name goes to terminals, logs and file names.
+bool plain(const std::string& text) {
+  return std::none_of(text.begin(), text.end(), [](unsigned char c) { return c < 0x20 || c == 0x7f; });
 }
 
 constexpr std::size_t kLongestRequest = 4 * 1024 * 1024;
@@ -174,6 +180,12 @@ Api::Api(Host& host, const std::filesystem::path& socket_path, unsigned mode) : 
       options.specimen_text = body.value("specimen", "");
       options.specimen_name = body.value("specimen_name", "");
       options.operator_name = body.value("operator", "");
+      for (const auto& [key, text] : {std::pair{"protocol_name", options.protocol_name}, {"specimen_name", options.specimen_name},
+                                      {"operator", options.operator_name}}) {
+        if (plain(text)) continue;
+        answer(r, 400, {{"ok", false}, {"text", std::string("`") + key + "` holds a control character; one line of plain text is needed"}});
+        return;
+      }
       answer(r, host.start(options));
     } catch (const base::ConfigError& e) {
       answer(r, 400, {{"ok", false}, {"text", e.what()}});

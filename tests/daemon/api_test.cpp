@@ -76,6 +76,14 @@ TEST_F(ApiTest, EveryRefusalSaysWhatToDo) {
   EXPECT_THAT(list.text(), HasSubstr("JSON object"));
 }
 
+TEST_F(ApiTest, NamesAreOneLineOfPlainText) {
+  for (const auto* key : {"operator", "protocol_name", "specimen_name"}) {
+    const auto answer = request("POST /v1/start", std::string("{\"protocol\":\"x\",\"") + key + "\":\"a\\u001b[31m\"}");
+    EXPECT_EQ(answer.status, 400) << key;
+    EXPECT_THAT(answer.text(), HasSubstr(std::string("`") + key + "` holds a control character"));
+  }
+}
+
 TEST_F(ApiTest, BytesThatAreNoUtf8GetAnAnswerAllTheSame) {
   const auto answer = request("POST /v1/start", "{\"protocol\":\"\xff\xfe\"}");
   EXPECT_EQ(answer.status, 400);
