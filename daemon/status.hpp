@@ -49,7 +49,7 @@ struct Status {
   std::array<std::uint64_t, kLatenessBins> lateness{};  ///< since start
   std::uint64_t invalid_pressure = 0;  ///< sensor words that were no current reading, since start
   char not_ready[64] = {};             ///< what is missing for ready, in words
-  char fault[160] = {};                ///< the latched cause
+  char fault[224] = {};                ///< the latched cause
 };
 
 /// One writer that never waits, many readers that retry: a sequence lock over words that are themselves atomic, so

@@ -66,6 +66,19 @@ TEST(Commissioning, ItSaysTheSeverityThatTheCodeHas) {
   EXPECT_EQ(held, all(code, R"re(Severity::kProgramStop,\s*"([a-z_.]+)")re"));
 }
 
+TEST(Faults, EveryTextFitsWhereItGoes) {
+  // An event holds 160 characters, the status 224: "code: text (value, limit value)", whose numbers take 40 at most.
+  const auto code = slurp(std::string(ISORIG_SOURCE_DIR) + "/daemon/supervisor.cpp") + slurp(std::string(ISORIG_SOURCE_DIR) + "/daemon/core.cpp");
+  const std::regex regex(R"re("([a-z_]+\.[a-z_]+|recorder)",\s*"([^"]*)")re");
+  int texts = 0;
+  for (std::sregex_iterator i(code.begin(), code.end(), regex), end; i != end; ++i, ++texts) {
+    EXPECT_LT((*i)[2].length(), 160) << (*i)[1];
+    EXPECT_LT((*i)[1].length() + 2 + (*i)[2].length() + 40, 224) << (*i)[1];
+    EXPECT_LT((*i)[1].length(), 32);
+  }
+  EXPECT_GT(texts, 20);
+}
+
 TEST(States, EveryFaultOfTheCodeStandsThere) {
   const auto listed = all(slurp(std::string(ISORIG_SOURCE_DIR) + "/docs/states.md"), "`([a-z_]+(?:\\.[a-z_]+)?)`");
   for (const auto& code : faults_in_code()) EXPECT_THAT(listed, ::testing::Contains(code));
