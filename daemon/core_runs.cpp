@@ -67,7 +67,6 @@ void Core::take_requests(std::int64_t now_ns) noexcept {
           refuse("a calibration is put in force between runs");
         } else {
           config_.calibration = request.calibration;
-          supervisor_.rearm(now_ns);  // a step of the correction is no force rate
           emit(now_ns, Severity::kInfo, "calibration", "another calibration is in force", 0.0, 0.0);
         }
         break;
