@@ -84,6 +84,7 @@ std::string_view type_name(const toml::node& node) {
 }  // namespace
 
 std::string Diagnostic::text() const {
+  if (line == 0) return file + ": " + message;  // of the whole file
   return file + ":" + std::to_string(line) + ":" + std::to_string(column) + ": " + message;
 }
 

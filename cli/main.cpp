@@ -1,4 +1,5 @@
 #include <exception>
+#include <filesystem>
 #include <iostream>
 
 #include "base/toml_reader.hpp"
@@ -25,6 +26,10 @@ int main(int argc, char** argv) {
   } catch (const base::ConfigError& e) {
     std::cerr << e.what() << '\n';
     return cli::kBadInput;
+  } catch (const std::filesystem::filesystem_error& e) {
+    std::cerr << "isorig: cannot use " << e.path1().string() << ": " << e.code().message()
+              << "; name another place, or check that it is a directory that you may write\n";
+    return cli::kFailure;
   } catch (const std::exception& e) {
     std::cerr << "isorig: " << e.what() << '\n';
     return cli::kFailure;

@@ -105,7 +105,7 @@ class Compiler : private Evaluator {
       return;
     }
     if (pressurize == plan_.steps.end() || pressurize->kind != StepKind::kPressurize) {
-      note(table, {},
+      note(table, "steps",
            "a session begins with a pressurize (to 0 psi if it needs none), so that it can be resumed on its "
            "own from a vented actuator");
     } else {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 namespace isorig::protocol::syntax {
@@ -63,7 +64,8 @@ void read_value(Node& node, std::string_view key, Need need, const Names& scope)
     return;
   }
   if (node.table.type_of(key) != "string") {
-    const double value = node.table.number(key);
+    // Not the fallback that number() has for what is none: it would be complained about again.
+    const double value = node.table.number_or(key, std::numeric_limits<double>::quiet_NaN());
     const auto type = node.table.type_of(key);
     if ((type == "integer" || type == "float") && std::isfinite(value)) {
       node.values.emplace(name, Expression(value));

@@ -71,6 +71,26 @@ TEST(Cli, CheckSaysWhatThePapersProtocolTakes) {
   EXPECT_THAT(check.out, HasSubstr("NOT checked"));
 }
 
+TEST_F(CliFiles, OneComplaintForOneFaultAndWhereItIs) {
+  const auto path = write("x.toml", "format = \"isorig-protocol/1\"\nname = \"x\"\n\nsteps = [ { do = \"hold\", duration_s = nan } ]\n");
+  const auto nan = isorig("check " + path);
+  EXPECT_THAT(nan.out, HasSubstr("`duration_s` = nan"));
+  EXPECT_THAT(nan.out, testing::Not(HasSubstr("`duration_s` = 0")));
+  const auto first = isorig("check " + write("y.toml", "format = \"isorig-protocol/1\"\nname = \"y\"\n\nsteps = [ { do = \"hold\", duration_s = 1 } ]\n"));
+  EXPECT_THAT(first.out, HasSubstr("y.toml:4:"));  // where the steps are
+  EXPECT_THAT(first.out, HasSubstr("begins with a pressurize"));
+  const auto missing = isorig("check nowhere.toml");
+  EXPECT_THAT(missing.out, HasSubstr("nowhere.toml: cannot be opened"));
+}
+
+TEST_F(CliFiles, APlaceThatCannotBeUsedIsNamedWithWhatToDo) {
+  const auto file = write("afile", "");
+  const auto run = isorig("run config/protocols/vma-smoke.toml --rig config/rigs/sim.toml --quiet --runs " + file);
+  EXPECT_EQ(run.code, 1);
+  EXPECT_THAT(run.out, HasSubstr("cannot use " + file));
+  EXPECT_THAT(run.out, HasSubstr("name another place"));
+}
+
 TEST(Cli, PlanAsJsonIsWhole) {
   const auto plan = isorig("plan --json config/protocols/vma-isovelocity.toml");
   EXPECT_EQ(plan.code, 0);
