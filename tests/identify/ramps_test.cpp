@@ -57,7 +57,7 @@ TEST(Ramps, SaysThatSamplesAreTooFarApart) {
   double next_s = 0.0;
   for (std::size_t i = 0; i < recording.frame.size(); ++i) {
     if (recording.frame.t_s[i] < next_s) continue;
-    next_s = recording.frame.t_s[i] + 1.0;  // the recording itself comes in averages of 0.1 s: 1.1 s
+    next_s = recording.frame.t_s[i] + 1.0;  // of samples 0.2 s apart, or nearly: 1.1 s
     // Nothing of the protocol's rests is left either: strokes all the time, at one sample a second.
     const double phase = 1.9 * static_cast<double>(sparse.frame.size());
     sparse.frame.t_s.push_back(recording.frame.t_s[i]);
