@@ -30,7 +30,7 @@ struct Registration {
   Registration(int order, AddCommand add);
 };
 
-/// All that registered, in order.
-[[nodiscard]] std::vector<AddCommand> commands();
+/// The whole program: name, description, version and every command that registered, in order.
+[[nodiscard]] std::vector<Command> build(CLI::App& app);
 
 }  // namespace isorig::cli

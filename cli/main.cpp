@@ -7,13 +7,8 @@
 
 int main(int argc, char** argv) {
   using namespace isorig;
-  CLI::App app("Iso-velocity tests on pneumatic actuators: what a person or a script does with the rig",
-               "isorig");
-  app.require_subcommand(1);
-  app.footer(
-      "Exit codes: 0 ok, 1 failure, 2 usage, 3 bad input, 4 no daemon, 5 refused, 6 tripped, 7 data lost.");
-  std::vector<cli::Command> commands;
-  for (const auto add : cli::commands()) commands.push_back(add(app));
+  CLI::App app;
+  const auto commands = cli::build(app);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {

@@ -11,7 +11,7 @@ namespace isorig::cli {
 /// "latest"), or its directory, which needs no catalogue.
 struct RunArgument {
   std::string run;
-  std::string runs = daemon::default_runs().string();
+  std::string runs = daemon::default_catalogue().string();
 
   void add_to(CLI::App& sub) {
     sub.add_option("RUN", run, "Name of a run, the beginning of it, \"latest\", or a run's directory")

@@ -30,7 +30,7 @@ FoundRun find_run(const RunArgument& argument) {
 namespace {
 
 struct Options {
-  std::string runs = daemon::default_runs().string();
+  std::string runs = daemon::default_catalogue().string();
   bool json = false;
 };
 

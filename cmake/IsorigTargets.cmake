@@ -13,6 +13,9 @@ if(ISORIG_SANITIZE)
   add_link_options(-fsanitize=${ISORIG_SANITIZE})
 endif()
 
+# Every symbol is bound at start: in the loop the first call of a function must cost what every other costs.
+add_link_options(-Wl,-z,relro -Wl,-z,now)
+
 function(isorig_include_root room out)
   set(root ${PROJECT_BINARY_DIR}/include/${room})
   file(MAKE_DIRECTORY ${root})

@@ -164,7 +164,7 @@ void Daemon::Impl::start_threads() {
       // poll() itself waits for data; the pause only bounds a device that is not there.
       every(1'000'000, stop_io, [this] { pressure_service.run_once(clock.now_ns(), kPressureWaitNs); });
     });
-    spawn(io, "isorig-interlock", io_priority, [this] {
+    spawn(io, "isorig-chain", io_priority, [this] {
       // Woken by an edge where the device can do that, but no more often than a chattering contact may take of the
       // processor.
       every(kInterlockLeastNs, stop_io, [this] {

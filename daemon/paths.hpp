@@ -24,4 +24,14 @@ inline std::filesystem::path default_runs() {
   return "runs";
 }
 
+/// Where commands that only read look for runs: as above, but where there is no ./runs, in the service's if this user
+/// may look into it.
+inline std::filesystem::path default_catalogue() {
+  const auto own = default_runs();
+  std::error_code ignored;
+  if (std::getenv("ISORIG_RUNS") != nullptr || std::filesystem::is_directory(own, ignored)) return own;
+  const std::filesystem::path service = "/var/lib/isorig/runs";
+  return std::filesystem::is_directory(service, ignored) ? service : own;
+}
+
 }  // namespace isorig::daemon

@@ -143,7 +143,7 @@ SimConfig read_sim(const TomlTable& root, const std::filesystem::path& directory
 SimConfig load_sim(const std::filesystem::path& rig_file) {
   const auto document = base::TomlDocument::parse_file(rig_file);
   const TomlTable root = document.root();
-  SimConfig config = read_sim(root, rig_file.parent_path());
+  SimConfig config = read_sim(root, std::filesystem::weakly_canonical(rig_file).parent_path());
   root.ignore_rest();
   document.finish();
   return config;

@@ -58,7 +58,7 @@ TeensyPty::Options teensy_options(const WireRigConfig& config, const std::string
 WireRigConfig read_wire_rig(const std::filesystem::path& rig_file) {
   const auto document = base::TomlDocument::parse_file(rig_file);
   const auto root = document.root();
-  const auto directory = rig_file.parent_path();
+  const auto directory = std::filesystem::weakly_canonical(rig_file).parent_path();
   WireRigConfig config;
   config.sim = read_sim(root, directory);
   const auto frame = root.table("frame");

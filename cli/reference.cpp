@@ -1,0 +1,250 @@
+// Writes isorig's manual page and bash completion from what the program itself says of its commands and options, so
+// that neither can lag behind. Runs at build time; not installed.
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <iostream>
+#include <string>
+
+#include "cli/command.hpp"
+
+namespace {
+
+using isorig::cli::Command;
+
+constexpr const char* kDescription =
+    R"(.B isorig
+compiles and checks protocols, operates a rig through its daemon
+.BR isorigd (8),
+lists, shows and exports what was recorded, and analyses recordings: force\-velocity curves, and what a model of the
+actuator leaves out.
+.PP
+Protocols, rigs and specimens are TOML files; examples are in
+.I /usr/share/isorig
+and, for the daemon, in
+.IR /etc/isorig .
+Quantities are in mm, N, psi and s, extension and tension positive, pressures gauge.
+)";
+
+constexpr const char* kEnd =
+    R"(.SH EXIT STATUS
+.TS
+r l.
+0	ok
+1	failure
+2	usage
+3	bad input: everything wrong with it is listed
+4	no daemon answers
+5	the daemon refused, and said why
+6	the run tripped a limit or an interlock
+7	data were lost
+.TE
+.SH ENVIRONMENT
+.TP
+.B ISORIG_SOCKET
+The daemon's control socket, instead of
+.IR /run/isorig/isorigd.sock .
+.TP
+.B ISORIG_RUNS
+Where runs are kept, instead of
+.I ./runs
+or, for commands that only read, the service's
+.IR /var/lib/isorig/runs .
+.SH FILES
+.TP
+.I /run/isorig/isorigd.sock
+The service's control socket. Its users are in the group
+.BR isorig .
+.TP
+.I /var/lib/isorig/runs
+The service's recordings and their catalogue.
+.TP
+.I /usr/share/isorig/protocols
+Protocols to start from.
+.SH SEE ALSO
+.BR isorigd (8),
+.BR isorig\-simrig (1)
+)";
+
+std::string roff(const std::string& text) {
+  std::string out;
+  bool line_begins = true;
+  for (const char c : text) {
+    if (line_begins && (c == '.' || c == '\'')) out += "\\&";
+    line_begins = c == '\n';
+    if (c == '\\') {
+      out += "\\e";
+    } else if (c == '-') {
+      out += "\\-";
+    } else {
+      out += c;
+    }
+  }
+  return out;
+}
+
+std::string bold(const std::string& text) { return "\\fB" + roff(text) + "\\fR"; }
+std::string italic(const std::string& text) { return "\\fI" + roff(text) + "\\fR"; }
+
+/// "TEXT:{slse1,slse2}" -> "slse1,slse2"
+std::string choices_of(const CLI::Option& option) {
+  const std::string type = option.get_type_name();
+  const auto open = type.find('{'), close = type.rfind('}');
+  return open == std::string::npos || close < open ? "" : type.substr(open + 1, close - open - 1);
+}
+
+bool takes_value(const CLI::Option& option) { return option.get_items_expected_max() > 0; }
+bool repeats(const CLI::Option& option) { return option.get_items_expected_max() > 1; }
+
+std::string value_of(const CLI::Option& option) {
+  if (!takes_value(option)) return "";
+  std::string choices = choices_of(option);
+  std::replace(choices.begin(), choices.end(), ',', '|');
+  if (!choices.empty()) return choices;
+  const std::string type = option.get_type_name();
+  return type.empty() ? "VALUE" : type.substr(0, type.find(':'));
+}
+
+std::vector<const CLI::Option*> options_of(const CLI::App& app, bool positionals) {
+  return app.get_options([positionals](const CLI::Option* o) {
+    return o->get_positional() == positionals && !o->check_lname("help") && !o->get_group().empty();
+  });
+}
+
+std::string positional_name(const CLI::Option& option) {
+  std::string name = option.get_name(true);
+  std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return std::toupper(c); });
+  return name;
+}
+
+void print_option(const CLI::Option& option) {
+  std::cout << ".TP\n";
+  std::string names;
+  for (const auto& s : option.get_snames()) names += (names.empty() ? "" : ", ") + bold("-" + s);
+  for (const auto& l : option.get_lnames()) names += (names.empty() ? "" : ", ") + bold("--" + l);
+  if (const auto value = value_of(option); !value.empty()) names += " " + italic(value);
+  std::cout << names << '\n' << roff(option.get_description());
+  if (option.get_required()) std::cout << " (required)";
+  if (!option.get_default_str().empty()) std::cout << " (default: " << roff(option.get_default_str()) << ')';
+  std::cout << '\n';
+}
+
+void print_command(const CLI::App& app, const std::string& prefix) {
+  const std::string name = prefix + app.get_name();
+  std::cout << ".SS " << bold(name);
+  const auto options = options_of(app, false);
+  if (!options.empty()) std::cout << " [" << italic("options") << ']';
+  for (const auto* p : options_of(app, true)) {
+    const std::string word = italic(positional_name(*p)) + (repeats(*p) ? "..." : "");
+    std::cout << ' ' << (p->get_required() ? word : "[" + word + "]");
+  }
+  std::cout << '\n' << roff(app.get_description()) << ".\n";
+  for (const auto* p : options_of(app, true)) {
+    std::cout << ".TP\n" << italic(positional_name(*p)) << '\n' << roff(p->get_description()) << '\n';
+  }
+  for (const auto* o : options) print_option(*o);
+  for (const auto* sub : app.get_subcommands([](const CLI::App*) { return true; })) print_command(*sub, name + " ");
+}
+
+void print_manual(const CLI::App& app, const std::vector<Command>& commands, const std::string& version,
+                  const std::string& date) {
+  std::cout << "'\\\" t\n.TH ISORIG 1 " << date << " \"isorig " << version << "\" \"isorig\"\n"
+            << ".SH NAME\nisorig \\- " << "operate an iso\\-velocity rig and analyse its recordings\n"
+            << ".SH SYNOPSIS\n.B isorig\n.I command\n[\\,\\fIoptions\\fR\\/] [\\,\\fIarguments\\fR\\/]\n.br\n"
+            << ".B isorig\n[\\,\\fIcommand\\fR\\/] \\fB\\-\\-help\\fR\n"
+            << ".SH DESCRIPTION\n" << kDescription << ".SH OPTIONS\n.TP\n"
+            << bold("-h") << ", " << bold("--help") << "\nHelp on the program, or on the command before it.\n";
+  for (const auto* o : options_of(app, false)) print_option(*o);
+  std::cout << ".SH COMMANDS\n";
+  for (const auto& command : commands) {
+    if (!command.app->get_group().empty()) print_command(*command.app, "");
+  }
+  std::cout << kEnd;
+}
+
+/// One `case` arm per command path: its options, the values of those that take one, and what its arguments are.
+void print_arm(const CLI::App& app, const std::string& path) {
+  std::string words = "--help", values;
+  std::cout << "    '" << path << "')\n";
+  for (const auto* o : options_of(app, false)) {
+    for (const auto& l : o->get_lnames()) {
+      words += " --" + l;
+      if (!takes_value(*o)) continue;
+      std::string choices = choices_of(*o);
+      std::replace(choices.begin(), choices.end(), ',', ' ');
+      values += "        --" + l + ") values='" + (choices.empty() ? "@file" : choices) + "' ;;\n";
+    }
+  }
+  std::string arguments;
+  for (const auto* p : options_of(app, true)) {
+    if (arguments.empty()) arguments = positional_name(*p) == "RUN" ? "@run" : "@file";
+  }
+  std::string commands;
+  for (const auto* sub : app.get_subcommands([](const CLI::App* s) { return !s->get_group().empty(); })) {
+    commands += (commands.empty() ? "" : " ") + sub->get_name();
+  }
+  std::cout << "      options='" << words << "' commands='" << commands << "' arguments='" << arguments << "'\n";
+  if (!values.empty()) std::cout << "      case $1 in\n" << values << "      esac\n";
+  std::cout << "      ;;\n";
+  for (const auto* sub : app.get_subcommands([](const CLI::App* s) { return !s->get_group().empty(); })) {
+    print_arm(*sub, path.empty() ? sub->get_name() : path + " " + sub->get_name());
+  }
+}
+
+void print_completion(const CLI::App& app) {
+  std::cout << R"(# bash completion for isorig, made from the program's own commands and options
+_isorig_of() {  # <word before> <command path>: sets options, commands, arguments, values
+  options= commands= arguments= values=
+  case $2 in
+)";
+  print_arm(app, "");
+  std::cout << R"sh(  esac
+}
+
+_isorig() {
+  local cur=${COMP_WORDS[COMP_CWORD]} prev=${COMP_WORDS[COMP_CWORD-1]}
+  local path= i options commands arguments values
+  for ((i = 1; i < COMP_CWORD; ++i)); do
+    _isorig_of '' "$path"
+    if [[ " $commands " == *" ${COMP_WORDS[i]} "* ]]; then
+      path=${path:+$path }${COMP_WORDS[i]}
+    fi
+  done
+  _isorig_of "$prev" "$path"
+  COMPREPLY=()
+  if [[ -n $values ]]; then
+    [[ $values == @file ]] || { mapfile -t COMPREPLY < <(compgen -W "$values" -- "$cur"); return; }
+    compopt -o default 2>/dev/null
+  elif [[ $cur == -* ]]; then
+    mapfile -t COMPREPLY < <(compgen -W "$options" -- "$cur")
+  elif [[ -n $commands ]]; then
+    mapfile -t COMPREPLY < <(compgen -W "$commands" -- "$cur")
+  elif [[ $arguments == @run ]]; then
+    mapfile -t COMPREPLY < <(compgen -W "latest $(isorig runs --json 2>/dev/null | sed -n 's/^ *"id": "\([^"]*\)".*/\1/p')" -- "$cur")
+  elif [[ $arguments == @file ]]; then
+    compopt -o default 2>/dev/null
+  fi
+}
+complete -F _isorig isorig
+)sh";
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const std::string what = argc > 1 ? argv[1] : "";
+  // The defaults that the options show are those of an installed rig, not of whoever builds.
+  ::setenv("ISORIG_SOCKET", "/run/isorig/isorigd.sock", 1);
+  ::unsetenv("ISORIG_RUNS");
+  CLI::App app;
+  const auto commands = isorig::cli::build(app);
+  if (what == "manual" && argc == 4) {
+    print_manual(app, commands, argv[2], argv[3]);
+  } else if (what == "completion" && argc == 2) {
+    print_completion(app);
+  } else {
+    std::cerr << "usage: isorig-reference manual VERSION DATE | completion\n";
+    return 2;
+  }
+  return 0;
+}
