@@ -85,6 +85,13 @@ void TeensyPty::close_port() noexcept {
   to_device_.clear();
 }
 
+void TeensyPty::renew_port() {
+  const int old = master_fd_;
+  open_port();
+  ::close(old);
+  to_device_.clear();
+}
+
 void TeensyPty::follow_port_faults() {
   const bool is_unplugged = faults_.unplugged.load();
   if (is_unplugged || faults_.hung_up.load()) {
@@ -106,7 +113,9 @@ void TeensyPty::service(std::int64_t now_ns) {
     if (master_fd_ >= 0) {
       pollfd port{master_fd_, 0, 0};
       (void)poll(&port, 1, 0);
+      const bool was_open = is_open_;
       is_open_ = (port.revents & POLLHUP) == 0;
+      if (was_open && !is_open_) renew_port();
       if (!is_open_) to_host_.clear();
     }
     core_->set_serial(faults_.wrong_serial.load() ? "9999990" : options_.core.serial);

@@ -81,6 +81,9 @@ class TeensyPty final : private messages::teensy::Board {
   void power_up(std::uint64_t start_us);
   void open_port();
   void close_port() noexcept;
+  /// Another pty for the next host: unlike a real port, a pty keeps the exclusive use (TIOCEXCL) that a killed host
+  /// had asked for, and lets only root in again.
+  void renew_port();
   void follow_port_faults();
   void take_from_host();
   void give_to_host() noexcept;

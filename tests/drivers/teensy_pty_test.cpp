@@ -1,5 +1,8 @@
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/ioctl.h>
+#include <unistd.h>
 
 #include <atomic>
 #include <cmath>
@@ -30,6 +33,24 @@ TEST_F(TeensyOnPty, DeliversEverySampleOnceWithItsTime) {
   EXPECT_EQ(emulator->status().corrupt, 0U) << "nothing of the device's own came back as an echo";
   EXPECT_EQ(emulator->status().dropped, 0U);
   EXPECT_GT(backend_.heartbeats, 1000);
+}
+
+TEST_F(TeensyOnPty, AKilledHostLeavesThePortFree) {
+  start();
+  const int killed = ::open(link_.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
+  ASSERT_GE(killed, 0);
+  ASSERT_EQ(::ioctl(killed, TIOCEXCL), 0);
+  emulator->service(clock_.now_ns());
+  ::close(killed);
+  emulator->service(clock_.now_ns());
+  const int next = ::open(link_.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
+  ASSERT_GE(next, 0);
+  int exclusive = -1;  // asked for, since root gets in anyway
+  ASSERT_EQ(::ioctl(next, TIOCGEXCL, &exclusive), 0);
+  EXPECT_EQ(exclusive, 0);
+  ::close(next);
+  device->connect();
+  EXPECT_GT(run_for(100).samples.size(), 90U);
 }
 
 TEST_F(TeensyOnPty, BatchesAtFourKilohertz) {
