@@ -73,17 +73,18 @@ function(isorig_test name)
   gtest_discover_tests(${name} DISCOVERY_TIMEOUT 60 PROPERTIES TIMEOUT ${arg_TIMEOUT} LABELS "${labels}")
 endfunction()
 
-# isorig_vm_test(<name> COMMAND ... [MODULES ...] [TIMEOUT s] [ENVIRONMENT ...])
+# isorig_vm_test(<name> COMMAND ... [MODULES ...] [QEMU arguments...] [TIMEOUT s] [ENVIRONMENT ...])
 # Runs a command on Debian's own kernel in a virtual machine (docs/virtual-bench.md), one machine at a time.
 function(isorig_vm_test name)
-  cmake_parse_arguments(arg "" "TIMEOUT" "COMMAND;MODULES;ENVIRONMENT" ${ARGN})
+  cmake_parse_arguments(arg "" "TIMEOUT" "COMMAND;MODULES;QEMU;ENVIRONMENT" ${ARGN})
   if(NOT arg_TIMEOUT)
     set(arg_TIMEOUT 120)
   endif()
   list(JOIN arg_MODULES " " modules)
+  list(JOIN arg_QEMU " " qemu)
   math(EXPR limit "${arg_TIMEOUT} + 30")  # the machine's own limit comes first, and says what it saw
   add_test(NAME vm.${name} COMMAND ${PROJECT_SOURCE_DIR}/virtual-bench/run
-    --modules "${modules}" --timeout ${arg_TIMEOUT} -- ${arg_COMMAND})
+    --modules "${modules}" --qemu "${qemu}" --timeout ${arg_TIMEOUT} -- ${arg_COMMAND})
   set_tests_properties(vm.${name} PROPERTIES LABELS vm RESOURCE_LOCK virtual_machine
     FIXTURES_REQUIRED virtual_bench TIMEOUT ${limit} ENVIRONMENT "${arg_ENVIRONMENT}")
 endfunction()

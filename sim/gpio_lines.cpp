@@ -1,6 +1,10 @@
 #include "sim/gpio_lines.hpp"
 
+#include <fcntl.h>
+#include <unistd.h>
+
 #include <fstream>
+#include <string_view>
 #include <utility>
 
 namespace isorig::sim {
@@ -12,11 +16,13 @@ void GpioLines::service() {
   std::int64_t due_ns = 0;
   bool rising = false;
   if (!options_.sync_pull.empty() && edges_.next(clock_.now_ns(), due_ns, rising)) {
-    std::ofstream pull(options_.sync_pull);
+    const int fd = ::open(options_.sync_pull.c_str(), O_WRONLY | O_CLOEXEC);
+    const std::string_view level = rising ? "pull-up" : "pull-down";
     const std::int64_t before_ns = clock_.now_ns();
-    pull << (rising ? "pull-up" : "pull-down") << std::flush;
+    (void)!::write(fd, level.data(), level.size());
     // The edge lies between the two; a chip that is unplugged has none, and the Teensy raises its pin all the same.
     rig_.sync_edge((before_ns + clock_.now_ns()) / 2, rising);
+    ::close(fd);
   }
   if (!options_.vent_value.empty() && clock_.now_ns() >= next_valve_ns_) {
     next_valve_ns_ = clock_.now_ns() + kValvePeriod_ns;

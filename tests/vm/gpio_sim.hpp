@@ -50,6 +50,8 @@ class GpioSim {
     is_live_ = false;
   }
   [[nodiscard]] const std::string& chip() const { return chip_; }
+  /// The kernel's files of a line: `pull` drives it, `value` shows it.
+  [[nodiscard]] std::string file(std::size_t line, const std::string& name) const { return of(line) / name; }
 
  private:
   [[nodiscard]] std::filesystem::path of(std::size_t line) const {
