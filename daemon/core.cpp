@@ -109,6 +109,7 @@ void Core::read_pressure() noexcept {
     // A stale word is the last value once more: neither news for the loop nor a fault.
     if (!reading.fresh || !reading.plausible()) {
       if (!reading.plausible()) ++now_.invalid_pressure;
+      if ((reading.issues & messages::kElvhStuck) != 0) supervisor_.on_pressure_stuck();
       supervisor_.on_pressure_sample(r.mono_ns, r.pressure_psi, false);
       continue;
     }

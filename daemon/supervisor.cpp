@@ -131,6 +131,11 @@ void Supervisor::on_pressure_sample(std::int64_t mono_ns, double pressure_psi, b
   }
 }
 
+void Supervisor::on_pressure_stuck() noexcept {
+  note({Severity::kSafeState, "pressure.frozen", "the sensor sends one and the same count; check the sensor, its wires and the Teensy", 0.0,
+        0.0});
+}
+
 void Supervisor::on_device_vented() noexcept {
   note({Severity::kSafeState, "pressure.watchdog", "the Teensy missed our heartbeat and vented by itself; reset", 0.0,
         0.0});

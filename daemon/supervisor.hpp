@@ -49,6 +49,8 @@ class Supervisor {
   void on_frame_report(const frame::State& state) noexcept;
   /// `valid`: the word decoded to a plausible current reading.
   void on_pressure_sample(std::int64_t mono_ns, double pressure_psi, bool valid) noexcept;
+  /// The sensor sends fresh conversions, and has sent one and the same count for longer than noise can explain.
+  void on_pressure_stuck() noexcept;
   /// The pressure device's own watchdog opened the vent: it missed our heartbeat.
   void on_device_vented() noexcept;
   void on_interlock(const interlock::State& state) noexcept;

@@ -214,6 +214,14 @@ TEST_F(TripTest, AFrozenLoadCellIsNoticedWhileTheCrossheadMoves) {
   expect_trip("force.frozen", Severity::kProgramStop, config.core.supervisor.frozen_force_max_s + 0.1);
 }
 
+TEST_F(TripTest, APressureThatIsStuckIsNoticedWhileItIsHeld) {
+  start(kHold);
+  ASSERT_TRUE(run_until(20.0, [&] { return std::abs(bench->rig().truth().pressure_psi - 10.0) < 0.05; }));
+  run_for(2.0);
+  bench->rig().pressure().faults.stuck_value = true;
+  expect_trip("pressure.frozen", Severity::kSafeState, 5.1);  // 5000 conversions at 1 kHz
+}
+
 TEST_F(TripTest, AStalledDaemonBlamesItselfAndNotTheFrame) {
   start(kHold);
   ASSERT_TRUE(run_until(20.0, [&] { return std::abs(bench->rig().truth().pressure_psi - 10.0) < 0.05; }));
