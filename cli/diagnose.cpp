@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "cli/command.hpp"
+#include "cli/protocol_input.hpp"
 #include "identify/diagnose/diagnosis.hpp"
 #include "identify/diagnose/report.hpp"
 #include "messages/recording.hpp"
@@ -20,7 +21,7 @@ namespace {
 struct Options {
   std::vector<std::string> recordings;
   std::string model;
-  std::string out;
+  std::string out, rig;
   unsigned threads = 2;
   bool report = true;
 };
@@ -46,6 +47,7 @@ int diagnose(const Options& options) {
     }
   }
   identify::DiagnosisOptions settings;
+  if (!options.rig.empty()) settings.design.rig = read_rig_limits(options.rig);
   settings.threads = options.threads;
   std::optional<identify::Study> made;
   try {
@@ -69,7 +71,9 @@ int diagnose(const Options& options) {
       write(out / "nominal.toml", model::model_text(d.nominal, "The given model, refitted.")) &&
       write(out / "model.toml", model::model_text(d.model, "The model with what it lacked."));
   if (!written) return kFailure;
-  if (d.next_experiment && !write(out / "next_experiment.toml", d.next_experiment->protocol)) return kFailure;
+  // One of an earlier diagnosis would be taken for this one's.
+  std::filesystem::remove(out / "next_experiment.toml", error);
+  if (d.design.experiment && !write(out / "next_experiment.toml", d.design.experiment->protocol)) return kFailure;
   if (options.report) {
     try {
       identify::write_diagnosis_report(study, out);
@@ -88,6 +92,10 @@ int diagnose(const Options& options) {
   }
   if (!d.described_by.empty())
     std::printf("  unknown, described as a function of %s\n", d.described_by.c_str());
+  if (d.design.experiment)
+    std::printf("  tied: %s. To settle it: %s (next_experiment.toml, %.0f s)\n", d.design.separates().c_str(),
+                d.design.experiment->text.c_str(), d.design.experiment->duration_s);
+  for (const auto& pair : d.design.inseparable) std::printf("  %s\n", pair.text.c_str());
   for (const auto& fault : d.faults) std::printf("  data: %s\n", fault.text.c_str());
   std::printf("  rms %.4g N nominal, %.4g N with it; noise %.4g N; %s/\n", d.nominal_errors.train_rmse_N,
               d.model_errors.train_rmse_N, d.noise_N, options.out.c_str());
@@ -101,6 +109,8 @@ Command add_diagnose(CLI::App& app) {
   sub->add_option("RECORDING", options->recordings, "Folders of recordings, fitted jointly")->required();
   sub->add_option("--model", options->model, "Nominal model: slse1, slse2 or a TOML file")->required();
   sub->add_option("--out", options->out, "Folder for diagnosis.json, the models and report.html")->required();
+  sub->add_option("--rig", options->rig,
+                  "Rig whose limits a further experiment keeps (config/rigs/); else those of the recordings");
   sub->add_option("--threads", options->threads, "Threads to use")
       ->capture_default_str()
       ->check(CLI::Range(1, 64));

@@ -238,7 +238,8 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   out.model_errors.heldout_rmse_N = left_out_rmse(problem, out.model, options.threads);
   if (out.verdict != Verdict::kConsistent)
     out.where = locate(search.instrument_problem(), out.nominal, selection.noise_scale);
-  out.next_experiment = design_experiment(search, selection, options.limits);
+  out.design = design_experiment(search, selection, options.design, options.threads);
+  for (const Inseparable& pair : out.design.inseparable) out.notes.push_back(pair.text);
   note_equivalences(out.nominal, out);
   return study;
 }
@@ -273,13 +274,8 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
                              {"share", place.share},
                              {"share_ci95", {place.share_low, place.share_high}},
                              {"text", place.text}});
-  json["next_experiment"] = nullptr;
-  if (d.next_experiment)
-    json["next_experiment"] = {{"name", d.next_experiment->name},
-                               {"protocol", "next_experiment.toml"},
-                               {"duration_s", d.next_experiment->duration_s},
-                               {"distance", d.next_experiment->distance},
-                               {"separates", d.next_experiment->separates}};
+  json["next_experiment"] = experiment_json(d.design);
+  if (!d.design.inseparable.empty()) json["inseparable"] = inseparable_json(d.design);
   json["fit"] = {
       {"noise_N", d.noise_N},
       {"nominal",

@@ -70,7 +70,7 @@ struct Diagnosis {
   Errors model_errors;
   model::ModelSpec nominal;
   model::ModelSpec model;
-  std::optional<Experiment> next_experiment;
+  Design design;  ///< what would settle it, when explanations are tied
   std::string described_by;  ///< variable of the table that stands for unknown physics
   double unexplained = 0.0;  ///< share of the nominal model's excess that is left
 };
@@ -78,7 +78,7 @@ struct Diagnosis {
 struct DiagnosisOptions {
   unsigned threads = 2;
   SelectionOptions selection;
-  DesignLimits limits;
+  DesignOptions design;
 };
 
 /// A diagnosis with what it rests on, for the report.

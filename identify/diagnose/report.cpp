@@ -120,14 +120,7 @@ void write_diagnosis_report(const Study& study, const std::filesystem::path& fol
     }
     page.table({"explanation", "probability"}, rows);
   }
-  if (d.next_experiment) {
-    page.heading("What would settle it");
-    page.paragraph("next_experiment.toml (" + d.next_experiment->name + ", " +
-                   number_text(d.next_experiment->duration_s, 3) +
-                   " s): smallest whitened squared distance between two of the tied explanations " +
-                   number_text(d.next_experiment->distance, 3) + ".");
-    page.list(d.next_experiment->separates);
-  }
+  write_design(d.design, page);
   page.heading("Data");
   std::vector<std::string> items;
   for (const DataFault& fault : d.faults) items.push_back(fault.kind + ": " + fault.text);
