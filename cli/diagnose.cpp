@@ -1,19 +1,13 @@
-#include <cstdio>
 #include <filesystem>
-#include <fstream>
 #include <iostream>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <stdexcept>
-#include <thread>
 
 #include "cli/command.hpp"
+#include "cli/diagnosis_files.hpp"
 #include "cli/protocol_input.hpp"
-#include "identify/diagnose/diagnosis.hpp"
-#include "identify/diagnose/report.hpp"
 #include "messages/recording.hpp"
-#include "model/composed.hpp"
 
 namespace isorig::cli {
 namespace {
@@ -26,17 +20,8 @@ struct Options {
   bool report = true;
 };
 
-bool write(const std::filesystem::path& file, const std::string& text) {
-  std::ofstream stream(file, std::ios::binary | std::ios::trunc);
-  stream << text;
-  stream.flush();
-  if (!stream) std::cerr << file.string() << ": cannot be written\n";
-  return static_cast<bool>(stream);
-}
-
 int diagnose(const Options& options) {
-  model::ModelSpec nominal = model::nominal_model(options.model);
-  if (nominal.parts.empty()) nominal = model::read_model(options.model);
+  const model::ModelSpec nominal = read_nominal(options.model);
   std::vector<messages::Recording> recordings;
   for (const std::string& folder : options.recordings) {
     try {
@@ -56,49 +41,14 @@ int diagnose(const Options& options) {
     std::cerr << e.what() << '\n';
     return kBadInput;
   }
-  const identify::Study& study = *made;
-  const identify::Diagnosis& d = study.diagnosis;
-
-  const std::filesystem::path out(options.out);
   std::error_code error;
-  std::filesystem::create_directories(out, error);
+  std::filesystem::create_directories(options.out, error);
   if (error) {
     std::cerr << options.out << ": " << error.message() << '\n';
     return kFailure;
   }
-  const bool written =
-      write(out / "diagnosis.json", identify::diagnosis_json(d).dump(2) + "\n") &&
-      write(out / "nominal.toml", model::model_text(d.nominal, "The given model, refitted.")) &&
-      write(out / "model.toml", model::model_text(d.model, "The model with what it lacked."));
-  if (!written) return kFailure;
-  // One of an earlier diagnosis would be taken for this one's.
-  std::filesystem::remove(out / "next_experiment.toml", error);
-  if (d.design.experiment && !write(out / "next_experiment.toml", d.design.experiment->protocol)) return kFailure;
-  if (options.report) {
-    try {
-      identify::write_diagnosis_report(study, out);
-    } catch (const std::exception& e) {
-      // The diagnosis stands without its figures.
-      std::cerr << "report.html: " << e.what() << '\n';
-    }
-  }
-
-  std::printf("%s\n", std::string(identify::name_of(d.verdict)).c_str());
-  for (const auto& missing : d.missing) {
-    std::printf("  %-20s p = %.2f ", std::string(missing.effect->name).c_str(), missing.probability);
-    for (const auto& value : missing.parameters)
-      std::printf("  %s = %.4g [%.4g, %.4g]", value.name.c_str(), value.value, value.low, value.high);
-    std::printf("\n");
-  }
-  if (!d.described_by.empty())
-    std::printf("  unknown, described as a function of %s\n", d.described_by.c_str());
-  if (d.design.experiment)
-    std::printf("  tied: %s. To settle it: %s (next_experiment.toml, %.0f s)\n", d.design.separates().c_str(),
-                d.design.experiment->text.c_str(), d.design.experiment->duration_s);
-  for (const auto& pair : d.design.inseparable) std::printf("  %s\n", pair.text.c_str());
-  for (const auto& fault : d.faults) std::printf("  data: %s\n", fault.text.c_str());
-  std::printf("  rms %.4g N nominal, %.4g N with it; noise %.4g N; %s/\n", d.nominal_errors.train_rmse_N,
-              d.model_errors.train_rmse_N, d.noise_N, options.out.c_str());
+  write_diagnosis(*made, options.out, options.report);
+  print_diagnosis(made->diagnosis, options.out);
   return kOk;
 }
 

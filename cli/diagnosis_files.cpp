@@ -1,0 +1,55 @@
+#include "cli/diagnosis_files.hpp"
+
+#include <cstdio>
+#include <iostream>
+#include <nlohmann/json.hpp>
+
+#include "identify/diagnose/report.hpp"
+#include "identify/report/page.hpp"
+
+namespace isorig::cli {
+
+model::ModelSpec read_nominal(const std::string& model) {
+  model::ModelSpec nominal = model::nominal_model(model);
+  if (nominal.parts.empty()) nominal = model::read_model(model);
+  return nominal;
+}
+
+void write_diagnosis(const identify::Study& study, const std::filesystem::path& folder, bool report) {
+  using identify::report::write_text_file;
+  const identify::Diagnosis& d = study.diagnosis;
+  std::filesystem::create_directories(folder);
+  write_text_file(folder / "diagnosis.json", identify::diagnosis_json(d).dump(2) + "\n");
+  write_text_file(folder / "nominal.toml", model::model_text(d.nominal, "The given model, refitted."));
+  write_text_file(folder / "model.toml", model::model_text(d.model, "The model with what it lacked."));
+  // One of an earlier diagnosis would be taken for this one's.
+  std::filesystem::remove(folder / "next_experiment.toml");
+  if (d.design.experiment) write_text_file(folder / "next_experiment.toml", d.design.experiment->protocol);
+  if (!report) return;
+  try {
+    identify::write_diagnosis_report(study, folder);
+  } catch (const std::exception& e) {
+    std::cerr << "report.html: " << e.what() << '\n';
+  }
+}
+
+void print_diagnosis(const identify::Diagnosis& d, const std::filesystem::path& folder) {
+  std::printf("%s\n", std::string(identify::name_of(d.verdict)).c_str());
+  for (const auto& missing : d.missing) {
+    std::printf("  %-20s p = %.2f ", std::string(missing.effect->name).c_str(), missing.probability);
+    for (const auto& value : missing.parameters)
+      std::printf("  %s = %.4g [%.4g, %.4g]", value.name.c_str(), value.value, value.low, value.high);
+    std::printf("\n");
+  }
+  if (!d.described_by.empty())
+    std::printf("  unknown, described as a function of %s\n", d.described_by.c_str());
+  if (d.design.experiment)
+    std::printf("  tied: %s. To settle it: %s (next_experiment.toml, %.0f s)\n", d.design.separates().c_str(),
+                d.design.experiment->text.c_str(), d.design.experiment->duration_s);
+  for (const auto& pair : d.design.inseparable) std::printf("  %s\n", pair.text.c_str());
+  for (const auto& fault : d.faults) std::printf("  data: %s\n", fault.text.c_str());
+  std::printf("  rms %.4g N nominal, %.4g N with it; noise %.4g N; %s/\n", d.nominal_errors.train_rmse_N,
+              d.model_errors.train_rmse_N, d.noise_N, folder.c_str());
+}
+
+}  // namespace isorig::cli

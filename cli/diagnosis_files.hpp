@@ -1,0 +1,20 @@
+#pragma once
+#include <filesystem>
+#include <vector>
+
+#include "identify/diagnose/diagnosis.hpp"
+
+namespace isorig::cli {
+
+/// slse1, slse2 or a model file. Throws base::ConfigError.
+[[nodiscard]] model::ModelSpec read_nominal(const std::string& model);
+
+/// diagnosis.json, nominal.toml, model.toml, next_experiment.toml if there is one (else none is left there),
+/// and report.html unless it is not wanted. The diagnosis stands without its figures: what goes wrong with
+/// them is said on stderr. Throws std::runtime_error when a file cannot be written.
+void write_diagnosis(const identify::Study& study, const std::filesystem::path& folder, bool report);
+
+/// Verdict, effects with their numbers, ties, data faults and errors, for a terminal.
+void print_diagnosis(const identify::Diagnosis& diagnosis, const std::filesystem::path& folder);
+
+}  // namespace isorig::cli
