@@ -170,6 +170,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
       study.faults.push_back({"clock", drive.instants.front().t_s, drive.instants.back().t_s, 0, text});
     }
   }
+  share_noise(study.series);
   study.noise = instrument_noise(study.series, study.usable);
   const Search search(study.series, study.noise.noise, options.threads);
   study.selection = select_effects(search, nominal, options.selection);

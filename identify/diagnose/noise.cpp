@@ -10,6 +10,7 @@ namespace {
 struct Rest {
   std::vector<double> t_s;
   std::vector<double> force_N;
+  std::vector<double> readings;
 };
 
 std::vector<Rest> find_rests(const Series& series, const std::vector<bool>& usable) {
@@ -36,6 +37,7 @@ std::vector<Rest> find_rests(const Series& series, const std::vector<bool>& usab
       if (!rest.t_s.empty() && series.recording.frame.t_s[row] - rest.t_s.front() > kLongest_s) close();
       rest.t_s.push_back(series.recording.frame.t_s[row]);
       rest.force_N.push_back(series.recording.frame.force_N[row]);
+      rest.readings.push_back(row < series.readings.size() ? series.readings[row] : 1.0);
     }
   }
   close();
@@ -59,7 +61,8 @@ double score(std::span<const Rest> rests, const NoiseModel& noise) {
         mean *= decay;
         variance = variance * decay * decay + stationary * (1.0 - decay * decay);
       }
-      const double total = variance + white2;
+      const double white2_here = white2 / rest.readings[k];
+      const double total = variance + white2_here;
       const double since_s = rest.t_s[k] - rest.t_s[0];
       Vector e;
       e << 1.0, (rest.t_s[k] - middle) / 10.0, std::exp(-since_s / 4.0), std::exp(-since_s / 12.0),
@@ -68,7 +71,7 @@ double score(std::span<const Rest> rests, const NoiseModel& noise) {
       gram += e * e.transpose() / total;
       sum -= 0.5 * std::log(total);
       mean += variance / total * e;
-      variance *= white2 / total;
+      variance *= white2_here / total;
     }
     const Eigen::Matrix4d a = gram.topLeftCorner<4, 4>();
     const Eigen::Vector4d b = gram.topRightCorner<4, 1>();
@@ -90,8 +93,8 @@ InstrumentNoise instrument_noise(std::span<const Series> series, std::span<const
       rests.push_back(std::move(rest));
     }
     const auto& frame = series[i].recording.frame;
-    white = std::max(
-        {white, white_noise(frame.t_s, frame.force_N), quantisation(frame.force_N) / std::sqrt(12.0)});
+    white = std::max({white, series[i].reading_noise_N, white_noise(frame.t_s, frame.force_N),
+                      quantisation(frame.force_N) / std::sqrt(12.0)});
   }
   out.noise = {std::max(white, 1e-9), 0.0, 1.0};
   if (rows < 200) return out;

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "identify/diagnose/busy_motion.hpp"
+#include "identify/diagnose/readings.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -54,10 +55,14 @@ Series prepare_series(std::string name, messages::Recording recording, const std
   const auto& rows = series.drive.instants;
   const auto& force = series.recording.frame.force_N;
   const std::vector<double>& since = series.drive.since_corner_s;
+  Readings readings = readings_per_row(series.recording.frame);
+  series.reading_noise_N = readings.noise_N;
   if (series.drive.width > 1) {
+    series.readings.assign(rows.size(), 1.0);  // it never rests: there is nothing to average
     bin_busy(series, usable);
     return series;
   }
+  series.readings = std::move(readings.per_row);
   constexpr double kLongest_s = 2.0, kShareOfElapsed = 0.05;
 
   const double noise = std::max(white_noise(series.recording.frame.t_s, force), quantisation(force));
@@ -87,14 +92,15 @@ Series prepare_series(std::string name, messages::Recording recording, const std
       ++taken;
       if (!usable.empty() && !usable[k]) continue;
       const model::Instant& row = rows[k];
-      mean.t_s += row.t_s;
-      mean.position_mm += row.position_mm;
-      slid_mm += series.drive.slid_mm[k];
-      mean.velocity_mm_s += row.velocity_mm_s;
-      mean.acceleration_mm_s2 += row.acceleration_mm_s2;
-      mean.excess_pressure_psi += row.excess_pressure_psi;
-      force_sum += force[k];
-      weight += 1.0;
+      const double w = series.readings[k];
+      mean.t_s += w * row.t_s;
+      mean.position_mm += w * row.position_mm;
+      slid_mm += w * series.drive.slid_mm[k];
+      mean.velocity_mm_s += w * row.velocity_mm_s;
+      mean.acceleration_mm_s2 += w * row.acceleration_mm_s2;
+      mean.excess_pressure_psi += w * row.excess_pressure_psi;
+      force_sum += w * force[k];
+      weight += w;
     }
     if (weight == 0.0) {
       // Nothing usable: the motion still passes here, and the model must see it.
@@ -127,6 +133,19 @@ Series prepare_series(std::string name, messages::Recording recording, const std
   }
   series.first_row.push_back(rows.size());
   return series;
+}
+
+void share_noise(std::span<Series> series) {
+  constexpr double kClearly = 1.5;
+  double most_N = 0.0;
+  for (const Series& each : series) most_N = std::max(most_N, each.reading_noise_N);
+  for (Series& each : series) {
+    if (each.reading_noise_N <= 0.0 || most_N < kClearly * each.reading_noise_N) continue;
+    const double ratio = most_N / each.reading_noise_N;
+    for (double& count : each.count) count *= ratio * ratio;
+    for (double& readings : each.readings) readings *= ratio * ratio;
+    each.reading_noise_N = most_N;
+  }
 }
 
 }  // namespace isorig::identify
