@@ -384,12 +384,28 @@ Design design_experiment(const Search& search, const Selection& selection, const
     counts[p] = false;
     out.inseparable.push_back({pairs[p].truth, pairs[p].rival, distance, {}});
   }
-  describe_inseparable(out);
-  if (std::ranges::none_of(counts, std::identity())) return out;
-
   Choice choice;
   constexpr std::size_t kProofs = 6;
-  prove_some(designer, rated, counts, options.enough, kProofs, choice);
+  while (std::ranges::any_of(counts, std::identity())) {
+    choice = {};
+    prove_some(designer, rated, counts, options.enough, kProofs, choice);
+    if (choice.rated == nullptr || choice.least >= options.enough) break;
+    // To first order it was enough, and to the rival's other numbers it was nothing: does the experiment that
+    // is best for that pair fare better?
+    std::size_t worst = 0;
+    for (std::size_t p = 0; p < pairs.size(); ++p)
+      if (counts[p] && (!counts[worst] || choice.proof.distance[p] < choice.proof.distance[worst])) worst = p;
+    if (choice.proof.distance[worst] >= kHopeless) break;
+    std::vector<bool> only(pairs.size(), false);
+    only[worst] = true;
+    const double distance =
+        std::max(designer.prove(best_for(worst)->item, only).distance[worst], choice.proof.distance[worst]);
+    if (distance >= kHopeless) break;
+    counts[worst] = false;
+    out.inseparable.push_back({pairs[worst].truth, pairs[worst].rival, distance, {}});
+  }
+  describe_inseparable(out);
+  if (std::ranges::none_of(counts, std::identity())) return out;
   std::vector<Rated> both;
   if (choice.least < options.enough) {
     // Two of them in one session: the best for each pair, and the best for the worst pair.

@@ -132,6 +132,14 @@ std::vector<MenuItem> menu(const MenuLimits& limits) {
   Builder out(limits);
   const double fastest = limits.rig.speed_max_mm_s, slowest = std::max(limits.rig.speed_min_mm_s, 0.005);
   const double stroke = limits.stroke_mm;
+  // The whole stroke, and round lengths below it that are not nearly the same.
+  const auto lengths = [&](std::initializer_list<double> round) {
+    std::vector<double> out_mm;
+    for (const double length : round)
+      if (length < 0.95 * stroke) out_mm.push_back(length);
+    if (stroke > 0.0) out_mm.push_back(stroke);
+    return out_mm;
+  };
   std::string sweep;
   for (const double frequency : {0.5, 1.0, 2.0, 4.0}) {
     // The speed of whichever shape it becomes.
@@ -144,8 +152,7 @@ std::vector<MenuItem> menu(const MenuLimits& limits) {
   out.add("0.5, 1, 2 and 4 Hz, 5 times each", sweep);
 
   std::string ladder;
-  for (const double amplitude : {0.02, 0.05, 0.2, 1.0, 2.0, stroke}) {
-    if (amplitude > stroke) continue;
+  for (const double amplitude : lengths({0.02, 0.05, 0.2, 1.0, 2.0})) {
     for (const double velocity : {slowest, 0.02, 0.1, 0.5, 2.0, 5.0, fastest}) {
       if (velocity > fastest || velocity < slowest) continue;
       // What takes less than a tenth of a second from end to end is an oscillation, above.
@@ -158,8 +165,7 @@ std::vector<MenuItem> menu(const MenuLimits& limits) {
   }
   out.add("triangles from 0.02 mm to the whole stroke at 0.5 mm/s", ladder);
 
-  for (const double length : {1.0, 2.0, stroke}) {
-    if (length > stroke) continue;
+  for (const double length : lengths({1.0, 2.0})) {
     for (const double velocity : {0.1, 1.0, 0.3 * fastest, fastest}) {
       if (velocity > fastest || velocity < slowest) continue;
       for (const double rest_s : {3.0, 30.0})
@@ -169,7 +175,10 @@ std::vector<MenuItem> menu(const MenuLimits& limits) {
     }
   }
   for (const double hold_s : {120.0, 600.0, 1500.0}) {
-    out.add(text("standing still for %.4g s", hold_s), hold(hold_s));
+    // One that does not move at all could not be told from one whose position channel is dead.
+    const double least_mm = std::min(0.2, stroke);
+    out.add(text("a triangle of %.3g mm, then standing still for %.4g s", least_mm, hold_s),
+            triangle(least_mm, std::min(1.0, fastest), 1) + hold(hold_s));
     out.add(text("a stroke of %.3g mm and %.4g s rest", stroke, hold_s),
             ramp(stroke, fastest) + hold(hold_s) + ramp(0.0, fastest));
     // What goes with travel and what goes with time part ways.

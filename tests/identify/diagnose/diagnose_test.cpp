@@ -6,6 +6,7 @@
 #include "bench.hpp"
 #include "identify/diagnose/diagnosis.hpp"
 #include "model/catalogue.hpp"
+#include "protocol/compile.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -160,11 +161,47 @@ TEST(Diagnose, DesignsAnExperimentThatTellsALagFromADelay) {
     if (selection.pool[i].key() == "force_lag") selection.weight[selection.best = i] = 0.6;
     if (selection.pool[i].key() == "force_delay") selection.weight[i] = 0.4;
   }
-  const auto experiment = design_experiment(search, selection, {});
-  ASSERT_TRUE(experiment.has_value());
-  EXPECT_GT(experiment->distance, 40.0);
-  EXPECT_EQ(experiment->separates.size(), 2u);
-  EXPECT_NE(experiment->protocol.find("isorig-protocol/1"), std::string::npos);
+  const Design design = design_experiment(search, selection, {}, 2);
+  ASSERT_TRUE(design.experiment.has_value());
+  const Experiment& experiment = *design.experiment;
+  EXPECT_TRUE(experiment.enough);
+  EXPECT_GE(experiment.distance, design.enough);
+  EXPECT_EQ(design.tied.size(), 2u);
+  EXPECT_EQ(design.separates(), "force_lag from force_delay");
+  EXPECT_EQ(experiment.distances.size(), 2u);
+  EXPECT_TRUE(design.inseparable.empty());
+  // Without a rig, within what the recording has shown: 2 mm and 10 mm/s, give or take what noise adds.
+  const auto plan =
+      protocol::compile(base::TomlDocument::parse_text(experiment.protocol, "designed"), protocol::Limits{});
+  EXPECT_LE(plan.peak_speed_mm_s, 10.5);
+  EXPECT_LE(plan.position_max_mm, 2.05);
+  EXPECT_GE(plan.position_min_mm, -2.05);
+  EXPECT_NEAR(plan.nominal_s, experiment.duration_s, 0.2 * experiment.duration_s);
+}
+
+TEST(Diagnose, SaysThatNoExperimentSeparatesOneModelUnderTwoNames) {
+  // A relaxation of one hour is, on a recording of minutes and on any experiment that takes no longer than it
+  // is allowed to, a spring.
+  std::vector<messages::Recording> recordings{test::record({})};
+  Study study = diagnose(std::move(recordings), {"bench"}, model::nominal_model("slse1"), {});
+  Selection& selection = study.selection;
+  const Search search(study.series, study.noise.noise, 2);
+  Hypothesis slow = selection.nominal();
+  slow.effects = {model::find_physics("second_relaxation")};
+  slow.fit.spec.parts.push_back(
+      model::make_part(*slow.effects[0], *model::find_law(*slow.effects[0], "arm")));
+  slow.fit.spec.parts.back().coefficients[0] = 1e-4;
+  selection.pool = {selection.nominal(), slow};
+  selection.excess.assign(2, 0.0);
+  selection.weight = {0.5, 0.5};
+  selection.best = 0;
+  DesignOptions options;
+  options.longest_s = 300.0;
+  const Design design = design_experiment(search, selection, options, 2);
+  EXPECT_FALSE(design.experiment.has_value());
+  ASSERT_EQ(design.inseparable.size(), 1u);
+  EXPECT_LT(design.inseparable[0].distance, 20.0);
+  EXPECT_NE(design.inseparable[0].text.find("second_relaxation"), std::string::npos);
 }
 
 TEST(Diagnose, RefusesWhatCannotBeJudged) {
