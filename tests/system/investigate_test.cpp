@@ -131,7 +131,7 @@ INSTANTIATE_TEST_SUITE_P(
                          "[[part]]\nphysics = \"cyclic_softening\"\nlaw = \"elastic\"\ntravel_mm = 8\n"
                          "lost_N_mm = -0.01\n",
                          "0.1", "cyclic_softening", "zero_drift"}),
-    [](const auto& info) { return std::string(info.param.name); });
+    [](const auto& one) { return std::string(one.param.name); });
 
 TEST(Investigate, WithNothingMissingItEndsAfterTheFirstRecording) {
   const TempDir dir;
