@@ -83,6 +83,15 @@ void prefer_simpler_laws(Selection& selection, const Search& search) {
       selection.pool[selection.best] = std::move(best);
     }
   }
+  // Where what is left is far above the noise it is the laws' own error. Whitening it would let its fastest
+  // part, at reversals and corners, decide the numbers; plain least squares lets the bulk of the motion.
+  constexpr double kErrorRules = 30.0;
+  if (selection.noise_scale > kErrorRules) {
+    Hypothesis& chosen = selection.pool[selection.best];
+    const NoiseModel noise = chosen.fit.noise;
+    chosen.fit = search.fit_from(chosen.fit.spec, 30);
+    chosen.fit.noise = noise;
+  }
 }
 
 }  // namespace isorig::identify
