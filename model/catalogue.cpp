@@ -32,6 +32,7 @@ std::span<const Physics* const> effects() {
                               &effect::viscous_drag(),
                               &effect::friction_asymmetry(),
                               &effect::friction_with_pressure(),
+                              &effect::pressure_threshold(),
                               &effect::cell_nonlinearity(),
                               &effect::unsettled_start()};
   return all;

@@ -6,10 +6,11 @@ namespace isorig::identify {
 /// What the weights of the explanations claim, turned into how often such a claim is right. Weights speak of
 /// the catalogue alone; what it lacks can look like one of its entries. Fitted on development seeds of
 /// isorig-proof (docs/diagnosis.md has the numbers and the command that measures them again).
-[[nodiscard]] inline double calibrated(double weight, bool unknown_left) noexcept {
+[[nodiscard]] inline double calibrated(double weight, double unexplained, bool unknown_left) noexcept {
   // Where something stays unexplained, every name found beside it may be a part of that.
   constexpr double kSurest = 0.985, kSurestBesideUnknown = 0.85;
-  return std::clamp(weight, 0.0, 1.0) * (unknown_left ? kSurestBesideUnknown : kSurest);
+  const double known = 1.0 - std::clamp(unexplained, 0.0, 0.5);
+  return std::clamp(weight, 0.0, 1.0) * known * (unknown_left ? kSurestBesideUnknown : kSurest);
 }
 
 }  // namespace isorig::identify

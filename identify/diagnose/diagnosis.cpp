@@ -106,6 +106,14 @@ double left_out_rmse(const Problem& problem, const model::ModelSpec& spec, unsig
   return count > 0.0 ? std::sqrt(sum / count + white2 * std::max(0.0, 1.0 - bins / count)) : 0.0;
 }
 
+/// An isometric recording is driven by its pressure.
+bool pressure_moves(const messages::Recording& recording) {
+  if (!recording.pressure || recording.pressure->size() < 20) return false;
+  const auto& gauge = *recording.pressure;
+  const auto [low, high] = std::ranges::minmax_element(gauge.pressure_psi);
+  return *high - *low > 20.0 * white_noise(gauge.t_s, gauge.pressure_psi);
+}
+
 void note_equivalences(const model::ModelSpec& spec, Diagnosis& diagnosis) {
   const bool solid = spec.has("spring") && spec.has("maxwell");
   if (solid)
@@ -138,7 +146,10 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   for (std::size_t i = 0; i < recordings.size(); ++i) {
     const auto& t_s = recordings[i].frame.t_s;
     duration_s.push_back(t_s.empty() ? 0.0 : t_s.back() - t_s.front());
-    if (auto cut = cut_filling(recordings[i])) study.faults.push_back(std::move(*cut));
+    // A model that takes the pressure as an input is there to describe the filling.
+    if (!nominal.has("pressure_coupling")) {
+      if (auto cut = cut_filling(recordings[i])) study.faults.push_back(std::move(*cut));
+    }
     const auto& frame = recordings[i].frame;
     constexpr std::size_t kFewest = 100;
     if (frame.size() < kFewest)
@@ -146,7 +157,8 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
                                   " rows are too few to judge a model by (at least " +
                                   std::to_string(kFewest) + ")");
     const auto [low, high] = std::ranges::minmax_element(frame.position_mm);
-    if (*high - *low <= 20.0 * white_noise(frame.t_s, frame.position_mm))
+    const bool moves = *high - *low > 20.0 * white_noise(frame.t_s, frame.position_mm);
+    if (!moves && !(nominal.has("pressure_coupling") && pressure_moves(recordings[i])))
       throw std::invalid_argument(
           names[i] +
           ": nothing moves in this recording, or its samples are too far apart to follow the motion");
@@ -173,7 +185,9 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   share_noise(study.series);
   study.noise = instrument_noise(study.series, study.usable);
   const Search search(study.series, study.noise.noise, options.threads);
-  study.selection = select_effects(search, nominal, options.selection);
+  SelectionOptions selecting = options.selection;
+  if (study.noise.from_rests) selecting.most_noise_scale = 2.0;
+  study.selection = select_effects(search, nominal, selecting);
   prefer_simpler_laws(study.selection, search);
   const Selection& selection = study.selection;
   const Hypothesis& chosen = selection.chosen();
@@ -225,14 +239,14 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   const double left = selection.excess[selection.best], before = selection.excess[0];
   out.unexplained = before > 0.0 ? left / before : 0.0;
   out.described_by = chosen.empirical;
-  const bool structure_left = left > 0.25 * rows && left > 400.0;
+  const bool structure_left = left > 0.2 * rows && left > 400.0;
   // Physics that has no name in the catalogue, or too much left for the names found to be the story.
-  if (!chosen.empirical.empty() || (structure_left && (out.missing.empty() || out.unexplained > 0.15)))
+  if (!chosen.empirical.empty() || (structure_left && (out.missing.empty() || out.unexplained > 0.12)))
     out.verdict = Verdict::kUnknownPhysics;
   else if (!out.missing.empty())
     out.verdict = Verdict::kMissingPhysics;
   for (MissingEffect& missing : out.missing)
-    missing.probability = calibrated(missing.probability, out.verdict == Verdict::kUnknownPhysics);
+    missing.probability = calibrated(missing.probability, out.unexplained, out.verdict == Verdict::kUnknownPhysics);
   out.nominal_errors.train_rmse_N = rmse(out.nominal, study.series, study.usable);
   out.model_errors.train_rmse_N = rmse(out.model, study.series, study.usable);
   out.nominal_errors.heldout_rmse_N = left_out_rmse(problem, out.nominal, options.threads);

@@ -22,7 +22,12 @@ bool is_refinement(const model::Physics& physics) {
          &physics == &model::effect::friction_with_pressure();
 }
 
-/// By enough to tell friction that grows with pressure from friction.
+bool needs_wide_pressure(const model::Physics& physics) {
+  return &physics == &model::effect::friction_with_pressure() ||
+         &physics == &model::effect::pressure_threshold();
+}
+
+/// By enough to tell what grows with the pressure itself from what is there at any pressure.
 bool pressure_varies(std::span<const Series> series) {
   double low = 1e300, high = -1e300;
   for (const Series& each : series) {
@@ -150,9 +155,9 @@ std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
     // A nominal model that has it does not lack it.
     if (spec.has(effect->name) && effect != &model::effect::second_relaxation()) continue;
     const bool of_pressure =
-        effect == &model::effect::pressure_coupling() || effect == &model::effect::friction_with_pressure();
+        effect == &model::effect::pressure_coupling() || needs_wide_pressure(*effect);
     if (of_pressure && !with_pressure) continue;
-    if (effect == &model::effect::friction_with_pressure() && !pressure_varies(series_)) continue;
+    if (needs_wide_pressure(*effect) && !pressure_varies(series_)) continue;
     for (const model::Law& law : effect->laws) {
       // Every arm of the nominal model may be the one whose dashpot is not linear.
       std::vector<std::size_t> replaced{spec.parts.size()};

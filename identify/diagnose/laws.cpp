@@ -33,7 +33,7 @@ bool idle(const model::Part& part, const std::vector<NamedValue>& values) {
     const double reach = 1e-9 + 1e-6 * std::fabs(values[i].value);
     if (values[i].value <= found->lower + reach || values[i].value >= found->upper - reach) return true;
     // Zero means a simpler law only where zero can be reached.
-    if (!found->logarithmic && found->lower <= 0.0 && values[i].low <= 0.0) return true;
+    if (!found->logarithmic && found->lower == 0.0 && values[i].low <= 0.0) return true;
   }
   return false;
 }

@@ -80,7 +80,7 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
   Eigen::VectorXd residual;
   model::ModelSpec spec = pool[top].fit.spec;
   (void)search.instrument_problem().solve(spec, residual);
-  selection.noise_scale = block_median(residual);
+  selection.noise_scale = std::min(block_median(residual), options.most_noise_scale);
   const double noise = selection.noise_scale * static_cast<double>(pool[top].fit.rows);
   selection.excess.assign(pool.size(), 0.0);
   for (std::size_t i = 0; i < pool.size(); ++i)
@@ -90,7 +90,8 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
   std::vector<double> log_weight(pool.size());
   for (std::size_t i = 0; i < pool.size(); ++i) {
     const double likelihood = std::max(pool[top].evidence - pool[i].evidence, 0.0);
-    const double left = std::max(selection.excess[i] - selection.excess[top], 0.0);
+    // Not the clipped excesses: below the noise, too, less left is better.
+    const double left = std::max(pool[i].ls_chi2 - pool[top].ls_chi2, 0.0) / selection.noise_scale;
     const double variance = 0.5 * options.error_degrees * std::log1p(left / (selection.excess[top] + kFloor));
     log_weight[i] = -std::min(likelihood, variance) - cost[i];
   }

@@ -20,6 +20,7 @@ const Physics& slack();
 const Physics& viscous_drag();
 const Physics& friction_asymmetry();
 const Physics& friction_with_pressure();
+const Physics& pressure_threshold();
 const Physics& cell_nonlinearity();
 const Physics& unsettled_start();
 

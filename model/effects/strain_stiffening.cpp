@@ -45,6 +45,22 @@ class Knee : public Process {
   double position_mm_;
 };
 
+/// A knee that bends over a width: fibres that take up their load one after the other (a spread of lengths that
+/// is logistic).
+class SmoothKnee : public Process {
+ public:
+  SmoothKnee(double position_mm, double width_mm) noexcept : position_mm_(position_mm), width_mm_(width_mm) {}
+  void reset(const Instant&) noexcept override {}
+  void force(const Instant& now, double* columns) noexcept override {
+    const double u = (now.position_mm - position_mm_) / width_mm_;
+    columns[0] = width_mm_ * (std::fmax(u, 0.0) + std::log1p(std::exp(-std::fabs(u))));
+  }
+
+ private:
+  double position_mm_;
+  double width_mm_;
+};
+
 }  // namespace
 
 const Physics& strain_stiffening() {
@@ -52,8 +68,8 @@ const Physics& strain_stiffening() {
       "strain_stiffening",
       Stage::kSpecimen,
       "Elastic force that is nonlinear in strain.",
-      "Tondu 2012 (McKibben: stiffness grows with length); Fung 1967 (exponential). Linear and constant "
-      "parts "
+      "Tondu 2012 (McKibben: stiffness grows with length); Fung 1967 (exponential). Fibres of "
+      "spread slack lengths (Decraemer 1980). Linear and constant parts "
       "belong to the spring and the tare, so the position may be counted from anywhere.",
       "Slow triangle of the largest amplitude: the loading line is curved, the same at every velocity. "
       "Mistaken "
@@ -82,7 +98,14 @@ const Physics& strain_stiffening() {
         "F = k max(0, x - x0)",
         {{"position_mm", -1e3, 1e3, {-1.0, 1.0}}},
         {{"stiffness_N_mm", Sign::kFree}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Knee>(p[0]); }}}};
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Knee>(p[0]); }},
+       {"smooth_knee",
+        "F = k w ln(1 + exp((x - x0) / w))",
+        {{"position_mm", -1e3, 1e3, {-1.0, 1.0}}, {"width_mm", 0.02, 20.0, {0.3, 0.3}, true}},
+        {{"stiffness_N_mm", Sign::kFree}},
+        [](std::span<const double> p, const Reference&) {
+          return std::make_unique<SmoothKnee>(p[0], p[1]);
+        }}}};
   return physics;
 }
 

@@ -23,9 +23,10 @@ void tell(const RealCase& real, const Options& options) {
               real.known.data());
   if (!options.run) return;
   std::filesystem::remove(folder / "log.txt");
-  const ProcessResult result = run_process({options.isorig, "diagnose", folder / "recording", "--model",
-                                            folder / "nominal.toml", "--out", folder / "diagnosis"},
-                                           folder / "log.txt");
+  std::vector<std::string> command{options.isorig, "diagnose"};
+  for (std::size_t i = 0; i < real.files.size(); ++i) command.push_back(folder / recording_name(real, i));
+  command.insert(command.end(), {"--model", folder / "nominal.toml", "--out", folder / "diagnosis"});
+  const ProcessResult result = run_process(command, folder / "log.txt");
   if (result.exit_code != 0) {
     std::printf("  failed:   exit code %d, %s\n", result.exit_code, (folder / "log.txt").c_str());
     return;

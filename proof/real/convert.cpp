@@ -88,16 +88,34 @@ Recording emps(const std::filesystem::path& file) {
                       std::move(c[2]));
 }
 
-/// Arc length on a radius of 100 mm, and per kilogram there: the weight, known from mass and inertia of the
-/// pendulum, is the force that must have moved it: F = -W sin(angle), W = 113.7 1/s^2 * 0.1 m * 1 kg.
+/// Arc length on a radius of 100 mm, for 1 kg there. What is measured is the motion alone: its acceleration
+/// (a parabola through nine frames, 33 ms of a period of 590 ms) is the force that must have acted, and the
+/// weight, known from mass and inertia of the pendulum, is where the search starts: 113.7 1/s^2 * 0.1 m * 1 kg = 11.37 N.
 Recording pendulum(const std::filesystem::path& file) {
   constexpr std::string_view kNames[] = {"time_s", "angle_from_hanging_rad"};
   const auto c = read_columns(file, kNames);
-  constexpr double kRadius_mm = 100.0, kWeight_N = 11.37;
-  std::vector<double> force_N;
-  for (const double angle : c[1]) force_N.push_back(-kWeight_N * std::sin(angle));
-  Recording r = recording_of("pendulum", kRadius_mm, c[0], scaled(c[1], kRadius_mm), std::move(force_N));
-  thin(r.frame, [](std::size_t, double t_s) { return t_s > 0.1; });  // the hand has let go
+  constexpr double kRadius_mm = 100.0;
+  constexpr std::ptrdiff_t kReach = 4;
+  std::vector<double> arc_mm = scaled(c[1], kRadius_mm), t_s, force_N, position_mm;
+  for (std::ptrdiff_t i = kReach; i + kReach < std::ssize(arc_mm); ++i) {
+    // Evenly spaced frames: the parabola's normal equations are sums of powers.
+    double s2 = 0.0, s4 = 0.0, y0 = 0.0, y2 = 0.0;
+    for (std::ptrdiff_t j = -kReach; j <= kReach; ++j) {
+      const auto u = static_cast<double>(j);
+      s2 += u * u;
+      s4 += u * u * u * u;
+      y0 += arc_mm[i + j];
+      y2 += u * u * arc_mm[i + j];
+    }
+    constexpr double kCount = 2 * kReach + 1;
+    const double bend = (kCount * y2 - s2 * y0) / (kCount * s4 - s2 * s2);
+    const double dt_s = (c[0][i + kReach] - c[0][i - kReach]) / (2.0 * kReach);
+    t_s.push_back(c[0][i]);
+    position_mm.push_back((y0 - bend * s2) / kCount);
+    force_N.push_back(-1e-3 * 2.0 * bend / (dt_s * dt_s));
+  }
+  Recording r = recording_of("pendulum", kRadius_mm, std::move(t_s), std::move(position_mm), std::move(force_N));
+  thin(r.frame, [](std::size_t, double time_s) { return time_s > 0.1; });  // the hand has let go
   return r;
 }
 
@@ -130,9 +148,11 @@ Recording cylinder(const std::filesystem::path& file) {
   auto c = read_columns(file, kNames);
   for (auto& column : c) column.erase(column.begin(), column.begin() + 15);  // as the author does
   const auto pressure_psi = scaled(c[2], 1.0 / kPascal_per_psi);
-  return with_pressure(recording_of("pneumatic cylinder", 100.0, std::move(c[0]),
-                                    scaled(std::move(c[1]), 1e3), std::move(c[3])),
-                       pressure_psi);
+  Recording r = with_pressure(recording_of("pneumatic cylinder", 100.0, std::move(c[0]),
+                                           scaled(std::move(c[1]), 1e3), std::move(c[3])),
+                              pressure_psi);
+  r.metadata.nominal_pressure_psi = 0.0;  // force = pressure times area, from nothing
+  return r;
 }
 
 Recording festo(const std::filesystem::path& file) {
@@ -159,7 +179,9 @@ physics = "constant"
 constexpr std::string_view kSwing = R"(format = "isorig-model/1"
 name = "pendulum with a viscous joint"
 [[part]]
-physics = "mass"
+physics = "gravity"
+length_mm = 100.0
+weight_N = 11.37
 [[part]]
 physics = "dashpot"
 [[part]]
@@ -187,26 +209,42 @@ name = "pressure times area"
 [[part]]
 physics = "pressure_coupling"
 law = "force"
+force_N_psi = 3.385
+fixed = true
+[[part]]
+physics = "constant"
+)";
+constexpr std::string_view kMuscle = R"(format = "isorig-model/1"
+name = "force in proportion to the pressure"
+[[part]]
+physics = "pressure_coupling"
+law = "force"
 [[part]]
 physics = "constant"
 )";
 
-constexpr std::array kCases{
-    RealCase{"emps", "emps/emps_estimation.csv", "coulomb_friction, then friction_asymmetry",
+const std::array kCases{
+    RealCase{"emps", {"emps/emps_estimation.csv"}, "coulomb_friction, then friction_asymmetry",
              "M 95.11 kg, Fv 203.5 N s/m, Fc 20.39 N, offset -3.16 N (Janot, Gautier and Brunot 2019)", kAxis,
              emps},
-    RealCase{"pendulum", "pbj-pendulum/no_damper_trial_01.csv", "coulomb_friction",
+    RealCase{"pendulum", {"pbj-pendulum/no_damper_trial_01.csv"}, "coulomb_friction",
              "mass 1 kg by construction; friction 0.28 to 0.32 N per kg at 100 mm; no viscosity", kSwing,
              pendulum},
-    RealCase{"elastomer", "vhb4910-tape/relax_stretch2.0.csv", "second_relaxation",
+    RealCase{"elastomer", {"vhb4910-tape/relax_stretch2.0.csv"}, "second_relaxation",
              "three times in the hold: 3.5, 28 and 341 s", kOneTime, elastomer},
-    RealCase{"silicone", "elastomer-tensile/dragon_skin_30.csv", "strain_stiffening",
+    RealCase{"silicone", {"elastomer-tensile/dragon_skin_30.csv"}, "strain_stiffening",
              "residual of a line 9.7 %", kSpring, silicone},
-    RealCase{"festo", "festo-bpa-10mm-isometric/len20cm_short50_test9.csv",
-             "threshold pressure of 380 kPa (55 psi): not in the catalogue; load cell clipped at -8.735 N",
-             "residual of a line 44.5 %, with a threshold 10.0 %", kPiston, festo},
-    RealCase{"cylinder", "pneumatic-cylinder-friction/o-ring_3bar.csv", "coulomb_friction",
-             "5.5 N at 3 bar, area 490.9 mm^2 (3.385 N/psi)", kPiston, cylinder},
+    RealCase{"festo", {"festo-bpa-10mm-isometric/len20cm_short50_test9.csv"},
+             "pressure_threshold",
+             "about 380 kPa (55 psi); residual of a line 44.5 %, with a threshold 10.0 %; load cell clipped at "
+             "-8.735 N", kMuscle, festo},
+    RealCase{"cylinder", {"pneumatic-cylinder-friction/o-ring_3bar.csv"}, "coulomb_friction",
+             "5.5 N at 3 bar, area 490.9 mm^2 (3.385 N/psi, given)", kPiston, cylinder},
+    RealCase{"cylinder-pressures",
+             {"pneumatic-cylinder-friction/o-ring_1bar.csv", "pneumatic-cylinder-friction/o-ring_3bar.csv",
+              "pneumatic-cylinder-friction/o-ring_5bar.csv", "pneumatic-cylinder-friction/o-ring_7bar.csv"},
+             "coulomb_friction, then friction_with_pressure",
+             "3.9, 5.5, 7.0, 7.9 N at 1, 3, 5, 7 bar: about 0.046 N/psi", kPiston, cylinder},
 };
 
 }  // namespace
@@ -215,9 +253,14 @@ std::span<const RealCase> real_cases() {
   return kCases;
 }
 
+std::string recording_name(const RealCase& real, std::size_t i) {
+  return real.files.size() == 1 ? "recording" : "recording-" + std::to_string(i + 1);
+}
+
 void write_real_case(const RealCase& real, const std::filesystem::path& source,
                      const std::filesystem::path& out) {
-  messages::write_recording(out / "recording", real.convert(source / real.file));
+  for (std::size_t i = 0; i < real.files.size(); ++i)
+    messages::write_recording(out / recording_name(real, i), real.convert(source / real.files[i]));
   write_text(out / "nominal.toml", real.nominal_toml);
 }
 

@@ -13,7 +13,7 @@ namespace isorig::proof {
 
 struct RealCase {
   std::string_view name;
-  std::string_view file;      ///< below the folder of recordings
+  std::vector<std::string_view> files;  ///< below the folder of recordings; diagnosed together
   std::string_view left_out;  ///< what the nominal model lacks, as known from the source
   std::string_view known;     ///< published or checked values, in the units of the model
   std::string_view nominal_toml;
@@ -28,7 +28,9 @@ struct RealCase {
 [[nodiscard]] std::vector<std::vector<double>> read_columns(const std::filesystem::path& file,
                                                             std::span<const std::string_view> names);
 
-/// OUT/recording and OUT/nominal.toml.
+[[nodiscard]] std::string recording_name(const RealCase& real, std::size_t i);
+
+/// OUT/recording (or recording-1 and on, where there are several) and OUT/nominal.toml.
 void write_real_case(const RealCase& real, const std::filesystem::path& source,
                      const std::filesystem::path& out);
 
