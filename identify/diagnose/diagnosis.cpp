@@ -246,11 +246,13 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   else if (!out.missing.empty())
     out.verdict = Verdict::kMissingPhysics;
   for (MissingEffect& missing : out.missing)
-    missing.probability = calibrated(missing.probability, out.unexplained, out.verdict == Verdict::kUnknownPhysics);
+    missing.probability =
+        calibrated(missing.probability, out.unexplained, out.verdict == Verdict::kUnknownPhysics);
   out.nominal_errors.train_rmse_N = rmse(out.nominal, study.series, study.usable);
   out.model_errors.train_rmse_N = rmse(out.model, study.series, study.usable);
   out.nominal_errors.heldout_rmse_N = left_out_rmse(problem, out.nominal, options.threads);
   out.model_errors.heldout_rmse_N = left_out_rmse(problem, out.model, options.threads);
+  out.heldout = study_heldout(problem, out.nominal, out.model, options.threads);
   if (out.verdict != Verdict::kConsistent)
     out.where = locate(search.instrument_problem(), out.nominal, selection.noise_scale);
   out.design = design_experiment(search, selection, options.design, options.threads);
@@ -298,6 +300,19 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
         {"heldout_rmse_N", d.nominal_errors.heldout_rmse_N}}},
       {"model",
        {{"train_rmse_N", d.model_errors.train_rmse_N}, {"heldout_rmse_N", d.model_errors.heldout_rmse_N}}}};
+  json["heldout"] = ordered_json::array();
+  for (const LeftOut& one : d.heldout.left_out)
+    json["heldout"].push_back({{"by", one.by},
+                               {"left_out", one.value},
+                               {"readings", one.readings},
+                               {"nominal_rmse_N", one.nominal_rmse_N},
+                               {"model_rmse_N", one.model_rmse_N}});
+  json["stability"] = ordered_json::array();
+  for (const Stability& one : d.heldout.stability)
+    json["stability"].push_back({{"parameter", one.parameter},
+                                 {"value", one.value},
+                                 {"lowest", one.lowest},
+                                 {"highest", one.highest}});
   json["noise"] = {{"white_N", d.instrument.white_N},
                    {"coloured_N", d.instrument.coloured_N},
                    {"correlation_s", d.instrument.correlation_s},

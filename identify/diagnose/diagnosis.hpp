@@ -7,6 +7,7 @@
 
 #include "identify/diagnose/design.hpp"
 #include "identify/diagnose/guard.hpp"
+#include "identify/diagnose/heldout.hpp"
 #include "identify/diagnose/intervals.hpp"
 #include "identify/diagnose/noise.hpp"
 #include "identify/diagnose/select.hpp"
@@ -68,6 +69,7 @@ struct Diagnosis {
   bool noise_from_rests = false;
   Errors nominal_errors;
   Errors model_errors;
+  HeldoutStudy heldout;
   model::ModelSpec nominal;
   model::ModelSpec model;
   Design design;  ///< what would settle it, when explanations are tied

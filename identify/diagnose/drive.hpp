@@ -42,7 +42,7 @@ struct Drive {
   double pressure_noise_psi = 0.0;
   double pressure_clock_s = 0.0;        ///< its time stamps minus the frame's, 0 when it cannot be told
   double pressure_clock_error_s = 0.0;  ///< 95 % half-width
-  std::vector<double> since_corner_s;  ///< per row: time since the motion last changed its velocity
+  std::vector<double> since_corner_s;   ///< per row: time since the motion last changed its velocity
   /// Rows that position and force are averaged over, three times, in a recording whose motion changes its
   /// velocity most of the time (busy_motion.hpp); 1 otherwise.
   std::size_t width = 1;

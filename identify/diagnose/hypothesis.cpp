@@ -154,8 +154,7 @@ std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
     if (is_refinement(*effect) && !spec.has("coulomb_friction")) continue;
     // A nominal model that has it does not lack it.
     if (spec.has(effect->name) && effect != &model::effect::second_relaxation()) continue;
-    const bool of_pressure =
-        effect == &model::effect::pressure_coupling() || needs_wide_pressure(*effect);
+    const bool of_pressure = effect == &model::effect::pressure_coupling() || needs_wide_pressure(*effect);
     if (of_pressure && !with_pressure) continue;
     if (needs_wide_pressure(*effect) && !pressure_varies(series_)) continue;
     for (const model::Law& law : effect->laws) {

@@ -80,6 +80,19 @@ void write_diagnosis_report(const Study& study, const std::filesystem::path& fol
        {"model with it, the same", number_text(d.model_errors.heldout_rmse_N)},
        {"noise of the force channel", number_text(d.noise_N)}},
       "Measured minus simulated force");
+  if (!d.heldout.left_out.empty()) {
+    std::vector<std::vector<std::string>> rows;
+    for (const LeftOut& one : d.heldout.left_out)
+      rows.push_back({one.by, one.value, number_text(one.nominal_rmse_N), number_text(one.model_rmse_N)});
+    page.table({"left out", "", "nominal model, rms N", "model with it, rms N"}, rows,
+               "Motions left out of the fit in turn, and predicted");
+    rows.clear();
+    for (const Stability& one : d.heldout.stability)
+      rows.push_back(
+          {one.parameter, number_text(one.value), number_text(one.lowest), number_text(one.highest)});
+    page.table({"number of the model", "from everything", "lowest", "highest"}, rows,
+               "The model's numbers over these fits");
+  }
   for (std::size_t i = 0; i < study.series.size(); ++i) {
     const Residuals r = residuals(study.series[i], study.usable[i], d);
     report::Figure figure;

@@ -36,8 +36,8 @@ struct SelectionOptions {
   /// than noise, likelihoods overstate: two explanations are then compared by what they leave, as variances
   /// with this many degrees of freedom (calibrated on simulated cases, docs/diagnosis.md).
   double error_degrees = 12.0;
-  /// The instrument's noise as measured in rests can be wrong by this much in power, not more; where there were
-  /// no rests it is a guess, and the quietest half of the recording says.
+  /// The instrument's noise as measured in rests can be wrong by this much in power, not more; where there
+  /// were no rests it is a guess, and the quietest half of the recording says.
   double most_noise_scale = 1e12;
   /// What a model errs by that lacks nothing worth a name: in noises of a reading, and as a share of the
   /// largest effect in it (material.hpp).

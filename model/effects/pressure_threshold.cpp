@@ -25,7 +25,8 @@ const Physics& pressure_threshold() {
   static const Physics physics{
       "pressure_threshold",
       Stage::kSpecimen,
-      "A muscle that pulls only beyond the pressure that has straightened its bladder and laid it on the braid.",
+      "A muscle that pulls only beyond the pressure that has straightened its bladder and laid it on the "
+      "braid.",
       "Threshold pressure of McKibben muscles: Chou & Hannaford 1996; Klute & Hannaford 2000.",
       "Fill slowly at a fixed length: the force stands still, then rises in proportion to the pressure.",
       {{"dead_zone",

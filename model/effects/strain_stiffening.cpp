@@ -45,8 +45,8 @@ class Knee : public Process {
   double position_mm_;
 };
 
-/// A knee that bends over a width: fibres that take up their load one after the other (a spread of lengths that
-/// is logistic).
+/// A knee that bends over a width: fibres that take up their load one after the other (a spread of lengths
+/// that is logistic).
 class SmoothKnee : public Process {
  public:
   SmoothKnee(double position_mm, double width_mm) noexcept : position_mm_(position_mm), width_mm_(width_mm) {}

@@ -90,7 +90,8 @@ Recording emps(const std::filesystem::path& file) {
 
 /// Arc length on a radius of 100 mm, for 1 kg there. What is measured is the motion alone: its acceleration
 /// (a parabola through nine frames, 33 ms of a period of 590 ms) is the force that must have acted, and the
-/// weight, known from mass and inertia of the pendulum, is where the search starts: 113.7 1/s^2 * 0.1 m * 1 kg = 11.37 N.
+/// weight, known from mass and inertia of the pendulum, is where the search starts: 113.7 1/s^2 * 0.1 m * 1
+/// kg = 11.37 N.
 Recording pendulum(const std::filesystem::path& file) {
   constexpr std::string_view kNames[] = {"time_s", "angle_from_hanging_rad"};
   const auto c = read_columns(file, kNames);
@@ -114,7 +115,8 @@ Recording pendulum(const std::filesystem::path& file) {
     position_mm.push_back((y0 - bend * s2) / kCount);
     force_N.push_back(-1e-3 * 2.0 * bend / (dt_s * dt_s));
   }
-  Recording r = recording_of("pendulum", kRadius_mm, std::move(t_s), std::move(position_mm), std::move(force_N));
+  Recording r =
+      recording_of("pendulum", kRadius_mm, std::move(t_s), std::move(position_mm), std::move(force_N));
   thin(r.frame, [](std::size_t, double time_s) { return time_s > 0.1; });  // the hand has let go
   return r;
 }
@@ -224,27 +226,51 @@ physics = "constant"
 )";
 
 const std::array kCases{
-    RealCase{"emps", {"emps/emps_estimation.csv"}, "coulomb_friction, then friction_asymmetry",
-             "M 95.11 kg, Fv 203.5 N s/m, Fc 20.39 N, offset -3.16 N (Janot, Gautier and Brunot 2019)", kAxis,
+    RealCase{"emps",
+             {"emps/emps_estimation.csv"},
+             "coulomb_friction, then friction_asymmetry",
+             "M 95.11 kg, Fv 203.5 N s/m, Fc 20.39 N, offset -3.16 N (Janot, Gautier and Brunot 2019)",
+             kAxis,
              emps},
-    RealCase{"pendulum", {"pbj-pendulum/no_damper_trial_01.csv"}, "coulomb_friction",
-             "mass 1 kg by construction; friction 0.28 to 0.32 N per kg at 100 mm; no viscosity", kSwing,
+    RealCase{"pendulum",
+             {"pbj-pendulum/no_damper_trial_01.csv"},
+             "coulomb_friction",
+             "mass 1 kg by construction; friction 0.28 to 0.32 N per kg at 100 mm; no viscosity",
+             kSwing,
              pendulum},
-    RealCase{"elastomer", {"vhb4910-tape/relax_stretch2.0.csv"}, "second_relaxation",
-             "three times in the hold: 3.5, 28 and 341 s", kOneTime, elastomer},
-    RealCase{"silicone", {"elastomer-tensile/dragon_skin_30.csv"}, "strain_stiffening",
-             "residual of a line 9.7 %", kSpring, silicone},
-    RealCase{"festo", {"festo-bpa-10mm-isometric/len20cm_short50_test9.csv"},
-             "pressure_threshold",
-             "about 380 kPa (55 psi); residual of a line 44.5 %, with a threshold 10.0 %; load cell clipped at "
-             "-8.735 N", kMuscle, festo},
-    RealCase{"cylinder", {"pneumatic-cylinder-friction/o-ring_3bar.csv"}, "coulomb_friction",
-             "5.5 N at 3 bar, area 490.9 mm^2 (3.385 N/psi, given)", kPiston, cylinder},
+    RealCase{"elastomer",
+             {"vhb4910-tape/relax_stretch2.0.csv"},
+             "second_relaxation",
+             "three times in the hold: 3.5, 28 and 341 s",
+             kOneTime,
+             elastomer},
+    RealCase{"silicone",
+             {"elastomer-tensile/dragon_skin_30.csv"},
+             "strain_stiffening",
+             "residual of a line 9.7 %",
+             kSpring,
+             silicone},
+    RealCase{
+        "festo",
+        {"festo-bpa-10mm-isometric/len20cm_short50_test9.csv"},
+        "pressure_threshold",
+        "about 380 kPa (55 psi); residual of a line 44.5 %, with a threshold 10.0 %; load cell clipped at "
+        "-8.735 N",
+        kMuscle,
+        festo},
+    RealCase{"cylinder",
+             {"pneumatic-cylinder-friction/o-ring_3bar.csv"},
+             "coulomb_friction",
+             "5.5 N at 3 bar, area 490.9 mm^2 (3.385 N/psi, given)",
+             kPiston,
+             cylinder},
     RealCase{"cylinder-pressures",
              {"pneumatic-cylinder-friction/o-ring_1bar.csv", "pneumatic-cylinder-friction/o-ring_3bar.csv",
               "pneumatic-cylinder-friction/o-ring_5bar.csv", "pneumatic-cylinder-friction/o-ring_7bar.csv"},
              "coulomb_friction, then friction_with_pressure",
-             "3.9, 5.5, 7.0, 7.9 N at 1, 3, 5, 7 bar: about 0.046 N/psi", kPiston, cylinder},
+             "3.9, 5.5, 7.0, 7.9 N at 1, 3, 5, 7 bar: about 0.046 N/psi",
+             kPiston,
+             cylinder},
 };
 
 }  // namespace

@@ -14,8 +14,8 @@ namespace isorig::proof {
 struct RealCase {
   std::string_view name;
   std::vector<std::string_view> files;  ///< below the folder of recordings; diagnosed together
-  std::string_view left_out;  ///< what the nominal model lacks, as known from the source
-  std::string_view known;     ///< published or checked values, in the units of the model
+  std::string_view left_out;            ///< what the nominal model lacks, as known from the source
+  std::string_view known;               ///< published or checked values, in the units of the model
   std::string_view nominal_toml;
   /// From the columns of the file to a recording.
   messages::Recording (*convert)(const std::filesystem::path& file);
