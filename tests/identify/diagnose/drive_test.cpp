@@ -1,0 +1,123 @@
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+#include <random>
+
+#include "identify/diagnose/busy_motion.hpp"
+#include "identify/diagnose/corner_motion.hpp"
+#include "identify/diagnose/pressure_drive.hpp"
+#include "identify/diagnose/series.hpp"
+
+namespace isorig::identify {
+namespace {
+
+constexpr double kTau = 2.0 * std::numbers::pi;
+
+/// A servo axis: 95 kg on a sum of two sines, encoder noise of 0.2 um at 1 kHz. The acceleration's noise
+/// power may be 0.2 % of its own (busy_motion.hpp), which pulls the mass by as much; force noise of 1 N on an
+/// rms of some 40 N over 10 000 rows adds 1 / (40 sqrt(10000)) = 0.03 %.
+TEST(BusyMotion, KeepsAMassWithinHalfAPercent) {
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal;
+  messages::Recording recording;
+  recording.metadata.rest_length_mm = 100.0;
+  constexpr double kMass_kg = 95.0;
+  for (int k = 0; k < 10000; ++k) {
+    const double t = 1e-3 * k, w1 = kTau * 0.4, w2 = kTau * 1.3;
+    const double x = 100.0 * std::sin(w1 * t) + 8.0 * std::sin(w2 * t);
+    const double a = -100.0 * w1 * w1 * std::sin(w1 * t) - 8.0 * w2 * w2 * std::sin(w2 * t);
+    recording.frame.t_s.push_back(t);
+    recording.frame.position_mm.push_back(x + 2e-4 * normal(random));
+    recording.frame.force_N.push_back(kMass_kg * 1e-3 * a + normal(random));
+  }
+  const Series series = prepare_series("axis", recording, {});
+  ASSERT_GT(series.drive.width, 1u);
+  double af = 0.0, aa = 0.0;
+  for (std::size_t k = 0; k < series.nodes.size(); ++k) {
+    const double a = series.nodes[k].acceleration_mm_s2 * 1e-3;
+    af += series.count[k] * a * series.force_N[k];
+    aa += series.count[k] * a * a;
+  }
+  EXPECT_NEAR(af / aa, kMass_kg, 0.005 * kMass_kg);
+}
+
+TEST(BandLimited, KeepsAStraightLineAndNarrowsAStep) {
+  std::vector<double> line, step;
+  for (int k = 0; k < 200; ++k) {
+    line.push_back(3.0 + 0.5 * k);
+    step.push_back(k < 100 ? 0.0 : 1.0);
+  }
+  const auto straight = band_limited(line, 9);
+  for (std::size_t k = 0; k < line.size(); ++k) EXPECT_NEAR(straight[k], line[k], 1e-9);
+  const auto soft = band_limited(step, 9);
+  // No phase: the middle stays between the rows it was between; three means of 9 reach 12 rows.
+  EXPECT_NEAR(0.5 * (soft[99] + soft[100]), 0.5, 1e-12);
+  EXPECT_EQ(soft[87], 0.0);
+  EXPECT_NEAR(soft[112], 1.0, 1e-12);
+}
+
+/// Half a second of acceleration 400 mm/s^2 that comes and goes as a raised cosine, at 200 Hz, noise 0.5 um.
+/// Second differences of single readings would err by 0.5 um sqrt(6) / (5 ms)^2 = 49 mm/s^2 rms.
+TEST(SmoothCorners, FollowsAnAccelerationBelowTheNoiseOfItsReadings) {
+  std::mt19937 random(5);
+  std::normal_distribution<double> normal;
+  std::vector<double> t_s, reading, truth;
+  double v = 0.0, x = 0.0;
+  for (int k = 0; k < 4000; ++k) {
+    const double t = 1e-3 * k - 2.0;
+    const double a = std::fabs(t) < 0.1 ? 200.0 * (1.0 + std::cos(kTau * t / 0.2)) : 0.0;
+    if (k % 5 == 0) {
+      t_s.push_back(1e-3 * k);
+      reading.push_back(x + 5e-4 * normal(random));
+      truth.push_back(a);
+    }
+    x += 1e-3 * v + 0.5e-6 * a;
+    v += 1e-3 * a;
+  }
+  Motion motion = smooth_motion(t_s, reading);
+  smooth_corners(t_s, reading, motion);
+  double squares = 0.0;
+  int count = 0;
+  for (std::size_t k = 0; k < t_s.size(); ++k) {
+    if (std::fabs(t_s[k] - 2.0) > 0.1) continue;
+    squares += std::pow(motion.acceleration_mm_s2[k] - truth[k], 2);
+    ++count;
+  }
+  EXPECT_LT(std::sqrt(squares / count), 30.0);
+}
+
+/// Ramps every 40 s whose droop recovers in 1.5 s; a gauge at 5 Hz whose stamps are 0.15 s late, noise a
+/// tenth of the droop.
+TEST(PressureDrive, FindsTheGaugesClockAndFillsItsGaps) {
+  std::mt19937 random(7);
+  std::normal_distribution<double> normal;
+  constexpr double kClock_s = 0.15, kDroop_psi_mm = 0.04, kRecovery_s = 1.5, kStep_s = 0.01;
+  std::vector<double> t_s, position_mm, truth_psi;
+  messages::PressureSamples gauge;
+  double x = 0.0, droop = 0.0;
+  for (int k = 0; k < 60000; ++k) {
+    const double t = kStep_s * k, phase = std::fmod(t, 80.0);
+    const double v = phase > 10.0 && phase < 10.5 ? 4.0 : phase > 50.0 && phase < 50.5 ? -4.0 : 0.0;
+    t_s.push_back(t);
+    position_mm.push_back(x);
+    truth_psi.push_back(15.0 + droop);
+    if (k % 20 == 7) {
+      gauge.t_s.push_back(t + kClock_s);
+      gauge.pressure_psi.push_back(15.0 + droop + 0.006 * normal(random));
+    }
+    x += v * kStep_s;
+    droop += kDroop_psi_mm * v * kStep_s - droop * kStep_s / kRecovery_s;
+  }
+  const PressureDrive drive = reconstruct_pressure(gauge, t_s, position_mm);
+  EXPECT_NEAR(drive.clock_s, kClock_s, std::max(2.0 * drive.clock_error_s, 0.01));
+  EXPECT_LT(drive.clock_error_s, 0.05);
+  EXPECT_NEAR(drive.droop_psi_mm, kDroop_psi_mm, 0.1 * kDroop_psi_mm);
+  double worst = 0.0;
+  for (std::size_t k = 0; k < t_s.size(); ++k)
+    worst = std::max(worst, std::fabs(drive.pressure_psi[k] - truth_psi[k]));
+  EXPECT_LT(worst, 0.02);  // a quarter of the droop's 0.08 psi; its reading is 0.2 s apart and 0.15 s late
+}
+
+}  // namespace
+}  // namespace isorig::identify
