@@ -56,7 +56,8 @@ void LinkKeeper::note_connected(const std::string& identity, double sample_rate_
 bool LinkKeeper::note_failure(std::int64_t now_ns, const drivers::DeviceError& error) noexcept {
   ++health_.errors;
   copy_text(health_.detail, error.what());
-  if (!loses_connection(error.fault(), ++failures_in_a_row_)) return false;
+  // A connect() that fails has to wait for the next try, whatever the reason.
+  if (health_.connected && !loses_connection(error.fault(), ++failures_in_a_row_)) return false;
   health_.connected = false;
   failures_in_a_row_ = 0;
   backoff_.failed(now_ns);
@@ -180,6 +181,7 @@ void PressureService::run_once(std::int64_t now_ns, std::int64_t wait_ns) noexce
 
 void PressureService::turn(std::int64_t now_ns, std::int64_t wait_ns) {
   if (!health_.connected) {
+    if (device_.has_reappeared()) connect_now();
     if (!may_connect(now_ns)) return;
     const auto identity = device_.connect();
     note_connected(words({identity.model, identity.serial, identity.firmware}), identity.sample_rate_hz);

@@ -30,6 +30,7 @@ class LinkKeeper {
  protected:
   LinkKeeper(const ServiceConfig& config, const clock::Clock& clock) : config_(config), clock_(clock) {}
 
+  void connect_now() noexcept { backoff_.reset(); }  ///< instead of when the back-off says
   [[nodiscard]] bool may_connect(std::int64_t now_ns) const noexcept { return backoff_.is_due(now_ns); }
   void note_connected(const std::string& identity, double sample_rate_hz) noexcept;
   /// True when the connection has to be started afresh; the caller disconnects.

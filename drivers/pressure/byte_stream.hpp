@@ -1,6 +1,7 @@
 #pragma once
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 
@@ -21,6 +22,11 @@ class ByteStream {
   /// Waits up to `timeout_ns` for the first byte and returns what there is; 0 when nothing came. Throws
   /// kDisconnected when the device is gone.
   virtual std::size_t read_some(std::span<std::uint8_t> out, std::int64_t timeout_ns) = 0;
+  /// CLOCK_MONOTONIC of the moment when what read_some() last returned had arrived; nothing when the stream cannot
+  /// tell any better than its caller.
+  [[nodiscard]] virtual std::optional<std::int64_t> arrived_ns() const noexcept { return std::nullopt; }
+  /// True once after a device that was away has come back: open() now, not at the end of a back-off.
+  [[nodiscard]] virtual bool has_reappeared() noexcept { return false; }
   /// All of `bytes`, or an error: kTimeout when the device takes no more for too long (part of `bytes` may
   /// have gone), kDisconnected when it is gone.
   virtual void write_all(std::span<const std::uint8_t> bytes) = 0;

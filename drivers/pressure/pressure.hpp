@@ -58,6 +58,8 @@ class Device {
   virtual ~Device() = default;
   virtual Identity connect() = 0;
   virtual void disconnect() noexcept = 0;
+  /// True once after a device that was away has come back: connect() now, not at the end of a back-off.
+  [[nodiscard]] virtual bool has_reappeared() noexcept { return false; }
   /// Takes what has arrived, waiting at most `timeout_ns` for the first byte.
   virtual Poll poll(std::span<Sample> samples_out, std::span<clock::Exchange> exchanges_out,
                     std::int64_t timeout_ns) = 0;

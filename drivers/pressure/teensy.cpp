@@ -155,7 +155,7 @@ Poll Teensy::poll(std::span<Sample> samples_out, std::span<clock::Exchange> exch
 void Teensy::receive(std::int64_t timeout_ns) {
   const std::size_t size = stream_->read_some(buffer_, timeout_ns);
   if (size == 0) return;
-  const std::int64_t recv_ns = clock_.now_ns();
+  const std::int64_t recv_ns = stream_->arrived_ns().value_or(clock_.now_ns());
   decoder_.feed(buffer_.data(), size, [&](const wire::Packet& packet) { handle(packet, recv_ns); });
 }
 

@@ -46,6 +46,7 @@ class Teensy final : public Device {
   /// Throws kTimeout when nothing answers, kIdentity for another model, serial number or protocol version.
   Identity connect() override;
   void disconnect() noexcept override;
+  [[nodiscard]] bool has_reappeared() noexcept override { return stream_->has_reappeared(); }
   Poll poll(std::span<Sample> samples_out, std::span<clock::Exchange> exchanges_out,
             std::int64_t timeout_ns) override;
   /// Throws kRefused for duties outside 0..1000 or both above 0. Ignores `regulator_psi`.
