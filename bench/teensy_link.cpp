@@ -47,10 +47,9 @@ void run(const Case& test, double seconds) {
   backend.period_us = test.period_us;
   const std::string link = "/tmp/isorig_bench_teensy_" + std::to_string(getpid());
   sim::TeensyPty::Options options;
-  options.link_path = link;
   options.core.batch_samples = test.batch_samples;
   options.core.sample_rate_mhz = static_cast<std::uint32_t>(1'000'000'000 / test.period_us);
-  sim::TeensyPty emulator(options, backend, clock.now_ns());
+  sim::TeensyPty emulator(link, options, backend, clock.now_ns());
   const double start_us = emulator.device_us(clock.now_ns());
   const std::int64_t start_ns = clock.now_ns();
 

@@ -81,7 +81,8 @@ int serve(const Arguments& arguments) {
   if (rig.frame().port() != 0)
     std::printf("frame: tcp %s:%u\n", config.frame.host.c_str(), rig.frame().port());
   if (!rig.frame().tty().empty()) std::printf("frame: rtu %s\n", rig.frame().tty().c_str());
-  std::printf("pressure: %s\n", config.teensy_link.c_str());
+  std::printf("pressure: %s\n", config.teensy_link.empty() ? ("USB serial number " + config.teensy_serial).c_str()
+                                                          : config.teensy_link.c_str());
   if (socket) std::printf("control: %s\n", arguments.control.c_str());
   std::puts("ready; stop with Ctrl-C");
   std::fflush(stdout);
@@ -102,7 +103,7 @@ int serve(const Arguments& arguments) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app{"A simulated rig in real time: its frame on Modbus, its Teensy on a pseudo-terminal."};
+  CLI::App app{"A simulated rig in real time: its frame on Modbus, its Teensy on a pseudo-terminal or on USB."};
   Arguments arguments;
   app.add_option("--rig", arguments.rig, "rig file; serves what its [frame] and [pressure] connect to")
       ->type_name("FILE");

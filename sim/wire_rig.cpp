@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <ctime>
 
+#include "sim/pressure/teensy_pty.hpp"
+#include "sim/pressure/teensy_usbip.hpp"
 #include "sim/specimen.hpp"
 
 namespace isorig::sim {
@@ -40,17 +42,17 @@ ModbusServer::Options frame_options(const WireRigConfig& config) {
   return options;
 }
 
-TeensyPty::Options teensy_options(const WireRigConfig& config, const std::string& serial,
-                                  std::int64_t start_ns) {
-  TeensyPty::Options options;
-  options.link_path = config.teensy_link;
+std::unique_ptr<EmulatedTeensy> make_teensy(const WireRigConfig& config, const std::string& serial,
+                                            pressure::Device& backend, std::int64_t start_ns, std::int64_t now_ns) {
+  EmulatedTeensy::Options options;
   options.core.serial = serial.c_str();
   options.core.sample_rate_mhz = static_cast<std::uint32_t>(config.sim.pressure.sample_rate_hz * 1000.0);
   options.core.watchdog_ms = static_cast<std::uint16_t>(config.sim.pressure.watchdog_s * 1000.0);
   options.skew_ppm = config.sim.pressure.clock.skew_ppm;
   options.start_us = static_cast<std::uint64_t>(config.sim.pressure.clock.offset_us);
   options.backend_epoch_ns = start_ns;
-  return options;
+  if (config.teensy_link.empty()) return std::make_unique<TeensyUsbip>(options, backend, now_ns);
+  return std::make_unique<TeensyPty>(config.teensy_link, options, backend, now_ns);
 }
 
 }  // namespace
@@ -66,7 +68,8 @@ WireRigConfig read_wire_rig(const std::filesystem::path& rig_file) {
   config.frame = frame::read_modbus_config(frame, directory);
   const auto pressure = root.table("pressure");
   (void)pressure.choice("driver", {"teensy"});
-  config.teensy_link = pressure.string("port");
+  if (pressure.string_or("transport", pressure.has("port") ? "tty" : "usb") == "tty")
+    config.teensy_link = pressure.string("port");
   config.teensy_serial = pressure.string_or("serial", config.teensy_serial);
   pressure.ignore_rest();
   root.ignore_rest();  // the daemon's own tables
@@ -80,22 +83,22 @@ WireRig::WireRig(const WireRigConfig& config, const clock::Clock& clock)
       teensy_serial_(config.teensy_serial),
       rig_(without_simulated_wires(config.sim), load_specimen(config.sim.specimen), live(clock, start_ns_)),
       frame_(frame_options(config), rig_.frame(), frame_faults_),
-      teensy_(teensy_options(config, teensy_serial_, start_ns_), rig_.pressure(), clock.now_ns()) {
+      teensy_(make_teensy(config, teensy_serial_, rig_.pressure(), start_ns_, clock.now_ns())) {
   rig_.interlock().connect();
   rig_.interlock().hold_pressure(
       true);  // the interlock has no wire here: energised until the stop is pressed
 }
 
-void WireRig::sync_edge(std::int64_t mono_ns, bool is_high) { teensy_.sync_edge(mono_ns, is_high); }
+void WireRig::sync_edge(std::int64_t mono_ns, bool is_high) { teensy_->sync_edge(mono_ns, is_high); }
 
 void WireRig::service_until(std::int64_t deadline_ns) {
   for (;;) {
-    teensy_.service(clock_.now_ns());
+    teensy_->service(clock_.now_ns());
     const std::int64_t left_ns = deadline_ns - clock_.now_ns();
     if (left_ns <= 0) return;
     // A request of the host is answered when it comes, not at the next millisecond: time exchanges are
     // symmetric.
-    pollfd port{teensy_.is_open() ? teensy_.fd() : -1, POLLIN, 0};
+    pollfd port{teensy_->is_open() ? teensy_->fd() : -1, POLLIN, 0};
     const timespec wait{0, std::min<std::int64_t>(left_ns, 1'000'000)};
     ::ppoll(&port, 1, &wait, nullptr);
   }

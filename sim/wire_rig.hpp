@@ -9,7 +9,7 @@
 #include "drivers/frame/modbus_config.hpp"
 #include "sim/faults.hpp"
 #include "sim/frame/modbus_server.hpp"
-#include "sim/pressure/teensy_pty.hpp"
+#include "sim/pressure/emulated_teensy.hpp"
 #include "sim/rig.hpp"
 
 namespace isorig::sim {
@@ -20,14 +20,14 @@ struct WireRigConfig {
   SimConfig sim;
   frame::ModbusConfig frame;
   std::string rtu_link;     ///< the frame also on a pseudo-terminal, linked from here; empty: not
-  std::string teensy_link;  ///< link to the Teensy's pseudo-terminal
+  std::string teensy_link;  ///< link to the Teensy's pseudo-terminal; empty: the Teensy is on USB (teensy_usbip.hpp)
   std::string teensy_serial = "1234560";
 };
 
 /// Throws base::ConfigError with all that is wrong.
 [[nodiscard]] WireRigConfig read_wire_rig(const std::filesystem::path& rig_file);
 
-/// One simulated rig in real time, with its frame on Modbus and its Teensy on a pseudo-terminal.
+/// One simulated rig in real time, with its frame on Modbus and its Teensy on a pseudo-terminal or on USB.
 ///
 /// On the wire the delays are the wire's own: the simulated ones of [sim.frame] and [sim.pressure]
 /// (`request`, `reply`, `exchange_interval_ms`) do not apply. The device clocks are those of [sim]; the
@@ -45,7 +45,7 @@ class WireRig {
 
   [[nodiscard]] Rig& rig() noexcept { return rig_; }
   [[nodiscard]] FrameWireFaults& frame_faults() noexcept { return frame_faults_; }
-  [[nodiscard]] TeensyFaults& teensy_faults() noexcept { return teensy_.faults(); }
+  [[nodiscard]] TeensyFaults& teensy_faults() noexcept { return teensy_->faults(); }
   [[nodiscard]] const ModbusServer& frame() const noexcept { return frame_; }
 
  private:
@@ -55,7 +55,7 @@ class WireRig {
   Rig rig_;
   FrameWireFaults frame_faults_;
   ModbusServer frame_;
-  TeensyPty teensy_;
+  std::unique_ptr<EmulatedTeensy> teensy_;
 };
 
 }  // namespace isorig::sim

@@ -64,9 +64,8 @@ class TeensyOnPty : public testing::Test {
  protected:
   TeensyOnPty() : link_(testing::TempDir() + "isorig_teensy_" + std::to_string(getpid())) {}
 
-  void start(sim::TeensyPty::Options options = {}, const std::string& serial = "1234560") {
-    options.link_path = link_;
-    emulator_ = std::make_unique<sim::TeensyPty>(options, backend_, clock_.now_ns());
+  void start(const sim::TeensyPty::Options& options = {}, const std::string& serial = "1234560") {
+    emulator_ = std::make_unique<sim::TeensyPty>(link_, options, backend_, clock_.now_ns());
     emulator = emulator_.get();
     auto owned = std::make_unique<PumpedStream>(link_, clock_, emulator);
     stream_ = owned.get();

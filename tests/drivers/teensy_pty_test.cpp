@@ -199,7 +199,7 @@ TEST(TeensyInRealTime, SamplesFlowBetweenTwoThreads) {
   const clock::RealClock clock;
   const std::string link = testing::TempDir() + "isorig_teensy_rt_" + std::to_string(getpid());
   Backend backend(clock);
-  sim::TeensyPty emulator({.link_path = link}, backend, clock.now_ns());
+  sim::TeensyPty emulator(link, {}, backend, clock.now_ns());
   std::atomic<bool> is_done{false};
   std::thread device_side([&] {
     clock::RealClock own;
