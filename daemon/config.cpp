@@ -25,8 +25,14 @@ Calibration read_calibration(const base::TomlTable& table) {
 
 RigConfig::Teensy read_teensy(const base::TomlTable& table) {
   RigConfig::Teensy t;
-  t.port = table.string("port");
-  t.options.serial = table.string_or("serial", "");
+  if (table.choice_or("transport", table.has("port") ? "tty" : "usb", {"usb", "tty"}) == "tty") {
+    t.port = table.string("port");
+    t.options.serial = table.string_or("serial", "");
+  } else {
+    t.options.serial = table.string("serial");
+    if (!table.string_or("port", "").empty())
+      table.error("port", "`port` goes with transport = \"tty\"; over USB the serial number finds the device");
+  }
   t.options.model = table.string_or("model", t.options.model);
   t.options.connect_timeout_ns = static_cast<std::int64_t>(
       1e9 * table.number_or("connect_timeout_s", static_cast<double>(t.options.connect_timeout_ns) * 1e-9, {0.1, 60.0}));

@@ -30,8 +30,10 @@ struct RigConfig {
   ServiceConfig services;
   std::optional<frame::ModbusConfig> modbus;
   struct Teensy {
-    std::string port;                    ///< a path that names the device, such as /dev/serial/by-id/...
+    std::string port;                    ///< its serial port; empty: over USB, by options.serial (docs/usb.md)
     pressure::Teensy::Options options;
+    /// How messages name it.
+    [[nodiscard]] std::string where() const { return port.empty() ? "USB serial number " + options.serial : port; }
   };
   std::optional<Teensy> teensy;
   std::optional<interlock::GpioInterlock::Options> gpio;  ///< none: the simulated interlock

@@ -1,12 +1,28 @@
 #include "daemon/devices.hpp"
 
+#include <algorithm>
+
 #include "drivers/frame/modbus_frame.hpp"
 #include "drivers/interlock/gpio_interlock.hpp"
 #include "drivers/pressure/teensy.hpp"
 #include "drivers/pressure/tty_stream.hpp"
+#include "drivers/pressure/usb_stream.hpp"
 #include "sim/interlock/bench_interlock.hpp"
 
 namespace isorig::daemon {
+namespace {
+
+std::unique_ptr<pressure::ByteStream> open_stream(const RigConfig& rig) {
+  if (!rig.teensy->port.empty())
+    return std::make_unique<pressure::TtyStream>(pressure::TtyStream::Options{rig.teensy->port});
+  pressure::UsbStream::Options options;
+  options.serial = rig.teensy->options.serial;
+  // Above the thread that reads, so that a packet is stamped when it comes; below the loop.
+  if (rig.realtime.enforce) options.event_priority = std::min(rig.realtime.io_priority + 1, rig.realtime.priority - 1);
+  return std::make_unique<pressure::UsbStream>(options);
+}
+
+}  // namespace
 
 Devices open_devices(const RigConfig& rig, clock::Clock& clock) {
   Devices d;
@@ -22,9 +38,9 @@ Devices open_devices(const RigConfig& rig, clock::Clock& clock) {
     return d;
   }
   d.claims.emplace_back("frame at " + rig.modbus->where());
-  d.claims.emplace_back("pressure device at " + rig.teensy->port);
+  d.claims.emplace_back("pressure device at " + rig.teensy->where());
   d.owned_frame = std::make_unique<frame::ModbusFrame>(*rig.modbus, clock);
-  d.owned_pressure = std::make_unique<pressure::Teensy>(rig.teensy->options, std::make_unique<pressure::TtyStream>(pressure::TtyStream::Options{rig.teensy->port}), clock);
+  d.owned_pressure = std::make_unique<pressure::Teensy>(rig.teensy->options, open_stream(rig), clock);
   if (rig.gpio) {
     d.owned_interlock = std::make_unique<interlock::GpioInterlock>(*rig.gpio, clock);
   } else {

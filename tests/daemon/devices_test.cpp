@@ -1,6 +1,10 @@
 #include <gmock/gmock.h>
 #include <unistd.h>
 
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
 #include "daemon/devices.hpp"
 #include "rig_fixture.hpp"
 
@@ -39,6 +43,36 @@ TEST(Devices, PathsOfAnyLengthAreClaimed) {
   rig.teensy->port = "/dev/serial/by-id/" + std::string(300, 'x') + rig.teensy->port;
   const auto first = open_devices(rig, clock);
   EXPECT_THROW((void)open_devices(rig, clock), std::runtime_error);
+}
+
+/// The shipped rig on the wire with its Teensy connected in another way.
+RigConfig with_teensy(const std::string& keys) {
+  std::ifstream in(source("config/rigs/sim-wire.toml"));
+  std::stringstream text;
+  text << in.rdbuf();
+  std::string rig = text.str();
+  const std::string was = "transport = \"tty\"\nport = \"/tmp/isorig-sim-teensy\"\nserial = \"1234560\"\n";
+  const auto at = rig.find(was);
+  if (at == std::string::npos) throw std::runtime_error("sim-wire.toml connects its Teensy in another way now");
+  rig.replace(at, was.size(), keys + "\n");
+  for (auto up = rig.find("\"../"); up != std::string::npos; up = rig.find("\"../"))
+    rig.replace(up + 1, 2, source("config"));
+  const auto path = std::filesystem::temp_directory_path() / ("teensy-config-" + std::to_string(::getpid()) + ".toml");
+  std::ofstream(path) << rig;
+  struct Remove {
+    const std::filesystem::path& path;
+    ~Remove() { std::filesystem::remove(path); }
+  } remove{path};
+  return load_rig(path);
+}
+
+TEST(Devices, ATeensyIsReadOverUsbUnlessAPortIsNamed) {
+  EXPECT_EQ(with_teensy("serial = \"1234560\"").teensy->where(), "USB serial number 1234560");
+  EXPECT_EQ(with_teensy("port = \"/dev/ttyACM0\"").teensy->where(), "/dev/ttyACM0");
+  EXPECT_THAT([] { (void)with_teensy("transport = \"usb\""); },
+              ThrowsMessage<base::ConfigError>(HasSubstr("serial")));
+  EXPECT_THAT([] { (void)with_teensy("transport = \"usb\"\nserial = \"1\"\nport = \"/dev/ttyACM0\""); },
+              ThrowsMessage<base::ConfigError>(HasSubstr("over USB the serial number finds the device")));
 }
 
 }  // namespace
