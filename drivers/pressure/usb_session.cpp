@@ -233,7 +233,8 @@ std::int64_t UsbSession::service() noexcept {
   }
   if (!is_cancelled_) {
     is_cancelled_ = true;
-    for (Pipe* pipe : {&in_, &out_, &control_}) cancel(*pipe);
+    // What was written last may be the order to vent: it goes, or ends by its own time-out.
+    for (Pipe* pipe : {&in_, &control_}) cancel(*pipe);
   }
   if (in_.in_flight + out_.in_flight + control_.in_flight > 0) return now_ns + kIdle_ns;
   if (!is_line_dropped_) {
