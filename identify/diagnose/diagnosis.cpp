@@ -106,7 +106,13 @@ double left_out_rmse(const Problem& problem, const model::ModelSpec& spec, unsig
   return count > 0.0 ? std::sqrt(sum / count + white2 * std::max(0.0, 1.0 - bins / count)) : 0.0;
 }
 
-/// An isometric recording is driven by its pressure.
+bool moves(const messages::Recording& recording) {
+  const auto& frame = recording.frame;
+  if (frame.size() < 2) return false;
+  const auto [low, high] = std::ranges::minmax_element(frame.position_mm);
+  return *high - *low > 20.0 * white_noise(frame.t_s, frame.position_mm);
+}
+
 bool pressure_moves(const messages::Recording& recording) {
   if (!recording.pressure || recording.pressure->size() < 20) return false;
   const auto& gauge = *recording.pressure;
@@ -146,8 +152,8 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   for (std::size_t i = 0; i < recordings.size(); ++i) {
     const auto& t_s = recordings[i].frame.t_s;
     duration_s.push_back(t_s.empty() ? 0.0 : t_s.back() - t_s.front());
-    // A model that takes the pressure as an input is there to describe the filling.
-    if (!nominal.has("pressure_coupling")) {
+    // An isometric recording is driven by its pressure alone: its filling is the experiment.
+    if (moves(recordings[i]) || !nominal.has("pressure_coupling")) {
       if (auto cut = cut_filling(recordings[i])) study.faults.push_back(std::move(*cut));
     }
     const auto& frame = recordings[i].frame;
@@ -156,9 +162,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
       throw std::invalid_argument(names[i] + ": " + std::to_string(frame.size()) +
                                   " rows are too few to judge a model by (at least " +
                                   std::to_string(kFewest) + ")");
-    const auto [low, high] = std::ranges::minmax_element(frame.position_mm);
-    const bool moves = *high - *low > 20.0 * white_noise(frame.t_s, frame.position_mm);
-    if (!moves && !(nominal.has("pressure_coupling") && pressure_moves(recordings[i])))
+    if (!moves(recordings[i]) && !(nominal.has("pressure_coupling") && pressure_moves(recordings[i])))
       throw std::invalid_argument(
           names[i] +
           ": nothing moves in this recording, or its samples are too far apart to follow the motion");
