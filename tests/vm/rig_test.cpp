@@ -125,27 +125,88 @@ struct SyncSeen : messages::RunVisitor {
   double worst_us = 0.0, bound_us = 0.0;
 };
 
+/// The installed packages under systemd (ISORIG_PACKAGED, with the Teensy on USB), or this build's programs as they are
+/// (with the Teensy on a pseudo-terminal).
+class Daemon {
+ public:
+  explicit Daemon(const TempDir& dir) : dir_(dir) {}
+
+  [[nodiscard]] static bool packaged() { return std::getenv("ISORIG_PACKAGED") != nullptr; }
+  [[nodiscard]] static std::string program(const std::string& name) { return packaged() ? "/usr/bin/" + name : bin(name); }
+  [[nodiscard]] static std::string shared() { return packaged() ? "/usr/share/isorig/" : source("config/"); }
+  [[nodiscard]] std::filesystem::path rig() const { return packaged() ? "/etc/isorig/rig.toml" : dir_ / "rig.toml"; }
+  [[nodiscard]] std::string socket() const { return packaged() ? "/run/isorig/isorigd.sock" : (dir_ / "isorigd.sock").string(); }
+  [[nodiscard]] std::filesystem::path runs() const { return packaged() ? "/var/lib/isorig/runs" : dir_ / "runs"; }
+
+  void start() {
+    if (packaged()) {
+      EXPECT_EQ(run(dir_, {"systemctl", "start", "isorigd"}).code, 0);
+    } else {
+      process_.emplace(std::vector<std::string>{program("isorigd"), "--no-realtime", "--rig", rig().string(), "--runs",
+                                                runs().string(), "--socket", socket()},
+                       dir_ / "isorigd.log");
+    }
+  }
+  /// Systemd starts it again by itself.
+  void kill() {
+    if (packaged()) {
+      EXPECT_EQ(run(dir_, {"systemctl", "kill", "--signal=KILL", "isorigd"}).code, 0);
+    } else {
+      EXPECT_EQ(process_->stop(SIGKILL), -SIGKILL);
+    }
+  }
+  void come_back() {
+    if (!packaged()) return start();
+    EXPECT_EQ(run(dir_, {"systemctl", "show", "-P", "NRestarts", "isorigd"}).text, "1\n");
+  }
+  void stop() {
+    if (packaged()) {
+      EXPECT_EQ(run(dir_, {"systemctl", "stop", "isorigd"}).code, 0);
+      EXPECT_EQ(run(dir_, {"systemctl", "show", "-P", "Result", "isorigd"}).text, "success\n");
+    } else {
+      EXPECT_EQ(process_->stop(SIGTERM), 0) << log();
+    }
+  }
+  [[nodiscard]] std::string log() const {
+    return packaged() ? run(dir_, {"journalctl", "--no-pager", "-o", "short-monotonic", "-u", "isorigd"}).text
+                      : process_->output();
+  }
+  Answer call(std::vector<std::string> words) const {
+    words.insert(words.begin(), program("isorig"));
+    words.insert(words.end(), {"--socket", socket()});
+    return run(dir_, std::move(words));
+  }
+  [[nodiscard]] std::string catalogue() const {
+    return run(dir_, {program("isorig"), "runs", "--json", "--runs", runs().string()}).text;
+  }
+
+ private:
+  const TempDir& dir_;
+  std::optional<Process> process_;
+};
+
 class RigOnKernel : public testing::Test {
  protected:
   void SetUp() override {
     chip_ = std::make_unique<test::GpioSim>("rig", "isorig-rig", std::vector<std::string>{"ESTOP", "GUARD", "VENT", "SYNC"});
     chip_->drive(kEstop, true);
     chip_->drive(kGuard, true);
-    spit(dir_ / "rig.toml", rig_text());
-    simrig_.emplace(std::vector<std::string>{bin("isorig-simrig"), "--rig", (dir_ / "rig.toml").string(), "--truth",
+    spit(daemon_.rig(), rig_text());
+    simrig_.emplace(std::vector<std::string>{Daemon::program("isorig-simrig"), "--rig", daemon_.rig().string(), "--truth",
                                              (dir_ / "truth.csv").string(), "--control", (dir_ / "control").string(),
                                              "--gpio-sync", chip_->file(kSync, "pull"), "--gpio-vent",
                                              chip_->file(kVent, "value")},
                     dir_ / "simrig.log");
-    ASSERT_TRUE(comes_true([&] { return simrig_->output().find("ready;") != std::string::npos; }))
-        << simrig_->output();
+    ASSERT_TRUE(comes_true([&] {
+      return !simrig_->running() || simrig_->output().find("ready;") != std::string::npos;
+    }) && simrig_->running()) << simrig_->output();
     start_daemon();
   }
 
   /// The shipped rig on the wire, with its interlock on GPIO and limits for a machine that is slow and shared.
   std::string rig_text() const {
-    auto text = slurp(source("config/rigs/sim-wire.toml"));
-    text = replaced(text, "\"../", "\"" + source("config/"));
+    auto text = slurp(Daemon::shared() + "rigs/sim-wire.toml");
+    text = replaced(text, "\"../", "\"" + Daemon::shared());
     text = replaced(text, "[interlock]\ndriver = \"sim\"", R"([interlock]
 driver = "gpio"
 chip = "isorig-rig"
@@ -153,7 +214,8 @@ estop = { line = "ESTOP" }
 guard = { line = "GUARD" }
 vent_valve = { line = "VENT" }
 sync = { line = "SYNC" })");
-    text = replaced(text, "port = \"/tmp/isorig-sim-teensy\"", "port = \"" + (dir_ / "teensy").string() + "\"");
+    const std::string port = "transport = \"tty\"\nport = \"/tmp/isorig-sim-teensy\"";
+    text = replaced(text, port, Daemon::packaged() ? "transport = \"usb\"" : "port = \"" + (dir_ / "teensy").string() + "\"");
     text = replaced(text, "response_timeout_ms = 100", "response_timeout_ms = 1000\nstart_confirm_ms = 2000");
     for (const auto* age : {"frame_age_max_s = 0.5", "pressure_age_max_s = 0.5", "interlock_age_max_s = 1.0", "late_tick_max_s = 0.5"}) {
       text = replaced(text, age, std::string(age).substr(0, std::string(age).find('=')) + "= 2.0");
@@ -169,17 +231,17 @@ sync = { line = "SYNC" })");
   }
 
   void start_daemon() {
-    daemon_.emplace(dir_, dir_ / "rig.toml");
-    ASSERT_TRUE(reach("ready")) << daemon_->log() << status().dump(2);
+    daemon_.start();
+    ASSERT_TRUE(reach("ready")) << daemon_.log() << status().dump(2);
   }
 
-  nlohmann::json status() const { return ask_status(daemon_->socket()); }
+  nlohmann::json status() const { return ask_status(daemon_.socket()); }
   bool reach(const std::string& state) {
     return comes_true([&] { return status().value("state", "") == state; });
   }
 
   std::string say(const std::string& line) const {
-    return run(dir_, {bin("isorig-simrig"), "send", (dir_ / "control").string(), line}).text;
+    return run(dir_, {Daemon::program("isorig-simrig"), "send", (dir_ / "control").string(), line}).text;
   }
 
   /// Pressurized and ramping slowly, for something to happen.
@@ -192,10 +254,10 @@ steps = [
   { do = "ramp", to_mm = 2, velocity_mm_s = 0.02 },
 ]
 )");
-    const auto id = started_run(daemon_->call({"start", (dir_ / "busy.toml").string()}));
+    const auto id = started_run(daemon_.call({"start", (dir_ / "busy.toml").string()}));
     const double from_mm = status().value("position_mm", 0.0);
     EXPECT_TRUE(comes_true([&] { return status().value("position_mm", 0.0) > from_mm + 0.03; }))
-        << status().dump(2) << daemon_->log();
+        << status().dump(2) << daemon_.log();
     say_done("moving");
     EXPECT_TRUE(chip_->value(kVent)) << "the dump valve is not held while a run goes on";
     return id;
@@ -214,13 +276,13 @@ steps = [
   }
 
   void expect_fault(const std::string& what, const std::string& code, std::int64_t since_ns) {
-    EXPECT_TRUE(reach("faulted")) << what << status().dump(2) << daemon_->log();
+    EXPECT_TRUE(reach("faulted")) << what << status().dump(2) << daemon_.log();
     EXPECT_THAT(status().value("fault", ""), HasSubstr(code)) << what;
     wait_for_a_safe_rig(what, since_ns);
   }
 
   void back_to_ready(const std::string& what) {
-    EXPECT_TRUE(comes_true([&] { return daemon_->call({"reset"}).code == 0; }))
+    EXPECT_TRUE(comes_true([&] { return daemon_.call({"reset"}).code == 0; }))
         << what << status().dump(2);
     EXPECT_TRUE(reach("ready")) << what << status().dump(2);
   }
@@ -258,7 +320,7 @@ steps = [
   TempDir dir_;
   std::unique_ptr<test::GpioSim> chip_;
   std::optional<Process> simrig_;
-  std::optional<DaemonProcess> daemon_;
+  Daemon daemon_{dir_};
   std::vector<Moment> moments_;
 };
 
@@ -274,14 +336,14 @@ steps = [
   { do = "ramp", to_mm = 0, velocity_mm_s = 1 },
 ]
 )");
-  const auto id = started_run(daemon_->call({"start", (dir_ / "short.toml").string()}));
+  const auto id = started_run(daemon_.call({"start", (dir_ / "short.toml").string()}));
   EXPECT_TRUE(comes_true([&] { return status().value("/last_run/outcome"_json_pointer, "") == "done"; }))
-      << status().dump(2) << daemon_->log();
+      << status().dump(2) << daemon_.log();
   say_done("a run to its end");
   EXPECT_TRUE(reach("ready"));
   EXPECT_FALSE(chip_->value(kVent)) << "after a run the rig stays vented";
   SyncSeen recorded;
-  EXPECT_TRUE(messages::read_run(dir_ / "runs" / id, recorded).whole());
+  EXPECT_TRUE(messages::read_run(daemon_.runs() / id, recorded).whole());
   EXPECT_GT(recorded.checks, 5);
   // The emulated edge is made by a system call, somewhere in which it lies.
   EXPECT_LT(recorded.worst_us, recorded.bound_us + kEdge_us) << "the clock mapping is beyond its bound";
@@ -293,7 +355,7 @@ steps = [
   std::int64_t at_ns = mono_ns();
   EXPECT_EQ(say("fault teensy unplug on"), "ok\n");
   expect_fault("Teensy pulled out", "stale.pressure", at_ns);
-  EXPECT_NE(daemon_->call({"reset"}).code, 0) << "reset while the cause is there";
+  EXPECT_NE(daemon_.call({"reset"}).code, 0) << "reset while the cause is there";
   EXPECT_EQ(say("fault teensy unplug off"), "ok\n");
   back_to_ready("Teensy plugged in");
 
@@ -302,17 +364,18 @@ steps = [
   at_ns = mono_ns();
   chip_->drive(kEstop, false);
   expect_fault("emergency stop", "interlock.estop", at_ns);
-  EXPECT_NE(daemon_->call({"reset"}).code, 0) << "reset while the cause is there";
+  EXPECT_NE(daemon_.call({"reset"}).code, 0) << "reset while the cause is there";
   chip_->drive(kEstop, true);
   back_to_ready("emergency stop released");
 
   // The daemon is killed.
   const auto cut = be_busy();
   at_ns = mono_ns();
-  EXPECT_EQ(daemon_->process().stop(SIGKILL), -SIGKILL);
+  daemon_.kill();
   wait_for_a_safe_rig("daemon killed", at_ns);
-  start_daemon();
-  const auto runs = daemon_->catalogue().dump();
+  daemon_.come_back();
+  EXPECT_TRUE(reach("ready")) << daemon_.log() << status().dump(2);
+  const auto runs = daemon_.catalogue();
   EXPECT_THAT(runs, HasSubstr(cut));
   EXPECT_THAT(runs, HasSubstr("interrupted"));
 
@@ -320,7 +383,7 @@ steps = [
   const auto line = status()["sync_line"];
   std::printf("  sync line now: %s\n", line.dump().c_str());
   EXPECT_EQ(line.value("ambiguous", -1) + line.value("wrong_polarity", -1), 0);
-  EXPECT_EQ(daemon_->process().stop(SIGTERM), 0) << daemon_->log();
+  daemon_.stop();
   judge_plant();
 }
 
