@@ -60,7 +60,7 @@ chip = "x"
 estop = { line = "E", bias = "pull-up" }
 vent_valve = { line = "V", active_low = true, bias = "pull-down" })"); },
               ThrowsMessage<base::ConfigError>(::testing::AllOf(
-                  HasSubstr("when its wire is broken"), HasSubstr(":26:"), HasSubstr(":27:"))));
+                  HasSubstr("toml:27:30: with this `bias` the line is active when its wire is broken"), HasSubstr("toml:28:54: "))));
 }
 
 TEST(GpioConfig, WantsTheEmergencyStop) {

@@ -167,10 +167,9 @@ TEST(CompileErrors, AllAtOnceAndInOrder) {
                         "\nrecordng.policy = \"full\""),
                 rig()),
       ElementsAre(
-          "p.toml:1:1: a session begins with a pressurize (to 0 psi if it needs none), so that it can be "
-          "resumed on "
-          "its own from a vented actuator",
           "p.toml:3:1: unknown key `recordng`; did you mean `recording`?",
+          "p.toml:4:9: a session begins with a pressurize (to 0 psi if it needs none), so that it can be "
+          "resumed on its own from a vented actuator",
           "p.toml:6:26: `to_mm` = 7; the rig travels from -6 to 6 mm (limits.travel_min_mm, "
           "limits.travel_max_mm)",
           "p.toml:6:45: `velocity_mm_s` = 12 with speed_mm_s = 12; the rig allows 0.001 to 10 mm/s "
@@ -302,7 +301,7 @@ TEST(CompileErrors, EveryClassWithItsPlace) {
        {"p.toml:5:25: `unit` = \"sesion\"; it has to be one of \"session\""}},
       {"{ do = \"repeat\", unit = \"session\", steps = [ { do = \"ramp\", to_mm = 1, velocity_mm_s = 1 } ] "
        "},",
-       {"p.toml:5:1: a session begins with a pressurize (to 0 psi if it needs none), so that it can be "
+       {"p.toml:5:44: a session begins with a pressurize (to 0 psi if it needs none), so that it can be "
         "resumed on its "
         "own from a vented actuator"}},
       {"{ do = \"repeat\", unit = \"session\", steps = [] },", {"p.toml:5:1: a session without steps"}},
