@@ -20,8 +20,11 @@ void GpioLines::service() {
     const std::string_view level = rising ? "pull-up" : "pull-down";
     const std::int64_t before_ns = clock_.now_ns();
     (void)!::write(fd, level.data(), level.size());
+    const std::int64_t after_ns = clock_.now_ns();
     // The edge lies between the two; a chip that is unplugged has none, and the Teensy raises its pin all the same.
-    rig_.sync_edge((before_ns + clock_.now_ns()) / 2, rising);
+    // When another process ran in between nobody knows where, and the device says nothing of that edge: a pin
+    // stamps its own edge, this emulation must not state a time that it does not have.
+    if (after_ns - before_ns <= kEdgeKnown_ns) rig_.sync_edge((before_ns + after_ns) / 2, rising);
     ::close(fd);
   }
   if (!options_.vent_value.empty() && clock_.now_ns() >= next_valve_ns_) {

@@ -24,6 +24,7 @@ class GpioLines {
 
  private:
   static constexpr std::int64_t kValvePeriod_ns = 5'000'000;
+  static constexpr std::int64_t kEdgeKnown_ns = 300'000;  ///< an emulated edge that took longer is not announced
 
   Options options_;
   WireRig& rig_;
