@@ -1,6 +1,7 @@
 #include "daemon/services.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <span>
 
@@ -72,6 +73,13 @@ void LinkKeeper::hand_over(std::span<const Sample> samples, Queue& queue) {
     const auto stamp = mapper_.map(static_cast<double>(sample.device_us), arrival_ns);
     health_.bound_ns = static_cast<float>(stamp.bound_ns);
     health_.repeatability_ns = static_cast<float>(stamp.repeatability_ns);
+    if constexpr (requires { sample.bound_us; }) {
+      if (sample.bound_us > 0.0F) {
+        health_.bound_ns += 1e3F * sample.bound_us;
+        // Anywhere within it, as likely as anywhere else.
+        health_.repeatability_ns = std::hypot(health_.repeatability_ns, 1e3F * sample.bound_us / std::sqrt(3.0F));
+      }
+    }
     queue.push({sample, stamp.mono_ns, health_.bound_ns, health_.repeatability_ns});
   }
 }

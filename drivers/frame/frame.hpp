@@ -17,6 +17,8 @@ struct Sample {
   std::int64_t device_us = 0;   ///< the frame's own clock, extended to 64 bit
   float position_mm = 0.0F;     ///< raw: before our calibration
   float force_N = 0.0F;         ///< raw: before our calibration
+  /// How far from `device_us` the values may have been taken. 0: the frame stamps its samples itself.
+  float bound_us = 0.0F;
 };
 
 enum class Motion : std::uint8_t { kIdle, kMoving, kReached, kStopped, kLimit, kFault, kDisabled };
