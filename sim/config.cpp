@@ -137,6 +137,7 @@ SimConfig read_sim(const TomlTable& root, const std::filesystem::path& directory
   read_sensor(sim.table_if("pressure"), config.pressure);
   read_pneumatics(sim.table_if("pneumatics"), config.pneumatics);
   config.physics = read_physics(sim.table_if("physics"), directory);
+  if (const auto t = sim.table_if("controller")) t->ignore_rest();  // of an emulator on the wire
   return config;
 }
 

@@ -16,4 +16,23 @@ struct FrameWireFaults {
   std::atomic<bool> wrong_identity{false};
 };
 
+/// Faults and conditions of the emulated 8800-type controller (docs/wire-8800.md). The last four are also what the
+/// controller itself changes: `list` shows how it stands.
+struct Instron8800Faults {
+  std::atomic<int> delay_ms{0};         ///< every answer comes so much later
+  std::atomic<int> late_ms{0};          ///< the next answer only; then 0 again
+  std::atomic<int> hang_ms{0};          ///< takes no line for so long, then goes on where it was; then 0 again
+  std::atomic<int> drop{0};             ///< so many answers are never sent; -1: until switched off
+  std::atomic<int> garbage{0};          ///< so many answers are damaged; -1: until switched off
+  std::atomic<int> extra{0};            ///< so many lines are sent that nobody asked for
+  std::atomic<bool> disconnect{false};  ///< connections are cut and none is taken
+  std::atomic<bool> ignore_stop{false};  ///< C1,0 does nothing
+  std::atomic<bool> clamp{false};        ///< ramp times below 1 s become 1 s
+  std::atomic<bool> wrong_scale{false};  ///< the load cell is another one
+  std::atomic<bool> limit{false};        ///< its own travel limit has tripped
+  std::atomic<bool> panel{true};         ///< the front panel has control
+  std::atomic<bool> watchdog_off{true};  ///< the watchdog does not watch
+  std::atomic<bool> actuator_off{false};
+};
+
 }  // namespace isorig::sim

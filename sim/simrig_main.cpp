@@ -56,13 +56,19 @@ struct Arguments {
 
 int serve(const Arguments& arguments) {
   auto config = sim::read_wire_rig(arguments.rig);
-  if (arguments.port) config.frame.port = *arguments.port;
-  if (!arguments.rtu.empty()) config.rtu_link = arguments.rtu;
+  if (arguments.port) (config.instron8800 ? config.instron8800->port : config.frame.port) = *arguments.port;
+  if (!arguments.rtu.empty()) {
+    if (config.instron8800) {
+      std::fputs("isorig-simrig: --rtu is Modbus; this rig's frame is an 8800-type controller\n", stderr);
+      return 2;
+    }
+    config.rtu_link = arguments.rtu;
+  }
   if (!arguments.teensy.empty()) config.teensy_link = arguments.teensy;
 
   clock::RealClock clock;
   sim::WireRig rig(config, clock);
-  sim::WireControl control(rig.frame_faults(), rig.teensy_faults(), rig.rig());
+  sim::WireControl control(rig);
   for (const auto& fault : arguments.faults) {
     const auto answer = control.execute("fault " + fault);
     if (answer != "ok\n") {
@@ -78,9 +84,13 @@ int serve(const Arguments& arguments) {
   std::optional<TruthLog> truth;
   if (!arguments.truth.empty()) truth.emplace(arguments.truth);
 
-  if (rig.frame().port() != 0)
-    std::printf("frame: tcp %s:%u\n", config.frame.host.c_str(), rig.frame().port());
-  if (!rig.frame().tty().empty()) std::printf("frame: rtu %s\n", rig.frame().tty().c_str());
+  if (rig.frame_port() != 0) {
+    const auto& host = config.instron8800 ? config.instron8800->host : config.frame.host;
+    std::printf("frame: tcp %s:%u\n", host.c_str(), rig.frame_port());
+  }
+  if (!rig.frame_tty().empty()) {
+    std::printf("frame: %s %s\n", config.instron8800 ? "tty" : "rtu", rig.frame_tty().c_str());
+  }
   std::printf("pressure: %s\n", config.teensy_link.empty() ? ("USB serial number " + config.teensy_serial).c_str()
                                                           : config.teensy_link.c_str());
   if (socket) std::printf("control: %s\n", arguments.control.c_str());
@@ -103,7 +113,8 @@ int serve(const Arguments& arguments) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app{"A simulated rig in real time: its frame on Modbus, its Teensy on a pseudo-terminal or on USB."};
+  CLI::App app{"A simulated rig in real time: its frame on Modbus or as an 8800-type controller, its Teensy on a "
+               "pseudo-terminal or on USB."};
   Arguments arguments;
   app.add_option("--rig", arguments.rig, "rig file; serves what its [frame] and [pressure] connect to")
       ->type_name("FILE");

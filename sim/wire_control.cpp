@@ -3,18 +3,53 @@
 #include <charconv>
 #include <optional>
 #include <sstream>
-#include <type_traits>
 
 namespace isorig::sim {
 
-WireControl::WireControl(FrameWireFaults& frame, TeensyFaults& teensy, Rig& rig) : rig_(rig) {
-  const auto atomic = [this](std::string name, auto& value, std::string unit, int max, bool endless,
-                             std::string what) {
-    using Value = typename std::remove_reference_t<decltype(value)>::value_type;
-    switches_.push_back({std::move(name), std::move(unit), std::move(what), max, endless,
-                         [&value] { return static_cast<int>(value.load()); },
-                         [&value](int to) { value.store(static_cast<Value>(to)); }});
-  };
+template <typename Value>
+void WireControl::add(std::string name, std::atomic<Value>& value, std::string unit, int max, bool endless,
+                      std::string what) {
+  switches_.push_back({std::move(name), std::move(unit), std::move(what), max, endless,
+                       [&value] { return static_cast<int>(value.load()); },
+                       [&value](int to) { value.store(static_cast<Value>(to)); }});
+}
+
+void WireControl::add_modbus(FrameWireFaults& frame) {
+  add("frame delay", frame.delay_ms, "ms", 60'000, false, "every answer comes so much later");
+  add("frame late", frame.late_ms, "ms", 60'000, false, "the next answer alone comes so much later");
+  add("frame drop", frame.drop, "answers", 1'000'000, true, "so many answers are never sent");
+  add("frame corrupt", frame.corrupt, "answers", 1'000'000, true, "so many answers are damaged");
+  add("frame disconnect", frame.disconnect, "", 1, false, "connections are cut and none is taken");
+  add("frame freeze", frame.freeze, "", 1, false, "the registers stand still, nobody hears writes");
+  add("frame refuse", frame.refuse, "", 1, false, "start commands get an exception");
+  add("frame wrong-identity", frame.wrong_identity, "", 1, false, "another frame answers");
+}
+
+void WireControl::add_instron8800(Instron8800Faults& frame) {
+  add("frame delay", frame.delay_ms, "ms", 60'000, false, "every answer comes so much later");
+  add("frame late", frame.late_ms, "ms", 60'000, false, "the next answer alone comes so much later");
+  add("frame hang", frame.hang_ms, "ms", 600'000, false, "the controller takes no line for so long");
+  add("frame drop", frame.drop, "answers", 1'000'000, true, "so many answers are never sent");
+  add("frame garbage", frame.garbage, "answers", 1'000'000, true, "so many answers are damaged");
+  add("frame extra", frame.extra, "lines", 1'000, false, "so many lines come that nobody asked for");
+  add("frame disconnect", frame.disconnect, "", 1, false, "connections are cut and none is taken");
+  add("frame ignore-stop", frame.ignore_stop, "", 1, false, "C1,0 does nothing");
+  add("frame clamp", frame.clamp, "", 1, false, "ramp times below 1 s become 1 s");
+  add("frame wrong-scale", frame.wrong_scale, "", 1, false, "the load cell is another one");
+  add("frame limit", frame.limit, "", 1, false, "the controller's own travel limit has tripped");
+  add("frame panel", frame.panel, "", 1, false, "the front panel has control");
+  add("frame watchdog-off", frame.watchdog_off, "", 1, false, "the controller's watchdog does not watch");
+  add("frame actuator-off", frame.actuator_off, "", 1, false, "the actuator is off");
+}
+
+WireControl::WireControl(WireRig& wire) : rig_(wire.rig()) {
+  auto& rig = wire.rig();
+  auto& teensy = wire.teensy_faults();
+  if (wire.is_instron8800()) {
+    add_instron8800(wire.instron8800_faults());
+  } else {
+    add_modbus(wire.frame_faults());
+  }
   // The plant's own switches belong to its lock.
   const auto plain = [this, &rig](std::string name, auto& value, bool when_on, std::string what) {
     switches_.push_back({std::move(name), "", std::move(what), 1, false,
@@ -27,27 +62,19 @@ WireControl::WireControl(FrameWireFaults& frame, TeensyFaults& teensy, Rig& rig)
                            value = (to != 0) == when_on;
                          }});
   };
-  atomic("frame delay", frame.delay_ms, "ms", 60'000, false, "every answer comes so much later");
-  atomic("frame late", frame.late_ms, "ms", 60'000, false, "the next answer alone comes so much later");
-  atomic("frame drop", frame.drop, "answers", 1'000'000, true, "so many answers are never sent");
-  atomic("frame corrupt", frame.corrupt, "answers", 1'000'000, true, "so many answers are damaged");
-  atomic("frame disconnect", frame.disconnect, "", 1, false, "connections are cut and none is taken");
-  atomic("frame freeze", frame.freeze, "", 1, false, "the registers stand still, nobody hears writes");
-  atomic("frame refuse", frame.refuse, "", 1, false, "start commands get an exception");
-  atomic("frame wrong-identity", frame.wrong_identity, "", 1, false, "another frame answers");
 
-  atomic("teensy delay-to-host", teensy.delay_to_host_us, "us", 60'000'000, false, "frames to the host wait");
-  atomic("teensy delay-to-device", teensy.delay_to_device_us, "us", 60'000'000, false,
+  add("teensy delay-to-host", teensy.delay_to_host_us, "us", 60'000'000, false, "frames to the host wait");
+  add("teensy delay-to-device", teensy.delay_to_device_us, "us", 60'000'000, false,
          "frames to the device wait");
-  atomic("teensy drop", teensy.drop_permille, "permille", 1000, false, "frames to the host are lost");
-  atomic("teensy repeat", teensy.repeat_permille, "permille", 1000, false, "frames to the host come twice");
-  atomic("teensy corrupt", teensy.corrupt_permille, "permille", 1000, false, "frames to the host lose a bit");
-  atomic("teensy hang-up", teensy.hung_up, "", 1, false, "the port vanishes, the device goes on");
-  atomic("teensy unplug", teensy.unplugged, "", 1, false, "port and power are gone");
-  atomic("teensy freeze", teensy.frozen, "", 1, false, "the firmware hangs, valves stay");
-  atomic("teensy wrong-serial", teensy.wrong_serial, "", 1, false, "another device of the kind answers");
-  atomic("teensy stale-sensor", teensy.stale_sensor, "", 1, false, "the sensor converts no more");
-  atomic("teensy sensor-fault", teensy.sensor_fault, "", 1, false, "the sensor reports status 11");
+  add("teensy drop", teensy.drop_permille, "permille", 1000, false, "frames to the host are lost");
+  add("teensy repeat", teensy.repeat_permille, "permille", 1000, false, "frames to the host come twice");
+  add("teensy corrupt", teensy.corrupt_permille, "permille", 1000, false, "frames to the host lose a bit");
+  add("teensy hang-up", teensy.hung_up, "", 1, false, "the port vanishes, the device goes on");
+  add("teensy unplug", teensy.unplugged, "", 1, false, "port and power are gone");
+  add("teensy freeze", teensy.frozen, "", 1, false, "the firmware hangs, valves stay");
+  add("teensy wrong-serial", teensy.wrong_serial, "", 1, false, "another device of the kind answers");
+  add("teensy stale-sensor", teensy.stale_sensor, "", 1, false, "the sensor converts no more");
+  add("teensy sensor-fault", teensy.sensor_fault, "", 1, false, "the sensor reports status 11");
 
   plain("rig estop", rig.interlock().estop_closed, false, "the emergency stop is pressed");
   plain("rig guard", rig.interlock().guard_closed, false, "the guard is open");

@@ -4,9 +4,7 @@
 #include <string_view>
 #include <vector>
 
-#include "sim/faults.hpp"
-#include "sim/pressure/teensy_pty.hpp"
-#include "sim/rig.hpp"
+#include "sim/wire_rig.hpp"
 
 namespace isorig::sim {
 
@@ -20,7 +18,7 @@ namespace isorig::sim {
 /// One thread.
 class WireControl {
  public:
-  WireControl(FrameWireFaults& frame, TeensyFaults& teensy, Rig& rig);
+  explicit WireControl(WireRig& rig);
 
   /// Does what the line says. The answer ends with "ok\n" or is "error: ...\n" with what would be right.
   std::string execute(std::string_view line);
@@ -36,6 +34,10 @@ class WireControl {
     std::function<void(int)> set;
   };
 
+  template <typename Value>
+  void add(std::string name, std::atomic<Value>& value, std::string unit, int max, bool endless, std::string what);
+  void add_modbus(FrameWireFaults& faults);
+  void add_instron8800(Instron8800Faults& faults);
   std::string set(const std::vector<std::string>& words);
 
   Rig& rig_;

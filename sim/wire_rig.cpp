@@ -42,6 +42,18 @@ ModbusServer::Options frame_options(const WireRigConfig& config) {
   return options;
 }
 
+Instron8800Server::Options controller_options(const WireRigConfig& config) {
+  auto options = config.controller;
+  const auto& frame = *config.instron8800;
+  options.tcp = frame.tcp;
+  options.tcp_address = frame.host;
+  options.tcp_port = frame.port;
+  options.pty_link = frame.tty;
+  options.position_channel = frame.position_channel;
+  options.force_channel = frame.force_channel;
+  return options;
+}
+
 std::unique_ptr<EmulatedTeensy> make_teensy(const WireRigConfig& config, const std::string& serial,
                                             pressure::Device& backend, std::int64_t start_ns, std::int64_t now_ns) {
   EmulatedTeensy::Options options;
@@ -64,8 +76,18 @@ WireRigConfig read_wire_rig(const std::filesystem::path& rig_file) {
   WireRigConfig config;
   config.sim = read_sim(root, directory);
   const auto frame = root.table("frame");
-  (void)frame.choice("driver", {"modbus"});
-  config.frame = frame::read_modbus_config(frame, directory);
+  if (frame.choice("driver", {"modbus", "instron8800"}) == "instron8800") {
+    config.instron8800 = frame::read_instron8800_config(frame);
+    if (const auto t = root.table("sim").table_if("controller")) {
+      auto& c = config.controller;
+      c.position_full_scale_mm = t->number_or("position_full_scale_mm", c.position_full_scale_mm, base::kPositive);
+      c.force_full_scale_N = t->number_or("force_full_scale_N", c.force_full_scale_N, base::kPositive);
+      c.watchdog_s = t->number_or("watchdog_s", c.watchdog_s, base::kPositive);
+      c.answer_us = static_cast<int>(t->integer_or("answer_us", c.answer_us, {0.0, 1e6}));
+    }
+  } else {
+    config.frame = frame::read_modbus_config(frame, directory);
+  }
   const auto pressure = root.table("pressure");
   (void)pressure.choice("driver", {"teensy"});
   if (pressure.string_or("transport", pressure.has("port") ? "tty" : "usb") == "tty")
@@ -82,7 +104,11 @@ WireRig::WireRig(const WireRigConfig& config, const clock::Clock& clock)
       start_ns_(clock.now_ns()),
       teensy_serial_(config.teensy_serial),
       rig_(without_simulated_wires(config.sim), load_specimen(config.sim.specimen), live(clock, start_ns_)),
-      frame_(frame_options(config), rig_.frame(), frame_faults_),
+      modbus_(config.instron8800 ? nullptr
+                                 : std::make_unique<ModbusServer>(frame_options(config), rig_.frame(), frame_faults_)),
+      instron8800_(config.instron8800 ? std::make_unique<Instron8800Server>(controller_options(config), rig_.frame(),
+                                                                            instron8800_faults_)
+                                      : nullptr),
       teensy_(make_teensy(config, teensy_serial_, rig_.pressure(), start_ns_, clock.now_ns())) {
   rig_.interlock().connect();
   rig_.interlock().hold_pressure(

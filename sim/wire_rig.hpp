@@ -3,11 +3,14 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "drivers/clock/clock.hpp"
+#include "drivers/frame/instron8800_config.hpp"
 #include "drivers/frame/modbus_config.hpp"
 #include "sim/faults.hpp"
+#include "sim/frame/instron8800_server.hpp"
 #include "sim/frame/modbus_server.hpp"
 #include "sim/pressure/emulated_teensy.hpp"
 #include "sim/rig.hpp"
@@ -19,6 +22,9 @@ namespace isorig::sim {
 struct WireRigConfig {
   SimConfig sim;
   frame::ModbusConfig frame;
+  /// When set the frame is such a controller instead; `controller` is what [sim.controller] says of it.
+  std::optional<frame::Instron8800Config> instron8800;
+  Instron8800Server::Options controller;
   std::string rtu_link;     ///< the frame also on a pseudo-terminal, linked from here; empty: not
   std::string teensy_link;  ///< link to the Teensy's pseudo-terminal; empty: the Teensy is on USB (teensy_usbip.hpp)
   std::string teensy_serial = "1234560";
@@ -27,7 +33,8 @@ struct WireRigConfig {
 /// Throws base::ConfigError with all that is wrong.
 [[nodiscard]] WireRigConfig read_wire_rig(const std::filesystem::path& rig_file);
 
-/// One simulated rig in real time, with its frame on Modbus and its Teensy on a pseudo-terminal or on USB.
+/// One simulated rig in real time, with its frame on Modbus or behind an 8800-type controller, and its Teensy on a
+/// pseudo-terminal or on USB.
 ///
 /// On the wire the delays are the wire's own: the simulated ones of [sim.frame] and [sim.pressure]
 /// (`request`, `reply`, `exchange_interval_ms`) do not apply. The device clocks are those of [sim]; the
@@ -46,7 +53,11 @@ class WireRig {
   [[nodiscard]] Rig& rig() noexcept { return rig_; }
   [[nodiscard]] FrameWireFaults& frame_faults() noexcept { return frame_faults_; }
   [[nodiscard]] TeensyFaults& teensy_faults() noexcept { return teensy_->faults(); }
-  [[nodiscard]] const ModbusServer& frame() const noexcept { return frame_; }
+  [[nodiscard]] Instron8800Faults& instron8800_faults() noexcept { return instron8800_faults_; }
+  [[nodiscard]] bool is_instron8800() const noexcept { return instron8800_ != nullptr; }
+  /// Where the frame is served: a TCP port, or 0; a pseudo-terminal, or "".
+  [[nodiscard]] std::uint16_t frame_port() const noexcept { return modbus_ ? modbus_->port() : instron8800_->port(); }
+  [[nodiscard]] std::string frame_tty() const { return modbus_ ? modbus_->tty() : instron8800_->tty(); }
 
  private:
   const clock::Clock& clock_;
@@ -54,7 +65,9 @@ class WireRig {
   std::string teensy_serial_;
   Rig rig_;
   FrameWireFaults frame_faults_;
-  ModbusServer frame_;
+  Instron8800Faults instron8800_faults_;
+  std::unique_ptr<ModbusServer> modbus_;  // one of the two
+  std::unique_ptr<Instron8800Server> instron8800_;
   std::unique_ptr<EmulatedTeensy> teensy_;
 };
 

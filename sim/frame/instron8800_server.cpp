@@ -1,0 +1,223 @@
+#include "sim/frame/instron8800_server.hpp"
+
+#include <arpa/inet.h>
+#include <fcntl.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <sys/socket.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <ctime>
+#include <deque>
+#include <stdexcept>
+#include <thread>
+
+#include "sim/frame/instron8800_controller.hpp"
+
+namespace isorig::sim {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kIdle_ns = 5 * kMs;
+
+std::int64_t now() {
+  timespec t{};
+  ::clock_gettime(CLOCK_MONOTONIC, &t);
+  return std::int64_t{t.tv_sec} * 1'000'000'000 + t.tv_nsec;
+}
+
+[[noreturn]] void throw_errno(const std::string& what) {
+  throw std::runtime_error("8800 emulator: " + what + ": " + std::strerror(errno));
+}
+
+bool take_one(std::atomic<int>& left) {
+  int value = left.load();
+  while (value > 0 && !left.compare_exchange_weak(value, value - 1)) {
+  }
+  return value != 0;
+}
+
+}  // namespace
+
+class Instron8800Server::Impl {
+ public:
+  Impl(const Options& options, frame::Device& backend, Instron8800Faults& faults)
+      : options_(options), faults_(faults), controller_(options, backend, faults) {
+    stop_fd_ = ::eventfd(0, EFD_CLOEXEC);
+    if (stop_fd_ < 0) throw_errno("no descriptor");
+    if (options_.tcp) {
+      listen();
+    } else {
+      open_pty();
+    }
+    thread_ = std::thread([this] { run(); });
+  }
+
+  ~Impl() {
+    const std::uint64_t one = 1;
+    [[maybe_unused]] const auto written = ::write(stop_fd_, &one, sizeof one);
+    thread_.join();
+    for (const int fd : {stop_fd_, listener_, line_fd_, slave_fd_}) {
+      if (fd >= 0) ::close(fd);
+    }
+    if (!options_.tcp) ::unlink(options_.pty_link.c_str());
+  }
+
+  std::uint16_t port_ = 0;
+  std::string tty_;
+  std::atomic<std::uint64_t> lines_{0}, watchdog_trips_{0};
+
+ private:
+  void listen() {
+    listener_ = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+    const int on = 1;
+    ::setsockopt(listener_, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(options_.tcp_port);
+    if (::inet_pton(AF_INET, options_.tcp_address.c_str(), &address.sin_addr) != 1) {
+      throw std::runtime_error("8800 emulator: `" + options_.tcp_address + "` is no IPv4 address");
+    }
+    socklen_t size = sizeof address;
+    auto* generic = reinterpret_cast<sockaddr*>(&address);
+    if (::bind(listener_, generic, size) != 0 || ::listen(listener_, 4) != 0 || ::getsockname(listener_, generic, &size) != 0) {
+      throw_errno("cannot listen on " + options_.tcp_address + ":" + std::to_string(options_.tcp_port));
+    }
+    port_ = ntohs(address.sin_port);
+  }
+
+  void open_pty() {
+    line_fd_ = ::posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
+    std::array<char, 64> name{};
+    if (line_fd_ < 0 || ::grantpt(line_fd_) != 0 || ::unlockpt(line_fd_) != 0 ||
+        ::ptsname_r(line_fd_, name.data(), name.size()) != 0) {
+      throw_errno("no pseudo-terminal");
+    }
+    tty_ = name.data();
+    slave_fd_ = ::open(name.data(), O_RDWR | O_NOCTTY | O_CLOEXEC);  // or the master hangs up between clients
+    termios raw{};
+    if (slave_fd_ < 0 || ::tcgetattr(slave_fd_, &raw) != 0) throw_errno(tty_);
+    ::cfmakeraw(&raw);
+    ::tcsetattr(slave_fd_, TCSANOW, &raw);
+    ::unlink(options_.pty_link.c_str());
+    if (::symlink(tty_.c_str(), options_.pty_link.c_str()) != 0) throw_errno("cannot link " + options_.pty_link);
+  }
+
+  void run() {
+    while (!stopping_) {
+      const std::int64_t time_ns = now();
+      if (const int hang_ms = faults_.hang_ms.exchange(0); hang_ms > 0) hang_until_ns_ = time_ns + hang_ms * kMs;
+      const bool hanging = time_ns < hang_until_ns_;
+      controller_.advance(time_ns);  // its watchdog is hardware: it goes on
+      watchdog_trips_ = controller_.watchdog_trips();
+      if (faults_.disconnect.load() && options_.tcp) drop_line();
+      if (!hanging) {
+        take_lines();
+        if (faults_.extra.load() > 0 && take_one(faults_.extra)) answers_.push_back({time_ns, "0.12345678"});
+        send_due();
+      }
+      wait(hanging);
+    }
+  }
+
+  void wait(bool hanging) {
+    std::int64_t wait_ns = kIdle_ns;
+    if (!answers_.empty()) wait_ns = std::clamp<std::int64_t>(answers_.front().due_ns - now(), 0, kIdle_ns);
+    std::array<pollfd, 3> fds{{{stop_fd_, POLLIN, 0}, {listener_, POLLIN, 0}, {hanging ? -1 : line_fd_, POLLIN, 0}}};
+    const timespec timeout{0, static_cast<long>(hanging ? kIdle_ns : wait_ns)};
+    ::ppoll(fds.data(), fds.size(), &timeout, nullptr);
+    if (fds[0].revents != 0) stopping_ = true;
+    if (fds[1].revents != 0) accept();
+    if (fds[2].revents != 0) receive();
+  }
+
+  void accept() {
+    const int fd = ::accept4(listener_, nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK);
+    if (fd < 0) return;
+    if (faults_.disconnect.load()) {
+      ::close(fd);
+      return;
+    }
+    drop_line();  // the new one: an old connection may hang for ever
+    const int on = 1;
+    ::setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+    line_fd_ = fd;
+  }
+
+  void drop_line() {
+    if (!options_.tcp || line_fd_ < 0) return;
+    ::close(line_fd_);
+    line_fd_ = -1;
+    received_.clear();
+    answers_.clear();
+  }
+
+  void receive() {
+    std::array<char, 512> bytes{};
+    const ssize_t size = ::read(line_fd_, bytes.data(), bytes.size());
+    if (size > 0) {
+      received_.append(bytes.data(), static_cast<std::size_t>(size));
+    } else if (options_.tcp && (size == 0 || (errno != EAGAIN && errno != EINTR))) {
+      drop_line();
+    }
+  }
+
+  void take_lines() {
+    for (auto end = received_.find("\r\n"); end != std::string::npos; end = received_.find("\r\n")) {
+      const std::string line = received_.substr(0, end);
+      received_.erase(0, end + 2);
+      if (faults_.disconnect.load()) continue;  // the serial cable is out
+      ++lines_;
+      auto answer = controller_.execute(line, now());
+      if (!answer || take_one(faults_.drop)) continue;
+      if (take_one(faults_.garbage)) (*answer)[answer->size() / 2] = '#';
+      const std::int64_t wait_ns = (faults_.delay_ms.load() + faults_.late_ms.exchange(0)) * kMs + std::int64_t{options_.answer_us} * 1000;
+      answers_.push_back({now() + wait_ns, std::move(*answer)});
+    }
+  }
+
+  /// In order: one that is held back holds back those behind it.
+  void send_due() {
+    while (!answers_.empty() && answers_.front().due_ns <= now()) {
+      const std::string line = answers_.front().text + "\r\n";
+      answers_.pop_front();
+      if (line_fd_ < 0) continue;
+      const auto sent = options_.tcp ? ::send(line_fd_, line.data(), line.size(), MSG_NOSIGNAL) : ::write(line_fd_, line.data(), line.size());
+      if (sent != static_cast<ssize_t>(line.size())) drop_line();
+    }
+  }
+
+  struct Due {
+    std::int64_t due_ns;
+    std::string text;
+  };
+
+  const Options options_;
+  Instron8800Faults& faults_;
+  Instron8800Controller controller_;
+  int stop_fd_ = -1, listener_ = -1, line_fd_ = -1, slave_fd_ = -1;
+  std::string received_;
+  std::deque<Due> answers_;
+  std::int64_t hang_until_ns_ = 0;
+  bool stopping_ = false;
+  std::thread thread_;
+};
+
+Instron8800Server::Instron8800Server(Options options, frame::Device& backend, Instron8800Faults& faults)
+    : impl_(std::make_unique<Impl>(options, backend, faults)) {}
+Instron8800Server::~Instron8800Server() = default;
+std::uint16_t Instron8800Server::port() const noexcept { return impl_->port_; }
+std::string Instron8800Server::tty() const { return impl_->tty_; }
+std::uint64_t Instron8800Server::lines() const noexcept { return impl_->lines_.load(); }
+std::uint64_t Instron8800Server::watchdog_trips() const noexcept { return impl_->watchdog_trips_.load(); }
+
+}  // namespace isorig::sim
