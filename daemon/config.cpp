@@ -104,10 +104,13 @@ RigConfig load_rig(const std::filesystem::path& path) {
   rig.limits = protocol::read_limits(limits);
 
   const auto frame = root.table("frame");
-  const auto frame_driver = frame.choice("driver", {"sim", "modbus"});
+  const auto frame_driver = frame.choice("driver", {"sim", "modbus", "instron8800"});
   if (frame_driver == "modbus") {
     rig.frame_backend = RigConfig::FrameBackend::kModbus;
     rig.modbus = frame::read_modbus_config(frame, directory);
+  } else if (frame_driver == "instron8800") {
+    rig.frame_backend = RigConfig::FrameBackend::kInstron8800;
+    rig.instron8800 = frame::read_instron8800_config(frame);
   }
   const auto pressure = root.table("pressure");
   const auto pressure_driver = pressure.choice("driver", {"sim", "teensy"});

@@ -7,6 +7,7 @@
 #include "daemon/core.hpp"
 #include "daemon/realtime.hpp"
 #include "daemon/services.hpp"
+#include "drivers/frame/instron8800_config.hpp"
 #include "drivers/frame/modbus_config.hpp"
 #include "drivers/interlock/gpio_interlock.hpp"
 #include "drivers/pressure/teensy.hpp"
@@ -21,7 +22,7 @@ struct RigConfig {
   std::string text;
   std::string name;
 
-  enum class FrameBackend : std::uint8_t { kSim, kModbus } frame_backend = FrameBackend::kSim;
+  enum class FrameBackend : std::uint8_t { kSim, kModbus, kInstron8800 } frame_backend = FrameBackend::kSim;
   enum class PressureBackend : std::uint8_t { kSim, kTeensy } pressure_backend = PressureBackend::kSim;
 
   protocol::Limits limits;
@@ -29,6 +30,7 @@ struct RigConfig {
   RealtimeConfig realtime;
   ServiceConfig services;
   std::optional<frame::ModbusConfig> modbus;
+  std::optional<frame::Instron8800Config> instron8800;
   struct Teensy {
     std::string port;                    ///< its serial port; empty: over USB, by options.serial (docs/usb.md)
     pressure::Teensy::Options options;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "drivers/frame/instron8800_frame.hpp"
 #include "drivers/frame/modbus_frame.hpp"
 #include "drivers/interlock/gpio_interlock.hpp"
 #include "drivers/pressure/teensy.hpp"
@@ -37,9 +38,13 @@ Devices open_devices(const RigConfig& rig, clock::Clock& clock) {
     d.interlock = &d.rig->interlock();
     return d;
   }
-  d.claims.emplace_back("frame at " + rig.modbus->where());
+  d.claims.emplace_back("frame at " + (rig.modbus ? rig.modbus->where() : rig.instron8800->where()));
   d.claims.emplace_back("pressure device at " + rig.teensy->where());
-  d.owned_frame = std::make_unique<frame::ModbusFrame>(*rig.modbus, clock);
+  if (rig.modbus) {
+    d.owned_frame = std::make_unique<frame::ModbusFrame>(*rig.modbus, clock);
+  } else {
+    d.owned_frame = std::make_unique<frame::Instron8800Frame>(*rig.instron8800, clock);
+  }
   d.owned_pressure = std::make_unique<pressure::Teensy>(rig.teensy->options, open_stream(rig), clock);
   if (rig.gpio) {
     d.owned_interlock = std::make_unique<interlock::GpioInterlock>(*rig.gpio, clock);
