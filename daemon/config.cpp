@@ -133,6 +133,18 @@ RigConfig load_rig(const std::filesystem::path& path) {
   rig.core.supervisor.limits = rig.limits;
   table("supervisor", [&](const auto& t) { rig.core.supervisor = SupervisorConfig::read(t, rig.limits); });
   table("pressure_loop", [&](const auto& t) { rig.core.pressure_loop = PressureLoopConfig::read(t); });
+  table("regulator", [&](const auto& t) {
+    rig.regulator = pressure::read_regulator_config(t, directory);
+    auto& s = rig.core.supervisor;
+    s.regulator_age_max_s = t.number_or("age_max_s", 0.5, base::kPositive);
+    s.regulator_error_max_psi = t.number_or("error_max_psi", s.regulator_error_max_psi, base::kPositive);
+    rig.regulator_period_ns = static_cast<std::int64_t>(1e6 * t.number_or("poll_period_ms", 50.0, {5.0, 1000.0}));
+    if (rig.simulated()) t.error("", "[regulator] is for a rig on the wire; a simulated rig has valves");
+  });
+  if (rig.regulator.has_value() != (rig.core.pressure_loop.actuator == PressureLoopConfig::Actuator::kRegulator)) {
+    pressure.error("", rig.regulator ? "[regulator] is there, and [pressure_loop] has no actuator = \"regulator\""
+                                     : "[pressure_loop] actuator = \"regulator\" needs a [regulator]");
+  }
   table("calibration", [&](const auto& t) {
     rig.core.calibration = read_calibration(t);
     if (const auto records = t.string_or("records", ""); !records.empty()) rig.calibration.records = directory / records;

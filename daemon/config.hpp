@@ -10,6 +10,7 @@
 #include "drivers/frame/instron8800_config.hpp"
 #include "drivers/frame/modbus_config.hpp"
 #include "drivers/interlock/gpio_interlock.hpp"
+#include "drivers/pressure/regulator_config.hpp"
 #include "drivers/pressure/teensy.hpp"
 #include "protocol/limits.hpp"
 #include "sim/config.hpp"
@@ -38,6 +39,8 @@ struct RigConfig {
     [[nodiscard]] std::string where() const { return port.empty() ? "USB serial number " + options.serial : port; }
   };
   std::optional<Teensy> teensy;
+  std::optional<pressure::RegulatorConfig> regulator;
+  std::int64_t regulator_period_ns = 50'000'000;
   std::optional<interlock::GpioInterlock::Options> gpio;  ///< none: the simulated interlock
   std::optional<sim::SimConfig> sim;
   struct CalibrationPolicy {

@@ -132,6 +132,11 @@ void Core::read_pressure() noexcept {
   }
   LinkHealth health;
   while (pressure_.health.pop(health)) pressure_health_ = health;
+  while (pressure_.regulator_health.pop(health)) now_.regulator = health;
+  RegulatorReport report;
+  while (pressure_.regulator_reports.pop(report)) {
+    supervisor_.on_regulator(report.mono_ns, double{report.state.pressure_psi}, pressure_psi_, report.state.faulty);
+  }
 }
 
 void Core::take_sync(const SyncReport& report) noexcept {

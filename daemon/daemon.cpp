@@ -82,6 +82,8 @@ struct Daemon::Impl {
         frame_service(*devices.frame, frame_link, rig.services, clock),
         pressure_service(*devices.pressure, pressure_link, interlock_link, rig.services, clock),
         interlock_service(*devices.interlock, interlock_link),
+        regulator_service(devices.regulator ? std::make_unique<RegulatorService>(*devices.regulator, pressure_link, rig.services, clock)
+                                            : nullptr),
         host(rig, core, recorder_streams, host_options(options)),
         api(host, options.socket, rig.api.mode) {
     if (rig.lcm.enabled) publisher.emplace(rig.lcm.url);
@@ -144,6 +146,7 @@ struct Daemon::Impl {
   FrameService frame_service;
   PressureService pressure_service;
   InterlockService interlock_service;
+  std::unique_ptr<RegulatorService> regulator_service;  ///< where a regulator sets the pressure
   std::optional<Publisher> publisher;
   Host host;
   Api api;
@@ -164,6 +167,11 @@ void Daemon::Impl::start_threads() {
       // poll() itself waits for data; the pause only bounds a device that is not there.
       every(1'000'000, stop_io, [this] { pressure_service.run_once(clock.now_ns(), kPressureWaitNs); });
     });
+    if (regulator_service) {
+      spawn(io, "isorig-regul", io_priority, [this] {
+        every(rig.regulator_period_ns, stop_io, [this] { regulator_service->run_once(clock.now_ns()); });
+      });
+    }
     spawn(io, "isorig-chain", io_priority, [this] {
       // Woken by an edge where the device can do that, but no more often than a chattering contact may take of the
       // processor.
@@ -201,6 +209,7 @@ void Daemon::Impl::stop_threads() {
   join(io);
   frame_service.shut_down();
   pressure_service.shut_down();
+  if (regulator_service) regulator_service->shut_down();
   interlock_service.shut_down();
   stop_loop = true;
   join(loop);

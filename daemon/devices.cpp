@@ -5,6 +5,7 @@
 #include "drivers/frame/instron8800_frame.hpp"
 #include "drivers/frame/modbus_frame.hpp"
 #include "drivers/interlock/gpio_interlock.hpp"
+#include "drivers/pressure/alicat_regulator.hpp"
 #include "drivers/pressure/teensy.hpp"
 #include "drivers/pressure/tty_stream.hpp"
 #include "drivers/pressure/usb_stream.hpp"
@@ -50,6 +51,10 @@ Devices open_devices(const RigConfig& rig, clock::Clock& clock) {
     d.owned_interlock = std::make_unique<interlock::GpioInterlock>(*rig.gpio, clock);
   } else {
     d.owned_interlock = std::make_unique<sim::BenchInterlock>();
+  }
+  if (rig.regulator) {
+    d.claims.emplace_back("pressure regulator at " + rig.regulator->line.where());
+    d.regulator = std::make_unique<pressure::AlicatRegulator>(*rig.regulator);
   }
   d.frame = d.owned_frame.get();
   d.pressure = d.owned_pressure.get();

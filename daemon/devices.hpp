@@ -8,6 +8,7 @@
 #include "drivers/frame/frame.hpp"
 #include "drivers/interlock/interlock.hpp"
 #include "drivers/pressure/pressure.hpp"
+#include "drivers/pressure/regulator.hpp"
 #include "sim/rig.hpp"
 
 namespace isorig::daemon {
@@ -19,6 +20,7 @@ struct Devices {
   std::unique_ptr<frame::Device> owned_frame;
   std::unique_ptr<pressure::Device> owned_pressure;
   std::unique_ptr<interlock::Device> owned_interlock;
+  std::unique_ptr<pressure::Regulator> regulator;  ///< nothing where valves set the pressure
   frame::Device* frame = nullptr;
   pressure::Device* pressure = nullptr;
   interlock::Device* interlock = nullptr;

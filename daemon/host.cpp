@@ -355,6 +355,7 @@ nlohmann::json Host::status_json() const {
              {"worst_run_us", s.worst_run_ns * 1e-3}}},
            {"frame", link(s.frame)},
            {"pressure", link(s.pressure)},
+           {"regulator", rig_.regulator ? link(s.regulator) : json()},
            {"interlock",
             {{"estop_closed", s.estop_closed}, {"guard_closed", s.guard_closed}, {"connected", s.interlock.connected},
              {"lost_edges", s.interlock.lost}, {"errors", s.interlock.errors},

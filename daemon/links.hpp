@@ -8,6 +8,7 @@
 #include "drivers/frame/frame.hpp"
 #include "drivers/interlock/interlock.hpp"
 #include "drivers/pressure/pressure.hpp"
+#include "drivers/pressure/regulator.hpp"
 
 /// What crosses between the real-time loop and the threads that own a device. Each link has one I/O thread on
 /// one side and the loop on the other; nothing in it blocks.
@@ -66,12 +67,21 @@ struct FrameLink {
   std::atomic<std::uint32_t> loop_beat{0};
 };
 
+/// What a pressure regulator says of itself.
+struct RegulatorReport {
+  pressure::RegulatorState state;
+  std::int64_t mono_ns = 0;
+};
+
 struct PressureLink {
   base::SpscQueue<Stamped<pressure::Sample>> samples{8192};
   base::SpscQueue<LinkHealth> health{64};
   base::SpscQueue<clock::Exchange> exchanges{1024};
   base::SpscQueue<pressure::State> states{256};
   base::SpscQueue<SyncReport> sync{64};
+  /// Of the regulator's I/O thread, where there is one; it takes its set-point from `command`, as the Teensy's does.
+  base::SpscQueue<RegulatorReport> regulator_reports{64};
+  base::SpscQueue<LinkHealth> regulator_health{64};
   /// The newest command only: an old duty is of no use. fill | vent << 16 | bits of the regulator's set-point << 32.
   std::atomic<std::uint64_t> command{0};
   std::atomic<std::uint32_t> loop_beat{0};

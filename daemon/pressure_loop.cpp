@@ -101,7 +101,14 @@ pressure::Command PressureLoop::update(std::int64_t mono_ns, double pressure_psi
     if (std::abs(target_psi_ - reference_psi_) < 1e-9) integral_psi_s_ += error * dt_s;
     const double trim = std::clamp(integral_psi_s_ / config_.integral_time_s, -1.0, 1.0);
     integral_psi_s_ = trim * config_.integral_time_s;
-    command_ = {0, 0, static_cast<float>(std::max(0.0, reference_psi_ + trim))};
+    // The fill valve, where there is one, is the regulator's supply: shut when nobody regulates.
+    command_ = {1000, 0, static_cast<float>(std::max(0.0, reference_psi_ + trim))};
+    const bool there = std::abs(target_psi_ - reference_psi_) < 1e-9;
+    if (!there || std::abs(target_psi_ - pressure_psi) <= config_.unreachable_error_psi) {
+      saturated_since_ns_ = -1;
+    } else if (saturated_since_ns_ < 0) {
+      saturated_since_ns_ = mono_ns;
+    }
   } else {
     const double chamber_abs = std::max(pressure_psi + kAtmospherePsi, 1.0);
     const double supply_abs = config_.supply_psi + kAtmospherePsi;
@@ -129,9 +136,9 @@ pressure::Command PressureLoop::update(std::int64_t mono_ns, double pressure_psi
     } else if (saturated_since_ns_ < 0) {
       saturated_since_ns_ = mono_ns;
     }
-    unreachable_ = saturated_since_ns_ >= 0 && static_cast<double>(mono_ns - saturated_since_ns_) * 1e-9 >
-                                                   config_.unreachable_after_s;
   }
+  unreachable_ = saturated_since_ns_ >= 0 &&
+                 static_cast<double>(mono_ns - saturated_since_ns_) * 1e-9 > config_.unreachable_after_s;
   return command_;
 }
 

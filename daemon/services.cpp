@@ -17,6 +17,10 @@ constexpr std::int64_t kLoopDeadNs = 500'000'000;
 // A chip that is plugged in again enumerates in some tenths of a second.
 constexpr std::int64_t kInterlockRetryNs = 500'000'000;
 
+// Finer steps of a set-point are the trim's, and wait until they have added up.
+constexpr float kSetpointStepPsi = 0.005F;
+constexpr float kSetpointLostPsi = 0.05F;
+
 // Fewer leave the first stamps with a scatter of a whole round trip.
 constexpr std::uint64_t kExchangesForReady = 20;
 
@@ -262,6 +266,78 @@ void PressureService::shut_down() noexcept {
     if (health_.connected) device_.command({0, 1000, 0.0F});
   } catch (const std::exception&) {
     // The device's own heartbeat time-out vents.
+  }
+  device_.disconnect();
+  health_.connected = false;
+}
+
+void RegulatorService::run_once(std::int64_t now_ns) noexcept {
+  try {
+    turn(now_ns);
+  } catch (const drivers::DeviceError& error) {
+    fail(now_ns, error);
+  } catch (const std::exception& error) {
+    fail(now_ns, drivers::DeviceError(drivers::Fault::kDisconnected, error.what()));
+  }
+  report_health(now_ns, link_.regulator_health, false);
+}
+
+void RegulatorService::turn(std::int64_t now_ns) {
+  if (!health_.connected) {
+    if (!may_connect(now_ns)) return;
+    note_connected(device_.connect(), 0.0);
+    report_health(now_ns, link_.regulator_health, true);
+    // It exhausts now. A run that counted on it is over, however short the break was.
+    if (sent_psi_ >= 0.0F) report_fault(now_ns);
+    sent_psi_ = -1.0F;
+  }
+  const std::uint32_t beat = link_.loop_beat.load(std::memory_order_acquire);
+  if (beat != last_beat_) {
+    last_beat_ = beat;
+    last_beat_ns_ = now_ns;
+  }
+  const auto command = link_.get_command();
+  const bool regulate = now_ns - last_beat_ns_ < kLoopDeadNs && command.vent_permille == 0 && command.regulator_psi > 0.0F;
+  if (!regulate) {
+    if (sent_psi_ >= 0.0F) device_.exhaust();
+    sent_psi_ = -1.0F;
+  } else if (sent_psi_ < 0.0F || std::abs(command.regulator_psi - sent_psi_) >= kSetpointStepPsi) {
+    device_.regulate(command.regulator_psi);
+    sent_psi_ = command.regulator_psi;
+  }
+  const auto state = device_.read();
+  if (sent_psi_ >= 0.0F && (state.exhausting || std::abs(state.setpoint_psi - sent_psi_) > kSetpointLostPsi)) {
+    report_fault(now_ns);
+    device_.exhaust();
+    throw drivers::DeviceError(drivers::Fault::kRefused, "the regulator no longer has the set-point it was given; is somebody "
+                                                         "at its panel, or was it without power?");
+  }
+  link_.regulator_reports.push({state, now_ns});
+  note_answer();
+}
+
+void RegulatorService::report_fault(std::int64_t now_ns) noexcept {
+  pressure::RegulatorState lost;
+  lost.faulty = true;
+  link_.regulator_reports.push({lost, now_ns});
+}
+
+void RegulatorService::fail(std::int64_t now_ns, const drivers::DeviceError& error) noexcept {
+  if (note_failure(now_ns, error)) {
+    try {
+      device_.exhaust();
+    } catch (const std::exception&) {
+      // Supply and vent valve are the Teensy's: the pressure goes without it.
+    }
+    device_.disconnect();
+  }
+  report_health(now_ns, link_.regulator_health, true);
+}
+
+void RegulatorService::shut_down() noexcept {
+  try {
+    if (health_.connected) device_.exhaust();
+  } catch (const std::exception&) {
   }
   device_.disconnect();
   health_.connected = false;

@@ -109,6 +109,29 @@ class PressureService : private LinkKeeper {
   std::array<clock::Exchange, 16> exchanges_{};
 };
 
+/// The regulator that sets the pressure while the Teensy measures it. A loop that does not tick gets no set-point
+/// through: the regulator exhausts.
+class RegulatorService : private LinkKeeper {
+ public:
+  RegulatorService(pressure::Regulator& device, PressureLink& link, const ServiceConfig& config, const clock::Clock& clock)
+      : LinkKeeper(config, clock), device_(device), link_(link) {}
+  /// One turn. Never throws.
+  void run_once(std::int64_t now_ns) noexcept;
+  /// Exhausts and closes; called on every way out.
+  void shut_down() noexcept;
+
+ private:
+  void turn(std::int64_t now_ns);
+  void fail(std::int64_t now_ns, const drivers::DeviceError& error) noexcept;
+
+  void report_fault(std::int64_t now_ns) noexcept;
+
+  pressure::Regulator& device_;
+  PressureLink& link_;
+  float sent_psi_ = -1.0F;  ///< below 0: it exhausts
+  std::int64_t last_beat_ns_ = 0;
+};
+
 class InterlockService {
  public:
   InterlockService(interlock::Device& device, InterlockLink& link) : device_(device), link_(link) {}

@@ -38,6 +38,7 @@ struct Status {
   LinkHealth interlock;
   clock::SyncCounts sync;           ///< the mapping of the Teensy's clock, measured by the sync line
   clock::SyncCheck sync_check;      ///< the last
+  LinkHealth regulator;            ///< where one sets the pressure
   double frame_age_s = -1.0;        ///< of the newest sample; negative before the first
   double pressure_age_s = -1.0;     ///< of the newest valid reading
   bool estop_closed = false;

@@ -136,6 +136,21 @@ void Supervisor::on_pressure_stuck() noexcept {
         0.0});
 }
 
+void Supervisor::on_regulator(std::int64_t mono_ns, double pressure_psi, double elvh_psi, bool faulty) noexcept {
+  regulator_seen_ns_ = std::max(regulator_seen_ns_, mono_ns);
+  if (faulty) note({Severity::kSafeState, "regulator.fault", "the pressure regulator reports a fault; read its own display", 0.0, 0.0});
+  const double error_psi = std::abs(pressure_psi - elvh_psi);
+  if (error_psi <= config_.regulator_error_max_psi) {
+    disagree_since_ns_ = -1;
+  } else if (disagree_since_ns_ < 0) {
+    disagree_since_ns_ = mono_ns;
+  } else if (seconds(mono_ns - disagree_since_ns_) > 1.0) {
+    note({Severity::kSafeState, "regulator.disagrees",
+          "regulator and ELVH read different pressures; check the regulator's unit, zero and tubing", error_psi,
+          config_.regulator_error_max_psi});
+  }
+}
+
 void Supervisor::on_device_vented() noexcept {
   note({Severity::kSafeState, "pressure.watchdog", "the Teensy missed our heartbeat and vented by itself; reset", 0.0,
         0.0});
@@ -194,6 +209,10 @@ Trip Supervisor::check(std::int64_t now_ns) noexcept {
   stale(frame_seen_ns_, config_.frame_age_max_s, "stale.frame", "no sample from the frame; check its cable and power");
   stale(pressure_seen_ns_, config_.pressure_age_max_s, "stale.pressure",
         "no valid pressure reading; check sensor, Teensy and cable");
+  if (config_.regulator_age_max_s > 0.0) {
+    stale(regulator_seen_ns_, config_.regulator_age_max_s, "stale.regulator",
+          "the pressure regulator does not answer; check its cable and power");
+  }
   stale(interlock_seen_ns_, config_.interlock_age_max_s, "stale.interlock", "the interlock inputs are not being read");
   if (segment_active_ && !segment_acknowledged_ &&
       seconds(now_ns - segment_start_ns_) > config_.segment_ack_max_s) {
@@ -219,6 +238,8 @@ bool Supervisor::healthy(std::int64_t now_ns, const char** why) const noexcept {
     reason = "the frame reports a fault";
   } else if (!fresh(pressure_seen_ns_, config_.pressure_age_max_s)) {
     reason = "no valid pressure reading";
+  } else if (config_.regulator_age_max_s > 0.0 && !fresh(regulator_seen_ns_, config_.regulator_age_max_s)) {
+    reason = "the pressure regulator does not answer";
   } else if (!fresh(interlock_seen_ns_, config_.interlock_age_max_s)) {
     reason = "the interlock is not being read";
   } else if (interlock_.lost) {
@@ -234,10 +255,11 @@ bool Supervisor::healthy(std::int64_t now_ns, const char** why) const noexcept {
 
 void Supervisor::rearm(std::int64_t now_ns) noexcept {
   same_force_since_ns_ = -1;
+  disagree_since_ns_ = -1;
   worst_ = {};
   segment_active_ = false;
   force_count_ = 0;
-  for (auto* seen : {&frame_seen_ns_, &pressure_seen_ns_, &interlock_seen_ns_}) {
+  for (auto* seen : {&frame_seen_ns_, &pressure_seen_ns_, &interlock_seen_ns_, &regulator_seen_ns_}) {
     if (*seen >= 0) *seen = std::max(*seen, now_ns);
   }
 }

@@ -18,6 +18,8 @@ struct SupervisorConfig {
   protocol::Limits limits;
   double frame_age_max_s = 0.25;      ///< no frame sample for longer: safe state
   double pressure_age_max_s = 0.25;   ///< no valid pressure reading for longer: safe state
+  double regulator_age_max_s = 0.0;   ///< no word from the pressure regulator for longer: safe state; 0: there is none
+  double regulator_error_max_psi = 1.0;  ///< its own sensor against the ELVH for longer than a second: safe state
   double interlock_age_max_s = 0.5;   ///< no interlock reading for longer: safe state
   double late_tick_max_s = 0.25;      ///< a tick later than this: program stop
   double following_error_max_mm = 1.0;  ///< position against the commanded segment: program stop
@@ -51,6 +53,8 @@ class Supervisor {
   void on_pressure_sample(std::int64_t mono_ns, double pressure_psi, bool valid) noexcept;
   /// The sensor sends fresh conversions, and has sent one and the same count for longer than noise can explain.
   void on_pressure_stuck() noexcept;
+  /// A regulator's word, and what the ELVH says at that time.
+  void on_regulator(std::int64_t mono_ns, double pressure_psi, double elvh_psi, bool faulty) noexcept;
   /// The pressure device's own watchdog opened the vent: it missed our heartbeat.
   void on_device_vented() noexcept;
   void on_interlock(const interlock::State& state) noexcept;
@@ -82,6 +86,8 @@ class Supervisor {
   std::int64_t frame_seen_ns_ = -1;
   std::int64_t pressure_seen_ns_ = -1;
   std::int64_t interlock_seen_ns_ = -1;
+  std::int64_t regulator_seen_ns_ = -1;
+  std::int64_t disagree_since_ns_ = -1;
   interlock::State interlock_;
   frame::State frame_state_;
   bool frame_state_known_ = false;

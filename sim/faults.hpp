@@ -35,4 +35,16 @@ struct Instron8800Faults {
   std::atomic<bool> actuator_off{false};
 };
 
+/// Faults of the emulated pressure regulator (docs/wire-regulator.md).
+struct RegulatorFaults {
+  std::atomic<int> late_ms{0};          ///< the next answer only; then 0 again
+  std::atomic<int> drop{0};             ///< so many answers are never sent; -1: until switched off
+  std::atomic<bool> disconnect{false};  ///< nobody answers, connections are cut; the regulator goes on regulating
+  std::atomic<bool> swap_words{false};  ///< floats with the low word first
+  std::atomic<bool> in_kpa{false};      ///< somebody switched its unit at the panel
+  std::atomic<bool> clamp{false};       ///< set-points above 2 are taken as 2
+  std::atomic<bool> stuck{false};       ///< its valves stay where they are
+  std::atomic<bool> sensor_off{false};  ///< its own sensor reads 3 psi too much
+};
+
 }  // namespace isorig::sim

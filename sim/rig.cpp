@@ -1,5 +1,7 @@
 #include "sim/rig.hpp"
 
+#include <algorithm>
+
 namespace isorig::sim {
 namespace {
 constexpr double kStep_s = 1e-9 * static_cast<double>(Rig::kStep_ns);
@@ -58,6 +60,10 @@ Truth Rig::truth() {
 
 void Rig::step() noexcept {
   ValveTargets valves = pressure_.before_step(step_.begin_ns);
+  if (regulator_.present) {
+    valves.fill *= regulator_.fill;
+    valves.vent = std::max(valves.vent, regulator_.vent);
+  }
   valves.dump = interlock_.dump_opening();
   frame_.before_step(step_.begin_ns, interlock_.drive_enabled());
 

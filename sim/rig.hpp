@@ -26,6 +26,12 @@ struct Truth {
   double supply_psi = 0.0;
 };
 
+/// A pressure regulator in the plant: its valves, behind the Teensy's fill valve, which is then its supply valve.
+struct RegulatorValves {
+  bool present = false;
+  double fill = 0.0, vent = 0.0;  ///< openings
+};
+
 struct RigOptions {
   /// Time of the first step; kNow: the clock's present time, or 0 without a clock. The rig then stands at 0
   /// mm, 0 psi, vented, relaxed.
@@ -59,6 +65,8 @@ class Rig final : public Host {
   [[nodiscard]] SimPressure& pressure() noexcept { return pressure_; }
   [[nodiscard]] SimInterlock& interlock() noexcept { return interlock_; }
   [[nodiscard]] Pneumatics& pneumatics() noexcept { return pneumatics_; }
+  /// Of the emulated regulator; set it under enter().
+  [[nodiscard]] RegulatorValves& regulator() noexcept { return regulator_; }
   [[nodiscard]] const model::Actuator& actuator() const noexcept { return physics_.actuator(); }
   [[nodiscard]] const Specimen& specimen() const noexcept { return specimen_; }
   [[nodiscard]] Truth truth();
@@ -78,6 +86,7 @@ class Rig final : public Host {
   SimFrame frame_;
   SimPressure pressure_;
   SimInterlock interlock_;
+  RegulatorValves regulator_;
   StepView step_;
   Truth truth_;
 };

@@ -93,6 +93,13 @@ int serve(const Arguments& arguments) {
   }
   std::printf("pressure: %s\n", config.teensy_link.empty() ? ("USB serial number " + config.teensy_serial).c_str()
                                                           : config.teensy_link.c_str());
+  if (rig.regulator() != nullptr) {
+    if (rig.regulator()->port() != 0) {
+      std::printf("regulator: tcp %s:%u\n", config.regulator->line.host.c_str(), rig.regulator()->port());
+    } else {
+      std::printf("regulator: rtu %s\n", config.regulator->line.tty.c_str());
+    }
+  }
   if (socket) std::printf("control: %s\n", arguments.control.c_str());
   std::puts("ready; stop with Ctrl-C");
   std::fflush(stdout);

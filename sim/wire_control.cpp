@@ -42,6 +42,17 @@ void WireControl::add_instron8800(Instron8800Faults& frame) {
   add("frame actuator-off", frame.actuator_off, "", 1, false, "the actuator is off");
 }
 
+void WireControl::add_regulator(RegulatorFaults& regulator) {
+  add("regulator late", regulator.late_ms, "ms", 60'000, false, "the next answer alone comes so much later");
+  add("regulator drop", regulator.drop, "answers", 1'000'000, true, "so many answers are never sent");
+  add("regulator disconnect", regulator.disconnect, "", 1, false, "nobody answers; it goes on regulating");
+  add("regulator swap-words", regulator.swap_words, "", 1, false, "floats have their low word first");
+  add("regulator kpa", regulator.in_kpa, "", 1, false, "somebody switched its unit to kPa");
+  add("regulator clamp", regulator.clamp, "", 1, false, "set-points above 2 psi are taken as 2");
+  add("regulator stuck", regulator.stuck, "", 1, false, "its valves stay where they are");
+  add("regulator sensor-off", regulator.sensor_off, "", 1, false, "its own sensor reads 3 psi too much");
+}
+
 WireControl::WireControl(WireRig& wire) : rig_(wire.rig()) {
   auto& rig = wire.rig();
   auto& teensy = wire.teensy_faults();
@@ -50,6 +61,7 @@ WireControl::WireControl(WireRig& wire) : rig_(wire.rig()) {
   } else {
     add_modbus(wire.frame_faults());
   }
+  if (wire.regulator() != nullptr) add_regulator(wire.regulator_faults());
   // The plant's own switches belong to its lock.
   const auto plain = [this, &rig](std::string name, auto& value, bool when_on, std::string what) {
     switches_.push_back({std::move(name), "", std::move(what), 1, false,

@@ -54,6 +54,16 @@ Instron8800Server::Options controller_options(const WireRigConfig& config) {
   return options;
 }
 
+RegulatorServer::Options regulator_options(const pressure::RegulatorConfig& config) {
+  RegulatorServer::Options options;
+  options.tcp = config.line.transport == frame::ModbusTransport::kTcp;
+  options.tcp_address = config.line.host;
+  options.tcp_port = config.line.port;
+  options.pty_link = config.line.tty;
+  options.unit_id = config.line.map.unit_id;
+  return options;
+}
+
 std::unique_ptr<EmulatedTeensy> make_teensy(const WireRigConfig& config, const std::string& serial,
                                             pressure::Device& backend, std::int64_t start_ns, std::int64_t now_ns) {
   EmulatedTeensy::Options options;
@@ -94,6 +104,10 @@ WireRigConfig read_wire_rig(const std::filesystem::path& rig_file) {
     config.teensy_link = pressure.string("port");
   config.teensy_serial = pressure.string_or("serial", config.teensy_serial);
   pressure.ignore_rest();
+  if (const auto t = root.table_if("regulator")) {
+    config.regulator = pressure::read_regulator_config(*t, directory);
+    t->ignore_rest();
+  }
   root.ignore_rest();  // the daemon's own tables
   document.finish();
   return config;
@@ -109,6 +123,8 @@ WireRig::WireRig(const WireRigConfig& config, const clock::Clock& clock)
       instron8800_(config.instron8800 ? std::make_unique<Instron8800Server>(controller_options(config), rig_.frame(),
                                                                             instron8800_faults_)
                                       : nullptr),
+      regulator_(config.regulator ? std::make_unique<RegulatorServer>(regulator_options(*config.regulator), rig_, regulator_faults_)
+                                  : nullptr),
       teensy_(make_teensy(config, teensy_serial_, rig_.pressure(), start_ns_, clock.now_ns())) {
   rig_.interlock().connect();
   rig_.interlock().hold_pressure(

@@ -9,10 +9,12 @@
 #include "drivers/clock/clock.hpp"
 #include "drivers/frame/instron8800_config.hpp"
 #include "drivers/frame/modbus_config.hpp"
+#include "drivers/pressure/regulator_config.hpp"
 #include "sim/faults.hpp"
 #include "sim/frame/instron8800_server.hpp"
 #include "sim/frame/modbus_server.hpp"
 #include "sim/pressure/emulated_teensy.hpp"
+#include "sim/pressure/regulator_server.hpp"
 #include "sim/rig.hpp"
 
 namespace isorig::sim {
@@ -25,6 +27,8 @@ struct WireRigConfig {
   /// When set the frame is such a controller instead; `controller` is what [sim.controller] says of it.
   std::optional<frame::Instron8800Config> instron8800;
   Instron8800Server::Options controller;
+  /// When set a regulator sets the pressure, and the Teensy's fill valve is its supply valve.
+  std::optional<pressure::RegulatorConfig> regulator;
   std::string rtu_link;     ///< the frame also on a pseudo-terminal, linked from here; empty: not
   std::string teensy_link;  ///< link to the Teensy's pseudo-terminal; empty: the Teensy is on USB (teensy_usbip.hpp)
   std::string teensy_serial = "1234560";
@@ -54,6 +58,9 @@ class WireRig {
   [[nodiscard]] FrameWireFaults& frame_faults() noexcept { return frame_faults_; }
   [[nodiscard]] TeensyFaults& teensy_faults() noexcept { return teensy_->faults(); }
   [[nodiscard]] Instron8800Faults& instron8800_faults() noexcept { return instron8800_faults_; }
+  [[nodiscard]] RegulatorFaults& regulator_faults() noexcept { return regulator_faults_; }
+  /// Nothing where valves set the pressure.
+  [[nodiscard]] const RegulatorServer* regulator() const noexcept { return regulator_.get(); }
   [[nodiscard]] bool is_instron8800() const noexcept { return instron8800_ != nullptr; }
   /// Where the frame is served: a TCP port, or 0; a pseudo-terminal, or "".
   [[nodiscard]] std::uint16_t frame_port() const noexcept { return modbus_ ? modbus_->port() : instron8800_->port(); }
@@ -68,6 +75,8 @@ class WireRig {
   Instron8800Faults instron8800_faults_;
   std::unique_ptr<ModbusServer> modbus_;  // one of the two
   std::unique_ptr<Instron8800Server> instron8800_;
+  RegulatorFaults regulator_faults_;
+  std::unique_ptr<RegulatorServer> regulator_;
   std::unique_ptr<EmulatedTeensy> teensy_;
 };
 

@@ -57,8 +57,8 @@ void ModbusLink::Free::operator()(_modbus* context) const noexcept {
   modbus_free(context);
 }
 
-ModbusLink::ModbusLink(const ModbusConfig& config)
-    : config_(config), probe_block_(config.map.header_block()) {
+ModbusLink::ModbusLink(const ModbusConfig& config, ReadBlock probe, std::string device)
+    : config_(config), device_(std::move(device)), probe_block_(std::move(probe)) {
   if (config_.transport == ModbusTransport::kTcp) {
     // The library copies an address of at most 15 characters and never uses it: connect_tcp() opens the
     // socket.
@@ -87,7 +87,7 @@ ModbusLink::~ModbusLink() {
 }
 
 std::string ModbusLink::at() const {
-  return "frame at " + config_.where() + ": ";
+  return device_ + " at " + config_.where() + ": ";
 }
 
 void ModbusLink::open() {

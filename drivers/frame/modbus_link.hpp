@@ -30,7 +30,10 @@ namespace isorig::frame {
 /// Every call is bounded: connect + (RTU: response + probe's response) + response time-out. Not thread-safe.
 class ModbusLink {
  public:
-  explicit ModbusLink(const ModbusConfig& config);
+  explicit ModbusLink(const ModbusConfig& config) : ModbusLink(config, config.map.header_block(), "frame") {}
+  /// For a device that is no frame: of `config` the line and the unit count. `probe` is a block that can be read in any
+  /// length up to its own.
+  ModbusLink(const ModbusConfig& config, ReadBlock probe, std::string device);
   ~ModbusLink();
   ModbusLink(const ModbusLink&) = delete;
   ModbusLink& operator=(const ModbusLink&) = delete;
@@ -63,6 +66,7 @@ class ModbusLink {
   [[nodiscard]] std::string at() const;
 
   ModbusConfig config_;
+  std::string device_;
   ReadBlock probe_block_;
   std::unique_ptr<_modbus, Free> context_;
   clock::RealClock clock_;  // the line lives in real time, whatever clock stamps the samples

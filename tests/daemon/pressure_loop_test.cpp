@@ -120,8 +120,16 @@ TEST(PressureLoop, ARegulatorGetsTheReferenceAndASlowTrim) {
   // A regulator that is 0.3 psi low: the trim takes it out.
   for (int i = 0; i < 10'000; ++i) c = loop.update(now_ns += 1'000'000, std::max(0.0, double{c.regulator_psi} - 0.3), 0.0);
   EXPECT_NEAR(double{c.regulator_psi}, 10.3, 0.01);
-  EXPECT_EQ(c.fill_permille, 0);
+  EXPECT_EQ(c.fill_permille, 1000);  // the regulator's supply
   EXPECT_EQ(c.vent_permille, 0);
+  EXPECT_FALSE(loop.unreachable());
+  // One that does not come there.
+  for (int i = 0; i < 10'000; ++i) c = loop.update(now_ns += 1'000'000, 7.0, 0.0);
+  EXPECT_TRUE(loop.unreachable());
+  loop.vent();
+  EXPECT_EQ(loop.command().fill_permille, 0);
+  EXPECT_EQ(loop.command().vent_permille, 1000);
+  EXPECT_FALSE(loop.unreachable());
 }
 
 }  // namespace

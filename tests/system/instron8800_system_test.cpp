@@ -16,7 +16,7 @@ class Rig8800 : public testing::Test {
  protected:
   /// The shipped rig, with time limits for a machine that stands still now and then.
   std::string rig_text() const {
-    auto text = slurp(source("config/rigs/sim-8800.toml"));
+    auto text = slurp(source("config/rigs/" + rig_file_));
     text = replaced(text, "\"../", "\"" + source("config/"));
     text = replaced(text, "port = \"/tmp/isorig-sim-teensy\"", "port = \"" + (dir_ / "teensy").string() + "\"");
     for (const auto* age : {"frame_age_max_s = 1.0", "pressure_age_max_s = 0.5", "interlock_age_max_s = 1.0", "late_tick_max_s = 0.5"}) {
@@ -26,6 +26,10 @@ class Rig8800 : public testing::Test {
     text = replaced(text, "heartbeat_timeout_s = 0.5", "heartbeat_timeout_s = 2.0");
     text = replaced(text, "watchdog_s = 0.5", "watchdog_s = 2.0");
     text = replaced(text, "response_timeout_ms = 400", "response_timeout_ms = 400\nheartbeat_timeout_ms = 2000");
+    if (text.find("[regulator]") != std::string::npos) {
+      text = replaced(text, "/tmp/isorig-sim-regulator", (dir_ / "regulator").string());
+      text = replaced(text, "baud = 19200\n", "baud = 19200\nage_max_s = 2.0\nresponse_timeout_ms = 400\n");
+    }
     return text + "\n[lcm]\nenabled = false\n";
   }
 
@@ -118,6 +122,7 @@ steps = [
         << daemon_->status().dump(2);
   }
 
+  std::string rig_file_ = "sim-8800.toml";
   TempDir dir_;
   std::optional<Process> simrig_;
   std::optional<DaemonProcess> daemon_;
@@ -185,6 +190,42 @@ TEST_F(Rig8800, ADisconnectionMidRampIsASafeState) {
   EXPECT_TRUE(wait_until(30.0, [&] { return daemon_->call({"reset"}).code == 0; })) << daemon_->status().dump(2);
   EXPECT_TRUE(daemon_->reach("ready", 20.0)) << daemon_->status().dump(2);
   EXPECT_GT(daemon_->status()["frame"]["reconnects"].get<int>(), 0);
+}
+
+class RigRegulator : public Rig8800 {
+ protected:
+  RigRegulator() { rig_file_ = "sim-8800-regulator.toml"; }
+};
+
+TEST_F(RigRegulator, SetsThePressureThatTheElvhMeasures) {
+  ASSERT_NO_FATAL_FAILURE(start(true));
+  EXPECT_TRUE(daemon_->status()["regulator"].value("connected", false));
+  run_and_compare(source("config/protocols/vma-smoke.toml"));
+  const auto truth = Truth::read(dir_ / "truth.csv");
+  EXPECT_GT(truth.size(), 10'000U);
+}
+
+TEST_F(RigRegulator, IsASafeStateWhenItIsGone) {
+  ASSERT_NO_FATAL_FAILURE(start(true));
+  ASSERT_NO_FATAL_FAILURE(be_busy());
+  EXPECT_EQ(say("fault regulator disconnect on"), "ok\n");  // it goes on regulating; nobody can tell it to stop
+  ASSERT_TRUE(daemon_->reach("faulted", 20.0)) << daemon_->status().dump(2);
+  EXPECT_THAT(daemon_->status().value("fault", ""), HasSubstr("stale.regulator"));
+  EXPECT_TRUE(vents());  // supply and vent valve are the Teensy's
+  EXPECT_NEAR(velocity_now_mm_s(), 0.0, 0.005);
+  EXPECT_EQ(daemon_->call({"reset"}).code, 5);
+  EXPECT_EQ(say("fault regulator disconnect off"), "ok\n");
+  EXPECT_TRUE(wait_until(30.0, [&] { return daemon_->call({"reset"}).code == 0; })) << daemon_->status().dump(2);
+  EXPECT_TRUE(daemon_->reach("ready", 20.0)) << daemon_->status().dump(2);
+}
+
+TEST_F(RigRegulator, IsASafeStateWhenItReadsAnotherPressure) {
+  ASSERT_NO_FATAL_FAILURE(start(true));
+  ASSERT_NO_FATAL_FAILURE(be_busy());
+  EXPECT_EQ(say("fault regulator sensor-off on"), "ok\n");
+  ASSERT_TRUE(daemon_->reach("faulted", 20.0)) << daemon_->status().dump(2);
+  EXPECT_THAT(daemon_->status().value("fault", ""), HasSubstr("regulator.disagrees"));
+  EXPECT_TRUE(vents());
 }
 
 }  // namespace

@@ -1,0 +1,189 @@
+// The regulator's driver against the emulated regulator in the simulated plant, over RTU on a pseudo-terminal and TCP.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <thread>
+
+#include "drivers/pressure/alicat_regulator.hpp"
+#include "sim/pressure/regulator_server.hpp"
+
+namespace isorig::sim {
+namespace {
+
+using ::testing::HasSubstr;
+using drivers::DeviceError;
+using drivers::Fault;
+
+const std::string kMap = ISORIG_SOURCE_DIR "/config/regulators/alicat.toml";
+
+class Regulator : public ::testing::TestWithParam<bool> {
+ protected:
+  void SetUp() override {
+    auto sim = load_sim(ISORIG_SOURCE_DIR "/config/rigs/sim-8800-regulator.toml");
+    sim.pressure.watchdog_s = 60.0;
+    RigOptions live;
+    live.start_ns = clock_.now_ns();
+    live.clock = &clock_;
+    live.threaded = true;
+    rig_ = std::make_unique<Rig>(sim, load_specimen(sim.specimen), live);
+    rig_->interlock().connect();
+    rig_->interlock().hold_pressure(true);
+    rig_->pressure().connect();
+    rig_->pressure().heartbeat();
+    rig_->pressure().command({1000, 0, 0.0F});  // the supply valve
+    RegulatorServer::Options options;
+    options.tcp = GetParam();
+    options.pty_link = (std::filesystem::path(::testing::TempDir()) / ("regulator-" + std::to_string(::getpid()))).string();
+    server_ = std::make_unique<RegulatorServer>(options, *rig_, faults_);
+    config_.map = pressure::read_regulator_map(kMap);
+    config_.line.map.unit_id = 1;
+    config_.line.transport = GetParam() ? frame::ModbusTransport::kTcp : frame::ModbusTransport::kRtu;
+    config_.line.port = server_->port();
+    config_.line.tty = options.pty_link;
+    config_.line.response_timeout_ms = 150;
+    config_.max_psi = 20.0;
+    make();
+  }
+  void make() { device_ = std::make_unique<pressure::AlicatRegulator>(config_); }
+
+  static bool until(double seconds, const std::function<bool()>& condition) {
+    const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
+    while (!condition()) {
+      if (std::chrono::steady_clock::now() > end) return false;
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    }
+    return true;
+  }
+  Fault fault_of(const std::function<void()>& call, const std::string& says) {
+    try {
+      call();
+    } catch (const DeviceError& error) {
+      EXPECT_THAT(error.what(), HasSubstr(says));
+      return error.fault();
+    }
+    ADD_FAILURE() << "nothing was thrown";
+    return Fault::kTimeout;
+  }
+
+  clock::RealClock clock_;
+  RegulatorFaults faults_;
+  std::unique_ptr<Rig> rig_;
+  std::unique_ptr<RegulatorServer> server_;
+  pressure::RegulatorConfig config_;
+  std::unique_ptr<pressure::AlicatRegulator> device_;
+};
+
+TEST_P(Regulator, SetsThePressureAndLetsItGo) {
+  EXPECT_THAT(device_->connect(), HasSubstr("alicat"));
+  EXPECT_TRUE(server_->exhausting());
+  device_->regulate(5.0F);
+  EXPECT_FALSE(server_->exhausting());
+  EXPECT_NEAR(server_->setpoint_psi(), 5.0, 1e-5);
+  EXPECT_TRUE(until(10.0, [&] { return std::abs(rig_->truth().pressure_psi - 5.0) < 0.1; })) << rig_->truth().pressure_psi;
+  const auto state = device_->read();
+  EXPECT_NEAR(state.setpoint_psi, 5.0, 1e-3);
+  EXPECT_NEAR(state.pressure_psi, 5.0, 0.15);
+  EXPECT_FALSE(state.exhausting);
+  EXPECT_FALSE(state.faulty);
+  device_->exhaust();
+  EXPECT_TRUE(device_->read().exhausting);
+  EXPECT_TRUE(until(10.0, [&] { return rig_->truth().pressure_psi < 0.3; })) << rig_->truth().pressure_psi;
+}
+
+TEST_P(Regulator, SaysWhichWordOrderWouldBeRight) {
+  faults_.swap_words = true;
+  EXPECT_EQ(fault_of([&] { (void)device_->connect(); }, "with word_order = \"CDAB\" it would be right"), Fault::kIdentity);
+  config_.map.order = frame::WordOrder::kCDAB;
+  make();
+  device_->connect();
+  device_->regulate(3.0F);
+  EXPECT_NEAR(server_->setpoint_psi(), 3.0, 1e-5);
+  EXPECT_TRUE(device_->read().setpoint_psi == 3.0F);
+}
+
+TEST_P(Regulator, SeesAnotherUnit) {
+  faults_.in_kpa = true;
+  EXPECT_EQ(fault_of([&] { (void)device_->connect(); }, "check pressure_unit"), Fault::kIdentity);
+  config_.map.psi_per_unit = 0.14503773773;
+  config_.map.known_min = 60.0;
+  config_.map.known_max = 110.0;
+  make();
+  device_->connect();
+  device_->regulate(3.0F);
+  EXPECT_NEAR(server_->setpoint_psi(), 3.0, 1e-4);
+}
+
+TEST_P(Regulator, ASetpointThatDoesNotArriveIsRefused) {
+  device_->connect();
+  faults_.clamp = true;
+  EXPECT_EQ(fault_of([&] { device_->regulate(5.0F); }, "was read back as 2 psi"), Fault::kRefused);
+  EXPECT_TRUE(server_->exhausting());  // still: the valve is let go only after the set-point stands
+  EXPECT_EQ(fault_of([&] { device_->regulate(20.5F); }, "outside 0 to max_psi"), Fault::kRefused);
+  EXPECT_EQ(fault_of([&] { device_->regulate(std::nanf("")); }, "outside 0 to max_psi"), Fault::kRefused);
+}
+
+TEST_P(Regulator, ALateAnswerIsNeverTheNextOne) {
+  device_->connect();
+  device_->regulate(4.0F);
+  ASSERT_TRUE(until(10.0, [&] { return std::abs(rig_->truth().pressure_psi - 4.0) < 0.2; }));
+  for (int i = 0; i < 3; ++i) {
+    faults_.late_ms = 220;
+    EXPECT_EQ(fault_of([&] { (void)device_->read(); }, "no answer within"), Fault::kTimeout);
+    pressure::RegulatorState state;
+    ASSERT_TRUE(until(5.0, [&] {
+      try {
+        state = device_->read();
+        return true;
+      } catch (const DeviceError&) {
+        return false;
+      }
+    }));
+    EXPECT_NEAR(state.setpoint_psi, 4.0, 1e-3);
+    EXPECT_NEAR(state.pressure_psi, 4.0, 0.3);
+  }
+}
+
+TEST_P(Regulator, KeepsItsSetpointWhenNobodySpeaksToIt) {
+  device_->connect();
+  device_->regulate(4.0F);
+  ASSERT_TRUE(until(10.0, [&] { return std::abs(rig_->truth().pressure_psi - 4.0) < 0.2; }));
+  faults_.disconnect = true;
+  EXPECT_THROW((void)device_->read(), DeviceError);
+  EXPECT_THROW(device_->exhaust(), DeviceError);
+  std::this_thread::sleep_for(std::chrono::milliseconds(300));
+  EXPECT_NEAR(rig_->truth().pressure_psi, 4.0, 0.3);
+  rig_->pressure().command({0, 1000, 0.0F});  // supply shut, vent open: the Teensy's, with or without the regulator
+  EXPECT_TRUE(until(10.0, [&] { return rig_->truth().pressure_psi < 0.3; })) << rig_->truth().pressure_psi;
+}
+
+INSTANTIATE_TEST_SUITE_P(Rtu, Regulator, ::testing::Values(false));
+INSTANTIATE_TEST_SUITE_P(Tcp, Regulator, ::testing::Values(true));
+
+TEST(RegulatorMap, CountsFromWhereTheManualDoes) {
+  std::ifstream in(kMap);
+  std::string text((std::istreambuf_iterator<char>(in)), {});
+  const auto with = [&](const std::string& from, const std::string& to) {
+    auto changed = text;
+    changed.replace(changed.find(from), from.size(), to);
+    const auto path = std::filesystem::path(::testing::TempDir()) / ("map-" + std::to_string(::getpid()) + ".toml");
+    std::ofstream(path) << changed;
+    return path;
+  };
+  const auto zero = pressure::read_regulator_map(kMap);
+  const auto one = pressure::read_regulator_map(with("address_base = 0", "address_base = 1"));
+  EXPECT_EQ(zero.setpoint, 1009);
+  EXPECT_EQ(one.setpoint, 1008);
+  EXPECT_EQ(one.known, 1356);
+  EXPECT_EQ(zero.exhausting_bits, 1U << 10U);
+  EXPECT_THROW((void)pressure::read_regulator_map(with("pressure = 1202", "pressure = 1100")), base::ConfigError);
+  EXPECT_THROW((void)pressure::read_regulator_map(with("\"psi\"", "\"mbar\"")), base::ConfigError);
+}
+
+}  // namespace
+}  // namespace isorig::sim
