@@ -59,7 +59,8 @@ messages::Recording run(const Bench& b, Script script, bool noise) {
         -wander * kStep_s / 60.0 + b.pressure_wander_psi * std::sqrt(2.0 * kStep_s / 60.0) * normal(random);
     pressure[i] = wander;
   }
-  double arm = 0.0, second = 0.0, bristle = 0.0, seen = x[0], travel = 0.0, lagged = 0.0, colour = 0.0;
+  double arm = 0.0, second = 0.0, bristle = 0.0, seen = x[0], travel = 0.0, lagged = 0.0, entering = 0.0,
+         colour = 0.0;
   bool slipped = false;
   for (std::size_t i = 0; i < n; ++i) {
     const double t = static_cast<double>(i) * kStep_s;
@@ -88,7 +89,12 @@ messages::Recording run(const Bench& b, Script script, bool noise) {
     if (b.mass_kg > 0.0 && i > 0 && i + 1 < n)
       f += b.mass_kg * 1e-3 * (x[i + 1] - 2.0 * x[i] + x[i - 1]) / (kStep_s * kStep_s);
     if (b.lag_s > 0.0) {
-      lagged = i == 0 ? f : lagged + kStep_s / b.lag_s * (f - lagged);
+      // Trapezoids: the mean of what enters over the step. The newest value alone would be a lag one step
+      // short.
+      const double half = 0.5 * kStep_s / b.lag_s;
+      if (i == 0) lagged = entering = f;
+      lagged = (lagged * (1.0 - half) + half * (f + entering)) / (1.0 + half);
+      entering = f;
       f = lagged;
     }
     force[i] = f;
