@@ -39,10 +39,13 @@ std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const mod
     (free[i].parameter ? part.parameters : part.coefficients)[free[i].index] += free[i].step;
     jacobian.col(static_cast<Eigen::Index>(i)) = residual_of(moved) - at;  // per step: well scaled
   }
-  Eigen::MatrixXd hessian = jacobian.transpose() * jacobian;
+  // Columns of equal length: a number near zero has a short step, and the rank must not hang on that.
+  const Eigen::VectorXd length = jacobian.colwise().norm().transpose().cwiseMax(1e-300);
+  jacobian.array().rowwise() /= length.transpose().array();
   const double scale =
       std::max(at.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(at.size(), 1)), 1.0);
-  const Eigen::MatrixXd covariance = scale * hessian.completeOrthogonalDecomposition().pseudoInverse();
+  const Eigen::MatrixXd covariance =
+      scale * (jacobian.transpose() * jacobian).completeOrthogonalDecomposition().pseudoInverse();
   std::vector<std::vector<NamedValue>> out;
   for (std::size_t p = 0; p < spec.parts.size(); ++p) {
     const auto& part = spec.parts[p];
@@ -52,7 +55,7 @@ std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const mod
       for (std::size_t i = 0; i < free.size(); ++i) {
         if (free[i].part != p || free[i].index != index || free[i].parameter != parameter) continue;
         const auto d = static_cast<Eigen::Index>(i);
-        const double half = 1.96 * free[i].step * std::sqrt(std::max(covariance(d, d), 0.0));
+        const double half = 1.96 * free[i].step / length[d] * std::sqrt(std::max(covariance(d, d), 0.0));
         named.low = value - half;
         named.high = value + half;
       }
