@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include "messages/csv.hpp"
+#include "proof/generator/effects.hpp"
 #include "proof/sealed.hpp"
 
 namespace isorig::proof {
@@ -78,6 +79,20 @@ void add_effects(const Json& json, std::vector<std::string>& effects) {
   }
 }
 
+/// What others call their kinds is theirs; what has none of the thirteen names nobody can be asked to name.
+std::string foreign_category(const Json& json, const std::vector<std::string>& effects) {
+  if (effects.empty()) return "null";
+  const Json* given = find_any(json, {"kind", "category"});
+  const std::string kind = given != nullptr && given->is_string() ? given->get<std::string>() : "";
+  const auto has_name = [](const std::string& effect) {
+    return std::ranges::find(named_effects(), effect, &EffectKind::name) != named_effects().end();
+  };
+  if (kind == "outside" || kind == "out_of_catalogue" || !std::ranges::all_of(effects, has_name))
+    return "out_of_catalogue";
+  if (effects.size() > 1) return "pair";
+  return kind == "background" ? kind : "single";
+}
+
 Label foreign_label(const std::string& name, const Json& json) {
   Label label;
   label.name = name;
@@ -91,7 +106,7 @@ Label foreign_label(const std::string& name, const Json& json) {
   label.nominal = nominal->get<std::string>();
   label.noise_N = noise->get<double>();
   add_effects(*effects, label.effects);
-  label.category = label.effects.empty() ? "null" : label.effects.size() == 1 ? "single" : "pair";
+  label.category = foreign_category(json, label.effects);
   return label;
 }
 

@@ -128,6 +128,19 @@ TEST(ProofLabels, OfOthersAreReadInTheirOwnForms) {
   const auto listed = parse_foreign_labels(
       R"({"cases": [{"case": "c", "concealed": [{"effect": "slack"}, {"effect": "force_lag"}], "model": "slse1", "noise": 0.1}]})");
   EXPECT_EQ(listed.at(0).category, "pair");
+  const auto strange = parse_foreign_labels(
+      R"({"a": {"kind": "outside", "labels": ["slack"], "model": "slse1", "noise_N": 0.02},
+          "b": {"kind": "single", "labels": ["pitch_error"], "model": "slse1", "noise_N": 0.02},
+          "c": {"kind": "single", "labels": ["slack"], "model": "slse1", "noise_N": 0.02},
+          "d": {"kind": "background", "labels": ["slack"], "model": "slse1", "noise_N": 0.02}})");
+  EXPECT_EQ(strange.at(0).category, "out_of_catalogue");
+  EXPECT_EQ(strange.at(1).category, "out_of_catalogue");
+  EXPECT_EQ(strange.at(2).category, "single");
+  EXPECT_EQ(strange.at(3).category, "background");
+  // Called unknown is what is asked of them; they are no single that was missed.
+  const Score strange_score = score("tool", {strange[1]}, {said("unknown_physics", {})});
+  EXPECT_EQ(strange_score.first_all.of, 0U);
+  EXPECT_EQ(strange_score.unknown_called.hits, 1U);
   EXPECT_THAT([] { (void)parse_foreign_labels(R"({"a": {"what": 1}})"); },
               testing::ThrowsMessage<std::runtime_error>(testing::HasSubstr("what")));
 }
