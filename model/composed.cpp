@@ -56,6 +56,14 @@ ModelSpec nominal_model(std::string_view name) {
   return spec;
 }
 
+namespace {
+
+Stage stage_of(const Part& part) noexcept {
+  return part.law->scales_specimen ? Stage::kSpecimenShape : part.physics->stage;
+}
+
+}  // namespace
+
 RunningModel::RunningModel(const ModelSpec& spec, const Reference& reference) {
   std::vector<std::size_t> first_of_part;
   std::size_t next = 0;
@@ -65,13 +73,13 @@ RunningModel::RunningModel(const ModelSpec& spec, const Reference& reference) {
   }
   std::vector<std::size_t> by_stage(spec.parts.size());
   std::iota(by_stage.begin(), by_stage.end(), std::size_t{0});
-  std::ranges::stable_sort(by_stage, {}, [&](std::size_t i) { return spec.parts[i].physics->stage; });
+  std::ranges::stable_sort(by_stage, {}, [&](std::size_t i) { return stage_of(spec.parts[i]); });
 
   for (const std::size_t i : by_stage) {
     const Part& part = spec.parts[i];
     running_.push_back({part.law->make_table ? part.law->make_table(part.table, reference)
                                              : part.law->make(part.parameters, reference),
-                        part.physics->stage, coefficients_.size()});
+                        stage_of(part), coefficients_.size()});
     for (std::size_t c = 0; c < part.coefficients.size(); ++c) {
       coefficients_.push_back(part.coefficients[c]);
       order_.push_back(first_of_part[i] + c);

@@ -99,6 +99,8 @@ struct Law {
   std::function<std::unique_ptr<Process>(std::span<const double> parameters, const Reference&)> make;
   /// The law is another form of a linear Maxwell arm of the nominal model, and takes its place.
   bool replaces_arm = false;
+  /// The law scales the force of all other specimen parts (Process::shape) instead of adding its own.
+  bool scales_specimen = false;
   /// Set instead of `make` for a law that is a table (empirical models).
   std::function<std::unique_ptr<Process>(const Table&, const Reference&)> make_table = {};
 };

@@ -12,7 +12,6 @@ class Softening : public Process {
   void reset(const Instant&) noexcept override { travelled_mm_ = 0.0; }
   void force(const Instant& now, double* columns) noexcept override {
     travelled_mm_ += std::fabs(now.step_mm);
-    if (of_ == Of::kAll) return;
     columns[0] = lost() * (of_ == Of::kElongation ? now.elongation_mm : now.position_mm);
   }
   void shape(const Instant& now, std::span<double> columns, std::span<const double>) noexcept override {
@@ -61,7 +60,9 @@ const Physics& cyclic_softening() {
         {},
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Softening>(Softening::Of::kAll, p[0], p[1]);
-        }}}};
+        },
+        false,
+        true}}};
   return physics;
 }
 
