@@ -1,48 +1,51 @@
-#include <array>
-#include <cmath>
+#include <algorithm>
+#include <memory>
 
 #include "model/effects/effects.hpp"
 
 namespace isorig::model::effect {
 namespace {
 
-/// F_read(t) = F(t - d), straight between instants.
+/// F_read(t) = F(t - d), straight between instants. What is kept are the instants of the last 65 536 numbers:
+/// with a time and 32 coefficients each, a delay of 1 s up to 1.9 kHz, with the usual five up to 10 kHz; a
+/// longer one is cut to that.
 class Delay : public Process {
  public:
-  explicit Delay(double delay_s) noexcept : delay_s_(delay_s) {}
+  explicit Delay(double delay_s) : delay_s_(delay_s), ring_(new double[kNumbers]) {}
   void reset(const Instant&) noexcept override { newest_ = read_ = 0; }
   void shape(const Instant& now, std::span<double> columns, std::span<const double>) noexcept override {
     const std::size_t width = std::min(columns.size(), kMost);
-    Entry& entry = ring_[newest_ % kDepth];
-    entry.t_s = now.t_s;
-    for (std::size_t i = 0; i < width; ++i) entry.columns[i] = columns[i];
+    depth_ = kNumbers / (width + 1);
+    double* const entry = at(newest_, width);
+    entry[0] = now.t_s;
+    std::copy_n(columns.begin(), width, entry + 1);
     ++newest_;
     const double wanted_s = now.t_s - delay_s_;
-    const std::size_t oldest = newest_ > kDepth ? newest_ - kDepth : 0;
+    const std::size_t oldest = newest_ > depth_ ? newest_ - depth_ : 0;
     if (read_ < oldest) read_ = oldest;
-    while (read_ + 1 < newest_ && ring_[(read_ + 1) % kDepth].t_s <= wanted_s) ++read_;
-    const Entry& before = ring_[read_ % kDepth];
-    if (read_ + 1 >= newest_ || wanted_s <= before.t_s) {
-      for (std::size_t i = 0; i < width; ++i) columns[i] = before.columns[i];
+    while (read_ + 1 < newest_ && at(read_ + 1, width)[0] <= wanted_s) ++read_;
+    const double* const before = at(read_, width);
+    if (read_ + 1 >= newest_ || wanted_s <= before[0]) {
+      std::copy_n(before + 1, width, columns.begin());
       return;
     }
-    const Entry& after = ring_[(read_ + 1) % kDepth];
-    const double share = (wanted_s - before.t_s) / (after.t_s - before.t_s);
+    const double* const after = at(read_ + 1, width);
+    const double share = (wanted_s - before[0]) / (after[0] - before[0]);
     for (std::size_t i = 0; i < width; ++i)
-      columns[i] = before.columns[i] + share * (after.columns[i] - before.columns[i]);
+      columns[i] = before[i + 1] + share * (after[i + 1] - before[i + 1]);
   }
 
  private:
   static constexpr std::size_t kMost = 32;
-  static constexpr std::size_t kDepth = 512;
-  struct Entry {
-    double t_s = 0.0;
-    std::array<double, kMost> columns{};
-  };
+  static constexpr std::size_t kNumbers = 65536;
+  [[nodiscard]] double* at(std::size_t number, std::size_t width) noexcept {
+    return ring_.get() + number % depth_ * (width + 1);
+  }
   double delay_s_;
   std::size_t newest_ = 0;
   std::size_t read_ = 0;
-  std::array<Entry, kDepth> ring_{};
+  std::size_t depth_ = 1;
+  std::unique_ptr<double[]> ring_;  // time and columns of each instant; what was never written is never read
 };
 
 }  // namespace
