@@ -19,6 +19,22 @@ std::string number(double value) {
   return out;
 }
 
+/// A basic string of TOML.
+std::string toml_string(std::string_view text) {
+  std::string out = "\"";
+  for (const char c : text) {
+    if (c == '"' || c == '\\') {
+      (out += '\\') += c;
+    } else if (const auto code = static_cast<unsigned char>(c); code < 0x20 || code == 0x7f) {
+      constexpr std::string_view kDigits = "0123456789ABCDEF";
+      ((out += "\\u00") += kDigits[code >> 4U]) += kDigits[code & 0xFU];
+    } else {
+      out += c;
+    }
+  }
+  return out += '"';
+}
+
 std::string known_names(std::span<const Physics* const> list) {
   std::string names;
   for (const Physics* physics : list) names += (names.empty() ? "" : ", ") + std::string(physics->name);
@@ -62,7 +78,7 @@ void read_part(const base::TomlTable& table, ModelSpec& spec) {
     part.table.first = table.number("table_first");
     part.table.step = table.number("table_step", base::kPositive);
     part.table.values = table.numbers("table_values");
-    if (part.table.values.empty()) table.error("table_values", "a table needs at least one value");
+    if (part.table.values.empty()) table.error("table_values", "table_values needs at least one value");
   }
   spec.parts.push_back(std::move(part));
 }
@@ -100,11 +116,10 @@ std::string model_text(const ModelSpec& spec, std::string_view comment) {
     out += "# " + std::string(comment.substr(0, end)) + "\n";
     comment = end == std::string_view::npos ? std::string_view{} : comment.substr(end + 1);
   }
-  const auto quoted = [](std::string_view text) { return "\"" + std::string(text) + "\""; };
-  out += "format = " + quoted(kFormat) + "\nname = " + quoted(spec.name) + "\n";
+  out += "format = " + toml_string(kFormat) + "\nname = " + toml_string(spec.name) + "\n";
   for (const Part& part : spec.parts) {
     out += "\n[[part]]  # " + std::string(side_of(part.physics->stage));
-    out += "\nphysics = " + quoted(part.physics->name) + "\nlaw = " + quoted(part.law->name);
+    out += "\nphysics = " + toml_string(part.physics->name) + "\nlaw = " + toml_string(part.law->name);
     out += "  # " + std::string(part.law->formula) + "\n";
     for (std::size_t i = 0; i < part.parameters.size(); ++i)
       out += std::string(part.law->parameters[i].name) + " = " + number(part.parameters[i]) + "\n";
