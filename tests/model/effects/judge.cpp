@@ -1,0 +1,476 @@
+#include "judge.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numbers>
+
+namespace isorig::test {
+namespace {
+
+/// dz/dt = slope(z, velocity), z(0) = 0, by classical Runge-Kutta; `rate(z, velocity)` is how fast z may
+/// turn.
+template <class Slope, class Rate>
+Curve integrate(const Track& track, const Slope& slope, const Rate& rate) {
+  Curve z{0.0};
+  for (std::size_t i = 1; i < track.size(); ++i) {
+    const double v = (track.position_mm[i] - track.position_mm[i - 1]) / track.step_s;
+    double y = z.back(), left_s = track.step_s;
+    while (left_s > 0.0) {
+      const double h = std::fmin(left_s, 0.02 / std::fmax(rate(y, v), 1e-9));
+      const double k1 = slope(y, v), k2 = slope(y + 0.5 * h * k1, v), k3 = slope(y + 0.5 * h * k2, v);
+      const double k4 = slope(y + h * k3, v);
+      y += h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4);
+      left_s -= h;
+      if (left_s < 1e-15) break;
+    }
+    z.push_back(y);
+  }
+  return z;
+}
+
+Curve arm(const Track& track, double tau_s) {
+  return integrate(
+      track, [=](double z, double v) { return v - z / tau_s; }, [=](double, double) { return 1.0 / tau_s; });
+}
+
+double sign(double v) {
+  return v > 0.0 ? 1.0 : v < 0.0 ? -1.0 : 0.0;
+}
+
+Curve bristle(const Track& track, double delta_mm) {
+  return integrate(
+      track, [=](double z, double v) { return v / delta_mm * (1.0 - z * sign(v)); },
+      [=](double, double v) { return std::fabs(v) / delta_mm; });
+}
+
+/// Masing's rules for a body that slides: the first loading follows `virgin` (odd), every later branch is it
+/// doubled from the last turning point, and a loop that closes is forgotten (Madelung).
+class Masing {
+ public:
+  Masing(std::function<double(double)> virgin, double origin_mm)
+      : virgin_(std::move(virgin)), turns_{origin_mm} {}
+  double at(double x_mm) {
+    const double direction = sign(x_mm - last_mm());
+    if (moved_ && direction != 0.0 && direction != direction_) turns_.push_back(last_);
+    if (direction != 0.0) direction_ = direction;
+    moved_ = true;
+    last_ = x_mm;
+    for (;;) {
+      const std::size_t n = turns_.size();
+      if (n == 1) break;
+      const double away = std::fabs(x_mm - turns_[n - 1]);
+      if (n == 2) {  // one turn: past the mirror image of it, the first loading goes on
+        if (away >= 2.0 * std::fabs(turns_[1] - turns_[0])) turns_.resize(1);
+        break;
+      }
+      if (away < std::fabs(turns_[n - 1] - turns_[n - 2])) break;
+      turns_.resize(n - 2);
+    }
+    double force = 0.0;
+    for (std::size_t k = 0; k < turns_.size(); ++k) {
+      const double to = k + 1 < turns_.size() ? turns_[k + 1] : x_mm;
+      const double length = to - turns_[k];
+      force += k == 0 ? virgin_(length) : 2.0 * virgin_(0.5 * length);
+    }
+    return force;
+  }
+
+ private:
+  [[nodiscard]] double last_mm() const { return moved_ ? last_ : turns_[0]; }
+  std::function<double(double)> virgin_;
+  std::vector<double> turns_;
+  double last_ = 0.0, direction_ = 0.0;
+  bool moved_ = false;
+};
+
+Curve masing(const Track& track, const std::function<double(double)>& virgin) {
+  Masing body(virgin, track.position_mm.front());
+  Curve out;
+  for (const double x : track.position_mm) out.push_back(body.at(x));
+  return out;
+}
+
+double jenkins_virgin(double x, double delta_mm) {
+  return std::clamp(x / delta_mm, -1.0, 1.0);
+}
+
+double iwan_virgin(double x, double delta_mm) {
+  double sum = 0.0;
+  for (int i = 1; i <= 15; i += 2) sum += jenkins_virgin(x, delta_mm * i / 16.0);
+  return sum / 8.0;
+}
+
+Curve stribeck(const Track& track, double delta_mm, double vs, double r, double power) {
+  return integrate(
+      track,
+      [=](double z, double v) {
+        const double g = 1.0 + r * std::exp(-std::pow(std::fabs(v) / vs, power));
+        return v / delta_mm * (1.0 - z * sign(v) / g);
+      },
+      [=](double, double v) { return std::fabs(v) / delta_mm; });
+}
+
+/// Any force that follows the grid point alone.
+template <class Of>
+Columns pointwise(const Track& track, const Of& of) {
+  Curve out;
+  for (std::size_t i = 0; i < track.size(); ++i) out.push_back(of(i));
+  return {out};
+}
+
+Judge at_point(std::function<double(Numbers, const Track&, std::size_t)> of) {
+  return {.force = [of](Numbers p, const Track& t) {
+    return pointwise(t, [&](std::size_t i) { return of(p, t, i); });
+  }};
+}
+
+Judge several(std::vector<Judge> judges) {
+  return {.force = [judges](Numbers p, const Track& t) {
+    Columns out;
+    for (const Judge& judge : judges) out.push_back(judge.force(p, t).front());
+    return out;
+  }};
+}
+
+double elongation(const Track& t, std::size_t i) {
+  return t.position_mm[i] + t.elongation_at_zero_mm;
+}
+
+Curve travel(const Track& track) {
+  Curve out{0.0};
+  for (std::size_t i = 1; i < track.size(); ++i)
+    out.push_back(out.back() + std::fabs(track.position_mm[i] - track.position_mm[i - 1]));
+  return out;
+}
+
+Judge softened(bool of_elongation) {
+  return {.force = [of_elongation](Numbers p, const Track& t) {
+    const Curve s = travel(t);
+    return pointwise(t, [&](std::size_t i) {
+      return (1.0 - std::exp(-s[i] / p[0])) * (of_elongation ? elongation(t, i) : t.position_mm[i]);
+    });
+  }};
+}
+
+/// Integral of the share of fibres that are taut, Simpson's rule from far below the knee.
+double taut(double x, double knee_mm, double width_mm) {
+  const double from = std::fmin(x, knee_mm) - 45.0 * width_mm;
+  constexpr int kCount = 4000;
+  const double h = (x - from) / kCount;
+  double sum = 0.0;
+  for (int i = 0; i <= kCount; ++i) {
+    const double share = 1.0 / (1.0 + std::exp(-(from + i * h - knee_mm) / width_mm));
+    sum += (i == 0 || i == kCount ? 1.0 : i % 2 == 1 ? 4.0 : 2.0) * share;
+  }
+  return sum * h / 3.0;
+}
+
+double from_table(double x) {
+  const model::Table table = some_table();
+  double value = table.values.back();
+  for (std::size_t i = 0; i + 1 < table.values.size(); ++i) {
+    const double left = table.first + table.step * static_cast<double>(i);
+    if (x >= left + table.step) continue;
+    const double share = std::fmax((x - left) / table.step, 0.0);
+    value = (1.0 - share) * table.values[i] + share * table.values[i + 1];
+    break;
+  }
+  return value;
+}
+
+Judge by_direction(double wanted) {
+  return {.force = [wanted](Numbers, const Track& t) {
+    Curve out;
+    double direction = 0.0;
+    for (std::size_t i = 0; i < t.size(); ++i) {
+      const double step = i > 0 ? t.position_mm[i] - t.position_mm[i - 1] : 0.0;
+      if (std::fabs(step) > 1e-9) direction = sign(step);
+      out.push_back(direction == wanted ? from_table(t.position_mm[i]) : 0.0);
+    }
+    return Columns{out};
+  }};
+}
+
+void reckon_velocity(Track& track) {
+  for (std::size_t i = 1; i < track.size(); ++i)
+    track.velocity_mm_s[i] = (track.position_mm[i] - track.position_mm[i - 1]) / track.step_s;
+}
+
+std::map<std::string, Judge> make_elements() {
+  std::map<std::string, Judge> of;
+  of["spring/linear"] = at_point([](Numbers, const Track& t, std::size_t i) { return elongation(t, i); });
+  of["maxwell/linear"] = {.force = [](Numbers p, const Track& t) { return Columns{arm(t, p[0])}; }};
+  of["dashpot/linear"] = at_point([](Numbers, const Track& t, std::size_t i) { return t.velocity_mm_s[i]; });
+  of["mass/linear"] =
+      at_point([](Numbers, const Track& t, std::size_t i) { return t.acceleration_mm_s2(i) / 1000.0; });
+  of["constant/linear"] = at_point([](Numbers, const Track&, std::size_t) { return 1.0; });
+  of["gravity/pendulum"] =
+      at_point([](Numbers p, const Track& t, std::size_t i) { return std::sin(t.position_mm[i] / p[0]); });
+  of["empirical_force/position"] =
+      at_point([](Numbers, const Track& t, std::size_t i) { return from_table(t.position_mm[i]); });
+  of["empirical_force/rate"] = at_point([](Numbers, const Track& t, std::size_t i) {
+    return from_table(std::asinh(t.velocity_mm_s[i] / 0.01));
+  });
+  of["empirical_force/travel"] = {.force = [](Numbers, const Track& t) {
+    const Curve s = travel(t);
+    return pointwise(t, [&](std::size_t i) { return from_table(s[i]); });
+  }};
+  of["empirical_force/pressure"] =
+      at_point([](Numbers, const Track& t, std::size_t i) { return from_table(t.excess_psi[i]); });
+  of["empirical_force/time"] =
+      at_point([](Numbers, const Track& t, std::size_t i) { return from_table(t.t_s(i)); });
+  of["empirical_force/extending"] = by_direction(1.0);
+  of["empirical_force/shortening"] = by_direction(-1.0);
+  of["empirical_motion/position"] = {.move = [](Numbers, Track& t) {
+    for (double& x : t.position_mm) x += from_table(x);
+    reckon_velocity(t);
+  }};
+  return of;
+}
+
+void add_friction(std::map<std::string, Judge>& of) {
+  of["coulomb_friction/dahl"] = {
+      .force = [](Numbers p, const Track& t) { return Columns{bristle(t, p[0])}; }};
+  of["coulomb_friction/jenkins"] = {.force = [](Numbers p, const Track& t) {
+    return Columns{masing(t, [&](double x) { return jenkins_virgin(x, p[0]); })};
+  }};
+  of["coulomb_friction/iwan"] = {.force = [](Numbers p, const Track& t) {
+    return Columns{masing(t, [&](double x) { return iwan_virgin(x, p[0]); })};
+  }};
+  of["coulomb_friction/stribeck"] = {
+      .force = [](Numbers p, const Track& t) { return Columns{stribeck(t, p[0], p[1], p[2], 2.0)}; }};
+  of["coulomb_friction/stribeck_exponential"] = {
+      .force = [](Numbers p, const Track& t) { return Columns{stribeck(t, p[0], p[1], p[2], 1.0)}; }};
+  of["coulomb_friction/iwan_stribeck"] = {.force = [](Numbers p, const Track& t) {
+    Columns out{masing(t, [&](double x) { return iwan_virgin(x, p[0]); })};
+    for (std::size_t i = 0; i < t.size(); ++i)
+      out[0][i] += out[0][i] * p[2] / std::exp(std::fabs(t.velocity_mm_s[i]) / p[1]);
+    return out;
+  }};
+  of["coulomb_friction/regularised"] = at_point([](Numbers p, const Track& t, std::size_t i) {
+    const double u = t.velocity_mm_s[i] / p[0];
+    return u > 300.0 ? 1.0 : u < -300.0 ? -1.0 : (1.0 - std::exp(-2.0 * u)) / (1.0 + std::exp(-2.0 * u));
+  });
+  const Judge sliding{.force = [](Numbers p, const Track& t) {
+    Columns out{bristle(t, p[0])};
+    for (double& z : out[0]) z = std::fabs(z);
+    return out;
+  }};
+  const Judge speed =
+      at_point([](Numbers, const Track& t, std::size_t i) { return std::fabs(t.velocity_mm_s[i]); });
+  of["friction_asymmetry/viscous"] = speed;
+  of["friction_asymmetry/sliding"] = sliding;
+  of["friction_asymmetry/both"] = several({sliding, speed});
+  of["friction_with_pressure/dahl"] = {.force = [](Numbers p, const Track& t) {
+    Columns out{bristle(t, p[0])};
+    for (std::size_t i = 0; i < t.size(); ++i) out[0][i] *= t.nominal_pressure_psi + t.excess_psi[i];
+    return out;
+  }};
+}
+
+void add_specimen(std::map<std::string, Judge>& of) {
+  const Judge square =
+      at_point([](Numbers, const Track& t, std::size_t i) { return t.position_mm[i] * t.position_mm[i]; });
+  const Judge cube =
+      at_point([](Numbers, const Track& t, std::size_t i) { return std::pow(t.position_mm[i], 3.0); });
+  of["strain_stiffening/quadratic"] = square;
+  of["strain_stiffening/cubic"] = cube;
+  of["strain_stiffening/polynomial"] = several({square, cube});
+  of["strain_stiffening/exponential"] = at_point([](Numbers p, const Track& t, std::size_t i) {
+    // k L (u^2/2! + u^3/3! + ...)
+    const long double u = t.position_mm[i] / p[0];
+    long double term = u, sum = 0.0L;
+    for (int k = 2; k < 120; ++k) sum += term *= u / k;
+    return static_cast<double>(p[0] * sum);
+  });
+  of["strain_stiffening/knee"] = at_point([](Numbers p, const Track& t, std::size_t i) {
+    return t.position_mm[i] > p[0] ? t.position_mm[i] - p[0] : 0.0;
+  });
+  of["strain_stiffening/smooth_knee"] = at_point([](Numbers p, const Track& t, std::size_t i) {
+    return i % 50 == 0 ? taut(t.position_mm[i], p[0], p[1]) : std::nan("");
+  });
+  of["second_relaxation/arm"] = {.force = [](Numbers p, const Track& t) { return Columns{arm(t, p[0])}; }};
+  of["second_relaxation/two_arms"] = {.force = [](Numbers p, const Track& t) {
+    return Columns{arm(t, p[0]), arm(t, p[1])};
+  }};
+  of["second_relaxation/spectrum"] = {.force = [](Numbers p, const Track& t) {
+    Columns out{Curve(t.size(), 0.0)};
+    for (int k = 0; k < 8; ++k) {
+      const Curve z = arm(t, p[0] * std::exp(std::numbers::ln10 * p[1] * k / 7.0));
+      for (std::size_t i = 0; i < z.size(); ++i) out[0][i] += z[i] / 8.0;
+    }
+    return out;
+  }};
+  of["nonlinear_viscosity/power_arm"] = {.force = [](Numbers p, const Track& t) {
+    const double tau = p[0], m = p[1];
+    const auto flow = [=](double z) { return std::copysign(std::pow(std::fabs(z), m), z) / tau; };
+    return Columns{integrate(
+        t, [=](double z, double v) { return v - flow(z); },
+        [=](double z, double v) {
+          return m * std::pow(std::fmax(std::fabs(z), 1e-5), m - 1.0) / tau +
+                 std::fabs(v) / std::fmax(std::fabs(z), 1e-2);
+        })};
+  }};
+  of["nonlinear_viscosity/yield_arm"] = {.force = [](Numbers p, const Track& t) {
+    const double tau = p[0], y = p[1];
+    return Columns{integrate(
+        t, [=](double z, double v) { return v - sign(z) * std::fmax(0.0, std::fabs(z) - y) / tau; },
+        [=](double, double) { return std::fmax(1.0 / tau, 200.0); })};
+  }};
+  of["nonlinear_viscosity/power_dashpot"] = at_point([](Numbers p, const Track& t, std::size_t i) {
+    const double v = t.velocity_mm_s[i];
+    return v == 0.0 ? 0.0 : sign(v) * std::exp(p[0] * std::log(std::fabs(v)));
+  });
+  const Judge by_force = at_point([](Numbers, const Track& t, std::size_t i) { return t.excess_psi[i]; });
+  const Judge by_stiffness =
+      at_point([](Numbers, const Track& t, std::size_t i) { return t.excess_psi[i] * elongation(t, i); });
+  of["pressure_coupling/force"] = by_force;
+  of["pressure_coupling/stiffness"] = by_stiffness;
+  of["pressure_coupling/both"] = several({by_force, by_stiffness});
+  of["pressure_threshold/dead_zone"] = at_point([](Numbers p, const Track& t, std::size_t i) {
+    const double over = t.nominal_pressure_psi + t.excess_psi[i] - p[0];
+    return over > 0.0 ? over : 0.0;
+  });
+  of["cyclic_softening/elastic"] = softened(true);
+  of["cyclic_softening/tangent"] = softened(false);
+  of["cyclic_softening/overall"] = {.shape = [](Numbers p, const Track& t, const Curve& force) {
+    const Curve s = travel(t);
+    Curve out = force;
+    for (std::size_t i = 0; i < out.size(); ++i) out[i] -= p[1] * (1.0 - std::exp(-s[i] / p[0])) * force[i];
+    return out;
+  }};
+  of["slack/unilateral"] = {.shape = [](Numbers, const Track&, const Curve& force) {
+    Curve out = force;
+    for (double& f : out) f = f < 0.0 ? 0.0 : f;
+    return out;
+  }};
+  of["viscous_drag/linear"] =
+      at_point([](Numbers, const Track& t, std::size_t i) { return t.velocity_mm_s[i]; });
+  of["unsettled_start/exponential"] =
+      at_point([](Numbers p, const Track& t, std::size_t i) { return 1.0 / std::exp(t.t_s(i) / p[0]); });
+}
+
+void add_rig_and_sensor(std::map<std::string, Judge>& of) {
+  of["grip_slip/event"] = {.move = [](Numbers p, Track& t) {
+    for (std::size_t i = 0; i < t.size(); ++i)
+      if (t.t_s(i) > p[0] - 1e-9) t.position_mm[i] -= p[1];
+  }};
+  of["crosshead_backlash/play"] = {.move = [](Numbers p, Track& t) {
+    // Play is what a stop leaves of the motion, and a stop slides by Masing's rules. Its origin is where the
+    // crosshead stands in the gap.
+    const double half = 0.5 * p[0], first = t.position_mm.front();
+    Masing stop([=](double x) { return std::clamp(x, -half, half); }, first + p[1] * half);
+    const double zero = first - stop.at(first);
+    for (double& x : t.position_mm) x = x - stop.at(x) - (zero - first);
+    reckon_velocity(t);
+  }};
+  of["fixture_inertia/rigid"] =
+      at_point([](Numbers, const Track& t, std::size_t i) { return t.acceleration_mm_s2(i) / 1000.0; });
+  of["force_lag/first_order"] = {.shape = [](Numbers p, const Track& t, const Curve& force) {
+    // Runge-Kutta with the force straight within the grid's step.
+    Curve out{force.front()};
+    for (std::size_t i = 1; i < t.size(); ++i) {
+      const int parts = static_cast<int>(std::ceil(t.step_s / (0.02 * p[0])));
+      const double h = t.step_s / parts;
+      double y = out.back();
+      for (int k = 0; k < parts; ++k) {
+        const auto input = [&](double share) {
+          return force[i - 1] + (k + share) / parts * (force[i] - force[i - 1]);
+        };
+        const double k1 = (input(0.0) - y) / p[0], k2 = (input(0.5) - y - 0.5 * h * k1) / p[0];
+        const double k3 = (input(0.5) - y - 0.5 * h * k2) / p[0], k4 = (input(1.0) - y - h * k3) / p[0];
+        y += h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4);
+      }
+      out.push_back(y);
+    }
+    return out;
+  }};
+  of["force_delay/dead_time"] = {.shape = [](Numbers p, const Track& t, const Curve& force) {
+    Curve out;
+    for (std::size_t i = 0; i < t.size(); ++i) {
+      const double at = std::fmax(0.0, static_cast<double>(i) - p[0] / t.step_s);
+      const auto k = std::min(static_cast<std::size_t>(at), t.size() - 2);
+      const double share = at - static_cast<double>(k);
+      out.push_back((1.0 - share) * force[k] + share * force[k + 1]);
+    }
+    return out;
+  }};
+  of["cell_nonlinearity/quadratic"] = {.shape = [](Numbers p, const Track&, const Curve& force) {
+    Curve out = force;
+    for (double& f : out) f += p[0] / 1000.0 * f * f;
+    return out;
+  }};
+  of["zero_drift/linear"] =
+      at_point([](Numbers, const Track& t, std::size_t i) { return t.t_s(i) / 3600.0; });
+  of["zero_drift/settling"] =
+      at_point([](Numbers p, const Track& t, std::size_t i) { return 1.0 - std::exp(-t.t_s(i) / p[0]); });
+  std::vector<Judge> waves;
+  for (int k = 1; k <= 6; ++k)
+    waves.push_back(at_point([k](Numbers p, const Track& t, std::size_t i) {
+      return std::cos(k * std::numbers::pi * std::fmin(t.t_s(i), p[0]) / p[0]);
+    }));
+  of["zero_drift/wander"] = several(waves);
+}
+
+const std::map<std::string, Judge>& judges() {
+  static const std::map<std::string, Judge> all = [] {
+    std::map<std::string, Judge> of = make_elements();
+    add_friction(of);
+    add_specimen(of);
+    add_rig_and_sensor(of);
+    return of;
+  }();
+  return all;
+}
+
+/// Places in the order of docs/effects.md.
+int place_of(std::string_view physics) {
+  static const std::map<std::string_view, int> other{{"empirical_motion", 0},
+                                                     {"grip_slip", 0},
+                                                     {"crosshead_backlash", 0},
+                                                     {"slack", 2},
+                                                     {"mass", 3},
+                                                     {"fixture_inertia", 3},
+                                                     {"cell_nonlinearity", 4},
+                                                     {"force_lag", 4},
+                                                     {"force_delay", 5},
+                                                     {"zero_drift", 6},
+                                                     {"constant", 6}};
+  const auto found = other.find(physics);
+  return found == other.end() ? 1 : found->second;
+}
+
+}  // namespace
+
+model::Table some_table() {
+  return {-1.25, 0.5, {0.4, 0.1, -0.2, 0.05, 0.3, 0.35, -0.1}};
+}
+
+const Judge* judge_of(std::string_view physics, std::string_view law) {
+  const auto found = judges().find(std::string(physics) + "/" + std::string(law));
+  return found == judges().end() ? nullptr : &found->second;
+}
+
+Curve judged_force(const model::ModelSpec& spec, Track track) {
+  Curve force;
+  for (int place = 0; place <= 6; ++place) {
+    // What acts on the sum comes after what is summed in the same place.
+    for (const bool acts_on_sum : {false, true}) {
+      for (const model::Part& part : spec.parts) {
+        const Judge& judge = *judge_of(part.physics->name, part.law->name);
+        if (place_of(part.physics->name) != place || static_cast<bool>(judge.shape) != acts_on_sum) continue;
+        if (judge.move) judge.move(part.parameters, track);
+        force.resize(track.size(), 0.0);
+        if (judge.shape) force = judge.shape(part.parameters, track, force);
+        if (!judge.force) continue;
+        const Columns columns = judge.force(part.parameters, track);
+        for (std::size_t c = 0; c < columns.size(); ++c)
+          for (std::size_t i = 0; i < force.size(); ++i) force[i] += part.coefficients[c] * columns[c][i];
+      }
+    }
+  }
+  return force;
+}
+
+}  // namespace isorig::test
