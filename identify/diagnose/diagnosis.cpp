@@ -258,7 +258,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   out.model_errors.heldout_rmse_N = left_out_rmse(problem, out.model, options.threads);
   out.heldout = study_heldout(problem, out.nominal, out.model, options.threads);
   if (out.verdict != Verdict::kConsistent)
-    out.where = locate(search.instrument_problem(), out.nominal, selection.noise_scale);
+    out.where = locate(search.instrument_problem(), out.nominal, out.model, selection.noise_scale);
   out.design = design_experiment(search, selection, options.design, options.threads);
   for (const Inseparable& pair : out.design.inseparable) out.notes.push_back(pair.text);
   note_equivalences(out.nominal, out);
@@ -288,13 +288,17 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
     json["alternatives"].push_back(
         {{"effects", alternative.effects}, {"probability", alternative.probability}});
   json["where"] = ordered_json::array();
-  for (const Place& place : d.where)
+  for (const Place& place : d.where) {
     json["where"].push_back({{"t_start_s", place.t_start_s},
                              {"t_end_s", place.t_end_s},
                              {"covariate", place.covariate},
                              {"share", place.share},
                              {"share_ci95", {place.share_low, place.share_high}},
+                             {"nominal_rmse_N", place.nominal_rmse_N},
+                             {"model_rmse_N", place.model_rmse_N},
                              {"text", place.text}});
+    if (!place.recording.empty()) json["where"].back()["recording"] = place.recording;
+  }
   json["next_experiment"] = experiment_json(d.design);
   if (!d.design.inseparable.empty()) json["inseparable"] = inseparable_json(d.design);
   json["fit"] = {

@@ -44,6 +44,10 @@ struct Place {
   double share_low = 0.0;
   double share_high = 0.0;
   std::string text;
+  std::string recording;  ///< of a stretch of time; empty: all of them
+  /// Where half of it stands, or in the stretch: measured minus simulated, without and with what lacked.
+  double nominal_rmse_N = 0.0;
+  double model_rmse_N = 0.0;
 };
 
 struct Errors {

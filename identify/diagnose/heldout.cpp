@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <map>
 
 #include "identify/diagnose/hypothesis.hpp"
@@ -65,6 +66,10 @@ std::vector<std::string> grouped(const std::vector<double>& values, const char* 
   std::vector<double> centres;
   std::vector<std::string> names;
   for (const double value : values) {
+    if (value == 0.0) {
+      names.emplace_back();
+      continue;
+    }
     const auto found = std::ranges::find_if(
         centres, [&](double c) { return std::fabs(value - c) <= 0.1 * std::max(std::fabs(c), 1e-6); });
     const double centre = found == centres.end() ? centres.emplace_back(value) : *found;
@@ -143,7 +148,17 @@ HeldoutStudy study_heldout(const Problem& problem, const model::ModelSpec& nomin
   const Moves found = find_moves(problem.series());
   std::vector<double> velocity, amplitude;
   std::map<std::string, std::vector<std::string>> labels;
+  constexpr double kLeastMove = 0.02;
+  double widest_mm = 0.0;
+  for (const Move& move : found.moves) widest_mm = std::max(widest_mm, move.high_mm - move.low_mm);
   for (const Move& move : found.moves) {
+    // Before the first motion, and what only creeps below the noise: never left out.
+    if (move.high_mm - move.low_mm < kLeastMove * widest_mm) {
+      velocity.push_back(0.0);
+      amplitude.push_back(0.0);
+      labels["waveform"].emplace_back();
+      continue;
+    }
     velocity.push_back(move.fastest_mm_s);
     amplitude.push_back(move.high_mm - move.low_mm);
     labels["waveform"].emplace_back(move.reversals < 2                     ? "ramp"
@@ -169,10 +184,15 @@ HeldoutStudy study_heldout(const Problem& problem, const model::ModelSpec& nomin
     constexpr std::size_t kMost = 5;
     std::vector<std::pair<double, std::string>> order;
     for (const auto& [name, count] : readings)
-      if (count >= 50.0 && count < 0.8 * all) order.emplace_back(count, name);
+      if (!name.empty() && count >= 50.0 && count < 0.8 * all) order.emplace_back(count, name);
     std::ranges::sort(order, std::greater<>());
-    if (readings.size() < 2) continue;
+    if (readings.size() - readings.count("") < 2) continue;
     if (order.size() > kMost) order.resize(kMost);
+    // In the order people look for them: "2 mm/s" before "10 mm/s".
+    std::ranges::sort(order, [](const auto& a, const auto& b) {
+      const double x = std::atof(a.second.c_str()), y = std::atof(b.second.c_str());
+      return x != y ? x < y : a.second < b.second;
+    });
     for (const auto& [count, name] : order) {
       wanted.push_back({by, name, count, 0.0, 0.0});
       std::vector<bool> out;

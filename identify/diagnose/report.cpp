@@ -13,7 +13,8 @@ namespace {
 using report::number_text;
 
 struct Residuals {
-  std::vector<double> t_s, position_mm, nominal_N, model_N;
+  std::vector<double> t_s, position_mm, force_N, nominal_N,
+      model_N;  // the last two: measured minus simulated
 };
 
 Residuals residuals(const Series& series, const std::vector<bool>& usable, const Diagnosis& d) {
@@ -27,6 +28,7 @@ Residuals residuals(const Series& series, const std::vector<bool>& usable, const
     if (!usable.empty() && !usable[k]) continue;
     out.t_s.push_back(instants[k].t_s);
     out.position_mm.push_back(instants[k].position_mm);
+    out.force_N.push_back(series.recording.frame.force_N[k]);
     out.nominal_N.push_back(series.recording.frame.force_N[k] - without);
     out.model_N.push_back(series.recording.frame.force_N[k] - with);
   }
@@ -47,6 +49,35 @@ std::string verdict_text(const Diagnosis& d) {
                        d.described_by + ".";
   }
   return "";
+}
+
+/// Measured and simulated force over the stretch that holds most of the excess, and the difference.
+report::Figure stretch_figure(const Residuals& r, const Place& stretch, const std::string& name) {
+  std::vector<double> t, measured, nominal, model, nominal_error, model_error;
+  for (std::size_t k = 0; k < r.t_s.size(); ++k) {
+    if (r.t_s[k] < stretch.t_start_s || r.t_s[k] > stretch.t_end_s) continue;
+    t.push_back(r.t_s[k]);
+    measured.push_back(r.force_N[k]);
+    nominal.push_back(r.force_N[k] - r.nominal_N[k]);
+    model.push_back(r.force_N[k] - r.model_N[k]);
+    nominal_error.push_back(r.nominal_N[k]);
+    model_error.push_back(r.model_N[k]);
+  }
+  report::Figure figure;
+  figure.name = name;
+  figure.caption = "The stretch where the nominal model misses most: force, and measured minus simulated.";
+  figure.panel_width_px = 860;
+  report::Panel force{.x_label = "time, s", .y_label = "force, N", .key = "above left horizontal"};
+  force.series.push_back(report::thinned({t, measured, "measured", report::Mark::kPoints, {}, {}, 7}));
+  force.series.push_back(report::thinned({t, nominal, "nominal", report::Mark::kLine, {}, {}, 0}));
+  force.series.push_back(report::thinned({t, model, "with what it lacked", report::Mark::kLine, {}, {}, 1}));
+  force.x_range = std::pair{stretch.t_start_s, stretch.t_end_s};
+  report::Panel error{.x_label = "time, s", .y_label = "residual, N", .key = ""};
+  error.series.push_back(report::thinned({t, nominal_error, "", report::Mark::kPoints, {}, {}, 0}));
+  error.series.push_back(report::thinned({t, model_error, "", report::Mark::kPoints, {}, {}, 1}));
+  error.x_range = force.x_range;
+  figure.panels = {std::move(force), std::move(error)};
+  return figure;
 }
 
 }  // namespace
@@ -93,35 +124,49 @@ void write_diagnosis_report(const Study& study, const std::filesystem::path& fol
     page.table({"number of the model", "from everything", "lowest", "highest"}, rows,
                "The model's numbers over these fits");
   }
+  const auto strongest = std::ranges::find_if(d.where, [](const Place& p) { return !p.recording.empty(); });
   for (std::size_t i = 0; i < study.series.size(); ++i) {
-    const Residuals r = residuals(study.series[i], study.usable[i], d);
+    const Series& series = study.series[i];
+    const Residuals r = residuals(series, study.usable[i], d);
     report::Figure figure;
     figure.name = "residual-" + std::to_string(i);
-    figure.caption = "Measured minus simulated force, over time and over position.";
+    figure.caption = "Measured minus simulated force" +
+                     (study.series.size() > 1 ? " of " + series.name : std::string()) +
+                     ", over time and over position. Shaded: where most of the excess stands.";
     figure.panel_width_px = 860;
     const auto panel = [&](const std::vector<double>& x, const char* label) {
       report::Panel p;
       p.x_label = label;
       p.y_label = "residual, N";
+      p.key = "above left horizontal";
       p.series.push_back(report::thinned({x, r.nominal_N, "nominal", report::Mark::kPoints}));
       p.series.push_back(report::thinned({x, r.model_N, "with what it lacked", report::Mark::kPoints}));
       return p;
     };
     figure.panels.push_back(panel(r.t_s, "time, s"));
     figure.panels.push_back(panel(r.position_mm, "position, mm"));
+    for (const Place& place : d.where)
+      if (place.recording == series.name && !place.recording.empty())
+        figure.panels[0].shaded.emplace_back(place.t_start_s, place.t_end_s);
     for (const MissingEffect& missing : d.missing) {
       for (const NamedValue& value : missing.parameters)
         if (value.name == "time_s") figure.panels[0].verticals.emplace_back(value.value, "slip");
     }
     page.figure(std::move(figure));
+    if (strongest != d.where.end() && strongest->recording == series.name)
+      page.figure(stretch_figure(r, *strongest, "stretch-" + std::to_string(i)));
   }
   if (!d.where.empty()) {
     page.heading("Where the nominal model misses");
     std::vector<std::vector<std::string>> rows;
     for (const Place& place : d.where)
       rows.push_back({place.covariate, number_text(place.t_start_s, 6), number_text(place.t_end_s, 6),
-                      report::interval_text(place.share, place.share_low, place.share_high), place.text});
-    page.table({"variable", "from, s", "to, s", "share", ""}, rows);
+                      number_text(place.share, 3) + " [" + number_text(place.share_low, 3) + ", " +
+                          number_text(place.share_high, 3) + "]",
+                      number_text(place.nominal_rmse_N, 3), number_text(place.model_rmse_N, 3), place.text});
+    page.table({"variable", "from, s", "to, s", "share of the excess [95 %]", "nominal there, rms N",
+                "with what it lacked", ""},
+               rows, "The errors are those where half of the excess stands, or in the stretch.");
   }
   if (!d.alternatives.empty()) {
     page.heading("What else it could be");

@@ -156,6 +156,13 @@ void plot_panel(std::ostream& out, const Panel& panel, std::size_t p) {
   if (panel.log_x) out << "set logscale x\nset format x '%g'\n";
   if (panel.log_y) out << "set logscale y\nset format y '%g'\n";
   out << (panel.key.empty() ? "unset key\n" : "set key " + panel.key + " samplen 1.5 spacing 1.0 nobox\n");
+  for (const auto& [from, to] : panel.shaded) {
+    out << "set object rectangle from first ";
+    number(out, from);
+    out << ", graph 0 to first ";
+    number(out, to);
+    out << ", graph 1 behind fc rgb '#f2e3c6' fs solid noborder\n";
+  }
   for (const auto& [x, label] : panel.verticals) {
     out << "set arrow from first ";
     number(out, x);

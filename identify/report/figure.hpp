@@ -46,6 +46,7 @@ struct Panel {
   std::string key = "top right";  ///< a gnuplot key place; empty: no key
   /// Vertical lines: where and what they mean.
   std::vector<std::pair<double, std::string>> verticals{};
+  std::vector<std::pair<double, double>> shaded{};  ///< stretches of x, behind the data
   std::vector<std::string> categories{};  ///< names for x = 0, 1, 2 ...
 };
 

@@ -34,13 +34,19 @@ double rms_against(const model::ModelSpec& spec, messages::Recording truth) {
 
 /// The named effect first, alone, near certain, with its size within `tolerance`, and a model that predicts
 /// motions it has not seen: at least 95 % of the nominal model's error gone.
+/// `carrier`: the variable that carries most of the excess, where the law leaves no doubt.
 void expect_single(const Bench& bench, std::string_view effect, std::string_view number, double truth,
-                   double tolerance) {
+                   double tolerance, std::string_view carrier = {}) {
   const Diagnosis d = diagnose_bench(bench);
   ASSERT_EQ(d.verdict, Verdict::kMissingPhysics);
   ASSERT_EQ(d.missing.size(), 1u) << diagnosis_json(d)["missing"].dump(1);
   EXPECT_EQ(d.missing[0].effect->name, effect);
   EXPECT_GT(d.missing[0].probability, 0.9);
+  ASSERT_FALSE(d.where.empty());
+  for (const Place& place : d.where) EXPECT_LT(place.model_rmse_N, place.nominal_rmse_N) << place.text;
+  if (!carrier.empty()) {
+    EXPECT_EQ(d.where[0].covariate, carrier);
+  }
   for (const NamedValue& value : d.missing[0].parameters)
     if (value.name == number) {
       EXPECT_NEAR(value.value, truth, tolerance);
@@ -80,10 +86,10 @@ TEST(Diagnose, FindsADelayAndCallsItNoLag) {
   expect_single({.delay_s = 0.02}, "force_delay", "delay_s", 0.02, 0.001);
 }
 TEST(Diagnose, FindsAMass) {
-  expect_single({.mass_kg = 0.5}, "fixture_inertia", "mass_kg", 0.5, 0.05);
+  expect_single({.mass_kg = 0.5}, "fixture_inertia", "mass_kg", 0.5, 0.05, "onset");
 }
 TEST(Diagnose, FindsDrift) {
-  expect_single({.drift_N_h = 1.5}, "zero_drift", "rate_N_h", 1.5, 0.05);
+  expect_single({.drift_N_h = 1.5}, "zero_drift", "rate_N_h", 1.5, 0.05, "time");
 }
 TEST(Diagnose, FindsPlay) {
   expect_single({.gap_mm = 0.08}, "crosshead_backlash", "gap_mm", 0.08, 0.004);
