@@ -35,17 +35,10 @@ Series height_line(const std::vector<FvElement>& elements, const FvTest& test, d
 
 /// F/F0 over shortening velocity for one curve: points with SD, fit, optionally the control's fit.
 void add_curve(Panel& panel, const Curve& curve, int color, const std::string& label, bool with_control) {
-  Series points;
-  points.mark = Mark::kLinePoints;
+  Series points = measured_points(curve);
   points.color = color;
   points.label = label;
-  double widest = 0.0;
-  for (auto it = curve.means.rbegin(); it != curve.means.rend(); ++it) {
-    points.x.push_back(-it->strain_rate_per_s);
-    points.y.push_back(it->normalized_force);
-    points.error.push_back(it->repetitions > 1 ? it->normalized_force_sd : it->standard_error);
-    widest = std::max(widest, std::abs(it->strain_rate_per_s));
-  }
+  const double widest = fastest_per_s(curve);
   panel.series.push_back(std::move(points));
   // Symmetrical, and the same step in all panels: they are compared side by side.
   if (!panel.x_range || panel.x_range->second < 1.1 * widest) panel.x_range = {{-1.1 * widest, 1.1 * widest}};

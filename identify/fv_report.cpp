@@ -124,21 +124,37 @@ std::string title_of(const Curve& curve) {
          (curve.nominal_pressure_psi ? " at " + number_text(*curve.nominal_pressure_psi, 3) + " psi" : "");
 }
 
+double fastest_per_s(const Curve& curve) {
+  double fastest = 0.0;
+  for (const CurvePoint& p : curve.means) fastest = std::max(fastest, std::abs(p.strain_rate_per_s));
+  return fastest;
+}
+
+report::Series measured_points(const Curve& curve) {
+  Series points;
+  points.mark = Mark::kLinePoints;
+  for (auto it = curve.means.rbegin(); it != curve.means.rend(); ++it) {
+    const double v = -it->strain_rate_per_s;
+    if (!points.x.empty() && points.x.back() < 0.0 && v > 0.0) {
+      points.x.push_back(0.0);
+      points.y.push_back(std::nan(""));
+      points.error.push_back(std::nan(""));
+    }
+    points.x.push_back(v);
+    points.y.push_back(it->normalized_force);
+    points.error.push_back(it->repetitions > 1 ? it->normalized_force_sd : it->standard_error);
+  }
+  return points;
+}
+
 report::Panel curve_panel(const Curve& curve) {
   Panel panel;
   panel.title = title_of(curve);
   panel.x_label = "shortening velocity (1/s)";
   panel.y_label = "F/F0";
-  Series points;
-  points.mark = Mark::kLinePoints;
+  Series points = measured_points(curve);
   points.color = 0;
-  double widest = 0.0;
-  for (auto it = curve.means.rbegin(); it != curve.means.rend(); ++it) {
-    points.x.push_back(-it->strain_rate_per_s);
-    points.y.push_back(it->normalized_force);
-    points.error.push_back(it->repetitions > 1 ? it->normalized_force_sd : it->standard_error);
-    widest = std::max(widest, std::abs(it->strain_rate_per_s));
-  }
+  const double widest = fastest_per_s(curve);
   const bool repeated = std::any_of(curve.means.begin(), curve.means.end(),
                                     [](const CurvePoint& p) { return p.repetitions > 1; });
   points.label = repeated ? "measured, mean ± 1 SD" : "measured ± 1 SE";

@@ -14,6 +14,11 @@ void write_fv_report(const FvAnalysis& analysis, const std::filesystem::path& fo
 /// The figure of one curve: points with +-1 SD (or their standard error), and the fit. Abscissa as in the
 /// paper: shortening velocity, the negative of the extension strain rate.
 [[nodiscard]] report::Panel curve_panel(const Curve& curve);
+/// The points alone, shortening and lengthening apart: nothing joins them through zero, where the curve
+/// jumps.
+[[nodiscard]] report::Series measured_points(const Curve& curve);
+/// Largest |strain rate| of the points.
+[[nodiscard]] double fastest_per_s(const Curve& curve);
 /// Force over F0 against time, all ramps of some recordings over each other.
 [[nodiscard]] report::Panel overlay_panel(const FvAnalysis& analysis, const Curve& curve);
 /// Sum of squares over its minimum against one parameter, with the 95 % limit.

@@ -153,7 +153,17 @@ void plot_panel(std::ostream& out, const Panel& panel, std::size_t p) {
     number(out, panel.x_tic);
     out << '\n';
   }
-  if (panel.log_x) out << "set logscale x\nset format x '%g'\n";
+  if (panel.log_x) {
+    double low = 1e300, high = 0.0;
+    for (const Series& s : panel.series)
+      for (const double x : s.x)
+        if (x > 0.0) {
+          low = std::min(low, x);
+          high = std::max(high, x);
+        }
+    // Many decades: short labels, or they run into each other.
+    out << "set logscale x\nset format x '" << (high > 1e4 * low ? "1e%T" : "%g") << "'\n";
+  }
   if (panel.log_y) out << "set logscale y\nset format y '%g'\n";
   out << (panel.key.empty() ? "unset key\n" : "set key " + panel.key + " samplen 1.5 spacing 1.0 nobox\n");
   for (const auto& [from, to] : panel.shaded) {
