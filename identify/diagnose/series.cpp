@@ -81,7 +81,8 @@ Series prepare_series(std::string name, messages::Recording recording, const std
   std::size_t k = 0;
   while (k < rows.size()) {
     const std::size_t first = k;
-    const double span_s = std::min(kLongest_s, kShareOfElapsed * since[first]);
+    // The first row stays alone: laws that count from the start begin where `predict` begins.
+    const double span_s = first == 0 ? 0.0 : std::min(kLongest_s, kShareOfElapsed * since[first]);
     model::Instant mean;
     double weight = 0.0, force_sum = 0.0, slid_mm = 0.0;
     std::size_t taken = 0;
