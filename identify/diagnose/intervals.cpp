@@ -18,9 +18,9 @@ std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const mod
     for (std::size_t i = 0; i < part.parameters.size(); ++i) {
       const auto& parameter = part.law->parameters[i];
       if (parameter.fixed) continue;
-      const double step = parameter.name == "time_s" ? 0.02
-                          : parameter.logarithmic    ? 1e-3 * std::fabs(part.parameters[i])
-                                                     : 1e-3 * std::max(std::fabs(part.parameters[i]), 1e-2);
+      if (parameter.name == "time_s") continue;  // of an event: no derivative leads anywhere
+      const double step = parameter.logarithmic ? 1e-3 * std::fabs(part.parameters[i])
+                                                : 1e-3 * std::max(std::fabs(part.parameters[i]), 1e-2);
       free.push_back({p, i, true, step});
     }
     for (std::size_t i = 0; i < part.coefficients.size(); ++i)
@@ -44,8 +44,30 @@ std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const mod
   jacobian.array().rowwise() /= length.transpose().array();
   const double scale =
       std::max(at.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(at.size(), 1)), 1.0);
+  // What the recording cannot show has no curvature. A pseudo-inverse would call it known exactly; here it is
+  // known to within 1e5 times what the same number alone would be, and a parameter to within its bounds.
+  constexpr double kFlat = 1e-10;
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> curvature(jacobian.transpose() * jacobian);
+  const Eigen::VectorXd spread = curvature.eigenvalues().cwiseMax(kFlat).cwiseInverse();
   const Eigen::MatrixXd covariance =
-      scale * (jacobian.transpose() * jacobian).completeOrthogonalDecomposition().pseudoInverse();
+      scale * curvature.eigenvectors() * spread.asDiagonal() * curvature.eigenvectors().transpose();
+  // An event lies between two bins; further ones are allowed while the likelihood ratio stays within 95 %.
+  const auto event_interval = [&](std::size_t p, std::size_t i, NamedValue& named) {
+    const auto& nodes = problem.series()[0].nodes;
+    const auto after = std::ranges::lower_bound(nodes, named.value, {}, &model::Instant::t_s) - nodes.begin();
+    model::ModelSpec moved = spec;
+    const auto allowed = [&](double time_s) {
+      moved.parts[p].parameters[i] = time_s;
+      return residual_of(moved).squaredNorm() - at.squaredNorm() < 3.84 * scale;
+    };
+    const auto last = std::ssize(nodes) - 1;
+    auto low = std::clamp<std::ptrdiff_t>(after - 1, 0, last),
+         high = std::clamp<std::ptrdiff_t>(after, 0, last);
+    while (low > 0 && allowed(0.5 * (nodes[low - 1].t_s + nodes[low].t_s))) --low;
+    while (high < last && allowed(0.5 * (nodes[high].t_s + nodes[high + 1].t_s))) ++high;
+    named.low = std::min(named.value, nodes[low].t_s);
+    named.high = std::max(named.value, nodes[high].t_s);
+  };
   std::vector<std::vector<NamedValue>> out;
   for (std::size_t p = 0; p < spec.parts.size(); ++p) {
     const auto& part = spec.parts[p];
@@ -59,6 +81,11 @@ std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const mod
         named.low = value - half;
         named.high = value + half;
       }
+      if (parameter) {
+        named.low = std::max(named.low, part.law->parameters[index].lower);
+        named.high = std::min(named.high, part.law->parameters[index].upper);
+      }
+      if (parameter && name == "time_s" && !part.fixed) event_interval(p, index, named);
       values.push_back(std::move(named));
     };
     for (std::size_t i = 0; i < part.coefficients.size(); ++i)
