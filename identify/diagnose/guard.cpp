@@ -86,29 +86,53 @@ void find_outliers(const messages::FrameSamples& frame, Guarded& out) {
                               number(largest) + " N; left out"});
 }
 
-/// Runs of one and the same value where the noise would have moved the reading.
-void find_frozen(const messages::FrameSamples& frame, Guarded& out) {
-  const auto& t = frame.t_s;
-  const auto& f = frame.force_N;
-  const std::size_t n = f.size();
-  const double step = quantisation(f);
-  const double noise = white_noise(t, f);
-  if (noise <= 0.0 || noise < 0.3 * step) return;  // too coarse for a run to mean anything
-  const auto [low, high] = std::minmax_element(f.begin(), f.end());
-  for (std::size_t k = 0; k < n;) {
+/// Runs of one and the same value where the noise would have moved the reading. Calls found(first, end) for
+/// each. A run that long comes once in a thousand recordings: a reading in the middle of its step repeats
+/// itself with the probability erf(step / (2 sqrt(2) noise)), which for a fine step is nil and for one of
+/// three noises is 0.87.
+template <class Found>
+void find_standing(const std::vector<double>& t, const std::vector<double>& reading, const Found& found) {
+  constexpr double kShortest = 12.0, kPerRecording = 1e-3;
+  const double step = quantisation(reading), measured = white_noise(t, reading);
+  const double noise = std::sqrt(std::max(measured * measured - step * step / 12.0, 0.0));
+  if (noise < 0.2 * step || measured <= 0.0) return;  // too coarse for a run to mean anything
+  const double repeats = std::erf(step / (2.0 * std::sqrt(2.0) * noise));
+  const double longest =
+      repeats > 0.0 ? 1.0 + std::log(static_cast<double>(reading.size()) / kPerRecording) / -std::log(repeats)
+                    : 0.0;
+  const auto shortest = static_cast<std::size_t>(std::max(kShortest, std::ceil(longest)));
+  for (std::size_t k = 0; k < reading.size();) {
     std::size_t end = k + 1;
-    while (end < n && f[end] == f[k]) ++end;
-    const std::size_t run = end - k;
-    if (run >= 12) {
-      const bool edge = f[k] == *low || f[k] == *high;
-      for (std::size_t j = k; j < end; ++j) out.usable[j] = false;
-      out.faults.push_back(
-          {edge ? "saturation" : "frozen", t[k], t[end - 1], run,
-           edge ? "force stands at the end of its range, " + number(f[k]) + " N; left out"
-                : "force does not change at all for " + std::to_string(run) + " readings; left out"});
-    }
+    while (end < reading.size() && reading[end] == reading[k]) ++end;
+    if (end - k >= shortest) found(k, end);
     k = end;
   }
+}
+
+void find_frozen(const messages::Recording& recording, Guarded& out) {
+  const auto& t = recording.frame.t_s;
+  const auto& f = recording.frame.force_N;
+  const auto [low, high] = std::minmax_element(f.begin(), f.end());
+  find_standing(t, f, [&](std::size_t k, std::size_t end) {
+    const bool edge = f[k] == *low || f[k] == *high;
+    for (std::size_t j = k; j < end; ++j) out.usable[j] = false;
+    out.faults.push_back(
+        {edge ? "saturation" : "frozen", t[k], t[end - 1], end - k,
+         edge ? "force stands at the end of its range, " + number(f[k]) + " N; left out"
+              : "force does not change at all for " + std::to_string(end - k) + " readings; left out"});
+  });
+  find_standing(t, recording.frame.position_mm, [&](std::size_t k, std::size_t end) {
+    for (std::size_t j = k; j < end; ++j) out.usable[j] = false;
+    out.faults.push_back({"frozen", t[k], t[end - 1], end - k,
+                          "position does not change at all for " + std::to_string(end - k) +
+                              " readings; the force meanwhile is left out"});
+  });
+  if (!recording.pressure || recording.pressure->size() < 20) return;
+  const auto& gauge = *recording.pressure;
+  find_standing(gauge.t_s, gauge.pressure_psi, [&](std::size_t k, std::size_t end) {
+    out.faults.push_back({"frozen", gauge.t_s[k], gauge.t_s[end - 1], end - k,
+                          "pressure does not change at all for " + std::to_string(end - k) + " readings"});
+  });
 }
 
 void find_gaps(const messages::FrameSamples& frame, Guarded& out) {
@@ -133,7 +157,7 @@ Guarded guard_recording(const messages::Recording& recording) {
   out.usable.assign(frame.size(), true);
   if (frame.size() < 20) return out;
   find_gaps(frame, out);
-  find_frozen(frame, out);
+  find_frozen(recording, out);
   find_outliers(frame, out);
   const double noise = white_noise(frame.t_s, frame.force_N);
   const double step = quantisation(frame.force_N);
