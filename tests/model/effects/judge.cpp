@@ -153,17 +153,23 @@ Judge softened(bool of_elongation) {
   }};
 }
 
-/// Integral of the share of fibres that are taut, Simpson's rule from far below the knee.
-double taut(double x, double knee_mm, double width_mm) {
-  const double from = std::fmin(x, knee_mm) - 45.0 * width_mm;
-  constexpr int kCount = 4000;
-  const double h = (x - from) / kCount;
-  double sum = 0.0;
-  for (int i = 0; i <= kCount; ++i) {
-    const double share = 1.0 / (1.0 + std::exp(-(from + i * h - knee_mm) / width_mm));
-    sum += (i == 0 || i == kCount ? 1.0 : i % 2 == 1 ? 4.0 : 2.0) * share;
+/// Integral of the share of fibres that are taut (logistic), Simpson's rule from far below the knee to each
+/// point; points between by Hermite's cubic with the share as its slope.
+Curve taut(const Curve& position_mm, double knee_mm, double width_mm) {
+  const auto [low, high] = std::ranges::minmax(position_mm);
+  const double h = width_mm / 100.0, from = std::fmin(low, knee_mm) - 40.0 * width_mm;
+  const auto share = [&](double x) { return 1.0 / (1.0 + std::exp(-(x - knee_mm) / width_mm)); };
+  Curve sum{0.0};
+  for (double x = from; x < high; x += h)
+    sum.push_back(sum.back() + h / 6.0 * (share(x) + 4.0 * share(x + 0.5 * h) + share(x + h)));
+  Curve out;
+  for (const double x : position_mm) {
+    const auto k = std::min(static_cast<std::size_t>((x - from) / h), sum.size() - 2);
+    const double left = from + static_cast<double>(k) * h, u = (x - left) / h;
+    out.push_back(sum[k] + (sum[k + 1] - sum[k]) * u * u * (3.0 - 2.0 * u) +
+                  h * u * (1.0 - u) * ((1.0 - u) * share(left) - u * share(left + h)));
   }
-  return sum * h / 3.0;
+  return out;
 }
 
 double from_table(double x) {
@@ -287,9 +293,8 @@ void add_specimen(std::map<std::string, Judge>& of) {
   of["strain_stiffening/knee"] = at_point([](Numbers p, const Track& t, std::size_t i) {
     return t.position_mm[i] > p[0] ? t.position_mm[i] - p[0] : 0.0;
   });
-  of["strain_stiffening/smooth_knee"] = at_point([](Numbers p, const Track& t, std::size_t i) {
-    return i % 50 == 0 ? taut(t.position_mm[i], p[0], p[1]) : std::nan("");
-  });
+  of["strain_stiffening/smooth_knee"] = {
+      .force = [](Numbers p, const Track& t) { return Columns{taut(t.position_mm, p[0], p[1])}; }};
   of["second_relaxation/arm"] = {.force = [](Numbers p, const Track& t) { return Columns{arm(t, p[0])}; }};
   of["second_relaxation/two_arms"] = {.force = [](Numbers p, const Track& t) {
     return Columns{arm(t, p[0]), arm(t, p[1])};

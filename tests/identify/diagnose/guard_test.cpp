@@ -1,0 +1,266 @@
+// Faults of the data put in at known places: found, placed and left out, and never found where there are
+// none.
+#include "identify/diagnose/guard.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <set>
+
+#include "bench.hpp"
+
+namespace isorig::identify {
+namespace {
+
+const messages::Recording& clean() {
+  static const messages::Recording recording = test::record({});
+  return recording;
+}
+
+/// First row at or after `t_s`.
+std::size_t row_at(const messages::Recording& recording, double t_s) {
+  const auto& t = recording.frame.t_s;
+  return static_cast<std::size_t>(std::ranges::lower_bound(t, t_s) - t.begin());
+}
+
+/// Rows of the first dense stretch (200 Hz): a ramp and its first seconds.
+std::size_t dense_row(const messages::Recording& recording) {
+  const auto& t = recording.frame.t_s;
+  std::size_t k = 1;
+  while (t[k] - t[k - 1] > 0.01 || t[k + 400] - t[k + 399] > 0.01) ++k;
+  return k;
+}
+
+std::vector<std::string> kinds(const Guarded& guarded) {
+  std::vector<std::string> out;
+  for (const DataFault& fault : guarded.faults) out.push_back(fault.kind);
+  return out;
+}
+
+std::set<std::size_t> lost(const Guarded& guarded) {
+  std::set<std::size_t> out;
+  for (std::size_t k = 0; k < guarded.usable.size(); ++k)
+    if (!guarded.usable[k]) out.insert(k);
+  return out;
+}
+
+std::string said(const Guarded& guarded) {
+  std::string out;
+  for (const DataFault& fault : guarded.faults)
+    out += fault.kind + " " + std::to_string(fault.t_start_s) + ".." + std::to_string(fault.t_end_s) + ": " +
+           fault.text + "\n";
+  return out;
+}
+
+/// Everything an instrument and a specimen do, and no fault.
+class Clean : public testing::TestWithParam<test::Bench> {};
+TEST_P(Clean, HasNoFault) {
+  const Guarded guarded = guard_recording(test::record(GetParam()));
+  EXPECT_TRUE(guarded.faults.empty()) << said(guarded);
+  EXPECT_TRUE(lost(guarded).empty());
+}
+INSTANTIATE_TEST_SUITE_P(
+    Bench, Clean,
+    testing::Values(test::Bench{}, test::Bench{.seed = 2}, test::Bench{.friction_N = 0.8, .seed = 3},
+                    test::Bench{.gap_mm = 0.08, .seed = 4}, test::Bench{.slip_mm = 0.2, .slip_s = 500.3},
+                    test::Bench{.mass_kg = 0.5}, test::Bench{.elongation_at_zero_mm = 2.5, .slack = true},
+                    test::Bench{.coloured_N = 0.06, .seed = 5}, test::Bench{.force_noise_N = 2e-3},
+                    test::Bench{.lag_s = 0.03}, test::Bench{.force_step_N = 0.02},
+                    test::Bench{.drift_N_h = 2.0}));
+
+TEST(Guard, FindsSingleOutliersAndLeavesOutNoOtherReading) {
+  messages::Recording recording = clean();
+  std::set<std::size_t> put;
+  std::mt19937 random(9);
+  while (put.size() < 20) {
+    const std::size_t k = 20 + random() % (recording.frame.size() - 40);
+    if (std::ranges::any_of(put, [k](std::size_t other) { return other + 12 > k && k + 12 > other; }))
+      continue;
+    put.insert(k);
+    recording.frame.force_N[k] += put.size() % 2 == 0 ? 0.8 : -0.5;  // 25 to 40 times the noise
+  }
+  const Guarded guarded = guard_recording(recording);
+  EXPECT_EQ(lost(guarded), put);
+  ASSERT_EQ(kinds(guarded), std::vector<std::string>{"outliers"}) << said(guarded);
+  EXPECT_EQ(guarded.faults[0].rows, 20U);
+  EXPECT_EQ(guarded.faults[0].t_start_s, recording.frame.t_s[*put.begin()]);
+  EXPECT_EQ(guarded.faults[0].t_end_s, recording.frame.t_s[*put.rbegin()]);
+  EXPECT_NE(guarded.faults[0].text.find("20 force readings"), std::string::npos);
+}
+
+/// Bursts of two to four readings, one-sided and two-sided, in a ramp and in a hold.
+TEST(Guard, FindsBurstsOfOutliers) {
+  messages::Recording recording = clean();
+  std::set<std::size_t> put;
+  const auto burst = [&](std::size_t from, std::initializer_list<double> sizes_N) {
+    for (const double size_N : sizes_N) {
+      recording.frame.force_N[from] += size_N;
+      put.insert(from++);
+    }
+  };
+  const std::size_t dense = dense_row(recording);
+  burst(dense + 300, {0.9, 1.1});
+  burst(dense + 350, {1.0, -1.2, 0.8});
+  burst(row_at(recording, 330.0), {-0.9, -1.0, -1.1});
+  std::size_t rest = row_at(recording, 600.0);  // in motion four in a row could be a step of the specimen's
+  while (std::fabs(recording.frame.position_mm[rest + 10] - recording.frame.position_mm[rest - 6]) > 0.005)
+    ++rest;
+  burst(rest, {1.0, 1.5, 1.2, 0.9});
+  const Guarded guarded = guard_recording(recording);
+  for (const std::size_t k : put) EXPECT_FALSE(guarded.usable[k]) << "row " << k;
+  EXPECT_LE(lost(guarded).size(), put.size() + 4);
+  ASSERT_EQ(kinds(guarded), std::vector<std::string>{"outliers"}) << said(guarded);
+}
+
+class Saturated : public testing::TestWithParam<bool> {};
+TEST_P(Saturated, IsFoundAtThisEnd) {
+  messages::Recording recording = clean();
+  auto& force = recording.frame.force_N;
+  std::vector<double> sorted = force;
+  std::ranges::sort(sorted);
+  const double limit = sorted[sorted.size() * (GetParam() ? 93 : 7) / 100];
+  std::set<std::size_t> clipped;
+  for (std::size_t k = 0; k < force.size(); ++k) {
+    if (GetParam() ? force[k] <= limit : force[k] >= limit) continue;
+    force[k] = limit;
+    clipped.insert(k);
+  }
+  const Guarded guarded = guard_recording(recording);
+  std::size_t found = 0;
+  for (const std::size_t k : clipped) found += guarded.usable[k] ? 0 : 1;
+  // Where the force only grazes the limit it stands there for less than a dozen readings.
+  EXPECT_GT(found, clipped.size() * 9 / 10);
+  EXPECT_LE(lost(guarded).size(), found + clipped.size() / 20);
+  for (const std::string& kind : kinds(guarded)) EXPECT_EQ(kind, "saturation") << said(guarded);
+  ASSERT_FALSE(guarded.faults.empty());
+  for (const DataFault& fault : guarded.faults) {
+    EXPECT_TRUE(clipped.contains(row_at(recording, fault.t_start_s)));
+    EXPECT_NE(fault.text.find("end of its range"), std::string::npos);
+  }
+}
+INSTANTIATE_TEST_SUITE_P(Guard, Saturated, testing::Bool(),
+                         [](const auto& upper) { return upper.param ? "upper" : "lower"; });
+
+/// The load cell's cable is out for a while: its reading stands at 0 N, or at what it was.
+TEST(Guard, FindsALoadCellThatStandsStill) {
+  for (const bool at_zero : {true, false}) {
+    messages::Recording recording = clean();
+    const std::size_t ramp = dense_row(recording) + 50, rest = row_at(recording, 600.0);
+    for (const auto& [from, count] : {std::pair{ramp, std::size_t{300}}, std::pair{rest, std::size_t{60}}})
+      for (std::size_t k = from; k < from + count; ++k)
+        recording.frame.force_N[k] = at_zero ? 0.0 : recording.frame.force_N[from];
+    const Guarded guarded = guard_recording(recording);
+    ASSERT_EQ(guarded.faults.size(), 2U) << said(guarded);
+    for (const DataFault& fault : guarded.faults)
+      EXPECT_TRUE(fault.kind == "frozen" || (at_zero && fault.kind == "saturation")) << said(guarded);
+    EXPECT_EQ(guarded.faults[0].t_start_s, recording.frame.t_s[ramp]);
+    EXPECT_EQ(guarded.faults[0].t_end_s, recording.frame.t_s[ramp + 299]);
+    EXPECT_EQ(guarded.faults[0].rows, 300U);
+    EXPECT_EQ(guarded.faults[1].t_start_s, recording.frame.t_s[rest]);
+    EXPECT_EQ(guarded.faults[1].rows, 60U);
+    EXPECT_EQ(lost(guarded).size(), 360U);
+  }
+}
+
+TEST(Guard, FindsAPositionThatStandsStillWhileItsNoiseShouldMoveIt) {
+  messages::Recording recording = clean();
+  const std::size_t from = dense_row(recording) + 50;
+  for (std::size_t k = from; k < from + 300; ++k)
+    recording.frame.position_mm[k] = recording.frame.position_mm[from];
+  const Guarded guarded = guard_recording(recording);
+  ASSERT_EQ(kinds(guarded), std::vector<std::string>{"frozen"}) << said(guarded);
+  EXPECT_NE(guarded.faults[0].text.find("position"), std::string::npos);
+  EXPECT_EQ(guarded.faults[0].t_start_s, recording.frame.t_s[from]);
+  EXPECT_EQ(guarded.faults[0].rows, 300U);
+  EXPECT_EQ(lost(guarded).size(), 300U);
+}
+
+TEST(Guard, FindsAPressureThatStandsStill) {
+  messages::Recording recording = clean();
+  auto& gauge = *recording.pressure;
+  const std::size_t from = gauge.size() / 3;
+  for (std::size_t k = from; k < from + 200; ++k) gauge.pressure_psi[k] = gauge.pressure_psi[from];
+  const Guarded guarded = guard_recording(recording);
+  ASSERT_EQ(kinds(guarded), std::vector<std::string>{"frozen"}) << said(guarded);
+  EXPECT_NE(guarded.faults[0].text.find("pressure"), std::string::npos);
+  EXPECT_EQ(guarded.faults[0].t_start_s, gauge.t_s[from]);
+  EXPECT_EQ(guarded.faults[0].t_end_s, gauge.t_s[from + 199]);
+  EXPECT_TRUE(lost(guarded).empty()) << "the force is as good as ever";
+}
+
+/// An encoder or a gauge that counts more coarsely than its noise stands still by right.
+TEST(Guard, AllowsACoarseReadingToStandStill) {
+  messages::Recording recording = clean();
+  for (double& x : recording.frame.position_mm) x = std::round(x / 0.005) * 0.005;
+  for (double& p : recording.pressure->pressure_psi) p = std::round(p / 0.05) * 0.05;
+  const Guarded guarded = guard_recording(recording);
+  EXPECT_TRUE(guarded.faults.empty()) << said(guarded);
+}
+
+/// Steps of once to four times the noise: such a reading often repeats itself, in a hold for long.
+TEST(Guard, DoesNotTakeACoarseForceForAFrozenOne) {
+  for (const double noise_N : {0.005, 0.0071, 0.01, 0.0125, 0.02}) {
+    messages::Recording recording = test::record({.force_noise_N = noise_N, .force_step_N = 0.02});
+    for (double& x : recording.frame.position_mm) x = std::round(x / 8e-4) * 8e-4;
+    for (const DataFault& fault : guard_recording(recording).faults)
+      EXPECT_EQ(fault.kind, "quantisation") << "noise " << noise_N << ": " << fault.text;
+  }
+}
+
+TEST(Guard, FindsAGapAndAClockThatJumps) {
+  for (const bool jump : {false, true}) {
+    messages::Recording recording = clean();
+    auto& frame = recording.frame;
+    const std::size_t at = row_at(recording, 500.0);
+    if (jump) {
+      for (std::size_t k = at; k < frame.size(); ++k) frame.t_s[k] += 7.0;
+    } else {
+      const std::size_t end = row_at(recording, 530.0);
+      for (auto* column : {&frame.t_s, &frame.position_mm, &frame.force_N})
+        column->erase(column->begin() + static_cast<std::ptrdiff_t>(at),
+                      column->begin() + static_cast<std::ptrdiff_t>(end));
+    }
+    const Guarded guarded = guard_recording(recording);
+    ASSERT_EQ(kinds(guarded), std::vector<std::string>{"gap"}) << said(guarded);
+    EXPECT_EQ(guarded.faults[0].t_start_s, frame.t_s[at - 1]);
+    EXPECT_EQ(guarded.faults[0].t_end_s, frame.t_s[at]);
+    EXPECT_TRUE(lost(guarded).empty());
+  }
+}
+
+TEST(Guard, FindsReadingsCoarserThanTheirNoise) {
+  messages::Recording recording = clean();
+  for (double& force_N : recording.frame.force_N) force_N = std::round(force_N / 0.2) * 0.2;
+  const Guarded guarded = guard_recording(recording);
+  ASSERT_EQ(kinds(guarded), std::vector<std::string>{"quantisation"}) << said(guarded);
+  EXPECT_NE(guarded.faults[0].text.find("0.2 N"), std::string::npos) << guarded.faults[0].text;
+  EXPECT_TRUE(lost(guarded).empty());
+}
+
+TEST(Guard, FindsSeveralFaultsAtOnce) {
+  messages::Recording recording = clean();
+  auto& frame = recording.frame;
+  const std::size_t still = row_at(recording, 300.0), spike = row_at(recording, 700.0);
+  for (std::size_t k = still; k < still + 40; ++k) frame.force_N[k] = frame.force_N[still];
+  frame.force_N[spike] += 2.0;
+  const std::size_t at = row_at(recording, 900.0);
+  for (std::size_t k = at; k < frame.size(); ++k) frame.t_s[k] += 30.0;
+  const Guarded guarded = guard_recording(recording);
+  std::vector<std::string> found = kinds(guarded);
+  std::ranges::sort(found);
+  EXPECT_EQ(found, (std::vector<std::string>{"frozen", "gap", "outliers"})) << said(guarded);
+  EXPECT_EQ(lost(guarded).size(), 41U);
+}
+
+TEST(Guard, TakesARecordingTooShortToJudgeAsItIs) {
+  messages::Recording recording = clean();
+  for (auto* column : {&recording.frame.t_s, &recording.frame.position_mm, &recording.frame.force_N})
+    column->resize(19);
+  recording.frame.force_N[5] += 100.0;
+  EXPECT_TRUE(guard_recording(recording).faults.empty());
+}
+
+}  // namespace
+}  // namespace isorig::identify
