@@ -20,16 +20,18 @@ struct Cells {
 };
 
 /// Share of the excess that a table of the variable (means per cell) would take away, with every cell's own
-/// cost in degrees of freedom paid. Weighted by readings.
-double share_of(const Cells& cells, const Eigen::VectorXd& residual, const std::vector<double>& block_weight,
-                const std::vector<int>& block, double noise) {
+/// cost in degrees of freedom paid. The residual is whitened, so that a force of f stands there as f times
+/// the root of the readings in its bin: the table is of the force.
+double share_of(const Cells& cells, const Eigen::VectorXd& residual, const std::vector<double>& count,
+                const std::vector<double>& block_weight, const std::vector<int>& block, double noise) {
   std::vector<double> sum(static_cast<std::size_t>(cells.count), 0.0), n(sum.size(), 0.0);
   double total = 0.0;
   for (Eigen::Index i = 0; i < residual.size(); ++i) {
     const double w = block_weight[block[i]];
     if (w == 0.0 || cells.cell[i] < 0) continue;
-    sum[cells.cell[i]] += w * residual[i];
-    n[cells.cell[i]] += w;
+    const double readings = count[static_cast<std::size_t>(i)];
+    sum[cells.cell[i]] += w * std::sqrt(readings) * residual[i];
+    n[cells.cell[i]] += w * readings;
     total += w * (residual[i] * residual[i] - noise);
   }
   double explained = 0.0;
@@ -287,10 +289,23 @@ std::vector<Place> locate(const Problem& problem, const model::ModelSpec& nomina
   for (const double v : rate) fastest = std::max(fastest, std::fabs(v));
   for (std::size_t i = 0; i < n; ++i)
     direction.push_back(rate[i] > 3e-4 * fastest ? 2 : rate[i] < -3e-4 * fastest ? 0 : 1);
-  // Direction keeps its memory in a hold: friction does.
-  std::vector<int> last_direction = direction;
-  for (std::size_t i = 1; i < n; ++i)
-    if (direction[i] == 1) last_direction[i] = last_direction[i - 1];
+  // Direction keeps its memory in a hold: friction does. A ramp's end overshoots by some noises of the
+  // reading, and the velocity trembles by more than a slow return: what counts as a turn is a thousandth of
+  // the whole stroke.
+  const auto [lowest_mm, highest_mm] = std::ranges::minmax(position);
+  std::vector<int> last_direction;
+  for (const Series& each : series) {
+    const double turn_mm = std::max(1e-3 * (highest_mm - lowest_mm), 10.0 * each.drive.motion.noise_mm);
+    double follower_mm = each.nodes.front().position_mm;
+    int last = 1;
+    for (const auto& node : each.nodes) {
+      const double before_mm = follower_mm;
+      follower_mm =
+          std::clamp(follower_mm, node.position_mm - 0.5 * turn_mm, node.position_mm + 0.5 * turn_mm);
+      if (follower_mm != before_mm) last = follower_mm > before_mm ? 2 : 0;
+      last_direction.push_back(last);
+    }
+  }
 
   const Eigen::VectorXd nominal_N = problem.target() - problem.predict(nominal);
   const Eigen::VectorXd model_N = problem.target() - problem.predict(model);
@@ -298,9 +313,8 @@ std::vector<Place> locate(const Problem& problem, const model::ModelSpec& nomina
   for (std::size_t i = 0; i < n; ++i)
     errors.push_back(
         {nominal_N[static_cast<Eigen::Index>(i)], model_N[static_cast<Eigen::Index>(i)], count[i]});
-  const double length_mm = series[0].recording.metadata.reference_length_mm();
   std::vector<double> strain;
-  for (const double x : position) strain.push_back(100.0 * x / length_mm);
+  for (const double x : position) strain.push_back(100.0 * series[0].recording.strain(x));
   std::vector<Axis> axes;
   axes.push_back({"position", by_quantile(position, 60), " mm", ""});
   axes.push_back({"strain", by_quantile(strain, 10), " %", ""});
@@ -346,13 +360,13 @@ std::vector<Place> locate(const Problem& problem, const model::ModelSpec& nomina
     place.covariate = axis.name;
     place.t_start_s = begin_s;
     place.t_end_s = end_s;
-    place.share = share_of(cells, residual, once, block, noise_scale);
+    place.share = share_of(cells, residual, count, once, block, noise_scale);
     std::mt19937 random(7);
     std::vector<double> shares;
     for (int draw = 0; draw < 40; ++draw) {
       std::vector<double> weight(static_cast<std::size_t>(blocks), 0.0);
       for (int b = 0; b < blocks; ++b) weight[random() % static_cast<unsigned>(blocks)] += 1.0;
-      shares.push_back(share_of(cells, residual, weight, block, noise_scale));
+      shares.push_back(share_of(cells, residual, count, weight, block, noise_scale));
     }
     std::ranges::sort(shares);
     place.share_low = shares[1];
