@@ -1,0 +1,68 @@
+// The noise of the force channel as the rests of a recording show it.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "bench.hpp"
+#include "identify/diagnose/noise.hpp"
+
+namespace isorig::identify {
+namespace {
+
+InstrumentNoise noise_of(const test::Bench& bench) {
+  const std::vector<Series> series{prepare_series("bench", test::record(bench), {})};
+  return instrument_noise(series, {});
+}
+
+/// The bench rests for some 300 s after its first 10 s of settling, at 5 Hz: 1500 readings know a white noise
+/// to 1 / sqrt(2 x 1500) = 2 %; three of that.
+TEST(NoiseFromRests, WhiteIsRecovered) {
+  for (const double white_N : {0.002, 0.02, 0.1}) {
+    const InstrumentNoise found = noise_of({.force_noise_N = white_N, .force_step_N = 1e-4, .seed = 11});
+    EXPECT_TRUE(found.from_rests);
+    EXPECT_NEAR(found.noise.white_N, white_N, 0.06 * white_N);
+    EXPECT_LT(found.noise.coloured_N, 0.3 * white_N);
+  }
+}
+
+/// A noise of 2 s is independent some 80 times in those rests, less two numbers of each rest: 1 / sqrt(2 x
+/// 60) = 9 % of its size, three of that; its white companion is known nearly as well as alone.
+TEST(NoiseFromRests, ColouredIsToldFromWhite) {
+  for (const double coloured_N : {0.03, 0.06}) {
+    const InstrumentNoise found = noise_of({.coloured_N = coloured_N, .coloured_s = 2.0, .seed = 12});
+    EXPECT_NEAR(found.noise.white_N, 0.02, 0.1 * 0.02);
+    EXPECT_NEAR(found.noise.coloured_N, coloured_N, 0.3 * coloured_N);
+    EXPECT_GT(found.noise.correlation_s, 0.7);
+    EXPECT_LT(found.noise.correlation_s, 6.0);
+  }
+}
+
+/// Relaxation, friction, drift, softening and a wandering pressure are no noise, whatever the model knows of
+/// them.
+TEST(NoiseFromRests, TakesNoPhysicsForNoise) {
+  for (const test::Bench& bench :
+       {test::Bench{.second_arm_N_mm = 0.6, .second_arm_s = 9.0}, test::Bench{.friction_N = 0.8},
+        test::Bench{.power = 1.8}, test::Bench{.softening_N_mm = 0.05}, test::Bench{.drift_N_h = 3.0},
+        test::Bench{.ripple_N = 0.3}, test::Bench{.gap_mm = 0.08}}) {
+    const InstrumentNoise found = noise_of(bench);
+    EXPECT_TRUE(found.from_rests);
+    EXPECT_NEAR(found.noise.white_N, 0.02, 0.06 * 0.02);
+    EXPECT_LT(found.noise.coloured_N, 0.008);
+  }
+}
+
+TEST(NoiseFromRests, LeavesOutWhatTheGuardLeftOut) {
+  const test::Bench bench{.seed = 14};
+  messages::Recording recording = test::record(bench);
+  std::vector<bool> usable(recording.frame.size(), true);
+  for (std::size_t k = 7; k < recording.frame.size(); k += 53) {
+    recording.frame.force_N[k] += k % 2 == 0 ? 2.0 : -2.0;
+    usable[k] = false;
+  }
+  const std::vector<std::vector<bool>> all{usable};
+  const std::vector<Series> series{prepare_series("bench", std::move(recording), usable)};
+  EXPECT_NEAR(instrument_noise(series, all).noise.white_N, bench.force_noise_N, 0.06 * bench.force_noise_N);
+}
+
+}  // namespace
+}  // namespace isorig::identify
