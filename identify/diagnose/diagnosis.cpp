@@ -11,6 +11,7 @@
 #include "identify/diagnose/laws.hpp"
 #include "identify/diagnose/locate.hpp"
 #include "model/catalogue.hpp"
+#include "model/effects/effects.hpp"
 #include "model/elements.hpp"
 
 namespace isorig::identify {
@@ -131,6 +132,34 @@ void note_equivalences(const model::ModelSpec& spec, Diagnosis& diagnosis) {
         "here are those of specimen and load train together.");
 }
 
+void note_pressures(std::span<const Series> series, Diagnosis& diagnosis) {
+  double low = HUGE_VAL, high = 0.0;
+  for (const Series& each : series) {
+    const double psi = each.recording.metadata.nominal_pressure_psi.value_or(0.0);
+    low = std::min(low, psi);
+    high = std::max(high, psi);
+  }
+  if (high - low <= 0.05 * high) return;
+  char text[240];
+  std::snprintf(
+      text, sizeof text,
+      "The recordings were made at nominal pressures from %.3g to %.3g psi and are fitted with one "
+      "material. An actuator's stiffness follows its pressure: diagnose each pressure by itself, unless "
+      "that is what is to be shown.",
+      low, high);
+  diagnosis.notes.emplace_back(text);
+}
+
+/// Filling stretches the specimen, and its arms keep some of that force when the rows of the filling are
+/// gone: no physics that the nominal model lacks, but a state that is not known.
+model::Part left_by_filling(double duration_s, double start_s) {
+  const model::Physics& physics = model::effect::unsettled_start();
+  model::Part part = model::make_part(physics, physics.laws[0]);
+  part.parameters[1] = duration_s;
+  part.parameters[2] = start_s;
+  return part;
+}
+
 }  // namespace
 
 std::string_view name_of(Verdict verdict) {
@@ -146,15 +175,19 @@ std::string_view name_of(Verdict verdict) {
 }
 
 Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::string> names,
-               const model::ModelSpec& nominal, const DiagnosisOptions& options) {
+               const model::ModelSpec& given, const DiagnosisOptions& options) {
   Study study;
+  model::ModelSpec nominal = given;
   std::vector<double> duration_s;
   for (std::size_t i = 0; i < recordings.size(); ++i) {
     const auto& t_s = recordings[i].frame.t_s;
     duration_s.push_back(t_s.empty() ? 0.0 : t_s.back() - t_s.front());
     // An isometric recording is driven by its pressure alone: its filling is the experiment.
     if (moves(recordings[i]) || !nominal.has("pressure_coupling")) {
+      const double start_s = t_s.empty() ? 0.0 : t_s.front();
       if (auto cut = cut_filling(recordings[i])) study.faults.push_back(std::move(*cut));
+      if (!t_s.empty() && t_s.front() > start_s && given.has("maxwell"))
+        nominal.parts.push_back(left_by_filling(duration_s[i], t_s.front()));
     }
     const auto& frame = recordings[i].frame;
     constexpr std::size_t kFewest = 100;
@@ -262,6 +295,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   out.design = design_experiment(search, selection, options.design, options.threads);
   for (const Inseparable& pair : out.design.inseparable) out.notes.push_back(pair.text);
   note_equivalences(out.nominal, out);
+  note_pressures(study.series, out);
   return study;
 }
 
