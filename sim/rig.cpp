@@ -1,6 +1,7 @@
 #include "sim/rig.hpp"
 
 #include <algorithm>
+#include <utility>
 
 namespace isorig::sim {
 namespace {
@@ -58,6 +59,11 @@ Truth Rig::truth() {
   return truth_;
 }
 
+std::vector<Truth> Rig::take_truth() {
+  const Visit visit = enter();
+  return std::exchange(kept_, {});
+}
+
 void Rig::step() noexcept {
   ValveTargets valves = pressure_.before_step(step_.begin_ns);
   if (regulator_.present) {
@@ -86,6 +92,7 @@ void Rig::step() noexcept {
   truth_.velocity_mm_s = frame_.crosshead().velocity_mm_s();
   truth_.force_N = step_.force_end_N;
   truth_.pressure_psi = step_.pressure_end_psi;
+  if (options_.keep_truth) kept_.push_back(truth_);
 }
 
 }  // namespace isorig::sim

@@ -3,6 +3,7 @@
 #include <limits>
 #include <memory>
 #include <mutex>
+#include <vector>
 
 #include "drivers/clock/clock.hpp"
 #include "model/actuator.hpp"
@@ -42,6 +43,8 @@ struct RigOptions {
   const clock::Clock* clock = nullptr;
   /// Devices are called from several threads (one I/O thread each): lock. Not needed in virtual time.
   bool threaded = false;
+  /// Every step's truth is kept for take_truth(); somebody has to take it.
+  bool keep_truth = false;
 };
 
 /// The virtual rig: actuator, pneumatics, and the three devices that stand for it. Fixed 1 ms steps; all
@@ -70,6 +73,8 @@ class Rig final : public Host {
   [[nodiscard]] const model::Actuator& actuator() const noexcept { return physics_.actuator(); }
   [[nodiscard]] const Specimen& specimen() const noexcept { return specimen_; }
   [[nodiscard]] Truth truth();
+  /// Every step since the last call, 1 ms apart, also those that were made up for after the host had stood still.
+  [[nodiscard]] std::vector<Truth> take_truth();
 
   Visit enter() override;
 
@@ -89,6 +94,7 @@ class Rig final : public Host {
   RegulatorValves regulator_;
   StepView step_;
   Truth truth_;
+  std::vector<Truth> kept_;
 };
 
 }  // namespace isorig::sim

@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <memory>
 #include <optional>
+#include <vector>
 
 #include "base/toml_reader.hpp"
 #include "sim/control_socket.hpp"
@@ -22,24 +23,22 @@ struct CloseFile {
   void operator()(std::FILE* file) const noexcept { std::fclose(file); }
 };
 
-/// What the plant really did, one line per physics step seen: within 1 ms of each other but when the host
-/// stalls.
+/// What the plant really did, one line per physics step: 1 ms apart, also where the host stood still.
 class TruthLog {
  public:
   explicit TruthLog(const std::string& path) : file_(std::fopen(path.c_str(), "w")) {
     if (!file_) throw std::runtime_error("cannot write " + path);
     std::fputs("mono_ns,position_mm,force_N,pressure_psi\n", file_.get());
   }
-  void write(const sim::Truth& truth) {
-    if (truth.mono_ns == last_ns_) return;
-    last_ns_ = truth.mono_ns;
-    std::fprintf(file_.get(), "%lld,%.6f,%.5f,%.5f\n", static_cast<long long>(truth.mono_ns),
-                 truth.position_mm, truth.force_N, truth.pressure_psi);
+  void write(const std::vector<sim::Truth>& steps) {
+    for (const auto& truth : steps) {
+      std::fprintf(file_.get(), "%lld,%.6f,%.5f,%.5f\n", static_cast<long long>(truth.mono_ns),
+                   truth.position_mm, truth.force_N, truth.pressure_psi);
+    }
   }
 
  private:
   std::unique_ptr<std::FILE, CloseFile> file_;
-  std::int64_t last_ns_ = -1;
 };
 
 struct Arguments {
@@ -67,7 +66,7 @@ int serve(const Arguments& arguments) {
   if (!arguments.teensy.empty()) config.teensy_link = arguments.teensy;
 
   clock::RealClock clock;
-  sim::WireRig rig(config, clock);
+  sim::WireRig rig(config, clock, !arguments.truth.empty());
   sim::WireControl control(rig);
   for (const auto& fault : arguments.faults) {
     const auto answer = control.execute("fault " + fault);
@@ -111,7 +110,7 @@ int serve(const Arguments& arguments) {
     next_ns = std::max(next_ns + 1'000'000, clock.now_ns());  // after a stall: go on, do not catch up
     rig.service_until(next_ns);
     lines.service();
-    if (truth) truth->write(rig.rig().truth());
+    if (truth) truth->write(rig.rig().take_truth());
     if (socket) socket->service();
   }
   return 0;

@@ -23,11 +23,12 @@ SimConfig without_simulated_wires(SimConfig sim) {
   return sim;
 }
 
-RigOptions live(const clock::Clock& clock, std::int64_t start_ns) {
+RigOptions live(const clock::Clock& clock, std::int64_t start_ns, bool keep_truth) {
   RigOptions options;
   options.start_ns = start_ns;
   options.clock = &clock;
   options.threaded = true;
+  options.keep_truth = keep_truth;
   return options;
 }
 
@@ -113,11 +114,11 @@ WireRigConfig read_wire_rig(const std::filesystem::path& rig_file) {
   return config;
 }
 
-WireRig::WireRig(const WireRigConfig& config, const clock::Clock& clock)
+WireRig::WireRig(const WireRigConfig& config, const clock::Clock& clock, bool keep_truth)
     : clock_(clock),
       start_ns_(clock.now_ns()),
       teensy_serial_(config.teensy_serial),
-      rig_(without_simulated_wires(config.sim), load_specimen(config.sim.specimen), live(clock, start_ns_)),
+      rig_(without_simulated_wires(config.sim), load_specimen(config.sim.specimen), live(clock, start_ns_, keep_truth)),
       modbus_(config.instron8800 ? nullptr
                                  : std::make_unique<ModbusServer>(frame_options(config), rig_.frame(), frame_faults_)),
       instron8800_(config.instron8800 ? std::make_unique<Instron8800Server>(controller_options(config), rig_.frame(),

@@ -45,7 +45,7 @@ struct WireRigConfig {
 /// Teensy's has offset and skew, no wander.
 class WireRig {
  public:
-  WireRig(const WireRigConfig& config, const clock::Clock& clock);
+  WireRig(const WireRigConfig& config, const clock::Clock& clock, bool keep_truth = false);
 
   /// Serves the Teensy and the plant until `deadline_ns` or sooner; call it again at 1 kHz or more. The frame
   /// has its own thread.
