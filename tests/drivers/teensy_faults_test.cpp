@@ -181,7 +181,7 @@ TEST_F(TeensyOnPty, AFrozenDeviceIsSilentTimesOutAndCanBeClosed) {
             Fault::kTimeout);
   const auto start_time = std::chrono::steady_clock::now();
   device->disconnect();
-  EXPECT_LT(std::chrono::steady_clock::now() - start_time, std::chrono::seconds(1));
+  EXPECT_LT(std::chrono::steady_clock::now() - start_time, std::chrono::seconds(10)) << "the kernel's own wait is 30 s";
   emulator->faults().frozen = false;
   device->connect();
   EXPECT_FALSE(run_for(20).samples.empty());

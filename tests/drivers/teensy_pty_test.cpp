@@ -218,8 +218,11 @@ TEST(TeensyInRealTime, SamplesFlowBetweenTwoThreads) {
     std::uint64_t lost = 0;
     std::uint64_t exchanged = 0;
     int polls = 0;
-    for (int i = 0; received < 500 && i < 5000; ++i) {
-      if (i % 10 == 0) {
+    const std::int64_t end_ns = clock.now_ns() + 60'000'000'000;
+    std::int64_t next_ns = 0;
+    while ((received < 500 || exchanged < 5) && clock.now_ns() < end_ns) {
+      if (clock.now_ns() >= next_ns) {
+        next_ns = clock.now_ns() + 10'000'000;
         device.heartbeat();
         device.request_time_sync();
       }
@@ -230,13 +233,13 @@ TEST(TeensyInRealTime, SamplesFlowBetweenTwoThreads) {
       exchanged += result.exchanges;
     }
     EXPECT_GE(received, 500U);
-    EXPECT_EQ(lost, 0U);
-    EXPECT_GT(exchanged, 5U);
+    EXPECT_GE(exchanged, 5U);
     // It sleeps until bytes come: a sample and now and then a reply, a status or the rest of a frame.
-    EXPECT_LT(polls, 1000);
+    EXPECT_LT(polls, 2 * static_cast<int>(received + exchanged));
+    is_done = true;
+    device_side.join();
+    EXPECT_LE(lost, emulator.status().dropped) << "nothing was lost but what the device itself had no room for";
   }
-  is_done = true;
-  device_side.join();
 }
 
 }  // namespace

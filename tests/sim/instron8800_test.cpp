@@ -3,11 +3,12 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <functional>
-#include <optional>
+#include <stdexcept>
 #include <thread>
 
 #include "drivers/error.hpp"
@@ -24,35 +25,51 @@ using drivers::DeviceError;
 using drivers::Fault;
 using frame::Motion;
 
+/// How long anything is waited for, and the time-outs of what is not tested: a machine that stands still for a second
+/// does not reach them.
+constexpr double kPatience_s = 20.0;
+/// A time-out that is tested.
+constexpr int kShort_ms = 600;
+
 class Instron8800 : public ::testing::TestWithParam<bool> {
  protected:
-  void SetUp() override { start({}); }
+  void SetUp() override {
+    config_.response_timeout_ms = 5000;
+    config_.give_up_ms = 20'000;
+    config_.start_confirm_ms = 5000;
+    config_.stop_confirm_ms = 5000;
+    config_.heartbeat_timeout_ms = 5000;
+    config_.gap_us = 200;
+    config_.quiet_ms = 30;
+    config_.position_full_scale_mm = 50.0;
+    config_.force_full_scale_N = 250.0;
+    config_.reading_age_max_ms = 1.2;
+    start();
+  }
 
-  void start(Instron8800Server::Options options) {
+  /// With what config_ and watchdog_s_ say by now.
+  void start() {
     frame_.reset();
     server_.reset();
+    truth_.clear();
     auto sim = load_sim(ISORIG_SOURCE_DIR "/config/rigs/sim-8800.toml");
     sim.frame.request = sim.frame.reply = {0.0, 0.0, 0.0, 0.0};
+    sim.frame.heartbeat_timeout_s = kPatience_s;  // the crosshead's, behind the controller: not what is tested
     RigOptions live;
     live.start_ns = clock_.now_ns();
     live.clock = &clock_;
     live.threaded = true;
+    live.keep_truth = true;
     rig_ = std::make_unique<Rig>(sim, load_specimen(sim.specimen), live);
+    Instron8800Server::Options options;
     options.tcp = GetParam();
+    options.watchdog_s = watchdog_s_;
     link_ = (std::filesystem::path(::testing::TempDir()) / ("8800-" + std::to_string(::getpid()))).string();
     options.pty_link = link_;
     server_ = std::make_unique<Instron8800Server>(options, rig_->frame(), faults_);
     config_.tcp = GetParam();
     config_.port = server_->port();
     config_.tty = link_;
-    config_.response_timeout_ms = 250;
-    config_.give_up_ms = 1500;
-    config_.gap_us = 200;
-    config_.quiet_ms = 30;
-    config_.position_full_scale_mm = 50.0;
-    config_.force_full_scale_N = 250.0;
-    config_.reading_age_max_ms = 1.2;
-    config_.heartbeat_timeout_ms = 800;
     frame_ = std::make_unique<frame::Instron8800Frame>(config_, clock_);
   }
 
@@ -62,7 +79,7 @@ class Instron8800 : public ::testing::TestWithParam<bool> {
       if (beating_) frame_->heartbeat(++beat_);
       const auto before_ns = clock_.now_ns();
       const auto poll = frame_->poll(samples_);
-      longest_poll_ns_ = std::max(longest_poll_ns_, clock_.now_ns() - before_ns);
+      if (poll.samples == 0) empty_polls_ns_.push_back(clock_.now_ns() - before_ns);
       state_ = poll.state;
       for (std::size_t i = 0; i < poll.samples; ++i) taken_.push_back(samples_[i]);
     } catch (const DeviceError& error) {
@@ -70,7 +87,7 @@ class Instron8800 : public ::testing::TestWithParam<bool> {
       last_what_ = error.what();
     }
   }
-  bool until(double seconds, const std::function<bool()>& condition) {
+  bool until(const std::function<bool()>& condition, double seconds = kPatience_s) {
     const auto end_ns = clock_.now_ns() + static_cast<std::int64_t>(1e9 * seconds);
     while (!condition()) {
       if (clock_.now_ns() > end_ns) return false;
@@ -79,18 +96,45 @@ class Instron8800 : public ::testing::TestWithParam<bool> {
     return true;
   }
   void run_for(double seconds) {
-    (void)until(seconds, [] { return false; });
+    (void)until([] { return false; }, seconds);
+  }
+  bool takes(std::size_t samples) {
+    return until([&] { return taken_.size() > samples; });
   }
   [[nodiscard]] double true_mm() { return rig_->truth().position_mm; }
+
+  /// The plant at a sample's time.
+  [[nodiscard]] Truth plant_at(const frame::Sample& sample) {
+    const auto at_ns = sample.device_us * 1000;
+    clock_.sleep_until_ns(at_ns + Rig::kStep_ns);  // its step may not be over
+    const auto steps = rig_->take_truth();
+    truth_.insert(truth_.end(), steps.begin(), steps.end());
+    const auto after = std::lower_bound(truth_.begin(), truth_.end(), at_ns,
+                                        [](const Truth& t, std::int64_t ns) { return t.mono_ns < ns; });
+    if (after == truth_.begin() || after == truth_.end()) throw std::out_of_range("a sample from outside the plant's time");
+    const auto& before = *(after - 1);
+    const double part = static_cast<double>(at_ns - before.mono_ns) / static_cast<double>(Rig::kStep_ns);
+    Truth plant = before;
+    plant.position_mm += part * (after->position_mm - before.position_mm);
+    plant.force_N += part * (after->force_N - before.force_N);
+    return plant;
+  }
+  /// On a ramp of 0.5 mm/s: neither an old value for a new one nor a force for a position.
+  void expect_as_the_plant(const std::vector<frame::Sample>& samples) {
+    for (const auto& s : samples) {
+      const auto plant = plant_at(s);
+      ASSERT_NEAR(double{s.position_mm}, plant.position_mm, 0.0015 + 0.55e-6 * double{s.bound_us});
+      ASSERT_NEAR(double{s.force_N}, plant.force_N, 0.1 + 5e-6 * double{s.bound_us});
+    }
+  }
 
   /// Underway at 0.5 mm/s, for a fault to hit.
   void be_moving() {
     frame_->connect();
     turn();
-    frame_->start_segment({7, 4.0F, 0.5F});
-    run_for(0.3);
+    frame_->start_segment({7, 10.0F, 0.5F});
+    ASSERT_TRUE(until([&] { return true_mm() > 0.1; }));
     ASSERT_EQ(state_.motion, Motion::kMoving);
-    ASSERT_GT(true_mm(), 0.05);
     taken_.clear();
     faults_seen_.clear();
   }
@@ -105,6 +149,8 @@ class Instron8800 : public ::testing::TestWithParam<bool> {
   std::unique_ptr<Rig> rig_;
   std::unique_ptr<Instron8800Server> server_;
   frame::Instron8800Config config_;
+  double watchdog_s_ = kPatience_s;
+  std::vector<Truth> truth_;
   std::unique_ptr<frame::Instron8800Frame> frame_;
   std::string link_;
   std::array<frame::Sample, 16> samples_{};
@@ -114,7 +160,7 @@ class Instron8800 : public ::testing::TestWithParam<bool> {
   frame::State state_;
   std::uint16_t beat_ = 0;
   bool beating_ = true;
-  std::int64_t longest_poll_ns_ = 0;
+  std::vector<std::int64_t> empty_polls_ns_;
 };
 
 /// What does not depend on what carries the lines.
@@ -126,57 +172,50 @@ TEST_P(Instron8800, ConnectsTakesControlAndSwitchesTheWatchdogOn) {
   EXPECT_GT(identity.sample_rate_hz, 50.0);
   EXPECT_FALSE(faults_.panel.load());
   EXPECT_FALSE(faults_.watchdog_off.load());
-  run_for(1.0);
+  run_for(1.0);  // every question about the controller's condition has its turn
+  EXPECT_TRUE(takes(50));
   EXPECT_THAT(faults_seen_, ::testing::IsEmpty()) << last_what_;
   EXPECT_EQ(state_.fault_bits, 0);
-  EXPECT_GT(taken_.size(), 50U);
   for (std::size_t i = 1; i < taken_.size(); ++i) {
     EXPECT_EQ(taken_[i].sequence, taken_[i - 1].sequence + 1);
     EXPECT_GT(taken_[i].device_us, taken_[i - 1].device_us);
   }
+  EXPECT_TRUE(takes(taken_.size()));  // a sample ends a poll: no question is out
   frame_->disconnect();
-  EXPECT_TRUE(until(2.0, [&] { return faults_.panel.load(); }));  // handed back, in order
+  EXPECT_TRUE(until([&] { return faults_.panel.load(); }));  // handed back, in order
   EXPECT_FALSE(faults_.actuator_off.load());
 }
 
 TEST_P(Instron8800, EverySampleLiesWithinItsBoundOfTheRamp) {
   frame_->connect();
   turn();
-  const auto began_ns = clock_.now_ns();
   frame_->start_segment({1, 4.0F, 5.0F});
-  const auto lead_in_ns = clock_.now_ns() - began_ns;
-  std::vector<Truth> truth;
-  EXPECT_TRUE(until(5.0, [&] {
-    truth.push_back(rig_->truth());
-    return state_.motion == Motion::kReached;
-  }));
-  const auto took_s = 1e-9 * static_cast<double>(clock_.now_ns() - began_ns);
+  EXPECT_TRUE(until([&] { return state_.motion == Motion::kReached; }));
   EXPECT_NEAR(true_mm(), 4.0, 0.01);
   EXPECT_EQ(state_.segment_id, 1);
   EXPECT_NEAR(state_.target_mm, 4.0, 1e-3);
   EXPECT_NEAR(state_.velocity_mm_s, 5.0, 5e-3);
-  EXPECT_GT(took_s, 0.8);
-  EXPECT_LT(took_s, 0.8 + 0.6);
   std::size_t compared = 0;
   double worst_mm = 0.0, worst_bound_us = 0.0;
-  for (const auto& s : taken_) {
-    const auto at_ns = s.device_us * 1000;
-    const auto after = std::find_if(truth.begin(), truth.end(), [&](const Truth& t) { return t.mono_ns >= at_ns; });
-    if (after == truth.begin() || after == truth.end()) continue;
-    const auto& b = *(after - 1);
-    const auto span_ns = static_cast<double>(after->mono_ns - b.mono_ns);
-    if (span_ns <= 0.0 || span_ns > 12e6) continue;  // this thread was not there
-    const double expected = b.position_mm + (after->position_mm - b.position_mm) * static_cast<double>(at_ns - b.mono_ns) / span_ns;
-    const double error_mm = std::abs(double{s.position_mm} - expected);
-    // 0.2 um of noise, and the curve between two looks at the truth: 600 mm/s^2.
-    EXPECT_LT(error_mm, 0.0015 + 5.5e-6 * double{s.bound_us} + 600.0 * std::pow(span_ns * 1e-9, 2) / 4.0);
+  for (std::size_t i = 1; i + 1 < taken_.size(); ++i) {
+    const auto& s = taken_[i];
+    const auto apart_us = taken_[i + 1].device_us - taken_[i - 1].device_us;
+    if (apart_us > 12'000) continue;  // this thread was not there
+    const double error_mm = std::abs(double{s.position_mm} - plant_at(s).position_mm);
+    // 0.2 um of noise, and the curve between two positions: 600 mm/s^2.
+    EXPECT_LT(error_mm, 0.0015 + 5.5e-6 * double{s.bound_us} + 600.0 * std::pow(1e-6 * static_cast<double>(apart_us), 2) / 8.0);
     worst_mm = std::max(worst_mm, error_mm);
     worst_bound_us = std::max(worst_bound_us, double{s.bound_us});
     ++compared;
   }
   EXPECT_GT(compared, 30U);
-  std::printf("  %zu samples compared on a 5 mm/s ramp: worst %.4f mm, worst bound %.0f us; lead-in %.1f ms, reached after %.3f s\n",
-              compared, worst_mm, worst_bound_us, 1e-6 * static_cast<double>(lead_in_ns), took_s);
+  const auto at = [&](double mm) {
+    return std::find_if(truth_.begin(), truth_.end(), [&](const Truth& t) { return t.position_mm >= mm; })->mono_ns;
+  };
+  const double plant_s = 1e-9 * static_cast<double>(at(3.9) - at(0.1));
+  EXPECT_NEAR(plant_s, 3.8 / 5.0, 0.02);
+  std::printf("  %zu samples compared on a 5 mm/s ramp: worst %.4f mm, worst bound %.0f us; 3.8 mm took the plant %.3f s\n",
+              compared, worst_mm, worst_bound_us, plant_s);
 }
 
 TEST_P(Instron8800, AStopStopsAndIsSeen) {
@@ -189,77 +228,90 @@ TEST_P(Instron8800, AStopStopsAndIsSeen) {
 }
 
 TEST_P(Instron8800Condition, AStopThatDoesNothingIsFollowedByActuatorOff) {
+  config_.stop_confirm_ms = 500;
+  start();
   ASSERT_NO_FATAL_FAILURE(be_moving());
   faults_.ignore_stop = true;
   EXPECT_THROW(frame_->stop(), DeviceError);
-  EXPECT_TRUE(until(2.0, [&] { return faults_.actuator_off.load(); }));
+  EXPECT_TRUE(until([&] { return faults_.actuator_off.load(); }));
   EXPECT_TRUE(stands());
   EXPECT_EQ(frame_->statistics().actuator_off_sent, 1U);
-  EXPECT_TRUE(until(2.0, [&] { return (state_.fault_bits & frame::kDriveFault) != 0; }));
+  EXPECT_TRUE(until([&] { return (state_.fault_bits & frame::kDriveFault) != 0; }));
   EXPECT_THROW(frame_->start_segment({8, 0.0F, 0.5F}), DeviceError);
 }
 
 TEST_P(Instron8800, AShortHangLosesSamplesAndNothingElse) {
+  config_.response_timeout_ms = kShort_ms;
+  start();
   ASSERT_NO_FATAL_FAILURE(be_moving());
-  faults_.hang_ms = 700;
-  longest_poll_ns_ = 0;
-  EXPECT_TRUE(until(3.0, [&] { return !faults_seen_.empty(); }));
+  empty_polls_ns_.clear();
+  faults_.hang_ms = 2 * kShort_ms;
+  EXPECT_TRUE(until([&] { return !faults_seen_.empty(); }));
+  // It waited in slices of 20 ms. The middle one: some may have met a machine that stood still.
+  ASSERT_FALSE(empty_polls_ns_.empty());
+  std::nth_element(empty_polls_ns_.begin(), empty_polls_ns_.begin() + static_cast<std::ptrdiff_t>(empty_polls_ns_.size() / 2),
+                   empty_polls_ns_.end());
+  EXPECT_LT(empty_polls_ns_[empty_polls_ns_.size() / 2], 150'000'000);
   taken_.clear();
-  EXPECT_TRUE(until(3.0, [&] { return taken_.size() > 30; })) << last_what_;
+  EXPECT_TRUE(takes(30)) << last_what_;
   for (const auto fault : faults_seen_) EXPECT_EQ(fault, Fault::kTimeout);
   EXPECT_EQ(state_.motion, Motion::kMoving);
   EXPECT_EQ(state_.fault_bits, 0);
   const auto link = frame_->statistics().link;
-  EXPECT_EQ(link.late, 1U);
+  EXPECT_GE(link.late, 1U);
   EXPECT_GE(link.resyncs, 2U);
-  // In step: a force is not taken for a position, nor an old one for a new one.
-  for (const auto& s : taken_) EXPECT_NEAR(double{s.position_mm}, true_mm(), 0.3);
-  EXPECT_LT(longest_poll_ns_, 300'000'000);  // 20 ms, quiet times, and what a busy machine adds
+  expect_as_the_plant(taken_);  // in step
 }
 
 TEST_P(Instron8800, AStopGoesOutWhileTheControllerHangs) {
   ASSERT_NO_FATAL_FAILURE(be_moving());
   faults_.hang_ms = 600;
-  std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  EXPECT_TRUE(until([&] { return faults_.hang_ms.load() == 0; }));  // it has begun
   frame_->stop();  // confirmed when the controller is back
   EXPECT_TRUE(stands());
   EXPECT_FALSE(faults_.actuator_off.load());
 }
 
 TEST_P(Instron8800, ALateAnswerIsNeverTheNextOnes) {
+  config_.response_timeout_ms = kShort_ms;
+  start();
   ASSERT_NO_FATAL_FAILURE(be_moving());
   for (int i = 0; i < 3; ++i) {
     faults_seen_.clear();
-    faults_.late_ms = 330;
-    EXPECT_TRUE(until(3.0, [&] { return !faults_seen_.empty(); }));
+    // Another one, where the machine stood still and the answer was in time for the driver after all.
+    EXPECT_TRUE(until([&] {
+      if (faults_.late_ms.load() == 0) faults_.late_ms = kShort_ms + 80;
+      return !faults_seen_.empty();
+    }));
+    faults_.late_ms = 0;
     taken_.clear();
-    EXPECT_TRUE(until(3.0, [&] { return taken_.size() > 10; })) << last_what_;
-    for (const auto& s : taken_) {
-      ASSERT_NEAR(double{s.position_mm}, true_mm(), 0.3);
-      ASSERT_LT(std::abs(double{s.force_N}), 20.0);
-    }
+    EXPECT_TRUE(takes(10)) << last_what_;
+    expect_as_the_plant(taken_);
   }
-  EXPECT_EQ(frame_->statistics().link.late, 3U);
+  EXPECT_GE(frame_->statistics().link.late, 3U);
 }
 
 TEST_P(Instron8800Condition, GarbageAndLinesNobodyAskedForAreThrownAway) {
   ASSERT_NO_FATAL_FAILURE(be_moving());
   faults_.garbage = 1;
-  EXPECT_TRUE(until(3.0, [&] { return !faults_seen_.empty(); }));
+  EXPECT_TRUE(until([&] { return !faults_seen_.empty(); }));
   EXPECT_EQ(faults_seen_.back(), Fault::kProtocol);
   EXPECT_THAT(last_what_, HasSubstr("#"));
   const auto resyncs = frame_->statistics().link.resyncs;
   faults_.extra = 1;
   taken_.clear();
-  EXPECT_TRUE(until(3.0, [&] { return taken_.size() > 30; })) << last_what_;
-  EXPECT_GT(frame_->statistics().link.resyncs, resyncs);
-  for (const auto& s : taken_) ASSERT_NEAR(double{s.position_mm}, true_mm(), 0.3);
+  EXPECT_TRUE(until([&] { return frame_->statistics().link.resyncs > resyncs; }));
+  EXPECT_TRUE(takes(30)) << last_what_;
+  expect_as_the_plant(taken_);
 }
 
 TEST_P(Instron8800, AnAnswerThatNeverComesEndsTheConnection) {
+  config_.give_up_ms = 1500;
+  config_.response_timeout_ms = 1000;
+  start();
   ASSERT_NO_FATAL_FAILURE(be_moving());
   faults_.drop = -1;
-  EXPECT_TRUE(until(4.0, [&] { return !faults_seen_.empty() && faults_seen_.back() == Fault::kDisconnected; }));
+  EXPECT_TRUE(until([&] { return !faults_seen_.empty() && faults_seen_.back() == Fault::kDisconnected; }));
   EXPECT_THAT(last_what_, HasSubstr("the controller hangs"));
   frame_->disconnect();
   faults_.drop = 0;
@@ -268,13 +320,13 @@ TEST_P(Instron8800, AnAnswerThatNeverComesEndsTheConnection) {
   frame_->stop();
   EXPECT_TRUE(stands());
   taken_.clear();
-  EXPECT_TRUE(until(3.0, [&] { return taken_.size() > 10; })) << last_what_;
+  EXPECT_TRUE(takes(10)) << last_what_;
 }
 
 TEST_P(Instron8800Condition, ControlThatThePanelTookIsNotTakenBack) {
   ASSERT_NO_FATAL_FAILURE(be_moving());
   faults_.panel = true;
-  EXPECT_TRUE(until(2.0, [&] { return (state_.fault_bits & frame::kDriveFault) != 0; }));
+  EXPECT_TRUE(until([&] { return (state_.fault_bits & frame::kDriveFault) != 0; }));
   EXPECT_NE(state_.motion, Motion::kMoving);
   EXPECT_TRUE(stands());
   EXPECT_THAT(last_what_, HasSubstr("panel"));
@@ -284,25 +336,27 @@ TEST_P(Instron8800Condition, ControlThatThePanelTookIsNotTakenBack) {
   EXPECT_TRUE(faults_.panel.load());
   EXPECT_FALSE(faults_.actuator_off.load());  // no command went out that would have tripped it
   faults_.panel = false;                      // given back
-  EXPECT_TRUE(until(2.0, [&] { return state_.fault_bits == 0; }));
+  EXPECT_TRUE(until([&] { return state_.fault_bits == 0; }));
 }
 
 TEST_P(Instron8800Condition, AWatchdogThatIsOffStopsAndIsSwitchedOnAgain) {
   ASSERT_NO_FATAL_FAILURE(be_moving());
   faults_.watchdog_off = true;
-  EXPECT_TRUE(until(2.0, [&] { return !faults_seen_.empty(); }));
+  EXPECT_TRUE(until([&] { return !faults_seen_.empty(); }));
   EXPECT_THAT(last_what_, HasSubstr("watchdog"));
   EXPECT_TRUE(stands());
-  EXPECT_TRUE(until(2.0, [&] { return state_.fault_bits == frame::kDriveFault; }));
-  EXPECT_TRUE(until(2.0, [&] { return state_.fault_bits == 0; }));
+  EXPECT_TRUE(until([&] { return state_.fault_bits == frame::kDriveFault; }));
+  EXPECT_TRUE(until([&] { return state_.fault_bits == 0; }));
   EXPECT_FALSE(faults_.watchdog_off.load());
   EXPECT_EQ(state_.motion, Motion::kDisabled);
 }
 
 TEST_P(Instron8800Condition, ALoopThatIsSilentIsStopped) {
+  config_.heartbeat_timeout_ms = 1000;
+  start();
   ASSERT_NO_FATAL_FAILURE(be_moving());
   beating_ = false;
-  EXPECT_TRUE(until(3.0, [&] { return (state_.fault_bits & frame::kHeartbeatLost) != 0; }));
+  EXPECT_TRUE(until([&] { return (state_.fault_bits & frame::kHeartbeatLost) != 0; }));
   EXPECT_TRUE(stands());
   EXPECT_EQ(state_.motion, Motion::kStopped);
   EXPECT_FALSE(faults_.actuator_off.load());
@@ -311,16 +365,16 @@ TEST_P(Instron8800Condition, ALoopThatIsSilentIsStopped) {
 TEST_P(Instron8800Condition, ConditionsOfTheControllerAreFaults) {
   ASSERT_NO_FATAL_FAILURE(be_moving());
   faults_.limit = true;
-  EXPECT_TRUE(until(2.0, [&] { return state_.fault_bits == frame::kTravelLimit; }));
+  EXPECT_TRUE(until([&] { return state_.fault_bits == frame::kTravelLimit; }));
   EXPECT_EQ(state_.motion, Motion::kLimit);
   EXPECT_THAT(last_what_, HasSubstr("travel limit"));
   faults_.limit = false;
-  EXPECT_TRUE(until(2.0, [&] { return state_.fault_bits == 0; }));
+  EXPECT_TRUE(until([&] { return state_.fault_bits == 0; }));
   {
     const auto visit = rig_->enter();
     rig_->interlock().estop_closed = false;
   }
-  EXPECT_TRUE(until(2.0, [&] { return state_.fault_bits == frame::kInterlockOpen; }));
+  EXPECT_TRUE(until([&] { return state_.fault_bits == frame::kInterlockOpen; }));
   EXPECT_THAT(last_what_, HasSubstr("emergency stop"));
 }
 
@@ -355,13 +409,13 @@ TEST_P(Instron8800Condition, AnotherTransducerIsNotThisFrame) {
 }
 
 TEST_P(Instron8800, TheControllersWatchdogStopsAFrameWhoseComputerIsGone) {
-  Instron8800Server::Options options;
-  options.watchdog_s = 0.7;
-  start(options);
+  watchdog_s_ = 1.5;
+  config_.watchdog_feed_ms = 100;
+  start();
   ASSERT_NO_FATAL_FAILURE(be_moving());
   frame_.reset();  // no goodbye: link and process are gone. The destructor says nothing to the controller.
-  const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(4);
-  while (!faults_.actuator_off.load() && std::chrono::steady_clock::now() < end) {
+  const auto end_ns = clock_.now_ns() + static_cast<std::int64_t>(1e9 * kPatience_s);
+  while (!faults_.actuator_off.load() && clock_.now_ns() < end_ns) {
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
   EXPECT_TRUE(faults_.actuator_off.load());

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -31,6 +32,7 @@ class Regulator : public ::testing::TestWithParam<bool> {
     live.start_ns = clock_.now_ns();
     live.clock = &clock_;
     live.threaded = true;
+    live.keep_truth = true;
     rig_ = std::make_unique<Rig>(sim, load_specimen(sim.specimen), live);
     rig_->interlock().connect();
     rig_->interlock().hold_pressure(true);
@@ -46,19 +48,60 @@ class Regulator : public ::testing::TestWithParam<bool> {
     config_.line.transport = GetParam() ? frame::ModbusTransport::kTcp : frame::ModbusTransport::kRtu;
     config_.line.port = server_->port();
     config_.line.tty = options.pty_link;
-    config_.line.response_timeout_ms = 150;
+    config_.line.response_timeout_ms = 1500;  // a machine may stand still for a second
     config_.max_psi = 20.0;
     make();
   }
+  static constexpr int kShort_ms = 200;
   void make() { device_ = std::make_unique<pressure::AlicatRegulator>(config_); }
 
-  static bool until(double seconds, const std::function<bool()>& condition) {
-    const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
+  static bool until(const std::function<bool()>& condition) {
+    const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(20);
     while (!condition()) {
       if (std::chrono::steady_clock::now() > end) return false;
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
     }
     return true;
+  }
+  /// The regulator and the plant have come to rest there: no valve of it is open any more.
+  bool settles_at(double psi) {
+    int steady = 0;
+    return until([&] {
+      steady = std::abs(rig_->truth().pressure_psi - psi) < 0.1 ? steady + 1 : 0;
+      return steady == 20;
+    });
+  }
+  /// What it says is what the plant's pressure was at some time since it was asked.
+  pressure::RegulatorState read_as_the_plant() {
+    (void)rig_->take_truth();
+    double low = rig_->truth().pressure_psi, high = low;
+    const auto state = device_->read();
+    for (const auto& t : rig_->take_truth()) {
+      low = std::min(low, t.pressure_psi);
+      high = std::max(high, t.pressure_psi);
+    }
+    EXPECT_GE(double{state.pressure_psi}, low - 1e-3);
+    EXPECT_LE(double{state.pressure_psi}, high + 1e-3);
+    return state;
+  }
+  /// As the daemon does: again, until it works.
+  static bool comes_through(const std::function<void()>& call) {
+    return until([&] {
+      try {
+        call();
+        return true;
+      } catch (const DeviceError&) {
+        return false;
+      }
+    });
+  }
+  /// With a time-out that is to be met.
+  void hold_4_psi() {
+    config_.line.response_timeout_ms = kShort_ms;
+    make();
+    ASSERT_TRUE(comes_through([&] { device_->connect(); }));
+    ASSERT_TRUE(comes_through([&] { device_->regulate(4.0F); }));
+    ASSERT_TRUE(settles_at(4.0)) << rig_->truth().pressure_psi;
   }
   Fault fault_of(const std::function<void()>& call, const std::string& says) {
     try {
@@ -85,15 +128,14 @@ TEST_P(Regulator, SetsThePressureAndLetsItGo) {
   device_->regulate(5.0F);
   EXPECT_FALSE(server_->exhausting());
   EXPECT_NEAR(server_->setpoint_psi(), 5.0, 1e-5);
-  EXPECT_TRUE(until(10.0, [&] { return std::abs(rig_->truth().pressure_psi - 5.0) < 0.1; })) << rig_->truth().pressure_psi;
-  const auto state = device_->read();
+  EXPECT_TRUE(settles_at(5.0)) << rig_->truth().pressure_psi;
+  const auto state = read_as_the_plant();
   EXPECT_NEAR(state.setpoint_psi, 5.0, 1e-3);
-  EXPECT_NEAR(state.pressure_psi, 5.0, 0.15);
   EXPECT_FALSE(state.exhausting);
   EXPECT_FALSE(state.faulty);
   device_->exhaust();
   EXPECT_TRUE(device_->read().exhausting);
-  EXPECT_TRUE(until(10.0, [&] { return rig_->truth().pressure_psi < 0.3; })) << rig_->truth().pressure_psi;
+  EXPECT_TRUE(until([&] { return rig_->truth().pressure_psi < 0.3; })) << rig_->truth().pressure_psi;
 }
 
 TEST_P(Regulator, SaysWhichWordOrderWouldBeRight) {
@@ -129,37 +171,36 @@ TEST_P(Regulator, ASetpointThatDoesNotArriveIsRefused) {
 }
 
 TEST_P(Regulator, ALateAnswerIsNeverTheNextOne) {
-  device_->connect();
-  device_->regulate(4.0F);
-  ASSERT_TRUE(until(10.0, [&] { return std::abs(rig_->truth().pressure_psi - 4.0) < 0.2; }));
+  ASSERT_NO_FATAL_FAILURE(hold_4_psi());
   for (int i = 0; i < 3; ++i) {
-    faults_.late_ms = 220;
-    EXPECT_EQ(fault_of([&] { (void)device_->read(); }, "no answer within"), Fault::kTimeout);
-    pressure::RegulatorState state;
-    ASSERT_TRUE(until(5.0, [&] {
+    // Another one, where the machine stood still and the answer was in time for the driver after all.
+    EXPECT_TRUE(until([&] {
+      faults_.late_ms = kShort_ms + 70;
       try {
-        state = device_->read();
-        return true;
-      } catch (const DeviceError&) {
+        (void)device_->read();
         return false;
+      } catch (const DeviceError& error) {
+        EXPECT_EQ(error.fault(), Fault::kTimeout);
+        EXPECT_THAT(error.what(), HasSubstr("no answer within"));
+        return true;
       }
     }));
+    faults_.late_ms = 0;
+    pressure::RegulatorState state;
+    ASSERT_TRUE(comes_through([&] { state = read_as_the_plant(); }));
     EXPECT_NEAR(state.setpoint_psi, 4.0, 1e-3);
-    EXPECT_NEAR(state.pressure_psi, 4.0, 0.3);
   }
 }
 
 TEST_P(Regulator, KeepsItsSetpointWhenNobodySpeaksToIt) {
-  device_->connect();
-  device_->regulate(4.0F);
-  ASSERT_TRUE(until(10.0, [&] { return std::abs(rig_->truth().pressure_psi - 4.0) < 0.2; }));
+  ASSERT_NO_FATAL_FAILURE(hold_4_psi());
   faults_.disconnect = true;
   EXPECT_THROW((void)device_->read(), DeviceError);
   EXPECT_THROW(device_->exhaust(), DeviceError);
   std::this_thread::sleep_for(std::chrono::milliseconds(300));
   EXPECT_NEAR(rig_->truth().pressure_psi, 4.0, 0.3);
   rig_->pressure().command({0, 1000, 0.0F});  // supply shut, vent open: the Teensy's, with or without the regulator
-  EXPECT_TRUE(until(10.0, [&] { return rig_->truth().pressure_psi < 0.3; })) << rig_->truth().pressure_psi;
+  EXPECT_TRUE(until([&] { return rig_->truth().pressure_psi < 0.3; })) << rig_->truth().pressure_psi;
 }
 
 INSTANTIATE_TEST_SUITE_P(Rtu, Regulator, ::testing::Values(false));
