@@ -66,7 +66,7 @@ RegulatorServer::Options regulator_options(const pressure::RegulatorConfig& conf
 }
 
 std::unique_ptr<EmulatedTeensy> make_teensy(const WireRigConfig& config, const std::string& serial,
-                                            pressure::Device& backend, std::int64_t start_ns, std::int64_t now_ns) {
+                                            pressure::Device& backend, std::int64_t start_ns, const clock::Clock& clock) {
   EmulatedTeensy::Options options;
   options.core.serial = serial.c_str();
   options.core.sample_rate_mhz = static_cast<std::uint32_t>(config.sim.pressure.sample_rate_hz * 1000.0);
@@ -74,6 +74,8 @@ std::unique_ptr<EmulatedTeensy> make_teensy(const WireRigConfig& config, const s
   options.skew_ppm = config.sim.pressure.clock.skew_ppm;
   options.start_us = static_cast<std::uint64_t>(config.sim.pressure.clock.offset_us);
   options.backend_epoch_ns = start_ns;
+  options.clock = &clock;
+  const std::int64_t now_ns = clock.now_ns();
   if (config.teensy_link.empty()) return std::make_unique<TeensyUsbip>(options, backend, now_ns);
   return std::make_unique<TeensyPty>(config.teensy_link, options, backend, now_ns);
 }
@@ -126,7 +128,7 @@ WireRig::WireRig(const WireRigConfig& config, const clock::Clock& clock, bool ke
                                       : nullptr),
       regulator_(config.regulator ? std::make_unique<RegulatorServer>(regulator_options(*config.regulator), rig_, regulator_faults_)
                                   : nullptr),
-      teensy_(make_teensy(config, teensy_serial_, rig_.pressure(), start_ns_, clock.now_ns())) {
+      teensy_(make_teensy(config, teensy_serial_, rig_.pressure(), start_ns_, clock)) {
   rig_.interlock().connect();
   rig_.interlock().hold_pressure(
       true);  // the interlock has no wire here: energised until the stop is pressed

@@ -82,6 +82,7 @@ void EmulatedTeensy::take_from_host() {
   while (to_device_.size() < kMaxOnTheLine) {
     const std::size_t size = take(buffer);
     if (size == 0) break;
+    if (options_.clock != nullptr) now_ns_ = std::max(now_ns_, options_.clock->now_ns());
     const std::int64_t due_ns = now_ns_ + std::int64_t{faults_.delay_to_device_us.load()} * 1000;
     to_device_.push_back({due_ns, {buffer.begin(), buffer.begin() + static_cast<std::ptrdiff_t>(size)}, 0});
   }

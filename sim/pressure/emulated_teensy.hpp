@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "drivers/clock/clock.hpp"
 #include "drivers/pressure/pressure.hpp"
 #include "messages/teensy/device.hpp"
 
@@ -35,7 +36,7 @@ struct TeensyFaults {
 /// The backend stands for sensor, valves and air. Its stamps are taken as true time (`backend_epoch_ns`), on
 /// which this device puts a clock of its own. It is fed with heartbeats always: the watchdog is here.
 ///
-/// One thread calls service(); nothing in it blocks. Time is whatever that thread passes.
+/// One thread calls service(); nothing in it blocks. Time is whatever that thread passes, or later by Options::clock.
 class EmulatedTeensy : private messages::teensy::Board {
  public:
   struct Options {
@@ -45,6 +46,9 @@ class EmulatedTeensy : private messages::teensy::Board {
     std::int64_t backend_epoch_ns = 0;  ///< true time at the backend's device_us = 0
     std::size_t transmit_bytes = 512;   ///< 8 packets, as the USB stack of a Teensy holds
     std::uint32_t seed = 1;             ///< of the faults
+    /// In real time: what came is stamped after it was taken. By the time that was passed to service(), a request that
+    /// came while the thread waited its turn would have arrived before it was sent. Outlives the device.
+    const clock::Clock* clock = nullptr;
   };
 
   virtual ~EmulatedTeensy() = default;

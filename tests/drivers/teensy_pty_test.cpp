@@ -1,6 +1,7 @@
 #include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <poll.h>
 #include <sys/ioctl.h>
 #include <unistd.h>
 
@@ -80,6 +81,23 @@ TEST_F(TeensyOnPty, ExchangesAreCausalWhateverTheDelays) {
     EXPECT_GE(exchange.host_recv_ns - exchange.host_send_ns, 700'000);
   }
   EXPECT_EQ(device->counters().unmatched_replies, 0U);
+}
+
+TEST_F(TeensyOnPty, ARequestIsNotStampedBeforeItWasSentWhoeverHadTheProcessor) {
+  start({.clock = &clock_});
+  device->connect();
+  run_for(20);
+  const std::int64_t looked_ns = clock_.now_ns();  // and then the emulator's thread waits its turn
+  clock_.sleep_until_ns(looked_ns + 5'000'000);
+  device->request_time_sync();
+  pollfd port{emulator->fd(), POLLIN, 0};
+  ASSERT_EQ(::poll(&port, 1, 20'000), 1);
+  emulator->service(looked_ns);
+  const Log run = run_for(5);
+  ASSERT_EQ(run.exchanges.size(), 1U);
+  const clock::Exchange& exchange = run.exchanges.front();
+  EXPECT_LE(emulator->device_us(exchange.host_send_ns), exchange.device_rx_us + 1.0);  // rounded down
+  EXPECT_LE(exchange.device_tx_us, emulator->device_us(exchange.host_recv_ns));
 }
 
 TEST_F(TeensyOnPty, ValvesFollowCommandsAndTheirEchoComesBack) {
