@@ -8,6 +8,7 @@
 #include "identify/diagnose/busy_motion.hpp"
 #include "identify/diagnose/corner_motion.hpp"
 #include "identify/diagnose/pressure_drive.hpp"
+#include "identify/diagnose/spikes.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -346,16 +347,17 @@ Drive reconstruct_drive(const messages::Recording& recording) {
   Drive drive;
   const auto& frame = recording.frame;
   const std::size_t n = frame.size();
-  drive.motion = smooth_motion(frame.t_s, frame.position_mm);
+  const std::vector<double> reading_mm = without_spikes(frame.t_s, frame.position_mm).reading_mm;
+  drive.motion = smooth_motion(frame.t_s, reading_mm);
   drive.since_corner_s = since_corner(frame.t_s, drive.motion);
   constexpr double kBusy = 0.5;
   if (busy_share(frame.t_s, drive.since_corner_s) > kBusy) {
-    if (auto busy = busy_motion(frame.t_s, frame.position_mm)) {
+    if (auto busy = busy_motion(frame.t_s, reading_mm)) {
       drive.motion = std::move(busy->motion);
       drive.width = busy->width;
     }
   }
-  if (drive.width == 1) smooth_corners(frame.t_s, frame.position_mm, drive.motion);
+  if (drive.width == 1) smooth_corners(frame.t_s, reading_mm, drive.motion);
   const auto& metadata = recording.metadata;
   drive.reference.elongation_at_zero_mm = metadata.pressurized_rest_length_mm
                                               ? metadata.rest_length_mm - *metadata.pressurized_rest_length_mm

@@ -6,6 +6,7 @@
 #include <cstdio>
 
 #include "identify/diagnose/drive.hpp"
+#include "identify/diagnose/spikes.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -16,7 +17,6 @@ std::string number(double value) {
   return text;
 }
 
-/// Readings that jump away from their neighbours and back: alone, or in a short run.
 void find_outliers(const messages::FrameSamples& frame, Guarded& out) {
   const auto& t = frame.t_s;
   const auto& f = frame.force_N;
@@ -25,40 +25,10 @@ void find_outliers(const messages::FrameSamples& frame, Guarded& out) {
   // Simulated force may have no noise at all: then only what stands out of its range can be a fault.
   const double noise =
       std::max({white_noise(t, f), quantisation(f) / std::sqrt(12.0), 1e-4 * (*high - *low), 1e-9});
-  std::size_t count = 0;
-  double first = 0.0, last = 0.0, largest = 0.0;
-  for (std::size_t run = 1; run <= 3; ++run) {
-    for (std::size_t k = 2; k + run + 1 < n; ++k) {
-      // Rows k .. k+run-1 against the straight line of two readings on either side.
-      const auto line = [&](double at, std::size_t left, std::size_t right) {
-        const double share = (at - t[left]) / (t[right] - t[left]);
-        return (1.0 - share) * f[left] + share * f[right];
-      };
-      double least = 1e300, most = -1e300;
-      bool clear = true;
-      for (std::size_t j = k; j < k + run && clear; ++j) {
-        if (!out.usable[j]) clear = false;
-        const double near = f[j] - line(t[j], k - 1, k + run);
-        const double wide = f[j] - line(t[j], k - 2, k + run + 1);
-        for (const double d : {near, wide}) {
-          least = std::min(least, d);
-          most = std::max(most, d);
-        }
-      }
-      if (!clear || !out.usable[k - 1] || !out.usable[k + run] || least * most <= 0.0) continue;
-      const double size = std::min(std::fabs(least), std::fabs(most));
-      // Neighbours must agree with each other: a corner of a ramp bends them too.
-      const double left = std::fabs(f[k - 1] - line(t[k - 1], k - 2, k + run));
-      const double right = std::fabs(f[k + run] - line(t[k + run], k - 1, k + run + 1));
-      if (size < 8.0 * noise || size < 4.0 * std::max(left, right)) continue;
-      for (std::size_t j = k; j < k + run; ++j) out.usable[j] = false;
-      if (count == 0) first = t[k];
-      first = std::min(first, t[k]);
-      last = std::max(last, t[k]);
-      largest = std::max(largest, std::max(std::fabs(least), std::fabs(most)));
-      count += run;
-    }
-  }
+  const Spikes spikes = find_spikes(t, f, noise, out.usable);
+  std::size_t count = spikes.rows.size();
+  double first = count > 0 ? t[spikes.rows.front()] : 0.0, last = count > 0 ? t[spikes.rows.back()] : 0.0;
+  double largest = spikes.largest;
   // Several close together hide each other from their neighbours, not from the median of nine. The limit
   // grows with the spread within the nine, so that steep motion is not taken for a fault.
   constexpr std::size_t kHalf = 4;
@@ -84,6 +54,17 @@ void find_outliers(const messages::FrameSamples& frame, Guarded& out) {
                           std::to_string(count) +
                               " force readings jump away from their neighbours and back, by up to " +
                               number(largest) + " N; left out"});
+}
+
+/// The motion is reconstructed without them (drive.cpp); the force there is as good as elsewhere.
+void find_position_outliers(const messages::FrameSamples& frame, Guarded& out) {
+  const Spikes spikes = without_spikes(frame.t_s, frame.position_mm).spikes;
+  if (spikes.rows.empty()) return;
+  out.faults.push_back({"outliers", frame.t_s[spikes.rows.front()], frame.t_s[spikes.rows.back()],
+                        spikes.rows.size(),
+                        std::to_string(spikes.rows.size()) +
+                            " position readings jump away from their neighbours and back, by up to " +
+                            number(spikes.largest) + " mm; bridged"});
 }
 
 /// Runs of one and the same value where the noise would have moved the reading. Calls found(first, end) for
@@ -159,6 +140,7 @@ Guarded guard_recording(const messages::Recording& recording) {
   find_gaps(frame, out);
   find_frozen(recording, out);
   find_outliers(frame, out);
+  find_position_outliers(frame, out);
   const double noise = white_noise(frame.t_s, frame.force_N);
   const double step = quantisation(frame.force_N);
   if (step > 1.5 * noise && step > 0.0)
