@@ -221,9 +221,12 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   }
   share_noise(study.series);
   study.noise = instrument_noise(study.series, study.usable);
-  const Search search(study.series, study.noise.noise, options.threads);
+  const Search search(study.series, study.noise.weighing, options.threads);
   SelectionOptions selecting = options.selection;
-  if (study.noise.from_rests) selecting.most_noise_scale = 2.0;
+  if (study.noise.measured()) selecting.most_noise_scale = 2.0;
+  // A level from the motion itself is a mean over fast and slow; the quiet half is not all of it.
+  if (study.noise.measured() && study.noise.source != NoiseSource::kRests) selecting.least_noise_scale = 1.0;
+  selecting.count_looks = study.noise.source != NoiseSource::kRests;
   study.selection = select_effects(search, nominal, selecting);
   prefer_simpler_laws(study.selection, search);
   const Selection& selection = study.selection;
@@ -232,7 +235,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   Diagnosis& out = study.diagnosis;
   out.faults = study.faults;
   out.instrument = study.noise.noise;
-  out.noise_from_rests = study.noise.from_rests;
+  out.noise_source = study.noise.source;
   out.noise_N = std::hypot(study.noise.noise.white_N, study.noise.noise.coloured_N);
   out.nominal = selection.nominal().fit.spec;
   out.model = chosen.fit.spec;
@@ -274,7 +277,9 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   out.noise_scale = selection.noise_scale;
   const double rows = static_cast<double>(chosen.fit.rows);
   const double left = selection.excess[selection.best], before = selection.excess[0];
-  out.unexplained = before > 0.0 ? left / before : 0.0;
+  // Two standard deviations of what noise alone leaves, where its level is not from rests.
+  const double chance = selecting.count_looks ? 2.0 * std::sqrt(2.0 * rows) : 0.0;
+  out.unexplained = before > 0.0 ? std::max(left - chance, 0.0) / before : 0.0;
   out.described_by = chosen.empirical;
   const bool structure_left = left > 0.2 * rows && left > 400.0;
   // Physics that has no name in the catalogue, or too much left for the names found to be the story.
@@ -358,7 +363,8 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
   json["noise"] = {{"white_N", d.instrument.white_N},
                    {"coloured_N", d.instrument.coloured_N},
                    {"correlation_s", d.instrument.correlation_s},
-                   {"from_rests", d.noise_from_rests}};
+                   {"source", name_of(d.noise_source)},
+                   {"from_rests", d.noise_source == NoiseSource::kRests}};
   json["data_faults"] = ordered_json::array();
   for (const DataFault& fault : d.faults)
     json["data_faults"].push_back({{"kind", fault.kind},

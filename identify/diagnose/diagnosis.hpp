@@ -70,13 +70,13 @@ struct Diagnosis {
   std::vector<std::string> notes;  ///< equivalences, limits of what was shown, what stays unexplained
   double noise_N = 0.0;
   NoiseModel instrument;
-  bool noise_from_rests = false;
+  NoiseSource noise_source = NoiseSource::kDifferences;
   Errors nominal_errors;
   Errors model_errors;
   HeldoutStudy heldout;
   model::ModelSpec nominal;
   model::ModelSpec model;
-  Design design;  ///< what would settle it, when explanations are tied
+  Design design;             ///< what would settle it, when explanations are tied
   std::string described_by;  ///< variable of the table that stands for unknown physics
   double unexplained = 0.0;  ///< share of the nominal model's excess that is left
 };

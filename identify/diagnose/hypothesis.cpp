@@ -59,6 +59,8 @@ bool below_resolution(const ModelSpec& spec, std::span<const Series> series) {
       if (name == "slip_mm" && value < 4.0 * noise_mm) return true;
       if (name == "delay_s" && value < 0.1 * interval_s) return true;
       if (part.physics == &model::effect::force_lag() && value < 0.1 * interval_s) return true;
+      // A flow that hardly depends on the rate is dry friction, and stands under that name.
+      if (part.law->name == "power_dashpot" && value <= 1.001 * part.law->parameters[i].lower) return true;
     }
   }
   return false;
@@ -152,6 +154,9 @@ std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
   for (const model::Physics* effect : model::effects()) {
     if (base.has(*effect)) continue;
     if (is_refinement(*effect) && !spec.has("coulomb_friction")) continue;
+    // What has no elastic part has nothing that could relax.
+    if (effect == &model::effect::second_relaxation() && !spec.has("spring") && !spec.has("maxwell"))
+      continue;
     // A nominal model that has it does not lack it.
     if (spec.has(effect->name) && effect != &model::effect::second_relaxation()) continue;
     const bool of_pressure = effect == &model::effect::pressure_coupling() || needs_wide_pressure(*effect);

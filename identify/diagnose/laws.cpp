@@ -85,8 +85,8 @@ void prefer_simpler_laws(Selection& selection, const Search& search) {
   }
   // Where what is left is far above the noise it is the laws' own error. Whitening it would let its fastest
   // part, at reversals and corners, decide the numbers; plain least squares lets the bulk of the motion.
-  constexpr double kErrorRules = 30.0;
-  if (selection.noise_scale > kErrorRules) {
+  constexpr double kFarAbove = 30.0;
+  if (selection.error_rules || selection.noise_scale > kFarAbove) {
     Hypothesis& chosen = selection.pool[selection.best];
     const NoiseModel noise = chosen.fit.noise;
     chosen.fit = search.fit_from(chosen.fit.spec, 30);

@@ -182,12 +182,13 @@ void write_diagnosis_report(const Study& study, const std::filesystem::path& fol
   page.heading("Data");
   std::vector<std::string> items;
   for (const DataFault& fault : d.faults) items.push_back(fault.kind + ": " + fault.text);
-  items.push_back(
-      "Force noise: white " + number_text(d.instrument.white_N) + " N" +
-      (d.instrument.coloured_N > 0.0 ? ", coloured " + number_text(d.instrument.coloured_N) + " N over " +
-                                           number_text(d.instrument.correlation_s) + " s"
-                                     : std::string()) +
-      (d.noise_from_rests ? ", from the rests." : ", from second differences (there are no rests)."));
+  items.push_back("Force noise: white " + number_text(d.instrument.white_N) + " N" +
+                  (d.instrument.coloured_N > 0.0
+                       ? ", coloured " + number_text(d.instrument.coloured_N) + " N over " +
+                             number_text(d.instrument.correlation_s) + " s"
+                       : std::string()) +
+                  ", from " + std::string(name_of(d.noise_source)) +
+                  (d.noise_source == NoiseSource::kRests ? "." : " (there are no rests)."));
   items.push_back("Share of the nominal model's excess that stays unexplained: " +
                   number_text(100.0 * d.unexplained, 3) + " %.");
   page.list(items);

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "identify/diagnose/empirical.hpp"
+#include "identify/diagnose/looks.hpp"
 #include "identify/diagnose/material.hpp"
 #include "model/catalogue.hpp"
 
@@ -74,26 +75,41 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
   std::size_t top = 0;
   for (std::size_t i = 1; i < pool.size(); ++i)
     if (pool[i].evidence - cost[i] > pool[top].evidence - cost[top]) top = i;
+  // Far above a noise without rests, likelihoods speak of the laws' own error at reversals and corners.
+  const auto error = [&](std::size_t i) {
+    return 0.5 * options.error_degrees * std::log(std::max(pool[i].ls_chi2, 1e-300)) + cost[i];
+  };
+  std::size_t least = 0;
+  for (std::size_t i = 1; i < pool.size(); ++i)
+    if (error(i) < error(least)) least = i;
+  selection.error_rules = options.count_looks && std::isfinite(options.most_noise_scale) &&
+                          pool[least].ls_chi2 > kErrorRules * static_cast<double>(pool[least].fit.rows);
+  if (selection.error_rules) top = least;
 
   // What each leaves beyond noise, under the instrument's own noise; its scale from the quieter half of the
   // blocks of the best explanation.
   Eigen::VectorXd residual;
   model::ModelSpec spec = pool[top].fit.spec;
   (void)search.instrument_problem().solve(spec, residual);
-  selection.noise_scale = std::min(block_median(residual), options.most_noise_scale);
+  selection.noise_scale =
+      std::clamp(block_median(residual), options.least_noise_scale, options.most_noise_scale);
   const double noise = selection.noise_scale * static_cast<double>(pool[top].fit.rows);
   selection.excess.assign(pool.size(), 0.0);
   for (std::size_t i = 0; i < pool.size(); ++i)
     selection.excess[i] = std::max(pool[i].ls_chi2 - noise, 0.0) / selection.noise_scale;
 
+  double degrees = options.error_degrees;
+  if (options.count_looks)
+    degrees = std::max(degrees, independent_looks(search.instrument_problem().series(), residual));
   constexpr double kFloor = 40.0;
   std::vector<double> log_weight(pool.size());
   for (std::size_t i = 0; i < pool.size(); ++i) {
     const double likelihood = std::max(pool[top].evidence - pool[i].evidence, 0.0);
     // Not the clipped excesses: below the noise, too, less left is better.
-    const double left = std::max(pool[i].ls_chi2 - pool[top].ls_chi2, 0.0) / selection.noise_scale;
-    const double variance = 0.5 * options.error_degrees * std::log1p(left / (selection.excess[top] + kFloor));
-    log_weight[i] = -std::min(likelihood, variance) - cost[i];
+    const double more = (pool[i].ls_chi2 - pool[top].ls_chi2) / selection.noise_scale;
+    const double left = selection.error_rules ? more : std::max(more, 0.0);
+    const double variance = 0.5 * degrees * std::log1p(left / (selection.excess[top] + kFloor));
+    log_weight[i] = -(selection.error_rules ? variance : std::min(likelihood, variance)) - cost[i];
   }
   const double most = *std::ranges::max_element(log_weight);
   double sum = 0.0;

@@ -1,4 +1,5 @@
 #pragma once
+#include <limits>
 #include <map>
 #include <string>
 #include <vector>
@@ -15,6 +16,8 @@ struct Selection {
   double noise_scale = 1.0;    ///< whitened variance where nothing is left to explain
   std::vector<double> excess;  ///< per hypothesis: sum of squares beyond the noise
   std::map<const model::Physics*, double> probability;  ///< of each effect being there
+  /// What the best leaves is so far above a noise without rests that it is the laws' own error.
+  bool error_rules = false;
 
   std::map<const model::Physics*, double> size_N;  ///< of each effect of the chosen, see material.hpp
 
@@ -36,14 +39,20 @@ struct SelectionOptions {
   /// than noise, likelihoods overstate: two explanations are then compared by what they leave, as variances
   /// with this many degrees of freedom (calibrated on simulated cases, docs/diagnosis.md).
   double error_degrees = 12.0;
+  /// Take the looks that the residual of the best explanation shows, where they are more (looks.hpp).
+  bool count_looks = false;
   /// The instrument's noise as measured in rests can be wrong by this much in power, not more; where there
   /// were no rests it is a guess, and the quietest half of the recording says.
-  double most_noise_scale = 1e12;
+  double least_noise_scale = 0.0;
+  double most_noise_scale = std::numeric_limits<double>::infinity();
   /// What a model errs by that lacks nothing worth a name: in noises of a reading, and as a share of the
   /// largest effect in it (material.hpp).
   double model_error_noises = 2.0;
   double model_error_share = 0.08;
 };
+
+/// Whitened squares per reading beyond which the laws' own error decides, not the noise: three noises.
+inline constexpr double kErrorRules = 9.0;
 
 /// The named effects of the recording format.
 [[nodiscard]] bool is_format_effect(const model::Physics& physics);

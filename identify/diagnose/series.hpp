@@ -18,7 +18,7 @@ struct Series {
   /// One per bin: the drive at the mean time of its rows.
   std::vector<model::Instant> nodes;
   std::vector<double> force_N;
-  std::vector<double> count;  ///< readings in the bin
+  std::vector<double> count;     ///< readings in the bin
   std::vector<double> readings;  ///< that each row of the recording stands for
   double reading_noise_N = 0.0;  ///< rms of a row that stands for one
   std::vector<std::size_t>

@@ -156,7 +156,7 @@ const Physics& nonlinear_viscosity() {
         true},
        {"power_dashpot",
         "F = c sign(v) |v / (1 mm/s)|^n",
-        {{"exponent", 0.05, 3.0, {0.3, 2.0}, true}},
+        {{"exponent", 0.3, 3.0, {0.5, 2.0}, true}},
         {{"viscosity_N", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<PowerDashpot>(p[0]); }}}};
   return physics;

@@ -19,7 +19,7 @@ InstrumentNoise noise_of(const test::Bench& bench) {
 TEST(NoiseFromRests, WhiteIsRecovered) {
   for (const double white_N : {0.002, 0.02, 0.1}) {
     const InstrumentNoise found = noise_of({.force_noise_N = white_N, .force_step_N = 1e-4, .seed = 11});
-    EXPECT_TRUE(found.from_rests);
+    EXPECT_EQ(found.source, NoiseSource::kRests);
     EXPECT_NEAR(found.noise.white_N, white_N, 0.06 * white_N);
     EXPECT_LT(found.noise.coloured_N, 0.3 * white_N);
   }
@@ -45,7 +45,7 @@ TEST(NoiseFromRests, TakesNoPhysicsForNoise) {
         test::Bench{.power = 1.8}, test::Bench{.softening_N_mm = 0.05}, test::Bench{.drift_N_h = 3.0},
         test::Bench{.ripple_N = 0.3}, test::Bench{.gap_mm = 0.08}}) {
     const InstrumentNoise found = noise_of(bench);
-    EXPECT_TRUE(found.from_rests);
+    EXPECT_EQ(found.source, NoiseSource::kRests);
     EXPECT_NEAR(found.noise.white_N, 0.02, 0.06 * 0.02);
     EXPECT_LT(found.noise.coloured_N, 0.008);
   }
