@@ -1,3 +1,5 @@
+#include <unistd.h>
+
 #include <filesystem>
 #include <iostream>
 #include <memory>
@@ -20,7 +22,23 @@ struct Options {
   bool report = true;
 };
 
+/// Before minutes of work, not after: "" when `out` is a folder that can be written, or can be made.
+std::string unwritable(const std::filesystem::path& out) {
+  std::error_code error;
+  std::filesystem::path there = std::filesystem::absolute(out);
+  while (!std::filesystem::exists(there, error) && there.has_relative_path()) there = there.parent_path();
+  if (!std::filesystem::is_directory(there, error))
+    return there.string() + " is a file; name a folder for the diagnosis with --out";
+  if (::access(there.c_str(), W_OK | X_OK) != 0)
+    return there.string() + " may not be written; name another folder with --out";
+  return {};
+}
+
 int diagnose(const Options& options) {
+  if (const std::string why = unwritable(options.out); !why.empty()) {
+    std::cerr << options.out << ": " << why << '\n';
+    return kFailure;
+  }
   const model::ModelSpec nominal = read_nominal(options.model);
   std::vector<messages::Recording> recordings;
   for (const std::string& folder : options.recordings) {

@@ -4,6 +4,7 @@
 #include <iostream>
 #include <nlohmann/json.hpp>
 
+#include "base/toml_reader.hpp"
 #include "identify/diagnose/report.hpp"
 #include "identify/report/page.hpp"
 
@@ -11,8 +12,11 @@ namespace isorig::cli {
 
 model::ModelSpec read_nominal(const std::string& model) {
   model::ModelSpec nominal = model::nominal_model(model);
-  if (nominal.parts.empty()) nominal = model::read_model(model);
-  return nominal;
+  if (!nominal.parts.empty()) return nominal;
+  if (!std::filesystem::exists(model))
+    throw base::ConfigError(
+        {{model, 0, 0, "no such file, and no model of that name; slse1 and slse2 are known by name"}});
+  return model::read_model(model);
 }
 
 void write_diagnosis(const identify::Study& study, const std::filesystem::path& folder, bool report) {

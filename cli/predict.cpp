@@ -1,4 +1,7 @@
+#include <cerrno>
 #include <cstdio>
+#include <cstring>
+#include <filesystem>
 #include <iostream>
 #include <memory>
 #include <vector>
@@ -18,7 +21,50 @@ struct Options {
   std::string out;
 };
 
+/// A prediction that took the place of what was measured could not be told from it any more.
+bool is_of_recording(const std::filesystem::path& out, const std::filesystem::path& recording) {
+  std::error_code error;
+  const std::filesystem::path folder = std::filesystem::absolute(out).parent_path();
+  if (!std::filesystem::equivalent(folder, recording, error)) return false;
+  return out.filename() == "frame.csv" || out.filename() == "pressure.csv" ||
+         out.filename() == "recording.toml";
+}
+
+/// Written aside and renamed: what stands at `out` is a whole prediction or what stood there before.
+bool write_whole(const std::filesystem::path& out, const std::string& text) {
+  std::error_code error;
+  const auto complain = [&](const std::string& why) {
+    std::cerr << out.string() << ": cannot be written: " << why << '\n';
+    return false;
+  };
+  const std::filesystem::path folder = std::filesystem::absolute(out).parent_path();
+  if (!std::filesystem::is_directory(folder, error))
+    return complain("there is no folder " + folder.string() + "; make it first");
+  if (std::filesystem::is_directory(out, error)) return complain("it is a folder; name a file with --out");
+  // A pipe or a terminal has no place to be renamed to, and a link (/dev/stdout) is not to be replaced.
+  const auto kind = std::filesystem::symlink_status(out, error).type();
+  const bool aside =
+      kind == std::filesystem::file_type::not_found || kind == std::filesystem::file_type::regular;
+  std::filesystem::path to = out;
+  if (aside) to += ".part";
+  std::FILE* file = std::fopen(to.c_str(), "wb");
+  if (file == nullptr) return complain(std::strerror(errno));
+  const bool written = std::fwrite(text.data(), 1, text.size(), file) == text.size();
+  if (std::fclose(file) != 0 || !written) {
+    const std::string why = std::strerror(errno);
+    if (aside) std::filesystem::remove(to, error);
+    return complain(why);
+  }
+  if (!aside) return true;
+  std::filesystem::rename(to, out, error);
+  return error ? complain(error.message()) : true;
+}
+
 int predict(const Options& options) {
+  if (is_of_recording(options.out, options.recording)) {
+    std::cerr << options.out << ": is of the recording itself; name another file with --out\n";
+    return kFailure;
+  }
   const model::ModelSpec spec = model::read_model(options.model);
   messages::Recording recording;
   try {
@@ -38,13 +84,7 @@ int predict(const Options& options) {
 
   const messages::CsvColumnView columns[] = {{"t_s", recording.frame.t_s}, {"force_N", force_N}};
   const std::string text = messages::number_csv_text(columns);
-  std::FILE* file = std::fopen(options.out.c_str(), "wb");
-  const bool written = file != nullptr && std::fwrite(text.data(), 1, text.size(), file) == text.size();
-  if (file == nullptr || std::fclose(file) != 0 || !written) {
-    std::cerr << options.out << ": cannot be written\n";
-    return kFailure;
-  }
-  return kOk;
+  return write_whole(options.out, text) ? kOk : kFailure;
 }
 
 Command add_predict(CLI::App& app) {

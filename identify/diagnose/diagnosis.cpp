@@ -10,6 +10,7 @@
 #include "identify/diagnose/filling.hpp"
 #include "identify/diagnose/laws.hpp"
 #include "identify/diagnose/locate.hpp"
+#include "identify/diagnose/plausible.hpp"
 #include "model/catalogue.hpp"
 #include "model/effects/effects.hpp"
 #include "model/elements.hpp"
@@ -199,6 +200,8 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
       throw std::invalid_argument(
           names[i] +
           ": nothing moves in this recording, or its samples are too far apart to follow the motion");
+    refuse_implausible(recordings[i], names[i], nominal);
+    if (auto odd = odd_pressure(recordings[i])) study.faults.push_back(std::move(*odd));
   }
   for (std::size_t i = 0; i < recordings.size(); ++i) {
     Guarded guarded = guard_recording(recordings[i]);

@@ -1,0 +1,339 @@
+// `isorig diagnose` and `isorig predict` from outside, mostly with what is wrong: the message names file and
+// line and says what to do, the exit code is not 0, and nothing is left half-written.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "bench.hpp"
+
+namespace isorig {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+constexpr int kFailure = 1, kBadInput = 3;
+
+struct Outcome {
+  int code = 0;
+  std::string text;
+};
+
+Outcome isorig(const std::string& arguments) {
+  FILE* pipe = popen((std::string(ISORIG_BIN_DIR "/isorig ") + arguments + " 2>&1").c_str(), "r");
+  Outcome out;
+  char buffer[4096];
+  while (std::fgets(buffer, sizeof buffer, pipe) != nullptr) out.text += buffer;
+  const int status = pclose(pipe);
+  out.code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+  return out;
+}
+
+std::string read(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+void write(const fs::path& file, const std::string& text) {
+  std::ofstream(file, std::ios::binary) << text;
+}
+
+/// Line `number` of the file replaced by what `edit` makes of it.
+void edit_line(const fs::path& file, int number, const std::function<std::string(std::string)>& edit) {
+  std::istringstream in(read(file));
+  std::string out, line;
+  for (int at = 1; std::getline(in, line); ++at) out += (at == number ? edit(line) : line) + "\n";
+  write(file, out);
+}
+
+std::string cell(const std::string& line, int index) {
+  std::istringstream in(line);
+  std::string out;
+  for (int i = 0; i <= index; ++i) std::getline(in, out, ',');
+  return out;
+}
+
+const std::string kModel =
+    "format = \"isorig-model/1\"\n[[part]]\nphysics = \"spring\"\nstiffness_N_mm = 2.5\n[[part]]\nphysics = "
+    "\"maxwell\"\ntime_constant_s = 0.8\nstiffness_N_mm = 2.0\n";
+
+class DiagnoseCommand : public testing::Test {
+ protected:
+  void SetUp() override {
+    fs::remove_all(folder_);
+    fs::create_directories(folder_);
+    messages::write_recording(recording_, good());
+    write(model_, kModel);
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+
+  static const messages::Recording& good() {
+    static const messages::Recording recording = test::record({});
+    return recording;
+  }
+  Outcome predict(const fs::path& out) {
+    return isorig("predict " + recording_.string() + " --model " + model_.string() + " --out " +
+                  out.string());
+  }
+  Outcome diagnose(const std::string& model = "slse1") {
+    return isorig("diagnose " + recording_.string() + " --model " + model + " --out " + out_.string() +
+                  " --no-report --threads 1");
+  }
+  /// Both commands refuse, say `place` and `advice`, and leave nothing behind.
+  void expect_both_refuse(const std::string& place, const std::string& advice) {
+    for (const Outcome& outcome : {predict(out_), diagnose()}) {
+      EXPECT_EQ(outcome.code, kBadInput) << outcome.text;
+      EXPECT_THAT(outcome.text, HasSubstr(place));
+      EXPECT_THAT(outcome.text, HasSubstr(advice));
+      EXPECT_FALSE(fs::exists(out_)) << outcome.text;
+    }
+  }
+  void expect_diagnose_refuses(const messages::Recording& recording, const std::string& advice) {
+    messages::write_recording(recording_, recording);
+    const Outcome outcome = diagnose();
+    EXPECT_EQ(outcome.code, kBadInput) << outcome.text;
+    EXPECT_THAT(outcome.text, HasSubstr(recording_.string() + ": "));
+    EXPECT_THAT(outcome.text, HasSubstr(advice));
+    EXPECT_FALSE(fs::exists(out_));
+  }
+
+  fs::path folder_ =
+      fs::path(testing::TempDir()) /
+      (std::string("diagnose-") + testing::UnitTest::GetInstance()->current_test_info()->name());
+  fs::path recording_ = folder_ / "recording", frame_ = recording_ / "frame.csv", model_ = folder_ / "m.toml",
+           out_ = folder_ / "out";
+};
+
+TEST_F(DiagnoseCommand, RefusesABrokenFrameFile) {
+  const std::string whole = read(frame_);
+  const auto broken = [&](int line, const std::function<std::string(std::string)>& edit, const char* advice) {
+    write(frame_, whole);
+    edit_line(frame_, line, edit);
+    expect_both_refuse("frame.csv:" + std::to_string(line) + ":", advice);
+  };
+  broken(
+      500, [](const std::string& l) { return cell(l, 0) + "," + cell(l, 1) + ",nan"; }, "a finite number");
+  broken(
+      501, [](const std::string& l) { return cell(l, 0) + "," + cell(l, 1) + ",1e999"; }, "finite");
+  broken(
+      502, [](const std::string& l) { return cell(l, 0) + ",2 mm," + cell(l, 2); }, "number");
+  broken(
+      503, [](const std::string& l) { return cell(l, 0) + "," + cell(l, 1); }, "expected 3");
+  broken(
+      504, [](const std::string&) { return ""; }, "empty");
+  broken(
+      505, [](const std::string& l) { return "0.5," + cell(l, 1) + "," + cell(l, 2); }, "backwards");
+  broken(
+      1, [](const std::string&) { return "t_s,position_m,force_N"; }, "`position_mm` is missing");
+  write(frame_, whole);
+  edit_line(frame_, 700, [&](const std::string& l) { return l + "\n" + l; });
+  expect_both_refuse("frame.csv:701:", "stands still");
+  write(frame_, whole.substr(0, whole.size() / 2));
+  expect_both_refuse("frame.csv:", "cut off");
+  write(frame_, "t_s,position_mm,force_N\n");
+  expect_both_refuse("frame.csv:2:", "no rows");
+  write(frame_, "");
+  expect_both_refuse("frame.csv:1:", "empty");
+  fs::remove(frame_);
+  expect_both_refuse("frame.csv", "no such file");
+}
+
+TEST_F(DiagnoseCommand, RefusesABrokenPressureOrRecordingFile) {
+  edit_line(recording_ / "pressure.csv", 50, [](const std::string& l) { return cell(l, 0) + ",NaN"; });
+  expect_both_refuse("pressure.csv:50:", "a finite number");
+  fs::remove(recording_ / "pressure.csv");
+  const std::string toml = read(recording_ / "recording.toml");
+  const auto broken = [&](const std::string& from, const std::string& to, const char* place,
+                          const char* advice) {
+    std::string text = toml;
+    text.replace(text.find(from), from.size(), to);
+    write(recording_ / "recording.toml", text);
+    expect_both_refuse(place, advice);
+  };
+  broken("isorig-recording/1", "isorig-recording/2",
+         "recording.toml:1:", "this reads \"isorig-recording/1\"");
+  broken("rest_length_mm = 90.0", "rest_length_mm = \"90 mm\"", "recording.toml:3:", "a number is needed");
+  broken("rest_length_mm = 90.0", "rest_length_mm = -90.0", "recording.toml:3:", "rest_length_mm");
+  broken("rest_length_mm = 90.0", "rest_length_mm = ", "recording.toml:3:", "");
+  fs::remove(recording_ / "recording.toml");
+  expect_both_refuse("recording.toml", "no such file");
+  fs::remove_all(recording_);
+  expect_both_refuse(recording_.string(), "a recording is a folder with recording.toml");
+}
+
+TEST_F(DiagnoseCommand, RefusesABrokenModel) {
+  const auto broken = [&](const std::string& from, const std::string& to, const char* place,
+                          const char* advice) {
+    std::string text = kModel;
+    text.replace(text.find(from), from.size(), to);
+    write(model_, text);
+    for (const Outcome& outcome : {predict(out_), diagnose(model_.string())}) {
+      EXPECT_EQ(outcome.code, kBadInput) << outcome.text;
+      EXPECT_THAT(outcome.text, HasSubstr(place));
+      EXPECT_THAT(outcome.text, HasSubstr(advice));
+      EXPECT_FALSE(fs::exists(out_));
+    }
+  };
+  broken("\"maxwell\"", "\"flubber\"", "m.toml:6:", "maxwell, dashpot");
+  broken("model/1", "model/9", "m.toml:1:", "this program reads");
+  broken("= 2.5", "= -2.5", "m.toml:4:", "at least 0");
+  broken("= 2.5", "= \"2.5 N/mm\"", "m.toml:4:", "number");
+  broken("= 2.5", "= nan", "m.toml:4:", "stiffness_N_mm");
+  broken("stiffness_N_mm = 2.5", "stiffness_N_m = 2500.0", "m.toml:4:", "stiffness_N_mm");
+  broken("= 0.8", "= 0.0", "m.toml:7:", "time_constant_s");
+  broken("[[part]]", "[[part]", "m.toml:2:", "TOML");
+  broken(kModel, "", "m.toml", "format");
+  fs::remove(model_);
+  const Outcome missing = predict(out_);
+  EXPECT_EQ(missing.code, kBadInput);
+  EXPECT_THAT(missing.text, HasSubstr("m.toml"));
+  const Outcome unknown = diagnose("slse3");
+  EXPECT_EQ(unknown.code, kBadInput);
+  EXPECT_THAT(unknown.text, HasSubstr("slse1 and slse2"));
+  EXPECT_FALSE(fs::exists(out_));
+}
+
+/// Recordings that read well and cannot be meant.
+TEST_F(DiagnoseCommand, RefusesMistakesOfUnitAndSign) {
+  messages::Recording turned = good();
+  for (double& force_N : turned.frame.force_N) force_N = -force_N;
+  expect_diagnose_refuses(turned, "extension and tension are positive");
+  messages::Recording metres = good();
+  metres.metadata.rest_length_mm = 0.09;
+  metres.metadata.pressurized_rest_length_mm = 0.07;
+  expect_diagnose_refuses(metres, "another unit");
+  messages::Recording kilopascal = good();
+  for (double& pressure : kilopascal.pressure->pressure_psi) pressure *= 6.895;
+  messages::write_recording(recording_, kilopascal);
+  const Outcome outcome = diagnose();
+  EXPECT_EQ(outcome.code, 0);
+  EXPECT_THAT(outcome.text, HasSubstr("15 psi is nominal; is pressure.csv in another unit?"));
+  const auto json = nlohmann::json::parse(read(out_ / "diagnosis.json"));
+  EXPECT_EQ(json["verdict"], "consistent");
+  EXPECT_EQ(json["data_faults"][0]["kind"], "pressure");
+}
+
+TEST_F(DiagnoseCommand, RefusesWhatIsTooLittleToJudge) {
+  messages::Recording slow = good();
+  messages::FrameSamples kept;
+  for (std::size_t k = 0; k < slow.frame.size(); ++k) {
+    if (!kept.t_s.empty() && slow.frame.t_s[k] - kept.t_s.back() < 0.99) continue;
+    kept.t_s.push_back(slow.frame.t_s[k]);
+    kept.position_mm.push_back(slow.frame.position_mm[k]);
+    kept.force_N.push_back(slow.frame.force_N[k]);
+  }
+  slow.frame = kept;
+  expect_diagnose_refuses(slow, "too far apart");
+  messages::Recording few = good();
+  for (auto* column : {&few.frame.t_s, &few.frame.position_mm, &few.frame.force_N}) column->resize(60);
+  expect_diagnose_refuses(few, "60 rows are too few");
+  messages::Recording still = good();
+  for (double& x : still.frame.position_mm) x = 0.0;
+  expect_diagnose_refuses(still, "nothing moves");
+}
+
+TEST_F(DiagnoseCommand, SaysBeforeTheWorkThatItCannotWrite) {
+  write(folder_ / "file", "mine");
+  for (const char* name : {"file", "file/out"}) {
+    out_ = folder_ / name;
+    const Outcome outcome = diagnose();
+    EXPECT_EQ(outcome.code, kFailure);
+    EXPECT_THAT(outcome.text, HasSubstr("is a file; name a folder"));
+  }
+  EXPECT_EQ(read(folder_ / "file"), "mine");
+}
+
+TEST_F(DiagnoseCommand, PredictNeverWritesOverTheRecordingNorHalfAFile) {
+  const std::string frame = read(frame_);
+  const Outcome over = predict(frame_);
+  EXPECT_EQ(over.code, kFailure);
+  EXPECT_THAT(over.text, HasSubstr("is of the recording itself"));
+  EXPECT_EQ(read(frame_), frame);
+  const Outcome nowhere = predict(folder_ / "no" / "p.csv");
+  EXPECT_EQ(nowhere.code, kFailure);
+  EXPECT_THAT(nowhere.text, HasSubstr("make it first"));
+  const Outcome folder = predict(recording_);
+  EXPECT_EQ(folder.code, kFailure);
+  EXPECT_THAT(folder.text, HasSubstr("is a folder; name a file"));
+  // A recording that breaks later than the model is read leaves an earlier prediction as it was.
+  write(folder_ / "p.csv", "earlier");
+  edit_line(frame_, 900, [](const std::string&) { return "x"; });
+  EXPECT_EQ(predict(folder_ / "p.csv").code, kBadInput);
+  EXPECT_EQ(read(folder_ / "p.csv"), "earlier");
+  for (const auto& entry : fs::directory_iterator(folder_)) EXPECT_NE(entry.path().extension(), ".part");
+}
+
+TEST_F(DiagnoseCommand, PredictsEveryRowAndIsBlindToTheForce) {
+  ASSERT_EQ(predict(folder_ / "a.csv").code, 0);
+  messages::Recording blind = good();
+  for (std::size_t k = 0; k < blind.frame.size(); ++k) blind.frame.force_N[k] = k % 2 == 0 ? 1e6 : -3.0;
+  messages::write_recording(recording_, blind);
+  ASSERT_EQ(predict(folder_ / "b.csv").code, 0);
+  const std::string text = read(folder_ / "a.csv");
+  EXPECT_EQ(text, read(folder_ / "b.csv"));
+  EXPECT_TRUE(text.starts_with("t_s,force_N\n"));
+  EXPECT_EQ(static_cast<std::size_t>(std::ranges::count(text, '\n')), good().frame.size() + 1);
+  // As a pipe: nothing to rename.
+  EXPECT_EQ(isorig("predict " + recording_.string() + " --model " + model_.string() +
+                   " --out /dev/stdout | cmp - " + (folder_ / "a.csv").string())
+                .code,
+            0);
+}
+
+/// Recordings of any length: a drift that was described for a shorter one, a slip of another, one row alone.
+TEST_F(DiagnoseCommand, PredictsRecordingsOfAnyLength) {
+  write(
+      model_,
+      kModel + "[[part]]\nphysics = \"zero_drift\"\nlaw = \"wander\"\nduration_s = 100.0\nc1_N = 0.1\n" +
+          "[[part]]\nphysics = \"grip_slip\"\ntime_s = 50.0\nslip_mm = 0.2\nrecording_duration_s = 100.0\n");
+  ASSERT_EQ(predict(folder_ / "long.csv").code, 0);
+  write(folder_ / "plain.toml", kModel);
+  model_ = folder_ / "plain.toml";
+  ASSERT_EQ(predict(folder_ / "plain.csv").code, 0);
+  std::istringstream with(read(folder_ / "long.csv")), without(read(folder_ / "plain.csv"));
+  std::string a, b;
+  std::getline(with, a);
+  std::getline(without, b);
+  std::size_t rows = 0;
+  while (std::getline(with, a) && std::getline(without, b)) {
+    const double t = std::stod(cell(a, 0)), drift = std::stod(cell(a, 1)) - std::stod(cell(b, 1));
+    ASSERT_NEAR(drift, 0.1 * std::cos(M_PI * std::fmin(t / 100.0, 1.0)), 2e-3) << "at " << t;
+    ++rows;
+  }
+  EXPECT_EQ(rows, good().frame.size());
+  messages::Recording one = good();
+  for (auto* column : {&one.frame.t_s, &one.frame.position_mm, &one.frame.force_N}) column->resize(1);
+  messages::write_recording(recording_, one);
+  EXPECT_EQ(predict(folder_ / "one.csv").code, 0);
+  EXPECT_THAT(read(folder_ / "one.csv"), Not(HasSubstr("nan")));
+}
+
+TEST_F(DiagnoseCommand, WritesItsFilesAndAModelThatPredicts) {
+  const Outcome outcome = diagnose();
+  ASSERT_EQ(outcome.code, 0) << outcome.text;
+  for (const char* name : {"diagnosis.json", "nominal.toml", "model.toml"})
+    EXPECT_GT(fs::file_size(out_ / name), 100U) << name;
+  model_ = out_ / "model.toml";
+  ASSERT_EQ(predict(folder_ / "p.csv").code, 0);
+  // The nominal model is the true one here: its errors are the noise of 0.02 N.
+  std::istringstream in(read(folder_ / "p.csv"));
+  std::string line;
+  std::getline(in, line);
+  double squares = 0.0;
+  std::size_t rows = 0;
+  while (std::getline(in, line))
+    squares += std::pow(std::stod(cell(line, 1)) - good().frame.force_N[rows++], 2);
+  EXPECT_NEAR(std::sqrt(squares / static_cast<double>(rows)), 0.02, 0.002);
+}
+
+}  // namespace
+}  // namespace isorig
