@@ -69,20 +69,31 @@ InstrumentNoise instrument_noise(std::span<const Series> series, std::span<const
   InstrumentNoise out;
   std::vector<NoiseSample> rests;
   std::size_t rows = 0;
-  double white = 0.0;
+  double white = 0.0, step = 0.0;
   for (std::size_t i = 0; i < series.size(); ++i) {
     for (NoiseSample& rest : find_rests(series[i], i < usable.size() ? usable[i] : std::vector<bool>{})) {
       rows += rest.size();
       rests.push_back(std::move(rest));
     }
     const auto& frame = series[i].recording.frame;
+    const double step_here = quantisation(frame.force_N);
+    step = std::max(step, step_here);
     white = std::max({white, series[i].reading_noise_N, white_noise(frame.t_s, frame.force_N),
-                      quantisation(frame.force_N) / std::sqrt(12.0)});
+                      step_here / std::sqrt(12.0)});
   }
   out.noise = {std::max(white, 1e-9), 0.0, 1.0};
   if (rows >= kFewest) {
     out.source = NoiseSource::kRests;
-    out.noise = out.weighing = fit_noise(rests, out.noise.white_N, kLongest_s);
+    out.noise = fit_noise(rests, out.noise.white_N, kLongest_s);
+    // A reading that stands on one step for seconds shows no noise there, and errs by up to half a step all
+    // the while; in motion the same error is another one at every reading.
+    constexpr double kUndithered = 0.5;
+    if (out.noise.white_N < kUndithered * step) {
+      out.noise.white_N = std::hypot(out.noise.white_N, step / std::sqrt(12.0));
+      out.noise.coloured_N = std::hypot(out.noise.coloured_N, step / std::sqrt(12.0));
+      out.noise.correlation_s = 1.0;  // between a slow return's sawtooth and a rest
+    }
+    out.weighing = out.noise;
     return out;
   }
   if (const auto repeated = noise_of_repetitions(series, out.noise.white_N)) {

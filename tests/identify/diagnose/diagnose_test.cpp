@@ -148,6 +148,7 @@ INSTANTIATE_TEST_SUITE_P(Traps, Nothing,
                                          Bench{.coloured_N = 0.04, .seed = 3},
                                          Bench{.coloured_N = 0.03, .coloured_s = 0.4, .seed = 4},
                                          Bench{.force_step_N = 0.05, .seed = 5},
+                                         Bench{.force_noise_N = 0.005, .force_step_N = 0.1, .seed = 13},
                                          Bench{.spikes = 40, .seed = 6},
                                          Bench{.pressure_wander_psi = 0.3, .seed = 7}));
 

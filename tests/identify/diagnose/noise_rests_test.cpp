@@ -37,6 +37,13 @@ TEST(NoiseFromRests, ColouredIsToldFromWhite) {
   }
 }
 
+TEST(NoiseFromRests, CountsTheStepOfACoarseReading) {
+  const double step_N = 0.1;
+  const InstrumentNoise found = noise_of({.force_noise_N = 0.005, .force_step_N = step_N, .seed = 13});
+  EXPECT_GE(std::hypot(found.noise.white_N, found.noise.coloured_N), 0.4 * step_N / std::sqrt(12.0));
+  EXPECT_LE(found.noise.white_N, 1.5 * step_N / std::sqrt(12.0));
+}
+
 /// Relaxation, friction, drift, softening and a wandering pressure are no noise, whatever the model knows of
 /// them.
 TEST(NoiseFromRests, TakesNoPhysicsForNoise) {
