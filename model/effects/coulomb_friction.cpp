@@ -87,6 +87,8 @@ class Iwan : public Process {
 
 /// Iwan's elements whose force weakens at once with velocity, and is back at once at rest: what a film
 /// between the surfaces does, where the bristles of Stribeck keep in a hold what the last velocity left them.
+/// Not passive within its presliding: bent fast and let go slowly, it gives back up to `excess` more than it
+/// took.
 class WeakenedIwan : public Iwan {
  public:
   WeakenedIwan(double presliding_mm, double velocity_mm_s, double excess) noexcept
