@@ -31,6 +31,15 @@ bool ModelSpec::has(std::string_view physics) const noexcept {
   return std::ranges::any_of(parts, [physics](const Part& part) { return part.physics->name == physics; });
 }
 
+void follow_arms(ModelSpec& spec) noexcept {
+  for (Part& part : spec.parts) {
+    if (part.physics != &element::arm_start()) continue;
+    long arm = std::lround(part.parameters[1]);
+    for (const Part& other : spec.parts)
+      if (other.physics == &element::maxwell() && --arm == 0) part.parameters[0] = other.parameters[0];
+  }
+}
+
 Part make_part(const Physics& physics, const Law& law) {
   Part part{&physics, &law, {}, {}, false, {}};
   for (const Parameter& parameter : law.parameters)
@@ -64,7 +73,9 @@ Stage stage_of(const Part& part) noexcept {
 
 }  // namespace
 
-RunningModel::RunningModel(const ModelSpec& spec, const Reference& reference) {
+RunningModel::RunningModel(const ModelSpec& given, const Reference& reference) {
+  ModelSpec spec = given;
+  follow_arms(spec);
   std::vector<std::size_t> first_of_part;
   std::size_t next = 0;
   for (const Part& part : spec.parts) {

@@ -35,6 +35,10 @@ struct ModelSpec {
 /// add up to one); all with a free tare. Numbers are starting values.
 [[nodiscard]] ModelSpec nominal_model(std::string_view name);
 
+/// Gives every arm_start the time constant of its arm. Where that arm is gone (a law took its place) the number
+/// stays.
+void follow_arms(ModelSpec& spec) noexcept;
+
 /// Part with the law's starting values.
 [[nodiscard]] Part make_part(const Physics& physics, const Law& law);
 
@@ -48,7 +52,7 @@ struct ModelSpec {
 /// A model that runs. One instant at a time; real-time safe after construction.
 class RunningModel {
  public:
-  RunningModel(const ModelSpec& spec, const Reference& reference);
+  RunningModel(const ModelSpec& given, const Reference& reference);
 
   void reset(const Instant& first) noexcept;
   /// The force at `now`, N. `now.dt_s` is 0 at the first instant.

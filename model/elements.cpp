@@ -31,6 +31,21 @@ class Maxwell : public Process {
   MaxwellState state_;
 };
 
+class ArmStart : public Process {
+ public:
+  ArmStart(double time_constant_s, double start_s, bool here) noexcept
+      : tau_s_(time_constant_s), start_s_(start_s), here_(here) {}
+  void reset(const Instant&) noexcept override {}
+  void force(const Instant& now, double* columns) noexcept override {
+    columns[0] = here_ && now.t_s >= start_s_ ? std::exp(-(now.t_s - start_s_) / tau_s_) : 0.0;
+  }
+
+ private:
+  double tau_s_;
+  double start_s_;
+  bool here_;
+};
+
 class Gravity : public Process {
  public:
   explicit Gravity(double length_mm) noexcept : length_mm_(length_mm) {}
@@ -76,6 +91,27 @@ const Physics& maxwell() {
         {{"time_constant_s", 1e-3, 1e5, {0.3, 3.0}, true}},
         {{"stiffness_N_mm", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Maxwell>(p[0]); }}}};
+  return physics;
+}
+
+const Physics& arm_start() {
+  static const Physics physics{
+      "arm_start",
+      Stage::kSpecimen,
+      "Force that a Maxwell arm holds when the rows of one recording begin: what filling it left.",
+      "Solution of dz/dt = v - z / tau for z(t0) not 0; it adds to that of an arm at rest.",
+      "None: it is a state, not a property.",
+      {{"relaxing",
+        "F = F0 exp(-(t - t0) / tau) for t >= t0, tau that of the arm",
+        {{"time_constant_s", 1e-3, 1e5, {1.0}, false, true},
+         {"arm", 1.0, 9.0, {1.0}, false, true},                   // counted in the order of the file
+         {"recording_duration_s", 0.0, 1e9, {0.0}, false, true},  // tells the recording; 0: every one
+         {"start_s", -1e9, 1e9, {0.0}, false, true}},
+        {{"force_N", Sign::kFree}},
+        [](std::span<const double> p, const Reference& reference) {
+          return std::make_unique<ArmStart>(p[0], p[3],
+                                            p[2] == 0.0 || std::fabs(p[2] - reference.duration_s) < 1e-3);
+        }}}};
   return physics;
 }
 

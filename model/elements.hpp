@@ -6,6 +6,9 @@ namespace isorig::model::element {
 
 const Physics& spring();
 const Physics& maxwell();
+/// The force that a Maxwell arm holds when a recording's rows begin. Its time constant is the arm's, see
+/// follow_arms().
+const Physics& arm_start();
 const Physics& dashpot();
 const Physics& mass();
 const Physics& constant();

@@ -12,7 +12,6 @@
 #include "identify/diagnose/locate.hpp"
 #include "identify/diagnose/plausible.hpp"
 #include "model/catalogue.hpp"
-#include "model/effects/effects.hpp"
 #include "model/elements.hpp"
 
 namespace isorig::identify {
@@ -153,12 +152,16 @@ void note_pressures(std::span<const Series> series, Diagnosis& diagnosis) {
 
 /// Filling stretches the specimen, and its arms keep some of that force when the rows of the filling are
 /// gone: no physics that the nominal model lacks, but a state that is not known.
-model::Part left_by_filling(double duration_s, double start_s) {
-  const model::Physics& physics = model::effect::unsettled_start();
-  model::Part part = model::make_part(physics, physics.laws[0]);
-  part.parameters[1] = duration_s;
-  part.parameters[2] = start_s;
-  return part;
+void add_what_filling_left(model::ModelSpec& spec, double duration_s, double start_s) {
+  const model::Physics& physics = model::element::arm_start();
+  const auto arms = std::ranges::count(spec.parts, &model::element::maxwell(), &model::Part::physics);
+  for (std::ptrdiff_t arm = 1; arm <= arms; ++arm) {
+    model::Part part = model::make_part(physics, physics.laws[0]);
+    part.parameters[1] = static_cast<double>(arm);
+    part.parameters[2] = duration_s;
+    part.parameters[3] = start_s;
+    spec.parts.push_back(std::move(part));
+  }
 }
 
 }  // namespace
@@ -187,8 +190,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     if (moves(recordings[i]) || !nominal.has("pressure_coupling")) {
       const double start_s = t_s.empty() ? 0.0 : t_s.front();
       if (auto cut = cut_filling(recordings[i])) study.faults.push_back(std::move(*cut));
-      if (!t_s.empty() && t_s.front() > start_s && given.has("maxwell"))
-        nominal.parts.push_back(left_by_filling(duration_s[i], t_s.front()));
+      if (!t_s.empty() && t_s.front() > start_s) add_what_filling_left(nominal, duration_s[i], t_s.front());
     }
     const auto& frame = recordings[i].frame;
     constexpr std::size_t kFewest = 100;

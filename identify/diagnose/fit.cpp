@@ -185,6 +185,7 @@ Eigen::VectorXd Problem::predict(const ModelSpec& spec) const {
 }
 
 double Problem::solve(ModelSpec& spec, Eigen::VectorXd& residual) const {
+  model::follow_arms(spec);
   std::vector<Sign> signs;
   std::vector<bool> fixed;
   bool piecewise = false;

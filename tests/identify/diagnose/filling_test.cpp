@@ -110,14 +110,14 @@ TEST(Filling, LeavesForceInTheArmsAndThatIsNoEffect) {
   const Study study = diagnose({clean_session(10.0, 11)}, {"session"}, nominal, {});
   const Diagnosis& d = study.diagnosis;
   EXPECT_EQ(d.verdict, Verdict::kConsistent) << diagnosis_json(d)["missing"].dump(1);
-  ASSERT_TRUE(d.nominal.has("unsettled_start"));
+  ASSERT_TRUE(d.nominal.has("arm_start"));
   for (const auto& part : d.nominal.parts) {
     if (part.physics->name == "maxwell") {
       EXPECT_NEAR(part.parameters[0], 6.0, 0.1);
     }
     // 5 mm within 5 s into an arm of 0.9 N/mm, and a second of relaxing until the rows begin.
-    if (part.physics->name == "unsettled_start") {
-      EXPECT_NEAR(part.parameters[0], 6.0, 0.3);
+    if (part.physics->name == "arm_start") {
+      EXPECT_NEAR(part.parameters[0], 6.0, 0.1);
       EXPECT_NEAR(part.coefficients[0], 0.9 * 6.0 * (1.0 - std::exp(-5.0 / 6.0)) * std::exp(-1.0 / 6.0), 0.2);
     }
   }

@@ -11,6 +11,7 @@ const std::vector<Case>& cases() {
   static const std::vector<Case> all{
       {"spring", "linear", {{}}, {2.5}, 1e-12, 0, true},
       {"maxwell", "linear", {{0.8}, {0.02}, {300.0}}, {2.0}, 1e-6, 2, false, true},
+      {"arm_start", "relaxing", {{2.0, 1.0, 0.0, 0.0}, {20.0, 1.0, 0.0, 0.7}}, {0.5}, 1e-12, 0},
       {"dashpot", "linear", {{}}, {0.4}, 1e-12, 0, false, true},
       {"mass", "linear", {{}}, {3.0}, 1e-12, 0},
       {"constant", "linear", {{}}, {-0.7}, 1e-12, 0, true},
@@ -81,7 +82,7 @@ const std::vector<Case>& cases() {
       {"friction_with_pressure", "dahl", {{0.02}, {0.3}}, {0.05}, 1e-6, 2, false, true},
       {"pressure_threshold", "dead_zone", {{15.1}, {3.0}}, {0.7}, 1e-12, 0},
       {"cell_nonlinearity", "quadratic", {{2.0}, {-15.0}}, {}, 1e-6, 2},
-      {"unsettled_start", "exponential", {{1.0, 0.0, 0.0}, {20.0, 0.0, 0.0}}, {0.5}, 1e-12, 0},
+      {"unsettled_start", "exponential", {{1.0}, {20.0}}, {0.5}, 1e-12, 0},
   };
   return all;
 }

@@ -27,10 +27,10 @@ bool has_unit(std::string_view name) {
   return std::ranges::any_of(units, [&](std::string_view unit) { return name.ends_with(unit); });
 }
 
-/// Ratios and numbers of decades; any other name without a unit is a mistake.
+/// Ratios, and numbers of decades or of an arm; any other name without a unit is a mistake.
 bool is_a_ratio(std::string_view name) {
-  constexpr std::array<std::string_view, 6> ratios{"exponent", "static_excess", "decades",
-                                                   "share",    "start",         "scale"};
+  constexpr std::array<std::string_view, 7> ratios{"exponent", "static_excess", "decades", "share",
+                                                   "start",    "scale",         "arm"};
   return std::ranges::find(ratios, name) != ratios.end();
 }
 

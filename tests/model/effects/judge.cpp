@@ -207,6 +207,9 @@ std::map<std::string, Judge> make_elements() {
   std::map<std::string, Judge> of;
   of["spring/linear"] = at_point([](Numbers, const Track& t, std::size_t i) { return elongation(t, i); });
   of["maxwell/linear"] = {.force = [](Numbers p, const Track& t) { return Columns{arm(t, p[0])}; }};
+  of["arm_start/relaxing"] = at_point([](Numbers p, const Track& t, std::size_t i) {
+    return t.t_s(i) < p[3] ? 0.0 : 1.0 / std::exp((t.t_s(i) - p[3]) / p[0]);
+  });
   of["dashpot/linear"] = at_point([](Numbers, const Track& t, std::size_t i) { return t.velocity_mm_s[i]; });
   of["mass/linear"] =
       at_point([](Numbers, const Track& t, std::size_t i) { return t.acceleration_mm_s2(i) / 1000.0; });
