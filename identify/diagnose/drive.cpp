@@ -9,6 +9,7 @@
 #include "identify/diagnose/corner_motion.hpp"
 #include "identify/diagnose/pressure_drive.hpp"
 #include "identify/diagnose/spikes.hpp"
+#include "identify/diagnose/standing.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -347,7 +348,8 @@ Drive reconstruct_drive(const messages::Recording& recording) {
   Drive drive;
   const auto& frame = recording.frame;
   const std::size_t n = frame.size();
-  const std::vector<double> reading_mm = without_spikes(frame.t_s, frame.position_mm).reading_mm;
+  const std::vector<double> reading_mm =
+      without_standing(frame.t_s, without_spikes(frame.t_s, frame.position_mm).reading_mm);
   drive.motion = smooth_motion(frame.t_s, reading_mm);
   drive.since_corner_s = since_corner(frame.t_s, drive.motion);
   constexpr double kBusy = 0.5;

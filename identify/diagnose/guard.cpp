@@ -7,6 +7,7 @@
 
 #include "identify/diagnose/drive.hpp"
 #include "identify/diagnose/spikes.hpp"
+#include "identify/diagnose/standing.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -67,53 +68,30 @@ void find_position_outliers(const messages::FrameSamples& frame, Guarded& out) {
                             number(spikes.largest) + " mm; bridged"});
 }
 
-/// Runs of one and the same value where the noise would have moved the reading. Calls found(first, end) for
-/// each. A run that long comes once in a thousand recordings: a reading in the middle of its step repeats
-/// itself with the probability erf(step / (2 sqrt(2) noise)), which for a fine step is nil and for one of
-/// three noises is 0.87.
-template <class Found>
-void find_standing(const std::vector<double>& t, const std::vector<double>& reading, const Found& found) {
-  constexpr double kShortest = 12.0, kPerRecording = 1e-3;
-  const double step = quantisation(reading), measured = white_noise(t, reading);
-  const double noise = std::sqrt(std::max(measured * measured - step * step / 12.0, 0.0));
-  if (noise < 0.2 * step || measured <= 0.0) return;  // too coarse for a run to mean anything
-  const double repeats = std::erf(step / (2.0 * std::sqrt(2.0) * noise));
-  const double longest =
-      repeats > 0.0 ? 1.0 + std::log(static_cast<double>(reading.size()) / kPerRecording) / -std::log(repeats)
-                    : 0.0;
-  const auto shortest = static_cast<std::size_t>(std::max(kShortest, std::ceil(longest)));
-  for (std::size_t k = 0; k < reading.size();) {
-    std::size_t end = k + 1;
-    while (end < reading.size() && reading[end] == reading[k]) ++end;
-    if (end - k >= shortest) found(k, end);
-    k = end;
-  }
-}
-
 void find_frozen(const messages::Recording& recording, Guarded& out) {
   const auto& t = recording.frame.t_s;
   const auto& f = recording.frame.force_N;
   const auto [low, high] = std::minmax_element(f.begin(), f.end());
-  find_standing(t, f, [&](std::size_t k, std::size_t end) {
+  for (const auto& [k, end] : standing_runs(t, f)) {
     const bool edge = f[k] == *low || f[k] == *high;
     for (std::size_t j = k; j < end; ++j) out.usable[j] = false;
     out.faults.push_back(
         {edge ? "saturation" : "frozen", t[k], t[end - 1], end - k,
          edge ? "force stands at the end of its range, " + number(f[k]) + " N; left out"
               : "force does not change at all for " + std::to_string(end - k) + " readings; left out"});
-  });
-  find_standing(t, recording.frame.position_mm, [&](std::size_t k, std::size_t end) {
+  }
+  for (const auto& [k, end] : standing_runs(t, recording.frame.position_mm)) {
     for (std::size_t j = k; j < end; ++j) out.usable[j] = false;
     out.faults.push_back({"frozen", t[k], t[end - 1], end - k,
                           "position does not change at all for " + std::to_string(end - k) +
-                              " readings; the force meanwhile is left out"});
-  });
+                              " readings; bridged, and the force meanwhile left out"});
+  }
   if (!recording.pressure || recording.pressure->size() < 20) return;
   const auto& gauge = *recording.pressure;
-  find_standing(gauge.t_s, gauge.pressure_psi, [&](std::size_t k, std::size_t end) {
+  for (const auto& [k, end] : standing_runs(gauge.t_s, gauge.pressure_psi)) {
     out.faults.push_back({"frozen", gauge.t_s[k], gauge.t_s[end - 1], end - k,
                           "pressure does not change at all for " + std::to_string(end - k) + " readings"});
-  });
+  }
 }
 
 void find_gaps(const messages::FrameSamples& frame, Guarded& out) {
