@@ -183,7 +183,7 @@ TEST_F(DiagnoseCommand, RefusesABrokenModel) {
       EXPECT_FALSE(fs::exists(out_));
     }
   };
-  broken("\"maxwell\"", "\"flubber\"", "m.toml:6:", "maxwell, dashpot");
+  broken("\"maxwell\"", "\"flubber\"", "m.toml:6:", "elements: spring, maxwell");
   broken("model/1", "model/9", "m.toml:1:", "this program reads");
   broken("= 2.5", "= -2.5", "m.toml:4:", "at least 0");
   broken("= 2.5", "= \"2.5 N/mm\"", "m.toml:4:", "number");
