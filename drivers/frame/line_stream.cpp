@@ -1,9 +1,6 @@
 #include "drivers/frame/line_stream.hpp"
 
 #include <fcntl.h>
-#include <netdb.h>
-#include <netinet/in.h>
-#include <netinet/tcp.h>
 #include <poll.h>
 #include <sys/file.h>
 #include <sys/ioctl.h>
@@ -18,6 +15,7 @@
 #include <utility>
 
 #include "drivers/error.hpp"
+#include "drivers/tcp_connect.hpp"
 
 namespace isorig::frame {
 namespace {
@@ -64,48 +62,11 @@ void LineStream::fail_disconnected(const std::string& what) {
 void LineStream::open() {
   close();
   if (options_.tcp) {
-    open_tcp();
+    fd_ = drivers::connect_tcp(options_.host, options_.port, options_.connect_timeout_ms, options_.name);
   } else {
     open_tty();
   }
   received_.clear();
-}
-
-void LineStream::open_tcp() {
-  addrinfo hints{};
-  hints.ai_socktype = SOCK_STREAM;
-  addrinfo* found = nullptr;
-  if (const int rc = ::getaddrinfo(options_.host.c_str(), std::to_string(options_.port).c_str(), &hints, &found); rc != 0) {
-    fail_disconnected(std::string("no such host (") + ::gai_strerror(rc) + "); check `host` in the rig's [frame]");
-  }
-  int error = 0;
-  for (const auto* to = found; to != nullptr && fd_ < 0; to = to->ai_next) {
-    const int fd = ::socket(to->ai_family, to->ai_socktype | SOCK_CLOEXEC | SOCK_NONBLOCK, to->ai_protocol);
-    if (fd < 0) {
-      error = errno;
-      continue;
-    }
-    error = ::connect(fd, to->ai_addr, to->ai_addrlen) == 0 ? 0 : errno;
-    if (error == EINPROGRESS) {
-      error = ETIMEDOUT;
-      if (wait_for(fd, POLLOUT, std::int64_t{options_.connect_timeout_ms} * 1'000'000)) {
-        socklen_t size = sizeof error;
-        ::getsockopt(fd, SOL_SOCKET, SO_ERROR, &error, &size);
-      }
-    }
-    if (error != 0) {
-      ::close(fd);
-      continue;
-    }
-    const int on = 1;
-    ::setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
-    fd_ = fd;
-  }
-  ::freeaddrinfo(found);
-  if (fd_ < 0) {
-    fail_disconnected(std::string("cannot connect (") + std::strerror(error) +
-                      "); check that the controller is on, and `host` and `port`");
-  }
 }
 
 void LineStream::open_tty() {

@@ -2,18 +2,15 @@
 
 #include <fcntl.h>
 #include <modbus/modbus.h>
-#include <netdb.h>
-#include <netinet/in.h>
-#include <netinet/tcp.h>
-#include <poll.h>
 #include <sys/select.h>
-#include <sys/socket.h>
 #include <termios.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+
+#include "drivers/tcp_connect.hpp"
 
 namespace isorig::frame {
 namespace {
@@ -24,31 +21,6 @@ using drivers::Fault;
 /// libmodbus 3.1.6 waits with select(), and a descriptor from FD_SETSIZE on writes outside its fd_set.
 bool too_high(int fd) {
   return fd >= FD_SETSIZE;
-}
-
-int connect_within(const addrinfo& to, int timeout_ms) {
-  const int fd = ::socket(to.ai_family, to.ai_socktype | SOCK_CLOEXEC | SOCK_NONBLOCK, to.ai_protocol);
-  if (fd < 0) return -1;
-  int error = 0;
-  if (::connect(fd, to.ai_addr, to.ai_addrlen) != 0) {
-    error = errno;
-    if (error == EINPROGRESS) {
-      pollfd wait{fd, POLLOUT, 0};
-      socklen_t size = sizeof error;
-      error = ::poll(&wait, 1, timeout_ms) == 1 ? 0 : ETIMEDOUT;
-      if (error == 0) ::getsockopt(fd, SOL_SOCKET, SO_ERROR, &error, &size);
-    }
-  }
-  if (error == 0 && too_high(fd)) error = EMFILE;
-  if (error != 0) {
-    ::close(fd);
-    errno = error;
-    return -1;
-  }
-  const int on = 1;
-  ::setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
-  ::fcntl(fd, F_SETFL, ::fcntl(fd, F_GETFL) & ~O_NONBLOCK);
-  return fd;
 }
 
 }  // namespace
@@ -104,29 +76,18 @@ void ModbusLink::open() {
 }
 
 void ModbusLink::connect_tcp() {
-  addrinfo hints{};
-  hints.ai_socktype = SOCK_STREAM;
-  addrinfo* found = nullptr;
-  if (const int rc =
-          ::getaddrinfo(config_.host.c_str(), std::to_string(config_.port).c_str(), &hints, &found);
-      rc != 0) {
-    throw DeviceError(Fault::kDisconnected,
-                      at() + "no such host (" + ::gai_strerror(rc) + "); check `host` in the rig's [frame]");
+  const int fd = drivers::connect_tcp(config_.host, config_.port, config_.connect_timeout_ms, device_ + " at " + config_.where());
+  if (too_high(fd)) {
+    ::close(fd);
+    fail_too_high();
   }
-  int fd = -1;
-  for (const auto* to = found; to != nullptr && fd < 0; to = to->ai_next) {
-    fd = connect_within(*to, config_.connect_timeout_ms);
-  }
-  const int error = errno;
-  ::freeaddrinfo(found);
-  if (fd < 0) {
-    throw DeviceError(Fault::kDisconnected,
-                      at() + "cannot connect (" + std::strerror(error) +
-                          (error == EMFILE ? "); this process holds over 1000 open files, which libmodbus' "
-                                             "select() cannot watch: close some"
-                                           : "); check that the gateway is on, and `host` and `port`"));
-  }
+  ::fcntl(fd, F_SETFL, ::fcntl(fd, F_GETFL) & ~O_NONBLOCK);
   modbus_set_socket(context_.get(), fd);
+}
+
+void ModbusLink::fail_too_high() const {
+  throw DeviceError(Fault::kDisconnected, at() + "this process holds over 1000 open files, which libmodbus' select() cannot "
+                                                 "watch: close some");
 }
 
 void ModbusLink::connect_rtu() {
@@ -139,9 +100,7 @@ void ModbusLink::connect_rtu() {
   const int fd = modbus_get_socket(context_.get());
   if (too_high(fd)) {
     modbus_close(context_.get());
-    throw DeviceError(Fault::kDisconnected, at() +
-                                                "this process holds over 1000 open files, which libmodbus' "
-                                                "select() cannot watch: close some");
+    fail_too_high();
   }
   ::tcflush(fd, TCIOFLUSH);
   unanswered_.fill(false);

@@ -57,6 +57,7 @@ class ModbusLink {
   };
 
   void connect_tcp();
+  [[noreturn]] void fail_too_high() const;
   void connect_rtu();
   void get_in_step();
   void probe();
