@@ -61,6 +61,9 @@ The service's recordings and their catalogue.
 .TP
 .I /usr/share/isorig/protocols
 Protocols to start from.
+.TP
+.I /usr/share/isorig/firmware
+The firmware of the rig's Teensy 3.6, and how to flash it.
 .SH SEE ALSO
 .BR isorigd (8),
 .BR isorig\-simrig (1)

@@ -20,6 +20,8 @@ using drivers::DeviceError;
 using drivers::Fault;
 
 constexpr std::uint16_t kPjrc = 0x16c0;
+/// Where the package isorig-tools puts it.
+const std::string kFirmware = "/usr/share/isorig/firmware/isorig-teensy36.hex";
 constexpr std::uint32_t kLeastUnscaledSerial = 10'000'000;
 
 std::string line_of(const fs::path& file) {
@@ -168,13 +170,13 @@ std::string describe(const UsbDevice& device) {
 std::string problem_of(const UsbDevice& device) {
   switch (device.kind) {
     case UsbKind::kBootloader:
-      return "is in its boot loader (HalfKay) and runs no program; flash the isorig firmware "
-             "(docs/firmware.md), or pull the plug and put it in again";
+      return "is in its boot loader (HalfKay) and runs no program; flash " + kFirmware +
+             " (README beside it), or pull the plug and put it in again";
     case UsbKind::kRebootor:
       return "is a rebootor, which resets another Teensy; it is not the rig's";
     case UsbKind::kOtherPjrc:
       return "is a Teensy with another program (USB type " + ids_of(device).substr(5) +
-             " is no plain serial port); flash the isorig firmware (docs/firmware.md)";
+             " is no plain serial port); flash " + kFirmware + " (README beside it)";
     case UsbKind::kOther:
       return "is no Teensy; the rig's pressure device is a Teensy at 16c0:0483";
     case UsbKind::kTeensy: break;
