@@ -22,7 +22,7 @@ constexpr auto kLook = std::chrono::milliseconds(50);
 volatile std::sig_atomic_t interrupted = 0;
 
 void stop_if_interrupted() {
-  if (interrupted != 0) throw std::runtime_error("interrupted");
+  if (interrupted != 0) throw Interrupted();
 }
 
 nlohmann::json get(const Client& client, const std::string& path) {
@@ -43,6 +43,11 @@ std::optional<std::string> ask(const std::string& question) {
   std::string line;
   if (!std::getline(std::cin, line)) return std::nullopt;
   return line;
+}
+
+void pause_for(double seconds) {
+  const auto end = steady_clock::now() + std::chrono::duration<double>(seconds);
+  for (stop_if_interrupted(); steady_clock::now() < end; stop_if_interrupted()) std::this_thread::sleep_for(kLook);
 }
 
 bool consent(const std::string& question, bool yes) {

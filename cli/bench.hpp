@@ -1,6 +1,7 @@
 #pragma once
 #include <cstdint>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -15,6 +16,13 @@ namespace isorig::cli {
 [[nodiscard]] bool consent(const std::string& question, bool yes);
 /// First line that a shell command prints. Throws when it fails.
 [[nodiscard]] std::string output_of(const std::string& command);
+
+/// The operator pressed Ctrl-C, or somebody ended this program, while a HeldPressure was there.
+struct Interrupted : std::runtime_error {
+  Interrupted() : std::runtime_error("interrupted: the rig vents") {}
+};
+/// Sleeps; throws Interrupted.
+void pause_for(double seconds);
 
 struct Settling {
   double window_s = 2.0;

@@ -49,7 +49,8 @@ Line walk_contact(const Client& client, const char* check, const char* key, cons
     for (int i = 0; i < 40 && closed(client, key) != state; ++i) std::this_thread::sleep_for(std::chrono::milliseconds(50));
     return closed(client, key) == state;
   };
-  (void)ask(open_it + ", then press Enter: ");
+  const auto answer = ask(open_it + ", then press Enter (n: leave it out): ");
+  if (!answer || *answer == "n" || *answer == "no") return {check, Verdict::kSkipped, "the operator left it out", "run it at the rig"};
   const bool saw_open = wait_for(false);
   (void)ask(close_it + ", then press Enter: ");
   const bool saw_closed = wait_for(true);
@@ -69,30 +70,36 @@ std::vector<Line> test_air(const Client& client, const Options& o) {
   const auto shown = [&](double window_s) {
     return get(client, "/v1/readings?window_s=" + std::to_string(window_s))["pressure"].value("calibrated", 0.0);
   };
-  const auto pause = [](double s) { std::this_thread::sleep_for(std::chrono::duration<double>(s)); };
   try {
     HeldPressure held(client, {o.pressure_psi}, "selftest");
     held.go_to(0);
-    pause(1.0);
+    pause_for(1.0);
     t.reached_psi = shown(0.5);
     if (const auto sealed = client.post("/v1/seal"); !sealed.ok()) throw std::runtime_error(sealed.text());
-    pause(2.0);  // what the valves' closing and the air's temperature do is no leak
+    pause_for(2.0);  // what the valves' closing and the air's temperature do is no leak
     t.sealed_from_psi = shown(0.5);
-    pause(o.leak_s);
+    pause_for(o.leak_s);
     t.sealed_to_psi = shown(0.5);
     t.sealed_s = o.leak_s;
   } catch (const NoDaemon&) {
+    throw;
+  } catch (const Interrupted&) {
     throw;
   } catch (const std::runtime_error& e) {
     return {{"air.fill", Verdict::kFail, e.what(), "supply, fill valve and its driver, dump valve energised?"}};
   }
   wait_for_rest(client, 60.0);
-  pause(2.0);
+  std::this_thread::sleep_for(std::chrono::seconds(2));
   t.vented_psi = shown(0.5);
   return judge_air(t);
 }
 
 int selftest(const Options& o) {
+  const bool somebody = !o.non_interactive && ::isatty(STDIN_FILENO) != 0;
+  if (o.with_pressure && !o.yes && !somebody) {
+    std::cerr << "isorig selftest: nobody to ask whether the rig may be pressurized; add --yes\n";
+    return kUsage;
+  }
   const Client client(o.socket);
   Answers a;
   a.status = get(client, "/v1/status");
@@ -114,8 +121,8 @@ int selftest(const Options& o) {
   lines.push_back(judge_lcm(a.selftest, messages, o.lcm_s));
 
   const auto append = [&](std::vector<Line> more) { lines.insert(lines.end(), more.begin(), more.end()); };
-  if (o.non_interactive || ::isatty(STDIN_FILENO) == 0) {
-    lines.push_back({"interlock.walk", Verdict::kSkipped, "nobody to press and release (--non-interactive)", "run it at the rig, at a terminal"});
+  if (!somebody) {
+    lines.push_back({"interlock.walk", Verdict::kSkipped, "nobody to press and release (no terminal, or --non-interactive)", "run it at the rig, at a terminal"});
   } else {
     append(walk_interlock(client));
   }

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "processes.hpp"
+#include "terminal.hpp"
 
 /// isorig calibrate, selftest and check as an operator or a script meets them, on a simulated rig with a known error.
 namespace isorig::system_test {
@@ -84,6 +85,82 @@ TEST(Commission, CalibrateThenSelftestThenCheck) {
   EXPECT_THAT(warned.text, HasSubstr("calibration WARNING: calibration of pressure"));
   spit(dir / "rig.toml", slurp(dir / "rig.toml") + "\n[calibration]\noverdue = \"refuse\"\n");
   EXPECT_EQ(isorig(dir, check).code, 5);
+  EXPECT_EQ(daemon.process().stop(SIGTERM), 0) << daemon.log();
+}
+
+TEST(Commission, SelftestAsksAndLeavesNothingHalfDone) {
+  const TempDir dir;
+  DaemonProcess daemon(dir, patient_rig(dir));
+  ASSERT_TRUE(daemon.reach("ready")) << daemon.log();
+  const std::vector<std::string> words = {bin("isorig"), "selftest", "--window-s", "1", "--with-pressure", "--leak-s", "600",
+                                          "--socket", daemon.socket()};
+  const std::string press = "Press the emergency stop, then press Enter (n: leave it out): ", release = "Release it, then press Enter: ";
+  const std::string open_guard = "Open the guard, then press Enter (n: leave it out): ", pressurize = "Go on? [y/N] ";
+  const auto pressure_psi = [&] { return daemon.status().value("pressure_psi", 99.0); };
+  const auto is_untouched = [&] { return daemon.state() == "ready" && pressure_psi() < 0.6 && daemon.catalogue().empty(); };
+
+  {  // No to everything: neither good nor bad.
+    Terminal terminal(words);
+    for (const auto& question : {press, open_guard, pressurize}) {
+      ASSERT_TRUE(terminal.shows(question)) << terminal.shown();
+      terminal.type("n\r");
+    }
+    (void)terminal.wait();
+    EXPECT_TRUE(terminal.shows("the operator left it out"));
+    EXPECT_TRUE(terminal.shows("the operator said no"));
+    EXPECT_TRUE(is_untouched());
+  }
+  {  // A terminal that is closed says no to what is left.
+    Terminal terminal(words);
+    ASSERT_TRUE(terminal.shows(press)) << terminal.shown();
+    terminal.type(Terminal::kCtrlD);
+    (void)terminal.wait();
+    EXPECT_TRUE(terminal.shows("the operator said no")) << terminal.shown();
+    EXPECT_TRUE(is_untouched());
+  }
+  {  // Ctrl-C while it asks: it only looked.
+    Terminal terminal(words);
+    ASSERT_TRUE(terminal.shows(press)) << terminal.shown();
+    terminal.type(Terminal::kCtrlC);
+    EXPECT_EQ(terminal.wait(), -SIGINT);
+    EXPECT_TRUE(is_untouched());
+  }
+  {  // An operator who says that it is pressed, and a daemon that sees nothing of it (this rig has no button); Ctrl-C with
+     // the air sealed in.
+    Terminal terminal(words);
+    ASSERT_TRUE(terminal.shows(press)) << terminal.shown();
+    terminal.type(Terminal::kEnter);
+    ASSERT_TRUE(terminal.shows(release)) << terminal.shown();
+    terminal.type(Terminal::kEnter);
+    ASSERT_TRUE(terminal.shows(open_guard)) << terminal.shown();
+    terminal.type("n\r");
+    ASSERT_TRUE(terminal.shows(pressurize)) << terminal.shown();
+    terminal.type("y\r");
+    ASSERT_TRUE(wait_until(60.0, [&] { return daemon.state() == "paused" && pressure_psi() > 4.0; })) << daemon.status().dump(2);
+    terminal.type(Terminal::kCtrlC);
+    EXPECT_EQ(terminal.wait(), 1);
+    EXPECT_TRUE(terminal.shows("interrupted: the rig vents")) << terminal.shown();
+    EXPECT_TRUE(wait_until(60.0, [&] { return daemon.state() == "ready" && pressure_psi() < 0.6; })) << daemon.status().dump(2);
+    const auto rows = daemon.catalogue();
+    ASSERT_EQ(rows.size(), 1U);
+    EXPECT_EQ(rows[0]["state"], "aborted");
+  }
+  {  // The contact that does not open fails the test.
+    Terminal terminal({bin("isorig"), "selftest", "--window-s", "1", "--socket", daemon.socket()});
+    ASSERT_TRUE(terminal.shows(press)) << terminal.shown();
+    terminal.type(Terminal::kEnter);
+    ASSERT_TRUE(terminal.shows(release)) << terminal.shown();
+    terminal.type(Terminal::kEnter);
+    ASSERT_TRUE(terminal.shows(open_guard)) << terminal.shown();
+    terminal.type("n\r");
+    EXPECT_EQ(terminal.wait(), 1);
+    EXPECT_TRUE(terminal.shows("was not seen open: a press would go unnoticed")) << terminal.shown();
+  }
+  // Nobody there to ask.
+  const auto alone = run(dir, {"sh", "-c", "exec \"$0\" \"$@\" </dev/null", bin("isorig"), "selftest", "--with-pressure", "--socket", daemon.socket()});
+  EXPECT_EQ(alone.code, 2) << alone.text;
+  EXPECT_THAT(alone.text, HasSubstr("add --yes"));
+  EXPECT_EQ(daemon.catalogue().size(), 1U);
   EXPECT_EQ(daemon.process().stop(SIGTERM), 0) << daemon.log();
 }
 
