@@ -17,5 +17,8 @@ const Physics& gravity();
 /// What was measured and has no law yet: tables of one variable, in force or in motion.
 const Physics& empirical_force();
 const Physics& empirical_motion();
+/// The same with memory, in few numbers: of the specimen and of the force channel.
+const Physics& empirical_memory();
+const Physics& empirical_response();
 
 }  // namespace isorig::model::element

@@ -10,6 +10,7 @@
 #include "identify/diagnose/filling.hpp"
 #include "identify/diagnose/laws.hpp"
 #include "identify/diagnose/locate.hpp"
+#include "identify/diagnose/memory.hpp"
 #include "identify/diagnose/plausible.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
@@ -292,6 +293,13 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     out.verdict = Verdict::kUnknownPhysics;
   else if (!out.missing.empty())
     out.verdict = Verdict::kMissingPhysics;
+  if (out.verdict == Verdict::kUnknownPhysics) {
+    if (auto memory = describe_memory(search, selection, options.threads)) {
+      out.model = std::move(memory->spec);
+      out.model.name = nominal.name;
+      out.described_by = memory->function_of;
+    }
+  }
   for (MissingEffect& missing : out.missing)
     missing.probability =
         calibrated(missing.probability, out.unexplained, out.verdict == Verdict::kUnknownPhysics);
@@ -380,7 +388,8 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
   if (!d.described_by.empty())
     json["described"] = {
         {"function_of", d.described_by},
-        {"text", "structure that no effect of the catalogue explains, as a table in model.toml"}};
+        {"text",
+         "structure that no effect of the catalogue explains, in few numbers or as a table in model.toml"}};
   json["unexplained_share"] = d.unexplained;
   json["bins"] = d.rows;
   json["noise_scale"] = d.noise_scale;

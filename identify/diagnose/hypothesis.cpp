@@ -258,7 +258,7 @@ void Search::refine_slip(Trial& trial) const {
       ModelSpec spec = best.spec;
       spec.parts.back().parameters[0] += sign * step_s;
       Fit fit = instrument_problem_.fit(spec, 3);
-      if (fit.chi2 < best.chi2 - 1e-6) {
+      if (fit.chi2 < best.chi2 * (1.0 - 1e-6) - 1e-6) {
         best = std::move(fit);
         moved = true;
         break;

@@ -23,6 +23,11 @@ const std::vector<Case>& cases() {
       {"empirical_force", "time", {{}}, {1.3}, 1e-9, 0},
       {"empirical_force", "extending", {{}}, {1.3}, 1e-9, 0.5, true},
       {"empirical_force", "shortening", {{}}, {1.3}, 1e-9, 0.5, true},
+      // A relay jumps within a step.
+      {"empirical_memory", "branch", {{0.6, -0.2}}, {0.5}, 1e-9, 0.5, true},
+      {"empirical_memory", "structure", {{0.8, 5.0, 0.7}, {0.1, 40.0, 3.0}}, {-0.8, -0.2}, 1e-6, 2},
+      {"empirical_memory", "wave", {{7.0}}, {0.3, -0.2, 0.05, 0.1}, 1e-9, 0},
+      {"empirical_response", "second_order", {{0.1, 0.05}, {0.4, 0.7}}, {}, 1e-6, 2},
       // The table bends within a stroke, and the arm behind it sees chords.
       {"empirical_motion", "position", {{}}, {}, 2e-2, 2},
 

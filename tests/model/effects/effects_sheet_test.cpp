@@ -29,8 +29,8 @@ bool has_unit(std::string_view name) {
 
 /// Ratios, and numbers of decades or of an arm; any other name without a unit is a mistake.
 bool is_a_ratio(std::string_view name) {
-  constexpr std::array<std::string_view, 7> ratios{"exponent", "static_excess", "decades", "share",
-                                                   "start",    "scale",         "arm"};
+  constexpr std::array<std::string_view, 8> ratios{"exponent", "static_excess", "decades", "share",
+                                                   "start",    "scale",         "arm",     "damping"};
   return std::ranges::find(ratios, name) != ratios.end();
 }
 

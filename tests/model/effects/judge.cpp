@@ -231,6 +231,61 @@ std::map<std::string, Judge> make_elements() {
       at_point([](Numbers, const Track& t, std::size_t i) { return from_table(t.t_s(i)); });
   of["empirical_force/extending"] = by_direction(1.0);
   of["empirical_force/shortening"] = by_direction(-1.0);
+  of["empirical_memory/branch"] = {.force = [](Numbers p, const Track& t) {
+    bool over = t.position_mm[0] > p[0];
+    Curve out;
+    for (const double x : t.position_mm) {
+      over = x > p[0] ? true : x < p[1] ? false : over;
+      out.push_back(over ? 1.0 : 0.0);
+    }
+    return Columns{out};
+  }};
+  of["empirical_memory/structure"] = {.force = [](Numbers p, const Track& t) {
+    // What is broken, B = 1 - L: dB/dt = |v| (1 - B) / d - B / tr.
+    const Curve broken = integrate(
+        t, [=](double b, double v) { return std::fabs(v) * (1.0 - b) / p[2] - b / p[1]; },
+        [=](double, double v) { return std::fabs(v) / p[2] + 1.0 / p[1]; });
+    Columns out{arm(t, p[0]), Curve{}};
+    for (std::size_t i = 0; i < t.size(); ++i) {
+      out[0][i] *= broken[i];
+      out[1].push_back(broken[i] * elongation(t, i));
+    }
+    return out;
+  }};
+  of["empirical_memory/wave"] = {.force = [](Numbers p, const Track& t) {
+    Columns out(4);
+    for (std::size_t i = 0; i < t.size(); ++i) {
+      const double phase = 2.0 * std::numbers::pi * t.t_s(i) / p[0];
+      out[0].push_back(std::sin(phase));
+      out[1].push_back(std::cos(phase));
+      out[2].push_back(std::sin(phase) * elongation(t, i));
+      out[3].push_back(std::cos(phase) * elongation(t, i));
+    }
+    return out;
+  }};
+  of["empirical_response/second_order"] = {.shape = [](Numbers p, const Track& t, const Curve& force) {
+    const double w = 2.0 * std::numbers::pi / p[0], damping = p[1];
+    double y = force.front(), rate = 0.0;
+    Curve out{y};
+    for (std::size_t i = 1; i < t.size(); ++i) {
+      const int parts = static_cast<int>(std::ceil(t.step_s * w / 0.01));
+      const double h = t.step_s / parts;
+      for (int k = 0; k < parts; ++k) {
+        const auto pull = [&](double share, double at, double speed) {
+          const double g = force[i - 1] + (k + share) / parts * (force[i] - force[i - 1]);
+          return w * w * (g - at) - 2.0 * damping * w * speed;
+        };
+        const double a1 = pull(0.0, y, rate), v2 = rate + 0.5 * h * a1;
+        const double a2 = pull(0.5, y + 0.5 * h * rate, v2), v3 = rate + 0.5 * h * a2;
+        const double a3 = pull(0.5, y + 0.5 * h * v2, v3), v4 = rate + h * a3;
+        const double a4 = pull(1.0, y + h * v3, v4);
+        y += h / 6.0 * (rate + 2.0 * v2 + 2.0 * v3 + v4);
+        rate += h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4);
+      }
+      out.push_back(y);
+    }
+    return out;
+  }};
   of["empirical_motion/position"] = {.move = [](Numbers, Track& t) {
     for (double& x : t.position_mm) x += from_table(x);
     reckon_velocity(t);
@@ -442,6 +497,7 @@ int place_of(std::string_view physics) {
                                                      {"fixture_inertia", 3},
                                                      {"cell_nonlinearity", 4},
                                                      {"force_lag", 4},
+                                                     {"empirical_response", 4},
                                                      {"force_delay", 5},
                                                      {"zero_drift", 6},
                                                      {"constant", 6}};

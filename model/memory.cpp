@@ -1,0 +1,161 @@
+#include <array>
+#include <cmath>
+#include <numbers>
+
+#include "model/elements.hpp"
+#include "model/stepping.hpp"
+
+namespace isorig::model::element {
+namespace {
+
+/// Two branches with memory of which one it is on: a relay, the unit of a Preisach model.
+class Branch : public Process {
+ public:
+  Branch(double upper_mm, double lower_mm) noexcept : upper_mm_(upper_mm), lower_mm_(lower_mm) {}
+  void reset(const Instant& first) noexcept override { over_ = first.position_mm > upper_mm_; }
+  void force(const Instant& now, double* columns) noexcept override {
+    if (now.position_mm > upper_mm_) over_ = true;
+    if (now.position_mm < lower_mm_) over_ = false;
+    columns[0] = over_ ? 1.0 : 0.0;
+  }
+
+ private:
+  double upper_mm_, lower_mm_;
+  bool over_ = false;
+};
+
+/// Structure L in [0, 1] that motion breaks and time heals (Moore 1959): dL/dt = (1 - L) / tau - |v| L / d.
+/// Exact at constant velocity.
+class Structure : public Process {
+ public:
+  Structure(double arm_s, double recovery_s, double travel_mm) noexcept
+      : arm_(arm_s), recovery_s_(recovery_s), travel_mm_(travel_mm) {}
+  void reset(const Instant&) noexcept override {
+    arm_.reset();
+    structure_ = 1.0;
+  }
+  void force(const Instant& now, double* columns) noexcept override {
+    const double z_mm = arm_.step(now.step_mm, now.dt_s);
+    const double healed = now.dt_s / recovery_s_, broken = std::fabs(now.step_mm) / travel_mm_;
+    if (healed + broken > 0.0) {
+      const double settled = healed / (healed + broken);
+      structure_ = settled + (structure_ - settled) * std::exp(-(healed + broken));
+    }
+    columns[0] = (1.0 - structure_) * z_mm;
+    columns[1] = (1.0 - structure_) * now.elongation_mm;
+  }
+
+ private:
+  MaxwellState arm_;
+  double recovery_s_, travel_mm_;
+  double structure_ = 1.0;
+};
+
+class Wave : public Process {
+ public:
+  explicit Wave(double period_s) noexcept : omega_1_s_(2.0 * std::numbers::pi / period_s) {}
+  void reset(const Instant& first) noexcept override { start_s_ = first.t_s; }
+  void force(const Instant& now, double* columns) noexcept override {
+    const double phase = omega_1_s_ * (now.t_s - start_s_);
+    columns[0] = std::sin(phase);
+    columns[1] = std::cos(phase);
+    columns[2] = columns[0] * now.elongation_mm;
+    columns[3] = columns[1] * now.elongation_mm;
+  }
+
+ private:
+  double omega_1_s_;
+  double start_s_ = 0.0;
+};
+
+/// F'' / w^2 + 2 z F' / w + F = G for every column; exact when G runs straight between instants.
+class Response : public Process {
+ public:
+  Response(double period_s, double damping) noexcept
+      : omega_1_s_(2.0 * std::numbers::pi / period_s), damping_(damping) {}
+  void reset(const Instant&) noexcept override { started_ = false; }
+  void shape(const Instant& now, std::span<double> columns, std::span<const double>) noexcept override {
+    const std::size_t count = std::min(columns.size(), kMost);
+    if (!started_ || now.dt_s <= 0.0) {
+      for (std::size_t i = 0; i < count; ++i) {
+        input_[i] = output_[i] = columns[i];
+        rate_[i] = 0.0;
+      }
+      started_ = true;
+      return;
+    }
+    const double h = now.dt_s, decay = damping_ * omega_1_s_;
+    const double ringing = omega_1_s_ * std::sqrt(1.0 - damping_ * damping_);
+    const double e = std::exp(-decay * h), c = e * std::cos(ringing * h),
+                 s = e * std::sin(ringing * h) / ringing;
+    const double lag_s = 2.0 * damping_ / omega_1_s_;
+    for (std::size_t i = 0; i < count; ++i) {
+      // About the straight line that it would follow, late by lag_s, once settled.
+      const double slope = (columns[i] - input_[i]) / h;
+      const double away = output_[i] - (input_[i] - lag_s * slope), away_rate = rate_[i] - slope;
+      const double next = (c + decay * s) * away + s * away_rate;
+      const double next_rate = -omega_1_s_ * omega_1_s_ * s * away + (c - decay * s) * away_rate;
+      input_[i] = columns[i];
+      output_[i] = columns[i] - lag_s * slope + next;
+      rate_[i] = slope + next_rate;
+      columns[i] = output_[i];
+    }
+  }
+
+ private:
+  static constexpr std::size_t kMost = 32;
+  double omega_1_s_, damping_;
+  bool started_ = false;
+  std::array<double, kMost> input_{}, output_{}, rate_{};
+};
+
+}  // namespace
+
+const Physics& empirical_memory() {
+  static const Physics physics{
+      "empirical_memory",
+      Stage::kSpecimen,
+      "A force without a law yet that depends on what was before.",
+      "Relay of Preisach 1935; structure kinetics of Moore 1959; a wave in the time since the start.",
+      "The same position come to from both sides; rests of different length; the same motion again later.",
+      {{"branch",
+        "F = F1 s, s = 1 beyond x1, 0 below x0, between them as before",
+        {{"upper_mm", -1e3, 1e3, {0.5}, false, true}, {"lower_mm", -1e3, 1e3, {-0.5}, false, true}},
+        {{"force_N", Sign::kFree}},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Branch>(p[0], p[1]); }},
+       {"structure",
+        "F = (k z + ke e) (1 - L), dz/dt = v - z / ta, dL/dt = (1 - L) / tr - |v| L / d",
+        {{"arm_s", 1e-3, 1e5, {0.3, 3.0}, true},
+         {"recovery_s", 0.1, 1e4, {10.0, 60.0}, true},
+         {"travel_mm", 1e-2, 1e3, {2.0}, true}},
+        {{"arm_N_mm", Sign::kFree}, {"elastic_N_mm", Sign::kFree}},
+        [](std::span<const double> p, const Reference&) {
+          return std::make_unique<Structure>(p[0], p[1], p[2]);
+        }},
+       {"wave",
+        "F = (a + b e) sin(2 pi t / T) + (c + d e) cos(2 pi t / T), t since the start",
+        {{"period_s", 1.0, 1e5, {600.0}, true}},
+        {{"sine_N", Sign::kFree},
+         {"cosine_N", Sign::kFree},
+         {"sine_N_mm", Sign::kFree},
+         {"cosine_N_mm", Sign::kFree}},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Wave>(p[0]); }}}};
+  return physics;
+}
+
+const Physics& empirical_response() {
+  static const Physics physics{
+      "empirical_response",
+      Stage::kSensorLag,
+      "A force channel that answers late, or rings.",
+      "Second-order response, the first mode of a load train on its cell.",
+      "A tap; the corners of fast ramps.",
+      {{"second_order",
+        "F'' / w^2 + 2 zeta F' / w + F = G, w = 2 pi / T",
+        {{"period_s", 2e-3, 2.0, {0.1, 0.03}, true}, {"damping", 5e-3, 0.95, {0.08, 0.4}, true}},
+        {},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Response>(p[0], p[1]); }}}};
+  return physics;
+}
+
+}  // namespace isorig::model::element
