@@ -4,24 +4,10 @@
 #include <string>
 #include <vector>
 
-#include "identify/diagnose/series.hpp"
+#include "identify/diagnose/whiten.hpp"
 #include "model/composed.hpp"
 
 namespace isorig::identify {
-
-/// Force noise: white per reading, and an Ornstein-Uhlenbeck part that stands for coloured noise and for what
-/// the model still lacks (a Gaussian process in time, amplitude inferred per hypothesis).
-struct NoiseModel {
-  double white_N = 0.01;    ///< rms per reading
-  double coloured_N = 0.0;  ///< stationary rms
-  double correlation_s = 1.0;
-};
-
-using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-
-/// Whitens in place, column by column alike (innovations of the Kalman filter of the noise). Returns sum of
-/// log innovation variances. Bins without readings become zero rows.
-double whiten(std::span<const Series> series, const NoiseModel& noise, RowMatrix& columns);
 
 struct Fit {
   model::ModelSpec spec;
@@ -68,7 +54,7 @@ class Problem {
   NoiseModel noise_;
   Eigen::VectorXd force_;
   Eigen::VectorXd whitened_force_;
-  double sum_log_ = 0.0;
+  Whitener whitener_;
   std::size_t rows_ = 0;
 };
 
