@@ -249,7 +249,13 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   out.nominal.name = nominal.name;
   out.model.name = nominal.name;
   const Problem problem(study.series, chosen.fit.noise);
-  const auto values = intervals(problem, out.model);
+  // Bins average coloured noise and the noise left in them is less than the readings'; the rests know better.
+  NoiseModel stated = chosen.fit.noise;
+  if (study.noise.noise.coloured_N > stated.coloured_N) {
+    stated.coloured_N = study.noise.noise.coloured_N;
+    stated.correlation_s = study.noise.noise.correlation_s;
+  }
+  const auto values = intervals(Problem(study.series, stated), out.model, Spread::kMoves);
   for (const auto* effect : chosen.effects) {
     MissingEffect missing;
     missing.effect = effect;

@@ -5,7 +5,30 @@
 
 namespace isorig::identify {
 
-std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const model::ModelSpec& spec) {
+namespace {
+
+/// Gradient of half the sum of squares, summed over every move with the rest after it.
+Eigen::MatrixXd scores_by_move(std::span<const Series> series, const Eigen::MatrixXd& jacobian,
+                               const Eigen::VectorXd& residual) {
+  constexpr double kRest_s = 5.0;
+  std::vector<Eigen::VectorXd> moves;
+  Eigen::Index row = 0;
+  for (const Series& each : series) {
+    for (std::size_t k = 0; k < each.nodes.size(); ++k, ++row) {
+      const bool starts = k > 0 && each.since_corner_s[k] == 0.0 && each.since_corner_s[k - 1] > kRest_s;
+      if (k == 0 || starts) moves.emplace_back(Eigen::VectorXd::Zero(jacobian.cols()));
+      moves.back() += jacobian.row(row).transpose() * residual[row];
+    }
+  }
+  Eigen::MatrixXd out(jacobian.cols(), static_cast<Eigen::Index>(moves.size()));
+  for (std::size_t m = 0; m < moves.size(); ++m) out.col(static_cast<Eigen::Index>(m)) = moves[m];
+  return out;
+}
+
+}  // namespace
+
+std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const model::ModelSpec& spec,
+                                               Spread spread) {
   struct Free {
     std::size_t part, index;
     bool parameter;
@@ -48,9 +71,19 @@ std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const mod
   // known to within 1e5 times what the same number alone would be, and a parameter to within its bounds.
   constexpr double kFlat = 1e-10;
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> curvature(jacobian.transpose() * jacobian);
-  const Eigen::VectorXd spread = curvature.eigenvalues().cwiseMax(kFlat).cwiseInverse();
-  const Eigen::MatrixXd covariance =
-      scale * curvature.eigenvectors() * spread.asDiagonal() * curvature.eigenvectors().transpose();
+  const Eigen::VectorXd widths = curvature.eigenvalues().cwiseMax(kFlat).cwiseInverse();
+  const Eigen::MatrixXd inverse =
+      curvature.eigenvectors() * widths.asDiagonal() * curvature.eigenvectors().transpose();
+  Eigen::VectorXd variance = scale * inverse.diagonal();
+  if (spread == Spread::kMoves) {
+    // What every move shifts the numbers by. Where moves disagree by more than noise allows, something is
+    // left that the noise does not know of: a law of nearly the right form, an unsteady rig.
+    const Eigen::MatrixXd shifts = inverse * scores_by_move(problem.series(), jacobian, at);
+    const auto count = static_cast<double>(shifts.cols());
+    constexpr double kFewest = 8.0;
+    if (count >= kFewest)
+      variance = variance.cwiseMax(count / (count - 1.0) * shifts.rowwise().squaredNorm());
+  }
   // An event lies between two bins; further ones are allowed while the likelihood ratio stays within 95 %.
   const auto event_interval = [&](std::size_t p, std::size_t i, NamedValue& named) {
     const auto& nodes = problem.series()[0].nodes;
@@ -77,7 +110,7 @@ std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const mod
       for (std::size_t i = 0; i < free.size(); ++i) {
         if (free[i].part != p || free[i].index != index || free[i].parameter != parameter) continue;
         const auto d = static_cast<Eigen::Index>(i);
-        const double half = 1.96 * free[i].step / length[d] * std::sqrt(std::max(covariance(d, d), 0.0));
+        const double half = 1.96 * free[i].step / length[d] * std::sqrt(std::max(variance[d], 0.0));
         named.low = value - half;
         named.high = value + half;
       }

@@ -13,10 +13,16 @@ struct NamedValue {
   double high = 0.0;
 };
 
-/// Parameters and coefficients of every part, in the order of the spec, with 95 % intervals from the
-/// curvature of the likelihood. Whitened by the fit's own noise, which takes up model error: the intervals
-/// grow with what is left.
+/// What an interval counts as uncertain.
+enum class Spread {
+  kNoise,  ///< the curvature of the likelihood under the problem's noise, no less than what is left
+  kMoves,  ///< and what the moves of a recording disagree by (cluster-robust), when that is more
+};
+
+/// Parameters and coefficients of every part, in the order of the spec, with 95 % intervals. Whitened by the
+/// problem's noise, which takes up model error: the intervals grow with what is left. An error of the model
+/// that is alike in all moves is in none of them.
 [[nodiscard]] std::vector<std::vector<NamedValue>> intervals(const Problem& problem,
-                                                             const model::ModelSpec& spec);
+                                                             const model::ModelSpec& spec, Spread spread);
 
 }  // namespace isorig::identify

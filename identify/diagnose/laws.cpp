@@ -50,7 +50,8 @@ void prefer_simpler_laws(Selection& selection, const Search& search) {
       const auto index = static_cast<std::size_t>(at - chosen.fit.spec.parts.begin());
       const bool description = at->coefficients.size() >= kDescription;
       const Problem problem(search.instrument_problem().series(), chosen.fit.noise);
-      const bool gives_way = !description && idle(*at, intervals(problem, chosen.fit.spec)[index]);
+      const bool gives_way =
+          !description && idle(*at, intervals(problem, chosen.fit.spec, Spread::kNoise)[index]);
       if (!gives_way && !description) break;
       Hypothesis best;
       bool found = false;

@@ -42,7 +42,7 @@ std::vector<Estimate> estimates(messages::Recording recording, const model::Phys
     problem.set_noise(problem.estimate_noise(fit.spec));
     fit = problem.fit(fit.spec);
   }
-  const auto stated = intervals(problem, fit.spec);
+  const auto stated = intervals(problem, fit.spec, Spread::kMoves);
   std::vector<Estimate> out;
   for (const Truth& truth : truths) {
     for (std::size_t p = 0; p < stated.size(); ++p) {
