@@ -65,13 +65,9 @@ ModelSpec nominal_model(std::string_view name) {
   return spec;
 }
 
-namespace {
-
 Stage stage_of(const Part& part) noexcept {
   return part.law->scales_specimen ? Stage::kSpecimenShape : part.physics->stage;
 }
-
-}  // namespace
 
 RunningModel::RunningModel(const ModelSpec& given, const Reference& reference) {
   ModelSpec spec = given;

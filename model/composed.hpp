@@ -31,12 +31,15 @@ struct ModelSpec {
   [[nodiscard]] bool has(std::string_view physics) const noexcept;
 };
 
+/// Where a part acts: its physics' stage, unless its law scales the specimen.
+[[nodiscard]] Stage stage_of(const Part& part) noexcept;
+
 /// Nominal models by name: "slse1", "slse2" (one or two standard linear solids in parallel, whose springs k1
 /// add up to one); all with a free tare. Numbers are starting values.
 [[nodiscard]] ModelSpec nominal_model(std::string_view name);
 
-/// Gives every arm_start the time constant of its arm. Where that arm is gone (a law took its place) the number
-/// stays.
+/// Gives every arm_start the time constant of its arm. Where that arm is gone (a law took its place) the
+/// number stays.
 void follow_arms(ModelSpec& spec) noexcept;
 
 /// Part with the law's starting values.

@@ -92,9 +92,9 @@ void Evaluator::lay_out(const ModelSpec& spec) {
   }
   std::vector<std::size_t> parts(spec.parts.size());
   std::iota(parts.begin(), parts.end(), std::size_t{0});
-  std::ranges::stable_sort(parts, {}, [&](std::size_t p) { return spec.parts[p].physics->stage; });
+  std::ranges::stable_sort(parts, {}, [&](std::size_t p) { return model::stage_of(spec.parts[p]); });
   for (const std::size_t p : parts) {
-    if (acts_on_columns(spec.parts[p].physics->stage)) {
+    if (acts_on_columns(model::stage_of(spec.parts[p]))) {
       shapes_.push_back(p);
       columns_before_.push_back(by_stage_.size());
     }
@@ -110,8 +110,8 @@ void Evaluator::simulate(const ModelSpec& spec, const std::vector<bool>& parts, 
   ModelSpec some;
   std::vector<Eigen::Index> target;
   for (std::size_t p = 0; p < spec.parts.size(); ++p) {
-    const bool moves = spec.parts[p].physics->stage == Stage::kKinematics;
-    if (!moves && (!parts[p] || acts_on_columns(spec.parts[p].physics->stage))) continue;
+    const bool moves = model::stage_of(spec.parts[p]) == Stage::kKinematics;
+    if (!moves && (!parts[p] || acts_on_columns(model::stage_of(spec.parts[p])))) continue;
     some.parts.push_back(spec.parts[p]);
     for (std::size_t c = 0; c < columns_.size(); ++c)
       if (columns_[c].part == p) target.push_back(static_cast<Eigen::Index>(c));
@@ -144,15 +144,21 @@ RowMatrix Evaluator::seen(const ModelSpec& spec, const Eigen::MatrixXd& raw,
       })));
     Eigen::Index row = 0;
     for (const Series& each : series_) {
-      std::vector<std::unique_ptr<model::Process>> processes;
-      for (const std::size_t p : shapes_) {
-        processes.push_back(spec.parts[p].law->make(spec.parts[p].parameters, each.drive.reference));
-        processes.back()->reset(each.nodes.front());
-      }
-      for (const model::Instant& node : each.nodes) {
+      std::vector<std::unique_ptr<model::Process>> movers, shapers;
+      const auto start = [&](const model::Part& part) {
+        auto process = part.law->make_table ? part.law->make_table(part.table, each.drive.reference)
+                                            : part.law->make(part.parameters, each.drive.reference);
+        process->reset(each.nodes.front());
+        return process;
+      };
+      for (const auto& part : spec.parts)
+        if (model::stage_of(part) == Stage::kKinematics) movers.push_back(start(part));
+      for (const std::size_t p : shapes_) shapers.push_back(start(spec.parts[p]));
+      for (model::Instant node : each.nodes) {
+        for (const auto& mover : movers) mover->move(node);
         double* values = out.data() + row * out.cols();
-        for (std::size_t s = 0; s < processes.size(); ++s)
-          processes[s]->shape(node, {values, reach[s]}, {coefficients.data(), reach[s]});
+        for (std::size_t s = 0; s < shapers.size(); ++s)
+          shapers[s]->shape(node, {values, reach[s]}, {coefficients.data(), reach[s]});
         ++row;
       }
     }
@@ -199,7 +205,7 @@ double Evaluator::solve(ModelSpec& spec, Eigen::VectorXd& residual) {
   for (std::size_t p = 0; p < spec.parts.size(); ++p) {
     moved[p] = state.parameters.empty() || spec.parts[p].parameters != state.parameters[p];
     if (!moved[p]) continue;
-    const Stage stage = spec.parts[p].physics->stage;
+    const Stage stage = model::stage_of(spec.parts[p]);
     all = all || stage == Stage::kKinematics;
     reshaped = reshaped || acts_on_columns(stage);
   }

@@ -1,0 +1,59 @@
+#include "identify/diagnose/evaluator.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "bench.hpp"
+#include "identify/diagnose/fit.hpp"
+#include "model/catalogue.hpp"
+#include "model/effects/effects.hpp"
+
+namespace isorig::identify {
+namespace {
+
+/// What an evaluator gives, with all that it kept from other parameters, is what the running model gives.
+TEST(Evaluator, KeepsNothingThatMoved) {
+  messages::Recording recording = test::record_other({.friction_N = 0.3, .lag_s = 0.02});
+  std::vector<bool> usable(recording.frame.size(), true);
+  const std::vector<Series> series{prepare_series("bench", std::move(recording), usable)};
+  const NoiseModel noise{0.02, 0.01, 1.0};
+  const Whitener whitener(series, noise);
+  const Problem problem(series, noise);
+  RowMatrix target = problem.target();
+  whitener.apply(target);
+  const Eigen::VectorXd whitened = target.col(0);
+
+  for (const model::Physics* effect : model::effects()) {
+    for (const model::Law& law : effect->laws) {
+      model::ModelSpec spec = model::nominal_model("slse1");
+      for (const auto* beside : {&model::effect::force_lag(), &model::effect::crosshead_backlash()})
+        if (beside != effect) spec.parts.push_back(model::make_part(*beside, beside->laws[0]));
+      spec.parts.push_back(model::make_part(*effect, law));
+      Evaluator evaluator(series, whitener, whitened);
+      Eigen::VectorXd residual;
+      model::ModelSpec first = spec;
+      (void)evaluator.solve(first, residual);
+      evaluator.keep();
+      for (std::size_t p = 0; p < spec.parts.size(); ++p) {
+        for (std::size_t i = 0; i < spec.parts[p].parameters.size(); ++i) {
+          const auto& parameter = spec.parts[p].law->parameters[i];
+          if (parameter.fixed) continue;
+          model::ModelSpec moved = first;
+          double& value = moved.parts[p].parameters[i];
+          value = std::clamp(value * 1.1 + 1e-3, parameter.lower, parameter.upper);
+          const double squares = evaluator.solve(moved, residual);
+          RowMatrix left = problem.target() - problem.predict(moved);
+          whitener.apply(left);
+          // Slack and a curved cell bend with the very coefficients that are solved for, in a few passes.
+          const bool bends = effect->name == "slack" || effect->name == "cell_nonlinearity";
+          EXPECT_NEAR(squares, left.squaredNorm(), (bends ? 1e-3 : 1e-8) * left.squaredNorm() + 1e-6)
+              << effect->name << ' ' << law.name << ", " << parameter.name;
+        }
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace isorig::identify
