@@ -209,7 +209,7 @@ void fit(const Truth& truth, unsigned seed, Fitted& out) {
   out.spec = best.fit.spec;
   out.noise = best.fit.noise;
   const Problem problem(out.series, out.noise);
-  out.values = intervals(problem, out.spec).back();
+  out.values = intervals(problem, out.spec, Spread::kMoves).back();
   out.log_likelihood = problem.log_likelihood(out.spec, out.noise);
   model::ModelSpec exact = true_model(truth);
   Eigen::VectorXd residual;
@@ -305,7 +305,7 @@ std::vector<std::pair<NamedValue, double>> compared(const Truth& truth, const Fi
   std::vector<std::pair<NamedValue, double>> out;
   if (truth.law == "arm" || truth.law == "two_arms") {
     const std::vector<Arm> found = arms_of(fitted.spec), right = arms_of(true_model(truth));
-    for (const auto& values : intervals(Problem(fitted.series, fitted.noise), fitted.spec)) {
+    for (const auto& values : intervals(Problem(fitted.series, fitted.noise), fitted.spec, Spread::kMoves)) {
       for (const NamedValue& value : values) {
         for (std::size_t i = 0; i < found.size(); ++i) {
           if (value.value == found[i].time_constant_s) out.emplace_back(value, right[i].time_constant_s);
