@@ -1,6 +1,7 @@
-// A whole rig on a real kernel: the daemon with its own drivers, a frame over Modbus, an emulated Teensy, the emergency
-// stop, guard, vent valve and sync line on the kernel's GPIO. One run to its end, then what nobody hopes for, each while
-// the crosshead moves: what counts is what the plant did, as the plant itself wrote it down.
+// A whole rig on a real kernel: the installed packages, the daemon under systemd with its own drivers, a frame over Modbus,
+// an emulated Teensy on USB, the emergency stop, guard, vent valve and sync line on the kernel's GPIO. One run to its end,
+// then what nobody hopes for, each while the crosshead moves: what counts is what the plant did, as the plant itself
+// wrote it down.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/socket.h>
@@ -16,6 +17,7 @@
 
 #include "messages/run_log.hpp"
 #include "tests/system/processes.hpp"
+#include "tests/system/terminal.hpp"
 #include "tests/vm/gpio_sim.hpp"
 
 namespace isorig::system_test {
@@ -125,77 +127,51 @@ struct SyncSeen : messages::RunVisitor {
   double worst_us = 0.0, bound_us = 0.0;
 };
 
-/// The installed packages under systemd (ISORIG_PACKAGED, with the Teensy on USB), or this build's programs as they are
-/// (with the Teensy on a pseudo-terminal).
+/// The installed packages under systemd.
 class Daemon {
  public:
   explicit Daemon(const TempDir& dir) : dir_(dir) {}
 
-  [[nodiscard]] static bool packaged() { return std::getenv("ISORIG_PACKAGED") != nullptr; }
-  [[nodiscard]] static std::string program(const std::string& name) { return packaged() ? "/usr/bin/" + name : bin(name); }
-  [[nodiscard]] static std::string shared() { return packaged() ? "/usr/share/isorig/" : source("config/"); }
-  [[nodiscard]] std::filesystem::path rig() const { return packaged() ? "/etc/isorig/rig.toml" : dir_ / "rig.toml"; }
-  [[nodiscard]] std::string socket() const { return packaged() ? "/run/isorig/isorigd.sock" : (dir_ / "isorigd.sock").string(); }
-  [[nodiscard]] std::filesystem::path runs() const { return packaged() ? "/var/lib/isorig/runs" : dir_ / "runs"; }
+  static constexpr const char* kRig = "/etc/isorig/rig.toml";
+  static constexpr const char* kShared = "/usr/share/isorig/";
+  static constexpr const char* kRuns = "/var/lib/isorig/runs";
+  static constexpr const char* kSocket = "/run/isorig/isorigd.sock";
 
-  void start() {
-    if (packaged()) {
-      EXPECT_EQ(run(dir_, {"systemctl", "start", "isorigd"}).code, 0);
-    } else {
-      process_.emplace(std::vector<std::string>{program("isorigd"), "--no-realtime", "--rig", rig().string(), "--runs",
-                                                runs().string(), "--socket", socket()},
-                       dir_ / "isorigd.log");
-    }
-  }
+  void start() { EXPECT_EQ(systemctl({"start", "isorigd"}).code, 0); }
   /// Systemd starts it again by itself.
-  void kill() {
-    if (packaged()) {
-      EXPECT_EQ(run(dir_, {"systemctl", "kill", "--signal=KILL", "isorigd"}).code, 0);
-    } else {
-      EXPECT_EQ(process_->stop(SIGKILL), -SIGKILL);
-    }
-  }
-  void come_back() {
-    if (!packaged()) return start();
-    EXPECT_EQ(run(dir_, {"systemctl", "show", "-P", "NRestarts", "isorigd"}).text, "1\n");
-  }
+  void kill() { EXPECT_EQ(systemctl({"kill", "--signal=KILL", "isorigd"}).code, 0); }
+  [[nodiscard]] std::string property(const std::string& name) const { return systemctl({"show", "-P", name, "isorigd"}).text; }
   void stop() {
-    if (packaged()) {
-      EXPECT_EQ(run(dir_, {"systemctl", "stop", "isorigd"}).code, 0);
-      EXPECT_EQ(run(dir_, {"systemctl", "show", "-P", "Result", "isorigd"}).text, "success\n");
-    } else {
-      EXPECT_EQ(process_->stop(SIGTERM), 0) << log();
-    }
+    EXPECT_EQ(systemctl({"stop", "isorigd"}).code, 0);
+    EXPECT_EQ(property("Result"), "success\n");
   }
   [[nodiscard]] std::string log() const {
-    return packaged() ? run(dir_, {"journalctl", "--no-pager", "-o", "short-monotonic", "-u", "isorigd"}).text
-                      : process_->output();
+    return run(dir_, {"journalctl", "--no-pager", "-o", "short-monotonic", "-u", "isorigd"}).text;
   }
   Answer call(std::vector<std::string> words) const {
-    words.insert(words.begin(), program("isorig"));
-    words.insert(words.end(), {"--socket", socket()});
+    words.insert(words.begin(), "isorig");
+    words.insert(words.end(), {"--socket", kSocket});
     return run(dir_, std::move(words));
   }
-  [[nodiscard]] std::string catalogue() const {
-    return run(dir_, {program("isorig"), "runs", "--json", "--runs", runs().string()}).text;
-  }
+  [[nodiscard]] std::string catalogue() const { return run(dir_, {"isorig", "runs", "--json", "--runs", kRuns}).text; }
 
  private:
+  Answer systemctl(std::vector<std::string> words) const {
+    words.insert(words.begin(), "systemctl");
+    return run(dir_, std::move(words));
+  }
   const TempDir& dir_;
-  std::optional<Process> process_;
 };
 
 class RigOnKernel : public testing::Test {
  protected:
   void SetUp() override {
-    chip_ = std::make_unique<test::GpioSim>("rig", "isorig-rig", std::vector<std::string>{"ESTOP", "GUARD", "VENT", "SYNC"});
-    chip_->drive(kEstop, true);
-    chip_->drive(kGuard, true);
-    spit(daemon_.rig(), rig_text());
-    simrig_.emplace(std::vector<std::string>{Daemon::program("isorig-simrig"), "--rig", daemon_.rig().string(), "--truth",
+    plug_in_gpio();
+    spit(Daemon::kRig, rig_text());
+    simrig_.emplace(std::vector<std::string>{"isorig-simrig", "--rig", Daemon::kRig, "--truth",
                                              (dir_ / "truth.csv").string(), "--control", (dir_ / "control").string(),
-                                             "--gpio-sync", chip_->file(kSync, "pull"), "--gpio-vent",
-                                             chip_->file(kVent, "value")},
+                                             "--gpio-sync", (dir_ / "sync").string(), "--gpio-vent",
+                                             (dir_ / "vent").string()},
                     dir_ / "simrig.log");
     ASSERT_TRUE(comes_true([&] {
       return !simrig_->running() || simrig_->output().find("ready;") != std::string::npos;
@@ -203,10 +179,21 @@ class RigOnKernel : public testing::Test {
     start_daemon();
   }
 
+  void plug_in_gpio() {
+    chip_ = std::make_unique<test::GpioSim>("rig", "isorig-rig", std::vector<std::string>{"ESTOP", "GUARD", "VENT", "SYNC"});
+    chip_->drive(kEstop, true);
+    chip_->drive(kGuard, true);
+    // The chip's number may be another one each time: the plant is told of it.
+    for (const auto& [name, file] : {std::pair{"vent", chip_->file(kVent, "value")}, {"sync", chip_->file(kSync, "pull")}}) {
+      std::filesystem::remove(dir_ / name);
+      std::filesystem::create_symlink(file, dir_ / name);
+    }
+  }
+
   /// The shipped rig on the wire, with its interlock on GPIO and limits for a machine that is slow and shared.
   std::string rig_text() const {
-    auto text = slurp(Daemon::shared() + "rigs/sim-wire.toml");
-    text = replaced(text, "\"../", "\"" + Daemon::shared());
+    auto text = slurp(Daemon::kShared + std::string("rigs/sim-wire.toml"));
+    text = replaced(text, "\"../", std::string("\"") + Daemon::kShared);
     text = replaced(text, "[interlock]\ndriver = \"sim\"", R"([interlock]
 driver = "gpio"
 chip = "isorig-rig"
@@ -214,8 +201,7 @@ estop = { line = "ESTOP" }
 guard = { line = "GUARD" }
 vent_valve = { line = "VENT" }
 sync = { line = "SYNC" })");
-    const std::string port = "transport = \"tty\"\nport = \"/tmp/isorig-sim-teensy\"";
-    text = replaced(text, port, Daemon::packaged() ? "transport = \"usb\"" : "port = \"" + (dir_ / "teensy").string() + "\"");
+    text = replaced(text, "transport = \"tty\"\nport = \"/tmp/isorig-sim-teensy\"", "transport = \"usb\"");
     text = replaced(text, "response_timeout_ms = 100", "response_timeout_ms = 1000\nstart_confirm_ms = 2000");
     for (const auto* age : {"frame_age_max_s = 0.5", "pressure_age_max_s = 0.5", "interlock_age_max_s = 1.0", "late_tick_max_s = 0.5"}) {
       text = replaced(text, age, std::string(age).substr(0, std::string(age).find('=')) + "= 2.0");
@@ -235,13 +221,13 @@ sync = { line = "SYNC" })");
     ASSERT_TRUE(reach("ready")) << daemon_.log() << status().dump(2);
   }
 
-  nlohmann::json status() const { return ask_status(daemon_.socket()); }
+  nlohmann::json status() const { return ask_status(Daemon::kSocket); }
   bool reach(const std::string& state) {
     return comes_true([&] { return status().value("state", "") == state; });
   }
 
   std::string say(const std::string& line) const {
-    return run(dir_, {Daemon::program("isorig-simrig"), "send", (dir_ / "control").string(), line}).text;
+    return run(dir_, {"isorig-simrig", "send", (dir_ / "control").string(), line}).text;
   }
 
   /// Pressurized and ramping slowly, for something to happen.
@@ -265,7 +251,7 @@ steps = [
 
   /// Looks at the plant until it is vented; the daemon may be dead.
   void wait_for_a_safe_rig(const std::string& what, std::int64_t since_ns) {
-    EXPECT_TRUE(comes_true([&] { return !chip_->value(kVent); })) << what << ": the vent line is held";
+    EXPECT_TRUE(!chip_ || comes_true([&] { return !chip_->value(kVent); })) << what << ": the vent line is held";
     EXPECT_TRUE(comes_true([&] {
       const auto now = newest_truth(dir_ / "truth.csv");
       return now && now->mono_ns > since_ns && now->pressure_psi < kVented_psi;
@@ -325,6 +311,26 @@ steps = [
 };
 
 TEST_F(RigOnKernel, RunsAProtocolAndMeetsEveryMishapSafely) {
+  // The self-test, with somebody at the contacts.
+  {
+    Terminal terminal({"isorig", "selftest", "--window-s", "1", "--socket", Daemon::kSocket});
+    const auto answer = [&](const std::string& question, std::size_t line, bool closed) {
+      EXPECT_TRUE(terminal.shows(question)) << terminal.shown();
+      chip_->drive(line, closed);
+      terminal.type(Terminal::kEnter);
+    };
+    answer("Press the emergency stop, then press Enter", kEstop, false);
+    answer("Release it, then press Enter", kEstop, true);
+    answer("Open the guard, then press Enter", kGuard, false);
+    answer("Close it, then press Enter", kGuard, true);
+    (void)terminal.wait();
+    EXPECT_TRUE(terminal.shows("interlock.estop.walk") && terminal.shows("seen open and closed")) << terminal.shown();
+    EXPECT_TRUE(terminal.shows("interlock.guard.walk") && terminal.shows("seen open and closed")) << terminal.shown();
+    std::printf("%s", terminal.shown().c_str());
+    EXPECT_TRUE(reach("ready")) << status().dump(2);
+    say_done("the self-test");
+  }
+
   // A run to its end.
   spit(dir_ / "short.toml", R"(format = "isorig-protocol/1"
 name = "short"
@@ -343,7 +349,7 @@ steps = [
   EXPECT_TRUE(reach("ready"));
   EXPECT_FALSE(chip_->value(kVent)) << "after a run the rig stays vented";
   SyncSeen recorded;
-  EXPECT_TRUE(messages::read_run(daemon_.runs() / id, recorded).whole());
+  EXPECT_TRUE(messages::read_run(std::filesystem::path(Daemon::kRuns) / id, recorded).whole());
   EXPECT_GT(recorded.checks, 5);
   // The emulated edge is made by a system call, somewhere in which it lies.
   EXPECT_LT(recorded.worst_us, recorded.bound_us + kEdge_us) << "the clock mapping is beyond its bound";
@@ -368,13 +374,25 @@ steps = [
   chip_->drive(kEstop, true);
   back_to_ready("emergency stop released");
 
+  // The GPIO chip's plug is pulled: no emergency stop is seen any more, and nobody holds the dump valve.
+  be_busy();
+  at_ns = mono_ns();
+  const auto number = chip_->chip();
+  chip_->unplug();
+  chip_.reset();
+  expect_fault("GPIO chip pulled out", "interlock", at_ns);
+  EXPECT_NE(daemon_.call({"reset"}).code, 0) << "reset while the cause is there";
+  plug_in_gpio();
+  EXPECT_NE(chip_->chip(), number) << "found again by its label, not by its number";
+  back_to_ready("GPIO chip plugged in");
+
   // The daemon is killed.
   const auto cut = be_busy();
   at_ns = mono_ns();
   daemon_.kill();
   wait_for_a_safe_rig("daemon killed", at_ns);
-  daemon_.come_back();
   EXPECT_TRUE(reach("ready")) << daemon_.log() << status().dump(2);
+  EXPECT_EQ(daemon_.property("NRestarts"), "1\n");
   const auto runs = daemon_.catalogue();
   EXPECT_THAT(runs, HasSubstr(cut));
   EXPECT_THAT(runs, HasSubstr("interrupted"));
