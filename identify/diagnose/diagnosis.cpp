@@ -293,13 +293,15 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   const double chance = selecting.count_looks ? 2.0 * std::sqrt(2.0 * rows) : 0.0;
   out.unexplained = before > 0.0 ? std::max(left - chance, 0.0) / before : 0.0;
   out.described_by = chosen.empirical;
+  constexpr double kMuch = 0.12;
   const bool structure_left = left > 0.2 * rows && left > 400.0;
   // Physics that has no name in the catalogue, or too much left for the names found to be the story.
-  if (!chosen.empirical.empty() || (structure_left && (out.missing.empty() || out.unexplained > 0.12)))
+  if (!chosen.empirical.empty() || (structure_left && (out.missing.empty() || out.unexplained > kMuch)))
     out.verdict = Verdict::kUnknownPhysics;
   else if (!out.missing.empty())
     out.verdict = Verdict::kMissingPhysics;
-  if (out.verdict == Verdict::kUnknownPhysics) {
+  // A table that leaves little stands: what is left of it is fitted well by many things that predict nothing.
+  if (out.verdict == Verdict::kUnknownPhysics && out.unexplained > kMuch) {
     if (auto memory = describe_memory(search, selection, options.threads)) {
       out.model = std::move(memory->spec);
       out.model.name = nominal.name;
