@@ -8,7 +8,11 @@
 #include <fstream>
 #include <map>
 #include <set>
-#include <sstream>
+
+#include "base/printable.hpp"
+#include "base/toml_budget.hpp"
+
+#include "base/nearest.hpp"
 
 namespace isorig::base {
 namespace {
@@ -20,21 +24,6 @@ std::string join(const std::vector<Diagnostic>& diagnostics) {
     all += d.text();
   }
   return all;
-}
-
-std::size_t edit_distance(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  for (std::size_t j = 0; j <= b.size(); ++j) row[j] = j;
-  for (std::size_t i = 1; i <= a.size(); ++i) {
-    std::size_t diagonal = row[0];
-    row[0] = i;
-    for (std::size_t j = 1; j <= b.size(); ++j) {
-      const std::size_t above = row[j];
-      row[j] = std::min({above + 1, row[j - 1] + 1, diagonal + (a[i - 1] == b[j - 1] ? 0U : 1U)});
-      diagonal = above;
-    }
-  }
-  return row[b.size()];
 }
 
 std::string number_text(double value) {
@@ -84,23 +73,50 @@ std::string_view type_name(const toml::node& node) {
 }  // namespace
 
 std::string Diagnostic::text() const {
-  if (line == 0) return file + ": " + message;  // of the whole file
-  return file + ":" + std::to_string(line) + ":" + std::to_string(column) + ": " + message;
+  if (line == 0) return printable(file + ": " + message);  // of the whole file
+  return printable(file) + ":" + std::to_string(line) + ":" + std::to_string(column) + ": " + printable(message);
 }
 
 ConfigError::ConfigError(std::vector<Diagnostic> diagnostics)
     : std::runtime_error(join(diagnostics)), diagnostics_(std::move(diagnostics)) {}
+
+namespace {
+
+/// Nobody reads more of them; a damaged file of megabytes would have as many.
+constexpr std::size_t kMaxDiagnostics = 200;
+constexpr std::size_t kMaxMessageBytes = 600;
+
+/// A value may be as long as its file.
+void shorten(std::string& message) {
+  if (message.size() <= kMaxMessageBytes) return;
+  std::size_t cut = kMaxMessageBytes - 3;
+  while (cut > 0 && (static_cast<unsigned char>(message[cut]) & 0xc0U) == 0x80) --cut;
+  message.resize(cut);
+  message += "...";
+}
+
+}  // namespace
 
 struct TomlDocument::Impl {
   std::string name;
   std::string text;
   toml::table root;
   std::vector<Diagnostic> diagnostics;
+  std::size_t further = 0;  ///< that were not kept
   std::map<const toml::table*, std::set<std::string, std::less<>>> asked;
   std::set<const toml::table*> open;
 
   Diagnostic at(const toml::source_region& region, std::string message) const {
     return {name, region.begin.line, region.begin.column, std::move(message)};
+  }
+
+  void note(Diagnostic diagnostic) {
+    if (diagnostics.size() >= kMaxDiagnostics) {
+      ++further;
+      return;
+    }
+    shorten(diagnostic.message);
+    diagnostics.push_back(std::move(diagnostic));
   }
 
   void find_unread(const toml::table& table, std::vector<Diagnostic>& out) const {
@@ -110,10 +126,11 @@ struct TomlDocument::Impl {
       const std::string name_of_key(key.str());
       if (known == asked.end() || !known->second.contains(name_of_key)) {
         if (is_open) continue;
+        if (out.size() > kMaxDiagnostics) return;
         std::string message = "unknown key `" + name_of_key + "`";
         std::string best;
         std::size_t best_distance = 1 + name_of_key.size() / 2;
-        if (known != asked.end()) {
+        if (known != asked.end() && name_of_key.size() <= 64) {
           for (const auto& candidate : known->second) {
             const auto distance = edit_distance(name_of_key, candidate);
             if (distance < best_distance && !table.contains(candidate)) {
@@ -128,6 +145,7 @@ struct TomlDocument::Impl {
           message += "; known here:";
           for (const auto& candidate : known->second) message += " " + candidate;
         }
+        shorten(message);
         out.push_back(at(key.source(), message));
         continue;
       }
@@ -160,12 +178,15 @@ TomlDocument TomlDocument::parse_file(const std::filesystem::path& path) {
   if (!in || std::filesystem::is_directory(path)) {
     throw ConfigError({{path.string(), 0, 0, "cannot be opened; check the path and its permissions"}});
   }
-  std::ostringstream text;
-  text << in.rdbuf();
-  return parse_text(text.str(), path.string());
+  // One byte more than is taken: a device without an end is not read to its end.
+  std::string text(kMaxTomlBytes + 1, '\0');
+  in.read(text.data(), static_cast<std::streamsize>(text.size()));
+  text.resize(static_cast<std::size_t>(in.gcount()));
+  return parse_text(text, path.string());
 }
 
 TomlDocument TomlDocument::parse_text(std::string_view text, std::string name) {
+  if (auto over = over_budget(text)) throw ConfigError({{std::move(name), over->line, over->column, std::move(over->message)}});
   auto impl = std::make_unique<Impl>();
   impl->name = std::move(name);
   impl->text = std::string(text);
@@ -195,6 +216,10 @@ std::vector<Diagnostic> TomlDocument::diagnostics() const {
   std::stable_sort(all.begin(), all.end(), [](const Diagnostic& a, const Diagnostic& b) {
     return std::pair(a.line, a.column) < std::pair(b.line, b.column);
   });
+  if (all.size() > kMaxDiagnostics || impl_->further > 0) {
+    all.resize(std::min(all.size(), kMaxDiagnostics));
+    all.push_back({impl_->name, 0, 0, "and further faults; correct these first"});
+  }
   return all;
 }
 
@@ -241,7 +266,7 @@ void TomlTable::error(std::string_view key, std::string message) const {
   if (table_ == nullptr) return;  // the missing table itself was reported
   auto diagnostic = where(key);
   diagnostic.message = std::move(message);
-  document_->diagnostics.push_back(std::move(diagnostic));
+  document_->note(std::move(diagnostic));
 }
 
 std::string_view TomlTable::type_of(std::string_view key) const {
@@ -369,7 +394,7 @@ std::vector<double> TomlTable::numbers(std::string_view key, Range range) const 
     const auto value = element.value<double>();
     if (!value || element.is_boolean() || !inside(*value, range)) {
       const bool number = element.is_number() && value;
-      document_->diagnostics.push_back(document_->at(
+      document_->note(document_->at(
           element.source(), "`" + std::string(key) + "` holds " +
                                 (number ? number_text(*value) + "; each has to be " + range_text(range)
                                         : std::string(type_name(element)) + "; a number is needed")));
@@ -395,7 +420,7 @@ std::vector<std::string> TomlTable::strings(std::string_view key) const {
     if (const auto value = element.value<std::string>()) {
       out.push_back(*value);
     } else {
-      document_->diagnostics.push_back(document_->at(element.source(), "`" + std::string(key) + "` holds " +
+      document_->note(document_->at(element.source(), "`" + std::string(key) + "` holds " +
                                                                            std::string(type_name(element)) +
                                                                            "; a \"string\" is needed"));
     }
@@ -436,7 +461,7 @@ std::vector<TomlTable> TomlTable::tables(std::string_view key) const {
       document_->asked[sub];
       out.emplace_back(document_, sub);
     } else {
-      document_->diagnostics.push_back(document_->at(
+      document_->note(document_->at(
           element.source(),
           "`" + std::string(key) + "` holds " + std::string(type_name(element)) + "; a table is needed"));
     }

@@ -18,7 +18,7 @@ struct Diagnostic {
   std::uint32_t line = 0;
   std::uint32_t column = 0;
   std::string message;
-  /// "file:line:column: message", or "file: message" where it is of the whole file
+  /// "file:line:column: message", or "file: message" where it is of the whole file; always one line of printable text
   [[nodiscard]] std::string text() const;
 };
 

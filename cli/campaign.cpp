@@ -57,7 +57,7 @@ Command add_campaign(CLI::App& app) {
   sub->add_option("RECORDING", options->recordings,
                   "Recordings of Control<n> and <material><n>, all pressures")
       ->required();
-  sub->add_option("--out", options->out, "Folder for report.html, campaign.json and tables")->required();
+  sub->add_option("--out", options->out, "Folder for campaign-report.html, campaign.json and tables")->required();
   sub->add_option("--simulated", options->simulated,
                   "What is simulated in these recordings, for the top of the report");
   sub->add_flag("--no-png", options->no_png, "Figures as SVG only");

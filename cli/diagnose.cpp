@@ -31,6 +31,8 @@ std::string unwritable(const std::filesystem::path& out) {
     return there.string() + " is a file; name a folder for the diagnosis with --out";
   if (::access(there.c_str(), W_OK | X_OK) != 0)
     return there.string() + " may not be written; name another folder with --out";
+  if (std::filesystem::exists(out / "investigation.json", error))
+    return "holds an investigation, whose model.toml this would replace; name another folder with --out";
   return {};
 }
 
@@ -49,6 +51,10 @@ int diagnose(const Options& options) {
       return kBadInput;
     }
   }
+  std::vector<double> nominal_psi;
+  for (const auto& r : recordings) nominal_psi.push_back(r.metadata.nominal_pressure_psi.value_or(0.0));
+  // Before minutes of work too.
+  if (const auto warning = identify::mixed_pressures(nominal_psi); !warning.empty()) std::cerr << "warning: " << warning << '\n';
   identify::DiagnosisOptions settings;
   if (!options.rig.empty()) settings.design.rig = read_rig_limits(options.rig);
   settings.threads = options.threads;
@@ -76,13 +82,13 @@ Command add_diagnose(CLI::App& app) {
       "diagnose", "Where a model and recordings differ, what physics is missing, and a model that has it");
   sub->add_option("RECORDING", options->recordings, "Folders of recordings, fitted jointly")->required();
   sub->add_option("--model", options->model, "Nominal model: slse1, slse2 or a TOML file")->required();
-  sub->add_option("--out", options->out, "Folder for diagnosis.json, the models and report.html")->required();
+  sub->add_option("--out", options->out, "Folder for diagnosis.json, the models and diagnosis-report.html")->required();
   sub->add_option("--rig", options->rig,
                   "Rig whose limits a further experiment keeps (config/rigs/); else those of the recordings");
   sub->add_option("--threads", options->threads, "Threads to use")
       ->capture_default_str()
       ->check(CLI::Range(1, 64));
-  sub->add_flag("!--no-report", options->report, "Leave out report.html and its figures");
+  sub->add_flag("!--no-report", options->report, "Leave out diagnosis-report.html and its figures");
   return {sub, [options] { return diagnose(*options); }};
 }
 

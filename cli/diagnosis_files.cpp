@@ -33,11 +33,12 @@ void write_diagnosis(const identify::Study& study, const std::filesystem::path& 
   try {
     identify::write_diagnosis_report(study, folder);
   } catch (const std::exception& e) {
-    std::cerr << "report.html: " << e.what() << '\n';
+    std::cerr << "diagnosis-report.html: " << e.what() << '\n';
   }
 }
 
 void print_diagnosis(const identify::Diagnosis& d, const std::filesystem::path& folder) {
+  for (const auto& warning : d.warnings) std::printf("warning: %s\n", warning.c_str());
   std::printf("%s\n", std::string(identify::name_of(d.verdict)).c_str());
   for (const auto& missing : d.missing) {
     std::printf("  %-20s p = %.2f ", std::string(missing.effect->name).c_str(), missing.probability);

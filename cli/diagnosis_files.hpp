@@ -10,7 +10,7 @@ namespace isorig::cli {
 [[nodiscard]] model::ModelSpec read_nominal(const std::string& model);
 
 /// diagnosis.json, nominal.toml, model.toml, next_experiment.toml if there is one (else none is left there),
-/// and report.html unless it is not wanted. The diagnosis stands without its figures: what goes wrong with
+/// and diagnosis-report.html unless it is not wanted. The diagnosis stands without its figures: what goes wrong with
 /// them is said on stderr. Throws std::runtime_error when a file cannot be written.
 void write_diagnosis(const identify::Study& study, const std::filesystem::path& folder, bool report);
 

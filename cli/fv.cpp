@@ -1,7 +1,9 @@
+#include <cmath>
 #include <cstdio>
 #include <iostream>
 #include <memory>
 
+#include "base/printable.hpp"
 #include "cli/command.hpp"
 #include "identify/fv_report.hpp"
 
@@ -19,12 +21,16 @@ struct Options {
 };
 
 void print_curve(const identify::Curve& curve) {
-  std::printf("%s: %zu points", identify::title_of(curve).c_str(), curve.points.size());
+  std::printf("%s: %zu points", base::printable(identify::title_of(curve)).c_str(), curve.points.size());
   if (!curve.result.fit) {
     std::printf("\n  %s\n", curve.result.refusal.c_str());
     return;
   }
-  std::printf(", R2 %.4f\n", curve.result.fit->r_squared);
+  if (std::isfinite(curve.result.fit->r_squared)) {
+    std::printf(", R2 %.4f\n", curve.result.fit->r_squared);
+  } else {
+    std::printf(", R2 - (the points have no spread)\n");
+  }
   for (const auto& p : curve.result.fit->parameters)
     std::printf("  %-12s %s%s\n", p.name.c_str(), identify::value_text(p).c_str(),
                 p.identifiable ? "" : "  NOT identifiable");
@@ -87,7 +93,7 @@ Command add_fv(CLI::App& app) {
   sub->add_option("RECORDING", options->recordings,
                   "Recording folders; those of one specimen and pressure are repetitions")
       ->required();
-  sub->add_option("--out", options->out, "Folder for fv.json, tables, report.html and figures")->required();
+  sub->add_option("--out", options->out, "Folder for fv.json, tables, fv-report.html and figures")->required();
   sub->add_option("--model", options->model,
                   "slse1: a control; slse2: a sheath on a control whose parameters are held")
       ->check(CLI::IsMember({"slse1", "slse2"}));

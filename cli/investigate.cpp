@@ -263,10 +263,10 @@ class Loop {
       try {
         write_report(all_);
       } catch (const std::exception& e) {
-        std::cerr << "report.html: " << e.what() << '\n';
+        std::cerr << "investigation-report.html: " << e.what() << '\n';
       }
     }
-    std::printf("%s\n%zu round%s, %s of rig time. %s/report.html, investigation.json, model.toml\n", all_.text.c_str(),
+    std::printf("%s\n%zu round%s, %s of rig time. %s/investigation-report.html, investigation.json, model.toml\n", all_.text.c_str(),
                 all_.rounds.size(), all_.rounds.size() == 1 ? "" : "s", duration_text(all_.rig_s()).c_str(),
                 options_.out.c_str());
     return outcome == Outcome::kRounds || outcome == Outcome::kBudget ? kFailure : kOk;
@@ -300,7 +300,7 @@ Command add_investigate(CLI::App& app) {
   sub->add_option("--out", o->out, "Folder for the rounds and the report; an investigation there is gone on with")
       ->required();
   sub->add_option("--threads", o->threads, "Threads to use")->capture_default_str()->check(CLI::Range(1, 64));
-  sub->add_flag("!--no-report", o->report, "Leave out report.html and its figures");
+  sub->add_flag("!--no-report", o->report, "Leave out investigation-report.html and its figures");
   return {sub, [o] { return Loop(*o).run(); }};
 }
 

@@ -162,6 +162,9 @@ void load(Investigation& all) {
     if (std::filesystem::exists(all.round_folder(1)))
       throw std::runtime_error(all.folder.string() +
                                " holds rounds without investigation.json; choose another --out");
+    if (std::filesystem::exists(all.folder / "diagnosis.json"))
+      throw std::runtime_error(all.folder.string() +
+                               " holds a diagnosis, whose model.toml this would replace; choose another --out");
     return;
   }
   try {
@@ -216,8 +219,8 @@ void write_report(const Investigation& all) {
     page.table({"also considered", "duration", "smallest distance, to first order"}, rows);
   }
   page.paragraph("Figures and the model with what it lacked: round-" + std::to_string(all.rounds.back().number) +
-                 "/diagnosis/report.html, model.toml.");
-  page.write(all.folder, {.png = false});
+                 "/diagnosis/diagnosis-report.html, model.toml.");
+  page.write(all.folder, {.png = false}, "investigation-report.html");
 }
 
 }  // namespace isorig::cli

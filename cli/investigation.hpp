@@ -63,7 +63,7 @@ void save(const Investigation& all);
 /// an investigation with other inputs.
 void load(Investigation& all);
 
-/// report.html: every round, what was tied, which experiment was chosen and why, and what it settled.
+/// investigation-report.html: every round, what was tied, which experiment was chosen and why, and what it settled.
 void write_report(const Investigation& all);
 
 }  // namespace isorig::cli

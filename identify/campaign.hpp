@@ -44,7 +44,7 @@ struct SpecimenName {
 /// NaN without points.
 [[nodiscard]] double mean_response(const Curve& curve, int direction);
 
-/// report.html with figures after the paper's 3, 4, 5 and 6 and its tables. `simulated` says what is
+/// campaign-report.html with figures after the paper's 3, 4, 5 and 6 and its tables. `simulated` says what is
 /// simulated; it stands on top of the page. Tables beside it: campaign.json, fv-controls/, fv-sheaths/.
 void write_campaign_report(const Campaign& campaign, const std::filesystem::path& folder,
                            const std::string& simulated, const report::DrawOptions& options = {});

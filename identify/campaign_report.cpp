@@ -333,7 +333,7 @@ void write_campaign_report(const Campaign& campaign, const std::filesystem::path
       "Controls: kappa_c, gamma_c. Others: kappa_s, gamma_s, beta_s with the control's held. Without "
       "brackets: "
       "not identifiable from these velocities, and this is all that is known (95 %).");
-  page.write(folder, options);
+  page.write(folder, options, "campaign-report.html");
   report::write_text_file(folder / "campaign.json", json_of(campaign, simulated).dump(1) + "\n");
   write_fv_tables(campaign.controls, folder / "fv-controls");
   if (!campaign.sheaths.recordings.empty()) write_fv_tables(campaign.sheaths, folder / "fv-sheaths");

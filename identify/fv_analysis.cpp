@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 #include <map>
+#include <stdexcept>
 #include <tuple>
 
 #include "identify/report/page.hpp"
@@ -46,7 +47,12 @@ void fit_whole_series(const messages::Recording& recording, RecordingResult& res
     result.series_refusal = "No fit to the whole record: fewer than 20 samples.";
   } else {
     const auto& f = recording.frame;
-    for (int arms : {1, 2}) result.series.push_back(fit_series(f.t_s, f.position_mm, f.force_N, arms));
+    try {
+      for (int arms : {1, 2}) result.series.push_back(fit_series(f.t_s, f.position_mm, f.force_N, arms));
+    } catch (const std::domain_error& e) {
+      result.series.clear();
+      result.series_refusal = std::string("No fit to the whole record: ") + e.what() + ".";
+    }
   }
 }
 
@@ -94,9 +100,23 @@ std::string pressures_text(std::span<const ControlFit> controls) {
   return text;
 }
 
+/// A number that is none is no result, whatever it would be called.
+void refuse_unless_finite(FvFitResult& result) {
+  if (!result.fit) return;
+  // The ends of an interval and a standard error may be unknown; a value may not.
+  const auto& fit = *result.fit;
+  if (std::isfinite(fit.residual_rms) &&
+      std::all_of(fit.parameters.begin(), fit.parameters.end(), [](const FittedParameter& p) { return std::isfinite(p.value); })) {
+    return;
+  }
+  result.fit.reset();
+  result.refusal = "No fit: it did not come out in finite numbers; look at the points.";
+}
+
 void fit_curve(Curve& curve, FvModel model, std::span<const ControlFit> controls) {
   if (model == FvModel::kSlse1) {
     curve.result = fit_control(curve.points);
+    refuse_unless_finite(curve.result);
     return;
   }
   for (const ControlFit& c : controls) {
@@ -110,6 +130,7 @@ void fit_curve(Curve& curve, FvModel model, std::span<const ControlFit> controls
   else
     curve.result.refusal = "No fit: the control has no fit at this pressure (it has " +
                            (controls.empty() ? std::string("none") : pressures_text(controls)) + ").";
+  refuse_unless_finite(curve.result);
 }
 
 /// Specimens in the order they were given in, pressures rising: a shell sorts folders as text, 10 before 5.

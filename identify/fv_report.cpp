@@ -301,7 +301,7 @@ void write_fv_report(const FvAnalysis& analysis, const std::filesystem::path& fo
       if (!r.series_refusal.empty()) page.paragraph(r.path + ": " + r.series_refusal);
     }
   }
-  page.write(folder, options);
+  page.write(folder, options, "fv-report.html");
 }
 
 }  // namespace isorig::identify

@@ -6,7 +6,7 @@
 
 namespace isorig::identify {
 
-/// report.html of an analysis, with its figures in `folder`/figures. Throws what report::Page::write()
+/// fv-report.html of an analysis, with its figures in `folder`/figures. Throws what report::Page::write()
 /// throws.
 void write_fv_report(const FvAnalysis& analysis, const std::filesystem::path& folder,
                      const report::DrawOptions& options = {});

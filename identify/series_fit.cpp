@@ -228,7 +228,12 @@ SeriesFit fit_series(std::span<const double> t_s, std::span<const double> positi
   } else {
     best = search(all, arms, low, high, options.search_samples);
   }
-  best = descend(all, best.log_gamma, low, high, 40);
+  const auto finite = [&] {
+    return best.log_gamma.size() == arms && best.log_gamma.allFinite() && std::isfinite(best.reduced.ssr) &&
+           best.reduced.linear.allFinite();
+  };
+  if (best.log_gamma.size() == arms && best.log_gamma.allFinite()) best = descend(all, best.log_gamma, low, high, 40);
+  if (!finite()) throw std::domain_error("the record's numbers are too large or too small for sums of their squares");
 
   SeriesFit fit;
   fit.samples = n;

@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <cstring>
 #include <fstream>
+#include <limits>
 #include <system_error>
 
 #include "messages/recording.hpp"
@@ -38,10 +39,53 @@ std::string_view trimmed(std::string_view cell) {
   return cell.substr(first, cell.find_last_not_of(" \t") - first + 1);
 }
 
+/// Null: of a column that no range is known for.
+const PhysicalRange* range_of(std::string_view column) {
+  const auto* found = std::find_if(std::begin(kPhysicalRanges), std::end(kPhysicalRanges),
+                                   [&](const PhysicalRange& r) { return column.ends_with(r.suffix); });
+  return found == std::end(kPhysicalRanges) ? nullptr : found;
+}
+
+double most_of(std::string_view column) {
+  const auto* range = range_of(column);
+  return range == nullptr ? std::numeric_limits<double>::max() : range->most;
+}
+
+std::string shown(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.9g", value);
+  return text;
+}
+
+/// "`force_N` is 1e+300; it lies between -1e+06 and 1e+06 N: ..."
+std::string out_of_range(std::string_view column, double value) {
+  const auto& range = *range_of(column);
+  const std::string unit(range.unit);
+  return "`" + std::string(column) + "` is " + shown(value) + "; it lies between " + shown(-range.most) + " and " + shown(range.most) +
+         " " + unit + ": is the line damaged, or the column in another unit?";
+}
+
+/// What is wrong with the step from one row's time to the next; "" when nothing is.
+std::string wrong_step(double before_s, double now_s) {
+  const double step_s = now_s - before_s;
+  if (step_s >= kShortestStep_s && step_s <= kLongestStep_s) return {};
+  const std::string both = shown(now_s) + " s after " + shown(before_s) + " s";
+  if (step_s == 0.0) return "time stands still: " + both + "; every row has to be later than the one before";
+  if (step_s < 0.0) return "time runs backwards: " + both + "; every row has to be later than the one before";
+  if (step_s < kShortestStep_s) {
+    return "time moves by " + shown(step_s) + " s: " + both + "; no clock is finer than " + shown(kShortestStep_s) +
+           " s, so the time is damaged or in another unit";
+  }
+  return "a gap of " + shown(step_s) + " s: " + both + "; more than " + shown(kLongestStep_s) +
+         " s do not belong to one recording: cut it there, or is the time in another unit?";
+}
+
 class Reader {
  public:
   Reader(const std::filesystem::path& file, std::span<const CsvColumn> columns)
-      : file_(file), columns_(columns), text_(read_whole_file(file)) {}
+      : file_(file), columns_(columns), text_(read_whole_file(file)) {
+    for (const auto& column : columns_) most_.push_back(most_of(column.name));
+  }
 
   void run() {
     const char* p = read_header();
@@ -56,8 +100,13 @@ class Reader {
       ++line_;
       const char* next = parse_row(p, end);
       if (next == nullptr) next = parse_row_carefully(p, end);
-      auto& time = *columns_[0].values;
-      if (!time.empty() && !(row_[0] > time.back())) fail_time(time.back());
+      for (std::size_t c = 0; c < row_.size(); ++c) {
+        if (!(std::abs(row_[c]) <= most_[c])) fail(Fault::kRange, line_, out_of_range(columns_[c].name, row_[c]));
+      }
+      const auto& time = *columns_[0].values;
+      if (!time.empty()) {
+        if (const auto wrong = wrong_step(time.back(), row_[0]); !wrong.empty()) fail(Fault::kTime, line_, wrong);
+      }
       for (std::size_t c = 0; c < row_.size(); ++c) columns_[c].values->push_back(row_[c]);
       p = next;
     }
@@ -67,15 +116,6 @@ class Reader {
  private:
   [[noreturn]] void fail(Fault fault, std::size_t line, const std::string& message) const {
     throw RecordingError(fault, file_, line, message);
-  }
-
-  [[noreturn]] void fail_time(double before) const {
-    const bool repeats = row_[0] == before;
-    char numbers[80];
-    std::snprintf(numbers, sizeof numbers, "%.9g s after %.9g s", row_[0], before);
-    fail(Fault::kTime, line_,
-         std::string(repeats ? "time stands still: " : "time runs backwards: ") + numbers +
-             "; every row has to be later than the one before");
   }
 
   const char* read_header() {
@@ -196,7 +236,7 @@ class Reader {
   const std::filesystem::path& file_;
   std::span<const CsvColumn> columns_;
   std::string text_;
-  std::vector<double> row_;
+  std::vector<double> row_, most_;
   std::size_t line_ = 0;
 };
 
@@ -232,15 +272,22 @@ void check_columns(const std::filesystem::path& file, std::span<const CsvColumnV
                                " rows, `" + std::string(columns[0].name) + "` has " +
                                std::to_string(time.size()));
     }
+    const double most = most_of(column.name);
     for (std::size_t i = 0; i < time.size(); ++i) {
       if (!std::isfinite(column.values[i])) {
         throw RecordingError(Fault::kInconsistent, file, i + 2, "not written: " + name + " is not finite");
+      }
+      if (std::abs(column.values[i]) > most) {
+        throw RecordingError(Fault::kInconsistent, file, i + 2, "not written: " + out_of_range(column.name, column.values[i]));
       }
     }
   }
   for (std::size_t i = 1; i < time.size(); ++i) {
     if (!(time[i] > time[i - 1])) {
       throw RecordingError(Fault::kInconsistent, file, i + 2, "not written: time does not increase");
+    }
+    if (const auto wrong = wrong_step(time[i - 1], time[i]); !wrong.empty()) {
+      throw RecordingError(Fault::kInconsistent, file, i + 2, "not written: " + wrong);
     }
   }
 }

@@ -5,10 +5,13 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
+#include <cmath>
+#include <cstdio>
 #include <fstream>
 #include <sstream>
 #include <system_error>
 
+#include "base/printable.hpp"
 #include "base/toml_reader.hpp"
 #include "messages/csv.hpp"
 
@@ -16,8 +19,10 @@ namespace isorig::messages {
 namespace {
 
 using Fault = RecordingFault;
-constexpr std::array<std::string_view, 5> kOwnKeys{"format", "specimen", "rest_length_mm",
-                                                   "pressurized_rest_length_mm", "nominal_pressure_psi"};
+constexpr std::array<std::string_view, 6> kOwnKeys{
+    "format", "specimen", "rest_length_mm", "pressurized_rest_length_mm", "nominal_pressure_psi", "units"};
+constexpr base::Range kLength{0.0, 1e4, true};
+constexpr base::Range kPressure{-1e3, 1e3};
 
 std::array<CsvColumnView, 3> columns_of(const FrameSamples& f) {
   return {{{"t_s", f.t_s}, {"position_mm", f.position_mm}, {"force_N", f.force_N}}};
@@ -59,11 +64,12 @@ RecordingMetadata parse_metadata(const std::string& text, const std::filesystem:
     RecordingMetadata metadata;
     static_cast<void>(root.string("format"));
     metadata.specimen = root.string("specimen");
-    metadata.rest_length_mm = root.number("rest_length_mm", base::kPositive);
+    metadata.rest_length_mm = root.number("rest_length_mm", kLength);
     if (root.has("pressurized_rest_length_mm")) {
-      metadata.pressurized_rest_length_mm = root.number("pressurized_rest_length_mm", base::kPositive);
+      metadata.pressurized_rest_length_mm = root.number("pressurized_rest_length_mm", kLength);
     }
-    if (root.has("nominal_pressure_psi")) metadata.nominal_pressure_psi = root.number("nominal_pressure_psi");
+    if (root.has("nominal_pressure_psi")) metadata.nominal_pressure_psi = root.number("nominal_pressure_psi", kPressure);
+    if (root.has("units")) metadata.units_stated = root.choice("units", {kRecordingUnits}) == kRecordingUnits;
     document.finish();
     metadata.further_toml = further_text(text);
     return metadata;
@@ -100,6 +106,7 @@ std::string metadata_text(const RecordingMetadata& metadata) {
   if (metadata.nominal_pressure_psi) {
     text += "nominal_pressure_psi = " + toml_number(*metadata.nominal_pressure_psi) + '\n';
   }
+  if (metadata.units_stated) text += "units = \"" + std::string(kRecordingUnits) + "\"\n";
   text += metadata.further_toml;
   if (!text.ends_with('\n')) text += '\n';
   return text;
@@ -128,8 +135,8 @@ void replace_file(const std::filesystem::path& file, const std::string& text) {
 
 RecordingError::RecordingError(RecordingFault fault, std::filesystem::path file, std::size_t line,
                                const std::string& message)
-    : std::runtime_error(file.string() + (line > 0 ? ":" + std::to_string(line) : std::string{}) + ": " +
-                         message),
+    : std::runtime_error(base::printable(file.string()) + (line > 0 ? ":" + std::to_string(line) : std::string{}) + ": " +
+                         base::printable(message)),
       fault_(fault),
       file_(std::move(file)),
       line_(line) {}
@@ -160,6 +167,40 @@ RecordingMetadata read_recording_toml(const std::filesystem::path& file) {
   return parse_metadata(read_whole_file(file), file);
 }
 
+std::string unit_in_doubt(const RecordingMetadata& metadata, const FrameSamples& frame) {
+  if (metadata.units_stated || frame.size() < 2) return {};
+  const auto doubt = [](const std::string& what) {
+    return what + "; is one of the two in another unit? position_mm, rest_length_mm and pressurized_rest_length_mm are in millimetres: "
+                  "convert them, or, if they are, say so in recording.toml: units = \"" + std::string(kRecordingUnits) + "\"";
+  };
+  const auto text = [](double value) {
+    char digits[32];
+    std::snprintf(digits, sizeof digits, "%.3g", value);
+    return std::string(digits);
+  };
+  const double length_mm = std::min(metadata.rest_length_mm, metadata.reference_length_mm());
+  const auto [low, high] = std::ranges::minmax(frame.position_mm);
+  const double stroke_mm = high - low;
+  const std::string of = " of a specimen that is " + text(length_mm) + " mm long";
+  constexpr double kShortest_mm = 1.0, kSmallestShare = 5e-4, kLargestShare = 10.0;
+  if (length_mm < kShortest_mm) return doubt("positions from " + text(low) + " to " + text(high) + " mm" + of);
+  if (low <= -metadata.rest_length_mm || high > kLargestShare * metadata.rest_length_mm) {
+    return doubt("positions from " + text(low) + " to " + text(high) + " mm" + of);
+  }
+  if (stroke_mm >= kSmallestShare * length_mm) return {};
+  // A crosshead that stands still says nothing of units: noise spans some ten times its usual step.
+  std::vector<double> steps;
+  double quantum_mm = stroke_mm;
+  for (std::size_t i = 1; i < frame.size(); ++i) {
+    steps.push_back(std::abs(frame.position_mm[i] - frame.position_mm[i - 1]));
+    if (steps.back() > 0.0) quantum_mm = std::min(quantum_mm, steps.back());
+  }
+  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
+  std::nth_element(steps.begin(), middle, steps.end());
+  if (stroke_mm <= 20.0 * std::max(*middle, quantum_mm)) return {};
+  return doubt("a stroke of " + text(stroke_mm) + " mm, " + text(100.0 * stroke_mm / length_mm) + " %" + of);
+}
+
 Recording read_recording(const std::filesystem::path& folder) {
   std::error_code ignored;
   if (!std::filesystem::is_directory(folder, ignored)) {
@@ -171,6 +212,9 @@ Recording read_recording(const std::filesystem::path& folder) {
   Recording recording;
   recording.metadata = read_recording_toml(folder / "recording.toml");
   recording.frame = read_frame_csv(folder / "frame.csv");
+  if (const auto doubt = unit_in_doubt(recording.metadata, recording.frame); !doubt.empty()) {
+    throw RecordingError(Fault::kUnits, folder / "frame.csv", 0, doubt);
+  }
   // symlink_status: a dangling link is a fault, not a recording without pressure.
   if (std::filesystem::exists(std::filesystem::symlink_status(folder / "pressure.csv", ignored))) {
     recording.pressure = read_pressure_csv(folder / "pressure.csv");

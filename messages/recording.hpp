@@ -25,7 +25,9 @@ enum class RecordingFault {
   kColumns,   ///< a row with too few or too many cells, or an empty line
   kNotNumber,
   kNotFinite,  ///< NaN, infinity, or beyond the range of a double
-  kTime,       ///< time runs backwards or stands still
+  kRange,      ///< beyond what any machine records (messages/csv.hpp)
+  kUnits,      ///< a unit is in doubt, and recording.toml does not state it
+  kTime,       ///< time runs backwards, stands still, creeps or leaps
   kTruncated,
   kInconsistent,  ///< write_recording: what was to be written could not be read back
 };
@@ -46,6 +48,8 @@ class RecordingError : public std::runtime_error {
 };
 
 inline constexpr std::string_view kRecordingFormat = "isorig-recording/1";
+/// What `units` may say in recording.toml: that somebody looked.
+inline constexpr std::string_view kRecordingUnits = "s, mm, N, psi";
 
 struct RecordingMetadata {
   std::string specimen;
@@ -55,6 +59,8 @@ struct RecordingMetadata {
   std::optional<double> nominal_pressure_psi;
   /// All other keys and tables of recording.toml, verbatim with their comments.
   std::string further_toml;
+  /// `units` is there: the columns are what their names say, however odd the numbers look.
+  bool units_stated = false;
 
   /// The length that strain is counted from: pressurized if there is one, else the rest length.
   [[nodiscard]] double reference_length_mm() const noexcept {
@@ -94,7 +100,12 @@ struct Recording {
   [[nodiscard]] std::vector<double> strain() const;  ///< of every row of `frame`
 };
 
-/// Throws RecordingError at the first fault; nothing is half-read.
+/// What makes it doubtful that lengths are in millimetres: a specimen shorter than one, a stroke of a few hundred-
+/// thousandths of the specimen's length (metres read as millimetres), or a crosshead that goes beyond the specimen's
+/// end (micrometres). "" when nothing does, or `units` is stated.
+[[nodiscard]] std::string unit_in_doubt(const RecordingMetadata& metadata, const FrameSamples& frame);
+
+/// Throws RecordingError at the first fault, a unit in doubt included; nothing is half-read.
 [[nodiscard]] Recording read_recording(const std::filesystem::path& folder);
 
 /// One stream alone, as recorded by an instrument with its own clock (what `isorig align` starts from).

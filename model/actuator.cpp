@@ -3,11 +3,15 @@
 #include <stdexcept>
 
 namespace isorig::model {
+namespace {
+constexpr double kLawEnd = 1.25;  // of the pressure at which ML was measured
+}  // namespace
 
 Actuator::Actuator(const ActuatorParameters& p)
     : initial_length_mm_(p.initial_length_mm),
       contraction_mm_(p.initial_length_mm - p.minimum_length_mm),
       inverse_reference_1_psi_(1.0 / p.minimum_length_psi),
+      law_end_psi_(kLawEnd * p.minimum_length_psi),
       exponent_(p.contraction_exponent),
       quadratic_(p.contraction_exponent == 2.0),
       braid_(p.initial_length_mm, p.mesh_diameter_mm, p.braid_angle_deg) {
@@ -31,14 +35,14 @@ Actuator::Actuator(const ActuatorParameters& p)
 SlseParameters Actuator::parameters(std::size_t element, double pressure_psi) const noexcept {
   PressureTable::Values v;
   table_.evaluate(pressure_psi, v);
-  if (element == 0) return SlseParameters::from_ratios(v[0], v[1], v[2]);
+  if (element == 0) return SlseParameters::from_ratios(v[0] * stiffening(pressure_psi), v[1], v[2]);
   return SlseParameters::from_ratios(v[0] * v[3], v[4], v[5]);
 }
 
 void Actuator::set_parameters(double pressure_psi) noexcept {
   PressureTable::Values v;
   table_.evaluate(pressure_psi, v);
-  stack_[0].parameters = SlseParameters::from_ratios(v[0], v[1], v[2]);
+  stack_[0].parameters = SlseParameters::from_ratios(v[0] * stiffening(pressure_psi), v[1], v[2]);
   if (stack_.size() > 1) stack_[1].parameters = SlseParameters::from_ratios(v[0] * v[3], v[4], v[5]);
 }
 

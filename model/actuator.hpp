@@ -35,7 +35,9 @@ struct ActuatorParameters {
 /// Position x and strain e: extension positive; F: tension positive [N]; p: gauge [psi], negative counts as
 /// 0. Both the paper's strain and its speeds are relative to the pressurized rest length L0(p). Between IL
 /// and ML the paper gives no curve: n = 1.85 is chosen because it leaves 1.3 to 1.9 mm of contraction at
-/// 5 psi, where the paper has to limit its shortening to 1 mm. The elements are linear in strain, as in the
+/// 5 psi, where the paper has to limit its shortening to 1 mm. Beyond 1.25 times the pressure of ML (25 psi) that
+/// power would shorten the actuator to nothing, so L0 stays there and the McKibben's k1 grows with p: at a fixed
+/// length a braid pulls in proportion to the pressure (Chou and Hannaford 1996, eq. 5). The elements are linear in strain, as in the
 /// paper, so the actuator pushes when it is shorter than L0 (a real one buckles), and the response is
 /// symmetrical (the measured one is stiffer in extension): effects for that are model/effects/, which the
 /// simulated rig composes with this actuator (sim/physics.hpp).
@@ -52,6 +54,7 @@ class Actuator {
 
   [[nodiscard]] double rest_length_mm(double pressure_psi) const noexcept {
     if (!(pressure_psi > 0.0)) return initial_length_mm_;
+    if (pressure_psi > law_end_psi_) pressure_psi = law_end_psi_;
     const double u = pressure_psi * inverse_reference_1_psi_;
     return initial_length_mm_ - contraction_mm_ * (quadratic_ ? u * u : std::pow(u, exponent_));
   }
@@ -71,10 +74,15 @@ class Actuator {
 
  private:
   void set_parameters(double pressure_psi) noexcept;
+  /// Of k1, against the table's constant end.
+  [[nodiscard]] double stiffening(double pressure_psi) const noexcept {
+    return pressure_psi > law_end_psi_ ? pressure_psi / law_end_psi_ : 1.0;
+  }
 
   double initial_length_mm_ = 0.0;
   double contraction_mm_ = 0.0;
   double inverse_reference_1_psi_ = 0.0;
+  double law_end_psi_ = 0.0;
   double exponent_ = 2.0;
   bool quadratic_ = true;
   Braid braid_;

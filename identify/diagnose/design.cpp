@@ -5,6 +5,7 @@
 #include <functional>
 #include <optional>
 
+#include "base/parallel.hpp"
 #include "base/toml_reader.hpp"
 #include "identify/diagnose/menu.hpp"
 #include "identify/diagnose/rehearse.hpp"
@@ -119,7 +120,7 @@ class Designer {
     noise_.white_N = std::max(noise_.white_N, search.instrument().white_N);
     const Problem problem(recorded_, noise_);
     rivals_.resize(tied.size());
-    parallel_for(tied.size(), threads_, [&](std::size_t i) {
+    base::parallel_for(tied.size(), threads_, [&](std::size_t i) {
       Rival& rival = rivals_[i];
       rival.hypothesis = &selection.pool[tied[i]];
       const Fit fit = problem.fit(rival.hypothesis->fit.spec, 8);
@@ -189,7 +190,7 @@ class Designer {
     const Series fresh = rehearse(item.plan, reference_, sampling_);
     Score out;
     out.distance.assign(pairs_.size(), 0.0);
-    parallel_for(pairs_.size(), threads_, [&](std::size_t p) {
+    base::parallel_for(pairs_.size(), threads_, [&](std::size_t p) {
       if (!counts[p]) return;
       std::vector<Series> run{fresh};
       const Eigen::VectorXd force = Problem(run, noise_).predict(rivals_[pairs_[p].truth].spec);
@@ -358,7 +359,7 @@ Design design_experiment(const Search& search, const Selection& selection, const
 
   std::vector<MenuItem> items = menu(designer.limits());
   std::vector<std::optional<Score>> scores(items.size());
-  parallel_for(items.size(), threads, [&](std::size_t i) { scores[i] = designer.score(items[i]); });
+  base::parallel_for(items.size(), threads, [&](std::size_t i) { scores[i] = designer.score(items[i]); });
   std::vector<Rated> rated;
   for (std::size_t i = 0; i < items.size(); ++i)
     if (scores[i]) rated.push_back({std::move(items[i]), std::move(*scores[i])});

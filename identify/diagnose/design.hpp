@@ -91,7 +91,7 @@ void describe_inseparable(Design& design);
 [[nodiscard]] nlohmann::ordered_json experiment_json(const Design& design);
 [[nodiscard]] nlohmann::ordered_json inseparable_json(const Design& design);
 
-/// For report.html: what is tied, the experiment, what it is expected to show, and what else was considered.
+/// For the report: what is tied, the experiment, what it is expected to show, and what else was considered.
 void write_design(const Design& design, report::Page& page);
 
 }  // namespace isorig::identify

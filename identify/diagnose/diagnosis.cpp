@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
+#include "base/parallel.hpp"
 #include "identify/diagnose/calibration.hpp"
 #include "identify/diagnose/filling.hpp"
 #include "identify/diagnose/laws.hpp"
@@ -70,7 +71,7 @@ void place_slips(model::ModelSpec& spec, std::span<const Series> series,
 double left_out_rmse(const Problem& problem, const model::ModelSpec& spec, unsigned threads) {
   constexpr int kFolds = 4;
   std::vector<double> squares(kFolds, 0.0), counts(kFolds, 0.0);
-  parallel_for(kFolds, threads, [&](std::size_t fold) {
+  base::parallel_for(kFolds, threads, [&](std::size_t fold) {
     std::vector<Series> kept(problem.series().begin(), problem.series().end());
     std::vector<std::vector<double>> weight;
     int block = 0;
@@ -133,22 +134,28 @@ void note_equivalences(const model::ModelSpec& spec, Diagnosis& diagnosis) {
         "here are those of specimen and load train together.");
 }
 
-void note_pressures(std::span<const Series> series, Diagnosis& diagnosis) {
-  double low = HUGE_VAL, high = 0.0;
-  for (const Series& each : series) {
-    const double psi = each.recording.metadata.nominal_pressure_psi.value_or(0.0);
-    low = std::min(low, psi);
-    high = std::max(high, psi);
+void warn_of_pressures(std::span<const Series> series, Diagnosis& diagnosis) {
+  std::vector<double> nominal_psi;
+  for (const Series& each : series) nominal_psi.push_back(each.recording.metadata.nominal_pressure_psi.value_or(0.0));
+  if (auto text = mixed_pressures(nominal_psi); !text.empty()) diagnosis.warnings.push_back(std::move(text));
+}
+
+/// A verdict on numbers that are none is no verdict.
+void refuse_unless_finite(const Diagnosis& d) {
+  bool finite = true;
+  for (const double value : {d.noise_N, d.noise_scale, d.unexplained, d.nominal_errors.train_rmse_N, d.nominal_errors.heldout_rmse_N,
+                             d.model_errors.train_rmse_N, d.model_errors.heldout_rmse_N}) {
+    finite = finite && std::isfinite(value);
   }
-  if (high - low <= 0.05 * high) return;
-  char text[240];
-  std::snprintf(
-      text, sizeof text,
-      "The recordings were made at nominal pressures from %.3g to %.3g psi and are fitted with one "
-      "material. An actuator's stiffness follows its pressure: diagnose each pressure by itself, unless "
-      "that is what is to be shown.",
-      low, high);
-  diagnosis.notes.emplace_back(text);
+  for (const MissingEffect& missing : d.missing) {
+    finite = finite && std::isfinite(missing.probability);
+    for (const NamedValue& value : missing.parameters) finite = finite && std::isfinite(value.value);
+  }
+  if (!finite) {
+    throw std::domain_error(
+        "the diagnosis did not come out in finite numbers, so there is no verdict; look at the recordings' forces and "
+        "positions for values that cannot be meant");
+  }
 }
 
 /// Filling stretches the specimen, and its arms keep some of that force when the rows of the filling are
@@ -177,6 +184,20 @@ std::string_view name_of(Verdict verdict) {
       return "unknown_physics";
   }
   return "";
+}
+
+std::string mixed_pressures(std::span<const double> nominal_psi) {
+  if (nominal_psi.empty()) return {};
+  const auto [low, high] = std::ranges::minmax(nominal_psi);
+  if (high - low <= 0.05 * high) return {};
+  char text[240];
+  std::snprintf(
+      text, sizeof text,
+      "The recordings were made at nominal pressures from %.3g to %.3g psi and are fitted with one "
+      "material. An actuator's stiffness follows its pressure: diagnose each pressure by itself, unless "
+      "that is what is to be shown.",
+      low, high);
+  return text;
 }
 
 Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::string> names,
@@ -321,7 +342,8 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   out.design = design_experiment(search, selection, options.design, options.threads);
   for (const Inseparable& pair : out.design.inseparable) out.notes.push_back(pair.text);
   note_equivalences(out.nominal, out);
-  note_pressures(study.series, out);
+  warn_of_pressures(study.series, out);
+  refuse_unless_finite(out);
   return study;
 }
 
@@ -408,6 +430,7 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
                              {"log_evidence", one.log_evidence},
                              {"excess", one.excess},
                              {"at_bound", one.at_bound}});
+  json["warnings"] = d.warnings;
   json["notes"] = d.notes;
   return json;
 }

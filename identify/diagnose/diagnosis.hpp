@@ -67,6 +67,7 @@ struct Diagnosis {
   std::size_t rows = 0;            ///< independent readings (bins) that the fits rest on
   std::vector<Place> where;
   std::vector<DataFault> faults;
+  std::vector<std::string> warnings;  ///< what changes the meaning of all of it; stands first, everywhere
   std::vector<std::string> notes;  ///< equivalences, limits of what was shown, what stays unexplained
   double noise_N = 0.0;
   NoiseModel instrument;
@@ -97,6 +98,11 @@ struct Study {
   Diagnosis diagnosis;
 };
 
+/// What the recordings' nominal pressures say against diagnosing them together; "" when nothing.
+[[nodiscard]] std::string mixed_pressures(std::span<const double> nominal_psi);
+
+/// Throws std::invalid_argument for recordings that cannot be judged, std::domain_error when the numbers that the
+/// verdict rests on do not come out finite.
 [[nodiscard]] Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::string> names,
                              const model::ModelSpec& nominal, const DiagnosisOptions& options);
 

@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <map>
 
+#include "base/parallel.hpp"
 #include "identify/diagnose/hypothesis.hpp"
 
 namespace isorig::identify {
@@ -201,7 +202,7 @@ HeldoutStudy study_heldout(const Problem& problem, const model::ModelSpec& nomin
     }
   }
   std::vector<Fold> folds(wanted.size());
-  parallel_for(wanted.size(), threads,
+  base::parallel_for(wanted.size(), threads,
                [&](std::size_t i) { folds[i] = leave_out(problem, nominal, model, bins[i], wanted[i]); });
   HeldoutStudy study;
   for (const Fold& fold : folds) study.left_out.push_back(fold.what);

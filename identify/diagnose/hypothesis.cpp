@@ -4,8 +4,8 @@
 #include <array>
 #include <cmath>
 #include <map>
-#include <thread>
 
+#include "base/parallel.hpp"
 #include "model/catalogue.hpp"
 #include "model/effects/effects.hpp"
 #include "model/elements.hpp"
@@ -96,20 +96,6 @@ std::string Hypothesis::key() const {
   return key.empty() ? "nominal" : key;
 }
 
-void parallel_for(std::size_t count, unsigned threads, const std::function<void(std::size_t)>& work) {
-  if (threads <= 1 || count <= 1) {
-    for (std::size_t i = 0; i < count; ++i) work(i);
-    return;
-  }
-  std::atomic<std::size_t> next{0};
-  const auto run = [&] {
-    for (std::size_t i = next++; i < count; i = next++) work(i);
-  };
-  std::vector<std::jthread> pool;
-  for (unsigned t = 1; t < threads; ++t) pool.emplace_back(run);
-  run();
-}
-
 Search::Search(std::span<const Series> series, const NoiseModel& instrument, unsigned threads)
     : series_(series), instrument_problem_(series, instrument), threads_(threads) {}
 
@@ -138,7 +124,7 @@ Hypothesis Search::nominal(const ModelSpec& nominal) const {
     }
   }
   std::vector<Fit> fits(specs.size());
-  parallel_for(specs.size(), threads_,
+  base::parallel_for(specs.size(), threads_,
                [&](std::size_t i) { fits[i] = instrument_problem_.fit(specs[i], 20); });
   Hypothesis best;
   best.fit = *std::ranges::min_element(fits, {}, &Fit::chi2);
@@ -290,7 +276,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
     }
   }
   // A few steps from every start, then all the way from the best of each effect.
-  parallel_for(all.size(), threads_,
+  base::parallel_for(all.size(), threads_,
                [&](std::size_t i) { all[i].fit = instrument_problem_.fit(all[i].spec, 4); });
   std::ranges::stable_sort(all, {}, [](const Trial& t) { return t.fit.chi2; });
   std::vector<Trial> chosen;
@@ -303,13 +289,13 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
     ++taken;
     chosen.push_back(std::move(trial));
   }
-  parallel_for(chosen.size(), threads_, [&](std::size_t i) {
+  base::parallel_for(chosen.size(), threads_, [&](std::size_t i) {
     Trial& trial = chosen[i];
     trial.fit = instrument_problem_.fit(trial.fit.spec, 30);
     if (trial.effect == &model::effect::grip_slip()) refine_slip(trial);
   });
   std::vector<Hypothesis> out(chosen.size());
-  parallel_for(chosen.size(), threads_, [&](std::size_t i) {
+  base::parallel_for(chosen.size(), threads_, [&](std::size_t i) {
     Hypothesis& hypothesis = out[i];
     hypothesis.effects = base.effects;
     hypothesis.effects.push_back(chosen[i].effect);

@@ -1,6 +1,4 @@
 #pragma once
-#include <atomic>
-#include <functional>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -21,9 +19,6 @@ struct Hypothesis {
   [[nodiscard]] bool has(const model::Physics& effect) const;
   [[nodiscard]] std::string key() const;  ///< "coulomb_friction+zero_drift"; "nominal"
 };
-
-/// Calls `work(i)` for i < count on `threads` threads.
-void parallel_for(std::size_t count, unsigned threads, const std::function<void(std::size_t)>& work);
 
 class Search {
  public:

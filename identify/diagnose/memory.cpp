@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "base/parallel.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
 
@@ -135,7 +136,7 @@ std::vector<double> left_out_squares(const Problem& problem, const ModelSpec& sp
   constexpr int kFolds = 4;
   const std::vector<int> block = blocks_of(problem.series());
   std::vector<double> squares(static_cast<std::size_t>(block.back()) + 1, 0.0);
-  parallel_for(kFolds, threads, [&](std::size_t fold) {
+  base::parallel_for(kFolds, threads, [&](std::size_t fold) {
     std::vector<Series> kept(problem.series().begin(), problem.series().end());
     std::size_t at = 0;
     for (Series& each : kept)
@@ -182,7 +183,7 @@ std::optional<MemoryDescription> describe_memory(const Search& search, const Sel
     const std::vector<Candidate> more = starts(*base, duration_s);
     all.insert(all.end(), more.begin(), more.end());
   }
-  parallel_for(all.size(), threads, [&](std::size_t i) {
+  base::parallel_for(all.size(), threads, [&](std::size_t i) {
     if (all[i].spec.parts.back().law->name == "branch") scan_branch(problem, all[i]);
     const Fit fit = problem.fit(all[i].spec, 4);
     all[i].spec = fit.spec;
@@ -198,7 +199,7 @@ std::optional<MemoryDescription> describe_memory(const Search& search, const Sel
         }))
       finalists.push_back(one);
   }
-  parallel_for(finalists.size(), threads, [&](std::size_t i) {
+  base::parallel_for(finalists.size(), threads, [&](std::size_t i) {
     Fit fit = problem.fit(finalists[i].spec, 30);
     if (finalists[i].spec.parts.back().law->name == "branch") {
       // Thresholds once more with the rest settled.

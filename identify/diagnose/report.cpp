@@ -86,6 +86,7 @@ void write_diagnosis_report(const Study& study, const std::filesystem::path& fol
   const Diagnosis& d = study.diagnosis;
   report::Page page("Diagnosis of " +
                     (study.series.empty() ? std::string() : study.series[0].recording.metadata.specimen));
+  for (const std::string& warning : d.warnings) page.note(warning);
   page.paragraph(verdict_text(d));
   if (!d.missing.empty()) {
     std::vector<std::vector<std::string>> rows;
@@ -193,7 +194,7 @@ void write_diagnosis_report(const Study& study, const std::filesystem::path& fol
                   number_text(100.0 * d.unexplained, 3) + " %.");
   page.list(items);
   for (const std::string& note : d.notes) page.note(note);
-  page.write(folder, {.png = false});
+  page.write(folder, {.png = false}, "diagnosis-report.html");
 }
 
 }  // namespace isorig::identify

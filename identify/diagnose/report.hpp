@@ -5,7 +5,7 @@
 
 namespace isorig::identify {
 
-/// `folder`/report.html: for people, with figures. Throws what report::Page::write throws.
+/// `folder`/diagnosis-report.html: for people, with figures. Throws what report::Page::write throws.
 void write_diagnosis_report(const Study& study, const std::filesystem::path& folder);
 
 }  // namespace isorig::identify

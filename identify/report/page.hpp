@@ -25,7 +25,7 @@ class Page {
   /// Remembers the figure and its place; drawn by write().
   void figure(Figure figure);
 
-  /// Draws all figures into `folder`/figures and writes `folder`/report.html (through a temporary name).
+  /// Draws all figures into `folder`/figures and writes `folder`/`file_name` (through a temporary name).
   /// Throws what draw() throws, and std::filesystem::filesystem_error or std::runtime_error when it cannot
   /// write.
   void write(const std::filesystem::path& folder, const DrawOptions& options = {},

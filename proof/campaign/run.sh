@@ -7,7 +7,7 @@
 #   proof/campaign/run.sh --reduced OUT    the same with 3 actuators: a quarter of that
 #   --jobs N   runs at a time (default: one per processor);  --keep   also the runs themselves (0.4 GB each)
 #
-# OUT/report.html is the report, OUT/recordings/ what it was made from. ISORIG names the program (build/bin/isorig).
+# OUT/campaign-report.html is the report, OUT/recordings/ what it was made from. ISORIG names the program (build/bin/isorig).
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 root=$(cd "$here/../.." && pwd)

@@ -2,8 +2,8 @@
 
 #include <nlohmann/json.hpp>
 
+#include "base/parallel.hpp"
 #include "messages/csv.hpp"
-#include "proof/parallel.hpp"
 #include "proof/sealed.hpp"
 
 namespace isorig::proof {
@@ -49,7 +49,7 @@ std::string generate_study(const StudyOptions& options) {
   const std::vector<CasePlan> plans = plan_study(options.seed, options.cases);
   std::vector<Json> labels(plans.size());
   std::vector<Json> listed(plans.size());
-  for_each_in_parallel(plans.size(), options.threads, [&](std::size_t i) {
+  base::parallel_for(plans.size(), options.threads, [&](std::size_t i) {
     const Case c = draw_case(options.seed, i, plans[i]);
     const MadeRecording train = record(c, Part::kTrain, options.seed);
     const MadeRecording heldout = record(c, Part::kHeldout, options.seed);

@@ -2,11 +2,11 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "base/parallel.hpp"
 #include "messages/csv.hpp"
 #include "messages/recording.hpp"
 #include "proof/baselines/baseline.hpp"
 #include "proof/commands.hpp"
-#include "proof/parallel.hpp"
 #include "proof/scoring/runner.hpp"
 #include "proof/scoring/table.hpp"
 #include "proof/sealed.hpp"
@@ -76,7 +76,7 @@ void score_study(const StudyPaths& paths) {
   std::vector<Score> scores{score("isorig", labels, outcomes)};
   if (paths.baselines) {
     std::vector<std::vector<Outcome>> by_method(baselines().size(), std::vector<Outcome>(labels.size()));
-    for_each_in_parallel(labels.size(), paths.run.jobs, [&](std::size_t i) {
+    base::parallel_for(labels.size(), paths.run.jobs, [&](std::size_t i) {
       const auto each = run_baselines(messages::read_recording(paths.study / labels[i].name / "train"),
                                       messages::read_recording(paths.study / labels[i].name / "heldout"),
                                       labels[i].nominal, truth[i], labels[i].name);

@@ -12,8 +12,8 @@
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
+#include "base/parallel.hpp"
 #include "messages/recording.hpp"
-#include "proof/parallel.hpp"
 #include "proof/sealed.hpp"
 
 extern char** environ;
@@ -79,7 +79,7 @@ void run_case(const CaseToRun& one, const std::filesystem::path& folder, const R
 
 void run_cases(const std::vector<CaseToRun>& cases, const std::filesystem::path& results,
                const RunOptions& options) {
-  for_each_in_parallel(cases.size(), options.jobs,
+  base::parallel_for(cases.size(), options.jobs,
                        [&](std::size_t i) { run_case(cases[i], results / cases[i].name, options); });
 }
 

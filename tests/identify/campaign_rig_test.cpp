@@ -33,7 +33,7 @@ TEST(CampaignOnTheSimulatedRig, ReportsWhatThePaperReports) {
   for (const char* figure :
        {"parameter_sweeps", "ramps_overlaid", "force_velocity_curves", "comparison_urethane1"})
     EXPECT_TRUE(std::filesystem::exists(out / "figures" / (std::string(figure) + ".svg"))) << figure;
-  EXPECT_TRUE(std::filesystem::exists(out / "report.html"));
+  EXPECT_TRUE(std::filesystem::exists(out / "campaign-report.html"));
   std::filesystem::remove_all(out);
 }
 

@@ -97,7 +97,7 @@ TEST(Campaign, ReportHoldsTheFiguresOfThePaper) {
   report::DrawOptions draw;
   draw.png = false;
   write_campaign_report(analyse_campaign(recordings()), folder, "Simulated <here>.", draw);
-  std::ifstream in(folder / "report.html");
+  std::ifstream in(folder / "campaign-report.html");
   const std::string html(std::istreambuf_iterator<char>(in), {});
   EXPECT_THAT(html, ::testing::HasSubstr("Simulated &lt;here&gt;."));
   for (const char* name :

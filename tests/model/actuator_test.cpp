@@ -115,5 +115,23 @@ TEST(Actuator, RefusesParametersThatMakeNone) {
   EXPECT_THROW(Actuator{p}, std::invalid_argument);
 }
 
+TEST(Actuator, BeyondItsTableItPullsInProportionToThePressure) {
+  Actuator actuator(parameters());
+  const double at_25_N = actuator.settle(0.0, 25.0);
+  EXPECT_NEAR(actuator.settle(0.0, 25.0 + 1e-9), at_25_N, 1e-6);
+  // The sheath has no pressure in it: with it the whole grows less than the McKibben alone.
+  ActuatorParameters bare = parameters();
+  bare.sheath = {};
+  Actuator plain(bare);
+  const double plain_25_N = plain.settle(0.0, 25.0);
+  for (const double psi : {30.0, 45.0, 60.0, 90.0}) {
+    EXPECT_NEAR(plain.settle(0.0, psi), plain_25_N * psi / 25.0, 1e-9) << psi;
+    EXPECT_GT(actuator.settle(0.0, psi), at_25_N);
+    EXPECT_LT(actuator.settle(0.0, psi), at_25_N * psi / 25.0);
+    EXPECT_EQ(actuator.rest_length_mm(psi), actuator.rest_length_mm(25.0));
+  }
+  EXPECT_LT(plain.settle(0.0, 45.0), 300.0);  // newtons, where the bare power law gave millions
+}
+
 }  // namespace
 }  // namespace isorig::model
