@@ -3,10 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <map>
 #include <numbers>
 #include <set>
 #include <utility>
 
+#include "protocol/budget.hpp"
 #include "protocol/evaluator.hpp"
 #include "protocol/force_slope.hpp"
 #include "protocol/recording.hpp"
@@ -19,8 +21,6 @@ namespace {
 using base::Range;
 using syntax::Node;
 
-/// More than this is a slip of the pen, not an experiment (the paper's protocol has 880 steps).
-constexpr std::size_t kMaxSteps = 100'000;
 constexpr double kWeek_s = 7 * 24 * 3600.0;
 constexpr double kYear_s = 365 * 24 * 3600.0;
 /// Limits are decimal numbers, positions are sums of them.
@@ -33,6 +33,7 @@ class Compiler : private Evaluator {
       : Evaluator(protocol.constants), limits_(limits), plan_(plan) {}
 
   void run(const syntax::Protocol& protocol, const base::TomlTable& root) {
+    if (!within_budget(protocol.steps, root)) return;
     walk(protocol.steps);
     if (plan_.steps.empty()) {
       root.error("steps", "the protocol has no steps");
@@ -60,7 +61,6 @@ class Compiler : private Evaluator {
  private:
   void walk(const std::vector<Node>& nodes) {
     for (const auto& node : nodes) {
-      if (too_long_) return;
       if (node.is_repeat) {
         repeat(node);
       } else {
@@ -70,14 +70,14 @@ class Compiler : private Evaluator {
   }
 
   void repeat(const Node& node) {
-    for (const auto& row : node.rows) {
-      const std::size_t outer = bind(row);
+    const auto turns = static_cast<std::size_t>(node.turns());
+    for (std::size_t turn = 0; turn < turns; ++turn) {
+      const std::size_t outer = bind(node.bindings_of(turn));
       const auto first = static_cast<std::uint32_t>(plan_.steps.size());
       if (node.is_session) open_session(&node);
       walk(node.body);
       if (node.is_session) close_session(node.table, first, node.label);
       unbind(outer);
-      if (too_long_) return;
     }
   }
 
@@ -114,10 +114,9 @@ class Compiler : private Evaluator {
     session.first_step = first;
     session.last_step = static_cast<std::uint32_t>(plan_.steps.size() - 1);
     if (session.repetition == 0) {
-      session.repetition = static_cast<std::int32_t>(
-          std::count_if(plan_.sessions.begin(), plan_.sessions.end(),
-                        [&](const Session& s) { return s.pressure_psi == session.pressure_psi; }));
+      session.repetition = sessions_at_psi_[session.pressure_psi] + 1;
     }
+    ++sessions_at_psi_[session.pressure_psi];
     for (auto it = begin; it != plan_.steps.end(); ++it) it->repetition = session.repetition;
     session.label = "repetition " + std::to_string(session.repetition) + ", " +
                     number_text(session.pressure_psi) + " psi";
@@ -137,12 +136,6 @@ class Compiler : private Evaluator {
   }
 
   void step(const Node& node) {
-    if (plan_.steps.size() >= kMaxSteps) {
-      note(node.table, {},
-           "more than " + std::to_string(kMaxSteps) + " steps; shorten the repeats around this one");
-      too_long_ = true;
-      return;
-    }
     begin_step();
     Step out;
     out.index = static_cast<std::uint32_t>(plan_.steps.size());
@@ -361,7 +354,7 @@ class Compiler : private Evaluator {
   double position_mm_ = 0.0;
   double setpoint_psi_ = 0.0;
   bool in_session_ = false;
-  bool too_long_ = false;
+  std::map<double, std::int32_t> sessions_at_psi_;
   std::set<std::string> session_labels_;
 };
 

@@ -17,6 +17,11 @@ std::string demand(base::Range range) {
 
 }  // namespace
 
+namespace {
+/// Each turn of a repeat may have its own; nobody reads a thousand.
+constexpr std::size_t kMaxNotes = 1000;
+}  // namespace
+
 std::size_t Evaluator::bind(const Bindings& row) {
   const std::size_t outer = bindings_.size();
   bindings_.insert(bindings_.end(), row.begin(), row.end());
@@ -60,6 +65,7 @@ std::string Evaluator::said(const syntax::Node& node, std::string_view key, doub
 }
 
 void Evaluator::note(const base::TomlTable& table, std::string_view key, std::string message) {
+  if (noted_.size() >= kMaxNotes) return;
   const auto at = table.where(key);
   if (noted_.insert({at.line, at.column, message}).second) table.error(key, std::move(message));
 }

@@ -7,6 +7,9 @@
 #include <cstdio>
 
 namespace isorig::protocol {
+namespace {
+constexpr std::size_t kMaxFactors = 32;
+}
 
 const Binding* find(const Bindings& bindings, std::string_view name) noexcept {
   for (const auto& binding : bindings) {
@@ -58,6 +61,10 @@ std::optional<Expression> Expression::parse(std::string_view text, std::string& 
     if (word.empty()) {
       error = text.empty() ? "a number or a variable is missing at its end"
                            : "a number or a variable is needed before `" + std::string(text) + "`";
+      return std::nullopt;
+    }
+    if (out.factors_.size() >= kMaxFactors) {
+      error = "more than " + std::to_string(kMaxFactors) + " factors; bind a part of it to a name";
       return std::nullopt;
     }
     Factor factor;

@@ -6,14 +6,24 @@
 #include <limits>
 #include <utility>
 
+#include "base/printable.hpp"
+
 namespace isorig::protocol::syntax {
 namespace {
+
+/// Every name in force is looked through for every value: many would make a long file slow.
+constexpr std::size_t kMaxNames = 64;
+constexpr std::size_t kMaxNameBytes = 64;
+constexpr std::size_t kMaxLabelBytes = 200;
 
 /// A label goes to terminals, logs and file names: one line of printable text.
 std::string read_label(const base::TomlTable& table) {
   auto label = table.string_or("label", {});
-  if (std::any_of(label.begin(), label.end(), [](unsigned char c) { return c < 0x20 || c == 0x7f; })) {
-    table.error("label", "`label` holds a control character; one line of plain text is needed");
+  if (label.size() > kMaxLabelBytes) {
+    table.error("label", "`label` has " + std::to_string(label.size()) + " bytes; at most " + std::to_string(kMaxLabelBytes) + " are taken");
+    label.clear();
+  } else if (base::printable(label) != label) {
+    table.error("label", "`label` holds a control character or a mark that hides text; one line of plain text is needed");
     label.clear();
   }
   return label;
@@ -31,6 +41,7 @@ std::string list(const Names& names) {
 /// Keys in the order in which they are written: TOML tables have none, but people read them so.
 Names keys_as_written(const TomlTable& table) {
   auto keys = table.keys();
+  if (keys.size() > 2 * kMaxNames) return keys;  // too many, and about to be refused as such
   std::sort(keys.begin(), keys.end(), [&](const std::string& a, const std::string& b) {
     const auto at_a = table.where(a), at_b = table.where(b);
     return std::pair(at_a.line, at_a.column) < std::pair(at_b.line, at_b.column);
@@ -41,6 +52,15 @@ Names keys_as_written(const TomlTable& table) {
 bool usable_name(const TomlTable& table, const std::string& name, const Names& scope) {
   if (!is_name(name)) {
     table.error(name, "`" + name + "` cannot name a variable; use letters, digits and _ (with the unit)");
+    return false;
+  }
+  if (name.size() > kMaxNameBytes) {
+    table.error(name, "`" + name.substr(0, 20) + "...` has " + std::to_string(name.size()) + " bytes; at most " +
+                          std::to_string(kMaxNameBytes) + " are taken for a name");
+    return false;
+  }
+  if (scope.size() >= kMaxNames) {
+    table.error(name, "`" + name + "` is one name too many; at most " + std::to_string(kMaxNames) + " are bound at a time");
     return false;
   }
   if (std::find(scope.begin(), scope.end(), name) != scope.end()) {
@@ -102,22 +122,14 @@ void read_values(Node& node, Need need, const Names& scope, std::initializer_lis
 std::vector<Node> read_steps(const TomlTable& table, const Names& scope, bool in_session);
 
 void read_rows_of_lists(Node& node, const TomlTable& lists, Names& scope) {
-  node.rows = {Bindings{}};
   for (const auto& name : keys_as_written(lists)) {
     const bool usable = usable_name(lists, name, scope);
-    const auto values =
+    auto values =
         lists.type_of(name) == "array" ? lists.numbers(name) : std::vector{lists.number(name)};
     if (values.empty()) lists.error(name, "`" + name + "` has no values; give at least one number");
     if (!usable || values.empty()) continue;
     scope.push_back(name);
-    std::vector<Bindings> product;  // the first written varies slowest
-    for (const auto& row : node.rows) {
-      for (const double value : values) {
-        product.push_back(row);
-        product.back().push_back({name, value});
-      }
-    }
-    node.rows = std::move(product);
+    node.lists.push_back({name, std::move(values)});
   }
 }
 
@@ -172,17 +184,13 @@ void read_repeat(Node& node, Names scope, bool in_session) {
   } else if (const auto lists = table.table_if("for")) {
     read_rows_of_lists(node, *lists, scope);
   } else {
-    node.rows = {Bindings{}};
+    node.times = static_cast<double>(times);
     if (type.empty() && !table.has("times") && !table.has("unit")) {
       table.error({}, "a repeat needs `for` (values to go through) or `times`");
     }
   }
   if (!type.empty() && table.has("times")) {
     table.error("times", "give either `for` or `times`; put one repeat into another for both");
-  }
-  const auto once = node.rows;
-  for (std::int64_t i = 1; i < times && type.empty(); ++i) {
-    node.rows.insert(node.rows.end(), once.begin(), once.end());
   }
   if (node.is_session) {
     // Its own name is the default; a label may use it.
@@ -284,6 +292,24 @@ RecordingPolicy read_recording(const TomlTable& table) {
 }
 
 }  // namespace
+
+double Node::turns() const {
+  if (!rows.empty()) return static_cast<double>(rows.size());
+  double turns = times;
+  for (const auto& list : lists) turns *= static_cast<double>(list.values.size());
+  return turns;
+}
+
+Bindings Node::bindings_of(std::size_t index) const {
+  if (!rows.empty()) return rows[index];
+  Bindings row(lists.size());
+  for (std::size_t i = lists.size(); i-- > 0;) {
+    const auto& list = lists[i].values;
+    row[i] = {lists[i].name, list[index % list.size()]};
+    index /= list.size();
+  }
+  return row;
+}
 
 Protocol parse(const TomlTable& root) {
   Protocol out;

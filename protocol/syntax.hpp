@@ -31,10 +31,21 @@ struct Node {
   OnTimeout on_timeout = OnTimeout::kStop;
   WaveShape shape = WaveShape::kTriangle;
 
-  // A repeat: the body once per row, with the row's bindings.
+  // A repeat: the body once per turn.
   bool is_session = false;
-  std::vector<Bindings> rows;
+  struct List {
+    std::string name;
+    std::vector<double> values;
+  };
+  std::vector<List> lists;      ///< every combination is a turn; the first varies slowest
+  std::vector<Bindings> rows;   ///< or each of these
+  double times = 1.0;           ///< or so many that bind nothing
   std::vector<Node> body;
+
+  /// A double: lists multiply beyond any whole number.
+  [[nodiscard]] double turns() const;
+  /// What turn `index` < turns() binds.
+  [[nodiscard]] Bindings bindings_of(std::size_t index) const;
 };
 
 struct Protocol {
