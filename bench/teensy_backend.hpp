@@ -11,6 +11,7 @@ namespace isorig::bench {
 class TeensyBackend final : public pressure::Device {
  public:
   explicit TeensyBackend(const clock::Clock& clock) : clock_(clock), next_us_(clock.now_ns() / 1000) {}
+  void set_limits(const pressure::FillLimits&) override {}
   pressure::Identity connect() override { return {}; }
   void disconnect() noexcept override {}
   pressure::Poll poll(std::span<pressure::Sample> out, std::span<clock::Exchange>, std::int64_t) override {

@@ -65,6 +65,7 @@ void run(const Case& test, double seconds) {
   pressure::Teensy device({.serial = "1234560"},
                           std::make_unique<pressure::TtyStream>(pressure::TtyStream::Options{.path = link}),
                           clock);
+  device.set_limits({.pressure_max_psi = 30.0, .fill_allowance_permille = 100, .fill_max_ms = 60'000});
   device.connect();
 
   std::array<pressure::Sample, 256> samples{};

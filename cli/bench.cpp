@@ -13,6 +13,8 @@
 #include <thread>
 #include <utility>
 
+#include "cli/acts.hpp"
+
 namespace isorig::cli {
 namespace {
 
@@ -141,7 +143,15 @@ void HeldPressure::start(std::size_t index) {
   if (!answer.ok()) throw std::runtime_error(answer.text());
   open_ = true;
   first_ = index;
-  runs_ += (runs_.empty() ? "" : ", ") + answer.body.value("run", "");
+  const auto armed = confirm();
+  runs_ += (runs_.empty() ? "" : ", ") + (armed ? *armed : answer).body.value("run", "");
+}
+
+/// On a rig that has to be armed the person at the terminal says go, each time air is let in.
+std::optional<Answer> HeldPressure::confirm() {
+  auto answer = second_act(client_);
+  if (answer && !answer->ok()) throw std::runtime_error(answer->text());
+  return answer;
 }
 
 void HeldPressure::go_to(std::size_t index) {
@@ -154,6 +164,7 @@ void HeldPressure::go_to(std::size_t index) {
     start(index);
   } else {
     post(client_, "/v1/resume");
+    (void)confirm();
   }
   const std::size_t hold_step = 2 * (index - first_) + 1;
   const auto deadline = steady_clock::now() + std::chrono::seconds(120);

@@ -53,6 +53,7 @@ class HeldPressure {
 
  private:
   void start(std::size_t index);
+  std::optional<Answer> confirm();
   void vent() noexcept;
 
   const Client& client_;

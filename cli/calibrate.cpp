@@ -2,9 +2,11 @@
 
 #include <cmath>
 #include <cstdio>
+#include <functional>
 #include <iostream>
 #include <memory>
 
+#include "base/decimal.hpp"
 #include "base/toml_reader.hpp"
 #include "calibration/date.hpp"
 #include "calibration/record.hpp"
@@ -36,6 +38,12 @@ struct Options {
   bool yes = false, dry_run = false, json = false, allow_expired = false;
   std::string socket = daemon::default_socket().string();
 };
+
+std::string short_text(double value) {
+  char digits[32];
+  std::snprintf(digits, sizeof digits, "%.6g", value);
+  return digits;
+}
 
 /// Wrong words on the command line: nothing was read, nothing moved.
 struct UsageError : std::runtime_error {
@@ -91,15 +99,9 @@ class References {
 
  private:
   static double parse(const std::string& text, const std::string& whose) {
-    std::size_t used = 0;
-    double value = 0.0;
-    try {
-      value = std::stod(text, &used);
-    } catch (const std::exception&) {
-      used = 0;
-    }
-    if (used == 0 || !std::isfinite(value)) throw std::runtime_error(whose + " is no number: \"" + text.substr(0, 60) + "\"");
-    return value;
+    std::string why;
+    if (const auto value = base::decimal(text, why)) return *value;
+    throw std::runtime_error(whose + ": " + why + (why.find("behind the number") == std::string::npos ? "" : " (another unit: --unit)"));
   }
 
   const Options& options_;
@@ -108,11 +110,59 @@ class References {
   std::size_t used_ = 0;
 };
 
+/// Who, against what: asked for at a terminal, so that `isorig calibrate pressure` is enough; in a script all that is
+/// missing is said at once.
+void complete(Options& o) {
+  struct Word {
+    const char* option;
+    const char* what;
+    bool missing;
+    std::function<bool(const std::string&, std::string&)> take;  ///< false, and why, when the answer is none
+  };
+  const auto text = [](std::string& to) {
+    return [&to](const std::string& answer, std::string&) {
+      to = answer;
+      return true;
+    };
+  };
+  const Word words[] = {
+      {"--operator", "who calibrates", o.operator_name.empty(), text(o.operator_name)},
+      {"--reference", "id of the reference instrument", o.reference.empty(), text(o.reference)},
+      {"--reference-due", "until when the reference's own certificate holds, such as 2027-05-31", o.reference_due.empty(),
+       [&](const std::string& answer, std::string& why) {
+         why = "a date is written 2027-05-31";
+         o.reference_due = answer;
+         return calibration::days_of(answer).has_value();
+       }},
+      {"--reference-uncertainty", "the reference's uncertainty, k = 2, from its certificate, in the unit of the points", o.reference_uncertainty < 0.0,
+       [&](const std::string& answer, std::string& why) {
+         const auto value = base::decimal(answer, why);
+         if (value && *value < 0.0) why = "an uncertainty is not negative";
+         o.reference_uncertainty = value.value_or(-1.0);
+         return o.reference_uncertainty >= 0.0;
+       }},
+  };
+  std::string missing;
+  for (const auto& word : words) {
+    if (!word.missing) continue;
+    if (::isatty(STDIN_FILENO) == 0) {
+      missing += std::string("\n  ") + word.option + ": " + word.what;
+      continue;
+    }
+    for (;;) {
+      const auto answer = ask(std::string(word.what) + " (" + word.option + "): ");
+      if (!answer || answer->empty()) throw UsageError(std::string(word.option) + ": " + word.what + "; without it a calibration is nobody's evidence");
+      std::string why;
+      if (word.take(*answer, why)) break;
+      std::cerr << why << '\n';
+    }
+  }
+  if (!missing.empty()) throw UsageError("a calibration is somebody's, against something; add" + missing);
+}
+
 void check_words(const Options& o, Channel channel, Mode mode) {
-  if (o.operator_name.empty()) throw UsageError("--operator: a calibration is somebody's");
-  if (o.reference.empty()) throw UsageError("--reference: the reference instrument's id");
   if (!calibration::days_of(o.reference_due)) throw UsageError("--reference-due: until when the reference's own certificate holds, such as 2027-05-31");
-  if (o.reference_uncertainty < 0.0) throw UsageError("--reference-uncertainty: the reference's, k = 2, from its certificate");
+  if (!(o.reference_uncertainty >= 0.0)) throw UsageError("--reference-uncertainty: the reference's, k = 2, from its certificate");
   if (!o.due.empty() && !calibration::days_of(o.due)) throw UsageError("--due: a date is written 2027-05-31");
   if (!o.drive.empty() && channel != Channel::kPressure) throw UsageError("--drive is for pressure; weights and gauge blocks are put in by hand");
   if (!o.drive.empty() && o.reference_command.empty() && !o.points.empty() && o.points.size() != o.drive.size()) {
@@ -210,11 +260,12 @@ int list(const Client& client, bool as_json) {
   return kOk;
 }
 
-int calibrate(const Options& o) {
+int calibrate(Options& o) {
   const Client client(o.socket);
   if (o.what == "list") return list(client, o.json);
   const auto channel = *calibration::channel_of(o.what);
   const auto mode = *calibration::mode_of(o.mode);
+  complete(o);
   check_words(o, channel, mode);
   const double factor = factor_of(o, channel);
   const char* unit = unit_of(channel);
@@ -243,10 +294,10 @@ int calibrate(const Options& o) {
   if (!o.drive.empty()) {
     for (const double psi : o.drive) {
       if (psi < 0.0 || psi > known.body["limits"].value("pressure_max_psi", 0.0)) {
-        throw UsageError("--drive " + std::to_string(psi) + " psi is not between 0 and the rig's pressure_max_psi");
+        throw UsageError("--drive " + short_text(psi) + " psi is not between 0 and the rig's pressure_max_psi");
       }
     }
-    if (!consent("The rig will pressurize what is connected, up to " + std::to_string(*std::max_element(o.drive.begin(), o.drive.end())) +
+    if (!consent("The rig will pressurize what is connected, up to " + short_text(*std::max_element(o.drive.begin(), o.drive.end())) +
                      " psi; the crosshead stands still. Keep hands off the specimen. Go on?",
                  o.yes)) {
       return kRefused;

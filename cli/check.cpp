@@ -3,6 +3,7 @@
 #include <memory>
 #include <optional>
 
+#include "base/printable.hpp"
 #include "calibration/date.hpp"
 #include "cli/command.hpp"
 #include "cli/protocol_input.hpp"
@@ -56,8 +57,8 @@ bool print_calibration(const Options& options) {
 
 int check(const Options& options) {
   const auto plan = read_plan(options.protocol_path, options.rig_path);
-  std::printf("%s is well: %s\n", options.protocol_path.c_str(), plan.name.c_str());
-  if (!plan.description.empty()) std::printf("  %s\n", plan.description.c_str());
+  std::printf("%s is well: %s\n", options.protocol_path.c_str(), base::printable(plan.name).c_str());
+  if (!plan.description.empty()) std::printf("  %s\n", base::printable(plan.description).c_str());
   std::printf(
       "  duration    %s expected (%.1f s); %s at worst, if every settle and pressurize runs out of time\n",
       duration_text(plan.nominal_s).c_str(), plan.nominal_s, duration_text(plan.worst_s).c_str());

@@ -1,76 +1,105 @@
 #include "cli/client.hpp"
 
-#include <httplib.h>
-#include <sys/socket.h>
-#include <sys/un.h>
-#include <unistd.h>
+#include <algorithm>
+#include <array>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/local/stream_protocol.hpp>
+#include <boost/beast/core/basic_stream.hpp>
+#include <boost/beast/core/flat_buffer.hpp>
+#include <boost/beast/http.hpp>
+#include <chrono>
+#include <string_view>
+#include <thread>
 
-#include <cerrno>
-#include <cstring>
+#include "daemon/paths.hpp"
 
 namespace isorig::cli {
 namespace {
 
-/// cpp-httplib 0.11 knows no Unix sockets: its client is handed one that is connected.
-class UnixClient : public httplib::ClientImpl {
- public:
-  explicit UnixClient(std::string path) : ClientImpl("localhost"), path_(std::move(path)) {}
-  [[nodiscard]] int connect_error() const { return connect_error_; }
+namespace net = boost::asio;
+namespace beast = boost::beast;
+namespace http = beast::http;
+using boost::system::error_code;
+using Message = http::request<http::string_body>;
 
- private:
-  bool create_and_connect_socket(Socket& socket, httplib::Error& error) override {
-    sockaddr_un address{};
-    address.sun_family = AF_UNIX;
-    if (path_.size() >= sizeof address.sun_path) {
-      connect_error_ = ENAMETOOLONG;
-    } else {
-      std::memcpy(address.sun_path, path_.c_str(), path_.size() + 1);
-      const int fd = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
-      if (fd >= 0 && ::connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0) {
-        socket.sock = fd;
-        return true;
-      }
-      connect_error_ = errno;
-      if (fd >= 0) ::close(fd);
-    }
-    error = httplib::Error::Connection;
-    return false;
+constexpr auto kPatience = std::chrono::seconds(30);
+constexpr auto kPause = std::chrono::milliseconds(20);
+constexpr int kAttempts = 5;
+constexpr std::array<std::string_view, 3> kStopCalls{"/v1/status", "/v1/abort", "/v1/pause"};
+
+/// One request on a connection of its own. `connected` says how far it came.
+error_code exchange(const std::string& socket, const Message& request, http::response<http::string_body>& response,
+                    bool& connected) {
+  net::io_context io;
+  beast::basic_stream<net::local::stream_protocol> stream(io);
+  error_code result;
+  connected = false;
+  try {
+    stream.socket().connect(net::local::stream_protocol::endpoint(socket), result);
+  } catch (const boost::system::system_error& e) {
+    return e.code();  // the path is too long for a socket
   }
+  if (result) return result;
+  connected = true;
+  beast::flat_buffer buffer;
+  stream.expires_after(kPatience);
+  // What was refused unread may have been answered all the same: a failed write does not keep from reading.
+  http::async_write(stream, request, [&](error_code, std::size_t) {
+    http::async_read(stream, buffer, response, [&](error_code error, std::size_t) { result = error; });
+  });
+  io.run();
+  return result;
+}
 
-  std::string path_;
-  int connect_error_ = 0;
-};
-
-Answer finish(const std::filesystem::path& socket, const UnixClient& client, const httplib::Result& result) {
-  if (!result) {
-    const std::string where = socket.string();
-    switch (client.connect_error()) {
-      case ENOENT:
-      case ECONNREFUSED:
-        throw NoDaemon("no daemon answers on " + where + "; start one: isorigd --rig RIG.toml (or name its socket: --socket)");
-      case EACCES:
-      case EPERM:
-        throw NoDaemon("you may not open " + where + "; ask to be added to its group");
-      case 0: throw NoDaemon("the daemon on " + where + " did not answer: " + httplib::to_string(result.error()));
-      default: throw NoDaemon("cannot open " + where + ": " + std::strerror(client.connect_error()));
-    }
+[[noreturn]] void explain(const std::string& where, error_code error, bool connected) {
+  if (connected) throw NoDaemon("the daemon on " + where + " did not answer: " + error.message());
+  if (error == boost::system::errc::no_such_file_or_directory || error == boost::system::errc::connection_refused) {
+    throw NoDaemon("no daemon answers on " + where + "; start one: isorigd --rig RIG.toml (or name its socket: --socket)");
   }
-  Answer answer{result->status, nlohmann::json::parse(result->body, nullptr, false)};
-  if (answer.body.is_discarded()) answer.body = {{"text", "the daemon's answer is not JSON: " + result->body}};
-  return answer;
+  if (error == boost::system::errc::permission_denied || error == boost::system::errc::operation_not_permitted) {
+    throw NoDaemon("you may not open " + where + "; ask to be added to its group");
+  }
+  throw NoDaemon("cannot open " + where + ": " + error.message());
 }
 
 }  // namespace
 
-Answer Client::get(const std::string& path) const {
-  UnixClient client(socket_.string());
-  return finish(socket_, client, client.Get(path));
+Answer Client::ask(const std::string& method, const std::string& path, std::string body) const {
+  Message request(http::string_to_verb(method), path, 11);
+  request.set(http::field::host, "localhost");
+  request.set(http::field::content_type, "application/json");
+  request.keep_alive(false);
+  request.body() = std::move(body);
+  request.prepare_payload();
+
+  auto socket = socket_;
+  const auto stops = daemon::stop_socket_of(socket_);
+  std::error_code ignored;
+  if (std::find(kStopCalls.begin(), kStopCalls.end(), path) != kStopCalls.end() && std::filesystem::exists(stops, ignored)) {
+    socket = stops;
+  }
+  error_code error;
+  bool connected = false;
+  for (int attempt = 0; attempt < kAttempts; ++attempt) {
+    http::response<http::string_body> response;
+    error = exchange(socket.string(), request, response, connected);
+    if (!error && response.result() != http::status::service_unavailable) {
+      Answer answer{static_cast<int>(response.result_int()), nlohmann::json::parse(response.body(), nullptr, false)};
+      if (answer.body.is_discarded()) answer.body = {{"text", "the daemon's answer is not JSON: " + response.body()}};
+      return answer;
+    }
+    if (!error) error = boost::system::errc::make_error_code(boost::system::errc::resource_unavailable_try_again);
+    // Given up in a crowd before the request was read, or the door was shut: it did not happen, and may be tried again.
+    const bool crowded = error == boost::system::errc::resource_unavailable_try_again ||
+                         error == boost::system::errc::connection_reset || error == http::error::end_of_stream;
+    if (!crowded) break;
+    std::this_thread::sleep_for(kPause);
+  }
+  explain(socket_.string(), error, connected);
 }
 
-Answer Client::post(const std::string& path, const nlohmann::json& body) const {
-  UnixClient client(socket_.string());
-  client.set_read_timeout(30);
-  return finish(socket_, client, client.Post(path, body.dump(), "application/json"));
-}
+Answer Client::get(const std::string& path) const { return ask("GET", path, {}); }
+
+Answer Client::post(const std::string& path, const nlohmann::json& body) const { return ask("POST", path, body.dump()); }
 
 }  // namespace isorig::cli

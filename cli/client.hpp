@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 namespace isorig::cli {
 
@@ -19,7 +20,8 @@ struct Answer {
   [[nodiscard]] std::string text() const { return body.value("text", ""); }
 };
 
-/// Talks to isorigd over its Unix socket (docs/api.md).
+/// Talks to isorigd over its Unix sockets (docs/api.md). Abort, pause and status go to the one that has nothing else to
+/// do, if it is there.
 class Client {
  public:
   explicit Client(std::filesystem::path socket) : socket_(std::move(socket)) {}
@@ -28,6 +30,7 @@ class Client {
   [[nodiscard]] Answer post(const std::string& path, const nlohmann::json& body = nlohmann::json::object()) const;
 
  private:
+  [[nodiscard]] Answer ask(const std::string& method, const std::string& path, std::string body) const;
   std::filesystem::path socket_;
 };
 

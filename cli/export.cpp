@@ -20,7 +20,11 @@ struct Options {
 };
 
 void print_json(const daemon::ExportReport& report) {
-  nlohmann::ordered_json out{{"whole", report.read.whole()}, {"complaints", report.read.complaints()}};
+  nlohmann::ordered_json out{{"state", messages::to_text(report.read.state())},
+                             {"whole", report.read.state() == messages::RecordingState::kWhole},
+                             {"checksums", report.read.has_checksums},
+                             {"complaints", report.read.complaints()},
+                             {"notes", report.read.notes}};
   out["recordings"] = nlohmann::ordered_json::array();
   for (const auto& s : report.sessions) {
     out["recordings"].push_back({{"folder", s.folder.string()},
@@ -33,7 +37,9 @@ void print_json(const daemon::ExportReport& report) {
                                  {"pressure_rows", s.pressure_rows},
                                  {"not_measured", s.not_measured},
                                  {"not_increasing", s.not_increasing},
-                                 {"remap_rms_us", s.remap_rms_us}});
+                                 {"remap_rms_us", s.remap_rms_us},
+                                 {"kept_online", s.kept_online},
+                                 {"clock_breaks", s.clock_breaks}});
   }
   std::cout << out.dump(2) << '\n';
 }
@@ -43,26 +49,46 @@ void print_text(const daemon::ExportReport& report, bool remap) {
     std::printf("%s: %zu rows of frame, %zu of pressure%s", s.folder.c_str(), s.frame_rows, s.pressure_rows,
                 s.complete ? "" : "; NOT complete");
     if (s.not_measured > 0) std::printf("; %zu stale or faulty pressure samples left out", s.not_measured);
-    if (s.not_increasing > 0) std::printf("; %zu rows out of order left out", s.not_increasing);
+    if (s.not_increasing > 0) std::printf("; %zu rows had the time of the row before, and follow it by 2 ns", s.not_increasing);
     if (remap) std::printf("; times moved by %.1f us rms", s.remap_rms_us);
+    if (s.kept_online > 0) std::printf("; %zu rows keep their online time", s.kept_online);
     std::printf("\n");
   }
 }
 
 int run_export(const Options& options) {
   const auto found = find_run(options.run);
-  const auto report = daemon::export_run(found.directory, options.out, {options.remap, found.id});
+  daemon::ExportOptions how;
+  how.remap = options.remap;
+  how.run_id = found.id;
+  how.still_written = found.still_written;
+  if (found.row) {
+    how.operator_name = found.row->operator_name;
+    how.outcome = found.row->state;
+  }
+  const auto report = daemon::export_run(found.directory, options.out, how);
   if (options.json) {
     print_json(report);
   } else {
     print_text(report, options.remap);
   }
+  const bool whole = report.read.state() == messages::RecordingState::kWhole;
+  if (!whole) std::cerr << "isorig export: the recording is " << messages::to_text(report.read.state()) << '\n';
   for (const auto& line : report.read.complaints()) std::cerr << "isorig export: " << line << '\n';
+  if (report.read.segments > 0 && !report.read.has_checksums) {
+    std::cerr << "isorig export: the recording has no checksums (an older isorig made it): altered values would not show\n";
+  }
   if (report.sessions.empty()) {
     std::cerr << "isorig export: run " << found.id << " holds no samples of any session\n";
     return kFailure;
   }
-  return report.read.whole() ? kOk : kDataLost;
+  std::size_t kept = 0;
+  for (const auto& s : report.sessions) kept += s.kept_online;
+  if (kept > 0) {
+    std::cerr << "isorig export: " << kept << " rows keep the time that the daemon stamped: mapping them again would not be "
+              << "better (a device's clock began anew or stepped there, or exchanges are missing)\n";
+  }
+  return whole && kept == 0 ? kOk : kDataLost;
 }
 
 Command add_export(CLI::App& app) {

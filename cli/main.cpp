@@ -2,6 +2,7 @@
 #include <filesystem>
 #include <iostream>
 
+#include "base/printable.hpp"
 #include "base/toml_reader.hpp"
 #include "cli/command.hpp"
 
@@ -22,11 +23,11 @@ int main(int argc, char** argv) {
     std::cerr << e.what() << '\n';
     return cli::kBadInput;
   } catch (const std::filesystem::filesystem_error& e) {
-    std::cerr << "isorig: cannot use " << e.path1().string() << ": " << e.code().message()
+    std::cerr << "isorig: cannot use " << base::printable(e.path1().string()) << ": " << e.code().message()
               << "; name another place, or check that it is a directory that you may write\n";
     return cli::kFailure;
   } catch (const std::exception& e) {
-    std::cerr << "isorig: " << e.what() << '\n';
+    std::cerr << "isorig: " << base::printable_lines(e.what()) << '\n';
     return cli::kFailure;
   }
   return cli::kUsage;

@@ -1,14 +1,16 @@
-#include <chrono>
+#include <unistd.h>
+
 #include <cstdio>
-#include <fstream>
 #include <iostream>
 #include <memory>
-#include <sstream>
 #include <string>
 
 #include "base/toml_reader.hpp"
+#include "cli/acts.hpp"
 #include "cli/client.hpp"
 #include "cli/command.hpp"
+#include "cli/daemon_call.hpp"
+#include "cli/protocol_input.hpp"
 #include "cli/screen.hpp"
 #include "daemon/paths.hpp"
 
@@ -16,57 +18,53 @@
 namespace isorig::cli {
 namespace {
 
-struct Common {
-  std::string socket = daemon::default_socket().string();
-  bool json = false;
-};
-
-void add_common(CLI::App& sub, Common& common) {
-  sub.add_option("--socket", common.socket, "The daemon's socket")->capture_default_str();
-  sub.add_flag("--json", common.json, "Print the daemon's answer as it came");
+bool asked(const char* question) {
+  std::cout << question << std::flush;
+  std::string answer;
+  std::getline(std::cin, answer);
+  return answer == "y" || answer == "Y" || answer == "yes";
 }
 
-std::string read_text(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!in) throw base::ConfigError({{path, 0, 0, "cannot be opened; check the path and its permissions"}});
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
+int not_started() {
+  std::cerr << "not started\n";
+  return kRefused;
 }
 
-int finish(const Answer& answer, const Common& common) {
-  if (common.json) {
-    std::cout << answer.body.dump(2) << '\n';
-  } else if (answer.ok()) {
-    std::cout << answer.text() << '\n';
-  } else {
-    std::cerr << answer.text() << '\n';
-  }
-  if (answer.ok()) return kOk;
-  return answer.status == 400 ? kBadInput : kRefused;
-}
-
-template <typename Call>
-int with_daemon(Call&& call) {
-  try {
-    return call();
-  } catch (const NoDaemon& e) {
-    std::cerr << "isorig: " << e.what() << '\n';
-    return kNoDaemon;
-  }
+/// Shows what would be started, and asks. A program or a script is not asked.
+bool confirmed(const Client& client, nlohmann::json body, bool yes) {
+  if (yes || ::isatty(STDIN_FILENO) == 0 || ::isatty(STDOUT_FILENO) == 0) return true;
+  body["dry_run"] = true;
+  const auto seen = client.post("/v1/start", body);
+  if (!seen.ok()) return true;  // refused just the same by the start itself, which says why
+  const auto& s = seen.body;
+  const auto who = s.value("operator", "");
+  std::printf("rig       %s%s\n", s.value("rig", "").c_str(), s.value("simulated", false) ? " (simulated)" : "");
+  std::printf("specimen  %s, %.6g mm at rest%s\n", s.value("specimen", "").c_str(), s.value("rest_length_mm", 0.0),
+              s.value("specimen_is_the_rigs", false) ? "; as the rig's file has it: is this the one that is mounted?" : "");
+  std::printf("operator  %s\n", who.empty() ? "not named (--operator)" : who.c_str());
+  std::printf("protocol  %s: %d sessions, %s expected, %s at worst\n", s.value("protocol", "").c_str(), s.value("sessions", 0),
+              duration_text(s.value("nominal_s", 0.0)).c_str(), duration_text(s.value("worst_s", 0.0)).c_str());
+  std::printf("          up to %.6g psi, between %+.6g and %+.6g mm of the rest length\n", s.value("pressure_max_psi", 0.0),
+              s.value("position_min_mm", 0.0), s.value("position_max_mm", 0.0));
+  if (const auto run = s.value("run", ""); !run.empty()) std::printf("run       %s goes on\n", run.c_str());
+  if (const auto changed = s.value("changed", ""); !changed.empty()) std::printf("CHANGED   %s\n", changed.c_str());
+  if (const auto warnings = s.value("warnings", ""); !warnings.empty()) std::printf("%s\n", warnings.c_str() + 1);
+  return asked("start? [y/N] ");
 }
 
 Command add_start(CLI::App& app) {
   struct Options : Common {
     std::string protocol, specimen, operator_name;
-    bool watch = false;
+    bool watch = false, yes = false, go = false;
   };
   auto* sub = app.add_subcommand("start", "Start a protocol on the daemon's rig");
   auto o = std::make_shared<Options>();
   sub->add_option("protocol", o->protocol, "Protocol file (TOML)")->required();
   sub->add_option("--specimen", o->specimen, "Specimen file, if not the rig's own");
   sub->add_option("--operator", o->operator_name, "Who runs it; kept in the catalogue");
+  sub->add_flag("--yes,-y", o->yes, "Start without showing what and asking; a script is not asked");
   sub->add_flag("--watch", o->watch, "Follow it afterwards, as `isorig watch` does");
+  sub->add_flag("--go", o->go, "On a rig that has to be armed: ask here whether everybody is clear, then go");
   add_common(*sub, *o);
   return {sub, [o] {
             return with_daemon([&] {
@@ -77,7 +75,17 @@ Command add_start(CLI::App& app) {
                 body["specimen"] = read_text(o->specimen);
                 body["specimen_name"] = o->specimen;
               }
-              const int code = finish(Client(o->socket).post("/v1/start", body), *o);
+              const Client client(o->socket);
+              if (!confirmed(client, body, o->yes || o->json)) return not_started();
+              if (o->go && !someone_is_there() && client.get("/v1/status").body.value("arming", "") == "required") {
+                std::cerr << "isorig start: --go needs a person at a terminal on this rig ([operator] arming = \"required\"); "
+                          << "isorig start, then isorig go\n";
+                return static_cast<int>(kRefused);
+              }
+              int code = finish(client.post("/v1/start", body), *o);
+              if (code == kOk && o->go) {
+                if (const auto answer = second_act(client)) code = finish(*answer, *o);
+              }
               return code == kOk && o->watch ? watch(Client(o->socket), {}) : code;
             });
           }};
@@ -85,19 +93,35 @@ Command add_start(CLI::App& app) {
 
 Command add_resume(CLI::App& app) {
   struct Options : Common {
-    std::string run;
+    std::string run, specimen, operator_name;
+    bool aborted = false, on_another_rig = false, another_specimen = false, yes = false;
   };
   auto* sub = app.add_subcommand(
       "resume", "Go on: a paused run, or with RUN one that was interrupted, from its interrupted repetition");
   auto o = std::make_shared<Options>();
   sub->add_option("run", o->run, "An interrupted run (isorig runs)");
+  sub->add_option("--specimen", o->specimen, "File of the specimen that is mounted, if not the rig's own");
+  sub->add_option("--operator", o->operator_name, "Who goes on with it");
+  sub->add_flag("--aborted", o->aborted, "Go on although an operator had ended it");
+  sub->add_flag("--on-another-rig", o->on_another_rig, "Go on although it was recorded on another rig; noted in the run");
+  sub->add_flag("--another-specimen", o->another_specimen, "Go on although another specimen is mounted; noted in the run");
+  sub->add_flag("--yes,-y", o->yes, "Go on without showing with what and asking; a script is not asked");
   add_common(*sub, *o);
   return {sub, [o] {
             return with_daemon([&] {
               const Client client(o->socket);
-              return finish(o->run.empty() ? client.post("/v1/resume")
-                                           : client.post("/v1/start", {{"protocol", ""}, {"resume_run", o->run}}),
-                            *o);
+              if (o->run.empty()) return finish(client.post("/v1/resume"), *o);
+              nlohmann::json body{{"resume_run", o->run},
+                                  {"operator", o->operator_name},
+                                  {"resume_aborted", o->aborted},
+                                  {"on_another_rig", o->on_another_rig},
+                                  {"another_specimen", o->another_specimen}};
+              if (!o->specimen.empty()) {
+                body["specimen"] = read_text(o->specimen);
+                body["specimen_name"] = o->specimen;
+              }
+              if (!confirmed(client, body, o->yes || o->json)) return not_started();
+              return finish(client.post("/v1/start", body), *o);
             });
           }};
 }
@@ -119,6 +143,10 @@ Command add_abort(CLI::App& app) {
 }
 Command add_reset(CLI::App& app) {
   return add_verb(app, "reset", "Clear a fault whose cause is gone; then resume, abort or start");
+}
+
+Command add_confirm_zero(CLI::App& app) {
+  return add_verb(app, "confirm-zero", "The frame was started: you have looked at its zero, and positions are right");
 }
 
 Command add_status(CLI::App& app) {
@@ -157,6 +185,7 @@ const Registration kPause(23, add_pause);
 const Registration kResume(24, add_resume);
 const Registration kAbort(25, add_abort);
 const Registration kReset(26, add_reset);
+const Registration kConfirmZero(27, add_confirm_zero);
 
 }  // namespace
 }  // namespace isorig::cli

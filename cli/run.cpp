@@ -12,6 +12,7 @@
 #include "cli/screen.hpp"
 #include "daemon/catalogue.hpp"
 #include "daemon/paths.hpp"
+#include "daemon/revision.hpp"
 #include "daemon/virtual_run.hpp"
 
 /// isorig run: a protocol on a simulated rig, all in this process, in virtual time.
@@ -25,6 +26,7 @@ struct Options {
   std::string runs = daemon::default_runs().string();
   std::uint64_t seed = 0;
   bool has_seed = false;
+  bool aborted = false, on_another_rig = false, another_specimen = false;
   bool json = false;
   bool quiet = false;
 };
@@ -68,14 +70,18 @@ int run(const Options& o) {
   auto rig = daemon::load_rig(o.rig);
   daemon::VirtualRunOptions options;
   options.runs_root = o.runs;
+  options.revision = daemon::kRevision;
   if (o.has_seed) options.seed = o.seed;
   if (o.resume.empty()) {
     options.start.protocol_text = slurp(o.protocol);
     options.start.protocol_name = o.protocol;
-    options.specimen = o.specimen;
   } else {
     options.start.resume_run = o.resume;
+    options.start.resume_aborted = o.aborted;
+    options.start.on_another_rig = o.on_another_rig;
+    options.start.another_specimen = o.another_specimen;
   }
+  options.specimen = o.specimen;
   const bool in_place = ::isatty(STDOUT_FILENO) != 0;
   double next_line_s = 5.0;
   if (!o.quiet && !o.json) {
@@ -88,7 +94,13 @@ int run(const Options& o) {
     };
   }
   stop_requested = 0;
+  // Whoever ends it, with Ctrl-C, a time limit or by closing the terminal: the run is aborted and closed. A reader that
+  // goes away (isorig run | head) ends nothing.
   const auto previous = std::signal(SIGINT, [](int) { stop_requested = 1; });
+  for (const int number : {SIGTERM, SIGHUP, SIGQUIT}) {
+    if (std::signal(number, [](int) { stop_requested = 1; }) == SIG_IGN) std::signal(number, SIG_IGN);
+  }
+  std::signal(SIGPIPE, SIG_IGN);
   options.interrupted = [] { return stop_requested != 0; };
   const auto result = daemon::run_virtual(rig, options);
   std::signal(SIGINT, previous);
@@ -122,6 +134,9 @@ Command add_run(CLI::App& app) {
   sub->add_option("--seed", o->seed, "Of the simulated rig's noise, instead of the rig file's")
       ->each([o](const std::string&) { o->has_seed = true; });
   sub->add_option("--resume", o->resume, "Go on with this interrupted run instead of starting a protocol")->excludes(protocol);
+  sub->add_flag("--aborted", o->aborted, "With --resume: although an operator had ended it");
+  sub->add_flag("--on-another-rig", o->on_another_rig, "With --resume: although it was recorded on another rig");
+  sub->add_flag("--another-specimen", o->another_specimen, "With --resume: although it was begun with another specimen");
   sub->add_flag("--json", o->json, "Print the result as JSON");
   sub->add_flag("--quiet", o->quiet, "No progress");
   return {sub, [o] {

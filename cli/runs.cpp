@@ -16,15 +16,27 @@ FoundRun find_run(const RunArgument& argument) {
   const std::filesystem::path as_path(argument.run);
   if (!messages::list_segments(as_path).empty()) {
     const auto whole = std::filesystem::weakly_canonical(as_path);
-    return {whole.filename().string(), whole, false};
+    FoundRun found{whole.filename().string(), whole, {}, daemon::RunLock::is_held(whole)};
+    if (!std::filesystem::is_directory(whole)) return found;
+    try {  // what its catalogue knows, if it lies in one
+      const daemon::Catalogue catalogue(whole.parent_path(), daemon::Catalogue::Access::kReadOnly);
+      if (auto row = catalogue.find_run(found.id); row && row->id == found.id) found.row = std::move(row);
+    } catch (const std::exception&) {
+    }
+    return found;
+  }
+  if (std::filesystem::exists(as_path) || as_path.has_parent_path()) {
+    throw std::runtime_error(argument.run + " holds no recording (no segment-0001.lcm); `isorig runs` lists what there is");
   }
   const daemon::Catalogue catalogue(argument.runs, daemon::Catalogue::Access::kReadOnly);
-  const auto row = catalogue.find_run(argument.run);
+  auto row = catalogue.find_run(argument.run);
   if (!row) {
     throw std::runtime_error("there is no run \"" + argument.run + "\" in " + argument.runs +
                              "; `isorig runs` lists them, --runs names another place");
   }
-  return {row->id, row->directory, true};
+  const auto id = row->id;
+  const auto directory = row->directory;
+  return {id, directory, std::move(row), daemon::RunLock::is_held(directory)};
 }
 
 namespace {

@@ -61,6 +61,32 @@ std::string sync_text(const nlohmann::json& line) {
   return text + "\n";
 }
 
+/// What an operator has to do or to know before the rig moves.
+std::string operator_text(const nlohmann::json& s) {
+  std::string out;
+  const auto state = s.value("state", "");
+  const double left_s = s.contains("operator_left_s") && s["operator_left_s"].is_number() ? s["operator_left_s"].get<double>() : 0.0;
+  if (state == "armed") out += format("  armed     isorig go within %.0f s, or isorig pause\n", left_s);
+  if (state == "countdown") out += format("  KEEP CLEAR the rig moves in %.0f s; isorig pause ends the countdown\n", std::ceil(left_s));
+  if (state == "setup") out += format("  setup     isorig jog; left in %.0f s, or with isorig setup --off\n", left_s);
+  if (s.value("arming", "") == "none" && !s.value("simulated", true)) {
+    out += "  arming    none: a start moves and fills this rig at once\n";
+  }
+  if (!s.contains("rig_file")) return out;
+  const auto& file = s["rig_file"];
+  const auto changes = file.value("changes", nlohmann::json::array());
+  if (file.value("accepted_by", "").empty()) {
+    out += "  rig file  not accepted by anybody yet (isorig accept-rig --operator NAME)\n";
+  } else if (!changes.empty()) {
+    out += "  rig file  CHANGED since " + file.value("accepted_by", "") + " accepted it on " + file.value("accepted_utc", "") +
+           " (isorig accept-rig)\n";
+    for (const auto& c : changes) {
+      out += "            " + c.value("key", "") + ": " + c.value("before", "") + " -> " + c.value("now", "") + "\n";
+    }
+  }
+  return out;
+}
+
 /// Behind a value that is not of now.
 std::string age_text(const nlohmann::json& status, const char* key) {
   const double age_s = status.value(key, 0.0);
@@ -88,7 +114,14 @@ std::string status_text(const nlohmann::json& s) {
   std::string out = "rig " + s.value("rig", "") + ": " + s.value("state", "");
   if (const auto why = s.value("not_ready", ""); !why.empty() && s.value("state", "") == "idle") out += " (" + why + ")";
   out += "\n";
+  out += operator_text(s);
   if (const auto fault = s.value("fault", ""); !fault.empty()) out += "  FAULT     " + fault + "\n";
+  if (s.contains("faults") && s.at("faults").size() > 1) {
+    for (std::size_t i = 1; i < s.at("faults").size(); ++i) {
+      const auto& f = s.at("faults").at(i);
+      out += "  then      " + f.value("code", "") + ": " + f.value("text", "") + "\n";
+    }
+  }
   if (s.contains("run")) {
     const auto& r = s["run"];
     out += "  run       " + r.value("id", "") + "\n";
@@ -114,8 +147,12 @@ std::string status_text(const nlohmann::json& s) {
   out += "  frame     " + link_text(s["frame"]) + "\n";
   out += "  sensor    " + link_text(s["pressure"]) + "\n";
   const auto& interlock = s["interlock"];
-  out += std::string("  interlock e-stop chain ") + (interlock.value("estop_closed", false) ? "closed" : "OPEN") +
-         ", guard " + (interlock.value("guard_closed", false) ? "closed" : "OPEN") + "\n";
+  if (interlock.value("watched", true)) {
+    out += std::string("  interlock e-stop chain ") + (interlock.value("estop_closed", false) ? "closed" : "OPEN") +
+           ", guard " + (interlock.value("guard_closed", false) ? "closed" : "OPEN") + "\n";
+  } else {
+    out += "  interlock NOT WATCHED: " + interlock.value("not_watched", "") + "\n";
+  }
   out += sync_text(s.value("sync_line", nlohmann::json::object()));
   if (const auto detail = interlock.value("detail", ""); !interlock.value("connected", true) && !detail.empty()) {
     out += "            " + detail + "\n";
@@ -138,7 +175,7 @@ int watch(const Client& client, const WatchOptions& options) {
   std::uint64_t last_event = 0;
   bool first = true;
   int lines = 0;
-  bool had_run = false;
+  bool had_run = false, was_armed = false;
   interrupted = 0;
   const auto previous = std::signal(SIGINT, [](int) { interrupted = 1; });
   int code = kOk;
@@ -172,9 +209,12 @@ int watch(const Client& client, const WatchOptions& options) {
     }
     std::cout.flush();
     had_run = had_run || status.contains("run");
-    if (options.until_done && (!status.contains("run") || status.value("state", "") == "faulted") &&
+    const bool armed = status.value("state", "") == "armed";
+    was_armed = was_armed || armed;
+    if (options.until_done && !armed && (!status.contains("run") || status.value("state", "") == "faulted") &&
         (had_run || status.contains("last_run"))) {
-      code = exit_code_of(status);
+      // Armed, and nobody gave the second act: what the status knows of is the run before.
+      code = was_armed && !had_run ? kRefused : exit_code_of(status);
       break;
     }
     std::this_thread::sleep_for(std::chrono::duration<double>(options.interval_s));

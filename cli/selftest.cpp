@@ -121,7 +121,9 @@ int selftest(const Options& o) {
   lines.push_back(judge_lcm(a.selftest, messages, o.lcm_s));
 
   const auto append = [&](std::vector<Line> more) { lines.insert(lines.end(), more.begin(), more.end()); };
-  if (!somebody) {
+  if (!a.status["interlock"].value("watched", true)) {
+    lines.push_back({"interlock.walk", Verdict::kSkipped, "the chain is not watched", "[interlock] driver = \"gpio\""});
+  } else if (!somebody) {
     lines.push_back({"interlock.walk", Verdict::kSkipped, "nobody to press and release (no terminal, or --non-interactive)", "run it at the rig, at a terminal"});
   } else {
     append(walk_interlock(client));

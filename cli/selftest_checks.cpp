@@ -258,8 +258,13 @@ std::vector<Line> judge(const Answers& a) {
   judge_channels(s, a, frame, pressure);
   const auto& interlock = a.status["interlock"];
   const bool estop = interlock.value("estop_closed", false), guard = interlock.value("guard_closed", false);
-  s.add("interlock.estop", estop ? Verdict::kOk : Verdict::kFail, estop ? "closed" : "OPEN, or not read", "release the emergency stop; its second contact and wire");
-  s.add("interlock.guard", guard ? Verdict::kOk : Verdict::kFail, guard ? "closed" : "OPEN, or not read", "close the guard; its contact and wire");
+  const bool watched = interlock.value("watched", true);
+  if (!watched) {
+    s.add("interlock", Verdict::kWarn, "not watched: " + interlock.value("not_watched", ""),
+          "nobody sees an emergency stop; wire the chain to [interlock] driver = \"gpio\" (docs/gpio.md)");
+  }
+  if (watched) s.add("interlock.estop", estop ? Verdict::kOk : Verdict::kFail, estop ? "closed" : "OPEN, or not read", "release the emergency stop; its second contact and wire");
+  if (watched) s.add("interlock.guard", guard ? Verdict::kOk : Verdict::kFail, guard ? "closed" : "OPEN, or not read", "close the guard; its contact and wire");
   judge_limits(s, a.selftest);
   judge_machine(s, a.selftest);
   judge_calibrations(s, a.calibrations["in_force"]);

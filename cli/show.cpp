@@ -1,11 +1,17 @@
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
+#include <ctime>
 #include <iostream>
+#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "base/printable.hpp"
 #include "cli/command.hpp"
+#include "cli/protocol_input.hpp"
 #include "cli/run_argument.hpp"
+#include "daemon/amendments.hpp"
 #include "daemon/catalogue.hpp"
 #include "messages/run_log.hpp"
 
@@ -29,6 +35,7 @@ struct Summary : messages::RunVisitor {
 
   void header(const isorig_msgs::run_header_t& h) override { last_header = h; }
   void session(const isorig_msgs::session_mark_t& m) override {
+    if (m.kind == isorig_msgs::session_mark_t::END) lost[m.attempt] = m;
     if (m.kind != isorig_msgs::session_mark_t::CONTINUE) marks.push_back(m);
   }
   void frame(const isorig_msgs::frame_batch_t& m) override { full(frames, m); }
@@ -50,6 +57,8 @@ struct Summary : messages::RunVisitor {
   isorig_msgs::run_header_t last_header{};
   std::vector<isorig_msgs::session_mark_t> marks;
   std::vector<isorig_msgs::event_t> events;
+  std::map<std::int32_t, isorig_msgs::session_mark_t> lost;  // counts up to the end of each attempt
+  std::int64_t first_ns = 0, last_ns = 0;                    // of the samples
   Count frames, pressures;
   std::uint64_t exchange_count = 0;
   std::int64_t overruns = 0;
@@ -57,14 +66,20 @@ struct Summary : messages::RunVisitor {
   std::int32_t worst_run_ns = 0;
 
  private:
+  void span(std::int64_t from_ns, std::int64_t to_ns) {
+    first_ns = first_ns == 0 ? from_ns : std::min(first_ns, from_ns);
+    last_ns = std::max(last_ns, to_ns);
+  }
   template <typename Message>
-  static void full(Count& c, const Message& m) {
+  void full(Count& c, const Message& m) {
     c.full += static_cast<std::uint64_t>(m.count);
+    if (m.count > 0) span(m.mono_ns, m.mono_ns + m.mono_offset_ns.back());
     bounds(c, m);
   }
   template <typename Message>
-  static void averaged(Count& c, const Message& m) {
+  void averaged(Count& c, const Message& m) {
     c.intervals += static_cast<std::uint64_t>(m.count);
+    if (m.count > 0) span(m.first_mono_ns.front(), m.last_mono_ns.back());
     for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
       c.averaged += static_cast<std::uint64_t>(m.samples[i]);
     }
@@ -90,6 +105,46 @@ nlohmann::ordered_json to_json(const Summary::Count& c) {
           {"worst_bound_us", c.worst_bound_us}};
 }
 
+/// What a person wants to read without asking for all: everything with a consequence, and each link that came back.
+bool worth_reading(const isorig_msgs::event_t& e) {
+  if (e.severity != isorig_msgs::event_t::INFO) return true;
+  for (const char* word : {"reconnect", "restart", "connected", "clock.", "resume", "operator"}) {
+    if (e.code.find(word) != std::string::npos) return true;
+  }
+  return false;
+}
+
+std::string utc_of(const Summary& s) {
+  const auto seconds = static_cast<std::time_t>((s.last_header.epoch_unix_us + s.first_ns / 1000) / 1'000'000);
+  std::tm tm{};
+  gmtime_r(&seconds, &tm);
+  char text[32];
+  std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &tm);
+  return text;
+}
+
+std::string started_of(const FoundRun& found, const Summary& s) {
+  if (found.row && !found.row->started_utc.empty()) return found.row->started_utc;
+  return s.last_header.virtual_time != 0 ? std::string() : utc_of(s);  // a virtual recording does not know the date
+}
+
+std::string operator_of(const FoundRun& found, const Summary& s) {
+  for (const auto& t : s.last_header.texts) {
+    if (t.name == "operator") return t.text;
+  }
+  return found.row ? found.row->operator_name : std::string();
+}
+
+std::string state_of(const FoundRun& found, const messages::ReadReport& report) {
+  const bool only_begun = report.state() == messages::RecordingState::kInterrupted && found.still_written;
+  return only_begun ? "being written" : messages::to_text(report.state());
+}
+
+int exit_code(const FoundRun& found, const messages::ReadReport& report) {
+  const bool fine = report.state() == messages::RecordingState::kWhole || state_of(found, report) == "being written";
+  return fine ? kOk : kDataLost;
+}
+
 int print_json(const FoundRun& found, const Summary& s, const messages::ReadReport& report) {
   const auto& h = s.last_header;
   nlohmann::ordered_json out{{"id", found.id},
@@ -97,6 +152,11 @@ int print_json(const FoundRun& found, const Summary& s, const messages::ReadRepo
                              {"specimen", h.specimen},
                              {"rig", h.rig},
                              {"plan", h.plan_summary},
+                             {"started_utc", started_of(found, s)},
+                             {"duration_s", static_cast<double>(s.last_ns - s.first_ns) * 1e-9},
+                             {"operator", operator_of(found, s)},
+                             {"outcome", found.row ? found.row->state : ""},
+                             {"fault", found.row ? found.row->fault : ""},
                              {"attempts", h.attempt},
                              {"seed", h.seed},
                              {"virtual_time", h.virtual_time != 0},
@@ -108,8 +168,25 @@ int print_json(const FoundRun& found, const Summary& s, const messages::ReadRepo
                              {"overruns", s.overruns},
                              {"worst_wakeup_ns", s.worst_wakeup_ns},
                              {"worst_run_ns", s.worst_run_ns},
-                             {"whole", report.whole()},
-                             {"complaints", report.complaints()}};
+                             {"state", state_of(found, report)},
+                             {"whole", report.state() == messages::RecordingState::kWhole},
+                             {"checksums", report.has_checksums},
+                             {"complaints", report.complaints()},
+                             {"notes", report.notes}};
+  out["versions"] = nlohmann::ordered_json::object();
+  for (const auto& v : h.versions) out["versions"][v.name] = v.text;
+  out["losses"] = nlohmann::ordered_json::array();
+  for (const auto& [attempt, m] : s.lost) {
+    out["losses"].push_back({{"attempt", attempt},
+                             {"frame_missing", m.frame_missing},
+                             {"pressure_missing", m.pressure_missing},
+                             {"dropped_records", m.dropped_records}});
+  }
+  out["amendments"] = nlohmann::ordered_json::array();
+  for (const auto& a : daemon::read_amendments(found.directory)) {
+    out["amendments"].push_back(
+        {{"at_utc", a.at_utc}, {"by", a.by}, {"specimen", a.specimen}, {"operator", a.operator_name}, {"text", a.text}});
+  }
   out["sessions"] = nlohmann::ordered_json::array();
   for (const auto& m : s.marks) {
     out["sessions"].push_back({{"session", m.session.session},
@@ -130,17 +207,76 @@ int print_json(const FoundRun& found, const Summary& s, const messages::ReadRepo
                              {"value", e.value},
                              {"threshold", e.threshold}});
   }
-  std::cout << out.dump(2) << '\n';
-  return report.whole() ? kOk : kDataLost;
+  // Bytes of a damaged text need not be UTF-8.
+  std::cout << out.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) << '\n';
+  return exit_code(found, report);
 }
 
-void print_text(const FoundRun& found, const Summary& s, const messages::ReadReport& report,
-                bool all_events) {
+void print_identity(const FoundRun& found, const Summary& s, const messages::ReadReport& report) {
+  using base::printable;
   const auto& h = s.last_header;
-  std::printf("%s\n  %s\n  specimen %s, rig %s%s, attempt %d\n  %s\n", found.id.c_str(),
-              found.directory.c_str(), h.specimen.c_str(), h.rig.c_str(),
-              h.virtual_time != 0 ? " (virtual time)" : "", h.attempt, h.plan_summary.c_str());
-  std::printf("  %.1f MB in %zu segments\n", static_cast<double>(report.bytes) * 1e-6, report.segments);
+  std::printf("%s\n  %s\n  specimen %s, rig %s%s\n  %s\n", printable(found.id).c_str(),
+              printable(found.directory.string()).c_str(), printable(h.specimen).c_str(), printable(h.rig).c_str(),
+              h.virtual_time != 0 ? " (virtual time)" : "", printable(h.plan_summary).c_str());
+  const auto started = started_of(found, s), who = operator_of(found, s);
+  std::printf("  %s%s of rig time, %s%d attempt%s\n", started.empty() ? "" : ("started " + printable(started) + ", ").c_str(),
+              duration_text(static_cast<double>(s.last_ns - s.first_ns) * 1e-9).c_str(),
+              who.empty() ? "" : ("operator " + printable(who) + ", ").c_str(), h.attempt, h.attempt == 1 ? "" : "s");
+  if (found.row) {
+    std::printf("  outcome: %s%s%s\n", found.row->state.c_str(), found.row->fault.empty() ? "" : ", ",
+                printable(found.row->fault).c_str());
+  }
+  std::printf("  recording: %s%s; %.1f MB in %zu segment%s\n", state_of(found, report).c_str(),
+              report.has_checksums ? "" : ", without checksums (an older isorig made it)",
+              static_cast<double>(report.bytes) * 1e-6, report.segments, report.segments == 1 ? "" : "s");
+}
+
+void print_sessions(const Summary& s, std::int64_t start_ns) {
+  std::printf("sessions (repetition, pressure):\n");
+  for (std::size_t i = 0; i < s.marks.size(); ++i) {
+    const auto& m = s.marks[i];
+    if (m.kind != isorig_msgs::session_mark_t::BEGIN) continue;
+    const bool ended = i + 1 < s.marks.size() && s.marks[i + 1].kind == isorig_msgs::session_mark_t::END;
+    const char* state = !ended ? "cut off or running" : s.marks[i + 1].complete != 0 ? "complete" : "stopped, or not whole";
+    std::printf("  %3d  rep %d  %5.1f psi  from %10.1f s  %s%s\n", m.session.session, m.session.repetition,
+                m.session.pressure_psi, static_cast<double>(m.mono_ns - start_ns) * 1e-9, state,
+                m.attempt > 1 ? " (further attempt)" : "");
+  }
+}
+
+void print_events(const Summary& s, std::int64_t start_ns, bool all) {
+  std::size_t hidden = 0;
+  bool titled = false;
+  for (const auto& e : s.events) {
+    if (!all && !worth_reading(e)) {
+      ++hidden;
+      continue;
+    }
+    if (!titled) std::printf("events:\n");
+    titled = true;
+    std::printf("  %10.3f s  %-12s  %-18s  %s\n", static_cast<double>(e.mono_ns - start_ns) * 1e-9,
+                severity_text(e.severity), base::printable(e.code).c_str(), base::printable(e.text).c_str());
+  }
+  if (hidden > 0) std::printf("%zu events without consequence are shown by --events\n", hidden);
+}
+
+void print_losses(const Summary& s) {
+  std::int64_t frame = 0, pressure = 0, dropped = 0;
+  for (const auto& [attempt, m] : s.lost) {
+    frame += m.frame_missing;
+    pressure += m.pressure_missing;
+    dropped += m.dropped_records;
+  }
+  if (frame + pressure + dropped == 0) {
+    std::printf("losses: none\n");
+  } else {
+    std::printf("losses: %lld samples of the frame and %lld of the pressure sensor never came; %lld records were dropped\n",
+                static_cast<long long>(frame), static_cast<long long>(pressure), static_cast<long long>(dropped));
+  }
+}
+
+void print_text(const FoundRun& found, const Summary& s, const messages::ReadReport& report, bool all_events) {
+  print_identity(found, s, report);
   const auto stream = [](const char* name, const Summary::Count& c) {
     std::printf("  %-8s %llu samples in full, %llu in %llu averages; times within %.0f us\n", name,
                 static_cast<unsigned long long>(c.full), static_cast<unsigned long long>(c.averaged),
@@ -150,40 +286,40 @@ void print_text(const FoundRun& found, const Summary& s, const messages::ReadRep
   stream("pressure", s.pressures);
   std::printf("  loop     %lld overruns, worst wake-up %.0f us, worst run %.0f us\n",
               static_cast<long long>(s.overruns), s.worst_wakeup_ns * 1e-3, s.worst_run_ns * 1e-3);
-  std::int64_t start_ns = s.marks.empty() ? 0 : s.marks.front().mono_ns;
-  std::printf("sessions (repetition, pressure):\n");
-  for (std::size_t i = 0; i < s.marks.size(); ++i) {
-    const auto& m = s.marks[i];
-    if (m.kind != isorig_msgs::session_mark_t::BEGIN) continue;
-    const bool ended = i + 1 < s.marks.size() && s.marks[i + 1].kind == isorig_msgs::session_mark_t::END;
-    const char* state = !ended ? "cut off or running" : s.marks[i + 1].complete != 0 ? "complete" : "stopped";
-    std::printf("  %3d  rep %d  %5.1f psi  from %10.1f s  %s%s\n", m.session.session, m.session.repetition,
-                m.session.pressure_psi, static_cast<double>(m.mono_ns - start_ns) * 1e-9, state,
-                m.attempt > 1 ? " (further attempt)" : "");
+  const std::int64_t start_ns = s.marks.empty() ? s.first_ns : s.marks.front().mono_ns;
+  print_sessions(s, start_ns);
+  print_events(s, start_ns, all_events);
+  print_losses(s);
+}
+
+/// What was put right afterwards: it counts more than what the recording says.
+void print_amendments(const FoundRun& found) {
+  for (const auto& a : daemon::read_amendments(found.directory)) {
+    std::printf("noted %s%s%s:", a.at_utc.c_str(), a.by.empty() ? "" : " by ", base::printable(a.by).c_str());
+    if (!a.specimen.empty()) std::printf(" specimen %s;", base::printable(a.specimen).c_str());
+    if (!a.operator_name.empty()) std::printf(" operator %s;", base::printable(a.operator_name).c_str());
+    std::printf(" %s\n", base::printable(a.text).c_str());
   }
-  std::size_t hidden = 0;
-  bool titled = false;
-  for (const auto& e : s.events) {
-    if (!all_events && e.severity == isorig_msgs::event_t::INFO) {
-      ++hidden;
-      continue;
-    }
-    if (!titled) std::printf("events:\n");
-    titled = true;
-    std::printf("  %10.3f s  %-12s  %-18s  %s\n", static_cast<double>(e.mono_ns - start_ns) * 1e-9,
-                severity_text(e.severity), e.code.c_str(), e.text.c_str());
-  }
-  if (hidden > 0) std::printf("%zu events without consequence are shown by --events\n", hidden);
 }
 
 int show(const Options& options) {
   const auto found = find_run(options.run);
   Summary summary;
-  const auto report = messages::read_run(found.directory, summary);
+  auto report = messages::read_run(found.directory, summary);
+  report.set_against(found.row ? found.row->state : "", found.still_written);
+  if (!report.has_header && report.foreign == report.events) {
+    std::cerr << "isorig show: " << found.directory.string()
+              << (report.events == 0 ? ": not one message in it: its writer was interrupted before the first, or it was emptied\n"
+                                     : ": a log, but no recording of isorig's: no header, and none of its channels\n");
+    return report.events == 0 ? kDataLost : kBadInput;
+  }
   if (options.json) return print_json(found, summary, report);
   print_text(found, summary, report, options.events);
+  std::fflush(stdout);
+  print_amendments(found);
+  for (const auto& line : report.notes) std::cerr << "isorig show: note: " << line << '\n';
   for (const auto& line : report.complaints()) std::cerr << "isorig show: " << line << '\n';
-  return report.whole() ? kOk : kDataLost;
+  return exit_code(found, report);
 }
 
 Command add_show(CLI::App& app) {

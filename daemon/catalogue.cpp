@@ -6,6 +6,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include "daemon/recording_summary.hpp"
+#include "daemon/run_directory.hpp"
 #include "daemon/sqlite.hpp"
 
 namespace isorig::daemon {
@@ -16,6 +18,8 @@ using sqlite::Statement;
 using sqlite::Transaction;
 
 constexpr std::int64_t kSchemaVersion = 1;
+constexpr int kPatienceMs = 5000;
+constexpr const char* kFileName = "catalogue.sqlite";
 constexpr const char* kSchema = R"(
 CREATE TABLE specimens (
   name TEXT PRIMARY KEY,
@@ -83,18 +87,42 @@ std::int64_t schema_version(sqlite3* db) {
   return version.integer(0);
 }
 
-constexpr const char* kInterruptedFault = "the process ended without closing the run";
+/// The recorder's thread does not wait for a catalogue that somebody else has locked: it comes again.
+class NoPatience {
+ public:
+  explicit NoPatience(sqlite3* db) : db_(db) { sqlite3_busy_timeout(db_, 20); }
+  ~NoPatience() { sqlite3_busy_timeout(db_, kPatienceMs); }
+  NoPatience(const NoPatience&) = delete;
+  NoPatience& operator=(const NoPatience&) = delete;
+
+ private:
+  sqlite3* db_;
+};
 
 }  // namespace
 
 Catalogue::Catalogue(const std::filesystem::path& runs_root, Access access) : root_(runs_root) {
-  const auto file = root_ / "catalogue.sqlite";
+  const auto file = root_ / kFileName;
   if (access == Access::kReadWrite) {
     std::filesystem::create_directories(root_);
   } else if (!std::filesystem::exists(file)) {
     throw std::runtime_error("no runs in " + root_.string() +
                              " (no catalogue.sqlite); name their place with --runs");
   }
+  try {
+    open(access);
+    if (access == Access::kReadOnly) return;
+    settle_interrupted();
+    adopt_recordings();
+    for (const auto& entry : std::filesystem::directory_iterator(root_)) remove_stale_reserve(entry.path());
+  } catch (...) {
+    sqlite3_close(db_);
+    throw;
+  }
+}
+
+void Catalogue::open(Access access) {
+  const auto file = root_ / kFileName;
   // Reading too: a write-ahead log is read through its shared memory file, which readers may have to create.
   const int flags = SQLITE_OPEN_READWRITE | (access == Access::kReadWrite ? SQLITE_OPEN_CREATE : 0);
   int opened = sqlite3_open_v2(file.c_str(), &db_, flags, nullptr);
@@ -102,36 +130,61 @@ Catalogue::Catalogue(const std::filesystem::path& runs_root, Access access) : ro
     sqlite3_close(db_);
     opened = sqlite3_open_v2(file.c_str(), &db_, SQLITE_OPEN_READONLY, nullptr);
   }
+  if (opened != SQLITE_OK) sqlite::fail(db_, "cannot open " + file.string());
+  sqlite3_busy_timeout(db_, kPatienceMs);
+  std::int64_t found = 0;
   try {
-    if (opened != SQLITE_OK) sqlite::fail(db_, "cannot open " + file.string());
-    sqlite3_busy_timeout(db_, 5000);
-    const auto found = schema_version(db_);
-    if (found > kSchemaVersion) {
-      throw std::runtime_error(file.string() + " was written by a newer isorig (schema " +
-                               std::to_string(found) + ", this one knows " + std::to_string(kSchemaVersion) +
-                               "); update this one");
-    }
-    if (access == Access::kReadOnly) return;
-    execute(db_, "PRAGMA journal_mode = WAL");
-    execute(db_, "PRAGMA synchronous = FULL");
-    execute(db_, "PRAGMA foreign_keys = ON");
-    {
-      Transaction all(db_);
-      if (schema_version(db_) == 0) {  // asked again: somebody else may have been first
-        execute(db_, kSchema);
-        execute(db_, "PRAGMA user_version = 1");
-      }
-      all.commit();
-    }
-    note_interrupted();
-  } catch (...) {
-    sqlite3_close(db_);
-    throw;
+    found = schema_version(db_);
+  } catch (const sqlite::Error& e) {
+    const bool not_allowed = e.code == SQLITE_READONLY || e.code == SQLITE_CANTOPEN || e.code == SQLITE_PERM;
+    if (access != Access::kReadOnly || !not_allowed) throw;
+    open_copy(e.what());
+    found = schema_version(db_);
+  }
+  if (found > kSchemaVersion) {
+    throw std::runtime_error(file.string() + " was written by a newer isorig (schema " + std::to_string(found) +
+                             ", this one knows " + std::to_string(kSchemaVersion) + "); update this one");
+  }
+  if (access == Access::kReadOnly) return;
+  execute(db_, "PRAGMA journal_mode = WAL");
+  execute(db_, "PRAGMA synchronous = FULL");
+  execute(db_, "PRAGMA foreign_keys = ON");
+  Transaction all(db_);
+  if (schema_version(db_) == 0) {  // asked again: somebody else may have been first
+    execute(db_, kSchema);
+    execute(db_, "PRAGMA user_version = 1");
+  }
+  all.commit();
+}
+
+/// A reader that may not write cannot make the shared memory file, without which SQLite does not read a write-ahead
+/// log. Nobody has the catalogue open then, or the file would be there: a copy is as good.
+void Catalogue::open_copy(const std::string& why) {
+  sqlite3_close(std::exchange(db_, nullptr));
+  auto pattern = (std::filesystem::temp_directory_path() / "isorig-catalogue-XXXXXX").string();
+  if (::mkdtemp(pattern.data()) == nullptr) throw std::runtime_error(why);
+  copy_ = pattern;
+  try {
+    std::filesystem::copy_file(root_ / kFileName, copy_ / kFileName);
+    const auto log = std::string(kFileName) + "-wal";
+    if (std::filesystem::exists(root_ / log)) std::filesystem::copy_file(root_ / log, copy_ / log);
+  } catch (const std::filesystem::filesystem_error& e) {
+    std::error_code none;
+    std::filesystem::remove_all(copy_, none);
+    throw std::runtime_error("you may not read " + e.path1().string() + "; ask for the right to, or to join its group");
+  }
+  for (const auto& file : std::filesystem::directory_iterator(copy_)) {
+    std::filesystem::permissions(file, std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
+  }
+  if (sqlite3_open_v2((copy_ / kFileName).c_str(), &db_, SQLITE_OPEN_READWRITE, nullptr) != SQLITE_OK) {
+    sqlite::fail(db_, "cannot open a copy of " + (root_ / kFileName).string());
   }
 }
 
 Catalogue::~Catalogue() {
   sqlite3_close(db_);
+  std::error_code none;
+  if (!copy_.empty()) std::filesystem::remove_all(copy_, none);
 }
 
 std::string Catalogue::new_run_id(const std::string& wanted) const {
@@ -172,6 +225,7 @@ void Catalogue::open_run(const std::string& id, const RunInfo& info, const proto
 
 void Catalogue::on_session(const std::string& id, const SessionChange& change) {
   const std::lock_guard hold(mutex_);
+  const NoPatience now(db_);
   if (change.began) {
     Statement(db_,
               "UPDATE sessions SET state = 'running', attempt = (SELECT attempts FROM runs WHERE id = ?1),"
@@ -187,6 +241,7 @@ void Catalogue::on_session(const std::string& id, const SessionChange& change) {
 
 void Catalogue::close_run(const std::string& id, const std::string& state, const std::string& fault) {
   const std::lock_guard hold(mutex_);
+  const NoPatience now(db_);
   Transaction all(db_);
   Statement(db_, "UPDATE sessions SET state = 'interrupted' WHERE run = ?1 AND state = 'running'")
       .bind(id)
@@ -195,15 +250,18 @@ void Catalogue::close_run(const std::string& id, const std::string& state, const
   all.commit();
 }
 
-void Catalogue::note_interrupted() {
-  std::vector<std::string> open;
-  {
-    Statement running(db_, "SELECT id FROM runs WHERE state = 'running'");
-    while (running.step()) open.push_back(running.text(0));
+void Catalogue::amend(const std::string& id, const std::string& specimen, double rest_length_mm,
+                      const std::string& operator_name) {
+  const std::lock_guard hold(mutex_);
+  Transaction all(db_);
+  if (!specimen.empty()) {
+    Statement(db_, "INSERT INTO specimens VALUES (?1, ?2) ON CONFLICT DO NOTHING").bind(specimen, rest_length_mm).run();
+    Statement(db_, "UPDATE runs SET specimen = ?2 WHERE id = ?1").bind(id, specimen).run();
   }
-  for (const auto& id : open) {
-    if (!RunLock::is_held(root_ / id)) close_run(id, "interrupted", kInterruptedFault);
+  if (!operator_name.empty()) {
+    Statement(db_, "UPDATE runs SET operator = ?2 WHERE id = ?1").bind(id, operator_name).run();
   }
+  all.commit();
 }
 
 RunRow Catalogue::settle_state(RunRow row) const {
@@ -224,9 +282,15 @@ RunInputs Catalogue::inputs_of(const std::string& id) const {
   RunInputs in;
   in.directory = run->directory;
   in.protocol_name = run->protocol;
-  in.protocol_text = read_file(run->directory / "inputs" / "protocol.toml");
   in.specimen_name = run->specimen;
-  in.specimen_text = read_file(run->directory / "inputs" / "specimen.toml");
+  // The recording's own copies have a checksum; a power cut may have emptied the files beside it.
+  const auto texts = recorded_texts(run->directory);
+  const auto text = [&](const char* name) {
+    const auto found = texts.find(name);
+    return found != texts.end() ? found->second : read_file(run->directory / "inputs" / name);
+  };
+  in.protocol_text = text("protocol.toml");
+  in.specimen_text = text("specimen.toml");
   const auto sessions = sessions_of(id);
   const auto open =
       std::find_if(sessions.begin(), sessions.end(), [](const auto& s) { return s.state != "done"; });

@@ -62,8 +62,9 @@ class Catalogue {
  public:
   enum class Access { kReadOnly, kReadWrite };
 
-  /// kReadWrite creates what is missing, and notes interrupted runs as such. kReadOnly: throws when there is
-  /// no catalogue. Throws std::runtime_error with what to do.
+  /// kReadWrite creates what is missing, settles runs whose writer was killed by what their recordings hold, enters
+  /// recordings that are in no catalogue, and removes reserves that killed writers left. kReadOnly: throws when there
+  /// is no catalogue; needs no right to write. Throws std::runtime_error with what to do.
   explicit Catalogue(const std::filesystem::path& runs_root, Access access = Access::kReadWrite);
   ~Catalogue();
   Catalogue(const Catalogue&) = delete;
@@ -74,9 +75,13 @@ class Catalogue {
   /// A new run, or a further attempt at one that is there. Its recorder holds the lock already.
   void open_run(const std::string& id, const RunInfo& info, const protocol::Plan& plan,
                 const std::string& protocol_name, const std::string& operator_name);
+  /// These two wait for nobody who has the catalogue locked, but throw: try again later.
   void on_session(const std::string& id, const SessionChange& change);
   /// `state`: done, aborted, failed, refused, interrupted.
   void close_run(const std::string& id, const std::string& state, const std::string& fault);
+
+  /// Another specimen or operator from now on; empty: as it was.
+  void amend(const std::string& id, const std::string& specimen, double rest_length_mm, const std::string& operator_name);
 
   /// Throws std::runtime_error when the run is unknown, still runs, or its inputs are gone.
   [[nodiscard]] RunInputs inputs_of(const std::string& id) const;
@@ -87,9 +92,13 @@ class Catalogue {
 
  private:
   [[nodiscard]] RunRow settle_state(RunRow row) const;
-  void note_interrupted();
+  void open(Access access);
+  void open_copy(const std::string& why);
+  void settle_interrupted();
+  void adopt_recordings();
 
   std::filesystem::path root_;
+  std::filesystem::path copy_;  // of a reader that may not write where the catalogue is
   mutable std::mutex mutex_;
   sqlite3* db_ = nullptr;
 };

@@ -1,6 +1,15 @@
 #include "daemon/config.hpp"
 
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
 #include <cmath>
+
+#include "base/printable.hpp"
+#include "daemon/config_checks.hpp"
+#include "daemon/specimen.hpp"
+#include "messages/elvh.hpp"
 
 namespace isorig::daemon {
 namespace {
@@ -73,6 +82,58 @@ interlock::GpioInterlock::Options read_gpio(const base::TomlTable& table) {
   return o;
 }
 
+bool loopback(const std::string& host) { return host.starts_with("127.") || host == "::1" || host == "localhost"; }
+
+/// `emulated = true`: isorig-simrig plays the devices. It serves this machine only.
+bool read_emulated(const base::TomlTable& root, const RigConfig& rig) {
+  if (!root.boolean_or("emulated", false)) return false;
+  if (rig.simulated()) {
+    root.error("emulated", "`emulated` is for devices on the wire; this rig is simulated in process");
+  } else if ((rig.modbus && rig.modbus->transport == frame::ModbusTransport::kTcp && !loopback(rig.modbus->host)) ||
+             (rig.instron8800 && rig.instron8800->tcp && !loopback(rig.instron8800->host))) {
+    root.error("emulated", "`emulated` = true, and [frame] host is another machine: isorig-simrig serves 127.0.0.1 only, so this is a real frame; take `emulated` out");
+  }
+  return true;
+}
+
+void read_interlock(const base::TomlTable& table, RigConfig& rig) {
+  const auto driver = table.choice("driver", {"sim", "gpio", "none"});
+  if (driver == "gpio") {
+    rig.gpio = read_gpio(table);
+    if (rig.simulated()) table.error("driver", "a simulated rig has its own interlock: driver = \"sim\"");
+  } else if (driver == "none") {
+    rig.unwatched_chain = table.string_or("reason", "");
+    if (rig.simulated()) {
+      table.error("driver", "a simulated rig has its own interlock: driver = \"sim\"");
+    } else if (rig.unwatched_chain.size() < 10) {
+      table.error("reason", "`reason` has to say, in ten letters or more, why nobody watches this rig's emergency-stop chain and what stops it instead");
+    }
+  } else if (!rig.simulated() && !rig.emulated) {
+    table.error("driver",
+                "`driver` = \"sim\" on a rig with real devices: an emergency stop would count as closed and nobody would look; wire the chain "
+                "to driver = \"gpio\" (docs/gpio.md), or say that nobody watches it: driver = \"none\" with reason = \"...\"; "
+                "if isorig-simrig plays the devices, emulated = true at the top");
+  } else if (rig.emulated) {
+    rig.unwatched_chain = "the devices are emulated (isorig-simrig)";
+  }
+}
+
+Callout::Options read_notify(const base::TomlTable& table) {
+  Callout::Options o;
+  o.command = table.string("command");
+  if (o.command.is_relative()) {
+    table.error("command", "`command` has to be an absolute path, such as \"/usr/local/bin/isorig-mail\"");
+  } else if (::access(o.command.c_str(), X_OK) != 0 || std::filesystem::is_directory(o.command)) {
+    table.error("command", "`command` = \"" + o.command.string() + "\" cannot be run: " +
+                               (errno == ENOENT ? "there is no such file" : "it is not an executable file for this user") +
+                               "; arguments go into a script of its own");
+  }
+  o.timeout_s = table.number_or("timeout_s", o.timeout_s, {1.0, 600.0});
+  o.interval_s = table.number_or("interval_s", o.interval_s, {0.1, 3600.0});
+  o.held_s = table.number_or("held_s", o.held_s, {0.0, 1e6});
+  return o;
+}
+
 ServiceConfig read_services(const base::TomlTable& table) {
   ServiceConfig c;
   const auto ms = [&](const char* key, std::int64_t fallback_ns, base::Range range) {
@@ -84,6 +145,35 @@ ServiceConfig read_services(const base::TomlTable& table) {
   c.sync_period_ns = ms("sync_period_ms", c.sync_period_ns, {50.0, 10'000.0});
   c.sync_burst = static_cast<int>(table.integer_or("sync_burst", c.sync_burst, {4, 1000}));
   return c;
+}
+
+/// A run would be refused without it, hours after somebody was told that the rig is valid.
+void check_specimen(const base::TomlTable& root, const RigConfig& rig) {
+  if (rig.specimen.empty()) return;
+  const auto sim = root.table_if("sim");
+  const bool of_sim = rig.simulated() && sim;
+  try {
+    (void)load_specimen(rig.specimen);
+  } catch (const base::ConfigError& e) {
+    for (const auto& fault : e.diagnostics()) (of_sim ? *sim : root).error("specimen", "`specimen`: " + fault.text());
+  }
+}
+
+/// What the Teensy keeps to by itself. Half a psi above the limit: the daemon is to act first and to say why.
+pressure::FillLimits fill_limits(const RigConfig& rig) {
+  constexpr double kMarginPsi = 0.5;
+  const auto& loop = rig.core.pressure_loop;
+  const auto& calibration = rig.core.calibration;
+  pressure::FillLimits limits;
+  // The device knows the sensor's own pressure, not the calibrated one; it takes nothing beyond the sensor's range.
+  const double raw_psi = (rig.limits.pressure_max_psi + kMarginPsi - calibration.pressure_offset_psi) / calibration.pressure_scale;
+  limits.pressure_max_psi = std::clamp(raw_psi, 0.1, messages::kElvhSpanPsi);
+  if (loop.actuator == PressureLoopConfig::Actuator::kValves) {
+    limits.fill_allowance_permille = static_cast<std::uint16_t>(std::lround(1000.0 * loop.fill_allowance()));
+    limits.fill_max_ms =
+        static_cast<std::uint32_t>(std::clamp(1000.0 * loop.fill_time_bound_s(rig.limits.pressure_max_psi), 100.0, 60'000.0));
+  }
+  return limits;
 }
 
 }  // namespace
@@ -98,6 +188,9 @@ RigConfig load_rig(const std::filesystem::path& path) {
   rig.text = document.text();
   (void)root.choice("format", {"isorig-rig/1"});
   rig.name = root.string("name");
+  if (const auto why = base::why_not_a_name(rig.name); !why.empty() && root.type_of("name") == "string") {
+    root.error("name", "`name` = \"" + rig.name + "\" " + why);
+  }
   (void)root.string_or("description", "");
 
   const auto limits = root.table("limits");
@@ -113,6 +206,10 @@ RigConfig load_rig(const std::filesystem::path& path) {
     rig.instron8800 = frame::read_instron8800_config(frame);
   }
   const auto pressure = root.table("pressure");
+  rig.core.frame_zero = FrameZero::kFirstHolds;
+  if (frame_driver != "sim") {
+    rig.core.frame_zero = frame.choice_or("zero", "confirm", {"confirm", "absolute"}) == "confirm" ? FrameZero::kConfirm : FrameZero::kAbsolute;
+  }
   const auto pressure_driver = pressure.choice("driver", {"sim", "teensy"});
   if (pressure_driver == "teensy") {
     rig.pressure_backend = RigConfig::PressureBackend::kTeensy;
@@ -121,17 +218,21 @@ RigConfig load_rig(const std::filesystem::path& path) {
   if ((frame_driver == "sim") != (pressure_driver == "sim")) {
     pressure.error("driver", "a simulated frame goes with a simulated pressure side: they share one plant");
   }
-  const auto interlock = root.table("interlock");
-  if (interlock.choice("driver", {"sim", "gpio"}) == "gpio") {
-    rig.gpio = read_gpio(interlock);
-    if (rig.simulated()) interlock.error("driver", "a simulated rig has its own interlock: driver = \"sim\"");
-  }
+  rig.emulated = read_emulated(root, rig);
+  read_interlock(root.table("interlock"), rig);
 
   const auto table = [&](const char* name, auto&& read) {
     if (const auto t = root.table_if(name)) read(*t);
   };
   rig.core.supervisor.limits = rig.limits;
-  table("supervisor", [&](const auto& t) { rig.core.supervisor = SupervisorConfig::read(t, rig.limits); });
+  table("supervisor", [&](const auto& t) {
+    rig.core.supervisor = SupervisorConfig::read(t, rig.limits);
+    rig.core.recorder_age_max_s = t.number_or("recorder_age_max_s", rig.core.recorder_age_max_s, {0.2, 60.0});
+  });
+  const bool on_the_wire = !rig.simulated();
+  rig.core.operating = OperatorConfig::defaults(rig.limits, on_the_wire);
+  table("operator", [&](const auto& t) { rig.core.operating = OperatorConfig::read(t, rig.limits, on_the_wire); });
+  rig.core.supervisor.guard_open_in_setup = rig.core.operating.jog_with_guard_open;
   table("pressure_loop", [&](const auto& t) { rig.core.pressure_loop = PressureLoopConfig::read(t); });
   table("regulator", [&](const auto& t) {
     rig.regulator = pressure::read_regulator_config(t, directory);
@@ -167,6 +268,7 @@ RigConfig load_rig(const std::filesystem::path& path) {
     rig.lcm.enabled = t.boolean_or("enabled", rig.lcm.enabled);
     rig.lcm.url = t.string_or("url", rig.lcm.url);
   });
+  table("notify", [&](const auto& t) { rig.notify = read_notify(t); });
   table("api", [&](const auto& t) {
     rig.api.socket = t.string_or("socket", "");
     const auto mode = t.string_or("mode", "0660");
@@ -191,6 +293,9 @@ RigConfig load_rig(const std::filesystem::path& path) {
     if (!specimen.empty()) rig.specimen = directory / specimen;
     if (const auto t = root.table_if("sim")) t->ignore_rest();  // for the emulator that plays this rig
   }
+  rig.services.fill_limits = fill_limits(rig);
+  check_specimen(root, rig);
+  check_rig(rig, root);
   document.finish();
   return rig;
 }

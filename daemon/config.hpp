@@ -4,6 +4,7 @@
 #include <string>
 
 #include "base/toml_reader.hpp"
+#include "daemon/callout.hpp"
 #include "daemon/core.hpp"
 #include "daemon/realtime.hpp"
 #include "daemon/services.hpp"
@@ -41,7 +42,9 @@ struct RigConfig {
   std::optional<Teensy> teensy;
   std::optional<pressure::RegulatorConfig> regulator;
   std::int64_t regulator_period_ns = 50'000'000;
-  std::optional<interlock::GpioInterlock::Options> gpio;  ///< none: the simulated interlock
+  std::optional<interlock::GpioInterlock::Options> gpio;  ///< none: nobody watches the chain, or it is simulated
+  /// Why nobody watches the chain of a rig on the wire; "" when somebody does. The chain then counts as closed.
+  std::string unwatched_chain;
   std::optional<sim::SimConfig> sim;
   struct CalibrationPolicy {
     std::filesystem::path records;       ///< empty: RUNS/calibration/NAME
@@ -62,10 +65,16 @@ struct RigConfig {
     std::string url = "udpm://239.255.76.67:7667?ttl=0";
   } lcm;
 
+  /// Who is called when nobody looks (daemon/callout.hpp).
+  Callout::Options notify;
+
   struct Api {
     std::filesystem::path socket;        ///< empty: daemon/paths.hpp
     unsigned mode = 0660;
   } api;
+
+  /// Its devices are emulated on this machine (isorig-simrig): on the wire, and nobody can be hurt.
+  bool emulated = false;
 
   /// Everything in process and in virtual time if wanted: no device is outside.
   [[nodiscard]] bool simulated() const noexcept {

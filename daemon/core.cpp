@@ -10,6 +10,7 @@ namespace isorig::daemon {
 namespace {
 
 constexpr std::int64_t kEvidenceNs = 2'000'000'000;
+constexpr std::int64_t kLossesNs = 1'000'000'000;
 
 }  // namespace
 
@@ -22,7 +23,8 @@ Core::Core(const CoreConfig& config, FrameLink& frame, PressureLink& pressure, I
       recorder_(recorder),
       publisher_(publisher),
       supervisor_(config.supervisor),
-      loop_(config.pressure_loop) {
+      loop_(config.pressure_loop),
+      guard_(config.pressure_loop, config.supervisor.limits.pressure_max_psi) {
   loop_.vent();
 }
 
@@ -31,11 +33,14 @@ void Core::tick(std::int64_t now_ns, std::int64_t late_ns, std::int64_t last_run
   worst_wakeup_ns_ = std::max(worst_wakeup_ns_, late_ns);
   ++now_.lateness[lateness_bin(late_ns)];
   worst_run_ns_ = std::max(worst_run_ns_, last_run_ns);
+  supervisor_.set_state(state_, run_open_);
   supervisor_.on_tick_lateness(now_ns, late_ns);
 
   read_interlock();
   read_frame();
   read_pressure();
+  // What the device did with commands that ran out while we were away is not the sensor's fault.
+  if (static_cast<double>(late_ns) > 1e9 * config_.supervisor.late_tick_max_s) guard_.restart();
   take_requests(now_ns);
   supervise(now_ns);
   step_plan(now_ns);
@@ -63,6 +68,7 @@ void Core::read_frame() noexcept {
     r.keep = keep_;
     supervisor_.on_frame_sample(r);
     fan_out(&Streams::frame, r);
+    if (!std::isfinite(r.position_mm) || !std::isfinite(r.force_N)) continue;  // recorded as it came, and believed by nobody
     if (observer_ != nullptr) observer_->frame.push(r);
     seen_.position_mm = r.position_mm;
     raw_position_mm_ = double{r.raw_position_mm};
@@ -74,9 +80,13 @@ void Core::read_frame() noexcept {
 
   FrameReport report;
   while (frame_.reports.pop(report)) {
-    supervisor_.on_frame_report(report.state);
-    seen_.segment_reached = report.state.motion == frame::Motion::kReached;
+    supervisor_.on_frame_report(report);
+    watch_zero(report);
+    // Of the segment that was commanded last, once the frame has taken it, and of none that it remembers from before.
+    seen_.segment_reached = report.state.motion == frame::Motion::kReached && segments_commanded_ != 0 &&
+                            report.taken_segment == segments_commanded_;
     seen_.segment_id = report.state.segment_id;
+    frame_segment_id_ = report.state.segment_id;
     moving_ = report.state.motion == frame::Motion::kMoving;
   }
   clock::Exchange exchange;
@@ -91,7 +101,7 @@ void Core::read_pressure() noexcept {
   Stamped<pressure::Sample> in;
   const auto& cal = config_.calibration;
   while (pressure_.samples.pop(in)) {
-    const auto reading = monitor_.update(in.sample.raw_word, in.sample.device_us);
+    const auto reading = monitor_.update(in.sample.raw_word, in.sample.device_us, guard_.sure_rate_psi_s());
     PressureRecord r;
     r.mono_ns = in.mono_ns;
     r.device_us = in.sample.device_us;
@@ -118,7 +128,9 @@ void Core::read_pressure() noexcept {
     const double dt_s = std::clamp(static_cast<double>(r.mono_ns - filter_last_ns_) * 1e-9, 0.0, 1.0);
     filter_last_ns_ = r.mono_ns;
     seen_.pressure_psi += (r.pressure_psi - seen_.pressure_psi) * std::min(1.0, dt_s / config_.pressure_filter_s);
-    loop_.update(r.mono_ns, r.pressure_psi, moving_ ? commanded_velocity_mm_s_ : 0.0);
+    const double velocity_mm_s = moving_ ? commanded_velocity_mm_s_ : 0.0;
+    guard_.on_reading(r.mono_ns, r.pressure_psi, velocity_mm_s, loop_.is_holding());
+    loop_.update(r.mono_ns, r.pressure_psi, velocity_mm_s);
   }
   clock::Exchange exchange;
   while (pressure_.exchanges.pop(exchange)) {
@@ -128,7 +140,7 @@ void Core::read_pressure() noexcept {
   while (pressure_.sync.pop(sync)) take_sync(sync);
   pressure::State state;
   while (pressure_.states.pop(state)) {
-    if (state.vented_by_watchdog && state_ == RunState::kRunning) supervisor_.on_device_vented();
+    supervisor_.on_device_vented(state.vented_by_itself, state.cause);
   }
   LinkHealth health;
   while (pressure_.health.pop(health)) pressure_health_ = health;
@@ -164,62 +176,53 @@ void Core::read_interlock() noexcept {
 }
 
 void Core::supervise(std::int64_t now_ns) noexcept {
-  Trip trip = supervisor_.check(now_ns);
-  if (recorder_fault_.load(std::memory_order_relaxed) && trip.severity < Severity::kProgramStop) {
-    trip = {Severity::kProgramStop, "recorder", "the recording cannot be continued; make room on the disk", 0.0, 0.0};
-  }
-  const bool live = state_ == RunState::kRunning || state_ == RunState::kPaused;
-  if (live && !trip && loop_.unreachable()) {
-    trip = {Severity::kProgramStop, "pressure.unreachable",
-            "the set-point cannot be reached; check supply, leaks and the fill valve", pressure_psi_,
-            loop_.target_psi()};
-  }
-  if (trip && (live || (state_ == RunState::kFaulted && trip.severity > (vented_fault_ ? Severity::kSafeState
-                                                                                       : Severity::kProgramStop)))) {
-    vented_fault_ = trip.severity == Severity::kSafeState;
-    if (vented_fault_) {
-      stop_and_vent(now_ns);
-      if (run_open_) {
-        run_open_ = false;
-        outcome_ = Outcome::kFailed;
-      }
-    } else {
-      send_stop();
-      if (cursor_) cursor_->pause(now_ns);
-    }
-    keep_ = Keep::kFull;  // the run-up to the fault goes to disk in full, and some seconds of what follows
-    faulted_since_ns_ = now_ns;
-    FixedText text(now_.fault);
-    text << trip.code << ": " << trip.what;
-    if (trip.threshold != 0.0) text << " (" << trip.value << ", limit " << trip.threshold << ")";
-    transition(now_ns, RunState::kFaulted, trip.severity, trip.code, trip.what, trip.value, trip.threshold);
-    return;
-  }
+  watch_itself(now_ns);
+  if (take_trips(now_ns, supervisor_.check(now_ns))) return;
 
-  const char* why = nullptr;
-  const bool healthy = supervisor_.healthy(now_ns, &why) && frame_health_.clock_ready && pressure_health_.clock_ready;
-  now_.healthy = healthy;
+  const char* why = why_not_ready(now_ns);
+  now_.healthy = why == nullptr;
   if (state_ == RunState::kIdle || state_ == RunState::kReady) {
-    if (why == nullptr || why[0] == '\0') why = healthy ? "" : "the device clocks are being measured";
-    if (std::strncmp(now_.not_ready, why, sizeof now_.not_ready) != 0) copy_text(now_.not_ready, why);
-    if (healthy != (state_ == RunState::kReady)) {
-      transition(now_ns, healthy ? RunState::kReady : RunState::kIdle, Severity::kInfo, healthy ? "ready" : "not_ready",
-                 healthy ? "all streams fresh, interlock closed, clocks mapped" : why, 0.0, 0.0);
+    const char* text = why == nullptr ? "" : why;
+    if (std::strncmp(now_.not_ready, text, sizeof now_.not_ready) != 0) copy_text(now_.not_ready, text);
+    if ((why == nullptr) != (state_ == RunState::kReady)) {
+      transition(now_ns, why == nullptr ? RunState::kReady : RunState::kIdle, Severity::kInfo, why == nullptr ? "ready" : "not_ready",
+                 why == nullptr ? "all streams fresh, interlock closed, clocks mapped, vented and at rest" : why, 0.0, 0.0);
     }
   } else if (state_ == RunState::kFaulted) {
     if (now_ns - faulted_since_ns_ > kEvidenceNs) keep_ = Keep::kAveraged;
-  } else if (state_ == RunState::kStopping) {
-    const double elapsed_s = static_cast<double>(now_ns - stopping_since_ns_) * 1e-9;
-    const bool vented = pressure_psi_ < config_.vented_psi && !moving_;
-    if (vented || elapsed_s > config_.vent_time_max_s) {
-      if (!vented) {
-        emit(now_ns, Severity::kWarning, "vent.slow", "the rig did not vent in time; check the dump valve", pressure_psi_,
-             config_.vented_psi);
-      }
-      keep_ = Keep::kAveraged;
-      transition(now_ns, RunState::kIdle, Severity::kInfo, "stopped", "frame stopped, pressure vented", pressure_psi_, 0.0);
-    }
+    // By a reading from after the stop: an earlier one, of a sensor that has gone silent since, says nothing.
+  } else if (state_ == RunState::kStopping && filter_last_ns_ > stopping_since_ns_ && pressure_psi_ < config_.vented_psi &&
+             supervisor_.stands()) {
+    keep_ = Keep::kAveraged;
+    const bool to_setup = setup_wanted_ && supervisor_.is_beyond_limit() && why_no_setup(now_ns) == nullptr;
+    transition(now_ns, RunState::kIdle, Severity::kInfo, "stopped", "frame stopped, pressure vented", pressure_psi_, 0.0);
+    if (to_setup) enter_setup(now_ns, "a limit is still passed: jog back inside (isorig jog), then isorig setup --off");
+  } else {
+    watch_operator(now_ns, why);
   }
+}
+
+/// A run that is not recorded does not go on.
+Trip Core::judge_recorder(std::int64_t now_ns) noexcept {
+  while (recorder_faults_.pop(recorder_trouble_)) {
+  }
+  if (recorder_fault_.load(std::memory_order_acquire)) {
+    return {Severity::kProgramStop, "recorder", recorder_trouble_.text, 0.0, 0.0};
+  }
+  const std::uint64_t dropped = recorder_.dropped();
+  if (!run_open_) drops_before_run_ = dropped;
+  if (dropped > drops_before_run_) {
+    const auto lost = static_cast<double>(dropped - drops_before_run_);
+    drops_before_run_ = dropped;
+    return {Severity::kProgramStop, "recorder.overflow", "the recorder did not keep up and records are lost; check the disk",
+            lost, 0.0};
+  }
+  const std::int64_t turn_ns = recorder_turn_ns_.load(std::memory_order_acquire);
+  if (const double age_s = static_cast<double>(now_ns - turn_ns) * 1e-9; turn_ns > 0 && age_s > config_.recorder_age_max_s) {
+    return {Severity::kProgramStop, "recorder.stalled", "the recorder stands still; check the disk", age_s,
+            config_.recorder_age_max_s};
+  }
+  return {};
 }
 
 void Core::step_plan(std::int64_t now_ns) noexcept {
@@ -229,15 +232,7 @@ void Core::step_plan(std::int64_t now_ns) noexcept {
   step_ = action.step;
   if (action.step_began || action.step_ended) emit_step(now_ns, action);
   if (action.start_segment) {
-    const auto& cal = config_.calibration;
-    frame::Segment segment;
-    segment.id = action.segment.id;
-    segment.target_mm = static_cast<float>((action.segment.target_mm - cal.position_offset_mm) / cal.position_scale);
-    segment.velocity_mm_s = static_cast<float>(action.segment.velocity_mm_s / std::abs(cal.position_scale));
-    last_segment_id_ = segment.id;
-    commanded_velocity_mm_s_ = std::copysign(action.segment.velocity_mm_s, action.segment.target_mm - seen_.position_mm);
-    supervisor_.on_segment(segment, raw_position_mm_, now_ns);
-    frame_.commands.push({FrameCommand::Kind::kSegment, segment});
+    if (!move_to(now_ns, action.segment.id, action.segment.target_mm, action.segment.velocity_mm_s)) return;
   }
   if (action.rate_psi_s > 0.0 && action.setpoint_psi != setpoint_psi_) {
     setpoint_psi_ = action.setpoint_psi;
@@ -246,46 +241,65 @@ void Core::step_plan(std::int64_t now_ns) noexcept {
   if (action.state == protocol::CursorState::kFinished) {
     end_run(now_ns, Outcome::kDone, "protocol finished: frame stops, pressure vents");
   } else if (action.state == protocol::CursorState::kFailed) {
-    vented_fault_ = false;
-    run_open_ = false;
-    outcome_ = Outcome::kFailed;
-    send_stop();
-    FixedText text(now_.fault);
-    text << "protocol: " << protocol::describe(action.failure) << " (" << action.failure_value << ", wanted "
-         << action.failure_threshold << ")";
-    transition(now_ns, RunState::kFaulted, Severity::kProgramStop, "protocol", protocol::describe(action.failure),
-               action.failure_value, action.failure_threshold);
+    // The run is over: there is nothing to hold the pressure for.
+    trip_over(now_ns, {severity_of("protocol", Phase::kHolding), "protocol", protocol::describe(action.failure), action.failure_value,
+                       action.failure_threshold});
   }
 }
 
-void Core::command(std::int64_t) noexcept {
+/// The plan counts calibrated, the frame raw.
+bool Core::move_to(std::int64_t now_ns, std::uint16_t id, double target_mm, double velocity_mm_s) noexcept {
+  if (const char* why = supervisor_.why_not(target_mm)) {
+    trip_over(now_ns, {Severity::kProgramStop, supervisor_.limit_that_binds(), why, target_mm, seen_.position_mm});
+    return false;
+  }
+  const auto& cal = config_.calibration;
+  frame::Segment segment;
+  segment.id = id;
+  segment.target_mm = static_cast<float>((target_mm - cal.position_offset_mm) / cal.position_scale);
+  segment.velocity_mm_s = static_cast<float>(velocity_mm_s / std::abs(cal.position_scale));
+  commanded_velocity_mm_s_ = std::copysign(velocity_mm_s, target_mm - seen_.position_mm);
+  ++segments_commanded_;
+  supervisor_.on_segment(segment, segments_commanded_, raw_position_mm_, now_ns);
+  frame_.commands.push({segment, segments_commanded_, stops_wanted_});
+  return true;
+}
+
+void Core::command(std::int64_t now_ns) noexcept {
   pressure_.set_command(loop_.command());
+  guard_.on_command(now_ns, loop_.command());
   const auto beat = static_cast<std::uint32_t>(ticks_);
   frame_.loop_beat.store(beat, std::memory_order_release);
   pressure_.loop_beat.store(beat, std::memory_order_release);
   interlock_.loop_beat.store(beat, std::memory_order_release);
 }
 
+void Core::note_clock(std::int64_t now_ns, const LinkHealth& health, ClockSeen& seen, const char* rejected,
+                      const char* restarted) noexcept {
+  if (health.clock_rejected != seen.rejected) {
+    emit(now_ns, Severity::kWarning, "clock.rejected", rejected, static_cast<double>(health.clock_rejected - seen.rejected), 0.0);
+  }
+  // The first life is no event.
+  if (health.clock_epoch != seen.epoch && seen.epoch != 0) {
+    emit(now_ns, Severity::kWarning, "clock.restarted", restarted, static_cast<double>(health.clock_epoch), 0.0);
+  }
+  seen = {health.clock_rejected, health.clock_epoch};
+}
+
 void Core::hand_off(std::int64_t now_ns) noexcept {
   if (now_ns < next_control_ns_) return;
   next_control_ns_ = now_ns + config_.control_period_ns;
 
-  if (frame_health_.lost > frame_lost_) {
-    emit(now_ns, Severity::kWarning, "lost.frame", "samples of the frame were overwritten before we read them",
-         static_cast<double>(frame_health_.lost - frame_lost_), 0.0);
-    frame_lost_ = frame_health_.lost;
-  }
-  if (pressure_health_.lost > pressure_lost_) {
-    emit(now_ns, Severity::kWarning, "lost.pressure", "pressure samples are missing from the sequence",
-         static_cast<double>(pressure_health_.lost - pressure_lost_), 0.0);
-    pressure_lost_ = pressure_health_.lost;
-  }
+  // Summed up once a second: a loss that goes on must not push everything else out of the events.
+  const bool tell_losses = now_ns >= next_loss_ns_;
+  follow_links(now_ns, tell_losses);
   const std::uint64_t drops = recorder_.dropped();
-  if (drops > reported_drops_) {
+  if (tell_losses && drops > reported_drops_) {
     emit(now_ns, Severity::kWarning, "lost.record", "the recorder did not keep up; records were dropped",
          static_cast<double>(drops - reported_drops_), 0.0);
     reported_drops_ = drops;
   }
+  if (tell_losses) next_loss_ns_ = now_ns + kLossesNs;
 
   ControlRecord& c = now_.control;
   c.mono_ns = now_ns;
@@ -301,7 +315,7 @@ void Core::hand_off(std::int64_t now_ns) noexcept {
   c.overruns = overruns_;
   c.worst_wakeup_ns = static_cast<std::uint32_t>(std::min<std::int64_t>(worst_wakeup_ns_, UINT32_MAX));
   c.worst_run_ns = static_cast<std::uint32_t>(std::min<std::int64_t>(worst_run_ns_, UINT32_MAX));
-  if (cursor_) {
+  if (cursor_ && run_begun_) {
     const auto progress = cursor_->progress(now_ns);
     c.progress = static_cast<float>(progress.fraction);
     c.remaining_s = static_cast<float>(progress.remaining_s);
@@ -315,6 +329,8 @@ void Core::hand_off(std::int64_t now_ns) noexcept {
   now_.run_loaded = run_open_;
   now_.outcome = outcome_;
   now_.vented_fault = vented_fault_;
+  now_.operator_left_s = static_cast<float>(operator_left_s(now_ns));
+  now_.zero_confirmed = zero_epoch_ != 0 && zero_epoch_ == confirmed_zero_;
   now_.frame_age_s = supervisor_.frame_age_s(now_ns);
   now_.pressure_age_s = supervisor_.pressure_age_s(now_ns);
   now_.frame = frame_health_;

@@ -9,7 +9,7 @@ void Core::transition(std::int64_t now_ns, RunState to, Severity severity, const
   EventRecord event;
   event.mono_ns = now_ns;
   // A run's first and last transition belong to it.
-  event.step = to == RunState::kIdle || to == RunState::kReady ? step_now() : step_;
+  event.step = to == RunState::kRunning ? step_ : step_now();
   event.severity = severity;
   event.from = state_;
   event.to = to;

@@ -1,19 +1,25 @@
 #include "daemon/daemon.hpp"
 
 #include <pthread.h>
-#include <signal.h>
 #include <spdlog/spdlog.h>
+#include <sys/resource.h>
+#include <unistd.h>
 
 #include <chrono>
+#include <exception>
 #include <future>
+#include <semaphore>
 #include <thread>
 #include <vector>
 
+#include "base/printable.hpp"
 #include "daemon/api.hpp"
+#include "daemon/callout.hpp"
 #include "daemon/calibrations.hpp"
 #include "daemon/core.hpp"
 #include "daemon/devices.hpp"
 #include "daemon/host.hpp"
+#include "daemon/logging.hpp"
 #include "daemon/publisher.hpp"
 #include "daemon/realtime.hpp"
 #include "daemon/service_notifier.hpp"
@@ -29,8 +35,15 @@ constexpr std::int64_t kRecorderPeriodNs = 20'000'000;
 constexpr std::int64_t kPublisherPeriodNs = 10'000'000;
 // Below the devices' threads, above everything ordinary: a busy machine must not look like a stalled loop.
 constexpr int kWatchdogPriority = 1;
+// Likewise: a busy machine must not delay an abort.
+constexpr int kStopPriority = 2;
 constexpr auto kStatusPeriod = std::chrono::seconds(1);
 constexpr auto kFirstTickPatience = std::chrono::seconds(1);
+constexpr auto kComplaintPeriod = std::chrono::seconds(10);
+constexpr auto kSignalPoll = std::chrono::milliseconds(20);
+/// How long a catalogue or disk that refuses is asked again on the way out.
+constexpr auto kWritePatience = std::chrono::seconds(20);
+constexpr rlim_t kDescriptors = 4096;
 
 std::int64_t epoch_unix_us(const clock::Clock& clock) {
   const auto wall = std::chrono::duration_cast<std::chrono::microseconds>(
@@ -61,19 +74,39 @@ std::string status_line(const Status& s, const std::string& run) {
   return why.empty() ? line : line + ": " + why;
 }
 
-sigset_t stop_signals() {
-  sigset_t set;
-  sigemptyset(&set);
-  sigaddset(&set, SIGTERM);
-  sigaddset(&set, SIGINT);
-  return set;
+/// As many descriptors as we may have: segments and devices must find one whatever clients hold.
+void raise_descriptor_limit() {
+  rlimit files{};
+  if (::getrlimit(RLIMIT_NOFILE, &files) != 0) return;
+  files.rlim_cur = std::min<rlim_t>(files.rlim_max, kDescriptors);
+  ::setrlimit(RLIMIT_NOFILE, &files);
 }
+
+/// What a thread's turn threw, now and then: a turn comes back every few milliseconds.
+class Complaint {
+ public:
+  explicit Complaint(const char* name) : name_(name) {}
+  void note(const char* what) noexcept {
+    const auto now = std::chrono::steady_clock::now();
+    if (now < next_) return;
+    next_ = now + kComplaintPeriod;
+    try {
+      spdlog::error("{}: {}", name_, what);
+    } catch (...) {  // no memory for a line: the thread goes on all the same
+    }
+  }
+
+ private:
+  const char* name_;
+  std::chrono::steady_clock::time_point next_{};
+};
 
 }  // namespace
 
 struct Daemon::Impl {
-  Impl(const RigConfig& config, const DaemonOptions& options)
-      : rig(with_calibration(config, options.runs_root)),
+  Impl(const RigConfig& config, const DaemonOptions& options, const StopSignals& stop_signals)
+      : signals(stop_signals),
+        rig(with_calibration(config, options.runs_root)),
         devices(open_devices(rig, clock)),
         recorder_streams(std::size_t{1} << 16U),
         publisher_streams(std::size_t{1} << 14U),
@@ -84,16 +117,22 @@ struct Daemon::Impl {
         interlock_service(*devices.interlock, interlock_link),
         regulator_service(devices.regulator ? std::make_unique<RegulatorService>(*devices.regulator, pressure_link, rig.services, clock)
                                             : nullptr),
+        callout(rig.notify, [](const std::string& line) { spdlog::warn("{}", line); }),
         host(rig, core, recorder_streams, host_options(options)),
-        api(host, options.socket, rig.api.mode) {
+        api(host, options.socket, rig.api.mode, [](const std::string& line) { spdlog::info("{}", line); }) {
     if (rig.lcm.enabled) publisher.emplace(rig.lcm.url);
   }
 
-  Host::Options host_options(const DaemonOptions& options) const {
+  Host::Options host_options(const DaemonOptions& options) {
     Host::Options h;
     h.runs_root = options.runs_root;
+    h.revision = options.revision;
     h.epoch_unix_us = epoch_unix_us(clock);
-    h.on_event = log_event;
+    h.on_event = [this](const EventRecord& event) {
+      log_event(event);
+      callout.on_event(event, host.run_id());
+    };
+    h.on_trouble = [](const std::string& text) { spdlog::error("recorder: {}", text); };
     h.seed = rig.sim ? static_cast<std::int64_t>(rig.sim->seed) : 0;
     return h;
   }
@@ -113,26 +152,41 @@ struct Daemon::Impl {
         return;
       }
       ready.set_value();
-      body();
+      try {
+        body();
+      } catch (const std::exception& e) {
+        Complaint(name).note(e.what());
+      }
     });
     outcome.get();
   }
 
+  /// A turn that throws is tried again: what it was there for is missing meanwhile, and the supervisor judges that.
   template <typename Turn>
-  void every(std::int64_t period_ns, const std::atomic<bool>& stop, Turn turn) {
+  void every(const char* name, std::int64_t period_ns, const std::atomic<bool>& stop, Turn turn) {
+    Complaint complaint(name);
     std::int64_t deadline_ns = clock.now_ns();
     while (!stop.load(std::memory_order_relaxed)) {
       deadline_ns = std::max(deadline_ns + period_ns, clock.now_ns());
       clock.sleep_until_ns(deadline_ns);
-      turn();
+      try {
+        turn();
+      } catch (const std::exception& e) {
+        complaint.note(e.what());
+      }
     }
   }
 
   void start_threads();
-  void stop_threads();
+  void stop_devices();
+  bool stop_threads();
   void await_first_tick();
+  void end();
+  void leave_without_writing();
+  [[nodiscard]] bool at_rest() const;
   [[nodiscard]] std::string status_text() const { return status_line(core.status(), host.run_id()); }
 
+  const StopSignals& signals;
   ServiceNotifier notifier = ServiceNotifier::from_environment();  // before any thread: it changes the environment
   RigConfig rig;
   clock::RealClock clock;
@@ -148,11 +202,14 @@ struct Daemon::Impl {
   InterlockService interlock_service;
   std::unique_ptr<RegulatorService> regulator_service;  ///< where a regulator sets the pressure
   std::optional<Publisher> publisher;
+  Callout callout;
   Host host;
   Api api;
   WatchdogFeeder feeder{notifier, frame_link.loop_beat};
   std::atomic<bool> stop_loop{false}, stop_io{false}, stop_rest{false};
-  std::vector<std::thread> loop, io, rest;
+  std::atomic<bool> devices_down{false}, ended{false}, all_written{true};
+  std::binary_semaphore end_wanted{0};
+  std::vector<std::thread> loop, io, rest, ending;
 };
 
 void Daemon::Impl::start_threads() {
@@ -161,62 +218,114 @@ void Daemon::Impl::start_threads() {
     spawn(loop, "isorig-loop", rig.realtime.priority,
           [this] { run_loop(clock, rig.realtime.period_ns, core, stop_loop); });
     spawn(io, "isorig-frame", io_priority, [this] {
-      every(rig.services.poll_period_ns, stop_io, [this] { frame_service.run_once(clock.now_ns()); });
+      every("frame", rig.services.poll_period_ns, stop_io, [this] { frame_service.run_once(clock.now_ns()); });
     });
     spawn(io, "isorig-pressure", io_priority, [this] {
       // poll() itself waits for data; the pause only bounds a device that is not there.
-      every(1'000'000, stop_io, [this] { pressure_service.run_once(clock.now_ns(), kPressureWaitNs); });
+      every("pressure", 1'000'000, stop_io, [this] { pressure_service.run_once(clock.now_ns(), kPressureWaitNs); });
     });
     if (regulator_service) {
       spawn(io, "isorig-regul", io_priority, [this] {
-        every(rig.regulator_period_ns, stop_io, [this] { regulator_service->run_once(clock.now_ns()); });
+        every("regulator", rig.regulator_period_ns, stop_io, [this] { regulator_service->run_once(clock.now_ns()); });
       });
     }
     spawn(io, "isorig-chain", io_priority, [this] {
       // Woken by an edge where the device can do that, but no more often than a chattering contact may take of the
       // processor.
-      every(kInterlockLeastNs, stop_io, [this] {
+      every("interlock", kInterlockLeastNs, stop_io, [this] {
         if (!interlock_service.wait(kInterlockPeriodNs)) clock.sleep_until_ns(clock.now_ns() + kInterlockPeriodNs);
         interlock_service.run_once(clock.now_ns());
       });
     });
     spawn(rest, "isorig-recorder", 0, [this] {
-      every(kRecorderPeriodNs, stop_rest, [this] { host.turn(clock.now_ns()); });
+      every("recorder", kRecorderPeriodNs, stop_rest, [this] { host.turn(clock.now_ns()); });
     });
     if (publisher) {
       spawn(rest, "isorig-publish", 0, [this] {
-        every(kPublisherPeriodNs, stop_rest, [this] { publisher->drain(publisher_streams, clock.now_ns()); });
+        every("publisher", kPublisherPeriodNs, stop_rest, [this] { publisher->drain(publisher_streams, clock.now_ns()); });
       });
     }
     spawn(rest, "isorig-api", 0, [this] { api.serve(); });
+    spawn(rest, "isorig-stop", kStopPriority, [this] { api.serve_stops(); });
+    spawn(rest, "isorig-work", 0, [this] { api.work(); });
+    if (!rig.notify.command.empty()) spawn(rest, "isorig-notify", 0, [this] { callout.run(); });
+    // Made now: on the way out there may be no thread to be had.
+    spawn(ending, "isorig-end", 0, [this] {
+      end_wanted.acquire();
+      end();
+    });
     if (feeder.period_ns() > 0) {
       spawn(rest, "isorig-watchdog", kWatchdogPriority, [this] {
-        every(feeder.period_ns(), stop_rest, [this] { feeder.turn(); });
+        every("watchdog", feeder.period_ns(), stop_rest, [this] { feeder.turn(); });
       });
     }
   } catch (...) {
     stop_threads();
+    for (auto& t : ending) t.join();
+    ending.clear();
     throw;
   }
 }
 
-void Daemon::Impl::stop_threads() {
+/// Frame stopped, vented, loop gone. Needs no disk.
+void Daemon::Impl::stop_devices() {
   const auto join = [](std::vector<std::thread>& threads) {
     for (auto& t : threads) t.join();
     threads.clear();
   };
   stop_io = true;
   join(io);
-  frame_service.shut_down();
-  pressure_service.shut_down();
+  pressure_service.shut_down();  // first: seeing the crosshead stand takes a moment
   if (regulator_service) regulator_service->shut_down();
+  if (!frame_service.shut_down()) {
+    spdlog::error("frame: the crosshead was not seen to stand; its own watchdog has to stop it now. Look at it");
+  }
   interlock_service.shut_down();
   stop_loop = true;
   join(loop);
+  devices_down = true;
+}
+
+/// False when something could not be written.
+bool Daemon::Impl::stop_threads() {
+  if (!devices_down) stop_devices();
   stop_rest = true;
   api.stop();
-  join(rest);
-  host.shut_down();
+  callout.stop();
+  for (auto& t : rest) t.join();
+  rest.clear();
+  const auto deadline = std::chrono::steady_clock::now() + kWritePatience;
+  const bool written = host.shut_down([&] { return std::chrono::steady_clock::now() > deadline; });
+  end_wanted.release();  // nobody waits for it on this way; end() does nothing then
+  return written;
+}
+
+bool Daemon::Impl::at_rest() const {
+  const auto state = core.status().control.state;
+  return devices_down || state == RunState::kIdle || state == RunState::kReady;
+}
+
+/// The orderly way out, on a thread of its own: signals are listened to meanwhile.
+void Daemon::Impl::end() {
+  if (devices_down) return;
+  const auto patience = std::chrono::duration<double>(rig.core.vent_time_max_s + 2.0);
+  const auto deadline = std::chrono::steady_clock::now() + patience;
+  // One control record later the status shows the abort; until then "ready" is of before.
+  std::this_thread::sleep_for(2 * std::chrono::nanoseconds(rig.core.control_period_ns));
+  while (!at_rest() && std::chrono::steady_clock::now() < deadline) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  all_written = stop_threads();
+  ended = true;
+}
+
+/// The second signal: the rig comes to rest, then we are gone, whatever the disk does. The run stands as interrupted.
+void Daemon::Impl::leave_without_writing() {
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(rig.core.vent_time_max_s + 2.0);
+  while (!at_rest() && !ended && std::chrono::steady_clock::now() < deadline) {
+    if (signals.wait(kSignalPoll) != 0) break;  // the third: the devices' watchdogs see to the rest
+  }
+  if (ended) return;
+  api.unlink();
+  ::_exit(1);
 }
 
 void Daemon::Impl::await_first_tick() {
@@ -230,46 +339,56 @@ void Daemon::Impl::await_first_tick() {
   }
 }
 
-Daemon::Daemon(const RigConfig& rig, const DaemonOptions& options) {
-  // Before any thread: they all inherit the mask, and only run() takes these signals.
-  const sigset_t set = stop_signals();
-  pthread_sigmask(SIG_BLOCK, &set, nullptr);
-  ::signal(SIGPIPE, SIG_IGN);
-  impl_ = std::make_unique<Impl>(rig, options);
+Daemon::Daemon(const RigConfig& rig, const DaemonOptions& options, const StopSignals& signals) {
+  raise_descriptor_limit();
+  impl_ = std::make_unique<Impl>(rig, options, signals);
   lock_memory(rig.realtime);
 }
 
 Daemon::~Daemon() = default;
 
-void Daemon::run() {
+bool Daemon::run() {
   auto& d = *impl_;
   d.start_threads();
   try {
     d.await_first_tick();
   } catch (...) {
     d.stop_threads();
+    for (auto& t : d.ending) t.join();
+    d.ending.clear();
     throw;
   }
   spdlog::info("rig \"{}\" up{}", d.rig.name, d.rig.realtime.enforce ? "" : " without real-time rights (--no-realtime)");
   d.notifier.ready(d.status_text());
-  for (const auto& text : d.host.overdue()) spdlog::warn("{}", text);
-  const sigset_t set = stop_signals();
-  const timespec between_states{kStatusPeriod.count(), 0};
-  int signal_number = 0;
-  while ((signal_number = ::sigtimedwait(&set, nullptr, &between_states)) < 0) {
-    if (d.notifier.connected()) d.notifier.status(d.status_text());
+  if (const auto& why = d.rig.unwatched_chain; !why.empty()) {
+    spdlog::warn("the emergency-stop chain is NOT WATCHED by this daemon: {}", base::printable(why));
   }
-  spdlog::info("signal {}: stopping", signal_number);
-  d.notifier.stopping(d.host.run_open() ? "aborting the run, venting" : "stopping");
-  if (d.host.run_open()) {
-    d.host.verb(Request::Verb::kAbort);
-    const auto patience = std::chrono::duration<double>(d.rig.core.vent_time_max_s + 2.0);
-    const auto deadline = std::chrono::steady_clock::now() + patience;
-    while (d.host.run_open() && std::chrono::steady_clock::now() < deadline) {
-      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  for (const auto& text : d.host.overdue()) spdlog::warn("{}", text);
+  if (!d.rig.core.operating.arming_required && !d.rig.simulated()) {
+    spdlog::warn("[operator] arming = \"none\": a start moves and fills this rig at once");
+  }
+  if (const auto changes = d.host.rig_changes(); !changes.empty()) spdlog::warn("{}", changes);
+  int signal_number = 0;
+  std::size_t lines_lost = 0;
+  while ((signal_number = d.signals.wait(kStatusPeriod)) == 0) {
+    if (d.notifier.connected()) d.notifier.status(d.status_text());
+    d.callout.watch(d.core.status(), d.host.run_id());
+    if (const auto lost = Logging::lost(); lost > lines_lost) {
+      spdlog::warn("{} lines of this log are lost: nobody took them", lost - lines_lost);
+      lines_lost = lost;
     }
   }
-  d.stop_threads();
+  d.host.refuse_starts();
+  d.core.request_abort();  // without waiting for anything
+  d.end_wanted.release();
+  spdlog::info("signal {}: stopping", signal_number);
+  d.notifier.stopping("aborting the run, venting, writing");
+  while (!d.ended) {
+    if (d.signals.wait(kSignalPoll) != 0) d.leave_without_writing();
+  }
+  for (auto& t : d.ending) t.join();
+  d.ending.clear();
+  return d.all_written;
 }
 
 }  // namespace isorig::daemon

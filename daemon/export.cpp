@@ -11,20 +11,18 @@
 #include <sstream>
 #include <stdexcept>
 
-#include "drivers/clock/remap.hpp"
+#include "daemon/export_times.hpp"
 #include "messages/recording.hpp"
 
 namespace isorig::daemon {
 namespace {
 
-/// Exchanges this long before and after a session still say something about it.
-constexpr std::int64_t kRemapMarginNs = 600'000'000'000;
+/// No row of a recording may follow the one before by less than 1 ns, in seconds as they are rounded.
+constexpr std::int64_t kLeastStepNs = 2;
 
-struct Row {
-  std::int64_t mono_ns;
-  double device_us;
-  double first;   // position or pressure
-  double second;  // force
+struct Row : TimedRow {
+  double first = 0.0;   // position or pressure
+  double second = 0.0;  // force
 };
 
 struct Session {
@@ -49,8 +47,13 @@ struct Exchanges : messages::RunVisitor {
 
 class Exporter : public messages::RunVisitor {
  public:
-  Exporter(const std::filesystem::path& out, const ExportOptions& options, const Exchanges& exchanges)
-      : out_(out), options_(options), exchanges_(exchanges) {}
+  Exporter(const std::filesystem::path& out, const ExportOptions& options, const Exchanges& exchanges,
+           const messages::ReadReport& report)
+      : out_(out),
+        options_(options),
+        exchanges_(exchanges),
+        state_(report.state()),
+        complaints_(report.complaints()) {}
 
   void header(const isorig_msgs::run_header_t& h) override {
     if (h.attempt != header_.attempt) write_before(std::numeric_limits<std::int32_t>::max());
@@ -69,9 +72,7 @@ class Exporter : public messages::RunVisitor {
   void frame(const isorig_msgs::frame_batch_t& m) override {
     auto& rows = sessions_[m.session].frame;
     for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
-      rows.push_back({m.mono_ns + m.mono_offset_ns[i],
-                      static_cast<double>(m.device_us + m.device_offset_us[i]), m.position_mm[i],
-                      m.force_N[i]});
+      rows.push_back(sample(m, i, m.position_mm[i], m.force_N[i]));
     }
   }
   void frame_average(const isorig_msgs::frame_average_batch_t& m) override {
@@ -87,9 +88,7 @@ class Exporter : public messages::RunVisitor {
         ++s.not_measured;
         continue;
       }
-      s.pressure.push_back({m.mono_ns + m.mono_offset_ns[i],
-                            static_cast<double>(m.device_us + m.device_offset_us[i]), m.pressure_psi[i],
-                            0.0});
+      s.pressure.push_back(sample(m, i, m.pressure_psi[i], 0.0));
     }
   }
   void pressure_average(const isorig_msgs::pressure_average_batch_t& m) override {
@@ -110,8 +109,28 @@ class Exporter : public messages::RunVisitor {
  private:
   template <typename Message>
   static Row middle(const Message& m, std::size_t i, double first, double second) {
-    return {m.first_mono_ns[i] + (m.last_mono_ns[i] - m.first_mono_ns[i]) / 2,
-            0.5 * static_cast<double>(m.first_device_us[i] + m.last_device_us[i]), first, second};
+    Row r;
+    r.mono_ns = m.first_mono_ns[i] + (m.last_mono_ns[i] - m.first_mono_ns[i]) / 2;
+    r.bound_ns = static_cast<double>(m.bound_ns[i]);
+    r.device_span_us = static_cast<double>(m.last_device_us[i] - m.first_device_us[i]);
+    r.device_us = static_cast<double>(m.first_device_us[i]) + 0.5 * r.device_span_us;
+    r.sequence_span = std::remainder(static_cast<double>(m.last_sequence[i] - m.first_sequence[i]), 4'294'967'296.0);
+    r.sequence = static_cast<double>(m.first_sequence[i]) + 0.5 * r.sequence_span;
+    r.first = first;
+    r.second = second;
+    return r;
+  }
+
+  template <typename Message>
+  static Row sample(const Message& m, std::size_t i, double first, double second) {
+    Row r;
+    r.mono_ns = m.mono_ns + m.mono_offset_ns[i];
+    r.bound_ns = static_cast<double>(m.bound_ns[i]);
+    r.device_us = static_cast<double>(m.device_us + m.device_offset_us[i]);
+    r.sequence = static_cast<double>(m.sequence + m.sequence_offset[i]);
+    r.first = first;
+    r.second = second;
+    return r;
   }
 
   void write_before(std::int32_t index) {
@@ -129,37 +148,26 @@ class Exporter : public messages::RunVisitor {
                              ", which its header does not know");
   }
 
-  /// Sum of squares of what the stamps moved by, us^2.
-  double remap(std::vector<Row>& rows, std::size_t device) {
+  Remapped remap(std::vector<Row>& rows, std::size_t device) {
     const auto found = exchanges_.of.find(header_.attempt);
-    if (found == exchanges_.of.end() || rows.empty()) return 0.0;
-    const auto& all = found->second[device];
-    const auto from = std::lower_bound(all.begin(), all.end(), rows.front().mono_ns - kRemapMarginNs,
-                                       [](const auto& e, std::int64_t ns) { return e.host_recv_ns < ns; });
-    const auto to = std::lower_bound(from, all.end(), rows.back().mono_ns + kRemapMarginNs,
-                                     [](const auto& e, std::int64_t ns) { return e.host_recv_ns < ns; });
-    std::vector<clock::DeviceStamp> stamps;
-    stamps.reserve(rows.size());
-    for (const auto& r : rows) stamps.push_back({r.device_us, r.mono_ns});
-    const auto mapped = clock::remap_offline({from, to}, stamps);
-    double sum_us2 = 0.0;
-    for (std::size_t i = 0; i < rows.size(); ++i) {
-      if (!std::isfinite(mapped[i].bound_ns)) continue;  // no exchange near: the online stamp stays
-      const double moved_us = static_cast<double>(mapped[i].mono_ns - rows[i].mono_ns) * 1e-3;
-      sum_us2 += moved_us * moved_us;
-      rows[i].mono_ns = mapped[i].mono_ns;
-    }
-    return sum_us2;
+    std::vector<TimedRow*> timed;
+    timed.reserve(rows.size());
+    for (auto& r : rows) timed.push_back(&r);
+    if (found == exchanges_.of.end()) return {0.0, rows.size(), 0};
+    return remap_rows(timed, found->second[device]);
   }
 
-  static std::size_t sort_and_thin(std::vector<Row>& rows) {
+  /// By time, each row later than the one before: no row is left out for its time.
+  static std::size_t sort(std::vector<Row>& rows) {
     std::stable_sort(rows.begin(), rows.end(),
                      [](const Row& a, const Row& b) { return a.mono_ns < b.mono_ns; });
-    const auto end = std::unique(rows.begin(), rows.end(),
-                                 [](const Row& a, const Row& b) { return b.mono_ns <= a.mono_ns; });
-    const auto gone = static_cast<std::size_t>(rows.end() - end);
-    rows.erase(end, rows.end());
-    return gone;
+    std::size_t moved = 0;
+    for (std::size_t i = 1; i < rows.size(); ++i) {
+      if (rows[i].mono_ns >= rows[i - 1].mono_ns + kLeastStepNs) continue;
+      rows[i].mono_ns = rows[i - 1].mono_ns + kLeastStepNs;
+      ++moved;
+    }
+    return moved;
   }
 
   void write(std::int32_t index, Session& s) {
@@ -176,11 +184,17 @@ class Exporter : public messages::RunVisitor {
     e.complete = s.complete;
     e.not_measured = s.not_measured;
     // Messages of one stream may be written out of order (a run-up behind an average): by time again.
-    e.not_increasing = sort_and_thin(s.frame) + sort_and_thin(s.pressure);
+    e.not_increasing = sort(s.frame) + sort(s.pressure);
     if (options_.remap) {
       const auto n = static_cast<double>(s.frame.size() + s.pressure.size());
-      e.remap_rms_us = std::sqrt((remap(s.frame, 0) + remap(s.pressure, 1)) / n);
-      e.not_increasing += sort_and_thin(s.frame) + sort_and_thin(s.pressure);
+      const auto frame = remap(s.frame, 0), pressure = remap(s.pressure, 1);
+      const auto squares = [](const Remapped& r, std::size_t rows) {
+        return r.moved_rms_us * r.moved_rms_us * static_cast<double>(rows);
+      };
+      e.remap_rms_us = std::sqrt((squares(frame, s.frame.size()) + squares(pressure, s.pressure.size())) / n);
+      e.kept_online = frame.kept + pressure.kept;
+      e.clock_breaks = frame.clock_breaks + pressure.clock_breaks;
+      e.not_increasing += sort(s.frame) + sort(s.pressure);
     }
 
     std::int64_t start_ns = s.frame.front().mono_ns;
@@ -216,6 +230,7 @@ class Exporter : public messages::RunVisitor {
   messages::RecordingMetadata metadata(const isorig_msgs::session_t& planned, const ExportedSession& e,
                                        std::int64_t start_ns) const {
     messages::RecordingMetadata m;
+    m.units_stated = true;
     m.specimen = header_.specimen;
     m.rest_length_mm = header_.rest_length_mm;
     if (std::isfinite(planned.pressurized_rest_length_mm)) {
@@ -237,7 +252,17 @@ class Exporter : public messages::RunVisitor {
                         {"plan", header_.plan_summary},
                         {"time_mapping", options_.remap ? "offline" : "online"},
                         {"average_interval_s", header_.average_interval_s},
-                        {"versions", versions}};
+                        {"versions", versions},
+                        {"recording_state", messages::to_text(state_)}};
+    toml::array complaints;
+    for (const auto& line : complaints_) complaints.push_back(line);
+    if (!complaints.empty()) further.insert_or_assign("recording_complaints", complaints);
+    if (options_.remap) further.insert_or_assign("rows_with_online_time", static_cast<std::int64_t>(e.kept_online));
+    if (!options_.outcome.empty()) further.insert_or_assign("outcome", options_.outcome);
+    if (!options_.operator_name.empty()) further.insert_or_assign("operator", options_.operator_name);
+    for (const auto& t : header_.texts) {
+      if (t.name == "operator") further.insert_or_assign("operator", t.text);
+    }
     for (const auto& t : header_.texts) {
       // What corrected these values; the raw ones are in the run.
       if (t.name == "calibration.toml") further.insert_or_assign("calibration", toml::parse(t.text));
@@ -251,6 +276,8 @@ class Exporter : public messages::RunVisitor {
   std::filesystem::path out_;
   ExportOptions options_;
   const Exchanges& exchanges_;
+  const messages::RecordingState state_;
+  const std::vector<std::string> complaints_;
   isorig_msgs::run_header_t header_{};
   std::map<std::int32_t, Session> sessions_;
   std::map<std::int32_t, ExportedSession> written_;
@@ -284,11 +311,13 @@ void refuse_recordings_of_others(const std::filesystem::path& out, const std::st
 ExportReport export_run(const std::filesystem::path& run_dir, const std::filesystem::path& out,
                         const ExportOptions& options) {
   refuse_recordings_of_others(out, options.run_id);
+  // First what state it is in, which each exported folder says.
   Exchanges exchanges;
-  if (options.remap) messages::read_run(run_dir, exchanges);
-  Exporter exporter(out, options, exchanges);
   ExportReport report;
-  report.read = messages::read_run(run_dir, exporter);
+  report.read = messages::read_run(run_dir, exchanges);
+  report.read.set_against(options.outcome, options.still_written);
+  Exporter exporter(out, options, exchanges, report.read);
+  (void)messages::read_run(run_dir, exporter);
   report.sessions = exporter.finish();
   return report;
 }

@@ -12,7 +12,11 @@ struct ExportOptions {
   /// Maps device times to the host's clock again, from the recorded exchanges before and after each sample.
   bool remap = false;
   /// Provenance only: `run` in recording.toml.
-  std::string run_id;
+  std::string run_id{};
+  /// What the catalogue says, where there is one.
+  std::string operator_name{};
+  std::string outcome{};
+  bool still_written = false;  ///< a recorder writes it at this moment
 };
 
 /// One repetition at one pressure, as a folder in the recording format.
@@ -26,8 +30,10 @@ struct ExportedSession {
   std::size_t frame_rows = 0;
   std::size_t pressure_rows = 0;
   std::size_t not_measured = 0;  ///< pressure samples left out: stale or faulty words, intervals without any
-  std::size_t not_increasing = 0;  ///< rows left out since their time is not after the row before
+  std::size_t not_increasing = 0;  ///< rows put 2 ns behind the row before, whose time they had
   double remap_rms_us = 0.0;       ///< how far remapping moved the stamps of both streams, rms
+  std::size_t kept_online = 0;     ///< rows that remapping left as they were: it would not have been better
+  std::size_t clock_breaks = 0;    ///< that remapping found: a device's clock began anew or stepped
 };
 
 struct ExportReport {
@@ -38,7 +44,8 @@ struct ExportReport {
 /// Writes each session of a run that has samples to `out`/rep-N_PP-psi. Seconds in both files count from the
 /// session's first sample, of whichever stream. Full-rate samples are rows as they are; an averaged interval
 /// is one row, its mean at the middle of its time. Of a session that was recorded in several attempts the
-/// last counts, unless only an earlier one is complete.
+/// last counts, unless only an earlier one is complete. What is altered or cut is left out; every folder's
+/// recording.toml says in which state the recording was.
 ExportReport export_run(const std::filesystem::path& run_dir, const std::filesystem::path& out,
                         const ExportOptions& options);
 

@@ -1,4 +1,5 @@
 #include <sched.h>
+#include <sys/utsname.h>
 #include <unistd.h>
 
 #include <cmath>
@@ -164,22 +165,47 @@ Host::Result Host::add_calibration(const std::string& record_toml) {
   if (record.rig != rig_.name) {
     return {false, "the record is of rig \"" + record.rig + "\", and this is \"" + rig_.name + "\"", {}};
   }
+  // Not while a run is being opened: its header has to tell the corrections that it is recorded with.
+  const std::lock_guard one_at_a_time(start_mutex_);
   const auto state = core_.status().control.state;
   if (state != RunState::kIdle && state != RunState::kReady) {
     return {false, std::string("the rig is ") + to_text(state) + ": a calibration is put in force between runs", {}};
   }
+  // A copy is written, so that nobody who looks waits for the disk.
+  auto records = [this] {
+    const std::lock_guard lock(mutex_);
+    return records_;
+  }();
+  records.add(record);
   Request request;
   request.verb = Request::Verb::kCalibrate;
+  request.calibration = corrections_of(records);
   {
-    std::lock_guard lock(mutex_);
-    records_.add(record);
-    request.calibration = corrections_of(records_);
+    const std::lock_guard lock(mutex_);
+    records_ = std::move(records);
   }
-  const auto taken = post(request);
+  const auto taken = ask(request);
   if (!taken.ok) {
     return {false, "the record " + record.id + " is kept, but not in force before the daemon starts again: " + taken.text, {}};
   }
   return {true, "calibration " + record.id + " is in force, due on " + record.due, {}};
+}
+
+/// What a recording was made with. Nothing of it may differ between two machines in virtual time, where recordings are
+/// compared byte by byte.
+std::vector<std::pair<std::string, std::string>> Host::provenance(const std::string& operator_name, const Status& now) const {
+  std::vector<std::pair<std::string, std::string>> all{
+      {"isorig", kVersion},
+      {"git", options_.revision.empty() ? "unknown" : options_.revision},
+      {"lcm", kLcmVersion}};
+  if (!operator_name.empty()) all.emplace_back("operator", operator_name);
+  if (options_.virtual_time) return all;
+  utsname kernel{};
+  if (::uname(&kernel) == 0) all.emplace_back("kernel", std::string(kernel.sysname) + " " + kernel.release + " " + kernel.machine);
+  for (const auto& [name, link] : {std::pair{"frame", &now.frame}, {"pressure", &now.pressure}, {"regulator", &now.regulator}}) {
+    if (link->identity[0] != '\0') all.emplace_back(name, link->identity);
+  }
+  return all;
 }
 
 std::vector<std::string> Host::overdue() const {

@@ -34,6 +34,9 @@ struct LinkHealth {
   float bound_ns = 0.0F;           ///< of the newest stamp
   float repeatability_ns = 0.0F;
   float sample_rate_hz = 0.0F;      ///< as the device says
+  std::uint32_t clock_epoch = 0;    ///< lives of the device's clock, since start: another one when it was set or restarted
+  std::uint32_t clock_rejected = 0; ///< time exchanges that were wrong, since start
+  std::int64_t failed_ns = 0;       ///< when the last call failed; 0: none has
   char detail[224] = {};            ///< the last error, for people
   char identity[96] = {};           ///< maker, model, serial number, firmware, as the device says
 };
@@ -46,14 +49,25 @@ struct SyncReport {
   clock::SyncCounts counts;
 };
 
+/// What the frame says of itself, and what its service has seen of it.
 struct FrameReport {
   frame::State state;
-  std::int64_t mono_ns = 0;  ///< when the state was read
+  std::int64_t mono_ns = 0;            ///< when the state was read
+  std::uint32_t stop_wish = 0;         ///< the newest stop wish that the service has taken up ...
+  bool stop_confirmed = false;         ///< ... and whether it has ended in standstill
+  bool stands = false;                 ///< the report says no motion, and the samples' slope is no more than their noise
+  float velocity_mm_s = 0.0F;          ///< that slope, as the frame counts
+  float velocity_bound_mm_s = 0.0F;    ///< what the noise explains
+  float position_mm = 0.0F;            ///< mean over the window of the slope, as the frame counts
+  std::uint32_t reference_epoch = 0;   ///< frame::Identity's of this connection
+  std::uint32_t taken_segment = 0;     ///< FrameCommand::number of the last that the frame took in this connection; 0: none
+  std::uint32_t refused_segment = 0;   ///< ... and of the last that it did not take; LinkHealth::detail says why
 };
 
 struct FrameCommand {
-  enum class Kind : std::uint8_t { kSegment, kStop } kind = Kind::kStop;
   frame::Segment segment;
+  std::uint32_t number = 0;      ///< the loop's own count from 1, which no frame can echo from an earlier life
+  std::uint32_t after_stop = 0;  ///< the stop wish it comes after; one that is older has been overtaken
 };
 
 struct FrameLink {
@@ -62,6 +76,9 @@ struct FrameLink {
   base::SpscQueue<LinkHealth> health{64};
   base::SpscQueue<clock::Exchange> exchanges{1024};
   base::SpscQueue<FrameCommand> commands{64};
+  /// Counts the loop's wishes that the frame stop. A wish is a state, not a message: the service repeats the stop until
+  /// it has seen the frame stand, sends no segment and withholds the heartbeat until then.
+  std::atomic<std::uint32_t> stops_wanted{0};
   /// The loop's tick counter: the I/O thread writes it to the frame as the heartbeat, so that a loop that
   /// hangs stops the frame even while the I/O thread lives.
   std::atomic<std::uint32_t> loop_beat{0};

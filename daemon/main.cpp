@@ -1,12 +1,21 @@
-#include <spdlog/spdlog.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <chrono>
 #include <iostream>
 
+#include "base/printable.hpp"
 #include "daemon/config.hpp"
 #include "daemon/daemon.hpp"
+#include "daemon/logging.hpp"
 #include "daemon/paths.hpp"
+#include "daemon/revision.hpp"
+#include "daemon/stop_signals.hpp"
 #include "daemon/version.hpp"
+
+namespace {
+constexpr auto kLogPatience = std::chrono::milliseconds(500);
+}
 
 /// Exit codes: 0 stopped as asked, 1 failure, 2 usage, 3 wrong configuration, 8 no real-time rights.
 int main(int argc, char** argv) {
@@ -14,13 +23,15 @@ int main(int argc, char** argv) {
   CLI::App app("The daemon that owns the rig", "isorigd");
   std::string rig_path, socket;
   std::string runs = daemon::default_runs().string();
-  bool no_realtime = false, check = false;
+  bool no_realtime = false, accept_late_ticks = false, check = false;
   app.add_option("--rig", rig_path, "The rig's file (config/rigs/)")->required();
   app.add_option("--runs", runs, "Where runs and their catalogue are kept")->capture_default_str();
   app.add_option("--socket", socket, "The control socket, instead of the rig's [api] socket");
   app.add_flag("--no-realtime", no_realtime, "Run without real-time rights; for a simulated rig on a desk");
+  app.add_flag("--accept-late-ticks", accept_late_ticks,
+               "With --no-realtime on a rig on the wire: its loop may stand still whenever the machine likes");
   app.add_flag("--check", check, "Read and validate the rig's file, then exit");
-  app.set_version_flag("--version", std::string("isorigd ") + daemon::kVersion);
+  app.set_version_flag("--version", std::string("isorigd ") + daemon::kVersion + " (" + daemon::kRevision + ")");
   app.footer("Exit codes: 0 stopped as asked, 1 failure, 2 usage, 3 wrong configuration, 8 no real-time rights.");
   try {
     app.parse(argc, argv);
@@ -31,24 +42,34 @@ int main(int argc, char** argv) {
     auto rig = daemon::load_rig(rig_path);
     rig.realtime.enforce = !no_realtime;
     if (check) {
-      std::cout << rig_path << ": rig \"" << rig.name << "\" is valid\n";
+      std::cout << base::printable(rig_path) << ": rig \"" << rig.name << "\" is valid\n";
       return 0;
+    }
+    if (no_realtime && !accept_late_ticks && !rig.simulated()) {
+      std::cerr << "isorigd: rig \"" << rig.name << "\" has real devices, and without real-time rights its loop may stand still "
+                << "whenever the machine likes; grant the rights (docs/threads.md), or say that you want this: --accept-late-ticks\n";
+      return 2;
     }
     daemon::DaemonOptions options;
     options.runs_root = runs;
+    options.revision = daemon::kRevision;
     options.socket = !socket.empty() ? std::filesystem::path(socket)
                      : !rig.api.socket.empty() ? rig.api.socket
                                                : daemon::default_socket();
-    daemon::Daemon(rig, options).run();
-    return 0;
+    const daemon::StopSignals signals;
+    daemon::Logging logging;
+    const int code = daemon::Daemon(rig, options, signals).run() ? 0 : 1;
+    // A log whose thread waits for a terminal that stands still would be waited for at exit.
+    if (!logging.drain(kLogPatience)) ::_exit(code);
+    return code;
   } catch (const base::ConfigError& e) {
     std::cerr << e.what() << '\n';
     return 3;
   } catch (const daemon::RealtimeError& e) {
-    std::cerr << "isorigd: " << e.what() << '\n';
+    std::cerr << "isorigd: " << base::printable_lines(e.what()) << '\n';
     return 8;
   } catch (const std::exception& e) {
-    std::cerr << "isorigd: " << e.what() << '\n';
+    std::cerr << "isorigd: " << base::printable_lines(e.what()) << '\n';
     return 1;
   }
 }

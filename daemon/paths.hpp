@@ -18,6 +18,9 @@ inline std::filesystem::path default_socket() {
   return std::filesystem::temp_directory_path() / ("isorigd-" + std::string(std::getenv("USER") ? std::getenv("USER") : "user") + ".sock");
 }
 
+/// Where the daemon on `socket` takes abort, pause and status whatever else it is asked for (docs/api.md).
+inline std::filesystem::path stop_socket_of(const std::filesystem::path& socket) { return socket.string() + ".stop"; }
+
 /// Where runs are kept unless told otherwise: $ISORIG_RUNS, else ./runs.
 inline std::filesystem::path default_runs() {
   if (const char* named = std::getenv("ISORIG_RUNS"); named != nullptr && *named != '\0') return named;

@@ -4,21 +4,13 @@
 #include <cmath>
 
 #include "base/toml_reader.hpp"
+#include "daemon/valve_flow.hpp"
 
 namespace isorig::daemon {
 namespace {
 
-constexpr double kAtmospherePsi = 14.696;
-constexpr double kCriticalRatio = 0.3;  // b of ISO 6358, typical of small solenoid valves
 // Far from the reference the reading may be old (start, a paused loop): no step longer than this is believed.
 constexpr double kLongestStepS = 0.05;
-
-double flow_factor(double downstream_over_upstream) noexcept {
-  const double r = std::clamp(downstream_over_upstream, 0.0, 1.0);
-  if (r <= kCriticalRatio) return 1.0;
-  const double x = (r - kCriticalRatio) / (1.0 - kCriticalRatio);
-  return std::sqrt(std::max(0.0, 1.0 - x * x));
-}
 
 }  // namespace
 
@@ -37,7 +29,28 @@ PressureLoopConfig PressureLoopConfig::read(const base::TomlTable& table) {
   c.settled_tolerance_psi = table.number_or("settled_tolerance_psi", c.settled_tolerance_psi, base::kPositive);
   c.unreachable_error_psi = table.number_or("unreachable_error_psi", c.unreachable_error_psi, base::kPositive);
   c.unreachable_after_s = table.number_or("unreachable_after_s", c.unreachable_after_s, base::kPositive);
+  c.response_min = table.number_or("response_min", c.response_min, {0.05, 1.0});
+  c.leak_max_psi_s = table.number_or("leak_max_psi_s", c.leak_bound_psi_s(), base::kPositive);
+  c.motion_max_psi_per_mm = table.number_or("motion_max_psi_per_mm", c.motion_bound_psi_mm(), base::kPositive);
+  c.allowance_psi = table.number_or("allowance_psi", c.allowance_psi, {0.02, 2.0});
   return c;
+}
+
+double PressureLoopConfig::leak_bound_psi_s() const noexcept {
+  return leak_max_psi_s > 0.0 ? leak_max_psi_s : kLeakShare * fill_gain_per_s * (supply_psi + kAtmospherePsi);
+}
+
+double PressureLoopConfig::motion_bound_psi_mm() const noexcept {
+  return motion_max_psi_per_mm > 0.0 ? motion_max_psi_per_mm : std::max(0.25, 3.0 * std::abs(feedforward_psi_per_mm));
+}
+
+double PressureLoopConfig::fill_allowance() const noexcept {
+  const double full_psi_s = fill_gain_per_s * (supply_psi + kAtmospherePsi);
+  return std::min(0.5, leak_bound_psi_s() / full_psi_s + std::max(0.5 * kDeadDuty, minimum_duty));
+}
+
+double PressureLoopConfig::fill_time_bound_s(double pressure_max_psi) const noexcept {
+  return kFillings * fill_time_s(fill_gain_per_s, supply_psi, pressure_max_psi);
 }
 
 void PressureLoop::set_target(double target_psi, double rate_psi_s, std::int64_t mono_ns) noexcept {
@@ -110,10 +123,8 @@ pressure::Command PressureLoop::update(std::int64_t mono_ns, double pressure_psi
       saturated_since_ns_ = mono_ns;
     }
   } else {
-    const double chamber_abs = std::max(pressure_psi + kAtmospherePsi, 1.0);
-    const double supply_abs = config_.supply_psi + kAtmospherePsi;
-    const double fill_full = config_.fill_gain_per_s * supply_abs * flow_factor(chamber_abs / supply_abs);
-    const double vent_full = config_.vent_gain_per_s * chamber_abs * flow_factor(kAtmospherePsi / chamber_abs);
+    const double fill_full = fill_rate_psi_s(config_.fill_gain_per_s, config_.supply_psi, pressure_psi);
+    const double vent_full = vent_rate_psi_s(config_.vent_gain_per_s, pressure_psi);
 
     const double error = reference_psi_ - pressure_psi;
     const double rate = reference_rate + config_.feedforward_psi_per_mm * crosshead_velocity_mm_s +
@@ -124,6 +135,9 @@ pressure::Command PressureLoop::update(std::int64_t mono_ns, double pressure_psi
     const double duty = std::clamp(wanted, -1.0, 1.0);
     const bool saturated = std::abs(wanted) >= 1.0;
     if (!saturated || wanted * error < 0.0) integral_psi_s_ += error * dt_s;
+    const double most_psi_s = PressureLoopConfig::kIntegralShare * config_.fill_gain_per_s * (config_.supply_psi + kAtmospherePsi) *
+                              config_.integral_time_s / config_.proportional_per_s;
+    integral_psi_s_ = std::clamp(integral_psi_s_, -most_psi_s, most_psi_s);
 
     const double size = std::abs(duty) < config_.minimum_duty ? 0.0 : std::abs(duty);
     const auto permille = static_cast<std::uint16_t>(std::lround(1000.0 * size));

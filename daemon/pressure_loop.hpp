@@ -21,7 +21,8 @@ class TomlTable;
 ///   rate = d(reference)/dt + kp (e + (1/Ti) integral e) + feedforward_psi_per_mm * crosshead velocity
 ///
 /// The reference runs to the target at the rate limit. Anti-windup: the integral stands still while the valve is
-/// saturated in the direction of the error. The gains are in 1/s of the linearised loop; with a dead time Td
+/// saturated in the direction of the error, and it never asks for more than a quarter of the full fill rate: it is there
+/// for the leak and for gains that are not quite right. The gains are in 1/s of the linearised loop; with a dead time Td
 /// (valve, wire, sample) the phase margin at crossover kp is 90 deg - kp * Td * 57.3 - atan(1 / (kp * Ti)).
 namespace isorig::daemon {
 
@@ -38,6 +39,24 @@ struct PressureLoopConfig {
   double settled_tolerance_psi = 0.1;
   double unreachable_error_psi = 0.5;     ///< error and saturation for longer than `unreachable_after_s` ...
   double unreachable_after_s = 5.0;       ///< ... is a set-point that cannot be reached (leak, empty supply)
+  // What a sound rig shows of all that (PressureGuard).
+  double response_min = 0.33;             ///< of the configured gains, at least; and at most its inverse
+  double leak_max_psi_s = 0.0;            ///< faster is a fault; 0: a twentieth of what the full fill valve gives
+  double motion_max_psi_per_mm = 0.0;     ///< pressure by motion; 0: thrice the feed-forward, at least a quarter
+  double allowance_psi = 0.2;             ///< of noise and rounding, in what is summed up
+
+  static constexpr double kDeadDuty = 0.05;       ///< the first part of a duty need not open the valve
+  static constexpr double kLeakShare = 0.05;      ///< of the full fill rate at the supply's pressure
+  static constexpr double kIntegralShare = 0.25;  ///< of the full fill rate, either way: the integral is for leak and gain
+  static constexpr double kFillings = 3.0;        ///< from 0 to the greatest pressure, without venting in between
+
+  [[nodiscard]] double leak_bound_psi_s() const noexcept;
+  [[nodiscard]] double motion_bound_psi_mm() const noexcept;
+  [[nodiscard]] double hold_allowance_psi() const noexcept { return 5.0 * allowance_psi; }
+  /// Duty that may flow for ever: the leak, and what does not open the valve.
+  [[nodiscard]] double fill_allowance() const noexcept;
+  /// Full-duty seconds above the allowance that are no filling any more.
+  [[nodiscard]] double fill_time_bound_s(double pressure_max_psi) const noexcept;
 
   /// Reads [pressure_loop].
   static PressureLoopConfig read(const base::TomlTable& table);
@@ -62,6 +81,8 @@ class PressureLoop {
   [[nodiscard]] double reference_psi() const noexcept { return reference_psi_; }
   /// How long the reading has been within the tolerance of the target, without a break.
   [[nodiscard]] double settled_for_s(std::int64_t mono_ns) const noexcept;
+  /// In control, and the reading within the tolerance of the target.
+  [[nodiscard]] bool is_holding() const noexcept { return mode_ == Mode::kControl && settled_since_ns_ >= 0; }
   /// The set-point cannot be reached (see the configuration).
   [[nodiscard]] bool unreachable() const noexcept { return unreachable_; }
   [[nodiscard]] const pressure::Command& command() const noexcept { return command_; }

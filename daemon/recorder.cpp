@@ -19,6 +19,7 @@ using messages::Channel;
 constexpr std::int64_t kSliceNs = 100'000'000;
 // Ten minutes are more than a queue holds; a stamp beyond is nonsense and is taken as it comes.
 constexpr int kMostLastSlices = 6'000;
+constexpr std::int64_t kDropReportNs = 1'000'000'000;
 constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
 
 std::int64_t to_ns(double s) {
@@ -91,6 +92,8 @@ const char* describe(DiskCondition condition) noexcept {
       return "disk full, writing into the reserve; nothing lost: free some, then reset";
     case DiskCondition::kFailing:
       return "the disk takes nothing, holding in memory; nothing lost yet";
+    case DiskCondition::kUnvouched:
+      return "the disk failed to keep what it had taken: the run cannot be called whole; look at the disk (dmesg)";
     case DiskCondition::kLost:
       return "the disk takes nothing and the memory for it is used up: messages were lost";
   }
@@ -151,7 +154,8 @@ struct Recorder::Impl {
         pressure(keep_options(options), pressure_sink),
         slice_end_ns((info.start_mono_ns / kSliceNs + 1) * kSliceNs),
         next_sync_ns(info.start_mono_ns + to_ns(options.sync_interval_s)),
-        synced_until_ns(info.start_mono_ns) {
+        synced_until_ns(info.start_mono_ns),
+        dropped_before(options.dropped_before) {
     if (!std::is_sorted(info.sessions.begin(), info.sessions.end(),
                         [](const auto& a, const auto& b) { return a.first_step < b.first_step; })) {
       throw std::invalid_argument("recorder: sessions must be in the order of their first steps");
@@ -249,9 +253,13 @@ struct Recorder::Impl {
     append(control_batch, r, session_of(r.step, present_session()), *this);
   }
 
-  void report_dropped(const Streams& streams, std::int64_t at_ns) {
-    const auto now_dropped = streams.dropped();
+  /// At once when it begins, then once a second: it must not push every other event out.
+  void report_dropped(const Streams& streams, std::int64_t at_ns, bool last = false) {
+    const auto now_dropped = streams.dropped() - dropped_before;
     if (now_dropped == dropped) return;
+    log.note_loss();
+    if (!last && at_ns < next_drop_report_ns) return;
+    next_drop_report_ns = at_ns + kDropReportNs;
     EventRecord r;
     r.mono_ns = at_ns;
     r.step = last_step;
@@ -259,7 +267,7 @@ struct Recorder::Impl {
     r.value = static_cast<double>(now_dropped - dropped);
     std::snprintf(r.code, sizeof r.code, "recorder.dropped");
     std::snprintf(r.text, sizeof r.text,
-                  "%zu records lost before the recorder, which was not scheduled in time",
+                  "%zu records lost before the recorder, which was not scheduled in time or waited for its disk",
                   now_dropped - dropped);
     dropped = now_dropped;
     write_event(r);
@@ -299,7 +307,38 @@ struct Recorder::Impl {
       next_sync_ns = slice_end_ns + to_ns(options.sync_interval_s);
       log.sync();
       if (log.synced()) synced_until_ns = slice_end_ns;
+      report_fault();
     }
+  }
+
+  void report_fault() {
+    if (log.fault().empty() || std::exchange(fault_reported, true)) return;
+    EventRecord r;
+    r.mono_ns = slice_end_ns;
+    r.step = last_step;
+    r.severity = Severity::kProgramStop;
+    std::snprintf(r.code, sizeof r.code, "recorder.disk");
+    std::snprintf(r.text, sizeof r.text, "%s", log.fault().c_str());
+    write_event(r);
+  }
+
+  /// What the run cannot be called done for.
+  [[nodiscard]] std::string fault(const RecorderStatus& s) const {
+    if (!trouble.empty()) return "the recorder failed: " + trouble;
+    if (!log.fault().empty()) return log.fault();
+    if (s.lost_messages > 0) return std::to_string(s.lost_messages) + " messages were lost: the disk takes nothing";
+    if (s.dropped_records > 0) {
+      return std::to_string(s.dropped_records) +
+             " records were dropped before the recorder, which was not scheduled in time or waited for its disk";
+    }
+    if (finished && !log.synced()) {
+      return "the end of the recording is not on the disk: " + (s.error.empty() ? std::string("it was not synced") : s.error);
+    }
+    return {};
+  }
+
+  [[nodiscard]] DiskCondition condition() const {
+    return trouble.empty() ? log.condition() : std::max(log.condition(), DiskCondition::kFailing);
   }
 
   [[nodiscard]] bool has_more(const Streams& streams) const {
@@ -312,6 +351,8 @@ struct Recorder::Impl {
     RecorderStatus s;
     log.describe(s);
     s.dropped_records = dropped;
+    s.disk = condition();
+    s.fault = fault(s);
     s.synced_until_ns = synced_until_ns;
     s.frame_full = frame.counts().full;
     s.frame_averaged = frame.counts().averaged;
@@ -348,8 +389,13 @@ struct Recorder::Impl {
   std::uint32_t last_step = 0;
   std::uint32_t worst_wakeup_ns = 0;
   std::uint32_t worst_run_ns = 0;
+  std::size_t dropped_before;
   std::size_t dropped = 0;
+  std::int64_t next_drop_report_ns = std::numeric_limits<std::int64_t>::min();
+  bool fault_reported = false;
+  std::string trouble;  // an exception that nothing else explains
   bool finished = false;
+  bool settled = false;
 
   mutable std::mutex status_mutex;
   RecorderStatus status;
@@ -363,28 +409,52 @@ Recorder::Recorder(RecorderOptions options, RunInfo info)
 
 Recorder::~Recorder() = default;
 
-void Recorder::drain(Streams& streams, std::int64_t now_ns) {
-  if (impl_->finished) return;
-  impl_->run_slices(streams, now_ns - to_ns(impl_->options.lag_s));
-  disk_.store(impl_->log.condition(), std::memory_order_relaxed);
-  impl_->publish_status();
+void Recorder::drain(Streams& streams, std::int64_t now_ns) noexcept {
+  auto& m = *impl_;
+  if (m.finished) return;
+  try {
+    m.run_slices(streams, now_ns - to_ns(m.options.lag_s));
+    m.log.tell_sessions();
+  } catch (const std::exception& e) {
+    m.trouble = e.what();
+  }
+  disk_.store(m.condition(), std::memory_order_relaxed);
+  m.publish_status();
+  last_turn_ns_.store(now_ns, std::memory_order_relaxed);
 }
 
-void Recorder::finish(Streams& streams, bool complete) {
+bool Recorder::finish(Streams& streams, bool complete) noexcept {
   auto& m = *impl_;
-  if (std::exchange(m.finished, true)) return;
-  for (int i = 0; i < kMostLastSlices && m.has_more(streams); ++i) m.run_slices(streams, m.slice_end_ns);
-  m.take_slice(streams, kNever);
-  m.report_dropped(streams, m.slice_end_ns);
-  m.frame.finish();
-  m.pressure.finish();
-  m.flush_batches();
-  m.write_staged();
-  m.log.end_session(complete);
-  m.log.sync();
-  if (m.log.synced()) m.synced_until_ns = m.slice_end_ns;
-  disk_.store(m.log.condition(), std::memory_order_relaxed);
+  if (std::exchange(m.finished, true)) return settle();
+  try {
+    for (int i = 0; i < kMostLastSlices && m.has_more(streams); ++i) m.run_slices(streams, m.slice_end_ns);
+    m.take_slice(streams, kNever);
+    m.report_dropped(streams, m.slice_end_ns, true);
+    m.frame.finish();
+    m.pressure.finish();
+    m.flush_batches();
+    m.write_staged();
+    m.log.end_session(complete);
+    m.log.end_attempt(complete, m.dropped);
+  } catch (const std::exception& e) {
+    m.trouble = e.what();
+  }
+  return settle();
+}
+
+bool Recorder::settle() noexcept {
+  auto& m = *impl_;
+  try {
+    if (!m.settled || !m.log.synced()) m.log.sync();
+    m.log.tell_sessions();
+  } catch (const std::exception& e) {
+    m.trouble = e.what();
+  }
+  m.settled = m.log.synced();
+  if (m.settled) m.synced_until_ns = m.slice_end_ns;
+  disk_.store(m.condition(), std::memory_order_relaxed);
   m.publish_status();
+  return m.settled && m.log.told();
 }
 
 void Recorder::on_session(std::function<void(const SessionChange&)> callback) {

@@ -34,6 +34,7 @@ struct RunInfo {
   std::string rig;  ///< identity
   std::string specimen;
   double rest_length_mm = 0.0;  ///< unpressurized
+  std::string operator_name;
   std::string plan_summary;
   std::vector<std::pair<std::string, std::string>> texts;  ///< "rig.toml", "protocol.toml", ...: whole files
   std::vector<std::pair<std::string, std::string>> versions;  ///< "isorig", "lcm", firmware, ...
@@ -61,6 +62,8 @@ struct RecorderOptions {
   /// A file of this size is kept allocated, and given up when the disk is full all the same: what the run
   /// records until it has stopped goes there.
   std::uint64_t reserve_bytes = std::uint64_t{32} << 20U;
+  /// What the queues had dropped before this run.
+  std::size_t dropped_before = 0;
   /// Free bytes where run_dir is; statvfs unless a test says otherwise.
   std::function<std::uint64_t(const std::filesystem::path&)> free_bytes;
 };
@@ -71,6 +74,7 @@ enum class DiskCondition : std::uint8_t {
   kLow,      ///< less free than min_free_bytes
   kReserve,  ///< the disk was full; the reserve has been given up and is being written to
   kFailing,  ///< the disk takes nothing: everything since is held in memory
+  kUnvouched,  ///< a sync failed: what the disk had taken since the one before may be gone. Stays for the run
   kLost,     ///< and the memory is used up
 };
 [[nodiscard]] const char* describe(DiskCondition condition) noexcept;
@@ -78,6 +82,10 @@ enum class DiskCondition : std::uint8_t {
 struct RecorderStatus {
   DiskCondition disk = DiskCondition::kOk;
   std::string error;  ///< the operating system's words, when there are any
+  /// Why the run cannot be called done, whatever its plan says: records dropped, messages lost, a sync that failed, an
+  /// end that is not on the disk. Empty when there is nothing.
+  std::string fault;
+  std::string catalogue_error;  ///< what on_session threw last; it is tried again
   std::uint64_t free_bytes = 0;
   std::uint64_t written_bytes = 0;
   std::uint64_t held_bytes = 0;
@@ -120,13 +128,19 @@ class Recorder {
   Recorder& operator=(const Recorder&) = delete;
 
   /// Takes what is queued and writes what is due. Every record stamped before now - lag_s has been pushed.
-  void drain(Streams& streams, std::int64_t now_ns);
-  /// The rest, the end of the session, sync. `complete`: the plan was carried out to its end. Nothing is
-  /// recorded afterwards.
-  void finish(Streams& streams, bool complete);
+  /// Does not throw: a disk or a catalogue that takes nothing is a condition (disk(), status()), and is tried again.
+  void drain(Streams& streams, std::int64_t now_ns) noexcept;
+  /// The rest, the end of the session and of the recording, sync. `complete`: the plan was carried out to its end.
+  /// Nothing is recorded afterwards. False: not everything is on the disk or in the catalogue yet; settle() tries again.
+  bool finish(Streams& streams, bool complete) noexcept;
+  bool settle() noexcept;
 
+  /// May throw: it is called again with the next drain() or settle().
   void on_session(std::function<void(const SessionChange&)> callback);
 
+  /// `now_ns` of the last drain() that came back: what the real-time loop judges, since a recorder that waits for its
+  /// disk cannot say so. Wait-free.
+  [[nodiscard]] std::int64_t last_turn_ns() const noexcept { return last_turn_ns_.load(std::memory_order_relaxed); }
   [[nodiscard]] DiskCondition disk() const noexcept { return disk_.load(std::memory_order_relaxed); }
   [[nodiscard]] RecorderStatus status() const;
   [[nodiscard]] std::int32_t attempt() const noexcept;
@@ -135,6 +149,7 @@ class Recorder {
   struct Impl;
   std::unique_ptr<Impl> impl_;
   std::atomic<DiskCondition> disk_{DiskCondition::kOk};
+  std::atomic<std::int64_t> last_turn_ns_{0};
 };
 
 /// The run directory's lock, held for as long as a Recorder writes there, and free after any kind of death of

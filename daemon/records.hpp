@@ -42,7 +42,7 @@ struct PressureRecord {
   double pressure_psi = 0.0;       ///< calibrated, gauge
 };
 
-enum class RunState : std::uint8_t { kIdle, kReady, kRunning, kPaused, kStopping, kFaulted };
+enum class RunState : std::uint8_t { kIdle, kReady, kRunning, kPaused, kStopping, kFaulted, kArmed, kCountdown, kSetup };
 
 constexpr const char* to_text(RunState state) noexcept {
   switch (state) {
@@ -52,6 +52,9 @@ constexpr const char* to_text(RunState state) noexcept {
     case RunState::kPaused: return "paused";
     case RunState::kStopping: return "stopping";
     case RunState::kFaulted: return "faulted";
+    case RunState::kArmed: return "armed";
+    case RunState::kCountdown: return "countdown";
+    case RunState::kSetup: return "setup";
   }
   return "unknown";
 }
@@ -97,7 +100,7 @@ struct EventRecord {
   RunState from = RunState::kIdle;
   RunState to = RunState::kIdle;
   char code[32] = {};      ///< stable name for machines: "step", "mark", "limit.force", "stale.frame", ...
-  char text[160] = {};     ///< for people: what happened, the value, the threshold, what to do
+  char text[400] = {};     ///< for people: what happened, the value, the threshold, what to do
   double value = 0.0;      ///< what was measured, where that makes sense
   double threshold = 0.0;  ///< what it was compared with
 };

@@ -7,7 +7,6 @@
 
 #include <cerrno>
 #include <cstring>
-#include <fstream>
 #include <sstream>
 #include <stdexcept>
 #include <system_error>
@@ -22,11 +21,22 @@ std::filesystem::path lock_file(const std::filesystem::path& run_dir) {
   return run_dir / ".lock";
 }
 
+/// On the disk when it returns: a power cut must not leave an empty file under a run that is there.
 void write_file(const std::filesystem::path& path, const std::string& text) {
-  std::ofstream out(path, std::ios::binary);
-  out << text;
-  out.flush();
-  if (!out) throw std::runtime_error("cannot write " + path.string() + ": " + std::strerror(errno));
+  const auto fail = [&] { throw std::runtime_error("cannot write " + path.string() + ": " + std::strerror(errno)); };
+  const int fd = ::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+  if (fd < 0) fail();
+  const struct Close {
+    int fd;
+    ~Close() { ::close(fd); }
+  } close{fd};
+  for (std::size_t done = 0; done < text.size();) {
+    const auto n = ::write(fd, text.data() + done, text.size() - done);
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) fail();
+    done += static_cast<std::size_t>(n);
+  }
+  if (::fsync(fd) != 0) fail();
 }
 
 }  // namespace
@@ -70,7 +80,9 @@ isorig_msgs::run_header_t make_header(const RunInfo& info, const RecorderOptions
     }
     count = static_cast<std::int32_t>(to.size());
   };
-  copy(info.texts, h.texts, h.text_count);
+  auto texts = info.texts;
+  if (!info.operator_name.empty()) texts.emplace_back("operator", info.operator_name);
+  copy(texts, h.texts, h.text_count);
   copy(info.versions, h.versions, h.version_count);
   // A run without sessions is one.
   for (const auto& s : info.sessions.empty() ? std::vector<SessionInfo>{SessionInfo{}} : info.sessions) {
@@ -92,6 +104,7 @@ void write_inputs(const std::filesystem::path& run_dir, const RunInfo& info) {
   const toml::table run{
       {"run", info.run_id},
       {"started_utc", info.started_utc},
+      {"operator", info.operator_name},
       {"rig", info.rig},
       {"specimen", info.specimen},
       {"rest_length_mm", info.rest_length_mm},
@@ -109,6 +122,9 @@ void write_inputs(const std::filesystem::path& run_dir, const RunInfo& info) {
     // A name from a config must not lead out of the directory.
     write_file(run_dir / "inputs" / std::filesystem::path(name).filename(), content);
   }
+  sync_directory(run_dir / "inputs");
+  sync_directory(run_dir);
+  sync_directory(run_dir.parent_path());
 }
 
 Reserve::Reserve(std::filesystem::path file, std::uint64_t bytes) : file_(std::move(file)), bytes_(bytes) {}
@@ -132,6 +148,17 @@ bool Reserve::release() noexcept {
   if (!held_) return false;
   held_ = false;
   return ::unlink(file_.c_str()) == 0;
+}
+
+void remove_stale_reserve(const std::filesystem::path& run_dir) noexcept {
+  std::error_code none;
+  const auto file = run_dir / kReserveName;
+  if (!std::filesystem::exists(file, none)) return;
+  try {
+    const RunLock mine(run_dir);  // a recorder that begins here at this moment keeps its own
+    std::filesystem::remove(file, none);
+  } catch (const std::exception&) {  // it is being written
+  }
 }
 
 // Locks of the open file description: they go with the process, whatever kills it, and can be asked for

@@ -20,6 +20,10 @@ void sync_directory(const std::filesystem::path& directory);
 /// run.toml (identity, dates, versions) and inputs/<name>, each text whole, for people and for resume.
 void write_inputs(const std::filesystem::path& run_dir, const RunInfo& info);
 
+inline constexpr const char* kReserveName = ".reserve";
+/// What a writer that was killed left allocated. Nothing happens in a run that is being written.
+void remove_stale_reserve(const std::filesystem::path& run_dir) noexcept;
+
 /// An allocated file that is given up when the disk is full.
 class Reserve {
  public:

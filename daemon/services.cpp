@@ -21,164 +21,7 @@ constexpr std::int64_t kInterlockRetryNs = 500'000'000;
 constexpr float kSetpointStepPsi = 0.005F;
 constexpr float kSetpointLostPsi = 0.05F;
 
-// Fewer leave the first stamps with a scatter of a whole round trip.
-constexpr std::uint64_t kExchangesForReady = 20;
-
-// A refusal leaves the connection good. A missing or spoilt answer is cleared up by the driver, which lets no late
-// reply through; only when they repeat is the connection started afresh, since that stops the frame.
-bool loses_connection(drivers::Fault fault, int failures_in_a_row) {
-  switch (fault) {
-    case drivers::Fault::kRefused: return false;
-    case drivers::Fault::kTimeout:
-    case drivers::Fault::kProtocol: return failures_in_a_row >= 5;
-    case drivers::Fault::kDisconnected:
-    case drivers::Fault::kIdentity: break;
-  }
-  return true;
-}
-
-std::string words(std::initializer_list<std::string> parts) {
-  std::string all;
-  for (const auto& part : parts) {
-    if (!part.empty()) all += (all.empty() ? "" : ", ") + part;
-  }
-  return all;
-}
-
 }  // namespace
-
-void LinkKeeper::note_connected(const std::string& identity, double sample_rate_hz) noexcept {
-  copy_text(health_.identity, identity);
-  health_.sample_rate_hz = static_cast<float>(sample_rate_hz);
-  health_.connected = true;
-  if (was_connected_) ++health_.reconnects;
-  was_connected_ = true;
-  backoff_.reset();
-  failures_in_a_row_ = 0;
-  burst_left_ = config_.sync_burst;
-}
-
-bool LinkKeeper::note_failure(std::int64_t now_ns, const drivers::DeviceError& error) noexcept {
-  ++health_.errors;
-  copy_text(health_.detail, error.what());
-  // A connect() that fails has to wait for the next try, whatever the reason.
-  if (health_.connected && !loses_connection(error.fault(), ++failures_in_a_row_)) return false;
-  health_.connected = false;
-  failures_in_a_row_ = 0;
-  backoff_.failed(now_ns);
-  return true;
-}
-
-template <typename Sample, typename Queue>
-void LinkKeeper::hand_over(std::span<const Sample> samples, Queue& queue) {
-  if (!map_.current().known()) return;
-  const std::int64_t arrival_ns = clock_.now_ns();
-  for (const auto& sample : samples) {
-    const auto stamp = mapper_.map(static_cast<double>(sample.device_us), arrival_ns);
-    health_.bound_ns = static_cast<float>(stamp.bound_ns);
-    health_.repeatability_ns = static_cast<float>(stamp.repeatability_ns);
-    if constexpr (requires { sample.bound_us; }) {
-      if (sample.bound_us > 0.0F) {
-        health_.bound_ns += 1e3F * sample.bound_us;
-        // Anywhere within it, as likely as anywhere else.
-        health_.repeatability_ns = std::hypot(health_.repeatability_ns, 1e3F * sample.bound_us / std::sqrt(3.0F));
-      }
-    }
-    queue.push({sample, stamp.mono_ns, health_.bound_ns, health_.repeatability_ns});
-  }
-}
-
-void LinkKeeper::report_health(std::int64_t now_ns, base::SpscQueue<LinkHealth>& to, bool force) noexcept {
-  if (!force && now_ns < next_health_ns_) return;
-  next_health_ns_ = now_ns + kHealthPeriodNs;
-  health_.clock_ready = map_.current().known() && map_.current().exchanges >= kExchangesForReady;
-  to.push(health_);
-}
-
-void FrameService::run_once(std::int64_t now_ns) noexcept {
-  try {
-    turn(now_ns);
-  } catch (const drivers::DeviceError& error) {
-    fail(now_ns, error);
-  } catch (const std::exception& error) {
-    fail(now_ns, drivers::DeviceError(drivers::Fault::kDisconnected, error.what()));
-  }
-  report_health(now_ns, link_.health, false);
-}
-
-void FrameService::turn(std::int64_t now_ns) {
-  if (!health_.connected) {
-    FrameCommand stale;  // a command for a frame that was not there must not run when it comes back
-    while (link_.commands.pop(stale)) {
-    }
-    if (!may_connect(now_ns)) return;
-    const auto identity = device_.connect();
-    device_.stop();
-    note_connected(words({identity.maker, identity.model, identity.serial, identity.firmware}), identity.sample_rate_hz);
-    next_sync_ns_ = now_ns;
-    has_best_ = false;
-    report_health(now_ns, link_.health, true);
-  }
-
-  FrameCommand command;
-  while (link_.commands.pop(command)) {
-    if (command.kind == FrameCommand::Kind::kStop) {
-      device_.stop();
-    } else {
-      device_.start_segment(command.segment);
-    }
-  }
-
-  const std::uint32_t beat = link_.loop_beat.load(std::memory_order_acquire);
-  if (now_ns >= next_heartbeat_ns_ && beat != last_beat_) {
-    device_.heartbeat(static_cast<std::uint16_t>(beat));
-    last_beat_ = beat;
-    next_heartbeat_ns_ = now_ns + config_.heartbeat_period_ns;
-  }
-
-  const auto poll = device_.poll(samples_);
-  health_.lost += poll.lost;
-  if (poll.has_exchange) take_exchange(poll.exchange);
-  hand_over(std::span<const frame::Sample>(samples_).first(poll.samples), link_.samples);
-  link_.reports.push({poll.state, now_ns});
-  note_answer();
-}
-
-void FrameService::take_exchange(const clock::Exchange& exchange) {
-  const auto keep = [&](const clock::Exchange& e) {
-    map_.add(e);
-    link_.exchanges.push(e);
-  };
-  if (burst_left_ > 0) {
-    --burst_left_;
-    keep(exchange);
-    next_sync_ns_ = exchange.host_recv_ns + config_.sync_period_ns;
-    return;
-  }
-  const auto round_trip = [](const clock::Exchange& e) { return e.host_recv_ns - e.host_send_ns; };
-  if (!has_best_ || round_trip(exchange) < round_trip(best_)) best_ = exchange;
-  has_best_ = true;
-  if (exchange.host_recv_ns >= next_sync_ns_) {
-    keep(best_);
-    has_best_ = false;
-    next_sync_ns_ = exchange.host_recv_ns + config_.sync_period_ns;
-  }
-}
-
-void FrameService::fail(std::int64_t now_ns, const drivers::DeviceError& error) noexcept {
-  if (note_failure(now_ns, error)) device_.disconnect();
-  report_health(now_ns, link_.health, true);
-}
-
-void FrameService::shut_down() noexcept {
-  try {
-    if (health_.connected) device_.stop();
-  } catch (const std::exception&) {
-    // The frame's own heartbeat time-out stops it.
-  }
-  device_.disconnect();
-  health_.connected = false;
-}
 
 void PressureService::run_once(std::int64_t now_ns, std::int64_t wait_ns) noexcept {
   try {
@@ -217,7 +60,9 @@ void PressureService::turn(std::int64_t now_ns, std::int64_t wait_ns) {
     last_beat_ = beat;
     next_heartbeat_ns_ = now_ns + config_.heartbeat_period_ns;
   }
+  if (clock_in_doubt()) next_sync_ns_ = std::min(next_sync_ns_, last_sync_ns_ + config_.sync_burst_period_ns);
   if (now_ns >= next_sync_ns_) {
+    last_sync_ns_ = now_ns;
     device_.request_time_sync();
     next_sync_ns_ = now_ns + (burst_left_ > 0 ? config_.sync_burst_period_ns : config_.sync_period_ns);
     if (burst_left_ > 0) --burst_left_;
@@ -231,7 +76,11 @@ void PressureService::turn(std::int64_t now_ns, std::int64_t wait_ns) {
     link_.exchanges.push(exchange);
   }
   hand_over(std::span<const pressure::Sample>(samples_).first(poll.samples), link_.samples);
-  link_.states.push(poll.state);
+  // A loop that has stalled leaves the queue full: what the device did meanwhile must not be lost with it.
+  vented_ = vented_ || poll.state.vented_by_itself;
+  auto state = poll.state;
+  state.vented_by_itself = vented_;
+  if (link_.states.push(state)) vented_ = false;
   check_clock(now_ns);
   note_answer();
 }
@@ -353,6 +202,7 @@ void InterlockService::run_once(std::int64_t now_ns) noexcept {
     next_attempt_ns_ = now_ns + kInterlockRetryNs;
     link_.set_state({.mono_ns = now_ns, .lost = true});
     ++health_.errors;
+    health_.failed_ns = now_ns;
     copy_text(health_.detail, error.what());
     report_health(now_ns, true);
   }

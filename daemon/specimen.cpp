@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/printable.hpp"
 #include "base/toml_reader.hpp"
 
 namespace isorig::daemon {
@@ -14,6 +15,9 @@ Specimen read(const base::TomlDocument& document) {
   Specimen s;
   s.text = document.text();
   s.name = root.string("name");
+  if (const auto why = base::why_not_a_name(s.name); !why.empty() && root.type_of("name") == "string") {
+    root.error("name", "`name` = \"" + s.name + "\" " + why);
+  }
   const auto geometry = root.table("geometry");
   geometry.ignore_rest();
   s.rest_length_mm = geometry.number("initial_length_mm", base::kPositive);

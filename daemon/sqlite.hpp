@@ -10,8 +10,14 @@
 /// As much of SQLite as the catalogue needs.
 namespace isorig::daemon::sqlite {
 
+/// SQLite's own result code beside its words.
+struct Error : std::runtime_error {
+  Error(const std::string& text, int result) : std::runtime_error(text), code(result & 0xff) {}
+  int code;
+};
+
 [[noreturn]] inline void fail(sqlite3* db, const std::string& what) {
-  throw std::runtime_error("catalogue: " + what + ": " + sqlite3_errmsg(db));
+  throw Error("catalogue: " + what + ": " + sqlite3_errmsg(db), sqlite3_extended_errcode(db));
 }
 
 inline void execute(sqlite3* db, const char* sql) {

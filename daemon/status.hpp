@@ -11,7 +11,8 @@
 namespace isorig::daemon {
 
 /// How a run ended; kNone while it goes on.
-enum class Outcome : std::uint8_t { kNone, kDone, kAborted, kFailed };
+/// kNotStarted: its countdown was not completed.
+enum class Outcome : std::uint8_t { kNone, kDone, kAborted, kFailed, kNotStarted };
 
 /// Wake-ups by how late they came: below 1, 2, 4, ... 2^18 us, and later.
 inline constexpr std::size_t kLatenessBins = 20;
@@ -20,6 +21,15 @@ inline constexpr std::size_t kLatenessBins = 20;
   const auto width = static_cast<std::size_t>(std::bit_width(us));
   return width < kLatenessBins ? width : kLatenessBins - 1;
 }
+
+/// A fault since the last reset, in the order in which they came.
+struct FaultNote {
+  std::int64_t mono_ns = 0;
+  Severity severity = Severity::kInfo;
+  char code[32] = {};
+  char text[400] = {};  ///< what, the numbers, what the device's driver says
+};
+inline constexpr std::size_t kFaultsKept = 16;
 
 /// What `isorig status` and `watch` show: the loop's newest view of everything.
 struct Status {
@@ -33,6 +43,8 @@ struct Status {
   bool run_loaded = false;          ///< a run is open: it can still go on
   Outcome outcome = Outcome::kNone;
   bool vented_fault = false;        ///< the fault's reaction was the safe state
+  bool zero_confirmed = false;      ///< the frame's zero, since the frame was started
+  float operator_left_s = -1.0F;    ///< armed: for the second act; countdown: to the motion; setup: until it is left
   LinkHealth frame;
   LinkHealth pressure;
   LinkHealth interlock;
@@ -49,8 +61,10 @@ struct Status {
   std::uint32_t worst_run_ns = 0;
   std::array<std::uint64_t, kLatenessBins> lateness{};  ///< since start
   std::uint64_t invalid_pressure = 0;  ///< sensor words that were no current reading, since start
-  char not_ready[64] = {};             ///< what is missing for ready, in words
-  char fault[224] = {};                ///< the latched cause
+  char not_ready[96] = {};             ///< what is missing for ready, in words
+  char fault[448] = {};                ///< the latched cause: the first
+  std::uint32_t fault_count = 0;       ///< of `faults`; what came when it was full is not there
+  std::array<FaultNote, kFaultsKept> faults{};
 };
 
 /// One writer that never waits, many readers that retry: a sequence lock over words that are themselves atomic, so

@@ -46,16 +46,21 @@ class VirtualRig {
     }
   }
 
-  /// The way out: frame stopped, vented.
-  void shut_down() noexcept {
-    frame_.shut_down();
+  /// The way out: frame stopped, vented. False when the crosshead was not seen to stand.
+  bool shut_down() noexcept {
+    frame_.leave();
+    for (const auto until_ns = now_ns_ + FrameService::kLeaveNs; !frame_.stands() && now_ns_ < until_ns;) tick();
+    const bool stood = frame_.shut_down();
     pressure_.shut_down();
     interlock_.shut_down();
+    return stood;
   }
 
   [[nodiscard]] std::int64_t now_ns() const noexcept { return now_ns_; }
   [[nodiscard]] sim::Rig& rig() noexcept { return rig_; }
   [[nodiscard]] Core& core() noexcept { return core_; }
+  /// What the loop wants of the valves at this moment.
+  [[nodiscard]] pressure::Command pressure_command() const noexcept { return pressure_link_.get_command(); }
 
   Streams streams;                                ///< whoever ticks has to drain them
   std::function<void(VirtualRig&)> before_core;   ///< when set, once a tick

@@ -22,6 +22,7 @@ VirtualRunResult run_virtual(const RigConfig& rig, const VirtualRunOptions& opti
                              " has real devices; start isorigd --rig and isorig start");
   }
   RigConfig config = with_calibration(rig, options.runs_root);
+  config.core.operating.arming_required = false;  // nothing is there to be hurt, and nobody to be asked
   if (!options.specimen.empty()) {
     config.specimen = options.specimen;
     config.sim->specimen = options.specimen;
@@ -41,6 +42,7 @@ VirtualRunResult run_virtual(const RigConfig& rig, const VirtualRunOptions& opti
   Host::Options host_options;
   host_options.runs_root = options.runs_root;
   host_options.virtual_time = true;
+  host_options.revision = options.revision;
   host_options.epoch_unix_us = kEpochUnixUs;
   host_options.seed = static_cast<std::int64_t>(config.sim->seed);
   host_options.breathe = [&] { bench->tick(); };

@@ -16,6 +16,7 @@ namespace isorig::daemon {
 struct VirtualRunOptions {
   StartOptions start;
   std::filesystem::path runs_root;
+  std::string revision;                       ///< of the source, for the recording
   std::optional<std::uint64_t> seed;          ///< instead of the rig's
   std::filesystem::path specimen;             ///< instead of the rig's
   /// Called about ten times a second of wall time.

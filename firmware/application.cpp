@@ -71,7 +71,7 @@ void Application::read_sensor() noexcept {
   const ElvhReader::Event event = reader_.step([this] { return now_cycles(); });
   if (event.kind == ElvhReader::Kind::kNone) return;
   if (event.missed > 0) core_.skip_samples(event.missed);
-  core_.add_sample(clock_.us(event.at_cycles), event.raw_word);
+  core_.add_sample(clock_.us(event.at_cycles), event.raw_word, event.kind == ElvhReader::Kind::kConversion);
 }
 
 void Application::drive_sync() noexcept {
@@ -94,7 +94,7 @@ void Application::set_valves(uint16_t fill_permille, uint16_t vent_permille) noe
 void Application::drive_led(uint64_t now_us) noexcept {
   const auto phase_ms = static_cast<uint32_t>(now_us / 1000 % 1000);
   bool is_on = false;
-  if (core_.is_vented_by_watchdog()) {
+  if (core_.has_vented_itself()) {
     is_on = phase_ms % 100 < 50;
   } else if (!reader_.is_healthy()) {
     is_on = phase_ms % 500 < 250;

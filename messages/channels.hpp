@@ -19,13 +19,14 @@ enum class Channel : std::uint8_t {
   kProgress,         ///< progress_t, live only
   kClock,            ///< exchange_batch_t
   kSync,             ///< sync_check_t
+  kChain,            ///< chain_t, recordings only
 };
-inline constexpr std::size_t kChannels = 11;
+inline constexpr std::size_t kChannels = 12;
 
 inline constexpr std::array<std::string_view, kChannels> kChannelNames{
     "ISORIG_HEADER",           "ISORIG_SESSION", "ISORIG_FRAME", "ISORIG_PRESSURE", "ISORIG_FRAME_AVERAGE",
     "ISORIG_PRESSURE_AVERAGE", "ISORIG_STATE",   "ISORIG_EVENT", "ISORIG_PROGRESS", "ISORIG_CLOCK",
-    "ISORIG_SYNC"};
+    "ISORIG_SYNC",             "ISORIG_CHAIN"};
 
 constexpr std::string_view name_of(Channel channel) {
   return kChannelNames[static_cast<std::size_t>(channel)];
@@ -41,6 +42,8 @@ inline constexpr std::int16_t kPressureAverageBatch = 14;  // 96 B each
 inline constexpr std::int16_t kControlBatch = 17;          // 77 B each
 inline constexpr std::int16_t kExchangeBatch = 40;         // 33 B each
 
-inline constexpr std::string_view kLogFormat = "isorig-log/1";
+inline constexpr std::string_view kLogFormat = "isorig-log/2";
+/// Without checksums and without ISORIG_CHAIN; still read.
+inline constexpr std::string_view kOldLogFormat = "isorig-log/1";
 
 }  // namespace isorig::messages

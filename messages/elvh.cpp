@@ -20,11 +20,11 @@ uint32_t encode_elvh(double pressure_psi, double temperature_c, ElvhStatus statu
 }
 
 bool ElvhMonitor::Options::valid() const noexcept {
-  return margin_counts <= kElvhOffsetCounts && stale_run > 0 && max_rate_psi_s > 0.0 &&
+  return margin_counts <= kElvhOffsetCounts && stale_run > 0 && stuck_change_psi > 0.0 && max_rate_psi_s > 0.0 &&
          rate_allowance_psi >= 0.0 && min_temperature_c < max_temperature_c;
 }
 
-ElvhReading ElvhMonitor::update(uint32_t raw_word, int64_t device_us) noexcept {
+ElvhReading ElvhMonitor::update(uint32_t raw_word, int64_t device_us, double sure_rate_psi_s) noexcept {
   ElvhReading reading;
   reading.word = unpack_elvh(raw_word);
   reading.pressure_psi = elvh_pressure_psi(reading.word.pressure_raw);
@@ -50,8 +50,13 @@ ElvhReading ElvhMonitor::update(uint32_t raw_word, int64_t device_us) noexcept {
   if (reading.fresh) {
     stale_run_ = 0;
     if (has_last_) {
-      same_run_ = raw == last_pressure_raw_ ? same_run_ + 1 : 0;
       const int64_t gap_us = device_us - last_us_;
+      if (raw != last_pressure_raw_ || sure_rate_psi_s == 0.0) {
+        expected_change_psi_ = 0.0;
+      } else if (gap_us > 0 && gap_us <= kMaxRateGap_us) {
+        expected_change_psi_ += sure_rate_psi_s * 1e-6 * static_cast<double>(gap_us);
+      }
+      same_run_ = raw == last_pressure_raw_ ? same_run_ + 1 : 0;
       if (gap_us > 0 && gap_us <= kMaxRateGap_us) {
         const double step_psi = static_cast<double>(raw - last_pressure_raw_) * kElvhPsiPerCount;
         const double allowed_psi =
@@ -67,7 +72,9 @@ ElvhReading ElvhMonitor::update(uint32_t raw_word, int64_t device_us) noexcept {
   } else if (stale_run_ < UINT32_MAX) {
     ++stale_run_;
   }
-  flag(options_.stuck_run > 0 && same_run_ + 1 >= options_.stuck_run, kElvhStuck);
+  flag(options_.stuck_run > 0 &&
+           (same_run_ + 1 >= options_.stuck_run || expected_change_psi_ >= options_.stuck_change_psi),
+       kElvhStuck);
   flag(stale_run_ >= options_.stale_run, kElvhStaleRun);
 
   reading.issues = issues;
@@ -78,6 +85,7 @@ void ElvhMonitor::reset() noexcept {
   has_last_ = false;
   same_run_ = 0;
   stale_run_ = 0;
+  expected_change_psi_ = 0.0;
 }
 
 }  // namespace isorig::messages

@@ -102,9 +102,13 @@ class ElvhMonitor {
     /// Beyond 10-90 % by more than this is implausible. 262 counts = 2 % of span = 0.6 psi: twice the total
     /// error band, so a healthy sensor at rest or at 30 psi never trips it.
     uint16_t margin_counts = 262;
-    /// Fresh conversions with the same count before "stuck"; 0 turns it off. Noise is not in the datasheet;
-    /// 5000 (5 s at 1 kHz) presumes only that a live 14-bit bridge moves by one count in that time.
+    /// At rest: fresh conversions with the same count before "stuck"; 0 turns it off. Noise is not in the
+    /// datasheet; 5000 (2.3 s of an ELVH, 5 s of a simulated one at 1 kHz) presume only that a live 14-bit
+    /// bridge moves by one count in that time.
     uint32_t stuck_run = 5000;
+    /// While a valve changes the pressure: the same count is "stuck" once the pressure must have changed by this
+    /// much (109 counts) since it came. At the slowest change that update() is told of, 0.5 psi/s, half a second.
+    double stuck_change_psi = 0.25;
     /// Consecutive stale words before "stale run". At 1 kHz none is expected (conversion 0.46 ms), at 4 kHz
     /// one or two between conversions.
     uint32_t stale_run = 10;
@@ -124,7 +128,8 @@ class ElvhMonitor {
 
   /// Takes the next word of the stream with its device time (64 bit, i.e. wrap already removed). The rate is
   /// judged between fresh words only; after a gap longer than `kMaxRateGap_us` it is not judged.
-  ElvhReading update(uint32_t raw_word, int64_t device_us) noexcept;
+  /// `sure_rate_psi_s` is what the valves change the pressure by at least, up or down; 0 when nobody knows.
+  ElvhReading update(uint32_t raw_word, int64_t device_us, double sure_rate_psi_s = 0.0) noexcept;
 
   /// Forgets the history, as after a reconnect.
   void reset() noexcept;
@@ -137,6 +142,7 @@ class ElvhMonitor {
   uint16_t last_pressure_raw_ = 0;
   int64_t last_us_ = 0;
   uint32_t same_run_ = 0;
+  double expected_change_psi_ = 0.0;  // since the count last changed
   uint32_t stale_run_ = 0;
 };
 

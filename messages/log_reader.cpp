@@ -10,18 +10,15 @@
 #include <cerrno>
 #include <system_error>
 
+#include "messages/crc32c.hpp"
+
 namespace isorig::messages {
 namespace {
 
 constexpr std::array<std::uint8_t, 4> kSyncWord{0xED, 0xA1, 0xDA, 0x01};
-constexpr std::size_t kHeaderBytes = 28;
+static_assert(kLogSyncWord == 0xEDA1DA01);
 constexpr std::uint64_t kMaxChannel = 999;  // liblcm's own bound
-
-std::uint64_t big_endian(std::span<const std::uint8_t> bytes) {
-  std::uint64_t value = 0;
-  for (const auto b : bytes) value = value << 8U | b;
-  return value;
-}
+constexpr int kFirstEvents = 64;            // that are asked for checksums
 
 }  // namespace
 
@@ -43,47 +40,85 @@ LogReader::LogReader(const std::filesystem::path& path) : path_(path) {
   }
   ::madvise(at, static_cast<std::size_t>(s.st_size), MADV_SEQUENTIAL);
   file_ = {static_cast<const std::uint8_t*>(at), static_cast<std::size_t>(s.st_size)};
+  has_checksums_ = find_checksums();
 }
 
 LogReader::~LogReader() {
   if (!file_.empty()) ::munmap(const_cast<std::uint8_t*>(file_.data()), file_.size());
 }
 
-std::optional<LogEvent> LogReader::event_at(std::size_t offset, std::size_t& end) const {
+std::optional<LogReader::Found> LogReader::event_at(std::size_t offset) const {
   const auto rest = file_.subspan(offset);
-  if (rest.size() < kHeaderBytes || !std::equal(kSyncWord.begin(), kSyncWord.end(), rest.begin())) return {};
-  const std::uint64_t channel = big_endian(rest.subspan(20, 4));
-  const std::uint64_t data = big_endian(rest.subspan(24, 4));
-  if (channel == 0 || channel > kMaxChannel || kHeaderBytes + channel + data > rest.size()) return {};
-  end = offset + kHeaderBytes + channel + data;
-  return LogEvent{static_cast<std::int64_t>(big_endian(rest.subspan(4, 8))),
-                  static_cast<std::int64_t>(big_endian(rest.subspan(12, 8))),
-                  {reinterpret_cast<const char*>(rest.data()) + kHeaderBytes, channel},
-                  rest.subspan(kHeaderBytes + channel, data)};
+  if (rest.size() < kLogHeaderBytes || !std::equal(kSyncWord.begin(), kSyncWord.end(), rest.begin())) return {};
+  const std::uint64_t channel = big_endian(rest.data() + 20, 4);
+  const std::uint64_t data = big_endian(rest.data() + 24, 4);
+  if (channel == 0 || channel > kMaxChannel || kLogHeaderBytes + channel + data > rest.size()) return {};
+  const auto size = static_cast<std::size_t>(kLogHeaderBytes + channel + data);
+  Found found;
+  found.end = offset + size;
+  found.event = {static_cast<std::int64_t>(big_endian(rest.data() + 4, 8)),
+                 static_cast<std::int64_t>(big_endian(rest.data() + 12, 8)),
+                 {reinterpret_cast<const char*>(rest.data()) + kLogHeaderBytes, channel},
+                 rest.subspan(kLogHeaderBytes + channel, data)};
+  if (data >= kLogChecksumBytes) {
+    found.checksum = static_cast<std::uint32_t>(big_endian(rest.data() + size - kLogChecksumBytes, kLogChecksumBytes));
+    found.checked = crc32c(rest.first(size - kLogChecksumBytes)) == found.checksum;
+  }
+  return found;
+}
+
+std::optional<std::size_t> LogReader::sync_word_from(std::size_t offset) const {
+  if (offset >= file_.size()) return {};
+  const auto found =
+      std::search(file_.begin() + static_cast<std::ptrdiff_t>(offset), file_.end(), kSyncWord.begin(), kSyncWord.end());
+  if (found == file_.end()) return {};
+  return static_cast<std::size_t>(found - file_.begin());
+}
+
+bool LogReader::find_checksums() const {
+  std::size_t from = 0;
+  for (int i = 0; i < kFirstEvents; ++i) {
+    const auto at = sync_word_from(from);
+    if (!at) return false;
+    const auto found = event_at(*at);
+    if (found && found->checked) return true;
+    from = *at + 1;
+  }
+  return false;
+}
+
+LogEvent LogReader::give(const Found& found) {
+  add_to(tally_, found.end - offset_, found.checksum);
+  offset_ = found.end;
+  LogEvent event = found.event;
+  if (has_checksums_) event.data = event.data.first(event.data.size() - kLogChecksumBytes);
+  return event;
 }
 
 std::optional<LogEvent> LogReader::next() {
   if (offset_ >= file_.size()) return {};
-  std::size_t end = 0;
-  if (auto event = event_at(offset_, end)) {
-    offset_ = end;
-    return event;
-  }
+  const auto good = [&](const std::optional<Found>& found) { return found && (found->checked || !has_checksums_); };
+  const auto here = event_at(offset_);
+  if (good(here)) return give(*here);
   const std::size_t bad = offset_;
-  for (auto from = file_.begin() + static_cast<std::ptrdiff_t>(bad) + 1;;) {
-    from = std::search(from, file_.end(), kSyncWord.begin(), kSyncWord.end());
-    if (from == file_.end()) break;
-    const auto at = static_cast<std::size_t>(from - file_.begin());
-    if (auto event = event_at(at, end)) {
-      damage_.push_back({path_, bad, at - bad, false});
-      offset_ = end;
-      return event;
-    }
-    ++from;
+  for (auto at = sync_word_from(bad + 1); at; at = sync_word_from(*at + 1)) {
+    const auto found = event_at(*at);
+    if (!good(found)) continue;
+    damage_.push_back({path_, bad, *at - bad, false});
+    offset_ = *at;
+    return give(*found);
   }
-  damage_.push_back({path_, bad, file_.size() - bad, true});
+  // An event that ends with the file is not torn, but altered.
+  damage_.push_back({path_, bad, file_.size() - bad, !here || here->end != file_.size()});
   offset_ = file_.size();
   return {};
+}
+
+LogTally tally_of(const std::filesystem::path& log) {
+  LogReader reader(log);
+  while (reader.next()) {
+  }
+  return reader.tally();
 }
 
 }  // namespace isorig::messages

@@ -8,14 +8,20 @@
 #include <string_view>
 #include <vector>
 
+#include "messages/log_event.hpp"
+
 namespace isorig::messages {
 
-/// Writes one LCM event log (lcm-logplayer, lcm-logger's format: a 28-byte big-endian header of sync word
-/// 0xEDA1DA01, event number, time in us, channel length and data length, then channel and data).
+/// Writes one LCM event log (messages/log_event.hpp), a checksum behind each message.
 ///
 /// liblcm's own writer goes through stdio, which forgets its buffer when the disk is full: what was in it is
 /// gone even if space turns up a moment later. This one keeps every event until the kernel has taken it,
 /// never leaves half an event behind a whole one, and says how far the disk is.
+///
+/// A sync that fails is final: the kernel marks pages clean whose writing failed, so that a later sync "succeeds"
+/// although they never reached the disk (Rebello et al., "Can applications recover from fsync failures?", USENIX ATC
+/// 2020). Such a file is condemned: it takes nothing more, and what was not handed to the kernel yet stays here for
+/// another file (hand_over).
 class LogWriter {
  public:
   struct Options {
@@ -43,11 +49,21 @@ class LogWriter {
   /// flush(), and waits until it is on the disk.
   bool sync();
 
-  [[nodiscard]] std::uint64_t size_bytes() const noexcept { return written_bytes_ + held_.size(); }
+  /// A sync failed, or the file was removed: what was written since the last sync that succeeded may be gone.
+  [[nodiscard]] bool condemned() const noexcept { return condemned_; }
+  /// Every event that the kernel has not taken whole, in order; they are forgotten here.
+  void hand_over(const std::function<void(std::string_view channel, std::int64_t utime_us,
+                                          std::span<const std::uint8_t> data)>& to);
+
+  [[nodiscard]] std::uint64_t size_bytes() const noexcept { return written_bytes_ + held_bytes(); }
   [[nodiscard]] std::uint64_t synced_bytes() const noexcept { return synced_bytes_; }
-  [[nodiscard]] std::size_t held_bytes() const noexcept { return held_.size(); }
+  [[nodiscard]] std::size_t held_bytes() const noexcept { return held_.size() - begun_bytes_; }
+  /// All events that were appended, without those handed over.
+  [[nodiscard]] const LogTally& tally() const noexcept { return tally_; }
+  /// Those of them that the kernel has taken whole.
+  [[nodiscard]] const LogTally& written_tally() const noexcept { return written_tally_; }
   [[nodiscard]] std::uint64_t lost_events() const noexcept { return lost_events_; }
-  /// Of the last flush or sync; empty when it succeeded.
+  /// Of the last flush or sync; empty when it succeeded. Of a condemned file: why.
   [[nodiscard]] const std::string& error() const noexcept { return error_; }
   [[nodiscard]] const std::filesystem::path& path() const noexcept { return path_; }
 
@@ -55,8 +71,11 @@ class LogWriter {
   std::filesystem::path path_;
   Options options_;
   int fd_ = -1;
-  std::vector<std::uint8_t> held_;
-  std::int64_t events_ = 0;
+  std::vector<std::uint8_t> held_;  // whole events
+  std::size_t begun_bytes_ = 0;     // of the first of them: written already
+  LogTally tally_;          // of all events, and
+  LogTally written_tally_;  // of those that the kernel has whole
+  bool condemned_ = false;
   std::uint64_t written_bytes_ = 0;
   std::uint64_t synced_bytes_ = 0;
   std::uint64_t lost_events_ = 0;

@@ -4,7 +4,10 @@
 #include <charconv>
 #include <cstdio>
 #include <exception>
+#include <map>
+#include <set>
 #include <stdexcept>
+#include <type_traits>
 #include <utility>
 
 namespace isorig::messages {
@@ -15,8 +18,10 @@ namespace {
 template <typename Message>
 bool decode(const LogEvent& event, Message& message) {
   try {
-    return message.decode(event.data.data(), 0, static_cast<int>(event.data.size())) ==
-           static_cast<int>(event.data.size());
+    const auto used = message.decode(event.data.data(), 0, static_cast<int>(event.data.size()));
+    const auto size = static_cast<int>(event.data.size());
+    // A log that lcm-logger made of a recording that was played has the recording's checksums behind its messages.
+    return used == size || used + static_cast<int>(kLogChecksumBytes) == size;
   } catch (const std::exception&) {
     return false;
   }
@@ -28,21 +33,101 @@ std::optional<Channel> channel_of(std::string_view name) {
   return static_cast<Channel>(found - kChannelNames.begin());
 }
 
-class Dispatch {
+/// Where a recording's segments stand: what the chain says against what is there.
+class Reading {
  public:
-  Dispatch(RunVisitor& visitor, ReadReport& report) : visitor_(visitor), report_(report) {}
+  Reading(RunVisitor& visitor, bool lone) : visitor_(visitor), lone_(lone) {
+    report_.lone_segment = lone;
+    begin_numbers();
+  }
 
-  void take(const LogEvent& event) {
+  void segment(const std::filesystem::path& path) {
+    const int number = segment_number(path);
+    if (!lone_) {
+      for (int gone = number_ + 1; gone < number; ++gone) {
+        report_.contradictions.push_back(segment_name(gone) + " is missing");
+        before_.reset();
+      }
+    }
+    number_ = number;
+    file_ = path;
+    LogReader reader(path);
+    visitor_.segment(path);
+    continues_ = false;
+    events_due_ = 0;
+    bool jumped = false;
+    checked_ = reader.has_checksums();
+    while (const auto event = reader.next()) {
+      ++report_.events;
+      jumped = jumped || (checked_ && event->number != events_due_);
+      events_due_ = event->number + 1;
+      dispatch(*event);
+    }
+    ++report_.segments;
+    report_.bytes += reader.size_bytes();
+    report_.has_checksums = report_.has_checksums && (checked_ || reader.size_bytes() == 0);
+    settle_torn();
+    const bool altered = std::any_of(reader.damage().begin(), reader.damage().end(), [](const auto& d) { return !d.at_end; });
+    for (const auto& d : reader.damage()) (d.at_end ? torn_ : report_.damage).push_back(d);
+    if (reader.size_bytes() == 0) torn_.push_back({path, 0, 0, true});
+    if (jumped && !altered) {
+      report_.contradictions.push_back(path.filename().string() + " has lost messages inside, or its first ones");
+    }
+    before_ = Before{path, reader.tally(), altered || jumped};
+  }
+
+  ReadReport finish() {
+    settle_torn();
+    settle_attempt();
+    if (!lone_ && continues_) {
+      report_.contradictions.push_back(segment_name(number_ + 1) + " is missing, in which the recording goes on");
+    }
+    report_.sessions_planned = sessions_.size();
+    if (!lone_) {
+      for (const auto& [index, s] : sessions_) {
+        if (complete_.contains(index)) continue;
+        char text[64];
+        std::snprintf(text, sizeof text, "repetition %d at %g psi", s.repetition, s.pressure_psi);
+        report_.unfinished.emplace_back(text);
+      }
+    }
+    report_.ended = ended_;
+    return std::move(report_);
+  }
+
+ private:
+  struct Before {
+    std::filesystem::path path;
+    LogTally tally;
+    bool altered = false;
+  };
+
+  /// A torn end belongs to the last segment, or to one whose successor counted what was whole in it.
+  void settle_torn() {
+    report_.damage.insert(report_.damage.end(), torn_.begin(), torn_.end());
+    torn_.clear();
+  }
+
+  void dispatch(const LogEvent& event) {
     const auto channel = channel_of(event.channel);
     if (!channel) {
       ++report_.foreign;
       return;
     }
+    if (*channel != Channel::kHeader && *channel != Channel::kChain) {
+      ++seen_[static_cast<std::size_t>(*channel)];
+      continues_ = false;
+      if (checked_ && std::exchange(ended_, false)) {
+        report_.contradictions.push_back(file_.filename().string() + " goes on behind the recording's end");
+      }
+    }
     switch (*channel) {
       case Channel::kHeader:
         return header(event);
+      case Channel::kChain:
+        return chain(event);
       case Channel::kSession:
-        return pass(event, *channel, session_, &RunVisitor::session);
+        return pass(event, *channel, session_, &Reading::session);
       case Channel::kFrame:
         return pass(event, *channel, frame_, &RunVisitor::frame);
       case Channel::kPressure:
@@ -64,33 +149,153 @@ class Dispatch {
     }
   }
 
- private:
   void header(const LogEvent& event) {
     isorig_msgs::run_header_t h;
-    if (!decode(event, h) || h.format != kLogFormat) {
+    if (!decode(event, h) || (h.format != kLogFormat && h.format != kOldLogFormat)) {
       ++report_.undecodable;
       return;
     }
-    if (std::exchange(attempt_, h.attempt) != h.attempt) gaps_ = {};  // numbers begin again
+    report_.has_header = true;
+    attempt(h.attempt);
+    ++seen_[static_cast<std::size_t>(Channel::kHeader)];
+    for (const auto& s : h.sessions) sessions_[s.session] = s;
     visitor_.header(h);
   }
 
-  template <typename Message>
-  void pass(const LogEvent& event, Channel channel, Message& message,
-            void (RunVisitor::*to)(const Message&)) {
+  /// Numbers begin again with each attempt.
+  void attempt(std::int32_t number) {
+    if (number == attempt_) return;
+    if (attempt_ != 0) {
+      settle_attempt();
+      if (!ended_) report_.notes.push_back("attempt " + std::to_string(attempt_) + " was interrupted; a further one followed");
+    }
+    if (!lone_ && number != attempt_ + 1) {
+      report_.contradictions.push_back(file_.filename().string() + " belongs to attempt " + std::to_string(number) +
+                                       ", and attempt " + std::to_string(attempt_) + " is before it");
+    }
+    attempt_ = number;
+    ended_ = false;
+  }
+
+  void chain(const LogEvent& event) {
+    isorig_msgs::chain_t m;
+    if (!decode(event, m)) {
+      ++report_.undecodable;
+      return;
+    }
+    attempt(m.attempt);
+    ++seen_[static_cast<std::size_t>(Channel::kChain)];
+    numbers_[static_cast<std::size_t>(Channel::kChain)].take(m.number);
+    if (m.kind == isorig_msgs::chain_t::BEGINS) {
+      ended_ = false;
+      begins(m);
+    } else if (m.kind == isorig_msgs::chain_t::CONTINUES) {
+      continues_ = true;
+    } else {
+      ends(m);
+    }
+  }
+
+  void begins(const isorig_msgs::chain_t& m) {
+    const auto name = file_.filename().string();
+    if (!lone_ && m.segment != number_) {
+      report_.contradictions.push_back(name + " was written as " + segment_name(m.segment));
+    }
+    if (lone_ || !before_) return;
+    const LogTally due{m.events, m.bytes, static_cast<std::uint32_t>(m.checksum)};
+    const auto& is = before_->tally;
+    const auto before = before_->path.filename().string();
+    if (is == due) {
+      // What was torn when the writer went on behind it is known, and lost nothing that anybody was told to be there.
+      for (const auto& d : torn_) {
+        if (d.bytes > 0) report_.notes.push_back(d.file.string() + ": the last " + std::to_string(d.bytes) +
+                                " bytes are no whole message, and were known to be none when " + name + " was begun");
+      }
+      torn_.clear();
+    } else if (!before_->altered) {
+      report_.contradictions.push_back(before + " holds " + std::to_string(is.events) + " messages in " +
+                                       std::to_string(is.bytes) + " bytes; when " + name + " was begun it held " +
+                                       std::to_string(due.events) + " in " + std::to_string(due.bytes) +
+                                       (is.events == due.events ? ", others" : ""));
+    }
+  }
+
+  void ends(const isorig_msgs::chain_t& m) {
+    ended_ = true;
+    end_ = m;
+    if (lone_) return;
+    for (std::size_t k = 0; k < m.channels.size() && k < m.messages.size(); ++k) {
+      const auto channel = channel_of(m.channels[k]);
+      if (!channel) continue;
+      const auto i = static_cast<std::size_t>(*channel);
+      const auto due = static_cast<std::uint64_t>(std::max<std::int64_t>(0, m.messages[k]));
+      short_[i] = due > seen_[i] ? due - seen_[i] : 0;
+    }
+  }
+
+  void session(const isorig_msgs::session_mark_t& m) {
+    if (m.kind == isorig_msgs::session_mark_t::END) {
+      if (m.complete != 0) complete_.insert(m.session.session);
+      if (!checked_) ended_ = true;  // before format 2 nothing else says so
+    } else if (!checked_) {
+      ended_ = false;
+    }
+    visitor_.session(m);
+  }
+
+  void begin_numbers() {
+    numbers_ = {};
+    seen_ = {};
+    short_ = {};
+    if (lone_) {
+      for (auto& n : numbers_) n.begin_anywhere();
+    }
+  }
+
+  void settle_attempt() {
+    report_.dropped_records += static_cast<std::uint64_t>(std::max<std::int64_t>(0, end_.dropped_records));
+    report_.lost_messages += static_cast<std::uint64_t>(std::max<std::int64_t>(0, end_.lost_messages));
+    if (!end_.fault.empty()) report_.faults.push_back(end_.fault);
+    end_ = {};
+    for (std::size_t i = 0; i < kChannels; ++i) {
+      report_.missing[i] += std::max(numbers_[i].missing(), short_[i]);
+      report_.repeated += numbers_[i].repeated();
+    }
+    begin_numbers();
+  }
+
+  template <typename Message, typename Target>
+  void pass(const LogEvent& event, Channel channel, Message& message, void (Target::*to)(const Message&)) {
     if (!decode(event, message)) {
       ++report_.undecodable;
       return;
     }
-    const auto i = static_cast<std::size_t>(channel);
-    report_.missing[i] += gaps_[i].next(message.number);
-    (visitor_.*to)(message);
+    if (!numbers_[static_cast<std::size_t>(channel)].take(message.number)) return;
+    if constexpr (std::is_same_v<Target, Reading>) {
+      (this->*to)(message);
+    } else {
+      (visitor_.*to)(message);
+    }
   }
 
   RunVisitor& visitor_;
-  ReadReport& report_;
-  std::array<GapCounter, kChannels> gaps_{};
+  const bool lone_;
+  ReadReport report_;
+  std::filesystem::path file_;
+  int number_ = 0;
+  bool checked_ = false;
+  bool continues_ = false;  // the present segment was closed, the recording goes on in the next
+  std::int64_t events_due_ = 0;
+  std::optional<Before> before_;
+  std::vector<LogDamage> torn_;
   std::int32_t attempt_ = 0;
+  bool ended_ = false;
+  isorig_msgs::chain_t end_{};  // of this attempt
+  std::array<NumberCheck, kChannels> numbers_{};
+  std::array<std::uint64_t, kChannels> seen_{};
+  std::array<std::uint64_t, kChannels> short_{};
+  std::map<std::int32_t, isorig_msgs::session_t> sessions_;
+  std::set<std::int32_t> complete_;
   // Kept, so that their vectors are allocated once.
   isorig_msgs::session_mark_t session_;
   isorig_msgs::frame_batch_t frame_;
@@ -124,6 +329,7 @@ int segment_number(const std::filesystem::path& segment) {
 
 std::vector<std::filesystem::path> list_segments(const std::filesystem::path& run_dir) {
   std::vector<std::filesystem::path> found;
+  if (std::filesystem::is_regular_file(run_dir)) found.push_back(run_dir);
   if (!std::filesystem::is_directory(run_dir)) return found;
   for (const auto& entry : std::filesystem::directory_iterator(run_dir)) {
     if (segment_number(entry.path()) > 0) found.push_back(entry.path());
@@ -141,31 +347,6 @@ std::optional<isorig_msgs::run_header_t> read_header(const std::filesystem::path
   return header;
 }
 
-bool ReadReport::whole() const noexcept {
-  return damage.empty() && undecodable == 0 &&
-         std::all_of(missing.begin(), missing.end(), [](std::uint64_t n) { return n == 0; });
-}
-
-std::vector<std::string> ReadReport::complaints() const {
-  std::vector<std::string> lines;
-  for (const auto& d : damage) {
-    lines.push_back(
-        d.file.string() + ": " + std::to_string(d.bytes) + " bytes at " + std::to_string(d.offset) +
-        (d.at_end ? " are no whole message: the writer was interrupted" : " are damaged and were skipped"));
-  }
-  for (std::size_t i = 0; i < kChannels; ++i) {
-    if (missing[i] > 0) {
-      lines.push_back(std::to_string(missing[i]) + " messages are missing on " +
-                      std::string(kChannelNames[i]));
-    }
-  }
-  if (undecodable > 0) {
-    lines.push_back(std::to_string(undecodable) +
-                    " messages could not be decoded: damaged, or of another version");
-  }
-  return lines;
-}
-
 ReadReport read_run(const std::filesystem::path& run_dir, RunVisitor& visitor) {
   const auto segments = list_segments(run_dir);
   if (segments.empty()) {
@@ -173,20 +354,9 @@ ReadReport read_run(const std::filesystem::path& run_dir, RunVisitor& visitor) {
                              " holds no recording (no segment-0001.lcm); `isorig runs` lists "
                              "what there is");
   }
-  ReadReport report;
-  Dispatch dispatch(visitor, report);
-  for (const auto& path : segments) {
-    LogReader reader(path);
-    visitor.segment(path);
-    while (const auto event = reader.next()) {
-      ++report.events;
-      dispatch.take(*event);
-    }
-    ++report.segments;
-    report.bytes += reader.size_bytes();
-    report.damage.insert(report.damage.end(), reader.damage().begin(), reader.damage().end());
-  }
-  return report;
+  Reading reading(visitor, std::filesystem::is_regular_file(run_dir));
+  for (const auto& path : segments) reading.segment(path);
+  return reading.finish();
 }
 
 }  // namespace isorig::messages

@@ -2,6 +2,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <isorig_msgs/chain_t.hpp>
 #include <isorig_msgs/control_batch_t.hpp>
 #include <isorig_msgs/event_t.hpp>
 #include <isorig_msgs/exchange_batch_t.hpp>
@@ -18,12 +19,14 @@
 
 #include "messages/channels.hpp"
 #include "messages/log_reader.hpp"
+#include "messages/read_report.hpp"
 
 /// Reading a run's directory: its segments in order, their messages decoded.
 namespace isorig::messages {
 
 [[nodiscard]] std::string segment_name(int number);                      ///< "segment-0001.lcm"
 [[nodiscard]] int segment_number(const std::filesystem::path& segment);  ///< 0 for any other name
+/// Of a run's directory, in order; a segment's own path gives that alone.
 [[nodiscard]] std::vector<std::filesystem::path> list_segments(const std::filesystem::path& run_dir);
 /// What a segment says about its run; nothing when it was cut before that.
 [[nodiscard]] std::optional<isorig_msgs::run_header_t> read_header(const std::filesystem::path& segment);
@@ -46,25 +49,11 @@ class RunVisitor {
   virtual void sync(const isorig_msgs::sync_check_t&) {}
 };
 
-struct ReadReport {
-  std::size_t segments = 0;
-  std::uint64_t bytes = 0;
-  std::uint64_t events = 0;
-  std::vector<LogDamage> damage;
-  std::uint64_t undecodable = 0;  ///< whole events of our channels that are not what they should be
-  std::uint64_t foreign = 0;      ///< events of other channels
-  std::array<std::uint64_t, kChannels> missing{};  ///< messages, by the gaps in a channel's numbers
-
-  /// Nothing missing, cut or undecodable.
-  [[nodiscard]] bool whole() const noexcept;
-  /// One sentence for each thing that is not whole.
-  [[nodiscard]] std::vector<std::string> complaints() const;
-};
-
-/// Throws std::runtime_error when the directory has no segments. Damage is reported, not thrown.
+/// Of a run's directory, or of one segment. What is altered or cut is left out and reported. Throws
+/// std::runtime_error when there is no segment.
 ReadReport read_run(const std::filesystem::path& run_dir, RunVisitor& visitor);
 
-/// Counts what a subscriber (or a reader) missed of one channel: give it every message's number.
+/// Counts what a live subscriber missed of one channel: give it every message's number.
 class GapCounter {
  public:
   /// How many were missed before this one. Numbers that begin again are a new publisher's.

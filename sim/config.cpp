@@ -120,7 +120,7 @@ std::optional<PhysicsConfig> read_physics(const std::optional<TomlTable>& t,
   try {
     physics.spec = model::read_model((directory / (model ? model_file : effects_file)).lexically_normal());
   } catch (const base::ConfigError& e) {
-    t->error(model ? "model" : "effects", e.what());
+    for (const auto& fault : e.diagnostics()) t->error(model ? "model" : "effects", fault.text());
   }
   return physics;
 }

@@ -25,6 +25,9 @@ struct Instron8800Faults {
   std::atomic<int> drop{0};             ///< so many answers are never sent; -1: until switched off
   std::atomic<int> garbage{0};          ///< so many answers are damaged; -1: until switched off
   std::atomic<int> extra{0};            ///< so many lines are sent that nobody asked for
+  std::atomic<int> lose{0};             ///< so many commands (C, P) are lost on their way; -1: until switched off
+  /// The code that late, drop, garbage, extra (just before its answer) and lose hit, e.g. 134; 0: all.
+  std::atomic<int> at_code{0};
   std::atomic<bool> disconnect{false};  ///< connections are cut and none is taken
   std::atomic<bool> ignore_stop{false};  ///< C1,0 does nothing
   std::atomic<bool> clamp{false};        ///< ramp times below 1 s become 1 s

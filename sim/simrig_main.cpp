@@ -143,7 +143,13 @@ int main(int argc, char** argv) {
   std::string socket, line;
   send->add_option("SOCKET", socket, "its --control")->required();
   send->add_option("LINE", line)->required();
-  CLI11_PARSE(app, argc, argv);
+  app.set_version_flag("--version", std::string("isorig-simrig ") + ISORIG_VERSION);
+  app.footer("Exit codes: 0 stopped as asked, 1 failure, 2 usage, 3 wrong configuration.");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    return app.exit(e) == 0 ? 0 : 2;
+  }
   try {
     if (*send) {
       const auto answer = sim::ControlSocket::ask(socket, line);
@@ -162,7 +168,7 @@ int main(int argc, char** argv) {
     return serve(arguments);
   } catch (const base::ConfigError& error) {
     std::fprintf(stderr, "%s\n", error.what());
-    return 2;
+    return 3;
   } catch (const std::exception& error) {
     std::fprintf(stderr, "isorig-simrig: %s\n", error.what());
     return 1;

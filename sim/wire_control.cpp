@@ -3,6 +3,7 @@
 #include <charconv>
 #include <optional>
 #include <sstream>
+#include <type_traits>
 
 namespace isorig::sim {
 
@@ -32,6 +33,8 @@ void WireControl::add_instron8800(Instron8800Faults& frame) {
   add("frame drop", frame.drop, "answers", 1'000'000, true, "so many answers are never sent");
   add("frame garbage", frame.garbage, "answers", 1'000'000, true, "so many answers are damaged");
   add("frame extra", frame.extra, "lines", 1'000, false, "so many lines come that nobody asked for");
+  add("frame lose", frame.lose, "commands", 1'000'000, true, "so many commands are lost on their way");
+  add("frame at", frame.at_code, "code", 999, false, "late, drop, garbage, extra, lose hit this code alone");
   add("frame disconnect", frame.disconnect, "", 1, false, "connections are cut and none is taken");
   add("frame ignore-stop", frame.ignore_stop, "", 1, false, "C1,0 does nothing");
   add("frame clamp", frame.clamp, "", 1, false, "ramp times below 1 s become 1 s");
@@ -75,6 +78,19 @@ WireControl::WireControl(WireRig& wire) : rig_(wire.rig()) {
                          }});
   };
 
+  const auto number = [this, &rig](std::string name, auto& value, std::string unit, int max, std::string what) {
+    using Value = std::remove_reference_t<decltype(value)>;
+    switches_.push_back({std::move(name), std::move(unit), std::move(what), max, false,
+                         [&value, &rig] {
+                           const auto visit = rig.enter();
+                           return static_cast<int>(value);
+                         },
+                         [&value, &rig](int to) {
+                           const auto visit = rig.enter();
+                           value = static_cast<Value>(to);
+                         }});
+  };
+
   add("teensy delay-to-host", teensy.delay_to_host_us, "us", 60'000'000, false, "frames to the host wait");
   add("teensy delay-to-device", teensy.delay_to_device_us, "us", 60'000'000, false,
          "frames to the device wait");
@@ -91,6 +107,17 @@ WireControl::WireControl(WireRig& wire) : rig_(wire.rig()) {
   plain("rig estop", rig.interlock().estop_closed, false, "the emergency stop is pressed");
   plain("rig guard", rig.interlock().guard_closed, false, "the guard is open");
   plain("rig supply-empty", rig.pneumatics().supply_empty, true, "no air comes");
+  number("rig supply", rig.pneumatics().supply_psi_now, "psi", 200, "the supply's regulator is set to this");
+  number("rig burst", rig.pneumatics().burst_mL_s_bar, "mL/s/bar", 10'000, "a hose has burst");
+  plain("rig fill-stuck-open", rig.pneumatics().fill_stuck_open, true, "the fill valve does not close");
+  plain("rig vent-stuck-shut", rig.pneumatics().vent_stuck_shut, true, "the vent valve does not open");
+  plain("rig dump-stuck-shut", rig.pneumatics().dump_stuck_shut, true, "the dump valve does not open");
+  plain("rig valves-ignored", rig.pressure().faults.ignores_commands, true, "the valves stay as they are");
+  plain("sensor tube-off", rig.pressure().faults.tube_off, true, "its tube has come off: it reads the room");
+  plain("sensor tube-blocked", rig.pressure().faults.tube_blocked, true, "it reads what was locked in its tube");
+  number("sensor tube-lag", rig.pressure().faults.tube_lag_ms, "ms", 60'000, "its tube is kinked: it lags");
+  number("sensor low", rig.pressure().faults.low_permille, "permille", 1000, "it reads so much too little");
+  plain("sensor stuck", rig.pressure().faults.stuck_value, true, "it sends one and the same count");
   plain("rig drive-fault", rig.frame().faults.drive_fault, true, "the frame's drive trips");
   plain("rig frozen-force", rig.frame().faults.frozen_force, true, "the load cell repeats its last value");
   plain("rig ignores-segments", rig.frame().faults.ignores_segments, true,

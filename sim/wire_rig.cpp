@@ -89,6 +89,7 @@ WireRigConfig read_wire_rig(const std::filesystem::path& rig_file) {
   WireRigConfig config;
   config.sim = read_sim(root, directory);
   const auto frame = root.table("frame");
+  (void)frame.string_or("zero", "");  // the daemon's
   if (frame.choice("driver", {"modbus", "instron8800"}) == "instron8800") {
     config.instron8800 = frame::read_instron8800_config(frame);
     if (const auto t = root.table("sim").table_if("controller")) {
@@ -97,6 +98,15 @@ WireRigConfig read_wire_rig(const std::filesystem::path& rig_file) {
       c.force_full_scale_N = t->number_or("force_full_scale_N", c.force_full_scale_N, base::kPositive);
       c.watchdog_s = t->number_or("watchdog_s", c.watchdog_s, base::kPositive);
       c.answer_us = static_cast<int>(t->integer_or("answer_us", c.answer_us, {0.0, 1e6}));
+      using Watchdog = Instron8800Server::Options::Watchdog;
+      const auto watchdog = t->choice_or("watchdog", "two-numbers", {"two-numbers", "one-number", "not-asked"});
+      c.watchdog = watchdog == "two-numbers" ? Watchdog::kTwoNumbers
+                   : watchdog == "one-number" ? Watchdog::kOneNumber
+                                              : Watchdog::kNotAsked;
+      c.answers_unknown = t->boolean_or("answers_unknown", c.answers_unknown);
+      c.takes_sign = t->boolean_or("takes_sign", c.takes_sign);
+      c.ends_ramps = t->boolean_or("ends_ramps", c.ends_ramps);
+      c.ramp_of_scale_per_s = t->number_or("ramp_of_scale_per_s", c.ramp_of_scale_per_s, base::kNonNegative);
     }
   } else {
     config.frame = frame::read_modbus_config(frame, directory);

@@ -48,29 +48,68 @@ ExchangeVerdict DeviceClockMap::add(const Exchange& exchange) {
   if (take(exchange)) {
     if (held_) ++rejected_;  // it was the held one that was wrong
     held_.reset();
+    held_in_a_row_ = 0;
     publish();
     return ExchangeVerdict::kAccepted;
   }
   if (!held_) {
-    held_ = exchange;
-    current_.bound_us = MappedTime::kUnknown;
-    publish();
+    hold(exchange);
     return ExchangeVerdict::kHeld;
   }
-  begin(Exchange{*held_});
-  if (take(exchange)) {
-    publish();
-  } else {
-    begin(exchange);  // the two disagree with each other as well; the younger one counts
+  if (agree(*held_, exchange)) {
+    begin(Exchange{*held_});
+    if (take(exchange)) publish();
+    return ExchangeVerdict::kRestarted;
   }
+  ++rejected_;  // at most one of the two is right
+  if (held_in_a_row_ < kMostHeld) {
+    hold(exchange);
+    return ExchangeVerdict::kHeld;
+  }
+  begin(exchange);
   return ExchangeVerdict::kRestarted;
+}
+
+bool DeviceClockMap::agree(const Exchange& first, const Exchange& second) const {
+  const auto interval = [&](const Exchange& e) {
+    const auto us = [&](std::int64_t ns) { return static_cast<double>(ns - second.host_recv_ns) * 1e-3; };
+    const double rx_us = e.device_rx_us - second.device_tx_us, tx_us = e.device_tx_us - second.device_tx_us;
+    return Interval{rx_us * 1e-6, us(e.host_send_ns) - options_.device_resolution_us - rx_us, tx_us * 1e-6, us(e.host_recv_ns) - tx_us};
+  };
+  const std::array<Interval, 2> both{interval(first), interval(second)};
+  return second.device_tx_us >= first.device_tx_us &&
+         envelope(both, options_.wander, options_.bound_sigmas, options_.rate_limit_ppm).consistent;
+}
+
+bool DeviceClockMap::agrees(const Exchange& exchange) const noexcept {
+  if (!current_.known() || !possible(exchange, options_.device_resolution_us)) return true;
+  const auto rx = current_.map(exchange.device_rx_us), tx = current_.map(exchange.device_tx_us);
+  const double slack_ns = 1e3 * (options_.device_resolution_us + 1.0);
+  return static_cast<double>(rx.mono_ns - exchange.host_send_ns) >= -rx.bound_ns - slack_ns &&
+         static_cast<double>(tx.mono_ns - exchange.host_recv_ns) <= tx.bound_ns + slack_ns;
+}
+
+/// Either the exchange is wrong, and stamps are within the bound as it was, or the clock has stepped, and they are off by
+/// as much as the exchange is.
+void DeviceClockMap::hold(const Exchange& exchange) {
+  held_ = exchange;
+  ++held_in_a_row_;
+  if (current_.in_doubt == 0) settled_bound_us_ = current_.bound_us;
+  const auto rx = current_.map(exchange.device_rx_us), tx = current_.map(exchange.device_tx_us);
+  const double off_us = 1e-3 * std::max(std::abs(static_cast<double>(tx.mono_ns - exchange.host_recv_ns)),
+                                        std::abs(static_cast<double>(rx.mono_ns - exchange.host_send_ns)));
+  current_.bound_us = settled_bound_us_ + off_us + options_.device_resolution_us;
+  current_.in_doubt = 1;
+  publish();
 }
 
 void DeviceClockMap::restart() {
   filter_ = DelayFilter(options_.wander);
   window_.clear();
   held_.reset();
+  held_in_a_row_ = 0;
   current_.bound_us = MappedTime::kUnknown;
+  current_.in_doubt = 0;
   publish();
 }
 
@@ -78,6 +117,7 @@ void DeviceClockMap::begin(const Exchange& first) {
   filter_ = DelayFilter(options_.wander);
   window_.clear();
   held_.reset();
+  held_in_a_row_ = 0;
   host_origin_ns_ = first.host_recv_ns;
   device_origin_us_ = first.device_tx_us;
   ++current_.epoch;
@@ -157,6 +197,7 @@ bool DeviceClockMap::take(const Exchange& exchange) {
   current_.variance_curvature_ppm2 = p(1, 1);
   current_.variance_wander_us2_per_s3 = options_.wander.diffusion_ppm2_per_s() / 3.0;
   ++current_.exchanges;
+  current_.in_doubt = 0;
   return true;
 }
 
@@ -187,18 +228,70 @@ void StreamMapper::renew() noexcept {
   if (!map_->read(fresh)) return;
   version_ = version;
   const bool same_clock = fresh.epoch == snapshot_.epoch;
-  if (started_ && same_clock) {
+  const bool told = fresh.in_doubt == 0 && fresh.host_reference_ns > alone_since_ns_;
+  if (alone_ && (!same_clock || told)) {
+    alone_ = false;
+    lead_ns_ = static_cast<double>(last_mono_ns_ - fresh.map(last_device_us_).mono_ns);
+  } else if (started_ && same_clock) {
     // Go on from where the last stamp was put.
     lead_ns_ +=
         static_cast<double>(snapshot_.map(last_device_us_).mono_ns - fresh.map(last_device_us_).mono_ns);
-  } else {
+  }
+  if (!same_clock) {
     lead_ns_ = 0.0;
     started_ = false;
   }
   snapshot_ = fresh;
 }
 
-MappedTime StreamMapper::map(double device_us, std::int64_t arrival_ns) noexcept {
+/// Whether the stamp is not where the count puts it. Learns, from those that are, how far stamps stray.
+bool StreamMapper::has_stepped(double device_us, std::int64_t advance) noexcept {
+  constexpr int kLearnt = 64;
+  constexpr double kLeast_us = 300.0, kMost_us = 5000.0;
+  const double expected_us = static_cast<double>(advance) * period_us_;
+  const double off_us = std::abs(device_us - last_device_us_ - expected_us);
+  allowed_us_ =
+      (steady_ < kLearnt ? kMost_us : std::clamp(20.0 * jitter_us_, kLeast_us, kMost_us)) + 1e-3 * expected_us;
+  if (off_us > allowed_us_) return true;
+  steady_ = std::min(steady_ + 1, kLearnt);
+  jitter_us_ += (off_us - jitter_us_) / static_cast<double>(steady_);
+  return false;
+}
+
+/// `counted_us`: since the last stamp by the count; below 0: nobody counts. Over a jump neither clock nor count can be
+/// believed more than that they did not both run ahead; between jumps the device's clock is right again.
+MappedTime StreamMapper::map_alone(double device_us, std::int64_t arrival_ns, double counted_us, bool jumped) noexcept {
+  constexpr double kRate = 500e-6;
+  const double latest_ns = arrival_ns == kNoArrival ? MappedTime::kUnknown : static_cast<double>(arrival_ns - last_mono_ns_);
+  double passed_ns = 1e3 * (device_us - last_device_us_);
+  if (!alone_) {
+    alone_ = true;
+    alone_since_ns_ = arrival_ns == kNoArrival ? last_mono_ns_ : arrival_ns;
+    low_ns_ = -last_bound_ns_;
+    high_ns_ = last_bound_ns_;
+  }
+  jumped = jumped || low_ns_ + passed_ns > latest_ns;
+  if (jumped) {
+    low_ns_ += std::max(0.0, counted_us < 0.0 ? 0.0 : std::min(passed_ns, 1e3 * counted_us) * (1.0 - kRate) - 1e3 * allowed_us_);
+    high_ns_ = std::max(latest_ns, low_ns_);
+    passed_ns = counted_us < 0.0 ? latest_ns : 1e3 * counted_us;
+  } else {
+    passed_ns = std::max(passed_ns, 0.0);
+    low_ns_ += passed_ns * (1.0 - kRate);
+    high_ns_ = std::max(std::min(high_ns_ + passed_ns * (1.0 + kRate), latest_ns), low_ns_);
+  }
+  const double offset_ns = std::max(std::min(passed_ns, latest_ns), 1.0);
+  if (offset_ns < MappedTime::kUnknown) {
+    last_mono_ns_ += std::llround(offset_ns);
+    low_ns_ -= offset_ns;  // now from the stamp that is given out
+    high_ns_ -= offset_ns;
+  }
+  last_device_us_ = device_us;
+  last_bound_ns_ = std::max({-low_ns_, high_ns_, 1.0});
+  return {last_mono_ns_, last_bound_ns_, last_bound_ns_};
+}
+
+MappedTime StreamMapper::map(double device_us, std::int64_t arrival_ns, std::uint32_t sequence, bool counted) noexcept {
   renew();
   MappedTime out = snapshot_.map(device_us);
   if (snapshot_.epoch == 0) {
@@ -208,12 +301,19 @@ MappedTime StreamMapper::map(double device_us, std::int64_t arrival_ns) noexcept
     last_mono_ns_ = out.mono_ns;
     return out;
   }
+  const std::int64_t advance = counted ? std::int64_t{static_cast<std::int32_t>(sequence - last_sequence_)} : 0;
+  const bool follows = counted && started_ && advance > 0;
+  if (counted) last_sequence_ = sequence;
   const bool future = arrival_ns != kNoArrival &&
                       static_cast<double>(out.mono_ns - arrival_ns) > snapshot_.bound_ns(device_us);
   const bool past = started_ && device_us < last_device_us_ - kOutOfOrder_us;
-  if (future || past) {
-    // The device restarted and no exchange has told the map yet.
-    if (arrival_ns != kNoArrival) last_mono_ns_ = std::max(arrival_ns, last_mono_ns_ + 1);
+  const bool stepped = follows && has_stepped(device_us, advance);
+  if (started_ && (alone_ || future || past || stepped)) {
+    const double counted_us = follows ? static_cast<double>(advance) * period_us_ : -1.0;
+    return map_alone(device_us, arrival_ns, counted_us, stepped || past || (future && !alone_));
+  }
+  if (future) {
+    last_mono_ns_ = std::max(arrival_ns, last_mono_ns_ + 1);
     return {last_mono_ns_, MappedTime::kUnknown, MappedTime::kUnknown};
   }
   double lead_ns = lead_ns_;
@@ -240,6 +340,7 @@ MappedTime StreamMapper::map(double device_us, std::int64_t arrival_ns) noexcept
     out.bound_ns += std::abs(moved_ns);
     out.repeatability_ns = std::hypot(out.repeatability_ns, moved_ns);
   }
+  if (newer) last_bound_ns_ = out.bound_ns;
   return out;
 }
 

@@ -26,8 +26,8 @@ struct MapOptions {
 /// A sample's time on the host, with the two numbers that belong to it.
 struct MappedTime {
   std::int64_t mono_ns = 0;
-  /// The error is inside +-bound_ns, whatever the asymmetry of the path. kUnknown while there is no map or
-  /// the last exchange contradicts it.
+  /// The error is inside +-bound_ns, whatever the asymmetry of the path, and whatever of a clock that may have
+  /// stepped cannot be excluded yet. kUnknown while there is no map.
   double bound_ns = kUnknown;
   /// One standard deviation of the error, but for the constant that asymmetry adds to all of them.
   double repeatability_ns = kUnknown;
@@ -49,6 +49,7 @@ struct MapSnapshot {
   double variance_wander_us2_per_s3 = 0.0;
   std::uint64_t epoch = 0;      ///< counts restarts of the device's clock; 0 is none yet
   std::uint64_t exchanges = 0;  ///< accepted in this epoch
+  std::uint64_t in_doubt = 0;   ///< 1: the last exchange contradicts; the bound covers both possibilities
 
   [[nodiscard]] bool known() const noexcept { return bound_us < MappedTime::kUnknown; }
   [[nodiscard]] MappedTime map(double device_us) const noexcept;
@@ -60,9 +61,9 @@ enum class ExchangeVerdict {
   kAccepted,
   kRejected,   ///< impossible by itself: answered before it was sent, not finite, turned round slower than it
                ///< took
-  kHeld,       ///< contradicts the map; stamps are unknown until the next exchange tells which is wrong
-  kRestarted,  ///< the second in a row that contradicts: the map begins anew (device restarted, or beyond
-               ///< Wander)
+  kHeld,       ///< contradicts the map: the bound covers both until the next exchange tells which is wrong
+  kRestarted,  ///< a second one contradicts the map and agrees with the held one: the map begins anew (device
+               ///< restarted, its clock was set, or beyond Wander); so do kMostHeld that agree with nothing
 };
 
 /// Maps one device's clock to CLOCK_MONOTONIC, online. One thread add()s exchanges (an I/O thread; some 50 us
@@ -75,6 +76,10 @@ class DeviceClockMap {
   explicit DeviceClockMap(const MapOptions& options = {});
 
   ExchangeVerdict add(const Exchange& exchange);
+  /// False when the map, within its bound, cannot have made this exchange: cheap, for those that are not kept. True
+  /// without a map.
+  [[nodiscard]] bool agrees(const Exchange& exchange) const noexcept;
+  [[nodiscard]] bool in_doubt() const noexcept { return current_.in_doubt != 0; }
   /// The device said that it started anew: forget everything, begin another epoch.
   void restart();
 
@@ -91,10 +96,13 @@ class DeviceClockMap {
  private:
   void begin(const Exchange& first);
   bool take(const Exchange& exchange);
+  void hold(const Exchange& exchange);
+  [[nodiscard]] bool agree(const Exchange& first, const Exchange& second) const;
   [[nodiscard]] Interval absolute(const Exchange& exchange) const noexcept;
   void remember(const Interval& interval);
   void publish() noexcept;
 
+  static constexpr int kMostHeld = 5;
   static constexpr std::size_t kWords = sizeof(MapSnapshot) / sizeof(std::uint64_t);
   static_assert(sizeof(MapSnapshot) % sizeof(std::uint64_t) == 0);
 
@@ -104,6 +112,8 @@ class DeviceClockMap {
   DelayFilter filter_;
   std::deque<Interval> window_;  // absolute: seconds and us from the origins
   std::optional<Exchange> held_;
+  int held_in_a_row_ = 0;
+  double settled_bound_us_ = MappedTime::kUnknown;  // of current_, without the doubt
   MapSnapshot current_;
   std::uint64_t rejected_ = 0;
 
@@ -120,20 +130,34 @@ class DeviceClockMap {
 /// device restarts, the first stamp comes after the last one of the old epoch. A device time not later than
 /// the newest so far is mapped in its place before that one, and changes nothing.
 ///
-/// A sample cannot be younger than its arrival: pass that time where it is known, so that a device that
-/// restarted between two exchanges (a 32-bit counter then seems to wrap) cannot send the stamps an hour
-/// ahead. Such stamps, and those that run back by more than a second, get their arrival time and an unknown
-/// bound.
+/// A clock that steps between two exchanges leaves the map behind. What shows it at once: a stamp in the future of its
+/// arrival, one that runs back by more than a second, and, where the device counts its samples (set_period_us, a sequence),
+/// a stamp that is not as many periods after the last as the count says. From there on the stamps are *on their own*, until
+/// an exchange from after the step has been accepted: not before the last one that was mapped, not after their arrival,
+/// and as far apart as the device says. The bound is what these leave.
 class StreamMapper {
  public:
   explicit StreamMapper(const DeviceClockMap& map) noexcept : map_(&map) {}
 
   static constexpr std::int64_t kNoArrival = std::numeric_limits<std::int64_t>::max();
-  [[nodiscard]] MappedTime map(double device_us, std::int64_t arrival_ns = kNoArrival) noexcept;
+  [[nodiscard]] MappedTime map(double device_us, std::int64_t arrival_ns = kNoArrival) noexcept {
+    return map(device_us, arrival_ns, 0, false);
+  }
+  /// Of a sample whose place in the device's count is known.
+  [[nodiscard]] MappedTime map(double device_us, std::int64_t arrival_ns, std::uint32_t sequence) noexcept {
+    return map(device_us, arrival_ns, sequence, period_us_ > 0.0);
+  }
+  /// The device's sampling period; 0: it does not count its samples.
+  void set_period_us(double period_us) noexcept { period_us_ = period_us; }
   /// Of the snapshot in use; changes when the device's clock restarted.
   [[nodiscard]] std::uint64_t epoch() const noexcept { return snapshot_.epoch; }
+  /// A step is suspected: another exchange would tell.
+  [[nodiscard]] bool on_its_own() const noexcept { return alone_; }
 
  private:
+  MappedTime map(double device_us, std::int64_t arrival_ns, std::uint32_t sequence, bool counted) noexcept;
+  [[nodiscard]] bool has_stepped(double device_us, std::int64_t advance) noexcept;
+  MappedTime map_alone(double device_us, std::int64_t arrival_ns, double counted_us, bool jumped) noexcept;
   void renew() noexcept;
 
   const DeviceClockMap* map_;
@@ -141,8 +165,19 @@ class StreamMapper {
   std::uint64_t version_ = 0;
   double last_device_us_ = 0.0;
   std::int64_t last_mono_ns_ = std::numeric_limits<std::int64_t>::min() + 1;
+  double last_bound_ns_ = MappedTime::kUnknown;
   double lead_ns_ = 0.0;  // what was given out last minus what the snapshot says
   bool started_ = false;
+
+  double period_us_ = 0.0;
+  std::uint32_t last_sequence_ = 0;
+  double jitter_us_ = 0.0;  // mean departure from whole periods
+  int steady_ = 0;          // how many it was learnt from
+  double allowed_us_ = 0.0;
+
+  bool alone_ = false;
+  double low_ns_ = 0.0, high_ns_ = 0.0;  // where the newest stamp on its own lies, from last_mono_ns_
+  std::int64_t alone_since_ns_ = 0;
 };
 
 }  // namespace isorig::clock

@@ -153,6 +153,25 @@ class Epoch {
   std::vector<Node> nodes_;
 };
 
+/// Later device times get later host times.
+void make_monotone(std::span<const DeviceStamp> stamps, std::span<const std::size_t> epoch_of, std::vector<MappedTime>& out) {
+  // The estimate of two stamps a few us apart on either side of an exchange may differ by about as much.
+  std::vector<std::size_t> order(stamps.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
+    return std::pair(epoch_of[a], stamps[a].device_us) < std::pair(epoch_of[b], stamps[b].device_us);
+  });
+  for (std::size_t k = 1; k < order.size(); ++k) {
+    const auto before = order[k - 1], now = order[k];
+    if (epoch_of[before] != epoch_of[now]) continue;
+    const auto least_ns = out[before].mono_ns + (stamps[now].device_us > stamps[before].device_us ? 1 : 0);
+    if (out[now].mono_ns < least_ns) {
+      out[now].bound_ns += static_cast<double>(least_ns - out[now].mono_ns);
+      out[now].mono_ns = least_ns;
+    }
+  }
+}
+
 }  // namespace
 
 std::vector<MappedTime> remap_offline(std::span<const Exchange> exchanges,
@@ -174,22 +193,34 @@ std::vector<MappedTime> remap_offline(std::span<const Exchange> exchanges,
       }
     }
   }
-  // The estimate of two stamps a few us apart on either side of an exchange may differ by about as much.
-  std::vector<std::size_t> order(stamps.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
-    return std::pair(epoch_of[a], stamps[a].device_us) < std::pair(epoch_of[b], stamps[b].device_us);
-  });
-  for (std::size_t k = 1; k < order.size() && !epochs.empty(); ++k) {
-    const auto before = order[k - 1], now = order[k];
-    if (epoch_of[before] != epoch_of[now]) continue;
-    const auto least_ns = out[before].mono_ns + (stamps[now].device_us > stamps[before].device_us ? 1 : 0);
-    if (out[now].mono_ns < least_ns) {
-      out[now].bound_ns += static_cast<double>(least_ns - out[now].mono_ns);
-      out[now].mono_ns = least_ns;
-    }
-  }
+  if (!epochs.empty()) make_monotone(stamps, epoch_of, out);
   return out;
+}
+
+std::vector<MappedTime> remap_offline_stretch(std::span<const Exchange> exchanges,
+                                              std::span<const DeviceStamp> stamps, const MapOptions& options) {
+  std::vector<MappedTime> best(stamps.size());
+  for (std::size_t i = 0; i < stamps.size(); ++i) best[i].mono_ns = stamps[i].near_ns;
+  auto nearest_ns = std::numeric_limits<double>::infinity();
+  for (const auto& e : epochs_of(exchanges, options)) {
+    const Epoch epoch(e, options);
+    std::vector<MappedTime> mapped;
+    std::vector<double> away_ns;
+    mapped.reserve(stamps.size());
+    away_ns.reserve(stamps.size());
+    for (const auto& s : stamps) {
+      mapped.push_back(epoch.map(s.device_us));
+      away_ns.push_back(std::abs(static_cast<double>(mapped.back().mono_ns - s.near_ns)));
+    }
+    if (away_ns.empty()) break;
+    const auto middle = away_ns.begin() + static_cast<std::ptrdiff_t>(away_ns.size() / 2);
+    std::nth_element(away_ns.begin(), middle, away_ns.end());
+    if (*middle >= nearest_ns) continue;
+    nearest_ns = *middle;
+    best = std::move(mapped);
+  }
+  if (std::isfinite(nearest_ns)) make_monotone(stamps, std::vector<std::size_t>(stamps.size(), 0), best);
+  return best;
 }
 
 }  // namespace isorig::clock

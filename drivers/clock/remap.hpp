@@ -25,4 +25,10 @@ struct DeviceStamp {
                                                     std::span<const DeviceStamp> stamps,
                                                     const MapOptions& options = {});
 
+/// The same for stamps between which the device's clock went on: all are mapped by the one epoch that most of their
+/// `near_ns` agree with.
+[[nodiscard]] std::vector<MappedTime> remap_offline_stretch(std::span<const Exchange> exchanges,
+                                                            std::span<const DeviceStamp> stamps,
+                                                            const MapOptions& options = {});
+
 }  // namespace isorig::clock

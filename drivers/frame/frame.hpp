@@ -52,6 +52,10 @@ struct Segment {
 struct Identity {
   std::string maker, model, serial, firmware;
   double sample_rate_hz = 0.0;
+  /// The same number as at the last connect(): shown to be the same frame, whose position still counts from the same
+  /// zero. Another number: it was switched off, restarted or exchanged meanwhile, or nothing proves that it was not.
+  /// Never 0 from a connected device. Counts in this process alone: the first connection proves nothing.
+  std::uint32_t reference_epoch = 0;
 };
 
 /// One poll: the samples since the last one, the frame's state, and the time exchange that came with it.

@@ -40,7 +40,9 @@ Instron8800Config read_instron8800_config(const base::TomlTable& t) {
   c.watchdog_command = t.string_or("watchdog_command", c.watchdog_command);
   integer("watchdog_on", c.watchdog_on, {1.0, 9.0});
   integer("watchdog_feed_ms", c.watchdog_feed_ms, {50.0, 10'000.0});
-  if (!c.watchdog_command.starts_with("C904,") || c.watchdog_command.starts_with("C904,0")) {
+  c.watchdog_tested = t.boolean_or("watchdog_tested", c.watchdog_tested);
+  if (!c.watchdog_command.empty() &&
+      (!c.watchdog_command.starts_with("C904,") || c.watchdog_command.starts_with("C904,0"))) {
     t.error("watchdog_command", "`watchdog_command` has to be a C904 command that switches the watchdog on");
   }
   if (c.position_channel == c.force_channel) {

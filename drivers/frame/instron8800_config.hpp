@@ -21,7 +21,7 @@ struct Instron8800Config {
   int connect_timeout_ms = 1000;
   /// An answer that comes later is thrown away, and the link gets in step before the next question.
   int response_timeout_ms = 500;
-  /// So long an unanswered question is waited for, with nothing else asked; then the connection is given up.
+  /// So long without a single line, then the connection is given up.
   int give_up_ms = 15'000;
   /// Silence between an answer or a command and the next line: these controllers are known to fall into an invalid
   /// state when they are sent commands too quickly.
@@ -44,9 +44,13 @@ struct Instron8800Config {
   /// Without a sign of life from the loop for so long the driver stops the crosshead itself.
   int heartbeat_timeout_ms = 500;
 
-  /// What switches the controller's watchdog on and feeds it, and the first number Q904 then answers.
-  std::string watchdog_command = "C904,1,0";
+  /// What switches the controller's watchdog on and feeds it; empty: "C904,1,0" where Q904 has two numbers for an answer,
+  /// "C904,1" elsewhere. And the first number Q904 then answers.
+  std::string watchdog_command;
   int watchdog_on = 1;
+  /// Somebody has seen this controller's watchdog stop the crosshead (docs/wire-8800.md). Without that a controller
+  /// which cannot be asked for its watchdog is not connected to.
+  bool watchdog_tested = false;
   int watchdog_feed_ms = 500;
 
   /// "tcp 127.0.0.1:5025" or "tty /dev/ttyS0", for messages.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "drivers/error.hpp"
 
@@ -14,21 +15,19 @@ namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kSlice_ns = 20 * kMs;
+/// Longer than this, and a tenth of the ramp, before its time a ramp is early.
+constexpr std::int64_t kEarly_ns = 500 * kMs;
+constexpr std::int64_t kStandstill_ns = 20 * kMs;
 /// Positions further apart than this are not interpolated between: a hang lay there.
 constexpr std::int64_t kFarApart_ns = 250 * kMs;
-/// A loss of control this soon after a doubt is the watchdog's doing, not the operator's.
+/// A loss of control this soon after a silence is the watchdog's doing, not the operator's.
 constexpr std::int64_t kWatchdogSuspected_ns = 3'000 * kMs;
 constexpr unsigned kTravelLimitCode = 1, kEmergencyStopCode = 6, kAllWellCode = 15;
-constexpr double kAbsoluteRamp = 3.0;
+constexpr double kMoving = 1.0;  // of Q1
 
 /// Status, actuator, movement, control; the watchdog is asked about before it is fed.
 constexpr std::array<std::int64_t, 4> kPeriods_ns{100 * kMs, 250 * kMs, 100 * kMs, 250 * kMs};
-
-std::string number(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.6g", value);
-  return text;
-}
+constexpr std::size_t kMovementIndex = 2, kControlIndex = 3;
 
 }  // namespace
 
@@ -64,14 +63,20 @@ std::string Instron8800Frame::channel(std::string_view question, int number) con
   return std::string(question) + "," + std::to_string(number);
 }
 
-double Instron8800Frame::ask_number(std::string_view question) {
-  const auto answer = link_.ask(question);
+std::int64_t Instron8800Frame::in_ms(int milliseconds) const noexcept { return clock_.now_ns() + milliseconds * kMs; }
+
+double Instron8800Frame::number_in(std::string_view question, const Instron8800Link::Answer& answer) {
   try {
-    return parse_numbers(question, answer.text, 1).front();
-  } catch (const DeviceError&) {
+    // The watchdog has one number or two.
+    return parse_numbers(question, answer.text, 1, question == "Q904" ? 2 : 1).front();
+  } catch (const DeviceError& error) {
     link_.doubt();
-    throw;
+    throw DeviceError(error.fault(), at() + error.what() + link_.suspects());
   }
+}
+
+double Instron8800Frame::ask_number(std::string_view question, std::int64_t until_ns) {
+  return number_in(question, link_.ask({question}, until_ns).front());
 }
 
 Instron8800Frame::Reading Instron8800Frame::reading(const Instron8800Link::Answer& answer, double value) const noexcept {
@@ -80,102 +85,10 @@ Instron8800Frame::Reading Instron8800Frame::reading(const Instron8800Link::Answe
   return {true, value, earliest_ns + half_ns, half_ns};
 }
 
-Instron8800Frame::Reading Instron8800Frame::ask_position() {
+Instron8800Frame::Reading Instron8800Frame::ask_position(std::int64_t until_ns) {
   const auto question = text_of(Ask::kPosition);
-  const auto answer = link_.ask(question);
-  return reading(answer, parse_numbers(question, answer.text, 1).front() * mm_per_raw_);
-}
-
-// ---- connection
-// -----------------------------------------------------------------------------------------------
-
-void Instron8800Frame::check_channels() {
-  const auto scale = [&](int number_, const char* key, double expected, double unit, const char* unit_name) {
-    const auto question = channel("Q308", number_);
-    const double full_scale = ask_number(question) * unit;
-    if (!(full_scale > 0.0) || (expected > 0.0 && std::abs(full_scale - expected) > 1e-3 * expected)) {
-      throw DeviceError(Fault::kIdentity, at() + question + " says a full scale of " + number(full_scale) + " " + unit_name +
-                                              (expected > 0.0 ? ", and the rig's [frame] says " + std::string(key) + " = " +
-                                                                    number(expected)
-                                                              : "") +
-                                              "; another transducer, another unit or another controller");
-    }
-    return full_scale;
-  };
-  mm_per_raw_ = scale(config_.position_channel, "position_full_scale_mm", config_.position_full_scale_mm, 1e3, "mm");
-  N_per_raw_ = scale(config_.force_channel, "force_full_scale_N", config_.force_full_scale_N, 1.0, "N");
-  const auto refuse = [&](const std::string& why) { throw DeviceError(Fault::kIdentity, at() + why); };
-  if (ask_number("Q300") != config_.position_channel) {
-    refuse("the controller is not in position control (Q300); switch it at its panel, at rest, and look what it does");
-  }
-}
-
-void Instron8800Frame::take_control() {
-  link_.tell("P909,1");
-  link_.tell(config_.watchdog_command);
-  if (ask_number("Q909") != 1.0) {
-    throw DeviceError(Fault::kIdentity, at() + "the front panel keeps control (Q909); give it to the computer");
-  }
-  if (ask_number("Q904") != config_.watchdog_on) {
-    throw DeviceError(Fault::kIdentity, at() + "the controller's watchdog is not on (Q904) after \"" +
-                                            config_.watchdog_command + "\"; without it nothing would stop the actuator when "
-                                            "this computer fails. Correct watchdog_command and watchdog_on");
-  }
-  const auto ramp = channel("2", config_.position_channel);
-  if (ask_number("Q" + ramp) != kAbsoluteRamp) {
-    link_.tell("C" + ramp + ",3");
-    if (ask_number("Q" + ramp) != kAbsoluteRamp) {
-      throw DeviceError(Fault::kIdentity, at() + "the position channel does not take the absolute ramp (C2)");
-    }
-  }
-}
-
-/// Of two questions a sample, from the fastest of a few: what the line gives when nothing disturbs it.
-double Instron8800Frame::measured_rate_hz() {
-  std::int64_t best_ns = 1'000'000'000;
-  for (int i = 0; i < 5; ++i) {
-    const auto answer = link_.ask(text_of(Ask::kPosition));
-    best_ns = std::min(best_ns, answer.received_ns - answer.sent_ns);
-  }
-  return 1e9 / (2.0 * static_cast<double>(best_ns + std::int64_t{config_.gap_us} * 1000));
-}
-
-Identity Instron8800Frame::connect() {
-  link_.open();
-  try {
-    check_channels();
-    take_control();
-    take_status(static_cast<std::uint16_t>(ask_number("Q22")));
-    actuator_on_ = ask_number("Q23") != 0.0;
-    has_control_ = watchdog_on_ = true;
-    ailment_ = ailment();
-    force_ = position_ = {};
-    current_ = Ask::kForce;
-    force_next_ = true;
-    motion_ = Motion::kIdle;
-    segment_ = {};
-    beat_seen_ = beat_lost_ = false;
-    watchdog_seen_on_ = feed_wanted_ = false;
-    Identity identity;
-    identity.maker = "Instron";
-    identity.model = "8800-type controller, ASCII command set";
-    identity.sample_rate_hz = measured_rate_hz();
-    return identity;
-  } catch (...) {
-    link_.close();
-    throw;
-  }
-}
-
-void Instron8800Frame::disconnect() noexcept {
-  if (!link_.is_open()) return;
-  try {
-    if (has_control_) link_.tell("C1,0");
-    // In order, control goes back to the panel. After a fault it does not: the watchdog has its say.
-    if (has_control_ && !link_.pending() && motion_ != Motion::kMoving) link_.tell("P909,0");
-  } catch (const std::exception&) {  // the controller's watchdog stops the actuator
-  }
-  link_.close();
+  const auto answer = link_.ask({question}, until_ns).front();
+  return reading(answer, number_in(question, answer) * mm_per_raw_);
 }
 
 // ---- samples
@@ -194,38 +107,66 @@ std::string Instron8800Frame::text_of(Ask ask) const {
   return {};
 }
 
-/// Position, force, position, force ...; after a position at most one question about the controller itself.
-Instron8800Frame::Ask Instron8800Frame::next_question(std::int64_t now_ns) noexcept {
-  if (force_next_ && current_ == Ask::kPosition) {
-    std::size_t most = kSideQuestions;
-    for (std::size_t i = 0; i < kSideQuestions; ++i) {
-      if (now_ns >= due_ns_[i] && (most == kSideQuestions || due_ns_[i] < due_ns_[most])) most = i;
-    }
-    if (most < kSideQuestions) {
-      due_ns_[most] = now_ns + (most < kPeriods_ns.size() ? kPeriods_ns[most] : config_.watchdog_feed_ms * kMs);
-      return static_cast<Ask>(static_cast<std::size_t>(Ask::kStatus) + most);
+/// Force between two positions, at most one question about the controller itself, and the link's check.
+void Instron8800Frame::begin_round(std::int64_t now_ns) noexcept {
+  round_.clear();
+  answers_.clear();
+  if (!position_.valid) round_.push_back(Ask::kPosition);
+  round_.push_back(Ask::kForce);
+  round_.push_back(Ask::kPosition);
+  if (stop_since_ns_ >= 0) due_ns_[kMovementIndex] = 0;
+  std::size_t most = kSideQuestions;
+  for (std::size_t i = 0; i < kSideQuestions; ++i) {
+    const bool asked = static_cast<Ask>(static_cast<std::size_t>(Ask::kStatus) + i) != Ask::kWatchdog || watchdog_can_be_asked_;
+    if (asked && now_ns >= due_ns_[i] && (most == kSideQuestions || due_ns_[i] < due_ns_[most])) most = i;
+  }
+  if (most == kSideQuestions) return;
+  due_ns_[most] = now_ns + (most < kPeriods_ns.size() ? kPeriods_ns[most] : config_.watchdog_feed_ms * kMs);
+  round_.push_back(static_cast<Ask>(static_cast<std::size_t>(Ask::kStatus) + most));
+}
+
+void Instron8800Frame::forget_round() noexcept {
+  force_ = position_ = stop_position_ = {};  // the next sample stands on answers from after this
+  round_.clear();
+  answers_.clear();
+}
+
+/// True when the round is over and has brought a sample; false when the time is up, or it brought none.
+bool Instron8800Frame::go_on_with_round(std::int64_t until_ns, std::span<Sample> out) {
+  if (!link_.pending()) {
+    if (!link_.recover(until_ns)) return false;
+    if (round_.empty()) begin_round(clock_.now_ns());
+    const bool check = answers_.size() == round_.size();
+    if (!link_.begin(check ? link_.check_question() : text_of(round_[answers_.size()]))) {
+      forget_round();
+      return false;
     }
   }
-  return force_next_ && position_.valid ? Ask::kForce : Ask::kPosition;
+  const auto answer = link_.finish(until_ns);
+  if (!answer) return false;
+  if (answers_.size() < round_.size()) {
+    (void)number_in(text_of(round_[answers_.size()]), *answer);
+    answers_.push_back(*answer);
+    return false;
+  }
+  if (link_.passes_check(answer->text)) return take_round(out);
+  link_.doubt();
+  throw DeviceError(Fault::kProtocol, at() + "answers are out of step: the channel's type was asked for and \"" +
+                                          answer->text.substr(0, 40) + "\" came; what came since the last check is thrown away");
 }
 
 Poll Instron8800Frame::poll(std::span<Sample> out) {
   Poll poll;
-  check_heartbeat();
-  const std::int64_t until_ns = clock_.now_ns() + kSlice_ns;
   try {
+    check_heartbeat();
+    check_stop();
+    const std::int64_t until_ns = clock_.now_ns() + kSlice_ns;
     while (poll.samples == 0 && clock_.now_ns() < until_ns) {
-      if (!link_.pending()) {
-        current_ = next_question(clock_.now_ns());
-        link_.begin(text_of(current_));
-      }
-      const auto answer = link_.finish(until_ns);
-      if (!answer) break;
-      if (take_answer(current_, *answer, out)) poll.samples = 1;
+      if (go_on_with_round(until_ns, out)) poll.samples = 1;
     }
   } catch (const DeviceError&) {
-    force_ = position_ = {};  // the next sample stands on answers from after this
-    force_next_ = true;
+    forget_round();
+    ailment_.clear();  // so that what ails the controller is said again afterwards
     throw;
   }
   note_condition();
@@ -240,42 +181,68 @@ Poll Instron8800Frame::poll(std::span<Sample> out) {
   return poll;
 }
 
-bool Instron8800Frame::take_answer(Ask ask, const Instron8800Link::Answer& answer, std::span<Sample> out) {
-  double value = 0.0;
-  try {
-    value = parse_numbers(text_of(ask), answer.text, 1).front();
-  } catch (const DeviceError&) {
-    link_.doubt();
-    throw;
+bool Instron8800Frame::take_round(std::span<Sample> out) {
+  bool sampled = false;
+  for (std::size_t i = 0; i < round_.size(); ++i) {
+    const auto ask = round_[i];
+    const auto& answer = answers_[i];
+    const double value = number_in(text_of(ask), answer);
+    if (ask == Ask::kForce) {
+      force_ = reading(answer, value * N_per_raw_);
+    } else if (ask == Ask::kPosition) {
+      sampled = take_position(reading(answer, value * mm_per_raw_), out);
+    } else {
+      take_condition(ask, value);
+    }
   }
+  round_.clear();
+  answers_.clear();
+  return sampled;
+}
+
+void Instron8800Frame::take_condition(Ask ask, double value) {
   switch (ask) {
     case Ask::kForce:
-      force_ = reading(answer, value * N_per_raw_);
-      force_next_ = false;
-      return false;
-    case Ask::kPosition: {
-      const bool sampled = take_position(reading(answer, value * mm_per_raw_), out);
-      force_next_ = true;
-      return sampled;
-    }
+    case Ask::kPosition: break;
     case Ask::kStatus: take_status(static_cast<std::uint16_t>(value)); break;
     case Ask::kActuator: actuator_on_ = value != 0.0; break;
-    case Ask::kMovement:
-      // Twice in a row, since a ramp that has just arrived may say so before its position does.
-      stopped_answers_ = value != 1.0 ? stopped_answers_ + 1 : 0;
-      if (motion_ == Motion::kMoving && stopped_answers_ >= 2) motion_ = Motion::kStopped;
-      break;
+    case Ask::kMovement: take_movement(value == kMoving); break;
     case Ask::kControl:
       has_control_ = value == 1.0;
+      if (!watchdog_can_be_asked_) watchdog_seen_on_ = true;
       feed_watchdog();
       break;
     case Ask::kWatchdog:
       watchdog_on_ = value == config_.watchdog_on;
       watchdog_seen_on_ = watchdog_on_;
-      due_ns_[static_cast<std::size_t>(Ask::kControl) - static_cast<std::size_t>(Ask::kStatus)] = 0;  // and then it is fed
+      due_ns_[kControlIndex] = 0;  // and then it is fed
       break;
   }
-  return false;
+}
+
+void Instron8800Frame::take_movement(bool moves) {
+  if (stop_since_ns_ >= 0) {
+    moves_after_stop_ = moves_after_stop_ || moves;
+    const bool stands = !moves && stop_position_.valid && position_.valid &&
+                        std::abs(position_.value - stop_position_.value) <= config_.in_position_mm &&
+                        position_.middle_ns - stop_position_.middle_ns >= kStandstill_ns;
+    stop_position_ = position_;
+    if (stands) stopped();
+    return;
+  }
+  // Twice in a row, since a ramp that has just arrived may say so before its position does.
+  stopped_answers_ = moves ? 0 : stopped_answers_ + 1;
+  if (motion_ != Motion::kMoving || stopped_answers_ < 2) return;
+  if (!position_.valid || !(std::abs(position_.value - double{segment_.target_mm}) <= config_.in_position_mm)) {
+    motion_ = Motion::kStopped;
+    return;
+  }
+  motion_ = Motion::kReached;  // some controllers end a ramp when it has arrived
+  const std::int64_t early_ns = not_before_ns_ - clock_.now_ns();
+  if (early_ns > std::max(kEarly_ns, ramp_ns_ / 10)) {
+    early_ = "the ramp was there " + std::to_string(early_ns / kMs) + " ms before its time of " + std::to_string(ramp_ns_ / kMs) +
+             " ms: this controller does not keep to the ramp time it was given (C86), and the velocity was another one";
+  }
 }
 
 bool Instron8800Frame::take_position(const Reading& position, std::span<Sample> out) {
@@ -298,7 +265,7 @@ bool Instron8800Frame::take_position(const Reading& position, std::span<Sample> 
 
 void Instron8800Frame::follow_motion(const Reading& position) noexcept {
   if (motion_ != Motion::kMoving) return;
-  if (std::abs(position.value - double{segment_.target_mm}) > config_.in_position_mm) {
+  if (!(std::abs(position.value - double{segment_.target_mm}) <= config_.in_position_mm)) {  // nor without a target
     in_position_since_ns_ = -1;
     return;
   }
@@ -316,25 +283,26 @@ void Instron8800Frame::take_status(std::uint16_t word) { status_code_ = (word >>
 std::string Instron8800Frame::ailment() const {
   if (const char* what = describe_instron8800_status(status_code_)) return what;
   if (!has_control_) return "the front panel has taken control; give it back there, or restart isorigd when nobody is at it";
-  if (!actuator_on_) return "the actuator is off; find out why, then switch it on at the panel (after C23,0 send C23,1 first)";
+  if (!actuator_on_) return "the actuator is off: find out why, then switch it on at the console";
   if (!watchdog_on_) return "the controller's watchdog has been switched off; nothing moves until it is on again";
   return {};
 }
 
 /// Says once what is wrong, after having stopped what still moves.
 void Instron8800Frame::note_condition() {
+  if (!early_.empty()) throw DeviceError(Fault::kRefused, at() + std::exchange(early_, {}));
   auto now = ailment();
   if (now == ailment_) return;
   ailment_ = std::move(now);
   if (ailment_.empty()) return;
   const bool was_moving = motion_ == Motion::kMoving;
   if (was_moving) motion_ = status_code_ == kTravelLimitCode ? Motion::kLimit : Motion::kDisabled;
-  if (!has_control_ && link_.last_doubt_ns() >= 0 && clock_.now_ns() - link_.last_doubt_ns() < kWatchdogSuspected_ns) {
+  if (!has_control_ && link_.last_silence_ns() >= 0 && clock_.now_ns() - link_.last_silence_ns() < kWatchdogSuspected_ns) {
     link_.close();
     throw DeviceError(Fault::kDisconnected, at() + "the controller was silent and its watchdog took control back");
   }
   if (was_moving && has_control_) link_.tell("C1,0");
-  if (!watchdog_on_ && has_control_) link_.tell(config_.watchdog_command);
+  if (!watchdog_on_ && has_control_) link_.tell(watchdog_command_);
   throw DeviceError(Fault::kRefused, at() + ailment_);
 }
 

@@ -2,6 +2,7 @@
 #include <array>
 #include <cstdint>
 #include <string>
+#include <vector>
 
 #include "drivers/clock/clock.hpp"
 #include "drivers/frame/frame.hpp"
@@ -16,18 +17,20 @@ namespace isorig::frame {
 /// Samples: the controller neither counts nor dates them; each is one question for the force between two for the
 /// position. The force was taken between its question and its answer, less reading_age_max_ms: the sample is stamped in
 /// the middle of that by the host's own clock, with half of it as its bound; the position is interpolated to that
-/// moment. The rate is what the line gives, and a controller that hangs leaves a gap.
+/// moment. Questions go out in rounds that end with the link's check; a round whose check fails is thrown away whole, so no
+/// force is ever taken for a position. The rate is what the line gives, and a controller that hangs leaves a gap.
 ///
 /// Motion: an absolute ramp in position control (C2,c,3), target by C4, duration by C86, both read back before C1,1
-/// starts it. Reached: within in_position_mm for in_position_ms, and not before its time.
+/// starts it. Reached: within in_position_mm for in_position_ms, and not before its time unless Q1 says that it is over.
 ///
-/// Safety: the controller's watchdog is switched on by connect() and fed only when there was a heartbeat(), Q904 has just
-/// said that it is on (feeding would switch it on again and hide it) and Q909 that the computer has control (a command
-/// without it trips the actuator). Off means a fault. A loop without a heartbeat is stopped here first. Control that the front panel took is not taken
-/// back but by a new connection. A stop that is not confirmed is followed by C23,0 (actuator off); this driver never
-/// switches the actuator on.
+/// Safety: the controller's watchdog is switched on by connect() and fed only when there was a heartbeat(), the controller
+/// has just said that it is on (feeding would switch it on again and hide it; where it can be asked) and Q909 that the
+/// computer has control (a command without it trips the actuator). Off means a fault. A loop without a heartbeat is
+/// stopped here first. Control that the front panel took is not taken back but by a new connection, and is given back by
+/// a connection that fails. A stop is sent again until it is confirmed, and followed by C23,0 (actuator off) when it is not
+/// within stop_confirm_ms; this driver never switches the actuator on.
 ///
-/// Blocking, poll() at most some 20 ms also while the controller hangs; one thread only.
+/// Blocking: poll() some 20 ms, stop() one response time-out, start_segment() two and start_confirm_ms; one thread only.
 class Instron8800Frame final : public Device {
  public:
   Instron8800Frame(Instron8800Config config, clock::Clock& clock);
@@ -59,42 +62,59 @@ class Instron8800Frame final : public Device {
 
   [[nodiscard]] std::string at() const { return "frame at " + config_.where() + ": "; }
   [[nodiscard]] std::string channel(std::string_view question, int number) const;
-  double ask_number(std::string_view question);
+  [[nodiscard]] double number_in(std::string_view question, const Instron8800Link::Answer& answer);
+  double ask_number(std::string_view question, std::int64_t until_ns);
   [[nodiscard]] Reading reading(const Instron8800Link::Answer& answer, double value) const noexcept;
-  Reading ask_position();
+  Reading ask_position(std::int64_t until_ns);
+  [[nodiscard]] std::int64_t in_ms(int milliseconds) const noexcept;
   void check_channels();
+  void find_watchdog();
   void take_control();
+  void give_control_back() noexcept;
+  /// A command at rest, of a controller that may answer what it does not know.
+  void tell_known(std::string_view command);
   [[nodiscard]] double measured_rate_hz();
 
   [[nodiscard]] std::string text_of(Ask ask) const;
-  [[nodiscard]] Ask next_question(std::int64_t now_ns) noexcept;
-  bool take_answer(Ask ask, const Instron8800Link::Answer& answer, std::span<Sample> out);
+  void begin_round(std::int64_t now_ns) noexcept;
+  bool go_on_with_round(std::int64_t until_ns, std::span<Sample> out);
+  bool take_round(std::span<Sample> out);
   bool take_position(const Reading& position, std::span<Sample> out);
+  void take_condition(Ask ask, double value);
+  void take_movement(bool moves);
   void follow_motion(const Reading& position) noexcept;
   void take_status(std::uint16_t word);
   void note_condition();
   void check_heartbeat();
+  void check_stop();
   void feed_watchdog();
+  void forget_round() noexcept;
   [[nodiscard]] State state() const noexcept;
   [[nodiscard]] std::string ailment() const;
 
-  void write_ramp(const Segment& segment, double from_mm);
-  void confirm_start();
-  [[nodiscard]] bool stands_still();
+  void write_ramp(const Segment& segment, double from_mm, std::int64_t until_ns);
+  [[noreturn]] void refuse_sign(const std::string& what) const;
+  void confirm_start(std::int64_t until_ns);
+  [[nodiscard]] bool stands_still(std::int64_t until_ns);
+  void stopped() noexcept;
+  [[noreturn]] void switch_off(const std::string& why);
 
   const Instron8800Config config_;
   clock::Clock& clock_;
   Instron8800Link link_;
   double mm_per_raw_ = 0.0, N_per_raw_ = 0.0;
+  std::uint32_t reference_epoch_ = 0;
 
   // What the controller says of itself, as last read.
   unsigned status_code_ = 0;
   bool actuator_on_ = true, has_control_ = true, watchdog_on_ = true;
   std::string ailment_;  // the last one reported
+  std::string watchdog_command_;
+  bool watchdog_can_be_asked_ = true;
 
-  // The round of questions.
-  Ask current_ = Ask::kForce;
-  bool force_next_ = true;
+  // The round of questions: what is asked, and what has been answered of it. The check comes last.
+  std::vector<Ask> round_;
+  std::vector<Instron8800Link::Answer> answers_;
   std::array<std::int64_t, kSideQuestions> due_ns_{};
   Reading force_, position_;
   std::uint32_t sequence_ = 0;
@@ -104,8 +124,15 @@ class Instron8800Frame final : public Device {
   Segment segment_;
   float echoed_target_mm_ = 0.0F, echoed_velocity_mm_s_ = 0.0F;
   std::int64_t not_before_ns_ = 0;  // the ramp's own end
+  std::int64_t ramp_ns_ = 0;        // and its length
   std::int64_t in_position_since_ns_ = -1;
   int stopped_answers_ = 0;
+  bool takes_sign_ = false;           // C4 took a negative target
+  std::string early_;                 // a ramp that was over long before its time, to be said once
+  std::int64_t stop_since_ns_ = -1;   // an unconfirmed stop
+  std::int64_t stop_again_ns_ = 0;
+  bool moves_after_stop_ = false;
+  Reading stop_position_;
 
   std::uint16_t beat_ = 0;
   bool beat_seen_ = false, beat_lost_ = false;

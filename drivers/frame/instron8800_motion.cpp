@@ -15,6 +15,7 @@ namespace {
 constexpr std::int64_t kMs = 1'000'000;
 constexpr double kShortestRamp_s = 0.001;
 constexpr double kTargetTolerance_mm = 5e-4;   // half of what the supervisor takes for another target
+constexpr std::int64_t kStopAgain_ns = 100 * kMs;
 constexpr double kMoving = 1.0;                // of Q1; what else it says is some way of standing
 constexpr std::int64_t kStandstill_ns = 20 * kMs;
 constexpr double kTimeTolerance = 5e-4;        // likewise, of the velocity
@@ -28,7 +29,13 @@ std::string fixed(double value, int decimals) {
 
 }  // namespace
 
-void Instron8800Frame::write_ramp(const Segment& segment, double from_mm) {
+void Instron8800Frame::refuse_sign(const std::string& what) const {
+  throw DeviceError(Fault::kRefused, at() + what +
+                                         ": this controller takes no target below the zero of its position channel; nothing was "
+                                         "started. Move that zero, at the panel, below the lowest position of the protocol");
+}
+
+void Instron8800Frame::write_ramp(const Segment& segment, double from_mm, std::int64_t until_ns) {
   const double length_mm = std::abs(double{segment.target_mm} - from_mm);
   const double duration_s = std::max(length_mm / double{segment.velocity_mm_s}, kShortestRamp_s);
   const double raw = double{segment.target_mm} / mm_per_raw_;
@@ -37,31 +44,42 @@ void Instron8800Frame::write_ramp(const Segment& segment, double from_mm) {
                                            " mm is outside the channel's full scale of " + fixed(mm_per_raw_, 4) + " mm");
   }
   const auto target = channel("4", config_.position_channel), time = channel("86", config_.position_channel);
-  link_.tell("C" + target + "," + fixed(raw, 9));
+  const auto set_target = "C" + target + "," + fixed(raw, 9);
+  // Some take no sign. Heard before it is asked for: its complaint would be taken for the next answer.
+  if (raw < 0.0 && !takes_sign_) {
+    if (const auto line = link_.tell_and_listen(set_target, until_ns)) refuse_sign("\"" + set_target + "\" was answered by \"" + line->substr(0, 60) + "\"");
+  } else {
+    link_.tell(set_target);
+  }
   link_.tell("C" + time + "," + fixed(duration_s, 6));
-  const double target_back_mm = ask_number("Q" + target) * mm_per_raw_;
-  const double duration_back_s = ask_number("Q" + time);
+  const auto target_question = "Q" + target, time_question = "Q" + time;
+  const auto answers = link_.ask({target_question, time_question}, until_ns);
+  const double target_back_mm = number_in(target_question, answers[0]) * mm_per_raw_;
+  const double duration_back_s = number_in(time_question, answers[1]);
   const bool same_target = std::abs(target_back_mm - double{segment.target_mm}) <= kTargetTolerance_mm;
   const bool same_time = std::abs(duration_back_s - duration_s) <= kTimeTolerance * duration_s;
+  if (!same_target && raw < 0.0 && !takes_sign_) {
+    refuse_sign("\"" + set_target + "\" left the target at " + fixed(target_back_mm, 5) + " mm");
+  }
   if (!same_target || !same_time) {
     throw DeviceError(Fault::kRefused, at() + "the controller changed the ramp it was given: target " +
                                            fixed(double{segment.target_mm}, 5) + " -> " + fixed(target_back_mm, 5) + " mm, time " +
                                            fixed(duration_s, 6) + " -> " + fixed(duration_back_s, 6) + " s; nothing was started");
   }
+  takes_sign_ = takes_sign_ || raw < 0.0;
   echoed_target_mm_ = static_cast<float>(target_back_mm);
   // A ramp of no length has no velocity: what was asked for is as true as anything.
   echoed_velocity_mm_s_ = length_mm > 2.0 * kShortestRamp_s * double{segment.velocity_mm_s}
                               ? static_cast<float>(length_mm / duration_back_s)
                               : segment.velocity_mm_s;
-  not_before_ns_ = static_cast<std::int64_t>(duration_back_s * 1e9);  // from the start, which is not yet known
+  ramp_ns_ = static_cast<std::int64_t>(duration_back_s * 1e9);
 }
 
-void Instron8800Frame::confirm_start() {
-  const std::int64_t until_ns = clock_.now_ns() + config_.start_confirm_ms * kMs;
+void Instron8800Frame::confirm_start(std::int64_t until_ns) {
   do {
-    if (ask_number("Q1") == kMoving) return;
+    if (ask_number("Q1", until_ns) == kMoving) return;
     // The shortest ramps are over before they can be seen.
-    if (std::abs(ask_position().value - double{segment_.target_mm}) <= config_.in_position_mm) return;
+    if (std::abs(ask_position(until_ns).value - double{segment_.target_mm}) <= config_.in_position_mm) return;
   } while (clock_.now_ns() < until_ns);
   throw DeviceError(Fault::kRefused, at() + "C1,1 was sent and Q1 says that nothing moves; it was stopped. Look at the panel");
 }
@@ -73,59 +91,98 @@ void Instron8800Frame::start_segment(const Segment& segment) {
   }
   if (const auto why = ailment(); !why.empty()) refuse(why);
   if (!beat_seen_ || beat_lost_) refuse("no heartbeat: nothing would stop a motion when the loop hangs");
-  if (motion_ == Motion::kMoving) stop();
-  const auto from = ask_position();
-  write_ramp(segment, from.value);
+  if (motion_ == Motion::kMoving || stop_since_ns_ >= 0) stop();
+  forget_round();
+  const std::int64_t until_ns = in_ms(2 * config_.response_timeout_ms);
+  const auto from = ask_position(until_ns);
+  write_ramp(segment, from.value, until_ns);
   try {
-    const std::int64_t duration_ns = not_before_ns_;
     link_.tell("C1,1");
-    not_before_ns_ = clock_.now_ns() + duration_ns;
+    not_before_ns_ = clock_.now_ns() + ramp_ns_;
     segment_ = segment;
     motion_ = Motion::kMoving;
     in_position_since_ns_ = -1;
     stopped_answers_ = 0;
-    confirm_start();
+    confirm_start(in_ms(config_.start_confirm_ms));
   } catch (const DeviceError&) {
     try {
       stop();
-    } catch (const DeviceError&) {  // the first error says more; stop() did what can be done
+    } catch (const DeviceError&) {  // the first error says more; poll() goes on with the stop
     }
     throw;
   }
-  position_ = force_ = {};  // the gap was long
-  force_next_ = true;
 }
 
-bool Instron8800Frame::stands_still() {
-  const auto first = ask_position();
+bool Instron8800Frame::stands_still(std::int64_t until_ns) {
+  const auto first = ask_position(until_ns);
   clock_.sleep_until_ns(first.middle_ns + kStandstill_ns);
-  return std::abs(ask_position().value - first.value) <= config_.in_position_mm;
+  return std::abs(ask_position(until_ns).value - first.value) <= config_.in_position_mm;
+}
+
+void Instron8800Frame::stopped() noexcept {
+  stop_since_ns_ = -1;
+  if (motion_ == Motion::kMoving) motion_ = Motion::kStopped;
+}
+
+void Instron8800Frame::switch_off(const std::string& why) {
+  link_.tell("C23,0");
+  ++statistics_.actuator_off_sent;
+  motion_ = Motion::kDisabled;
+  stop_since_ns_ = -1;
+  throw DeviceError(Fault::kTimeout, at() + "the stop was not confirmed (" + why + "): the actuator was switched off, C23,0");
 }
 
 void Instron8800Frame::stop() {
   if (!link_.is_open()) throw DeviceError(Fault::kDisconnected, at() + "not connected");
   if (!has_control_) return;  // the panel's business now; a command would trip the actuator
-  const bool was_moving = motion_ == Motion::kMoving;
   link_.tell("C1,0");
-  const std::int64_t until_ns = clock_.now_ns() + config_.stop_confirm_ms * kMs;
+  forget_round();
+  const std::int64_t now_ns = clock_.now_ns();
+  if (stop_since_ns_ < 0) {
+    stop_since_ns_ = now_ns;
+    moves_after_stop_ = motion_ == Motion::kMoving;
+  }
+  stop_again_ns_ = now_ns + kStopAgain_ns;
+  const std::int64_t off_ns = stop_since_ns_ + config_.stop_confirm_ms * kMs;
+  const std::int64_t until_ns = std::min(now_ns + config_.response_timeout_ms * kMs, std::max(off_ns, now_ns + kMs));
   std::string why;
   do {
     try {
-      if (ask_number("Q1") != kMoving && (!was_moving || stands_still())) {
-        if (was_moving) motion_ = Motion::kStopped;
+      if (ask_number("Q1", until_ns) == kMoving) {
+        moves_after_stop_ = true;
+        why = "Q1 says that it still moves";
+      } else if (!moves_after_stop_ || stands_still(until_ns)) {
+        stopped();
         return;
+      } else {
+        why = "its position still changes";
       }
-      why = "it still moves";
     } catch (const DeviceError& error) {
       if (error.fault() == Fault::kDisconnected) throw;
       why = error.what();
     }
   } while (clock_.now_ns() < until_ns);
-  if (!was_moving) throw DeviceError(Fault::kTimeout, at() + "a stop of the resting crosshead is not confirmed: " + why);
-  link_.tell("C23,0");
-  ++statistics_.actuator_off_sent;
-  motion_ = Motion::kStopped;
-  throw DeviceError(Fault::kTimeout, at() + "the stop was not confirmed (" + why + "): the actuator was switched off, C23,0");
+  if (moves_after_stop_ && clock_.now_ns() >= off_ns) switch_off(why);
+  throw DeviceError(Fault::kTimeout, at() + "the stop is not confirmed yet (" + why + "); it is sent again");
+}
+
+/// Goes on with a stop that is not confirmed: by what the rounds bring.
+void Instron8800Frame::check_stop() {
+  if (stop_since_ns_ < 0) return;
+  if (!has_control_) {
+    stop_since_ns_ = -1;
+    return;
+  }
+  const std::int64_t now_ns = clock_.now_ns();
+  if (now_ns - stop_since_ns_ >= config_.stop_confirm_ms * kMs) {
+    if (moves_after_stop_) switch_off("for " + std::to_string(config_.stop_confirm_ms) + " ms");
+    stop_since_ns_ = -1;
+    throw DeviceError(Fault::kTimeout, at() + "a stop of the resting crosshead was not confirmed");
+  }
+  // A controller that hangs has it in its input already, and takes many commands at once badly.
+  if (now_ns < stop_again_ns_ || !link_.in_step()) return;
+  stop_again_ns_ = now_ns + kStopAgain_ns;
+  link_.tell("C1,0");
 }
 
 void Instron8800Frame::heartbeat(std::uint16_t counter) {
@@ -138,7 +195,7 @@ void Instron8800Frame::heartbeat(std::uint16_t counter) {
 
 void Instron8800Frame::feed_watchdog() {
   if (!feed_wanted_ || !has_control_ || !watchdog_seen_on_) return;
-  link_.tell(config_.watchdog_command);
+  link_.tell(watchdog_command_);
   feed_wanted_ = watchdog_seen_on_ = false;
 }
 

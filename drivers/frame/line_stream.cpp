@@ -1,20 +1,16 @@
 #include "drivers/frame/line_stream.hpp"
 
-#include <fcntl.h>
 #include <poll.h>
-#include <sys/file.h>
-#include <sys/ioctl.h>
 #include <sys/socket.h>
-#include <termios.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstring>
-#include <utility>
 
 #include "drivers/error.hpp"
+#include "drivers/serial_port.hpp"
 #include "drivers/tcp_connect.hpp"
 
 namespace isorig::frame {
@@ -25,25 +21,6 @@ using drivers::Fault;
 
 constexpr std::size_t kLongestLine = 256;
 constexpr int kWriteTimeout_ms = 100;
-
-speed_t speed_of(int baud) {
-  constexpr std::array<std::pair<int, speed_t>, 12> kSpeeds{{{1200, B1200},
-                                                             {2400, B2400},
-                                                             {4800, B4800},
-                                                             {9600, B9600},
-                                                             {19200, B19200},
-                                                             {38400, B38400},
-                                                             {57600, B57600},
-                                                             {115200, B115200},
-                                                             {230400, B230400},
-                                                             {460800, B460800},
-                                                             {500000, B500000},
-                                                             {921600, B921600}}};
-  for (const auto& [number, speed] : kSpeeds) {
-    if (number == baud) return speed;
-  }
-  return B0;
-}
 
 bool wait_for(int fd, short events, std::int64_t timeout_ns) {
   pollfd waiting{fd, events, 0};
@@ -64,54 +41,18 @@ void LineStream::open() {
   if (options_.tcp) {
     fd_ = drivers::connect_tcp(options_.host, options_.port, options_.connect_timeout_ms, options_.name);
   } else {
-    open_tty();
+    fd_ = drivers::open_serial({options_.tty, options_.baud, options_.parity, 8, options_.stop_bits}, options_.name);
   }
   received_.clear();
 }
 
-void LineStream::open_tty() {
-  fd_ = ::open(options_.tty.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
-  if (fd_ < 0) {
-    const int error = errno;
-    if (error == EACCES || error == EPERM) {
-      throw DeviceError(Fault::kRefused, options_.name + ": no permission; serial devices belong to the group `dialout`");
-    }
-    fail_disconnected(std::string("cannot open (") + std::strerror(error) + "); is the adapter plugged in?");
-  }
-  termios tio{};
-  const speed_t speed = speed_of(options_.baud);
-  bool good = tcgetattr(fd_, &tio) == 0 && speed != B0;
-  if (good) {
-    cfmakeraw(&tio);
-    tio.c_cflag |= CLOCAL | CREAD;
-    tio.c_cflag &= ~static_cast<tcflag_t>(CRTSCTS | PARENB | PARODD | CSTOPB);
-    if (options_.parity != 'N') tio.c_cflag |= PARENB;
-    if (options_.parity == 'O') tio.c_cflag |= PARODD;
-    if (options_.stop_bits == 2) tio.c_cflag |= CSTOPB;
-    tio.c_cc[VMIN] = 1;  // an empty line then reads EAGAIN, and 0 means hung up
-    tio.c_cc[VTIME] = 0;
-    good = cfsetspeed(&tio, speed) == 0 && tcsetattr(fd_, TCSANOW, &tio) == 0;
-  }
-  if (!good) fail_disconnected("cannot be set to " + std::to_string(options_.baud) + " baud; is it a serial device?");
-  if (ioctl(fd_, TIOCEXCL) != 0 || flock(fd_, LOCK_EX | LOCK_NB) != 0) {
-    fail_disconnected("another program has it open; `fuser -v " + options_.tty + "` names it");
-  }
-  tcflush(fd_, TCIOFLUSH);
-}
-
 void LineStream::close() noexcept {
   if (fd_ < 0) return;
-  if (!options_.tcp) {
-    // A stop that was just written still goes out: only the input is thrown away. What a dead adapter does not take
-    // is flushed, since close() would wait for it.
-    tcflush(fd_, TCIFLUSH);
-    int pending = 0;
-    for (int tries = 0; tries < 20 && ioctl(fd_, TIOCOUTQ, &pending) == 0 && pending > 0; ++tries) ::usleep(5'000);
-    if (pending > 0) tcflush(fd_, TCOFLUSH);
-    (void)ioctl(fd_, TIOCNXCL);  // a pty keeps it as long as its other side is open
-    (void)flock(fd_, LOCK_UN);
+  if (options_.tcp) {
+    ::close(fd_);
+  } else {
+    drivers::close_serial(fd_);
   }
-  ::close(fd_);
   fd_ = -1;
 }
 

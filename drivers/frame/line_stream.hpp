@@ -47,7 +47,6 @@ class LineStream {
   bool discard_input();
 
  private:
-  void open_tty();
   void fill(std::int64_t until_ns);
   [[noreturn]] void fail_disconnected(const std::string& what);
 

@@ -78,6 +78,11 @@ State ModbusFrame::decode_state() const {
   return state;
 }
 
+void ModbusFrame::limit_to(int response_timeouts) noexcept {
+  const clock::RealClock line;  // the line lives in real time
+  link_.limit(line.now_ns() + std::int64_t{config_.response_timeout_ms} * 1'000'000 * response_timeouts);
+}
+
 // ---- counter and clock
 // ----------------------------------------------------------------------------------------
 
@@ -126,8 +131,9 @@ void ModbusFrame::note_advance(const Header& header) noexcept {
     newest_counter_ = header.counter;
     advanced_ns_ = header.received_ns;
   }
-  if (header.device_us > anchor_device_us_) {
-    anchor_device_us_ = header.device_us;
+  // Back too: a clock that was set is another epoch of the mapping, not one that stands.
+  if (header.device_us != last_device_us_) {
+    last_device_us_ = anchor_device_us_ = header.device_us;
     anchor_ns_ = header.received_ns;
   }
 }
@@ -162,6 +168,7 @@ void ModbusFrame::check_identity(const Identity& identity) const {
 
 Identity ModbusFrame::connect() {
   const auto& map = config_.map;
+  link_.limit(0);
   link_.open();
   try {
     const auto read_value = [&](Quantity quantity) {
@@ -192,6 +199,7 @@ Identity ModbusFrame::connect() {
                                               " Hz; check address, type and word_order of sample_rate_Hz");
     }
     resume_or_restart(identity);
+    identity.reference_epoch = reference_epoch_;
     return identity;
   } catch (...) {
     link_.close();
@@ -216,9 +224,10 @@ void ModbusFrame::resume_or_restart(const Identity& identity) {
   if (!has_history_) {
     header = read_header();  // device time without the old epoch
     has_history_ = true;
+    ++reference_epoch_;
     sequence_ = counter_ = newest_counter_ = header.counter;
     advanced_ns_ = anchor_ns_ = header.received_ns;
-    anchor_device_us_ = header.device_us;
+    anchor_device_us_ = last_device_us_ = header.device_us;
   }
   serial_ = identity.serial;
 }
@@ -227,6 +236,7 @@ void ModbusFrame::resume_or_restart(const Identity& identity) {
 // --------------------------------------------------------------------------------------------------
 
 Poll ModbusFrame::poll(std::span<Sample> out) {
+  limit_to(kRequestsAtOnce);
   const std::uint32_t usable = config_.map.samples.slots - 1;  // the oldest slot may be in the frame's hands
   for (int attempt = 0; attempt < kAttempts; ++attempt) {
     const Header before = read_header();
@@ -240,7 +250,7 @@ Poll ModbusFrame::poll(std::span<Sample> out) {
     std::size_t count = std::min<std::size_t>(available - skip, out.size());
     Header after = before;
     if (count > 0) {
-      read_slots(counter_ + skip + 1, count, before);
+      count = read_slots(counter_ + skip + 1, count, before);
       after = read_header();
       const std::uint32_t meanwhile = newer_by(after.counter, before.counter);
       if (!explained(meanwhile, after.received_ns)) {
@@ -269,7 +279,7 @@ Poll ModbusFrame::poll(std::span<Sample> out) {
     // A clock that stands still dates nothing: the frame, or what is behind the gateway, hangs.
     const Header& best =
         after.received_ns - after.sent_ns < before.received_ns - before.sent_ns ? after : before;
-    result.has_exchange = best.device_us > anchor_device_us_;
+    result.has_exchange = best.device_us != last_device_us_;
     result.exchange = {best.sent_ns, best.received_ns, best.device_us, best.device_us};
 
     note_advance(before);
@@ -288,7 +298,10 @@ Poll ModbusFrame::poll(std::span<Sample> out) {
           "time explains: the frame was restarted; reconnect, and check the clock mapping starts anew");
 }
 
-void ModbusFrame::read_slots(std::uint32_t first_counter, std::size_t count, const Header& header) {
+/// How many were read: the rest waits for the next poll when this one has taken a response time-out already.
+std::size_t ModbusFrame::read_slots(std::uint32_t first_counter, std::size_t count, const Header& header) {
+  const clock::RealClock line;
+  const std::int64_t enough_ns = line.now_ns() + std::int64_t{config_.response_timeout_ms} * 1'000'000;
   const auto& map = config_.map;
   const auto& ring = map.samples;
   const std::size_t per_request = std::max<std::size_t>(1, map.max_read_registers / ring.stride_registers);
@@ -303,7 +316,12 @@ void ModbusFrame::read_slots(std::uint32_t first_counter, std::size_t count, con
     link_.read(ring.function, static_cast<std::uint16_t>(ring.address + slot * ring.stride_registers),
                std::span(slot_words_).subspan(done * ring.stride_registers, here * ring.stride_registers));
     done += here;
+    if (line.now_ns() >= enough_ns) {
+      slot_words_.resize(done * ring.stride_registers);
+      return done;
+    }
   }
+  return count;
 }
 
 void ModbusFrame::decode_samples(std::uint32_t first_counter, std::span<Sample> out,
@@ -318,12 +336,6 @@ void ModbusFrame::decode_samples(std::uint32_t first_counter, std::span<Sample> 
     sample.position_mm =
         static_cast<float>(ring.position_mm.format.decode(slot.subspan(ring.position_mm.at)));
     sample.force_N = static_cast<float>(ring.force_N.format.decode(slot.subspan(ring.force_N.at)));
-    if (!std::isfinite(sample.position_mm) || !std::isfinite(sample.force_N)) {
-      throw DeviceError(Fault::kProtocol,
-                        at() + "sample " + std::to_string(sample.sequence) +
-                            " is not a number; check type and word_order of [samples], and the "
-                            "frame's transducers");
-    }
     double time_us = 0.0;
     if (ring.time_us) {
       time_us = unwrap_us(ring.time_us->format, ring.time_us->format.decode(slot.subspan(ring.time_us->at)),

@@ -23,7 +23,8 @@ namespace isorig::frame {
 /// (a 32-bit number may be torn between its registers), and if it stays the frame was restarted:
 /// kDisconnected, and connect() starts a new count and a new device time.
 ///
-/// Blocking, at most a few response time-outs per call; one thread only.
+/// Blocking; one thread only. In response time-outs, with a line that is not in doubt (the link says what getting back in
+/// step adds, once): poll() 4, start_segment() 5 and start_confirm_ms, stop() and heartbeat() 1.
 class ModbusFrame final : public Device {
  public:
   ModbusFrame(ModbusConfig config, clock::Clock& clock);
@@ -34,7 +35,7 @@ class ModbusFrame final : public Device {
   /// Set-points are written and read back before the command, so that nothing starts towards a clamped
   /// target; then the frame's state has to show the segment within start_confirm_ms, or it is stopped again.
   void start_segment(const Segment& segment) override;
-  /// Tried twice when the answer is missing: a stop may be given again, a start may not.
+  /// Goes out at once, whatever is in doubt. No answer is kTimeout: give it again, which a stop may be.
   void stop() override;
   void heartbeat(std::uint16_t counter) override;
 
@@ -47,6 +48,8 @@ class ModbusFrame final : public Device {
   [[nodiscard]] Statistics statistics() const noexcept;
 
  private:
+  /// Of a poll or of a start: a gateway that is just fast enough for each takes no longer for all of them.
+  static constexpr int kRequestsAtOnce = 4;
   /// What one request says about "now".
   struct Header {
     std::uint32_t counter = 0;  // as counted by the frame, of its own width
@@ -66,7 +69,7 @@ class ModbusFrame final : public Device {
   [[nodiscard]] std::uint16_t code(Quantity quantity) const;
   void read_state_blocks();
   [[nodiscard]] State decode_state() const;
-  void read_slots(std::uint32_t first_counter, std::size_t count, const Header& header);
+  std::size_t read_slots(std::uint32_t first_counter, std::size_t count, const Header& header);
   void decode_samples(std::uint32_t first_counter, std::span<Sample> out, const Header& header) const;
   [[nodiscard]] double unwrap_us(const NumberFormat& format, double raw_us,
                                  double expected_us) const noexcept;
@@ -75,6 +78,8 @@ class ModbusFrame final : public Device {
   void check_identity(const Identity& identity) const;
   void write_setpoints(const Segment& segment);
   void write_command(std::uint16_t command);
+  /// All requests from now on together take no longer than so many response time-outs.
+  void limit_to(int response_timeouts) noexcept;
   void confirm(const Segment& segment);
   [[nodiscard]] std::string at() const { return "frame at " + config_.where() + ": "; }
 
@@ -89,12 +94,14 @@ class ModbusFrame final : public Device {
   double rate_Hz_ = 0.0;
   std::string serial_;
   bool has_history_ = false;
+  std::uint32_t reference_epoch_ = 0;
   std::uint32_t sequence_ = 0;        // of the last sample given (or counted lost), extended to 32 bit
   std::uint32_t counter_ = 0;         // the same as the frame counts it
   std::uint32_t newest_counter_ = 0;  // newest the frame ever showed
   std::int64_t advanced_ns_ = 0;      // when that was
   double anchor_device_us_ = 0.0;     // device time at anchor_ns_, for unwrapping
   std::int64_t anchor_ns_ = 0;
+  double last_device_us_ = 0.0;  // of the newest header read
   Statistics statistics_;
 };
 

@@ -1,8 +1,7 @@
 #include "drivers/frame/modbus_link.hpp"
 
-#include <fcntl.h>
-#include <modbus/modbus.h>
-#include <sys/select.h>
+#include <poll.h>
+#include <sys/socket.h>
 #include <termios.h>
 #include <unistd.h>
 
@@ -10,6 +9,8 @@
 #include <cerrno>
 #include <cstring>
 
+#include "drivers/error.hpp"
+#include "drivers/serial_port.hpp"
 #include "drivers/tcp_connect.hpp"
 
 namespace isorig::frame {
@@ -17,41 +18,34 @@ namespace {
 
 using drivers::DeviceError;
 using drivers::Fault;
+using modbus::Bytes;
 
-/// libmodbus 3.1.6 waits with select(), and a descriptor from FD_SETSIZE on writes outside its fd_set.
-bool too_high(int fd) {
-  return fd >= FD_SETSIZE;
+/// More answers than these are not waited for: a gateway that is so far behind is disconnected from.
+constexpr std::size_t kMostLate = 64;
+
+bool wait_for(int fd, short events, std::int64_t timeout_ns) {
+  pollfd waiting{fd, events, 0};
+  const std::int64_t wait_ns = std::max<std::int64_t>(timeout_ns, 0);
+  const timespec timeout{static_cast<time_t>(wait_ns / 1'000'000'000), static_cast<long>(wait_ns % 1'000'000'000)};
+  return ::ppoll(&waiting, 1, &timeout, nullptr) > 0;
+}
+
+std::string registers(const char* doing, std::uint16_t address, std::size_t count) {
+  return std::string(doing) + " registers " + std::to_string(address) + "-" + std::to_string(address + count - 1);
 }
 
 }  // namespace
 
-void ModbusLink::Free::operator()(_modbus* context) const noexcept {
-  modbus_free(context);
-}
-
 ModbusLink::ModbusLink(const ModbusConfig& config, ReadBlock probe, std::string device)
     : config_(config), device_(std::move(device)), probe_block_(std::move(probe)) {
-  if (config_.transport == ModbusTransport::kTcp) {
-    // The library copies an address of at most 15 characters and never uses it: connect_tcp() opens the
-    // socket.
-    context_.reset(modbus_new_tcp("127.0.0.1", config_.port));
-  } else {
-    context_.reset(modbus_new_rtu(config_.tty.c_str(), config_.baud, config_.parity, config_.data_bits,
-                                  config_.stop_bits));
-    const int bits = 1 + config_.data_bits + (config_.parity == 'N' ? 0 : 1) + config_.stop_bits;
-    gap_ns_ = config_.frame_gap_us > 0
-                  ? std::int64_t{config_.frame_gap_us} * 1000
-                  : std::max<std::int64_t>(1'750'000, std::int64_t{3'500'000'000} * bits / config_.baud);
+  if (!rtu()) return;
+  if (config_.map.unit_id < 1 || config_.map.unit_id > 247) {
+    throw DeviceError(Fault::kProtocol, at() + "RTU units are 1 to 247; check unit_id");
   }
-  if (!context_ || modbus_set_slave(context_.get(), config_.map.unit_id) != 0) {
-    throw DeviceError(Fault::kProtocol, at() + "libmodbus refuses these settings: " + modbus_strerror(errno) +
-                                            "; check tty, baud and unit_id (RTU units are 1 to 247)");
-  }
-  modbus_set_error_recovery(context_.get(), MODBUS_ERROR_RECOVERY_NONE);
-  const auto ms = static_cast<std::uint32_t>(config_.response_timeout_ms);
-  modbus_set_response_timeout(context_.get(), ms / 1000, ms % 1000 * 1000);
-  // No time-out of its own per byte: the response time-out then bounds the whole answer.
-  modbus_set_byte_timeout(context_.get(), 0, 0);
+  const int bits = 1 + config_.data_bits + (config_.parity == 'N' ? 0 : 1) + config_.stop_bits;
+  gap_ns_ = config_.frame_gap_us > 0
+                ? std::int64_t{config_.frame_gap_us} * 1000
+                : std::max<std::int64_t>(1'750'000, std::int64_t{3'500'000'000} * bits / config_.baud);
 }
 
 ModbusLink::~ModbusLink() {
@@ -62,126 +56,75 @@ std::string ModbusLink::at() const {
   return device_ + " at " + config_.where() + ": ";
 }
 
+// ---- connection
+// -----------------------------------------------------------------------------------------------
+
 void ModbusLink::open() {
   close();
-  if (config_.transport == ModbusTransport::kTcp) {
-    connect_tcp();
-  } else {
-    connect_rtu();
-  }
+  open_line();
   open_ = true;
   // On a serial line an answer to whoever asked before us may be under way.
-  in_doubt_ = config_.transport == ModbusTransport::kRtu;
+  in_doubt_ = rtu();
   doubt_until_ns_ = in_doubt_ ? clock_.now_ns() + gap_ns_ : 0;
-}
-
-void ModbusLink::connect_tcp() {
-  const int fd = drivers::connect_tcp(config_.host, config_.port, config_.connect_timeout_ms, device_ + " at " + config_.where());
-  if (too_high(fd)) {
-    ::close(fd);
-    fail_too_high();
-  }
-  ::fcntl(fd, F_SETFL, ::fcntl(fd, F_GETFL) & ~O_NONBLOCK);
-  modbus_set_socket(context_.get(), fd);
-}
-
-void ModbusLink::fail_too_high() const {
-  throw DeviceError(Fault::kDisconnected, at() + "this process holds over 1000 open files, which libmodbus' select() cannot "
-                                                 "watch: close some");
-}
-
-void ModbusLink::connect_rtu() {
-  if (modbus_connect(context_.get()) != 0) {
-    const int error = errno;
-    throw DeviceError(Fault::kDisconnected,
-                      at() + "cannot open (" + std::strerror(error) +
-                          "); check that the adapter is plugged in and that this user is in group dialout");
-  }
-  const int fd = modbus_get_socket(context_.get());
-  if (too_high(fd)) {
-    modbus_close(context_.get());
-    fail_too_high();
-  }
-  ::tcflush(fd, TCIOFLUSH);
   unanswered_.fill(false);
 }
 
+void ModbusLink::open_line() {
+  const auto name = device_ + " at " + config_.where();
+  if (rtu()) {
+    fd_ = drivers::open_serial({config_.tty, config_.baud, config_.parity, config_.data_bits, config_.stop_bits}, name);
+  } else {
+    fd_ = drivers::connect_tcp(config_.host, config_.port, config_.connect_timeout_ms, name);
+  }
+  received_.clear();
+  late_.clear();
+}
+
 void ModbusLink::close() noexcept {
-  if (open_) modbus_close(context_.get());
-  open_ = false;
-  in_doubt_ = false;
+  if (fd_ >= 0) {
+    if (rtu()) {
+      drivers::close_serial(fd_);
+    } else {
+      ::close(fd_);
+    }
+  }
+  fd_ = -1;
+  open_ = in_doubt_ = false;
+}
+
+void ModbusLink::doubt(std::size_t read_length) noexcept {
+  last_byte_ns_ = clock_.now_ns();
+  in_doubt_ = true;
+  if (rtu()) {
+    doubt_until_ns_ = last_byte_ns_ + timeout_ns();
+    unanswered_[read_length] = true;
+  } else if (fd_ >= 0) {
+    ::close(fd_);
+    fd_ = -1;
+  }
+}
+
+void ModbusLink::flush() noexcept {
+  if (rtu()) ::tcflush(fd_, TCIFLUSH);
+  received_.clear();
 }
 
 void ModbusLink::wait_for_gap() {
   if (gap_ns_ > 0) clock_.sleep_until_ns(last_byte_ns_ + gap_ns_);
 }
 
-void ModbusLink::done() noexcept {
-  last_byte_ns_ = clock_.now_ns();
-}
-
-void ModbusLink::fail(int error, const std::string& what, std::size_t read_length) {
-  done();
-  const bool rtu = config_.transport == ModbusTransport::kRtu;
-  const auto doubt = [&] {
-    if (!rtu) close();
-    in_doubt_ = true;
-    doubt_until_ns_ = last_byte_ns_ + std::int64_t{config_.response_timeout_ms} * 1'000'000;
-    unanswered_[read_length] = true;
-  };
-  const std::string text = at() + what + ": ";
-  switch (error) {
-    case ETIMEDOUT:
-      doubt();
-      throw DeviceError(Fault::kTimeout,
-                        text + "no answer within " + std::to_string(config_.response_timeout_ms) +
-                            " ms; check the cable and unit_id " + std::to_string(config_.map.unit_id) +
-                            ", or raise response_timeout_ms for a slow gateway");
-    case EMBXGPATH:
-    case EMBXGTAR:
-      throw DeviceError(Fault::kTimeout, text + "the gateway answers but cannot reach the frame behind it (" +
-                                             modbus_strerror(error) + "); is the frame on?");
-    case EMBXILFUN:
-    case EMBXILADD:
-    case EMBXILVAL:
-    case EMBXSFAIL:
-    case EMBXACK:
-    case EMBXSBUSY:
-    case EMBXNACK:
-    case EMBXMEMPAR:
-      throw DeviceError(Fault::kRefused, text + "refused by the gateway (" + modbus_strerror(error) + ")" +
-                                             (error == EMBXILADD || error == EMBXILFUN
-                                                  ? "; compare its manual with the register map"
-                                                  : "; look at the frame's state and faults"));
-    case EMBBADCRC:
-    case EMBBADDATA:
-    case EMBBADEXC:
-    case EMBUNKEXC:
-    case EMBMDATA:
-    case EMBBADSLAVE:
-      doubt();
-      throw DeviceError(Fault::kProtocol,
-                        text + "an answer that is not one (" + modbus_strerror(error) + "); " +
-                            (rtu ? "check baud, parity and shielding" : "check what listens on this port"));
-    default:
-      close();
-      throw DeviceError(Fault::kDisconnected, text + "connection lost (" + std::strerror(error) + ")");
-  }
-}
-
 void ModbusLink::get_in_step() {
-  if (!open_ && !in_doubt_) {
+  if (!open_) {
     throw DeviceError(Fault::kDisconnected, at() + "not connected; call connect() first");
   }
   if (!in_doubt_) return;
-  if (config_.transport == ModbusTransport::kTcp) {
+  if (!rtu()) {
     ++resyncs_;
-    in_doubt_ = false;
     open();
     return;
   }
   clock_.sleep_until_ns(doubt_until_ns_);
-  ::tcflush(modbus_get_socket(context_.get()), TCIFLUSH);
+  flush();
   if (std::find(unanswered_.begin(), unanswered_.end(), true) != unanswered_.end()) {
     ++resyncs_;
     probe();
@@ -191,51 +134,205 @@ void ModbusLink::get_in_step() {
 
 /// Throws what the request throws; the line then stays in doubt.
 void ModbusLink::probe() {
-  std::array<std::uint16_t, 125> words{};
   for (std::uint16_t length = 1; length <= probe_block_.registers; ++length) {
     if (unanswered_[length]) continue;
-    wait_for_gap();
-    const int rc =
-        probe_block_.function == 3
-            ? modbus_read_registers(context_.get(), probe_block_.address, length, words.data())
-            : modbus_read_input_registers(context_.get(), probe_block_.address, length, words.data());
-    if (rc != length) fail(errno, "getting back in step after an error", length);
-    done();
+    (void)ask(modbus::read_request(probe_block_.function, probe_block_.address, length), "getting back in step after an error",
+              length);
     unanswered_.fill(false);
     return;
   }
   // Every length is in doubt: as many failures in a row as the block has registers. Silence is all that is
   // left.
-  clock_.sleep_until_ns(clock_.now_ns() + 2'000'000 * std::int64_t{config_.response_timeout_ms});
-  ::tcflush(modbus_get_socket(context_.get()), TCIFLUSH);
+  clock_.sleep_until_ns(clock_.now_ns() + 2 * timeout_ns());
+  flush();
   unanswered_.fill(false);
+}
+
+// ---- bytes
+// ----------------------------------------------------------------------------------------------------
+
+void ModbusLink::send(const Bytes& request, const std::string& what) {
+  const auto unit = config_.map.unit_id;
+  const Bytes frame = rtu() ? modbus::rtu_frame(unit, request) : modbus::tcp_frame(++transaction_, unit, request);
+  std::span<const std::uint8_t> left(frame);
+  while (!left.empty()) {
+    const auto sent = rtu() ? ::write(fd_, left.data(), left.size()) : ::send(fd_, left.data(), left.size(), MSG_NOSIGNAL);
+    if (sent > 0) {
+      left = left.subspan(static_cast<std::size_t>(sent));
+    } else if (sent < 0 && errno != EAGAIN && errno != EINTR) {
+      fail_disconnected(what, std::strerror(errno));
+    } else if (!wait_for(fd_, POLLOUT, timeout_ns())) {
+      fail_disconnected(what, "it takes no more data");
+    }
+  }
+}
+
+/// False when nothing came by `until_ns`.
+bool ModbusLink::fill(std::int64_t until_ns, const std::string& what) {
+  if (!wait_for(fd_, POLLIN, until_ns - clock_.now_ns())) return false;
+  std::array<std::uint8_t, 512> bytes{};
+  const auto size = ::read(fd_, bytes.data(), bytes.size());
+  if (size == 0) fail_disconnected(what, "closed by the other side");
+  if (size < 0 && errno != EAGAIN && errno != EINTR) fail_disconnected(what, std::strerror(errno));
+  if (size > 0) received_.insert(received_.end(), bytes.begin(), bytes.begin() + size);
+  return true;
+}
+
+bool ModbusLink::take_tcp(Frame& frame, const std::string& what) {
+  if (received_.size() < modbus::kHeader) return false;
+  const std::size_t length = modbus::word_at(received_, 4);
+  const auto protocol = modbus::word_at(received_, 2);
+  if (protocol != 0 || length < 3 || length > 1 + modbus::kLongestPdu) {
+    fail_protocol(what, "protocol " + std::to_string(protocol) + " and length " + std::to_string(length) + ", which is no Modbus", 0);
+  }
+  const auto size = static_cast<std::ptrdiff_t>(6 + length);
+  if (received_.size() < static_cast<std::size_t>(size)) return false;
+  frame = {modbus::word_at(received_, 0), received_[6], Bytes(received_.begin() + modbus::kHeader, received_.begin() + size)};
+  received_.erase(received_.begin(), received_.begin() + size);
+  return true;
+}
+
+bool ModbusLink::take_rtu(Frame& frame, const std::string& what, std::size_t read_length) {
+  const auto size = modbus::rtu_answer_size(received_);
+  if (size == 0U) fail_protocol(what, "function " + std::to_string(received_[1]) + " that nobody asked for", read_length);
+  if (!size || received_.size() < *size) return false;
+  const std::span<const std::uint8_t> bytes(received_.data(), *size);
+  const auto crc = static_cast<std::uint16_t>(bytes[*size - 2] | (bytes[*size - 1] << 8U));
+  if (crc != modbus::crc16(bytes.first(*size - 2))) fail_protocol(what, "a wrong CRC", read_length);
+  frame = {0, bytes[0], Bytes(bytes.begin() + 1, bytes.end() - 2)};
+  received_.erase(received_.begin(), received_.begin() + static_cast<std::ptrdiff_t>(*size));
+  return true;
+}
+
+// ---- requests
+// -------------------------------------------------------------------------------------------------
+
+void ModbusLink::check(const Bytes& request, const Frame& frame, const std::string& what, std::size_t read_length) {
+  if (frame.unit != config_.map.unit_id) {
+    fail_protocol(what, "unit " + std::to_string(frame.unit) + " instead of " + std::to_string(config_.map.unit_id), read_length);
+  }
+  if (const auto fault = modbus::fault_in_answer(request, frame.pdu); !fault.empty()) fail_protocol(what, fault, read_length);
+  last_byte_ns_ = clock_.now_ns();
+  if (const auto exception = modbus::exception_in(frame.pdu)) fail_exception(what, *exception);
+}
+
+Bytes ModbusLink::await(const Bytes& request, std::int64_t until_ns, const std::string& what, std::size_t read_length) {
+  const std::int64_t since_ns = clock_.now_ns();
+  for (;;) {
+    Frame frame;
+    while (rtu() ? take_rtu(frame, what, read_length) : take_tcp(frame, what)) {
+      if (rtu() || frame.transaction == transaction_) {
+        check(request, frame, what, read_length);
+        return std::move(frame.pdu);
+      }
+      const auto late = std::find(late_.begin(), late_.end(), frame.transaction);
+      if (late == late_.end()) {
+        fail_protocol(what, "transaction " + std::to_string(frame.transaction) + " instead of " + std::to_string(transaction_), 0);
+      }
+      late_.erase(late);
+      ++resyncs_;
+    }
+    if (!fill(until_ns, what) && clock_.now_ns() >= until_ns) fail_no_answer(what, since_ns, read_length);
+  }
+}
+
+Bytes ModbusLink::ask(const Bytes& request, const std::string& what, std::size_t read_length) {
+  wait_for_gap();
+  if (rtu()) flush();  // noise
+  send(request, what);
+  std::int64_t until_ns = clock_.now_ns() + timeout_ns();
+  if (limit_ns_ > 0) until_ns = std::min(until_ns, std::max(limit_ns_, clock_.now_ns()));
+  return await(request, until_ns, what, read_length);
 }
 
 void ModbusLink::read(std::uint8_t function, std::uint16_t address, std::span<std::uint16_t> words) {
   get_in_step();
-  wait_for_gap();
-  const int count = static_cast<int>(words.size());
-  const int rc = function == 3 ? modbus_read_registers(context_.get(), address, count, words.data())
-                               : modbus_read_input_registers(context_.get(), address, count, words.data());
-  if (rc != count) {
-    fail(rc < 0 ? errno : EMBBADDATA,
-         "reading registers " + std::to_string(address) + "-" + std::to_string(address + count - 1),
-         words.size());
-  }
-  done();
+  const auto answer = ask(modbus::read_request(function, address, static_cast<std::uint16_t>(words.size())),
+                          registers("reading", address, words.size()), words.size());
+  for (std::size_t i = 0; i < words.size(); ++i) words[i] = modbus::word_at(answer, 2 + 2 * i);
 }
 
 void ModbusLink::write(std::uint8_t function, std::uint16_t address, std::span<const std::uint16_t> words) {
   get_in_step();
-  wait_for_gap();
-  const int count = static_cast<int>(words.size());
-  const int rc = function == 6 ? modbus_write_register(context_.get(), address, words[0])
-                               : modbus_write_registers(context_.get(), address, count, words.data());
-  if (rc != count) {
-    fail(rc < 0 ? errno : EMBBADDATA,
-         "writing registers " + std::to_string(address) + "-" + std::to_string(address + count - 1), 0);
+  (void)ask(modbus::write_request(function, address, words), registers("writing", address, words.size()), 0);
+}
+
+void ModbusLink::write_at_once(std::uint8_t function, std::uint16_t address, std::span<const std::uint16_t> words) {
+  const auto request = modbus::write_request(function, address, words);
+  const auto what = registers("writing", address, words.size());
+  if (!open_ || (!rtu() && in_doubt_)) get_in_step();
+  const std::int64_t now_ns = clock_.now_ns(), until_ns = now_ns + timeout_ns();
+  if (!rtu()) {
+    send(request, what);
+    try {
+      (void)await(request, now_ns + timeout_ns() / 2, what, 0);
+      return;
+    } catch (const DeviceError& error) {
+      if (error.fault() != Fault::kTimeout || in_doubt_) throw;
+    }
+    send(request, what);
+    (void)await(request, until_ns, what, 0);
+    return;
   }
-  done();
+  // What is in doubt stays so: the probe comes with the next call that has time for it.
+  wait_for_gap();
+  flush();
+  send(request, what);
+  for (;;) {
+    Frame frame;
+    try {
+      while (take_rtu(frame, what, 0)) {
+        const bool ours = frame.unit == config_.map.unit_id && modbus::fault_in_answer(request, frame.pdu).empty();
+        if (!ours) continue;  // an answer from before
+        last_byte_ns_ = clock_.now_ns();
+        if (const auto exception = modbus::exception_in(frame.pdu)) fail_exception(what, *exception);
+        return;
+      }
+    } catch (const DeviceError& error) {
+      if (error.fault() != Fault::kProtocol) throw;
+      received_.clear();
+    }
+    if (!fill(until_ns, what) && clock_.now_ns() >= until_ns) fail_no_answer(what, now_ns, 0);
+  }
+}
+
+// ---- what goes wrong
+// ------------------------------------------------------------------------------------------
+
+void ModbusLink::fail_no_answer(const std::string& what, std::int64_t since_ns, std::size_t read_length) {
+  const auto waited = std::to_string((clock_.now_ns() - since_ns) / 1'000'000);
+  const bool something = !received_.empty();
+  if (rtu() || something || late_.size() >= kMostLate) {
+    doubt(read_length);
+  } else {
+    late_.push_back(transaction_);
+  }
+  throw DeviceError(Fault::kTimeout, at() + what + ": " + (something ? "half an answer" : "no answer") + " within " + waited +
+                                         " ms; check the cable and unit_id " + std::to_string(config_.map.unit_id) +
+                                         ", or raise response_timeout_ms for a slow gateway");
+}
+
+void ModbusLink::fail_protocol(const std::string& what, const std::string& why, std::size_t read_length) {
+  doubt(read_length);
+  throw DeviceError(Fault::kProtocol, at() + what + ": an answer that is not one (" + why + "); " +
+                                          (rtu() ? "check baud, parity and shielding" : "check what listens on this port"));
+}
+
+void ModbusLink::fail_exception(const std::string& what, std::uint8_t code) const {
+  const auto text = at() + what + ": ";
+  const auto said = "exception " + std::to_string(code) + ", " + modbus::exception_text(code);
+  if (code == 10 || code == 11) {
+    throw DeviceError(Fault::kTimeout, text + "the gateway answers but cannot reach the frame behind it (" + said +
+                                           "); is the frame on?");
+  }
+  throw DeviceError(Fault::kRefused, text + "refused by the gateway (" + said + ")" +
+                                         (code == 1 || code == 2 ? "; compare its manual with the register map"
+                                                                 : "; look at the frame's state and faults"));
+}
+
+void ModbusLink::fail_disconnected(const std::string& what, const std::string& why) {
+  close();
+  throw DeviceError(Fault::kDisconnected, at() + what + ": connection lost (" + why + ")");
 }
 
 }  // namespace isorig::frame

@@ -1,33 +1,28 @@
 #pragma once
 #include <array>
 #include <cstdint>
-#include <memory>
-#include <optional>
+#include <deque>
 #include <span>
 #include <string>
 
 #include "drivers/clock/clock.hpp"
+#include "drivers/frame/modbus_adu.hpp"
 #include "drivers/frame/modbus_config.hpp"
-
-// libmodbus' own handle, kept out of this header.
-struct _modbus;
 
 namespace isorig::frame {
 
 /// One Modbus connection on which an answer is never taken for that of another request.
 ///
-/// The trap: after a time-out the old answer may still arrive. libmodbus gives it to the next request; on
-/// RTU, where nothing numbers the requests, it is accepted when unit, function and length agree. And its own
-/// cure, MODBUS_ERROR_RECOVERY_LINK, retries for ever inside one call. So recovery stays NONE, and after any
-/// failure that leaves the line in doubt the next call first gets back in step:
-///  - TCP: the socket is closed and a new one opened; an old answer has nowhere to arrive. (Transaction
-///  numbers,
-///    which libmodbus checks, guard the rest.)
-///  - RTU: wait out the response time-out, flush, and read a block whose length differs from that of any
-///  request
-///    that went unanswered. A unit answers in order, so when that answer comes, no older one can follow.
+/// Every answer is compared with its request: transaction, protocol, length and unit (TCP), unit and CRC (RTU), function, byte
+/// count, echoed address. The trap left is time: after a time-out the old answer may still arrive.
+///  - TCP: it carries its own transaction's number, and is thrown away when it comes. A header that cannot be one means
+///    that the stream is out of step: the socket is closed, and the next call opens another.
+///  - RTU, where nothing numbers the requests: the next call waits out the response time-out, flushes, and reads a block
+///    whose length differs from that of any request that went unanswered. A unit answers in order, so when that answer
+///    comes, no older one can follow.
 ///
-/// Every call is bounded: connect + (RTU: response + probe's response) + response time-out. Not thread-safe.
+/// Every call is bounded: connect (TCP, out of step) or response and probe's response (RTU, in doubt), and a response
+/// time-out; write_at_once() by one response time-out. Not thread-safe.
 class ModbusLink {
  public:
   explicit ModbusLink(const ModbusConfig& config) : ModbusLink(config, config.map.header_block(), "frame") {}
@@ -47,36 +42,59 @@ class ModbusLink {
   void read(std::uint8_t function, std::uint16_t address, std::span<std::uint16_t> words);
   /// `function` 6 (one register) or 16.
   void write(std::uint8_t function, std::uint16_t address, std::span<const std::uint16_t> words);
+  /// For what may be written twice and must not wait: goes out first, whatever is in doubt; over TCP again after half a
+  /// response time-out without an answer.
+  void write_at_once(std::uint8_t function, std::uint16_t address, std::span<const std::uint16_t> words);
 
-  /// How often the line was in doubt and brought back in step.
+  /// No request after this waits beyond `until_ns` for its answer; 0: each for its own time-out.
+  void limit(std::int64_t until_ns) noexcept { limit_ns_ = until_ns; }
+
+  /// How often the line was in doubt and brought back in step, or an answer came after its time and was thrown away.
   [[nodiscard]] std::uint64_t resyncs() const noexcept { return resyncs_; }
 
  private:
-  struct Free {
-    void operator()(_modbus* context) const noexcept;
+  struct Frame {
+    std::uint16_t transaction = 0;
+    std::uint8_t unit = 0;
+    modbus::Bytes pdu;
   };
 
-  void connect_tcp();
-  [[noreturn]] void fail_too_high() const;
-  void connect_rtu();
+  void open_line();
   void get_in_step();
   void probe();
   void wait_for_gap();
-  void done() noexcept;
-  [[noreturn]] void fail(int error, const std::string& what, std::size_t read_length);
+  modbus::Bytes ask(const modbus::Bytes& request, const std::string& what, std::size_t read_length);
+  modbus::Bytes await(const modbus::Bytes& request, std::int64_t until_ns, const std::string& what, std::size_t read_length);
+  void check(const modbus::Bytes& request, const Frame& frame, const std::string& what, std::size_t read_length);
+  void send(const modbus::Bytes& request, const std::string& what);
+  bool fill(std::int64_t until_ns, const std::string& what);
+  bool take_tcp(Frame& frame, const std::string& what);
+  bool take_rtu(Frame& frame, const std::string& what, std::size_t read_length);
+  void doubt(std::size_t read_length) noexcept;
+  void flush() noexcept;
+  [[noreturn]] void fail_no_answer(const std::string& what, std::int64_t since_ns, std::size_t read_length);
+  [[noreturn]] void fail_protocol(const std::string& what, const std::string& why, std::size_t read_length);
+  [[noreturn]] void fail_exception(const std::string& what, std::uint8_t code) const;
+  [[noreturn]] void fail_disconnected(const std::string& what, const std::string& why);
+  [[nodiscard]] std::int64_t timeout_ns() const noexcept { return std::int64_t{config_.response_timeout_ms} * 1'000'000; }
+  [[nodiscard]] bool rtu() const noexcept { return config_.transport == ModbusTransport::kRtu; }
   [[nodiscard]] std::string at() const;
 
   ModbusConfig config_;
   std::string device_;
   ReadBlock probe_block_;
-  std::unique_ptr<_modbus, Free> context_;
   clock::RealClock clock_;  // the line lives in real time, whatever clock stamps the samples
+  int fd_ = -1;
   bool open_ = false;
-  bool in_doubt_ = false;
+  bool in_doubt_ = false;  // TCP: the socket is closed
   std::int64_t doubt_until_ns_ = 0;
   std::int64_t last_byte_ns_ = 0;
   std::int64_t gap_ns_ = 0;
-  std::array<bool, 126> unanswered_{};  // lengths of reads that may still be answered
+  std::int64_t limit_ns_ = 0;
+  modbus::Bytes received_;
+  std::uint16_t transaction_ = 0;
+  std::deque<std::uint16_t> late_;     // TCP: transactions that may still be answered
+  std::array<bool, 126> unanswered_{};  // RTU: lengths of reads that may still be answered
   std::uint64_t resyncs_ = 0;
 };
 

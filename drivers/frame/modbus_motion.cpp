@@ -88,6 +88,7 @@ void ModbusFrame::start_segment(const Segment& segment) {
                                            number(double{segment.target_mm}) + " mm at " +
                                            number(double{segment.velocity_mm_s}) + " mm/s");
   }
+  limit_to(kRequestsAtOnce);
   write_setpoints(segment);
   bool refused = true;
   try {
@@ -120,6 +121,7 @@ void ModbusFrame::confirm(const Segment& segment) {
       tolerance(Quantity::kVelocity_mm_s, Quantity::kVelocitySetpoint_mm_s, double{segment.velocity_mm_s});
   clock::RealClock real;
   const std::int64_t until_ns = real.now_ns() + std::int64_t{config_.start_confirm_ms} * 1'000'000;
+  link_.limit(until_ns + std::int64_t{config_.response_timeout_ms} * 1'000'000);
   State state;
   do {
     std::array<std::uint16_t, 125> words{};
@@ -147,15 +149,14 @@ void ModbusFrame::confirm(const Segment& segment) {
 }
 
 void ModbusFrame::stop() {
-  try {
-    write_command(config_.map.stop_command);
-  } catch (const DeviceError& error) {
-    if (error.fault() != Fault::kTimeout && error.fault() != Fault::kProtocol) throw;
-    write_command(config_.map.stop_command);
-  }
+  const auto& reg = *config_.map.at(Quantity::kCommand);
+  const auto words = split_words(config_.map.stop_command, reg.format.type, reg.format.order);
+  link_.limit(0);
+  link_.write_at_once(reg.function, reg.address, std::span(words).first(reg.format.registers()));
 }
 
 void ModbusFrame::heartbeat(std::uint16_t counter) {
+  link_.limit(0);
   const auto& reg = *config_.map.at(Quantity::kHeartbeat);
   const auto words = split_words(counter, reg.format.type, reg.format.order);
   link_.write(reg.function, reg.address, std::span(words).first(reg.format.registers()));

@@ -31,8 +31,21 @@ struct Identity {
   double sample_rate_hz = 0.0;
 };
 
+/// What the device keeps to without its host: it vents, and stays so until it is asked to vent, on a reading above the
+/// greatest pressure, on a fill valve that is open for longer than a filling takes, and on a sensor that says nothing
+/// new while it fills.
+struct FillLimits {
+  double pressure_max_psi = 0.0;            ///< as the sensor reads, uncalibrated; 0: no limits were given
+  std::uint16_t fill_allowance_permille = 0;  ///< duty of the fill valve that may flow for ever
+  std::uint32_t fill_max_ms = 0;            ///< full-duty time above it; 0: no cap (the supply valve of a regulator)
+};
+
+/// Why the device vented by itself.
+enum class VentCause : std::uint8_t { kNone, kHeartbeat, kPressureHigh, kFillTime, kSensorSilent, kSensorStuck };
+
 struct State {
-  bool vented_by_watchdog = false;    ///< heartbeats stopped and the device opened the vent by itself
+  bool vented_by_itself = false;      ///< as long as it is latched, and once if it was over before anybody looked
+  VentCause cause = VentCause::kNone;  ///< of the last time
   std::uint32_t dropped = 0;          ///< samples the device discarded because the host stalled
   std::uint16_t fill_permille = 0;    ///< echoed
   std::uint16_t vent_permille = 0;
@@ -56,6 +69,9 @@ struct SyncEdge {
 class Device {
  public:
   virtual ~Device() = default;
+  /// Before connect(), which gives them to the device and fails if that does not say the same; without limits a device
+  /// does not fill.
+  virtual void set_limits(const FillLimits& limits) = 0;
   virtual Identity connect() = 0;
   virtual void disconnect() noexcept = 0;
   /// True once after a device that was away has come back: connect() now, not at the end of a back-off.

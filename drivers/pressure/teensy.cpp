@@ -1,9 +1,11 @@
 #include "drivers/pressure/teensy.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include "drivers/error.hpp"
+#include "messages/elvh.hpp"
 
 namespace isorig::pressure {
 namespace {
@@ -17,6 +19,9 @@ using drivers::Fault;
 constexpr std::int32_t kMaxRepeat = 4096;
 constexpr std::int64_t kMaxRoundTrip_ns = 1'000'000'000;
 constexpr std::size_t kMaxSyncEdges = 1024;
+
+static_assert(static_cast<std::uint8_t>(VentCause::kSensorStuck) == static_cast<std::uint8_t>(wire::VentCause::kSensorStuck) &&
+              wire::kVentCauses == 6);
 
 }  // namespace
 
@@ -45,13 +50,19 @@ Identity Teensy::connect() {
   stream_->open();
   wire::Identity identity;
   try {
+    const auto packets = decoder_.counters().packets;
+    heard_bytes_ = 0;
     if (!await_identity(identity)) {
-      const bool heard_frames = decoder_.counters().packets > 0;
-      fail(Fault::kTimeout, heard_frames ? "sends frames but does not answer who it is"
-                                         : "nobody answers; does the isorig firmware run on this device?");
+      const bool heard_frames = decoder_.counters().packets != packets;
+      fail(Fault::kTimeout,
+           heard_frames       ? std::string("sends frames but does not answer who it is")
+           : heard_bytes_ > 0 ? std::to_string(heard_bytes_) + " bytes came and no frame of the isorig firmware among them; is "
+                                                               "another program on this device, or is it another device?"
+                              : std::string("nobody answers; does the isorig firmware run on this device?"));
     }
+    if (limits_.pressure_max_psi > 0.0) agree_on_limits();
   } catch (...) {
-    stream_->close();
+    disconnect();
     throw;
   }
   return {.model = identity.model,
@@ -83,6 +94,7 @@ bool Teensy::await_identity(wire::Identity& identity) {
     }
     const std::size_t size = stream_->read_some(buffer_, std::min(deadline_ns, next_request_ns) - now_ns);
     now_ns = clock_.now_ns();
+    heard_bytes_ += size;
     // Samples may follow the identity in the same bytes.
     decoder_.feed(buffer_.data(), size, [&](const wire::Packet& packet) {
       if (is_connected_) {
@@ -95,6 +107,33 @@ bool Teensy::await_identity(wire::Identity& identity) {
     });
   }
   return is_connected_;
+}
+
+void Teensy::agree_on_limits() {
+  wire::Limits wanted;
+  const double counts = limits_.pressure_max_psi / messages::kElvhPsiPerCount + messages::kElvhOffsetCounts;
+  wanted.pressure_max_raw =
+      static_cast<std::uint16_t>(std::clamp(std::floor(counts), 0.0, double{messages::kElvhFullScaleCounts}));
+  wanted.fill_allowance_permille = limits_.fill_allowance_permille;
+  wanted.fill_max_ms = limits_.fill_max_ms;
+  limits_reply_.reset();
+  const std::int64_t deadline_ns = clock_.now_ns() + options_.connect_timeout_ns;
+  std::int64_t next_request_ns = 0;
+  for (std::int64_t now_ns = clock_.now_ns(); !limits_reply_; now_ns = clock_.now_ns()) {
+    if (now_ns >= deadline_ns) fail(Fault::kTimeout, "does not confirm the limits of pressure and filling");
+    if (now_ns >= next_request_ns) {
+      send(wanted);
+      next_request_ns = now_ns + options_.identity_retry_ns;
+    }
+    receive(std::min(deadline_ns, next_request_ns) - now_ns);
+  }
+  if (limits_reply_->accepted == 0 || limits_reply_->limits != wanted) {
+    fail(Fault::kIdentity, "keeps other limits than it was given (greatest pressure " +
+                               std::to_string(limits_reply_->limits.pressure_max_raw) + " counts, wanted " +
+                               std::to_string(wanted.pressure_max_raw) + "; filling " +
+                               std::to_string(limits_reply_->limits.fill_max_ms) + " ms, wanted " +
+                               std::to_string(wanted.fill_max_ms) + "); see docs/wire-teensy.md for what it accepts");
+  }
 }
 
 void Teensy::check(const wire::Packet& packet, const wire::Identity& identity) const {
@@ -120,7 +159,7 @@ void Teensy::start_from(const wire::Identity& identity) {
   if (went_on) {
     lost_ += identity.next_sequence - next_sequence_;
   } else {
-    watchdog_vents_.reset();
+    self_vents_.reset();
   }
   next_sequence_ = identity.next_sequence;
   device_us_ = device_us;
@@ -148,7 +187,7 @@ Poll Teensy::poll(std::span<Sample> samples_out, std::span<clock::Exchange> exch
   const std::uint32_t corrupt = decoder_.counters().errors() + unexpected_;
   result.corrupt = corrupt - std::exchange(reported_corrupt_, corrupt);
   result.state = state_;
-  result.state.vented_by_watchdog = std::exchange(has_vented_, false) || state_.vented_by_watchdog;
+  result.state.vented_by_itself = std::exchange(has_vented_, false) || state_.vented_by_itself;
   return result;
 }
 
@@ -167,6 +206,8 @@ void Teensy::handle(const wire::Packet& packet, std::int64_t recv_ns) {
     handle(reply, recv_ns);
   } else if (wire::Status status; parse(packet, status)) {
     handle(status);
+  } else if (wire::LimitsReply limits; parse(packet, limits)) {
+    limits_reply_ = limits;
   } else if (wire::SyncEdge edge; parse(packet, edge)) {
     counters_.sync_edges_lost += next_edge_ == 0 ? 0 : edge.count - next_edge_;
     next_edge_ = edge.count + 1;
@@ -201,10 +242,11 @@ void Teensy::handle(const wire::Samples& samples) {
 
 void Teensy::handle(const wire::Status& status) {
   see_device_time(status.device_us);
-  state_.vented_by_watchdog = (status.flags & wire::kStatusWatchdogVented) != 0;
+  state_.vented_by_itself = (status.flags & wire::kStatusSelfVented) != 0;
+  state_.cause = static_cast<VentCause>(status.cause);
   // The counter also tells of a vent that was over before its flag was seen. Those before us are not news.
-  if (status.watchdog_vents != watchdog_vents_.value_or(status.watchdog_vents)) has_vented_ = true;
-  watchdog_vents_ = status.watchdog_vents;
+  if (status.self_vents != self_vents_.value_or(status.self_vents)) has_vented_ = true;
+  self_vents_ = status.self_vents;
   state_.dropped = status.dropped;
   state_.fill_permille = status.fill_permille;
   state_.vent_permille = status.vent_permille;

@@ -43,7 +43,9 @@ class Teensy final : public Device {
   Teensy(const Teensy&) = delete;
   Teensy& operator=(const Teensy&) = delete;
 
-  /// Throws kTimeout when nothing answers, kIdentity for another model, serial number or protocol version.
+  void set_limits(const FillLimits& limits) override { limits_ = limits; }
+  /// Throws kTimeout when nothing answers, kIdentity for another model, serial number or protocol version, or for a
+  /// device that does not keep the limits.
   Identity connect() override;
   void disconnect() noexcept override;
   [[nodiscard]] bool has_reappeared() noexcept override { return stream_->has_reappeared(); }
@@ -77,6 +79,7 @@ class Teensy final : public Device {
   };
 
   bool await_identity(messages::teensy::Identity& identity);
+  void agree_on_limits();
   void check(const messages::teensy::Packet& packet, const messages::teensy::Identity& identity) const;
   void start_from(const messages::teensy::Identity& identity);
   void receive(std::int64_t timeout_ns);
@@ -96,6 +99,7 @@ class Teensy final : public Device {
   std::array<std::uint8_t, 4096> buffer_{};  // what a tty gives at most at once
 
   std::uint32_t session_ = 0;
+  std::uint64_t heard_bytes_ = 0;  // while it was asked who it is
   std::uint16_t watchdog_ms_ = 0;
   bool is_connected_ = false;
   bool is_known_ = false;  // connected before: sequence and time go on unless the device started anew
@@ -105,7 +109,9 @@ class Teensy final : public Device {
   std::uint32_t next_sequence_ = 0;
   std::uint32_t command_sequence_ = 0;
   std::uint32_t heartbeats_ = 0;
-  std::optional<std::uint16_t> watchdog_vents_;
+  FillLimits limits_;
+  std::optional<messages::teensy::LimitsReply> limits_reply_;
+  std::optional<std::uint16_t> self_vents_;
   bool has_vented_ = false;  // since the last poll
   std::uint32_t lost_ = 0;   // since the last poll
   std::uint32_t unexpected_ = 0;

@@ -16,6 +16,7 @@ class SimulatedElvh {
     kSilent,        ///< converts no more: stale for ever
     kStuckCurrent,  ///< never says stale
     kDiagnostic,    ///< status 11
+    kStuckCount,    ///< one and the same count, status 00
   };
 
   static constexpr uint32_t kPeriod_ns = 460'000;  ///< response time, DS-0376 p. 4
@@ -25,7 +26,12 @@ class SimulatedElvh {
 
   explicit SimulatedElvh(uint32_t period_ns = kPeriod_ns) noexcept : period_ns_(period_ns) {}
 
-  void set_fault(Fault fault) noexcept { fault_ = fault; }
+  void set_fault(Fault fault) noexcept {
+    fault_ = fault;
+    stuck_raw_ = pressure_raw();
+  }
+  /// A count up, a count down, as of a live bridge; off at the start, so that a word is what the pressure makes it.
+  void set_noise(bool is_noisy) noexcept { is_noisy_ = is_noisy; }
   /// Duties of the air paths, not of the coils.
   void set_valves(uint64_t now_ns, uint16_t fill_permille, uint16_t vent_permille) noexcept {
     advance(now_ns);
@@ -40,7 +46,8 @@ class SimulatedElvh {
     read_ = conversions_;
     messages::ElvhStatus status = is_new ? messages::ElvhStatus::kCurrent : messages::ElvhStatus::kStale;
     if (fault_ == Fault::kDiagnostic) status = messages::ElvhStatus::kFault;
-    shift_ = messages::pack_elvh({status, pressure_raw(), kTemperatureRaw}) | kFiller;
+    const auto raw = static_cast<uint16_t>(pressure_raw() + (is_noisy_ ? conversions_ & 1U : 0U));
+    shift_ = messages::pack_elvh({status, fault_ == Fault::kStuckCount ? stuck_raw_ : raw, kTemperatureRaw}) | kFiller;
     if (fault_ == Fault::kAbsent) shift_ = 0xFFFFFFFFU;
     if (fault_ == Fault::kShorted) shift_ = 0;
   }
@@ -84,6 +91,8 @@ class SimulatedElvh {
 
   uint32_t period_ns_;
   Fault fault_ = Fault::kNone;
+  uint16_t stuck_raw_ = 0;
+  bool is_noisy_ = false;
   uint16_t fill_permille_ = 0;
   uint16_t vent_permille_ = 1000;
   int64_t pressure_q16_ = int64_t{kRestRaw} << 16;

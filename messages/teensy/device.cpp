@@ -46,6 +46,8 @@ void DeviceCore::handle(const Packet& packet) noexcept {
     is_armed_ = true;
   } else if (ValveCommand command; parse(packet, command)) {
     handle(command, now_us);
+  } else if (Limits limits; parse(packet, limits)) {
+    handle(limits);
   } else if (IdentityRequest request; parse(packet, request)) {
     open_session(request.session);
   } else {
@@ -56,6 +58,7 @@ void DeviceCore::handle(const Packet& packet) noexcept {
 void DeviceCore::open_session(uint32_t session) noexcept {
   has_session_ = true;
   has_command_ = false;
+  has_limits_ = false;
   Identity identity;
   identity.session = session;
   identity.sample_rate_mhz = options_.sample_rate_mhz;
@@ -70,6 +73,16 @@ void DeviceCore::open_session(uint32_t session) noexcept {
   is_status_due_ = true;
 }
 
+void DeviceCore::handle(const Limits& limits) noexcept {
+  LimitsReply reply;
+  reply.accepted = has_session_ && guard_.set_limits(limits) ? 1 : 0;
+  has_limits_ = has_limits_ || reply.accepted == 1;
+  if (reply.accepted == 0) ++rejected_;
+  reply.limits = guard_.limits();
+  (void)send(encode(reply));  // a host that hears nothing asks again
+  is_status_due_ = true;
+}
+
 void DeviceCore::handle(const ValveCommand& command, uint64_t now_us) noexcept {
   // Serial arithmetic (RFC 1982): an old command that was held up somewhere never overtakes a newer one.
   if (has_command_ && static_cast<int32_t>(command.sequence - command_sequence_) <= 0) return;
@@ -79,7 +92,8 @@ void DeviceCore::handle(const ValveCommand& command, uint64_t now_us) noexcept {
   const bool asks_full_vent = command.fill_permille == 0 && command.vent_permille == kFull;
   const bool is_alive = is_armed_ && is_heartbeat_recent(now_us);
   const bool is_refused =
-      !has_session_ || (!asks_full_vent && (!is_alive || is_latched_)) || (is_latched_ && !is_alive);
+      !has_session_ || (!asks_full_vent && (!is_alive || is_latched_)) || (is_latched_ && !is_alive) ||
+      (command.fill_permille > 0 && !has_limits_);
   if (!is_in_range || is_refused) {
     ++rejected_;
     return;
@@ -97,10 +111,13 @@ void DeviceCore::handle(const ValveCommand& command, uint64_t now_us) noexcept {
 void DeviceCore::apply(uint16_t fill_permille, uint16_t vent_permille) noexcept {
   fill_permille_ = fill_permille;
   vent_permille_ = vent_permille;
+  guard_.apply(fill_permille, vent_permille, board_.now_us());
   board_.set_valves(fill_permille, vent_permille);
 }
 
-void DeviceCore::add_sample(uint64_t device_us, uint32_t raw_word) noexcept {
+void DeviceCore::add_sample(uint64_t device_us, uint32_t raw_word, bool is_conversion) noexcept {
+  const VentCause cause = guard_.sample(raw_word, board_.now_us(), is_conversion);
+  if (cause != VentCause::kNone) vent_itself(cause);
   const uint32_t sequence = next_sequence_++;
   if (!is_link_up_) return;
   if (batch_.count == 0) batch_first_us_ = device_us;
@@ -125,8 +142,10 @@ void DeviceCore::tick() noexcept {
   const uint64_t now_us = board_.now_us();
   if (is_armed_ && !is_heartbeat_recent(now_us)) {
     is_armed_ = false;
-    if (fill_permille_ != 0 || vent_permille_ != kFull) vent_by_watchdog();
+    vent_itself(VentCause::kHeartbeat);
   }
+  const VentCause cause = guard_.tick(now_us);
+  if (cause != VentCause::kNone) vent_itself(cause);
   if (is_command_running_ && now_us > command_until_us_) {
     apply(0, 0);
     is_command_running_ = false;
@@ -140,12 +159,14 @@ void DeviceCore::tick() noexcept {
   }
 }
 
-void DeviceCore::vent_by_watchdog() noexcept {
+void DeviceCore::vent_itself(VentCause cause) noexcept {
+  if (fill_permille_ == 0 && vent_permille_ == kFull) return;
   apply(0, kFull);
   is_latched_ = true;
+  cause_ = cause;
   is_command_running_ = false;
   is_command_expired_ = false;
-  ++watchdog_vents_;
+  ++self_vents_;
   is_status_due_ = true;
 }
 
@@ -156,11 +177,14 @@ Status DeviceCore::status() noexcept {
   status.rejected = rejected_;
   status.corrupt = decoder_.counters().errors() + unexpected_;
   status.command_sequence = command_sequence_;
-  status.watchdog_vents = watchdog_vents_;
+  status.self_vents = self_vents_;
   status.fill_permille = fill_permille_;
   status.vent_permille = vent_permille_;
-  if (is_latched_) status.flags |= kStatusWatchdogVented;
+  if (is_latched_) status.flags |= kStatusSelfVented;
   if (is_command_expired_) status.flags |= kStatusCommandExpired;
+  if (has_limits_) status.flags |= kStatusHasLimits;
+  status.cause = cause_;
+  status.fill_used_ms = guard_.fill_used_ms();
   return status;
 }
 

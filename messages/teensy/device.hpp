@@ -3,6 +3,7 @@
 #include <stdint.h>
 
 #include "messages/teensy/decoder.hpp"
+#include "messages/teensy/fill_guard.hpp"
 #include "messages/teensy/wire.hpp"
 
 namespace isorig::messages::teensy {
@@ -26,6 +27,8 @@ class Board {
 /// Valves:
 ///  - At start: fill closed, vent open.
 ///  - They obey only while heartbeats arrive; without them nothing but a full vent is accepted.
+///  - They fill only within the limits that the host has set in this session (Limits; fill_guard.hpp), and a breach
+///    opens the vent and latches, whatever the host still says.
 ///  - Watchdog: once a heartbeat came, `watchdog_ms` without one opens the vent and latches, unless the vent is
 ///    fully open anyway: a host that vents and goes away leaves nothing to report.
 ///  - Latched, commands are refused. Only one for what the device already does (fill 0, vent 1000), while
@@ -59,7 +62,8 @@ class DeviceCore {
   /// numbers and the watchdog go on.
   void set_link_up(bool is_up) noexcept;
   void receive(const uint8_t* bytes, size_t size) noexcept;
-  void add_sample(uint64_t device_us, uint32_t raw_word) noexcept;
+  /// `is_conversion`: not a mere report of what the sensor's line shows; such a word is sent and not believed.
+  void add_sample(uint64_t device_us, uint32_t raw_word, bool is_conversion = true) noexcept;
   /// Conversions known to be missed: their sequence numbers are skipped.
   void skip_samples(uint32_t count) noexcept { next_sequence_ += count; }
   void sync_edge(uint64_t device_us, bool is_high) noexcept;
@@ -67,17 +71,19 @@ class DeviceCore {
   void tick() noexcept;
 
   [[nodiscard]] Status status() noexcept;
-  [[nodiscard]] bool is_vented_by_watchdog() const noexcept { return is_latched_; }
+  /// Latched, for whatever cause.
+  [[nodiscard]] bool has_vented_itself() const noexcept { return is_latched_; }
   void set_serial(const char* serial) noexcept { options_.serial = serial; }
 
  private:
   void handle(const Packet& packet) noexcept;
   void open_session(uint32_t session) noexcept;
   void handle(const ValveCommand& command, uint64_t now_us) noexcept;
+  void handle(const Limits& limits) noexcept;
   void apply(uint16_t fill_permille, uint16_t vent_permille) noexcept;
   void send_batch() noexcept;
   bool send(const Frame& frame) noexcept;
-  void vent_by_watchdog() noexcept;
+  void vent_itself(VentCause cause) noexcept;
   [[nodiscard]] bool is_heartbeat_recent(uint64_t now_us) const noexcept {
     return now_us - last_heartbeat_us_ <= uint64_t{options_.watchdog_ms} * 1000U;
   }
@@ -99,8 +105,11 @@ class DeviceCore {
 
   bool is_armed_ = false;  // by the first heartbeat
   uint64_t last_heartbeat_us_ = 0;
+  FillGuard guard_;
+  bool has_limits_ = false;  // of this session; those of the one before stay in force until then
   bool is_latched_ = false;
-  uint16_t watchdog_vents_ = 0;
+  VentCause cause_ = VentCause::kNone;
+  uint16_t self_vents_ = 0;
 
   bool has_command_ = false;
   bool is_command_running_ = false;

@@ -60,6 +60,18 @@ class Reader {
   bool overrun_ = false;
 };
 
+void write(Writer& writer, const Limits& limits) noexcept {
+  writer.u16(limits.pressure_max_raw);
+  writer.u16(limits.fill_allowance_permille);
+  writer.u32(limits.fill_max_ms);
+}
+
+void read(Reader& reader, Limits& limits) noexcept {
+  limits.pressure_max_raw = reader.u16();
+  limits.fill_allowance_permille = reader.u16();
+  limits.fill_max_ms = reader.u32();
+}
+
 bool is_current(const Packet& packet, Type type) noexcept {
   return packet.version == kProtocolVersion && packet.is(type);
 }
@@ -108,6 +120,19 @@ Frame encode(const Heartbeat& message) noexcept {
   return writer.frame(Type::kHeartbeat);
 }
 
+Frame encode(const Limits& message) noexcept {
+  Writer writer;
+  write(writer, message);
+  return writer.frame(Type::kLimits);
+}
+
+Frame encode(const LimitsReply& message) noexcept {
+  Writer writer;
+  write(writer, message.limits);
+  writer.u8(message.accepted);
+  return writer.frame(Type::kLimitsReply);
+}
+
 Frame encode(const Identity& message) noexcept {
   Writer writer;
   writer.u32(message.session);
@@ -136,10 +161,12 @@ Frame encode(const Status& message) noexcept {
   writer.u32(message.rejected);
   writer.u32(message.corrupt);
   writer.u32(message.command_sequence);
-  writer.u16(message.watchdog_vents);
+  writer.u16(message.self_vents);
   writer.u16(message.fill_permille);
   writer.u16(message.vent_permille);
   writer.u8(message.flags);
+  writer.u8(static_cast<uint8_t>(message.cause));
+  writer.u16(message.fill_used_ms);
   return writer.frame(Type::kStatus);
 }
 
@@ -190,6 +217,19 @@ bool parse(const Packet& packet, Heartbeat& out) noexcept {
   return is_current(packet, Type::kHeartbeat) && reader.complete();
 }
 
+bool parse(const Packet& packet, Limits& out) noexcept {
+  Reader reader(packet);
+  read(reader, out);
+  return is_current(packet, Type::kLimits) && reader.complete();
+}
+
+bool parse(const Packet& packet, LimitsReply& out) noexcept {
+  Reader reader(packet);
+  read(reader, out.limits);
+  out.accepted = reader.u8();
+  return is_current(packet, Type::kLimitsReply) && reader.complete() && out.accepted <= 1;
+}
+
 bool parse(const Packet& packet, Identity& out) noexcept {
   Reader reader(packet);
   out.session = reader.u32();
@@ -219,11 +259,14 @@ bool parse(const Packet& packet, Status& out) noexcept {
   out.rejected = reader.u32();
   out.corrupt = reader.u32();
   out.command_sequence = reader.u32();
-  out.watchdog_vents = reader.u16();
+  out.self_vents = reader.u16();
   out.fill_permille = reader.u16();
   out.vent_permille = reader.u16();
   out.flags = reader.u8();
-  return is_current(packet, Type::kStatus) && reader.complete();
+  const uint8_t cause = reader.u8();
+  out.cause = static_cast<VentCause>(cause);
+  out.fill_used_ms = reader.u16();
+  return is_current(packet, Type::kStatus) && reader.complete() && cause < kVentCauses;
 }
 
 bool parse(const Packet& packet, Samples& out) noexcept {

@@ -11,7 +11,9 @@
 /// Freestanding (the firmware compiles these files): only <stddef.h> and <stdint.h>.
 namespace isorig::messages::teensy {
 
-inline constexpr uint8_t kProtocolVersion = 1;
+/// 2: limits, without which the device does not fill; the cause in Status. A device of version 1 knew neither and is
+/// refused.
+inline constexpr uint8_t kProtocolVersion = 2;
 
 /// Payload (version, type, body, CRC) of at most 254 bytes: COBS then costs exactly one byte, and the longest
 /// frame with its zero is 256 bytes, four full-speed USB packets.
@@ -29,11 +31,13 @@ enum class Type : uint8_t {
   kTimeSyncRequest = 0x02,
   kValveCommand = 0x03,
   kHeartbeat = 0x04,
+  kLimits = 0x05,
   kIdentity = 0x41,
   kTimeSyncReply = 0x42,
   kStatus = 0x43,
   kSamples = 0x44,
   kSyncEdge = 0x45,
+  kLimitsReply = 0x46,
 };
 
 /// Opens a session: the device answers with Identity and Status, and accepts any next command sequence.
@@ -59,6 +63,21 @@ struct Heartbeat {
   uint32_t counter = 0;
 };
 
+/// What the device keeps to without its host (fill_guard.hpp). To be set in every session before anything is filled.
+struct Limits {
+  uint16_t pressure_max_raw = 0;         ///< counts of the ELVH; a greater reading vents
+  uint16_t fill_allowance_permille = 0;  ///< duty of the fill valve that may flow for ever
+  uint32_t fill_max_ms = 0;              ///< full-duty time above it; 0: no cap (the supply valve of a regulator)
+
+  friend constexpr bool operator==(const Limits&, const Limits&) noexcept = default;
+};
+
+/// The limits in force, as the device has them.
+struct LimitsReply {
+  Limits limits;
+  uint8_t accepted = 0;  ///< 1: they are those of the request; 0: the request was refused
+};
+
 inline constexpr size_t kTextSize = 24;  ///< zero-padded ASCII; 23 characters and a zero at most
 
 struct Identity {
@@ -79,22 +98,36 @@ struct TimeSyncReply {
   uint64_t device_tx_us = 0;
 };
 
+/// Why the device vented by itself.
+enum class VentCause : uint8_t {
+  kNone = 0,
+  kHeartbeat = 1,     ///< heartbeats stopped
+  kPressureHigh = 2,  ///< a reading above Limits::pressure_max_raw
+  kFillTime = 3,      ///< the fill valve was open for longer than Limits::fill_max_ms
+  kSensorSilent = 4,  ///< while filling: nothing from the sensor that can be believed
+  kSensorStuck = 5,   ///< while filling: one and the same count
+};
+inline constexpr uint8_t kVentCauses = 6;
+
 enum StatusFlag : uint8_t {
-  kStatusWatchdogVented = 1U << 0U,  ///< latched, see DeviceCore
+  kStatusSelfVented = 1U << 0U,      ///< latched, see DeviceCore
   kStatusCommandExpired = 1U << 1U,  ///< validity ran out: both valves closed
+  kStatusHasLimits = 1U << 2U,       ///< of this session
 };
 
 /// Sent ten times a second and at once when a flag changes.
 struct Status {
   uint64_t device_us = 0;
   uint32_t dropped = 0;           ///< samples discarded because the host stalled, since start
-  uint32_t rejected = 0;          ///< commands out of range, or refused while the watchdog is latched
+  uint32_t rejected = 0;          ///< commands out of range, or refused: latched, no limits, no heartbeats
   uint32_t corrupt = 0;           ///< frames received that failed COBS, CRC, version or length
   uint32_t command_sequence = 0;  ///< of the last accepted valve command
-  uint16_t watchdog_vents = 0;    ///< how often it vented by itself, since start
+  uint16_t self_vents = 0;        ///< how often it vented by itself, since start
   uint16_t fill_permille = 0;     ///< applied now
   uint16_t vent_permille = 0;
   uint8_t flags = 0;
+  VentCause cause = VentCause::kNone;  ///< of the last time it vented by itself
+  uint16_t fill_used_ms = 0;           ///< of Limits::fill_max_ms
 };
 
 struct Sample {
@@ -134,11 +167,13 @@ struct Frame {
 [[nodiscard]] Frame encode(const TimeSyncRequest& message) noexcept;
 [[nodiscard]] Frame encode(const ValveCommand& message) noexcept;
 [[nodiscard]] Frame encode(const Heartbeat& message) noexcept;
+[[nodiscard]] Frame encode(const Limits& message) noexcept;
 [[nodiscard]] Frame encode(const Identity& message) noexcept;
 [[nodiscard]] Frame encode(const TimeSyncReply& message) noexcept;
 [[nodiscard]] Frame encode(const Status& message) noexcept;
 [[nodiscard]] Frame encode(const Samples& message) noexcept;
 [[nodiscard]] Frame encode(const SyncEdge& message) noexcept;
+[[nodiscard]] Frame encode(const LimitsReply& message) noexcept;
 
 /// A packet whose COBS and CRC were right. `body` points into the decoder and is good until the next byte.
 struct Packet {
@@ -157,11 +192,13 @@ struct Packet {
 [[nodiscard]] bool parse(const Packet& packet, TimeSyncRequest& out) noexcept;
 [[nodiscard]] bool parse(const Packet& packet, ValveCommand& out) noexcept;
 [[nodiscard]] bool parse(const Packet& packet, Heartbeat& out) noexcept;
+[[nodiscard]] bool parse(const Packet& packet, Limits& out) noexcept;
 [[nodiscard]] bool parse(const Packet& packet, Identity& out) noexcept;
 [[nodiscard]] bool parse(const Packet& packet, TimeSyncReply& out) noexcept;
 [[nodiscard]] bool parse(const Packet& packet, Status& out) noexcept;
 [[nodiscard]] bool parse(const Packet& packet, Samples& out) noexcept;
 [[nodiscard]] bool parse(const Packet& packet, SyncEdge& out) noexcept;
+[[nodiscard]] bool parse(const Packet& packet, LimitsReply& out) noexcept;
 
 /// Wraps any payload (version, type, body) as a frame; `encode` and tests use it.
 [[nodiscard]] Frame make_frame(uint8_t version, uint8_t type, const uint8_t* body, size_t size) noexcept;

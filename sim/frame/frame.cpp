@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <string>
 
 namespace isorig::sim {
@@ -57,7 +58,7 @@ frame::Identity SimFrame::connect() {
   read_ = sequence_;  // what was sampled before we came is not a loss
   burst_left_ = p_.exchange_burst;
   next_exchange_ns_ = visit.now_ns;
-  return {"isorig", "simulated frame", "SIM-FRAME-1", "1.0", p_.sample_rate_hz};
+  return {"isorig", "simulated frame", "SIM-FRAME-1", "1.0", p_.sample_rate_hz, reference_epoch_};
 }
 
 frame::Poll SimFrame::poll(std::span<frame::Sample> out) {
@@ -94,6 +95,7 @@ frame::Poll SimFrame::poll(std::span<frame::Sample> out) {
     ++read_;
   }
   poll.state = state_;
+  if (faults.fault_state) poll.state.motion = frame::Motion::kFault;
   return poll;
 }
 
@@ -132,17 +134,37 @@ void SimFrame::start_segment(const frame::Segment& segment) {
 void SimFrame::stop() {
   const auto visit = host_.enter();
   require_link();
+  const auto spend = [](int& count) {
+    const bool broken = count != 0;
+    if (count > 0) --count;
+    return broken;
+  };
+  if (spend(faults.stop_refused)) {
+    throw drivers::DeviceError(drivers::Fault::kRefused, "simulated frame refuses the stop: busy");
+  }
+  if (spend(faults.stop_lost)) return;
   pending_ = false;
   if (state_.motion == frame::Motion::kMoving) {
-    crosshead_.stop();
+    if (!faults.runs_on && !faults.runaway) crosshead_.stop();
     moving_ = false;
     state_.motion = frame::Motion::kStopped;
   }
 }
 
+void SimFrame::power_cycle(double zero_shift_mm) noexcept {
+  crosshead_.stop();
+  pending_ = moving_ = connected_ = heartbeat_seen_ = false;
+  ++reference_epoch_;
+  state_ = {};
+  p_.zero_mm += zero_shift_mm;
+}
+
 void SimFrame::heartbeat(std::uint16_t counter) {
   const auto visit = host_.enter();
   require_link();
+  if (faults.heartbeat_refused) {
+    throw drivers::DeviceError(drivers::Fault::kRefused, "simulated frame refuses the heartbeat");
+  }
   if (!heartbeat_seen_ || counter != state_.heartbeat_echo) {
     heartbeat_seen_ = true;
     heartbeat_ns_ = visit.now_ns;
@@ -177,7 +199,7 @@ void SimFrame::check(std::int64_t now_ns, bool drive_enabled) noexcept {
   if (heartbeat_seen_ && (state_.fault_bits & frame::kHeartbeatLost) == 0 &&
       static_cast<double>(now_ns - heartbeat_ns_) > p_.heartbeat_timeout_s * 1e9) {
     const bool was_moving = state_.motion == frame::Motion::kMoving;
-    if (was_moving) crosshead_.stop();
+    if (!faults.runaway) crosshead_.stop();
     halt(was_moving ? frame::Motion::kStopped : state_.motion, frame::kHeartbeatLost);
   }
   if (pending_ && now_ns >= pending_ns_) {
@@ -238,7 +260,7 @@ frame::Sample SimFrame::sample(const StepView& step, double fraction, double dev
     last_force_N_ = static_cast<float>(quantise(force_N + p_.force_noise_N * force_noise_.normal(),
                                                 p_.force_quantum_N, inverse_force_quantum_));
   }
-  s.force_N = last_force_N_;
+  s.force_N = faults.not_a_number ? std::numeric_limits<float>::quiet_NaN() : last_force_N_;
   return s;
 }
 

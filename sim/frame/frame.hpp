@@ -16,6 +16,13 @@ struct FrameFaults {
   bool frozen_force = false;      ///< the load cell repeats its last value
   bool drive_fault = false;       ///< the drive trips: brake, kDriveFault
   bool ignores_segments = false;  ///< accepts them, echoes them, does not move
+  bool fault_state = false;       ///< its state is "fault", and no fault bit says why
+  bool not_a_number = false;      ///< the load cell reads NaN
+  bool heartbeat_refused = false; ///< the heartbeat register cannot be written
+  int stop_refused = 0;           ///< so many stops are refused ("busy"); -1: until switched off
+  int stop_lost = 0;              ///< so many stops are acknowledged and not done; -1: until switched off
+  bool runs_on = false;           ///< a stop is acknowledged, the state says "stopped", the crosshead goes on
+  bool runaway = false;           ///< likewise, and the frame's own watchdog does not stop it either
 };
 
 /// The frame as a cabinet: crosshead, load cell, encoder, sampler on a clock of its own, sample ring, its own
@@ -46,6 +53,9 @@ class SimFrame final : public frame::Device {
   }
   /// After it: limits, and the samples whose time has come.
   void after_step(const StepView& step) noexcept;
+
+  /// Off and on again: no connection, no heartbeat, and a zero that is `zero_shift_mm` away.
+  void power_cycle(double zero_shift_mm) noexcept;
 
   [[nodiscard]] const Crosshead& crosshead() const noexcept { return crosshead_; }
   [[nodiscard]] std::uint32_t sequence() const noexcept { return sequence_; }
@@ -92,6 +102,7 @@ class SimFrame final : public frame::Device {
 
   // Link.
   bool connected_ = false;
+  std::uint32_t reference_epoch_ = 1;
   std::int64_t next_exchange_ns_ = 0;
   int burst_left_;
 };

@@ -61,6 +61,9 @@ void Instron8800Controller::advance(std::int64_t now_ns) {
     faults_.panel = true;
   }
   if ((state_.fault_bits & frame::kInterlockOpen) != 0 && !faults_.actuator_off.load()) trip_actuator();
+  if (options_.ends_ramps && movement_ == kRunning && state_.segment_id == segment_ && state_.motion == frame::Motion::kReached) {
+    movement_ = kStopped;
+  }
   const bool must_stand = faults_.actuator_off.load() || faults_.limit.load() || faults_.panel.load();
   if (must_stand && movement_ == kRunning) stop_backend();
 }
@@ -92,10 +95,10 @@ std::optional<std::string> Instron8800Controller::execute(std::string_view line,
   for (const char* at = rest.c_str();;) {
     char* end = nullptr;
     const double value = std::strtod(at, &end);
-    if (end == at) return std::nullopt;  // not a line this controller knows: it says nothing
+    if (end == at) return unknown();
     numbers.push_back(value);
     if (*end == '\0') break;
-    if (*end != ',') return std::nullopt;
+    if (*end != ',') return unknown();
     at = end + 1;
   }
   const int code = static_cast<int>(numbers.front());
@@ -103,15 +106,19 @@ std::optional<std::string> Instron8800Controller::execute(std::string_view line,
   advance(now_ns);
   if (line.front() == 'Q') {
     auto text = answer(code, numbers);
-    return text.empty() ? std::nullopt : std::optional(std::move(text));
+    return text.empty() ? unknown() : std::optional(std::move(text));
   }
   if (line.front() == 'P' && code == 909 && !numbers.empty()) {
     faults_.panel = numbers[0] != 1.0;
     fed_ns_ = now_ns;
     return std::nullopt;
   }
-  if (line.front() == 'C') command(code, numbers, now_ns);
-  return std::nullopt;
+  if (line.front() == 'C' && command(code, numbers, now_ns)) return std::nullopt;
+  return unknown();
+}
+
+std::optional<std::string> Instron8800Controller::unknown() const {
+  return options_.answers_unknown ? std::optional<std::string>("None of the device's commands matched.") : std::nullopt;
 }
 
 std::string Instron8800Controller::feedback(int channel) {
@@ -141,17 +148,21 @@ std::string Instron8800Controller::answer(int code, const std::vector<double>& a
     case 308:
       if (channel == options_.position_channel) return decimal(options_.position_full_scale_mm * 1e-3);
       return decimal(options_.force_full_scale_N * (faults_.wrong_scale.load() ? 10.0 : 1.0));
-    case 904: return faults_.watchdog_off.load() ? "0,0" : "1,0";
+    case 904: {
+      const std::string on = faults_.watchdog_off.load() ? "0" : "1";
+      if (options_.watchdog == Instron8800Server::Options::Watchdog::kNotAsked) return "";
+      return options_.watchdog == Instron8800Server::Options::Watchdog::kTwoNumbers ? on + ",0" : on;
+    }
     case 909: return faults_.panel.load() ? "0" : "1";
     default: return "";
   }
 }
 
-void Instron8800Controller::command(int code, const std::vector<double>& a, std::int64_t now_ns) {
-  if (a.empty()) return;
+bool Instron8800Controller::command(int code, const std::vector<double>& a, std::int64_t now_ns) {
+  if (a.empty()) return false;
   if (faults_.panel.load()) {
     trip_actuator();
-    return;
+    return true;
   }
   const bool channelled = a.size() > 1 && a[0] >= 1.0 && a[0] < static_cast<double>(kChannels);
   auto& channel = channels_[channelled ? static_cast<std::size_t>(a[0]) : 0];
@@ -162,25 +173,29 @@ void Instron8800Controller::command(int code, const std::vector<double>& a, std:
       } else if (!faults_.ignore_stop.load()) {
         stop_backend();
       }
-      return;
-    case 2: channel.ramp = static_cast<int>(a.back()); return;
-    case 4: channel.amplitude = a.back(); return;
+      return true;
+    case 2: channel.ramp = static_cast<int>(a.back()); return true;
+    case 4:
+      if (a.back() < 0.0 && !options_.takes_sign) return false;
+      channel.amplitude = a.back();
+      return true;
     case 23:
       if (a[0] == 0.0) {
         trip_actuator();
       } else {
         faults_.actuator_off = false;
       }
-      return;
-    case 86: channel.time_s = faults_.clamp.load() ? std::max(a.back(), 1.0) : a.back(); return;
-    case 200: waveform_ = a[0] == 1.0 ? 1 : 0; return;
-    case 209: quarter_counts_ = static_cast<long>(a[0]); return;
-    case 300: control_channel_ = static_cast<int>(a[0]); return;
+      return true;
+    case 86: channel.time_s = faults_.clamp.load() ? std::max(a.back(), 1.0) : a.back(); return true;
+    case 200: waveform_ = a[0] == 1.0 ? 1 : 0; return true;
+    case 209: quarter_counts_ = static_cast<long>(a[0]); return true;
+    case 300: control_channel_ = static_cast<int>(a[0]); return true;
     case 904:
+      if (a.size() != (options_.watchdog == Instron8800Server::Options::Watchdog::kTwoNumbers ? 2U : 1U)) return false;
       faults_.watchdog_off = a[0] == 0.0;
       fed_ns_ = now_ns;
-      return;
-    default: return;
+      return true;
+    default: return false;
   }
 }
 
@@ -191,10 +206,12 @@ void Instron8800Controller::start_ramp() {
     return;
   }
   const double target_mm = channel.amplitude * options_.position_full_scale_mm;
-  const double velocity_mm_s = std::abs(target_mm - double{newest_.position_mm}) / channel.time_s;
+  const double velocity_mm_s = options_.ramp_of_scale_per_s > 0.0
+                                   ? options_.ramp_of_scale_per_s * options_.position_full_scale_mm
+                                   : std::abs(target_mm - double{newest_.position_mm}) / channel.time_s;
   try {
     backend_.start_segment({++segment_, static_cast<float>(target_mm), static_cast<float>(std::max(velocity_mm_s, 1e-4))});
-    movement_ = kRunning;  // and so it stays until somebody stops it, arrived or not
+    movement_ = kRunning;  // and so it stays until somebody stops it, arrived or not, unless it ends its ramps
   } catch (const DeviceError&) {
     movement_ = kStopped;
   }

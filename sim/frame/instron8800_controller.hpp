@@ -17,7 +17,7 @@ class Instron8800Controller {
  public:
   Instron8800Controller(const Instron8800Server::Options& options, frame::Device& backend, Instron8800Faults& faults);
 
-  /// The answer of a question; nothing for a command or what is neither.
+  /// The answer of a question; nothing for a command or what is neither, unless it answers what it does not know.
   std::optional<std::string> execute(std::string_view line, std::int64_t now_ns);
   /// Watchdog, interlock chain and the backend's samples and heartbeat; at 50 Hz or more.
   void advance(std::int64_t now_ns);
@@ -33,7 +33,9 @@ class Instron8800Controller {
   };
 
   std::string answer(int code, const std::vector<double>& arguments);
-  void command(int code, const std::vector<double>& arguments, std::int64_t now_ns);
+  /// False for what this controller does not know.
+  bool command(int code, const std::vector<double>& arguments, std::int64_t now_ns);
+  [[nodiscard]] std::optional<std::string> unknown() const;
   [[nodiscard]] std::string feedback(int channel);
   [[nodiscard]] unsigned status_code() const noexcept;
   void read_backend();

@@ -122,7 +122,7 @@ class Instron8800Server::Impl {
       if (faults_.disconnect.load() && options_.tcp) drop_line();
       if (!hanging) {
         take_lines();
-        if (faults_.extra.load() > 0 && take_one(faults_.extra)) answers_.push_back({time_ns, "0.12345678"});
+        if (faults_.at_code.load() == 0) send_extra();
         send_due();
       }
       wait(hanging);
@@ -177,12 +177,21 @@ class Instron8800Server::Impl {
       received_.erase(0, end + 2);
       if (faults_.disconnect.load()) continue;  // the serial cable is out
       ++lines_;
+      const int code = line.size() > 1 ? std::atoi(line.c_str() + 1) : 0;
+      const bool hit = faults_.at_code.load() == 0 || faults_.at_code.load() == code;
+      if (hit && !line.empty() && line.front() != 'Q' && take_one(faults_.lose)) continue;
       auto answer = controller_.execute(line, now());
-      if (!answer || take_one(faults_.drop)) continue;
-      if (take_one(faults_.garbage)) (*answer)[answer->size() / 2] = '#';
-      const std::int64_t wait_ns = (faults_.delay_ms.load() + faults_.late_ms.exchange(0)) * kMs + std::int64_t{options_.answer_us} * 1000;
+      if (answer && hit && faults_.at_code.load() != 0) send_extra();
+      if (!answer || (hit && take_one(faults_.drop))) continue;
+      if (hit && take_one(faults_.garbage)) (*answer)[answer->size() / 2] = '#';
+      const std::int64_t wait_ns =
+          (faults_.delay_ms.load() + (hit ? faults_.late_ms.exchange(0) : 0)) * kMs + std::int64_t{options_.answer_us} * 1000;
       answers_.push_back({now() + wait_ns, std::move(*answer)});
     }
+  }
+
+  void send_extra() {
+    if (faults_.extra.load() > 0 && take_one(faults_.extra)) answers_.push_back({now(), "0.12345678"});
   }
 
   /// In order: one that is held back holds back those behind it.

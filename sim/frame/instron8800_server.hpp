@@ -25,6 +25,17 @@ class Instron8800Server {
     double position_full_scale_mm = 50.0, force_full_scale_N = 250.0;
     double watchdog_s = 3.0;
     int answer_us = 0;  ///< what the controller takes for an answer
+
+    /// Dialects. Nobody has published which one a given controller has.
+    enum class Watchdog : std::uint8_t {
+      kTwoNumbers,  ///< C904,a,b and Q904 -> "a,b"
+      kOneNumber,   ///< C904,a and Q904 -> "a"
+      kNotAsked,    ///< C904,a alone: Q904 is not known
+    } watchdog = Watchdog::kTwoNumbers;
+    bool answers_unknown = false;    ///< what it does not know is answered by a text, a command too
+    bool takes_sign = true;          ///< C4 takes targets below zero
+    bool ends_ramps = false;         ///< Q1 falls to 0 when a ramp has arrived
+    double ramp_of_scale_per_s = 0;  ///< above 0: ramps run at this, whatever C86 says
   };
 
   /// Connects the backend and serves. Throws std::runtime_error. `backend` and `faults` outlive the server.

@@ -7,7 +7,6 @@
 #include <netinet/tcp.h>
 #include <poll.h>
 #include <sys/eventfd.h>
-#include <sys/select.h>
 #include <sys/socket.h>
 #include <termios.h>
 #include <unistd.h>
@@ -22,6 +21,7 @@
 #include <thread>
 #include <utility>
 
+#include "sim/frame/modbus_requests.hpp"
 #include "sim/frame/register_image.hpp"
 
 namespace isorig::sim {
@@ -67,8 +67,10 @@ using Context = std::unique_ptr<modbus_t, FreeContext>;
 
 /// One way in: a TCP port or a serial line.
 struct Endpoint {
-  Context context;
-  bool rtu = false;
+  explicit Endpoint(bool is_rtu) : rtu(is_rtu), requests(is_rtu) {}
+  Context context;  // for the answers
+  bool rtu;
+  ModbusRequests requests;
   Fd listener;                                  // TCP
   Fd line;                                      // the TCP client, or the master side or the tty
   std::chrono::steady_clock::time_point heard;  // last request of the TCP client
@@ -119,12 +121,10 @@ class ModbusServer::Impl {
       throw_errno("libmodbus refuses unit_id " + std::to_string(options_.map.unit_id) +
                   " or the line's settings");
     }
-    modbus_set_byte_timeout(context, 0, 50'000);     // a client that stops in the middle of a request
-    modbus_set_response_timeout(context, 0, 1'000);  // libmodbus sleeps this long before some exceptions
   }
 
   void add_tcp() {
-    Endpoint end;
+    Endpoint end(false);
     end.context.reset(modbus_new_tcp("127.0.0.1", options_.tcp_port));
     configure(end.context.get());
     end.listener = Fd(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
@@ -147,8 +147,7 @@ class ModbusServer::Impl {
   }
 
   void add_pty() {
-    Endpoint end;
-    end.rtu = true;
+    Endpoint end(true);
     end.line = Fd(::posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
     std::array<char, 64> name{};
     if (!end.line || ::grantpt(end.line.get()) != 0 || ::unlockpt(end.line.get()) != 0 ||
@@ -172,8 +171,7 @@ class ModbusServer::Impl {
   }
 
   void add_tty() {
-    Endpoint end;
-    end.rtu = true;
+    Endpoint end(true);
     end.context.reset(modbus_new_rtu(options_.tty.c_str(), options_.tty_baud, options_.tty_parity, 8, 1));
     configure(end.context.get());
     if (modbus_connect(end.context.get()) != 0) throw_errno("cannot open " + options_.tty);
@@ -200,7 +198,8 @@ class ModbusServer::Impl {
       for (std::size_t i = 0; i < endpoints_.size(); ++i) {
         auto& end = endpoints_[i];
         if (faults_.disconnect.load() && !end.rtu) end.line.reset();
-        if (wait[2 + 2 * i].revents != 0 && end.line) serve(end);
+        // A serial line is looked at when it is silent, too: that may end a request.
+        if (end.line && (wait[2 + 2 * i].revents != 0 || end.rtu)) serve(end, wait[2 + 2 * i].revents != 0);
         if (wait[1 + 2 * i].revents != 0) accept(end);
       }
     }
@@ -208,11 +207,11 @@ class ModbusServer::Impl {
 
   void accept(Endpoint& end) {
     Fd client(::accept4(end.listener.get(), nullptr, nullptr, SOCK_CLOEXEC));
-    // libmodbus 3.1.6 waits with select(): a descriptor from FD_SETSIZE on would write outside its set.
-    if (!client || client.get() >= FD_SETSIZE || faults_.disconnect.load()) return;
+    if (!client || faults_.disconnect.load()) return;
     const int on = 1;
     ::setsockopt(client.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
     end.line = std::move(client);
+    end.requests.clear();
     end.heard = std::chrono::steady_clock::now();
     ++connections_;
   }
@@ -293,48 +292,53 @@ class ModbusServer::Impl {
   // ---- requests
   // -----------------------------------------------------------------------------------------------
 
-  void serve(Endpoint& end) {
-    std::array<std::uint8_t, MODBUS_MAX_ADU_LENGTH> request{};
-    auto* context = end.context.get();
-    modbus_set_socket(context, end.line.get());
-    const int length = modbus_receive(context, request.data());
-    if (length < 0) {
-      if (end.rtu) {
-        ::tcflush(end.line.get(), TCIFLUSH);  // noise, or half a request: the client will ask again
-      } else {
+  void serve(Endpoint& end, bool readable) {
+    const auto now = std::chrono::steady_clock::now();
+    if (readable) {
+      std::array<std::uint8_t, 1024> bytes{};
+      const auto size = ::read(end.line.get(), bytes.data(), bytes.size());
+      if (size > 0) {
+        end.requests.add(std::span(bytes).first(static_cast<std::size_t>(size)), now);
+      } else if (!end.rtu && (size == 0 || (errno != EAGAIN && errno != EINTR))) {
         end.line.reset();
+        return;
       }
-      return;
     }
-    if (length == 0 || (end.rtu && faults_.disconnect.load()))
-      return;  // for another unit, or the cable is out
+    while (end.line) {
+      const auto request = end.requests.next(now);
+      if (!request) break;
+      answer(end, *request);
+    }
+    if (end.requests.is_lost()) end.line.reset();
+  }
+
+  void answer(Endpoint& end, const ModbusRequests::Request& request) {
+    if (end.rtu && faults_.disconnect.load()) return;  // the cable is out
+    const bool broadcast = end.rtu && request.unit == 0;
+    // Over TCP 0 and 255 mean whoever has this address.
+    const bool ours = request.unit == options_.map.unit_id || broadcast || (!end.rtu && (request.unit == 0 || request.unit == 0xFF));
+    if (!ours && end.rtu) return;  // another unit's on the same line
     ++requests_;
     end.heard = std::chrono::steady_clock::now();
+    const auto pdu = request.pdu();
+    int exception = MODBUS_EXCEPTION_GATEWAY_TARGET;
+    if (ours) exception = exception_for(pdu, options_.map.max_read_registers, options_.map.max_write_registers);
+    if (broadcast && pdu[0] != MODBUS_FC_WRITE_SINGLE_REGISTER && pdu[0] != MODBUS_FC_WRITE_MULTIPLE_REGISTERS) return;
+    if (exception == 0) exception = write(pdu);
+    if (!broadcast) reply(end, request, exception);
+  }
 
-    const auto header = static_cast<std::size_t>(modbus_get_header_length(context));
-    const auto word = [&](std::size_t at) {
-      return static_cast<std::uint16_t>((request[header + at] << 8) | request[header + at + 1]);
-    };
-    const int function = request[header];
-    int exception = 0;
-    if (function == MODBUS_FC_WRITE_SINGLE_REGISTER) {
+  /// What a request that is right writes; nothing, of one that reads.
+  int write(std::span<const std::uint8_t> pdu) {
+    const auto word = [&](std::size_t at) { return static_cast<std::uint16_t>((pdu[at] << 8U) | pdu[at + 1]); };
+    if (pdu[0] == MODBUS_FC_WRITE_SINGLE_REGISTER) {
       const std::array<std::uint16_t, 1> words{word(3)};
-      exception = act(word(1), words);
-    } else if (function == MODBUS_FC_WRITE_MULTIPLE_REGISTERS) {
-      const std::size_t count = word(3);
-      if (count < 1 || count > options_.map.max_write_registers || request[header + 5] != 2 * count) {
-        exception = MODBUS_EXCEPTION_ILLEGAL_DATA_VALUE;
-      } else {
-        std::vector<std::uint16_t> words(count);
-        for (std::size_t i = 0; i < count; ++i) words[i] = word(6 + 2 * i);
-        exception = act(word(1), words);
-      }
-    } else if (function != MODBUS_FC_READ_HOLDING_REGISTERS && function != MODBUS_FC_READ_INPUT_REGISTERS) {
-      exception = MODBUS_EXCEPTION_ILLEGAL_FUNCTION;
-    } else if (word(3) > options_.map.max_read_registers) {
-      exception = MODBUS_EXCEPTION_ILLEGAL_DATA_VALUE;
+      return act(word(1), words);
     }
-    reply(end, request, length, exception);
+    if (pdu[0] != MODBUS_FC_WRITE_MULTIPLE_REGISTERS) return 0;
+    std::vector<std::uint16_t> words(word(3));
+    for (std::size_t i = 0; i < words.size(); ++i) words[i] = word(6 + 2 * i);
+    return act(word(1), words);
   }
 
   static bool take_one(std::atomic<int>& left) {
@@ -344,24 +348,36 @@ class ModbusServer::Impl {
     return now != 0;
   }
 
+  void send_exception(const Endpoint& end, const ModbusRequests::Request& request, const std::array<std::uint8_t, 2>& pdu) {
+    std::vector<std::uint8_t> frame;
+    if (!end.rtu) frame = {request.adu[0], request.adu[1], 0, 0, 0, 3};
+    frame.insert(frame.end(), {request.unit, pdu[0], pdu[1]});
+    if (end.rtu) {
+      const auto crc = rtu_crc(frame);
+      frame.insert(frame.end(), {static_cast<std::uint8_t>(crc & 0xFFU), static_cast<std::uint8_t>(crc >> 8U)});
+    }
+    [[maybe_unused]] const auto written = ::write(reply_in_.get(), frame.data(), frame.size());
+  }
+
   /// libmodbus writes its answer into a socket pair, so that it can be held back, lost or damaged.
-  void reply(Endpoint& end, const std::array<std::uint8_t, MODBUS_MAX_ADU_LENGTH>& request, int length,
-             int exception) {
+  void reply(Endpoint& end, const ModbusRequests::Request& request, int exception) {
     auto* context = end.context.get();
+    std::array<std::uint8_t, MODBUS_MAX_ADU_LENGTH> answer{};
     modbus_set_socket(context, reply_in_.get());
-    if (exception != 0) {
-      modbus_reply_exception(context, request.data(), static_cast<unsigned>(exception));
-    } else {
+    if (exception == 0) {
       modbus_mapping_t mapping{};
       mapping.nb_registers = static_cast<int>(image_.holding().size());
       mapping.tab_registers = image_.holding().data();
       mapping.nb_input_registers = static_cast<int>(image_.input().size());
       mapping.tab_input_registers = image_.input().data();
-      modbus_reply(context, request.data(), length, &mapping);
+      modbus_reply(context, request.adu.data(), static_cast<int>(request.adu.size()), &mapping);
+    } else {
+      // Its own would wrap the functions from 128 on, and wait.
+      const std::array<std::uint8_t, 2> pdu{static_cast<std::uint8_t>(request.pdu()[0] | 0x80U), static_cast<std::uint8_t>(exception)};
+      send_exception(end, request, pdu);
     }
-    std::array<std::uint8_t, MODBUS_MAX_ADU_LENGTH> answer{};
     const auto bytes = ::recv(reply_out_.get(), answer.data(), answer.size(), MSG_DONTWAIT);
-    if (bytes <= 0) return;  // a broadcast has no answer
+    if (bytes <= 0) return;
 
     const int wait = faults_.delay_ms.load() + faults_.late_ms.exchange(0);
     if (wait > 0 && !wait_ms(wait)) return;

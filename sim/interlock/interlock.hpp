@@ -34,7 +34,8 @@ class SimInterlock final : public interlock::Device {
   }
 
   [[nodiscard]] bool drive_enabled() const noexcept {
-    return estop_closed.load(std::memory_order_relaxed) && guard_closed.load(std::memory_order_relaxed);
+    return estop_closed.load(std::memory_order_relaxed) &&
+           (guard_closed.load(std::memory_order_relaxed) || !guard_stops_frame.load(std::memory_order_relaxed));
   }
   [[nodiscard]] double dump_opening() const noexcept {
     return energised_ && estop_closed.load(std::memory_order_relaxed) ? 0.0 : 1.0;
@@ -43,6 +44,7 @@ class SimInterlock final : public interlock::Device {
   // Switches for tests and demonstrations; any thread.
   std::atomic<bool> estop_closed{true};
   std::atomic<bool> guard_closed{true};
+  std::atomic<bool> guard_stops_frame{true};  ///< its contact is in the frame's own chain; else it is watched only
   std::atomic<bool> faulty{false};  ///< every call throws kDisconnected
 
  private:

@@ -20,20 +20,22 @@ Pneumatics::Pneumatics(const PneumaticParameters& p, double actuator_mL, double 
 
 Pneumatics::Flows Pneumatics::flows(double chamber_bar, double supply_bar) const noexcept {
   Flows f;
-  if (!supply_empty) f.regulator = p_.regulator_L_s_bar * std::max(0.0, regulator_bar_ - supply_bar);
+  const double regulator_bar = supply_psi_now > 0.0 ? p_.ambient_bar + kBarPerPsi * supply_psi_now : regulator_bar_;
+  if (!supply_empty) f.regulator = p_.regulator_L_s_bar * std::max(0.0, regulator_bar - supply_bar);
   if (fill_mean_ > 0.0) {
     f.fill = orifice_.flow_L_s(fill_mean_ * p_.fill_conductance_L_s_bar, supply_bar, chamber_bar);
   }
   const double outlet = vent_mean_ * p_.vent_conductance_L_s_bar + dump_mean_ * p_.dump_conductance_L_s_bar;
   if (outlet > 0.0) f.out = orifice_.flow_L_s(outlet, chamber_bar, p_.ambient_bar);
   f.out += 1e-3 * p_.leak_mL_s_bar * leak_factor * (chamber_bar - p_.ambient_bar);
+  if (burst_mL_s_bar > 0.0) f.out += 1e-3 * burst_mL_s_bar * (chamber_bar - p_.ambient_bar);
   return f;
 }
 
 void Pneumatics::step(const ValveTargets& targets, double actuator_mL) noexcept {
-  fill_mean_ = fill_.step(targets.fill);
-  vent_mean_ = vent_.step(targets.vent);
-  dump_mean_ = dump_.step(targets.dump);
+  fill_mean_ = fill_.step(fill_stuck_open ? 1.0 : targets.fill);
+  vent_mean_ = vent_.step(vent_stuck_shut ? 0.0 : targets.vent);
+  dump_mean_ = dump_.step(dump_stuck_shut ? 0.0 : targets.dump);
   const double volume_end_L = manifold_L_ + 1e-3 * actuator_mL;
 
   const Flows a = flows(chamber_bar_L_ / volume_L_, supply_bar_L_ * inverse_supply_L_);

@@ -46,6 +46,19 @@ void SimPressure::require_link() const {
   }
 }
 
+void SimPressure::set_limits(const pressure::FillLimits& limits) {
+  const auto visit = host_.enter();
+  const double counts = limits.pressure_max_psi / messages::kElvhPsiPerCount + messages::kElvhOffsetCounts;
+  messages::teensy::Limits wanted;
+  wanted.pressure_max_raw = static_cast<std::uint16_t>(std::clamp(std::floor(counts), 0.0, 14'746.0));
+  wanted.fill_allowance_permille = limits.fill_allowance_permille;
+  wanted.fill_max_ms = limits.fill_max_ms;
+  if (!guard_.set_limits(wanted)) {
+    throw drivers::DeviceError(drivers::Fault::kIdentity, "simulated pressure device: refuses these limits");
+  }
+  guards_ = true;
+}
+
 pressure::Identity SimPressure::connect() {
   const auto visit = host_.enter();
   connected_ = true;
@@ -58,7 +71,7 @@ pressure::Identity SimPressure::connect() {
   stored_ = 0;
   expected_ = sequence_;
   replies_pending_ = 0;
-  return {"isorig simulated Teensy with ELVH-030G", "SIM-PRESSURE-1", "1.0", 1, p_.sample_rate_hz};
+  return {"isorig simulated Teensy with ELVH-030G", "SIM-PRESSURE-1", "1.0", messages::teensy::kProtocolVersion, p_.sample_rate_hz};
 }
 
 pressure::Poll SimPressure::poll(std::span<pressure::Sample> samples_out,
@@ -113,7 +126,6 @@ void SimPressure::heartbeat() {
   require_link();
   heartbeat_seen_ = true;
   heartbeat_ns_ = visit.now_ns;
-  state_.vented_by_watchdog = false;
 }
 
 void SimPressure::request_time_sync() {
@@ -149,31 +161,59 @@ void SimPressure::check(std::int64_t now_ns) noexcept {
   if (now_ns >= next_check_ns_) next_check_ns_ = now_ns + kCheckInterval_ns;
   const bool alive = heartbeat_seen_ && static_cast<double>(now_ns - heartbeat_ns_) <= p_.watchdog_s * 1e9;
   if (!alive) {
-    state_.vented_by_watchdog = heartbeat_seen_;
-    state_.fill_permille = 0;
-    state_.vent_permille = 1000;
-    targets_.fill = 0.0;
-    targets_.vent = 1.0;
+    if (heartbeat_seen_) vent_itself(messages::teensy::VentCause::kHeartbeat, now_ns);
     queue_read_ = queue_write_;
     return;
   }
   while (queue_read_ != queue_write_ && queue_[queue_read_ % kQueue].at_ns <= now_ns) {
     const Pending& next = queue_[queue_read_++ % kQueue];
     if (faults.ignores_commands) continue;
-    state_.fill_permille = next.fill_permille;
-    state_.vent_permille = next.vent_permille;
-    targets_.fill = opening(next.fill_permille);
-    targets_.vent = opening(next.vent_permille);
+    const bool vents = next.fill_permille == 0 && next.vent_permille == 1000;
+    if (state_.vented_by_itself && !vents) continue;
+    state_.vented_by_itself = false;
+    drive(next.fill_permille, next.vent_permille, now_ns);
+  }
+  if (guards_) {
+    const auto cause = guard_.tick(static_cast<std::uint64_t>(now_ns / 1000));
+    if (cause != messages::teensy::VentCause::kNone) vent_itself(cause, now_ns);
   }
 }
 
+void SimPressure::drive(std::uint16_t fill_permille, std::uint16_t vent_permille, std::int64_t now_ns) noexcept {
+  guard_.apply(fill_permille, vent_permille, static_cast<std::uint64_t>(now_ns / 1000));
+  state_.fill_permille = fill_permille;
+  state_.vent_permille = vent_permille;
+  targets_.fill = opening(fill_permille);
+  targets_.vent = opening(vent_permille);
+}
+
+void SimPressure::vent_itself(messages::teensy::VentCause cause, std::int64_t now_ns) noexcept {
+  if (state_.fill_permille == 0 && state_.vent_permille == 1000) return;
+  drive(0, 1000, now_ns);
+  state_.vented_by_itself = true;
+  state_.cause = static_cast<pressure::VentCause>(cause);
+}
+
+double SimPressure::through_tube(double pressure_psi) noexcept {
+  if (faults.tube_off) {
+    at_sensor_psi_ = 0.0;
+  } else if (faults.tube_lag_ms > 0) {
+    const double step = 1.0 - std::exp(-1e-3 * sample_period_us_ / faults.tube_lag_ms);
+    at_sensor_psi_ += step * (pressure_psi - at_sensor_psi_);
+  } else if (!faults.tube_blocked) {
+    at_sensor_psi_ = pressure_psi;
+  }
+  return faults.low_permille == 0 ? at_sensor_psi_ : at_sensor_psi_ * (1.0 - 1e-3 * faults.low_permille);
+}
+
 std::uint32_t SimPressure::convert(double pressure_psi) noexcept {
+  const double sensed_psi = through_tube(pressure_psi);
   if (faults.bus_low) return 0;
   if (faults.bus_high) return 0xFFFFFFFFU;
   if (faults.stuck_value) return last_word_;
   if (faults.sensor_stale) return (last_word_ & 0x3FFFFFFFU) | 0x80000000U;
   const double noise_psi = p_.noise_counts * messages::kElvhPsiPerCount * noise_.normal();
-  last_word_ = messages::encode_elvh(p_.gain * pressure_psi + p_.offset_psi + noise_psi, temperature_C_);
+  last_word_ = messages::encode_elvh(p_.gain * sensed_psi + p_.offset_psi + noise_psi, temperature_C_);
   return faults.sensor_fault ? last_word_ | 0xC0000000U : last_word_;
 }
 
@@ -193,6 +233,11 @@ void SimPressure::after_step(const StepView& step) noexcept {
       const double pressure_psi =
           step.pressure_begin_psi + at_ns / length_ns * (step.pressure_end_psi - step.pressure_begin_psi);
       const std::uint32_t word = convert(pressure_psi);
+      if (guards_) {
+        const std::int64_t now_ns = step.begin_ns + static_cast<std::int64_t>(at_ns);
+        const auto cause = guard_.sample(word, static_cast<std::uint64_t>(now_ns / 1000));
+        if (cause != messages::teensy::VentCause::kNone) vent_itself(cause, now_ns);
+      }
       if (stored_ == ring_.size()) {
         ++dropped_;
       } else {

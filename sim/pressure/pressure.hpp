@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "drivers/pressure/pressure.hpp"
+#include "messages/teensy/fill_guard.hpp"
 #include "sim/device_clock.hpp"
 #include "sim/host.hpp"
 #include "sim/sync_line.hpp"
@@ -21,16 +22,24 @@ struct PressureFaults {
   bool bus_high = false;          ///< MISO open: 0xFFFFFFFF
   bool stuck_value = false;       ///< status 00, the count never changes
   bool ignores_commands = false;  ///< valves stay where they are
+  // Between chamber and sensor. The sensor itself is whole: its noise goes on.
+  bool tube_off = false;          ///< the sensor reads the room; the branch is narrow: no leak to speak of
+  bool tube_blocked = false;      ///< it reads what was locked in
+  int tube_lag_ms = 0;            ///< kinked: it follows with this time constant
+  int low_permille = 0;           ///< it reads so much too little
 };
 
 /// Teensy, ELVH and valve drivers as one device: conversions on a clock of its own, a sample queue that drops
 /// the newest when the host stalls, time-sync replies with drawn delays, valve commands with a dead time, and
-/// the watchdog that vents. Vents until the first heartbeat.
+/// the watchdog that vents. Vents until the first heartbeat. With limits it guards its filling as the firmware does
+/// (messages/teensy/fill_guard.hpp); without, as behind an emulated Teensy that guards for it, it fills as it is told.
+/// What it has vented by itself stays so until it is told to vent.
 class SimPressure final : public pressure::Device {
  public:
   SimPressure(const SensorParameters& parameters, const PneumaticParameters& valves, Host& host,
               std::uint64_t seed, std::int64_t start_ns);
 
+  void set_limits(const pressure::FillLimits& limits) override;
   pressure::Identity connect() override;
   void disconnect() noexcept override { connected_ = false; }
   pressure::Poll poll(std::span<pressure::Sample> samples_out, std::span<clock::Exchange> exchanges_out,
@@ -61,8 +70,11 @@ class SimPressure final : public pressure::Device {
   };
 
   void check(std::int64_t now_ns) noexcept;
+  void drive(std::uint16_t fill_permille, std::uint16_t vent_permille, std::int64_t now_ns) noexcept;
+  void vent_itself(messages::teensy::VentCause cause, std::int64_t now_ns) noexcept;
   [[nodiscard]] double opening(std::uint16_t permille) const noexcept;
   [[nodiscard]] std::uint32_t convert(double pressure_psi) noexcept;
+  [[nodiscard]] double through_tube(double pressure_psi) noexcept;
   void require_link() const;
 
   SensorParameters p_;
@@ -78,6 +90,7 @@ class SimPressure final : public pressure::Device {
   std::int64_t next_temperature_ns_;
   double temperature_C_ = 0.0;
   std::uint32_t last_word_ = 0;
+  double at_sensor_psi_ = 0.0;
 
   std::vector<pressure::Sample> ring_;
   std::size_t stored_ = 0, oldest_ = 0;
@@ -94,6 +107,8 @@ class SimPressure final : public pressure::Device {
   pressure::State state_;
   SyncLineTimes sync_line_;
   ValveTargets targets_;
+  messages::teensy::FillGuard guard_;
+  bool guards_ = false;
   bool heartbeat_seen_ = false;
   std::int64_t heartbeat_ns_ = 0;
   std::int64_t next_check_ns_ = 0;

@@ -85,6 +85,9 @@ class AllocationTest : public RigFixture {
  protected:
   void SetUp() override {
     RigFixture::SetUp();
+    guard_ticks();
+  }
+  void guard_ticks() {
     bench->around_core = [](Core& core, std::int64_t now_ns) {
       guarded = true;
       core.tick(now_ns, 0, 0);
@@ -112,7 +115,7 @@ TEST_F(AllocationTest, NoTickOfAWholeProtocolAllocatesLocksOrBlocks) {
   ASSERT_TRUE(ask(Request::Verb::kPause).accepted);
   run_for(1.0);
   ASSERT_TRUE(ask(Request::Verb::kResume).accepted);
-  ASSERT_TRUE(run_until(600.0, [&] { return bench->core().outcome() == Outcome::kDone; }));
+  ASSERT_TRUE(run_until(600.0, [&] { return bench->core().outcome() == Outcome::kDone; })) << to_text(bench->core().state()) << ": " << bench->core().status().fault;
   ASSERT_TRUE(reach(RunState::kReady, 30.0));
 
   ASSERT_TRUE(ask(Request::Verb::kStart, &plan).accepted);
@@ -124,6 +127,57 @@ TEST_F(AllocationTest, NoTickOfAWholeProtocolAllocatesLocksOrBlocks) {
   run_for(0.5);
   ASSERT_TRUE(ask(Request::Verb::kReset).accepted);
   ASSERT_TRUE(reach(RunState::kReady, 30.0));
+
+  // Faults upon a fault, a frame that does not stop, and the driver's words in each of them.
+  ASSERT_TRUE(ask(Request::Verb::kStart, &plan).accepted);
+  run_for(5.0);
+  bench->rig().frame().faults.stop_lost = 100;
+  bench->core().tick(bench->now_ns() + 1, 400'000'000, 0);
+  run_for(0.5);
+  bench->rig().frame().faults.silent = true;
+  bench->rig().pressure().faults.sensor_fault = true;
+  run_for(1.0);
+  EXPECT_GE(bench->core().status().fault_count, 3U);
+  bench->rig().frame().faults.silent = bench->rig().pressure().faults.sensor_fault = false;
+  run_for(3.0);
+  ASSERT_TRUE(ask(Request::Verb::kReset).accepted);
+  ASSERT_TRUE(ask(Request::Verb::kConfirmZero).accepted || bench->core().status().zero_confirmed);
+  ASSERT_TRUE(ask(Request::Verb::kAbort).accepted);
+  ASSERT_TRUE(reach(RunState::kReady, 30.0));
+  EXPECT_EQ(violations, 0) << "first seen: " << last_violation;
+}
+
+TEST_F(AllocationTest, NoTickOfArmingCountdownSetupAndJogAllocatesLocksOrBlocks) {
+  config.core.operating.arming_required = true;
+  rebuild();
+  guard_ticks();
+  violations = 0;
+  plan = protocol::compile_file(source("config/protocols/vma-short.toml"), config.limits);
+  ASSERT_TRUE(reach(RunState::kReady, 5.0));
+  ASSERT_TRUE(ask(Request::Verb::kArm).accepted);
+  ASSERT_TRUE(reach(RunState::kReady, 11.0));
+  ASSERT_TRUE(ask(Request::Verb::kSetup).accepted);
+  run_for(0.5);
+  ASSERT_TRUE(ask(Request::Verb::kGo, &plan).accepted == false);
+  Request jog;
+  jog.verb = Request::Verb::kJog;
+  jog.target_mm = 1.0;
+  bench->core().requests.push(jog);
+  run_for(3.0);
+  EXPECT_NE(event("jog.done"), nullptr);
+  Reply reply;
+  ASSERT_TRUE(bench->core().replies.pop(reply));
+  ASSERT_TRUE(ask(Request::Verb::kLeaveSetup).accepted);
+  ASSERT_TRUE(reach(RunState::kReady, 5.0));
+  ASSERT_TRUE(ask(Request::Verb::kArm).accepted);
+  ASSERT_TRUE(ask(Request::Verb::kGo, &plan).accepted);
+  run_for(2.0);
+  ASSERT_TRUE(ask(Request::Verb::kPause).accepted);
+  ASSERT_TRUE(reach(RunState::kReady, 5.0));
+  ASSERT_TRUE(ask(Request::Verb::kArm).accepted);
+  ASSERT_TRUE(ask(Request::Verb::kGo, &plan).accepted);
+  ASSERT_TRUE(reach(RunState::kRunning, 6.0));
+  run_for(1.0);
   EXPECT_EQ(violations, 0) << "first seen: " << last_violation;
 }
 

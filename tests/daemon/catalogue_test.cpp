@@ -4,7 +4,9 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <chrono>
 #include <csignal>
+#include <cstdio>
 
 #include "daemon/catalogue.hpp"
 #include "recording_rig.hpp"
@@ -142,6 +144,129 @@ TEST(Catalogue, ARunWhoseDaemonWasKilledIsInterruptedAndCanGoOn) {
   catalogue.close_run("killed", "done", "");
   EXPECT_EQ(catalogue.sessions_of("killed")[1].attempt, 2);
   EXPECT_EQ(catalogue.find_run("killed")->sessions_done, 2);
+}
+
+/// Two sessions, recorded and closed.
+void record_run(const std::filesystem::path& root, const std::string& id, bool close) {
+  const auto plan = two_sessions();
+  const auto info = info_for(plan);
+  Catalogue catalogue(root);
+  Recorder recorder(recorder_options(root / id), info);
+  recorder.on_session([&](const SessionChange& c) { catalogue.on_session(id, c); });
+  catalogue.open_run(id, info, plan, "p.toml", "Ada");
+  Streams streams;
+  run_plan(recorder, streams, {{1'000, 0, Keep::kFull}, {2'000, 2, Keep::kFull}}, 50);
+  EXPECT_TRUE(recorder.finish(streams, true));
+  if (close) catalogue.close_run(id, "done", "");
+}
+
+TEST(Catalogue, AReaderWithoutTheRightToWriteListsRuns) {
+  const TemporaryDirectory root("catalogue");
+  record_run(root.path(), "a-run", true);
+  std::filesystem::permissions(root.path(), std::filesystem::perms(0555));
+  std::filesystem::permissions(root.path() / "catalogue.sqlite", std::filesystem::perms(0444));
+  for (const bool with_log : {false, true}) {
+    if (with_log) {  // as a daemon leaves it that was killed: what was written last is in the log alone
+      std::filesystem::permissions(root.path(), std::filesystem::perms(0755));
+      std::filesystem::permissions(root.path() / "catalogue.sqlite", std::filesystem::perms(0644));
+      const auto kept = root.path() / "kept";
+      {
+        Catalogue last(root.path());
+        last.close_run("a-run", "failed", "written last");
+        std::filesystem::copy_file(root.path() / "catalogue.sqlite-wal", kept);
+      }
+      std::filesystem::rename(kept, root.path() / "catalogue.sqlite-wal");
+      std::filesystem::permissions(root.path(), std::filesystem::perms(0555));
+    }
+    const pid_t child = ::fork();
+    ASSERT_GE(child, 0);
+    if (child == 0) {
+      if (::geteuid() == 0 && (::setgid(65534) != 0 || ::setuid(65534) != 0)) ::_exit(9);
+      try {
+        const Catalogue watching(root.path(), Catalogue::Access::kReadOnly);
+        const auto run = watching.find_run("latest");
+        ::_exit(run && run->sessions_done == 2 && run->state == (with_log ? "failed" : "done") ? 0 : 1);
+      } catch (const std::exception& e) {
+        std::fprintf(stderr, "%s\n", e.what());
+        ::_exit(2);
+      }
+    }
+    int state = 0;
+    ASSERT_EQ(::waitpid(child, &state, 0), child);
+    EXPECT_EQ(WEXITSTATUS(state), 0) << (with_log ? "with" : "without") << " a write-ahead log";
+  }
+  std::filesystem::permissions(root.path(), std::filesystem::perms(0755));
+}
+
+TEST(Catalogue, OneThatIsLockedHoldsNobodyUpAndIsWrittenLater) {
+  const TemporaryDirectory root("catalogue");
+  const auto plan = two_sessions();
+  const auto info = info_for(plan);
+  Catalogue catalogue(root.path());
+  Recorder recorder(recorder_options(root.path() / "a-run"), info);
+  recorder.on_session([&](const SessionChange& c) { catalogue.on_session("a-run", c); });
+  catalogue.open_run("a-run", info, plan, "p.toml", "Ada");
+  sqlite3* other = nullptr;
+  ASSERT_EQ(sqlite3_open((root.path() / "catalogue.sqlite").c_str(), &other), SQLITE_OK);
+  ASSERT_EQ(sqlite3_exec(other, "BEGIN IMMEDIATE", nullptr, nullptr, nullptr), SQLITE_OK);
+  const auto start = std::chrono::steady_clock::now();
+  Streams streams;
+  run_plan(recorder, streams, {{1'000, 0, Keep::kFull}, {2'000, 2, Keep::kFull}}, 500);
+  EXPECT_THAT(recorder.status().catalogue_error, HasSubstr("locked"));
+  EXPECT_FALSE(recorder.finish(streams, true));
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(4)) << "the time-out of one statement was 5 s";
+  EXPECT_EQ(catalogue.sessions_of("a-run")[0].state, "planned");
+  ASSERT_EQ(sqlite3_exec(other, "ROLLBACK", nullptr, nullptr, nullptr), SQLITE_OK);
+  sqlite3_close(other);
+  EXPECT_TRUE(recorder.settle());
+  EXPECT_EQ(recorder.status().catalogue_error, "");
+  for (const auto& s : catalogue.sessions_of("a-run")) EXPECT_EQ(s.state, "done");
+}
+
+TEST(Catalogue, RecordingsThatAreInNoneAreEntered) {
+  const TemporaryDirectory root("catalogue");
+  record_run(root.path(), "whole", true);
+  record_run(root.path(), "never-closed", false);
+  {  // killed between the folder and the entry
+    Recorder recorder(recorder_options(root.path() / "just-begun"), info_for(two_sessions()));
+    std::filesystem::copy(root.path() / "just-begun", root.path() / "killed", std::filesystem::copy_options::recursive);
+  }
+  for (const bool deleted : {false, true}) {
+    if (deleted) {
+      for (const char* end : {"", "-wal", "-shm"}) std::filesystem::remove(root.path() / (std::string("catalogue.sqlite") + end));
+    }
+    const Catalogue catalogue(root.path());
+    EXPECT_EQ(catalogue.find_run("whole")->state, "done");
+    EXPECT_EQ(catalogue.find_run("never-closed")->state, "done") << "the recording has its end";
+    EXPECT_EQ(catalogue.find_run("whole")->sessions_done, 2);
+    ASSERT_TRUE(catalogue.find_run("killed"));
+    EXPECT_EQ(catalogue.find_run("killed")->state, "interrupted");
+    EXPECT_EQ(catalogue.find_run("killed")->started_utc, "2000-01-01T00:00:00Z");
+    const auto inputs = catalogue.inputs_of("killed");
+    EXPECT_EQ(inputs.first_open_session, 0U);
+    EXPECT_EQ(inputs.protocol_text, "# the protocol\n");
+  }
+}
+
+TEST(Catalogue, AKilledWritersReserveIsRemovedAndALiveOnesIsNot) {
+  const TemporaryDirectory root("catalogue");
+  record_run(root.path(), "killed", true);
+  std::ofstream(root.path() / "killed" / ".reserve") << std::string(1'000, '\0');
+  Recorder alive(recorder_options(root.path() / "alive"), info_for(two_sessions()));
+  ASSERT_TRUE(std::filesystem::exists(root.path() / "alive" / ".reserve"));
+  const Catalogue catalogue(root.path());
+  EXPECT_FALSE(std::filesystem::exists(root.path() / "killed" / ".reserve"));
+  EXPECT_TRUE(std::filesystem::exists(root.path() / "alive" / ".reserve"));
+}
+
+TEST(Catalogue, InputsThatAPowerCutEmptiedAreTakenFromTheRecording) {
+  const TemporaryDirectory root("catalogue");
+  record_run(root.path(), "a-run", true);
+  std::filesystem::resize_file(root.path() / "a-run" / "inputs" / "protocol.toml", 0);
+  std::filesystem::remove(root.path() / "a-run" / "inputs" / "specimen.toml");
+  const auto inputs = Catalogue(root.path()).inputs_of("a-run");
+  EXPECT_EQ(inputs.protocol_text, "# the protocol\n");
+  EXPECT_EQ(inputs.specimen_text, "# the specimen\n");
 }
 
 TEST(Catalogue, SaysWhatIsWrong) {

@@ -1,4 +1,5 @@
 #include <gmock/gmock.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <filesystem>
@@ -35,6 +36,36 @@ TEST(Devices, ARigHasOneDaemon) {
                 ThrowsMessage<std::runtime_error>(HasSubstr("drives the pressure device at /tmp/device-claim-test-")));
   }
   EXPECT_NO_THROW((void)open_devices(rig, clock));
+}
+
+/// Any user can take an abstract name: the message says whose process it is.
+TEST(Devices, WhoHoldsADeviceIsNamed) {
+  const std::string device = "frame at claim-holder-" + std::to_string(::getpid());
+  int ready[2], leave[2];
+  ASSERT_EQ(::pipe(ready), 0);
+  ASSERT_EQ(::pipe(leave), 0);
+  const pid_t child = ::fork();
+  if (child == 0) {
+    ::close(leave[1]);
+    if (::geteuid() == 0 && ::setuid(65534) != 0) ::_exit(1);
+    const DeviceClaim claim(device);
+    char byte = 0;
+    if (::write(ready[1], "x", 1) != 1) ::_exit(1);
+    (void)!::read(leave[0], &byte, 1);
+    ::_exit(0);
+  }
+  char byte = 0;
+  ASSERT_EQ(::read(ready[0], &byte, 1), 1);
+  EXPECT_THAT([&] { const DeviceClaim again(device); },
+              ThrowsMessage<std::runtime_error>(HasSubstr("process " + std::to_string(child))));
+  if (::geteuid() == 0) {
+    EXPECT_THAT([&] { const DeviceClaim again(device); },
+                ThrowsMessage<std::runtime_error>(HasSubstr("neither you nor root")));
+  }
+  ::close(leave[1]);
+  ::waitpid(child, nullptr, 0);
+  for (const int fd : {ready[0], ready[1], leave[0]}) ::close(fd);
+  EXPECT_NO_THROW(DeviceClaim{device});
 }
 
 TEST(Devices, PathsOfAnyLengthAreClaimed) {

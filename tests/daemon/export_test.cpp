@@ -30,7 +30,7 @@ TEST(Export, WritesWhatWasRecordedInTheRecordingFormat) {
     run_plan(recorder, streams, kPlan, 20);
     recorder.finish(streams, true);
   }
-  const auto report = export_run(dir.path() / "run", dir.path() / "out", {false, "the-run"});
+  const auto report = export_run(dir.path() / "run", dir.path() / "out", {.run_id = "the-run"});
   EXPECT_TRUE(report.read.whole());
   ASSERT_EQ(report.sessions.size(), 2U);
   EXPECT_EQ(report.sessions[0].folder, dir.path() / "out" / "rep-1_5-psi");
@@ -79,9 +79,9 @@ TEST(Export, KeepsRunsApart) {
     recorder.finish(streams, true);
   }
   const auto out = dir.path() / "out";
-  (void)export_run(dir.path() / "run", out, {false, "first"});
-  EXPECT_EQ(export_run(dir.path() / "run", out, {false, "first"}).sessions.size(), 2U);  // again: replaced
-  EXPECT_THAT([&] { (void)export_run(dir.path() / "run", out, {false, "second"}); },
+  (void)export_run(dir.path() / "run", out, {.run_id = "first"});
+  EXPECT_EQ(export_run(dir.path() / "run", out, {.run_id = "first"}).sessions.size(), 2U);  // again: replaced
+  EXPECT_THAT([&] { (void)export_run(dir.path() / "run", out, {.run_id = "second"}); },
               ::testing::ThrowsMessage<std::runtime_error>(HasSubstr("of run first; export into a folder of this run's own")));
 }
 
@@ -135,8 +135,8 @@ TEST(Export, RemapsStampsFromTheRecordedExchanges) {
     }
     recorder.finish(streams, true);
   }
-  const auto online = export_run(dir.path() / "run", dir.path() / "online", {false, ""});
-  const auto offline = export_run(dir.path() / "run", dir.path() / "offline", {true, ""});
+  const auto online = export_run(dir.path() / "run", dir.path() / "online", {});
+  const auto offline = export_run(dir.path() / "run", dir.path() / "offline", {.remap = true});
   const auto jitter_us = [&](const ExportReport& report) {
     const auto r = messages::read_recording(report.sessions.at(0).folder);
     double worst = 0.0;
@@ -148,6 +148,120 @@ TEST(Export, RemapsStampsFromTheRecordedExchanges) {
   EXPECT_GT(jitter_us(online), 80.0);
   EXPECT_LT(jitter_us(offline), 2.0);
   EXPECT_GT(offline.sessions.at(0).remap_rms_us, 10.0);
+}
+
+/// A frame whose clock and counter begin anew at 20 s, or whose clock steps, in averages and in full; the online stamps
+/// are right. Returns the report of an export with remapping, and how far its times are from the truth at worst.
+struct AfterBreak {
+  ExportReport report;
+  double worst_us = 0.0;
+  std::size_t rows = 0;
+};
+
+AfterBreak export_over_a_break(const std::filesystem::path& dir, Keep keep, double step_us, bool restart,
+                               std::int64_t wrong_online_ns = 0) {
+  const auto host_ns = [](std::int64_t i) { return i * kMs + 7'000'000; };
+  const auto device_us = [&](std::int64_t i) {
+    return i < 20'040 ? 31e6 + static_cast<double>(i) * 1e3
+                      : restart ? static_cast<double>(i - 20'040) * 1e3 : 31e6 + static_cast<double>(i) * 1e3 + step_us;
+  };
+  auto options = recorder_options(dir / "run");
+  options.before_s = 0.0;
+  {
+    Streams streams;
+    Recorder recorder(options, run_info());
+    for (std::int64_t i = 0; i < 40'000; ++i) {
+      auto f = frame_record(i, 0, keep);
+      f.sequence = static_cast<std::uint32_t>(restart && i >= 20'040 ? i - 20'040 : i);
+      f.device_us = std::llround(device_us(i));
+      f.mono_ns = host_ns(i);
+      f.bound_ns = 150'000.0F;
+      // Until an exchange tells, the old map goes on: the stamps follow the clock's step.
+      if (i >= 20'040 && i < 21'000) f.mono_ns += wrong_online_ns;
+      streams.frame.push(f);
+      if (i % 500 == 0) {
+        ExchangeRecord x;
+        x.device = DeviceId::kFrame;
+        const auto delay_ns = 100'000 + (i / 500 * 37 % 11) * 2'000;
+        x.exchange = {host_ns(i) - delay_ns, host_ns(i) + delay_ns, device_us(i), device_us(i)};
+        streams.exchanges.push(x);
+      }
+      if (i % 100 == 0) recorder.drain(streams, i * kMs);
+    }
+    recorder.finish(streams, true);
+  }
+  AfterBreak out;
+  out.report = export_run(dir / "run", dir / "out", {.remap = true});
+  const auto remapped = messages::read_recording(out.report.sessions.at(0).folder);
+  const auto online = messages::read_recording(export_run(dir / "run", dir / "online", {}).sessions.at(0).folder);
+  out.rows = remapped.frame.size();
+  EXPECT_EQ(out.rows, online.frame.size()) << "rows are gone";
+  for (std::size_t i = 0; i < std::min(out.rows, online.frame.size()); ++i) {
+    out.worst_us = std::max(out.worst_us, std::abs(remapped.frame.t_s[i] - online.frame.t_s[i]) * 1e6);
+  }
+  return out;
+}
+
+TEST(Export, ARestartedDeviceClockIsMappedByItsParts) {
+  for (const auto keep : {Keep::kFull, Keep::kAveraged}) {
+    const TemporaryDirectory dir("export");
+    const auto result = export_over_a_break(dir.path(), keep, 0.0, true);
+    EXPECT_LT(result.worst_us, 300.0) << "an interval over the restart was put seconds away";
+    EXPECT_EQ(result.report.sessions[0].not_increasing, 0U);
+    EXPECT_GE(result.report.sessions[0].clock_breaks, 1U);
+    EXPECT_LE(result.report.sessions[0].kept_online, 1U);
+    EXPECT_GT(result.rows, 300U);
+  }
+}
+
+TEST(Export, ASteppedDeviceClockIsMappedByItsParts) {
+  for (const double step_us : {-30e6, 30e6, -50e3, 50e3}) {
+    for (const auto keep : {Keep::kFull, Keep::kAveraged}) {
+      const TemporaryDirectory dir("export");
+      const auto result = export_over_a_break(dir.path(), keep, step_us, false);
+      EXPECT_LT(result.worst_us, 300.0) << step_us;
+      EXPECT_GE(result.report.sessions[0].clock_breaks, 1U) << step_us;
+    }
+  }
+}
+
+/// Where the online stamps and the exchanges contradict each other nobody can say which is right: nothing is moved, and
+/// that is said.
+TEST(Export, StampsThatContradictTheExchangesStayAndAreCounted) {
+  const TemporaryDirectory dir("export");
+  const auto result = export_over_a_break(dir.path(), Keep::kFull, 50e3, false, 50 * kMs);
+  EXPECT_LT(result.worst_us, 300.0);
+  EXPECT_GE(result.report.sessions[0].kept_online, 19'000U);
+}
+
+TEST(Export, EveryFolderSaysInWhichStateTheRecordingWas) {
+  const TemporaryDirectory dir("export");
+  const auto run = dir.path() / "run";
+  auto info = two_sessions();
+  info.operator_name = "Ada";
+  {
+    Streams streams;
+    Recorder recorder(recorder_options(run), info);
+    run_plan(recorder, streams, kPlan, 20);
+    recorder.finish(streams, true);
+  }
+  const auto further = [&](const ExportReport& report, std::size_t i) {
+    return messages::read_recording(report.sessions.at(i).folder).metadata.further_toml;
+  };
+  const auto whole = export_run(run, dir.path() / "whole", {});
+  EXPECT_EQ(whole.read.state(), messages::RecordingState::kWhole);
+  EXPECT_THAT(further(whole, 0), HasSubstr("recording_state = 'whole'"));
+  EXPECT_THAT(further(whole, 0), HasSubstr("operator = 'Ada'"));
+
+  std::filesystem::remove(run / "segment-0002.lcm");
+  ExportOptions closed;
+  closed.outcome = "done";
+  const auto cut = export_run(run, dir.path() / "cut", closed);
+  EXPECT_EQ(cut.read.state(), messages::RecordingState::kDamaged);
+  ASSERT_EQ(cut.sessions.size(), 1U) << "what can be read is exported";
+  EXPECT_THAT(further(cut, 0), HasSubstr("recording_state = 'damaged'"));
+  EXPECT_THAT(further(cut, 0), HasSubstr("segment-0002.lcm is missing"));
+  EXPECT_THAT(cut.read.complaints(), ::testing::Contains(HasSubstr("the catalogue has the run as done")));
 }
 
 }  // namespace

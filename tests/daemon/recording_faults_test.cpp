@@ -3,15 +3,36 @@
 #include <gtest/gtest.h>
 #include <sys/mount.h>
 #include <sys/resource.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <cerrno>
 #include <csignal>
 #include <cstring>
+#include <set>
 
 #include "daemon/recorder.hpp"
 #include "messages/log_writer.hpp"
 #include "recording_rig.hpp"
+
+/// A disk that fails: a segment's fdatasync gives EIO once for each name that is set here, everything else goes on to
+/// the kernel. (A program's own symbol comes before libc's.)
+static std::set<std::string> failing_syncs;  // names of files
+static std::vector<std::string> syncs;       // names of segments, as they were synced
+
+extern "C" int fdatasync(int fd) {
+  char link[64], name[512];
+  std::snprintf(link, sizeof link, "/proc/self/fd/%d", fd);
+  const auto n = ::readlink(link, name, sizeof name);
+  const auto file = std::filesystem::path(std::string(name, n > 0 ? static_cast<std::size_t>(n) : 0)).filename().string();
+  if (file.starts_with("segment-")) syncs.push_back(file);
+  if (failing_syncs.erase(file) > 0) {
+    errno = EIO;
+    return -1;
+  }
+  return static_cast<int>(::syscall(SYS_fdatasync, fd));
+}
 
 /// Crashes, torn files, full disks.
 namespace isorig::daemon::testing {
@@ -177,6 +198,174 @@ TEST(RecordingFaults, AFullDiskLosesNothing) {
   ASSERT_EQ(c.frames.size(), 7'000U);
 }
 
+RunInfo two_sessions() {
+  auto info = run_info();
+  info.sessions = {{0, 1, 5.0, 118.0}, {2, 1, 10.0, 117.0}};
+  return info;
+}
+
+TEST(RecordingFaults, ASessionIsToldAsDoneOnlyAfterItsSegmentWasSynced) {
+  const TemporaryDirectory dir("faults");
+  Streams streams;
+  Recorder recorder(recorder_options(dir.path()), two_sessions());
+  std::vector<std::string> told;
+  syncs.clear();
+  recorder.on_session([&](const SessionChange& c) {
+    if (c.began) return;
+    // What a power cut at this moment would leave: the file as it was synced last, which is now.
+    Collected on_disk;
+    messages::read_run(dir.path(), on_disk);
+    EXPECT_TRUE(std::any_of(on_disk.marks.begin(), on_disk.marks.end(), [&](const auto& m) {
+      return m.kind == isorig_msgs::session_mark_t::END && m.session.session == c.session;
+    })) << "session " << c.session << " is told, and its end is not written";
+    EXPECT_FALSE(syncs.empty());
+    syncs.clear();
+    told.push_back(std::to_string(c.session) + (c.complete ? " done" : " not"));
+  });
+  run_plan(recorder, streams, {{1'500, 0, Keep::kFull}, {3'000, 2, Keep::kFull}}, 20);
+  EXPECT_TRUE(recorder.finish(streams, true));
+  EXPECT_EQ(told, (std::vector<std::string>{"0 done", "1 done"}));
+}
+
+TEST(RecordingFaults, AFailedSyncIsFinalAndTheRecordingGoesOnElsewhere) {
+  const TemporaryDirectory dir("faults");
+  Streams streams;
+  auto options = recorder_options(dir.path());
+  options.sync_interval_s = 0.5;
+  Recorder recorder(options, two_sessions());
+  std::vector<bool> complete;
+  recorder.on_session([&](const SessionChange& c) {
+    if (!c.began) complete.push_back(c.complete);
+  });
+  run_plan(recorder, streams, {{1'500, 0, Keep::kFull}}, 20);
+  failing_syncs.insert("segment-0001.lcm");  // once: the next one would "succeed"
+  run_plan(recorder, streams, {{3'000, 1, Keep::kFull}, {4'000, 2, Keep::kFull}}, 20, 1'500);
+  EXPECT_EQ(recorder.disk(), DiskCondition::kUnvouched);
+  EXPECT_THAT(recorder.status().fault, HasSubstr("Input/output error"));
+  EXPECT_TRUE(recorder.finish(streams, true)) << "what came later is on the disk";
+  EXPECT_EQ(recorder.disk(), DiskCondition::kUnvouched);
+  EXPECT_THAT(recorder.status().fault, HasSubstr("Input/output error"));
+  EXPECT_EQ(complete, (std::vector<bool>{false, true}));
+  Collected c;
+  const auto report = messages::read_run(dir.path(), c);
+  EXPECT_EQ(report.state(), messages::RecordingState::kIncomplete) << ::testing::PrintToString(report.complaints());
+  EXPECT_EQ(c.segments.size(), 3U);
+  EXPECT_EQ(c.frames.size(), 4'000U);
+  EXPECT_TRUE(std::any_of(c.events.begin(), c.events.end(), [](const auto& e) { return e.code == "recorder.disk"; }));
+}
+
+TEST(RecordingFaults, AFailedSyncAtTheVeryEndIsNotDone) {
+  const TemporaryDirectory dir("faults");
+  Streams streams;
+  Recorder recorder(recorder_options(dir.path()), run_info());
+  bool complete = true;
+  recorder.on_session([&](const SessionChange& c) { complete = c.began || c.complete; });
+  run_plan(recorder, streams, kFull, 20);
+  failing_syncs.insert("segment-0001.lcm");
+  recorder.finish(streams, true);
+  EXPECT_FALSE(complete);
+  EXPECT_THAT(recorder.status().fault, HasSubstr("Input/output error"));
+  Collected c;
+  EXPECT_FALSE(messages::read_run(dir.path(), c).whole());
+  EXPECT_EQ(c.frames.size(), 3'000U);
+}
+
+TEST(RecordingFaults, AFullDiskAtTheVeryEndIsNotDoneUntilThereIsRoom) {
+  const TemporaryDirectory dir("faults");
+  const auto disk = dir.path() / "disk";
+  std::filesystem::create_directory(disk);
+  if (::mount("tmpfs", disk.c_str(), "tmpfs", 0, "size=2m") != 0) {
+    GTEST_SKIP() << "mounting a small disk needs root: " << std::strerror(errno);
+  }
+  struct Unmount {
+    std::filesystem::path at;
+    ~Unmount() { ::umount2(at.c_str(), MNT_DETACH); }
+  } unmount{disk};
+  auto options = recorder_options(disk / "run");
+  options.min_free_bytes = 0;
+  options.reserve_bytes = 0;
+  options.free_bytes = nullptr;
+  Streams streams;
+  Recorder recorder(options, run_info());
+  bool complete = false;
+  recorder.on_session([&](const SessionChange& c) { complete = !c.began && c.complete; });
+  run_plan(recorder, streams, kFull, 20);
+  const int hog = ::open((disk / "hog").c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
+  const std::string block(4096, 'x');
+  while (::write(hog, block.data(), block.size()) > 0) {
+  }
+  ::close(hog);
+  EXPECT_FALSE(recorder.finish(streams, true));
+  EXPECT_FALSE(complete);
+  EXPECT_THAT(recorder.status().fault, HasSubstr("No space left"));
+  EXPECT_FALSE(recorder.settle());
+  std::filesystem::remove(disk / "hog");
+  EXPECT_TRUE(recorder.settle());
+  EXPECT_TRUE(complete);
+  EXPECT_EQ(recorder.status().fault, "");
+  Collected c;
+  EXPECT_EQ(messages::read_run(disk / "run", c).state(), messages::RecordingState::kWhole);
+}
+
+TEST(RecordingFaults, ARemovedFolderIsACondition) {
+  const TemporaryDirectory dir("faults");
+  auto options = recorder_options(dir.path() / "run");
+  options.free_bytes = nullptr;
+  Streams streams;
+  Recorder recorder(options, run_info());
+  run_plan(recorder, streams, {{1'500, 0, Keep::kFull}}, 20);
+  std::filesystem::remove_all(dir.path() / "run");
+  run_plan(recorder, streams, {{4'000, 0, Keep::kFull}}, 20, 1'500);
+  EXPECT_GE(recorder.disk(), DiskCondition::kFailing);
+  EXPECT_THAT(recorder.status().fault, HasSubstr("was removed"));
+  EXPECT_GT(recorder.status().held_bytes, 0U);
+  std::filesystem::create_directory(dir.path() / "run");  // it is back: what was held is written
+  EXPECT_TRUE(recorder.finish(streams, true));
+  EXPECT_EQ(recorder.status().held_bytes, 0U);
+  EXPECT_NE(recorder.status().fault, "");
+  Collected c;
+  EXPECT_EQ(messages::read_run(dir.path() / "run", c).state(), messages::RecordingState::kDamaged);
+  EXPECT_GT(c.frames.size(), 1'000U);
+}
+
+TEST(RecordingFaults, WhatTheQueuesDroppedIsMarkedAndTheSessionNotComplete) {
+  const TemporaryDirectory dir("faults");
+  Streams streams(1'000);
+  auto options = recorder_options(dir.path());
+  for (std::int64_t i = 0; i < 2'000; ++i) streams.pressure.push(pressure_record(i, 0, Keep::kFull));
+  options.dropped_before = streams.dropped();  // an earlier run's, or nobody's
+  ASSERT_GT(options.dropped_before, 0U);
+  PressureRecord none;
+  while (streams.pressure.pop(none)) {
+  }
+  Recorder recorder(options, two_sessions());
+  std::vector<bool> complete;
+  recorder.on_session([&](const SessionChange& c) {
+    if (!c.began) complete.push_back(c.complete);
+  });
+  run_plan(recorder, streams, {{1'000, 0, Keep::kFull}}, 20);
+  EXPECT_EQ(recorder.status().fault, "");
+  for (std::int64_t i = 1'000; i < 5'000; ++i) push_ms(streams, i, {5'000, 0, Keep::kFull});  // nobody drains
+  run_plan(recorder, streams, {{7'000, 0, Keep::kFull}, {8'000, 2, Keep::kFull}}, 20, 5'000);
+  EXPECT_TRUE(recorder.finish(streams, true));
+  EXPECT_EQ(recorder.last_turn_ns(), 7'980 * kMs);
+  EXPECT_THAT(recorder.status().fault, HasSubstr("records were dropped"));
+  EXPECT_EQ(complete, (std::vector<bool>{false, true}));
+  Collected c;
+  const auto report = messages::read_run(dir.path(), c);
+  EXPECT_EQ(report.state(), messages::RecordingState::kIncomplete) << ::testing::PrintToString(report.complaints());
+  EXPECT_EQ(report.dropped_records, streams.dropped() - options.dropped_before);
+  double marked = 0.0;
+  std::size_t marks = 0;
+  for (const auto& e : c.events) {
+    if (e.code != "recorder.dropped") continue;
+    marked += e.value;
+    ++marks;
+  }
+  EXPECT_EQ(marked, static_cast<double>(report.dropped_records));
+  EXPECT_LE(marks, 3U) << "once a second, and not once a slice";
+}
+
 /// A file that cannot grow (RLIMIT_FSIZE): writes come back short, then fail. Whole events stay whole.
 TEST(RecordingFaults, AShortWriteLosesAndTearsNothing) {
   const TemporaryDirectory dir("faults");
@@ -218,7 +407,7 @@ TEST(RecordingFaults, WhenMemoryIsUsedUpTheLossIsCounted) {
     messages::LogWriter log(dir.path() / "segment-0001.lcm", o);
     const rlimit none{0, RLIM_INFINITY};
     ::setrlimit(RLIMIT_FSIZE, &none);
-    const std::vector<std::uint8_t> data(971, 7);  // 1000 B an event
+    const std::vector<std::uint8_t> data(967, 7);  // 1000 B an event
     int taken = 0;
     for (int i = 0; i < 100; ++i) taken += log.append("X", i, data) ? 1 : 0;
     ::_exit(taken == 20 && log.lost_events() == 80 ? 0 : 1);

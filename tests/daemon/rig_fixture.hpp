@@ -85,6 +85,7 @@ class RigFixture : public ::testing::Test {
     ControlRecord c;
     EventRecord e;
     ExchangeRecord x;
+    SyncRecord s;
     while (bench->streams.frame.pop(f)) {
       if (keep_records) frame.push_back(f);
       ++frame_count;
@@ -95,6 +96,7 @@ class RigFixture : public ::testing::Test {
     }
     while (bench->streams.control.pop(c)) control = c;
     while (bench->streams.exchanges.pop(x)) ++exchange_count;
+    while (bench->streams.sync.pop(s)) sync.push_back(s);
     while (bench->streams.events.pop(e)) events.push_back(e);
     while (bench->core().host_events.pop(e)) {
     }
@@ -115,6 +117,7 @@ class RigFixture : public ::testing::Test {
   std::vector<FrameRecord> frame;
   std::vector<PressureRecord> pressure;
   std::vector<EventRecord> events;
+  std::vector<SyncRecord> sync;
   ControlRecord control;
   std::uint64_t frame_count = 0, pressure_count = 0, exchange_count = 0;
 };

@@ -70,6 +70,7 @@ class TeensyOnPty : public testing::Test {
     auto owned = std::make_unique<PumpedStream>(link_, clock_, emulator);
     stream_ = owned.get();
     device = std::make_unique<Teensy>(Teensy::Options{.serial = serial}, std::move(owned), clock_);
+    device->set_limits({.pressure_max_psi = 24.0, .fill_allowance_permille = 100, .fill_max_ms = 20'000});
   }
   Poll poll_into(Log& run, std::int64_t timeout_ns) {
     const Poll result = device->poll(samples_, exchanges_, timeout_ns);
@@ -79,7 +80,7 @@ class TeensyOnPty : public testing::Test {
                          exchanges_.begin() + static_cast<long>(result.exchanges));
     run.lost += result.lost;
     run.corrupt += result.corrupt;
-    run.was_vented = run.was_vented || result.state.vented_by_watchdog;
+    run.was_vented = run.was_vented || result.state.vented_by_itself;
     run.state = result.state;
     return result;
   }

@@ -143,6 +143,50 @@ TEST_F(TeensyOnScript, SilenceIsATimeOut) {
   EXPECT_FALSE(stream->is_open());
 }
 
+TEST_F(TeensyOnScript, WhatComesAndIsNoAnswerIsSaid) {
+  stream->on_packet = nullptr;
+  stream->incoming.assign(100'000, 'U');  // another sketch that prints, or another baud rate
+  const DeviceError error = error_of([&] { device->connect(); });
+  EXPECT_EQ(error.fault(), Fault::kTimeout);
+  EXPECT_THAT(error.what(), HasSubstr("100000 bytes came and no frame of the isorig firmware among them"));
+}
+
+TEST_F(TeensyOnScript, ConnectsOnlyToADeviceThatKeepsTheLimits) {
+  const FillLimits wanted{.pressure_max_psi = 24.0, .fill_allowance_permille = 75, .fill_max_ms = 6500};
+  device->set_limits(wanted);
+  int asked = 0;
+  wire::LimitsReply answer;
+  const auto with = [&](int answers_from, std::function<void(wire::LimitsReply&)> change) {
+    stream->on_packet = [&, answers_from, change](const wire::Packet& packet) {
+      answer_identity(packet);
+      wire::Limits limits;
+      if (!parse(packet, limits) || ++asked < answers_from) return;
+      answer = {limits, 1};
+      change(answer);
+      stream->push(encode(answer));
+    };
+  };
+  with(2, [](wire::LimitsReply&) {});  // the first was lost
+  device->connect();
+  EXPECT_EQ(asked, 2);
+  EXPECT_EQ(answer.limits.pressure_max_raw, 12'124);  // 24 psi, rounded down
+  EXPECT_EQ(answer.limits.fill_allowance_permille, 75);
+  EXPECT_EQ(answer.limits.fill_max_ms, 6500U);
+
+  with(0, [](wire::LimitsReply& reply) { reply.limits.pressure_max_raw += 1; });
+  EXPECT_EQ(error_of([&] { device->connect(); }).fault(), Fault::kIdentity);
+  with(0, [](wire::LimitsReply& reply) { reply.accepted = 0; });
+  const DeviceError refused = error_of([&] { device->connect(); });
+  EXPECT_EQ(refused.fault(), Fault::kIdentity);
+  EXPECT_THAT(refused.what(), HasSubstr("other limits"));
+  EXPECT_FALSE(stream->is_open());
+
+  stream->on_packet = [this](const wire::Packet& packet) { answer_identity(packet); };
+  const DeviceError silent = error_of([&] { device->connect(); });
+  EXPECT_EQ(silent.fault(), Fault::kTimeout);
+  EXPECT_THAT(silent.what(), HasSubstr("limits"));
+}
+
 TEST_F(TeensyOnScript, AnAnswerToAnEarlierSessionIsNotTaken) {
   stream->on_packet = [&](const wire::Packet& packet) {
     wire::IdentityRequest request;
@@ -161,9 +205,10 @@ TEST_F(TeensyOnScript, RefusesAnotherSerialNumberModelOrVersion) {
     const char* text;
   };
   for (const Case& test :
-       {Case{[](auto& identity) { std::strcpy(identity.serial, "7654320"); }, 1, "serial number '7654320'"},
-        Case{[](auto& identity) { std::strcpy(identity.model, "coffee-machine"); }, 1, "'coffee-machine'"},
-        Case{[](auto&) {}, 2, "protocol version 2"}}) {
+       {Case{[](auto& identity) { std::strcpy(identity.serial, "7654320"); }, wire::kProtocolVersion, "serial number '7654320'"},
+        Case{[](auto& identity) { std::strcpy(identity.model, "coffee-machine"); }, wire::kProtocolVersion, "'coffee-machine'"},
+        Case{[](auto&) {}, 1, "speaks protocol version 1"},  // which caps nothing by itself
+        Case{[](auto&) {}, 3, "speaks protocol version 3"}}) {
     stream->incoming.clear();
     stream->on_packet = [&](const wire::Packet& packet) {
       wire::IdentityRequest request;
@@ -324,17 +369,20 @@ TEST_F(TeensyOnScript, ReportsAVentThatIsOverAlreadyOnce) {
   device->connect();
   wire::Status status;
   status.device_us = 10'000'000;
-  status.watchdog_vents = 4;  // before our time
+  status.self_vents = 4;  // before our time
   stream->push(encode(status));
-  EXPECT_FALSE(poll().state.vented_by_watchdog);
-  status.watchdog_vents = 5;
+  EXPECT_FALSE(poll().state.vented_by_itself);
+  status.self_vents = 5;
+  status.cause = wire::VentCause::kFillTime;
   stream->push(encode(status));
-  EXPECT_TRUE(poll().state.vented_by_watchdog);
-  EXPECT_FALSE(poll().state.vented_by_watchdog);
-  status.flags = wire::kStatusWatchdogVented;
+  const State vented = poll().state;
+  EXPECT_TRUE(vented.vented_by_itself);
+  EXPECT_EQ(vented.cause, VentCause::kFillTime);
+  EXPECT_FALSE(poll().state.vented_by_itself);
+  status.flags = wire::kStatusSelfVented;
   stream->push(encode(status));
-  EXPECT_TRUE(poll().state.vented_by_watchdog);
-  EXPECT_TRUE(poll().state.vented_by_watchdog);
+  EXPECT_TRUE(poll().state.vented_by_itself);
+  EXPECT_TRUE(poll().state.vented_by_itself);
 }
 
 TEST_F(TeensyOnScript, CountsCorruptAndForeignFrames) {

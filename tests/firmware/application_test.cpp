@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "fake_hardware.hpp"
 
 namespace isorig::firmware {
@@ -22,6 +24,7 @@ class Firmware : public testing::Test {
   }
   void open_session() {
     hardware.say(IdentityRequest{.session = 7});
+    hardware.say(Limits{.pressure_max_raw = 14'000, .fill_allowance_permille = 100, .fill_max_ms = 2'000});
     hardware.say(Heartbeat{});
     run_ms(2);
   }
@@ -111,7 +114,7 @@ TEST_F(Firmware, VentsWhenHeartbeatsStop) {
   run_ms(20, false);
   EXPECT_TRUE(is_unpowered());
   EXPECT_LE(hardware.driven_us - last_us, 200'000U + 1'000U);
-  EXPECT_EQ(application.status().watchdog_vents, 1);
+  EXPECT_EQ(application.status().self_vents, 1);
   run_ms(300, false);
   EXPECT_NEAR(hardware.sensor.pressure_raw(), SimulatedElvh::kRestRaw, 100);
   command(1000, 0);
@@ -228,6 +231,80 @@ TEST_F(Firmware, TheLedTellsStatesApart) {
   command(1000, 0);
   run_ms(300, false);
   EXPECT_NEAR(changes_in_a_second(false), 10, 1);
+}
+
+// Without the host, and against it: commands and heartbeats go on.
+
+class FirmwareGuard : public Firmware {
+ protected:
+  FirmwareGuard() { hardware.sensor.set_noise(true); }
+  void fill_ms(int ms, std::uint16_t fill_permille = 1000) {
+    for (int i = 0; i < ms; i += 10) {
+      hardware.say(ValveCommand{.sequence = ++sequence, .fill_permille = fill_permille, .vent_permille = 0, .validity_ms = 100});
+      run_ms(10);
+    }
+  }
+  void expect_vented(VentCause cause) {
+    EXPECT_TRUE(is_unpowered());
+    EXPECT_EQ(application.status().cause, cause);
+    EXPECT_EQ(application.status().flags & kStatusSelfVented, kStatusSelfVented);
+    fill_ms(200);
+    EXPECT_TRUE(is_unpowered()) << "latched";
+    run_ms(300);
+    EXPECT_NEAR(hardware.sensor.pressure_raw(), SimulatedElvh::kRestRaw, 100);
+  }
+};
+
+TEST_F(FirmwareGuard, VentsAboveTheGreatestPressure) {
+  hardware.say(IdentityRequest{.session = 7});
+  hardware.say(Limits{.pressure_max_raw = 8'000, .fill_allowance_permille = 100, .fill_max_ms = 2'000});
+  hardware.say(Heartbeat{});
+  std::uint16_t highest = 0;
+  for (int i = 0; i < 30; ++i) {
+    fill_ms(10);
+    highest = std::max(highest, hardware.sensor.pressure_raw());
+  }
+  // At 33 counts a conversion: four of them, and the one that was under way.
+  EXPECT_LE(highest, 8'000 + 6 * 40);
+  expect_vented(VentCause::kPressureHigh);
+}
+
+TEST_F(FirmwareGuard, VentsAFillThatDoesNotEnd) {
+  open_session();
+  fill_ms(2'200);
+  EXPECT_FALSE(is_unpowered());
+  fill_ms(50);
+  expect_vented(VentCause::kFillTime);
+}
+
+TEST_F(FirmwareGuard, VentsWhenTheSensorDiesWhileItFills) {
+  for (const auto fault : {SimulatedElvh::Fault::kAbsent, SimulatedElvh::Fault::kShorted, SimulatedElvh::Fault::kSilent,
+                           SimulatedElvh::Fault::kStuckCurrent, SimulatedElvh::Fault::kDiagnostic}) {
+    SCOPED_TRACE(static_cast<int>(fault));
+    open_session();
+    command(0, 1000);
+    fill_ms(50, 300);
+    EXPECT_FALSE(is_unpowered());
+    hardware.sensor.set_fault(fault);
+    fill_ms(90, 300);
+    const bool is_early = is_unpowered();
+    fill_ms(30, 300);
+    EXPECT_FALSE(is_early);
+    hardware.sensor.set_fault(SimulatedElvh::Fault::kNone);
+    expect_vented(VentCause::kSensorSilent);
+    command(0, 1000);
+  }
+}
+
+TEST_F(FirmwareGuard, VentsWhenTheCountStandsWhileItFills) {
+  open_session();
+  fill_ms(50, 300);
+  hardware.sensor.set_fault(SimulatedElvh::Fault::kStuckCount);
+  fill_ms(300, 300);
+  EXPECT_FALSE(is_unpowered());
+  fill_ms(50, 300);
+  hardware.sensor.set_fault(SimulatedElvh::Fault::kNone);
+  expect_vented(VentCause::kSensorStuck);
 }
 
 }  // namespace

@@ -142,6 +142,7 @@ TEST_F(K66, DrivesTheCoilsAndVentsWhenTheHostFallsSilent) {
   boot();
   open();
   say(IdentityRequest{});
+  say(Limits{.pressure_max_raw = 12'124, .fill_allowance_permille = 100, .fill_max_ms = 2'000});
   say(Heartbeat{});
   say(ValveCommand{.sequence = 1, .fill_permille = 250, .vent_permille = 0, .validity_ms = 1'000});
   machine.run_ms(1);
@@ -155,6 +156,29 @@ TEST_F(K66, DrivesTheCoilsAndVentsWhenTheHostFallsSilent) {
   EXPECT_FALSE(is_unpowered());
   machine.run_ms(12);
   EXPECT_TRUE(is_unpowered()) << "200 ms without a heartbeat, and nobody even reads";
+}
+
+TEST_F(K66, VentsByItselfWhenItsSensorDiesWhileItFills) {
+  boot();
+  open();
+  say(IdentityRequest{});
+  say(ValveCommand{.sequence = 1, .fill_permille = 250, .vent_permille = 0, .validity_ms = 1'000});
+  say(Heartbeat{});
+  machine.run_ms(1);
+  EXPECT_TRUE(is_unpowered()) << "no limits, no filling";
+  say(Limits{.pressure_max_raw = 12'124, .fill_allowance_permille = 100, .fill_max_ms = 2'000});
+  say(ValveCommand{.sequence = 2, .fill_permille = 250, .vent_permille = 0, .validity_ms = 1'000});
+  machine.run_ms(20);
+  EXPECT_EQ(machine.coil_permille(kFill, 0), 250);
+  machine.sensor.set_fault(SimulatedElvh::Fault::kAbsent);
+  machine.run_ms(90);
+  EXPECT_EQ(machine.coil_permille(kFill, 0), 250);
+  machine.run_ms(15);
+  EXPECT_TRUE(is_unpowered());
+  std::optional<Status> status;
+  for (int i = 0; i < 4 && (!status || status->cause == VentCause::kNone); ++i) status = hear<Status>();  // some are older
+  ASSERT_TRUE(status);
+  EXPECT_EQ(status->cause, VentCause::kSensorSilent);
 }
 
 TEST_F(K66, AHostThatDoesNotReadCostsNoTime) {
@@ -173,6 +197,7 @@ TEST_F(K66, At134BaudItVentsStopsTheWatchdogAndWaitsForTheBootLoader) {
   boot();
   open();
   say(IdentityRequest{});
+  say(Limits{.pressure_max_raw = 12'124, .fill_allowance_permille = 100, .fill_max_ms = 2'000});
   say(Heartbeat{});
   say(ValveCommand{.sequence = 1, .fill_permille = 500, .vent_permille = 0, .validity_ms = 1'000});
   machine.run_ms(1);

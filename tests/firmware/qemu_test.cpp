@@ -34,6 +34,8 @@ class Qemu : public testing::Test {
     device = std::make_unique<Teensy>(
         Teensy::Options{.serial = "QEMU0", .connect_timeout_ns = kPatience},
         std::make_unique<pressure::TtyStream>(pressure::TtyStream::Options{.path = machine.link()}), clock);
+    // The simulated sensor has no noise: at the supply's pressure its count stands, so no cap here.
+    device->set_limits({.pressure_max_psi = 30.0});
     const pressure::Identity identity = device->connect();
     EXPECT_EQ(identity.model, "isorig-teensy36");
   }
@@ -57,7 +59,7 @@ class Qemu : public testing::Test {
       lost += poll.lost;
       corrupt += poll.corrupt;
       state = poll.state;
-      was_vented = was_vented || poll.state.vented_by_watchdog;
+      was_vented = was_vented || poll.state.vented_by_itself;
       while (const auto edge = device->take_sync_edge()) edges.push_back(*edge);
     }
     return true;
@@ -74,7 +76,7 @@ class Qemu : public testing::Test {
   bool command_until_psi(pressure::Command command, double from_psi, double to_psi) {
     return run_until([&] {
       if (clock.now_ns() >= next_command_ns) {
-        device->command(state.vented_by_watchdog ? pressure::Command{.vent_permille = 1000} : command);
+        device->command(state.vented_by_itself ? pressure::Command{.vent_permille = 1000} : command);
         next_command_ns = clock.now_ns() + 10 * kMs;
       }
       return !samples.empty() && pressure_psi() >= from_psi && pressure_psi() <= to_psi;
@@ -176,6 +178,25 @@ TEST_F(Qemu, VentsByItselfWhenHeartbeatsStop) {
   EXPECT_TRUE(run_until([&] { return pressure_psi() < 0.5; }, false)) << "by the sensor, not by its word";
   EXPECT_EQ(state.fill_permille, 0);
   EXPECT_EQ(state.vent_permille, 1000);
+}
+
+TEST_F(Qemu, VentsByItselfAboveTheGreatestPressureWhateverItsHostSays) {
+  device->set_limits({.pressure_max_psi = 12.0});
+  device->connect();
+  // Commands to fill and heartbeats go on; nobody agrees to the vent.
+  std::int64_t next_ns = 0;
+  double highest_psi = 0.0;
+  EXPECT_TRUE(run_until([&] {
+    if (clock.now_ns() >= next_ns) {
+      device->command({.fill_permille = 100});
+      next_ns = clock.now_ns() + 10 * kMs;
+    }
+    if (!samples.empty()) highest_psi = std::max(highest_psi, pressure_psi());
+    return was_vented && pressure_psi() < 0.5;
+  }));
+  EXPECT_TRUE(state.vented_by_itself) << "latched";
+  EXPECT_TRUE(state.cause == pressure::VentCause::kPressureHigh || longest_silence_ns > 100 * kMs);
+  EXPECT_LT(highest_psi, 14.0);
 }
 
 TEST_F(Qemu, CountsWhatAStalledHostMakesItDrop) {

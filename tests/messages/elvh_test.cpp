@@ -105,6 +105,25 @@ TEST(ElvhMonitor, StuckAfterItsRunOnly) {
   EXPECT_EQ(monitor.update(word(0, 5001, 768), 101'000).issues, 0);
 }
 
+TEST(ElvhMonitor, StuckAtOnceWhileAValveMovesThePressure) {
+  ElvhMonitor monitor;  // a quarter of a psi
+  int64_t us = 0;
+  const auto run = [&](int milliseconds, double sure_rate_psi_s) {
+    for (int i = 0; i < milliseconds; ++i) {
+      if (monitor.update(word(0, 5000, 768), us += 1000, sure_rate_psi_s).issues != 0) return i;
+    }
+    return -1;
+  };
+  EXPECT_EQ(run(2000, 0.0), -1);  // at rest it may stand
+  EXPECT_NEAR(run(400, 1.0), 250, 2);
+  monitor.reset();
+  run(200, 1.0);
+  EXPECT_EQ(monitor.update(word(0, 5001, 768), us += 1000, 1.0).issues, 0);  // it moves
+  EXPECT_EQ(run(200, 1.0), -1);
+  EXPECT_EQ(run(100, 0.0), -1);  // the valve shut: the count has time again
+  EXPECT_EQ(run(200, 1.0), -1);
+}
+
 TEST(ElvhMonitor, StaleRun) {
   ElvhMonitor monitor;
   EXPECT_EQ(monitor.update(word(0, 5000, 768), 0).issues, 0);

@@ -9,7 +9,7 @@
 namespace isorig::messages::teensy {
 namespace {
 
-using Message = std::variant<Identity, TimeSyncReply, Status, Samples, SyncEdge>;
+using Message = std::variant<Identity, TimeSyncReply, Status, Samples, SyncEdge, LimitsReply>;
 
 class FakeBoard final : public Board {
  public:
@@ -22,11 +22,13 @@ class FakeBoard final : public Board {
       Status status;
       Samples samples;
       SyncEdge edge;
+      LimitsReply limits;
       if (parse(packet, identity)) sent.emplace_back(identity);
       if (parse(packet, reply)) sent.emplace_back(reply);
       if (parse(packet, status)) sent.emplace_back(status);
       if (parse(packet, samples)) sent.emplace_back(samples);
       if (parse(packet, edge)) sent.emplace_back(edge);
+      if (parse(packet, limits)) sent.emplace_back(limits);
     });
     return true;
   }
@@ -61,8 +63,12 @@ class TeensyDevice : public testing::Test {
 
   void open_session() {
     say(IdentityRequest{});
+    say(kLimits);
     say(Heartbeat{});
   }
+  /// A conversion; by default of a live sensor, whose count moves.
+  void convert() { core.add_sample(board.time_us, pack_elvh({ElvhStatus::kCurrent, ++raw_ % 2 == 0 ? raw : raw_moved(), 700})); }
+  [[nodiscard]] uint16_t raw_moved() const { return static_cast<uint16_t>(raw + 1); }
   template <class T>
   void say(const T& message) {
     const Frame frame = encode(message);
@@ -72,6 +78,7 @@ class TeensyDevice : public testing::Test {
     for (int i = 0; i < ms; ++i) {
       board.time_us += 1000;
       if (with_heartbeat) say(Heartbeat{});
+      if (has_sensor) convert();
       core.tick();
     }
   }
@@ -82,8 +89,15 @@ class TeensyDevice : public testing::Test {
     EXPECT_EQ(core.status().vent_permille, vent);
   }
 
+  /// 24 psi; 0.1 of the duty for ever; 2 s.
+  static constexpr Limits kLimits{12'124, 100, 2000};
+  uint16_t raw = 2000;
+  bool has_sensor = true;
   FakeBoard board;
   DeviceCore core{{.serial = "1234560", .firmware = "test"}, board};
+
+ private:
+  unsigned raw_ = 0;
 };
 
 TEST_F(TeensyDevice, StartsVented) {
@@ -125,6 +139,7 @@ TEST_F(TeensyDevice, CommandsNeedASession) {
 
 TEST_F(TeensyDevice, ValvesObeyOnlyWhileHeartbeatsArrive) {
   say(IdentityRequest{});
+  say(kLimits);
   say(ValveCommand{1, 500, 0, 100});
   say(ValveCommand{2, 0, 999, 100});
   say(ValveCommand{3, 0, 0, 100});
@@ -144,8 +159,8 @@ TEST_F(TeensyDevice, ValvesObeyOnlyWhileHeartbeatsArrive) {
 TEST_F(TeensyDevice, WithoutAHeartbeatYetTheWatchdogWaits) {
   say(IdentityRequest{});
   run_ms(1000, false);
-  EXPECT_FALSE(core.is_vented_by_watchdog());
-  EXPECT_EQ(core.status().watchdog_vents, 0);
+  EXPECT_FALSE(core.has_vented_itself());
+  EXPECT_EQ(core.status().self_vents, 0);
 }
 
 TEST_F(TeensyDevice, AHostThatVentsAndGoesAwayLeavesNothingToReport) {
@@ -154,8 +169,8 @@ TEST_F(TeensyDevice, AHostThatVentsAndGoesAwayLeavesNothingToReport) {
   run_ms(50, true);
   say(ValveCommand{2, 0, 1000, 100});
   run_ms(1000, false);
-  EXPECT_FALSE(core.is_vented_by_watchdog());
-  EXPECT_EQ(core.status().watchdog_vents, 0);
+  EXPECT_FALSE(core.has_vented_itself());
+  EXPECT_EQ(core.status().self_vents, 0);
   say(ValveCommand{3, 500, 0, 100});
   expect_valves(0, 1000);
   open_session();
@@ -188,6 +203,7 @@ TEST_F(TeensyDevice, IgnoresOldCommandsAlsoOverTheWrap) {
   say(ValveCommand{0, 400, 0, 100});
   expect_valves(200, 0);
   say(IdentityRequest{});  // a restarted host counts anew
+  say(kLimits);
   say(ValveCommand{0xFFFFFF00, 50, 0, 100});
   expect_valves(50, 0);
 }
@@ -202,11 +218,11 @@ TEST_F(TeensyDevice, CommandExpiresToClosedValvesAndSaysSo) {
   expect_valves(0, 0);
   const auto statuses = board.take<Status>();
   ASSERT_EQ(statuses.size(), 1U);
-  EXPECT_EQ(statuses[0].flags, kStatusCommandExpired);
+  EXPECT_EQ(statuses[0].flags, kStatusCommandExpired | kStatusHasLimits);
   say(ValveCommand{2, 0, 300, 50});
   core.tick();
   expect_valves(0, 300);
-  EXPECT_EQ(board.take<Status>().at(0).flags, 0);
+  EXPECT_EQ(board.take<Status>().at(0).flags, kStatusHasLimits);
 }
 
 TEST_F(TeensyDevice, AFullVentNeedsNoRenewal) {
@@ -228,29 +244,191 @@ TEST_F(TeensyDevice, VentsByItselfWhenHeartbeatsStop) {
   expect_valves(0, 1000);
   const auto statuses = board.take<Status>();
   ASSERT_EQ(statuses.size(), 1U);
-  EXPECT_EQ(statuses[0].flags, kStatusWatchdogVented);
-  EXPECT_EQ(statuses[0].watchdog_vents, 1);
+  EXPECT_EQ(statuses[0].flags, kStatusSelfVented | kStatusHasLimits);
+  EXPECT_EQ(statuses[0].self_vents, 1);
+  EXPECT_EQ(statuses[0].cause, VentCause::kHeartbeat);
 }
 
 TEST_F(TeensyDevice, OnlyAgreeingWithTheVentReleasesTheLatch) {
   open_session();
   say(ValveCommand{0, 500, 0, 100});
   run_ms(300, false);
-  ASSERT_TRUE(core.is_vented_by_watchdog());
+  ASSERT_TRUE(core.has_vented_itself());
   say(ValveCommand{1, 0, 1000, 100});  // agrees, but no heartbeat came since
-  ASSERT_TRUE(core.is_vented_by_watchdog());
+  ASSERT_TRUE(core.has_vented_itself());
   run_ms(10, true);
   say(ValveCommand{2, 500, 0, 100});  // a host that never noticed
   expect_valves(0, 1000);
   say(IdentityRequest{});
+  say(kLimits);
   say(ValveCommand{3, 500, 0, 100});  // nor does reconnecting release it
   expect_valves(0, 1000);
   EXPECT_EQ(core.status().rejected, 3U);
   say(ValveCommand{4, 0, 1000, 100});
-  EXPECT_FALSE(core.is_vented_by_watchdog());
+  EXPECT_FALSE(core.has_vented_itself());
   say(ValveCommand{5, 500, 0, 100});
   expect_valves(500, 0);
-  EXPECT_EQ(core.status().watchdog_vents, 1);
+  EXPECT_EQ(core.status().self_vents, 1);
+}
+
+// What it does without its host, and against it.
+
+class TeensyLimits : public TeensyDevice {
+ protected:
+  /// As a host that is wrong: commands and heartbeats go on whatever happens.
+  void fill_ms(int ms, uint16_t fill_permille = 1000) {
+    for (int i = 0; i < ms; ++i) {
+      if (i % 10 == 0) say(ValveCommand{++sequence, fill_permille, 0, 100});
+      run_ms(1, true);
+    }
+  }
+  void expect_vented(VentCause cause) {
+    expect_valves(0, 1000);
+    EXPECT_TRUE(core.has_vented_itself());
+    EXPECT_EQ(core.status().cause, cause);
+    fill_ms(100);
+    expect_valves(0, 1000);  // latched, whatever the host still says
+    say(ValveCommand{++sequence, 0, 1000, 100});
+    EXPECT_FALSE(core.has_vented_itself());
+    EXPECT_EQ(core.status().cause, cause) << "and can still be asked why";
+  }
+  uint32_t sequence = 0;
+};
+
+TEST_F(TeensyLimits, NothingIsFilledBeforeTheyAreSetInThisSession) {
+  say(IdentityRequest{});
+  say(Heartbeat{});
+  say(ValveCommand{1, 100, 0, 100});
+  expect_valves(0, 1000);
+  say(ValveCommand{2, 0, 0, 100});  // to hold needs none
+  expect_valves(0, 0);
+  say(kLimits);
+  say(ValveCommand{3, 100, 0, 100});
+  expect_valves(100, 0);
+  say(IdentityRequest{1});
+  say(ValveCommand{1, 200, 0, 100});
+  EXPECT_EQ(core.status().rejected, 2U);
+  EXPECT_EQ(core.status().flags & kStatusHasLimits, 0);
+}
+
+TEST_F(TeensyLimits, AreEchoedAndRefusedWhereTheyAreNone) {
+  say(kLimits);  // without a session
+  open_session();
+  for (const Limits& bad : {Limits{14'747, 100, 2000}, Limits{1638, 100, 2000}, Limits{12'124, 501, 2000}, Limits{12'124, 100, 60'001}}) {
+    say(bad);
+  }
+  const auto replies = board.take<LimitsReply>();
+  ASSERT_EQ(replies.size(), 6U);
+  EXPECT_EQ(replies[0].accepted, 0);
+  EXPECT_EQ(replies[1].accepted, 1);
+  for (std::size_t i = 1; i < replies.size(); ++i) {
+    EXPECT_EQ(replies[i].accepted, i == 1 ? 1 : 0);
+    EXPECT_EQ(replies[i].limits, kLimits) << "what is in force";
+  }
+}
+
+TEST_F(TeensyLimits, AReadingAboveTheGreatestPressureVentsInAnyState) {
+  for (const uint16_t fill : {uint16_t{500}, uint16_t{0}}) {  // filling, and sealed
+    open_session();
+    raw = 12'122;
+    fill_ms(50, fill);
+    expect_valves(fill, 0);
+    raw = 12'200;
+    run_ms(3, true);
+    expect_valves(fill, 0);  // one wild conversion is none
+    run_ms(1, true);
+    expect_vented(VentCause::kPressureHigh);
+  }
+}
+
+TEST_F(TeensyLimits, AFillThatIsLongerThanAnyFillingVents) {
+  open_session();
+  // 2 s above a tenth: 2 / 0.9 s at full duty.
+  fill_ms(2210);
+  expect_valves(1000, 0);
+  fill_ms(20);
+  expect_vented(VentCause::kFillTime);
+}
+
+TEST_F(TeensyLimits, SmallDutiesMayFlowForEverAndVentingGivesBack) {
+  open_session();
+  fill_ms(60'000, 100);
+  expect_valves(100, 0);
+  for (int cycle = 0; cycle < 20; ++cycle) {  // 1.8 s in, 1.8 s out
+    fill_ms(1800);
+    say(ValveCommand{++sequence, 0, 900, 10'000});
+    run_ms(1850, true);
+  }
+  EXPECT_FALSE(core.has_vented_itself());
+  EXPECT_LT(core.status().fill_used_ms, 100);
+}
+
+TEST_F(TeensyLimits, WithoutACapTheValveMayStayOpen) {
+  say(IdentityRequest{});
+  say(Limits{12'124, 0, 0});
+  fill_ms(60'000);
+  expect_valves(1000, 0);
+  raw = 12'200;
+  run_ms(10, true);
+  expect_vented(VentCause::kPressureHigh);
+}
+
+TEST_F(TeensyLimits, ASensorThatSaysNothingWhileFillingVents) {
+  const uint32_t invalid[] = {0U, 0xFFFFFFFFU, pack_elvh({ElvhStatus::kStale, 5000, 700}),
+                              pack_elvh({ElvhStatus::kFault, 5000, 700}), pack_elvh({ElvhStatus::kReserved, 5000, 700}),
+                              pack_elvh({ElvhStatus::kCurrent, 15'900, 700}), pack_elvh({ElvhStatus::kCurrent, 900, 700})};
+  for (const uint32_t word : invalid) {
+    open_session();
+    raw = 5000;
+    fill_ms(50, 200);
+    has_sensor = false;
+    const bool is_high = unpack_elvh(word).status == ElvhStatus::kCurrent && unpack_elvh(word).pressure_raw == 15'900;
+    for (int i = 0; i < 99 && !is_high; ++i) {
+      core.add_sample(board.time_us, word);
+      fill_ms(1, 200);
+    }
+    if (!is_high) expect_valves(200, 0);
+    for (int i = 0; i < 5; ++i) {
+      core.add_sample(board.time_us, word);
+      fill_ms(1, 200);
+    }
+    has_sensor = true;
+    expect_vented(is_high ? VentCause::kPressureHigh : VentCause::kSensorSilent);
+  }
+  open_session();
+  has_sensor = false;  // not even a word
+  fill_ms(120, 200);
+  expect_vented(VentCause::kSensorSilent);
+}
+
+TEST_F(TeensyLimits, ACountThatStandsWhileTheValveIsOpenVents) {
+  open_session();
+  fill_ms(50, 500);
+  const auto stuck_ms = [&](int ms, uint16_t fill) {
+    has_sensor = false;
+    for (int i = 0; i < ms; ++i) {
+      core.add_sample(board.time_us, pack_elvh({ElvhStatus::kCurrent, 2000, 700}));
+      fill_ms(1, fill);
+    }
+    has_sensor = true;
+  };
+  stuck_ms(190, 500);  // 0.1 s of full duty are 0.2 s of half
+  expect_valves(500, 0);
+  stuck_ms(20, 500);
+  expect_vented(VentCause::kSensorStuck);
+  // At rest a count may stand for long.
+  open_session();
+  stuck_ms(5000, 0);
+  EXPECT_FALSE(core.has_vented_itself());
+}
+
+TEST_F(TeensyLimits, AVentedDeviceHasNothingToReport) {
+  open_session();
+  say(ValveCommand{1, 0, 1000, 100});
+  raw = 14'000;
+  run_ms(1000, true);
+  EXPECT_FALSE(core.has_vented_itself());
+  EXPECT_EQ(core.status().self_vents, 0);
 }
 
 TEST_F(TeensyDevice, SamplesKeepSequenceAndLowTimeBits) {
@@ -275,6 +453,7 @@ TEST_F(TeensyDevice, CountsWhatAStalledHostLoses) {
 
 TEST_F(TeensyDevice, WithoutAHostNothingIsSentAndNothingCountsAsDropped) {
   core.set_link_up(false);
+  has_sensor = false;
   for (int i = 0; i < 10; ++i) core.add_sample(board.time_us, 0);
   run_ms(500, false);
   EXPECT_TRUE(board.sent.empty());
@@ -296,12 +475,12 @@ TEST_F(TeensyDevice, AStatusThatFoundNoRoomIsSentLater) {
   board.take<Status>();
   board.is_stalled = true;
   run_ms(300, false);
-  ASSERT_TRUE(core.is_vented_by_watchdog());
+  ASSERT_TRUE(core.has_vented_itself());
   board.is_stalled = false;
   run_ms(1, false);
   const auto statuses = board.take<Status>();
   ASSERT_EQ(statuses.size(), 1U);
-  EXPECT_EQ(statuses[0].flags, kStatusWatchdogVented);
+  EXPECT_EQ(statuses[0].flags, kStatusSelfVented | kStatusHasLimits);
 }
 
 TEST_F(TeensyDevice, CountsDamageAndEchoedFrames) {

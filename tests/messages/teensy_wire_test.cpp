@@ -187,16 +187,29 @@ TEST(TeensyMessages, RoundTrips) {
   EXPECT_EQ(reply.device_rx_us, 0x123456789ABCDEF0U);
   EXPECT_EQ(reply.device_tx_us, 0x123456789ABCDEF1U);
 
-  const auto status = round_trip(Status{1ULL << 40U, 2, 3, 4, 5, 6, 7, 8, kStatusWatchdogVented}, 31);
+  const auto status = round_trip(Status{1ULL << 40U, 2, 3, 4, 5, 6, 7, 8, kStatusSelfVented, VentCause::kFillTime, 9}, 34);
   EXPECT_EQ(status.device_us, 1ULL << 40U);
   EXPECT_EQ(status.dropped, 2U);
   EXPECT_EQ(status.rejected, 3U);
   EXPECT_EQ(status.corrupt, 4U);
   EXPECT_EQ(status.command_sequence, 5U);
-  EXPECT_EQ(status.watchdog_vents, 6);
+  EXPECT_EQ(status.self_vents, 6);
   EXPECT_EQ(status.fill_permille, 7);
   EXPECT_EQ(status.vent_permille, 8);
-  EXPECT_EQ(status.flags, kStatusWatchdogVented);
+  EXPECT_EQ(status.flags, kStatusSelfVented);
+  EXPECT_EQ(status.cause, VentCause::kFillTime);
+  EXPECT_EQ(status.fill_used_ms, 9);
+  Status unknown;
+  unknown.cause = static_cast<VentCause>(kVentCauses);
+  Decoder decoder;
+  const Frame frame = encode(unknown);
+  decoder.feed(frame.bytes, frame.size, [](const Packet& packet) { Status out; EXPECT_FALSE(parse(packet, out)); });
+
+  const Limits limits{12'124, 70, 6500};
+  EXPECT_EQ(round_trip(limits, 8), limits);
+  const auto confirmed = round_trip(LimitsReply{limits, 1}, 9);
+  EXPECT_EQ(confirmed.limits, limits);
+  EXPECT_EQ(confirmed.accepted, 1);
 
   const auto edge = round_trip(SyncEdge{1ULL << 33U, 12, 1}, 13);
   EXPECT_EQ(edge.device_us, 1ULL << 33U);
@@ -254,15 +267,15 @@ TEST(TeensyMessages, RefusesWhatIsNotSpecified) {
 
   const Bytes body(4, 0);
   Heartbeat heartbeat;
-  EXPECT_FALSE(parse(Packet{2, static_cast<std::uint8_t>(Type::kHeartbeat), body.data(), 4}, heartbeat));
+  EXPECT_FALSE(parse(Packet{kProtocolVersion - 1, static_cast<std::uint8_t>(Type::kHeartbeat), body.data(), 4}, heartbeat));
   IdentityRequest request;  // any version, so that the answer can name the one spoken here
-  EXPECT_TRUE(parse(Packet{2, static_cast<std::uint8_t>(Type::kIdentityRequest), body.data(), 4}, request));
+  EXPECT_TRUE(parse(Packet{kProtocolVersion + 1, static_cast<std::uint8_t>(Type::kIdentityRequest), body.data(), 4}, request));
 }
 
 TEST(TeensyMessages, ExampleFrameOfTheDocumentation) {
   const Bytes frame = bytes_of(encode(ValveCommand{42, 250, 0, 100}));
-  EXPECT_EQ(frame, (Bytes{0x04, 0x01, 0x03, 0x2A, 0x01, 0x01, 0x02, 0xFA, 0x01, 0x01, 0x02, 0x64, 0x05, 0x2B,
-                          0x89, 0x1A, 0x4F, 0x00}));
+  EXPECT_EQ(frame, (Bytes{0x04, 0x02, 0x03, 0x2A, 0x01, 0x01, 0x02, 0xFA, 0x01, 0x01, 0x02, 0x64, 0x05, 0x7B,
+                          0xF5, 0x88, 0x1C, 0x00}));
   std::ostringstream hex;
   for (const int byte : frame)
     hex << ' ' << std::hex << std::uppercase << std::setw(2) << std::setfill('0') << byte;

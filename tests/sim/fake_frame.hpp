@@ -79,7 +79,7 @@ class FakeFrame final : public frame::Device {
   }
   clock::VirtualClock& clock() { return clock_; }
 
-  frame::Identity connect() override { return {"isorig", "fake frame", "F-0042", "1.0", rate_Hz_}; }
+  frame::Identity connect() override { return {"isorig", "fake frame", "F-0042", "1.0", rate_Hz_, 1}; }
   void disconnect() noexcept override {}
   frame::Poll poll(std::span<frame::Sample> out) override {
     const std::lock_guard lock(mutex_);

@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <utility>
+
 #include "driver.hpp"
 #include "messages/elvh.hpp"
 
@@ -87,13 +89,32 @@ TEST(SimPressure, VentsByItselfWhenHeartbeatsStop) {
   EXPECT_GT(rig.truth().pressure_psi, 14.5);
   d.beating = false;
   d.run(6.0);  // commands still come: they do not feed the watchdog
-  EXPECT_TRUE(d.pressure_state.vented_by_watchdog);
+  EXPECT_TRUE(d.pressure_state.vented_by_itself);
   EXPECT_EQ(d.pressure_state.vent_permille, 1000);
   EXPECT_LT(rig.truth().pressure_psi, 1.0);
   d.beating = true;
   d.run(5.0);
-  EXPECT_FALSE(d.pressure_state.vented_by_watchdog);
+  EXPECT_TRUE(d.pressure_state.vented_by_itself) << "a host that never noticed does not get its pressure back";
+  EXPECT_EQ(d.pressure_state.cause, pressure::VentCause::kHeartbeat);
+  const double target_psi = std::exchange(d.target_psi, -1.0);
+  rig.pressure().command({0, 1000, 0.0F});
+  d.run(0.1);
+  d.target_psi = target_psi;
+  d.run(5.0);
+  EXPECT_FALSE(d.pressure_state.vented_by_itself);
   EXPECT_GT(rig.truth().pressure_psi, 14.5);
+}
+
+TEST(SimPressure, GuardsItsFillingAsTheFirmwareDoes) {
+  Rig rig(shipped());
+  rig.pressure().set_limits({.pressure_max_psi = 12.0, .fill_allowance_permille = 50, .fill_max_ms = 5'000});
+  EXPECT_THROW(rig.pressure().set_limits({.pressure_max_psi = 40.0, .fill_allowance_permille = 600}), drivers::DeviceError);
+  Driver d(rig);
+  d.target_psi = 15.0;
+  d.run(8.0);
+  EXPECT_TRUE(d.pressure_state.vented_by_itself);
+  EXPECT_EQ(d.pressure_state.cause, pressure::VentCause::kPressureHigh);
+  EXPECT_LT(rig.truth().pressure_psi, 1.0);
 }
 
 TEST(SimPressure, AnOpenEmergencyStopDumpsWhateverTheDaemonAsks) {
@@ -168,6 +189,69 @@ TEST(SimPressure, FaultSwitchesShowTheirFault) {
   EXPECT_EQ(d.pressure_samples.size(), count);
   rig.pressure().faults = {.disconnected = true};
   EXPECT_THROW(rig.pressure().heartbeat(), drivers::DeviceError);
+}
+
+TEST(SimPressure, WhatHappensToTheTubeShowsInTheReadingAndNotInTheTruth) {
+  Rig rig(shipped());
+  Driver d(rig);
+  d.target_psi = 10.0;
+  d.run(5.0);
+  const auto mean_psi = [&](double seconds) {
+    const std::size_t from = d.pressure_samples.size();
+    d.run(seconds);
+    double sum = 0.0;
+    for (std::size_t i = from; i < d.pressure_samples.size(); ++i) sum += psi(d.pressure_samples[i]);
+    return sum / static_cast<double>(d.pressure_samples.size() - from);
+  };
+  auto& faults = rig.pressure().faults;
+  faults = {.tube_off = true};
+  EXPECT_NEAR(mean_psi(0.5), 0.0, 0.05);  // one or two conversions were under way
+  faults = {.low_permille = 200};
+  EXPECT_NEAR(mean_psi(0.5), 8.0, 0.1);
+  faults = {};
+  d.run(0.1);
+  faults = {.tube_blocked = true};
+  d.target_psi = 15.0;
+  EXPECT_NEAR(mean_psi(3.0), 10.0, 0.1);
+  EXPECT_NEAR(rig.truth().pressure_psi, 15.0, 0.1);
+  EXPECT_NE(d.pressure_samples.back().raw_word, d.pressure_samples[d.pressure_samples.size() - 5].raw_word) << "noise";
+  faults = {.tube_lag_ms = 1000};
+  d.run(1.0);
+  EXPECT_NEAR(mean_psi(0.01), 15.0 - 5.0 * std::exp(-1.0), 0.15);
+}
+
+TEST(SimPressure, ValvesHosesAndSupplyFail) {
+  Rig rig(shipped());
+  Driver d(rig);
+  d.target_psi = 10.0;
+  d.run(5.0);
+  rig.pneumatics().fill_stuck_open = true;
+  d.target_psi = 5.0;
+  d.run(10.0);
+  EXPECT_GT(rig.truth().pressure_psi, 12.0) << "fill and vent of the same size: the supply wins";
+  rig.pneumatics().supply_psi_now = 20.0;
+  d.run(20.0);
+  EXPECT_LT(rig.truth().pressure_psi, 12.0);
+  rig.pneumatics().fill_stuck_open = false;
+  rig.pneumatics().supply_psi_now = 0.0;
+  d.target_psi = 10.0;
+  d.run(5.0);
+  rig.pneumatics().vent_stuck_shut = true;
+  d.target_psi = 5.0;
+  d.run(5.0);
+  EXPECT_GT(rig.truth().pressure_psi, 9.5);
+  rig.pneumatics().burst_mL_s_bar = 150.0;
+  d.run(2.0);
+  EXPECT_LT(rig.truth().pressure_psi, 5.5);
+  rig.pneumatics().burst_mL_s_bar = 0.0;
+  d.target_psi = 10.0;
+  d.run(5.0);
+  rig.pneumatics().dump_stuck_shut = true;
+  rig.interlock().hold_pressure(false);
+  d.target_psi = -1.0;
+  rig.pressure().command({0, 1000, 0.0F});
+  d.run(2.0);
+  EXPECT_GT(rig.truth().pressure_psi, 9.5) << "neither valve opens";
 }
 
 }  // namespace

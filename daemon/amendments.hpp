@@ -1,0 +1,27 @@
+#pragma once
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace isorig::daemon {
+
+/// What was put right about a run afterwards. The recording stays as it was; this stands beside it, in
+/// RUN/amendments.toml, oldest first. Empty: not touched.
+struct Amendment {
+  std::string at_utc;
+  std::string by;              ///< whoever amends
+  std::string specimen;        ///< the name that counts from now on
+  std::string operator_name;   ///< likewise
+  std::string text;
+};
+
+/// Throws std::runtime_error when it cannot be written; it is on the disk when this returns.
+void append_amendment(const std::filesystem::path& run_dir, const Amendment& amendment);
+
+/// Nothing when there is no such file. Throws base::ConfigError when it cannot be read.
+[[nodiscard]] std::vector<Amendment> read_amendments(const std::filesystem::path& run_dir);
+
+/// Now, as in "2026-11-22T07:15:00Z".
+[[nodiscard]] std::string utc_now();
+
+}  // namespace isorig::daemon

@@ -1,0 +1,24 @@
+#pragma once
+#include "base/toml_reader.hpp"
+
+namespace isorig::daemon {
+
+struct RigConfig;
+
+/// What a rig's keys have to be besides numbers of the right sign: within what the sensor, the frame and their
+/// watchdogs can bear, and in the right order to each other. A limit that cannot trip, or that trips when it is too
+/// late, is worse than none, because somebody relies on it. Notes every fault at its key: the value, what is allowed,
+/// why. docs/config.md lists the ranges.
+///
+/// `root` is the rig's whole document; of its tables only those keys are looked at whose reader accepted them.
+void check_rig(const RigConfig& rig, const base::TomlTable& root);
+
+/// The watchdogs of the rig's devices: without a heartbeat for so long they stop by themselves. Of an emulated or
+/// simulated rig as its [sim] has them; of a real one the longest that the wire protocols' documents allow.
+struct Watchdogs {
+  double frame_s = 0.5;
+  double pressure_s = 0.5;
+};
+[[nodiscard]] Watchdogs watchdogs_of(const RigConfig& rig, const base::TomlTable& root);
+
+}  // namespace isorig::daemon

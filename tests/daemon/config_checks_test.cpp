@@ -1,0 +1,265 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include "daemon/config.hpp"
+#include "rig_fixture.hpp"
+
+/// Settings that read well and are dangerous: each is refused with its key, its value, what is allowed and why.
+namespace isorig::daemon::test {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+std::string slurp(const std::string& path) {
+  std::ifstream in(path);
+  std::stringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+std::string shipped(const std::string& name) {
+  auto text = slurp(source("config/rigs/" + name + ".toml"));
+  for (auto up = text.find("\"../"); up != std::string::npos; up = text.find("\"../")) text.replace(up + 1, 2, source("config"));
+  return text;
+}
+
+/// `shipped`, as a real rig: another host than this machine, a watched chain.
+std::string real(const std::string& name) {
+  auto text = shipped(name);
+  const auto replace = [&](const std::string& from, const std::string& to) {
+    const auto at = text.find(from);
+    if (at == std::string::npos) throw std::runtime_error(name + " no longer has " + from);
+    text.replace(at, from.size(), to);
+  };
+  replace("emulated = true", "emulated = false");
+  replace("host = \"127.0.0.1\"", "host = \"192.168.7.2\"");
+  replace("driver = \"sim\"\n", "driver = \"gpio\"\nchip = \"c\"\nestop = { line = \"ESTOP\" }\n");
+  if (name == "sim-wire") replace("frame_age_max_s = 0.5", "frame_age_max_s = 0.4");
+  replace("interlock_age_max_s = 1.0", "interlock_age_max_s = 0.5");
+  return text;
+}
+
+/// With `key = value` in [table] ("" is the top), in place of what stands there.
+std::string with(std::string text, const std::string& table, const std::string& key, const std::string& value) {
+  std::size_t begin = 0;
+  if (!table.empty()) {
+    begin = text.find("\n[" + table + "]\n");
+    if (begin == std::string::npos) {
+      text += "\n[" + table + "]\n";
+      begin = text.find("\n[" + table + "]\n");
+    }
+    begin += table.size() + 4;
+  }
+  const auto end = std::min(text.find("\n[", begin), text.size());
+  const auto line = ("\n" + text.substr(begin, end - begin)).find("\n" + key + " = ");
+  if (line != std::string::npos) text.erase(begin + line, text.find('\n', begin + line) + 1 - begin - line);
+  return text.insert(begin, key + " = " + value + "\n");
+}
+
+std::string faults_of(const std::string& text) {
+  const auto path = std::filesystem::temp_directory_path() / ("config-checks-" + std::to_string(::getpid()) + ".toml");
+  std::ofstream(path) << text;
+  std::string faults;
+  try {
+    (void)load_rig(path);
+  } catch (const base::ConfigError& e) {
+    faults = e.what();
+  }
+  std::filesystem::remove(path);
+  return faults;
+}
+
+struct Dangerous {
+  const char* table;
+  const char* key;
+  const char* value;
+  const char* why;          ///< part of the message
+  const char* rig = "wire";  ///< wire: sim-wire.toml as a real rig, 8800, regulator; emulated: as shipped
+};
+
+std::string rig_named(const std::string& name) {
+  if (name == "wire") return real("sim-wire");
+  if (name == "8800") return real("sim-8800");
+  if (name == "regulator") return real("sim-8800-regulator");
+  return shipped("sim-wire");
+}
+
+const Dangerous kDangerous[] = {
+    // [limits]: what cannot trip is no limit.
+    {"limits", "pressure_max_psi", "29.5", "the sensor's range ends at 30 psi"},
+    {"limits", "pressure_max_psi", "30.0", "limit.pressure has to trip before"},
+    {"limits", "pressure_max_psi", "100.0", "from 0.1 to 29 psi"},
+    {"limits", "pressure_max_psi", "1e6", "limit.pressure has to trip before"},
+    {"limits", "pressure_max_psi", "1e-9", "from 0.1"},
+    {"limits", "pressure_rate_max_psi_s", "1e6", "no valve"},
+    {"limits", "pressure_rate_max_psi_s", "1e-9", "from 0.01"},
+    {"limits", "travel_max_mm", "1e6", "rest length"},
+    {"limits", "travel_min_mm", "-1e6", "rest length"},
+    {"limits", "speed_max_mm_s", "1e4", "faster than any frame"},
+    {"limits", "speed_max_mm_s", "1e-6", "from 0.001"},
+    {"limits", "speed_min_mm_s", "1e3", "speed_max_mm_s"},
+    {"limits", "force_max_N", "1e9", "beyond any load cell"},
+    {"limits", "force_max_N", "1e-6", "from 0.01"},
+    {"limits", "force_min_N", "-1e9", "beyond any load cell"},
+    {"limits", "force_rate_max_N_s", "1e9", "the force limits trip first"},
+    {"limits", "force_rate_max_N_s", "1e4", "the force limits trip first"},
+    {"limits", "force_rate_max_N_s", "1e-9", "from 0.001"},
+    {"limits", "segment_interval_min_s", "1e-6", "poll_period_ms"},
+    {"limits", "segment_interval_min_s", "1e6", "from 0.005 to 10"},
+    {"limits", "force_max_N", "300.0", "the load cell ends at force_full_scale_N", "8800"},
+    {"limits", "force_min_N", "-300.0", "the load cell ends at force_full_scale_N", "8800"},
+    {"limits", "travel_max_mm", "60.0", "the frame ends at position_full_scale_mm", "8800"},
+    {"limits", "travel_min_mm", "-60.0", "the frame ends at position_full_scale_mm", "8800"},
+    // [calibration]: a sign turned round.
+    {"calibration", "pressure_scale", "-1.0", "fill when it has to vent"},
+    {"calibration", "pressure_scale", "0.1", "from 0.5 to 2"},
+    {"calibration", "pressure_scale", "100.0", "from 0.5 to 2"},
+    {"calibration", "force_scale", "-1.0", "turns tension into compression"},
+    {"calibration", "force_scale", "1e-3", "from 0.5 to 2"},
+    {"calibration", "position_scale", "-1.0", "turns every motion round"},
+    {"calibration", "position_scale", "1e3", "from 0.5 to 2"},
+    {"calibration", "pressure_offset_psi", "-10.0", "total error band"},
+    {"calibration", "pressure_offset_psi", "10.0", "total error band"},
+    {"calibration", "force_offset_N", "-1e6", "leaves no force"},
+    {"calibration", "position_offset_mm", "1e9", "travels further"},
+    // [supervisor]: what trips when it is too late.
+    {"supervisor", "frame_age_max_s", "1e9", "watchdog"},
+    {"supervisor", "frame_age_max_s", "0.6", "from 0.01 to 0.5 s"},
+    {"supervisor", "frame_age_max_s", "1e-6", "from 0.01"},
+    {"supervisor", "frame_age_max_s", "4.0", "from 0.01 to 3 s", "emulated"},
+    {"supervisor", "interlock_age_max_s", "4.0", "from 0.02 to 3 s", "emulated"},
+    {"supervisor", "pressure_age_max_s", "1e9", "has vented it"},
+    {"supervisor", "pressure_age_max_s", "0.6", "from 0.01 to 0.5 s"},
+    {"supervisor", "interlock_age_max_s", "1e9", "emergency stop may go unseen"},
+    {"supervisor", "late_tick_max_s", "1e9", "sends no heartbeat"},
+    {"supervisor", "late_tick_max_s", "0.6", "sends no heartbeat"},
+    {"supervisor", "following_error_max_mm", "1e9", "something else than it was told"},
+    {"supervisor", "following_error_max_mm", "1e-9", "from 0.01"},
+    {"supervisor", "segment_ack_max_s", "1e9", "whether it took the segment"},
+    {"supervisor", "frozen_force_max_s", "1e9", "dead load cell"},
+    {"supervisor", "force_rate_window_s", "1.0", "0.06"},
+    // [frame]
+    {"frame", "response_timeout_ms", "10000", "one lost answer"},
+    {"frame", "response_timeout_ms", "450", "below frame_age_max_s"},
+    {"frame", "connect_timeout_ms", "10000", "nothing else is done"},
+    {"frame", "start_confirm_ms", "10000", "did not start"},
+    {"frame", "response_timeout_ms", "2000", "one lost answer", "8800"},
+    {"frame", "give_up_ms", "600000", "nothing else is asked", "8800"},
+    {"frame", "gap_us", "1000000", "too rarely", "8800"},
+    {"frame", "reading_age_max_ms", "1000", "not of this moment", "8800"},
+    {"frame", "in_position_mm", "50.0", "not reached", "8800"},
+    {"frame", "stop_confirm_ms", "10000", "actuator is switched off", "8800"},
+    {"frame", "heartbeat_timeout_ms", "10000", "watchdog", "8800"},
+    {"frame", "heartbeat_timeout_ms", "60", "a single late heartbeat", "8800"},
+    {"frame", "watchdog_feed_ms", "10000", "three times within", "8800"},
+    // [services], [pressure]
+    {"services", "heartbeat_period_ms", "1000", "a third of the shortest device watchdog"},
+    {"services", "heartbeat_period_ms", "100", "a third of the shortest device watchdog"},
+    {"services", "heartbeat_period_ms", "200", "a third of the shortest device watchdog", "emulated"},
+    {"services", "poll_period_ms", "100", "three times within frame_age_max_s"},
+    {"services", "sync_period_ms", "10000", "drifts out of its bound"},
+    {"pressure", "command_validity_ms", "20", "valves that fall shut between two"},
+    {"pressure", "command_validity_ms", "5000", "dead daemon"},
+    {"pressure", "connect_timeout_s", "60.0", "nothing else is done"},
+    // [pressure_loop]
+    {"pressure_loop", "supply_psi", "1.0", "below pressure_max_psi"},
+    {"pressure_loop", "supply_psi", "1e6", "no supply for these valves"},
+    {"pressure_loop", "fill_gain_per_s", "1e-9", "1 bar / V"},
+    {"pressure_loop", "vent_gain_per_s", "1e9", "1 bar / V"},
+    {"pressure_loop", "proportional_per_s", "1e4", "oscillates"},
+    {"pressure_loop", "integral_time_s", "1e-6", "oscillates"},
+    {"pressure_loop", "rate_limit_psi_s", "1e6", "fills faster"},
+    {"pressure_loop", "feedforward_psi_per_mm", "1e3", "volume of an actuator"},
+    {"pressure_loop", "minimum_duty", "0.5", "would hunt"},
+    {"pressure_loop", "settled_tolerance_psi", "1e3", "not reached"},
+    {"pressure_loop", "unreachable_error_psi", "1e6", "leak would go unseen"},
+    {"pressure_loop", "unreachable_after_s", "1e9", "blow into a leak"},
+    // [regulator]
+    {"regulator", "max_psi", "1e6", "pressure_max_psi", "regulator"},
+    {"regulator", "max_psi", "25.0", "pressure_max_psi", "regulator"},
+    {"regulator", "age_max_s", "1e9", "last set-point unseen", "regulator"},
+    {"regulator", "error_max_psi", "1e9", "error bands", "regulator"},
+    {"regulator", "setpoint_tolerance_psi", "100.0", "another one", "regulator"},
+    {"regulator", "poll_period_ms", "1000", "three times within age_max_s", "regulator"},
+    {"regulator", "response_timeout_ms", "10000", "one lost answer", "regulator"},
+    // [recorder], [lcm], [api], [interlock], top
+    {"recorder", "sync_interval_s", "60.0", "lost with the power"},
+    {"recorder", "min_free_MiB", "1", "a minute and a half"},
+    {"recorder", "reserve_MiB", "1e6", "taken out of min_free_MiB"},
+    {"recorder", "max_segment_MiB", "1e6", "damaged file"},
+    {"lcm", "url", "\"udpm://239.255.76.67:7667?ttl=255\"", "leaves this machine"},
+    {"lcm", "url", "\"udpm://239.255.76.67:7667?ttl=1\"", "network = true"},
+    {"lcm", "url", "\"udpm://239.255.76.67:7667\"", "says no ttl"},
+    {"lcm", "url", "\"tcpq://10.0.0.1:7700\"", "can make publishing wait"},
+    {"lcm", "url", "\"file:///tmp/x?mode=w\"", "udpm://"},
+    {"lcm", "url", "\"\"", "udpm://"},
+    {"api", "mode", "\"0777\"", "everybody on this machine"},
+    {"api", "mode", "\"0666\"", "everybody on this machine"},
+    {"api", "mode", "\"0662\"", "everybody on this machine"},
+    {"api", "mode", "\"0000\"", "\"0600\" or \"0660\""},
+    {"api", "mode", "\"0770\"", "nobody runs a socket"},
+    {"interlock", "closing_ms", "10000", "counts as open"},
+    {"", "name", "\"../../etc\"", "names files"},
+    {"", "name", "\"\\u202e\"", "names files"},
+    {"", "emulated", "true", "this is a real frame"},
+};
+
+TEST(ConfigChecks, EveryDangerousValueIsRefusedWithItsReason) {
+  static_assert(std::size(kDangerous) >= 75);
+  for (const auto& d : kDangerous) {
+    SCOPED_TRACE(std::string(d.rig) + " [" + d.table + "] " + d.key + " = " + d.value);
+    const auto faults = faults_of(with(rig_named(d.rig), d.table, d.key, d.value));
+    EXPECT_THAT(faults, AllOf(HasSubstr("`" + std::string(d.key) + "`"), HasSubstr(d.why)));
+    EXPECT_NE(faults.find_first_of("0123456789"), std::string::npos);
+  }
+}
+
+TEST(ConfigChecks, WhatIsShippedIsValidAndSoIsAReal) {
+  for (const auto* name : {"sim", "sim-wire", "sim-8800", "sim-8800-regulator"}) EXPECT_EQ(faults_of(shipped(name)), "") << name;
+  for (const auto* name : {"sim-wire", "sim-8800", "sim-8800-regulator"}) EXPECT_EQ(faults_of(real(name)), "") << name;
+  EXPECT_EQ(faults_of(with(with(real("sim-wire"), "lcm", "url", "\"udpm://239.255.76.67:7667?ttl=1\""), "lcm", "network", "true")), "");
+  EXPECT_EQ(faults_of(with(real("sim-wire"), "api", "mode", "\"0600\"")), "");
+}
+
+TEST(ConfigChecks, TheSensorEndsWhereItsCalibrationPutsIt) {
+  EXPECT_THAT(faults_of(with(real("sim-wire"), "calibration", "pressure_scale", "0.8")),
+              HasSubstr("`pressure_max_psi` = 24; it has to be from 0.1 to 23 psi: the sensor's range ends at 24 psi"));
+}
+
+TEST(ConfigChecks, AnEmulatedRigMayBePatient) {
+  auto text = shipped("sim-wire");
+  for (const auto* age : {"frame_age_max_s", "pressure_age_max_s", "interlock_age_max_s", "late_tick_max_s"}) text = with(text, "supervisor", age, "3.0");
+  EXPECT_EQ(faults_of(text), "");
+}
+
+TEST(ConfigChecks, ASimulatedChainOnARealRigIsRefused) {
+  auto text = with(shipped("sim-wire"), "", "emulated", "false");
+  EXPECT_THAT(faults_of(text), AllOf(HasSubstr("an emergency stop would count as closed and nobody would look"), HasSubstr("driver = \"none\"")));
+  text = with(text, "interlock", "driver", "\"none\"");
+  EXPECT_THAT(faults_of(text), HasSubstr("why nobody watches"));
+  EXPECT_THAT(faults_of(with(text, "interlock", "reason", "\"no\"")), HasSubstr("ten letters"));
+  text = with(text, "interlock", "reason", "\"the frame's own chain stops everything\"");
+  EXPECT_EQ(faults_of(text), "");
+  EXPECT_THAT(faults_of(with(shipped("sim"), "interlock", "driver", "\"none\"\nreason = \"none of your business\"")), HasSubstr("has its own interlock"));
+  EXPECT_THAT(faults_of(with(shipped("sim"), "", "emulated", "true")), HasSubstr("simulated in process"));
+}
+
+TEST(ConfigChecks, AMissingOrWrongSpecimenIsNamed) {
+  EXPECT_THAT(faults_of(with(shipped("sim-wire"), "", "specimen", "\"nowhere.toml\"")),
+              AllOf(HasSubstr("`specimen`: "), HasSubstr("nowhere.toml"), HasSubstr("cannot be opened")));
+  EXPECT_THAT(faults_of(with(shipped("sim"), "sim", "specimen", "\"nowhere.toml\"")), HasSubstr("nowhere.toml"));
+  const auto specimen = std::filesystem::temp_directory_path() / ("specimen-" + std::to_string(::getpid()) + ".toml");
+  std::ofstream(specimen) << "name = \"a/../../outside/planted\"\n[geometry]\ninitial_length_mm = 90\nminimum_length_mm = 70\n";
+  EXPECT_THAT(faults_of(with(shipped("sim-wire"), "", "specimen", "\"" + specimen.string() + "\"")),
+              AllOf(HasSubstr("holds `/`"), HasSubstr("names files")));
+  std::filesystem::remove(specimen);
+}
+
+}  // namespace
+}  // namespace isorig::daemon::test

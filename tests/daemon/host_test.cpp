@@ -1,0 +1,395 @@
+#include "daemon/host.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <barrier>
+#include <chrono>
+#include <cstring>
+#include <functional>
+#include <map>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <thread>
+#include <vector>
+
+#include "daemon/amendments.hpp"
+#include "daemon/api.hpp"
+#include "daemon/specimen.hpp"
+#include "daemon/sqlite.hpp"
+#include "messages/run_log.hpp"
+#include "recording_rig.hpp"
+#include "rig_fixture.hpp"
+
+/// Host and API under many clients at once, on a rig that ticks in a thread of its own.
+namespace isorig::daemon::test {
+namespace {
+
+using ::testing::AnyOf;
+using ::testing::HasSubstr;
+
+const char* const kProtocol = R"(format = "isorig-protocol/1"
+name = "test"
+steps = [
+  { do = "pressurize", pressure_psi = 0, rate_psi_s = 5, settled_for_s = 0.01, timeout_s = 20 },
+  { do = "hold", duration_s = 1000 } ]
+)";
+const char* const kShort = R"(format = "isorig-protocol/1"
+name = "short"
+steps = [
+  { do = "pressurize", pressure_psi = 0, rate_psi_s = 5, settled_for_s = 0.01, timeout_s = 20 },
+  { do = "hold", duration_s = 0.5 } ]
+)";
+
+bool wait_until(double seconds, const std::function<bool()>& condition) {
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
+  while (!condition()) {
+    if (std::chrono::steady_clock::now() > deadline) return false;
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  return true;
+}
+
+class HostTest : public ::testing::Test {
+ protected:
+  HostTest() : config_(load_rig(source("config/rigs/sim.toml"))) {
+    // Virtual time runs as it can here: only the test that asks for it judges the recorder's pace.
+    config_.core.recorder_age_max_s = 1e6;
+    config_.recording.min_free_bytes = 1 << 20U;
+    config_.recording.reserve_bytes = 1 << 20U;
+  }
+
+  void SetUp() override {
+    rig_ = std::make_unique<VirtualRig>(config_);
+    Host::Options options;
+    options.runs_root = folder_.path() / "runs";
+    options.revision = "0123456789ab";
+    host_ = std::make_unique<Host>(config_, rig_->core(), rig_->streams, options);
+    api_ = std::make_unique<Api>(*host_, socket_, 0600);
+    threads_.emplace_back([this] {
+      while (!done_) {
+        rig_->tick();
+        std::this_thread::sleep_for(std::chrono::microseconds(200));
+      }
+    });
+    threads_.emplace_back([this] {
+      while (!done_) {
+        if (!recorder_waits_) host_->turn(rig_->core().status().control.mono_ns);
+        std::this_thread::sleep_for(std::chrono::milliseconds(2));
+      }
+    });
+    threads_.emplace_back([this] { api_->serve(); });
+    threads_.emplace_back([this] { api_->serve_stops(); });
+    threads_.emplace_back([this] { api_->work(); });
+    ASSERT_TRUE(reach(RunState::kReady));
+  }
+  void TearDown() override {
+    api_->stop();
+    done_ = true;
+    for (auto& t : threads_) t.join();
+    host_->shut_down();
+  }
+
+  std::string aborted_run();
+  [[nodiscard]] RunState state() const { return rig_->core().status().control.state; }
+  bool reach(RunState wanted) {
+    return wait_until(60.0, [&] { return state() == wanted; });
+  }
+  StartOptions protocol(const char* text = kProtocol) {
+    StartOptions o;
+    o.protocol_text = text;
+    return o;
+  }
+
+  struct Answer {
+    int status = 0;
+    nlohmann::json body;
+  };
+  [[nodiscard]] Answer post(const std::string& path, const std::string& body = {}, bool stops = false) const {
+    const int fd = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    sockaddr_un address{};
+    address.sun_family = AF_UNIX;
+    std::strcpy(address.sun_path, (socket_ + (stops ? ".stop" : "")).c_str());
+    EXPECT_EQ(::connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
+    const std::string all = "POST " + path + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\nContent-Length: " +
+                            std::to_string(body.size()) + "\r\n\r\n" + body;
+    EXPECT_EQ(::send(fd, all.data(), all.size(), MSG_NOSIGNAL), static_cast<ssize_t>(all.size()));
+    std::string got;
+    char buffer[4096];
+    for (ssize_t n = 0; (n = ::read(fd, buffer, sizeof buffer)) > 0;) got.append(buffer, static_cast<std::size_t>(n));
+    ::close(fd);
+    const auto end = got.find("\r\n\r\n");
+    if (end == std::string::npos) return {};
+    return {std::stoi(got.substr(9, 3)), nlohmann::json::parse(got.substr(end + 4), nullptr, false)};
+  }
+
+  /// `call` by so many threads in the same moment.
+  template <typename Call>
+  static void at_once(int clients, Call call) {
+    std::barrier line(clients);
+    std::vector<std::thread> crowd;
+    for (int i = 0; i < clients; ++i) {
+      crowd.emplace_back([&, i] {
+        line.arrive_and_wait();
+        call(i);
+      });
+    }
+    for (auto& t : crowd) t.join();
+  }
+
+  testing::TemporaryDirectory folder_{"host"};
+  std::string socket_ = (folder_.path() / "s").string();
+  RigConfig config_;
+  std::unique_ptr<VirtualRig> rig_;
+  std::unique_ptr<Host> host_;
+  std::unique_ptr<Api> api_;
+  std::vector<std::thread> threads_;
+  std::atomic<bool> done_{false};
+  std::atomic<bool> recorder_waits_{false};
+};
+
+TEST_F(HostTest, OfManyStartsAtOnceOneWinsAndGoesOn) {
+  const auto body = nlohmann::json{{"protocol", kProtocol}}.dump();
+  for (const int clients : {2, 4}) {
+    std::vector<Answer> answers(static_cast<std::size_t>(clients));
+    // Two over the socket, the others as threads of the process would.
+    at_once(clients, [&](int i) {
+      auto& mine = answers[static_cast<std::size_t>(i)];
+      if (i < 2) {
+        mine = post("/v1/start", body);
+      } else {
+        const auto result = host_->start(protocol());
+        mine = {result.ok ? 200 : 409, {{"text", result.text}, {"run", result.run}}};
+      }
+    });
+    std::string winner;
+    for (const auto& a : answers) {
+      if (a.status == 200) {
+        EXPECT_EQ(winner, "");
+        winner = a.body.value("run", "");
+      } else {
+        EXPECT_EQ(a.status, 409);
+        EXPECT_THAT(a.body.value("text", ""), HasSubstr("a run is under way"));
+      }
+    }
+    ASSERT_NE(winner, "");
+    EXPECT_EQ(state(), RunState::kRunning);
+    EXPECT_EQ(host_->run_id(), winner);
+    const Catalogue catalogue(folder_.path() / "runs", Catalogue::Access::kReadOnly);
+    EXPECT_EQ(catalogue.find_run("latest")->id, winner);
+    EXPECT_EQ(catalogue.find_run("latest")->state, "running");
+    EXPECT_EQ(post("/v1/abort", {}, true).status, 200);
+    ASSERT_TRUE(wait_until(60.0, [&] { return !host_->run_open(); }));
+    EXPECT_EQ(host_->last_outcome(), "aborted");
+    ASSERT_TRUE(reach(RunState::kReady));
+  }
+}
+
+TEST_F(HostTest, EveryVerbByManyAtOnce) {
+  const auto start = nlohmann::json{{"protocol", kProtocol}}.dump();
+  for (const int clients : {2, 4}) {
+    for (const auto* path : {"/v1/start", "/v1/pause", "/v1/seal", "/v1/resume", "/v1/reset", "/v1/calibrations", "/v1/abort"}) {
+      std::atomic<int> accepted{0}, answered{0};
+      at_once(clients, [&](int i) {
+        const std::string body = std::string(path) == "/v1/start" ? start : std::string(path) == "/v1/calibrations" ? "{}" : "";
+        const bool stops = i % 2 == 1 && (std::string(path) == "/v1/pause" || std::string(path) == "/v1/abort");
+        const auto got = post(path, body, stops);
+        EXPECT_THAT(got.status, AnyOf(200, 400, 409)) << path;
+        answered += got.body.contains("text") ? 1 : 0;
+        accepted += got.status == 200 ? 1 : 0;
+        (void)host_->status_json();
+        (void)host_->events_json(0);
+        (void)host_->readings_json(1.0);
+      });
+      EXPECT_EQ(answered, clients) << path;
+      // Sealing twice is sealing; an abort vents whatever the state.
+      EXPECT_LE(accepted, std::string(path) == "/v1/seal" || std::string(path) == "/v1/abort" ? clients : 1) << path;
+    }
+    ASSERT_TRUE(wait_until(60.0, [&] { return !host_->run_open() && state() == RunState::kReady; }));
+  }
+}
+
+/// "ready" comes before the recorder's next turn: what it still writes is the finished run.
+TEST_F(HostTest, AStartRightAfterReadyLeavesTheFinishedRunItsRecorder) {
+  const auto first = host_->start(protocol(kShort));
+  ASSERT_TRUE(first.ok) << first.text;
+  // The recorder has no turn from here on, until the second start waits for it.
+  ASSERT_TRUE(wait_until(60.0, [&] { return state() != RunState::kReady; }));
+  recorder_waits_ = true;
+  ASSERT_TRUE(wait_until(60.0, [&] { return state() == RunState::kReady && !rig_->core().status().run_loaded; }));
+  Host::Result second;
+  std::thread other([&] { second = host_->start(protocol()); });
+  std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  EXPECT_EQ(host_->run_id(), first.run);
+  recorder_waits_ = false;
+  other.join();
+  ASSERT_TRUE(second.ok) << second.text;
+  EXPECT_NE(second.run, first.run);
+  const Catalogue catalogue(folder_.path() / "runs", Catalogue::Access::kReadOnly);
+  const auto row = catalogue.find_run(first.run);
+  ASSERT_TRUE(row);
+  EXPECT_EQ(row->state, "done");
+  EXPECT_EQ(row->sessions_done, row->sessions);
+}
+
+TEST_F(HostTest, ACatalogueThatIsLockedStopsTheProgramAndIsWrittenLater) {
+  const auto started = host_->start(protocol());
+  ASSERT_TRUE(started.ok) << started.text;
+  ASSERT_TRUE(wait_until(60.0, [&] { return host_->recorder_status().session >= 0; }));
+  sqlite3* other = nullptr;
+  ASSERT_EQ(sqlite3_open((folder_.path() / "runs" / "catalogue.sqlite").c_str(), &other), SQLITE_OK);
+  ASSERT_EQ(sqlite3_exec(other, "BEGIN EXCLUSIVE", nullptr, nullptr, nullptr), SQLITE_OK) << sqlite3_errmsg(other);
+  const auto began = std::chrono::steady_clock::now();
+  EXPECT_TRUE(host_->verb(Request::Verb::kAbort).ok);
+  EXPECT_LT(std::chrono::steady_clock::now() - began, std::chrono::seconds(1));  // nobody waits for the catalogue
+  ASSERT_TRUE(reach(RunState::kReady));
+  EXPECT_TRUE(host_->run_open());
+  ASSERT_EQ(sqlite3_exec(other, "COMMIT", nullptr, nullptr, nullptr), SQLITE_OK);
+  sqlite3_close(other);
+  EXPECT_TRUE(wait_until(60.0, [&] { return !host_->run_open(); }));
+  EXPECT_EQ(host_->last_outcome(), "aborted");
+  const Catalogue catalogue(folder_.path() / "runs", Catalogue::Access::kReadOnly);
+  EXPECT_EQ(catalogue.find_run(started.run)->state, "aborted");
+}
+
+TEST_F(HostTest, ARunFolderThatIsTakenAwayIsAProgramStop) {
+  const auto started = host_->start(protocol());
+  ASSERT_TRUE(started.ok) << started.text;
+  std::filesystem::remove_all(folder_.path() / "runs" / started.run);
+  ASSERT_TRUE(reach(RunState::kFaulted));
+  EXPECT_THAT(std::string(rig_->core().status().fault), HasSubstr("recorder: the recording cannot be continued"));
+  EXPECT_TRUE(host_->verb(Request::Verb::kAbort).ok);
+  EXPECT_TRUE(reach(RunState::kReady)) << to_text(rig_->core().state()) << ": " << rig_->core().status().not_ready << ", "
+                                       << rig_->core().status().fault;
+}
+
+/// To its first session's beginning, then ended by an operator.
+std::string HostTest::aborted_run() {
+  auto o = protocol();
+  o.operator_name = "Ada";
+  const auto started = host_->start(o);
+  EXPECT_TRUE(started.ok) << started.text;
+  EXPECT_TRUE(wait_until(60.0, [&] { return host_->recorder_status().session >= 0; }));
+  EXPECT_TRUE(host_->verb(Request::Verb::kAbort).ok);
+  EXPECT_TRUE(wait_until(60.0, [&] { return !host_->run_open() && state() == RunState::kReady; }));
+  return started.run;
+}
+
+TEST_F(HostTest, ARunGoesOnAsItBeganUnlessSomebodySaysOtherwise) {
+  const auto id = aborted_run();
+  StartOptions o;
+  o.resume_run = "latest";
+  const auto aborted = host_->start(o);
+  EXPECT_FALSE(aborted.ok);
+  EXPECT_THAT(aborted.text, HasSubstr("isorig resume " + id + " --aborted"));
+
+  o.resume_aborted = true;
+  config_.name = "another";
+  EXPECT_THAT(host_->start(o).text, HasSubstr("was recorded on rig \"sim\", and this is \"another\""));
+  o.on_another_rig = true;
+  config_.specimen = source("config/specimens/ecoflex1.toml");
+  EXPECT_THAT(host_->start(o).text, HasSubstr("is of specimen \"Control2\", and \"Ecoflex1\" is mounted"));
+  // The one it was begun with, named: nothing is otherwise.
+  auto named = o;
+  named.specimen_text = load_specimen(source("config/specimens/control2.toml")).text;
+  named.specimen_name = "control2.toml";
+  EXPECT_EQ(host_->preview(named).value("changed", ""), "went on on rig \"another\", begun on \"sim\"");
+
+  o.another_specimen = true;
+  const auto went_on = host_->start(o);
+  ASSERT_TRUE(went_on.ok) << went_on.text;
+  EXPECT_EQ(went_on.run, id);
+  const auto trace = read_amendments(folder_.path() / "runs" / id);
+  ASSERT_EQ(trace.size(), 1U);
+  EXPECT_THAT(trace[0].text, HasSubstr("went on with specimen \"Ecoflex1\", begun with \"Control2\""));
+}
+
+TEST_F(HostTest, APreviewStartsNothing) {
+  auto o = protocol();
+  o.operator_name = "Ada";
+  const auto seen = host_->preview(o);
+  EXPECT_EQ(seen.value("specimen", ""), "Control2");
+  EXPECT_EQ(seen.value("operator", ""), "Ada");
+  EXPECT_GE(seen.value("worst_s", 0.0), seen.value("nominal_s", 1e9));
+  EXPECT_FALSE(host_->run_open());
+  EXPECT_TRUE(Catalogue(folder_.path() / "runs", Catalogue::Access::kReadOnly).runs().empty());
+}
+
+TEST_F(HostTest, ACorrectionLeavesTheRecordingAndATrace) {
+  const auto id = aborted_run();
+  Correction c;
+  c.run = id;
+  EXPECT_THROW((void)host_->amend(c), std::runtime_error);
+  c.by = "Grace";
+  c.operator_name = "Edsger";
+  c.specimen_text = load_specimen(source("config/specimens/ecoflex1.toml")).text;
+  c.text = "the label was read upside down";
+  const auto noted = host_->amend(c);
+  ASSERT_TRUE(noted.ok);
+  EXPECT_THAT(noted.text, HasSubstr("specimen Ecoflex1 (was Control2)"));
+  const auto row = Catalogue(folder_.path() / "runs", Catalogue::Access::kReadOnly).find_run(id);
+  EXPECT_EQ(row->specimen, "Ecoflex1");
+  EXPECT_EQ(row->operator_name, "Edsger");
+  const auto trace = read_amendments(row->directory);
+  ASSERT_EQ(trace.size(), 1U);
+  EXPECT_EQ(trace[0].by, "Grace");
+  EXPECT_EQ(trace[0].text, c.text);
+  const auto header = messages::read_header(row->directory / messages::segment_name(1));
+  ASSERT_TRUE(header);
+  EXPECT_EQ(header->specimen, "Control2");
+}
+
+TEST_F(HostTest, ARecordingSaysWhatItWasMadeWith) {
+  const auto id = aborted_run();
+  const auto header = messages::read_header(folder_.path() / "runs" / id / messages::segment_name(1));
+  ASSERT_TRUE(header);
+  std::map<std::string, std::string> versions;
+  for (const auto& v : header->versions) versions[v.name] = v.text;
+  EXPECT_EQ(versions["git"], "0123456789ab");
+  EXPECT_EQ(versions["operator"], "Ada");
+  EXPECT_THAT(versions["kernel"], HasSubstr("Linux"));
+  EXPECT_FALSE(versions["lcm"].empty());
+  EXPECT_FALSE(versions["frame"].empty());
+  EXPECT_FALSE(versions["pressure"].empty());
+}
+
+/// The loop alone: what it sees of its recorder is when that last came round.
+class RecorderPaceTest : public RigFixture {};
+
+TEST_F(RecorderPaceTest, ARecorderThatStandsStillIsAProgramStop) {
+  start(kHold);
+  for (int i = 0; i < 300; ++i) {
+    bench->core().recorder_turn(bench->now_ns());
+    run_for(0.02);
+  }
+  ASSERT_EQ(bench->core().state(), RunState::kRunning);
+  const auto stopped_ns = bench->now_ns();
+  ASSERT_TRUE(reach(RunState::kFaulted, 5.0));
+  ASSERT_NE(event("recorder.stalled"), nullptr);
+  EXPECT_NEAR(static_cast<double>(bench->now_ns() - stopped_ns) * 1e-9, config.core.recorder_age_max_s, 0.05);
+  EXPECT_FALSE(ask(Request::Verb::kReset).accepted);
+  for (int i = 0; i < 25; ++i) {  // and the crosshead has to be seen to stand
+    bench->core().recorder_turn(bench->now_ns());
+    run_for(0.02);
+  }
+  const auto reset = ask(Request::Verb::kReset);
+  EXPECT_TRUE(reset.accepted) << reset.text;
+}
+
+TEST_F(RecorderPaceTest, AQueueThatOverflowsIsAProgramStop) {
+  start(kHold);
+  run_for(1.0);
+  const auto until = bench->now_ns() + 60'000'000'000;
+  while (bench->core().state() == RunState::kRunning && bench->now_ns() < until) bench->tick();  // nobody drains
+  EXPECT_EQ(bench->core().state(), RunState::kFaulted);
+  run_for(3.0);
+  EXPECT_THAT(std::string(bench->core().status().fault), HasSubstr("recorder.overflow"));
+  EXPECT_LE(std::count_if(events.begin(), events.end(), [](const auto& e) { return std::strcmp(e.code, "lost.record") == 0; }), 4);
+}
+
+}  // namespace
+}  // namespace isorig::daemon::test

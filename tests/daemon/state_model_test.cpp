@@ -1,0 +1,323 @@
+#include <cmath>
+#include <cstdlib>
+#include <deque>
+#include <map>
+#include <set>
+#include <sstream>
+#include <string_view>
+
+#include "rig_fixture.hpp"
+
+/// The rig's states, enumerated against the real Core, its services and the plant, in virtual time.
+///
+/// Every act of an alphabet (verbs, faults that begin, repair, time that passes) is tried in every situation that is
+/// reached, breadth first. A situation is reached by doing its acts again from the start. Two situations count as one when
+/// they agree in all that key() holds; timers that run are not in it. At every millisecond the plant's truth is the witness
+/// of the invariants:
+///
+///   ready      means that the crosshead stands and the actuator is vented
+///   a stop     ends in standstill within the frame's watchdog time
+///   fill       is commanded in a run alone, never in a stop, a fault or at rest
+///   pressure   stays below its limit, whatever the sensor says
+///   safe state ends vented where a vent exists
+///   verbs      are accepted in the states that docs/states.md names, and in no other
+///   done       is not said of a run that had a fault
+///
+/// Faults come one at a time, and three acts follow each other. ISORIG_STATE_MODEL_ACTS=12 goes on until no new situation
+/// appears or twelve acts follow each other, ISORIG_STATE_MODEL_FAULTS=2 has faults in pairs: many minutes.
+namespace isorig::daemon::test {
+namespace {
+
+using Verb = Request::Verb;
+
+constexpr double kVented_psi = 0.7;    // CoreConfig::vented_psi and the sensor's error
+constexpr double kMoving_mm_s = 0.05;  // less is the crosshead's regulation
+constexpr double kPressureMargin_psi = 2.0;  // what flows in while a wrong reading is found out
+constexpr double kStop_s = 0.5 + 0.25;       // the frame's own watchdog, and its brake
+constexpr double kVent_s = 8.0;
+
+struct FaultKind {
+  const char* name;
+  void (*set)(sim::Rig& rig, bool on);
+};
+
+const FaultKind kFaults[] = {
+    {"frame refuses stops", [](sim::Rig& r, bool on) { r.frame().faults.stop_refused = on ? -1 : 0; }},
+    {"frame loses stops", [](sim::Rig& r, bool on) { r.frame().faults.stop_lost = on ? -1 : 0; }},
+    {"frame runs on", [](sim::Rig& r, bool on) { r.frame().faults.runs_on = on; }},
+    {"frame silent", [](sim::Rig& r, bool on) { r.frame().faults.silent = on; }},
+    {"frame gone", [](sim::Rig& r, bool on) { r.frame().faults.disconnected = on; }},
+    {"frame samples frozen", [](sim::Rig& r, bool on) { r.frame().faults.frozen_samples = on; }},
+    {"drive trips", [](sim::Rig& r, bool on) { r.frame().faults.drive_fault = on; }},
+    {"frame ignores segments", [](sim::Rig& r, bool on) { r.frame().faults.ignores_segments = on; }},
+    {"Teensy silent", [](sim::Rig& r, bool on) { r.pressure().faults.silent = on; }},
+    {"Teensy gone", [](sim::Rig& r, bool on) { r.pressure().faults.disconnected = on; }},
+    {"count stuck", [](sim::Rig& r, bool on) { r.pressure().faults.stuck_value = on; }},
+    {"tube off", [](sim::Rig& r, bool on) { r.pressure().faults.tube_off = on; }},
+    {"tube blocked", [](sim::Rig& r, bool on) { r.pressure().faults.tube_blocked = on; }},
+    {"valves ignore commands", [](sim::Rig& r, bool on) { r.pressure().faults.ignores_commands = on; }},
+    {"emergency stop", [](sim::Rig& r, bool on) { r.interlock().estop_closed = !on; }},
+    {"guard open", [](sim::Rig& r, bool on) { r.interlock().guard_closed = !on; }},
+};
+constexpr int kFaultCount = static_cast<int>(std::size(kFaults));
+
+/// Of these the reading does not follow the pressure.
+bool reading_lies(unsigned faults) {
+  unsigned lies = 0;
+  for (int i = 0; i < kFaultCount; ++i) {
+    const std::string_view name = kFaults[i].name;
+    if (name == "count stuck" || name == "tube off" || name == "tube blocked") lies |= 1U << i;
+  }
+  return (faults & lies) != 0;
+}
+
+struct VerbKind {
+  const char* name;
+  Verb verb;
+  std::vector<RunState> from;  ///< docs/states.md
+};
+
+const VerbKind kVerbs[] = {
+    {"start", Verb::kStart, {RunState::kReady}},
+    {"pause", Verb::kPause, {RunState::kRunning}},
+    {"resume", Verb::kResume, {RunState::kPaused}},
+    {"abort",
+     Verb::kAbort,
+     {RunState::kIdle, RunState::kReady, RunState::kRunning, RunState::kPaused, RunState::kStopping, RunState::kFaulted}},
+    {"reset", Verb::kReset, {RunState::kFaulted}},
+    {"seal", Verb::kSeal, {RunState::kPaused}},
+};
+constexpr int kVerbCount = static_cast<int>(std::size(kVerbs));
+
+// An act: 0.. verbs, then faults that begin, then these.
+constexpr int kFirstFault = kVerbCount;
+constexpr int kRepair = kFirstFault + kFaultCount;
+constexpr int kDiskFails = kRepair + 1;
+constexpr int kLoopLate = kRepair + 2;
+constexpr int kMoment = kRepair + 3;
+constexpr int kWhile = kRepair + 4;
+constexpr int kActs = kRepair + 5;
+
+std::string name_of(int act) {
+  if (act < kFirstFault) return kVerbs[act].name;
+  if (act < kRepair) return kFaults[act - kFirstFault].name;
+  switch (act) {
+    case kRepair: return "everything repaired";
+    case kDiskFails: return "disk fails";
+    case kLoopLate: return "loop 0.4 s late";
+    case kMoment: return "0.1 s";
+    default: return "3 s";
+  }
+}
+
+using Acts = std::vector<int>;
+
+std::string name_of(const Acts& acts) {
+  std::string all;
+  for (const int act : acts) all += (all.empty() ? "" : ", ") + name_of(act);
+  return all;
+}
+
+class StateModelTest : public RigFixture {
+ protected:
+  void SetUp() override {
+    config.core.vent_time_max_s = 4.0;
+    plan = protocol::compile(base::TomlDocument::parse_text(R"(format = "isorig-protocol/1"
+name = "model"
+recording.policy = "round_ramps"
+steps = [
+  { do = "pressurize", pressure_psi = 10, rate_psi_s = 8, settled_for_s = 0.2, timeout_s = 20 },
+  { do = "ramp", to_mm = 4, velocity_mm_s = 1 },
+  { do = "ramp", to_mm = 0, velocity_mm_s = 1 },
+])",
+                                                             "model.toml"),
+                             config.limits);
+  }
+
+  /// From rest to where `acts` lead. False when an invariant was broken; `broken` says which.
+  bool play(const Acts& acts) {
+    rebuild();
+    faults = 0;
+    disk_fails = had_fault = false;
+    broken.clear();
+    last_state = RunState::kIdle;
+    left_running_ns = vented_since_ns = -1;
+    pass(1.5);
+    for (const int act : acts) {
+      doing = name_of(act);
+      if (!broken.empty()) return false;
+      do_act(act);
+    }
+    return broken.empty();
+  }
+
+  void do_act(int act) {
+    if (act < kFirstFault) {
+      say(kVerbs[act]);
+      pass(0.05);
+    } else if (act < kRepair) {
+      faults |= 1U << (act - kFirstFault);
+      kFaults[act - kFirstFault].set(bench->rig(), true);
+      pass(0.1);
+    } else if (act == kRepair) {
+      for (const auto& f : kFaults) f.set(bench->rig(), false);
+      faults = 0;
+      disk_fails = false;
+      bench->core().set_recorder_fault("");
+      pass(1.0);
+    } else if (act == kDiskFails) {
+      disk_fails = true;
+      bench->core().set_recorder_fault("the disk fails");
+      pass(0.1);
+    } else if (act == kLoopLate) {
+      bench->core().tick(bench->now_ns() + 1, 400'000'000, 0);
+      pass(0.1);
+    } else {
+      pass(act == kMoment ? 0.1 : 3.0);
+    }
+  }
+
+  void say(const VerbKind& kind) {
+    const RunState before = bench->core().state();
+    Request request;
+    request.verb = kind.verb;
+    request.id = ++last_id;
+    request.plan = &plan;
+    bench->core().requests.push(request);
+    step();
+    Reply reply;
+    if (!bench->core().replies.pop(reply)) return fail("the verb was not answered");
+    if (reply.accepted && std::find(kind.from.begin(), kind.from.end(), before) == kind.from.end()) {
+      fail(std::string("accepted while ") + to_text(before));
+    }
+    if (!reply.accepted && reply.text[0] == '\0') fail("refused without a word");
+    if (kind.verb == Verb::kAbort && !reply.accepted) fail(std::string("abort refused while ") + to_text(before) + ": " + reply.text);
+  }
+
+  void pass(double seconds) {
+    const auto until_ns = bench->now_ns() + static_cast<std::int64_t>(seconds * 1e9);
+    while (broken.empty() && bench->now_ns() < until_ns) step();
+    drain();
+    events.clear();
+  }
+
+  void step() {
+    tick();
+    look();
+  }
+
+  /// The invariants.
+  void look() {
+    const auto now_ns = bench->now_ns();
+    const auto state = bench->core().state();
+    const auto truth = bench->rig().truth();
+    const bool moves = std::abs(truth.velocity_mm_s) > kMoving_mm_s;
+    if (state != last_state) {
+      if (state == RunState::kRunning && last_state == RunState::kReady) had_fault = false;
+      if (state == RunState::kFaulted) had_fault = true;
+      last_state = state;
+    }
+    if (state == RunState::kRunning) {
+      left_running_ns = -1;
+    } else if (left_running_ns < 0) {
+      left_running_ns = now_ns;
+    }
+    if ((state == RunState::kReady || state == RunState::kIdle) && moves) fail("moves");
+    if (state == RunState::kReady && truth.pressure_psi > kVented_psi && !reading_lies(faults)) fail("ready under pressure");
+    if (left_running_ns >= 0 && moves && seconds(now_ns - left_running_ns) > kStop_s) fail("did not come to rest");
+    const auto fill = bench->pressure_command().fill_permille;
+    if (fill > 0 && state != RunState::kRunning && state != RunState::kPaused) fail("fills");
+    if (truth.pressure_psi > config.limits.pressure_max_psi + kPressureMargin_psi) fail("over the pressure limit");
+    const bool to_vent = state == RunState::kStopping || (state == RunState::kFaulted && bench->core().status().vented_fault);
+    if (!to_vent) {
+      vented_since_ns = -1;
+    } else if (vented_since_ns < 0) {
+      vented_since_ns = now_ns;
+    } else if (seconds(now_ns - vented_since_ns) > kVent_s && truth.pressure_psi > 1.0) {
+      fail("a safe state does not vent");
+    }
+    if (bench->core().outcome() == Outcome::kDone && had_fault && state == RunState::kStopping && disk_fails) {
+      fail("done while the disk fails");
+    }
+    if (state == RunState::kFaulted && seconds(now_ns - left_running_ns) > 0.05 && bench->core().status().fault[0] == '\0') {
+      fail("a fault without a cause");
+    }
+  }
+
+  void fail(const std::string& what) {
+    if (!broken.empty()) return;
+    std::ostringstream text;
+    const auto t = bench->rig().truth();
+    text << what << ": " << to_text(bench->core().state()) << ", " << t.velocity_mm_s << " mm/s, " << t.pressure_psi
+         << " psi, fault \"" << bench->core().status().fault << "\", while " << doing;
+    broken = text.str();
+  }
+
+  static double seconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
+
+  /// What makes a situation.
+  [[nodiscard]] std::string key() const {
+    const auto s = bench->core().status();
+    const auto t = bench->rig().truth();
+    const auto c = bench->pressure_command();
+    std::ostringstream k;
+    const auto state = bench->core().state();
+    const bool under_way = s.run_loaded;
+    k << to_text(state) << '|' << faults << '|' << disk_fails << '|' << under_way << s.vented_fault << s.healthy << '|'
+      << (state == RunState::kFaulted ? std::string_view(s.fault).substr(0, std::string_view(s.fault).find(':')) : "") << '|'
+      << (std::abs(t.velocity_mm_s) > kMoving_mm_s) << (t.pressure_psi > kVented_psi) << '|' << (c.fill_permille > 0) << (c.vent_permille > 0)
+      << '|' << (under_way ? static_cast<std::int32_t>(s.control.step) : -1);
+    return k.str();
+  }
+
+  unsigned faults = 0;
+  bool disk_fails = false;
+  bool had_fault = false;
+  RunState last_state = RunState::kIdle;
+  std::int64_t left_running_ns = -1;
+  std::int64_t vented_since_ns = -1;
+  std::string doing, broken;
+};
+
+int asked(const char* variable, int otherwise) {
+  const char* text = std::getenv(variable);
+  return text == nullptr ? otherwise : std::atoi(text);
+}
+
+TEST_F(StateModelTest, EveryActInEverySituation) {
+  const int at_once = asked("ISORIG_STATE_MODEL_FAULTS", 1);
+  const auto most_acts = static_cast<std::size_t>(asked("ISORIG_STATE_MODEL_ACTS", 3));
+  std::set<std::string> seen;
+  std::deque<Acts> open{{}};
+  play({});
+  seen.insert(key());
+  std::size_t tried = 0, deepest = 0;
+  std::map<std::string, std::string> failures;  // the shortest way to each
+  while (!open.empty()) {
+    const Acts here = open.front();
+    open.pop_front();
+    play(here);
+    const unsigned faults_here = faults;
+    for (int act = 0; act < kActs; ++act) {
+      const bool fault = act >= kFirstFault && act < kRepair;
+      if (fault && (__builtin_popcount(faults_here) >= at_once || (faults_here >> (act - kFirstFault) & 1U) != 0)) continue;
+      Acts next = here;
+      next.push_back(act);
+      ++tried;
+      if (!play(next)) {
+        failures.emplace(broken.substr(0, broken.find(':')), name_of(next) + "\n    " + broken);
+        continue;
+      }
+      if (next.size() < most_acts && seen.insert(key()).second) {
+        deepest = std::max(deepest, next.size());
+        open.push_back(next);
+      }
+    }
+  }
+  std::printf("%zu situations, %zu acts tried, %zu acts deep\n", seen.size(), tried, deepest);
+  for (const auto& [kind, example] : failures) ADD_FAILURE() << example;
+  EXPECT_GT(seen.size(), 80U);
+}
+
+}  // namespace
+}  // namespace isorig::daemon::test

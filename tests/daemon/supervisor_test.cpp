@@ -1,0 +1,291 @@
+#include "daemon/supervisor.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <map>
+#include <memory>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace isorig::daemon::test {
+namespace {
+
+constexpr std::int64_t kMs = 1'000'000;
+
+/// A supervisor that sees a rig which is well, a millisecond at a time.
+class SupervisorTest : public ::testing::Test {
+ protected:
+  SupervisorTest() {
+    config.limits.travel_min_mm = -5.0;
+    config.limits.travel_max_mm = 5.0;
+    config.limits.force_min_N = -10.0;
+    config.limits.force_max_N = 100.0;
+    config.limits.force_rate_max_N_s = 400.0;
+    config.limits.pressure_max_psi = 24.0;
+    config.regulator_age_max_s = 0.25;
+    rebuild();
+  }
+  void rebuild() {
+    supervisor = std::make_unique<Supervisor>(config);
+    report = {};
+    report.stands = report.stop_confirmed = true;
+    force_N = 1.0;
+    position_mm = 0.0;
+    pressure_psi = 5.0;
+    quiet = false;
+  }
+
+  /// What was found in the last of `ms` milliseconds.
+  TripList run(int ms) {
+    TripList found;
+    for (int i = 0; i < ms; ++i) {
+      now_ns += kMs;
+      supervisor->set_state(state, run_open);
+      ++count;
+      FrameRecord s;
+      s.mono_ns = now_ns;
+      s.position_mm = position_mm;
+      s.raw_position_mm = static_cast<float>(position_mm);
+      s.force_N = force_N + (quiet ? 0.0 : 0.01 * std::sin(0.7 * count));
+      s.raw_force_N = static_cast<float>(s.force_N);
+      if (!no_frame) supervisor->on_frame_sample(s);
+      report.mono_ns = now_ns;
+      report.position_mm = static_cast<float>(position_mm);
+      if (!no_frame) supervisor->on_frame_report(report);
+      if (!no_pressure) supervisor->on_pressure_sample(now_ns, pressure_psi, true);
+      if (!no_regulator) supervisor->on_regulator(now_ns, regulator_psi, pressure_psi, regulator_faulty);
+      chain.mono_ns = now_ns;
+      if (!no_chain) supervisor->on_interlock(chain);
+      if (extra) extra();
+      found = supervisor->check(now_ns);
+    }
+    return found;
+  }
+  static Severity severity(const TripList& found, const std::string& code) {
+    for (const auto& trip : found) {
+      if (code == trip.code) return trip.severity;
+    }
+    return Severity::kInfo;
+  }
+  void segment(float target_mm, float velocity_mm_s) {
+    ++number;
+    const frame::Segment s{static_cast<std::uint16_t>(number), target_mm, velocity_mm_s};
+    supervisor->on_segment(s, number, position_mm, now_ns);
+    report.taken_segment = number;
+    report.state.segment_id = s.id;
+    report.state.target_mm = target_mm;
+    report.state.velocity_mm_s = velocity_mm_s;
+    report.state.motion = frame::Motion::kMoving;
+  }
+
+  SupervisorConfig config;
+  std::unique_ptr<Supervisor> supervisor;
+  RunState state = RunState::kRunning;
+  bool run_open = true;
+  FrameReport report;
+  interlock::State chain{.estop_closed = true, .guard_closed = true};
+  std::function<void()> extra;
+  double force_N = 1.0, position_mm = 0.0, pressure_psi = 5.0, regulator_psi = 5.0;
+  bool no_frame = false, no_pressure = false, no_regulator = false, no_chain = false, regulator_faulty = false, quiet = false;
+  std::int64_t now_ns = 1'000'000'000;
+  std::uint32_t number = 0;
+  int count = 0;
+};
+
+TEST_F(SupervisorTest, ARigThatIsWellHasNothingWrong) {
+  for (const auto s : {RunState::kIdle, RunState::kReady, RunState::kRunning, RunState::kPaused, RunState::kStopping, RunState::kFaulted}) {
+    state = s;
+    for (int i = 0; i < 3000; ++i) {
+      const auto found = run(1);
+      ASSERT_EQ(found.begin(), found.end()) << found.begin()->code << " while " << to_text(s);
+    }
+  }
+}
+
+/// Each cause by itself, in every phase: the severity is that of its rule, and no other cause comes up.
+TEST_F(SupervisorTest, EveryCauseHasTheSeverityOfItsRuleInEveryPhase) {
+  struct Case {
+    const char* code;
+    std::function<void()> make;
+    int within_ms;
+  };
+  const std::vector<Case> cases{
+      {"limit.travel", [&] { position_mm = 5.1; }, 1},
+      {"limit.force", [&] { force_N = 101.0; }, 1},
+      {"limit.force_rate", [&] { force_N = 40.0; }, 25},
+      {"limit.pressure", [&] { pressure_psi = regulator_psi = 24.5; }, 1},
+      {"force.frozen", [&] { quiet = true; }, 1300},
+      {"specimen.broken", [&] { force_N = 0.5; }, 25},
+      {"frame.fault", [&] { report.state.motion = frame::Motion::kFault; }, 1},
+      {"frame.heartbeat", [&] { report.state.fault_bits = frame::kHeartbeatLost; }, 1},
+      {"frame.number", [&] { force_N = std::numeric_limits<double>::quiet_NaN(); }, 1},
+      {"frame.stop", [&] { supervisor->on_stop(now_ns, 1); report.stop_confirmed = report.stands = false; report.state.motion = frame::Motion::kMoving; }, 350},
+      {"interlock.frame", [&] { report.state.fault_bits = frame::kInterlockOpen; }, 1},
+      {"interlock.lost", [&] { chain.lost = true; }, 1},
+      {"interlock.estop", [&] { chain.estop_closed = false; }, 1},
+      {"interlock.guard", [&] { chain.guard_closed = false; }, 1},
+      {"stale.frame", [&] { no_frame = true; }, 300},
+      {"stale.pressure", [&] { no_pressure = true; }, 300},
+      {"stale.regulator", [&] { no_regulator = true; }, 300},
+      {"stale.interlock", [&] { no_chain = true; }, 600},
+      {"regulator.fault", [&] { regulator_faulty = true; }, 1},
+      {"regulator.disagrees", [&] { regulator_psi = 7.0; }, 1100},
+      {"pressure.frozen", [&] { extra = [&] { supervisor->on_pressure_stuck(); }; }, 1},
+      {"pressure.watchdog", [&] { extra = [&] { supervisor->on_device_vented(true, pressure::VentCause::kHeartbeat); }; }, 1},
+      {"loop.late", [&] { extra = [&] { supervisor->on_tick_lateness(now_ns, 300 * kMs); }; }, 1},
+  };
+  const std::pair<Phase, std::pair<RunState, bool>> phases[] = {
+      {Phase::kMoving, {RunState::kRunning, true}},   {Phase::kHolding, {RunState::kRunning, true}},
+      {Phase::kHolding, {RunState::kPaused, true}},   {Phase::kHolding, {RunState::kFaulted, true}},
+      {Phase::kAfter, {RunState::kStopping, false}},  {Phase::kAfter, {RunState::kFaulted, false}},
+      {Phase::kBetween, {RunState::kIdle, false}},    {Phase::kBetween, {RunState::kReady, false}}};
+  for (const auto& c : cases) {
+    for (const auto& [phase, rig] : phases) {
+      const std::string what = std::string(c.code) + ", " + to_text(rig.first) + (phase == Phase::kMoving ? ", moving" : "");
+      rebuild();
+      no_frame = no_pressure = no_regulator = no_chain = regulator_faulty = false;
+      chain = {.estop_closed = true, .guard_closed = true};
+      regulator_psi = 5.0;
+      extra = nullptr;
+      if (std::string(c.code) == "specimen.broken") force_N = 20.0;
+      if (std::string(c.code) == "limit.travel") position_mm = 4.95;
+      if (std::string(c.code) == "limit.force") force_N = 99.0;
+      state = rig.first;
+      run_open = rig.second;
+      run(1500);  // the cell's noise is known
+      if (phase == Phase::kMoving) {
+        segment(static_cast<float>(position_mm) + 0.2F, 0.001F);
+        run(2);
+      }
+      c.make();
+      auto worst = Severity::kInfo;
+      for (int i = 0; i < c.within_ms; ++i) {
+        const auto found = run(1);
+        worst = std::max(worst, severity(found, c.code));
+      }
+      EXPECT_EQ(worst, severity_of(c.code, phase)) << what;
+    }
+  }
+}
+
+/// The table once more, by hand: moving, holding, after, between; P program stop, S safe state, W warning.
+TEST_F(SupervisorTest, EveryRuleIsTheOneThatTheStatesDocumentNames) {
+  const std::map<std::string, std::string> expected{
+      {"limit.travel", "PPP-"},        {"limit.force", "PSSS"},         {"limit.force_rate", "PP--"},  {"limit.pressure", "SSSS"},
+      {"force.frozen", "PPP-"},        {"specimen.broken", "SS--"},     {"frame.lags", "WW--"},        {"frame.following", "PP--"},
+      {"frame.stopped", "PP--"},       {"frame.segment", "PP--"},       {"frame.stop", "SSS-"},        {"frame.fault", "SSS-"},
+      {"frame.heartbeat", "SSS-"},     {"frame.number", "SSS-"},        {"frame.reference", "SS--"},   {"interlock.frame", "SSS-"},
+      {"interlock.lost", "SSS-"},      {"interlock.estop", "SSS-"},     {"interlock.guard", "SSS-"},   {"stale.frame", "SSS-"},
+      {"stale.pressure", "SSS-"},      {"stale.regulator", "SSS-"},     {"stale.interlock", "SSS-"},   {"regulator.fault", "SSS-"},
+      {"regulator.disagrees", "SSS-"}, {"pressure.unreachable", "SS--"}, {"pressure.frozen", "SSS-"},  {"pressure.watchdog", "SSS-"},
+      {"vent.stuck", "SSSS"},          {"held.expired", "SS--"},        {"loop.late", "PPP-"},         {"recorder", "PP--"},
+      {"protocol", "SS--"},            {"recorder.overflow", "PP--"},   {"recorder.stalled", "PP--"},   {"pressure.no_response", "SSS-"},
+      {"pressure.no_vent", "SSS-"},    {"pressure.falls", "SSS-"},      {"pressure.rises", "SSS-"},     {"pressure.hold", "SSS-"},
+      {"pressure.fill_time", "SSS-"},  {"teensy.pressure", "SSS-"},     {"teensy.fill_time", "SSS-"},   {"teensy.sensor", "SSS-"},
+      {"teensy.stuck", "SSS-"}};
+  const auto letter = [](Severity s) { return "-WPS"[static_cast<int>(s)]; };
+  std::set<std::string> codes;
+  EXPECT_EQ(trip_rules().size(), expected.size());
+  for (const auto& rule : trip_rules()) {
+    ASSERT_TRUE(expected.contains(rule.code)) << rule.code;
+    EXPECT_EQ((std::string{letter(rule.moving), letter(rule.holding), letter(rule.after), letter(rule.between)}), expected.at(rule.code))
+        << rule.code;
+  }
+  for (const auto& rule : trip_rules()) {
+    EXPECT_TRUE(codes.insert(rule.code).second) << rule.code << " stands twice";
+    EXPECT_LE(std::string(rule.code).size(), sizeof(EventRecord::code) - 1);
+    EXPECT_GE(rule.holding, rule.between) << rule.code << ": no run is no reason for more";
+  }
+  EXPECT_EQ(severity_of("no.such", Phase::kBetween), Severity::kSafeState) << "what nobody thought of is the worst";
+}
+
+TEST_F(SupervisorTest, BeyondALimitOnlyTheWayBackIsFreeAfterAReset) {
+  run(100);
+  position_mm = 5.1;
+  EXPECT_EQ(severity(run(1), "limit.travel"), Severity::kProgramStop);
+  EXPECT_NE(supervisor->why_not(5.2), nullptr);
+  EXPECT_EQ(supervisor->why_not(4.0), nullptr);
+  supervisor->rearm(now_ns);
+  EXPECT_EQ(severity(run(100), "limit.travel"), Severity::kInfo) << "known";
+  EXPECT_NE(supervisor->why_not(5.2), nullptr);
+  EXPECT_EQ(supervisor->why_not(4.0), nullptr);
+  position_mm = 5.4;
+  EXPECT_EQ(severity(run(1), "limit.travel"), Severity::kProgramStop) << "further out";
+  position_mm = 4.9;
+  run(1);
+  EXPECT_EQ(supervisor->why_not(4.95), nullptr);
+  position_mm = 5.1;
+  EXPECT_EQ(severity(run(1), "limit.travel"), Severity::kProgramStop) << "armed again";
+}
+
+TEST_F(SupervisorTest, AForceThatGoesOnRisingAfterAProgramStopIsTheSafeState) {
+  run(100);
+  segment(1.0F, 0.1F);
+  run(2);
+  force_N = 100.5;
+  EXPECT_EQ(severity(run(1), "limit.force"), Severity::kProgramStop);
+  state = RunState::kFaulted;
+  supervisor->on_stop(now_ns, 1);
+  report.state.motion = frame::Motion::kStopped;
+  report.stop_wish = 1;
+  for (int i = 0; i < 50; ++i) {
+    force_N = 100.0 + 0.02 * (i % 3 - 1);  // noise about the limit
+    EXPECT_EQ(severity(run(1), "limit.force"), Severity::kInfo);
+  }
+  force_N = 107.0;  // 5 % of the range above
+  EXPECT_EQ(severity(run(1), "limit.force"), Severity::kSafeState);
+}
+
+TEST_F(SupervisorTest, ASlowRampThatIsNotFollowedIsNoticedByItsSpeed) {
+  run(10);
+  segment(1.0F, 0.01F);
+  int warned_ms = -1, stopped_ms = -1;
+  for (int i = 0; i < 60'000 && stopped_ms < 0; ++i) {
+    const auto found = run(1);
+    if (severity(found, "frame.lags") == Severity::kWarning && warned_ms < 0) warned_ms = i;
+    if (severity(found, "frame.following") == Severity::kProgramStop) stopped_ms = i;
+  }
+  EXPECT_NEAR(warned_ms, 10'000, 500);
+  EXPECT_NEAR(stopped_ms, 20'000, 500);
+}
+
+TEST_F(SupervisorTest, AQuietLoadCellAtRestIsNotCalledDead) {
+  quiet = true;
+  force_N = 2.0;
+  for (int i = 0; i < 100; ++i) {
+    run(100);
+    force_N += 0.001;  // a digit now and then
+    ASSERT_EQ(severity(run(1), "force.frozen"), Severity::kInfo);
+  }
+  EXPECT_EQ(severity(run(900), "force.frozen"), Severity::kInfo);
+}
+
+TEST_F(SupervisorTest, ASegmentCountsOnlyOnceTheFrameHasTakenIt) {
+  run(10);
+  report.state.segment_id = 1;
+  report.state.motion = frame::Motion::kStopped;  // from an earlier life
+  report.state.target_mm = 3.0F;
+  ++number;
+  supervisor->on_segment({1, 1.0F, 0.5F}, number, 0.0, now_ns);
+  const auto found = run(100);
+  EXPECT_EQ(found.begin(), found.end()) << found.begin()->code;
+  report.refused_segment = number;
+  EXPECT_EQ(severity(run(1), "frame.segment"), Severity::kProgramStop) << "at once";
+}
+
+TEST_F(SupervisorTest, OneTickCanHaveSeveralCauses) {
+  run(10);
+  chain.estop_closed = false;
+  pressure_psi = 25.0;
+  const auto found = run(1);
+  EXPECT_EQ(severity(found, "interlock.estop"), Severity::kSafeState);
+  EXPECT_EQ(severity(found, "limit.pressure"), Severity::kSafeState);
+}
+
+}  // namespace
+}  // namespace isorig::daemon::test
