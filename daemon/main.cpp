@@ -29,7 +29,7 @@ int main(int argc, char** argv) {
   app.add_option("--socket", socket, "The control socket, instead of the rig's [api] socket");
   app.add_flag("--no-realtime", no_realtime, "Run without real-time rights; for a simulated rig on a desk");
   app.add_flag("--accept-late-ticks", accept_late_ticks,
-               "With --no-realtime on a rig on the wire: its loop may stand still whenever the machine likes");
+               "With --no-realtime on a rig with real devices: its loop may stand still whenever the machine likes");
   app.add_flag("--check", check, "Read and validate the rig's file, then exit");
   app.set_version_flag("--version", std::string("isorigd ") + daemon::kVersion + " (" + daemon::kRevision + ")");
   app.footer("Exit codes: 0 stopped as asked, 1 failure, 2 usage, 3 wrong configuration, 8 no real-time rights.");
@@ -45,7 +45,7 @@ int main(int argc, char** argv) {
       std::cout << base::printable(rig_path) << ": rig \"" << rig.name << "\" is valid\n";
       return 0;
     }
-    if (no_realtime && !accept_late_ticks && !rig.simulated()) {
+    if (no_realtime && !accept_late_ticks && !rig.simulated() && !rig.emulated) {
       std::cerr << "isorigd: rig \"" << rig.name << "\" has real devices, and without real-time rights its loop may stand still "
                 << "whenever the machine likes; grant the rights (docs/threads.md), or say that you want this: --accept-late-ticks\n";
       return 2;

@@ -91,7 +91,7 @@ TEST_F(SelfTest, Devices) {
 
 TEST_F(SelfTest, FrozenChannels) {
   config_.realtime.enforce = false;
-  expect(judge([](VirtualRig& r) { r.rig().frame().faults.frozen_force = true; }), "force.frozen", Verdict::kFail, "equal values");
+  expect(judge([](VirtualRig& r) { r.rig().frame().faults.frozen_force = true; }), "force.frozen", Verdict::kFail, "equal values", {"state"});
   expect(judge([](VirtualRig& r) { r.rig().pressure().faults.stuck_value = true; }), "pressure.frozen", Verdict::kFail, "equal values",
          {"state", "sensor.age"});
   expect(judge([](VirtualRig& r) { r.rig().pressure().faults.bus_low = true; }), "pressure.zero", Verdict::kFail, "-3.7",

@@ -278,7 +278,7 @@ TEST(Simrig, ARigFileForAnotherDriverIsRefusedWithItsPlace) {
       ::popen((ISORIG_BIN_DIR "/isorig-simrig --rig " ISORIG_SOURCE_DIR "/config/rigs/sim.toml 2>&1"), "r");
   std::string text;
   while (std::fgets(line.data(), line.size(), out) != nullptr) text += line.data();
-  EXPECT_EQ(WEXITSTATUS(::pclose(out)), 2);
+  EXPECT_EQ(WEXITSTATUS(::pclose(out)), 3);
   EXPECT_THAT(text, ::testing::ContainsRegex("sim\\.toml:[0-9]+:[0-9]+: "));
   EXPECT_THAT(text, HasSubstr("\"modbus\""));
 }

@@ -178,7 +178,7 @@ class DaemonProcess {
       : dir_(dir),
         socket_((dir / "isorigd.sock").string()),
         runs_((dir / "runs").string()),
-        process_({bin("isorigd"), "--no-realtime", "--accept-late-ticks", "--rig", rig.string(), "--runs", runs_, "--socket", socket_},
+        process_({bin("isorigd"), "--no-realtime", "--rig", rig.string(), "--runs", runs_, "--socket", socket_},
                  dir / "isorigd.log", in_child) {}
 
   [[nodiscard]] nlohmann::json status() const { return isorig(dir_, {"status", "--json", "--socket", socket_}).json(); }
