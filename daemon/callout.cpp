@@ -108,21 +108,21 @@ std::optional<std::string> Callout::name_of(const EventRecord& event) {
 }
 
 void Callout::on_event(const EventRecord& event, const std::string& run) {
-  if (options_.command.empty()) return;
+  if (config_.command.empty()) return;
   if (const auto name = name_of(event)) queue({*name, run, std::string(event.code) + ": " + event.text, to_text(event.to)});
 }
 
 void Callout::watch(const Status& status, const std::string& run) {
   const auto state = status.control.state;
   const bool held = status.run_loaded && state != RunState::kRunning && state != RunState::kStopping;
-  if (!held || options_.command.empty() || options_.held_s <= 0.0) {
+  if (!held || config_.command.empty() || config_.held_s <= 0.0) {
     held_since_ns_ = -1;
     held_told_ = false;
     return;
   }
   if (held_since_ns_ < 0) held_since_ns_ = status.control.mono_ns;
   const double held_s = static_cast<double>(status.control.mono_ns - held_since_ns_) * 1e-9;
-  if (held_told_ || held_s < options_.held_s) return;
+  if (held_told_ || held_s < config_.held_s) return;
   held_told_ = true;
   const std::string why = status.fault[0] != '\0' ? std::string(": ") + status.fault : std::string();
   queue({"held", run, "the run has been held for " + std::to_string(static_cast<int>(held_s)) + " s" + why, to_text(state)});
@@ -165,23 +165,23 @@ void Callout::run() {
       calls_.pop_front();
       dropped = std::exchange(dropped_, 0);
     }
-    next = steady_clock::now() + seconds(options_.interval_s);
+    next = steady_clock::now() + seconds(config_.interval_s);
     if (dropped > 0) note("notify: " + std::to_string(dropped) + " calls are given up: they came faster than [notify] interval_s lets them go");
     call(due);
   }
 }
 
 void Callout::call(const Call& due) {
-  const std::string what = "notify: " + options_.command.string() + " (" + due.event + ") ";
+  const std::string what = "notify: " + config_.command.string() + " (" + due.event + ") ";
   Words words;
   pid_t pid = 0;
-  if (const int error = spawn(options_.command.string(), due.event, environment_of(due.event, due.run, due.text, due.state), words.fd(), pid);
+  if (const int error = spawn(config_.command.string(), due.event, environment_of(due.event, due.run, due.text, due.state), words.fd(), pid);
       error != 0) {
     note(what + "cannot be started: " + std::strerror(error));
     return;
   }
   int status = 0;
-  if (!wait_for(pid, steady_clock::now() + seconds(options_.timeout_s), status)) {
+  if (!wait_for(pid, steady_clock::now() + seconds(config_.timeout_s), status)) {
     ::kill(-pid, SIGTERM);
     if (!wait_for(pid, steady_clock::now() + kGrace, status)) {
       ::kill(-pid, SIGKILL);

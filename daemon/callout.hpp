@@ -4,13 +4,13 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
-#include <filesystem>
 #include <functional>
 #include <mutex>
 #include <optional>
 #include <string>
 #include <utility>
 
+#include "daemon/notify_config.hpp"
 #include "daemon/records.hpp"
 #include "daemon/status.hpp"
 
@@ -21,16 +21,10 @@ namespace isorig::daemon {
 /// a command that hangs, or cannot be started, holds up nobody and nothing.
 class Callout {
  public:
-  struct Options {
-    std::filesystem::path command;  ///< absolute; empty: nobody is called
-    double timeout_s = 30.0;        ///< the command and what it has started are ended then
-    double interval_s = 10.0;       ///< from the begin of one call to the next; what comes meanwhile waits
-    double held_s = 600.0;          ///< paused or faulted with a run open for so long; 0: not told
-  };
   /// What went wrong with a call, a line each.
   using Log = std::function<void(const std::string&)>;
 
-  Callout(Options options, Log log) : options_(std::move(options)), log_(std::move(log)) {}
+  Callout(NotifyConfig config, Log log) : config_(std::move(config)), log_(std::move(log)) {}
 
   /// The event's name for the command, if it is one to call about: done, paused, aborted, faulted, held.
   [[nodiscard]] static std::optional<std::string> name_of(const EventRecord& event);
@@ -58,7 +52,7 @@ class Callout {
     if (log_) log_(text);
   }
 
-  const Options options_;
+  const NotifyConfig config_;
   const Log log_;
   std::mutex mutex_;
   std::condition_variable more_;

@@ -118,8 +118,8 @@ void read_interlock(const base::TomlTable& table, RigConfig& rig) {
   }
 }
 
-Callout::Options read_notify(const base::TomlTable& table) {
-  Callout::Options o;
+NotifyConfig read_notify(const base::TomlTable& table) {
+  NotifyConfig o;
   o.command = table.string("command");
   if (o.command.is_relative()) {
     table.error("command", "`command` has to be an absolute path, such as \"/usr/local/bin/isorig-mail\"");

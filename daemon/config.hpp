@@ -4,8 +4,8 @@
 #include <string>
 
 #include "base/toml_reader.hpp"
-#include "daemon/callout.hpp"
 #include "daemon/core.hpp"
+#include "daemon/notify_config.hpp"
 #include "daemon/realtime.hpp"
 #include "daemon/services.hpp"
 #include "drivers/frame/instron8800_config.hpp"
@@ -65,8 +65,7 @@ struct RigConfig {
     std::string url = "udpm://239.255.76.67:7667?ttl=0";
   } lcm;
 
-  /// Who is called when nobody looks (daemon/callout.hpp).
-  Callout::Options notify;
+  NotifyConfig notify;
 
   struct Api {
     std::filesystem::path socket;        ///< empty: daemon/paths.hpp

@@ -80,7 +80,7 @@ class CalloutTest : public ::testing::Test {
   }
 
   testing::TemporaryDirectory folder_{"callout"};
-  Callout::Options options_;
+  NotifyConfig options_;
   std::unique_ptr<Callout> callout_;
   std::thread thread_;
   std::mutex mutex_;
