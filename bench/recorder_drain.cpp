@@ -7,8 +7,8 @@
 #include <filesystem>
 #include <string>
 
-#include "daemon/recorder.hpp"
-#include "daemon/streams.hpp"
+#include "daemon/core/streams.hpp"
+#include "daemon/recording/recorder.hpp"
 #include "messages/run_log.hpp"
 
 /// What the recorder costs per millisecond of rig time (one sample of frame and pressure each), and how many

@@ -12,7 +12,7 @@
 #include "calibration/record.hpp"
 #include "cli/bench.hpp"
 #include "cli/command.hpp"
-#include "daemon/paths.hpp"
+#include "daemon/host/paths.hpp"
 
 /// isorig calibrate: readings of a running daemon against a reference; the daemon keeps the record and puts it in force.
 namespace isorig::cli {

@@ -7,8 +7,8 @@
 #include "calibration/date.hpp"
 #include "cli/command.hpp"
 #include "cli/protocol_input.hpp"
-#include "daemon/calibrations.hpp"
-#include "daemon/paths.hpp"
+#include "daemon/host/paths.hpp"
+#include "daemon/rig/calibrations.hpp"
 
 namespace isorig::cli {
 namespace {

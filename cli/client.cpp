@@ -11,7 +11,7 @@
 #include <string_view>
 #include <thread>
 
-#include "daemon/paths.hpp"
+#include "daemon/host/paths.hpp"
 
 namespace isorig::cli {
 namespace {

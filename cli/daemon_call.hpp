@@ -4,7 +4,7 @@
 
 #include "cli/client.hpp"
 #include "cli/command.hpp"
-#include "daemon/paths.hpp"
+#include "daemon/host/paths.hpp"
 
 /// What every command that is one call to the daemon has in common.
 namespace isorig::cli {

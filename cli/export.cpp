@@ -1,4 +1,4 @@
-#include "daemon/export.hpp"
+#include "daemon/recording/export.hpp"
 
 #include <cstdio>
 #include <iostream>

@@ -5,9 +5,9 @@
 #include "cli/client.hpp"
 #include "cli/command.hpp"
 #include "cli/protocol_input.hpp"
-#include "daemon/catalogue.hpp"
-#include "daemon/corrections.hpp"
-#include "daemon/paths.hpp"
+#include "daemon/host/corrections.hpp"
+#include "daemon/host/paths.hpp"
+#include "daemon/recording/catalogue.hpp"
 
 /// isorig note: puts right what is known of a run, with a trace. The recording stays as it was.
 namespace isorig::cli {

@@ -12,7 +12,7 @@
 #include "cli/daemon_call.hpp"
 #include "cli/protocol_input.hpp"
 #include "cli/screen.hpp"
-#include "daemon/paths.hpp"
+#include "daemon/host/paths.hpp"
 
 /// start, pause, resume, abort, reset, status: the operator's verbs, each one call to the daemon.
 namespace isorig::cli {

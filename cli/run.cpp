@@ -10,10 +10,10 @@
 #include "cli/command.hpp"
 #include "cli/protocol_input.hpp"
 #include "cli/screen.hpp"
-#include "daemon/catalogue.hpp"
-#include "daemon/paths.hpp"
+#include "daemon/host/paths.hpp"
+#include "daemon/host/virtual_run.hpp"
+#include "daemon/recording/catalogue.hpp"
 #include "daemon/revision.hpp"
-#include "daemon/virtual_run.hpp"
 
 /// isorig run: a protocol on a simulated rig, all in this process, in virtual time.
 namespace isorig::cli {

@@ -4,8 +4,8 @@
 #include <optional>
 #include <string>
 
-#include "daemon/catalogue.hpp"
-#include "daemon/paths.hpp"
+#include "daemon/host/paths.hpp"
+#include "daemon/recording/catalogue.hpp"
 
 namespace isorig::cli {
 

@@ -6,7 +6,7 @@
 
 #include "cli/command.hpp"
 #include "cli/run_argument.hpp"
-#include "daemon/catalogue.hpp"
+#include "daemon/recording/catalogue.hpp"
 #include "messages/run_log.hpp"
 
 /// isorig runs: what there is.

@@ -9,7 +9,7 @@
 #include "cli/bench.hpp"
 #include "cli/command.hpp"
 #include "cli/selftest_checks.hpp"
-#include "daemon/paths.hpp"
+#include "daemon/host/paths.hpp"
 
 /// isorig selftest: every device, interlock and limit of a rig at rest, through the daemon.
 namespace isorig::cli {

@@ -11,8 +11,8 @@
 #include "cli/command.hpp"
 #include "cli/protocol_input.hpp"
 #include "cli/run_argument.hpp"
-#include "daemon/amendments.hpp"
-#include "daemon/catalogue.hpp"
+#include "daemon/recording/amendments.hpp"
+#include "daemon/recording/catalogue.hpp"
 #include "messages/run_log.hpp"
 
 /// isorig show: what one run's recording holds, read from the recording itself.

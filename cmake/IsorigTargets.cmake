@@ -1,6 +1,7 @@
 # Every folder is a room: a library target whose headers are seen only by those who link it.
 # The include root of a room is a directory that holds one symbolic link, <room> -> <source>/<room>,
-# so that `#include "model/slse.hpp"` compiles only for targets that link isorig_model.
+# so that `#include "model/slse.hpp"` compiles only for targets that link isorig_model, and `#include
+# "daemon/io/services.hpp"` only for those that link isorig_io: a room in a room has a root of its own.
 
 add_library(isorig_options INTERFACE)
 target_compile_options(isorig_options INTERFACE
@@ -17,8 +18,10 @@ endif()
 add_link_options(-Wl,-z,relro -Wl,-z,now)
 
 function(isorig_include_root room out)
-  set(root ${PROJECT_BINARY_DIR}/include/${room})
-  file(MAKE_DIRECTORY ${root})
+  string(REPLACE / _ name ${room})
+  set(root ${PROJECT_BINARY_DIR}/include/${name})
+  get_filename_component(above ${root}/${room} DIRECTORY)
+  file(MAKE_DIRECTORY ${above})
   file(CREATE_LINK ${PROJECT_SOURCE_DIR}/${room} ${root}/${room} SYMBOLIC)
   set(${out} ${root} PARENT_SCOPE)
 endfunction()

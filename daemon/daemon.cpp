@@ -13,17 +13,17 @@
 #include <vector>
 
 #include "base/printable.hpp"
-#include "daemon/api.hpp"
-#include "daemon/callout.hpp"
-#include "daemon/calibrations.hpp"
-#include "daemon/core.hpp"
-#include "daemon/devices.hpp"
-#include "daemon/host.hpp"
-#include "daemon/logging.hpp"
-#include "daemon/publisher.hpp"
-#include "daemon/realtime.hpp"
-#include "daemon/service_notifier.hpp"
-#include "daemon/services.hpp"
+#include "daemon/core/core.hpp"
+#include "daemon/core/realtime.hpp"
+#include "daemon/host/api.hpp"
+#include "daemon/host/callout.hpp"
+#include "daemon/host/host.hpp"
+#include "daemon/host/logging.hpp"
+#include "daemon/host/service_notifier.hpp"
+#include "daemon/io/services.hpp"
+#include "daemon/recording/publisher.hpp"
+#include "daemon/rig/calibrations.hpp"
+#include "daemon/rig/devices.hpp"
 
 namespace isorig::daemon {
 namespace {

@@ -2,8 +2,8 @@
 #include <filesystem>
 #include <memory>
 
-#include "daemon/config.hpp"
-#include "daemon/stop_signals.hpp"
+#include "daemon/host/stop_signals.hpp"
+#include "daemon/rig/config.hpp"
 
 namespace isorig::daemon {
 

@@ -5,12 +5,12 @@
 #include <iostream>
 
 #include "base/printable.hpp"
-#include "daemon/config.hpp"
 #include "daemon/daemon.hpp"
-#include "daemon/logging.hpp"
-#include "daemon/paths.hpp"
+#include "daemon/host/logging.hpp"
+#include "daemon/host/paths.hpp"
+#include "daemon/host/stop_signals.hpp"
 #include "daemon/revision.hpp"
-#include "daemon/stop_signals.hpp"
+#include "daemon/rig/config.hpp"
 #include "daemon/version.hpp"
 
 namespace {

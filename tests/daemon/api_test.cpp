@@ -15,8 +15,8 @@
 #include <thread>
 #include <vector>
 
-#include "daemon/api.hpp"
-#include "daemon/host.hpp"
+#include "daemon/host/api.hpp"
+#include "daemon/host/host.hpp"
 #include "recording_rig.hpp"
 #include "rig_fixture.hpp"
 

@@ -1,4 +1,4 @@
-#include "daemon/callout.hpp"
+#include "daemon/host/callout.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -15,8 +15,8 @@
 #include <vector>
 
 #include "base/toml_reader.hpp"
-#include "daemon/config.hpp"
-#include "daemon/fixed_text.hpp"
+#include "daemon/core/fixed_text.hpp"
+#include "daemon/rig/config.hpp"
 #include "recording_rig.hpp"
 
 namespace isorig::daemon::test {

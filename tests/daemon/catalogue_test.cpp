@@ -8,7 +8,7 @@
 #include <csignal>
 #include <cstdio>
 
-#include "daemon/catalogue.hpp"
+#include "daemon/recording/catalogue.hpp"
 #include "recording_rig.hpp"
 
 namespace isorig::daemon::testing {

@@ -10,9 +10,9 @@
 #include <string_view>
 #include <utility>
 
-#include "daemon/core.hpp"
-#include "daemon/services.hpp"
-#include "daemon/streams.hpp"
+#include "daemon/core/core.hpp"
+#include "daemon/core/streams.hpp"
+#include "daemon/io/services.hpp"
 
 namespace isorig::daemon {
 namespace {

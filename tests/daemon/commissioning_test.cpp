@@ -9,7 +9,7 @@
 #include <sstream>
 #include <string>
 
-#include "daemon/trips.hpp"
+#include "daemon/core/trips.hpp"
 
 /// The tables that people act upon in a fault, against the code that raises the faults.
 namespace isorig::daemon::test {
@@ -43,7 +43,7 @@ std::string section(const std::string& text, const std::string& title) {
   return text.substr(from, text.find("\n## ", from + 1) - from);
 }
 
-/// Of a rig that moves (daemon/trips.cpp).
+/// Of a rig that moves (daemon/core/trips.cpp).
 std::set<std::string> rules(Severity severity) {
   std::set<std::string> codes;
   for (const auto& rule : trip_rules()) {

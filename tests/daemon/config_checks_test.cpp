@@ -6,7 +6,7 @@
 #include <fstream>
 #include <sstream>
 
-#include "daemon/config.hpp"
+#include "daemon/rig/config.hpp"
 #include "rig_fixture.hpp"
 
 /// Settings that read well and are dangerous: each is refused with its key, its value, what is allowed and why.

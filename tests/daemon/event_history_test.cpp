@@ -1,11 +1,11 @@
-#include "daemon/event_history.hpp"
+#include "daemon/host/event_history.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <string>
 
-#include "daemon/fixed_text.hpp"
+#include "daemon/core/fixed_text.hpp"
 
 namespace isorig::daemon::test {
 namespace {

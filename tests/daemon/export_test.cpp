@@ -1,7 +1,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "daemon/export.hpp"
+#include "daemon/recording/export.hpp"
 #include "messages/recording.hpp"
 #include "recording_rig.hpp"
 

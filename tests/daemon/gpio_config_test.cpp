@@ -5,7 +5,7 @@
 #include <fstream>
 #include <sstream>
 
-#include "daemon/devices.hpp"
+#include "daemon/rig/devices.hpp"
 #include "rig_fixture.hpp"
 
 namespace isorig::daemon::test {

@@ -1,4 +1,4 @@
-#include "daemon/host.hpp"
+#include "daemon/host/host.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -17,10 +17,10 @@
 #include <thread>
 #include <vector>
 
-#include "daemon/amendments.hpp"
-#include "daemon/api.hpp"
-#include "daemon/specimen.hpp"
-#include "daemon/sqlite.hpp"
+#include "daemon/host/api.hpp"
+#include "daemon/recording/amendments.hpp"
+#include "daemon/recording/sqlite.hpp"
+#include "daemon/rig/specimen.hpp"
 #include "messages/run_log.hpp"
 #include "recording_rig.hpp"
 #include "rig_fixture.hpp"

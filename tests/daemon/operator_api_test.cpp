@@ -13,9 +13,9 @@
 #include <thread>
 #include <vector>
 
-#include "daemon/api.hpp"
-#include "daemon/catalogue.hpp"
-#include "daemon/host.hpp"
+#include "daemon/host/api.hpp"
+#include "daemon/host/host.hpp"
+#include "daemon/recording/catalogue.hpp"
 #include "recording_rig.hpp"
 #include "rig_fixture.hpp"
 

@@ -1,4 +1,4 @@
-#include "daemon/pressure_guard.hpp"
+#include "daemon/core/pressure_guard.hpp"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "daemon/valve_flow.hpp"
+#include "daemon/core/valve_flow.hpp"
 
 namespace isorig::daemon {
 namespace {

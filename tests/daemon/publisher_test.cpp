@@ -18,7 +18,7 @@
 #include <lcm/lcm-cpp.hpp>
 #include <thread>
 
-#include "daemon/publisher.hpp"
+#include "daemon/recording/publisher.hpp"
 #include "recording_rig.hpp"
 
 /// The real LCM over multicast, with its own tools. In a network of our own where that is allowed, so that

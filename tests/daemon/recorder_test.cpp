@@ -9,7 +9,7 @@
 #include <optional>
 #include <thread>
 
-#include "daemon/recorder.hpp"
+#include "daemon/recording/recorder.hpp"
 #include "recording_rig.hpp"
 
 namespace isorig::daemon::testing {

@@ -12,7 +12,7 @@
 #include <cstring>
 #include <set>
 
-#include "daemon/recorder.hpp"
+#include "daemon/recording/recorder.hpp"
 #include "messages/log_writer.hpp"
 #include "recording_rig.hpp"
 

@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "daemon/recorder.hpp"
-#include "daemon/streams.hpp"
+#include "daemon/core/streams.hpp"
+#include "daemon/recording/recorder.hpp"
 #include "messages/run_log.hpp"
 
 /// A source of records whose every value follows from its index, and a reader that collects what came back.

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "base/toml_reader.hpp"
-#include "daemon/virtual_rig.hpp"
+#include "daemon/rig/virtual_rig.hpp"
 #include "protocol/compile.hpp"
 
 namespace isorig::daemon::test {

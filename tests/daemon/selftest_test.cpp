@@ -4,7 +4,7 @@
 #include "calibration/date.hpp"
 #include "calibration/record.hpp"
 #include "cli/selftest_checks.hpp"
-#include "daemon/host.hpp"
+#include "daemon/host/host.hpp"
 #include "recording_rig.hpp"
 #include "rig_fixture.hpp"
 

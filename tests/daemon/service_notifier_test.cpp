@@ -1,5 +1,5 @@
 // What the service manager hears: sd_notify's datagrams, and a watchdog that only the loop's progress feeds.
-#include "daemon/service_notifier.hpp"
+#include "daemon/host/service_notifier.hpp"
 
 #include <gtest/gtest.h>
 

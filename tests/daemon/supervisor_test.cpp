@@ -1,4 +1,4 @@
-#include "daemon/supervisor.hpp"
+#include "daemon/core/supervisor.hpp"
 
 #include <gtest/gtest.h>
 

@@ -8,7 +8,7 @@
 #include <cstring>
 #include <memory>
 
-#include "daemon/catalogue.hpp"
+#include "daemon/recording/catalogue.hpp"
 #include "messages/run_log.hpp"
 #include "processes.hpp"
 #include "terminal.hpp"

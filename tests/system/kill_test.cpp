@@ -7,7 +7,7 @@
 #include <set>
 #include <thread>
 
-#include "daemon/catalogue.hpp"
+#include "daemon/recording/catalogue.hpp"
 #include "messages/run_log.hpp"
 #include "processes.hpp"
 

@@ -10,7 +10,7 @@
 #include <cstring>
 #include <set>
 
-#include "daemon/catalogue.hpp"
+#include "daemon/recording/catalogue.hpp"
 #include "messages/recording.hpp"
 #include "messages/run_log.hpp"
 #include "processes.hpp"

@@ -4,8 +4,8 @@
 
 #include <set>
 
-#include "daemon/catalogue.hpp"
-#include "daemon/virtual_run.hpp"
+#include "daemon/host/virtual_run.hpp"
+#include "daemon/recording/catalogue.hpp"
 #include "messages/recording.hpp"
 #include "processes.hpp"
 #include "truth.hpp"

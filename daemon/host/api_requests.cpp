@@ -1,0 +1,127 @@
+#include "daemon/host/api_requests.hpp"
+
+#include <algorithm>
+#include <initializer_list>
+#include <nlohmann/json.hpp>
+#include <string_view>
+
+#include "base/nearest.hpp"
+#include "base/printable.hpp"
+
+namespace isorig::daemon {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::size_t kLongestLine = 1024;  // a file's path may stand in one
+
+/// A JSON object with no other keys than these: a word that nobody reads is a wish that nobody grants.
+class Body {
+ public:
+  Body(const std::string& call, const std::string& text, std::initializer_list<std::string_view> keys) : call_(call) {
+    object_ = json::parse(text, nullptr, false);
+    if (object_.is_discarded()) fail("the body is not JSON");
+    if (!object_.is_object()) fail("the body has to be a JSON object");
+    for (const auto& [key, value] : object_.items()) {
+      if (std::find(keys.begin(), keys.end(), key) != keys.end()) continue;
+      const auto meant = base::nearest(key, keys);
+      std::string known;
+      for (const auto& k : keys) known += (known.empty() ? "`" : ", `") + std::string(k) + "`";
+      fail("unknown key `" + key + "`" + (meant.empty() ? "; known here: " + known : "; did you mean `" + meant + "`?"));
+    }
+  }
+
+  [[nodiscard]] std::string text(const char* key, const char* fallback) const {
+    if (!object_.contains(key)) return fallback;
+    if (!object_[key].is_string()) fail(std::string("`") + key + "` has to be a text");
+    return object_[key].get<std::string>();
+  }
+  [[nodiscard]] std::string text(const char* key) const {
+    if (!object_.contains(key)) fail(std::string("`") + key + "` is missing");
+    return text(key, "");
+  }
+  [[nodiscard]] bool flag(const char* key) const {
+    if (!object_.contains(key)) return false;
+    if (!object_[key].is_boolean()) fail(std::string("`") + key + "` has to be true or false");
+    return object_[key].get<bool>();
+  }
+  [[nodiscard]] bool has(const char* key) const { return object_.contains(key); }
+  [[nodiscard]] double number(const char* key, double fallback) const {
+    if (!object_.contains(key)) return fallback;
+    if (!object_[key].is_number()) fail(std::string("`") + key + "` has to be a number");
+    return object_[key].get<double>();
+  }
+  /// A name goes to terminals, logs and file names.
+  [[nodiscard]] std::string line(const char* key, const char* fallback) const {
+    auto value = text(key, fallback);
+    if (base::printable(value) != value) {
+      fail(std::string("`") + key + "` holds a control character, or a mark that hides or turns text; one line of plain text is needed");
+    }
+    if (value.size() > kLongestLine) fail(std::string("`") + key + "` is longer than " + std::to_string(kLongestLine) + " bytes");
+    return value;
+  }
+  [[noreturn]] void fail(const std::string& why) const {
+    throw BadRequest("the request is not what " + call_ + " takes: " + why);
+  }
+
+
+ private:
+  std::string call_;
+  json object_;
+};
+
+}  // namespace
+
+StartOptions start_options(const std::string& body, bool* dry_run) {
+  const Body b("/v1/start", body,
+               {"protocol", "protocol_name", "specimen", "specimen_name", "operator", "resume_run", "resume_aborted", "on_another_rig",
+                "another_specimen", "dry_run"});
+  StartOptions o;
+  o.resume_run = b.line("resume_run", "");
+  // A run that goes on has its protocol with it.
+  o.protocol_text = o.resume_run.empty() ? b.text("protocol") : "";
+  o.protocol_name = b.line("protocol_name", "protocol.toml");
+  o.specimen_text = b.text("specimen", "");
+  o.specimen_name = b.line("specimen_name", "");
+  o.operator_name = b.line("operator", "");
+  o.resume_aborted = b.flag("resume_aborted");
+  o.on_another_rig = b.flag("on_another_rig");
+  o.another_specimen = b.flag("another_specimen");
+  if (dry_run != nullptr) *dry_run = b.flag("dry_run");
+  return o;
+}
+
+Correction correction(const std::string& body) {
+  const Body b("/v1/notes", body, {"run", "by", "operator", "specimen", "specimen_name", "text"});
+  return {b.line("run", ""),      b.line("by", ""),          b.line("operator", ""),
+          b.text("specimen", ""), b.line("specimen_name", "specimen.toml"), b.line("text", "")};
+}
+
+Request setup_request(const std::string& body) {
+  Request r;
+  r.verb = !body.empty() && Body("/v1/setup", body, {"off"}).flag("off") ? Request::Verb::kLeaveSetup : Request::Verb::kSetup;
+  return r;
+}
+
+Request jog_request(const std::string& body) {
+  const Body b("/v1/jog", body, {"to_mm", "by_mm", "velocity_mm_s"});
+  if (b.has("to_mm") == b.has("by_mm")) b.fail("one of `to_mm` and `by_mm` says where to");
+  Request r;
+  r.verb = Request::Verb::kJog;
+  r.relative = b.has("by_mm");
+  r.target_mm = b.number(r.relative ? "by_mm" : "to_mm", 0.0);
+  r.velocity_mm_s = b.number("velocity_mm_s", 0.0);
+  if (r.velocity_mm_s < 0.0) b.fail("`velocity_mm_s` has to be above 0; the direction is the target's");
+  return r;
+}
+
+std::string accepting_operator(const std::string& body) {
+  const Body b("/v1/accept-rig", body, {"operator"});
+  const auto name = b.line("operator", "");
+  if (name.empty()) b.fail("`operator` says who accepts the rig file, and is missing");
+  return name;
+}
+
+std::string calibration_record(const std::string& body) { return Body("/v1/calibrations", body, {"record"}).text("record"); }
+
+}  // namespace isorig::daemon

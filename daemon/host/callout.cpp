@@ -1,0 +1,214 @@
+#include "daemon/host/callout.hpp"
+
+#include <fcntl.h>
+#include <spawn.h>
+#include <sys/mman.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <csignal>
+#include <cstdlib>
+#include <cstring>
+#include <string_view>
+#include <vector>
+
+#include "base/printable.hpp"
+
+namespace isorig::daemon {
+namespace {
+
+using steady_clock = std::chrono::steady_clock;
+
+constexpr auto kLook = std::chrono::milliseconds(20);
+constexpr auto kGrace = std::chrono::seconds(1);  // between SIGTERM and SIGKILL
+constexpr std::size_t kWordsKept = 200;           // of what the command writes to its standard error
+
+std::chrono::nanoseconds seconds(double s) { return std::chrono::nanoseconds(static_cast<std::int64_t>(s * 1e9)); }
+
+/// What a command needs of ours to find itself, and nothing else: no socket of the service manager, no library path.
+std::vector<std::string> environment_of(std::string_view event, std::string_view run, std::string_view text, std::string_view state) {
+  std::vector<std::string> out;
+  for (const char* name : {"PATH", "HOME", "USER", "LOGNAME", "LANG", "LC_ALL", "TZ", "TMPDIR"}) {
+    if (const char* value = std::getenv(name); value != nullptr) out.push_back(std::string(name) + "=" + value);
+  }
+  const auto add = [&](const char* name, std::string_view value) { out.push_back(name + base::printable(value)); };
+  add("ISORIG_EVENT=", event);
+  add("ISORIG_RUN=", run);
+  add("ISORIG_TEXT=", text);
+  add("ISORIG_STATE=", state);
+  return out;
+}
+
+/// The command's standard error: a file in memory, so that a command that writes much waits for nobody.
+class Words {
+ public:
+  Words() : fd_(::memfd_create("isorig-notify", MFD_CLOEXEC)) {}
+  ~Words() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+  Words(const Words&) = delete;
+  Words& operator=(const Words&) = delete;
+  [[nodiscard]] int fd() const { return fd_; }
+  [[nodiscard]] std::string first() const {
+    std::array<char, kWordsKept> bytes{};
+    const auto got = fd_ < 0 ? 0 : ::pread(fd_, bytes.data(), bytes.size(), 0);
+    return got <= 0 ? std::string() : ": " + base::printable({bytes.data(), static_cast<std::size_t>(got)});
+  }
+
+ private:
+  int fd_;
+};
+
+/// posix_spawn's answer: 0 or an errno. The child has a group of its own, no descriptor of ours, no signal blocked.
+int spawn(const std::string& command, const std::string& event, std::vector<std::string> environment, int words_fd, pid_t& pid) {
+  posix_spawn_file_actions_t actions;
+  posix_spawnattr_t attributes;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawnattr_init(&attributes);
+  posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
+  posix_spawn_file_actions_addopen(&actions, STDOUT_FILENO, "/dev/null", O_WRONLY, 0);
+  if (words_fd >= 0) {
+    posix_spawn_file_actions_adddup2(&actions, words_fd, STDERR_FILENO);
+  } else {
+    posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, "/dev/null", O_WRONLY, 0);
+  }
+  posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
+  sigset_t none, all;
+  sigemptyset(&none);
+  sigfillset(&all);
+  posix_spawnattr_setsigmask(&attributes, &none);
+  posix_spawnattr_setsigdefault(&attributes, &all);
+  posix_spawnattr_setpgroup(&attributes, 0);
+  posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP | POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF);
+  std::string name = command, word = event;
+  std::array<char*, 3> arguments{name.data(), word.data(), nullptr};
+  std::vector<char*> variables;
+  for (auto& v : environment) variables.push_back(v.data());
+  variables.push_back(nullptr);
+  const int error = ::posix_spawn(&pid, name.c_str(), &actions, &attributes, arguments.data(), variables.data());
+  posix_spawnattr_destroy(&attributes);
+  posix_spawn_file_actions_destroy(&actions);
+  return error;
+}
+
+}  // namespace
+
+std::optional<std::string> Callout::name_of(const EventRecord& event) {
+  const std::string_view code = event.code;
+  if (code == "run.done") return "done";
+  if (code == "run.aborted") return "aborted";
+  if (code == "held.expired") return "held";
+  if (event.from == event.to) return std::nullopt;
+  if (event.to == RunState::kFaulted) return "faulted";
+  if (event.to == RunState::kPaused && code == "pause") return "paused";
+  return std::nullopt;
+}
+
+void Callout::on_event(const EventRecord& event, const std::string& run) {
+  if (config_.command.empty()) return;
+  if (const auto name = name_of(event)) queue({*name, run, std::string(event.code) + ": " + event.text, to_text(event.to)});
+}
+
+void Callout::watch(const Status& status, const std::string& run) {
+  const auto state = status.control.state;
+  const bool held = status.run_loaded && state != RunState::kRunning && state != RunState::kStopping;
+  if (!held || config_.command.empty() || config_.held_s <= 0.0) {
+    held_since_ns_ = -1;
+    held_told_ = false;
+    return;
+  }
+  if (held_since_ns_ < 0) held_since_ns_ = status.control.mono_ns;
+  const double held_s = static_cast<double>(status.control.mono_ns - held_since_ns_) * 1e-9;
+  if (held_told_ || held_s < config_.held_s) return;
+  held_told_ = true;
+  const std::string why = status.fault[0] != '\0' ? std::string(": ") + status.fault : std::string();
+  queue({"held", run, "the run has been held for " + std::to_string(static_cast<int>(held_s)) + " s" + why, to_text(state)});
+}
+
+void Callout::queue(Call call) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (calls_.size() >= kQueued) {
+      ++dropped_;
+      return;
+    }
+    calls_.push_back(std::move(call));
+  }
+  more_.notify_one();
+}
+
+void Callout::stop() {
+  {
+    const std::lock_guard lock(mutex_);
+    if (stopping_) return;
+    stopping_ = true;
+    give_up_ = steady_clock::now() + kStopPatience;
+  }
+  more_.notify_one();
+}
+
+void Callout::run() {
+  auto next = steady_clock::now();
+  for (;;) {
+    Call due;
+    std::size_t dropped = 0;
+    {
+      std::unique_lock lock(mutex_);
+      more_.wait(lock, [this] { return stopping_ || !calls_.empty(); });
+      more_.wait_until(lock, next, [this] { return stopping_; });
+      if (stopping_ && (calls_.empty() || steady_clock::now() > give_up_)) return;
+      if (calls_.empty()) continue;
+      due = std::move(calls_.front());
+      calls_.pop_front();
+      dropped = std::exchange(dropped_, 0);
+    }
+    next = steady_clock::now() + seconds(config_.interval_s);
+    if (dropped > 0) note("notify: " + std::to_string(dropped) + " calls are given up: they came faster than [notify] interval_s lets them go");
+    call(due);
+  }
+}
+
+void Callout::call(const Call& due) {
+  const std::string what = "notify: " + config_.command.string() + " (" + due.event + ") ";
+  Words words;
+  pid_t pid = 0;
+  if (const int error = spawn(config_.command.string(), due.event, environment_of(due.event, due.run, due.text, due.state), words.fd(), pid);
+      error != 0) {
+    note(what + "cannot be started: " + std::strerror(error));
+    return;
+  }
+  int status = 0;
+  if (!wait_for(pid, steady_clock::now() + seconds(config_.timeout_s), status)) {
+    ::kill(-pid, SIGTERM);
+    if (!wait_for(pid, steady_clock::now() + kGrace, status)) {
+      ::kill(-pid, SIGKILL);
+      ::waitpid(pid, &status, 0);
+    }
+    note(what + "was ended: it took longer than [notify] timeout_s" + words.first());
+  } else if (WIFSIGNALED(status)) {
+    note(what + "was killed by signal " + std::to_string(WTERMSIG(status)) + words.first());
+  } else if (WEXITSTATUS(status) != 0) {
+    note(what + "failed with exit code " + std::to_string(WEXITSTATUS(status)) + words.first());
+  }
+  ::kill(-pid, SIGKILL);  // what it has left in its group
+}
+
+/// False: it still runs.
+bool Callout::wait_for(int pid, steady_clock::time_point deadline, int& status) {
+  for (;;) {
+    const pid_t got = ::waitpid(pid, &status, WNOHANG);
+    if (got == pid) return true;
+    if (got < 0 && errno != EINTR) {
+      status = 0;
+      return true;
+    }
+    std::unique_lock lock(mutex_);
+    if (steady_clock::now() >= std::min(deadline, give_up_)) return false;
+    more_.wait_for(lock, kLook);
+  }
+}
+
+}  // namespace isorig::daemon

@@ -1,0 +1,30 @@
+#include "daemon/host/corrections.hpp"
+
+#include <stdexcept>
+
+#include "daemon/recording/amendments.hpp"
+#include "daemon/rig/specimen.hpp"
+
+namespace isorig::daemon {
+
+std::string amend_run(Catalogue& catalogue, const RunRow& run, const Correction& c) {
+  Amendment a{utc_now(), c.by, {}, c.operator_name, c.text};
+  double rest_length_mm = 0.0;
+  if (!c.specimen_text.empty()) {
+    const auto specimen = parse_specimen(c.specimen_text, c.specimen_name);
+    a.specimen = specimen.name;
+    rest_length_mm = specimen.rest_length_mm;
+  }
+  if (a.specimen.empty() && a.operator_name.empty() && a.text.empty()) {
+    throw std::runtime_error("nothing to note: name a specimen, an operator or a text");
+  }
+  // The trace first: a catalogue that says otherwise than the recording has to have its reason beside it.
+  append_amendment(run.directory, a);
+  catalogue.amend(run.id, a.specimen, rest_length_mm, a.operator_name);
+  std::string said = "run " + run.id + " is noted";
+  if (!a.specimen.empty()) said += ": specimen " + a.specimen + " (was " + run.specimen + ")";
+  if (!a.operator_name.empty()) said += ": operator " + a.operator_name + (run.operator_name.empty() ? "" : " (was " + run.operator_name + ")");
+  return said;
+}
+
+}  // namespace isorig::daemon

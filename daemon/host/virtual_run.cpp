@@ -1,0 +1,103 @@
+#include "daemon/host/virtual_run.hpp"
+
+#include <chrono>
+#include <memory>
+
+#include "daemon/rig/calibrations.hpp"
+#include "daemon/rig/virtual_rig.hpp"
+
+namespace isorig::daemon {
+namespace {
+
+constexpr std::int64_t kHostTurnNs = 50'000'000;
+constexpr std::int64_t kReadyWithinNs = 30'000'000'000;
+// 2026-01-01T00:00:00Z: a recording in virtual time must not know when it was made.
+constexpr std::int64_t kEpochUnixUs = 1'767'225'600'000'000;
+
+}  // namespace
+
+VirtualRunResult run_virtual(const RigConfig& rig, const VirtualRunOptions& options) {
+  if (!rig.simulated()) {
+    throw std::runtime_error("virtual time needs a simulated rig, and " + rig.path.string() +
+                             " has real devices; start isorigd --rig and isorig start");
+  }
+  RigConfig config = with_calibration(rig, options.runs_root);
+  config.core.operating.arming_required = false;  // nothing is there to be hurt, and nobody to be asked
+  if (!options.specimen.empty()) {
+    config.specimen = options.specimen;
+    config.sim->specimen = options.specimen;
+  }
+  if (options.seed) config.sim->seed = *options.seed;
+
+  const auto wall_start = std::chrono::steady_clock::now();
+  const auto wall_s = [&] {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - wall_start).count();
+  };
+
+  auto bench = std::make_unique<VirtualRig>(config);
+  if (options.prepare) options.prepare(bench->rig());
+  if (options.on_tick) {
+    bench->before_core = [&](VirtualRig& r) { options.on_tick(r.rig(), r.core(), r.now_ns()); };
+  }
+  Host::Options host_options;
+  host_options.runs_root = options.runs_root;
+  host_options.virtual_time = true;
+  host_options.revision = options.revision;
+  host_options.epoch_unix_us = kEpochUnixUs;
+  host_options.seed = static_cast<std::int64_t>(config.sim->seed);
+  host_options.breathe = [&] { bench->tick(); };
+  Host host(config, bench->core(), bench->streams, host_options);
+  const auto tick = [&] {
+    bench->tick();
+    if (bench->now_ns() % kHostTurnNs == 0) host.turn(bench->now_ns());
+  };
+
+  while (bench->core().state() != RunState::kReady) {
+    tick();
+    if (bench->now_ns() > kReadyWithinNs) {
+      throw std::runtime_error("the simulated rig did not get ready within 30 s of its time: " +
+                               std::string(bench->core().status().not_ready));
+    }
+  }
+  const auto started = host.start(options.start);
+  if (!started.ok) throw std::runtime_error(started.text);
+
+  bool aborted = false;
+  double next_progress_s = 0.0;
+  const std::int64_t start_ns = bench->now_ns();
+  for (std::uint64_t turn = 0; host.run_open(); ++turn) {
+    for (std::int64_t i = 0; i < kHostTurnNs / VirtualRig::kTickNs; ++i) tick();
+    if (turn % 64 != 0) continue;
+    if (options.on_progress && wall_s() >= next_progress_s) {
+      options.on_progress(bench->core().status(), wall_s());
+      next_progress_s = wall_s() + 0.1;
+    }
+    if (!aborted && options.interrupted && options.interrupted()) {
+      aborted = host.verb(Request::Verb::kAbort).ok;
+    }
+    // A run that faulted but could go on waits for an operator: there is none here.
+    if (bench->core().state() == RunState::kFaulted && bench->core().status().run_loaded && !aborted) {
+      const auto fault_ns = bench->now_ns();
+      while (bench->now_ns() < fault_ns + 5'000'000'000) tick();
+      aborted = host.verb(Request::Verb::kAbort).ok;
+    }
+  }
+
+  VirtualRunResult result;
+  result.outcome = host.last_outcome();
+  result.fault = host.last_fault();
+  if (!result.fault.empty() && result.outcome == "aborted" && !(options.interrupted && options.interrupted())) {
+    result.outcome = "failed";
+  }
+  result.run_id = host.run_id();
+  result.directory = host.run_directory();
+  result.status = bench->core().status();
+  result.ticks = result.status.control.ticks;
+  result.simulated_s = static_cast<double>(bench->now_ns() - start_ns) * 1e-9;
+  result.recorder = host.recorder_status();
+  result.wall_s = wall_s();
+  bench->shut_down();
+  return result;
+}
+
+}  // namespace isorig::daemon

@@ -1,0 +1,64 @@
+#include "daemon/recording/amendments.hpp"
+
+#include <fcntl.h>
+#include <toml++/toml.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <ctime>
+#include <sstream>
+#include <stdexcept>
+#include <utility>
+
+#include "base/toml_reader.hpp"
+#include "daemon/recording/run_directory.hpp"
+
+namespace isorig::daemon {
+namespace {
+
+std::filesystem::path file_of(const std::filesystem::path& run_dir) { return run_dir / "amendments.toml"; }
+
+}  // namespace
+
+void append_amendment(const std::filesystem::path& run_dir, const Amendment& a) {
+  toml::table entry{{"at_utc", a.at_utc}};
+  for (const auto& [key, text] :
+       {std::pair<const char*, const std::string&>{"by", a.by}, {"specimen", a.specimen}, {"operator", a.operator_name}, {"text", a.text}}) {
+    if (!text.empty()) entry.insert_or_assign(key, text);
+  }
+  std::ostringstream out;
+  out << "[[amendment]]\n" << entry << "\n\n";
+  const auto text = out.str();
+  const auto path = file_of(run_dir);
+  // One write at the end of the file: what is there already is not touched.
+  const int fd = ::open(path.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
+  const bool written = fd >= 0 && ::write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size()) && ::fsync(fd) == 0;
+  const int error = errno;
+  if (fd >= 0) ::close(fd);
+  if (!written) throw std::runtime_error("cannot write " + path.string() + ": " + std::strerror(error));
+  sync_directory(run_dir);
+}
+
+std::vector<Amendment> read_amendments(const std::filesystem::path& run_dir) {
+  std::vector<Amendment> all;
+  if (!std::filesystem::exists(file_of(run_dir))) return all;
+  const auto document = base::TomlDocument::parse_file(file_of(run_dir));
+  for (const auto& t : document.root().tables("amendment")) {
+    all.push_back({t.string("at_utc"), t.string_or("by", ""), t.string_or("specimen", ""), t.string_or("operator", ""),
+                   t.string_or("text", "")});
+  }
+  document.finish();
+  return all;
+}
+
+std::string utc_now() {
+  const std::time_t now = std::time(nullptr);
+  std::tm tm{};
+  gmtime_r(&now, &tm);
+  char text[32];
+  std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &tm);
+  return text;
+}
+
+}  // namespace isorig::daemon

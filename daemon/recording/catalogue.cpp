@@ -1,0 +1,357 @@
+#include "daemon/recording/catalogue.hpp"
+
+#include <algorithm>
+#include <fstream>
+#include <sstream>
+#include <stdexcept>
+#include <utility>
+
+#include "daemon/recording/recording_summary.hpp"
+#include "daemon/recording/run_directory.hpp"
+#include "daemon/recording/sqlite.hpp"
+
+namespace isorig::daemon {
+namespace {
+
+using sqlite::execute;
+using sqlite::Statement;
+using sqlite::Transaction;
+
+constexpr std::int64_t kSchemaVersion = 1;
+constexpr int kPatienceMs = 5000;
+constexpr const char* kFileName = "catalogue.sqlite";
+constexpr const char* kSchema = R"(
+CREATE TABLE specimens (
+  name TEXT PRIMARY KEY,
+  rest_length_mm REAL NOT NULL);
+CREATE TABLE runs (
+  id TEXT PRIMARY KEY,
+  specimen TEXT NOT NULL REFERENCES specimens(name),
+  rig TEXT NOT NULL,
+  protocol TEXT NOT NULL,
+  plan TEXT NOT NULL,
+  operator TEXT NOT NULL,
+  started_utc TEXT NOT NULL,
+  seed INTEGER NOT NULL,
+  virtual_time INTEGER NOT NULL,
+  attempts INTEGER NOT NULL,
+  state TEXT NOT NULL,
+  fault TEXT NOT NULL);
+CREATE TABLE sessions (
+  run TEXT NOT NULL REFERENCES runs(id),
+  session INTEGER NOT NULL,
+  repetition INTEGER NOT NULL,
+  pressure_psi REAL NOT NULL,
+  label TEXT NOT NULL,
+  state TEXT NOT NULL,
+  attempt INTEGER NOT NULL DEFAULT 0,
+  first_mono_ns INTEGER NOT NULL DEFAULT 0,
+  last_mono_ns INTEGER NOT NULL DEFAULT 0,
+  segment TEXT NOT NULL DEFAULT '',
+  PRIMARY KEY (run, session));
+)";
+
+constexpr const char* kSelectRuns =
+    "SELECT id, specimen, rig, protocol, operator, started_utc, state, fault, attempts,"
+    " (SELECT count(*) FROM sessions WHERE run = id),"
+    " (SELECT count(*) FROM sessions WHERE run = id AND sessions.state = 'done') FROM runs";
+
+RunRow read_run_row(const Statement& s, const std::filesystem::path& root) {
+  RunRow r;
+  r.id = s.text(0);
+  r.specimen = s.text(1);
+  r.rig = s.text(2);
+  r.protocol = s.text(3);
+  r.operator_name = s.text(4);
+  r.started_utc = s.text(5);
+  r.state = s.text(6);
+  r.fault = s.text(7);
+  r.attempts = static_cast<std::int32_t>(s.integer(8));
+  r.sessions = static_cast<std::int32_t>(s.integer(9));
+  r.sessions_done = static_cast<std::int32_t>(s.integer(10));
+  r.directory = root / r.id;
+  return r;
+}
+
+std::string read_file(const std::filesystem::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  if (!in) throw std::runtime_error("cannot read " + path.string() + ", which the run was started with");
+  std::ostringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+std::int64_t schema_version(sqlite3* db) {
+  Statement version(db, "PRAGMA user_version");
+  version.step();
+  return version.integer(0);
+}
+
+/// The recorder's thread does not wait for a catalogue that somebody else has locked: it comes again.
+class NoPatience {
+ public:
+  explicit NoPatience(sqlite3* db) : db_(db) { sqlite3_busy_timeout(db_, 20); }
+  ~NoPatience() { sqlite3_busy_timeout(db_, kPatienceMs); }
+  NoPatience(const NoPatience&) = delete;
+  NoPatience& operator=(const NoPatience&) = delete;
+
+ private:
+  sqlite3* db_;
+};
+
+}  // namespace
+
+Catalogue::Catalogue(const std::filesystem::path& runs_root, Access access) : root_(runs_root) {
+  const auto file = root_ / kFileName;
+  if (access == Access::kReadWrite) {
+    std::filesystem::create_directories(root_);
+  } else if (!std::filesystem::exists(file)) {
+    throw std::runtime_error("no runs in " + root_.string() +
+                             " (no catalogue.sqlite); name their place with --runs");
+  }
+  try {
+    open(access);
+    if (access == Access::kReadOnly) return;
+    settle_interrupted();
+    adopt_recordings();
+    for (const auto& entry : std::filesystem::directory_iterator(root_)) remove_stale_reserve(entry.path());
+  } catch (...) {
+    sqlite3_close(db_);
+    throw;
+  }
+}
+
+void Catalogue::open(Access access) {
+  const auto file = root_ / kFileName;
+  // Reading too: a write-ahead log is read through its shared memory file, which readers may have to create.
+  const int flags = SQLITE_OPEN_READWRITE | (access == Access::kReadWrite ? SQLITE_OPEN_CREATE : 0);
+  int opened = sqlite3_open_v2(file.c_str(), &db_, flags, nullptr);
+  if (opened != SQLITE_OK && access == Access::kReadOnly) {
+    sqlite3_close(db_);
+    opened = sqlite3_open_v2(file.c_str(), &db_, SQLITE_OPEN_READONLY, nullptr);
+  }
+  if (opened != SQLITE_OK) sqlite::fail(db_, "cannot open " + file.string());
+  sqlite3_busy_timeout(db_, kPatienceMs);
+  std::int64_t found = 0;
+  try {
+    found = schema_version(db_);
+  } catch (const sqlite::Error& e) {
+    const bool not_allowed = e.code == SQLITE_READONLY || e.code == SQLITE_CANTOPEN || e.code == SQLITE_PERM;
+    if (access != Access::kReadOnly || !not_allowed) throw;
+    open_copy(e.what());
+    found = schema_version(db_);
+  }
+  if (found > kSchemaVersion) {
+    throw std::runtime_error(file.string() + " was written by a newer isorig (schema " + std::to_string(found) +
+                             ", this one knows " + std::to_string(kSchemaVersion) + "); update this one");
+  }
+  if (access == Access::kReadOnly) return;
+  execute(db_, "PRAGMA journal_mode = WAL");
+  execute(db_, "PRAGMA synchronous = FULL");
+  execute(db_, "PRAGMA foreign_keys = ON");
+  Transaction all(db_);
+  if (schema_version(db_) == 0) {  // asked again: somebody else may have been first
+    execute(db_, kSchema);
+    execute(db_, "PRAGMA user_version = 1");
+  }
+  all.commit();
+}
+
+/// A reader that may not write cannot make the shared memory file, without which SQLite does not read a write-ahead
+/// log. Nobody has the catalogue open then, or the file would be there: a copy is as good.
+void Catalogue::open_copy(const std::string& why) {
+  sqlite3_close(std::exchange(db_, nullptr));
+  auto pattern = (std::filesystem::temp_directory_path() / "isorig-catalogue-XXXXXX").string();
+  if (::mkdtemp(pattern.data()) == nullptr) throw std::runtime_error(why);
+  copy_ = pattern;
+  try {
+    std::filesystem::copy_file(root_ / kFileName, copy_ / kFileName);
+    const auto log = std::string(kFileName) + "-wal";
+    if (std::filesystem::exists(root_ / log)) std::filesystem::copy_file(root_ / log, copy_ / log);
+  } catch (const std::filesystem::filesystem_error& e) {
+    std::error_code none;
+    std::filesystem::remove_all(copy_, none);
+    throw std::runtime_error("you may not read " + e.path1().string() + "; ask for the right to, or to join its group");
+  }
+  for (const auto& file : std::filesystem::directory_iterator(copy_)) {
+    std::filesystem::permissions(file, std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
+  }
+  if (sqlite3_open_v2((copy_ / kFileName).c_str(), &db_, SQLITE_OPEN_READWRITE, nullptr) != SQLITE_OK) {
+    sqlite::fail(db_, "cannot open a copy of " + (root_ / kFileName).string());
+  }
+}
+
+Catalogue::~Catalogue() {
+  sqlite3_close(db_);
+  std::error_code none;
+  if (!copy_.empty()) std::filesystem::remove_all(copy_, none);
+}
+
+std::string Catalogue::new_run_id(const std::string& wanted) const {
+  const std::lock_guard hold(mutex_);
+  for (int n = 1;; ++n) {
+    auto id = n == 1 ? wanted : wanted + "-" + std::to_string(n);
+    Statement known(db_, "SELECT 1 FROM runs WHERE id = ?1");
+    // The directory may be there without an entry: a catalogue that was deleted, a start that failed.
+    if (!known.bind(id).step() && !std::filesystem::exists(root_ / id)) return id;
+  }
+}
+
+void Catalogue::open_run(const std::string& id, const RunInfo& info, const protocol::Plan& plan,
+                         const std::string& protocol_name, const std::string& operator_name) {
+  const std::lock_guard hold(mutex_);
+  Transaction all(db_);
+  Statement(db_,
+            "INSERT INTO specimens VALUES (?1, ?2) ON CONFLICT DO UPDATE SET rest_length_mm = "
+            "excluded.rest_length_mm")
+      .bind(info.specimen, info.rest_length_mm)
+      .run();
+  Statement(db_,
+            "INSERT INTO runs VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, 1, 'running', '') "
+            "ON CONFLICT DO UPDATE SET attempts = attempts + 1, state = 'running', fault = ''")
+      .bind(id, info.specimen, info.rig, protocol_name, info.plan_summary, operator_name, info.started_utc,
+            info.seed, info.virtual_time ? 1 : 0)
+      .run();
+  for (std::size_t i = 0; i < plan.sessions.size(); ++i) {
+    const auto& s = plan.sessions[i];
+    Statement(db_,
+              "INSERT INTO sessions (run, session, repetition, pressure_psi, label, state) "
+              "VALUES (?1, ?2, ?3, ?4, ?5, 'planned') ON CONFLICT DO NOTHING")
+        .bind(id, i, s.repetition, s.pressure_psi, s.label)
+        .run();
+  }
+  all.commit();
+}
+
+void Catalogue::on_session(const std::string& id, const SessionChange& change) {
+  const std::lock_guard hold(mutex_);
+  const NoPatience now(db_);
+  if (change.began) {
+    Statement(db_,
+              "UPDATE sessions SET state = 'running', attempt = (SELECT attempts FROM runs WHERE id = ?1),"
+              " first_mono_ns = ?3, last_mono_ns = ?3, segment = ?4 WHERE run = ?1 AND session = ?2")
+        .bind(id, change.session, change.mono_ns, change.segment)
+        .run();
+  } else {
+    Statement(db_, "UPDATE sessions SET state = ?3, last_mono_ns = ?4 WHERE run = ?1 AND session = ?2")
+        .bind(id, change.session, std::string_view(change.complete ? "done" : "interrupted"), change.mono_ns)
+        .run();
+  }
+}
+
+void Catalogue::close_run(const std::string& id, const std::string& state, const std::string& fault) {
+  const std::lock_guard hold(mutex_);
+  const NoPatience now(db_);
+  Transaction all(db_);
+  Statement(db_, "UPDATE sessions SET state = 'interrupted' WHERE run = ?1 AND state = 'running'")
+      .bind(id)
+      .run();
+  Statement(db_, "UPDATE runs SET state = ?2, fault = ?3 WHERE id = ?1").bind(id, state, fault).run();
+  all.commit();
+}
+
+void Catalogue::amend(const std::string& id, const std::string& specimen, double rest_length_mm,
+                      const std::string& operator_name) {
+  const std::lock_guard hold(mutex_);
+  Transaction all(db_);
+  if (!specimen.empty()) {
+    Statement(db_, "INSERT INTO specimens VALUES (?1, ?2) ON CONFLICT DO NOTHING").bind(specimen, rest_length_mm).run();
+    Statement(db_, "UPDATE runs SET specimen = ?2 WHERE id = ?1").bind(id, specimen).run();
+  }
+  if (!operator_name.empty()) {
+    Statement(db_, "UPDATE runs SET operator = ?2 WHERE id = ?1").bind(id, operator_name).run();
+  }
+  all.commit();
+}
+
+RunRow Catalogue::settle_state(RunRow row) const {
+  if (row.state == "running" && !RunLock::is_held(row.directory)) {
+    row.state = "interrupted";
+    row.fault = kInterruptedFault;
+  }
+  return row;
+}
+
+RunInputs Catalogue::inputs_of(const std::string& id) const {
+  const auto run = find_run(id);
+  if (!run || run->id != id) {
+    throw std::runtime_error("there is no run \"" + id + "\" in " + root_.string() +
+                             "; `isorig runs` lists them");
+  }
+  if (run->state == "running") throw std::runtime_error("run " + id + " is still running");
+  RunInputs in;
+  in.directory = run->directory;
+  in.protocol_name = run->protocol;
+  in.specimen_name = run->specimen;
+  // The recording's own copies have a checksum; a power cut may have emptied the files beside it.
+  const auto texts = recorded_texts(run->directory);
+  const auto text = [&](const char* name) {
+    const auto found = texts.find(name);
+    return found != texts.end() ? found->second : read_file(run->directory / "inputs" / name);
+  };
+  in.protocol_text = text("protocol.toml");
+  in.specimen_text = text("specimen.toml");
+  const auto sessions = sessions_of(id);
+  const auto open =
+      std::find_if(sessions.begin(), sessions.end(), [](const auto& s) { return s.state != "done"; });
+  in.first_open_session = static_cast<std::uint32_t>(open - sessions.begin());
+  return in;
+}
+
+std::vector<RunRow> Catalogue::runs() const {
+  std::vector<RunRow> rows;
+  {
+    const std::lock_guard hold(mutex_);
+    Statement all(db_, (std::string(kSelectRuns) + " ORDER BY started_utc DESC, runs.rowid DESC").c_str());
+    while (all.step()) rows.push_back(read_run_row(all, root_));
+  }
+  for (auto& row : rows) row = settle_state(std::move(row));
+  return rows;
+}
+
+std::optional<RunRow> Catalogue::find_run(const std::string& id_or_prefix) const {
+  if (id_or_prefix.empty()) return std::nullopt;  // the beginning of every name is nobody's
+  auto rows = runs();
+  // A whole name first: "run-2" begins with "run", and is the newer one.
+  for (auto& row : rows) {
+    if (row.id == id_or_prefix || id_or_prefix == "latest") return std::move(row);
+  }
+  std::optional<RunRow> found;
+  for (auto& row : rows) {
+    if (!row.id.starts_with(id_or_prefix)) continue;
+    if (found) {
+      throw std::runtime_error("\"" + id_or_prefix + "\" begins the names of several runs, among them " +
+                               found->id + " and " + row.id);
+    }
+    found = std::move(row);
+  }
+  return found;
+}
+
+std::vector<SessionRow> Catalogue::sessions_of(const std::string& id) const {
+  const std::lock_guard hold(mutex_);
+  const bool alive = RunLock::is_held(root_ / id);
+  std::vector<SessionRow> rows;
+  Statement all(
+      db_,
+      "SELECT session, repetition, pressure_psi, label, state, attempt, first_mono_ns, last_mono_ns, segment "
+      "FROM sessions WHERE run = ?1 ORDER BY session");
+  all.bind(id);
+  while (all.step()) {
+    SessionRow r;
+    r.session = static_cast<std::int32_t>(all.integer(0));
+    r.repetition = static_cast<std::int32_t>(all.integer(1));
+    r.pressure_psi = all.real(2);
+    r.label = all.text(3);
+    r.state = all.text(4);
+    r.attempt = static_cast<std::int32_t>(all.integer(5));
+    r.first_mono_ns = all.integer(6);
+    r.last_mono_ns = all.integer(7);
+    r.segment = all.text(8);
+    if (r.state == "running" && !alive) r.state = "interrupted";
+    rows.push_back(std::move(r));
+  }
+  return rows;
+}
+
+}  // namespace isorig::daemon

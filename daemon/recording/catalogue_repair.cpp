@@ -1,0 +1,99 @@
+#include <exception>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "daemon/recording/catalogue.hpp"
+#include "daemon/recording/recording_summary.hpp"
+#include "daemon/recording/sqlite.hpp"
+#include "messages/run_log.hpp"
+
+/// What a catalogue does about runs whose writer was killed: the recording decides.
+namespace isorig::daemon {
+namespace {
+
+using sqlite::Statement;
+using sqlite::Transaction;
+
+void note_sessions(sqlite3* db, const std::string& id, const RecordingSummary& recording) {
+  for (const auto& [index, s] : recording.sessions) {
+    Statement(db,
+              "UPDATE sessions SET state = ?3, attempt = ?4, first_mono_ns = ?5, last_mono_ns = ?6, segment = ?7"
+              " WHERE run = ?1 AND session = ?2 AND state != 'done'")
+        .bind(id, index, std::string_view(s.complete ? "done" : "interrupted"), s.begin ? s.begin->attempt : 0,
+              s.begin ? s.begin->mono_ns : 0, s.end ? s.end->mono_ns : s.begin ? s.begin->mono_ns : 0, s.segment)
+        .run();
+  }
+  Statement(db, "UPDATE sessions SET state = 'interrupted' WHERE run = ?1 AND state = 'running'").bind(id).run();
+}
+
+}  // namespace
+
+void Catalogue::settle_interrupted() {
+  std::vector<std::string> open;
+  {
+    Statement running(db_, "SELECT id FROM runs WHERE state = 'running'");
+    while (running.step()) open.push_back(running.text(0));
+  }
+  for (const auto& id : open) {
+    if (RunLock::is_held(root_ / id)) continue;
+    std::string state = "interrupted", fault = kInterruptedFault;
+    Transaction all(db_);
+    try {
+      const auto recording = summarize_recording(root_ / id);
+      note_sessions(db_, id, recording);
+      state = recording.run_state();
+      if (state == "done") fault.clear();
+    } catch (const sqlite::Error&) {
+      throw;
+    } catch (const std::exception& e) {
+      fault += std::string("; ") + e.what();
+      Statement(db_, "UPDATE sessions SET state = 'interrupted' WHERE run = ?1 AND state = 'running'").bind(id).run();
+    }
+    Statement(db_, "UPDATE runs SET state = ?2, fault = ?3 WHERE id = ?1").bind(id, state, fault).run();
+    all.commit();
+  }
+}
+
+void Catalogue::adopt_recordings() {
+  for (const auto& entry : std::filesystem::directory_iterator(root_)) {
+    const auto id = entry.path().filename().string();
+    if (!entry.is_directory()) continue;
+    {
+      Statement known(db_, "SELECT 1 FROM runs WHERE id = ?1");
+      if (known.bind(id).step()) continue;
+    }
+    if (messages::list_segments(entry.path()).empty()) continue;
+    // Its writer enters it itself, a moment after it took the lock.
+    if (RunLock::is_held(entry.path())) continue;
+    try {
+      const auto recording = summarize_recording(entry.path());
+      const auto& h = recording.header;
+      const auto state = recording.run_state();
+      Transaction all(db_);
+      Statement(db_, "INSERT INTO specimens VALUES (?1, ?2) ON CONFLICT DO NOTHING").bind(h.specimen, h.rest_length_mm).run();
+      Statement(db_,
+                "INSERT INTO runs VALUES (?1, ?2, ?3, 'protocol.toml', ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11) "
+                "ON CONFLICT DO NOTHING")
+          .bind(id, h.specimen, h.rig, h.plan_summary, recording.operator_name, recording.started_utc, h.seed,
+                h.virtual_time != 0 ? 1 : 0, h.attempt, state, std::string_view(state == "done" ? "" : kInterruptedFault))
+          .run();
+      for (const auto& s : h.sessions) {
+        char label[64];
+        std::snprintf(label, sizeof label, "repetition %d, %g psi", s.repetition, s.pressure_psi);
+        Statement(db_,
+                  "INSERT INTO sessions (run, session, repetition, pressure_psi, label, state) "
+                  "VALUES (?1, ?2, ?3, ?4, ?5, 'planned') ON CONFLICT DO NOTHING")
+            .bind(id, s.session, s.repetition, s.pressure_psi, std::string_view(label))
+            .run();
+      }
+      note_sessions(db_, id, recording);
+      all.commit();
+    } catch (const sqlite::Error&) {
+      throw;
+    } catch (const std::exception&) {  // no recording, or none that can be read: `isorig show DIR` says why
+    }
+  }
+}
+
+}  // namespace isorig::daemon

@@ -1,0 +1,129 @@
+#include "daemon/recording/publisher.hpp"
+
+#include <array>
+#include <cstdio>
+#include <isorig_msgs/progress_t.hpp>
+#include <lcm/lcm-cpp.hpp>
+#include <limits>
+#include <stdexcept>
+
+#include "daemon/recording/batches.hpp"
+#include "messages/channels.hpp"
+
+namespace isorig::daemon {
+namespace {
+
+using messages::Channel;
+
+constexpr std::int64_t kProgressPeriodNs = 500'000'000;
+constexpr std::int32_t kNoSession = -1;  // sessions are the recording's; live messages say the step
+
+}  // namespace
+
+struct Publisher::Impl {
+  Impl(const std::string& url, Publisher& p) : publisher(p), lcm(url) {
+    if (!lcm.good()) {
+      throw std::runtime_error(
+          "LCM cannot open \"" + url +
+          "\"; multicast needs a route even on one machine: `ip link set lo multicast on; ip "
+          "route add 224.0.0.0/4 dev lo`, or switch publishing off in the rig's file");
+    }
+    for (std::size_t i = 0; i < names.size(); ++i) names[i] = std::string(messages::kChannelNames[i]);
+  }
+
+  template <typename Message>
+  void write(Channel channel, std::int32_t, Message& message) {
+    const auto i = static_cast<std::size_t>(channel);
+    message.number = numbers[i]++;
+    const int size = message.getEncodedSize();
+    // Batches are smaller by construction and texts have a bound: kMaxMessageBytes is checked by the tests.
+    if (size > static_cast<int>(buffer.size())) return failed();
+    message.encode(buffer.data(), 0, size);
+    if (lcm.publish(names[i], buffer.data(), static_cast<unsigned>(size)) != 0) return failed();
+    publisher.published_.fetch_add(1, std::memory_order_relaxed);
+  }
+
+  void failed() { publisher.failed_.fetch_add(1, std::memory_order_relaxed); }
+
+  void write_progress(std::int64_t now_ns) {
+    isorig_msgs::progress_t m{};
+    m.mono_ns = now_ns;
+    m.session = kNoSession;
+    m.step = static_cast<std::int32_t>(newest.step);
+    m.state = static_cast<std::int8_t>(newest.state);
+    m.progress = newest.progress;
+    m.remaining_s = newest.remaining_s;
+    m.dropped_records = static_cast<std::int64_t>(dropped);
+    m.failed_publishes = static_cast<std::int64_t>(publisher.failed());
+    write(Channel::kProgress, kNoSession, m);
+  }
+
+  void write_event(const EventRecord& r) {
+    auto message = to_message(r, kNoSession);
+    write(Channel::kEvent, kNoSession, message);
+  }
+
+  void report_dropped(const Streams& streams, std::int64_t now_ns) {
+    const auto now_dropped = streams.dropped();
+    if (now_dropped == dropped) return;
+    EventRecord r;
+    r.mono_ns = now_ns;
+    r.step = newest.step;
+    r.severity = Severity::kWarning;
+    r.from = r.to = newest.state;
+    r.value = static_cast<double>(now_dropped - dropped);
+    std::snprintf(r.code, sizeof r.code, "publisher.dropped");
+    std::snprintf(r.text, sizeof r.text,
+                  "%zu records were not published: the publisher was late; the recording has them",
+                  now_dropped - dropped);
+    dropped = now_dropped;
+    write_event(r);
+  }
+
+  Publisher& publisher;
+  lcm::LCM lcm;
+  std::array<std::string, messages::kChannels> names;
+  std::array<std::int64_t, messages::kChannels> numbers{};
+  std::array<std::uint8_t, messages::kMaxMessageBytes> buffer{};
+  FrameBatch frame;
+  PressureBatch pressure;
+  ControlBatch control;
+  ExchangeBatch exchanges;
+  ControlRecord newest;
+  std::size_t dropped = 0;
+  std::int64_t next_progress_ns = std::numeric_limits<std::int64_t>::min();
+};
+
+Publisher::Publisher(const std::string& url) : impl_(std::make_unique<Impl>(url, *this)) {}
+
+Publisher::~Publisher() = default;
+
+void Publisher::drain(Streams& streams, std::int64_t now_ns) {
+  auto& m = *impl_;
+  // Events first: who listens for one should not wait for the samples.
+  EventRecord event;
+  while (streams.events.pop(event)) m.write_event(event);
+  FrameRecord frame;
+  while (streams.frame.pop(frame)) append(m.frame, frame, kNoSession, m);
+  flush(m.frame, m);
+  PressureRecord pressure;
+  while (streams.pressure.pop(pressure)) append(m.pressure, pressure, kNoSession, m);
+  flush(m.pressure, m);
+  while (streams.control.pop(m.newest)) append(m.control, m.newest, kNoSession, m);
+  flush(m.control, m);
+  ExchangeRecord exchange;
+  while (streams.exchanges.pop(exchange)) append(m.exchanges, exchange, kNoSession, m);
+  flush(m.exchanges, m);
+  SyncRecord sync;
+  while (streams.sync.pop(sync)) {
+    auto message = to_message(sync, kNoSession);
+    m.write(Channel::kSync, kNoSession, message);
+  }
+  m.report_dropped(streams, now_ns);
+  if (now_ns >= m.next_progress_ns) {
+    m.next_progress_ns = now_ns + kProgressPeriodNs;
+    m.write_progress(now_ns);
+  }
+}
+
+}  // namespace isorig::daemon

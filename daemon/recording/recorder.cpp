@@ -1,0 +1,473 @@
+#include "daemon/recording/recorder.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <mutex>
+#include <stdexcept>
+#include <utility>
+
+#include "daemon/recording/batches.hpp"
+#include "daemon/recording/keep_policy.hpp"
+#include "daemon/recording/segmented_log.hpp"
+
+namespace isorig::daemon {
+namespace {
+
+using messages::Channel;
+
+constexpr std::int64_t kSliceNs = 100'000'000;
+// Ten minutes are more than a queue holds; a stamp beyond is nonsense and is taken as it comes.
+constexpr int kMostLastSlices = 6'000;
+constexpr std::int64_t kDropReportNs = 1'000'000'000;
+constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
+
+std::int64_t to_ns(double s) {
+  return static_cast<std::int64_t>(std::llround(s * 1e9));
+}
+
+/// When what a message holds was over: the order of the log.
+std::int64_t end_ns(const isorig_msgs::frame_batch_t& m) {
+  return m.mono_ns + m.mono_offset_ns[m.count - 1];
+}
+std::int64_t end_ns(const isorig_msgs::pressure_batch_t& m) {
+  return m.mono_ns + m.mono_offset_ns[m.count - 1];
+}
+std::int64_t end_ns(const isorig_msgs::frame_average_batch_t& m) {
+  return m.last_mono_ns[m.count - 1];
+}
+std::int64_t end_ns(const isorig_msgs::pressure_average_batch_t& m) {
+  return m.last_mono_ns[m.count - 1];
+}
+std::int64_t end_ns(const isorig_msgs::control_batch_t& m) {
+  return m.samples[m.count - 1].mono_ns;
+}
+std::int64_t end_ns(const isorig_msgs::exchange_batch_t& m) {
+  return m.host_recv_ns[m.count - 1];
+}
+std::int64_t end_ns(const isorig_msgs::sync_check_t& m) {
+  return m.mono_ns;
+}
+std::int64_t end_ns(const isorig_msgs::event_t& m) {
+  return m.mono_ns;
+}
+
+/// A queue whose next record may be looked at.
+template <typename Record>
+class Peeked {
+ public:
+  /// Calls take(record) for everything stamped before `end`.
+  template <typename Take>
+  void until(base::SpscQueue<Record>& queue, std::int64_t end, Take take) {
+    while (waiting_ || queue.pop(next_)) {
+      waiting_ = true;
+      if (stamp(next_) >= end) return;
+      waiting_ = false;
+      take(next_);
+    }
+  }
+
+  [[nodiscard]] bool has_more(const base::SpscQueue<Record>& queue) const noexcept {
+    return waiting_ || queue.size() > 0;
+  }
+
+ private:
+  static std::int64_t stamp(const ControlRecord& r) { return r.mono_ns; }
+  static std::int64_t stamp(const EventRecord& r) { return r.mono_ns; }
+  static std::int64_t stamp(const SyncRecord& r) { return r.mono_ns; }
+  static std::int64_t stamp(const ExchangeRecord& r) { return r.exchange.host_recv_ns; }
+  Record next_{};
+  bool waiting_ = false;
+};
+
+}  // namespace
+
+const char* describe(DiskCondition condition) noexcept {
+  switch (condition) {
+    case DiskCondition::kOk:
+      return "ok";
+    case DiskCondition::kLow:
+      return "free space below the limit; nothing lost: free some, then reset";
+    case DiskCondition::kReserve:
+      return "disk full, writing into the reserve; nothing lost: free some, then reset";
+    case DiskCondition::kFailing:
+      return "the disk takes nothing, holding in memory; nothing lost yet";
+    case DiskCondition::kUnvouched:
+      return "the disk failed to keep what it had taken: the run cannot be called whole; look at the disk (dmesg)";
+    case DiskCondition::kLost:
+      return "the disk takes nothing and the memory for it is used up: messages were lost";
+  }
+  return "";
+}
+
+std::uint64_t estimate_bytes(double full_s, double averaged_s, double average_interval_s) noexcept {
+  // Measured (build/bin/bench_recorder_drain): both streams, control and exchanges, a little more for events.
+  constexpr double kFullBytesPerS = 92'000.0;
+  constexpr double kBytesPerInterval = 330.0;
+  return static_cast<std::uint64_t>(full_s * kFullBytesPerS +
+                                    averaged_s / average_interval_s * kBytesPerInterval);
+}
+
+struct Recorder::Impl {
+  /// Where a stream's keep policy puts what it has decided.
+  template <typename Full, typename Averages>
+  struct Sink {
+    explicit Sink(Impl& i) : impl(i) {}
+    Impl& impl;
+    Full full_batch;
+    Averages average_batch;
+    std::int32_t session = -1;
+
+    [[nodiscard]] std::int32_t session_of(std::uint32_t step) const { return impl.session_of(step, session); }
+    template <typename Record>
+    void full(const Record& r) {
+      append(full_batch, r, session, impl);
+    }
+    template <typename Average>
+    void average(const Average& a) {
+      append(average_batch, a, session, impl);
+    }
+    void flush_batches() {
+      flush(average_batch, impl);
+      flush(full_batch, impl);
+    }
+  };
+  using FrameSink = Sink<FrameBatch, FrameAverageBatch>;
+  using PressureSink = Sink<PressureBatch, PressureAverageBatch>;
+
+  /// An encoded message that waits for its slice to be written.
+  struct Staged {
+    std::int32_t session;
+    std::int64_t mono_ns;
+    Channel channel;
+    std::size_t offset;
+    std::size_t size;
+  };
+
+  Impl(const RecorderOptions& o, RunInfo i)
+      : options(checked(o)),
+        info(std::move(i)),
+        log(options, info, [this](isorig_msgs::session_mark_t& m) { fill(m); }),
+        frame_sink(*this),
+        pressure_sink(*this),
+        frame(keep_options(options), frame_sink),
+        pressure(keep_options(options), pressure_sink),
+        slice_end_ns((info.start_mono_ns / kSliceNs + 1) * kSliceNs),
+        next_sync_ns(info.start_mono_ns + to_ns(options.sync_interval_s)),
+        synced_until_ns(info.start_mono_ns),
+        dropped_before(options.dropped_before) {
+    if (!std::is_sorted(info.sessions.begin(), info.sessions.end(),
+                        [](const auto& a, const auto& b) { return a.first_step < b.first_step; })) {
+      throw std::invalid_argument("recorder: sessions must be in the order of their first steps");
+    }
+  }
+
+  static const RecorderOptions& checked(const RecorderOptions& o) {
+    if (!(o.average_interval_s >= 0.001) || !(o.before_s >= 0.0) || !(o.sync_interval_s > 0.0) ||
+        !(o.lag_s >= 0.0) || !(o.max_rate_hz > 0.0)) {
+      throw std::invalid_argument(
+          "recorder: needs average_interval_s >= 0.001, before_s >= 0, sync_interval_s > 0, lag_s >= 0 and "
+          "max_rate_hz > 0");
+    }
+    return o;
+  }
+
+  static KeepOptions keep_options(const RecorderOptions& o) {
+    return {to_ns(o.average_interval_s), to_ns(o.before_s),
+            static_cast<std::size_t>(o.before_s * o.max_rate_hz) + 64};
+  }
+
+  /// What is stamped outside the run (the moment before its start, the moment after its end) belongs to the session
+  /// that is next to it.
+  [[nodiscard]] std::int32_t session_of(std::uint32_t step, std::int32_t present) const {
+    if (info.sessions.empty()) return 0;
+    if (step == kNoStep) return std::max(present, info.first_session);
+    const auto after =
+        std::upper_bound(info.sessions.begin(), info.sessions.end(), step,
+                         [](std::uint32_t s, const SessionInfo& i) { return s < i.first_step; });
+    return std::max(static_cast<std::int32_t>(after - info.sessions.begin()) - 1, info.first_session);
+  }
+
+  [[nodiscard]] std::int32_t present_session() const {
+    return std::max(frame_sink.session, pressure_sink.session);
+  }
+
+  void fill(isorig_msgs::session_mark_t& m) const {
+    m.frame_full = static_cast<std::int64_t>(frame.counts().full);
+    m.frame_averaged = static_cast<std::int64_t>(frame.counts().averaged);
+    m.frame_missing = static_cast<std::int64_t>(frame.counts().missing);
+    m.pressure_full = static_cast<std::int64_t>(pressure.counts().full);
+    m.pressure_averaged = static_cast<std::int64_t>(pressure.counts().averaged);
+    m.pressure_missing = static_cast<std::int64_t>(pressure.counts().missing);
+    m.dropped_records = static_cast<std::int64_t>(dropped);
+  }
+
+  /// The batches' sink: encodes and stages.
+  template <typename Message>
+  void write(Channel channel, std::int32_t session, Message& message) {
+    message.number = numbers[static_cast<std::size_t>(channel)]++;
+    const auto size = static_cast<std::size_t>(message.getEncodedSize());
+    const auto offset = arena.size();
+    arena.resize(offset + size);
+    message.encode(arena.data() + offset, 0, static_cast<int>(size));
+    staged.push_back({session, end_ns(message), channel, offset, size});
+  }
+
+  void write_event(const EventRecord& r) {
+    auto message = to_message(r, session_of(r.step, present_session()));
+    write(Channel::kEvent, message.session, message);
+  }
+
+  void take_slice(Streams& streams, std::int64_t end) {
+    events.until(streams.events, end, [&](const EventRecord& r) {
+      if (r.severity >= Severity::kProgramStop) {
+        // Before the samples of this slice are looked at: the run-up to the stop goes out in full.
+        frame.keep_full_until(r.mono_ns + to_ns(options.evidence_s));
+        pressure.keep_full_until(r.mono_ns + to_ns(options.evidence_s));
+      }
+      write_event(r);
+    });
+    frame.take(streams.frame, end);
+    pressure.take(streams.pressure, end);
+    control.until(streams.control, end, [&](const ControlRecord& r) { take_control(r); });
+    exchanges.until(streams.exchanges, end, [&](const ExchangeRecord& r) {
+      append(exchange_batch, r, present_session(), *this);
+    });
+    sync_checks.until(streams.sync, end, [&](const SyncRecord& r) {
+      auto message = to_message(r, present_session());
+      write(Channel::kSync, message.session, message);
+    });
+  }
+
+  /// In slow parts the controller's samples are thinned to the averages' rate; their worst figures are kept.
+  void take_control(ControlRecord r) {
+    worst_wakeup_ns = std::max(worst_wakeup_ns, r.worst_wakeup_ns);
+    worst_run_ns = std::max(worst_run_ns, r.worst_run_ns);
+    if (!frame.in_full() && r.mono_ns < next_control_ns && r.state == last_state && r.step == last_step)
+      return;
+    next_control_ns = r.mono_ns + to_ns(options.average_interval_s);
+    last_state = r.state;
+    last_step = r.step;
+    r.worst_wakeup_ns = std::exchange(worst_wakeup_ns, 0U);
+    r.worst_run_ns = std::exchange(worst_run_ns, 0U);
+    append(control_batch, r, session_of(r.step, present_session()), *this);
+  }
+
+  /// At once when it begins, then once a second: it must not push every other event out.
+  void report_dropped(const Streams& streams, std::int64_t at_ns, bool last = false) {
+    const auto now_dropped = streams.dropped() - dropped_before;
+    if (now_dropped == dropped) return;
+    log.note_loss();
+    if (!last && at_ns < next_drop_report_ns) return;
+    next_drop_report_ns = at_ns + kDropReportNs;
+    EventRecord r;
+    r.mono_ns = at_ns;
+    r.step = last_step;
+    r.severity = Severity::kProgramStop;
+    r.value = static_cast<double>(now_dropped - dropped);
+    std::snprintf(r.code, sizeof r.code, "recorder.dropped");
+    std::snprintf(r.text, sizeof r.text,
+                  "%zu records lost before the recorder, which was not scheduled in time or waited for its disk",
+                  now_dropped - dropped);
+    dropped = now_dropped;
+    write_event(r);
+  }
+
+  void flush_batches() {
+    frame_sink.flush_batches();
+    pressure_sink.flush_batches();
+    flush(control_batch, *this);
+    flush(exchange_batch, *this);
+  }
+
+  void write_staged() {
+    const auto present = log.session();
+    if (std::any_of(staged.begin(), staged.end(), [&](const Staged& s) { return s.session > present; })) {
+      flush_batches();  // nothing of the old session comes after its end
+    }
+    std::stable_sort(staged.begin(), staged.end(), [](const Staged& a, const Staged& b) {
+      return std::pair(a.session, a.mono_ns) < std::pair(b.session, b.mono_ns);
+    });
+    for (const auto& s : staged)
+      log.append(s.channel, s.session, s.mono_ns, {arena.data() + s.offset, s.size});
+    staged.clear();
+    arena.clear();
+    log.roll_if_large();
+  }
+
+  void run_slices(Streams& streams, std::int64_t due_ns) {
+    for (; due_ns >= slice_end_ns; slice_end_ns += kSliceNs) {
+      take_slice(streams, slice_end_ns);
+      report_dropped(streams, slice_end_ns);
+      // Decided by the slices' own time, so that two runs cut their batches at the same places.
+      const bool sync = slice_end_ns >= next_sync_ns;
+      if (sync) flush_batches();
+      write_staged();
+      if (!sync) continue;
+      next_sync_ns = slice_end_ns + to_ns(options.sync_interval_s);
+      log.sync();
+      if (log.synced()) synced_until_ns = slice_end_ns;
+      report_fault();
+    }
+  }
+
+  void report_fault() {
+    if (log.fault().empty() || std::exchange(fault_reported, true)) return;
+    EventRecord r;
+    r.mono_ns = slice_end_ns;
+    r.step = last_step;
+    r.severity = Severity::kProgramStop;
+    std::snprintf(r.code, sizeof r.code, "recorder.disk");
+    std::snprintf(r.text, sizeof r.text, "%s", log.fault().c_str());
+    write_event(r);
+  }
+
+  /// What the run cannot be called done for.
+  [[nodiscard]] std::string fault(const RecorderStatus& s) const {
+    if (!trouble.empty()) return "the recorder failed: " + trouble;
+    if (!log.fault().empty()) return log.fault();
+    if (s.lost_messages > 0) return std::to_string(s.lost_messages) + " messages were lost: the disk takes nothing";
+    if (s.dropped_records > 0) {
+      return std::to_string(s.dropped_records) +
+             " records were dropped before the recorder, which was not scheduled in time or waited for its disk";
+    }
+    if (finished && !log.synced()) {
+      return "the end of the recording is not on the disk: " + (s.error.empty() ? std::string("it was not synced") : s.error);
+    }
+    return {};
+  }
+
+  [[nodiscard]] DiskCondition condition() const {
+    return trouble.empty() ? log.condition() : std::max(log.condition(), DiskCondition::kFailing);
+  }
+
+  [[nodiscard]] bool has_more(const Streams& streams) const {
+    return frame.has_more(streams.frame) || pressure.has_more(streams.pressure) ||
+           control.has_more(streams.control) || events.has_more(streams.events) ||
+           exchanges.has_more(streams.exchanges) || sync_checks.has_more(streams.sync);
+  }
+
+  void publish_status() {
+    RecorderStatus s;
+    log.describe(s);
+    s.dropped_records = dropped;
+    s.disk = condition();
+    s.fault = fault(s);
+    s.synced_until_ns = synced_until_ns;
+    s.frame_full = frame.counts().full;
+    s.frame_averaged = frame.counts().averaged;
+    s.frame_missing = frame.counts().missing;
+    s.pressure_full = pressure.counts().full;
+    s.pressure_averaged = pressure.counts().averaged;
+    s.pressure_missing = pressure.counts().missing;
+    const std::lock_guard hold(status_mutex);
+    status = std::move(s);
+  }
+
+  const RecorderOptions options;
+  const RunInfo info;
+  SegmentedLog log;
+  FrameSink frame_sink;
+  PressureSink pressure_sink;
+  KeepPolicy<FrameRecord, FrameAverage, FrameSink> frame;
+  KeepPolicy<PressureRecord, PressureAverage, PressureSink> pressure;
+  Peeked<ControlRecord> control;
+  Peeked<EventRecord> events;
+  Peeked<ExchangeRecord> exchanges;
+  Peeked<SyncRecord> sync_checks;
+  ControlBatch control_batch;
+  ExchangeBatch exchange_batch;
+  std::vector<std::uint8_t> arena;
+  std::vector<Staged> staged;
+  std::array<std::int64_t, messages::kChannels> numbers{};
+
+  std::int64_t slice_end_ns;
+  std::int64_t next_sync_ns;
+  std::int64_t synced_until_ns;
+  std::int64_t next_control_ns = std::numeric_limits<std::int64_t>::min();
+  RunState last_state = RunState::kIdle;
+  std::uint32_t last_step = 0;
+  std::uint32_t worst_wakeup_ns = 0;
+  std::uint32_t worst_run_ns = 0;
+  std::size_t dropped_before;
+  std::size_t dropped = 0;
+  std::int64_t next_drop_report_ns = std::numeric_limits<std::int64_t>::min();
+  bool fault_reported = false;
+  std::string trouble;  // an exception that nothing else explains
+  bool finished = false;
+  bool settled = false;
+
+  mutable std::mutex status_mutex;
+  RecorderStatus status;
+};
+
+Recorder::Recorder(RecorderOptions options, RunInfo info)
+    : impl_(std::make_unique<Impl>(options, std::move(info))) {
+  impl_->publish_status();
+  disk_ = impl_->log.condition();
+}
+
+Recorder::~Recorder() = default;
+
+void Recorder::drain(Streams& streams, std::int64_t now_ns) noexcept {
+  auto& m = *impl_;
+  if (m.finished) return;
+  try {
+    m.run_slices(streams, now_ns - to_ns(m.options.lag_s));
+    m.log.tell_sessions();
+  } catch (const std::exception& e) {
+    m.trouble = e.what();
+  }
+  disk_.store(m.condition(), std::memory_order_relaxed);
+  m.publish_status();
+  last_turn_ns_.store(now_ns, std::memory_order_relaxed);
+}
+
+bool Recorder::finish(Streams& streams, bool complete) noexcept {
+  auto& m = *impl_;
+  if (std::exchange(m.finished, true)) return settle();
+  try {
+    for (int i = 0; i < kMostLastSlices && m.has_more(streams); ++i) m.run_slices(streams, m.slice_end_ns);
+    m.take_slice(streams, kNever);
+    m.report_dropped(streams, m.slice_end_ns, true);
+    m.frame.finish();
+    m.pressure.finish();
+    m.flush_batches();
+    m.write_staged();
+    m.log.end_session(complete);
+    m.log.end_attempt(complete, m.dropped);
+  } catch (const std::exception& e) {
+    m.trouble = e.what();
+  }
+  return settle();
+}
+
+bool Recorder::settle() noexcept {
+  auto& m = *impl_;
+  try {
+    if (!m.settled || !m.log.synced()) m.log.sync();
+    m.log.tell_sessions();
+  } catch (const std::exception& e) {
+    m.trouble = e.what();
+  }
+  m.settled = m.log.synced();
+  if (m.settled) m.synced_until_ns = m.slice_end_ns;
+  disk_.store(m.condition(), std::memory_order_relaxed);
+  m.publish_status();
+  return m.settled && m.log.told();
+}
+
+void Recorder::on_session(std::function<void(const SessionChange&)> callback) {
+  impl_->log.on_session = std::move(callback);
+}
+
+RecorderStatus Recorder::status() const {
+  const std::lock_guard hold(impl_->status_mutex);
+  return impl_->status;
+}
+
+std::int32_t Recorder::attempt() const noexcept {
+  return impl_->log.attempt();
+}
+
+}  // namespace isorig::daemon

@@ -1,0 +1,67 @@
+#include "daemon/recording/recording_summary.hpp"
+
+#include <toml++/toml.h>
+
+#include <exception>
+
+#include "messages/run_log.hpp"
+
+namespace isorig::daemon {
+namespace {
+
+struct Reader : messages::RunVisitor {
+  explicit Reader(RecordingSummary& s) : to(s) {}
+  void segment(const std::filesystem::path& path) override { file = path.filename().string(); }
+  void header(const isorig_msgs::run_header_t& h) override { to.header = h; }
+  void session(const isorig_msgs::session_mark_t& m) override {
+    auto& s = to.sessions[m.session.session];
+    if (m.kind == isorig_msgs::session_mark_t::BEGIN) {
+      s.begin = m;
+      s.segment = file;
+    } else if (m.kind == isorig_msgs::session_mark_t::END) {
+      s.end = m;
+      s.complete = s.complete || m.complete != 0;
+    }
+  }
+  RecordingSummary& to;
+  std::string file;
+};
+
+}  // namespace
+
+std::string RecordingSummary::run_state() const {
+  return report.state() == messages::RecordingState::kWhole && report.ended ? "done" : "interrupted";
+}
+
+RecordingSummary summarize_recording(const std::filesystem::path& run_dir) {
+  RecordingSummary s;
+  Reader reader(s);
+  s.report = messages::read_run(run_dir, reader);
+  if (!s.report.has_header) throw std::runtime_error(run_dir.string() + ": no header of a recording can be read");
+  for (const auto& t : s.header.texts) {
+    if (t.name == "operator") s.operator_name = t.text;
+  }
+  try {
+    const auto run = toml::parse_file((run_dir / "run.toml").string());
+    s.started_utc = run["started_utc"].value_or(std::string());
+    if (s.operator_name.empty()) s.operator_name = run["operator"].value_or(std::string());
+  } catch (const std::exception&) {  // for people; the recording does without
+  }
+  return s;
+}
+
+std::map<std::string, std::string> recorded_texts(const std::filesystem::path& run_dir) {
+  std::map<std::string, std::string> texts;
+  for (const auto& segment : messages::list_segments(run_dir)) {
+    try {
+      const auto header = messages::read_header(segment);
+      if (!header) continue;
+      for (const auto& t : header->texts) texts[t.name] = t.text;
+      return texts;
+    } catch (const std::exception&) {  // the next segment has the same
+    }
+  }
+  return texts;
+}
+
+}  // namespace isorig::daemon

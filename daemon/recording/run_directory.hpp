@@ -1,0 +1,46 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <isorig_msgs/run_header_t.hpp>
+#include <string>
+
+#include "daemon/recording/recorder.hpp"
+
+/// What a run's directory holds beside its segments: run.toml, inputs/, the lock and the reserve.
+namespace isorig::daemon {
+
+[[nodiscard]] std::uint64_t free_bytes(const std::filesystem::path& path);
+
+/// The entry itself (a new file's name) survives a power cut only after this.
+void sync_directory(const std::filesystem::path& directory);
+
+[[nodiscard]] isorig_msgs::run_header_t make_header(const RunInfo& info, const RecorderOptions& options,
+                                                    std::int32_t attempt);
+
+/// run.toml (identity, dates, versions) and inputs/<name>, each text whole, for people and for resume.
+void write_inputs(const std::filesystem::path& run_dir, const RunInfo& info);
+
+inline constexpr const char* kReserveName = ".reserve";
+/// What a writer that was killed left allocated. Nothing happens in a run that is being written.
+void remove_stale_reserve(const std::filesystem::path& run_dir) noexcept;
+
+/// An allocated file that is given up when the disk is full.
+class Reserve {
+ public:
+  Reserve(std::filesystem::path file, std::uint64_t bytes);
+  ~Reserve();
+  Reserve(const Reserve&) = delete;
+  Reserve& operator=(const Reserve&) = delete;
+  /// False when the disk has no room for it, or the file system cannot preallocate.
+  bool allocate();
+  /// True when it was there.
+  bool release() noexcept;
+  [[nodiscard]] bool held() const noexcept { return held_; }
+
+ private:
+  std::filesystem::path file_;
+  std::uint64_t bytes_;
+  bool held_ = false;
+};
+
+}  // namespace isorig::daemon
