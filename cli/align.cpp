@@ -1,4 +1,4 @@
-#include "identify/align.hpp"
+#include "identify/fv/align.hpp"
 
 #include <cmath>
 #include <cstdio>

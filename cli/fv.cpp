@@ -5,7 +5,7 @@
 
 #include "base/printable.hpp"
 #include "cli/command.hpp"
-#include "identify/fv_report.hpp"
+#include "identify/fv/fv_report.hpp"
 
 namespace isorig::cli {
 namespace {

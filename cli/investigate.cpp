@@ -14,7 +14,7 @@
 #include "cli/protocol_input.hpp"
 #include "daemon/host/virtual_run.hpp"
 #include "daemon/recording/export.hpp"
-#include "identify/diagnose/menu.hpp"
+#include "identify/diagnose/design/candidates.hpp"
 #include "identify/report/page.hpp"
 #include "messages/recording.hpp"
 #include "protocol/compile.hpp"

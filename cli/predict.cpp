@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "cli/command.hpp"
-#include "identify/diagnose/drive.hpp"
+#include "identify/diagnose/motion/reconstruction.hpp"
 #include "messages/csv.hpp"
 #include "messages/recording.hpp"
 #include "model/composed.hpp"

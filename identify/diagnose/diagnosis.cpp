@@ -7,12 +7,12 @@
 #include <stdexcept>
 
 #include "base/parallel.hpp"
-#include "identify/diagnose/calibration.hpp"
-#include "identify/diagnose/filling.hpp"
-#include "identify/diagnose/laws.hpp"
-#include "identify/diagnose/locate.hpp"
-#include "identify/diagnose/memory.hpp"
-#include "identify/diagnose/plausible.hpp"
+#include "identify/diagnose/explain/locate.hpp"
+#include "identify/diagnose/guard/plausible.hpp"
+#include "identify/diagnose/guard/start_up_cut.hpp"
+#include "identify/diagnose/search/calibration.hpp"
+#include "identify/diagnose/search/hysteresis.hpp"
+#include "identify/diagnose/search/parsimony.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
 

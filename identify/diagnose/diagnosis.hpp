@@ -5,12 +5,12 @@
 #include <string>
 #include <vector>
 
-#include "identify/diagnose/design.hpp"
-#include "identify/diagnose/guard.hpp"
-#include "identify/diagnose/heldout.hpp"
-#include "identify/diagnose/intervals.hpp"
-#include "identify/diagnose/noise.hpp"
-#include "identify/diagnose/select.hpp"
+#include "identify/diagnose/design/design.hpp"
+#include "identify/diagnose/explain/heldout.hpp"
+#include "identify/diagnose/fit/intervals.hpp"
+#include "identify/diagnose/guard/guard.hpp"
+#include "identify/diagnose/noise/noise.hpp"
+#include "identify/diagnose/search/select.hpp"
 
 namespace isorig::identify {
 

@@ -1,4 +1,4 @@
-#include "identify/campaign.hpp"
+#include "identify/fv/campaign.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "identify/fv_fit.hpp"
+#include "identify/fv/fv_fit.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -6,7 +6,7 @@
 #include <Eigen/Dense>
 #include <random>
 
-#include "identify/statistics.hpp"
+#include "identify/fv/statistics.hpp"
 #include "iso_velocity_recording.hpp"
 
 namespace isorig::identify {

@@ -6,8 +6,8 @@
 #include <random>
 #include <sstream>
 
-#include "identify/fv_analysis.hpp"
-#include "identify/fv_report.hpp"
+#include "identify/fv/fv_analysis.hpp"
+#include "identify/fv/fv_report.hpp"
 #include "iso_velocity_recording.hpp"
 #include "messages/csv.hpp"
 

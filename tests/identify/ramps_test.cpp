@@ -1,4 +1,4 @@
-#include "identify/ramps.hpp"
+#include "identify/fv/ramps.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "identify/series_fit.hpp"
+#include "identify/fv/series_fit.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -4,10 +4,10 @@
 #include <numbers>
 #include <random>
 
-#include "identify/diagnose/busy_motion.hpp"
-#include "identify/diagnose/corner_motion.hpp"
-#include "identify/diagnose/pressure_drive.hpp"
-#include "identify/diagnose/series.hpp"
+#include "identify/diagnose/fit/series.hpp"
+#include "identify/diagnose/motion/band_limited_motion.hpp"
+#include "identify/diagnose/motion/corner_motion.hpp"
+#include "identify/diagnose/motion/pressure_reconstruction.hpp"
 
 namespace isorig::identify {
 namespace {

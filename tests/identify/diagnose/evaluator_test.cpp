@@ -1,11 +1,11 @@
-#include "identify/diagnose/evaluator.hpp"
+#include "identify/diagnose/fit/evaluator.hpp"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
 
 #include "bench.hpp"
-#include "identify/diagnose/fit.hpp"
+#include "identify/diagnose/fit/fit.hpp"
 #include "model/catalogue.hpp"
 #include "model/effects/effects.hpp"
 

@@ -1,5 +1,5 @@
 // What a rig's own recording begins and ends with is not the specimen's test.
-#include "identify/diagnose/filling.hpp"
+#include "identify/diagnose/guard/start_up_cut.hpp"
 
 #include <gtest/gtest.h>
 

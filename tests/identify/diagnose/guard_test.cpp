@@ -1,6 +1,6 @@
 // Faults of the data put in at known places: found, placed and left out, and never found where there are
 // none.
-#include "identify/diagnose/guard.hpp"
+#include "identify/diagnose/guard/guard.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "identify/diagnose/intervals.hpp"
+#include "identify/diagnose/fit/intervals.hpp"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "bench.hpp"
-#include "identify/diagnose/noise.hpp"
+#include "identify/diagnose/noise/noise.hpp"
 #include "model/catalogue.hpp"
 
 namespace isorig::identify {

@@ -1,6 +1,6 @@
 // A force that the nominal model lacks, put in at a known place: the shares must say so, and cover what is
 // true.
-#include "identify/diagnose/locate.hpp"
+#include "identify/diagnose/explain/locate.hpp"
 
 #include <gtest/gtest.h>
 
@@ -10,7 +10,7 @@
 #include <ostream>
 
 #include "bench.hpp"
-#include "identify/diagnose/noise.hpp"
+#include "identify/diagnose/noise/noise.hpp"
 
 namespace isorig::identify {
 namespace {

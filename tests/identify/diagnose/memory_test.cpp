@@ -1,4 +1,4 @@
-#include "identify/diagnose/memory.hpp"
+#include "identify/diagnose/search/hysteresis.hpp"
 
 #include <gtest/gtest.h>
 

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "bench.hpp"
-#include "identify/diagnose/noise.hpp"
+#include "identify/diagnose/noise/noise.hpp"
 
 namespace isorig::identify {
 namespace {

@@ -7,8 +7,8 @@
 
 #include "bench.hpp"
 #include "identify/diagnose/diagnosis.hpp"
-#include "identify/diagnose/repetitions.hpp"
-#include "identify/diagnose/spikes.hpp"
+#include "identify/diagnose/noise/repetitions.hpp"
+#include "identify/diagnose/signal/spikes.hpp"
 #include "model/composed.hpp"
 
 namespace isorig::identify {

@@ -7,10 +7,10 @@
 #include <ostream>
 #include <random>
 
-#include "identify/diagnose/guard.hpp"
-#include "identify/diagnose/hypothesis.hpp"
-#include "identify/diagnose/intervals.hpp"
-#include "identify/diagnose/noise.hpp"
+#include "identify/diagnose/fit/intervals.hpp"
+#include "identify/diagnose/guard/guard.hpp"
+#include "identify/diagnose/noise/noise.hpp"
+#include "identify/diagnose/search/hypothesis.hpp"
 #include "judge.hpp"
 
 namespace isorig::identify {

@@ -1,0 +1,209 @@
+#include "identify/diagnose/design/candidates.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdarg>
+#include <cstdio>
+#include <numbers>
+#include <optional>
+
+#include "protocol/compile.hpp"
+#include "protocol/wave.hpp"
+
+namespace isorig::identify {
+namespace {
+
+constexpr double kRestBefore_s = 10.0, kRestAfter_s = 3.0;
+/// A wave may take 5 % and 5 s more than nominal (protocol/cursor.hpp), and every turn costs kTurn_s.
+constexpr int kMostCycles = 10;
+/// Motion slower than that is recorded as means: full rate would only make the file large.
+constexpr double kSlow_mm_s = 0.3;
+
+[[gnu::format(printf, 1, 2)]] std::string text(const char* format, ...) {
+  char out[360];
+  va_list values;
+  va_start(values, format);
+  std::vsnprintf(out, sizeof out, format, values);
+  va_end(values);
+  return out;
+}
+
+std::string hold(double duration_s) {
+  return text("    { do = \"hold\", duration_s = %.6g },\n", duration_s);
+}
+
+std::string ramp(double to_mm, double velocity_mm_s) {
+  return text("    { do = \"ramp\", to_mm = %.6g, velocity_mm_s = %.6g%s },\n", to_mm, velocity_mm_s,
+              velocity_mm_s < kSlow_mm_s ? ", record = \"averaged\"" : "");
+}
+
+std::string triangle(double amplitude_mm, double velocity_mm_s, int cycles) {
+  return text(
+      "    { do = \"wave\", shape = \"triangle\", amplitude_mm = %.6g, velocity_mm_s = %.6g, cycles = %d%s },\n",
+      amplitude_mm, velocity_mm_s, cycles, velocity_mm_s < kSlow_mm_s ? ", record = \"averaged\"" : "");
+}
+
+/// A sine in as many chords as the link sustains, or the triangle of that frequency when it sustains too few.
+std::string oscillation(double frequency_Hz, double amplitude_mm, int cycles, const MenuLimits& limits) {
+  const double interval_s = std::max(limits.rig.segment_interval_min_s, 1e-3);
+  const auto chords = static_cast<int>(std::min(0.25 / (frequency_Hz * interval_s) + 1e-9, 6.0));
+  if (chords >= 2) {
+    const double deviation_mm =
+        1.02 * protocol::wave::deviation_mm(amplitude_mm, static_cast<std::uint32_t>(chords));
+    return text(
+        "    { do = \"wave\", shape = \"sine\", amplitude_mm = %.6g, frequency_hz = %.6g, cycles = %d, "
+        "deviation_mm = %.3g },\n",
+        amplitude_mm, frequency_Hz, cycles, deviation_mm);
+  }
+  return triangle(amplitude_mm, 4.0 * amplitude_mm * frequency_Hz, cycles);
+}
+
+std::string pressurize(double to_psi, const MenuLimits& limits, double settled_for_s) {
+  const double rate_psi_s = std::min(limits.rig.pressure_rate_max_psi_s, 2.0);
+  return text(
+      "    { do = \"pressurize\", pressure_psi = %.6g, rate_psi_s = %.6g, settled_for_s = %.6g, timeout_s = "
+      "%.6g },\n",
+      to_psi, rate_psi_s, settled_for_s, std::ceil(60.0 + 2.0 * to_psi / rate_psi_s));
+}
+
+int turns_of(const protocol::Plan& plan) {
+  int turns = 0;
+  for (const auto& step : plan.steps) {
+    if (step.kind == protocol::StepKind::kRamp) ++turns;
+    if (step.kind == protocol::StepKind::kWave) turns += static_cast<int>(protocol::wave::strokes(step));
+  }
+  return turns;
+}
+
+class Builder {
+ public:
+  explicit Builder(const MenuLimits& limits) : limits_(limits) {}
+
+  void add(std::string name, std::string body) {
+    try {
+      MenuItem item = session_of(std::move(name), std::move(body), limits_);
+      if (item.duration_s <= limits_.longest_s) items_.push_back(std::move(item));
+    } catch (const base::ConfigError&) {
+      // Beyond the limits: not on this rig's menu.
+    }
+  }
+  [[nodiscard]] std::vector<MenuItem> take() { return std::move(items_); }
+
+ private:
+  const MenuLimits& limits_;
+  std::vector<MenuItem> items_;
+};
+
+}  // namespace
+
+std::string protocol_text(const MenuItem& item, const MenuLimits& limits, std::string_view name,
+                          std::string_view description) {
+  std::string out = "format = \"isorig-protocol/1\"\nname = \"" + std::string(name) + "\"\n";
+  out += "description = \"" + std::string(description) + "\"\n";
+  out +=
+      "recording.policy = \"round_ramps\"\nrecording.average_interval_s = 0.05\n\nsteps = [\n"
+      "  { do = \"repeat\", unit = \"session\", for = { repetition = [1] }, steps = [\n";
+  out += pressurize(limits.nominal_psi, limits, 5.0) + hold(kRestBefore_s) + item.body + hold(kRestAfter_s);
+  return out + "  ] },\n]\n";
+}
+
+MenuItem session_of(std::string name, std::string body, const MenuLimits& limits) {
+  MenuItem item;
+  item.name = std::move(name);
+  item.body = std::move(body);
+  item.protocol = protocol_text(item, limits, "experiment", item.name);
+  item.plan = protocol::compile(base::TomlDocument::parse_text(item.protocol, "experiment"), limits.rig);
+  item.duration_s = item.plan.nominal_s + kTurn_s * turns_of(item.plan);
+  return item;
+}
+
+MenuItem joined(const MenuItem& first, const MenuItem& second, const MenuLimits& limits) {
+  return session_of(first.name + "; " + second.name, first.body + hold(2.0) + second.body, limits);
+}
+
+std::string paper_ramps(double stroke_mm, double velocity_mm_s, double return_mm_s) {
+  std::string body;
+  for (const double sign : {1.0, -1.0})
+    body += ramp(sign * stroke_mm, velocity_mm_s) + hold(30.0) + ramp(0.0, return_mm_s) + hold(30.0);
+  return body;
+}
+
+std::vector<MenuItem> menu(const MenuLimits& limits) {
+  Builder out(limits);
+  const double fastest = limits.rig.speed_max_mm_s, slowest = std::max(limits.rig.speed_min_mm_s, 0.005);
+  const double stroke = limits.stroke_mm;
+  // The whole stroke, and round lengths below it that are not nearly the same.
+  const auto lengths = [&](std::initializer_list<double> round) {
+    std::vector<double> out_mm;
+    for (const double length : round)
+      if (length < 0.95 * stroke) out_mm.push_back(length);
+    if (stroke > 0.0) out_mm.push_back(stroke);
+    return out_mm;
+  };
+  std::string sweep;
+  for (const double frequency : {0.5, 1.0, 2.0, 4.0}) {
+    // The speed of whichever shape it becomes.
+    const double amplitude = std::min({1.0, stroke, 0.98 * fastest / (2.0 * std::numbers::pi * frequency)});
+    for (const int cycles : {2, 5, kMostCycles})
+      out.add(text("%.3g Hz, %.3g mm, %d times", frequency, amplitude, cycles),
+              oscillation(frequency, amplitude, cycles, limits));
+    sweep += oscillation(frequency, amplitude, 5, limits) + hold(1.0);
+  }
+  out.add("0.5, 1, 2 and 4 Hz, 5 times each", sweep);
+
+  std::string ladder;
+  for (const double amplitude : lengths({0.02, 0.05, 0.2, 1.0, 2.0})) {
+    for (const double velocity : {slowest, 0.02, 0.1, 0.5, 2.0, 5.0, fastest}) {
+      if (velocity > fastest || velocity < slowest) continue;
+      // What takes less than a tenth of a second from end to end is an oscillation, above.
+      if (2.0 * amplitude / velocity < 0.1) continue;
+      for (const int cycles : {2, kMostCycles})
+        out.add(text("triangles of %.3g mm at %.3g mm/s, %d times", amplitude, velocity, cycles),
+                triangle(amplitude, velocity, cycles));
+    }
+    ladder += triangle(amplitude, std::min(0.5, fastest), 2) + hold(1.0);
+  }
+  out.add("triangles from 0.02 mm to the whole stroke at 0.5 mm/s", ladder);
+
+  for (const double length : lengths({1.0, 2.0})) {
+    for (const double velocity : {0.1, 1.0, 0.3 * fastest, fastest}) {
+      if (velocity > fastest || velocity < slowest) continue;
+      for (const double rest_s : {3.0, 30.0})
+        out.add(text("strokes of %.3g mm at %.3g mm/s both ways, %.3g s rest", length, velocity, rest_s),
+                ramp(length, velocity) + hold(rest_s) + ramp(0.0, velocity) + hold(rest_s) +
+                    ramp(-length, velocity) + hold(rest_s) + ramp(0.0, velocity));
+    }
+  }
+  for (const double hold_s : {120.0, 600.0, 1500.0}) {
+    // One that does not move at all could not be told from one whose position channel is dead.
+    const double least_mm = std::min(0.2, stroke);
+    out.add(text("a triangle of %.3g mm, then standing still for %.4g s", least_mm, hold_s),
+            triangle(least_mm, std::min(1.0, fastest), 1) + hold(hold_s));
+    out.add(text("a stroke of %.3g mm and %.4g s rest", stroke, hold_s),
+            ramp(stroke, fastest) + hold(hold_s) + ramp(0.0, fastest));
+    // What goes with travel and what goes with time part ways.
+    out.add(text("triangles of %.3g mm at %.3g mm/s, 5 times, before and after %.4g s rest", stroke,
+                 std::min(2.0, fastest), hold_s),
+            triangle(stroke, std::min(2.0, fastest), 5) + hold(hold_s) +
+                triangle(stroke, std::min(2.0, fastest), 5));
+  }
+  if (limits.pressure_matters) {
+    for (const double step_psi : {0.5, 1.0, 2.0}) {
+      const double low = limits.nominal_psi - step_psi, high = limits.nominal_psi + step_psi;
+      if (low < 0.75 * limits.nominal_psi) continue;  // below, it would be taken for the filling
+      for (const double at_mm : {0.0, stroke}) {
+        std::string body;
+        if (at_mm > 0.0) body += ramp(at_mm, std::min(2.0, fastest)) + hold(5.0);
+        for (const double psi : {low, limits.nominal_psi, high, limits.nominal_psi})
+          if (psi <= limits.rig.pressure_max_psi) body += pressurize(psi, limits, 2.0) + hold(5.0);
+        if (at_mm > 0.0) body += ramp(0.0, std::min(2.0, fastest));
+        out.add(text("pressure steps of %.3g psi at %+.3g mm", step_psi, at_mm), body);
+      }
+    }
+  }
+  auto items = out.take();
+  std::ranges::stable_sort(items, {}, &MenuItem::duration_s);
+  return items;
+}
+
+}  // namespace isorig::identify

@@ -1,0 +1,105 @@
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "identify/diagnose/design/design.hpp"
+#include "identify/report/page.hpp"
+
+namespace isorig::identify {
+
+using nlohmann::ordered_json;
+using report::number_text;
+
+std::string Design::separates() const {
+  std::string out;
+  for (std::size_t i = 0; i < tied.size(); ++i)
+    out += (i == 0 ? "" : i + 1 < tied.size() ? ", " : " from ") + tied[i].key;
+  return out;
+}
+
+void describe_inseparable(Design& design) {
+  std::vector<Inseparable> joined;
+  for (const Inseparable& one : design.inseparable) {
+    const auto other = std::ranges::find_if(
+        joined, [&](const Inseparable& j) { return j.first == one.second && j.second == one.first; });
+    const std::string &truth = design.tied[one.first].key, &rival = design.tied[one.second].key;
+    if (other != joined.end()) {
+      other->distance = std::max(other->distance, one.distance);
+      other->text = "No experiment on the menu within the limits separates " + rival + " from " + truth +
+                    ": the farthest they can be brought apart is " + number_text(other->distance, 2) +
+                    " (whitened squares; " + number_text(design.enough, 3) +
+                    " are asked for). They are to be taken as one explanation.";
+    } else {
+      joined.push_back(one);
+      joined.back().text = "If " + truth + " is true, " + rival +
+                           " explains every experiment on the menu as well: " + number_text(one.distance, 2) +
+                           " is the farthest it can be brought away (" + number_text(design.enough, 3) +
+                           " are asked for).";
+    }
+  }
+  design.inseparable = std::move(joined);
+}
+
+ordered_json experiment_json(const Design& design) {
+  if (!design.experiment) return nullptr;
+  const Experiment& e = *design.experiment;
+  ordered_json out{{"name", e.name},
+                   {"text", e.text},
+                   {"protocol", "next_experiment.toml"},
+                   {"duration_s", e.duration_s},
+                   {"distance", e.distance},
+                   {"enough", design.enough},
+                   {"reaches_it", e.enough}};
+  out["separates"] = ordered_json::array();
+  for (const auto& rival : design.tied) out["separates"].push_back(rival.key);
+  out["expected"] = ordered_json::array();
+  for (const Distance& d : e.distances)
+    out["expected"].push_back({{"if", design.tied[d.truth].key},
+                               {"then", design.tied[d.rival].key},
+                               {"leaves", std::min(d.expected, 1e12)}});
+  out["considered"] = design.considered;
+  out["others"] = ordered_json::array();
+  for (const Runner& r : design.others)
+    out["others"].push_back({{"text", r.text}, {"duration_s", r.duration_s}, {"distance", r.distance}});
+  return out;
+}
+
+ordered_json inseparable_json(const Design& design) {
+  ordered_json out = ordered_json::array();
+  for (const Inseparable& i : design.inseparable)
+    out.push_back({{"explanations", {design.tied[i.first].key, design.tied[i.second].key}},
+                   {"distance", std::min(i.distance, 1e12)},
+                   {"text", i.text}});
+  return out;
+}
+
+void write_design(const Design& design, report::Page& page) {
+  if (design.tied.empty()) return;
+  page.heading("What would settle it");
+  std::vector<std::vector<std::string>> rows;
+  for (const auto& rival : design.tied) rows.push_back({rival.key, number_text(rival.probability, 3)});
+  page.table({"explanation", "probability"}, rows, "Still tied");
+  if (design.experiment) {
+    const Experiment& e = *design.experiment;
+    page.paragraph("next_experiment.toml, " + number_text(e.duration_s, 3) + " s: " + e.text + ". It is the " +
+                   (e.enough ? "shortest of " + std::to_string(design.considered) +
+                                   " within the limits that separates every two of them by " +
+                                   number_text(design.enough, 3)
+                             : "one of " + std::to_string(design.considered) +
+                                   " within the limits that comes nearest to separating them by " +
+                                   number_text(design.enough, 3)) +
+                   " (squares over the noise).");
+    rows.clear();
+    for (const Distance& d : e.distances)
+      rows.push_back({design.tied[d.truth].key, design.tied[d.rival].key, number_text(d.expected, 3)});
+    page.table({"if this is true", "this, refitted to everything", "leaves"}, rows, "What it is expected to show");
+    rows.clear();
+    for (const Runner& r : design.others)
+      rows.push_back({r.text, number_text(r.duration_s, 3), number_text(r.distance, 3)});
+    if (!rows.empty())
+      page.table({"experiment", "s", "smallest distance"}, rows, "What else was considered, to first order");
+  }
+  for (const Inseparable& pair : design.inseparable) page.note(pair.text);
+}
+
+}  // namespace isorig::identify

@@ -1,0 +1,59 @@
+#pragma once
+#include <Eigen/Dense>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "identify/diagnose/fit/whiten.hpp"
+#include "model/composed.hpp"
+
+namespace isorig::identify {
+
+/// Solves the coefficients of one model again and again while a search moves its parameters. What a parameter
+/// does not move is not computed again: a time constant moves its own column, a lag what is filtered, only
+/// play and slip move all.
+class Evaluator {
+ public:
+  /// What is passed must outlive it.
+  Evaluator(std::span<const Series> series, const Whitener& whitener, const Eigen::VectorXd& whitened_force);
+
+  /// Coefficients for the spec's parameters by least squares, signs obeyed: set in `spec`, whitened residual
+  /// out. Returns its sum of squares. All specs must have the same parts.
+  double solve(model::ModelSpec& spec, Eigen::VectorXd& residual);
+  /// What was solved last is what later specs are compared with.
+  void keep();
+
+ private:
+  struct Column {
+    std::size_t part = 0;
+    std::size_t stage_position = 0;  ///< among all columns in the order of the stages
+  };
+  struct State {
+    std::vector<std::vector<double>> parameters;  ///< per part; empty: nothing computed yet
+    Eigen::MatrixXd raw;                          ///< per column of the spec, before slack, lag and delay
+    Eigen::MatrixXd white;
+    Eigen::MatrixXd gram;
+    Eigen::VectorXd right;
+  };
+  void lay_out(const model::ModelSpec& spec);
+  void simulate(const model::ModelSpec& spec, const std::vector<bool>& parts, Eigen::MatrixXd& raw) const;
+  /// Slack, lag and delay act on the columns `which`, then they are whitened.
+  [[nodiscard]] RowMatrix seen(const model::ModelSpec& spec, const Eigen::MatrixXd& raw,
+                               const std::vector<Eigen::Index>& which) const;
+  void solve_coefficients(model::ModelSpec& spec, const State& state) const;
+
+  std::span<const Series> series_;
+  const Whitener& whitener_;
+  const Eigen::VectorXd& force_;
+  std::vector<Column> columns_;
+  std::vector<std::size_t> shapes_;          ///< parts that act on columns, in the order of the stages
+  std::vector<std::size_t> columns_before_;  ///< each of them: how many columns it acts on
+  std::vector<Eigen::Index> by_stage_;       ///< columns in the order of the stages
+  std::vector<model::Sign> signs_;
+  std::vector<bool> fixed_;
+  bool piecewise_ = false;
+  bool laid_out_ = false;
+  State kept_, last_;
+};
+
+}  // namespace isorig::identify

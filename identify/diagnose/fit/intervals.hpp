@@ -1,0 +1,28 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include "identify/diagnose/fit/fit.hpp"
+
+namespace isorig::identify {
+
+struct NamedValue {
+  std::string name;
+  double value = 0.0;
+  double low = 0.0;  ///< 95 % interval
+  double high = 0.0;
+};
+
+/// What an interval counts as uncertain.
+enum class Spread {
+  kNoise,  ///< the curvature of the likelihood under the problem's noise, no less than what is left
+  kMoves,  ///< and what the moves of a recording disagree by (cluster-robust), when that is more
+};
+
+/// Parameters and coefficients of every part, in the order of the spec, with 95 % intervals. Whitened by the
+/// problem's noise, which takes up model error: the intervals grow with what is left. An error of the model
+/// that is alike in all moves is in none of them.
+[[nodiscard]] std::vector<std::vector<NamedValue>> intervals(const Problem& problem,
+                                                             const model::ModelSpec& spec, Spread spread);
+
+}  // namespace isorig::identify

@@ -1,0 +1,155 @@
+#include "identify/diagnose/fit/series.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "identify/diagnose/fit/row_weights.hpp"
+#include "identify/diagnose/motion/band_limited_motion.hpp"
+
+namespace isorig::identify {
+namespace {
+
+/// One bin per filter width, of motion and force that went through the same filter.
+void bin_busy(Series& series, const std::vector<bool>& usable) {
+  const Drive& drive = series.drive;
+  const auto& rows = drive.instants;
+  const std::size_t width = drive.width;
+  // White noise through three means of w rows keeps 66/120 of 1/w of its variance (the B-spline of degree
+  // five at its middle), so a bin is worth 1.8 w readings.
+  constexpr double kWorth = 120.0 / 66.0;
+  std::vector<double> force = series.recording.frame.force_N;
+  std::vector<double> lost(force.size(), 0.0);
+  for (std::size_t k = 0; k < usable.size(); ++k) {
+    if (usable[k]) continue;
+    lost[k] = 1.0;
+    force[k] = k > 0 ? force[k - 1] : 0.0;
+  }
+  force = band_limited(force, width);
+  lost = band_limited(lost, width);
+  for (std::size_t first = 0; first + width <= rows.size(); first += width) {
+    const std::size_t k = first + width / 2;
+    model::Instant node = rows[k];
+    if (!series.nodes.empty()) {
+      const std::size_t last = k - width;
+      node.dt_s = node.t_s - series.nodes.back().t_s;
+      node.step_mm = node.position_mm - series.nodes.back().position_mm;
+      node.slide_mm = drive.slid_mm[k] - drive.slid_mm[last];
+    } else {
+      node.dt_s = node.step_mm = node.slide_mm = 0.0;
+    }
+    // Where the filter hangs over an end it filters less, and lets noise into the acceleration.
+    const bool inside = k >= 2 * width && k + 2 * width < rows.size() && lost[k] < 0.1;
+    series.nodes.push_back(node);
+    series.force_N.push_back(force[k]);
+    series.count.push_back(inside ? kWorth * static_cast<double>(width) : 0.0);
+    series.first_row.push_back(first);
+    series.since_corner_s.push_back(drive.since_corner_s[k]);
+  }
+  series.first_row.push_back(rows.size());
+}
+
+}  // namespace
+
+Series prepare_series(std::string name, messages::Recording recording, const std::vector<bool>& usable) {
+  Series series;
+  series.name = std::move(name);
+  series.recording = std::move(recording);
+  series.drive = reconstruct_drive(series.recording);
+  const auto& rows = series.drive.instants;
+  const auto& force = series.recording.frame.force_N;
+  const std::vector<double>& since = series.drive.since_corner_s;
+  Readings readings = readings_per_row(series.recording.frame);
+  series.reading_noise_N = readings.noise_N;
+  if (series.drive.width > 1) {
+    series.readings.assign(rows.size(), 1.0);  // it never rests: there is nothing to average
+    bin_busy(series, usable);
+    return series;
+  }
+  series.readings = std::move(readings.per_row);
+  constexpr double kLongest_s = 2.0, kShareOfElapsed = 0.05;
+
+  const double noise = std::max(white_noise(series.recording.frame.t_s, force), quantisation(force));
+  // A bin in which the force jumps (a grip that slips) would hide the jump: its halves must agree.
+  const auto jumps = [&](std::size_t from, std::size_t end) {
+    const std::size_t half = (end - from) / 2;
+    double a = 0.0, b = 0.0;
+    for (std::size_t j = from; j < from + half; ++j) {
+      a += force[j];
+      b += force[end - 1 - (j - from)];
+    }
+    return std::fabs(a - b) > 5.0 * noise * std::sqrt(2.0 * static_cast<double>(half));
+  };
+
+  double last_slid_mm = 0.0;
+  std::size_t k = 0;
+  while (k < rows.size()) {
+    const std::size_t first = k;
+    // The first row stays alone: laws that count from the start begin where `predict` begins.
+    const double span_s = first == 0 ? 0.0 : std::min(kLongest_s, kShareOfElapsed * since[first]);
+    model::Instant mean;
+    double weight = 0.0, force_sum = 0.0, slid_mm = 0.0;
+    std::size_t taken = 0;
+    std::size_t end = first + 1;
+    while (end < rows.size() && since[end] > 0.0 && rows[end].t_s - rows[first].t_s <= span_s) ++end;
+    while (end - first >= 2 && jumps(first, end)) end = first + (end - first) / 2;
+    for (; k < end; ++k) {
+      ++taken;
+      if (!usable.empty() && !usable[k]) continue;
+      const model::Instant& row = rows[k];
+      const double w = series.readings[k];
+      mean.t_s += w * row.t_s;
+      mean.position_mm += w * row.position_mm;
+      slid_mm += w * series.drive.slid_mm[k];
+      mean.velocity_mm_s += w * row.velocity_mm_s;
+      mean.acceleration_mm_s2 += w * row.acceleration_mm_s2;
+      mean.excess_pressure_psi += w * row.excess_pressure_psi;
+      force_sum += w * force[k];
+      weight += w;
+    }
+    if (weight == 0.0) {
+      // Nothing usable: the motion still passes here, and the model must see it.
+      mean = rows[first + taken / 2];
+      slid_mm = series.drive.slid_mm[first + taken / 2];
+      weight = 1.0;
+    }
+    mean.t_s /= weight;
+    mean.position_mm /= weight;
+    mean.velocity_mm_s /= weight;
+    mean.acceleration_mm_s2 /= weight;
+    mean.excess_pressure_psi /= weight;
+    mean.elongation_mm = mean.position_mm + series.drive.reference.elongation_at_zero_mm;
+    mean.slide_mm = slid_mm / weight - last_slid_mm;
+    last_slid_mm = slid_mm / weight;
+    if (!series.nodes.empty()) {
+      mean.dt_s = mean.t_s - series.nodes.back().t_s;
+      mean.step_mm = mean.position_mm - series.nodes.back().position_mm;
+    } else {
+      mean.dt_s = mean.step_mm = mean.slide_mm = 0.0;
+    }
+    const bool seen = force_sum != 0.0 || usable.empty() ||
+                      std::any_of(usable.begin() + static_cast<std::ptrdiff_t>(first),
+                                  usable.begin() + static_cast<std::ptrdiff_t>(k), [](bool u) { return u; });
+    series.nodes.push_back(mean);
+    series.force_N.push_back(force_sum / weight);
+    series.count.push_back(seen ? weight : 0.0);
+    series.first_row.push_back(first);
+    series.since_corner_s.push_back(since[first + taken / 2]);
+  }
+  series.first_row.push_back(rows.size());
+  return series;
+}
+
+void share_noise(std::span<Series> series) {
+  constexpr double kClearly = 1.5;
+  double most_N = 0.0;
+  for (const Series& each : series) most_N = std::max(most_N, each.reading_noise_N);
+  for (Series& each : series) {
+    if (each.reading_noise_N <= 0.0 || most_N < kClearly * each.reading_noise_N) continue;
+    const double ratio = most_N / each.reading_noise_N;
+    for (double& count : each.count) count *= ratio * ratio;
+    for (double& readings : each.readings) readings *= ratio * ratio;
+    each.reading_noise_N = most_N;
+  }
+}
+
+}  // namespace isorig::identify

@@ -1,0 +1,130 @@
+#include "identify/diagnose/guard/guard.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+
+#include "identify/diagnose/motion/reconstruction.hpp"
+#include "identify/diagnose/signal/flat_line.hpp"
+#include "identify/diagnose/signal/spikes.hpp"
+
+namespace isorig::identify {
+namespace {
+
+std::string number(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.4g", value);
+  return text;
+}
+
+void find_outliers(const messages::FrameSamples& frame, Guarded& out) {
+  const auto& t = frame.t_s;
+  const auto& f = frame.force_N;
+  const std::size_t n = f.size();
+  const auto [low, high] = std::minmax_element(f.begin(), f.end());
+  // Simulated force may have no noise at all: then only what stands out of its range can be a fault.
+  const double noise =
+      std::max({white_noise(t, f), quantisation(f) / std::sqrt(12.0), 1e-4 * (*high - *low), 1e-9});
+  const Spikes spikes = find_spikes(t, f, noise, out.usable);
+  std::size_t count = spikes.rows.size();
+  double first = count > 0 ? t[spikes.rows.front()] : 0.0, last = count > 0 ? t[spikes.rows.back()] : 0.0;
+  double largest = spikes.largest;
+  // Several close together hide each other from their neighbours, not from the median of nine. The limit
+  // grows with the spread within the nine, so that steep motion is not taken for a fault.
+  constexpr std::size_t kHalf = 4;
+  std::array<double, 2 * kHalf + 1> near{};
+  const auto middle = near.begin() + kHalf;
+  for (std::size_t k = kHalf; k + kHalf < n; ++k) {
+    if (!out.usable[k]) continue;
+    for (std::size_t j = 0; j < near.size(); ++j) near[j] = f[k - kHalf + j];
+    std::nth_element(near.begin(), middle, near.end());
+    const double median = *middle, away = std::fabs(f[k] - median);
+    if (away < 8.0 * noise) continue;
+    for (std::size_t j = 0; j < near.size(); ++j) near[j] = std::fabs(f[k - kHalf + j] - median);
+    std::nth_element(near.begin(), middle, near.end());
+    if (away < 9.0 * *middle) continue;
+    out.usable[k] = false;
+    first = count == 0 ? t[k] : std::min(first, t[k]);
+    last = std::max(last, t[k]);
+    largest = std::max(largest, away);
+    ++count;
+  }
+  if (count > 0)
+    out.faults.push_back({"outliers", first, last, count,
+                          std::to_string(count) +
+                              " force readings jump away from their neighbours and back, by up to " +
+                              number(largest) + " N; left out"});
+}
+
+/// The motion is reconstructed without them (drive.cpp); the force there is as good as elsewhere.
+void find_position_outliers(const messages::FrameSamples& frame, Guarded& out) {
+  const Spikes spikes = without_spikes(frame.t_s, frame.position_mm).spikes;
+  if (spikes.rows.empty()) return;
+  out.faults.push_back({"outliers", frame.t_s[spikes.rows.front()], frame.t_s[spikes.rows.back()],
+                        spikes.rows.size(),
+                        std::to_string(spikes.rows.size()) +
+                            " position readings jump away from their neighbours and back, by up to " +
+                            number(spikes.largest) + " mm; bridged"});
+}
+
+void find_frozen(const messages::Recording& recording, Guarded& out) {
+  const auto& t = recording.frame.t_s;
+  const auto& f = recording.frame.force_N;
+  const auto [low, high] = std::minmax_element(f.begin(), f.end());
+  for (const auto& [k, end] : standing_runs(t, f)) {
+    const bool edge = f[k] == *low || f[k] == *high;
+    for (std::size_t j = k; j < end; ++j) out.usable[j] = false;
+    out.faults.push_back(
+        {edge ? "saturation" : "frozen", t[k], t[end - 1], end - k,
+         edge ? "force stands at the end of its range, " + number(f[k]) + " N; left out"
+              : "force does not change at all for " + std::to_string(end - k) + " readings; left out"});
+  }
+  for (const auto& [k, end] : standing_runs(t, recording.frame.position_mm)) {
+    for (std::size_t j = k; j < end; ++j) out.usable[j] = false;
+    out.faults.push_back({"frozen", t[k], t[end - 1], end - k,
+                          "position does not change at all for " + std::to_string(end - k) +
+                              " readings; bridged, and the force meanwhile left out"});
+  }
+  if (!recording.pressure || recording.pressure->size() < 20) return;
+  const auto& gauge = *recording.pressure;
+  for (const auto& [k, end] : standing_runs(gauge.t_s, gauge.pressure_psi)) {
+    out.faults.push_back({"frozen", gauge.t_s[k], gauge.t_s[end - 1], end - k,
+                          "pressure does not change at all for " + std::to_string(end - k) + " readings"});
+  }
+}
+
+void find_gaps(const messages::FrameSamples& frame, Guarded& out) {
+  const auto& t = frame.t_s;
+  std::vector<double> steps;
+  for (std::size_t k = 1; k < t.size(); ++k) steps.push_back(t[k] - t[k - 1]);
+  if (steps.size() < 20) return;
+  std::vector<double> sorted = steps;
+  std::ranges::sort(sorted);
+  const double longest_usual = sorted[sorted.size() * 99 / 100];
+  for (std::size_t k = 0; k < steps.size(); ++k) {
+    if (steps[k] > 8.0 * longest_usual)
+      out.faults.push_back({"gap", t[k], t[k + 1], 0, "no readings for " + number(steps[k]) + " s"});
+  }
+}
+
+}  // namespace
+
+Guarded guard_recording(const messages::Recording& recording) {
+  Guarded out;
+  const auto& frame = recording.frame;
+  out.usable.assign(frame.size(), true);
+  if (frame.size() < 20) return out;
+  find_gaps(frame, out);
+  find_frozen(recording, out);
+  find_outliers(frame, out);
+  find_position_outliers(frame, out);
+  const double noise = white_noise(frame.t_s, frame.force_N);
+  const double step = quantisation(frame.force_N);
+  if (step > 1.5 * noise && step > 0.0)
+    out.faults.push_back({"quantisation", frame.t_s.front(), frame.t_s.back(), frame.size(),
+                          "force is read in steps of " + number(step) + " N, coarser than its noise"});
+  return out;
+}
+
+}  // namespace isorig::identify

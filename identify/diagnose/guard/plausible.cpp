@@ -1,0 +1,101 @@
+#include "identify/diagnose/guard/plausible.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <stdexcept>
+
+#include "identify/diagnose/motion/reconstruction.hpp"
+
+namespace isorig::identify {
+namespace {
+
+std::string number(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.3g", value);
+  return text;
+}
+
+struct Trend {
+  double slope = 0.0;
+  double correlation = 0.0;
+};
+
+Trend trend_of(const std::vector<double>& x, const std::vector<double>& y) {
+  const auto n = static_cast<double>(x.size());
+  double mean_x = 0.0, mean_y = 0.0, xx = 0.0, xy = 0.0, yy = 0.0;
+  for (std::size_t k = 0; k < x.size(); ++k) {
+    mean_x += x[k] / n;
+    mean_y += y[k] / n;
+  }
+  for (std::size_t k = 0; k < x.size(); ++k) {
+    xx += (x[k] - mean_x) * (x[k] - mean_x);
+    xy += (x[k] - mean_x) * (y[k] - mean_y);
+    yy += (y[k] - mean_y) * (y[k] - mean_y);
+  }
+  if (xx <= 0.0 || yy <= 0.0) return {};
+  return {xy / xx, xy / std::sqrt(xx * yy)};
+}
+
+/// Moves that begin and end between one reading and the next, half a second or more later.
+std::size_t strokes_between_readings(const messages::FrameSamples& frame) {
+  const auto& t = frame.t_s;
+  const auto& x = frame.position_mm;
+  constexpr double kSlow_s = 0.5, kClearly = 10.0;
+  std::vector<double> steps_s;
+  for (std::size_t k = 1; k < t.size(); ++k) steps_s.push_back(t[k] - t[k - 1]);
+  std::ranges::sort(steps_s);
+  const double longest_usual_s = steps_s[steps_s.size() * 99 / 100];  // beyond eight of that it is a gap
+  const double noise_mm = white_noise(t, x);
+  std::size_t count = 0;
+  for (std::size_t k = 1; k + 2 < x.size(); ++k) {
+    const double step_s = t[k + 1] - t[k];
+    if (step_s < kSlow_s || step_s > 8.0 * longest_usual_s) continue;
+    const double beside_mm = std::max(std::fabs(x[k] - x[k - 1]), std::fabs(x[k + 2] - x[k + 1]));
+    if (std::fabs(x[k + 1] - x[k]) > kClearly * (beside_mm + 3.0 * noise_mm)) ++count;
+  }
+  return count;
+}
+
+}  // namespace
+
+void refuse_implausible(const messages::Recording& recording, const std::string& name,
+                        const model::ModelSpec& nominal) {
+  const auto& frame = recording.frame;
+  const auto [low, high] = std::ranges::minmax(frame.position_mm);
+  const auto& length_mm = recording.metadata.pressurized_rest_length_mm;
+  if (length_mm && high - low > *length_mm)
+    throw std::invalid_argument(
+        name + ": the position moves by " + number(high - low) +
+        " mm, more than the specimen is long (pressurized_rest_length_mm = " + number(*length_mm) +
+        " in recording.toml); is one of the two in another unit?");
+  if (nominal.has("spring") && high - low > 20.0 * white_noise(frame.t_s, frame.position_mm)) {
+    const Trend trend = trend_of(frame.position_mm, frame.force_N);
+    constexpr double kBeyondDoubt = -0.8;
+    if (trend.correlation < kBeyondDoubt)
+      throw std::invalid_argument(
+          name + ": the force falls by " + number(-trend.slope) +
+          " N per mm of extension, which no spring of the model can; extension and tension "
+          "are positive: is the sign of force_N or of position_mm turned round?");
+  }
+  constexpr std::size_t kFew = 3;
+  if (const std::size_t strokes = strokes_between_readings(frame); strokes >= kFew)
+    throw std::invalid_argument(
+        name + ": " + std::to_string(strokes) +
+        " strokes begin and end between two readings; its samples are too far apart to follow "
+        "the motion: record ramps with ten readings or more");
+}
+
+std::optional<DataFault> odd_pressure(const messages::Recording& recording) {
+  const auto& nominal = recording.metadata.nominal_pressure_psi;
+  if (!recording.pressure || recording.pressure->size() == 0 || !nominal || *nominal <= 0.0)
+    return std::nullopt;
+  const auto& gauge = *recording.pressure;
+  const auto [low, high] = std::ranges::minmax(gauge.pressure_psi);
+  if (low < 2.0 * *nominal && high > 0.5 * *nominal) return std::nullopt;
+  return DataFault{"pressure", gauge.t_s.front(), gauge.t_s.back(), gauge.size(),
+                   "pressure stands at " + number(low) + " to " + number(high) + " psi where " +
+                       number(*nominal) + " psi is nominal; is pressure.csv in another unit?"};
+}
+
+}  // namespace isorig::identify

@@ -1,0 +1,41 @@
+#include "identify/diagnose/noise/effective_dof.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "identify/diagnose/noise/repetitions.hpp"
+
+namespace isorig::identify {
+
+double independent_looks(std::span<const Series> series, const Eigen::VectorXd& residual) {
+  constexpr Eigen::Index kBlock = 25;
+  constexpr double kGone = 0.1;
+  double looks = 0.0;
+  Eigen::Index first = 0;
+  for (const Series& each : series) {
+    const auto n = static_cast<Eigen::Index>(each.nodes.size());
+    const auto r = residual.segment(first, n);
+    first += n;
+    const double power = r.squaredNorm();
+    if (power <= 0.0 || n < 2 * kBlock) continue;
+    double correlated = 1.0;
+    for (Eigen::Index lag = 1; lag < n / 4; ++lag) {
+      const double rho = r.head(n - lag).dot(r.tail(n - lag)) / power;
+      if (rho < kGone) break;
+      correlated += 2.0 * rho * rho;
+    }
+    double sum = 0.0, squares = 0.0;
+    Eigen::Index blocks = 0;
+    for (Eigen::Index b = 0; b + kBlock <= n; b += kBlock, ++blocks) {
+      const double p = r.segment(b, kBlock).squaredNorm();
+      sum += p;
+      squares += p * p;
+    }
+    const double spread = sum * sum / (static_cast<double>(blocks) * std::max(squares, 1e-300));
+    const double laps = std::max(0.5 * static_cast<double>(stroke_count(each)), 1.0);
+    looks += static_cast<double>(n) * spread / correlated / laps;
+  }
+  return looks;
+}
+
+}  // namespace isorig::identify

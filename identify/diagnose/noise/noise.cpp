@@ -1,0 +1,110 @@
+#include "identify/diagnose/noise/noise.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "identify/diagnose/noise/noise_likelihood.hpp"
+#include "identify/diagnose/noise/repetitions.hpp"
+
+namespace isorig::identify {
+namespace {
+
+std::vector<NoiseSample> find_rests(const Series& series, const std::vector<bool>& usable) {
+  // Longer rests are cut: a line and two decays cannot follow an hour of relaxation.
+  constexpr double kSettled_s = 10.0, kShortest_s = 8.0, kLongest_s = 40.0;
+  std::vector<NoiseSample> rests;
+  NoiseSample rest;
+  const auto close = [&] {
+    if (rest.size() >= 20 && rest.t_s.back() - rest.t_s.front() >= kShortest_s) {
+      const double middle_s = 0.5 * (rest.t_s.front() + rest.t_s.back());
+      for (const double t_s : rest.t_s) {
+        const double since_s = t_s - rest.t_s.front();
+        rest.columns.push_back(
+            {1.0, (t_s - middle_s) / 10.0, std::exp(-since_s / 4.0), std::exp(-since_s / 12.0)});
+      }
+      rests.push_back(std::move(rest));
+    }
+    rest = {};
+  };
+  double fastest = 0.0;
+  for (const auto& node : series.nodes) fastest = std::max(fastest, std::fabs(node.velocity_mm_s));
+  for (std::size_t k = 0; k < series.nodes.size(); ++k) {
+    const bool still = std::fabs(series.nodes[k].velocity_mm_s) < 2e-4 * fastest;
+    if (!still || series.since_corner_s[k] < kSettled_s) {
+      close();
+      continue;
+    }
+    for (std::size_t row = series.first_row[k]; row < series.first_row[k + 1]; ++row) {
+      if (!usable.empty() && !usable[row]) continue;
+      if (!rest.t_s.empty() && series.recording.frame.t_s[row] - rest.t_s.front() > kLongest_s) close();
+      rest.t_s.push_back(series.recording.frame.t_s[row]);
+      rest.force_N.push_back(series.recording.frame.force_N[row]);
+      rest.readings.push_back(row < series.readings.size() ? series.readings[row] : 1.0);
+    }
+  }
+  close();
+  return rests;
+}
+
+}  // namespace
+
+std::string_view name_of(NoiseSource source) noexcept {
+  switch (source) {
+    case NoiseSource::kRests:
+      return "rests";
+    case NoiseSource::kRepetitions:
+      return "repetitions";
+    case NoiseSource::kStrokes:
+      return "strokes";
+    case NoiseSource::kDifferences:
+      return "differences";
+  }
+  return "";
+}
+
+InstrumentNoise instrument_noise(std::span<const Series> series, std::span<const std::vector<bool>> usable) {
+  constexpr std::size_t kFewest = 200;
+  // Longer than that, a rest cannot tell a correlation from its own relaxation.
+  constexpr double kLongest_s = 8.0;
+  InstrumentNoise out;
+  std::vector<NoiseSample> rests;
+  std::size_t rows = 0;
+  double white = 0.0, step = 0.0;
+  for (std::size_t i = 0; i < series.size(); ++i) {
+    for (NoiseSample& rest : find_rests(series[i], i < usable.size() ? usable[i] : std::vector<bool>{})) {
+      rows += rest.size();
+      rests.push_back(std::move(rest));
+    }
+    const auto& frame = series[i].recording.frame;
+    const double step_here = quantisation(frame.force_N);
+    step = std::max(step, step_here);
+    white = std::max({white, series[i].reading_noise_N, white_noise(frame.t_s, frame.force_N),
+                      step_here / std::sqrt(12.0)});
+  }
+  out.noise = {std::max(white, 1e-9), 0.0, 1.0};
+  if (rows >= kFewest) {
+    out.source = NoiseSource::kRests;
+    out.noise = fit_noise(rests, out.noise.white_N, kLongest_s);
+    // A reading that stands on one step for seconds shows no noise there, and errs by up to half a step all
+    // the while; in motion the same error is another one at every reading.
+    constexpr double kUndithered = 0.5;
+    if (out.noise.white_N < kUndithered * step) {
+      out.noise.white_N = std::hypot(out.noise.white_N, step / std::sqrt(12.0));
+      out.noise.coloured_N = std::hypot(out.noise.coloured_N, step / std::sqrt(12.0));
+      out.noise.correlation_s = 1.0;  // between a slow return's sawtooth and a rest
+    }
+    out.weighing = out.noise;
+    return out;
+  }
+  if (const auto repeated = noise_of_repetitions(series, out.noise.white_N)) {
+    out.source = NoiseSource::kRepetitions;
+    out.noise = *repeated;
+  } else if (const auto smooth = noise_within_strokes(series, out.noise.white_N)) {
+    out.source = NoiseSource::kStrokes;
+    out.noise = *smooth;
+  }
+  out.weighing = noise_of_bins(series, out.noise);
+  return out;
+}
+
+}  // namespace isorig::identify

@@ -1,0 +1,97 @@
+#include "identify/diagnose/noise/noise_likelihood.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace isorig::identify {
+
+double noise_likelihood(std::span<const NoiseSample> samples, const NoiseModel& noise) {
+  constexpr int kColumns = NoiseSample::kMostColumns;
+  using Vector = Eigen::Matrix<double, kColumns + 1, 1>;
+  double sum = 0.0;
+  const double stationary = noise.coloured_N * noise.coloured_N, white2 = noise.white_N * noise.white_N;
+  for (const NoiseSample& sample : samples) {
+    Vector mean = Vector::Zero();
+    Eigen::Matrix<double, kColumns + 1, kColumns + 1> gram =
+        Eigen::Matrix<double, kColumns + 1, kColumns + 1>::Zero();
+    double variance = stationary;
+    for (std::size_t k = 0; k < sample.size(); ++k) {
+      if (k > 0 && stationary > 0.0) {
+        const double decay = std::exp(-(sample.t_s[k] - sample.t_s[k - 1]) / noise.correlation_s);
+        mean *= decay;
+        variance = variance * decay * decay + stationary * (1.0 - decay * decay);
+      }
+      const double white2_here = white2 / sample.readings[k];
+      const double total = variance + white2_here;
+      Vector e;
+      for (int c = 0; c < kColumns; ++c) e[c] = sample.columns[k][static_cast<std::size_t>(c)];
+      e[kColumns] = sample.force_N[k] - sample.force_N[0];
+      e -= mean;
+      gram += e * e.transpose() / total;
+      sum -= 0.5 * std::log(total);
+      mean += variance / total * e;
+      variance *= white2_here / total;
+    }
+    Eigen::Matrix<double, kColumns, kColumns> a = gram.topLeftCorner<kColumns, kColumns>();
+    const Eigen::Matrix<double, kColumns, 1> b = gram.topRightCorner<kColumns, 1>();
+    for (int c = 0; c < kColumns; ++c)
+      if (a(c, c) == 0.0) a(c, c) = 1.0;  // a column that is not used takes nothing along
+    sum -= 0.5 * (gram(kColumns, kColumns) - b.dot(a.ldlt().solve(b)) + std::log(a.determinant()));
+  }
+  return sum;
+}
+
+NoiseModel fit_white_noise(std::span<const NoiseSample> samples, double start_N) {
+  NoiseModel best{start_N, 0.0, 1.0};
+  double best_score = noise_likelihood(samples, best);
+  for (double width = 1.0; width > 0.002; width *= 0.6) {
+    for (const double direction : {1.0, -1.0}) {
+      const NoiseModel trial{best.white_N * std::exp(direction * width), 0.0, 1.0};
+      if (const double s = noise_likelihood(samples, trial); s > best_score) {
+        best_score = s;
+        best = trial;
+      }
+    }
+  }
+  return best;
+}
+
+NoiseModel fit_noise(std::span<const NoiseSample> samples, double start_N, double longest_s) {
+  std::size_t rows = 0;
+  for (const NoiseSample& sample : samples) rows += sample.size();
+  NoiseModel best = fit_white_noise(samples, start_N);
+  const double all = best.white_N, white_only = noise_likelihood(samples, best);
+  double best_score = white_only;
+  for (const double correlation : {0.05, 0.3, 1.0, 3.0, 8.0}) {
+    for (const double share : {0.15, 0.4, 0.8}) {
+      const NoiseModel trial{all * std::sqrt(1.0 - share * share), share * all,
+                             std::min(correlation, longest_s)};
+      if (const double s = noise_likelihood(samples, trial); s > best_score) {
+        best_score = s;
+        best = trial;
+      }
+    }
+  }
+  std::array<double, 3> width{0.1, 0.5, 0.6};
+  for (int pass = 0; pass < 12; ++pass) {
+    for (int i = 0; i < 3; ++i) {
+      if (i > 0 && best.coloured_N == 0.0) continue;
+      for (const double direction : {1.0, -1.0}) {
+        NoiseModel trial = best;
+        double& value = i == 0 ? trial.white_N : i == 1 ? trial.coloured_N : trial.correlation_s;
+        value *= std::exp(direction * width[static_cast<std::size_t>(i)]);
+        trial.correlation_s = std::clamp(trial.correlation_s, 0.01, longest_s);
+        if (const double s = noise_likelihood(samples, trial); s > best_score) {
+          best_score = s;
+          best = trial;
+          break;
+        }
+      }
+    }
+    for (double& w : width) w *= 0.75;
+  }
+  if (best_score - white_only < std::log(static_cast<double>(rows))) best = {all, 0.0, 1.0};
+  return best;
+}
+
+}  // namespace isorig::identify

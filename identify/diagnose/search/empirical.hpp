@@ -1,0 +1,14 @@
+#pragma once
+#include <optional>
+
+#include "identify/diagnose/search/hypothesis.hpp"
+
+namespace isorig::identify {
+
+/// What `base` leaves, as a table of the one variable that predicts it best on stretches of the recording
+/// that the table has not seen (blocks in turn left out), its smoothness by the same measure. A table of
+/// position is also tried as an error of the position itself, which a viscous specimen tells from a force.
+/// Refitted jointly with the model. Empty when no variable predicts anything.
+[[nodiscard]] std::optional<Hypothesis> describe_unknown(const Search& search, const Hypothesis& base);
+
+}  // namespace isorig::identify

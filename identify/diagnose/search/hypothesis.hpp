@@ -1,0 +1,65 @@
+#pragma once
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "identify/diagnose/fit/fit.hpp"
+
+namespace isorig::identify {
+
+/// Nominal model plus a set of effects, fitted.
+struct Hypothesis {
+  std::vector<const model::Physics*> effects;  ///< sorted by catalogue order; empty: the nominal model
+  std::string empirical;                       ///< variables of the tables in it, "" without any
+  Fit fit;                                     ///< under the noise that it was left with itself
+  double ls_chi2 = 0.0;   ///< sum of squares over the instrument's own noise: what it leaves
+  double evidence = 0.0;  ///< log-likelihood minus half log(rows) per free number
+
+  [[nodiscard]] bool has(const model::Physics& effect) const;
+  [[nodiscard]] std::string key() const;  ///< "coulomb_friction+zero_drift"; "nominal"
+};
+
+class Search {
+ public:
+  /// `instrument`: the force channel's own noise, as its rests show it.
+  Search(std::span<const Series> series, const NoiseModel& instrument, unsigned threads);
+
+  /// Nominal model from many starts of its time constants.
+  [[nodiscard]] Hypothesis nominal(const model::ModelSpec& nominal) const;
+
+  /// Every effect of the catalogue added to `base`, each with its best law; refitted jointly with all the
+  /// rest. `thorough`: every effect gets a full fit; else only the `keep` most promising.
+  [[nodiscard]] std::vector<Hypothesis> extend(const Hypothesis& base, std::size_t keep, bool thorough) const;
+
+  /// One effect with one law from given starts.
+  [[nodiscard]] Fit fit_from(const model::ModelSpec& spec, int iterations) const;
+
+  /// New starts for the time constants of the nominal arms with everything else kept; then noise and a last
+  /// fit.
+  void settle(Hypothesis& hypothesis, bool restart_arms) const;
+
+  /// The same explanation with one effect left out, refitted.
+  [[nodiscard]] Hypothesis without(const Hypothesis& whole, const model::Physics& effect) const;
+
+  [[nodiscard]] const Problem& instrument_problem() const noexcept { return instrument_problem_; }
+  [[nodiscard]] const NoiseModel& instrument() const noexcept { return instrument_problem_.noise(); }
+
+ private:
+  struct Trial {
+    const model::Physics* effect = nullptr;
+    const model::Law* law = nullptr;
+    model::ModelSpec spec;
+    Fit fit;
+  };
+  [[nodiscard]] std::vector<Trial> trials(const Hypothesis& base) const;
+  [[nodiscard]] std::vector<double> slip_times(const model::ModelSpec& spec, const NoiseModel& noise,
+                                               std::size_t count) const;
+  void refine_slip(Trial& trial) const;
+
+  std::span<const Series> series_;
+  Problem instrument_problem_;
+  unsigned threads_;
+};
+
+}  // namespace isorig::identify

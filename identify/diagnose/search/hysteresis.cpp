@@ -1,0 +1,239 @@
+#include "identify/diagnose/search/hysteresis.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "base/parallel.hpp"
+#include "model/catalogue.hpp"
+#include "model/elements.hpp"
+
+namespace isorig::identify {
+namespace {
+
+using model::ModelSpec;
+using model::Part;
+
+struct Candidate {
+  ModelSpec spec;
+  std::string_view function_of;
+  double squares = 0.0;
+};
+
+std::vector<int> blocks_of(std::span<const Series> series) {
+  std::vector<int> block;
+  int number = 0;
+  for (const Series& each : series) {
+    for (std::size_t k = 0; k < each.nodes.size(); ++k) {
+      if (k > 0 && each.since_corner_s[k] == 0.0 && each.since_corner_s[k - 1] > 5.0) ++number;
+      block.push_back(number);
+    }
+    ++number;
+  }
+  return block;
+}
+
+/// Best pair of thresholds of a relay, by scanning: with r the residual after all columns and Q their basis,
+/// a column s gains (r.s)^2 / (s.s - |Q's|^2). No gradient leads to a threshold.
+void scan_branch(const Problem& problem, Candidate& candidate) {
+  const auto series = problem.series();
+  const auto n = problem.target().size();
+  RowMatrix all;
+  ModelSpec base = candidate.spec;
+  base.parts.pop_back();
+  problem.columns(base, all);
+  Eigen::VectorXd weight(n);
+  double low = 1e300, high = -1e300;
+  Eigen::Index row = 0;
+  for (const Series& each : series) {
+    for (std::size_t k = 0; k < each.nodes.size(); ++k) {
+      weight[row++] = std::sqrt(each.count[k]);
+      low = std::min(low, each.nodes[k].position_mm);
+      high = std::max(high, each.nodes[k].position_mm);
+    }
+  }
+  const Eigen::MatrixXd a = weight.asDiagonal() * all;
+  Eigen::HouseholderQR<Eigen::MatrixXd> qr(a);
+  const Eigen::MatrixXd q = qr.householderQ() * Eigen::MatrixXd::Identity(n, a.cols());
+  Eigen::VectorXd r = weight.asDiagonal() * problem.target();
+  r -= q * (q.transpose() * r);
+  const auto gain = [&](double upper, double lower) {
+    double rs = 0.0, ss = 0.0;
+    Eigen::VectorXd qs = Eigen::VectorXd::Zero(q.cols());
+    Eigen::Index i = 0;
+    for (const Series& each : series) {
+      bool over = each.nodes.front().position_mm > upper;
+      for (const auto& node : each.nodes) {
+        if (node.position_mm > upper) over = true;
+        if (node.position_mm < lower) over = false;
+        if (over) {
+          rs += weight[i] * r[i];
+          ss += weight[i] * weight[i];
+          qs += weight[i] * q.row(i).transpose();
+        }
+        ++i;
+      }
+    }
+    const double rest = ss - qs.squaredNorm();
+    return rest > 1e-3 * ss && ss > 0.0 ? rs * rs / rest : 0.0;
+  };
+  constexpr int kGrid = 24;
+  double step = (high - low) / kGrid, best = -1.0, upper = 0.0, lower = 0.0;
+  const auto offer = [&](double u, double l) {
+    if (u < l) return;
+    if (const double g = gain(u, l); g > best) {
+      best = g;
+      upper = u;
+      lower = l;
+    }
+  };
+  for (int i = 1; i < kGrid; ++i)
+    for (int j = 1; j <= i; ++j) offer(low + i * step, low + j * step);
+  for (int round = 0; round < 3; ++round) {
+    const double u = upper, l = lower;
+    for (int i = -4; i <= 4; ++i)
+      for (int j = -4; j <= 4; ++j) offer(u + 0.25 * i * step, l + 0.25 * j * step);
+    step *= 0.25;
+  }
+  candidate.spec.parts.back().parameters = {upper, lower};
+}
+
+/// Starts of every element with memory beside `base`.
+std::vector<Candidate> starts(const ModelSpec& base, double duration_s) {
+  std::vector<Candidate> out;
+  const auto add = [&](const model::Physics& physics, std::string_view law, std::vector<double> parameters,
+                       std::string_view function_of) {
+    Candidate candidate{base, function_of, 0.0};
+    candidate.spec.parts.push_back(model::make_part(physics, *model::find_law(physics, law)));
+    candidate.spec.parts.back().parameters = std::move(parameters);
+    out.push_back(std::move(candidate));
+  };
+  const model::Physics& memory = model::element::empirical_memory();
+  add(memory, "branch", {0.0, 0.0}, "branch (which side the position was last beyond)");
+  std::vector<double> arms{1.0};
+  for (const Part& part : base.parts)
+    if (part.physics == &model::element::maxwell()) arms.push_back(part.parameters[0]);
+  for (std::size_t arm = arms.size() > 1 ? 1 : 0; arm < arms.size(); ++arm)
+    for (const double recovery_s : {5.0, 20.0, 80.0})
+      for (const double travel_mm : {0.5, 3.0})
+        add(memory, "structure", {arms[arm], recovery_s, travel_mm},
+            "structure (what motion broke and time has not healed)");
+  for (double period_s = 0.12 * duration_s; period_s < 2.1 * duration_s; period_s *= 1.3)
+    add(memory, "wave", {period_s}, "time since the start, as a wave");
+  for (const double period_s : {0.01, 0.03, 0.06, 0.09, 0.13, 0.2})
+    add(model::element::empirical_response(), "second_order", {period_s, 0.1},
+        "force before (a second-order response)");
+  return out;
+}
+
+bool has_table(const ModelSpec& spec) {
+  return std::ranges::any_of(spec.parts, [](const Part& part) { return part.law->make_table != nullptr; });
+}
+
+}  // namespace
+
+std::vector<double> left_out_squares(const Problem& problem, const ModelSpec& spec, unsigned threads) {
+  constexpr int kFolds = 4;
+  const std::vector<int> block = blocks_of(problem.series());
+  std::vector<double> squares(static_cast<std::size_t>(block.back()) + 1, 0.0);
+  base::parallel_for(kFolds, threads, [&](std::size_t fold) {
+    std::vector<Series> kept(problem.series().begin(), problem.series().end());
+    std::size_t at = 0;
+    for (Series& each : kept)
+      for (double& count : each.count)
+        if (block[at++] % kFolds == static_cast<int>(fold)) count = 0.0;
+    const Problem without(kept, problem.noise());
+    const Fit fit = without.fit(spec, 6);
+    const Eigen::VectorXd e = without.target() - without.predict(fit.spec);
+    at = 0;
+    for (const Series& each : problem.series()) {
+      for (const double count : each.count) {
+        const auto b = static_cast<std::size_t>(block[at]);
+        if (block[at] % kFolds == static_cast<int>(fold)) {
+          const double error = e[static_cast<Eigen::Index>(at)];
+          squares[b] += count * error * error / (problem.noise().white_N * problem.noise().white_N);
+        }
+        ++at;
+      }
+    }
+  });
+  return squares;
+}
+
+std::optional<MemoryDescription> describe_memory(const Search& search, const Selection& selection,
+                                                 unsigned threads) {
+  NoiseModel white = search.instrument();
+  white.white_N = std::hypot(white.white_N, white.coloured_N);
+  white.coloured_N = 0.0;
+  const Problem problem(search.instrument_problem().series(), white);
+  double duration_s = 0.0;
+  for (const Series& each : problem.series())
+    duration_s = std::max(duration_s, each.nodes.back().t_s - each.nodes.front().t_s);
+
+  const Hypothesis* named = nullptr;  // the best set of effects without a table
+  std::size_t best_named = 0;
+  for (std::size_t i = 0; i < selection.pool.size(); ++i)
+    if (selection.pool[i].empirical.empty() && selection.weight[i] > selection.weight[best_named])
+      best_named = i;
+  if (best_named != 0) named = &selection.pool[best_named];
+  std::vector<Candidate> all;
+  for (const ModelSpec* base :
+       {&selection.nominal().fit.spec, named != nullptr ? &named->fit.spec : nullptr}) {
+    if (base == nullptr || has_table(*base)) continue;
+    const std::vector<Candidate> more = starts(*base, duration_s);
+    all.insert(all.end(), more.begin(), more.end());
+  }
+  base::parallel_for(all.size(), threads, [&](std::size_t i) {
+    if (all[i].spec.parts.back().law->name == "branch") scan_branch(problem, all[i]);
+    const Fit fit = problem.fit(all[i].spec, 4);
+    all[i].spec = fit.spec;
+    all[i].squares = fit.chi2;
+  });
+  std::ranges::stable_sort(all, {}, &Candidate::squares);
+  constexpr std::size_t kMost = 3;
+  std::vector<Candidate> finalists;
+  for (const Candidate& one : all) {
+    if (finalists.size() == kMost) break;
+    if (std::ranges::none_of(finalists, [&](const Candidate& other) {
+          return other.function_of == one.function_of && other.spec.parts.size() == one.spec.parts.size();
+        }))
+      finalists.push_back(one);
+  }
+  base::parallel_for(finalists.size(), threads, [&](std::size_t i) {
+    Fit fit = problem.fit(finalists[i].spec, 30);
+    if (finalists[i].spec.parts.back().law->name == "branch") {
+      // Thresholds once more with the rest settled.
+      Candidate again{fit.spec, finalists[i].function_of, 0.0};
+      scan_branch(problem, again);
+      if (Fit second = problem.fit(again.spec, 20); second.chi2 < fit.chi2) fit = std::move(second);
+    }
+    finalists[i].spec = fit.spec;
+  });
+
+  const std::vector<double> now = left_out_squares(problem, selection.chosen().fit.spec, threads);
+  double lacking = 0.0, rows = 0.0;
+  for (const double squares : now) lacking += squares;
+  for (const Series& each : problem.series())
+    for (const double count : each.count) rows += count > 0.0 ? 1.0 : 0.0;
+  lacking = std::max(lacking - selection.noise_scale * rows, 0.0);
+  std::optional<MemoryDescription> out;
+  double least = 0.0;
+  for (const Candidate& one : finalists) {
+    const std::vector<double> then = left_out_squares(problem, one.spec, threads);
+    double sum = 0.0, squares = 0.0;
+    const auto blocks = static_cast<double>(now.size());
+    for (std::size_t b = 0; b < now.size(); ++b) {
+      sum += now[b] - then[b];
+      squares += (now[b] - then[b]) * (now[b] - then[b]);
+    }
+    const double error =
+        std::sqrt(std::max(squares - sum * sum / blocks, 0.0) * blocks / std::max(blocks - 1.0, 1.0));
+    constexpr double kWorth = 0.1;
+    if (sum <= error || sum < kWorth * lacking || sum <= least) continue;
+    least = sum;
+    out = MemoryDescription{one.spec, std::string(one.function_of)};
+  }
+  return out;
+}
+
+}  // namespace isorig::identify

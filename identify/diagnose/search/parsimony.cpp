@@ -1,0 +1,98 @@
+#include "identify/diagnose/search/parsimony.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "identify/diagnose/fit/intervals.hpp"
+#include "identify/diagnose/search/practical_significance.hpp"
+#include "model/catalogue.hpp"
+
+namespace isorig::identify {
+namespace {
+
+constexpr std::size_t kDescription = 5;
+
+std::size_t numbers(const model::Law& law) {
+  std::size_t count = law.coefficients.size();
+  for (const auto& parameter : law.parameters) count += parameter.fixed ? 0 : 1;
+  return count;
+}
+
+/// A number of the law that might as well not be there.
+bool idle(const model::Part& part, const std::vector<NamedValue>& values) {
+  const model::Law& law = *part.law;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const bool coefficient = i < law.coefficients.size();
+    if (coefficient) {
+      if (law.coefficients.size() > 1 && (values[i].value == 0.0 || values[i].low * values[i].high <= 0.0))
+        return true;
+      continue;
+    }
+    const auto found = std::ranges::find(law.parameters, values[i].name, &model::Parameter::name);
+    if (found == law.parameters.end() || found->name == "time_s" || found->name == "start") continue;
+    const double reach = 1e-9 + 1e-6 * std::fabs(values[i].value);
+    if (values[i].value <= found->lower + reach || values[i].value >= found->upper - reach) return true;
+    // Zero means a simpler law only where zero can be reached.
+    if (!found->logarithmic && found->lower == 0.0 && values[i].low <= 0.0) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+void prefer_simpler_laws(Selection& selection, const Search& search) {
+  const double noise_N = std::hypot(search.instrument().white_N, search.instrument().coloured_N);
+  for (const auto* effect : selection.chosen().effects) {
+    for (int round = 0; round < 2; ++round) {
+      const Hypothesis& chosen = selection.chosen();
+      const auto at = std::ranges::find(chosen.fit.spec.parts, effect, &model::Part::physics);
+      if (at == chosen.fit.spec.parts.end()) break;
+      const auto index = static_cast<std::size_t>(at - chosen.fit.spec.parts.begin());
+      const bool description = at->coefficients.size() >= kDescription;
+      const Problem problem(search.instrument_problem().series(), chosen.fit.noise);
+      const bool gives_way =
+          !description && idle(*at, intervals(problem, chosen.fit.spec, Spread::kNoise)[index]);
+      if (!gives_way && !description) break;
+      Hypothesis best;
+      bool found = false;
+      for (const model::Law& law : effect->laws) {
+        if (numbers(law) >= numbers(*at->law) || law.replaces_arm != at->law->replaces_arm) continue;
+        std::size_t starts = 1;
+        for (const auto& parameter : law.parameters) starts = std::max(starts, parameter.starts.size());
+        for (std::size_t k = 0; k < starts; ++k) {
+          Hypothesis simpler = chosen;
+          model::Part part = model::make_part(*effect, law);
+          for (std::size_t i = 0; i < law.parameters.size(); ++i) {
+            const auto& parameter = law.parameters[i];
+            const auto same = std::ranges::find(at->law->parameters, parameter.name, &model::Parameter::name);
+            if (k == 0 && same != at->law->parameters.end())
+              part.parameters[i] =
+                  at->parameters[static_cast<std::size_t>(same - at->law->parameters.begin())];
+            else if (!parameter.starts.empty())
+              part.parameters[i] = parameter.starts[std::min(k, parameter.starts.size() - 1)];
+          }
+          simpler.fit.spec.parts[index] = std::move(part);
+          simpler.fit = search.fit_from(simpler.fit.spec, 25);
+          search.settle(simpler, false);
+          if (!found || simpler.evidence > best.evidence) best = std::move(simpler);
+          found = true;
+        }
+      }
+      if (!found) break;
+      constexpr double kSame = 2.0;  // noises of a reading
+      if (description && size_N(search, chosen, best) > kSame * noise_N) break;
+      selection.pool[selection.best] = std::move(best);
+    }
+  }
+  // Where what is left is far above the noise it is the laws' own error. Whitening it would let its fastest
+  // part, at reversals and corners, decide the numbers; plain least squares lets the bulk of the motion.
+  constexpr double kFarAbove = 30.0;
+  if (selection.error_rules || selection.noise_scale > kFarAbove) {
+    Hypothesis& chosen = selection.pool[selection.best];
+    const NoiseModel noise = chosen.fit.noise;
+    chosen.fit = search.fit_from(chosen.fit.spec, 30);
+    chosen.fit.noise = noise;
+  }
+}
+
+}  // namespace isorig::identify

@@ -1,0 +1,169 @@
+#include "identify/diagnose/search/select.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "identify/diagnose/noise/effective_dof.hpp"
+#include "identify/diagnose/search/empirical.hpp"
+#include "identify/diagnose/search/practical_significance.hpp"
+#include "model/catalogue.hpp"
+
+namespace isorig::identify {
+namespace {
+
+void add(std::vector<Hypothesis>& pool, std::vector<Hypothesis> more) {
+  for (Hypothesis& hypothesis : more) {
+    const auto same = std::ranges::find_if(pool, [&](const Hypothesis& h) {
+      return h.effects == hypothesis.effects && h.empirical == hypothesis.empirical;
+    });
+    if (same == pool.end())
+      pool.push_back(std::move(hypothesis));
+    else if (hypothesis.evidence > same->evidence)
+      *same = std::move(hypothesis);
+  }
+}
+
+std::vector<std::size_t> ranked(const std::vector<Hypothesis>& pool, std::size_t size) {
+  std::vector<std::size_t> order;
+  for (std::size_t i = 0; i < pool.size(); ++i)
+    if (pool[i].effects.size() == size) order.push_back(i);
+  std::ranges::sort(order, std::greater<>(), [&](std::size_t i) { return pool[i].evidence; });
+  return order;
+}
+
+double block_median(const Eigen::VectorXd& residual) {
+  constexpr Eigen::Index kBlocks = 80;
+  std::vector<double> means;
+  for (Eigen::Index b = 0; b < kBlocks; ++b) {
+    const Eigen::Index from = residual.size() * b / kBlocks, to = residual.size() * (b + 1) / kBlocks;
+    if (to > from)
+      means.push_back(residual.segment(from, to - from).squaredNorm() / static_cast<double>(to - from));
+  }
+  std::ranges::nth_element(means, means.begin() + static_cast<std::ptrdiff_t>(means.size() / 2));
+  return means[means.size() / 2];
+}
+
+}  // namespace
+
+bool is_format_effect(const model::Physics& physics) {
+  constexpr std::array<std::string_view, 13> names{"coulomb_friction",
+                                                   "strain_stiffening",
+                                                   "second_relaxation",
+                                                   "nonlinear_viscosity",
+                                                   "pressure_coupling",
+                                                   "cyclic_softening",
+                                                   "force_lag",
+                                                   "force_delay",
+                                                   "fixture_inertia",
+                                                   "zero_drift",
+                                                   "grip_slip",
+                                                   "crosshead_backlash",
+                                                   "slack"};
+  return std::ranges::find(names, physics.name) != names.end();
+}
+
+void weigh(Selection& selection, const Search& search, const SelectionOptions& options) {
+  const auto& pool = selection.pool;
+  std::vector<double> cost(pool.size(), 0.0);
+  for (std::size_t i = 0; i < pool.size(); ++i) {
+    for (const auto* effect : pool[i].effects)
+      cost[i] += options.prior_cost + (is_format_effect(*effect) ? 0.0 : options.unusual_cost);
+  }
+  for (std::size_t i = 0; i < pool.size(); ++i)
+    if (!pool[i].empirical.empty()) cost[i] += options.unknown_cost;
+  std::size_t top = 0;
+  for (std::size_t i = 1; i < pool.size(); ++i)
+    if (pool[i].evidence - cost[i] > pool[top].evidence - cost[top]) top = i;
+  // Far above a noise without rests, likelihoods speak of the laws' own error at reversals and corners.
+  const auto error = [&](std::size_t i) {
+    return 0.5 * options.error_degrees * std::log(std::max(pool[i].ls_chi2, 1e-300)) + cost[i];
+  };
+  std::size_t least = 0;
+  for (std::size_t i = 1; i < pool.size(); ++i)
+    if (error(i) < error(least)) least = i;
+  selection.error_rules = options.count_looks && std::isfinite(options.most_noise_scale) &&
+                          pool[least].ls_chi2 > kErrorRules * static_cast<double>(pool[least].fit.rows);
+  if (selection.error_rules) top = least;
+
+  // What each leaves beyond noise, under the instrument's own noise; its scale from the quieter half of the
+  // blocks of the best explanation.
+  Eigen::VectorXd residual;
+  model::ModelSpec spec = pool[top].fit.spec;
+  (void)search.instrument_problem().solve(spec, residual);
+  selection.noise_scale =
+      std::clamp(block_median(residual), options.least_noise_scale, options.most_noise_scale);
+  const double noise = selection.noise_scale * static_cast<double>(pool[top].fit.rows);
+  selection.excess.assign(pool.size(), 0.0);
+  for (std::size_t i = 0; i < pool.size(); ++i)
+    selection.excess[i] = std::max(pool[i].ls_chi2 - noise, 0.0) / selection.noise_scale;
+
+  double degrees = options.error_degrees;
+  if (options.count_looks)
+    degrees = std::max(degrees, independent_looks(search.instrument_problem().series(), residual));
+  constexpr double kFloor = 40.0;
+  std::vector<double> log_weight(pool.size());
+  for (std::size_t i = 0; i < pool.size(); ++i) {
+    const double likelihood = std::max(pool[top].evidence - pool[i].evidence, 0.0);
+    // Not the clipped excesses: below the noise, too, less left is better.
+    const double more = (pool[i].ls_chi2 - pool[top].ls_chi2) / selection.noise_scale;
+    const double left = selection.error_rules ? more : std::max(more, 0.0);
+    const double variance = 0.5 * degrees * std::log1p(left / (selection.excess[top] + kFloor));
+    log_weight[i] = -(selection.error_rules ? variance : std::min(likelihood, variance)) - cost[i];
+  }
+  const double most = *std::ranges::max_element(log_weight);
+  double sum = 0.0;
+  selection.weight.assign(pool.size(), 0.0);
+  for (std::size_t i = 0; i < pool.size(); ++i) sum += selection.weight[i] = std::exp(log_weight[i] - most);
+  selection.best = 0;
+  selection.probability.clear();
+  for (std::size_t i = 0; i < pool.size(); ++i) {
+    selection.weight[i] /= sum;
+    if (selection.weight[i] > selection.weight[selection.best]) selection.best = i;
+    for (const auto* effect : pool[i].effects) selection.probability[effect] += selection.weight[i];
+  }
+  // Sums of rounded weights: a probability stays one.
+  for (auto& [effect, probability] : selection.probability) probability = std::min(probability, 1.0);
+}
+
+Selection select_effects(const Search& search, const model::ModelSpec& nominal,
+                         const SelectionOptions& options) {
+  Selection selection;
+  auto& pool = selection.pool;
+  pool.push_back(search.nominal(nominal));
+  add(pool, search.extend(pool.front(), 5, true));
+  double best = pool.front().evidence;
+  for (std::size_t size = 1; size < options.most_effects; ++size) {
+    const auto order = ranked(pool, size);
+    if (order.empty() || pool[order.front()].evidence < best + options.least_gain) break;
+    best = pool[order.front()].evidence;
+    add(pool, search.extend(pool[order[0]], 3, false));
+    const auto larger = ranked(pool, size + 1);
+    // More of the beam only where one more effect explains more at all.
+    if (larger.empty() || pool[larger.front()].evidence < best + options.least_gain) break;
+    // A first effect that explains all but a little is in every explanation; else the others get their turn,
+    // so that the answer does not hang on which was best alone.
+    if (size == 1 && pool[order.front()].ls_chi2 < 0.02 * pool.front().ls_chi2) continue;
+    for (std::size_t b = 1; b < std::min<std::size_t>(order.size(), size == 1 ? 4 : 2); ++b) {
+      const Hypothesis base = pool[order[b]];
+      add(pool, search.extend(base, 2, false));
+    }
+  }
+  weigh(selection, search, options);
+
+  // What no effect explains is described by what it depends on, on top of nothing and of the best so far;
+  // then all compete again.
+  const double rows = static_cast<double>(selection.nominal().fit.rows);
+  if (selection.excess[selection.best] > std::max(0.05 * rows, 150.0)) {
+    std::vector<Hypothesis> described;
+    if (auto plain = describe_unknown(search, selection.nominal())) described.push_back(std::move(*plain));
+    if (selection.best != 0)
+      if (auto more = describe_unknown(search, selection.chosen())) described.push_back(std::move(*more));
+    for (Hypothesis& hypothesis : described) pool.push_back(std::move(hypothesis));
+    weigh(selection, search, options);
+  }
+  discount_immaterial(selection, search, options);
+  return selection;
+}
+
+}  // namespace isorig::identify

@@ -1,0 +1,68 @@
+#pragma once
+#include <limits>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "identify/diagnose/search/hypothesis.hpp"
+
+namespace isorig::identify {
+
+/// Everything that was tried, weighed.
+struct Selection {
+  std::vector<Hypothesis> pool;  ///< one per set of effects; pool[0] is the nominal model
+  std::vector<double> weight;    ///< posterior weight of each, sums to 1
+  std::size_t best = 0;
+  double noise_scale = 1.0;    ///< whitened variance where nothing is left to explain
+  std::vector<double> excess;  ///< per hypothesis: sum of squares beyond the noise
+  std::map<const model::Physics*, double> probability;  ///< of each effect being there
+  /// What the best leaves is so far above a noise without rests that it is the laws' own error.
+  bool error_rules = false;
+
+  std::map<const model::Physics*, double> size_N;  ///< of each effect of the chosen, see material.hpp
+
+  [[nodiscard]] const Hypothesis& nominal() const { return pool.front(); }
+  [[nodiscard]] const Hypothesis& chosen() const { return pool[best]; }
+};
+
+struct SelectionOptions {
+  std::size_t most_effects = 3;
+  /// What an effect must gain in log evidence to be looked at further.
+  double least_gain = 8.0;
+  /// Prior log odds against each effect: most rigs lack none of a given one.
+  double prior_cost = 3.0;
+  /// Further against effects outside of the recording format's list.
+  double unusual_cost = 2.0;
+  /// Against physics that the catalogue lacks, beyond what its table costs in degrees of freedom.
+  double unknown_cost = 6.0;
+  /// How many independent looks at the model error a recording gives. When the best explanation leaves more
+  /// than noise, likelihoods overstate: two explanations are then compared by what they leave, as variances
+  /// with this many degrees of freedom (calibrated on simulated cases, docs/diagnosis.md).
+  double error_degrees = 12.0;
+  /// Take the looks that the residual of the best explanation shows, where they are more (looks.hpp).
+  bool count_looks = false;
+  /// The instrument's noise as measured in rests can be wrong by this much in power, not more; where there
+  /// were no rests it is a guess, and the quietest half of the recording says.
+  double least_noise_scale = 0.0;
+  double most_noise_scale = std::numeric_limits<double>::infinity();
+  /// What a model errs by that lacks nothing worth a name: in noises of a reading, and as a share of the
+  /// largest effect in it (material.hpp).
+  double model_error_noises = 2.0;
+  double model_error_share = 0.08;
+};
+
+/// Whitened squares per reading beyond which the laws' own error decides, not the noise: three noises.
+inline constexpr double kErrorRules = 9.0;
+
+/// The named effects of the recording format.
+[[nodiscard]] bool is_format_effect(const model::Physics& physics);
+
+/// Singles, pairs, threes by beam; every set refitted as a whole; sets that do not need all their members
+/// lose them again.
+[[nodiscard]] Selection select_effects(const Search& search, const model::ModelSpec& nominal,
+                                       const SelectionOptions& options);
+
+/// Weighs the pool anew (after hypotheses were added).
+void weigh(Selection& selection, const Search& search, const SelectionOptions& options);
+
+}  // namespace isorig::identify

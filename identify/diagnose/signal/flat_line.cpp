@@ -1,0 +1,46 @@
+#include "identify/diagnose/signal/flat_line.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "identify/diagnose/motion/reconstruction.hpp"
+
+namespace isorig::identify {
+
+std::vector<StandingRun> standing_runs(std::span<const double> t_s, std::span<const double> reading) {
+  constexpr double kShortest = 12.0, kPerRecording = 1e-3;
+  std::vector<StandingRun> out;
+  if (reading.size() < 20) return out;
+  const double step = quantisation(reading), measured = white_noise(t_s, reading);
+  const double noise = std::sqrt(std::max(measured * measured - step * step / 12.0, 0.0));
+  if (noise < 0.2 * step || measured <= 0.0) return out;  // too coarse for a run to mean anything
+  const double repeats = std::erf(step / (2.0 * std::sqrt(2.0) * noise));
+  const double longest =
+      repeats > 0.0 ? 1.0 + std::log(static_cast<double>(reading.size()) / kPerRecording) / -std::log(repeats)
+                    : 0.0;
+  const auto shortest = static_cast<std::size_t>(std::max(kShortest, std::ceil(longest)));
+  for (std::size_t k = 0; k < reading.size();) {
+    std::size_t end = k + 1;
+    while (end < reading.size() && reading[end] == reading[k]) ++end;
+    // What is noise to a coarse encoder in motion is none at rest: there, only a jump on coming alive tells.
+    const bool jumps =
+        end < reading.size() && std::fabs(reading[end] - reading[k]) > 8.0 * std::max(noise, step);
+    if (end - k >= shortest && (step < noise || jumps)) out.push_back({k, end});
+    k = end;
+  }
+  return out;
+}
+
+std::vector<double> without_standing(std::span<const double> t_s, std::vector<double> reading_mm) {
+  for (const auto& [first, end] : standing_runs(t_s, reading_mm)) {
+    if (end == reading_mm.size()) break;  // nothing to go on to
+    const double from_mm = reading_mm[first];
+    for (std::size_t k = first + 1; k < end; ++k) {
+      const double share = (t_s[k] - t_s[first]) / (t_s[end] - t_s[first]);
+      reading_mm[k] = from_mm + share * (reading_mm[end] - from_mm);
+    }
+  }
+  return reading_mm;
+}
+
+}  // namespace isorig::identify
