@@ -15,6 +15,7 @@
 #include "identify/diagnose/search/parsimony.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
+#include "identify/diagnose/signal/noise_level.hpp"
 
 namespace isorig::identify {
 namespace {

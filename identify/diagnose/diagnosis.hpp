@@ -7,6 +7,7 @@
 
 #include "identify/diagnose/design/design.hpp"
 #include "identify/diagnose/explain/heldout.hpp"
+#include "identify/diagnose/explain/locate.hpp"
 #include "identify/diagnose/fit/intervals.hpp"
 #include "identify/diagnose/guard/guard.hpp"
 #include "identify/diagnose/noise/noise.hpp"
@@ -34,20 +35,6 @@ struct Explanation {
   double log_evidence = 0.0;
   double excess = 0.0;    ///< sum of squares beyond the noise, in units of the noise
   bool at_bound = false;  ///< a parameter stands at the end of its range
-};
-
-struct Place {
-  double t_start_s = 0.0;
-  double t_end_s = 0.0;
-  std::string covariate;
-  double share = 0.0;
-  double share_low = 0.0;
-  double share_high = 0.0;
-  std::string text;
-  std::string recording;  ///< of a stretch of time; empty: all of them
-  /// Where half of it stands, or in the stretch: measured minus simulated, without and with what lacked.
-  double nominal_rmse_N = 0.0;
-  double model_rmse_N = 0.0;
 };
 
 struct Errors {

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <map>
 
-#include "identify/diagnose/motion/reconstruction.hpp"
+#include "identify/diagnose/signal/noise_level.hpp"
 
 namespace isorig::identify {
 

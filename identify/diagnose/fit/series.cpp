@@ -5,6 +5,7 @@
 
 #include "identify/diagnose/fit/row_weights.hpp"
 #include "identify/diagnose/motion/band_limited_motion.hpp"
+#include "identify/diagnose/signal/noise_level.hpp"
 
 namespace isorig::identify {
 namespace {

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <cstdio>
 
-#include "identify/diagnose/motion/reconstruction.hpp"
+#include "identify/diagnose/signal/noise_level.hpp"
 #include "identify/diagnose/signal/flat_line.hpp"
 #include "identify/diagnose/signal/spikes.hpp"
 

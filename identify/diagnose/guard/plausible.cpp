@@ -5,7 +5,7 @@
 #include <cstdio>
 #include <stdexcept>
 
-#include "identify/diagnose/motion/reconstruction.hpp"
+#include "identify/diagnose/signal/noise_level.hpp"
 
 namespace isorig::identify {
 namespace {

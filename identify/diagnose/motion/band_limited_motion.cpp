@@ -1,4 +1,5 @@
 #include "identify/diagnose/motion/band_limited_motion.hpp"
+#include "identify/diagnose/signal/noise_level.hpp"
 
 #include <algorithm>
 #include <array>

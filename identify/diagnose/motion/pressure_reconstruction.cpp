@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include "identify/diagnose/motion/reconstruction.hpp"
+#include "identify/diagnose/signal/noise_level.hpp"
 #include "model/stepping.hpp"
 
 namespace isorig::identify {

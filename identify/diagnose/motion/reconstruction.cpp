@@ -9,17 +9,11 @@
 #include "identify/diagnose/motion/corner_motion.hpp"
 #include "identify/diagnose/motion/pressure_reconstruction.hpp"
 #include "identify/diagnose/signal/flat_line.hpp"
+#include "identify/diagnose/signal/noise_level.hpp"
 #include "identify/diagnose/signal/spikes.hpp"
 
 namespace isorig::identify {
 namespace {
-
-double median(std::vector<double> values) {
-  if (values.empty()) return 0.0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 /// One pass of filter and smoother with acceleration variances `spread` per interval. The acceleration acts
 /// as an impulse at the interval's end, so that the motion is straight between readings: a smoother motion
@@ -190,32 +184,6 @@ double busy_share(std::span<const double> t_s, std::span<const double> since) {
 }
 
 }  // namespace
-
-double white_noise(std::span<const double> t_s, std::span<const double> reading) {
-  std::vector<double> bends;
-  bends.reserve(t_s.size());
-  for (std::size_t k = 1; k + 1 < t_s.size(); ++k) {
-    const double share = (t_s[k] - t_s[k - 1]) / (t_s[k + 1] - t_s[k - 1]);
-    const double bend = reading[k] - ((1.0 - share) * reading[k - 1] + share * reading[k + 1]);
-    bends.push_back(std::fabs(bend) / std::sqrt(1.0 + share * share + (1.0 - share) * (1.0 - share)));
-  }
-  return median(std::move(bends)) / 0.6745;
-}
-
-double quantisation(std::span<const double> reading) {
-  double smallest = std::numeric_limits<double>::infinity();
-  const std::size_t count = std::min<std::size_t>(reading.size(), 20000);
-  for (std::size_t k = 1; k < count; ++k) {
-    const double d = std::fabs(reading[k] - reading[k - 1]);
-    if (d > 1e-12) smallest = std::min(smallest, d);
-  }
-  if (!std::isfinite(smallest)) return 0.0;
-  for (std::size_t k = 1; k < count; ++k) {
-    const double steps = (reading[k] - reading[k - 1]) / smallest;
-    if (std::fabs(steps) < 1e4 && std::fabs(steps - std::round(steps)) > 0.05) return 0.0;
-  }
-  return smallest;
-}
 
 Motion smooth_motion(std::span<const double> t_s, std::span<const double> reading_mm) {
   const std::size_t n = t_s.size();

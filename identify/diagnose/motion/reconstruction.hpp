@@ -24,14 +24,6 @@ struct Motion {
 /// lag operators must be driven by this, never by the reading: every micrometre of noise reverses them.
 [[nodiscard]] Motion smooth_motion(std::span<const double> t_s, std::span<const double> reading_mm);
 
-/// rms of the white noise of a reading from its second differences, median-based (motion does not matter as
-/// long as it is smooth for most of the record).
-[[nodiscard]] double white_noise(std::span<const double> t_s, std::span<const double> reading);
-
-/// Smallest nonzero difference between two values of the reading when all differences are multiples of it;
-/// 0 otherwise.
-[[nodiscard]] double quantisation(std::span<const double> reading);
-
 /// A recording's input: what drives a model, one instant per row of frame.csv.
 struct Drive {
   std::vector<model::Instant> instants;

@@ -5,6 +5,7 @@
 
 #include "identify/diagnose/noise/noise_likelihood.hpp"
 #include "identify/diagnose/noise/repetitions.hpp"
+#include "identify/diagnose/signal/noise_level.hpp"
 
 namespace isorig::identify {
 namespace {

@@ -1,4 +1,5 @@
 #include "identify/diagnose/noise/repetitions.hpp"
+#include "identify/diagnose/signal/noise_level.hpp"
 
 #include <algorithm>
 #include <array>

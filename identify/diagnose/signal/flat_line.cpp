@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "identify/diagnose/motion/reconstruction.hpp"
+#include "identify/diagnose/signal/noise_level.hpp"
 
 namespace isorig::identify {
 

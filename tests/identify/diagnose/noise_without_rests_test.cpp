@@ -10,6 +10,7 @@
 #include "identify/diagnose/noise/repetitions.hpp"
 #include "identify/diagnose/signal/spikes.hpp"
 #include "model/composed.hpp"
+#include "identify/diagnose/signal/noise_level.hpp"
 
 namespace isorig::identify {
 namespace {

@@ -1,0 +1,46 @@
+#include "identify/diagnose/signal/noise_level.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+namespace isorig::identify {
+namespace {
+
+double median(std::vector<double> values) {
+  if (values.empty()) return 0.0;
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+}  // namespace
+
+double white_noise(std::span<const double> t_s, std::span<const double> reading) {
+  std::vector<double> bends;
+  bends.reserve(t_s.size());
+  for (std::size_t k = 1; k + 1 < t_s.size(); ++k) {
+    const double share = (t_s[k] - t_s[k - 1]) / (t_s[k + 1] - t_s[k - 1]);
+    const double bend = reading[k] - ((1.0 - share) * reading[k - 1] + share * reading[k + 1]);
+    bends.push_back(std::fabs(bend) / std::sqrt(1.0 + share * share + (1.0 - share) * (1.0 - share)));
+  }
+  return median(std::move(bends)) / 0.6745;
+}
+
+double quantisation(std::span<const double> reading) {
+  double smallest = std::numeric_limits<double>::infinity();
+  const std::size_t count = std::min<std::size_t>(reading.size(), 20000);
+  for (std::size_t k = 1; k < count; ++k) {
+    const double d = std::fabs(reading[k] - reading[k - 1]);
+    if (d > 1e-12) smallest = std::min(smallest, d);
+  }
+  if (!std::isfinite(smallest)) return 0.0;
+  for (std::size_t k = 1; k < count; ++k) {
+    const double steps = (reading[k] - reading[k - 1]) / smallest;
+    if (std::fabs(steps) < 1e4 && std::fabs(steps - std::round(steps)) > 0.05) return 0.0;
+  }
+  return smallest;
+}
+
+}  // namespace isorig::identify
