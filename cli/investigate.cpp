@@ -55,7 +55,7 @@ std::string fingerprint(const std::string& text) {
 
 /// Whoever names no protocol gets the paper's ramps in short: two speeds, both ways, with rests.
 std::string first_look(const daemon::RigConfig& rig, double pressure_psi) {
-  identify::MenuLimits limits;
+  identify::CandidateLimits limits;
   limits.rig = rig.limits;
   limits.nominal_psi = pressure_psi;
   const double room_mm = 0.4 * std::min(-rig.limits.travel_min_mm, rig.limits.travel_max_mm);

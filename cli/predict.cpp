@@ -75,12 +75,12 @@ int predict(const Options& options) {
   }
   // What was measured is out of reach from here on: a prediction that had seen it would prove nothing.
   std::fill(recording.frame.force_N.begin(), recording.frame.force_N.end(), 0.0);
-  const identify::Drive drive = identify::reconstruct_drive(recording);
-  model::RunningModel running(spec, drive.reference);
-  running.reset(drive.instants.front());
+  const identify::Excitation excitation = identify::reconstruct_excitation(recording);
+  model::RunningModel running(spec, excitation.reference);
+  running.reset(excitation.instants.front());
   std::vector<double> force_N;
-  force_N.reserve(drive.instants.size());
-  for (const model::Instant& now : drive.instants) force_N.push_back(running.step(now));
+  force_N.reserve(excitation.instants.size());
+  for (const model::Instant& now : excitation.instants) force_N.push_back(running.step(now));
 
   const messages::CsvColumnView columns[] = {{"t_s", recording.frame.t_s}, {"force_N", force_N}};
   const std::string text = messages::number_csv_text(columns);

@@ -27,10 +27,10 @@ double rmse(const model::ModelSpec& spec, std::span<const Series> series,
   std::size_t count = 0;
   for (std::size_t i = 0; i < series.size(); ++i) {
     const Series& each = series[i];
-    model::RunningModel running(spec, each.drive.reference);
-    running.reset(each.drive.instants.front());
-    for (std::size_t k = 0; k < each.drive.instants.size(); ++k) {
-      const double e = each.recording.frame.force_N[k] - running.step(each.drive.instants[k]);
+    model::RunningModel running(spec, each.excitation.reference);
+    running.reset(each.excitation.instants.front());
+    for (std::size_t k = 0; k < each.excitation.instants.size(); ++k) {
+      const double e = each.recording.frame.force_N[k] - running.step(each.excitation.instants[k]);
       if (!usable[i].empty() && !usable[i][k]) continue;
       squares += e * e;
       ++count;
@@ -55,7 +55,7 @@ void place_slips(model::ModelSpec& spec, std::span<const Series> series,
       }
     }
     double best_s = part.parameters[0], best = rmse(spec, series.first(1), usable);
-    for (const auto& row : first.drive.instants) {
+    for (const auto& row : first.excitation.instants) {
       if (row.t_s < before - 1.0 || row.t_s > after + 1.0) continue;
       part.parameters[0] = row.t_s - 0.5 * row.dt_s;
       if (const double value = rmse(spec, series.first(1), usable); value < best) {
@@ -212,7 +212,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     // An isometric recording is driven by its pressure alone: its filling is the experiment.
     if (moves(recordings[i]) || !nominal.has("pressure_coupling")) {
       const double start_s = t_s.empty() ? 0.0 : t_s.front();
-      if (auto cut = cut_filling(recordings[i])) study.faults.push_back(std::move(*cut));
+      if (auto cut = cut_start_up(recordings[i])) study.faults.push_back(std::move(*cut));
       if (!t_s.empty() && t_s.front() > start_s) add_what_filling_left(nominal, duration_s[i], t_s.front());
     }
     const auto& frame = recordings[i].frame;
@@ -233,18 +233,18 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     study.faults.insert(study.faults.end(), guarded.faults.begin(), guarded.faults.end());
     study.series.push_back(prepare_series(names[i], std::move(recordings[i]), guarded.usable));
     // A slip knows its recording by its duration, and `predict` sees the whole of it.
-    study.series.back().drive.reference.duration_s = duration_s[i];
+    study.series.back().excitation.reference.duration_s = duration_s[i];
     study.usable.push_back(std::move(guarded.usable));
-    const Drive& drive = study.series.back().drive;
-    if (drive.pressure_clock_s != 0.0) {
+    const Excitation& excitation = study.series.back().excitation;
+    if (excitation.pressure_clock_s != 0.0) {
       char text[160];
       std::snprintf(
           text, sizeof text,
           "the pressure's time stamps are %.3f s (+- %.3f s) %s against the frame's, by its response to "
           "the motion; corrected",
-          std::fabs(drive.pressure_clock_s), drive.pressure_clock_error_s,
-          drive.pressure_clock_s > 0.0 ? "late" : "early");
-      study.faults.push_back({"clock", drive.instants.front().t_s, drive.instants.back().t_s, 0, text});
+          std::fabs(excitation.pressure_clock_s), excitation.pressure_clock_error_s,
+          excitation.pressure_clock_s > 0.0 ? "late" : "early");
+      study.faults.push_back({"clock", excitation.instants.front().t_s, excitation.instants.back().t_s, 0, text});
     }
   }
   share_noise(study.series);
@@ -324,7 +324,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     out.verdict = Verdict::kMissingPhysics;
   // A table that leaves little stands: what is left of it is fitted well by many things that predict nothing.
   if (out.verdict == Verdict::kUnknownPhysics && out.unexplained > kMuch) {
-    if (auto memory = describe_memory(search, selection, options.threads)) {
+    if (auto memory = describe_hysteresis(search, selection, options.threads)) {
       out.model = std::move(memory->spec);
       out.model.name = nominal.name;
       out.described_by = memory->function_of;

@@ -18,8 +18,8 @@ struct Residuals {
 };
 
 Residuals residuals(const Series& series, const std::vector<bool>& usable, const Diagnosis& d) {
-  model::RunningModel nominal(d.nominal, series.drive.reference), full(d.model, series.drive.reference);
-  const auto& instants = series.drive.instants;
+  model::RunningModel nominal(d.nominal, series.excitation.reference), full(d.model, series.excitation.reference);
+  const auto& instants = series.excitation.instants;
   nominal.reset(instants.front());
   full.reset(instants.front());
   Residuals out;

@@ -44,7 +44,7 @@ std::string triangle(double amplitude_mm, double velocity_mm_s, int cycles) {
 }
 
 /// A sine in as many chords as the link sustains, or the triangle of that frequency when it sustains too few.
-std::string oscillation(double frequency_Hz, double amplitude_mm, int cycles, const MenuLimits& limits) {
+std::string oscillation(double frequency_Hz, double amplitude_mm, int cycles, const CandidateLimits& limits) {
   const double interval_s = std::max(limits.rig.segment_interval_min_s, 1e-3);
   const auto chords = static_cast<int>(std::min(0.25 / (frequency_Hz * interval_s) + 1e-9, 6.0));
   if (chords >= 2) {
@@ -58,7 +58,7 @@ std::string oscillation(double frequency_Hz, double amplitude_mm, int cycles, co
   return triangle(amplitude_mm, 4.0 * amplitude_mm * frequency_Hz, cycles);
 }
 
-std::string pressurize(double to_psi, const MenuLimits& limits, double settled_for_s) {
+std::string pressurize(double to_psi, const CandidateLimits& limits, double settled_for_s) {
   const double rate_psi_s = std::min(limits.rig.pressure_rate_max_psi_s, 2.0);
   return text(
       "    { do = \"pressurize\", pressure_psi = %.6g, rate_psi_s = %.6g, settled_for_s = %.6g, timeout_s = "
@@ -77,26 +77,26 @@ int turns_of(const protocol::Plan& plan) {
 
 class Builder {
  public:
-  explicit Builder(const MenuLimits& limits) : limits_(limits) {}
+  explicit Builder(const CandidateLimits& limits) : limits_(limits) {}
 
   void add(std::string name, std::string body) {
     try {
-      MenuItem item = session_of(std::move(name), std::move(body), limits_);
+      CandidateExperiment item = session_of(std::move(name), std::move(body), limits_);
       if (item.duration_s <= limits_.longest_s) items_.push_back(std::move(item));
     } catch (const base::ConfigError&) {
-      // Beyond the limits: not on this rig's menu.
+      // Beyond the limits: not for this rig.
     }
   }
-  [[nodiscard]] std::vector<MenuItem> take() { return std::move(items_); }
+  [[nodiscard]] std::vector<CandidateExperiment> take() { return std::move(items_); }
 
  private:
-  const MenuLimits& limits_;
-  std::vector<MenuItem> items_;
+  const CandidateLimits& limits_;
+  std::vector<CandidateExperiment> items_;
 };
 
 }  // namespace
 
-std::string protocol_text(const MenuItem& item, const MenuLimits& limits, std::string_view name,
+std::string protocol_text(const CandidateExperiment& item, const CandidateLimits& limits, std::string_view name,
                           std::string_view description) {
   std::string out = "format = \"isorig-protocol/1\"\nname = \"" + std::string(name) + "\"\n";
   out += "description = \"" + std::string(description) + "\"\n";
@@ -107,8 +107,8 @@ std::string protocol_text(const MenuItem& item, const MenuLimits& limits, std::s
   return out + "  ] },\n]\n";
 }
 
-MenuItem session_of(std::string name, std::string body, const MenuLimits& limits) {
-  MenuItem item;
+CandidateExperiment session_of(std::string name, std::string body, const CandidateLimits& limits) {
+  CandidateExperiment item;
   item.name = std::move(name);
   item.body = std::move(body);
   item.protocol = protocol_text(item, limits, "experiment", item.name);
@@ -117,7 +117,7 @@ MenuItem session_of(std::string name, std::string body, const MenuLimits& limits
   return item;
 }
 
-MenuItem joined(const MenuItem& first, const MenuItem& second, const MenuLimits& limits) {
+CandidateExperiment joined(const CandidateExperiment& first, const CandidateExperiment& second, const CandidateLimits& limits) {
   return session_of(first.name + "; " + second.name, first.body + hold(2.0) + second.body, limits);
 }
 
@@ -128,7 +128,7 @@ std::string paper_ramps(double stroke_mm, double velocity_mm_s, double return_mm
   return body;
 }
 
-std::vector<MenuItem> menu(const MenuLimits& limits) {
+std::vector<CandidateExperiment> candidate_experiments(const CandidateLimits& limits) {
   Builder out(limits);
   const double fastest = limits.rig.speed_max_mm_s, slowest = std::max(limits.rig.speed_min_mm_s, 0.005);
   const double stroke = limits.stroke_mm;
@@ -202,7 +202,7 @@ std::vector<MenuItem> menu(const MenuLimits& limits) {
     }
   }
   auto items = out.take();
-  std::ranges::stable_sort(items, {}, &MenuItem::duration_s);
+  std::ranges::stable_sort(items, {}, &CandidateExperiment::duration_s);
   return items;
 }
 

@@ -14,7 +14,7 @@ namespace isorig::identify {
 namespace {
 
 constexpr std::size_t kMostRivals = 4;
-/// A pair that the whole menu leaves closer than this is one explanation under two names, for this rig.
+/// A pair that no candidate experiment moves farther apart than this is one explanation under two names, for this rig.
 constexpr double kHopeless = 20.0;
 
 bool holds_all(const Hypothesis& whole, const Hypothesis& part) {
@@ -142,7 +142,7 @@ class Designer {
   }
 
   /// What the recordings did, once more: the paper's ramps at their stroke and speed.
-  [[nodiscard]] std::optional<MenuItem> paper_ramps_again() const {
+  [[nodiscard]] std::optional<CandidateExperiment> paper_ramps_again() const {
     try {
       return session_of("the paper's ramps once more", paper_ramps(std::min(recorded_stroke_mm_, limits_.stroke_mm),
                                                                   recorded_speed_mm_s_, 0.01),
@@ -152,11 +152,11 @@ class Designer {
     }
   }
 
-  [[nodiscard]] const MenuLimits& limits() const { return limits_; }
+  [[nodiscard]] const CandidateLimits& limits() const { return limits_; }
   [[nodiscard]] const std::vector<Pair>& pairs() const { return pairs_; }
 
   /// To first order. Empty when a tied explanation expects forces beyond the limits.
-  [[nodiscard]] std::optional<Score> score(const MenuItem& item) const {
+  [[nodiscard]] std::optional<Score> score(const CandidateExperiment& item) const {
     const std::vector<Series> run{rehearse(item.plan, reference_, sampling_)};
     const Problem problem(run, noise_);
     const auto n = static_cast<Eigen::Index>(run[0].nodes.size()), k = static_cast<Eigen::Index>(rivals_.size());
@@ -186,7 +186,7 @@ class Designer {
   }
 
   /// Without approximation: each rival refitted to the recordings and what the truth says of the new one.
-  [[nodiscard]] Score prove(const MenuItem& item, const std::vector<bool>& counts) const {
+  [[nodiscard]] Score prove(const CandidateExperiment& item, const std::vector<bool>& counts) const {
     const Series fresh = rehearse(item.plan, reference_, sampling_);
     Score out;
     out.distance.assign(pairs_.size(), 0.0);
@@ -218,7 +218,7 @@ class Designer {
   std::vector<Rival> rivals_;
   std::vector<Pair> pairs_;
   model::Reference reference_;
-  MenuLimits limits_;
+  CandidateLimits limits_;
   Sampling sampling_;
   double recorded_stroke_mm_ = 0.0;
   double recorded_speed_mm_s_ = 0.0;
@@ -258,8 +258,8 @@ void Designer::read_limits() {
     }
     const auto& t_s = each.recording.frame.t_s;
     for (std::size_t k = 1; k < t_s.size(); ++k) gaps_s.push_back(t_s[k] - t_s[k - 1]);
-    pneumatic = pneumatic || !each.drive.pressure_psi.empty();
-    for (const double psi : each.drive.pressure_psi) most_psi = std::max(most_psi, psi);
+    pneumatic = pneumatic || !each.excitation.pressure_psi.empty();
+    for (const double psi : each.excitation.pressure_psi) most_psi = std::max(most_psi, psi);
   }
   if (recorded_speed_mm_s_ <= 0.0)
     for (const Series& each : recorded_)
@@ -271,7 +271,7 @@ void Designer::read_limits() {
     std::ranges::nth_element(gaps_s, at);
     sampling_.full_s = std::clamp(*at, 1e-4, 1.0);
   }
-  reference_ = recorded_[0].drive.reference;
+  reference_ = recorded_[0].excitation.reference;
   if (options_.rig) {
     limits_.rig = *options_.rig;
     // A specimen that was never stretched that far may do something new there: twice as far is far enough.
@@ -314,7 +314,7 @@ bool Designer::bearable(const Series& run, const Eigen::VectorXd& force_N) const
 }
 
 struct Rated {
-  MenuItem item;
+  CandidateExperiment item;
   Score score;
 };
 
@@ -357,7 +357,7 @@ Design design_experiment(const Search& search, const Selection& selection, const
   const Designer designer(search, selection, tied, options, threads);
   const auto& pairs = designer.pairs();
 
-  std::vector<MenuItem> items = menu(designer.limits());
+  std::vector<CandidateExperiment> items = candidate_experiments(designer.limits());
   std::vector<std::optional<Score>> scores(items.size());
   base::parallel_for(items.size(), threads, [&](std::size_t i) { scores[i] = designer.score(items[i]); });
   std::vector<Rated> rated;
@@ -425,7 +425,7 @@ Design design_experiment(const Search& search, const Selection& selection, const
     for (std::size_t i = 0; i < parts.size(); ++i) {
       for (std::size_t j = i; j < parts.size(); ++j) {
         if (parts[i]->item.duration_s + parts[j]->item.duration_s > options.longest_s) continue;
-        MenuItem item = joined(parts[i]->item, parts[j]->item, designer.limits());
+        CandidateExperiment item = joined(parts[i]->item, parts[j]->item, designer.limits());
         if (auto score = designer.score(item)) both.push_back({std::move(item), std::move(*score)});
       }
     }

@@ -45,7 +45,7 @@ struct Experiment {
   std::vector<Distance> distances;
 };
 
-/// Another experiment on the menu, for comparison.
+/// Another candidate experiment, for comparison.
 struct Runner {
   std::string text;
   double duration_s = 0.0;
@@ -55,7 +55,7 @@ struct Runner {
 struct Inseparable {
   std::size_t first = 0;  ///< indices into Design::tied
   std::size_t second = 0;
-  double distance = 0.0;  ///< the best that the menu offers
+  double distance = 0.0;  ///< the best that any candidate reaches
   std::string text;
 };
 
@@ -75,11 +75,11 @@ struct Design {
   [[nodiscard]] std::string separates() const;
 };
 
-/// When explanations remain tied: of the menu within the limits the shortest experiment that separates every
+/// When explanations remain tied: of the candidate experiments within the limits the shortest that separates every
 /// two of them (Hunter and Reiner's criterion, worst pair first), else the one that separates them best. Pairs
-/// that nothing on the menu separates are named and not designed for.
+/// that no candidate separates are named and not designed for.
 ///
-/// The menu is scored to first order about each explanation's fit, with what the recordings so far say about
+/// Candidates are scored to first order about each explanation's fit, with what the recordings so far say about
 /// its numbers as prior; whichever is chosen was then refitted without approximation.
 [[nodiscard]] Design design_experiment(const Search& search, const Selection& selection,
                                        const DesignOptions& options, unsigned threads);

@@ -131,7 +131,7 @@ void walk(const protocol::Step& step, Course& course) {
 Series rehearse(const protocol::Plan& plan, const model::Reference& reference, const Sampling& sampling) {
   Series series;
   series.name = plan.name;
-  series.drive.reference = reference;
+  series.excitation.reference = reference;
   Course course;
   std::size_t first = 0;
   double begun_s = 0.0, filled_psi = reference.nominal_pressure_psi;
@@ -178,7 +178,7 @@ Series rehearse(const protocol::Plan& plan, const model::Reference& reference, c
     t += step_s;
   }
   series.force_N.assign(series.nodes.size(), 0.0);
-  series.drive.reference.duration_s = end_s;
+  series.excitation.reference.duration_s = end_s;
   return series;
 }
 

@@ -295,7 +295,7 @@ std::vector<Place> locate(const Problem& problem, const model::ModelSpec& nomina
   const auto [lowest_mm, highest_mm] = std::ranges::minmax(position);
   std::vector<int> last_direction;
   for (const Series& each : series) {
-    const double turn_mm = std::max(1e-3 * (highest_mm - lowest_mm), 10.0 * each.drive.motion.noise_mm);
+    const double turn_mm = std::max(1e-3 * (highest_mm - lowest_mm), 10.0 * each.excitation.motion.noise_mm);
     double follower_mm = each.nodes.front().position_mm;
     int last = 1;
     for (const auto& node : each.nodes) {

@@ -119,7 +119,7 @@ void Evaluator::simulate(const ModelSpec& spec, const std::vector<bool>& parts, 
   std::vector<double> values(target.size());
   Eigen::Index row = 0;
   for (const Series& each : series_) {
-    model::RunningModel running(some, each.drive.reference);
+    model::RunningModel running(some, each.excitation.reference);
     running.reset(each.nodes.front());
     for (const model::Instant& node : each.nodes) {
       running.step_columns(node, values);
@@ -146,8 +146,8 @@ RowMatrix Evaluator::seen(const ModelSpec& spec, const Eigen::MatrixXd& raw,
     for (const Series& each : series_) {
       std::vector<std::unique_ptr<model::Process>> movers, shapers;
       const auto start = [&](const model::Part& part) {
-        auto process = part.law->make_table ? part.law->make_table(part.table, each.drive.reference)
-                                            : part.law->make(part.parameters, each.drive.reference);
+        auto process = part.law->make_table ? part.law->make_table(part.table, each.excitation.reference)
+                                            : part.law->make(part.parameters, each.excitation.reference);
         process->reset(each.nodes.front());
         return process;
       };

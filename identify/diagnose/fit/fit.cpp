@@ -72,7 +72,7 @@ void Problem::columns(const ModelSpec& spec, RowMatrix& out) const {
   out.resize(force_.size(), width);
   Eigen::Index row = 0;
   for (const Series& each : series_) {
-    model::RunningModel running(spec, each.drive.reference);
+    model::RunningModel running(spec, each.excitation.reference);
     running.reset(each.nodes.front());
     for (const model::Instant& node : each.nodes) {
       running.step_columns(node, {out.data() + row * width, static_cast<std::size_t>(width)});

@@ -8,11 +8,11 @@
 
 namespace isorig::identify {
 
-Readings readings_per_row(const messages::FrameSamples& frame) {
+RowWeights row_weights(const messages::FrameSamples& frame) {
   const auto& t_s = frame.t_s;
   const auto& force_N = frame.force_N;
   const std::size_t n = t_s.size();
-  Readings out;
+  RowWeights out;
   out.per_row.assign(n, 1.0);
   const double floor_N = quantisation(force_N) / std::sqrt(12.0);
   out.noise_N = std::max(white_noise(t_s, force_N), floor_N);

@@ -11,10 +11,10 @@ namespace isorig::identify {
 namespace {
 
 /// One bin per filter width, of motion and force that went through the same filter.
-void bin_busy(Series& series, const std::vector<bool>& usable) {
-  const Drive& drive = series.drive;
-  const auto& rows = drive.instants;
-  const std::size_t width = drive.width;
+void bin_band_limited(Series& series, const std::vector<bool>& usable) {
+  const Excitation& excitation = series.excitation;
+  const auto& rows = excitation.instants;
+  const std::size_t width = excitation.width;
   // White noise through three means of w rows keeps 66/120 of 1/w of its variance (the B-spline of degree
   // five at its middle), so a bin is worth 1.8 w readings.
   constexpr double kWorth = 120.0 / 66.0;
@@ -34,7 +34,7 @@ void bin_busy(Series& series, const std::vector<bool>& usable) {
       const std::size_t last = k - width;
       node.dt_s = node.t_s - series.nodes.back().t_s;
       node.step_mm = node.position_mm - series.nodes.back().position_mm;
-      node.slide_mm = drive.slid_mm[k] - drive.slid_mm[last];
+      node.slide_mm = excitation.slid_mm[k] - excitation.slid_mm[last];
     } else {
       node.dt_s = node.step_mm = node.slide_mm = 0.0;
     }
@@ -44,7 +44,7 @@ void bin_busy(Series& series, const std::vector<bool>& usable) {
     series.force_N.push_back(force[k]);
     series.count.push_back(inside ? kWorth * static_cast<double>(width) : 0.0);
     series.first_row.push_back(first);
-    series.since_corner_s.push_back(drive.since_corner_s[k]);
+    series.since_corner_s.push_back(excitation.since_corner_s[k]);
   }
   series.first_row.push_back(rows.size());
 }
@@ -55,15 +55,15 @@ Series prepare_series(std::string name, messages::Recording recording, const std
   Series series;
   series.name = std::move(name);
   series.recording = std::move(recording);
-  series.drive = reconstruct_drive(series.recording);
-  const auto& rows = series.drive.instants;
+  series.excitation = reconstruct_excitation(series.recording);
+  const auto& rows = series.excitation.instants;
   const auto& force = series.recording.frame.force_N;
-  const std::vector<double>& since = series.drive.since_corner_s;
-  Readings readings = readings_per_row(series.recording.frame);
+  const std::vector<double>& since = series.excitation.since_corner_s;
+  RowWeights readings = row_weights(series.recording.frame);
   series.reading_noise_N = readings.noise_N;
-  if (series.drive.width > 1) {
+  if (series.excitation.width > 1) {
     series.readings.assign(rows.size(), 1.0);  // it never rests: there is nothing to average
-    bin_busy(series, usable);
+    bin_band_limited(series, usable);
     return series;
   }
   series.readings = std::move(readings.per_row);
@@ -100,7 +100,7 @@ Series prepare_series(std::string name, messages::Recording recording, const std
       const double w = series.readings[k];
       mean.t_s += w * row.t_s;
       mean.position_mm += w * row.position_mm;
-      slid_mm += w * series.drive.slid_mm[k];
+      slid_mm += w * series.excitation.slid_mm[k];
       mean.velocity_mm_s += w * row.velocity_mm_s;
       mean.acceleration_mm_s2 += w * row.acceleration_mm_s2;
       mean.excess_pressure_psi += w * row.excess_pressure_psi;
@@ -110,7 +110,7 @@ Series prepare_series(std::string name, messages::Recording recording, const std
     if (weight == 0.0) {
       // Nothing usable: the motion still passes here, and the model must see it.
       mean = rows[first + taken / 2];
-      slid_mm = series.drive.slid_mm[first + taken / 2];
+      slid_mm = series.excitation.slid_mm[first + taken / 2];
       weight = 1.0;
     }
     mean.t_s /= weight;
@@ -118,7 +118,7 @@ Series prepare_series(std::string name, messages::Recording recording, const std
     mean.velocity_mm_s /= weight;
     mean.acceleration_mm_s2 /= weight;
     mean.excess_pressure_psi /= weight;
-    mean.elongation_mm = mean.position_mm + series.drive.reference.elongation_at_zero_mm;
+    mean.elongation_mm = mean.position_mm + series.excitation.reference.elongation_at_zero_mm;
     mean.slide_mm = slid_mm / weight - last_slid_mm;
     last_slid_mm = slid_mm / weight;
     if (!series.nodes.empty()) {

@@ -14,8 +14,8 @@ namespace isorig::identify {
 struct Series {
   std::string name;
   messages::Recording recording;
-  Drive drive;
-  /// One per bin: the drive at the mean time of its rows.
+  Excitation excitation;
+  /// One per bin: the excitation at the mean time of its rows.
   std::vector<model::Instant> nodes;
   std::vector<double> force_N;
   std::vector<double> count;     ///< readings in the bin

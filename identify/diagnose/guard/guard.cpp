@@ -57,7 +57,7 @@ void find_outliers(const messages::FrameSamples& frame, Guarded& out) {
                               number(largest) + " N; left out"});
 }
 
-/// The motion is reconstructed without them (drive.cpp); the force there is as good as elsewhere.
+/// The motion is reconstructed without them (motion/reconstruction.cpp); the force there is as good as elsewhere.
 void find_position_outliers(const messages::FrameSamples& frame, Guarded& out) {
   const Spikes spikes = without_spikes(frame.t_s, frame.position_mm).spikes;
   if (spikes.rows.empty()) return;
@@ -72,7 +72,7 @@ void find_frozen(const messages::Recording& recording, Guarded& out) {
   const auto& t = recording.frame.t_s;
   const auto& f = recording.frame.force_N;
   const auto [low, high] = std::minmax_element(f.begin(), f.end());
-  for (const auto& [k, end] : standing_runs(t, f)) {
+  for (const auto& [k, end] : flat_runs(t, f)) {
     const bool edge = f[k] == *low || f[k] == *high;
     for (std::size_t j = k; j < end; ++j) out.usable[j] = false;
     out.faults.push_back(
@@ -80,7 +80,7 @@ void find_frozen(const messages::Recording& recording, Guarded& out) {
          edge ? "force stands at the end of its range, " + number(f[k]) + " N; left out"
               : "force does not change at all for " + std::to_string(end - k) + " readings; left out"});
   }
-  for (const auto& [k, end] : standing_runs(t, recording.frame.position_mm)) {
+  for (const auto& [k, end] : flat_runs(t, recording.frame.position_mm)) {
     for (std::size_t j = k; j < end; ++j) out.usable[j] = false;
     out.faults.push_back({"frozen", t[k], t[end - 1], end - k,
                           "position does not change at all for " + std::to_string(end - k) +
@@ -88,7 +88,7 @@ void find_frozen(const messages::Recording& recording, Guarded& out) {
   }
   if (!recording.pressure || recording.pressure->size() < 20) return;
   const auto& gauge = *recording.pressure;
-  for (const auto& [k, end] : standing_runs(gauge.t_s, gauge.pressure_psi)) {
+  for (const auto& [k, end] : flat_runs(gauge.t_s, gauge.pressure_psi)) {
     out.faults.push_back({"frozen", gauge.t_s[k], gauge.t_s[end - 1], end - k,
                           "pressure does not change at all for " + std::to_string(end - k) + " readings"});
   }

@@ -24,7 +24,7 @@ std::pair<std::size_t, std::size_t> rows_within(const std::vector<double>& t_s, 
 
 }  // namespace
 
-std::optional<DataFault> cut_filling(messages::Recording& recording) {
+std::optional<DataFault> cut_start_up(messages::Recording& recording) {
   const double nominal_psi = recording.metadata.nominal_pressure_psi.value_or(0.0);
   if (!recording.pressure || recording.pressure->size() < 2 || nominal_psi <= 0.0) return std::nullopt;
   auto& [t_s, pressure_psi] = *recording.pressure;

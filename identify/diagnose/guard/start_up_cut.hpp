@@ -9,6 +9,6 @@ namespace isorig::identify {
 /// nominal one, a load that no nominal model describes. Cuts off the rows of both streams before the pressure
 /// has first stayed near its nominal value for a second, and those after it was let go. Nothing is cut from a
 /// recording that begins and ends under pressure, or that has none. Returns what was cut.
-[[nodiscard]] std::optional<DataFault> cut_filling(messages::Recording& recording);
+[[nodiscard]] std::optional<DataFault> cut_start_up(messages::Recording& recording);
 
 }  // namespace isorig::identify

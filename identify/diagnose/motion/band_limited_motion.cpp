@@ -40,7 +40,7 @@ std::vector<double> band_limited(std::span<const double> values, std::size_t wid
   return out;
 }
 
-std::optional<BusyMotion> busy_motion(std::span<const double> t_s, std::span<const double> reading_mm) {
+std::optional<BandLimitedMotion> band_limited_motion(std::span<const double> t_s, std::span<const double> reading_mm) {
   const std::size_t n = t_s.size();
   constexpr std::size_t kFewest = 200;
   constexpr double kMostNoise = 2e-3;
@@ -51,7 +51,7 @@ std::optional<BusyMotion> busy_motion(std::span<const double> t_s, std::span<con
   if (uneven > n / 100) return std::nullopt;
   const double noise_mm = std::max(fast_noise(reading_mm), quantisation(reading_mm) / std::sqrt(12.0));
 
-  BusyMotion out;
+  BandLimitedMotion out;
   for (const std::size_t width : {3u, 5u, 7u, 9u, 13u, 17u, 25u, 35u, 49u, 69u}) {
     if (width > n / 20) break;
     const auto x = band_limited(reading_mm, width);

@@ -17,11 +17,11 @@ namespace isorig::identify {
 /// width whose acceleration holds less than `kMostNoise` of noise in power, since noise in a regressor pulls
 /// its coefficient (a mass) towards zero by that share. Nothing when the rows are not evenly spaced or no
 /// width does.
-struct BusyMotion {
+struct BandLimitedMotion {
   Motion motion;
   std::size_t width = 1;
 };
-[[nodiscard]] std::optional<BusyMotion> busy_motion(std::span<const double> t_s,
+[[nodiscard]] std::optional<BandLimitedMotion> band_limited_motion(std::span<const double> t_s,
                                                     std::span<const double> reading_mm);
 
 }  // namespace isorig::identify

@@ -136,9 +136,9 @@ class Response {
 
 }  // namespace
 
-PressureDrive reconstruct_pressure(const messages::PressureSamples& gauge, std::span<const double> t_s,
+ReconstructedPressure reconstruct_pressure(const messages::PressureSamples& gauge, std::span<const double> t_s,
                                    std::span<const double> position_mm) {
-  PressureDrive out;
+  ReconstructedPressure out;
   std::vector<double> rest = gauge.pressure_psi;
   SlowSignal slow = smooth_slow(gauge.t_s, rest);
   constexpr std::size_t kFewest = 50;

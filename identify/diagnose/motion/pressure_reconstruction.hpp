@@ -18,7 +18,7 @@ struct SlowSignal {
 /// in between, the regulator gives way to the motion, which is known. The pressure is taken as a slow signal
 /// plus h times the position through a high-pass (time constant tau: the regulator's recovery), where that
 /// explains the readings clearly better; its delay against the frame is the error of the gauge's clock.
-struct PressureDrive {
+struct ReconstructedPressure {
   std::vector<double> pressure_psi;  ///< one per row of the frame
   double noise_psi = 0.0;
   double droop_psi_mm = 0.0;  ///< h; 0: no response to the motion was seen
@@ -26,7 +26,7 @@ struct PressureDrive {
   double clock_s = 0.0;
   double clock_error_s = 0.0;
 };
-[[nodiscard]] PressureDrive reconstruct_pressure(const messages::PressureSamples& gauge,
+[[nodiscard]] ReconstructedPressure reconstruct_pressure(const messages::PressureSamples& gauge,
                                                  std::span<const double> t_s,
                                                  std::span<const double> position_mm);
 

@@ -312,59 +312,59 @@ Motion smooth_motion(std::span<const double> t_s, std::span<const double> readin
   return motion;
 }
 
-Drive reconstruct_drive(const messages::Recording& recording) {
-  Drive drive;
+Excitation reconstruct_excitation(const messages::Recording& recording) {
+  Excitation excitation;
   const auto& frame = recording.frame;
   const std::size_t n = frame.size();
   const std::vector<double> reading_mm =
-      without_standing(frame.t_s, without_spikes(frame.t_s, frame.position_mm).reading_mm);
-  drive.motion = smooth_motion(frame.t_s, reading_mm);
-  drive.since_corner_s = since_corner(frame.t_s, drive.motion);
+      without_flat_runs(frame.t_s, without_spikes(frame.t_s, frame.position_mm).reading_mm);
+  excitation.motion = smooth_motion(frame.t_s, reading_mm);
+  excitation.since_corner_s = since_corner(frame.t_s, excitation.motion);
   constexpr double kBusy = 0.5;
-  if (busy_share(frame.t_s, drive.since_corner_s) > kBusy) {
-    if (auto busy = busy_motion(frame.t_s, reading_mm)) {
-      drive.motion = std::move(busy->motion);
-      drive.width = busy->width;
+  if (busy_share(frame.t_s, excitation.since_corner_s) > kBusy) {
+    if (auto busy = band_limited_motion(frame.t_s, reading_mm)) {
+      excitation.motion = std::move(busy->motion);
+      excitation.width = busy->width;
     }
   }
-  if (drive.width == 1) smooth_corners(frame.t_s, reading_mm, drive.motion);
+  if (excitation.width == 1) smooth_corners(frame.t_s, reading_mm, excitation.motion);
   const auto& metadata = recording.metadata;
-  drive.reference.elongation_at_zero_mm = metadata.pressurized_rest_length_mm
+  excitation.reference.elongation_at_zero_mm = metadata.pressurized_rest_length_mm
                                               ? metadata.rest_length_mm - *metadata.pressurized_rest_length_mm
                                               : 0.0;
-  drive.reference.duration_s = n > 0 ? frame.t_s.back() - frame.t_s.front() : 0.0;
+  excitation.reference.duration_s = n > 0 ? frame.t_s.back() - frame.t_s.front() : 0.0;
 
   if (recording.pressure && recording.pressure->size() > 0) {
-    PressureDrive pressure = reconstruct_pressure(*recording.pressure, frame.t_s, drive.motion.position_mm);
-    drive.pressure_psi = std::move(pressure.pressure_psi);
-    drive.pressure_noise_psi = pressure.noise_psi;
-    drive.pressure_clock_s = pressure.clock_s;
-    drive.pressure_clock_error_s = pressure.clock_error_s;
+    ReconstructedPressure pressure = reconstruct_pressure(*recording.pressure, frame.t_s, excitation.motion.position_mm);
+    excitation.pressure_psi = std::move(pressure.pressure_psi);
+    excitation.pressure_noise_psi = pressure.noise_psi;
+    excitation.pressure_clock_s = pressure.clock_s;
+    excitation.pressure_clock_error_s = pressure.clock_error_s;
   }
   double nominal = metadata.nominal_pressure_psi.value_or(0.0);
-  if (!metadata.nominal_pressure_psi && !drive.pressure_psi.empty()) {
-    for (const double p : drive.pressure_psi) nominal += p / static_cast<double>(n);
+  if (!metadata.nominal_pressure_psi && !excitation.pressure_psi.empty()) {
+    for (const double p : excitation.pressure_psi) nominal += p / static_cast<double>(n);
   }
-  drive.reference.nominal_pressure_psi = nominal;
+  excitation.reference.nominal_pressure_psi = nominal;
 
-  drive.instants.resize(n);
-  drive.slid_mm = without_small_reversals(
-      drive.motion.position_mm, 5.0 * std::max(drive.motion.noise_mm, drive.motion.quantisation_mm));
+  excitation.instants.resize(n);
+  excitation.slid_mm = without_small_reversals(
+      excitation.motion.position_mm, 5.0 * std::max(excitation.motion.noise_mm, excitation.motion.quantisation_mm));
   for (std::size_t k = 0; k < n; ++k) {
-    model::Instant& now = drive.instants[k];
+    model::Instant& now = excitation.instants[k];
     now.t_s = frame.t_s[k];
-    now.position_mm = drive.motion.position_mm[k];
-    now.elongation_mm = now.position_mm + drive.reference.elongation_at_zero_mm;
+    now.position_mm = excitation.motion.position_mm[k];
+    now.elongation_mm = now.position_mm + excitation.reference.elongation_at_zero_mm;
     if (k > 0) {
       now.dt_s = now.t_s - frame.t_s[k - 1];
-      now.step_mm = now.position_mm - drive.motion.position_mm[k - 1];
-      now.slide_mm = drive.slid_mm[k] - drive.slid_mm[k - 1];
+      now.step_mm = now.position_mm - excitation.motion.position_mm[k - 1];
+      now.slide_mm = excitation.slid_mm[k] - excitation.slid_mm[k - 1];
     }
-    now.velocity_mm_s = drive.motion.velocity_mm_s[k];
-    now.acceleration_mm_s2 = drive.motion.acceleration_mm_s2[k];
-    now.excess_pressure_psi = drive.pressure_psi.empty() ? 0.0 : drive.pressure_psi[k] - nominal;
+    now.velocity_mm_s = excitation.motion.velocity_mm_s[k];
+    now.acceleration_mm_s2 = excitation.motion.acceleration_mm_s2[k];
+    now.excess_pressure_psi = excitation.pressure_psi.empty() ? 0.0 : excitation.pressure_psi[k] - nominal;
   }
-  return drive;
+  return excitation;
 }
 
 }  // namespace isorig::identify

@@ -25,7 +25,7 @@ struct Motion {
 [[nodiscard]] Motion smooth_motion(std::span<const double> t_s, std::span<const double> reading_mm);
 
 /// A recording's input: what drives a model, one instant per row of frame.csv.
-struct Drive {
+struct Excitation {
   std::vector<model::Instant> instants;
   model::Reference reference;
   Motion motion;
@@ -36,9 +36,9 @@ struct Drive {
   double pressure_clock_error_s = 0.0;  ///< 95 % half-width
   std::vector<double> since_corner_s;   ///< per row: time since the motion last changed its velocity
   /// Rows that position and force are averaged over, three times, in a recording whose motion changes its
-  /// velocity most of the time (busy_motion.hpp); 1 otherwise.
+  /// velocity most of the time (band_limited_motion.hpp); 1 otherwise.
   std::size_t width = 1;
 };
-[[nodiscard]] Drive reconstruct_drive(const messages::Recording& recording);
+[[nodiscard]] Excitation reconstruct_excitation(const messages::Recording& recording);
 
 }  // namespace isorig::identify

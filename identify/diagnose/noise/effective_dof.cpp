@@ -7,7 +7,7 @@
 
 namespace isorig::identify {
 
-double independent_looks(std::span<const Series> series, const Eigen::VectorXd& residual) {
+double effective_degrees_of_freedom(std::span<const Series> series, const Eigen::VectorXd& residual) {
   constexpr Eigen::Index kBlock = 25;
   constexpr double kGone = 0.1;
   double looks = 0.0;

@@ -25,7 +25,7 @@ struct Track {
 
 Track track_of(const Series& series) {
   Track track;
-  if (series.drive.width > 1) {
+  if (series.excitation.width > 1) {
     track.at = series.nodes;
     track.force_N = series.force_N;
     track.readings = series.count;
@@ -33,9 +33,9 @@ Track track_of(const Series& series) {
     for (const auto& node : series.nodes) track.slid_mm.push_back(slid_mm += node.slide_mm);
     return track;
   }
-  track.at = series.drive.instants;
+  track.at = series.excitation.instants;
   track.force_N = series.recording.frame.force_N;
-  track.slid_mm = series.drive.slid_mm;
+  track.slid_mm = series.excitation.slid_mm;
   track.readings = series.readings;
   // Rows that the guard left out are in bins that count for nothing, or count for less than they hold.
   for (std::size_t bin = 0; bin < series.nodes.size(); ++bin) {
@@ -190,10 +190,10 @@ NoiseModel noise_of_bins(std::span<const Series> series, const NoiseModel& noise
       if (each.count[k] == 0.0) continue;
       // Mean of an Ornstein-Uhlenbeck process over the bin; the noise of band-limited bins is that of bins.
       const double rows = static_cast<double>(each.first_row[k + 1] - each.first_row[k]);
-      const double u = each.drive.width > 1 || rows < 2.0
+      const double u = each.excitation.width > 1 || rows < 2.0
                            ? 0.0
-                           : (each.drive.instants[each.first_row[k + 1] - 1].t_s -
-                              each.drive.instants[each.first_row[k]].t_s) /
+                           : (each.excitation.instants[each.first_row[k + 1] - 1].t_s -
+                              each.excitation.instants[each.first_row[k]].t_s) /
                                  noise.correlation_s;
       const double kept = u > 1e-3 ? 2.0 * (u + std::expm1(-u)) / (u * u) : 1.0;
       sum += noise.white_N * noise.white_N + each.count[k] * kept * noise.coloured_N * noise.coloured_N;
@@ -208,7 +208,7 @@ std::optional<NoiseModel> noise_within_strokes(std::span<const Series> series, d
   std::vector<NoiseSample> samples;
   std::size_t rows = 0;
   for (const Series& each : series) {
-    if (each.drive.width <= 1) return std::nullopt;  // its bins are not even
+    if (each.excitation.width <= 1) return std::nullopt;  // its bins are not even
     for (const Stroke& stroke : strokes_of(track_of(each))) {
       NoiseSample piece;
       const auto close = [&] {

@@ -30,7 +30,7 @@ namespace isorig::identify {
 /// A motion that never rests and never comes back (a pendulum that swings out): every stroke, cut into pieces
 /// of 24 bins, is smooth but for the noise, and the turning points, where friction is not, are left out. A
 /// polynomial of degree five is taken out of each piece: over half a swing it leaves 0.1 % of a sine. What a
-/// piece shows is the noise of bins after the filter they went through (busy_motion.hpp), which second
+/// piece shows is the noise of bins after the filter they went through (band_limited_motion.hpp), which second
 /// differences of the readings cannot know when the noise is correlated (Hall & Van Keilegom 2003). Structure
 /// slower than a piece is not noise and is not counted.
 [[nodiscard]] std::optional<NoiseModel> noise_within_strokes(std::span<const Series> series, double start_N);

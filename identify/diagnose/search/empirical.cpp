@@ -29,7 +29,7 @@ std::vector<Covariate> covariates(std::span<const Series> series) {
                              {"extending", 40, {}},
                              {"shortening", 40, {}}};
   const bool pressure =
-      std::ranges::any_of(series, [](const Series& s) { return !s.drive.pressure_psi.empty(); });
+      std::ranges::any_of(series, [](const Series& s) { return !s.excitation.pressure_psi.empty(); });
   if (pressure) all.push_back({"pressure", 24, {}});
   for (const Series& each : series) {
     double travelled = 0.0, direction = 0.0;

@@ -31,7 +31,7 @@ bool needs_wide_pressure(const model::Physics& physics) {
 bool pressure_varies(std::span<const Series> series) {
   double low = 1e300, high = -1e300;
   for (const Series& each : series) {
-    for (const double p : each.drive.pressure_psi) {
+    for (const double p : each.excitation.pressure_psi) {
       low = std::min(low, p);
       high = std::max(high, p);
     }
@@ -44,9 +44,9 @@ bool pressure_varies(std::span<const Series> series) {
 bool below_resolution(const ModelSpec& spec, std::span<const Series> series) {
   double noise_mm = 0.0, interval_s = 1e9;
   for (const Series& each : series) {
-    noise_mm = std::max({noise_mm, each.drive.motion.noise_mm, each.drive.motion.quantisation_mm});
+    noise_mm = std::max({noise_mm, each.excitation.motion.noise_mm, each.excitation.motion.quantisation_mm});
     std::vector<double> steps;
-    for (const auto& now : each.drive.instants)
+    for (const auto& now : each.excitation.instants)
       if (now.dt_s > 0.0) steps.push_back(now.dt_s);
     std::ranges::nth_element(steps, steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 10));
     interval_s = std::min(interval_s, steps[steps.size() / 10]);
@@ -136,7 +136,7 @@ std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
   std::vector<Trial> out;
   const ModelSpec& spec = base.fit.spec;
   const bool with_pressure =
-      std::ranges::any_of(series_, [](const Series& s) { return !s.drive.pressure_psi.empty(); });
+      std::ranges::any_of(series_, [](const Series& s) { return !s.excitation.pressure_psi.empty(); });
   for (const model::Physics* effect : model::effects()) {
     if (base.has(*effect)) continue;
     if (is_refinement(*effect) && !spec.has("coulomb_friction")) continue;
@@ -165,7 +165,7 @@ std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
           for (std::size_t i = 0; i < law.parameters.size(); ++i) {
             const auto& parameter = law.parameters[i];
             if (parameter.name == "duration_s")
-              part.parameters[i] = series_[0].drive.reference.duration_s;
+              part.parameters[i] = series_[0].excitation.reference.duration_s;
             else if (!parameter.starts.empty())
               part.parameters[i] = parameter.starts[std::min(k, parameter.starts.size() - 1)];
           }
@@ -271,7 +271,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
       Trial trial{&slip, &slip.laws.front(), base.fit.spec, {}};
       trial.spec.parts.push_back(model::make_part(slip, slip.laws.front()));
       trial.spec.parts.back().parameters[0] = time;
-      trial.spec.parts.back().parameters[2] = series_[0].drive.reference.duration_s;
+      trial.spec.parts.back().parameters[2] = series_[0].excitation.reference.duration_s;
       all.push_back(std::move(trial));
     }
   }

@@ -160,7 +160,7 @@ std::vector<double> left_out_squares(const Problem& problem, const ModelSpec& sp
   return squares;
 }
 
-std::optional<MemoryDescription> describe_memory(const Search& search, const Selection& selection,
+std::optional<HysteresisDescription> describe_hysteresis(const Search& search, const Selection& selection,
                                                  unsigned threads) {
   NoiseModel white = search.instrument();
   white.white_N = std::hypot(white.white_N, white.coloured_N);
@@ -216,7 +216,7 @@ std::optional<MemoryDescription> describe_memory(const Search& search, const Sel
   for (const Series& each : problem.series())
     for (const double count : each.count) rows += count > 0.0 ? 1.0 : 0.0;
   lacking = std::max(lacking - selection.noise_scale * rows, 0.0);
-  std::optional<MemoryDescription> out;
+  std::optional<HysteresisDescription> out;
   double least = 0.0;
   for (const Candidate& one : finalists) {
     const std::vector<double> then = left_out_squares(problem, one.spec, threads);
@@ -231,7 +231,7 @@ std::optional<MemoryDescription> describe_memory(const Search& search, const Sel
     constexpr double kWorth = 0.1;
     if (sum <= error || sum < kWorth * lacking || sum <= least) continue;
     least = sum;
-    out = MemoryDescription{one.spec, std::string(one.function_of)};
+    out = HysteresisDescription{one.spec, std::string(one.function_of)};
   }
   return out;
 }

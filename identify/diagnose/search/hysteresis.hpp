@@ -14,11 +14,11 @@ namespace isorig::identify {
 /// each judged on blocks of moves that it was not fitted to, against what stands there now. Taken only when
 /// the mean gain over the blocks is more than one standard error, and a tenth of what is lacking: the
 /// simplest is what is there. Names and probabilities are not touched.
-struct MemoryDescription {
+struct HysteresisDescription {
   model::ModelSpec spec;
   std::string function_of;
 };
-[[nodiscard]] std::optional<MemoryDescription> describe_memory(const Search& search,
+[[nodiscard]] std::optional<HysteresisDescription> describe_hysteresis(const Search& search,
                                                                const Selection& selection, unsigned threads);
 
 /// Weighted squares of every block of moves, in units of the noise, predicted by a refit without the blocks

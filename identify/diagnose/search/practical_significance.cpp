@@ -35,7 +35,7 @@ double size_N(const Search& search, const Hypothesis& with, const Hypothesis& wi
   return *at;
 }
 
-void discount_immaterial(Selection& selection, const Search& search, const SelectionOptions& options) {
+void discount_insignificant_effects(Selection& selection, const Search& search, const SelectionOptions& options) {
   const double noise_N = std::hypot(search.instrument().white_N, search.instrument().coloured_N);
   std::set<const model::Physics*> done;
   selection.size_N.clear();

@@ -12,6 +12,6 @@ namespace isorig::identify {
 /// one), and with 30 000 readings the best effect to take that up is always significant. An effect beside a
 /// larger one is believed to be itself, and not such an error, with odds (size / model error)^4; the rest of
 /// its weight goes to the explanation without it, which becomes the answer when it then weighs more.
-void discount_immaterial(Selection& selection, const Search& search, const SelectionOptions& options);
+void discount_insignificant_effects(Selection& selection, const Search& search, const SelectionOptions& options);
 
 }  // namespace isorig::identify

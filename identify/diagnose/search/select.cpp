@@ -100,7 +100,7 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
 
   double degrees = options.error_degrees;
   if (options.count_looks)
-    degrees = std::max(degrees, independent_looks(search.instrument_problem().series(), residual));
+    degrees = std::max(degrees, effective_degrees_of_freedom(search.instrument_problem().series(), residual));
   constexpr double kFloor = 40.0;
   std::vector<double> log_weight(pool.size());
   for (std::size_t i = 0; i < pool.size(); ++i) {
@@ -162,7 +162,7 @@ Selection select_effects(const Search& search, const model::ModelSpec& nominal,
     for (Hypothesis& hypothesis : described) pool.push_back(std::move(hypothesis));
     weigh(selection, search, options);
   }
-  discount_immaterial(selection, search, options);
+  discount_insignificant_effects(selection, search, options);
   return selection;
 }
 

@@ -7,9 +7,9 @@
 
 namespace isorig::identify {
 
-std::vector<StandingRun> standing_runs(std::span<const double> t_s, std::span<const double> reading) {
+std::vector<FlatRun> flat_runs(std::span<const double> t_s, std::span<const double> reading) {
   constexpr double kShortest = 12.0, kPerRecording = 1e-3;
-  std::vector<StandingRun> out;
+  std::vector<FlatRun> out;
   if (reading.size() < 20) return out;
   const double step = quantisation(reading), measured = white_noise(t_s, reading);
   const double noise = std::sqrt(std::max(measured * measured - step * step / 12.0, 0.0));
@@ -31,8 +31,8 @@ std::vector<StandingRun> standing_runs(std::span<const double> t_s, std::span<co
   return out;
 }
 
-std::vector<double> without_standing(std::span<const double> t_s, std::vector<double> reading_mm) {
-  for (const auto& [first, end] : standing_runs(t_s, reading_mm)) {
+std::vector<double> without_flat_runs(std::span<const double> t_s, std::vector<double> reading_mm) {
+  for (const auto& [first, end] : flat_runs(t_s, reading_mm)) {
     if (end == reading_mm.size()) break;  // nothing to go on to
     const double from_mm = reading_mm[first];
     for (std::size_t k = first + 1; k < end; ++k) {

@@ -4,7 +4,7 @@
 
 namespace isorig::identify {
 
-/// Readings that jump away from their neighbours and back, alone or up to three together: at least eight
+/// RowWeights that jump away from their neighbours and back, alone or up to three together: at least eight
 /// noises off the straight line of the readings on either side, who agree with each other four times better
 /// (a corner of the motion bends them too). Rows already out of `usable` are not looked at; rows found leave
 /// it.

@@ -21,12 +21,12 @@ Diagnosis diagnose_bench(const Bench& bench, const char* nominal = "slse1") {
 double rms_against(const model::ModelSpec& spec, messages::Recording truth) {
   const std::vector<double> force = truth.frame.force_N;
   std::ranges::fill(truth.frame.force_N, 0.0);
-  const Drive drive = reconstruct_drive(truth);
-  model::RunningModel running(spec, drive.reference);
-  running.reset(drive.instants.front());
+  const Excitation excitation = reconstruct_excitation(truth);
+  model::RunningModel running(spec, excitation.reference);
+  running.reset(excitation.instants.front());
   double squares = 0.0;
   for (std::size_t k = 0; k < force.size(); ++k) {
-    const double e = running.step(drive.instants[k]) - force[k];
+    const double e = running.step(excitation.instants[k]) - force[k];
     squares += e * e;
   }
   return std::sqrt(squares / static_cast<double>(force.size()));

@@ -184,7 +184,7 @@ void fit(const Truth& truth, unsigned seed, Fitted& out) {
     for (std::size_t i = 0; i < part.parameters.size(); ++i) {
       const model::Parameter& parameter = part.law->parameters[i];
       if (parameter.name == "duration_s") {
-        part.parameters[i] = out.series[0].drive.reference.duration_s;
+        part.parameters[i] = out.series[0].excitation.reference.duration_s;
       } else if (!parameter.starts.empty()) {
         part.parameters[i] = parameter.starts[std::min(k, parameter.starts.size() - 1)];
       }

@@ -15,9 +15,9 @@ namespace {
 constexpr double kTau = 2.0 * std::numbers::pi;
 
 /// A servo axis: 95 kg on a sum of two sines, encoder noise of 0.2 um at 1 kHz. The acceleration's noise
-/// power may be 0.2 % of its own (busy_motion.hpp), which pulls the mass by as much; force noise of 1 N on an
+/// power may be 0.2 % of its own (band_limited_motion.hpp), which pulls the mass by as much; force noise of 1 N on an
 /// rms of some 40 N over 10 000 rows adds 1 / (40 sqrt(10000)) = 0.03 %.
-TEST(BusyMotion, KeepsAMassWithinHalfAPercent) {
+TEST(BandLimitedMotion, KeepsAMassWithinHalfAPercent) {
   std::mt19937 random(3);
   std::normal_distribution<double> normal;
   messages::Recording recording;
@@ -32,7 +32,7 @@ TEST(BusyMotion, KeepsAMassWithinHalfAPercent) {
     recording.frame.force_N.push_back(kMass_kg * 1e-3 * a + normal(random));
   }
   const Series series = prepare_series("axis", recording, {});
-  ASSERT_GT(series.drive.width, 1u);
+  ASSERT_GT(series.excitation.width, 1u);
   double af = 0.0, aa = 0.0;
   for (std::size_t k = 0; k < series.nodes.size(); ++k) {
     const double a = series.nodes[k].acceleration_mm_s2 * 1e-3;
@@ -89,7 +89,7 @@ TEST(SmoothCorners, FollowsAnAccelerationBelowTheNoiseOfItsReadings) {
 
 /// Ramps every 40 s whose droop recovers in 1.5 s; a gauge at 5 Hz whose stamps are 0.15 s late, noise a
 /// tenth of the droop.
-TEST(PressureDrive, FindsTheGaugesClockAndFillsItsGaps) {
+TEST(ReconstructedPressure, FindsTheGaugesClockAndFillsItsGaps) {
   std::mt19937 random(7);
   std::normal_distribution<double> normal;
   constexpr double kClock_s = 0.15, kDroop_psi_mm = 0.04, kRecovery_s = 1.5, kStep_s = 0.01;
@@ -109,13 +109,13 @@ TEST(PressureDrive, FindsTheGaugesClockAndFillsItsGaps) {
     x += v * kStep_s;
     droop += kDroop_psi_mm * v * kStep_s - droop * kStep_s / kRecovery_s;
   }
-  const PressureDrive drive = reconstruct_pressure(gauge, t_s, position_mm);
-  EXPECT_NEAR(drive.clock_s, kClock_s, std::max(2.0 * drive.clock_error_s, 0.01));
-  EXPECT_LT(drive.clock_error_s, 0.05);
-  EXPECT_NEAR(drive.droop_psi_mm, kDroop_psi_mm, 0.1 * kDroop_psi_mm);
+  const ReconstructedPressure pressure = reconstruct_pressure(gauge, t_s, position_mm);
+  EXPECT_NEAR(pressure.clock_s, kClock_s, std::max(2.0 * pressure.clock_error_s, 0.01));
+  EXPECT_LT(pressure.clock_error_s, 0.05);
+  EXPECT_NEAR(pressure.droop_psi_mm, kDroop_psi_mm, 0.1 * kDroop_psi_mm);
   double worst = 0.0;
   for (std::size_t k = 0; k < t_s.size(); ++k)
-    worst = std::max(worst, std::fabs(drive.pressure_psi[k] - truth_psi[k]));
+    worst = std::max(worst, std::fabs(pressure.pressure_psi[k] - truth_psi[k]));
   EXPECT_LT(worst, 0.02);  // a quarter of the droop's 0.08 psi; its reading is 0.2 s apart and 0.15 s late
 }
 

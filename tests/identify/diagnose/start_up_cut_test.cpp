@@ -35,7 +35,7 @@ messages::Recording session(double nominal_psi, bool filled, bool vented) {
 
 TEST(Filling, IsCutAtBothEnds) {
   auto recording = session(15.0, false, true);
-  const auto cut = cut_filling(recording);
+  const auto cut = cut_start_up(recording);
   ASSERT_TRUE(cut);
   EXPECT_EQ(cut->kind, "filling");
   EXPECT_EQ(recording.frame.size() + cut->rows, 1001U);
@@ -53,18 +53,18 @@ TEST(Filling, IsCutAtBothEnds) {
 
 TEST(Filling, NothingIsCutUnderPressureOrWithoutAny) {
   auto filled = session(15.0, true, false);
-  EXPECT_FALSE(cut_filling(filled));
+  EXPECT_FALSE(cut_start_up(filled));
   EXPECT_EQ(filled.frame.size(), 1001U);
   auto dry = session(15.0, false, true);
   dry.pressure.reset();
-  EXPECT_FALSE(cut_filling(dry));
+  EXPECT_FALSE(cut_start_up(dry));
   auto nameless = session(15.0, false, true);
   nameless.metadata.nominal_pressure_psi.reset();
-  EXPECT_FALSE(cut_filling(nameless));
+  EXPECT_FALSE(cut_start_up(nameless));
   // It never gets there: a leak or a wrong number in recording.toml, to be seen and not cut away.
   auto never = session(15.0, false, false);
   never.metadata.nominal_pressure_psi = 30.0;
-  EXPECT_FALSE(cut_filling(never));
+  EXPECT_FALSE(cut_start_up(never));
   EXPECT_EQ(never.frame.size(), 1001U);
 }
 

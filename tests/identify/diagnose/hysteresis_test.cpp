@@ -25,12 +25,12 @@ messages::Recording snapping(messages::Recording r, double force_N) {
 }
 
 double rms_against(const model::ModelSpec& spec, const messages::Recording& truth) {
-  const Drive drive = reconstruct_drive(truth);
-  model::RunningModel running(spec, drive.reference);
-  running.reset(drive.instants.front());
+  const Excitation excitation = reconstruct_excitation(truth);
+  model::RunningModel running(spec, excitation.reference);
+  running.reset(excitation.instants.front());
   double squares = 0.0;
   for (std::size_t k = 0; k < truth.frame.size(); ++k) {
-    const double e = running.step(drive.instants[k]) - truth.frame.force_N[k];
+    const double e = running.step(excitation.instants[k]) - truth.frame.force_N[k];
     squares += e * e;
   }
   return std::sqrt(squares / static_cast<double>(truth.frame.size()));
@@ -39,7 +39,7 @@ double rms_against(const model::ModelSpec& spec, const messages::Recording& trut
 /// What stands beside the nominal model alone.
 struct Described {
   model::ModelSpec nominal;
-  std::optional<MemoryDescription> memory;
+  std::optional<HysteresisDescription> memory;
 };
 Described describe(messages::Recording recording) {
   std::vector<Series> series;
@@ -49,7 +49,7 @@ Described describe(messages::Recording recording) {
   Selection selection;
   selection.pool.push_back(search.nominal(model::nominal_model("slse1")));
   selection.weight.push_back(1.0);
-  return {selection.nominal().fit.spec, describe_memory(search, selection, 2)};
+  return {selection.nominal().fit.spec, describe_hysteresis(search, selection, 2)};
 }
 
 TEST(Memory, ASnapIsDescribedAndPredictsMotionsThatWereNotSeen) {
