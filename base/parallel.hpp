@@ -10,10 +10,10 @@
 
 namespace isorig::base {
 
-/// Calls `work(i)` for every i < count, from up to `threads` threads (the caller's is one of them), and returns when all
-/// have ended. When work throws, nothing further is begun, and the exception of the lowest i comes out here: the same
-/// one whatever the schedule, since every lower i had been begun before. Where the machine gives no more threads, those
-/// that there are do all of it.
+/// Calls `work(i)` for every i < count, from up to `threads` threads (the caller's is one of them), and returns when
+/// all have ended. When work throws, nothing further is begun, and the exception of the lowest i comes out here: the
+/// same one whatever the schedule, since every lower i had been begun before. Where the machine gives no more threads,
+/// those that there are do all of it.
 template <class Work>
 void parallel_for(std::size_t count, unsigned threads, Work&& work) {
   std::atomic<std::size_t> next{0};

@@ -32,9 +32,9 @@ CodePoint decode(std::string_view text) {
 
 /// Unicode's Cc, Zl and Zp, and of Cf what hides or reorders text.
 bool hidden(std::uint32_t c) {
-  return c < 0x20 || (c >= 0x7f && c <= 0x9f) || c == 0xad || c == 0x61c || c == 0x180e || (c >= 0x200b && c <= 0x200f) ||
-         (c >= 0x2028 && c <= 0x202e) || (c >= 0x2060 && c <= 0x206f) || c == 0xfeff || (c >= 0xfff9 && c <= 0xfffb) ||
-         (c >= 0xe0000 && c <= 0xe007f);
+  return c < 0x20 || (c >= 0x7f && c <= 0x9f) || c == 0xad || c == 0x61c || c == 0x180e ||
+         (c >= 0x200b && c <= 0x200f) || (c >= 0x2028 && c <= 0x202e) || (c >= 0x2060 && c <= 0x206f) || c == 0xfeff ||
+         (c >= 0xfff9 && c <= 0xfffb) || (c >= 0xe0000 && c <= 0xe007f);
 }
 
 std::string escaped(std::string_view text, bool keep_lines) {
@@ -64,14 +64,19 @@ std::string escaped(std::string_view text, bool keep_lines) {
 
 }  // namespace
 
-std::string printable(std::string_view text) { return escaped(text, false); }
+std::string printable(std::string_view text) {
+  return escaped(text, false);
+}
 
-std::string printable_lines(std::string_view text) { return escaped(text, true); }
+std::string printable_lines(std::string_view text) {
+  return escaped(text, true);
+}
 
 std::string why_not_a_name(std::string_view name) {
   constexpr std::size_t kLongest = 64;
   const auto allowed = [](char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' || c == '.';
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' ||
+           c == '.';
   };
   const std::string rule = "; it has to be 1 to 64 of the letters A-Z a-z, digits and - _ . since it names files";
   if (name.empty()) return "is empty" + rule;

@@ -11,7 +11,8 @@ class Scan {
 
   std::optional<OverBudget> run() {
     if (text_.size() > kMaxTomlBytes) {
-      return OverBudget{0, 0, "more than " + std::to_string(kMaxTomlBytes >> 20U) + " MiB; no file that people write is as long"};
+      return OverBudget{
+          0, 0, "more than " + std::to_string(kMaxTomlBytes >> 20U) + " MiB; no file that people write is as long"};
     }
     while (at_ < text_.size()) {
       const char c = text_[at_];
@@ -84,7 +85,8 @@ class Scan {
       } else if (c == '\\' && quote == '"') {
         if (at_ + 1 < text_.size() && text_[at_ + 1] != '\n') ++at_;
       } else if (c == quote) {
-        if (!many || (text_.substr(at_, 3) == std::string(3, quote) && text_.substr(at_ + 3, 1) != std::string(1, quote))) {
+        if (!many ||
+            (text_.substr(at_, 3) == std::string(3, quote) && text_.substr(at_ + 3, 1) != std::string(1, quote))) {
           at_ += many ? 3 : 1;
           return;
         }
@@ -99,6 +101,8 @@ class Scan {
 
 }  // namespace
 
-std::optional<OverBudget> over_budget(std::string_view text) { return Scan(text).run(); }
+std::optional<OverBudget> over_budget(std::string_view text) {
+  return Scan(text).run();
+}
 
 }  // namespace isorig::base

@@ -7,8 +7,8 @@
 
 namespace isorig::base {
 
-/// What a TOML text may ask of the parser. Each limit is far above what anybody writes by hand and keeps any text of the
-/// largest size below 100 MB and a second: a parsed value takes some 100 bytes, a nested table some 300 and a stack
+/// What a TOML text may ask of the parser. Each limit is far above what anybody writes by hand and keeps any text of
+/// the largest size below 100 MB and a second: a parsed value takes some 100 bytes, a nested table some 300 and a stack
 /// frame when it is destroyed.
 inline constexpr std::size_t kMaxTomlBytes = std::size_t{4} << 20U;
 inline constexpr std::uint32_t kMaxTomlValues = 200'000;  ///< keys, elements and tables

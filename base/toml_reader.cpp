@@ -9,10 +9,9 @@
 #include <map>
 #include <set>
 
+#include "base/nearest.hpp"
 #include "base/printable.hpp"
 #include "base/toml_budget.hpp"
-
-#include "base/nearest.hpp"
 
 namespace isorig::base {
 namespace {
@@ -37,8 +36,7 @@ std::string number_text(double value) {
 std::string range_text(Range range) {
   const bool low = std::isfinite(range.min), high = std::isfinite(range.max);
   if (low && high) {
-    return std::string(range.open_min ? "above " : "from ") + number_text(range.min) + " to " +
-           number_text(range.max);
+    return std::string(range.open_min ? "above " : "from ") + number_text(range.min) + " to " + number_text(range.max);
   }
   if (low) return (range.open_min ? "greater than " : "at least ") + number_text(range.min);
   if (high) return "at most " + number_text(range.max);
@@ -46,8 +44,7 @@ std::string range_text(Range range) {
 }
 
 bool inside(double value, Range range) {
-  return std::isfinite(value) && (range.open_min ? value > range.min : value >= range.min) &&
-         value <= range.max;
+  return std::isfinite(value) && (range.open_min ? value > range.min : value >= range.min) && value <= range.max;
 }
 
 /// With its article.
@@ -186,7 +183,8 @@ TomlDocument TomlDocument::parse_file(const std::filesystem::path& path) {
 }
 
 TomlDocument TomlDocument::parse_text(std::string_view text, std::string name) {
-  if (auto over = over_budget(text)) throw ConfigError({{std::move(name), over->line, over->column, std::move(over->message)}});
+  if (auto over = over_budget(text))
+    throw ConfigError({{std::move(name), over->line, over->column, std::move(over->message)}});
   auto impl = std::make_unique<Impl>();
   impl->name = std::move(name);
   impl->text = std::string(text);
@@ -299,13 +297,11 @@ std::int64_t TomlTable::integer_or(std::string_view key, std::int64_t fallback, 
   if (node == nullptr) return fallback;
   const auto value = node->is_integer() ? node->value<std::int64_t>() : std::nullopt;
   if (!value) {
-    error(key,
-          "`" + std::string(key) + "` is " + std::string(type_name(*node)) + "; a whole number is needed");
+    error(key, "`" + std::string(key) + "` is " + std::string(type_name(*node)) + "; a whole number is needed");
     return fallback;
   }
   if (!inside(static_cast<double>(*value), range)) {
-    error(key,
-          "`" + std::string(key) + "` = " + std::to_string(*value) + "; it has to be " + range_text(range));
+    error(key, "`" + std::string(key) + "` = " + std::to_string(*value) + "; it has to be " + range_text(range));
     return fallback;
   }
   return *value;
@@ -315,8 +311,7 @@ bool TomlTable::boolean_or(std::string_view key, bool fallback) const {
   const auto* node = find(document_, table_, key);
   if (node == nullptr) return fallback;
   if (!node->is_boolean()) {
-    error(key,
-          "`" + std::string(key) + "` is " + std::string(type_name(*node)) + "; true or false is needed");
+    error(key, "`" + std::string(key) + "` is " + std::string(type_name(*node)) + "; true or false is needed");
     return fallback;
   }
   return *node->value<bool>();
@@ -386,18 +381,17 @@ std::vector<double> TomlTable::numbers(std::string_view key, Range range) const 
   if (node == nullptr) return out;
   const auto* array = node->as_array();
   if (array == nullptr) {
-    error(key,
-          "`" + std::string(key) + "` is " + std::string(type_name(*node)) + "; a list of numbers is needed");
+    error(key, "`" + std::string(key) + "` is " + std::string(type_name(*node)) + "; a list of numbers is needed");
     return out;
   }
   for (const auto& element : *array) {
     const auto value = element.value<double>();
     if (!value || element.is_boolean() || !inside(*value, range)) {
       const bool number = element.is_number() && value;
-      document_->note(document_->at(
-          element.source(), "`" + std::string(key) + "` holds " +
-                                (number ? number_text(*value) + "; each has to be " + range_text(range)
-                                        : std::string(type_name(element)) + "; a number is needed")));
+      document_->note(
+          document_->at(element.source(), "`" + std::string(key) + "` holds " +
+                                              (number ? number_text(*value) + "; each has to be " + range_text(range)
+                                                      : std::string(type_name(element)) + "; a number is needed")));
       continue;
     }
     out.push_back(*value);
@@ -412,17 +406,16 @@ std::vector<std::string> TomlTable::strings(std::string_view key) const {
   if (node == nullptr) return out;
   const auto* array = node->as_array();
   if (array == nullptr) {
-    error(key,
-          "`" + std::string(key) + "` is " + std::string(type_name(*node)) + "; a list of strings is needed");
+    error(key, "`" + std::string(key) + "` is " + std::string(type_name(*node)) + "; a list of strings is needed");
     return out;
   }
   for (const auto& element : *array) {
     if (const auto value = element.value<std::string>()) {
       out.push_back(*value);
     } else {
-      document_->note(document_->at(element.source(), "`" + std::string(key) + "` holds " +
-                                                                           std::string(type_name(element)) +
-                                                                           "; a \"string\" is needed"));
+      document_->note(document_->at(
+          element.source(),
+          "`" + std::string(key) + "` holds " + std::string(type_name(element)) + "; a \"string\" is needed"));
     }
   }
   return out;
@@ -433,8 +426,8 @@ std::optional<TomlTable> TomlTable::table_if(std::string_view key) const {
   if (node == nullptr) return std::nullopt;
   const auto* sub = node->as_table();
   if (sub == nullptr) {
-    error(key, "`" + std::string(key) + "` is " + std::string(type_name(*node)) + "; a table [" +
-                   std::string(key) + "] is needed");
+    error(key, "`" + std::string(key) + "` is " + std::string(type_name(*node)) + "; a table [" + std::string(key) +
+                   "] is needed");
     return std::nullopt;
   }
   document_->asked[sub];
@@ -452,8 +445,7 @@ std::vector<TomlTable> TomlTable::tables(std::string_view key) const {
   if (node == nullptr) return out;
   const auto* array = node->as_array();
   if (array == nullptr) {
-    error(key,
-          "`" + std::string(key) + "` is " + std::string(type_name(*node)) + "; a list of tables is needed");
+    error(key, "`" + std::string(key) + "` is " + std::string(type_name(*node)) + "; a list of tables is needed");
     return out;
   }
   for (const auto& element : *array) {
@@ -461,9 +453,8 @@ std::vector<TomlTable> TomlTable::tables(std::string_view key) const {
       document_->asked[sub];
       out.emplace_back(document_, sub);
     } else {
-      document_->note(document_->at(
-          element.source(),
-          "`" + std::string(key) + "` holds " + std::string(type_name(element)) + "; a table is needed"));
+      document_->note(document_->at(element.source(), "`" + std::string(key) + "` holds " +
+                                                          std::string(type_name(element)) + "; a table is needed"));
     }
   }
   return out;

@@ -49,15 +49,13 @@ void run(const char* name, const ClockScenario& scenario, unsigned seeds) {
     std::size_t next = 0;
     const auto* last = &truth.exchanges.front();
     for (const auto& stamp : truth.stamps) {
-      for (; next < truth.exchanges.size() && truth.exchanges[next].host_recv_ns <= stamp.arrival_ns;
-           ++next) {
+      for (; next < truth.exchanges.size() && truth.exchanges[next].host_recv_ns <= stamp.arrival_ns; ++next) {
         last = &truth.exchanges[next];
         map.add(*last);
       }
       const auto mapped = mapper.map(stamp.device_us, stamp.arrival_ns);
       const double error_us = static_cast<double>(mapped.mono_ns - stamp.true_ns) * 1e-3;
-      const bool settled =
-          stamp.true_ns - truth.stamps.front().true_ns > static_cast<std::int64_t>(kStart_s * 1e9);
+      const bool settled = stamp.true_ns - truth.stamps.front().true_ns > static_cast<std::int64_t>(kStart_s * 1e9);
       (settled ? online : start).add(error_us, mapped.bound_ns * 1e-3, mapped.repeatability_ns * 1e-3);
       stamps.push_back({stamp.device_us, stamp.arrival_ns});
       if (!settled) continue;
@@ -68,14 +66,14 @@ void run(const char* name, const ClockScenario& scenario, unsigned seeds) {
     }
     const auto again = clock::remap_offline(truth.exchanges, stamps);
     for (std::size_t i = 0; i < again.size(); ++i) {
-      offline.add(static_cast<double>(again[i].mono_ns - truth.stamps[i].true_ns) * 1e-3,
-                  again[i].bound_ns * 1e-3, again[i].repeatability_ns * 1e-3);
+      offline.add(static_cast<double>(again[i].mono_ns - truth.stamps[i].true_ns) * 1e-3, again[i].bound_ns * 1e-3,
+                  again[i].repeatability_ns * 1e-3);
     }
   }
   std::printf("%s, %u x %.0f s, an exchange every %g s; us\n", name, seeds, scenario.duration_s,
               scenario.exchange_period_s);
-  std::printf("  %-28s %7s %7s %7s | %6s %6s %6s %8s\n", "", "rms", "worst", "bias", "stated", "bound",
-              "widest", "inside %");
+  std::printf("  %-28s %7s %7s %7s | %6s %6s %6s %8s\n", "", "rms", "worst", "bias", "stated", "bound", "widest",
+              "inside %");
   arrival.print("host arrival", false);
   midpoint.print("last midpoint", false);
   start.print("map, first 120 s", true);

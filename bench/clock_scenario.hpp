@@ -22,7 +22,7 @@ struct ClockScenario {
   int burst = 50;  ///< exchanges before time 0
   double burst_period_s = 0.02;
   double stamp_period_s = 0.1;
-  bool uniform_tails = false;  ///< of the same mean instead of exponential: not what the filter assumes
+  bool uniform_tails = false;         ///< of the same mean instead of exponential: not what the filter assumes
   double device_resolution_us = 0.0;  ///< stamps are rounded down to this
 };
 
@@ -99,9 +99,7 @@ class ClockSimulation {
     return {ns(t_s), ns(received), stamp(rx), stamp(tx)};
   }
 
-  static std::int64_t ns(double t_s) {
-    return kEpoch_ns + static_cast<std::int64_t>(std::llround(t_s * 1e9));
-  }
+  static std::int64_t ns(double t_s) { return kEpoch_ns + static_cast<std::int64_t>(std::llround(t_s * 1e9)); }
 
  private:
   static constexpr double kStep = 0.1;
@@ -111,13 +109,11 @@ class ClockSimulation {
     std::exponential_distribution<double> tail(1.0 / tail_us);
     std::bernoulli_distribution spike(s_.spike_probability);
     std::uniform_real_distribution<double> uniform(0.0, 2.0 * tail_us);
-    return base_us + (s_.uniform_tails ? uniform(random_) : tail(random_)) +
-           (spike(random_) ? s_.spike_us : 0.0);
+    return base_us + (s_.uniform_tails ? uniform(random_) : tail(random_)) + (spike(random_) ? s_.spike_us : 0.0);
   }
   double stamp(double t_s) const {
     const double us = device_us(t_s);
-    return s_.device_resolution_us > 0.0 ? std::floor(us / s_.device_resolution_us) * s_.device_resolution_us
-                                         : us;
+    return s_.device_resolution_us > 0.0 ? std::floor(us / s_.device_resolution_us) * s_.device_resolution_us : us;
   }
 
   ClockScenario s_;

@@ -44,8 +44,7 @@ int main(int argc, char** argv) try {
       pressure.command(error_psi > 0.0 ? isorig::pressure::Command{permille, 0, 0.0F}
                                        : isorig::pressure::Command{0, permille, 0.0F});
     }
-    if (i % 4000 == 1)
-      frame.start_segment({static_cast<std::uint16_t>(i / 4000), i % 8000 == 1 ? 2.0F : 0.0F, 2.0F});
+    if (i % 4000 == 1) frame.start_segment({static_cast<std::uint16_t>(i / 4000), i % 8000 == 1 ? 2.0F : 0.0F, 2.0F});
     const auto f = frame.poll(frame_samples);
     const auto p = pressure.poll(pressure_samples, exchanges, 0);
     polled += f.samples + p.samples;
@@ -53,10 +52,9 @@ int main(int argc, char** argv) try {
   }
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   const double cpu_s = static_cast<double>(std::clock() - cpu_start) / CLOCKS_PER_SEC;
-  std::printf(
-      "%ld ticks: %.1f ns of CPU time each (%.1f ns elapsed); %llu samples polled, mean force %.3f N\n",
-      ticks, 1e9 * cpu_s / static_cast<double>(ticks), 1e9 * seconds / static_cast<double>(ticks),
-      static_cast<unsigned long long>(polled), sum / static_cast<double>(ticks));
+  std::printf("%ld ticks: %.1f ns of CPU time each (%.1f ns elapsed); %llu samples polled, mean force %.3f N\n", ticks,
+              1e9 * cpu_s / static_cast<double>(ticks), 1e9 * seconds / static_cast<double>(ticks),
+              static_cast<unsigned long long>(polled), sum / static_cast<double>(ticks));
   return 0;
 } catch (const std::exception& e) {
   std::fprintf(stderr, "%s\n", e.what());

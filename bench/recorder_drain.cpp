@@ -86,8 +86,8 @@ Cost measure(Keep keep, std::int64_t milliseconds) {
 int main() {
   const auto averaged = measure(Keep::kAveraged, 5'000'000);
   const auto full = measure(Keep::kFull, 1'000'000);
-  std::printf("averaged: %.1f ns per pair of samples, %.0f bytes per second of rig time\n",
-              averaged.ns_per_pair, averaged.bytes_per_s);
+  std::printf("averaged: %.1f ns per pair of samples, %.0f bytes per second of rig time\n", averaged.ns_per_pair,
+              averaged.bytes_per_s);
   std::printf("full:     %.1f ns per pair of samples, %.0f bytes per second of rig time\n", full.ns_per_pair,
               full.bytes_per_s);
   return 0;

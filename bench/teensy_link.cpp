@@ -63,8 +63,7 @@ void run(const Case& test, double seconds) {
     }
   });
   pressure::Teensy device({.serial = "1234560"},
-                          std::make_unique<pressure::TtyStream>(pressure::TtyStream::Options{.path = link}),
-                          clock);
+                          std::make_unique<pressure::TtyStream>(pressure::TtyStream::Options{.path = link}), clock);
   device.set_limits({.pressure_max_psi = 30.0, .fill_allowance_permille = 100, .fill_max_ms = 60'000});
   device.connect();
 
@@ -93,8 +92,7 @@ void run(const Case& test, double seconds) {
       ages_us.push_back(now_us - static_cast<double>(samples[i].device_us));
     }
     for (std::size_t i = 0; i < result.exchanges; ++i) {
-      round_trips_us.push_back(1e-3 *
-                               static_cast<double>(exchanges[i].host_recv_ns - exchanges[i].host_send_ns));
+      round_trips_us.push_back(1e-3 * static_cast<double>(exchanges[i].host_recv_ns - exchanges[i].host_send_ns));
     }
   }
   const double cpu_percent = 100.0 * (thread_cpu_s() - cpu_start_s) / seconds;
@@ -111,8 +109,8 @@ void run(const Case& test, double seconds) {
 
 int main(int argc, char** argv) try {
   const double seconds = argc > 1 ? std::atof(argv[1]) : 10.0;
-  std::printf("%-22s %8s %6s %7s %7s %7s %8s %8s %7s %8s\n", "", "samples", "lost", "age", "99 %", "99.9 %",
-              "max", "rtt", "CPU %", "polls/s");
+  std::printf("%-22s %8s %6s %7s %7s %7s %8s %8s %7s %8s\n", "", "samples", "lost", "age", "99 %", "99.9 %", "max",
+              "rtt", "CPU %", "polls/s");
   for (const Case& test : {Case{"1 kHz, 1 per frame", 1000, 1}, Case{"4 kHz, 1 per frame", 250, 1},
                            Case{"4 kHz, 4 per frame", 250, 4}, Case{"4 kHz, 20 per frame", 250, 20}}) {
     run(test, seconds);

@@ -2,8 +2,8 @@
 // Runs in the virtual bench as root (docs/usb.md has the command and what its numbers mean):
 //   bench_teensy_usb [seconds per case] [disturbing processes]
 #include <poll.h>
-#include <signal.h>
 #include <sched.h>
+#include <signal.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
@@ -32,7 +32,7 @@ namespace {
 
 using namespace isorig;
 
-constexpr int kIoPriority = 60;      // docs/threads.md
+constexpr int kIoPriority = 60;  // docs/threads.md
 constexpr int kHostPriority = 95;
 constexpr int kDevicePriority = 90;  // the device is no program of this machine: nothing here delays it
 
@@ -181,8 +181,9 @@ int main(int argc, char** argv) try {
   ::sleep(3);  // what udev starts for a new device is over
   make_realtime(kIoPriority);
   run("tty", std::make_unique<pressure::TtyStream>(pressure::TtyStream::Options{.path = tty}), seconds);
-  run("usb", std::make_unique<pressure::UsbStream>(
-                 pressure::UsbStream::Options{.serial = "1234560", .event_priority = kIoPriority + 1}),
+  run("usb",
+      std::make_unique<pressure::UsbStream>(
+          pressure::UsbStream::Options{.serial = "1234560", .event_priority = kIoPriority + 1}),
       seconds);
   is_done = true;
   device_side.join();

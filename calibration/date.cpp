@@ -41,6 +41,8 @@ std::string now_utc() {
   return text;
 }
 
-std::string today() { return now_utc().substr(0, 10); }
+std::string today() {
+  return now_utc().substr(0, 10);
+}
 
 }  // namespace isorig::calibration

@@ -10,7 +10,9 @@ namespace isorig::calibration {
 /// Days since 1970-01-01; nothing for what is no date of the calendar.
 [[nodiscard]] std::optional<std::int64_t> days_of(std::string_view date);
 [[nodiscard]] std::string date_of(std::int64_t days);
-[[nodiscard]] inline std::string later(std::string_view date, int days) { return date_of(days_of(date).value_or(0) + days); }
+[[nodiscard]] inline std::string later(std::string_view date, int days) {
+  return date_of(days_of(date).value_or(0) + days);
+}
 /// Of the wall clock.
 [[nodiscard]] std::string today();
 /// "2026-11-21T07:15:00Z"

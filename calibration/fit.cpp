@@ -12,7 +12,9 @@ namespace {
 constexpr std::size_t kLevelsForSpan = 3;
 constexpr double kSameLevel = 0.02;  // of the range that was covered
 
-double square(double x) { return x * x; }
+double square(double x) {
+  return x * x;
+}
 
 std::string text_of(double value) {
   char text[32];
@@ -59,7 +61,8 @@ Line fit_line(const std::vector<Point>& points) {
     xx += square(p.raw - mean_x);
     xy += (p.raw - mean_x) * (p.reference - mean_y);
   }
-  if (!(xx > 0.0)) throw std::runtime_error("the reading did not change between the points; check that the sensor is connected");
+  if (!(xx > 0.0))
+    throw std::runtime_error("the reading did not change between the points; check that the sensor is connected");
   Line line;
   line.slope = xy / xx;
   line.intercept = mean_y - line.slope * mean_x;
@@ -123,14 +126,15 @@ ForceClass class_of(const std::vector<Point>& points, Correction c, const std::v
     const auto& p = points[i];
     const double error_N = c.apply(p.raw) - p.reference;
     if (std::abs(p.reference) < 0.01 * largest_N || largest_N == 0.0) {
-      if (largest_N > 0.0) f.zero_percent = std::max(f.zero_percent.value_or(0.0), 100.0 * std::abs(error_N) / largest_N);
+      if (largest_N > 0.0)
+        f.zero_percent = std::max(f.zero_percent.value_or(0.0), 100.0 * std::abs(error_N) / largest_N);
       continue;
     }
     auto& l = at[level[i]];
     const double percent = 100.0 * error_N / p.reference;
     (way[i] > 0 ? l.up : l.down).push_back(percent);
-    l.resolution = std::max({l.resolution, 100.0 * quantum / std::abs(p.reference),
-                             200.0 * p.standard_error / std::abs(p.reference)});
+    l.resolution = std::max(
+        {l.resolution, 100.0 * quantum / std::abs(p.reference), 200.0 * p.standard_error / std::abs(p.reference)});
   }
   const auto mean = [](const std::vector<double>& v) {
     double sum = 0.0;
@@ -177,27 +181,36 @@ ForceClass class_of(const std::vector<Point>& points, Correction c, const std::v
 
 const char* name_of(Channel channel) noexcept {
   switch (channel) {
-    case Channel::kPressure: return "pressure";
-    case Channel::kForce: return "force";
-    case Channel::kPosition: return "position";
+    case Channel::kPressure:
+      return "pressure";
+    case Channel::kForce:
+      return "force";
+    case Channel::kPosition:
+      return "position";
   }
   return "";
 }
 
 const char* unit_of(Channel channel) noexcept {
   switch (channel) {
-    case Channel::kPressure: return "psi";
-    case Channel::kForce: return "N";
-    case Channel::kPosition: return "mm";
+    case Channel::kPressure:
+      return "psi";
+    case Channel::kForce:
+      return "N";
+    case Channel::kPosition:
+      return "mm";
   }
   return "";
 }
 
 const char* name_of(Mode mode) noexcept {
   switch (mode) {
-    case Mode::kAdjust: return "adjust";
-    case Mode::kZero: return "zero";
-    case Mode::kCheck: return "check";
+    case Mode::kAdjust:
+      return "adjust";
+    case Mode::kZero:
+      return "zero";
+    case Mode::kCheck:
+      return "check";
   }
   return "";
 }
@@ -219,10 +232,13 @@ std::optional<Mode> mode_of(std::string_view name) noexcept {
 ChannelFacts facts_of(Channel channel) noexcept {
   switch (channel) {
     // ELVH-030G, DS-0376: one count is 30 / 13108 psi; total error band 1 % of span = 0.3 psi over 0..50 C.
-    case Channel::kPressure: return {30.0 / 13108.0, 0.3, 0.9, 0.05};
+    case Channel::kPressure:
+      return {30.0 / 13108.0, 0.3, 0.9, 0.05};
     // A load cell's zero moves with every grip that is hung on it; its span does not.
-    case Channel::kForce: return {0.001, 0.0, 1e9, 0.2};
-    case Channel::kPosition: return {0.0001, 0.0, 1e9, 0.05};
+    case Channel::kForce:
+      return {0.001, 0.0, 1e9, 0.2};
+    case Channel::kPosition:
+      return {0.0001, 0.0, 1e9, 0.05};
   }
   return {};
 }
@@ -244,8 +260,9 @@ Result calibrate(Channel channel, Mode mode, const std::vector<Point>& points, C
   if (mode == Mode::kAdjust) {
     const std::size_t wanted = channel == Channel::kPosition ? 2 : kLevelsForSpan;
     if (levels < wanted) {
-      throw std::runtime_error("zero and span need points at " + std::to_string(wanted) + " levels or more, and there are " +
-                               std::to_string(levels) + "; add points, or calibrate the zero alone (--mode zero)");
+      throw std::runtime_error("zero and span need points at " + std::to_string(wanted) +
+                               " levels or more, and there are " + std::to_string(levels) +
+                               "; add points, or calibrate the zero alone (--mode zero)");
     }
     const auto line = fit_line(points);
     r.correction = {line.slope, line.intercept};
@@ -254,13 +271,15 @@ Result calibrate(Channel channel, Mode mode, const std::vector<Point>& points, C
       r.correction.offset = line.slope * before.offset / before.scale;  // the same raw value stays the zero
     }
     if (std::abs(r.correction.scale - 1.0) > facts.scale_change_max) {
-      throw std::runtime_error("the fitted span is " + text_of(r.correction.scale) + ", more than " +
-                               text_of(100.0 * facts.scale_change_max) +
-                               " % from 1: that is a wrong unit, a wrong reference or a damaged sensor, not a calibration");
+      throw std::runtime_error(
+          "the fitted span is " + text_of(r.correction.scale) + ", more than " +
+          text_of(100.0 * facts.scale_change_max) +
+          " % from 1: that is a wrong unit, a wrong reference or a damaged sensor, not a calibration");
     }
   } else if (mode == Mode::kZero) {
     if (channel == Channel::kPosition) {
-      throw std::runtime_error("the zero of position belongs to the specimen (its unpressurized rest length): set it at the frame");
+      throw std::runtime_error(
+          "the zero of position belongs to the specimen (its unpressurized rest length): set it at the frame");
     }
     double sum = 0.0;
     for (const auto& p : points) sum += p.reference - before.scale * p.raw;
@@ -277,8 +296,8 @@ Result calibrate(Channel channel, Mode mode, const std::vector<Point>& points, C
     r.scatter = std::sqrt(sum / static_cast<double>(points.size() - 1));
   }
   if (r.as_found_max > facts.implausible) {
-    throw std::runtime_error("the reading is " + text_of(r.as_found_max) + " " + unit + " from the reference, more than " +
-                             text_of(facts.implausible) + " " + unit +
+    throw std::runtime_error("the reading is " + text_of(r.as_found_max) + " " + unit +
+                             " from the reference, more than " + text_of(facts.implausible) + " " + unit +
                              ": check that both see the same quantity, and the reference's unit");
   }
   r.hysteresis = hysteresis_of(r.as_left, level, way);

@@ -44,17 +44,17 @@ struct Point {
 
 /// Limits of what is believed, by channel.
 struct ChannelFacts {
-  double quantum = 0.0;          ///< one step of the reading
-  double error_band = 0.0;       ///< the sensor's own specification over its whole range; 0: none is known
-  double implausible = 0.0;      ///< an error beyond this is a mistake, not a calibration
-  double scale_change_max = 0.0; ///< the same for the span
+  double quantum = 0.0;           ///< one step of the reading
+  double error_band = 0.0;        ///< the sensor's own specification over its whole range; 0: none is known
+  double implausible = 0.0;       ///< an error beyond this is a mistake, not a calibration
+  double scale_change_max = 0.0;  ///< the same for the span
 };
 [[nodiscard]] ChannelFacts facts_of(Channel channel) noexcept;
 
 /// Metrological indicators in the manner of ISO 7500-1, relative to the applied force, worst over all levels but zero.
-/// Class limits (error, repeatability, reversibility, zero, resolution; %): 0.5: 0.5, 0.5, 0.75, 0.05, 0.25; 1: 1, 1, 1.5,
-/// 0.1, 0.5; 2: 2, 2, 3, 0.2, 1; 3: 3, 3, 4.5, 0.3, 1.5. "In the manner": the standard wants three series of at least
-/// five forces with a class 1 reference; `series` and `levels` say what there was.
+/// Class limits (error, repeatability, reversibility, zero, resolution; %): 0.5: 0.5, 0.5, 0.75, 0.05, 0.25; 1: 1,
+/// 1, 1.5, 0.1, 0.5; 2: 2, 2, 3, 0.2, 1; 3: 3, 3, 4.5, 0.3, 1.5. "In the manner": the standard wants three series of at
+/// least five forces with a class 1 reference; `series` and `levels` say what there was.
 struct ForceClass {
   double error_percent = 0.0;
   std::optional<double> repeatability_percent;  ///< two rising series or more
@@ -68,14 +68,15 @@ struct ForceClass {
 
 struct Result {
   Correction correction;
-  std::vector<double> as_found;  ///< calibrated as before, minus reference, per point; position: both from the first point
-  std::vector<double> as_left;   ///< the same with the new correction
-  double as_found_max = 0.0;     ///< largest magnitude
+  std::vector<double>
+      as_found;  ///< calibrated as before, minus reference, per point; position: both from the first point
+  std::vector<double> as_left;  ///< the same with the new correction
+  double as_found_max = 0.0;    ///< largest magnitude
   double as_left_max = 0.0;
-  double scatter = 0.0;          ///< s
+  double scatter = 0.0;              ///< s
   std::optional<double> hysteresis;  ///< h; there were points on the way up and on the way down
-  double uncertainty = 0.0;      ///< U, k = 2
-  bool found_in_band = true;     ///< as found within the sensor's own specification
+  double uncertainty = 0.0;          ///< U, k = 2
+  bool found_in_band = true;         ///< as found within the sensor's own specification
   std::optional<ForceClass> class_found, class_left;
 };
 

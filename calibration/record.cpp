@@ -107,7 +107,8 @@ Record parse_record(const std::string& text, const std::string& name) {
   r.id = root.string("id");
   r.rig = root.string("rig");
   r.channel = channel_of(root.choice("channel", {"pressure", "force", "position"})).value_or(Channel::kPressure);
-  if (root.string("unit") != unit_of(r.channel)) root.error("unit", std::string("`unit` has to be \"") + unit_of(r.channel) + "\"");
+  if (root.string("unit") != unit_of(r.channel))
+    root.error("unit", std::string("`unit` has to be \"") + unit_of(r.channel) + "\"");
   r.mode = mode_of(root.choice("mode", {"adjust", "zero", "check"})).value_or(Mode::kAdjust);
   r.made_utc = root.string("made_utc");
   if (r.made_utc.size() != 20 || !days_of(std::string_view(r.made_utc).substr(0, 10))) {
@@ -121,7 +122,8 @@ Record parse_record(const std::string& text, const std::string& name) {
   r.note = root.string_or("note", "");
   r.evidence_run = root.string_or("evidence_run", "");
   r.supersedes = root.string_or("supersedes", "");
-  for (const auto* key : {"operator", "note", "evidence_run", "supersedes"}) plain_text(root, key, root.string_or(key, ""));
+  for (const auto* key : {"operator", "note", "evidence_run", "supersedes"})
+    plain_text(root, key, root.string_or(key, ""));
   r.temperature_C = root.number_or("temperature_C", 0.0);
   const auto reference = root.table("reference");
   r.reference.id = reference.string("id");
@@ -142,7 +144,8 @@ Record parse_record(const std::string& text, const std::string& name) {
                         p.number_or("drift", 0.0)});
     p.ignore_rest();
   }
-  for (const auto* key : {"as_found", "as_left", "uncertainty", "iso_7500_1_like_as_found", "iso_7500_1_like_as_left"}) {
+  for (const auto* key :
+       {"as_found", "as_left", "uncertainty", "iso_7500_1_like_as_found", "iso_7500_1_like_as_left"}) {
     if (const auto t = root.table_if(key)) t->ignore_rest();
   }
   if (document.diagnostics().empty()) {
@@ -152,7 +155,8 @@ Record parse_record(const std::string& text, const std::string& name) {
       const double size = std::max(1.0, std::abs(r.result.correction.offset));
       if (std::abs(stated.scale - r.result.correction.scale) > kSameNumber ||
           std::abs(stated.offset - r.result.correction.offset) > kSameNumber * size) {
-        root.error("correction", "the correction does not follow from the record's points; the file was changed after it was made");
+        root.error("correction",
+                   "the correction does not follow from the record's points; the file was changed after it was made");
       }
     } catch (const std::runtime_error& e) {
       root.error("points", e.what());

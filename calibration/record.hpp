@@ -4,8 +4,8 @@
 
 #include "calibration/fit.hpp"
 
-/// One calibration as it is kept: who, when, against what, what was found, what was left. A TOML file that is written once
-/// and never changed; a later record of the channel supersedes it.
+/// One calibration as it is kept: who, when, against what, what was found, what was left. A TOML file that is written
+/// once and never changed; a later record of the channel supersedes it.
 namespace isorig::calibration {
 
 struct Reference {
@@ -16,16 +16,16 @@ struct Reference {
 };
 
 struct Record {
-  std::string id;           ///< "20261121-071500-pressure": the file's name
+  std::string id;  ///< "20261121-071500-pressure": the file's name
   std::string rig;
   Channel channel = Channel::kPressure;
   Mode mode = Mode::kAdjust;
-  std::string made_utc;     ///< "2026-11-21T07:15:00Z"
-  std::string due;          ///< "2027-11-21"
+  std::string made_utc;  ///< "2026-11-21T07:15:00Z"
+  std::string due;       ///< "2027-11-21"
   std::string operator_name;
   std::string note;
-  std::string evidence_run; ///< the run that held the points, if the rig was driven
-  std::string supersedes;   ///< id of the record it follows, "" for the first
+  std::string evidence_run;    ///< the run that held the points, if the rig was driven
+  std::string supersedes;      ///< id of the record it follows, "" for the first
   double temperature_C = 0.0;  ///< of the pressure sensor; 0 when it was not read
   Reference reference;
   Correction before;

@@ -84,19 +84,23 @@ void Store::add(const Record& record) {
   const auto current = in_force(record.channel);
   const std::string before = current.record == nullptr ? "" : current.record->id;
   if (record.supersedes != before) {
-    throw std::runtime_error("the record follows " + (record.supersedes.empty() ? "none" : record.supersedes) + ", and " +
-                             (before.empty() ? "none" : before) + " is in force: somebody calibrated meanwhile; do it again");
+    throw std::runtime_error("the record follows " + (record.supersedes.empty() ? "none" : record.supersedes) +
+                             ", and " + (before.empty() ? "none" : before) +
+                             " is in force: somebody calibrated meanwhile; do it again");
   }
   if (std::abs(record.before.scale - current.correction.scale) > 1e-9 ||
       std::abs(record.before.offset - current.correction.offset) > 1e-9) {
     throw std::runtime_error("the record starts from another correction than the one in force; do it again");
   }
   if (!before.empty() && record.id <= before) {
-    throw std::runtime_error("the record " + record.id + " is not younger than " + before + "; check the machine's clock");
+    throw std::runtime_error("the record " + record.id + " is not younger than " + before +
+                             "; check the machine's clock");
   }
   std::error_code error;
   std::filesystem::create_directories(directory_, error);
-  if (error) throw std::runtime_error("cannot make " + directory_.string() + ": " + error.message() + "; check [calibration] records");
+  if (error)
+    throw std::runtime_error("cannot make " + directory_.string() + ": " + error.message() +
+                             "; check [calibration] records");
   write_once(directory_ / (record.id + ".toml"), to_toml(record));
   records_.push_back(record);
 }

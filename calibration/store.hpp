@@ -11,7 +11,7 @@ namespace isorig::calibration {
 /// What corrects one channel now.
 struct InForce {
   Channel channel = Channel::kPressure;
-  Correction correction;  ///< of `record`, or the rig file's
+  Correction correction;           ///< of `record`, or the rig file's
   const Record* record = nullptr;  ///< null: never calibrated, the rig file's numbers
 };
 

@@ -29,8 +29,7 @@ std::string json_of(const identify::AlignResult& result) {
   const auto& a = result.alignment;
   auto events = nlohmann::ordered_json::array();
   for (const auto& e : a.events)
-    events.push_back(
-        {{"t_frame_s", e.t_frame_s}, {"shift_s", e.shift_s.value}, {"se", e.shift_s.standard_error}});
+    events.push_back({{"t_frame_s", e.t_frame_s}, {"shift_s", e.shift_s.value}, {"se", e.shift_s.standard_error}});
   json["mapping"] = "t_frame = reference + offset + (1 + skew) * (t_pressure - reference)";
   json["reference_s"] = a.reference_s;
   json["offset_s"] = {{"value", a.offset_s.value}, {"se", a.offset_s.standard_error}};
@@ -80,33 +79,29 @@ int align(const Options& options) {
     std::string text = "t_s,pressure_psi\n";
     char line[80];
     for (std::size_t i = 0; i < recording.pressure->size(); ++i) {
-      std::snprintf(line, sizeof line, "%.6f,%.9g\n", recording.pressure->t_s[i],
-                    recording.pressure->pressure_psi[i]);
+      std::snprintf(line, sizeof line, "%.6f,%.9g\n", recording.pressure->t_s[i], recording.pressure->pressure_psi[i]);
       text += line;
     }
     identify::report::write_text_file(std::filesystem::path(options.out) / "pressure.csv", text);
   } else {
     messages::write_recording(options.out, recording);
   }
-  std::printf("aligned by %zu strokes: offset %.4f +- %.4f s at t = %.1f s, skew ", a.events.size(),
-              a.offset_s.value, a.offset_s.standard_error, a.reference_s);
+  std::printf("aligned by %zu strokes: offset %.4f +- %.4f s at t = %.1f s, skew ", a.events.size(), a.offset_s.value,
+              a.offset_s.standard_error, a.reference_s);
   if (a.skew_known)
     std::printf("%.1f +- %.1f ppm", 1e6 * a.skew.value, 1e6 * a.skew.standard_error);
   else
     std::printf("not known (taken as 0 +- %.0f ppm: too few strokes)", 1e6 * a.skew.standard_error);
-  std::printf("; worst error in the record %.4f s (1 sigma)\nwritten to %s\n", a.worst_error_s,
-              options.out.c_str());
+  std::printf("; worst error in the record %.4f s (1 sigma)\nwritten to %s\n", a.worst_error_s, options.out.c_str());
   return kOk;
 }
 
 Command add_align(CLI::App& app) {
   auto options = std::make_shared<Options>();
-  auto* sub =
-      app.add_subcommand("align", "Put two separately recorded streams on one clock by the strokes in both");
+  auto* sub = app.add_subcommand("align", "Put two separately recorded streams on one clock by the strokes in both");
   sub->add_option("FRAME", options->frame, "CSV: t_s,position_mm,force_N")->required();
   sub->add_option("PRESSURE", options->pressure, "CSV: t_s,pressure_psi, on a clock of its own")->required();
-  sub->add_option("--out", options->out,
-                  "Folder for frame.csv, pressure.csv (on the frame's clock) and align.json")
+  sub->add_option("--out", options->out, "Folder for frame.csv, pressure.csv (on the frame's clock) and align.json")
       ->required();
   sub->add_option("--toml", options->toml, "recording.toml to make a whole recording of them");
   return {sub, [options] { return align(*options); }};

@@ -84,22 +84,30 @@ SettledReading settled_reading(const Client& client, const std::string& channel,
   double drift = 0.0;
   for (bool first = true;; first = false) {
     stop_if_interrupted();
-    std::this_thread::sleep_for(first ? std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::duration<double>(s.window_s)) : kLook);
+    std::this_thread::sleep_for(
+        first ? std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::duration<double>(s.window_s))
+              : kLook);
     const auto all = get(client, path);
     const auto& r = all[channel];
     const double waited_s = std::chrono::duration<double>(steady_clock::now() - begin).count();
     const auto from_ns = r.value("from_mono_ns", std::int64_t{0});
     const auto to_ns = r.value("to_mono_ns", std::int64_t{0});
-    const bool whole = r.value("samples", 0) > 20 && from_ns >= since_ns && static_cast<double>(to_ns - from_ns) > 0.9e9 * s.window_s;
+    const bool whole =
+        r.value("samples", 0) > 20 && from_ns >= since_ns && static_cast<double>(to_ns - from_ns) > 0.9e9 * s.window_s;
     drift = r.value("drift", 0.0);
     if (whole && std::abs(drift) <= s.drift_max) {
-      return {r.value("raw", 0.0),   r.value("calibrated", 0.0), r.value("standard_error", 0.0),
-              r.value("sd", 0.0),    drift,                      all["temperature"].value("raw", 0.0)};
+      return {r.value("raw", 0.0),
+              r.value("calibrated", 0.0),
+              r.value("standard_error", 0.0),
+              r.value("sd", 0.0),
+              drift,
+              all["temperature"].value("raw", 0.0)};
     }
     if (waited_s < s.window_s + 1.0 + s.settle_s) continue;
     if (!whole) throw std::runtime_error("there are no " + channel + " readings; see isorig status");
     char text[200];
-    std::snprintf(text, sizeof text, "the %s reading has not settled: it moves by %+.4g %s within %.1f s, more than %.4g (--drift-max)",
+    std::snprintf(text, sizeof text,
+                  "the %s reading has not settled: it moves by %+.4g %s within %.1f s, more than %.4g (--drift-max)",
                   channel.c_str(), drift, r.value("unit", "").c_str(), s.window_s, s.drift_max);
     throw std::runtime_error(text);
   }
@@ -137,9 +145,9 @@ void HeldPressure::start(std::size_t index) {
                   pressures_psi_[i]);
     protocol += lines;
   }
-  const auto answer = client_.post("/v1/start", {{"protocol", protocol + "]\n"},
-                                                 {"protocol_name", "bench-pressure.toml"},
-                                                 {"operator", operator_name_}});
+  const auto answer = client_.post(
+      "/v1/start",
+      {{"protocol", protocol + "]\n"}, {"protocol_name", "bench-pressure.toml"}, {"operator", operator_name_}});
   if (!answer.ok()) throw std::runtime_error(answer.text());
   open_ = true;
   first_ = index;
@@ -174,7 +182,8 @@ void HeldPressure::go_to(std::size_t index) {
     const auto state = s.value("state", "");
     if (state == "faulted" || !s.contains("run")) {
       char text[80];
-      std::snprintf(text, sizeof text, "the rig did not get to %.2f psi, it is %s: ", pressures_psi_[index], state.c_str());
+      std::snprintf(text, sizeof text, "the rig did not get to %.2f psi, it is %s: ", pressures_psi_[index],
+                    state.c_str());
       throw std::runtime_error(text + s.value("fault", ""));
     }
     const auto step = s["run"].value("step", std::size_t{0});
@@ -182,7 +191,8 @@ void HeldPressure::go_to(std::size_t index) {
       post(client_, "/v1/pause");
       return;
     }
-    if (step > hold_step || steady_clock::now() > deadline) throw std::runtime_error("the set-point was not held; see isorig status");
+    if (step > hold_step || steady_clock::now() > deadline)
+      throw std::runtime_error("the set-point was not held; see isorig status");
     std::this_thread::sleep_for(kLook);
   }
 }

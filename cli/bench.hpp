@@ -36,10 +36,12 @@ struct SettledReading {
 
 /// Mean of `channel` ("pressure", "force", "position") over a window that began after the call. Throws
 /// std::runtime_error when it does not settle, with how far it moves, or when there is no reading.
-[[nodiscard]] SettledReading settled_reading(const Client& client, const std::string& channel, const Settling& settling);
+[[nodiscard]] SettledReading settled_reading(const Client& client, const std::string& channel,
+                                             const Settling& settling);
 
-/// Takes the rig from one pressure to the next and holds each until the next is asked for. 0 is the vented rig, whatever its
-/// sensor shows; between two of those the pressures are one run of the daemon's. However it is left, the rig vents.
+/// Takes the rig from one pressure to the next and holds each until the next is asked for. 0 is the vented rig,
+/// whatever its sensor shows; between two of those the pressures are one run of the daemon's. However it is left, the
+/// rig vents.
 class HeldPressure {
  public:
   HeldPressure(const Client& client, std::vector<double> pressures_psi, const std::string& operator_name);

@@ -14,7 +14,8 @@
 #include "cli/command.hpp"
 #include "daemon/host/paths.hpp"
 
-/// isorig calibrate: readings of a running daemon against a reference; the daemon keeps the record and puts it in force.
+/// isorig calibrate: readings of a running daemon against a reference; the daemon keeps the record and puts it in
+/// force.
 namespace isorig::cli {
 namespace {
 
@@ -53,9 +54,12 @@ struct UsageError : std::runtime_error {
 double default_drift(Channel channel) {
   // Some steps of the reading: well below what is asked of the channel, well above what noise does to a mean.
   switch (channel) {
-    case Channel::kPressure: return 0.01;   // psi: four counts
-    case Channel::kForce: return 0.02;      // N
-    case Channel::kPosition: return 0.002;  // mm
+    case Channel::kPressure:
+      return 0.01;  // psi: four counts
+    case Channel::kForce:
+      return 0.02;  // N
+    case Channel::kPosition:
+      return 0.002;  // mm
   }
   return 0.0;
 }
@@ -77,11 +81,13 @@ double factor_of(const Options& o, Channel channel) {
 /// Where the reference's values come from: --point in their order, a command's output, or the operator.
 class References {
  public:
-  References(const Options& options, double factor, const char* unit) : options_(options), factor_(factor), unit_(unit) {}
+  References(const Options& options, double factor, const char* unit)
+      : options_(options), factor_(factor), unit_(unit) {}
 
   /// In the channel's unit; nothing: no more points. `what` says what the operator should do.
   std::optional<double> next(const std::string& what) {
-    if (!options_.reference_command.empty()) return factor_ * parse(output_of(options_.reference_command), "the reference command");
+    if (!options_.reference_command.empty())
+      return factor_ * parse(output_of(options_.reference_command), "the reference command");
     if (!options_.points.empty()) {
       if (used_ == options_.points.size()) return std::nullopt;
       return factor_ * options_.points[used_++];
@@ -101,7 +107,8 @@ class References {
   static double parse(const std::string& text, const std::string& whose) {
     std::string why;
     if (const auto value = base::decimal(text, why)) return *value;
-    throw std::runtime_error(whose + ": " + why + (why.find("behind the number") == std::string::npos ? "" : " (another unit: --unit)"));
+    throw std::runtime_error(whose + ": " + why +
+                             (why.find("behind the number") == std::string::npos ? "" : " (another unit: --unit)"));
   }
 
   const Options& options_;
@@ -128,13 +135,15 @@ void complete(Options& o) {
   const Word words[] = {
       {"--operator", "who calibrates", o.operator_name.empty(), text(o.operator_name)},
       {"--reference", "id of the reference instrument", o.reference.empty(), text(o.reference)},
-      {"--reference-due", "until when the reference's own certificate holds, such as 2027-05-31", o.reference_due.empty(),
+      {"--reference-due", "until when the reference's own certificate holds, such as 2027-05-31",
+       o.reference_due.empty(),
        [&](const std::string& answer, std::string& why) {
          why = "a date is written 2027-05-31";
          o.reference_due = answer;
          return calibration::days_of(answer).has_value();
        }},
-      {"--reference-uncertainty", "the reference's uncertainty, k = 2, from its certificate, in the unit of the points", o.reference_uncertainty < 0.0,
+      {"--reference-uncertainty", "the reference's uncertainty, k = 2, from its certificate, in the unit of the points",
+       o.reference_uncertainty < 0.0,
        [&](const std::string& answer, std::string& why) {
          const auto value = base::decimal(answer, why);
          if (value && *value < 0.0) why = "an uncertainty is not negative";
@@ -151,7 +160,9 @@ void complete(Options& o) {
     }
     for (;;) {
       const auto answer = ask(std::string(word.what) + " (" + word.option + "): ");
-      if (!answer || answer->empty()) throw UsageError(std::string(word.option) + ": " + word.what + "; without it a calibration is nobody's evidence");
+      if (!answer || answer->empty())
+        throw UsageError(std::string(word.option) + ": " + word.what +
+                         "; without it a calibration is nobody's evidence");
       std::string why;
       if (word.take(*answer, why)) break;
       std::cerr << why << '\n';
@@ -161,18 +172,26 @@ void complete(Options& o) {
 }
 
 void check_words(const Options& o, Channel channel, Mode mode) {
-  if (!calibration::days_of(o.reference_due)) throw UsageError("--reference-due: until when the reference's own certificate holds, such as 2027-05-31");
-  if (!(o.reference_uncertainty >= 0.0)) throw UsageError("--reference-uncertainty: the reference's, k = 2, from its certificate");
+  if (!calibration::days_of(o.reference_due))
+    throw UsageError("--reference-due: until when the reference's own certificate holds, such as 2027-05-31");
+  if (!(o.reference_uncertainty >= 0.0))
+    throw UsageError("--reference-uncertainty: the reference's, k = 2, from its certificate");
   if (!o.due.empty() && !calibration::days_of(o.due)) throw UsageError("--due: a date is written 2027-05-31");
-  if (!o.excitation.empty() && channel != Channel::kPressure) throw UsageError("--drive is for pressure; weights and gauge blocks are put in by hand");
-  if (!o.excitation.empty() && o.reference_command.empty() && !o.points.empty() && o.points.size() != o.excitation.size()) {
-    throw UsageError("--drive and --point have to be as many: " + std::to_string(o.excitation.size()) + " and " + std::to_string(o.points.size()));
+  if (!o.excitation.empty() && channel != Channel::kPressure)
+    throw UsageError("--drive is for pressure; weights and gauge blocks are put in by hand");
+  if (!o.excitation.empty() && o.reference_command.empty() && !o.points.empty() &&
+      o.points.size() != o.excitation.size()) {
+    throw UsageError("--drive and --point have to be as many: " + std::to_string(o.excitation.size()) + " and " +
+                     std::to_string(o.points.size()));
   }
   if (!o.reference_command.empty() && o.excitation.empty() && mode == Mode::kAdjust) {
-    throw UsageError("--reference-command needs --drive, or --mode zero or check: it says what the reference shows, not when there is a new point");
+    throw UsageError(
+        "--reference-command needs --drive, or --mode zero or check: it says what the reference shows, not when there "
+        "is a new point");
   }
   if (o.reference_command.empty() && o.points.empty() && ::isatty(STDIN_FILENO) == 0) {
-    throw UsageError("nobody to ask: give --point VALUE (once for each) or --reference-command, since this is no terminal");
+    throw UsageError(
+        "nobody to ask: give --point VALUE (once for each) or --reference-command, since this is no terminal");
   }
   if (o.reference_due < calibration::today()) {
     const std::string text = "the certificate of reference " + o.reference + " ended on " + o.reference_due;
@@ -201,31 +220,33 @@ void check_reference(Channel channel, double value, const nlohmann::json& limits
   }
   if (value >= low && value <= high) return;
   char text[160];
-  std::snprintf(text, sizeof text, "reference %.6g %s is outside %s (%.6g to %.6g %s); check its unit (--unit)", value, unit_of(channel),
-                whose.c_str(), low, high, unit_of(channel));
+  std::snprintf(text, sizeof text, "reference %.6g %s is outside %s (%.6g to %.6g %s); check its unit (--unit)", value,
+                unit_of(channel), whose.c_str(), low, high, unit_of(channel));
   throw std::runtime_error(text);
 }
 
 void print_point(std::size_t number, const calibration::Point& p, calibration::Correction before, const char* unit) {
-  std::fprintf(stderr, "  point %zu: reference %10.4f %s, reading %10.4f (raw %.4f +- %.4f), error %+.4f\n", number, p.reference, unit,
-               before.apply(p.raw), p.raw, p.standard_error, before.apply(p.raw) - p.reference);
+  std::fprintf(stderr, "  point %zu: reference %10.4f %s, reading %10.4f (raw %.4f +- %.4f), error %+.4f\n", number,
+               p.reference, unit, before.apply(p.raw), p.raw, p.standard_error, before.apply(p.raw) - p.reference);
 }
 
 void print_result(const calibration::Record& r) {
   const auto& x = r.result;
   const char* unit = unit_of(r.channel);
-  std::printf("%s, %s: %zu points against %s\n", name_of(r.channel), name_of(r.mode), r.points.size(), r.reference.id.c_str());
+  std::printf("%s, %s: %zu points against %s\n", name_of(r.channel), name_of(r.mode), r.points.size(),
+              r.reference.id.c_str());
   std::printf("  before       scale %.6f, offset %+.5f %s\n", r.before.scale, r.before.offset, unit);
   std::printf("  now          scale %.6f, offset %+.5f %s\n", x.correction.scale, x.correction.offset, unit);
   std::printf("  as found     largest error %.4f %s", x.as_found_max, unit);
   const double band = calibration::facts_of(r.channel).error_band;
-  if (band > 0.0) std::printf(", %s the sensor's total error band of %.2f %s", x.found_in_band ? "within" : "OUTSIDE", band, unit);
+  if (band > 0.0)
+    std::printf(", %s the sensor's total error band of %.2f %s", x.found_in_band ? "within" : "OUTSIDE", band, unit);
   std::printf("\n  as left      largest error %.4f %s (of the same points)\n", x.as_left_max, unit);
   if (x.hysteresis) std::printf("  hysteresis   %.4f %s between up and down\n", *x.hysteresis, unit);
   std::printf("  uncertainty  %.4f %s (k = 2)\n", x.uncertainty, unit);
   const auto print_class = [](const char* when, const calibration::ForceClass& f) {
-    std::printf("  %s  class %s in the manner of ISO 7500-1 (%d levels, %d series): error %.2f %%", when, f.text.c_str(), f.levels, f.series,
-                f.error_percent);
+    std::printf("  %s  class %s in the manner of ISO 7500-1 (%d levels, %d series): error %.2f %%", when,
+                f.text.c_str(), f.levels, f.series, f.error_percent);
     if (f.repeatability_percent) std::printf(", repeatability %.2f %%", *f.repeatability_percent);
     if (f.reversibility_percent) std::printf(", reversibility %.2f %%", *f.reversibility_percent);
     if (f.zero_percent) std::printf(", zero %.3f %%", *f.zero_percent);
@@ -245,17 +266,19 @@ int list(const Client& client, bool as_json) {
   std::printf("rig %s, records in %s\n", b.value("rig", "").c_str(), b.value("directory", "").c_str());
   for (const auto& [channel, c] : b["in_force"].items()) {
     const auto id = c.value("id", "");
-    std::printf("  %-8s  scale %.6f, offset %+.5f %s  ", channel.c_str(), c.value("scale", 1.0), c.value("offset", 0.0), c.value("unit", "").c_str());
+    std::printf("  %-8s  scale %.6f, offset %+.5f %s  ", channel.c_str(), c.value("scale", 1.0), c.value("offset", 0.0),
+                c.value("unit", "").c_str());
     if (id.empty()) {
       std::printf("never calibrated (the rig file's numbers)\n");
     } else {
-      std::printf("%s by %s, due %s%s, +-%.4f (k = 2)\n", id.c_str(), c.value("operator", "").c_str(), c.value("due", "").c_str(),
-                  c.value("overdue", false) ? " OVERDUE" : "", c.value("uncertainty_k2", 0.0));
+      std::printf("%s by %s, due %s%s, +-%.4f (k = 2)\n", id.c_str(), c.value("operator", "").c_str(),
+                  c.value("due", "").c_str(), c.value("overdue", false) ? " OVERDUE" : "",
+                  c.value("uncertainty_k2", 0.0));
     }
   }
   for (const auto& r : b["records"]) {
-    std::printf("  record %s  %-6s  by %s against %s\n", r.value("id", "").c_str(), r.value("mode", "").c_str(), r.value("operator", "").c_str(),
-                r.value("reference", "").c_str());
+    std::printf("  record %s  %-6s  by %s against %s\n", r.value("id", "").c_str(), r.value("mode", "").c_str(),
+                r.value("operator", "").c_str(), r.value("reference", "").c_str());
   }
   return kOk;
 }
@@ -297,7 +320,8 @@ int calibrate(Options& o) {
         throw UsageError("--drive " + short_text(psi) + " psi is not between 0 and the rig's pressure_max_psi");
       }
     }
-    if (!consent("The rig will pressurize what is connected, up to " + short_text(*std::max_element(o.excitation.begin(), o.excitation.end())) +
+    if (!consent("The rig will pressurize what is connected, up to " +
+                     short_text(*std::max_element(o.excitation.begin(), o.excitation.end())) +
                      " psi; the crosshead stands still. Keep hands off the specimen. Go on?",
                  o.yes)) {
       return kRefused;
@@ -316,7 +340,8 @@ int calibrate(Options& o) {
     std::optional<SettledReading> reading_before;
     if (held) reading_before = settled_reading(client, name_of(channel), settling);
     const auto value = references.next(held ? "reference at set-point " + std::to_string(o.excitation[i]).substr(0, 6)
-                                            : "apply point " + std::to_string(i + 1) + ", let it settle, type what the reference shows (empty: no more)");
+                                            : "apply point " + std::to_string(i + 1) +
+                                                  ", let it settle, type what the reference shows (empty: no more)");
     if (!value) {
       if (held) throw std::runtime_error("there is no reference value for set-point " + std::to_string(i + 1));
       break;
@@ -324,8 +349,8 @@ int calibrate(Options& o) {
     check_reference(channel, *value, known.body["limits"]);
     const auto reading = settled_reading(client, name_of(channel), settling);
     if (reading_before && std::abs(reading.raw - reading_before->raw) > 2.0 * settling.drift_max) {
-      throw std::runtime_error("the reading moved by " + std::to_string(reading.raw - reading_before->raw) + " " + unit +
-                               " while the reference was read; let it settle longer (--window-s)");
+      throw std::runtime_error("the reading moved by " + std::to_string(reading.raw - reading_before->raw) + " " +
+                               unit + " while the reference was read; let it settle longer (--window-s)");
     }
     r.points.push_back({*value, reading.raw, reading.standard_error, reading.drift});
     r.temperature_C = reading.temperature_C;
@@ -341,8 +366,10 @@ int calibrate(Options& o) {
   const auto text = to_toml(r);
   if (!o.json) print_result(r);
   if (o.dry_run) {
-    if (o.json) std::cout << nlohmann::json{{"ok", true}, {"record", text}}.dump(2) << '\n';
-    else std::cout << "dry run: nothing was kept\n";
+    if (o.json)
+      std::cout << nlohmann::json{{"ok", true}, {"record", text}}.dump(2) << '\n';
+    else
+      std::cout << "dry run: nothing was kept\n";
     return kOk;
   }
   if (!consent("Keep this record and put it in force?", o.yes)) return kRefused;
@@ -360,30 +387,45 @@ int calibrate(Options& o) {
 }
 
 Command add_calibrate(CLI::App& app) {
-  auto* sub = app.add_subcommand("calibrate", "Compare a channel with a reference, keep the record, put the correction in force");
+  auto* sub = app.add_subcommand("calibrate",
+                                 "Compare a channel with a reference, keep the record, put the correction in force");
   auto o = std::make_shared<Options>();
   sub->add_option("WHAT", o->what, "pressure, force, position; or list: what is in force, and every record")
       ->required()
       ->check(CLI::IsMember({"pressure", "force", "position", "list"}));
-  sub->add_option("--mode", o->mode, "adjust: zero and span (position: span); zero: the zero alone; check: adjust nothing")
+  sub->add_option("--mode", o->mode,
+                  "adjust: zero and span (position: span); zero: the zero alone; check: adjust nothing")
       ->check(CLI::IsMember({"adjust", "zero", "check"}))
       ->capture_default_str();
-  sub->add_option("--point", o->points, "What the reference shows, once for each point, in order; without it you are asked")->take_all();
-  sub->add_option("--drive", o->excitation, "Pressure: the rig goes to these set-points (psi), in order, e.g. 0 5 10 15 20 15 10 5 0");
+  sub->add_option("--point", o->points,
+                  "What the reference shows, once for each point, in order; without it you are asked")
+      ->take_all();
+  sub->add_option("--drive", o->excitation,
+                  "Pressure: the rig goes to these set-points (psi), in order, e.g. 0 5 10 15 20 15 10 5 0");
   sub->add_option("--reference-command", o->reference_command, "Prints what the reference shows, each time it is run");
   sub->add_option("--operator", o->operator_name, "Who calibrates");
   sub->add_option("--reference", o->reference, "Id of the reference instrument");
   sub->add_option("--reference-due", o->reference_due, "Until when its own certificate holds (2027-05-31)");
-  sub->add_option("--reference-uncertainty", o->reference_uncertainty, "Its uncertainty, k = 2, in the unit of the points");
+  sub->add_option("--reference-uncertainty", o->reference_uncertainty,
+                  "Its uncertainty, k = 2, in the unit of the points");
   sub->add_option("--certificate", o->certificate, "Number of its certificate");
   sub->add_flag("--allow-expired-reference", o->allow_expired, "Go on with a reference whose certificate has ended");
-  sub->add_option("--interval-days", o->interval_days, "Until this calibration is due again")->check(CLI::Range(1, 3660))->capture_default_str();
+  sub->add_option("--interval-days", o->interval_days, "Until this calibration is due again")
+      ->check(CLI::Range(1, 3660))
+      ->capture_default_str();
   sub->add_option("--due", o->due, "The date it is due, instead of --interval-days");
   sub->add_option("--unit", o->unit, "Of the points: psi, kPa, bar; N, kg, g; mm");
-  sub->add_option("--gravity", o->gravity_m_s2, "Local, for --unit kg and g (m/s2)")->check(CLI::Range(9.76, 9.84))->capture_default_str();
-  sub->add_option("--window-s", o->window_s, "A reading is the mean over this")->check(CLI::Range(0.5, 10.0))->capture_default_str();
-  sub->add_option("--settle-s", o->settle_s, "How long a reading may take to settle")->check(CLI::Range(0.0, 3600.0))->capture_default_str();
-  sub->add_option("--drift-max", o->drift_max, "A reading that moves more within its window is not settled (channel's unit)");
+  sub->add_option("--gravity", o->gravity_m_s2, "Local, for --unit kg and g (m/s2)")
+      ->check(CLI::Range(9.76, 9.84))
+      ->capture_default_str();
+  sub->add_option("--window-s", o->window_s, "A reading is the mean over this")
+      ->check(CLI::Range(0.5, 10.0))
+      ->capture_default_str();
+  sub->add_option("--settle-s", o->settle_s, "How long a reading may take to settle")
+      ->check(CLI::Range(0.0, 3600.0))
+      ->capture_default_str();
+  sub->add_option("--drift-max", o->drift_max,
+                  "A reading that moves more within its window is not settled (channel's unit)");
   sub->add_option("--note", o->note, "Kept in the record");
   sub->add_flag("--yes", o->yes, "Do not ask whether to pressurize and whether to keep the record");
   sub->add_flag("--dry-run", o->dry_run, "Show the result and keep nothing");

@@ -52,10 +52,8 @@ int campaign(const Options& options) {
 Command add_campaign(CLI::App& app) {
   auto options = std::make_shared<Options>();
   auto* sub = app.add_subcommand(
-      "campaign",
-      "The paper's figures, tables and trends from the recordings of a whole campaign (proof/campaign)");
-  sub->add_option("RECORDING", options->recordings,
-                  "Recordings of Control<n> and <material><n>, all pressures")
+      "campaign", "The paper's figures, tables and trends from the recordings of a whole campaign (proof/campaign)");
+  sub->add_option("RECORDING", options->recordings, "Recordings of Control<n> and <material><n>, all pressures")
       ->required();
   sub->add_option("--out", options->out, "Folder for campaign-report.html, campaign.json and tables")->required();
   sub->add_option("--simulated", options->simulated,

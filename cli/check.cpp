@@ -59,9 +59,8 @@ int check(const Options& options) {
   const auto plan = read_plan(options.protocol_path, options.rig_path);
   std::printf("%s is well: %s\n", options.protocol_path.c_str(), base::printable(plan.name).c_str());
   if (!plan.description.empty()) std::printf("  %s\n", base::printable(plan.description).c_str());
-  std::printf(
-      "  duration    %s expected (%.1f s); %s at worst, if every settle and pressurize runs out of time\n",
-      duration_text(plan.nominal_s).c_str(), plan.nominal_s, duration_text(plan.worst_s).c_str());
+  std::printf("  duration    %s expected (%.1f s); %s at worst, if every settle and pressurize runs out of time\n",
+              duration_text(plan.nominal_s).c_str(), plan.nominal_s, duration_text(plan.worst_s).c_str());
   print_steps(plan);
   std::printf("  sessions    %zu: \"%s\"", plan.sessions.size(), plan.sessions.front().label.c_str());
   if (plan.sessions.size() > 1) std::printf(" to \"%s\"", plan.sessions.back().label.c_str());
@@ -82,8 +81,7 @@ int check(const Options& options) {
 
 Command add_check(CLI::App& app) {
   auto options = std::make_shared<Options>();
-  auto* sub =
-      app.add_subcommand("check", "Compile a protocol; show what it would do, or everything wrong with it");
+  auto* sub = app.add_subcommand("check", "Compile a protocol; show what it would do, or everything wrong with it");
   sub->add_option("FILE", options->protocol_path, "Protocol (config/protocols/*.toml)")->required();
   sub->add_option("--rig", options->rig_path, "Rig whose limits it has to keep (config/rigs/*.toml)");
   sub->add_option("--runs", options->runs, "Where runs and calibration records are kept")->capture_default_str();

@@ -54,7 +54,8 @@ error_code exchange(const std::string& socket, const Message& request, http::res
 [[noreturn]] void explain(const std::string& where, error_code error, bool connected) {
   if (connected) throw NoDaemon("the daemon on " + where + " did not answer: " + error.message());
   if (error == boost::system::errc::no_such_file_or_directory || error == boost::system::errc::connection_refused) {
-    throw NoDaemon("no daemon answers on " + where + "; start one: isorigd --rig RIG.toml (or name its socket: --socket)");
+    throw NoDaemon("no daemon answers on " + where +
+                   "; start one: isorigd --rig RIG.toml (or name its socket: --socket)");
   }
   if (error == boost::system::errc::permission_denied || error == boost::system::errc::operation_not_permitted) {
     throw NoDaemon("you may not open " + where + "; ask to be added to its group");
@@ -75,7 +76,8 @@ Answer Client::ask(const std::string& method, const std::string& path, std::stri
   auto socket = socket_;
   const auto stops = daemon::stop_socket_of(socket_);
   std::error_code ignored;
-  if (std::find(kStopCalls.begin(), kStopCalls.end(), path) != kStopCalls.end() && std::filesystem::exists(stops, ignored)) {
+  if (std::find(kStopCalls.begin(), kStopCalls.end(), path) != kStopCalls.end() &&
+      std::filesystem::exists(stops, ignored)) {
     socket = stops;
   }
   error_code error;
@@ -98,8 +100,12 @@ Answer Client::ask(const std::string& method, const std::string& path, std::stri
   explain(socket_.string(), error, connected);
 }
 
-Answer Client::get(const std::string& path) const { return ask("GET", path, {}); }
+Answer Client::get(const std::string& path) const {
+  return ask("GET", path, {});
+}
 
-Answer Client::post(const std::string& path, const nlohmann::json& body) const { return ask("POST", path, body.dump()); }
+Answer Client::post(const std::string& path, const nlohmann::json& body) const {
+  return ask("POST", path, body.dump());
+}
 
 }  // namespace isorig::cli

@@ -18,8 +18,7 @@ namespace isorig::cli {
 
 struct Command {
   CLI::App* app = nullptr;
-  std::function<int()>
-      run;  ///< returns an ExitCode; may throw base::ConfigError (kBadInput) or std::exception
+  std::function<int()> run;  ///< returns an ExitCode; may throw base::ConfigError (kBadInput) or std::exception
 };
 
 using AddCommand = Command (*)(CLI::App&);

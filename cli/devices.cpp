@@ -11,9 +11,10 @@ namespace {
 int devices() {
   const auto found = pressure::list_usb_devices();
   if (found.empty()) {
-    std::fputs("no Teensy and no other device with a serial port is on USB; plug one in, with a cable that carries "
-               "data\n",
-               stderr);
+    std::fputs(
+        "no Teensy and no other device with a serial port is on USB; plug one in, with a cable that carries "
+        "data\n",
+        stderr);
     return kFailure;
   }
   int usable = 0;
@@ -28,8 +29,8 @@ int devices() {
 }
 
 Command add_devices(CLI::App& app) {
-  auto* sub = app.add_subcommand(
-      "devices", "List the Teensys and serial adapters on USB, and what keeps isorigd from using each");
+  auto* sub = app.add_subcommand("devices",
+                                 "List the Teensys and serial adapters on USB, and what keeps isorigd from using each");
   return {sub, [] { return devices(); }};
 }
 

@@ -54,7 +54,8 @@ int diagnose(const Options& options) {
   std::vector<double> nominal_psi;
   for (const auto& r : recordings) nominal_psi.push_back(r.metadata.nominal_pressure_psi.value_or(0.0));
   // Before minutes of work too.
-  if (const auto warning = identify::mixed_pressures(nominal_psi); !warning.empty()) std::cerr << "warning: " << warning << '\n';
+  if (const auto warning = identify::mixed_pressures(nominal_psi); !warning.empty())
+    std::cerr << "warning: " << warning << '\n';
   identify::DiagnosisOptions settings;
   if (!options.rig.empty()) settings.design.rig = read_rig_limits(options.rig);
   settings.threads = options.threads;
@@ -85,9 +86,7 @@ Command add_diagnose(CLI::App& app) {
   sub->add_option("--out", options->out, "Folder for diagnosis.json, the models and diagnosis-report.html")->required();
   sub->add_option("--rig", options->rig,
                   "Rig whose limits a further experiment keeps (config/rigs/); else those of the recordings");
-  sub->add_option("--threads", options->threads, "Threads to use")
-      ->capture_default_str()
-      ->check(CLI::Range(1, 64));
+  sub->add_option("--threads", options->threads, "Threads to use")->capture_default_str()->check(CLI::Range(1, 64));
   sub->add_flag("!--no-report", options->report, "Leave out diagnosis-report.html and its figures");
   return {sub, [options] { return diagnose(*options); }};
 }

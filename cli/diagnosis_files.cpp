@@ -46,8 +46,7 @@ void print_diagnosis(const identify::Diagnosis& d, const std::filesystem::path& 
       std::printf("  %s = %.4g [%.4g, %.4g]", value.name.c_str(), value.value, value.low, value.high);
     std::printf("\n");
   }
-  if (!d.described_by.empty())
-    std::printf("  unknown, described as a function of %s\n", d.described_by.c_str());
+  if (!d.described_by.empty()) std::printf("  unknown, described as a function of %s\n", d.described_by.c_str());
   if (d.design.experiment)
     std::printf("  tied: %s. To settle it: %s (next_experiment.toml, %.0f s)\n", d.design.separates().c_str(),
                 d.design.experiment->text.c_str(), d.design.experiment->duration_s);

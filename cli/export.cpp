@@ -49,7 +49,8 @@ void print_text(const daemon::ExportReport& report, bool remap) {
     std::printf("%s: %zu rows of frame, %zu of pressure%s", s.folder.c_str(), s.frame_rows, s.pressure_rows,
                 s.complete ? "" : "; NOT complete");
     if (s.not_measured > 0) std::printf("; %zu stale or faulty pressure samples left out", s.not_measured);
-    if (s.not_increasing > 0) std::printf("; %zu rows had the time of the row before, and follow it by 2 ns", s.not_increasing);
+    if (s.not_increasing > 0)
+      std::printf("; %zu rows had the time of the row before, and follow it by 2 ns", s.not_increasing);
     if (remap) std::printf("; times moved by %.1f us rms", s.remap_rms_us);
     if (s.kept_online > 0) std::printf("; %zu rows keep their online time", s.kept_online);
     std::printf("\n");
@@ -76,7 +77,8 @@ int run_export(const Options& options) {
   if (!whole) std::cerr << "isorig export: the recording is " << messages::to_text(report.read.state()) << '\n';
   for (const auto& line : report.read.complaints()) std::cerr << "isorig export: " << line << '\n';
   if (report.read.segments > 0 && !report.read.has_checksums) {
-    std::cerr << "isorig export: the recording has no checksums (an older isorig made it): altered values would not show\n";
+    std::cerr
+        << "isorig export: the recording has no checksums (an older isorig made it): altered values would not show\n";
   }
   if (report.sessions.empty()) {
     std::cerr << "isorig export: run " << found.id << " holds no samples of any session\n";
@@ -85,7 +87,8 @@ int run_export(const Options& options) {
   std::size_t kept = 0;
   for (const auto& s : report.sessions) kept += s.kept_online;
   if (kept > 0) {
-    std::cerr << "isorig export: " << kept << " rows keep the time that the daemon stamped: mapping them again would not be "
+    std::cerr << "isorig export: " << kept
+              << " rows keep the time that the daemon stamped: mapping them again would not be "
               << "better (a device's clock began anew or stepped there, or exchanges are missing)\n";
   }
   return whole && kept == 0 ? kOk : kDataLost;
@@ -93,13 +96,11 @@ int run_export(const Options& options) {
 
 Command add_export(CLI::App& app) {
   auto options = std::make_shared<Options>();
-  auto* sub = app.add_subcommand("export",
-                                 "Write a run in the recording format, a folder per repetition and pressure");
+  auto* sub = app.add_subcommand("export", "Write a run in the recording format, a folder per repetition and pressure");
   options->run.add_to(*sub);
   sub->add_option("--out", options->out, "Where the folders go; made if needed")->required();
-  sub->add_flag(
-      "--remap", options->remap,
-      "Map device times again, with the exchanges before and after each sample (closer than online)");
+  sub->add_flag("--remap", options->remap,
+                "Map device times again, with the exchanges before and after each sample (closer than online)");
   sub->add_flag("--json", options->json, "For scripts: everything, as JSON");
   return {sub, [options] { return run_export(*options); }};
 }

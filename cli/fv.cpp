@@ -41,8 +41,7 @@ int fv(const Options& options) {
   const bool two = options.model == "slse2";
   std::vector<identify::ControlFit> controls;
   if (two && options.control.empty()) {
-    std::cerr
-        << "isorig fv: --model slse2 needs --control FV.json, the 1-SLSE analysis of the control actuator\n";
+    std::cerr << "isorig fv: --model slse2 needs --control FV.json, the 1-SLSE analysis of the control actuator\n";
     return kUsage;
   }
   if (two) {
@@ -68,8 +67,8 @@ int fv(const Options& options) {
   const auto repeated = identify::repeated_recordings(results);
   for (const auto& line : repeated) std::cerr << "isorig fv: " << line << '\n';
   if (!repeated.empty()) return kUsage;
-  const auto analysis = identify::analyse_curves(
-      std::move(results), two ? identify::FvModel::kSlse2 : identify::FvModel::kSlse1, controls);
+  const auto analysis = identify::analyse_curves(std::move(results),
+                                                 two ? identify::FvModel::kSlse2 : identify::FvModel::kSlse1, controls);
   identify::write_fv_tables(analysis, options.out);
   if (!options.no_figures) {
     identify::report::DrawOptions draw;
@@ -94,12 +93,10 @@ Command add_fv(CLI::App& app) {
                   "Recording folders; those of one specimen and pressure are repetitions")
       ->required();
   sub->add_option("--out", options->out, "Folder for fv.json, tables, fv-report.html and figures")->required();
-  sub->add_option("--model", options->model,
-                  "slse1: a control; slse2: a sheath on a control whose parameters are held")
+  sub->add_option("--model", options->model, "slse1: a control; slse2: a sheath on a control whose parameters are held")
       ->check(CLI::IsMember({"slse1", "slse2"}));
   sub->add_option("--control", options->control, "fv.json of the control actuator (for slse2)");
-  sub->add_option("--control-specimen", options->control_specimen,
-                  "which specimen of that file, if it has several");
+  sub->add_option("--control-specimen", options->control_specimen, "which specimen of that file, if it has several");
   sub->add_flag("--no-png", options->no_png, "Figures as SVG only");
   sub->add_flag("--no-figures", options->no_figures, "Tables only, no report");
   return {sub, [options] { return fv(*options); }};

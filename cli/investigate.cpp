@@ -1,5 +1,3 @@
-#include "cli/investigation.hpp"
-
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -11,6 +9,7 @@
 
 #include "cli/command.hpp"
 #include "cli/diagnosis_files.hpp"
+#include "cli/investigation.hpp"
 #include "cli/protocol_input.hpp"
 #include "daemon/host/virtual_run.hpp"
 #include "daemon/recording/export.hpp"
@@ -97,8 +96,8 @@ class Loop {
         if (const int code = make(number); code != kOk) return code;
         round = &all_.rounds.back();
       }
-      std::printf("Round %d: %s; %s of rig time%s\n", number, round->text.c_str(),
-                  duration_text(round->rig_s).c_str(), was_run ? ", recorded before" : "");
+      std::printf("Round %d: %s; %s of rig time%s\n", number, round->text.c_str(), duration_text(round->rig_s).c_str(),
+                  was_run ? ", recorded before" : "");
       std::fflush(stdout);
       if (!round->diagnosed && !diagnose(*round)) return kBadInput;
       say(*round);
@@ -142,9 +141,9 @@ class Loop {
     if (!pressures.contains(pressure_psi_)) {
       std::string list;
       for (const double psi : pressures) list += (list.empty() ? "" : ", ") + identify::report::number_text(psi);
-      throw base::ConfigError({{options_.protocol, 0, 0,
-                                "has sessions at " + list +
-                                    " psi; one model is fitted at one pressure: say which with --pressure"}});
+      throw base::ConfigError(
+          {{options_.protocol, 0, 0,
+            "has sessions at " + list + " psi; one model is fitted at one pressure: say which with --pressure"}});
     }
   }
 
@@ -161,10 +160,10 @@ class Loop {
     Round round;
     round.number = number;
     const std::string text = number == 1 ? first_protocol_ : all_.rounds.back().experiment_protocol;
-    round.text = number == 1 ? (options_.protocol.empty()
-                                    ? "first look"
-                                    : std::filesystem::path(options_.protocol).filename().string())
-                             : all_.rounds.back().experiment.at("text").get<std::string>();
+    round.text =
+        number == 1
+            ? (options_.protocol.empty() ? "first look" : std::filesystem::path(options_.protocol).filename().string())
+            : all_.rounds.back().experiment.at("text").get<std::string>();
     round.protocol = relative(folder / "protocol.toml");
     identify::report::write_text_file(folder / "protocol.toml", text);
     daemon::VirtualRunOptions run;
@@ -183,7 +182,8 @@ class Loop {
     const auto report = daemon::export_run(result.directory, folder / "recordings", {false, result.run_id});
     for (const auto& line : report.read.complaints()) std::cerr << "isorig investigate: " << line << '\n';
     for (const auto& session : report.sessions)
-      if (session.complete && session.pressure_psi == pressure_psi_) round.recordings.push_back(relative(session.folder));
+      if (session.complete && session.pressure_psi == pressure_psi_)
+        round.recordings.push_back(relative(session.folder));
     if (round.recordings.empty()) {
       std::cerr << "isorig investigate: round " << number << " has no complete session at " << pressure_psi_
                 << " psi\n";
@@ -234,8 +234,7 @@ class Loop {
   }
 
   static void say(const Round& round) {
-    for (const auto& e : round.explanations)
-      std::printf("  %6.3f  %s\n", e.probability, e.key.c_str());
+    for (const auto& e : round.explanations) std::printf("  %6.3f  %s\n", e.probability, e.key.c_str());
     for (const std::string& pair : round.inseparable) std::printf("  %s\n", pair.c_str());
     if (round.experiment.is_null()) return;
     const auto& e = round.experiment;
@@ -266,9 +265,9 @@ class Loop {
         std::cerr << "investigation-report.html: " << e.what() << '\n';
       }
     }
-    std::printf("%s\n%zu round%s, %s of rig time. %s/investigation-report.html, investigation.json, model.toml\n", all_.text.c_str(),
-                all_.rounds.size(), all_.rounds.size() == 1 ? "" : "s", duration_text(all_.rig_s()).c_str(),
-                options_.out.c_str());
+    std::printf("%s\n%zu round%s, %s of rig time. %s/investigation-report.html, investigation.json, model.toml\n",
+                all_.text.c_str(), all_.rounds.size(), all_.rounds.size() == 1 ? "" : "s",
+                duration_text(all_.rig_s()).c_str(), options_.out.c_str());
     return outcome == Outcome::kRounds || outcome == Outcome::kBudget ? kFailure : kOk;
   }
 
@@ -288,7 +287,8 @@ Command add_investigate(CLI::App& app) {
   sub->add_option("--rig", o->rig, "The rig's file (config/rigs/)")->required();
   sub->add_option("--protocol", o->protocol, "First protocol; without one, short ramps within the rig's limits");
   sub->add_option("--model", o->model, "Nominal model: slse1, slse2 or a TOML file")->capture_default_str();
-  sub->add_option("--pressure", o->pressure_psi, "Which sessions to take, psi, when the protocol has several pressures");
+  sub->add_option("--pressure", o->pressure_psi,
+                  "Which sessions to take, psi, when the protocol has several pressures");
   sub->add_option("--rounds", o->rounds, "At most so many experiments, the first included")
       ->capture_default_str()
       ->check(CLI::Range(1, 50));

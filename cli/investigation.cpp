@@ -21,8 +21,9 @@ constexpr std::array<std::string_view, 7> kOutcomes{"running",     "consistent",
                                                     "inseparable", "rounds",     "budget"};
 
 ordered_json json_of(const Round& round) {
-  ordered_json out{{"round", round.number},   {"protocol", round.protocol}, {"text", round.text}, {"run", round.run},
-                   {"rig_s", round.rig_s},    {"recordings", round.recordings}, {"diagnosed", round.diagnosed}};
+  ordered_json out{
+      {"round", round.number}, {"protocol", round.protocol},     {"text", round.text},          {"run", round.run},
+      {"rig_s", round.rig_s},  {"recordings", round.recordings}, {"diagnosed", round.diagnosed}};
   if (!round.diagnosed) return out;
   out["verdict"] = round.verdict;
   out["explanations"] = ordered_json::array();
@@ -160,8 +161,7 @@ void load(Investigation& all) {
   std::ifstream in(file);
   if (!in) {
     if (std::filesystem::exists(all.round_folder(1)))
-      throw std::runtime_error(all.folder.string() +
-                               " holds rounds without investigation.json; choose another --out");
+      throw std::runtime_error(all.folder.string() + " holds rounds without investigation.json; choose another --out");
     if (std::filesystem::exists(all.folder / "diagnosis.json"))
       throw std::runtime_error(all.folder.string() +
                                " holds a diagnosis, whose model.toml this would replace; choose another --out");
@@ -207,11 +207,10 @@ void write_report(const Investigation& all) {
     page.subheading("What would settle it");
     page.paragraph(e.at("text").get<std::string>() + ", " + duration_text(e.at("duration_s")) + ", of " +
                    std::to_string(e.at("considered").get<int>()) +
-                   " experiments within the limits. A pair counts as separated from " +
-                   number_text(e.at("enough"), 3) + " on (squares over the noise).");
+                   " experiments within the limits. A pair counts as separated from " + number_text(e.at("enough"), 3) +
+                   " on (squares over the noise).");
     rows.clear();
-    for (const auto& x : e.at("expected"))
-      rows.push_back({x.at("if"), x.at("then"), number_text(x.at("leaves"), 3)});
+    for (const auto& x : e.at("expected")) rows.push_back({x.at("if"), x.at("then"), number_text(x.at("leaves"), 3)});
     page.table({"if this is true", "this, refitted to everything", "leaves"}, rows);
     rows.clear();
     for (const auto& o : e.at("others"))

@@ -39,13 +39,15 @@ bool confirmed(const Client& client, nlohmann::json body, bool yes) {
   const auto& s = seen.body;
   const auto who = s.value("operator", "");
   std::printf("rig       %s%s\n", s.value("rig", "").c_str(), s.value("simulated", false) ? " (simulated)" : "");
-  std::printf("specimen  %s, %.6g mm at rest%s\n", s.value("specimen", "").c_str(), s.value("rest_length_mm", 0.0),
-              s.value("specimen_is_the_rigs", false) ? "; as the rig's file has it: is this the one that is mounted?" : "");
+  std::printf(
+      "specimen  %s, %.6g mm at rest%s\n", s.value("specimen", "").c_str(), s.value("rest_length_mm", 0.0),
+      s.value("specimen_is_the_rigs", false) ? "; as the rig's file has it: is this the one that is mounted?" : "");
   std::printf("operator  %s\n", who.empty() ? "not named (--operator)" : who.c_str());
-  std::printf("protocol  %s: %d sessions, %s expected, %s at worst\n", s.value("protocol", "").c_str(), s.value("sessions", 0),
-              duration_text(s.value("nominal_s", 0.0)).c_str(), duration_text(s.value("worst_s", 0.0)).c_str());
-  std::printf("          up to %.6g psi, between %+.6g and %+.6g mm of the rest length\n", s.value("pressure_max_psi", 0.0),
-              s.value("position_min_mm", 0.0), s.value("position_max_mm", 0.0));
+  std::printf("protocol  %s: %d sessions, %s expected, %s at worst\n", s.value("protocol", "").c_str(),
+              s.value("sessions", 0), duration_text(s.value("nominal_s", 0.0)).c_str(),
+              duration_text(s.value("worst_s", 0.0)).c_str());
+  std::printf("          up to %.6g psi, between %+.6g and %+.6g mm of the rest length\n",
+              s.value("pressure_max_psi", 0.0), s.value("position_min_mm", 0.0), s.value("position_max_mm", 0.0));
   if (const auto run = s.value("run", ""); !run.empty()) std::printf("run       %s goes on\n", run.c_str());
   if (const auto changed = s.value("changed", ""); !changed.empty()) std::printf("CHANGED   %s\n", changed.c_str());
   if (const auto warnings = s.value("warnings", ""); !warnings.empty()) std::printf("%s\n", warnings.c_str() + 1);
@@ -66,29 +68,30 @@ Command add_start(CLI::App& app) {
   sub->add_flag("--watch", o->watch, "Follow it afterwards, as `isorig watch` does");
   sub->add_flag("--go", o->go, "On a rig that has to be armed: ask here whether everybody is clear, then go");
   add_common(*sub, *o);
-  return {sub, [o] {
-            return with_daemon([&] {
-              nlohmann::json body{{"protocol", read_text(o->protocol)},
-                                  {"protocol_name", o->protocol},
-                                  {"operator", o->operator_name}};
-              if (!o->specimen.empty()) {
-                body["specimen"] = read_text(o->specimen);
-                body["specimen_name"] = o->specimen;
-              }
-              const Client client(o->socket);
-              if (!confirmed(client, body, o->yes || o->json)) return not_started();
-              if (o->go && !someone_is_there() && client.get("/v1/status").body.value("arming", "") == "required") {
-                std::cerr << "isorig start: --go needs a person at a terminal on this rig ([operator] arming = \"required\"); "
-                          << "isorig start, then isorig go\n";
-                return static_cast<int>(kRefused);
-              }
-              int code = finish(client.post("/v1/start", body), *o);
-              if (code == kOk && o->go) {
-                if (const auto answer = second_act(client)) code = finish(*answer, *o);
-              }
-              return code == kOk && o->watch ? watch(Client(o->socket), {}) : code;
-            });
-          }};
+  return {
+      sub, [o] {
+        return with_daemon([&] {
+          nlohmann::json body{
+              {"protocol", read_text(o->protocol)}, {"protocol_name", o->protocol}, {"operator", o->operator_name}};
+          if (!o->specimen.empty()) {
+            body["specimen"] = read_text(o->specimen);
+            body["specimen_name"] = o->specimen;
+          }
+          const Client client(o->socket);
+          if (!confirmed(client, body, o->yes || o->json)) return not_started();
+          if (o->go && !someone_is_there() && client.get("/v1/status").body.value("arming", "") == "required") {
+            std::cerr
+                << "isorig start: --go needs a person at a terminal on this rig ([operator] arming = \"required\"); "
+                << "isorig start, then isorig go\n";
+            return static_cast<int>(kRefused);
+          }
+          int code = finish(client.post("/v1/start", body), *o);
+          if (code == kOk && o->go) {
+            if (const auto answer = second_act(client)) code = finish(*answer, *o);
+          }
+          return code == kOk && o->watch ? watch(Client(o->socket), {}) : code;
+        });
+      }};
 }
 
 Command add_resume(CLI::App& app) {
@@ -103,8 +106,10 @@ Command add_resume(CLI::App& app) {
   sub->add_option("--specimen", o->specimen, "File of the specimen that is mounted, if not the rig's own");
   sub->add_option("--operator", o->operator_name, "Who goes on with it");
   sub->add_flag("--aborted", o->aborted, "Go on although an operator had ended it");
-  sub->add_flag("--on-another-rig", o->on_another_rig, "Go on although it was recorded on another rig; noted in the run");
-  sub->add_flag("--another-specimen", o->another_specimen, "Go on although another specimen is mounted; noted in the run");
+  sub->add_flag("--on-another-rig", o->on_another_rig,
+                "Go on although it was recorded on another rig; noted in the run");
+  sub->add_flag("--another-specimen", o->another_specimen,
+                "Go on although another specimen is mounted; noted in the run");
   sub->add_flag("--yes,-y", o->yes, "Go on without showing with what and asking; a script is not asked");
   add_common(*sub, *o);
   return {sub, [o] {

@@ -18,8 +18,8 @@ struct Options {
 std::string clock_text(double seconds) {
   char text[48];
   const auto tenths = static_cast<long long>(seconds * 10.0 + 0.5);
-  std::snprintf(text, sizeof text, "%3lld:%02lld:%02lld.%lld", tenths / 36000, tenths / 600 % 60,
-                tenths / 10 % 60, tenths % 10);
+  std::snprintf(text, sizeof text, "%3lld:%02lld:%02lld.%lld", tenths / 36000, tenths / 600 % 60, tenths / 10 % 60,
+                tenths % 10);
   return text;
 }
 
@@ -40,8 +40,7 @@ void print_table(const protocol::Plan& plan) {
     std::printf("%11s  %5u  %9.2f  %-8s  %s\n", clock_text(step.start_s).c_str(), step.index, step.nominal_s,
                 keep_text(step), protocol::describe(step).c_str());
   }
-  std::printf("%11s  %5s  %9s  %-8s  vented, frame holds\n", clock_text(plan.nominal_s).c_str(), "end", "",
-              "");
+  std::printf("%11s  %5s  %9s  %-8s  vented, frame holds\n", clock_text(plan.nominal_s).c_str(), "end", "", "");
 }
 
 nlohmann::ordered_json to_json(const protocol::Step& step) {
@@ -85,8 +84,7 @@ nlohmann::ordered_json to_json(const protocol::Step& step) {
                   {"peak_velocity_mm_s", step.velocity_mm_s},
                   {"cycles", step.cycles}});
       if (step.shape == protocol::WaveShape::kSine) {
-        out.update(
-            {{"segments_per_cycle", 4 * step.segments_per_quarter}, {"deviation_mm", step.deviation_mm}});
+        out.update({{"segments_per_cycle", 4 * step.segments_per_quarter}, {"deviation_mm", step.deviation_mm}});
       }
       break;
     case StepKind::kMark:

@@ -26,8 +26,7 @@ bool is_of_recording(const std::filesystem::path& out, const std::filesystem::pa
   std::error_code error;
   const std::filesystem::path folder = std::filesystem::absolute(out).parent_path();
   if (!std::filesystem::equivalent(folder, recording, error)) return false;
-  return out.filename() == "frame.csv" || out.filename() == "pressure.csv" ||
-         out.filename() == "recording.toml";
+  return out.filename() == "frame.csv" || out.filename() == "pressure.csv" || out.filename() == "recording.toml";
 }
 
 /// Written aside and renamed: what stands at `out` is a whole prediction or what stood there before.
@@ -43,8 +42,7 @@ bool write_whole(const std::filesystem::path& out, const std::string& text) {
   if (std::filesystem::is_directory(out, error)) return complain("it is a folder; name a file with --out");
   // A pipe or a terminal has no place to be renamed to, and a link (/dev/stdout) is not to be replaced.
   const auto kind = std::filesystem::symlink_status(out, error).type();
-  const bool aside =
-      kind == std::filesystem::file_type::not_found || kind == std::filesystem::file_type::regular;
+  const bool aside = kind == std::filesystem::file_type::not_found || kind == std::filesystem::file_type::regular;
   std::filesystem::path to = out;
   if (aside) to += ".part";
   std::FILE* file = std::fopen(to.c_str(), "wb");
@@ -90,12 +88,10 @@ int predict(const Options& options) {
 Command add_predict(CLI::App& app) {
   auto options = std::make_shared<Options>();
   auto* sub = app.add_subcommand(
-      "predict",
-      "Simulate a model on a recording's position and pressure; its measured force is not looked at");
+      "predict", "Simulate a model on a recording's position and pressure; its measured force is not looked at");
   sub->add_option("RECORDING", options->recording, "Folder of the recording")->required();
   sub->add_option("--model", options->model, "Model (model.toml or nominal.toml of a diagnosis)")->required();
-  sub->add_option("--out", options->out, "CSV to write: t_s,force_N, one row per row of frame.csv")
-      ->required();
+  sub->add_option("--out", options->out, "CSV to write: t_s,force_N, one row per row of frame.csv")->required();
   return {sub, [options] { return predict(*options); }};
 }
 

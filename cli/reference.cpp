@@ -86,8 +86,12 @@ std::string roff(const std::string& text) {
   return out;
 }
 
-std::string bold(const std::string& text) { return "\\fB" + roff(text) + "\\fR"; }
-std::string italic(const std::string& text) { return "\\fI" + roff(text) + "\\fR"; }
+std::string bold(const std::string& text) {
+  return "\\fB" + roff(text) + "\\fR";
+}
+std::string italic(const std::string& text) {
+  return "\\fI" + roff(text) + "\\fR";
+}
 
 /// "TEXT:{slse1,slse2}" -> "slse1,slse2"
 std::string choices_of(const CLI::Option& option) {
@@ -96,8 +100,12 @@ std::string choices_of(const CLI::Option& option) {
   return open == std::string::npos || close < open ? "" : type.substr(open + 1, close - open - 1);
 }
 
-bool takes_value(const CLI::Option& option) { return option.get_items_expected_max() > 0; }
-bool repeats(const CLI::Option& option) { return option.get_items_expected_max() > 1; }
+bool takes_value(const CLI::Option& option) {
+  return option.get_items_expected_max() > 0;
+}
+bool repeats(const CLI::Option& option) {
+  return option.get_items_expected_max() > 1;
+}
 
 std::string value_of(const CLI::Option& option) {
   if (!takes_value(option)) return "";
@@ -152,10 +160,12 @@ void print_command(const CLI::App& app, const std::string& prefix) {
 void print_manual(const CLI::App& app, const std::vector<Command>& commands, const std::string& version,
                   const std::string& date) {
   std::cout << "'\\\" t\n.TH ISORIG 1 " << date << " \"isorig " << version << "\" \"isorig\"\n"
-            << ".SH NAME\nisorig \\- " << "operate an iso\\-velocity rig and analyse its recordings\n"
+            << ".SH NAME\nisorig \\- "
+            << "operate an iso\\-velocity rig and analyse its recordings\n"
             << ".SH SYNOPSIS\n.B isorig\n.I command\n[\\,\\fIoptions\\fR\\/] [\\,\\fIarguments\\fR\\/]\n.br\n"
             << ".B isorig\n[\\,\\fIcommand\\fR\\/] \\fB\\-\\-help\\fR\n"
-            << ".SH DESCRIPTION\n" << kDescription << ".SH OPTIONS\n.TP\n"
+            << ".SH DESCRIPTION\n"
+            << kDescription << ".SH OPTIONS\n.TP\n"
             << bold("-h") << ", " << bold("--help") << "\nHelp on the program, or on the command before it.\n";
   for (const auto* o : options_of(app, false)) print_option(*o);
   std::cout << ".SH COMMANDS\n";

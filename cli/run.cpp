@@ -41,8 +41,9 @@ std::string slurp(const std::string& path) {
 
 void show(const daemon::Status& s, double wall_s, bool in_place) {
   const double done_s = static_cast<double>(s.control.mono_ns) * 1e-9;
-  std::printf("%s%s  %s of rig time in %.1f s%s", in_place ? "\r" : "", progress_bar(double{s.control.progress}, 30).c_str(),
-              duration_text(done_s).c_str(), wall_s, in_place ? "\x1b[K" : "\n");
+  std::printf("%s%s  %s of rig time in %.1f s%s", in_place ? "\r" : "",
+              progress_bar(double{s.control.progress}, 30).c_str(), duration_text(done_s).c_str(), wall_s,
+              in_place ? "\x1b[K" : "\n");
   std::fflush(stdout);
 }
 
@@ -52,10 +53,11 @@ void print_result(const daemon::VirtualRunResult& r) {
   std::printf("run %s: %s%s%s\n", r.run_id.c_str(), r.outcome.c_str(), r.fault.empty() ? "" : ": ", r.fault.c_str());
   std::printf("  %s of rig time, %llu ticks, in %.1f s (%.0f times real time)\n", duration_text(r.simulated_s).c_str(),
               static_cast<unsigned long long>(r.ticks), r.wall_s, r.simulated_s / std::max(r.wall_s, 1e-9));
-  std::printf("  recorded: force and position %llu samples in full, %llu in averages; pressure %llu and %llu; missing %llu\n",
-              static_cast<unsigned long long>(rec.frame_full), static_cast<unsigned long long>(rec.frame_averaged),
-              static_cast<unsigned long long>(rec.pressure_full), static_cast<unsigned long long>(rec.pressure_averaged),
-              static_cast<unsigned long long>(missing));
+  std::printf(
+      "  recorded: force and position %llu samples in full, %llu in averages; pressure %llu and %llu; missing %llu\n",
+      static_cast<unsigned long long>(rec.frame_full), static_cast<unsigned long long>(rec.frame_averaged),
+      static_cast<unsigned long long>(rec.pressure_full), static_cast<unsigned long long>(rec.pressure_averaged),
+      static_cast<unsigned long long>(missing));
   std::printf("  %.1f MiB in %s\n", static_cast<double>(rec.written_bytes) / 1048576.0, r.directory.string().c_str());
 }
 
@@ -133,10 +135,12 @@ Command add_run(CLI::App& app) {
   sub->add_option("--runs", o->runs, "Where runs and their catalogue are kept")->capture_default_str();
   sub->add_option("--seed", o->seed, "Of the simulated rig's noise, instead of the rig file's")
       ->each([o](const std::string&) { o->has_seed = true; });
-  sub->add_option("--resume", o->resume, "Go on with this interrupted run instead of starting a protocol")->excludes(protocol);
+  sub->add_option("--resume", o->resume, "Go on with this interrupted run instead of starting a protocol")
+      ->excludes(protocol);
   sub->add_flag("--aborted", o->aborted, "With --resume: although an operator had ended it");
   sub->add_flag("--on-another-rig", o->on_another_rig, "With --resume: although it was recorded on another rig");
-  sub->add_flag("--another-specimen", o->another_specimen, "With --resume: although it was begun with another specimen");
+  sub->add_flag("--another-specimen", o->another_specimen,
+                "With --resume: although it was begun with another specimen");
   sub->add_flag("--json", o->json, "Print the result as JSON");
   sub->add_flag("--quiet", o->quiet, "No progress");
   return {sub, [o] {

@@ -16,7 +16,8 @@ struct RunArgument {
   std::string runs = daemon::default_catalogue().string();
 
   void add_to(CLI::App& sub) {
-    sub.add_option("RUN", run, "Name of a run, the beginning of it, \"latest\", a run's directory, or one segment of it")
+    sub.add_option("RUN", run,
+                   "Name of a run, the beginning of it, \"latest\", a run's directory, or one segment of it")
         ->required();
     sub.add_option("--runs", runs, "Where runs and their catalogue are kept")->capture_default_str();
   }
@@ -24,7 +25,7 @@ struct RunArgument {
 
 struct FoundRun {
   std::string id;
-  std::filesystem::path directory;  ///< or the segment
+  std::filesystem::path directory;    ///< or the segment
   std::optional<daemon::RunRow> row;  ///< where a catalogue has it
   bool still_written = false;
 };

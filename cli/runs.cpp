@@ -26,7 +26,8 @@ FoundRun find_run(const RunArgument& argument) {
     return found;
   }
   if (std::filesystem::exists(as_path) || as_path.has_parent_path()) {
-    throw std::runtime_error(argument.run + " holds no recording (no segment-0001.lcm); `isorig runs` lists what there is");
+    throw std::runtime_error(argument.run +
+                             " holds no recording (no segment-0001.lcm); `isorig runs` lists what there is");
   }
   const daemon::Catalogue catalogue(argument.runs, daemon::Catalogue::Access::kReadOnly);
   auto row = catalogue.find_run(argument.run);
@@ -77,8 +78,8 @@ int list(const Options& options) {
   std::printf("%-*s  %-20s  %-11s  %8s  %s\n", static_cast<int>(width), "run", "started", "state", "sessions",
               "specimen");
   for (const auto& r : rows) {
-    std::printf("%-*s  %-20s  %-11s  %4d/%-3d  %s\n", static_cast<int>(width), r.id.c_str(),
-                r.started_utc.c_str(), r.state.c_str(), r.sessions_done, r.sessions, r.specimen.c_str());
+    std::printf("%-*s  %-20s  %-11s  %4d/%-3d  %s\n", static_cast<int>(width), r.id.c_str(), r.started_utc.c_str(),
+                r.state.c_str(), r.sessions_done, r.sessions, r.specimen.c_str());
     if (!r.fault.empty()) std::printf("%-*s  %s\n", static_cast<int>(width), "", r.fault.c_str());
   }
   return kOk;

@@ -65,9 +65,11 @@ std::string sync_text(const nlohmann::json& line) {
 std::string operator_text(const nlohmann::json& s) {
   std::string out;
   const auto state = s.value("state", "");
-  const double left_s = s.contains("operator_left_s") && s["operator_left_s"].is_number() ? s["operator_left_s"].get<double>() : 0.0;
+  const double left_s =
+      s.contains("operator_left_s") && s["operator_left_s"].is_number() ? s["operator_left_s"].get<double>() : 0.0;
   if (state == "armed") out += format("  armed     isorig go within %.0f s, or isorig pause\n", left_s);
-  if (state == "countdown") out += format("  KEEP CLEAR the rig moves in %.0f s; isorig pause ends the countdown\n", std::ceil(left_s));
+  if (state == "countdown")
+    out += format("  KEEP CLEAR the rig moves in %.0f s; isorig pause ends the countdown\n", std::ceil(left_s));
   if (state == "setup") out += format("  setup     isorig jog; left in %.0f s, or with isorig setup --off\n", left_s);
   if (s.value("arming", "") == "none" && !s.value("simulated", true)) {
     out += "  arming    none: a start moves and fills this rig at once\n";
@@ -78,8 +80,8 @@ std::string operator_text(const nlohmann::json& s) {
   if (file.value("accepted_by", "").empty()) {
     out += "  rig file  not accepted by anybody yet (isorig accept-rig --operator NAME)\n";
   } else if (!changes.empty()) {
-    out += "  rig file  CHANGED since " + file.value("accepted_by", "") + " accepted it on " + file.value("accepted_utc", "") +
-           " (isorig accept-rig)\n";
+    out += "  rig file  CHANGED since " + file.value("accepted_by", "") + " accepted it on " +
+           file.value("accepted_utc", "") + " (isorig accept-rig)\n";
     for (const auto& c : changes) {
       out += "            " + c.value("key", "") + ": " + c.value("before", "") + " -> " + c.value("now", "") + "\n";
     }
@@ -106,13 +108,14 @@ int exit_code_of(const nlohmann::json& status) {
 
 std::string progress_bar(double fraction, int width) {
   const int filled = static_cast<int>(std::lround(std::clamp(fraction, 0.0, 1.0) * width));
-  return "[" + std::string(static_cast<std::size_t>(filled), '#') + std::string(static_cast<std::size_t>(width - filled), '.') +
-         "] " + format("%5.1f %%", 100.0 * fraction);
+  return "[" + std::string(static_cast<std::size_t>(filled), '#') +
+         std::string(static_cast<std::size_t>(width - filled), '.') + "] " + format("%5.1f %%", 100.0 * fraction);
 }
 
 std::string status_text(const nlohmann::json& s) {
   std::string out = "rig " + s.value("rig", "") + ": " + s.value("state", "");
-  if (const auto why = s.value("not_ready", ""); !why.empty() && s.value("state", "") == "idle") out += " (" + why + ")";
+  if (const auto why = s.value("not_ready", ""); !why.empty() && s.value("state", "") == "idle")
+    out += " (" + why + ")";
   out += "\n";
   out += operator_text(s);
   if (const auto fault = s.value("fault", ""); !fault.empty()) out += "  FAULT     " + fault + "\n";
@@ -125,25 +128,27 @@ std::string status_text(const nlohmann::json& s) {
   if (s.contains("run")) {
     const auto& r = s["run"];
     out += "  run       " + r.value("id", "") + "\n";
-    out += format("  step      %d of %d: ", r.value("step", 0) + 1, r.value("steps", 0)) + r.value("step_text", "") + "\n";
+    out +=
+        format("  step      %d of %d: ", r.value("step", 0) + 1, r.value("steps", 0)) + r.value("step_text", "") + "\n";
     if (const auto label = r.value("session_text", ""); !label.empty()) {
       out += format("  session   %s (of %d)\n", label.c_str(), r.value("sessions", 0));
     }
-    out += "  progress  " + progress_bar(s.value("progress", 0.0)) + "  " +
-           duration_text(s.value("remaining_s", 0.0)) + " left\n";
+    out += "  progress  " + progress_bar(s.value("progress", 0.0)) + "  " + duration_text(s.value("remaining_s", 0.0)) +
+           " left\n";
   } else if (s.contains("last_run") && !s["last_run"].value("id", "").empty()) {
     out += "  last run  " + s["last_run"].value("id", "") + ": " + s["last_run"].value("outcome", "") + "\n";
   }
   const auto frame_age = age_text(s, "frame_age_s") + "\n";
   out += format("  force     %9.3f N", s.value("force_N", 0.0)) + frame_age;
-  out += format("  position  %9.4f mm  (target %.4f)", s.value("position_mm", 0.0), s.value("target_mm", 0.0)) + frame_age;
+  out +=
+      format("  position  %9.4f mm  (target %.4f)", s.value("position_mm", 0.0), s.value("target_mm", 0.0)) + frame_age;
   out += format("  pressure  %9.3f psi (set-point %.2f, fill %d, vent %d permille)", s.value("pressure_psi", 0.0),
                 s.value("setpoint_psi", 0.0), s.value("fill_permille", 0), s.value("vent_permille", 0)) +
          age_text(s, "pressure_age_s") + "\n";
   const auto& loop = s["loop"];
   out += format("  loop      overruns %llu, worst wake-up %.0f us, worst run %.0f us\n",
-                static_cast<unsigned long long>(loop.value("overruns", std::uint64_t{0})), loop.value("worst_wakeup_us", 0.0),
-                loop.value("worst_run_us", 0.0));
+                static_cast<unsigned long long>(loop.value("overruns", std::uint64_t{0})),
+                loop.value("worst_wakeup_us", 0.0), loop.value("worst_run_us", 0.0));
   out += "  frame     " + link_text(s["frame"]) + "\n";
   out += "  sensor    " + link_text(s["pressure"]) + "\n";
   const auto& interlock = s["interlock"];
@@ -162,8 +167,9 @@ std::string status_text(const nlohmann::json& s) {
     out += format("  recorder  %.1f MiB written, %llu MiB free, disk %s", r.value("written_MiB", 0.0),
                   static_cast<unsigned long long>(r.value("free_MiB", std::uint64_t{0})), r.value("disk", "").c_str());
     if (r.value("missing_samples", std::uint64_t{0}) + r.value("dropped_records", std::uint64_t{0}) > 0) {
-      out += format(", MISSING %llu samples", static_cast<unsigned long long>(r.value("missing_samples", std::uint64_t{0}) +
-                                                                              r.value("dropped_records", std::uint64_t{0})));
+      out += format(", MISSING %llu samples",
+                    static_cast<unsigned long long>(r.value("missing_samples", std::uint64_t{0}) +
+                                                    r.value("dropped_records", std::uint64_t{0})));
     }
     out += "\n";
   }
@@ -189,8 +195,9 @@ int watch(const Client& client, const WatchOptions& options) {
       if (first || event_code == "step") continue;
       if (!options.json) {
         std::cout << "* " << event_code << ": " << e.value("text", "")
-                  << (e.value("threshold", 0.0) != 0.0 ? format(" (%.3f, limit %.3f)", e.value("value", 0.0), e.value("threshold", 0.0))
-                                                       : std::string())
+                  << (e.value("threshold", 0.0) != 0.0
+                          ? format(" (%.3f, limit %.3f)", e.value("value", 0.0), e.value("threshold", 0.0))
+                          : std::string())
                   << '\n';
       }
     }

@@ -1,8 +1,8 @@
+#include <lcm/lcm.h>
 #include <unistd.h>
 
 #include <chrono>
 #include <iostream>
-#include <lcm/lcm.h>
 #include <memory>
 #include <thread>
 
@@ -41,21 +41,27 @@ int listen(const std::string& url, double seconds) {
   return count;
 }
 
-bool closed(const Client& client, const char* key) { return get(client, "/v1/status")["interlock"].value(key, false); }
+bool closed(const Client& client, const char* key) {
+  return get(client, "/v1/status")["interlock"].value(key, false);
+}
 
 /// The operator opens and closes a contact; the daemon has to see both.
-Line walk_contact(const Client& client, const char* check, const char* key, const std::string& open_it, const std::string& close_it) {
+Line walk_contact(const Client& client, const char* check, const char* key, const std::string& open_it,
+                  const std::string& close_it) {
   const auto wait_for = [&](bool state) {
-    for (int i = 0; i < 40 && closed(client, key) != state; ++i) std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    for (int i = 0; i < 40 && closed(client, key) != state; ++i)
+      std::this_thread::sleep_for(std::chrono::milliseconds(50));
     return closed(client, key) == state;
   };
   const auto answer = ask(open_it + ", then press Enter (n: leave it out): ");
-  if (!answer || *answer == "n" || *answer == "no") return {check, Verdict::kSkipped, "the operator left it out", "run it at the rig"};
+  if (!answer || *answer == "n" || *answer == "no")
+    return {check, Verdict::kSkipped, "the operator left it out", "run it at the rig"};
   const bool saw_open = wait_for(false);
   (void)ask(close_it + ", then press Enter: ");
   const bool saw_closed = wait_for(true);
   if (saw_open && saw_closed) return {check, Verdict::kOk, "seen open and closed", ""};
-  return {check, Verdict::kFail, !saw_open ? "was not seen open: a press would go unnoticed" : "was not seen closed again",
+  return {check, Verdict::kFail,
+          !saw_open ? "was not seen open: a press would go unnoticed" : "was not seen closed again",
           "the contact's wire and line, active_low and bias in [interlock] (docs/gpio.md)"};
 }
 
@@ -124,15 +130,21 @@ int selftest(const Options& o) {
   if (!a.status["interlock"].value("watched", true)) {
     lines.push_back({"interlock.walk", Verdict::kSkipped, "the chain is not watched", "[interlock] driver = \"gpio\""});
   } else if (!somebody) {
-    lines.push_back({"interlock.walk", Verdict::kSkipped, "nobody to press and release (no terminal, or --non-interactive)", "run it at the rig, at a terminal"});
+    lines.push_back({"interlock.walk", Verdict::kSkipped,
+                     "nobody to press and release (no terminal, or --non-interactive)",
+                     "run it at the rig, at a terminal"});
   } else {
     append(walk_interlock(client));
   }
   if (!o.with_pressure) {
-    lines.push_back({"air", Verdict::kSkipped, "valves and leak are tested with --with-pressure", "isorig selftest --with-pressure"});
+    lines.push_back({"air", Verdict::kSkipped, "valves and leak are tested with --with-pressure",
+                     "isorig selftest --with-pressure"});
   } else if (a.status.value("state", "") != "ready") {
-    lines.push_back({"air.fill", Verdict::kFail, "the rig is not ready, nothing was pressurized", "what is named above"});
-  } else if (consent("The rig will pressurize what is connected to " + std::to_string(o.pressure_psi).substr(0, 5) + " psi and vent. Go on?", o.yes)) {
+    lines.push_back(
+        {"air.fill", Verdict::kFail, "the rig is not ready, nothing was pressurized", "what is named above"});
+  } else if (consent("The rig will pressurize what is connected to " + std::to_string(o.pressure_psi).substr(0, 5) +
+                         " psi and vent. Go on?",
+                     o.yes)) {
     append(test_air(client, o));
   } else {
     lines.push_back({"air", Verdict::kSkipped, "the operator said no", ""});
@@ -142,21 +154,28 @@ int selftest(const Options& o) {
   for (const auto& l : lines) ++count[static_cast<std::size_t>(l.verdict)];
   const bool bad = count[3] > 0 || (o.strict && count[2] > 0);
   if (o.json) {
-    std::cout << nlohmann::json{{"rig", a.status.value("rig", "")}, {"ok", !bad}, {"checks", to_json(lines)}}.dump(2) << '\n';
+    std::cout << nlohmann::json{{"rig", a.status.value("rig", "")}, {"ok", !bad}, {"checks", to_json(lines)}}.dump(2)
+              << '\n';
   } else {
-    std::cout << "rig " << a.status.value("rig", "") << "\n" << table_of(lines) << count[0] << " ok, " << count[2] << " warnings, " << count[3]
-              << " failures, " << count[1] << " skipped\n";
+    std::cout << "rig " << a.status.value("rig", "") << "\n"
+              << table_of(lines) << count[0] << " ok, " << count[2] << " warnings, " << count[3] << " failures, "
+              << count[1] << " skipped\n";
   }
   return bad ? kFailure : kOk;
 }
 
 Command add_selftest(CLI::App& app) {
-  auto* sub = app.add_subcommand("selftest", "Walk every device, interlock and limit with the rig at rest, and say what to check");
+  auto* sub = app.add_subcommand("selftest",
+                                 "Walk every device, interlock and limit with the rig at rest, and say what to check");
   auto o = std::make_shared<Options>();
   sub->add_flag("--with-pressure", o->with_pressure, "Fill a little, seal, measure the leak, vent");
   sub->add_option("--pressure-psi", o->pressure_psi, "For that")->check(CLI::Range(1.0, 30.0))->capture_default_str();
-  sub->add_option("--leak-s", o->leak_s, "How long the leak is watched")->check(CLI::Range(2.0, 3600.0))->capture_default_str();
-  sub->add_option("--window-s", o->window_s, "How long noise and rates are watched")->check(CLI::Range(1.0, 10.0))->capture_default_str();
+  sub->add_option("--leak-s", o->leak_s, "How long the leak is watched")
+      ->check(CLI::Range(2.0, 3600.0))
+      ->capture_default_str();
+  sub->add_option("--window-s", o->window_s, "How long noise and rates are watched")
+      ->check(CLI::Range(1.0, 10.0))
+      ->capture_default_str();
   sub->add_flag("--non-interactive", o->non_interactive, "Do not ask to open and close the contacts, only read them");
   sub->add_flag("--yes", o->yes, "Do not ask whether to pressurize");
   sub->add_flag("--strict", o->strict, "A warning fails, too");

@@ -99,10 +99,7 @@ const char* severity_text(std::int8_t severity) {
 }
 
 nlohmann::ordered_json to_json(const Summary::Count& c) {
-  return {{"full", c.full},
-          {"averaged", c.averaged},
-          {"intervals", c.intervals},
-          {"worst_bound_us", c.worst_bound_us}};
+  return {{"full", c.full}, {"averaged", c.averaged}, {"intervals", c.intervals}, {"worst_bound_us", c.worst_bound_us}};
 }
 
 /// What a person wants to read without asking for all: everything with a consequence, and each link that came back.
@@ -184,8 +181,11 @@ int print_json(const FoundRun& found, const Summary& s, const messages::ReadRepo
   }
   out["amendments"] = nlohmann::ordered_json::array();
   for (const auto& a : daemon::read_amendments(found.directory)) {
-    out["amendments"].push_back(
-        {{"at_utc", a.at_utc}, {"by", a.by}, {"specimen", a.specimen}, {"operator", a.operator_name}, {"text", a.text}});
+    out["amendments"].push_back({{"at_utc", a.at_utc},
+                                 {"by", a.by},
+                                 {"specimen", a.specimen},
+                                 {"operator", a.operator_name},
+                                 {"text", a.text}});
   }
   out["sessions"] = nlohmann::ordered_json::array();
   for (const auto& m : s.marks) {
@@ -219,7 +219,8 @@ void print_identity(const FoundRun& found, const Summary& s, const messages::Rea
               printable(found.directory.string()).c_str(), printable(h.specimen).c_str(), printable(h.rig).c_str(),
               h.virtual_time != 0 ? " (virtual time)" : "", printable(h.plan_summary).c_str());
   const auto started = started_of(found, s), who = operator_of(found, s);
-  std::printf("  %s%s of rig time, %s%d attempt%s\n", started.empty() ? "" : ("started " + printable(started) + ", ").c_str(),
+  std::printf("  %s%s of rig time, %s%d attempt%s\n",
+              started.empty() ? "" : ("started " + printable(started) + ", ").c_str(),
               duration_text(static_cast<double>(s.last_ns - s.first_ns) * 1e-9).c_str(),
               who.empty() ? "" : ("operator " + printable(who) + ", ").c_str(), h.attempt, h.attempt == 1 ? "" : "s");
   if (found.row) {
@@ -237,7 +238,9 @@ void print_sessions(const Summary& s, std::int64_t start_ns) {
     const auto& m = s.marks[i];
     if (m.kind != isorig_msgs::session_mark_t::BEGIN) continue;
     const bool ended = i + 1 < s.marks.size() && s.marks[i + 1].kind == isorig_msgs::session_mark_t::END;
-    const char* state = !ended ? "cut off or running" : s.marks[i + 1].complete != 0 ? "complete" : "stopped, or not whole";
+    const char* state = !ended                         ? "cut off or running"
+                        : s.marks[i + 1].complete != 0 ? "complete"
+                                                       : "stopped, or not whole";
     std::printf("  %3d  rep %d  %5.1f psi  from %10.1f s  %s%s\n", m.session.session, m.session.repetition,
                 m.session.pressure_psi, static_cast<double>(m.mono_ns - start_ns) * 1e-9, state,
                 m.attempt > 1 ? " (further attempt)" : "");
@@ -270,8 +273,9 @@ void print_losses(const Summary& s) {
   if (frame + pressure + dropped == 0) {
     std::printf("losses: none\n");
   } else {
-    std::printf("losses: %lld samples of the frame and %lld of the pressure sensor never came; %lld records were dropped\n",
-                static_cast<long long>(frame), static_cast<long long>(pressure), static_cast<long long>(dropped));
+    std::printf(
+        "losses: %lld samples of the frame and %lld of the pressure sensor never came; %lld records were dropped\n",
+        static_cast<long long>(frame), static_cast<long long>(pressure), static_cast<long long>(dropped));
   }
 }
 
@@ -309,8 +313,9 @@ int show(const Options& options) {
   report.set_against(found.row ? found.row->state : "", found.still_written);
   if (!report.has_header && report.foreign == report.events) {
     std::cerr << "isorig show: " << found.directory.string()
-              << (report.events == 0 ? ": not one message in it: its writer was interrupted before the first, or it was emptied\n"
-                                     : ": a log, but no recording of isorig's: no header, and none of its channels\n");
+              << (report.events == 0
+                      ? ": not one message in it: its writer was interrupted before the first, or it was emptied\n"
+                      : ": a log, but no recording of isorig's: no header, and none of its channels\n");
     return report.events == 0 ? kDataLost : kBadInput;
   }
   if (options.json) return print_json(found, summary, report);

@@ -46,9 +46,9 @@ constexpr auto kWritePatience = std::chrono::seconds(20);
 constexpr rlim_t kDescriptors = 4096;
 
 std::int64_t epoch_unix_us(const clock::Clock& clock) {
-  const auto wall = std::chrono::duration_cast<std::chrono::microseconds>(
-                        std::chrono::system_clock::now().time_since_epoch())
-                        .count();
+  const auto wall =
+      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
+          .count();
   return wall - clock.now_ns() / 1000;
 }
 
@@ -68,7 +68,8 @@ void log_event(const EventRecord& e) {
 std::string status_line(const Status& s, const std::string& run) {
   std::string line = to_text(s.control.state);
   if (s.run_loaded) {
-    line += fmt::format(": run {}, step {} of {}, {:.0f} %", run, s.control.step + 1, s.steps, 100.0 * double{s.control.progress});
+    line += fmt::format(": run {}, step {} of {}, {:.0f} %", run, s.control.step + 1, s.steps,
+                        100.0 * double{s.control.progress});
   }
   const std::string why = s.fault[0] != '\0' ? s.fault : s.not_ready;
   return why.empty() ? line : line + ": " + why;
@@ -115,7 +116,8 @@ struct Daemon::Impl {
         frame_service(*devices.frame, frame_link, rig.services, clock),
         pressure_service(*devices.pressure, pressure_link, interlock_link, rig.services, clock),
         interlock_service(*devices.interlock, interlock_link),
-        regulator_service(devices.regulator ? std::make_unique<RegulatorService>(*devices.regulator, pressure_link, rig.services, clock)
+        regulator_service(devices.regulator ? std::make_unique<RegulatorService>(*devices.regulator, pressure_link,
+                                                                                 rig.services, clock)
                                             : nullptr),
         callout(rig.notify, [](const std::string& line) { spdlog::warn("{}", line); }),
         host(rig, core, recorder_streams, host_options(options)),
@@ -237,12 +239,12 @@ void Daemon::Impl::start_threads() {
         interlock_service.run_once(clock.now_ns());
       });
     });
-    spawn(rest, "isorig-recorder", 0, [this] {
-      every("recorder", kRecorderPeriodNs, stop_rest, [this] { host.turn(clock.now_ns()); });
-    });
+    spawn(rest, "isorig-recorder", 0,
+          [this] { every("recorder", kRecorderPeriodNs, stop_rest, [this] { host.turn(clock.now_ns()); }); });
     if (publisher) {
       spawn(rest, "isorig-publish", 0, [this] {
-        every("publisher", kPublisherPeriodNs, stop_rest, [this] { publisher->drain(publisher_streams, clock.now_ns()); });
+        every("publisher", kPublisherPeriodNs, stop_rest,
+              [this] { publisher->drain(publisher_streams, clock.now_ns()); });
       });
     }
     spawn(rest, "isorig-api", 0, [this] { api.serve(); });
@@ -255,9 +257,8 @@ void Daemon::Impl::start_threads() {
       end();
     });
     if (feeder.period_ns() > 0) {
-      spawn(rest, "isorig-watchdog", kWatchdogPriority, [this] {
-        every("watchdog", feeder.period_ns(), stop_rest, [this] { feeder.turn(); });
-      });
+      spawn(rest, "isorig-watchdog", kWatchdogPriority,
+            [this] { every("watchdog", feeder.period_ns(), stop_rest, [this] { feeder.turn(); }); });
     }
   } catch (...) {
     stop_threads();
@@ -312,14 +313,16 @@ void Daemon::Impl::end() {
   const auto deadline = std::chrono::steady_clock::now() + patience;
   // One control record later the status shows the abort; until then "ready" is of before.
   std::this_thread::sleep_for(2 * std::chrono::nanoseconds(rig.core.control_period_ns));
-  while (!at_rest() && std::chrono::steady_clock::now() < deadline) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  while (!at_rest() && std::chrono::steady_clock::now() < deadline)
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
   all_written = stop_threads();
   ended = true;
 }
 
 /// The second signal: the rig comes to rest, then we are gone, whatever the disk does. The run stands as interrupted.
 void Daemon::Impl::leave_without_writing() {
-  const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(rig.core.vent_time_max_s + 2.0);
+  const auto deadline =
+      std::chrono::steady_clock::now() + std::chrono::duration<double>(rig.core.vent_time_max_s + 2.0);
   while (!at_rest() && !ended && std::chrono::steady_clock::now() < deadline) {
     if (signals.wait(kSignalPoll) != 0) break;  // the third: the devices' watchdogs see to the rest
   }
@@ -332,8 +335,9 @@ void Daemon::Impl::await_first_tick() {
   const auto deadline = std::chrono::steady_clock::now() + kFirstTickPatience;
   while (frame_link.loop_beat.load(std::memory_order_acquire) == 0) {
     if (std::chrono::steady_clock::now() > deadline) {
-      throw std::runtime_error("the real-time loop has not ticked within a second; is another real-time process "
-                               "keeping the CPU ([realtime] cpu, priority)?");
+      throw std::runtime_error(
+          "the real-time loop has not ticked within a second; is another real-time process "
+          "keeping the CPU ([realtime] cpu, priority)?");
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
@@ -358,7 +362,8 @@ bool Daemon::run() {
     d.ending.clear();
     throw;
   }
-  spdlog::info("rig \"{}\" up{}", d.rig.name, d.rig.realtime.enforce ? "" : " without real-time rights (--no-realtime)");
+  spdlog::info("rig \"{}\" up{}", d.rig.name,
+               d.rig.realtime.enforce ? "" : " without real-time rights (--no-realtime)");
   d.notifier.ready(d.status_text());
   if (const auto& why = d.rig.unwatched_chain; !why.empty()) {
     spdlog::warn("the emergency-stop chain is NOT WATCHED by this daemon: {}", base::printable(why));

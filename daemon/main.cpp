@@ -46,14 +46,16 @@ int main(int argc, char** argv) {
       return 0;
     }
     if (no_realtime && !accept_late_ticks && !rig.simulated() && !rig.emulated) {
-      std::cerr << "isorigd: rig \"" << rig.name << "\" has real devices, and without real-time rights its loop may stand still "
-                << "whenever the machine likes; grant the rights (docs/threads.md), or say that you want this: --accept-late-ticks\n";
+      std::cerr << "isorigd: rig \"" << rig.name
+                << "\" has real devices, and without real-time rights its loop may stand still "
+                << "whenever the machine likes; grant the rights (docs/threads.md), or say that you want this: "
+                   "--accept-late-ticks\n";
       return 2;
     }
     daemon::DaemonOptions options;
     options.runs_root = runs;
     options.revision = daemon::kRevision;
-    options.socket = !socket.empty() ? std::filesystem::path(socket)
+    options.socket = !socket.empty()           ? std::filesystem::path(socket)
                      : !rig.api.socket.empty() ? rig.api.socket
                                                : daemon::default_socket();
     const daemon::StopSignals signals;

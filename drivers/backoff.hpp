@@ -43,8 +43,7 @@ class Backoff {
  private:
   [[nodiscard]] std::int64_t grown() const noexcept {
     const double delay_ns = static_cast<double>(delay_ns_) * options_.factor;
-    return delay_ns >= static_cast<double>(options_.max_ns) ? options_.max_ns
-                                                            : static_cast<std::int64_t>(delay_ns);
+    return delay_ns >= static_cast<double>(options_.max_ns) ? options_.max_ns : static_cast<std::int64_t>(delay_ns);
   }
 
   Options options_{};

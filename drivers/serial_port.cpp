@@ -17,12 +17,24 @@ namespace isorig::drivers {
 namespace {
 
 speed_t speed_of(int baud) {
-  constexpr std::array<std::pair<int, speed_t>, 19> kSpeeds{{{1200, B1200},       {2400, B2400},       {4800, B4800},
-                                                             {9600, B9600},       {19200, B19200},     {38400, B38400},
-                                                             {57600, B57600},     {115200, B115200},   {230400, B230400},
-                                                             {460800, B460800},   {500000, B500000},   {576000, B576000},
-                                                             {921600, B921600},   {1000000, B1000000}, {1152000, B1152000},
-                                                             {1500000, B1500000}, {2000000, B2000000}, {3000000, B3000000},
+  constexpr std::array<std::pair<int, speed_t>, 19> kSpeeds{{{1200, B1200},
+                                                             {2400, B2400},
+                                                             {4800, B4800},
+                                                             {9600, B9600},
+                                                             {19200, B19200},
+                                                             {38400, B38400},
+                                                             {57600, B57600},
+                                                             {115200, B115200},
+                                                             {230400, B230400},
+                                                             {460800, B460800},
+                                                             {500000, B500000},
+                                                             {576000, B576000},
+                                                             {921600, B921600},
+                                                             {1000000, B1000000},
+                                                             {1152000, B1152000},
+                                                             {1500000, B1500000},
+                                                             {2000000, B2000000},
+                                                             {3000000, B3000000},
                                                              {4000000, B4000000}}};
   for (const auto& [number, speed] : kSpeeds) {
     if (number == baud) return speed;
@@ -62,7 +74,8 @@ int open_serial(const SerialSettings& settings, const std::string& name) {
     ::close(fd);
     throw DeviceError(Fault::kDisconnected, name + ": " + what);
   };
-  if (!set_up(fd, settings)) fail("cannot be set to " + std::to_string(settings.baud) + " baud; is it a serial device?");
+  if (!set_up(fd, settings))
+    fail("cannot be set to " + std::to_string(settings.baud) + " baud; is it a serial device?");
   if (ioctl(fd, TIOCEXCL) != 0 || flock(fd, LOCK_EX | LOCK_NB) != 0) {
     fail("another program has it open; `fuser -v " + settings.tty + "` names it");
   }

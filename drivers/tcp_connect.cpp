@@ -44,12 +44,16 @@ std::string text_of(const addrinfo& to) {
   return host;
 }
 
-/// A service's networks are filtered by systemd: the kernel drops what goes elsewhere, which looks like a device that is off.
+/// A service's networks are filtered by systemd: the kernel drops what goes elsewhere, which looks like a device that
+/// is off.
 std::string_view advice(int error) {
   switch (error) {
-    case ECONNREFUSED: return "; somebody is there, but nobody listens: check `port`, and that the device's server is on";
-    case EAFNOSUPPORT: return "; this process has no such kind of network: RestrictAddressFamilies= (docs/service.md)";
-    default: return "; check that it is on, its cable, `host` and `port`, and the service's IPAddressAllow= (docs/service.md)";
+    case ECONNREFUSED:
+      return "; somebody is there, but nobody listens: check `port`, and that the device's server is on";
+    case EAFNOSUPPORT:
+      return "; this process has no such kind of network: RestrictAddressFamilies= (docs/service.md)";
+    default:
+      return "; check that it is on, its cable, `host` and `port`, and the service's IPAddressAllow= (docs/service.md)";
   }
 }
 

@@ -35,9 +35,7 @@ class Application final : private messages::teensy::Board {
 
  private:
   [[nodiscard]] uint64_t now_us() noexcept override { return clock_.us(now_cycles()); }
-  [[nodiscard]] bool send(const uint8_t* bytes, size_t size) noexcept override {
-    return hardware_.send(bytes, size);
-  }
+  [[nodiscard]] bool send(const uint8_t* bytes, size_t size) noexcept override { return hardware_.send(bytes, size); }
   void set_valves(uint16_t fill_permille, uint16_t vent_permille) noexcept override;
   [[nodiscard]] uint64_t now_cycles() noexcept { return clock_.advance(hardware_.cycle_counter()); }
 

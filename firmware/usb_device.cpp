@@ -92,8 +92,7 @@ void UsbDevice::reset() noexcept {
   sie_.set_address(0);
   sie_.set_endpoint(0, UsbSie::Endpoint::kControl);
   // What follows a SETUP on this endpoint, data or an empty status packet, always begins with DATA1.
-  for (uint8_t bank = 0; bank < 2; ++bank)
-    sie_.arm(0, false, bank, control_out_[bank], usb::kControlSize, false);
+  for (uint8_t bank = 0; bank < 2; ++bank) sie_.arm(0, false, bank, control_out_[bank], usb::kControlSize, false);
 }
 
 void UsbDevice::control(const UsbSie::Token& token) noexcept {
@@ -150,8 +149,7 @@ void UsbDevice::handle_setup() noexcept {
 void UsbDevice::send_control_part() noexcept {
   const size_t left = control_size_ - control_sent_;
   const size_t size = left < usb::kControlSize ? left : size_t{usb::kControlSize};
-  sie_.arm(0, true, control_in_bank_, control_in_ + control_sent_, static_cast<uint16_t>(size),
-           control_toggle_);
+  sie_.arm(0, true, control_in_bank_, control_in_ + control_sent_, static_cast<uint16_t>(size), control_toggle_);
   control_toggle_ = !control_toggle_;
   control_sent_ += size;
   is_sending_ = control_sent_ < control_size_ || (size == usb::kControlSize && ends_with_empty_);
@@ -247,8 +245,7 @@ bool UsbDevice::answer_descriptor(const Setup& setup) noexcept {
 
 // By way of RAM: the engine's memory accesses compete with instruction fetches for the flash.
 void UsbDevice::put(const uint8_t* bytes, size_t size) noexcept {
-  for (size_t i = 0; i < size && control_size_ < sizeof control_in_; ++i)
-    control_in_[control_size_++] = bytes[i];
+  for (size_t i = 0; i < size && control_size_ < sizeof control_in_; ++i) control_in_[control_size_++] = bytes[i];
 }
 
 void UsbDevice::put_text(const char* text) noexcept {

@@ -22,9 +22,7 @@ class UsbDevice {
   void poll() noexcept;
 
   /// Configured, DTR set, bus alive.
-  [[nodiscard]] bool is_open() const noexcept {
-    return is_configured_ && (line_state_ & kDtr) != 0 && !is_asleep_;
-  }
+  [[nodiscard]] bool is_open() const noexcept { return is_configured_ && (line_state_ & kDtr) != 0 && !is_asleep_; }
   /// Takes at most one packet of the host: `size` is to be at least 64.
   [[nodiscard]] size_t receive(uint8_t* out, size_t size) noexcept;
   [[nodiscard]] bool send(const uint8_t* bytes, size_t size) noexcept;

@@ -24,9 +24,10 @@ enum class Channel : std::uint8_t {
 inline constexpr std::size_t kChannels = 12;
 
 inline constexpr std::array<std::string_view, kChannels> kChannelNames{
-    "ISORIG_HEADER",           "ISORIG_SESSION", "ISORIG_FRAME", "ISORIG_PRESSURE", "ISORIG_FRAME_AVERAGE",
-    "ISORIG_PRESSURE_AVERAGE", "ISORIG_STATE",   "ISORIG_EVENT", "ISORIG_PROGRESS", "ISORIG_CLOCK",
-    "ISORIG_SYNC",             "ISORIG_CHAIN"};
+    "ISORIG_HEADER",   "ISORIG_SESSION",       "ISORIG_FRAME",
+    "ISORIG_PRESSURE", "ISORIG_FRAME_AVERAGE", "ISORIG_PRESSURE_AVERAGE",
+    "ISORIG_STATE",    "ISORIG_EVENT",         "ISORIG_PROGRESS",
+    "ISORIG_CLOCK",    "ISORIG_SYNC",          "ISORIG_CHAIN"};
 
 constexpr std::string_view name_of(Channel channel) {
   return kChannelNames[static_cast<std::size_t>(channel)];

@@ -61,8 +61,8 @@ std::string shown(double value) {
 std::string out_of_range(std::string_view column, double value) {
   const auto& range = *range_of(column);
   const std::string unit(range.unit);
-  return "`" + std::string(column) + "` is " + shown(value) + "; it lies between " + shown(-range.most) + " and " + shown(range.most) +
-         " " + unit + ": is the line damaged, or the column in another unit?";
+  return "`" + std::string(column) + "` is " + shown(value) + "; it lies between " + shown(-range.most) + " and " +
+         shown(range.most) + " " + unit + ": is the line damaged, or the column in another unit?";
 }
 
 /// What is wrong with the step from one row's time to the next; "" when nothing is.
@@ -130,8 +130,7 @@ class Reader {
     if (header != expected) {
       std::string message = "the header is " + quoted(header) + "; expected `" + expected + "`";
       for (const auto& column : columns_) {
-        if (!has_cell(header, column.name))
-          message += "; column `" + std::string(column.name) + "` is missing";
+        if (!has_cell(header, column.name)) message += "; column `" + std::string(column.name) + "` is missing";
       }
       fail(Fault::kHeader, 1, message);
     }
@@ -173,15 +172,14 @@ class Reader {
     const auto cells = static_cast<std::size_t>(std::count(line.begin(), line.end(), ',')) + 1;
     if (newline == nullptr && (cells < row_.size() || !last_line_is_whole(line))) {
       fail(Fault::kTruncated, line_,
-           "the last line " + quoted(line) +
-               " has no line end, so it may have been cut off; the recording was " +
+           "the last line " + quoted(line) + " has no line end, so it may have been cut off; the recording was " +
                "interrupted, or, if the line is whole, end it with a newline");
     }
     if (trimmed(line).empty()) fail(Fault::kColumns, line_, "an empty line; remove it");
     if (cells != row_.size()) {
       fail(Fault::kColumns, line_,
-           std::to_string(cells) + " cells, expected " + std::to_string(row_.size()) + " (`" +
-               header_text(columns_) + "`)");
+           std::to_string(cells) + " cells, expected " + std::to_string(row_.size()) + " (`" + header_text(columns_) +
+               "`)");
     }
     for (std::size_t c = 0; c < row_.size(); ++c) {
       const auto comma = std::min(line.find(','), line.size());
@@ -198,12 +196,10 @@ class Reader {
     const auto [stop, error] = std::from_chars(digits.data(), digits.data() + digits.size(), value);
     const bool whole = stop == digits.data() + digits.size() && !digits.empty();
     if (error == std::errc::invalid_argument || !whole) {
-      fail(Fault::kNotNumber, line_,
-           "`" + std::string(name) + "` is " + quoted(cell) + "; a number is needed");
+      fail(Fault::kNotNumber, line_, "`" + std::string(name) + "` is " + quoted(cell) + "; a number is needed");
     }
     if (error != std::errc{} || !std::isfinite(value)) {
-      fail(Fault::kNotFinite, line_,
-           "`" + std::string(name) + "` is " + quoted(cell) + "; a finite number is needed");
+      fail(Fault::kNotFinite, line_, "`" + std::string(name) + "` is " + quoted(cell) + "; a finite number is needed");
     }
     return value;
   }
@@ -247,12 +243,10 @@ std::string read_whole_file(const std::filesystem::path& file) {
   const auto status = std::filesystem::status(file, ignored);
   if (!std::filesystem::exists(status)) throw RecordingError(Fault::kMissingFile, file, 0, "no such file");
   std::ifstream in(file, std::ios::binary | std::ios::ate);
-  const auto size =
-      in && !std::filesystem::is_directory(status) ? static_cast<std::streamoff>(in.tellg()) : -1;
+  const auto size = in && !std::filesystem::is_directory(status) ? static_cast<std::streamoff>(in.tellg()) : -1;
   std::string text(size > 0 ? static_cast<std::size_t>(size) : 0, '\0');
   if (size < 0 || !in.seekg(0) || !in.read(text.data(), size)) {
-    throw RecordingError(Fault::kUnreadable, file, 0,
-                         "cannot be read; check that it is a file and its permissions");
+    throw RecordingError(Fault::kUnreadable, file, 0, "cannot be read; check that it is a file and its permissions");
   }
   return text;
 }
@@ -268,9 +262,8 @@ void check_columns(const std::filesystem::path& file, std::span<const CsvColumnV
     const std::string name = "`" + std::string(column.name) + "`";
     if (column.values.size() != time.size()) {
       throw RecordingError(Fault::kInconsistent, file, 0,
-                           "not written: " + name + " has " + std::to_string(column.values.size()) +
-                               " rows, `" + std::string(columns[0].name) + "` has " +
-                               std::to_string(time.size()));
+                           "not written: " + name + " has " + std::to_string(column.values.size()) + " rows, `" +
+                               std::string(columns[0].name) + "` has " + std::to_string(time.size()));
     }
     const double most = most_of(column.name);
     for (std::size_t i = 0; i < time.size(); ++i) {
@@ -278,7 +271,8 @@ void check_columns(const std::filesystem::path& file, std::span<const CsvColumnV
         throw RecordingError(Fault::kInconsistent, file, i + 2, "not written: " + name + " is not finite");
       }
       if (std::abs(column.values[i]) > most) {
-        throw RecordingError(Fault::kInconsistent, file, i + 2, "not written: " + out_of_range(column.name, column.values[i]));
+        throw RecordingError(Fault::kInconsistent, file, i + 2,
+                             "not written: " + out_of_range(column.name, column.values[i]));
       }
     }
   }

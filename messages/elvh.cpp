@@ -15,8 +15,7 @@ uint16_t saturate(double value, uint16_t max) noexcept {
 uint32_t encode_elvh(double pressure_psi, double temperature_c, ElvhStatus status) noexcept {
   const double pressure = pressure_psi / kElvhPsiPerCount + kElvhOffsetCounts;
   const double temperature = (temperature_c + 50.0) * 2047.0 / 200.0;
-  return pack_elvh(
-      {status, saturate(pressure, kElvhMaxPressureRaw), saturate(temperature, kElvhMaxTemperatureRaw)});
+  return pack_elvh({status, saturate(pressure, kElvhMaxPressureRaw), saturate(temperature, kElvhMaxTemperatureRaw)});
 }
 
 bool ElvhMonitor::Options::valid() const noexcept {
@@ -43,8 +42,7 @@ ElvhReading ElvhMonitor::update(uint32_t raw_word, int64_t device_us, double sur
   flag(raw == kElvhMaxPressureRaw, kElvhBusHigh);
   flag(raw < kElvhOffsetCounts - options_.margin_counts, kElvhBelowRange);
   flag(raw > kElvhFullScaleCounts + options_.margin_counts, kElvhAboveRange);
-  flag(reading.temperature_c < options_.min_temperature_c ||
-           reading.temperature_c > options_.max_temperature_c,
+  flag(reading.temperature_c < options_.min_temperature_c || reading.temperature_c > options_.max_temperature_c,
        kElvhTemperature);
 
   if (reading.fresh) {

@@ -21,8 +21,7 @@ std::size_t event_size(const std::uint8_t* event) {
 
 }  // namespace
 
-LogWriter::LogWriter(const std::filesystem::path& path, Options options)
-    : path_(path), options_(std::move(options)) {
+LogWriter::LogWriter(const std::filesystem::path& path, Options options) : path_(path), options_(std::move(options)) {
   fd_ = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644);
   if (fd_ < 0) throw std::system_error(errno, std::generic_category(), "cannot create " + path.string());
   held_.reserve(options_.write_bytes * 2);
@@ -110,7 +109,8 @@ bool LogWriter::sync() {
   return flushed;
 }
 
-void LogWriter::hand_over(const std::function<void(std::string_view, std::int64_t, std::span<const std::uint8_t>)>& to) {
+void LogWriter::hand_over(
+    const std::function<void(std::string_view, std::int64_t, std::span<const std::uint8_t>)>& to) {
   for (std::size_t at = 0; at < held_.size(); at += event_size(held_.data() + at)) {
     const auto* event = held_.data() + at;
     const auto channel = big_endian(event + 20, 4), data = big_endian(event + 24, 4);

@@ -73,8 +73,8 @@ class LogWriter {
   int fd_ = -1;
   std::vector<std::uint8_t> held_;  // whole events
   std::size_t begun_bytes_ = 0;     // of the first of them: written already
-  LogTally tally_;          // of all events, and
-  LogTally written_tally_;  // of those that the kernel has whole
+  LogTally tally_;                  // of all events, and
+  LogTally written_tally_;          // of those that the kernel has whole
   bool condemned_ = false;
   std::uint64_t written_bytes_ = 0;
   std::uint64_t synced_bytes_ = 0;

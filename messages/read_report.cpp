@@ -72,7 +72,8 @@ std::vector<std::string> ReadReport::complaints() const {
   std::vector<std::string> lines;
   for (const auto& d : damage) {
     if (d.bytes == 0) {
-      lines.push_back(d.file.string() + " is empty: its writer was interrupted before its first message, or it was emptied");
+      lines.push_back(d.file.string() +
+                      " is empty: its writer was interrupted before its first message, or it was emptied");
       continue;
     }
     lines.push_back(d.file.string() + ": " + std::to_string(d.bytes) + " bytes at " + std::to_string(d.offset) +

@@ -43,15 +43,15 @@ struct ReadReport {
   std::uint64_t bytes = 0;
   std::uint64_t events = 0;
   std::vector<LogDamage> damage;
-  std::uint64_t undecodable = 0;  ///< messages of our channels that are not what they should be
-  std::uint64_t foreign = 0;      ///< messages of other channels
+  std::uint64_t undecodable = 0;                   ///< messages of our channels that are not what they should be
+  std::uint64_t foreign = 0;                       ///< messages of other channels
   std::array<std::uint64_t, kChannels> missing{};  ///< messages whose numbers never came
   std::uint64_t repeated = 0;                      ///< messages that came more than once
   std::vector<std::string> contradictions;         ///< segments that are gone, empty or not what they were
   bool has_header = false;
-  bool has_checksums = true;     ///< every segment; recordings before format 2 have none
-  bool lone_segment = false;     ///< a file was read, not a run: nothing is said about its surroundings
-  bool ended = false;            ///< the last attempt has its end
+  bool has_checksums = true;          ///< every segment; recordings before format 2 have none
+  bool lone_segment = false;          ///< a file was read, not a run: nothing is said about its surroundings
+  bool ended = false;                 ///< the last attempt has its end
   std::uint64_t dropped_records = 0;  ///< as the recorder says: lost before it
   std::uint64_t lost_messages = 0;    ///< as the recorder says: the disk took nothing
   std::vector<std::string> faults;    ///< for which the recorder could not vouch for what it wrote

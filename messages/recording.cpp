@@ -37,15 +37,14 @@ std::string further_text(const std::string& text) {
   const toml::table root = toml::parse(text);
   std::vector<std::pair<std::uint32_t, std::uint32_t>> cut;
   for (const auto key : kOwnKeys) {
-    if (const auto* node = root.get(key))
-      cut.emplace_back(node->source().begin.line, node->source().end.line);
+    if (const auto* node = root.get(key)) cut.emplace_back(node->source().begin.line, node->source().end.line);
   }
   std::string kept;
   std::istringstream in(text);
   std::string line;
   for (std::uint32_t number = 1; std::getline(in, line); ++number) {
-    const bool own = std::any_of(cut.begin(), cut.end(),
-                                 [&](const auto& c) { return number >= c.first && number <= c.second; });
+    const bool own =
+        std::any_of(cut.begin(), cut.end(), [&](const auto& c) { return number >= c.first && number <= c.second; });
     if (!own) kept += line + '\n';
   }
   return kept.find_first_not_of(" \t\r\n") == std::string::npos ? std::string{} : kept;
@@ -57,9 +56,9 @@ RecordingMetadata parse_metadata(const std::string& text, const std::filesystem:
     const auto root = document.root();
     root.ignore_rest();
     if (root.type_of("format") == "string" && root.string("format") != kRecordingFormat) {
-      throw RecordingError(Fault::kFormat, file, root.where("format").line,
-                           "`format` is \"" + root.string("format") + "\"; this reads \"" +
-                               std::string(kRecordingFormat) + "\"");
+      throw RecordingError(
+          Fault::kFormat, file, root.where("format").line,
+          "`format` is \"" + root.string("format") + "\"; this reads \"" + std::string(kRecordingFormat) + "\"");
     }
     RecordingMetadata metadata;
     static_cast<void>(root.string("format"));
@@ -68,7 +67,8 @@ RecordingMetadata parse_metadata(const std::string& text, const std::filesystem:
     if (root.has("pressurized_rest_length_mm")) {
       metadata.pressurized_rest_length_mm = root.number("pressurized_rest_length_mm", kLength);
     }
-    if (root.has("nominal_pressure_psi")) metadata.nominal_pressure_psi = root.number("nominal_pressure_psi", kPressure);
+    if (root.has("nominal_pressure_psi"))
+      metadata.nominal_pressure_psi = root.number("nominal_pressure_psi", kPressure);
     if (root.has("units")) metadata.units_stated = root.choice("units", {kRecordingUnits}) == kRecordingUnits;
     document.finish();
     metadata.further_toml = further_text(text);
@@ -122,8 +122,7 @@ void replace_file(const std::filesystem::path& file, const std::string& text) {
     if (!out) {
       std::error_code ignored;
       std::filesystem::remove(aside, ignored);
-      throw RecordingError(Fault::kUnreadable, file, 0,
-                           "cannot be written; check the disk's space and permissions");
+      throw RecordingError(Fault::kUnreadable, file, 0, "cannot be written; check the disk's space and permissions");
     }
   }
   std::error_code failed;
@@ -135,8 +134,8 @@ void replace_file(const std::filesystem::path& file, const std::string& text) {
 
 RecordingError::RecordingError(RecordingFault fault, std::filesystem::path file, std::size_t line,
                                const std::string& message)
-    : std::runtime_error(base::printable(file.string()) + (line > 0 ? ":" + std::to_string(line) : std::string{}) + ": " +
-                         base::printable(message)),
+    : std::runtime_error(base::printable(file.string()) + (line > 0 ? ":" + std::to_string(line) : std::string{}) +
+                         ": " + base::printable(message)),
       fault_(fault),
       file_(std::move(file)),
       line_(line) {}
@@ -150,16 +149,14 @@ std::vector<double> Recording::strain() const {
 
 FrameSamples read_frame_csv(const std::filesystem::path& file) {
   FrameSamples frame;
-  read_number_csv(
-      file, std::array<CsvColumn, 3>{
-                {{"t_s", &frame.t_s}, {"position_mm", &frame.position_mm}, {"force_N", &frame.force_N}}});
+  read_number_csv(file, std::array<CsvColumn, 3>{
+                            {{"t_s", &frame.t_s}, {"position_mm", &frame.position_mm}, {"force_N", &frame.force_N}}});
   return frame;
 }
 
 PressureSamples read_pressure_csv(const std::filesystem::path& file) {
   PressureSamples pressure;
-  read_number_csv(
-      file, std::array<CsvColumn, 2>{{{"t_s", &pressure.t_s}, {"pressure_psi", &pressure.pressure_psi}}});
+  read_number_csv(file, std::array<CsvColumn, 2>{{{"t_s", &pressure.t_s}, {"pressure_psi", &pressure.pressure_psi}}});
   return pressure;
 }
 
@@ -170,8 +167,11 @@ RecordingMetadata read_recording_toml(const std::filesystem::path& file) {
 std::string unit_in_doubt(const RecordingMetadata& metadata, const FrameSamples& frame) {
   if (metadata.units_stated || frame.size() < 2) return {};
   const auto doubt = [](const std::string& what) {
-    return what + "; is one of the two in another unit? position_mm, rest_length_mm and pressurized_rest_length_mm are in millimetres: "
-                  "convert them, or, if they are, say so in recording.toml: units = \"" + std::string(kRecordingUnits) + "\"";
+    return what +
+           "; is one of the two in another unit? position_mm, rest_length_mm and pressurized_rest_length_mm are in "
+           "millimetres: "
+           "convert them, or, if they are, say so in recording.toml: units = \"" +
+           std::string(kRecordingUnits) + "\"";
   };
   const auto text = [](double value) {
     char digits[32];
@@ -204,10 +204,9 @@ std::string unit_in_doubt(const RecordingMetadata& metadata, const FrameSamples&
 Recording read_recording(const std::filesystem::path& folder) {
   std::error_code ignored;
   if (!std::filesystem::is_directory(folder, ignored)) {
-    throw RecordingError(
-        Fault::kMissingFile, folder, 0,
-        "not a recording: no such folder (a recording is a folder with recording.toml, frame.csv "
-        "and, if it has one, pressure.csv)");
+    throw RecordingError(Fault::kMissingFile, folder, 0,
+                         "not a recording: no such folder (a recording is a folder with recording.toml, frame.csv "
+                         "and, if it has one, pressure.csv)");
   }
   Recording recording;
   recording.metadata = read_recording_toml(folder / "recording.toml");

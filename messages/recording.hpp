@@ -35,8 +35,7 @@ enum class RecordingFault {
 /// what() is "file:line: message", or "file: message" for a fault of the whole file (line 0).
 class RecordingError : public std::runtime_error {
  public:
-  RecordingError(RecordingFault fault, std::filesystem::path file, std::size_t line,
-                 const std::string& message);
+  RecordingError(RecordingFault fault, std::filesystem::path file, std::size_t line, const std::string& message);
   [[nodiscard]] RecordingFault fault() const noexcept { return fault_; }
   [[nodiscard]] const std::filesystem::path& file() const noexcept { return file_; }
   [[nodiscard]] std::size_t line() const noexcept { return line_; }
@@ -79,9 +78,8 @@ struct RecordingMetadata {
 /// Vectors of equal length; `t_s` strictly increasing, everything finite.
 struct FrameSamples {
   std::vector<double> t_s;
-  std::vector<double>
-      position_mm;              ///< crosshead, relative to the unpressurized rest length; extension positive
-  std::vector<double> force_N;  ///< tension positive
+  std::vector<double> position_mm;  ///< crosshead, relative to the unpressurized rest length; extension positive
+  std::vector<double> force_N;      ///< tension positive
   [[nodiscard]] std::size_t size() const noexcept { return t_s.size(); }
 };
 

@@ -67,7 +67,8 @@ class Reading {
     report_.bytes += reader.size_bytes();
     report_.has_checksums = report_.has_checksums && (checked_ || reader.size_bytes() == 0);
     settle_torn();
-    const bool altered = std::any_of(reader.damage().begin(), reader.damage().end(), [](const auto& d) { return !d.at_end; });
+    const bool altered =
+        std::any_of(reader.damage().begin(), reader.damage().end(), [](const auto& d) { return !d.at_end; });
     for (const auto& d : reader.damage()) (d.at_end ? torn_ : report_.damage).push_back(d);
     if (reader.size_bytes() == 0) torn_.push_back({path, 0, 0, true});
     if (jumped && !altered) {
@@ -167,7 +168,8 @@ class Reading {
     if (number == attempt_) return;
     if (attempt_ != 0) {
       settle_attempt();
-      if (!ended_) report_.notes.push_back("attempt " + std::to_string(attempt_) + " was interrupted; a further one followed");
+      if (!ended_)
+        report_.notes.push_back("attempt " + std::to_string(attempt_) + " was interrupted; a further one followed");
     }
     if (!lone_ && number != attempt_ + 1) {
       report_.contradictions.push_back(file_.filename().string() + " belongs to attempt " + std::to_string(number) +
@@ -208,8 +210,9 @@ class Reading {
     if (is == due) {
       // What was torn when the writer went on behind it is known, and lost nothing that anybody was told to be there.
       for (const auto& d : torn_) {
-        if (d.bytes > 0) report_.notes.push_back(d.file.string() + ": the last " + std::to_string(d.bytes) +
-                                " bytes are no whole message, and were known to be none when " + name + " was begun");
+        if (d.bytes > 0)
+          report_.notes.push_back(d.file.string() + ": the last " + std::to_string(d.bytes) +
+                                  " bytes are no whole message, and were known to be none when " + name + " was begun");
       }
       torn_.clear();
     } else if (!before_->altered) {

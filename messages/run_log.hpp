@@ -6,13 +6,13 @@
 #include <isorig_msgs/control_batch_t.hpp>
 #include <isorig_msgs/event_t.hpp>
 #include <isorig_msgs/exchange_batch_t.hpp>
-#include <isorig_msgs/sync_check_t.hpp>
 #include <isorig_msgs/frame_average_batch_t.hpp>
 #include <isorig_msgs/frame_batch_t.hpp>
 #include <isorig_msgs/pressure_average_batch_t.hpp>
 #include <isorig_msgs/pressure_batch_t.hpp>
 #include <isorig_msgs/run_header_t.hpp>
 #include <isorig_msgs/session_mark_t.hpp>
+#include <isorig_msgs/sync_check_t.hpp>
 #include <optional>
 #include <string>
 #include <vector>

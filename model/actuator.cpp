@@ -20,8 +20,7 @@ Actuator::Actuator(const ActuatorParameters& p)
   }
   if (!(p.minimum_length_psi > 0.0) || !(p.contraction_exponent > 0.0) || !(p.mesh_diameter_mm > 0.0) ||
       !(p.braid_angle_deg > 0.0 && p.braid_angle_deg < 90.0)) {
-    throw std::invalid_argument(
-        "an actuator's pressure, exponent, diameter and braid angle must be positive");
+    throw std::invalid_argument("an actuator's pressure, exponent, diameter and braid angle must be positive");
   }
   std::vector<std::vector<double>> channels{p.mckibben.stiffness, p.mckibben.kappa, p.mckibben.gamma_1_s};
   const bool sheath = !p.sheath.stiffness.empty();

@@ -37,8 +37,8 @@ struct ActuatorParameters {
 /// and ML the paper gives no curve: n = 1.85 is chosen because it leaves 1.3 to 1.9 mm of contraction at
 /// 5 psi, where the paper has to limit its shortening to 1 mm. Beyond 1.25 times the pressure of ML (25 psi) that
 /// power would shorten the actuator to nothing, so L0 stays there and the McKibben's k1 grows with p: at a fixed
-/// length a braid pulls in proportion to the pressure (Chou and Hannaford 1996, eq. 5). The elements are linear in strain, as in the
-/// paper, so the actuator pushes when it is shorter than L0 (a real one buckles), and the response is
+/// length a braid pulls in proportion to the pressure (Chou and Hannaford 1996, eq. 5). The elements are linear in
+/// strain, as in the paper, so the actuator pushes when it is shorter than L0 (a real one buckles), and the response is
 /// symmetrical (the measured one is stiffer in extension): effects for that are model/effects/, which the
 /// simulated rig composes with this actuator (sim/physics.hpp).
 class Actuator {

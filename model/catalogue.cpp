@@ -9,11 +9,16 @@
 namespace isorig::model {
 
 std::span<const Physics* const> elements() {
-  static const std::array all{&element::spring(),           &element::maxwell(),
-                              &element::arm_start(),        &element::dashpot(),
-                              &element::mass(),             &element::constant(),
-                              &element::gravity(),          &element::empirical_force(),
-                              &element::empirical_motion(), &element::empirical_memory(),
+  static const std::array all{&element::spring(),
+                              &element::maxwell(),
+                              &element::arm_start(),
+                              &element::dashpot(),
+                              &element::mass(),
+                              &element::constant(),
+                              &element::gravity(),
+                              &element::empirical_force(),
+                              &element::empirical_motion(),
+                              &element::empirical_memory(),
                               &element::empirical_response()};
   return all;
 }

@@ -91,8 +91,8 @@ RunningModel::RunningModel(const ModelSpec& given, const Reference& reference) {
       coefficients_.push_back(part.coefficients[c]);
       order_.push_back(first_of_part[i] + c);
     }
-    piecewise_ = piecewise_ || part.physics->stage == Stage::kSpecimenShape ||
-                 part.physics->name == "cell_nonlinearity";
+    piecewise_ =
+        piecewise_ || part.physics->stage == Stage::kSpecimenShape || part.physics->name == "cell_nonlinearity";
   }
   work_.resize(coefficients_.size());
 }
@@ -122,8 +122,7 @@ void RunningModel::run(Instant now) noexcept {
       case Stage::kSensorLag:
       case Stage::kSensorDelay:
         // first_column counts the columns of the stages before it: what it acts on.
-        running.process->shape(now, {work_.data(), running.first_column},
-                               {coefficients_.data(), running.first_column});
+        running.process->shape(now, {work_.data(), running.first_column}, {coefficients_.data(), running.first_column});
         break;
     }
   }

@@ -23,9 +23,7 @@ class Maxwell : public Process {
  public:
   explicit Maxwell(double time_constant_s) noexcept : state_(time_constant_s) {}
   void reset(const Instant&) noexcept override { state_.reset(); }
-  void force(const Instant& now, double* columns) noexcept override {
-    columns[0] = state_.step(now.step_mm, now.dt_s);
-  }
+  void force(const Instant& now, double* columns) noexcept override { columns[0] = state_.step(now.step_mm, now.dt_s); }
 
  private:
   MaxwellState state_;
@@ -68,14 +66,13 @@ Law memoryless(std::string_view name, std::string_view formula, Coefficient coef
 }  // namespace
 
 const Physics& spring() {
-  static const Physics physics{
-      "spring",
-      Stage::kSpecimen,
-      "Linear spring, slack-free, unstretched at the pressurized rest length.",
-      "Paper, eq. for the system force, k1; stiffness per mm = k1 / pressurized rest length.",
-      "Slow triangle.",
-      {memoryless("linear", "F = k e", {"stiffness_N_mm", Sign::kNonNegative},
-                  [](const Instant& now) { return now.elongation_mm; })}};
+  static const Physics physics{"spring",
+                               Stage::kSpecimen,
+                               "Linear spring, slack-free, unstretched at the pressurized rest length.",
+                               "Paper, eq. for the system force, k1; stiffness per mm = k1 / pressurized rest length.",
+                               "Slow triangle.",
+                               {memoryless("linear", "F = k e", {"stiffness_N_mm", Sign::kNonNegative},
+                                           [](const Instant& now) { return now.elongation_mm; })}};
   return physics;
 }
 
@@ -109,8 +106,7 @@ const Physics& arm_start() {
          {"start_s", -1e9, 1e9, {0.0}, false, true}},
         {{"force_N", Sign::kFree}},
         [](std::span<const double> p, const Reference& reference) {
-          return std::make_unique<ArmStart>(p[0], p[3],
-                                            p[2] == 0.0 || std::fabs(p[2] - reference.duration_s) < 1e-3);
+          return std::make_unique<ArmStart>(p[0], p[3], p[2] == 0.0 || std::fabs(p[2] - reference.duration_s) < 1e-3);
         }}}};
   return physics;
 }
@@ -127,14 +123,13 @@ const Physics& dashpot() {
 }
 
 const Physics& mass() {
-  static const Physics physics{
-      "mass",
-      Stage::kRig,
-      "Mass that moves with the position.",
-      "Newton.",
-      "Fast reversals.",
-      {memoryless("linear", "F = m a", {"mass_kg", Sign::kNonNegative},
-                  [](const Instant& now) { return now.acceleration_mm_s2 * 1e-3; })}};
+  static const Physics physics{"mass",
+                               Stage::kRig,
+                               "Mass that moves with the position.",
+                               "Newton.",
+                               "Fast reversals.",
+                               {memoryless("linear", "F = m a", {"mass_kg", Sign::kNonNegative},
+                                           [](const Instant& now) { return now.acceleration_mm_s2 * 1e-3; })}};
   return physics;
 }
 

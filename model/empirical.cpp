@@ -74,30 +74,28 @@ class TableMotion : public Process {
 };
 
 Law table_law(std::string_view name, std::string_view formula, Of of) {
-  return {
-      name,  formula,
-      {},    {{"scale", Sign::kFree}},
-      {},    false,
-      false, [of](const Table& table, const Reference&) {
+  return {name,  formula,
+          {},    {{"scale", Sign::kFree}},
+          {},    false,
+          false, [of](const Table& table, const Reference&) {
             return std::make_unique<TableForce>(table, of); }};
 }
 
 }  // namespace
 
 const Physics& empirical_force() {
-  static const Physics physics{
-      "empirical_force",
-      Stage::kSpecimen,
-      "A force without a law yet, by table of the one variable that carries it.",
-      "The recording it was fitted to.",
-      "What varies that variable alone.",
-      {table_law("position", "F = table(x)", Of::kPosition),
-       table_law("rate", "F = table(asinh(v / 0.01 mm/s))", Of::kRate),
-       table_law("travel", "F = table(travelled)", Of::kTravel),
-       table_law("pressure", "F = table(p - p0)", Of::kPressure),
-       table_law("time", "F = table(t since the start)", Of::kTime),
-       table_law("extending", "F = table(x) while or after extending", Of::kExtending),
-       table_law("shortening", "F = table(x) while or after shortening", Of::kShortening)}};
+  static const Physics physics{"empirical_force",
+                               Stage::kSpecimen,
+                               "A force without a law yet, by table of the one variable that carries it.",
+                               "The recording it was fitted to.",
+                               "What varies that variable alone.",
+                               {table_law("position", "F = table(x)", Of::kPosition),
+                                table_law("rate", "F = table(asinh(v / 0.01 mm/s))", Of::kRate),
+                                table_law("travel", "F = table(travelled)", Of::kTravel),
+                                table_law("pressure", "F = table(p - p0)", Of::kPressure),
+                                table_law("time", "F = table(t since the start)", Of::kTime),
+                                table_law("extending", "F = table(x) while or after extending", Of::kExtending),
+                                table_law("shortening", "F = table(x) while or after shortening", Of::kShortening)}};
   return physics;
 }
 

@@ -9,20 +9,17 @@ double maxwell_ramp_share(double u) noexcept {
   return u < 1e-300 ? 1.0 : -std::expm1(-u) / u;
 }
 
-double ramp_force_N(const StandardLinearSolid& element, double initial_strain, double rate_per_s,
-                    double t_s) noexcept {
+double ramp_force_N(const StandardLinearSolid& element, double initial_strain, double rate_per_s, double t_s) noexcept {
   const double u = element.gamma_per_s() * t_s;
   // eta rate (1 - e^-u) = k2 (rate t) phi(u): the same, and safe for eta -> infinity.
-  return element.k1_N * (initial_strain + rate_per_s * t_s) +
-         element.k2_N * rate_per_s * t_s * maxwell_ramp_share(u);
+  return element.k1_N * (initial_strain + rate_per_s * t_s) + element.k2_N * rate_per_s * t_s * maxwell_ramp_share(u);
 }
 
-double hold_force_N(const StandardLinearSolid& element, double initial_strain, double rate_per_s,
-                    double ramp_s, double t_s) noexcept {
+double hold_force_N(const StandardLinearSolid& element, double initial_strain, double rate_per_s, double ramp_s,
+                    double t_s) noexcept {
   const double step = rate_per_s * ramp_s;
   const double arm_strain = step * maxwell_ramp_share(element.gamma_per_s() * ramp_s);
-  return element.k1_N * (initial_strain + step) +
-         element.k2_N * arm_strain * std::exp(-element.gamma_per_s() * t_s);
+  return element.k1_N * (initial_strain + step) + element.k2_N * arm_strain * std::exp(-element.gamma_per_s() * t_s);
 }
 
 double fv_height(std::span<const FvElement> elements, const FvTest& test, double rate_per_s) noexcept {
@@ -30,8 +27,7 @@ double fv_height(std::span<const FvElement> elements, const FvTest& test, double
   double weighted = 0.0;
   double weight = 0.0;
   for (const FvElement& e : elements) {
-    weighted +=
-        e.beta * e.kappa * maxwell_ramp_share(e.gamma_per_s * test.strain_step / std::abs(rate_per_s));
+    weighted += e.beta * e.kappa * maxwell_ramp_share(e.gamma_per_s * test.strain_step / std::abs(rate_per_s));
     weight += e.beta;
   }
   return std::copysign(test.strain_step / test.initial_strain * weighted / weight, rate_per_s);
@@ -53,8 +49,7 @@ double fv_asymptote(std::span<const FvElement> elements, const FvTest& test) noe
   return test.strain_step / test.initial_strain * weighted / weight;
 }
 
-double rate_at_share_approximate(std::span<const FvElement> elements, const FvTest& test,
-                                 double alpha) noexcept {
+double rate_at_share_approximate(std::span<const FvElement> elements, const FvTest& test, double alpha) noexcept {
   double weighted = 0.0;
   double weight = 0.0;
   for (const FvElement& e : elements) {
@@ -64,8 +59,7 @@ double rate_at_share_approximate(std::span<const FvElement> elements, const FvTe
   return test.strain_step / (2.0 * (1.0 - alpha)) * weighted / weight;
 }
 
-double share_of_asymptote(std::span<const FvElement> elements, const FvTest& test,
-                          double rate_per_s) noexcept {
+double share_of_asymptote(std::span<const FvElement> elements, const FvTest& test, double rate_per_s) noexcept {
   return std::abs(fv_height(elements, test, rate_per_s)) / fv_asymptote(elements, test);
 }
 

@@ -48,16 +48,15 @@ struct FvTest {
 
 /// Force at time t >= 0 of a ramp from rest (eq. 3, with the k2 that its print lacks):
 ///     F = k1 (eps0 + rate t) + eta rate (1 - exp(-t k2/eta)).
-[[nodiscard]] double ramp_force_N(const StandardLinearSolid& element, double initial_strain,
-                                  double rate_per_s, double t_s) noexcept;
+[[nodiscard]] double ramp_force_N(const StandardLinearSolid& element, double initial_strain, double rate_per_s,
+                                  double t_s) noexcept;
 
 /// Force at time t >= 0 after a ramp of duration `ramp_s` from rest has stopped: only the arm relaxes.
-[[nodiscard]] double hold_force_N(const StandardLinearSolid& element, double initial_strain,
-                                  double rate_per_s, double ramp_s, double t_s) noexcept;
+[[nodiscard]] double hold_force_N(const StandardLinearSolid& element, double initial_strain, double rate_per_s,
+                                  double ramp_s, double t_s) noexcept;
 
 /// Delta FV (eqs. 5, 8): height of the curve above its jump at rate 0, weighted by beta. Signed as the rate.
-[[nodiscard]] double fv_height(std::span<const FvElement> elements, const FvTest& test,
-                               double rate_per_s) noexcept;
+[[nodiscard]] double fv_height(std::span<const FvElement> elements, const FvTest& test, double rate_per_s) noexcept;
 
 /// FV (eq. 4): peak force over the force before the ramp; 1 at rate 0, where the curve jumps by
 /// +-deps/eps0.
@@ -78,8 +77,7 @@ struct FvTest {
 
 /// The same, exact: the root of fv_height = alpha * fv_asymptote. NaN unless 0 < alpha < 1 and some element
 /// has kappa, gamma, beta > 0.
-[[nodiscard]] double rate_at_share(std::span<const FvElement> elements, const FvTest& test,
-                                   double alpha) noexcept;
+[[nodiscard]] double rate_at_share(std::span<const FvElement> elements, const FvTest& test, double alpha) noexcept;
 
 /// Where a test stands on its own curve: the height at `rate_per_s` over the asymptote (0..1).
 [[nodiscard]] double share_of_asymptote(std::span<const FvElement> elements, const FvTest& test,

@@ -86,8 +86,7 @@ class Response : public Process {
     }
     const double h = now.dt_s, decay = damping_ * omega_1_s_;
     const double ringing = omega_1_s_ * std::sqrt(1.0 - damping_ * damping_);
-    const double e = std::exp(-decay * h), c = e * std::cos(ringing * h),
-                 s = e * std::sin(ringing * h) / ringing;
+    const double e = std::exp(-decay * h), c = e * std::cos(ringing * h), s = e * std::sin(ringing * h) / ringing;
     const double lag_s = 2.0 * damping_ / omega_1_s_;
     for (std::size_t i = 0; i < count; ++i) {
       // About the straight line that it would follow, late by lag_s, once settled.
@@ -129,16 +128,11 @@ const Physics& empirical_memory() {
          {"recovery_s", 0.1, 1e4, {10.0, 60.0}, true},
          {"travel_mm", 1e-2, 1e3, {2.0}, true}},
         {{"arm_N_mm", Sign::kFree}, {"elastic_N_mm", Sign::kFree}},
-        [](std::span<const double> p, const Reference&) {
-          return std::make_unique<Structure>(p[0], p[1], p[2]);
-        }},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Structure>(p[0], p[1], p[2]); }},
        {"wave",
         "F = (a + b e) sin(2 pi t / T) + (c + d e) cos(2 pi t / T), t since the start",
         {{"period_s", 1.0, 1e5, {600.0}, true}},
-        {{"sine_N", Sign::kFree},
-         {"cosine_N", Sign::kFree},
-         {"sine_N_mm", Sign::kFree},
-         {"cosine_N_mm", Sign::kFree}},
+        {{"sine_N", Sign::kFree}, {"cosine_N", Sign::kFree}, {"sine_N_mm", Sign::kFree}, {"cosine_N_mm", Sign::kFree}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Wave>(p[0]); }}}};
   return physics;
 }

@@ -62,8 +62,7 @@ void read_part(const base::TomlTable& table, ModelSpec& spec) {
   Part part = make_part(*physics, *law);
   for (std::size_t i = 0; i < law->parameters.size(); ++i) {
     const Parameter& parameter = law->parameters[i];
-    part.parameters[i] =
-        table.number_or(parameter.name, part.parameters[i], {parameter.lower, parameter.upper});
+    part.parameters[i] = table.number_or(parameter.name, part.parameters[i], {parameter.lower, parameter.upper});
   }
   for (std::size_t i = 0; i < law->coefficients.size(); ++i) {
     const Coefficient& coefficient = law->coefficients[i];

@@ -4,8 +4,7 @@
 
 namespace isorig::model {
 
-PressureTable::PressureTable(std::span<const double> pressure_psi,
-                             const std::vector<std::vector<double>>& channels)
+PressureTable::PressureTable(std::span<const double> pressure_psi, const std::vector<std::vector<double>>& channels)
     : channels_(channels.size()) {
   const std::size_t n = pressure_psi.size();
   if (n == 0) throw std::invalid_argument("a pressure table needs at least one pressure");

@@ -45,8 +45,8 @@ class Process {
   /// Writes one value per coefficient of the law.
   virtual void force(const Instant&, double* /*columns*/) noexcept {}
   /// Acts on all columns of the stages before it (a sensor's lag acts on each alike, since it is linear).
-  virtual void shape(const Instant&, std::span<double> /*columns*/,
-                     std::span<const double> /*coefficients*/) noexcept {}
+  virtual void shape(const Instant&, std::span<double> /*columns*/, std::span<const double> /*coefficients*/) noexcept {
+  }
 };
 
 /// Order of the stages, from the reading of the crosshead to the reading of the load cell.

@@ -19,9 +19,7 @@ inline Relaxation relaxation(double z) noexcept {
     const double gain =
         1.0 -
         z / 2.0 *
-            (1.0 -
-             z / 3.0 *
-                 (1.0 - z / 4.0 * (1.0 - z / 5.0 * (1.0 - z / 6.0 * (1.0 - z / 7.0 * (1.0 - z / 8.0))))));
+            (1.0 - z / 3.0 * (1.0 - z / 4.0 * (1.0 - z / 5.0 * (1.0 - z / 6.0 * (1.0 - z / 7.0 * (1.0 - z / 8.0))))));
     return {1.0 - z * gain, gain};
   }
   if (z <= 1.0) {
@@ -46,8 +44,7 @@ struct SlseParameters {
   double k2_N = 0.0;
   double gamma_1_s = 0.0;
 
-  [[nodiscard]] static constexpr SlseParameters from_ratios(double k1_N, double kappa,
-                                                            double gamma_1_s) noexcept {
+  [[nodiscard]] static constexpr SlseParameters from_ratios(double k1_N, double kappa, double gamma_1_s) noexcept {
     return {k1_N, kappa * k1_N, gamma_1_s};
   }
   [[nodiscard]] constexpr double kappa() const noexcept { return k2_N / k1_N; }
@@ -84,9 +81,7 @@ class Slse {
     strain_ = strain;
     return force_N();
   }
-  [[nodiscard]] double force_N() const noexcept {
-    return parameters.k1_N * strain_ + parameters.k2_N * arm_strain_;
-  }
+  [[nodiscard]] double force_N() const noexcept { return parameters.k1_N * strain_ + parameters.k2_N * arm_strain_; }
   [[nodiscard]] double strain() const noexcept { return strain_; }
   [[nodiscard]] double arm_strain() const noexcept { return arm_strain_; }
 

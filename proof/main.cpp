@@ -4,8 +4,7 @@
 #include "proof/commands.hpp"
 
 int main(int argc, char** argv) {
-  CLI::App app{
-      "The concealed-effect study: hide physics in a rig of its own, and score what a diagnosis finds"};
+  CLI::App app{"The concealed-effect study: hide physics in a rig of its own, and score what a diagnosis finds"};
   app.require_subcommand(1);
   isorig::proof::add_generate(app);
   isorig::proof::add_run(app);

@@ -37,8 +37,7 @@ void write_text(const std::filesystem::path& file, std::string_view text) {
   if (!stream) throw std::runtime_error(file.string() + ": cannot be written");
 }
 
-void seal(const std::filesystem::path& labels, const std::filesystem::path& hash_file,
-          std::string_view text) {
+void seal(const std::filesystem::path& labels, const std::filesystem::path& hash_file, std::string_view text) {
   write_text(labels, text);
   write_text(hash_file, sha256(text) + "  " + labels.filename().string() + "\n");
 }
@@ -55,8 +54,8 @@ std::string unseal(const std::filesystem::path& labels, const std::filesystem::p
   std::string text = read_text(labels);
   const std::string published = published_hash(hash_file);
   if (const std::string now = sha256(text); now != published)
-    throw std::runtime_error(labels.string() + " was changed after it was sealed: SHA-256 " + now +
-                             ", published " + published);
+    throw std::runtime_error(labels.string() + " was changed after it was sealed: SHA-256 " + now + ", published " +
+                             published);
   return text;
 }
 

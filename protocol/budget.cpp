@@ -53,8 +53,8 @@ bool within_budget(const std::vector<Node>& steps, const base::TomlTable& root) 
   const Work all = work_of(steps);
   if (!all.too_much()) return true;
   if (const Node* node = culprit(steps)) {
-    node->table.error({}, "this repeat turns " + number_text(node->turns()) + " times and comes to " + text_of(work_of(*node)) +
-                              ": shorten it or what it repeats");
+    node->table.error({}, "this repeat turns " + number_text(node->turns()) + " times and comes to " +
+                              text_of(work_of(*node)) + ": shorten it or what it repeats");
   } else {
     root.error("steps", "all repeats together come to " + text_of(all) + ": shorten them");
   }

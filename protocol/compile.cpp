@@ -51,10 +51,8 @@ class Compiler : private Evaluator {
       root.error("steps", "the whole takes up to " + number_text(plan_.worst_s / kYear_s) +
                               " years; at most one is taken: shorten holds, time-outs or repeats");
     }
-    if (const auto v = plan_.approach_velocity_mm_s;
-        v > limits_.speed_max_mm_s || v < limits_.speed_min_mm_s) {
-      root.error("approach_velocity_mm_s",
-                 "`approach_velocity_mm_s` = " + number_text(v) + "; " + speed_range());
+    if (const auto v = plan_.approach_velocity_mm_s; v > limits_.speed_max_mm_s || v < limits_.speed_min_mm_s) {
+      root.error("approach_velocity_mm_s", "`approach_velocity_mm_s` = " + number_text(v) + "; " + speed_range());
     }
   }
 
@@ -118,8 +116,8 @@ class Compiler : private Evaluator {
     }
     ++sessions_at_psi_[session.pressure_psi];
     for (auto it = begin; it != plan_.steps.end(); ++it) it->repetition = session.repetition;
-    session.label = "repetition " + std::to_string(session.repetition) + ", " +
-                    number_text(session.pressure_psi) + " psi";
+    session.label =
+        "repetition " + std::to_string(session.repetition) + ", " + number_text(session.pressure_psi) + " psi";
     if (!label.empty()) {
       std::string error;
       if (auto text = fill_in(label, bindings(), error)) {
@@ -200,11 +198,9 @@ class Compiler : private Evaluator {
     out.nominal_s = std::abs(out.pressure_psi - before_psi) / out.rate_psi_s + out.settled_for_s;
     // Resumed, a session starts from a vented actuator.
     const double longest_s = std::max(out.nominal_s, out.pressure_psi / out.rate_psi_s + out.settled_for_s);
-    if (all_well(node, {"pressure_psi", "rate_psi_s", "settled_for_s", "timeout_s"}) &&
-        out.timeout_s <= longest_s) {
+    if (all_well(node, {"pressure_psi", "rate_psi_s", "settled_for_s", "timeout_s"}) && out.timeout_s <= longest_s) {
       note(node.table, "timeout_s",
-           said(node, "timeout_s", out.timeout_s) + ", but the set-point alone takes " +
-               number_text(longest_s) +
+           said(node, "timeout_s", out.timeout_s) + ", but the set-point alone takes " + number_text(longest_s) +
                " s at rate_psi_s, settled_for_s included; allow "
                "clearly more");
     }
@@ -272,8 +268,8 @@ class Compiler : private Evaluator {
     for (const double end_mm : {position_mm_ - out.amplitude_mm, position_mm_ + out.amplitude_mm}) {
       if (outside_travel(end_mm)) {
         note(node.table, "amplitude_mm",
-             said(node, "amplitude_mm", out.amplitude_mm) + " about " + number_text(position_mm_) +
-                 " mm goes to " + number_text(end_mm) + "; " + travel_range());
+             said(node, "amplitude_mm", out.amplitude_mm) + " about " + number_text(position_mm_) + " mm goes to " +
+                 number_text(end_mm) + "; " + travel_range());
       }
     }
     if (sine) {
@@ -285,8 +281,8 @@ class Compiler : private Evaluator {
 
   /// As few chords as keep the sine within deviation_mm.
   void cut_sine(const Node& node, Step& out, const char* rate_key) {
-    const double allowed_mm = value(node, "deviation_mm", {1e-4 * out.amplitude_mm, out.amplitude_mm / 4.0},
-                                    0.01 * out.amplitude_mm);
+    const double allowed_mm =
+        value(node, "deviation_mm", {1e-4 * out.amplitude_mm, out.amplitude_mm / 4.0}, 0.01 * out.amplitude_mm);
     out.segments_per_quarter = static_cast<std::uint32_t>(
         std::ceil(std::numbers::pi / (4.0 * std::acos(1.0 - allowed_mm / out.amplitude_mm)) - kEpsilon));
     out.deviation_mm = wave::deviation_mm(out.amplitude_mm, out.segments_per_quarter);
@@ -295,9 +291,8 @@ class Compiler : private Evaluator {
     const double slowest_mm_s = wave::quarter_speed_mm_s(out, out.segments_per_quarter - 1);
     if (slowest_mm_s < limits_.speed_min_mm_s) {
       note(node.table, rate_key,
-           said(node, rate_key, value(node, rate_key, {}, 0.0)) + " needs a segment at " +
-               number_text(slowest_mm_s) + " mm/s at the turning points; the rig's slowest is " +
-               number_text(limits_.speed_min_mm_s) +
+           said(node, rate_key, value(node, rate_key, {}, 0.0)) + " needs a segment at " + number_text(slowest_mm_s) +
+               " mm/s at the turning points; the rig's slowest is " + number_text(limits_.speed_min_mm_s) +
                " (limits.speed_min_mm_s): be faster or allow a larger deviation_mm");
     }
   }
@@ -309,8 +304,7 @@ class Compiler : private Evaluator {
       note(node.table, "label", "`label`: " + error);
     } else if (text->size() >= sizeof out.label) {
       note(node.table, "label",
-           "`label` = \"" + *text + "\" is too long; at most " + std::to_string(sizeof out.label - 1) +
-               " bytes");
+           "`label` = \"" + *text + "\" is too long; at most " + std::to_string(sizeof out.label - 1) + " bytes");
     } else {
       std::memcpy(out.label, text->c_str(), text->size());
     }
@@ -323,17 +317,16 @@ class Compiler : private Evaluator {
     }
     const double given = value(node, key, {}, speed_mm_s);
     note(node.table, key,
-         said(node, key, given) +
-             (given == speed_mm_s ? "" : ", a peak of " + number_text(speed_mm_s) + " mm/s") + "; " +
-             speed_range());
+         said(node, key, given) + (given == speed_mm_s ? "" : ", a peak of " + number_text(speed_mm_s) + " mm/s") +
+             "; " + speed_range());
   }
 
   void check_interval(const Node& node, std::string_view key, double interval_s, const std::string& what) {
     if (interval_s >= limits_.segment_interval_min_s * (1.0 - kEpsilon)) return;
     note(node.table, key,
-         said(node, key, value(node, key, {}, 0.0)) + " makes every " + what + " last " +
-             number_text(interval_s) + " s; the rig's frame takes one per " +
-             number_text(limits_.segment_interval_min_s) + " s (limits.segment_interval_min_s): be slower" +
+         said(node, key, value(node, key, {}, 0.0)) + " makes every " + what + " last " + number_text(interval_s) +
+             " s; the rig's frame takes one per " + number_text(limits_.segment_interval_min_s) +
+             " s (limits.segment_interval_min_s): be slower" +
              (node.shape == WaveShape::kSine ? " or allow a larger deviation_mm" : ""));
   }
 
@@ -341,12 +334,12 @@ class Compiler : private Evaluator {
     return position_mm > limits_.travel_max_mm + kEpsilon || position_mm < limits_.travel_min_mm - kEpsilon;
   }
   [[nodiscard]] std::string travel_range() const {
-    return "the rig travels from " + number_text(limits_.travel_min_mm) + " to " +
-           number_text(limits_.travel_max_mm) + " mm (limits.travel_min_mm, limits.travel_max_mm)";
+    return "the rig travels from " + number_text(limits_.travel_min_mm) + " to " + number_text(limits_.travel_max_mm) +
+           " mm (limits.travel_min_mm, limits.travel_max_mm)";
   }
   [[nodiscard]] std::string speed_range() const {
-    return "the rig allows " + number_text(limits_.speed_min_mm_s) + " to " +
-           number_text(limits_.speed_max_mm_s) + " mm/s (limits.speed_min_mm_s, limits.speed_max_mm_s)";
+    return "the rig allows " + number_text(limits_.speed_min_mm_s) + " to " + number_text(limits_.speed_max_mm_s) +
+           " mm/s (limits.speed_min_mm_s, limits.speed_max_mm_s)";
   }
 
   const Limits& limits_;

@@ -217,8 +217,7 @@ void Cursor::tick_settle(std::int64_t now_ns, const Observation& seen) noexcept 
   const bool settled =
       slope_.full() && good_since_ns_ != kNever && now_ns - good_since_ns_ >= to_ns(step.settled_for_s);
   if (!settled && now_ns < deadline_ns_) return;
-  const double slope_N_s =
-      slope_.full() ? std::abs(slope_.slope_N_s()) : std::numeric_limits<double>::infinity();
+  const double slope_N_s = slope_.full() ? std::abs(slope_.slope_N_s()) : std::numeric_limits<double>::infinity();
   if (!settled && step.on_timeout == OnTimeout::kStop) {
     fail(Failure::kSettleTimeout, slope_N_s, step.force_slope_N_s);
     return;
@@ -266,8 +265,7 @@ void Cursor::decide_keep(std::int64_t now_ns) noexcept {
   const Step& step = plan_->steps[action_.step];
   const bool at_work = action_.state == CursorState::kRunning && !action_.approaching && !begin_pending_;
   const bool in_tail = now_ns < full_until_ns_;
-  const bool full =
-      in_tail || plan_->recording.mode == RecordingMode::kFull || (at_work && step.keep == Keep::kFull);
+  const bool full = in_tail || plan_->recording.mode == RecordingMode::kFull || (at_work && step.keep == Keep::kFull);
   quiet_until_ns_ = 0;
   if (at_work && step.kind == StepKind::kHold) {
     quiet_until_ns_ = in_tail ? std::min(step_end_ns_, full_until_ns_) : step_end_ns_;
@@ -296,8 +294,7 @@ void Cursor::resume(std::int64_t now_ns) noexcept {
   good_since_ns_ = kNever;
   slope_.restart(now_ns);
   const StepKind kind = plan_->steps[action_.step].kind;
-  reissue_pending_ =
-      !begin_pending_ && (action_.approaching || kind == StepKind::kRamp || kind == StepKind::kWave);
+  reissue_pending_ = !begin_pending_ && (action_.approaching || kind == StepKind::kRamp || kind == StepKind::kWave);
 }
 
 Progress Cursor::progress(std::int64_t now_ns) const noexcept {

@@ -46,15 +46,14 @@ struct MotionCommand {
 /// What to do now. State lasts; the flags marked "once" are true in one call only.
 struct Action {
   CursorState state = CursorState::kIdle;
-  Keep keep = Keep::kAveraged;  ///< for the samples of this tick
-  bool approaching = false;     ///< vented, on the way to the position where `step` begins
-  bool start_segment = false;   ///< once: send `segment` to the frame
-  bool step_began = false;      ///< once: `step` has begun (at most one step begins per call)
-  bool step_ended = false;      ///< once: `ended_step` is over
-  bool settle_timed_out =
-      false;                   ///< once, with step_ended: it went on, force still moving at end_value (N/s)
-  bool session_ended = false;  ///< once, with step_ended: it was its session's last
-  std::uint32_t step = 0;      ///< index into Plan::steps; a mark's label is there
+  Keep keep = Keep::kAveraged;    ///< for the samples of this tick
+  bool approaching = false;       ///< vented, on the way to the position where `step` begins
+  bool start_segment = false;     ///< once: send `segment` to the frame
+  bool step_began = false;        ///< once: `step` has begun (at most one step begins per call)
+  bool step_ended = false;        ///< once: `ended_step` is over
+  bool settle_timed_out = false;  ///< once, with step_ended: it went on, force still moving at end_value (N/s)
+  bool session_ended = false;     ///< once, with step_ended: it was its session's last
+  std::uint32_t step = 0;         ///< index into Plan::steps; a mark's label is there
   std::uint32_t ended_step = 0;
   double end_value = 0.0;     ///< of a settle: |slope| when it ended, N/s; else 0
   double setpoint_psi = 0.0;  ///< gauge
@@ -88,8 +87,7 @@ class Cursor {
   /// Begins with session `first_session` (0: with the plan's first step, also when it stands before any
   /// session). The actuator is expected vented; the cursor moves it to the first step's position
   /// (`approaching`), then begins. `next_segment_id` continues the caller's numbering (0 is taken as 1).
-  void start(std::int64_t now_ns, std::uint32_t first_session = 0,
-             std::uint16_t next_segment_id = 1) noexcept;
+  void start(std::int64_t now_ns, std::uint32_t first_session = 0, std::uint16_t next_segment_id = 1) noexcept;
 
   /// One tick. Times must not decrease. About 3 ns in a hold. The reference stays valid until the next call
   /// of any member.
@@ -111,8 +109,7 @@ class Cursor {
  private:
   void begin_step(std::int64_t now_ns, const Observation& seen, std::uint32_t index) noexcept;
   void end_step(std::int64_t now_ns, const Observation& seen) noexcept;
-  void begin_motion(std::int64_t now_ns, const Observation& seen, double target_mm,
-                    double velocity_mm_s) noexcept;
+  void begin_motion(std::int64_t now_ns, const Observation& seen, double target_mm, double velocity_mm_s) noexcept;
   void begin_stroke(std::int64_t now_ns) noexcept;
   void send_segment(double target_mm, double velocity_mm_s) noexcept;
   void fail(Failure failure, double value, double threshold) noexcept;

@@ -41,8 +41,8 @@ const char* name_of(StepKind kind) noexcept {
 std::string describe(const Step& step) {
   switch (step.kind) {
     case StepKind::kPressurize:
-      return "pressurize to " + number(step.pressure_psi) + " psi at " + number(step.rate_psi_s) +
-             " psi/s, within " + number(step.tolerance_psi) + " psi for " + number(step.settled_for_s) + " s";
+      return "pressurize to " + number(step.pressure_psi) + " psi at " + number(step.rate_psi_s) + " psi/s, within " +
+             number(step.tolerance_psi) + " psi for " + number(step.settled_for_s) + " s";
     case StepKind::kSettle:
       return "settle until the force moves by at most " + number(step.force_slope_N_s) + " N/s over " +
              number(step.window_s) + " s, for " + number(step.settled_for_s) + " s";

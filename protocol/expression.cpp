@@ -32,8 +32,7 @@ std::string number_text(double value) {
 
 std::optional<Expression> Expression::parse(std::string_view text, std::string& error) {
   const auto skip_space = [&] {
-    while (!text.empty() && std::isspace(static_cast<unsigned char>(text.front())) != 0)
-      text.remove_prefix(1);
+    while (!text.empty() && std::isspace(static_cast<unsigned char>(text.front())) != 0) text.remove_prefix(1);
   };
   Expression out;
   skip_space();

@@ -44,8 +44,7 @@ class Expression {
 };
 
 /// Replaces every {name} by its value. Nothing when a name is not bound or a brace is left open.
-[[nodiscard]] std::optional<std::string> fill_in(std::string_view text, const Bindings& bindings,
-                                                 std::string& error);
+[[nodiscard]] std::optional<std::string> fill_in(std::string_view text, const Bindings& bindings, std::string& error);
 
 /// Shortest usual form: 0.05, 12, 1e-05.
 [[nodiscard]] std::string number_text(double value);

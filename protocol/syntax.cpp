@@ -20,10 +20,12 @@ constexpr std::size_t kMaxLabelBytes = 200;
 std::string read_label(const base::TomlTable& table) {
   auto label = table.string_or("label", {});
   if (label.size() > kMaxLabelBytes) {
-    table.error("label", "`label` has " + std::to_string(label.size()) + " bytes; at most " + std::to_string(kMaxLabelBytes) + " are taken");
+    table.error("label", "`label` has " + std::to_string(label.size()) + " bytes; at most " +
+                             std::to_string(kMaxLabelBytes) + " are taken");
     label.clear();
   } else if (base::printable(label) != label) {
-    table.error("label", "`label` holds a control character or a mark that hides text; one line of plain text is needed");
+    table.error("label",
+                "`label` holds a control character or a mark that hides text; one line of plain text is needed");
     label.clear();
   }
   return label;
@@ -60,7 +62,8 @@ bool usable_name(const TomlTable& table, const std::string& name, const Names& s
     return false;
   }
   if (scope.size() >= kMaxNames) {
-    table.error(name, "`" + name + "` is one name too many; at most " + std::to_string(kMaxNames) + " are bound at a time");
+    table.error(name,
+                "`" + name + "` is one name too many; at most " + std::to_string(kMaxNames) + " are bound at a time");
     return false;
   }
   if (std::find(scope.begin(), scope.end(), name) != scope.end()) {
@@ -124,8 +127,7 @@ std::vector<Node> read_steps(const TomlTable& table, const Names& scope, bool in
 void read_rows_of_lists(Node& node, const TomlTable& lists, Names& scope) {
   for (const auto& name : keys_as_written(lists)) {
     const bool usable = usable_name(lists, name, scope);
-    auto values =
-        lists.type_of(name) == "array" ? lists.numbers(name) : std::vector{lists.number(name)};
+    auto values = lists.type_of(name) == "array" ? lists.numbers(name) : std::vector{lists.number(name)};
     if (values.empty()) lists.error(name, "`" + name + "` has no values; give at least one number");
     if (!usable || values.empty()) continue;
     scope.push_back(name);
@@ -151,8 +153,7 @@ void read_rows_of_tables(Node& node, Names& scope) {
       if (std::find(names.begin(), names.end(), name) != names.end()) {
         row.push_back({name, value});
       } else if (&table != &tables.front()) {
-        table.error(name,
-                    "`" + name + "` is not in the first row; every row binds the same names: " + list(names));
+        table.error(name, "`" + name + "` is not in the first row; every row binds the same names: " + list(names));
       }
     }
     if (row.size() < names.size()) {
@@ -261,8 +262,7 @@ std::vector<Node> read_steps(const TomlTable& table, const Names& scope, bool in
       out.push_back(std::move(node));
       continue;
     }
-    const auto kind =
-        std::find_if(kKinds.begin(), kKinds.end(), [&](StepKind k) { return verb == name_of(k); });
+    const auto kind = std::find_if(kKinds.begin(), kKinds.end(), [&](StepKind k) { return verb == name_of(k); });
     if (kind == kKinds.end()) {
       static constexpr auto kVerbs = "pressurize, settle, ramp, hold, wave, mark or repeat";
       if (!step.has("do")) {
@@ -316,8 +316,7 @@ Protocol parse(const TomlTable& root) {
   if (root.choice("format", {"isorig-protocol/1"}).empty()) return out;
   out.name = root.string("name");
   out.description = root.string_or("description", {});
-  out.approach_velocity_mm_s =
-      root.number_or("approach_velocity_mm_s", out.approach_velocity_mm_s, base::kPositive);
+  out.approach_velocity_mm_s = root.number_or("approach_velocity_mm_s", out.approach_velocity_mm_s, base::kPositive);
   if (const auto table = root.table_if("recording")) out.recording = read_recording(*table);
   Names scope;
   if (const auto table = root.table_if("constants")) {

@@ -37,9 +37,9 @@ struct Node {
     std::string name;
     std::vector<double> values;
   };
-  std::vector<List> lists;      ///< every combination is a turn; the first varies slowest
-  std::vector<Bindings> rows;   ///< or each of these
-  double times = 1.0;           ///< or so many that bind nothing
+  std::vector<List> lists;     ///< every combination is a turn; the first varies slowest
+  std::vector<Bindings> rows;  ///< or each of these
+  double times = 1.0;          ///< or so many that bind nothing
   std::vector<Node> body;
 
   /// A double: lists multiply beyond any whole number.

@@ -50,8 +50,7 @@ namespace isorig::protocol::wave {
   return step.amplitude_mm * (std::sin(h * (index + 1)) - std::sin(h * index)) * 4.0 * n * step.frequency_hz;
 }
 
-[[nodiscard]] inline double chord_speed_mm_s(const Step& step, std::uint32_t stroke,
-                                             std::uint32_t chord) noexcept {
+[[nodiscard]] inline double chord_speed_mm_s(const Step& step, std::uint32_t stroke, std::uint32_t chord) noexcept {
   if (step.shape == WaveShape::kTriangle) return 4.0 * step.amplitude_mm * step.frequency_hz;
   const std::uint32_t n = step.segments_per_quarter;
   if (stroke == 0) return quarter_speed_mm_s(step, chord);

@@ -7,8 +7,7 @@ using base::kNonNegative;
 using base::kPositive;
 using base::TomlTable;
 
-void read_number(const std::optional<TomlTable>& table, std::string_view key, double& value,
-                 base::Range range = {}) {
+void read_number(const std::optional<TomlTable>& table, std::string_view key, double& value, base::Range range = {}) {
   if (table) value = table->number_or(key, value, range);
 }
 void read_count(const std::optional<TomlTable>& table, std::string_view key, int& value, base::Range range) {
@@ -102,8 +101,7 @@ void read_pneumatics(const std::optional<TomlTable>& t, PneumaticParameters& p) 
 }
 
 // [sim.physics]: effects = "FILE" or model = "FILE", and nominal_pressure_psi.
-std::optional<PhysicsConfig> read_physics(const std::optional<TomlTable>& t,
-                                          const std::filesystem::path& directory) {
+std::optional<PhysicsConfig> read_physics(const std::optional<TomlTable>& t, const std::filesystem::path& directory) {
   if (!t) return std::nullopt;
   PhysicsConfig physics;
   const bool effects = t->has("effects");
@@ -112,8 +110,7 @@ std::optional<PhysicsConfig> read_physics(const std::optional<TomlTable>& t,
   const std::string model_file = t->string_or("model", "");
   physics.nominal_pressure_psi = t->number("nominal_pressure_psi", kNonNegative);
   if (effects == model) {
-    t->error(model ? "model" : "",
-             "needs either `effects` (added to the specimen) or `model` (in its place)");
+    t->error(model ? "model" : "", "needs either `effects` (added to the specimen) or `model` (in its place)");
     return std::nullopt;
   }
   physics.replaces_actuator = model;

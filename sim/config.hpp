@@ -48,9 +48,9 @@ struct FrameParameters {
   double force_noise_N = 0.01;  ///< rms, white
   double force_quantum_N = 0.001;
   double force_drift_N_h = 0.0;
-  double force_gain = 1.0;      ///< of the load cell: it shows gain * force + offset
+  double force_gain = 1.0;  ///< of the load cell: it shows gain * force + offset
   double force_offset_N = 0.0;
-  double position_gain = 1.0;   ///< of the crosshead's scale, in what it shows and in what it is told
+  double position_gain = 1.0;         ///< of the crosshead's scale, in what it shows and in what it is told
   double position_noise_mm = 0.0002;  ///< rms, white
   double position_quantum_mm = 0.0001;
   DeviceClockParameters clock{1.0e6, -12.0, 1.0, 600.0};
@@ -102,8 +102,7 @@ struct PhysicsConfig {
   /// False: the parts are effects, added to the specimen's actuator. True: the parts are the whole specimen,
   /// such as a model that was identified; the actuator is left with its volume.
   bool replaces_actuator = false;
-  double nominal_pressure_psi =
-      15.0;  ///< at which the model was identified; effects of pressure count from here
+  double nominal_pressure_psi = 15.0;  ///< at which the model was identified; effects of pressure count from here
 };
 
 struct SimConfig {

@@ -29,8 +29,7 @@ sockaddr_un address_of(const std::string& path) {
 
 }  // namespace
 
-ControlSocket::ControlSocket(std::string path, Answer answer)
-    : path_(std::move(path)), answer_(std::move(answer)) {
+ControlSocket::ControlSocket(std::string path, Answer answer) : path_(std::move(path)), answer_(std::move(answer)) {
   const auto address = address_of(path_);
   fd_ = ::socket(AF_UNIX, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
   if (fd_ < 0) throw_errno("control socket");
@@ -73,8 +72,7 @@ bool ControlSocket::serve(Client& client) {
   for (std::size_t end; (end = client.received.find('\n')) != std::string::npos;) {
     const auto answer = answer_(std::string_view(client.received).substr(0, end));
     client.received.erase(0, end + 1);
-    if (::send(client.fd, answer.data(), answer.size(), MSG_NOSIGNAL) !=
-        static_cast<ssize_t>(answer.size())) {
+    if (::send(client.fd, answer.data(), answer.size(), MSG_NOSIGNAL) != static_cast<ssize_t>(answer.size())) {
       return false;
     }
   }

@@ -6,29 +6,28 @@ namespace isorig::sim {
 /// Faults of the emulated frame gateway, switched while it runs, from any thread (docs/wire-frame.md).
 struct FrameWireFaults {
   std::atomic<int> delay_ms{0};  ///< every answer comes so much later
-  std::atomic<int> late_ms{
-      0};  ///< the next answer only; then 0 again. Beyond the client's time-out: a late reply
-  std::atomic<int> drop{0};             ///< so many answers are never sent; -1: until switched off
-  std::atomic<int> corrupt{0};          ///< so many answers are damaged; -1: until switched off
+  std::atomic<int> late_ms{0};   ///< the next answer only; then 0 again. Beyond the client's time-out: a late reply
+  std::atomic<int> drop{0};      ///< so many answers are never sent; -1: until switched off
+  std::atomic<int> corrupt{0};   ///< so many answers are damaged; -1: until switched off
   std::atomic<bool> disconnect{false};  ///< connections are cut and none is taken, until switched off
-  std::atomic<bool> freeze{false};  ///< registers stand still, as when the frame hangs behind a live gateway
-  std::atomic<bool> refuse{false};  ///< start commands get an exception
+  std::atomic<bool> freeze{false};      ///< registers stand still, as when the frame hangs behind a live gateway
+  std::atomic<bool> refuse{false};      ///< start commands get an exception
   std::atomic<bool> wrong_identity{false};
 };
 
 /// Faults and conditions of the emulated 8800-type controller (docs/wire-8800.md). The last four are also what the
 /// controller itself changes: `list` shows how it stands.
 struct Instron8800Faults {
-  std::atomic<int> delay_ms{0};         ///< every answer comes so much later
-  std::atomic<int> late_ms{0};          ///< the next answer only; then 0 again
-  std::atomic<int> hang_ms{0};          ///< takes no line for so long, then goes on where it was; then 0 again
-  std::atomic<int> drop{0};             ///< so many answers are never sent; -1: until switched off
-  std::atomic<int> garbage{0};          ///< so many answers are damaged; -1: until switched off
-  std::atomic<int> extra{0};            ///< so many lines are sent that nobody asked for
-  std::atomic<int> lose{0};             ///< so many commands (C, P) are lost on their way; -1: until switched off
+  std::atomic<int> delay_ms{0};  ///< every answer comes so much later
+  std::atomic<int> late_ms{0};   ///< the next answer only; then 0 again
+  std::atomic<int> hang_ms{0};   ///< takes no line for so long, then goes on where it was; then 0 again
+  std::atomic<int> drop{0};      ///< so many answers are never sent; -1: until switched off
+  std::atomic<int> garbage{0};   ///< so many answers are damaged; -1: until switched off
+  std::atomic<int> extra{0};     ///< so many lines are sent that nobody asked for
+  std::atomic<int> lose{0};      ///< so many commands (C, P) are lost on their way; -1: until switched off
   /// The code that late, drop, garbage, extra (just before its answer) and lose hit, e.g. 134; 0: all.
   std::atomic<int> at_code{0};
-  std::atomic<bool> disconnect{false};  ///< connections are cut and none is taken
+  std::atomic<bool> disconnect{false};   ///< connections are cut and none is taken
   std::atomic<bool> ignore_stop{false};  ///< C1,0 does nothing
   std::atomic<bool> clamp{false};        ///< ramp times below 1 s become 1 s
   std::atomic<bool> wrong_scale{false};  ///< the load cell is another one

@@ -7,12 +7,9 @@ class ActuatorProcess final : public model::Process {
  public:
   ActuatorProcess(model::Actuator& actuator, const double& pressure_psi) noexcept
       : actuator_(actuator), pressure_psi_(pressure_psi) {}
-  void reset(const model::Instant& first) noexcept override {
-    actuator_.settle(first.position_mm, pressure_psi_);
-  }
+  void reset(const model::Instant& first) noexcept override { actuator_.settle(first.position_mm, pressure_psi_); }
   void force(const model::Instant& now, double* columns) noexcept override {
-    columns[0] =
-        now.dt_s > 0.0 ? actuator_.step(now.position_mm, pressure_psi_, now.dt_s) : actuator_.force_N();
+    columns[0] = now.dt_s > 0.0 ? actuator_.step(now.position_mm, pressure_psi_, now.dt_s) : actuator_.force_N();
   }
 
  private:
@@ -22,14 +19,12 @@ class ActuatorProcess final : public model::Process {
 
 }  // namespace
 
-SpecimenPhysics::SpecimenPhysics(const model::ActuatorParameters& actuator,
-                                 const std::optional<PhysicsConfig>& physics)
+SpecimenPhysics::SpecimenPhysics(const model::ActuatorParameters& actuator, const std::optional<PhysicsConfig>& physics)
     : actuator_(actuator) {
   if (!physics) return;
   nominal_pressure_psi_ = physics->nominal_pressure_psi;
   model::Reference reference;
-  reference.elongation_at_zero_mm =
-      actuator_.initial_length_mm() - actuator_.rest_length_mm(nominal_pressure_psi_);
+  reference.elongation_at_zero_mm = actuator_.initial_length_mm() - actuator_.rest_length_mm(nominal_pressure_psi_);
   reference.nominal_pressure_psi = nominal_pressure_psi_;
 
   model::ModelSpec spec = physics->spec;

@@ -33,8 +33,7 @@ double Random::normal_slow(double x, unsigned layer) noexcept {
     }
     const double value = x * kZiggurat.edge[layer];
     const double low = std::exp(-0.5 * (kZiggurat.edge[layer] * kZiggurat.edge[layer] - value * value));
-    const double high =
-        std::exp(-0.5 * (kZiggurat.edge[layer + 1] * kZiggurat.edge[layer + 1] - value * value));
+    const double high = std::exp(-0.5 * (kZiggurat.edge[layer + 1] * kZiggurat.edge[layer + 1] - value * value));
     if (high + uniform() * (low - high) < 1.0) return value;
     const std::uint64_t u = bits();
     layer = static_cast<unsigned>(u & 0x7F);

@@ -80,8 +80,8 @@ void Rig::step() noexcept {
   step_.position_end_mm = frame_.crosshead().position_mm();
   pneumatics_.step(valves, 1e-3 * physics_.actuator().volume_mm3(step_.position_end_mm));
   step_.pressure_end_psi = pneumatics_.pressure_psi();
-  step_.force_end_N = physics_.step(step_.position_end_mm, frame_.crosshead().velocity_mm_s(),
-                                    step_.pressure_end_psi, kStep_s);
+  step_.force_end_N =
+      physics_.step(step_.position_end_mm, frame_.crosshead().velocity_mm_s(), step_.pressure_end_psi, kStep_s);
 
   frame_.after_step(step_);
   pressure_.after_step(step_);

@@ -32,8 +32,8 @@ class TruthLog {
   }
   void write(const std::vector<sim::Truth>& steps) {
     for (const auto& truth : steps) {
-      std::fprintf(file_.get(), "%lld,%.6f,%.5f,%.5f\n", static_cast<long long>(truth.mono_ns),
-                   truth.position_mm, truth.force_N, truth.pressure_psi);
+      std::fprintf(file_.get(), "%lld,%.6f,%.5f,%.5f\n", static_cast<long long>(truth.mono_ns), truth.position_mm,
+                   truth.force_N, truth.pressure_psi);
     }
   }
 
@@ -91,7 +91,7 @@ int serve(const Arguments& arguments) {
     std::printf("frame: %s %s\n", config.instron8800 ? "tty" : "rtu", rig.frame_tty().c_str());
   }
   std::printf("pressure: %s\n", config.teensy_link.empty() ? ("USB serial number " + config.teensy_serial).c_str()
-                                                          : config.teensy_link.c_str());
+                                                           : config.teensy_link.c_str());
   if (rig.regulator() != nullptr) {
     if (rig.regulator()->port() != 0) {
       std::printf("regulator: tcp %s:%u\n", config.regulator->line.host.c_str(), rig.regulator()->port());
@@ -105,8 +105,8 @@ int serve(const Arguments& arguments) {
 
   const std::int64_t start_ns = clock.now_ns();
   std::int64_t next_ns = start_ns;
-  while (stop_asked == 0 && (arguments.duration_s <= 0.0 ||
-                             static_cast<double>(next_ns - start_ns) * 1e-9 < arguments.duration_s)) {
+  while (stop_asked == 0 &&
+         (arguments.duration_s <= 0.0 || static_cast<double>(next_ns - start_ns) * 1e-9 < arguments.duration_s)) {
     next_ns = std::max(next_ns + 1'000'000, clock.now_ns());  // after a stall: go on, do not catch up
     rig.service_until(next_ns);
     lines.service();
@@ -119,24 +119,22 @@ int serve(const Arguments& arguments) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app{"A simulated rig in real time: its frame on Modbus or as an 8800-type controller, its Teensy on a "
-               "pseudo-terminal or on USB."};
+  CLI::App app{
+      "A simulated rig in real time: its frame on Modbus or as an 8800-type controller, its Teensy on a "
+      "pseudo-terminal or on USB."};
   Arguments arguments;
   app.add_option("--rig", arguments.rig, "rig file; serves what its [frame] and [pressure] connect to")
       ->type_name("FILE");
   app.add_option("--truth", arguments.truth, "write what the plant really does, as CSV")->type_name("FILE");
-  app.add_option("--control", arguments.control, "take fault commands on this Unix socket")
-      ->type_name("SOCKET");
+  app.add_option("--control", arguments.control, "take fault commands on this Unix socket")->type_name("SOCKET");
   app.add_option("--fault", arguments.faults, "switch a fault on from the start, such as \"frame delay 20\"");
   app.add_option("--duration", arguments.duration_s, "stop after so many seconds; 0: never");
   app.add_option("--port", arguments.port, "TCP port instead of the rig file's; 0: a free one, printed");
   app.add_option("--rtu", arguments.rtu, "serve the frame over RTU too, on a pseudo-terminal linked here");
-  app.add_option("--teensy", arguments.teensy,
-                 "link to the Teensy's pseudo-terminal instead of the rig file's");
+  app.add_option("--teensy", arguments.teensy, "link to the Teensy's pseudo-terminal instead of the rig file's");
   app.add_option("--gpio-sync", arguments.lines.sync_pull,
                  "raise the sync line through this `pull` of a gpio-sim line (docs/virtual-bench.md)");
-  app.add_option("--gpio-vent", arguments.lines.vent_value,
-                 "the dump valve follows this `value` of a gpio-sim line");
+  app.add_option("--gpio-vent", arguments.lines.vent_value, "the dump valve follows this `value` of a gpio-sim line");
   auto* send = app.add_subcommand("send",
                                   "send one line to a running isorig-simrig: \"fault frame delay 200\", "
                                   "\"clear\", \"list\", \"truth pressure\"");

@@ -5,8 +5,7 @@
 namespace isorig::sim {
 namespace {
 
-model::SlseByPressure read_element(const base::TomlTable& table, std::string_view stiffness,
-                                   std::size_t pressures) {
+model::SlseByPressure read_element(const base::TomlTable& table, std::string_view stiffness, std::size_t pressures) {
   model::SlseByPressure out;
   const auto read = [&](std::string_view key, base::Range range) {
     std::vector<double> values = table.numbers(key, range);
@@ -54,8 +53,7 @@ Specimen load_specimen(const std::filesystem::path& path) {
       break;
     }
   }
-  if (model.has("pressure_psi") && a.pressure_psi.empty())
-    model.error("pressure_psi", "needs at least one pressure");
+  if (model.has("pressure_psi") && a.pressure_psi.empty()) model.error("pressure_psi", "needs at least one pressure");
   a.mckibben = read_element(model.table("mckibben"), "k1_N", a.pressure_psi.size());
   if (const auto sheath = model.table_if("sheath")) {
     a.sheath = read_element(*sheath, "beta", a.pressure_psi.size());

@@ -92,8 +92,7 @@ WireControl::WireControl(WireRig& wire) : rig_(wire.rig()) {
   };
 
   add("teensy delay-to-host", teensy.delay_to_host_us, "us", 60'000'000, false, "frames to the host wait");
-  add("teensy delay-to-device", teensy.delay_to_device_us, "us", 60'000'000, false,
-         "frames to the device wait");
+  add("teensy delay-to-device", teensy.delay_to_device_us, "us", 60'000'000, false, "frames to the device wait");
   add("teensy drop", teensy.drop_permille, "permille", 1000, false, "frames to the host are lost");
   add("teensy repeat", teensy.repeat_permille, "permille", 1000, false, "frames to the host come twice");
   add("teensy corrupt", teensy.corrupt_permille, "permille", 1000, false, "frames to the host lose a bit");

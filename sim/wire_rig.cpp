@@ -66,7 +66,8 @@ RegulatorServer::Options regulator_options(const pressure::RegulatorConfig& conf
 }
 
 std::unique_ptr<EmulatedTeensy> make_teensy(const WireRigConfig& config, const std::string& serial,
-                                            pressure::Device& backend, std::int64_t start_ns, const clock::Clock& clock) {
+                                            pressure::Device& backend, std::int64_t start_ns,
+                                            const clock::Clock& clock) {
   EmulatedTeensy::Options options;
   options.core.serial = serial.c_str();
   options.core.sample_rate_mhz = static_cast<std::uint32_t>(config.sim.pressure.sample_rate_hz * 1000.0);
@@ -100,7 +101,7 @@ WireRigConfig read_wire_rig(const std::filesystem::path& rig_file) {
       c.answer_us = static_cast<int>(t->integer_or("answer_us", c.answer_us, {0.0, 1e6}));
       using Watchdog = Instron8800Server::Options::Watchdog;
       const auto watchdog = t->choice_or("watchdog", "two-numbers", {"two-numbers", "one-number", "not-asked"});
-      c.watchdog = watchdog == "two-numbers" ? Watchdog::kTwoNumbers
+      c.watchdog = watchdog == "two-numbers"  ? Watchdog::kTwoNumbers
                    : watchdog == "one-number" ? Watchdog::kOneNumber
                                               : Watchdog::kNotAsked;
       c.answers_unknown = t->boolean_or("answers_unknown", c.answers_unknown);
@@ -136,15 +137,17 @@ WireRig::WireRig(const WireRigConfig& config, const clock::Clock& clock, bool ke
       instron8800_(config.instron8800 ? std::make_unique<Instron8800Server>(controller_options(config), rig_.frame(),
                                                                             instron8800_faults_)
                                       : nullptr),
-      regulator_(config.regulator ? std::make_unique<RegulatorServer>(regulator_options(*config.regulator), rig_, regulator_faults_)
-                                  : nullptr),
+      regulator_(config.regulator
+                     ? std::make_unique<RegulatorServer>(regulator_options(*config.regulator), rig_, regulator_faults_)
+                     : nullptr),
       teensy_(make_teensy(config, teensy_serial_, rig_.pressure(), start_ns_, clock)) {
   rig_.interlock().connect();
-  rig_.interlock().hold_pressure(
-      true);  // the interlock has no wire here: energised until the stop is pressed
+  rig_.interlock().hold_pressure(true);  // the interlock has no wire here: energised until the stop is pressed
 }
 
-void WireRig::sync_edge(std::int64_t mono_ns, bool is_high) { teensy_->sync_edge(mono_ns, is_high); }
+void WireRig::sync_edge(std::int64_t mono_ns, bool is_high) {
+  teensy_->sync_edge(mono_ns, is_high);
+}
 
 void WireRig::service_until(std::int64_t deadline_ns) {
   for (;;) {

@@ -77,9 +77,9 @@ void enter_root() {
   mkdir((root + "/lib/modules").c_str(), 0755);
   mount_at("modules", root + "/lib/modules", "9p", MS_RDONLY, k9p);
   mount_at("share", root + kShare, "9p", 0, "trans=virtio,version=9p2000.L,msize=262144,access=any");
-  require(chdir("/root") == 0 && mount("/root", "/", nullptr, MS_MOVE, nullptr) == 0 && chroot(".") == 0 &&
-              chdir("/") == 0,
-          "entering the root");
+  require(
+      chdir("/root") == 0 && mount("/root", "/", nullptr, MS_MOVE, nullptr) == 0 && chroot(".") == 0 && chdir("/") == 0,
+      "entering the root");
 }
 
 }  // namespace

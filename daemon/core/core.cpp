@@ -68,7 +68,8 @@ void Core::read_frame() noexcept {
     r.keep = keep_;
     supervisor_.on_frame_sample(r);
     fan_out(&Streams::frame, r);
-    if (!std::isfinite(r.position_mm) || !std::isfinite(r.force_N)) continue;  // recorded as it came, and believed by nobody
+    if (!std::isfinite(r.position_mm) || !std::isfinite(r.force_N))
+      continue;  // recorded as it came, and believed by nobody
     if (observer_ != nullptr) observer_->frame.push(r);
     seen_.position_mm = r.position_mm;
     raw_position_mm_ = double{r.raw_position_mm};
@@ -185,17 +186,20 @@ void Core::supervise(std::int64_t now_ns) noexcept {
     const char* text = why == nullptr ? "" : why;
     if (std::strncmp(now_.not_ready, text, sizeof now_.not_ready) != 0) copy_text(now_.not_ready, text);
     if ((why == nullptr) != (state_ == RunState::kReady)) {
-      transition(now_ns, why == nullptr ? RunState::kReady : RunState::kIdle, Severity::kInfo, why == nullptr ? "ready" : "not_ready",
-                 why == nullptr ? "all streams fresh, interlock closed, clocks mapped, vented and at rest" : why, 0.0, 0.0);
+      transition(now_ns, why == nullptr ? RunState::kReady : RunState::kIdle, Severity::kInfo,
+                 why == nullptr ? "ready" : "not_ready",
+                 why == nullptr ? "all streams fresh, interlock closed, clocks mapped, vented and at rest" : why, 0.0,
+                 0.0);
     }
   } else if (state_ == RunState::kFaulted) {
     if (now_ns - faulted_since_ns_ > kEvidenceNs) keep_ = Keep::kAveraged;
     // By a reading from after the stop: an earlier one, of a sensor that has gone silent since, says nothing.
-  } else if (state_ == RunState::kStopping && filter_last_ns_ > stopping_since_ns_ && pressure_psi_ < config_.vented_psi &&
-             supervisor_.stands()) {
+  } else if (state_ == RunState::kStopping && filter_last_ns_ > stopping_since_ns_ &&
+             pressure_psi_ < config_.vented_psi && supervisor_.stands()) {
     keep_ = Keep::kAveraged;
     const bool to_setup = setup_wanted_ && supervisor_.is_beyond_limit() && why_no_setup(now_ns) == nullptr;
-    transition(now_ns, RunState::kIdle, Severity::kInfo, "stopped", "frame stopped, pressure vented", pressure_psi_, 0.0);
+    transition(now_ns, RunState::kIdle, Severity::kInfo, "stopped", "frame stopped, pressure vented", pressure_psi_,
+               0.0);
     if (to_setup) enter_setup(now_ns, "a limit is still passed: jog back inside (isorig jog), then isorig setup --off");
   } else {
     watch_operator(now_ns, why);
@@ -214,11 +218,12 @@ Trip Core::judge_recorder(std::int64_t now_ns) noexcept {
   if (dropped > drops_before_run_) {
     const auto lost = static_cast<double>(dropped - drops_before_run_);
     drops_before_run_ = dropped;
-    return {Severity::kProgramStop, "recorder.overflow", "the recorder did not keep up and records are lost; check the disk",
-            lost, 0.0};
+    return {Severity::kProgramStop, "recorder.overflow",
+            "the recorder did not keep up and records are lost; check the disk", lost, 0.0};
   }
   const std::int64_t turn_ns = recorder_turn_ns_.load(std::memory_order_acquire);
-  if (const double age_s = static_cast<double>(now_ns - turn_ns) * 1e-9; turn_ns > 0 && age_s > config_.recorder_age_max_s) {
+  if (const double age_s = static_cast<double>(now_ns - turn_ns) * 1e-9;
+      turn_ns > 0 && age_s > config_.recorder_age_max_s) {
     return {Severity::kProgramStop, "recorder.stalled", "the recorder stands still; check the disk", age_s,
             config_.recorder_age_max_s};
   }
@@ -242,8 +247,8 @@ void Core::step_plan(std::int64_t now_ns) noexcept {
     end_run(now_ns, Outcome::kDone, "protocol finished: frame stops, pressure vents");
   } else if (action.state == protocol::CursorState::kFailed) {
     // The run is over: there is nothing to hold the pressure for.
-    trip_over(now_ns, {severity_of("protocol", Phase::kHolding), "protocol", protocol::describe(action.failure), action.failure_value,
-                       action.failure_threshold});
+    trip_over(now_ns, {severity_of("protocol", Phase::kHolding), "protocol", protocol::describe(action.failure),
+                       action.failure_value, action.failure_threshold});
   }
 }
 
@@ -277,7 +282,8 @@ void Core::command(std::int64_t now_ns) noexcept {
 void Core::note_clock(std::int64_t now_ns, const LinkHealth& health, ClockSeen& seen, const char* rejected,
                       const char* restarted) noexcept {
   if (health.clock_rejected != seen.rejected) {
-    emit(now_ns, Severity::kWarning, "clock.rejected", rejected, static_cast<double>(health.clock_rejected - seen.rejected), 0.0);
+    emit(now_ns, Severity::kWarning, "clock.rejected", rejected,
+         static_cast<double>(health.clock_rejected - seen.rejected), 0.0);
   }
   // The first life is no event.
   if (health.clock_epoch != seen.epoch && seen.epoch != 0) {

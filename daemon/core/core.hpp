@@ -29,9 +29,9 @@ struct Calibration {
 
 /// What a frame's restart does to its zero.
 enum class FrameZero : std::uint8_t {
-  kConfirm,    ///< it may be lost whenever the frame, or the daemon, was started: an operator confirms it
-  kFirstHolds, ///< likewise, but the first connection is known to be right: a simulated rig
-  kAbsolute,   ///< never lost: an absolute encoder
+  kConfirm,     ///< it may be lost whenever the frame, or the daemon, was started: an operator confirms it
+  kFirstHolds,  ///< likewise, but the first connection is known to be right: a simulated rig
+  kAbsolute,    ///< never lost: an absolute encoder
 };
 
 struct CoreConfig {
@@ -43,14 +43,27 @@ struct CoreConfig {
   double pressure_filter_s = 0.02;              ///< of the reading by which "settled" is judged
   double vented_psi = 0.5;                      ///< below this a stopping rig counts as vented
   FrameZero frame_zero = FrameZero::kFirstHolds;
-  double vent_time_max_s = 20.0;                ///< stopping takes no longer, vented or not
-  double recorder_age_max_s = 2.0;              ///< a recorder that has not come round for longer: program stop
+  double vent_time_max_s = 20.0;    ///< stopping takes no longer, vented or not
+  double recorder_age_max_s = 2.0;  ///< a recorder that has not come round for longer: program stop
 };
 
 /// A verb from the operator. The plan has to live until its run has ended.
 struct Request {
-  enum class Verb : std::uint8_t { kStart, kPause, kResume, kAbort, kReset, kSeal, kCalibrate, kConfirmZero,
-                                  kArm, kGo, kSetup, kLeaveSetup, kJog } verb = Verb::kAbort;
+  enum class Verb : std::uint8_t {
+    kStart,
+    kPause,
+    kResume,
+    kAbort,
+    kReset,
+    kSeal,
+    kCalibrate,
+    kConfirmZero,
+    kArm,
+    kGo,
+    kSetup,
+    kLeaveSetup,
+    kJog
+  } verb = Verb::kAbort;
   std::uint32_t id = 0;
   const protocol::Plan* plan = nullptr;
   std::uint32_t first_session = 0;
@@ -130,13 +143,15 @@ class Core {
   struct ClockSeen {
     std::uint32_t rejected = 0, epoch = 0;
   };
-  void note_clock(std::int64_t now_ns, const LinkHealth& health, ClockSeen& seen, const char* rejected, const char* restarted) noexcept;
+  void note_clock(std::int64_t now_ns, const LinkHealth& health, ClockSeen& seen, const char* rejected,
+                  const char* restarted) noexcept;
   void hand_off(std::int64_t now_ns) noexcept;
 
   /// What records are labelled with: before and after a run there is no step.
   [[nodiscard]] std::uint32_t step_now() const noexcept {
     const bool before = (state_ == RunState::kArmed || state_ == RunState::kCountdown) && !(run_open_ && run_begun_);
-    return state_ == RunState::kIdle || state_ == RunState::kReady || state_ == RunState::kSetup || before ? kNoStep : step_;
+    return state_ == RunState::kIdle || state_ == RunState::kReady || state_ == RunState::kSetup || before ? kNoStep
+                                                                                                           : step_;
   }
   /// The run that `request` names is open from now on; nothing of it has begun.
   void open_run(std::int64_t now_ns, const Request& request) noexcept;
@@ -155,7 +170,8 @@ class Core {
   void leave_setup(std::int64_t now_ns, Severity severity, const char* code, const char* why) noexcept;
   void watch_setup(std::int64_t now_ns) noexcept;
   const char* jog(std::int64_t now_ns, const Request& request) noexcept;
-  void end_jog(std::int64_t now_ns, Severity severity, const char* code, const char* why, double value, double threshold) noexcept;
+  void end_jog(std::int64_t now_ns, Severity severity, const char* code, const char* why, double value,
+               double threshold) noexcept;
   void end_run(std::int64_t now_ns, Outcome outcome, const char* why) noexcept;
   void abort(std::int64_t now_ns) noexcept;
   void stop_and_vent(std::int64_t now_ns) noexcept;
@@ -189,7 +205,7 @@ class Core {
             double threshold) noexcept;
   void emit_step(std::int64_t now_ns, const protocol::Action& action) noexcept;
   template <typename T>
-  void fan_out(base::SpscQueue<T> Streams::* queue, const T& record) noexcept {
+  void fan_out(base::SpscQueue<T> Streams::*queue, const T& record) noexcept {
     (recorder_.*queue).push(record);
     if (publisher_ != nullptr) (publisher_->*queue).push(record);
   }
@@ -213,11 +229,11 @@ class Core {
   Outcome outcome_ = Outcome::kNone;
   bool vented_fault_ = false;
   bool run_open_ = false;
-  bool run_begun_ = false;       ///< the open run, or the last one, has got beyond its countdown
+  bool run_begun_ = false;  ///< the open run, or the last one, has got beyond its countdown
   std::uint32_t first_session_ = 0;
   std::int64_t operator_until_ns_ = 0;  ///< of Status::operator_left_s
   int said_left_s_ = 0;
-  bool setup_wanted_ = false;    ///< once it has stopped, when a limit is passed
+  bool setup_wanted_ = false;  ///< once it has stopped, when a limit is passed
   bool jogging_ = false;
   std::int64_t jog_until_ns_ = 0;
   double jog_force_low_N_ = 0.0, jog_force_high_N_ = 0.0, jog_velocity_mm_s_ = 0.0;
@@ -258,7 +274,7 @@ class Core {
   };
   [[nodiscard]] Trip judge_recorder(std::int64_t now_ns) noexcept;
   base::SpscQueue<RecorderFault> recorder_faults_{8};
-  RecorderFault recorder_trouble_;                 ///< what it said last
+  RecorderFault recorder_trouble_;  ///< what it said last
   std::atomic<bool> recorder_fault_{false};
   std::atomic<std::int64_t> recorder_turn_ns_{0};  ///< 0: nothing records
   std::uint64_t drops_before_run_ = 0;

@@ -4,8 +4,8 @@
 /// Core: transitions and steps as events, to the recorder, the publisher and the host.
 namespace isorig::daemon {
 
-void Core::transition(std::int64_t now_ns, RunState to, Severity severity, const char* code, const char* text, double value,
-                      double threshold) noexcept {
+void Core::transition(std::int64_t now_ns, RunState to, Severity severity, const char* code, const char* text,
+                      double value, double threshold) noexcept {
   EventRecord event;
   event.mono_ns = now_ns;
   // A run's first and last transition belong to it.

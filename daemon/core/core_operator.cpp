@@ -4,15 +4,17 @@
 #include "daemon/core/core.hpp"
 #include "daemon/core/fixed_text.hpp"
 
-/// Core: what lies between an operator's command and a motion: two acts and a countdown before a run, and setup, in which
-/// the crosshead is jogged (docs/states.md).
+/// Core: what lies between an operator's command and a motion: two acts and a countdown before a run, and setup, in
+/// which the crosshead is jogged (docs/states.md).
 namespace isorig::daemon {
 namespace {
 
 constexpr double kForceMarginShare = 0.02;  // of the force range: beyond the jog's limit it may still be moved back
 constexpr double kJogLeast_mm = 0.001;
 
-std::int64_t after(std::int64_t now_ns, double seconds) noexcept { return now_ns + static_cast<std::int64_t>(seconds * 1e9); }
+std::int64_t after(std::int64_t now_ns, double seconds) noexcept {
+  return now_ns + static_cast<std::int64_t>(seconds * 1e9);
+}
 
 }  // namespace
 
@@ -83,15 +85,19 @@ void Core::watch_operator(std::int64_t now_ns, const char* not_ready) noexcept {
         emit(now_ns, Severity::kInfo, "countdown", text, double(left_s), 0.0);
       }
       break;
-    case RunState::kSetup: watch_setup(now_ns); break;
-    default: break;
+    case RunState::kSetup:
+      watch_setup(now_ns);
+      break;
+    default:
+      break;
   }
 }
 
 const char* Core::why_no_setup(std::int64_t now_ns) const noexcept {
   const char* why = nullptr;
   if (!supervisor_.healthy(now_ns, &why, config_.operating.jog_with_guard_open)) return why;
-  if (zero_epoch_ != confirmed_zero_) return "the frame's zero is not confirmed since it was started (isorig confirm-zero)";
+  if (zero_epoch_ != confirmed_zero_)
+    return "the frame's zero is not confirmed since it was started (isorig confirm-zero)";
   if (pressure_psi_ >= config_.vented_psi) return "the actuator is under pressure (isorig abort vents)";
   return nullptr;
 }
@@ -148,7 +154,8 @@ const char* Core::jog(std::int64_t now_ns, const Request& request) noexcept {
   jog_force_high_N_ = force_N > o.jog_force_max_N ? force_N + margin_N : o.jog_force_max_N;
   jog_force_low_N_ = force_N < -o.jog_force_max_N ? force_N - margin_N : -o.jog_force_max_N;
   jog_velocity_mm_s_ = velocity_mm_s;
-  if (!move_to(now_ns, static_cast<std::uint16_t>(frame_segment_id_ + 1), target_mm, velocity_mm_s)) return "a limit is passed";
+  if (!move_to(now_ns, static_cast<std::uint16_t>(frame_segment_id_ + 1), target_mm, velocity_mm_s))
+    return "a limit is passed";
   seen_.segment_reached = false;  // of the segment before
   jogging_ = true;
   jog_until_ns_ = after(now_ns, o.jog_time_max_s);
@@ -157,7 +164,8 @@ const char* Core::jog(std::int64_t now_ns, const Request& request) noexcept {
   return nullptr;
 }
 
-void Core::end_jog(std::int64_t now_ns, Severity severity, const char* code, const char* why, double value, double threshold) noexcept {
+void Core::end_jog(std::int64_t now_ns, Severity severity, const char* code, const char* why, double value,
+                   double threshold) noexcept {
   jogging_ = false;
   wish_stop(now_ns);
   operator_until_ns_ = after(now_ns, config_.operating.setup_max_s);
@@ -166,7 +174,8 @@ void Core::end_jog(std::int64_t now_ns, Severity severity, const char* code, con
 
 void Core::watch_setup(std::int64_t now_ns) noexcept {
   if (pressure_psi_ >= config_.vented_psi) {
-    leave_setup(now_ns, Severity::kWarning, "setup.pressure", "there is pressure in the actuator: setup is left, and it is vented");
+    leave_setup(now_ns, Severity::kWarning, "setup.pressure",
+                "there is pressure in the actuator: setup is left, and it is vented");
     return;
   }
   if (now_ns >= operator_until_ns_) {
@@ -176,15 +185,16 @@ void Core::watch_setup(std::int64_t now_ns) noexcept {
   if (!jogging_) return;
   const double most_mm_s = config_.operating.jog_speed_max_mm_s * 0.5;
   if (seen_.new_force && (seen_.force_N > jog_force_high_N_ || seen_.force_N < jog_force_low_N_)) {
-    end_jog(now_ns, Severity::kWarning, "jog.force", "the jog ended at its force limit; check specimen and grips", seen_.force_N,
-            seen_.force_N > 0.0 ? jog_force_high_N_ : jog_force_low_N_);
+    end_jog(now_ns, Severity::kWarning, "jog.force", "the jog ended at its force limit; check specimen and grips",
+            seen_.force_N, seen_.force_N > 0.0 ? jog_force_high_N_ : jog_force_low_N_);
   } else if (!now_.guard_closed && jog_velocity_mm_s_ > most_mm_s) {
-    end_jog(now_ns, Severity::kWarning, "jog.guard", "the guard was opened in a jog that is too fast for that", jog_velocity_mm_s_,
-            most_mm_s);
+    end_jog(now_ns, Severity::kWarning, "jog.guard", "the guard was opened in a jog that is too fast for that",
+            jog_velocity_mm_s_, most_mm_s);
   } else if (seen_.segment_reached) {
     end_jog(now_ns, Severity::kInfo, "jog.done", "the jog has reached its target", seen_.position_mm, 0.0);
   } else if (now_ns >= jog_until_ns_) {
-    end_jog(now_ns, Severity::kInfo, "jog.time", "the jog ended after its longest time; jog again to go on", seen_.position_mm, 0.0);
+    end_jog(now_ns, Severity::kInfo, "jog.time", "the jog ended after its longest time; jog again to go on",
+            seen_.position_mm, 0.0);
   }
 }
 

@@ -24,8 +24,8 @@ void Core::take_requests(std::int64_t now_ns) noexcept {
       case Request::Verb::kStart:
         if (state_ != RunState::kReady) {
           refuse(state_ == RunState::kFaulted ? "reset the fault first (isorig reset)"
-                 : state_ == RunState::kIdle ? std::string_view(now_.not_ready)
-                                             : "a run is under way; abort it first (isorig abort)");
+                 : state_ == RunState::kIdle  ? std::string_view(now_.not_ready)
+                                              : "a run is under way; abort it first (isorig abort)");
         } else if (const char* missing = why_not_ready(now_ns)) {
           refuse(missing);  // since the last tick
         } else if (request.verb == Request::Verb::kArm) {
@@ -41,14 +41,15 @@ void Core::take_requests(std::int64_t now_ns) noexcept {
         if (state_ == RunState::kArmed || state_ == RunState::kCountdown) {
           stand_down(now_ns, Severity::kInfo, "disarmed", "taken back by the operator");
         } else if (state_ == RunState::kSetup && jogging_) {
-          end_jog(now_ns, Severity::kInfo, "jog.stopped", "the jog was stopped by the operator", seen_.position_mm, 0.0);
+          end_jog(now_ns, Severity::kInfo, "jog.stopped", "the jog was stopped by the operator", seen_.position_mm,
+                  0.0);
         } else if (state_ != RunState::kRunning) {
           refuse("only a running protocol, a countdown or a jog can be paused");
         } else {
           cursor_->pause(now_ns);
           wish_stop(now_ns);
-          transition(now_ns, RunState::kPaused, Severity::kInfo, "pause", "paused by the operator: frame and pressure hold",
-                     0.0, 0.0);
+          transition(now_ns, RunState::kPaused, Severity::kInfo, "pause",
+                     "paused by the operator: frame and pressure hold", 0.0, 0.0);
         }
         break;
       case Request::Verb::kResume:
@@ -92,7 +93,8 @@ void Core::take_requests(std::int64_t now_ns) noexcept {
           refuse("only a paused run can be sealed");
         } else {
           seal();
-          emit(now_ns, Severity::kInfo, "sealed", "both valves shut by the operator until the run goes on", pressure_psi_, 0.0);
+          emit(now_ns, Severity::kInfo, "sealed", "both valves shut by the operator until the run goes on",
+               pressure_psi_, 0.0);
         }
         break;
       case Request::Verb::kCalibrate:
@@ -111,8 +113,8 @@ void Core::take_requests(std::int64_t now_ns) noexcept {
           refuse("the frame has not said anything yet");
         } else {
           confirmed_zero_ = zero_epoch_;
-          emit(now_ns, Severity::kInfo, "zero.confirmed", "the operator confirms the frame's zero; position as it reads now",
-               seen_.position_mm, 0.0);
+          emit(now_ns, Severity::kInfo, "zero.confirmed",
+               "the operator confirms the frame's zero; position as it reads now", seen_.position_mm, 0.0);
         }
         break;
       case Request::Verb::kReset: {
@@ -141,13 +143,19 @@ void Core::take_requests(std::int64_t now_ns) noexcept {
       }
     }
     if (reply.accepted) text << "now " << to_text(state_);
-    if (state_ == RunState::kArmed) text << ": isorig go within " << static_cast<std::int64_t>(config_.operating.arm_window_s) << " s begins the countdown";
-    if (state_ == RunState::kCountdown) text << ": keep clear, the rig moves in " << static_cast<std::int64_t>(config_.operating.countdown_s) << " s";
+    if (state_ == RunState::kArmed)
+      text << ": isorig go within " << static_cast<std::int64_t>(config_.operating.arm_window_s)
+           << " s begins the countdown";
+    if (state_ == RunState::kCountdown)
+      text << ": keep clear, the rig moves in " << static_cast<std::int64_t>(config_.operating.countdown_s) << " s";
     replies.push(reply);
   }
-  if (abort_wanted_.exchange(false, std::memory_order_acq_rel) &&
-      state_ != RunState::kIdle && state_ != RunState::kReady && state_ != RunState::kStopping) {
-    end_run(now_ns, !run_open_ ? outcome_ : run_begun_ ? Outcome::kAborted : Outcome::kNotStarted,
+  if (abort_wanted_.exchange(false, std::memory_order_acq_rel) && state_ != RunState::kIdle &&
+      state_ != RunState::kReady && state_ != RunState::kStopping) {
+    end_run(now_ns,
+            !run_open_   ? outcome_
+            : run_begun_ ? Outcome::kAborted
+                         : Outcome::kNotStarted,
             "aborted from outside: frame stops, pressure vents");
   }
 }
@@ -208,7 +216,8 @@ void Core::end_run(std::int64_t now_ns, Outcome outcome, const char* why) noexce
   outcome_ = outcome;
   run_open_ = false;
   stop_and_vent(now_ns);
-  const char* code = outcome == Outcome::kDone ? "run.done" : outcome == Outcome::kAborted    ? "run.aborted"
+  const char* code = outcome == Outcome::kDone         ? "run.done"
+                     : outcome == Outcome::kAborted    ? "run.aborted"
                      : outcome == Outcome::kNotStarted ? "run.not_started"
                                                        : "run.failed";
   transition(now_ns, RunState::kStopping, Severity::kInfo, code, why, 0.0, 0.0);

@@ -12,7 +12,9 @@ constexpr std::int64_t kWordsNs = 3'000'000'000;
 // An error that goes on is said again, but not every time.
 constexpr std::int64_t kErrorAgainNs = 10'000'000'000;
 
-bool begins(const char* text, const char* with) noexcept { return std::strncmp(text, with, std::strlen(with)) == 0; }
+bool begins(const char* text, const char* with) noexcept {
+  return std::strncmp(text, with, std::strlen(with)) == 0;
+}
 
 }  // namespace
 
@@ -23,7 +25,8 @@ void Core::watch_itself(std::int64_t now_ns) noexcept {
     supervisor_.report(recorder.code, recorder.what, recorder.value, recorder.threshold);
   }
   if (loop_.unreachable()) {
-    supervisor_.report("pressure.unreachable", "the set-point cannot be reached; check supply, leaks and the fill valve", pressure_psi_,
+    supervisor_.report("pressure.unreachable",
+                       "the set-point cannot be reached; check supply, leaks and the fill valve", pressure_psi_,
                        loop_.target_psi());
   }
   // A reading that is in doubt is not one to fill by, nor to hold by.
@@ -33,14 +36,15 @@ void Core::watch_itself(std::int64_t now_ns) noexcept {
   if (!held) held_since_ns_ = now_ns;
   const double held_s = static_cast<double>(now_ns - held_since_ns_) * 1e-9;
   if (const double most_s = config_.supervisor.held_max_s; most_s > 0.0 && held_s > most_s) {
-    supervisor_.report("held.expired", "the run was held for too long: vented; isorig resume RUN goes on from its repetition", held_s,
+    supervisor_.report("held.expired",
+                       "the run was held for too long: vented; isorig resume RUN goes on from its repetition", held_s,
                        most_s);
   }
   const double stopping_s = static_cast<double>(now_ns - stopping_since_ns_) * 1e-9;
   if (state_ == RunState::kStopping && stopping_s > config_.vent_time_max_s &&
       (pressure_psi_ >= config_.vented_psi || filter_last_ns_ <= stopping_since_ns_)) {
-    supervisor_.report("vent.stuck", "the actuator does not vent; shut the supply, check vent and dump valve", pressure_psi_,
-                       config_.vented_psi);
+    supervisor_.report("vent.stuck", "the actuator does not vent; shut the supply, check vent and dump valve",
+                       pressure_psi_, config_.vented_psi);
   }
 }
 
@@ -52,12 +56,14 @@ void Core::watch_zero(const FrameReport& report) noexcept {
       confirmed_zero_ = zero_epoch_;
     }
     if (!first) {
-      emit(report.mono_ns, Severity::kWarning, "restart.frame", "the frame was restarted, or is another: it may count from another zero",
-           static_cast<double>(zero_epoch_), 0.0);
+      emit(report.mono_ns, Severity::kWarning, "restart.frame",
+           "the frame was restarted, or is another: it may count from another zero", static_cast<double>(zero_epoch_),
+           0.0);
     }
   }
   if (zero_epoch_ != confirmed_zero_) {
-    supervisor_.report("frame.reference", "the frame was restarted: its zero may be lost. Check the zero, isorig confirm-zero, then reset",
+    supervisor_.report("frame.reference",
+                       "the frame was restarted: its zero may be lost. Check the zero, isorig confirm-zero, then reset",
                        0.0, 0.0);
   }
 }
@@ -143,8 +149,9 @@ void Core::describe(std::int64_t now_ns, const Trip& trip, FixedText<400>& text)
   const LinkHealth* link = begins(trip.code, "frame.") || std::strcmp(trip.code, "stale.frame") == 0 ? &frame_health_
                            : std::strcmp(trip.code, "stale.pressure") == 0                           ? &pressure_health_
                            : std::strcmp(trip.code, "stale.regulator") == 0                          ? &now_.regulator
-                           : begins(trip.code, "interlock.l") || std::strcmp(trip.code, "stale.interlock") == 0 ? &now_.interlock
-                                                                                                                 : nullptr;
+                           : begins(trip.code, "interlock.l") || std::strcmp(trip.code, "stale.interlock") == 0
+                               ? &now_.interlock
+                               : nullptr;
   if (link == nullptr || link->detail[0] == '\0' || link->failed_ns == 0 || now_ns - link->failed_ns > kWordsNs) return;
   text << "; the driver says: " << std::string_view(link->detail);
 }
@@ -152,7 +159,8 @@ void Core::describe(std::int64_t now_ns, const Trip& trip, FixedText<400>& text)
 const char* Core::why_not_ready(std::int64_t now_ns) const noexcept {
   const char* why = nullptr;
   if (!supervisor_.healthy(now_ns, &why)) return why;
-  if (zero_epoch_ != confirmed_zero_) return "the frame's zero is not confirmed since it was started (isorig confirm-zero)";
+  if (zero_epoch_ != confirmed_zero_)
+    return "the frame's zero is not confirmed since it was started (isorig confirm-zero)";
   if (!frame_health_.clock_ready || !pressure_health_.clock_ready) return "the device clocks are being measured";
   if (pressure_psi_ >= config_.vented_psi) return "the actuator is under pressure (isorig abort vents)";
   return nullptr;
@@ -182,9 +190,11 @@ void Core::follow_links(std::int64_t now_ns, bool tell_losses) noexcept {
   follow_link(now_ns, "error.pressure", "reconnect.pressure", pressure_health_, pressure_seen_);
   follow_link(now_ns, "error.interlock", "reconnect.interlock", now_.interlock, interlock_seen_);
   follow_link(now_ns, "error.regulator", "reconnect.regulator", now_.regulator, regulator_seen_);
-  note_clock(now_ns, frame_health_, frame_clock_, "a time exchange with the frame contradicts its clock and was left out",
+  note_clock(now_ns, frame_health_, frame_clock_,
+             "a time exchange with the frame contradicts its clock and was left out",
              "the frame's clock was set or restarted; its stamps begin anew");
-  note_clock(now_ns, pressure_health_, pressure_clock_, "a time exchange with the Teensy contradicts its clock and was left out",
+  note_clock(now_ns, pressure_health_, pressure_clock_,
+             "a time exchange with the Teensy contradicts its clock and was left out",
              "the Teensy's clock was set or restarted; its stamps begin anew");
   if (!tell_losses) return;
   if (frame_health_.lost > frame_seen_.lost) {

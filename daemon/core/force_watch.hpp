@@ -5,8 +5,8 @@
 
 namespace isorig::daemon {
 
-/// What a load cell's readings say of the cell and of the specimen: how fast the force changes, whether it has died, and
-/// whether the specimen broke.
+/// What a load cell's readings say of the cell and of the specimen: how fast the force changes, whether it has died,
+/// and whether the specimen broke.
 class ForceWatch {
  public:
   ForceWatch(double window_s, double frozen_max_s) noexcept
@@ -46,8 +46,8 @@ class ForceWatch {
   std::size_t count_ = 0;
   float same_N_ = 0.0F;
   std::int64_t same_since_ns_ = -1;
-  std::int64_t still_since_ns_ = -1;  ///< likewise, while the crosshead moves
-  double run_ = 0.0;                  ///< repeats of the present value
+  std::int64_t still_since_ns_ = -1;      ///< likewise, while the crosshead moves
+  double run_ = 0.0;                      ///< repeats of the present value
   double repeats_ = 0.0, changes_ = 0.0;  ///< with fading memory
   bool frozen_ = false;
 };

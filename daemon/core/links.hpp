@@ -26,19 +26,20 @@ struct Stamped {
 /// How a device is doing, from its I/O thread, each time something changed and at least every 100 ms.
 struct LinkHealth {
   bool connected = false;
-  bool clock_ready = false;        ///< enough exchanges for a mapping with a bound
-  std::uint32_t lost = 0;          ///< samples, since start
-  std::uint32_t corrupt = 0;       ///< messages, since start
-  std::uint32_t errors = 0;        ///< failed calls, since start
-  std::uint32_t reconnects = 0;    ///< since start
-  float bound_ns = 0.0F;           ///< of the newest stamp
+  bool clock_ready = false;      ///< enough exchanges for a mapping with a bound
+  std::uint32_t lost = 0;        ///< samples, since start
+  std::uint32_t corrupt = 0;     ///< messages, since start
+  std::uint32_t errors = 0;      ///< failed calls, since start
+  std::uint32_t reconnects = 0;  ///< since start
+  float bound_ns = 0.0F;         ///< of the newest stamp
   float repeatability_ns = 0.0F;
-  float sample_rate_hz = 0.0F;      ///< as the device says
-  std::uint32_t clock_epoch = 0;    ///< lives of the device's clock, since start: another one when it was set or restarted
-  std::uint32_t clock_rejected = 0; ///< time exchanges that were wrong, since start
-  std::int64_t failed_ns = 0;       ///< when the last call failed; 0: none has
-  char detail[224] = {};            ///< the last error, for people
-  char identity[96] = {};           ///< maker, model, serial number, firmware, as the device says
+  float sample_rate_hz = 0.0F;  ///< as the device says
+  std::uint32_t clock_epoch =
+      0;  ///< lives of the device's clock, since start: another one when it was set or restarted
+  std::uint32_t clock_rejected = 0;  ///< time exchanges that were wrong, since start
+  std::int64_t failed_ns = 0;        ///< when the last call failed; 0: none has
+  char detail[224] = {};             ///< the last error, for people
+  char identity[96] = {};            ///< maker, model, serial number, firmware, as the device says
 };
 
 /// The clock mapping measured by the sync line, each time something changed.
@@ -52,16 +53,17 @@ struct SyncReport {
 /// What the frame says of itself, and what its service has seen of it.
 struct FrameReport {
   frame::State state;
-  std::int64_t mono_ns = 0;            ///< when the state was read
-  std::uint32_t stop_wish = 0;         ///< the newest stop wish that the service has taken up ...
-  bool stop_confirmed = false;         ///< ... and whether it has ended in standstill
-  bool stands = false;                 ///< the report says no motion, and the samples' slope is no more than their noise
-  float velocity_mm_s = 0.0F;          ///< that slope, as the frame counts
-  float velocity_bound_mm_s = 0.0F;    ///< what the noise explains
-  float position_mm = 0.0F;            ///< mean over the window of the slope, as the frame counts
-  std::uint32_t reference_epoch = 0;   ///< frame::Identity's of this connection
-  std::uint32_t taken_segment = 0;     ///< FrameCommand::number of the last that the frame took in this connection; 0: none
-  std::uint32_t refused_segment = 0;   ///< ... and of the last that it did not take; LinkHealth::detail says why
+  std::int64_t mono_ns = 0;           ///< when the state was read
+  std::uint32_t stop_wish = 0;        ///< the newest stop wish that the service has taken up ...
+  bool stop_confirmed = false;        ///< ... and whether it has ended in standstill
+  bool stands = false;                ///< the report says no motion, and the samples' slope is no more than their noise
+  float velocity_mm_s = 0.0F;         ///< that slope, as the frame counts
+  float velocity_bound_mm_s = 0.0F;   ///< what the noise explains
+  float position_mm = 0.0F;           ///< mean over the window of the slope, as the frame counts
+  std::uint32_t reference_epoch = 0;  ///< frame::Identity's of this connection
+  std::uint32_t taken_segment =
+      0;  ///< FrameCommand::number of the last that the frame took in this connection; 0: none
+  std::uint32_t refused_segment = 0;  ///< ... and of the last that it did not take; LinkHealth::detail says why
 };
 
 struct FrameCommand {

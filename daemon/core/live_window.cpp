@@ -29,7 +29,8 @@ Reading LiveWindow::over(const Ring& ring, double window_s) {
   if (ring.count == 0) return r;
   const auto at = [&](std::size_t i) -> const Entry& { return ring.entries[i % Ring::kSize]; };
   const std::size_t oldest = ring.count > Ring::kSize ? ring.count - Ring::kSize : 0;
-  const std::int64_t since = at(ring.count - 1).mono_ns - static_cast<std::int64_t>(std::min(window_s, kLongest_s) * 1e9);
+  const std::int64_t since =
+      at(ring.count - 1).mono_ns - static_cast<std::int64_t>(std::min(window_s, kLongest_s) * 1e9);
   std::size_t first = ring.count - 1;
   while (first > oldest && at(first - 1).mono_ns >= since) --first;
 

@@ -24,8 +24,8 @@ struct Reading {
   double drift = 0.0;           ///< of the raw value over the window, from a straight line
   std::size_t longest_run = 0;  ///< equal raw values in a row
   std::int64_t from_ns = 0, to_ns = 0;
-  double worst_gap_s = 0.0;     ///< between two samples
-  double bound_ns = 0.0;        ///< the largest of a stamp
+  double worst_gap_s = 0.0;  ///< between two samples
+  double bound_ns = 0.0;     ///< the largest of a stamp
 };
 
 /// The last seconds of both streams, for averaged readings. One thread; not for the loop.

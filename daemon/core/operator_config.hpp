@@ -16,14 +16,15 @@ struct OperatorConfig {
   double setup_max_s = 600.0;       ///< without an act for longer: setup is left
   double jog_speed_max_mm_s = 1.0;  ///< half of it with the guard open
   double jog_force_max_N = protocol::Limits::kNone;  ///< either way: a jog that reaches it ends
-  double jog_time_max_s = 5.0;      ///< of one command: nobody holds a key down for longer without knowing
+  double jog_time_max_s = 5.0;  ///< of one command: nobody holds a key down for longer without knowing
   bool jog_with_guard_open = false;
-  bool sign_off_required = false;   ///< no start while the rig file differs from what was accepted
+  bool sign_off_required = false;  ///< no start while the rig file differs from what was accepted
 
   /// For a rig with these limits whose file has no [operator].
   [[nodiscard]] static OperatorConfig defaults(const protocol::Limits& limits, bool on_the_wire);
   /// Reads [operator].
-  [[nodiscard]] static OperatorConfig read(const base::TomlTable& table, const protocol::Limits& limits, bool on_the_wire);
+  [[nodiscard]] static OperatorConfig read(const base::TomlTable& table, const protocol::Limits& limits,
+                                           bool on_the_wire);
 };
 
 }  // namespace isorig::daemon

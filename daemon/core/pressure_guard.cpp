@@ -8,13 +8,13 @@
 namespace isorig::daemon {
 namespace {
 
-constexpr double kThermalShare = 0.2;   // polytropic overshoot of a fast filling, of the change
+constexpr double kThermalShare = 0.2;  // polytropic overshoot of a fast filling, of the change
 constexpr double kThermalTimeS = 1.0;
 // Over a gap as long as this nothing can be said of what happened in it.
 constexpr double kLongestGapS = 0.25;
-constexpr double kHoldBeginsS = 0.5;    // the approach is over
+constexpr double kHoldBeginsS = 0.5;  // the approach is over
 constexpr std::uint16_t kFullDuty = 1000;
-constexpr double kSureRatePsiS = 0.5;   // slower than this a quiet sensor may well repeat itself
+constexpr double kSureRatePsiS = 0.5;  // slower than this a quiet sensor may well repeat itself
 
 }  // namespace
 
@@ -53,7 +53,8 @@ PressureGuard::Duties PressureGuard::duties_before(std::int64_t mono_ns) noexcep
     taken_last_ = last;
     taken_newest_ = newest_slot_;
     taken_ = slots_[static_cast<std::size_t>(first % kSlots)];
-    for (std::int64_t slot = first + 1; slot <= last; ++slot) taken_.take(slots_[static_cast<std::size_t>(slot % kSlots)]);
+    for (std::int64_t slot = first + 1; slot <= last; ++slot)
+      taken_.take(slots_[static_cast<std::size_t>(slot % kSlots)]);
   } else if (last == newest_slot_) {
     taken_.take(slots_[static_cast<std::size_t>(last % kSlots)]);
   }
@@ -97,7 +98,9 @@ void PressureGuard::on_reading(std::int64_t mono_ns, double pressure_psi, double
   const auto sure = [&](std::uint16_t permille, double full) {
     return config_.response_min * std::max(0.0, 1e-3 * permille - dead_duty_) * full;
   };
-  const auto possible = [&](std::uint16_t permille, double full) { return 1e-3 * permille * full / config_.response_min; };
+  const auto possible = [&](std::uint16_t permille, double full) {
+    return 1e-3 * permille * full / config_.response_min;
+  };
   const double thermal_psi_s = kThermalShare * std::abs(behind_psi) / kThermalTimeS;
   const double motion_psi_s = config_.motion_bound_psi_mm() * std::abs(crosshead_velocity_mm_s);
   const double slack_psi_s = leak_psi_s_ + motion_psi_s;
@@ -117,31 +120,38 @@ void PressureGuard::on_reading(std::int64_t mono_ns, double pressure_psi, double
   if (short_psi_ > config_.allowance_psi) {
     if (duties.fill_min > 0) {
       raise("pressure.no_response",
-            "the fill valve is open and the reading does not rise; check the sensor's tube, the fill valve, the supply, the hoses",
+            "the fill valve is open and the reading does not rise; check the sensor's tube, the fill valve, the "
+            "supply, the hoses",
             short_psi_, config_.allowance_psi);
     } else {
-      raise("pressure.falls", "the reading falls faster than the valves can make it; check hoses, specimen and the sensor's tube",
+      raise("pressure.falls",
+            "the reading falls faster than the valves can make it; check hoses, specimen and the sensor's tube",
             short_psi_, config_.allowance_psi);
     }
   } else if (over_psi_ > config_.allowance_psi) {
     if (duties.vent_min > 0) {
-      raise("pressure.no_vent", "the vent valve is open and the reading does not fall; check the vent valve and its silencer, "
-            "the fill valve, the sensor's tube", over_psi_, config_.allowance_psi);
+      raise("pressure.no_vent",
+            "the vent valve is open and the reading does not fall; check the vent valve and its silencer, "
+            "the fill valve, the sensor's tube",
+            over_psi_, config_.allowance_psi);
     } else {
-      raise("pressure.rises", "the reading rises faster than the valves can make it; check the fill valve (stuck open?) and the supply",
+      raise("pressure.rises",
+            "the reading rises faster than the valves can make it; check the fill valve (stuck open?) and the supply",
             over_psi_, config_.allowance_psi);
     }
   }
   // A duty below `minimum_duty` never reaches the valve.
-  const auto fed = [&](std::uint16_t permille, double full) { return std::max(0.0, 1e-3 * permille - config_.minimum_duty) * full; };
+  const auto fed = [&](std::uint16_t permille, double full) {
+    return std::max(0.0, 1e-3 * permille - config_.minimum_duty) * full;
+  };
   judge_hold(fed(duties.fill_min, full_fill) - fed(duties.vent_max, full_vent),
-             fed(duties.vent_min, full_vent) - fed(duties.fill_max, full_fill), motion_psi_s + thermal_psi_s, change_psi, dt_s,
-             is_holding);
+             fed(duties.vent_min, full_vent) - fed(duties.fill_max, full_fill), motion_psi_s + thermal_psi_s,
+             change_psi, dt_s, is_holding);
   judge_fill_time(duties, dt_s);
 }
 
-void PressureGuard::judge_hold(double fed_psi_s, double drained_psi_s, double slack_psi_s, double change_psi, double dt_s,
-                               bool is_holding) noexcept {
+void PressureGuard::judge_hold(double fed_psi_s, double drained_psi_s, double slack_psi_s, double change_psi,
+                               double dt_s, bool is_holding) noexcept {
   hold_s_ = is_holding ? hold_s_ + dt_s : 0.0;
   if (hold_s_ < kHoldBeginsS) {
     fed_in_vain_psi_ = drained_in_vain_psi_ = 0.0;
@@ -152,10 +162,13 @@ void PressureGuard::judge_hold(double fed_psi_s, double drained_psi_s, double sl
   drained_in_vain_psi_ = std::max(0.0, drained_in_vain_psi_ + (drained_psi_s - free_psi_s) * dt_s + change_psi);
   const double bound_psi = config_.hold_allowance_psi();
   if (fed_in_vain_psi_ > bound_psi) {
-    raise("pressure.hold", "holding the pressure takes more air than a leak may; check hoses and specimen, and whether the reading is alive",
+    raise("pressure.hold",
+          "holding the pressure takes more air than a leak may; check hoses and specimen, and whether the reading is "
+          "alive",
           fed_in_vain_psi_, bound_psi);
   } else if (drained_in_vain_psi_ > bound_psi) {
-    raise("pressure.hold", "holding the pressure takes venting all the time; check the fill valve, and whether the reading is alive",
+    raise("pressure.hold",
+          "holding the pressure takes venting all the time; check the fill valve, and whether the reading is alive",
           drained_in_vain_psi_, bound_psi);
   }
 }
@@ -165,7 +178,8 @@ void PressureGuard::judge_fill_time(const Duties& duties, double dt_s) noexcept 
   const double fill = 1e-3 * duties.fill_min;
   fill_used_s_ = std::max(0.0, fill_used_s_ + (fill - free - 1e-3 * duties.vent_min) * dt_s);
   if (fill_used_s_ > fill_time_max_s_) {
-    raise("pressure.fill_time", "the fill valve was open for longer than any filling takes; check supply, hoses and the sensor's tube",
+    raise("pressure.fill_time",
+          "the fill valve was open for longer than any filling takes; check supply, hoses and the sensor's tube",
           fill_used_s_, fill_time_max_s_);
   }
 }

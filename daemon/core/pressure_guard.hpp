@@ -39,7 +39,8 @@ struct PressureDoubt {
 /// `allowance_psi`. With the shipped gains a full fill that does not show trips after 0.18 s.
 ///
 /// Three further sums need no bound on the gains:
-///  - a hold that wants more air than `leak`, in or out, on and on, though the reading stands: a leak, or a reading that
+///  - a hold that wants more air than `leak`, in or out, on and on, though the reading stands: a leak, or a reading
+///  that
 ///    stands because it is stuck;
 ///  - the time of the fill valve, as full-duty seconds above `leak`: more than three fillings from empty to the limit
 ///    without venting between is no filling;

@@ -135,8 +135,9 @@ pressure::Command PressureLoop::update(std::int64_t mono_ns, double pressure_psi
     const double duty = std::clamp(wanted, -1.0, 1.0);
     const bool saturated = std::abs(wanted) >= 1.0;
     if (!saturated || wanted * error < 0.0) integral_psi_s_ += error * dt_s;
-    const double most_psi_s = PressureLoopConfig::kIntegralShare * config_.fill_gain_per_s * (config_.supply_psi + kAtmospherePsi) *
-                              config_.integral_time_s / config_.proportional_per_s;
+    const double most_psi_s = PressureLoopConfig::kIntegralShare * config_.fill_gain_per_s *
+                              (config_.supply_psi + kAtmospherePsi) * config_.integral_time_s /
+                              config_.proportional_per_s;
     integral_psi_s_ = std::clamp(integral_psi_s_, -most_psi_s, most_psi_s);
 
     const double size = std::abs(duty) < config_.minimum_duty ? 0.0 : std::abs(duty);

@@ -21,34 +21,35 @@ class TomlTable;
 ///   rate = d(reference)/dt + kp (e + (1/Ti) integral e) + feedforward_psi_per_mm * crosshead velocity
 ///
 /// The reference runs to the target at the rate limit. Anti-windup: the integral stands still while the valve is
-/// saturated in the direction of the error, and it never asks for more than a quarter of the full fill rate: it is there
-/// for the leak and for gains that are not quite right. The gains are in 1/s of the linearised loop; with a dead time Td
-/// (valve, wire, sample) the phase margin at crossover kp is 90 deg - kp * Td * 57.3 - atan(1 / (kp * Ti)).
+/// saturated in the direction of the error, and it never asks for more than a quarter of the full fill rate: it is
+/// there for the leak and for gains that are not quite right. The gains are in 1/s of the linearised loop; with a dead
+/// time Td (valve, wire, sample) the phase margin at crossover kp is 90 deg - kp * Td * 57.3 - atan(1 / (kp * Ti)).
 namespace isorig::daemon {
 
 struct PressureLoopConfig {
   enum class Actuator : std::uint8_t { kValves, kRegulator } actuator = Actuator::kValves;
-  double supply_psi = 45.0;               ///< gauge
-  double fill_gain_per_s = 0.4;           ///< full-duty rate over absolute upstream pressure, nominal volume
+  double supply_psi = 45.0;      ///< gauge
+  double fill_gain_per_s = 0.4;  ///< full-duty rate over absolute upstream pressure, nominal volume
   double vent_gain_per_s = 0.4;
   double proportional_per_s = 25.0;
   double integral_time_s = 0.25;
-  double rate_limit_psi_s = 10.0;         ///< of the reference
-  double feedforward_psi_per_mm = 0.0;    ///< pressure the chamber would lose per mm of extension, if the valves slept
-  double minimum_duty = 0.0;              ///< below it a valve does not open; smaller commands are shut
+  double rate_limit_psi_s = 10.0;       ///< of the reference
+  double feedforward_psi_per_mm = 0.0;  ///< pressure the chamber would lose per mm of extension, if the valves slept
+  double minimum_duty = 0.0;            ///< below it a valve does not open; smaller commands are shut
   double settled_tolerance_psi = 0.1;
-  double unreachable_error_psi = 0.5;     ///< error and saturation for longer than `unreachable_after_s` ...
-  double unreachable_after_s = 5.0;       ///< ... is a set-point that cannot be reached (leak, empty supply)
+  double unreachable_error_psi = 0.5;  ///< error and saturation for longer than `unreachable_after_s` ...
+  double unreachable_after_s = 5.0;    ///< ... is a set-point that cannot be reached (leak, empty supply)
   // What a sound rig shows of all that (PressureGuard).
-  double response_min = 0.33;             ///< of the configured gains, at least; and at most its inverse
-  double leak_max_psi_s = 0.0;            ///< faster is a fault; 0: a twentieth of what the full fill valve gives
-  double motion_max_psi_per_mm = 0.0;     ///< pressure by motion; 0: thrice the feed-forward, at least a quarter
-  double allowance_psi = 0.2;             ///< of noise and rounding, in what is summed up
+  double response_min = 0.33;          ///< of the configured gains, at least; and at most its inverse
+  double leak_max_psi_s = 0.0;         ///< faster is a fault; 0: a twentieth of what the full fill valve gives
+  double motion_max_psi_per_mm = 0.0;  ///< pressure by motion; 0: thrice the feed-forward, at least a quarter
+  double allowance_psi = 0.2;          ///< of noise and rounding, in what is summed up
 
-  static constexpr double kDeadDuty = 0.05;       ///< the first part of a duty need not open the valve
-  static constexpr double kLeakShare = 0.05;      ///< of the full fill rate at the supply's pressure
-  static constexpr double kIntegralShare = 0.25;  ///< of the full fill rate, either way: the integral is for leak and gain
-  static constexpr double kFillings = 3.0;        ///< from 0 to the greatest pressure, without venting in between
+  static constexpr double kDeadDuty = 0.05;   ///< the first part of a duty need not open the valve
+  static constexpr double kLeakShare = 0.05;  ///< of the full fill rate at the supply's pressure
+  static constexpr double kIntegralShare =
+      0.25;                                 ///< of the full fill rate, either way: the integral is for leak and gain
+  static constexpr double kFillings = 3.0;  ///< from 0 to the greatest pressure, without venting in between
 
   [[nodiscard]] double leak_bound_psi_s() const noexcept;
   [[nodiscard]] double motion_bound_psi_mm() const noexcept;

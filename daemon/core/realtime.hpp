@@ -15,10 +15,10 @@ namespace isorig::daemon {
 
 struct RealtimeConfig {
   std::int64_t period_ns = 1'000'000;
-  int priority = 80;          ///< SCHED_FIFO; above the kernel's threaded interrupts (50)
-  int io_priority = 60;       ///< SCHED_FIFO of the device threads
-  int cpu = -1;               ///< pins the loop; -1 leaves it to the scheduler
-  bool enforce = true;        ///< false (--no-realtime): run as an ordinary process, and say so
+  int priority = 80;     ///< SCHED_FIFO; above the kernel's threaded interrupts (50)
+  int io_priority = 60;  ///< SCHED_FIFO of the device threads
+  int cpu = -1;          ///< pins the loop; -1 leaves it to the scheduler
+  bool enforce = true;   ///< false (--no-realtime): run as an ordinary process, and say so
 
   /// Reads [realtime].
   static RealtimeConfig read(const base::TomlTable& table);

@@ -18,13 +18,13 @@ struct FrameRecord {
   std::int64_t mono_ns = 0;
   std::int64_t device_us = 0;
   std::uint32_t sequence = 0;
-  std::uint32_t step = 0;          ///< index into the plan; kNoStep outside a run
-  float bound_ns = 0.0F;           ///< the stamp's error is inside +- this (contains path asymmetry)
-  float repeatability_ns = 0.0F;   ///< one sigma of the stamp's scatter
-  float raw_position_mm = 0.0F;    ///< as the frame sent it
+  std::uint32_t step = 0;         ///< index into the plan; kNoStep outside a run
+  float bound_ns = 0.0F;          ///< the stamp's error is inside +- this (contains path asymmetry)
+  float repeatability_ns = 0.0F;  ///< one sigma of the stamp's scatter
+  float raw_position_mm = 0.0F;   ///< as the frame sent it
   float raw_force_N = 0.0F;
-  double position_mm = 0.0;        ///< calibrated, relative to the unpressurized rest length
-  double force_N = 0.0;            ///< calibrated
+  double position_mm = 0.0;  ///< calibrated, relative to the unpressurized rest length
+  double force_N = 0.0;      ///< calibrated
   Keep keep = Keep::kFull;
 };
 
@@ -35,26 +35,45 @@ struct PressureRecord {
   std::uint32_t step = 0;
   float bound_ns = 0.0F;
   float repeatability_ns = 0.0F;
-  std::uint32_t raw_word = 0;      ///< the sensor's 32 bits
-  std::uint8_t status = 0;         ///< decoded: messages/elvh.hpp
+  std::uint32_t raw_word = 0;  ///< the sensor's 32 bits
+  std::uint8_t status = 0;     ///< decoded: messages/elvh.hpp
   Keep keep = Keep::kFull;
   float temperature_C = 0.0F;
-  double pressure_psi = 0.0;       ///< calibrated, gauge
+  double pressure_psi = 0.0;  ///< calibrated, gauge
 };
 
-enum class RunState : std::uint8_t { kIdle, kReady, kRunning, kPaused, kStopping, kFaulted, kArmed, kCountdown, kSetup };
+enum class RunState : std::uint8_t {
+  kIdle,
+  kReady,
+  kRunning,
+  kPaused,
+  kStopping,
+  kFaulted,
+  kArmed,
+  kCountdown,
+  kSetup
+};
 
 constexpr const char* to_text(RunState state) noexcept {
   switch (state) {
-    case RunState::kIdle: return "idle";
-    case RunState::kReady: return "ready";
-    case RunState::kRunning: return "running";
-    case RunState::kPaused: return "paused";
-    case RunState::kStopping: return "stopping";
-    case RunState::kFaulted: return "faulted";
-    case RunState::kArmed: return "armed";
-    case RunState::kCountdown: return "countdown";
-    case RunState::kSetup: return "setup";
+    case RunState::kIdle:
+      return "idle";
+    case RunState::kReady:
+      return "ready";
+    case RunState::kRunning:
+      return "running";
+    case RunState::kPaused:
+      return "paused";
+    case RunState::kStopping:
+      return "stopping";
+    case RunState::kFaulted:
+      return "faulted";
+    case RunState::kArmed:
+      return "armed";
+    case RunState::kCountdown:
+      return "countdown";
+    case RunState::kSetup:
+      return "setup";
   }
   return "unknown";
 }
@@ -74,9 +93,9 @@ struct ControlRecord {
   float force_N = 0.0F;
   std::uint64_t ticks = 0;
   std::uint64_t overruns = 0;
-  std::uint32_t worst_wakeup_ns = 0;   ///< since the last ControlRecord
-  std::uint32_t worst_run_ns = 0;      ///< since the last ControlRecord
-  float progress = 0.0F;               ///< 0..1 of the plan's estimated time
+  std::uint32_t worst_wakeup_ns = 0;  ///< since the last ControlRecord
+  std::uint32_t worst_run_ns = 0;     ///< since the last ControlRecord
+  float progress = 0.0F;              ///< 0..1 of the plan's estimated time
   float remaining_s = 0.0F;
 };
 
@@ -84,10 +103,14 @@ enum class Severity : std::uint8_t { kInfo, kWarning, kProgramStop, kSafeState }
 
 constexpr const char* to_text(Severity severity) noexcept {
   switch (severity) {
-    case Severity::kInfo: return "info";
-    case Severity::kWarning: return "warning";
-    case Severity::kProgramStop: return "program stop";
-    case Severity::kSafeState: return "safe state";
+    case Severity::kInfo:
+      return "info";
+    case Severity::kWarning:
+      return "warning";
+    case Severity::kProgramStop:
+      return "program stop";
+    case Severity::kSafeState:
+      return "safe state";
   }
   return "unknown";
 }

@@ -12,8 +12,8 @@ class Standstill {
  public:
   /// Samples over which a slope is taken: the shortest that tells standing from moving is enough.
   static constexpr std::array<double, 3> kWindows_s{0.06, 0.12, 0.2};
-  static constexpr double kSlowest_mm_s = 0.02;   ///< slower than this is standing
-  static constexpr double kSpeedShare = 0.005;    ///< ... or than this share of the speed that was left
+  static constexpr double kSlowest_mm_s = 0.02;  ///< slower than this is standing
+  static constexpr double kSpeedShare = 0.005;   ///< ... or than this share of the speed that was left
   static constexpr double kNoiseSigmas = 4.0;
   static constexpr std::size_t kLeastSamples = 4;
 

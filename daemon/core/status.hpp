@@ -40,30 +40,30 @@ struct Status {
   std::int32_t repetition = 0;
   bool healthy = false;
   std::uint64_t runs_started = 0;
-  bool run_loaded = false;          ///< a run is open: it can still go on
+  bool run_loaded = false;  ///< a run is open: it can still go on
   Outcome outcome = Outcome::kNone;
-  bool vented_fault = false;        ///< the fault's reaction was the safe state
-  bool zero_confirmed = false;      ///< the frame's zero, since the frame was started
-  float operator_left_s = -1.0F;    ///< armed: for the second act; countdown: to the motion; setup: until it is left
+  bool vented_fault = false;      ///< the fault's reaction was the safe state
+  bool zero_confirmed = false;    ///< the frame's zero, since the frame was started
+  float operator_left_s = -1.0F;  ///< armed: for the second act; countdown: to the motion; setup: until it is left
   LinkHealth frame;
   LinkHealth pressure;
   LinkHealth interlock;
-  clock::SyncCounts sync;           ///< the mapping of the Teensy's clock, measured by the sync line
-  clock::SyncCheck sync_check;      ///< the last
-  LinkHealth regulator;            ///< where one sets the pressure
-  double frame_age_s = -1.0;        ///< of the newest sample; negative before the first
-  double pressure_age_s = -1.0;     ///< of the newest valid reading
+  clock::SyncCounts sync;        ///< the mapping of the Teensy's clock, measured by the sync line
+  clock::SyncCheck sync_check;   ///< the last
+  LinkHealth regulator;          ///< where one sets the pressure
+  double frame_age_s = -1.0;     ///< of the newest sample; negative before the first
+  double pressure_age_s = -1.0;  ///< of the newest valid reading
   bool estop_closed = false;
   bool guard_closed = false;
-  std::uint64_t records_dropped = 0;   ///< by a full queue to the recorder: the run says so and fails
+  std::uint64_t records_dropped = 0;  ///< by a full queue to the recorder: the run says so and fails
   std::uint64_t publish_dropped = 0;
-  std::uint32_t worst_wakeup_ns = 0;   ///< since start
+  std::uint32_t worst_wakeup_ns = 0;  ///< since start
   std::uint32_t worst_run_ns = 0;
   std::array<std::uint64_t, kLatenessBins> lateness{};  ///< since start
-  std::uint64_t invalid_pressure = 0;  ///< sensor words that were no current reading, since start
-  char not_ready[96] = {};             ///< what is missing for ready, in words
-  char fault[448] = {};                ///< the latched cause: the first
-  std::uint32_t fault_count = 0;       ///< of `faults`; what came when it was full is not there
+  std::uint64_t invalid_pressure = 0;                   ///< sensor words that were no current reading, since start
+  char not_ready[96] = {};                              ///< what is missing for ready, in words
+  char fault[448] = {};                                 ///< the latched cause: the first
+  std::uint32_t fault_count = 0;                        ///< of `faults`; what came when it was full is not there
   std::array<FaultNote, kFaultsKept> faults{};
 };
 

@@ -9,7 +9,9 @@ namespace isorig::daemon {
 namespace {
 constexpr std::int64_t kExcuseNs = 200'000'000;
 
-constexpr double seconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
+constexpr double seconds(std::int64_t ns) {
+  return static_cast<double>(ns) * 1e-9;
+}
 }  // namespace
 
 SupervisorConfig SupervisorConfig::read(const base::TomlTable& table, const protocol::Limits& limits) {
@@ -38,11 +40,9 @@ void Supervisor::set_state(RunState state, bool run_open) noexcept {
   state_ = state;
   run_open_ = run_open;
   const bool after = state == RunState::kStopping || (state == RunState::kFaulted && !run_open);
-  const bool between = state == RunState::kIdle || state == RunState::kReady || (state == RunState::kArmed && !run_open);
-  phase_ = between                  ? Phase::kBetween
-           : after                                               ? Phase::kAfter
-           : segment_moving_                                     ? Phase::kMoving
-                                                                 : Phase::kHolding;
+  const bool between =
+      state == RunState::kIdle || state == RunState::kReady || (state == RunState::kArmed && !run_open);
+  phase_ = between ? Phase::kBetween : after ? Phase::kAfter : segment_moving_ ? Phase::kMoving : Phase::kHolding;
 }
 
 void Supervisor::note(const char* code, const char* what, double value, double threshold) noexcept {
@@ -54,14 +54,14 @@ void Supervisor::on_pressure_sample(std::int64_t mono_ns, double pressure_psi, b
   if (!valid) return;  // an unusable reading does not count as one: the age limit does the rest
   pressure_seen_ns_ = std::max(pressure_seen_ns_, mono_ns);
   if (pressure_psi > config_.limits.pressure_max_psi) {
-    note("limit.pressure", "pressure above its limit; check the fill valve and the supply",
-          pressure_psi, config_.limits.pressure_max_psi);
+    note("limit.pressure", "pressure above its limit; check the fill valve and the supply", pressure_psi,
+         config_.limits.pressure_max_psi);
   }
 }
 
 void Supervisor::on_pressure_stuck() noexcept {
   note("pressure.frozen", "the sensor sends one and the same count; check the sensor, its wires and the Teensy", 0.0,
-        0.0);
+       0.0);
 }
 
 void Supervisor::on_regulator(std::int64_t mono_ns, double pressure_psi, double elvh_psi, bool faulty) noexcept {
@@ -74,8 +74,8 @@ void Supervisor::on_regulator(std::int64_t mono_ns, double pressure_psi, double 
     disagree_since_ns_ = mono_ns;
   } else if (seconds(mono_ns - disagree_since_ns_) > 1.0) {
     note("regulator.disagrees",
-          "regulator and ELVH read different pressures; check the regulator's unit, zero and tubing", error_psi,
-          config_.regulator_error_max_psi);
+         "regulator and ELVH read different pressures; check the regulator's unit, zero and tubing", error_psi,
+         config_.regulator_error_max_psi);
   }
 }
 
@@ -86,17 +86,25 @@ void Supervisor::on_device_vented(bool is_vented, pressure::VentCause cause) noe
   const auto vented = [&](const char* code, const char* what) { note(code, what, 0.0, 0.0); };
   switch (cause) {
     case VentCause::kPressureHigh:
-      return vented("teensy.pressure", "the Teensy read more than its greatest pressure and vented by itself; check fill valve and supply");
+      return vented(
+          "teensy.pressure",
+          "the Teensy read more than its greatest pressure and vented by itself; check fill valve and supply");
     case VentCause::kFillTime:
-      return vented("teensy.fill_time", "the Teensy had its fill valve open for longer than any filling takes and vented by itself; "
+      return vented("teensy.fill_time",
+                    "the Teensy had its fill valve open for longer than any filling takes and vented by itself; "
                     "check supply, hoses and the sensor's tube");
     case VentCause::kSensorSilent:
-      return vented("teensy.sensor", "the Teensy had no reading to believe while it filled and vented by itself; check the sensor and its wires");
+      return vented(
+          "teensy.sensor",
+          "the Teensy had no reading to believe while it filled and vented by itself; check the sensor and its wires");
     case VentCause::kSensorStuck:
-      return vented("teensy.stuck", "the sensor sent one and the same count while the Teensy filled, and it vented by itself; check the sensor");
+      return vented(
+          "teensy.stuck",
+          "the sensor sent one and the same count while the Teensy filled, and it vented by itself; check the sensor");
     case VentCause::kNone:
     case VentCause::kHeartbeat:
-      return vented("pressure.watchdog", "the Teensy missed our heartbeat and vented by itself; the run is over: reset, then start again");
+      return vented("pressure.watchdog",
+                    "the Teensy missed our heartbeat and vented by itself; the run is over: reset, then start again");
   }
 }
 
@@ -107,8 +115,7 @@ void Supervisor::on_interlock(const interlock::State& state) noexcept {
   // How long ago it opened, where the kernel stamped it.
   const double open_s = state.opened_ns > 0 ? seconds(state.mono_ns - state.opened_ns) : 0.0;
   if (state.lost) {
-    note("interlock.lost", "the interlock inputs cannot be read; check their chip and cable", 0.0,
-          0.0);
+    note("interlock.lost", "the interlock inputs cannot be read; check their chip and cable", 0.0, 0.0);
   } else if (!state.estop_closed) {
     note("interlock.estop", "the emergency-stop chain is open; release it, then reset", open_s, 0.0);
   } else if (!state.guard_closed && !(state_ == RunState::kSetup && config_.guard_open_in_setup)) {
@@ -121,8 +128,8 @@ void Supervisor::on_tick_lateness(std::int64_t now_ns, std::int64_t late_ns) noe
     // What is old now is old because we were away: the cause is ours, and the streams are judged once they had
     // the time to come in.
     excused_until_ns_ = now_ns + kExcuseNs;
-    note("loop.late", "the real-time loop was late; check the machine's load and priorities",
-          seconds(late_ns), config_.late_tick_max_s);
+    note("loop.late", "the real-time loop was late; check the machine's load and priorities", seconds(late_ns),
+         config_.late_tick_max_s);
   }
 }
 
@@ -151,13 +158,14 @@ const TripList& Supervisor::check(std::int64_t now_ns) noexcept {
   if (segment_active_ && !segment_acknowledged_ && !stop_pending_ &&
       seconds(now_ns - segment_start_ns_) > config_.segment_ack_max_s) {
     note("frame.segment", "the frame did not take the segment; check its mode (computer control)",
-          seconds(now_ns - segment_start_ns_), config_.segment_ack_max_s);
+         seconds(now_ns - segment_start_ns_), config_.segment_ack_max_s);
     segment_active_ = false;
   }
   if (stop_pending_ && now_ns >= excused_until_ns_ && seconds(now_ns - stop_since_ns_) > config_.stop_confirm_max_s) {
     note("frame.stop",
-          "the crosshead was told to stop and has not been seen to stand; its heartbeat is withheld. If it moves, use its own stop",
-          seconds(now_ns - stop_since_ns_), config_.stop_confirm_max_s);
+         "the crosshead was told to stop and has not been seen to stand; its heartbeat is withheld. If it moves, use "
+         "its own stop",
+         seconds(now_ns - stop_since_ns_), config_.stop_confirm_max_s);
   }
   trips_ = found_;
   found_.clear();

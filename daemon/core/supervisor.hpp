@@ -19,29 +19,29 @@ namespace isorig::daemon {
 /// What may not happen while the rig is live, beyond the travel, force and pressure limits of [limits].
 struct SupervisorConfig {
   protocol::Limits limits;
-  double frame_age_max_s = 0.25;      ///< no frame sample for longer: safe state
-  double pressure_age_max_s = 0.25;   ///< no valid pressure reading for longer: safe state
-  double regulator_age_max_s = 0.0;   ///< no word from the pressure regulator for longer: safe state; 0: there is none
+  double frame_age_max_s = 0.25;     ///< no frame sample for longer: safe state
+  double pressure_age_max_s = 0.25;  ///< no valid pressure reading for longer: safe state
+  double regulator_age_max_s = 0.0;  ///< no word from the pressure regulator for longer: safe state; 0: there is none
   double regulator_error_max_psi = 1.0;  ///< its own sensor against the ELVH for longer than a second: safe state
-  double interlock_age_max_s = 0.5;   ///< no interlock reading for longer: safe state
-  double late_tick_max_s = 0.25;      ///< a tick later than this: program stop
-  double following_error_max_mm = 1.0;  ///< position against the commanded segment, plus 50 ms of its speed, at most
-  double following_error_min_mm = 0.2;  ///< ... and at low speed this plus 0.25 s of it; half of either is a warning
-  double stop_confirm_max_s = 0.3;    ///< a stop that has not ended in standstill within this: safe state
-  double standstill_max_mm = 0.05;    ///< a stopped crosshead that leaves its place by more: safe state
-  double segment_ack_max_s = 0.5;     ///< a segment the frame does not echo within this: program stop
-  double force_rate_window_s = 0.02;  ///< the force rate is the difference over this window
-  double frozen_force_max_s = 1.0;    ///< the very same raw force for longer: program stop
-  double break_drop_N = 5.0;          ///< half of the force and this much gone within the window: safe state; 0: not judged
-  bool guard_open_in_setup = false;   ///< [operator] jog_with_guard_open
-  double held_max_s = 3600.0;         ///< a run that is paused or held by a fault for longer is vented; 0: never
+  double interlock_age_max_s = 0.5;      ///< no interlock reading for longer: safe state
+  double late_tick_max_s = 0.25;         ///< a tick later than this: program stop
+  double following_error_max_mm = 1.0;   ///< position against the commanded segment, plus 50 ms of its speed, at most
+  double following_error_min_mm = 0.2;   ///< ... and at low speed this plus 0.25 s of it; half of either is a warning
+  double stop_confirm_max_s = 0.3;       ///< a stop that has not ended in standstill within this: safe state
+  double standstill_max_mm = 0.05;       ///< a stopped crosshead that leaves its place by more: safe state
+  double segment_ack_max_s = 0.5;        ///< a segment the frame does not echo within this: program stop
+  double force_rate_window_s = 0.02;     ///< the force rate is the difference over this window
+  double frozen_force_max_s = 1.0;       ///< the very same raw force for longer: program stop
+  double break_drop_N = 5.0;  ///< half of the force and this much gone within the window: safe state; 0: not judged
+  bool guard_open_in_setup = false;  ///< [operator] jog_with_guard_open
+  double held_max_s = 3600.0;        ///< a run that is paused or held by a fault for longer is vented; 0: never
 
   /// Reads [supervisor]; `limits` come from [limits].
   static SupervisorConfig read(const base::TomlTable& table, const protocol::Limits& limits);
 };
 
-/// Watches the streams. Pure: it is told what arrived and when, and answers with what is wrong; it moves nothing itself.
-/// What a cause calls for depends on the phase (daemon/core/trips.hpp). noexcept, no allocation.
+/// Watches the streams. Pure: it is told what arrived and when, and answers with what is wrong; it moves nothing
+/// itself. What a cause calls for depends on the phase (daemon/core/trips.hpp). noexcept, no allocation.
 class Supervisor {
  public:
   explicit Supervisor(const SupervisorConfig& config) noexcept;
@@ -49,7 +49,9 @@ class Supervisor {
   /// What the rig is doing: before anything else of a tick. `held`: a run is open.
   void set_state(RunState state, bool run_open) noexcept;
   /// Something that another part of the loop found.
-  void report(const char* code, const char* what, double value, double threshold) noexcept { note(code, what, value, threshold); }
+  void report(const char* code, const char* what, double value, double threshold) noexcept {
+    note(code, what, value, threshold);
+  }
 
   void on_frame_sample(const FrameRecord& sample) noexcept;
   void on_frame_report(const FrameReport& report) noexcept;
@@ -81,7 +83,9 @@ class Supervisor {
   /// leads away from it is. nullptr: it is.
   [[nodiscard]] const char* why_not(double target_mm) const noexcept;
   /// The limit that `why_not` speaks of.
-  [[nodiscard]] const char* limit_that_binds() const noexcept { return travel_.beyond != 0 ? "limit.travel" : "limit.force"; }
+  [[nodiscard]] const char* limit_that_binds() const noexcept {
+    return travel_.beyond != 0 ? "limit.travel" : "limit.force";
+  }
 
   /// What was found since the last call, and what is stale now. Valid until the next call of any member.
   [[nodiscard]] const TripList& check(std::int64_t now_ns) noexcept;
@@ -104,7 +108,8 @@ class Supervisor {
 
   void note(const char* code, const char* what, double value, double threshold) noexcept;
   void watch_standstill(const FrameReport& report) noexcept;
-  void watch_limit(Passed& passed, const char* code, const char* what, double value, double least, double most, double margin) noexcept;
+  void watch_limit(Passed& passed, const char* code, const char* what, double value, double least, double most,
+                   double margin) noexcept;
   void watch_force(const FrameRecord& sample) noexcept;
   void watch_following(const FrameRecord& sample) noexcept;
   void watch_frame_faults(const frame::State& state) noexcept;
@@ -127,20 +132,20 @@ class Supervisor {
   ForceWatch force_watch_;
   double last_position_mm_ = 0.0, last_force_N_ = 0.0;
   bool device_vented_ = false;
-  std::int64_t excused_until_ns_ = 0;   ///< after a late tick the streams get time to come in
+  std::int64_t excused_until_ns_ = 0;  ///< after a late tick the streams get time to come in
 
-  bool stop_pending_ = false;           ///< wished, and not yet seen to stand
+  bool stop_pending_ = false;  ///< wished, and not yet seen to stand
   std::uint32_t stop_wish_ = 0;
   std::int64_t stop_since_ns_ = 0;
-  bool at_rest_ = false;                ///< stopped and told nothing since: it has to stay at rest_mm_
+  bool at_rest_ = false;  ///< stopped and told nothing since: it has to stay at rest_mm_
   double rest_mm_ = 0.0;
   bool must_rest_ = false;
   bool frame_stands_ = false;
 
   bool segment_active_ = false;
   bool segment_acknowledged_ = false;
-  bool segment_moving_ = false;         ///< the frame says so
-  bool lag_warned_ = false;             ///< once a segment
+  bool segment_moving_ = false;  ///< the frame says so
+  bool lag_warned_ = false;      ///< once a segment
   frame::Segment segment_;
   std::uint32_t segment_number_ = 0;
   double segment_from_mm_ = 0.0;

@@ -7,9 +7,12 @@
 namespace isorig::daemon {
 namespace {
 
-constexpr double seconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
+constexpr double seconds(std::int64_t ns) {
+  return static_cast<double>(ns) * 1e-9;
+}
 
-// Beyond a limit that has tripped already the crosshead comes to rest, and may go back; further than this it trips anew.
+// Beyond a limit that has tripped already the crosshead comes to rest, and may go back; further than this it trips
+// anew.
 constexpr double kTravelMargin_mm = 0.2;
 constexpr double kForceMarginShare = 0.05;  // of the range between the two limits
 
@@ -18,22 +21,23 @@ constexpr double kForceMarginShare = 0.05;  // of the range between the two limi
 void Supervisor::on_frame_sample(const FrameRecord& s) noexcept {
   frame_seen_ns_ = std::max(frame_seen_ns_, s.mono_ns);
   if (!std::isfinite(s.position_mm) || !std::isfinite(s.force_N)) {
-    note("frame.number", "the frame sent a value that is not a number; check its transducers and the register map", 0.0, 0.0);
+    note("frame.number", "the frame sent a value that is not a number; check its transducers and the register map", 0.0,
+         0.0);
     return;
   }
   last_position_mm_ = s.position_mm;
   last_force_N_ = s.force_N;
   const auto& l = config_.limits;
-  watch_limit(travel_, "limit.travel", "position outside the travel limits; check the specimen and the zero", s.position_mm,
-              l.travel_min_mm, l.travel_max_mm, kTravelMargin_mm);
-  watch_limit(force_, "limit.force", "force outside its limits; check specimen, grips and load cell", s.force_N, l.force_min_N,
-              l.force_max_N, kForceMarginShare * (l.force_max_N - l.force_min_N));
+  watch_limit(travel_, "limit.travel", "position outside the travel limits; check the specimen and the zero",
+              s.position_mm, l.travel_min_mm, l.travel_max_mm, kTravelMargin_mm);
+  watch_limit(force_, "limit.force", "force outside its limits; check specimen, grips and load cell", s.force_N,
+              l.force_min_N, l.force_max_N, kForceMarginShare * (l.force_max_N - l.force_min_N));
   watch_force(s);
   watch_following(s);
 }
 
-void Supervisor::watch_limit(Passed& passed, const char* code, const char* what, double value, double least, double most,
-                             double margin) noexcept {
+void Supervisor::watch_limit(Passed& passed, const char* code, const char* what, double value, double least,
+                             double most, double margin) noexcept {
   const int beyond = value > most ? 1 : value < least ? -1 : 0;
   const bool known = beyond != 0 && beyond == passed.beyond && beyond * (value - passed.worst) <= margin;
   if (beyond == 0) {
@@ -86,13 +90,15 @@ void Supervisor::watch_following(const FrameRecord& s) noexcept {
   const double expected = segment_from_mm_ + std::copysign(done, length);
   const double error_mm = std::abs(double{s.raw_position_mm} - expected);
   // Scaled with the speed (as LinuxCNC's FERROR and MIN_FERROR), or a slow ramp is believed for minutes.
-  const double allowed_mm = std::min(config_.following_error_max_mm + 0.05 * speed_mm_s,
-                                     config_.following_error_min_mm + 0.25 * speed_mm_s);
+  const double allowed_mm =
+      std::min(config_.following_error_max_mm + 0.05 * speed_mm_s, config_.following_error_min_mm + 0.25 * speed_mm_s);
   if (error_mm > allowed_mm) {
-    note("frame.following", "the crosshead does not follow its segment; check drive and speed", double{s.raw_position_mm}, expected);
+    note("frame.following", "the crosshead does not follow its segment; check drive and speed",
+         double{s.raw_position_mm}, expected);
   } else if (error_mm > 0.5 * allowed_mm && !lag_warned_) {
     lag_warned_ = true;
-    note("frame.lags", "the crosshead follows its segment late; at twice this error the program stops", error_mm, allowed_mm);
+    note("frame.lags", "the crosshead follows its segment late; at twice this error the program stops", error_mm,
+         allowed_mm);
   }
 }
 
@@ -105,7 +111,8 @@ void Supervisor::watch_frame_faults(const frame::State& state) noexcept {
   } else if ((state.fault_bits & ~frame::kSampleBufferOverrun) != 0) {
     note("frame.fault", "the frame reports a fault; read its own display, then reset", bits, 0.0);
   } else if (state.motion == frame::Motion::kFault) {
-    note("frame.fault", "the frame is in a fault state, or in one that its map does not name; read its own display, then reset", 0.0,
+    note("frame.fault",
+         "the frame is in a fault state, or in one that its map does not name; read its own display, then reset", 0.0,
          0.0);
   } else if (state.motion == frame::Motion::kDisabled && run_open_) {
     note("frame.fault", "the frame's drive is off: it does not hold its position; find out why, then reset", 0.0, 0.0);
@@ -119,33 +126,36 @@ void Supervisor::on_frame_report(const FrameReport& report) noexcept {
   frame_state_known_ = true;
   // A report counts for a segment only when the frame has taken that very segment: an old number that is echoed
   // still is another one's.
-  const bool is_of_segment = segment_active_ && report.taken_segment == segment_number_ && state.segment_id == segment_.id;
+  const bool is_of_segment =
+      segment_active_ && report.taken_segment == segment_number_ && state.segment_id == segment_.id;
   segment_moving_ = is_of_segment && state.motion == frame::Motion::kMoving;
   watch_frame_faults(state);
   if (is_of_segment && segment_acknowledged_ &&
       (state.motion == frame::Motion::kStopped || state.motion == frame::Motion::kLimit ||
        state.motion == frame::Motion::kDisabled)) {
-    note("frame.stopped",
-          "the frame stopped short of its target, and not because we said so; look at its display, then reset and resume",
-          0.0, double{segment_.target_mm});
+    note(
+        "frame.stopped",
+        "the frame stopped short of its target, and not because we said so; look at its display, then reset and resume",
+        0.0, double{segment_.target_mm});
     segment_active_ = segment_moving_ = false;
   }
   if (segment_active_ && !segment_acknowledged_ && report.refused_segment == segment_number_) {
     note("frame.segment", "the frame refused the segment; look at its display and its limits", 0.0,
-          double{segment_.target_mm});
+         double{segment_.target_mm});
     segment_active_ = segment_moving_ = false;
   }
   if (is_of_segment && segment_active_ && !segment_acknowledged_) {
     segment_acknowledged_ = true;
     if (std::abs(state.target_mm - segment_.target_mm) > 1e-3F ||
         std::abs(state.velocity_mm_s - segment_.velocity_mm_s) > 1e-3F * segment_.velocity_mm_s) {
-      note("frame.segment", "the frame echoes another target or velocity than was sent",
-            double{state.target_mm}, double{segment_.target_mm});
+      note("frame.segment", "the frame echoes another target or velocity than was sent", double{state.target_mm},
+           double{segment_.target_mm});
     }
   }
 }
 
-void Supervisor::on_segment(const frame::Segment& segment, std::uint32_t number, double from_mm, std::int64_t mono_ns) noexcept {
+void Supervisor::on_segment(const frame::Segment& segment, std::uint32_t number, double from_mm,
+                            std::int64_t mono_ns) noexcept {
   segment_number_ = number;
   segment_active_ = true;
   segment_acknowledged_ = lag_warned_ = false;
@@ -176,13 +186,15 @@ void Supervisor::watch_standstill(const FrameReport& report) noexcept {
     }
   }
   if (!at_rest_ || segment_active_ || !report.stop_confirmed) return;
-  const bool must_rest = state_ == RunState::kPaused || state_ == RunState::kStopping || state_ == RunState::kCountdown ||
-                         state_ == RunState::kSetup || ((state_ == RunState::kFaulted || state_ == RunState::kArmed) && run_open_);
+  const bool must_rest = state_ == RunState::kPaused || state_ == RunState::kStopping ||
+                         state_ == RunState::kCountdown || state_ == RunState::kSetup ||
+                         ((state_ == RunState::kFaulted || state_ == RunState::kArmed) && run_open_);
   if (!must_rest) {
     rest_mm_ = double{report.position_mm};  // an operator may move it at its own panel
-  } else if (const double moved_mm = std::abs(double{report.position_mm} - rest_mm_); moved_mm > config_.standstill_max_mm) {
+  } else if (const double moved_mm = std::abs(double{report.position_mm} - rest_mm_);
+             moved_mm > config_.standstill_max_mm) {
     note("frame.stop", "the crosshead moves although it was stopped; stop it at its own panel or emergency stop",
-          moved_mm, config_.standstill_max_mm);
+         moved_mm, config_.standstill_max_mm);
   }
 }
 

@@ -24,10 +24,14 @@ struct TripRule {
   Severity moving, holding, after, between;
   [[nodiscard]] constexpr Severity in(Phase phase) const noexcept {
     switch (phase) {
-      case Phase::kMoving: return moving;
-      case Phase::kHolding: return holding;
-      case Phase::kAfter: return after;
-      case Phase::kBetween: break;
+      case Phase::kMoving:
+        return moving;
+      case Phase::kHolding:
+        return holding;
+      case Phase::kAfter:
+        return after;
+      case Phase::kBetween:
+        break;
     }
     return between;
   }

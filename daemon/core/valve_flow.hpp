@@ -2,8 +2,8 @@
 #include <algorithm>
 #include <cmath>
 
-/// What the valves give, by ISO 6358 (the formulas of daemon/core/pressure_loop.hpp): shared by the loop, which divides by
-/// it, and by the guard, which compares the reading with it. Pressures in psi; gauge unless a name says absolute.
+/// What the valves give, by ISO 6358 (the formulas of daemon/core/pressure_loop.hpp): shared by the loop, which divides
+/// by it, and by the guard, which compares the reading with it. Pressures in psi; gauge unless a name says absolute.
 namespace isorig::daemon {
 
 inline constexpr double kAtmospherePsi = 14.696;

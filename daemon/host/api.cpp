@@ -27,27 +27,30 @@ struct Call {
   const char* method;
   const char* path;
 };
-constexpr std::array kCalls{Call{"GET", "/v1/status"},    Call{"GET", "/v1/events"},  Call{"GET", "/v1/readings"},
-                            Call{"GET", "/v1/calibrations"}, Call{"GET", "/v1/selftest"}, Call{"POST", "/v1/start"},
-                            Call{"POST", "/v1/pause"},    Call{"POST", "/v1/resume"}, Call{"POST", "/v1/abort"},
-                            Call{"POST", "/v1/reset"},    Call{"POST", "/v1/confirm-zero"}, Call{"POST", "/v1/seal"},
-                            Call{"POST", "/v1/calibrations"}, Call{"POST", "/v1/notes"},
-                            Call{"POST", "/v1/go"},       Call{"POST", "/v1/setup"},  Call{"POST", "/v1/jog"},
-                            Call{"POST", "/v1/accept-rig"}};
+constexpr std::array kCalls{
+    Call{"GET", "/v1/status"},        Call{"GET", "/v1/events"},        Call{"GET", "/v1/readings"},
+    Call{"GET", "/v1/calibrations"},  Call{"GET", "/v1/selftest"},      Call{"POST", "/v1/start"},
+    Call{"POST", "/v1/pause"},        Call{"POST", "/v1/resume"},       Call{"POST", "/v1/abort"},
+    Call{"POST", "/v1/reset"},        Call{"POST", "/v1/confirm-zero"}, Call{"POST", "/v1/seal"},
+    Call{"POST", "/v1/calibrations"}, Call{"POST", "/v1/notes"},        Call{"POST", "/v1/go"},
+    Call{"POST", "/v1/setup"},        Call{"POST", "/v1/jog"},          Call{"POST", "/v1/accept-rig"}};
 
 struct Verb {
   const char* path;
   Request::Verb verb;
 };
-constexpr std::array kVerbs{Verb{"/v1/pause", Request::Verb::kPause}, Verb{"/v1/resume", Request::Verb::kResume},
-                            Verb{"/v1/abort", Request::Verb::kAbort}, Verb{"/v1/reset", Request::Verb::kReset},
-                            Verb{"/v1/seal", Request::Verb::kSeal}, Verb{"/v1/confirm-zero", Request::Verb::kConfirmZero}};
+constexpr std::array kVerbs{
+    Verb{"/v1/pause", Request::Verb::kPause}, Verb{"/v1/resume", Request::Verb::kResume},
+    Verb{"/v1/abort", Request::Verb::kAbort}, Verb{"/v1/reset", Request::Verb::kReset},
+    Verb{"/v1/seal", Request::Verb::kSeal},   Verb{"/v1/confirm-zero", Request::Verb::kConfirmZero}};
 
 HttpAnswer answer(int status, const json& body) {
   // What a client sent may stand in a text and need not be UTF-8.
   return {status, body.dump(-1, ' ', false, json::error_handler_t::replace)};
 }
-HttpAnswer refusal(int status, const std::string& text) { return answer(status, {{"ok", false}, {"text", text}}); }
+HttpAnswer refusal(int status, const std::string& text) {
+  return answer(status, {{"ok", false}, {"text", text}});
+}
 HttpAnswer answer(const Host::Result& result) {
   return answer(result.ok ? 200 : 409, {{"ok", result.ok}, {"text", result.text}, {"run", result.run}});
 }
@@ -98,7 +101,8 @@ HttpAnswer events(const Host& host, const HttpRequest& q) {
 
 HttpAnswer readings(const Host& host, const HttpRequest& q) {
   double window_s = 2.0;
-  if (const auto given = q.query.find("window_s"); given != q.query.end()) window_s = number_of<double>(given->second).value_or(-1.0);
+  if (const auto given = q.query.find("window_s"); given != q.query.end())
+    window_s = number_of<double>(given->second).value_or(-1.0);
   if (!(window_s >= 0.1 && window_s <= LiveWindow::kLongest_s)) {
     return refusal(400, "`window_s` has to be a number of seconds between 0.1 and 10");
   }
@@ -113,8 +117,9 @@ HttpAnswer no_such_call(const HttpRequest& q, bool only_stops) {
   }
   const std::string asked = q.method + " " + q.path;
   if (only_stops) {
-    return refusal(404, asked + " is not taken on this socket; it has GET /v1/status, POST /v1/abort, POST /v1/pause, and "
-                        "the one without .stop has the rest");
+    return refusal(404, asked +
+                            " is not taken on this socket; it has GET /v1/status, POST /v1/abort, POST /v1/pause, and "
+                            "the one without .stop has the rest");
   }
   if (!methods.empty()) return refusal(405, asked + ": the method has to be " + methods);
   return refusal(404, asked + " is not a call of this daemon; it has " + known);
@@ -127,13 +132,22 @@ Api::Api(Host& host, const std::filesystem::path& socket_path, unsigned mode, Au
       audit_(std::move(audit)),
       listener_(socket_path, mode),
       stop_listener_(stop_socket_of(socket_path), mode),
-      server_(listener_.fd(), {}, [this](HttpRequest q, HttpServer::Reply r) { handle(server_, q, r); }, refusal),
-      stop_server_(stop_listener_.fd(), {}, [this](HttpRequest q, HttpServer::Reply r) { handle(stop_server_, q, r); }, refusal) {}
+      server_(
+          listener_.fd(), {}, [this](HttpRequest q, HttpServer::Reply r) { handle(server_, q, r); }, refusal),
+      stop_server_(
+          stop_listener_.fd(), {}, [this](HttpRequest q, HttpServer::Reply r) { handle(stop_server_, q, r); },
+          refusal) {}
 
-Api::~Api() { stop(); }
+Api::~Api() {
+  stop();
+}
 
-void Api::serve() { server_.run(); }
-void Api::serve_stops() { stop_server_.run(); }
+void Api::serve() {
+  server_.run();
+}
+void Api::serve_stops() {
+  stop_server_.run();
+}
 
 void Api::work() {
   for (;;) {
@@ -178,9 +192,12 @@ void Api::handle(HttpServer& server, const HttpRequest& q, const HttpServer::Rep
   } else if (post && q.path == "/v1/go") {
     later(q, reply, [this] { return answered([&] { return answer(host_.go()); }); });
   } else if (post && q.path == "/v1/accept-rig") {
-    later(q, reply, [this, q] { return answered([&] { return answer(host_.accept_rig(accepting_operator(q.body), q.uid)); }); });
+    later(q, reply,
+          [this, q] { return answered([&] { return answer(host_.accept_rig(accepting_operator(q.body), q.uid)); }); });
   } else if (post && q.path == "/v1/calibrations") {
-    later(q, reply, [this, body = q.body] { return answered([&] { return answer(host_.add_calibration(calibration_record(body))); }); });
+    later(q, reply, [this, body = q.body] {
+      return answered([&] { return answer(host_.add_calibration(calibration_record(body))); });
+    });
   } else if (get && q.path == "/v1/selftest") {
     later(q, reply, [this] { return answer(200, host_.selftest_json()); });
   } else {

@@ -19,8 +19,8 @@ class Host;
 /// The daemon's control API: HTTP + JSON on two Unix sockets. Whoever may open them may move the rig: their owner,
 /// group and mode are the access control (docs/api.md has the calls). Nothing listens on a network.
 ///
-/// The second socket, SOCKET.stop, takes abort, pause and status alone and has a thread of its own: what is asked of the
-/// first one cannot keep the rig from being stopped. What waits for disk or a compiler is done by a third thread.
+/// The second socket, SOCKET.stop, takes abort, pause and status alone and has a thread of its own: what is asked of
+/// the first one cannot keep the rig from being stopped. What waits for disk or a compiler is done by a third thread.
 class Api {
  public:
   /// Who did what with which answer, a line each.

@@ -27,7 +27,8 @@ class Body {
       const auto meant = base::nearest(key, keys);
       std::string known;
       for (const auto& k : keys) known += (known.empty() ? "`" : ", `") + std::string(k) + "`";
-      fail("unknown key `" + key + "`" + (meant.empty() ? "; known here: " + known : "; did you mean `" + meant + "`?"));
+      fail("unknown key `" + key + "`" +
+           (meant.empty() ? "; known here: " + known : "; did you mean `" + meant + "`?"));
     }
   }
 
@@ -55,15 +56,16 @@ class Body {
   [[nodiscard]] std::string line(const char* key, const char* fallback) const {
     auto value = text(key, fallback);
     if (base::printable(value) != value) {
-      fail(std::string("`") + key + "` holds a control character, or a mark that hides or turns text; one line of plain text is needed");
+      fail(std::string("`") + key +
+           "` holds a control character, or a mark that hides or turns text; one line of plain text is needed");
     }
-    if (value.size() > kLongestLine) fail(std::string("`") + key + "` is longer than " + std::to_string(kLongestLine) + " bytes");
+    if (value.size() > kLongestLine)
+      fail(std::string("`") + key + "` is longer than " + std::to_string(kLongestLine) + " bytes");
     return value;
   }
   [[noreturn]] void fail(const std::string& why) const {
     throw BadRequest("the request is not what " + call_ + " takes: " + why);
   }
-
 
  private:
   std::string call_;
@@ -74,8 +76,8 @@ class Body {
 
 StartOptions start_options(const std::string& body, bool* dry_run) {
   const Body b("/v1/start", body,
-               {"protocol", "protocol_name", "specimen", "specimen_name", "operator", "resume_run", "resume_aborted", "on_another_rig",
-                "another_specimen", "dry_run"});
+               {"protocol", "protocol_name", "specimen", "specimen_name", "operator", "resume_run", "resume_aborted",
+                "on_another_rig", "another_specimen", "dry_run"});
   StartOptions o;
   o.resume_run = b.line("resume_run", "");
   // A run that goes on has its protocol with it.
@@ -93,13 +95,18 @@ StartOptions start_options(const std::string& body, bool* dry_run) {
 
 Correction correction(const std::string& body) {
   const Body b("/v1/notes", body, {"run", "by", "operator", "specimen", "specimen_name", "text"});
-  return {b.line("run", ""),      b.line("by", ""),          b.line("operator", ""),
-          b.text("specimen", ""), b.line("specimen_name", "specimen.toml"), b.line("text", "")};
+  return {b.line("run", ""),
+          b.line("by", ""),
+          b.line("operator", ""),
+          b.text("specimen", ""),
+          b.line("specimen_name", "specimen.toml"),
+          b.line("text", "")};
 }
 
 Request setup_request(const std::string& body) {
   Request r;
-  r.verb = !body.empty() && Body("/v1/setup", body, {"off"}).flag("off") ? Request::Verb::kLeaveSetup : Request::Verb::kSetup;
+  r.verb = !body.empty() && Body("/v1/setup", body, {"off"}).flag("off") ? Request::Verb::kLeaveSetup
+                                                                         : Request::Verb::kSetup;
   return r;
 }
 
@@ -122,6 +129,8 @@ std::string accepting_operator(const std::string& body) {
   return name;
 }
 
-std::string calibration_record(const std::string& body) { return Body("/v1/calibrations", body, {"record"}).text("record"); }
+std::string calibration_record(const std::string& body) {
+  return Body("/v1/calibrations", body, {"record"}).text("record");
+}
 
 }  // namespace isorig::daemon

@@ -26,10 +26,13 @@ constexpr auto kLook = std::chrono::milliseconds(20);
 constexpr auto kGrace = std::chrono::seconds(1);  // between SIGTERM and SIGKILL
 constexpr std::size_t kWordsKept = 200;           // of what the command writes to its standard error
 
-std::chrono::nanoseconds seconds(double s) { return std::chrono::nanoseconds(static_cast<std::int64_t>(s * 1e9)); }
+std::chrono::nanoseconds seconds(double s) {
+  return std::chrono::nanoseconds(static_cast<std::int64_t>(s * 1e9));
+}
 
 /// What a command needs of ours to find itself, and nothing else: no socket of the service manager, no library path.
-std::vector<std::string> environment_of(std::string_view event, std::string_view run, std::string_view text, std::string_view state) {
+std::vector<std::string> environment_of(std::string_view event, std::string_view run, std::string_view text,
+                                        std::string_view state) {
   std::vector<std::string> out;
   for (const char* name : {"PATH", "HOME", "USER", "LOGNAME", "LANG", "LC_ALL", "TZ", "TMPDIR"}) {
     if (const char* value = std::getenv(name); value != nullptr) out.push_back(std::string(name) + "=" + value);
@@ -63,7 +66,8 @@ class Words {
 };
 
 /// posix_spawn's answer: 0 or an errno. The child has a group of its own, no descriptor of ours, no signal blocked.
-int spawn(const std::string& command, const std::string& event, std::vector<std::string> environment, int words_fd, pid_t& pid) {
+int spawn(const std::string& command, const std::string& event, std::vector<std::string> environment, int words_fd,
+          pid_t& pid) {
   posix_spawn_file_actions_t actions;
   posix_spawnattr_t attributes;
   posix_spawn_file_actions_init(&actions);
@@ -109,7 +113,8 @@ std::optional<std::string> Callout::name_of(const EventRecord& event) {
 
 void Callout::on_event(const EventRecord& event, const std::string& run) {
   if (config_.command.empty()) return;
-  if (const auto name = name_of(event)) queue({*name, run, std::string(event.code) + ": " + event.text, to_text(event.to)});
+  if (const auto name = name_of(event))
+    queue({*name, run, std::string(event.code) + ": " + event.text, to_text(event.to)});
 }
 
 void Callout::watch(const Status& status, const std::string& run) {
@@ -125,7 +130,8 @@ void Callout::watch(const Status& status, const std::string& run) {
   if (held_told_ || held_s < config_.held_s) return;
   held_told_ = true;
   const std::string why = status.fault[0] != '\0' ? std::string(": ") + status.fault : std::string();
-  queue({"held", run, "the run has been held for " + std::to_string(static_cast<int>(held_s)) + " s" + why, to_text(state)});
+  queue({"held", run, "the run has been held for " + std::to_string(static_cast<int>(held_s)) + " s" + why,
+         to_text(state)});
 }
 
 void Callout::queue(Call call) {
@@ -166,7 +172,9 @@ void Callout::run() {
       dropped = std::exchange(dropped_, 0);
     }
     next = steady_clock::now() + seconds(config_.interval_s);
-    if (dropped > 0) note("notify: " + std::to_string(dropped) + " calls are given up: they came faster than [notify] interval_s lets them go");
+    if (dropped > 0)
+      note("notify: " + std::to_string(dropped) +
+           " calls are given up: they came faster than [notify] interval_s lets them go");
     call(due);
   }
 }
@@ -175,7 +183,8 @@ void Callout::call(const Call& due) {
   const std::string what = "notify: " + config_.command.string() + " (" + due.event + ") ";
   Words words;
   pid_t pid = 0;
-  if (const int error = spawn(config_.command.string(), due.event, environment_of(due.event, due.run, due.text, due.state), words.fd(), pid);
+  if (const int error = spawn(config_.command.string(), due.event,
+                              environment_of(due.event, due.run, due.text, due.state), words.fd(), pid);
       error != 0) {
     note(what + "cannot be started: " + std::strerror(error));
     return;

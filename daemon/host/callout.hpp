@@ -16,9 +16,9 @@
 
 namespace isorig::daemon {
 
-/// Calls somebody who is not there: runs the command of [notify] when a run is done, paused, aborted, faulted, or held for
-/// long (docs/config.md). What to say is queued, and a thread that does nothing else starts the command and waits for it:
-/// a command that hangs, or cannot be started, holds up nobody and nothing.
+/// Calls somebody who is not there: runs the command of [notify] when a run is done, paused, aborted, faulted, or held
+/// for long (docs/config.md). What to say is queued, and a thread that does nothing else starts the command and waits
+/// for it: a command that hangs, or cannot be started, holds up nobody and nothing.
 class Callout {
  public:
   /// What went wrong with a call, a line each.
@@ -56,12 +56,12 @@ class Callout {
   const Log log_;
   std::mutex mutex_;
   std::condition_variable more_;
-  std::deque<Call> calls_;             // guarded by mutex_
-  std::size_t dropped_ = 0;            // guarded by mutex_
-  bool stopping_ = false;              // guarded by mutex_
+  std::deque<Call> calls_;                                                                        // guarded by mutex_
+  std::size_t dropped_ = 0;                                                                       // guarded by mutex_
+  bool stopping_ = false;                                                                         // guarded by mutex_
   std::chrono::steady_clock::time_point give_up_ = std::chrono::steady_clock::time_point::max();  // guarded by mutex_
 
-  std::int64_t held_since_ns_ = -1;    // of watch()'s thread
+  std::int64_t held_since_ns_ = -1;  // of watch()'s thread
   bool held_told_ = false;
 };
 

@@ -23,7 +23,8 @@ std::string amend_run(Catalogue& catalogue, const RunRow& run, const Correction&
   catalogue.amend(run.id, a.specimen, rest_length_mm, a.operator_name);
   std::string said = "run " + run.id + " is noted";
   if (!a.specimen.empty()) said += ": specimen " + a.specimen + " (was " + run.specimen + ")";
-  if (!a.operator_name.empty()) said += ": operator " + a.operator_name + (run.operator_name.empty() ? "" : " (was " + run.operator_name + ")");
+  if (!a.operator_name.empty())
+    said += ": operator " + a.operator_name + (run.operator_name.empty() ? "" : " (was " + run.operator_name + ")");
   return said;
 }
 

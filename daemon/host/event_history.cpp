@@ -10,7 +10,9 @@ constexpr std::int64_t kOneEntryNs = 1'000'000'000;
 /// How far back a warning looks for one of its own code: kinds that alternate are collapsed too.
 constexpr std::size_t kLookBack = 32;
 
-bool is_turning_point(const EventRecord& r) noexcept { return r.severity >= Severity::kProgramStop || r.from != r.to; }
+bool is_turning_point(const EventRecord& r) noexcept {
+  return r.severity >= Severity::kProgramStop || r.from != r.to;
+}
 
 }  // namespace
 
@@ -39,7 +41,8 @@ bool EventHistory::add(const EventRecord& record) {
 std::vector<EventHistory::Entry> EventHistory::after(std::uint64_t number) const {
   std::vector<Entry> all;
   for (const auto* store : {&turning_points_, &others_}) {
-    std::copy_if(store->begin(), store->end(), std::back_inserter(all), [&](const Entry& e) { return e.number > number; });
+    std::copy_if(store->begin(), store->end(), std::back_inserter(all),
+                 [&](const Entry& e) { return e.number > number; });
   }
   std::sort(all.begin(), all.end(), [](const Entry& a, const Entry& b) { return a.number < b.number; });
   return all;

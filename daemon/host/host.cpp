@@ -20,7 +20,8 @@ constexpr auto kVerbPatience = std::chrono::seconds(2);
 /// Why a run must not go on; empty while everything is kept.
 std::string trouble_of(const RecorderStatus& s) {
   if (s.disk >= DiskCondition::kLow) {
-    return std::string("the recording cannot be continued: ") + describe(s.disk) + (s.error.empty() ? "" : " (" + s.error + ")");
+    return std::string("the recording cannot be continued: ") + describe(s.disk) +
+           (s.error.empty() ? "" : " (" + s.error + ")");
   }
   if (!s.catalogue_error.empty()) return "the catalogue cannot be written: " + s.catalogue_error;
   return s.fault;
@@ -51,7 +52,9 @@ std::uint32_t Host::submit(Request::Verb verb) {
   return desk_.submit(request);
 }
 
-std::uint32_t Host::submit(const Request& request) { return desk_.submit(request); }
+std::uint32_t Host::submit(const Request& request) {
+  return desk_.submit(request);
+}
 
 std::optional<Host::Result> Host::answer_to(std::uint32_t number) {
   const auto reply = desk_.reply_to(number);
@@ -129,7 +132,8 @@ std::shared_ptr<Host::Run> Host::take_events() {
     while (core_.host_events.pop(record)) {
       if (events_.add(record) && options_.on_event) told.push_back(record);
       // The first cause: what follows from it, or comes on top, is in the events.
-      if (record.severity >= Severity::kProgramStop && record.from != record.to) last_fault_ = std::string(record.code) + ": " + record.text;
+      if (record.severity >= Severity::kProgramStop && record.from != record.to)
+        last_fault_ = std::string(record.code) + ": " + record.text;
     }
     window_.drain(live_);
     run = run_;
@@ -146,12 +150,18 @@ void Host::drop_queued() {
   EventRecord e;
   ExchangeRecord x;
   SyncRecord s;
-  while (recording_.frame.pop(f)) {}
-  while (recording_.pressure.pop(p)) {}
-  while (recording_.control.pop(c)) {}
-  while (recording_.events.pop(e)) {}
-  while (recording_.exchanges.pop(x)) {}
-  while (recording_.sync.pop(s)) {}
+  while (recording_.frame.pop(f)) {
+  }
+  while (recording_.pressure.pop(p)) {
+  }
+  while (recording_.control.pop(c)) {
+  }
+  while (recording_.events.pop(e)) {
+  }
+  while (recording_.exchanges.pop(x)) {
+  }
+  while (recording_.sync.pop(s)) {
+  }
 }
 
 void Host::tell_core(const std::string& recorder_fault) {

@@ -27,13 +27,13 @@ namespace isorig::daemon {
 struct StartOptions {
   std::string protocol_text;
   std::string protocol_name = "protocol.toml";
-  std::string specimen_text;     ///< empty: the rig's own
+  std::string specimen_text;  ///< empty: the rig's own
   std::string specimen_name;
   std::string operator_name;
-  std::string resume_run;        ///< go on with this run from its first repetition that is not done
-  bool resume_aborted = false;   ///< although an operator had ended it
-  bool on_another_rig = false;   ///< although it was recorded on another rig
-  bool another_specimen = false; ///< although another specimen is mounted than it was recorded of
+  std::string resume_run;         ///< go on with this run from its first repetition that is not done
+  bool resume_aborted = false;    ///< although an operator had ended it
+  bool on_another_rig = false;    ///< although it was recorded on another rig
+  bool another_specimen = false;  ///< although another specimen is mounted than it was recorded of
 };
 
 /// What an operator puts right about a run afterwards; empty: not touched.
@@ -41,8 +41,8 @@ struct Correction {
   std::string run;
   std::string by;
   std::string operator_name;
-  std::string specimen_text;     ///< a whole specimen file
-  std::string specimen_name;     ///< how messages call that file
+  std::string specimen_text;  ///< a whole specimen file
+  std::string specimen_name;  ///< how messages call that file
   std::string text;
 };
 
@@ -57,10 +57,11 @@ class Host {
   struct Options {
     std::filesystem::path runs_root;
     bool virtual_time = false;
-    std::int64_t epoch_unix_us = 0;     ///< Unix time at mono_ns = 0
+    std::int64_t epoch_unix_us = 0;  ///< Unix time at mono_ns = 0
     std::int64_t seed = 0;
-    std::string revision;               ///< of the source this was built from
-    /// Waits for the loop's answer to a verb; the virtual runner lets the rig tick here. Whoever sets it has one thread.
+    std::string revision;  ///< of the source this was built from
+    /// Waits for the loop's answer to a verb; the virtual runner lets the rig tick here. Whoever sets it has one
+    /// thread.
     std::function<void()> breathe;
     /// Every event of the core as it is taken, for a log; a flood of one kind comes as one.
     std::function<void(const EventRecord&)> on_event;
@@ -166,15 +167,15 @@ class Host {
   VerbDesk desk_;
 
   std::atomic<bool> ending_{false};
-  std::mutex start_mutex_;              // one run, or one calibration, at a time
+  std::mutex start_mutex_;                                   // one run, or one calibration, at a time
   std::vector<std::shared_ptr<const protocol::Plan>> lent_;  // guarded by it: what the loop may look at
 
-  std::unique_ptr<Prepared> armed_;     // guarded by it: what go() opens
+  std::unique_ptr<Prepared> armed_;  // guarded by it: what go() opens
 
-  std::mutex tell_mutex_;               // the core's queue of recorder faults has one producer
-  std::string told_;                    // guarded by it
+  std::mutex tell_mutex_;  // the core's queue of recorder faults has one producer
+  std::string told_;       // guarded by it
 
-  mutable std::mutex mutex_;            // guards all below
+  mutable std::mutex mutex_;  // guards all below
   std::shared_ptr<Run> run_;
   std::string finished_id_;
   std::filesystem::path finished_directory_;

@@ -18,7 +18,9 @@ Host::Result Host::go() {
   const std::lock_guard one_at_a_time(start_mutex_);
   const auto now = core_.status();
   if (now.control.state != RunState::kArmed) {
-    return {false, std::string("the rig is ") + to_text(now.control.state) + ": a start has to be armed first (isorig start)", {}};
+    return {false,
+            std::string("the rig is ") + to_text(now.control.state) + ": a start has to be armed first (isorig start)",
+            {}};
   }
   if (now.run_loaded) {  // a paused run that goes on
     Request request;
@@ -33,11 +35,15 @@ Host::Result Host::go() {
 /// Of a run that was there before nothing is lost by a countdown that was not completed.
 std::string Host::outcome_text(const Run& run, Outcome outcome) {
   switch (outcome) {
-    case Outcome::kDone: return "done";
-    case Outcome::kAborted: return "aborted";
-    case Outcome::kNotStarted: return run.resumed ? "interrupted" : "not started";
+    case Outcome::kDone:
+      return "done";
+    case Outcome::kAborted:
+      return "aborted";
+    case Outcome::kNotStarted:
+      return run.resumed ? "interrupted" : "not started";
     case Outcome::kNone:
-    case Outcome::kFailed: break;
+    case Outcome::kFailed:
+      break;
   }
   return "failed";
 }

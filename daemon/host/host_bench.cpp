@@ -19,21 +19,23 @@ namespace {
 using nlohmann::json;
 
 json to_json(const Reading& r, const char* unit) {
-  return {{"unit", unit},
-          {"samples", r.samples},
-          {"raw", r.raw},
-          {"calibrated", r.calibrated},
-          {"sd", r.sd},
-          {"standard_error", r.standard_error},
-          {"min", r.min},
-          {"max", r.max},
-          {"drift", r.drift},
-          {"longest_run", r.longest_run},
-          {"from_mono_ns", r.from_ns},
-          {"to_mono_ns", r.to_ns},
-          {"rate_hz", r.to_ns > r.from_ns ? static_cast<double>(r.samples - 1) * 1e9 / static_cast<double>(r.to_ns - r.from_ns) : 0.0},
-          {"worst_gap_s", r.worst_gap_s},
-          {"bound_us", std::isfinite(r.bound_ns) ? json(r.bound_ns * 1e-3) : json()}};
+  return {
+      {"unit", unit},
+      {"samples", r.samples},
+      {"raw", r.raw},
+      {"calibrated", r.calibrated},
+      {"sd", r.sd},
+      {"standard_error", r.standard_error},
+      {"min", r.min},
+      {"max", r.max},
+      {"drift", r.drift},
+      {"longest_run", r.longest_run},
+      {"from_mono_ns", r.from_ns},
+      {"to_mono_ns", r.to_ns},
+      {"rate_hz",
+       r.to_ns > r.from_ns ? static_cast<double>(r.samples - 1) * 1e9 / static_cast<double>(r.to_ns - r.from_ns) : 0.0},
+      {"worst_gap_s", r.worst_gap_s},
+      {"bound_us", std::isfinite(r.bound_ns) ? json(r.bound_ns * 1e-3) : json()}};
 }
 
 /// "VmLck:     1234 kB"
@@ -62,11 +64,11 @@ json threads_json() {
     sched_param param{};
     const int policy = ::sched_getscheduler(tid);
     if (policy < 0 || ::sched_getparam(tid, &param) != 0) continue;
-    all.push_back({{"name", name}, {"fifo", (policy & ~SCHED_RESET_ON_FORK) == SCHED_FIFO}, {"priority", param.sched_priority}});
+    all.push_back(
+        {{"name", name}, {"fifo", (policy & ~SCHED_RESET_ON_FORK) == SCHED_FIFO}, {"priority", param.sched_priority}});
   }
   return all;
 }
-
 
 }  // namespace
 
@@ -116,9 +118,11 @@ json Host::calibrations_json() const {
 json Host::selftest_json() const {
   const auto s = core_.status();
   const auto link = [](const LinkHealth& h) {
-    return json{{"connected", h.connected}, {"clock_ready", h.clock_ready}, {"identity", h.identity},
-                {"sample_rate_hz", h.sample_rate_hz}, {"lost", h.lost}, {"corrupt", h.corrupt},
-                {"errors", h.errors}, {"reconnects", h.reconnects}, {"detail", h.detail}};
+    return json{{"connected", h.connected}, {"clock_ready", h.clock_ready},
+                {"identity", h.identity},   {"sample_rate_hz", h.sample_rate_hz},
+                {"lost", h.lost},           {"corrupt", h.corrupt},
+                {"errors", h.errors},       {"reconnects", h.reconnects},
+                {"detail", h.detail}};
   };
   json out{{"version", kVersion},
            {"rig", rig_.name},
@@ -153,8 +157,10 @@ json Host::selftest_json() const {
   if (rig_.sim) {
     // A simulated frame's own cabinet can be asked; a real one shows its limits on its panel.
     const auto& f = rig_.sim->frame;
-    out["frame_limits"] = {{"travel_min_mm", f.travel_min_mm}, {"travel_max_mm", f.travel_max_mm},
-                           {"force_min_N", f.force_min_N},     {"force_max_N", f.force_max_N},
+    out["frame_limits"] = {{"travel_min_mm", f.travel_min_mm},
+                           {"travel_max_mm", f.travel_max_mm},
+                           {"force_min_N", f.force_min_N},
+                           {"force_max_N", f.force_max_N},
                            {"speed_max_mm_s", f.speed_max_mm_s}};
   }
   return out;
@@ -186,23 +192,26 @@ Host::Result Host::add_calibration(const std::string& record_toml) {
   }
   const auto taken = ask(request);
   if (!taken.ok) {
-    return {false, "the record " + record.id + " is kept, but not in force before the daemon starts again: " + taken.text, {}};
+    return {false,
+            "the record " + record.id + " is kept, but not in force before the daemon starts again: " + taken.text,
+            {}};
   }
   return {true, "calibration " + record.id + " is in force, due on " + record.due, {}};
 }
 
 /// What a recording was made with. Nothing of it may differ between two machines in virtual time, where recordings are
 /// compared byte by byte.
-std::vector<std::pair<std::string, std::string>> Host::provenance(const std::string& operator_name, const Status& now) const {
+std::vector<std::pair<std::string, std::string>> Host::provenance(const std::string& operator_name,
+                                                                  const Status& now) const {
   std::vector<std::pair<std::string, std::string>> all{
-      {"isorig", kVersion},
-      {"git", options_.revision.empty() ? "unknown" : options_.revision},
-      {"lcm", kLcmVersion}};
+      {"isorig", kVersion}, {"git", options_.revision.empty() ? "unknown" : options_.revision}, {"lcm", kLcmVersion}};
   if (!operator_name.empty()) all.emplace_back("operator", operator_name);
   if (options_.virtual_time) return all;
   utsname kernel{};
-  if (::uname(&kernel) == 0) all.emplace_back("kernel", std::string(kernel.sysname) + " " + kernel.release + " " + kernel.machine);
-  for (const auto& [name, link] : {std::pair{"frame", &now.frame}, {"pressure", &now.pressure}, {"regulator", &now.regulator}}) {
+  if (::uname(&kernel) == 0)
+    all.emplace_back("kernel", std::string(kernel.sysname) + " " + kernel.release + " " + kernel.machine);
+  for (const auto& [name, link] :
+       {std::pair{"frame", &now.frame}, {"pressure", &now.pressure}, {"regulator", &now.regulator}}) {
     if (link->identity[0] != '\0') all.emplace_back(name, link->identity);
   }
   return all;

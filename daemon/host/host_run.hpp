@@ -16,13 +16,13 @@ struct Host::Run {
   std::shared_ptr<const protocol::Plan> plan;
   std::uint32_t first_session = 0;
   bool resumed = false;
-  std::uint64_t run_number = 0;   ///< of the core: what its status says before is about an earlier run
+  std::uint64_t run_number = 0;  ///< of the core: what its status says before is about an earlier run
 
-  std::mutex recording;           ///< guards all below, over disk and catalogue
+  std::mutex recording;  ///< guards all below, over disk and catalogue
   std::unique_ptr<Recorder> recorder;
   std::int64_t over_since_ns = -1;
   std::int64_t try_again_ns = 0;
-  bool finished = false;          ///< the recorder has been given the last record
+  bool finished = false;  ///< the recorder has been given the last record
   bool closed = false;
 };
 

@@ -1,6 +1,6 @@
 #include <algorithm>
-#include <chrono>
 #include <cctype>
+#include <chrono>
 #include <ctime>
 #include <iomanip>
 #include <sstream>
@@ -128,8 +128,9 @@ Host::Result Host::await_closed_run() {
     if (now.run_loaded || now.control.state == RunState::kFaulted || std::chrono::steady_clock::now() > deadline) {
       const std::string state = to_text(now.control.state);
       return {false,
-              now.run_loaded ? "the rig is " + state + ": a run is under way; abort it first (isorig abort)"
-                             : "the rig is " + state + ": the run before this one is still being written; try again in a moment",
+              now.run_loaded
+                  ? "the rig is " + state + ": a run is under way; abort it first (isorig abort)"
+                  : "the rig is " + state + ": the run before this one is still being written; try again in a moment",
               {}};
     }
     if (options_.breathe) turn(now.control.mono_ns);  // one thread: there is no recorder's thread to wait for
@@ -142,7 +143,8 @@ Host::Result Host::await_closed_run() {
 std::optional<Host::Result> Host::prepare(const StartOptions& options, Prepared& p) {
   for (const auto& text : overdue()) {
     if (rig_.calibration.refuse_overdue) {
-      return Result{false, text + "; calibrate (isorig calibrate), or allow it with [calibration] overdue = \"warn\"", {}};
+      return Result{
+          false, text + "; calibrate (isorig calibrate), or allow it with [calibration] overdue = \"warn\"", {}};
     }
     p.warnings += "\nwarning: " + text;
   }
@@ -168,7 +170,8 @@ std::optional<Host::Result> Host::prepare(const StartOptions& options, Prepared&
   if (run.first_session >= run.plan->sessions.size()) {
     return Result{false, "run " + run.id + " has every repetition; nothing is left to resume", run.id};
   }
-  p.specimen = p.specimen_text.empty() ? load_specimen(rig_.specimen) : parse_specimen(p.specimen_text, p.specimen_name);
+  p.specimen =
+      p.specimen_text.empty() ? load_specimen(rig_.specimen) : parse_specimen(p.specimen_text, p.specimen_name);
 
   p.recording.average_interval_s = run.plan->recording.average_interval_s;
   p.recording.before_s = run.plan->recording.before_s;
@@ -196,7 +199,8 @@ std::optional<Host::Result> Host::prepare(const StartOptions& options, Prepared&
 std::optional<Host::Result> Host::take_saved_run(const StartOptions& options, Prepared& p) {
   const auto known = catalogue_.find_run(options.resume_run);
   if (!known) {
-    return Result{false, "no run is called " + options.resume_run + ", nor does one name begin so; isorig runs lists them", {}};
+    return Result{
+        false, "no run is called " + options.resume_run + ", nor does one name begin so; isorig runs lists them", {}};
   }
   auto& run = *p.run;
   const auto saved = catalogue_.inputs_of(known->id);
@@ -207,13 +211,17 @@ std::optional<Host::Result> Host::take_saved_run(const StartOptions& options, Pr
   p.protocol_text = saved.protocol_text;
   p.protocol_name = saved.protocol_name;
   if (known->state == "aborted" && !options.resume_aborted) {
-    return Result{false, "run " + run.id + " was aborted by an operator; to go on with it all the same: isorig resume " + run.id +
-                             " --aborted", run.id};
+    return Result{false,
+                  "run " + run.id + " was aborted by an operator; to go on with it all the same: isorig resume " +
+                      run.id + " --aborted",
+                  run.id};
   }
   if (known->rig != rig_.name) {
     if (!options.on_another_rig) {
-      return Result{false, "run " + run.id + " was recorded on rig \"" + known->rig + "\", and this is \"" + rig_.name +
-                               "\"; to go on here all the same: --on-another-rig", run.id};
+      return Result{false,
+                    "run " + run.id + " was recorded on rig \"" + known->rig + "\", and this is \"" + rig_.name +
+                        "\"; to go on here all the same: --on-another-rig",
+                    run.id};
     }
     p.changed = "went on on rig \"" + rig_.name + "\", begun on \"" + known->rig + "\"";
   }
@@ -224,21 +232,25 @@ std::optional<Host::Result> Host::take_saved_run(const StartOptions& options, Pr
     p.specimen_name = saved.specimen_name;
     return std::nullopt;
   }
-  const auto mounted = named ? parse_specimen(options.specimen_text, options.specimen_name) : load_specimen(rig_.specimen);
+  const auto mounted =
+      named ? parse_specimen(options.specimen_text, options.specimen_name) : load_specimen(rig_.specimen);
   if (mounted.name == known->specimen) {  // which may have been put right since (isorig note)
     p.specimen_text = mounted.name == recorded.name ? saved.specimen_text : mounted.text;
     p.specimen_name = mounted.name;
     return std::nullopt;
   }
   if (!options.another_specimen) {
-    return Result{false, "run " + run.id + " is of specimen \"" + known->specimen + "\", and \"" + mounted.name + "\" is mounted (" +
-                             (named ? options.specimen_name : rig_.specimen.string()) + "); mount \"" + known->specimen +
-                             "\" and name its file with --specimen, or go on with the other all the same: --another-specimen",
+    return Result{false,
+                  "run " + run.id + " is of specimen \"" + known->specimen + "\", and \"" + mounted.name +
+                      "\" is mounted (" + (named ? options.specimen_name : rig_.specimen.string()) + "); mount \"" +
+                      known->specimen +
+                      "\" and name its file with --specimen, or go on with the other all the same: --another-specimen",
                   run.id};
   }
   p.specimen_text = mounted.text;
   p.specimen_name = mounted.name;
-  p.changed += (p.changed.empty() ? "" : "; ") + ("went on with specimen \"" + mounted.name + "\", begun with \"" + known->specimen + "\"");
+  p.changed += (p.changed.empty() ? "" : "; ") +
+               ("went on with specimen \"" + mounted.name + "\", begun with \"" + known->specimen + "\"");
   return std::nullopt;
 }
 

@@ -7,7 +7,9 @@
 namespace isorig::daemon {
 namespace {
 
-nlohmann::json finite_or_null(double value) { return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json(); }
+nlohmann::json finite_or_null(double value) {
+  return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json();
+}
 
 /// Since the last reset, in the order in which they came.
 nlohmann::json faults_json(const Status& s) {
@@ -25,11 +27,14 @@ nlohmann::json Host::status_json() const {
   using nlohmann::json;
   const auto s = core_.status();
   const auto link = [](const LinkHealth& h) {
-    return json{{"connected", h.connected},   {"clock_ready", h.clock_ready},
+    return json{{"connected", h.connected},
+                {"clock_ready", h.clock_ready},
                 {"bound_us", finite_or_null(double{h.bound_ns} * 1e-3)},
                 {"repeatability_us", finite_or_null(double{h.repeatability_ns} * 1e-3)},
-                {"lost", h.lost},             {"corrupt", h.corrupt},
-                {"errors", h.errors},         {"reconnects", h.reconnects},
+                {"lost", h.lost},
+                {"corrupt", h.corrupt},
+                {"errors", h.errors},
+                {"reconnects", h.reconnects},
                 {"detail", h.detail}};
   };
   json out{{"rig", rig_.name},
@@ -64,16 +69,29 @@ nlohmann::json Host::status_json() const {
            {"pressure", link(s.pressure)},
            {"regulator", rig_.regulator ? link(s.regulator) : json()},
            {"interlock",
-            {{"watched", rig_.unwatched_chain.empty()}, {"not_watched", rig_.unwatched_chain},
-             {"estop_closed", s.estop_closed}, {"guard_closed", s.guard_closed}, {"connected", s.interlock.connected},
-             {"lost_edges", s.interlock.lost}, {"errors", s.interlock.errors},
-             {"reconnects", s.interlock.reconnects}, {"detail", s.interlock.detail}}},
+            {{"watched", rig_.unwatched_chain.empty()},
+             {"not_watched", rig_.unwatched_chain},
+             {"estop_closed", s.estop_closed},
+             {"guard_closed", s.guard_closed},
+             {"connected", s.interlock.connected},
+             {"lost_edges", s.interlock.lost},
+             {"errors", s.interlock.errors},
+             {"reconnects", s.interlock.reconnects},
+             {"detail", s.interlock.detail}}},
            {"sync_line",
-            {{"pairs", s.sync.pairs}, {"outside", s.sync.outside}, {"unseen", s.sync.unseen},
-             {"unannounced", s.sync.unannounced}, {"ambiguous", s.sync.ambiguous}, {"unmapped", s.sync.unmapped},
-             {"wrong_polarity", s.sync.wrong_polarity}, {"inverted", s.sync.inverted},
-             {"error_us", s.sync_check.error_us}, {"bound_us", s.sync_check.bound_us},
-             {"within", s.sync_check.within}, {"mean_us", s.sync.mean_us}, {"rms_us", s.sync.rms_us},
+            {{"pairs", s.sync.pairs},
+             {"outside", s.sync.outside},
+             {"unseen", s.sync.unseen},
+             {"unannounced", s.sync.unannounced},
+             {"ambiguous", s.sync.ambiguous},
+             {"unmapped", s.sync.unmapped},
+             {"wrong_polarity", s.sync.wrong_polarity},
+             {"inverted", s.sync.inverted},
+             {"error_us", s.sync_check.error_us},
+             {"bound_us", s.sync_check.bound_us},
+             {"within", s.sync_check.within},
+             {"mean_us", s.sync.mean_us},
+             {"rms_us", s.sync.rms_us},
              {"worst_us", s.sync.worst_us}}},
            {"invalid_pressure_words", s.invalid_pressure},
            {"records_dropped", s.records_dropped},
@@ -81,7 +99,8 @@ nlohmann::json Host::status_json() const {
   const std::lock_guard lock(mutex_);
   if (acceptance_) {
     json changes = json::array();
-    for (const auto& c : acceptance_->changes()) changes.push_back({{"key", c.key}, {"before", c.before}, {"now", c.now}});
+    for (const auto& c : acceptance_->changes())
+      changes.push_back({{"key", c.key}, {"before", c.before}, {"now", c.now}});
     out["rig_file"] = {{"sign_off", rig_.core.operating.sign_off_required ? "required" : "warn"},
                        {"accepted", acceptance_->in_force()},
                        {"accepted_by", acceptance_->operator_name()},
@@ -91,10 +110,9 @@ nlohmann::json Host::status_json() const {
   }
   if (const Run* run = run_.get(); run != nullptr) {
     // Until the loop has taken it up there is no step yet: the first that will be.
-    const std::size_t at = s.control.step == kNoStep ? run->plan->sessions.empty()
-                                                           ? 0
-                                                           : run->plan->sessions[run->first_session].first_step
-                                                     : s.control.step;
+    const std::size_t at = s.control.step == kNoStep
+                               ? run->plan->sessions.empty() ? 0 : run->plan->sessions[run->first_session].first_step
+                               : s.control.step;
     const std::size_t index = std::min(at, run->plan->steps.size() - 1);
     const auto& step = run->plan->steps[index];
     out["run"] = {{"id", run->id},
@@ -104,8 +122,7 @@ nlohmann::json Host::status_json() const {
                   {"steps", run->plan->steps.size()},
                   {"step_text", protocol::describe(step)},
                   {"session", step.session == protocol::kNoSession ? json() : json(step.session)},
-                  {"session_text",
-                   step.session == protocol::kNoSession ? "" : run->plan->sessions[step.session].label},
+                  {"session_text", step.session == protocol::kNoSession ? "" : run->plan->sessions[step.session].label},
                   {"sessions", run->plan->sessions.size()}};
     const auto& r = recorder_status_;
     out["recorder"] = {{"disk", describe(r.disk)},

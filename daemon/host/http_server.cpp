@@ -62,7 +62,8 @@ void split_target(const std::string& target, HttpRequest& request) {
     const auto pair = target.substr(from, to - from);
     const auto equals = pair.find('=');
     if (!pair.empty()) {
-      request.query[decoded(pair.substr(0, equals))] = equals == std::string::npos ? "" : decoded(pair.substr(equals + 1));
+      request.query[decoded(pair.substr(0, equals))] =
+          equals == std::string::npos ? "" : decoded(pair.substr(equals + 1));
     }
     from = to + 1;
   }
@@ -311,7 +312,9 @@ void HttpServer::run() {
   }
 }
 
-void HttpServer::stop() { impl_->io.stop(); }
+void HttpServer::stop() {
+  impl_->io.stop();
+}
 
 void HttpServer::after(std::chrono::milliseconds delay, std::function<void()> task) {
   auto timer = std::make_shared<net::steady_timer>(impl_->io, delay);

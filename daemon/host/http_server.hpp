@@ -13,10 +13,10 @@ namespace isorig::daemon {
 
 struct HttpRequest {
   std::string method;
-  std::string path;                          ///< without the query
+  std::string path;  ///< without the query
   std::map<std::string, std::string> query;
   std::string body;
-  uid_t uid = 0;                             ///< of the process that opened the connection
+  uid_t uid = 0;  ///< of the process that opened the connection
   pid_t pid = 0;
 };
 
@@ -37,7 +37,7 @@ class HttpServer {
     std::uint64_t all_bodies_bytes = std::uint64_t{16} << 20U;  ///< of all requests together
     std::chrono::milliseconds header{2000};                     ///< from connecting, or from the last answer
     std::chrono::milliseconds body{10'000};
-    std::chrono::milliseconds answer{10'000};                   ///< for the client to take it
+    std::chrono::milliseconds answer{10'000};  ///< for the client to take it
   };
   /// To be called once, by any thread.
   using Reply = std::function<void(HttpAnswer)>;

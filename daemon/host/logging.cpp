@@ -32,11 +32,13 @@ Logging::Logging() : flushed_(std::make_shared<std::atomic<bool>>(false)) {
   spdlog::init_thread_pool(kLinesQueued, 1);
   const std::vector<spdlog::sink_ptr> sinks{std::make_shared<spdlog::sinks::stdout_color_sink_mt>(),
                                             std::make_shared<FlushMark>(flushed_)};
-  spdlog::set_default_logger(std::make_shared<spdlog::async_logger>("", sinks.begin(), sinks.end(), spdlog::thread_pool(),
-                                                                    spdlog::async_overflow_policy::overrun_oldest));
+  spdlog::set_default_logger(std::make_shared<spdlog::async_logger>(
+      "", sinks.begin(), sinks.end(), spdlog::thread_pool(), spdlog::async_overflow_policy::overrun_oldest));
 }
 
-Logging::~Logging() { spdlog::shutdown(); }
+Logging::~Logging() {
+  spdlog::shutdown();
+}
 
 std::size_t Logging::lost() {
   const auto pool = spdlog::thread_pool();

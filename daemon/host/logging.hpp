@@ -6,9 +6,9 @@
 
 namespace isorig::daemon {
 
-/// Log lines go to standard output through a queue and a thread of their own: a terminal that stands still (Ctrl-S) or a
-/// full pipe holds up nobody who has something to say. When nobody takes the lines, the oldest are given up and counted.
-/// One a process; make it after the signals are blocked.
+/// Log lines go to standard output through a queue and a thread of their own: a terminal that stands still (Ctrl-S) or
+/// a full pipe holds up nobody who has something to say. When nobody takes the lines, the oldest are given up and
+/// counted. One a process; make it after the signals are blocked.
 class Logging {
  public:
   Logging();

@@ -15,11 +15,14 @@ inline std::filesystem::path default_socket() {
   if (const char* runtime = std::getenv("XDG_RUNTIME_DIR"); runtime != nullptr && *runtime != '\0') {
     return std::filesystem::path(runtime) / "isorigd.sock";
   }
-  return std::filesystem::temp_directory_path() / ("isorigd-" + std::string(std::getenv("USER") ? std::getenv("USER") : "user") + ".sock");
+  return std::filesystem::temp_directory_path() /
+         ("isorigd-" + std::string(std::getenv("USER") ? std::getenv("USER") : "user") + ".sock");
 }
 
 /// Where the daemon on `socket` takes abort, pause and status whatever else it is asked for (docs/api.md).
-inline std::filesystem::path stop_socket_of(const std::filesystem::path& socket) { return socket.string() + ".stop"; }
+inline std::filesystem::path stop_socket_of(const std::filesystem::path& socket) {
+  return socket.string() + ".stop";
+}
 
 /// Where runs are kept unless told otherwise: $ISORIG_RUNS, else ./runs.
 inline std::filesystem::path default_runs() {

@@ -59,7 +59,8 @@ ServiceNotifier::ServiceNotifier(std::string_view socket, std::int64_t watchdog_
   if (abstract) address_.sun_path[0] = '\0';
   address_length_ = static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + socket.size() + (abstract ? 0U : 1U));
   fd_ = ::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-  if (fd_ < 0) throw std::runtime_error(std::string("no socket to notify the service manager: ") + std::strerror(errno));
+  if (fd_ < 0)
+    throw std::runtime_error(std::string("no socket to notify the service manager: ") + std::strerror(errno));
   watchdog_ns_ = watchdog_ns;
 }
 
@@ -77,8 +78,8 @@ ServiceNotifier::ServiceNotifier(ServiceNotifier&& other) noexcept
 bool ServiceNotifier::send(std::string_view assignments) noexcept {
   if (fd_ < 0) return false;
   return ::sendto(fd_, assignments.data(), assignments.size(), MSG_NOSIGNAL,
-                  reinterpret_cast<const sockaddr*>(&address_), address_length_) ==
-         static_cast<ssize_t>(assignments.size());
+                  reinterpret_cast<const sockaddr*>(&address_),
+                  address_length_) == static_cast<ssize_t>(assignments.size());
 }
 
 void ServiceNotifier::ready(std::string_view status) {

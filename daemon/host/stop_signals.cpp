@@ -12,8 +12,8 @@ StopSignals::StopSignals() {
     sigaddset(&ending_, number);
   }
   pthread_sigmask(SIG_BLOCK, &ending_, nullptr);
-  for (const int number : {SIGPIPE, SIGXFSZ, SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGIO, SIGSTKFLT, SIGTSTP, SIGTTIN,
-                           SIGTTOU}) {
+  for (const int number :
+       {SIGPIPE, SIGXFSZ, SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGIO, SIGSTKFLT, SIGTSTP, SIGTTIN, SIGTTOU}) {
     ::signal(number, SIG_IGN);
   }
 }

@@ -41,7 +41,8 @@ UnixListener::UnixListener(const std::filesystem::path& path, unsigned mode) : p
   struct stat there {};
   if (::lstat(path.c_str(), &there) == 0) {
     if (!S_ISSOCK(there.st_mode)) {
-      throw std::runtime_error(path.string() + " is there and is no socket; isorigd does not touch it: move it away, or "
+      throw std::runtime_error(path.string() +
+                               " is there and is no socket; isorigd does not touch it: move it away, or "
                                "name another socket ([api] socket or --socket)");
     }
     if (somebody_answers(address)) {

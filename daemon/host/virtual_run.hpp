@@ -16,9 +16,9 @@ namespace isorig::daemon {
 struct VirtualRunOptions {
   StartOptions start;
   std::filesystem::path runs_root;
-  std::string revision;                       ///< of the source, for the recording
-  std::optional<std::uint64_t> seed;          ///< instead of the rig's
-  std::filesystem::path specimen;             ///< instead of the rig's
+  std::string revision;               ///< of the source, for the recording
+  std::optional<std::uint64_t> seed;  ///< instead of the rig's
+  std::filesystem::path specimen;     ///< instead of the rig's
   /// Called about ten times a second of wall time.
   std::function<void(const Status&, double wall_s)> on_progress;
   /// Called before the first tick: a test or a study changes the rig (effects, faults).
@@ -30,7 +30,7 @@ struct VirtualRunOptions {
 };
 
 struct VirtualRunResult {
-  std::string outcome;                        ///< done, aborted, failed, interrupted
+  std::string outcome;  ///< done, aborted, failed, interrupted
   std::string fault;
   std::string run_id;
   std::filesystem::path directory;

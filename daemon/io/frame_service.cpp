@@ -35,7 +35,8 @@ void FrameService::turn(std::int64_t now_ns) {
     }
     if (!may_connect(now_ns)) return;
     const auto identity = device_.connect();
-    note_connected(words({identity.maker, identity.model, identity.serial, identity.firmware}), identity.sample_rate_hz);
+    note_connected(words({identity.maker, identity.model, identity.serial, identity.firmware}),
+                   identity.sample_rate_hz);
     reference_epoch_ = identity.reference_epoch;
     taken_segment_ = 0;
     speed_mm_s_ = 0.0;

@@ -25,8 +25,8 @@ class FrameService : private LinkKeeper {
   /// The frame was seen to stand after leave(). Any thread.
   [[nodiscard]] bool stands() const noexcept { return stands_.load(std::memory_order_acquire); }
   /// Closes the connection; called on every way out, after the last run_once(). Takes the turns that are missing
-  /// itself, for at most kLeaveNs, when nobody has. False when a frame that was there was not seen to stand: its own watchdog
-  /// has to stop it then, and people have to look.
+  /// itself, for at most kLeaveNs, when nobody has. False when a frame that was there was not seen to stand: its own
+  /// watchdog has to stop it then, and people have to look.
   bool shut_down() noexcept;
 
   static constexpr std::int64_t kLeaveNs = 1'000'000'000;
@@ -52,16 +52,16 @@ class FrameService : private LinkKeeper {
   Standstill standstill_;
   bool samples_stand_ = false;
   std::int64_t next_standstill_ns_ = 0;
-  std::uint32_t stop_wish_ = 0;           ///< the newest of FrameLink::stops_wanted that was taken up
-  bool stop_confirmed_ = false;           ///< ... and has ended in standstill
-  std::int64_t stop_accepted_ns_ = -1;    ///< the frame took it; -1: not yet
+  std::uint32_t stop_wish_ = 0;         ///< the newest of FrameLink::stops_wanted that was taken up
+  bool stop_confirmed_ = false;         ///< ... and has ended in standstill
+  std::int64_t stop_accepted_ns_ = -1;  ///< the frame took it; -1: not yet
   std::uint32_t reference_epoch_ = 0;
-  double speed_mm_s_ = 0.0;               ///< of the last segment sent
-  std::uint32_t taken_segment_ = 0;       ///< number of the last that the frame took; 0: none since it was connected
-  std::uint32_t refused_segment_ = 0;     ///< of the last that it did not take
+  double speed_mm_s_ = 0.0;            ///< of the last segment sent
+  std::uint32_t taken_segment_ = 0;    ///< number of the last that the frame took; 0: none since it was connected
+  std::uint32_t refused_segment_ = 0;  ///< of the last that it did not take
   std::atomic<bool> leaving_{false};
   std::atomic<bool> stands_{false};
-  bool left_ = false;                     ///< leave() was taken up
+  bool left_ = false;  ///< leave() was taken up
   std::array<frame::Sample, 512> samples_{};
 };
 

@@ -12,11 +12,14 @@ constexpr std::uint64_t kExchangesForReady = 20;
 // reply through; only when they repeat is the connection started afresh, since that stops the frame.
 bool loses_connection(drivers::Fault fault, int failures_in_a_row) {
   switch (fault) {
-    case drivers::Fault::kRefused: return false;
+    case drivers::Fault::kRefused:
+      return false;
     case drivers::Fault::kTimeout:
-    case drivers::Fault::kProtocol: return failures_in_a_row >= 5;
+    case drivers::Fault::kProtocol:
+      return failures_in_a_row >= 5;
     case drivers::Fault::kDisconnected:
-    case drivers::Fault::kIdentity: break;
+    case drivers::Fault::kIdentity:
+      break;
   }
   return true;
 }

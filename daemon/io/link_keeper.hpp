@@ -20,11 +20,11 @@ struct ServiceConfig {
   std::int64_t sync_period_ns = 1'000'000'000;     ///< time exchanges kept in steady state
   std::int64_t sync_burst_period_ns = 20'000'000;  ///< and for the first `sync_burst` of a connection
   int sync_burst = 50;
-  pressure::FillLimits fill_limits;                ///< the pressure device fills within these, whoever asks
+  pressure::FillLimits fill_limits;  ///< the pressure device fills within these, whoever asks
 };
 
-/// What the services of devices with a clock of their own have in common: the connection with its back-off and failures,
-/// the clock mapping, and the health they report.
+/// What the services of devices with a clock of their own have in common: the connection with its back-off and
+/// failures, the clock mapping, and the health they report.
 class LinkKeeper {
  protected:
   LinkKeeper(const ServiceConfig& config, const clock::Clock& clock) : config_(config), clock_(clock) {}
@@ -72,9 +72,11 @@ void LinkKeeper::hand_over(std::span<const Sample> samples, Queue& queue) {
   const std::int64_t arrival_ns = clock_.now_ns();
   for (const auto& sample : samples) {
     bool counts_itself = true;
-    if constexpr (requires { sample.bound_us; }) counts_itself = sample.bound_us <= 0.0F;  // else the host dates and counts
+    if constexpr (requires { sample.bound_us; })
+      counts_itself = sample.bound_us <= 0.0F;  // else the host dates and counts
     const auto device_us = static_cast<double>(sample.device_us);
-    const auto stamp = counts_itself ? mapper_.map(device_us, arrival_ns, sample.sequence) : mapper_.map(device_us, arrival_ns);
+    const auto stamp =
+        counts_itself ? mapper_.map(device_us, arrival_ns, sample.sequence) : mapper_.map(device_us, arrival_ns);
     health_.bound_ns = static_cast<float>(stamp.bound_ns);
     health_.repeatability_ns = static_cast<float>(stamp.repeatability_ns);
     if constexpr (requires { sample.bound_us; }) {

@@ -146,7 +146,8 @@ void RegulatorService::turn(std::int64_t now_ns) {
     last_beat_ns_ = now_ns;
   }
   const auto command = link_.get_command();
-  const bool regulate = now_ns - last_beat_ns_ < kLoopDeadNs && command.vent_permille == 0 && command.regulator_psi > 0.0F;
+  const bool regulate =
+      now_ns - last_beat_ns_ < kLoopDeadNs && command.vent_permille == 0 && command.regulator_psi > 0.0F;
   if (!regulate) {
     if (sent_psi_ >= 0.0F) device_.exhaust();
     sent_psi_ = -1.0F;
@@ -158,8 +159,9 @@ void RegulatorService::turn(std::int64_t now_ns) {
   if (sent_psi_ >= 0.0F && (state.exhausting || std::abs(state.setpoint_psi - sent_psi_) > kSetpointLostPsi)) {
     report_fault(now_ns);
     device_.exhaust();
-    throw drivers::DeviceError(drivers::Fault::kRefused, "the regulator no longer has the set-point it was given; is somebody "
-                                                         "at its panel, or was it without power?");
+    throw drivers::DeviceError(drivers::Fault::kRefused,
+                               "the regulator no longer has the set-point it was given; is somebody "
+                               "at its panel, or was it without power?");
   }
   link_.regulator_reports.push({state, now_ns});
   note_answer();

@@ -49,7 +49,8 @@ class PressureService : private LinkKeeper {
 /// through: the regulator exhausts.
 class RegulatorService : private LinkKeeper {
  public:
-  RegulatorService(pressure::Regulator& device, PressureLink& link, const ServiceConfig& config, const clock::Clock& clock)
+  RegulatorService(pressure::Regulator& device, PressureLink& link, const ServiceConfig& config,
+                   const clock::Clock& clock)
       : LinkKeeper(config, clock), device_(device), link_(link) {}
   /// One turn. Never throws.
   void run_once(std::int64_t now_ns) noexcept;

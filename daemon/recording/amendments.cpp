@@ -17,14 +17,18 @@
 namespace isorig::daemon {
 namespace {
 
-std::filesystem::path file_of(const std::filesystem::path& run_dir) { return run_dir / "amendments.toml"; }
+std::filesystem::path file_of(const std::filesystem::path& run_dir) {
+  return run_dir / "amendments.toml";
+}
 
 }  // namespace
 
 void append_amendment(const std::filesystem::path& run_dir, const Amendment& a) {
   toml::table entry{{"at_utc", a.at_utc}};
-  for (const auto& [key, text] :
-       {std::pair<const char*, const std::string&>{"by", a.by}, {"specimen", a.specimen}, {"operator", a.operator_name}, {"text", a.text}}) {
+  for (const auto& [key, text] : {std::pair<const char*, const std::string&>{"by", a.by},
+                                  {"specimen", a.specimen},
+                                  {"operator", a.operator_name},
+                                  {"text", a.text}}) {
     if (!text.empty()) entry.insert_or_assign(key, text);
   }
   std::ostringstream out;
@@ -33,7 +37,8 @@ void append_amendment(const std::filesystem::path& run_dir, const Amendment& a) 
   const auto path = file_of(run_dir);
   // One write at the end of the file: what is there already is not touched.
   const int fd = ::open(path.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
-  const bool written = fd >= 0 && ::write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size()) && ::fsync(fd) == 0;
+  const bool written =
+      fd >= 0 && ::write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size()) && ::fsync(fd) == 0;
   const int error = errno;
   if (fd >= 0) ::close(fd);
   if (!written) throw std::runtime_error("cannot write " + path.string() + ": " + std::strerror(error));

@@ -9,9 +9,9 @@ namespace isorig::daemon {
 /// RUN/amendments.toml, oldest first. Empty: not touched.
 struct Amendment {
   std::string at_utc;
-  std::string by;              ///< whoever amends
-  std::string specimen;        ///< the name that counts from now on
-  std::string operator_name;   ///< likewise
+  std::string by;             ///< whoever amends
+  std::string specimen;       ///< the name that counts from now on
+  std::string operator_name;  ///< likewise
   std::string text;
 };
 

@@ -84,9 +84,7 @@ struct PressureAverage {
   std::int32_t current = 0;
 
   /// The 14-bit bridge value stands below the two status bits of the sensor's 32-bit word.
-  static double counts(const PressureRecord& r) noexcept {
-    return static_cast<double>((r.raw_word >> 16U) & 0x3fffU);
-  }
+  static double counts(const PressureRecord& r) noexcept { return static_cast<double>((r.raw_word >> 16U) & 0x3fffU); }
   void begin(const PressureRecord& r) noexcept {
     core.begin(r);
     raw_counts_sum = temperature_sum = 0.0;

@@ -65,8 +65,8 @@ std::size_t add_interval(Message& m, const IntervalCore& c, std::int32_t session
 
 template <typename Message>
 void resize_intervals(Message& m, std::int16_t n) {
-  resize(n, m.first_mono_ns, m.last_mono_ns, m.first_device_us, m.last_device_us, m.first_sequence,
-         m.last_sequence, m.samples, m.bound_ns, m.repeatability_ns);
+  resize(n, m.first_mono_ns, m.last_mono_ns, m.first_device_us, m.last_device_us, m.first_sequence, m.last_sequence,
+         m.samples, m.bound_ns, m.repeatability_ns);
   m.count = 0;
 }
 
@@ -74,8 +74,8 @@ void resize_intervals(Message& m, std::int16_t n) {
 
 FrameBatch::FrameBatch() {
   auto& m = message;
-  resize(messages::kFrameBatch, m.mono_offset_ns, m.device_offset_us, m.sequence_offset, m.bound_ns,
-         m.repeatability_ns, m.raw_position_mm, m.raw_force_N, m.position_mm, m.force_N);
+  resize(messages::kFrameBatch, m.mono_offset_ns, m.device_offset_us, m.sequence_offset, m.bound_ns, m.repeatability_ns,
+         m.raw_position_mm, m.raw_force_N, m.position_mm, m.force_N);
   m.count = 0;
 }
 bool FrameBatch::fits(const FrameRecord& r, std::int32_t session) const noexcept {
@@ -133,8 +133,8 @@ void FrameAverageBatch::add(const FrameAverage& a, std::int32_t session) noexcep
 PressureAverageBatch::PressureAverageBatch() {
   auto& m = message;
   resize_intervals(m, messages::kPressureAverageBatch);
-  resize(messages::kPressureAverageBatch, m.mean_raw_counts, m.current, m.mean_temperature_C,
-         m.mean_pressure_psi, m.min_pressure_psi, m.max_pressure_psi);
+  resize(messages::kPressureAverageBatch, m.mean_raw_counts, m.current, m.mean_temperature_C, m.mean_pressure_psi,
+         m.min_pressure_psi, m.max_pressure_psi);
 }
 bool PressureAverageBatch::fits(const PressureAverage& a, std::int32_t session) const noexcept {
   return message.count < messages::kPressureAverageBatch && message.session == session &&
@@ -177,10 +177,10 @@ void ControlBatch::add(const ControlRecord& r, std::int32_t session) noexcept {
   s.force_N = r.force_N;
   s.ticks = static_cast<std::int64_t>(r.ticks);
   s.overruns = static_cast<std::int64_t>(r.overruns);
-  s.worst_wakeup_ns = static_cast<std::int32_t>(
-      std::min<std::uint32_t>(r.worst_wakeup_ns, std::numeric_limits<std::int32_t>::max()));
-  s.worst_run_ns = static_cast<std::int32_t>(
-      std::min<std::uint32_t>(r.worst_run_ns, std::numeric_limits<std::int32_t>::max()));
+  s.worst_wakeup_ns =
+      static_cast<std::int32_t>(std::min<std::uint32_t>(r.worst_wakeup_ns, std::numeric_limits<std::int32_t>::max()));
+  s.worst_run_ns =
+      static_cast<std::int32_t>(std::min<std::uint32_t>(r.worst_run_ns, std::numeric_limits<std::int32_t>::max()));
   s.progress = r.progress;
   s.remaining_s = r.remaining_s;
 }

@@ -3,11 +3,11 @@
 #include <isorig_msgs/control_batch_t.hpp>
 #include <isorig_msgs/event_t.hpp>
 #include <isorig_msgs/exchange_batch_t.hpp>
-#include <isorig_msgs/sync_check_t.hpp>
 #include <isorig_msgs/frame_average_batch_t.hpp>
 #include <isorig_msgs/frame_batch_t.hpp>
 #include <isorig_msgs/pressure_average_batch_t.hpp>
 #include <isorig_msgs/pressure_batch_t.hpp>
+#include <isorig_msgs/sync_check_t.hpp>
 
 #include "daemon/core/records.hpp"
 #include "daemon/recording/averages.hpp"

@@ -106,8 +106,7 @@ Catalogue::Catalogue(const std::filesystem::path& runs_root, Access access) : ro
   if (access == Access::kReadWrite) {
     std::filesystem::create_directories(root_);
   } else if (!std::filesystem::exists(file)) {
-    throw std::runtime_error("no runs in " + root_.string() +
-                             " (no catalogue.sqlite); name their place with --runs");
+    throw std::runtime_error("no runs in " + root_.string() + " (no catalogue.sqlite); name their place with --runs");
   }
   try {
     open(access);
@@ -209,8 +208,8 @@ void Catalogue::open_run(const std::string& id, const RunInfo& info, const proto
   Statement(db_,
             "INSERT INTO runs VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, 1, 'running', '') "
             "ON CONFLICT DO UPDATE SET attempts = attempts + 1, state = 'running', fault = ''")
-      .bind(id, info.specimen, info.rig, protocol_name, info.plan_summary, operator_name, info.started_utc,
-            info.seed, info.virtual_time ? 1 : 0)
+      .bind(id, info.specimen, info.rig, protocol_name, info.plan_summary, operator_name, info.started_utc, info.seed,
+            info.virtual_time ? 1 : 0)
       .run();
   for (std::size_t i = 0; i < plan.sessions.size(); ++i) {
     const auto& s = plan.sessions[i];
@@ -243,9 +242,7 @@ void Catalogue::close_run(const std::string& id, const std::string& state, const
   const std::lock_guard hold(mutex_);
   const NoPatience now(db_);
   Transaction all(db_);
-  Statement(db_, "UPDATE sessions SET state = 'interrupted' WHERE run = ?1 AND state = 'running'")
-      .bind(id)
-      .run();
+  Statement(db_, "UPDATE sessions SET state = 'interrupted' WHERE run = ?1 AND state = 'running'").bind(id).run();
   Statement(db_, "UPDATE runs SET state = ?2, fault = ?3 WHERE id = ?1").bind(id, state, fault).run();
   all.commit();
 }
@@ -275,8 +272,7 @@ RunRow Catalogue::settle_state(RunRow row) const {
 RunInputs Catalogue::inputs_of(const std::string& id) const {
   const auto run = find_run(id);
   if (!run || run->id != id) {
-    throw std::runtime_error("there is no run \"" + id + "\" in " + root_.string() +
-                             "; `isorig runs` lists them");
+    throw std::runtime_error("there is no run \"" + id + "\" in " + root_.string() + "; `isorig runs` lists them");
   }
   if (run->state == "running") throw std::runtime_error("run " + id + " is still running");
   RunInputs in;
@@ -292,8 +288,7 @@ RunInputs Catalogue::inputs_of(const std::string& id) const {
   in.protocol_text = text("protocol.toml");
   in.specimen_text = text("specimen.toml");
   const auto sessions = sessions_of(id);
-  const auto open =
-      std::find_if(sessions.begin(), sessions.end(), [](const auto& s) { return s.state != "done"; });
+  const auto open = std::find_if(sessions.begin(), sessions.end(), [](const auto& s) { return s.state != "done"; });
   in.first_open_session = static_cast<std::uint32_t>(open - sessions.begin());
   return in;
 }
@@ -320,8 +315,8 @@ std::optional<RunRow> Catalogue::find_run(const std::string& id_or_prefix) const
   for (auto& row : rows) {
     if (!row.id.starts_with(id_or_prefix)) continue;
     if (found) {
-      throw std::runtime_error("\"" + id_or_prefix + "\" begins the names of several runs, among them " +
-                               found->id + " and " + row.id);
+      throw std::runtime_error("\"" + id_or_prefix + "\" begins the names of several runs, among them " + found->id +
+                               " and " + row.id);
     }
     found = std::move(row);
   }
@@ -332,10 +327,9 @@ std::vector<SessionRow> Catalogue::sessions_of(const std::string& id) const {
   const std::lock_guard hold(mutex_);
   const bool alive = RunLock::is_held(root_ / id);
   std::vector<SessionRow> rows;
-  Statement all(
-      db_,
-      "SELECT session, repetition, pressure_psi, label, state, attempt, first_mono_ns, last_mono_ns, segment "
-      "FROM sessions WHERE run = ?1 ORDER BY session");
+  Statement all(db_,
+                "SELECT session, repetition, pressure_psi, label, state, attempt, first_mono_ns, last_mono_ns, segment "
+                "FROM sessions WHERE run = ?1 ORDER BY session");
   all.bind(id);
   while (all.step()) {
     SessionRow r;

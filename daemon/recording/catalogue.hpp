@@ -81,7 +81,8 @@ class Catalogue {
   void close_run(const std::string& id, const std::string& state, const std::string& fault);
 
   /// Another specimen or operator from now on; empty: as it was.
-  void amend(const std::string& id, const std::string& specimen, double rest_length_mm, const std::string& operator_name);
+  void amend(const std::string& id, const std::string& specimen, double rest_length_mm,
+             const std::string& operator_name);
 
   /// Throws std::runtime_error when the run is unknown, still runs, or its inputs are gone.
   [[nodiscard]] RunInputs inputs_of(const std::string& id) const;

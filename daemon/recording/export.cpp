@@ -49,11 +49,7 @@ class Exporter : public messages::RunVisitor {
  public:
   Exporter(const std::filesystem::path& out, const ExportOptions& options, const Exchanges& exchanges,
            const messages::ReadReport& report)
-      : out_(out),
-        options_(options),
-        exchanges_(exchanges),
-        state_(report.state()),
-        complaints_(report.complaints()) {}
+      : out_(out), options_(options), exchanges_(exchanges), state_(report.state()), complaints_(report.complaints()) {}
 
   void header(const isorig_msgs::run_header_t& h) override {
     if (h.attempt != header_.attempt) write_before(std::numeric_limits<std::int32_t>::max());
@@ -159,8 +155,7 @@ class Exporter : public messages::RunVisitor {
 
   /// By time, each row later than the one before: no row is left out for its time.
   static std::size_t sort(std::vector<Row>& rows) {
-    std::stable_sort(rows.begin(), rows.end(),
-                     [](const Row& a, const Row& b) { return a.mono_ns < b.mono_ns; });
+    std::stable_sort(rows.begin(), rows.end(), [](const Row& a, const Row& b) { return a.mono_ns < b.mono_ns; });
     std::size_t moved = 0;
     for (std::size_t i = 1; i < rows.size(); ++i) {
       if (rows[i].mono_ns >= rows[i - 1].mono_ns + kLeastStepNs) continue;

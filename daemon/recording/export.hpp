@@ -29,7 +29,7 @@ struct ExportedSession {
   bool complete = false;
   std::size_t frame_rows = 0;
   std::size_t pressure_rows = 0;
-  std::size_t not_measured = 0;  ///< pressure samples left out: stale or faulty words, intervals without any
+  std::size_t not_measured = 0;    ///< pressure samples left out: stale or faulty words, intervals without any
   std::size_t not_increasing = 0;  ///< rows put 2 ns behind the row before, whose time they had
   double remap_rms_us = 0.0;       ///< how far remapping moved the stamps of both streams, rms
   std::size_t kept_online = 0;     ///< rows that remapping left as they were: it would not have been better

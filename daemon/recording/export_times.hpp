@@ -20,8 +20,8 @@ struct TimedRow {
 };
 
 struct Remapped {
-  double moved_rms_us = 0.0;  ///< over all rows
-  std::size_t kept = 0;       ///< rows that keep their online stamp since the mapping is not better
+  double moved_rms_us = 0.0;     ///< over all rows
+  std::size_t kept = 0;          ///< rows that keep their online stamp since the mapping is not better
   std::size_t clock_breaks = 0;  ///< the device's clock began anew or stepped between two rows
 };
 

@@ -23,10 +23,9 @@ constexpr std::int32_t kNoSession = -1;  // sessions are the recording's; live m
 struct Publisher::Impl {
   Impl(const std::string& url, Publisher& p) : publisher(p), lcm(url) {
     if (!lcm.good()) {
-      throw std::runtime_error(
-          "LCM cannot open \"" + url +
-          "\"; multicast needs a route even on one machine: `ip link set lo multicast on; ip "
-          "route add 224.0.0.0/4 dev lo`, or switch publishing off in the rig's file");
+      throw std::runtime_error("LCM cannot open \"" + url +
+                               "\"; multicast needs a route even on one machine: `ip link set lo multicast on; ip "
+                               "route add 224.0.0.0/4 dev lo`, or switch publishing off in the rig's file");
     }
     for (std::size_t i = 0; i < names.size(); ++i) names[i] = std::string(messages::kChannelNames[i]);
   }

@@ -16,8 +16,7 @@ namespace isorig::daemon {
 /// ISORIG_PROGRESS and an event, and the recording is not concerned.
 class Publisher {
  public:
-  static constexpr const char* kDefaultUrl =
-      "udpm://239.255.76.67:7667?ttl=0";  // ttl 0: stays on this machine
+  static constexpr const char* kDefaultUrl = "udpm://239.255.76.67:7667?ttl=0";  // ttl 0: stays on this machine
 
   /// Throws std::runtime_error with what to do when LCM cannot open the URL.
   explicit Publisher(const std::string& url = kDefaultUrl);
@@ -30,9 +29,7 @@ class Publisher {
   void drain(Streams& streams, std::int64_t now_ns);
 
   /// From any thread.
-  [[nodiscard]] std::uint64_t published() const noexcept {
-    return published_.load(std::memory_order_relaxed);
-  }
+  [[nodiscard]] std::uint64_t published() const noexcept { return published_.load(std::memory_order_relaxed); }
   /// The kernel refused them (no route, no buffers).
   [[nodiscard]] std::uint64_t failed() const noexcept { return failed_.load(std::memory_order_relaxed); }
 

@@ -104,8 +104,7 @@ std::uint64_t estimate_bytes(double full_s, double averaged_s, double average_in
   // Measured (build/bin/bench_recorder_drain): both streams, control and exchanges, a little more for events.
   constexpr double kFullBytesPerS = 92'000.0;
   constexpr double kBytesPerInterval = 330.0;
-  return static_cast<std::uint64_t>(full_s * kFullBytesPerS +
-                                    averaged_s / average_interval_s * kBytesPerInterval);
+  return static_cast<std::uint64_t>(full_s * kFullBytesPerS + averaged_s / average_interval_s * kBytesPerInterval);
 }
 
 struct Recorder::Impl {
@@ -163,8 +162,8 @@ struct Recorder::Impl {
   }
 
   static const RecorderOptions& checked(const RecorderOptions& o) {
-    if (!(o.average_interval_s >= 0.001) || !(o.before_s >= 0.0) || !(o.sync_interval_s > 0.0) ||
-        !(o.lag_s >= 0.0) || !(o.max_rate_hz > 0.0)) {
+    if (!(o.average_interval_s >= 0.001) || !(o.before_s >= 0.0) || !(o.sync_interval_s > 0.0) || !(o.lag_s >= 0.0) ||
+        !(o.max_rate_hz > 0.0)) {
       throw std::invalid_argument(
           "recorder: needs average_interval_s >= 0.001, before_s >= 0, sync_interval_s > 0, lag_s >= 0 and "
           "max_rate_hz > 0");
@@ -173,8 +172,7 @@ struct Recorder::Impl {
   }
 
   static KeepOptions keep_options(const RecorderOptions& o) {
-    return {to_ns(o.average_interval_s), to_ns(o.before_s),
-            static_cast<std::size_t>(o.before_s * o.max_rate_hz) + 64};
+    return {to_ns(o.average_interval_s), to_ns(o.before_s), static_cast<std::size_t>(o.before_s * o.max_rate_hz) + 64};
   }
 
   /// What is stamped outside the run (the moment before its start, the moment after its end) belongs to the session
@@ -182,15 +180,12 @@ struct Recorder::Impl {
   [[nodiscard]] std::int32_t session_of(std::uint32_t step, std::int32_t present) const {
     if (info.sessions.empty()) return 0;
     if (step == kNoStep) return std::max(present, info.first_session);
-    const auto after =
-        std::upper_bound(info.sessions.begin(), info.sessions.end(), step,
-                         [](std::uint32_t s, const SessionInfo& i) { return s < i.first_step; });
+    const auto after = std::upper_bound(info.sessions.begin(), info.sessions.end(), step,
+                                        [](std::uint32_t s, const SessionInfo& i) { return s < i.first_step; });
     return std::max(static_cast<std::int32_t>(after - info.sessions.begin()) - 1, info.first_session);
   }
 
-  [[nodiscard]] std::int32_t present_session() const {
-    return std::max(frame_sink.session, pressure_sink.session);
-  }
+  [[nodiscard]] std::int32_t present_session() const { return std::max(frame_sink.session, pressure_sink.session); }
 
   void fill(isorig_msgs::session_mark_t& m) const {
     m.frame_full = static_cast<std::int64_t>(frame.counts().full);
@@ -230,9 +225,8 @@ struct Recorder::Impl {
     frame.take(streams.frame, end);
     pressure.take(streams.pressure, end);
     control.until(streams.control, end, [&](const ControlRecord& r) { take_control(r); });
-    exchanges.until(streams.exchanges, end, [&](const ExchangeRecord& r) {
-      append(exchange_batch, r, present_session(), *this);
-    });
+    exchanges.until(streams.exchanges, end,
+                    [&](const ExchangeRecord& r) { append(exchange_batch, r, present_session(), *this); });
     sync_checks.until(streams.sync, end, [&](const SyncRecord& r) {
       auto message = to_message(r, present_session());
       write(Channel::kSync, message.session, message);
@@ -243,8 +237,7 @@ struct Recorder::Impl {
   void take_control(ControlRecord r) {
     worst_wakeup_ns = std::max(worst_wakeup_ns, r.worst_wakeup_ns);
     worst_run_ns = std::max(worst_run_ns, r.worst_run_ns);
-    if (!frame.in_full() && r.mono_ns < next_control_ns && r.state == last_state && r.step == last_step)
-      return;
+    if (!frame.in_full() && r.mono_ns < next_control_ns && r.state == last_state && r.step == last_step) return;
     next_control_ns = r.mono_ns + to_ns(options.average_interval_s);
     last_state = r.state;
     last_step = r.step;
@@ -288,8 +281,7 @@ struct Recorder::Impl {
     std::stable_sort(staged.begin(), staged.end(), [](const Staged& a, const Staged& b) {
       return std::pair(a.session, a.mono_ns) < std::pair(b.session, b.mono_ns);
     });
-    for (const auto& s : staged)
-      log.append(s.channel, s.session, s.mono_ns, {arena.data() + s.offset, s.size});
+    for (const auto& s : staged) log.append(s.channel, s.session, s.mono_ns, {arena.data() + s.offset, s.size});
     staged.clear();
     arena.clear();
     log.roll_if_large();
@@ -332,7 +324,8 @@ struct Recorder::Impl {
              " records were dropped before the recorder, which was not scheduled in time or waited for its disk";
     }
     if (finished && !log.synced()) {
-      return "the end of the recording is not on the disk: " + (s.error.empty() ? std::string("it was not synced") : s.error);
+      return "the end of the recording is not on the disk: " +
+             (s.error.empty() ? std::string("it was not synced") : s.error);
     }
     return {};
   }
@@ -342,9 +335,9 @@ struct Recorder::Impl {
   }
 
   [[nodiscard]] bool has_more(const Streams& streams) const {
-    return frame.has_more(streams.frame) || pressure.has_more(streams.pressure) ||
-           control.has_more(streams.control) || events.has_more(streams.events) ||
-           exchanges.has_more(streams.exchanges) || sync_checks.has_more(streams.sync);
+    return frame.has_more(streams.frame) || pressure.has_more(streams.pressure) || control.has_more(streams.control) ||
+           events.has_more(streams.events) || exchanges.has_more(streams.exchanges) ||
+           sync_checks.has_more(streams.sync);
   }
 
   void publish_status() {
@@ -401,8 +394,7 @@ struct Recorder::Impl {
   RecorderStatus status;
 };
 
-Recorder::Recorder(RecorderOptions options, RunInfo info)
-    : impl_(std::make_unique<Impl>(options, std::move(info))) {
+Recorder::Recorder(RecorderOptions options, RunInfo info) : impl_(std::make_unique<Impl>(options, std::move(info))) {
   impl_->publish_status();
   disk_ = impl_->log.condition();
 }

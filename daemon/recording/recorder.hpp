@@ -36,7 +36,7 @@ struct RunInfo {
   double rest_length_mm = 0.0;  ///< unpressurized
   std::string operator_name;
   std::string plan_summary;
-  std::vector<std::pair<std::string, std::string>> texts;  ///< "rig.toml", "protocol.toml", ...: whole files
+  std::vector<std::pair<std::string, std::string>> texts;     ///< "rig.toml", "protocol.toml", ...: whole files
   std::vector<std::pair<std::string, std::string>> versions;  ///< "isorig", "lcm", firmware, ...
   std::vector<SessionInfo> sessions;                          ///< by first_step; empty: one session
   std::int32_t first_session = 0;  ///< with which this attempt begins: nothing is recorded into earlier ones
@@ -48,8 +48,8 @@ struct RunInfo {
 struct RecorderOptions {
   std::filesystem::path run_dir;
   double average_interval_s = 0.1;
-  double before_s = 1.0;    ///< kept in memory in averaged stretches, see keep_policy.hpp
-  double evidence_s = 2.0;  ///< after a stop (program stop or safe state) everything stays in full so long
+  double before_s = 1.0;        ///< kept in memory in averaged stretches, see keep_policy.hpp
+  double evidence_s = 2.0;      ///< after a stop (program stop or safe state) everything stays in full so long
   double max_rate_hz = 2000.0;  ///< of a stream; sizes the memory for before_s
   /// A crash or power cut costs at most sync_interval_s + lag_s + 0.1 s, and in averaged stretches before_s
   /// more. Counted in the run's own time: in virtual time give it minutes.
@@ -71,11 +71,11 @@ struct RecorderOptions {
 /// Worse ones are larger. From kLow on the supervisor owes a program stop; until kLost nothing is lost.
 enum class DiskCondition : std::uint8_t {
   kOk,
-  kLow,      ///< less free than min_free_bytes
-  kReserve,  ///< the disk was full; the reserve has been given up and is being written to
-  kFailing,  ///< the disk takes nothing: everything since is held in memory
+  kLow,        ///< less free than min_free_bytes
+  kReserve,    ///< the disk was full; the reserve has been given up and is being written to
+  kFailing,    ///< the disk takes nothing: everything since is held in memory
   kUnvouched,  ///< a sync failed: what the disk had taken since the one before may be gone. Stays for the run
-  kLost,     ///< and the memory is used up
+  kLost,       ///< and the memory is used up
 };
 [[nodiscard]] const char* describe(DiskCondition condition) noexcept;
 
@@ -109,8 +109,7 @@ struct SessionChange {
 
 /// Bytes that a plan's recording takes, for the check before a run starts: `full_s` seconds at full rate,
 /// `averaged_s` as averages, at 1 kHz per stream.
-[[nodiscard]] std::uint64_t estimate_bytes(double full_s, double averaged_s,
-                                           double average_interval_s) noexcept;
+[[nodiscard]] std::uint64_t estimate_bytes(double full_s, double averaged_s, double average_interval_s) noexcept;
 
 /// Writes a run as LCM event log segments, `run_dir`/segment-0001.lcm and so on. One thread calls drain() and
 /// finish(); disk() is wait-free for everybody, status() may be called from any thread that can wait.
@@ -131,7 +130,8 @@ class Recorder {
   /// Does not throw: a disk or a catalogue that takes nothing is a condition (disk(), status()), and is tried again.
   void drain(Streams& streams, std::int64_t now_ns) noexcept;
   /// The rest, the end of the session and of the recording, sync. `complete`: the plan was carried out to its end.
-  /// Nothing is recorded afterwards. False: not everything is on the disk or in the catalogue yet; settle() tries again.
+  /// Nothing is recorded afterwards. False: not everything is on the disk or in the catalogue yet; settle() tries
+  /// again.
   bool finish(Streams& streams, bool complete) noexcept;
   bool settle() noexcept;
 

@@ -44,8 +44,7 @@ void write_file(const std::filesystem::path& path, const std::string& text) {
 std::uint64_t free_bytes(const std::filesystem::path& path) {
   struct statvfs s {};
   if (::statvfs(path.c_str(), &s) != 0) {
-    throw std::system_error(errno, std::generic_category(),
-                            "cannot ask for the free space of " + path.string());
+    throw std::system_error(errno, std::generic_category(), "cannot ask for the free space of " + path.string());
   }
   return std::uint64_t{s.f_bavail} * s.f_frsize;
 }
@@ -57,8 +56,7 @@ void sync_directory(const std::filesystem::path& directory) {
   ::close(fd);
 }
 
-isorig_msgs::run_header_t make_header(const RunInfo& info, const RecorderOptions& options,
-                                      std::int32_t attempt) {
+isorig_msgs::run_header_t make_header(const RunInfo& info, const RecorderOptions& options, std::int32_t attempt) {
   isorig_msgs::run_header_t h{};
   h.format = std::string(messages::kLogFormat);
   h.attempt = attempt;

@@ -32,8 +32,7 @@ SegmentedLog::SegmentedLog(RecorderOptions options, const RunInfo& info,
   free_bytes_ = options_.free_bytes(options_.run_dir);
   if (free_bytes_ < options_.min_free_bytes) {
     throw std::runtime_error(options_.run_dir.string() + ": " + std::to_string(free_bytes_ >> 20U) +
-                             " MB free, a recording asks for " +
-                             std::to_string(options_.min_free_bytes >> 20U) +
+                             " MB free, a recording asks for " + std::to_string(options_.min_free_bytes >> 20U) +
                              " MB; free some, or record elsewhere");
   }
   std::int32_t attempt = 1;

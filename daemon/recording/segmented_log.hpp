@@ -26,8 +26,7 @@ namespace isorig::daemon {
 class SegmentedLog {
  public:
   /// `fill` puts the recorder's counters into a session mark. Throws as Recorder does.
-  SegmentedLog(RecorderOptions options, const RunInfo& info,
-               std::function<void(isorig_msgs::session_mark_t&)> fill);
+  SegmentedLog(RecorderOptions options, const RunInfo& info, std::function<void(isorig_msgs::session_mark_t&)> fill);
 
   /// Messages in order of time. A session that is newer than the present one ends that and begins a segment.
   void append(messages::Channel channel, std::int32_t session, std::int64_t mono_ns,

@@ -20,7 +20,8 @@ std::filesystem::path records_of(const RigConfig& rig, const std::filesystem::pa
 calibration::Store open_records(const RigConfig& rig, const std::filesystem::path& runs_root) {
   const auto& c = rig.core.calibration;
   return {records_of(rig, runs_root),
-          {calibration::Correction{c.pressure_scale, c.pressure_offset_psi}, calibration::Correction{c.force_scale, c.force_offset_N},
+          {calibration::Correction{c.pressure_scale, c.pressure_offset_psi},
+           calibration::Correction{c.force_scale, c.force_offset_N},
            calibration::Correction{c.position_scale, c.position_offset_mm}}};
 }
 
@@ -41,7 +42,8 @@ nlohmann::json to_json(const calibration::Store& store) {
   nlohmann::json all = nlohmann::json::object();
   for (const auto c : calibration::kChannels) {
     const auto f = store.in_force(c);
-    nlohmann::json one{{"unit", unit_of(c)}, {"scale", f.correction.scale}, {"offset", f.correction.offset}, {"id", ""}};
+    nlohmann::json one{
+        {"unit", unit_of(c)}, {"scale", f.correction.scale}, {"offset", f.correction.offset}, {"id", ""}};
     if (const auto* r = f.record) {
       one["id"] = r->id;
       one["mode"] = name_of(r->mode);

@@ -44,13 +44,15 @@ RigConfig::Teensy read_teensy(const base::TomlTable& table) {
   }
   t.options.model = table.string_or("model", t.options.model);
   t.options.connect_timeout_ns = static_cast<std::int64_t>(
-      1e9 * table.number_or("connect_timeout_s", static_cast<double>(t.options.connect_timeout_ns) * 1e-9, {0.1, 60.0}));
-  t.options.command_validity_ms = static_cast<std::uint16_t>(
-      table.integer_or("command_validity_ms", t.options.command_validity_ms, {20, 5000}));
+      1e9 *
+      table.number_or("connect_timeout_s", static_cast<double>(t.options.connect_timeout_ns) * 1e-9, {0.1, 60.0}));
+  t.options.command_validity_ms =
+      static_cast<std::uint16_t>(table.integer_or("command_validity_ms", t.options.command_validity_ms, {20, 5000}));
   return t;
 }
 
-std::optional<interlock::GpioLine> read_gpio_line(const base::TomlTable& table, const char* key, bool fails_safe = true) {
+std::optional<interlock::GpioLine> read_gpio_line(const base::TomlTable& table, const char* key,
+                                                  bool fails_safe = true) {
   const auto line = table.table_if(key);
   if (!line) return std::nullopt;
   interlock::GpioLine read;
@@ -61,7 +63,8 @@ std::optional<interlock::GpioLine> read_gpio_line(const base::TomlTable& table, 
   if (bias == "pull-up") read.bias = interlock::Bias::kPullUp;
   if (bias == "pull-down") read.bias = interlock::Bias::kPullDown;
   if (fails_safe && read.bias == (read.active_low ? interlock::Bias::kPullDown : interlock::Bias::kPullUp)) {
-    line->error("bias", "with this `bias` the line is active when its wire is broken; change `active_low` or the wiring");
+    line->error("bias",
+                "with this `bias` the line is active when its wire is broken; change `active_low` or the wiring");
   }
   return read;
 }
@@ -82,7 +85,9 @@ interlock::GpioInterlock::Options read_gpio(const base::TomlTable& table) {
   return o;
 }
 
-bool loopback(const std::string& host) { return host.starts_with("127.") || host == "::1" || host == "localhost"; }
+bool loopback(const std::string& host) {
+  return host.starts_with("127.") || host == "::1" || host == "localhost";
+}
 
 /// `emulated = true`: isorig-simrig plays the devices. It serves this machine only.
 bool read_emulated(const base::TomlTable& root, const RigConfig& rig) {
@@ -91,7 +96,9 @@ bool read_emulated(const base::TomlTable& root, const RigConfig& rig) {
     root.error("emulated", "`emulated` is for devices on the wire; this rig is simulated in process");
   } else if ((rig.modbus && rig.modbus->transport == frame::ModbusTransport::kTcp && !loopback(rig.modbus->host)) ||
              (rig.instron8800 && rig.instron8800->tcp && !loopback(rig.instron8800->host))) {
-    root.error("emulated", "`emulated` = true, and [frame] host is another machine: isorig-simrig serves 127.0.0.1 only, so this is a real frame; take `emulated` out");
+    root.error("emulated",
+               "`emulated` = true, and [frame] host is another machine: isorig-simrig serves 127.0.0.1 only, so this "
+               "is a real frame; take `emulated` out");
   }
   return true;
 }
@@ -106,13 +113,17 @@ void read_interlock(const base::TomlTable& table, RigConfig& rig) {
     if (rig.simulated()) {
       table.error("driver", "a simulated rig has its own interlock: driver = \"sim\"");
     } else if (rig.unwatched_chain.size() < 10) {
-      table.error("reason", "`reason` has to say, in ten letters or more, why nobody watches this rig's emergency-stop chain and what stops it instead");
+      table.error("reason",
+                  "`reason` has to say, in ten letters or more, why nobody watches this rig's emergency-stop chain and "
+                  "what stops it instead");
     }
   } else if (!rig.simulated() && !rig.emulated) {
-    table.error("driver",
-                "`driver` = \"sim\" on a rig with real devices: an emergency stop would count as closed and nobody would look; wire the chain "
-                "to driver = \"gpio\" (docs/gpio.md), or say that nobody watches it: driver = \"none\" with reason = \"...\"; "
-                "if isorig-simrig plays the devices, emulated = true at the top");
+    table.error(
+        "driver",
+        "`driver` = \"sim\" on a rig with real devices: an emergency stop would count as closed and nobody would look; "
+        "wire the chain "
+        "to driver = \"gpio\" (docs/gpio.md), or say that nobody watches it: driver = \"none\" with reason = \"...\"; "
+        "if isorig-simrig plays the devices, emulated = true at the top");
   } else if (rig.emulated) {
     rig.unwatched_chain = "the devices are emulated (isorig-simrig)";
   }
@@ -124,9 +135,10 @@ NotifyConfig read_notify(const base::TomlTable& table) {
   if (o.command.is_relative()) {
     table.error("command", "`command` has to be an absolute path, such as \"/usr/local/bin/isorig-mail\"");
   } else if (::access(o.command.c_str(), X_OK) != 0 || std::filesystem::is_directory(o.command)) {
-    table.error("command", "`command` = \"" + o.command.string() + "\" cannot be run: " +
-                               (errno == ENOENT ? "there is no such file" : "it is not an executable file for this user") +
-                               "; arguments go into a script of its own");
+    table.error("command",
+                "`command` = \"" + o.command.string() + "\" cannot be run: " +
+                    (errno == ENOENT ? "there is no such file" : "it is not an executable file for this user") +
+                    "; arguments go into a script of its own");
   }
   o.timeout_s = table.number_or("timeout_s", o.timeout_s, {1.0, 600.0});
   o.interval_s = table.number_or("interval_s", o.interval_s, {0.1, 3600.0});
@@ -166,12 +178,13 @@ pressure::FillLimits fill_limits(const RigConfig& rig) {
   const auto& calibration = rig.core.calibration;
   pressure::FillLimits limits;
   // The device knows the sensor's own pressure, not the calibrated one; it takes nothing beyond the sensor's range.
-  const double raw_psi = (rig.limits.pressure_max_psi + kMarginPsi - calibration.pressure_offset_psi) / calibration.pressure_scale;
+  const double raw_psi =
+      (rig.limits.pressure_max_psi + kMarginPsi - calibration.pressure_offset_psi) / calibration.pressure_scale;
   limits.pressure_max_psi = std::clamp(raw_psi, 0.1, messages::kElvhSpanPsi);
   if (loop.actuator == PressureLoopConfig::Actuator::kValves) {
     limits.fill_allowance_permille = static_cast<std::uint16_t>(std::lround(1000.0 * loop.fill_allowance()));
-    limits.fill_max_ms =
-        static_cast<std::uint32_t>(std::clamp(1000.0 * loop.fill_time_bound_s(rig.limits.pressure_max_psi), 100.0, 60'000.0));
+    limits.fill_max_ms = static_cast<std::uint32_t>(
+        std::clamp(1000.0 * loop.fill_time_bound_s(rig.limits.pressure_max_psi), 100.0, 60'000.0));
   }
   return limits;
 }
@@ -208,7 +221,9 @@ RigConfig load_rig(const std::filesystem::path& path) {
   const auto pressure = root.table("pressure");
   rig.core.frame_zero = FrameZero::kFirstHolds;
   if (frame_driver != "sim") {
-    rig.core.frame_zero = frame.choice_or("zero", "confirm", {"confirm", "absolute"}) == "confirm" ? FrameZero::kConfirm : FrameZero::kAbsolute;
+    rig.core.frame_zero = frame.choice_or("zero", "confirm", {"confirm", "absolute"}) == "confirm"
+                              ? FrameZero::kConfirm
+                              : FrameZero::kAbsolute;
   }
   const auto pressure_driver = pressure.choice("driver", {"sim", "teensy"});
   if (pressure_driver == "teensy") {
@@ -248,7 +263,8 @@ RigConfig load_rig(const std::filesystem::path& path) {
   }
   table("calibration", [&](const auto& t) {
     rig.core.calibration = read_calibration(t);
-    if (const auto records = t.string_or("records", ""); !records.empty()) rig.calibration.records = directory / records;
+    if (const auto records = t.string_or("records", ""); !records.empty())
+      rig.calibration.records = directory / records;
     rig.calibration.refuse_overdue = t.choice_or("overdue", "warn", {"warn", "refuse"}) == "refuse";
   });
   table("realtime", [&](const auto& t) { rig.realtime = RealtimeConfig::read(t); });

@@ -34,7 +34,7 @@ struct RigConfig {
   std::optional<frame::ModbusConfig> modbus;
   std::optional<frame::Instron8800Config> instron8800;
   struct Teensy {
-    std::string port;                    ///< its serial port; empty: over USB, by options.serial (docs/usb.md)
+    std::string port;  ///< its serial port; empty: over USB, by options.serial (docs/usb.md)
     pressure::Teensy::Options options;
     /// How messages name it.
     [[nodiscard]] std::string where() const { return port.empty() ? "USB serial number " + options.serial : port; }
@@ -47,10 +47,10 @@ struct RigConfig {
   std::string unwatched_chain;
   std::optional<sim::SimConfig> sim;
   struct CalibrationPolicy {
-    std::filesystem::path records;       ///< empty: RUNS/calibration/NAME
-    bool refuse_overdue = false;         ///< else a warning
+    std::filesystem::path records;  ///< empty: RUNS/calibration/NAME
+    bool refuse_overdue = false;    ///< else a warning
   } calibration;
-  std::filesystem::path specimen;        ///< what is mounted, unless a run names another
+  std::filesystem::path specimen;  ///< what is mounted, unless a run names another
 
   struct Recording {
     double sync_interval_s = 1.0;
@@ -68,7 +68,7 @@ struct RigConfig {
   NotifyConfig notify;
 
   struct Api {
-    std::filesystem::path socket;        ///< empty: daemon/host/paths.hpp
+    std::filesystem::path socket;  ///< empty: daemon/host/paths.hpp
     unsigned mode = 0660;
   } api;
 

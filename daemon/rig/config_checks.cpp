@@ -19,12 +19,15 @@ std::string text(double value) {
   return digits;
 }
 
-constexpr double seconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
+constexpr double seconds(std::int64_t ns) {
+  return static_cast<double>(ns) * 1e-9;
+}
 
 /// One table of the rig; faults of a table that is not there stand at the document's begin, since its defaults count.
 class Keys {
  public:
-  Keys(const TomlTable& root, const char* name) : table_(root.table_if(name).value_or(root)), present_(root.has(name)) {}
+  Keys(const TomlTable& root, const char* name)
+      : table_(root.table_if(name).value_or(root)), present_(root.has(name)) {}
 
   [[nodiscard]] bool has(const char* key) const { return present_ && table_.has(key); }
 
@@ -43,8 +46,8 @@ class Keys {
 
  private:
   void fault(const char* key, double value, const std::string& allowed, const std::string& why) const {
-    table_.error(present_ ? key : "", "`" + std::string(key) + "` = " + text(value) + (has(key) ? "" : " (by default)") +
-                                          "; it has to be " + allowed + ": " + why);
+    table_.error(present_ ? key : "", "`" + std::string(key) + "` = " + text(value) +
+                                          (has(key) ? "" : " (by default)") + "; it has to be " + allowed + ": " + why);
   }
 
   TomlTable table_;
@@ -53,31 +56,40 @@ class Keys {
 
 void check_travel_and_force(const RigConfig& rig, const Keys& k) {
   const auto& l = rig.limits;
-  k.range("travel_min_mm", l.travel_min_mm, -2000.0, 0.0, "mm", "the position is counted from the specimen's rest length, and no frame of this kind travels further");
-  k.range("travel_max_mm", l.travel_max_mm, 0.0, 2000.0, "mm", "the position is counted from the specimen's rest length, and no frame of this kind travels further");
+  k.range("travel_min_mm", l.travel_min_mm, -2000.0, 0.0, "mm",
+          "the position is counted from the specimen's rest length, and no frame of this kind travels further");
+  k.range("travel_max_mm", l.travel_max_mm, 0.0, 2000.0, "mm",
+          "the position is counted from the specimen's rest length, and no frame of this kind travels further");
   if (k.has("travel_min_mm") && k.has("travel_max_mm")) {
-    k.at_least("travel_max_mm", l.travel_max_mm, l.travel_min_mm + 0.01, "mm", "above travel_min_mm, or nothing may move");
+    k.at_least("travel_max_mm", l.travel_max_mm, l.travel_min_mm + 0.01, "mm",
+               "above travel_min_mm, or nothing may move");
   }
   k.range("speed_max_mm_s", l.speed_max_mm_s, 0.001, 500.0, "mm/s", "faster than any frame that this drives");
   k.range("speed_min_mm_s", l.speed_min_mm_s, 0.0, l.speed_max_mm_s, "mm/s", "below speed_max_mm_s");
-  k.range("force_min_N", l.force_min_N, -1e5, 0.0, "N", "tension is positive and a slack specimen cannot push; beyond any load cell of such a frame the limit cannot trip");
+  k.range("force_min_N", l.force_min_N, -1e5, 0.0, "N",
+          "tension is positive and a slack specimen cannot push; beyond any load cell of such a frame the limit cannot "
+          "trip");
   k.range("force_max_N", l.force_max_N, 0.01, 1e5, "N", "beyond any load cell of such a frame the limit cannot trip");
   if (k.has("force_rate_max_N_s")) {
     const double window_s = rig.core.supervisor.force_rate_window_s;
     k.range("force_rate_max_N_s", l.force_rate_max_N_s, 1e-3, (l.force_max_N - l.force_min_N) / window_s, "N/s",
             "above that the force limits trip first, within force_rate_window_s = " + text(window_s) + " s");
   }
-  k.range("segment_interval_min_s", l.segment_interval_min_s, std::max(0.002, seconds(rig.services.poll_period_ns)), 10.0, "s",
-          "a segment takes at least one turn of poll_period_ms");
+  k.range("segment_interval_min_s", l.segment_interval_min_s, std::max(0.002, seconds(rig.services.poll_period_ns)),
+          10.0, "s", "a segment takes at least one turn of poll_period_ms");
   if (rig.instron8800) {
     const auto& c = *rig.instron8800;
     if (c.force_full_scale_N > 0.0) {
-      k.at_most("force_max_N", l.force_max_N, c.force_full_scale_N, "N", "the load cell ends at force_full_scale_N, so the limit could not trip");
-      k.at_least("force_min_N", l.force_min_N, -c.force_full_scale_N, "N", "the load cell ends at force_full_scale_N, so the limit could not trip");
+      k.at_most("force_max_N", l.force_max_N, c.force_full_scale_N, "N",
+                "the load cell ends at force_full_scale_N, so the limit could not trip");
+      k.at_least("force_min_N", l.force_min_N, -c.force_full_scale_N, "N",
+                 "the load cell ends at force_full_scale_N, so the limit could not trip");
     }
     if (c.position_full_scale_mm > 0.0) {
-      k.at_most("travel_max_mm", l.travel_max_mm, c.position_full_scale_mm, "mm", "the frame ends at position_full_scale_mm");
-      k.at_least("travel_min_mm", l.travel_min_mm, -c.position_full_scale_mm, "mm", "the frame ends at position_full_scale_mm");
+      k.at_most("travel_max_mm", l.travel_max_mm, c.position_full_scale_mm, "mm",
+                "the frame ends at position_full_scale_mm");
+      k.at_least("travel_min_mm", l.travel_min_mm, -c.position_full_scale_mm, "mm",
+                 "the frame ends at position_full_scale_mm");
     }
   }
 }
@@ -89,38 +101,52 @@ void check_pressure_limits(const RigConfig& rig, const Keys& k) {
   const auto& c = rig.core.calibration;
   const double top_psi = c.pressure_scale * messages::kElvhSpanPsi + c.pressure_offset_psi;
   k.range("pressure_max_psi", rig.limits.pressure_max_psi, 0.1, top_psi - kHeadRoom_psi, "psi",
-          "the sensor's range ends at " + text(top_psi) + " psi as [calibration] has it, and limit.pressure has to trip before");
-  k.range("pressure_rate_max_psi_s", rig.limits.pressure_rate_max_psi_s, 0.01, 200.0, "psi/s", "no valve of this kind fills faster, so the limit would be none");
+          "the sensor's range ends at " + text(top_psi) +
+              " psi as [calibration] has it, and limit.pressure has to trip before");
+  k.range("pressure_rate_max_psi_s", rig.limits.pressure_rate_max_psi_s, 0.01, 200.0, "psi/s",
+          "no valve of this kind fills faster, so the limit would be none");
 }
 
 void check_calibration(const RigConfig& rig, const Keys& k) {
   const auto& c = rig.core.calibration;
   const auto scale = [&](const char* key, double value, const char* negative) {
-    k.range(key, value, 0.5, 2.0, "", std::string("a channel that is off by more is wired, mapped or read wrong; ") + negative);
+    k.range(key, value, 0.5, 2.0, "",
+            std::string("a channel that is off by more is wired, mapped or read wrong; ") + negative);
   };
-  scale("position_scale", c.position_scale, "a negative scale turns every motion round: correct the sign in the frame's register map");
-  scale("force_scale", c.force_scale, "a negative scale turns tension into compression, and force_max_N no longer protects: correct the sign in the frame");
+  scale("position_scale", c.position_scale,
+        "a negative scale turns every motion round: correct the sign in the frame's register map");
+  scale("force_scale", c.force_scale,
+        "a negative scale turns tension into compression, and force_max_N no longer protects: correct the sign in the "
+        "frame");
   scale("pressure_scale", c.pressure_scale, "a negative scale makes the loop fill when it has to vent");
   k.range("position_offset_mm", c.position_offset_mm, -2000.0, 2000.0, "mm", "no frame of this kind travels further");
   const double force_N = rig.limits.force_max_N - rig.limits.force_min_N;
-  k.range("force_offset_N", c.force_offset_N, -force_N, force_N, "N", "a larger one leaves no force within force_min_N to force_max_N");
-  k.range("pressure_offset_psi", c.pressure_offset_psi, -2.0, 2.0, "psi", "the sensor's total error band is 0.3 psi; one that is off by more is broken");
+  k.range("force_offset_N", c.force_offset_N, -force_N, force_N, "N",
+          "a larger one leaves no force within force_min_N to force_max_N");
+  k.range("pressure_offset_psi", c.pressure_offset_psi, -2.0, 2.0, "psi",
+          "the sensor's total error band is 0.3 psi; one that is off by more is broken");
 }
 
 void check_supervisor(const RigConfig& rig, const Keys& k, const Watchdogs& dogs) {
   const auto& s = rig.core.supervisor;
-  const std::string frame_dog = "after that the frame's own watchdog has stopped it, and what the daemon does comes too late";
-  const std::string valve_dog = "after that the pressure device's own watchdog has vented it, and what the daemon does comes too late";
+  const std::string frame_dog =
+      "after that the frame's own watchdog has stopped it, and what the daemon does comes too late";
+  const std::string valve_dog =
+      "after that the pressure device's own watchdog has vented it, and what the daemon does comes too late";
   // Of an emulated rig at least this: nobody can be hurt, and its processor is not its own.
   const double patience_s = rig.simulated() || rig.emulated ? 3.0 : 0.0;
   k.range("frame_age_max_s", s.frame_age_max_s, 0.01, std::max(patience_s, dogs.frame_s), "s", frame_dog);
   k.range("pressure_age_max_s", s.pressure_age_max_s, 0.01, std::max(patience_s, dogs.pressure_s), "s", valve_dog);
-  k.range("interlock_age_max_s", s.interlock_age_max_s, 0.02, std::max(patience_s, 1.0), "s", "so long an emergency stop may go unseen");
-  k.range("late_tick_max_s", s.late_tick_max_s, 0.005, std::max(patience_s, std::min(dogs.frame_s, dogs.pressure_s)), "s",
-          "a loop that is later sends no heartbeat, and the devices stop by themselves");
-  k.range("following_error_max_mm", s.following_error_max_mm, 0.01, 5.0, "mm", "a crosshead that is further from its segment does something else than it was told");
-  k.range("segment_ack_max_s", s.segment_ack_max_s, 0.02, std::max(patience_s, 1.5), "s", "so long a frame may stand, or go on, without anybody knowing whether it took the segment");
-  k.range("frozen_force_max_s", s.frozen_force_max_s, 0.05, 5.0, "s", "so long a dead load cell may go unseen while the crosshead moves");
+  k.range("interlock_age_max_s", s.interlock_age_max_s, 0.02, std::max(patience_s, 1.0), "s",
+          "so long an emergency stop may go unseen");
+  k.range("late_tick_max_s", s.late_tick_max_s, 0.005, std::max(patience_s, std::min(dogs.frame_s, dogs.pressure_s)),
+          "s", "a loop that is later sends no heartbeat, and the devices stop by themselves");
+  k.range("following_error_max_mm", s.following_error_max_mm, 0.01, 5.0, "mm",
+          "a crosshead that is further from its segment does something else than it was told");
+  k.range("segment_ack_max_s", s.segment_ack_max_s, 0.02, std::max(patience_s, 1.5), "s",
+          "so long a frame may stand, or go on, without anybody knowing whether it took the segment");
+  k.range("frozen_force_max_s", s.frozen_force_max_s, 0.05, 5.0, "s",
+          "so long a dead load cell may go unseen while the crosshead moves");
   if (!rig.simulated() && !rig.emulated) {
     const double travel_mm = rig.limits.travel_max_mm - rig.limits.travel_min_mm;
     const double unseen_mm = rig.limits.speed_max_mm_s * s.frame_age_max_s;
@@ -137,7 +163,8 @@ void check_frame(const RigConfig& rig, const Keys& k, const Watchdogs& dogs) {
   if (rig.modbus) {
     k.at_most("response_timeout_ms", rig.modbus->response_timeout_ms, 0.99e3 * age_s, "ms", one_answer);
     k.range("connect_timeout_ms", rig.modbus->connect_timeout_ms, 1.0, 5'000.0, "ms", "nothing else is done meanwhile");
-    k.range("start_confirm_ms", rig.modbus->start_confirm_ms, 1.0, 2'000.0, "ms", "so long a frame that did not start is not noticed");
+    k.range("start_confirm_ms", rig.modbus->start_confirm_ms, 1.0, 2'000.0, "ms",
+            "so long a frame that did not start is not noticed");
   }
   if (!rig.instron8800) return;
   const auto& c = *rig.instron8800;
@@ -146,12 +173,16 @@ void check_frame(const RigConfig& rig, const Keys& k, const Watchdogs& dogs) {
   k.range("gap_us", c.gap_us, 0.0, 100'000.0, "us", "the controller would be polled too rarely for frame_age_max_s");
   k.range("reading_age_max_ms", c.reading_age_max_ms, 0.0, 100.0, "ms", "older readings are not of this moment");
   k.range("in_position_mm", c.in_position_mm, 1e-4, 1.0, "mm", "a target that far off is not reached");
-  k.range("start_confirm_ms", c.start_confirm_ms, 1.0, 2'000.0, "ms", "so long a frame that did not start is not noticed");
-  k.range("stop_confirm_ms", c.stop_confirm_ms, 10.0, 3'000.0, "ms", "so long a crosshead that did not stop goes on before the actuator is switched off");
-  k.range("heartbeat_timeout_ms", c.heartbeat_timeout_ms, 50.0, 1e3 * dogs.frame_s, "ms", "the controller's watchdog acts then");
+  k.range("start_confirm_ms", c.start_confirm_ms, 1.0, 2'000.0, "ms",
+          "so long a frame that did not start is not noticed");
+  k.range("stop_confirm_ms", c.stop_confirm_ms, 10.0, 3'000.0, "ms",
+          "so long a crosshead that did not stop goes on before the actuator is switched off");
+  k.range("heartbeat_timeout_ms", c.heartbeat_timeout_ms, 50.0, 1e3 * dogs.frame_s, "ms",
+          "the controller's watchdog acts then");
   k.at_least("heartbeat_timeout_ms", c.heartbeat_timeout_ms, 3e3 * seconds(rig.services.heartbeat_period_ns), "ms",
              "three times [services] heartbeat_period_ms, or a single late heartbeat stops the crosshead");
-  k.range("watchdog_feed_ms", c.watchdog_feed_ms, 50.0, 1e3 * dogs.frame_s / 3.0, "ms", "three times within the controller's watchdog, so that one late turn does not let it act");
+  k.range("watchdog_feed_ms", c.watchdog_feed_ms, 50.0, 1e3 * dogs.frame_s / 3.0, "ms",
+          "three times within the controller's watchdog, so that one late turn does not let it act");
 }
 
 void check_services(const RigConfig& rig, const Keys& k, const Watchdogs& dogs) {
@@ -160,10 +191,13 @@ void check_services(const RigConfig& rig, const Keys& k, const Watchdogs& dogs) 
   const bool real = !rig.simulated() && !rig.emulated;
   const double shortest_s = std::min(dogs.frame_s, real ? 0.2 : dogs.pressure_s);
   k.range("heartbeat_period_ms", 1e3 * seconds(c.heartbeat_period_ns), 5.0, 1e3 * shortest_s / 3.0, "ms",
-          "a third of the shortest device watchdog (" + text(shortest_s) + " s), so that one late heartbeat does not stop the rig");
-  k.range("poll_period_ms", 1e3 * seconds(c.poll_period_ns), 1.0, 1e3 * std::min(0.05, rig.core.supervisor.frame_age_max_s / 3.0), "ms",
+          "a third of the shortest device watchdog (" + text(shortest_s) +
+              " s), so that one late heartbeat does not stop the rig");
+  k.range("poll_period_ms", 1e3 * seconds(c.poll_period_ns), 1.0,
+          1e3 * std::min(0.05, rig.core.supervisor.frame_age_max_s / 3.0), "ms",
           "limits are judged on what was polled, three times within frame_age_max_s");
-  k.range("sync_period_ms", 1e3 * seconds(c.sync_period_ns), 50.0, 5'000.0, "ms", "a device's clock drifts out of its bound meanwhile");
+  k.range("sync_period_ms", 1e3 * seconds(c.sync_period_ns), 50.0, 5'000.0, "ms",
+          "a device's clock drifts out of its bound meanwhile");
 }
 
 void check_teensy(const RigConfig& rig, const Keys& k, const Watchdogs& dogs) {
@@ -172,22 +206,29 @@ void check_teensy(const RigConfig& rig, const Keys& k, const Watchdogs& dogs) {
   const double validity_ms = rig.teensy->options.command_validity_ms;
   k.at_least("command_validity_ms", validity_ms, 2.0 * refresh_ms, "ms",
              "commands are repeated every heartbeat_period_ms, and valves that fall shut between two cannot regulate");
-  k.range("command_validity_ms", validity_ms, 20.0, 1e3 * dogs.pressure_s, "ms", "the last command of a dead daemon stays in force so long");
-  k.range("connect_timeout_s", seconds(rig.teensy->options.connect_timeout_ns), 0.1, 10.0, "s", "nothing else is done meanwhile");
+  k.range("command_validity_ms", validity_ms, 20.0, 1e3 * dogs.pressure_s, "ms",
+          "the last command of a dead daemon stays in force so long");
+  k.range("connect_timeout_s", seconds(rig.teensy->options.connect_timeout_ns), 0.1, 10.0, "s",
+          "nothing else is done meanwhile");
 }
 
 void check_loop(const RigConfig& rig, const Keys& k) {
   const auto& c = rig.core.pressure_loop;
   k.range("supply_psi", c.supply_psi, rig.limits.pressure_max_psi, 150.0, "psi",
-          "below pressure_max_psi it could not be reached; above, it is no supply for these valves, and the loop reckons its duties with it");
+          "below pressure_max_psi it could not be reached; above, it is no supply for these valves, and the loop "
+          "reckons its duties with it");
   k.range("fill_gain_per_s", c.fill_gain_per_s, 1e-3, 50.0, "1/s", "C * 1 bar / V of such a rig");
   k.range("vent_gain_per_s", c.vent_gain_per_s, 1e-3, 50.0, "1/s", "C * 1 bar / V of such a rig");
-  k.range("proportional_per_s", c.proportional_per_s, 0.1, 40.0, "1/s", "with 10 ms of dead time the loop oscillates above");
-  k.range("integral_time_s", c.integral_time_s, 0.05, 60.0, "s", "shorter, the loop oscillates; longer, an offset stays");
+  k.range("proportional_per_s", c.proportional_per_s, 0.1, 40.0, "1/s",
+          "with 10 ms of dead time the loop oscillates above");
+  k.range("integral_time_s", c.integral_time_s, 0.05, 60.0, "s",
+          "shorter, the loop oscillates; longer, an offset stays");
   k.range("rate_limit_psi_s", c.rate_limit_psi_s, 0.01, 200.0, "psi/s", "no valve of this kind fills faster");
-  k.range("feedforward_psi_per_mm", c.feedforward_psi_per_mm, -5.0, 5.0, "psi/mm", "a millimetre changes the volume of an actuator by a few per cent");
+  k.range("feedforward_psi_per_mm", c.feedforward_psi_per_mm, -5.0, 5.0, "psi/mm",
+          "a millimetre changes the volume of an actuator by a few per cent");
   k.range("minimum_duty", c.minimum_duty, 0.0, 0.3, "", "smaller commands are shut, and the loop would hunt");
-  k.range("settled_tolerance_psi", c.settled_tolerance_psi, 0.01, 2.0, "psi", "a set-point that far off is not reached");
+  k.range("settled_tolerance_psi", c.settled_tolerance_psi, 0.01, 2.0, "psi",
+          "a set-point that far off is not reached");
   k.range("unreachable_error_psi", c.unreachable_error_psi, 0.05, 5.0, "psi", "so far off a leak would go unseen");
   k.range("unreachable_after_s", c.unreachable_after_s, 0.1, 30.0, "s", "so long the fill valve may blow into a leak");
 }
@@ -195,21 +236,30 @@ void check_loop(const RigConfig& rig, const Keys& k) {
 void check_regulator(const RigConfig& rig, const Keys& k) {
   if (!rig.regulator) return;
   const auto& s = rig.core.supervisor;
-  k.range("max_psi", rig.regulator->max_psi, 0.1, rig.limits.pressure_max_psi, "psi", "no set-point may lie above [limits] pressure_max_psi");
-  k.range("age_max_s", s.regulator_age_max_s, 0.02, 2.0, "s", "so long a regulator that is gone keeps its last set-point unseen");
-  k.range("error_max_psi", s.regulator_error_max_psi, 0.05, 3.0, "psi", "the two sensors' error bands together are below one");
-  k.range("setpoint_tolerance_psi", rig.regulator->setpoint_tolerance_psi, 1e-4, 0.5, "psi", "a set-point that far off is another one");
-  k.at_most("poll_period_ms", 1e3 * seconds(rig.regulator_period_ns), 1e3 * s.regulator_age_max_s / 3.0, "ms", "three times within age_max_s");
-  k.at_most("response_timeout_ms", rig.regulator->line.response_timeout_ms, 0.99e3 * s.regulator_age_max_s, "ms", "below age_max_s, so that one lost answer is no safe state");
+  k.range("max_psi", rig.regulator->max_psi, 0.1, rig.limits.pressure_max_psi, "psi",
+          "no set-point may lie above [limits] pressure_max_psi");
+  k.range("age_max_s", s.regulator_age_max_s, 0.02, 2.0, "s",
+          "so long a regulator that is gone keeps its last set-point unseen");
+  k.range("error_max_psi", s.regulator_error_max_psi, 0.05, 3.0, "psi",
+          "the two sensors' error bands together are below one");
+  k.range("setpoint_tolerance_psi", rig.regulator->setpoint_tolerance_psi, 1e-4, 0.5, "psi",
+          "a set-point that far off is another one");
+  k.at_most("poll_period_ms", 1e3 * seconds(rig.regulator_period_ns), 1e3 * s.regulator_age_max_s / 3.0, "ms",
+            "three times within age_max_s");
+  k.at_most("response_timeout_ms", rig.regulator->line.response_timeout_ms, 0.99e3 * s.regulator_age_max_s, "ms",
+            "below age_max_s, so that one lost answer is no safe state");
 }
 
 void check_recorder(const RigConfig& rig, const Keys& k) {
   constexpr double kMiB = 1024.0 * 1024.0;
   const auto& r = rig.recording;
   k.range("sync_interval_s", r.sync_interval_s, 0.1, 10.0, "s", "what is younger is lost with the power");
-  k.range("min_free_MiB", static_cast<double>(r.min_free_bytes) / kMiB, 8.0, 1e6, "MiB", "a minute and a half at full rate, to stop in");
-  k.range("reserve_MiB", static_cast<double>(r.reserve_bytes) / kMiB, 1.0, std::max(1.0, static_cast<double>(r.min_free_bytes) / kMiB), "MiB", "it is taken out of min_free_MiB");
-  k.range("max_segment_MiB", static_cast<double>(r.max_segment_bytes) / kMiB, 1.0, 4096.0, "MiB", "a damaged file costs that much");
+  k.range("min_free_MiB", static_cast<double>(r.min_free_bytes) / kMiB, 8.0, 1e6, "MiB",
+          "a minute and a half at full rate, to stop in");
+  k.range("reserve_MiB", static_cast<double>(r.reserve_bytes) / kMiB, 1.0,
+          std::max(1.0, static_cast<double>(r.min_free_bytes) / kMiB), "MiB", "it is taken out of min_free_MiB");
+  k.range("max_segment_MiB", static_cast<double>(r.max_segment_bytes) / kMiB, 1.0, 4096.0, "MiB",
+          "a damaged file costs that much");
 }
 
 /// LCM is for this machine; what leaves it is everybody's on that network.
@@ -221,14 +271,17 @@ void check_lcm(const RigConfig& rig, const TomlTable& root) {
   const auto& url = rig.lcm.url;
   const auto wrong = [&](const std::string& why) { table->error("url", "`url` = \"" + url + "\"; " + why); };
   if (!url.starts_with("udpm://")) {
-    wrong("it has to be \"udpm://GROUP:PORT?ttl=0\": a tcpq server or a file can make publishing wait, and memq reaches nobody");
+    wrong(
+        "it has to be \"udpm://GROUP:PORT?ttl=0\": a tcpq server or a file can make publishing wait, and memq reaches "
+        "nobody");
     return;
   }
   const auto at = url.find("ttl=");
   const std::string ttl = at == std::string::npos ? "" : url.substr(at + 4, url.find('&', at) - at - 4);
   if (ttl != "0" && !network) {
     wrong((ttl.empty() ? std::string("it says no ttl") : "its ttl is " + ttl) +
-          ", so every sample leaves this machine unencrypted; end it with ?ttl=0, or, if other machines have to listen, add network = true");
+          ", so every sample leaves this machine unencrypted; end it with ?ttl=0, or, if other machines have to "
+          "listen, add network = true");
   }
 }
 
@@ -238,14 +291,21 @@ void check_api(const RigConfig& rig, const TomlTable& root) {
   char mode[16];
   std::snprintf(mode, sizeof mode, "%04o", rig.api.mode);
   if ((rig.api.mode & 0007U) != 0) {
-    table->error("mode", "`mode` = \"" + std::string(mode) + "\"; it has to end in 0, such as \"0660\": who may open the socket may move the rig, and others are everybody on this machine");
+    table->error("mode", "`mode` = \"" + std::string(mode) +
+                             "\"; it has to end in 0, such as \"0660\": who may open the socket may move the rig, and "
+                             "others are everybody on this machine");
   } else if ((rig.api.mode & 0600U) != 0600U || (rig.api.mode & 0111U) != 0) {
-    table->error("mode", "`mode` = \"" + std::string(mode) + "\"; it has to be \"0600\" or \"0660\": a client needs reading and writing, and nobody runs a socket");
+    table->error(
+        "mode",
+        "`mode` = \"" + std::string(mode) +
+            "\"; it has to be \"0600\" or \"0660\": a client needs reading and writing, and nobody runs a socket");
   }
 }
 
 void check_interlock(const RigConfig& rig, const Keys& k) {
-  if (rig.gpio) k.range("closing_ms", 1e3 * seconds(rig.gpio->closing_ns), 0.0, 2'000.0, "ms", "so long a closed chain still counts as open");
+  if (rig.gpio)
+    k.range("closing_ms", 1e3 * seconds(rig.gpio->closing_ns), 0.0, 2'000.0, "ms",
+            "so long a closed chain still counts as open");
 }
 
 }  // namespace
@@ -264,7 +324,8 @@ Watchdogs watchdogs_of(const RigConfig& rig, const TomlTable& root) {
     const double value = t->number_or(key, fallback);
     return std::isfinite(value) && value > 0.0 ? value : fallback;
   };
-  dogs.frame_s = rig.instron8800 ? read("controller", "watchdog_s", 3.0) : read("frame", "heartbeat_timeout_s", dogs.frame_s);
+  dogs.frame_s =
+      rig.instron8800 ? read("controller", "watchdog_s", 3.0) : read("frame", "heartbeat_timeout_s", dogs.frame_s);
   dogs.pressure_s = read("pressure", "watchdog_s", dogs.pressure_s);
   return dogs;
 }

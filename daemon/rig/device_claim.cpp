@@ -52,8 +52,10 @@ std::string holder_of(const Address& address) {
       ::getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &peer, &length) == 0) {
     std::string program;
     std::getline(std::ifstream("/proc/" + std::to_string(peer.pid) + "/comm"), program);
-    who = "process " + std::to_string(peer.pid) + (program.empty() ? "" : " (" + base::printable(program) + ")") + " of user " + name_of_user(peer.uid);
-    if (peer.uid != 0 && peer.uid != ::geteuid()) who += ", who is neither you nor root: ask whether it is a daemon at all";
+    who = "process " + std::to_string(peer.pid) + (program.empty() ? "" : " (" + base::printable(program) + ")") +
+          " of user " + name_of_user(peer.uid);
+    if (peer.uid != 0 && peer.uid != ::geteuid())
+      who += ", who is neither you nor root: ask whether it is a daemon at all";
   }
   ::close(fd);
   return who;
@@ -65,12 +67,15 @@ DeviceClaim::DeviceClaim(const std::string& device) {
   const auto address = address_of(device);
   // A stream that listens, for the kernel tells whoever connects to it which process and user that is.
   fd_ = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
-  if (fd_ >= 0 && ::bind(fd_, reinterpret_cast<const sockaddr*>(&address.name), address.length) == 0 && ::listen(fd_, 8) == 0) return;
+  if (fd_ >= 0 && ::bind(fd_, reinterpret_cast<const sockaddr*>(&address.name), address.length) == 0 &&
+      ::listen(fd_, 8) == 0)
+    return;
   const int why = errno;
   if (fd_ >= 0) ::close(std::exchange(fd_, -1));
   if (why == EADDRINUSE) {
     const auto holder = holder_of(address);
-    throw std::runtime_error("another isorigd on this machine drives the " + device + (holder.empty() ? "" : ": " + holder) +
+    throw std::runtime_error("another isorigd on this machine drives the " + device +
+                             (holder.empty() ? "" : ": " + holder) +
                              "; stop it first (pgrep -a isorigd), a rig has one daemon");
   }
   throw std::runtime_error("the " + device + " cannot be claimed: " + std::strerror(why));

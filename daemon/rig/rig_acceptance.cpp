@@ -60,7 +60,8 @@ std::string utc_text(std::int64_t unix_s) {
 }
 
 [[noreturn]] void fail(const std::filesystem::path& path, int error) {
-  throw std::runtime_error(path.string() + " cannot be written: " + std::strerror(error) + "; check the directory and its permissions");
+  throw std::runtime_error(path.string() + " cannot be written: " + std::strerror(error) +
+                           "; check the directory and its permissions");
 }
 
 void sync_directory(const std::filesystem::path& directory) {
@@ -91,14 +92,17 @@ RigAcceptance::RigAcceptance(std::string rig_name, std::string_view rig_toml, co
   for (std::string line; std::getline(in, line);) {
     // A power cut can leave half a line: what was accepted before it still is.
     auto entry = json::parse(line, nullptr, false);
-    if (entry.is_object() && entry.contains("keys") && entry["keys"].is_object() && !entry.value("operator", "").empty()) last = std::move(entry);
+    if (entry.is_object() && entry.contains("keys") && entry["keys"].is_object() &&
+        !entry.value("operator", "").empty())
+      last = std::move(entry);
   }
   if (last.is_null()) return;
   operator_ = last.value("operator", "");
   when_utc_ = last.value("accepted_utc", "");
   uid_ = last.value("uid", uid_t{0});
   std::map<std::string, std::string> before;
-  for (const auto& [key, value] : last["keys"].items()) before[key] = value.is_string() ? value.get<std::string>() : value.dump();
+  for (const auto& [key, value] : last["keys"].items())
+    before[key] = value.is_string() ? value.get<std::string>() : value.dump();
   for (const auto& [key, value] : before) {
     const auto present = keys_.find(key);
     if (present == keys_.end()) {
@@ -125,8 +129,8 @@ void RigAcceptance::accept(const std::string& operator_name, uid_t uid, std::int
   json keys = json::object(), changes = json::array();
   for (const auto& [key, value] : keys_) keys[key] = value;
   for (const auto& change : changes_) changes.push_back(change.text());
-  const json entry{{"rig", rig_},  {"operator", operator_name}, {"uid", uid},         {"accepted_utc", utc_text(unix_s)},
-                   {"isorig", kVersion}, {"changes", changes},  {"keys", keys}};
+  const json entry{{"rig", rig_},        {"operator", operator_name}, {"uid", uid},  {"accepted_utc", utc_text(unix_s)},
+                   {"isorig", kVersion}, {"changes", changes},        {"keys", keys}};
   // A line of its own, whatever a power cut has left of the one before.
   const std::string line = "\n" + entry.dump(-1, ' ', false, json::error_handler_t::replace) + "\n";
   std::error_code error;

@@ -10,8 +10,8 @@
 
 namespace isorig::daemon {
 
-/// What a rig file sets in the tables that keep people and specimens safe: "limits.force_max_N" -> "120". Comments, order
-/// and ways of writing a number make no difference; what is not set is not there. Throws when it is not TOML.
+/// What a rig file sets in the tables that keep people and specimens safe: "limits.force_max_N" -> "120". Comments,
+/// order and ways of writing a number make no difference; what is not set is not there. Throws when it is not TOML.
 [[nodiscard]] std::map<std::string, std::string> safety_keys(std::string_view rig_toml);
 
 struct RigChange {
@@ -19,8 +19,8 @@ struct RigChange {
   [[nodiscard]] std::string text() const { return key + ": " + before + " -> " + now; }
 };
 
-/// Who accepted a rig's file as it is, and what has changed in it since. Kept in RUNS/accepted/NAME.jsonl, a line for each
-/// acceptance, the last one in force; nothing is ever taken out.
+/// Who accepted a rig's file as it is, and what has changed in it since. Kept in RUNS/accepted/NAME.jsonl, a line for
+/// each acceptance, the last one in force; nothing is ever taken out.
 class RigAcceptance {
  public:
   /// Reads what was accepted last. Throws std::runtime_error when it cannot be read.
@@ -36,8 +36,8 @@ class RigAcceptance {
   /// In words, for a log, a refusal, a screen: a line each, at most `most` changes.
   [[nodiscard]] std::string summary(std::size_t most = 8) const;
 
-  /// The file as the daemon has read it is accepted from now on; on the disk when this returns. Throws std::runtime_error,
-  /// and nothing is accepted then.
+  /// The file as the daemon has read it is accepted from now on; on the disk when this returns. Throws
+  /// std::runtime_error, and nothing is accepted then.
   void accept(const std::string& operator_name, uid_t uid, std::int64_t unix_s);
 
  private:

@@ -52,7 +52,9 @@ double Specimen::pressurized_rest_length_mm(double pressure_psi) const {
   return rest_length_mm - (rest_length_mm - minimum_length_mm) * share;
 }
 
-Specimen load_specimen(const std::filesystem::path& path) { return read(base::TomlDocument::parse_file(path)); }
+Specimen load_specimen(const std::filesystem::path& path) {
+  return read(base::TomlDocument::parse_file(path));
+}
 
 Specimen parse_specimen(const std::string& text, const std::string& name) {
   return read(base::TomlDocument::parse_text(text, name));

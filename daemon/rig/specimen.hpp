@@ -9,12 +9,12 @@ namespace isorig::daemon {
 /// file carries the simulation's model, which is not read here (sim/specimen.hpp).
 struct Specimen {
   std::string name;
-  std::string text;                         ///< the whole file, kept in the recording
-  double rest_length_mm = 0.0;              ///< unpressurized: the zero of position
-  double minimum_length_mm = 0.0;           ///< free length at minimum_length_psi
+  std::string text;                ///< the whole file, kept in the recording
+  double rest_length_mm = 0.0;     ///< unpressurized: the zero of position
+  double minimum_length_mm = 0.0;  ///< free length at minimum_length_psi
   double minimum_length_psi = 20.0;
-  double contraction_exponent = 2.0;        ///< free contraction ~ p^this, where it was not measured
-  std::vector<double> measured_psi;         ///< [rest_lengths], where it was
+  double contraction_exponent = 2.0;  ///< free contraction ~ p^this, where it was not measured
+  std::vector<double> measured_psi;   ///< [rest_lengths], where it was
   std::vector<double> measured_mm;
 
   /// Free length at a pressure: the measured one, between two of them linear; without measurements

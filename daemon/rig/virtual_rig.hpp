@@ -62,10 +62,10 @@ class VirtualRig {
   /// What the loop wants of the valves at this moment.
   [[nodiscard]] pressure::Command pressure_command() const noexcept { return pressure_link_.get_command(); }
 
-  Streams streams;                                ///< whoever ticks has to drain them
-  std::function<void(VirtualRig&)> before_core;   ///< when set, once a tick
+  Streams streams;                                              ///< whoever ticks has to drain them
+  std::function<void(VirtualRig&)> before_core;                 ///< when set, once a tick
   std::function<void(Core&, std::int64_t now_ns)> around_core;  ///< when set, ticks the core in our place
-  bool hang_core = false;                         ///< the loop does not come back; the services go on
+  bool hang_core = false;                                       ///< the loop does not come back; the services go on
 
  private:
   std::int64_t now_ns_ = 0;

@@ -26,9 +26,7 @@ class RealClock final : public Clock {
 class VirtualClock final : public Clock {
  public:
   explicit VirtualClock(std::int64_t start_ns = 0) noexcept : now_ns_(start_ns) {}
-  [[nodiscard]] std::int64_t now_ns() const noexcept override {
-    return now_ns_.load(std::memory_order_relaxed);
-  }
+  [[nodiscard]] std::int64_t now_ns() const noexcept override { return now_ns_.load(std::memory_order_relaxed); }
   void sleep_until_ns(std::int64_t deadline_ns) noexcept override {
     if (deadline_ns > now_ns()) now_ns_.store(deadline_ns, std::memory_order_relaxed);
   }

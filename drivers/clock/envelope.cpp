@@ -105,8 +105,7 @@ double edge(double inside, double outside, const F& f) {
 
 }  // namespace
 
-Envelope envelope(std::span<const Interval> exchanges, const Wander& wander, double sigmas,
-                  double rate_limit_ppm) {
+Envelope envelope(std::span<const Interval> exchanges, const Wander& wander, double sigmas, double rate_limit_ppm) {
   Envelope out;
   if (exchanges.empty()) return out;
   const Hulls hulls(exchanges, wander, sigmas);
@@ -117,10 +116,8 @@ Envelope envelope(std::span<const Interval> exchanges, const Wander& wander, dou
   out.rate_low_ppm = edge(safest.at, -rate_limit_ppm, gap);
   out.rate_high_ppm = edge(safest.at, rate_limit_ppm, gap);
   // 1 ns covers what is left of the searches.
-  out.high_us =
-      greatest(out.rate_low_ppm, out.rate_high_ppm, [&](double r) { return hulls.upper(r); }).value + 1e-3;
-  out.low_us =
-      -greatest(out.rate_low_ppm, out.rate_high_ppm, [&](double r) { return -hulls.lower(r); }).value - 1e-3;
+  out.high_us = greatest(out.rate_low_ppm, out.rate_high_ppm, [&](double r) { return hulls.upper(r); }).value + 1e-3;
+  out.low_us = -greatest(out.rate_low_ppm, out.rate_high_ppm, [&](double r) { return -hulls.lower(r); }).value - 1e-3;
   return out;
 }
 

@@ -21,8 +21,7 @@ struct Envelope {
   double high_us = 0.0;
   double rate_low_ppm = 0.0;  ///< nor its slope outside these
   double rate_high_ppm = 0.0;
-  bool consistent =
-      false;  ///< false: no clock within the assumptions fits (a step, a restart, a wrong stamp)
+  bool consistent = false;  ///< false: no clock within the assumptions fits (a step, a restart, a wrong stamp)
 };
 
 /// Bound from causality alone: nothing is assumed of the delays, so it holds however asymmetric they are.

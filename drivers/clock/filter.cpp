@@ -101,8 +101,7 @@ void DelayFilter::settle() noexcept {
 void DelayFilter::begin(const Interval& around, double device_s, double sd_us, double base_us) noexcept {
   state_.device_s = device_s;
   state_.mean = {0.5 * (around.high_us + around.low_us), 0.0, base_us};
-  state_.covariance =
-      Eigen::Vector3d(sd_us * sd_us, kRatePriorPpm * kRatePriorPpm, base_us * base_us).asDiagonal();
+  state_.covariance = Eigen::Vector3d(sd_us * sd_us, kRatePriorPpm * kRatePriorPpm, base_us * base_us).asDiagonal();
 }
 
 void DelayFilter::observe(const Interval& exchange, double tail_share) noexcept {

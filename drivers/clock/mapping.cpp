@@ -74,7 +74,8 @@ bool DeviceClockMap::agree(const Exchange& first, const Exchange& second) const 
   const auto interval = [&](const Exchange& e) {
     const auto us = [&](std::int64_t ns) { return static_cast<double>(ns - second.host_recv_ns) * 1e-3; };
     const double rx_us = e.device_rx_us - second.device_tx_us, tx_us = e.device_tx_us - second.device_tx_us;
-    return Interval{rx_us * 1e-6, us(e.host_send_ns) - options_.device_resolution_us - rx_us, tx_us * 1e-6, us(e.host_recv_ns) - tx_us};
+    return Interval{rx_us * 1e-6, us(e.host_send_ns) - options_.device_resolution_us - rx_us, tx_us * 1e-6,
+                    us(e.host_recv_ns) - tx_us};
   };
   const std::array<Interval, 2> both{interval(first), interval(second)};
   return second.device_tx_us >= first.device_tx_us &&
@@ -89,8 +90,8 @@ bool DeviceClockMap::agrees(const Exchange& exchange) const noexcept {
          static_cast<double>(tx.mono_ns - exchange.host_recv_ns) <= tx.bound_ns + slack_ns;
 }
 
-/// Either the exchange is wrong, and stamps are within the bound as it was, or the clock has stepped, and they are off by
-/// as much as the exchange is.
+/// Either the exchange is wrong, and stamps are within the bound as it was, or the clock has stepped, and they are off
+/// by as much as the exchange is.
 void DeviceClockMap::hold(const Exchange& exchange) {
   held_ = exchange;
   ++held_in_a_row_;
@@ -130,8 +131,7 @@ Interval DeviceClockMap::absolute(const Exchange& e) const noexcept {
   const double rx_us = e.device_rx_us - device_origin_us_, tx_us = e.device_tx_us - device_origin_us_;
   // Stamps are rounded down. That makes `high` later by up to the resolution, which is safe, and `low` as
   // well.
-  const double send_us =
-      static_cast<double>(e.host_send_ns - host_origin_ns_) * 1e-3 - options_.device_resolution_us;
+  const double send_us = static_cast<double>(e.host_send_ns - host_origin_ns_) * 1e-3 - options_.device_resolution_us;
   return {rx_us * 1e-6, send_us - rx_us, tx_us * 1e-6,
           static_cast<double>(e.host_recv_ns - host_origin_ns_) * 1e-3 - tx_us};
 }
@@ -162,8 +162,7 @@ void DeviceClockMap::remember(const Interval& now) {
 bool DeviceClockMap::take(const Exchange& exchange) {
   const Interval now = absolute(exchange);
   // A clock that runs backwards by more than its resolution has been restarted.
-  if (filter_.started() &&
-      now.low_seconds < filter_.state().device_s - options_.device_resolution_us * 1e-6) {
+  if (filter_.started() && now.low_seconds < filter_.state().device_s - options_.device_resolution_us * 1e-6) {
     return false;
   }
   std::vector<Interval> relative(window_.begin(), window_.end());
@@ -234,8 +233,7 @@ void StreamMapper::renew() noexcept {
     lead_ns_ = static_cast<double>(last_mono_ns_ - fresh.map(last_device_us_).mono_ns);
   } else if (started_ && same_clock) {
     // Go on from where the last stamp was put.
-    lead_ns_ +=
-        static_cast<double>(snapshot_.map(last_device_us_).mono_ns - fresh.map(last_device_us_).mono_ns);
+    lead_ns_ += static_cast<double>(snapshot_.map(last_device_us_).mono_ns - fresh.map(last_device_us_).mono_ns);
   }
   if (!same_clock) {
     lead_ns_ = 0.0;
@@ -262,7 +260,8 @@ bool StreamMapper::has_stepped(double device_us, std::int64_t advance) noexcept 
 /// believed more than that they did not both run ahead; between jumps the device's clock is right again.
 MappedTime StreamMapper::map_alone(double device_us, std::int64_t arrival_ns, double counted_us, bool jumped) noexcept {
   constexpr double kRate = 500e-6;
-  const double latest_ns = arrival_ns == kNoArrival ? MappedTime::kUnknown : static_cast<double>(arrival_ns - last_mono_ns_);
+  const double latest_ns =
+      arrival_ns == kNoArrival ? MappedTime::kUnknown : static_cast<double>(arrival_ns - last_mono_ns_);
   double passed_ns = 1e3 * (device_us - last_device_us_);
   if (!alone_) {
     alone_ = true;
@@ -272,7 +271,8 @@ MappedTime StreamMapper::map_alone(double device_us, std::int64_t arrival_ns, do
   }
   jumped = jumped || low_ns_ + passed_ns > latest_ns;
   if (jumped) {
-    low_ns_ += std::max(0.0, counted_us < 0.0 ? 0.0 : std::min(passed_ns, 1e3 * counted_us) * (1.0 - kRate) - 1e3 * allowed_us_);
+    low_ns_ += std::max(
+        0.0, counted_us < 0.0 ? 0.0 : std::min(passed_ns, 1e3 * counted_us) * (1.0 - kRate) - 1e3 * allowed_us_);
     high_ns_ = std::max(latest_ns, low_ns_);
     passed_ns = counted_us < 0.0 ? latest_ns : 1e3 * counted_us;
   } else {
@@ -304,8 +304,8 @@ MappedTime StreamMapper::map(double device_us, std::int64_t arrival_ns, std::uin
   const std::int64_t advance = counted ? std::int64_t{static_cast<std::int32_t>(sequence - last_sequence_)} : 0;
   const bool follows = counted && started_ && advance > 0;
   if (counted) last_sequence_ = sequence;
-  const bool future = arrival_ns != kNoArrival &&
-                      static_cast<double>(out.mono_ns - arrival_ns) > snapshot_.bound_ns(device_us);
+  const bool future =
+      arrival_ns != kNoArrival && static_cast<double>(out.mono_ns - arrival_ns) > snapshot_.bound_ns(device_us);
   const bool past = started_ && device_us < last_device_us_ - kOutOfOrder_us;
   const bool stepped = follows && has_stepped(device_us, advance);
   if (started_ && (alone_ || future || past || stepped)) {

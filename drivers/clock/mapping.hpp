@@ -15,11 +15,11 @@ namespace isorig::clock {
 
 struct MapOptions {
   Wander wander;
-  double bound_sigmas = 5.0;      ///< wander that the bound allows for
-  double rate_limit_ppm = 250.0;  ///< |device rate - 1|; a crystal is within 100, a ceramic resonator is not
-  double window_s = 240.0;        ///< exchanges older than this are forgotten by the bound,
-  std::size_t window_least = 32;  ///< unless fewer than this many remain
-  double bin_s = 0.25;            ///< of several exchanges this close, the tightest of each side is kept
+  double bound_sigmas = 5.0;          ///< wander that the bound allows for
+  double rate_limit_ppm = 250.0;      ///< |device rate - 1|; a crystal is within 100, a ceramic resonator is not
+  double window_s = 240.0;            ///< exchanges older than this are forgotten by the bound,
+  std::size_t window_least = 32;      ///< unless fewer than this many remain
+  double bin_s = 0.25;                ///< of several exchanges this close, the tightest of each side is kept
   double device_resolution_us = 1.0;  ///< how coarsely the device stamps
 };
 
@@ -39,7 +39,7 @@ struct MappedTime {
 struct MapSnapshot {
   std::int64_t host_reference_ns = 0;  ///< the host's time at device_reference_us
   double device_reference_us = 0.0;
-  double rate_ppm = 0.0;  ///< host time gained per device time: host = reference + (1 + rate) * device
+  double rate_ppm = 0.0;                   ///< host time gained per device time: host = reference + (1 + rate) * device
   double bound_us = MappedTime::kUnknown;  ///< half-width at the reference,
   double bound_slope_ppm = 0.0;            ///< growing linearly with the distance from it
   double bound_wander_us_per_s15 = 0.0;    ///< and with its power 3/2
@@ -131,10 +131,10 @@ class DeviceClockMap {
 /// the newest so far is mapped in its place before that one, and changes nothing.
 ///
 /// A clock that steps between two exchanges leaves the map behind. What shows it at once: a stamp in the future of its
-/// arrival, one that runs back by more than a second, and, where the device counts its samples (set_period_us, a sequence),
-/// a stamp that is not as many periods after the last as the count says. From there on the stamps are *on their own*, until
-/// an exchange from after the step has been accepted: not before the last one that was mapped, not after their arrival,
-/// and as far apart as the device says. The bound is what these leave.
+/// arrival, one that runs back by more than a second, and, where the device counts its samples (set_period_us, a
+/// sequence), a stamp that is not as many periods after the last as the count says. From there on the stamps are *on
+/// their own*, until an exchange from after the step has been accepted: not before the last one that was mapped, not
+/// after their arrival, and as far apart as the device says. The bound is what these leave.
 class StreamMapper {
  public:
   explicit StreamMapper(const DeviceClockMap& map) noexcept : map_(&map) {}

@@ -102,8 +102,8 @@ class Epoch {
         i.low_seconds -= centre.high_seconds;
         i.high_seconds -= centre.high_seconds;
       }
-      nodes_.push_back({centre.high_seconds,
-                        envelope(relative, options_.wander, options_.bound_sigmas, options_.rate_limit_ppm)});
+      nodes_.push_back(
+          {centre.high_seconds, envelope(relative, options_.wander, options_.bound_sigmas, options_.rate_limit_ppm)});
       if (!nodes_.back().envelope.consistent) nodes_.pop_back();
     }
   }
@@ -133,8 +133,7 @@ class Epoch {
     const auto after =
         std::upper_bound(nodes_.begin(), nodes_.end(), s, [](double at, const Node& n) { return at < n.s; });
     // What either neighbour allows has to hold.
-    for (auto node = after == nodes_.begin() ? after : after - 1; node != nodes_.end() && node <= after;
-         ++node) {
+    for (auto node = after == nodes_.begin() ? after : after - 1; node != nodes_.end() && node <= after; ++node) {
       const double away = s - node->s;
       const double spread = options_.bound_sigmas * options_.wander.departure_us(away);
       const auto& e = node->envelope;
@@ -154,7 +153,8 @@ class Epoch {
 };
 
 /// Later device times get later host times.
-void make_monotone(std::span<const DeviceStamp> stamps, std::span<const std::size_t> epoch_of, std::vector<MappedTime>& out) {
+void make_monotone(std::span<const DeviceStamp> stamps, std::span<const std::size_t> epoch_of,
+                   std::vector<MappedTime>& out) {
   // The estimate of two stamps a few us apart on either side of an exchange may differ by about as much.
   std::vector<std::size_t> order(stamps.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
@@ -174,8 +174,8 @@ void make_monotone(std::span<const DeviceStamp> stamps, std::span<const std::siz
 
 }  // namespace
 
-std::vector<MappedTime> remap_offline(std::span<const Exchange> exchanges,
-                                      std::span<const DeviceStamp> stamps, const MapOptions& options) {
+std::vector<MappedTime> remap_offline(std::span<const Exchange> exchanges, std::span<const DeviceStamp> stamps,
+                                      const MapOptions& options) {
   std::vector<Epoch> epochs;
   for (const auto& e : epochs_of(exchanges, options)) epochs.emplace_back(e, options);
   std::vector<MappedTime> out(stamps.size());
@@ -197,8 +197,8 @@ std::vector<MappedTime> remap_offline(std::span<const Exchange> exchanges,
   return out;
 }
 
-std::vector<MappedTime> remap_offline_stretch(std::span<const Exchange> exchanges,
-                                              std::span<const DeviceStamp> stamps, const MapOptions& options) {
+std::vector<MappedTime> remap_offline_stretch(std::span<const Exchange> exchanges, std::span<const DeviceStamp> stamps,
+                                              const MapOptions& options) {
   std::vector<MappedTime> best(stamps.size());
   for (std::size_t i = 0; i < stamps.size(); ++i) best[i].mono_ns = stamps[i].near_ns;
   auto nearest_ns = std::numeric_limits<double>::infinity();

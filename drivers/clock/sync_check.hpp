@@ -8,11 +8,11 @@ namespace isorig::clock {
 struct SyncCheck {
   std::int64_t mono_ns = 0;  ///< the kernel's stamp
   double device_us = 0.0;
-  double error_us = 0.0;     ///< mapped device time minus the kernel's stamp, which comes its interrupt's latency late
-  double bound_us = 0.0;     ///< what the mapping claimed its error to be within,
+  double error_us = 0.0;  ///< mapped device time minus the kernel's stamp, which comes its interrupt's latency late
+  double bound_us = 0.0;  ///< what the mapping claimed its error to be within,
   double repeatability_us = 0.0;  ///< and its standard deviation, but for the constant of the path's asymmetry
   bool rising = false;
-  bool within = false;       ///< |error| <= bound
+  bool within = false;  ///< |error| <= bound
 };
 
 /// Since construction.
@@ -27,7 +27,7 @@ struct SyncCounts {
   double mean_us = 0.0;              ///< of the pairs' errors: half the asymmetry of the path, mostly
   double rms_us = 0.0;               ///< about zero
   double worst_us = 0.0;             ///< largest |error|
-  bool inverted = false;  ///< the line goes the other way each time: wired or configured upside down
+  bool inverted = false;             ///< the line goes the other way each time: wired or configured upside down
 
   [[nodiscard]] bool operator==(const SyncCounts&) const noexcept = default;
 };

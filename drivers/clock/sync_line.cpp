@@ -56,8 +56,7 @@ void SyncLine::drop_unannounced(std::int64_t before_ns) noexcept {
 
 bool SyncLine::is_crowded(const DeviceEdge& edge) const noexcept {
   const auto near = [&](const DeviceEdge& other) {
-    return other.rising == edge.rising &&
-           std::abs(other.mapped.mono_ns - edge.mapped.mono_ns) < 2 * options_.window_ns;
+    return other.rising == edge.rising && std::abs(other.mapped.mono_ns - edge.mapped.mono_ns) < 2 * options_.window_ns;
   };
   return (decided_ && near(*decided_)) || std::any_of(device_.begin(), device_.end(), near);
 }

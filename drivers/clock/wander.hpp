@@ -12,9 +12,7 @@ struct Wander {
   double correlation_s = 600.0;
 
   /// Growth of the rate's variance, ppm^2 per s, over spans much shorter than the correlation time.
-  [[nodiscard]] double diffusion_ppm2_per_s() const noexcept {
-    return 2.0 * rate_ppm * rate_ppm / correlation_s;
-  }
+  [[nodiscard]] double diffusion_ppm2_per_s() const noexcept { return 2.0 * rate_ppm * rate_ppm / correlation_s; }
 
   /// Standard deviation, in us, of the departure from the tangent `seconds` away:
   ///   D(s) = integral_0^s (x(u) - x(0)) du,   z = |s| / T,

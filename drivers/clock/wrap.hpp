@@ -29,8 +29,7 @@ class WrapExtender {
     if (!first) {
       const double missed_us =
           static_cast<double>(host_ns - last_host_ns_) * 1e-3 - static_cast<double>(now_us - before_us);
-      now_us +=
-          static_cast<std::int64_t>(std::llround(missed_us / kWrap_us)) * static_cast<std::int64_t>(kWrap_us);
+      now_us += static_cast<std::int64_t>(std::llround(missed_us / kWrap_us)) * static_cast<std::int64_t>(kWrap_us);
       last_us_ = now_us;
     }
     last_host_ns_ = host_ns;

@@ -13,10 +13,10 @@ namespace isorig::frame {
 
 /// One sample as the frame took it.
 struct Sample {
-  std::uint32_t sequence = 0;   ///< the frame's own sample counter, wraps at 2^32
-  std::int64_t device_us = 0;   ///< the frame's own clock, extended to 64 bit
-  float position_mm = 0.0F;     ///< raw: before our calibration
-  float force_N = 0.0F;         ///< raw: before our calibration
+  std::uint32_t sequence = 0;  ///< the frame's own sample counter, wraps at 2^32
+  std::int64_t device_us = 0;  ///< the frame's own clock, extended to 64 bit
+  float position_mm = 0.0F;    ///< raw: before our calibration
+  float force_N = 0.0F;        ///< raw: before our calibration
   /// How far from `device_us` the values may have been taken. 0: the frame stamps its samples itself.
   float bound_us = 0.0F;
 };
@@ -26,10 +26,10 @@ enum class Motion : std::uint8_t { kIdle, kMoving, kReached, kStopped, kLimit, k
 /// What the frame says of itself.
 struct State {
   Motion motion = Motion::kIdle;
-  std::uint16_t segment_id = 0;    ///< the segment it executes or executed last
-  float target_mm = 0.0F;          ///< read back: the daemon checks it against what it sent
-  float velocity_mm_s = 0.0F;      ///< read back, > 0
-  std::uint16_t fault_bits = 0;    ///< FaultBit, 0 when well
+  std::uint16_t segment_id = 0;  ///< the segment it executes or executed last
+  float target_mm = 0.0F;        ///< read back: the daemon checks it against what it sent
+  float velocity_mm_s = 0.0F;    ///< read back, > 0
+  std::uint16_t fault_bits = 0;  ///< FaultBit, 0 when well
   std::uint16_t heartbeat_echo = 0;
 };
 
@@ -44,9 +44,9 @@ enum FaultBit : std::uint16_t {
 
 /// A motion the frame executes itself: from where it is to `target_mm` at `velocity_mm_s`.
 struct Segment {
-  std::uint16_t id = 0;         ///< chosen by the daemon, echoed in State
+  std::uint16_t id = 0;  ///< chosen by the daemon, echoed in State
   float target_mm = 0.0F;
-  float velocity_mm_s = 0.0F;   ///< magnitude, > 0
+  float velocity_mm_s = 0.0F;  ///< magnitude, > 0
 };
 
 struct Identity {
@@ -60,8 +60,8 @@ struct Identity {
 
 /// One poll: the samples since the last one, the frame's state, and the time exchange that came with it.
 struct Poll {
-  std::size_t samples = 0;      ///< how many of `out` were filled
-  std::uint32_t lost = 0;       ///< samples the frame overwrote before we came, from its counter
+  std::size_t samples = 0;  ///< how many of `out` were filled
+  std::uint32_t lost = 0;   ///< samples the frame overwrote before we came, from its counter
   State state;
   bool has_exchange = false;
   clock::Exchange exchange;

@@ -44,8 +44,8 @@ struct Instron8800Config {
   /// Without a sign of life from the loop for so long the driver stops the crosshead itself.
   int heartbeat_timeout_ms = 500;
 
-  /// What switches the controller's watchdog on and feeds it; empty: "C904,1,0" where Q904 has two numbers for an answer,
-  /// "C904,1" elsewhere. And the first number Q904 then answers.
+  /// What switches the controller's watchdog on and feeds it; empty: "C904,1,0" where Q904 has two numbers for an
+  /// answer, "C904,1" elsewhere. And the first number Q904 then answers.
   std::string watchdog_command;
   int watchdog_on = 1;
   /// Somebody has seen this controller's watchdog stop the crosshead (docs/wire-8800.md). Without that a controller

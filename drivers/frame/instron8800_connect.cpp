@@ -21,7 +21,9 @@ std::string number(double value) {
   return text;
 }
 
-std::string in_quotes(std::string_view text) { return "\"" + std::string(text.substr(0, 60)) + "\""; }
+std::string in_quotes(std::string_view text) {
+  return "\"" + std::string(text.substr(0, 60)) + "\"";
+}
 
 }  // namespace
 
@@ -30,19 +32,21 @@ void Instron8800Frame::check_channels() {
     const auto question = channel("Q308", number_);
     const double full_scale = ask_number(question, in_ms(2 * config_.response_timeout_ms)) * unit;
     if (!(full_scale > 0.0) || (expected > 0.0 && std::abs(full_scale - expected) > 1e-3 * expected)) {
-      throw DeviceError(Fault::kIdentity, at() + question + " says a full scale of " + number(full_scale) + " " + unit_name +
-                                              (expected > 0.0 ? ", and the rig's [frame] says " + std::string(key) + " = " +
-                                                                    number(expected)
-                                                              : "") +
-                                              "; another transducer, another unit or another controller");
+      throw DeviceError(
+          Fault::kIdentity,
+          at() + question + " says a full scale of " + number(full_scale) + " " + unit_name +
+              (expected > 0.0 ? ", and the rig's [frame] says " + std::string(key) + " = " + number(expected) : "") +
+              "; another transducer, another unit or another controller");
     }
     return full_scale;
   };
   mm_per_raw_ = scale(config_.position_channel, "position_full_scale_mm", config_.position_full_scale_mm, 1e3, "mm");
   N_per_raw_ = scale(config_.force_channel, "force_full_scale_N", config_.force_full_scale_N, 1.0, "N");
   if (ask_number("Q300", in_ms(2 * config_.response_timeout_ms)) != config_.position_channel) {
-    throw DeviceError(Fault::kIdentity, at() + "the controller is not in position control (Q300); switch it at its panel, at "
-                                               "rest, and look what it does");
+    throw DeviceError(Fault::kIdentity,
+                      at() +
+                          "the controller is not in position control (Q300); switch it at its panel, at "
+                          "rest, and look what it does");
   }
 }
 
@@ -64,29 +68,35 @@ void Instron8800Frame::find_watchdog() {
   watchdog_command_ = config_.watchdog_command;
   if (watchdog_command_.empty()) watchdog_command_ = numbers == 2 ? kTwoNumbers : kOneNumber;
   if (!watchdog_can_be_asked_ && !config_.watchdog_tested) {
-    throw DeviceError(Fault::kIdentity, at() + "Q904 is " + answered +
-                                            ": this controller cannot say whether its watchdog is on, and without it nothing "
-                                            "would stop the actuator when this computer fails. Try it out as docs/wire-8800.md "
-                                            "says (" + watchdog_command_ + "), then set watchdog_tested = true in [frame]");
+    throw DeviceError(Fault::kIdentity,
+                      at() + "Q904 is " + answered +
+                          ": this controller cannot say whether its watchdog is on, and without it nothing "
+                          "would stop the actuator when this computer fails. Try it out as docs/wire-8800.md "
+                          "says (" +
+                          watchdog_command_ + "), then set watchdog_tested = true in [frame]");
   }
 }
 
 void Instron8800Frame::tell_known(std::string_view command) {
   if (const auto line = link_.tell_and_listen(command, in_ms(2 * config_.response_timeout_ms))) {
-    throw DeviceError(Fault::kIdentity, at() + in_quotes(command) + " is a command and was answered, by " + in_quotes(*line) +
+    throw DeviceError(Fault::kIdentity, at() + in_quotes(command) + " is a command and was answered, by " +
+                                            in_quotes(*line) +
                                             ": this controller does not know it, or somebody else talks to it");
   }
 }
 
 void Instron8800Frame::take_control() {
-  const auto ask = [&](std::string_view question) { return ask_number(question, in_ms(2 * config_.response_timeout_ms)); };
+  const auto ask = [&](std::string_view question) {
+    return ask_number(question, in_ms(2 * config_.response_timeout_ms));
+  };
   tell_known("P909,1");
   if (ask("Q909") != 1.0) {
     throw DeviceError(Fault::kIdentity, at() + "the front panel keeps control (Q909); give it to the computer");
   }
   tell_known(watchdog_command_);
   if (watchdog_can_be_asked_ && ask("Q904") != config_.watchdog_on) {
-    throw DeviceError(Fault::kIdentity, at() + "the controller's watchdog is not on (Q904) after \"" + watchdog_command_ +
+    throw DeviceError(Fault::kIdentity, at() + "the controller's watchdog is not on (Q904) after \"" +
+                                            watchdog_command_ +
                                             "\"; without it nothing would stop the actuator when this computer fails. "
                                             "Correct watchdog_command and watchdog_on in [frame], or leave them out");
   }
@@ -143,7 +153,8 @@ Identity Instron8800Frame::connect() {
     Identity identity;
     identity.maker = "Instron";
     identity.model = "8800-type controller";
-    identity.firmware = "watchdog " + watchdog_command_ + (watchdog_can_be_asked_ ? " (read back)" : " (cannot be read back)");
+    identity.firmware =
+        "watchdog " + watchdog_command_ + (watchdog_can_be_asked_ ? " (read back)" : " (cannot be read back)");
     identity.sample_rate_hz = measured_rate_hz();
     // Nothing in the command set tells a controller that was switched off meanwhile from one that was not.
     identity.reference_epoch = ++reference_epoch_;

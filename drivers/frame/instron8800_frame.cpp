@@ -34,19 +34,32 @@ constexpr std::size_t kMovementIndex = 2, kControlIndex = 3;
 const char* describe_instron8800_status(unsigned code) noexcept {
   switch (code) {
     case 0:
-    case kAllWellCode: return nullptr;
-    case kTravelLimitCode: return "travel limit exceeded";
-    case 2: return "power amplifier too hot";
-    case kEmergencyStopCode: return "emergency stop pushed";
-    case 7: return "oil too hot";
-    case 8: return "oil level too low";
-    case 9: return "motor too hot";
-    case 10: return "oil pressure too high";
-    case 11: return "oil pressure too low";
-    case 12: return "manifold or pump blocked";
-    case 13: return "oil level going too low";
-    case 14: return "manifold pressure low";
-    default: return "a fault code this driver does not know";
+    case kAllWellCode:
+      return nullptr;
+    case kTravelLimitCode:
+      return "travel limit exceeded";
+    case 2:
+      return "power amplifier too hot";
+    case kEmergencyStopCode:
+      return "emergency stop pushed";
+    case 7:
+      return "oil too hot";
+    case 8:
+      return "oil level too low";
+    case 9:
+      return "motor too hot";
+    case 10:
+      return "oil pressure too high";
+    case 11:
+      return "oil pressure too low";
+    case 12:
+      return "manifold or pump blocked";
+    case 13:
+      return "oil level going too low";
+    case 14:
+      return "manifold pressure low";
+    default:
+      return "a fault code this driver does not know";
   }
 }
 
@@ -63,7 +76,9 @@ std::string Instron8800Frame::channel(std::string_view question, int number) con
   return std::string(question) + "," + std::to_string(number);
 }
 
-std::int64_t Instron8800Frame::in_ms(int milliseconds) const noexcept { return clock_.now_ns() + milliseconds * kMs; }
+std::int64_t Instron8800Frame::in_ms(int milliseconds) const noexcept {
+  return clock_.now_ns() + milliseconds * kMs;
+}
 
 double Instron8800Frame::number_in(std::string_view question, const Instron8800Link::Answer& answer) {
   try {
@@ -79,7 +94,8 @@ double Instron8800Frame::ask_number(std::string_view question, std::int64_t unti
   return number_in(question, link_.ask({question}, until_ns).front());
 }
 
-Instron8800Frame::Reading Instron8800Frame::reading(const Instron8800Link::Answer& answer, double value) const noexcept {
+Instron8800Frame::Reading Instron8800Frame::reading(const Instron8800Link::Answer& answer,
+                                                    double value) const noexcept {
   const std::int64_t earliest_ns = answer.sent_ns - static_cast<std::int64_t>(1e6 * config_.reading_age_max_ms);
   const std::int64_t half_ns = (answer.received_ns - earliest_ns) / 2;
   return {true, value, earliest_ns + half_ns, half_ns};
@@ -96,13 +112,20 @@ Instron8800Frame::Reading Instron8800Frame::ask_position(std::int64_t until_ns) 
 
 std::string Instron8800Frame::text_of(Ask ask) const {
   switch (ask) {
-    case Ask::kForce: return "Q134," + std::to_string(config_.force_channel) + ",0";
-    case Ask::kPosition: return "Q134," + std::to_string(config_.position_channel) + ",0";
-    case Ask::kStatus: return "Q22";
-    case Ask::kActuator: return "Q23";
-    case Ask::kMovement: return "Q1";
-    case Ask::kControl: return "Q909";
-    case Ask::kWatchdog: return "Q904";
+    case Ask::kForce:
+      return "Q134," + std::to_string(config_.force_channel) + ",0";
+    case Ask::kPosition:
+      return "Q134," + std::to_string(config_.position_channel) + ",0";
+    case Ask::kStatus:
+      return "Q22";
+    case Ask::kActuator:
+      return "Q23";
+    case Ask::kMovement:
+      return "Q1";
+    case Ask::kControl:
+      return "Q909";
+    case Ask::kWatchdog:
+      return "Q904";
   }
   return {};
 }
@@ -117,7 +140,8 @@ void Instron8800Frame::begin_round(std::int64_t now_ns) noexcept {
   if (stop_since_ns_ >= 0) due_ns_[kMovementIndex] = 0;
   std::size_t most = kSideQuestions;
   for (std::size_t i = 0; i < kSideQuestions; ++i) {
-    const bool asked = static_cast<Ask>(static_cast<std::size_t>(Ask::kStatus) + i) != Ask::kWatchdog || watchdog_can_be_asked_;
+    const bool asked =
+        static_cast<Ask>(static_cast<std::size_t>(Ask::kStatus) + i) != Ask::kWatchdog || watchdog_can_be_asked_;
     if (asked && now_ns >= due_ns_[i] && (most == kSideQuestions || due_ns_[i] < due_ns_[most])) most = i;
   }
   if (most == kSideQuestions) return;
@@ -152,7 +176,8 @@ bool Instron8800Frame::go_on_with_round(std::int64_t until_ns, std::span<Sample>
   if (link_.passes_check(answer->text)) return take_round(out);
   link_.doubt();
   throw DeviceError(Fault::kProtocol, at() + "answers are out of step: the channel's type was asked for and \"" +
-                                          answer->text.substr(0, 40) + "\" came; what came since the last check is thrown away");
+                                          answer->text.substr(0, 40) +
+                                          "\" came; what came since the last check is thrown away");
 }
 
 Poll Instron8800Frame::poll(std::span<Sample> out) {
@@ -203,10 +228,17 @@ bool Instron8800Frame::take_round(std::span<Sample> out) {
 void Instron8800Frame::take_condition(Ask ask, double value) {
   switch (ask) {
     case Ask::kForce:
-    case Ask::kPosition: break;
-    case Ask::kStatus: take_status(static_cast<std::uint16_t>(value)); break;
-    case Ask::kActuator: actuator_on_ = value != 0.0; break;
-    case Ask::kMovement: take_movement(value == kMoving); break;
+    case Ask::kPosition:
+      break;
+    case Ask::kStatus:
+      take_status(static_cast<std::uint16_t>(value));
+      break;
+    case Ask::kActuator:
+      actuator_on_ = value != 0.0;
+      break;
+    case Ask::kMovement:
+      take_movement(value == kMoving);
+      break;
     case Ask::kControl:
       has_control_ = value == 1.0;
       if (!watchdog_can_be_asked_) watchdog_seen_on_ = true;
@@ -240,7 +272,8 @@ void Instron8800Frame::take_movement(bool moves) {
   motion_ = Motion::kReached;  // some controllers end a ramp when it has arrived
   const std::int64_t early_ns = not_before_ns_ - clock_.now_ns();
   if (early_ns > std::max(kEarly_ns, ramp_ns_ / 10)) {
-    early_ = "the ramp was there " + std::to_string(early_ns / kMs) + " ms before its time of " + std::to_string(ramp_ns_ / kMs) +
+    early_ = "the ramp was there " + std::to_string(early_ns / kMs) + " ms before its time of " +
+             std::to_string(ramp_ns_ / kMs) +
              " ms: this controller does not keep to the ramp time it was given (C86), and the velocity was another one";
   }
 }
@@ -257,7 +290,8 @@ bool Instron8800Frame::take_position(const Reading& position, std::span<Sample> 
   sample.device_us = (force_.middle_ns + 500) / 1000;
   sample.position_mm = static_cast<float>(before.value + weight * (position.value - before.value));
   sample.force_N = static_cast<float>(force_.value);
-  sample.bound_us = static_cast<float>(static_cast<double>(std::max({before.half_ns, force_.half_ns, position.half_ns})) * 1e-3);
+  sample.bound_us =
+      static_cast<float>(static_cast<double>(std::max({before.half_ns, force_.half_ns, position.half_ns})) * 1e-3);
   force_.valid = false;
   ++statistics_.samples;
   return true;
@@ -270,7 +304,8 @@ void Instron8800Frame::follow_motion(const Reading& position) noexcept {
     return;
   }
   if (in_position_since_ns_ < 0) in_position_since_ns_ = position.middle_ns;
-  if (position.middle_ns >= not_before_ns_ && position.middle_ns - in_position_since_ns_ >= config_.in_position_ms * kMs) {
+  if (position.middle_ns >= not_before_ns_ &&
+      position.middle_ns - in_position_since_ns_ >= config_.in_position_ms * kMs) {
     motion_ = Motion::kReached;
   }
 }
@@ -278,11 +313,14 @@ void Instron8800Frame::follow_motion(const Reading& position) noexcept {
 // ---- what the controller says of itself
 // -----------------------------------------------------------------------
 
-void Instron8800Frame::take_status(std::uint16_t word) { status_code_ = (word >> 9U) & 15U; }
+void Instron8800Frame::take_status(std::uint16_t word) {
+  status_code_ = (word >> 9U) & 15U;
+}
 
 std::string Instron8800Frame::ailment() const {
   if (const char* what = describe_instron8800_status(status_code_)) return what;
-  if (!has_control_) return "the front panel has taken control; give it back there, or restart isorigd when nobody is at it";
+  if (!has_control_)
+    return "the front panel has taken control; give it back there, or restart isorigd when nobody is at it";
   if (!actuator_on_) return "the actuator is off: find out why, then switch it on at the console";
   if (!watchdog_on_) return "the controller's watchdog has been switched off; nothing moves until it is on again";
   return {};
@@ -297,7 +335,8 @@ void Instron8800Frame::note_condition() {
   if (ailment_.empty()) return;
   const bool was_moving = motion_ == Motion::kMoving;
   if (was_moving) motion_ = status_code_ == kTravelLimitCode ? Motion::kLimit : Motion::kDisabled;
-  if (!has_control_ && link_.last_silence_ns() >= 0 && clock_.now_ns() - link_.last_silence_ns() < kWatchdogSuspected_ns) {
+  if (!has_control_ && link_.last_silence_ns() >= 0 &&
+      clock_.now_ns() - link_.last_silence_ns() < kWatchdogSuspected_ns) {
     link_.close();
     throw DeviceError(Fault::kDisconnected, at() + "the controller was silent and its watchdog took control back");
   }

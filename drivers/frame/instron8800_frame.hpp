@@ -17,20 +17,22 @@ namespace isorig::frame {
 /// Samples: the controller neither counts nor dates them; each is one question for the force between two for the
 /// position. The force was taken between its question and its answer, less reading_age_max_ms: the sample is stamped in
 /// the middle of that by the host's own clock, with half of it as its bound; the position is interpolated to that
-/// moment. Questions go out in rounds that end with the link's check; a round whose check fails is thrown away whole, so no
-/// force is ever taken for a position. The rate is what the line gives, and a controller that hangs leaves a gap.
+/// moment. Questions go out in rounds that end with the link's check; a round whose check fails is thrown away whole,
+/// so no force is ever taken for a position. The rate is what the line gives, and a controller that hangs leaves a gap.
 ///
 /// Motion: an absolute ramp in position control (C2,c,3), target by C4, duration by C86, both read back before C1,1
-/// starts it. Reached: within in_position_mm for in_position_ms, and not before its time unless Q1 says that it is over.
+/// starts it. Reached: within in_position_mm for in_position_ms, and not before its time unless Q1 says that it is
+/// over.
 ///
-/// Safety: the controller's watchdog is switched on by connect() and fed only when there was a heartbeat(), the controller
-/// has just said that it is on (feeding would switch it on again and hide it; where it can be asked) and Q909 that the
-/// computer has control (a command without it trips the actuator). Off means a fault. A loop without a heartbeat is
-/// stopped here first. Control that the front panel took is not taken back but by a new connection, and is given back by
-/// a connection that fails. A stop is sent again until it is confirmed, and followed by C23,0 (actuator off) when it is not
-/// within stop_confirm_ms; this driver never switches the actuator on.
+/// Safety: the controller's watchdog is switched on by connect() and fed only when there was a heartbeat(), the
+/// controller has just said that it is on (feeding would switch it on again and hide it; where it can be asked) and
+/// Q909 that the computer has control (a command without it trips the actuator). Off means a fault. A loop without a
+/// heartbeat is stopped here first. Control that the front panel took is not taken back but by a new connection, and is
+/// given back by a connection that fails. A stop is sent again until it is confirmed, and followed by C23,0 (actuator
+/// off) when it is not within stop_confirm_ms; this driver never switches the actuator on.
 ///
-/// Blocking: poll() some 20 ms, stop() one response time-out, start_segment() two and start_confirm_ms; one thread only.
+/// Blocking: poll() some 20 ms, stop() one response time-out, start_segment() two and start_confirm_ms; one thread
+/// only.
 class Instron8800Frame final : public Device {
  public:
   Instron8800Frame(Instron8800Config config, clock::Clock& clock);
@@ -127,9 +129,9 @@ class Instron8800Frame final : public Device {
   std::int64_t ramp_ns_ = 0;        // and its length
   std::int64_t in_position_since_ns_ = -1;
   int stopped_answers_ = 0;
-  bool takes_sign_ = false;           // C4 took a negative target
-  std::string early_;                 // a ramp that was over long before its time, to be said once
-  std::int64_t stop_since_ns_ = -1;   // an unconfirmed stop
+  bool takes_sign_ = false;          // C4 took a negative target
+  std::string early_;                // a ramp that was over long before its time, to be said once
+  std::int64_t stop_since_ns_ = -1;  // an unconfirmed stop
   std::int64_t stop_again_ns_ = 0;
   bool moves_after_stop_ = false;
   Reading stop_position_;

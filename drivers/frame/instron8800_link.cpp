@@ -25,7 +25,9 @@ LineStream::Options stream_options(const Instron8800Config& c) {
   return {c.tcp, c.host, c.port, c.connect_timeout_ms, c.tty, c.baud, c.parity, c.stop_bits, "frame at " + c.where()};
 }
 
-std::string in_quotes(std::string_view text) { return "\"" + std::string(text.substr(0, 60)) + "\""; }
+std::string in_quotes(std::string_view text) {
+  return "\"" + std::string(text.substr(0, 60)) + "\"";
+}
 
 /// What stands behind the comma of "0,3"; empty for anything that is not of this form.
 std::string_view type_in(std::string_view answer) {
@@ -38,7 +40,8 @@ std::string_view type_in(std::string_view answer) {
 
 }  // namespace
 
-std::vector<double> parse_numbers(std::string_view question, std::string_view answer, std::size_t least, std::size_t most) {
+std::vector<double> parse_numbers(std::string_view question, std::string_view answer, std::size_t least,
+                                  std::size_t most) {
   std::vector<double> numbers;
   const char* at = answer.data();
   const char* const end = at + answer.size();
@@ -60,7 +63,8 @@ std::vector<double> parse_numbers(std::string_view question, std::string_view an
     }
     if (*at++ != ',') break;
   }
-  throw DeviceError(Fault::kProtocol, std::string(question) + " was answered by " + in_quotes(answer) + ", which is not " +
+  throw DeviceError(Fault::kProtocol, std::string(question) + " was answered by " + in_quotes(answer) +
+                                          ", which is not " +
                                           (most == 1 ? "a number" : std::to_string(least) + " numbers"));
 }
 
@@ -179,7 +183,8 @@ std::optional<Instron8800Link::Answer> Instron8800Link::finish(std::int64_t unti
     note_line(*line);
     ++thrown_away_;
     ++statistics_.late;
-    how = " was answered after " + std::to_string((line->received_ns - sent_ns_) / kMs) + " ms; the answer was thrown away";
+    how = " was answered after " + std::to_string((line->received_ns - sent_ns_) / kMs) +
+          " ms; the answer was thrown away";
   }
   throw DeviceError(Fault::kTimeout, at() + question_ + how);
 }
@@ -211,10 +216,12 @@ void Instron8800Link::complain() {
   if (wrong_type_) {
     throw DeviceError(Fault::kIdentity, at() + check_question() + " has to be answered by \"0," +
                                             std::string(kTypes[static_cast<std::size_t>(check_)]) + "\" and got " +
-                                            in_quotes(last_thrown_) + "; is it this channel, and does nobody else talk to it?");
+                                            in_quotes(last_thrown_) +
+                                            "; is it this channel, and does nobody else talk to it?");
   }
   if (thrown_away_ >= kNoise) {
-    throw DeviceError(Fault::kProtocol, at() + "lines keep coming that nobody asked for, the last " + in_quotes(last_thrown_) +
+    throw DeviceError(Fault::kProtocol, at() + "lines keep coming that nobody asked for, the last " +
+                                            in_quotes(last_thrown_) +
                                             "; somebody else talks to the controller, or the line is noisy");
   }
   if (!last_thrown_.empty()) {
@@ -222,9 +229,8 @@ void Instron8800Link::complain() {
                                            std::string(kTypes[static_cast<std::size_t>(check_)]) + "\" and got " +
                                            in_quotes(last_thrown_) + suspects());
   }
-  throw DeviceError(Fault::kTimeout,
-                    at() + "nothing comes since " + since + ", asked for the channel's type (" + check_question() +
-                        "); is the controller on, and the cable in?");
+  throw DeviceError(Fault::kTimeout, at() + "nothing comes since " + since + ", asked for the channel's type (" +
+                                         check_question() + "); is the controller on, and the cable in?");
 }
 
 bool Instron8800Link::recover(std::int64_t until_ns) {
@@ -248,7 +254,8 @@ bool Instron8800Link::recover(std::int64_t until_ns) {
   for (;;) {
     const bool settling = phase_ == Phase::kSettle || phase_ == Phase::kSettled;
     const std::int64_t quiet_ns = quiet_from_ns_ + config_.quiet_ms * kMs;
-    if (const auto line = stream_.read_line(std::min({until_ns, next_complaint_ns_, settling ? quiet_ns : next_probe_ns_}))) {
+    if (const auto line =
+            stream_.read_line(std::min({until_ns, next_complaint_ns_, settling ? quiet_ns : next_probe_ns_}))) {
       const bool expected = !settling && type_in(line->text) == kTypes[static_cast<std::size_t>(check_)];
       if (expected) {
         note_line(*line);
@@ -283,7 +290,8 @@ bool Instron8800Link::recover(std::int64_t until_ns) {
     const std::int64_t now_ns = clock_.now_ns();
     if (now_ns - std::max(doubt_ns_, last_heard_ns_) > config_.give_up_ms * kMs) {
       close();
-      throw DeviceError(Fault::kDisconnected, at() + "no line since " + std::to_string((now_ns - last_heard_ns_) / kMs) +
+      throw DeviceError(Fault::kDisconnected, at() + "no line since " +
+                                                  std::to_string((now_ns - last_heard_ns_) / kMs) +
                                                   " ms; the controller hangs, its watchdog stops the actuator");
     }
     if (now_ns >= next_complaint_ns_) complain();
@@ -313,7 +321,8 @@ Instron8800Link::Answer Instron8800Link::ask_one(std::string_view question, std:
     if (auto answer = finish(until_ns)) return *answer;
     if (clock_.now_ns() < until_ns) continue;
     doubt();
-    throw DeviceError(Fault::kTimeout, at() + std::string(question) + " is not answered in the time that is left for it");
+    throw DeviceError(Fault::kTimeout,
+                      at() + std::string(question) + " is not answered in the time that is left for it");
   }
 }
 
@@ -336,8 +345,9 @@ std::vector<Instron8800Link::Answer> Instron8800Link::ask(std::initializer_list<
       if (!again || (error.fault() != Fault::kTimeout && error.fault() != Fault::kProtocol)) throw;
     }
   }
-  throw DeviceError(Fault::kProtocol, at() + "answers are out of step: the check after " + std::string(*questions.begin()) +
-                                          " was answered by " + in_quotes(last) + suspects());
+  throw DeviceError(Fault::kProtocol, at() + "answers are out of step: the check after " +
+                                          std::string(*questions.begin()) + " was answered by " + in_quotes(last) +
+                                          suspects());
 }
 
 }  // namespace isorig::frame

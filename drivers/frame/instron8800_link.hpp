@@ -17,11 +17,13 @@ namespace isorig::frame {
 /// Each Q line has one answer line, in order; C and P lines have none. So there is never more than one question out.
 /// A lost, late, damaged or superfluous line shifts every answer after it by one. Two things find and mend that:
 ///
-///  - The *check*: Q307 of the position and of the force channel in turn, whose answers ("0,3", "0,2") can be taken neither
+///  - The *check*: Q307 of the position and of the force channel in turn, whose answers ("0,3", "0,2") can be taken
+///  neither
 ///    for each other nor for a number. Answers are believed only when the check asked after them was answered rightly.
-///  - After any doubt (no answer in time, an answer that is none, a line nobody asked for, a fresh connection) the line is
-///    in doubt and recover() gets it in step: silence, both checks in order, silence. While the controller is silent one
-///    check is out, sent again after 2, 4, 8 ... response time-outs; a late answer is thrown away on the way.
+///  - After any doubt (no answer in time, an answer that is none, a line nobody asked for, a fresh connection) the line
+///  is
+///    in doubt and recover() gets it in step: silence, both checks in order, silence. While the controller is silent
+///    one check is out, sent again after 2, 4, 8 ... response time-outs; a late answer is thrown away on the way.
 ///
 /// What no check can find: an answer that is damaged into another number.
 ///
@@ -53,9 +55,9 @@ class Instron8800Link {
   [[nodiscard]] bool in_step() const noexcept { return !in_doubt_; }
   /// An answer made no sense: nothing is asked until recover() has succeeded.
   void doubt() noexcept;
-  /// Goes on getting in step until `until_ns`; true when it is. Throws every response_timeout_ms that it takes: kTimeout, or
-  /// kProtocol when lines keep coming, or kIdentity when the check has another answer; kDisconnected after give_up_ms
-  /// without a single line.
+  /// Goes on getting in step until `until_ns`; true when it is. Throws every response_timeout_ms that it takes:
+  /// kTimeout, or kProtocol when lines keep coming, or kIdentity when the check has another answer; kDisconnected after
+  /// give_up_ms without a single line.
   bool recover(std::int64_t until_ns);
 
   /// Sends a question; false, with the line in doubt, when there was a line that nobody had asked for. In step only.
@@ -68,8 +70,8 @@ class Instron8800Link {
   [[nodiscard]] std::string check_question() const;
   [[nodiscard]] bool passes_check(std::string_view answer) noexcept;
 
-  /// Asks all of them, then the check; gets in step first, and once more when the check fails. Throws kTimeout when that
-  /// takes longer than `until_ns`.
+  /// Asks all of them, then the check; gets in step first, and once more when the check fails. Throws kTimeout when
+  /// that takes longer than `until_ns`.
   std::vector<Answer> ask(std::initializer_list<std::string_view> questions, std::int64_t until_ns);
 
   /// When the controller last answered again after a second or more without an answer: long enough for its watchdog.
@@ -95,7 +97,7 @@ class Instron8800Link {
   std::int64_t last_line_ns_ = 0;   // sent or received
   std::int64_t last_heard_ns_ = 0;  // received, or opened
   std::int64_t last_silence_ns_ = -1;
-  int check_ = 0;  // 0: of the position channel
+  int check_ = 0;                  // 0: of the position channel
   std::vector<std::string> told_;  // since the last answer
 
   bool pending_ = false;
@@ -114,10 +116,12 @@ class Instron8800Link {
   Statistics statistics_;
 };
 
-/// The numbers of an answer, separated by commas. Throws kProtocol when it is anything else or has not `least` to `most`.
+/// The numbers of an answer, separated by commas. Throws kProtocol when it is anything else or has not `least` to
+/// `most`.
 [[nodiscard]] std::vector<double> parse_numbers(std::string_view question, std::string_view answer, std::size_t least,
                                                 std::size_t most);
-[[nodiscard]] inline std::vector<double> parse_numbers(std::string_view question, std::string_view answer, std::size_t count) {
+[[nodiscard]] inline std::vector<double> parse_numbers(std::string_view question, std::string_view answer,
+                                                       std::size_t count) {
   return parse_numbers(question, answer, count, count);
 }
 

@@ -14,11 +14,11 @@ namespace {
 
 constexpr std::int64_t kMs = 1'000'000;
 constexpr double kShortestRamp_s = 0.001;
-constexpr double kTargetTolerance_mm = 5e-4;   // half of what the supervisor takes for another target
+constexpr double kTargetTolerance_mm = 5e-4;  // half of what the supervisor takes for another target
 constexpr std::int64_t kStopAgain_ns = 100 * kMs;
-constexpr double kMoving = 1.0;                // of Q1; what else it says is some way of standing
+constexpr double kMoving = 1.0;  // of Q1; what else it says is some way of standing
 constexpr std::int64_t kStandstill_ns = 20 * kMs;
-constexpr double kTimeTolerance = 5e-4;        // likewise, of the velocity
+constexpr double kTimeTolerance = 5e-4;  // likewise, of the velocity
 
 /// Without an exponent, which the command set may not know.
 std::string fixed(double value, int decimals) {
@@ -30,9 +30,10 @@ std::string fixed(double value, int decimals) {
 }  // namespace
 
 void Instron8800Frame::refuse_sign(const std::string& what) const {
-  throw DeviceError(Fault::kRefused, at() + what +
-                                         ": this controller takes no target below the zero of its position channel; nothing was "
-                                         "started. Move that zero, at the panel, below the lowest position of the protocol");
+  throw DeviceError(Fault::kRefused,
+                    at() + what +
+                        ": this controller takes no target below the zero of its position channel; nothing was "
+                        "started. Move that zero, at the panel, below the lowest position of the protocol");
 }
 
 void Instron8800Frame::write_ramp(const Segment& segment, double from_mm, std::int64_t until_ns) {
@@ -41,13 +42,15 @@ void Instron8800Frame::write_ramp(const Segment& segment, double from_mm, std::i
   const double raw = double{segment.target_mm} / mm_per_raw_;
   if (!(std::abs(raw) <= 1.0)) {
     throw DeviceError(Fault::kRefused, at() + "a target of " + fixed(double{segment.target_mm}, 4) +
-                                           " mm is outside the channel's full scale of " + fixed(mm_per_raw_, 4) + " mm");
+                                           " mm is outside the channel's full scale of " + fixed(mm_per_raw_, 4) +
+                                           " mm");
   }
   const auto target = channel("4", config_.position_channel), time = channel("86", config_.position_channel);
   const auto set_target = "C" + target + "," + fixed(raw, 9);
   // Some take no sign. Heard before it is asked for: its complaint would be taken for the next answer.
   if (raw < 0.0 && !takes_sign_) {
-    if (const auto line = link_.tell_and_listen(set_target, until_ns)) refuse_sign("\"" + set_target + "\" was answered by \"" + line->substr(0, 60) + "\"");
+    if (const auto line = link_.tell_and_listen(set_target, until_ns))
+      refuse_sign("\"" + set_target + "\" was answered by \"" + line->substr(0, 60) + "\"");
   } else {
     link_.tell(set_target);
   }
@@ -63,8 +66,9 @@ void Instron8800Frame::write_ramp(const Segment& segment, double from_mm, std::i
   }
   if (!same_target || !same_time) {
     throw DeviceError(Fault::kRefused, at() + "the controller changed the ramp it was given: target " +
-                                           fixed(double{segment.target_mm}, 5) + " -> " + fixed(target_back_mm, 5) + " mm, time " +
-                                           fixed(duration_s, 6) + " -> " + fixed(duration_back_s, 6) + " s; nothing was started");
+                                           fixed(double{segment.target_mm}, 5) + " -> " + fixed(target_back_mm, 5) +
+                                           " mm, time " + fixed(duration_s, 6) + " -> " + fixed(duration_back_s, 6) +
+                                           " s; nothing was started");
   }
   takes_sign_ = takes_sign_ || raw < 0.0;
   echoed_target_mm_ = static_cast<float>(target_back_mm);
@@ -81,7 +85,8 @@ void Instron8800Frame::confirm_start(std::int64_t until_ns) {
     // The shortest ramps are over before they can be seen.
     if (std::abs(ask_position(until_ns).value - double{segment_.target_mm}) <= config_.in_position_mm) return;
   } while (clock_.now_ns() < until_ns);
-  throw DeviceError(Fault::kRefused, at() + "C1,1 was sent and Q1 says that nothing moves; it was stopped. Look at the panel");
+  throw DeviceError(Fault::kRefused,
+                    at() + "C1,1 was sent and Q1 says that nothing moves; it was stopped. Look at the panel");
 }
 
 void Instron8800Frame::start_segment(const Segment& segment) {
@@ -129,7 +134,8 @@ void Instron8800Frame::switch_off(const std::string& why) {
   ++statistics_.actuator_off_sent;
   motion_ = Motion::kDisabled;
   stop_since_ns_ = -1;
-  throw DeviceError(Fault::kTimeout, at() + "the stop was not confirmed (" + why + "): the actuator was switched off, C23,0");
+  throw DeviceError(Fault::kTimeout,
+                    at() + "the stop was not confirmed (" + why + "): the actuator was switched off, C23,0");
 }
 
 void Instron8800Frame::stop() {

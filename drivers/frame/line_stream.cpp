@@ -62,12 +62,14 @@ void LineStream::write_line(std::string_view line) {
   bytes += "\r\n";
   std::string_view left = bytes;
   while (!left.empty()) {
-    const ssize_t size = options_.tcp ? ::send(fd_, left.data(), left.size(), MSG_NOSIGNAL) : ::write(fd_, left.data(), left.size());
+    const ssize_t size =
+        options_.tcp ? ::send(fd_, left.data(), left.size(), MSG_NOSIGNAL) : ::write(fd_, left.data(), left.size());
     if (size > 0) {
       left.remove_prefix(static_cast<std::size_t>(size));
       continue;
     }
-    if (size < 0 && errno != EAGAIN && errno != EINTR) fail_disconnected(std::string("connection lost (") + std::strerror(errno) + ")");
+    if (size < 0 && errno != EAGAIN && errno != EINTR)
+      fail_disconnected(std::string("connection lost (") + std::strerror(errno) + ")");
     if (!wait_for(fd_, POLLOUT, std::int64_t{kWriteTimeout_ms} * 1'000'000)) {
       // Half a line may have gone: whatever is sent next would be glued to it.
       fail_disconnected("takes no more data");
@@ -101,7 +103,8 @@ std::optional<LineStream::Line> LineStream::read_line(std::int64_t until_ns) {
     }
     if (received_.size() > kLongestLine) {
       received_.clear();
-      throw DeviceError(Fault::kProtocol, options_.name + ": what comes in has no lines; check baud, parity and what is connected");
+      throw DeviceError(Fault::kProtocol,
+                        options_.name + ": what comes in has no lines; check baud, parity and what is connected");
     }
     if (looked && clock_.now_ns() >= until_ns) return std::nullopt;
     fill(until_ns);

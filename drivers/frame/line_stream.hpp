@@ -23,8 +23,8 @@ class LineStream {
     std::string name;  ///< for messages
   };
   struct Line {
-    std::string text;               ///< without its end
-    std::int64_t received_ns = 0;   ///< when its last byte was read
+    std::string text;              ///< without its end
+    std::int64_t received_ns = 0;  ///< when its last byte was read
   };
 
   LineStream(Options options, clock::Clock& clock) : options_(std::move(options)), clock_(clock) {}
@@ -38,10 +38,11 @@ class LineStream {
   void close() noexcept;
   [[nodiscard]] bool is_open() const noexcept { return fd_ >= 0; }
 
-  /// Sends the line and CR LF. Throws kTimeout when the other side takes nothing any more, kDisconnected when it is gone.
+  /// Sends the line and CR LF. Throws kTimeout when the other side takes nothing any more, kDisconnected when it is
+  /// gone.
   void write_line(std::string_view line);
-  /// The next line, if it is whole by `until_ns`; looks at least once. Throws kDisconnected when the other side is gone,
-  /// kProtocol for what can be no line.
+  /// The next line, if it is whole by `until_ns`; looks at least once. Throws kDisconnected when the other side is
+  /// gone, kProtocol for what can be no line.
   std::optional<Line> read_line(std::int64_t until_ns);
   /// Throws away what has come in so far; true when there was something.
   bool discard_input();

@@ -69,7 +69,8 @@ std::string fault_in_answer(std::span<const std::uint8_t> request, std::span<con
   if (function == 3 || function == 4) {
     const std::size_t wanted = 2U * word_at(request, 3);
     if (answer.size() < 2 || answer[1] != wanted) {
-      return (answer.size() < 2 ? std::string("no") : number(answer[1])) + " bytes of registers instead of " + number(wanted);
+      return (answer.size() < 2 ? std::string("no") : number(answer[1])) + " bytes of registers instead of " +
+             number(wanted);
     }
     if (answer.size() != 2 + wanted) {
       return "a length of " + number(answer.size()) + " bytes instead of " + number(2 + wanted);
@@ -89,17 +90,28 @@ std::optional<std::uint8_t> exception_in(std::span<const std::uint8_t> answer) n
 
 std::string exception_text(std::uint8_t code) {
   switch (code) {
-    case 1: return "illegal function";
-    case 2: return "illegal data address";
-    case 3: return "illegal data value";
-    case 4: return "server device failure";
-    case 5: return "acknowledge: it takes longer";
-    case 6: return "server device busy";
-    case 7: return "negative acknowledge";
-    case 8: return "memory parity error";
-    case 10: return "gateway path unavailable";
-    case 11: return "gateway target device failed to respond";
-    default: return "exception " + std::to_string(code);
+    case 1:
+      return "illegal function";
+    case 2:
+      return "illegal data address";
+    case 3:
+      return "illegal data value";
+    case 4:
+      return "server device failure";
+    case 5:
+      return "acknowledge: it takes longer";
+    case 6:
+      return "server device busy";
+    case 7:
+      return "negative acknowledge";
+    case 8:
+      return "memory parity error";
+    case 10:
+      return "gateway path unavailable";
+    case 11:
+      return "gateway target device failed to respond";
+    default:
+      return "exception " + std::to_string(code);
   }
 }
 

@@ -5,16 +5,17 @@
 #include <string>
 #include <vector>
 
-/// Modbus requests and what may answer them (MODBUS Application Protocol V1.1b3; Messaging on TCP/IP V1.0b; over serial line
-/// V1.02). No I/O.
+/// Modbus requests and what may answer them (MODBUS Application Protocol V1.1b3; Messaging on TCP/IP V1.0b; over serial
+/// line V1.02). No I/O.
 ///
-/// Our own, because libmodbus 3.1.6 takes for an answer what is none: over TCP it ignores the MBAP header's protocol and
-/// length, and the unit; what follows is then out of step. It stays on the emulator's side, which keeps the two apart.
+/// Our own, because libmodbus 3.1.6 takes for an answer what is none: over TCP it ignores the MBAP header's protocol
+/// and length, and the unit; what follows is then out of step. It stays on the emulator's side, which keeps the two
+/// apart.
 namespace isorig::frame::modbus {
 
 using Bytes = std::vector<std::uint8_t>;
 
-inline constexpr std::size_t kHeader = 7;            ///< MBAP: transaction, protocol, length, unit
+inline constexpr std::size_t kHeader = 7;  ///< MBAP: transaction, protocol, length, unit
 inline constexpr std::size_t kLongestPdu = 253;
 inline constexpr std::uint8_t kExceptionBit = 0x80;
 
@@ -37,8 +38,8 @@ inline constexpr std::uint8_t kExceptionBit = 0x80;
 /// "illegal data address", or "exception 77".
 [[nodiscard]] std::string exception_text(std::uint8_t code);
 
-/// How long an RTU answer is, unit and CRC included, by its first bytes; nothing while they do not say, 0 for what no answer
-/// of the functions above begins with.
+/// How long an RTU answer is, unit and CRC included, by its first bytes; nothing while they do not say, 0 for what no
+/// answer of the functions above begins with.
 [[nodiscard]] std::optional<std::size_t> rtu_answer_size(std::span<const std::uint8_t> begin) noexcept;
 
 }  // namespace isorig::frame::modbus

@@ -43,7 +43,6 @@ struct ModbusConfig {
 
 /// Reads a rig's [frame] table; `map` in it is relative to `directory`. What is wrong in the table is noted
 /// in its document (finish() it); what is wrong in the map is thrown as base::ConfigError.
-[[nodiscard]] ModbusConfig read_modbus_config(const base::TomlTable& frame,
-                                              const std::filesystem::path& directory);
+[[nodiscard]] ModbusConfig read_modbus_config(const base::TomlTable& frame, const std::filesystem::path& directory);
 
 }  // namespace isorig::frame

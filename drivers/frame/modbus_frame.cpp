@@ -26,8 +26,7 @@ ModbusFrame::ModbusFrame(ModbusConfig config, clock::Clock& clock)
       link_(config_),
       header_block_(config_.map.header_block()),
       state_blocks_(config_.map.state_blocks()) {
-  slot_words_.reserve(static_cast<std::size_t>(config_.map.samples.slots) *
-                      config_.map.samples.stride_registers);
+  slot_words_.reserve(static_cast<std::size_t>(config_.map.samples.slots) * config_.map.samples.stride_registers);
 }
 
 ModbusFrame::Statistics ModbusFrame::statistics() const noexcept {
@@ -53,8 +52,7 @@ double ModbusFrame::value(Quantity quantity) const {
 }
 
 std::uint16_t ModbusFrame::code(Quantity quantity) const {
-  return config_.map.at(quantity) ? static_cast<std::uint16_t>(static_cast<std::uint32_t>(value(quantity)))
-                                  : 0;
+  return config_.map.at(quantity) ? static_cast<std::uint16_t>(static_cast<std::uint32_t>(value(quantity))) : 0;
 }
 
 void ModbusFrame::read_state_blocks() {
@@ -104,12 +102,10 @@ ModbusFrame::Header ModbusFrame::read_header() {
   if (config_.map.at(Quantity::kWriteIndex)) {
     header.index = static_cast<std::uint32_t>(value(Quantity::kWriteIndex));
   }
-  const double expected_us =
-      anchor_device_us_ + static_cast<double>(header.received_ns - anchor_ns_) / 1000.0;
+  const double expected_us = anchor_device_us_ + static_cast<double>(header.received_ns - anchor_ns_) / 1000.0;
   const double raw_us = value(Quantity::kDeviceTime_us);
-  header.device_us = has_history_
-                         ? unwrap_us(config_.map.at(Quantity::kDeviceTime_us)->format, raw_us, expected_us)
-                         : raw_us;
+  header.device_us =
+      has_history_ ? unwrap_us(config_.map.at(Quantity::kDeviceTime_us)->format, raw_us, expected_us) : raw_us;
   header.newest_us = header.device_us;
   if (const auto& newest = config_.map.at(Quantity::kNewestSampleTime_us)) {
     header.newest_us = unwrap_us(newest->format, value(Quantity::kNewestSampleTime_us), header.device_us);
@@ -181,8 +177,8 @@ Identity ModbusFrame::connect() {
       const auto word = static_cast<std::uint32_t>(read_value(Quantity::kIdentityWord));
       if (word != map.expected_identity_word) {
         throw DeviceError(Fault::kIdentity, at() + "identity word is " + std::to_string(word) + ", not " +
-                                                std::to_string(map.expected_identity_word) + " as map \"" +
-                                                map.name + "\" says; another gateway, or another map");
+                                                std::to_string(map.expected_identity_word) + " as map \"" + map.name +
+                                                "\" says; another gateway, or another map");
       }
     }
     Identity identity;
@@ -194,8 +190,7 @@ Identity ModbusFrame::connect() {
         map.at(Quantity::kSampleRate_Hz) ? read_value(Quantity::kSampleRate_Hz) : map.sample_rate_Hz;
     check_identity(identity);
     if (!(identity.sample_rate_hz > 0.0 && identity.sample_rate_hz < 1e6)) {
-      throw DeviceError(Fault::kIdentity, at() + "sample rate reads " +
-                                              std::to_string(identity.sample_rate_hz) +
+      throw DeviceError(Fault::kIdentity, at() + "sample rate reads " + std::to_string(identity.sample_rate_hz) +
                                               " Hz; check address, type and word_order of sample_rate_Hz");
     }
     resume_or_restart(identity);
@@ -262,9 +257,8 @@ Poll ModbusFrame::poll(std::span<Sample> out) {
       const std::uint32_t unsafe = span > config_.map.samples.slots ? span - config_.map.samples.slots : 0;
       if (unsafe > skip) {
         const auto torn = std::min<std::size_t>(unsafe - skip, count);
-        slot_words_.erase(
-            slot_words_.begin(),
-            slot_words_.begin() + static_cast<std::ptrdiff_t>(torn * config_.map.samples.stride_registers));
+        slot_words_.erase(slot_words_.begin(), slot_words_.begin() + static_cast<std::ptrdiff_t>(
+                                                                         torn * config_.map.samples.stride_registers));
         skip += static_cast<std::uint32_t>(torn);
         count -= torn;
       }
@@ -277,8 +271,7 @@ Poll ModbusFrame::poll(std::span<Sample> out) {
     result.lost = skip;
     result.state = decode_state();
     // A clock that stands still dates nothing: the frame, or what is behind the gateway, hangs.
-    const Header& best =
-        after.received_ns - after.sent_ns < before.received_ns - before.sent_ns ? after : before;
+    const Header& best = after.received_ns - after.sent_ns < before.received_ns - before.sent_ns ? after : before;
     result.has_exchange = best.device_us != last_device_us_;
     result.exchange = {best.sent_ns, best.received_ns, best.device_us, best.device_us};
 
@@ -292,10 +285,9 @@ Poll ModbusFrame::poll(std::span<Sample> out) {
     return result;
   }
   link_.close();
-  throw DeviceError(
-      Fault::kDisconnected,
-      at() + "the sample counter jumped from " + std::to_string(newest_counter_) + " by more than " +
-          "time explains: the frame was restarted; reconnect, and check the clock mapping starts anew");
+  throw DeviceError(Fault::kDisconnected,
+                    at() + "the sample counter jumped from " + std::to_string(newest_counter_) + " by more than " +
+                        "time explains: the frame was restarted; reconnect, and check the clock mapping starts anew");
 }
 
 /// How many were read: the rest waits for the next poll when this one has taken a response time-out already.
@@ -311,8 +303,7 @@ std::size_t ModbusFrame::read_slots(std::uint32_t first_counter, std::size_t cou
     // Distance modulo the counter's width, so that a 16-bit counter wraps rightly too.
     const std::uint32_t age = newer_by(header.counter, counter);
     const std::uint32_t slot = map.slot_of(header.counter - age, header.counter, header.index);
-    const std::size_t here =
-        std::min({count - done, per_request, static_cast<std::size_t>(ring.slots - slot)});
+    const std::size_t here = std::min({count - done, per_request, static_cast<std::size_t>(ring.slots - slot)});
     link_.read(ring.function, static_cast<std::uint16_t>(ring.address + slot * ring.stride_registers),
                std::span(slot_words_).subspan(done * ring.stride_registers, here * ring.stride_registers));
     done += here;
@@ -324,8 +315,7 @@ std::size_t ModbusFrame::read_slots(std::uint32_t first_counter, std::size_t cou
   return count;
 }
 
-void ModbusFrame::decode_samples(std::uint32_t first_counter, std::span<Sample> out,
-                                 const Header& header) const {
+void ModbusFrame::decode_samples(std::uint32_t first_counter, std::span<Sample> out, const Header& header) const {
   const auto& ring = config_.map.samples;
   const auto stride = static_cast<std::size_t>(ring.stride_registers);
   for (std::size_t i = 0; i < out.size(); ++i) {
@@ -333,8 +323,7 @@ void ModbusFrame::decode_samples(std::uint32_t first_counter, std::span<Sample> 
     const std::uint32_t ahead = first_counter + static_cast<std::uint32_t>(i) - counter_;
     auto& sample = out[i];
     sample.sequence = sequence_ + ahead;
-    sample.position_mm =
-        static_cast<float>(ring.position_mm.format.decode(slot.subspan(ring.position_mm.at)));
+    sample.position_mm = static_cast<float>(ring.position_mm.format.decode(slot.subspan(ring.position_mm.at)));
     sample.force_N = static_cast<float>(ring.force_N.format.decode(slot.subspan(ring.force_N.at)));
     double time_us = 0.0;
     if (ring.time_us) {

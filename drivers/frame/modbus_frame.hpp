@@ -23,8 +23,8 @@ namespace isorig::frame {
 /// (a 32-bit number may be torn between its registers), and if it stays the frame was restarted:
 /// kDisconnected, and connect() starts a new count and a new device time.
 ///
-/// Blocking; one thread only. In response time-outs, with a line that is not in doubt (the link says what getting back in
-/// step adds, once): poll() 4, start_segment() 5 and start_confirm_ms, stop() and heartbeat() 1.
+/// Blocking; one thread only. In response time-outs, with a line that is not in doubt (the link says what getting back
+/// in step adds, once): poll() 4, start_segment() 5 and start_confirm_ms, stop() and heartbeat() 1.
 class ModbusFrame final : public Device {
  public:
   ModbusFrame(ModbusConfig config, clock::Clock& clock);
@@ -71,8 +71,7 @@ class ModbusFrame final : public Device {
   [[nodiscard]] State decode_state() const;
   std::size_t read_slots(std::uint32_t first_counter, std::size_t count, const Header& header);
   void decode_samples(std::uint32_t first_counter, std::span<Sample> out, const Header& header) const;
-  [[nodiscard]] double unwrap_us(const NumberFormat& format, double raw_us,
-                                 double expected_us) const noexcept;
+  [[nodiscard]] double unwrap_us(const NumberFormat& format, double raw_us, double expected_us) const noexcept;
   void resume_or_restart(const Identity& identity);
   [[nodiscard]] std::string read_text(const std::optional<TextRegisters>& text);
   void check_identity(const Identity& identity) const;

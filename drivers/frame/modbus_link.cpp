@@ -136,8 +136,8 @@ void ModbusLink::get_in_step() {
 void ModbusLink::probe() {
   for (std::uint16_t length = 1; length <= probe_block_.registers; ++length) {
     if (unanswered_[length]) continue;
-    (void)ask(modbus::read_request(probe_block_.function, probe_block_.address, length), "getting back in step after an error",
-              length);
+    (void)ask(modbus::read_request(probe_block_.function, probe_block_.address, length),
+              "getting back in step after an error", length);
     unanswered_.fill(false);
     return;
   }
@@ -156,7 +156,8 @@ void ModbusLink::send(const Bytes& request, const std::string& what) {
   const Bytes frame = rtu() ? modbus::rtu_frame(unit, request) : modbus::tcp_frame(++transaction_, unit, request);
   std::span<const std::uint8_t> left(frame);
   while (!left.empty()) {
-    const auto sent = rtu() ? ::write(fd_, left.data(), left.size()) : ::send(fd_, left.data(), left.size(), MSG_NOSIGNAL);
+    const auto sent =
+        rtu() ? ::write(fd_, left.data(), left.size()) : ::send(fd_, left.data(), left.size(), MSG_NOSIGNAL);
     if (sent > 0) {
       left = left.subspan(static_cast<std::size_t>(sent));
     } else if (sent < 0 && errno != EAGAIN && errno != EINTR) {
@@ -183,18 +184,22 @@ bool ModbusLink::take_tcp(Frame& frame, const std::string& what) {
   const std::size_t length = modbus::word_at(received_, 4);
   const auto protocol = modbus::word_at(received_, 2);
   if (protocol != 0 || length < 3 || length > 1 + modbus::kLongestPdu) {
-    fail_protocol(what, "protocol " + std::to_string(protocol) + " and length " + std::to_string(length) + ", which is no Modbus", 0);
+    fail_protocol(
+        what, "protocol " + std::to_string(protocol) + " and length " + std::to_string(length) + ", which is no Modbus",
+        0);
   }
   const auto size = static_cast<std::ptrdiff_t>(6 + length);
   if (received_.size() < static_cast<std::size_t>(size)) return false;
-  frame = {modbus::word_at(received_, 0), received_[6], Bytes(received_.begin() + modbus::kHeader, received_.begin() + size)};
+  frame = {modbus::word_at(received_, 0), received_[6],
+           Bytes(received_.begin() + modbus::kHeader, received_.begin() + size)};
   received_.erase(received_.begin(), received_.begin() + size);
   return true;
 }
 
 bool ModbusLink::take_rtu(Frame& frame, const std::string& what, std::size_t read_length) {
   const auto size = modbus::rtu_answer_size(received_);
-  if (size == 0U) fail_protocol(what, "function " + std::to_string(received_[1]) + " that nobody asked for", read_length);
+  if (size == 0U)
+    fail_protocol(what, "function " + std::to_string(received_[1]) + " that nobody asked for", read_length);
   if (!size || received_.size() < *size) return false;
   const std::span<const std::uint8_t> bytes(received_.data(), *size);
   const auto crc = static_cast<std::uint16_t>(bytes[*size - 2] | (bytes[*size - 1] << 8U));
@@ -209,9 +214,11 @@ bool ModbusLink::take_rtu(Frame& frame, const std::string& what, std::size_t rea
 
 void ModbusLink::check(const Bytes& request, const Frame& frame, const std::string& what, std::size_t read_length) {
   if (frame.unit != config_.map.unit_id) {
-    fail_protocol(what, "unit " + std::to_string(frame.unit) + " instead of " + std::to_string(config_.map.unit_id), read_length);
+    fail_protocol(what, "unit " + std::to_string(frame.unit) + " instead of " + std::to_string(config_.map.unit_id),
+                  read_length);
   }
-  if (const auto fault = modbus::fault_in_answer(request, frame.pdu); !fault.empty()) fail_protocol(what, fault, read_length);
+  if (const auto fault = modbus::fault_in_answer(request, frame.pdu); !fault.empty())
+    fail_protocol(what, fault, read_length);
   last_byte_ns_ = clock_.now_ns();
   if (const auto exception = modbus::exception_in(frame.pdu)) fail_exception(what, *exception);
 }
@@ -227,7 +234,9 @@ Bytes ModbusLink::await(const Bytes& request, std::int64_t until_ns, const std::
       }
       const auto late = std::find(late_.begin(), late_.end(), frame.transaction);
       if (late == late_.end()) {
-        fail_protocol(what, "transaction " + std::to_string(frame.transaction) + " instead of " + std::to_string(transaction_), 0);
+        fail_protocol(
+            what, "transaction " + std::to_string(frame.transaction) + " instead of " + std::to_string(transaction_),
+            0);
       }
       late_.erase(late);
       ++resyncs_;
@@ -307,15 +316,17 @@ void ModbusLink::fail_no_answer(const std::string& what, std::int64_t since_ns, 
   } else {
     late_.push_back(transaction_);
   }
-  throw DeviceError(Fault::kTimeout, at() + what + ": " + (something ? "half an answer" : "no answer") + " within " + waited +
-                                         " ms; check the cable and unit_id " + std::to_string(config_.map.unit_id) +
+  throw DeviceError(Fault::kTimeout, at() + what + ": " + (something ? "half an answer" : "no answer") + " within " +
+                                         waited + " ms; check the cable and unit_id " +
+                                         std::to_string(config_.map.unit_id) +
                                          ", or raise response_timeout_ms for a slow gateway");
 }
 
 void ModbusLink::fail_protocol(const std::string& what, const std::string& why, std::size_t read_length) {
   doubt(read_length);
-  throw DeviceError(Fault::kProtocol, at() + what + ": an answer that is not one (" + why + "); " +
-                                          (rtu() ? "check baud, parity and shielding" : "check what listens on this port"));
+  throw DeviceError(Fault::kProtocol,
+                    at() + what + ": an answer that is not one (" + why + "); " +
+                        (rtu() ? "check baud, parity and shielding" : "check what listens on this port"));
 }
 
 void ModbusLink::fail_exception(const std::string& what, std::uint8_t code) const {

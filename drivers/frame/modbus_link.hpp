@@ -13,11 +13,12 @@ namespace isorig::frame {
 
 /// One Modbus connection on which an answer is never taken for that of another request.
 ///
-/// Every answer is compared with its request: transaction, protocol, length and unit (TCP), unit and CRC (RTU), function, byte
-/// count, echoed address. The trap left is time: after a time-out the old answer may still arrive.
+/// Every answer is compared with its request: transaction, protocol, length and unit (TCP), unit and CRC (RTU),
+/// function, byte count, echoed address. The trap left is time: after a time-out the old answer may still arrive.
 ///  - TCP: it carries its own transaction's number, and is thrown away when it comes. A header that cannot be one means
 ///    that the stream is out of step: the socket is closed, and the next call opens another.
-///  - RTU, where nothing numbers the requests: the next call waits out the response time-out, flushes, and reads a block
+///  - RTU, where nothing numbers the requests: the next call waits out the response time-out, flushes, and reads a
+///  block
 ///    whose length differs from that of any request that went unanswered. A unit answers in order, so when that answer
 ///    comes, no older one can follow.
 ///
@@ -64,7 +65,8 @@ class ModbusLink {
   void probe();
   void wait_for_gap();
   modbus::Bytes ask(const modbus::Bytes& request, const std::string& what, std::size_t read_length);
-  modbus::Bytes await(const modbus::Bytes& request, std::int64_t until_ns, const std::string& what, std::size_t read_length);
+  modbus::Bytes await(const modbus::Bytes& request, std::int64_t until_ns, const std::string& what,
+                      std::size_t read_length);
   void check(const modbus::Bytes& request, const Frame& frame, const std::string& what, std::size_t read_length);
   void send(const modbus::Bytes& request, const std::string& what);
   bool fill(std::int64_t until_ns, const std::string& what);
@@ -76,7 +78,9 @@ class ModbusLink {
   [[noreturn]] void fail_protocol(const std::string& what, const std::string& why, std::size_t read_length);
   [[noreturn]] void fail_exception(const std::string& what, std::uint8_t code) const;
   [[noreturn]] void fail_disconnected(const std::string& what, const std::string& why);
-  [[nodiscard]] std::int64_t timeout_ns() const noexcept { return std::int64_t{config_.response_timeout_ms} * 1'000'000; }
+  [[nodiscard]] std::int64_t timeout_ns() const noexcept {
+    return std::int64_t{config_.response_timeout_ms} * 1'000'000;
+  }
   [[nodiscard]] bool rtu() const noexcept { return config_.transport == ModbusTransport::kRtu; }
   [[nodiscard]] std::string at() const;
 
@@ -93,7 +97,7 @@ class ModbusLink {
   std::int64_t limit_ns_ = 0;
   modbus::Bytes received_;
   std::uint16_t transaction_ = 0;
-  std::deque<std::uint16_t> late_;     // TCP: transactions that may still be answered
+  std::deque<std::uint16_t> late_;      // TCP: transactions that may still be answered
   std::array<bool, 126> unanswered_{};  // RTU: lengths of reads that may still be answered
   std::uint64_t resyncs_ = 0;
 };

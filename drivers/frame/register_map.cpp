@@ -65,10 +65,8 @@ std::vector<ReadBlock> polled_blocks(const RegisterMap& map) {
         continue;
       }
     }
-    blocks.push_back({item.reg.address,
-                      static_cast<std::uint16_t>(end - item.reg.address),
-                      item.reg.function,
-                      {item.quantity}});
+    blocks.push_back(
+        {item.reg.address, static_cast<std::uint16_t>(end - item.reg.address), item.reg.function, {item.quantity}});
   }
   return blocks;
 }
@@ -125,8 +123,7 @@ std::uint16_t RegisterMap::fault_word_of(std::uint16_t bits) const noexcept {
   return static_cast<std::uint16_t>(word);
 }
 
-std::uint32_t RegisterMap::slot_of(std::uint32_t sequence, std::uint32_t newest,
-                                   std::uint32_t index) const noexcept {
+std::uint32_t RegisterMap::slot_of(std::uint32_t sequence, std::uint32_t newest, std::uint32_t index) const noexcept {
   if (samples.slot == SampleRing::Slot::kCounterModulo) return sequence % samples.slots;
   const std::uint32_t newest_slot = samples.slot == SampleRing::Slot::kIndexOfNewest
                                         ? index % samples.slots

@@ -133,8 +133,7 @@ struct RegisterMap {
   [[nodiscard]] std::uint16_t fault_bits_of(std::uint16_t word) const noexcept;
   [[nodiscard]] std::uint16_t fault_word_of(std::uint16_t bits) const noexcept;
   /// Slot of sample `sequence` when the newest is `newest` and the write index reads `index`.
-  [[nodiscard]] std::uint32_t slot_of(std::uint32_t sequence, std::uint32_t newest,
-                                      std::uint32_t index) const noexcept;
+  [[nodiscard]] std::uint32_t slot_of(std::uint32_t sequence, std::uint32_t newest, std::uint32_t index) const noexcept;
 };
 
 /// Throws base::ConfigError with everything that is wrong, each with file:line:column.

@@ -10,9 +10,8 @@ using base::TomlTable;
 
 constexpr std::array<std::string_view, 7> kMotionNames{"idle",  "moving", "reached", "stopped",
                                                        "limit", "fault",  "disabled"};
-constexpr std::array<std::string_view, 6> kFaultNames{"heartbeat_lost", "travel_limit",
-                                                      "force_limit",    "interlock_open",
-                                                      "drive_fault",    "sample_buffer_overrun"};
+constexpr std::array<std::string_view, 6> kFaultNames{"heartbeat_lost", "travel_limit", "force_limit",
+                                                      "interlock_open", "drive_fault",  "sample_buffer_overrun"};
 
 struct Defaults {
   WordOrder order = WordOrder::kABCD;
@@ -48,12 +47,12 @@ NumberFormat number_format(const TomlTable& table, const Defaults& defaults) {
   return format;
 }
 
-std::uint8_t function_code(const TomlTable& table, std::string_view key, std::uint8_t fallback,
-                           std::int64_t a, std::int64_t b) {
+std::uint8_t function_code(const TomlTable& table, std::string_view key, std::uint8_t fallback, std::int64_t a,
+                           std::int64_t b) {
   const auto code = table.integer_or(key, fallback);
   if (code != a && code != b) {
-    table.error(key, "`" + std::string(key) + "` = " + std::to_string(code) + "; it has to be " +
-                         std::to_string(a) + " or " + std::to_string(b));
+    table.error(key, "`" + std::string(key) + "` = " + std::to_string(code) + "; it has to be " + std::to_string(a) +
+                         " or " + std::to_string(b));
     return fallback;
   }
   return static_cast<std::uint8_t>(code);
@@ -122,10 +121,10 @@ void read_registers(const TomlTable& root, RegisterMap& map, const Defaults& def
         require_counted(*table, format, false);
     }
   }
-  for (const auto quantity : {Quantity::kSampleCounter, Quantity::kDeviceTime_us, Quantity::kState,
-                              Quantity::kSegmentId, Quantity::kTarget_mm, Quantity::kVelocity_mm_s,
-                              Quantity::kSegmentIdSetpoint, Quantity::kTargetSetpoint_mm,
-                              Quantity::kVelocitySetpoint_mm_s, Quantity::kHeartbeat, Quantity::kCommand}) {
+  for (const auto quantity :
+       {Quantity::kSampleCounter, Quantity::kDeviceTime_us, Quantity::kState, Quantity::kSegmentId,
+        Quantity::kTarget_mm, Quantity::kVelocity_mm_s, Quantity::kSegmentIdSetpoint, Quantity::kTargetSetpoint_mm,
+        Quantity::kVelocitySetpoint_mm_s, Quantity::kHeartbeat, Quantity::kCommand}) {
     if (!map.at(quantity)) {
       registers.error({}, "`" + std::string(quantity_name(quantity)) +
                               "` is missing here; the driver cannot run a frame without it");
@@ -133,8 +132,7 @@ void read_registers(const TomlTable& root, RegisterMap& map, const Defaults& def
   }
 }
 
-std::optional<TextRegisters> text_registers(const TomlTable& identity, std::string_view key,
-                                            const Defaults& defaults) {
+std::optional<TextRegisters> text_registers(const TomlTable& identity, std::string_view key, const Defaults& defaults) {
   const auto table = identity.table_if(key);
   if (!table) return std::nullopt;
   TextRegisters text;
@@ -152,8 +150,7 @@ void read_identity(const TomlTable& root, RegisterMap& map, const Defaults& defa
   map.firmware = text_registers(identity, "firmware", defaults);
   const bool has_word = map.at(Quantity::kIdentityWord).has_value();
   if (has_word) {
-    map.expected_identity_word =
-        static_cast<std::uint16_t>(identity.integer("expected_word", {0.0, 65535.0}));
+    map.expected_identity_word = static_cast<std::uint16_t>(identity.integer("expected_word", {0.0, 65535.0}));
   } else if (!map.model && !map.serial) {
     identity.error({},
                    "nothing tells this gateway from another: map `identity_word` under [registers] (with "
@@ -168,8 +165,8 @@ SampleRing::Field ring_field(const TomlTable& samples, std::string_view key, std
   field.at = static_cast<std::uint16_t>(table.integer("slot_register", {0.0, 124.0}));
   field.format = number_format(table, defaults);
   if (field.at + field.format.registers() > stride) {
-    table.error("slot_register", "the field ends after the slot's " + std::to_string(stride) +
-                                     " registers (`stride_registers`)");
+    table.error("slot_register",
+                "the field ends after the slot's " + std::to_string(stride) + " registers (`stride_registers`)");
   }
   return field;
 }
@@ -205,17 +202,15 @@ void read_samples(const TomlTable& root, RegisterMap& map, const Defaults& defau
   if (ring.slot == SampleRing::Slot::kCounterModulo) {
     // At the counter's wrap 2^n mod slots has to be 0, or the ring jumps.
     if ((ring.slots & (ring.slots - 1)) != 0) {
-      table.error("slots",
-                  "`slots` = " + std::to_string(ring.slots) +
-                      " is no power of two, so the slot jumps where the counter wraps; a gateway with "
-                      "such a ring has to give a `write_index`");
+      table.error("slots", "`slots` = " + std::to_string(ring.slots) +
+                               " is no power of two, so the slot jumps where the counter wraps; a gateway with "
+                               "such a ring has to give a `write_index`");
     }
   } else if (!map.at(Quantity::kWriteIndex)) {
     table.error("slot_is", "`slot_is` = \"" + slot + "\" needs `write_index` under [registers]");
   }
   if (counter && counter->format.type == RegisterType::kUint16 && ring.slots > 16384) {
-    table.error("slots",
-                "a 16-bit sample_counter cannot tell apart the turns of a ring of more than 16384 slots");
+    table.error("slots", "a 16-bit sample_counter cannot tell apart the turns of a ring of more than 16384 slots");
   }
 }
 
@@ -252,11 +247,10 @@ void check_overlaps(const TomlTable& root, const RegisterMap& map) {
       const auto qa = static_cast<Quantity>(i), qb = static_cast<Quantity>(j);
       if (!a || !b || is_written(qa) != is_written(qb)) continue;
       if (!is_written(qa) && a->function != b->function) continue;
-      if (a->address < b->address + b->format.registers() &&
-          b->address < a->address + a->format.registers()) {
+      if (a->address < b->address + b->format.registers() && b->address < a->address + a->format.registers()) {
         registers.table(quantity_name(qa))
-            .error("address", "`" + std::string(quantity_name(qa)) + "` overlaps `" +
-                                  std::string(quantity_name(qb)) + "`");
+            .error("address",
+                   "`" + std::string(quantity_name(qa)) + "` overlaps `" + std::string(quantity_name(qb)) + "`");
       }
     }
     const auto& reg = map.registers[i];
@@ -264,8 +258,7 @@ void check_overlaps(const TomlTable& root, const RegisterMap& map) {
     if (reg && !is_written(static_cast<Quantity>(i)) && reg->function == ring.function && ring.slots > 0 &&
         reg->address + reg->format.registers() > ring.address &&
         reg->address < ring.address + ring.slots * ring.stride_registers) {
-      registers.table(quantity_name(static_cast<Quantity>(i)))
-          .error("address", "this register lies in [samples]");
+      registers.table(quantity_name(static_cast<Quantity>(i))).error("address", "this register lies in [samples]");
     }
   }
 }
@@ -274,8 +267,7 @@ void check_overlaps(const TomlTable& root, const RegisterMap& map) {
 void check_header(const TomlTable& root, const RegisterMap& map) {
   if (!map.at(Quantity::kSampleCounter)) return;
   const auto block = map.header_block();
-  for (const auto quantity :
-       {Quantity::kDeviceTime_us, Quantity::kNewestSampleTime_us, Quantity::kWriteIndex}) {
+  for (const auto quantity : {Quantity::kDeviceTime_us, Quantity::kNewestSampleTime_us, Quantity::kWriteIndex}) {
     if (map.at(quantity) &&
         std::find(block.quantities.begin(), block.quantities.end(), quantity) == block.quantities.end()) {
       root.table("registers")
@@ -301,12 +293,9 @@ RegisterMap read_register_map(const base::TomlDocument& document) {
   defaults.order = word_order(gateway, WordOrder::kABCD);
   defaults.read_function = function_code(gateway, "read_function", 3, 3, 4);
   defaults.write_function = function_code(gateway, "write_function", 16, 6, 16);
-  map.max_read_registers =
-      static_cast<std::uint16_t>(gateway.integer_or("max_read_registers", 125, {2.0, 125.0}));
-  map.max_write_registers =
-      static_cast<std::uint16_t>(gateway.integer_or("max_write_registers", 123, {2.0, 123.0}));
-  map.bridge_gap_registers =
-      static_cast<std::uint16_t>(gateway.integer_or("bridge_gap_registers", 0, {0.0, 100.0}));
+  map.max_read_registers = static_cast<std::uint16_t>(gateway.integer_or("max_read_registers", 125, {2.0, 125.0}));
+  map.max_write_registers = static_cast<std::uint16_t>(gateway.integer_or("max_write_registers", 123, {2.0, 123.0}));
+  map.bridge_gap_registers = static_cast<std::uint16_t>(gateway.integer_or("bridge_gap_registers", 0, {0.0, 100.0}));
   map.sample_rate_Hz = gateway.number_or("sample_rate_Hz", 0.0, base::kPositive);
 
   read_registers(root, map, defaults);
@@ -314,8 +303,7 @@ RegisterMap read_register_map(const base::TomlDocument& document) {
   read_samples(root, map, defaults);
   read_codes(root, map);
   if (map.sample_rate_Hz == 0.0 && !map.at(Quantity::kSampleRate_Hz)) {
-    gateway.error(
-        {}, "the frame's sample rate is unknown: give `sample_rate_Hz` here or map it under [registers]");
+    gateway.error({}, "the frame's sample rate is unknown: give `sample_rate_Hz` here or map it under [registers]");
   }
   check_overlaps(root, map);
   check_header(root, map);

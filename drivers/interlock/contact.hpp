@@ -21,8 +21,10 @@ class Contact {
   bool level(bool closed, std::int64_t mono_ns) noexcept {
     const bool differs = is_known_ && closed != is_made_;
     if (!is_known_ || differs) {
-      if (closed) make(mono_ns);
-      else open(mono_ns);
+      if (closed)
+        make(mono_ns);
+      else
+        open(mono_ns);
     }
     is_known_ = true;
     return differs;
@@ -34,9 +36,7 @@ class Contact {
     opened_ns_ = 0;
   }
 
-  [[nodiscard]] bool closed(std::int64_t now_ns) const noexcept {
-    return is_made_ && now_ns - made_ns_ >= closing_ns_;
-  }
+  [[nodiscard]] bool closed(std::int64_t now_ns) const noexcept { return is_made_ && now_ns - made_ns_ >= closing_ns_; }
   /// When it last opened; 0 when it was never seen to.
   [[nodiscard]] std::int64_t opened_ns() const noexcept { return opened_ns_; }
   [[nodiscard]] std::uint32_t openings() const noexcept { return openings_; }

@@ -37,8 +37,8 @@ struct GpioEdge {
 
 struct GpioEdges {
   std::size_t count = 0;
-  /// Edges that the kernel threw away because its queue (16 for each line) was full. libgpiod 2 numbers them; with 1.6 this
-  /// counts the times that a full queue was found, since more may have been lost.
+  /// Edges that the kernel threw away because its queue (16 for each line) was full. libgpiod 2 numbers them; with 1.6
+  /// this counts the times that a full queue was found, since more may have been lost.
   std::uint32_t lost = 0;
 };
 

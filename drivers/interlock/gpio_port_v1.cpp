@@ -18,10 +18,17 @@ using Chip = std::unique_ptr<gpiod_chip, CloseChip>;
 int flags_of(const GpioLine& line) {
   int flags = line.active_low ? GPIOD_LINE_REQUEST_FLAG_ACTIVE_LOW : 0;
   switch (line.bias) {
-    case Bias::kAsIs: break;
-    case Bias::kDisabled: flags |= GPIOD_LINE_REQUEST_FLAG_BIAS_DISABLE; break;
-    case Bias::kPullUp: flags |= GPIOD_LINE_REQUEST_FLAG_BIAS_PULL_UP; break;
-    case Bias::kPullDown: flags |= GPIOD_LINE_REQUEST_FLAG_BIAS_PULL_DOWN; break;
+    case Bias::kAsIs:
+      break;
+    case Bias::kDisabled:
+      flags |= GPIOD_LINE_REQUEST_FLAG_BIAS_DISABLE;
+      break;
+    case Bias::kPullUp:
+      flags |= GPIOD_LINE_REQUEST_FLAG_BIAS_PULL_UP;
+      break;
+    case Bias::kPullDown:
+      flags |= GPIOD_LINE_REQUEST_FLAG_BIAS_PULL_DOWN;
+      break;
   }
   return flags;
 }
@@ -126,6 +133,8 @@ class PortV1 final : public GpioPort {
 
 }  // namespace
 
-std::unique_ptr<GpioPort> open_gpio_port(const GpioRequest& request) { return std::make_unique<PortV1>(request); }
+std::unique_ptr<GpioPort> open_gpio_port(const GpioRequest& request) {
+  return std::make_unique<PortV1>(request);
+}
 
 }  // namespace isorig::interlock

@@ -27,10 +27,14 @@ using EdgeBuffer = std::unique_ptr<gpiod_edge_event_buffer, Freed<gpiod_edge_eve
 
 gpiod_line_bias bias_of(Bias bias) {
   switch (bias) {
-    case Bias::kAsIs: break;
-    case Bias::kDisabled: return GPIOD_LINE_BIAS_DISABLED;
-    case Bias::kPullUp: return GPIOD_LINE_BIAS_PULL_UP;
-    case Bias::kPullDown: return GPIOD_LINE_BIAS_PULL_DOWN;
+    case Bias::kAsIs:
+      break;
+    case Bias::kDisabled:
+      return GPIOD_LINE_BIAS_DISABLED;
+    case Bias::kPullUp:
+      return GPIOD_LINE_BIAS_PULL_UP;
+    case Bias::kPullDown:
+      return GPIOD_LINE_BIAS_PULL_DOWN;
   }
   return GPIOD_LINE_BIAS_AS_IS;
 }
@@ -166,6 +170,8 @@ class PortV2 final : public GpioPort {
 
 }  // namespace
 
-std::unique_ptr<GpioPort> open_gpio_port(const GpioRequest& request) { return std::make_unique<PortV2>(request); }
+std::unique_ptr<GpioPort> open_gpio_port(const GpioRequest& request) {
+  return std::make_unique<PortV2>(request);
+}
 
 }  // namespace isorig::interlock

@@ -10,7 +10,7 @@
 namespace isorig::interlock {
 
 struct State {
-  bool estop_closed = false;   ///< true: the chain is whole, motion is allowed
+  bool estop_closed = false;  ///< true: the chain is whole, motion is allowed
   bool guard_closed = false;
   std::int64_t mono_ns = 0;    ///< when it was read
   std::int64_t opened_ns = 0;  ///< when one of the two last opened, as the kernel stamped it; 0: not known
@@ -25,9 +25,9 @@ struct SyncLineEdge {
 
 /// Since construction.
 struct Counters {
-  std::uint32_t edges = 0;          ///< of all inputs
-  std::uint32_t lost_edges = 0;     ///< as far as they can be counted
-  std::uint32_t resynchronised = 0; ///< inputs whose level was another than their last edge said
+  std::uint32_t edges = 0;           ///< of all inputs
+  std::uint32_t lost_edges = 0;      ///< as far as they can be counted
+  std::uint32_t resynchronised = 0;  ///< inputs whose level was another than their last edge said
 };
 
 class Device {

@@ -24,10 +24,13 @@ class StampClock {
       kind_ = near(mono_ns) ? Kind::kMonotonic : near(realtime_ns) ? Kind::kRealtime : Kind::kForeign;
     }
     switch (kind_) {
-      case Kind::kMonotonic: return stamp_ns;
-      case Kind::kRealtime: return stamp_ns - realtime_ns + mono_ns;
+      case Kind::kMonotonic:
+        return stamp_ns;
+      case Kind::kRealtime:
+        return stamp_ns - realtime_ns + mono_ns;
       case Kind::kUnknown:
-      case Kind::kForeign: break;
+      case Kind::kForeign:
+        break;
     }
     return std::nullopt;
   }
@@ -35,7 +38,7 @@ class StampClock {
   [[nodiscard]] Kind kind() const noexcept { return kind_; }
 
  private:
-  static constexpr std::int64_t kMargin_ns = 1'000'000;      // both clocks are not read at the same instant
+  static constexpr std::int64_t kMargin_ns = 1'000'000;       // both clocks are not read at the same instant
   static constexpr std::int64_t kOldest_ns = 10'000'000'000;  // an edge that waited for a stalled thread
 
   Kind kind_ = Kind::kUnknown;

@@ -73,7 +73,9 @@ std::string AlicatRegulator::connect() {
   }
 }
 
-void AlicatRegulator::disconnect() noexcept { link_.close(); }
+void AlicatRegulator::disconnect() noexcept {
+  link_.close();
+}
 
 void AlicatRegulator::write_setpoint(double psi) {
   const auto& map = config_.map;
@@ -82,7 +84,8 @@ void AlicatRegulator::write_setpoint(double psi) {
   link_.write(16, map.setpoint, words);
   const double back_psi = read_float(map.setpoint) * map.psi_per_unit;
   if (!(std::abs(back_psi - psi) <= config_.setpoint_tolerance_psi)) {
-    throw DeviceError(Fault::kRefused, at() + "the set-point " + number(psi) + " psi was read back as " + number(back_psi) +
+    throw DeviceError(Fault::kRefused, at() + "the set-point " + number(psi) + " psi was read back as " +
+                                           number(back_psi) +
                                            " psi; check its own limits, and that it takes its set-point from the bus");
   }
 }
@@ -94,8 +97,8 @@ void AlicatRegulator::valve(std::uint16_t argument) {
 
 void AlicatRegulator::regulate(float setpoint_psi) {
   if (!(setpoint_psi >= 0.0F && double{setpoint_psi} <= config_.max_psi)) {
-    throw DeviceError(Fault::kRefused, at() + "a set-point of " + number(double{setpoint_psi}) + " psi is outside 0 to max_psi = " +
-                                           number(config_.max_psi));
+    throw DeviceError(Fault::kRefused, at() + "a set-point of " + number(double{setpoint_psi}) +
+                                           " psi is outside 0 to max_psi = " + number(config_.max_psi));
   }
   write_setpoint(double{setpoint_psi});
   if (exhausting_) valve(config_.map.cancel);
@@ -115,7 +118,8 @@ RegulatorState AlicatRegulator::read() {
   const auto block = std::span(words).first(static_cast<std::size_t>(map.pressure + 2 - map.status));
   link_.read(3, map.status, block);
   const auto flags = frame::join_words(block, RegisterType::kUint32, map.order);
-  const double pressure = float_of(block.subspan(static_cast<std::size_t>(map.pressure - map.status)), map.order) * map.psi_per_unit;
+  const double pressure =
+      float_of(block.subspan(static_cast<std::size_t>(map.pressure - map.status)), map.order) * map.psi_per_unit;
   if (!std::isfinite(pressure) || std::abs(pressure) > 1e4) {
     throw DeviceError(Fault::kProtocol, at() + "its pressure reads " + number(pressure) + " psi");
   }

@@ -13,16 +13,16 @@ namespace isorig::pressure {
 
 /// One conversion of the ELVH as the device sent it. Decoding is messages/elvh.hpp.
 struct Sample {
-  std::uint32_t sequence = 0;   ///< the device's own counter, wraps at 2^32
-  std::int64_t device_us = 0;   ///< device clock at the conversion, extended over the 71.6 min wrap
-  std::uint32_t raw_word = 0;   ///< the 32 bits from the sensor: status, pressure, temperature
+  std::uint32_t sequence = 0;  ///< the device's own counter, wraps at 2^32
+  std::int64_t device_us = 0;  ///< device clock at the conversion, extended over the 71.6 min wrap
+  std::uint32_t raw_word = 0;  ///< the 32 bits from the sensor: status, pressure, temperature
 };
 
 /// What the daemon asks for, refreshed at 100 Hz or more. With valves: one of the two is zero.
 struct Command {
-  std::uint16_t fill_permille = 0;   ///< duty of the fill valve, 0..1000
-  std::uint16_t vent_permille = 0;   ///< duty of the vent valve, 0..1000
-  float regulator_psi = 0.0F;        ///< set-point when a regulator does the work; valves ignore it
+  std::uint16_t fill_permille = 0;  ///< duty of the fill valve, 0..1000
+  std::uint16_t vent_permille = 0;  ///< duty of the vent valve, 0..1000
+  float regulator_psi = 0.0F;       ///< set-point when a regulator does the work; valves ignore it
 };
 
 struct Identity {
@@ -35,27 +35,27 @@ struct Identity {
 /// greatest pressure, on a fill valve that is open for longer than a filling takes, and on a sensor that says nothing
 /// new while it fills.
 struct FillLimits {
-  double pressure_max_psi = 0.0;            ///< as the sensor reads, uncalibrated; 0: no limits were given
+  double pressure_max_psi = 0.0;              ///< as the sensor reads, uncalibrated; 0: no limits were given
   std::uint16_t fill_allowance_permille = 0;  ///< duty of the fill valve that may flow for ever
-  std::uint32_t fill_max_ms = 0;            ///< full-duty time above it; 0: no cap (the supply valve of a regulator)
+  std::uint32_t fill_max_ms = 0;              ///< full-duty time above it; 0: no cap (the supply valve of a regulator)
 };
 
 /// Why the device vented by itself.
 enum class VentCause : std::uint8_t { kNone, kHeartbeat, kPressureHigh, kFillTime, kSensorSilent, kSensorStuck };
 
 struct State {
-  bool vented_by_itself = false;      ///< as long as it is latched, and once if it was over before anybody looked
+  bool vented_by_itself = false;       ///< as long as it is latched, and once if it was over before anybody looked
   VentCause cause = VentCause::kNone;  ///< of the last time
-  std::uint32_t dropped = 0;          ///< samples the device discarded because the host stalled
-  std::uint16_t fill_permille = 0;    ///< echoed
+  std::uint32_t dropped = 0;           ///< samples the device discarded because the host stalled
+  std::uint16_t fill_permille = 0;     ///< echoed
   std::uint16_t vent_permille = 0;
 };
 
 struct Poll {
-  std::size_t samples = 0;     ///< how many of `samples_out` were filled
-  std::size_t exchanges = 0;   ///< how many of `exchanges_out` were filled
-  std::uint32_t lost = 0;      ///< gaps in the sequence since the last poll
-  std::uint32_t corrupt = 0;   ///< frames that failed COBS, CRC or version
+  std::size_t samples = 0;    ///< how many of `samples_out` were filled
+  std::size_t exchanges = 0;  ///< how many of `exchanges_out` were filled
+  std::uint32_t lost = 0;     ///< gaps in the sequence since the last poll
+  std::uint32_t corrupt = 0;  ///< frames that failed COBS, CRC or version
   State state;
 };
 

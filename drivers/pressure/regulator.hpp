@@ -8,10 +8,10 @@
 namespace isorig::pressure {
 
 struct RegulatorState {
-  float setpoint_psi = 0.0F;   ///< as the regulator has it
-  float pressure_psi = 0.0F;   ///< of its own sensor
+  float setpoint_psi = 0.0F;  ///< as the regulator has it
+  float pressure_psi = 0.0F;  ///< of its own sensor
   bool exhausting = false;
-  bool faulty = false;         ///< its own sensor or converter is out of order
+  bool faulty = false;  ///< its own sensor or converter is out of order
 };
 
 /// Owned by one I/O thread; throws drivers::DeviceError. Not for the real-time loop.

@@ -29,7 +29,9 @@ RegulatorMap read_regulator_map(const std::filesystem::path& file) {
     registers.error("pressure", "`pressure` has to follow `status` within 100 registers: one request reads both");
   }
   const auto commands = root.table("commands");
-  const auto code = [&](std::string_view key) { return static_cast<std::uint16_t>(commands.integer(key, {0.0, 65'535.0})); };
+  const auto code = [&](std::string_view key) {
+    return static_cast<std::uint16_t>(commands.integer(key, {0.0, 65'535.0}));
+  };
   map.valve_command = code("valve");
   map.cancel = code("cancel");
   map.exhaust = code("exhaust");

@@ -36,6 +36,7 @@ struct RegulatorConfig {
 
 [[nodiscard]] RegulatorMap read_regulator_map(const std::filesystem::path& file);
 /// Reads a rig's [regulator] but for what the daemon's own parts read from it.
-[[nodiscard]] RegulatorConfig read_regulator_config(const base::TomlTable& table, const std::filesystem::path& directory);
+[[nodiscard]] RegulatorConfig read_regulator_config(const base::TomlTable& table,
+                                                    const std::filesystem::path& directory);
 
 }  // namespace isorig::pressure

@@ -20,7 +20,8 @@ constexpr std::int32_t kMaxRepeat = 4096;
 constexpr std::int64_t kMaxRoundTrip_ns = 1'000'000'000;
 constexpr std::size_t kMaxSyncEdges = 1024;
 
-static_assert(static_cast<std::uint8_t>(VentCause::kSensorStuck) == static_cast<std::uint8_t>(wire::VentCause::kSensorStuck) &&
+static_assert(static_cast<std::uint8_t>(VentCause::kSensorStuck) ==
+                  static_cast<std::uint8_t>(wire::VentCause::kSensorStuck) &&
               wire::kVentCauses == 6);
 
 }  // namespace
@@ -54,11 +55,12 @@ Identity Teensy::connect() {
     heard_bytes_ = 0;
     if (!await_identity(identity)) {
       const bool heard_frames = decoder_.counters().packets != packets;
-      fail(Fault::kTimeout,
-           heard_frames       ? std::string("sends frames but does not answer who it is")
-           : heard_bytes_ > 0 ? std::to_string(heard_bytes_) + " bytes came and no frame of the isorig firmware among them; is "
-                                                               "another program on this device, or is it another device?"
-                              : std::string("nobody answers; does the isorig firmware run on this device?"));
+      fail(Fault::kTimeout, heard_frames ? std::string("sends frames but does not answer who it is")
+                            : heard_bytes_ > 0
+                                ? std::to_string(heard_bytes_) +
+                                      " bytes came and no frame of the isorig firmware among them; is "
+                                      "another program on this device, or is it another device?"
+                                : std::string("nobody answers; does the isorig firmware run on this device?"));
     }
     if (limits_.pressure_max_psi > 0.0) agree_on_limits();
   } catch (...) {
@@ -138,24 +140,23 @@ void Teensy::agree_on_limits() {
 
 void Teensy::check(const wire::Packet& packet, const wire::Identity& identity) const {
   if (packet.version != wire::kProtocolVersion) {
-    fail(Fault::kIdentity, "speaks protocol version " + std::to_string(packet.version) +
-                               ", this program version " + std::to_string(wire::kProtocolVersion) +
-                               "; flash the firmware that came with it");
+    fail(Fault::kIdentity, "speaks protocol version " + std::to_string(packet.version) + ", this program version " +
+                               std::to_string(wire::kProtocolVersion) + "; flash the firmware that came with it");
   }
   if (!options_.model.empty() && options_.model != identity.model) {
     fail(Fault::kIdentity,
          std::string("is a '") + identity.model + "', the configuration wants a '" + options_.model + "'");
   }
   if (!options_.serial.empty() && options_.serial != identity.serial) {
-    fail(Fault::kIdentity, std::string("has serial number '") + identity.serial +
-                               "', the configuration wants '" + options_.serial + "'");
+    fail(Fault::kIdentity,
+         std::string("has serial number '") + identity.serial + "', the configuration wants '" + options_.serial + "'");
   }
 }
 
 void Teensy::start_from(const wire::Identity& identity) {
   const auto device_us = static_cast<std::int64_t>(identity.device_us);
-  const bool went_on = is_known_ && device_us >= device_us_ &&
-                       static_cast<std::int32_t>(identity.next_sequence - next_sequence_) >= 0;
+  const bool went_on =
+      is_known_ && device_us >= device_us_ && static_cast<std::int32_t>(identity.next_sequence - next_sequence_) >= 0;
   if (went_on) {
     lost_ += identity.next_sequence - next_sequence_;
   } else {
@@ -173,8 +174,7 @@ void Teensy::disconnect() noexcept {
   is_connected_ = false;
 }
 
-Poll Teensy::poll(std::span<Sample> samples_out, std::span<clock::Exchange> exchanges_out,
-                  std::int64_t timeout_ns) {
+Poll Teensy::poll(std::span<Sample> samples_out, std::span<clock::Exchange> exchanges_out, std::int64_t timeout_ns) {
   if (!is_connected_) fail(Fault::kDisconnected, "not connected");
   // What did not fit last time comes first. Reading on while the caller has no room would only hide from the
   // device that its host stalls; it counts better than a growing queue here would.
@@ -262,15 +262,14 @@ void Teensy::handle(const wire::TimeSyncReply& reply, std::int64_t recv_ns) {
     return;
   }
   // As stamped, rounded down to whole microseconds: clock::MapOptions::device_resolution_us accounts for that.
-  exchanges_.items.push_back({request.send_ns, recv_ns, static_cast<double>(reply.device_rx_us),
-                              static_cast<double>(reply.device_tx_us)});
+  exchanges_.items.push_back(
+      {request.send_ns, recv_ns, static_cast<double>(reply.device_rx_us), static_cast<double>(reply.device_tx_us)});
 }
 
 void Teensy::see_device_time(std::uint64_t device_us) {
   // A sample may be younger than the message before it by the time it took to queue, never by a second.
   const auto now_us = static_cast<std::int64_t>(device_us);
-  if (now_us < device_us_ - 1'000'000)
-    fail(Fault::kDisconnected, "the device started anew (its clock went back)");
+  if (now_us < device_us_ - 1'000'000) fail(Fault::kDisconnected, "the device started anew (its clock went back)");
   device_us_ = std::max(device_us_, now_us);
 }
 

@@ -33,7 +33,7 @@ class Teensy final : public Device {
   /// Since construction, beyond what Poll says.
   struct Counters {
     std::uint64_t duplicates = 0;
-    std::uint64_t unexpected = 0;  ///< intact frames of a type, version or length that has no place here
+    std::uint64_t unexpected = 0;         ///< intact frames of a type, version or length that has no place here
     std::uint64_t unmatched_replies = 0;  ///< time-sync replies whose request is unknown or too old
     std::uint64_t sync_edges_lost = 0;
   };
@@ -49,8 +49,7 @@ class Teensy final : public Device {
   Identity connect() override;
   void disconnect() noexcept override;
   [[nodiscard]] bool has_reappeared() noexcept override { return stream_->has_reappeared(); }
-  Poll poll(std::span<Sample> samples_out, std::span<clock::Exchange> exchanges_out,
-            std::int64_t timeout_ns) override;
+  Poll poll(std::span<Sample> samples_out, std::span<clock::Exchange> exchanges_out, std::int64_t timeout_ns) override;
   /// Throws kRefused for duties outside 0..1000 or both above 0. Ignores `regulator_psi`.
   void command(const Command& command) override;
   void heartbeat() override;

@@ -34,17 +34,14 @@ std::string error_text(int error) {
     case ENOENT:
     case ENODEV:
     case ENXIO:
-      throw DeviceError(Fault::kDisconnected,
-                        path +
-                            ": no such device; is it plugged in, and is its program running? "
-                            "`ls -l /dev/serial/by-id` lists what is there");
+      throw DeviceError(Fault::kDisconnected, path +
+                                                  ": no such device; is it plugged in, and is its program running? "
+                                                  "`ls -l /dev/serial/by-id` lists what is there");
     case EACCES:
     case EPERM:
-      throw DeviceError(Fault::kRefused,
-                        path + ": no permission; serial devices belong to the group `dialout`");
+      throw DeviceError(Fault::kRefused, path + ": no permission; serial devices belong to the group `dialout`");
     case EBUSY:
-      throw DeviceError(Fault::kDisconnected,
-                        path + ": another program has it open; `fuser -v " + path + "` names it");
+      throw DeviceError(Fault::kDisconnected, path + ": another program has it open; `fuser -v " + path + "` names it");
     default:
       throw DeviceError(Fault::kDisconnected, path + ": cannot open: " + error_text(error));
   }
@@ -120,8 +117,7 @@ void TtyStream::fail_disconnected(const std::string& what) {
 bool TtyStream::wait_for(short events, std::int64_t timeout_ns) {
   pollfd waiting{fd_, events, 0};
   const std::int64_t wait_ns = std::max<std::int64_t>(timeout_ns, 0);
-  const timespec timeout{static_cast<time_t>(wait_ns / 1'000'000'000),
-                         static_cast<long>(wait_ns % 1'000'000'000)};
+  const timespec timeout{static_cast<time_t>(wait_ns / 1'000'000'000), static_cast<long>(wait_ns % 1'000'000'000)};
   int ready = 0;
   do {
     ready = ppoll(&waiting, 1, &timeout, nullptr);
@@ -140,8 +136,7 @@ std::size_t TtyStream::read_some(std::span<std::uint8_t> out, std::int64_t timeo
   const ssize_t size = ::read(fd_, out.data(), out.size());
   if (size > 0) return static_cast<std::size_t>(size);
   if (size < 0 && (errno == EAGAIN || errno == EINTR)) return 0;
-  fail_disconnected(size == 0 ? "the device is gone (end of file)"
-                              : "the device is gone (" + error_text(errno) + ")");
+  fail_disconnected(size == 0 ? "the device is gone (end of file)" : "the device is gone (" + error_text(errno) + ")");
 }
 
 void TtyStream::write_all(std::span<const std::uint8_t> bytes) {

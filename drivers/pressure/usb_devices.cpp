@@ -52,10 +52,14 @@ UsbKind kind_of(std::uint16_t vendor, std::uint16_t product) {
   // Others share 16c0, but not its 04xx: PJRC's own udev rules match that too.
   if (vendor != kPjrc || product >> 8U != 0x04) return UsbKind::kOther;
   switch (product) {
-    case 0x0483: return UsbKind::kTeensy;
-    case 0x0478: return UsbKind::kBootloader;
-    case 0x0477: return UsbKind::kRebootor;
-    default: return UsbKind::kOtherPjrc;
+    case 0x0483:
+      return UsbKind::kTeensy;
+    case 0x0478:
+      return UsbKind::kBootloader;
+    case 0x0477:
+      return UsbKind::kRebootor;
+    default:
+      return UsbKind::kOtherPjrc;
   }
 }
 
@@ -179,7 +183,8 @@ std::string problem_of(const UsbDevice& device) {
              " is no plain serial port); flash " + kFirmware + " (README beside it)";
     case UsbKind::kOther:
       return "is no Teensy; the rig's pressure device is a Teensy at 16c0:0483";
-    case UsbKind::kTeensy: break;
+    case UsbKind::kTeensy:
+      break;
   }
   if (device.is_claimed) {
     const std::string who = programs_with_open(device.node);

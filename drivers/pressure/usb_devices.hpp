@@ -16,9 +16,9 @@ enum class UsbKind {
 };
 
 struct UsbDevice {
-  std::string name;           ///< the kernel's: bus, then ports ("1-1.2")
-  std::filesystem::path node; ///< /dev/bus/usb/001/004
-  std::string tty;            ///< /dev/ttyACM0; empty without one
+  std::string name;            ///< the kernel's: bus, then ports ("1-1.2")
+  std::filesystem::path node;  ///< /dev/bus/usb/001/004
+  std::string tty;             ///< /dev/ttyACM0; empty without one
   std::uint16_t vendor_id = 0, product_id = 0;
   std::string serial, manufacturer, product;
   UsbKind kind = UsbKind::kOther;

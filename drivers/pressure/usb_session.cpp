@@ -48,8 +48,7 @@ struct UsbSession::Transfer {
   bool is_in_flight = false;
 };
 
-UsbSession::UsbSession(libusb_context* context, const UsbDevice& device, const Options& options,
-                       UsbCounters& counters)
+UsbSession::UsbSession(libusb_context* context, const UsbDevice& device, const Options& options, UsbCounters& counters)
     : name_(describe(device)), options_(options), counters_(counters), context_(context) {
   packets_.resize(options.queued_packets);
   try {
@@ -72,9 +71,7 @@ UsbSession::~UsbSession() {
 }
 
 void UsbSession::open(libusb_context* context, const UsbDevice& device) {
-  const auto fail = [&](const std::string& what) {
-    throw DeviceError(Fault::kDisconnected, name_ + ": " + what);
-  };
+  const auto fail = [&](const std::string& what) { throw DeviceError(Fault::kDisconnected, name_ + ": " + what); };
   // Opened here and handed over, since libusb_open() finds only what its own list knows, and without a running udev
   // that list does not learn of new devices.
   fd_ = ::open(device.node.c_str(), O_RDWR | O_CLOEXEC);
@@ -139,7 +136,8 @@ bool UsbSession::submit(Pipe& pipe, Transfer& transfer) noexcept {
 
 bool UsbSession::set_line_state(bool has_terminal) noexcept {
   Transfer& t = *control_.transfers.front();
-  libusb_fill_control_setup(t.data.data(), kClassInterfaceOut, kSetControlLineState, has_terminal ? kDtr : 0, kControlInterface, 0);
+  libusb_fill_control_setup(t.data.data(), kClassInterfaceOut, kSetControlLineState, has_terminal ? kDtr : 0,
+                            kControlInterface, 0);
   libusb_fill_control_transfer(t.usb, handle_, t.data.data(), completed, &t, kControlTimeout_ms);
   return submit(control_, t);
 }
@@ -190,10 +188,16 @@ void UsbSession::write_completed(Transfer& transfer, std::int64_t now_ns) noexce
 
 void UsbSession::judge(Pipe& pipe, int status, std::int64_t now_ns) noexcept {
   switch (status) {
-    case LIBUSB_TRANSFER_COMPLETED: pipe.failing_since_ns = 0; return;
-    case LIBUSB_TRANSFER_CANCELLED: return;
-    case LIBUSB_TRANSFER_NO_DEVICE: lose("the device is gone (unplugged, or reset)"); return;
-    default: break;
+    case LIBUSB_TRANSFER_COMPLETED:
+      pipe.failing_since_ns = 0;
+      return;
+    case LIBUSB_TRANSFER_CANCELLED:
+      return;
+    case LIBUSB_TRANSFER_NO_DEVICE:
+      lose("the device is gone (unplugged, or reset)");
+      return;
+    default:
+      break;
   }
   const bool is_stall = status == LIBUSB_TRANSFER_STALL;
   // All that was queued fails with the first; that is one incident.

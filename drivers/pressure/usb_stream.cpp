@@ -36,8 +36,8 @@ class UsbStream::Events {
  public:
   Events() {
     if (const int error = libusb_init(&context_); error != 0) {
-      throw DeviceError(Fault::kRefused, std::string("USB cannot be used: ") + libusb_error_name(error) +
-                                             "; is /dev/bus/usb there?");
+      throw DeviceError(Fault::kRefused,
+                        std::string("USB cannot be used: ") + libusb_error_name(error) + "; is /dev/bus/usb there?");
     }
     // What libusb itself asks libudev for; without the daemon its promise of callbacks is empty.
     if (::access("/run/udev/control", F_OK) == 0 && libusb_has_capability(LIBUSB_CAP_HAS_HOTPLUG) != 0) {

@@ -150,8 +150,8 @@ class Board final : public Hardware {
 int main() {
   using namespace isorig::firmware;
   static mps2::Board board;
-  static Application application(
-      {.cycles_per_us = mps2::kClock_MHz, .serial = "QEMU0", .firmware = ISORIG_VERSION}, board);
+  static Application application({.cycles_per_us = mps2::kClock_MHz, .serial = "QEMU0", .firmware = ISORIG_VERSION},
+                                 board);
   board.start();
   application.start();
   for (;;) {

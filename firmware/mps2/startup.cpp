@@ -25,5 +25,5 @@ struct VectorTable {
 extern const VectorTable vectors;
 __attribute__((section(".vectors"), used))
 const VectorTable vectors = {_stack_top,
-                             {reset_handler, fault, fault, fault, fault, fault, nullptr, nullptr, nullptr,
-                              nullptr, fault, fault, nullptr, fault, mps2::tick}};
+                             {reset_handler, fault, fault, fault, fault, fault, nullptr, nullptr, nullptr, nullptr,
+                              fault, fault, nullptr, fault, mps2::tick}};

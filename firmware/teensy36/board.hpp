@@ -23,12 +23,8 @@ class Board final : public Hardware {
 
   [[nodiscard]] uint32_t cycle_counter() noexcept override;
   [[nodiscard]] bool is_link_open() noexcept override { return usb_.is_open(); }
-  [[nodiscard]] size_t receive(uint8_t* out, size_t size) noexcept override {
-    return usb_.receive(out, size);
-  }
-  [[nodiscard]] bool send(const uint8_t* bytes, size_t size) noexcept override {
-    return usb_.send(bytes, size);
-  }
+  [[nodiscard]] size_t receive(uint8_t* out, size_t size) noexcept override { return usb_.receive(out, size); }
+  [[nodiscard]] bool send(const uint8_t* bytes, size_t size) noexcept override { return usb_.send(bytes, size); }
   void discard_output() noexcept override { usb_.discard_output(); }
 
   void drive_coils(uint16_t fill_permille, uint16_t vent_closing_permille) noexcept override;

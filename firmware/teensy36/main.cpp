@@ -7,8 +7,7 @@ int main() {
   static teensy36::Board board;
   board.start();
   static Application application(
-      {.cycles_per_us = teensy36::kCore_MHz, .serial = teensy36::serial_number(), .firmware = ISORIG_VERSION},
-      board);
+      {.cycles_per_us = teensy36::kCore_MHz, .serial = teensy36::serial_number(), .firmware = ISORIG_VERSION}, board);
   application.start();
   for (;;) {
     board.run();

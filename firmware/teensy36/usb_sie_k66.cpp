@@ -110,8 +110,7 @@ void UsbSieK66::arm(uint8_t endpoint, bool is_in, uint8_t bank, uint8_t* buffer,
   one.address = static_cast<uint32_t>(reinterpret_cast<uintptr_t>(buffer));
   // The bytes have to be in memory before the engine owns them.
   asm volatile("dmb" ::: "memory");
-  one.control =
-      static_cast<uint32_t>(size) << kSizeShift | kOwnedByEngine | kCheckToggle | (is_data1 ? kData1 : 0U);
+  one.control = static_cast<uint32_t>(size) << kSizeShift | kOwnedByEngine | kCheckToggle | (is_data1 ? kData1 : 0U);
 }
 
 void UsbSieK66::disarm(uint8_t endpoint, bool is_in, uint8_t bank) noexcept {

@@ -13,16 +13,15 @@
 #include "identify/diagnose/search/calibration.hpp"
 #include "identify/diagnose/search/hysteresis.hpp"
 #include "identify/diagnose/search/parsimony.hpp"
+#include "identify/diagnose/signal/noise_level.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
-#include "identify/diagnose/signal/noise_level.hpp"
 
 namespace isorig::identify {
 namespace {
 
 /// rms of measured minus simulated force over all usable rows.
-double rmse(const model::ModelSpec& spec, std::span<const Series> series,
-            std::span<const std::vector<bool>> usable) {
+double rmse(const model::ModelSpec& spec, std::span<const Series> series, std::span<const std::vector<bool>> usable) {
   double squares = 0.0;
   std::size_t count = 0;
   for (std::size_t i = 0; i < series.size(); ++i) {
@@ -40,8 +39,7 @@ double rmse(const model::ModelSpec& spec, std::span<const Series> series,
 }
 
 /// The time of a slip to the row: bins only say between which of them it was.
-void place_slips(model::ModelSpec& spec, std::span<const Series> series,
-                 std::span<const std::vector<bool>> usable) {
+void place_slips(model::ModelSpec& spec, std::span<const Series> series, std::span<const std::vector<bool>> usable) {
   for (auto& part : spec.parts) {
     if (part.physics->name != "grip_slip") continue;
     const Series& first = series[0];
@@ -144,8 +142,9 @@ void warn_of_pressures(std::span<const Series> series, Diagnosis& diagnosis) {
 /// A verdict on numbers that are none is no verdict.
 void refuse_unless_finite(const Diagnosis& d) {
   bool finite = true;
-  for (const double value : {d.noise_N, d.noise_scale, d.unexplained, d.nominal_errors.train_rmse_N, d.nominal_errors.heldout_rmse_N,
-                             d.model_errors.train_rmse_N, d.model_errors.heldout_rmse_N}) {
+  for (const double value :
+       {d.noise_N, d.noise_scale, d.unexplained, d.nominal_errors.train_rmse_N, d.nominal_errors.heldout_rmse_N,
+        d.model_errors.train_rmse_N, d.model_errors.heldout_rmse_N}) {
     finite = finite && std::isfinite(value);
   }
   for (const MissingEffect& missing : d.missing) {
@@ -192,12 +191,11 @@ std::string mixed_pressures(std::span<const double> nominal_psi) {
   const auto [low, high] = std::ranges::minmax(nominal_psi);
   if (high - low <= 0.05 * high) return {};
   char text[240];
-  std::snprintf(
-      text, sizeof text,
-      "The recordings were made at nominal pressures from %.3g to %.3g psi and are fitted with one "
-      "material. An actuator's stiffness follows its pressure: diagnose each pressure by itself, unless "
-      "that is what is to be shown.",
-      low, high);
+  std::snprintf(text, sizeof text,
+                "The recordings were made at nominal pressures from %.3g to %.3g psi and are fitted with one "
+                "material. An actuator's stiffness follows its pressure: diagnose each pressure by itself, unless "
+                "that is what is to be shown.",
+                low, high);
   return text;
 }
 
@@ -219,12 +217,10 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     constexpr std::size_t kFewest = 100;
     if (frame.size() < kFewest)
       throw std::invalid_argument(names[i] + ": " + std::to_string(frame.size()) +
-                                  " rows are too few to judge a model by (at least " +
-                                  std::to_string(kFewest) + ")");
+                                  " rows are too few to judge a model by (at least " + std::to_string(kFewest) + ")");
     if (!moves(recordings[i]) && !(nominal.has("pressure_coupling") && pressure_moves(recordings[i])))
       throw std::invalid_argument(
-          names[i] +
-          ": nothing moves in this recording, or its samples are too far apart to follow the motion");
+          names[i] + ": nothing moves in this recording, or its samples are too far apart to follow the motion");
     refuse_implausible(recordings[i], names[i], nominal);
     if (auto odd = odd_pressure(recordings[i])) study.faults.push_back(std::move(*odd));
   }
@@ -238,12 +234,11 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     const Excitation& excitation = study.series.back().excitation;
     if (excitation.pressure_clock_s != 0.0) {
       char text[160];
-      std::snprintf(
-          text, sizeof text,
-          "the pressure's time stamps are %.3f s (+- %.3f s) %s against the frame's, by its response to "
-          "the motion; corrected",
-          std::fabs(excitation.pressure_clock_s), excitation.pressure_clock_error_s,
-          excitation.pressure_clock_s > 0.0 ? "late" : "early");
+      std::snprintf(text, sizeof text,
+                    "the pressure's time stamps are %.3f s (+- %.3f s) %s against the frame's, by its response to "
+                    "the motion; corrected",
+                    std::fabs(excitation.pressure_clock_s), excitation.pressure_clock_error_s,
+                    excitation.pressure_clock_s > 0.0 ? "late" : "early");
       study.faults.push_back({"clock", excitation.instants.front().t_s, excitation.instants.back().t_s, 0, text});
     }
   }
@@ -303,8 +298,8 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
 
   for (std::size_t i = 0; i < selection.pool.size(); ++i) {
     const Hypothesis& h = selection.pool[i];
-    out.tried.push_back({h.key(), selection.weight[i], h.evidence, selection.excess[i],
-                         std::ranges::count(h.fit.at_bound, true) > 0});
+    out.tried.push_back(
+        {h.key(), selection.weight[i], h.evidence, selection.excess[i], std::ranges::count(h.fit.at_bound, true) > 0});
   }
   std::ranges::stable_sort(out.tried, std::greater<>(), &Explanation::weight);
   out.rows = chosen.fit.rows;
@@ -331,8 +326,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     }
   }
   for (MissingEffect& missing : out.missing)
-    missing.probability =
-        calibrated(missing.probability, out.unexplained, out.verdict == Verdict::kUnknownPhysics);
+    missing.probability = calibrated(missing.probability, out.unexplained, out.verdict == Verdict::kUnknownPhysics);
   out.nominal_errors.train_rmse_N = rmse(out.nominal, study.series, study.usable);
   out.model_errors.train_rmse_N = rmse(out.model, study.series, study.usable);
   out.nominal_errors.heldout_rmse_N = left_out_rmse(problem, out.nominal, options.threads);
@@ -368,8 +362,7 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
   }
   json["alternatives"] = ordered_json::array();
   for (const Alternative& alternative : d.alternatives)
-    json["alternatives"].push_back(
-        {{"effects", alternative.effects}, {"probability", alternative.probability}});
+    json["alternatives"].push_back({{"effects", alternative.effects}, {"probability", alternative.probability}});
   json["where"] = ordered_json::array();
   for (const Place& place : d.where) {
     json["where"].push_back({{"t_start_s", place.t_start_s},
@@ -387,10 +380,8 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
   json["fit"] = {
       {"noise_N", d.noise_N},
       {"nominal",
-       {{"train_rmse_N", d.nominal_errors.train_rmse_N},
-        {"heldout_rmse_N", d.nominal_errors.heldout_rmse_N}}},
-      {"model",
-       {{"train_rmse_N", d.model_errors.train_rmse_N}, {"heldout_rmse_N", d.model_errors.heldout_rmse_N}}}};
+       {{"train_rmse_N", d.nominal_errors.train_rmse_N}, {"heldout_rmse_N", d.nominal_errors.heldout_rmse_N}}},
+      {"model", {{"train_rmse_N", d.model_errors.train_rmse_N}, {"heldout_rmse_N", d.model_errors.heldout_rmse_N}}}};
   json["heldout"] = ordered_json::array();
   for (const LeftOut& one : d.heldout.left_out)
     json["heldout"].push_back({{"by", one.by},
@@ -400,10 +391,8 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
                                {"model_rmse_N", one.model_rmse_N}});
   json["stability"] = ordered_json::array();
   for (const Stability& one : d.heldout.stability)
-    json["stability"].push_back({{"parameter", one.parameter},
-                                 {"value", one.value},
-                                 {"lowest", one.lowest},
-                                 {"highest", one.highest}});
+    json["stability"].push_back(
+        {{"parameter", one.parameter}, {"value", one.value}, {"lowest", one.lowest}, {"highest", one.highest}});
   json["noise"] = {{"white_N", d.instrument.white_N},
                    {"coloured_N", d.instrument.coloured_N},
                    {"correlation_s", d.instrument.correlation_s},
@@ -419,8 +408,7 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
   if (!d.described_by.empty())
     json["described"] = {
         {"function_of", d.described_by},
-        {"text",
-         "structure that no effect of the catalogue explains, in few numbers or as a table in model.toml"}};
+        {"text", "structure that no effect of the catalogue explains, in few numbers or as a table in model.toml"}};
   json["unexplained_share"] = d.unexplained;
   json["bins"] = d.rows;
   json["noise_scale"] = d.noise_scale;

@@ -55,7 +55,7 @@ struct Diagnosis {
   std::vector<Place> where;
   std::vector<DataFault> faults;
   std::vector<std::string> warnings;  ///< what changes the meaning of all of it; stands first, everywhere
-  std::vector<std::string> notes;  ///< equivalences, limits of what was shown, what stays unexplained
+  std::vector<std::string> notes;     ///< equivalences, limits of what was shown, what stays unexplained
   double noise_N = 0.0;
   NoiseModel instrument;
   NoiseSource noise_source = NoiseSource::kDifferences;

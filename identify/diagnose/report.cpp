@@ -104,14 +104,13 @@ void write_diagnosis_report(const Study& study, const std::filesystem::path& fol
       page.paragraph(std::string(missing.effect->what) +
                      " What would show it: " + std::string(missing.effect->reveals));
   }
-  page.table(
-      {"", "rms, N"},
-      {{"nominal model", number_text(d.nominal_errors.train_rmse_N)},
-       {"model with it", number_text(d.model_errors.train_rmse_N)},
-       {"nominal model, a block of moves left out in turn", number_text(d.nominal_errors.heldout_rmse_N)},
-       {"model with it, the same", number_text(d.model_errors.heldout_rmse_N)},
-       {"noise of the force channel", number_text(d.noise_N)}},
-      "Measured minus simulated force");
+  page.table({"", "rms, N"},
+             {{"nominal model", number_text(d.nominal_errors.train_rmse_N)},
+              {"model with it", number_text(d.model_errors.train_rmse_N)},
+              {"nominal model, a block of moves left out in turn", number_text(d.nominal_errors.heldout_rmse_N)},
+              {"model with it, the same", number_text(d.model_errors.heldout_rmse_N)},
+              {"noise of the force channel", number_text(d.noise_N)}},
+             "Measured minus simulated force");
   if (!d.heldout.left_out.empty()) {
     std::vector<std::vector<std::string>> rows;
     for (const LeftOut& one : d.heldout.left_out)
@@ -120,8 +119,7 @@ void write_diagnosis_report(const Study& study, const std::filesystem::path& fol
                "Motions left out of the fit in turn, and predicted");
     rows.clear();
     for (const Stability& one : d.heldout.stability)
-      rows.push_back(
-          {one.parameter, number_text(one.value), number_text(one.lowest), number_text(one.highest)});
+      rows.push_back({one.parameter, number_text(one.value), number_text(one.lowest), number_text(one.highest)});
     page.table({"number of the model", "from everything", "lowest", "highest"}, rows,
                "The model's numbers over these fits");
   }
@@ -184,14 +182,13 @@ void write_diagnosis_report(const Study& study, const std::filesystem::path& fol
   std::vector<std::string> items;
   for (const DataFault& fault : d.faults) items.push_back(fault.kind + ": " + fault.text);
   items.push_back("Force noise: white " + number_text(d.instrument.white_N) + " N" +
-                  (d.instrument.coloured_N > 0.0
-                       ? ", coloured " + number_text(d.instrument.coloured_N) + " N over " +
-                             number_text(d.instrument.correlation_s) + " s"
-                       : std::string()) +
+                  (d.instrument.coloured_N > 0.0 ? ", coloured " + number_text(d.instrument.coloured_N) + " N over " +
+                                                       number_text(d.instrument.correlation_s) + " s"
+                                                 : std::string()) +
                   ", from " + std::string(name_of(d.noise_source)) +
                   (d.noise_source == NoiseSource::kRests ? "." : " (there are no rests)."));
-  items.push_back("Share of the nominal model's excess that stays unexplained: " +
-                  number_text(100.0 * d.unexplained, 3) + " %.");
+  items.push_back(
+      "Share of the nominal model's excess that stays unexplained: " + number_text(100.0 * d.unexplained, 3) + " %.");
   page.list(items);
   for (const std::string& note : d.notes) page.note(note);
   page.write(folder, {.png = false}, "diagnosis-report.html");

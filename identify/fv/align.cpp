@@ -73,8 +73,8 @@ Spectrum spectrum(Eigen::FFT<double>& fft, Vector data, std::size_t size) {
 }
 
 /// Response at every lag, for one template and one stretch of the pressure.
-void correlate(Eigen::FFT<double>& fft, const Spectrum& s_spectrum, const Spectrum& p_spectrum,
-               const Vector& s, std::size_t pressure_size, Coarse& best, double skew, double gamma_per_s) {
+void correlate(Eigen::FFT<double>& fft, const Spectrum& s_spectrum, const Spectrum& p_spectrum, const Vector& s,
+               std::size_t pressure_size, Coarse& best, double skew, double gamma_per_s) {
   const std::size_t size = s_spectrum.size();
   Spectrum product(size);
   for (std::size_t i = 0; i < size; ++i) product[i] = s_spectrum[i] * std::conj(p_spectrum[i]);
@@ -86,8 +86,7 @@ void correlate(Eigen::FFT<double>& fft, const Spectrum& s_spectrum, const Spectr
   std::vector<std::pair<long, double>> scores;
   const long lowest = -static_cast<long>(pressure_size) + 1, highest = static_cast<long>(s.size()) - 1;
   for (long lag = lowest; lag <= highest; ++lag) {
-    const long a = std::max(0L, lag),
-               b = std::min(static_cast<long>(s.size()), lag + static_cast<long>(pressure_size));
+    const long a = std::max(0L, lag), b = std::min(static_cast<long>(s.size()), lag + static_cast<long>(pressure_size));
     if (b <= a) continue;
     const double overlap = energy[static_cast<std::size_t>(b)] - energy[static_cast<std::size_t>(a)];
     if (overlap < 0.3 * energy.back()) continue;  // too few strokes in common
@@ -125,8 +124,8 @@ struct Window {
 /// Windows round the strokes, least squares of level, drift and response in each; shared A.
 class WindowFit {
  public:
-  WindowFit(const messages::FrameSamples& frame, const messages::PressureSamples& pressure,
-            std::vector<Window> windows, double reference_s)
+  WindowFit(const messages::FrameSamples& frame, const messages::PressureSamples& pressure, std::vector<Window> windows,
+            double reference_s)
       : frame_(frame), pressure_(pressure), windows_(std::move(windows)), reference_s_(reference_s) {}
 
   /// Residual of all windows for offset, skew, ln gamma; A is eliminated. `shift` moves one window's times.
@@ -203,15 +202,13 @@ AlignResult align(const messages::FrameSamples& frame, const messages::PressureS
     result.refusal = "Not aligned: " + std::move(why);
     return result;
   };
-  if (frame.size() < 20 || pressure.size() < 20)
-    return refuse("one of the streams has fewer than 20 samples.");
+  if (frame.size() < 20 || pressure.size() < 20) return refuse("one of the streams has fewer than 20 samples.");
   const auto moves = find_moves(frame.t_s, frame.position_mm);
   if (moves.empty()) return refuse("nothing moves in the frame's stream, so there is no event to look for.");
 
   // Coarse: every lag, a few recoveries, skews so close that the strokes stay within half a second.
   Eigen::FFT<double> fft;
-  const double span_s =
-      std::min(frame.t_s.back() - frame.t_s.front(), pressure.t_s.back() - pressure.t_s.front());
+  const double span_s = std::min(frame.t_s.back() - frame.t_s.front(), pressure.t_s.back() - pressure.t_s.front());
   if (span_s < 5.0) return refuse("the streams are shorter than 5 s.");
   const int skew_steps = static_cast<int>(std::ceil(options.largest_skew * span_s / 0.5));
   Coarse best;
@@ -225,28 +222,25 @@ AlignResult align(const messages::FrameSamples& frame, const messages::PressureS
     while (size < p.size() + templates.front().size()) size *= 2;
     const Spectrum p_spectrum = spectrum(fft, p, size);
     for (std::size_t g = 0; g < gammas.size(); ++g)
-      correlate(fft, spectrum(fft, templates[g], size), p_spectrum, templates[g], p.size(), best, skew,
-                gammas[g]);
+      correlate(fft, spectrum(fft, templates[g], size), p_spectrum, templates[g], p.size(), best, skew, gammas[g]);
   }
   if (best.significance < 8.0)
-    return refuse(formatted(
-        "the pressure shows no response to the strokes (%.1f times its own scatter at the best lag; 8 are "
-        "asked for). A well-regulated or unconnected pressure has nothing to align by.",
-        best.significance));
+    return refuse(
+        formatted("the pressure shows no response to the strokes (%.1f times its own scatter at the best lag; 8 are "
+                  "asked for). A well-regulated or unconnected pressure has nothing to align by.",
+                  best.significance));
   if (best.second > 0.9 * best.score)
-    return refuse(formatted(
-        "two lags explain the pressure nearly alike (%.0f %% against 100 %%): the strokes repeat too "
-        "regularly, or too few are in both streams.",
-        100.0 * best.second / best.score));
+    return refuse(
+        formatted("two lags explain the pressure nearly alike (%.0f %% against 100 %%): the strokes repeat too "
+                  "regularly, or too few are in both streams.",
+                  100.0 * best.second / best.score));
 
   // Fine: in windows round the strokes that move fast enough to show.
   double fastest = 0.0;
   for (const Move& m : moves)
     if (std::isfinite(m.velocity_mm_s.value)) fastest = std::max(fastest, std::abs(m.velocity_mm_s.value));
   const double start_s = frame.t_s.front() + best.lag_s;  // of the pressure grid, on the frame's clock
-  auto to_pressure = [&](double t_frame) {
-    return pressure.t_s.front() + (t_frame - start_s) / (1.0 + best.skew);
-  };
+  auto to_pressure = [&](double t_frame) { return pressure.t_s.front() + (t_frame - start_s) / (1.0 + best.skew); };
   std::vector<Window> windows;
   double covered_to = -std::numeric_limits<double>::infinity();
   for (const Move& m : moves) {
@@ -255,8 +249,7 @@ AlignResult align(const messages::FrameSamples& frame, const messages::PressureS
     if (begin < frame.t_s.front() + 1.0 || end > frame.t_s.back() - 1.0 || end < begin + 4.0) continue;
     const auto a =
         std::lower_bound(pressure.t_s.begin(), pressure.t_s.end(), to_pressure(begin)) - pressure.t_s.begin();
-    const auto b =
-        std::lower_bound(pressure.t_s.begin(), pressure.t_s.end(), to_pressure(end)) - pressure.t_s.begin();
+    const auto b = std::lower_bound(pressure.t_s.begin(), pressure.t_s.end(), to_pressure(end)) - pressure.t_s.begin();
     if (b - a < 12) continue;
     windows.push_back({m.t_start_s, static_cast<std::size_t>(a), static_cast<std::size_t>(b)});
     covered_to = end;
@@ -318,8 +311,7 @@ AlignResult align(const messages::FrameSamples& frame, const messages::PressureS
   a.response = amplitude;
   a.recovery_per_s = std::exp(q[2]);
   a.significance = best.significance;
-  const double n = static_cast<double>(r.size()),
-               used = static_cast<double>(free.size() + 1 + 2 * windows.size());
+  const double n = static_cast<double>(r.size()), used = static_cast<double>(free.size() + 1 + 2 * windows.size());
   const double variance = ssr / std::max(1.0, n - used) * inflation_of(r);
   const Eigen::MatrixXd covariance = variance * (jacobian.transpose() * jacobian).inverse();
   // What each stroke alone would say: their scatter is the check that no model of the response can fool.
@@ -347,13 +339,12 @@ AlignResult align(const messages::FrameSamples& frame, const messages::PressureS
   const double reach = std::max(pressure.t_s.back() - reference, reference - pressure.t_s.front());
   a.worst_error_s = std::hypot(a.offset_s.standard_error, a.skew.standard_error * reach);
   if (!(a.worst_error_s <= options.largest_error_s))
-    return refuse(formatted(
-        "the mapping would be uncertain by %.2g s (1 sigma) at the end of the record; %.2g s are allowed.",
-        a.worst_error_s, options.largest_error_s));
-  if (skew_known && std::abs(a.skew.value) > options.largest_skew + 3.0 * a.skew.standard_error)
     return refuse(
-        formatted("the skew comes out at %.0f ppm, beyond the %.0f ppm that two clocks can differ by.",
-                  1e6 * a.skew.value, 1e6 * options.largest_skew));
+        formatted("the mapping would be uncertain by %.2g s (1 sigma) at the end of the record; %.2g s are allowed.",
+                  a.worst_error_s, options.largest_error_s));
+  if (skew_known && std::abs(a.skew.value) > options.largest_skew + 3.0 * a.skew.standard_error)
+    return refuse(formatted("the skew comes out at %.0f ppm, beyond the %.0f ppm that two clocks can differ by.",
+                            1e6 * a.skew.value, 1e6 * options.largest_skew));
   result.aligned = true;
   return result;
 }

@@ -36,11 +36,10 @@ struct AlignedEvent {
 };
 
 struct Alignment {
-  double reference_s = 0.0;  ///< middle of the strokes, on the pressure clock; errors are independent there
-  Estimate offset_s;         ///< at the reference
-  Estimate skew;             ///< 1; frame seconds per pressure second, minus 1
-  bool skew_known =
-      false;  ///< false: fewer than 3 strokes or a short record, skew taken as 0 +- largest_skew
+  double reference_s = 0.0;     ///< middle of the strokes, on the pressure clock; errors are independent there
+  Estimate offset_s;            ///< at the reference
+  Estimate skew;                ///< 1; frame seconds per pressure second, minus 1
+  bool skew_known = false;      ///< false: fewer than 3 strokes or a short record, skew taken as 0 +- largest_skew
   double worst_error_s = 0.0;   ///< 1 sigma, over the pressure record
   double response = 0.0;        ///< A in psi/mm
   double recovery_per_s = 0.0;  ///< gamma
@@ -57,7 +56,7 @@ struct AlignResult {
   std::string refusal;
 };
 
-[[nodiscard]] AlignResult align(const messages::FrameSamples& frame,
-                                const messages::PressureSamples& pressure, const AlignOptions& options = {});
+[[nodiscard]] AlignResult align(const messages::FrameSamples& frame, const messages::PressureSamples& pressure,
+                                const AlignOptions& options = {});
 
 }  // namespace isorig::identify

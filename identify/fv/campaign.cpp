@@ -38,8 +38,7 @@ Trend count(std::string claim, const CurveMap& curves, const std::function<bool(
         against += (against.empty() ? "; not in " : ", ") + specimen + formatted(" %g psi", pressure);
     }
   }
-  t.measured =
-      t.of == 0 ? "no such specimens in these recordings" : formatted("%d of %d", t.holds, t.of) + against;
+  t.measured = t.of == 0 ? "no such specimens in these recordings" : formatted("%d of %d", t.holds, t.of) + against;
   return t;
 }
 
@@ -92,14 +91,11 @@ std::vector<Trend> trends_of(const Campaign& c) {
         if (lower == nullptr || !lower->result.fit || !curve.result.fit) return std::nullopt;
         return curve.result.fit->parameter("kappa").value < lower->result.fit->parameter("kappa").value;
       }));
-  auto above_control = [&](const std::string& s, double p, const Curve& curve,
-                           int direction) -> std::optional<bool> {
+  auto above_control = [&](const std::string& s, double p, const Curve& curve, int direction) -> std::optional<bool> {
     const Curve* control = control_of(curves, s, p);
     if (control == nullptr) return std::nullopt;
     // Heights in units of the elastic jump: actuators differ in length, so their jumps do.
-    auto height = [&](const Curve& of) {
-      return mean_response(of, direction) / (of.strain_step / of.initial_strain);
-    };
+    auto height = [&](const Curve& of) { return mean_response(of, direction) / (of.strain_step / of.initial_strain); };
     return height(curve) > height(*control);
   };
   out.push_back(count(
@@ -149,8 +145,8 @@ std::vector<Trend> trends_of(const Campaign& c) {
         if (!curve.result.fit || curve.means.empty()) return std::nullopt;
         double slowest = 1e9;
         for (const auto& p : curve.means) slowest = std::min(slowest, std::abs(p.strain_rate_per_s));
-        return model::share_of_asymptote(curve.result.fit->elements,
-                                         {curve.strain_step, curve.initial_strain}, slowest) > 0.8;
+        return model::share_of_asymptote(curve.result.fit->elements, {curve.strain_step, curve.initial_strain},
+                                         slowest) > 0.8;
       }));
   return out;
 }
@@ -185,8 +181,7 @@ Campaign analyse_campaign(std::vector<RecordingResult> recordings) {
       sheathed[name.number].push_back(std::move(r));
   }
   if (controls.empty())
-    throw std::invalid_argument(
-        "a campaign needs at least one control: no specimen is named Control<number>");
+    throw std::invalid_argument("a campaign needs at least one control: no specimen is named Control<number>");
   out.controls = analyse_curves(std::move(controls), FvModel::kSlse1);
   out.sheaths.model = FvModel::kSlse2;
   for (auto& [number, list] : sheathed) {
@@ -209,8 +204,8 @@ Campaign analyse_campaign(std::vector<RecordingResult> recordings) {
   out.fits = r2.size();
   for (double v : r2) out.r_squared_mean += v / static_cast<double>(r2.size());
   for (double v : r2)
-    out.r_squared_sd += (v - out.r_squared_mean) * (v - out.r_squared_mean) /
-                        std::max(1.0, static_cast<double>(r2.size()) - 1.0);
+    out.r_squared_sd +=
+        (v - out.r_squared_mean) * (v - out.r_squared_mean) / std::max(1.0, static_cast<double>(r2.size()) - 1.0);
   out.r_squared_sd = std::sqrt(out.r_squared_sd);
   out.trends = trends_of(out);
   return out;

@@ -20,8 +20,7 @@ using report::Panel;
 using report::Series;
 
 /// Delta FV against shortening velocity, dense round zero.
-Series height_line(const std::vector<FvElement>& elements, const FvTest& test, double widest,
-                   std::string label) {
+Series height_line(const std::vector<FvElement>& elements, const FvTest& test, double widest, std::string label) {
   Series s;
   s.label = std::move(label);
   for (int i = -120; i <= 120; ++i) {
@@ -80,16 +79,14 @@ std::vector<std::string> specimens_of(const Campaign& c) {
   std::vector<std::string> names;
   for (const FvAnalysis* a : {&c.controls, &c.sheaths})
     for (const Curve& curve : a->curves)
-      if (std::find(names.begin(), names.end(), curve.specimen) == names.end())
-        names.push_back(curve.specimen);
+      if (std::find(names.begin(), names.end(), curve.specimen) == names.end()) names.push_back(curve.specimen);
   // Rows are meshes, columns materials in the paper's order.
   auto rank = [](const std::string& name) {
     const SpecimenName n = parse_specimen(name);
     const std::vector<std::string> order{"Control", "Urethane", "Ecoflex", "Carbopol"};
     return std::make_pair(n.number, std::find(order.begin(), order.end(), n.material) - order.begin());
   };
-  std::sort(names.begin(), names.end(),
-            [&](const std::string& a, const std::string& b) { return rank(a) < rank(b); });
+  std::sort(names.begin(), names.end(), [&](const std::string& a, const std::string& b) { return rank(a) < rank(b); });
   return names;
 }
 
@@ -126,15 +123,14 @@ Figure all_curves(const Campaign& c) {
 }
 
 Figure comparison(const Campaign& c, const std::string& specimen, const std::string& file) {
-  Figure f{
-      file,
-      "1-SLSE against 2-SLSE (the paper's figure 6): " + specimen +
-          ", measured (points), its 2-SLSE fit (solid) and the 1-SLSE fit of its control on the same strains "
-          "(black, dashed).",
-      {},
-      4,
-      300,
-      230};
+  Figure f{file,
+           "1-SLSE against 2-SLSE (the paper's figure 6): " + specimen +
+               ", measured (points), its 2-SLSE fit (solid) and the 1-SLSE fit of its control on the same strains "
+               "(black, dashed).",
+           {},
+           4,
+           300,
+           230};
   const auto list = curves_of(c, specimen);
   for (std::size_t i = 0; i < list.size(); ++i) {
     Panel panel;
@@ -184,8 +180,7 @@ Figure ramps_figure(const Campaign& c) {
 
 void parameter_rows(const FvAnalysis& a, std::vector<std::vector<std::string>>& rows) {
   for (const Curve& c : a.curves) {
-    std::vector<std::string> row{c.specimen,
-                                 c.nominal_pressure_psi ? number_text(*c.nominal_pressure_psi, 3) : "-",
+    std::vector<std::string> row{c.specimen, c.nominal_pressure_psi ? number_text(*c.nominal_pressure_psi, 3) : "-",
                                  std::to_string(c.points.size())};
     if (!c.result.fit) {
       row.push_back(c.result.refusal);
@@ -249,8 +244,8 @@ report::Figure parameter_sweeps() {
   int color = 0;
   for (double value : {5.0, 500.0}) {
     for (std::size_t i = 0; i < 3; ++i) {
-      Series s = height_line({fixed, {10, value, betas[i]}}, test, widest,
-                             i == 0 ? "gamma_2 = " + number_text(value, 3) : "");
+      Series s =
+          height_line({fixed, {10, value, betas[i]}}, test, widest, i == 0 ? "gamma_2 = " + number_text(value, 3) : "");
       s.color = color;
       s.width = 0.8 + 0.7 * static_cast<double>(i);
       c.series.push_back(std::move(s));
@@ -260,8 +255,8 @@ report::Figure parameter_sweeps() {
   color = 0;
   for (double value : {2.0, 20.0}) {
     for (std::size_t i = 0; i < 3; ++i) {
-      Series s = height_line({fixed, {value, 50, betas[i]}}, test, widest,
-                             i == 0 ? "kappa_2 = " + number_text(value, 3) : "");
+      Series s =
+          height_line({fixed, {value, 50, betas[i]}}, test, widest, i == 0 ? "kappa_2 = " + number_text(value, 3) : "");
       s.color = color;
       s.width = 0.8 + 0.7 * static_cast<double>(i);
       d.series.push_back(std::move(s));
@@ -277,14 +272,13 @@ report::Figure parameter_sweeps() {
                                                                {"viscous, short", {20, 500, 1}},
                                                                {"elastic, long", {1, 5, 1}},
                                                                {"elastic, short", {1, 500, 1}}};
-  for (const auto& [name, element] : classes)
-    e.series.push_back(height_line({fixed, element}, test, widest, name));
+  for (const auto& [name, element] : classes) e.series.push_back(height_line({fixed, element}, test, widest, name));
   f.panels = {a, b, c, d, e};
   return f;
 }
 
-void write_campaign_report(const Campaign& campaign, const std::filesystem::path& folder,
-                           const std::string& simulated, const report::DrawOptions& options) {
+void write_campaign_report(const Campaign& campaign, const std::filesystem::path& folder, const std::string& simulated,
+                           const report::DrawOptions& options) {
   Page page("The iso-velocity campaign");
   if (!simulated.empty()) page.note(simulated);
   std::size_t ramps = 0, recordings = 0;
@@ -293,10 +287,10 @@ void write_campaign_report(const Campaign& campaign, const std::filesystem::path
       ramps += r.ramps.ramps.size();
       ++recordings;
     }
-  page.paragraph(formatted(
-      "%zu recordings, %zu iso-velocity ramps, %zu fits. R² of the fits: %.3f ± %.3f (mean ± SD); the "
-      "paper reports 0.94 ± 0.05 for its measurements.",
-      recordings, ramps, campaign.fits, campaign.r_squared_mean, campaign.r_squared_sd));
+  page.paragraph(
+      formatted("%zu recordings, %zu iso-velocity ramps, %zu fits. R² of the fits: %.3f ± %.3f (mean ± SD); the "
+                "paper reports 0.94 ± 0.05 for its measurements.",
+                recordings, ramps, campaign.fits, campaign.r_squared_mean, campaign.r_squared_sd));
   page.heading("What the paper's text reports, and what is found here");
   std::vector<std::vector<std::string>> rows;
   for (const Trend& t : campaign.trends)
@@ -321,18 +315,15 @@ void write_campaign_report(const Campaign& campaign, const std::filesystem::path
       page.figure(comparison(campaign, name, file));
       compared = true;
     }
-  if (!compared)
-    page.paragraph("Neither Urethane1 nor Ecoflex2, which the paper shows, is among these recordings.");
+  if (!compared) page.paragraph("Neither Urethane1 nor Ecoflex2, which the paper shows, is among these recordings.");
   page.heading("Parameters");
   rows.clear();
   parameter_rows(campaign.controls, rows);
   parameter_rows(campaign.sheaths, rows);
-  page.table(
-      {"specimen", "pressure (psi)", "points", "kappa [95 %]", "gamma (1/s) [95 %]", "beta [95 %]", "R²"},
-      rows,
-      "Controls: kappa_c, gamma_c. Others: kappa_s, gamma_s, beta_s with the control's held. Without "
-      "brackets: "
-      "not identifiable from these velocities, and this is all that is known (95 %).");
+  page.table({"specimen", "pressure (psi)", "points", "kappa [95 %]", "gamma (1/s) [95 %]", "beta [95 %]", "R²"}, rows,
+             "Controls: kappa_c, gamma_c. Others: kappa_s, gamma_s, beta_s with the control's held. Without "
+             "brackets: "
+             "not identifiable from these velocities, and this is all that is known (95 %).");
   page.write(folder, options, "campaign-report.html");
   report::write_text_file(folder / "campaign.json", json_of(campaign, simulated).dump(1) + "\n");
   write_fv_tables(campaign.controls, folder / "fv-controls");

@@ -22,10 +22,8 @@ RampTrace trace_of(const messages::Recording& recording, const Ramp& ramp) {
   const double duration_s = ramp.move.t_end_s - ramp.move.t_start_s;
   const double begin_s = ramp.move.t_start_s - std::max(0.5, 0.2 * duration_s);
   const double end_s = ramp.move.t_end_s + std::max(3.0, 2.0 * duration_s);
-  const auto first =
-      static_cast<std::size_t>(std::lower_bound(f.t_s.begin(), f.t_s.end(), begin_s) - f.t_s.begin());
-  const auto last =
-      static_cast<std::size_t>(std::upper_bound(f.t_s.begin(), f.t_s.end(), end_s) - f.t_s.begin());
+  const auto first = static_cast<std::size_t>(std::lower_bound(f.t_s.begin(), f.t_s.end(), begin_s) - f.t_s.begin());
+  const auto last = static_cast<std::size_t>(std::upper_bound(f.t_s.begin(), f.t_s.end(), end_s) - f.t_s.begin());
   // Every sample of the ramp, every few of the hold after it.
   const std::size_t every = std::max<std::size_t>(1, (last - first) / 300);
   for (std::size_t i = first; i < last; ++i) {
@@ -94,9 +92,8 @@ std::vector<CurvePoint> average(const std::vector<FvPoint>& points) {
 std::string pressures_text(std::span<const ControlFit> controls) {
   std::string text;
   for (const ControlFit& c : controls)
-    text += (text.empty() ? "" : ", ") + (c.nominal_pressure_psi
-                                              ? std::to_string(*c.nominal_pressure_psi).substr(0, 5) + " psi"
-                                              : "no pressure");
+    text += (text.empty() ? "" : ", ") +
+            (c.nominal_pressure_psi ? std::to_string(*c.nominal_pressure_psi).substr(0, 5) + " psi" : "no pressure");
   return text;
 }
 
@@ -105,8 +102,8 @@ void refuse_unless_finite(FvFitResult& result) {
   if (!result.fit) return;
   // The ends of an interval and a standard error may be unknown; a value may not.
   const auto& fit = *result.fit;
-  if (std::isfinite(fit.residual_rms) &&
-      std::all_of(fit.parameters.begin(), fit.parameters.end(), [](const FittedParameter& p) { return std::isfinite(p.value); })) {
+  if (std::isfinite(fit.residual_rms) && std::all_of(fit.parameters.begin(), fit.parameters.end(),
+                                                     [](const FittedParameter& p) { return std::isfinite(p.value); })) {
     return;
   }
   result.fit.reset();
@@ -179,8 +176,7 @@ std::uint64_t fingerprint(const messages::Recording& recording) {
 
 }  // namespace
 
-RecordingResult analyse_recording(const messages::Recording& recording, std::string path,
-                                  const FvOptions& options) {
+RecordingResult analyse_recording(const messages::Recording& recording, std::string path, const FvOptions& options) {
   RecordingResult out;
   out.path = std::move(path);
   out.specimen = recording.metadata.specimen;

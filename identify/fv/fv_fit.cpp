@@ -23,8 +23,7 @@ template <typename T>
 T ramp_share(const T& u) {
   using std::exp;
   if (u < T(0.02)) {  // next term u^7/40320: below 1e-16 of the value
-    return T(1.0) -
-           u / 2.0 * (T(1.0) - u / 3.0 * (T(1.0) - u / 4.0 * (T(1.0) - u / 5.0 * (T(1.0) - u / 6.0))));
+    return T(1.0) - u / 2.0 * (T(1.0) - u / 3.0 * (T(1.0) - u / 4.0 * (T(1.0) - u / 5.0 * (T(1.0) - u / 6.0))));
   }
   return (T(1.0) - exp(-u)) / u;
 }
@@ -95,8 +94,8 @@ class Problem {
     for (const FvPoint& p : points_) {
       auto* cost = new PointCost{p, control_};
       if (control_)
-        problem.AddResidualBlock(new ceres::AutoDiffCostFunction<PointCost, 1, 1, 1, 1>(cost), nullptr,
-                                 &logs[0], &logs[1], &logs[2]);
+        problem.AddResidualBlock(new ceres::AutoDiffCostFunction<PointCost, 1, 1, 1, 1>(cost), nullptr, &logs[0],
+                                 &logs[1], &logs[2]);
       else
         problem.AddResidualBlock(new ceres::AutoDiffCostFunction<PointCost, 1, 1, 1>(cost), nullptr, &logs[0],
                                  &logs[1]);
@@ -116,8 +115,7 @@ class Problem {
 
   [[nodiscard]] std::vector<model::FvElement> elements(const std::array<double, 3>& logs) const {
     if (!control_) return {{std::exp(logs[0]), std::exp(logs[1]), 1.0}};
-    return {{control_->kappa, control_->gamma_per_s, 1.0},
-            {std::exp(logs[0]), std::exp(logs[1]), std::exp(logs[2])}};
+    return {{control_->kappa, control_->gamma_per_s, 1.0}, {std::exp(logs[0]), std::exp(logs[1]), std::exp(logs[2])}};
   }
 
  private:
@@ -158,8 +156,7 @@ std::vector<std::array<double, 3>> starts(std::span<const FvPoint> points) {
   const double alpha = reduced_height(points, probe) / kappa;
   std::vector<double> gammas;
   if (alpha > 0.0 && alpha < 1.0) gammas.push_back(2.0 * (1.0 - alpha) * probe / step);
-  for (double u : {0.03, 0.3, 3.0, 30.0})
-    gammas.push_back(u * std::sqrt(speeds.front() * speeds.back()) / step);
+  for (double u : {0.03, 0.3, 3.0, 30.0}) gammas.push_back(u * std::sqrt(speeds.front() * speeds.back()) / step);
   std::vector<std::array<double, 3>> out;
   for (double gamma : gammas) out.push_back({std::log(kappa), std::log(gamma), 0.0});
   return out;
@@ -214,12 +211,10 @@ Profile profile(const Problem& problem, const std::array<double, 3>& best, doubl
 }
 
 /// Why a side of the interval is open, in terms of where the tested speeds lie on the curve.
-std::string explain(const FittedParameter& p, const FvFit& fit, std::span<const FvPoint> points,
-                    bool sheath) {
+std::string explain(const FittedParameter& p, const FvFit& fit, std::span<const FvPoint> points, bool sheath) {
   if (p.identifiable) {
     if (p.high > 10.0 * p.low)
-      return formatted("%s is known only to a factor of %.0f from these velocities.", p.name.c_str(),
-                       p.high / p.low);
+      return formatted("%s is known only to a factor of %.0f from these velocities.", p.name.c_str(), p.high / p.low);
     return {};
   }
   const auto speeds = speeds_of(points);
@@ -250,8 +245,7 @@ std::string explain(const FittedParameter& p, const FvFit& fit, std::span<const 
     why = "the sheath's share of the curve cannot be told from a change of its other parameters";
   else
     why = "the scatter of the points is as large as the curve";
-  return p.name + " is not identifiable from these velocities: " + range + " can be said (95 %), because " +
-         why + ".";
+  return p.name + " is not identifiable from these velocities: " + range + " can be said (95 %), because " + why + ".";
 }
 
 FvFitResult fit(std::span<const FvPoint> points, std::optional<model::FvElement> control) {
@@ -260,18 +254,16 @@ FvFitResult fit(std::span<const FvPoint> points, std::optional<model::FvElement>
   for (const FvPoint& p : points)
     if (!(p.initial_strain > 0.0) || !(p.strain_step > 0.0) || p.strain_rate_per_s == 0.0 ||
         !std::isfinite(p.normalized_force)) {
-      result.refusal =
-          "No fit: the specimen is not under tension at the start of its ramps (initial strain " +
-          formatted("%.4g", p.initial_strain) +
-          "), and the model divides by that strain. Are rest_length_mm and "
-          "pressurized_rest_length_mm right?";
+      result.refusal = "No fit: the specimen is not under tension at the start of its ramps (initial strain " +
+                       formatted("%.4g", p.initial_strain) +
+                       "), and the model divides by that strain. Are rest_length_mm and "
+                       "pressurized_rest_length_mm right?";
       return result;
     }
   if (points.size() < parameters + 1) {
     result.refusal = "No fit: " + std::to_string(points.size()) +
-                     (points.size() == 1 ? " usable ramp" : " usable ramps") + ", and " +
-                     std::to_string(parameters) + " parameters with a measure of their error need at least " +
-                     std::to_string(parameters + 1) + ".";
+                     (points.size() == 1 ? " usable ramp" : " usable ramps") + ", and " + std::to_string(parameters) +
+                     " parameters with a measure of their error need at least " + std::to_string(parameters + 1) + ".";
     return result;
   }
   const Problem problem(points, control);
@@ -297,8 +289,7 @@ FvFitResult fit(std::span<const FvPoint> points, std::optional<model::FvElement>
   std::array<double, 2> side_sum{}, side_count{};
   for (const FvPoint& p : points) {
     const model::FvTest test{p.strain_step, p.initial_strain};
-    const double residual =
-        p.normalized_force - model::force_velocity(fit.elements, test, p.strain_rate_per_s);
+    const double residual = p.normalized_force - model::force_velocity(fit.elements, test, p.strain_rate_per_s);
     fit.residuals.push_back(residual);
     spread += (p.normalized_force - mean) * (p.normalized_force - mean);
     const std::size_t side = p.strain_rate_per_s > 0 ? 0 : 1;
@@ -310,8 +301,9 @@ FvFitResult fit(std::span<const FvPoint> points, std::optional<model::FvElement>
   fit.r_squared = spread > 0.0 ? 1.0 - ssr / spread : std::numeric_limits<double>::quiet_NaN();
   // Worse than the points' own mean: no parameter of such a curve means anything.
   if (fit.r_squared < 0.0) {
-    result.refusal = "No fit: the points follow no force-velocity curve of this model; their own mean describes " 
-                     "them better than the best one does. Is the force zeroed, and are the rest lengths right?";
+    result.refusal =
+        "No fit: the points follow no force-velocity curve of this model; their own mean describes "
+        "them better than the best one does. Is the force zeroed, and are the rest lengths right?";
     return result;
   }
   fit.residual_rms = std::sqrt(ssr / n);
@@ -349,8 +341,8 @@ std::vector<FvPoint> points_of(std::span<const Ramp> ramps) {
   std::vector<FvPoint> points;
   for (const Ramp& r : ramps)
     if (r.usable())
-      points.push_back({r.strain_rate_per_s->value, r.normalized_force->value,
-                        r.normalized_force->standard_error, *r.initial_strain, std::abs(*r.strain_step)});
+      points.push_back({r.strain_rate_per_s->value, r.normalized_force->value, r.normalized_force->standard_error,
+                        *r.initial_strain, std::abs(*r.strain_step)});
   return points;
 }
 

@@ -47,8 +47,8 @@ struct FittedParameter {
   /// open.
   double low = 0.0;
   double high = 0.0;
-  bool identifiable = false;  ///< both ends known, less than two decades apart; else `value` means little
-  std::string statement;      ///< empty when there is nothing to say
+  bool identifiable = false;          ///< both ends known, less than two decades apart; else `value` means little
+  std::string statement;              ///< empty when there is nothing to say
   std::vector<ProfilePoint> profile;  ///< increasing value
 };
 

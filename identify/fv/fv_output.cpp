@@ -161,11 +161,10 @@ void write_fv_tables(const FvAnalysis& analysis, const std::filesystem::path& fo
   report::write_text_file(folder / "fv.json", fv_json(analysis));
 
   std::ostringstream ramps, moves;
-  ramps
-      << "recording,specimen,nominal_pressure_psi,t_start_s,t_end_s,from_mm,to_mm,velocity_mm_s,velocity_se,"
-         "strain_rate_per_s,strain_rate_se,initial_strain,strain_step,start_force_N,start_force_se,drift_N_s,"
-         "drift_se,t_peak_s,peak_force_N,peak_force_se,normalized_force,normalized_force_se,overshoot_mm,"
-         "pressure_before_psi,pressure_change_psi,usable,flags\n";
+  ramps << "recording,specimen,nominal_pressure_psi,t_start_s,t_end_s,from_mm,to_mm,velocity_mm_s,velocity_se,"
+           "strain_rate_per_s,strain_rate_se,initial_strain,strain_step,start_force_N,start_force_se,drift_N_s,"
+           "drift_se,t_peak_s,peak_force_N,peak_force_se,normalized_force,normalized_force_se,overshoot_mm,"
+           "pressure_before_psi,pressure_change_psi,usable,flags\n";
   moves << "recording,kind,t_start_s,t_end_s,from_mm,to_mm,velocity_mm_s,velocity_se\n";
   for (const auto& r : analysis.recordings) {
     for (const Ramp& p : r.ramps.ramps) {
@@ -173,16 +172,15 @@ void write_fv_tables(const FvAnalysis& analysis, const std::filesystem::path& fo
       for (RampFlag f : p.flags) flags += (flags.empty() ? "" : " ") + std::string(name(f));
       ramps << cell(r.path) << ',' << cell(r.specimen) << ',' << cell(r.nominal_pressure_psi) << ','
             << cell(p.move.t_start_s) << ',' << cell(p.move.t_end_s) << ',' << cell(p.move.from_mm) << ','
-            << cell(p.move.to_mm) << ',' << cells(p.move.velocity_mm_s) << ',' << cells(p.strain_rate_per_s)
-            << ',' << cell(p.initial_strain) << ',' << cell(p.strain_step) << ',' << cells(p.start_force_N)
-            << ',' << cells(p.drift_N_s) << ',' << cell(p.t_peak_s) << ',' << cells(p.peak_force_N) << ','
-            << cells(p.normalized_force) << ',' << cell(p.overshoot_mm) << ',' << cell(p.pressure_before_psi)
-            << ',' << cell(p.pressure_change_psi) << ',' << (p.usable() ? "yes" : "no") << ',' << flags
-            << '\n';
+            << cell(p.move.to_mm) << ',' << cells(p.move.velocity_mm_s) << ',' << cells(p.strain_rate_per_s) << ','
+            << cell(p.initial_strain) << ',' << cell(p.strain_step) << ',' << cells(p.start_force_N) << ','
+            << cells(p.drift_N_s) << ',' << cell(p.t_peak_s) << ',' << cells(p.peak_force_N) << ','
+            << cells(p.normalized_force) << ',' << cell(p.overshoot_mm) << ',' << cell(p.pressure_before_psi) << ','
+            << cell(p.pressure_change_psi) << ',' << (p.usable() ? "yes" : "no") << ',' << flags << '\n';
     }
     for (const Move& m : r.ramps.moves)
-      moves << cell(r.path) << ',' << name(m.kind) << ',' << cell(m.t_start_s) << ',' << cell(m.t_end_s)
-            << ',' << cell(m.from_mm) << ',' << cell(m.to_mm) << ',' << cells(m.velocity_mm_s) << '\n';
+      moves << cell(r.path) << ',' << name(m.kind) << ',' << cell(m.t_start_s) << ',' << cell(m.t_end_s) << ','
+            << cell(m.from_mm) << ',' << cell(m.to_mm) << ',' << cells(m.velocity_mm_s) << '\n';
   }
   report::write_text_file(folder / "ramps.csv", ramps.str());
   report::write_text_file(folder / "moves.csv", moves.str());
@@ -191,33 +189,30 @@ void write_fv_tables(const FvAnalysis& analysis, const std::filesystem::path& fo
   curves << "specimen,nominal_pressure_psi,strain_rate_per_s,strain_rate_sd,normalized_force,normalized_"
             "force_sd,"
             "standard_error,repetitions,model\n";
-  parameters
-      << "specimen,nominal_pressure_psi,parameter,value,ci95_low,ci95_high,identifiable,r_squared,points,"
-         "statement\n";
+  parameters << "specimen,nominal_pressure_psi,parameter,value,ci95_low,ci95_high,identifiable,r_squared,points,"
+                "statement\n";
   for (const Curve& c : analysis.curves) {
     for (const CurvePoint& p : c.means) {
-      curves << cell(c.specimen) << ',' << cell(c.nominal_pressure_psi) << ',' << cell(p.strain_rate_per_s)
-             << ',' << (p.repetitions > 1 ? cell(p.strain_rate_sd) : "") << ',' << cell(p.normalized_force)
-             << ',' << (p.repetitions > 1 ? cell(p.normalized_force_sd) : "") << ',' << cell(p.standard_error)
-             << ',' << p.repetitions << ',';
+      curves << cell(c.specimen) << ',' << cell(c.nominal_pressure_psi) << ',' << cell(p.strain_rate_per_s) << ','
+             << (p.repetitions > 1 ? cell(p.strain_rate_sd) : "") << ',' << cell(p.normalized_force) << ','
+             << (p.repetitions > 1 ? cell(p.normalized_force_sd) : "") << ',' << cell(p.standard_error) << ','
+             << p.repetitions << ',';
       if (c.result.fit)
-        curves << cell(model::force_velocity(c.result.fit->elements, {c.strain_step, c.initial_strain},
-                                             p.strain_rate_per_s));
+        curves << cell(
+            model::force_velocity(c.result.fit->elements, {c.strain_step, c.initial_strain}, p.strain_rate_per_s));
       curves << '\n';
     }
     if (!c.result.fit) continue;
     for (const FittedParameter& p : c.result.fit->parameters)
-      parameters << cell(c.specimen) << ',' << cell(c.nominal_pressure_psi) << ',' << p.name << ','
-                 << cell(p.value) << ',' << cell(p.low) << ',' << cell(p.high) << ','
-                 << (p.identifiable ? "yes" : "no") << ',' << cell(c.result.fit->r_squared) << ','
-                 << c.result.fit->points << ',' << cell(p.statement) << '\n';
+      parameters << cell(c.specimen) << ',' << cell(c.nominal_pressure_psi) << ',' << p.name << ',' << cell(p.value)
+                 << ',' << cell(p.low) << ',' << cell(p.high) << ',' << (p.identifiable ? "yes" : "no") << ','
+                 << cell(c.result.fit->r_squared) << ',' << c.result.fit->points << ',' << cell(p.statement) << '\n';
   }
   report::write_text_file(folder / "curves.csv", curves.str());
   report::write_text_file(folder / "parameters.csv", parameters.str());
 }
 
-std::vector<ControlFit> read_controls(const std::filesystem::path& fv_json_file,
-                                      const std::string& specimen) {
+std::vector<ControlFit> read_controls(const std::filesystem::path& fv_json_file, const std::string& specimen) {
   std::ifstream in(fv_json_file);
   if (!in) throw std::runtime_error(fv_json_file.string() + ": cannot be opened");
   std::vector<ControlFit> out;

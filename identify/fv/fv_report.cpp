@@ -19,8 +19,7 @@ std::string with_error(const Estimate& e) {
   if (!std::isfinite(e.value)) return "-";
   int digits = 4;
   if (e.standard_error > 0.0 && e.value != 0.0)
-    digits =
-        std::clamp(static_cast<int>(std::ceil(std::log10(std::abs(e.value) / e.standard_error))) + 2, 2, 7);
+    digits = std::clamp(static_cast<int>(std::ceil(std::log10(std::abs(e.value) / e.standard_error))) + 2, 2, 7);
   return number_text(e.value, digits) + " ± " + number_text(e.standard_error, 2);
 }
 std::string with_error(const std::optional<Estimate>& e) {
@@ -46,12 +45,12 @@ void ramps_table(Page& page, const RecordingResult& r) {
       if (f == RampFlag::kUnsteadyStart) flags += " (" + with_error(*p.drift_N_s) + " N/s)";
     }
     rows.push_back({number_text(p.move.t_start_s, 7), number_text(p.move.stroke_mm(), 4),
-                    with_error(p.move.velocity_mm_s), with_error(p.strain_rate_per_s),
-                    with_error(p.start_force_N), with_error(p.drift_N_s), with_error(p.peak_force_N),
-                    with_error(p.normalized_force), text_of(p.pressure_change_psi, 2), flags});
+                    with_error(p.move.velocity_mm_s), with_error(p.strain_rate_per_s), with_error(p.start_force_N),
+                    with_error(p.drift_N_s), with_error(p.peak_force_N), with_error(p.normalized_force),
+                    text_of(p.pressure_change_psi, 2), flags});
   }
-  page.table({"start (s)", "stroke (mm)", "velocity (mm/s)", "strain rate (1/s)", "F0 (N)",
-              "drift of F0 (N/s)", "force at target (N)", "F/F0", "pressure change (psi)", "remarks"},
+  page.table({"start (s)", "stroke (mm)", "velocity (mm/s)", "strain rate (1/s)", "F0 (N)", "drift of F0 (N/s)",
+              "force at target (N)", "F/F0", "pressure change (psi)", "remarks"},
              rows, r.path + ": " + std::to_string(rows.size()) + " iso-velocity ramps");
 }
 
@@ -63,28 +62,23 @@ void series_table(Page& page, const RecordingResult& r) {
                       j == 0 ? with_error(s.stiffness_N_mm) : "", with_error(s.arms[j].stiffness_N_mm),
                       number_text(s.arms[j].kappa, 4), with_error(s.arms[j].gamma_per_s),
                       j == 0 ? number_text(s.rms_N, 3) : "", j == 0 ? number_text(s.r_squared, 6) : "",
-                      j == 0 ? number_text(s.residual_correlation, 2) : "",
-                      j == 0 ? number_text(s.bic, 7) : ""});
-  page.table(
-      {"model", "k1 (N/mm)", "k2 (N/mm)", "κ", "γ (1/s)", "rms (N)", "R²", "residual correlation", "BIC"},
-      rows,
-      "Fit to all " + std::to_string(r.samples) + " samples of " + r.path +
-          ". The lower BIC is the better model; a residual correlation far from 0 means that neither "
-          "explains "
-          "the record, and the errors are then too small.");
+                      j == 0 ? number_text(s.residual_correlation, 2) : "", j == 0 ? number_text(s.bic, 7) : ""});
+  page.table({"model", "k1 (N/mm)", "k2 (N/mm)", "κ", "γ (1/s)", "rms (N)", "R²", "residual correlation", "BIC"}, rows,
+             "Fit to all " + std::to_string(r.samples) + " samples of " + r.path +
+                 ". The lower BIC is the better model; a residual correlation far from 0 means that neither "
+                 "explains "
+                 "the record, and the errors are then too small.");
   std::vector<std::string> statements;
   for (const SeriesFit& s : r.series)
     for (const auto& text : s.statements)
-      statements.push_back(std::to_string(s.arms.size()) + (s.arms.size() == 1 ? " arm: " : " arms: ") +
-                           text);
+      statements.push_back(std::to_string(s.arms.size()) + (s.arms.size() == 1 ? " arm: " : " arms: ") + text);
   page.list(statements);
 }
 
 void parameters_table(Page& page, const FvAnalysis& analysis) {
   std::vector<std::vector<std::string>> rows;
   for (const Curve& c : analysis.curves) {
-    std::vector<std::string> row{c.specimen, text_of(c.nominal_pressure_psi, 3),
-                                 std::to_string(c.points.size())};
+    std::vector<std::string> row{c.specimen, text_of(c.nominal_pressure_psi, 3), std::to_string(c.points.size())};
     if (c.result.fit) {
       for (const FittedParameter& p : c.result.fit->parameters) row.push_back(value_text(p));
       row.push_back(number_text(c.result.fit->r_squared, 4));
@@ -155,8 +149,8 @@ report::Panel curve_panel(const Curve& curve) {
   Series points = measured_points(curve);
   points.color = 0;
   const double widest = fastest_per_s(curve);
-  const bool repeated = std::any_of(curve.means.begin(), curve.means.end(),
-                                    [](const CurvePoint& p) { return p.repetitions > 1; });
+  const bool repeated =
+      std::any_of(curve.means.begin(), curve.means.end(), [](const CurvePoint& p) { return p.repetitions > 1; });
   points.label = repeated ? "measured, mean ± 1 SD" : "measured ± 1 SE";
   panel.series.push_back(std::move(points));
   if (curve.result.fit && widest > 0.0) {
@@ -180,8 +174,7 @@ report::Panel curve_panel(const Curve& curve) {
       panel.series.push_back(std::move(s));
     };
     line(curve.result.fit->elements, Mark::kLine, 1, "fit");
-    if (curve.control)
-      line(std::vector<model::FvElement>{*curve.control}, Mark::kDashes, 6, "control (1-SLSE)");
+    if (curve.control) line(std::vector<model::FvElement>{*curve.control}, Mark::kDashes, 6, "control (1-SLSE)");
   }
   return panel;
 }
@@ -212,8 +205,7 @@ report::Panel overlay_panel(const FvAnalysis& analysis, const Curve& curve) {
     for (const RampTrace& t : analysis.recordings[i].traces) {
       const int speed = static_cast<int>(std::lround(std::abs(t.velocity_mm_s)));
       panel.series[k].color = static_cast<int>(std::distance(speeds.begin(), speeds.find(speed))) % 6;
-      if (shown.insert(speed).second)
-        panel.series[k].label = number_text(std::abs(t.velocity_mm_s), 2) + " mm/s";
+      if (shown.insert(speed).second) panel.series[k].label = number_text(std::abs(t.velocity_mm_s), 2) + " mm/s";
       ++k;
     }
   panel.x_range = {{-0.5, std::min(longest, 4.0)}};
@@ -289,8 +281,7 @@ void write_fv_report(const FvAnalysis& analysis, const std::filesystem::path& fo
                       static_cast<int>(curve.result.fit->parameters.size()),
                       320,
                       230};
-      for (const auto& p : curve.result.fit->parameters)
-        profiles.panels.push_back(profile_panel(*curve.result.fit, p));
+      for (const auto& p : curve.result.fit->parameters) profiles.panels.push_back(profile_panel(*curve.result.fit, p));
       page.figure(std::move(profiles));
     }
     // One recording in full; the rest is in the tables (ramps.csv).

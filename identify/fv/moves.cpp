@@ -40,12 +40,11 @@ Signal describe(std::span<const double> t_s, std::span<const double> x_mm) {
 }
 
 double level(const Signal& s, std::size_t first, std::size_t last) {
-  return median({s.x_mm.begin() + static_cast<std::ptrdiff_t>(first),
-                 s.x_mm.begin() + static_cast<std::ptrdiff_t>(last) + 1});
+  return median(
+      {s.x_mm.begin() + static_cast<std::ptrdiff_t>(first), s.x_mm.begin() + static_cast<std::ptrdiff_t>(last) + 1});
 }
 
-std::vector<Episode> find_episodes(const Signal& s, const std::vector<std::size_t>& vertices,
-                                   double shortest_hold_s) {
+std::vector<Episode> find_episodes(const Signal& s, const std::vector<std::size_t>& vertices, double shortest_hold_s) {
   struct Piece {
     std::size_t first, last;
     bool moves;
@@ -81,8 +80,7 @@ std::vector<Episode> find_episodes(const Signal& s, const std::vector<std::size_
 }
 
 /// Turning points of a stretch, each at least `swing` from the last.
-std::vector<std::size_t> turning_points(const Signal& s, std::size_t first, std::size_t last,
-                                        double swing_mm) {
+std::vector<std::size_t> turning_points(const Signal& s, std::size_t first, std::size_t last, double swing_mm) {
   std::vector<std::size_t> turns{first};
   std::size_t low = first, high = first;
   int heading = 0;
@@ -209,12 +207,10 @@ void add_moves(const Signal& s, const Episode& e, std::vector<Move>& moves) {
   const bool rest = e.hold_before_first < e.first;
   const bool hold = e.hold_after_last > e.last;
   // The last third of the hold before: the ringing of the motion before it has died by then.
-  const double from =
-      rest ? level(s, e.first - (e.first - e.hold_before_first) / 3, e.first) : s.x_mm[e.first];
+  const double from = rest ? level(s, e.first - (e.first - e.hold_before_first) / 3, e.first) : s.x_mm[e.first];
   const double to = hold ? level(s, e.last, e.hold_after_last) : s.x_mm[e.last];
   const auto begin = s.x_mm.begin() + static_cast<std::ptrdiff_t>(e.first);
-  const auto [low, high] =
-      std::minmax_element(begin, s.x_mm.begin() + static_cast<std::ptrdiff_t>(e.last) + 1);
+  const auto [low, high] = std::minmax_element(begin, s.x_mm.begin() + static_cast<std::ptrdiff_t>(e.last) + 1);
   const double extent = *high - *low;
   if (extent < s.smallest_stroke_mm()) return;
   const double stroke = to - from;
@@ -268,8 +264,7 @@ void classify(const Signal& s, std::vector<Move>& moves) {
   const double return_speed = median(return_speeds);
   for (Move& m : moves) {
     if (m.kind == MoveKind::kReturn) break;
-    if (m.kind == MoveKind::kIsoVelocity && rough_speed(m) < 1.5 * return_speed)
-      m.kind = MoveKind::kPreconditioning;
+    if (m.kind == MoveKind::kIsoVelocity && rough_speed(m) < 1.5 * return_speed) m.kind = MoveKind::kPreconditioning;
   }
 }
 
@@ -281,8 +276,7 @@ std::vector<Move> find_moves(std::span<const double> t_s, std::span<const double
   if (t_s.size() < 8) return moves;
   const Signal s = describe(t_s, position_mm);
   if (s.range_mm <= 3.0 * s.tolerance_mm) return moves;
-  for (const Episode& e :
-       find_episodes(s, polyline(t_s, position_mm, s.tolerance_mm), options.shortest_hold_s))
+  for (const Episode& e : find_episodes(s, polyline(t_s, position_mm, s.tolerance_mm), options.shortest_hold_s))
     add_moves(s, e, moves);
   classify(s, moves);
   return moves;

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 #include <iomanip>
 #include <limits>
+#include <sstream>
 
 namespace isorig::identify {
 namespace {
@@ -51,8 +51,7 @@ std::vector<char> find_clipping(std::span<const double> values, std::size_t& cou
   const std::size_t limit = std::max<std::size_t>(5, 2 * longest_inside);
   each_run([&](std::size_t i, std::size_t j) {
     if ((values[i] == low || values[i] == high) && j - i >= limit) {
-      std::fill(clipped.begin() + static_cast<std::ptrdiff_t>(i),
-                clipped.begin() + static_cast<std::ptrdiff_t>(j), 1);
+      std::fill(clipped.begin() + static_cast<std::ptrdiff_t>(i), clipped.begin() + static_cast<std::ptrdiff_t>(j), 1);
       count += j - i;
     }
   });
@@ -73,9 +72,8 @@ std::optional<double> arrival_s(const Channels& c, const Move& m) {
   std::size_t i = index_at(c.t_s, m.t_start_s + 0.5 * (m.t_end_s - m.t_start_s));
   // In slow ramps many samples lie within the noise of the target: look through a line over the samples of
   // one noise width (local least squares), so that the first of many noisy samples is not taken for arrival.
-  const double half_s = std::isfinite(speed) && speed > 0
-                            ? std::min(4.0 * c.sigma_x_mm / speed, 0.05 * (m.t_end_s - m.t_start_s))
-                            : 0.0;
+  const double half_s =
+      std::isfinite(speed) && speed > 0 ? std::min(4.0 * c.sigma_x_mm / speed, 0.05 * (m.t_end_s - m.t_start_s)) : 0.0;
   double previous_t = kNaN, previous_off = kNaN;
   // The end of the creep lies within the noise of the hold, so after the last sample that counts as motion.
   const double latest_s = c.t_s[m.last] + std::max(0.5, m.t_end_s - m.t_start_s);
@@ -88,8 +86,7 @@ std::optional<double> arrival_s(const Channels& c, const Move& m) {
     const double off = d * (x - m.to_mm) + margin;
     if (off >= 0.0) {
       double t = c.t_s[i];
-      if (std::isfinite(previous_off))
-        t = previous_t - previous_off / (off - previous_off) * (c.t_s[i] - previous_t);
+      if (std::isfinite(previous_off)) t = previous_t - previous_off / (off - previous_off) * (c.t_s[i] - previous_t);
       // The crossing of the target itself lies the margin further, at the ramp's speed; never past the next
       // sample.
       if (i + 1 < c.t_s.size() && speed > 0 && d * (c.x_mm[i + 1] - m.to_mm) > 0.0)
@@ -150,8 +147,7 @@ std::optional<Estimate> force_at_target(const Channels& c, const Move& m, double
       const std::size_t first = std::max(a, end - std::min<std::size_t>(end - a, 6));
       const Line last = fit_line(c.t_s.subspan(first, end - first), c.force_N.subspan(first, end - first));
       const double n = static_cast<double>(end - first);
-      return Estimate{last.at(t_peak_s),
-                      std::max(last.se_at(t_peak_s), 2.0 * c.sigma_force_N / std::sqrt(n))};
+      return Estimate{last.at(t_peak_s), std::max(last.se_at(t_peak_s), 2.0 * c.sigma_force_N / std::sqrt(n))};
     }
     if (spread_mm > 5.0 * c.sigma_x_mm) {
       // Few samples estimate their own scatter badly: never less than the noise of the channel.
@@ -162,19 +158,16 @@ std::optional<Estimate> force_at_target(const Channels& c, const Move& m, double
       }
       return Estimate{line.at(m.to_mm), line.se_at(m.to_mm)};
     }
-    return Estimate{line.mean,
-                    std::max(line.se_mean, c.sigma_force_N / std::sqrt(static_cast<double>(end - a)))};
+    return Estimate{line.mean, std::max(line.se_mean, c.sigma_force_N / std::sqrt(static_cast<double>(end - a)))};
   }
   // Sparse samples: between the two neighbours, if they belong to the end of this ramp.
   const double gap_s = c.t_s[end] - c.t_s[end - 1];
   if (gap_s > 0.1 * (m.t_end_s - m.t_start_s)) return std::nullopt;
   const double w = (t_peak_s - c.t_s[end - 1]) / gap_s;
-  return Estimate{(1.0 - w) * c.force_N[end - 1] + w * c.force_N[end],
-                  c.sigma_force_N * std::hypot(w, 1.0 - w)};
+  return Estimate{(1.0 - w) * c.force_N[end - 1] + w * c.force_N[end], c.sigma_force_N * std::hypot(w, 1.0 - w)};
 }
 
-void pressure_of(const messages::Recording& recording, const RampOptions& options, double rest_end_s,
-                 Ramp& ramp) {
+void pressure_of(const messages::Recording& recording, const RampOptions& options, double rest_end_s, Ramp& ramp) {
   if (!recording.pressure) return;
   const auto& p = *recording.pressure;
   const std::size_t a = index_at(p.t_s, rest_end_s - options.rest_window_s), b = index_at(p.t_s, rest_end_s);
@@ -186,8 +179,7 @@ void pressure_of(const messages::Recording& recording, const RampOptions& option
   const std::size_t at = index_at(p.t_s, *ramp.t_peak_s);
   if (at == 0 || at >= p.t_s.size() || p.t_s[at] - p.t_s[at - 1] > 0.5) return;
   const double w = (*ramp.t_peak_s - p.t_s[at - 1]) / (p.t_s[at] - p.t_s[at - 1]);
-  ramp.pressure_change_psi =
-      (1.0 - w) * p.pressure_psi[at - 1] + w * p.pressure_psi[at] - *ramp.pressure_before_psi;
+  ramp.pressure_change_psi = (1.0 - w) * p.pressure_psi[at - 1] + w * p.pressure_psi[at] - *ramp.pressure_before_psi;
 }
 
 /// F0, its drift, and where rest ended. Returns the window's end.
@@ -234,22 +226,19 @@ void normalise(const Channels& c, Ramp& ramp) {
   const Move& m = ramp.move;
   const double length_mm = meta.reference_length_mm();
   if (length_mm > 0.0 && std::isfinite(m.velocity_mm_s.value)) {
-    ramp.strain_rate_per_s =
-        Estimate{m.velocity_mm_s.value / length_mm, m.velocity_mm_s.standard_error / length_mm};
+    ramp.strain_rate_per_s = Estimate{m.velocity_mm_s.value / length_mm, m.velocity_mm_s.standard_error / length_mm};
     ramp.strain_step = m.stroke_mm() / length_mm;
     ramp.initial_strain = meta.strain(m.from_mm);
   }
   if (!ramp.start_force_N || !ramp.peak_force_N) return;
   const Estimate f0 = *ramp.start_force_N, peak = *ramp.peak_force_N;
   // 3 % at one standard error: what makes the normalised force uncertain by more than the curve is high.
-  if (f0.value <= 0.0 || f0.value < 30.0 * std::max(f0.standard_error, 0.0) ||
-      f0.value < 0.01 * std::abs(peak.value)) {
+  if (f0.value <= 0.0 || f0.value < 30.0 * std::max(f0.standard_error, 0.0) || f0.value < 0.01 * std::abs(peak.value)) {
     ramp.flags.push_back(RampFlag::kForceNotPositive);
     return;
   }
   const double ratio = peak.value / f0.value;
-  ramp.normalized_force =
-      Estimate{ratio, std::hypot(peak.standard_error, ratio * f0.standard_error) / f0.value};
+  ramp.normalized_force = Estimate{ratio, std::hypot(peak.standard_error, ratio * f0.standard_error) / f0.value};
 }
 
 Ramp measure(const Channels& c, const Move& m, const RampOptions& options, bool hold_after) {
@@ -284,8 +273,8 @@ Ramp measure(const Channels& c, const Move& m, const RampOptions& options, bool 
       ramp.peak_force_N = force_at_target(c, m, *ramp.t_peak_s);
       if (!ramp.peak_force_N)
         ramp.flags.push_back(RampFlag::kGapAtPeak);
-      else if (m.stroke_mm() < 0.0 && std::abs(ramp.peak_force_N->value) <
-                                          4.0 * std::max(ramp.peak_force_N->standard_error, c.sigma_force_N))
+      else if (m.stroke_mm() < 0.0 &&
+               std::abs(ramp.peak_force_N->value) < 4.0 * std::max(ramp.peak_force_N->standard_error, c.sigma_force_N))
         ramp.flags.push_back(RampFlag::kWentSlack);
     }
   }
@@ -371,8 +360,7 @@ bool Ramp::has(RampFlag flag) const noexcept {
 }
 
 bool Ramp::usable() const noexcept {
-  return normalized_force && strain_rate_per_s && initial_strain && strain_step &&
-         !has(RampFlag::kNeverReachedSpeed);
+  return normalized_force && strain_rate_per_s && initial_strain && strain_step && !has(RampFlag::kNeverReachedSpeed);
 }
 
 RampAnalysis analyse_ramps(const messages::Recording& recording, const RampOptions& options) {
@@ -416,13 +404,11 @@ RampAnalysis analyse_ramps(const messages::Recording& recording, const RampOptio
       out.statements.push_back("Nothing moves in this recording: no motion exceeds the noise of the position.");
     }
   } else if (out.ramps.empty()) {
-    out.statements.push_back(
-        "There is no iso-velocity ramp in this recording: " + std::to_string(out.moves.size()) +
-        " motions, none of which is a stroke between two holds that is not a slow return.");
+    out.statements.push_back("There is no iso-velocity ramp in this recording: " + std::to_string(out.moves.size()) +
+                             " motions, none of which is a stroke between two holds that is not a slow return.");
   }
   if (out.clipped_samples > 0)
-    out.statements.push_back("The force stays at its own extreme value for " +
-                             std::to_string(out.clipped_samples) +
+    out.statements.push_back("The force stays at its own extreme value for " + std::to_string(out.clipped_samples) +
                              " samples: the channel is saturated there.");
   if (!recording.metadata.pressurized_rest_length_mm)
     out.statements.push_back(

@@ -31,7 +31,7 @@ enum class MoveKind {
   kIsoVelocity,      ///< one stroke between holds: a point of the curve
   kReturn,           ///< takes the specimen back to where the ramp before began, much slower than it
   kPreconditioning,  ///< as slow as the returns, before the first ramp
-  kCycle,  ///< a leg between turning points without a hold: triangles, sines, preconditioning cycles
+  kCycle,            ///< a leg between turning points without a hold: triangles, sines, preconditioning cycles
 };
 [[nodiscard]] std::string_view name(MoveKind kind) noexcept;
 
@@ -69,8 +69,8 @@ struct Move {
 struct Ramp {
   Move move;
   std::vector<RampFlag> flags;
-  double overshoot_mm = 0.0;   ///< past the target, in the direction of motion
-  double plateau_share = 0.0;  ///< of the ramp's duration, at constant speed (NaN: too few samples)
+  double overshoot_mm = 0.0;              ///< past the target, in the direction of motion
+  double plateau_share = 0.0;             ///< of the ramp's duration, at constant speed (NaN: too few samples)
   std::optional<Estimate> start_force_N;  ///< F0: mean force of the 2 s before
   std::optional<Estimate> drift_N_s;      ///< slope of the force in those 2 s
   std::optional<double> t_peak_s;         ///< when the position first reached its target
@@ -105,7 +105,6 @@ struct RampOptions {
                                            const RampOptions& options = {});
 
 /// Motions, then forces. Never throws on content: what is not there is said in `statements` and flags.
-[[nodiscard]] RampAnalysis analyse_ramps(const messages::Recording& recording,
-                                         const RampOptions& options = {});
+[[nodiscard]] RampAnalysis analyse_ramps(const messages::Recording& recording, const RampOptions& options = {});
 
 }  // namespace isorig::identify

@@ -45,8 +45,7 @@ SignalNoise estimate_noise(std::span<const double> t_s, std::span<const double> 
   return noise;
 }
 
-std::vector<std::size_t> polyline(std::span<const double> t_s, std::span<const double> values,
-                                  double tolerance) {
+std::vector<std::size_t> polyline(std::span<const double> t_s, std::span<const double> values, double tolerance) {
   std::vector<std::size_t> kept;
   if (values.empty()) return kept;
   kept.push_back(0);

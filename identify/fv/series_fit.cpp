@@ -201,8 +201,8 @@ std::vector<double> predict_series(const SeriesFit& fit, std::span<const double>
   return out;
 }
 
-SeriesFit fit_series(std::span<const double> t_s, std::span<const double> position_mm,
-                     std::span<const double> force_N, int arms, const SeriesOptions& options) {
+SeriesFit fit_series(std::span<const double> t_s, std::span<const double> position_mm, std::span<const double> force_N,
+                     int arms, const SeriesOptions& options) {
   if (arms < 1 || arms > kMost) throw std::invalid_argument("fit_series: 1 or 2 arms");
   if (t_s.size() != position_mm.size() || t_s.size() != force_N.size())
     throw std::invalid_argument("fit_series: columns of different lengths");
@@ -223,8 +223,7 @@ SeriesFit fit_series(std::span<const double> t_s, std::span<const double> positi
   if (static_cast<int>(options.start_gamma_per_s.size()) == arms) {
     best.log_gamma.resize(arms);
     for (int j = 0; j < arms; ++j)
-      best.log_gamma[j] =
-          std::clamp(std::log(options.start_gamma_per_s[static_cast<std::size_t>(j)]), low, high);
+      best.log_gamma[j] = std::clamp(std::log(options.start_gamma_per_s[static_cast<std::size_t>(j)]), low, high);
   } else {
     best = search(all, arms, low, high, options.search_samples);
   }
@@ -287,8 +286,8 @@ SeriesFit fit_series(std::span<const double> t_s, std::span<const double> positi
   const Eigen::VectorXd scale = normal.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   const Eigen::MatrixXd scaled = scale.asDiagonal() * normal * scale.asDiagonal();
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scaled);
-  const double variance = ssr / std::max(1.0, fit.effective_samples - parameters) * fit.effective_samples /
-                          static_cast<double>(n);
+  const double variance =
+      ssr / std::max(1.0, fit.effective_samples - parameters) * fit.effective_samples / static_cast<double>(n);
   const double inflation = static_cast<double>(n) / fit.effective_samples;
   const bool singular = eigen.eigenvalues().minCoeff() < 1e-10 * eigen.eigenvalues().maxCoeff();
   auto error = [&](int i) {

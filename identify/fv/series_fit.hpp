@@ -54,8 +54,7 @@ struct SeriesOptions {
 /// `arms` 1 or 2. Throws std::invalid_argument for other numbers, lengths that differ or fewer than 20
 /// samples, std::domain_error when the sums of squares are not finite.
 [[nodiscard]] SeriesFit fit_series(std::span<const double> t_s, std::span<const double> position_mm,
-                                   std::span<const double> force_N, int arms,
-                                   const SeriesOptions& options = {});
+                                   std::span<const double> force_N, int arms, const SeriesOptions& options = {});
 
 /// The model's force at every sample.
 [[nodiscard]] std::vector<double> predict_series(const SeriesFit& fit, std::span<const double> t_s,

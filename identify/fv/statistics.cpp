@@ -45,9 +45,7 @@ double student_t_quantile(double probability, double freedom) {
   if (probability == 0.5) return 0.0;
   const double tail = probability > 0.5 ? 1.0 - probability : probability;
   // P(|T| > t) = I_{n/(n+t^2)}(n/2, 1/2)
-  auto beyond = [&](double t) {
-    return 0.5 * incomplete_beta(0.5 * freedom, 0.5, freedom / (freedom + t * t));
-  };
+  auto beyond = [&](double t) { return 0.5 * incomplete_beta(0.5 * freedom, 0.5, freedom / (freedom + t * t)); };
   double low = 0.0, high = 1.0;
   while (beyond(high) > tail && high < 1e15) high *= 2.0;
   for (int i = 0; i < 200 && high - low > 1e-12 * high; ++i) {

@@ -14,8 +14,7 @@
 namespace isorig::identify::report {
 namespace {
 
-constexpr std::array kPalette{"#0072B2", "#D55E00", "#009E73", "#CC79A7",
-                              "#E69F00", "#56B4E9", "#000000", "#999999"};
+constexpr std::array kPalette{"#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999"};
 
 /// In single quotes gnuplot takes everything as it is (in double quotes it would run `commands`).
 std::string gnuplot_literal(std::string_view text) {
@@ -32,12 +31,9 @@ std::string gnuplot_literal(std::string_view text) {
 }
 
 void check(const Figure& figure) {
-  auto refuse = [&](const std::string& why) {
-    throw std::invalid_argument("figure '" + figure.name + "': " + why);
-  };
-  if (figure.name.empty() ||
-      figure.name.find_first_not_of("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
-                                    "0123456789-_") != std::string::npos)
+  auto refuse = [&](const std::string& why) { throw std::invalid_argument("figure '" + figure.name + "': " + why); };
+  if (figure.name.empty() || figure.name.find_first_not_of("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
+                                                           "0123456789-_") != std::string::npos)
     refuse("a name is made of letters, digits, '-' and '_'");
   if (figure.panels.empty()) refuse("no panels");
   if (figure.columns < 1) refuse("columns must be at least 1");
@@ -194,8 +190,7 @@ void plot_panel(std::ostream& out, const Panel& panel, std::size_t p) {
   plot_elements(out, panel, p);
 }
 
-void plot_to(std::ostream& out, const Figure& figure, const char* terminal,
-             const std::filesystem::path& file) {
+void plot_to(std::ostream& out, const Figure& figure, const char* terminal, const std::filesystem::path& file) {
   const int rows = (static_cast<int>(figure.panels.size()) + figure.columns - 1) / figure.columns;
   out << "reset\nset terminal " << terminal << " size " << figure.columns * figure.panel_width_px << ','
       << rows * figure.panel_height_px << "\nset output " << gnuplot_literal(file.string()) << '\n';
@@ -257,8 +252,7 @@ std::string gnuplot_script(std::span<const Figure> figures, const std::filesyste
     const std::string svg = "svg noenhanced font 'sans-serif,11' background '#ffffff'";
     plot_to(out, figure, svg.c_str(), folder / (figure.name + ".svg"));
     if (png)
-      plot_to(out, figure, "pngcairo noenhanced font 'sans,9' background '#ffffff'",
-              folder / (figure.name + ".png"));
+      plot_to(out, figure, "pngcairo noenhanced font 'sans,9' background '#ffffff'", folder / (figure.name + ".png"));
   }
   return out.str();
 }

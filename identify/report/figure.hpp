@@ -47,7 +47,7 @@ struct Panel {
   /// Vertical lines: where and what they mean.
   std::vector<std::pair<double, std::string>> verticals{};
   std::vector<std::pair<double, double>> shaded{};  ///< stretches of x, behind the data
-  std::vector<std::string> categories{};  ///< names for x = 0, 1, 2 ...
+  std::vector<std::string> categories{};            ///< names for x = 0, 1, 2 ...
 };
 
 struct Figure {
@@ -67,8 +67,7 @@ struct DrawOptions {
 /// Draws every figure to `folder`/NAME.svg (and .png). Throws std::runtime_error with gnuplot's own message
 /// when it fails or is not installed, and std::invalid_argument for a figure that cannot be drawn (unequal
 /// lengths).
-void draw(std::span<const Figure> figures, const std::filesystem::path& folder,
-          const DrawOptions& options = {});
+void draw(std::span<const Figure> figures, const std::filesystem::path& folder, const DrawOptions& options = {});
 
 /// At most about `points` of a long line, with the lowest and highest of each stretch kept, so that what is
 /// drawn is what all of them would have drawn.

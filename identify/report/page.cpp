@@ -133,24 +133,23 @@ void Page::figure(Figure figure) {
   figures_.push_back(std::move(figure));
 }
 
-void Page::write(const std::filesystem::path& folder, const DrawOptions& options,
-                 std::string_view file_name) const {
+void Page::write(const std::filesystem::path& folder, const DrawOptions& options, std::string_view file_name) const {
   std::filesystem::create_directories(folder);
   const auto drawn = folder / "figures";
   draw(figures_, drawn, options);
   std::string html =
       "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n"
       "<meta name=\"viewport\" content=\"width=device-width\">\n<title>" +
-      escaped(title_) + "</title>\n<style>" + std::string(kStyle) + "</style></head><body>\n<h1>" +
-      escaped(title_) + "</h1>\n";
+      escaped(title_) + "</title>\n<style>" + std::string(kStyle) + "</style></head><body>\n<h1>" + escaped(title_) +
+      "</h1>\n";
   for (const Block& block : blocks_) {
     if (block.figure < 0) {
       html += block.html;
       continue;
     }
     const Figure& f = figures_[static_cast<std::size_t>(block.figure)];
-    html += "<figure id=\"" + escaped(f.name) + "\">\n" + inline_svg(drawn / (f.name + ".svg")) +
-            "<figcaption>" + escaped(f.caption) + "</figcaption></figure>\n";
+    html += "<figure id=\"" + escaped(f.name) + "\">\n" + inline_svg(drawn / (f.name + ".svg")) + "<figcaption>" +
+            escaped(f.caption) + "</figcaption></figure>\n";
   }
   write_text_file(folder / file_name, html + "</body></html>\n");
 }

@@ -87,13 +87,12 @@ void DeviceCore::handle(const ValveCommand& command, uint64_t now_us) noexcept {
   // Serial arithmetic (RFC 1982): an old command that was held up somewhere never overtakes a newer one.
   if (has_command_ && static_cast<int32_t>(command.sequence - command_sequence_) <= 0) return;
   const bool is_in_range = command.fill_permille <= kFull && command.vent_permille <= kFull &&
-                           (command.fill_permille == 0 || command.vent_permille == 0) &&
-                           command.validity_ms >= 1 && command.validity_ms <= kMaxValidity_ms;
+                           (command.fill_permille == 0 || command.vent_permille == 0) && command.validity_ms >= 1 &&
+                           command.validity_ms <= kMaxValidity_ms;
   const bool asks_full_vent = command.fill_permille == 0 && command.vent_permille == kFull;
   const bool is_alive = is_armed_ && is_heartbeat_recent(now_us);
-  const bool is_refused =
-      !has_session_ || (!asks_full_vent && (!is_alive || is_latched_)) || (is_latched_ && !is_alive) ||
-      (command.fill_permille > 0 && !has_limits_);
+  const bool is_refused = !has_session_ || (!asks_full_vent && (!is_alive || is_latched_)) ||
+                          (is_latched_ && !is_alive) || (command.fill_permille > 0 && !has_limits_);
   if (!is_in_range || is_refused) {
     ++rejected_;
     return;

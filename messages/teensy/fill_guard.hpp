@@ -81,7 +81,8 @@ class FillGuard {
     advance(now_us);
     if (fill_permille_ == 0) return VentCause::kNone;
     if (now_us > believed_us_ + kSilent_us) return VentCause::kSensorSilent;
-    return is_capped() && used_ > uint64_t{limits_.fill_max_ms} * 1000U * kFull ? VentCause::kFillTime : VentCause::kNone;
+    return is_capped() && used_ > uint64_t{limits_.fill_max_ms} * 1000U * kFull ? VentCause::kFillTime
+                                                                                : VentCause::kNone;
   }
 
   /// Full-duty time that counts towards the cap now.

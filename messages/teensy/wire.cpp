@@ -86,8 +86,7 @@ Frame make_frame(uint8_t version, uint8_t type, const uint8_t* body, size_t size
   payload[1] = type;
   for (size_t i = 0; i < size; ++i) payload[kHeaderSize + i] = body[i];
   const uint32_t crc = crc32c(payload, kHeaderSize + size);
-  for (size_t i = 0; i < kCrcSize; ++i)
-    payload[kHeaderSize + size + i] = static_cast<uint8_t>(crc >> (8U * i));
+  for (size_t i = 0; i < kCrcSize; ++i) payload[kHeaderSize + size + i] = static_cast<uint8_t>(crc >> (8U * i));
   frame.size = cobs_encode(payload, kHeaderSize + size + kCrcSize, frame.bytes);
   frame.bytes[frame.size++] = 0;
   return frame;
@@ -248,8 +247,7 @@ bool parse(const Packet& packet, TimeSyncReply& out) noexcept {
   out.cookie = reader.u32();
   out.device_rx_us = reader.u64();
   out.device_tx_us = reader.u64();
-  return is_current(packet, Type::kTimeSyncReply) && reader.complete() &&
-         out.device_rx_us <= out.device_tx_us;
+  return is_current(packet, Type::kTimeSyncReply) && reader.complete() && out.device_rx_us <= out.device_tx_us;
 }
 
 bool parse(const Packet& packet, Status& out) noexcept {

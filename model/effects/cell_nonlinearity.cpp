@@ -8,8 +8,7 @@ class Curved : public Process {
  public:
   explicit Curved(double per_kN) noexcept : per_N_(per_kN * 1e-3) {}
   void reset(const Instant&) noexcept override {}
-  void shape(const Instant&, std::span<double> columns,
-             std::span<const double> coefficients) noexcept override {
+  void shape(const Instant&, std::span<double> columns, std::span<const double> coefficients) noexcept override {
     double force_N = 0.0;
     for (std::size_t i = 0; i < columns.size(); ++i) force_N += columns[i] * coefficients[i];
     for (double& column : columns) column *= 1.0 + per_N_ * force_N;

@@ -148,31 +148,21 @@ const Physics& coulomb_friction() {
         [](std::span<const double> p, const Reference&) { return std::make_unique<Iwan>(p[0]); }},
        {"stribeck",
         "F = Fc z, dz/dx = (1 - z sign(dx) / g) / delta, g = 1 + r exp(-(v / vs)^2)",
-        {kPresliding,
-         {"stribeck_velocity_mm_s", 0.02, 50.0, {2.0, 0.3}, true},
-         {"static_excess", 0.0, 4.0, {0.3}}},
+        {kPresliding, {"stribeck_velocity_mm_s", 0.02, 50.0, {2.0, 0.3}, true}, {"static_excess", 0.0, 4.0, {0.3}}},
         {{"force_N", Sign::kNonNegative}},
-        [](std::span<const double> p, const Reference&) {
-          return std::make_unique<Stribeck>(p[0], p[1], p[2], true);
-        }},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Stribeck>(p[0], p[1], p[2], true); }},
        {"stribeck_exponential",
         "as stribeck with g = 1 + r exp(-|v| / vs)",
-        {kPresliding,
-         {"stribeck_velocity_mm_s", 0.02, 50.0, {2.0, 0.3}, true},
-         {"static_excess", 0.0, 4.0, {0.3}}},
+        {kPresliding, {"stribeck_velocity_mm_s", 0.02, 50.0, {2.0, 0.3}, true}, {"static_excess", 0.0, 4.0, {0.3}}},
         {{"force_N", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Stribeck>(p[0], p[1], p[2], false);
         }},
        {"iwan_stribeck",
         "as iwan, times 1 + r exp(-|v| / vs)",
-        {kPresliding,
-         {"stribeck_velocity_mm_s", 0.02, 50.0, {2.0, 0.3}, true},
-         {"static_excess", 0.0, 4.0, {0.3}}},
+        {kPresliding, {"stribeck_velocity_mm_s", 0.02, 50.0, {2.0, 0.3}, true}, {"static_excess", 0.0, 4.0, {0.3}}},
         {{"force_N", Sign::kNonNegative}},
-        [](std::span<const double> p, const Reference&) {
-          return std::make_unique<WeakenedIwan>(p[0], p[1], p[2]);
-        }},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<WeakenedIwan>(p[0], p[1], p[2]); }},
        {"regularised",
         "F = Fc tanh(v / v0)",
         {{"velocity_mm_s", 1e-4, 1e3, {0.002, 0.5}, true}},

@@ -6,9 +6,7 @@ namespace {
 class Inertia : public Process {
  public:
   void reset(const Instant&) noexcept override {}
-  void force(const Instant& now, double* columns) noexcept override {
-    columns[0] = now.acceleration_mm_s2 * 1e-3;
-  }
+  void force(const Instant& now, double* columns) noexcept override { columns[0] = now.acceleration_mm_s2 * 1e-3; }
 };
 
 }  // namespace

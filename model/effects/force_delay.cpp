@@ -31,8 +31,7 @@ class Delay : public Process {
     }
     const double* const after = at(read_ + 1, width);
     const double share = (wanted_s - before[0]) / (after[0] - before[0]);
-    for (std::size_t i = 0; i < width; ++i)
-      columns[i] = before[i + 1] + share * (after[i + 1] - before[i + 1]);
+    for (std::size_t i = 0; i < width; ++i) columns[i] = before[i + 1] + share * (after[i + 1] - before[i + 1]);
   }
 
  private:

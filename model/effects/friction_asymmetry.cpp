@@ -50,16 +50,12 @@ const Physics& friction_asymmetry() {
         "F = d |z|, z as Dahl, beside friction: F+ = Fc + d, F- = Fc - d",
         {{"presliding_mm", 2e-4, 1.0, {0.02}, true}},
         {kSlidingHalf},
-        [](std::span<const double> p, const Reference&) {
-          return std::make_unique<Asymmetric>(true, false, p[0]);
-        }},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Asymmetric>(true, false, p[0]); }},
        {"both",
         "F = d |z| + e |v|",
         {{"presliding_mm", 2e-4, 1.0, {0.02}, true}},
         {kSlidingHalf, kViscousHalf},
-        [](std::span<const double> p, const Reference&) {
-          return std::make_unique<Asymmetric>(true, true, p[0]);
-        }}}};
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Asymmetric>(true, true, p[0]); }}}};
   return physics;
 }
 

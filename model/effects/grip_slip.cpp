@@ -45,8 +45,7 @@ const Physics& grip_slip() {
          {"recording_duration_s", 0.0, 1e9, {0.0}, false, true}},
         {},
         [](std::span<const double> p, const Reference& reference) {
-          const bool here =
-              p[2] == 0.0 || reference.duration_s == 0.0 || std::fabs(p[2] - reference.duration_s) < 1e-3;
+          const bool here = p[2] == 0.0 || reference.duration_s == 0.0 || std::fabs(p[2] - reference.duration_s) < 1e-3;
           return std::make_unique<Slip>(p[0], p[1], here);
         }}}};
   return physics;

@@ -82,9 +82,7 @@ class YieldArm : public Process {
   void step(double step_mm, double dt_s) noexcept {
     for (int part = 0; part < 4 && dt_s > 0.0; ++part) {
       const double v = step_mm / dt_s;
-      const double side = std::fabs(z_) > yield_mm_   ? sign_of(z_)
-                          : std::fabs(z_) < yield_mm_ ? 0.0
-                                                      : sign_of(v);
+      const double side = std::fabs(z_) > yield_mm_ ? sign_of(z_) : std::fabs(z_) < yield_mm_ ? 0.0 : sign_of(v);
       if (side == 0.0 || (std::fabs(z_) == yield_mm_ && side != sign_of(z_))) {
         const double target = sign_of(v) * yield_mm_;
         const double needed_s = v == 0.0 ? dt_s : (target - z_) / v;

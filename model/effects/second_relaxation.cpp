@@ -11,9 +11,7 @@ class Arm : public Process {
  public:
   explicit Arm(double time_constant_s) noexcept : state_(time_constant_s) {}
   void reset(const Instant&) noexcept override { state_.reset(); }
-  void force(const Instant& now, double* columns) noexcept override {
-    columns[0] = state_.step(now.step_mm, now.dt_s);
-  }
+  void force(const Instant& now, double* columns) noexcept override { columns[0] = state_.step(now.step_mm, now.dt_s); }
 
  private:
   MaxwellState state_;

@@ -9,8 +9,7 @@ namespace {
 class Slack : public Process {
  public:
   void reset(const Instant&) noexcept override {}
-  void shape(const Instant&, std::span<double> columns,
-             std::span<const double> coefficients) noexcept override {
+  void shape(const Instant&, std::span<double> columns, std::span<const double> coefficients) noexcept override {
     double force_N = 0.0;
     for (std::size_t i = 0; i < columns.size(); ++i) force_N += columns[i] * coefficients[i];
     if (force_N < 0.0) std::ranges::fill(columns, 0.0);

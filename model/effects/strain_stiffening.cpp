@@ -103,9 +103,7 @@ const Physics& strain_stiffening() {
         "F = k w ln(1 + exp((x - x0) / w))",
         {{"position_mm", -1e3, 1e3, {-1.0, 1.0}}, {"width_mm", 0.02, 20.0, {0.3, 0.3}, true}},
         {{"stiffness_N_mm", Sign::kFree}},
-        [](std::span<const double> p, const Reference&) {
-          return std::make_unique<SmoothKnee>(p[0], p[1]);
-        }}}};
+        [](std::span<const double> p, const Reference&) { return std::make_unique<SmoothKnee>(p[0], p[1]); }}}};
   return physics;
 }
 

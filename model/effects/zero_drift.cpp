@@ -9,9 +9,7 @@ namespace {
 class Linear : public Process {
  public:
   void reset(const Instant& first) noexcept override { start_s_ = first.t_s; }
-  void force(const Instant& now, double* columns) noexcept override {
-    columns[0] = (now.t_s - start_s_) / 3600.0;
-  }
+  void force(const Instant& now, double* columns) noexcept override { columns[0] = (now.t_s - start_s_) / 3600.0; }
 
  private:
   double start_s_ = 0.0;

@@ -1,9 +1,8 @@
 // Prints what the daemon publishes, and says when a message was missed.
 //   c++ -std=c++17 subscriber.cpp $(pkg-config --cflags --libs isorig-msgs) -o subscriber
+#include <cstdio>
 #include <isorig/channels.hpp>
 #include <isorig_msgs/frame_batch_t.hpp>
-
-#include <cstdio>
 #include <lcm/lcm-cpp.hpp>
 #include <string>
 

@@ -12,8 +12,7 @@
 namespace isorig::proof {
 namespace {
 
-constexpr std::array<std::string_view, 5> kMethods{"chance", "greedy BIC", "CV minimum", "sparse",
-                                                   "black box"};
+constexpr std::array<std::string_view, 5> kMethods{"chance", "greedy BIC", "CV minimum", "sparse", "black box"};
 constexpr int kBlocks = 10;
 
 /// Normal equations of all columns, in blocks of time for cross-validation.
@@ -23,8 +22,7 @@ struct Normal {
   std::vector<double> power;
   double rows = 0.0;
 
-  Normal(const Eigen::MatrixXd& columns, const Eigen::VectorXd& target)
-      : rows(static_cast<double>(target.size())) {
+  Normal(const Eigen::MatrixXd& columns, const Eigen::VectorXd& target) : rows(static_cast<double>(target.size())) {
     const Eigen::Index n = target.size();
     for (int b = 0; b < kBlocks; ++b) {
       const Eigen::Index first = n * b / kBlocks, count = n * (b + 1) / kBlocks - first;
@@ -56,8 +54,7 @@ Eigen::VectorXd solved(const Eigen::MatrixXd& gram, const Eigen::VectorXd& momen
 
 constexpr double kRidge = 1e-10;
 
-double squares(const Normal& normal, std::size_t block, const std::vector<int>& columns,
-               const Eigen::VectorXd& x) {
+double squares(const Normal& normal, std::size_t block, const std::vector<int>& columns, const Eigen::VectorXd& x) {
   return normal.power[block] - 2.0 * x.dot(normal.moment[block](columns)) +
          x.dot(normal.gram[block](columns, columns) * x);
 }
@@ -122,8 +119,7 @@ Selected thresholded(const Library& library, const Normal& normal, double noise_
   for (int i = 0; i < library.columns.cols(); ++i) columns.push_back(i);
   std::vector<double> adds_N;
   for (int round = 0; round < 12; ++round) {
-    const Eigen::VectorXd x =
-        solved(normal.gram[kBlocks](columns, columns), normal.moment[kBlocks](columns), 1e-6);
+    const Eigen::VectorXd x = solved(normal.gram[kBlocks](columns, columns), normal.moment[kBlocks](columns), 1e-6);
     std::vector<int> kept;
     adds_N.clear();
     for (std::size_t i = 0; i < columns.size(); ++i) {
@@ -155,8 +151,7 @@ double rmse(const Eigen::VectorXd& difference) {
 /// From differences of neighbours, which no slow error reaches.
 double noise_of(const Eigen::VectorXd& residual_N) {
   std::vector<double> steps;
-  for (Eigen::Index i = 1; i < residual_N.size(); ++i)
-    steps.push_back(std::abs(residual_N[i] - residual_N[i - 1]));
+  for (Eigen::Index i = 1; i < residual_N.size(); ++i) steps.push_back(std::abs(residual_N[i] - residual_N[i - 1]));
   std::ranges::nth_element(steps, steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2));
   return steps[steps.size() / 2] / (0.6745 * std::sqrt(2.0));
 }
@@ -168,8 +163,7 @@ Outcome chance(const std::string& case_name, double nominal_rmse_N) {
   const std::size_t answers = named_effects().size() + 2;
   const std::size_t drawn = random.index(answers);
   outcome.verdict = drawn == 0 ? "consistent" : drawn == 1 ? "unknown_physics" : "missing_physics";
-  if (drawn > 1)
-    outcome.missing = {{std::string(named_effects()[drawn - 2].name), 1.0 / static_cast<double>(answers)}};
+  if (drawn > 1) outcome.missing = {{std::string(named_effects()[drawn - 2].name), 1.0 / static_cast<double>(answers)}};
   return outcome;
 }
 
@@ -193,9 +187,8 @@ Outcome black_box(const messages::Recording& train, const messages::Recording& h
   outcome.nominal_rmse_N = outcome.model_rmse_N = rmse(heldout_error_N);
   outcome.verdict = least < 0.98 * none ? "unknown_physics" : "consistent";
   if (std::isfinite(best_ridge))
-    outcome.model_rmse_N =
-        rmse(heldout_error_N +
-             lagged_columns(heldout) * solved(normal.gram[kBlocks], normal.moment[kBlocks], best_ridge));
+    outcome.model_rmse_N = rmse(heldout_error_N + lagged_columns(heldout) *
+                                                      solved(normal.gram[kBlocks], normal.moment[kBlocks], best_ridge));
   return outcome;
 }
 
@@ -223,9 +216,7 @@ std::vector<Outcome> run_baselines(const messages::Recording& train, const messa
     return normal.rows * std::log(total_squares(normal, columns) / normal.rows) +
            static_cast<double>(static_cast<int>(columns.size()) + searched) * log_rows;
   };
-  const auto left_out = [&](const std::vector<int>& columns, int) {
-    return left_out_squares(normal, columns, kRidge);
-  };
+  const auto left_out = [&](const std::vector<int>& columns, int) { return left_out_squares(normal, columns, kRidge); };
 
   const auto outcome_of = [&](const Selected& selected) {
     Outcome outcome;

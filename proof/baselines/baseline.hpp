@@ -14,10 +14,8 @@ namespace isorig::proof {
 [[nodiscard]] std::span<const std::string_view> baselines();
 
 /// Every baseline on one case. The heldout recording's forces are not looked at; `truth_N` only measures.
-[[nodiscard]] std::vector<Outcome> run_baselines(const messages::Recording& train,
-                                                 const messages::Recording& heldout,
-                                                 const std::string& nominal,
-                                                 const std::vector<double>& truth_N,
+[[nodiscard]] std::vector<Outcome> run_baselines(const messages::Recording& train, const messages::Recording& heldout,
+                                                 const std::string& nominal, const std::vector<double>& truth_N,
                                                  const std::string& case_name);
 
 }  // namespace isorig::proof

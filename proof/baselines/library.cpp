@@ -1,7 +1,6 @@
 #include "proof/baselines/library.hpp"
 
 #include <Eigen/LU>
-
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -44,8 +43,7 @@ Column played(std::span<const double> position_mm, double width_mm) {
 Column travelled(std::span<const double> position_mm) {
   const Column quiet = played(position_mm, 0.01);  // ten micrometres of play keep noise from adding up
   Column travel = Column::Zero(quiet.size());
-  for (Eigen::Index i = 1; i < quiet.size(); ++i)
-    travel[i] = travel[i - 1] + std::abs(quiet[i] - quiet[i - 1]);
+  for (Eigen::Index i = 1; i < quiet.size(); ++i) travel[i] = travel[i - 1] + std::abs(quiet[i] - quiet[i - 1]);
   return travel;
 }
 
@@ -83,8 +81,7 @@ Column pressure_change(const messages::Recording& recording) {
 
 class Builder {
  public:
-  Builder(const messages::Recording& recording, const NominalFit& nominal)
-      : frame_(recording.frame), fit_(nominal) {
+  Builder(const messages::Recording& recording, const NominalFit& nominal) : frame_(recording.frame), fit_(nominal) {
     add_base();
   }
   void add(std::string_view effect, std::vector<Column> columns, bool searched = false) {
@@ -96,10 +93,8 @@ class Builder {
     return nominal_columns(frame_.t_s, position_mm, fit_.time_constants_s) * fit_.coefficients;
   }
   [[nodiscard]] Library finish() {
-    library_.columns.resize(static_cast<Eigen::Index>(frame_.size()),
-                            static_cast<Eigen::Index>(columns_.size()));
-    for (std::size_t i = 0; i < columns_.size(); ++i)
-      library_.columns.col(static_cast<Eigen::Index>(i)) = columns_[i];
+    library_.columns.resize(static_cast<Eigen::Index>(frame_.size()), static_cast<Eigen::Index>(columns_.size()));
+    for (std::size_t i = 0; i < columns_.size(); ++i) library_.columns.col(static_cast<Eigen::Index>(i)) = columns_[i];
     return std::move(library_);
   }
 
@@ -109,10 +104,9 @@ class Builder {
     for (Eigen::Index i = 0; i < nominal.cols(); ++i) columns_.push_back(nominal.col(i));
     for (std::size_t i = 0; i < fit_.time_constants_s.size(); ++i) {
       constexpr double kPart = 0.02;
-      columns_.push_back(
-          (maxwell_column(frame_.t_s, frame_.position_mm, fit_.time_constants_s[i] * (1.0 + kPart)) -
-           nominal.col(static_cast<Eigen::Index>(i) + 1)) /
-          kPart);
+      columns_.push_back((maxwell_column(frame_.t_s, frame_.position_mm, fit_.time_constants_s[i] * (1.0 + kPart)) -
+                          nominal.col(static_cast<Eigen::Index>(i) + 1)) /
+                         kPart);
     }
     library_.base = static_cast<int>(columns_.size());
   }

@@ -25,8 +25,7 @@ struct Library {
 };
 
 /// `slip_at_s`: time of the step of grip_slip in this recording; infinite for none.
-[[nodiscard]] Library build_library(const messages::Recording& recording, const NominalFit& nominal,
-                                    double slip_at_s);
+[[nodiscard]] Library build_library(const messages::Recording& recording, const NominalFit& nominal, double slip_at_s);
 
 /// When a step in the residual would explain most of it.
 [[nodiscard]] double likeliest_step_s(const messages::FrameSamples& frame, const Eigen::VectorXd& residual_N);

@@ -47,8 +47,8 @@ Solution solve(const Eigen::MatrixXd& gram, const Eigen::VectorXd& moment, doubl
   scaled.diagonal().array() += 1e-12;
   const Eigen::VectorXd x = scaled.ldlt().solve(scale.asDiagonal() * moment);
   Solution solution{scale.asDiagonal() * x, 0.0};
-  solution.sum_of_squares = power - 2.0 * solution.coefficients.dot(moment) +
-                            solution.coefficients.dot(gram * solution.coefficients);
+  solution.sum_of_squares =
+      power - 2.0 * solution.coefficients.dot(moment) + solution.coefficients.dot(gram * solution.coefficients);
   return solution;
 }
 
@@ -130,8 +130,7 @@ double residual_size_N(const NominalFit& fit, const std::vector<bool>& dense) {
     for (std::size_t i = 0; i < dense.size(); ++i)
       if (dense[i] == which) magnitude.push_back(std::abs(fit.residual_N[static_cast<Eigen::Index>(i)]));
     if (magnitude.empty()) continue;
-    const auto at =
-        magnitude.begin() + static_cast<std::ptrdiff_t>(0.99 * static_cast<double>(magnitude.size() - 1));
+    const auto at = magnitude.begin() + static_cast<std::ptrdiff_t>(0.99 * static_cast<double>(magnitude.size() - 1));
     std::nth_element(magnitude.begin(), at, magnitude.end());
     size_N = std::fmax(size_N, *at);
   }

@@ -24,8 +24,7 @@ struct NominalFit {
 [[nodiscard]] NominalFit fit_nominal(std::span<const double> t_s, std::span<const double> position_mm,
                                      std::span<const double> force_N, int arms);
 
-[[nodiscard]] Eigen::MatrixXd nominal_columns(std::span<const double> t_s,
-                                              std::span<const double> position_mm,
+[[nodiscard]] Eigen::MatrixXd nominal_columns(std::span<const double> t_s, std::span<const double> position_mm,
                                               std::span<const double> time_constants_s);
 
 /// Rows recorded densely (neighbours nearer than 50 ms): the ramps.

@@ -31,8 +31,7 @@ void draw_specimen(Case& c, Random& random) {
     s.arms = {{s.stiffness_N_mm * random.uniform(0.3, 0.8), random.log_uniform(0.12, 0.5)},
               {s.stiffness_N_mm * random.uniform(0.2, 0.7), random.log_uniform(2.5, 8.0)}};
   }
-  rig.crosshead = {random.uniform(50.0, 110.0), random.uniform(0.65, 0.95),
-                   random.log_uniform(200.0, 1000.0)};
+  rig.crosshead = {random.uniform(50.0, 110.0), random.uniform(0.65, 0.95), random.log_uniform(200.0, 1000.0)};
   rig.air.droop_psi_mm = random.sign() * random.uniform(0.01, 0.05);
   rig.air.recovery_s = random.log_uniform(0.8, 4.0);
   rig.air.swing_psi = random.uniform(0.005, 0.03);
@@ -45,8 +44,7 @@ void draw_instruments(Case& c, Random& random) {
   i.position_noise_mm = random.uniform(0.3e-3, 0.6e-3);
   i.force_step_N = random.chance(0.5) ? 5e-3 : 1e-3;
   // Not white alone, now and then, also where there is something to be found.
-  const bool coloured =
-      c.plan.trap == Trap::kColouredNoise || (c.plan.trap == Trap::kNone && random.chance(0.2));
+  const bool coloured = c.plan.trap == Trap::kColouredNoise || (c.plan.trap == Trap::kNone && random.chance(0.2));
   if (coloured) {
     i.coloured_noise_N = i.force_noise_N * random.uniform(0.3, 0.9);
     i.coloured_time_s = random.log_uniform(0.3, 5.0);
@@ -89,8 +87,7 @@ void add_background(Case& c, Random& random) {
   const auto add = [](RigParameters& to, double share, double bend) {
     double time_s = 0.08;
     for (int i = 0; i < 5; ++i, time_s *= 6.0)
-      to.hidden.further_arms.push_back(
-          {share * to.specimen.stiffness_N_mm * std::pow(time_s, -0.15), time_s});
+      to.hidden.further_arms.push_back({share * to.specimen.stiffness_N_mm * std::pow(time_s, -0.15), time_s});
     to.hidden.quadratic_N_mm2 += bend;
   };
   double scale = 0.01;
@@ -147,8 +144,7 @@ double rounded(double value, double step) {
 }
 
 /// First-order coloured noise at the given times.
-std::vector<double> coloured(const std::vector<double>& t_s, double deviation, double time_s,
-                             Random& random) {
+std::vector<double> coloured(const std::vector<double>& t_s, double deviation, double time_s, Random& random) {
   std::vector<double> noise(t_s.size(), 0.0);
   double state = deviation * random.normal();
   for (std::size_t i = 0; i < t_s.size(); ++i) {
@@ -186,8 +182,7 @@ MadeRecording record(const Case& drawn, Part part, std::uint64_t seed) {
   const Trace trace = simulate(rig, motion, sampling, jitter_s);
 
   std::vector<double> noise_N(trace.t_s.size(), 0.0);
-  if (in.coloured_noise_N > 0.0)
-    noise_N = coloured(trace.t_s, in.coloured_noise_N, in.coloured_time_s, random);
+  if (in.coloured_noise_N > 0.0) noise_N = coloured(trace.t_s, in.coloured_noise_N, in.coloured_time_s, random);
   for (std::size_t i = 0; i < noise_N.size(); ++i)
     noise_N[i] += in.force_noise_N * (1.0 + in.warming * trace.t_s[i] / motion.end_s()) * random.normal();
   for (int n = 0; n < in.outliers; ++n)

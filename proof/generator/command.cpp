@@ -11,13 +11,9 @@ void add_generate(CLI::App& app) {
   auto seed = std::make_shared<std::optional<std::uint64_t>>();
   auto* sub = app.add_subcommand("generate", "Draw cases, write their recordings, seal their labels");
   sub->add_option("--seed", *seed, "Equal seeds give equal studies; without one, nobody knows it beforehand");
-  sub->add_option("--cases", options->cases, "Number of cases")
-      ->capture_default_str()
-      ->check(CLI::Range(1, 999));
+  sub->add_option("--cases", options->cases, "Number of cases")->capture_default_str()->check(CLI::Range(1, 999));
   sub->add_option("--out", options->out, "Folder of the study")->required();
-  sub->add_option("-j,--jobs", options->threads, "Cases at a time")
-      ->capture_default_str()
-      ->check(CLI::Range(1, 64));
+  sub->add_option("-j,--jobs", options->threads, "Cases at a time")->capture_default_str()->check(CLI::Range(1, 64));
   sub->callback([options, seed] {
     if (!*seed) {
       std::random_device device;

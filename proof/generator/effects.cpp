@@ -50,8 +50,7 @@ const EffectKind& effect_kind(std::string_view name) {
   throw std::invalid_argument("no effect is called " + std::string(name));
 }
 
-ConcealedEffect draw_effect(const EffectKind& kind, Random& random, const RigParameters& rig,
-                            const Motion& train) {
+ConcealedEffect draw_effect(const EffectKind& kind, Random& random, const RigParameters& rig, const Motion& train) {
   ConcealedEffect effect{std::string(kind.name), kind.start, 1.0, {}};
   auto& shape = effect.shape;
   const double fastest_s = rig.specimen.arms.front().time_constant_s;
@@ -156,9 +155,8 @@ void conceal_strange(const ConcealedEffect& effect, RigParameters& rig) {
     h.resonance_damping = shape.at("damping");
   } else if (effect.name == "range_switch") {
     h.range_gain += s;
-    h.range_from_N =
-        shape.at("above_rest_N") +
-        rig.specimen.stiffness_N_mm * (rig.specimen.rest_length_mm - rig.specimen.pressurized_rest_length_mm);
+    h.range_from_N = shape.at("above_rest_N") + rig.specimen.stiffness_N_mm * (rig.specimen.rest_length_mm -
+                                                                               rig.specimen.pressurized_rest_length_mm);
   } else {
     throw std::invalid_argument("no effect is called " + effect.name);
   }

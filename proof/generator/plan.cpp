@@ -101,10 +101,9 @@ std::vector<CasePlan> plan_study(std::uint64_t seed, std::size_t count) {
   Deck<std::string> first(mixable, random);
   Deck<std::string> second(mixable, random);
   Deck<double> sizes({1.0, 1.0, 0.7, 0.5, 0.35, 0.25}, random);
-  Deck<Trap> traps(
-      {Trap::kNone, Trap::kColouredNoise, Trap::kOutliers, Trap::kCoarseQuantisation, Trap::kPressureClock,
-       Trap::kWarmingNoise, Trap::kNoisyPosition, Trap::kNoPressure, Trap::kSwingingPressure, Trap::kGaps},
-      random);
+  Deck<Trap> traps({Trap::kNone, Trap::kColouredNoise, Trap::kOutliers, Trap::kCoarseQuantisation, Trap::kPressureClock,
+                    Trap::kWarmingNoise, Trap::kNoisyPosition, Trap::kNoPressure, Trap::kSwingingPressure, Trap::kGaps},
+                   random);
   Deck<std::size_t> clusters({0, 1, 2, 3}, random);
   // Of 24: 5 nulls, 11 singles, 3 pairs, 1 confusable, 2 strange, 2 over a background.
   using enum Category;

@@ -64,9 +64,7 @@ class Sliders {
 
 class DeadTime {
  public:
-  DeadTime(double delay_s, double dt_s) : steps_(delay_s / dt_s) {
-    past_.resize(static_cast<std::size_t>(steps_) + 2);
-  }
+  DeadTime(double delay_s, double dt_s) : steps_(delay_s / dt_s) { past_.resize(static_cast<std::size_t>(steps_) + 2); }
   double step(double value) noexcept {
     if (count_ == 0) std::ranges::fill(past_, value);
     past_[count_ % past_.size()] = value;
@@ -147,8 +145,7 @@ class Plant {
     force_N += (h_.quadratic_N_mm2 + h_.cubic_N_mm3 * grip_mm) * grip_mm * grip_mm;
     force_N += h_.exponential_N * (std::exp(grip_mm / h_.exponential_mm) - 1.0 - grip_mm / h_.exponential_mm);
     if (h_.knee_N_mm != 0.0)
-      force_N += h_.knee_N_mm * h_.knee_width_mm *
-                 std::log1p(std::exp((grip_mm - h_.knee_at_mm) / h_.knee_width_mm));
+      force_N += h_.knee_N_mm * h_.knee_width_mm * std::log1p(std::exp((grip_mm - h_.knee_at_mm) / h_.knee_width_mm));
     force_N += above_psi * (h_.force_per_pressure_N_psi + h_.stiffness_per_pressure_N_mm_psi * elongation_mm);
 
     structure_ += dt_s_ * ((1.0 - structure_) / h_.thixotropy_s - 0.5 * std::abs(velocity_mm_s) * structure_);
@@ -169,8 +166,8 @@ class Plant {
     if (h_.resonance_Hz > 0.0) {
       const double omega = kTau * h_.resonance_Hz;
       if (!started_) ringing_N_ = force_N;
-      ringing_rate_ += dt_s_ * (omega * omega * (force_N - ringing_N_) -
-                                2.0 * h_.resonance_damping * omega * ringing_rate_);
+      ringing_rate_ +=
+          dt_s_ * (omega * omega * (force_N - ringing_N_) - 2.0 * h_.resonance_damping * omega * ringing_rate_);
       ringing_N_ += dt_s_ * ringing_rate_;
       force_N = ringing_N_;
     }
@@ -184,8 +181,8 @@ class Plant {
     started_ = true;
     if (h_.delay_s > 0.0) force_N = delay_.step(force_N);
     constexpr double kDriftOver_s = 4000.0;
-    force_N += h_.drift_time_s > 0.0 ? h_.drift_N * (1.0 - std::exp(-t_s / h_.drift_time_s))
-                                     : h_.drift_N * t_s / kDriftOver_s;
+    force_N +=
+        h_.drift_time_s > 0.0 ? h_.drift_N * (1.0 - std::exp(-t_s / h_.drift_time_s)) : h_.drift_N * t_s / kDriftOver_s;
     if (force_N > h_.range_from_N) force_N += h_.range_gain * (force_N - h_.range_from_N);
     return force_N;
   }

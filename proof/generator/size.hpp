@@ -7,7 +7,7 @@ namespace isorig::proof {
 [[nodiscard]] double residual_left_N(const RigParameters& rig, const Motion& train, const Sampling& sampling);
 
 /// The strength at which the effect leaves `target_N`, or its utmost. Found by a few simulations.
-[[nodiscard]] double full_strength(const ConcealedEffect& effect, const RigParameters& clean,
-                                   const Motion& train, const Sampling& sampling, double target_N);
+[[nodiscard]] double full_strength(const ConcealedEffect& effect, const RigParameters& clean, const Motion& train,
+                                   const Sampling& sampling, double target_N);
 
 }  // namespace isorig::proof

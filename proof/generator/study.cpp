@@ -37,8 +37,7 @@ Json label_of(const Case& c, const std::string& truth_hash) {
   const Specimen& s = c.rig.specimen;
   label["stiffness_N_mm"] = s.stiffness_N_mm;
   for (const Arm& arm : s.arms)
-    label["arms"].push_back(
-        {{"stiffness_N_mm", arm.stiffness_N_mm}, {"time_constant_s", arm.time_constant_s}});
+    label["arms"].push_back({{"stiffness_N_mm", arm.stiffness_N_mm}, {"time_constant_s", arm.time_constant_s}});
   label["truth_sha256"] = truth_hash;
   return label;
 }

@@ -19,8 +19,7 @@ struct Options {
 void tell(const RealCase& real, const Options& options) {
   const std::filesystem::path folder = options.out / real.name;
   write_real_case(real, options.source, folder);
-  std::printf("%s\n  left out: %s\n  known:    %s\n", real.name.data(), real.left_out.data(),
-              real.known.data());
+  std::printf("%s\n  left out: %s\n  known:    %s\n", real.name.data(), real.left_out.data(), real.known.data());
   if (!options.run) return;
   std::filesystem::remove(folder / "log.txt");
   std::vector<std::string> command{options.isorig, "diagnose"};
@@ -33,8 +32,7 @@ void tell(const RealCase& real, const Options& options) {
   }
   const Outcome outcome = read_diagnosis(folder / "diagnosis" / "diagnosis.json");
   std::printf("  found:    %s", outcome.verdict.c_str());
-  for (const Claim& claim : outcome.missing)
-    std::printf(", %s %.2f", claim.effect.c_str(), claim.probability);
+  for (const Claim& claim : outcome.missing) std::printf(", %s %.2f", claim.effect.c_str(), claim.probability);
   std::printf(" (%.1f s)\n", result.wall_s);
 }
 
@@ -42,11 +40,9 @@ void tell(const RealCase& real, const Options& options) {
 
 void add_real(CLI::App& app) {
   auto options = std::make_shared<Options>();
-  auto* sub = app.add_subcommand(
-      "real", "Real recordings of others, with a known effect left out of the nominal model");
-  sub->add_option("SOURCE", options->source, "Folder of the recordings")
-      ->required()
-      ->check(CLI::ExistingDirectory);
+  auto* sub =
+      app.add_subcommand("real", "Real recordings of others, with a known effect left out of the nominal model");
+  sub->add_option("SOURCE", options->source, "Folder of the recordings")->required()->check(CLI::ExistingDirectory);
   sub->add_option("--out", options->out, "Folder for what is converted and found")->required();
   sub->add_option("--isorig", options->isorig, "The program to judge")->capture_default_str();
   sub->add_option("--only", options->only, "One of: emps, pendulum, elastomer, silicone, festo, cylinder");

@@ -59,8 +59,8 @@ std::vector<double> scaled(std::vector<double> values, double factor) {
   return values;
 }
 
-Recording recording_of(std::string specimen, double length_mm, std::vector<double> t_s,
-                       std::vector<double> position_mm, std::vector<double> force_N) {
+Recording recording_of(std::string specimen, double length_mm, std::vector<double> t_s, std::vector<double> position_mm,
+                       std::vector<double> force_N) {
   Recording r;
   r.metadata.specimen = std::move(specimen);
   r.metadata.rest_length_mm = length_mm;
@@ -84,8 +84,7 @@ void thin(messages::FrameSamples& frame, Keep&& keep) {
 Recording emps(const std::filesystem::path& file) {
   constexpr std::string_view kNames[] = {"time_s", "position_m", "drive_force_N"};
   auto c = read_columns(file, kNames);
-  return recording_of("EMPS linear axis", 250.0, std::move(c[0]), scaled(std::move(c[1]), 1e3),
-                      std::move(c[2]));
+  return recording_of("EMPS linear axis", 250.0, std::move(c[0]), scaled(std::move(c[1]), 1e3), std::move(c[2]));
 }
 
 /// Arc length on a radius of 100 mm, for 1 kg there. What is measured is the motion alone: its acceleration
@@ -115,8 +114,7 @@ Recording pendulum(const std::filesystem::path& file) {
     position_mm.push_back((y0 - bend * s2) / kCount);
     force_N.push_back(-1e-3 * 2.0 * bend / (dt_s * dt_s));
   }
-  Recording r =
-      recording_of("pendulum", kRadius_mm, std::move(t_s), std::move(position_mm), std::move(force_N));
+  Recording r = recording_of("pendulum", kRadius_mm, std::move(t_s), std::move(position_mm), std::move(force_N));
   thin(r.frame, [](std::size_t, double time_s) { return time_s > 0.1; });  // the hand has let go
   return r;
 }
@@ -124,10 +122,8 @@ Recording pendulum(const std::filesystem::path& file) {
 Recording elastomer(const std::filesystem::path& file) {
   constexpr std::string_view kNames[] = {"time_s", "displacement_m", "force_N"};
   auto c = read_columns(file, kNames);
-  Recording r =
-      recording_of("VHB 4910", 80.0, std::move(c[0]), scaled(std::move(c[1]), 1e3), std::move(c[2]));
-  thin(r.frame,
-       [](std::size_t i, double t_s) { return t_s < 20.0 || (t_s < 200.0 ? i % 10 == 0 : i % 50 == 0); });
+  Recording r = recording_of("VHB 4910", 80.0, std::move(c[0]), scaled(std::move(c[1]), 1e3), std::move(c[2]));
+  thin(r.frame, [](std::size_t i, double t_s) { return t_s < 20.0 || (t_s < 200.0 ? i % 10 == 0 : i % 50 == 0); });
   return r;
 }
 
@@ -150,9 +146,9 @@ Recording cylinder(const std::filesystem::path& file) {
   auto c = read_columns(file, kNames);
   for (auto& column : c) column.erase(column.begin(), column.begin() + 15);  // as the author does
   const auto pressure_psi = scaled(c[2], 1.0 / kPascal_per_psi);
-  Recording r = with_pressure(recording_of("pneumatic cylinder", 100.0, std::move(c[0]),
-                                           scaled(std::move(c[1]), 1e3), std::move(c[3])),
-                              pressure_psi);
+  Recording r = with_pressure(
+      recording_of("pneumatic cylinder", 100.0, std::move(c[0]), scaled(std::move(c[1]), 1e3), std::move(c[3])),
+      pressure_psi);
   r.metadata.nominal_pressure_psi = 0.0;  // force = pressure times area, from nothing
   return r;
 }
@@ -164,9 +160,8 @@ Recording festo(const std::filesystem::path& file) {
   std::vector<double> position_mm;
   for (const double length_m : c[1]) position_mm.push_back(1e3 * length_m - kRest_mm);
   const auto pressure_psi = scaled(c[2], 1e3 / kPascal_per_psi);
-  return with_pressure(
-      recording_of("Festo muscle", kRest_mm, std::move(c[0]), std::move(position_mm), std::move(c[3])),
-      pressure_psi);
+  return with_pressure(recording_of("Festo muscle", kRest_mm, std::move(c[0]), std::move(position_mm), std::move(c[3])),
+                       pressure_psi);
 }
 
 constexpr std::string_view kAxis = R"(format = "isorig-model/1"
@@ -250,14 +245,13 @@ const std::array kCases{
              "residual of a line 9.7 %",
              kSpring,
              silicone},
-    RealCase{
-        "festo",
-        {"festo-bpa-10mm-isometric/len20cm_short50_test9.csv"},
-        "pressure_threshold",
-        "about 380 kPa (55 psi); residual of a line 44.5 %, with a threshold 10.0 %; load cell clipped at "
-        "-8.735 N",
-        kMuscle,
-        festo},
+    RealCase{"festo",
+             {"festo-bpa-10mm-isometric/len20cm_short50_test9.csv"},
+             "pressure_threshold",
+             "about 380 kPa (55 psi); residual of a line 44.5 %, with a threshold 10.0 %; load cell clipped at "
+             "-8.735 N",
+             kMuscle,
+             festo},
     RealCase{"cylinder",
              {"pneumatic-cylinder-friction/o-ring_3bar.csv"},
              "coulomb_friction",
@@ -283,8 +277,7 @@ std::string recording_name(const RealCase& real, std::size_t i) {
   return real.files.size() == 1 ? "recording" : "recording-" + std::to_string(i + 1);
 }
 
-void write_real_case(const RealCase& real, const std::filesystem::path& source,
-                     const std::filesystem::path& out) {
+void write_real_case(const RealCase& real, const std::filesystem::path& source, const std::filesystem::path& out) {
   for (std::size_t i = 0; i < real.files.size(); ++i)
     messages::write_recording(out / recording_name(real, i), real.convert(source / real.files[i]));
   write_text(out / "nominal.toml", real.nominal_toml);

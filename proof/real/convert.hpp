@@ -31,7 +31,6 @@ struct RealCase {
 [[nodiscard]] std::string recording_name(const RealCase& real, std::size_t i);
 
 /// OUT/recording (or recording-1 and on, where there are several) and OUT/nominal.toml.
-void write_real_case(const RealCase& real, const std::filesystem::path& source,
-                     const std::filesystem::path& out);
+void write_real_case(const RealCase& real, const std::filesystem::path& source, const std::filesystem::path& out);
 
 }  // namespace isorig::proof

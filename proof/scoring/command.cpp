@@ -26,11 +26,11 @@ struct StudyPaths {
   [[nodiscard]] fs::path results_or_default() const { return results.empty() ? study / "results" : results; }
 };
 
-void tell(const std::vector<Score>& scores, const std::vector<std::vector<std::string>>& rows,
-          const fs::path& out, const std::string& title, const std::string& seal) {
+void tell(const std::vector<Score>& scores, const std::vector<std::vector<std::string>>& rows, const fs::path& out,
+          const std::string& title, const std::string& seal) {
   for (const auto& row : rows)
-    std::printf("%-9s %-16s %-44s %5s %6s  %s; %s %%\n", row[0].c_str(), row[1].c_str(), row[2].c_str(),
-                row[3].c_str(), row[4].c_str(), row[5].c_str(), row[6].c_str());
+    std::printf("%-9s %-16s %-44s %5s %6s  %s; %s %%\n", row[0].c_str(), row[1].c_str(), row[2].c_str(), row[3].c_str(),
+                row[4].c_str(), row[5].c_str(), row[6].c_str());
   std::printf("\n%s", table_text(scores).c_str());
   nlohmann::ordered_json json = score_json(scores);
   if (!seal.empty()) json["labels_sha256"] = seal;
@@ -69,8 +69,7 @@ void score_study(const StudyPaths& paths) {
   std::vector<Outcome> outcomes(labels.size());
   std::vector<std::vector<double>> truth(labels.size());
   for (std::size_t i = 0; i < labels.size(); ++i) {
-    truth[i] =
-        true_force_N(labels_file.parent_path() / "truth" / (labels[i].name + ".csv"), labels[i].truth_sha256);
+    truth[i] = true_force_N(labels_file.parent_path() / "truth" / (labels[i].name + ".csv"), labels[i].truth_sha256);
     outcomes[i] = collect(results / labels[i].name, truth[i]);
   }
   std::vector<Score> scores{score("isorig", labels, outcomes)};
@@ -94,23 +93,20 @@ void score_practice(const StudyPaths& paths) {
   const std::vector<Label> labels = parse_foreign_labels(read_text(paths.labels));
   std::vector<CaseToRun> cases;
   for (const Label& label : labels)
-    cases.push_back({label.name, label.nominal, paths.study / label.name / "train",
-                     paths.study / label.name / "heldout"});
+    cases.push_back(
+        {label.name, label.nominal, paths.study / label.name / "train", paths.study / label.name / "heldout"});
   if (paths.results.empty()) throw std::runtime_error("practice cases are not written into: --out is needed");
   run_cases(cases, paths.results, paths.run);
   std::vector<Outcome> outcomes;
   for (const CaseToRun& one : cases)
-    outcomes.push_back(
-        collect(paths.results / one.name, messages::read_recording(one.heldout).frame.force_N));
+    outcomes.push_back(collect(paths.results / one.name, messages::read_recording(one.heldout).frame.force_N));
   tell({score("isorig", labels, outcomes, true)}, case_rows(labels, outcomes, true), paths.results,
        "Practice cases: what was found", "");
 }
 
 void add_run_options(CLI::App* sub, StudyPaths& paths) {
   sub->add_option("--isorig", paths.run.isorig, "The program to judge")->capture_default_str();
-  sub->add_option("-j,--jobs", paths.run.jobs, "Cases at a time")
-      ->capture_default_str()
-      ->check(CLI::Range(1, 64));
+  sub->add_option("-j,--jobs", paths.run.jobs, "Cases at a time")->capture_default_str()->check(CLI::Range(1, 64));
   sub->add_option("--threads", paths.run.threads, "Threads of each diagnosis")->capture_default_str();
 }
 
@@ -118,8 +114,7 @@ void add_run_options(CLI::App* sub, StudyPaths& paths) {
 
 void add_run(CLI::App& app) {
   auto paths = std::make_shared<StudyPaths>();
-  auto* sub =
-      app.add_subcommand("run", "Run `isorig diagnose` and `isorig predict` on every case of a study");
+  auto* sub = app.add_subcommand("run", "Run `isorig diagnose` and `isorig predict` on every case of a study");
   sub->add_option("STUDY", paths->study, "Folder that generate wrote")->required();
   sub->add_option("--results", paths->results, "Folder for what the tool says (default: STUDY/results)");
   add_run_options(sub, *paths);

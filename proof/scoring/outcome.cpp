@@ -68,8 +68,7 @@ const Json* find_any(const Json& object, std::initializer_list<const char*> name
 void add_effects(const Json& json, std::vector<std::string>& effects) {
   if (json.is_null()) return;
   if (json.is_string()) {
-    if (const std::string name = json; !name.empty() && name != "none" && name != "null")
-      effects.push_back(name);
+    if (const std::string name = json; !name.empty() && name != "none" && name != "null") effects.push_back(name);
   } else if (json.is_array()) {
     for (const Json& one : json) add_effects(one, effects);
   } else if (json.is_object()) {
@@ -98,11 +97,9 @@ Label foreign_label(const std::string& name, const Json& json) {
   label.name = name;
   const Json* nominal = find_any(json, {"nominal", "model", "nominal_model"});
   const Json* effects = find_any(json, {"effects", "concealed", "missing", "effect", "hidden", "labels"});
-  const Json* noise =
-      find_any(json, {"noise_N", "white_noise_N", "noise_sd_N", "sigma_N", "noise_std_N", "noise"});
+  const Json* noise = find_any(json, {"noise_N", "white_noise_N", "noise_sd_N", "sigma_N", "noise_std_N", "noise"});
   if (nominal == nullptr || effects == nullptr || noise == nullptr || !noise->is_number())
-    throw std::runtime_error(name +
-                             ": nominal model, effects or noise not found; its keys: " + keys_of(json));
+    throw std::runtime_error(name + ": nominal model, effects or noise not found; its keys: " + keys_of(json));
   label.nominal = nominal->get<std::string>();
   label.noise_N = noise->get<double>();
   add_effects(*effects, label.effects);
@@ -139,8 +136,7 @@ double prediction_rmse_N(const std::filesystem::path& prediction, const std::vec
     throw std::runtime_error(prediction.string() + ": " + std::to_string(force_N.size()) + " rows, not " +
                              std::to_string(reference_N.size()));
   double sum = 0.0;
-  for (std::size_t i = 0; i < force_N.size(); ++i)
-    sum += (force_N[i] - reference_N[i]) * (force_N[i] - reference_N[i]);
+  for (std::size_t i = 0; i < force_N.size(); ++i) sum += (force_N[i] - reference_N[i]) * (force_N[i] - reference_N[i]);
   return std::sqrt(sum / static_cast<double>(force_N.size()));
 }
 

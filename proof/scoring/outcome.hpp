@@ -55,7 +55,6 @@ struct Label {
 [[nodiscard]] std::vector<Label> parse_foreign_labels(const std::string& text);
 
 /// Root mean square of the difference of two CSV files t_s,force_N, row by row.
-[[nodiscard]] double prediction_rmse_N(const std::filesystem::path& prediction,
-                                       const std::vector<double>& reference_N);
+[[nodiscard]] double prediction_rmse_N(const std::filesystem::path& prediction, const std::vector<double>& reference_N);
 
 }  // namespace isorig::proof

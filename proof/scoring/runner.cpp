@@ -53,8 +53,8 @@ void run_case(const CaseToRun& one, const std::filesystem::path& folder, const R
   std::filesystem::remove_all(folder);
   std::filesystem::create_directories(folder);
   const std::filesystem::path log = folder / "log.txt";
-  const ProcessResult diagnosed = run_process({options.isorig, "diagnose", one.train, "--model", one.nominal,
-                                               "--out", folder, "--threads", std::to_string(options.threads)},
+  const ProcessResult diagnosed = run_process({options.isorig, "diagnose", one.train, "--model", one.nominal, "--out",
+                                               folder, "--threads", std::to_string(options.threads)},
                                               log);
   nlohmann::ordered_json json{
       {"exit_code", diagnosed.exit_code}, {"wall_s", diagnosed.wall_s}, {"cpu_s", diagnosed.cpu_s}};
@@ -64,10 +64,10 @@ void run_case(const CaseToRun& one, const std::filesystem::path& folder, const R
     std::ranges::fill(heldout.frame.force_N, 0.0);
     messages::write_recording(folder / "heldout-without-force", heldout);
     for (const char* model : {"nominal", "model"}) {
-      const ProcessResult predicted = run_process(
-          {options.isorig, "predict", folder / "heldout-without-force", "--model",
-           folder / (std::string(model) + ".toml"), "--out", folder / (std::string(model) + ".csv")},
-          log);
+      const ProcessResult predicted =
+          run_process({options.isorig, "predict", folder / "heldout-without-force", "--model",
+                       folder / (std::string(model) + ".toml"), "--out", folder / (std::string(model) + ".csv")},
+                      log);
       json["predict_" + std::string(model)] = predicted.exit_code;
     }
     std::filesystem::remove_all(folder / "heldout-without-force");
@@ -77,10 +77,9 @@ void run_case(const CaseToRun& one, const std::filesystem::path& folder, const R
 
 }  // namespace
 
-void run_cases(const std::vector<CaseToRun>& cases, const std::filesystem::path& results,
-               const RunOptions& options) {
+void run_cases(const std::vector<CaseToRun>& cases, const std::filesystem::path& results, const RunOptions& options) {
   base::parallel_for(cases.size(), options.jobs,
-                       [&](std::size_t i) { run_case(cases[i], results / cases[i].name, options); });
+                     [&](std::size_t i) { run_case(cases[i], results / cases[i].name, options); });
 }
 
 Outcome collect(const std::filesystem::path& folder, const std::vector<double>& reference_N) {

@@ -14,8 +14,7 @@ struct ProcessResult {
 };
 
 /// Runs a program with its output appended to `log`. Throws std::runtime_error when it cannot be started.
-[[nodiscard]] ProcessResult run_process(const std::vector<std::string>& command,
-                                        const std::filesystem::path& log);
+[[nodiscard]] ProcessResult run_process(const std::vector<std::string>& command, const std::filesystem::path& log);
 
 struct RunOptions {
   std::filesystem::path isorig = "isorig";
@@ -32,8 +31,7 @@ struct CaseToRun {
 
 /// `isorig diagnose` on train, then `isorig predict` of both models on heldout: into RESULTS/name. What was
 /// measured about the run goes to RESULTS/name/run.json. `heldout` is handed over without its forces.
-void run_cases(const std::vector<CaseToRun>& cases, const std::filesystem::path& results,
-               const RunOptions& options);
+void run_cases(const std::vector<CaseToRun>& cases, const std::filesystem::path& results, const RunOptions& options);
 
 /// What run_cases left for a case, its predictions compared with `reference_N`.
 [[nodiscard]] Outcome collect(const std::filesystem::path& folder, const std::vector<double>& reference_N);

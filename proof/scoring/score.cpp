@@ -34,8 +34,8 @@ void count_case(Score& s, const Label& label, const Outcome& outcome) {
   s.failed.count(outcome.failed);
   s.wrong_sure.count(sure_of_another(outcome, label));
   const bool alarm = outcome.failed || outcome.verdict != "consistent";
-  const bool first = !outcome.missing.empty() && !label.effects.empty() &&
-                     outcome.missing.front().effect == label.effects.front();
+  const bool first =
+      !outcome.missing.empty() && !label.effects.empty() && outcome.missing.front().effect == label.effects.front();
   const bool all = !outcome.failed && complete(outcome, label);
   const bool exact = all && outcome.missing.size() == label.effects.size();
   if (label.category == "null") {

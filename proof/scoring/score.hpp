@@ -57,7 +57,7 @@ struct Score {
 /// 1 - rmse(model) / rmse(nominal). `noise_N` is taken out of both when the reference was recorded force.
 [[nodiscard]] double gap_closed(const Outcome& outcome, double noise_N);
 
-[[nodiscard]] Score score(std::string method, const std::vector<Label>& labels,
-                          const std::vector<Outcome>& outcomes, bool against_recorded_force = false);
+[[nodiscard]] Score score(std::string method, const std::vector<Label>& labels, const std::vector<Outcome>& outcomes,
+                          bool against_recorded_force = false);
 
 }  // namespace isorig::proof

@@ -95,12 +95,9 @@ std::string table_text(std::span<const Score> scores) {
 }
 
 nlohmann::ordered_json score_json(std::span<const Score> scores) {
-  const auto number = [](double v) {
-    return std::isfinite(v) ? nlohmann::ordered_json(v) : nlohmann::ordered_json();
-  };
+  const auto number = [](double v) { return std::isfinite(v) ? nlohmann::ordered_json(v) : nlohmann::ordered_json(); };
   const auto counted = [](const Share& s) { return nlohmann::ordered_json{{"hits", s.hits}, {"of", s.of}}; };
-  nlohmann::ordered_json json{{"format", "isorig-proof-score/1"},
-                              {"methods", nlohmann::ordered_json::array()}};
+  nlohmann::ordered_json json{{"format", "isorig-proof-score/1"}, {"methods", nlohmann::ordered_json::array()}};
   for (const Score& s : scores) {
     nlohmann::ordered_json one{{"method", s.method}, {"cases", s.cases}};
     one["false_alarms"] = counted(s.false_alarms);
@@ -138,8 +135,7 @@ nlohmann::ordered_json score_json(std::span<const Score> scores) {
   return json;
 }
 
-std::vector<std::vector<std::string>> case_rows(const std::vector<Label>& labels,
-                                                const std::vector<Outcome>& outcomes,
+std::vector<std::vector<std::string>> case_rows(const std::vector<Label>& labels, const std::vector<Outcome>& outcomes,
                                                 bool against_recorded_force) {
   std::vector<std::vector<std::string>> rows;
   for (std::size_t i = 0; i < labels.size(); ++i) {
@@ -150,28 +146,24 @@ std::vector<std::vector<std::string>> case_rows(const std::vector<Label>& labels
     std::string said = outcome.failed ? "failed: " + outcome.why : outcome.verdict;
     for (const Claim& claim : outcome.missing) said += ", " + claim.effect + " " + text(2, claim.probability);
     const double gap = gap_closed(outcome, against_recorded_force ? label.noise_N : 0.0);
-    rows.push_back({label.name, label.category, concealed, text(2, label.size),
-                    text(1, label.residual_over_noise), said,
-                    label.effects.empty() ? "-" : text(1, 100.0 * gap), text(1, outcome.wall_s)});
+    rows.push_back({label.name, label.category, concealed, text(2, label.size), text(1, label.residual_over_noise),
+                    said, label.effects.empty() ? "-" : text(1, 100.0 * gap), text(1, outcome.wall_s)});
   }
   return rows;
 }
 
-void write_score_report(const std::filesystem::path& folder, const std::string& title,
-                        std::span<const Score> scores, const std::vector<std::vector<std::string>>& rows,
-                        const std::string& seal) {
+void write_score_report(const std::filesystem::path& folder, const std::string& title, std::span<const Score> scores,
+                        const std::vector<std::vector<std::string>>& rows, const std::string& seal) {
   namespace report = identify::report;
   report::Page page(title);
-  if (!seal.empty())
-    page.paragraph("SHA-256 of the labels, published before the tool ran and verified: " + seal);
+  if (!seal.empty()) page.paragraph("SHA-256 of the labels, published before the tool ran and verified: " + seal);
   page.note("Every case here is simulated, by a rig that shares no stepping code with the tool's catalogue.");
   std::vector<std::string> header{""};
   for (const Score& s : scores) header.push_back(s.method);
   page.heading("Methods");
   page.table(header, comparison(scores));
   page.heading("Calibration");
-  report::Figure figure{
-      "reliability", "Claimed probability of each named effect against how often it was right.", {}};
+  report::Figure figure{"reliability", "Claimed probability of each named effect against how often it was right.", {}};
   report::Panel panel;
   panel.x_label = "claimed";
   panel.y_label = "right";
@@ -193,9 +185,8 @@ void write_score_report(const std::filesystem::path& folder, const std::string& 
   figure.panels.push_back(std::move(panel));
   page.figure(std::move(figure));
   page.heading("Cases");
-  page.table(
-      {"case", "kind", "concealed", "size", "residual / noise", "said", "gap closed %", "s"}, rows,
-      "What was concealed, what " + (scores.empty() ? std::string("was") : scores.front().method) + " said.");
+  page.table({"case", "kind", "concealed", "size", "residual / noise", "said", "gap closed %", "s"}, rows,
+             "What was concealed, what " + (scores.empty() ? std::string("was") : scores.front().method) + " said.");
   page.write(folder, {.png = false});
 }
 

@@ -19,8 +19,7 @@ namespace isorig::proof {
                                                               const std::vector<Outcome>& outcomes,
                                                               bool against_recorded_force);
 /// report.html, self-contained, drawn with identify/report.
-void write_score_report(const std::filesystem::path& folder, const std::string& title,
-                        std::span<const Score> scores, const std::vector<std::vector<std::string>>& rows,
-                        const std::string& seal);
+void write_score_report(const std::filesystem::path& folder, const std::string& title, std::span<const Score> scores,
+                        const std::vector<std::vector<std::string>>& rows, const std::string& seal);
 
 }  // namespace isorig::proof

@@ -74,8 +74,7 @@ void Crosshead::step_moving() noexcept {
     velocity_mm_s_ = rate_mm_s + phi21_ * e + phi22_ * u;
   }
   reference_mm_ = next_mm;
-  if (reference_mm_ == target_mm_ && std::abs(position_mm_ - target_mm_) < 1e-7 &&
-      std::abs(velocity_mm_s_) < 1e-5) {
+  if (reference_mm_ == target_mm_ && std::abs(position_mm_ - target_mm_) < 1e-7 && std::abs(velocity_mm_s_) < 1e-5) {
     position_mm_ = target_mm_;
     velocity_mm_s_ = 0.0;
     resting_ = true;

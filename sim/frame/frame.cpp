@@ -15,8 +15,7 @@ Random stream(std::uint64_t seed, Stream s) {
 }
 }  // namespace
 
-SimFrame::SimFrame(const FrameParameters& p, Host& host, std::uint64_t seed, std::int64_t start_ns,
-                   double dt_s)
+SimFrame::SimFrame(const FrameParameters& p, Host& host, std::uint64_t seed, std::int64_t start_ns, double dt_s)
     : p_(p),
       host_(host),
       crosshead_(p, dt_s),
@@ -41,8 +40,7 @@ void SimFrame::require_link() const {
     throw drivers::DeviceError(drivers::Fault::kDisconnected, "simulated frame: connection lost");
   }
   if (!connected_) {
-    throw drivers::DeviceError(drivers::Fault::kDisconnected,
-                               "simulated frame: not connected, call connect()");
+    throw drivers::DeviceError(drivers::Fault::kDisconnected, "simulated frame: not connected, call connect()");
   }
 }
 
@@ -110,8 +108,7 @@ void SimFrame::start_segment(const frame::Segment& segment) {
   if (static_cast<double>(segment.velocity_mm_s) > p_.speed_max_mm_s * (1.0 + 1e-6))
     refuse("faster than the frame's speed_max_mm_s");
   const double target_mm = (static_cast<double>(segment.target_mm) - p_.zero_mm) / p_.position_gain;
-  if (target_mm > p_.travel_max_mm || target_mm < p_.travel_min_mm)
-    refuse("target outside the frame's travel limits");
+  if (target_mm > p_.travel_max_mm || target_mm < p_.travel_min_mm) refuse("target outside the frame's travel limits");
   if (!drive_enabled_) refuse("the drive is disabled (interlock open)");
   if (faults.drive_fault) refuse("drive fault");
   if (!heartbeat_seen_ || (state_.fault_bits & frame::kHeartbeatLost) != 0) refuse("no heartbeat");
@@ -245,7 +242,8 @@ void SimFrame::supervise_motion(const StepView& step) noexcept {
 
 frame::Sample SimFrame::sample(const StepView& step, double fraction, double device_us) noexcept {
   const double position_mm =
-      p_.position_gain * (step.position_begin_mm + fraction * (step.position_end_mm - step.position_begin_mm)) + p_.zero_mm;
+      p_.position_gain * (step.position_begin_mm + fraction * (step.position_end_mm - step.position_begin_mm)) +
+      p_.zero_mm;
   double force_N = step.force_begin_N + fraction * (step.force_end_N - step.force_begin_N);
   force_N = p_.force_gain * force_N + p_.force_offset_N;
   if (p_.force_drift_N_h != 0.0) {
@@ -257,8 +255,8 @@ frame::Sample SimFrame::sample(const StepView& step, double fraction, double dev
   s.position_mm = static_cast<float>(quantise(position_mm + p_.position_noise_mm * position_noise_.normal(),
                                               p_.position_quantum_mm, inverse_position_quantum_));
   if (!faults.frozen_force) {
-    last_force_N_ = static_cast<float>(quantise(force_N + p_.force_noise_N * force_noise_.normal(),
-                                                p_.force_quantum_N, inverse_force_quantum_));
+    last_force_N_ = static_cast<float>(
+        quantise(force_N + p_.force_noise_N * force_noise_.normal(), p_.force_quantum_N, inverse_force_quantum_));
   }
   s.force_N = faults.not_a_number ? std::numeric_limits<float>::quiet_NaN() : last_force_N_;
   return s;

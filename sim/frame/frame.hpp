@@ -10,19 +10,19 @@ namespace isorig::sim {
 
 /// What can be broken in the simulated frame, for tests and demonstrations.
 struct FrameFaults {
-  bool disconnected = false;      ///< every call throws kDisconnected
-  bool silent = false;            ///< every call throws kTimeout
-  bool frozen_samples = false;    ///< the sample counter stands still; motion goes on
-  bool frozen_force = false;      ///< the load cell repeats its last value
-  bool drive_fault = false;       ///< the drive trips: brake, kDriveFault
-  bool ignores_segments = false;  ///< accepts them, echoes them, does not move
-  bool fault_state = false;       ///< its state is "fault", and no fault bit says why
-  bool not_a_number = false;      ///< the load cell reads NaN
-  bool heartbeat_refused = false; ///< the heartbeat register cannot be written
-  int stop_refused = 0;           ///< so many stops are refused ("busy"); -1: until switched off
-  int stop_lost = 0;              ///< so many stops are acknowledged and not done; -1: until switched off
-  bool runs_on = false;           ///< a stop is acknowledged, the state says "stopped", the crosshead goes on
-  bool runaway = false;           ///< likewise, and the frame's own watchdog does not stop it either
+  bool disconnected = false;       ///< every call throws kDisconnected
+  bool silent = false;             ///< every call throws kTimeout
+  bool frozen_samples = false;     ///< the sample counter stands still; motion goes on
+  bool frozen_force = false;       ///< the load cell repeats its last value
+  bool drive_fault = false;        ///< the drive trips: brake, kDriveFault
+  bool ignores_segments = false;   ///< accepts them, echoes them, does not move
+  bool fault_state = false;        ///< its state is "fault", and no fault bit says why
+  bool not_a_number = false;       ///< the load cell reads NaN
+  bool heartbeat_refused = false;  ///< the heartbeat register cannot be written
+  int stop_refused = 0;            ///< so many stops are refused ("busy"); -1: until switched off
+  int stop_lost = 0;               ///< so many stops are acknowledged and not done; -1: until switched off
+  bool runs_on = false;            ///< a stop is acknowledged, the state says "stopped", the crosshead goes on
+  bool runaway = false;            ///< likewise, and the frame's own watchdog does not stop it either
 };
 
 /// The frame as a cabinet: crosshead, load cell, encoder, sampler on a clock of its own, sample ring, its own
@@ -33,8 +33,7 @@ struct FrameFaults {
 /// chain that is closed again, a segment that leads away from the limit. Motion never resumes by itself.
 class SimFrame final : public frame::Device {
  public:
-  SimFrame(const FrameParameters& parameters, Host& host, std::uint64_t seed, std::int64_t start_ns,
-           double dt_s);
+  SimFrame(const FrameParameters& parameters, Host& host, std::uint64_t seed, std::int64_t start_ns, double dt_s);
 
   frame::Identity connect() override;
   void disconnect() noexcept override { connected_ = false; }

@@ -61,7 +61,8 @@ void Instron8800Controller::advance(std::int64_t now_ns) {
     faults_.panel = true;
   }
   if ((state_.fault_bits & frame::kInterlockOpen) != 0 && !faults_.actuator_off.load()) trip_actuator();
-  if (options_.ends_ramps && movement_ == kRunning && state_.segment_id == segment_ && state_.motion == frame::Motion::kReached) {
+  if (options_.ends_ramps && movement_ == kRunning && state_.segment_id == segment_ &&
+      state_.motion == frame::Motion::kReached) {
     movement_ = kStopped;
   }
   const bool must_stand = faults_.actuator_off.load() || faults_.limit.load() || faults_.panel.load();
@@ -122,7 +123,8 @@ std::optional<std::string> Instron8800Controller::unknown() const {
 }
 
 std::string Instron8800Controller::feedback(int channel) {
-  if (channel == options_.position_channel) return decimal(double{newest_.position_mm} / options_.position_full_scale_mm);
+  if (channel == options_.position_channel)
+    return decimal(double{newest_.position_mm} / options_.position_full_scale_mm);
   if (channel == options_.force_channel) return decimal(double{newest_.force_N} / options_.force_full_scale_N);
   return decimal(0.0);
 }
@@ -132,16 +134,26 @@ std::string Instron8800Controller::answer(int code, const std::vector<double>& a
   const bool known = channel > 0 && channel < static_cast<int>(kChannels);
   const auto index = static_cast<std::size_t>(known ? channel : 0);
   switch (code) {
-    case 1: return std::to_string(movement_);
-    case 2: return known ? std::to_string(channels_[index].ramp) : "";
-    case 4: return known ? decimal(channels_[index].amplitude) : "";
-    case 22: return std::to_string(status_code() << 9U);
-    case 23: return faults_.actuator_off.load() ? "0" : "1";
-    case 86: return known ? decimal(channels_[index].time_s) : "";
-    case 134: return known ? feedback(channel) : "";
-    case 200: return std::to_string(waveform_);
-    case 209: return std::to_string(quarter_counts_);
-    case 300: return std::to_string(control_channel_);
+    case 1:
+      return std::to_string(movement_);
+    case 2:
+      return known ? std::to_string(channels_[index].ramp) : "";
+    case 4:
+      return known ? decimal(channels_[index].amplitude) : "";
+    case 22:
+      return std::to_string(status_code() << 9U);
+    case 23:
+      return faults_.actuator_off.load() ? "0" : "1";
+    case 86:
+      return known ? decimal(channels_[index].time_s) : "";
+    case 134:
+      return known ? feedback(channel) : "";
+    case 200:
+      return std::to_string(waveform_);
+    case 209:
+      return std::to_string(quarter_counts_);
+    case 300:
+      return std::to_string(control_channel_);
     case 307:
       if (channel == options_.position_channel) return "0,3";
       return channel == options_.force_channel ? "0,2" : "0,4";
@@ -153,8 +165,10 @@ std::string Instron8800Controller::answer(int code, const std::vector<double>& a
       if (options_.watchdog == Instron8800Server::Options::Watchdog::kNotAsked) return "";
       return options_.watchdog == Instron8800Server::Options::Watchdog::kTwoNumbers ? on + ",0" : on;
     }
-    case 909: return faults_.panel.load() ? "0" : "1";
-    default: return "";
+    case 909:
+      return faults_.panel.load() ? "0" : "1";
+    default:
+      return "";
   }
 }
 
@@ -174,7 +188,9 @@ bool Instron8800Controller::command(int code, const std::vector<double>& a, std:
         stop_backend();
       }
       return true;
-    case 2: channel.ramp = static_cast<int>(a.back()); return true;
+    case 2:
+      channel.ramp = static_cast<int>(a.back());
+      return true;
     case 4:
       if (a.back() < 0.0 && !options_.takes_sign) return false;
       channel.amplitude = a.back();
@@ -186,16 +202,25 @@ bool Instron8800Controller::command(int code, const std::vector<double>& a, std:
         faults_.actuator_off = false;
       }
       return true;
-    case 86: channel.time_s = faults_.clamp.load() ? std::max(a.back(), 1.0) : a.back(); return true;
-    case 200: waveform_ = a[0] == 1.0 ? 1 : 0; return true;
-    case 209: quarter_counts_ = static_cast<long>(a[0]); return true;
-    case 300: control_channel_ = static_cast<int>(a[0]); return true;
+    case 86:
+      channel.time_s = faults_.clamp.load() ? std::max(a.back(), 1.0) : a.back();
+      return true;
+    case 200:
+      waveform_ = a[0] == 1.0 ? 1 : 0;
+      return true;
+    case 209:
+      quarter_counts_ = static_cast<long>(a[0]);
+      return true;
+    case 300:
+      control_channel_ = static_cast<int>(a[0]);
+      return true;
     case 904:
       if (a.size() != (options_.watchdog == Instron8800Server::Options::Watchdog::kTwoNumbers ? 2U : 1U)) return false;
       faults_.watchdog_off = a[0] == 0.0;
       fed_ns_ = now_ns;
       return true;
-    default: return false;
+    default:
+      return false;
   }
 }
 
@@ -210,7 +235,8 @@ void Instron8800Controller::start_ramp() {
                                    ? options_.ramp_of_scale_per_s * options_.position_full_scale_mm
                                    : std::abs(target_mm - double{newest_.position_mm}) / channel.time_s;
   try {
-    backend_.start_segment({++segment_, static_cast<float>(target_mm), static_cast<float>(std::max(velocity_mm_s, 1e-4))});
+    backend_.start_segment(
+        {++segment_, static_cast<float>(target_mm), static_cast<float>(std::max(velocity_mm_s, 1e-4))});
     movement_ = kRunning;  // and so it stays until somebody stops it, arrived or not, unless it ends its ramps
   } catch (const DeviceError&) {
     movement_ = kStopped;

@@ -89,7 +89,8 @@ class Instron8800Server::Impl {
     }
     socklen_t size = sizeof address;
     auto* generic = reinterpret_cast<sockaddr*>(&address);
-    if (::bind(listener_, generic, size) != 0 || ::listen(listener_, 4) != 0 || ::getsockname(listener_, generic, &size) != 0) {
+    if (::bind(listener_, generic, size) != 0 || ::listen(listener_, 4) != 0 ||
+        ::getsockname(listener_, generic, &size) != 0) {
       throw_errno("cannot listen on " + options_.tcp_address + ":" + std::to_string(options_.tcp_port));
     }
     port_ = ntohs(address.sin_port);
@@ -184,8 +185,8 @@ class Instron8800Server::Impl {
       if (answer && hit && faults_.at_code.load() != 0) send_extra();
       if (!answer || (hit && take_one(faults_.drop))) continue;
       if (hit && take_one(faults_.garbage)) (*answer)[answer->size() / 2] = '#';
-      const std::int64_t wait_ns =
-          (faults_.delay_ms.load() + (hit ? faults_.late_ms.exchange(0) : 0)) * kMs + std::int64_t{options_.answer_us} * 1000;
+      const std::int64_t wait_ns = (faults_.delay_ms.load() + (hit ? faults_.late_ms.exchange(0) : 0)) * kMs +
+                                   std::int64_t{options_.answer_us} * 1000;
       answers_.push_back({now() + wait_ns, std::move(*answer)});
     }
   }
@@ -200,7 +201,8 @@ class Instron8800Server::Impl {
       const std::string line = answers_.front().text + "\r\n";
       answers_.pop_front();
       if (line_fd_ < 0) continue;
-      const auto sent = options_.tcp ? ::send(line_fd_, line.data(), line.size(), MSG_NOSIGNAL) : ::write(line_fd_, line.data(), line.size());
+      const auto sent = options_.tcp ? ::send(line_fd_, line.data(), line.size(), MSG_NOSIGNAL)
+                                     : ::write(line_fd_, line.data(), line.size());
       if (sent != static_cast<ssize_t>(line.size())) drop_line();
     }
   }
@@ -224,9 +226,17 @@ class Instron8800Server::Impl {
 Instron8800Server::Instron8800Server(Options options, frame::Device& backend, Instron8800Faults& faults)
     : impl_(std::make_unique<Impl>(options, backend, faults)) {}
 Instron8800Server::~Instron8800Server() = default;
-std::uint16_t Instron8800Server::port() const noexcept { return impl_->port_; }
-std::string Instron8800Server::tty() const { return impl_->tty_; }
-std::uint64_t Instron8800Server::lines() const noexcept { return impl_->lines_.load(); }
-std::uint64_t Instron8800Server::watchdog_trips() const noexcept { return impl_->watchdog_trips_.load(); }
+std::uint16_t Instron8800Server::port() const noexcept {
+  return impl_->port_;
+}
+std::string Instron8800Server::tty() const {
+  return impl_->tty_;
+}
+std::uint64_t Instron8800Server::lines() const noexcept {
+  return impl_->lines_.load();
+}
+std::uint64_t Instron8800Server::watchdog_trips() const noexcept {
+  return impl_->watchdog_trips_.load();
+}
 
 }  // namespace isorig::sim

@@ -5,7 +5,7 @@
 namespace isorig::sim {
 namespace {
 
-constexpr std::size_t kHeader = 6;         // up to and with the length
+constexpr std::size_t kHeader = 6;  // up to and with the length
 constexpr std::size_t kLongestPdu = 253;
 constexpr std::size_t kLongestLength = 1024;  // more than a Modbus length can be, and still skipped
 constexpr std::size_t kLongestRtu = 256;
@@ -18,7 +18,9 @@ std::size_t word_at(std::span<const std::uint8_t> bytes, std::size_t at) {
 }
 
 /// Of a frame with its own CRC it is 0.
-bool crc_is_right(std::span<const std::uint8_t> bytes) { return rtu_crc(bytes) == 0; }
+bool crc_is_right(std::span<const std::uint8_t> bytes) {
+  return rtu_crc(bytes) == 0;
+}
 
 /// Of a request that the serial line's specification names, by its function; 0: its end shows in the silence alone.
 std::size_t rtu_size(std::span<const std::uint8_t> bytes) {
@@ -81,7 +83,8 @@ std::optional<ModbusRequests::Request> ModbusRequests::next_rtu(Clock::time_poin
   const bool silent = now - last_byte_ > kSilence;
   while (bytes_.size() >= 4) {
     std::size_t size = rtu_size(bytes_);
-    if (size == 0 || bytes_.size() < size || !crc_is_right(std::span(bytes_).first(size))) size = silent ? bytes_.size() : 0;
+    if (size == 0 || bytes_.size() < size || !crc_is_right(std::span(bytes_).first(size)))
+      size = silent ? bytes_.size() : 0;
     if (size == 0) return std::nullopt;
     if (size > kLongestRtu || !crc_is_right(std::span(bytes_).first(size))) {
       bytes_.clear();

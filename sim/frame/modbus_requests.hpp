@@ -43,7 +43,9 @@ class ModbusRequests {
 
 [[nodiscard]] std::uint16_t rtu_crc(std::span<const std::uint8_t> bytes) noexcept;
 
-/// What a server of functions 3, 4, 6 and 16 says to a request before it looks at its registers: an exception's code, or 0.
-[[nodiscard]] std::uint8_t exception_for(std::span<const std::uint8_t> pdu, std::size_t max_read, std::size_t max_write);
+/// What a server of functions 3, 4, 6 and 16 says to a request before it looks at its registers: an exception's code,
+/// or 0.
+[[nodiscard]] std::uint8_t exception_for(std::span<const std::uint8_t> pdu, std::size_t max_read,
+                                         std::size_t max_write);
 
 }  // namespace isorig::sim

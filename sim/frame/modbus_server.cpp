@@ -85,8 +85,7 @@ class ModbusServer::Impl {
       : options_(std::move(options)), backend_(backend), faults_(faults), image_(options_.map) {
     stop_ = Fd(::eventfd(0, EFD_CLOEXEC));
     int pair[2];
-    if (!stop_ || ::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, pair) != 0)
-      throw_errno("no descriptors");
+    if (!stop_ || ::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, pair) != 0) throw_errno("no descriptors");
     reply_in_ = Fd(pair[0]);
     reply_out_ = Fd(pair[1]);
     samples_.resize(options_.map.samples.slots);
@@ -118,8 +117,7 @@ class ModbusServer::Impl {
 
   void configure(modbus_t* context) {
     if (context == nullptr || modbus_set_slave(context, options_.map.unit_id) != 0) {
-      throw_errno("libmodbus refuses unit_id " + std::to_string(options_.map.unit_id) +
-                  " or the line's settings");
+      throw_errno("libmodbus refuses unit_id " + std::to_string(options_.map.unit_id) + " or the line's settings");
     }
   }
 
@@ -162,8 +160,7 @@ class ModbusServer::Impl {
     ::tcsetattr(end.keep_open.get(), TCSANOW, &raw);
     if (!options_.pty_link.empty()) {
       ::unlink(options_.pty_link.c_str());
-      if (::symlink(tty_.c_str(), options_.pty_link.c_str()) != 0)
-        throw_errno("cannot link " + options_.pty_link);
+      if (::symlink(tty_.c_str(), options_.pty_link.c_str()) != 0) throw_errno("cannot link " + options_.pty_link);
     }
     end.context.reset(modbus_new_rtu(tty_.c_str(), options_.tty_baud, options_.tty_parity, 8, 1));
     configure(end.context.get());
@@ -217,8 +214,7 @@ class ModbusServer::Impl {
   }
 
   [[nodiscard]] bool is_silent(const Endpoint& end) const {
-    return std::chrono::steady_clock::now() - end.heard >
-           std::chrono::milliseconds(options_.client_silence_ms);
+    return std::chrono::steady_clock::now() - end.heard > std::chrono::milliseconds(options_.client_silence_ms);
   }
 
   /// False when the server was told to stop meanwhile.
@@ -226,8 +222,7 @@ class ModbusServer::Impl {
     const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(duration_ms);
     for (;;) {
       const auto left =
-          std::chrono::duration_cast<std::chrono::milliseconds>(until - std::chrono::steady_clock::now())
-              .count();
+          std::chrono::duration_cast<std::chrono::milliseconds>(until - std::chrono::steady_clock::now()).count();
       if (left <= 0) return true;
       pollfd wait{stop_.get(), POLLIN, 0};
       if (::poll(&wait, 1, static_cast<int>(std::min<long>(left, kIdlePoll_ms))) != 0) return false;
@@ -316,7 +311,8 @@ class ModbusServer::Impl {
     if (end.rtu && faults_.disconnect.load()) return;  // the cable is out
     const bool broadcast = end.rtu && request.unit == 0;
     // Over TCP 0 and 255 mean whoever has this address.
-    const bool ours = request.unit == options_.map.unit_id || broadcast || (!end.rtu && (request.unit == 0 || request.unit == 0xFF));
+    const bool ours =
+        request.unit == options_.map.unit_id || broadcast || (!end.rtu && (request.unit == 0 || request.unit == 0xFF));
     if (!ours && end.rtu) return;  // another unit's on the same line
     ++requests_;
     end.heard = std::chrono::steady_clock::now();
@@ -348,7 +344,8 @@ class ModbusServer::Impl {
     return now != 0;
   }
 
-  void send_exception(const Endpoint& end, const ModbusRequests::Request& request, const std::array<std::uint8_t, 2>& pdu) {
+  void send_exception(const Endpoint& end, const ModbusRequests::Request& request,
+                      const std::array<std::uint8_t, 2>& pdu) {
     std::vector<std::uint8_t> frame;
     if (!end.rtu) frame = {request.adu[0], request.adu[1], 0, 0, 0, 3};
     frame.insert(frame.end(), {request.unit, pdu[0], pdu[1]});
@@ -373,7 +370,8 @@ class ModbusServer::Impl {
       modbus_reply(context, request.adu.data(), static_cast<int>(request.adu.size()), &mapping);
     } else {
       // Its own would wrap the functions from 128 on, and wait.
-      const std::array<std::uint8_t, 2> pdu{static_cast<std::uint8_t>(request.pdu()[0] | 0x80U), static_cast<std::uint8_t>(exception)};
+      const std::array<std::uint8_t, 2> pdu{static_cast<std::uint8_t>(request.pdu()[0] | 0x80U),
+                                            static_cast<std::uint8_t>(exception)};
       send_exception(end, request, pdu);
     }
     const auto bytes = ::recv(reply_out_.get(), answer.data(), answer.size(), MSG_DONTWAIT);

@@ -26,8 +26,7 @@ RegisterImage::RegisterImage(const frame::RegisterMap& map) : map_(map) {
   input_.resize(input);
 }
 
-void RegisterImage::put(std::uint8_t function, std::size_t address, const frame::NumberFormat& format,
-                        double value) {
+void RegisterImage::put(std::uint8_t function, std::size_t address, const frame::NumberFormat& format, double value) {
   auto bits = std::bit_cast<std::uint32_t>(static_cast<float>((value - format.offset) / format.scale));
   if (format.type != frame::RegisterType::kFloat32) {
     // A gateway saturates what its registers cannot hold.
@@ -36,8 +35,7 @@ void RegisterImage::put(std::uint8_t function, std::size_t address, const frame:
     bits = frame::bits_of(number, format.type).value_or(0);
   }
   const auto words = frame::split_words(bits, format.type, format.order);
-  std::copy_n(words.begin(), format.registers(),
-              area(function).begin() + static_cast<std::ptrdiff_t>(address));
+  std::copy_n(words.begin(), format.registers(), area(function).begin() + static_cast<std::ptrdiff_t>(address));
 }
 
 void RegisterImage::put(Quantity quantity, double value) {
@@ -98,8 +96,7 @@ void RegisterImage::add_sample(const frame::Sample& sample) {
   put(ring.function, base + ring.position_mm.at, ring.position_mm.format, double{sample.position_mm});
   put(ring.function, base + ring.force_N.at, ring.force_N.format, double{sample.force_N});
   if (ring.time_us) {
-    put(ring.function, base + ring.time_us->at, ring.time_us->format,
-        wrapped_us(ring.time_us->format, time_us));
+    put(ring.function, base + ring.time_us->at, ring.time_us->format, wrapped_us(ring.time_us->format, time_us));
   }
   if (const auto& newest = map_.at(Quantity::kNewestSampleTime_us)) {
     put(Quantity::kNewestSampleTime_us, wrapped_us(newest->format, time_us));

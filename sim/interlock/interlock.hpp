@@ -45,7 +45,7 @@ class SimInterlock final : public interlock::Device {
   std::atomic<bool> estop_closed{true};
   std::atomic<bool> guard_closed{true};
   std::atomic<bool> guard_stops_frame{true};  ///< its contact is in the frame's own chain; else it is watched only
-  std::atomic<bool> faulty{false};  ///< every call throws kDisconnected
+  std::atomic<bool> faulty{false};            ///< every call throws kDisconnected
 
  private:
   void require_link() const {

@@ -1,6 +1,5 @@
 #include "sim/pressure/emulated_teensy.hpp"
 
-
 #include <algorithm>
 
 #include "messages/elvh.hpp"
@@ -127,8 +126,7 @@ void EmulatedTeensy::sample(bool is_running) {
     for (std::size_t i = 0; i < polled.samples; ++i) {
       const std::int64_t mono_ns = options_.backend_epoch_ns + samples_[i].device_us * 1000;
       if (!is_running || mono_ns < start_ns_) continue;
-      core_->add_sample(static_cast<std::uint64_t>(device_us(mono_ns)),
-                        with_sensor_faults(samples_[i].raw_word));
+      core_->add_sample(static_cast<std::uint64_t>(device_us(mono_ns)), with_sensor_faults(samples_[i].raw_word));
     }
     if (polled.samples < samples_.size()) return;
   }

@@ -22,11 +22,11 @@ struct TeensyFaults {
   std::atomic<std::uint32_t> repeat_permille{0};   ///< of the frames to the host: sent twice
   std::atomic<std::uint32_t> corrupt_permille{0};  ///< of the frames to the host: one bit flipped
   std::atomic<bool> hung_up{false};                ///< the port vanishes, the device goes on
-  std::atomic<bool> unplugged{false};     ///< the port vanishes, the device loses its power and starts anew
-  std::atomic<bool> frozen{false};        ///< the firmware hangs: takes nothing, says nothing, valves stay
-  std::atomic<bool> wrong_serial{false};  ///< another device of the same kind; seen at the next connect
-  std::atomic<bool> stale_sensor{false};  ///< the ELVH converts no more
-  std::atomic<bool> sensor_fault{false};  ///< the ELVH reports status 11
+  std::atomic<bool> unplugged{false};              ///< the port vanishes, the device loses its power and starts anew
+  std::atomic<bool> frozen{false};                 ///< the firmware hangs: takes nothing, says nothing, valves stay
+  std::atomic<bool> wrong_serial{false};           ///< another device of the same kind; seen at the next connect
+  std::atomic<bool> stale_sensor{false};           ///< the ELVH converts no more
+  std::atomic<bool> sensor_fault{false};           ///< the ELVH reports status 11
 };
 
 /// A Teensy without its port: the device's half of the protocol is the firmware's own

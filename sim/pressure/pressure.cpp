@@ -17,8 +17,8 @@ Random stream(std::uint64_t seed, Stream s) {
 }
 }  // namespace
 
-SimPressure::SimPressure(const SensorParameters& p, const PneumaticParameters& valves, Host& host,
-                         std::uint64_t seed, std::int64_t start_ns)
+SimPressure::SimPressure(const SensorParameters& p, const PneumaticParameters& valves, Host& host, std::uint64_t seed,
+                         std::int64_t start_ns)
     : p_(p),
       host_(host),
       duty_dead_(valves.duty_dead_permille),
@@ -71,11 +71,11 @@ pressure::Identity SimPressure::connect() {
   stored_ = 0;
   expected_ = sequence_;
   replies_pending_ = 0;
-  return {"isorig simulated Teensy with ELVH-030G", "SIM-PRESSURE-1", "1.0", messages::teensy::kProtocolVersion, p_.sample_rate_hz};
+  return {"isorig simulated Teensy with ELVH-030G", "SIM-PRESSURE-1", "1.0", messages::teensy::kProtocolVersion,
+          p_.sample_rate_hz};
 }
 
-pressure::Poll SimPressure::poll(std::span<pressure::Sample> samples_out,
-                                 std::span<clock::Exchange> exchanges_out,
+pressure::Poll SimPressure::poll(std::span<pressure::Sample> samples_out, std::span<clock::Exchange> exchanges_out,
                                  std::int64_t /*timeout_ns: the plant never blocks*/) {
   const auto visit = host_.enter();
   require_link();
@@ -112,13 +112,10 @@ void SimPressure::command(const pressure::Command& command) {
   const auto visit = host_.enter();
   require_link();
   if (command.fill_permille > 1000 || command.vent_permille > 1000) {
-    throw drivers::DeviceError(drivers::Fault::kRefused,
-                               "simulated pressure device: a duty is above 1000 permille");
+    throw drivers::DeviceError(drivers::Fault::kRefused, "simulated pressure device: a duty is above 1000 permille");
   }
-  if (queue_write_ - queue_read_ == kQueue)
-    ++queue_read_;  // faster than the delay allows: the oldest is overtaken
-  queue_[queue_write_++ % kQueue] = {visit.now_ns + command_delay_ns_, command.fill_permille,
-                                     command.vent_permille};
+  if (queue_write_ - queue_read_ == kQueue) ++queue_read_;  // faster than the delay allows: the oldest is overtaken
+  queue_[queue_write_++ % kQueue] = {visit.now_ns + command_delay_ns_, command.fill_permille, command.vent_permille};
 }
 
 void SimPressure::heartbeat() {
@@ -139,8 +136,8 @@ void SimPressure::request_time_sync() {
   // micros() truncates; the half microsecond put back keeps the stamps unbiased.
   replies_[replies_pending_++] = {
       arrived_ns,
-      {visit.now_ns, static_cast<std::int64_t>(std::ceil(arrived_ns)),
-       std::floor(clock_.device_us(received_ns)) + 0.5, std::floor(clock_.device_us(answered_ns)) + 0.5}};
+      {visit.now_ns, static_cast<std::int64_t>(std::ceil(arrived_ns)), std::floor(clock_.device_us(received_ns)) + 0.5,
+       std::floor(clock_.device_us(answered_ns)) + 0.5}};
 }
 
 std::optional<pressure::SyncEdge> SimPressure::take_sync_edge() {
@@ -222,8 +219,8 @@ void SimPressure::after_step(const StepView& step) noexcept {
   if (step.begin_ns >= next_temperature_ns_) {
     next_temperature_ns_ += kTemperatureInterval_ns;
     const double t_s = 1e-9 * static_cast<double>(step.begin_ns - start_ns_);
-    temperature_C_ = p_.temperature_C +
-                     p_.temperature_swing_C * std::sin(2.0 * std::numbers::pi * t_s / kTemperaturePeriod_s);
+    temperature_C_ =
+        p_.temperature_C + p_.temperature_swing_C * std::sin(2.0 * std::numbers::pi * t_s / kTemperaturePeriod_s);
   }
   const double length_ns = static_cast<double>(step.length_ns);
   for (;;) {

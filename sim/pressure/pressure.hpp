@@ -6,8 +6,8 @@
 #include "messages/teensy/fill_guard.hpp"
 #include "sim/device_clock.hpp"
 #include "sim/host.hpp"
-#include "sim/sync_line.hpp"
 #include "sim/pressure/pneumatics.hpp"
+#include "sim/sync_line.hpp"
 
 namespace isorig::sim {
 
@@ -23,10 +23,10 @@ struct PressureFaults {
   bool stuck_value = false;       ///< status 00, the count never changes
   bool ignores_commands = false;  ///< valves stay where they are
   // Between chamber and sensor. The sensor itself is whole: its noise goes on.
-  bool tube_off = false;          ///< the sensor reads the room; the branch is narrow: no leak to speak of
-  bool tube_blocked = false;      ///< it reads what was locked in
-  int tube_lag_ms = 0;            ///< kinked: it follows with this time constant
-  int low_permille = 0;           ///< it reads so much too little
+  bool tube_off = false;      ///< the sensor reads the room; the branch is narrow: no leak to speak of
+  bool tube_blocked = false;  ///< it reads what was locked in
+  int tube_lag_ms = 0;        ///< kinked: it follows with this time constant
+  int low_permille = 0;       ///< it reads so much too little
 };
 
 /// Teensy, ELVH and valve drivers as one device: conversions on a clock of its own, a sample queue that drops
@@ -36,8 +36,8 @@ struct PressureFaults {
 /// What it has vented by itself stays so until it is told to vent.
 class SimPressure final : public pressure::Device {
  public:
-  SimPressure(const SensorParameters& parameters, const PneumaticParameters& valves, Host& host,
-              std::uint64_t seed, std::int64_t start_ns);
+  SimPressure(const SensorParameters& parameters, const PneumaticParameters& valves, Host& host, std::uint64_t seed,
+              std::int64_t start_ns);
 
   void set_limits(const pressure::FillLimits& limits) override;
   pressure::Identity connect() override;

@@ -40,7 +40,8 @@ std::uint16_t crc_of(const std::uint8_t* bytes, std::size_t size) {
   std::uint16_t crc = 0xFFFF;
   for (std::size_t i = 0; i < size; ++i) {
     crc ^= bytes[i];
-    for (int bit = 0; bit < 8; ++bit) crc = static_cast<std::uint16_t>((crc & 1U) != 0 ? (crc >> 1U) ^ 0xA001U : crc >> 1U);
+    for (int bit = 0; bit < 8; ++bit)
+      crc = static_cast<std::uint16_t>((crc & 1U) != 0 ? (crc >> 1U) ^ 0xA001U : crc >> 1U);
   }
   return crc;
 }
@@ -92,7 +93,8 @@ class RegulatorServer::Impl {
     ::inet_pton(AF_INET, options_.tcp_address.c_str(), &address.sin_addr);
     socklen_t size = sizeof address;
     auto* generic = reinterpret_cast<sockaddr*>(&address);
-    if (::bind(listener_, generic, size) != 0 || ::listen(listener_, 4) != 0 || ::getsockname(listener_, generic, &size) != 0) {
+    if (::bind(listener_, generic, size) != 0 || ::listen(listener_, 4) != 0 ||
+        ::getsockname(listener_, generic, &size) != 0) {
       throw_errno("cannot listen on port " + std::to_string(options_.tcp_port));
     }
     port_ = ntohs(address.sin_port);
@@ -101,7 +103,8 @@ class RegulatorServer::Impl {
   void open_pty() {
     line_ = ::posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
     std::array<char, 64> name{};
-    if (line_ < 0 || ::grantpt(line_) != 0 || ::unlockpt(line_) != 0 || ::ptsname_r(line_, name.data(), name.size()) != 0) {
+    if (line_ < 0 || ::grantpt(line_) != 0 || ::unlockpt(line_) != 0 ||
+        ::ptsname_r(line_, name.data(), name.size()) != 0) {
       throw_errno("no pseudo-terminal");
     }
     slave_ = ::open(name.data(), O_RDWR | O_NOCTTY | O_CLOEXEC);
@@ -161,13 +164,16 @@ class RegulatorServer::Impl {
   [[nodiscard]] std::array<std::uint16_t, 2> words_of(double psi) const {
     const auto value = static_cast<float>(faults_.in_kpa.load() ? psi * kKpaPerPsi : psi);
     const auto bits = std::bit_cast<std::uint32_t>(value);
-    std::array<std::uint16_t, 2> words{static_cast<std::uint16_t>(bits >> 16U), static_cast<std::uint16_t>(bits & 0xFFFFU)};
+    std::array<std::uint16_t, 2> words{static_cast<std::uint16_t>(bits >> 16U),
+                                       static_cast<std::uint16_t>(bits & 0xFFFFU)};
     if (faults_.swap_words.load()) std::swap(words[0], words[1]);
     return words;
   }
 
   [[nodiscard]] std::uint16_t read_register(std::uint16_t address) const {
-    const auto part = [&](std::uint16_t base, double psi) { return words_of(psi)[static_cast<std::size_t>(address - base)]; };
+    const auto part = [&](std::uint16_t base, double psi) {
+      return words_of(psi)[static_cast<std::size_t>(address - base)];
+    };
     if (address == kSetpoint || address == kSetpoint + 1) return part(kSetpoint, setpoint_psi_.load());
     if (address == kPressure || address == kPressure + 1) return part(kPressure, pressure_psi_);
     if (address == kBarometer || address == kBarometer + 1) return part(kBarometer, kAtmosphere_psi);
@@ -262,7 +268,12 @@ class RegulatorServer::Impl {
     Bytes answer;
     if (options_.tcp) {
       const auto length = static_cast<std::uint16_t>(pdu.size() + 1);
-      answer = {request[0], request[1], 0, 0, static_cast<std::uint8_t>(length >> 8U), static_cast<std::uint8_t>(length & 0xFFU)};
+      answer = {request[0],
+                request[1],
+                0,
+                0,
+                static_cast<std::uint8_t>(length >> 8U),
+                static_cast<std::uint8_t>(length & 0xFFU)};
     }
     answer.push_back(options_.unit_id);
     answer.insert(answer.end(), pdu.begin(), pdu.end());
@@ -271,7 +282,8 @@ class RegulatorServer::Impl {
       answer.push_back(static_cast<std::uint8_t>(crc & 0xFFU));
       answer.push_back(static_cast<std::uint8_t>(crc >> 8U));
     }
-    const auto sent = options_.tcp ? ::send(line_, answer.data(), answer.size(), MSG_NOSIGNAL) : ::write(line_, answer.data(), answer.size());
+    const auto sent = options_.tcp ? ::send(line_, answer.data(), answer.size(), MSG_NOSIGNAL)
+                                   : ::write(line_, answer.data(), answer.size());
     if (sent < 0 && options_.tcp) drop_line();
   }
 
@@ -288,8 +300,14 @@ class RegulatorServer::Impl {
 RegulatorServer::RegulatorServer(Options options, Rig& rig, RegulatorFaults& faults)
     : impl_(std::make_unique<Impl>(options, rig, faults)) {}
 RegulatorServer::~RegulatorServer() = default;
-std::uint16_t RegulatorServer::port() const noexcept { return impl_->port_; }
-double RegulatorServer::setpoint_psi() const noexcept { return impl_->setpoint_psi_.load(); }
-bool RegulatorServer::exhausting() const noexcept { return impl_->exhausting_.load(); }
+std::uint16_t RegulatorServer::port() const noexcept {
+  return impl_->port_;
+}
+double RegulatorServer::setpoint_psi() const noexcept {
+  return impl_->setpoint_psi_.load();
+}
+bool RegulatorServer::exhausting() const noexcept {
+  return impl_->exhausting_.load();
+}
 
 }  // namespace isorig::sim

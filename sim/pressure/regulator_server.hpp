@@ -8,9 +8,9 @@
 
 namespace isorig::sim {
 
-/// A dual-valve pressure regulator in the plant, with an Alicat-style register map on Modbus RTU (pseudo-terminal) or TCP.
-/// Its own implementation of both framings. It regulates by its own sensor, and goes on with its last set-point when
-/// nobody speaks to it any more. One thread.
+/// A dual-valve pressure regulator in the plant, with an Alicat-style register map on Modbus RTU (pseudo-terminal) or
+/// TCP. Its own implementation of both framings. It regulates by its own sensor, and goes on with its last set-point
+/// when nobody speaks to it any more. One thread.
 class RegulatorServer {
  public:
   struct Options {

@@ -31,8 +31,7 @@ void TeensyPty::plug_in() {
   if (fd < 0) throw_errno("posix_openpt");
   master_fd_ = fd;
   std::array<char, 128> name{};
-  if (grantpt(fd) != 0 || unlockpt(fd) != 0 || ptsname_r(fd, name.data(), name.size()) != 0)
-    throw_errno("pty");
+  if (grantpt(fd) != 0 || unlockpt(fd) != 0 || ptsname_r(fd, name.data(), name.size()) != 0) throw_errno("pty");
   slave_path_ = name.data();
   // A pty reports "other side closed" only after its slave was open once.
   const int slave = ::open(slave_path_.c_str(), O_RDWR | O_NOCTTY | O_CLOEXEC);
@@ -41,8 +40,7 @@ void TeensyPty::plug_in() {
   // Replaced in one step: a driver that tries at this moment finds the old or the new one.
   const std::string fresh = link_path_ + ".new";
   ::unlink(fresh.c_str());
-  if (symlink(slave_path_.c_str(), fresh.c_str()) != 0 ||
-      rename(fresh.c_str(), link_path_.c_str()) != 0) {
+  if (symlink(slave_path_.c_str(), fresh.c_str()) != 0 || rename(fresh.c_str(), link_path_.c_str()) != 0) {
     throw_errno(link_path_.c_str());
   }
 }
@@ -50,8 +48,7 @@ void TeensyPty::plug_in() {
 void TeensyPty::pull_out() noexcept {
   if (master_fd_ < 0) return;
   std::error_code error;
-  if (std::filesystem::read_symlink(link_path_, error) == slave_path_)
-    ::unlink(link_path_.c_str());
+  if (std::filesystem::read_symlink(link_path_, error) == slave_path_) ::unlink(link_path_.c_str());
   ::close(master_fd_);
   master_fd_ = -1;
 }

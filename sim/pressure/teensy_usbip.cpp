@@ -17,9 +17,9 @@ namespace isorig::sim {
 namespace {
 
 constexpr const char* kVhci = "/sys/devices/platform/vhci_hcd.0/";
-constexpr unsigned kFullSpeed = 2;    // enum usb_device_speed
-constexpr unsigned kFreePort = 4;     // VDEV_ST_NULL
-constexpr std::size_t kHeader = 48;   // every message begins with it
+constexpr unsigned kFullSpeed = 2;   // enum usb_device_speed
+constexpr unsigned kFreePort = 4;    // VDEV_ST_NULL
+constexpr std::size_t kHeader = 48;  // every message begins with it
 constexpr std::uint32_t kSubmit = 1, kUnlink = 2, kSubmitReply = 3, kUnlinkReply = 4;
 constexpr std::size_t kPacket = 64;
 constexpr std::int64_t kRebootDelay_ns = 15'000'000;  // usb_dev.c: 15 start-of-frames after 134 baud
@@ -43,26 +43,25 @@ unsigned free_port() {
     unsigned port = 0, state = 0;
     if (words >> hub >> port >> state && hub == "hs" && state == kFreePort) return port;
   }
-  throw std::system_error(ENODEV, std::generic_category(),
-                          "no port of vhci-hcd is free; `modprobe vhci-hcd`, as root");
+  throw std::system_error(ENODEV, std::generic_category(), "no port of vhci-hcd is free; `modprobe vhci-hcd`, as root");
 }
 
 // Of the serial type; what cdc_acm and drivers/pressure/usb_session.cpp look for.
 constexpr std::array<std::uint8_t, 67> kSerialConfiguration = {
-    9, 2, 67, 0, 2, 1, 0, 0xC0, 50,          // configuration, 100 mA
-    9, 4, 0, 0, 1, 2, 2, 1, 0,               // interface 0: communication
-    5, 0x24, 0, 0x10, 1,                     // CDC 1.1
-    5, 0x24, 1, 1, 1,                        // call management
-    4, 0x24, 2, 6,                           // line coding and state
-    5, 0x24, 6, 0, 1,                        // union
-    7, 5, 0x82, 3, 16, 0, 64,                // interrupt IN
-    9, 4, 1, 0, 2, 0x0A, 0, 0, 0,            // interface 1: data
-    7, 5, 0x03, 2, 64, 0, 0,                 // bulk OUT
-    7, 5, 0x84, 2, 64, 0, 0};                // bulk IN
+    9, 2,    67,   0,    2,  1,    0,  0xC0, 50,  // configuration, 100 mA
+    9, 4,    0,    0,    1,  2,    2,  1,    0,   // interface 0: communication
+    5, 0x24, 0,    0x10, 1,                       // CDC 1.1
+    5, 0x24, 1,    1,    1,                       // call management
+    4, 0x24, 2,    6,                             // line coding and state
+    5, 0x24, 6,    0,    1,                       // union
+    7, 5,    0x82, 3,    16, 0,    64,            // interrupt IN
+    9, 4,    1,    0,    2,  0x0A, 0,  0,    0,   // interface 1: data
+    7, 5,    0x03, 2,    64, 0,    0,             // bulk OUT
+    7, 5,    0x84, 2,    64, 0,    0};            // bulk IN
 constexpr std::array<std::uint8_t, 27> kBootloaderConfiguration = {
-    9, 2, 27, 0, 1, 1, 0, 0xC0, 50,          // configuration
-    9, 4, 0, 0, 0, 3, 0, 0, 0,               // a human interface device without endpoints
-    9, 0x21, 0x11, 1, 0, 1, 0x22, 21, 0};
+    9, 2,    27,   0, 1, 1, 0,    0xC0, 50,  // configuration
+    9, 4,    0,    0, 0, 3, 0,    0,    0,   // a human interface device without endpoints
+    9, 0x21, 0x11, 1, 0, 1, 0x22, 21,   0};
 
 }  // namespace
 
@@ -163,10 +162,17 @@ void TeensyUsbip::receive() noexcept {
 void TeensyUsbip::handle(const std::uint8_t* header, Request request) {
   if (load_be(header) == kUnlink) return unlink(request.sequence, load_be(header + 20));
   switch (request.endpoint) {
-    case 0: return control(header + 40, request);
-    case 3: writes_.push_back(std::move(request)); return;
-    case 4: reads_.push_back(std::move(request)); return;
-    default: never_.push_back(std::move(request)); return;
+    case 0:
+      return control(header + 40, request);
+    case 3:
+      writes_.push_back(std::move(request));
+      return;
+    case 4:
+      reads_.push_back(std::move(request));
+      return;
+    default:
+      never_.push_back(std::move(request));
+      return;
   }
 }
 
@@ -193,16 +199,26 @@ void TeensyUsbip::control(const std::uint8_t* setup, Request& request) {
     is_known = false;
   } else {
     switch (setup[1]) {
-      case 0: request.data = {0, 0}; break;                       // GET_STATUS
-      case 1:                                                     // CLEAR_FEATURE: the halt of an endpoint
+      case 0:
+        request.data = {0, 0};
+        break;  // GET_STATUS
+      case 1:   // CLEAR_FEATURE: the halt of an endpoint
         if (setup[4] == 0x84) is_in_halted_ = false;
         if (setup[4] == 0x03) is_out_halted_ = false;
         ++seen_.cleared_halts;
         break;
-      case 6: is_known = get_descriptor(value, request.data); break;
-      case 8: request.data = {1}; break;                          // GET_CONFIGURATION
-      case 5: case 9: case 11: break;                             // SET_ADDRESS, _CONFIGURATION, _INTERFACE
-      default: is_known = false;
+      case 6:
+        is_known = get_descriptor(value, request.data);
+        break;
+      case 8:
+        request.data = {1};
+        break;  // GET_CONFIGURATION
+      case 5:
+      case 9:
+      case 11:
+        break;  // SET_ADDRESS, _CONFIGURATION, _INTERFACE
+      default:
+        is_known = false;
     }
   }
   if (request.is_in && request.data.size() > request.length) request.data.resize(request.length);
@@ -219,10 +235,16 @@ bool TeensyUsbip::class_request(const std::uint8_t* setup, Request& request) {
       ++seen_.line_codings;
       if (seen_.baud == 134) reboot_ns_ = now_ns() + kRebootDelay_ns;
       return true;
-    case 0x21: request.data = line_coding_; return true;
-    case 0x22: seen_.dtr = (setup[2] & 1U) != 0; return true;  // SET_CONTROL_LINE_STATE
-    case 0x23: return true;                                    // SEND_BREAK
-    default: return false;
+    case 0x21:
+      request.data = line_coding_;
+      return true;
+    case 0x22:
+      seen_.dtr = (setup[2] & 1U) != 0;
+      return true;  // SET_CONTROL_LINE_STATE
+    case 0x23:
+      return true;  // SEND_BREAK
+    default:
+      return false;
   }
 }
 
@@ -231,8 +253,24 @@ bool TeensyUsbip::get_descriptor(std::uint16_t value, std::vector<std::uint8_t>&
   const std::uint16_t product_id = is_bootloader_ ? 0x0478 : port_.product_id;
   switch (value >> 8U) {
     case 1:
-      out = {18, 1, 0x10, 1, low(is_bootloader_ ? 0 : 2), 0, 0, 64, low(port_.vendor_id), low(port_.vendor_id >> 8U),
-             low(product_id), low(product_id >> 8U), 0x80, 2, 1, 2, 3, 1};
+      out = {18,
+             1,
+             0x10,
+             1,
+             low(is_bootloader_ ? 0 : 2),
+             0,
+             0,
+             64,
+             low(port_.vendor_id),
+             low(port_.vendor_id >> 8U),
+             low(product_id),
+             low(product_id >> 8U),
+             0x80,
+             2,
+             1,
+             2,
+             3,
+             1};
       return true;
     case 2:
       if (is_bootloader_) {
@@ -241,16 +279,27 @@ bool TeensyUsbip::get_descriptor(std::uint16_t value, std::vector<std::uint8_t>&
         out.assign(kSerialConfiguration.begin(), kSerialConfiguration.end());
       }
       return true;
-    case 3: break;
-    default: return false;  // no device qualifier: full speed only
+    case 3:
+      break;
+    default:
+      return false;  // no device qualifier: full speed only
   }
   std::string text;
   switch (value & 0xFFU) {
-    case 0: out = {4, 3, 9, 4}; return true;
-    case 1: text = "Teensyduino"; break;
-    case 2: text = is_bootloader_ ? "HalfKay" : port_.product; break;
-    case 3: text = options().core.serial; break;
-    default: return false;
+    case 0:
+      out = {4, 3, 9, 4};
+      return true;
+    case 1:
+      text = "Teensyduino";
+      break;
+    case 2:
+      text = is_bootloader_ ? "HalfKay" : port_.product;
+      break;
+    case 3:
+      text = options().core.serial;
+      break;
+    default:
+      return false;
   }
   if (is_bootloader_ && (value & 0xFFU) == 3) {
     std::array<char, 24> fuses{};

@@ -11,18 +11,18 @@ namespace isorig::sim {
 
 /// What can go wrong on the bus; set from any thread.
 struct TeensyUsbFaults {
-  std::atomic<bool> stall_in{false};   ///< the endpoint halts once; the host has to clear it
+  std::atomic<bool> stall_in{false};  ///< the endpoint halts once; the host has to clear it
   std::atomic<bool> stall_out{false};
-  std::atomic<std::uint32_t> errors_in{0};   ///< so many transactions fail (EPROTO)
+  std::atomic<std::uint32_t> errors_in{0};  ///< so many transactions fail (EPROTO)
   std::atomic<std::uint32_t> errors_out{0};
-  std::atomic<bool> silent_in{false};   ///< the endpoint never completes
+  std::atomic<bool> silent_in{false};       ///< the endpoint never completes
   std::atomic<bool> silent_control{false};  ///< nor does any class request
-  std::atomic<bool> bootloader{false};  ///< runs HalfKay instead of its program, as after 134 baud
+  std::atomic<bool> bootloader{false};      ///< runs HalfKay instead of its program, as after 134 baud
 };
 
-/// A Teensy on USB: the bus side of a device for vhci-hcd, the kernel's USB/IP host (Documentation/usb/usbip_protocol.rst),
-/// over a socket pair. The kernel enumerates it, binds cdc_acm, and udev names it, as with a real one. Needs root and
-/// the module vhci-hcd: a machine for tests, such as the virtual bench.
+/// A Teensy on USB: the bus side of a device for vhci-hcd, the kernel's USB/IP host
+/// (Documentation/usb/usbip_protocol.rst), over a socket pair. The kernel enumerates it, binds cdc_acm, and udev names
+/// it, as with a real one. Needs root and the module vhci-hcd: a machine for tests, such as the virtual bench.
 ///
 /// Descriptors, endpoints and answers are those of the serial type of Teensy 3.6 (Teensy cores, usb_desc.c,
 /// usb_dev.c): 2 interrupt IN, 3 bulk OUT, 4 bulk IN of 64 bytes; a frame is sent as full packets and a short one, and
@@ -47,7 +47,7 @@ class TeensyUsbip final : public EmulatedTeensy {
   /// What the host did to the port since it was plugged in.
   struct Seen {
     std::atomic<bool> dtr{false};
-    std::atomic<std::uint32_t> baud{0};         ///< of the last line coding; 0: none was set
+    std::atomic<std::uint32_t> baud{0};  ///< of the last line coding; 0: none was set
     std::atomic<std::uint32_t> line_codings{0};
     std::atomic<std::uint32_t> cleared_halts{0};
     std::atomic<std::uint32_t> pending_reads{0};  ///< bulk IN requests that wait for data
@@ -88,9 +88,9 @@ class TeensyUsbip final : public EmulatedTeensy {
   bool is_bootloader_ = false;
   bool is_in_halted_ = false, is_out_halted_ = false;
   std::int64_t reboot_ns_ = 0;
-  std::deque<Request> reads_;      // bulk IN that wait for data
-  std::deque<Request> writes_;     // bulk OUT that wait for the firmware
-  std::deque<Request> never_;      // interrupt IN, and whatever a fault swallows
+  std::deque<Request> reads_;   // bulk IN that wait for data
+  std::deque<Request> writes_;  // bulk OUT that wait for the firmware
+  std::deque<Request> never_;   // interrupt IN, and whatever a fault swallows
   std::vector<std::uint8_t> from_kernel_;
   std::vector<std::uint8_t> to_kernel_;
   std::vector<std::uint8_t> line_coding_{0, 0, 0, 0, 0, 0, 0};

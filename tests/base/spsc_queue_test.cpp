@@ -1,11 +1,11 @@
+#include "base/spsc_queue.hpp"
+
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <atomic>
 #include <cstdint>
 #include <thread>
-
-#include "base/spsc_queue.hpp"
 
 namespace isorig::base {
 namespace {

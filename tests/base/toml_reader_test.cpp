@@ -1,10 +1,10 @@
+#include "base/toml_reader.hpp"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 
 #include <fstream>
-
-#include "base/toml_reader.hpp"
 
 namespace isorig::base {
 namespace {
@@ -109,11 +109,10 @@ TEST(TomlReader, MissingRequiredKeysAreNamedAtTheirTable) {
   static_cast<void>(sub.strings("f"));
   static_cast<void>(sub.choice("g", {"one", "two"}));
   static_cast<void>(r.table("lost").number("inside"));  // one error for the table, none for what it lacks
-  EXPECT_THAT(
-      faults(d),
-      ElementsAre("1:1: `a` is missing here", "1:1: table [lost] is missing", "3:3: `b` is missing here",
-                  "3:3: `c` is missing here", "3:3: `d` is missing here", "3:3: `e` is missing here",
-                  "3:3: `f` is missing here", "3:3: `g` is missing here; one of \"one\" \"two\""));
+  EXPECT_THAT(faults(d),
+              ElementsAre("1:1: `a` is missing here", "1:1: table [lost] is missing", "3:3: `b` is missing here",
+                          "3:3: `c` is missing here", "3:3: `d` is missing here", "3:3: `e` is missing here",
+                          "3:3: `f` is missing here", "3:3: `g` is missing here; one of \"one\" \"two\""));
 }
 
 TEST(TomlReader, WrongTypesAreNamedAtTheValue) {
@@ -134,18 +133,17 @@ TEST(TomlReader, WrongTypesAreNamedAtTheValue) {
   EXPECT_EQ(r.choice_or("k", "one", {"one", "two"}), "one");
   EXPECT_THAT(
       faults(d),
-      ElementsAre(
-          "1:5: `a` is a string; a number is needed", "2:5: `b` is a float; a whole number is needed",
-          "3:5: `c` is an integer; true or false is needed", "4:7: `d` is an integer; a \"string\" is needed",
-          "5:5: `e` is an integer; a list of numbers is needed",
-          "6:9: `f` holds a string; a number is needed", "7:11: `g` holds an integer; a \"string\" is needed",
-          "8:5: `h` is an integer; a table [h] is needed", "9:6: `i` holds an integer; a table is needed",
-          "10:5: `j` is a boolean; a number is needed", "11:5: `k` is an integer; a \"string\" is needed"));
+      ElementsAre("1:5: `a` is a string; a number is needed", "2:5: `b` is a float; a whole number is needed",
+                  "3:5: `c` is an integer; true or false is needed", "4:7: `d` is an integer; a \"string\" is needed",
+                  "5:5: `e` is an integer; a list of numbers is needed", "6:9: `f` holds a string; a number is needed",
+                  "7:11: `g` holds an integer; a \"string\" is needed", "8:5: `h` is an integer; a table [h] is needed",
+                  "9:6: `i` holds an integer; a table is needed", "10:5: `j` is a boolean; a number is needed",
+                  "11:5: `k` is an integer; a \"string\" is needed"));
 }
 
 TEST(TomlReader, Ranges) {
-  const auto d = parse(
-      "a = 0\nb = -1\nc = 11\nd = nan\ne = inf\nf = 70000\ng = [1, 2, 30]\nh = 0.25\ni = 10\nj = 12000000\n");
+  const auto d =
+      parse("a = 0\nb = -1\nc = 11\nd = nan\ne = inf\nf = 70000\ng = [1, 2, 30]\nh = 0.25\ni = 10\nj = 12000000\n");
   const auto r = d.root();
   static_cast<void>(r.number("a", kPositive));
   static_cast<void>(r.number("b", kNonNegative));
@@ -161,8 +159,7 @@ TEST(TomlReader, Ranges) {
       faults(d),
       ElementsAre("1:5: `a` = 0; it has to be greater than 0", "2:5: `b` = -1; it has to be at least 0",
                   "3:5: `c` = 11; it has to be from 0 to 10", AllOf(HasSubstr("4:5"), EndsWith("be finite")),
-                  AllOf(HasSubstr("5:5"), EndsWith("be finite")),
-                  "6:5: `f` = 70000; it has to be from 1 to 65535",
+                  AllOf(HasSubstr("5:5"), EndsWith("be finite")), "6:5: `f` = 70000; it has to be from 1 to 65535",
                   "7:12: `g` holds 30; each has to be above 0 to 10",
                   "10:5: `j` = 12000000; it has to be at most 10000000"));
 }
@@ -176,18 +173,17 @@ TEST(TomlReader, ChoicesListWhatIsAllowed) {
 }
 
 TEST(TomlReader, UnknownKeysSuggestTheNearest) {
-  const auto d = parse(
-      "velocity_mm_s = 1\nvelocty_mm_s = 2\nacceleration = 3\n\n[ramp]\ntarget = 1\nqqqqqq = 2\n[rmap]\n");
+  const auto d =
+      parse("velocity_mm_s = 1\nvelocty_mm_s = 2\nacceleration = 3\n\n[ramp]\ntarget = 1\nqqqqqq = 2\n[rmap]\n");
   const auto r = d.root();
   static_cast<void>(r.number("velocity_mm_s"));
   static_cast<void>(r.number_or("acceleration_mm_s2", 1.0));
   static_cast<void>(r.table("ramp").number_or("targets", 1.0));
-  EXPECT_THAT(
-      faults(d),
-      ElementsAre(AllOf(HasSubstr("2:1: unknown key `velocty_mm_s`"), Not(HasSubstr("did you mean"))),
-                  "3:1: unknown key `acceleration`; did you mean `acceleration_mm_s2`?",
-                  "6:1: unknown key `target`; did you mean `targets`?",
-                  "7:1: unknown key `qqqqqq`; known here: targets", HasSubstr("8:2: unknown key `rmap`")))
+  EXPECT_THAT(faults(d),
+              ElementsAre(AllOf(HasSubstr("2:1: unknown key `velocty_mm_s`"), Not(HasSubstr("did you mean"))),
+                          "3:1: unknown key `acceleration`; did you mean `acceleration_mm_s2`?",
+                          "6:1: unknown key `target`; did you mean `targets`?",
+                          "7:1: unknown key `qqqqqq`; known here: targets", HasSubstr("8:2: unknown key `rmap`")))
       << "a key that is there already is no suggestion";
 }
 
@@ -241,12 +237,11 @@ TEST(TomlReader, ReadersCanAddTheirOwn) {
 }
 
 TEST(TomlReader, NotToml) {
-  for (const auto& [text, place] :
-       std::vector<std::pair<std::string, std::string>>{{"a = \n", "t.toml:1:"},
-                                                        {"a = 1\na = 2\n", "t.toml:2:"},
-                                                        {"ok = 1\n[x\n", "t.toml:2:"},
-                                                        {"s = \"open\n", "t.toml:1:"},
-                                                        {"a = 01\n", "t.toml:1:"}}) {
+  for (const auto& [text, place] : std::vector<std::pair<std::string, std::string>>{{"a = \n", "t.toml:1:"},
+                                                                                    {"a = 1\na = 2\n", "t.toml:2:"},
+                                                                                    {"ok = 1\n[x\n", "t.toml:2:"},
+                                                                                    {"s = \"open\n", "t.toml:1:"},
+                                                                                    {"a = 01\n", "t.toml:1:"}}) {
     try {
       static_cast<void>(parse(text));
       ADD_FAILURE() << text;
@@ -265,13 +260,11 @@ TEST(TomlReader, EmptyTextIsAnEmptyTable) {
 }
 
 TEST(TomlReader, UnreadDocumentHasOnlyUnknownKeys) {
-  EXPECT_THAT(faults(parse("a = 1\n[b]\nc = 2\n")),
-              ElementsAre("1:1: unknown key `a`", "2:2: unknown key `b`"));
+  EXPECT_THAT(faults(parse("a = 1\n[b]\nc = 2\n")), ElementsAre("1:1: unknown key `a`", "2:2: unknown key `b`"));
 }
 
 TEST(TomlReader, Files) {
-  const auto path =
-      std::filesystem::temp_directory_path() / ("isorig-toml-" + std::to_string(::getpid()) + ".toml");
+  const auto path = std::filesystem::temp_directory_path() / ("isorig-toml-" + std::to_string(::getpid()) + ".toml");
   std::ofstream(path) << "a = 1\n";
   auto d = TomlDocument::parse_file(path);
   EXPECT_EQ(d.root().number("a"), 1.0);

@@ -16,11 +16,13 @@ namespace {
 using ::testing::HasSubstr;
 
 /// A sensor that reads raw = (reference - offset) / scale + noise, so that `truth` is what has to be found.
-std::vector<Point> readings(Correction truth, const std::vector<double>& references, double noise = 0.0, unsigned seed = 1) {
+std::vector<Point> readings(Correction truth, const std::vector<double>& references, double noise = 0.0,
+                            unsigned seed = 1) {
   std::mt19937 random(seed);
   std::normal_distribution<double> normal(0.0, 1.0);
   std::vector<Point> points;
-  for (const double f : references) points.push_back({f, (f - truth.offset) / truth.scale + noise * normal(random), noise, 0.0});
+  for (const double f : references)
+    points.push_back({f, (f - truth.offset) / truth.scale + noise * normal(random), noise, 0.0});
   return points;
 }
 
@@ -214,7 +216,8 @@ TEST(CalibrationStore, TheNewestIsInForceAndNothingIsReplaced) {
   const auto first = record_of("2026-11-21T07:15:00Z", readings({1.01, -0.1}, kUpAndDown), {1.0, 0.05});
   store.add(first);
   EXPECT_THAT(refusal([&] { store.add(first); }), HasSubstr("somebody calibrated meanwhile"));
-  const auto second = record_of("2027-11-20T07:15:00Z", readings({1.01, -0.12}, {0.0}), first.result.correction, first.id, Mode::kZero);
+  const auto second =
+      record_of("2027-11-20T07:15:00Z", readings({1.01, -0.12}, {0.0}), first.result.correction, first.id, Mode::kZero);
   store.add(second);
   auto other = record_of("2027-11-21T07:15:00Z", readings({1.01, -0.1}, kUpAndDown), {1.0, 0.05}, second.id);
   EXPECT_THAT(refusal([&] { store.add(other); }), HasSubstr("another correction"));

@@ -115,7 +115,8 @@ TEST_F(AllocationTest, NoTickOfAWholeProtocolAllocatesLocksOrBlocks) {
   ASSERT_TRUE(ask(Request::Verb::kPause).accepted);
   run_for(1.0);
   ASSERT_TRUE(ask(Request::Verb::kResume).accepted);
-  ASSERT_TRUE(run_until(600.0, [&] { return bench->core().outcome() == Outcome::kDone; })) << to_text(bench->core().state()) << ": " << bench->core().status().fault;
+  ASSERT_TRUE(run_until(600.0, [&] { return bench->core().outcome() == Outcome::kDone; }))
+      << to_text(bench->core().state()) << ": " << bench->core().status().fault;
   ASSERT_TRUE(reach(RunState::kReady, 30.0));
 
   ASSERT_TRUE(ask(Request::Verb::kStart, &plan).accepted);

@@ -1,3 +1,5 @@
+#include "daemon/host/api.hpp"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/socket.h>
@@ -15,7 +17,6 @@
 #include <thread>
 #include <vector>
 
-#include "daemon/host/api.hpp"
 #include "daemon/host/host.hpp"
 #include "recording_rig.hpp"
 #include "rig_fixture.hpp"
@@ -93,7 +94,8 @@ class ApiTest : public ::testing::Test {
     for (auto& t : threads_) t.join();
   }
 
-  Answer request(const std::string& line, const std::string& body = {}, const std::string& headers = {}, bool stops = false) {
+  Answer request(const std::string& line, const std::string& body = {}, const std::string& headers = {},
+                 bool stops = false) {
     return send(line + " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n" + headers +
                     "Content-Length: " + std::to_string(body.size()) + "\r\n\r\n" + body,
                 stops);
@@ -151,7 +153,8 @@ TEST_F(ApiTest, NamesAreOneLineOfPlainText) {
 
 TEST_F(ApiTest, MarksThatTurnTextAroundAreNoPlainText) {
   EXPECT_EQ(request("POST /v1/start", "{\"protocol\":\"x\",\"operator\":\"a\\u202eb\"}").status, 400);
-  EXPECT_THAT(request("POST /v1/start", "{\"protocol\":\"x\",\"operator\":\"J\u00f6rg\"}").text(), Not(HasSubstr("control character")));
+  EXPECT_THAT(request("POST /v1/start", "{\"protocol\":\"x\",\"operator\":\"J\u00f6rg\"}").text(),
+              Not(HasSubstr("control character")));
 }
 
 TEST_F(ApiTest, BytesThatAreNoUtf8GetAnAnswerAllTheSame) {
@@ -164,7 +167,8 @@ TEST_F(ApiTest, WordsThatNobodyReadsAreRefused) {
   const auto typo = request("POST /v1/start", R"({"protocol":"x","protcol_name":"y"})");
   EXPECT_EQ(typo.status, 400);
   EXPECT_THAT(typo.text(), HasSubstr("unknown key `protcol_name`; did you mean `protocol_name`?"));
-  EXPECT_THAT(request("POST /v1/start", R"({"protocol":"x","speed":2})").text(), HasSubstr("unknown key `speed`; known here"));
+  EXPECT_THAT(request("POST /v1/start", R"({"protocol":"x","speed":2})").text(),
+              HasSubstr("unknown key `speed`; known here"));
   for (const auto* body : {"", "{", "{}", R"({"protocol":3})"}) {
     const auto wrong = request("POST /v1/start", body);
     EXPECT_EQ(wrong.status, 400) << body;
@@ -181,7 +185,8 @@ TEST_F(ApiTest, WordsThatNobodyReadsAreRefused) {
 TEST_F(ApiTest, APostWithoutALengthHasAnEmptyBody) {
   for (const auto* verb : {"abort", "pause", "resume", "reset", "seal"}) {
     const Connection connection(socket_);
-    ASSERT_TRUE(connection.send(std::string("POST /v1/") + verb + " HTTP/1.1\r\nHost: localhost\r\nAccept: */*\r\n\r\n"));
+    ASSERT_TRUE(
+        connection.send(std::string("POST /v1/") + verb + " HTTP/1.1\r\nHost: localhost\r\nAccept: */*\r\n\r\n"));
     const auto got = connection.until("}");
     const bool vents = std::string(verb) == "abort";  // whatever the state
     EXPECT_THAT(got, HasSubstr(vents ? "HTTP/1.1 200" : "HTTP/1.1 409")) << verb;
@@ -190,7 +195,8 @@ TEST_F(ApiTest, APostWithoutALengthHasAnEmptyBody) {
 }
 
 TEST_F(ApiTest, BodiesAreLimitedInEveryCoding) {
-  EXPECT_EQ(send("POST /v1/start HTTP/1.1\r\nHost: x\r\nConnection: close\r\nContent-Length: 5000000\r\n\r\n").status, 413);
+  EXPECT_EQ(send("POST /v1/start HTTP/1.1\r\nHost: x\r\nConnection: close\r\nContent-Length: 5000000\r\n\r\n").status,
+            413);
   const auto chunked = send("POST /v1/start HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n400\r\n" +
                             std::string(0x400, ' ') + "\r\n");
   EXPECT_EQ(chunked.status, 411);
@@ -221,7 +227,8 @@ TEST_F(ApiTest, NoCrowdDelaysAnAbort) {
       if (i % 10 != 9) continue;
       const auto began = std::chrono::steady_clock::now();
       const auto aborted = request("POST /v1/abort", "", "", stops);
-      worst_ms = std::max(worst_ms, std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - began).count());
+      worst_ms = std::max(worst_ms,
+                          std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - began).count());
       EXPECT_EQ(aborted.status, 200) << i;
     }
     std::printf("  abort among up to %zu hostile connections, %s: worst %.1f ms\n", crowd.size(),

@@ -10,11 +10,12 @@ class ArmingTest : public RigFixture {
 
   void SetUp() override {
     RigFixture::SetUp();
-    plan = protocol::compile(base::TomlDocument::parse_text(
-                                 "format = \"isorig-protocol/1\"\nname = \"test\"\nrecording.policy = \"round_ramps\"\nsteps = [\n" +
-                                     std::string(kHold) + "\n]\n",
-                                 "test.toml"),
-                             config.limits);
+    plan = protocol::compile(
+        base::TomlDocument::parse_text(
+            "format = \"isorig-protocol/1\"\nname = \"test\"\nrecording.policy = \"round_ramps\"\nsteps = [\n" +
+                std::string(kHold) + "\n]\n",
+            "test.toml"),
+        config.limits);
     ASSERT_TRUE(reach(RunState::kReady, 5.0)) << bench->core().status().not_ready;
   }
 

@@ -1,6 +1,5 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-
 #include <toml++/toml.h>
 
 #include <cmath>
@@ -100,8 +99,8 @@ class CalibratedRig : public ::testing::Test {
     return points;
   }
 
-  calibration::Record record_of(Channel channel, const std::vector<calibration::Point>& points, Mode mode = Mode::kAdjust,
-                                const std::string& made_utc = "2026-11-21T07:15:00Z") {
+  calibration::Record record_of(Channel channel, const std::vector<calibration::Point>& points,
+                                Mode mode = Mode::kAdjust, const std::string& made_utc = "2026-11-21T07:15:00Z") {
     const auto in_force = host_->calibrations_json()["in_force"][name_of(channel)];
     calibration::Record r;
     r.rig = config_.name;
@@ -134,8 +133,8 @@ class CalibratedRig : public ::testing::Test {
 std::string pressurize(const std::vector<double>& pressures_psi) {
   std::string steps;
   for (const double p : pressures_psi) {
-    steps += "{ do = \"pressurize\", pressure_psi = " + std::to_string(p) + ", rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 30 },\n" +
-             "{ do = \"hold\", duration_s = 1 },\n";
+    steps += "{ do = \"pressurize\", pressure_psi = " + std::to_string(p) +
+             ", rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 30 },\n" + "{ do = \"hold\", duration_s = 1 },\n";
   }
   return steps;
 }
@@ -147,8 +146,8 @@ TEST_F(CalibratedRig, PressureIsRecoveredFromPointsUpAndDown) {
   points.insert(points.end(), more.begin(), more.end());
   const auto r = record_of(Channel::kPressure, points);
   // The noise is one count before rounding, so sqrt(1 + 1/12) counts, and 2000 samples make a mean: 0.056 mpsi. A line
-  // through 8 points with sum of squares 333 psi^2 about their mean of 10 psi: span to 3e-6, zero to 0.037 mpsi. Four of
-  // those, and on top the sensor's rounding, which a mean does not average out wholly: 5 % of a count.
+  // through 8 points with sum of squares 333 psi^2 about their mean of 10 psi: span to 3e-6, zero to 0.037 mpsi. Four
+  // of those, and on top the sensor's rounding, which a mean does not average out wholly: 5 % of a count.
   const double count = 30.0 / 13108.0;
   const double mean_error = count * std::sqrt(1.0 + 1.0 / 12.0) / std::sqrt(2000.0) + 0.05 * count;
   const auto in_force = keep(r);
@@ -169,9 +168,12 @@ TEST_F(CalibratedRig, ForceAndPositionAreRecovered) {
   config_.limits.travel_max_mm = config_.core.supervisor.limits.travel_max_mm = 8.0;
   open();
   // The specimen is the weight, and the plant's force what a reference cell would show.
-  std::string steps = "{ do = \"pressurize\", pressure_psi = 10, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 30 },\n{ do = \"hold\", duration_s = 1 },\n";
+  std::string steps =
+      "{ do = \"pressurize\", pressure_psi = 10, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 30 },\n{ do = "
+      "\"hold\", duration_s = 1 },\n";
   for (const auto* to : {"1", "2", "3", "4"}) {
-    steps += std::string("{ do = \"ramp\", to_mm = ") + to + ", velocity_mm_s = 2 },\n{ do = \"hold\", duration_s = 1 },\n";
+    steps +=
+        std::string("{ do = \"ramp\", to_mm = ") + to + ", velocity_mm_s = 2 },\n{ do = \"hold\", duration_s = 1 },\n";
   }
   const auto started = host_->start(protocol(steps));
   ASSERT_TRUE(started.ok) << started.text;

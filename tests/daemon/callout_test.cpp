@@ -89,7 +89,8 @@ class CalloutTest : public ::testing::Test {
 
 TEST_F(CalloutTest, TheCommandGetsEventRunTextAndState) {
   ::setenv("NOTIFY_SOCKET", "/nobody", 1);
-  start("env > '" + path("env.part") + "'; echo \"$1\" >> '" + path("env.part") + "'; mv '" + path("env.part") + "' '" + path("env") + "'");
+  start("env > '" + path("env.part") + "'; echo \"$1\" >> '" + path("env.part") + "'; mv '" + path("env.part") + "' '" +
+        path("env") + "'");
   callout_->on_event(kDone, "20261122-a-b");
   ASSERT_TRUE(wait_until(20.0, [&] { return !text("env").empty(); }));
   const auto env = text("env");
@@ -134,7 +135,8 @@ TEST_F(CalloutTest, ACommandThatHangsIsEndedWithAllThatItStarted) {
   start("sleep 1000 & echo $! > '" + path("child") + "'; wait");
   const auto begin = std::chrono::steady_clock::now();
   for (int i = 0; i < 3; ++i) callout_->on_event(kDone, "r");
-  EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::milliseconds(100));  // whoever says so waits for nothing
+  EXPECT_LT(std::chrono::steady_clock::now() - begin,
+            std::chrono::milliseconds(100));  // whoever says so waits for nothing
   ASSERT_TRUE(wait_until(20.0, [&] { return !log().empty(); }));
   EXPECT_THAT(log()[0], HasSubstr("took longer than [notify] timeout_s"));
   stop();

@@ -1,3 +1,5 @@
+#include "daemon/recording/catalogue.hpp"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sqlite3.h>
@@ -8,7 +10,6 @@
 #include <csignal>
 #include <cstdio>
 
-#include "daemon/recording/catalogue.hpp"
 #include "recording_rig.hpp"
 
 namespace isorig::daemon::testing {
@@ -84,8 +85,7 @@ TEST(Catalogue, AWholeNameIsFoundAmongLongerOnes) {
   }
   EXPECT_EQ(catalogue.find_run("a-run")->id, "a-run");
   EXPECT_EQ(catalogue.find_run("a-run-2")->id, "a-run-2");
-  EXPECT_THAT([&] { (void)catalogue.find_run("a-r"); },
-              ThrowsMessage<std::runtime_error>(HasSubstr("several runs")));
+  EXPECT_THAT([&] { (void)catalogue.find_run("a-r"); }, ThrowsMessage<std::runtime_error>(HasSubstr("several runs")));
   EXPECT_FALSE(catalogue.find_run(""));
 }
 
@@ -214,7 +214,8 @@ TEST(Catalogue, OneThatIsLockedHoldsNobodyUpAndIsWrittenLater) {
   run_plan(recorder, streams, {{1'000, 0, Keep::kFull}, {2'000, 2, Keep::kFull}}, 500);
   EXPECT_THAT(recorder.status().catalogue_error, HasSubstr("locked"));
   EXPECT_FALSE(recorder.finish(streams, true));
-  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(4)) << "the time-out of one statement was 5 s";
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(4))
+      << "the time-out of one statement was 5 s";
   EXPECT_EQ(catalogue.sessions_of("a-run")[0].state, "planned");
   ASSERT_EQ(sqlite3_exec(other, "ROLLBACK", nullptr, nullptr, nullptr), SQLITE_OK);
   sqlite3_close(other);
@@ -233,7 +234,8 @@ TEST(Catalogue, RecordingsThatAreInNoneAreEntered) {
   }
   for (const bool deleted : {false, true}) {
     if (deleted) {
-      for (const char* end : {"", "-wal", "-shm"}) std::filesystem::remove(root.path() / (std::string("catalogue.sqlite") + end));
+      for (const char* end : {"", "-wal", "-shm"})
+        std::filesystem::remove(root.path() / (std::string("catalogue.sqlite") + end));
     }
     const Catalogue catalogue(root.path());
     EXPECT_EQ(catalogue.find_run("whole")->state, "done");
@@ -283,8 +285,7 @@ TEST(Catalogue, SaysWhatIsWrong) {
   ASSERT_EQ(sqlite3_open((root.path() / "catalogue.sqlite").c_str(), &db), SQLITE_OK);
   ASSERT_EQ(sqlite3_exec(db, "PRAGMA user_version = 99", nullptr, nullptr, nullptr), SQLITE_OK);
   sqlite3_close(db);
-  EXPECT_THAT([&] { Catalogue again(root.path()); },
-              ThrowsMessage<std::runtime_error>(HasSubstr("newer isorig")));
+  EXPECT_THAT([&] { Catalogue again(root.path()); }, ThrowsMessage<std::runtime_error>(HasSubstr("newer isorig")));
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
-// Device clocks that step and time exchanges that are wrong, through the services that own the devices: samples go on, no
-// stamp is outside its bound, and the step is over within a few polls.
+// Device clocks that step and time exchanges that are wrong, through the services that own the devices: samples go on,
+// no stamp is outside its bound, and the step is over within a few polls.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -74,7 +74,8 @@ class Teensy final : public pressure::Device {
   explicit Teensy(clock::Clock& clock) : clock_(clock) {}
   pressure::Identity connect() override { return {"isorig", "1", "1", 1, 1000.0}; }
   void disconnect() noexcept override {}
-  pressure::Poll poll(std::span<pressure::Sample> samples, std::span<clock::Exchange> exchanges, std::int64_t) override {
+  pressure::Poll poll(std::span<pressure::Sample> samples, std::span<clock::Exchange> exchanges,
+                      std::int64_t) override {
     pressure::Poll p;
     p.samples = device.take(samples, clock_.now_ns());
     if (std::exchange(asked_, false)) exchanges[p.exchanges++] = device.exchange(clock_.now_ns());
@@ -196,8 +197,8 @@ TEST_P(ClockService, AClockThatStepsIsFollowedWithinABound) {
     EXPECT_LT(seen_.in_doubt, 60) << step_us;
     EXPECT_LT(seen_.worst_us, 6000.0) << step_us;
     EXPECT_EQ(seen_.health.clock_epoch, epoch + 1);
-    std::printf("  %9.0f us: %d samples, worst %.0f us, %d with a bound above 2 ms\n", step_us, seen_.samples, seen_.worst_us,
-                seen_.in_doubt);
+    std::printf("  %9.0f us: %d samples, worst %.0f us, %d with a bound above 2 ms\n", step_us, seen_.samples,
+                seen_.worst_us, seen_.in_doubt);
   }
 }
 
@@ -224,10 +225,12 @@ TEST(ClockEvents, AClockThatWasSetAndAWrongExchangeAreSaid) {
     return all;
   };
   EXPECT_EQ(events(1, 0), "") << "the first life of a clock is no event";
-  EXPECT_EQ(events(1, 1), "clock.rejected: a time exchange with the frame contradicts its clock and was left out\n"
-                          "clock.rejected: a time exchange with the Teensy contradicts its clock and was left out\n");
-  EXPECT_EQ(events(2, 1), "clock.restarted: the frame's clock was set or restarted; its stamps begin anew\n"
-                          "clock.restarted: the Teensy's clock was set or restarted; its stamps begin anew\n");
+  EXPECT_EQ(events(1, 1),
+            "clock.rejected: a time exchange with the frame contradicts its clock and was left out\n"
+            "clock.rejected: a time exchange with the Teensy contradicts its clock and was left out\n");
+  EXPECT_EQ(events(2, 1),
+            "clock.restarted: the frame's clock was set or restarted; its stamps begin anew\n"
+            "clock.restarted: the Teensy's clock was set or restarted; its stamps begin anew\n");
   EXPECT_EQ(events(2, 1), "");
 }
 

@@ -59,7 +59,8 @@ std::set<std::string> faults_in_code() {
 }
 
 std::string fault_table() {
-  return section(slurp(std::string(ISORIG_SOURCE_DIR) + "/docs/commissioning.md"), "## What the daemon does at every fault");
+  return section(slurp(std::string(ISORIG_SOURCE_DIR) + "/docs/commissioning.md"),
+                 "## What the daemon does at every fault");
 }
 
 TEST(Commissioning, EveryFaultOfTheCodeStandsInTheTable) {
@@ -69,7 +70,8 @@ TEST(Commissioning, EveryFaultOfTheCodeStandsInTheTable) {
   auto warnings = all(sources(), R"re(Severity::kWarning,\s*"([a-z_.]+)")re");
   warnings.merge(rules(Severity::kWarning));
   warnings.insert("recorder.dropped");  // made by the recorder itself
-  for (const char* link : {"frame", "pressure", "interlock", "regulator"}) {  // named where they are followed: core_watch.cpp
+  for (const char* link :
+       {"frame", "pressure", "interlock", "regulator"}) {  // named where they are followed: core_watch.cpp
     warnings.insert(std::string("error.") + link);
     warnings.insert(std::string("reconnect.") + link);
   }
@@ -96,7 +98,8 @@ TEST(Safety, EveryTestThatTheHazardAnalysisNamesExists) {
       tests.insert((*i)[1].str() + "." + (*i)[2].str());
     }
   }
-  const auto named = all(slurp(std::string(ISORIG_SOURCE_DIR) + "/docs/safety.md"), "`([A-Z][A-Za-z0-9]+\\.[A-Z][A-Za-z0-9]+)`");
+  const auto named =
+      all(slurp(std::string(ISORIG_SOURCE_DIR) + "/docs/safety.md"), "`([A-Z][A-Za-z0-9]+\\.[A-Z][A-Za-z0-9]+)`");
   EXPECT_GT(named.size(), 25U);
   for (const auto& name : named) EXPECT_THAT(tests, ::testing::Contains(name));
 }

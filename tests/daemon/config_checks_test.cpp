@@ -25,7 +25,8 @@ std::string slurp(const std::string& path) {
 
 std::string shipped(const std::string& name) {
   auto text = slurp(source("config/rigs/" + name + ".toml"));
-  for (auto up = text.find("\"../"); up != std::string::npos; up = text.find("\"../")) text.replace(up + 1, 2, source("config"));
+  for (auto up = text.find("\"../"); up != std::string::npos; up = text.find("\"../"))
+    text.replace(up + 1, 2, source("config"));
   return text;
 }
 
@@ -79,7 +80,7 @@ struct Dangerous {
   const char* table;
   const char* key;
   const char* value;
-  const char* why;          ///< part of the message
+  const char* why;           ///< part of the message
   const char* rig = "wire";  ///< wire: sim-wire.toml as a real rig, 8800, regulator; emulated: as shipped
 };
 
@@ -221,9 +222,12 @@ TEST(ConfigChecks, EveryDangerousValueIsRefusedWithItsReason) {
 }
 
 TEST(ConfigChecks, WhatIsShippedIsValidAndSoIsAReal) {
-  for (const auto* name : {"sim", "sim-wire", "sim-8800", "sim-8800-regulator"}) EXPECT_EQ(faults_of(shipped(name)), "") << name;
+  for (const auto* name : {"sim", "sim-wire", "sim-8800", "sim-8800-regulator"})
+    EXPECT_EQ(faults_of(shipped(name)), "") << name;
   for (const auto* name : {"sim-wire", "sim-8800", "sim-8800-regulator"}) EXPECT_EQ(faults_of(real(name)), "") << name;
-  EXPECT_EQ(faults_of(with(with(real("sim-wire"), "lcm", "url", "\"udpm://239.255.76.67:7667?ttl=1\""), "lcm", "network", "true")), "");
+  EXPECT_EQ(faults_of(with(with(real("sim-wire"), "lcm", "url", "\"udpm://239.255.76.67:7667?ttl=1\""), "lcm",
+                           "network", "true")),
+            "");
   EXPECT_EQ(faults_of(with(real("sim-wire"), "api", "mode", "\"0600\"")), "");
 }
 
@@ -234,19 +238,22 @@ TEST(ConfigChecks, TheSensorEndsWhereItsCalibrationPutsIt) {
 
 TEST(ConfigChecks, AnEmulatedRigMayBePatient) {
   auto text = shipped("sim-wire");
-  for (const auto* age : {"frame_age_max_s", "pressure_age_max_s", "interlock_age_max_s", "late_tick_max_s"}) text = with(text, "supervisor", age, "3.0");
+  for (const auto* age : {"frame_age_max_s", "pressure_age_max_s", "interlock_age_max_s", "late_tick_max_s"})
+    text = with(text, "supervisor", age, "3.0");
   EXPECT_EQ(faults_of(text), "");
 }
 
 TEST(ConfigChecks, ASimulatedChainOnARealRigIsRefused) {
   auto text = with(shipped("sim-wire"), "", "emulated", "false");
-  EXPECT_THAT(faults_of(text), AllOf(HasSubstr("an emergency stop would count as closed and nobody would look"), HasSubstr("driver = \"none\"")));
+  EXPECT_THAT(faults_of(text), AllOf(HasSubstr("an emergency stop would count as closed and nobody would look"),
+                                     HasSubstr("driver = \"none\"")));
   text = with(text, "interlock", "driver", "\"none\"");
   EXPECT_THAT(faults_of(text), HasSubstr("why nobody watches"));
   EXPECT_THAT(faults_of(with(text, "interlock", "reason", "\"no\"")), HasSubstr("ten letters"));
   text = with(text, "interlock", "reason", "\"the frame's own chain stops everything\"");
   EXPECT_EQ(faults_of(text), "");
-  EXPECT_THAT(faults_of(with(shipped("sim"), "interlock", "driver", "\"none\"\nreason = \"none of your business\"")), HasSubstr("has its own interlock"));
+  EXPECT_THAT(faults_of(with(shipped("sim"), "interlock", "driver", "\"none\"\nreason = \"none of your business\"")),
+              HasSubstr("has its own interlock"));
   EXPECT_THAT(faults_of(with(shipped("sim"), "", "emulated", "true")), HasSubstr("simulated in process"));
 }
 
@@ -255,7 +262,8 @@ TEST(ConfigChecks, AMissingOrWrongSpecimenIsNamed) {
               AllOf(HasSubstr("`specimen`: "), HasSubstr("nowhere.toml"), HasSubstr("cannot be opened")));
   EXPECT_THAT(faults_of(with(shipped("sim"), "sim", "specimen", "\"nowhere.toml\"")), HasSubstr("nowhere.toml"));
   const auto specimen = std::filesystem::temp_directory_path() / ("specimen-" + std::to_string(::getpid()) + ".toml");
-  std::ofstream(specimen) << "name = \"a/../../outside/planted\"\n[geometry]\ninitial_length_mm = 90\nminimum_length_mm = 70\n";
+  std::ofstream(specimen)
+      << "name = \"a/../../outside/planted\"\n[geometry]\ninitial_length_mm = 90\nminimum_length_mm = 70\n";
   EXPECT_THAT(faults_of(with(shipped("sim-wire"), "", "specimen", "\"" + specimen.string() + "\"")),
               AllOf(HasSubstr("holds `/`"), HasSubstr("names files")));
   std::filesystem::remove(specimen);

@@ -72,7 +72,6 @@ TEST_F(CoreTest, EveryStepAndSessionIsAnEvent) {
   EXPECT_STREQ(event("mark")->text, "here");
 }
 
-
 class TripTest : public RigFixture {
  protected:
   /// `or_code`: where the Teensy's own guard may come first.
@@ -163,13 +162,15 @@ TEST_F(TripTest, AFrameThatIsGoneIsStale) {
 }
 
 TEST_F(TripTest, ASensorWithoutValidReadingsIsStale) {
-  for (bool sim::PressureFaults::* fault : {&sim::PressureFaults::sensor_fault, &sim::PressureFaults::bus_low, &sim::PressureFaults::bus_high,
-                      &sim::PressureFaults::sensor_stale, &sim::PressureFaults::frozen_samples}) {
+  for (bool sim::PressureFaults::*fault :
+       {&sim::PressureFaults::sensor_fault, &sim::PressureFaults::bus_low, &sim::PressureFaults::bus_high,
+        &sim::PressureFaults::sensor_stale, &sim::PressureFaults::frozen_samples}) {
     rebuild();
     start(kHold);
     run_for(3.0);
     bench->rig().pressure().faults.*fault = true;
-    expect_trip("stale.pressure", Severity::kSafeState, config.core.supervisor.pressure_age_max_s + 0.1, "teensy.sensor");
+    expect_trip("stale.pressure", Severity::kSafeState, config.core.supervisor.pressure_age_max_s + 0.1,
+                "teensy.sensor");
   }
 }
 

@@ -1,3 +1,5 @@
+#include "daemon/rig/devices.hpp"
+
 #include <gmock/gmock.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -6,7 +8,6 @@
 #include <fstream>
 #include <sstream>
 
-#include "daemon/rig/devices.hpp"
 #include "rig_fixture.hpp"
 
 namespace isorig::daemon::test {
@@ -28,8 +29,9 @@ TEST(Devices, ARigHasOneDaemon) {
   const auto rig = own_rig();
   {
     const auto first = open_devices(rig, clock);
-    EXPECT_THAT([&] { (void)open_devices(rig, clock); },
-                ThrowsMessage<std::runtime_error>(HasSubstr("another isorigd on this machine drives the frame at tcp")));
+    EXPECT_THAT(
+        [&] { (void)open_devices(rig, clock); },
+        ThrowsMessage<std::runtime_error>(HasSubstr("another isorigd on this machine drives the frame at tcp")));
     auto other_frame = rig;
     other_frame.modbus->port = 1;
     EXPECT_THAT([&] { (void)open_devices(other_frame, clock); },
@@ -100,8 +102,7 @@ RigConfig with_teensy(const std::string& keys) {
 TEST(Devices, ATeensyIsReadOverUsbUnlessAPortIsNamed) {
   EXPECT_EQ(with_teensy("serial = \"1234560\"").teensy->where(), "USB serial number 1234560");
   EXPECT_EQ(with_teensy("port = \"/dev/ttyACM0\"").teensy->where(), "/dev/ttyACM0");
-  EXPECT_THAT([] { (void)with_teensy("transport = \"usb\""); },
-              ThrowsMessage<base::ConfigError>(HasSubstr("serial")));
+  EXPECT_THAT([] { (void)with_teensy("transport = \"usb\""); }, ThrowsMessage<base::ConfigError>(HasSubstr("serial")));
   EXPECT_THAT([] { (void)with_teensy("transport = \"usb\"\nserial = \"1\"\nport = \"/dev/ttyACM0\""); },
               ThrowsMessage<base::ConfigError>(HasSubstr("over USB the serial number finds the device")));
 }

@@ -1,7 +1,8 @@
+#include "daemon/recording/export.hpp"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "daemon/recording/export.hpp"
 #include "messages/recording.hpp"
 #include "recording_rig.hpp"
 
@@ -17,8 +18,7 @@ RunInfo two_sessions() {
 }
 
 /// Session 0: averaged until 2.5 s, then full; session 1: averaged.
-const std::vector<Stretch> kPlan{
-    {2'500, 0, Keep::kAveraged}, {4'000, 1, Keep::kFull}, {6'000, 2, Keep::kAveraged}};
+const std::vector<Stretch> kPlan{{2'500, 0, Keep::kAveraged}, {4'000, 1, Keep::kFull}, {6'000, 2, Keep::kAveraged}};
 
 TEST(Export, WritesWhatWasRecordedInTheRecordingFormat) {
   const TemporaryDirectory dir("export");
@@ -81,8 +81,9 @@ TEST(Export, KeepsRunsApart) {
   const auto out = dir.path() / "out";
   (void)export_run(dir.path() / "run", out, {.run_id = "first"});
   EXPECT_EQ(export_run(dir.path() / "run", out, {.run_id = "first"}).sessions.size(), 2U);  // again: replaced
-  EXPECT_THAT([&] { (void)export_run(dir.path() / "run", out, {.run_id = "second"}); },
-              ::testing::ThrowsMessage<std::runtime_error>(HasSubstr("of run first; export into a folder of this run's own")));
+  EXPECT_THAT(
+      [&] { (void)export_run(dir.path() / "run", out, {.run_id = "second"}); },
+      ::testing::ThrowsMessage<std::runtime_error>(HasSubstr("of run first; export into a folder of this run's own")));
 }
 
 TEST(Export, TheLastAttemptCountsUnlessOnlyAnEarlierOneIsComplete) {
@@ -119,16 +120,14 @@ TEST(Export, RemapsStampsFromTheRecordedExchanges) {
       auto f = frame_record(i, 0, Keep::kFull);
       f.device_us = 1'000'000 + i * 1000;
       // Online, the first half was off by up to 90 us.
-      f.mono_ns =
-          std::llround(host_ns(static_cast<double>(f.device_us))) + (i < 30'000 ? (i % 7) * 15'000 : 0);
+      f.mono_ns = std::llround(host_ns(static_cast<double>(f.device_us))) + (i < 30'000 ? (i % 7) * 15'000 : 0);
       streams.frame.push(f);
       if (i % 500 == 0) {
         const double at_us = 1'000'000.0 + static_cast<double>(i) * 1000.0;
         ExchangeRecord x;
         x.device = DeviceId::kFrame;
         const auto delay_ns = 250'000 + (i / 500 * 37 % 11) * 20'000;
-        x.exchange = {std::llround(host_ns(at_us)) - delay_ns, std::llround(host_ns(at_us)) + delay_ns, at_us,
-                      at_us};
+        x.exchange = {std::llround(host_ns(at_us)) - delay_ns, std::llround(host_ns(at_us)) + delay_ns, at_us, at_us};
         streams.exchanges.push(x);
       }
       if (i % 100 == 0) recorder.drain(streams, i * kMs);
@@ -163,7 +162,8 @@ AfterBreak export_over_a_break(const std::filesystem::path& dir, Keep keep, doub
   const auto host_ns = [](std::int64_t i) { return i * kMs + 7'000'000; };
   const auto device_us = [&](std::int64_t i) {
     return i < 20'040 ? 31e6 + static_cast<double>(i) * 1e3
-                      : restart ? static_cast<double>(i - 20'040) * 1e3 : 31e6 + static_cast<double>(i) * 1e3 + step_us;
+           : restart  ? static_cast<double>(i - 20'040) * 1e3
+                      : 31e6 + static_cast<double>(i) * 1e3 + step_us;
   };
   auto options = recorder_options(dir / "run");
   options.before_s = 0.0;

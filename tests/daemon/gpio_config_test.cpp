@@ -62,12 +62,15 @@ TEST(GpioConfig, RefusesAWiringInWhichABrokenWireReadsClosed) {
   const auto at = [&](int below, int column) {
     return "toml:" + std::to_string(interlock_line + below) + ":" + std::to_string(column) + ": ";
   };
-  EXPECT_THAT([] { with_interlock(R"(driver = "gpio"
+  EXPECT_THAT(
+      [] {
+        with_interlock(R"(driver = "gpio"
 chip = "x"
 estop = { line = "E", bias = "pull-up" }
-vent_valve = { line = "V", active_low = true, bias = "pull-down" })"); },
-              ThrowsMessage<base::ConfigError>(::testing::AllOf(
-                  HasSubstr(at(3, 30) + "with this `bias` the line is active when its wire is broken"), HasSubstr(at(4, 54)))));
+vent_valve = { line = "V", active_low = true, bias = "pull-down" })");
+      },
+      ThrowsMessage<base::ConfigError>(::testing::AllOf(
+          HasSubstr(at(3, 30) + "with this `bias` the line is active when its wire is broken"), HasSubstr(at(4, 54)))));
 }
 
 TEST(GpioConfig, WantsTheEmergencyStop) {

@@ -115,8 +115,9 @@ class HostTest : public ::testing::Test {
     address.sun_family = AF_UNIX;
     std::strcpy(address.sun_path, (socket_ + (stops ? ".stop" : "")).c_str());
     EXPECT_EQ(::connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
-    const std::string all = "POST " + path + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\nContent-Length: " +
-                            std::to_string(body.size()) + "\r\n\r\n" + body;
+    const std::string all =
+        "POST " + path + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\nContent-Length: " + std::to_string(body.size()) +
+        "\r\n\r\n" + body;
     EXPECT_EQ(::send(fd, all.data(), all.size(), MSG_NOSIGNAL), static_cast<ssize_t>(all.size()));
     std::string got;
     char buffer[4096];
@@ -192,10 +193,13 @@ TEST_F(HostTest, OfManyStartsAtOnceOneWinsAndGoesOn) {
 TEST_F(HostTest, EveryVerbByManyAtOnce) {
   const auto start = nlohmann::json{{"protocol", kProtocol}}.dump();
   for (const int clients : {2, 4}) {
-    for (const auto* path : {"/v1/start", "/v1/pause", "/v1/seal", "/v1/resume", "/v1/reset", "/v1/calibrations", "/v1/abort"}) {
+    for (const auto* path :
+         {"/v1/start", "/v1/pause", "/v1/seal", "/v1/resume", "/v1/reset", "/v1/calibrations", "/v1/abort"}) {
       std::atomic<int> accepted{0}, answered{0};
       at_once(clients, [&](int i) {
-        const std::string body = std::string(path) == "/v1/start" ? start : std::string(path) == "/v1/calibrations" ? "{}" : "";
+        const std::string body = std::string(path) == "/v1/start"          ? start
+                                 : std::string(path) == "/v1/calibrations" ? "{}"
+                                                                           : "";
         const bool stops = i % 2 == 1 && (std::string(path) == "/v1/pause" || std::string(path) == "/v1/abort");
         const auto got = post(path, body, stops);
         EXPECT_THAT(got.status, AnyOf(200, 400, 409)) << path;
@@ -263,8 +267,8 @@ TEST_F(HostTest, ARunFolderThatIsTakenAwayIsAProgramStop) {
   ASSERT_TRUE(reach(RunState::kFaulted));
   EXPECT_THAT(std::string(rig_->core().status().fault), HasSubstr("recorder: the recording cannot be continued"));
   EXPECT_TRUE(host_->verb(Request::Verb::kAbort).ok);
-  EXPECT_TRUE(reach(RunState::kReady)) << to_text(rig_->core().state()) << ": " << rig_->core().status().not_ready << ", "
-                                       << rig_->core().status().fault;
+  EXPECT_TRUE(reach(RunState::kReady)) << to_text(rig_->core().state()) << ": " << rig_->core().status().not_ready
+                                       << ", " << rig_->core().status().fault;
 }
 
 /// To its first session's beginning, then ended by an operator.
@@ -388,7 +392,9 @@ TEST_F(RecorderPaceTest, AQueueThatOverflowsIsAProgramStop) {
   EXPECT_EQ(bench->core().state(), RunState::kFaulted);
   run_for(3.0);
   EXPECT_THAT(std::string(bench->core().status().fault), HasSubstr("recorder.overflow"));
-  EXPECT_LE(std::count_if(events.begin(), events.end(), [](const auto& e) { return std::strcmp(e.code, "lost.record") == 0; }), 4);
+  EXPECT_LE(std::count_if(events.begin(), events.end(),
+                          [](const auto& e) { return std::strcmp(e.code, "lost.record") == 0; }),
+            4);
 }
 
 }  // namespace

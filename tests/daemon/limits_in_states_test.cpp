@@ -37,7 +37,8 @@ TEST_F(StatesTest, ARigUnderPressureIsNotReadyAndDoesNotStart) {
   ASSERT_TRUE(run_until(10.0, [&] { return truth().pressure_psi > 1.0; }));
   run_for(0.1);
   EXPECT_EQ(bench->core().state(), RunState::kIdle);
-  EXPECT_NE(std::string(bench->core().status().not_ready).find("pressure"), std::string::npos) << bench->core().status().not_ready;
+  EXPECT_NE(std::string(bench->core().status().not_ready).find("pressure"), std::string::npos)
+      << bench->core().status().not_ready;
   EXPECT_FALSE(ask(Verb::kStart, &plan).accepted);
   // Nobody asked for it, and the limit holds all the same.
   ASSERT_TRUE(reach(RunState::kFaulted, 60.0));
@@ -130,7 +131,8 @@ TEST_F(StatesTest, TheDriversWordsStandInTheFault) {
   ASSERT_TRUE(reach(RunState::kFaulted, 1.0));
   run_for(0.6);
   ASSERT_NE(event("stale.frame"), nullptr);
-  EXPECT_NE(std::string(event("stale.frame")->text).find("simulated frame: no answer"), std::string::npos) << event("stale.frame")->text;
+  EXPECT_NE(std::string(event("stale.frame")->text).find("simulated frame: no answer"), std::string::npos)
+      << event("stale.frame")->text;
   EXPECT_NE(std::string(bench->core().status().fault).find("no answer"), std::string::npos);
   EXPECT_NE(event("error.frame"), nullptr);
   bench->rig().frame().faults.silent = false;
@@ -194,7 +196,8 @@ TEST_F(StatesTest, AFrameThatWasRestartedWaitsForItsZero) {
   ASSERT_TRUE(reach(RunState::kIdle, 2.0));
   run_for(10.0);
   EXPECT_EQ(bench->core().state(), RunState::kIdle);
-  EXPECT_NE(std::string(bench->core().status().not_ready).find("confirm-zero"), std::string::npos) << bench->core().status().not_ready;
+  EXPECT_NE(std::string(bench->core().status().not_ready).find("confirm-zero"), std::string::npos)
+      << bench->core().status().not_ready;
   EXPECT_NE(event("restart.frame"), nullptr);
   EXPECT_FALSE(bench->core().status().zero_confirmed);
   EXPECT_FALSE(ask(Verb::kStart, &plan).accepted);
@@ -250,7 +253,8 @@ TEST_F(StatesTest, ARefusedHeartbeatDoesNotStopThePolling) {
   ASSERT_TRUE(reach(RunState::kFaulted, 1.0));
   run_for(0.1);
   ASSERT_NE(event("frame.heartbeat"), nullptr) << bench->core().status().fault;
-  EXPECT_NE(std::string(event("frame.heartbeat")->text).find("the heartbeat: "), std::string::npos) << event("frame.heartbeat")->text;
+  EXPECT_NE(std::string(event("frame.heartbeat")->text).find("the heartbeat: "), std::string::npos)
+      << event("frame.heartbeat")->text;
   EXPECT_EQ(event("stale.frame"), nullptr) << "samples went on coming";
 }
 

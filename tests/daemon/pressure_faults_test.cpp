@@ -7,14 +7,14 @@
 
 #include "rig_fixture.hpp"
 
-/// What fails between air and reading, and how far the true pressure gets before the rig is safe. The force limit is out of the
-/// way, so that the pressure side has to notice by itself.
+/// What fails between air and reading, and how far the true pressure gets before the rig is safe. The force limit is
+/// out of the way, so that the pressure side has to notice by itself.
 namespace isorig::daemon::test {
 namespace {
 
-constexpr double kLimitPsi = 24.0;   // of config/rigs/sim.toml
-constexpr double kMarginPsi = 1.5;   // the true pressure never exceeds the limit by more
-constexpr double kOpenPsi = 4.0;     // what a fill valve that does not close keeps up against vent and dump valve
+constexpr double kLimitPsi = 24.0;      // of config/rigs/sim.toml
+constexpr double kMarginPsi = 1.5;      // the true pressure never exceeds the limit by more
+constexpr double kOpenPsi = 4.0;        // what a fill valve that does not close keeps up against vent and dump valve
 constexpr double kVentedWithinS = 2.5;  // from the trip to 1 psi, through vent and dump valve
 
 class PressureFaultsTest : public RigFixture {
@@ -39,7 +39,8 @@ class PressureFaultsTest : public RigFixture {
       const double psi = r.rig().truth().pressure_psi;
       seen.max_psi = std::max(seen.max_psi, psi);
       if (trip_ns == 0 && r.core().state() == RunState::kFaulted) trip_ns = r.now_ns();
-      if (trip_ns != 0 && seen.vented_s < 0.0 && psi < rest_psi) seen.vented_s = static_cast<double>(r.now_ns() - trip_ns) * 1e-9;
+      if (trip_ns != 0 && seen.vented_s < 0.0 && psi < rest_psi)
+        seen.vented_s = static_cast<double>(r.now_ns() - trip_ns) * 1e-9;
     };
     run_for(seconds);
     bench->before_core = nullptr;
@@ -83,29 +84,113 @@ TEST_F(PressureFaultsTest, EachIsFoundBeforeTheTruePressurePassesItsLimit) {
   const auto lowering = [this] { lower(); };
   const auto starting = [this] { fill_past(-1.0); };
   const std::vector<Row> rows = {
-      {"filling: tube off the sensor", filling, [](R& r) { r.pressure().faults.tube_off = true; }, 0.1, {"pressure.falls", "pressure.no_response"}},
-      {"filling: tube blocked", filling, [](R& r) { r.pressure().faults.tube_blocked = true; }, 0.5, {"pressure.no_response"}},
-      {"filling: count stuck", filling, [](R& r) { r.pressure().faults.stuck_value = true; }, 0.5, {"pressure.no_response", "pressure.frozen", "teensy.stuck"}},
-      {"filling: tube kinked, 2 s", filling, [](R& r) { r.pressure().faults.tube_lag_ms = 2000; }, 0.5, {"pressure.no_response"}},
-      {"filling: 20 % too little at once", filling, [](R& r) { r.pressure().faults.low_permille = 200; }, 0.1, {"pressure.falls", "pressure.no_response"}},
-      {"filling: burst hose, 150 mL/s/bar", filling, [](R& r) { r.pneumatics().burst_mL_s_bar = 150.0; }, 0.5, {"pressure.no_response", "pressure.falls"}},
-      {"filling: supply gone", filling, [](R& r) { r.pneumatics().supply_empty = true; }, 3.0, {"pressure.no_response"}},
-      {"filling: fill valve stuck open", filling, [](R& r) { r.pneumatics().fill_stuck_open = true; }, 2.0, {"pressure.rises", "pressure.no_vent", "limit.pressure"}, kOpenPsi},
-      {"start: valve commands lost", starting, [](R& r) { r.pressure().faults.ignores_commands = true; }, 1.0, {"pressure.no_response", "pressure.falls"}},
+      {"filling: tube off the sensor",
+       filling,
+       [](R& r) { r.pressure().faults.tube_off = true; },
+       0.1,
+       {"pressure.falls", "pressure.no_response"}},
+      {"filling: tube blocked",
+       filling,
+       [](R& r) { r.pressure().faults.tube_blocked = true; },
+       0.5,
+       {"pressure.no_response"}},
+      {"filling: count stuck",
+       filling,
+       [](R& r) { r.pressure().faults.stuck_value = true; },
+       0.5,
+       {"pressure.no_response", "pressure.frozen", "teensy.stuck"}},
+      {"filling: tube kinked, 2 s",
+       filling,
+       [](R& r) { r.pressure().faults.tube_lag_ms = 2000; },
+       0.5,
+       {"pressure.no_response"}},
+      {"filling: 20 % too little at once",
+       filling,
+       [](R& r) { r.pressure().faults.low_permille = 200; },
+       0.1,
+       {"pressure.falls", "pressure.no_response"}},
+      {"filling: burst hose, 150 mL/s/bar",
+       filling,
+       [](R& r) { r.pneumatics().burst_mL_s_bar = 150.0; },
+       0.5,
+       {"pressure.no_response", "pressure.falls"}},
+      {"filling: supply gone",
+       filling,
+       [](R& r) { r.pneumatics().supply_empty = true; },
+       3.0,
+       {"pressure.no_response"}},
+      {"filling: fill valve stuck open",
+       filling,
+       [](R& r) { r.pneumatics().fill_stuck_open = true; },
+       2.0,
+       {"pressure.rises", "pressure.no_vent", "limit.pressure"},
+       kOpenPsi},
+      {"start: valve commands lost",
+       starting,
+       [](R& r) { r.pressure().faults.ignores_commands = true; },
+       1.0,
+       {"pressure.no_response", "pressure.falls"}},
       {"start: no air", starting, [](R& r) { r.pneumatics().supply_empty = true; }, 3.0, {"pressure.no_response"}},
-      {"hold: tube off the sensor", holding, [](R& r) { r.pressure().faults.tube_off = true; }, 0.1, {"pressure.falls", "pressure.no_response"}},
+      {"hold: tube off the sensor",
+       holding,
+       [](R& r) { r.pressure().faults.tube_off = true; },
+       0.1,
+       {"pressure.falls", "pressure.no_response"}},
       // At the very set-point nothing flows, and nothing happens.
       {"hold: tube blocked", holding, [](R& r) { r.pressure().faults.tube_blocked = true; }, 0.0, {}},
-      {"hold: blocked 0.02 psi low", holding, [](R& r) { r.pressure().faults.low_permille = 1; r.pressure().faults.tube_blocked = true; }, 4.0, {"pressure.hold", "pressure.no_response"}},
-      {"hold: blocked 0.05 psi low", holding, [](R& r) { r.pressure().faults.low_permille = 2; r.pressure().faults.tube_blocked = true; }, 2.0, {"pressure.hold", "pressure.no_response"}},
-      {"hold: count stuck", holding, [](R& r) { r.pressure().faults.stuck_value = true; }, 6.0, {"pressure.frozen", "pressure.hold", "pressure.no_response", "teensy.stuck"}},
-      {"hold: 20 % too little at once", holding, [](R& r) { r.pressure().faults.low_permille = 200; }, 0.1, {"pressure.falls", "pressure.no_response"}},
-      {"hold: burst hose, 150 mL/s/bar", holding, [](R& r) { r.pneumatics().burst_mL_s_bar = 150.0; }, 0.5, {"pressure.no_response", "pressure.falls"}},
-      {"hold: fill valve stuck open", holding, [](R& r) { r.pneumatics().fill_stuck_open = true; }, 0.5, {"pressure.rises", "pressure.no_vent", "limit.pressure"}, kOpenPsi},
+      {"hold: blocked 0.02 psi low",
+       holding,
+       [](R& r) {
+         r.pressure().faults.low_permille = 1;
+         r.pressure().faults.tube_blocked = true;
+       },
+       4.0,
+       {"pressure.hold", "pressure.no_response"}},
+      {"hold: blocked 0.05 psi low",
+       holding,
+       [](R& r) {
+         r.pressure().faults.low_permille = 2;
+         r.pressure().faults.tube_blocked = true;
+       },
+       2.0,
+       {"pressure.hold", "pressure.no_response"}},
+      {"hold: count stuck",
+       holding,
+       [](R& r) { r.pressure().faults.stuck_value = true; },
+       6.0,
+       {"pressure.frozen", "pressure.hold", "pressure.no_response", "teensy.stuck"}},
+      {"hold: 20 % too little at once",
+       holding,
+       [](R& r) { r.pressure().faults.low_permille = 200; },
+       0.1,
+       {"pressure.falls", "pressure.no_response"}},
+      {"hold: burst hose, 150 mL/s/bar",
+       holding,
+       [](R& r) { r.pneumatics().burst_mL_s_bar = 150.0; },
+       0.5,
+       {"pressure.no_response", "pressure.falls"}},
+      {"hold: fill valve stuck open",
+       holding,
+       [](R& r) { r.pneumatics().fill_stuck_open = true; },
+       0.5,
+       {"pressure.rises", "pressure.no_vent", "limit.pressure"},
+       kOpenPsi},
       {"hold: supply turned up to 90 psi", holding, [](R& r) { r.pneumatics().supply_psi_now = 90.0; }, 0.0, {}},
-      {"lowering: vent valve stuck shut", lowering, [](R& r) { r.pneumatics().vent_stuck_shut = true; }, 2.0, {"pressure.no_vent"}},
-      {"lowering: valve commands lost", lowering, [](R& r) { r.pressure().faults.ignores_commands = true; }, 2.0, {"pressure.no_vent", "pressure.rises", "pressure.falls"}},
-      {"lowering: tube blocked", lowering, [](R& r) { r.pressure().faults.tube_blocked = true; }, 2.0, {"pressure.no_vent"}},
+      {"lowering: vent valve stuck shut",
+       lowering,
+       [](R& r) { r.pneumatics().vent_stuck_shut = true; },
+       2.0,
+       {"pressure.no_vent"}},
+      {"lowering: valve commands lost",
+       lowering,
+       [](R& r) { r.pressure().faults.ignores_commands = true; },
+       2.0,
+       {"pressure.no_vent", "pressure.rises", "pressure.falls"}},
+      {"lowering: tube blocked",
+       lowering,
+       [](R& r) { r.pressure().faults.tube_blocked = true; },
+       2.0,
+       {"pressure.no_vent"}},
   };
   std::printf("%-36s %-22s %8s %9s %9s\n", "fault", "found as", "after s", "max psi", "vented s");
   for (const auto& row : rows) {
@@ -115,7 +200,8 @@ TEST_F(PressureFaultsTest, EachIsFoundBeforeTheTruePressurePassesItsLimit) {
     if (HasFatalFailure()) return;
     row.fail(bench->rig());
     const Seen seen = watch(60.0, row.rest_psi);
-    std::printf("%-36s %-22s %8.2f %9.2f %9.2f\n", row.what, seen.fault.c_str(), seen.trip_s, seen.max_psi, seen.vented_s);
+    std::printf("%-36s %-22s %8.2f %9.2f %9.2f\n", row.what, seen.fault.c_str(), seen.trip_s, seen.max_psi,
+                seen.vented_s);
     EXPECT_LT(seen.max_psi, kLimitPsi + kMarginPsi);
     if (row.codes.empty()) {
       EXPECT_EQ(bench->core().state(), RunState::kRunning) << seen.fault;
@@ -151,9 +237,17 @@ TEST_F(PressureFaultsTest, ASoundRigIsNotDoubted) {
       {"a chamber 2.5 times as large", [](RigConfig& c) { c.sim->pneumatics.manifold_volume_mL *= 2.5; }},
       {"a chamber 0.4 times as large", [](RigConfig& c) { c.sim->pneumatics.manifold_volume_mL *= 0.4; }},
       {"ten times the leak", [](RigConfig& c) { c.sim->pneumatics.leak_mL_s_bar *= 10.0; }},
-      {"slow valves", [](RigConfig& c) { c.sim->pneumatics.valve_time_ms = 15.0; c.sim->pneumatics.valve_delay_ms = 15.0;
-                                         c.core.pressure_loop.proportional_per_s = 12.0; }},
-      {"a dead band of 12 %", [](RigConfig& c) { c.sim->pneumatics.duty_dead_permille = 120.0; c.core.pressure_loop.minimum_duty = 0.12; }},
+      {"slow valves",
+       [](RigConfig& c) {
+         c.sim->pneumatics.valve_time_ms = 15.0;
+         c.sim->pneumatics.valve_delay_ms = 15.0;
+         c.core.pressure_loop.proportional_per_s = 12.0;
+       }},
+      {"a dead band of 12 %",
+       [](RigConfig& c) {
+         c.sim->pneumatics.duty_dead_permille = 120.0;
+         c.core.pressure_loop.minimum_duty = 0.12;
+       }},
       {"a quiet sensor", [](RigConfig& c) { c.sim->pressure.noise_counts = 0.2; }},
       {"a noisy sensor", [](RigConfig& c) { c.sim->pressure.noise_counts = 5.0; }},
       {"feed-forward", [](RigConfig& c) { c.core.pressure_loop.feedforward_psi_per_mm = 0.06; }},
@@ -167,7 +261,8 @@ TEST_F(PressureFaultsTest, ASoundRigIsNotDoubted) {
     config.core.pressure_loop.unreachable_after_s = 30.0;  // a large chamber takes its time
     row.change(config);
     rebuild();
-    start(R"(  { do = "pressurize", pressure_psi = 20, rate_psi_s = 20, tolerance_psi = 0.3, settled_for_s = 0.5, timeout_s = 30 },
+    start(
+        R"(  { do = "pressurize", pressure_psi = 20, rate_psi_s = 20, tolerance_psi = 0.3, settled_for_s = 0.5, timeout_s = 30 },
   { do = "hold", duration_s = 20 },
   { do = "ramp", to_mm = 2, velocity_mm_s = 10 },
   { do = "ramp", to_mm = -2, velocity_mm_s = 10 },
@@ -177,7 +272,9 @@ TEST_F(PressureFaultsTest, ASoundRigIsNotDoubted) {
   { do = "ramp", to_mm = 0, velocity_mm_s = 10 },
   { do = "pressurize", pressure_psi = 18, rate_psi_s = 20, tolerance_psi = 0.3, settled_for_s = 0.5, timeout_s = 60 },
   { do = "pressurize", pressure_psi = 4, rate_psi_s = 20, tolerance_psi = 0.3, settled_for_s = 0.5, timeout_s = 60 },)");
-    EXPECT_TRUE(run_until(200.0, [&] { return bench->core().outcome() != Outcome::kNone || bench->core().state() == RunState::kFaulted; }));
+    EXPECT_TRUE(run_until(200.0, [&] {
+      return bench->core().outcome() != Outcome::kNone || bench->core().state() == RunState::kFaulted;
+    }));
     EXPECT_EQ(bench->core().outcome(), Outcome::kDone) << bench->core().status().fault;
     EXPECT_TRUE(reach(RunState::kReady, 30.0)) << bench->core().status().fault << bench->core().status().not_ready;
   }
@@ -213,7 +310,8 @@ TEST_F(PressureFaultsTest, ASealedPressureIsWatched) {
   bench->rig().pneumatics().fill_stuck_open = true;
   const Seen seen = watch(5.0);
   EXPECT_LT(seen.max_psi, kLimitPsi + kMarginPsi);
-  EXPECT_LT(bench->rig().truth().pressure_psi, 2.0) << "vented, though the fill valve is open: the dump valve is larger";
+  EXPECT_LT(bench->rig().truth().pressure_psi, 2.0)
+      << "vented, though the fill valve is open: the dump valve is larger";
 }
 
 TEST_F(PressureFaultsTest, AStepsTimeOutVents) {

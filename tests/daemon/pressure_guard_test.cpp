@@ -44,8 +44,8 @@ class Chamber {
 class GuardTest : public ::testing::Test {
  protected:
   /// One reading a millisecond; returns when a doubt came up, in s, or -1.
-  double run(double seconds, const pressure::Command& command, const std::function<double()>& reading, bool is_holding = false,
-             double velocity_mm_s = 0.0) {
+  double run(double seconds, const pressure::Command& command, const std::function<double()>& reading,
+             bool is_holding = false, double velocity_mm_s = 0.0) {
     const std::int64_t start_ns = now_ns;
     while (now_ns < start_ns + static_cast<std::int64_t>(seconds * 1e9)) {
       now_ns += kMs;
@@ -56,7 +56,9 @@ class GuardTest : public ::testing::Test {
     return -1.0;
   }
   [[nodiscard]] std::string code() const { return guard.doubt() ? guard.doubt().code : ""; }
-  static std::function<double()> stands_at(double psi) { return [psi] { return psi; }; }
+  static std::function<double()> stands_at(double psi) {
+    return [psi] { return psi; };
+  }
 
   static constexpr pressure::Command kFill{1000, 0, 0.0F}, kVent{0, 1000, 0.0F}, kShut{0, 0, 0.0F};
   static PressureLoopConfig nominal() {
@@ -85,8 +87,13 @@ TEST_F(GuardTest, AChamberThatFollowsIsBelievedWhateverItsSize) {
       Chamber chamber(config, gain, delay_ms);
       std::mt19937 random(1);
       std::normal_distribution<double> noise(0.0, 0.0023);
-      for (const auto& [command, seconds] :
-           {std::pair{kShut, 0.5}, {kFill, 1.5 / gain}, {kShut, 2.0}, {kVent, 0.3 / gain}, {kFill, 0.2 / gain}, {kVent, 5.0 / gain}, {kShut, 1.0}}) {
+      for (const auto& [command, seconds] : {std::pair{kShut, 0.5},
+                                             {kFill, 1.5 / gain},
+                                             {kShut, 2.0},
+                                             {kVent, 0.3 / gain},
+                                             {kFill, 0.2 / gain},
+                                             {kVent, 5.0 / gain},
+                                             {kShut, 1.0}}) {
         EXPECT_LT(run(seconds, command, [&, c = command] { return chamber.step(c) + noise(random); }), 0.0)
             << code() << " gain " << gain << " delay " << delay_ms << " at " << chamber.psi;
       }
@@ -104,7 +111,10 @@ TEST_F(GuardTest, WhileBothValvesAreShutTheReadingMayLeakAndNoMore) {
   EXPECT_EQ(code(), "pressure.rises");
   // A crosshead that moves explains it.
   guard.restart();
-  EXPECT_LT(run(0.2, kShut, [&] { return psi -= 2.5e-3; }, false, 10.0), 0.0) << code();
+  EXPECT_LT(run(
+                0.2, kShut, [&] { return psi -= 2.5e-3; }, false, 10.0),
+            0.0)
+      << code();
 }
 
 TEST_F(GuardTest, AVentHasToLowerIt) {
@@ -112,7 +122,8 @@ TEST_F(GuardTest, AVentHasToLowerIt) {
   EXPECT_LT(run(1.0, kVent, stands_at(15.0)), 0.5);
   EXPECT_EQ(code(), "pressure.no_vent");
   guard.restart();
-  EXPECT_LT(run(100.0, kVent, stands_at(0.3)), 0.0) << "at rest there is nothing to lower; the sensor may be off by 0.3 psi";
+  EXPECT_LT(run(100.0, kVent, stands_at(0.3)), 0.0)
+      << "at rest there is nothing to lower; the sensor may be off by 0.3 psi";
 }
 
 TEST_F(GuardTest, AfterAFastFillingTheAirMayCool) {
@@ -122,7 +133,13 @@ TEST_F(GuardTest, AfterAFastFillingTheAirMayCool) {
   const double full_psi = chamber.psi;
   double after_s = 0.0;
   // 7 % of the change, lost within a second.
-  EXPECT_LT(run(3.0, kShut, [&] { after_s += 1e-3; return full_psi * (1.0 - 0.07 * (1.0 - std::exp(-after_s))); }), 0.0) << code();
+  EXPECT_LT(run(3.0, kShut,
+                [&] {
+                  after_s += 1e-3;
+                  return full_psi * (1.0 - 0.07 * (1.0 - std::exp(-after_s)));
+                }),
+            0.0)
+      << code();
 }
 
 TEST_F(GuardTest, AHoldThatWantsMoreThanALeakIsNotOne) {
@@ -187,8 +204,9 @@ TEST(PressureLoopBounds, TheIntegralAsksForAQuarterOfTheFillRateAtMost) {
   pressure::Command command;
   for (int i = 0; i < 60'000; ++i) command = loop.update(now_ns += kMs, 9.99, 0.0);
   const double full = fill_rate_psi_s(config.fill_gain_per_s, config.supply_psi, 9.99);
-  const double bound = PressureLoopConfig::kIntegralShare * config.fill_gain_per_s * (config.supply_psi + kAtmospherePsi) +
-                       config.proportional_per_s * 0.01;
+  const double bound =
+      PressureLoopConfig::kIntegralShare * config.fill_gain_per_s * (config.supply_psi + kAtmospherePsi) +
+      config.proportional_per_s * 0.01;
   EXPECT_NEAR(command.fill_permille, 1000.0 * bound / full, 2.0);
 }
 

@@ -33,7 +33,8 @@ TEST_F(PressureLoopTest, HoldsWithinFiveHundredthsThroughTenMillimetresPerSecond
   for (const double pressure_psi : {5.0, 20.0}) {
     rebuild();
     const std::string target = std::to_string(pressure_psi);
-    start("  { do = \"pressurize\", pressure_psi = " + target + R"(, rate_psi_s = 20, settled_for_s = 1, timeout_s = 30 },
+    start("  { do = \"pressurize\", pressure_psi = " + target +
+          R"(, rate_psi_s = 20, settled_for_s = 1, timeout_s = 30 },
   { do = "hold", duration_s = 3 },
   { do = "ramp", to_mm = 2, velocity_mm_s = 10 },
   { do = "hold", duration_s = 3 },
@@ -55,7 +56,8 @@ TEST_F(PressureLoopTest, HoldsWithinFiveHundredthsThroughTenMillimetresPerSecond
 }
 
 TEST_F(PressureLoopTest, ASettledStepIsTrulySettled) {
-  start(R"(  { do = "pressurize", pressure_psi = 15, rate_psi_s = 8, tolerance_psi = 0.1, settled_for_s = 2, timeout_s = 30 },
+  start(
+      R"(  { do = "pressurize", pressure_psi = 15, rate_psi_s = 8, tolerance_psi = 0.1, settled_for_s = 2, timeout_s = 30 },
   { do = "hold", duration_s = 1 },)");
   std::int64_t outside_ns = 0;
   bench->before_core = [&](VirtualRig& r) {
@@ -118,7 +120,8 @@ TEST(PressureLoop, ARegulatorGetsTheReferenceAndASlowTrim) {
   std::int64_t now_ns = 0;
   pressure::Command c;
   // A regulator that is 0.3 psi low: the trim takes it out.
-  for (int i = 0; i < 10'000; ++i) c = loop.update(now_ns += 1'000'000, std::max(0.0, double{c.regulator_psi} - 0.3), 0.0);
+  for (int i = 0; i < 10'000; ++i)
+    c = loop.update(now_ns += 1'000'000, std::max(0.0, double{c.regulator_psi} - 0.3), 0.0);
   EXPECT_NEAR(double{c.regulator_psi}, 10.3, 0.01);
   EXPECT_EQ(c.fill_permille, 1000);  // the regulator's supply
   EXPECT_EQ(c.vent_permille, 0);

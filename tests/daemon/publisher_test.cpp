@@ -1,3 +1,5 @@
+#include "daemon/recording/publisher.hpp"
+
 #include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -18,7 +20,6 @@
 #include <lcm/lcm-cpp.hpp>
 #include <thread>
 
-#include "daemon/recording/publisher.hpp"
 #include "recording_rig.hpp"
 
 /// The real LCM over multicast, with its own tools. In a network of our own where that is allowed, so that
@@ -85,9 +86,7 @@ struct Received {
       frame_ns.push_back(m->mono_ns + m->mono_offset_ns[i]);
     }
   }
-  void on_progress(const lcm::ReceiveBuffer*, const std::string&, const isorig_msgs::progress_t*) {
-    ++progress;
-  }
+  void on_progress(const lcm::ReceiveBuffer*, const std::string&, const isorig_msgs::progress_t*) { ++progress; }
 };
 
 constexpr const char* kUrl = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=4194304";
@@ -163,16 +162,15 @@ TEST(Publisher, LcmLoggerRecordsItAndLcmLogplayerPlaysASegment) {
     lcm::LCM lcm(kUrl);
     if (!lcm.good()) return kNoMulticast;
     const auto log = (dir.path() / "live.lcm").string();
-    const pid_t logger =
-        spawn_tool({"lcm-logger", "--lcm-url=" + std::string(kUrl), "--flush-interval=10", log});
+    const pid_t logger = spawn_tool({"lcm-logger", "--lcm-url=" + std::string(kUrl), "--flush-interval=10", log});
     if (logger < 0) return 1;
     Publisher publisher;
     Streams streams;
     // The logger listens when its file has something in it: events are sent until then, a second apart in
     // time.
     std::int64_t i = 0;
-    for (int tries = 0;
-         tries < 300 && (!std::filesystem::exists(log) || std::filesystem::file_size(log) == 0); ++tries) {
+    for (int tries = 0; tries < 300 && (!std::filesystem::exists(log) || std::filesystem::file_size(log) == 0);
+         ++tries) {
       streams.events.push(event_record(i, 0, "mark", Severity::kInfo));
       publisher.drain(streams, i * kMs);
       std::this_thread::sleep_for(std::chrono::milliseconds(20));

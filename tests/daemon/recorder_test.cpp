@@ -1,3 +1,5 @@
+#include "daemon/recording/recorder.hpp"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <lcm/eventlog.h>
@@ -9,7 +11,6 @@
 #include <optional>
 #include <thread>
 
-#include "daemon/recording/recorder.hpp"
 #include "recording_rig.hpp"
 
 namespace isorig::daemon::testing {
@@ -23,8 +24,8 @@ const std::vector<Stretch> kTwoRamps{{3'217, 0, Keep::kAveraged},  {4'751, 1, Ke
                                      {10'111, 3, Keep::kAveraged}, {12'500, 4, Keep::kAveraged}};
 
 messages::ReadReport record(const std::filesystem::path& dir, const RecorderOptions& options,
-                            const std::vector<Stretch>& plan, Collected& out,
-                            std::int64_t drain_every_ms = 20, const RunInfo& info = run_info()) {
+                            const std::vector<Stretch>& plan, Collected& out, std::int64_t drain_every_ms = 20,
+                            const RunInfo& info = run_info()) {
   Streams streams;
   Recorder recorder(options, info);
   run_plan(recorder, streams, plan, drain_every_ms);
@@ -35,8 +36,7 @@ messages::ReadReport record(const std::filesystem::path& dir, const RecorderOpti
 
 /// Was sample i, at full rate, due in full by the policy?
 bool due_in_full(std::int64_t mono_ns, const std::vector<std::pair<std::int64_t, std::int64_t>>& full) {
-  return std::any_of(full.begin(), full.end(),
-                     [&](const auto& f) { return mono_ns >= f.first && mono_ns < f.second; });
+  return std::any_of(full.begin(), full.end(), [&](const auto& f) { return mono_ns >= f.first && mono_ns < f.second; });
 }
 
 TEST(Recorder, EveryValueOfEveryStreamComesBackAsItWas) {
@@ -182,8 +182,7 @@ TEST(Recorder, AStopIsRecordedInFullWithItsRunUpAndWhatFollows) {
   ASSERT_FALSE(c.frames.empty());
   EXPECT_LE(c.frames.front().mono_ns, 4'100 * kMs);
   EXPECT_EQ(c.frames.back().mono_ns, frame_record(5'541, 0, Keep::kFull).mono_ns);
-  for (std::size_t i = 1; i < c.frames.size(); ++i)
-    ASSERT_EQ(c.frames[i].mono_ns - c.frames[i - 1].mono_ns, kMs);
+  for (std::size_t i = 1; i < c.frames.size(); ++i) ASSERT_EQ(c.frames[i].mono_ns - c.frames[i - 1].mono_ns, kMs);
   std::int64_t samples = static_cast<std::int64_t>(c.frames.size());
   for (const auto& i : c.frame_intervals) samples += i.samples;
   EXPECT_EQ(samples, 8'000);
@@ -205,8 +204,7 @@ TEST(Recorder, EachSessionBeginsASegmentThatSaysWhatItIs) {
   }
   Collected c;
   EXPECT_TRUE(messages::read_run(dir.path(), c).whole());
-  EXPECT_EQ(c.segments,
-            (std::vector<std::string>{"segment-0001.lcm", "segment-0002.lcm", "segment-0003.lcm"}));
+  EXPECT_EQ(c.segments, (std::vector<std::string>{"segment-0001.lcm", "segment-0002.lcm", "segment-0003.lcm"}));
   EXPECT_EQ(c.headers.size(), 3U);
   ASSERT_EQ(c.marks.size(), 6U);
   EXPECT_EQ(c.marks[2].session.pressure_psi, 10.0);

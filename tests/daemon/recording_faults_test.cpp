@@ -25,7 +25,8 @@ extern "C" int fdatasync(int fd) {
   char link[64], name[512];
   std::snprintf(link, sizeof link, "/proc/self/fd/%d", fd);
   const auto n = ::readlink(link, name, sizeof name);
-  const auto file = std::filesystem::path(std::string(name, n > 0 ? static_cast<std::size_t>(n) : 0)).filename().string();
+  const auto file =
+      std::filesystem::path(std::string(name, n > 0 ? static_cast<std::size_t>(n) : 0)).filename().string();
   if (file.starts_with("segment-")) syncs.push_back(file);
   if (failing_syncs.erase(file) > 0) {
     errno = EIO;
@@ -88,8 +89,7 @@ TEST(RecordingFaults, DamageInTheMiddleIsSkippedAndTheLossCounted) {
   std::uint64_t missing = 0;
   for (const auto n : report.missing) missing += n;
   EXPECT_GT(missing + report.undecodable, 0U);
-  EXPECT_EQ(c.frames.back().mono_ns, frame_record(2'999, 0, Keep::kFull).mono_ns)
-      << "reading went on behind it";
+  EXPECT_EQ(c.frames.back().mono_ns, frame_record(2'999, 0, Keep::kFull).mono_ns) << "reading went on behind it";
 }
 
 TEST(RecordingFaults, AKilledWriterLeavesEverythingUpToItsLastSync) {
@@ -215,9 +215,10 @@ TEST(RecordingFaults, ASessionIsToldAsDoneOnlyAfterItsSegmentWasSynced) {
     // What a power cut at this moment would leave: the file as it was synced last, which is now.
     Collected on_disk;
     messages::read_run(dir.path(), on_disk);
-    EXPECT_TRUE(std::any_of(on_disk.marks.begin(), on_disk.marks.end(), [&](const auto& m) {
-      return m.kind == isorig_msgs::session_mark_t::END && m.session.session == c.session;
-    })) << "session " << c.session << " is told, and its end is not written";
+    EXPECT_TRUE(std::any_of(
+        on_disk.marks.begin(), on_disk.marks.end(),
+        [&](const auto& m) { return m.kind == isorig_msgs::session_mark_t::END && m.session.session == c.session; }))
+        << "session " << c.session << " is told, and its end is not written";
     EXPECT_FALSE(syncs.empty());
     syncs.clear();
     told.push_back(std::to_string(c.session) + (c.complete ? " done" : " not"));

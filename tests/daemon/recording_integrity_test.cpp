@@ -12,9 +12,9 @@
 namespace isorig::daemon::testing {
 namespace {
 
+using messages::RecordingState;
 using ::testing::Contains;
 using ::testing::HasSubstr;
-using messages::RecordingState;
 
 const std::vector<Stretch> kPlan{
     {700, 0, Keep::kFull}, {1'400, 1, Keep::kAveraged}, {2'100, 2, Keep::kFull}, {2'600, 4, Keep::kFull}};
@@ -197,7 +197,8 @@ TEST_F(Integrity, ABlockOfZerosIsTold) {
   for (std::size_t i = 0; i < segments_.size(); ++i) {
     for (std::size_t at = 0; at < bytes_[i].size(); at += 4'096) {
       auto bytes = bytes_[i];
-      std::fill_n(bytes.begin() + static_cast<std::ptrdiff_t>(at), std::min<std::size_t>(4'096, bytes.size() - at), '\0');
+      std::fill_n(bytes.begin() + static_cast<std::ptrdiff_t>(at), std::min<std::size_t>(4'096, bytes.size() - at),
+                  '\0');
       write(i, bytes);
       expect_told("zeros at " + std::to_string(at));
       write(i, bytes_[i]);
@@ -223,7 +224,8 @@ TEST(RecordingState, APlanThatWasStoppedIsIncompleteButWhatWasRecordedIsThere) {
   EXPECT_EQ(report.state(), RecordingState::kIncomplete);
   EXPECT_TRUE(report.whole());
   EXPECT_THAT(report.complaints(),
-              ::testing::ElementsAre(HasSubstr("1 of 3 planned repetitions were not carried to their end: repetition 2 at 5 psi")));
+              ::testing::ElementsAre(
+                  HasSubstr("1 of 3 planned repetitions were not carried to their end: repetition 2 at 5 psi")));
 }
 
 TEST(RecordingState, AnInterruptedAttemptThatWasRepeatedLeavesAWholeRecording) {
@@ -268,8 +270,8 @@ TEST(RecordingState, MessagesOutOfOrderAreNotMissing) {
   EXPECT_EQ(numbers.repeated(), 2U);
 }
 
-/// The recorder sorts by time: what a stream sends late, behind samples that were stamped at their arrival, comes before
-/// them in the log, with higher numbers.
+/// The recorder sorts by time: what a stream sends late, behind samples that were stamped at their arrival, comes
+/// before them in the log, with higher numbers.
 TEST(RecordingState, AFrozenStreamLeavesNothingMissing) {
   const TemporaryDirectory dir("integrity");
   Streams streams;

@@ -189,8 +189,7 @@ struct Collected : messages::RunVisitor {
     frame_batches.push_back(m);
     for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
       frames.push_back({m.mono_ns + m.mono_offset_ns[i], m.device_us + m.device_offset_us[i],
-                        m.sequence + m.sequence_offset[i], m.session, m.step, m.position_mm[i],
-                        m.force_N[i]});
+                        m.sequence + m.sequence_offset[i], m.session, m.step, m.position_mm[i], m.force_N[i]});
     }
   }
   void pressure(const isorig_msgs::pressure_batch_t& m) override {
@@ -203,16 +202,16 @@ struct Collected : messages::RunVisitor {
   }
   void frame_average(const isorig_msgs::frame_average_batch_t& m) override {
     for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
-      frame_intervals.push_back({m.first_mono_ns[i], m.last_mono_ns[i], m.first_sequence[i],
-                                 m.last_sequence[i], m.session, m.step, m.samples[i], m.mean_position_mm[i],
-                                 m.min_position_mm[i], m.max_position_mm[i]});
+      frame_intervals.push_back({m.first_mono_ns[i], m.last_mono_ns[i], m.first_sequence[i], m.last_sequence[i],
+                                 m.session, m.step, m.samples[i], m.mean_position_mm[i], m.min_position_mm[i],
+                                 m.max_position_mm[i]});
     }
   }
   void pressure_average(const isorig_msgs::pressure_average_batch_t& m) override {
     for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
-      pressure_intervals.push_back({m.first_mono_ns[i], m.last_mono_ns[i], m.first_sequence[i],
-                                    m.last_sequence[i], m.session, m.step, m.samples[i],
-                                    m.mean_pressure_psi[i], m.min_pressure_psi[i], m.max_pressure_psi[i]});
+      pressure_intervals.push_back({m.first_mono_ns[i], m.last_mono_ns[i], m.first_sequence[i], m.last_sequence[i],
+                                    m.session, m.step, m.samples[i], m.mean_pressure_psi[i], m.min_pressure_psi[i],
+                                    m.max_pressure_psi[i]});
     }
   }
   void control(const isorig_msgs::control_batch_t& m) override {

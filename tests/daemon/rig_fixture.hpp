@@ -12,7 +12,9 @@
 
 namespace isorig::daemon::test {
 
-inline std::string source(const std::string& path) { return std::string(ISORIG_SOURCE_DIR) + "/" + path; }
+inline std::string source(const std::string& path) {
+  return std::string(ISORIG_SOURCE_DIR) + "/" + path;
+}
 
 /// A virtual rig with its queues drained into vectors, and the verbs as calls.
 class RigFixture : public ::testing::Test {
@@ -71,7 +73,8 @@ class RigFixture : public ::testing::Test {
   void start(const std::string& steps) {
     plan = protocol::compile(base::TomlDocument::parse_text(
                                  "format = \"isorig-protocol/1\"\nname = \"test\"\nrecording.policy = \"round_ramps\"\n"
-                                 "steps = [\n" + steps + "\n]\n",
+                                 "steps = [\n" +
+                                     steps + "\n]\n",
                                  "test.toml"),
                              config.limits);
     ASSERT_TRUE(reach(RunState::kReady, 5.0)) << bench->core().status().not_ready;

@@ -29,7 +29,8 @@ class SelfTest : public ::testing::Test {
     if (before_) before_();
     if (arrange) arrange(*rig_);
     run_for(seconds);
-    return cli::judge({host_->status_json(), host_->selftest_json(), host_->readings_json(5.0), host_->calibrations_json()});
+    return cli::judge(
+        {host_->status_json(), host_->selftest_json(), host_->readings_json(5.0), host_->calibrations_json()});
   }
   void tick() {
     rig_->tick();
@@ -82,20 +83,24 @@ TEST_F(SelfTest, AHealthyRigHasNoFailure) {
 
 TEST_F(SelfTest, Devices) {
   config_.realtime.enforce = false;
-  expect(judge([](VirtualRig& r) { r.rig().frame().faults.disconnected = true; }), "frame.link", Verdict::kFail, "not connected", {"state"});
-  expect(judge([](VirtualRig& r) { r.rig().pressure().faults.disconnected = true; }), "sensor.link", Verdict::kFail, "not connected", {"state"});
-  expect(judge([](VirtualRig& r) { r.rig().pressure().faults.sensor_stale = true; }), "sensor.rate", Verdict::kFail, "no samples",
-         {"state", "sensor.age"});
-  expect(judge([](VirtualRig& r) { r.rig().frame().faults.drive_fault = true; }), "state", Verdict::kFail, "the frame reports a fault");
+  expect(judge([](VirtualRig& r) { r.rig().frame().faults.disconnected = true; }), "frame.link", Verdict::kFail,
+         "not connected", {"state"});
+  expect(judge([](VirtualRig& r) { r.rig().pressure().faults.disconnected = true; }), "sensor.link", Verdict::kFail,
+         "not connected", {"state"});
+  expect(judge([](VirtualRig& r) { r.rig().pressure().faults.sensor_stale = true; }), "sensor.rate", Verdict::kFail,
+         "no samples", {"state", "sensor.age"});
+  expect(judge([](VirtualRig& r) { r.rig().frame().faults.drive_fault = true; }), "state", Verdict::kFail,
+         "the frame reports a fault");
 }
 
 TEST_F(SelfTest, FrozenChannels) {
   config_.realtime.enforce = false;
-  expect(judge([](VirtualRig& r) { r.rig().frame().faults.frozen_force = true; }), "force.frozen", Verdict::kFail, "equal values", {"state"});
-  expect(judge([](VirtualRig& r) { r.rig().pressure().faults.stuck_value = true; }), "pressure.frozen", Verdict::kFail, "equal values",
-         {"state", "sensor.age"});
-  expect(judge([](VirtualRig& r) { r.rig().pressure().faults.bus_low = true; }), "pressure.zero", Verdict::kFail, "-3.7",
-         {"state", "sensor.age", "pressure.frozen"});
+  expect(judge([](VirtualRig& r) { r.rig().frame().faults.frozen_force = true; }), "force.frozen", Verdict::kFail,
+         "equal values", {"state"});
+  expect(judge([](VirtualRig& r) { r.rig().pressure().faults.stuck_value = true; }), "pressure.frozen", Verdict::kFail,
+         "equal values", {"state", "sensor.age"});
+  expect(judge([](VirtualRig& r) { r.rig().pressure().faults.bus_low = true; }), "pressure.zero", Verdict::kFail,
+         "-3.7", {"state", "sensor.age", "pressure.frozen"});
 }
 
 TEST_F(SelfTest, NoiseAndZeros) {
@@ -118,8 +123,10 @@ TEST_F(SelfTest, NoiseAndZeros) {
 
 TEST_F(SelfTest, InterlockAndLimits) {
   config_.realtime.enforce = false;
-  expect(judge([](VirtualRig& r) { r.rig().interlock().estop_closed = false; }), "interlock.estop", Verdict::kFail, "OPEN", {"state"});
-  expect(judge([](VirtualRig& r) { r.rig().interlock().guard_closed = false; }), "interlock.guard", Verdict::kFail, "OPEN", {"state"});
+  expect(judge([](VirtualRig& r) { r.rig().interlock().estop_closed = false; }), "interlock.estop", Verdict::kFail,
+         "OPEN", {"state"});
+  expect(judge([](VirtualRig& r) { r.rig().interlock().guard_closed = false; }), "interlock.guard", Verdict::kFail,
+         "OPEN", {"state"});
   config_.sim->frame.travel_max_mm = 4.0;  // the daemon's is 5
   expect(judge(), "limits.frame", Verdict::kFail, "travel_max_mm 4, rig 5");
   config_ = load_rig(source("config/rigs/sim.toml"));
@@ -134,7 +141,9 @@ TEST_F(SelfTest, TheMachine) {
   config_.realtime.enforce = false;
   EXPECT_EQ(line(judge(), "realtime.fifo").verdict, Verdict::kWarn);
   const auto late = judge([](VirtualRig& r) {
-    r.around_core = [](Core& core, std::int64_t now_ns) { core.tick(now_ns, now_ns % 10'000'000 == 0 ? 3'000'000 : 0, 0); };
+    r.around_core = [](Core& core, std::int64_t now_ns) {
+      core.tick(now_ns, now_ns % 10'000'000 == 0 ? 3'000'000 : 0, 0);
+    };
   });
   expect(late, "realtime.lateness", Verdict::kFail, "later than 512 us");
   config_.recording.min_free_bytes = std::uint64_t{1} << 60U;

@@ -64,7 +64,8 @@ TEST_F(Notifier, WithoutAManagerNothingHappens) {
 }
 
 TEST_F(Notifier, ANameThatIsNoSocketIsRefused) {
-  for (const std::string& name : {std::string("notify"), std::string("@"), std::string("/"), "/" + std::string(108, 'a')}) {
+  for (const std::string& name :
+       {std::string("notify"), std::string("@"), std::string("/"), "/" + std::string(108, 'a')}) {
     EXPECT_THROW(ServiceNotifier notifier(name), std::runtime_error) << name;
   }
   EXPECT_NO_THROW(ServiceNotifier notifier("@" + std::string(106, 'a')));
@@ -78,7 +79,8 @@ TEST_F(Notifier, TheEnvironmentIsReadAndEmptied) {
   const auto ours = ServiceNotifier::from_environment();
   EXPECT_TRUE(ours.connected());
   EXPECT_EQ(ours.watchdog_ns(), 2'000'000'000);
-  for (const char* name : {"NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"}) EXPECT_EQ(std::getenv(name), nullptr) << name;
+  for (const char* name : {"NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"})
+    EXPECT_EQ(std::getenv(name), nullptr) << name;
 
   ::setenv("NOTIFY_SOCKET", manager.name().c_str(), 1);
   ::setenv("WATCHDOG_USEC", "2000000", 1);

@@ -51,12 +51,13 @@ class SetupTest : public RigFixture {
   void drive_beyond() {
     auto wide = config.limits;
     wide.travel_max_mm = 9.0;
-    plan = protocol::compile(base::TomlDocument::parse_text(
-                                 "format = \"isorig-protocol/1\"\nname = \"far\"\nrecording.policy = \"round_ramps\"\nsteps = [\n"
-                                 "  { do = \"pressurize\", pressure_psi = 0, rate_psi_s = 8, settled_for_s = 0.1, timeout_s = 20 },\n"
-                                 "  { do = \"ramp\", to_mm = 8, velocity_mm_s = 2 },\n]\n",
-                                 "far.toml"),
-                             wide);
+    plan = protocol::compile(
+        base::TomlDocument::parse_text(
+            "format = \"isorig-protocol/1\"\nname = \"far\"\nrecording.policy = \"round_ramps\"\nsteps = [\n"
+            "  { do = \"pressurize\", pressure_psi = 0, rate_psi_s = 8, settled_for_s = 0.1, timeout_s = 20 },\n"
+            "  { do = \"ramp\", to_mm = 8, velocity_mm_s = 2 },\n]\n",
+            "far.toml"),
+        wide);
     ASSERT_TRUE(reach(RunState::kReady, 5.0));
     ASSERT_TRUE(ask(Request::Verb::kStart, &plan).accepted);
     ASSERT_TRUE(reach(RunState::kFaulted, 10.0));

@@ -11,9 +11,9 @@
 /// The rig's states, enumerated against the real Core, its services and the plant, in virtual time.
 ///
 /// Every act of an alphabet (verbs, faults that begin, repair, time that passes) is tried in every situation that is
-/// reached, breadth first. A situation is reached by doing its acts again from the start. Two situations count as one when
-/// they agree in all that key() holds; timers that run are not in it. At every millisecond the plant's truth is the witness
-/// of the invariants:
+/// reached, breadth first. A situation is reached by doing its acts again from the start. Two situations count as one
+/// when they agree in all that key() holds; timers that run are not in it. At every millisecond the plant's truth is
+/// the witness of the invariants:
 ///
 ///   ready      means that the crosshead stands and the actuator is vented
 ///   a stop     ends in standstill within the frame's watchdog time
@@ -23,15 +23,15 @@
 ///   verbs      are accepted in the states that docs/states.md names, and in no other
 ///   done       is not said of a run that had a fault
 ///
-/// Faults come one at a time, and three acts follow each other. ISORIG_STATE_MODEL_ACTS=12 goes on until no new situation
-/// appears or twelve acts follow each other, ISORIG_STATE_MODEL_FAULTS=2 has faults in pairs: many minutes.
+/// Faults come one at a time, and three acts follow each other. ISORIG_STATE_MODEL_ACTS=12 goes on until no new
+/// situation appears or twelve acts follow each other, ISORIG_STATE_MODEL_FAULTS=2 has faults in pairs: many minutes.
 namespace isorig::daemon::test {
 namespace {
 
 using Verb = Request::Verb;
 
-constexpr double kVented_psi = 0.7;    // CoreConfig::vented_psi and the sensor's error
-constexpr double kMoving_mm_s = 0.05;  // less is the crosshead's regulation
+constexpr double kVented_psi = 0.7;          // CoreConfig::vented_psi and the sensor's error
+constexpr double kMoving_mm_s = 0.05;        // less is the crosshead's regulation
 constexpr double kPressureMargin_psi = 2.0;  // what flows in while a wrong reading is found out
 constexpr double kStop_s = 0.5 + 0.25;       // the frame's own watchdog, and its brake
 constexpr double kVent_s = 8.0;
@@ -83,7 +83,8 @@ const VerbKind kVerbs[] = {
     {"resume", Verb::kResume, {RunState::kPaused}},
     {"abort",
      Verb::kAbort,
-     {RunState::kIdle, RunState::kReady, RunState::kRunning, RunState::kPaused, RunState::kStopping, RunState::kFaulted}},
+     {RunState::kIdle, RunState::kReady, RunState::kRunning, RunState::kPaused, RunState::kStopping,
+      RunState::kFaulted}},
     {"reset", Verb::kReset, {RunState::kFaulted}},
     {"seal", Verb::kSeal, {RunState::kPaused}},
 };
@@ -102,11 +103,16 @@ std::string name_of(int act) {
   if (act < kFirstFault) return kVerbs[act].name;
   if (act < kRepair) return kFaults[act - kFirstFault].name;
   switch (act) {
-    case kRepair: return "everything repaired";
-    case kDiskFails: return "disk fails";
-    case kLoopLate: return "loop 0.4 s late";
-    case kMoment: return "0.1 s";
-    default: return "3 s";
+    case kRepair:
+      return "everything repaired";
+    case kDiskFails:
+      return "disk fails";
+    case kLoopLate:
+      return "loop 0.4 s late";
+    case kMoment:
+      return "0.1 s";
+    default:
+      return "3 s";
   }
 }
 
@@ -130,7 +136,7 @@ steps = [
   { do = "ramp", to_mm = 4, velocity_mm_s = 1 },
   { do = "ramp", to_mm = 0, velocity_mm_s = 1 },
 ])",
-                                                             "model.toml"),
+                                                            "model.toml"),
                              config.limits);
   }
 
@@ -191,7 +197,8 @@ steps = [
       fail(std::string("accepted while ") + to_text(before));
     }
     if (!reply.accepted && reply.text[0] == '\0') fail("refused without a word");
-    if (kind.verb == Verb::kAbort && !reply.accepted) fail(std::string("abort refused while ") + to_text(before) + ": " + reply.text);
+    if (kind.verb == Verb::kAbort && !reply.accepted)
+      fail(std::string("abort refused while ") + to_text(before) + ": " + reply.text);
   }
 
   void pass(double seconds) {
@@ -223,12 +230,14 @@ steps = [
       left_running_ns = now_ns;
     }
     if ((state == RunState::kReady || state == RunState::kIdle) && moves) fail("moves");
-    if (state == RunState::kReady && truth.pressure_psi > kVented_psi && !reading_lies(faults)) fail("ready under pressure");
+    if (state == RunState::kReady && truth.pressure_psi > kVented_psi && !reading_lies(faults))
+      fail("ready under pressure");
     if (left_running_ns >= 0 && moves && seconds(now_ns - left_running_ns) > kStop_s) fail("did not come to rest");
     const auto fill = bench->pressure_command().fill_permille;
     if (fill > 0 && state != RunState::kRunning && state != RunState::kPaused) fail("fills");
     if (truth.pressure_psi > config.limits.pressure_max_psi + kPressureMargin_psi) fail("over the pressure limit");
-    const bool to_vent = state == RunState::kStopping || (state == RunState::kFaulted && bench->core().status().vented_fault);
+    const bool to_vent =
+        state == RunState::kStopping || (state == RunState::kFaulted && bench->core().status().vented_fault);
     if (!to_vent) {
       vented_since_ns = -1;
     } else if (vented_since_ns < 0) {
@@ -239,7 +248,8 @@ steps = [
     if (bench->core().outcome() == Outcome::kDone && had_fault && state == RunState::kStopping && disk_fails) {
       fail("done while the disk fails");
     }
-    if (state == RunState::kFaulted && seconds(now_ns - left_running_ns) > 0.05 && bench->core().status().fault[0] == '\0') {
+    if (state == RunState::kFaulted && seconds(now_ns - left_running_ns) > 0.05 &&
+        bench->core().status().fault[0] == '\0') {
       fail("a fault without a cause");
     }
   }
@@ -264,9 +274,10 @@ steps = [
     const auto state = bench->core().state();
     const bool under_way = s.run_loaded;
     k << to_text(state) << '|' << faults << '|' << disk_fails << '|' << under_way << s.vented_fault << s.healthy << '|'
-      << (state == RunState::kFaulted ? std::string_view(s.fault).substr(0, std::string_view(s.fault).find(':')) : "") << '|'
-      << (std::abs(t.velocity_mm_s) > kMoving_mm_s) << (t.pressure_psi > kVented_psi) << '|' << (c.fill_permille > 0) << (c.vent_permille > 0)
-      << '|' << (under_way ? static_cast<std::int32_t>(s.control.step) : -1);
+      << (state == RunState::kFaulted ? std::string_view(s.fault).substr(0, std::string_view(s.fault).find(':')) : "")
+      << '|' << (std::abs(t.velocity_mm_s) > kMoving_mm_s) << (t.pressure_psi > kVented_psi) << '|'
+      << (c.fill_permille > 0) << (c.vent_permille > 0) << '|'
+      << (under_way ? static_cast<std::int32_t>(s.control.step) : -1);
     return k.str();
   }
 
@@ -300,7 +311,8 @@ TEST_F(StateModelTest, EveryActInEverySituation) {
     const unsigned faults_here = faults;
     for (int act = 0; act < kActs; ++act) {
       const bool fault = act >= kFirstFault && act < kRepair;
-      if (fault && (__builtin_popcount(faults_here) >= at_once || (faults_here >> (act - kFirstFault) & 1U) != 0)) continue;
+      if (fault && (__builtin_popcount(faults_here) >= at_once || (faults_here >> (act - kFirstFault) & 1U) != 0))
+        continue;
       Acts next = here;
       next.push_back(act);
       ++tried;

@@ -174,7 +174,8 @@ TEST_F(StopTest, AFrameThatNothingStopsIsNeverCalledStopped) {
   for (const double speed_mm_s : {1.0, 0.05}) {
     rebuild();
     start(R"(  { do = "pressurize", pressure_psi = 5, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 20 },
-  { do = "ramp", to_mm = 4, velocity_mm_s = )" + std::to_string(speed_mm_s) + " },");
+  { do = "ramp", to_mm = 4, velocity_mm_s = )" +
+          std::to_string(speed_mm_s) + " },");
     ASSERT_TRUE(run_until(60.0, [&] { return truth().position_mm > 1.0; }));
     faults().runaway = true;
     ASSERT_TRUE(ask(Verb::kAbort).accepted);

@@ -91,14 +91,16 @@ class SupervisorTest : public ::testing::Test {
   interlock::State chain{.estop_closed = true, .guard_closed = true};
   std::function<void()> extra;
   double force_N = 1.0, position_mm = 0.0, pressure_psi = 5.0, regulator_psi = 5.0;
-  bool no_frame = false, no_pressure = false, no_regulator = false, no_chain = false, regulator_faulty = false, quiet = false;
+  bool no_frame = false, no_pressure = false, no_regulator = false, no_chain = false, regulator_faulty = false,
+       quiet = false;
   std::int64_t now_ns = 1'000'000'000;
   std::uint32_t number = 0;
   int count = 0;
 };
 
 TEST_F(SupervisorTest, ARigThatIsWellHasNothingWrong) {
-  for (const auto s : {RunState::kIdle, RunState::kReady, RunState::kRunning, RunState::kPaused, RunState::kStopping, RunState::kFaulted}) {
+  for (const auto s : {RunState::kIdle, RunState::kReady, RunState::kRunning, RunState::kPaused, RunState::kStopping,
+                       RunState::kFaulted}) {
     state = s;
     for (int i = 0; i < 3000; ++i) {
       const auto found = run(1);
@@ -124,7 +126,13 @@ TEST_F(SupervisorTest, EveryCauseHasTheSeverityOfItsRuleInEveryPhase) {
       {"frame.fault", [&] { report.state.motion = frame::Motion::kFault; }, 1},
       {"frame.heartbeat", [&] { report.state.fault_bits = frame::kHeartbeatLost; }, 1},
       {"frame.number", [&] { force_N = std::numeric_limits<double>::quiet_NaN(); }, 1},
-      {"frame.stop", [&] { supervisor->on_stop(now_ns, 1); report.stop_confirmed = report.stands = false; report.state.motion = frame::Motion::kMoving; }, 350},
+      {"frame.stop",
+       [&] {
+         supervisor->on_stop(now_ns, 1);
+         report.stop_confirmed = report.stands = false;
+         report.state.motion = frame::Motion::kMoving;
+       },
+       350},
       {"interlock.frame", [&] { report.state.fault_bits = frame::kInterlockOpen; }, 1},
       {"interlock.lost", [&] { chain.lost = true; }, 1},
       {"interlock.estop", [&] { chain.estop_closed = false; }, 1},
@@ -136,17 +144,19 @@ TEST_F(SupervisorTest, EveryCauseHasTheSeverityOfItsRuleInEveryPhase) {
       {"regulator.fault", [&] { regulator_faulty = true; }, 1},
       {"regulator.disagrees", [&] { regulator_psi = 7.0; }, 1100},
       {"pressure.frozen", [&] { extra = [&] { supervisor->on_pressure_stuck(); }; }, 1},
-      {"pressure.watchdog", [&] { extra = [&] { supervisor->on_device_vented(true, pressure::VentCause::kHeartbeat); }; }, 1},
+      {"pressure.watchdog",
+       [&] { extra = [&] { supervisor->on_device_vented(true, pressure::VentCause::kHeartbeat); }; }, 1},
       {"loop.late", [&] { extra = [&] { supervisor->on_tick_lateness(now_ns, 300 * kMs); }; }, 1},
   };
   const std::pair<Phase, std::pair<RunState, bool>> phases[] = {
-      {Phase::kMoving, {RunState::kRunning, true}},   {Phase::kHolding, {RunState::kRunning, true}},
-      {Phase::kHolding, {RunState::kPaused, true}},   {Phase::kHolding, {RunState::kFaulted, true}},
-      {Phase::kAfter, {RunState::kStopping, false}},  {Phase::kAfter, {RunState::kFaulted, false}},
-      {Phase::kBetween, {RunState::kIdle, false}},    {Phase::kBetween, {RunState::kReady, false}}};
+      {Phase::kMoving, {RunState::kRunning, true}},  {Phase::kHolding, {RunState::kRunning, true}},
+      {Phase::kHolding, {RunState::kPaused, true}},  {Phase::kHolding, {RunState::kFaulted, true}},
+      {Phase::kAfter, {RunState::kStopping, false}}, {Phase::kAfter, {RunState::kFaulted, false}},
+      {Phase::kBetween, {RunState::kIdle, false}},   {Phase::kBetween, {RunState::kReady, false}}};
   for (const auto& c : cases) {
     for (const auto& [phase, rig] : phases) {
-      const std::string what = std::string(c.code) + ", " + to_text(rig.first) + (phase == Phase::kMoving ? ", moving" : "");
+      const std::string what =
+          std::string(c.code) + ", " + to_text(rig.first) + (phase == Phase::kMoving ? ", moving" : "");
       rebuild();
       no_frame = no_pressure = no_regulator = no_chain = regulator_faulty = false;
       chain = {.estop_closed = true, .guard_closed = true};
@@ -175,25 +185,58 @@ TEST_F(SupervisorTest, EveryCauseHasTheSeverityOfItsRuleInEveryPhase) {
 
 /// The table once more, by hand: moving, holding, after, between; P program stop, S safe state, W warning.
 TEST_F(SupervisorTest, EveryRuleIsTheOneThatTheStatesDocumentNames) {
-  const std::map<std::string, std::string> expected{
-      {"limit.travel", "PPP-"},        {"limit.force", "PSSS"},         {"limit.force_rate", "PP--"},  {"limit.pressure", "SSSS"},
-      {"force.frozen", "PPP-"},        {"specimen.broken", "SS--"},     {"frame.lags", "WW--"},        {"frame.following", "PP--"},
-      {"frame.stopped", "PP--"},       {"frame.segment", "PP--"},       {"frame.stop", "SSS-"},        {"frame.fault", "SSS-"},
-      {"frame.heartbeat", "SSS-"},     {"frame.number", "SSS-"},        {"frame.reference", "SS--"},   {"interlock.frame", "SSS-"},
-      {"interlock.lost", "SSS-"},      {"interlock.estop", "SSS-"},     {"interlock.guard", "SSS-"},   {"stale.frame", "SSS-"},
-      {"stale.pressure", "SSS-"},      {"stale.regulator", "SSS-"},     {"stale.interlock", "SSS-"},   {"regulator.fault", "SSS-"},
-      {"regulator.disagrees", "SSS-"}, {"pressure.unreachable", "SS--"}, {"pressure.frozen", "SSS-"},  {"pressure.watchdog", "SSS-"},
-      {"vent.stuck", "SSSS"},          {"held.expired", "SS--"},        {"loop.late", "PPP-"},         {"recorder", "PP--"},
-      {"protocol", "SS--"},            {"recorder.overflow", "PP--"},   {"recorder.stalled", "PP--"},   {"pressure.no_response", "SSS-"},
-      {"pressure.no_vent", "SSS-"},    {"pressure.falls", "SSS-"},      {"pressure.rises", "SSS-"},     {"pressure.hold", "SSS-"},
-      {"pressure.fill_time", "SSS-"},  {"teensy.pressure", "SSS-"},     {"teensy.fill_time", "SSS-"},   {"teensy.sensor", "SSS-"},
-      {"teensy.stuck", "SSS-"}};
+  const std::map<std::string, std::string> expected{{"limit.travel", "PPP-"},
+                                                    {"limit.force", "PSSS"},
+                                                    {"limit.force_rate", "PP--"},
+                                                    {"limit.pressure", "SSSS"},
+                                                    {"force.frozen", "PPP-"},
+                                                    {"specimen.broken", "SS--"},
+                                                    {"frame.lags", "WW--"},
+                                                    {"frame.following", "PP--"},
+                                                    {"frame.stopped", "PP--"},
+                                                    {"frame.segment", "PP--"},
+                                                    {"frame.stop", "SSS-"},
+                                                    {"frame.fault", "SSS-"},
+                                                    {"frame.heartbeat", "SSS-"},
+                                                    {"frame.number", "SSS-"},
+                                                    {"frame.reference", "SS--"},
+                                                    {"interlock.frame", "SSS-"},
+                                                    {"interlock.lost", "SSS-"},
+                                                    {"interlock.estop", "SSS-"},
+                                                    {"interlock.guard", "SSS-"},
+                                                    {"stale.frame", "SSS-"},
+                                                    {"stale.pressure", "SSS-"},
+                                                    {"stale.regulator", "SSS-"},
+                                                    {"stale.interlock", "SSS-"},
+                                                    {"regulator.fault", "SSS-"},
+                                                    {"regulator.disagrees", "SSS-"},
+                                                    {"pressure.unreachable", "SS--"},
+                                                    {"pressure.frozen", "SSS-"},
+                                                    {"pressure.watchdog", "SSS-"},
+                                                    {"vent.stuck", "SSSS"},
+                                                    {"held.expired", "SS--"},
+                                                    {"loop.late", "PPP-"},
+                                                    {"recorder", "PP--"},
+                                                    {"protocol", "SS--"},
+                                                    {"recorder.overflow", "PP--"},
+                                                    {"recorder.stalled", "PP--"},
+                                                    {"pressure.no_response", "SSS-"},
+                                                    {"pressure.no_vent", "SSS-"},
+                                                    {"pressure.falls", "SSS-"},
+                                                    {"pressure.rises", "SSS-"},
+                                                    {"pressure.hold", "SSS-"},
+                                                    {"pressure.fill_time", "SSS-"},
+                                                    {"teensy.pressure", "SSS-"},
+                                                    {"teensy.fill_time", "SSS-"},
+                                                    {"teensy.sensor", "SSS-"},
+                                                    {"teensy.stuck", "SSS-"}};
   const auto letter = [](Severity s) { return "-WPS"[static_cast<int>(s)]; };
   std::set<std::string> codes;
   EXPECT_EQ(trip_rules().size(), expected.size());
   for (const auto& rule : trip_rules()) {
     ASSERT_TRUE(expected.contains(rule.code)) << rule.code;
-    EXPECT_EQ((std::string{letter(rule.moving), letter(rule.holding), letter(rule.after), letter(rule.between)}), expected.at(rule.code))
+    EXPECT_EQ((std::string{letter(rule.moving), letter(rule.holding), letter(rule.after), letter(rule.between)}),
+              expected.at(rule.code))
         << rule.code;
   }
   for (const auto& rule : trip_rules()) {

@@ -1,9 +1,9 @@
+#include "drivers/backoff.hpp"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <vector>
-
-#include "drivers/backoff.hpp"
 
 namespace isorig::drivers {
 namespace {

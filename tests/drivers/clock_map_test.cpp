@@ -1,8 +1,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <ctime>
 #include <cmath>
+#include <ctime>
 #include <functional>
 #include <random>
 #include <thread>
@@ -45,8 +45,7 @@ struct Outcome {
 };
 
 /// Stamps are mapped as they arrive, by exchanges whose reply has been received.
-Outcome run(const ClockScenario& scenario, unsigned seed, const MapOptions& options = {},
-            bool arrival_known = true) {
+Outcome run(const ClockScenario& scenario, unsigned seed, const MapOptions& options = {}, bool arrival_known = true) {
   const auto truth = ClockSimulation(scenario, seed).run();
   DeviceClockMap map(options);
   StreamMapper mapper(map);
@@ -57,8 +56,7 @@ Outcome run(const ClockScenario& scenario, unsigned seed, const MapOptions& opti
     for (; next < truth.exchanges.size() && truth.exchanges[next].host_recv_ns <= stamp.arrival_ns; ++next) {
       EXPECT_EQ(map.add(truth.exchanges[next]), ExchangeVerdict::kAccepted);
     }
-    const auto mapped =
-        arrival_known ? mapper.map(stamp.device_us, stamp.arrival_ns) : mapper.map(stamp.device_us);
+    const auto mapped = arrival_known ? mapper.map(stamp.device_us, stamp.arrival_ns) : mapper.map(stamp.device_us);
     const bool settled = stamp.true_ns >= ClockSimulation::ns(120.0);
     (settled ? out.settled : out.start).add(mapped, stamp.true_ns);
     stamps.push_back({stamp.device_us, stamp.arrival_ns});
@@ -128,8 +126,7 @@ TEST(ClockMap, ExtremeAsymmetryIsStillInsideTheBound) {
   for (unsigned seed = 1; seed <= 3; ++seed) {
     const auto out = run(s, seed);
     EXPECT_EQ(out.start.outside + out.settled.outside + out.offline.outside, 0);
-    EXPECT_GT(std::abs(out.settled.sum / static_cast<double>(out.settled.n)), 400.0)
-        << "not asymmetric at all";
+    EXPECT_GT(std::abs(out.settled.sum / static_cast<double>(out.settled.n)), 400.0) << "not asymmetric at all";
   }
 }
 
@@ -277,7 +274,9 @@ StepOutcome step(double step_us, double exchange_every_s, bool checked, bool cou
   StepOutcome out;
   std::int64_t last_ns = 0;
   double next_exchange_s = 0.0;
-  const auto device_us = [&](double host_s) { return host_s * 1e6 * (1.0 + 20e-6) + (host_s >= 60.0 + 0.4 ? step_us : 0.0); };
+  const auto device_us = [&](double host_s) {
+    return host_s * 1e6 * (1.0 + 20e-6) + (host_s >= 60.0 + 0.4 ? step_us : 0.0);
+  };
   for (int poll = 0; poll < 13'000; ++poll) {
     const double now_s = 0.005 * poll + 0.005;
     const auto ns = [](double s) { return 1'000'000'000'000 + static_cast<std::int64_t>(std::llround(s * 1e9)); };
@@ -313,8 +312,8 @@ TEST(ClockMap, NoSampleIsOutsideItsBoundWhenTheDevicesClockSteps) {
   for (const double step_us : {-50e3, 50e3, -30e6, 30e6, -8e3, 8e3}) {
     for (const bool checked : {true, false}) {
       const auto out = step(step_us, 1.0, checked, true);
-      std::printf("  %8.0f %-16s %8d %9.0f %10.0f %9d\n", step_us, checked ? "each checked" : "one a second", out.outside,
-                  out.worst_us, out.widest_us, out.in_doubt);
+      std::printf("  %8.0f %-16s %8d %9.0f %10.0f %9d\n", step_us, checked ? "each checked" : "one a second",
+                  out.outside, out.worst_us, out.widest_us, out.in_doubt);
       EXPECT_EQ(out.outside, 0) << step_us;
       EXPECT_EQ(out.backwards, 0);
       EXPECT_LT(out.worst_us, 6000.0);
@@ -354,8 +353,7 @@ TEST(ClockMap, TheBoundGrowsThroughAGapAndHolds) {
     Errors gap, after;
     double last_bound_ns = 0.0;
     for (const auto& stamp : truth.stamps) {
-      for (; next < truth.exchanges.size() && truth.exchanges[next].host_recv_ns <= stamp.arrival_ns;
-           ++next) {
+      for (; next < truth.exchanges.size() && truth.exchanges[next].host_recv_ns <= stamp.arrival_ns; ++next) {
         const auto at_ns = truth.exchanges[next].host_send_ns;
         const bool silent = at_ns > ClockSimulation::ns(600.0) && at_ns < ClockSimulation::ns(1800.0);
         if (!silent) {
@@ -403,8 +401,7 @@ TEST(ClockMap, DenseStampsStayMonotoneAtTheirPaceWhateverTheSnapshotSays) {
     if (next == 0) continue;
     const auto mapped = mapper.map(stamp.device_us);
     if (last_ns > 0) {
-      const double pace =
-          static_cast<double>(mapped.mono_ns - last_ns) / (stamp.device_us - last_device_us) * 1e-3;
+      const double pace = static_cast<double>(mapped.mono_ns - last_ns) / (stamp.device_us - last_device_us) * 1e-3;
       ASSERT_GT(pace, 0.49);
       ASSERT_LT(pace, 1.51);
     }
@@ -472,9 +469,8 @@ TEST(ClockMapThreads, ReadersSeeWholeSnapshotsOnly) {
       }
       ++good;
       // Both halves of a snapshot belong together: the host's reference is the device's, mapped.
-      const double drift_us =
-          static_cast<double>(s.host_reference_ns - truth.exchanges.front().host_recv_ns) * 1e-3 -
-          (s.device_reference_us - truth.exchanges.front().device_tx_us);
+      const double drift_us = static_cast<double>(s.host_reference_ns - truth.exchanges.front().host_recv_ns) * 1e-3 -
+                              (s.device_reference_us - truth.exchanges.front().device_tx_us);
       if (std::abs(drift_us) > 20e3 || s.exchanges < seen || s.epoch != 1) ++torn;
       seen = s.exchanges;
       device_us = std::max(device_us + 1.0, s.device_reference_us);
@@ -501,8 +497,7 @@ TEST(RemapOffline, NothingToGoBy) {
 
 TEST(RemapOffline, KeepsTheOrderOfTheStampsAndOneExchangeIsEnough) {
   const std::vector<Exchange> one{plain(100.0, 5.0)};
-  const std::vector<DeviceStamp> stamps{
-      {6e6, 101'000'000'000}, {4e6, 99'000'000'000}, {5e6 + 250.0, 100'000'000'000}};
+  const std::vector<DeviceStamp> stamps{{6e6, 101'000'000'000}, {4e6, 99'000'000'000}, {5e6 + 250.0, 100'000'000'000}};
   const auto mapped = remap_offline(one, stamps);
   EXPECT_EQ(mapped[0].mono_ns, 101'000'000'000);
   EXPECT_EQ(mapped[1].mono_ns, 99'000'000'000);
@@ -600,8 +595,7 @@ TEST(WrapExtender, TheHostCountsWrapsMissedInSilence) {
         static_cast<std::int64_t>(static_cast<double>(truth_us - 1000) * 1e3 * (1.0 + 200e-6)) + 400'000;
     EXPECT_EQ(w.extend(static_cast<std::uint32_t>(truth_us), host_ns), truth_us) << silence_us;
   }
-  EXPECT_EQ(w.extend(static_cast<std::uint32_t>(truth_us - 50), 0) - truth_us > 0, false)
-      << "late, not a wrap";
+  EXPECT_EQ(w.extend(static_cast<std::uint32_t>(truth_us - 50), 0) - truth_us > 0, false) << "late, not a wrap";
 }
 
 }  // namespace

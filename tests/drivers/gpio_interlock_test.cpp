@@ -1,12 +1,12 @@
 // The interlock's rules in virtual time, on lines that are made up; the kernel's own lines are in tests/vm.
+#include "drivers/interlock/gpio_interlock.hpp"
+
 #include <gtest/gtest.h>
 #include <time.h>
 
 #include <array>
 #include <deque>
 #include <memory>
-
-#include "drivers/interlock/gpio_interlock.hpp"
 
 namespace isorig::interlock {
 namespace {
@@ -129,10 +129,11 @@ class Port final : public GpioPort {
 
 class GpioOnDesk : public ::testing::Test {
  protected:
-  GpioOnDesk() : device(options(), clock, [this](const GpioRequest& request) {
-    chip.request = request;
-    return std::make_unique<Port>(chip);
-  }) {}
+  GpioOnDesk()
+      : device(options(), clock, [this](const GpioRequest& request) {
+          chip.request = request;
+          return std::make_unique<Port>(chip);
+        }) {}
 
   static GpioInterlock::Options options() {
     GpioInterlock::Options o;

@@ -1,4 +1,5 @@
-// The client against gateways that lie: an answer that is not the request's is never taken, and the next call works again.
+// The client against gateways that lie: an answer that is not the request's is never taken, and the next call works
+// again.
 #include "drivers/frame/modbus_link.hpp"
 
 #include <gmock/gmock.h>
@@ -121,7 +122,9 @@ struct Lie {
   Fault fault = Fault::kProtocol;
   const char* says = "";
 };
-void PrintTo(const Lie& lie, std::ostream* out) { *out << lie.name; }
+void PrintTo(const Lie& lie, std::ostream* out) {
+  *out << lie.name;
+}
 
 std::vector<Bytes> changed(Bytes answer, std::size_t at, std::uint8_t to) {
   answer[at] = to;
@@ -168,26 +171,51 @@ TEST_P(ModbusLies, AreNotTakenForAnAnswer) {
 INSTANTIATE_TEST_SUITE_P(
     Every, ModbusLies,
     ::testing::Values(
-        Lie{"UnitOfAnother", [](const Bytes&, const Bytes& r) { return changed(r, 6, 9); }, Fault::kProtocol, "unit 9 instead of 7"},
-        Lie{"UnitZero", [](const Bytes&, const Bytes& r) { return changed(r, 6, 0); }, Fault::kProtocol, "unit 0 instead of 7"},
-        Lie{"ProtocolOfAnother", [](const Bytes&, const Bytes& r) { return changed(r, 3, 1); }, Fault::kProtocol, "protocol 1"},
-        Lie{"LengthTooShort", [](const Bytes&, const Bytes& r) { return changed(r, 5, 5); }, Fault::kProtocol, "length of 4"},
-        Lie{"LengthTooLong", [](const Bytes&, const Bytes& r) { return std::vector<Bytes>{changed(r, 5, 9).front(), {0, 0}}; }, Fault::kProtocol, "length of 8"},
-        Lie{"LengthThatNeverComes", [](const Bytes&, const Bytes& r) { return changed(r, 5, 60); }, Fault::kTimeout, "half an answer"},
+        Lie{"UnitOfAnother", [](const Bytes&, const Bytes& r) { return changed(r, 6, 9); }, Fault::kProtocol,
+            "unit 9 instead of 7"},
+        Lie{"UnitZero", [](const Bytes&, const Bytes& r) { return changed(r, 6, 0); }, Fault::kProtocol,
+            "unit 0 instead of 7"},
+        Lie{"ProtocolOfAnother", [](const Bytes&, const Bytes& r) { return changed(r, 3, 1); }, Fault::kProtocol,
+            "protocol 1"},
+        Lie{"LengthTooShort", [](const Bytes&, const Bytes& r) { return changed(r, 5, 5); }, Fault::kProtocol,
+            "length of 4"},
+        Lie{"LengthTooLong",
+            [](const Bytes&, const Bytes& r) {
+              return std::vector<Bytes>{changed(r, 5, 9).front(), {0, 0}};
+            },
+            Fault::kProtocol, "length of 8"},
+        Lie{"LengthThatNeverComes", [](const Bytes&, const Bytes& r) { return changed(r, 5, 60); }, Fault::kTimeout,
+            "half an answer"},
         Lie{"LengthZero", [](const Bytes&, const Bytes& r) { return changed(r, 5, 0); }, Fault::kProtocol, "length 0"},
         Lie{"LengthHuge", [](const Bytes&, const Bytes& r) { return changed(r, 4, 4); }, Fault::kProtocol, "no Modbus"},
-        Lie{"TransactionOfAnother", [](const Bytes&, const Bytes& r) { return changed(r, 0, 0x55); }, Fault::kProtocol, "transaction"},
-        Lie{"FunctionOfAnother", [](const Bytes&, const Bytes& r) { return changed(r, 7, 4); }, Fault::kProtocol, "function 4 instead of 3"},
-        Lie{"ByteCountTooSmall", [](const Bytes&, const Bytes& r) { return changed(r, 8, 2); }, Fault::kProtocol, "2 bytes of registers instead of 4"},
-        Lie{"RegistersMissing", [](const Bytes&, const Bytes& r) { return cut_to(r, 4); }, Fault::kProtocol, "length of 4"},
+        Lie{"TransactionOfAnother", [](const Bytes&, const Bytes& r) { return changed(r, 0, 0x55); }, Fault::kProtocol,
+            "transaction"},
+        Lie{"FunctionOfAnother", [](const Bytes&, const Bytes& r) { return changed(r, 7, 4); }, Fault::kProtocol,
+            "function 4 instead of 3"},
+        Lie{"ByteCountTooSmall", [](const Bytes&, const Bytes& r) { return changed(r, 8, 2); }, Fault::kProtocol,
+            "2 bytes of registers instead of 4"},
+        Lie{"RegistersMissing", [](const Bytes&, const Bytes& r) { return cut_to(r, 4); }, Fault::kProtocol,
+            "length of 4"},
         Lie{"FunctionAlone", [](const Bytes&, const Bytes& r) { return cut_to(r, 1); }, Fault::kProtocol, "no Modbus"},
-        Lie{"ExceptionWithoutCode", [](const Bytes&, const Bytes& r) { return cut_to(changed(r, 7, 0x83).front(), 3); }, Fault::kProtocol, "exception of 3"},
-        Lie{"ExceptionOfAnotherFunction", [](const Bytes&, const Bytes& r) { return cut_to(changed(r, 7, 0x84).front(), 2); }, Fault::kProtocol, "function 132"},
-        Lie{"Silence", [](const Bytes&, const Bytes&) { return std::vector<Bytes>{}; }, Fault::kTimeout, "no answer within"},
-        Lie{"HalfAnAnswer", [](const Bytes&, const Bytes& r) { return cut_to(r, 3, false); }, Fault::kTimeout, "half an answer"},
-        Lie{"Refusal", [](const Bytes&, const Bytes& r) { return cut_to(changed(changed(r, 7, 0x83).front(), 8, 2).front(), 2); }, Fault::kRefused, "exception 2, illegal data address"},
-        Lie{"TargetMissing", [](const Bytes&, const Bytes& r) { return cut_to(changed(changed(r, 7, 0x83).front(), 8, 11).front(), 2); }, Fault::kTimeout, "cannot reach the frame"},
-        Lie{"NoModbusAtAll", [](const Bytes&, const Bytes&) { return std::vector<Bytes>{Bytes{'S', 'S', 'H', '-', '2', '.', '0', '\r', '\n'}}; }, Fault::kProtocol, "no Modbus"}),
+        Lie{"ExceptionWithoutCode", [](const Bytes&, const Bytes& r) { return cut_to(changed(r, 7, 0x83).front(), 3); },
+            Fault::kProtocol, "exception of 3"},
+        Lie{"ExceptionOfAnotherFunction",
+            [](const Bytes&, const Bytes& r) { return cut_to(changed(r, 7, 0x84).front(), 2); }, Fault::kProtocol,
+            "function 132"},
+        Lie{"Silence", [](const Bytes&, const Bytes&) { return std::vector<Bytes>{}; }, Fault::kTimeout,
+            "no answer within"},
+        Lie{"HalfAnAnswer", [](const Bytes&, const Bytes& r) { return cut_to(r, 3, false); }, Fault::kTimeout,
+            "half an answer"},
+        Lie{"Refusal",
+            [](const Bytes&, const Bytes& r) { return cut_to(changed(changed(r, 7, 0x83).front(), 8, 2).front(), 2); },
+            Fault::kRefused, "exception 2, illegal data address"},
+        Lie{"TargetMissing",
+            [](const Bytes&, const Bytes& r) { return cut_to(changed(changed(r, 7, 0x83).front(), 8, 11).front(), 2); },
+            Fault::kTimeout, "cannot reach the frame"},
+        Lie{"NoModbusAtAll",
+            [](const Bytes&,
+               const Bytes&) { return std::vector<Bytes>{Bytes{'S', 'S', 'H', '-', '2', '.', '0', '\r', '\n'}}; },
+            Fault::kProtocol, "no Modbus"}),
     [](const auto& each) { return std::string(each.param.name); });
 
 class ModbusAnswers : public ::testing::Test {

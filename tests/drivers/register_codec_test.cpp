@@ -29,20 +29,16 @@ class EveryOrder : public testing::TestWithParam<OrderCase> {};
 TEST_P(EveryOrder, DecodesHandComputedWords) {
   const auto& c = GetParam();
   EXPECT_EQ(join_words(c.pi, RegisterType::kFloat32, c.order), 0x40490FDBU);
-  EXPECT_EQ(number_of(join_words(c.pi, RegisterType::kFloat32, c.order), RegisterType::kFloat32),
-            double{3.14159274F});
+  EXPECT_EQ(number_of(join_words(c.pi, RegisterType::kFloat32, c.order), RegisterType::kFloat32), double{3.14159274F});
   EXPECT_EQ(number_of(join_words(c.minus_two, RegisterType::kInt32, c.order), RegisterType::kInt32), -2.0);
-  EXPECT_EQ(number_of(join_words(c.minus_two, RegisterType::kUint32, c.order), RegisterType::kUint32),
-            4294967294.0);
+  EXPECT_EQ(number_of(join_words(c.minus_two, RegisterType::kUint32, c.order), RegisterType::kUint32), 4294967294.0);
   const Words small{c.small, 0xDEAD};
   EXPECT_EQ(number_of(join_words(small, RegisterType::kUint16, c.order), RegisterType::kUint16), 0x1234);
 }
 
 TEST_P(EveryOrder, EncodesToHandComputedWords) {
   const auto& c = GetParam();
-  EXPECT_EQ(
-      split_words(*bits_of(double{3.14159274F}, RegisterType::kFloat32), RegisterType::kFloat32, c.order),
-      c.pi);
+  EXPECT_EQ(split_words(*bits_of(double{3.14159274F}, RegisterType::kFloat32), RegisterType::kFloat32, c.order), c.pi);
   EXPECT_EQ(split_words(*bits_of(-2.0, RegisterType::kInt32), RegisterType::kInt32, c.order), c.minus_two);
   EXPECT_EQ(split_words(*bits_of(0x1234, RegisterType::kUint16), RegisterType::kUint16, c.order)[0], c.small);
 }
@@ -52,10 +48,8 @@ INSTANTIATE_TEST_SUITE_P(RegisterCodec, EveryOrder, testing::ValuesIn(kCases));
 TEST(RegisterCodec, SignedSixteenBitKeepsItsSign) {
   const Words words{0xFFFE, 0};
   EXPECT_EQ(number_of(join_words(words, RegisterType::kInt16, WordOrder::kABCD), RegisterType::kInt16), -2.0);
-  EXPECT_EQ(number_of(join_words(words, RegisterType::kUint16, WordOrder::kABCD), RegisterType::kUint16),
-            65534.0);
-  EXPECT_EQ(split_words(*bits_of(-2.0, RegisterType::kInt16), RegisterType::kInt16, WordOrder::kABCD)[0],
-            0xFFFE);
+  EXPECT_EQ(number_of(join_words(words, RegisterType::kUint16, WordOrder::kABCD), RegisterType::kUint16), 65534.0);
+  EXPECT_EQ(split_words(*bits_of(-2.0, RegisterType::kInt16), RegisterType::kInt16, WordOrder::kABCD)[0], 0xFFFE);
 }
 
 TEST(RegisterCodec, RoundsToTheNearestCount) {

@@ -87,11 +87,10 @@ TEST(RegisterMap, SlotFollowsTheWriteIndex) {
 }
 
 TEST(RegisterMap, EveryErrorAtOnceWithItsPlace) {
-  auto text = gateway_with("state = { address = 70, type = \"uint16\" }",
-                           "state = { address = 70, type = \"float16\" }");
+  auto text =
+      gateway_with("state = { address = 70, type = \"uint16\" }", "state = { address = 70, type = \"float16\" }");
   const std::string target = "target_mm = { address = 72, type = \"float32\" }";
-  text.replace(text.find(target), target.size(),
-               "target_mm = { address = 72, type = \"float32\", scael = 2.0 }");
+  text.replace(text.find(target), target.size(), "target_mm = { address = 72, type = \"float32\", scael = 2.0 }");
   const auto errors = errors_of(text);
   EXPECT_THAT(errors, HasSubstr("map.toml:30:"));
   EXPECT_THAT(errors, HasSubstr("float16"));
@@ -116,8 +115,7 @@ INSTANTIATE_TEST_SUITE_P(
     testing::Values(
         BadMap{"command = { address = 5", "# command = { address = 5", "`command` is missing"},
         BadMap{"heartbeat = { address = 6,", "heartbeat = { address = 5,", "`command` overlaps `heartbeat`"},
-        BadMap{"command = { address = 5", "command = { address = 4",
-               "`command` overlaps `segment_id_setpoint`"},
+        BadMap{"command = { address = 5", "command = { address = 4", "`command` overlaps `segment_id_setpoint`"},
         BadMap{"slots = 1024", "slots = 1000", "no power of two"},
         BadMap{"slot_is = \"counter_modulo_slots\"", "slot_is = \"index_of_next\"", "needs `write_index`"},
         BadMap{"stride_registers = 6", "stride_registers = 5", "the field ends after the slot's 5 registers"},

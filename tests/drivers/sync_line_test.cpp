@@ -1,8 +1,8 @@
+#include "drivers/clock/sync_line.hpp"
+
 #include <gtest/gtest.h>
 
 #include <vector>
-
-#include "drivers/clock/sync_line.hpp"
 
 namespace isorig::clock {
 namespace {

@@ -51,9 +51,10 @@ TEST(TcpConnect, TakesTheAddressThatAnswers) {
 
 TEST(TcpConnect, SaysWhichAddressFailedAndWhatToLookAt) {
   const Port port;
-  EXPECT_THAT([&] { (void)connect_tcp("127.0.0.1", port.number(), 5000, "frame at tcp"); },
-              ThrowsMessage<DeviceError>(AllOf(HasSubstr("frame at tcp: cannot connect (127.0.0.1: Connection refused)"),
-                                               HasSubstr("nobody listens"))));
+  EXPECT_THAT(
+      [&] { (void)connect_tcp("127.0.0.1", port.number(), 5000, "frame at tcp"); },
+      ThrowsMessage<DeviceError>(AllOf(HasSubstr("frame at tcp: cannot connect (127.0.0.1: Connection refused)"),
+                                       HasSubstr("nobody listens"))));
   EXPECT_THAT([&] { (void)connect_tcp("no-such-host.invalid", 1, 5000, "frame"); },
               ThrowsMessage<DeviceError>(AllOf(HasSubstr("no such host"), HasSubstr("check `host`"))));
 }

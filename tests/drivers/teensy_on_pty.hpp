@@ -74,8 +74,7 @@ class TeensyOnPty : public testing::Test {
   }
   Poll poll_into(Log& run, std::int64_t timeout_ns) {
     const Poll result = device->poll(samples_, exchanges_, timeout_ns);
-    run.samples.insert(run.samples.end(), samples_.begin(),
-                       samples_.begin() + static_cast<long>(result.samples));
+    run.samples.insert(run.samples.end(), samples_.begin(), samples_.begin() + static_cast<long>(result.samples));
     run.exchanges.insert(run.exchanges.end(), exchanges_.begin(),
                          exchanges_.begin() + static_cast<long>(result.exchanges));
     run.lost += result.lost;

@@ -227,8 +227,7 @@ TEST(TeensyInRealTime, SamplesFlowBetweenTwoThreads) {
     }
   });
   {
-    Teensy device({.serial = "1234560"}, std::make_unique<TtyStream>(TtyStream::Options{.path = link}),
-                  clock);
+    Teensy device({.serial = "1234560"}, std::make_unique<TtyStream>(TtyStream::Options{.path = link}), clock);
     device.connect();
     std::array<Sample, 256> samples;
     std::array<clock::Exchange, 16> exchanges;

@@ -58,9 +58,7 @@ class ScriptedStream final : public ByteStream {
   }
   [[nodiscard]] std::string name() const override { return "scripted"; }
 
-  void push(const wire::Frame& frame) {
-    incoming.insert(incoming.end(), frame.bytes, frame.bytes + frame.size);
-  }
+  void push(const wire::Frame& frame) { incoming.insert(incoming.end(), frame.bytes, frame.bytes + frame.size); }
 
   std::deque<std::uint8_t> incoming;
   std::vector<std::uint8_t> written;
@@ -102,8 +100,7 @@ class TeensyOnScript : public testing::Test {
     device = std::make_unique<Teensy>(Teensy::Options{.serial = "1234560"}, std::move(owned), clock);
   }
   void answer_identity(const wire::Packet& packet) {
-    if (wire::IdentityRequest request; parse(packet, request))
-      stream->push(encode(an_identity(request.session)));
+    if (wire::IdentityRequest request; parse(packet, request)) stream->push(encode(an_identity(request.session)));
   }
   Poll poll() { return device->poll(samples, exchanges, 0); }
 
@@ -204,11 +201,12 @@ TEST_F(TeensyOnScript, RefusesAnotherSerialNumberModelOrVersion) {
     std::uint8_t version;
     const char* text;
   };
-  for (const Case& test :
-       {Case{[](auto& identity) { std::strcpy(identity.serial, "7654320"); }, wire::kProtocolVersion, "serial number '7654320'"},
-        Case{[](auto& identity) { std::strcpy(identity.model, "coffee-machine"); }, wire::kProtocolVersion, "'coffee-machine'"},
-        Case{[](auto&) {}, 1, "speaks protocol version 1"},  // which caps nothing by itself
-        Case{[](auto&) {}, 3, "speaks protocol version 3"}}) {
+  for (const Case& test : {Case{[](auto& identity) { std::strcpy(identity.serial, "7654320"); }, wire::kProtocolVersion,
+                                "serial number '7654320'"},
+                           Case{[](auto& identity) { std::strcpy(identity.model, "coffee-machine"); },
+                                wire::kProtocolVersion, "'coffee-machine'"},
+                           Case{[](auto&) {}, 1, "speaks protocol version 1"},  // which caps nothing by itself
+                           Case{[](auto&) {}, 3, "speaks protocol version 3"}}) {
     stream->incoming.clear();
     stream->on_packet = [&](const wire::Packet& packet) {
       wire::IdentityRequest request;
@@ -252,8 +250,7 @@ TEST_F(TeensyOnScript, SequenceWraps) {
     stream->push(encode(identity));
   };
   device->connect();
-  for (const std::uint32_t sequence : {0xFFFFFFFEU, 0xFFFFFFFFU, 0U, 1U})
-    stream->push(a_sample(sequence, 10'000'000));
+  for (const std::uint32_t sequence : {0xFFFFFFFEU, 0xFFFFFFFFU, 0U, 1U}) stream->push(a_sample(sequence, 10'000'000));
   const Poll result = poll();
   EXPECT_EQ(result.samples, 4U);
   EXPECT_EQ(result.lost, 0U);
@@ -402,8 +399,7 @@ TEST_F(TeensyOnScript, RefusesSenselessDuties) {
   device->connect();
   stream->written.clear();
   EXPECT_EQ(error_of([&] { device->command({.fill_permille = 1001}); }).fault(), Fault::kRefused);
-  EXPECT_EQ(error_of([&] { device->command({.fill_permille = 1, .vent_permille = 1}); }).fault(),
-            Fault::kRefused);
+  EXPECT_EQ(error_of([&] { device->command({.fill_permille = 1, .vent_permille = 1}); }).fault(), Fault::kRefused);
   EXPECT_TRUE(stream->written.empty());
 }
 

@@ -1,4 +1,6 @@
 // What the driver makes of a bus, on a sysfs made of files. With a kernel: tests/vm/usb_stream_test.cpp.
+#include "drivers/pressure/usb_devices.hpp"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -6,7 +8,6 @@
 #include <fstream>
 
 #include "drivers/error.hpp"
-#include "drivers/pressure/usb_devices.hpp"
 
 namespace isorig::pressure {
 namespace {

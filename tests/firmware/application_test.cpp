@@ -29,13 +29,11 @@ class Firmware : public testing::Test {
     run_ms(2);
   }
   void command(std::uint16_t fill, std::uint16_t vent, std::uint16_t validity_ms = 10'000) {
-    hardware.say(ValveCommand{
-        .sequence = ++sequence, .fill_permille = fill, .vent_permille = vent, .validity_ms = validity_ms});
+    hardware.say(
+        ValveCommand{.sequence = ++sequence, .fill_permille = fill, .vent_permille = vent, .validity_ms = validity_ms});
     run_ms(1);
   }
-  [[nodiscard]] bool is_unpowered() const {
-    return hardware.fill_permille == 0 && hardware.vent_closing_permille == 0;
-  }
+  [[nodiscard]] bool is_unpowered() const { return hardware.fill_permille == 0 && hardware.vent_closing_permille == 0; }
 
   static constexpr std::uint32_t kCyclesPerUs = FakeHardware::kCyclesPerUs;
   FakeHardware hardware;
@@ -240,7 +238,8 @@ class FirmwareGuard : public Firmware {
   FirmwareGuard() { hardware.sensor.set_noise(true); }
   void fill_ms(int ms, std::uint16_t fill_permille = 1000) {
     for (int i = 0; i < ms; i += 10) {
-      hardware.say(ValveCommand{.sequence = ++sequence, .fill_permille = fill_permille, .vent_permille = 0, .validity_ms = 100});
+      hardware.say(
+          ValveCommand{.sequence = ++sequence, .fill_permille = fill_permille, .vent_permille = 0, .validity_ms = 100});
       run_ms(10);
     }
   }

@@ -69,8 +69,7 @@ TEST_F(Reader, StampsAreWithinHalfAPollPeriodOfTheConversion) {
       ASSERT_EQ(seen[i].event.kind, Kind::kConversion);
       ASSERT_EQ(seen[i].event.missed, 0U);
       ASSERT_EQ(seen[i].conversions, seen[i - 1].conversions + 1);
-      const double error_us =
-          1e-3 * (static_cast<double>(seen[i].at_ns) - static_cast<double>(seen[i].converted_ns));
+      const double error_us = 1e-3 * (static_cast<double>(seen[i].at_ns) - static_cast<double>(seen[i].converted_ns));
       sum_us += error_us;
       worst_us = std::max(worst_us, std::abs(error_us));
     }

@@ -19,9 +19,8 @@ using messages::teensy::Packet;
 class FakeHardware final : public Hardware {
  public:
   static constexpr std::uint32_t kCyclesPerUs = 180;
-  using Message =
-      std::variant<messages::teensy::Identity, messages::teensy::TimeSyncReply, messages::teensy::Status,
-                   messages::teensy::Samples, messages::teensy::SyncEdge>;
+  using Message = std::variant<messages::teensy::Identity, messages::teensy::TimeSyncReply, messages::teensy::Status,
+                               messages::teensy::Samples, messages::teensy::SyncEdge>;
 
   [[nodiscard]] std::uint64_t now_ns() const { return (cycles - start_cycles) * 1000 / kCyclesPerUs; }
 

@@ -40,8 +40,8 @@ class FakeSie final : public UsbSie {
     is_sleep_ = true;
     poll_();
   }
-  std::optional<Bytes> control_in(std::uint8_t type, std::uint8_t request, std::uint16_t value,
-                                  std::uint16_t index, std::uint16_t length) {
+  std::optional<Bytes> control_in(std::uint8_t type, std::uint8_t request, std::uint16_t value, std::uint16_t index,
+                                  std::uint16_t length) {
     setup(type, request, value, index, length);
     Bytes all;
     while (all.size() < length) {
@@ -62,8 +62,7 @@ class FakeSie final : public UsbSie {
     const auto status = in(0);
     return status && status->empty();
   }
-  void setup(std::uint8_t type, std::uint8_t request, std::uint16_t value, std::uint16_t index,
-             std::uint16_t length) {
+  void setup(std::uint8_t type, std::uint8_t request, std::uint16_t value, std::uint16_t index, std::uint16_t length) {
     is_stalled_ = false;
     const Bytes packet = {type,
                           request,

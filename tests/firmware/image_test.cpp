@@ -89,9 +89,8 @@ TEST_F(TeensyImage, HasNoHeapNoExceptionsAndNoSoftwareFloat) {
                                               "atexit"};
   for (const std::string& name : forbidden) EXPECT_FALSE(elf.symbols.contains(name)) << name;
   for (const auto& [name, symbol] : elf.symbols) {
-    EXPECT_FALSE(name.starts_with("__aeabi_d") || name.starts_with("__aeabi_f") ||
-                 name.starts_with("__aeabi_l2d") || name.starts_with("__aeabi_ul2") ||
-                 name.starts_with("__aeabi_i2"))
+    EXPECT_FALSE(name.starts_with("__aeabi_d") || name.starts_with("__aeabi_f") || name.starts_with("__aeabi_l2d") ||
+                 name.starts_with("__aeabi_ul2") || name.starts_with("__aeabi_i2"))
         << name << ": double precision, or float, by software";
   }
 }

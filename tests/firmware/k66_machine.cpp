@@ -47,12 +47,10 @@ K66Machine::K66Machine(const Memory& hex, std::uint32_t pass_address) : pass_add
     static_cast<K66Machine*>(self)->write(kPeripherals + static_cast<std::uint32_t>(offset), size,
                                           static_cast<std::uint32_t>(value));
   };
-  const auto private_reader = [](uc_engine*, std::uint64_t offset, unsigned size,
-                                 void* self) -> std::uint64_t {
+  const auto private_reader = [](uc_engine*, std::uint64_t offset, unsigned size, void* self) -> std::uint64_t {
     return static_cast<K66Machine*>(self)->read(kPrivate + static_cast<std::uint32_t>(offset), size);
   };
-  const auto private_writer = [](uc_engine*, std::uint64_t offset, unsigned size, std::uint64_t value,
-                                 void* self) {
+  const auto private_writer = [](uc_engine*, std::uint64_t offset, unsigned size, std::uint64_t value, void* self) {
     static_cast<K66Machine*>(self)->write(kPrivate + static_cast<std::uint32_t>(offset), size,
                                           static_cast<std::uint32_t>(value));
   };
@@ -61,8 +59,7 @@ K66Machine::K66Machine(const Memory& hex, std::uint32_t pass_address) : pass_add
   uc_hook hook = 0;
   must(uc_hook_add(uc_, &hook, UC_HOOK_CODE, reinterpret_cast<void*>(on_code), this, 1, 0), "hook");
   must(uc_hook_add(uc_, &hook, UC_HOOK_INTR, reinterpret_cast<void*>(on_exception), this, 1, 0), "hook");
-  must(uc_hook_add(uc_, &hook, UC_HOOK_MEM_INVALID, reinterpret_cast<void*>(on_bad_memory), this, 1, 0),
-       "hook");
+  must(uc_hook_add(uc_, &hook, UC_HOOK_MEM_INVALID, reinterpret_cast<void*>(on_bad_memory), this, 1, 0), "hook");
 
   store(0x4004'8044, 4, 0x0001'0000);  // CLKDIV1: flash at half
   store(kWdog, 2, 0x01D3);
@@ -115,10 +112,8 @@ void K66Machine::on_exception(uc_engine* uc, std::uint32_t number, void* self) {
   uc_emu_stop(uc);
 }
 
-bool K66Machine::on_bad_memory(uc_engine*, uc_mem_type, std::uint64_t address, int, std::int64_t,
-                               void* self) {
-  static_cast<K66Machine*>(self)->fault =
-      "no memory at " + hex_text(static_cast<std::uint32_t>(address)) + ": ";
+bool K66Machine::on_bad_memory(uc_engine*, uc_mem_type, std::uint64_t address, int, std::int64_t, void* self) {
+  static_cast<K66Machine*>(self)->fault = "no memory at " + hex_text(static_cast<std::uint32_t>(address)) + ": ";
   return false;
 }
 
@@ -169,8 +164,7 @@ std::uint32_t K66Machine::read(std::uint32_t address, unsigned size) {
 }
 
 void K66Machine::write(std::uint32_t address, unsigned size, std::uint32_t value) {
-  if (address >= kUsb && address < kUsb + 0x200)
-    return usb.write(address - kUsb, static_cast<std::uint8_t>(value));
+  if (address >= kUsb && address < kUsb + 0x200) return usb.write(address - kUsb, static_cast<std::uint8_t>(value));
   if (address >= kWdog && address < kWdog + 0x18) return write_watchdog(address, value);
   if ((address & ~0x1FU) == kGpioC || (address & ~0x1FU) == kGpioD) return write_gpio(address, value);
   store(address, size, value);
@@ -264,8 +258,7 @@ void K66Machine::start_word() {
   if ((ctar >> 27 & 15) != 15) violate("not 16 bits a word");
   if ((ctar >> 25 & 3) != 0) violate("not mode 0");
   constexpr unsigned kPrescalers[] = {2, 3, 5, 7};
-  constexpr unsigned kScalers[] = {2,   4,   6,    8,    16,   32,   64,    128,
-                                   256, 512, 1024, 2048, 4096, 8192, 16384, 32768};
+  constexpr unsigned kScalers[] = {2, 4, 6, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768};
   const double rate_Hz = 60e6 / (kPrescalers[ctar >> 16 & 3] * kScalers[ctar & 15]) * ((ctar >> 31) + 1);
   if (rate_Hz > 800e3 || rate_Hz < 50e3) violate("SPI clock");
   if ((reg(0x4004'B01C) >> 8 & 7) != 2 || (reg(0x4004'C004) >> 8 & 7) != 2) violate("SPI pins");
@@ -296,8 +289,7 @@ void K66Machine::write_watchdog(std::uint32_t address, std::uint32_t value) {
     case 0x0C: {
       if (value == 0xB480) {
         if (cycles() - refresh_cycles_ > kTwentyBusCycles) violate("slow refresh");
-        if (cycles() - unlock_cycles_ < 3'000 * kCyclesPerUs)
-          violate("refresh before the settings took effect");
+        if (cycles() - unlock_cycles_ < 3'000 * kCyclesPerUs) violate("refresh before the settings took effect");
         const std::uint64_t unfed = cycles() - fed_cycles_;
         if (fed_cycles_ != 0 && unfed > longest_unfed_cycles) longest_unfed_cycles = unfed;
         fed_cycles_ = cycles();
@@ -315,10 +307,10 @@ void K66Machine::write_watchdog(std::uint32_t address, std::uint32_t value) {
         if ((value & 0x20U) != 0) violate("watchdog runs while the boot loader holds the core");
         if ((value & 0x10U) == 0) violate("watchdog could not be stopped for the boot loader");
         const std::uint32_t prescaler = (byte(kWdog + 0x17) & 7U) + 1;
-        watchdog_ms = (static_cast<std::uint32_t>(byte(kWdog + 5)) << 24 |
-                       static_cast<std::uint32_t>(byte(kWdog + 4)) << 16 |
-                       static_cast<std::uint32_t>(byte(kWdog + 7)) << 8 | byte(kWdog + 6)) *
-                      prescaler;
+        watchdog_ms =
+            (static_cast<std::uint32_t>(byte(kWdog + 5)) << 24 | static_cast<std::uint32_t>(byte(kWdog + 4)) << 16 |
+             static_cast<std::uint32_t>(byte(kWdog + 7)) << 8 | byte(kWdog + 6)) *
+            prescaler;
       }
   }
 }

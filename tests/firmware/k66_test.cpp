@@ -56,8 +56,7 @@ class K66 : public testing::Test {
       decoder.feed(packet->data(), packet->size(), [&](const Packet& one) {
         T message;
         if (parse(one, message)) wanted = message;
-        if (Samples batch; parse(one, batch))
-          samples.insert(samples.end(), batch.items, batch.items + batch.count);
+        if (Samples batch; parse(one, batch)) samples.insert(samples.end(), batch.items, batch.items + batch.count);
       });
       if (wanted) return wanted;
     }
@@ -118,8 +117,7 @@ TEST_F(K66, OpensASessionAndStreams) {
   const auto reply = hear<TimeSyncReply>();
   ASSERT_TRUE(reply);
   EXPECT_EQ(reply->cookie, 5U);
-  EXPECT_NEAR(static_cast<double>(reply->device_tx_us), 1e-3 * static_cast<double>(machine.now_ns()),
-              3'000.0);
+  EXPECT_NEAR(static_cast<double>(reply->device_tx_us), 1e-3 * static_cast<double>(machine.now_ns()), 3'000.0);
   RecordProperty("opening_pass_instructions", static_cast<int>(machine.longest_pass_cycles * 4 / 5));
   ASSERT_TRUE(hear<Status>());
   samples.clear();
@@ -176,7 +174,8 @@ TEST_F(K66, VentsByItselfWhenItsSensorDiesWhileItFills) {
   machine.run_ms(15);
   EXPECT_TRUE(is_unpowered());
   std::optional<Status> status;
-  for (int i = 0; i < 4 && (!status || status->cause == VentCause::kNone); ++i) status = hear<Status>();  // some are older
+  for (int i = 0; i < 4 && (!status || status->cause == VentCause::kNone); ++i)
+    status = hear<Status>();  // some are older
   ASSERT_TRUE(status);
   EXPECT_EQ(status->cause, VentCause::kSensorSilent);
 }

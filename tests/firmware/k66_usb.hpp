@@ -55,8 +55,8 @@ class K66Usb {
     flags_ |= kFrameStart;
     run_us(1'000);
   }
-  std::optional<Bytes> control_in(std::uint8_t type, std::uint8_t request, std::uint16_t value,
-                                  std::uint16_t index, std::uint16_t length) {
+  std::optional<Bytes> control_in(std::uint8_t type, std::uint8_t request, std::uint16_t value, std::uint16_t index,
+                                  std::uint16_t length) {
     if (!setup(type, request, value, index, length)) return std::nullopt;
     Bytes all;
     while (all.size() < length) {
@@ -76,10 +76,8 @@ class K66Usb {
     const auto status = in(0);
     return status && status->empty();
   }
-  bool setup(std::uint8_t type, std::uint8_t request, std::uint16_t value, std::uint16_t index,
-             std::uint16_t length) {
-    const Bytes packet = {type,       request,     low(value),  high(value),
-                          low(index), high(index), low(length), high(length)};
+  bool setup(std::uint8_t type, std::uint8_t request, std::uint16_t value, std::uint16_t index, std::uint16_t length) {
+    const Bytes packet = {type, request, low(value), high(value), low(index), high(index), low(length), high(length)};
     toggles_[0] = {false, true};
     if (!transact_out(0, packet, 0xD)) return false;
     toggles_[0] = {true, true};
@@ -163,8 +161,7 @@ class K66Usb {
       for (std::uint32_t i = 0; i < data.size(); ++i) {
         const std::uint32_t where = (buffer + i) & ~3U;
         const unsigned shift = 8 * ((buffer + i) & 3U);
-        write_memory(where, (read_memory(where) & ~(0xFFU << shift)) | static_cast<std::uint32_t>(data[i])
-                                                                           << shift);
+        write_memory(where, (read_memory(where) & ~(0xFFU << shift)) | static_cast<std::uint32_t>(data[i]) << shift);
       }
       if (pid == 0xD) control_ |= 0x20U;
       complete(endpoint, false, bank, pid, static_cast<std::uint32_t>(data.size()));

@@ -21,13 +21,8 @@ std::vector<std::size_t> sizes_of(PacketQueue& queue) {
 
 // A bulk transfer ends with a packet that is not full.
 TEST(PacketQueue, EveryFrameEndsWithAPartialPacket) {
-  const std::vector<std::pair<std::size_t, std::vector<std::size_t>>> cases = {{1, {1}},
-                                                                               {33, {33}},
-                                                                               {63, {63}},
-                                                                               {64, {64, 0}},
-                                                                               {65, {64, 1}},
-                                                                               {128, {64, 64, 0}},
-                                                                               {256, {64, 64, 64, 64, 0}}};
+  const std::vector<std::pair<std::size_t, std::vector<std::size_t>>> cases = {
+      {1, {1}}, {33, {33}}, {63, {63}}, {64, {64, 0}}, {65, {64, 1}}, {128, {64, 64, 0}}, {256, {64, 64, 64, 64, 0}}};
   for (const auto& [size, expected] : cases) {
     PacketQueue queue;
     const auto frame = frame_of(size);

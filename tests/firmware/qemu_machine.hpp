@@ -31,9 +31,8 @@ class QemuMachine {
       close(output[0]);
       const std::string bench = "socket,id=bench,server=on,wait=off,path=" + bench_path();
       execlp("qemu-system-arm", "qemu-system-arm", "-M", "mps2-an386", "-display", "none", "-monitor", "none",
-             "-semihosting-config", "enable=on,target=native", "-chardev", "pty,id=link", "-chardev",
-             bench.c_str(), "-serial", "chardev:link", "-serial", "chardev:bench", "-kernel",
-             ISORIG_QEMU_IMAGE, nullptr);
+             "-semihosting-config", "enable=on,target=native", "-chardev", "pty,id=link", "-chardev", bench.c_str(),
+             "-serial", "chardev:link", "-serial", "chardev:bench", "-kernel", ISORIG_QEMU_IMAGE, nullptr);
       _exit(127);
     }
     close(output[1]);

@@ -40,8 +40,7 @@ class Qemu : public testing::Test {
     EXPECT_EQ(identity.model, "isorig-teensy36");
   }
   /// Polls, with heartbeats, until `is_done` or patience ends; then false.
-  bool run_until(const std::function<bool()>& is_done, bool with_heartbeat = true,
-                 std::int64_t limit_ns = kPatience) {
+  bool run_until(const std::function<bool()>& is_done, bool with_heartbeat = true, std::int64_t limit_ns = kPatience) {
     const std::int64_t end_ns = clock.now_ns() + limit_ns;
     while (!is_done()) {
       const std::int64_t now_ns = clock.now_ns();
@@ -52,8 +51,7 @@ class Qemu : public testing::Test {
         next_beat_ns = now_ns + 10 * kMs;
       }
       const pressure::Poll poll = device->poll(buffer, exchange_buffer, kMs);
-      samples.insert(samples.end(), buffer.begin(),
-                     buffer.begin() + static_cast<std::ptrdiff_t>(poll.samples));
+      samples.insert(samples.end(), buffer.begin(), buffer.begin() + static_cast<std::ptrdiff_t>(poll.samples));
       exchanges.insert(exchanges.end(), exchange_buffer.begin(),
                        exchange_buffer.begin() + static_cast<std::ptrdiff_t>(poll.exchanges));
       lost += poll.lost;
@@ -96,8 +94,7 @@ class Qemu : public testing::Test {
   bool sees(const std::function<bool(std::uint32_t)>& is_wanted) {
     samples.clear();
     return run_until([&] {
-      return std::any_of(samples.begin(), samples.end(),
-                         [&](const Sample& s) { return is_wanted(s.raw_word); });
+      return std::any_of(samples.begin(), samples.end(), [&](const Sample& s) { return is_wanted(s.raw_word); });
     });
   }
 

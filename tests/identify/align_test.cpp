@@ -28,8 +28,7 @@ messages::PressureSamples pressure_of(const messages::FrameSamples& frame, const
   std::vector<double> s(frame.size(), 0.0);
   for (std::size_t i = 1; i < frame.size(); ++i) {
     const double u = c.recovery_per_s * (frame.t_s[i] - frame.t_s[i - 1]);
-    s[i] = s[i - 1] * std::exp(-u) +
-           (frame.position_mm[i] - frame.position_mm[i - 1]) * model::maxwell_ramp_share(u);
+    s[i] = s[i - 1] * std::exp(-u) + (frame.position_mm[i] - frame.position_mm[i - 1]) * model::maxwell_ramp_share(u);
   }
   messages::PressureSamples out;
   double wander = 0.0;
@@ -143,8 +142,8 @@ TEST(Align, OneStrokeGivesAnOffsetButNoSkew) {
   test.speeds_mm_s = {5};
   test.precondition = false;
   auto frame = testing::simulate(test).frame;
-  const auto cut = static_cast<std::size_t>(std::lower_bound(frame.t_s.begin(), frame.t_s.end(), 70.0) -
-                                            frame.t_s.begin());
+  const auto cut =
+      static_cast<std::size_t>(std::lower_bound(frame.t_s.begin(), frame.t_s.end(), 70.0) - frame.t_s.begin());
   frame.t_s.resize(cut);
   frame.position_mm.resize(cut);
   frame.force_N.resize(cut);
@@ -164,8 +163,7 @@ TEST(Align, RefusesStillStreams) {
     frame.force_N.push_back(1.0);
   }
   Case c;
-  EXPECT_THAT(align(frame, pressure_of(paper_session().frame, c)).refusal,
-              ::testing::HasSubstr("nothing moves"));
+  EXPECT_THAT(align(frame, pressure_of(paper_session().frame, c)).refusal, ::testing::HasSubstr("nothing moves"));
 }
 
 }  // namespace

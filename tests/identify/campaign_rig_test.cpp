@@ -30,8 +30,7 @@ TEST(CampaignOnTheSimulatedRig, ReportsWhatThePaperReports) {
     if (trend["of"] == 0) continue;
     EXPECT_GE(trend["holds"].get<int>() * 2, trend["of"].get<int>()) << trend.dump();
   }
-  for (const char* figure :
-       {"parameter_sweeps", "ramps_overlaid", "force_velocity_curves", "comparison_urethane1"})
+  for (const char* figure : {"parameter_sweeps", "ramps_overlaid", "force_velocity_curves", "comparison_urethane1"})
     EXPECT_TRUE(std::filesystem::exists(out / "figures" / (std::string(figure) + ".svg"))) << figure;
   EXPECT_TRUE(std::filesystem::exists(out / "campaign-report.html"));
   std::filesystem::remove_all(out);

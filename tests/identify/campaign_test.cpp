@@ -21,8 +21,7 @@ std::vector<RecordingResult> recordings(bool with_control = true) {
     std::vector<model::StandardLinearSolid> elements;
   };
   const model::StandardLinearSolid low{150, 150, 30}, high{200, 120, 24};
-  std::vector<Case> cases{{"Urethane1", 10, {low, {100, 300, 300}}},
-                          {"Urethane1", 20, {high, {60, 120, 120}}}};
+  std::vector<Case> cases{{"Urethane1", 10, {low, {100, 300, 300}}}, {"Urethane1", 20, {high, {60, 120, 120}}}};
   if (with_control) {
     cases.push_back({"Control1", 10, {low}});
     cases.push_back({"Control1", 20, {high}});
@@ -100,8 +99,7 @@ TEST(Campaign, ReportHoldsTheFiguresOfThePaper) {
   std::ifstream in(folder / "campaign-report.html");
   const std::string html(std::istreambuf_iterator<char>(in), {});
   EXPECT_THAT(html, ::testing::HasSubstr("Simulated &lt;here&gt;."));
-  for (const char* name :
-       {"parameter_sweeps", "ramps_overlaid", "force_velocity_curves", "comparison_urethane1"}) {
+  for (const char* name : {"parameter_sweeps", "ramps_overlaid", "force_velocity_curves", "comparison_urethane1"}) {
     EXPECT_THAT(html, ::testing::HasSubstr(std::string("id=\"") + name + "\"")) << name;
     EXPECT_TRUE(std::filesystem::exists(folder / "figures" / (std::string(name) + ".svg"))) << name;
   }

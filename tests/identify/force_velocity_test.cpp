@@ -43,22 +43,20 @@ double arm_force_runge_kutta_N(const StandardLinearSolid& e, double rate_per_s, 
   return e.k2_N * y;
 }
 
-constexpr StandardLinearSolid kElement{250.0, 175.0,
-                                       60.0};  // N per unit strain, N, N s: near a 10 psi McKibben
+constexpr StandardLinearSolid kElement{250.0, 175.0, 60.0};  // N per unit strain, N, N s: near a 10 psi McKibben
 constexpr FvTest kTest{0.025, 0.16};
 const double kRates_per_s[] = {0.0006, 0.025, 0.05, 0.125, -0.0006, -0.025, -0.125};
 
 /// A curve from stepping: every element from rest at eps0 to eps0 +- deps, forces added, over the force
 /// before.
-double stepped_force_velocity(const std::vector<StandardLinearSolid>& elements, const FvTest& test,
-                              double rate_per_s, int pieces) {
+double stepped_force_velocity(const std::vector<StandardLinearSolid>& elements, const FvTest& test, double rate_per_s,
+                              int pieces) {
   double before = 0.0;
   double after = 0.0;
   for (const auto& e : elements) {
     SteppedElement stepped(e, test.initial_strain);
     before += stepped.force_N();
-    for (int i = 0; i < pieces; ++i)
-      stepped.step(rate_per_s, test.strain_step / std::abs(rate_per_s) / pieces);
+    for (int i = 0; i < pieces; ++i) stepped.step(rate_per_s, test.strain_step / std::abs(rate_per_s) / pieces);
     after += stepped.force_N();
   }
   return after / before;
@@ -98,14 +96,14 @@ TEST(ForceVelocity, ThePrintedRampResponseContradictsThePrintedCurve) {
   // no unit of force. The printed curve (4) agrees with ours, so (3) is the misprint.
   const double rate_per_s = 0.1, t_s = kTest.strain_step / rate_per_s;
   const double elastic_N = kElement.k1_N * (kTest.initial_strain + rate_per_s * t_s);
-  const double printed_arm = rate_per_s * kElement.eta_N_s / kElement.k2_N *
-                             (1.0 - std::exp(-kElement.k2_N / kElement.eta_N_s * t_s));
+  const double printed_arm =
+      rate_per_s * kElement.eta_N_s / kElement.k2_N * (1.0 - std::exp(-kElement.k2_N / kElement.eta_N_s * t_s));
   const double ours_arm_N = ramp_force_N(kElement, kTest.initial_strain, rate_per_s, t_s) - elastic_N;
   EXPECT_NEAR(ours_arm_N / printed_arm, kElement.k2_N, 1e-9 * kElement.k2_N);
   const double kappa = kElement.kappa(), gamma = kElement.gamma_per_s();
-  const double printed_curve = 1.0 + kTest.strain_step / kTest.initial_strain +
-                               rate_per_s * kappa / (kTest.initial_strain * gamma) *
-                                   (1.0 - std::exp(-gamma * kTest.strain_step / rate_per_s));
+  const double printed_curve =
+      1.0 + kTest.strain_step / kTest.initial_strain +
+      rate_per_s * kappa / (kTest.initial_strain * gamma) * (1.0 - std::exp(-gamma * kTest.strain_step / rate_per_s));
   EXPECT_NEAR((elastic_N + ours_arm_N) / (kElement.k1_N * kTest.initial_strain), printed_curve, 1e-13);
 }
 
@@ -115,8 +113,7 @@ TEST(ForceVelocity, HoldRelaxesAsTheSteppedElement) {
     SteppedElement stepped(kElement, kTest.initial_strain);
     stepped.step(rate_per_s, ramp_s);
     for (double t_s = 0.0; t_s < 3.0; t_s += 0.1) {
-      EXPECT_NEAR(hold_force_N(kElement, kTest.initial_strain, rate_per_s, ramp_s, t_s), stepped.force_N(),
-                  1e-11);
+      EXPECT_NEAR(hold_force_N(kElement, kTest.initial_strain, rate_per_s, ramp_s, t_s), stepped.force_N(), 1e-11);
       stepped.step(0.0, 0.1);
     }
   }
@@ -136,8 +133,7 @@ TEST(ForceVelocity, CurveOfAnyNumberOfElementsIsTheSteppedPeak) {
       }
       for (double rate_per_s : kRates_per_s) {
         const double stepped = stepped_force_velocity(elements, kTest, rate_per_s, 64);
-        EXPECT_NEAR(force_velocity(ratios(elements), kTest, rate_per_s), stepped,
-                    1e-12 * std::abs(stepped) + 1e-12);
+        EXPECT_NEAR(force_velocity(ratios(elements), kTest, rate_per_s), stepped, 1e-12 * std::abs(stepped) + 1e-12);
       }
     }
 }
@@ -177,8 +173,7 @@ TEST(ForceVelocity, TheBetaWeightsAreThoseOfTheForceBeforeTheRamp) {
   // state.
   const std::vector<StandardLinearSolid> two{kElement, {80.0, 240.0, 20.0}};
   const double rate_per_s = 0.06;
-  EXPECT_NEAR(force_velocity(ratios(two), kTest, rate_per_s),
-              stepped_force_velocity(two, kTest, rate_per_s, 8), 1e-13);
+  EXPECT_NEAR(force_velocity(ratios(two), kTest, rate_per_s), stepped_force_velocity(two, kTest, rate_per_s, 8), 1e-13);
   SteppedElement control(two[0], kTest.initial_strain), sheath(two[1], 0.5 * kTest.initial_strain);
   const double before_N = control.force_N() + sheath.force_N();
   control.step(rate_per_s, kTest.strain_step / rate_per_s);

@@ -177,8 +177,7 @@ TEST_F(FvCommand, SheathNeedsItsControl) {
   const auto path = save(recording({}, "sheathed"), "s").string();
   EXPECT_EQ(isorig("fv " + path + " --model slse2" + out()).code, 2);
   std::ofstream(folder_ / "other.json") << "{\"format\": \"something\"}";
-  const Outcome wrong =
-      isorig("fv " + path + " --model slse2 --control " + (folder_ / "other.json").string() + out());
+  const Outcome wrong = isorig("fv " + path + " --model slse2 --control " + (folder_ / "other.json").string() + out());
   EXPECT_EQ(wrong.code, 3);
   EXPECT_THAT(wrong.text, HasSubstr("isorig-fv/1"));
 }
@@ -198,8 +197,8 @@ TEST_F(FvCommand, OneRampIsNotEnough) {
   test.speeds_mm_s = {5};
   test.precondition = false;
   auto r = recording(test, "one");
-  const auto cut = static_cast<std::size_t>(std::lower_bound(r.frame.t_s.begin(), r.frame.t_s.end(), 65.0) -
-                                            r.frame.t_s.begin());
+  const auto cut =
+      static_cast<std::size_t>(std::lower_bound(r.frame.t_s.begin(), r.frame.t_s.end(), 65.0) - r.frame.t_s.begin());
   r.frame.t_s.resize(cut);
   r.frame.position_mm.resize(cut);
   r.frame.force_N.resize(cut);
@@ -245,10 +244,9 @@ TEST_F(FvCommand, BadFilesAreNamedWithTheirLineAndNothingIsWritten) {
     std::ofstream(folder_ / name / "frame.csv", std::ios::binary) << text;
     return (folder_ / name).string();
   };
-  const std::string paths =
-      " " + broken("nan", [](std::string& t) { t.insert(t.find('\n', 200) + 1, "nan,0,0\n"); }) + " " +
-      broken("column", [](std::string& t) { t.replace(0, 3, "tim"); }) + " " +
-      broken("truncated", [](std::string& t) { t.resize(t.size() - 4); }) + " " + good.string();
+  const std::string paths = " " + broken("nan", [](std::string& t) { t.insert(t.find('\n', 200) + 1, "nan,0,0\n"); }) +
+                            " " + broken("column", [](std::string& t) { t.replace(0, 3, "tim"); }) + " " +
+                            broken("truncated", [](std::string& t) { t.resize(t.size() - 4); }) + " " + good.string();
   const Outcome o = isorig("fv" + paths + out());
   EXPECT_EQ(o.code, 3);
   EXPECT_THAT(o.text, HasSubstr("nan/frame.csv:"));
@@ -285,8 +283,7 @@ TEST_F(FvCommand, AlignMakesARecordingOfTwoStreams) {
   const auto aligned = messages::read_recording(folder_ / "out");
   EXPECT_NEAR(aligned.pressure->t_s.front(), 12.5, 0.05);
   EXPECT_EQ(aligned.metadata.specimen, "streams");
-  EXPECT_EQ(isorig("fv " + (folder_ / "out").string() + " --no-png --out " + (folder_ / "fv").string()).code,
-            0);
+  EXPECT_EQ(isorig("fv " + (folder_ / "out").string() + " --no-png --out " + (folder_ / "fv").string()).code, 0);
 
   for (double& v : separate.pressure->pressure_psi) v = 10.0 + 0.01 * std::sin(1e5 * v);
   const auto flat = save(separate, "flat");

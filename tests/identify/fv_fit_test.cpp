@@ -25,8 +25,8 @@ std::vector<FvPoint> curve(std::span<const model::FvElement> elements, const std
     for (double v : speeds_mm_s)
       for (double sign : {1.0, -1.0}) {
         const double rate = sign * v / kLength_mm;
-        points.push_back({rate, model::force_velocity(elements, {kStep, kEps0}, rate) + noise * unit(random),
-                          noise, kEps0, kStep});
+        points.push_back(
+            {rate, model::force_velocity(elements, {kStep, kEps0}, rate) + noise * unit(random), noise, kEps0, kStep});
       }
   return points;
 }
@@ -50,9 +50,8 @@ Eigen::VectorXd best_possible(std::vector<model::FvElement> elements, const std:
     const auto up = shifted(std::exp(1e-5)), down = shifted(std::exp(-1e-5));
     for (std::size_t i = 0; i < points.size(); ++i) {
       const double rate = points[i].strain_rate_per_s;
-      jacobian(static_cast<int>(i), k) = (model::force_velocity(up, {kStep, kEps0}, rate) -
-                                          model::force_velocity(down, {kStep, kEps0}, rate)) /
-                                         2e-5;
+      jacobian(static_cast<int>(i), k) =
+          (model::force_velocity(up, {kStep, kEps0}, rate) - model::force_velocity(down, {kStep, kEps0}, rate)) / 2e-5;
     }
   }
   const Eigen::MatrixXd covariance = noise * noise * (jacobian.transpose() * jacobian).inverse();
@@ -115,9 +114,8 @@ TEST(FvFit, SaysWhichRampsAreMissing) {
   ASSERT_TRUE(slow.fit);
   EXPECT_THAT(slow.fit->parameter("gamma_per_s").statement, ::testing::HasSubstr("faster ramps"));
   // What was missing settles it.
-  EXPECT_TRUE(fit_control(curve(steep, {0.01, 0.05, 0.2, 2, 10}, 0.002, 5, 4))
-                  .fit->parameter("gamma_per_s")
-                  .identifiable);
+  EXPECT_TRUE(
+      fit_control(curve(steep, {0.01, 0.05, 0.2, 2, 10}, 0.002, 5, 4)).fit->parameter("gamma_per_s").identifiable);
 }
 
 TEST(FvFit, RecoversTheSheathWithTheControlHeld) {
@@ -208,9 +206,9 @@ TEST(FvFit, WholeChainFromRecordingToParameters) {
   test.elements = {{200.0, 160.0, 40.0}};  // kappa 0.8, gamma 4 1/s
   const auto result = fit_control(points_of(analyse_ramps(testing::simulate(test)).ramps));
   ASSERT_TRUE(result.fit);
-  const Eigen::VectorXd best = best_possible(
-      std::vector<model::FvElement>{{0.8, 4.0, 1.0}},
-      curve(std::vector<model::FvElement>{{0.8, 4.0, 1.0}}, kPaperSpeeds, 0, 1, 1), 0.03 / 30.0);
+  const Eigen::VectorXd best =
+      best_possible(std::vector<model::FvElement>{{0.8, 4.0, 1.0}},
+                    curve(std::vector<model::FvElement>{{0.8, 4.0, 1.0}}, kPaperSpeeds, 0, 1, 1), 0.03 / 30.0);
   EXPECT_NEAR(result.fit->parameter("kappa").value, 0.8, 0.8 * (4 * best(0) + 0.01));
   EXPECT_NEAR(result.fit->parameter("gamma_per_s").value, 4.0, 4.0 * (4 * best(1) + 0.01));
   EXPECT_GT(result.fit->r_squared, 0.999);

@@ -74,8 +74,7 @@ inline messages::Recording simulate(const IsoVelocityTest& test, std::vector<Tru
     const double strain = out.metadata.strain(x);
     const double bend = x / test.pressurized_length_mm;
     double f = test.force_drift_N_s * t + test.stiffening_N * bend * bend * bend;
-    for (std::size_t i = 0; i < arms.size(); ++i)
-      f += test.elements[i].k1_N * strain + test.elements[i].k2_N * arms[i];
+    for (std::size_t i = 0; i < arms.size(); ++i) f += test.elements[i].k1_N * strain + test.elements[i].k2_N * arms[i];
     return f;
   };
   double next_sample = 0.0;
@@ -91,8 +90,7 @@ inline messages::Recording simulate(const IsoVelocityTest& test, std::vector<Tru
     }
     for (std::size_t i = 0; i < arms.size(); ++i) {
       const double u = dt * test.elements[i].gamma_per_s();
-      arms[i] =
-          std::exp(-u) * arms[i] + (x - before) / test.pressurized_length_mm * model::maxwell_ramp_share(u);
+      arms[i] = std::exp(-u) * arms[i] + (x - before) / test.pressurized_length_mm * model::maxwell_ramp_share(u);
     }
     t += dt;
     if (dense) next_sample = std::min(next_sample, t + test.dense_step_s);

@@ -11,8 +11,8 @@
 #include "iso_velocity_recording.hpp"
 #include "messages/csv.hpp"
 
-/// Every number that a file can hold, through the readers and `isorig fv`'s analysis: refused with its place, or survived
-/// with finite results.
+/// Every number that a file can hold, through the readers and `isorig fv`'s analysis: refused with its place, or
+/// survived with finite results.
 namespace isorig::identify {
 namespace {
 
@@ -54,9 +54,45 @@ class NumberFuzz : public ::testing::Test {
   messages::Recording good_;
 };
 
-const double kOdd[] = {0.0,    -0.0,   1e-320,  5e-324, -5e-324, 1e-300, -1e-300, 1e-160, 1e-30, 1e-9,   0.1,     1.0,    -1.0,  90.0,
-                       1e3,    -1e3,   9999.0,  1e4,    -1e4,    1e5,    1e6,     -1e6,   1e7,   1e9,    1e10,    1e18,   1e30,  1e100,
-                       1e150,  1e154,  1.4e154, -1e155, 1e200,   1e300,  -1e300,  1e308,  -1e308, 1.7976931348623157e308, -1.7976931348623157e308};
+const double kOdd[] = {0.0,
+                       -0.0,
+                       1e-320,
+                       5e-324,
+                       -5e-324,
+                       1e-300,
+                       -1e-300,
+                       1e-160,
+                       1e-30,
+                       1e-9,
+                       0.1,
+                       1.0,
+                       -1.0,
+                       90.0,
+                       1e3,
+                       -1e3,
+                       9999.0,
+                       1e4,
+                       -1e4,
+                       1e5,
+                       1e6,
+                       -1e6,
+                       1e7,
+                       1e9,
+                       1e10,
+                       1e18,
+                       1e30,
+                       1e100,
+                       1e150,
+                       1e154,
+                       1.4e154,
+                       -1e155,
+                       1e200,
+                       1e300,
+                       -1e300,
+                       1e308,
+                       -1e308,
+                       1.7976931348623157e308,
+                       -1.7976931348623157e308};
 
 // A cell of 1e308 crashed fv (SIGSEGV); times of 1e-300 s and forces of 1e300 N were "consistent, rms -nan".
 TEST_F(NumberFuzz, EveryOddCellIsRefusedWithItsLineOrSurvived) {
@@ -91,7 +127,8 @@ TEST_F(NumberFuzz, EveryOddCellIsRefusedWithItsLineOrSurvived) {
         } catch (const messages::RecordingError& e) {
           ++refused;
           if (e.fault() == messages::RecordingFault::kUnits) continue;  // that is of the whole file
-          EXPECT_TRUE(e.line() == at + 1 || e.line() == at + 2) << e.what();  // the row, or the one that follows a wrong time
+          EXPECT_TRUE(e.line() == at + 1 || e.line() == at + 2)
+              << e.what();  // the row, or the one that follows a wrong time
         }
       }
     }

@@ -21,8 +21,8 @@ void expect_protocol_found(const IsoVelocityTest& test, double velocity_relative
   const auto recording = testing::simulate(test, &truth);
   const RampAnalysis found = analyse_ramps(recording);
   ASSERT_EQ(found.ramps.size(), truth.size());
-  const auto returns = std::count_if(found.moves.begin(), found.moves.end(),
-                                     [](const Move& m) { return m.kind == MoveKind::kReturn; });
+  const auto returns =
+      std::count_if(found.moves.begin(), found.moves.end(), [](const Move& m) { return m.kind == MoveKind::kReturn; });
   EXPECT_EQ(static_cast<std::size_t>(returns), truth.size());
   for (std::size_t i = 0; i < truth.size(); ++i) {
     const Ramp& r = found.ramps[i];
@@ -131,8 +131,7 @@ TEST(Ramps, OvershootIsMeasuredAndThePeakIsTakenBeforeIt) {
     }
     ASSERT_TRUE(r.t_peak_s && r.peak_force_N);
     EXPECT_NEAR(*r.t_peak_s, truth[i].t_arrival_s, 0.003);
-    EXPECT_NEAR(r.peak_force_N->value, truth[i].force_at_arrival_N,
-                5 * r.peak_force_N->standard_error + 0.02);
+    EXPECT_NEAR(r.peak_force_N->value, truth[i].force_at_arrival_N, 5 * r.peak_force_N->standard_error + 0.02);
     EXPECT_NEAR(std::abs(r.move.velocity_mm_s.value), speed, 0.03 * speed);
   }
 }
@@ -293,8 +292,7 @@ TEST(Ramps, OneRampIsOneRamp) {
   auto recording = testing::simulate(test);
   // Cut after the hold of the first ramp.
   const auto cut = static_cast<std::size_t>(
-      std::lower_bound(recording.frame.t_s.begin(), recording.frame.t_s.end(), 65.0) -
-      recording.frame.t_s.begin());
+      std::lower_bound(recording.frame.t_s.begin(), recording.frame.t_s.end(), 65.0) - recording.frame.t_s.begin());
   recording.frame.t_s.resize(cut);
   recording.frame.position_mm.resize(cut);
   recording.frame.force_N.resize(cut);
@@ -321,9 +319,7 @@ messages::Recording foreign(const std::filesystem::path& file, const char* posit
   std::getline(in, line);
   std::vector<std::string> header;
   for (std::istringstream row(line); std::getline(row, cell, ',');) header.push_back(cell);
-  const auto column = [&](const char* name) {
-    return std::find(header.begin(), header.end(), name) - header.begin();
-  };
+  const auto column = [&](const char* name) { return std::find(header.begin(), header.end(), name) - header.begin(); };
   messages::Recording out;
   out.metadata.rest_length_mm = 80.0;
   while (std::getline(in, line)) {
@@ -359,8 +355,7 @@ TEST(Ramps, MeasurementsByOthersGiveTheSpeedsTheyWereMadeAt) {
   EXPECT_TRUE(relaxation.ramps[0].has(RampFlag::kNoRestBefore));
   EXPECT_FALSE(relaxation.ramps[0].normalized_force);
   // Pulled to failure: one stroke, no rest and no hold.
-  const auto pulled =
-      analyse_ramps(foreign(root / "elastomer-tensile/dragon_skin_30.csv", "extension_m", "force_N"));
+  const auto pulled = analyse_ramps(foreign(root / "elastomer-tensile/dragon_skin_30.csv", "extension_m", "force_N"));
   ASSERT_EQ(pulled.ramps.size(), 1U);
   EXPECT_NEAR(pulled.ramps[0].move.velocity_mm_s.value, 7.5, 1e-3);
   EXPECT_TRUE(pulled.ramps[0].has(RampFlag::kNoHoldAfter));
@@ -376,8 +371,7 @@ TEST(Ramps, FindsTheTenRampsOfEveryIndependentRecording) {
     const RampAnalysis found = analyse_ramps(messages::read_recording(folder.path() / "train"));
     ASSERT_EQ(found.ramps.size(), 10U) << folder.path();
     for (std::size_t i = 0; i < 10; ++i) {
-      EXPECT_NEAR(found.ramps[i].move.velocity_mm_s.value, speeds[i], 0.02 * std::abs(speeds[i]))
-          << folder.path();
+      EXPECT_NEAR(found.ramps[i].move.velocity_mm_s.value, speeds[i], 0.02 * std::abs(speeds[i])) << folder.path();
       EXPECT_TRUE(found.ramps[i].peak_force_N) << folder.path() << " ramp " << i;
     }
   }

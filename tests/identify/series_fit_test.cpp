@@ -61,10 +61,8 @@ TEST(SeriesFit, FindsBothArmsWithinTheirErrorsAndTheErrorsAreRight) {
     ASSERT_TRUE(fit.converged);
     EXPECT_NEAR(fit.arms[0].gamma_per_s.value, 2.0, 5 * fit.arms[0].gamma_per_s.standard_error);
     EXPECT_NEAR(fit.arms[1].gamma_per_s.value, 1.0 / 6.0, 5 * fit.arms[1].gamma_per_s.standard_error);
-    square_gamma +=
-        std::pow((fit.arms[0].gamma_per_s.value - 2.0) / fit.arms[0].gamma_per_s.standard_error, 2) / 12;
-    square_stiffness +=
-        std::pow((fit.stiffness_N_mm.value - 2.5) / fit.stiffness_N_mm.standard_error, 2) / 12;
+    square_gamma += std::pow((fit.arms[0].gamma_per_s.value - 2.0) / fit.arms[0].gamma_per_s.standard_error, 2) / 12;
+    square_stiffness += std::pow((fit.stiffness_N_mm.value - 2.5) / fit.stiffness_N_mm.standard_error, 2) / 12;
     EXPECT_NEAR(fit.rms_N, 0.05, 5 * 0.05 / std::sqrt(2.0 * 60000));
     EXPECT_LT(std::abs(fit.residual_correlation), 5 / std::sqrt(60000.0));
   }
@@ -82,8 +80,7 @@ TEST(SeriesFit, EveryStartEndsAtTheSameOptimum) {
   int most = 0;
   for (int i = 0; i < 12; ++i) {
     SeriesOptions options;
-    options.start_gamma_per_s = {1.0 / std::pow(20.0, unit(random)),
-                                 1.0 / (0.05 * std::pow(20.0, unit(random)))};
+    options.start_gamma_per_s = {1.0 / std::pow(20.0, unit(random)), 1.0 / (0.05 * std::pow(20.0, unit(random)))};
     const SeriesFit fit = fit_series(s.t_s, s.x_mm, s.force_N, 2, options);
     EXPECT_NEAR(fit.arms[0].gamma_per_s.value, best.arms[0].gamma_per_s.value, 1e-4);
     EXPECT_NEAR(fit.arms[1].gamma_per_s.value, best.arms[1].gamma_per_s.value, 1e-5);
@@ -94,10 +91,8 @@ TEST(SeriesFit, EveryStartEndsAtTheSameOptimum) {
 
 TEST(SeriesFit, OrderIsToldByBic) {
   const Series two = bench(60000, 0.05, 3), one = bench(60000, 0.05, 4, false);
-  EXPECT_LT(fit_series(two.t_s, two.x_mm, two.force_N, 2).bic,
-            fit_series(two.t_s, two.x_mm, two.force_N, 1).bic - 10);
-  EXPECT_LT(fit_series(one.t_s, one.x_mm, one.force_N, 1).bic,
-            fit_series(one.t_s, one.x_mm, one.force_N, 2).bic);
+  EXPECT_LT(fit_series(two.t_s, two.x_mm, two.force_N, 2).bic, fit_series(two.t_s, two.x_mm, two.force_N, 1).bic - 10);
+  EXPECT_LT(fit_series(one.t_s, one.x_mm, one.force_N, 1).bic, fit_series(one.t_s, one.x_mm, one.force_N, 2).bic);
 }
 
 TEST(SeriesFit, LongRecordIsQuick) {
@@ -116,8 +111,7 @@ TEST(SeriesFit, NonUniformRecordingGivesTheElementBack) {
   testing::IsoVelocityTest test;
   test.elements = {{200.0, 160.0, 40.0}};
   const auto recording = testing::simulate(test);
-  const SeriesFit fit =
-      fit_series(recording.frame.t_s, recording.frame.position_mm, recording.frame.force_N, 1);
+  const SeriesFit fit = fit_series(recording.frame.t_s, recording.frame.position_mm, recording.frame.force_N, 1);
   EXPECT_NEAR(fit.arms[0].kappa, 0.8, 0.01);
   EXPECT_NEAR(fit.arms[0].gamma_per_s.value, 4.0, 0.05);
   EXPECT_NEAR(fit.stiffness_N_mm.value, 200.0 / test.pressurized_length_mm, 0.01);

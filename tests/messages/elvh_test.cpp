@@ -1,6 +1,6 @@
-#include <gtest/gtest.h>
-
 #include "messages/elvh.hpp"
+
+#include <gtest/gtest.h>
 
 namespace isorig::messages {
 namespace {
@@ -16,9 +16,8 @@ TEST(Elvh, TransferFunctionIsOptionA) {
   };
   // DS-0376 p. 6: offset 1638, span 13108 counts, 30 psi. The second row is what a decoder that reads the
   // wrong letter of the part number would call 0 psi; at rest it would show 1638/16384*30 = 3.0 psi.
-  for (const Row& row :
-       {Row{1638, 0.0}, Row{0, -3.748855660665243}, Row{14746, 30.0}, Row{1639, 0.0022886786},
-        Row{8192, 15.0}, Row{16383, 33.7465669820}, Row{10377, 20.0007628929}}) {
+  for (const Row& row : {Row{1638, 0.0}, Row{0, -3.748855660665243}, Row{14746, 30.0}, Row{1639, 0.0022886786},
+                         Row{8192, 15.0}, Row{16383, 33.7465669820}, Row{10377, 20.0007628929}}) {
     EXPECT_NEAR(elvh_pressure_psi(row.raw), row.psi, 1e-9) << row.raw;
   }
   EXPECT_NEAR(kElvhPsiPerCount * 6894.757, 15.78, 0.005);  // Pa per count

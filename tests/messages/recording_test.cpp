@@ -1,16 +1,16 @@
+#include "messages/recording.hpp"
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include <ctime>
 #include <cmath>
 #include <cstdlib>
+#include <ctime>
 #include <fstream>
 #include <limits>
 #include <random>
 #include <sstream>
-
-#include "messages/recording.hpp"
 
 namespace isorig::messages {
 namespace {
@@ -30,8 +30,7 @@ class RecordingTest : public ::testing::Test {
  protected:
   void SetUp() override {
     const auto* test = ::testing::UnitTest::GetInstance()->current_test_info();
-    folder_ =
-        fs::temp_directory_path() / ("isorig-recording-" + std::to_string(::getpid()) + "-" + test->name());
+    folder_ = fs::temp_directory_path() / ("isorig-recording-" + std::to_string(::getpid()) + "-" + test->name());
     fs::remove_all(folder_);
     fs::create_directories(folder_);
     put("recording.toml", kToml);
@@ -40,9 +39,7 @@ class RecordingTest : public ::testing::Test {
   }
   void TearDown() override { fs::remove_all(folder_); }
 
-  void put(const char* name, std::string_view text) const {
-    std::ofstream(folder_ / name, std::ios::binary) << text;
-  }
+  void put(const char* name, std::string_view text) const { std::ofstream(folder_ / name, std::ios::binary) << text; }
   std::string get(const char* name) const {
     std::ostringstream text;
     text << std::ifstream(folder_ / name, std::ios::binary).rdbuf();
@@ -50,8 +47,7 @@ class RecordingTest : public ::testing::Test {
   }
 
   /// The whole recording has to be refused with this fault, naming file and line.
-  void expect_fault(Fault fault, const char* file, std::size_t line,
-                    const ::testing::Matcher<std::string>& text) {
+  void expect_fault(Fault fault, const char* file, std::size_t line, const ::testing::Matcher<std::string>& text) {
     try {
       static_cast<void>(read_recording(folder_));
       ADD_FAILURE() << "was read";
@@ -60,8 +56,7 @@ class RecordingTest : public ::testing::Test {
       EXPECT_EQ(e.file(), folder_ / file) << e.what();
       EXPECT_EQ(e.line(), line) << e.what();
       EXPECT_THAT(e.what(), text);
-      const std::string place =
-          (folder_ / file).string() + (line > 0 ? ":" + std::to_string(line) : "") + ": ";
+      const std::string place = (folder_ / file).string() + (line > 0 ? ":" + std::to_string(line) : "") + ": ";
       EXPECT_THAT(e.what(), ::testing::StartsWith(place));
     }
   }
@@ -116,8 +111,7 @@ TEST_F(RecordingTest, FurtherKeysAreKeptVerbatim) {
   const std::string further =
       "# by hand\noperator = 'jo'  # two letters\ngains = [\n  1,\n  2.50,\n]\n[rig]\nname = \"b\"\n";
   put("recording.toml", std::string("\"specimen\" = \"\"\"A-3\n2\"\"\"\n") + further.substr(0, 10) +
-                            "rest_length_mm = 9e1 # ruler\nformat = \"isorig-recording/1\"\n" +
-                            further.substr(10));
+                            "rest_length_mm = 9e1 # ruler\nformat = \"isorig-recording/1\"\n" + further.substr(10));
   auto r = read_recording(folder_);
   EXPECT_EQ(r.metadata.specimen, "A-3\n2");
   EXPECT_EQ(r.metadata.further_toml, further);
@@ -138,17 +132,12 @@ TEST_F(RecordingTest, BadMetadata) {
   expect("format = 1\nspecimen = \"a\"\nrest_length_mm = 90\n", Fault::kMetadata, 1, "`format` is an integer");
   expect("specimen = \"a\"\nrest_length_mm = 90\nformat = \"isorig-recording/2\"\n", Fault::kFormat, 3,
          "isorig-recording/1");
-  expect("format = \"isorig-recording/1\"\nspecimen = \"a\"\n", Fault::kMetadata, 1,
-         "`rest_length_mm` is missing");
-  expect("format = \"isorig-recording/1\"\nrest_length_mm = 9\n", Fault::kMetadata, 1,
-         "`specimen` is missing");
-  expect("format = \"isorig-recording/1\"\nspecimen = \"a\"\nrest_length_mm = 0\n", Fault::kMetadata, 3,
-         "above 0");
-  expect("format = \"isorig-recording/1\"\nspecimen = \"a\"\nrest_length_mm = nan\n", Fault::kMetadata, 3,
-         "nan");
-  expect(
-      "format = \"isorig-recording/1\"\nspecimen = \"a\"\nrest_length_mm = 9\nnominal_pressure_psi = \"x\"\n",
-      Fault::kMetadata, 4, "number is needed");
+  expect("format = \"isorig-recording/1\"\nspecimen = \"a\"\n", Fault::kMetadata, 1, "`rest_length_mm` is missing");
+  expect("format = \"isorig-recording/1\"\nrest_length_mm = 9\n", Fault::kMetadata, 1, "`specimen` is missing");
+  expect("format = \"isorig-recording/1\"\nspecimen = \"a\"\nrest_length_mm = 0\n", Fault::kMetadata, 3, "above 0");
+  expect("format = \"isorig-recording/1\"\nspecimen = \"a\"\nrest_length_mm = nan\n", Fault::kMetadata, 3, "nan");
+  expect("format = \"isorig-recording/1\"\nspecimen = \"a\"\nrest_length_mm = 9\nnominal_pressure_psi = \"x\"\n",
+         Fault::kMetadata, 4, "number is needed");
   expect("format = \"isorig-recording/1\"\nspecimen = \"a\nrest_length_mm = 9\n", Fault::kMetadata, 2,
          "not valid TOML");
   fs::remove(folder_ / "recording.toml");
@@ -180,8 +169,7 @@ TEST_F(RecordingTest, Headers) {
   expect_frame_fault("t_s,position_mm\n0,0\n", Fault::kHeader, 1, HasSubstr("column `force_N` is missing"));
   expect_frame_fault("t_s,force_N,position_mm\n0,0,0\n", Fault::kHeader, 1, HasSubstr("expected"));
   expect_frame_fault("t_s,position_mm,force_N,x\n0,0,0,0\n", Fault::kHeader, 1, HasSubstr("expected"));
-  expect_frame_fault("t_s,position_in,force_N\n0,0,0\n", Fault::kHeader, 1,
-                     HasSubstr("`position_mm` is missing"));
+  expect_frame_fault("t_s,position_in,force_N\n0,0,0\n", Fault::kHeader, 1, HasSubstr("`position_mm` is missing"));
   expect_frame_fault("0,0,0\n1,0,0\n", Fault::kHeader, 1, HasSubstr("expected"));
   expect_frame_fault("t_s,position_mm,force_N", Fault::kEmpty, 2, HasSubstr("no rows"));
   expect_frame_fault("t_s,position_mm,force_N\n", Fault::kEmpty, 2, HasSubstr("no rows"));
@@ -226,8 +214,7 @@ TEST_F(RecordingTest, TimeHasToIncrease) {
 }
 
 TEST_F(RecordingTest, TruncatedAtAnyByteIsNeverReadAsWhole) {
-  const std::string whole =
-      "t_s,position_mm,force_N\n0.000,1.00,44.5150\n0.125,1.00,44.5100\n0.250,1.50,40.1234\n";
+  const std::string whole = "t_s,position_mm,force_N\n0.000,1.00,44.5150\n0.125,1.00,44.5100\n0.250,1.50,40.1234\n";
   const auto rows_at = [&](std::size_t length) {
     put("frame.csv", whole.substr(0, length));
     try {
@@ -241,8 +228,7 @@ TEST_F(RecordingTest, TruncatedAtAnyByteIsNeverReadAsWhole) {
   for (std::size_t length = 0; length <= whole.size(); ++length) {
     // Only a cut at a line's end leaves a well-formed file; the last digit of the fixed-width column may
     // stand without its newline once there are rows to compare with.
-    const bool at_line_end =
-        length > 24 && (whole[length - 1] == '\n' || (length > 43 && whole[length] == '\n'));
+    const bool at_line_end = length > 24 && (whole[length - 1] == '\n' || (length > 43 && whole[length] == '\n'));
     EXPECT_EQ(rows_at(length) > 0, at_line_end || length == whole.size()) << length;
   }
   EXPECT_EQ(rows_at(whole.size()), 3);
@@ -254,8 +240,7 @@ TEST_F(RecordingTest, LastLineWithoutEndIsRefusedWhenItCannotBeToldFromACut) {
   const std::string head = "t_s,position_mm,force_N\n0,0,0\n";
   expect_frame_fault(head + "1,0", Fault::kTruncated, 3, HasSubstr("no line end"));
   expect_frame_fault(head + "1,0,4", Fault::kTruncated, 3, HasSubstr("newline"));
-  expect_frame_fault("t_s,position_mm,force_N\n0,0,1.5\n1,0,1.25\n2,0,3.5", Fault::kTruncated, 4,
-                     HasSubstr("cut off"));
+  expect_frame_fault("t_s,position_mm,force_N\n0,0,1.5\n1,0,1.25\n2,0,3.5", Fault::kTruncated, 4, HasSubstr("cut off"));
 }
 
 TEST_F(RecordingTest, EverySingleByteFaultIsHandled) {

@@ -67,7 +67,9 @@ class TeensyDevice : public testing::Test {
     say(Heartbeat{});
   }
   /// A conversion; by default of a live sensor, whose count moves.
-  void convert() { core.add_sample(board.time_us, pack_elvh({ElvhStatus::kCurrent, ++raw_ % 2 == 0 ? raw : raw_moved(), 700})); }
+  void convert() {
+    core.add_sample(board.time_us, pack_elvh({ElvhStatus::kCurrent, ++raw_ % 2 == 0 ? raw : raw_moved(), 700}));
+  }
   [[nodiscard]] uint16_t raw_moved() const { return static_cast<uint16_t>(raw + 1); }
   template <class T>
   void say(const T& message) {
@@ -314,7 +316,8 @@ TEST_F(TeensyLimits, NothingIsFilledBeforeTheyAreSetInThisSession) {
 TEST_F(TeensyLimits, AreEchoedAndRefusedWhereTheyAreNone) {
   say(kLimits);  // without a session
   open_session();
-  for (const Limits& bad : {Limits{14'747, 100, 2000}, Limits{1638, 100, 2000}, Limits{12'124, 501, 2000}, Limits{12'124, 100, 60'001}}) {
+  for (const Limits& bad :
+       {Limits{14'747, 100, 2000}, Limits{1638, 100, 2000}, Limits{12'124, 501, 2000}, Limits{12'124, 100, 60'001}}) {
     say(bad);
   }
   const auto replies = board.take<LimitsReply>();
@@ -374,9 +377,13 @@ TEST_F(TeensyLimits, WithoutACapTheValveMayStayOpen) {
 }
 
 TEST_F(TeensyLimits, ASensorThatSaysNothingWhileFillingVents) {
-  const uint32_t invalid[] = {0U, 0xFFFFFFFFU, pack_elvh({ElvhStatus::kStale, 5000, 700}),
-                              pack_elvh({ElvhStatus::kFault, 5000, 700}), pack_elvh({ElvhStatus::kReserved, 5000, 700}),
-                              pack_elvh({ElvhStatus::kCurrent, 15'900, 700}), pack_elvh({ElvhStatus::kCurrent, 900, 700})};
+  const uint32_t invalid[] = {0U,
+                              0xFFFFFFFFU,
+                              pack_elvh({ElvhStatus::kStale, 5000, 700}),
+                              pack_elvh({ElvhStatus::kFault, 5000, 700}),
+                              pack_elvh({ElvhStatus::kReserved, 5000, 700}),
+                              pack_elvh({ElvhStatus::kCurrent, 15'900, 700}),
+                              pack_elvh({ElvhStatus::kCurrent, 900, 700})};
   for (const uint32_t word : invalid) {
     open_session();
     raw = 5000;

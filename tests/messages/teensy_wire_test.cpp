@@ -86,24 +86,23 @@ TEST_P(Cobs, Vector) {
 
 INSTANTIATE_TEST_SUITE_P(
     CheshireBaker, Cobs,
-    testing::Values(
-        CobsVector{"one_zero", {0x00}, {0x01, 0x01}},
-        CobsVector{"two_zeros", {0x00, 0x00}, {0x01, 0x01, 0x01}},
-        CobsVector{"zero_between", {0x00, 0x11, 0x00}, {0x01, 0x02, 0x11, 0x01}},
-        CobsVector{"inner_zero", {0x11, 0x22, 0x00, 0x33}, {0x03, 0x11, 0x22, 0x02, 0x33}},
-        CobsVector{"no_zero", {0x11, 0x22, 0x33, 0x44}, {0x05, 0x11, 0x22, 0x33, 0x44}},
-        CobsVector{"trailing_zeros", {0x11, 0x00, 0x00, 0x00}, {0x02, 0x11, 0x01, 0x01, 0x01}},
-        // The start of an IP header, the example of the paper.
-        CobsVector{"paper_ip_header",
-                   {0x45, 0x00, 0x00, 0x2C, 0x4C, 0x79, 0x00, 0x00, 0x40, 0x06, 0x4F, 0x37},
-                   {0x02, 0x45, 0x01, 0x04, 0x2C, 0x4C, 0x79, 0x01, 0x05, 0x40, 0x06, 0x4F, 0x37}},
-        CobsVector{"253", count_up(1, 253), Bytes{0xFE} + count_up(1, 253)},
-        CobsVector{"254", count_up(1, 254), Bytes{0xFF} + count_up(1, 254)},
-        CobsVector{"zero_254", count_up(0, 254), Bytes{0x01, 0xFF} + count_up(1, 254)},
-        CobsVector{"255", count_up(1, 255), Bytes{0xFF} + count_up(1, 254) + Bytes{0x02, 0xFF}},
-        CobsVector{"254_zero", count_up(1, 254) + Bytes{0},
-                   Bytes{0xFF} + count_up(1, 254) + Bytes{0x01, 0x01}},
-        CobsVector{"253_zero", count_up(2, 254) + Bytes{0}, Bytes{0xFE} + count_up(2, 254) + Bytes{0x01}}),
+    testing::Values(CobsVector{"one_zero", {0x00}, {0x01, 0x01}},
+                    CobsVector{"two_zeros", {0x00, 0x00}, {0x01, 0x01, 0x01}},
+                    CobsVector{"zero_between", {0x00, 0x11, 0x00}, {0x01, 0x02, 0x11, 0x01}},
+                    CobsVector{"inner_zero", {0x11, 0x22, 0x00, 0x33}, {0x03, 0x11, 0x22, 0x02, 0x33}},
+                    CobsVector{"no_zero", {0x11, 0x22, 0x33, 0x44}, {0x05, 0x11, 0x22, 0x33, 0x44}},
+                    CobsVector{"trailing_zeros", {0x11, 0x00, 0x00, 0x00}, {0x02, 0x11, 0x01, 0x01, 0x01}},
+                    // The start of an IP header, the example of the paper.
+                    CobsVector{"paper_ip_header",
+                               {0x45, 0x00, 0x00, 0x2C, 0x4C, 0x79, 0x00, 0x00, 0x40, 0x06, 0x4F, 0x37},
+                               {0x02, 0x45, 0x01, 0x04, 0x2C, 0x4C, 0x79, 0x01, 0x05, 0x40, 0x06, 0x4F, 0x37}},
+                    CobsVector{"253", count_up(1, 253), Bytes{0xFE} + count_up(1, 253)},
+                    CobsVector{"254", count_up(1, 254), Bytes{0xFF} + count_up(1, 254)},
+                    CobsVector{"zero_254", count_up(0, 254), Bytes{0x01, 0xFF} + count_up(1, 254)},
+                    CobsVector{"255", count_up(1, 255), Bytes{0xFF} + count_up(1, 254) + Bytes{0x02, 0xFF}},
+                    CobsVector{"254_zero", count_up(1, 254) + Bytes{0},
+                               Bytes{0xFF} + count_up(1, 254) + Bytes{0x01, 0x01}},
+                    CobsVector{"253_zero", count_up(2, 254) + Bytes{0}, Bytes{0xFE} + count_up(2, 254) + Bytes{0x01}}),
     [](const auto& test) { return std::string(test.param.name); });
 
 TEST(CobsCodec, TheFormWithASpareCodeByteDecodesToo) {
@@ -187,7 +186,8 @@ TEST(TeensyMessages, RoundTrips) {
   EXPECT_EQ(reply.device_rx_us, 0x123456789ABCDEF0U);
   EXPECT_EQ(reply.device_tx_us, 0x123456789ABCDEF1U);
 
-  const auto status = round_trip(Status{1ULL << 40U, 2, 3, 4, 5, 6, 7, 8, kStatusSelfVented, VentCause::kFillTime, 9}, 34);
+  const auto status =
+      round_trip(Status{1ULL << 40U, 2, 3, 4, 5, 6, 7, 8, kStatusSelfVented, VentCause::kFillTime, 9}, 34);
   EXPECT_EQ(status.device_us, 1ULL << 40U);
   EXPECT_EQ(status.dropped, 2U);
   EXPECT_EQ(status.rejected, 3U);
@@ -203,7 +203,10 @@ TEST(TeensyMessages, RoundTrips) {
   unknown.cause = static_cast<VentCause>(kVentCauses);
   Decoder decoder;
   const Frame frame = encode(unknown);
-  decoder.feed(frame.bytes, frame.size, [](const Packet& packet) { Status out; EXPECT_FALSE(parse(packet, out)); });
+  decoder.feed(frame.bytes, frame.size, [](const Packet& packet) {
+    Status out;
+    EXPECT_FALSE(parse(packet, out));
+  });
 
   const Limits limits{12'124, 70, 6500};
   EXPECT_EQ(round_trip(limits, 8), limits);
@@ -239,8 +242,7 @@ TEST(TeensyMessages, EveryBatchSizeFits) {
   for (std::uint8_t count = 1; count <= kMaxSamples; ++count) {
     Samples samples;
     samples.count = count;
-    for (std::uint8_t i = 0; i < count; ++i)
-      samples.items[i] = {0xFFFFFFF0U + i, 0xFF00FF00U * i, 0x00FF00FFU + i};
+    for (std::uint8_t i = 0; i < count; ++i) samples.items[i] = {0xFFFFFFF0U + i, 0xFF00FF00U * i, 0x00FF00FFU + i};
     const Samples out = round_trip(samples, 1U + count * kSampleSize);
     ASSERT_EQ(out.count, count);
     for (std::uint8_t i = 0; i < count; ++i) {
@@ -253,8 +255,7 @@ TEST(TeensyMessages, EveryBatchSizeFits) {
 
 bool parses_samples(const Bytes& body) {
   Samples out;
-  return parse(Packet{kProtocolVersion, static_cast<std::uint8_t>(Type::kSamples), body.data(), body.size()},
-               out);
+  return parse(Packet{kProtocolVersion, static_cast<std::uint8_t>(Type::kSamples), body.data(), body.size()}, out);
 }
 
 TEST(TeensyMessages, RefusesWhatIsNotSpecified) {
@@ -267,18 +268,19 @@ TEST(TeensyMessages, RefusesWhatIsNotSpecified) {
 
   const Bytes body(4, 0);
   Heartbeat heartbeat;
-  EXPECT_FALSE(parse(Packet{kProtocolVersion - 1, static_cast<std::uint8_t>(Type::kHeartbeat), body.data(), 4}, heartbeat));
+  EXPECT_FALSE(
+      parse(Packet{kProtocolVersion - 1, static_cast<std::uint8_t>(Type::kHeartbeat), body.data(), 4}, heartbeat));
   IdentityRequest request;  // any version, so that the answer can name the one spoken here
-  EXPECT_TRUE(parse(Packet{kProtocolVersion + 1, static_cast<std::uint8_t>(Type::kIdentityRequest), body.data(), 4}, request));
+  EXPECT_TRUE(
+      parse(Packet{kProtocolVersion + 1, static_cast<std::uint8_t>(Type::kIdentityRequest), body.data(), 4}, request));
 }
 
 TEST(TeensyMessages, ExampleFrameOfTheDocumentation) {
   const Bytes frame = bytes_of(encode(ValveCommand{42, 250, 0, 100}));
-  EXPECT_EQ(frame, (Bytes{0x04, 0x02, 0x03, 0x2A, 0x01, 0x01, 0x02, 0xFA, 0x01, 0x01, 0x02, 0x64, 0x05, 0x7B,
-                          0xF5, 0x88, 0x1C, 0x00}));
+  EXPECT_EQ(frame, (Bytes{0x04, 0x02, 0x03, 0x2A, 0x01, 0x01, 0x02, 0xFA, 0x01, 0x01, 0x02, 0x64, 0x05, 0x7B, 0xF5,
+                          0x88, 0x1C, 0x00}));
   std::ostringstream hex;
-  for (const int byte : frame)
-    hex << ' ' << std::hex << std::uppercase << std::setw(2) << std::setfill('0') << byte;
+  for (const int byte : frame) hex << ' ' << std::hex << std::uppercase << std::setw(2) << std::setfill('0') << byte;
   std::ifstream file(ISORIG_SOURCE_DIR "/docs/wire-teensy.md");
   const std::string text{std::istreambuf_iterator<char>(file), {}};
   EXPECT_NE(text.find("frame   " + hex.str() + "\n"), std::string::npos) << hex.str();
@@ -299,8 +301,7 @@ Bytes example_stream(std::vector<Bytes>& expected) {
   for (std::uint32_t i = 0; i < 6; ++i) {
     Samples samples;
     samples.count = static_cast<std::uint8_t>(1 + 3 * i);
-    for (std::uint32_t k = 0; k < samples.count; ++k)
-      samples.items[k] = {i * 100 + k, k * 1000, 0x19990000U + k};
+    for (std::uint32_t k = 0; k < samples.count; ++k) samples.items[k] = {i * 100 + k, k * 1000, 0x19990000U + k};
     const Frame frame = encode(samples);
     stream = stream + bytes_of(frame);
     Decoder decoder;
@@ -324,10 +325,8 @@ TEST(TeensyDecoder, EverySplitInTwoGivesTheSamePackets) {
   const Bytes stream = example_stream(expected);
   for (std::size_t split = 0; split <= stream.size(); ++split) {
     Decoder decoder;
-    auto packets =
-        packets_in(decoder, Bytes(stream.begin(), stream.begin() + static_cast<long>(split)), 1000);
-    for (auto& packet :
-         packets_in(decoder, Bytes(stream.begin() + static_cast<long>(split), stream.end()), 1000))
+    auto packets = packets_in(decoder, Bytes(stream.begin(), stream.begin() + static_cast<long>(split)), 1000);
+    for (auto& packet : packets_in(decoder, Bytes(stream.begin() + static_cast<long>(split), stream.end()), 1000))
       packets.push_back(std::move(packet));
     ASSERT_EQ(packets, expected) << split;
   }

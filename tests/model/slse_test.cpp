@@ -57,8 +57,7 @@ TEST(Slse, RampAndHoldMatchTheClosedForm) {
 }
 
 TEST(Slse, AgreesWithAFineRungeKuttaOnAnArbitraryPath) {
-  const std::vector<std::pair<double, double>> path{
-      {0.3, 0.02}, {1.7, -0.015}, {0.01, 0.4}, {20.0, 0.0}, {5.0, -0.01}};
+  const std::vector<std::pair<double, double>> path{{0.3, 0.02}, {1.7, -0.015}, {0.01, 0.4}, {20.0, 0.0}, {5.0, -0.01}};
   for (const SlseParameters& p : {kUrethane, kMcKibben, kFast}) {
     Slse slse{p};
     slse.settle(0.05);

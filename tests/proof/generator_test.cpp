@@ -35,9 +35,8 @@ Motion one_ramp(double to_mm, double velocity_mm_s) {
 class Scratch : public testing::Test {
  protected:
   void SetUp() override {
-    folder_ = fs::temp_directory_path() /
-              ("isorig-proof-" + std::to_string(getpid()) +
-               std::string(testing::UnitTest::GetInstance()->current_test_info()->name()));
+    folder_ = fs::temp_directory_path() / ("isorig-proof-" + std::to_string(getpid()) +
+                                           std::string(testing::UnitTest::GetInstance()->current_test_info()->name()));
     fs::remove_all(folder_);
   }
   void TearDown() override { fs::remove_all(folder_); }
@@ -150,8 +149,7 @@ TEST_F(Scratch, EqualSeedsGiveEqualStudiesWhateverTheThreads) {
   two.out = folder_ / "b";
   two.threads = 2;
   EXPECT_EQ(generate_study(one), generate_study(two));
-  for (const char* file :
-       {"case-000/train/frame.csv", "case-001/heldout/pressure.csv", "sealed/truth/case-001.csv"})
+  for (const char* file : {"case-000/train/frame.csv", "case-001/heldout/pressure.csv", "sealed/truth/case-001.csv"})
     EXPECT_EQ(sha256(read_text(one.out / file)), sha256(read_text(two.out / file))) << file;
 }
 

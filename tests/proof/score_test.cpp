@@ -17,8 +17,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-Label label(std::string category, std::vector<std::string> effects, double size = 1.0,
-            std::string trap = "none") {
+Label label(std::string category, std::vector<std::string> effects, double size = 1.0, std::string trap = "none") {
   Label l;
   l.name = "case";
   l.category = std::move(category);
@@ -28,8 +27,7 @@ Label label(std::string category, std::vector<std::string> effects, double size 
   return l;
 }
 
-Outcome said(std::string verdict, std::vector<Claim> missing, double nominal_rmse_N = 1.0,
-             double model_rmse_N = 0.0) {
+Outcome said(std::string verdict, std::vector<Claim> missing, double nominal_rmse_N = 1.0, double model_rmse_N = 0.0) {
   Outcome o;
   o.verdict = std::move(verdict);
   o.missing = std::move(missing);

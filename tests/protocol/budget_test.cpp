@@ -10,8 +10,8 @@
 
 #include "protocol/compile.hpp"
 
-/// Protocols that ask for too much: by a slip, by damage, or on purpose. The daemon compiles what its clients post, with
-/// its memory locked.
+/// Protocols that ask for too much: by a slip, by damage, or on purpose. The daemon compiles what its clients post,
+/// with its memory locked.
 namespace isorig::protocol {
 namespace {
 
@@ -49,7 +49,9 @@ Cost cost_of(Work&& work) {
   int status = 0;
   rusage used{};
   if (child < 0 || wait4(child, &status, 0, &used) != child) return {};
-  const auto seconds = [](const timeval& t) { return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec); };
+  const auto seconds = [](const timeval& t) {
+    return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
+  };
   return {WIFEXITED(status) && WEXITSTATUS(status) == 0, seconds(used.ru_utime) + seconds(used.ru_stime),
           static_cast<double>(used.ru_maxrss) / 1e3};
 }
@@ -90,8 +92,9 @@ TEST(Budget, TurnsRoundNothingAreCounted) {
   const auto text = kHead + nested(3, "{ do = \"repeat\", times = 1e5, steps = [", "", "] }");
   EXPECT_THAT(outcome_of(text), HasSubstr("`times` is a float; a whole number is needed"));
   const auto whole = kHead + nested(3, "{ do = \"repeat\", times = 100000, steps = [", "", "] }");
-  EXPECT_THAT(outcome_of(whole), AllOf(HasSubstr("p.toml:3:"), HasSubstr("turns 100000 times"), HasSubstr("1.00001e+10 turns"),
-                                       HasSubstr("more than 200000 turns are not taken")));
+  EXPECT_THAT(outcome_of(whole),
+              AllOf(HasSubstr("p.toml:3:"), HasSubstr("turns 100000 times"), HasSubstr("1.00001e+10 turns"),
+                    HasSubstr("more than 200000 turns are not taken")));
   expect_cheap("nested", whole);
 }
 
@@ -101,30 +104,38 @@ TEST(Budget, ListsAreCountedBeforeTheyAreMultiplied) {
   list += "]";
   const auto text = kHead + ("steps = [\n{ do = \"repeat\", for = { a = " + list + ", b = " + list + ", c = " + list +
                              " }, steps = [ { do = \"hold\", duration_s = 1 } ] } ]\n");
-  EXPECT_THAT(outcome_of(text), AllOf(HasSubstr("p.toml:4:"), HasSubstr("216000000 steps"), HasSubstr("more than 100000 steps")));
+  EXPECT_THAT(outcome_of(text),
+              AllOf(HasSubstr("p.toml:4:"), HasSubstr("216000000 steps"), HasSubstr("more than 100000 steps")));
   expect_cheap("600^3", text);
 }
 
 TEST(Budget, OnlyTheSumIsTooMuch) {
   std::string steps;
-  for (int i = 0; i < 3; ++i) steps += "{ do = \"repeat\", times = 50000, steps = [ { do = \"hold\", duration_s = 1 } ] },\n";
+  for (int i = 0; i < 3; ++i)
+    steps += "{ do = \"repeat\", times = 50000, steps = [ { do = \"hold\", duration_s = 1 } ] },\n";
   EXPECT_THAT(outcome_of(kHead + ("steps = [\n" + steps + "]\n")),
               AllOf(HasSubstr("p.toml:3:"), HasSubstr("all repeats together come to 150000 steps")));
 }
 
 TEST(Budget, TheLargestThatIsTaken) {
-  const std::string text = kHead + std::string("steps = [ { do = \"pressurize\", pressure_psi = 5, rate_psi_s = 1, settled_for_s = 1, timeout_s = 60 },\n"
-                                               "{ do = \"repeat\", times = 99999, steps = [ { do = \"hold\", duration_s = 1 } ] } ]\n");
+  const std::string text =
+      kHead +
+      std::string(
+          "steps = [ { do = \"pressurize\", pressure_psi = 5, rate_psi_s = 1, settled_for_s = 1, timeout_s = 60 },\n"
+          "{ do = \"repeat\", times = 99999, steps = [ { do = \"hold\", duration_s = 1 } ] } ]\n");
   EXPECT_EQ(outcome_of(text), "compiled");
   expect_cheap("100000 steps", text);
   const std::string sessions =
-      kHead + std::string("steps = [ { do = \"repeat\", unit = \"session\", times = 100000, steps = [\n"
-                          "{ do = \"pressurize\", pressure_psi = 5, rate_psi_s = 1, settled_for_s = 1, timeout_s = 60 } ] } ]\n");
+      kHead +
+      std::string(
+          "steps = [ { do = \"repeat\", unit = \"session\", times = 100000, steps = [\n"
+          "{ do = \"pressurize\", pressure_psi = 5, rate_psi_s = 1, settled_for_s = 1, timeout_s = 60 } ] } ]\n");
   expect_cheap("100000 sessions", sessions);
 }
 
 TEST(Budget, DepthIsBounded) {
-  EXPECT_THAT(outcome_of(kHead + nested(100, "{ do = \"repeat\", times = 1, steps = [", "", "] }")), HasSubstr("brackets in each other"));
+  EXPECT_THAT(outcome_of(kHead + nested(100, "{ do = \"repeat\", times = 1, steps = [", "", "] }")),
+              HasSubstr("brackets in each other"));
   std::string dotted = "a";
   while (dotted.size() < kLargest - 100) dotted += ".a";
   EXPECT_THAT(outcome_of(dotted + " = 1\n"), HasSubstr("p.toml:1:64: a key of more than 32 parts"));
@@ -135,7 +146,8 @@ TEST(Budget, DepthIsBounded) {
 TEST(Budget, WhatIsInStringsAndCommentsIsNotCounted) {
   std::string text = "# " + std::string(1000, '[') + std::string(1000, '.') + "\n" + kHead;
   text += "description = \"\"\"" + std::string(100, '{') + "\n\\\"\"\" , . , \"\"\"\nconstants.x = 1.5\n";
-  text += "steps = [ { do = \"hold\", 'duration_s' = 1 }, { do = \"mark\", label = '" + std::string(40, '.') + "' } ]\n";
+  text +=
+      "steps = [ { do = \"hold\", 'duration_s' = 1 }, { do = \"mark\", label = '" + std::string(40, '.') + "' } ]\n";
   EXPECT_THAT(outcome_of(text), HasSubstr("a session begins with a pressurize"));  // it came as far as the values
 }
 
@@ -145,23 +157,39 @@ TEST(Budget, GeneratedNasties) {
       {"brackets", "steps = " + std::string(big, '[')},
       {"braces", "steps = " + many(big, [](std::size_t) { return "{a="; })},
       {"headers", kHead + many(big, [](std::size_t) { return "[[steps]]\n"; })},
-      {"empty repeats", kHead + ("steps = [" + many(big, [](std::size_t) { return "{do=\"repeat\",times=1,steps=[]},"; }) + "]\n")},
-      {"flat steps", kHead + ("steps = [" + many(1'400'000, [](std::size_t) { return "{do=\"hold\",duration_s=1},"; }) + "]\n")},
-      {"wrong steps", kHead + ("steps = [" + many(1'400'000, [](std::size_t i) { return "{do=\"hold\",duration_s=-" + std::to_string(i) + "},"; }) + "]\n")},
+      {"empty repeats",
+       kHead + ("steps = [" + many(big, [](std::size_t) { return "{do=\"repeat\",times=1,steps=[]},"; }) + "]\n")},
+      {"flat steps",
+       kHead + ("steps = [" + many(1'400'000, [](std::size_t) { return "{do=\"hold\",duration_s=1},"; }) + "]\n")},
+      {"wrong steps",
+       kHead + ("steps = [" +
+                many(1'400'000, [](std::size_t i) { return "{do=\"hold\",duration_s=-" + std::to_string(i) + "},"; }) +
+                "]\n")},
       {"unknown keys", kHead + many(big, [](std::size_t i) { return "k" + std::to_string(i) + "=1\n"; })},
       {"one long key", kHead + (std::string(big, 'k') + " = 1\n")},
       {"one long string", kHead + ("steps = [ { do = \"" + std::string(big, 'x') + "\" } ]\n")},
       {"long label", kHead + ("steps = [ { do = \"repeat\", times = 100000, steps = [ { do = \"mark\", label = \"" +
                               many(big, [](std::size_t) { return "{a}"; }) + "\" } ] } ]\n")},
-      {"long expression", kHead + ("constants.a = 1\nsteps = [ { do = \"hold\", duration_s = \"a" + many(big, [](std::size_t) { return "*a"; }) + "\" } ]\n")},
-      {"long list", kHead + ("steps = [ { do = \"repeat\", for = { a = [" + many(big, [](std::size_t) { return "1,"; }) + "] }, steps = [] } ]\n")},
-      {"constants", kHead + ("constants = {" + many(900'000, [](std::size_t i) { return "c" + std::to_string(i) + "=1,"; }) + "z=1}\nsteps = [" +
-                             many(900'000, [](std::size_t) { return "{do=\"hold\",duration_s=\"nobody\"},"; }) + "]\n")},
-      {"unknown variables", kHead + ("steps = [" + many(1'400'000, [](std::size_t i) { return "{do=\"hold\",duration_s=\"v" + std::to_string(i) + "\"},"; }) + "]\n")},
-      {"rows", kHead + ("steps = [ { do = \"repeat\", for = [" + many(1'400'000, [](std::size_t i) { return "{a=1,b" + std::to_string(i) + "=2},"; }) + "], steps = [] } ]\n")},
-      {"many faults in turns", kHead + std::string("steps = [ { do = \"repeat\", times = 300, steps = [ { do = \"repeat\", for = { a = [") +
-                               many(1800, [](std::size_t i) { return std::to_string(i) + ","; }) +
-                               "] }, steps = [ { do = \"hold\", duration_s = \"-1 * a\" } ] } ] } ]\n"},
+      {"long expression", kHead + ("constants.a = 1\nsteps = [ { do = \"hold\", duration_s = \"a" +
+                                   many(big, [](std::size_t) { return "*a"; }) + "\" } ]\n")},
+      {"long list", kHead + ("steps = [ { do = \"repeat\", for = { a = [" +
+                             many(big, [](std::size_t) { return "1,"; }) + "] }, steps = [] } ]\n")},
+      {"constants",
+       kHead + ("constants = {" + many(900'000, [](std::size_t i) { return "c" + std::to_string(i) + "=1,"; }) +
+                "z=1}\nsteps = [" + many(900'000, [](std::size_t) { return "{do=\"hold\",duration_s=\"nobody\"},"; }) +
+                "]\n")},
+      {"unknown variables",
+       kHead +
+           ("steps = [" +
+            many(1'400'000, [](std::size_t i) { return "{do=\"hold\",duration_s=\"v" + std::to_string(i) + "\"},"; }) +
+            "]\n")},
+      {"rows", kHead + ("steps = [ { do = \"repeat\", for = [" +
+                        many(1'400'000, [](std::size_t i) { return "{a=1,b" + std::to_string(i) + "=2},"; }) +
+                        "], steps = [] } ]\n")},
+      {"many faults in turns",
+       kHead + std::string("steps = [ { do = \"repeat\", times = 300, steps = [ { do = \"repeat\", for = { a = [") +
+           many(1800, [](std::size_t i) { return std::to_string(i) + ","; }) +
+           "] }, steps = [ { do = \"hold\", duration_s = \"-1 * a\" } ] } ] } ]\n"},
       {"blanks", kHead + std::string(big, ' ')},
       {"line ends", kHead + std::string(big, '\n')},
       {"zeros", std::string(big, '\0')},
@@ -179,10 +207,12 @@ TEST(Budget, GeneratedTrees) {
       if (depth == 0 || pick(0, 2) == 0) {
         steps += "{do=\"hold\",duration_s=1},";
       } else if (pick(0, 1) == 0) {
-        steps += "{do=\"repeat\",times=" + std::to_string(static_cast<int>(std::pow(10, pick(0, 5)))) + ",steps=[" + tree(depth - 1) + "]},";
+        steps += "{do=\"repeat\",times=" + std::to_string(static_cast<int>(std::pow(10, pick(0, 5)))) + ",steps=[" +
+                 tree(depth - 1) + "]},";
       } else {
-        steps += "{do=\"repeat\",for={v" + std::to_string(depth) + "=[" + many(static_cast<std::size_t>(pick(2, 400)), [](std::size_t) { return "1,"; }) +
-                 "1]},steps=[" + tree(depth - 1) + "]},";
+        steps += "{do=\"repeat\",for={v" + std::to_string(depth) + "=[" +
+                 many(static_cast<std::size_t>(pick(2, 400)), [](std::size_t) { return "1,"; }) + "1]},steps=[" +
+                 tree(depth - 1) + "]},";
       }
     }
     return steps;

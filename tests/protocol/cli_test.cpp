@@ -72,11 +72,15 @@ TEST(Cli, CheckSaysWhatThePapersProtocolTakes) {
 }
 
 TEST_F(CliFiles, OneComplaintForOneFaultAndWhereItIs) {
-  const auto path = write("x.toml", "format = \"isorig-protocol/1\"\nname = \"x\"\n\nsteps = [ { do = \"hold\", duration_s = nan } ]\n");
+  const auto path = write(
+      "x.toml", "format = \"isorig-protocol/1\"\nname = \"x\"\n\nsteps = [ { do = \"hold\", duration_s = nan } ]\n");
   const auto nan = isorig("check " + path);
   EXPECT_THAT(nan.out, HasSubstr("`duration_s` = nan"));
   EXPECT_THAT(nan.out, testing::Not(HasSubstr("`duration_s` = 0")));
-  const auto first = isorig("check " + write("y.toml", "format = \"isorig-protocol/1\"\nname = \"y\"\n\nsteps = [ { do = \"hold\", duration_s = 1 } ]\n"));
+  const auto first =
+      isorig("check " +
+             write("y.toml",
+                   "format = \"isorig-protocol/1\"\nname = \"y\"\n\nsteps = [ { do = \"hold\", duration_s = 1 } ]\n"));
   EXPECT_THAT(first.out, HasSubstr("y.toml:4:"));  // where the steps are
   EXPECT_THAT(first.out, HasSubstr("begins with a pressurize"));
   const auto missing = isorig("check nowhere.toml");
@@ -100,8 +104,7 @@ TEST(Cli, PlanAsJsonIsWhole) {
 
 TEST_F(CliFiles, EveryFaultOfBothFilesIsPrintedAtOnce) {
   const auto rig = write("rig.toml", "[frame]\nany = 1\n[limits]\ntravel_min_mm = -6\n");
-  const auto protocol =
-      write("p.toml", "format = \"isorig-protocol/1\"\nnam = \"x\"\nsteps = [ { do = \"jump\" } ]\n");
+  const auto protocol = write("p.toml", "format = \"isorig-protocol/1\"\nnam = \"x\"\nsteps = [ { do = \"jump\" } ]\n");
   const auto check = isorig("check " + protocol + " --rig " + rig);
   EXPECT_EQ(check.code, 3);
   EXPECT_THAT(check.out, HasSubstr("rig.toml:3:1: `travel_max_mm` is missing here"));
@@ -115,11 +118,9 @@ TEST_F(CliFiles, LimitsComeFromTheRigsFileAndTheRestOfItIsNotLookedAt) {
                          "speed_max_mm_s = 8\nforce_min_N = -5\nforce_max_N = 200\npressure_max_psi = 22\n");
   const auto check = isorig("check config/protocols/vma-isovelocity.toml --rig " + rig);
   EXPECT_EQ(check.code, 3);
-  EXPECT_THAT(check.out,
-              HasSubstr("config/protocols/vma-isovelocity.toml:34:57: `amplitude_mm` = 4 about 0 mm goes to "
-                        "-4; the rig travels from -3 to 6 mm"));
-  EXPECT_THAT(check.out,
-              HasSubstr(":37:73: `velocity_mm_s` = 10 with speed_mm_s = 10; the rig allows 0 to 8 mm/s"));
+  EXPECT_THAT(check.out, HasSubstr("config/protocols/vma-isovelocity.toml:34:57: `amplitude_mm` = 4 about 0 mm goes to "
+                                   "-4; the rig travels from -3 to 6 mm"));
+  EXPECT_THAT(check.out, HasSubstr(":37:73: `velocity_mm_s` = 10 with speed_mm_s = 10; the rig allows 0 to 8 mm/s"));
   EXPECT_EQ(isorig("check config/protocols/vma-smoke.toml").code, 0);
 }
 

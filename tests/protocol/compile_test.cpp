@@ -33,9 +33,8 @@ std::vector<std::string> faults_of(const std::string& text, const Limits& limits
 /// What is wrong with one line of steps, the fifth of the file (after a pressurize that is right).
 std::vector<std::string> faults_of_step(const std::string& step, const Limits& limits = {}) {
   return faults_of(
-      text_of(
-          "{ do = \"pressurize\", pressure_psi = 5, rate_psi_s = 1, settled_for_s = 1, timeout_s = 60 },\n" +
-          step + "\n"),
+      text_of("{ do = \"pressurize\", pressure_psi = 5, rate_psi_s = 1, settled_for_s = 1, timeout_s = 60 },\n" + step +
+              "\n"),
       limits);
 }
 
@@ -57,25 +56,24 @@ constexpr const char* kBegin =
 // ---------------------------------------------------------------- what is right
 
 TEST(Compile, ExpandsListsInTheOrderTheyAreWritten) {
-  const Plan plan = plan_of(text_of(std::string(kBegin) +
-                                    "{ do = \"repeat\", for = { v = [1, 2], d = [1, -1] }, steps = [\n"
-                                    "  { do = \"ramp\", to_mm = \"d * v\", velocity_mm_s = \"v\" } ] },\n"));
+  const Plan plan =
+      plan_of(text_of(std::string(kBegin) + "{ do = \"repeat\", for = { v = [1, 2], d = [1, -1] }, steps = [\n"
+                                            "  { do = \"ramp\", to_mm = \"d * v\", velocity_mm_s = \"v\" } ] },\n"));
   std::vector<std::pair<double, double>> ramps;
   for (std::size_t i = 1; i < plan.steps.size(); ++i) {
     ramps.emplace_back(plan.steps[i].target_mm, plan.steps[i].velocity_mm_s);
   }
-  EXPECT_THAT(ramps, ElementsAre(std::pair(1.0, 1.0), std::pair(-1.0, 1.0), std::pair(2.0, 2.0),
-                                 std::pair(-2.0, 2.0)));
+  EXPECT_THAT(ramps, ElementsAre(std::pair(1.0, 1.0), std::pair(-1.0, 1.0), std::pair(2.0, 2.0), std::pair(-2.0, 2.0)));
   EXPECT_EQ(plan.travel_mm, 1 + 2 + 3 + 4);
 }
 
 TEST(Compile, BindsRowsTogetherAndCountsTimes) {
-  const Plan plan = plan_of(text_of(
-      "{ do = \"repeat\", times = 2, steps = [\n"
-      "{ do = \"repeat\", unit = \"session\", for = [ { p = 5, s = 1 }, { s = 2, p = 10 } ], steps = [\n"
-      "{ do = \"pressurize\", pressure_psi = \"p\", rate_psi_s = 1, settled_for_s = 1, timeout_s = 60 },\n"
-      "{ do = \"ramp\", to_mm = \"-s / 2\", velocity_mm_s = 1 },\n"
-      "{ do = \"ramp\", to_mm = 0, velocity_mm_s = \"1e-1 * s\" } ] } ] },\n"));
+  const Plan plan = plan_of(
+      text_of("{ do = \"repeat\", times = 2, steps = [\n"
+              "{ do = \"repeat\", unit = \"session\", for = [ { p = 5, s = 1 }, { s = 2, p = 10 } ], steps = [\n"
+              "{ do = \"pressurize\", pressure_psi = \"p\", rate_psi_s = 1, settled_for_s = 1, timeout_s = 60 },\n"
+              "{ do = \"ramp\", to_mm = \"-s / 2\", velocity_mm_s = 1 },\n"
+              "{ do = \"ramp\", to_mm = 0, velocity_mm_s = \"1e-1 * s\" } ] } ] },\n"));
   ASSERT_EQ(plan.sessions.size(), 4U);
   std::vector<std::string> labels;
   for (const auto& session : plan.sessions) labels.push_back(session.label);
@@ -105,14 +103,14 @@ TEST(Compile, AProtocolWithoutSessionsIsOne) {
 }
 
 TEST(Compile, WavesHaveTheirSpeedsAndDurations) {
-  const Plan plan = plan_of(
-      text_of(std::string(kBegin) +
-              "{ do = \"wave\", shape = \"triangle\", amplitude_mm = 2, velocity_mm_s = 4, cycles = 3 },\n"
-              "{ do = \"wave\", shape = \"triangle\", amplitude_mm = 2, frequency_hz = 0.5, cycles = 3 },\n"
-              "{ do = \"wave\", shape = \"sine\", amplitude_mm = 2, velocity_mm_s = 4, cycles = 3 },\n"
-              "{ do = \"wave\", shape = \"sine\", amplitude_mm = 1, frequency_hz = 0.1, cycles = 1, "
-              "deviation_mm = 0.1 },\n"),
-      rig());
+  const Plan plan =
+      plan_of(text_of(std::string(kBegin) +
+                      "{ do = \"wave\", shape = \"triangle\", amplitude_mm = 2, velocity_mm_s = 4, cycles = 3 },\n"
+                      "{ do = \"wave\", shape = \"triangle\", amplitude_mm = 2, frequency_hz = 0.5, cycles = 3 },\n"
+                      "{ do = \"wave\", shape = \"sine\", amplitude_mm = 2, velocity_mm_s = 4, cycles = 3 },\n"
+                      "{ do = \"wave\", shape = \"sine\", amplitude_mm = 1, frequency_hz = 0.1, cycles = 1, "
+                      "deviation_mm = 0.1 },\n"),
+              rig());
   EXPECT_NEAR(plan.steps[1].frequency_hz, 4.0 / (4 * 2), 1e-12);
   EXPECT_NEAR(plan.steps[1].nominal_s, 6.0, 1e-12);
   EXPECT_NEAR(plan.steps[2].velocity_mm_s, 4.0, 1e-12);
@@ -149,8 +147,7 @@ TEST(Compile, RecordsAsThePolicyAndTheStepsSay) {
 }
 
 TEST(Compile, IsPure) {
-  const std::string text =
-      text_of(std::string(kBegin) + "{ do = \"ramp\", to_mm = 1, velocity_mm_s = 3 },\n");
+  const std::string text = text_of(std::string(kBegin) + "{ do = \"ramp\", to_mm = 1, velocity_mm_s = 3 },\n");
   const Plan a = plan_of(text), b = plan_of(text);
   EXPECT_EQ(a.nominal_s, b.nominal_s);
   EXPECT_EQ(a.steps.size(), b.steps.size());
@@ -166,27 +163,25 @@ TEST(CompileErrors, AllAtOnceAndInOrder) {
                         "] },\n{ do = \"jump\" },\n",
                         "\nrecordng.policy = \"full\""),
                 rig()),
-      ElementsAre(
-          "p.toml:3:1: unknown key `recordng`; did you mean `recording`?",
-          "p.toml:4:9: a session begins with a pressurize (to 0 psi if it needs none), so that it can be "
-          "resumed on its own from a vented actuator",
-          "p.toml:6:26: `to_mm` = 7; the rig travels from -6 to 6 mm (limits.travel_min_mm, "
-          "limits.travel_max_mm)",
-          "p.toml:6:45: `velocity_mm_s` = 12 with speed_mm_s = 12; the rig allows 0.001 to 10 mm/s "
-          "(limits.speed_min_mm_s, limits.speed_max_mm_s)",
-          "p.toml:7:3: `duration_s` is missing here",
-          "p.toml:7:18: unknown key `duration`; did you mean `duration_s`?",
-          "p.toml:9:8: `do` = \"jump\"; it has to be pressurize, settle, ramp, hold, wave, mark or repeat"));
+      ElementsAre("p.toml:3:1: unknown key `recordng`; did you mean `recording`?",
+                  "p.toml:4:9: a session begins with a pressurize (to 0 psi if it needs none), so that it can be "
+                  "resumed on its own from a vented actuator",
+                  "p.toml:6:26: `to_mm` = 7; the rig travels from -6 to 6 mm (limits.travel_min_mm, "
+                  "limits.travel_max_mm)",
+                  "p.toml:6:45: `velocity_mm_s` = 12 with speed_mm_s = 12; the rig allows 0.001 to 10 mm/s "
+                  "(limits.speed_min_mm_s, limits.speed_max_mm_s)",
+                  "p.toml:7:3: `duration_s` is missing here",
+                  "p.toml:7:18: unknown key `duration`; did you mean `duration_s`?",
+                  "p.toml:9:8: `do` = \"jump\"; it has to be pressurize, settle, ramp, hold, wave, mark or repeat"));
 }
 
 TEST(CompileErrors, Document) {
   EXPECT_THAT(
       faults_of("format = \"isorig-protocol/2\"\n"),
-      ElementsAre(
-          "p.toml:1:1: `name` is missing here",
-          "p.toml:1:1: `steps` is missing: the list of what to do, before the first [table] of the file",
-          testing::_,
-          "p.toml:1:10: `format` = \"isorig-protocol/2\"; it has to be one of \"isorig-protocol/1\""));
+      ElementsAre("p.toml:1:1: `name` is missing here",
+                  "p.toml:1:1: `steps` is missing: the list of what to do, before the first [table] of the file",
+                  testing::_,
+                  "p.toml:1:10: `format` = \"isorig-protocol/2\"; it has to be one of \"isorig-protocol/1\""));
   EXPECT_THAT(faults_of("x = \n"), ElementsAre(testing::StartsWith("p.toml:1:5: not valid TOML")));
   EXPECT_THAT(faults_of(text_of("")), ElementsAre("p.toml:3:9: the protocol has no steps"));
 }
@@ -209,8 +204,7 @@ TEST(CompileErrors, EveryClassWithItsPlace) {
        {"p.toml:5:29: `duration_s` = \"3x\": `3x` is neither a number nor a variable"}},
       {"{ do = \"hold\", duration_s = \"1 / 0\" },",
        {"p.toml:5:29: `duration_s` = inf; it has to be above 0 and at most 604800"}},
-      {"{ do = \"hold\", duration_s = true },",
-       {"p.toml:5:29: `duration_s` is a boolean; a number is needed"}},
+      {"{ do = \"hold\", duration_s = true },", {"p.toml:5:29: `duration_s` is a boolean; a number is needed"}},
       // Ranges
       {"{ do = \"hold\", duration_s = 0 },",
        {"p.toml:5:29: `duration_s` = 0; it has to be above 0 and at most 604800"}},
@@ -272,15 +266,13 @@ TEST(CompileErrors, EveryClassWithItsPlace) {
        {"p.toml:5:41: `record` = \"all\"; it has to be one of \"full\" \"averaged\""}},
       {"{ duration_s = 1 },",
        {"p.toml:5:1: `do` is missing here: pressurize, settle, ramp, hold, wave, mark or repeat"}},
-      {"{ do = \"mark\", label = \"at {x}\" },",
-       {"p.toml:5:24: `label`: {x} is not a variable that is bound here"}},
+      {"{ do = \"mark\", label = \"at {x}\" },", {"p.toml:5:24: `label`: {x} is not a variable that is bound here"}},
       {"{ do = \"mark\", label = \"at {x\" },", {"p.toml:5:24: `label`: `{` is never closed"}},
       {"{ do = \"mark\", label = \"0123456789012345678901234567890123456789012345678\" },",
        {"p.toml:5:24: `label` = \"0123456789012345678901234567890123456789012345678\" is too long; at most "
         "47 bytes"}},
       // Repeats
-      {"{ do = \"repeat\", steps = [] },",
-       {"p.toml:5:1: a repeat needs `for` (values to go through) or `times`"}},
+      {"{ do = \"repeat\", steps = [] },", {"p.toml:5:1: a repeat needs `for` (values to go through) or `times`"}},
       {"{ do = \"repeat\", times = 2 },", {"p.toml:5:1: `steps` is missing here: what to repeat"}},
       {"{ do = \"repeat\", times = 2, for = { x = [1] }, steps = [] },",
        {"p.toml:5:26: give either `for` or `times`; put one repeat into another for both"}},
@@ -313,26 +305,20 @@ TEST(CompileErrors, EveryClassWithItsPlace) {
 }
 
 TEST(CompileErrors, Sessions) {
-  const std::string body =
-      "steps = [ " + std::string(kBegin).substr(0, std::string(kBegin).size() - 2) + " ] },\n";
-  EXPECT_THAT(
-      faults_of(text_of("{ do = \"repeat\", unit = \"session\", for = { repetition = [1, 1] }, " + body)),
-      ElementsAre(
-          "p.toml:4:1: two sessions are called \"repetition 1, 5 psi\"; bind `repetition`, or give the "
-          "session a `label` with its {variables}"));
-  EXPECT_THAT(faults_of(text_of(
-                  "{ do = \"repeat\", unit = \"session\", for = { repetition = [1, 1], k = 2 }, label = "
-                  "\"r{repetition} {n}\", " +
-                  body)),
+  const std::string body = "steps = [ " + std::string(kBegin).substr(0, std::string(kBegin).size() - 2) + " ] },\n";
+  EXPECT_THAT(faults_of(text_of("{ do = \"repeat\", unit = \"session\", for = { repetition = [1, 1] }, " + body)),
+              ElementsAre("p.toml:4:1: two sessions are called \"repetition 1, 5 psi\"; bind `repetition`, or give the "
+                          "session a `label` with its {variables}"));
+  EXPECT_THAT(faults_of(text_of("{ do = \"repeat\", unit = \"session\", for = { repetition = [1, 1], k = 2 }, label = "
+                                "\"r{repetition} {n}\", " +
+                                body)),
               testing::Contains("p.toml:4:82: `label`: {n} is not a variable that is bound here"));
-  EXPECT_THAT(faults_of(text_of(
-                  "{ do = \"repeat\", unit = \"session\", for = { n = [1, 2] }, label = \"n {n}\", " + body)),
-              IsEmpty());
   EXPECT_THAT(
-      faults_of(text_of("{ do = \"repeat\", unit = \"session\", times = 2, steps = [\n" +
-                        std::string(kBegin) + "{ do = \"repeat\", unit = \"session\", times = 2, " + body +
-                        "] },\n")),
-      testing::Contains("p.toml:6:25: a session cannot hold another session; take `unit` off one of them"));
+      faults_of(text_of("{ do = \"repeat\", unit = \"session\", for = { n = [1, 2] }, label = \"n {n}\", " + body)),
+      IsEmpty());
+  EXPECT_THAT(faults_of(text_of("{ do = \"repeat\", unit = \"session\", times = 2, steps = [\n" + std::string(kBegin) +
+                                "{ do = \"repeat\", unit = \"session\", times = 2, " + body + "] },\n")),
+              testing::Contains("p.toml:6:25: a session cannot hold another session; take `unit` off one of them"));
 }
 
 TEST(CompileErrors, ApproachAndConstants) {
@@ -344,10 +330,9 @@ TEST(CompileErrors, ApproachAndConstants) {
 }
 
 TEST(CompileErrors, ASlipThatNeverEndsIsRefused) {
-  const auto faults =
-      faults_of(text_of(std::string(kBegin) +
-                        "{ do = \"repeat\", times = 100000, steps = [\n"
-                        "{ do = \"hold\", duration_s = 1 }, { do = \"hold\", duration_s = 1 } ] },\n"));
+  const auto faults = faults_of(text_of(std::string(kBegin) +
+                                        "{ do = \"repeat\", times = 100000, steps = [\n"
+                                        "{ do = \"hold\", duration_s = 1 }, { do = \"hold\", duration_s = 1 } ] },\n"));
   EXPECT_THAT(faults, ElementsAre(testing::HasSubstr("more than 100000 steps")));
 }
 
@@ -373,11 +358,10 @@ TEST(Limits, AreReadWholeAndTheirFaultsFound) {
   EXPECT_EQ(limits.segment_interval_min_s, 0.05);
   std::vector<std::string> faults;
   for (const auto& d : document.diagnostics()) faults.push_back(d.text());
-  EXPECT_THAT(faults,
-              ElementsAre("rig.toml:3:1: `pressure_max_psi` is missing here",
-                          "rig.toml:6:18: `speed_min_mm_s` is above `speed_max_mm_s`; swap or correct them",
-                          "rig.toml:9:15: `force_max_N` = 0; it has to be greater than 0",
-                          "rig.toml:10:1: unknown key `presure_max_psi`; did you mean `pressure_max_psi`?"));
+  EXPECT_THAT(faults, ElementsAre("rig.toml:3:1: `pressure_max_psi` is missing here",
+                                  "rig.toml:6:18: `speed_min_mm_s` is above `speed_max_mm_s`; swap or correct them",
+                                  "rig.toml:9:15: `force_max_N` = 0; it has to be greater than 0",
+                                  "rig.toml:10:1: unknown key `presure_max_psi`; did you mean `pressure_max_psi`?"));
 }
 
 }  // namespace

@@ -17,8 +17,7 @@ constexpr std::int64_t kTick_ns = 1'000'000;
 constexpr std::int64_t kSecond_ns = 1'000'000'000;
 
 Plan plan_of(const std::string& steps, const std::string& head = "") {
-  const std::string text =
-      "format = \"isorig-protocol/1\"\nname = \"test\"\n" + head + "steps = [\n" + steps + "]\n";
+  const std::string text = "format = \"isorig-protocol/1\"\nname = \"test\"\n" + head + "steps = [\n" + steps + "]\n";
   return compile(base::TomlDocument::parse_text(text, "test.toml"));
 }
 
@@ -89,8 +88,7 @@ TEST(Cursor, WalksAWholeProtocolInOrderAndOnTime) {
     // Every step whose length is known lasts that long, give or take the ticks in which it is seen to be
     // over.
     const Step& step = plan.steps[i];
-    if (step.kind == StepKind::kSettle || step.kind == StepKind::kPressurize || i + 1 == plan.steps.size())
-      continue;
+    if (step.kind == StepKind::kSettle || step.kind == StepKind::kPressurize || i + 1 == plan.steps.size()) continue;
     const double lasted_s = static_cast<double>(trace.began_ns[i + 1] - trace.began_ns[i]) * 1e-9;
     const double ticks = step.kind == StepKind::kWave ? 2.0 * (2.0 * step.cycles + 1.0) : 2.0;
     EXPECT_NEAR(lasted_s, step.nominal_s, ticks * 0.001 + 1e-9) << describe(step);
@@ -211,8 +209,7 @@ TEST(Cursor, PauseFreezesAHold) {
 }
 
 TEST(Cursor, ResumeCommandsAnInterruptedRampAgain) {
-  const Plan plan =
-      plan_of(std::string(kPressurize) + "{ do = \"ramp\", to_mm = 2, velocity_mm_s = 0.1 },\n");
+  const Plan plan = plan_of(std::string(kPressurize) + "{ do = \"ramp\", to_mm = 2, velocity_mm_s = 0.1 },\n");
   Cursor cursor(plan);
   Plant plant(kTick_ns);
   cursor.start(plant.now_ns);
@@ -233,9 +230,8 @@ TEST(Cursor, ResumeCommandsAnInterruptedRampAgain) {
 }
 
 TEST(Cursor, ResumeGoesOnWithAWave) {
-  const Plan plan =
-      plan_of(std::string(kPressurize) +
-              "{ do = \"wave\", shape = \"sine\", amplitude_mm = 2, frequency_hz = 0.1, cycles = 2 },\n");
+  const Plan plan = plan_of(std::string(kPressurize) +
+                            "{ do = \"wave\", shape = \"sine\", amplitude_mm = 2, frequency_hz = 0.1, cycles = 2 },\n");
   Cursor cursor(plan);
   Plant plant(kTick_ns);
   cursor.start(plant.now_ns);
@@ -373,8 +369,7 @@ TEST(Cursor, SettleWaitsForTheForceToRelax) {
 }
 
 TEST(Cursor, FailsWhenTheFrameDoesNotArrive) {
-  const Plan plan =
-      plan_of(std::string(kPressurize) + "{ do = \"ramp\", to_mm = 2, velocity_mm_s = 0.1 },\n");
+  const Plan plan = plan_of(std::string(kPressurize) + "{ do = \"ramp\", to_mm = 2, velocity_mm_s = 0.1 },\n");
   Cursor cursor(plan);
   Plant plant(kTick_ns);
   plant.frame_stuck = true;
@@ -388,9 +383,8 @@ TEST(Cursor, FailsWhenTheFrameDoesNotArrive) {
 }
 
 TEST(Cursor, SineStaysWithinItsStatedDeviation) {
-  const Plan plan =
-      plan_of(std::string(kPressurize) +
-              "{ do = \"wave\", shape = \"sine\", amplitude_mm = 2, frequency_hz = 0.1, cycles = 3 },\n");
+  const Plan plan = plan_of(std::string(kPressurize) +
+                            "{ do = \"wave\", shape = \"sine\", amplitude_mm = 2, frequency_hz = 0.1, cycles = 3 },\n");
   const Step& wave = plan.steps[1];
   EXPECT_LE(wave.deviation_mm, 0.02);
   EXPECT_EQ(wave.segments_per_quarter, 6U);  // pi / (4 acos(0.99)) = 5.55

@@ -17,9 +17,7 @@ class Plant {
 
   explicit Plant(std::int64_t tick_ns) : tick_ns_(tick_ns), tick_s_(static_cast<double>(tick_ns) * 1e-9) {}
 
-  [[nodiscard]] Observation see() const {
-    return {position_mm, force_N(), pressure_psi, true, reached, segment.id};
-  }
+  [[nodiscard]] Observation see() const { return {position_mm, force_N(), pressure_psi, true, reached, segment.id}; }
   [[nodiscard]] double force_N() const {
     return 2.0 * pressure_psi + kStiffness_N_mm * position_mm + kRelaxing_N_mm * strain_mm;
   }

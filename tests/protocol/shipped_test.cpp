@@ -177,11 +177,10 @@ TEST(Shipped, ShortHasEveryKindOfStepInAFewMinutes) {
   const Plan plan = compile_file(shipped("vma-short"), rig());
   EXPECT_GE(plan.nominal_s, 120.0);
   EXPECT_LE(plan.nominal_s, 300.0);
-  for (const auto kind : {StepKind::kPressurize, StepKind::kSettle, StepKind::kRamp, StepKind::kHold,
-                          StepKind::kWave, StepKind::kMark}) {
-    EXPECT_TRUE(std::any_of(plan.steps.begin(), plan.steps.end(), [&](const Step& s) {
-      return s.kind == kind;
-    })) << name_of(kind);
+  for (const auto kind :
+       {StepKind::kPressurize, StepKind::kSettle, StepKind::kRamp, StepKind::kHold, StepKind::kWave, StepKind::kMark}) {
+    EXPECT_TRUE(std::any_of(plan.steps.begin(), plan.steps.end(), [&](const Step& s) { return s.kind == kind; }))
+        << name_of(kind);
   }
 }
 

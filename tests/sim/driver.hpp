@@ -62,8 +62,7 @@ class Driver {
   }
 
   void move(double target_mm, double velocity_mm_s) {
-    rig_.frame().start_segment(
-        {++segment_, static_cast<float>(target_mm), static_cast<float>(velocity_mm_s)});
+    rig_.frame().start_segment({++segment_, static_cast<float>(target_mm), static_cast<float>(velocity_mm_s)});
   }
 
   double target_psi = -1.0;  ///< < 0: valves shut by nobody's command

@@ -16,13 +16,10 @@ namespace isorig::sim {
 /// and the test's both use it.
 class FakeFrame final : public frame::Device {
  public:
-  explicit FakeFrame(double rate_Hz)
-      : rate_Hz_(rate_Hz), period_us_(static_cast<std::int64_t>(1e6 / rate_Hz)) {}
+  explicit FakeFrame(double rate_Hz) : rate_Hz_(rate_Hz), period_us_(static_cast<std::int64_t>(1e6 / rate_Hz)) {}
 
   /// What sample `sequence` reads; exact in float and in steps of 10 nm and 1 mN.
-  static float position_mm(std::uint32_t sequence) {
-    return static_cast<float>(sequence % 4096) / 32.0F - 50.0F;
-  }
+  static float position_mm(std::uint32_t sequence) { return static_cast<float>(sequence % 4096) / 32.0F - 50.0F; }
   static float force_N(std::uint32_t sequence) { return 100.0F - static_cast<float>(sequence % 1000) / 8.0F; }
 
   /// `count` more samples, and the time they take.

@@ -30,9 +30,7 @@ std::optional<Fault> refusal(const std::function<void()>& call, std::string* wha
 struct Ramp {
   std::vector<double> position_mm;
   double dt_s;
-  [[nodiscard]] double at(double t_s) const {
-    return position_mm[static_cast<std::size_t>(std::lround(t_s / dt_s))];
-  }
+  [[nodiscard]] double at(double t_s) const { return position_mm[static_cast<std::size_t>(std::lround(t_s / dt_s))]; }
 };
 
 Ramp ramp(double target_mm, double speed_mm_s, double seconds, double dt_s = 1e-3) {
@@ -162,8 +160,7 @@ TEST(SimFrame, SamplesCarryTheStatedNoiseOnAClockOfTheirOwn) {
   }
   const auto n = static_cast<double>(s.size());
   // Quantisation adds quantum^2 / 12.
-  const double expected_N =
-      std::hypot(config.frame.force_noise_N, config.frame.force_quantum_N / std::sqrt(12.0));
+  const double expected_N = std::hypot(config.frame.force_noise_N, config.frame.force_quantum_N / std::sqrt(12.0));
   EXPECT_NEAR(force / n, 0.0, 5.0 * expected_N / std::sqrt(n));
   EXPECT_NEAR(std::sqrt(force2 / n), expected_N, 0.01 * expected_N);
   const double expected_mm =
@@ -178,8 +175,7 @@ TEST(SimFrame, ExchangesBracketTheTruth) {
   d.run(30.0);
   EXPECT_GT(d.frame_exchanges.size(), 150U);
   EXPECT_LT(d.frame_exchanges.size(), 200U);
-  DeviceClock clock(config.frame.clock, Random(config.seed, static_cast<std::uint64_t>(Stream::kFrameClock)),
-                    0);
+  DeviceClock clock(config.frame.clock, Random(config.seed, static_cast<std::uint64_t>(Stream::kFrameClock)), 0);
   double shortest_ns = 1e9;
   double longest_ns = 0.0;
   for (const auto& e : d.frame_exchanges) {

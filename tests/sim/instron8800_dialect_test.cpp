@@ -8,12 +8,12 @@
 namespace isorig::sim {
 namespace {
 
-using ::testing::AllOf;
-using ::testing::HasSubstr;
-using ::testing::Not;
 using drivers::DeviceError;
 using drivers::Fault;
 using frame::Motion;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::Not;
 using Watchdog = Instron8800Server::Options::Watchdog;
 
 class Instron8800Dialect : public Instron8800Rig {
@@ -31,7 +31,8 @@ class Instron8800Dialect : public Instron8800Rig {
   }
   bool arrives(float target_mm, float velocity_mm_s, std::uint16_t id = 1) {
     frame_->start_segment({id, target_mm, velocity_mm_s});
-    return until([&] { return state_.segment_id == id && state_.motion != Motion::kMoving; }) && state_.motion == Motion::kReached;
+    return until([&] { return state_.segment_id == id && state_.motion != Motion::kMoving; }) &&
+           state_.motion == Motion::kReached;
   }
   bool panel_has_control() {
     return until([&] { return faults_.panel.load(); });
@@ -39,7 +40,8 @@ class Instron8800Dialect : public Instron8800Rig {
 };
 
 TEST_F(Instron8800Dialect, TheWatchdogsFormIsFoundOutByAsking) {
-  for (const auto& [form, command] : {std::pair{Watchdog::kTwoNumbers, "C904,1,0 (read back)"}, {Watchdog::kOneNumber, "C904,1 (read back)"}}) {
+  for (const auto& [form, command] :
+       {std::pair{Watchdog::kTwoNumbers, "C904,1,0 (read back)"}, {Watchdog::kOneNumber, "C904,1 (read back)"}}) {
     options_.watchdog = form;
     faults_.panel = faults_.watchdog_off = true;
     start();
@@ -61,7 +63,8 @@ TEST_F(Instron8800Dialect, AWatchdogThatCannotBeAskedIsRefusedUntilSomebodyHasTr
     faults_.panel = faults_.watchdog_off = true;
     config_.watchdog_tested = false;
     start();
-    EXPECT_THAT(refused(), AllOf(HasSubstr(answers ? "Q904 is answered by \"None of" : "Q904 is not answered"), HasSubstr("watchdog_tested")));
+    EXPECT_THAT(refused(), AllOf(HasSubstr(answers ? "Q904 is answered by \"None of" : "Q904 is not answered"),
+                                 HasSubstr("watchdog_tested")));
     EXPECT_TRUE(faults_.panel.load()) << "control was taken for nothing";
     EXPECT_TRUE(faults_.watchdog_off.load());
 

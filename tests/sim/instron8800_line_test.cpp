@@ -1,5 +1,6 @@
-// One line lost, damaged, late or too many, at every question and command that the driver has: it is back in step within
-// the age limit of a sample, takes no value for another, loses neither motion nor actuator, and stops when told to.
+// One line lost, damaged, late or too many, at every question and command that the driver has: it is back in step
+// within the age limit of a sample, takes no value for another, loses neither motion nor actuator, and stops when told
+// to.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -144,7 +145,8 @@ TEST_P(Instron8800Storm, IsOverWhenItIsOver) {
     }
     return state_.fault_bits == 0 && taken_.size() > 5 && taken_.back().device_us * 1000 > over_ns;
   })) << last_what_;
-  std::printf("  %s: well again %.1f s after it was over\n", kind().c_str(), 1e-9 * static_cast<double>(clock_.now_ns() - over_ns));
+  std::printf("  %s: well again %.1f s after it was over\n", kind().c_str(),
+              1e-9 * static_cast<double>(clock_.now_ns() - over_ns));
   turn();
   frame_->start_segment({8, 0.0F, 1.0F});
   EXPECT_TRUE(until([&] { return state_.motion == Motion::kReached; }));

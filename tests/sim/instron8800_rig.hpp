@@ -105,7 +105,8 @@ class Instron8800Rig : public ::testing::Test {
     truth_.insert(truth_.end(), steps.begin(), steps.end());
     const auto after = std::lower_bound(truth_.begin(), truth_.end(), at_ns,
                                         [](const Truth& t, std::int64_t ns) { return t.mono_ns < ns; });
-    if (after == truth_.begin() || after == truth_.end()) throw std::out_of_range("a sample from outside the plant's time");
+    if (after == truth_.begin() || after == truth_.end())
+      throw std::out_of_range("a sample from outside the plant's time");
     const auto& before = *(after - 1);
     const double part = static_cast<double>(at_ns - before.mono_ns) / static_cast<double>(Rig::kStep_ns);
     Truth plant = before;

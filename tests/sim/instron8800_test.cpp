@@ -7,10 +7,10 @@
 namespace isorig::sim {
 namespace {
 
-using ::testing::HasSubstr;
 using drivers::DeviceError;
 using drivers::Fault;
 using frame::Motion;
+using ::testing::HasSubstr;
 
 class Instron8800 : public Instron8800Rig, public ::testing::WithParamInterface<bool> {
  protected:
@@ -57,7 +57,8 @@ TEST_P(Instron8800, EverySampleLiesWithinItsBoundOfTheRamp) {
     if (apart_us > 12'000) continue;  // this thread was not there
     const double error_mm = std::abs(double{s.position_mm} - plant_at(s).position_mm);
     // 0.2 um of noise, and the curve between two positions: 600 mm/s^2.
-    EXPECT_LT(error_mm, 0.0015 + 5.5e-6 * double{s.bound_us} + 600.0 * std::pow(1e-6 * static_cast<double>(apart_us), 2) / 8.0);
+    EXPECT_LT(error_mm,
+              0.0015 + 5.5e-6 * double{s.bound_us} + 600.0 * std::pow(1e-6 * static_cast<double>(apart_us), 2) / 8.0);
     worst_mm = std::max(worst_mm, error_mm);
     worst_bound_us = std::max(worst_bound_us, double{s.bound_us});
     ++compared;
@@ -68,8 +69,9 @@ TEST_P(Instron8800, EverySampleLiesWithinItsBoundOfTheRamp) {
   };
   const double plant_s = 1e-9 * static_cast<double>(at(3.9) - at(0.1));
   EXPECT_NEAR(plant_s, 3.8 / 5.0, 0.02);
-  std::printf("  %zu samples compared on a 5 mm/s ramp: worst %.4f mm, worst bound %.0f us; 3.8 mm took the plant %.3f s\n",
-              compared, worst_mm, worst_bound_us, plant_s);
+  std::printf(
+      "  %zu samples compared on a 5 mm/s ramp: worst %.4f mm, worst bound %.0f us; 3.8 mm took the plant %.3f s\n",
+      compared, worst_mm, worst_bound_us, plant_s);
 }
 
 TEST_P(Instron8800, AStopStopsAndIsSeen) {
@@ -103,7 +105,8 @@ TEST_P(Instron8800, AShortHangLosesSamplesAndNothingElse) {
   EXPECT_TRUE(until([&] { return !faults_seen_.empty(); }));
   // It waited in slices of 20 ms. The middle one: some may have met a machine that stood still.
   ASSERT_FALSE(empty_polls_ns_.empty());
-  std::nth_element(empty_polls_ns_.begin(), empty_polls_ns_.begin() + static_cast<std::ptrdiff_t>(empty_polls_ns_.size() / 2),
+  std::nth_element(empty_polls_ns_.begin(),
+                   empty_polls_ns_.begin() + static_cast<std::ptrdiff_t>(empty_polls_ns_.size() / 2),
                    empty_polls_ns_.end());
   EXPECT_LT(empty_polls_ns_[empty_polls_ns_.size() / 2], 150'000'000);
   taken_.clear();
@@ -121,7 +124,7 @@ TEST_P(Instron8800, AStopGoesOutWhileTheControllerHangs) {
   ASSERT_NO_FATAL_FAILURE(be_moving());
   faults_.hang_ms = 600;
   EXPECT_TRUE(until([&] { return faults_.hang_ms.load() == 0; }));  // it has begun
-  frame_->stop();  // confirmed when the controller is back
+  frame_->stop();                                                   // confirmed when the controller is back
   EXPECT_TRUE(stands());
   EXPECT_FALSE(faults_.actuator_off.load());
 }

@@ -1,5 +1,6 @@
-// The emulated gateway against the specifications, request by request over a raw socket and a raw pseudo-terminal: MODBUS
-// Application Protocol V1.1b3, Messaging on TCP/IP V1.0b, over serial line V1.02. After each the connection still works.
+// The emulated gateway against the specifications, request by request over a raw socket and a raw pseudo-terminal:
+// MODBUS Application Protocol V1.1b3, Messaging on TCP/IP V1.0b, over serial line V1.02. After each the connection
+// still works.
 #include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -41,7 +42,9 @@ Bytes operator+(Bytes a, const Bytes& b) {
   return a;
 }
 
-Bytes words(std::size_t count) { return Bytes(2 * count); }
+Bytes words(std::size_t count) {
+  return Bytes(2 * count);
+}
 Bytes request(std::uint8_t function, std::uint16_t address, std::uint16_t count) {
   const auto high = [](std::uint16_t w) { return static_cast<std::uint8_t>(w >> 8U); };
   const auto low = [](std::uint16_t w) { return static_cast<std::uint8_t>(w & 0xFFU); };
@@ -62,7 +65,9 @@ struct Case {
   int length_off = 0;
   bool wrong_crc = false;
 };
-void PrintTo(const Case& c, std::ostream* out) { *out << c.name; }
+void PrintTo(const Case& c, std::ostream* out) {
+  *out << c.name;
+}
 
 class Raw {
  public:
@@ -71,7 +76,9 @@ class Raw {
   Raw(const Raw&) = delete;
   Raw& operator=(const Raw&) = delete;
 
-  void send(const Bytes& bytes) { ASSERT_EQ(::write(fd_, bytes.data(), bytes.size()), static_cast<ssize_t>(bytes.size())); }
+  void send(const Bytes& bytes) {
+    ASSERT_EQ(::write(fd_, bytes.data(), bytes.size()), static_cast<ssize_t>(bytes.size()));
+  }
   /// What comes until `enough`, or for `timeout_ms`.
   template <typename Enough>
   Bytes receive(const Enough& enough, int timeout_ms) {
@@ -146,10 +153,11 @@ std::vector<Case> application_cases() {
   };
   // Public, user-defined, reserved, and what would be an exception: none of them is served here.
   static const std::array<std::pair<std::uint8_t, const char*>, 23> kOthers{
-      {{0, "Function0"},     {1, "Function1"},     {2, "Function2"},     {5, "Function5"},     {7, "Function7"},   {8, "Function8"},
-       {11, "Function11"},   {12, "Function12"},   {15, "Function15"},   {17, "Function17"},   {20, "Function20"}, {21, "Function21"},
-       {22, "Function22"},   {23, "Function23"},   {24, "Function24"},   {43, "Function43"},   {65, "Function65"}, {100, "Function100"},
-       {110, "Function110"}, {127, "Function127"}, {131, "Function131"}, {144, "Function144"}, {255, "Function255"}}};
+      {{0, "Function0"},     {1, "Function1"},     {2, "Function2"},     {5, "Function5"},     {7, "Function7"},
+       {8, "Function8"},     {11, "Function11"},   {12, "Function12"},   {15, "Function15"},   {17, "Function17"},
+       {20, "Function20"},   {21, "Function21"},   {22, "Function22"},   {23, "Function23"},   {24, "Function24"},
+       {43, "Function43"},   {65, "Function65"},   {100, "Function100"}, {110, "Function110"}, {127, "Function127"},
+       {131, "Function131"}, {144, "Function144"}, {255, "Function255"}}};
   for (const auto& [function, name] : kOthers) {
     Bytes pdu = request(function, 0, 1);
     if (function == 15) pdu = pdu + Bytes{1, 0};
@@ -162,17 +170,16 @@ std::vector<Case> application_cases() {
 
 std::vector<Case> tcp_cases() {
   auto cases = application_cases();
-  cases.insert(cases.end(),
-               {{"WriteMultiple124", request(16, 0, 124) + Bytes{248} + words(124), Ends::kException, 3},
-                {"LengthOfAnotherPdu", request(3, 0, 1) + Bytes(30), Ends::kException, 3},
-                {"ProtocolOfAnother", request(3, 0, 1), Ends::kSilence, 0, {}, kUnit, 1},
-                {"ProtocolFFFF", request(3, 0, 1), Ends::kSilence, 0, {}, kUnit, 0xFFFF},
-                {"LengthZero", {}, Ends::kClosed, 0, {}, kUnit, 0, -1},
-                {"LengthOne", {}, Ends::kClosed},
-                {"LengthHuge", request(3, 0, 1), Ends::kClosed, 0, {}, kUnit, 0, 60000},
-                {"UnitOfAnother", request(3, 0, 1), Ends::kException, 11, {}, 9},
-                {"Unit0IsWhoeverIsThere", request(3, 0, 1), Ends::kAnswer, 0, {2}, 0},
-                {"Unit255IsWhoeverIsThere", request(3, 0, 1), Ends::kAnswer, 0, {2}, 255}});
+  cases.insert(cases.end(), {{"WriteMultiple124", request(16, 0, 124) + Bytes{248} + words(124), Ends::kException, 3},
+                             {"LengthOfAnotherPdu", request(3, 0, 1) + Bytes(30), Ends::kException, 3},
+                             {"ProtocolOfAnother", request(3, 0, 1), Ends::kSilence, 0, {}, kUnit, 1},
+                             {"ProtocolFFFF", request(3, 0, 1), Ends::kSilence, 0, {}, kUnit, 0xFFFF},
+                             {"LengthZero", {}, Ends::kClosed, 0, {}, kUnit, 0, -1},
+                             {"LengthOne", {}, Ends::kClosed},
+                             {"LengthHuge", request(3, 0, 1), Ends::kClosed, 0, {}, kUnit, 0, 60000},
+                             {"UnitOfAnother", request(3, 0, 1), Ends::kException, 11, {}, 9},
+                             {"Unit0IsWhoeverIsThere", request(3, 0, 1), Ends::kAnswer, 0, {2}, 0},
+                             {"Unit255IsWhoeverIsThere", request(3, 0, 1), Ends::kAnswer, 0, {2}, 255}});
   return cases;
 }
 
@@ -205,9 +212,13 @@ class ModbusTcpConformance : public testing::TestWithParam<Case> {
   FakeWire rig{Line::kTcp};
   static Bytes frame(std::uint16_t transaction, const Case& c) {
     const auto length = static_cast<std::size_t>(static_cast<int>(c.pdu.size()) + 1 + c.length_off);
-    Bytes out{static_cast<std::uint8_t>(transaction >> 8U), static_cast<std::uint8_t>(transaction),
-              static_cast<std::uint8_t>(c.protocol >> 8U),  static_cast<std::uint8_t>(c.protocol),
-              static_cast<std::uint8_t>(length >> 8U),      static_cast<std::uint8_t>(length), c.unit};
+    Bytes out{static_cast<std::uint8_t>(transaction >> 8U),
+              static_cast<std::uint8_t>(transaction),
+              static_cast<std::uint8_t>(c.protocol >> 8U),
+              static_cast<std::uint8_t>(c.protocol),
+              static_cast<std::uint8_t>(length >> 8U),
+              static_cast<std::uint8_t>(length),
+              c.unit};
     return out + c.pdu;
   }
   static bool whole(const Bytes& got) { return got.size() >= 6 && got.size() >= 6U + (got[4] << 8U) + got[5]; }
@@ -270,7 +281,9 @@ class ModbusRtuConformance : public testing::TestWithParam<Case> {
 TEST_P(ModbusRtuConformance, AnswersAsItShould) {
   const auto& c = GetParam();
   Raw raw(opened(rig.server->tty()));
-  const auto whole = [&](const Bytes& got) { return got.size() >= 5 && with_crc(Bytes(got.begin(), got.end() - 2)) == got; };
+  const auto whole = [&](const Bytes& got) {
+    return got.size() >= 5 && with_crc(Bytes(got.begin(), got.end() - 2)) == got;
+  };
   raw.send(frame(c));
   const auto got = raw.receive(whole, c.ends == Ends::kSilence ? kSilence_ms : kPatience_ms);
   if (c.ends == Ends::kSilence) {

@@ -19,8 +19,7 @@ using testing::HasSubstr;
 
 class ModbusFaults : public testing::TestWithParam<Line> {
  protected:
-  explicit ModbusFaults(int timeout_ms = FakeWire::kPatience_ms)
-      : rig(GetParam(), "isorig-gateway.toml", timeout_ms) {}
+  explicit ModbusFaults(int timeout_ms = FakeWire::kPatience_ms) : rig(GetParam(), "isorig-gateway.toml", timeout_ms) {}
   FakeWire rig;
   std::vector<frame::Sample> buffer = std::vector<frame::Sample>(4096);
 
@@ -110,7 +109,9 @@ TEST_P(ModbusTimeOuts, ALateReplyIsNeverTheNextAnswer) {
   // the second request after".
   std::uint32_t seen = 10;
   for (const int late_ms : {kTimeout_ms + 50, 2 * kTimeout_ms - 50, 2 * kTimeout_ms + 50, 5 * kTimeout_ms / 2}) {
-    meets(Fault::kTimeout, [&] { rig.faults.late_ms = late_ms; }, [&] { EXPECT_EQ(rig.driver->poll(buffer).samples, 0U); });
+    meets(
+        Fault::kTimeout, [&] { rig.faults.late_ms = late_ms; },
+        [&] { EXPECT_EQ(rig.driver->poll(buffer).samples, 0U); });
     rig.fake.advance(5);
     const double device_us = static_cast<double>(rig.fake.device_us());
     // The probe itself may meet a gateway that still sits on its answer.
@@ -125,7 +126,8 @@ TEST_P(ModbusTimeOuts, ALateReplyIsNeverTheNextAnswer) {
 }
 
 TEST_P(ModbusTimeOuts, ALateWriteReplyIsNotTheHeartbeats) {
-  meets(Fault::kTimeout, [&] { rig.faults.late_ms = kTimeout_ms + 50; }, [&] { rig.driver->heartbeat(1); });
+  meets(
+      Fault::kTimeout, [&] { rig.faults.late_ms = kTimeout_ms + 50; }, [&] { rig.driver->heartbeat(1); });
   patiently([&] { rig.driver->heartbeat(2); });
   rig.fake.advance(1);
   const auto poll = patiently([&] { return rig.driver->poll(buffer); });
@@ -143,7 +145,8 @@ TEST_P(ModbusTimeOuts, ADroppedReplyIsATimeOut) {
 
 TEST_P(ModbusTimeOuts, ADamagedReplyIsNotBelieved) {
   rig.fake.advance(3);
-  meets(Fault::kProtocol, [&] { rig.faults.corrupt = 1; }, [&] { (void)rig.driver->poll(buffer); });
+  meets(
+      Fault::kProtocol, [&] { rig.faults.corrupt = 1; }, [&] { (void)rig.driver->poll(buffer); });
   rig.fake.advance(20);
   expect_these(patiently([&] { return rig.driver->poll(buffer); }), 23);
 }
@@ -167,14 +170,16 @@ TEST_P(ModbusTimeOuts, AStopWithoutAnswerIsGivenAgainWithinOneTimeOut) {
 }
 
 TEST_P(ModbusTimeOuts, AStopDoesNotWaitForALineInDoubt) {
-  meets(Fault::kTimeout, [&] { rig.faults.late_ms = 2 * kTimeout_ms; }, [&] { (void)rig.driver->poll(buffer); });
+  meets(
+      Fault::kTimeout, [&] { rig.faults.late_ms = 2 * kTimeout_ms; }, [&] { (void)rig.driver->poll(buffer); });
   // The late answer is still to come; getting in step first would be a time-out and a probe.
   const auto before = std::chrono::steady_clock::now();
   patiently([&] { rig.driver->stop(); });
   const auto took = std::chrono::steady_clock::now() - before;
   EXPECT_GE(rig.fake.stops(), 1);
   EXPECT_LT(took, std::chrono::milliseconds(20 * kTimeout_ms));  // a machine that stands still
-  std::printf("  a stop took %ld ms\n", static_cast<long>(std::chrono::duration_cast<std::chrono::milliseconds>(took).count()));
+  std::printf("  a stop took %ld ms\n",
+              static_cast<long>(std::chrono::duration_cast<std::chrono::milliseconds>(took).count()));
   rig.fake.advance(3);
   expect_these(patiently([&] { return rig.driver->poll(buffer); }), 3);
 }
@@ -305,8 +310,7 @@ TEST(ModbusReconnect, ALostConnectionLosesNoSample) {
     return false;
   };
   EXPECT_TRUE(fails_with([&] { rig.driver->poll(buffer); }));
-  EXPECT_TRUE(fails_with([&] { rig.driver->poll(buffer); }))
-      << "without connect() nothing comes back by itself";
+  EXPECT_TRUE(fails_with([&] { rig.driver->poll(buffer); })) << "without connect() nothing comes back by itself";
   EXPECT_TRUE(fails_with([&] { rig.driver->connect(); }));
   rig.fake.advance(700);
 

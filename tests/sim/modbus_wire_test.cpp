@@ -40,10 +40,8 @@ class ModbusWire : public testing::TestWithParam<Way> {
 };
 
 INSTANTIATE_TEST_SUITE_P(Maps, ModbusWire,
-                         testing::Values(Way{Line::kTcp, "isorig-gateway.toml"},
-                                         Way{Line::kTcp, "int32-scaled.toml"},
-                                         Way{Line::kRtu, "isorig-gateway.toml"},
-                                         Way{Line::kRtu, "int32-scaled.toml"}),
+                         testing::Values(Way{Line::kTcp, "isorig-gateway.toml"}, Way{Line::kTcp, "int32-scaled.toml"},
+                                         Way{Line::kRtu, "isorig-gateway.toml"}, Way{Line::kRtu, "int32-scaled.toml"}),
                          [](const auto& way) {
                            return std::string(way.param.line == Line::kTcp ? "Tcp" : "Rtu") +
                                   (way.param.map[0] == 'i' && way.param.map[1] == 's' ? "Gateway" : "Int32");

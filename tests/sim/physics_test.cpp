@@ -20,9 +20,8 @@ PhysicsConfig physics(const std::string& parts, bool replaces) {
 
 TEST(SpecimenPhysics, EffectsAddToTheActuator) {
   const auto specimen = load_specimen(testing::config_path("specimens/control2.toml"));
-  const auto friction = physics(
-      "[[part]]\nphysics = 'coulomb_friction'\nlaw = 'jenkins'\npresliding_mm = 0.01\nforce_N = 0.4\n",
-      false);
+  const auto friction =
+      physics("[[part]]\nphysics = 'coulomb_friction'\nlaw = 'jenkins'\npresliding_mm = 0.01\nforce_N = 0.4\n", false);
   SpecimenPhysics plain(specimen.actuator, std::nullopt);
   SpecimenPhysics rough(specimen.actuator, friction);
   for (int i = 1; i <= 1000; ++i) {
@@ -34,8 +33,7 @@ TEST(SpecimenPhysics, EffectsAddToTheActuator) {
   }
   EXPECT_NEAR(difference_N, 0.4, 1e-9);
   for (int i = 1; i <= 200; ++i) {
-    difference_N =
-        rough.step(2.0 - 0.01 * i, -10.0, 15.0, 1e-3) - plain.step(2.0 - 0.01 * i, -10.0, 15.0, 1e-3);
+    difference_N = rough.step(2.0 - 0.01 * i, -10.0, 15.0, 1e-3) - plain.step(2.0 - 0.01 * i, -10.0, 15.0, 1e-3);
   }
   EXPECT_NEAR(difference_N, -0.4, 1e-9);
 }
@@ -51,15 +49,13 @@ TEST(SpecimenPhysics, AnIdentifiedModelTakesTheSpecimensPlace) {
   d.run(2.0);
   const Truth truth = rig.truth();
   const auto& a = rig.actuator();
-  EXPECT_NEAR(truth.force_N, 2.5 * (2.0 + a.initial_length_mm() - a.rest_length_mm(truth.pressure_psi)),
-              1e-9);
+  EXPECT_NEAR(truth.force_N, 2.5 * (2.0 + a.initial_length_mm() - a.rest_length_mm(truth.pressure_psi)), 1e-9);
 }
 
 TEST(SpecimenPhysics, IsReadFromTheRigsFile) {
   const auto directory = std::filesystem::path(::testing::TempDir()) / "isorig_physics";
   std::filesystem::create_directories(directory);
-  std::ofstream(directory / "friction.toml")
-      << kHead << "[[part]]\nphysics = 'coulomb_friction'\nforce_N = 0.4\n";
+  std::ofstream(directory / "friction.toml") << kHead << "[[part]]\nphysics = 'coulomb_friction'\nforce_N = 0.4\n";
   const auto read = [&](const std::string& table) {
     const auto document =
         base::TomlDocument::parse_text("[sim]\nspecimen = 'x.toml'\n[sim.physics]\n" + table, "rig.toml");
@@ -74,8 +70,7 @@ TEST(SpecimenPhysics, IsReadFromTheRigsFile) {
   EXPECT_EQ(config.physics->nominal_pressure_psi, 10.0);
   EXPECT_TRUE(read("model = 'friction.toml'\nnominal_pressure_psi = 10.0\n").physics->replaces_actuator);
   EXPECT_THROW(read("nominal_pressure_psi = 10.0\n"), base::ConfigError);
-  EXPECT_THROW(read("model = 'a.toml'\neffects = 'b.toml'\nnominal_pressure_psi = 10.0\n"),
-               base::ConfigError);
+  EXPECT_THROW(read("model = 'a.toml'\neffects = 'b.toml'\nnominal_pressure_psi = 10.0\n"), base::ConfigError);
   EXPECT_THROW(read("effects = 'absent.toml'\nnominal_pressure_psi = 10.0\n"), base::ConfigError);
 }
 

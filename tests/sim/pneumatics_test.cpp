@@ -67,14 +67,11 @@ TEST(Pneumatics, ConservesAir) {
   const double start_L = air.chamber_L() + air.supply_L();
   for (int i = 0; i < 100'000; ++i) {
     const double phase = 1e-3 * i;
-    air.step({.fill = phase < 30.0 ? 0.5 : 0.0,
-              .vent = phase > 20.0 ? 0.3 : 0.0,
-              .dump = phase > 90.0 ? 1.0 : 0.0},
+    air.step({.fill = phase < 30.0 ? 0.5 : 0.0, .vent = phase > 20.0 ? 0.3 : 0.0, .dump = phase > 90.0 ? 1.0 : 0.0},
              kActuator_mL + 0.5 * std::sin(phase));
   }
   EXPECT_GT(air.taken_L(), 0.5);
-  EXPECT_NEAR(air.chamber_L() + air.supply_L(), start_L + air.taken_L() - air.released_L(),
-              1e-9 * air.taken_L());
+  EXPECT_NEAR(air.chamber_L() + air.supply_L(), start_L + air.taken_L() - air.released_L(), 1e-9 * air.taken_L());
 }
 
 TEST(Pneumatics, ClosedAndTightItFollowsBoyle) {

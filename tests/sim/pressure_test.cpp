@@ -108,7 +108,8 @@ TEST(SimPressure, VentsByItselfWhenHeartbeatsStop) {
 TEST(SimPressure, GuardsItsFillingAsTheFirmwareDoes) {
   Rig rig(shipped());
   rig.pressure().set_limits({.pressure_max_psi = 12.0, .fill_allowance_permille = 50, .fill_max_ms = 5'000});
-  EXPECT_THROW(rig.pressure().set_limits({.pressure_max_psi = 40.0, .fill_allowance_permille = 600}), drivers::DeviceError);
+  EXPECT_THROW(rig.pressure().set_limits({.pressure_max_psi = 40.0, .fill_allowance_permille = 600}),
+               drivers::DeviceError);
   Driver d(rig);
   d.target_psi = 15.0;
   d.run(8.0);
@@ -150,8 +151,7 @@ TEST(SimPressure, TimeSyncRepliesBracketTheTruth) {
   d.syncing = true;
   d.run(60.0);
   ASSERT_GT(d.pressure_exchanges.size(), 590U);
-  DeviceClock clock(config.pressure.clock,
-                    Random(config.seed, static_cast<std::uint64_t>(Stream::kSensorClock)), 0);
+  DeviceClock clock(config.pressure.clock, Random(config.seed, static_cast<std::uint64_t>(Stream::kSensorClock)), 0);
   int spikes = 0;
   for (const auto& e : d.pressure_exchanges) {
     clock.advance_to(e.host_send_ns);

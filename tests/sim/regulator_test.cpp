@@ -17,9 +17,9 @@
 namespace isorig::sim {
 namespace {
 
-using ::testing::HasSubstr;
 using drivers::DeviceError;
 using drivers::Fault;
+using ::testing::HasSubstr;
 
 const std::string kMap = ISORIG_SOURCE_DIR "/config/regulators/alicat.toml";
 
@@ -41,7 +41,8 @@ class Regulator : public ::testing::TestWithParam<bool> {
     rig_->pressure().command({1000, 0, 0.0F});  // the supply valve
     RegulatorServer::Options options;
     options.tcp = GetParam();
-    options.pty_link = (std::filesystem::path(::testing::TempDir()) / ("regulator-" + std::to_string(::getpid()))).string();
+    options.pty_link =
+        (std::filesystem::path(::testing::TempDir()) / ("regulator-" + std::to_string(::getpid()))).string();
     server_ = std::make_unique<RegulatorServer>(options, *rig_, faults_);
     config_.map = pressure::read_regulator_map(kMap);
     config_.line.map.unit_id = 1;
@@ -140,7 +141,8 @@ TEST_P(Regulator, SetsThePressureAndLetsItGo) {
 
 TEST_P(Regulator, SaysWhichWordOrderWouldBeRight) {
   faults_.swap_words = true;
-  EXPECT_EQ(fault_of([&] { (void)device_->connect(); }, "with word_order = \"CDAB\" it would be right"), Fault::kIdentity);
+  EXPECT_EQ(fault_of([&] { (void)device_->connect(); }, "with word_order = \"CDAB\" it would be right"),
+            Fault::kIdentity);
   config_.map.order = frame::WordOrder::kCDAB;
   make();
   device_->connect();

@@ -14,9 +14,8 @@ using testing::config_path;
 using testing::Driver;
 using testing::shipped;
 
-const char* const kSpecimens[] = {"control1",  "control2",  "control3",  "ecoflex1",
-                                  "ecoflex2",  "ecoflex3",  "urethane1", "urethane2",
-                                  "urethane3", "carbopol1", "carbopol2", "carbopol3"};
+const char* const kSpecimens[] = {"control1",  "control2",  "control3",  "ecoflex1",  "ecoflex2",  "ecoflex3",
+                                  "urethane1", "urethane2", "urethane3", "carbopol1", "carbopol2", "carbopol3"};
 
 Specimen specimen(const std::string& name) {
   return load_specimen(config_path("specimens") / (name + ".toml"));
@@ -98,13 +97,12 @@ bool same(const Recording& a, const Recording& b) {
     return x.sequence == y.sequence && x.device_us == y.device_us && x.raw_word == y.raw_word;
   };
   const auto exchanges = [](const clock::Exchange& x, const clock::Exchange& y) {
-    return x.host_send_ns == y.host_send_ns && x.host_recv_ns == y.host_recv_ns &&
-           x.device_rx_us == y.device_rx_us && x.device_tx_us == y.device_tx_us;
+    return x.host_send_ns == y.host_send_ns && x.host_recv_ns == y.host_recv_ns && x.device_rx_us == y.device_rx_us &&
+           x.device_tx_us == y.device_tx_us;
   };
   return std::equal(a.frame.begin(), a.frame.end(), b.frame.begin(), b.frame.end(), frames) &&
          std::equal(a.pressure.begin(), a.pressure.end(), b.pressure.begin(), b.pressure.end(), pressures) &&
-         std::equal(a.exchanges.begin(), a.exchanges.end(), b.exchanges.begin(), b.exchanges.end(),
-                    exchanges);
+         std::equal(a.exchanges.begin(), a.exchanges.end(), b.exchanges.begin(), b.exchanges.end(), exchanges);
 }
 
 TEST(Rig, SameSeedSameBytesOtherSeedOtherBytes) {
@@ -156,8 +154,7 @@ TEST(Rig, AStrokeMovesThePressureAndThePressureTheForce) {
   const double volume_mL = 150.0 + 1e-3 * a.volume_mm3(before.position_mm);
   const double lost_mL = 1e-3 * (a.volume_mm3(before.position_mm) - a.volume_mm3(after.position_mm));
   EXPECT_GT(lost_mL, 0.3);
-  EXPECT_NEAR(after.pressure_psi - before.pressure_psi, (before.pressure_psi + 14.696) * lost_mL / volume_mL,
-              0.01);
+  EXPECT_NEAR(after.pressure_psi - before.pressure_psi, (before.pressure_psi + 14.696) * lost_mL / volume_mL, 0.01);
   EXPECT_GT(after.force_N, before.force_N + 2.0);
 }
 

@@ -38,7 +38,8 @@ class Simrig {
     std::ifstream in(kRig);
     std::string rig((std::istreambuf_iterator<char>(in)), {});
     const auto replace = [&](const std::string& from, const std::string& to) {
-      for (auto i = rig.find(from); i != std::string::npos; i = rig.find(from, i + to.size())) rig.replace(i, from.size(), to);
+      for (auto i = rig.find(from); i != std::string::npos; i = rig.find(from, i + to.size()))
+        rig.replace(i, from.size(), to);
     };
     replace("\"../", "\"" ISORIG_SOURCE_DIR "/config/");
     replace("ring_samples = 256", "ring_samples = 2048");
@@ -75,8 +76,7 @@ class Simrig {
     while (std::fgets(line.data(), line.size(), lines) != nullptr) {
       output += line.data();
       unsigned number = 0;
-      if (std::sscanf(line.data(), "frame: tcp 127.0.0.1:%u", &number) == 1)
-        port = static_cast<std::uint16_t>(number);
+      if (std::sscanf(line.data(), "frame: tcp 127.0.0.1:%u", &number) == 1) port = static_cast<std::uint16_t>(number);
       if (output.find("ready") != std::string::npos) break;
     }
     std::fclose(lines);
@@ -119,8 +119,7 @@ std::vector<TruthRow> read_truth(const std::string& file) {
   while (std::getline(in, line)) {
     TruthRow row{};
     long long ns = 0;
-    if (std::sscanf(line.c_str(), "%lld,%lf,%lf,%lf", &ns, &row.position_mm, &row.force_N,
-                    &row.pressure_psi) == 4) {
+    if (std::sscanf(line.c_str(), "%lld,%lf,%lf,%lf", &ns, &row.position_mm, &row.force_N, &row.pressure_psi) == 4) {
       row.mono_ns = ns;
       rows.push_back(row);
     }
@@ -134,8 +133,8 @@ double position_at(const std::vector<TruthRow>& rows, double mono_ns) {
   });
   if (after == rows.begin() || after == rows.end()) return std::nan("");
   const auto before = after - 1;
-  const double fraction = (mono_ns - static_cast<double>(before->mono_ns)) /
-                          static_cast<double>(after->mono_ns - before->mono_ns);
+  const double fraction =
+      (mono_ns - static_cast<double>(before->mono_ns)) / static_cast<double>(after->mono_ns - before->mono_ns);
   return before->position_mm + fraction * (after->position_mm - before->position_mm);
 }
 
@@ -152,8 +151,7 @@ TEST(Simrig, WhatTheDriversReadIsWhatThePlantDid) {
   pressure::Teensy::Options options;
   options.serial = "1234560";
   pressure::Teensy teensy(
-      options,
-      std::make_unique<pressure::TtyStream>(pressure::TtyStream::Options{.path = simrig.file("teensy")}),
+      options, std::make_unique<pressure::TtyStream>(pressure::TtyStream::Options{.path = simrig.file("teensy")}),
       clock);
   EXPECT_EQ(teensy.connect().serial, "1234560");
 
@@ -198,8 +196,7 @@ TEST(Simrig, WhatTheDriversReadIsWhatThePlantDid) {
   const auto truth = read_truth(simrig.file("truth.csv"));
   ASSERT_GT(truth.size(), 100U);
   // One exchange maps 0.6 s well enough: 12 ppm of skew are 7 us, 10 mm/s make 0.1 um of it.
-  const double middle_ns =
-      0.5 * (static_cast<double>(best.host_send_ns) + static_cast<double>(best.host_recv_ns));
+  const double middle_ns = 0.5 * (static_cast<double>(best.host_send_ns) + static_cast<double>(best.host_recv_ns));
   const double uncertain_mm = 10.0 * 0.5e-9 * static_cast<double>(best.host_recv_ns - best.host_send_ns);
   std::size_t compared = 0;
   double largest_mm = 0.0;

@@ -43,10 +43,14 @@ TEST(Commission, CalibrateThenSelftestThenCheck) {
   refused(calibrate({"pressure", "--mode", "zero"}) + kValid, 2, "no terminal");
   refused(calibrate({"force", "--drive", "5"}) + kValid, 2, "--drive is for pressure");
   refused(calibrate({"pressure", "--drive", "5", "--point", "5"}) + kValid, 5, "add --yes");
-  refused(calibrate({"pressure", "--mode", "zero", "--point", "0", "--window-s", "0.5", "--settle-s", "0", "--drift-max", "1e-12"}) + kValid,
+  refused(calibrate({"pressure", "--mode", "zero", "--point", "0", "--window-s", "0.5", "--settle-s", "0",
+                     "--drift-max", "1e-12"}) +
+              kValid,
           5, "has not settled");
-  refused(calibrate({"pressure", "--point", "0", "--point", "0.01", "--window-s", "0.5", "--yes"}) + kValid, 5, "3 levels or more");
-  refused(calibrate({"pressure", "--mode", "zero", "--point", "20", "--window-s", "0.5", "--yes"}) + kValid, 5, "from the reference");
+  refused(calibrate({"pressure", "--point", "0", "--point", "0.01", "--window-s", "0.5", "--yes"}) + kValid, 5,
+          "3 levels or more");
+  refused(calibrate({"pressure", "--mode", "zero", "--point", "20", "--window-s", "0.5", "--yes"}) + kValid, 5,
+          "from the reference");
   EXPECT_FALSE(std::filesystem::exists(dir / "runs" / "calibration"));
 
   // Found: the sensor reads 0.2 psi at 0. Noise of one count (0.0023 psi) in 500 samples: 0.1 mpsi; five of those.
@@ -63,7 +67,9 @@ TEST(Commission, CalibrateThenSelftestThenCheck) {
   EXPECT_TRUE(wait_until(5.0, [&] { return std::abs(daemon.status().value("pressure_psi", 1.0)) < 0.02; }));
 
   // Half a second later in the same second there is no second record of that name; the first stays.
-  const auto overdue = calibrate({"pressure", "--mode", "check", "--point", "0", "--window-s", "1.5", "--due", "2026-01-01", "--yes"}) + kValid;
+  const auto overdue =
+      calibrate({"pressure", "--mode", "check", "--point", "0", "--window-s", "1.5", "--due", "2026-01-01", "--yes"}) +
+      kValid;
   ASSERT_EQ(daemon.call(overdue).code, 0);
   EXPECT_EQ(daemon.call({"calibrate", "list", "--json"}).json()["records"].size(), 2U);
 
@@ -72,13 +78,16 @@ TEST(Commission, CalibrateThenSelftestThenCheck) {
   const auto checks = test.json();
   for (const auto& c : checks["checks"]) {
     if (c["verdict"] != "fail") continue;
-    EXPECT_THAT(std::vector<std::string>({"calibration.pressure", "realtime.lateness"}), ::testing::Contains(c["check"])) << c.dump();
+    EXPECT_THAT(std::vector<std::string>({"calibration.pressure", "realtime.lateness"}),
+                ::testing::Contains(c["check"]))
+        << c.dump();
   }
   const auto table = daemon.call({"selftest", "--window-s", "1"});
   EXPECT_THAT(table.text, HasSubstr("OVERDUE"));
   EXPECT_THAT(table.text, HasSubstr("-> isorig calibrate pressure"));
 
-  const std::vector<std::string> check = {"check", source("config/protocols/vma-smoke.toml"), "--rig", (dir / "rig.toml").string(),
+  const std::vector<std::string> check = {"check",  source("config/protocols/vma-smoke.toml"),
+                                          "--rig",  (dir / "rig.toml").string(),
                                           "--runs", daemon.runs()};
   const auto warned = isorig(dir, check);
   EXPECT_EQ(warned.code, 0) << warned.text;
@@ -92,12 +101,15 @@ TEST(Commission, SelftestAsksAndLeavesNothingHalfDone) {
   const TempDir dir;
   DaemonProcess daemon(dir, patient_rig(dir));
   ASSERT_TRUE(daemon.reach("ready")) << daemon.log();
-  const std::vector<std::string> words = {bin("isorig"), "selftest", "--window-s", "1", "--with-pressure", "--leak-s", "600",
-                                          "--socket", daemon.socket()};
-  const std::string press = "Press the emergency stop, then press Enter (n: leave it out): ", release = "Release it, then press Enter: ";
+  const std::vector<std::string> words = {bin("isorig"), "selftest", "--window-s",   "1", "--with-pressure", "--leak-s",
+                                          "600",         "--socket", daemon.socket()};
+  const std::string press = "Press the emergency stop, then press Enter (n: leave it out): ",
+                    release = "Release it, then press Enter: ";
   const std::string open_guard = "Open the guard, then press Enter (n: leave it out): ", pressurize = "Go on? [y/N] ";
   const auto pressure_psi = [&] { return daemon.status().value("pressure_psi", 99.0); };
-  const auto is_untouched = [&] { return daemon.state() == "ready" && pressure_psi() < 0.6 && daemon.catalogue().empty(); };
+  const auto is_untouched = [&] {
+    return daemon.state() == "ready" && pressure_psi() < 0.6 && daemon.catalogue().empty();
+  };
 
   {  // No to everything: neither good nor bad.
     Terminal terminal(words);
@@ -125,8 +137,8 @@ TEST(Commission, SelftestAsksAndLeavesNothingHalfDone) {
     EXPECT_EQ(terminal.wait(), -SIGINT);
     EXPECT_TRUE(is_untouched());
   }
-  {  // An operator who says that it is pressed, and a daemon that sees nothing of it (this rig has no button); Ctrl-C with
-     // the air sealed in.
+  {  // An operator who says that it is pressed, and a daemon that sees nothing of it (this rig has no button); Ctrl-C
+     // with the air sealed in.
     Terminal terminal(words);
     ASSERT_TRUE(terminal.shows(press)) << terminal.shown();
     terminal.type(Terminal::kEnter);
@@ -136,11 +148,13 @@ TEST(Commission, SelftestAsksAndLeavesNothingHalfDone) {
     terminal.type("n\r");
     ASSERT_TRUE(terminal.shows(pressurize)) << terminal.shown();
     terminal.type("y\r");
-    ASSERT_TRUE(wait_until(60.0, [&] { return daemon.state() == "paused" && pressure_psi() > 4.0; })) << daemon.status().dump(2);
+    ASSERT_TRUE(wait_until(60.0, [&] { return daemon.state() == "paused" && pressure_psi() > 4.0; }))
+        << daemon.status().dump(2);
     terminal.type(Terminal::kCtrlC);
     EXPECT_EQ(terminal.wait(), 1);
     EXPECT_TRUE(terminal.shows("interrupted: the rig vents")) << terminal.shown();
-    EXPECT_TRUE(wait_until(60.0, [&] { return daemon.state() == "ready" && pressure_psi() < 0.6; })) << daemon.status().dump(2);
+    EXPECT_TRUE(wait_until(60.0, [&] { return daemon.state() == "ready" && pressure_psi() < 0.6; }))
+        << daemon.status().dump(2);
     const auto rows = daemon.catalogue();
     ASSERT_EQ(rows.size(), 1U);
     EXPECT_EQ(rows[0]["state"], "aborted");
@@ -157,7 +171,8 @@ TEST(Commission, SelftestAsksAndLeavesNothingHalfDone) {
     EXPECT_TRUE(terminal.shows("was not seen open: a press would go unnoticed")) << terminal.shown();
   }
   // Nobody there to ask.
-  const auto alone = run(dir, {"sh", "-c", "exec \"$0\" \"$@\" </dev/null", bin("isorig"), "selftest", "--with-pressure", "--socket", daemon.socket()});
+  const auto alone = run(dir, {"sh", "-c", "exec \"$0\" \"$@\" </dev/null", bin("isorig"), "selftest",
+                               "--with-pressure", "--socket", daemon.socket()});
   EXPECT_EQ(alone.code, 2) << alone.text;
   EXPECT_THAT(alone.text, HasSubstr("add --yes"));
   EXPECT_EQ(daemon.catalogue().size(), 1U);

@@ -125,7 +125,8 @@ INSTANTIATE_TEST_SUITE_P(Signals, EndingSignalTest, testing::Values(SIGHUP, SIGQ
 
 TEST_F(EndingTest, SignalsThatMeanNothingHereEndNothing) {
   start();
-  for (const int number : {SIGUSR1, SIGUSR2, SIGALRM, SIGTSTP, SIGTTOU, SIGPIPE}) ::kill(daemon_->process().pid(), number);
+  for (const int number : {SIGUSR1, SIGUSR2, SIGALRM, SIGTSTP, SIGTTOU, SIGPIPE})
+    ::kill(daemon_->process().pid(), number);
   std::this_thread::sleep_for(std::chrono::milliseconds(100));
   EXPECT_EQ(daemon_->state(), "running");
   EXPECT_EQ(daemon_->process().stop(SIGTERM), 0);
@@ -169,7 +170,8 @@ TEST_F(EndingTest, NoCrowdOfClientsDelaysAnAbort) {
       address.sun_family = AF_UNIX;
       std::strcpy(address.sun_path, (daemon_->socket() + (i % 2 == 0 ? "" : ".stop")).c_str());
       if (::connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0 && i % 3 > 0) {
-        const std::string bytes = i % 3 == 1 ? "POST /v1/abort HTTP/1.1\r\nHo" : "GET /v1/status HTTP/1.1\r\nHost: x\r\n\r\n";
+        const std::string bytes =
+            i % 3 == 1 ? "POST /v1/abort HTTP/1.1\r\nHo" : "GET /v1/status HTTP/1.1\r\nHost: x\r\n\r\n";
         (void)::send(fd, bytes.data(), bytes.size(), MSG_NOSIGNAL);
       }
       crowd.push_back(fd);
@@ -191,7 +193,8 @@ TEST(Operator, AtATerminalAStartShowsWhatItIsAndAsks) {
   const TempDir dir;
   DaemonProcess daemon(dir, patient_rig(dir));
   ASSERT_TRUE(daemon.reach("ready")) << daemon.log();
-  const std::vector<std::string> words{bin("isorig"), "start", kSmoke, "--operator", "Ada", "--socket", daemon.socket()};
+  const std::vector<std::string> words{bin("isorig"), "start",    kSmoke,         "--operator",
+                                       "Ada",         "--socket", daemon.socket()};
   {
     Terminal terminal(words);
     EXPECT_TRUE(terminal.shows("specimen  Control2"));

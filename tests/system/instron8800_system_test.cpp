@@ -1,5 +1,5 @@
-// The daemon with a frame behind an 8800-type controller, over TCP and a pseudo-terminal, against isorig-simrig: what is
-// recorded is what the plant did, and a controller that hangs or is gone ends as it should.
+// The daemon with a frame behind an 8800-type controller, over TCP and a pseudo-terminal, against isorig-simrig: what
+// is recorded is what the plant did, and a controller that hangs or is gone ends as it should.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -19,10 +19,12 @@ class Rig8800 : public testing::Test {
     auto text = slurp(source("config/rigs/" + rig_file_));
     text = replaced(text, "\"../", "\"" + source("config/"));
     text = replaced(text, "port = \"/tmp/isorig-sim-teensy\"", "port = \"" + (dir_ / "teensy").string() + "\"");
-    for (const auto* age : {"frame_age_max_s = 1.0", "pressure_age_max_s = 0.5", "interlock_age_max_s = 1.0", "late_tick_max_s = 0.5"}) {
+    for (const auto* age :
+         {"frame_age_max_s = 1.0", "pressure_age_max_s = 0.5", "interlock_age_max_s = 1.0", "late_tick_max_s = 0.5"}) {
       text = replaced(text, age, std::string(age).substr(0, std::string(age).find('=')) + "= 2.0");
     }
-    text = replaced(text, "late_tick_max_s = 2.0", "late_tick_max_s = 2.0\nsegment_ack_max_s = 2.0\nfollowing_error_max_mm = 2.0");
+    text = replaced(text, "late_tick_max_s = 2.0",
+                    "late_tick_max_s = 2.0\nsegment_ack_max_s = 2.0\nfollowing_error_max_mm = 2.0");
     text = replaced(text, "heartbeat_timeout_s = 0.5", "heartbeat_timeout_s = 2.0");
     text = replaced(text, "watchdog_s = 0.5", "watchdog_s = 2.0");
     text = replaced(text, "response_timeout_ms = 400", "response_timeout_ms = 400\nheartbeat_timeout_ms = 2000");
@@ -41,11 +43,13 @@ class Rig8800 : public testing::Test {
     }
     const auto rig = dir_ / "rig.toml";
     spit(rig, text);
-    std::vector<std::string> words{bin("isorig-simrig"), "--rig", rig.string(), "--truth", (dir_ / "truth.csv").string(),
-                                   "--control", (dir_ / "control").string()};
+    std::vector<std::string> words{
+        bin("isorig-simrig"),       "--rig", rig.string(), "--truth", (dir_ / "truth.csv").string(), "--control",
+        (dir_ / "control").string()};
     if (tcp) words.insert(words.end(), {"--port", "0"});
     simrig_.emplace(words, dir_ / "simrig.log");
-    ASSERT_TRUE(wait_until(20.0, [&] { return simrig_->output().find("ready") != std::string::npos; })) << simrig_->output();
+    ASSERT_TRUE(wait_until(20.0, [&] { return simrig_->output().find("ready") != std::string::npos; }))
+        << simrig_->output();
     if (tcp) {
       const auto said = simrig_->output();
       const std::string before = "frame: tcp 127.0.0.1:";
@@ -166,11 +170,13 @@ TEST_F(Rig8800, AShortHangIsWaitedForAndALongOneIsASafeState) {
   EXPECT_THAT(daemon_->status().value("fault", ""), HasSubstr("stale.frame"));
   EXPECT_TRUE(vents());
   // The controller took no stop while it hung; its watchdog did what it is for.
-  EXPECT_TRUE(wait_until(20.0, [&] { return say("list").find("frame actuator-off on") != std::string::npos; })) << say("list");
+  EXPECT_TRUE(wait_until(20.0, [&] { return say("list").find("frame actuator-off on") != std::string::npos; }))
+      << say("list");
   EXPECT_NEAR(velocity_now_mm_s(), 0.0, 0.005);
   EXPECT_EQ(daemon_->call({"reset"}).code, 5);  // the actuator is off: somebody has to go there
   // And when the controller has come back: a command from before, without control by now, would trip it again.
-  EXPECT_TRUE(wait_until(30.0, [&] { return say("list").find("frame panel off") != std::string::npos; })) << say("list");
+  EXPECT_TRUE(wait_until(30.0, [&] { return say("list").find("frame panel off") != std::string::npos; }))
+      << say("list");
   EXPECT_EQ(say("fault frame actuator-off off"), "ok\n");
   EXPECT_TRUE(wait_until(30.0, [&] { return daemon_->call({"reset"}).code == 0; })) << daemon_->status().dump(2);
   EXPECT_TRUE(daemon_->reach("ready", 20.0)) << daemon_->status().dump(2);
@@ -183,7 +189,8 @@ TEST_F(Rig8800, ADisconnectionMidRampIsASafeState) {
   ASSERT_TRUE(daemon_->reach("faulted", 20.0)) << daemon_->status().dump(2);
   EXPECT_THAT(daemon_->status().value("fault", ""), HasSubstr("frame"));
   EXPECT_TRUE(vents());
-  EXPECT_TRUE(wait_until(20.0, [&] { return say("list").find("frame actuator-off on") != std::string::npos; })) << say("list");
+  EXPECT_TRUE(wait_until(20.0, [&] { return say("list").find("frame actuator-off on") != std::string::npos; }))
+      << say("list");
   EXPECT_NEAR(velocity_now_mm_s(), 0.0, 0.005);
   EXPECT_EQ(say("fault frame disconnect off"), "ok\n");
   EXPECT_EQ(say("fault frame actuator-off off"), "ok\n");

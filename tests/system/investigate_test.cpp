@@ -64,9 +64,16 @@ std::string rig_with(const TempDir& dir, const std::string& effect, const std::s
 Answer investigate(const TempDir& dir, const std::string& rig, std::vector<std::string> more = {}) {
   spit(dir / "poor.toml", kPoor);
   spit(dir / "nominal.toml", kNominal);
-  std::vector<std::string> words{"investigate", "--rig", rig,       "--protocol",  (dir / "poor.toml").string(),
-                                 "--model",     (dir / "nominal.toml").string(),   "--out",
-                                 (dir / "out").string(),  "--no-report"};
+  std::vector<std::string> words{"investigate",
+                                 "--rig",
+                                 rig,
+                                 "--protocol",
+                                 (dir / "poor.toml").string(),
+                                 "--model",
+                                 (dir / "nominal.toml").string(),
+                                 "--out",
+                                 (dir / "out").string(),
+                                 "--no-report"};
   words.insert(words.end(), more.begin(), more.end());
   return isorig(dir, std::move(words), 200.0);
 }
@@ -119,18 +126,17 @@ TEST_P(Confusable, IsTiedAtFirstAndSettledByTheDesignedExperiment) {
 
 INSTANTIATE_TEST_SUITE_P(
     OnThePoorProtocol, Confusable,
-    testing::Values(Case{"delay", "[[part]]\nphysics = \"force_delay\"\ndelay_s = 0.02\n", "0.05", "force_delay",
-                         "force_lag"},
-                    Case{"lag", "[[part]]\nphysics = \"force_lag\"\ntime_constant_s = 0.02\n", "0.05", "force_lag",
-                         "force_delay"},
-                    Case{"friction",
-                         "[[part]]\nphysics = \"coulomb_friction\"\nlaw = \"jenkins\"\nforce_N = 0.02\n"
-                         "presliding_mm = 0.005\n",
-                         "0.1", "coulomb_friction", "cyclic_softening"},
-                    Case{"softening",
-                         "[[part]]\nphysics = \"cyclic_softening\"\nlaw = \"elastic\"\ntravel_mm = 8\n"
-                         "lost_N_mm = -0.01\n",
-                         "0.1", "cyclic_softening", "zero_drift"}),
+    testing::Values(
+        Case{"delay", "[[part]]\nphysics = \"force_delay\"\ndelay_s = 0.02\n", "0.05", "force_delay", "force_lag"},
+        Case{"lag", "[[part]]\nphysics = \"force_lag\"\ntime_constant_s = 0.02\n", "0.05", "force_lag", "force_delay"},
+        Case{"friction",
+             "[[part]]\nphysics = \"coulomb_friction\"\nlaw = \"jenkins\"\nforce_N = 0.02\n"
+             "presliding_mm = 0.005\n",
+             "0.1", "coulomb_friction", "cyclic_softening"},
+        Case{"softening",
+             "[[part]]\nphysics = \"cyclic_softening\"\nlaw = \"elastic\"\ntravel_mm = 8\n"
+             "lost_N_mm = -0.01\n",
+             "0.1", "cyclic_softening", "zero_drift"}),
     [](const auto& one) { return std::string(one.param.name); });
 
 TEST(Investigate, WithNothingMissingItEndsAfterTheFirstRecording) {
@@ -167,7 +173,8 @@ TEST(Investigate, GoesOnWhereItWasAndRefusesAnotherQuestion) {
 
 TEST(Investigate, StartsNoRealRig) {
   const TempDir dir;
-  const auto answer = isorig(dir, {"investigate", "--rig", source("config/rigs/sim-wire.toml"), "--out", (dir / "out").string()});
+  const auto answer =
+      isorig(dir, {"investigate", "--rig", source("config/rigs/sim-wire.toml"), "--out", (dir / "out").string()});
   EXPECT_EQ(answer.code, 2) << answer.text;
   EXPECT_THAT(answer.text, HasSubstr("isorig start"));
   EXPECT_THAT(answer.text, HasSubstr("isorig diagnose"));

@@ -57,16 +57,22 @@ TEST(Kill, AtAnyMomentLeavesARecordingThatIsToldShortAndRightAsFarAsItGoes) {
   const TempDir dir;
   spit(dir / "three.toml", kThreeRepetitions);
   const auto words = [&](const std::filesystem::path& runs) {
-    return std::vector<std::string>{bin("isorig"), "run", (dir / "three.toml").string(), "--rig", source("config/rigs/sim.toml"),
-                                    "--runs", runs.string(), "--seed", "7", "--quiet"};
+    return std::vector<std::string>{bin("isorig"),
+                                    "run",
+                                    (dir / "three.toml").string(),
+                                    "--rig",
+                                    source("config/rigs/sim.toml"),
+                                    "--runs",
+                                    runs.string(),
+                                    "--seed",
+                                    "7",
+                                    "--quiet"};
   };
   const auto start = std::chrono::steady_clock::now();
   Process undisturbed(words(dir / "whole"), dir / "whole.log");
   ASSERT_EQ(undisturbed.wait(60.0), 0) << undisturbed.output();
   const double whole_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  const auto run_of = [](const std::filesystem::path& runs) {
-    return daemon::Catalogue(runs).find_run("latest");
-  };
+  const auto run_of = [](const std::filesystem::path& runs) { return daemon::Catalogue(runs).find_run("latest"); };
   Rows due;
   const auto reference = run_of(dir / "whole");
   ASSERT_TRUE(reference);
@@ -80,7 +86,8 @@ TEST(Kill, AtAnyMomentLeavesARecordingThatIsToldShortAndRightAsFarAsItGoes) {
   for (int n = 0; n < kills; ++n) {
     const auto runs = dir / ("runs-" + std::to_string(n));
     Process victim(words(runs), dir / "victim.log");
-    std::this_thread::sleep_for(std::chrono::duration<double>(whole_s * std::uniform_real_distribution<>(0.0, 1.1)(random)));
+    std::this_thread::sleep_for(
+        std::chrono::duration<double>(whole_s * std::uniform_real_distribution<>(0.0, 1.1)(random)));
     const int ended = victim.running() ? victim.stop(SIGKILL) : victim.wait(1.0);
     std::optional<daemon::RunRow> row;
     if (std::filesystem::exists(runs)) row = run_of(runs);  // for writing: settles it
@@ -108,14 +115,16 @@ TEST(Kill, AtAnyMomentLeavesARecordingThatIsToldShortAndRightAsFarAsItGoes) {
         EXPECT_TRUE(rows == due.of[session]) << "kill " << n << ", session " << session << " is called done";
         ++sessions;
       } else {
-        EXPECT_TRUE(std::includes(due.of[session].begin(), due.of[session].end(), rows.begin(), rows.end())) << "kill " << n;
+        EXPECT_TRUE(std::includes(due.of[session].begin(), due.of[session].end(), rows.begin(), rows.end()))
+            << "kill " << n;
       }
     }
     std::filesystem::remove_all(runs);
     if (HasFailure()) break;
   }
-  std::printf("  %d kills in %.2f s each: %d had finished, %d before there was a run, %d told interrupted; %d whole sessions\n",
-              kills, whole_s, finished, nothing, told, sessions);
+  std::printf(
+      "  %d kills in %.2f s each: %d had finished, %d before there was a run, %d told interrupted; %d whole sessions\n",
+      kills, whole_s, finished, nothing, told, sessions);
   EXPECT_GT(told, 0);
 }
 

@@ -125,8 +125,8 @@ TEST(Daemon, VerbsAndErrorsOverTheSocket) {
   EXPECT_EQ(info.st_mode & 0777U, 0600U);
 
   // A second one on the same socket does not start, and does not disturb the first.
-  const auto second = run(dir, {bin("isorigd"), "--no-realtime", "--rig", rig.string(), "--runs", (dir / "runs2").string(),
-                                "--socket", daemon.socket()});
+  const auto second = run(dir, {bin("isorigd"), "--no-realtime", "--rig", rig.string(), "--runs",
+                                (dir / "runs2").string(), "--socket", daemon.socket()});
   EXPECT_EQ(second.code, 1);
   EXPECT_THAT(second.text, HasSubstr("another daemon answers"));
   EXPECT_EQ(daemon.state(), "ready");
@@ -224,8 +224,8 @@ TEST(Daemon, TerminatedWhileRunningItVentsAndClosesTheRun) {
 std::vector<std::string> without_rights(std::vector<std::string> words) {
   std::vector<std::string> all;
   if (::geteuid() == 0) {
-    all = {"setpriv", "--reuid", "65534", "--regid", "65534", "--clear-groups", "--bounding-set", "-all",
-           "--inh-caps", "-all", "--", "prlimit", "--rtprio=0", "--"};
+    all = {"setpriv", "--reuid",    "65534", "--regid", "65534",   "--clear-groups", "--bounding-set",
+           "-all",    "--inh-caps", "-all",  "--",      "prlimit", "--rtprio=0",     "--"};
   } else {
     all = {"prlimit", "--rtprio=0", "--"};
   }
@@ -245,7 +245,8 @@ TEST(Daemon, WithoutRealTimeRightsItRefusesAndSaysWhatToGrant) {
   }
   const auto socket = (dir / "s.sock").string();
   const auto words = [&](const std::string& flag) {
-    std::vector<std::string> w{bin("isorigd"), "--rig", rig.string(), "--runs", (dir / "runs").string(), "--socket", socket};
+    std::vector<std::string> w{bin("isorigd"),          "--rig",    rig.string(), "--runs",
+                               (dir / "runs").string(), "--socket", socket};
     if (!flag.empty()) w.push_back(flag);
     return without_rights(w);
   };
@@ -255,7 +256,9 @@ TEST(Daemon, WithoutRealTimeRightsItRefusesAndSaysWhatToGrant) {
   EXPECT_THAT(refused.text, AnyOf(HasSubstr("LimitRTPRIO"), HasSubstr("LimitMEMLOCK")));
 
   Process allowed(words("--no-realtime"), dir / "allowed.log");
-  EXPECT_TRUE(wait_until(30.0, [&] { return isorig(dir, {"status", "--socket", socket}).code == 0; })) << allowed.output();
+  EXPECT_TRUE(wait_until(30.0, [&] {
+    return isorig(dir, {"status", "--socket", socket}).code == 0;
+  })) << allowed.output();
   EXPECT_EQ(allowed.stop(SIGTERM), 0) << allowed.output();
 }
 

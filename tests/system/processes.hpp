@@ -21,8 +21,12 @@
 /// limits everywhere.
 namespace isorig::system_test {
 
-inline std::string bin(const std::string& program) { return std::string(ISORIG_BIN_DIR) + "/" + program; }
-inline std::string source(const std::string& path) { return std::string(ISORIG_SOURCE_DIR) + "/" + path; }
+inline std::string bin(const std::string& program) {
+  return std::string(ISORIG_BIN_DIR) + "/" + program;
+}
+inline std::string source(const std::string& path) {
+  return std::string(ISORIG_SOURCE_DIR) + "/" + path;
+}
 
 inline std::string slurp(const std::filesystem::path& path) {
   std::ifstream in(path, std::ios::binary);
@@ -115,7 +119,9 @@ class Process {
   [[nodiscard]] std::string output() const { return slurp(log_); }
   [[nodiscard]] pid_t pid() const { return pid_; }
   [[nodiscard]] double cpu_s() const {
-    const auto s = [](const timeval& t) { return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec); };
+    const auto s = [](const timeval& t) {
+      return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
+    };
     return s(usage_.ru_utime) + s(usage_.ru_stime);
   }
 

@@ -19,11 +19,12 @@ constexpr int kWatchdogMs = 2000;
 
 class Service {
  public:
-  Service() : manager_((dir_ / "notify").string()), daemon_(dir_, patient_rig(dir_), [this] {
-    ::setenv("NOTIFY_SOCKET", manager_.name().c_str(), 1);
-    ::setenv("WATCHDOG_USEC", std::to_string(kWatchdogMs * 1000).c_str(), 1);
-    ::unsetenv("WATCHDOG_PID");
-  }) {}
+  Service()
+      : manager_((dir_ / "notify").string()), daemon_(dir_, patient_rig(dir_), [this] {
+          ::setenv("NOTIFY_SOCKET", manager_.name().c_str(), 1);
+          ::setenv("WATCHDOG_USEC", std::to_string(kWatchdogMs * 1000).c_str(), 1);
+          ::unsetenv("WATCHDOG_PID");
+        }) {}
 
   DaemonProcess& daemon() { return daemon_; }
   NotifySocket& manager() { return manager_; }

@@ -50,7 +50,9 @@ class Terminal {
       return true;
     });
   }
-  void type(const std::string& text) { ASSERT_EQ(::write(fd_, text.data(), text.size()), static_cast<ssize_t>(text.size())); }
+  void type(const std::string& text) {
+    ASSERT_EQ(::write(fd_, text.data(), text.size()), static_cast<ssize_t>(text.size()));
+  }
   static constexpr const char* kEnter = "\r";
   static constexpr const char* kCtrlC = "\x03";
   static constexpr const char* kCtrlD = "\x04";

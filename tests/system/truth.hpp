@@ -35,7 +35,8 @@ class Truth {
     while (std::getline(in, line)) {
       PlantState s;
       long long ns = 0;
-      if (std::sscanf(line.c_str(), "%lld,%lf,%lf,%lf", &ns, &s.position_mm, &s.force_N, &s.pressure_psi) != 4) continue;
+      if (std::sscanf(line.c_str(), "%lld,%lf,%lf,%lf", &ns, &s.position_mm, &s.force_N, &s.pressure_psi) != 4)
+        continue;
       s.mono_ns = ns;
       truth.add(s);
     }
@@ -47,7 +48,7 @@ class Truth {
     double slope_per_s = 0.0;  ///< the steepest in the neighbourhood
   };
   /// Nothing where the steps round `mono_ns` are further apart than 3 ms.
-  [[nodiscard]] std::optional<Point> at(std::int64_t mono_ns, double PlantState::* what) const {
+  [[nodiscard]] std::optional<Point> at(std::int64_t mono_ns, double PlantState::*what) const {
     const auto after = std::lower_bound(states_.begin(), states_.end(), mono_ns,
                                         [](const PlantState& s, std::int64_t t) { return s.mono_ns < t; });
     if (after - states_.begin() < 2 || states_.end() - after < 2) return std::nullopt;
@@ -68,17 +69,18 @@ class Truth {
   std::vector<PlantState> states_;
 };
 
-/// One channel of full-rate samples. A sample may differ by `noise` and by what the plant moved within its stamp's bound.
+/// One channel of full-rate samples. A sample may differ by `noise` and by what the plant moved within its stamp's
+/// bound.
 struct Comparison {
   double noise = 0.0;
   std::size_t compared = 0, unseen = 0, outside = 0;
-  double worst = 0.0;           ///< difference
-  double worst_excess = 0.0;    ///< beyond what is allowed
+  double worst = 0.0;         ///< difference
+  double worst_excess = 0.0;  ///< beyond what is allowed
   double sum_squares = 0.0;
-  double stamp_squares = 0.0;   ///< of the difference over the slope, where the plant is fast
+  double stamp_squares = 0.0;  ///< of the difference over the slope, where the plant is fast
   std::size_t stamps = 0;
 
-  void add(const Truth& truth, double PlantState::* what, std::int64_t mono_ns, double bound_ns, double value,
+  void add(const Truth& truth, double PlantState::*what, std::int64_t mono_ns, double bound_ns, double value,
            double fast_per_s) {
     const auto point = truth.at(mono_ns, what);
     if (!point) {
@@ -97,13 +99,17 @@ struct Comparison {
       ++stamps;
     }
   }
-  [[nodiscard]] double rms() const { return compared == 0 ? 0.0 : std::sqrt(sum_squares / static_cast<double>(compared)); }
+  [[nodiscard]] double rms() const {
+    return compared == 0 ? 0.0 : std::sqrt(sum_squares / static_cast<double>(compared));
+  }
   [[nodiscard]] double stamp_rms_us() const {
     return stamps == 0 ? 0.0 : 1e6 * std::sqrt(stamp_squares / static_cast<double>(stamps));
   }
   void print(const char* name, const char* unit) const {
-    std::printf("  %-8s %zu samples (%zu where the truth has a gap): rms %.5f %s, worst %.5f; outside noise + bound x slope: %zu\n",
-                name, compared, unseen, rms(), unit, worst, outside);
+    std::printf(
+        "  %-8s %zu samples (%zu where the truth has a gap): rms %.5f %s, worst %.5f; outside noise + bound x slope: "
+        "%zu\n",
+        name, compared, unseen, rms(), unit, worst, outside);
   }
 };
 
@@ -134,7 +140,8 @@ class RunComparison : public messages::RunVisitor {
       const std::int64_t at = m.mono_ns + m.mono_offset_ns[i];
       pressure_sequence.add(m.sequence + m.sequence_offset[i], m.sequence + m.sequence_offset[i]);
       if (m.status[i] != 0) continue;
-      pressure_psi.add(truth_, &PlantState::pressure_psi, at, static_cast<double>(m.bound_ns[i]), m.pressure_psi[i], 1e9);
+      pressure_psi.add(truth_, &PlantState::pressure_psi, at, static_cast<double>(m.bound_ns[i]), m.pressure_psi[i],
+                       1e9);
     }
   }
   void frame_average(const isorig_msgs::frame_average_batch_t& m) override {
@@ -198,10 +205,13 @@ class RunComparison : public messages::RunVisitor {
     force.print("force", "N");
     pressure_psi.print("pressure", "psi");
     mean_position.print("means", "mm");
-    std::printf("  stamps   worst bound %.0f us; seen from a ramp at 10 mm/s (position noise included) %.1f us rms over %zu samples\n",
-                worst_bound_us, position.stamp_rms_us(), position.stamps);
+    std::printf(
+        "  stamps   worst bound %.0f us; seen from a ramp at 10 mm/s (position noise included) %.1f us rms over %zu "
+        "samples\n",
+        worst_bound_us, position.stamp_rms_us(), position.stamps);
     std::printf("  counters frame %llu samples, %llu missing, %llu repeated; pressure %llu, %llu, %llu\n",
-                static_cast<unsigned long long>(frame_sequence.samples), static_cast<unsigned long long>(frame_sequence.missing),
+                static_cast<unsigned long long>(frame_sequence.samples),
+                static_cast<unsigned long long>(frame_sequence.missing),
                 static_cast<unsigned long long>(frame_sequence.repeated),
                 static_cast<unsigned long long>(pressure_sequence.samples),
                 static_cast<unsigned long long>(pressure_sequence.missing),

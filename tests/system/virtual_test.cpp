@@ -56,8 +56,9 @@ TEST(VirtualCampaign, ThePapersProtocolWhole) {
 }
 
 std::string run_short(const TempDir& dir, const std::string& name, const std::string& seed) {
-  const auto answer = isorig(dir, {"run", source("config/protocols/vma-short.toml"), "--rig", source("config/rigs/sim.toml"),
-                                   "--runs", (dir / name).string(), "--seed", seed, "--json"});
+  const auto answer =
+      isorig(dir, {"run", source("config/protocols/vma-short.toml"), "--rig", source("config/rigs/sim.toml"), "--runs",
+                   (dir / name).string(), "--seed", seed, "--json"});
   EXPECT_EQ(answer.code, 0) << answer.text;
   const std::string directory = answer.json().value("directory", "");
   std::string bytes;
@@ -170,7 +171,8 @@ TEST(VirtualRun, KilledInTheSecondRepetitionGoesOnFromItsStart) {
   const auto exported = isorig(dir, {"export", id, "--runs", runs, "--out", (dir / "out").string(), "--json"});
   EXPECT_TRUE(exported.code == 0 || exported.code == 7) << exported.text;
   std::set<std::string> folders;
-  for (const auto& entry : std::filesystem::directory_iterator(dir / "out")) folders.insert(entry.path().filename().string());
+  for (const auto& entry : std::filesystem::directory_iterator(dir / "out"))
+    folders.insert(entry.path().filename().string());
   EXPECT_EQ(folders, (std::set<std::string>{"rep-1_10-psi", "rep-2_10-psi", "rep-3_10-psi"}));
   for (const auto& folder : folders) {
     const auto recording = messages::read_recording(dir / "out" / folder);

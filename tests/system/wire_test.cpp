@@ -45,7 +45,8 @@ class Wire : public testing::Test {
     text = replaced(text, "\"../", "\"" + source("config/"));
     text = replaced(text, "port = \"/tmp/isorig-sim-teensy\"", "port = \"" + (dir_ / "teensy").string() + "\"");
     text = replaced(text, "response_timeout_ms = 100", "response_timeout_ms = 500\nstart_confirm_ms = 2000");
-    for (const auto* age : {"frame_age_max_s = 0.5", "pressure_age_max_s = 0.5", "interlock_age_max_s = 1.0", "late_tick_max_s = 0.5"}) {
+    for (const auto* age :
+         {"frame_age_max_s = 0.5", "pressure_age_max_s = 0.5", "interlock_age_max_s = 1.0", "late_tick_max_s = 0.5"}) {
       text = replaced(text, age, std::string(age).substr(0, std::string(age).find('=')) + "= 2.0");
     }
     text = replaced(text, "late_tick_max_s = 2.0", "late_tick_max_s = 2.0\nsegment_ack_max_s = 2.0");
@@ -63,11 +64,13 @@ class Wire : public testing::Test {
     }
     const auto rig = dir_ / "rig.toml";
     spit(rig, text);
-    std::vector<std::string> words{bin("isorig-simrig"), "--rig", rig.string(), "--truth", (dir_ / "truth.csv").string(),
-                                   "--control", (dir_ / "control").string()};
+    std::vector<std::string> words{
+        bin("isorig-simrig"),       "--rig", rig.string(), "--truth", (dir_ / "truth.csv").string(), "--control",
+        (dir_ / "control").string()};
     if (!rtu) words.insert(words.end(), {"--port", "0"});
     simrig_.emplace(words, dir_ / "simrig.log");
-    ASSERT_TRUE(wait_until(20.0, [&] { return simrig_->output().find("ready") != std::string::npos; })) << simrig_->output();
+    ASSERT_TRUE(wait_until(20.0, [&] { return simrig_->output().find("ready") != std::string::npos; }))
+        << simrig_->output();
     if (!rtu) {
       const auto said = simrig_->output();
       const std::string before = "frame: tcp 127.0.0.1:";
@@ -92,8 +95,8 @@ class Wire : public testing::Test {
     const auto watched = daemon_->call({"watch", "--until-done", "--interval-s", "1"}, 150.0);
     const auto status = daemon_->status();
     EXPECT_EQ(watched.code, 0) << watched.text << status.dump(2) << daemon_->log();
-    std::printf("  loop: %s\n  frame: %s\n  sensor: %s\n", status["loop"].dump().c_str(), status["frame"].dump().c_str(),
-                status["pressure"].dump().c_str());
+    std::printf("  loop: %s\n  frame: %s\n  sensor: %s\n", status["loop"].dump().c_str(),
+                status["frame"].dump().c_str(), status["pressure"].dump().c_str());
     EXPECT_EQ(daemon_->process().stop(SIGTERM), 0) << daemon_->log();
     EXPECT_EQ(simrig_->stop(SIGTERM), 0) << simrig_->output();
 
@@ -148,7 +151,8 @@ struct Heard {
 template <typename Message>
 std::int64_t number_of(const messages::LogEvent& event) {
   Message m;
-  if (m.decode(event.data.data(), 0, static_cast<int>(event.data.size())) < 0) throw std::runtime_error("not decodable");
+  if (m.decode(event.data.data(), 0, static_cast<int>(event.data.size())) < 0)
+    throw std::runtime_error("not decodable");
   return m.number;
 }
 
@@ -162,7 +166,8 @@ Heard read_heard(const std::filesystem::path& file) {
     std::optional<std::int64_t> number;
     if (channel == "ISORIG_FRAME") {
       isorig_msgs::frame_batch_t m;
-      if (m.decode(event->data.data(), 0, static_cast<int>(event->data.size())) < 0) throw std::runtime_error("frame_batch_t");
+      if (m.decode(event->data.data(), 0, static_cast<int>(event->data.size())) < 0)
+        throw std::runtime_error("frame_batch_t");
       number = m.number;
       heard.frame_samples += static_cast<std::uint64_t>(m.count);
     }
@@ -176,7 +181,8 @@ Heard read_heard(const std::filesystem::path& file) {
 
 TEST_F(Wire, ModbusTcpRecordsAndPublishesWhatThePlantDid) {
   ASSERT_NO_FATAL_FAILURE(start(false));
-  Process logger({"lcm-logger", "-q", "-f", "-c", "ISORIG_.*", "--lcm-url=" + url_, (dir_ / "heard.lcm").string()}, dir_ / "logger.log");
+  Process logger({"lcm-logger", "-q", "-f", "-c", "ISORIG_.*", "--lcm-url=" + url_, (dir_ / "heard.lcm").string()},
+                 dir_ / "logger.log");
   std::this_thread::sleep_for(std::chrono::milliseconds(500));
   const auto id = run_and_compare(source("config/protocols/vma-smoke.toml"));
   ASSERT_FALSE(id.empty());
@@ -186,8 +192,9 @@ TEST_F(Wire, ModbusTcpRecordsAndPublishesWhatThePlantDid) {
   const auto heard = read_heard(dir_ / "heard.lcm");
   std::uint64_t total = 0;
   for (const auto& [channel, count] : heard.messages) total += count;
-  std::printf("  lcm-logger: %llu messages on %zu channels, %llu missed (%s network)\n", static_cast<unsigned long long>(total),
-              heard.messages.size(), static_cast<unsigned long long>(heard.missed), own_network_ ? "own" : "the host's");
+  std::printf("  lcm-logger: %llu messages on %zu channels, %llu missed (%s network)\n",
+              static_cast<unsigned long long>(total), heard.messages.size(),
+              static_cast<unsigned long long>(heard.missed), own_network_ ? "own" : "the host's");
   for (const auto* channel : {"ISORIG_FRAME", "ISORIG_PRESSURE", "ISORIG_STATE", "ISORIG_EVENT", "ISORIG_PROGRESS"}) {
     EXPECT_GT(heard.messages.count(channel), 0U) << channel;
   }
@@ -195,12 +202,14 @@ TEST_F(Wire, ModbusTcpRecordsAndPublishesWhatThePlantDid) {
   EXPECT_LT(heard.missed, total / 20);      // UDP may lose; the number says how much
 
   // The recording format, and LCM's player on our segments.
-  const auto exported = isorig(dir_, {"export", id, "--runs", (dir_ / "runs").string(), "--out", (dir_ / "out").string()});
+  const auto exported =
+      isorig(dir_, {"export", id, "--runs", (dir_ / "runs").string(), "--out", (dir_ / "out").string()});
   EXPECT_EQ(exported.code, 0) << exported.text;
   for (const auto* folder : {"rep-1_5-psi", "rep-2_5-psi"}) {
     const auto recording = messages::read_recording(dir_ / "out" / folder);
     EXPECT_THAT(recording.metadata.further_toml, HasSubstr("complete = true"));
-    const auto [low, high] = std::minmax_element(recording.frame.position_mm.begin(), recording.frame.position_mm.end());
+    const auto [low, high] =
+        std::minmax_element(recording.frame.position_mm.begin(), recording.frame.position_mm.end());
     EXPECT_NEAR(*low, -1.0, 0.1);
     EXPECT_NEAR(*high, 1.0, 0.1);
   }
@@ -278,8 +287,7 @@ TEST_F(Wire, DelayAndCorruptBytesAreCountedAndTheRunGoesOn) {
   EXPECT_EQ(say("fault frame corrupt 2"), "ok\n");
   EXPECT_TRUE(wait_until(20.0, [&] {
     const auto s = daemon_->status();
-    return s["pressure"].value("corrupt", 0) > 0 &&
-           s["frame"].value("errors", 0) + s["frame"].value("corrupt", 0) > 0;
+    return s["pressure"].value("corrupt", 0) > 0 && s["frame"].value("errors", 0) + s["frame"].value("corrupt", 0) > 0;
   })) << daemon_->status().dump(2);
   EXPECT_EQ(say("clear"), "ok\n");
   std::this_thread::sleep_for(std::chrono::seconds(1));

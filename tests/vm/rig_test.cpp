@@ -1,7 +1,7 @@
-// A whole rig on a real kernel: the installed packages, the daemon under systemd with its own drivers, a frame over Modbus,
-// an emulated Teensy on USB, the emergency stop, guard, vent valve and sync line on the kernel's GPIO. One run to its end,
-// then what nobody hopes for, each while the crosshead moves: what counts is what the plant did, as the plant itself
-// wrote it down.
+// A whole rig on a real kernel: the installed packages, the daemon under systemd with its own drivers, a frame over
+// Modbus, an emulated Teensy on USB, the emergency stop, guard, vent valve and sync line on the kernel's GPIO. One run
+// to its end, then what nobody hopes for, each while the crosshead moves: what counts is what the plant did, as the
+// plant itself wrote it down.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/socket.h>
@@ -140,7 +140,9 @@ class Daemon {
   void start() { EXPECT_EQ(systemctl({"start", "isorigd"}).code, 0); }
   /// Systemd starts it again by itself.
   void kill() { EXPECT_EQ(systemctl({"kill", "--signal=KILL", "isorigd"}).code, 0); }
-  [[nodiscard]] std::string property(const std::string& name) const { return systemctl({"show", "-P", name, "isorigd"}).text; }
+  [[nodiscard]] std::string property(const std::string& name) const {
+    return systemctl({"show", "-P", name, "isorigd"}).text;
+  }
   void stop() {
     EXPECT_EQ(systemctl({"stop", "isorigd"}).code, 0);
     EXPECT_EQ(property("Result"), "success\n");
@@ -168,23 +170,26 @@ class RigOnKernel : public testing::Test {
   void SetUp() override {
     plug_in_gpio();
     spit(Daemon::kRig, rig_text());
-    simrig_.emplace(std::vector<std::string>{"isorig-simrig", "--rig", Daemon::kRig, "--truth",
-                                             (dir_ / "truth.csv").string(), "--control", (dir_ / "control").string(),
-                                             "--gpio-sync", (dir_ / "sync").string(), "--gpio-vent",
-                                             (dir_ / "vent").string()},
-                    dir_ / "simrig.log");
-    ASSERT_TRUE(comes_true([&] {
-      return !simrig_->running() || simrig_->output().find("ready;") != std::string::npos;
-    }) && simrig_->running()) << simrig_->output();
+    simrig_.emplace(
+        std::vector<std::string>{"isorig-simrig", "--rig", Daemon::kRig, "--truth", (dir_ / "truth.csv").string(),
+                                 "--control", (dir_ / "control").string(), "--gpio-sync", (dir_ / "sync").string(),
+                                 "--gpio-vent", (dir_ / "vent").string()},
+        dir_ / "simrig.log");
+    ASSERT_TRUE(
+        comes_true([&] { return !simrig_->running() || simrig_->output().find("ready;") != std::string::npos; }) &&
+        simrig_->running())
+        << simrig_->output();
     start_daemon();
   }
 
   void plug_in_gpio() {
-    chip_ = std::make_unique<test::GpioSim>("rig", "isorig-rig", std::vector<std::string>{"ESTOP", "GUARD", "VENT", "SYNC"});
+    chip_ = std::make_unique<test::GpioSim>("rig", "isorig-rig",
+                                            std::vector<std::string>{"ESTOP", "GUARD", "VENT", "SYNC"});
     chip_->drive(kEstop, true);
     chip_->drive(kGuard, true);
     // The chip's number may be another one each time: the plant is told of it.
-    for (const auto& [name, file] : {std::pair{"vent", chip_->file(kVent, "value")}, {"sync", chip_->file(kSync, "pull")}}) {
+    for (const auto& [name, file] :
+         {std::pair{"vent", chip_->file(kVent, "value")}, {"sync", chip_->file(kSync, "pull")}}) {
       std::filesystem::remove(dir_ / name);
       std::filesystem::create_symlink(file, dir_ / name);
     }
@@ -203,7 +208,8 @@ vent_valve = { line = "VENT" }
 sync = { line = "SYNC" })");
     text = replaced(text, "transport = \"tty\"\nport = \"/tmp/isorig-sim-teensy\"", "transport = \"usb\"");
     text = replaced(text, "response_timeout_ms = 100", "response_timeout_ms = 1000\nstart_confirm_ms = 2000");
-    for (const auto* age : {"frame_age_max_s = 0.5", "pressure_age_max_s = 0.5", "interlock_age_max_s = 1.0", "late_tick_max_s = 0.5"}) {
+    for (const auto* age :
+         {"frame_age_max_s = 0.5", "pressure_age_max_s = 0.5", "interlock_age_max_s = 1.0", "late_tick_max_s = 0.5"}) {
       text = replaced(text, age, std::string(age).substr(0, std::string(age).find('=')) + "= 2.0");
     }
     text = replaced(text, "late_tick_max_s = 2.0", "late_tick_max_s = 2.0\nsegment_ack_max_s = 2.0");
@@ -255,7 +261,8 @@ steps = [
     EXPECT_TRUE(comes_true([&] {
       const auto now = newest_truth(dir_ / "truth.csv");
       return now && now->mono_ns > since_ns && now->pressure_psi < kVented_psi;
-    })) << what << ": the rig is not vented";
+    })) << what
+        << ": the rig is not vented";
     std::this_thread::sleep_for(std::chrono::seconds(5));  // a frame that still moves shows it in this
     moments_.push_back({what, since_ns, mono_ns()});
     say_done(what + ": the rig is safe");
@@ -268,8 +275,7 @@ steps = [
   }
 
   void back_to_ready(const std::string& what) {
-    EXPECT_TRUE(comes_true([&] { return daemon_.call({"reset"}).code == 0; }))
-        << what << status().dump(2);
+    EXPECT_TRUE(comes_true([&] { return daemon_.call({"reset"}).code == 0; })) << what << status().dump(2);
     EXPECT_TRUE(reach("ready")) << what << status().dump(2);
   }
 
@@ -287,7 +293,9 @@ steps = [
       while (moving > first && std::abs(moving->position_mm - last->position_mm) < 0.002) --moving;
       const auto vented = std::find_if(first, last, [](const PlantState& s) { return s.pressure_psi < kVented_psi; });
       const double travelled_mm = std::abs(last->position_mm - first->position_mm);
-      const auto seconds = [&](const auto& state) { return 1e-9 * static_cast<double>(state->mono_ns - moment.from_ns); };
+      const auto seconds = [&](const auto& state) {
+        return 1e-9 * static_cast<double>(state->mono_ns - moment.from_ns);
+      };
       std::printf("  %-28s frame at rest after %.2f s and %.3f mm, vented from %.2f psi after %.2f s\n",
                   moment.what.c_str(), seconds(moving), travelled_mm, first->pressure_psi, seconds(vented));
       EXPECT_GT(first->pressure_psi, 3.0) << moment.what << ": nothing was at stake";

@@ -268,8 +268,8 @@ TEST_F(UsbBench, SaysWhichRuleGivesPermission) {
     try {
       plain.open();
     } catch (const DeviceError& error) {
-      const bool is_told = error.fault() == Fault::kRefused &&
-                           std::string(error.what()).find("60-isorig.rules") != std::string::npos;
+      const bool is_told =
+          error.fault() == Fault::kRefused && std::string(error.what()).find("60-isorig.rules") != std::string::npos;
       ::_exit(is_told ? 0 : 3);
     }
     ::_exit(4);

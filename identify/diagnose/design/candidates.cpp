@@ -48,8 +48,7 @@ std::string oscillation(double frequency_Hz, double amplitude_mm, int cycles, co
   const double interval_s = std::max(limits.rig.segment_interval_min_s, 1e-3);
   const auto chords = static_cast<int>(std::min(0.25 / (frequency_Hz * interval_s) + 1e-9, 6.0));
   if (chords >= 2) {
-    const double deviation_mm =
-        1.02 * protocol::wave::deviation_mm(amplitude_mm, static_cast<std::uint32_t>(chords));
+    const double deviation_mm = 1.02 * protocol::wave::deviation_mm(amplitude_mm, static_cast<std::uint32_t>(chords));
     return text(
         "    { do = \"wave\", shape = \"sine\", amplitude_mm = %.6g, frequency_hz = %.6g, cycles = %d, "
         "deviation_mm = %.3g },\n",
@@ -117,7 +116,8 @@ CandidateExperiment session_of(std::string name, std::string body, const Candida
   return item;
 }
 
-CandidateExperiment joined(const CandidateExperiment& first, const CandidateExperiment& second, const CandidateLimits& limits) {
+CandidateExperiment joined(const CandidateExperiment& first, const CandidateExperiment& second,
+                           const CandidateLimits& limits) {
   return session_of(first.name + "; " + second.name, first.body + hold(2.0) + second.body, limits);
 }
 
@@ -170,8 +170,8 @@ std::vector<CandidateExperiment> candidate_experiments(const CandidateLimits& li
       if (velocity > fastest || velocity < slowest) continue;
       for (const double rest_s : {3.0, 30.0})
         out.add(text("strokes of %.3g mm at %.3g mm/s both ways, %.3g s rest", length, velocity, rest_s),
-                ramp(length, velocity) + hold(rest_s) + ramp(0.0, velocity) + hold(rest_s) +
-                    ramp(-length, velocity) + hold(rest_s) + ramp(0.0, velocity));
+                ramp(length, velocity) + hold(rest_s) + ramp(0.0, velocity) + hold(rest_s) + ramp(-length, velocity) +
+                    hold(rest_s) + ramp(0.0, velocity));
     }
   }
   for (const double hold_s : {120.0, 600.0, 1500.0}) {
@@ -184,8 +184,7 @@ std::vector<CandidateExperiment> candidate_experiments(const CandidateLimits& li
     // What goes with travel and what goes with time part ways.
     out.add(text("triangles of %.3g mm at %.3g mm/s, 5 times, before and after %.4g s rest", stroke,
                  std::min(2.0, fastest), hold_s),
-            triangle(stroke, std::min(2.0, fastest), 5) + hold(hold_s) +
-                triangle(stroke, std::min(2.0, fastest), 5));
+            triangle(stroke, std::min(2.0, fastest), 5) + hold(hold_s) + triangle(stroke, std::min(2.0, fastest), 5));
   }
   if (limits.pressure_matters) {
     for (const double step_psi : {0.5, 1.0, 2.0}) {

@@ -36,14 +36,15 @@ inline constexpr double kTurn_s = 0.2;
 [[nodiscard]] std::vector<CandidateExperiment> candidate_experiments(const CandidateLimits& limits);
 
 /// One after the other in one session.
-[[nodiscard]] CandidateExperiment joined(const CandidateExperiment& first, const CandidateExperiment& second, const CandidateLimits& limits);
+[[nodiscard]] CandidateExperiment joined(const CandidateExperiment& first, const CandidateExperiment& second,
+                                         const CandidateLimits& limits);
 
 /// A session of its own with these steps. Throws base::ConfigError when it breaks the limits.
 [[nodiscard]] CandidateExperiment session_of(std::string name, std::string body, const CandidateLimits& limits);
 
 /// The same protocol under the name it is stored and run by.
-[[nodiscard]] std::string protocol_text(const CandidateExperiment& item, const CandidateLimits& limits, std::string_view name,
-                                        std::string_view description);
+[[nodiscard]] std::string protocol_text(const CandidateExperiment& item, const CandidateLimits& limits,
+                                        std::string_view name, std::string_view description);
 
 /// The paper's ramps as they are: out at `velocity_mm_s` both ways, 30 s, back at 0.01 mm/s.
 [[nodiscard]] std::string paper_ramps(double stroke_mm, double velocity_mm_s, double return_mm_s);

@@ -65,8 +65,8 @@ std::vector<Handle> handles_of(const model::ModelSpec& spec) {
     for (std::size_t i = 0; i < part.parameters.size(); ++i) {
       const auto& parameter = part.law->parameters[i];
       if (parameter.fixed || parameter.name == "time_s") continue;
-      const double scale = parameter.logarithmic ? std::fabs(part.parameters[i])
-                                                 : std::max(std::fabs(part.parameters[i]), 1e-2);
+      const double scale =
+          parameter.logarithmic ? std::fabs(part.parameters[i]) : std::max(std::fabs(part.parameters[i]), 1e-2);
       const bool below = part.parameters[i] + 1e-3 * scale > parameter.upper;
       out.push_back({p, i, false, (below ? -1e-3 : 1e-3) * scale});
     }
@@ -144,8 +144,8 @@ class Designer {
   /// What the recordings did, once more: the paper's ramps at their stroke and speed.
   [[nodiscard]] std::optional<CandidateExperiment> paper_ramps_again() const {
     try {
-      return session_of("the paper's ramps once more", paper_ramps(std::min(recorded_stroke_mm_, limits_.stroke_mm),
-                                                                  recorded_speed_mm_s_, 0.01),
+      return session_of("the paper's ramps once more",
+                        paper_ramps(std::min(recorded_stroke_mm_, limits_.stroke_mm), recorded_speed_mm_s_, 0.01),
                         limits_);
     } catch (const base::ConfigError&) {
       return std::nullopt;
@@ -306,8 +306,7 @@ bool Designer::bearable(const Series& run, const Eigen::VectorXd& force_N) const
   for (Eigen::Index k = 0; k < force_N.size(); ++k) {
     if (force_N[k] < rig.force_min_N + margin_N || force_N[k] > rig.force_max_N - margin_N) return false;
     const double dt_s = run.nodes[static_cast<std::size_t>(k)].dt_s;
-    if (k > 0 && dt_s > 0.0 &&
-        std::fabs(force_N[k] - force_N[k - 1]) > (1.0 - kMargin) * rig.force_rate_max_N_s * dt_s)
+    if (k > 0 && dt_s > 0.0 && std::fabs(force_N[k] - force_N[k - 1]) > (1.0 - kMargin) * rig.force_rate_max_N_s * dt_s)
       return false;
   }
   return true;
@@ -417,8 +416,8 @@ Design design_experiment(const Search& search, const Selection& selection, const
     for (std::size_t p = 0; p < pairs.size(); ++p) {
       if (!counts[p]) continue;
       take(*best_for(p));
-      const auto quick = std::ranges::find_if(
-          rated, [&](const Rated& r) { return r.score.distance[p] >= options.enough; });
+      const auto quick =
+          std::ranges::find_if(rated, [&](const Rated& r) { return r.score.distance[p] >= options.enough; });
       if (quick != rated.end()) take(*quick);  // they are sorted by duration
     }
     take(*std::ranges::max_element(rated, {}, [&](const Rated& r) { return r.score.least(counts); }));

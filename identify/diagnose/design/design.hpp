@@ -81,8 +81,8 @@ struct Design {
 ///
 /// Candidates are scored to first order about each explanation's fit, with what the recordings so far say about
 /// its numbers as prior; whichever is chosen was then refitted without approximation.
-[[nodiscard]] Design design_experiment(const Search& search, const Selection& selection,
-                                       const DesignOptions& options, unsigned threads);
+[[nodiscard]] Design design_experiment(const Search& search, const Selection& selection, const DesignOptions& options,
+                                       unsigned threads);
 
 /// Says in words why the pairs of `design.inseparable` cannot be told apart; joins both directions of a pair.
 void describe_inseparable(Design& design);

@@ -54,9 +54,8 @@ ordered_json experiment_json(const Design& design) {
   for (const auto& rival : design.tied) out["separates"].push_back(rival.key);
   out["expected"] = ordered_json::array();
   for (const Distance& d : e.distances)
-    out["expected"].push_back({{"if", design.tied[d.truth].key},
-                               {"then", design.tied[d.rival].key},
-                               {"leaves", std::min(d.expected, 1e12)}});
+    out["expected"].push_back(
+        {{"if", design.tied[d.truth].key}, {"then", design.tied[d.rival].key}, {"leaves", std::min(d.expected, 1e12)}});
   out["considered"] = design.considered;
   out["others"] = ordered_json::array();
   for (const Runner& r : design.others)
@@ -82,12 +81,12 @@ void write_design(const Design& design, report::Page& page) {
   if (design.experiment) {
     const Experiment& e = *design.experiment;
     page.paragraph("next_experiment.toml, " + number_text(e.duration_s, 3) + " s: " + e.text + ". It is the " +
-                   (e.enough ? "shortest of " + std::to_string(design.considered) +
-                                   " within the limits that separates every two of them by " +
-                                   number_text(design.enough, 3)
-                             : "one of " + std::to_string(design.considered) +
-                                   " within the limits that comes nearest to separating them by " +
-                                   number_text(design.enough, 3)) +
+                   (e.enough
+                        ? "shortest of " + std::to_string(design.considered) +
+                              " within the limits that separates every two of them by " + number_text(design.enough, 3)
+                        : "one of " + std::to_string(design.considered) +
+                              " within the limits that comes nearest to separating them by " +
+                              number_text(design.enough, 3)) +
                    " (squares over the noise).");
     rows.clear();
     for (const Distance& d : e.distances)

@@ -161,10 +161,8 @@ Series rehearse(const protocol::Plan& plan, const model::Reference& reference, c
     now.position_mm = path.mean(now.t_s, kHalf_s);
     now.elongation_mm = now.position_mm + reference.elongation_at_zero_mm;
     now.velocity_mm_s = (path.at(now.t_s + kHalf_s) - path.at(now.t_s - kHalf_s)) / (2.0 * kHalf_s);
-    now.acceleration_mm_s2 =
-        (path.slope(now.t_s + kHalf_s) - path.slope(now.t_s - kHalf_s)) / (2.0 * kHalf_s);
-    now.excess_pressure_psi =
-        course.pressure_psi.mean(now.t_s, kHalf_s) - reference.nominal_pressure_psi;
+    now.acceleration_mm_s2 = (path.slope(now.t_s + kHalf_s) - path.slope(now.t_s - kHalf_s)) / (2.0 * kHalf_s);
+    now.excess_pressure_psi = course.pressure_psi.mean(now.t_s, kHalf_s) - reference.nominal_pressure_psi;
     if (!series.nodes.empty()) {
       now.dt_s = now.t_s - series.nodes.back().t_s;
       now.step_mm = now.position_mm - series.nodes.back().position_mm;

@@ -14,7 +14,6 @@ struct Sampling {
 /// bandwidth makes it (corners rounded over 60 ms, kTurn_s at each target), its set-points as pressure, bins
 /// as fine as a recording's own would be, with the number of readings that each will hold. Begins when the
 /// pressure is there.
-[[nodiscard]] Series rehearse(const protocol::Plan& plan, const model::Reference& reference,
-                              const Sampling& sampling);
+[[nodiscard]] Series rehearse(const protocol::Plan& plan, const model::Reference& reference, const Sampling& sampling);
 
 }  // namespace isorig::identify

@@ -144,8 +144,8 @@ std::vector<Stability> stability_of(const model::ModelSpec& model, const std::ve
 
 }  // namespace
 
-HeldoutStudy study_heldout(const Problem& problem, const model::ModelSpec& nominal,
-                           const model::ModelSpec& model, unsigned threads) {
+HeldoutStudy study_heldout(const Problem& problem, const model::ModelSpec& nominal, const model::ModelSpec& model,
+                           unsigned threads) {
   const Moves found = find_moves(problem.series());
   std::vector<double> velocity, amplitude;
   std::map<std::string, std::vector<std::string>> labels;
@@ -203,7 +203,7 @@ HeldoutStudy study_heldout(const Problem& problem, const model::ModelSpec& nomin
   }
   std::vector<Fold> folds(wanted.size());
   base::parallel_for(wanted.size(), threads,
-               [&](std::size_t i) { folds[i] = leave_out(problem, nominal, model, bins[i], wanted[i]); });
+                     [&](std::size_t i) { folds[i] = leave_out(problem, nominal, model, bins[i], wanted[i]); });
   HeldoutStudy study;
   for (const Fold& fold : folds) study.left_out.push_back(fold.what);
   if (!folds.empty()) study.stability = stability_of(model, folds);

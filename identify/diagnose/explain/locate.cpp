@@ -44,13 +44,11 @@ Cells by_quantile(const std::vector<double>& value, int count) {
   std::vector<double> sorted = value;
   std::ranges::sort(sorted);
   std::vector<double> edges{sorted.front()};
-  for (int c = 1; c < count; ++c)
-    edges.push_back(sorted[sorted.size() * static_cast<std::size_t>(c) / count]);
+  for (int c = 1; c < count; ++c) edges.push_back(sorted[sorted.size() * static_cast<std::size_t>(c) / count]);
   edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
   Cells cells{{}, static_cast<int>(edges.size()), static_cast<int>(edges.size()), {}};
   for (const double v : value)
-    cells.cell.push_back(static_cast<int>(std::upper_bound(edges.begin(), edges.end(), v) - edges.begin()) -
-                         1);
+    cells.cell.push_back(static_cast<int>(std::upper_bound(edges.begin(), edges.end(), v) - edges.begin()) - 1);
   edges.push_back(sorted.back());
   cells.edges = std::move(edges);
   return cells;
@@ -115,8 +113,8 @@ struct Concentration {
   double readings = 1.0;  ///< share of all
 };
 
-Concentration concentration_of(const Cells& cells, const Eigen::VectorXd& residual,
-                               const std::vector<double>& count, double noise) {
+Concentration concentration_of(const Cells& cells, const Eigen::VectorXd& residual, const std::vector<double>& count,
+                               double noise) {
   std::vector<double> power(static_cast<std::size_t>(cells.count), 0.0), n(power.size(), 0.0);
   double all = 0.0, all_n = 0.0;
   for (Eigen::Index i = 0; i < residual.size(); ++i) {
@@ -179,8 +177,7 @@ std::string text_of(const Axis& axis, const Concentration& where) {
   std::string text = "; half of it stands ";
   if (!cells.edges.empty()) {
     const int from = where.first % cells.per_group, to = where.last % cells.per_group;
-    double low = cells.edges[static_cast<std::size_t>(from)],
-           high = cells.edges[static_cast<std::size_t>(to) + 1];
+    double low = cells.edges[static_cast<std::size_t>(from)], high = cells.edges[static_cast<std::size_t>(to) + 1];
     const double grain = 1e-3 * std::max(std::fabs(low), std::fabs(high));
     if (std::fabs(low) < grain) low = 0.0;
     if (std::fabs(high) < grain) high = 0.0;
@@ -210,8 +207,8 @@ std::vector<Place> stretches(std::span<const Series> series, const Eigen::Vector
     const auto windows = static_cast<std::size_t>(std::max(10.0, std::round(kWindows * span / all_s)));
     std::vector<double> power(windows, 0.0), variance(windows, 0.0);
     for (const auto& node : each.nodes) {
-      const auto w = std::min(
-          windows - 1, static_cast<std::size_t>((node.t_s - first) / span * static_cast<double>(windows)));
+      const auto w =
+          std::min(windows - 1, static_cast<std::size_t>((node.t_s - first) / span * static_cast<double>(windows)));
       const double square = residual[row] * residual[row];
       power[w] += square - noise;
       // r = s + e: var(r^2) = 4 s^2 noise + 2 noise^2.
@@ -256,8 +253,8 @@ std::vector<Place> stretches(std::span<const Series> series, const Eigen::Vector
 
 }  // namespace
 
-std::vector<Place> locate(const Problem& problem, const model::ModelSpec& nominal,
-                          const model::ModelSpec& model, double noise_scale) {
+std::vector<Place> locate(const Problem& problem, const model::ModelSpec& nominal, const model::ModelSpec& model,
+                          double noise_scale) {
   model::ModelSpec spec = nominal;
   Eigen::VectorXd residual;
   (void)problem.solve(spec, residual);
@@ -300,8 +297,7 @@ std::vector<Place> locate(const Problem& problem, const model::ModelSpec& nomina
     int last = 1;
     for (const auto& node : each.nodes) {
       const double before_mm = follower_mm;
-      follower_mm =
-          std::clamp(follower_mm, node.position_mm - 0.5 * turn_mm, node.position_mm + 0.5 * turn_mm);
+      follower_mm = std::clamp(follower_mm, node.position_mm - 0.5 * turn_mm, node.position_mm + 0.5 * turn_mm);
       if (follower_mm != before_mm) last = follower_mm > before_mm ? 2 : 0;
       last_direction.push_back(last);
     }
@@ -311,8 +307,7 @@ std::vector<Place> locate(const Problem& problem, const model::ModelSpec& nomina
   const Eigen::VectorXd model_N = problem.target() - problem.predict(model);
   std::vector<Error> errors;
   for (std::size_t i = 0; i < n; ++i)
-    errors.push_back(
-        {nominal_N[static_cast<Eigen::Index>(i)], model_N[static_cast<Eigen::Index>(i)], count[i]});
+    errors.push_back({nominal_N[static_cast<Eigen::Index>(i)], model_N[static_cast<Eigen::Index>(i)], count[i]});
   std::vector<double> strain;
   for (const double x : position) strain.push_back(100.0 * series[0].recording.strain(x));
   std::vector<Axis> axes;
@@ -324,8 +319,7 @@ std::vector<Place> locate(const Problem& problem, const model::ModelSpec& nomina
                   "",
                   {"in shortening", "before the first motion", "in lengthening"}});
   axes.push_back({"rate", by_quantile(rate, 24), " mm/s", ""});
-  axes.push_back(
-      {"time", by_quantile(time, 24), " s", series.size() > 1 ? " of all recordings in a row" : ""});
+  axes.push_back({"time", by_quantile(time, 24), " s", series.size() > 1 ? " of all recordings in a row" : ""});
   axes.push_back({"history", by_quantile(travel, 24), " mm", " of travel"});
   if (std::ranges::any_of(pressure, [](double p) { return p != 0.0; }))
     axes.push_back({"pressure", by_quantile(pressure, 20), " psi", " off its nominal value"});
@@ -337,12 +331,11 @@ std::vector<Place> locate(const Problem& problem, const model::ModelSpec& nomina
                   " after a corner",
                   {" of shortening", " before the first motion", " of lengthening"}});
   const double longest_s = std::max(3.0, *std::ranges::max_element(since));
-  axes.push_back(
-      {"onset",
-       with_group(by_edges(since, {0.0, 0.02, 0.05, 0.1, 0.3, 2.0, longest_s}), turns(direction, since)),
-       " s",
-       " after a corner",
-       {" towards shortening", " that turns nothing", " towards lengthening"}});
+  axes.push_back({"onset",
+                  with_group(by_edges(since, {0.0, 0.02, 0.05, 0.1, 0.3, 2.0, longest_s}), turns(direction, since)),
+                  " s",
+                  " after a corner",
+                  {" towards shortening", " that turns nothing", " towards lengthening"}});
 
   const std::vector<double> once(static_cast<std::size_t>(blocks), 1.0);
   double total = 0.0;
@@ -377,9 +370,8 @@ std::vector<Place> locate(const Problem& problem, const model::ModelSpec& nomina
       shown.cells = without_groups(shown.cells);
       half = concentration_of(shown.cells, residual, count, noise_scale);
     }
-    place.text = "a function of " + axis.name + " alone would take " + percent(place.share) +
-                 " of the excess (" + percent(place.share_low) + " to " + percent(place.share_high) + ")" +
-                 text_of(shown, half);
+    place.text = "a function of " + axis.name + " alone would take " + percent(place.share) + " of the excess (" +
+                 percent(place.share_low) + " to " + percent(place.share_high) + ")" + text_of(shown, half);
     measure(place, errors, problem.noise().white_N, [&](std::size_t i) {
       return half.first < 0 || (shown.cells.cell[i] >= half.first && shown.cells.cell[i] <= half.last);
     });
@@ -388,8 +380,7 @@ std::vector<Place> locate(const Problem& problem, const model::ModelSpec& nomina
   std::ranges::stable_sort(places, std::greater<>(), &Place::share);
   std::erase_if(places, [](const Place& p) { return p.share < 0.03; });
 
-  const std::vector<Place> times =
-      stretches(series, residual, errors, problem.noise().white_N, noise_scale, total);
+  const std::vector<Place> times = stretches(series, residual, errors, problem.noise().white_N, noise_scale, total);
   places.insert(places.end(), times.begin(), times.end());
   return places;
 }

@@ -41,9 +41,7 @@ Eigen::VectorXd solve_signed(const Eigen::MatrixXd& gram, const Eigen::VectorXd&
     Eigen::Index worst = -1;
     double worst_value = -1e-12;
     for (Eigen::Index i = 0; i < k; ++i) {
-      const double wrong = signs[in[i]] == Sign::kNonNegative   ? x[i]
-                           : signs[in[i]] == Sign::kNonPositive ? -x[i]
-                                                                : 0.0;
+      const double wrong = signs[in[i]] == Sign::kNonNegative ? x[i] : signs[in[i]] == Sign::kNonPositive ? -x[i] : 0.0;
       if (wrong < worst_value) {
         worst_value = wrong;
         worst = in[i];
@@ -74,8 +72,7 @@ Eigen::VectorXd solve_signed(const Eigen::MatrixXd& gram, const Eigen::VectorXd&
 
 }  // namespace
 
-Evaluator::Evaluator(std::span<const Series> series, const Whitener& whitener,
-                     const Eigen::VectorXd& whitened_force)
+Evaluator::Evaluator(std::span<const Series> series, const Whitener& whitener, const Eigen::VectorXd& whitened_force)
     : series_(series), whitener_(whitener), force_(whitened_force) {}
 
 void Evaluator::lay_out(const ModelSpec& spec) {
@@ -87,8 +84,8 @@ void Evaluator::lay_out(const ModelSpec& spec) {
       signs_.push_back(coefficient.sign);
       fixed_.push_back(part.fixed);
     }
-    piecewise_ = piecewise_ || part.physics->stage == Stage::kSpecimenShape ||
-                 part.physics->name == "cell_nonlinearity";
+    piecewise_ =
+        piecewise_ || part.physics->stage == Stage::kSpecimenShape || part.physics->name == "cell_nonlinearity";
   }
   std::vector<std::size_t> parts(spec.parts.size());
   std::iota(parts.begin(), parts.end(), std::size_t{0});
@@ -139,9 +136,8 @@ RowMatrix Evaluator::seen(const ModelSpec& spec, const Eigen::MatrixXd& raw,
     for (const Eigen::Index c : which) coefficients.push_back(all[static_cast<std::size_t>(c)]);
     std::vector<std::size_t> reach;
     for (const std::size_t before : columns_before_)
-      reach.push_back(static_cast<std::size_t>(std::ranges::count_if(which, [&](Eigen::Index c) {
-        return columns_[static_cast<std::size_t>(c)].stage_position < before;
-      })));
+      reach.push_back(static_cast<std::size_t>(std::ranges::count_if(
+          which, [&](Eigen::Index c) { return columns_[static_cast<std::size_t>(c)].stage_position < before; })));
     Eigen::Index row = 0;
     for (const Series& each : series_) {
       std::vector<std::unique_ptr<model::Process>> movers, shapers;
@@ -182,8 +178,7 @@ void Evaluator::solve_coefficients(ModelSpec& spec, const State& state) const {
     }
   }
   const Eigen::VectorXd x = solve_signed(state.gram(free, free), right(free), signs);
-  for (std::size_t i = 0; i < free.size(); ++i)
-    c[static_cast<std::size_t>(free[i])] = x[static_cast<Eigen::Index>(i)];
+  for (std::size_t i = 0; i < free.size(); ++i) c[static_cast<std::size_t>(free[i])] = x[static_cast<Eigen::Index>(i)];
   spec.set_coefficients(c);
 }
 

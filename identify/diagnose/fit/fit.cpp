@@ -25,8 +25,7 @@ std::vector<Handle> searched(const ModelSpec& spec) {
     if (spec.parts[p].fixed) continue;
     for (std::size_t i = 0; i < law.parameters.size(); ++i) {
       // The time of an event is found by scanning: no gradient leads to it.
-      if (!law.parameters[i].fixed && law.parameters[i].name != "time_s")
-        handles.push_back({p, i, &law.parameters[i]});
+      if (!law.parameters[i].fixed && law.parameters[i].name != "time_s") handles.push_back({p, i, &law.parameters[i]});
     }
   }
   return handles;
@@ -106,11 +105,10 @@ Fit Problem::fit(ModelSpec spec, int iterations) const {
     u[i] = to_search(*handles[i].parameter, spec.parts[handles[i].part].parameters[handles[i].index]);
   const auto clamp = [&](Eigen::VectorXd& v) {
     for (Eigen::Index i = 0; i < p; ++i)
-      v[i] = std::clamp(
-          v[i],
-          to_search(*handles[i].parameter, std::max(handles[i].parameter->lower,
-                                                    handles[i].parameter->logarithmic ? 1e-300 : -1e300)),
-          to_search(*handles[i].parameter, handles[i].parameter->upper));
+      v[i] = std::clamp(v[i],
+                        to_search(*handles[i].parameter, std::max(handles[i].parameter->lower,
+                                                                  handles[i].parameter->logarithmic ? 1e-300 : -1e300)),
+                        to_search(*handles[i].parameter, handles[i].parameter->upper));
   };
   Evaluator evaluator(series_, whitener_, whitened_force_);
   double chi2 = evaluator.solve(spec, residual);
@@ -144,8 +142,7 @@ Fit Problem::fit(ModelSpec spec, int iterations) const {
       for (Eigen::Index i = 0; i < p; ++i) damped(i, i) += damping * hessian(i, i) + 1e-12;
       Eigen::VectorXd step = -damped.ldlt().solve(gradient);
       for (Eigen::Index i = 0; i < p; ++i)
-        step[i] = std::clamp(step[i], -1.5 * scale_of(*handles[i].parameter),
-                             1.5 * scale_of(*handles[i].parameter));
+        step[i] = std::clamp(step[i], -1.5 * scale_of(*handles[i].parameter), 1.5 * scale_of(*handles[i].parameter));
       Eigen::VectorXd next = u + step;
       clamp(next);
       ModelSpec trial = spec;
@@ -172,8 +169,7 @@ Fit Problem::fit(ModelSpec spec, int iterations) const {
   for (Eigen::Index i = 0; i < p; ++i) {
     const Parameter& parameter = *handles[i].parameter;
     const double value = spec.parts[handles[i].part].parameters[handles[i].index];
-    out.at_bound.push_back(value <= parameter.lower * (1 + 1e-9) + 1e-12 ||
-                           value >= parameter.upper * (1 - 1e-9));
+    out.at_bound.push_back(value <= parameter.lower * (1 + 1e-9) + 1e-12 || value >= parameter.upper * (1 - 1e-9));
   }
   out.spec = std::move(spec);
   out.noise = noise_;

@@ -27,8 +27,7 @@ Eigen::MatrixXd scores_by_move(std::span<const Series> series, const Eigen::Matr
 
 }  // namespace
 
-std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const model::ModelSpec& spec,
-                                               Spread spread) {
+std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const model::ModelSpec& spec, Spread spread) {
   struct Free {
     std::size_t part, index;
     bool parameter;
@@ -65,15 +64,13 @@ std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const mod
   // Columns of equal length: a number near zero has a short step, and the rank must not hang on that.
   const Eigen::VectorXd length = jacobian.colwise().norm().transpose().cwiseMax(1e-300);
   jacobian.array().rowwise() /= length.transpose().array();
-  const double scale =
-      std::max(at.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(at.size(), 1)), 1.0);
+  const double scale = std::max(at.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(at.size(), 1)), 1.0);
   // What the recording cannot show has no curvature. A pseudo-inverse would call it known exactly; here it is
   // known to within 1e5 times what the same number alone would be, and a parameter to within its bounds.
   constexpr double kFlat = 1e-10;
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> curvature(jacobian.transpose() * jacobian);
   const Eigen::VectorXd widths = curvature.eigenvalues().cwiseMax(kFlat).cwiseInverse();
-  const Eigen::MatrixXd inverse =
-      curvature.eigenvectors() * widths.asDiagonal() * curvature.eigenvectors().transpose();
+  const Eigen::MatrixXd inverse = curvature.eigenvectors() * widths.asDiagonal() * curvature.eigenvectors().transpose();
   Eigen::VectorXd variance = scale * inverse.diagonal();
   if (spread == Spread::kMoves) {
     // What every move shifts the numbers by. Where moves disagree by more than noise allows, something is
@@ -81,8 +78,7 @@ std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const mod
     const Eigen::MatrixXd shifts = inverse * scores_by_move(problem.series(), jacobian, at);
     const auto count = static_cast<double>(shifts.cols());
     constexpr double kFewest = 8.0;
-    if (count >= kFewest)
-      variance = variance.cwiseMax(count / (count - 1.0) * shifts.rowwise().squaredNorm());
+    if (count >= kFewest) variance = variance.cwiseMax(count / (count - 1.0) * shifts.rowwise().squaredNorm());
   }
   // An event lies between two bins; further ones are allowed while the likelihood ratio stays within 95 %.
   const auto event_interval = [&](std::size_t p, std::size_t i, NamedValue& named) {
@@ -94,8 +90,7 @@ std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const mod
       return residual_of(moved).squaredNorm() - at.squaredNorm() < 3.84 * scale;
     };
     const auto last = std::ssize(nodes) - 1;
-    auto low = std::clamp<std::ptrdiff_t>(after - 1, 0, last),
-         high = std::clamp<std::ptrdiff_t>(after, 0, last);
+    auto low = std::clamp<std::ptrdiff_t>(after - 1, 0, last), high = std::clamp<std::ptrdiff_t>(after, 0, last);
     while (low > 0 && allowed(0.5 * (nodes[low - 1].t_s + nodes[low].t_s))) --low;
     while (high < last && allowed(0.5 * (nodes[high].t_s + nodes[high + 1].t_s))) ++high;
     named.low = std::min(named.value, nodes[low].t_s);

@@ -60,8 +60,8 @@ RowWeights row_weights(const messages::FrameSamples& frame) {
     const Spacing& spacing = spacings[spacing_of[k]];
     if (&spacing == one || spacing.noise_N <= 0.0) continue;
     // No mean holds more readings than fit in its time.
-    const double fit = (spacing.sum_s / static_cast<double>(spacing.rows)) /
-                       (one->sum_s / static_cast<double>(one->rows));
+    const double fit =
+        (spacing.sum_s / static_cast<double>(spacing.rows)) / (one->sum_s / static_cast<double>(one->rows));
     const double ratio = one->noise_N / spacing.noise_N;
     const double readings = std::min(ratio * ratio, fit);
     if (readings >= kClearly) out.per_row[k] = readings;

@@ -18,17 +18,15 @@ struct Series {
   /// One per bin: the excitation at the mean time of its rows.
   std::vector<model::Instant> nodes;
   std::vector<double> force_N;
-  std::vector<double> count;     ///< readings in the bin
-  std::vector<double> readings;  ///< that each row of the recording stands for
-  double reading_noise_N = 0.0;  ///< rms of a row that stands for one
-  std::vector<std::size_t>
-      first_row;  ///< bin i holds rows first_row[i] .. first_row[i + 1]; one past the end last
+  std::vector<double> count;           ///< readings in the bin
+  std::vector<double> readings;        ///< that each row of the recording stands for
+  double reading_noise_N = 0.0;        ///< rms of a row that stands for one
+  std::vector<std::size_t> first_row;  ///< bin i holds rows first_row[i] .. first_row[i + 1]; one past the end last
   std::vector<double> since_corner_s;  ///< time since the last corner of the motion, per bin
 };
 
 /// `usable` marks the rows of frame.csv that the guard left in; empty means all.
-[[nodiscard]] Series prepare_series(std::string name, messages::Recording recording,
-                                    const std::vector<bool>& usable);
+[[nodiscard]] Series prepare_series(std::string name, messages::Recording recording, const std::vector<bool>& usable);
 
 /// Recordings that are fitted together share one noise per reading: those with less count for more.
 void share_noise(std::span<Series> series);

@@ -6,8 +6,7 @@
 
 namespace isorig::identify {
 
-Whitener::Whitener(std::span<const Series> series, const NoiseModel& noise)
-    : coloured_(noise.coloured_N != 0.0) {
+Whitener::Whitener(std::span<const Series> series, const NoiseModel& noise) : coloured_(noise.coloured_N != 0.0) {
   const double white2 = noise.white_N * noise.white_N, coloured2 = noise.coloured_N * noise.coloured_N;
   for (const Series& each : series) {
     double variance = coloured2;

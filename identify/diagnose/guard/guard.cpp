@@ -5,8 +5,8 @@
 #include <cmath>
 #include <cstdio>
 
-#include "identify/diagnose/signal/noise_level.hpp"
 #include "identify/diagnose/signal/flat_line.hpp"
+#include "identify/diagnose/signal/noise_level.hpp"
 #include "identify/diagnose/signal/spikes.hpp"
 
 namespace isorig::identify {
@@ -24,8 +24,7 @@ void find_outliers(const messages::FrameSamples& frame, Guarded& out) {
   const std::size_t n = f.size();
   const auto [low, high] = std::minmax_element(f.begin(), f.end());
   // Simulated force may have no noise at all: then only what stands out of its range can be a fault.
-  const double noise =
-      std::max({white_noise(t, f), quantisation(f) / std::sqrt(12.0), 1e-4 * (*high - *low), 1e-9});
+  const double noise = std::max({white_noise(t, f), quantisation(f) / std::sqrt(12.0), 1e-4 * (*high - *low), 1e-9});
   const Spikes spikes = find_spikes(t, f, noise, out.usable);
   std::size_t count = spikes.rows.size();
   double first = count > 0 ? t[spikes.rows.front()] : 0.0, last = count > 0 ? t[spikes.rows.back()] : 0.0;
@@ -53,16 +52,15 @@ void find_outliers(const messages::FrameSamples& frame, Guarded& out) {
   if (count > 0)
     out.faults.push_back({"outliers", first, last, count,
                           std::to_string(count) +
-                              " force readings jump away from their neighbours and back, by up to " +
-                              number(largest) + " N; left out"});
+                              " force readings jump away from their neighbours and back, by up to " + number(largest) +
+                              " N; left out"});
 }
 
 /// The motion is reconstructed without them (motion/reconstruction.cpp); the force there is as good as elsewhere.
 void find_position_outliers(const messages::FrameSamples& frame, Guarded& out) {
   const Spikes spikes = without_spikes(frame.t_s, frame.position_mm).spikes;
   if (spikes.rows.empty()) return;
-  out.faults.push_back({"outliers", frame.t_s[spikes.rows.front()], frame.t_s[spikes.rows.back()],
-                        spikes.rows.size(),
+  out.faults.push_back({"outliers", frame.t_s[spikes.rows.front()], frame.t_s[spikes.rows.back()], spikes.rows.size(),
                         std::to_string(spikes.rows.size()) +
                             " position readings jump away from their neighbours and back, by up to " +
                             number(spikes.largest) + " mm; bridged"});
@@ -75,10 +73,10 @@ void find_frozen(const messages::Recording& recording, Guarded& out) {
   for (const auto& [k, end] : flat_runs(t, f)) {
     const bool edge = f[k] == *low || f[k] == *high;
     for (std::size_t j = k; j < end; ++j) out.usable[j] = false;
-    out.faults.push_back(
-        {edge ? "saturation" : "frozen", t[k], t[end - 1], end - k,
-         edge ? "force stands at the end of its range, " + number(f[k]) + " N; left out"
-              : "force does not change at all for " + std::to_string(end - k) + " readings; left out"});
+    out.faults.push_back({edge ? "saturation" : "frozen", t[k], t[end - 1], end - k,
+                          edge
+                              ? "force stands at the end of its range, " + number(f[k]) + " N; left out"
+                              : "force does not change at all for " + std::to_string(end - k) + " readings; left out"});
   }
   for (const auto& [k, end] : flat_runs(t, recording.frame.position_mm)) {
     for (std::size_t j = k; j < end; ++j) out.usable[j] = false;

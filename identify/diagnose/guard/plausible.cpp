@@ -65,37 +65,33 @@ void refuse_implausible(const messages::Recording& recording, const std::string&
   const auto [low, high] = std::ranges::minmax(frame.position_mm);
   const auto& length_mm = recording.metadata.pressurized_rest_length_mm;
   if (length_mm && high - low > *length_mm)
-    throw std::invalid_argument(
-        name + ": the position moves by " + number(high - low) +
-        " mm, more than the specimen is long (pressurized_rest_length_mm = " + number(*length_mm) +
-        " in recording.toml); is one of the two in another unit?");
+    throw std::invalid_argument(name + ": the position moves by " + number(high - low) +
+                                " mm, more than the specimen is long (pressurized_rest_length_mm = " +
+                                number(*length_mm) + " in recording.toml); is one of the two in another unit?");
   if (nominal.has("spring") && high - low > 20.0 * white_noise(frame.t_s, frame.position_mm)) {
     const Trend trend = trend_of(frame.position_mm, frame.force_N);
     constexpr double kBeyondDoubt = -0.8;
     if (trend.correlation < kBeyondDoubt)
-      throw std::invalid_argument(
-          name + ": the force falls by " + number(-trend.slope) +
-          " N per mm of extension, which no spring of the model can; extension and tension "
-          "are positive: is the sign of force_N or of position_mm turned round?");
+      throw std::invalid_argument(name + ": the force falls by " + number(-trend.slope) +
+                                  " N per mm of extension, which no spring of the model can; extension and tension "
+                                  "are positive: is the sign of force_N or of position_mm turned round?");
   }
   constexpr std::size_t kFew = 3;
   if (const std::size_t strokes = strokes_between_readings(frame); strokes >= kFew)
-    throw std::invalid_argument(
-        name + ": " + std::to_string(strokes) +
-        " strokes begin and end between two readings; its samples are too far apart to follow "
-        "the motion: record ramps with ten readings or more");
+    throw std::invalid_argument(name + ": " + std::to_string(strokes) +
+                                " strokes begin and end between two readings; its samples are too far apart to follow "
+                                "the motion: record ramps with ten readings or more");
 }
 
 std::optional<DataFault> odd_pressure(const messages::Recording& recording) {
   const auto& nominal = recording.metadata.nominal_pressure_psi;
-  if (!recording.pressure || recording.pressure->size() == 0 || !nominal || *nominal <= 0.0)
-    return std::nullopt;
+  if (!recording.pressure || recording.pressure->size() == 0 || !nominal || *nominal <= 0.0) return std::nullopt;
   const auto& gauge = *recording.pressure;
   const auto [low, high] = std::ranges::minmax(gauge.pressure_psi);
   if (low < 2.0 * *nominal && high > 0.5 * *nominal) return std::nullopt;
   return DataFault{"pressure", gauge.t_s.front(), gauge.t_s.back(), gauge.size(),
-                   "pressure stands at " + number(low) + " to " + number(high) + " psi where " +
-                       number(*nominal) + " psi is nominal; is pressure.csv in another unit?"};
+                   "pressure stands at " + number(low) + " to " + number(high) + " psi where " + number(*nominal) +
+                       " psi is nominal; is pressure.csv in another unit?"};
 }
 
 }  // namespace isorig::identify

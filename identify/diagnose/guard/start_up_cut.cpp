@@ -47,8 +47,7 @@ std::optional<DataFault> cut_start_up(messages::Recording& recording) {
   if (pressure_psi.back() < kBegun * nominal_psi) {
     // By the time the pressure has left its band, it has been falling for a while.
     const auto last = std::ranges::find_if(pressure_psi.rbegin(), pressure_psi.rend(), near);
-    if (last != pressure_psi.rend())
-      to_s = t_s[static_cast<std::size_t>(pressure_psi.rend() - last) - 1] - kStays_s;
+    if (last != pressure_psi.rend()) to_s = t_s[static_cast<std::size_t>(pressure_psi.rend() - last) - 1] - kStays_s;
   }
   if (from_s == t_s.front() && to_s == t_s.back()) return std::nullopt;
   auto& frame = recording.frame;
@@ -58,8 +57,8 @@ std::optional<DataFault> cut_start_up(messages::Recording& recording) {
   if (cut.rows == 0 || end <= first) return std::nullopt;
   char text[120];
   std::snprintf(text, sizeof text,
-                "%zu rows outside of %.6g to %.6g s, where the pressure is built up or let go, left out",
-                cut.rows, from_s, to_the_end ? frame.t_s.back() : to_s);
+                "%zu rows outside of %.6g to %.6g s, where the pressure is built up or let go, left out", cut.rows,
+                from_s, to_the_end ? frame.t_s.back() : to_s);
   cut.text = text;
   for (auto* column : {&frame.t_s, &frame.position_mm, &frame.force_N}) keep(*column, first, end);
   const auto [first_p, end_p] = rows_within(t_s, from_s, to_s);

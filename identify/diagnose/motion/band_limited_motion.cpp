@@ -1,9 +1,10 @@
 #include "identify/diagnose/motion/band_limited_motion.hpp"
-#include "identify/diagnose/signal/noise_level.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+
+#include "identify/diagnose/signal/noise_level.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -13,8 +14,8 @@ namespace {
 double fast_noise(std::span<const double> reading) {
   std::vector<double> sizes;
   for (std::size_t k = 2; k + 2 < reading.size(); ++k)
-    sizes.push_back(std::fabs(reading[k - 2] - 4.0 * reading[k - 1] + 6.0 * reading[k] -
-                              4.0 * reading[k + 1] + reading[k + 2]));
+    sizes.push_back(
+        std::fabs(reading[k - 2] - 4.0 * reading[k - 1] + 6.0 * reading[k] - 4.0 * reading[k + 1] + reading[k + 2]));
   const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2);
   std::nth_element(sizes.begin(), middle, sizes.end());
   return *middle / (0.6745 * std::sqrt(70.0));
@@ -63,8 +64,7 @@ std::optional<BandLimitedMotion> band_limited_motion(std::span<const double> t_s
     for (std::size_t k = 1; k + 1 < n; ++k) {
       motion.velocity_mm_s[k] = 0.5 * (x[k + 1] - x[k - 1]) / dt_s;
       motion.acceleration_mm_s2[k] = (x[k + 1] - 2.0 * x[k] + x[k - 1]) / (dt_s * dt_s);
-      if (k > 2 * width && k + 2 * width < n)
-        power += motion.acceleration_mm_s2[k] * motion.acceleration_mm_s2[k];
+      if (k > 2 * width && k + 2 * width < n) power += motion.acceleration_mm_s2[k] * motion.acceleration_mm_s2[k];
     }
     motion.velocity_mm_s.front() = motion.velocity_mm_s[1];
     motion.velocity_mm_s.back() = motion.velocity_mm_s[n - 2];

@@ -74,8 +74,7 @@ class Corner {
     acceleration[n - 1] = mean[2];
     for (std::size_t k = n - 1; k-- > 0;) {
       const double h = t_s_[k + 1] - t_s_[k];
-      const Eigen::Matrix3d gain =
-          predicted_[k + 1].cov.ldlt().solve(transition(h) * filtered_[k].cov).transpose();
+      const Eigen::Matrix3d gain = predicted_[k + 1].cov.ldlt().solve(transition(h) * filtered_[k].cov).transpose();
       mean = filtered_[k].mean + gain * (mean - predicted_[k + 1].mean);
       acceleration[k] = mean[2];
     }

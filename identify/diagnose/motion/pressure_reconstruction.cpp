@@ -84,8 +84,7 @@ double usual_interval_s(std::span<const double> t_s) {
 
 class Response {
  public:
-  Response(const messages::PressureSamples& gauge, std::span<const double> t_s,
-           std::span<const double> position_mm)
+  Response(const messages::PressureSamples& gauge, std::span<const double> t_s, std::span<const double> position_mm)
       : gauge_(gauge), t_s_(t_s), position_mm_(position_mm), column_(t_s.size()) {}
 
   /// The motion through the high-pass, per row of the frame.
@@ -137,7 +136,7 @@ class Response {
 }  // namespace
 
 ReconstructedPressure reconstruct_pressure(const messages::PressureSamples& gauge, std::span<const double> t_s,
-                                   std::span<const double> position_mm) {
+                                           std::span<const double> position_mm) {
   ReconstructedPressure out;
   std::vector<double> rest = gauge.pressure_psi;
   SlowSignal slow = smooth_slow(gauge.t_s, rest);
@@ -206,8 +205,7 @@ ReconstructedPressure reconstruct_pressure(const messages::PressureSamples& gaug
     out.pressure_psi.resize(t_s.size());
     for (std::size_t k = 0; k < t_s.size(); ++k) {
       out.pressure_psi[k] = line(t_s[k] + out.clock_s);
-      if (out.droop_psi_mm != 0.0)
-        out.pressure_psi[k] += out.droop_psi_mm * response.column(out.recovery_s)[k];
+      if (out.droop_psi_mm != 0.0) out.pressure_psi[k] += out.droop_psi_mm * response.column(out.recovery_s)[k];
     }
   } else {
     Line line(gauge.t_s, slow.value);

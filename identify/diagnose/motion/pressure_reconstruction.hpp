@@ -27,7 +27,7 @@ struct ReconstructedPressure {
   double clock_error_s = 0.0;
 };
 [[nodiscard]] ReconstructedPressure reconstruct_pressure(const messages::PressureSamples& gauge,
-                                                 std::span<const double> t_s,
-                                                 std::span<const double> position_mm);
+                                                         std::span<const double> t_s,
+                                                         std::span<const double> position_mm);
 
 }  // namespace isorig::identify

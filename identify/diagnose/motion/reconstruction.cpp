@@ -30,8 +30,7 @@ class AccelerationSmoother {
 
   /// Log-likelihood of every reading given those before it.
   void score(std::span<const double> spread, double noise_mm2, std::vector<double>& log_likelihood) {
-    State s{y_[0], 0.0, 1e6 * noise_mm2 + 1e-6 * (1.0 + std::fabs(y_[0])) * (1.0 + std::fabs(y_[0])), 0.0,
-            1e4};
+    State s{y_[0], 0.0, 1e6 * noise_mm2 + 1e-6 * (1.0 + std::fabs(y_[0])) * (1.0 + std::fabs(y_[0])), 0.0, 1e4};
     update(s, y_[0], noise_mm2);
     log_likelihood[0] = 0.0;
     for (std::size_t k = 1; k < t_s_.size(); ++k) {
@@ -43,8 +42,7 @@ class AccelerationSmoother {
   }
 
   /// Fills mean and variance of the acceleration of every interval.
-  void run(std::span<const double> spread, double noise_mm2, std::vector<double>& mean,
-           std::vector<double>& variance) {
+  void run(std::span<const double> spread, double noise_mm2, std::vector<double>& mean, std::vector<double>& variance) {
     const std::size_t n = t_s_.size();
     const double range = 1.0 + std::fabs(y_[0]);
     State s{y_[0], 0.0, 1e6 * noise_mm2 + 1e-6 * range * range, 0.0, 1e4};
@@ -197,8 +195,7 @@ Motion smooth_motion(std::span<const double> t_s, std::span<const double> readin
   const auto [low, high] = std::minmax_element(reading_mm.begin(), reading_mm.end());
   const double step = quantisation(reading_mm);
   // A staircase wider than the noise hides it; its error is uniform within a step.
-  double noise =
-      std::max({white_noise(t_s, reading_mm), step / std::sqrt(12.0), 1e-7 * (*high - *low), 1e-12});
+  double noise = std::max({white_noise(t_s, reading_mm), step / std::sqrt(12.0), 1e-7 * (*high - *low), 1e-12});
   motion.quantisation_mm = step;
 
   AccelerationSmoother smoother(t_s, reading_mm);
@@ -273,8 +270,7 @@ Motion smooth_motion(std::span<const double> t_s, std::span<const double> readin
   for (int round = 0; round < 3; ++round) {
     smoother.run(spread, noise * noise, mean, variance);
     std::vector<double> sum(n + 1, 0.0);
-    for (std::size_t k = 0; k < n; ++k)
-      sum[k + 1] = sum[k] + (reading_mm[k] - smoother.states()[k].x) / noise;
+    for (std::size_t k = 0; k < n; ++k) sum[k + 1] = sum[k] + (reading_mm[k] - smoother.states()[k].x) / noise;
     bool opened = false;
     for (const std::size_t width : {4u, 8u, 16u, 48u}) {
       for (std::size_t k = 0; k + width <= n; ++k) {
@@ -303,8 +299,7 @@ Motion smooth_motion(std::span<const double> t_s, std::span<const double> readin
     // At a reading: the mean of what was before and what comes after.
     const double after = smoother.states()[k].v, before = k > 0 ? smoother.states()[k - 1].v : after;
     motion.velocity_mm_s[k] = 0.5 * (before + after);
-    if (k > 0 && k + 1 < n)
-      motion.acceleration_mm_s2[k] = (after - before) / (0.5 * (t_s[k + 1] - t_s[k - 1]));
+    if (k > 0 && k + 1 < n) motion.acceleration_mm_s2[k] = (after - before) / (0.5 * (t_s[k + 1] - t_s[k - 1]));
     const double e = reading_mm[k] - motion.position_mm[k];
     squares += e * e;
   }
@@ -329,13 +324,13 @@ Excitation reconstruct_excitation(const messages::Recording& recording) {
   }
   if (excitation.width == 1) smooth_corners(frame.t_s, reading_mm, excitation.motion);
   const auto& metadata = recording.metadata;
-  excitation.reference.elongation_at_zero_mm = metadata.pressurized_rest_length_mm
-                                              ? metadata.rest_length_mm - *metadata.pressurized_rest_length_mm
-                                              : 0.0;
+  excitation.reference.elongation_at_zero_mm =
+      metadata.pressurized_rest_length_mm ? metadata.rest_length_mm - *metadata.pressurized_rest_length_mm : 0.0;
   excitation.reference.duration_s = n > 0 ? frame.t_s.back() - frame.t_s.front() : 0.0;
 
   if (recording.pressure && recording.pressure->size() > 0) {
-    ReconstructedPressure pressure = reconstruct_pressure(*recording.pressure, frame.t_s, excitation.motion.position_mm);
+    ReconstructedPressure pressure =
+        reconstruct_pressure(*recording.pressure, frame.t_s, excitation.motion.position_mm);
     excitation.pressure_psi = std::move(pressure.pressure_psi);
     excitation.pressure_noise_psi = pressure.noise_psi;
     excitation.pressure_clock_s = pressure.clock_s;

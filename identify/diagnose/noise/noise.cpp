@@ -20,8 +20,7 @@ std::vector<NoiseSample> find_rests(const Series& series, const std::vector<bool
       const double middle_s = 0.5 * (rest.t_s.front() + rest.t_s.back());
       for (const double t_s : rest.t_s) {
         const double since_s = t_s - rest.t_s.front();
-        rest.columns.push_back(
-            {1.0, (t_s - middle_s) / 10.0, std::exp(-since_s / 4.0), std::exp(-since_s / 12.0)});
+        rest.columns.push_back({1.0, (t_s - middle_s) / 10.0, std::exp(-since_s / 4.0), std::exp(-since_s / 12.0)});
       }
       rests.push_back(std::move(rest));
     }
@@ -79,8 +78,8 @@ InstrumentNoise instrument_noise(std::span<const Series> series, std::span<const
     const auto& frame = series[i].recording.frame;
     const double step_here = quantisation(frame.force_N);
     step = std::max(step, step_here);
-    white = std::max({white, series[i].reading_noise_N, white_noise(frame.t_s, frame.force_N),
-                      step_here / std::sqrt(12.0)});
+    white = std::max(
+        {white, series[i].reading_noise_N, white_noise(frame.t_s, frame.force_N), step_here / std::sqrt(12.0)});
   }
   out.noise = {std::max(white, 1e-9), 0.0, 1.0};
   if (rows >= kFewest) {

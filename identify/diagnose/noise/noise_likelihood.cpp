@@ -12,8 +12,7 @@ double noise_likelihood(std::span<const NoiseSample> samples, const NoiseModel& 
   const double stationary = noise.coloured_N * noise.coloured_N, white2 = noise.white_N * noise.white_N;
   for (const NoiseSample& sample : samples) {
     Vector mean = Vector::Zero();
-    Eigen::Matrix<double, kColumns + 1, kColumns + 1> gram =
-        Eigen::Matrix<double, kColumns + 1, kColumns + 1>::Zero();
+    Eigen::Matrix<double, kColumns + 1, kColumns + 1> gram = Eigen::Matrix<double, kColumns + 1, kColumns + 1>::Zero();
     double variance = stationary;
     for (std::size_t k = 0; k < sample.size(); ++k) {
       if (k > 0 && stationary > 0.0) {
@@ -64,8 +63,7 @@ NoiseModel fit_noise(std::span<const NoiseSample> samples, double start_N, doubl
   double best_score = white_only;
   for (const double correlation : {0.05, 0.3, 1.0, 3.0, 8.0}) {
     for (const double share : {0.15, 0.4, 0.8}) {
-      const NoiseModel trial{all * std::sqrt(1.0 - share * share), share * all,
-                             std::min(correlation, longest_s)};
+      const NoiseModel trial{all * std::sqrt(1.0 - share * share), share * all, std::min(correlation, longest_s)};
       if (const double s = noise_likelihood(samples, trial); s > best_score) {
         best_score = s;
         best = trial;

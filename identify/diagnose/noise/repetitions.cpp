@@ -1,9 +1,10 @@
 #include "identify/diagnose/noise/repetitions.hpp"
-#include "identify/diagnose/signal/noise_level.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
+
+#include "identify/diagnose/signal/noise_level.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -40,11 +41,9 @@ Track track_of(const Series& series) {
   // Rows that the guard left out are in bins that count for nothing, or count for less than they hold.
   for (std::size_t bin = 0; bin < series.nodes.size(); ++bin) {
     double held = 0.0;
-    for (std::size_t row = series.first_row[bin]; row < series.first_row[bin + 1]; ++row)
-      held += series.readings[row];
+    for (std::size_t row = series.first_row[bin]; row < series.first_row[bin + 1]; ++row) held += series.readings[row];
     if (series.count[bin] >= 0.999 * held) continue;
-    for (std::size_t row = series.first_row[bin]; row < series.first_row[bin + 1]; ++row)
-      track.readings[row] = 0.0;
+    for (std::size_t row = series.first_row[bin]; row < series.first_row[bin + 1]; ++row) track.readings[row] = 0.0;
   }
   return track;
 }
@@ -100,8 +99,7 @@ NoiseSample difference(const Track& track, const Stroke& stroke, const Stroke& e
     while (j + 1 < earlier.end && sign * slid_mm[j + 1] < at_mm) ++j;
     if (j + 1 >= earlier.end) break;
     const double from_mm = sign * slid_mm[j], to_mm = sign * slid_mm[j + 1];
-    if (at_mm < from_mm || !(to_mm > from_mm) || track.readings[j] == 0.0 || track.readings[j + 1] == 0.0)
-      continue;
+    if (at_mm < from_mm || !(to_mm > from_mm) || track.readings[j] == 0.0 || track.readings[j + 1] == 0.0) continue;
     const double w = (at_mm - from_mm) / (to_mm - from_mm);
     const auto more = [&](double model::Instant::*value) {
       return track.at[k].*value - ((1.0 - w) * track.at[j].*value + w * track.at[j + 1].*value);
@@ -111,8 +109,8 @@ NoiseSample difference(const Track& track, const Stroke& stroke, const Stroke& e
     sample.t_s.push_back(track.at[k].t_s);
     sample.force_N.push_back(std::sqrt(0.5) *
                              (track.force_N[k] - ((1.0 - w) * track.force_N[j] + w * track.force_N[j + 1])));
-    sample.readings.push_back(2.0 / (1.0 / track.readings[k] + (1.0 - w) * (1.0 - w) / track.readings[j] +
-                                     w * w / track.readings[j + 1]));
+    sample.readings.push_back(
+        2.0 / (1.0 / track.readings[k] + (1.0 - w) * (1.0 - w) / track.readings[j] + w * w / track.readings[j + 1]));
     sample.columns.push_back({1.0, track.at[k].t_s, faster_mm_s, more(&model::Instant::excess_pressure_psi),
                               more(&model::Instant::acceleration_mm_s2)});
   }

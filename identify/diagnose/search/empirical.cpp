@@ -23,13 +23,9 @@ struct Covariate {
 };
 
 std::vector<Covariate> covariates(std::span<const Series> series) {
-  std::vector<Covariate> all{{"position", 260, {}},
-                             {"rate", 24, {}},
-                             {"travel", 40, {}},
-                             {"extending", 40, {}},
-                             {"shortening", 40, {}}};
-  const bool pressure =
-      std::ranges::any_of(series, [](const Series& s) { return !s.excitation.pressure_psi.empty(); });
+  std::vector<Covariate> all{
+      {"position", 260, {}}, {"rate", 24, {}}, {"travel", 40, {}}, {"extending", 40, {}}, {"shortening", 40, {}}};
+  const bool pressure = std::ranges::any_of(series, [](const Series& s) { return !s.excitation.pressure_psi.empty(); });
   if (pressure) all.push_back({"pressure", 24, {}});
   for (const Series& each : series) {
     double travelled = 0.0, direction = 0.0;
@@ -167,9 +163,8 @@ std::optional<Hypothesis> describe_unknown(const Search& search, const Hypothesi
   for (const Series& each : series) {
     for (std::size_t k = 0; k < each.nodes.size(); ++k, ++row) {
       const double count = each.count[k];
-      weight[row] = count > 0.0
-                        ? 1.0 / (noise.white_N * noise.white_N / count + noise.coloured_N * noise.coloured_N)
-                        : 0.0;
+      weight[row] =
+          count > 0.0 ? 1.0 / (noise.white_N * noise.white_N / count + noise.coloured_N * noise.coloured_N) : 0.0;
       if (k > 0 && each.since_corner_s[k] == 0.0 && each.since_corner_s[k - 1] > 5.0) ++block;
       fold[static_cast<std::size_t>(row)] = block % kFolds;
     }
@@ -187,8 +182,7 @@ std::optional<Hypothesis> describe_unknown(const Search& search, const Hypothesi
   problem.columns(base.fit.spec, columns);
   Eigen::VectorXd residual = problem.target() - problem.predict(base.fit.spec);
   std::vector<TableFit> fits(all.size());
-  for (std::size_t c = 0; c < all.size(); ++c)
-    fits[c] = fit_table(all[c], columns, residual, weight, fold, kFolds);
+  for (std::size_t c = 0; c < all.size(); ++c) fits[c] = fit_table(all[c], columns, residual, weight, fold, kFolds);
   std::size_t best = 0;
   for (std::size_t c = 1; c < all.size(); ++c)
     if (fits[c].gain > fits[best].gain) best = c;
@@ -223,8 +217,7 @@ std::optional<Hypothesis> describe_unknown(const Search& search, const Hypothesi
       if (more.table.values.empty()) break;
       auto& table = spec.parts.back().table;
       for (std::size_t i = 0; i < table.values.size(); ++i)
-        table.values[i] +=
-            motion ? (stiffness > 0.0 ? more.table.values[i] / stiffness : 0.0) : more.table.values[i];
+        table.values[i] += motion ? (stiffness > 0.0 ? more.table.values[i] / stiffness : 0.0) : more.table.values[i];
     }
     return std::pair{kept, kept_squares};
   };
@@ -257,8 +250,8 @@ std::optional<Hypothesis> describe_unknown(const Search& search, const Hypothesi
   out.fit.noise = left;
   out.fit.log_likelihood = problem.log_likelihood(out.fit.spec, left);
   const double cost = 0.5 * std::log(static_cast<double>(base.fit.rows));
-  out.evidence = out.fit.log_likelihood -
-                 cost * (fits[best].freedom + 2.0 * static_cast<double>(base.effects.size() + 3));
+  out.evidence =
+      out.fit.log_likelihood - cost * (fits[best].freedom + 2.0 * static_cast<double>(base.effects.size() + 3));
   return out;
 }
 

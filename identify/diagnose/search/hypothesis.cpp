@@ -18,13 +18,11 @@ using model::Part;
 
 /// Refinements of friction; tried only beside friction, given or found.
 bool is_refinement(const model::Physics& physics) {
-  return &physics == &model::effect::friction_asymmetry() ||
-         &physics == &model::effect::friction_with_pressure();
+  return &physics == &model::effect::friction_asymmetry() || &physics == &model::effect::friction_with_pressure();
 }
 
 bool needs_wide_pressure(const model::Physics& physics) {
-  return &physics == &model::effect::friction_with_pressure() ||
-         &physics == &model::effect::pressure_threshold();
+  return &physics == &model::effect::friction_with_pressure() || &physics == &model::effect::pressure_threshold();
 }
 
 /// By enough to tell what grows with the pressure itself from what is there at any pressure.
@@ -124,8 +122,7 @@ Hypothesis Search::nominal(const ModelSpec& nominal) const {
     }
   }
   std::vector<Fit> fits(specs.size());
-  base::parallel_for(specs.size(), threads_,
-               [&](std::size_t i) { fits[i] = instrument_problem_.fit(specs[i], 20); });
+  base::parallel_for(specs.size(), threads_, [&](std::size_t i) { fits[i] = instrument_problem_.fit(specs[i], 20); });
   Hypothesis best;
   best.fit = *std::ranges::min_element(fits, {}, &Fit::chi2);
   settle(best, false);
@@ -141,8 +138,7 @@ std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
     if (base.has(*effect)) continue;
     if (is_refinement(*effect) && !spec.has("coulomb_friction")) continue;
     // What has no elastic part has nothing that could relax.
-    if (effect == &model::effect::second_relaxation() && !spec.has("spring") && !spec.has("maxwell"))
-      continue;
+    if (effect == &model::effect::second_relaxation() && !spec.has("spring") && !spec.has("maxwell")) continue;
     // A nominal model that has it does not lack it.
     if (spec.has(effect->name) && effect != &model::effect::second_relaxation()) continue;
     const bool of_pressure = effect == &model::effect::pressure_coupling() || needs_wide_pressure(*effect);
@@ -182,8 +178,7 @@ std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
   return out;
 }
 
-std::vector<double> Search::slip_times(const ModelSpec& spec, const NoiseModel& noise,
-                                       std::size_t count) const {
+std::vector<double> Search::slip_times(const ModelSpec& spec, const NoiseModel& noise, std::size_t count) const {
   // The force drops by a step when a grip slips. Exact scan: with r the whitened residual after all columns
   // and Q their basis, a step at bin k gains (r.s)^2 / (s.s - |Q's|^2); all sums run from the end. The
   // relaxation that follows the step is left to the fit.
@@ -277,7 +272,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
   }
   // A few steps from every start, then all the way from the best of each effect.
   base::parallel_for(all.size(), threads_,
-               [&](std::size_t i) { all[i].fit = instrument_problem_.fit(all[i].spec, 4); });
+                     [&](std::size_t i) { all[i].fit = instrument_problem_.fit(all[i].spec, 4); });
   std::ranges::stable_sort(all, {}, [](const Trial& t) { return t.fit.chi2; });
   std::vector<Trial> chosen;
   std::map<const model::Physics*, int> per_effect;
@@ -310,8 +305,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
   std::vector<Hypothesis> best;
   for (Hypothesis& hypothesis : out) {
     if (below_resolution(hypothesis.fit.spec, series_)) continue;
-    if (std::ranges::none_of(best,
-                             [&](const Hypothesis& other) { return other.effects == hypothesis.effects; }))
+    if (std::ranges::none_of(best, [&](const Hypothesis& other) { return other.effects == hypothesis.effects; }))
       best.push_back(std::move(hypothesis));
   }
   return best;

@@ -13,8 +13,8 @@ struct Hypothesis {
   std::vector<const model::Physics*> effects;  ///< sorted by catalogue order; empty: the nominal model
   std::string empirical;                       ///< variables of the tables in it, "" without any
   Fit fit;                                     ///< under the noise that it was left with itself
-  double ls_chi2 = 0.0;   ///< sum of squares over the instrument's own noise: what it leaves
-  double evidence = 0.0;  ///< log-likelihood minus half log(rows) per free number
+  double ls_chi2 = 0.0;                        ///< sum of squares over the instrument's own noise: what it leaves
+  double evidence = 0.0;                       ///< log-likelihood minus half log(rows) per free number
 
   [[nodiscard]] bool has(const model::Physics& effect) const;
   [[nodiscard]] std::string key() const;  ///< "coulomb_friction+zero_drift"; "nominal"

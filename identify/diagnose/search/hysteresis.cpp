@@ -161,7 +161,7 @@ std::vector<double> left_out_squares(const Problem& problem, const ModelSpec& sp
 }
 
 std::optional<HysteresisDescription> describe_hysteresis(const Search& search, const Selection& selection,
-                                                 unsigned threads) {
+                                                         unsigned threads) {
   NoiseModel white = search.instrument();
   white.white_N = std::hypot(white.white_N, white.coloured_N);
   white.coloured_N = 0.0;
@@ -173,12 +173,10 @@ std::optional<HysteresisDescription> describe_hysteresis(const Search& search, c
   const Hypothesis* named = nullptr;  // the best set of effects without a table
   std::size_t best_named = 0;
   for (std::size_t i = 0; i < selection.pool.size(); ++i)
-    if (selection.pool[i].empirical.empty() && selection.weight[i] > selection.weight[best_named])
-      best_named = i;
+    if (selection.pool[i].empirical.empty() && selection.weight[i] > selection.weight[best_named]) best_named = i;
   if (best_named != 0) named = &selection.pool[best_named];
   std::vector<Candidate> all;
-  for (const ModelSpec* base :
-       {&selection.nominal().fit.spec, named != nullptr ? &named->fit.spec : nullptr}) {
+  for (const ModelSpec* base : {&selection.nominal().fit.spec, named != nullptr ? &named->fit.spec : nullptr}) {
     if (base == nullptr || has_table(*base)) continue;
     const std::vector<Candidate> more = starts(*base, duration_s);
     all.insert(all.end(), more.begin(), more.end());
@@ -226,8 +224,7 @@ std::optional<HysteresisDescription> describe_hysteresis(const Search& search, c
       sum += now[b] - then[b];
       squares += (now[b] - then[b]) * (now[b] - then[b]);
     }
-    const double error =
-        std::sqrt(std::max(squares - sum * sum / blocks, 0.0) * blocks / std::max(blocks - 1.0, 1.0));
+    const double error = std::sqrt(std::max(squares - sum * sum / blocks, 0.0) * blocks / std::max(blocks - 1.0, 1.0));
     constexpr double kWorth = 0.1;
     if (sum <= error || sum < kWorth * lacking || sum <= least) continue;
     least = sum;

@@ -18,8 +18,8 @@ struct HysteresisDescription {
   model::ModelSpec spec;
   std::string function_of;
 };
-[[nodiscard]] std::optional<HysteresisDescription> describe_hysteresis(const Search& search,
-                                                               const Selection& selection, unsigned threads);
+[[nodiscard]] std::optional<HysteresisDescription> describe_hysteresis(const Search& search, const Selection& selection,
+                                                                       unsigned threads);
 
 /// Weighted squares of every block of moves, in units of the noise, predicted by a refit without the blocks
 /// of its fold (four folds).

@@ -24,8 +24,7 @@ bool idle(const model::Part& part, const std::vector<NamedValue>& values) {
   for (std::size_t i = 0; i < values.size(); ++i) {
     const bool coefficient = i < law.coefficients.size();
     if (coefficient) {
-      if (law.coefficients.size() > 1 && (values[i].value == 0.0 || values[i].low * values[i].high <= 0.0))
-        return true;
+      if (law.coefficients.size() > 1 && (values[i].value == 0.0 || values[i].low * values[i].high <= 0.0)) return true;
       continue;
     }
     const auto found = std::ranges::find(law.parameters, values[i].name, &model::Parameter::name);
@@ -50,8 +49,7 @@ void prefer_simpler_laws(Selection& selection, const Search& search) {
       const auto index = static_cast<std::size_t>(at - chosen.fit.spec.parts.begin());
       const bool description = at->coefficients.size() >= kDescription;
       const Problem problem(search.instrument_problem().series(), chosen.fit.noise);
-      const bool gives_way =
-          !description && idle(*at, intervals(problem, chosen.fit.spec, Spread::kNoise)[index]);
+      const bool gives_way = !description && idle(*at, intervals(problem, chosen.fit.spec, Spread::kNoise)[index]);
       if (!gives_way && !description) break;
       Hypothesis best;
       bool found = false;
@@ -66,8 +64,7 @@ void prefer_simpler_laws(Selection& selection, const Search& search) {
             const auto& parameter = law.parameters[i];
             const auto same = std::ranges::find(at->law->parameters, parameter.name, &model::Parameter::name);
             if (k == 0 && same != at->law->parameters.end())
-              part.parameters[i] =
-                  at->parameters[static_cast<std::size_t>(same - at->law->parameters.begin())];
+              part.parameters[i] = at->parameters[static_cast<std::size_t>(same - at->law->parameters.begin())];
             else if (!parameter.starts.empty())
               part.parameters[i] = parameter.starts[std::min(k, parameter.starts.size() - 1)];
           }

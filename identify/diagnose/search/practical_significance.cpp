@@ -7,8 +7,7 @@
 namespace isorig::identify {
 namespace {
 
-std::size_t without_effect(Selection& selection, const Search& search, std::size_t from,
-                           const model::Physics& effect) {
+std::size_t without_effect(Selection& selection, const Search& search, std::size_t from, const model::Physics& effect) {
   std::vector<const model::Physics*> rest = selection.pool[from].effects;
   std::erase(rest, &effect);
   const auto same = std::ranges::find_if(selection.pool, [&](const Hypothesis& h) {
@@ -17,9 +16,9 @@ std::size_t without_effect(Selection& selection, const Search& search, std::size
   if (same != selection.pool.end()) return static_cast<std::size_t>(same - selection.pool.begin());
   selection.pool.push_back(search.without(selection.pool[from], effect));
   selection.weight.push_back(0.0);
-  selection.excess.push_back(std::max(selection.pool.back().ls_chi2 / selection.noise_scale -
-                                          static_cast<double>(selection.pool.back().fit.rows),
-                                      0.0));
+  selection.excess.push_back(std::max(
+      selection.pool.back().ls_chi2 / selection.noise_scale - static_cast<double>(selection.pool.back().fit.rows),
+      0.0));
   return selection.pool.size() - 1;
 }
 
@@ -54,8 +53,7 @@ void discount_insignificant_effects(Selection& selection, const Search& search, 
     largest = std::max(largest, first);
     for (const auto& [effect, size] : sizes) selection.size_N[effect] = size;
     if (effects.size() < 2) break;
-    const double error_N =
-        std::hypot(options.model_error_noises * noise_N, options.model_error_share * largest);
+    const double error_N = std::hypot(options.model_error_noises * noise_N, options.model_error_share * largest);
     bool moved = false;
     for (const auto* effect : effects) {
       if (sizes[effect] == first || !done.insert(effect).second) continue;
@@ -71,8 +69,7 @@ void discount_insignificant_effects(Selection& selection, const Search& search, 
         moved = true;
       }
     }
-    selection.best =
-        static_cast<std::size_t>(std::ranges::max_element(selection.weight) - selection.weight.begin());
+    selection.best = static_cast<std::size_t>(std::ranges::max_element(selection.weight) - selection.weight.begin());
     if (!moved) break;
   }
   selection.probability.clear();

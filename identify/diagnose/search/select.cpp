@@ -37,8 +37,7 @@ double block_median(const Eigen::VectorXd& residual) {
   std::vector<double> means;
   for (Eigen::Index b = 0; b < kBlocks; ++b) {
     const Eigen::Index from = residual.size() * b / kBlocks, to = residual.size() * (b + 1) / kBlocks;
-    if (to > from)
-      means.push_back(residual.segment(from, to - from).squaredNorm() / static_cast<double>(to - from));
+    if (to > from) means.push_back(residual.segment(from, to - from).squaredNorm() / static_cast<double>(to - from));
   }
   std::ranges::nth_element(means, means.begin() + static_cast<std::ptrdiff_t>(means.size() / 2));
   return means[means.size() / 2];
@@ -91,8 +90,7 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
   Eigen::VectorXd residual;
   model::ModelSpec spec = pool[top].fit.spec;
   (void)search.instrument_problem().solve(spec, residual);
-  selection.noise_scale =
-      std::clamp(block_median(residual), options.least_noise_scale, options.most_noise_scale);
+  selection.noise_scale = std::clamp(block_median(residual), options.least_noise_scale, options.most_noise_scale);
   const double noise = selection.noise_scale * static_cast<double>(pool[top].fit.rows);
   selection.excess.assign(pool.size(), 0.0);
   for (std::size_t i = 0; i < pool.size(); ++i)
@@ -126,8 +124,7 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
   for (auto& [effect, probability] : selection.probability) probability = std::min(probability, 1.0);
 }
 
-Selection select_effects(const Search& search, const model::ModelSpec& nominal,
-                         const SelectionOptions& options) {
+Selection select_effects(const Search& search, const model::ModelSpec& nominal, const SelectionOptions& options) {
   Selection selection;
   auto& pool = selection.pool;
   pool.push_back(search.nominal(nominal));

@@ -13,8 +13,8 @@ struct Selection {
   std::vector<Hypothesis> pool;  ///< one per set of effects; pool[0] is the nominal model
   std::vector<double> weight;    ///< posterior weight of each, sums to 1
   std::size_t best = 0;
-  double noise_scale = 1.0;    ///< whitened variance where nothing is left to explain
-  std::vector<double> excess;  ///< per hypothesis: sum of squares beyond the noise
+  double noise_scale = 1.0;                             ///< whitened variance where nothing is left to explain
+  std::vector<double> excess;                           ///< per hypothesis: sum of squares beyond the noise
   std::map<const model::Physics*, double> probability;  ///< of each effect being there
   /// What the best leaves is so far above a noise without rests that it is the laws' own error.
   bool error_rules = false;

@@ -16,15 +16,13 @@ std::vector<FlatRun> flat_runs(std::span<const double> t_s, std::span<const doub
   if (noise < 0.2 * step || measured <= 0.0) return out;  // too coarse for a run to mean anything
   const double repeats = std::erf(step / (2.0 * std::sqrt(2.0) * noise));
   const double longest =
-      repeats > 0.0 ? 1.0 + std::log(static_cast<double>(reading.size()) / kPerRecording) / -std::log(repeats)
-                    : 0.0;
+      repeats > 0.0 ? 1.0 + std::log(static_cast<double>(reading.size()) / kPerRecording) / -std::log(repeats) : 0.0;
   const auto shortest = static_cast<std::size_t>(std::max(kShortest, std::ceil(longest)));
   for (std::size_t k = 0; k < reading.size();) {
     std::size_t end = k + 1;
     while (end < reading.size() && reading[end] == reading[k]) ++end;
     // What is noise to a coarse encoder in motion is none at rest: there, only a jump on coming alive tells.
-    const bool jumps =
-        end < reading.size() && std::fabs(reading[end] - reading[k]) > 8.0 * std::max(noise, step);
+    const bool jumps = end < reading.size() && std::fabs(reading[end] - reading[k]) > 8.0 * std::max(noise, step);
     if (end - k >= shortest && (step < noise || jumps)) out.push_back({k, end});
     k = end;
   }

@@ -14,11 +14,9 @@ struct FlatRun {
 /// that such a run comes by chance once in a thousand recordings. A reading in the middle of its step repeats
 /// itself with the probability erf(step / (2 sqrt(2) noise)), which for a fine step is nil and for one of
 /// three noises is 0.87.
-[[nodiscard]] std::vector<FlatRun> flat_runs(std::span<const double> t_s,
-                                                     std::span<const double> reading);
+[[nodiscard]] std::vector<FlatRun> flat_runs(std::span<const double> t_s, std::span<const double> reading);
 
 /// A position without them: straight from the last reading that was alive to the next.
-[[nodiscard]] std::vector<double> without_flat_runs(std::span<const double> t_s,
-                                                   std::vector<double> reading_mm);
+[[nodiscard]] std::vector<double> without_flat_runs(std::span<const double> t_s, std::vector<double> reading_mm);
 
 }  // namespace isorig::identify

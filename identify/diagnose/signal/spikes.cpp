@@ -7,8 +7,7 @@
 
 namespace isorig::identify {
 
-Spikes find_spikes(std::span<const double> t, std::span<const double> f, double noise,
-                   std::vector<bool>& usable) {
+Spikes find_spikes(std::span<const double> t, std::span<const double> f, double noise, std::vector<bool>& usable) {
   Spikes out;
   const std::size_t n = f.size();
   for (std::size_t run = 1; run <= 3; ++run) {
@@ -51,8 +50,8 @@ Despiked without_spikes(std::span<const double> t_s, std::span<const double> rea
   const std::size_t n = reading_mm.size();
   if (n < 20) return out;
   const auto [low, high] = std::ranges::minmax_element(reading_mm);
-  const double noise = std::max({white_noise(t_s, reading_mm), quantisation(reading_mm) / std::sqrt(12.0),
-                                 1e-4 * (*high - *low), 1e-9});
+  const double noise =
+      std::max({white_noise(t_s, reading_mm), quantisation(reading_mm) / std::sqrt(12.0), 1e-4 * (*high - *low), 1e-9});
   std::vector<bool> usable(n, true);
   out.spikes = find_spikes(t_s, reading_mm, noise, usable);
   for (const std::size_t row : out.spikes.rows) {

@@ -55,12 +55,10 @@ messages::Recording run(const Bench& b, Script script, bool noise) {
   std::vector<double> pressure(n), force(n);
   double wander = 0.0;
   for (std::size_t i = 0; i < n; ++i) {
-    wander +=
-        -wander * kStep_s / 60.0 + b.pressure_wander_psi * std::sqrt(2.0 * kStep_s / 60.0) * normal(random);
+    wander += -wander * kStep_s / 60.0 + b.pressure_wander_psi * std::sqrt(2.0 * kStep_s / 60.0) * normal(random);
     pressure[i] = wander;
   }
-  double arm = 0.0, second = 0.0, bristle = 0.0, seen = x[0], travel = 0.0, lagged = 0.0, entering = 0.0,
-         colour = 0.0;
+  double arm = 0.0, second = 0.0, bristle = 0.0, seen = x[0], travel = 0.0, lagged = 0.0, entering = 0.0, colour = 0.0;
   bool slipped = false;
   for (std::size_t i = 0; i < n; ++i) {
     const double t = static_cast<double>(i) * kStep_s;
@@ -127,8 +125,8 @@ messages::Recording run(const Bench& b, Script script, bool noise) {
     out.frame.t_s.push_back(t);
     out.frame.position_mm.push_back(std::round((at + b.position_noise_mm * normal(random)) * 1e5) / 1e5);
     out.frame.force_N.push_back(f);
-    const bool dense = std::ranges::any_of(
-        script.dense, [&](const auto& d) { return next_s >= d.first && next_s <= d.second; });
+    const bool dense =
+        std::ranges::any_of(script.dense, [&](const auto& d) { return next_s >= d.first && next_s <= d.second; });
     next_s += dense ? 0.005 : 0.2;
     if (next_s >= next_pressure_s) {
       const auto k = std::min(n - 1, static_cast<std::size_t>(next_pressure_s / kStep_s));

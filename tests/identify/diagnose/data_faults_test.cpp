@@ -36,8 +36,7 @@ void stand_still(std::vector<double>& reading, std::size_t from, std::size_t cou
 const Injected kInjected[] = {
     {"outliers", "outliers", 0.0, 1200.0,
      [](messages::Recording& r) {
-       for (std::size_t k = 50; k + 50 < r.frame.size(); k += 331)
-         r.frame.force_N[k] += k % 2 == 0 ? 1.5 : -0.7;
+       for (std::size_t k = 50; k + 50 < r.frame.size(); k += 331) r.frame.force_N[k] += k % 2 == 0 ? 1.5 : -0.7;
      }},
     {"burst", "outliers", 643.0, 645.0,
      [](messages::Recording& r) {

@@ -81,8 +81,7 @@ class DiagnoseCommand : public testing::Test {
     return recording;
   }
   Outcome predict(const fs::path& out) {
-    return isorig("predict " + recording_.string() + " --model " + model_.string() + " --out " +
-                  out.string());
+    return isorig("predict " + recording_.string() + " --model " + model_.string() + " --out " + out.string());
   }
   Outcome diagnose(const std::string& model = "slse1") {
     return isorig("diagnose " + recording_.string() + " --model " + model + " --out " + out_.string() +
@@ -106,9 +105,8 @@ class DiagnoseCommand : public testing::Test {
     EXPECT_FALSE(fs::exists(out_));
   }
 
-  fs::path folder_ =
-      fs::path(testing::TempDir()) /
-      (std::string("diagnose-") + testing::UnitTest::GetInstance()->current_test_info()->name());
+  fs::path folder_ = fs::path(testing::TempDir()) /
+                     (std::string("diagnose-") + testing::UnitTest::GetInstance()->current_test_info()->name());
   fs::path recording_ = folder_ / "recording", frame_ = recording_ / "frame.csv", model_ = folder_ / "m.toml",
            out_ = folder_ / "out";
 };
@@ -152,15 +150,13 @@ TEST_F(DiagnoseCommand, RefusesABrokenPressureOrRecordingFile) {
   expect_both_refuse("pressure.csv:50:", "a finite number");
   fs::remove(recording_ / "pressure.csv");
   const std::string toml = read(recording_ / "recording.toml");
-  const auto broken = [&](const std::string& from, const std::string& to, const char* place,
-                          const char* advice) {
+  const auto broken = [&](const std::string& from, const std::string& to, const char* place, const char* advice) {
     std::string text = toml;
     text.replace(text.find(from), from.size(), to);
     write(recording_ / "recording.toml", text);
     expect_both_refuse(place, advice);
   };
-  broken("isorig-recording/1", "isorig-recording/2",
-         "recording.toml:1:", "this reads \"isorig-recording/1\"");
+  broken("isorig-recording/1", "isorig-recording/2", "recording.toml:1:", "this reads \"isorig-recording/1\"");
   broken("rest_length_mm = 90.0", "rest_length_mm = \"90 mm\"", "recording.toml:3:", "a number is needed");
   broken("rest_length_mm = 90.0", "rest_length_mm = -90.0", "recording.toml:3:", "rest_length_mm");
   broken("rest_length_mm = 90.0", "rest_length_mm = ", "recording.toml:3:", "");
@@ -171,8 +167,7 @@ TEST_F(DiagnoseCommand, RefusesABrokenPressureOrRecordingFile) {
 }
 
 TEST_F(DiagnoseCommand, RefusesABrokenModel) {
-  const auto broken = [&](const std::string& from, const std::string& to, const char* place,
-                          const char* advice) {
+  const auto broken = [&](const std::string& from, const std::string& to, const char* place, const char* advice) {
     std::string text = kModel;
     text.replace(text.find(from), from.size(), to);
     write(model_, text);
@@ -283,18 +278,16 @@ TEST_F(DiagnoseCommand, PredictsEveryRowAndIsBlindToTheForce) {
   EXPECT_TRUE(text.starts_with("t_s,force_N\n"));
   EXPECT_EQ(static_cast<std::size_t>(std::ranges::count(text, '\n')), good().frame.size() + 1);
   // As a pipe: nothing to rename.
-  EXPECT_EQ(isorig("predict " + recording_.string() + " --model " + model_.string() +
-                   " --out /dev/stdout | cmp - " + (folder_ / "a.csv").string())
+  EXPECT_EQ(isorig("predict " + recording_.string() + " --model " + model_.string() + " --out /dev/stdout | cmp - " +
+                   (folder_ / "a.csv").string())
                 .code,
             0);
 }
 
 /// Recordings of any length: a drift that was described for a shorter one, a slip of another, one row alone.
 TEST_F(DiagnoseCommand, PredictsRecordingsOfAnyLength) {
-  write(
-      model_,
-      kModel + "[[part]]\nphysics = \"zero_drift\"\nlaw = \"wander\"\nduration_s = 100.0\nc1_N = 0.1\n" +
-          "[[part]]\nphysics = \"grip_slip\"\ntime_s = 50.0\nslip_mm = 0.2\nrecording_duration_s = 100.0\n");
+  write(model_, kModel + "[[part]]\nphysics = \"zero_drift\"\nlaw = \"wander\"\nduration_s = 100.0\nc1_N = 0.1\n" +
+                    "[[part]]\nphysics = \"grip_slip\"\ntime_s = 50.0\nslip_mm = 0.2\nrecording_duration_s = 100.0\n");
   ASSERT_EQ(predict(folder_ / "long.csv").code, 0);
   write(folder_ / "plain.toml", kModel);
   model_ = folder_ / "plain.toml";
@@ -330,8 +323,7 @@ TEST_F(DiagnoseCommand, WritesItsFilesAndAModelThatPredicts) {
   std::getline(in, line);
   double squares = 0.0;
   std::size_t rows = 0;
-  while (std::getline(in, line))
-    squares += std::pow(std::stod(cell(line, 1)) - good().frame.force_N[rows++], 2);
+  while (std::getline(in, line)) squares += std::pow(std::stod(cell(line, 1)) - good().frame.force_N[rows++], 2);
   EXPECT_NEAR(std::sqrt(squares / static_cast<double>(rows)), 0.02, 0.002);
 }
 

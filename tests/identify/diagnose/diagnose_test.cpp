@@ -35,8 +35,8 @@ double rms_against(const model::ModelSpec& spec, messages::Recording truth) {
 /// The named effect first, alone, near certain, with its size within `tolerance`, and a model that predicts
 /// motions it has not seen: at least 95 % of the nominal model's error gone.
 /// `carrier`: the variable that carries most of the excess, where the law leaves no doubt.
-void expect_single(const Bench& bench, std::string_view effect, std::string_view number, double truth,
-                   double tolerance, std::string_view carrier = {}) {
+void expect_single(const Bench& bench, std::string_view effect, std::string_view number, double truth, double tolerance,
+                   std::string_view carrier = {}) {
   const Diagnosis d = diagnose_bench(bench);
   ASSERT_EQ(d.verdict, Verdict::kMissingPhysics);
   ASSERT_EQ(d.missing.size(), 1u) << diagnosis_json(d)["missing"].dump(1);
@@ -60,8 +60,7 @@ TEST(Diagnose, FindsFriction) {
   expect_single({.friction_N = 0.8, .presliding_mm = 0.04}, "coulomb_friction", "force_N", 0.8, 0.02);
 }
 TEST(Diagnose, FindsQuarterSizeFriction) {
-  expect_single({.friction_N = 0.1, .presliding_mm = 0.04, .seed = 5}, "coulomb_friction", "force_N", 0.1,
-                0.015);
+  expect_single({.friction_N = 0.1, .presliding_mm = 0.04, .seed = 5}, "coulomb_friction", "force_N", 0.1, 0.015);
 }
 TEST(Diagnose, FindsStiffening) {
   expect_single({.quadratic_N_mm2 = 0.06}, "strain_stiffening", "quadratic_N_mm2", 0.06, 0.002);
@@ -73,8 +72,8 @@ TEST(Diagnose, FindsANonlinearDashpot) {
   expect_single({.power = 1.8}, "nonlinear_viscosity", "exponent", 1.8, 0.05);
 }
 TEST(Diagnose, FindsPressureCoupling) {
-  expect_single({.coupling_N_mm_psi = 0.15, .pressure_wander_psi = 0.1}, "pressure_coupling",
-                "stiffness_N_mm_psi", 0.15, 0.01);
+  expect_single({.coupling_N_mm_psi = 0.15, .pressure_wander_psi = 0.1}, "pressure_coupling", "stiffness_N_mm_psi",
+                0.15, 0.01);
 }
 TEST(Diagnose, FindsSoftening) {
   expect_single({.softening_N_mm = 0.05}, "cyclic_softening", "travel_mm", 15.0, 1.0);
@@ -131,8 +130,7 @@ TEST(Diagnose, CallsStructureOutsideOfTheCatalogueUnknownAndStillPredictsIt) {
   const Diagnosis d = diagnose_bench(bench);
   EXPECT_EQ(d.verdict, Verdict::kUnknownPhysics);
   for (const MissingEffect& missing : d.missing) EXPECT_LT(missing.probability, 0.9);
-  EXPECT_LT(rms_against(d.model, test::record_other(bench)),
-            0.3 * rms_against(d.nominal, test::record_other(bench)));
+  EXPECT_LT(rms_against(d.model, test::record_other(bench)), 0.3 * rms_against(d.nominal, test::record_other(bench)));
   ASSERT_FALSE(d.where.empty());
   EXPECT_EQ(d.where[0].covariate, "position");
 }
@@ -149,8 +147,7 @@ INSTANTIATE_TEST_SUITE_P(Traps, Nothing,
                                          Bench{.coloured_N = 0.03, .coloured_s = 0.4, .seed = 4},
                                          Bench{.force_step_N = 0.05, .seed = 5},
                                          Bench{.force_noise_N = 0.005, .force_step_N = 0.1, .seed = 13},
-                                         Bench{.spikes = 40, .seed = 6},
-                                         Bench{.pressure_wander_psi = 0.3, .seed = 7}));
+                                         Bench{.spikes = 40, .seed = 6}, Bench{.pressure_wander_psi = 0.3, .seed = 7}));
 
 TEST(Diagnose, ACleanSecondArmIsNoEffectOfATwoArmModel) {
   const Diagnosis d = diagnose_bench({.second_arm_N_mm = 0.6, .second_arm_s = 9.0}, "slse2");
@@ -200,8 +197,7 @@ TEST(Diagnose, SaysThatNoExperimentSeparatesOneModelUnderTwoNames) {
   const Search search(study.series, study.noise.noise, 2);
   Hypothesis slow = selection.nominal();
   slow.effects = {model::find_physics("second_relaxation")};
-  slow.fit.spec.parts.push_back(
-      model::make_part(*slow.effects[0], *model::find_law(*slow.effects[0], "arm")));
+  slow.fit.spec.parts.push_back(model::make_part(*slow.effects[0], *model::find_law(*slow.effects[0], "arm")));
   slow.fit.spec.parts.back().coefficients[0] = 1e-4;
   selection.pool = {selection.nominal(), slow};
   selection.excess.assign(2, 0.0);

@@ -67,8 +67,7 @@ INSTANTIATE_TEST_SUITE_P(
                     test::Bench{.gap_mm = 0.08, .seed = 4}, test::Bench{.slip_mm = 0.2, .slip_s = 500.3},
                     test::Bench{.mass_kg = 0.5}, test::Bench{.elongation_at_zero_mm = 2.5, .slack = true},
                     test::Bench{.coloured_N = 0.06, .seed = 5}, test::Bench{.force_noise_N = 2e-3},
-                    test::Bench{.lag_s = 0.03}, test::Bench{.force_step_N = 0.02},
-                    test::Bench{.drift_N_h = 2.0}));
+                    test::Bench{.lag_s = 0.03}, test::Bench{.force_step_N = 0.02}, test::Bench{.drift_N_h = 2.0}));
 
 TEST(Guard, FindsSingleOutliersAndLeavesOutNoOtherReading) {
   messages::Recording recording = clean();
@@ -76,8 +75,7 @@ TEST(Guard, FindsSingleOutliersAndLeavesOutNoOtherReading) {
   std::mt19937 random(9);
   while (put.size() < 20) {
     const std::size_t k = 20 + random() % (recording.frame.size() - 40);
-    if (std::ranges::any_of(put, [k](std::size_t other) { return other + 12 > k && k + 12 > other; }))
-      continue;
+    if (std::ranges::any_of(put, [k](std::size_t other) { return other + 12 > k && k + 12 > other; })) continue;
     put.insert(k);
     recording.frame.force_N[k] += put.size() % 2 == 0 ? 0.8 : -0.5;  // 25 to 40 times the noise
   }
@@ -105,8 +103,7 @@ TEST(Guard, FindsBurstsOfOutliers) {
   burst(dense + 350, {1.0, -1.2, 0.8});
   burst(row_at(recording, 330.0), {-0.9, -1.0, -1.1});
   std::size_t rest = row_at(recording, 600.0);  // in motion four in a row could be a step of the specimen's
-  while (std::fabs(recording.frame.position_mm[rest + 10] - recording.frame.position_mm[rest - 6]) > 0.005)
-    ++rest;
+  while (std::fabs(recording.frame.position_mm[rest + 10] - recording.frame.position_mm[rest - 6]) > 0.005) ++rest;
   burst(rest, {1.0, 1.5, 1.2, 0.9});
   const Guarded guarded = guard_recording(recording);
   for (const std::size_t k : put) EXPECT_FALSE(guarded.usable[k]) << "row " << k;
@@ -167,8 +164,7 @@ TEST(Guard, FindsALoadCellThatStandsStill) {
 TEST(Guard, FindsAPositionThatStandsStillWhileItsNoiseShouldMoveIt) {
   messages::Recording recording = clean();
   const std::size_t from = dense_row(recording) + 50;
-  for (std::size_t k = from; k < from + 300; ++k)
-    recording.frame.position_mm[k] = recording.frame.position_mm[from];
+  for (std::size_t k = from; k < from + 300; ++k) recording.frame.position_mm[k] = recording.frame.position_mm[from];
   const Guarded guarded = guard_recording(recording);
   ASSERT_EQ(kinds(guarded), std::vector<std::string>{"frozen"}) << said(guarded);
   EXPECT_NE(guarded.faults[0].text.find("position"), std::string::npos);

@@ -48,8 +48,7 @@ std::vector<Estimate> estimates(messages::Recording recording, const model::Phys
     for (std::size_t p = 0; p < stated.size(); ++p) {
       if (fit.spec.parts[p].physics->name != truth.part) continue;
       for (const NamedValue& value : stated[p])
-        if (value.name == truth.number)
-          out.push_back({value.value - truth.value, (value.high - value.value) / 1.96});
+        if (value.name == truth.number) out.push_back({value.value - truth.value, (value.high - value.value) / 1.96});
     }
   }
   return out;

@@ -35,8 +35,8 @@ class Located {
       const double before_mm = follower_mm;
       follower_mm = std::clamp(follower_mm, node.position_mm - 0.01, node.position_mm + 0.01);
       if (follower_mm != before_mm) way = follower_mm > before_mm ? 1.0 : -1.0;
-      at_.push_back({node.t_s, node.position_mm, node.velocity_mm_s, node.excess_pressure_psi,
-                     series.since_corner_s[k], travel_mm, way});
+      at_.push_back({node.t_s, node.position_mm, node.velocity_mm_s, node.excess_pressure_psi, series.since_corner_s[k],
+                     travel_mm, way});
       series.force_N[k] += excess(at_.back());
     }
     nominal_ = model::nominal_model("slse1");
@@ -55,9 +55,8 @@ class Located {
   }
   [[nodiscard]] std::vector<Place> stretches() const {
     std::vector<Place> out;
-    std::ranges::copy_if(places_, std::back_inserter(out), [](const Place& p) {
-      return p.covariate == "time" && p.t_end_s - p.t_start_s < 1000.0;
-    });
+    std::ranges::copy_if(places_, std::back_inserter(out),
+                         [](const Place& p) { return p.covariate == "time" && p.t_end_s - p.t_start_s < 1000.0; });
     return out;
   }
   [[nodiscard]] const std::vector<Place>& places() const { return places_; }

@@ -8,9 +8,9 @@
 #include "bench.hpp"
 #include "identify/diagnose/diagnosis.hpp"
 #include "identify/diagnose/noise/repetitions.hpp"
+#include "identify/diagnose/signal/noise_level.hpp"
 #include "identify/diagnose/signal/spikes.hpp"
 #include "model/composed.hpp"
-#include "identify/diagnose/signal/noise_level.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -36,8 +36,7 @@ messages::Recording recording(const std::function<double(double)>& position_mm, 
     bristle = sign + (bristle - sign) * std::exp(-std::fabs(step) / 0.05);
     before_mm = x;
     slow = decay * slow + noise.coloured_N * std::sqrt(1.0 - decay * decay) * normal(random);
-    double f =
-        0.4 * x + 0.05 * step / dt_s + 3.0 * bristle + drift_N_s * t + slow + noise.white_N * normal(random);
+    double f = 0.4 * x + 0.05 * step / dt_s + 3.0 * bristle + drift_N_s * t + slow + noise.white_N * normal(random);
     if (noise.step_N > 0.0) f = noise.step_N * std::round(f / noise.step_N);
     r.frame.t_s.push_back(t);
     r.frame.position_mm.push_back(x + 1e-3 * normal(random));
@@ -51,8 +50,7 @@ double triangle(double t) {
   return phase < 4.0 ? 10.0 * phase - 20.0 : 60.0 - 10.0 * phase;
 }
 double servo(double t) {
-  return 30.0 * std::sin(2.0 * std::numbers::pi * 0.25 * t) +
-         4.0 * std::sin(2.0 * std::numbers::pi * 0.75 * t);
+  return 30.0 * std::sin(2.0 * std::numbers::pi * 0.25 * t) + 4.0 * std::sin(2.0 * std::numbers::pi * 0.75 * t);
 }
 double swing(double t) {
   return 60.0 * std::exp(-t / 6.0) * std::cos(2.0 * std::numbers::pi * 0.4 * t);
@@ -83,11 +81,9 @@ TEST(NoiseWithoutRests, ACorrelatedPartCountsIntoTheLevel) {
       measure(recording(triangle, 160.0, {.white_N = 0.1, .coloured_N = 0.3, .coloured_s = 0.1, .seed = 2}));
   ASSERT_EQ(noise.source, NoiseSource::kRepetitions);
   const double level = std::hypot(0.1, 0.3);
-  EXPECT_NEAR(std::hypot(noise.noise.white_N, noise.noise.coloured_N), level,
-              level * tolerance(12000.0, 10.0));
+  EXPECT_NEAR(std::hypot(noise.noise.white_N, noise.noise.coloured_N), level, level * tolerance(12000.0, 10.0));
   // Second differences, which it falls back to without repetitions, see half of it.
-  const auto r =
-      recording(triangle, 160.0, {.white_N = 0.1, .coloured_N = 0.3, .coloured_s = 0.1, .seed = 2});
+  const auto r = recording(triangle, 160.0, {.white_N = 0.1, .coloured_N = 0.3, .coloured_s = 0.1, .seed = 2});
   EXPECT_LT(white_noise(r.frame.t_s, r.frame.force_N), 0.6 * level);
 }
 
@@ -153,8 +149,7 @@ TEST(Spikes, OfThePositionDoNotTurnTheMotionBack) {
   std::mt19937 random(9);
   std::vector<std::size_t> spoilt;
   for (std::size_t k = 50; k + 50 < clean.size(); k += 60 + random() % 80) {
-    r.frame.position_mm[k] +=
-        (random() % 2 == 0 ? 1.0 : -1.0) * (0.2 + 0.001 * static_cast<double>(random() % 400));
+    r.frame.position_mm[k] += (random() % 2 == 0 ? 1.0 : -1.0) * (0.2 + 0.001 * static_cast<double>(random() % 400));
     spoilt.push_back(k);
   }
   const Despiked out = without_spikes(r.frame.t_s, r.frame.position_mm);

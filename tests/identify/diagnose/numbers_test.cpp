@@ -7,8 +7,8 @@
 
 #include "identify/diagnose/diagnosis.hpp"
 
-/// Numbers at the edge of what the readers take (messages/csv.hpp), through the whole diagnosis: refused as an error, or
-/// judged with finite numbers. Forces of 1e300 N were "consistent, rms -nan", exit code 0.
+/// Numbers at the edge of what the readers take (messages/csv.hpp), through the whole diagnosis: refused as an error,
+/// or judged with finite numbers. Forces of 1e300 N were "consistent, rms -nan", exit code 0.
 namespace isorig::identify {
 namespace {
 
@@ -44,20 +44,39 @@ messages::Recording session(unsigned seed) {
 }
 
 bool finite(const Diagnosis& d) {
-  return std::isfinite(d.noise_N) && std::isfinite(d.nominal_errors.train_rmse_N) && std::isfinite(d.model_errors.train_rmse_N);
+  return std::isfinite(d.noise_N) && std::isfinite(d.nominal_errors.train_rmse_N) &&
+         std::isfinite(d.model_errors.train_rmse_N);
 }
 
 TEST(Numbers, AtTheEdgeOfTheRangeAreJudgedInFiniteNumbersOrRefused) {
   const std::pair<const char*, std::function<void(messages::FrameSamples&)>> cases[] = {
       {"one force of 1e6", [](auto& f) { f.force_N[f.size() / 2] = 1e6; }},
-      {"all forces near 1e6", [](auto& f) { for (double& v : f.force_N) v += 9e5; }},
-      {"forces of 1e-300", [](auto& f) { for (double& v : f.force_N) v *= 1e-300; }},
-      {"forces of 1e-160", [](auto& f) { for (double& v : f.force_N) v *= 1e-160; }},
-      {"no force at all", [](auto& f) { for (double& v : f.force_N) v = 0.0; }},
+      {"all forces near 1e6",
+       [](auto& f) {
+         for (double& v : f.force_N) v += 9e5;
+       }},
+      {"forces of 1e-300",
+       [](auto& f) {
+         for (double& v : f.force_N) v *= 1e-300;
+       }},
+      {"forces of 1e-160",
+       [](auto& f) {
+         for (double& v : f.force_N) v *= 1e-160;
+       }},
+      {"no force at all",
+       [](auto& f) {
+         for (double& v : f.force_N) v = 0.0;
+       }},
       {"one position of 1e4", [](auto& f) { f.position_mm[f.size() / 3] = 1e4; }},
       {"a step of a nanosecond", [](auto& f) { f.t_s[100] = f.t_s[99] + 1e-9; }},
-      {"a gap of a day", [](auto& f) { for (std::size_t k = f.size() / 2; k < f.size(); ++k) f.t_s[k] += 9.9e4; }},
-      {"all beyond the readers' range", [](auto& f) { for (double& v : f.force_N) v *= 1e300; }},
+      {"a gap of a day",
+       [](auto& f) {
+         for (std::size_t k = f.size() / 2; k < f.size(); ++k) f.t_s[k] += 9.9e4;
+       }},
+      {"all beyond the readers' range",
+       [](auto& f) {
+         for (double& v : f.force_N) v *= 1e300;
+       }},
       {"overflow in a square", [](auto& f) { f.force_N[10] = -1e200; }},
   };
   for (const auto& [name, put] : cases) {

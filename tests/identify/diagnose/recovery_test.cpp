@@ -87,8 +87,7 @@ Session session(const Truth& truth) {
   for (std::size_t i = 0; i < x.size(); ++i) {
     track.velocity_mm_s.push_back(i > 0 ? (x[i] - x[i - 1]) / track.step_s : 0.0);
     const double t = track.t_s(i);
-    track.excess_psi.push_back(truth.pressure_swing_psi *
-                               (0.6 * std::sin(0.31 * t) + 0.4 * std::sin(1.1 * t + 0.5)));
+    track.excess_psi.push_back(truth.pressure_swing_psi * (0.6 * std::sin(0.31 * t) + 0.4 * std::sin(1.1 * t + 0.5)));
   }
   return out;
 }
@@ -116,8 +115,8 @@ messages::Recording record(const Session& session, const test::Curve& force, uns
     out.frame.t_s.push_back(t);
     out.frame.position_mm.push_back(at(track.position_mm) + kPositionNoise_mm * normal(random));
     out.frame.force_N.push_back(at(force) + kForceNoise_N * normal(random));
-    const bool dense = std::ranges::any_of(
-        session.dense, [&](const auto& d) { return next_s >= d.first && next_s <= d.second; });
+    const bool dense =
+        std::ranges::any_of(session.dense, [&](const auto& d) { return next_s >= d.first && next_s <= d.second; });
     next_s += dense ? 0.005 : 0.2;
     for (; next_pressure_s < next_s; next_pressure_s += 0.2) {
       const auto k = static_cast<std::size_t>(next_pressure_s / track.step_s);
@@ -165,8 +164,7 @@ void fit(const Truth& truth, unsigned seed, Fitted& out) {
   const Guarded guarded = guard_recording(recording);
   // A force that follows a pressure of 30 psi/s bends within a reading of 0.2 s, which may cost that reading.
   for (const DataFault& fault : guarded.faults)
-    EXPECT_TRUE(fault.rows == 1 && truth.pressure_swing_psi > 1.0)
-        << "physics taken for a data fault: " << fault.text;
+    EXPECT_TRUE(fault.rows == 1 && truth.pressure_swing_psi > 1.0) << "physics taken for a data fault: " << fault.text;
   out.series.push_back(prepare_series("judge", std::move(recording), guarded.usable));
   const std::vector<std::vector<bool>> usable{guarded.usable};
   const InstrumentNoise noise = instrument_noise(out.series, usable);
@@ -293,8 +291,7 @@ std::vector<Arm> arms_of(const model::ModelSpec& spec) {
   std::vector<Arm> out;
   for (const model::Part& part : spec.parts) {
     if (part.physics->name != "maxwell" && part.law->name != "arm" && part.law->name != "two_arms") continue;
-    for (std::size_t i = 0; i < part.parameters.size(); ++i)
-      out.push_back({part.parameters[i], part.coefficients[i]});
+    for (std::size_t i = 0; i < part.parameters.size(); ++i) out.push_back({part.parameters[i], part.coefficients[i]});
   }
   std::ranges::sort(out, {}, &Arm::time_constant_s);
   return out;
@@ -398,18 +395,9 @@ TEST_P(Refusal, IsSaidByTheIntervalAndIsRight) {
 }
 
 const Hidden kHidden[] = {
-    {{"pressure_threshold", "dead_zone", {5.0}, {3.0}},
-     "threshold_psi",
-     10.0,
-     "the pressure never comes near it"},
-    {{"cyclic_softening", "tangent", {2500.0}, {-8.0}},
-     "travel_mm",
-     1000.0,
-     "no more than its first slope is seen"},
-    {{"zero_drift", "settling", {1.5e4}, {6.0}},
-     "time_constant_s",
-     5000.0,
-     "no more than its first slope is seen"},
+    {{"pressure_threshold", "dead_zone", {5.0}, {3.0}}, "threshold_psi", 10.0, "the pressure never comes near it"},
+    {{"cyclic_softening", "tangent", {2500.0}, {-8.0}}, "travel_mm", 1000.0, "no more than its first slope is seen"},
+    {{"zero_drift", "settling", {1.5e4}, {6.0}}, "time_constant_s", 5000.0, "no more than its first slope is seen"},
 };
 INSTANTIATE_TEST_SUITE_P(Session, Refusal, testing::ValuesIn(kHidden), [](const auto& hidden) {
   return std::string(hidden.param.truth.law) + "__" + std::string(hidden.param.number);

@@ -132,8 +132,8 @@ TEST(Filling, LeavesForceInTheArmsAndThatIsNoEffect) {
 }
 
 TEST(Filling, SaysSoWhenOneMaterialIsFittedToSeveralPressures) {
-  const Study study = diagnose({clean_session(10.0, 12), clean_session(15.0, 13)}, {"a", "b"},
-                               model::nominal_model("slse1"), {});
+  const Study study =
+      diagnose({clean_session(10.0, 12), clean_session(15.0, 13)}, {"a", "b"}, model::nominal_model("slse1"), {});
   EXPECT_EQ(study.diagnosis.verdict, Verdict::kConsistent);
   EXPECT_TRUE(std::ranges::any_of(study.diagnosis.warnings,
                                   [](const auto& n) { return n.find("from 10 to 15 psi") != n.npos; }));

@@ -35,14 +35,7 @@ const std::vector<Case>& cases() {
       {"coulomb_friction", "jenkins", {{0.02}, {0.3}}, {0.8}, 1e-9, 2, true, true},
       {"coulomb_friction", "iwan", {{0.02}, {0.3}}, {0.8}, 1e-9, 2, true, true},
       {"coulomb_friction", "stribeck", {{0.02, 2.0, 0.4}, {0.3, 0.5, 1.5}}, {0.8}, 1e-6, 2, false, true},
-      {"coulomb_friction",
-       "stribeck_exponential",
-       {{0.02, 2.0, 0.4}, {0.3, 0.5, 1.5}},
-       {0.8},
-       1e-6,
-       2,
-       false,
-       true},
+      {"coulomb_friction", "stribeck_exponential", {{0.02, 2.0, 0.4}, {0.3, 0.5, 1.5}}, {0.8}, 1e-6, 2, false, true},
       {"coulomb_friction", "iwan_stribeck", {{0.02, 2.0, 0.4}, {0.3, 0.5, 1.5}}, {0.8}, 1e-9, 2},
       {"coulomb_friction", "regularised", {{0.002}, {0.5}}, {0.8}, 1e-9, 0, false, true},
       {"strain_stiffening", "quadratic", {{}}, {0.06}, 1e-12, 0, true},
@@ -56,14 +49,7 @@ const std::vector<Case>& cases() {
       {"second_relaxation", "spectrum", {{0.1, 3.0}, {0.5, 1.0}}, {0.9}, 1e-6, 2, false, true},
       // Its own file claims 1e-4 of the peak at any step.
       {"nonlinear_viscosity", "power_arm", {{0.8, 1.8}, {0.5, 0.7}, {3.0, 3.0}}, {2.0}, 1e-4, 2, false, true},
-      {"nonlinear_viscosity",
-       "yield_arm",
-       {{0.8, 0.1}, {0.5, 0.4}, {3.0, 0.01}},
-       {2.0},
-       1e-6,
-       2,
-       false,
-       true},
+      {"nonlinear_viscosity", "yield_arm", {{0.8, 0.1}, {0.5, 0.4}, {3.0, 0.01}}, {2.0}, 1e-6, 2, false, true},
       {"nonlinear_viscosity", "power_dashpot", {{0.3}, {2.0}}, {0.4}, 1e-12, 0, false, true},
       {"pressure_coupling", "stiffness", {{}}, {0.15}, 1e-12, 0},
       {"pressure_coupling", "force", {{}}, {0.5}, 1e-12, 0},
@@ -93,8 +79,8 @@ const std::vector<Case>& cases() {
 }
 
 const Case* case_of(std::string_view physics, std::string_view law) {
-  const auto found = std::ranges::find_if(
-      cases(), [&](const Case& each) { return each.physics == physics && each.law == law; });
+  const auto found =
+      std::ranges::find_if(cases(), [&](const Case& each) { return each.physics == physics && each.law == law; });
   return found == cases().end() ? nullptr : &*found;
 }
 

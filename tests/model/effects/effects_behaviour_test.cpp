@@ -56,10 +56,8 @@ TEST_P(ExactLaw, DoesNotCareHowAStrokeIsDivided) {
     if (i % stride == 0 || random() % 17 == 0) divided.push_back(i);
   for (const auto& parameters : GetParam().parameters) {
     const model::ModelSpec spec = model_of(GetParam(), parameters);
-    const Curve whole = model_force(spec, path.track, corners),
-                parts = model_force(spec, path.track, divided);
-    const double peak =
-        std::fabs(*std::ranges::max_element(whole, {}, [](double f) { return std::fabs(f); }));
+    const Curve whole = model_force(spec, path.track, corners), parts = model_force(spec, path.track, divided);
+    const double peak = std::fabs(*std::ranges::max_element(whole, {}, [](double f) { return std::fabs(f); }));
     for (std::size_t k = 0, c = 0; k < divided.size(); ++k) {
       if (divided[k] % stride != 0) continue;
       ASSERT_NEAR(parts[k], whole[c++], 1e-9 * peak) << "at " << path.track.t_s(divided[k]) << " s";
@@ -68,8 +66,7 @@ TEST_P(ExactLaw, DoesNotCareHowAStrokeIsDivided) {
 }
 std::vector<Case> exact_laws() {
   std::vector<Case> out;
-  std::ranges::copy_if(cases(), std::back_inserter(out),
-                       [](const Case& c) { return c.straight_error <= 1e-6; });
+  std::ranges::copy_if(cases(), std::back_inserter(out), [](const Case& c) { return c.straight_error <= 1e-6; });
   return out;
 }
 INSTANTIATE_TEST_SUITE_P(Catalogue, ExactLaw, testing::ValuesIn(exact_laws()), [](const auto& law) {
@@ -88,8 +85,7 @@ TEST(PowerArm, KeepsItsClaim) {
         const auto rows = every(track, stride);
         const Curve force = model_force(spec, track, rows);
         double worst = 0.0;
-        for (std::size_t k = 0; k < rows.size(); ++k)
-          worst = std::fmax(worst, std::fabs(force[k] - judged[rows[k]]));
+        for (std::size_t k = 0; k < rows.size(); ++k) worst = std::fmax(worst, std::fabs(force[k] - judged[rows[k]]));
         EXPECT_LT(worst, std::fmax(1e-4 * peak, 5e-5))
             << "exponent " << exponent << ", tau " << tau_s << " s, " << stride << " ms";
       }
@@ -124,8 +120,7 @@ TEST(Friction, WorksAgainstTheMotionWithItsFullForce) {
 TEST(FrictionAsymmetry, AddsOneWayWhatItTakesTheOther) {
   const double fc = 0.8, d = 0.3;
   const model::ModelSpec spec{
-      "",
-      {part("coulomb_friction", "dahl", {0.02}, {fc}), part("friction_asymmetry", "sliding", {0.02}, {d})}};
+      "", {part("coulomb_friction", "dahl", {0.02}, {fc}), part("friction_asymmetry", "sliding", {0.02}, {d})}};
   const Curve force = all_rows(spec, go(1e-2, {{1.0, 1.0}, {-1.0, 2.0}}));
   EXPECT_NEAR(force[100], fc + d, 1e-9);
   EXPECT_NEAR(force.back(), -(fc - d), 1e-9);
@@ -141,8 +136,7 @@ TEST(ForceDelay, IsAPureShift) {
       const Curve force = all_rows(spec, track);
       for (std::size_t i = 0; i < force.size(); ++i) {
         const double at_s = std::fmax(track.t_s(i) - delay_s, 0.0);
-        ASSERT_NEAR(force[i], 2.0 * std::sin(3.0 * at_s), 1e-9)
-            << "delay " << delay_s << " s, step " << step_s;
+        ASSERT_NEAR(force[i], 2.0 * std::sin(3.0 * at_s), 1e-9) << "delay " << delay_s << " s, step " << step_s;
       }
     }
   }
@@ -160,9 +154,9 @@ TEST(ForceDelay, HasRoomForAllCoefficientsOfAModel) {
 /// A slip is the only step a model has: behind a spring it is a step of force.
 TEST(ForceLag, AnswersAStepWithOneExponential) {
   const double tau_s = 0.05;
-  const model::ModelSpec spec{"",
-                              {part("grip_slip", "event", {1.0, 0.5, 0.0}, {}), spring(2.0),
-                               part("force_lag", "first_order", {tau_s}, {})}};
+  const model::ModelSpec spec{
+      "",
+      {part("grip_slip", "event", {1.0, 0.5, 0.0}, {}), spring(2.0), part("force_lag", "first_order", {tau_s}, {})}};
   const Track track = go(1e-4, {{0.0, 2.0}});
   const Curve force = all_rows(spec, track);
   EXPECT_EQ(force[9998], 0.0);
@@ -253,13 +247,11 @@ TEST(CyclicSoftening, OfTheWholeSpecimenTakesItsShareOfEveryPart) {
   // Whatever the order of the parts in the file, and not of what the rig or the sensor adds.
   const double travel_mm = 4.0, share = 0.4;
   const Track track = go(1e-3, {{1.0, 1.0}, {-1.0, 2.0}, {0.5, 1.5}});
-  const std::vector<model::Part> parts{part("cyclic_softening", "overall", {travel_mm, share}, {}),
-                                       spring(2.5), part("maxwell", "linear", {0.8}, {2.0}),
-                                       part("constant", "linear", {}, {0.7})};
+  const std::vector<model::Part> parts{part("cyclic_softening", "overall", {travel_mm, share}, {}), spring(2.5),
+                                       part("maxwell", "linear", {0.8}, {2.0}), part("constant", "linear", {}, {0.7})};
   const Curve soft = all_rows({"", parts}, track), hard = all_rows({"", {parts[1], parts[2]}}, track);
   const double travelled = 1.0 + 2.0 + 1.5;
-  EXPECT_NEAR(soft.back() - 0.7, hard.back() * (1.0 - share * (1.0 - std::exp(-travelled / travel_mm))),
-              1e-9);
+  EXPECT_NEAR(soft.back() - 0.7, hard.back() * (1.0 - share * (1.0 - std::exp(-travelled / travel_mm))), 1e-9);
   EXPECT_NEAR(soft[1] - 0.7, hard[1], 1e-3 * share / travel_mm * hard[1] * 1.01);
 }
 

@@ -120,8 +120,7 @@ void expect_refused(const model::Physics& physics, const model::Law& law, std::s
     EXPECT_EQ(found.file, "model.toml");
     EXPECT_EQ(found.line, static_cast<std::uint32_t>(line)) << error.what();
     EXPECT_GE(found.column, 1U);
-    EXPECT_TRUE(std::string(error.what()).starts_with("model.toml:" + std::to_string(line) + ":"))
-        << error.what();
+    EXPECT_TRUE(std::string(error.what()).starts_with("model.toml:" + std::to_string(line) + ":")) << error.what();
     EXPECT_NE(found.message.find(std::string(key)), std::string::npos) << error.what();
   }
 }
@@ -138,10 +137,8 @@ TEST_P(Sheet, RefusesWhatIsOutOfRangeOfWrongSignOfWrongTypeOrUnknown) {
     expect_refused(physics_, law_, parameter.name, "\"1.0\"");
   }
   for (const model::Coefficient& coefficient : law_.coefficients) {
-    if (coefficient.sign == model::Sign::kNonNegative)
-      expect_refused(physics_, law_, coefficient.name, "-1e-9");
-    if (coefficient.sign == model::Sign::kNonPositive)
-      expect_refused(physics_, law_, coefficient.name, "1e-9");
+    if (coefficient.sign == model::Sign::kNonNegative) expect_refused(physics_, law_, coefficient.name, "-1e-9");
+    if (coefficient.sign == model::Sign::kNonPositive) expect_refused(physics_, law_, coefficient.name, "1e-9");
     expect_refused(physics_, law_, coefficient.name, "nan");
     expect_refused(physics_, law_, coefficient.name, "-inf");
     expect_refused(physics_, law_, coefficient.name, "[1.0]");
@@ -169,8 +166,7 @@ TEST_P(Sheet, WrittenAndReadAgainPredictsTheSame) {
     for (model::Part& part : spec.parts) {
       for (std::size_t i = 0; i < part.parameters.size(); ++i) {
         const model::Parameter& parameter = part.law->parameters[i];
-        part.parameters[i] =
-            std::clamp(part.parameters[i] * factor(random), parameter.lower, parameter.upper);
+        part.parameters[i] = std::clamp(part.parameters[i] * factor(random), parameter.lower, parameter.upper);
       }
       for (double& coefficient : part.coefficients) coefficient *= factor(random) / 3.0;
       for (double& value : part.table.values) value *= factor(random);
@@ -202,11 +198,9 @@ void expect_error(const std::string& text, std::string_view place, std::string_v
 TEST(ModelToml, NamesWhatThereIsWhenANameIsUnknown) {
   const std::string head = "format = \"isorig-model/1\"\n";
   expect_error(head + "[[part]]\nphysics = \"unobtainium\"\n", "m.toml:3:", "coulomb_friction");
-  expect_error(head + "[[part]]\nphysics = \"coulomb_friction\"\nlaw = \"dhal\"\n",
-               "m.toml:4:", "dahl, jenkins");
+  expect_error(head + "[[part]]\nphysics = \"coulomb_friction\"\nlaw = \"dhal\"\n", "m.toml:4:", "dahl, jenkins");
   expect_error(head, "m.toml", "at least one [[part]]");
-  expect_error("format = \"isorig-model/9\"\n[[part]]\nphysics = \"spring\"\n",
-               "m.toml:1:", "isorig-model/1");
+  expect_error("format = \"isorig-model/9\"\n[[part]]\nphysics = \"spring\"\n", "m.toml:1:", "isorig-model/1");
   expect_error("[[part]]\nphysics = \"spring\"\n", "m.toml", "format");
   expect_error("", "m.toml", "format");
   expect_error("format = \n", "m.toml:1:", "");

@@ -55,8 +55,7 @@ TEST_P(EveryLaw, IsExactOnStraightStrokes) {
     ASSERT_GT(peak, 1e-4);
     for (const std::size_t s : {stride, stride / 10}) {
       const auto rows = every(path.track, s);
-      EXPECT_LT(error_of(judged, model_force(spec, path.track, rows), rows).largest,
-                case_->straight_error * peak)
+      EXPECT_LT(error_of(judged, model_force(spec, path.track, rows), rows).largest, case_->straight_error * peak)
           << "steps of " << static_cast<double>(s) * path.track.step_s << " s";
     }
   }
@@ -94,8 +93,7 @@ TEST_P(RateIndependentLaw, GivesTheSameForceAtTwiceTheSpeed) {
   for (const auto& parameters : case_->parameters) {
     const model::ModelSpec spec = model_of(*case_, parameters);
     const Curve slow = model_force(spec, track, rows), fast = model_force(spec, faster(track, 2.0), rows);
-    for (std::size_t k = 0; k < rows.size(); ++k)
-      ASSERT_DOUBLE_EQ(slow[k], fast[k]) << "at " << track.t_s(rows[k]);
+    for (std::size_t k = 0; k < rows.size(); ++k) ASSERT_DOUBLE_EQ(slow[k], fast[k]) << "at " << track.t_s(rows[k]);
   }
 }
 
@@ -132,8 +130,7 @@ std::vector<Named> laws_that(bool Case::*claim) {
 
 constexpr auto kName = [](const auto& law) { return test_name(law.param); };
 INSTANTIATE_TEST_SUITE_P(Catalogue, EveryLaw, testing::ValuesIn(every_law()), kName);
-INSTANTIATE_TEST_SUITE_P(Catalogue, RateIndependentLaw, testing::ValuesIn(laws_that(&Case::rate_independent)),
-                         kName);
+INSTANTIATE_TEST_SUITE_P(Catalogue, RateIndependentLaw, testing::ValuesIn(laws_that(&Case::rate_independent)), kName);
 INSTANTIATE_TEST_SUITE_P(Catalogue, PassiveLaw, testing::ValuesIn(laws_that(&Case::passive)), kName);
 
 /// The list of cases holds no law that the catalogue has not.
@@ -144,8 +141,7 @@ TEST(Cases, AreOfTheCatalogue) {
     const model::Law* law = model::find_law(*physics, each.law);
     ASSERT_NE(law, nullptr) << each.physics << "/" << each.law;
     EXPECT_EQ(each.coefficients.size(), law->coefficients.size()) << each.law;
-    for (const auto& parameters : each.parameters)
-      EXPECT_EQ(parameters.size(), law->parameters.size()) << each.law;
+    for (const auto& parameters : each.parameters) EXPECT_EQ(parameters.size(), law->parameters.size()) << each.law;
   }
   EXPECT_EQ(cases().size(), every_law().size());
 }

@@ -48,8 +48,7 @@ Curve bristle(const Track& track, double delta_mm) {
 /// doubled from the last turning point, and a loop that closes is forgotten (Madelung).
 class Masing {
  public:
-  Masing(std::function<double(double)> virgin, double origin_mm)
-      : virgin_(std::move(virgin)), turns_{origin_mm} {}
+  Masing(std::function<double(double)> virgin, double origin_mm) : virgin_(std::move(virgin)), turns_{origin_mm} {}
   double at(double x_mm) {
     const double direction = sign(x_mm - last_mm());
     if (moved_ && direction != 0.0 && direction != direction_) turns_.push_back(last_);
@@ -120,9 +119,8 @@ Columns pointwise(const Track& track, const Of& of) {
 }
 
 Judge at_point(std::function<double(Numbers, const Track&, std::size_t)> of) {
-  return {.force = [of](Numbers p, const Track& t) {
-    return pointwise(t, [&](std::size_t i) { return of(p, t, i); });
-  }};
+  return {
+      .force = [of](Numbers p, const Track& t) { return pointwise(t, [&](std::size_t i) { return of(p, t, i); }); }};
 }
 
 Judge several(std::vector<Judge> judges) {
@@ -211,24 +209,21 @@ std::map<std::string, Judge> make_elements() {
     return t.t_s(i) < p[3] ? 0.0 : 1.0 / std::exp((t.t_s(i) - p[3]) / p[0]);
   });
   of["dashpot/linear"] = at_point([](Numbers, const Track& t, std::size_t i) { return t.velocity_mm_s[i]; });
-  of["mass/linear"] =
-      at_point([](Numbers, const Track& t, std::size_t i) { return t.acceleration_mm_s2(i) / 1000.0; });
+  of["mass/linear"] = at_point([](Numbers, const Track& t, std::size_t i) { return t.acceleration_mm_s2(i) / 1000.0; });
   of["constant/linear"] = at_point([](Numbers, const Track&, std::size_t) { return 1.0; });
   of["gravity/pendulum"] =
       at_point([](Numbers p, const Track& t, std::size_t i) { return std::sin(t.position_mm[i] / p[0]); });
   of["empirical_force/position"] =
       at_point([](Numbers, const Track& t, std::size_t i) { return from_table(t.position_mm[i]); });
-  of["empirical_force/rate"] = at_point([](Numbers, const Track& t, std::size_t i) {
-    return from_table(std::asinh(t.velocity_mm_s[i] / 0.01));
-  });
+  of["empirical_force/rate"] = at_point(
+      [](Numbers, const Track& t, std::size_t i) { return from_table(std::asinh(t.velocity_mm_s[i] / 0.01)); });
   of["empirical_force/travel"] = {.force = [](Numbers, const Track& t) {
     const Curve s = travel(t);
     return pointwise(t, [&](std::size_t i) { return from_table(s[i]); });
   }};
   of["empirical_force/pressure"] =
       at_point([](Numbers, const Track& t, std::size_t i) { return from_table(t.excess_psi[i]); });
-  of["empirical_force/time"] =
-      at_point([](Numbers, const Track& t, std::size_t i) { return from_table(t.t_s(i)); });
+  of["empirical_force/time"] = at_point([](Numbers, const Track& t, std::size_t i) { return from_table(t.t_s(i)); });
   of["empirical_force/extending"] = by_direction(1.0);
   of["empirical_force/shortening"] = by_direction(-1.0);
   of["empirical_memory/branch"] = {.force = [](Numbers p, const Track& t) {
@@ -294,8 +289,7 @@ std::map<std::string, Judge> make_elements() {
 }
 
 void add_friction(std::map<std::string, Judge>& of) {
-  of["coulomb_friction/dahl"] = {
-      .force = [](Numbers p, const Track& t) { return Columns{bristle(t, p[0])}; }};
+  of["coulomb_friction/dahl"] = {.force = [](Numbers p, const Track& t) { return Columns{bristle(t, p[0])}; }};
   of["coulomb_friction/jenkins"] = {.force = [](Numbers p, const Track& t) {
     return Columns{masing(t, [&](double x) { return jenkins_virgin(x, p[0]); })};
   }};
@@ -321,8 +315,7 @@ void add_friction(std::map<std::string, Judge>& of) {
     for (double& z : out[0]) z = std::fabs(z);
     return out;
   }};
-  const Judge speed =
-      at_point([](Numbers, const Track& t, std::size_t i) { return std::fabs(t.velocity_mm_s[i]); });
+  const Judge speed = at_point([](Numbers, const Track& t, std::size_t i) { return std::fabs(t.velocity_mm_s[i]); });
   of["friction_asymmetry/viscous"] = speed;
   of["friction_asymmetry/sliding"] = sliding;
   of["friction_asymmetry/both"] = several({sliding, speed});
@@ -336,8 +329,7 @@ void add_friction(std::map<std::string, Judge>& of) {
 void add_specimen(std::map<std::string, Judge>& of) {
   const Judge square =
       at_point([](Numbers, const Track& t, std::size_t i) { return t.position_mm[i] * t.position_mm[i]; });
-  const Judge cube =
-      at_point([](Numbers, const Track& t, std::size_t i) { return std::pow(t.position_mm[i], 3.0); });
+  const Judge cube = at_point([](Numbers, const Track& t, std::size_t i) { return std::pow(t.position_mm[i], 3.0); });
   of["strain_stiffening/quadratic"] = square;
   of["strain_stiffening/cubic"] = cube;
   of["strain_stiffening/polynomial"] = several({square, cube});
@@ -348,9 +340,8 @@ void add_specimen(std::map<std::string, Judge>& of) {
     for (int k = 2; k < 120; ++k) sum += term *= u / k;
     return static_cast<double>(p[0] * sum);
   });
-  of["strain_stiffening/knee"] = at_point([](Numbers p, const Track& t, std::size_t i) {
-    return t.position_mm[i] > p[0] ? t.position_mm[i] - p[0] : 0.0;
-  });
+  of["strain_stiffening/knee"] = at_point(
+      [](Numbers p, const Track& t, std::size_t i) { return t.position_mm[i] > p[0] ? t.position_mm[i] - p[0] : 0.0; });
   of["strain_stiffening/smooth_knee"] = {
       .force = [](Numbers p, const Track& t) { return Columns{taut(t.position_mm, p[0], p[1])}; }};
   of["second_relaxation/arm"] = {.force = [](Numbers p, const Track& t) { return Columns{arm(t, p[0])}; }};
@@ -408,8 +399,7 @@ void add_specimen(std::map<std::string, Judge>& of) {
     for (double& f : out) f = f < 0.0 ? 0.0 : f;
     return out;
   }};
-  of["viscous_drag/linear"] =
-      at_point([](Numbers, const Track& t, std::size_t i) { return t.velocity_mm_s[i]; });
+  of["viscous_drag/linear"] = at_point([](Numbers, const Track& t, std::size_t i) { return t.velocity_mm_s[i]; });
   of["unsettled_start/exponential"] =
       at_point([](Numbers p, const Track& t, std::size_t i) { return 1.0 / std::exp(t.t_s(i) / p[0]); });
 }
@@ -438,9 +428,7 @@ void add_rig_and_sensor(std::map<std::string, Judge>& of) {
       const double h = t.step_s / parts;
       double y = out.back();
       for (int k = 0; k < parts; ++k) {
-        const auto input = [&](double share) {
-          return force[i - 1] + (k + share) / parts * (force[i] - force[i - 1]);
-        };
+        const auto input = [&](double share) { return force[i - 1] + (k + share) / parts * (force[i] - force[i - 1]); };
         const double k1 = (input(0.0) - y) / p[0], k2 = (input(0.5) - y - 0.5 * h * k1) / p[0];
         const double k3 = (input(0.5) - y - 0.5 * h * k2) / p[0], k4 = (input(1.0) - y - h * k3) / p[0];
         y += h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4);
@@ -464,8 +452,7 @@ void add_rig_and_sensor(std::map<std::string, Judge>& of) {
     for (double& f : out) f += p[0] / 1000.0 * f * f;
     return out;
   }};
-  of["zero_drift/linear"] =
-      at_point([](Numbers, const Track& t, std::size_t i) { return t.t_s(i) / 3600.0; });
+  of["zero_drift/linear"] = at_point([](Numbers, const Track& t, std::size_t i) { return t.t_s(i) / 3600.0; });
   of["zero_drift/settling"] =
       at_point([](Numbers p, const Track& t, std::size_t i) { return 1.0 - std::exp(-t.t_s(i) / p[0]); });
   std::vector<Judge> waves;

@@ -11,8 +11,7 @@ void stroke(Track& track, double to_mm, double seconds) {
   const double from_mm = track.position_mm.back();
   const auto count = static_cast<std::size_t>(std::lround(seconds / track.step_s));
   for (std::size_t i = 1; i <= count; ++i) {
-    track.position_mm.push_back(from_mm +
-                                (to_mm - from_mm) * static_cast<double>(i) / static_cast<double>(count));
+    track.position_mm.push_back(from_mm + (to_mm - from_mm) * static_cast<double>(i) / static_cast<double>(count));
     track.velocity_mm_s.push_back((to_mm - from_mm) / seconds);
   }
 }
@@ -98,8 +97,7 @@ Track faster(Track track, double factor) {
   return track;
 }
 
-std::vector<double> model_force(const model::ModelSpec& spec, const Track& track,
-                                std::span<const std::size_t> rows) {
+std::vector<double> model_force(const model::ModelSpec& spec, const Track& track, std::span<const std::size_t> rows) {
   model::Reference reference;
   reference.elongation_at_zero_mm = track.elongation_at_zero_mm;
   reference.nominal_pressure_psi = track.nominal_pressure_psi;
