@@ -177,14 +177,13 @@ void check_words(const Options& o, Channel channel, Mode mode) {
   if (!(o.reference_uncertainty >= 0.0))
     throw UsageError("--reference-uncertainty: the reference's, k = 2, from its certificate");
   if (!o.due.empty() && !calibration::days_of(o.due)) throw UsageError("--due: a date is written 2027-05-31");
-  if (!o.excitation.empty() && channel != Channel::kPressure)
+  if (!o.drive.empty() && channel != Channel::kPressure)
     throw UsageError("--drive is for pressure; weights and gauge blocks are put in by hand");
-  if (!o.excitation.empty() && o.reference_command.empty() && !o.points.empty() &&
-      o.points.size() != o.excitation.size()) {
-    throw UsageError("--drive and --point have to be as many: " + std::to_string(o.excitation.size()) + " and " +
+  if (!o.drive.empty() && o.reference_command.empty() && !o.points.empty() && o.points.size() != o.drive.size()) {
+    throw UsageError("--drive and --point have to be as many: " + std::to_string(o.drive.size()) + " and " +
                      std::to_string(o.points.size()));
   }
-  if (!o.reference_command.empty() && o.excitation.empty() && mode == Mode::kAdjust) {
+  if (!o.reference_command.empty() && o.drive.empty() && mode == Mode::kAdjust) {
     throw UsageError(
         "--reference-command needs --drive, or --mode zero or check: it says what the reference shows, not when there "
         "is a new point");
@@ -314,23 +313,23 @@ int calibrate(Options& o) {
   Settling settling{o.window_s, o.settle_s, (o.drift_max > 0.0 ? o.drift_max : default_drift(channel))};
   References references(o, factor, o.unit.empty() ? unit : o.unit.c_str());
   std::optional<HeldPressure> held;
-  if (!o.excitation.empty()) {
-    for (const double psi : o.excitation) {
+  if (!o.drive.empty()) {
+    for (const double psi : o.drive) {
       if (psi < 0.0 || psi > known.body["limits"].value("pressure_max_psi", 0.0)) {
         throw UsageError("--drive " + short_text(psi) + " psi is not between 0 and the rig's pressure_max_psi");
       }
     }
     if (!consent("The rig will pressurize what is connected, up to " +
-                     short_text(*std::max_element(o.excitation.begin(), o.excitation.end())) +
+                     short_text(*std::max_element(o.drive.begin(), o.drive.end())) +
                      " psi; the crosshead stands still. Keep hands off the specimen. Go on?",
                  o.yes)) {
       return kRefused;
     }
-    held.emplace(client, o.excitation, o.operator_name);
+    held.emplace(client, o.drive, o.operator_name);
   }
 
   for (std::size_t i = 0;; ++i) {
-    if (held && i == o.excitation.size()) break;
+    if (held && i == o.drive.size()) break;
     if (held) {
       held->go_to(i);
     } else if (i > 0 && (!o.reference_command.empty())) {
@@ -339,7 +338,7 @@ int calibrate(Options& o) {
     // The reference is read between two readings that agree: then all three are of the same moment.
     std::optional<SettledReading> reading_before;
     if (held) reading_before = settled_reading(client, name_of(channel), settling);
-    const auto value = references.next(held ? "reference at set-point " + std::to_string(o.excitation[i]).substr(0, 6)
+    const auto value = references.next(held ? "reference at set-point " + std::to_string(o.drive[i]).substr(0, 6)
                                             : "apply point " + std::to_string(i + 1) +
                                                   ", let it settle, type what the reference shows (empty: no more)");
     if (!value) {
@@ -400,7 +399,7 @@ Command add_calibrate(CLI::App& app) {
   sub->add_option("--point", o->points,
                   "What the reference shows, once for each point, in order; without it you are asked")
       ->take_all();
-  sub->add_option("--drive", o->excitation,
+  sub->add_option("--drive", o->drive,
                   "Pressure: the rig goes to these set-points (psi), in order, e.g. 0 5 10 15 20 15 10 5 0");
   sub->add_option("--reference-command", o->reference_command, "Prints what the reference shows, each time it is run");
   sub->add_option("--operator", o->operator_name, "Who calibrates");
