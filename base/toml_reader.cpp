@@ -3,14 +3,14 @@
 #include <toml++/toml.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
-#include <fstream>
 #include <map>
 #include <set>
 
 #include "base/nearest.hpp"
+#include "base/number_text.hpp"
 #include "base/printable.hpp"
+#include "base/text_file.hpp"
 #include "base/toml_budget.hpp"
 
 namespace isorig::base {
@@ -25,21 +25,19 @@ std::string join(const std::vector<Diagnostic>& diagnostics) {
   return all;
 }
 
-std::string number_text(double value) {
-  if (std::abs(value) < 1e15 && value == std::floor(value)) {
-    return std::to_string(static_cast<std::int64_t>(value));
-  }
-  char digits[32];
-  return {digits, std::to_chars(digits, digits + sizeof digits, value).ptr};
+/// As somebody would write the number: 1000000, not 1e+06.
+std::string written(double value) {
+  if (std::abs(value) < 1e15 && value == std::floor(value)) return std::to_string(static_cast<std::int64_t>(value));
+  return exact_number_text(value);
 }
 
 std::string range_text(Range range) {
   const bool low = std::isfinite(range.min), high = std::isfinite(range.max);
   if (low && high) {
-    return std::string(range.open_min ? "above " : "from ") + number_text(range.min) + " to " + number_text(range.max);
+    return std::string(range.open_min ? "above " : "from ") + written(range.min) + " to " + written(range.max);
   }
-  if (low) return (range.open_min ? "greater than " : "at least ") + number_text(range.min);
-  if (high) return "at most " + number_text(range.max);
+  if (low) return (range.open_min ? "greater than " : "at least ") + written(range.min);
+  if (high) return "at most " + written(range.max);
   return "finite";
 }
 
@@ -171,15 +169,8 @@ TomlDocument& TomlDocument::operator=(TomlDocument&&) noexcept = default;
 TomlDocument::~TomlDocument() = default;
 
 TomlDocument TomlDocument::parse_file(const std::filesystem::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!in || std::filesystem::is_directory(path)) {
-    throw ConfigError({{path.string(), 0, 0, "cannot be opened; check the path and its permissions"}});
-  }
-  // One byte more than is taken: a device without an end is not read to its end.
-  std::string text(kMaxTomlBytes + 1, '\0');
-  in.read(text.data(), static_cast<std::streamsize>(text.size()));
-  text.resize(static_cast<std::size_t>(in.gcount()));
-  return parse_text(text, path.string());
+  // One byte more than is taken: enough to see that it is too long.
+  return parse_text(read_config_file(path, kMaxTomlBytes + 1), path.string());
 }
 
 TomlDocument TomlDocument::parse_text(std::string_view text, std::string name) {
@@ -286,7 +277,7 @@ double TomlTable::number_or(std::string_view key, double fallback, Range range) 
     return fallback;
   }
   if (!inside(*value, range)) {
-    error(key, "`" + std::string(key) + "` = " + number_text(*value) + "; it has to be " + range_text(range));
+    error(key, "`" + std::string(key) + "` = " + written(*value) + "; it has to be " + range_text(range));
     return fallback;
   }
   return *value;
@@ -390,7 +381,7 @@ std::vector<double> TomlTable::numbers(std::string_view key, Range range) const 
       const bool number = element.is_number() && value;
       document_->note(
           document_->at(element.source(), "`" + std::string(key) + "` holds " +
-                                              (number ? number_text(*value) + "; each has to be " + range_text(range)
+                                              (number ? written(*value) + "; each has to be " + range_text(range)
                                                       : std::string(type_name(element)) + "; a number is needed")));
       continue;
     }

@@ -2,24 +2,21 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <stdexcept>
 
+#include "base/number_text.hpp"
+
 namespace isorig::calibration {
 namespace {
+
+using base::number_text;
 
 constexpr std::size_t kLevelsForSpan = 3;
 constexpr double kSameLevel = 0.02;  // of the range that was covered
 
 double square(double x) {
   return x * x;
-}
-
-std::string text_of(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.4g", value);
-  return text;
 }
 
 /// Which level each point belongs to: references closer than 2 % of the covered range are one.
@@ -272,8 +269,8 @@ Result calibrate(Channel channel, Mode mode, const std::vector<Point>& points, C
     }
     if (std::abs(r.correction.scale - 1.0) > facts.scale_change_max) {
       throw std::runtime_error(
-          "the fitted span is " + text_of(r.correction.scale) + ", more than " +
-          text_of(100.0 * facts.scale_change_max) +
+          "the fitted span is " + number_text(r.correction.scale, 4) + ", more than " +
+          number_text(100.0 * facts.scale_change_max, 4) +
           " % from 1: that is a wrong unit, a wrong reference or a damaged sensor, not a calibration");
     }
   } else if (mode == Mode::kZero) {
@@ -296,8 +293,8 @@ Result calibrate(Channel channel, Mode mode, const std::vector<Point>& points, C
     r.scatter = std::sqrt(sum / static_cast<double>(points.size() - 1));
   }
   if (r.as_found_max > facts.implausible) {
-    throw std::runtime_error("the reading is " + text_of(r.as_found_max) + " " + unit +
-                             " from the reference, more than " + text_of(facts.implausible) + " " + unit +
+    throw std::runtime_error("the reading is " + number_text(r.as_found_max, 4) + " " + unit +
+                             " from the reference, more than " + number_text(facts.implausible, 4) + " " + unit +
                              ": check that both see the same quantity, and the reference's unit");
   }
   r.hysteresis = hysteresis_of(r.as_left, level, way);

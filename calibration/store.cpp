@@ -7,22 +7,14 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
-#include <fstream>
 #include <sstream>
 #include <stdexcept>
 
+#include "base/text_file.hpp"
 #include "base/toml_reader.hpp"
 
 namespace isorig::calibration {
 namespace {
-
-std::string read_text(const std::filesystem::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!in) throw base::ConfigError({{path.string(), 0, 0, "cannot be opened; check the permissions"}});
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
 
 /// Whole or not at all: the name appears when the bytes are on the disk, and never in the place of another.
 void write_once(const std::filesystem::path& path, const std::string& text) {
@@ -55,7 +47,7 @@ Store::Store(std::filesystem::path directory, std::array<Correction, 3> fallback
     const auto path = entry.path();
     if (path.extension() != ".toml" || path.filename().string().front() == '.') continue;
     try {
-      auto record = parse_record(read_text(path), path.string());
+      auto record = parse_record(base::read_config_file(path), path.string());
       if (record.id != path.stem().string()) {
         wrong.push_back({path.string(), 0, 0, "holds the record " + record.id + "; a record's file has its name"});
       }

@@ -7,6 +7,7 @@
 #include <memory>
 
 #include "base/decimal.hpp"
+#include "base/number_text.hpp"
 #include "base/toml_reader.hpp"
 #include "calibration/date.hpp"
 #include "calibration/record.hpp"
@@ -39,12 +40,6 @@ struct Options {
   bool yes = false, dry_run = false, json = false, allow_expired = false;
   std::string socket = daemon::default_socket().string();
 };
-
-std::string short_text(double value) {
-  char digits[32];
-  std::snprintf(digits, sizeof digits, "%.6g", value);
-  return digits;
-}
 
 /// Wrong words on the command line: nothing was read, nothing moved.
 struct UsageError : std::runtime_error {
@@ -316,11 +311,11 @@ int calibrate(Options& o) {
   if (!o.drive.empty()) {
     for (const double psi : o.drive) {
       if (psi < 0.0 || psi > known.body["limits"].value("pressure_max_psi", 0.0)) {
-        throw UsageError("--drive " + short_text(psi) + " psi is not between 0 and the rig's pressure_max_psi");
+        throw UsageError("--drive " + base::number_text(psi) + " psi is not between 0 and the rig's pressure_max_psi");
       }
     }
     if (!consent("The rig will pressurize what is connected, up to " +
-                     short_text(*std::max_element(o.drive.begin(), o.drive.end())) +
+                     base::number_text(*std::max_element(o.drive.begin(), o.drive.end())) +
                      " psi; the crosshead stands still. Keep hands off the specimen. Go on?",
                  o.yes)) {
       return kRefused;

@@ -2,6 +2,7 @@
 #include <memory>
 #include <string>
 
+#include "base/text_file.hpp"
 #include "cli/client.hpp"
 #include "cli/command.hpp"
 #include "cli/protocol_input.hpp"
@@ -23,7 +24,7 @@ struct Options {
 int note(Options o) {
   auto& c = o.correction;
   if (!o.specimen_file.empty()) {
-    c.specimen_text = read_text(o.specimen_file);
+    c.specimen_text = base::read_config_file(o.specimen_file);
     c.specimen_name = o.specimen_file;
   }
   if (!o.runs.empty()) {

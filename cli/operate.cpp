@@ -5,6 +5,7 @@
 #include <memory>
 #include <string>
 
+#include "base/text_file.hpp"
 #include "base/toml_reader.hpp"
 #include "cli/acts.hpp"
 #include "cli/client.hpp"
@@ -71,10 +72,11 @@ Command add_start(CLI::App& app) {
   return {
       sub, [o] {
         return with_daemon([&] {
-          nlohmann::json body{
-              {"protocol", read_text(o->protocol)}, {"protocol_name", o->protocol}, {"operator", o->operator_name}};
+          nlohmann::json body{{"protocol", base::read_config_file(o->protocol)},
+                              {"protocol_name", o->protocol},
+                              {"operator", o->operator_name}};
           if (!o->specimen.empty()) {
-            body["specimen"] = read_text(o->specimen);
+            body["specimen"] = base::read_config_file(o->specimen);
             body["specimen_name"] = o->specimen;
           }
           const Client client(o->socket);
@@ -122,7 +124,7 @@ Command add_resume(CLI::App& app) {
                                   {"on_another_rig", o->on_another_rig},
                                   {"another_specimen", o->another_specimen}};
               if (!o->specimen.empty()) {
-                body["specimen"] = read_text(o->specimen);
+                body["specimen"] = base::read_config_file(o->specimen);
                 body["specimen_name"] = o->specimen;
               }
               if (!confirmed(client, body, o->yes || o->json)) return not_started();

@@ -2,8 +2,6 @@
 
 #include <cmath>
 #include <cstdio>
-#include <fstream>
-#include <sstream>
 
 #include "protocol/compile.hpp"
 
@@ -36,14 +34,6 @@ protocol::Plan read_plan(const std::filesystem::path& protocol_path, const std::
     wrong.insert(wrong.end(), e.diagnostics().begin(), e.diagnostics().end());
   }
   throw base::ConfigError(std::move(wrong));
-}
-
-std::string read_text(const std::filesystem::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!in) throw base::ConfigError({{path.string(), 0, 0, "cannot be opened; check the path and its permissions"}});
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
 }
 
 std::string duration_text(double seconds) {

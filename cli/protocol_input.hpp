@@ -15,9 +15,6 @@ namespace isorig::cli {
 [[nodiscard]] protocol::Plan read_plan(const std::filesystem::path& protocol_path,
                                        const std::filesystem::path& rig_path);
 
-/// A file's text. Throws base::ConfigError when it cannot be read.
-[[nodiscard]] std::string read_text(const std::filesystem::path& path);
-
 /// "23 h 01 min", "3 min 42 s", "12.5 s"
 [[nodiscard]] std::string duration_text(double seconds);
 

@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <cstdio>
 #include <cstring>
-#include <fstream>
 #include <limits>
 #include <system_error>
 
+#include "base/number_text.hpp"
+#include "base/text_file.hpp"
 #include "messages/recording.hpp"
 
 namespace isorig::messages {
@@ -51,10 +51,9 @@ double most_of(std::string_view column) {
   return range == nullptr ? std::numeric_limits<double>::max() : range->most;
 }
 
+/// Nine digits: time stamps are seconds with nanoseconds.
 std::string shown(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.9g", value);
-  return text;
+  return base::number_text(value, 9);
 }
 
 /// "`force_N` is 1e+300; it lies between -1e+06 and 1e+06 N: ..."
@@ -239,16 +238,12 @@ class Reader {
 }  // namespace
 
 std::string read_whole_file(const std::filesystem::path& file) {
-  std::error_code ignored;
-  const auto status = std::filesystem::status(file, ignored);
-  if (!std::filesystem::exists(status)) throw RecordingError(Fault::kMissingFile, file, 0, "no such file");
-  std::ifstream in(file, std::ios::binary | std::ios::ate);
-  const auto size = in && !std::filesystem::is_directory(status) ? static_cast<std::streamoff>(in.tellg()) : -1;
-  std::string text(size > 0 ? static_cast<std::size_t>(size) : 0, '\0');
-  if (size < 0 || !in.seekg(0) || !in.read(text.data(), size)) {
-    throw RecordingError(Fault::kUnreadable, file, 0, "cannot be read; check that it is a file and its permissions");
+  try {
+    return base::read_text_file(file);
+  } catch (const base::FileError& e) {
+    if (e.missing()) throw RecordingError(Fault::kMissingFile, file, 0, "no such file");
+    throw RecordingError(Fault::kUnreadable, file, 0, e.reason());
   }
-  return text;
 }
 
 void read_number_csv(const std::filesystem::path& file, std::span<const CsvColumn> columns) {

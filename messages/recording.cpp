@@ -11,6 +11,7 @@
 #include <sstream>
 #include <system_error>
 
+#include "base/number_text.hpp"
 #include "base/printable.hpp"
 #include "base/toml_reader.hpp"
 #include "messages/csv.hpp"
@@ -173,11 +174,7 @@ std::string unit_in_doubt(const RecordingMetadata& metadata, const FrameSamples&
            "convert them, or, if they are, say so in recording.toml: units = \"" +
            std::string(kRecordingUnits) + "\"";
   };
-  const auto text = [](double value) {
-    char digits[32];
-    std::snprintf(digits, sizeof digits, "%.3g", value);
-    return std::string(digits);
-  };
+  const auto text = [](double value) { return base::number_text(value, 3); };
   const double length_mm = std::min(metadata.rest_length_mm, metadata.reference_length_mm());
   const auto [low, high] = std::ranges::minmax(frame.position_mm);
   const double stroke_mm = high - low;

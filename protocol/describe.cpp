@@ -1,16 +1,11 @@
 #include <cstdio>
 #include <string>
 
+#include "base/number_text.hpp"
 #include "protocol/plan.hpp"
 
 namespace isorig::protocol {
 namespace {
-
-std::string number(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.6g", value);
-  return text;
-}
 
 std::string position(double value_mm) {
   char text[32];
@@ -41,23 +36,24 @@ const char* name_of(StepKind kind) noexcept {
 std::string describe(const Step& step) {
   switch (step.kind) {
     case StepKind::kPressurize:
-      return "pressurize to " + number(step.pressure_psi) + " psi at " + number(step.rate_psi_s) + " psi/s, within " +
-             number(step.tolerance_psi) + " psi for " + number(step.settled_for_s) + " s";
+      return "pressurize to " + base::number_text(step.pressure_psi) + " psi at " + base::number_text(step.rate_psi_s) +
+             " psi/s, within " + base::number_text(step.tolerance_psi) + " psi for " +
+             base::number_text(step.settled_for_s) + " s";
     case StepKind::kSettle:
-      return "settle until the force moves by at most " + number(step.force_slope_N_s) + " N/s over " +
-             number(step.window_s) + " s, for " + number(step.settled_for_s) + " s";
+      return "settle until the force moves by at most " + base::number_text(step.force_slope_N_s) + " N/s over " +
+             base::number_text(step.window_s) + " s, for " + base::number_text(step.settled_for_s) + " s";
     case StepKind::kRamp:
-      return "ramp to " + position(step.target_mm) + " at " + number(step.velocity_mm_s) + " mm/s";
+      return "ramp to " + position(step.target_mm) + " at " + base::number_text(step.velocity_mm_s) + " mm/s";
     case StepKind::kHold:
-      return "hold for " + number(step.duration_s) + " s";
+      return "hold for " + base::number_text(step.duration_s) + " s";
     case StepKind::kWave: {
       std::string text = step.shape == WaveShape::kSine ? "sine" : "triangle";
-      text += " of +-" + number(step.amplitude_mm) + " mm at " + number(step.frequency_hz) + " Hz (peak " +
-              number(step.velocity_mm_s) + " mm/s), " + std::to_string(step.cycles) +
+      text += " of +-" + base::number_text(step.amplitude_mm) + " mm at " + base::number_text(step.frequency_hz) +
+              " Hz (peak " + base::number_text(step.velocity_mm_s) + " mm/s), " + std::to_string(step.cycles) +
               (step.cycles == 1 ? " cycle" : " cycles");
       if (step.shape == WaveShape::kSine) {
         text += ", " + std::to_string(4 * step.segments_per_quarter) + " segments per cycle, within " +
-                number(step.deviation_mm) + " mm";
+                base::number_text(step.deviation_mm) + " mm";
       }
       return text;
     }

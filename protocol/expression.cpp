@@ -4,7 +4,8 @@
 #include <cctype>
 #include <charconv>
 #include <cmath>
-#include <cstdio>
+
+#include "base/number_text.hpp"
 
 namespace isorig::protocol {
 namespace {
@@ -25,9 +26,7 @@ bool is_name(std::string_view text) noexcept {
 }
 
 std::string number_text(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.10g", value);
-  return text;
+  return base::number_text(value, 10);
 }
 
 std::optional<Expression> Expression::parse(std::string_view text, std::string& error) {

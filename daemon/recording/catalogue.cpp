@@ -1,11 +1,10 @@
 #include "daemon/recording/catalogue.hpp"
 
 #include <algorithm>
-#include <fstream>
-#include <sstream>
 #include <stdexcept>
 #include <utility>
 
+#include "base/text_file.hpp"
 #include "daemon/recording/recording_summary.hpp"
 #include "daemon/recording/run_directory.hpp"
 #include "daemon/recording/sqlite.hpp"
@@ -73,12 +72,12 @@ RunRow read_run_row(const Statement& s, const std::filesystem::path& root) {
   return r;
 }
 
-std::string read_file(const std::filesystem::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!in) throw std::runtime_error("cannot read " + path.string() + ", which the run was started with");
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
+std::string read_input(const std::filesystem::path& path) {
+  try {
+    return base::read_text_file(path);
+  } catch (const base::FileError& e) {
+    throw std::runtime_error(std::string(e.what()) + " (the run was started with it)");
+  }
 }
 
 std::int64_t schema_version(sqlite3* db) {
@@ -283,7 +282,7 @@ RunInputs Catalogue::inputs_of(const std::string& id) const {
   const auto texts = recorded_texts(run->directory);
   const auto text = [&](const char* name) {
     const auto found = texts.find(name);
-    return found != texts.end() ? found->second : read_file(run->directory / "inputs" / name);
+    return found != texts.end() ? found->second : read_input(run->directory / "inputs" / name);
   };
   in.protocol_text = text("protocol.toml");
   in.specimen_text = text("specimen.toml");

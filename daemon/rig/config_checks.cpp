@@ -5,19 +5,16 @@
 #include <cstdio>
 #include <string>
 
+#include "base/number_text.hpp"
 #include "daemon/rig/config.hpp"
 #include "messages/elvh.hpp"
 
 namespace isorig::daemon {
 namespace {
 
-using base::TomlTable;
+using base::number_text;
 
-std::string text(double value) {
-  char digits[32];
-  std::snprintf(digits, sizeof digits, "%.6g", value);
-  return digits;
-}
+using base::TomlTable;
 
 constexpr double seconds(std::int64_t ns) {
   return static_cast<double>(ns) * 1e-9;
@@ -34,19 +31,19 @@ class Keys {
   /// `value` is what the reader made of `key`. A key that is not there has its default, which is right.
   void range(const char* key, double value, double low, double high, const char* unit, const std::string& why) const {
     if (!has(key) || (value >= low && value <= high)) return;
-    fault(key, value, "from " + text(low) + " to " + text(high) + " " + unit, why);
+    fault(key, value, "from " + number_text(low) + " to " + number_text(high) + " " + unit, why);
   }
   /// The same where the default may be wrong too, beside other keys.
   void at_most(const char* key, double value, double high, const char* unit, const std::string& why) const {
-    if (!(value <= high)) fault(key, value, "at most " + text(high) + " " + unit, why);
+    if (!(value <= high)) fault(key, value, "at most " + number_text(high) + " " + unit, why);
   }
   void at_least(const char* key, double value, double low, const char* unit, const std::string& why) const {
-    if (!(value >= low)) fault(key, value, "at least " + text(low) + " " + unit, why);
+    if (!(value >= low)) fault(key, value, "at least " + number_text(low) + " " + unit, why);
   }
 
  private:
   void fault(const char* key, double value, const std::string& allowed, const std::string& why) const {
-    table_.error(present_ ? key : "", "`" + std::string(key) + "` = " + text(value) +
+    table_.error(present_ ? key : "", "`" + std::string(key) + "` = " + number_text(value) +
                                           (has(key) ? "" : " (by default)") + "; it has to be " + allowed + ": " + why);
   }
 
@@ -73,7 +70,7 @@ void check_travel_and_force(const RigConfig& rig, const Keys& k) {
   if (k.has("force_rate_max_N_s")) {
     const double window_s = rig.core.supervisor.force_rate_window_s;
     k.range("force_rate_max_N_s", l.force_rate_max_N_s, 1e-3, (l.force_max_N - l.force_min_N) / window_s, "N/s",
-            "above that the force limits trip first, within force_rate_window_s = " + text(window_s) + " s");
+            "above that the force limits trip first, within force_rate_window_s = " + number_text(window_s) + " s");
   }
   k.range("segment_interval_min_s", l.segment_interval_min_s, std::max(0.002, seconds(rig.services.poll_period_ns)),
           10.0, "s", "a segment takes at least one turn of poll_period_ms");
@@ -101,7 +98,7 @@ void check_pressure_limits(const RigConfig& rig, const Keys& k) {
   const auto& c = rig.core.calibration;
   const double top_psi = c.pressure_scale * messages::kElvhSpanPsi + c.pressure_offset_psi;
   k.range("pressure_max_psi", rig.limits.pressure_max_psi, 0.1, top_psi - kHeadRoom_psi, "psi",
-          "the sensor's range ends at " + text(top_psi) +
+          "the sensor's range ends at " + number_text(top_psi) +
               " psi as [calibration] has it, and limit.pressure has to trip before");
   k.range("pressure_rate_max_psi_s", rig.limits.pressure_rate_max_psi_s, 0.01, 200.0, "psi/s",
           "no valve of this kind fills faster, so the limit would be none");
@@ -191,7 +188,7 @@ void check_services(const RigConfig& rig, const Keys& k, const Watchdogs& dogs) 
   const bool real = !rig.simulated() && !rig.emulated;
   const double shortest_s = std::min(dogs.frame_s, real ? 0.2 : dogs.pressure_s);
   k.range("heartbeat_period_ms", 1e3 * seconds(c.heartbeat_period_ns), 5.0, 1e3 * shortest_s / 3.0, "ms",
-          "a third of the shortest device watchdog (" + text(shortest_s) +
+          "a third of the shortest device watchdog (" + number_text(shortest_s) +
               " s), so that one late heartbeat does not stop the rig");
   k.range("poll_period_ms", 1e3 * seconds(c.poll_period_ns), 1.0,
           1e3 * std::min(0.05, rig.core.supervisor.frame_age_max_s / 3.0), "ms",

@@ -8,7 +8,6 @@
 #include <array>
 #include <cctype>
 #include <cerrno>
-#include <charconv>
 #include <cstring>
 #include <ctime>
 #include <fstream>
@@ -16,6 +15,7 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "base/number_text.hpp"
 #include "daemon/version.hpp"
 
 namespace isorig::daemon {
@@ -26,17 +26,11 @@ using nlohmann::json;
 constexpr std::array kTables{"limits", "supervisor", "operator", "interlock", "pressure_loop", "calibration"};
 constexpr const char* kNotSet = "(not set)";
 
-/// 120, 120.0 and 1.2e2 are one number.
-std::string number_text(double value) {
-  std::array<char, 64> text{};
-  return {text.data(), std::to_chars(text.data(), text.data() + text.size(), value).ptr};
-}
-
 void collect(const std::string& name, const toml::node& node, std::map<std::string, std::string>& into) {
   if (const auto* table = node.as_table()) {
     for (const auto& [key, value] : *table) collect(name + "." + std::string(key.str()), value, into);
   } else if (const auto number = node.value<double>(); node.is_number() && number) {
-    into[name] = number_text(*number);
+    into[name] = base::exact_number_text(*number);  // 120, 120.0 and 1.2e2 are one number
   } else {
     std::ostringstream text;
     node.visit([&](const auto& value) { text << value; });

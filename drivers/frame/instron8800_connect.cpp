@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
+#include "base/number_text.hpp"
 #include "drivers/error.hpp"
 #include "drivers/frame/instron8800_frame.hpp"
 
@@ -12,14 +12,10 @@ using drivers::Fault;
 
 namespace {
 
+using base::number_text;
+
 constexpr double kAbsoluteRamp = 3.0, kMoving = 1.0;
 constexpr std::string_view kTwoNumbers = "C904,1,0", kOneNumber = "C904,1";
-
-std::string number(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.6g", value);
-  return text;
-}
 
 std::string in_quotes(std::string_view text) {
   return "\"" + std::string(text.substr(0, 60)) + "\"";
@@ -34,8 +30,9 @@ void Instron8800Frame::check_channels() {
     if (!(full_scale > 0.0) || (expected > 0.0 && std::abs(full_scale - expected) > 1e-3 * expected)) {
       throw DeviceError(
           Fault::kIdentity,
-          at() + question + " says a full scale of " + number(full_scale) + " " + unit_name +
-              (expected > 0.0 ? ", and the rig's [frame] says " + std::string(key) + " = " + number(expected) : "") +
+          at() + question + " says a full scale of " + number_text(full_scale) + " " + unit_name +
+              (expected > 0.0 ? ", and the rig's [frame] says " + std::string(key) + " = " + number_text(expected)
+                              : "") +
               "; another transducer, another unit or another controller");
     }
     return full_scale;

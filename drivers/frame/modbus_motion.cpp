@@ -1,22 +1,14 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/number_text.hpp"
 #include "drivers/frame/modbus_frame.hpp"
 
 namespace isorig::frame {
 
+using base::number_text;
 using drivers::DeviceError;
 using drivers::Fault;
-
-namespace {
-
-std::string number(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.6g", value);
-  return text;
-}
-
-}  // namespace
 
 void ModbusFrame::write_setpoints(const Segment& segment) {
   struct Setpoint {
@@ -33,10 +25,10 @@ void ModbusFrame::write_setpoints(const Segment& segment) {
     const auto words = reg.format.encode(value);
     if (!words) {
       const auto range = range_of(reg.format.type);
-      throw DeviceError(Fault::kRefused, at() + std::string(quantity_name(quantity)) + " = " + number(value) +
+      throw DeviceError(Fault::kRefused, at() + std::string(quantity_name(quantity)) + " = " + number_text(value) +
                                              " does not fit its register, which holds " +
-                                             number(range.min * reg.format.scale + reg.format.offset) + " to " +
-                                             number(range.max * reg.format.scale + reg.format.offset));
+                                             number_text(range.min * reg.format.scale + reg.format.offset) + " to " +
+                                             number_text(range.max * reg.format.scale + reg.format.offset));
     }
     setpoints.push_back({quantity, value, reg, *words});
   }
@@ -64,8 +56,8 @@ void ModbusFrame::write_setpoints(const Segment& segment) {
       std::string text = at() + "the frame changed the set-points it was given:";
       for (; i < j; ++i) {
         const auto from = static_cast<std::size_t>(setpoints[i].reg.address - address);
-        text += " " + std::string(quantity_name(setpoints[i].quantity)) + " " + number(setpoints[i].value) + " -> " +
-                number(setpoints[i].reg.format.decode(std::span(back).subspan(from)));
+        text += " " + std::string(quantity_name(setpoints[i].quantity)) + " " + number_text(setpoints[i].value) +
+                " -> " + number_text(setpoints[i].reg.format.decode(std::span(back).subspan(from)));
       }
       throw DeviceError(Fault::kRefused, text + "; nothing was started. Check the frame's own limits");
     }
@@ -82,8 +74,8 @@ void ModbusFrame::write_command(std::uint16_t command) {
 void ModbusFrame::start_segment(const Segment& segment) {
   if (!std::isfinite(segment.target_mm) || !std::isfinite(segment.velocity_mm_s) || segment.velocity_mm_s <= 0.0F) {
     throw DeviceError(Fault::kRefused, at() + "a segment needs a finite target and a velocity above 0, not " +
-                                           number(double{segment.target_mm}) + " mm at " +
-                                           number(double{segment.velocity_mm_s}) + " mm/s");
+                                           number_text(double{segment.target_mm}) + " mm at " +
+                                           number_text(double{segment.velocity_mm_s}) + " mm/s");
   }
   limit_to(kRequestsAtOnce);
   write_setpoints(segment);
@@ -136,12 +128,12 @@ void ModbusFrame::confirm(const Segment& segment) {
     real.sleep_until_ns(real.now_ns() + 1'000'000);
   } while (real.now_ns() < until_ns);
   throw DeviceError(Fault::kRefused,
-                    at() + "segment " + std::to_string(segment.id) + " to " + number(double{segment.target_mm}) +
-                        " mm at " + number(double{segment.velocity_mm_s}) + " mm/s was sent, and after " +
+                    at() + "segment " + std::to_string(segment.id) + " to " + number_text(double{segment.target_mm}) +
+                        " mm at " + number_text(double{segment.velocity_mm_s}) + " mm/s was sent, and after " +
                         std::to_string(config_.start_confirm_ms) + " ms the frame shows segment " +
-                        std::to_string(state.segment_id) + " to " + number(double{state.target_mm}) + " mm at " +
-                        number(double{state.velocity_mm_s}) + " mm/s, state " + std::to_string(code(Quantity::kState)) +
-                        ", faults " + std::to_string(state.fault_bits) +
+                        std::to_string(state.segment_id) + " to " + number_text(double{state.target_mm}) + " mm at " +
+                        number_text(double{state.velocity_mm_s}) + " mm/s, state " +
+                        std::to_string(code(Quantity::kState)) + ", faults " + std::to_string(state.fault_bits) +
                         "; it was stopped. Look at the frame's own panel");
 }
 

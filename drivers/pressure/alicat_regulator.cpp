@@ -2,7 +2,8 @@
 
 #include <array>
 #include <cmath>
-#include <cstdio>
+
+#include "base/number_text.hpp"
 
 namespace isorig::pressure {
 
@@ -13,14 +14,10 @@ using frame::WordOrder;
 
 namespace {
 
+using base::number_text;
+
 double float_of(std::span<const std::uint16_t> words, WordOrder order) {
   return frame::number_of(frame::join_words(words, RegisterType::kFloat32, order), RegisterType::kFloat32);
-}
-
-std::string number(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.6g", value);
-  return text;
 }
 
 /// Its answer's length differs from that of every other request but the state's, as ModbusLink wants of a probe.
@@ -56,8 +53,9 @@ void AlicatRegulator::check_known() {
   for (const auto& [order, name] : kOrders) {
     if (fits(float_of(words, order))) hint = std::string("; with word_order = \"") + name + "\" it would be right";
   }
-  throw DeviceError(Fault::kIdentity, at() + "the known register reads " + number(value) + ", and map \"" + map.name +
-                                          "\" says " + number(map.known_min) + " to " + number(map.known_max) + hint);
+  throw DeviceError(Fault::kIdentity, at() + "the known register reads " + number_text(value) + ", and map \"" +
+                                          map.name + "\" says " + number_text(map.known_min) + " to " +
+                                          number_text(map.known_max) + hint);
 }
 
 std::string AlicatRegulator::connect() {
@@ -66,7 +64,7 @@ std::string AlicatRegulator::connect() {
     check_known();
     exhaust();
     const auto state = read();
-    return "pressure regulator (" + config_.map.name + "), reads " + number(double{state.pressure_psi}) + " psi";
+    return "pressure regulator (" + config_.map.name + "), reads " + number_text(double{state.pressure_psi}) + " psi";
   } catch (...) {
     link_.close();
     throw;
@@ -84,8 +82,8 @@ void AlicatRegulator::write_setpoint(double psi) {
   link_.write(16, map.setpoint, words);
   const double back_psi = read_float(map.setpoint) * map.psi_per_unit;
   if (!(std::abs(back_psi - psi) <= config_.setpoint_tolerance_psi)) {
-    throw DeviceError(Fault::kRefused, at() + "the set-point " + number(psi) + " psi was read back as " +
-                                           number(back_psi) +
+    throw DeviceError(Fault::kRefused, at() + "the set-point " + number_text(psi) + " psi was read back as " +
+                                           number_text(back_psi) +
                                            " psi; check its own limits, and that it takes its set-point from the bus");
   }
 }
@@ -97,8 +95,8 @@ void AlicatRegulator::valve(std::uint16_t argument) {
 
 void AlicatRegulator::regulate(float setpoint_psi) {
   if (!(setpoint_psi >= 0.0F && double{setpoint_psi} <= config_.max_psi)) {
-    throw DeviceError(Fault::kRefused, at() + "a set-point of " + number(double{setpoint_psi}) +
-                                           " psi is outside 0 to max_psi = " + number(config_.max_psi));
+    throw DeviceError(Fault::kRefused, at() + "a set-point of " + number_text(double{setpoint_psi}) +
+                                           " psi is outside 0 to max_psi = " + number_text(config_.max_psi));
   }
   write_setpoint(double{setpoint_psi});
   if (exhausting_) valve(config_.map.cancel);
@@ -121,7 +119,7 @@ RegulatorState AlicatRegulator::read() {
   const double pressure =
       float_of(block.subspan(static_cast<std::size_t>(map.pressure - map.status)), map.order) * map.psi_per_unit;
   if (!std::isfinite(pressure) || std::abs(pressure) > 1e4) {
-    throw DeviceError(Fault::kProtocol, at() + "its pressure reads " + number(pressure) + " psi");
+    throw DeviceError(Fault::kProtocol, at() + "its pressure reads " + number_text(pressure) + " psi");
   }
   RegulatorState state;
   state.setpoint_psi = static_cast<float>(read_float(map.setpoint) * map.psi_per_unit);

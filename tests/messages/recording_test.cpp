@@ -148,7 +148,7 @@ TEST_F(RecordingTest, MissingAndUnreadableFiles) {
   fs::remove(folder_ / "frame.csv");
   expect_fault(Fault::kMissingFile, "frame.csv", 0, HasSubstr("no such file"));
   fs::create_directory(folder_ / "frame.csv");
-  expect_fault(Fault::kUnreadable, "frame.csv", 0, HasSubstr("cannot be read"));
+  expect_fault(Fault::kUnreadable, "frame.csv", 0, HasSubstr("it is a folder"));
   fs::remove(folder_ / "frame.csv");
   put("frame.csv", kFrame);
   fs::remove(folder_ / "pressure.csv");
