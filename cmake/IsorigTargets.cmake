@@ -1,7 +1,7 @@
 # Every folder is a room: a library target whose headers are seen only by those who link it.
 # The include root of a room is a directory that holds one symbolic link, <room> -> <source>/<room>,
 # so that `#include "model/slse.hpp"` compiles only for targets that link isorig_model, and `#include
-# "daemon/io/services.hpp"` only for those that link isorig_io: a room in a room has a root of its own.
+# "daemon/io/frame_service.hpp"` only for those that link isorig_io: a room in a room has a root of its own.
 
 add_library(isorig_options INTERFACE)
 target_compile_options(isorig_options INTERFACE

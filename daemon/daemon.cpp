@@ -20,7 +20,10 @@
 #include "daemon/host/host.hpp"
 #include "daemon/host/logging.hpp"
 #include "daemon/host/service_notifier.hpp"
-#include "daemon/io/services.hpp"
+#include "daemon/io/frame_service.hpp"
+#include "daemon/io/interlock_service.hpp"
+#include "daemon/io/pressure_service.hpp"
+#include "daemon/io/regulator_service.hpp"
 #include "daemon/recording/publisher.hpp"
 #include "daemon/rig/calibrations.hpp"
 #include "daemon/rig/devices.hpp"
@@ -116,8 +119,7 @@ struct Daemon::Impl {
         frame_service(*devices.frame, frame_link, rig.services, clock),
         pressure_service(*devices.pressure, pressure_link, interlock_link, rig.services, clock),
         interlock_service(*devices.interlock, interlock_link),
-        regulator_service(devices.regulator ? std::make_unique<RegulatorService>(*devices.regulator, pressure_link,
-                                                                                 rig.services, clock)
+        regulator_service(devices.regulator ? std::make_unique<RegulatorService>(*devices.regulator, pressure_link)
                                             : nullptr),
         callout(rig.notify, [](const std::string& line) { spdlog::warn("{}", line); }),
         host(rig, core, recorder_streams, host_options(options)),

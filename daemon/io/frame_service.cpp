@@ -6,14 +6,7 @@
 namespace isorig::daemon {
 
 void FrameService::run_once(std::int64_t now_ns) noexcept {
-  try {
-    turn(now_ns);
-  } catch (const drivers::DeviceError& error) {
-    fail(now_ns, error);
-  } catch (const std::exception& error) {
-    fail(now_ns, drivers::DeviceError(drivers::Fault::kDisconnected, error.what()));
-  }
-  report_health(now_ns, link_.health, false);
+  keep(now_ns, [&] { turn(now_ns); });
 }
 
 /// What fails here is noted and does not keep the rest of the turn from happening. False when it failed.
@@ -43,7 +36,7 @@ void FrameService::turn(std::int64_t now_ns) {
     wish_stop();  // whatever it was doing
     next_sync_ns_ = now_ns;
     has_best_ = false;
-    report_health(now_ns, link_.health, true);
+    report_health(now_ns, true);
   }
   if (const auto wanted = link_.stops_wanted.load(std::memory_order_acquire); wanted != stop_wish_) {
     stop_wish_ = wanted;
@@ -168,9 +161,8 @@ void FrameService::take_exchange(const clock::Exchange& exchange) {
   }
 }
 
-void FrameService::fail(std::int64_t now_ns, const drivers::DeviceError& error) noexcept {
-  if (note_failure(now_ns, error)) device_.disconnect();
-  report_health(now_ns, link_.health, true);
+void FrameService::drop(std::int64_t /*now_ns*/) noexcept {
+  device_.disconnect();
 }
 
 bool FrameService::shut_down() noexcept {

@@ -5,17 +5,17 @@
 
 #include "daemon/core/links.hpp"
 #include "daemon/core/standstill.hpp"
-#include "daemon/io/link_keeper.hpp"
+#include "daemon/io/sampled_link.hpp"
 
 namespace isorig::daemon {
 
 /// Owns the frame. A stop is a state in here, not a message: once the loop wishes it (FrameLink::stops_wanted), or the
 /// connection is new, device.stop() is repeated at every turn until the frame reports no motion and its samples stand
 /// still. Until then no segment is sent, and no heartbeat: the frame's own watchdog is the second way to stop it.
-class FrameService : private LinkKeeper {
+class FrameService : private SampledLink {
  public:
   FrameService(frame::Device& device, FrameLink& link, const ServiceConfig& config, clock::Clock& clock)
-      : LinkKeeper(config, clock), device_(device), link_(link), clock_(clock) {}
+      : SampledLink(link.health, config, clock), device_(device), link_(link), clock_(clock) {}
   /// One turn: reconnect if due, stop or segment, poll, heartbeat. Never throws.
   void run_once(std::int64_t now_ns) noexcept;
 
@@ -35,7 +35,7 @@ class FrameService : private LinkKeeper {
   void turn(std::int64_t now_ns);
   template <typename Call>
   bool attempt(std::int64_t now_ns, const char* what, Call call);
-  void fail(std::int64_t now_ns, const drivers::DeviceError& error) noexcept;
+  void drop(std::int64_t now_ns) noexcept override;
   void wish_stop() noexcept;
   void stop_or_move(std::int64_t now_ns);
   void judge_stop(const frame::State& state) noexcept;

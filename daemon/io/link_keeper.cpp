@@ -5,18 +5,15 @@
 namespace isorig::daemon {
 namespace {
 
-// Fewer leave the first stamps with a scatter of a whole round trip.
-constexpr std::uint64_t kExchangesForReady = 20;
-
 // A refusal leaves the connection good. A missing or spoilt answer is cleared up by the driver, which lets no late
 // reply through; only when they repeat is the connection started afresh, since that stops the frame.
-bool loses_connection(drivers::Fault fault, int failures_in_a_row) {
+bool loses_connection(drivers::Fault fault, bool repeated) {
   switch (fault) {
     case drivers::Fault::kRefused:
       return false;
     case drivers::Fault::kTimeout:
     case drivers::Fault::kProtocol:
-      return failures_in_a_row >= 5;
+      return repeated;
     case drivers::Fault::kDisconnected:
     case drivers::Fault::kIdentity:
       break;
@@ -34,16 +31,18 @@ std::string LinkKeeper::words(std::initializer_list<std::string> parts) {
   return all;
 }
 
-void LinkKeeper::note_connected(const std::string& identity, double sample_rate_hz) noexcept {
+void LinkKeeper::fail(std::int64_t now_ns, const drivers::DeviceError& error) noexcept {
+  if (note_failure(now_ns, error)) drop(now_ns);
+  report_health(now_ns, true);
+}
+
+void LinkKeeper::note_connected(const std::string& identity) noexcept {
   copy_text(health_.identity, identity);
-  health_.sample_rate_hz = static_cast<float>(sample_rate_hz);
   health_.connected = true;
   if (was_connected_) ++health_.reconnects;
   was_connected_ = true;
   backoff_.reset();
   failures_in_a_row_ = 0;
-  burst_left_ = config_.sync_burst;
-  mapper_.set_period_us(sample_rate_hz > 0.0 ? 1e6 / sample_rate_hz : 0.0);
 }
 
 bool LinkKeeper::note_failure(std::int64_t now_ns, const drivers::DeviceError& error) noexcept {
@@ -51,20 +50,22 @@ bool LinkKeeper::note_failure(std::int64_t now_ns, const drivers::DeviceError& e
   health_.failed_ns = now_ns;
   copy_text(health_.detail, error.what());
   // A connect() that fails has to wait for the next try, whatever the reason.
-  if (health_.connected && !loses_connection(error.fault(), ++failures_in_a_row_)) return false;
+  if (health_.connected && failures_to_lose_ > 0 &&
+      !loses_connection(error.fault(), ++failures_in_a_row_ >= failures_to_lose_)) {
+    return false;
+  }
   health_.connected = false;
   failures_in_a_row_ = 0;
   backoff_.failed(now_ns);
   return true;
 }
 
-void LinkKeeper::report_health(std::int64_t now_ns, base::SpscQueue<LinkHealth>& to, bool force) noexcept {
+void LinkKeeper::report_health(std::int64_t now_ns, bool force) noexcept {
+  constexpr std::int64_t kPeriodNs = 100'000'000;
   if (!force && now_ns < next_health_ns_) return;
-  next_health_ns_ = now_ns + kHealthPeriodNs;
-  health_.clock_epoch = static_cast<std::uint32_t>(map_.current().epoch);
-  health_.clock_rejected = static_cast<std::uint32_t>(map_.rejected());
-  health_.clock_ready = map_.current().known() && map_.current().exchanges >= kExchangesForReady;
-  to.push(health_);
+  next_health_ns_ = now_ns + kPeriodNs;
+  complete(health_);
+  reports_.push(health_);
 }
 
 }  // namespace isorig::daemon

@@ -1,93 +1,98 @@
 #pragma once
-#include <cmath>
 #include <cstdint>
+#include <exception>
 #include <initializer_list>
-#include <span>
 #include <string>
 
+#include "base/spsc_queue.hpp"
 #include "daemon/core/links.hpp"
 #include "drivers/backoff.hpp"
-#include "drivers/clock/mapping.hpp"
 #include "drivers/error.hpp"
 
 namespace isorig::daemon {
 
-/// When to reconnect, and how often to ask for what. Policy after a reconnect: nothing is sent again by itself;
-/// the loop has seen the stream go stale, has brought the rig to its safe state and waits for a reset.
-struct ServiceConfig {
-  std::int64_t poll_period_ns = 5'000'000;
-  std::int64_t heartbeat_period_ns = 50'000'000;
-  std::int64_t sync_period_ns = 1'000'000'000;     ///< time exchanges kept in steady state
-  std::int64_t sync_burst_period_ns = 20'000'000;  ///< and for the first `sync_burst` of a connection
-  int sync_burst = 50;
-  pressure::FillLimits fill_limits;  ///< the pressure device fills within these, whoever asks
-};
-
-/// What the services of devices with a clock of their own have in common: the connection with its back-off and
-/// failures, the clock mapping, and the health they report.
+/// What all services have in common. A service is the device side of a link: it owns one device and is run by one
+/// thread in real time (`run_once` at its period) or inline by the virtual runner, the same code in both. Everything
+/// that blocks or throws stays in it. Here: a turn whose exceptions end nowhere else, the connection with its back-off
+/// and failures, and the health that is reported.
+///
+/// Policy after a reconnect: nothing is sent again by itself; the loop has seen the stream go stale, has brought the
+/// rig to its safe state and waits for a reset.
 class LinkKeeper {
  protected:
-  LinkKeeper(const ServiceConfig& config, const clock::Clock& clock) : config_(config), clock_(clock) {}
+  /// Five missing or spoilt answers in a row lose a connection; see note_failure().
+  static constexpr int kFailuresToLose = 5;
+
+  /// `failures_to_lose` 0: any error loses it, even a refusal.
+  explicit LinkKeeper(base::SpscQueue<LinkHealth>& reports, const drivers::Backoff::Options& retry = {},
+                      int failures_to_lose = kFailuresToLose)
+      : reports_(reports), backoff_(retry), failures_to_lose_(failures_to_lose) {}
+  virtual ~LinkKeeper() = default;
+  LinkKeeper(const LinkKeeper&) = delete;
+  LinkKeeper& operator=(const LinkKeeper&) = delete;
+
+  /// Runs one turn of the service; what it throws is noted as a failure of the link. Reports the health.
+  template <typename Turn>
+  void keep(std::int64_t now_ns, Turn turn) noexcept;
+  /// Notes a failure; drops the connection if that has to be started afresh.
+  void fail(std::int64_t now_ns, const drivers::DeviceError& error) noexcept;
+  /// Closes what there is of a connection and forgets what belonged to it.
+  virtual void drop(std::int64_t now_ns) noexcept = 0;
 
   void connect_now() noexcept { backoff_.reset(); }  ///< instead of when the back-off says
+  [[nodiscard]] bool may_connect(std::int64_t now_ns) const noexcept { return backoff_.is_due(now_ns); }
+  void note_connected(const std::string& identity) noexcept;
+  void note_answer() noexcept { failures_in_a_row_ = 0; }
+  /// At most every 100 ms, unless forced.
+  void report_health(std::int64_t now_ns, bool force) noexcept;
   /// "a, b" of the parts that are not empty.
   [[nodiscard]] static std::string words(std::initializer_list<std::string> parts);
-  [[nodiscard]] bool may_connect(std::int64_t now_ns) const noexcept { return backoff_.is_due(now_ns); }
-  void note_connected(const std::string& identity, double sample_rate_hz) noexcept;
-  /// True when the connection has to be started afresh; the caller disconnects.
-  bool note_failure(std::int64_t now_ns, const drivers::DeviceError& error) noexcept;
-  void note_answer() noexcept { failures_in_a_row_ = 0; }
-  /// Stamps what a poll brought and hands it to the loop. Call it after the poll, which may have waited: nothing in it
-  /// is younger than now.
-  template <typename Sample, typename Queue>
-  void hand_over(std::span<const Sample> samples, Queue& queue);
-  /// Another time exchange would tell whether the device's clock has stepped: it is wanted now.
-  [[nodiscard]] bool clock_in_doubt() const noexcept { return map_.in_doubt() || mapper_.on_its_own(); }
-  /// At most every 100 ms, unless forced.
-  void report_health(std::int64_t now_ns, base::SpscQueue<LinkHealth>& to, bool force) noexcept;
 
-  /// Of the health reports.
-  static constexpr std::int64_t kHealthPeriodNs = 100'000'000;
-
-  ServiceConfig config_;
-  clock::DeviceClockMap map_;
   LinkHealth health_;
-  std::int64_t next_heartbeat_ns_ = 0;
-  std::int64_t next_sync_ns_ = 0;
-  std::uint32_t last_beat_ = 0;
-  int burst_left_ = 0;
 
  private:
-  const clock::Clock& clock_;
-  clock::StreamMapper mapper_{map_};
+  /// True when the connection has to be started afresh.
+  bool note_failure(std::int64_t now_ns, const drivers::DeviceError& error) noexcept;
+  /// What else a report says, just before it goes out.
+  virtual void complete(LinkHealth& /*health*/) const noexcept {}
+
+  base::SpscQueue<LinkHealth>& reports_;
   drivers::Backoff backoff_;
-  bool was_connected_ = false;
+  int failures_to_lose_;
   int failures_in_a_row_ = 0;
+  bool was_connected_ = false;
   std::int64_t next_health_ns_ = 0;
 };
 
-template <typename Sample, typename Queue>
-void LinkKeeper::hand_over(std::span<const Sample> samples, Queue& queue) {
-  if (!map_.current().known()) return;
-  const std::int64_t arrival_ns = clock_.now_ns();
-  for (const auto& sample : samples) {
-    bool counts_itself = true;
-    if constexpr (requires { sample.bound_us; })
-      counts_itself = sample.bound_us <= 0.0F;  // else the host dates and counts
-    const auto device_us = static_cast<double>(sample.device_us);
-    const auto stamp =
-        counts_itself ? mapper_.map(device_us, arrival_ns, sample.sequence) : mapper_.map(device_us, arrival_ns);
-    health_.bound_ns = static_cast<float>(stamp.bound_ns);
-    health_.repeatability_ns = static_cast<float>(stamp.repeatability_ns);
-    if constexpr (requires { sample.bound_us; }) {
-      if (sample.bound_us > 0.0F) {
-        health_.bound_ns += 1e3F * sample.bound_us;
-        // Anywhere within it, as likely as anywhere else.
-        health_.repeatability_ns = std::hypot(health_.repeatability_ns, 1e3F * sample.bound_us / std::sqrt(3.0F));
-      }
+/// Whether the loop still ticks, by the number that it counts up (`loop_beat`).
+class LoopWatch {
+ public:
+  [[nodiscard]] bool alive(std::uint32_t beat, std::int64_t now_ns) noexcept {
+    if (beat != last_) {
+      last_ = beat;
+      last_ns_ = now_ns;
     }
-    queue.push({sample, stamp.mono_ns, health_.bound_ns, health_.repeatability_ns});
+    return now_ns - last_ns_ < kDeadNs;
   }
+
+ private:
+  /// A loop that has not ticked for this long holds neither a set-point nor the dump valve any more.
+  static constexpr std::int64_t kDeadNs = 500'000'000;
+
+  std::uint32_t last_ = 0;
+  std::int64_t last_ns_ = 0;
+};
+
+template <typename Turn>
+void LinkKeeper::keep(std::int64_t now_ns, Turn turn) noexcept {
+  try {
+    turn();
+  } catch (const drivers::DeviceError& error) {
+    fail(now_ns, error);
+  } catch (const std::exception& error) {
+    fail(now_ns, drivers::DeviceError(drivers::Fault::kDisconnected, error.what()));
+  }
+  report_health(now_ns, false);
 }
 
 }  // namespace isorig::daemon

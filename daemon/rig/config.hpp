@@ -6,7 +6,7 @@
 #include "base/toml_reader.hpp"
 #include "daemon/core/core.hpp"
 #include "daemon/core/realtime.hpp"
-#include "daemon/io/services.hpp"
+#include "daemon/io/service_config.hpp"
 #include "daemon/rig/notify_config.hpp"
 #include "drivers/frame/instron8800_config.hpp"
 #include "drivers/frame/modbus_config.hpp"

@@ -4,7 +4,9 @@
 
 #include "daemon/core/core.hpp"
 #include "daemon/core/streams.hpp"
-#include "daemon/io/services.hpp"
+#include "daemon/io/frame_service.hpp"
+#include "daemon/io/interlock_service.hpp"
+#include "daemon/io/pressure_service.hpp"
 #include "daemon/rig/config.hpp"
 #include "drivers/clock/clock.hpp"
 #include "sim/rig.hpp"

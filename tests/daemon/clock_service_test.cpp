@@ -12,7 +12,8 @@
 
 #include "daemon/core/core.hpp"
 #include "daemon/core/streams.hpp"
-#include "daemon/io/services.hpp"
+#include "daemon/io/frame_service.hpp"
+#include "daemon/io/pressure_service.hpp"
 
 namespace isorig::daemon {
 namespace {
