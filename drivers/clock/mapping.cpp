@@ -1,7 +1,6 @@
 #include "drivers/clock/mapping.hpp"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <vector>
 
@@ -49,7 +48,7 @@ ExchangeVerdict DeviceClockMap::add(const Exchange& exchange) {
     if (held_) ++rejected_;  // it was the held one that was wrong
     held_.reset();
     held_in_a_row_ = 0;
-    publish();
+    ++version_;
     return ExchangeVerdict::kAccepted;
   }
   if (!held_) {
@@ -58,7 +57,7 @@ ExchangeVerdict DeviceClockMap::add(const Exchange& exchange) {
   }
   if (agree(*held_, exchange)) {
     begin(Exchange{*held_});
-    if (take(exchange)) publish();
+    if (take(exchange)) ++version_;
     return ExchangeVerdict::kRestarted;
   }
   ++rejected_;  // at most one of the two is right
@@ -101,7 +100,7 @@ void DeviceClockMap::hold(const Exchange& exchange) {
                                         std::abs(static_cast<double>(rx.mono_ns - exchange.host_send_ns)));
   current_.bound_us = settled_bound_us_ + off_us + options_.device_resolution_us;
   current_.in_doubt = 1;
-  publish();
+  ++version_;
 }
 
 void DeviceClockMap::restart() {
@@ -111,7 +110,7 @@ void DeviceClockMap::restart() {
   held_in_a_row_ = 0;
   current_.bound_us = MappedTime::kUnknown;
   current_.in_doubt = 0;
-  publish();
+  ++version_;
 }
 
 void DeviceClockMap::begin(const Exchange& first) {
@@ -124,7 +123,7 @@ void DeviceClockMap::begin(const Exchange& first) {
   ++current_.epoch;
   current_.exchanges = 0;
   take(first);
-  publish();
+  ++version_;
 }
 
 Interval DeviceClockMap::absolute(const Exchange& e) const noexcept {
@@ -200,32 +199,11 @@ bool DeviceClockMap::take(const Exchange& exchange) {
   return true;
 }
 
-// A sequence lock without fences (Boehm, MSPC 2012): release stores cannot move before the odd version,
-// acquire loads not after the second look at it. The reader never retries.
-void DeviceClockMap::publish() noexcept {
-  const auto words = std::bit_cast<std::array<std::uint64_t, kWords>>(current_);
-  const auto version = version_.load(std::memory_order_relaxed);
-  version_.store(version + 1, std::memory_order_relaxed);
-  for (std::size_t i = 0; i < kWords; ++i) published_[i].store(words[i], std::memory_order_release);
-  version_.store(version + 2, std::memory_order_release);
-}
-
-bool DeviceClockMap::read(MapSnapshot& out) const noexcept {
-  std::array<std::uint64_t, kWords> words{};
-  const auto version = version_.load(std::memory_order_acquire);
-  if (version % 2 != 0) return false;
-  for (std::size_t i = 0; i < kWords; ++i) words[i] = published_[i].load(std::memory_order_acquire);
-  if (version_.load(std::memory_order_relaxed) != version || version == 0) return false;
-  out = std::bit_cast<MapSnapshot>(words);
-  return true;
-}
-
 void StreamMapper::renew() noexcept {
   const auto version = map_->version();
   if (version == version_) return;
-  MapSnapshot fresh;
-  if (!map_->read(fresh)) return;
   version_ = version;
+  const MapSnapshot& fresh = map_->current();
   const bool same_clock = fresh.epoch == snapshot_.epoch;
   const bool told = fresh.in_doubt == 0 && fresh.host_reference_ns > alone_since_ns_;
   if (alone_ && (!same_clock || told)) {

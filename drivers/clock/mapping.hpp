@@ -1,6 +1,5 @@
 #pragma once
 #include <array>
-#include <atomic>
 #include <cstdint>
 #include <deque>
 #include <limits>
@@ -35,7 +34,7 @@ struct MappedTime {
   static constexpr double kUnknown = std::numeric_limits<double>::infinity();
 };
 
-/// All that mapping needs; plain words, so that it can be published and recorded.
+/// All that mapping needs; plain numbers, so that it can be recorded.
 struct MapSnapshot {
   std::int64_t host_reference_ns = 0;  ///< the host's time at device_reference_us
   double device_reference_us = 0.0;
@@ -66,8 +65,8 @@ enum class ExchangeVerdict {
                ///< restarted, its clock was set, or beyond Wander); so do kMostHeld that agree with nothing
 };
 
-/// Maps one device's clock to CLOCK_MONOTONIC, online. One thread add()s exchanges (an I/O thread; some 50 us
-/// each, may allocate); any number of others read the published snapshot wait-free.
+/// Maps one device's clock to CLOCK_MONOTONIC, online. For one thread, the I/O thread that owns the device: it add()s
+/// exchanges (some 50 us each, may allocate) and dates the samples that came with them (StreamMapper).
 ///
 /// Estimate and standard deviation come from DelayFilter, the bound from envelope(). Probe in a burst (50
 /// exchanges) before the first motion, then once a second.
@@ -83,15 +82,11 @@ class DeviceClockMap {
   /// The device said that it started anew: forget everything, begin another epoch.
   void restart();
 
-  /// The writer's own view.
   [[nodiscard]] const MapSnapshot& current() const noexcept { return current_; }
   [[nodiscard]] std::uint64_t rejected() const noexcept { return rejected_; }
 
-  /// Any thread. Wait-free: false (and `out` untouched) while the writer is in the middle of publishing, so a
-  /// real-time reader that preempted the writer goes on with the snapshot it has instead of spinning.
-  [[nodiscard]] bool read(MapSnapshot& out) const noexcept;
-  /// Changes with every publication; for readers that cache.
-  [[nodiscard]] std::uint64_t version() const noexcept { return version_.load(std::memory_order_acquire); }
+  /// Changes whenever current() does; for readers that cache.
+  [[nodiscard]] std::uint64_t version() const noexcept { return version_; }
 
  private:
   void begin(const Exchange& first);
@@ -100,11 +95,8 @@ class DeviceClockMap {
   [[nodiscard]] bool agree(const Exchange& first, const Exchange& second) const;
   [[nodiscard]] Interval absolute(const Exchange& exchange) const noexcept;
   void remember(const Interval& interval);
-  void publish() noexcept;
 
   static constexpr int kMostHeld = 5;
-  static constexpr std::size_t kWords = sizeof(MapSnapshot) / sizeof(std::uint64_t);
-  static_assert(sizeof(MapSnapshot) % sizeof(std::uint64_t) == 0);
 
   MapOptions options_;
   std::int64_t host_origin_ns_ = 0;
@@ -116,12 +108,10 @@ class DeviceClockMap {
   double settled_bound_us_ = MappedTime::kUnknown;  // of current_, without the doubt
   MapSnapshot current_;
   std::uint64_t rejected_ = 0;
-
-  alignas(64) std::atomic<std::uint64_t> version_{0};  // odd while being written
-  std::array<std::atomic<std::uint64_t>, kWords> published_{};
+  std::uint64_t version_ = 0;
 };
 
-/// One stream's stamps, in one thread (the real-time loop). noexcept, no allocation, no lock.
+/// One stream's stamps, in the thread of its map (an I/O thread). noexcept, no allocation, no lock.
 ///
 /// Monotone: increasing device times get increasing host times, also across a new snapshot. What the new
 /// snapshot says differently is not stepped but run off: the difference decays with a time constant of 20 ms,

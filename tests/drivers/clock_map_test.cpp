@@ -5,7 +5,6 @@
 #include <ctime>
 #include <functional>
 #include <random>
-#include <thread>
 
 #include "bench/clock_scenario.hpp"
 #include "drivers/clock/mapping.hpp"
@@ -427,7 +426,6 @@ TEST(ClockMap, MappingIsQuickAndNeverThrows) {
   DeviceClockMap map;
   StreamMapper mapper(map);
   static_assert(noexcept(mapper.map(0.0)));
-  static_assert(noexcept(map.read(std::declval<MapSnapshot&>())));
   for (int i = 0; i < 100; ++i) map.add(plain(100.0 + i, 5.0 + i));
   constexpr int kStamps = 200'000;
   // Of this thread: the time in which others have the processor is not the mapping's.
@@ -443,47 +441,6 @@ TEST(ClockMap, MappingIsQuickAndNeverThrows) {
   EXPECT_GT(sum, 0);
   std::printf("%.1f ns per stamp\n", each_ns);
   EXPECT_LT(each_ns, 2000.0);  // 10 ns; sanitizers allowed for
-}
-
-TEST(ClockMapThreads, ReadersSeeWholeSnapshotsOnly) {
-  auto scenario = bench::scenario_a();
-  scenario.duration_s = 300.0;
-  scenario.exchange_period_s = 0.2;
-  const auto truth = ClockSimulation(scenario, 7).run();
-  DeviceClockMap map;
-  map.add(truth.exchanges.front());
-  std::atomic<bool> done{false};
-  long good = 0, busy = 0, torn = 0;
-  std::thread reader([&] {
-    StreamMapper mapper(map);
-    MapSnapshot s;
-    std::uint64_t seen = 0;
-    double device_us = 0.0;
-    std::int64_t last_ns = 0;
-    bool more = true;
-    while (more) {
-      more = !done.load(std::memory_order_acquire);
-      if (!map.read(s)) {
-        ++busy;
-        continue;
-      }
-      ++good;
-      // Both halves of a snapshot belong together: the host's reference is the device's, mapped.
-      const double drift_us = static_cast<double>(s.host_reference_ns - truth.exchanges.front().host_recv_ns) * 1e-3 -
-                              (s.device_reference_us - truth.exchanges.front().device_tx_us);
-      if (std::abs(drift_us) > 20e3 || s.exchanges < seen || s.epoch != 1) ++torn;
-      seen = s.exchanges;
-      device_us = std::max(device_us + 1.0, s.device_reference_us);
-      const auto mapped = mapper.map(device_us);
-      if (mapped.mono_ns <= last_ns) ++torn;
-      last_ns = mapped.mono_ns;
-    }
-  });
-  for (std::size_t i = 1; i < truth.exchanges.size(); ++i) map.add(truth.exchanges[i]);
-  done.store(true, std::memory_order_release);
-  reader.join();
-  EXPECT_GT(good, 0);
-  EXPECT_EQ(torn, 0);
 }
 
 TEST(RemapOffline, NothingToGoBy) {
