@@ -9,7 +9,7 @@
 namespace isorig::daemon {
 namespace {
 
-constexpr std::int64_t kEvidenceNs = 2'000'000'000;
+constexpr auto kEvidenceNs = static_cast<std::int64_t>(1e9 * kEvidence_s);
 constexpr std::int64_t kLossesNs = 1'000'000'000;
 
 }  // namespace
@@ -48,24 +48,31 @@ void Core::tick(std::int64_t now_ns, std::int64_t late_ns, std::int64_t last_run
   hand_off(now_ns);
 }
 
+/// What the records of all streams have in common.
+template <typename Record, typename Sample>
+Record Core::begin_record(const Stamped<Sample>& in) const noexcept {
+  Record r;
+  r.mono_ns = in.mono_ns;
+  r.device_us = in.sample.device_us;
+  r.sequence = in.sample.sequence;
+  r.step = step_now();
+  r.bound_ns = in.bound_ns;
+  r.repeatability_ns = in.repeatability_ns;
+  r.keep = keep_;
+  return r;
+}
+
 void Core::read_frame() noexcept {
   Stamped<frame::Sample> in;
   force_new_ = 0;
   force_sum_N_ = 0.0;
   const auto& cal = config_.calibration;
   while (frame_.samples.pop(in)) {
-    FrameRecord r;
-    r.mono_ns = in.mono_ns;
-    r.device_us = in.sample.device_us;
-    r.sequence = in.sample.sequence;
-    r.step = step_now();
-    r.bound_ns = in.bound_ns;
-    r.repeatability_ns = in.repeatability_ns;
+    auto r = begin_record<FrameRecord>(in);
     r.raw_position_mm = in.sample.position_mm;
     r.raw_force_N = in.sample.force_N;
     r.position_mm = double{in.sample.position_mm} * cal.position_scale + cal.position_offset_mm;
     r.force_N = double{in.sample.force_N} * cal.force_scale + cal.force_offset_N;
-    r.keep = keep_;
     supervisor_.on_frame_sample(r);
     fan_out(&Streams::frame, r);
     if (!std::isfinite(r.position_mm) || !std::isfinite(r.force_N))
@@ -103,16 +110,9 @@ void Core::read_pressure() noexcept {
   const auto& cal = config_.calibration;
   while (pressure_.samples.pop(in)) {
     const auto reading = monitor_.update(in.sample.raw_word, in.sample.device_us, guard_.sure_rate_psi_s());
-    PressureRecord r;
-    r.mono_ns = in.mono_ns;
-    r.device_us = in.sample.device_us;
-    r.sequence = in.sample.sequence;
-    r.step = step_now();
-    r.bound_ns = in.bound_ns;
-    r.repeatability_ns = in.repeatability_ns;
+    auto r = begin_record<PressureRecord>(in);
     r.raw_word = in.sample.raw_word;
     r.status = static_cast<std::uint8_t>(reading.word.status);
-    r.keep = keep_;
     r.temperature_C = static_cast<float>(reading.temperature_c);
     r.pressure_psi = reading.pressure_psi * cal.pressure_scale + cal.pressure_offset_psi;
     fan_out(&Streams::pressure, r);
@@ -279,19 +279,6 @@ void Core::command(std::int64_t now_ns) noexcept {
   interlock_.loop_beat.store(beat, std::memory_order_release);
 }
 
-void Core::note_clock(std::int64_t now_ns, const LinkHealth& health, ClockSeen& seen, const char* rejected,
-                      const char* restarted) noexcept {
-  if (health.clock_rejected != seen.rejected) {
-    emit(now_ns, Severity::kWarning, "clock.rejected", rejected,
-         static_cast<double>(health.clock_rejected - seen.rejected), 0.0);
-  }
-  // The first life is no event.
-  if (health.clock_epoch != seen.epoch && seen.epoch != 0) {
-    emit(now_ns, Severity::kWarning, "clock.restarted", restarted, static_cast<double>(health.clock_epoch), 0.0);
-  }
-  seen = {health.clock_rejected, health.clock_epoch};
-}
-
 void Core::hand_off(std::int64_t now_ns) noexcept {
   if (now_ns < next_control_ns_) return;
   next_control_ns_ = now_ns + config_.control_period_ns;
@@ -345,6 +332,8 @@ void Core::hand_off(std::int64_t now_ns) noexcept {
   now_.publish_dropped = publisher_ == nullptr ? 0 : publisher_->dropped();
   now_.worst_wakeup_ns = std::max(now_.worst_wakeup_ns, c.worst_wakeup_ns);
   now_.worst_run_ns = std::max(now_.worst_run_ns, c.worst_run_ns);
+  if (list_changed_) faults_.store(listed_);
+  list_changed_ = false;
   status_.store(now_);
   worst_wakeup_ns_ = 0;
   worst_run_ns_ = 0;

@@ -3,6 +3,7 @@
 #include <optional>
 #include <string_view>
 
+#include "base/seqlock.hpp"
 #include "base/spsc_queue.hpp"
 #include "daemon/core/fixed_text.hpp"
 #include "daemon/core/links.hpp"
@@ -124,12 +125,18 @@ class Core {
   base::SpscQueue<HostNote> notes{64};
   base::SpscQueue<EventRecord> host_events{4096};
 
-  [[nodiscard]] Status status() const noexcept { return status_.load(); }
+  /// The faults may be newer than the rest, never older.
+  [[nodiscard]] Status status() const noexcept {
+    const auto rest = status_.load();
+    return {rest, faults_.load()};
+  }
   /// For the thread that ticks.
   [[nodiscard]] RunState state() const noexcept { return state_; }
   [[nodiscard]] Outcome outcome() const noexcept { return outcome_; }
 
  private:
+  template <typename Record, typename Sample>
+  [[nodiscard]] Record begin_record(const Stamped<Sample>& in) const noexcept;
   void read_frame() noexcept;
   void watch_zero(const FrameReport& report) noexcept;
   void read_pressure() noexcept;
@@ -182,6 +189,7 @@ class Core {
   /// To the faulted state, by the reaction that the severity calls for.
   void trip_over(std::int64_t now_ns, const Trip& trip) noexcept;
   [[nodiscard]] bool is_listed(const Trip& trip) const noexcept;
+  void clear_faults() noexcept;
   void list_fault(std::int64_t now_ns, const Trip& trip, std::string_view text) noexcept;
   /// The cause in words, with what the driver of the device concerned says of it.
   void describe(std::int64_t now_ns, const Trip& trip, FixedText<400>& text) const noexcept;
@@ -267,8 +275,11 @@ class Core {
   std::uint64_t reported_drops_ = 0;
   LinkHealth frame_health_;
   LinkHealth pressure_health_;
-  Status now_;
-  SeqLock<Status> status_;
+  LoopStatus now_;
+  FaultList listed_;
+  bool list_changed_ = false;
+  base::SeqLock<LoopStatus> status_;
+  base::SeqLock<FaultList> faults_;
   struct RecorderFault {
     char text[160] = {};
   };

@@ -129,7 +129,7 @@ void Core::take_requests(std::int64_t now_ns) noexcept {
           supervisor_.rearm(now_ns);
           guard_.restart();
           now_.fault[0] = '\0';
-          now_.fault_count = 0;
+          clear_faults();
           if (run_open_ && !vented_fault_) {
             transition(now_ns, RunState::kPaused, Severity::kInfo, "reset",
                        "fault reset; the run is paused: resume or abort it", 0.0, 0.0);
@@ -169,7 +169,7 @@ void Core::open_run(std::int64_t now_ns, const Request& request) noexcept {
   run_open_ = true;
   run_begun_ = false;
   now_.fault[0] = '\0';
-  now_.fault_count = 0;
+  clear_faults();
   ++now_.runs_started;
   setpoint_psi_ = -1.0;
   supervisor_.rearm(now_ns);

@@ -72,7 +72,7 @@ bool Core::take_trips(std::int64_t now_ns, const TripList& found) noexcept {
   bool fresh = false;
   const Trip worst = found.worst();
   if (state_ != RunState::kFaulted && worst.severity >= Severity::kProgramStop) {
-    now_.fault_count = 0;
+    clear_faults();
     trip_over(now_ns, worst);
     fresh = true;
   }
@@ -114,7 +114,7 @@ void Core::trip_over(std::int64_t now_ns, const Trip& trip) noexcept {
   FixedText<400> words(buffer);
   describe(now_ns, trip, words);
   if (state_ != RunState::kFaulted) {
-    now_.fault_count = 0;
+    clear_faults();
     FixedText text(now_.fault);
     text << trip.code << ": " << std::string_view(buffer);
     if (trip.threshold != 0.0) text << " (" << trip.value << ", limit " << trip.threshold << ")";
@@ -125,17 +125,23 @@ void Core::trip_over(std::int64_t now_ns, const Trip& trip) noexcept {
 
 /// A code that has become worse is told again. A full list takes no more.
 bool Core::is_listed(const Trip& trip) const noexcept {
-  if (now_.fault_count == now_.faults.size()) return true;
-  for (std::uint32_t i = 0; i < now_.fault_count; ++i) {
-    const auto& known = now_.faults[i];
+  if (listed_.fault_count == listed_.faults.size()) return true;
+  for (std::uint32_t i = 0; i < listed_.fault_count; ++i) {
+    const auto& known = listed_.faults[i];
     if (std::strcmp(known.code, trip.code) == 0 && known.severity >= trip.severity) return true;
   }
   return false;
 }
 
+void Core::clear_faults() noexcept {
+  listed_.fault_count = 0;
+  list_changed_ = true;
+}
+
 void Core::list_fault(std::int64_t now_ns, const Trip& trip, std::string_view text) noexcept {
-  if (now_.fault_count == now_.faults.size()) return;
-  auto& entry = now_.faults[now_.fault_count++];
+  if (listed_.fault_count == listed_.faults.size()) return;
+  list_changed_ = true;
+  auto& entry = listed_.faults[listed_.fault_count++];
   entry.mono_ns = now_ns;
   entry.severity = trip.severity;
   copy_text(entry.code, trip.code);
@@ -185,6 +191,19 @@ void Core::follow_link(std::int64_t now_ns, const char* error_code, const char* 
 }
 
 /// `tell_losses`: once a second, summed up.
+void Core::note_clock(std::int64_t now_ns, const LinkHealth& health, ClockSeen& seen, const char* rejected,
+                      const char* restarted) noexcept {
+  if (health.clock_rejected != seen.rejected) {
+    emit(now_ns, Severity::kWarning, "clock.rejected", rejected,
+         static_cast<double>(health.clock_rejected - seen.rejected), 0.0);
+  }
+  // The first life is no event.
+  if (health.clock_epoch != seen.epoch && seen.epoch != 0) {
+    emit(now_ns, Severity::kWarning, "clock.restarted", restarted, static_cast<double>(health.clock_epoch), 0.0);
+  }
+  seen = {health.clock_rejected, health.clock_epoch};
+}
+
 void Core::follow_links(std::int64_t now_ns, bool tell_losses) noexcept {
   follow_link(now_ns, "error.frame", "reconnect.frame", frame_health_, frame_seen_);
   follow_link(now_ns, "error.pressure", "reconnect.pressure", pressure_health_, pressure_seen_);

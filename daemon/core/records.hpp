@@ -11,6 +11,9 @@ namespace isorig::daemon {
 
 using protocol::Keep;  ///< per sample, as the plan's recording policy has it
 
+/// After a stop (program stop or safe state) everything is kept in full for so long.
+inline constexpr double kEvidence_s = 2.0;
+
 /// The step of what happens outside a run; -1 in the messages.
 inline constexpr std::uint32_t kNoStep = 0xFFFF'FFFF;
 

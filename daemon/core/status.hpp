@@ -1,9 +1,7 @@
 #pragma once
 #include <array>
-#include <atomic>
 #include <bit>
 #include <cstdint>
-#include <cstring>
 
 #include "daemon/core/links.hpp"
 #include "daemon/core/records.hpp"
@@ -31,8 +29,14 @@ struct FaultNote {
 };
 inline constexpr std::size_t kFaultsKept = 16;
 
-/// What `isorig status` and `watch` show: the loop's newest view of everything.
-struct Status {
+/// 7 kB that change with a fault or a reset: apart, so that a tick does not copy them.
+struct FaultList {
+  std::uint32_t fault_count = 0;  ///< of `faults`; what came when it was full is not there
+  std::array<FaultNote, kFaultsKept> faults{};
+};
+
+/// The loop's newest view of everything else.
+struct LoopStatus {
   ControlRecord control;
   std::uint32_t session = 0;
   std::uint32_t sessions = 0;
@@ -63,45 +67,9 @@ struct Status {
   std::uint64_t invalid_pressure = 0;                   ///< sensor words that were no current reading, since start
   char not_ready[96] = {};                              ///< what is missing for ready, in words
   char fault[448] = {};                                 ///< the latched cause: the first
-  std::uint32_t fault_count = 0;                        ///< of `faults`; what came when it was full is not there
-  std::array<FaultNote, kFaultsKept> faults{};
 };
 
-/// One writer that never waits, many readers that retry: a sequence lock over words that are themselves atomic, so
-/// that a torn read is detected and is no data race (Boehm, "Can seqlocks get along with programming language
-/// memory models?", MSPC 2012).
-template <typename T>
-class SeqLock {
-  static_assert(std::is_trivially_copyable_v<T>);
-  static constexpr std::size_t kWords = (sizeof(T) + 7) / 8;
-
- public:
-  void store(const T& value) noexcept {
-    std::array<std::uint64_t, kWords> words{};
-    std::memcpy(words.data(), &value, sizeof(T));
-    const auto s = sequence_.load(std::memory_order_relaxed);
-    sequence_.store(s + 1, std::memory_order_relaxed);
-    std::atomic_thread_fence(std::memory_order_release);
-    for (std::size_t i = 0; i < kWords; ++i) words_[i].store(words[i], std::memory_order_relaxed);
-    sequence_.store(s + 2, std::memory_order_release);
-  }
-
-  [[nodiscard]] T load() const noexcept {
-    std::array<std::uint64_t, kWords> words{};
-    for (;;) {
-      const auto before = sequence_.load(std::memory_order_acquire);
-      for (std::size_t i = 0; i < kWords; ++i) words[i] = words_[i].load(std::memory_order_relaxed);
-      std::atomic_thread_fence(std::memory_order_acquire);
-      if ((before & 1U) == 0 && sequence_.load(std::memory_order_relaxed) == before) break;
-    }
-    T value;
-    std::memcpy(static_cast<void*>(&value), words.data(), sizeof(T));
-    return value;
-  }
-
- private:
-  std::atomic<std::uint64_t> sequence_{0};
-  std::array<std::atomic<std::uint64_t>, kWords> words_{};
-};
+/// What `isorig status` and `watch` show.
+struct Status : LoopStatus, FaultList {};
 
 }  // namespace isorig::daemon

@@ -13,7 +13,6 @@ namespace isorig::daemon {
 namespace {
 
 constexpr std::size_t kEventsKept = 2000;
-constexpr std::int64_t kAfterFaultNs = 5'000'000'000;
 constexpr std::int64_t kTryAgainNs = 1'000'000'000;
 constexpr auto kVerbPatience = std::chrono::seconds(2);
 

@@ -74,6 +74,9 @@ class Host {
     std::string run;
   };
 
+  /// A run that a fault has ended is recorded for so long after it.
+  static constexpr std::int64_t kAfterFaultNs = 5'000'000'000;
+
   Host(const RigConfig& rig, Core& core, Streams& recording, Options options);
   ~Host();
 

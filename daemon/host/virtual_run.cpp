@@ -78,7 +78,7 @@ VirtualRunResult run_virtual(const RigConfig& rig, const VirtualRunOptions& opti
     // A run that faulted but could go on waits for an operator: there is none here.
     if (bench->core().state() == RunState::kFaulted && bench->core().status().run_loaded && !aborted) {
       const auto fault_ns = bench->now_ns();
-      while (bench->now_ns() < fault_ns + 5'000'000'000) tick();
+      while (bench->now_ns() < fault_ns + Host::kAfterFaultNs) tick();
       aborted = host.verb(Request::Verb::kAbort).ok;
     }
   }

@@ -48,8 +48,8 @@ struct RunInfo {
 struct RecorderOptions {
   std::filesystem::path run_dir;
   double average_interval_s = 0.1;
-  double before_s = 1.0;        ///< kept in memory in averaged stretches, see keep_policy.hpp
-  double evidence_s = 2.0;      ///< after a stop (program stop or safe state) everything stays in full so long
+  double before_s = 1.0;  ///< kept in memory in averaged stretches, see keep_policy.hpp
+  double evidence_s = kEvidence_s;
   double max_rate_hz = 2000.0;  ///< of a stream; sizes the memory for before_s
   /// A crash or power cut costs at most sync_interval_s + lag_s + 0.1 s, and in averaged stretches before_s
   /// more. Counted in the run's own time: in virtual time give it minutes.
