@@ -142,7 +142,16 @@ class Core {
   void read_pressure() noexcept;
   void take_sync(const SyncReport& report) noexcept;
   void read_interlock() noexcept;
+  /// core_verbs.cpp. What may be refused says why, else nullptr.
   void take_requests(std::int64_t now_ns) noexcept;
+  Reply answer(std::int64_t now_ns, const Request& request) noexcept;
+  const char* carry_out(std::int64_t now_ns, const Request& request) noexcept;
+  const char* start(std::int64_t now_ns, const Request& request) noexcept;
+  const char* pause(std::int64_t now_ns) noexcept;
+  const char* resume(std::int64_t now_ns) noexcept;
+  const char* set_up(std::int64_t now_ns) noexcept;
+  const char* confirm_zero(std::int64_t now_ns) noexcept;
+  const char* reset(std::int64_t now_ns) noexcept;
   void supervise(std::int64_t now_ns) noexcept;
   void step_plan(std::int64_t now_ns) noexcept;
   void command(std::int64_t now_ns) noexcept;
