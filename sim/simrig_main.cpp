@@ -5,8 +5,10 @@
 #include <cstdio>
 #include <memory>
 #include <optional>
+#include <variant>
 #include <vector>
 
+#include "base/overloaded.hpp"
 #include "base/toml_reader.hpp"
 #include "sim/control_socket.hpp"
 #include "sim/gpio_lines.hpp"
@@ -55,13 +57,14 @@ struct Arguments {
 
 int serve(const Arguments& arguments) {
   auto config = sim::read_wire_rig(arguments.rig);
-  if (arguments.port) (config.instron8800 ? config.instron8800->port : config.frame.port) = *arguments.port;
+  if (arguments.port) std::visit([&](auto& frame) { frame.line.port = *arguments.port; }, config.frame);
   if (!arguments.rtu.empty()) {
-    if (config.instron8800) {
-      std::fputs("isorig-simrig: --rtu is Modbus; this rig's frame is an 8800-type controller\n", stderr);
+    auto* modbus = std::get_if<sim::WireRigConfig::Modbus>(&config.frame);
+    if (modbus == nullptr) {
+      std::fputs("isorig-simrig: --rtu is for a frame on Modbus, and this rig's frame is none\n", stderr);
       return 2;
     }
-    config.rtu_link = arguments.rtu;
+    modbus->rtu_link = arguments.rtu;
   }
   if (!arguments.teensy.empty()) config.teensy_link = arguments.teensy;
 
@@ -84,11 +87,14 @@ int serve(const Arguments& arguments) {
   if (!arguments.truth.empty()) truth.emplace(arguments.truth);
 
   if (rig.frame_port() != 0) {
-    const auto& host = config.instron8800 ? config.instron8800->host : config.frame.host;
+    const auto host = std::visit([](const auto& frame) { return frame.line.host; }, config.frame);
     std::printf("frame: tcp %s:%u\n", host.c_str(), rig.frame_port());
   }
   if (!rig.frame_tty().empty()) {
-    std::printf("frame: %s %s\n", config.instron8800 ? "tty" : "rtu", rig.frame_tty().c_str());
+    const auto* line = std::visit(base::Overloaded{[](const sim::WireRigConfig::Modbus&) { return "rtu"; },
+                                                   [](const sim::WireRigConfig::Instron8800&) { return "tty"; }},
+                                  config.frame);
+    std::printf("frame: %s %s\n", line, rig.frame_tty().c_str());
   }
   std::printf("pressure: %s\n", config.teensy_link.empty() ? ("USB serial number " + config.teensy_serial).c_str()
                                                            : config.teensy_link.c_str());

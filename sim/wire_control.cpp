@@ -4,6 +4,9 @@
 #include <optional>
 #include <sstream>
 #include <type_traits>
+#include <variant>
+
+#include "base/overloaded.hpp"
 
 namespace isorig::sim {
 
@@ -59,11 +62,10 @@ void WireControl::add_regulator(RegulatorFaults& regulator) {
 WireControl::WireControl(WireRig& wire) : rig_(wire.rig()) {
   auto& rig = wire.rig();
   auto& teensy = wire.teensy_faults();
-  if (wire.is_instron8800()) {
-    add_instron8800(wire.instron8800_faults());
-  } else {
-    add_modbus(wire.frame_faults());
-  }
+  std::visit(
+      base::Overloaded{[this](const std::unique_ptr<WireModbus>& frame) { add_modbus(frame->faults); },
+                       [this](const std::unique_ptr<WireInstron8800>& frame) { add_instron8800(frame->faults); }},
+      wire.frame());
   if (wire.regulator() != nullptr) add_regulator(wire.regulator_faults());
   // The plant's own switches belong to its lock.
   const auto plain = [this, &rig](std::string name, auto& value, bool when_on, std::string what) {

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <ctime>
 
+#include "base/overloaded.hpp"
 #include "sim/pressure/teensy_pty.hpp"
 #include "sim/pressure/teensy_usbip.hpp"
 #include "sim/specimen.hpp"
@@ -32,27 +33,34 @@ RigOptions live(const clock::Clock& clock, std::int64_t start_ns, bool keep_trut
   return options;
 }
 
-ModbusServer::Options frame_options(const WireRigConfig& config) {
+ModbusServer::Options frame_options(const WireRigConfig::Modbus& config) {
   ModbusServer::Options options;
-  options.map = config.frame.map;
-  options.tcp = config.frame.transport == frame::ModbusTransport::kTcp;
-  options.tcp_address = config.frame.host;
-  options.tcp_port = config.frame.port;
-  options.pty_link = options.tcp ? config.rtu_link : config.frame.tty;
+  options.map = config.line.map;
+  options.tcp = config.line.transport == frame::ModbusTransport::kTcp;
+  options.tcp_address = config.line.host;
+  options.tcp_port = config.line.port;
+  options.pty_link = options.tcp ? config.rtu_link : config.line.tty;
   options.pty = !options.pty_link.empty();
   return options;
 }
 
-Instron8800Server::Options controller_options(const WireRigConfig& config) {
+Instron8800Server::Options frame_options(const WireRigConfig::Instron8800& config) {
   auto options = config.controller;
-  const auto& frame = *config.instron8800;
-  options.tcp = frame.tcp;
-  options.tcp_address = frame.host;
-  options.tcp_port = frame.port;
-  options.pty_link = frame.tty;
-  options.position_channel = frame.position_channel;
-  options.force_channel = frame.force_channel;
+  options.tcp = config.line.tcp;
+  options.tcp_address = config.line.host;
+  options.tcp_port = config.line.port;
+  options.pty_link = config.line.tty;
+  options.position_channel = config.line.position_channel;
+  options.force_channel = config.line.force_channel;
   return options;
+}
+
+WireFrame make_frame(const WireRigConfig& config, Rig& rig) {
+  return std::visit(
+      base::Overloaded{
+          [&](const WireRigConfig::Modbus& c) -> WireFrame { return std::make_unique<WireModbus>(c, rig); },
+          [&](const WireRigConfig::Instron8800& c) -> WireFrame { return std::make_unique<WireInstron8800>(c, rig); }},
+      config.frame);
 }
 
 RegulatorServer::Options regulator_options(const pressure::RegulatorConfig& config) {
@@ -81,7 +89,33 @@ std::unique_ptr<EmulatedTeensy> make_teensy(const WireRigConfig& config, const s
   return std::make_unique<TeensyPty>(config.teensy_link, options, backend, now_ns);
 }
 
+Instron8800Server::Options read_controller(const base::TomlTable& root) {
+  Instron8800Server::Options c;
+  const auto t = root.table("sim").table_if("controller");
+  if (!t) return c;
+  c.position_full_scale_mm = t->number_or("position_full_scale_mm", c.position_full_scale_mm, base::kPositive);
+  c.force_full_scale_N = t->number_or("force_full_scale_N", c.force_full_scale_N, base::kPositive);
+  c.watchdog_s = t->number_or("watchdog_s", c.watchdog_s, base::kPositive);
+  c.answer_us = static_cast<int>(t->integer_or("answer_us", c.answer_us, {0.0, 1e6}));
+  using Watchdog = Instron8800Server::Options::Watchdog;
+  const auto watchdog = t->choice_or("watchdog", "two-numbers", {"two-numbers", "one-number", "not-asked"});
+  c.watchdog = watchdog == "two-numbers"  ? Watchdog::kTwoNumbers
+               : watchdog == "one-number" ? Watchdog::kOneNumber
+                                          : Watchdog::kNotAsked;
+  c.answers_unknown = t->boolean_or("answers_unknown", c.answers_unknown);
+  c.takes_sign = t->boolean_or("takes_sign", c.takes_sign);
+  c.ends_ramps = t->boolean_or("ends_ramps", c.ends_ramps);
+  c.ramp_of_scale_per_s = t->number_or("ramp_of_scale_per_s", c.ramp_of_scale_per_s, base::kNonNegative);
+  return c;
+}
+
 }  // namespace
+
+WireModbus::WireModbus(const WireRigConfig::Modbus& config, Rig& rig)
+    : server(frame_options(config), rig.frame(), faults) {}
+
+WireInstron8800::WireInstron8800(const WireRigConfig::Instron8800& config, Rig& rig)
+    : server(frame_options(config), rig.frame(), faults) {}
 
 WireRigConfig read_wire_rig(const std::filesystem::path& rig_file) {
   const auto document = base::TomlDocument::parse_file(rig_file);
@@ -92,25 +126,9 @@ WireRigConfig read_wire_rig(const std::filesystem::path& rig_file) {
   const auto frame = root.table("frame");
   (void)frame.string_or("zero", "");  // the daemon's
   if (frame.choice("driver", {"modbus", "instron8800"}) == "instron8800") {
-    config.instron8800 = frame::read_instron8800_config(frame);
-    if (const auto t = root.table("sim").table_if("controller")) {
-      auto& c = config.controller;
-      c.position_full_scale_mm = t->number_or("position_full_scale_mm", c.position_full_scale_mm, base::kPositive);
-      c.force_full_scale_N = t->number_or("force_full_scale_N", c.force_full_scale_N, base::kPositive);
-      c.watchdog_s = t->number_or("watchdog_s", c.watchdog_s, base::kPositive);
-      c.answer_us = static_cast<int>(t->integer_or("answer_us", c.answer_us, {0.0, 1e6}));
-      using Watchdog = Instron8800Server::Options::Watchdog;
-      const auto watchdog = t->choice_or("watchdog", "two-numbers", {"two-numbers", "one-number", "not-asked"});
-      c.watchdog = watchdog == "two-numbers"  ? Watchdog::kTwoNumbers
-                   : watchdog == "one-number" ? Watchdog::kOneNumber
-                                              : Watchdog::kNotAsked;
-      c.answers_unknown = t->boolean_or("answers_unknown", c.answers_unknown);
-      c.takes_sign = t->boolean_or("takes_sign", c.takes_sign);
-      c.ends_ramps = t->boolean_or("ends_ramps", c.ends_ramps);
-      c.ramp_of_scale_per_s = t->number_or("ramp_of_scale_per_s", c.ramp_of_scale_per_s, base::kNonNegative);
-    }
+    config.frame = WireRigConfig::Instron8800{frame::read_instron8800_config(frame), read_controller(root)};
   } else {
-    config.frame = frame::read_modbus_config(frame, directory);
+    config.frame = WireRigConfig::Modbus{frame::read_modbus_config(frame, directory), {}};
   }
   const auto pressure = root.table("pressure");
   (void)pressure.choice("driver", {"teensy"});
@@ -132,11 +150,7 @@ WireRig::WireRig(const WireRigConfig& config, const clock::Clock& clock, bool ke
       start_ns_(clock.now_ns()),
       teensy_serial_(config.teensy_serial),
       rig_(without_simulated_wires(config.sim), load_specimen(config.sim.specimen), live(clock, start_ns_, keep_truth)),
-      modbus_(config.instron8800 ? nullptr
-                                 : std::make_unique<ModbusServer>(frame_options(config), rig_.frame(), frame_faults_)),
-      instron8800_(config.instron8800 ? std::make_unique<Instron8800Server>(controller_options(config), rig_.frame(),
-                                                                            instron8800_faults_)
-                                      : nullptr),
+      frame_(make_frame(config, rig_)),
       regulator_(config.regulator
                      ? std::make_unique<RegulatorServer>(regulator_options(*config.regulator), rig_, regulator_faults_)
                      : nullptr),

@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <variant>
 
 #include "drivers/clock/clock.hpp"
 #include "drivers/frame/instron8800_config.hpp"
@@ -23,19 +24,37 @@ namespace isorig::sim {
 /// with: what its [frame] and [pressure] connect to is what is served, by the plant of its [sim].
 struct WireRigConfig {
   SimConfig sim;
-  frame::ModbusConfig frame;
-  /// When set the frame is such a controller instead; `controller` is what [sim.controller] says of it.
-  std::optional<frame::Instron8800Config> instron8800;
-  Instron8800Server::Options controller;
+  struct Modbus {
+    frame::ModbusConfig line;
+    std::string rtu_link;  ///< also on a pseudo-terminal, linked from here; empty: not
+  };
+  struct Instron8800 {
+    frame::Instron8800Config line;
+    Instron8800Server::Options controller;  ///< what [sim.controller] says
+  };
+  /// std::visit it with base::Overloaded: another kind of frame is an alternative here and in WireFrame.
+  std::variant<Modbus, Instron8800> frame;
   /// When set a regulator sets the pressure, and the Teensy's fill valve is its supply valve.
   std::optional<pressure::RegulatorConfig> regulator;
-  std::string rtu_link;     ///< the frame also on a pseudo-terminal, linked from here; empty: not
   std::string teensy_link;  ///< link to the Teensy's pseudo-terminal; empty: the Teensy is on USB (teensy_usbip.hpp)
   std::string teensy_serial = "1234560";
 };
 
 /// Throws base::ConfigError with all that is wrong.
 [[nodiscard]] WireRigConfig read_wire_rig(const std::filesystem::path& rig_file);
+
+/// The emulated frame on the wire, with its fault switches.
+struct WireModbus {
+  WireModbus(const WireRigConfig::Modbus& config, Rig& rig);
+  FrameWireFaults faults;
+  ModbusServer server;
+};
+struct WireInstron8800 {
+  WireInstron8800(const WireRigConfig::Instron8800& config, Rig& rig);
+  Instron8800Faults faults;
+  Instron8800Server server;
+};
+using WireFrame = std::variant<std::unique_ptr<WireModbus>, std::unique_ptr<WireInstron8800>>;
 
 /// One simulated rig in real time, with its frame on Modbus or behind an 8800-type controller, and its Teensy on a
 /// pseudo-terminal or on USB.
@@ -55,26 +74,25 @@ class WireRig {
   void sync_edge(std::int64_t mono_ns, bool is_high);
 
   [[nodiscard]] Rig& rig() noexcept { return rig_; }
-  [[nodiscard]] FrameWireFaults& frame_faults() noexcept { return frame_faults_; }
+  [[nodiscard]] const WireFrame& frame() const noexcept { return frame_; }
   [[nodiscard]] TeensyFaults& teensy_faults() noexcept { return teensy_->faults(); }
-  [[nodiscard]] Instron8800Faults& instron8800_faults() noexcept { return instron8800_faults_; }
   [[nodiscard]] RegulatorFaults& regulator_faults() noexcept { return regulator_faults_; }
   /// Nothing where valves set the pressure.
   [[nodiscard]] const RegulatorServer* regulator() const noexcept { return regulator_.get(); }
-  [[nodiscard]] bool is_instron8800() const noexcept { return instron8800_ != nullptr; }
   /// Where the frame is served: a TCP port, or 0; a pseudo-terminal, or "".
-  [[nodiscard]] std::uint16_t frame_port() const noexcept { return modbus_ ? modbus_->port() : instron8800_->port(); }
-  [[nodiscard]] std::string frame_tty() const { return modbus_ ? modbus_->tty() : instron8800_->tty(); }
+  [[nodiscard]] std::uint16_t frame_port() const noexcept {
+    return std::visit([](const auto& frame) { return frame->server.port(); }, frame_);
+  }
+  [[nodiscard]] std::string frame_tty() const {
+    return std::visit([](const auto& frame) { return frame->server.tty(); }, frame_);
+  }
 
  private:
   const clock::Clock& clock_;
   std::int64_t start_ns_;
   std::string teensy_serial_;
   Rig rig_;
-  FrameWireFaults frame_faults_;
-  Instron8800Faults instron8800_faults_;
-  std::unique_ptr<ModbusServer> modbus_;  // one of the two
-  std::unique_ptr<Instron8800Server> instron8800_;
+  WireFrame frame_;
   RegulatorFaults regulator_faults_;
   std::unique_ptr<RegulatorServer> regulator_;
   std::unique_ptr<EmulatedTeensy> teensy_;

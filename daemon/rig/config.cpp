@@ -6,6 +6,7 @@
 #include <cerrno>
 #include <cmath>
 
+#include "base/overloaded.hpp"
 #include "base/printable.hpp"
 #include "daemon/rig/config_checks.hpp"
 #include "daemon/rig/specimen.hpp"
@@ -89,13 +90,21 @@ bool loopback(const std::string& host) {
   return host.starts_with("127.") || host == "::1" || host == "localhost";
 }
 
+bool is_on_another_machine(const decltype(RigConfig::frame)& frame) {
+  return std::visit(base::Overloaded{[](const RigConfig::SimulatedFrame&) { return false; },
+                                     [](const frame::ModbusConfig& c) {
+                                       return c.transport == frame::ModbusTransport::kTcp && !loopback(c.host);
+                                     },
+                                     [](const frame::Instron8800Config& c) { return c.tcp && !loopback(c.host); }},
+                    frame);
+}
+
 /// `emulated = true`: isorig-simrig plays the devices. It serves this machine only.
 bool read_emulated(const base::TomlTable& root, const RigConfig& rig) {
   if (!root.boolean_or("emulated", false)) return false;
   if (rig.simulated()) {
     root.error("emulated", "`emulated` is for devices on the wire; this rig is simulated in process");
-  } else if ((rig.modbus && rig.modbus->transport == frame::ModbusTransport::kTcp && !loopback(rig.modbus->host)) ||
-             (rig.instron8800 && rig.instron8800->tcp && !loopback(rig.instron8800->host))) {
+  } else if (is_on_another_machine(rig.frame)) {
     root.error("emulated",
                "`emulated` = true, and [frame] host is another machine: isorig-simrig serves 127.0.0.1 only, so this "
                "is a real frame; take `emulated` out");
@@ -212,11 +221,9 @@ RigConfig load_rig(const std::filesystem::path& path) {
   const auto frame = root.table("frame");
   const auto frame_driver = frame.choice("driver", {"sim", "modbus", "instron8800"});
   if (frame_driver == "modbus") {
-    rig.frame_backend = RigConfig::FrameBackend::kModbus;
-    rig.modbus = frame::read_modbus_config(frame, directory);
+    rig.frame = frame::read_modbus_config(frame, directory);
   } else if (frame_driver == "instron8800") {
-    rig.frame_backend = RigConfig::FrameBackend::kInstron8800;
-    rig.instron8800 = frame::read_instron8800_config(frame);
+    rig.frame = frame::read_instron8800_config(frame);
   }
   const auto pressure = root.table("pressure");
   rig.core.frame_zero = FrameZero::kFirstHolds;
@@ -227,7 +234,6 @@ RigConfig load_rig(const std::filesystem::path& path) {
   }
   const auto pressure_driver = pressure.choice("driver", {"sim", "teensy"});
   if (pressure_driver == "teensy") {
-    rig.pressure_backend = RigConfig::PressureBackend::kTeensy;
     rig.teensy = read_teensy(pressure);
   }
   if ((frame_driver == "sim") != (pressure_driver == "sim")) {
@@ -301,7 +307,7 @@ RigConfig load_rig(const std::filesystem::path& path) {
       rig.api.mode = static_cast<unsigned>(value);
     }
   });
-  if (rig.frame_backend == RigConfig::FrameBackend::kSim) {
+  if (std::holds_alternative<RigConfig::SimulatedFrame>(rig.frame)) {
     rig.sim = sim::read_sim(root, directory);
     rig.specimen = rig.sim->specimen;
   } else {

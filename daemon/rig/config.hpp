@@ -2,6 +2,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <variant>
 
 #include "base/toml_reader.hpp"
 #include "daemon/core/core.hpp"
@@ -24,22 +25,22 @@ struct RigConfig {
   std::string text;
   std::string name;
 
-  enum class FrameBackend : std::uint8_t { kSim, kModbus, kInstron8800 } frame_backend = FrameBackend::kSim;
-  enum class PressureBackend : std::uint8_t { kSim, kTeensy } pressure_backend = PressureBackend::kSim;
-
   protocol::Limits limits;
   CoreConfig core;
   RealtimeConfig realtime;
   ServiceConfig services;
-  std::optional<frame::ModbusConfig> modbus;
-  std::optional<frame::Instron8800Config> instron8800;
+  /// In process, with the plant of [sim].
+  struct SimulatedFrame {};
+  /// What [frame] names. std::visit it with base::Overloaded: another kind of frame is an alternative here, and the
+  /// compiler then lists every place that has to know it.
+  std::variant<SimulatedFrame, frame::ModbusConfig, frame::Instron8800Config> frame;
   struct Teensy {
     std::string port;  ///< its serial port; empty: over USB, by options.serial (docs/usb.md)
     pressure::Teensy::Options options;
     /// How messages name it.
     [[nodiscard]] std::string where() const { return port.empty() ? "USB serial number " + options.serial : port; }
   };
-  std::optional<Teensy> teensy;
+  std::optional<Teensy> teensy;  ///< none: the pressure side is simulated
   std::optional<pressure::RegulatorConfig> regulator;
   std::int64_t regulator_period_ns = 50'000'000;
   std::optional<interlock::GpioInterlock::Options> gpio;  ///< none: nobody watches the chain, or it is simulated
@@ -76,9 +77,7 @@ struct RigConfig {
   bool emulated = false;
 
   /// Everything in process and in virtual time if wanted: no device is outside.
-  [[nodiscard]] bool simulated() const noexcept {
-    return frame_backend == FrameBackend::kSim && pressure_backend == PressureBackend::kSim;
-  }
+  [[nodiscard]] bool simulated() const noexcept { return std::holds_alternative<SimulatedFrame>(frame) && !teensy; }
 };
 
 /// Reads and validates. Throws base::ConfigError with everything that is wrong.

@@ -4,8 +4,10 @@
 #include <cmath>
 #include <cstdio>
 #include <string>
+#include <variant>
 
 #include "base/number_text.hpp"
+#include "base/overloaded.hpp"
 #include "daemon/rig/config.hpp"
 #include "messages/elvh.hpp"
 
@@ -74,8 +76,8 @@ void check_travel_and_force(const RigConfig& rig, const Keys& k) {
   }
   k.range("segment_interval_min_s", l.segment_interval_min_s, std::max(0.002, seconds(rig.services.poll_period_ns)),
           10.0, "s", "a segment takes at least one turn of poll_period_ms");
-  if (rig.instron8800) {
-    const auto& c = *rig.instron8800;
+  if (const auto* instron8800 = std::get_if<frame::Instron8800Config>(&rig.frame)) {
+    const auto& c = *instron8800;
     if (c.force_full_scale_N > 0.0) {
       k.at_most("force_max_N", l.force_max_N, c.force_full_scale_N, "N",
                 "the load cell ends at force_full_scale_N, so the limit could not trip");
@@ -154,18 +156,19 @@ void check_supervisor(const RigConfig& rig, const Keys& k, const Watchdogs& dogs
   }
 }
 
-void check_frame(const RigConfig& rig, const Keys& k, const Watchdogs& dogs) {
-  const double age_s = rig.core.supervisor.frame_age_max_s;
-  const std::string one_answer = "below frame_age_max_s, so that one lost answer is no safe state";
-  if (rig.modbus) {
-    k.at_most("response_timeout_ms", rig.modbus->response_timeout_ms, 0.99e3 * age_s, "ms", one_answer);
-    k.range("connect_timeout_ms", rig.modbus->connect_timeout_ms, 1.0, 5'000.0, "ms", "nothing else is done meanwhile");
-    k.range("start_confirm_ms", rig.modbus->start_confirm_ms, 1.0, 2'000.0, "ms",
-            "so long a frame that did not start is not noticed");
-  }
-  if (!rig.instron8800) return;
-  const auto& c = *rig.instron8800;
-  k.at_most("response_timeout_ms", c.response_timeout_ms, 0.99e3 * age_s, "ms", one_answer);
+constexpr const char* kOneAnswer = "below frame_age_max_s, so that one lost answer is no safe state";
+
+void check_frame(const frame::ModbusConfig& c, const RigConfig& rig, const Keys& k) {
+  k.at_most("response_timeout_ms", c.response_timeout_ms, 0.99e3 * rig.core.supervisor.frame_age_max_s, "ms",
+            kOneAnswer);
+  k.range("connect_timeout_ms", c.connect_timeout_ms, 1.0, 5'000.0, "ms", "nothing else is done meanwhile");
+  k.range("start_confirm_ms", c.start_confirm_ms, 1.0, 2'000.0, "ms",
+          "so long a frame that did not start is not noticed");
+}
+
+void check_frame(const frame::Instron8800Config& c, const RigConfig& rig, const Keys& k, const Watchdogs& dogs) {
+  k.at_most("response_timeout_ms", c.response_timeout_ms, 0.99e3 * rig.core.supervisor.frame_age_max_s, "ms",
+            kOneAnswer);
   k.range("give_up_ms", c.give_up_ms, 100.0, 60'000.0, "ms", "nothing else is asked meanwhile");
   k.range("gap_us", c.gap_us, 0.0, 100'000.0, "us", "the controller would be polled too rarely for frame_age_max_s");
   k.range("reading_age_max_ms", c.reading_age_max_ms, 0.0, 100.0, "ms", "older readings are not of this moment");
@@ -180,6 +183,13 @@ void check_frame(const RigConfig& rig, const Keys& k, const Watchdogs& dogs) {
              "three times [services] heartbeat_period_ms, or a single late heartbeat stops the crosshead");
   k.range("watchdog_feed_ms", c.watchdog_feed_ms, 50.0, 1e3 * dogs.frame_s / 3.0, "ms",
           "three times within the controller's watchdog, so that one late turn does not let it act");
+}
+
+void check_frame(const RigConfig& rig, const Keys& k, const Watchdogs& dogs) {
+  std::visit(base::Overloaded{[](const RigConfig::SimulatedFrame&) {},
+                              [&](const frame::ModbusConfig& c) { check_frame(c, rig, k); },
+                              [&](const frame::Instron8800Config& c) { check_frame(c, rig, k, dogs); }},
+             rig.frame);
 }
 
 void check_services(const RigConfig& rig, const Keys& k, const Watchdogs& dogs) {
@@ -309,7 +319,23 @@ void check_interlock(const RigConfig& rig, const Keys& k) {
 
 Watchdogs watchdogs_of(const RigConfig& rig, const TomlTable& root) {
   Watchdogs dogs;
-  if (rig.instron8800) dogs.frame_s = 1.0;
+  struct Source {
+    const char* table;
+    const char* key;
+    double unless_said_s;
+  };
+  // In [sim], of the emulator that plays such a frame.
+  const auto frame_watchdog = std::visit(base::Overloaded{[&](const RigConfig::SimulatedFrame&) {
+                                                            return Source{"frame", "heartbeat_timeout_s", dogs.frame_s};
+                                                          },
+                                                          [&](const frame::ModbusConfig&) {
+                                                            return Source{"frame", "heartbeat_timeout_s", dogs.frame_s};
+                                                          },
+                                                          [&](const frame::Instron8800Config&) {
+                                                            dogs.frame_s = 1.0;
+                                                            return Source{"controller", "watchdog_s", 3.0};
+                                                          }},
+                                         rig.frame);
   const auto sim = root.table_if("sim");
   if (!sim || !(rig.simulated() || rig.emulated)) return dogs;
   sim->ignore_rest();
@@ -321,8 +347,7 @@ Watchdogs watchdogs_of(const RigConfig& rig, const TomlTable& root) {
     const double value = t->number_or(key, fallback);
     return std::isfinite(value) && value > 0.0 ? value : fallback;
   };
-  dogs.frame_s =
-      rig.instron8800 ? read("controller", "watchdog_s", 3.0) : read("frame", "heartbeat_timeout_s", dogs.frame_s);
+  dogs.frame_s = read(frame_watchdog.table, frame_watchdog.key, frame_watchdog.unless_said_s);
   dogs.pressure_s = read("pressure", "watchdog_s", dogs.pressure_s);
   return dogs;
 }

@@ -1,7 +1,11 @@
 #include "daemon/rig/devices.hpp"
 
 #include <algorithm>
+#include <stdexcept>
+#include <utility>
+#include <variant>
 
+#include "base/overloaded.hpp"
 #include "drivers/frame/instron8800_frame.hpp"
 #include "drivers/frame/modbus_frame.hpp"
 #include "drivers/interlock/gpio_interlock.hpp"
@@ -24,6 +28,25 @@ std::unique_ptr<pressure::ByteStream> open_stream(const RigConfig& rig) {
   return std::make_unique<pressure::UsbStream>(options);
 }
 
+struct NamedFrame {
+  std::unique_ptr<frame::Device> device;
+  std::string where;
+};
+
+NamedFrame open_frame(const RigConfig& rig, clock::Clock& clock) {
+  return std::visit(
+      base::Overloaded{[](const RigConfig::SimulatedFrame&) -> NamedFrame {
+                         throw std::logic_error("a simulated frame has no driver");
+                       },
+                       [&](const frame::ModbusConfig& c) {
+                         return NamedFrame{std::make_unique<frame::ModbusFrame>(c, clock), c.where()};
+                       },
+                       [&](const frame::Instron8800Config& c) {
+                         return NamedFrame{std::make_unique<frame::Instron8800Frame>(c, clock), c.where()};
+                       }},
+      rig.frame);
+}
+
 }  // namespace
 
 Devices open_devices(const RigConfig& rig, clock::Clock& clock) {
@@ -39,13 +62,10 @@ Devices open_devices(const RigConfig& rig, clock::Clock& clock) {
     d.interlock = &d.rig->interlock();
     return d;
   }
-  d.claims.emplace_back("frame at " + (rig.modbus ? rig.modbus->where() : rig.instron8800->where()));
+  auto frame = open_frame(rig, clock);
+  d.claims.emplace_back("frame at " + frame.where);
   d.claims.emplace_back("pressure device at " + rig.teensy->where());
-  if (rig.modbus) {
-    d.owned_frame = std::make_unique<frame::ModbusFrame>(*rig.modbus, clock);
-  } else {
-    d.owned_frame = std::make_unique<frame::Instron8800Frame>(*rig.instron8800, clock);
-  }
+  d.owned_frame = std::move(frame.device);
   d.owned_pressure = std::make_unique<pressure::Teensy>(rig.teensy->options, open_stream(rig), clock);
   if (rig.gpio) {
     d.owned_interlock = std::make_unique<interlock::GpioInterlock>(*rig.gpio, clock);

@@ -142,7 +142,7 @@ TEST(Simrig, WhatTheDriversReadIsWhatThePlantDid) {
   Simrig simrig({});
   ASSERT_NE(simrig.port, 0) << simrig.output;
   clock::RealClock clock;
-  auto config = read_wire_rig(kRig).frame;
+  auto config = std::get<WireRigConfig::Modbus>(read_wire_rig(kRig).frame).line;
   config.port = simrig.port;
   config.response_timeout_ms = 2000;  // a loaded machine is not what is tested here
   frame::ModbusFrame frame(config, clock);
@@ -217,7 +217,7 @@ TEST(Simrig, FaultsAreSwitchedWhileItRuns) {
   Simrig simrig({"--fault", "frame refuse on"});
   ASSERT_NE(simrig.port, 0) << simrig.output;
   clock::RealClock clock;
-  auto config = read_wire_rig(kRig).frame;
+  auto config = std::get<WireRigConfig::Modbus>(read_wire_rig(kRig).frame).line;
   config.port = simrig.port;
   config.response_timeout_ms = 2000;
   frame::ModbusFrame frame(config, clock);
@@ -251,7 +251,7 @@ TEST(Simrig, FaultsAreSwitchedWhileItRuns) {
 TEST(Simrig, TheHeartbeatStopsTheFrameByItself) {
   Simrig simrig({});
   clock::RealClock clock;
-  auto config = read_wire_rig(kRig).frame;
+  auto config = std::get<WireRigConfig::Modbus>(read_wire_rig(kRig).frame).line;
   config.port = simrig.port;
   config.response_timeout_ms = 2000;
   frame::ModbusFrame frame(config, clock);
