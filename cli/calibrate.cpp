@@ -277,21 +277,12 @@ int list(const Client& client, bool as_json) {
   return kOk;
 }
 
-int calibrate(Options& o) {
-  const Client client(o.socket);
-  if (o.what == "list") return list(client, o.json);
-  const auto channel = *calibration::channel_of(o.what);
-  const auto mode = *calibration::mode_of(o.mode);
-  complete(o);
-  check_words(o, channel, mode);
-  const double factor = factor_of(o, channel);
-  const char* unit = unit_of(channel);
-
-  const auto known = client.get("/v1/calibrations");
-  if (!known.ok()) throw std::runtime_error(known.text());
-  const auto& in_force = known.body["in_force"][name_of(channel)];
+/// What is known before the first point.
+calibration::Record begun_record(const Options& o, Channel channel, Mode mode, double factor,
+                                 const nlohmann::json& known) {
+  const auto& in_force = known["in_force"][name_of(channel)];
   calibration::Record r;
-  r.rig = known.body.value("rig", "");
+  r.rig = known.value("rig", "");
   r.channel = channel;
   r.mode = mode;
   r.operator_name = o.operator_name;
@@ -299,49 +290,57 @@ int calibrate(Options& o) {
   r.supersedes = in_force.value("id", "");
   r.before = {in_force.value("scale", 1.0), in_force.value("offset", 0.0)};
   r.reference = {o.reference, o.certificate, o.reference_due, o.reference_uncertainty * factor};
+  return r;
+}
 
+void check_at_rest(const Client& client) {
   const auto state = client.get("/v1/status").body.value("state", "");
   if (state != "idle" && state != "ready") {
     throw std::runtime_error("the rig is " + state + "; calibrate when it is at rest (isorig status)");
   }
+}
 
-  Settling settling{o.window_s, o.settle_s, (o.drift_max > 0.0 ? o.drift_max : default_drift(channel))};
-  References references(o, factor, o.unit.empty() ? unit : o.unit.c_str());
-  std::optional<HeldPressure> held;
-  if (!o.drive.empty()) {
-    for (const double psi : o.drive) {
-      if (psi < 0.0 || psi > known.body["limits"].value("pressure_max_psi", 0.0)) {
-        throw UsageError("--drive " + base::number_text(psi) + " psi is not between 0 and the rig's pressure_max_psi");
-      }
+/// Whether the rig may go to the set-points of --drive.
+bool may_pressurize(const Options& o, const nlohmann::json& limits) {
+  for (const double psi : o.drive) {
+    if (psi < 0.0 || psi > limits.value("pressure_max_psi", 0.0)) {
+      throw UsageError("--drive " + base::number_text(psi) + " psi is not between 0 and the rig's pressure_max_psi");
     }
-    if (!consent("The rig will pressurize what is connected, up to " +
+  }
+  return consent("The rig will pressurize what is connected, up to " +
                      base::number_text(*std::max_element(o.drive.begin(), o.drive.end())) +
                      " psi; the crosshead stands still. Keep hands off the specimen. Go on?",
-                 o.yes)) {
-      return kRefused;
-    }
-    held.emplace(client, o.drive, o.operator_name);
-  }
+                 o.yes);
+}
 
+/// Reads reference and channel, point by point, into the record. `held`: the rig sets the pressures of --drive.
+void measure_points(const Client& client, const Options& o, double factor, const nlohmann::json& limits,
+                    HeldPressure* held, calibration::Record& r) {
+  const char* unit = unit_of(r.channel);
+  const Settling settling{o.window_s, o.settle_s, (o.drift_max > 0.0 ? o.drift_max : default_drift(r.channel))};
+  References references(o, factor, o.unit.empty() ? unit : o.unit.c_str());
   for (std::size_t i = 0;; ++i) {
-    if (held && i == o.drive.size()) break;
-    if (held) {
+    if (held != nullptr && i == o.drive.size()) break;
+    if (held != nullptr) {
       held->go_to(i);
-    } else if (i > 0 && (!o.reference_command.empty())) {
+    } else if (i > 0 && !o.reference_command.empty()) {
       break;  // it shows the same point again
     }
     // The reference is read between two readings that agree: then all three are of the same moment.
     std::optional<SettledReading> reading_before;
-    if (held) reading_before = settled_reading(client, name_of(channel), settling);
-    const auto value = references.next(held ? "reference at set-point " + std::to_string(o.drive[i]).substr(0, 6)
-                                            : "apply point " + std::to_string(i + 1) +
-                                                  ", let it settle, type what the reference shows (empty: no more)");
+    if (held != nullptr) reading_before = settled_reading(client, name_of(r.channel), settling);
+    const auto value =
+        references.next(held != nullptr ? "reference at set-point " + std::to_string(o.drive[i]).substr(0, 6)
+                                        : "apply point " + std::to_string(i + 1) +
+                                              ", let it settle, type what the reference shows (empty: no more)");
     if (!value) {
-      if (held) throw std::runtime_error("there is no reference value for set-point " + std::to_string(i + 1));
+      if (held != nullptr) {
+        throw std::runtime_error("there is no reference value for set-point " + std::to_string(i + 1));
+      }
       break;
     }
-    check_reference(channel, *value, known.body["limits"]);
-    const auto reading = settled_reading(client, name_of(channel), settling);
+    check_reference(r.channel, *value, limits);
+    const auto reading = settled_reading(client, name_of(r.channel), settling);
     if (reading_before && std::abs(reading.raw - reading_before->raw) > 2.0 * settling.drift_max) {
       throw std::runtime_error("the reading moved by " + std::to_string(reading.raw - reading_before->raw) + " " +
                                unit + " while the reference was read; let it settle longer (--window-s)");
@@ -350,13 +349,10 @@ int calibrate(Options& o) {
     r.temperature_C = reading.temperature_C;
     if (!o.json) print_point(i + 1, r.points.back(), r.before, unit);
   }
-  if (held) r.evidence_run = held->runs();
-  held.reset();  // vents
+}
 
-  r.made_utc = calibration::now_utc();
-  r.id = calibration::record_id(r.made_utc, channel);
-  r.due = !o.due.empty() ? o.due : calibration::later(r.made_utc.substr(0, 10), o.interval_days);
-  r.result = calibration::calibrate(channel, mode, r.points, r.before, r.reference.uncertainty);
+/// Puts the record in force, if it is wanted.
+int keep(const Client& client, const Options& o, const calibration::Record& r) {
   const auto text = to_toml(r);
   if (!o.json) print_result(r);
   if (o.dry_run) {
@@ -378,6 +374,35 @@ int calibrate(Options& o) {
     (answer.ok() ? std::cout : std::cerr) << answer.text() << '\n';
   }
   return answer.ok() ? kOk : answer.status == 400 ? kBadInput : kRefused;
+}
+
+int calibrate(Options& o) {
+  const Client client(o.socket);
+  if (o.what == "list") return list(client, o.json);
+  const auto channel = *calibration::channel_of(o.what);
+  const auto mode = *calibration::mode_of(o.mode);
+  complete(o);
+  check_words(o, channel, mode);
+  const double factor = factor_of(o, channel);
+  const auto known = client.get("/v1/calibrations");
+  if (!known.ok()) throw std::runtime_error(known.text());
+  auto r = begun_record(o, channel, mode, factor, known.body);
+  check_at_rest(client);
+
+  if (o.drive.empty()) {
+    measure_points(client, o, factor, known.body["limits"], nullptr, r);
+  } else {
+    if (!may_pressurize(o, known.body["limits"])) return kRefused;
+    HeldPressure held(client, o.drive, o.operator_name);
+    measure_points(client, o, factor, known.body["limits"], &held, r);
+    r.evidence_run = held.runs();
+  }  // vents
+
+  r.made_utc = calibration::now_utc();
+  r.id = calibration::record_id(r.made_utc, channel);
+  r.due = !o.due.empty() ? o.due : calibration::later(r.made_utc.substr(0, 10), o.interval_days);
+  r.result = calibration::calibrate(channel, mode, r.points, r.before, r.reference.uncertainty);
+  return keep(client, o, r);
 }
 
 Command add_calibrate(CLI::App& app) {
