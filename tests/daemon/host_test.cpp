@@ -2,28 +2,22 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/socket.h>
-#include <sys/un.h>
-#include <unistd.h>
 
 #include <atomic>
 #include <barrier>
 #include <chrono>
 #include <cstring>
-#include <functional>
 #include <map>
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <thread>
 #include <vector>
 
-#include "daemon/host/api.hpp"
 #include "daemon/recording/amendments.hpp"
 #include "daemon/recording/sqlite.hpp"
 #include "daemon/rig/specimen.hpp"
 #include "messages/run_log.hpp"
-#include "recording_rig.hpp"
-#include "rig_fixture.hpp"
+#include "served_rig.hpp"
 
 /// Host and API under many clients at once, on a rig that ticks in a thread of its own.
 namespace isorig::daemon::test {
@@ -32,12 +26,6 @@ namespace {
 using ::testing::AnyOf;
 using ::testing::HasSubstr;
 
-const char* const kProtocol = R"(format = "isorig-protocol/1"
-name = "test"
-steps = [
-  { do = "pressurize", pressure_psi = 0, rate_psi_s = 5, settled_for_s = 0.01, timeout_s = 20 },
-  { do = "hold", duration_s = 1000 } ]
-)";
 const char* const kShort = R"(format = "isorig-protocol/1"
 name = "short"
 steps = [
@@ -45,87 +33,20 @@ steps = [
   { do = "hold", duration_s = 0.5 } ]
 )";
 
-bool wait_until(double seconds, const std::function<bool()>& condition) {
-  const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
-  while (!condition()) {
-    if (std::chrono::steady_clock::now() > deadline) return false;
-    std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  }
-  return true;
-}
-
-class HostTest : public ::testing::Test {
+class HostTest : public ServedRig {
  protected:
-  HostTest() : config_(load_rig(source("config/rigs/sim.toml"))) {
-    // Virtual time runs as it can here: only the test that asks for it judges the recorder's pace.
-    config_.core.recorder_age_max_s = 1e6;
-    config_.recording.min_free_bytes = 1 << 20U;
-    config_.recording.reserve_bytes = 1 << 20U;
-  }
-
-  void SetUp() override {
-    rig_ = std::make_unique<VirtualRig>(config_);
-    Host::Options options;
-    options.runs_root = folder_.path() / "runs";
-    options.revision = "0123456789ab";
-    host_ = std::make_unique<Host>(config_, rig_->core(), rig_->streams, options);
-    api_ = std::make_unique<Api>(*host_, socket_, 0600);
-    threads_.emplace_back([this] {
-      while (!done_) {
-        rig_->tick();
-        std::this_thread::sleep_for(std::chrono::microseconds(200));
-      }
-    });
-    threads_.emplace_back([this] {
-      while (!done_) {
-        if (!recorder_waits_) host_->turn(rig_->core().status().control.mono_ns);
-        std::this_thread::sleep_for(std::chrono::milliseconds(2));
-      }
-    });
-    threads_.emplace_back([this] { api_->serve(); });
-    threads_.emplace_back([this] { api_->serve_stops(); });
-    threads_.emplace_back([this] { api_->work(); });
-    ASSERT_TRUE(reach(RunState::kReady));
-  }
-  void TearDown() override {
-    api_->stop();
-    done_ = true;
-    for (auto& t : threads_) t.join();
-    host_->shut_down();
-  }
+  HostTest() : ServedRig("host") {}
+  void SetUp() override { serve(); }
+  void TearDown() override { stop_serving(); }
 
   std::string aborted_run();
-  [[nodiscard]] RunState state() const { return rig_->core().status().control.state; }
-  bool reach(RunState wanted) {
-    return wait_until(60.0, [&] { return state() == wanted; });
-  }
-  StartOptions protocol(const char* text = kProtocol) {
+  StartOptions protocol(const char* text = kLongProtocol) {
     StartOptions o;
     o.protocol_text = text;
     return o;
   }
-
-  struct Answer {
-    int status = 0;
-    nlohmann::json body;
-  };
   [[nodiscard]] Answer post(const std::string& path, const std::string& body = {}, bool stops = false) const {
-    const int fd = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    sockaddr_un address{};
-    address.sun_family = AF_UNIX;
-    std::strcpy(address.sun_path, (socket_ + (stops ? ".stop" : "")).c_str());
-    EXPECT_EQ(::connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
-    const std::string all =
-        "POST " + path + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\nContent-Length: " + std::to_string(body.size()) +
-        "\r\n\r\n" + body;
-    EXPECT_EQ(::send(fd, all.data(), all.size(), MSG_NOSIGNAL), static_cast<ssize_t>(all.size()));
-    std::string got;
-    char buffer[4096];
-    for (ssize_t n = 0; (n = ::read(fd, buffer, sizeof buffer)) > 0;) got.append(buffer, static_cast<std::size_t>(n));
-    ::close(fd);
-    const auto end = got.find("\r\n\r\n");
-    if (end == std::string::npos) return {};
-    return {std::stoi(got.substr(9, 3)), nlohmann::json::parse(got.substr(end + 4), nullptr, false)};
+    return call("POST " + path, body, stops);
   }
 
   /// `call` by so many threads in the same moment.
@@ -141,20 +62,10 @@ class HostTest : public ::testing::Test {
     }
     for (auto& t : crowd) t.join();
   }
-
-  testing::TemporaryDirectory folder_{"host"};
-  std::string socket_ = (folder_.path() / "s").string();
-  RigConfig config_;
-  std::unique_ptr<VirtualRig> rig_;
-  std::unique_ptr<Host> host_;
-  std::unique_ptr<Api> api_;
-  std::vector<std::thread> threads_;
-  std::atomic<bool> done_{false};
-  std::atomic<bool> recorder_waits_{false};
 };
 
 TEST_F(HostTest, OfManyStartsAtOnceOneWinsAndGoesOn) {
-  const auto body = nlohmann::json{{"protocol", kProtocol}}.dump();
+  const auto body = nlohmann::json{{"protocol", kLongProtocol}}.dump();
   for (const int clients : {2, 4}) {
     std::vector<Answer> answers(static_cast<std::size_t>(clients));
     // Two over the socket, the others as threads of the process would.
@@ -180,7 +91,7 @@ TEST_F(HostTest, OfManyStartsAtOnceOneWinsAndGoesOn) {
     ASSERT_NE(winner, "");
     EXPECT_EQ(state(), RunState::kRunning);
     EXPECT_EQ(host_->run_id(), winner);
-    const Catalogue catalogue(folder_.path() / "runs", Catalogue::Access::kReadOnly);
+    const Catalogue catalogue(runs_, Catalogue::Access::kReadOnly);
     EXPECT_EQ(catalogue.find_run("latest")->id, winner);
     EXPECT_EQ(catalogue.find_run("latest")->state, "running");
     EXPECT_EQ(post("/v1/abort", {}, true).status, 200);
@@ -191,7 +102,7 @@ TEST_F(HostTest, OfManyStartsAtOnceOneWinsAndGoesOn) {
 }
 
 TEST_F(HostTest, EveryVerbByManyAtOnce) {
-  const auto start = nlohmann::json{{"protocol", kProtocol}}.dump();
+  const auto start = nlohmann::json{{"protocol", kLongProtocol}}.dump();
   for (const int clients : {2, 4}) {
     for (const auto* path :
          {"/v1/start", "/v1/pause", "/v1/seal", "/v1/resume", "/v1/reset", "/v1/calibrations", "/v1/abort"}) {
@@ -233,7 +144,7 @@ TEST_F(HostTest, AStartRightAfterReadyLeavesTheFinishedRunItsRecorder) {
   other.join();
   ASSERT_TRUE(second.ok) << second.text;
   EXPECT_NE(second.run, first.run);
-  const Catalogue catalogue(folder_.path() / "runs", Catalogue::Access::kReadOnly);
+  const Catalogue catalogue(runs_, Catalogue::Access::kReadOnly);
   const auto row = catalogue.find_run(first.run);
   ASSERT_TRUE(row);
   EXPECT_EQ(row->state, "done");
@@ -245,7 +156,7 @@ TEST_F(HostTest, ACatalogueThatIsLockedStopsTheProgramAndIsWrittenLater) {
   ASSERT_TRUE(started.ok) << started.text;
   ASSERT_TRUE(wait_until(60.0, [&] { return host_->recorder_status().session >= 0; }));
   sqlite3* other = nullptr;
-  ASSERT_EQ(sqlite3_open((folder_.path() / "runs" / "catalogue.sqlite").c_str(), &other), SQLITE_OK);
+  ASSERT_EQ(sqlite3_open((runs_ / "catalogue.sqlite").c_str(), &other), SQLITE_OK);
   ASSERT_EQ(sqlite3_exec(other, "BEGIN EXCLUSIVE", nullptr, nullptr, nullptr), SQLITE_OK) << sqlite3_errmsg(other);
   const auto began = std::chrono::steady_clock::now();
   EXPECT_TRUE(host_->verb(Request::Verb::kAbort).ok);
@@ -256,14 +167,14 @@ TEST_F(HostTest, ACatalogueThatIsLockedStopsTheProgramAndIsWrittenLater) {
   sqlite3_close(other);
   EXPECT_TRUE(wait_until(60.0, [&] { return !host_->run_open(); }));
   EXPECT_EQ(host_->last_outcome(), "aborted");
-  const Catalogue catalogue(folder_.path() / "runs", Catalogue::Access::kReadOnly);
+  const Catalogue catalogue(runs_, Catalogue::Access::kReadOnly);
   EXPECT_EQ(catalogue.find_run(started.run)->state, "aborted");
 }
 
 TEST_F(HostTest, ARunFolderThatIsTakenAwayIsAProgramStop) {
   const auto started = host_->start(protocol());
   ASSERT_TRUE(started.ok) << started.text;
-  std::filesystem::remove_all(folder_.path() / "runs" / started.run);
+  std::filesystem::remove_all(runs_ / started.run);
   ASSERT_TRUE(reach(RunState::kFaulted));
   EXPECT_THAT(std::string(rig_->core().status().fault), HasSubstr("recorder: the recording cannot be continued"));
   EXPECT_TRUE(host_->verb(Request::Verb::kAbort).ok);
@@ -307,7 +218,7 @@ TEST_F(HostTest, ARunGoesOnAsItBeganUnlessSomebodySaysOtherwise) {
   const auto went_on = host_->start(o);
   ASSERT_TRUE(went_on.ok) << went_on.text;
   EXPECT_EQ(went_on.run, id);
-  const auto trace = read_amendments(folder_.path() / "runs" / id);
+  const auto trace = read_amendments(runs_ / id);
   ASSERT_EQ(trace.size(), 1U);
   EXPECT_THAT(trace[0].text, HasSubstr("went on with specimen \"Ecoflex1\", begun with \"Control2\""));
 }
@@ -320,7 +231,7 @@ TEST_F(HostTest, APreviewStartsNothing) {
   EXPECT_EQ(seen.value("operator", ""), "Ada");
   EXPECT_GE(seen.value("worst_s", 0.0), seen.value("nominal_s", 1e9));
   EXPECT_FALSE(host_->run_open());
-  EXPECT_TRUE(Catalogue(folder_.path() / "runs", Catalogue::Access::kReadOnly).runs().empty());
+  EXPECT_TRUE(Catalogue(runs_, Catalogue::Access::kReadOnly).runs().empty());
 }
 
 TEST_F(HostTest, ACorrectionLeavesTheRecordingAndATrace) {
@@ -335,7 +246,7 @@ TEST_F(HostTest, ACorrectionLeavesTheRecordingAndATrace) {
   const auto noted = host_->amend(c);
   ASSERT_TRUE(noted.ok);
   EXPECT_THAT(noted.text, HasSubstr("specimen Ecoflex1 (was Control2)"));
-  const auto row = Catalogue(folder_.path() / "runs", Catalogue::Access::kReadOnly).find_run(id);
+  const auto row = Catalogue(runs_, Catalogue::Access::kReadOnly).find_run(id);
   EXPECT_EQ(row->specimen, "Ecoflex1");
   EXPECT_EQ(row->operator_name, "Edsger");
   const auto trace = read_amendments(row->directory);
@@ -349,7 +260,7 @@ TEST_F(HostTest, ACorrectionLeavesTheRecordingAndATrace) {
 
 TEST_F(HostTest, ARecordingSaysWhatItWasMadeWith) {
   const auto id = aborted_run();
-  const auto header = messages::read_header(folder_.path() / "runs" / id / messages::segment_name(1));
+  const auto header = messages::read_header(runs_ / id / messages::segment_name(1));
   ASSERT_TRUE(header);
   std::map<std::string, std::string> versions;
   for (const auto& v : header->versions) versions[v.name] = v.text;

@@ -1,23 +1,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/socket.h>
-#include <sys/un.h>
-#include <unistd.h>
 
-#include <atomic>
-#include <chrono>
 #include <cstring>
 #include <fstream>
-#include <functional>
 #include <nlohmann/json.hpp>
-#include <thread>
 #include <vector>
 
-#include "daemon/host/api.hpp"
-#include "daemon/host/host.hpp"
 #include "daemon/recording/catalogue.hpp"
-#include "recording_rig.hpp"
-#include "rig_fixture.hpp"
+#include "served_rig.hpp"
 
 /// Two acts, setup, jog and the sign-off over the real socket, on a rig that ticks in a thread of its own.
 namespace isorig::daemon::test {
@@ -25,90 +15,11 @@ namespace {
 
 using ::testing::HasSubstr;
 
-const char* const kProtocol = R"(format = "isorig-protocol/1"
-name = "test"
-steps = [
-  { do = "pressurize", pressure_psi = 0, rate_psi_s = 5, settled_for_s = 0.01, timeout_s = 20 },
-  { do = "hold", duration_s = 1000 } ]
-)";
-
-bool wait_until(double seconds, const std::function<bool()>& condition) {
-  const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
-  while (!condition()) {
-    if (std::chrono::steady_clock::now() > deadline) return false;
-    std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  }
-  return true;
-}
-
-class OperatorApiTest : public ::testing::Test {
+class OperatorApiTest : public ServedRig {
  protected:
-  OperatorApiTest() : config_(load_rig(source("config/rigs/sim.toml"))) {
-    config_.core.recorder_age_max_s = 1e6;  // virtual time runs as it can
-    config_.recording.min_free_bytes = config_.recording.reserve_bytes = 1 << 20U;
-    config_.core.operating.arming_required = true;
-  }
-  void TearDown() override { stop(); }
+  OperatorApiTest() : ServedRig("operator") { config_.core.operating.arming_required = true; }
+  void TearDown() override { stop_serving(); }
 
-  void start() {
-    rig_ = std::make_unique<VirtualRig>(config_);
-    Host::Options options;
-    options.runs_root = runs_;
-    host_ = std::make_unique<Host>(config_, rig_->core(), rig_->streams, options);
-    api_ = std::make_unique<Api>(*host_, socket_, 0600);
-    done_ = false;
-    threads_.emplace_back([this] {
-      while (!done_) {
-        rig_->tick();
-        std::this_thread::sleep_for(std::chrono::microseconds(100));
-      }
-    });
-    threads_.emplace_back([this] {
-      while (!done_) {
-        host_->turn(rig_->core().status().control.mono_ns);
-        std::this_thread::sleep_for(std::chrono::milliseconds(2));
-      }
-    });
-    threads_.emplace_back([this] { api_->serve(); });
-    threads_.emplace_back([this] { api_->serve_stops(); });
-    threads_.emplace_back([this] { api_->work(); });
-    ASSERT_TRUE(reach("ready"));
-  }
-  void stop() {
-    if (!api_) return;
-    api_->stop();
-    done_ = true;
-    for (auto& t : threads_) t.join();
-    threads_.clear();
-    host_->shut_down();
-    api_.reset();
-    host_.reset();
-    rig_.reset();
-  }
-
-  struct Answer {
-    int status = 0;
-    nlohmann::json body;
-    [[nodiscard]] std::string text() const { return body.value("text", ""); }
-  };
-  [[nodiscard]] Answer call(const std::string& line, const std::string& body = {}) const {
-    const int fd = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    sockaddr_un address{};
-    address.sun_family = AF_UNIX;
-    std::strcpy(address.sun_path, socket_.c_str());
-    EXPECT_EQ(::connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
-    const std::string all =
-        line + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\nContent-Length: " + std::to_string(body.size()) +
-        "\r\n\r\n" + body;
-    EXPECT_EQ(::send(fd, all.data(), all.size(), MSG_NOSIGNAL), static_cast<ssize_t>(all.size()));
-    std::string got;
-    char buffer[4096];
-    for (ssize_t n = 0; (n = ::read(fd, buffer, sizeof buffer)) > 0;) got.append(buffer, static_cast<std::size_t>(n));
-    ::close(fd);
-    const auto end = got.find("\r\n\r\n");
-    if (end == std::string::npos) return {};
-    return {std::stoi(got.substr(9, 3)), nlohmann::json::parse(got.substr(end + 4), nullptr, false)};
-  }
   [[nodiscard]] Answer post(const std::string& path, const nlohmann::json& body = nlohmann::json::object()) const {
     return call("POST " + path, body.dump());
   }
@@ -133,22 +44,12 @@ class OperatorApiTest : public ::testing::Test {
     }
     return count;
   }
-
-  testing::TemporaryDirectory folder_{"operator"};
-  std::filesystem::path runs_ = folder_.path() / "runs";
-  std::string socket_ = (folder_.path() / "s").string();
-  RigConfig config_;
-  std::unique_ptr<VirtualRig> rig_;
-  std::unique_ptr<Host> host_;
-  std::unique_ptr<Api> api_;
-  std::vector<std::thread> threads_;
-  std::atomic<bool> done_{false};
 };
 
 TEST_F(OperatorApiTest, NothingIsWrittenBeforeTheSecondAct) {
   config_.core.operating.arm_window_s = 2.0;
-  start();
-  const auto armed = post("/v1/start", {{"protocol", kProtocol}});
+  serve();
+  const auto armed = post("/v1/start", {{"protocol", kLongProtocol}});
   ASSERT_EQ(armed.status, 200) << armed.body;
   EXPECT_THAT(armed.text(), HasSubstr("isorig go within 2 s"));
   EXPECT_EQ(armed.body.value("run", "x"), "");
@@ -169,9 +70,9 @@ TEST_F(OperatorApiTest, NothingIsWrittenBeforeTheSecondAct) {
 
 TEST_F(OperatorApiTest, TwoActsACountdownAndARun) {
   config_.core.operating.arm_window_s = 60.0;
-  start();
-  ASSERT_EQ(post("/v1/start", {{"protocol", kProtocol}, {"operator", "somebody"}}).status, 200);
-  EXPECT_EQ(post("/v1/start", {{"protocol", kProtocol}}).status, 409);
+  serve();
+  ASSERT_EQ(post("/v1/start", {{"protocol", kLongProtocol}, {"operator", "somebody"}}).status, 200);
+  EXPECT_EQ(post("/v1/start", {{"protocol", kLongProtocol}}).status, 409);
   const auto went = post("/v1/go");
   ASSERT_EQ(went.status, 200) << went.body;
   EXPECT_THAT(went.text(), HasSubstr("keep clear"));
@@ -190,15 +91,15 @@ TEST_F(OperatorApiTest, TwoActsACountdownAndARun) {
 TEST_F(OperatorApiTest, ACountdownThatIsTakenBackIsNoRunAndARunThatWasStaysResumable) {
   config_.core.operating.arm_window_s = 60.0;
   config_.core.operating.countdown_s = 3.0;
-  start();
-  ASSERT_EQ(post("/v1/start", {{"protocol", kProtocol}}).status, 200);
+  serve();
+  ASSERT_EQ(post("/v1/start", {{"protocol", kLongProtocol}}).status, 200);
   ASSERT_EQ(post("/v1/go").status, 200);
   ASSERT_EQ(post("/v1/pause").status, 200);
   ASSERT_TRUE(wait_until(20.0, [&] { return !host_->run_open(); }));
   EXPECT_EQ(runs()[0].state, "not started");
   ASSERT_TRUE(reach("ready"));
 
-  ASSERT_EQ(post("/v1/start", {{"protocol", kProtocol}}).status, 200);
+  ASSERT_EQ(post("/v1/start", {{"protocol", kLongProtocol}}).status, 200);
   ASSERT_EQ(post("/v1/go").status, 200);
   ASSERT_TRUE(reach("running"));
   ASSERT_EQ(post("/v1/abort").status, 200);
@@ -214,7 +115,7 @@ TEST_F(OperatorApiTest, ACountdownThatIsTakenBackIsNoRunAndARunThatWasStaysResum
 }
 
 TEST_F(OperatorApiTest, SetupAndJogAreCalls) {
-  start();
+  serve();
   EXPECT_EQ(post("/v1/jog", {{"to_mm", 1.0}}).status, 409);
   ASSERT_EQ(post("/v1/setup").status, 200);
   EXPECT_EQ(status()["state"], "setup");
@@ -231,33 +132,33 @@ TEST_F(OperatorApiTest, SetupAndJogAreCalls) {
 
 TEST_F(OperatorApiTest, AChangedRigFileIsNamedKeyByKeyAndSignedOff) {
   config_.core.operating.arming_required = false;
-  start();
+  serve();
   EXPECT_EQ(status()["rig_file"]["accepted_by"], "");
   EXPECT_EQ(post("/v1/accept-rig").status, 400);
   EXPECT_EQ(post("/v1/accept-rig", {{"operator", "a\nb"}}).status, 400);
   ASSERT_EQ(post("/v1/accept-rig", {{"operator", "Somebody"}}).status, 200);
   EXPECT_EQ(status()["rig_file"]["accepted"], true);
   EXPECT_EQ(status()["rig_file"]["accepted_uid"], ::getuid());
-  stop();
+  stop_serving();
 
   const auto at = config_.text.find("force_max_N = 120");
   ASSERT_NE(at, std::string::npos);
   config_.text.replace(at, 17, "force_max_N = 150.0  # more");
   config_.core.operating.sign_off_required = true;
-  start();
+  serve();
   const auto file = status()["rig_file"];
   EXPECT_EQ(file["accepted"], false);
   EXPECT_EQ(file["accepted_by"], "Somebody");
   EXPECT_EQ(file["changes"], nlohmann::json::parse(R"([{"key":"limits.force_max_N","before":"120","now":"150"}])"));
-  const auto refused = post("/v1/start", {{"protocol", kProtocol}});
+  const auto refused = post("/v1/start", {{"protocol", kLongProtocol}});
   EXPECT_EQ(refused.status, 409);
   EXPECT_THAT(refused.text(), HasSubstr("limits.force_max_N: 120 -> 150"));
   EXPECT_EQ(folders(), 0);
-  stop();
+  stop_serving();
 
   config_.core.operating.sign_off_required = false;  // warns, and tells the recording
-  start();
-  const auto warned = post("/v1/start", {{"protocol", kProtocol}});
+  serve();
+  const auto warned = post("/v1/start", {{"protocol", kLongProtocol}});
   EXPECT_EQ(warned.status, 200);
   EXPECT_THAT(warned.text(), HasSubstr("limits.force_max_N: 120 -> 150"));
   ASSERT_TRUE(wait_until(10.0, [&] { return !event("rig.changed").is_null(); }));

@@ -44,6 +44,36 @@ using ::testing::ThrowsMessage;
 
 const std::vector<Stretch> kFull{{3'000, 0, Keep::kFull}};
 
+/// A real disk of 2 MiB (tmpfs), and somebody else who fills it.
+class SmallDisk {
+ public:
+  explicit SmallDisk(std::filesystem::path at) : path_(std::move(at)) {
+    std::filesystem::create_directory(path_);
+    mounted_ = ::mount("tmpfs", path_.c_str(), "tmpfs", 0, "size=2m") == 0;
+  }
+  ~SmallDisk() {
+    if (mounted_) ::umount2(path_.c_str(), MNT_DETACH);
+  }
+  SmallDisk(const SmallDisk&) = delete;
+  SmallDisk& operator=(const SmallDisk&) = delete;
+
+  [[nodiscard]] bool mounted() const { return mounted_; }  ///< false: errno says why
+  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+  void fill() const {
+    const int hog = ::open((path_ / "hog").c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600);
+    ASSERT_GE(hog, 0);
+    const std::string block(4096, 'x');
+    while (::write(hog, block.data(), block.size()) > 0) {
+    }
+    ::close(hog);
+  }
+  void make_room() const { std::filesystem::remove(path_ / "hog"); }
+
+ private:
+  std::filesystem::path path_;
+  bool mounted_ = false;
+};
+
 void record(const RecorderOptions& options) {
   Streams streams;
   Recorder recorder(options, run_info());
@@ -156,16 +186,9 @@ TEST(RecordingFaults, TooLittleSpaceRefusesToStartAndStopsInTime) {
 /// A real full disk: a tmpfs of 2 MiB. Someone else fills it; the reserve takes what the stop still records.
 TEST(RecordingFaults, AFullDiskLosesNothing) {
   const TemporaryDirectory dir("faults");
-  const auto disk = dir.path() / "disk";
-  std::filesystem::create_directory(disk);
-  if (::mount("tmpfs", disk.c_str(), "tmpfs", 0, "size=2m") != 0) {
-    GTEST_SKIP() << "mounting a small disk needs root: " << std::strerror(errno);
-  }
-  struct Unmount {
-    std::filesystem::path at;
-    ~Unmount() { ::umount2(at.c_str(), MNT_DETACH); }
-  } unmount{disk};
-  auto options = recorder_options(disk / "run");
+  SmallDisk disk(dir.path() / "disk");
+  if (!disk.mounted()) GTEST_SKIP() << "mounting a small disk needs root: " << std::strerror(errno);
+  auto options = recorder_options(disk.path() / "run");
   options.min_free_bytes = 0;
   options.reserve_bytes = 700'000;
   options.free_bytes = nullptr;
@@ -174,27 +197,21 @@ TEST(RecordingFaults, AFullDiskLosesNothing) {
     Recorder recorder(options, run_info());
     run_plan(recorder, streams, {{2'000, 0, Keep::kFull}}, 20);
     EXPECT_EQ(recorder.disk(), DiskCondition::kOk);
-    const int hog = ::open((disk / "hog").c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
-    ASSERT_GE(hog, 0);
-    const std::string block(4096, 'x');
-    while (::write(hog, block.data(), block.size()) > 0) {
-    }
+    disk.fill();
     run_plan(recorder, streams, {{4'500, 0, Keep::kFull}}, 20, 2'000);
     EXPECT_EQ(recorder.disk(), DiskCondition::kReserve);
-    while (::write(hog, block.data(), block.size()) > 0) {
-    }
+    disk.fill();
     run_plan(recorder, streams, {{7'000, 0, Keep::kFull}}, 20, 4'500);
     EXPECT_EQ(recorder.disk(), DiskCondition::kFailing);
     EXPECT_GT(recorder.status().held_bytes, 0U);
     EXPECT_THAT(recorder.status().error, HasSubstr("No space left"));
-    ::close(hog);
-    std::filesystem::remove(disk / "hog");  // someone makes room: what was held is written
+    disk.make_room();  // what was held is written
     recorder.finish(streams, false);
     EXPECT_EQ(recorder.status().held_bytes, 0U);
     EXPECT_EQ(recorder.status().lost_messages, 0U);
   }
   Collected c;
-  EXPECT_TRUE(messages::read_run(disk / "run", c).whole());
+  EXPECT_TRUE(messages::read_run(disk.path() / "run", c).whole());
   ASSERT_EQ(c.frames.size(), 7'000U);
 }
 
@@ -273,16 +290,9 @@ TEST(RecordingFaults, AFailedSyncAtTheVeryEndIsNotDone) {
 
 TEST(RecordingFaults, AFullDiskAtTheVeryEndIsNotDoneUntilThereIsRoom) {
   const TemporaryDirectory dir("faults");
-  const auto disk = dir.path() / "disk";
-  std::filesystem::create_directory(disk);
-  if (::mount("tmpfs", disk.c_str(), "tmpfs", 0, "size=2m") != 0) {
-    GTEST_SKIP() << "mounting a small disk needs root: " << std::strerror(errno);
-  }
-  struct Unmount {
-    std::filesystem::path at;
-    ~Unmount() { ::umount2(at.c_str(), MNT_DETACH); }
-  } unmount{disk};
-  auto options = recorder_options(disk / "run");
+  SmallDisk disk(dir.path() / "disk");
+  if (!disk.mounted()) GTEST_SKIP() << "mounting a small disk needs root: " << std::strerror(errno);
+  auto options = recorder_options(disk.path() / "run");
   options.min_free_bytes = 0;
   options.reserve_bytes = 0;
   options.free_bytes = nullptr;
@@ -291,21 +301,17 @@ TEST(RecordingFaults, AFullDiskAtTheVeryEndIsNotDoneUntilThereIsRoom) {
   bool complete = false;
   recorder.on_session([&](const SessionChange& c) { complete = !c.began && c.complete; });
   run_plan(recorder, streams, kFull, 20);
-  const int hog = ::open((disk / "hog").c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
-  const std::string block(4096, 'x');
-  while (::write(hog, block.data(), block.size()) > 0) {
-  }
-  ::close(hog);
+  disk.fill();
   EXPECT_FALSE(recorder.finish(streams, true));
   EXPECT_FALSE(complete);
   EXPECT_THAT(recorder.status().fault, HasSubstr("No space left"));
   EXPECT_FALSE(recorder.settle());
-  std::filesystem::remove(disk / "hog");
+  disk.make_room();
   EXPECT_TRUE(recorder.settle());
   EXPECT_TRUE(complete);
   EXPECT_EQ(recorder.status().fault, "");
   Collected c;
-  EXPECT_EQ(messages::read_run(disk / "run", c).state(), messages::RecordingState::kWhole);
+  EXPECT_EQ(messages::read_run(disk.path() / "run", c).state(), messages::RecordingState::kWhole);
 }
 
 TEST(RecordingFaults, ARemovedFolderIsACondition) {

@@ -1,0 +1,130 @@
+#pragma once
+#include <gtest/gtest.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <chrono>
+#include <cstring>
+#include <functional>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "daemon/host/api.hpp"
+#include "daemon/host/host.hpp"
+#include "recording_rig.hpp"
+#include "rig_fixture.hpp"
+
+namespace isorig::daemon::test {
+
+/// Vented, then a hold that nobody waits for.
+inline constexpr const char* kLongProtocol = R"(format = "isorig-protocol/1"
+name = "test"
+steps = [
+  { do = "pressurize", pressure_psi = 0, rate_psi_s = 5, settled_for_s = 0.01, timeout_s = 20 },
+  { do = "hold", duration_s = 1000 } ]
+)";
+
+inline bool wait_until(double seconds, const std::function<bool()>& condition) {
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
+  while (!condition()) {
+    if (std::chrono::steady_clock::now() > deadline) return false;
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  return true;
+}
+
+/// The daemon as its clients see it: host and API on real sockets, over a simulated rig that ticks in a thread of its
+/// own, about as fast as it can.
+class ServedRig : public ::testing::Test {
+ protected:
+  explicit ServedRig(const char* folder) : folder_(folder), config_(load_rig(source("config/rigs/sim.toml"))) {
+    // Virtual time does not wait for a disk: only the test that asks for it judges the recorder's pace.
+    config_.core.recorder_age_max_s = 1e6;
+    config_.recording.min_free_bytes = config_.recording.reserve_bytes = 1 << 20U;
+  }
+
+  void serve() {
+    rig_ = std::make_unique<VirtualRig>(config_);
+    Host::Options options;
+    options.runs_root = runs_;
+    options.revision = "0123456789ab";
+    host_ = std::make_unique<Host>(config_, rig_->core(), rig_->streams, options);
+    api_ = std::make_unique<Api>(*host_, socket_, 0600);
+    done_ = false;
+    threads_.emplace_back([this] {
+      while (!done_) {
+        rig_->tick();
+        std::this_thread::sleep_for(std::chrono::microseconds(100));
+      }
+    });
+    threads_.emplace_back([this] {
+      while (!done_) {
+        if (!recorder_waits_) host_->turn(rig_->core().status().control.mono_ns);
+        std::this_thread::sleep_for(std::chrono::milliseconds(2));
+      }
+    });
+    threads_.emplace_back([this] { api_->serve(); });
+    threads_.emplace_back([this] { api_->serve_stops(); });
+    threads_.emplace_back([this] { api_->work(); });
+    ASSERT_TRUE(reach(RunState::kReady));
+  }
+  void stop_serving() {
+    if (!api_) return;
+    api_->stop();
+    done_ = true;
+    for (auto& t : threads_) t.join();
+    threads_.clear();
+    host_->shut_down();
+    api_.reset();
+    host_.reset();
+    rig_.reset();
+  }
+
+  [[nodiscard]] RunState state() const { return rig_->core().status().control.state; }
+  [[nodiscard]] bool reach(RunState wanted) const {
+    return wait_until(60.0, [&] { return state() == wanted; });
+  }
+
+  struct Answer {
+    int status = 0;
+    nlohmann::json body;
+    [[nodiscard]] std::string text() const { return body.value("text", ""); }
+  };
+  /// `line`: "GET /v1/status". `stops`: over the second socket.
+  [[nodiscard]] Answer call(const std::string& line, const std::string& body = {}, bool stops = false) const {
+    const int fd = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    sockaddr_un address{};
+    address.sun_family = AF_UNIX;
+    std::strcpy(address.sun_path, (socket_ + (stops ? ".stop" : "")).c_str());
+    EXPECT_EQ(::connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
+    const std::string all =
+        line + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\nContent-Length: " + std::to_string(body.size()) +
+        "\r\n\r\n" + body;
+    EXPECT_EQ(::send(fd, all.data(), all.size(), MSG_NOSIGNAL), static_cast<ssize_t>(all.size()));
+    std::string got;
+    char buffer[4096];
+    for (ssize_t n = 0; (n = ::read(fd, buffer, sizeof buffer)) > 0;) got.append(buffer, static_cast<std::size_t>(n));
+    ::close(fd);
+    const auto end = got.find("\r\n\r\n");
+    if (end == std::string::npos) return {};
+    return {std::stoi(got.substr(9, 3)), nlohmann::json::parse(got.substr(end + 4), nullptr, false)};
+  }
+
+  daemon::testing::TemporaryDirectory folder_;
+  std::filesystem::path runs_ = folder_.path() / "runs";
+  std::string socket_ = (folder_.path() / "s").string();
+  RigConfig config_;
+  std::unique_ptr<VirtualRig> rig_;
+  std::unique_ptr<Host> host_;
+  std::unique_ptr<Api> api_;
+  std::vector<std::thread> threads_;
+  std::atomic<bool> done_{false};
+  std::atomic<bool> recorder_waits_{false};
+};
+
+}  // namespace isorig::daemon::test
