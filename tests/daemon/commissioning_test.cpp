@@ -31,7 +31,7 @@ std::set<std::string> all(const std::string& text, const std::string& pattern) {
 
 std::string sources() {
   std::string text;
-  for (const auto& entry : std::filesystem::directory_iterator(std::string(ISORIG_SOURCE_DIR) + "/daemon")) {
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(std::string(ISORIG_SOURCE_DIR) + "/daemon")) {
     if (entry.path().extension() == ".cpp" || entry.path().extension() == ".hpp") text += slurp(entry.path());
   }
   return text;

@@ -1,0 +1,118 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cctype>
+#include <filesystem>
+#include <regex>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "base/text_file.hpp"
+
+/// Pages of docs/ against the tree: what they name has to be there.
+namespace isorig::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+const fs::path kRoot = ISORIG_SOURCE_DIR;
+
+std::vector<fs::path> pages() {
+  std::vector<fs::path> all{kRoot / "README.md", kRoot / "CONTRIBUTING.md"};
+  for (const auto& entry : fs::directory_iterator(kRoot / "docs")) {
+    if (entry.path().extension() == ".md") all.push_back(entry.path());
+  }
+  return all;
+}
+
+/// "a.{hpp,cpp}" is two.
+std::vector<std::string> alternatives(const std::string& path) {
+  const auto open = path.find('{'), close = path.find('}');
+  if (open == std::string::npos || close == std::string::npos) return {path};
+  std::vector<std::string> all;
+  for (auto from = open + 1; from <= close;) {
+    const auto to = std::min(path.find(',', from), close);
+    all.push_back(path.substr(0, open) + path.substr(from, to - from) + path.substr(close + 1));
+    from = to + 1;
+  }
+  return all;
+}
+
+/// A file, a folder, a file without its extension ("model/slse"), or a beginning ("sim/frame/instron8800_*").
+bool exists(const std::string& path) {
+  if (fs::exists(kRoot / path)) return true;
+  const fs::path whole = kRoot / path;
+  if (!fs::is_directory(whole.parent_path())) return false;
+  const auto name = whole.filename().string();
+  const auto star = name.find('*');
+  const auto begin = star == std::string::npos ? name + "." : name.substr(0, star);
+  const auto end = star == std::string::npos ? std::string() : name.substr(star + 1);
+  return std::any_of(fs::directory_iterator(whole.parent_path()), fs::directory_iterator(), [&](const auto& entry) {
+    const auto file = entry.path().filename().string();
+    return file.starts_with(begin) && file.ends_with(end);
+  });
+}
+
+/// What looks like a path from the root of the tree. Capitals alone stand for a name that the reader chooses.
+std::set<std::string> paths_in(const std::string& text) {
+  static const std::regex kPath(
+      "(?:^|[^A-Za-z0-9_/"
+      ".$~-])((?:base|bench|calibration|cli|cmake|config|daemon|docs|drivers|firmware|identify|messages|"
+      "model|packaging|proof|protocol|scripts|sim|systemd|tests|virtual-bench)/[A-Za-z0-9_./{},*-]+)");
+  static const std::regex kPlaceholder("[A-Z]{3,}|^messages/s$");
+  std::set<std::string> found;
+  for (std::sregex_iterator i(text.begin(), text.end(), kPath), end; i != end; ++i) {
+    std::string path = (*i)[1];
+    path.erase(path.find_last_not_of(".,-") + 1);
+    if (std::regex_search(path, kPlaceholder)) continue;
+    for (const auto& one : alternatives(path)) found.insert(one);
+  }
+  return found;
+}
+
+TEST(Docs, EveryPathThatAPageNamesExists) {
+  std::size_t named = 0;
+  for (const auto& page : pages()) {
+    for (const auto& path : paths_in(base::read_text_file(page))) {
+      EXPECT_TRUE(exists(path)) << page.filename() << " names " << path;
+      ++named;
+    }
+  }
+  EXPECT_GT(named, 200U);
+}
+
+TEST(Docs, APathIsFoundAndAMissingOneIsMissed) {
+  EXPECT_THAT(
+      paths_in("see `daemon/io/a_service.{hpp,cpp}`, (sim/frame/x_*) and model/effects/NAME.cpp; 5 messages/s."),
+      ::testing::ElementsAre("daemon/io/a_service.cpp", "daemon/io/a_service.hpp", "sim/frame/x_*"));
+  EXPECT_THAT(paths_in("/usr/share/docs/a.md, build/docs/b"), ::testing::IsEmpty());
+  EXPECT_TRUE(exists("docs/drivers.md"));
+  EXPECT_TRUE(exists("docs/drivers"));
+  EXPECT_TRUE(exists("drivers/frame/frame.h*"));
+  EXPECT_FALSE(exists("docs/driver"));
+  EXPECT_FALSE(exists("drivers/frame/no_such_*"));
+  EXPECT_FALSE(exists("drivers/no_such/frame.hpp"));
+}
+
+/// The page counts on being complete: whoever follows it for another frame has touched everything.
+TEST(Docs, TheDriversPageNamesEveryFileThatKnowsTheFrameItFollows) {
+  const auto page = base::read_text_file(kRoot / "docs/drivers.md");
+  std::size_t known = 0;
+  for (const char* room : {"config", "daemon", "drivers", "sim"}) {
+    for (const auto& entry : fs::recursive_directory_iterator(kRoot / room)) {
+      if (!entry.is_regular_file()) continue;
+      auto text = base::read_text_file(entry.path()) + entry.path().filename().string();
+      std::transform(text.begin(), text.end(), text.begin(),
+                     [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+      if (text.find("instron8800") == std::string::npos) continue;
+      EXPECT_THAT(page, ::testing::HasSubstr("`" + fs::relative(entry.path(), kRoot).string() + "`"));
+      ++known;
+    }
+  }
+  EXPECT_GT(known, 20U);
+}
+
+}  // namespace
+}  // namespace isorig::test
