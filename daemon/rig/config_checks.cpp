@@ -53,6 +53,22 @@ class Keys {
   bool present_;
 };
 
+/// Limits beyond the frame's own could not trip.
+void check_full_scale(const frame::Instron8800Config& c, const protocol::Limits& l, const Keys& k) {
+  if (c.force_full_scale_N > 0.0) {
+    k.at_most("force_max_N", l.force_max_N, c.force_full_scale_N, "N",
+              "the load cell ends at force_full_scale_N, so the limit could not trip");
+    k.at_least("force_min_N", l.force_min_N, -c.force_full_scale_N, "N",
+               "the load cell ends at force_full_scale_N, so the limit could not trip");
+  }
+  if (c.position_full_scale_mm > 0.0) {
+    k.at_most("travel_max_mm", l.travel_max_mm, c.position_full_scale_mm, "mm",
+              "the frame ends at position_full_scale_mm");
+    k.at_least("travel_min_mm", l.travel_min_mm, -c.position_full_scale_mm, "mm",
+               "the frame ends at position_full_scale_mm");
+  }
+}
+
 void check_travel_and_force(const RigConfig& rig, const Keys& k) {
   const auto& l = rig.limits;
   k.range("travel_min_mm", l.travel_min_mm, -2000.0, 0.0, "mm",
@@ -76,21 +92,9 @@ void check_travel_and_force(const RigConfig& rig, const Keys& k) {
   }
   k.range("segment_interval_min_s", l.segment_interval_min_s, std::max(0.002, seconds(rig.services.poll_period_ns)),
           10.0, "s", "a segment takes at least one turn of poll_period_ms");
-  if (const auto* instron8800 = std::get_if<frame::Instron8800Config>(&rig.frame)) {
-    const auto& c = *instron8800;
-    if (c.force_full_scale_N > 0.0) {
-      k.at_most("force_max_N", l.force_max_N, c.force_full_scale_N, "N",
-                "the load cell ends at force_full_scale_N, so the limit could not trip");
-      k.at_least("force_min_N", l.force_min_N, -c.force_full_scale_N, "N",
-                 "the load cell ends at force_full_scale_N, so the limit could not trip");
-    }
-    if (c.position_full_scale_mm > 0.0) {
-      k.at_most("travel_max_mm", l.travel_max_mm, c.position_full_scale_mm, "mm",
-                "the frame ends at position_full_scale_mm");
-      k.at_least("travel_min_mm", l.travel_min_mm, -c.position_full_scale_mm, "mm",
-                 "the frame ends at position_full_scale_mm");
-    }
-  }
+  std::visit(base::Overloaded{[](const RigConfig::SimulatedFrame&) {}, [](const frame::ModbusConfig&) {},
+                              [&](const frame::Instron8800Config& c) { check_full_scale(c, l, k); }},
+             rig.frame);
 }
 
 void check_pressure_limits(const RigConfig& rig, const Keys& k) {
