@@ -1,13 +1,9 @@
 #include "sim/frame/instron8800_server.hpp"
 
-#include <arpa/inet.h>
-#include <fcntl.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <poll.h>
-#include <sys/eventfd.h>
 #include <sys/socket.h>
-#include <termios.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -18,10 +14,10 @@
 #include <cstring>
 #include <ctime>
 #include <deque>
-#include <stdexcept>
 #include <thread>
 
 #include "sim/frame/instron8800_controller.hpp"
+#include "sim/wire_ends.hpp"
 
 namespace isorig::sim {
 namespace {
@@ -33,10 +29,6 @@ std::int64_t now() {
   timespec t{};
   ::clock_gettime(CLOCK_MONOTONIC, &t);
   return std::int64_t{t.tv_sec} * 1'000'000'000 + t.tv_nsec;
-}
-
-[[noreturn]] void throw_errno(const std::string& what) {
-  throw std::runtime_error("8800 emulator: " + what + ": " + std::strerror(errno));
 }
 
 bool take_one(std::atomic<int>& left) {
@@ -52,21 +44,24 @@ class Instron8800Server::Impl {
  public:
   Impl(const Options& options, frame::Device& backend, Instron8800Faults& faults)
       : options_(options), faults_(faults), controller_(options, backend, faults) {
-    stop_fd_ = ::eventfd(0, EFD_CLOEXEC);
-    if (stop_fd_ < 0) throw_errno("no descriptor");
     if (options_.tcp) {
-      listen();
+      auto listener = listen_on(options_.tcp_address, options_.tcp_port);
+      listener_ = listener.fd.release();
+      port_ = listener.port;
     } else {
-      open_pty();
+      auto pty = open_pseudo_terminal(true);
+      link_to(pty.path, options_.pty_link);
+      line_fd_ = pty.master.release();
+      slave_fd_ = pty.slave.release();
+      tty_ = pty.path;
     }
     thread_ = std::thread([this] { run(); });
   }
 
   ~Impl() {
-    const std::uint64_t one = 1;
-    [[maybe_unused]] const auto written = ::write(stop_fd_, &one, sizeof one);
+    stop_.raise();
     thread_.join();
-    for (const int fd : {stop_fd_, listener_, line_fd_, slave_fd_}) {
+    for (const int fd : {listener_, line_fd_, slave_fd_}) {
       if (fd >= 0) ::close(fd);
     }
     if (!options_.tcp) ::unlink(options_.pty_link.c_str());
@@ -77,42 +72,6 @@ class Instron8800Server::Impl {
   std::atomic<std::uint64_t> lines_{0}, watchdog_trips_{0};
 
  private:
-  void listen() {
-    listener_ = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-    const int on = 1;
-    ::setsockopt(listener_, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_port = htons(options_.tcp_port);
-    if (::inet_pton(AF_INET, options_.tcp_address.c_str(), &address.sin_addr) != 1) {
-      throw std::runtime_error("8800 emulator: `" + options_.tcp_address + "` is no IPv4 address");
-    }
-    socklen_t size = sizeof address;
-    auto* generic = reinterpret_cast<sockaddr*>(&address);
-    if (::bind(listener_, generic, size) != 0 || ::listen(listener_, 4) != 0 ||
-        ::getsockname(listener_, generic, &size) != 0) {
-      throw_errno("cannot listen on " + options_.tcp_address + ":" + std::to_string(options_.tcp_port));
-    }
-    port_ = ntohs(address.sin_port);
-  }
-
-  void open_pty() {
-    line_fd_ = ::posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
-    std::array<char, 64> name{};
-    if (line_fd_ < 0 || ::grantpt(line_fd_) != 0 || ::unlockpt(line_fd_) != 0 ||
-        ::ptsname_r(line_fd_, name.data(), name.size()) != 0) {
-      throw_errno("no pseudo-terminal");
-    }
-    tty_ = name.data();
-    slave_fd_ = ::open(name.data(), O_RDWR | O_NOCTTY | O_CLOEXEC);  // or the master hangs up between clients
-    termios raw{};
-    if (slave_fd_ < 0 || ::tcgetattr(slave_fd_, &raw) != 0) throw_errno(tty_);
-    ::cfmakeraw(&raw);
-    ::tcsetattr(slave_fd_, TCSANOW, &raw);
-    ::unlink(options_.pty_link.c_str());
-    if (::symlink(tty_.c_str(), options_.pty_link.c_str()) != 0) throw_errno("cannot link " + options_.pty_link);
-  }
-
   void run() {
     while (!stopping_) {
       const std::int64_t time_ns = now();
@@ -133,7 +92,7 @@ class Instron8800Server::Impl {
   void wait(bool hanging) {
     std::int64_t wait_ns = kIdle_ns;
     if (!answers_.empty()) wait_ns = std::clamp<std::int64_t>(answers_.front().due_ns - now(), 0, kIdle_ns);
-    std::array<pollfd, 3> fds{{{stop_fd_, POLLIN, 0}, {listener_, POLLIN, 0}, {hanging ? -1 : line_fd_, POLLIN, 0}}};
+    std::array<pollfd, 3> fds{{{stop_.fd(), POLLIN, 0}, {listener_, POLLIN, 0}, {hanging ? -1 : line_fd_, POLLIN, 0}}};
     const timespec timeout{0, static_cast<long>(hanging ? kIdle_ns : wait_ns)};
     ::ppoll(fds.data(), fds.size(), &timeout, nullptr);
     if (fds[0].revents != 0) stopping_ = true;
@@ -215,7 +174,8 @@ class Instron8800Server::Impl {
   const Options options_;
   Instron8800Faults& faults_;
   Instron8800Controller controller_;
-  int stop_fd_ = -1, listener_ = -1, line_fd_ = -1, slave_fd_ = -1;
+  StopEvent stop_;
+  int listener_ = -1, line_fd_ = -1, slave_fd_ = -1;
   std::string received_;
   std::deque<Due> answers_;
   std::int64_t hang_until_ns_ = 0;

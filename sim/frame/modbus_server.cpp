@@ -1,14 +1,10 @@
 #include "sim/frame/modbus_server.hpp"
 
-#include <arpa/inet.h>
-#include <fcntl.h>
 #include <modbus/modbus.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <poll.h>
-#include <sys/eventfd.h>
 #include <sys/socket.h>
-#include <termios.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -23,6 +19,7 @@
 
 #include "sim/frame/modbus_requests.hpp"
 #include "sim/frame/register_image.hpp"
+#include "sim/wire_ends.hpp"
 
 namespace isorig::sim {
 namespace {
@@ -35,30 +32,6 @@ constexpr int kIdlePoll_ms = 5;
 [[noreturn]] void throw_errno(const std::string& what) {
   throw std::runtime_error("frame emulator: " + what + ": " + std::strerror(errno));
 }
-
-class Fd {
- public:
-  Fd() = default;
-  explicit Fd(int fd) : fd_(fd) {}
-  Fd(Fd&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
-  Fd& operator=(Fd&& other) noexcept {
-    if (this != &other) {
-      reset();
-      fd_ = std::exchange(other.fd_, -1);
-    }
-    return *this;
-  }
-  ~Fd() { reset(); }
-  void reset() noexcept {
-    if (fd_ >= 0) ::close(fd_);
-    fd_ = -1;
-  }
-  [[nodiscard]] int get() const noexcept { return fd_; }
-  explicit operator bool() const noexcept { return fd_ >= 0; }
-
- private:
-  int fd_ = -1;
-};
 
 struct FreeContext {
   void operator()(modbus_t* context) const noexcept { modbus_free(context); }
@@ -83,9 +56,8 @@ class ModbusServer::Impl {
  public:
   Impl(Options options, frame::Device& backend, FrameWireFaults& faults)
       : options_(std::move(options)), backend_(backend), faults_(faults), image_(options_.map) {
-    stop_ = Fd(::eventfd(0, EFD_CLOEXEC));
     int pair[2];
-    if (!stop_ || ::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, pair) != 0) throw_errno("no descriptors");
+    if (::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, pair) != 0) throw_errno("no descriptors");
     reply_in_ = Fd(pair[0]);
     reply_out_ = Fd(pair[1]);
     samples_.resize(options_.map.samples.slots);
@@ -99,8 +71,7 @@ class ModbusServer::Impl {
   }
 
   ~Impl() {
-    const std::uint64_t one = 1;
-    [[maybe_unused]] const auto written = ::write(stop_.get(), &one, sizeof one);
+    stop_.raise();
     thread_.join();
     backend_.disconnect();
     if (!options_.pty_link.empty()) ::unlink(options_.pty_link.c_str());
@@ -125,43 +96,19 @@ class ModbusServer::Impl {
     Endpoint end(false);
     end.context.reset(modbus_new_tcp("127.0.0.1", options_.tcp_port));
     configure(end.context.get());
-    end.listener = Fd(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
-    const int on = 1;
-    ::setsockopt(end.listener.get(), SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_port = htons(options_.tcp_port);
-    if (::inet_pton(AF_INET, options_.tcp_address.c_str(), &address.sin_addr) != 1) {
-      throw std::runtime_error("frame emulator: `" + options_.tcp_address + "` is no IPv4 address");
-    }
-    socklen_t size = sizeof address;
-    auto* generic = reinterpret_cast<sockaddr*>(&address);
-    if (::bind(end.listener.get(), generic, size) != 0 || ::listen(end.listener.get(), 4) != 0 ||
-        ::getsockname(end.listener.get(), generic, &size) != 0) {
-      throw_errno("cannot listen on " + options_.tcp_address + ":" + std::to_string(options_.tcp_port));
-    }
-    port_ = ntohs(address.sin_port);
+    auto listener = listen_on(options_.tcp_address, options_.tcp_port);
+    end.listener = std::move(listener.fd);
+    port_ = listener.port;
     endpoints_.push_back(std::move(end));
   }
 
   void add_pty() {
     Endpoint end(true);
-    end.line = Fd(::posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
-    std::array<char, 64> name{};
-    if (!end.line || ::grantpt(end.line.get()) != 0 || ::unlockpt(end.line.get()) != 0 ||
-        ::ptsname_r(end.line.get(), name.data(), name.size()) != 0) {
-      throw_errno("no pseudo-terminal");
-    }
-    tty_ = name.data();
-    end.keep_open = Fd(::open(name.data(), O_RDWR | O_NOCTTY | O_CLOEXEC));
-    termios raw{};
-    if (!end.keep_open || ::tcgetattr(end.keep_open.get(), &raw) != 0) throw_errno(tty_);
-    ::cfmakeraw(&raw);  // or what arrives before the client sets its own mode is echoed to it
-    ::tcsetattr(end.keep_open.get(), TCSANOW, &raw);
-    if (!options_.pty_link.empty()) {
-      ::unlink(options_.pty_link.c_str());
-      if (::symlink(tty_.c_str(), options_.pty_link.c_str()) != 0) throw_errno("cannot link " + options_.pty_link);
-    }
+    auto pty = open_pseudo_terminal(true);
+    if (!options_.pty_link.empty()) link_to(pty.path, options_.pty_link);
+    end.line = std::move(pty.master);
+    end.keep_open = std::move(pty.slave);
+    tty_ = pty.path;
     end.context.reset(modbus_new_rtu(tty_.c_str(), options_.tty_baud, options_.tty_parity, 8, 1));
     configure(end.context.get());
     endpoints_.push_back(std::move(end));
@@ -183,7 +130,7 @@ class ModbusServer::Impl {
   void run() {
     std::vector<pollfd> wait;
     for (;;) {
-      wait.assign(1, {stop_.get(), POLLIN, 0});
+      wait.assign(1, {stop_.fd(), POLLIN, 0});
       for (const auto& end : endpoints_) {
         // Negative descriptors are skipped by poll().
         wait.push_back({end.line && !is_silent(end) ? -1 : end.listener.get(), POLLIN, 0});
@@ -224,7 +171,7 @@ class ModbusServer::Impl {
       const auto left =
           std::chrono::duration_cast<std::chrono::milliseconds>(until - std::chrono::steady_clock::now()).count();
       if (left <= 0) return true;
-      pollfd wait{stop_.get(), POLLIN, 0};
+      pollfd wait{stop_.fd(), POLLIN, 0};
       if (::poll(&wait, 1, static_cast<int>(std::min<long>(left, kIdlePoll_ms))) != 0) return false;
       refresh();
     }
@@ -396,7 +343,8 @@ class ModbusServer::Impl {
   frame::Identity identity_;
   std::vector<frame::Sample> samples_;
   double device_us_ = 0.0;
-  Fd stop_, reply_in_, reply_out_;
+  StopEvent stop_;
+  Fd reply_in_, reply_out_;
   std::vector<Endpoint> endpoints_;
   std::thread thread_;
 };

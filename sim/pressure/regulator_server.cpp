@@ -1,13 +1,9 @@
 #include "sim/pressure/regulator_server.hpp"
 
-#include <arpa/inet.h>
-#include <fcntl.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <poll.h>
-#include <sys/eventfd.h>
 #include <sys/socket.h>
-#include <termios.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -16,11 +12,11 @@
 #include <cerrno>
 #include <chrono>
 #include <cstdlib>
-#include <cstring>
-#include <stdexcept>
 #include <thread>
 #include <utility>
 #include <vector>
+
+#include "sim/wire_ends.hpp"
 
 namespace isorig::sim {
 namespace {
@@ -31,10 +27,6 @@ constexpr int kTurn_ms = 2;
 constexpr double kAtmosphere_psi = 14.696, kKpaPerPsi = 6.894757293;
 constexpr std::uint16_t kSetpoint = 1009, kStatus = 1200, kPressure = 1202, kCommand = 999, kBarometer = 1357;
 constexpr std::uint32_t kHold = 1U << 8U, kExhaust = 1U << 10U;
-
-[[noreturn]] void throw_errno(const std::string& what) {
-  throw std::runtime_error("regulator emulator: " + what + ": " + std::strerror(errno));
-}
 
 std::uint16_t crc_of(const std::uint8_t* bytes, std::size_t size) {
   std::uint16_t crc = 0xFFFF;
@@ -58,21 +50,23 @@ bool take_one(std::atomic<int>& left) {
 class RegulatorServer::Impl {
  public:
   Impl(const Options& options, Rig& rig, RegulatorFaults& faults) : options_(options), rig_(rig), faults_(faults) {
-    stop_ = ::eventfd(0, EFD_CLOEXEC);
-    if (stop_ < 0) throw_errno("no descriptor");
     if (options_.tcp) {
-      listen();
+      auto listener = listen_on(options_.tcp_address, options_.tcp_port);
+      listener_ = listener.fd.release();
+      port_ = listener.port;
     } else {
-      open_pty();
+      auto pty = open_pseudo_terminal(true);
+      link_to(pty.path, options_.pty_link);
+      line_ = pty.master.release();
+      slave_ = pty.slave.release();
     }
     move_valves();
     thread_ = std::thread([this] { run(); });
   }
   ~Impl() {
-    const std::uint64_t one = 1;
-    [[maybe_unused]] const auto written = ::write(stop_, &one, sizeof one);
+    stop_.raise();
     thread_.join();
-    for (const int fd : {stop_, listener_, line_, slave_}) {
+    for (const int fd : {listener_, line_, slave_}) {
       if (fd >= 0) ::close(fd);
     }
     if (!options_.tcp) ::unlink(options_.pty_link.c_str());
@@ -83,42 +77,9 @@ class RegulatorServer::Impl {
   std::atomic<bool> exhausting_{false};
 
  private:
-  void listen() {
-    listener_ = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-    const int on = 1;
-    ::setsockopt(listener_, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_port = htons(options_.tcp_port);
-    ::inet_pton(AF_INET, options_.tcp_address.c_str(), &address.sin_addr);
-    socklen_t size = sizeof address;
-    auto* generic = reinterpret_cast<sockaddr*>(&address);
-    if (::bind(listener_, generic, size) != 0 || ::listen(listener_, 4) != 0 ||
-        ::getsockname(listener_, generic, &size) != 0) {
-      throw_errno("cannot listen on port " + std::to_string(options_.tcp_port));
-    }
-    port_ = ntohs(address.sin_port);
-  }
-
-  void open_pty() {
-    line_ = ::posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
-    std::array<char, 64> name{};
-    if (line_ < 0 || ::grantpt(line_) != 0 || ::unlockpt(line_) != 0 ||
-        ::ptsname_r(line_, name.data(), name.size()) != 0) {
-      throw_errno("no pseudo-terminal");
-    }
-    slave_ = ::open(name.data(), O_RDWR | O_NOCTTY | O_CLOEXEC);
-    termios raw{};
-    if (slave_ < 0 || ::tcgetattr(slave_, &raw) != 0) throw_errno(name.data());
-    ::cfmakeraw(&raw);
-    ::tcsetattr(slave_, TCSANOW, &raw);
-    ::unlink(options_.pty_link.c_str());
-    if (::symlink(name.data(), options_.pty_link.c_str()) != 0) throw_errno("cannot link " + options_.pty_link);
-  }
-
   void run() {
     for (;;) {
-      std::array<pollfd, 3> fds{{{stop_, POLLIN, 0}, {listener_, POLLIN, 0}, {line_, POLLIN, 0}}};
+      std::array<pollfd, 3> fds{{{stop_.fd(), POLLIN, 0}, {listener_, POLLIN, 0}, {line_, POLLIN, 0}}};
       ::poll(fds.data(), fds.size(), kTurn_ms);
       if (fds[0].revents != 0) return;
       move_valves();
@@ -292,7 +253,8 @@ class RegulatorServer::Impl {
   RegulatorFaults& faults_;
   double pressure_psi_ = 0.0;
   std::uint16_t result_ = 0;
-  int stop_ = -1, listener_ = -1, line_ = -1, slave_ = -1;
+  StopEvent stop_;
+  int listener_ = -1, line_ = -1, slave_ = -1;
   Bytes received_;
   std::thread thread_;
 };

@@ -1,48 +1,29 @@
 #include "sim/pressure/teensy_pty.hpp"
 
-#include <fcntl.h>
 #include <poll.h>
-#include <stdlib.h>
 #include <unistd.h>
 
-#include <array>
-#include <cerrno>
 #include <cstdio>
+#include <exception>
 #include <filesystem>
 #include <system_error>
 #include <utility>
 
+#include "sim/wire_ends.hpp"
+
 namespace isorig::sim {
-namespace {
-
-[[noreturn]] void throw_errno(const char* what) {
-  throw std::system_error(errno, std::generic_category(), what);
-}
-
-}  // namespace
-
 TeensyPty::TeensyPty(std::string link_path, const Options& options, pressure::Device& backend, std::int64_t now_ns)
     : EmulatedTeensy(options, backend, now_ns), link_path_(std::move(link_path)) {
   plug_in();
 }
 
 void TeensyPty::plug_in() {
-  const int fd = posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
-  if (fd < 0) throw_errno("posix_openpt");
-  master_fd_ = fd;
-  std::array<char, 128> name{};
-  if (grantpt(fd) != 0 || unlockpt(fd) != 0 || ptsname_r(fd, name.data(), name.size()) != 0) throw_errno("pty");
-  slave_path_ = name.data();
+  auto pty = open_pseudo_terminal(false);  // as a tty comes up: cooked
   // A pty reports "other side closed" only after its slave was open once.
-  const int slave = ::open(slave_path_.c_str(), O_RDWR | O_NOCTTY | O_CLOEXEC);
-  if (slave < 0) throw_errno("pty slave");
-  ::close(slave);
-  // Replaced in one step: a driver that tries at this moment finds the old or the new one.
-  const std::string fresh = link_path_ + ".new";
-  ::unlink(fresh.c_str());
-  if (symlink(slave_path_.c_str(), fresh.c_str()) != 0 || rename(fresh.c_str(), link_path_.c_str()) != 0) {
-    throw_errno(link_path_.c_str());
-  }
+  pty.slave.reset();
+  link_to(pty.path, link_path_);
+  master_fd_ = pty.master.release();
+  slave_path_ = pty.path;
 }
 
 void TeensyPty::pull_out() noexcept {
@@ -66,7 +47,7 @@ void TeensyPty::renew() noexcept {
   try {
     plug_in();
     ::close(old);
-  } catch (const std::system_error& error) {  // no more ptys: root can still use the old one
+  } catch (const std::exception& error) {  // no more ptys: root can still use the old one
     std::fprintf(stderr, "emulated Teensy: %s\n", error.what());
     if (master_fd_ >= 0) ::close(master_fd_);
     master_fd_ = old;
