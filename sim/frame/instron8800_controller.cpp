@@ -170,7 +170,7 @@ bool Instron8800Controller::command(int code, const std::vector<double>& a, std:
     case 1:
       if (a[0] == kRunning) {
         start_ramp();
-      } else if (!faults_.ignore_stop.load()) {
+      } else {
         stop_backend();
       }
       return true;
