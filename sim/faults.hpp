@@ -31,6 +31,7 @@ struct FrameWireFaults {
   std::atomic<bool> freeze{false};  ///< registers stand still, as when the frame hangs behind a live gateway
   std::atomic<bool> refuse{false};  ///< start commands get an exception
   std::atomic<bool> wrong_identity{false};
+  std::atomic<bool> restart{false};  ///< the frame is switched off and on, once: it counts samples and time anew
   StopFaults stop;
 };
 
@@ -48,6 +49,7 @@ struct Instron8800Faults {
   std::atomic<int> at_code{0};
   std::atomic<bool> disconnect{false};  ///< connections are cut and none is taken
   StopFaults stop;                       ///< of C1,0; C23,0 is not touched
+  std::atomic<bool> restart{false};      ///< it is switched off and on, once: nothing is set, the panel has control
   std::atomic<bool> clamp{false};        ///< ramp times below 1 s become 1 s
   std::atomic<bool> wrong_scale{false};  ///< the load cell is another one
   std::atomic<bool> limit{false};        ///< its own travel limit has tripped

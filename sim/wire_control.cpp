@@ -24,6 +24,7 @@ void WireControl::add_modbus(FrameWireFaults& frame) {
   add("frame freeze", frame.freeze, "", 1, false, "the registers stand still, nobody hears writes");
   add("frame refuse", frame.refuse, "", 1, false, "start commands get an exception");
   add("frame wrong-identity", frame.wrong_identity, "", 1, false, "another frame answers");
+  add("frame restart", frame.restart, "", 1, false, "the frame is switched off and on, once; then off again");
   add_stops(frame.stop);
 }
 
@@ -51,6 +52,7 @@ void WireControl::add_instron8800(Instron8800Faults& frame) {
   add("frame limit", frame.limit, "", 1, false, "the controller's own travel limit has tripped");
   add("frame panel", frame.panel, "", 1, false, "the front panel has control");
   add("frame watchdog-off", frame.watchdog_off, "", 1, false, "the controller's watchdog does not watch");
+  add("frame restart", frame.restart, "", 1, false, "the controller is switched off and on, once; then off again");
   add("frame actuator-off", frame.actuator_off, "", 1, false, "the actuator is off");
 }
 

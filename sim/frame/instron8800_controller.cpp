@@ -76,6 +76,12 @@ void Instron8800Controller::stop_backend() {
   }
 }
 
+void Instron8800Controller::restart() {
+  stop_backend();
+  channels_ = {};
+  faults_.panel = faults_.watchdog_off = true;
+}
+
 void Instron8800Controller::trip_actuator() {
   stop_backend();
   faults_.actuator_off = true;

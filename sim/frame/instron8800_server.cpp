@@ -120,6 +120,10 @@ class Instron8800Server::Impl {
       controller_.advance(time_ns);  // its watchdog is hardware: it goes on
       watchdog_trips_ = controller_.watchdog_trips();
       if (faults_.disconnect.load() && options_.tcp) drop_line();
+      if (faults_.restart.exchange(false)) {
+        controller_.restart();
+        drop_line();
+      }
       if (!hanging) {
         take_lines();
         if (faults_.at_code.load() == 0) send_extra();

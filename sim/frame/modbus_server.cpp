@@ -243,21 +243,35 @@ class ModbusServer::Impl {
     image_.set_identity(identity_, faults_.wrong_identity.load());
     if (faults_.freeze.load()) return;
     try {
+      if (faults_.restart.exchange(false)) restart();
       for (;;) {
         const auto poll = backend_.poll(samples_);
-        for (std::size_t i = 0; i < poll.samples; ++i) image_.add_sample(samples_[i]);
+        for (std::size_t i = 0; i < poll.samples; ++i) add_sample(samples_[i]);
         if (poll.has_exchange) {
           device_us_ = poll.exchange.device_tx_us;
         } else if (poll.samples > 0) {
           device_us_ = std::max(device_us_, static_cast<double>(samples_[poll.samples - 1].device_us));
         }
         image_.set_state(poll.state);
-        image_.set_device_time_us(device_us_);
+        image_.set_device_time_us(device_us_ - static_cast<double>(started_us_));
         if (poll.samples < samples_.size()) return;
       }
     } catch (const DeviceError&) {
       // The frame behind the gateway does not answer: the registers stand still, as they do in a real one.
     }
+  }
+
+  void restart() {
+    backend_.stop();
+    first_sequence_ = next_sequence_;
+    started_us_ = static_cast<std::int64_t>(device_us_);
+  }
+
+  void add_sample(frame::Sample sample) {
+    next_sequence_ = sample.sequence + 1;
+    sample.sequence -= first_sequence_;
+    sample.device_us -= started_us_;
+    image_.add_sample(sample);
   }
 
   /// The exception to answer a stop with that is not taken, or kNoAnswer; 0 when nothing keeps it from being taken.
@@ -410,6 +424,9 @@ class ModbusServer::Impl {
   frame::Identity identity_;
   std::vector<frame::Sample> samples_;
   double device_us_ = 0.0;
+  // What the frame counts from since it was started.
+  std::uint32_t first_sequence_ = 0, next_sequence_ = 0;
+  std::int64_t started_us_ = 0;
   std::chrono::steady_clock::time_point silent_until_{};
   bool cut_ = false;        // the connection that the request came by
   int answer_late_ms_ = 0;  // of the request at hand
