@@ -6,8 +6,8 @@ namespace isorig::base {
 
 /// Text from outside (a file, a device, a client) as it may go to a terminal, a log or a message: on one line, and
 /// showing everything that is in it. Control characters, marks that reverse or hide text (bidirectional controls, zero
-/// widths, tags, line and paragraph separators) become \n, \t, \u202e ...; bytes that are not UTF-8 become \xff. All
-/// else, letters of any script included, stays as it is. Not reversible: a backslash stays a backslash.
+/// widths, tags, line and paragraph separators) become `\n`, `\t`, `\u202e` ...; bytes that are not UTF-8 become
+/// `\xff`. All else, letters of any script included, stays as it is. Not reversible: a backslash stays a backslash.
 [[nodiscard]] std::string printable(std::string_view text);
 
 /// The same with line ends and tabs kept: for text of our own making that has lines.

@@ -13,6 +13,7 @@
 #include "cli/run_argument.hpp"
 #include "daemon/recording/amendments.hpp"
 #include "daemon/recording/catalogue.hpp"
+#include "daemon/recording/session_marks.hpp"
 #include "messages/run_log.hpp"
 
 /// isorig show: what one run's recording holds, read from the recording itself.
@@ -195,6 +196,8 @@ int print_json(const FoundRun& found, const Summary& s, const messages::ReadRepo
                                {"attempt", m.attempt},
                                {"mark", m.kind == isorig_msgs::session_mark_t::BEGIN ? "begin" : "end"},
                                {"complete", m.complete != 0},
+                               {"frame_missing", m.frame_missing},  // so far in this attempt
+                               {"pressure_missing", m.pressure_missing},
                                {"mono_ns", m.mono_ns}});
   }
   out["events"] = nlohmann::ordered_json::array();
@@ -227,6 +230,11 @@ void print_identity(const FoundRun& found, const Summary& s, const messages::Rea
     std::printf("  outcome: %s%s%s\n", found.row->state.c_str(), found.row->fault.empty() ? "" : ", ",
                 printable(found.row->fault).c_str());
   }
+  std::string made;
+  for (const auto& v : h.versions) {
+    if (v.name != "operator") made += (made.empty() ? "" : "; ") + printable(v.name) + " " + printable(v.text);
+  }
+  if (!made.empty()) std::printf("  made with %s\n", made.c_str());
   std::printf("  recording: %s%s; %.1f MB in %zu segment%s\n", state_of(found, report).c_str(),
               report.has_checksums ? "" : ", without checksums (an older isorig made it)",
               static_cast<double>(report.bytes) * 1e-6, report.segments, report.segments == 1 ? "" : "s");
@@ -234,6 +242,7 @@ void print_identity(const FoundRun& found, const Summary& s, const messages::Rea
 
 void print_sessions(const Summary& s, std::int64_t start_ns) {
   std::printf("sessions (repetition, pressure):\n");
+  daemon::MissingCounts missing;
   for (std::size_t i = 0; i < s.marks.size(); ++i) {
     const auto& m = s.marks[i];
     if (m.kind != isorig_msgs::session_mark_t::BEGIN) continue;
@@ -241,8 +250,12 @@ void print_sessions(const Summary& s, std::int64_t start_ns) {
     const char* state = !ended                         ? "cut off or running"
                         : s.marks[i + 1].complete != 0 ? "complete"
                                                        : "stopped, or not whole";
-    std::printf("  %3d  rep %d  %5.1f psi  from %10.1f s  %s%s\n", m.session.session, m.session.repetition,
-                m.session.pressure_psi, static_cast<double>(m.mono_ns - start_ns) * 1e-9, state,
+    const auto [frame, pressure] = ended ? missing.since_last(s.marks[i + 1]) : std::pair<std::int64_t, std::int64_t>{};
+    const auto lost = frame + pressure == 0 ? std::string()
+                                            : ", without " + std::to_string(frame) + " samples of the frame and " +
+                                                  std::to_string(pressure) + " of the pressure sensor";
+    std::printf("  %3d  rep %d  %5.1f psi  from %10.1f s  %s%s%s\n", m.session.session, m.session.repetition,
+                m.session.pressure_psi, static_cast<double>(m.mono_ns - start_ns) * 1e-9, state, lost.c_str(),
                 m.attempt > 1 ? " (further attempt)" : "");
   }
 }

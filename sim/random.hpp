@@ -6,7 +6,7 @@
 namespace isorig::sim {
 
 /// xoshiro256++ (Blackman and Vigna 2019), seeded by splitmix64. Our own, because the distributions of
-/// <random> differ between library versions and a recording must be reproducible from its seed. Every noise
+/// the standard library differ between library versions and a recording must be reproducible from its seed. Every noise
 /// source has a stream of its own (`stream`), so that switching one off leaves the others as they were.
 class Random {
  public:

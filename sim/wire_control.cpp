@@ -27,6 +27,16 @@ void WireControl::add_modbus(FrameWireFaults& frame) {
   add("frame freeze", frame.freeze, "", 1, false, "the registers stand still, nobody hears writes");
   add("frame refuse", frame.refuse, "", 1, false, "start commands get an exception");
   add("frame wrong-identity", frame.wrong_identity, "", 1, false, "another frame answers");
+  add("frame restart", frame.restart, "", 1, false, "the frame is switched off and on, once; then off again");
+  add_stops(frame.stop);
+}
+
+void WireControl::add_stops(StopFaults& stop) {
+  add("frame stop-busy", stop.busy, "stops", 1'000'000, true, "so many stops are refused");
+  add("frame stop-lost", stop.lost, "stops", 1'000'000, true, "so many stops are taken and not carried out");
+  add("frame stop-cut", stop.cut, "stops", 1'000'000, true, "so many stops end the connection instead");
+  add("frame stop-silent", stop.silent_ms, "ms", 60'000, false, "from the next stop on nothing is heard for so long");
+  add("frame stop-late", stop.late_ms, "ms", 60'000, false, "the next stop is done, and answered so much later");
 }
 
 void WireControl::add_instron8800(Instron8800Faults& frame) {
@@ -39,12 +49,13 @@ void WireControl::add_instron8800(Instron8800Faults& frame) {
   add("frame lose", frame.lose, "commands", 1'000'000, true, "so many commands are lost on their way");
   add("frame at", frame.at_code, "code", 999, false, "late, drop, garbage, extra, lose hit this code alone");
   add("frame disconnect", frame.disconnect, "", 1, false, "connections are cut and none is taken");
-  add("frame ignore-stop", frame.ignore_stop, "", 1, false, "C1,0 does nothing");
+  add_stops(frame.stop);
   add("frame clamp", frame.clamp, "", 1, false, "ramp times below 1 s become 1 s");
   add("frame wrong-scale", frame.wrong_scale, "", 1, false, "the load cell is another one");
   add("frame limit", frame.limit, "", 1, false, "the controller's own travel limit has tripped");
   add("frame panel", frame.panel, "", 1, false, "the front panel has control");
   add("frame watchdog-off", frame.watchdog_off, "", 1, false, "the controller's watchdog does not watch");
+  add("frame restart", frame.restart, "", 1, false, "the controller is switched off and on, once; then off again");
   add("frame actuator-off", frame.actuator_off, "", 1, false, "the actuator is off");
 }
 
@@ -121,6 +132,7 @@ WireControl::WireControl(WireRig& wire) : rig_(wire.rig()) {
   plain("sensor stuck", rig.pressure().faults.stuck_value, true, "it sends one and the same count");
   plain("rig drive-fault", rig.frame().faults.drive_fault, true, "the frame's drive trips");
   plain("rig frozen-force", rig.frame().faults.frozen_force, true, "the load cell repeats its last value");
+  plain("rig runs-on", rig.frame().faults.runs_on, true, "after a stop the frame says \"stopped\" and goes on");
   plain("rig ignores-segments", rig.frame().faults.ignores_segments, true,
         "the frame accepts segments and does not move");
 }

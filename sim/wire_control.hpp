@@ -38,6 +38,7 @@ class WireControl {
   void add(std::string name, std::atomic<Value>& value, std::string unit, int max, bool endless, std::string what);
   void add_modbus(FrameWireFaults& faults);
   void add_instron8800(Instron8800Faults& faults);
+  void add_stops(StopFaults& faults);
   void add_regulator(RegulatorFaults& faults);
   std::string set(const std::vector<std::string>& words);
 

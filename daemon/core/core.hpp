@@ -90,7 +90,7 @@ struct Reply {
 class Core {
   /// What was said of a link already.
   struct LinkSeen {
-    std::uint32_t lost = 0, errors = 0, reconnects = 0;
+    std::uint32_t lost = 0, corrupt = 0, errors = 0, reconnects = 0;
     std::int64_t error_said_ns = -1;
   };
 

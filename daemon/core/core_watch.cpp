@@ -177,7 +177,14 @@ void Core::follow_link(std::int64_t now_ns, const char* error_code, const char* 
   if (now.errors != seen.errors) {
     // The first of a series at once, so that it stands before what it leads to.
     if (seen.error_said_ns < 0 || now_ns - seen.error_said_ns > kErrorAgainNs) {
-      emit(now_ns, Severity::kWarning, error_code, now.detail, static_cast<double>(now.errors - seen.errors), 0.0);
+      char buffer[320];
+      FixedText text(buffer);
+      if (seen.error_said_ns >= 0) {
+        text << (now.errors - seen.errors) << " more by now, the last "
+             << static_cast<double>(now_ns - now.failed_ns) * 1e-9 << " s ago: ";
+      }
+      text << std::string_view(now.detail);
+      emit(now_ns, Severity::kWarning, error_code, buffer, static_cast<double>(now.errors - seen.errors), 0.0);
       seen.error_said_ns = now_ns;
       seen.errors = now.errors;
     }
@@ -222,9 +229,15 @@ void Core::follow_links(std::int64_t now_ns, bool tell_losses) noexcept {
     frame_seen_.lost = frame_health_.lost;
   }
   if (pressure_health_.lost > pressure_seen_.lost) {
-    emit(now_ns, Severity::kWarning, "lost.pressure", "pressure samples are missing from the sequence",
+    // Whether the line spoils them or they never come are two different faults.
+    char buffer[160];
+    FixedText text(buffer);
+    text << (pressure_health_.lost - pressure_seen_.lost) << " pressure samples are missing from the sequence; "
+         << (pressure_health_.corrupt - pressure_seen_.corrupt) << " frames came corrupt";
+    emit(now_ns, Severity::kWarning, "lost.pressure", buffer,
          static_cast<double>(pressure_health_.lost - pressure_seen_.lost), 0.0);
     pressure_seen_.lost = pressure_health_.lost;
+    pressure_seen_.corrupt = pressure_health_.corrupt;
   }
 }
 

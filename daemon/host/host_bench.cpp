@@ -210,8 +210,10 @@ std::vector<std::pair<std::string, std::string>> Host::provenance(const std::str
   utsname kernel{};
   if (::uname(&kernel) == 0)
     all.emplace_back("kernel", std::string(kernel.sysname) + " " + kernel.release + " " + kernel.machine);
-  for (const auto& [name, link] :
-       {std::pair{"frame", &now.frame}, {"pressure", &now.pressure}, {"regulator", &now.regulator}}) {
+  for (const auto& [name, link] : {std::pair{"frame", &now.frame},
+                                   {"pressure", &now.pressure},
+                                   {"regulator", &now.regulator},
+                                   {"interlock", &now.interlock}}) {
     if (link->identity[0] != '\0') all.emplace_back(name, link->identity);
   }
   return all;

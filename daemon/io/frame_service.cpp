@@ -66,9 +66,12 @@ void FrameService::turn(std::int64_t now_ns) {
   judge_stop(poll.state);
   note_answer();
 
-  // After the poll: a frame that does not answer gets no heartbeat either, and stops by itself.
+  // After the poll: a frame that does not answer gets no heartbeat either, and stops by itself. Nor does one that has
+  // to stop: the wish may have come while it was polled.
+  const bool must_stop = !stop_confirmed_ || link_.stops_wanted.load(std::memory_order_acquire) != stop_wish_ ||
+                         leaving_.load(std::memory_order_acquire);
   const std::uint32_t beat = link_.loop_beat.load(std::memory_order_acquire);
-  if (stop_confirmed_ && !left_ && now_ns >= next_heartbeat_ns_ && beat != last_beat_) {
+  if (!must_stop && now_ns >= next_heartbeat_ns_ && beat != last_beat_) {
     if (attempt(now_ns, "the heartbeat", [&] { device_.heartbeat(static_cast<std::uint16_t>(beat)); })) {
       last_beat_ = beat;
       next_heartbeat_ns_ = now_ns + config_.heartbeat_period_ns;

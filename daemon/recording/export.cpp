@@ -10,8 +10,10 @@
 #include <optional>
 #include <sstream>
 #include <stdexcept>
+#include <tuple>
 
 #include "daemon/recording/export_times.hpp"
+#include "daemon/recording/session_marks.hpp"
 #include "messages/recording.hpp"
 
 namespace isorig::daemon {
@@ -30,6 +32,7 @@ struct Session {
   std::vector<Row> frame;
   std::vector<Row> pressure;
   std::size_t not_measured = 0;
+  SessionMarks marks;
 };
 
 /// A first pass over the log: the exchanges of every attempt, by device.
@@ -62,9 +65,12 @@ class Exporter : public messages::RunVisitor {
       write_before(index - 1);
       sessions_[index];
     } else if (m.kind == isorig_msgs::session_mark_t::END) {
-      sessions_[index].complete = m.complete != 0;
+      auto& s = sessions_[index];
+      s.complete = m.complete != 0;
+      std::tie(s.marks.frame_missing, s.marks.pressure_missing) = missing_.since_last(m);
     }
   }
+  void event(const isorig_msgs::event_t& m) override { sessions_[m.session].marks.events.push_back(m); }
   void frame(const isorig_msgs::frame_batch_t& m) override {
     auto& rows = sessions_[m.session].frame;
     for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
@@ -210,7 +216,7 @@ class Exporter : public messages::RunVisitor {
     }
     e.frame_rows = s.frame.size();
     e.pressure_rows = s.pressure.size();
-    recording.metadata = metadata(planned, e, start_ns);
+    recording.metadata = metadata(planned, e, s.marks, start_ns);
     char name[64];
     std::snprintf(name, sizeof name, "rep-%d_%g-psi", e.repetition, e.pressure_psi);
     e.folder = out_ / name;
@@ -223,7 +229,7 @@ class Exporter : public messages::RunVisitor {
   }
 
   messages::RecordingMetadata metadata(const isorig_msgs::session_t& planned, const ExportedSession& e,
-                                       std::int64_t start_ns) const {
+                                       const SessionMarks& marks, std::int64_t start_ns) const {
     messages::RecordingMetadata m;
     m.units_stated = true;
     m.specimen = header_.specimen;
@@ -262,6 +268,7 @@ class Exporter : public messages::RunVisitor {
       // What corrected these values; the raw ones are in the run.
       if (t.name == "calibration.toml") further.insert_or_assign("calibration", toml::parse(t.text));
     }
+    marks.write(further, start_ns);
     std::ostringstream text;
     text << further << '\n';
     m.further_toml = text.str();
@@ -274,6 +281,7 @@ class Exporter : public messages::RunVisitor {
   const messages::RecordingState state_;
   const std::vector<std::string> complaints_;
   isorig_msgs::run_header_t header_{};
+  MissingCounts missing_;
   std::map<std::int32_t, Session> sessions_;
   std::map<std::int32_t, ExportedSession> written_;
 };

@@ -17,7 +17,7 @@ void sync_directory(const std::filesystem::path& directory);
 [[nodiscard]] isorig_msgs::run_header_t make_header(const RunInfo& info, const RecorderOptions& options,
                                                     std::int32_t attempt);
 
-/// run.toml (identity, dates, versions) and inputs/<name>, each text whole, for people and for resume.
+/// run.toml (identity, dates, versions) and inputs/NAME, each text whole, for people and for resume.
 void write_inputs(const std::filesystem::path& run_dir, const RunInfo& info);
 
 inline constexpr const char* kReserveName = ".reserve";

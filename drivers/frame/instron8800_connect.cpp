@@ -86,16 +86,23 @@ void Instron8800Frame::take_control() {
   const auto ask = [&](std::string_view question) {
     return ask_number(question, in_ms(2 * config_.response_timeout_ms));
   };
-  tell_known("P909,1");
-  if (ask("Q909") != 1.0) {
+  const bool was_ours = ask("Q909") == 1.0;
+  if (!was_ours) tell_known("P909,1");
+  if (!was_ours && ask("Q909") != 1.0) {
     throw DeviceError(Fault::kIdentity, at() + "the front panel keeps control (Q909); give it to the computer");
   }
-  tell_known(watchdog_command_);
-  if (watchdog_can_be_asked_ && ask("Q904") != config_.watchdog_on) {
-    throw DeviceError(Fault::kIdentity, at() + "the controller's watchdog is not on (Q904) after \"" +
-                                            watchdog_command_ +
-                                            "\"; without it nothing would stop the actuator when this computer fails. "
-                                            "Correct watchdog_command and watchdog_on in [frame], or leave them out");
+  // Control that is ours already is that of a connection that broke. What it left moving is its watchdog's to stop, and
+  // connections that break one after the other must not feed that: only the loop's heartbeat does.
+  const bool watches = was_ours && watchdog_can_be_asked_ && ask("Q904") == config_.watchdog_on;
+  if (!watches) {
+    if (was_ours) tell_known("C1,0");
+    tell_known(watchdog_command_);
+    if (watchdog_can_be_asked_ && ask("Q904") != config_.watchdog_on) {
+      throw DeviceError(Fault::kIdentity,
+                        at() + "the controller's watchdog is not on (Q904) after \"" + watchdog_command_ +
+                            "\"; without it nothing would stop the actuator when this computer fails. "
+                            "Correct watchdog_command and watchdog_on in [frame], or leave them out");
+    }
   }
   const auto ramp = channel("2", config_.position_channel);
   if (ask("Q" + ramp) != kAbsoluteRamp) {

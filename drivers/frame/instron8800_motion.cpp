@@ -142,6 +142,7 @@ void Instron8800Frame::stop() {
   if (!link_.is_open()) throw DeviceError(Fault::kDisconnected, at() + "not connected");
   if (!has_control_) return;  // the panel's business now; a command would trip the actuator
   link_.tell("C1,0");
+  feed_wanted_ = false;  // a heartbeat from before: the watchdog may be what stops it
   forget_round();
   const std::int64_t now_ns = clock_.now_ns();
   if (stop_since_ns_ < 0) {
@@ -166,6 +167,10 @@ void Instron8800Frame::stop() {
     } catch (const DeviceError& error) {
       if (error.fault() == Fault::kDisconnected) throw;
       why = error.what();
+    }
+    if (clock_.now_ns() >= stop_again_ns_ && link_.in_step()) {
+      stop_again_ns_ = clock_.now_ns() + kStopAgain_ns;
+      link_.tell("C1,0");
     }
   } while (clock_.now_ns() < until_ns);
   if (moves_after_stop_ && clock_.now_ns() >= off_ns) switch_off(why);

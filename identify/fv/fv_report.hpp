@@ -24,8 +24,8 @@ void write_fv_report(const FvAnalysis& analysis, const std::filesystem::path& fo
 /// Sum of squares over its minimum against one parameter, with the 95 % limit.
 [[nodiscard]] report::Panel profile_panel(const FvFit& fit, const FittedParameter& parameter);
 
-/// "0.8 [0.7, 0.9]"; of a parameter that is not identifiable only what is known: "< 4.4", "> 0.9", "0.65 ..
-/// 3200", "undetermined".
+/// "0.8 [0.7, 0.9]"; of a parameter that is not identifiable only what is known: "< 4.4", "> 0.9",
+/// "0.65 .. 3200", "undetermined".
 [[nodiscard]] std::string value_text(const FittedParameter& parameter);
 
 /// "Control1 at 10 psi"

@@ -77,6 +77,12 @@ void Instron8800Controller::stop_backend() {
   }
 }
 
+void Instron8800Controller::restart() {
+  stop_backend();
+  channels_ = {};
+  faults_.panel = faults_.watchdog_off = true;
+}
+
 void Instron8800Controller::trip_actuator() {
   stop_backend();
   faults_.actuator_off = true;
@@ -184,7 +190,7 @@ bool Instron8800Controller::command(int code, const std::vector<double>& a, std:
     case 1:
       if (a[0] == kRunning) {
         start_ramp();
-      } else if (!faults_.ignore_stop.load()) {
+      } else {
         stop_backend();
       }
       return true;

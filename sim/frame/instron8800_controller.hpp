@@ -21,6 +21,8 @@ class Instron8800Controller {
   std::optional<std::string> execute(std::string_view line, std::int64_t now_ns);
   /// Watchdog, interlock chain and the backend's samples and heartbeat; at 50 Hz or more.
   void advance(std::int64_t now_ns);
+  /// Off and on again: at rest, nothing set, no watchdog, the panel in control.
+  void restart();
 
   [[nodiscard]] std::uint64_t watchdog_trips() const noexcept { return watchdog_trips_; }
 

@@ -14,7 +14,9 @@
 #include <cstring>
 #include <ctime>
 #include <deque>
+#include <string_view>
 #include <thread>
+#include <utility>
 
 #include "sim/frame/instron8800_controller.hpp"
 #include "sim/wire_ends.hpp"
@@ -31,11 +33,9 @@ std::int64_t now() {
   return std::int64_t{t.tv_sec} * 1'000'000'000 + t.tv_nsec;
 }
 
-bool take_one(std::atomic<int>& left) {
-  int value = left.load();
-  while (value > 0 && !left.compare_exchange_weak(value, value - 1)) {
-  }
-  return value != 0;
+/// "C1,0", however its numbers are written.
+bool is_stop(std::string_view line) {
+  return line.starts_with("C1,") && std::atof(std::string(line.substr(3)).c_str()) == 0.0;
 }
 
 }  // namespace
@@ -80,6 +80,10 @@ class Instron8800Server::Impl {
       controller_.advance(time_ns);  // its watchdog is hardware: it goes on
       watchdog_trips_ = controller_.watchdog_trips();
       if (faults_.disconnect.load() && options_.tcp) drop_line();
+      if (faults_.restart.exchange(false)) {
+        controller_.restart();
+        drop_line();
+      }
       if (!hanging) {
         take_lines();
         if (faults_.at_code.load() == 0) send_extra();
@@ -135,19 +139,40 @@ class Instron8800Server::Impl {
     for (auto end = received_.find("\r\n"); end != std::string::npos; end = received_.find("\r\n")) {
       const std::string line = received_.substr(0, end);
       received_.erase(0, end + 2);
-      if (faults_.disconnect.load()) continue;  // the serial cable is out
+      if (faults_.disconnect.load() || now() < silent_until_ns_) continue;  // the serial cable is out
       ++lines_;
       const int code = line.size() > 1 ? std::atoi(line.c_str() + 1) : 0;
       const bool hit = faults_.at_code.load() == 0 || faults_.at_code.load() == code;
       if (hit && !line.empty() && line.front() != 'Q' && take_one(faults_.lose)) continue;
+      if (is_stop(line) && spoil_stop()) continue;
       auto answer = controller_.execute(line, now());
       if (answer && hit && faults_.at_code.load() != 0) send_extra();
       if (!answer || (hit && take_one(faults_.drop))) continue;
       if (hit && take_one(faults_.garbage)) (*answer)[answer->size() / 2] = '#';
-      const std::int64_t wait_ns = (faults_.delay_ms.load() + (hit ? faults_.late_ms.exchange(0) : 0)) * kMs +
-                                   std::int64_t{options_.answer_us} * 1000;
+      const std::int64_t wait_ns =
+          (faults_.delay_ms.load() + (hit ? faults_.late_ms.exchange(0) : 0) + std::exchange(answer_late_ms_, 0)) *
+              kMs +
+          std::int64_t{options_.answer_us} * 1000;
       answers_.push_back({now() + wait_ns, std::move(*answer)});
     }
+  }
+
+  /// True when a stop is not carried out.
+  bool spoil_stop() {
+    if (const int silent_ms = faults_.stop.silent_ms.exchange(0); silent_ms > 0) {
+      silent_until_ns_ = now() + silent_ms * kMs;
+      return true;
+    }
+    if (take_one(faults_.stop.cut)) {
+      drop_line();
+      return true;
+    }
+    if (take_one(faults_.stop.busy)) {
+      answers_.push_back({now(), "Busy."});
+      return true;
+    }
+    answer_late_ms_ = faults_.stop.late_ms.exchange(0);
+    return take_one(faults_.stop.lost);
   }
 
   void send_extra() {
@@ -178,7 +203,8 @@ class Instron8800Server::Impl {
   int listener_ = -1, line_fd_ = -1, slave_fd_ = -1;
   std::string received_;
   std::deque<Due> answers_;
-  std::int64_t hang_until_ns_ = 0;
+  std::int64_t hang_until_ns_ = 0, silent_until_ns_ = 0;
+  int answer_late_ms_ = 0;  // of the next answer
   bool stopping_ = false;
   std::thread thread_;
 };

@@ -28,6 +28,7 @@ using drivers::DeviceError;
 using frame::Quantity;
 
 constexpr int kIdlePoll_ms = 5;
+constexpr int kNoAnswer = -1;  // beside the exceptions
 
 [[noreturn]] void throw_errno(const std::string& what) {
   throw std::runtime_error("frame emulator: " + what + ": " + std::strerror(errno));
@@ -184,16 +185,17 @@ class ModbusServer::Impl {
     image_.set_identity(identity_, faults_.wrong_identity.load());
     if (faults_.freeze.load()) return;
     try {
+      if (faults_.restart.exchange(false)) restart();
       for (;;) {
         const auto poll = backend_.poll(samples_);
-        for (std::size_t i = 0; i < poll.samples; ++i) image_.add_sample(samples_[i]);
+        for (std::size_t i = 0; i < poll.samples; ++i) add_sample(samples_[i]);
         if (poll.has_exchange) {
           device_us_ = poll.exchange.device_tx_us;
         } else if (poll.samples > 0) {
           device_us_ = std::max(device_us_, static_cast<double>(samples_[poll.samples - 1].device_us));
         }
         image_.set_state(poll.state);
-        image_.set_device_time_us(device_us_);
+        image_.set_device_time_us(device_us_ - static_cast<double>(started_us_));
         if (poll.samples < samples_.size()) return;
       }
     } catch (const DeviceError&) {
@@ -201,7 +203,35 @@ class ModbusServer::Impl {
     }
   }
 
-  /// Acts on what a client writes. Returns the exception to answer with, or 0.
+  void restart() {
+    backend_.stop();
+    first_sequence_ = next_sequence_;
+    started_us_ = static_cast<std::int64_t>(device_us_);
+  }
+
+  void add_sample(frame::Sample sample) {
+    next_sequence_ = sample.sequence + 1;
+    sample.sequence -= first_sequence_;
+    sample.device_us -= started_us_;
+    image_.add_sample(sample);
+  }
+
+  /// The exception to answer a stop with that is not taken, or kNoAnswer; 0 when nothing keeps it from being taken.
+  int spoil_stop() {
+    if (const int silent_ms = faults_.stop.silent_ms.exchange(0); silent_ms > 0) {
+      silent_until_ = std::chrono::steady_clock::now() + std::chrono::milliseconds(silent_ms);
+      return kNoAnswer;
+    }
+    if (take_one(faults_.stop.cut)) {
+      cut_ = true;
+      return kNoAnswer;
+    }
+    if (take_one(faults_.stop.busy)) return MODBUS_EXCEPTION_SLAVE_OR_SERVER_BUSY;
+    answer_late_ms_ = faults_.stop.late_ms.exchange(0);
+    return 0;
+  }
+
+  /// Acts on what a client writes. Returns the exception to answer with, kNoAnswer, or 0.
   int act(std::uint16_t address, std::span<const std::uint16_t> words) {
     if (!image_.covers(address, words.size())) return MODBUS_EXCEPTION_ILLEGAL_DATA_ADDRESS;
     if (faults_.freeze.load()) return 0;  // written, and nobody there to act on it
@@ -216,7 +246,8 @@ class ModbusServer::Impl {
                                   static_cast<float>(value(Quantity::kTargetSetpoint_mm)),
                                   static_cast<float>(value(Quantity::kVelocitySetpoint_mm_s))});
         } else if (*command == options_.map.stop_command) {
-          backend_.stop();
+          if (const auto instead = spoil_stop(); instead != 0) return instead;
+          if (!take_one(faults_.stop.lost)) backend_.stop();
         } else {
           return MODBUS_EXCEPTION_ILLEGAL_DATA_VALUE;
         }
@@ -261,6 +292,7 @@ class ModbusServer::Impl {
     const bool ours =
         request.unit == options_.map.unit_id || broadcast || (!end.rtu && (request.unit == 0 || request.unit == 0xFF));
     if (!ours && end.rtu) return;  // another unit's on the same line
+    if (std::chrono::steady_clock::now() < silent_until_) return;
     ++requests_;
     end.heard = std::chrono::steady_clock::now();
     const auto pdu = request.pdu();
@@ -268,7 +300,8 @@ class ModbusServer::Impl {
     if (ours) exception = exception_for(pdu, options_.map.max_read_registers, options_.map.max_write_registers);
     if (broadcast && pdu[0] != MODBUS_FC_WRITE_SINGLE_REGISTER && pdu[0] != MODBUS_FC_WRITE_MULTIPLE_REGISTERS) return;
     if (exception == 0) exception = write(pdu);
-    if (!broadcast) reply(end, request, exception);
+    if (std::exchange(cut_, false) && !end.rtu) end.line.reset();
+    if (!broadcast && exception != kNoAnswer) reply(end, request, exception);
   }
 
   /// What a request that is right writes; nothing, of one that reads.
@@ -282,13 +315,6 @@ class ModbusServer::Impl {
     std::vector<std::uint16_t> words(word(3));
     for (std::size_t i = 0; i < words.size(); ++i) words[i] = word(6 + 2 * i);
     return act(word(1), words);
-  }
-
-  static bool take_one(std::atomic<int>& left) {
-    int now = left.load();
-    while (now > 0 && !left.compare_exchange_weak(now, now - 1)) {
-    }
-    return now != 0;
   }
 
   void send_exception(const Endpoint& end, const ModbusRequests::Request& request,
@@ -324,7 +350,7 @@ class ModbusServer::Impl {
     const auto bytes = ::recv(reply_out_.get(), answer.data(), answer.size(), MSG_DONTWAIT);
     if (bytes <= 0) return;
 
-    const int wait = faults_.delay_ms.load() + faults_.late_ms.exchange(0);
+    const int wait = faults_.delay_ms.load() + faults_.late_ms.exchange(0) + std::exchange(answer_late_ms_, 0);
     if (wait > 0 && !wait_ms(wait)) return;
     if (take_one(faults_.drop)) return;
     const auto size = static_cast<std::size_t>(bytes);
@@ -343,6 +369,12 @@ class ModbusServer::Impl {
   frame::Identity identity_;
   std::vector<frame::Sample> samples_;
   double device_us_ = 0.0;
+  // What the frame counts from since it was started.
+  std::uint32_t first_sequence_ = 0, next_sequence_ = 0;
+  std::int64_t started_us_ = 0;
+  std::chrono::steady_clock::time_point silent_until_{};
+  bool cut_ = false;        // the connection that the request came by
+  int answer_late_ms_ = 0;  // of the request at hand
   StopEvent stop_;
   Fd reply_in_, reply_out_;
   std::vector<Endpoint> endpoints_;

@@ -38,13 +38,6 @@ std::uint16_t crc_of(const std::uint8_t* bytes, std::size_t size) {
   return crc;
 }
 
-bool take_one(std::atomic<int>& left) {
-  int value = left.load();
-  while (value > 0 && !left.compare_exchange_weak(value, value - 1)) {
-  }
-  return value != 0;
-}
-
 }  // namespace
 
 class RegulatorServer::Impl {

@@ -2,6 +2,9 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <toml++/toml.h>
+
+#include <algorithm>
 
 #include "messages/recording.hpp"
 #include "recording_rig.hpp"
@@ -262,6 +265,44 @@ TEST(Export, EveryFolderSaysInWhichStateTheRecordingWas) {
   EXPECT_THAT(further(cut, 0), HasSubstr("recording_state = 'damaged'"));
   EXPECT_THAT(further(cut, 0), HasSubstr("segment-0002.lcm is missing"));
   EXPECT_THAT(cut.read.complaints(), ::testing::Contains(HasSubstr("the catalogue has the run as done")));
+}
+
+TEST(Export, EveryFolderHasTheStepsTheEventsAndTheLossesOfItsSession) {
+  const TemporaryDirectory dir("export");
+  {
+    Streams streams;
+    Recorder recorder(recorder_options(dir.path() / "run"), two_sessions());
+    streams.events.push(event_record(0, 0, "mark", Severity::kInfo));
+    run_plan(recorder, streams, {kPlan[0]}, 20);
+    streams.events.push(event_record(2'600, 1, "reconnect.frame", Severity::kWarning));
+    for (std::int64_t i = 2'600; i < 4'000; ++i) push_ms(streams, i, kPlan[1]);  // 100 ms of both are missing
+    recorder.drain(streams, 4'000 * kMs);
+    run_plan(recorder, streams, {kPlan[2]}, 20, 4'000);
+    recorder.finish(streams, true);
+  }
+  const auto report = export_run(dir.path() / "run", dir.path() / "out", {});
+  ASSERT_EQ(report.sessions.size(), 2U);
+  const auto text = [&](std::size_t i) {
+    return messages::read_recording(report.sessions[i].folder).metadata.further_toml;
+  };
+  const auto first = toml::parse(text(0)), second = toml::parse(text(1));
+  ASSERT_EQ(first["steps"].as_array()->size(), 2U) << text(0);
+  EXPECT_EQ(first["steps"][0]["mark"].value_or(std::string()), "at sample 0");
+  EXPECT_EQ(first["steps"][1]["do"].value_or(std::string()), "at sample 0");
+  ASSERT_EQ(first["events"].as_array()->size(), 1U) << text(0);
+  EXPECT_EQ(first["events"][0]["code"].value_or(std::string()), "reconnect.frame");
+  EXPECT_EQ(first["events"][0]["severity"].value_or(std::string()), "warning");
+  // In the recording's own time: the event came 1 ns behind the first sample after the gap.
+  const auto r = messages::read_recording(report.sessions[0].folder);
+  const auto after =
+      std::adjacent_find(r.frame.t_s.begin(), r.frame.t_s.end(), [](double a, double b) { return b - a > 0.1005; });
+  ASSERT_NE(after, r.frame.t_s.end());
+  EXPECT_NEAR(first["events"][0]["t_s"].value_or(0.0), *(after + 1), 2e-3);
+  EXPECT_EQ(first["missing"]["frame_samples"].value_or(-1), 100);
+  EXPECT_EQ(first["missing"]["pressure_samples"].value_or(-1), 100);
+  EXPECT_EQ(second["missing"]["frame_samples"].value_or(-1), 0) << "the recorder counts over the attempt";
+  EXPECT_EQ(second["steps"].as_array()->size(), 1U);
+  EXPECT_FALSE(second.contains("events"));
 }
 
 }  // namespace

@@ -140,6 +140,27 @@ TEST_F(StatesTest, TheDriversWordsStandInTheFault) {
   EXPECT_NE(event("reconnect.frame"), nullptr);
 }
 
+// Told ten seconds after it happened, it must not read as if the device had failed now.
+TEST_F(StatesTest, AnErrorThatIsToldLateSaysHowLongAgoItWas) {
+  hold();
+  for (int i = 0; i < 2; ++i) {
+    bench->rig().frame().faults.silent = true;
+    run_for(0.01);
+    bench->rig().frame().faults.silent = false;
+    run_for(1.0);
+  }
+  run_for(12.0);
+  ASSERT_EQ(count("error.frame"), 2);
+  std::vector<std::string> texts;
+  for (const auto& e : events) {
+    if (std::strcmp(e.code, "error.frame") == 0) texts.emplace_back(e.text);
+  }
+  EXPECT_EQ(texts[0].find("simulated frame: no answer"), 0U) << texts[0];
+  EXPECT_NE(texts[1].find(" more by now, the last "), std::string::npos) << texts[1];
+  EXPECT_NE(texts[1].find(" s ago: simulated frame: no answer"), std::string::npos) << texts[1];
+  EXPECT_EQ(bench->core().state(), RunState::kRunning);
+}
+
 TEST_F(StatesTest, ALatchOfTheTeensyIsSeenAfterAStallAndCanBeReset) {
   hold();
   bench->hang_core = true;  // 1 s: frame and Teensy have stopped and vented by themselves

@@ -87,7 +87,7 @@ TEST_P(Instron8800Condition, AStopThatDoesNothingIsFollowedByActuatorOff) {
   config_.stop_confirm_ms = 500;
   start();
   ASSERT_NO_FATAL_FAILURE(be_moving());
-  faults_.ignore_stop = true;
+  faults_.stop.lost = -1;
   EXPECT_THROW(frame_->stop(), DeviceError);
   EXPECT_TRUE(until([&] { return faults_.actuator_off.load(); }));
   EXPECT_TRUE(stands());
@@ -293,6 +293,24 @@ TEST(Instron8800Numbers, AreReadAsTheyAreWritten) {
     EXPECT_THROW((void)parse_numbers("Q", bad, 1), DeviceError) << bad;
   }
   EXPECT_THROW((void)parse_numbers("Q", "1", 2), DeviceError);
+}
+
+/// A heartbeat from before a stop is not passed on after it.
+TEST_P(Instron8800Condition, AStopTakesBackAHeartbeatThatWaits) {
+  watchdog_s_ = 1.0;
+  config_.watchdog_feed_ms = 700;
+  for (const double phase_s : {0.1, 0.3, 0.5, 0.65}) {
+    beating_ = true;
+    start();
+    frame_->connect();
+    run_for(0.7 + phase_s);
+    beating_ = false;
+    frame_->stop();
+    const auto stopped_ns = clock_.now_ns();
+    ASSERT_TRUE(until([&] { return server_->watchdog_trips() == 1; }));
+    EXPECT_LT(1e-9 * static_cast<double>(clock_.now_ns() - stopped_ns), watchdog_s_ + 0.25) << phase_s;
+    faults_.actuator_off = false;
+  }
 }
 
 TEST(Instron8800Config, WantsAWatchdogThatIsOn) {

@@ -12,8 +12,8 @@
 #include "messages/log_reader.hpp"
 #include "messages/recording.hpp"
 #include "messages/run_log.hpp"
-#include "processes.hpp"
 #include "truth.hpp"
+#include "wire_rig.hpp"
 
 namespace isorig::system_test {
 namespace {
@@ -27,7 +27,7 @@ bool own_network() {
   return std::system("ip link set lo up && ip link set lo multicast on && ip route add 224.0.0.0/4 dev lo") == 0;
 }
 
-class Wire : public testing::Test {
+class Wire : public WireRig {
  protected:
   void SetUp() override {
     own_network_ = own_network();
@@ -39,53 +39,8 @@ class Wire : public testing::Test {
     return "udpm://239.255.76.67:" + std::to_string(port) + "?ttl=0&recv_buf_size=2097152";
   }
 
-  /// The shipped wire rig, with time limits for a machine that stands still now and then.
-  std::string rig_text() const {
-    auto text = slurp(source("config/rigs/sim-wire.toml"));
-    text = replaced(text, "\"../", "\"" + source("config/"));
-    text = replaced(text, "port = \"/tmp/isorig-sim-teensy\"", "port = \"" + (dir_ / "teensy").string() + "\"");
-    text = replaced(text, "response_timeout_ms = 100", "response_timeout_ms = 500\nstart_confirm_ms = 2000");
-    for (const auto* age :
-         {"frame_age_max_s = 0.5", "pressure_age_max_s = 0.5", "interlock_age_max_s = 1.0", "late_tick_max_s = 0.5"}) {
-      text = replaced(text, age, std::string(age).substr(0, std::string(age).find('=')) + "= 2.0");
-    }
-    text = replaced(text, "late_tick_max_s = 2.0", "late_tick_max_s = 2.0\nsegment_ack_max_s = 2.0");
-    text = replaced(text, "heartbeat_timeout_s = 0.5", "heartbeat_timeout_s = 2.0");
-    text = replaced(text, "watchdog_s = 0.5", "watchdog_s = 2.0");
-    text = replaced(text, "ring_samples = 256", "ring_samples = 2048");
-    return text + "\n[lcm]\nenabled = true\nurl = \"" + url_ + "\"\n";
-  }
-
-  void start(bool rtu) {
-    auto text = rig_text();
-    if (rtu) {
-      text = replaced(text, "transport = \"tcp\"\nhost = \"127.0.0.1\"\nport = 1502",
-                      "transport = \"rtu\"\nbaud = 115200\ntty = \"" + (dir_ / "frame").string() + "\"");
-    }
-    const auto rig = dir_ / "rig.toml";
-    spit(rig, text);
-    std::vector<std::string> words{
-        bin("isorig-simrig"),       "--rig", rig.string(), "--truth", (dir_ / "truth.csv").string(), "--control",
-        (dir_ / "control").string()};
-    if (!rtu) words.insert(words.end(), {"--port", "0"});
-    simrig_.emplace(words, dir_ / "simrig.log");
-    ASSERT_TRUE(wait_until(20.0, [&] { return simrig_->output().find("ready") != std::string::npos; }))
-        << simrig_->output();
-    if (!rtu) {
-      const auto said = simrig_->output();
-      const std::string before = "frame: tcp 127.0.0.1:";
-      const auto at = said.find(before);
-      ASSERT_NE(at, std::string::npos) << said;
-      const auto end = said.find('\n', at);
-      text = replaced(text, "port = 1502", "port = " + said.substr(at + before.size(), end - at - before.size()));
-      spit(rig, text);
-    }
-    daemon_.emplace(dir_, rig);
-    ASSERT_TRUE(daemon_->reach("ready")) << daemon_->log() << daemon_->status().dump(2);
-  }
-
-  std::string say(const std::string& line) const {
-    return run(dir_, {bin("isorig-simrig"), "send", (dir_ / "control").string(), line}).text;
+  std::string rig_text() const override {
+    return WireRig::rig_text() + "\n[lcm]\nenabled = true\nurl = \"" + url_ + "\"\n";
   }
 
   /// Runs a protocol to its end and compares what was recorded with what the plant did.
@@ -136,9 +91,6 @@ steps = [
   bool own_network_ = false;
   int lcm_port_ = 0;
   std::string url_;
-  TempDir dir_;
-  std::optional<Process> simrig_;
-  std::optional<DaemonProcess> daemon_;
 };
 
 /// What an LCM log file holds of our channels, and how many messages its subscriber missed.
