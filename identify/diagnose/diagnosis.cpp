@@ -6,8 +6,8 @@
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
-#include "base/parallel.hpp"
 #include "identify/diagnose/explain/locate.hpp"
+#include "identify/diagnose/fit/left_out.hpp"
 #include "identify/diagnose/guard/plausible.hpp"
 #include "identify/diagnose/guard/start_up_cut.hpp"
 #include "identify/diagnose/search/calibration.hpp"
@@ -63,49 +63,6 @@ void place_slips(model::ModelSpec& spec, std::span<const Series> series, std::sp
     }
     part.parameters[0] = best_s;
   }
-}
-
-/// Every block of moves (from one rest to the next; a ramp, its hold and its return) predicted by a model
-/// refitted without it. Blocks in folds of four, each fold another velocity in a session of ten ramps.
-double left_out_rmse(const Problem& problem, const model::ModelSpec& spec, unsigned threads) {
-  constexpr int kFolds = 4;
-  std::vector<double> squares(kFolds, 0.0), counts(kFolds, 0.0);
-  base::parallel_for(kFolds, threads, [&](std::size_t fold) {
-    std::vector<Series> kept(problem.series().begin(), problem.series().end());
-    std::vector<std::vector<double>> weight;
-    int block = 0;
-    for (Series& each : kept) {
-      weight.push_back(each.count);
-      for (std::size_t k = 0; k < each.nodes.size(); ++k) {
-        if (k > 0 && each.since_corner_s[k] == 0.0 && each.since_corner_s[k - 1] > 5.0) ++block;
-        const bool out = block % kFolds == static_cast<int>(fold);
-        (out ? each.count : weight.back())[k] = 0.0;
-      }
-      ++block;
-    }
-    const Problem without(kept, problem.noise());
-    const Fit fit = without.fit(spec, 6);
-    const Eigen::VectorXd e = without.target() - without.predict(fit.spec);
-    Eigen::Index row = 0;
-    for (const auto& w : weight) {
-      for (const double count : w) {
-        squares[fold] += count * e[row] * e[row];
-        counts[fold] += count;
-        ++row;
-      }
-    }
-  });
-  double sum = 0.0, count = 0.0;
-  for (int f = 0; f < kFolds; ++f) {
-    sum += squares[f];
-    count += counts[f];
-  }
-  // Means of bins carry less white noise than the readings they are made of: add back what averaging took.
-  double bins = 0.0;
-  for (const Series& each : problem.series())
-    for (const double c : each.count) bins += c > 0.0 ? 1.0 : 0.0;
-  const double white2 = problem.noise().white_N * problem.noise().white_N;
-  return count > 0.0 ? std::sqrt(sum / count + white2 * std::max(0.0, 1.0 - bins / count)) : 0.0;
 }
 
 bool moves(const messages::Recording& recording) {
@@ -329,8 +286,8 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     missing.probability = calibrated(missing.probability, out.unexplained, out.verdict == Verdict::kUnknownPhysics);
   out.nominal_errors.train_rmse_N = rmse(out.nominal, study.series, study.usable);
   out.model_errors.train_rmse_N = rmse(out.model, study.series, study.usable);
-  out.nominal_errors.heldout_rmse_N = left_out_rmse(problem, out.nominal, options.threads);
-  out.model_errors.heldout_rmse_N = left_out_rmse(problem, out.model, options.threads);
+  out.nominal_errors.heldout_rmse_N = left_out_rmse_N(problem, out.nominal, options.threads);
+  out.model_errors.heldout_rmse_N = left_out_rmse_N(problem, out.model, options.threads);
   out.heldout = study_heldout(problem, out.nominal, out.model, options.threads);
   if (out.verdict != Verdict::kConsistent)
     out.where = locate(search.instrument_problem(), out.nominal, out.model, selection.noise_scale);

@@ -9,6 +9,7 @@
 #include "base/toml_reader.hpp"
 #include "identify/diagnose/design/candidates.hpp"
 #include "identify/diagnose/design/rehearse.hpp"
+#include "identify/diagnose/fit/free_parameters.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -40,53 +41,26 @@ std::vector<std::size_t> tied_of(const Selection& selection, const DesignOptions
   return tied;
 }
 
-struct Handle {
-  std::size_t part, index;
-  bool coefficient;
-  double step;
-};
-
 /// An explanation, what moves in it, and how well the recordings hold that.
 struct Rival {
   const Hypothesis* hypothesis = nullptr;
   model::ModelSpec spec;
-  std::vector<Handle> handles;
+  std::vector<FreeNumber> numbers;
   Eigen::MatrixXd information;
   double chi2 = 0.0;  ///< over the recordings so far
 };
 
-std::vector<Handle> handles_of(const model::ModelSpec& spec) {
-  std::vector<Handle> out;
-  for (std::size_t p = 0; p < spec.parts.size(); ++p) {
-    const auto& part = spec.parts[p];
-    if (part.fixed) continue;
-    for (std::size_t i = 0; i < part.coefficients.size(); ++i)
-      out.push_back({p, i, true, 1e-3 * std::max(std::fabs(part.coefficients[i]), 1e-2)});
-    for (std::size_t i = 0; i < part.parameters.size(); ++i) {
-      const auto& parameter = part.law->parameters[i];
-      if (parameter.fixed || parameter.name == "time_s") continue;
-      const double scale =
-          parameter.logarithmic ? std::fabs(part.parameters[i]) : std::max(std::fabs(part.parameters[i]), 1e-2);
-      const bool below = part.parameters[i] + 1e-3 * scale > parameter.upper;
-      out.push_back({p, i, false, (below ? -1e-3 : 1e-3) * scale});
-    }
-  }
+std::vector<FreeNumber> numbers_of(const model::ModelSpec& spec) {
+  std::vector<FreeNumber> out = free_coefficients(spec);
+  for (const FreeNumber& parameter : free_parameters(spec)) out.push_back(parameter);
   return out;
 }
 
-/// Whitened force and its derivatives per step of each handle.
+/// Force and its change per difference step of each number.
 void linearise(const Problem& problem, const Rival& rival, Eigen::VectorXd& force, RowMatrix& slopes) {
-  const Eigen::VectorXd at = problem.predict(rival.spec);
-  RowMatrix all(at.size(), static_cast<Eigen::Index>(rival.handles.size()));
-  for (std::size_t h = 0; h < rival.handles.size(); ++h) {
-    model::ModelSpec moved = rival.spec;
-    auto& part = moved.parts[rival.handles[h].part];
-    (rival.handles[h].coefficient ? part.coefficients : part.parameters)[rival.handles[h].index] +=
-        rival.handles[h].step;
-    all.col(static_cast<Eigen::Index>(h)) = problem.predict(moved) - at;
-  }
-  force = at;
-  slopes = std::move(all);
+  force = problem.predict(rival.spec);
+  slopes = differences(rival.spec, rival.numbers, force,
+                       [&](const model::ModelSpec& moved) { return problem.predict(moved); });
 }
 
 Eigen::MatrixXd whitened(const Problem& problem, RowMatrix columns) {
@@ -126,7 +100,7 @@ class Designer {
       const Fit fit = problem.fit(rival.hypothesis->fit.spec, 8);
       rival.spec = fit.spec;
       rival.chi2 = fit.chi2;
-      rival.handles = handles_of(rival.spec);
+      rival.numbers = numbers_of(rival.spec);
       Eigen::VectorXd force;
       RowMatrix slopes;
       linearise(problem, rival, force, slopes);

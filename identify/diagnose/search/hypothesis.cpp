@@ -6,6 +6,8 @@
 #include <map>
 
 #include "base/parallel.hpp"
+#include "identify/diagnose/fit/basis.hpp"
+#include "identify/diagnose/fit/free_parameters.hpp"
 #include "model/catalogue.hpp"
 #include "model/effects/effects.hpp"
 #include "model/elements.hpp"
@@ -62,23 +64,6 @@ bool below_resolution(const ModelSpec& spec, std::span<const Series> series) {
     }
   }
   return false;
-}
-
-std::size_t free_numbers(const ModelSpec& spec) {
-  std::size_t count = 0;
-  for (const Part& part : spec.parts) {
-    if (part.fixed) continue;
-    bool alive = part.coefficients.empty();
-    for (const double c : part.coefficients) {
-      if (c != 0.0) {
-        ++count;
-        alive = true;
-      }
-    }
-    if (!alive) continue;
-    for (const auto& parameter : part.law->parameters) count += parameter.fixed ? 0 : 1;
-  }
-  return count;
 }
 
 }  // namespace
@@ -190,23 +175,12 @@ std::vector<double> Search::slip_times(const ModelSpec& spec, const NoiseModel& 
   white.coloured_N = 0.0;
   whiten(series_, white, a);
   const Eigen::Index m = a.cols() - 1;
-  // Orthonormal basis by modified Gram-Schmidt; dependent columns drop out.
-  Eigen::MatrixXd q = a.leftCols(m);
-  for (Eigen::Index i = 0; i < m; ++i) {
-    const double before = q.col(i).norm();
-    for (int twice = 0; twice < 2; ++twice)
-      for (Eigen::Index j = 0; j < i; ++j) q.col(i) -= q.col(j).dot(q.col(i)) * q.col(j);
-    const double after = q.col(i).norm();
-    if (after > 1e-7 * before && after > 0.0)
-      q.col(i) /= after;
-    else
-      q.col(i).setZero();
-  }
+  const Eigen::MatrixXd q = orthonormal_basis(a.leftCols(m));
   Eigen::VectorXd r = a.col(m);
   r -= q * (q.transpose() * r);
   std::vector<std::pair<double, double>> gains;  // gain, time
   const Series& series = series_[0];
-  Eigen::VectorXd qs = Eigen::VectorXd::Zero(m);
+  Eigen::VectorXd qs = Eigen::VectorXd::Zero(q.cols());
   double rs = 0.0, ss = 0.0;
   for (std::size_t k = series.nodes.size(); k-- > 1;) {
     const auto row = static_cast<Eigen::Index>(k);
@@ -278,7 +252,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
   std::map<const model::Physics*, int> per_effect;
   for (Trial& trial : all) {
     int& taken = per_effect[trial.effect];
-    // Two laws of a promising effect, one of the rest.
+    // Three laws of each of the most promising effects, one of the rest.
     const int most = per_effect.size() <= keep ? 3 : thorough ? 1 : 0;
     if (taken >= most) continue;
     ++taken;
@@ -363,7 +337,7 @@ void Search::settle(Hypothesis& hypothesis, bool restart_arms) const {
   const Problem problem(series_, noise);
   hypothesis.fit.noise = noise;
   hypothesis.fit.log_likelihood = problem.log_likelihood(hypothesis.fit.spec, noise);
-  const double numbers = static_cast<double>(free_numbers(hypothesis.fit.spec));
+  const double numbers = static_cast<double>(counted_numbers(hypothesis.fit.spec));
   hypothesis.evidence =
       hypothesis.fit.log_likelihood - 0.5 * numbers * std::log(static_cast<double>(hypothesis.fit.rows));
 }
