@@ -99,6 +99,10 @@ std::string protocol_text(const CandidateExperiment& item, const CandidateLimits
                           std::string_view description) {
   std::string out = "format = \"isorig-protocol/1\"\nname = \"" + std::string(name) + "\"\n";
   out += "description = \"" + std::string(description) + "\"\n";
+  // The way to the first position is 1 mm/s unless a protocol says otherwise: a slower rig would refuse all of them.
+  constexpr double kApproach_mm_s = 1.0;
+  const double approach_mm_s = std::max(std::min(kApproach_mm_s, limits.rig.speed_max_mm_s), limits.rig.speed_min_mm_s);
+  if (approach_mm_s != kApproach_mm_s) out += text("approach_velocity_mm_s = %.6g\n", approach_mm_s);
   out +=
       "recording.policy = \"round_ramps\"\nrecording.average_interval_s = 0.05\n\nsteps = [\n"
       "  { do = \"repeat\", unit = \"session\", for = { repetition = [1] }, steps = [\n";
