@@ -35,7 +35,7 @@ std::vector<model::ModelSpec> starts_of(const Rival& rival) {
     if (std::ranges::find(rival.hypothesis->effects, part.physics) == rival.hypothesis->effects.end()) continue;
     for (const model::Law& law : part.physics->laws) {
       const bool given = std::ranges::any_of(law.parameters, &model::Parameter::fixed);
-      if (&law == part.law || given || law.replaces_arm || part.law->replaces_arm || !law.make) continue;
+      if (&law == part.law || given || law.traits.replaces_arm || part.law->traits.replaces_arm || !law.make) continue;
       out.push_back(rival.spec);
       out.back().parts[p] = model::make_part(*part.physics, law);
     }
@@ -190,7 +190,7 @@ void Designer::read_limits() {
   for (const Rival& rival : rivals_)
     for (const auto* effect : rival.hypothesis->effects)
       limits_.pressure_matters =
-          limits_.pressure_matters || (pneumatic && effect->name.find("pressure") != std::string_view::npos);
+          limits_.pressure_matters || (pneumatic && effect->traits.pressure != model::PressureNeed::kNone);
 }
 
 bool Designer::bearable(const Series& run, const Eigen::VectorXd& force_N) const {

@@ -30,8 +30,7 @@ void Evaluator::lay_out(const ModelSpec& spec) {
       signs_.push_back(coefficient.sign);
       fixed_.push_back(part.fixed);
     }
-    piecewise_ =
-        piecewise_ || part.physics->stage == Stage::kSpecimenShape || part.physics->name == "cell_nonlinearity";
+    piecewise_ = piecewise_ || part.law->traits.uses_coefficients;
   }
   std::vector<std::size_t> parts(spec.parts.size());
   std::iota(parts.begin(), parts.end(), std::size_t{0});

@@ -16,7 +16,7 @@ std::vector<FreeNumber> free_parameters(const ModelSpec& spec) {
     if (part.fixed) continue;
     for (std::size_t i = 0; i < part.law->parameters.size(); ++i) {
       const Parameter& parameter = part.law->parameters[i];
-      if (!parameter.fixed && parameter.name != "time_s") out.push_back({p, i, false});
+      if (!parameter.fixed && !parameter.traits.event_time) out.push_back({p, i, false});
     }
   }
   return out;

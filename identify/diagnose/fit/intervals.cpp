@@ -120,7 +120,7 @@ std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const mod
       const double value = part.parameters[i], half = half_width({p, i, false});
       NamedValue named{std::string(parameter.name), value, std::max(value - half, parameter.lower),
                        std::min(value + half, parameter.upper)};
-      if (parameter.name == "time_s" && !part.fixed) set_event_interval(problem, spec, p, i, named);
+      if (parameter.traits.event_time && !part.fixed) set_event_interval(problem, spec, p, i, named);
       values.push_back(std::move(named));
     }
   }

@@ -8,6 +8,7 @@
 #include "identify/diagnose/motion/pressure_reconstruction.hpp"
 #include "identify/diagnose/signal/flat_line.hpp"
 #include "identify/diagnose/signal/spikes.hpp"
+#include "messages/recording_id.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -98,6 +99,7 @@ Excitation reconstruct_excitation(const messages::Recording& recording) {
   excitation.reference.elongation_at_zero_mm =
       metadata.pressurized_rest_length_mm ? metadata.rest_length_mm - *metadata.pressurized_rest_length_mm : 0.0;
   excitation.reference.duration_s = n > 0 ? frame.t_s.back() - frame.t_s.front() : 0.0;
+  excitation.reference.recording_id = messages::recording_id(recording);
 
   if (recording.pressure && recording.pressure->size() > 0) {
     ReconstructedPressure pressure =

@@ -28,7 +28,7 @@ bool idle(const model::Part& part, const std::vector<NamedValue>& values) {
       continue;
     }
     const auto found = std::ranges::find(law.parameters, values[i].name, &model::Parameter::name);
-    if (found == law.parameters.end() || found->name == "time_s" || found->name == "start") continue;
+    if (found == law.parameters.end() || found->traits.event_time || found->traits.initial_state) continue;
     const double reach = 1e-9 + 1e-6 * std::fabs(values[i].value);
     if (values[i].value <= found->lower + reach || values[i].value >= found->upper - reach) return true;
     // Zero means a simpler law only where zero can be reached.
@@ -54,7 +54,7 @@ void prefer_simpler_laws(Selection& selection, const Search& search) {
       Hypothesis best;
       bool found = false;
       for (const model::Law& law : effect->laws) {
-        if (numbers(law) >= numbers(*at->law) || law.replaces_arm != at->law->replaces_arm) continue;
+        if (numbers(law) >= numbers(*at->law) || law.traits.replaces_arm != at->law->traits.replaces_arm) continue;
         std::size_t starts = 1;
         for (const auto& parameter : law.parameters) starts = std::max(starts, parameter.starts.size());
         for (std::size_t k = 0; k < starts; ++k) {

@@ -1,13 +1,12 @@
 #include "identify/diagnose/search/select.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 #include "identify/diagnose/noise/effective_dof.hpp"
 #include "identify/diagnose/search/empirical.hpp"
 #include "identify/diagnose/search/practical_significance.hpp"
-#include "model/catalogue.hpp"
+#include "identify/statistics/quantile.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -39,35 +38,17 @@ double block_median(const Eigen::VectorXd& residual) {
     const Eigen::Index from = residual.size() * b / kBlocks, to = residual.size() * (b + 1) / kBlocks;
     if (to > from) means.push_back(residual.segment(from, to - from).squaredNorm() / static_cast<double>(to - from));
   }
-  std::ranges::nth_element(means, means.begin() + static_cast<std::ptrdiff_t>(means.size() / 2));
-  return means[means.size() / 2];
+  return quantile(std::move(means), 0.5);
 }
 
 }  // namespace
-
-bool is_format_effect(const model::Physics& physics) {
-  constexpr std::array<std::string_view, 13> names{"coulomb_friction",
-                                                   "strain_stiffening",
-                                                   "second_relaxation",
-                                                   "nonlinear_viscosity",
-                                                   "pressure_coupling",
-                                                   "cyclic_softening",
-                                                   "force_lag",
-                                                   "force_delay",
-                                                   "fixture_inertia",
-                                                   "zero_drift",
-                                                   "grip_slip",
-                                                   "crosshead_backlash",
-                                                   "slack"};
-  return std::ranges::find(names, physics.name) != names.end();
-}
 
 void weigh(Selection& selection, const Search& search, const SelectionOptions& options) {
   const auto& pool = selection.pool;
   std::vector<double> cost(pool.size(), 0.0);
   for (std::size_t i = 0; i < pool.size(); ++i) {
     for (const auto* effect : pool[i].effects)
-      cost[i] += options.prior_cost + (is_format_effect(*effect) ? 0.0 : options.unusual_cost);
+      cost[i] += options.prior_cost + (effect->traits.unusual ? options.unusual_cost : 0.0);
   }
   for (std::size_t i = 0; i < pool.size(); ++i)
     if (!pool[i].empirical.empty()) cost[i] += options.unknown_cost;
@@ -81,7 +62,7 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
   std::size_t least = 0;
   for (std::size_t i = 1; i < pool.size(); ++i)
     if (error(i) < error(least)) least = i;
-  selection.error_rules = options.count_looks && std::isfinite(options.most_noise_scale) &&
+  selection.error_rules = options.count_independent_errors && std::isfinite(options.most_noise_scale) &&
                           pool[least].ls_chi2 > kErrorRules * static_cast<double>(pool[least].fit.rows);
   if (selection.error_rules) top = least;
 
@@ -97,7 +78,7 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
     selection.excess[i] = std::max(pool[i].ls_chi2 - noise, 0.0) / selection.noise_scale;
 
   double degrees = options.error_degrees;
-  if (options.count_looks)
+  if (options.count_independent_errors)
     degrees = std::max(degrees, effective_degrees_of_freedom(search.instrument_problem().series(), residual));
   constexpr double kFloor = 40.0;
   std::vector<double> log_weight(pool.size());
