@@ -31,7 +31,7 @@ struct FreeNumber {
 /// Relative step of every finite difference. A forward difference of step h errs by h/2 of the curvature and by 2 e/h
 /// of the simulation's own error e (Gill, Murray & Wright 1981, 8.6). Most laws are exact (e = 1e-16), but
 /// nonlinear_viscosity steps with a controlled error, e = 1e-6 of the peak, which asks for h = 2 sqrt(e) = 2e-3 where
-/// the exact ones want less. At 1e-3 both errors stay below 0.3 % of the derivative: a search needs 10 %, a 95 %
+/// the exact ones want less. At 1e-3 both errors stay below 0.5 % of the derivative: a search needs 10 %, a 95 %
 /// interval 5 %. free_parameters_test measures it for every law.
 inline constexpr double kDifferenceStep = 1e-3;
 
