@@ -94,7 +94,7 @@ void measure(Place& place, const std::vector<Error>& errors, double white_N, Ins
     bins += 1.0;
   }
   if (readings == 0.0) return;
-  // What averaging into bins took of the white noise.
+  // Averaging into bins has taken white noise out: it is added back (fit/left_out.hpp).
   const double averaged = white_N * white_N * std::max(1.0 - bins / readings, 0.0);
   place.nominal_rmse_N = std::sqrt(nominal / readings + averaged);
   place.model_rmse_N = std::sqrt(model / readings + averaged);

@@ -81,8 +81,8 @@ void prefer_simpler_laws(Selection& selection, const Search& search) {
       selection.pool[selection.best] = std::move(best);
     }
   }
-  // Where what is left is far above the noise it is the laws' own error. Whitening it would let its fastest
-  // part, at reversals and corners, decide the numbers; plain least squares lets the bulk of the motion.
+  // A residual far above the noise is the law's own error. Whitening would give its fastest part, at reversals and
+  // corners, the most weight; plain least squares lets the bulk of the motion decide the numbers.
   constexpr double kFarAbove = 30.0;
   if (selection.error_rules || selection.noise_scale > kFarAbove) {
     Hypothesis& chosen = selection.pool[selection.best];

@@ -55,7 +55,8 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
   std::size_t top = 0;
   for (std::size_t i = 1; i < pool.size(); ++i)
     if (pool[i].evidence - cost[i] > pool[top].evidence - cost[top]) top = i;
-  // Far above a noise without rests, likelihoods speak of the laws' own error at reversals and corners.
+  // Without rests and with residuals of many noises, a likelihood compares how the laws err at reversals and corners,
+  // not which is nearer: then the variances are compared (error_rules).
   const auto error = [&](std::size_t i) {
     return 0.5 * options.error_degrees * std::log(std::max(pool[i].ls_chi2, 1e-300)) + cost[i];
   };
@@ -66,8 +67,9 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
                           pool[least].ls_chi2 > kErrorRules * static_cast<double>(pool[least].fit.rows);
   if (selection.error_rules) top = least;
 
-  // What each leaves beyond noise, under the instrument's own noise; its scale from the quieter half of the
-  // blocks of the best explanation.
+  // The excess of each explanation: its whitened squares minus those of noise alone. The scale of that noise is the
+  // median power of the blocks of the best explanation: where half of the recording is fitted well, the rest of it does
+  // not raise the scale.
   Eigen::VectorXd residual;
   model::ModelSpec spec = pool[top].fit.spec;
   (void)search.instrument_problem().solve(spec, residual);
@@ -119,8 +121,8 @@ Selection select_effects(const Search& search, const model::ModelSpec& nominal, 
     const auto larger = ranked(pool, size + 1);
     // More of the beam only where one more effect explains more at all.
     if (larger.empty() || pool[larger.front()].evidence < best + options.least_gain) break;
-    // A first effect that explains all but a little is in every explanation; else the others get their turn,
-    // so that the answer does not hang on which was best alone.
+    // If the first effect explains all but 2 % of what the nominal model leaves, every explanation has it. Else the
+    // next best single effects are extended, too: the best pair need not contain the best single.
     if (size == 1 && pool[order.front()].ls_chi2 < 0.02 * pool.front().ls_chi2) continue;
     for (std::size_t b = 1; b < std::min<std::size_t>(order.size(), size == 1 ? 4 : 2); ++b) {
       const Hypothesis base = pool[order[b]];
@@ -129,8 +131,8 @@ Selection select_effects(const Search& search, const model::ModelSpec& nominal, 
   }
   weigh(selection, search, options);
 
-  // What no effect explains is described by what it depends on, on top of nothing and of the best so far;
-  // then all compete again.
+  // Where the best set still leaves much, a table of one variable is tried, beside the nominal model and beside that
+  // set; then all compete again.
   const double rows = static_cast<double>(selection.nominal().fit.rows);
   if (selection.excess[selection.best] > std::max(0.05 * rows, 150.0)) {
     std::vector<Hypothesis> described;
