@@ -40,6 +40,25 @@ void follow_arms(ModelSpec& spec) noexcept {
   }
 }
 
+void fill_from_recording(Part& part, const Reference& reference) {
+  for (std::size_t i = 0; i < part.parameters.size(); ++i) {
+    switch (part.law->parameters[i].traits.filled_by) {
+      case FilledBy::kNothing:
+        break;
+      case FilledBy::kRecordingDuration:
+        part.parameters[i] = reference.duration_s;
+        break;
+      case FilledBy::kRecordingId:
+        part.parameters[i] = reference.recording_id;
+        break;
+    }
+  }
+}
+
+bool ModelSpec::driven_by_pressure() const noexcept {
+  return std::ranges::any_of(parts, [](const Part& part) { return part.physics->traits.driven_by_pressure; });
+}
+
 Part make_part(const Physics& physics, const Law& law) {
   Part part{&physics, &law, {}, {}, false, {}};
   for (const Parameter& parameter : law.parameters)
@@ -66,7 +85,7 @@ ModelSpec nominal_model(std::string_view name) {
 }
 
 Stage stage_of(const Part& part) noexcept {
-  return part.law->scales_specimen ? Stage::kSpecimenShape : part.physics->stage;
+  return part.law->traits.scales_specimen ? Stage::kSpecimenShape : part.physics->stage;
 }
 
 RunningModel::RunningModel(const ModelSpec& given, const Reference& reference) {
@@ -91,8 +110,7 @@ RunningModel::RunningModel(const ModelSpec& given, const Reference& reference) {
       coefficients_.push_back(part.coefficients[c]);
       order_.push_back(first_of_part[i] + c);
     }
-    piecewise_ =
-        piecewise_ || part.physics->stage == Stage::kSpecimenShape || part.physics->name == "cell_nonlinearity";
+    piecewise_ = piecewise_ || part.law->traits.uses_coefficients;
   }
   work_.resize(coefficients_.size());
 }

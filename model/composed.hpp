@@ -29,6 +29,8 @@ struct ModelSpec {
   [[nodiscard]] std::vector<double> coefficients() const;
   void set_coefficients(std::span<const double> values) noexcept;
   [[nodiscard]] bool has(std::string_view physics) const noexcept;
+  /// Some part pulls when the pressure changes and nothing moves.
+  [[nodiscard]] bool driven_by_pressure() const noexcept;
 };
 
 /// Where a part acts: its physics' stage, unless its law scales the specimen.
@@ -44,6 +46,9 @@ void follow_arms(ModelSpec& spec) noexcept;
 
 /// Part with the law's starting values.
 [[nodiscard]] Part make_part(const Physics& physics, const Law& law);
+
+/// Sets what belongs to a recording and not to a specimen (FilledBy).
+void fill_from_recording(Part& part, const Reference& reference);
 
 /// Reads a model from TOML ("isorig-model/1"). Throws base::ConfigError with every fault in it. Keys that are
 /// absent keep their starting values, so that a nominal model need not state what is to be fitted.
@@ -66,7 +71,7 @@ class RunningModel {
   void set_coefficients(std::span<const double> values) noexcept;
 
   [[nodiscard]] std::size_t columns() const noexcept { return coefficients_.size(); }
-  /// The force in terms of coefficients is only piecewise linear.
+  /// The force is not linear in the coefficients (LawTraits::uses_coefficients).
   [[nodiscard]] bool depends_on_coefficients() const noexcept { return piecewise_; }
 
  private:

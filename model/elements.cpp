@@ -101,12 +101,12 @@ const Physics& arm_start() {
       {{"relaxing",
         "F = F0 exp(-(t - t0) / tau) for t >= t0, tau that of the arm",
         {{"time_constant_s", 1e-3, 1e5, {1.0}, false, true},
-         {"arm", 1.0, 9.0, {1.0}, false, true},                   // counted in the order of the file
-         {"recording_duration_s", 0.0, 1e9, {0.0}, false, true},  // tells the recording; 0: every one
+         {"arm", 1.0, 9.0, {1.0}, false, true},                           // counted in the order of the file
+         {"recording_id", 0.0, kLargestRecordingId, {0.0}, false, true},  // 0: every one
          {"start_s", -1e9, 1e9, {0.0}, false, true}},
         {{"force_N", Sign::kFree}},
         [](std::span<const double> p, const Reference& reference) {
-          return std::make_unique<ArmStart>(p[0], p[3], p[2] == 0.0 || std::fabs(p[2] - reference.duration_s) < 1e-3);
+          return std::make_unique<ArmStart>(p[0], p[3], p[2] == 0.0 || p[2] == reference.recording_id);
         }}}};
   return physics;
 }

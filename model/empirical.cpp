@@ -74,11 +74,9 @@ class TableMotion : public Process {
 };
 
 Law table_law(std::string_view name, std::string_view formula, Of of) {
-  return {name,  formula,
-          {},    {{"scale", Sign::kFree}},
-          {},    false,
-          false, [of](const Table& table, const Reference&) {
-            return std::make_unique<TableForce>(table, of); }};
+  return {name, formula, {}, {{"scale", Sign::kFree}}, {}, {}, [of](const Table& table, const Reference&) {
+            return std::make_unique<TableForce>(table, of);
+          }};
 }
 
 }  // namespace
@@ -106,7 +104,7 @@ const Physics& empirical_motion() {
       "A position error without a law yet, by table of the position: lead error of a screw, a bent guide.",
       "The recording it was fitted to.",
       "A slow triangle against a second position sensor.",
-      {{"position", "x' = x + table(x)", {}, {}, {}, false, false, [](const Table& table, const Reference&) {
+      {{"position", "x' = x + table(x)", {}, {}, {}, {}, [](const Table& table, const Reference&) {
           return std::make_unique<TableMotion>(table);
         }}}};
   return physics;

@@ -8,6 +8,11 @@
 
 namespace isorig::model {
 
+/// Recording ids are whole numbers up to this: what a double and a TOML float hold exactly.
+inline constexpr double kLargestRecordingId = 9007199254740991.0;  // 2^53 - 1
+/// Of a recording that was not made yet: no event of another is in it.
+inline constexpr double kPlannedRecordingId = 1.0;
+
 /// Where a recording's numbers are counted from. Sign and frame, once for the whole project: extension and
 /// tension positive, position relative to the unpressurized rest length, pressure gauge.
 struct Reference {
@@ -15,6 +20,8 @@ struct Reference {
   double elongation_at_zero_mm = 0.0;
   double nominal_pressure_psi = 0.0;
   double duration_s = 0.0;  ///< of the recording; 0 when it is not known (a running rig)
+  /// Which recording: a whole number made from its readings (messages::recording_id). 0: not known (a running rig).
+  double recording_id = 0.0;
 };
 
 /// One instant of the drive. Between two instants the specimen moves at constant velocity; steps are exact
@@ -56,6 +63,25 @@ enum class Stage { kKinematics, kSpecimen, kSpecimenShape, kRig, kSensorLag, kSe
 
 enum class Sign { kFree, kNonNegative, kNonPositive };
 
+/// What fills in a parameter that belongs to a recording and not to a specimen.
+enum class FilledBy { kNothing, kRecordingDuration, kRecordingId };
+
+/// What a value must stand clear of to be claimed: below that it stands in for the instruments' own errors.
+enum class Resolution { kNone, kPositionNoise, kSampleInterval };
+
+/// What identification has to know of a parameter beyond its range. Declared where the parameter is.
+struct ParameterTraits {
+  /// The time of an event: no gradient leads to it, so it is scanned for; its interval runs from reading to reading.
+  bool event_time = false;
+  /// Where the process stood when the recording began. Any value is as good a law as any other.
+  bool initial_state = false;
+  FilledBy filled_by = FilledBy::kNothing;
+  Resolution resolution = Resolution::kNone;
+  double resolution_factor = 0.0;  ///< times that, in the parameter's unit
+  /// The effect that the law turns into at its lower bound; it stands under that name there.
+  std::string_view lower_bound_is = {};
+};
+
 /// What enters nonlinearly: found by search, within bounds.
 struct Parameter {
   std::string_view name;  ///< with its unit, as it stands in TOML and JSON
@@ -64,6 +90,7 @@ struct Parameter {
   std::vector<double> starts;  ///< where a search begins
   bool logarithmic = false;    ///< searched on a logarithmic scale
   bool fixed = false;          ///< given, not identified
+  ParameterTraits traits = {};
 };
 
 /// What enters linearly. The sign is a law of nature (a spring pushes back, friction dissipates), not a
@@ -90,6 +117,19 @@ struct Table {
   }
 };
 
+/// How a law works among others. Declared where the law is.
+struct LawTraits {
+  /// The law is another form of a linear Maxwell arm of the nominal model, and takes its place. Its first parameter is
+  /// the arm's time constant, its first coefficient the arm's stiffness.
+  bool replaces_arm = false;
+  /// The law scales the force of all other specimen parts (Process::shape) instead of adding its own.
+  bool scales_specimen = false;
+  /// Process::shape looks at the coefficients: the force is not linear in them, and solving takes several passes.
+  bool uses_coefficients = false;
+  /// Of an event (a parameter with event_time): the sign of the step it makes in the force.
+  double event_force_step = 0.0;
+};
+
 /// One mathematical form of a piece of physics.
 struct Law {
   std::string_view name;
@@ -97,12 +137,34 @@ struct Law {
   std::vector<Parameter> parameters;
   std::vector<Coefficient> coefficients;
   std::function<std::unique_ptr<Process>(std::span<const double> parameters, const Reference&)> make;
-  /// The law is another form of a linear Maxwell arm of the nominal model, and takes its place.
-  bool replaces_arm = false;
-  /// The law scales the force of all other specimen parts (Process::shape) instead of adding its own.
-  bool scales_specimen = false;
+  LawTraits traits = {};
   /// Set instead of `make` for a law that is a table (empirical models).
   std::function<std::unique_ptr<Process>(const Table&, const Reference&)> make_table = {};
+};
+
+/// What an effect asks of a recording's pressure channel before it can be tried.
+enum class PressureNeed {
+  kNone,
+  kMeasured,
+  kVaries,  ///< by a fifth: else what grows with the pressure cannot be told from what is there at any pressure
+};
+
+/// When identification tries an effect, and what it costs. Declared where the effect is, so that no other file needs
+/// to know its name.
+struct PhysicsTraits {
+  /// Beyond the recording format's list of thirteen: dearer a priori.
+  bool unusual = false;
+  /// Refines another physics: tried only where that is part of the model, given or found.
+  std::string_view refines = {};
+  /// Acts on one of these: tried only where the model has any (empty: always).
+  std::vector<std::string_view> needs_any_of = {};
+  /// A model that has one may lack another.
+  bool repeatable = false;
+  PressureNeed pressure = PressureNeed::kNone;
+  /// The pressure alone makes it pull: a recording without motion can be judged by a model that has it.
+  bool driven_by_pressure = false;
+  /// What the event of an event law is called in a figure.
+  std::string_view event_name = {};
 };
 
 /// An entry of the catalogue.
@@ -113,6 +175,17 @@ struct Physics {
   std::string_view source;   ///< of the law
   std::string_view reveals;  ///< the experiment that shows it, and what it is mistaken for
   std::vector<Law> laws;
+  PhysicsTraits traits = {};
 };
+
+/// The law's parameter that is the time of an event; as many as there are parameters when it is no event.
+[[nodiscard]] inline std::size_t event_parameter(const Law& law) {
+  std::size_t at = 0;
+  while (at < law.parameters.size() && !law.parameters[at].traits.event_time) ++at;
+  return at;
+}
+[[nodiscard]] inline bool is_event(const Law& law) {
+  return event_parameter(law) < law.parameters.size();
+}
 
 }  // namespace isorig::model

@@ -19,7 +19,7 @@ struct MissingEffect {
   const model::Physics* effect = nullptr;
   std::string law;
   double probability = 0.0;
-  double size_N = 0.0;  ///< of the force that it stands for (material.hpp)
+  double size_N = 0.0;  ///< of the force that it stands for (practical_significance.hpp)
   std::vector<NamedValue> parameters;
 };
 

@@ -148,8 +148,11 @@ void write_diagnosis_report(const Study& study, const std::filesystem::path& fol
       if (place.recording == series.name && !place.recording.empty())
         figure.panels[0].shaded.emplace_back(place.t_start_s, place.t_end_s);
     for (const MissingEffect& missing : d.missing) {
+      const model::Law* law = model::find_law(*missing.effect, missing.law);
+      if (law == nullptr || !model::is_event(*law)) continue;
+      const std::string_view time = law->parameters[model::event_parameter(*law)].name;
       for (const NamedValue& value : missing.parameters)
-        if (value.name == "time_s") figure.panels[0].verticals.emplace_back(value.value, "slip");
+        if (value.name == time) figure.panels[0].verticals.emplace_back(value.value, missing.effect->traits.event_name);
     }
     page.figure(std::move(figure));
     if (strongest != d.where.end() && strongest->recording == series.name)

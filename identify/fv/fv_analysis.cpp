@@ -1,13 +1,13 @@
 #include "identify/fv/fv_analysis.hpp"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <map>
 #include <stdexcept>
 #include <tuple>
 
 #include "identify/report/page.hpp"
+#include "messages/recording_id.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -159,19 +159,11 @@ void state_pressure(const messages::Recording& recording, RecordingResult& out) 
           "files on one clock? `isorig align` finds the offset.");
     return;
   }
-  std::nth_element(before.begin(), before.begin() + static_cast<std::ptrdiff_t>(before.size() / 2), before.end());
-  const double measured_psi = before[before.size() / 2];
+  const double measured_psi = quantile(std::move(before), 0.5);
   if (!(std::abs(measured_psi - *out.nominal_pressure_psi) <= kPressureMismatchPsi))
     out.ramps.statements.push_back("The measured pressure before the ramps is " + report::number_text(measured_psi, 3) +
                                    " psi, the nominal one " + report::number_text(*out.nominal_pressure_psi, 3) +
                                    " psi: is this pressure.csv of this recording?");
-}
-
-std::uint64_t fingerprint(const messages::Recording& recording) {
-  std::uint64_t hash = 14695981039346656037ULL;  // FNV-1a
-  for (const auto* column : {&recording.frame.t_s, &recording.frame.position_mm, &recording.frame.force_N})
-    for (const double value : *column) hash = (hash ^ std::bit_cast<std::uint64_t>(value)) * 1099511628211ULL;
-  return hash;
 }
 
 }  // namespace
@@ -184,7 +176,7 @@ RecordingResult analyse_recording(const messages::Recording& recording, std::str
   out.samples = recording.frame.size();
   if (out.samples > 0) out.duration_s = recording.frame.t_s.back() - recording.frame.t_s.front();
   out.ramps = analyse_ramps(recording, options.ramps);
-  out.fingerprint = fingerprint(recording);
+  out.fingerprint = messages::fingerprint(recording);
   state_pressure(recording, out);
   for (const Ramp& ramp : out.ramps.ramps)
     if (ramp.normalized_force && std::isfinite(ramp.move.velocity_mm_s.value))

@@ -11,14 +11,6 @@ constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kMadToSigma = 1.482602218505602;  // 1 / Phi^-1(3/4)
 }  // namespace
 
-double median(std::vector<double> values) {
-  if (values.empty()) return kNaN;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  if (values.size() % 2 == 1) return *middle;
-  return 0.5 * (*middle + *std::max_element(values.begin(), middle));
-}
-
 SignalNoise estimate_noise(std::span<const double> t_s, std::span<const double> values) {
   SignalNoise noise;
   const std::size_t n = values.size();

@@ -3,6 +3,8 @@
 #include <span>
 #include <vector>
 
+#include "identify/statistics/quantile.hpp"
+
 namespace isorig::identify {
 
 /// What a position signal says about its own noise. Sampling need not be uniform.
@@ -37,8 +39,5 @@ struct Line {
   [[nodiscard]] double se_at(double t) const noexcept;
 };
 [[nodiscard]] Line fit_line(std::span<const double> t, std::span<const double> y);
-
-/// Median of a copy; NaN when empty.
-[[nodiscard]] double median(std::vector<double> values);
 
 }  // namespace isorig::identify

@@ -32,7 +32,9 @@ const Physics& cell_nonlinearity() {
         "F' = F (1 + q F)",
         {{"curvature_1_kN", -20.0, 20.0, {0.5, -0.5}}},
         {},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Curved>(p[0]); }}}};
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Curved>(p[0]); },
+        {.uses_coefficients = true}}},
+      {.unusual = true}};
   return physics;
 }
 

@@ -44,7 +44,14 @@ const Physics& crosshead_backlash() {
       "the same distance, whatever the stiffness. Mistaken for friction (coulomb_friction).",
       {{"play",
         "x' stays until |x - x'| reaches gap / 2",
-        {{"gap_mm", 0.0, 3.0, {0.01, 0.08}}, {"start", -1.0, 1.0, {0.0, 1.0, -1.0}}},
+        {{"gap_mm",
+          0.0,
+          3.0,
+          {0.01, 0.08},
+          false,
+          false,
+          {.resolution = Resolution::kPositionNoise, .resolution_factor = 8.0}},
+         {"start", -1.0, 1.0, {0.0, 1.0, -1.0}, false, false, {.initial_state = true}}},
         {},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Play>(p[0], p[1]); }}}};
   return physics;

@@ -61,8 +61,7 @@ const Physics& cyclic_softening() {
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Softening>(Softening::Of::kAll, p[0], p[1]);
         },
-        false,
-        true}}};
+        {.scales_specimen = true}}}};
   return physics;
 }
 

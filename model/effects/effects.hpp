@@ -1,7 +1,8 @@
 #pragma once
 #include "model/process.hpp"
 
-/// One function per file of this folder. Add yours here and in model/catalogue.cpp (docs/effects.md).
+/// One function per file of this folder. Add yours here, in model/catalogue.cpp and in model/CMakeLists.txt
+/// (docs/effects.md).
 namespace isorig::model::effect {
 
 const Physics& coulomb_friction();

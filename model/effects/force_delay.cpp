@@ -58,7 +58,13 @@ const Physics& force_delay() {
       "Sines of 1 mm at 0.5 to 4 Hz: the phase grows with frequency and the gain stays. See force_lag.",
       {{"dead_time",
         "F'(t) = F(t - d)",
-        {{"delay_s", 0.0, 1.0, {0.004, 0.03}}},
+        {{"delay_s",
+          0.0,
+          1.0,
+          {0.004, 0.03},
+          false,
+          false,
+          {.resolution = Resolution::kSampleInterval, .resolution_factor = 0.1}}},
         {},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Delay>(p[0]); }}}};
   return physics;

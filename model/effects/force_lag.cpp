@@ -49,7 +49,13 @@ const Physics& force_lag() {
       "alone it is nearly a dead time, nearly a parallel dashpot of negative sign, nearly a fast relaxation.",
       {{"first_order",
         "tau dF'/dt = F - F'",
-        {{"time_constant_s", 2e-4, 2.0, {0.005, 0.05}, true}},
+        {{"time_constant_s",
+          2e-4,
+          2.0,
+          {0.005, 0.05},
+          true,
+          false,
+          {.resolution = Resolution::kSampleInterval, .resolution_factor = 0.1}}},
         {},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Lag>(p[0]); }}}};
   return physics;

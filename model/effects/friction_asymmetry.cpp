@@ -55,7 +55,8 @@ const Physics& friction_asymmetry() {
         "F = d |z| + e |v|",
         {{"presliding_mm", 2e-4, 1.0, {0.02}, true}},
         {kSlidingHalf, kViscousHalf},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Asymmetric>(true, true, p[0]); }}}};
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Asymmetric>(true, true, p[0]); }}},
+      {.unusual = true, .refines = "coulomb_friction"}};
   return physics;
 }
 

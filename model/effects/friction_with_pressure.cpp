@@ -38,7 +38,8 @@ const Physics& friction_with_pressure() {
         {{"force_N_psi", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference& reference) {
           return std::make_unique<Pressed>(p[0], reference.nominal_pressure_psi);
-        }}}};
+        }}},
+      {.unusual = true, .refines = "coulomb_friction", .pressure = PressureNeed::kVaries}};
   return physics;
 }
 

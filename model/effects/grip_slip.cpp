@@ -1,5 +1,3 @@
-#include <cmath>
-
 #include "model/effects/effects.hpp"
 
 namespace isorig::model::effect {
@@ -39,15 +37,24 @@ const Physics& grip_slip() {
       "relax.",
       {{"event",
         "x' = x - s for t >= t0",
-        {{"time_s", -1e9, 1e9, {}},
-         {"slip_mm", 0.0, 50.0, {0.05}},
+        {{"time_s", -1e9, 1e9, {}, false, false, {.event_time = true}},
+         {"slip_mm",
+          0.0,
+          50.0,
+          {0.05},
+          false,
+          false,
+          {.resolution = Resolution::kPositionNoise, .resolution_factor = 4.0}},
          // An event is no property of the rig: another recording does not hold it. 0: every recording does.
-         {"recording_duration_s", 0.0, 1e9, {0.0}, false, true}},
+         {"recording_id", 0.0, kLargestRecordingId, {0.0}, false, true, {.filled_by = FilledBy::kRecordingId}}},
         {},
         [](std::span<const double> p, const Reference& reference) {
-          const bool here = p[2] == 0.0 || reference.duration_s == 0.0 || std::fabs(p[2] - reference.duration_s) < 1e-3;
+          const bool here = p[2] == 0.0 || reference.recording_id == 0.0 || p[2] == reference.recording_id;
           return std::make_unique<Slip>(p[0], p[1], here);
-        }}}};
+        },
+        // The specimen becomes longer between the grips, so that its force falls.
+        {.event_force_step = -1.0}}},
+      {.event_name = "slip"}};
   return physics;
 }
 

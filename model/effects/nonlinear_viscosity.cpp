@@ -145,16 +145,17 @@ const Physics& nonlinear_viscosity() {
         {{"time_constant_s", 1e-3, 1e4, {0.5, 3.0}, true}, {"exponent", 0.4, 6.0, {0.7, 1.5}, true}},
         {{"stiffness_N_mm", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<PowerArm>(p[0], p[1]); },
-        true},
+        {.replaces_arm = true}},
        {"yield_arm",
         "F = k z, dz/dt = v - sign(z) max(0, |z| - y) / tau",
         {{"time_constant_s", 1e-3, 1e4, {0.5, 3.0}, true}, {"yield_mm", 1e-3, 3.0, {0.05, 0.4}, true}},
         {{"stiffness_N_mm", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<YieldArm>(p[0], p[1]); },
-        true},
+        {.replaces_arm = true}},
        {"power_dashpot",
         "F = c sign(v) |v / (1 mm/s)|^n",
-        {{"exponent", 0.3, 3.0, {0.5, 2.0}, true}},
+        // A flow that hardly depends on the rate is dry friction.
+        {{"exponent", 0.3, 3.0, {0.5, 2.0}, true, false, {.lower_bound_is = "coulomb_friction"}}},
         {{"viscosity_N", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<PowerDashpot>(p[0]); }}}};
   return physics;

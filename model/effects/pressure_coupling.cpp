@@ -42,7 +42,8 @@ const Physics& pressure_coupling() {
         "F = (f' + k' e) (p - p0)",
         {},
         {{"force_N_psi", Sign::kFree}, {"stiffness_N_mm_psi", Sign::kFree}},
-        [](auto, const Reference&) { return std::make_unique<Coupling>(true, true); }}}};
+        [](auto, const Reference&) { return std::make_unique<Coupling>(true, true); }}},
+      {.pressure = PressureNeed::kMeasured, .driven_by_pressure = true}};
   return physics;
 }
 

@@ -35,7 +35,8 @@ const Physics& pressure_threshold() {
         {{"force_N_psi", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference& reference) {
           return std::make_unique<Threshold>(p[0], reference.nominal_pressure_psi);
-        }}}};
+        }}},
+      {.unusual = true, .pressure = PressureNeed::kVaries, .driven_by_pressure = true}};
   return physics;
 }
 

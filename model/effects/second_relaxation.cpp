@@ -83,7 +83,9 @@ const Physics& second_relaxation() {
         "F = k mean of arms, tau even in log from tau0 over `decades`",
         {{"shortest_time_s", 5e-3, 1e3, {0.1}, true}, {"decades", 0.5, 5.0, {3.0}}},
         {{"stiffness_N_mm", Sign::kNonNegative}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Spectrum>(p[0], p[1]); }}}};
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Spectrum>(p[0], p[1]); }}},
+      // What has no elastic part has nothing that could relax.
+      {.needs_any_of = {"spring", "maxwell"}, .repeatable = true}};
   return physics;
 }
 

@@ -25,9 +25,12 @@ const Physics& slack() {
                                "A mesh and its Kevlar ties carry tension only.",
                                "Shorten beyond the pressurized rest length: the force stays at zero. "
                                "Mistaken for a saturated load cell.",
-                               {{"unilateral", "F = max(0, F_specimen)", {}, {}, [](auto, const Reference&) {
-                                   return std::make_unique<Slack>();
-                                 }}}};
+                               {{"unilateral",
+                                 "F = max(0, F_specimen)",
+                                 {},
+                                 {},
+                                 [](auto, const Reference&) { return std::make_unique<Slack>(); },
+                                 {.uses_coefficients = true}}}};
   return physics;
 }
 

@@ -19,9 +19,12 @@ const Physics& viscous_drag() {
       "Newton.",
       "Steps of force in proportion to the velocity at both corners of a ramp. Nearly a force that leads "
       "(a negative dead time), nearly a very fast relaxation.",
-      {{"linear", "F = c v", {}, {{"viscosity_N_s_mm", Sign::kNonNegative}}, [](auto, const Reference&) {
-          return std::make_unique<Drag>();
-        }}}};
+      {{"linear",
+        "F = c v",
+        {},
+        {{"viscosity_N_s_mm", Sign::kNonNegative}},
+        [](auto, const Reference&) { return std::make_unique<Drag>(); }}},
+      {.unusual = true}};
   return physics;
 }
 

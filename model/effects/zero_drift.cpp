@@ -66,7 +66,7 @@ const Physics& zero_drift() {
         [](std::span<const double> p, const Reference&) { return std::make_unique<Settling>(p[0]); }},
        {"wander",
         "F = sum of six cosines over the recording",
-        {{"duration_s", 1.0, 1e7, {}, true, true}},
+        {{"duration_s", 1.0, 1e7, {}, true, true, {.filled_by = FilledBy::kRecordingDuration}}},
         {{"c1_N", Sign::kFree},
          {"c2_N", Sign::kFree},
          {"c3_N", Sign::kFree},

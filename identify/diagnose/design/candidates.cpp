@@ -99,6 +99,10 @@ std::string protocol_text(const CandidateExperiment& item, const CandidateLimits
                           std::string_view description) {
   std::string out = "format = \"isorig-protocol/1\"\nname = \"" + std::string(name) + "\"\n";
   out += "description = \"" + std::string(description) + "\"\n";
+  // The way to the first position is 1 mm/s unless a protocol says otherwise: a slower rig would refuse all of them.
+  constexpr double kApproach_mm_s = 1.0;
+  const double approach_mm_s = std::max(std::min(kApproach_mm_s, limits.rig.speed_max_mm_s), limits.rig.speed_min_mm_s);
+  if (approach_mm_s != kApproach_mm_s) out += text("approach_velocity_mm_s = %.6g\n", approach_mm_s);
   out +=
       "recording.policy = \"round_ramps\"\nrecording.average_interval_s = 0.05\n\nsteps = [\n"
       "  { do = \"repeat\", unit = \"session\", for = { repetition = [1] }, steps = [\n";
@@ -155,7 +159,7 @@ std::vector<CandidateExperiment> candidate_experiments(const CandidateLimits& li
   for (const double amplitude : lengths({0.02, 0.05, 0.2, 1.0, 2.0})) {
     for (const double velocity : {slowest, 0.02, 0.1, 0.5, 2.0, 5.0, fastest}) {
       if (velocity > fastest || velocity < slowest) continue;
-      // What takes less than a tenth of a second from end to end is an oscillation, above.
+      // From end to end in less than a tenth of a second: that is one of the oscillations above.
       if (2.0 * amplitude / velocity < 0.1) continue;
       for (const int cycles : {2, kMostCycles})
         out.add(text("triangles of %.3g mm at %.3g mm/s, %d times", amplitude, velocity, cycles),
@@ -181,7 +185,8 @@ std::vector<CandidateExperiment> candidate_experiments(const CandidateLimits& li
             triangle(least_mm, std::min(1.0, fastest), 1) + hold(hold_s));
     out.add(text("a stroke of %.3g mm and %.4g s rest", stroke, hold_s),
             ramp(stroke, fastest) + hold(hold_s) + ramp(0.0, fastest));
-    // What goes with travel and what goes with time part ways.
+    // After many strokes and a long rest, effects of the travel have gone on and effects of time have not, or the other
+    // way round.
     out.add(text("triangles of %.3g mm at %.3g mm/s, 5 times, before and after %.4g s rest", stroke,
                  std::min(2.0, fastest), hold_s),
             triangle(stroke, std::min(2.0, fastest), 5) + hold(hold_s) + triangle(stroke, std::min(2.0, fastest), 5));

@@ -25,14 +25,14 @@ void describe_inseparable(Design& design) {
     const std::string &truth = design.tied[one.first].key, &rival = design.tied[one.second].key;
     if (other != joined.end()) {
       other->distance = std::max(other->distance, one.distance);
-      other->text = "No experiment on the menu within the limits separates " + rival + " from " + truth +
+      other->text = "No candidate experiment within the limits separates " + rival + " from " + truth +
                     ": the farthest they can be brought apart is " + number_text(other->distance, 2) +
                     " (whitened squares; " + number_text(design.enough, 3) +
                     " are asked for). They are to be taken as one explanation.";
     } else {
       joined.push_back(one);
       joined.back().text = "If " + truth + " is true, " + rival +
-                           " explains every experiment on the menu as well: " + number_text(one.distance, 2) +
+                           " explains every candidate experiment as well: " + number_text(one.distance, 2) +
                            " is the farthest it can be brought away (" + number_text(design.enough, 3) +
                            " are asked for).";
     }

@@ -177,6 +177,7 @@ Series rehearse(const protocol::Plan& plan, const model::Reference& reference, c
   }
   series.force_N.assign(series.nodes.size(), 0.0);
   series.excitation.reference.duration_s = end_s;
+  series.excitation.reference.recording_id = model::kPlannedRecordingId;
   return series;
 }
 

@@ -7,7 +7,8 @@
 #include <map>
 
 #include "base/parallel.hpp"
-#include "identify/diagnose/search/hypothesis.hpp"
+#include "identify/diagnose/fit/left_out.hpp"
+#include "identify/diagnose/fit/moves.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -26,13 +27,12 @@ struct Moves {
 };
 
 Moves find_moves(std::span<const Series> series) {
-  constexpr double kRest_s = 5.0;
   Moves out;
   for (const Series& each : series) {
     out.moves.emplace_back();
     double direction = 0.0;
     for (std::size_t k = 0; k < each.nodes.size(); ++k) {
-      if (k > 0 && each.since_corner_s[k] == 0.0 && each.since_corner_s[k - 1] > kRest_s) {
+      if (begins_move(each, k)) {
         out.moves.emplace_back();
         direction = 0.0;
       }
@@ -86,37 +86,14 @@ struct Fold {
 
 Fold leave_out(const Problem& problem, const model::ModelSpec& nominal, const model::ModelSpec& model,
                const std::vector<bool>& out_bin, LeftOut what) {
-  std::vector<Series> kept(problem.series().begin(), problem.series().end());
-  std::vector<double> weight;
-  std::size_t row = 0;
-  for (Series& each : kept) {
-    for (double& count : each.count) {
-      weight.push_back(out_bin[row] ? count : 0.0);
-      if (out_bin[row]) count = 0.0;
-      ++row;
-    }
-  }
-  const Problem without(kept, problem.noise());
-  const auto rmse = [&](const model::ModelSpec& spec) {
-    const Eigen::VectorXd e = problem.target() - problem.predict(spec);
-    double squares = 0.0, readings = 0.0, bins = 0.0;
-    for (std::size_t i = 0; i < weight.size(); ++i) {
-      squares += weight[i] * e[static_cast<Eigen::Index>(i)] * e[static_cast<Eigen::Index>(i)];
-      readings += weight[i];
-      bins += weight[i] > 0.0 ? 1.0 : 0.0;
-    }
-    // Means of bins carry less white noise than the readings they are made of: add back what averaging took.
-    const double white2 = problem.noise().white_N * problem.noise().white_N;
-    what.readings = readings;
-    return readings > 0.0 ? std::sqrt(squares / readings + white2 * (1.0 - bins / readings)) : 0.0;
-  };
   constexpr int kIterations = 5;
-  what.nominal_rmse_N = rmse(without.fit(nominal, kIterations).spec);
-  Fold fold;
-  fold.model = without.fit(model, kIterations).spec;
-  what.model_rmse_N = rmse(fold.model);
-  fold.what = std::move(what);
-  return fold;
+  const double white_N = problem.noise().white_N;
+  const Prediction without = predict_left_out(problem, nominal, out_bin, kIterations);
+  Prediction with = predict_left_out(problem, model, out_bin, kIterations);
+  what.readings = with.readings;
+  what.nominal_rmse_N = without.rmse_N(white_N);
+  what.model_rmse_N = with.rmse_N(white_N);
+  return {std::move(what), std::move(with.spec)};
 }
 
 std::vector<Stability> stability_of(const model::ModelSpec& model, const std::vector<Fold>& folds) {

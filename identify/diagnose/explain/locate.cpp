@@ -1,33 +1,25 @@
 #include "identify/diagnose/explain/locate.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdio>
 #include <functional>
 #include <random>
 
+#include "identify/diagnose/explain/axes.hpp"
+
 namespace isorig::identify {
 namespace {
-
-/// Cells of a variable, in groups of `per_group` neighbours: one group, or one for each direction of the last
-/// motion.
-struct Cells {
-  std::vector<int> cell;  // -1: not seen
-  int count = 0;
-  int per_group = 0;
-  std::vector<double> edges;  // of a group's cells, both ends included; empty: the groups say all
-};
 
 /// Share of the excess that a table of the variable (means per cell) would take away, with every cell's own
 /// cost in degrees of freedom paid. The residual is whitened, so that a force of f stands there as f times
 /// the root of the readings in its bin: the table is of the force.
 double share_of(const Cells& cells, const Eigen::VectorXd& residual, const std::vector<double>& count,
-                const std::vector<double>& block_weight, const std::vector<int>& block, double noise) {
+                const std::vector<double>& move_weight, const std::vector<std::size_t>& move, double noise) {
   std::vector<double> sum(static_cast<std::size_t>(cells.count), 0.0), n(sum.size(), 0.0);
   double total = 0.0;
   for (Eigen::Index i = 0; i < residual.size(); ++i) {
-    const double w = block_weight[block[i]];
+    const double w = move_weight[move[static_cast<std::size_t>(i)]];
     if (w == 0.0 || cells.cell[i] < 0) continue;
     const double readings = count[static_cast<std::size_t>(i)];
     sum[cells.cell[i]] += w * std::sqrt(readings) * residual[i];
@@ -38,61 +30,6 @@ double share_of(const Cells& cells, const Eigen::VectorXd& residual, const std::
   for (std::size_t c = 0; c < sum.size(); ++c)
     if (n[c] > 0.0) explained += std::max(sum[c] * sum[c] / n[c] - noise, 0.0);
   return total > 0.0 ? std::clamp(explained / total, 0.0, 1.0) : 0.0;
-}
-
-Cells by_quantile(const std::vector<double>& value, int count) {
-  std::vector<double> sorted = value;
-  std::ranges::sort(sorted);
-  std::vector<double> edges{sorted.front()};
-  for (int c = 1; c < count; ++c) edges.push_back(sorted[sorted.size() * static_cast<std::size_t>(c) / count]);
-  edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
-  Cells cells{{}, static_cast<int>(edges.size()), static_cast<int>(edges.size()), {}};
-  for (const double v : value)
-    cells.cell.push_back(static_cast<int>(std::upper_bound(edges.begin(), edges.end(), v) - edges.begin()) - 1);
-  edges.push_back(sorted.back());
-  cells.edges = std::move(edges);
-  return cells;
-}
-
-Cells by_edges(const std::vector<double>& value, std::vector<double> edges) {
-  const int count = static_cast<int>(edges.size()) - 1;
-  Cells cells{{}, count, count, {}};
-  for (const double v : value)
-    cells.cell.push_back(std::clamp(
-        static_cast<int>(std::upper_bound(edges.begin(), edges.end(), v) - edges.begin()) - 1, 0, count - 1));
-  cells.edges = std::move(edges);
-  return cells;
-}
-
-/// Which way the velocity changed at the last corner: from how it was in the middle of the stretch before the
-/// corner to how it is in the middle of the one after.
-std::vector<int> turns(const std::vector<int>& direction, const std::vector<double>& since) {
-  std::vector<std::size_t> corners{0};
-  for (std::size_t i = 1; i < since.size(); ++i)
-    if (since[i] < since[i - 1]) corners.push_back(i);
-  corners.push_back(since.size());
-  std::vector<int> out(since.size(), 1);
-  int before = 1;
-  for (std::size_t c = 0; c + 1 < corners.size(); ++c) {
-    const int after = direction[(corners[c] + corners[c + 1]) / 2];
-    const int turn = 1 + (after > before) - (after < before);
-    for (std::size_t i = corners[c]; i < corners[c + 1]; ++i) out[i] = turn;
-    before = after;
-  }
-  return out;
-}
-
-/// Apart by one of three groups: 0 towards shortening, 1 neither, 2 towards lengthening.
-Cells with_group(Cells cells, const std::vector<int>& group) {
-  for (std::size_t i = 0; i < group.size(); ++i) cells.cell[i] += cells.count * group[i];
-  cells.count *= 3;
-  return cells;
-}
-
-Cells without_groups(Cells cells) {
-  for (int& cell : cells.cell) cell %= cells.per_group;
-  cells.count = cells.per_group;
-  return cells;
 }
 
 std::string percent(double share) {
@@ -157,19 +94,11 @@ void measure(Place& place, const std::vector<Error>& errors, double white_N, Ins
     bins += 1.0;
   }
   if (readings == 0.0) return;
-  // What averaging into bins took of the white noise.
+  // Averaging into bins has taken white noise out: it is added back (fit/left_out.hpp).
   const double averaged = white_N * white_N * std::max(1.0 - bins / readings, 0.0);
   place.nominal_rmse_N = std::sqrt(nominal / readings + averaged);
   place.model_rmse_N = std::sqrt(model / readings + averaged);
 }
-
-struct Axis {
-  std::string name;
-  Cells cells;
-  const char* unit = "";  ///< of the edges
-  const char* after = "";
-  std::array<const char*, 3> groups{};
-};
 
 std::string text_of(const Axis& axis, const Concentration& where) {
   if (where.first < 0) return {};
@@ -251,6 +180,57 @@ std::vector<Place> stretches(std::span<const Series> series, const Eigen::Vector
   return out;
 }
 
+/// The excess of the nominal model and what locates it.
+struct Excess {
+  const Covariates& covariates;
+  const Eigen::VectorXd& residual;
+  const std::vector<Error>& errors;
+  double white_N;
+  double noise;  ///< whitened square that one bin has by noise alone
+};
+
+/// Share of the excess that a table of this axis would take, and its 95 % by a bootstrap that draws whole moves: the
+/// bins of one move err alike (Efron & Tibshirani 1993, 8.5).
+void set_share(Place& place, const Cells& cells, const Excess& excess) {
+  constexpr int kDraws = 40;  // the second of each end: 95 %
+  const std::size_t moves = excess.covariates.moves.count;
+  const auto share = [&](const std::vector<double>& weight) {
+    return share_of(cells, excess.residual, excess.covariates.readings, weight, excess.covariates.moves.of_bin,
+                    excess.noise);
+  };
+  place.share = share(std::vector<double>(moves, 1.0));
+  std::mt19937 random(7);
+  std::vector<double> shares;
+  for (int draw = 0; draw < kDraws; ++draw) {
+    std::vector<double> weight(moves, 0.0);
+    for (std::size_t m = 0; m < moves; ++m) weight[random() % static_cast<unsigned>(moves)] += 1.0;
+    shares.push_back(share(weight));
+  }
+  std::ranges::sort(shares);
+  place.share_low = shares[1];
+  place.share_high = shares[shares.size() - 2];
+}
+
+Place place_on(const Axis& axis, const Excess& excess, double begin_s, double end_s) {
+  Place place;
+  place.covariate = axis.name;
+  place.t_start_s = begin_s;
+  place.t_end_s = end_s;
+  set_share(place, axis.cells, excess);
+  Axis shown = axis;
+  Concentration half = concentration_of(shown.cells, excess.residual, excess.covariates.readings, excess.noise);
+  if (half.first < 0) {  // in no group alone
+    shown.cells = without_groups(shown.cells);
+    half = concentration_of(shown.cells, excess.residual, excess.covariates.readings, excess.noise);
+  }
+  place.text = "a function of " + axis.name + " alone would take " + percent(place.share) + " of the excess (" +
+               percent(place.share_low) + " to " + percent(place.share_high) + ")" + text_of(shown, half);
+  measure(place, excess.errors, excess.white_N, [&](std::size_t i) {
+    return half.first < 0 || (shown.cells.cell[i] >= half.first && shown.cells.cell[i] <= half.last);
+  });
+  return place;
+}
+
 }  // namespace
 
 std::vector<Place> locate(const Problem& problem, const model::ModelSpec& nominal, const model::ModelSpec& model,
@@ -258,129 +238,30 @@ std::vector<Place> locate(const Problem& problem, const model::ModelSpec& nomina
   model::ModelSpec spec = nominal;
   Eigen::VectorXd residual;
   (void)problem.solve(spec, residual);
-  const auto series = problem.series();
-  std::vector<double> time, position, rate, since, travel, pressure, count;
-  std::vector<int> direction, block;
-  double start = 0.0;
-  int blocks = 0;
-  for (const Series& each : series) {
-    double travelled = 0.0;
-    for (std::size_t k = 0; k < each.nodes.size(); ++k) {
-      const auto& node = each.nodes[k];
-      travelled += std::fabs(node.step_mm);
-      time.push_back(start + node.t_s);
-      position.push_back(node.position_mm);
-      rate.push_back(node.velocity_mm_s);
-      since.push_back(each.since_corner_s[k]);
-      travel.push_back(travelled);
-      pressure.push_back(node.excess_pressure_psi);
-      count.push_back(each.count[k]);
-      // A block ends where a rest ends: what follows is another look at the same physics.
-      if (k == 0 || (each.since_corner_s[k] == 0.0 && each.since_corner_s[k - 1] > 5.0)) ++blocks;
-      block.push_back(blocks - 1);
-    }
-    start += each.nodes.back().t_s + 1.0;
-  }
-  const std::size_t n = time.size();
-  double fastest = 1e-9;
-  for (const double v : rate) fastest = std::max(fastest, std::fabs(v));
-  for (std::size_t i = 0; i < n; ++i)
-    direction.push_back(rate[i] > 3e-4 * fastest ? 2 : rate[i] < -3e-4 * fastest ? 0 : 1);
-  // Direction keeps its memory in a hold: friction does. A ramp's end overshoots by some noises of the
-  // reading, and the velocity trembles by more than a slow return: what counts as a turn is a thousandth of
-  // the whole stroke.
-  const auto [lowest_mm, highest_mm] = std::ranges::minmax(position);
-  std::vector<int> last_direction;
-  for (const Series& each : series) {
-    const double turn_mm = std::max(1e-3 * (highest_mm - lowest_mm), 10.0 * each.excitation.motion.noise_mm);
-    double follower_mm = each.nodes.front().position_mm;
-    int last = 1;
-    for (const auto& node : each.nodes) {
-      const double before_mm = follower_mm;
-      follower_mm = std::clamp(follower_mm, node.position_mm - 0.5 * turn_mm, node.position_mm + 0.5 * turn_mm);
-      if (follower_mm != before_mm) last = follower_mm > before_mm ? 2 : 0;
-      last_direction.push_back(last);
-    }
-  }
+  const double total = residual.squaredNorm() - noise_scale * static_cast<double>(residual.size());
+  if (total <= 0.0) return {};
 
+  const auto series = problem.series();
+  const Covariates covariates = covariates_of(series);
   const Eigen::VectorXd nominal_N = problem.target() - problem.predict(nominal);
   const Eigen::VectorXd model_N = problem.target() - problem.predict(model);
   std::vector<Error> errors;
-  for (std::size_t i = 0; i < n; ++i)
-    errors.push_back({nominal_N[static_cast<Eigen::Index>(i)], model_N[static_cast<Eigen::Index>(i)], count[i]});
-  std::vector<double> strain;
-  for (const double x : position) strain.push_back(100.0 * series[0].recording.strain(x));
-  std::vector<Axis> axes;
-  axes.push_back({"position", by_quantile(position, 60), " mm", ""});
-  axes.push_back({"strain", by_quantile(strain, 10), " %", ""});
-  axes.push_back({"direction",
-                  Cells{last_direction, 3, 1, {}},
-                  "",
-                  "",
-                  {"in shortening", "before the first motion", "in lengthening"}});
-  axes.push_back({"rate", by_quantile(rate, 24), " mm/s", ""});
-  axes.push_back({"time", by_quantile(time, 24), " s", series.size() > 1 ? " of all recordings in a row" : ""});
-  axes.push_back({"history", by_quantile(travel, 24), " mm", " of travel"});
-  if (std::ranges::any_of(pressure, [](double p) { return p != 0.0; }))
-    axes.push_back({"pressure", by_quantile(pressure, 20), " psi", " off its nominal value"});
-  // Time since the corner: of the motion last made (what relaxes), and of how the velocity changed there
-  // (what has mass, or a lag).
-  axes.push_back({"hold",
-                  with_group(by_quantile(since, 10), last_direction),
-                  " s",
-                  " after a corner",
-                  {" of shortening", " before the first motion", " of lengthening"}});
-  const double longest_s = std::max(3.0, *std::ranges::max_element(since));
-  axes.push_back({"onset",
-                  with_group(by_edges(since, {0.0, 0.02, 0.05, 0.1, 0.3, 2.0, longest_s}), turns(direction, since)),
-                  " s",
-                  " after a corner",
-                  {" towards shortening", " that turns nothing", " towards lengthening"}});
-
-  const std::vector<double> once(static_cast<std::size_t>(blocks), 1.0);
-  double total = 0.0;
-  for (Eigen::Index i = 0; i < residual.size(); ++i) total += residual[i] * residual[i] - noise_scale;
-  std::vector<Place> places;
-  if (total <= 0.0) return places;
+  for (Eigen::Index i = 0; i < residual.size(); ++i)
+    errors.push_back({nominal_N[i], model_N[i], covariates.readings[static_cast<std::size_t>(i)]});
   double begin_s = 1e300, end_s = -1e300;
   for (const Series& each : series) {
     begin_s = std::min(begin_s, each.recording.frame.t_s.front());
     end_s = std::max(end_s, each.recording.frame.t_s.back());
   }
-  for (const Axis& axis : axes) {
-    const Cells& cells = axis.cells;
-    Place place;
-    place.covariate = axis.name;
-    place.t_start_s = begin_s;
-    place.t_end_s = end_s;
-    place.share = share_of(cells, residual, count, once, block, noise_scale);
-    std::mt19937 random(7);
-    std::vector<double> shares;
-    for (int draw = 0; draw < 40; ++draw) {
-      std::vector<double> weight(static_cast<std::size_t>(blocks), 0.0);
-      for (int b = 0; b < blocks; ++b) weight[random() % static_cast<unsigned>(blocks)] += 1.0;
-      shares.push_back(share_of(cells, residual, count, weight, block, noise_scale));
-    }
-    std::ranges::sort(shares);
-    place.share_low = shares[1];
-    place.share_high = shares[shares.size() - 2];
-    Axis shown = axis;
-    Concentration half = concentration_of(shown.cells, residual, count, noise_scale);
-    if (half.first < 0) {  // in no group alone
-      shown.cells = without_groups(shown.cells);
-      half = concentration_of(shown.cells, residual, count, noise_scale);
-    }
-    place.text = "a function of " + axis.name + " alone would take " + percent(place.share) + " of the excess (" +
-                 percent(place.share_low) + " to " + percent(place.share_high) + ")" + text_of(shown, half);
-    measure(place, errors, problem.noise().white_N, [&](std::size_t i) {
-      return half.first < 0 || (shown.cells.cell[i] >= half.first && shown.cells.cell[i] <= half.last);
-    });
-    places.push_back(std::move(place));
-  }
+  const double white_N = problem.noise().white_N;
+  const Excess excess{covariates, residual, errors, white_N, noise_scale};
+  std::vector<Place> places;
+  for (const Axis& axis : axes_of(covariates, series.size() > 1))
+    places.push_back(place_on(axis, excess, begin_s, end_s));
   std::ranges::stable_sort(places, std::greater<>(), &Place::share);
   std::erase_if(places, [](const Place& p) { return p.share < 0.03; });
 
-  const std::vector<Place> times = stretches(series, residual, errors, problem.noise().white_N, noise_scale, total);
+  const std::vector<Place> times = stretches(series, residual, errors, white_N, noise_scale, total);
   places.insert(places.end(), times.begin(), times.end());
   return places;
 }

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <numeric>
 
+#include "identify/diagnose/fit/signed_least_squares.hpp"
+
 namespace isorig::identify {
 namespace {
 
@@ -12,62 +14,6 @@ using model::Stage;
 
 bool acts_on_columns(Stage stage) {
   return stage == Stage::kSpecimenShape || stage == Stage::kSensorLag || stage == Stage::kSensorDelay;
-}
-
-/// Least squares with sign constraints on the normal equations: coefficients that would break their sign are
-/// taken out, worst first, and let in again when that helps (few coefficients, so this is exact in practice).
-Eigen::VectorXd solve_signed(const Eigen::MatrixXd& gram, const Eigen::VectorXd& right,
-                             const std::vector<Sign>& signs) {
-  const Eigen::Index m = gram.rows();
-  Eigen::VectorXd scale(m);
-  for (Eigen::Index i = 0; i < m; ++i) scale[i] = gram(i, i) > 0.0 ? 1.0 / std::sqrt(gram(i, i)) : 0.0;
-  std::vector<bool> out(static_cast<std::size_t>(m), false);
-  for (Eigen::Index i = 0; i < m; ++i) out[i] = scale[i] == 0.0;
-  Eigen::VectorXd solution = Eigen::VectorXd::Zero(m);
-  for (int pass = 0; pass < 3 * m + 3; ++pass) {
-    std::vector<Eigen::Index> in;
-    for (Eigen::Index i = 0; i < m; ++i)
-      if (!out[i]) in.push_back(i);
-    const auto k = static_cast<Eigen::Index>(in.size());
-    Eigen::MatrixXd a(k, k);
-    Eigen::VectorXd b(k);
-    for (Eigen::Index i = 0; i < k; ++i) {
-      b[i] = right[in[i]] * scale[in[i]];
-      for (Eigen::Index j = 0; j < k; ++j) a(i, j) = gram(in[i], in[j]) * scale[in[i]] * scale[in[j]];
-      a(i, i) += 1e-13;
-    }
-    const Eigen::VectorXd x = a.ldlt().solve(b);
-    solution.setZero();
-    Eigen::Index worst = -1;
-    double worst_value = -1e-12;
-    for (Eigen::Index i = 0; i < k; ++i) {
-      const double wrong = signs[in[i]] == Sign::kNonNegative ? x[i] : signs[in[i]] == Sign::kNonPositive ? -x[i] : 0.0;
-      if (wrong < worst_value) {
-        worst_value = wrong;
-        worst = in[i];
-      }
-      solution[in[i]] = x[i] * scale[in[i]];
-    }
-    if (worst >= 0) {
-      out[worst] = true;
-      continue;
-    }
-    // A coefficient left out comes back if its gradient now points the allowed way.
-    Eigen::Index back = -1;
-    double gain = 1e-9;
-    const Eigen::VectorXd gradient = right - gram * solution;
-    for (Eigen::Index i = 0; i < m; ++i) {
-      if (!out[i] || scale[i] == 0.0) continue;
-      const double slope = gradient[i] * scale[i] * (signs[i] == Sign::kNonPositive ? -1.0 : 1.0);
-      if (slope > gain * std::sqrt(right.squaredNorm()) && slope > gain) {
-        gain = slope;
-        back = i;
-      }
-    }
-    if (back < 0 || pass > 2 * m) break;
-    out[back] = false;
-  }
-  return solution;
 }
 
 }  // namespace
@@ -84,8 +30,7 @@ void Evaluator::lay_out(const ModelSpec& spec) {
       signs_.push_back(coefficient.sign);
       fixed_.push_back(part.fixed);
     }
-    piecewise_ =
-        piecewise_ || part.physics->stage == Stage::kSpecimenShape || part.physics->name == "cell_nonlinearity";
+    piecewise_ = piecewise_ || part.law->traits.uses_coefficients;
   }
   std::vector<std::size_t> parts(spec.parts.size());
   std::iota(parts.begin(), parts.end(), std::size_t{0});
@@ -167,17 +112,21 @@ void Evaluator::solve_coefficients(ModelSpec& spec, const State& state) const {
   std::vector<double> c = spec.coefficients();
   std::vector<Eigen::Index> free;
   std::vector<Sign> signs;
-  Eigen::VectorXd right = state.right;
+  Eigen::VectorXd right = state.right, known = Eigen::VectorXd::Zero(right.size());
   for (std::size_t i = 0; i < c.size(); ++i) {
     const auto at = static_cast<Eigen::Index>(i);
     if (fixed_[i]) {
       right -= state.gram.col(at) * c[i];
+      known[at] = c[i];
     } else {
       free.push_back(at);
       signs.push_back(signs_[i]);
     }
   }
-  const Eigen::VectorXd x = solve_signed(state.gram(free, free), right(free), signs);
+  Reduced reduced;
+  if (!reduce_normal_equations(state.gram(free, free), right(free), reduced))
+    reduced = reduce_columns(state.white(Eigen::all, free), force_ - state.white * known);
+  const Eigen::VectorXd x = solve_signed(reduced, signs);
   for (std::size_t i = 0; i < free.size(); ++i) c[static_cast<std::size_t>(free[i])] = x[static_cast<Eigen::Index>(i)];
   spec.set_coefficients(c);
 }

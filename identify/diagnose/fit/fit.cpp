@@ -1,45 +1,28 @@
 #include "identify/diagnose/fit/fit.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 #include "identify/diagnose/fit/evaluator.hpp"
+#include "identify/diagnose/fit/free_parameters.hpp"
+#include "identify/diagnose/fit/noise_search.hpp"
 
 namespace isorig::identify {
 namespace {
 
 using model::ModelSpec;
-using model::Parameter;
 
-struct Handle {
-  std::size_t part;
-  std::size_t index;
-  const Parameter* parameter;
-};
-
-std::vector<Handle> searched(const ModelSpec& spec) {
-  std::vector<Handle> handles;
-  for (std::size_t p = 0; p < spec.parts.size(); ++p) {
-    const auto& law = *spec.parts[p].law;
-    if (spec.parts[p].fixed) continue;
-    for (std::size_t i = 0; i < law.parameters.size(); ++i) {
-      // The time of an event is found by scanning: no gradient leads to it.
-      if (!law.parameters[i].fixed && law.parameters[i].name != "time_s") handles.push_back({p, i, &law.parameters[i]});
-    }
-  }
-  return handles;
+/// Of free parameters, in the coordinates that they are searched in.
+Eigen::VectorXd coordinates(const ModelSpec& spec, const std::vector<FreeNumber>& numbers) {
+  Eigen::VectorXd u(static_cast<Eigen::Index>(numbers.size()));
+  for (std::size_t i = 0; i < numbers.size(); ++i)
+    u[static_cast<Eigen::Index>(i)] = to_search(parameter_of(spec, numbers[i]), value_of(spec, numbers[i]));
+  return u;
 }
 
-double to_search(const Parameter& parameter, double value) {
-  return parameter.logarithmic ? std::log(value) : value;
-}
-double from_search(const Parameter& parameter, double value) {
-  const double raw = parameter.logarithmic ? std::exp(value) : value;
-  return std::clamp(raw, parameter.lower, parameter.upper);
-}
-double scale_of(const Parameter& parameter) {
-  return parameter.logarithmic ? 1.0 : std::min(parameter.upper - parameter.lower, 1.0);
+void set_coordinates(ModelSpec& spec, const std::vector<FreeNumber>& numbers, const Eigen::VectorXd& u) {
+  for (std::size_t i = 0; i < numbers.size(); ++i)
+    value_of(spec, numbers[i]) = from_search(parameter_of(spec, numbers[i]), u[static_cast<Eigen::Index>(i)]);
 }
 
 }  // namespace
@@ -92,92 +75,53 @@ double Problem::solve(ModelSpec& spec, Eigen::VectorXd& residual) const {
 }
 
 Fit Problem::fit(ModelSpec spec, int iterations) const {
-  const std::vector<Handle> handles = searched(spec);
-  const auto p = static_cast<Eigen::Index>(handles.size());
-  Fit out;
-  Eigen::VectorXd residual;
-  const auto set = [&](ModelSpec& target, const Eigen::VectorXd& u) {
-    for (Eigen::Index i = 0; i < p; ++i)
-      target.parts[handles[i].part].parameters[handles[i].index] = from_search(*handles[i].parameter, u[i]);
-  };
-  Eigen::VectorXd u(p);
-  for (Eigen::Index i = 0; i < p; ++i)
-    u[i] = to_search(*handles[i].parameter, spec.parts[handles[i].part].parameters[handles[i].index]);
-  const auto clamp = [&](Eigen::VectorXd& v) {
-    for (Eigen::Index i = 0; i < p; ++i)
-      v[i] = std::clamp(v[i],
-                        to_search(*handles[i].parameter, std::max(handles[i].parameter->lower,
-                                                                  handles[i].parameter->logarithmic ? 1e-300 : -1e300)),
-                        to_search(*handles[i].parameter, handles[i].parameter->upper));
-  };
+  constexpr double kLongestStep = 1.5;  // sizes of a parameter: a factor of 4.5 where it is searched by its logarithm
+  const std::vector<FreeNumber> numbers = free_parameters(spec);
+  const auto count = static_cast<Eigen::Index>(numbers.size());
   Evaluator evaluator(series_, whitener_, whitened_force_);
-  double chi2 = evaluator.solve(spec, residual);
-  evaluator.keep();
-  out.evaluations = 1;
-  double damping = 1e-2;
-  for (int iteration = 0; iteration < iterations && p > 0; ++iteration) {
-    Eigen::MatrixXd jacobian(residual.size(), p);
-    for (Eigen::Index i = 0; i < p; ++i) {
-      const Parameter& parameter = *handles[i].parameter;
-      double h = 2e-4 * scale_of(parameter);
-      Eigen::VectorXd moved = u;
-      moved[i] += h;
-      if (moved[i] > to_search(parameter, parameter.upper)) {
-        h = -h;
-        moved[i] = u[i] + h;
-      }
-      ModelSpec trial = spec;
-      set(trial, moved);
-      Eigen::VectorXd r;
-      evaluator.solve(trial, r);
-      ++out.evaluations;
-      jacobian.col(i) = (r - residual) / h;
-    }
-    const Eigen::MatrixXd hessian = jacobian.transpose() * jacobian;
-    const Eigen::VectorXd gradient = jacobian.transpose() * residual;
-    bool improved = false;
-    double gained = 0.0, moved_by = 0.0;
-    for (int attempt = 0; attempt < 8; ++attempt) {
-      Eigen::MatrixXd damped = hessian;
-      for (Eigen::Index i = 0; i < p; ++i) damped(i, i) += damping * hessian(i, i) + 1e-12;
-      Eigen::VectorXd step = -damped.ldlt().solve(gradient);
-      for (Eigen::Index i = 0; i < p; ++i)
-        step[i] = std::clamp(step[i], -1.5 * scale_of(*handles[i].parameter), 1.5 * scale_of(*handles[i].parameter));
-      Eigen::VectorXd next = u + step;
-      clamp(next);
-      ModelSpec trial = spec;
-      set(trial, next);
-      Eigen::VectorXd r;
-      const double value = evaluator.solve(trial, r);
-      ++out.evaluations;
-      if (value < chi2) {
-        evaluator.keep();
-        gained = chi2 - value;
-        moved_by = (next - u).norm();
-        u = next;
-        chi2 = value;
-        spec = std::move(trial);
-        residual = std::move(r);
-        damping = std::max(damping * 0.2, 1e-9);
-        improved = true;
-        break;
-      }
-      damping *= 6.0;
-    }
-    if (!improved || gained < 1e-3 || (gained < 0.05 && moved_by < 1e-4)) break;
+  ModelSpec trial = spec;
+  LeastSquaresProblem search;
+  search.lower.resize(count);
+  search.upper.resize(count);
+  search.longest_step.resize(count);
+  for (Eigen::Index i = 0; i < count; ++i) {
+    const model::Parameter& parameter = parameter_of(spec, numbers[static_cast<std::size_t>(i)]);
+    search.lower[i] = to_search(parameter, parameter.lower);
+    search.upper[i] = to_search(parameter, parameter.upper);
+    search.longest_step[i] = kLongestStep * search_scale(parameter);
   }
-  for (Eigen::Index i = 0; i < p; ++i) {
-    const Parameter& parameter = *handles[i].parameter;
-    const double value = spec.parts[handles[i].part].parameters[handles[i].index];
-    out.at_bound.push_back(value <= parameter.lower * (1 + 1e-9) + 1e-12 || value >= parameter.upper * (1 - 1e-9));
-  }
+  search.residual = [&](const Eigen::VectorXd& u, Eigen::VectorXd& residual) {
+    trial = spec;
+    set_coordinates(trial, numbers, u);
+    evaluator.solve(trial, residual);
+  };
+  search.accepted = [&] {
+    evaluator.keep();
+    spec = trial;
+  };
+  search.difference_steps = [&](const Eigen::VectorXd& u) {
+    Eigen::VectorXd steps(count);
+    for (std::size_t i = 0; i < numbers.size(); ++i) {
+      const auto at = static_cast<Eigen::Index>(i);
+      const double moved = value_of(spec, numbers[i]) + difference_step(spec, numbers[i]);
+      steps[at] = to_search(parameter_of(spec, numbers[i]), moved) - u[at];
+    }
+    return steps;
+  };
+  LeastSquaresResult found = minimise_squares(search, coordinates(spec, numbers), iterations);
+
+  Fit out;
+  for (const FreeNumber& number : numbers)
+    out.at_bound.push_back(at_bound(parameter_of(spec, number), value_of(spec, number)));
   out.spec = std::move(spec);
   out.noise = noise_;
-  out.chi2 = chi2;
+  out.chi2 = found.squares;
   out.sum_log = whitener_.sum_log();
   out.rows = rows_;
-  out.log_likelihood = -0.5 * (chi2 + whitener_.sum_log());
-  out.residual = std::move(residual);
+  out.log_likelihood = -0.5 * (out.chi2 + out.sum_log);
+  out.residual = std::move(found.residual);
+  out.evaluations = found.evaluations;
+  out.stop = found.stop;
   return out;
 }
 
@@ -204,25 +148,7 @@ NoiseModel Problem::estimate_noise(const ModelSpec& spec) const {
       }
     }
   }
-  // Coordinate search on the logarithms.
-  std::array<double, 3> width{0.1, 0.7, 1.0};
-  for (int pass = 0; pass < 10; ++pass) {
-    for (int i = 0; i < 3; ++i) {
-      if (i > 0 && best.coloured_N == 0.0) continue;
-      for (const double direction : {1.0, -1.0}) {
-        NoiseModel trial = best;
-        double& value = i == 0 ? trial.white_N : i == 1 ? trial.coloured_N : trial.correlation_s;
-        value *= std::exp(direction * width[i]);
-        if (i == 2) value = std::clamp(value, 5e-3, 3e3);
-        if (const double s = score(trial); s > best_score) {
-          best_score = s;
-          best = trial;
-          break;
-        }
-      }
-    }
-    for (double& w : width) w *= 0.75;
-  }
+  climb(best, best_score, {.width = {0.1, 0.7, 1.0}, .passes = 10, .shortest_s = 5e-3, .longest_s = 3e3}, score);
   return best;
 }
 

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "identify/diagnose/fit/nonlinear_least_squares.hpp"
 #include "identify/diagnose/fit/whiten.hpp"
 #include "model/composed.hpp"
 
@@ -19,6 +20,7 @@ struct Fit {
   Eigen::VectorXd residual;    ///< whitened, one per bin
   std::vector<bool> at_bound;  ///< per search parameter
   int evaluations = 0;
+  Stop stop = Stop::kConverged;  ///< why the search for the parameters ended
 };
 
 /// What is searched and what is solved for, and how to evaluate it.
@@ -40,8 +42,13 @@ class Problem {
   /// out.
   double solve(model::ModelSpec& spec, Eigen::VectorXd& residual) const;
 
-  /// Variable projection: Levenberg-Marquardt over the nonlinear parameters, coefficients solved at each
-  /// step. `free_parts`: which parts' parameters move (empty: all).
+  /// Variable projection (Golub & Pereyra 1973). The force is F(t) = sum_j c_j f_j(t; p): coefficients c enter
+  /// linearly, parameters p do not. For every p that the search tries, c is the solution of the linear problem, signs
+  /// obeyed; so the search walks over p alone, down
+  ///
+  ///     chi2(p) = min_c | W (F_measured - sum_j c_j f_j(p)) |^2
+  ///
+  /// with W the whitening filter of the noise (whiten.hpp). Steps by minimise_squares().
   [[nodiscard]] Fit fit(model::ModelSpec spec, int iterations = 25) const;
 
   /// Noise of the residual of a fit by maximum likelihood (white and coloured).

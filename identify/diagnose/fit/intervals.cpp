@@ -3,123 +3,126 @@
 #include <algorithm>
 #include <cmath>
 
+#include "identify/diagnose/fit/free_parameters.hpp"
+#include "identify/diagnose/fit/moves.hpp"
+
 namespace isorig::identify {
 
 namespace {
 
-/// Gradient of half the sum of squares, summed over every move with the rest after it.
+/// Gradient of half the sum of squares, summed over every move with the rest after it: one column a move.
 Eigen::MatrixXd scores_by_move(std::span<const Series> series, const Eigen::MatrixXd& jacobian,
                                const Eigen::VectorXd& residual) {
-  constexpr double kRest_s = 5.0;
-  std::vector<Eigen::VectorXd> moves;
-  Eigen::Index row = 0;
-  for (const Series& each : series) {
-    for (std::size_t k = 0; k < each.nodes.size(); ++k, ++row) {
-      const bool starts = k > 0 && each.since_corner_s[k] == 0.0 && each.since_corner_s[k - 1] > kRest_s;
-      if (k == 0 || starts) moves.emplace_back(Eigen::VectorXd::Zero(jacobian.cols()));
-      moves.back() += jacobian.row(row).transpose() * residual[row];
-    }
+  const MoveNumbers moves = number_moves(series);
+  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(jacobian.cols(), static_cast<Eigen::Index>(moves.count));
+  for (std::size_t bin = 0; bin < moves.of_bin.size(); ++bin) {
+    const auto row = static_cast<Eigen::Index>(bin);
+    out.col(static_cast<Eigen::Index>(moves.of_bin[bin])) += jacobian.row(row).transpose() * residual[row];
   }
-  Eigen::MatrixXd out(jacobian.cols(), static_cast<Eigen::Index>(moves.size()));
-  for (std::size_t m = 0; m < moves.size(); ++m) out.col(static_cast<Eigen::Index>(m)) = moves[m];
   return out;
 }
 
-}  // namespace
+/// Whitened residual of a model as it stands.
+Eigen::VectorXd residual_of(const Problem& problem, const model::ModelSpec& spec) {
+  RowMatrix r = problem.target() - problem.predict(spec);
+  (void)whiten(problem.series(), problem.noise(), r);
+  return r.col(0);
+}
 
-std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const model::ModelSpec& spec, Spread spread) {
-  struct Free {
-    std::size_t part, index;
-    bool parameter;
-    double step;
-  };
-  std::vector<Free> free;
-  for (std::size_t p = 0; p < spec.parts.size(); ++p) {
-    const auto& part = spec.parts[p];
-    if (part.fixed) continue;
-    for (std::size_t i = 0; i < part.parameters.size(); ++i) {
-      const auto& parameter = part.law->parameters[i];
-      if (parameter.fixed) continue;
-      if (parameter.name == "time_s") continue;  // of an event: no derivative leads anywhere
-      const double step = parameter.logarithmic ? 1e-3 * std::fabs(part.parameters[i])
-                                                : 1e-3 * std::max(std::fabs(part.parameters[i]), 1e-2);
-      free.push_back({p, i, true, step});
-    }
-    for (std::size_t i = 0; i < part.coefficients.size(); ++i)
-      if (part.coefficients[i] != 0.0) free.push_back({p, i, false, 1e-3 * std::fabs(part.coefficients[i])});
-  }
-  const auto residual_of = [&](const model::ModelSpec& s) {
-    RowMatrix r = problem.target() - problem.predict(s);
-    (void)whiten(problem.series(), problem.noise(), r);
-    return Eigen::VectorXd(r.col(0));
-  };
-  const Eigen::VectorXd at = residual_of(spec);
-  Eigen::MatrixXd jacobian(at.size(), static_cast<Eigen::Index>(free.size()));
-  for (std::size_t i = 0; i < free.size(); ++i) {
-    model::ModelSpec moved = spec;
-    auto& part = moved.parts[free[i].part];
-    (free[i].parameter ? part.parameters : part.coefficients)[free[i].index] += free[i].step;
-    jacobian.col(static_cast<Eigen::Index>(i)) = residual_of(moved) - at;  // per step: well scaled
-  }
-  // Columns of equal length: a number near zero has a short step, and the rank must not hang on that.
+std::vector<FreeNumber> numbers_of(const model::ModelSpec& spec) {
+  std::vector<FreeNumber> numbers = free_parameters(spec);
+  for (const FreeNumber& coefficient : free_coefficients(spec))
+    if (value_of(spec, coefficient) != 0.0) numbers.push_back(coefficient);
+  return numbers;
+}
+
+/// Standard errors of the numbers.
+///
+///     J    whitened residual by the numbers, columns scaled to length one
+///     s2   mean square of what is left, at least 1: model error widens the interval
+///     C    (J'J)^-1 with eigenvalues of J'J held above kFlat
+///
+/// kNoise: var = s2 diag(C), the inverse curvature of the likelihood (Seber & Wild 1989, 5.1). kMoves: with g_m the
+/// gradient summed over move m of M, var = M/(M-1) diag(C (sum_m g_m g_m') C) where that is more: the sandwich of
+/// Liang & Zeger (1986), clustered by move. Moves that disagree by more than noise allows show a law of nearly the
+/// right form, or an unsteady rig. Fewer than kFewestMoves say nothing about their own spread.
+Eigen::VectorXd standard_errors(const Problem& problem, const model::ModelSpec& spec,
+                                const std::vector<FreeNumber>& numbers, Spread spread) {
+  const Eigen::VectorXd at = residual_of(problem, spec);
+  Eigen::MatrixXd jacobian =
+      differences(spec, numbers, at, [&](const model::ModelSpec& moved) { return residual_of(problem, moved); });
   const Eigen::VectorXd length = jacobian.colwise().norm().transpose().cwiseMax(1e-300);
   jacobian.array().rowwise() /= length.transpose().array();
   const double scale = std::max(at.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(at.size(), 1)), 1.0);
   // What the recording cannot show has no curvature. A pseudo-inverse would call it known exactly; here it is
   // known to within 1e5 times what the same number alone would be, and a parameter to within its bounds.
-  constexpr double kFlat = 1e-10;
+  constexpr double kFlat = 1e-10, kFewestMoves = 8.0;
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> curvature(jacobian.transpose() * jacobian);
   const Eigen::VectorXd widths = curvature.eigenvalues().cwiseMax(kFlat).cwiseInverse();
   const Eigen::MatrixXd inverse = curvature.eigenvectors() * widths.asDiagonal() * curvature.eigenvectors().transpose();
   Eigen::VectorXd variance = scale * inverse.diagonal();
   if (spread == Spread::kMoves) {
-    // What every move shifts the numbers by. Where moves disagree by more than noise allows, something is
-    // left that the noise does not know of: a law of nearly the right form, an unsteady rig.
     const Eigen::MatrixXd shifts = inverse * scores_by_move(problem.series(), jacobian, at);
-    const auto count = static_cast<double>(shifts.cols());
-    constexpr double kFewest = 8.0;
-    if (count >= kFewest) variance = variance.cwiseMax(count / (count - 1.0) * shifts.rowwise().squaredNorm());
+    const auto moves = static_cast<double>(shifts.cols());
+    if (moves >= kFewestMoves) variance = variance.cwiseMax(moves / (moves - 1.0) * shifts.rowwise().squaredNorm());
   }
-  // An event lies between two bins; further ones are allowed while the likelihood ratio stays within 95 %.
-  const auto event_interval = [&](std::size_t p, std::size_t i, NamedValue& named) {
-    const auto& nodes = problem.series()[0].nodes;
-    const auto after = std::ranges::lower_bound(nodes, named.value, {}, &model::Instant::t_s) - nodes.begin();
-    model::ModelSpec moved = spec;
-    const auto allowed = [&](double time_s) {
-      moved.parts[p].parameters[i] = time_s;
-      return residual_of(moved).squaredNorm() - at.squaredNorm() < 3.84 * scale;
-    };
-    const auto last = std::ssize(nodes) - 1;
-    auto low = std::clamp<std::ptrdiff_t>(after - 1, 0, last), high = std::clamp<std::ptrdiff_t>(after, 0, last);
-    while (low > 0 && allowed(0.5 * (nodes[low - 1].t_s + nodes[low].t_s))) --low;
-    while (high < last && allowed(0.5 * (nodes[high].t_s + nodes[high + 1].t_s))) ++high;
-    named.low = std::min(named.value, nodes[low].t_s);
-    named.high = std::max(named.value, nodes[high].t_s);
+  Eigen::VectorXd errors(variance.size());
+  for (Eigen::Index i = 0; i < errors.size(); ++i)
+    errors[i] = std::fabs(difference_step(spec, numbers[static_cast<std::size_t>(i)])) / length[i] *
+                std::sqrt(std::max(variance[i], 0.0));
+  return errors;
+}
+
+/// The time of an event lies between two bins; further ones are allowed while the likelihood ratio stays within its
+/// 95 % (3.84, chi-square of one degree).
+void set_event_interval(const Problem& problem, const model::ModelSpec& spec, std::size_t part, std::size_t index,
+                        NamedValue& named) {
+  constexpr double kRatio = 3.84;
+  const auto& nodes = problem.series()[0].nodes;
+  const double least = residual_of(problem, spec).squaredNorm();
+  const double scale = std::max(least / static_cast<double>(problem.target().size()), 1.0);
+  model::ModelSpec moved = spec;
+  const auto allowed = [&](double time_s) {
+    moved.parts[part].parameters[index] = time_s;
+    return residual_of(problem, moved).squaredNorm() - least < kRatio * scale;
+  };
+  const auto after = std::ranges::lower_bound(nodes, named.value, {}, &model::Instant::t_s) - nodes.begin();
+  const auto last = std::ssize(nodes) - 1;
+  auto low = std::clamp<std::ptrdiff_t>(after - 1, 0, last), high = std::clamp<std::ptrdiff_t>(after, 0, last);
+  while (low > 0 && allowed(0.5 * (nodes[low - 1].t_s + nodes[low].t_s))) --low;
+  while (high < last && allowed(0.5 * (nodes[high].t_s + nodes[high + 1].t_s))) ++high;
+  named.low = std::min(named.value, nodes[low].t_s);
+  named.high = std::max(named.value, nodes[high].t_s);
+}
+
+}  // namespace
+
+std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const model::ModelSpec& spec, Spread spread) {
+  constexpr double k95 = 1.96;
+  const std::vector<FreeNumber> numbers = numbers_of(spec);
+  const Eigen::VectorXd errors = standard_errors(problem, spec, numbers, spread);
+  const auto half_width = [&](const FreeNumber& of) {
+    for (std::size_t i = 0; i < numbers.size(); ++i)
+      if (numbers[i] == of) return k95 * errors[static_cast<Eigen::Index>(i)];
+    return 0.0;
   };
   std::vector<std::vector<NamedValue>> out;
   for (std::size_t p = 0; p < spec.parts.size(); ++p) {
     const auto& part = spec.parts[p];
     auto& values = out.emplace_back();
-    const auto add = [&](std::string_view name, double value, bool parameter, std::size_t index) {
-      NamedValue named{std::string(name), value, value, value};
-      for (std::size_t i = 0; i < free.size(); ++i) {
-        if (free[i].part != p || free[i].index != index || free[i].parameter != parameter) continue;
-        const auto d = static_cast<Eigen::Index>(i);
-        const double half = 1.96 * free[i].step / length[d] * std::sqrt(std::max(variance[d], 0.0));
-        named.low = value - half;
-        named.high = value + half;
-      }
-      if (parameter) {
-        named.low = std::max(named.low, part.law->parameters[index].lower);
-        named.high = std::min(named.high, part.law->parameters[index].upper);
-      }
-      if (parameter && name == "time_s" && !part.fixed) event_interval(p, index, named);
+    for (std::size_t i = 0; i < part.coefficients.size(); ++i) {
+      const double value = part.coefficients[i], half = half_width({p, i, true});
+      values.push_back({std::string(part.law->coefficients[i].name), value, value - half, value + half});
+    }
+    for (std::size_t i = 0; i < part.parameters.size(); ++i) {
+      const model::Parameter& parameter = part.law->parameters[i];
+      if (parameter.fixed) continue;
+      const double value = part.parameters[i], half = half_width({p, i, false});
+      NamedValue named{std::string(parameter.name), value, std::max(value - half, parameter.lower),
+                       std::min(value + half, parameter.upper)};
+      if (parameter.traits.event_time && !part.fixed) set_event_interval(problem, spec, p, i, named);
       values.push_back(std::move(named));
-    };
-    for (std::size_t i = 0; i < part.coefficients.size(); ++i)
-      add(part.law->coefficients[i].name, part.coefficients[i], false, i);
-    for (std::size_t i = 0; i < part.parameters.size(); ++i)
-      if (!part.law->parameters[i].fixed) add(part.law->parameters[i].name, part.parameters[i], true, i);
+    }
   }
   return out;
 }

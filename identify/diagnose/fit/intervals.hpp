@@ -20,8 +20,8 @@ enum class Spread {
 };
 
 /// Parameters and coefficients of every part, in the order of the spec, with 95 % intervals. Whitened by the
-/// problem's noise, which takes up model error: the intervals grow with what is left. An error of the model
-/// that is alike in all moves is in none of them.
+/// problem's noise, which takes up model error: the intervals grow with the residual. They do not cover an error of
+/// the model that is the same in every move: such an error shifts the number without any two moves disagreeing.
 [[nodiscard]] std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const model::ModelSpec& spec,
                                                              Spread spread);
 

@@ -5,6 +5,7 @@
 #include <map>
 
 #include "identify/diagnose/signal/noise_level.hpp"
+#include "identify/statistics/quantile.hpp"
 
 namespace isorig::identify {
 
@@ -49,9 +50,7 @@ RowWeights row_weights(const messages::FrameSamples& frame) {
   const Spacing* one = nullptr;
   for (auto& [number, spacing] : spacings) {
     if (spacing.bends_N.size() < kEnough) continue;
-    const auto middle = spacing.bends_N.begin() + static_cast<std::ptrdiff_t>(spacing.bends_N.size() / 2);
-    std::ranges::nth_element(spacing.bends_N, middle);
-    spacing.noise_N = std::max(*middle / 0.6745, floor_N);
+    spacing.noise_N = std::max(quantile_in_place(spacing.bends_N, 0.5) / kNormalQuartile, floor_N);
     if (one == nullptr) one = &spacing;
   }
   if (one == nullptr || one->noise_N <= 0.0) return out;

@@ -17,8 +17,17 @@ struct NoiseModel {
 
 using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-/// Whitening filter of a noise (innovations of its Kalman filter): the gains do not depend on what is
-/// filtered, and are computed once. Bins without readings become zero rows.
+/// Whitening filter of a noise: the innovations of its Kalman filter, scaled to variance one (Kailath 1968). With
+/// white w per reading, coloured c with correlation time T, n_k readings in bin k and d_k = exp(-dt_k / T)
+///
+///     P <- d_k^2 P + c^2 (1 - d_k^2)      variance of the coloured state before bin k
+///     S  = P + w^2 / n_k                  of the innovation
+///     g  = P / S                          gain
+///     e  = y_k - d_k x                    innovation; white_k = e / sqrt(S)
+///     x <- d_k x + g e,  P <- (1 - g) P
+///
+/// The log-likelihood is -1/2 sum (white_k^2 + ln S). Gains do not depend on what is filtered and are computed once.
+/// Bins without readings become zero rows.
 class Whitener {
  public:
   Whitener() = default;

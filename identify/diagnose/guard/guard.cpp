@@ -8,6 +8,7 @@
 #include "identify/diagnose/signal/flat_line.hpp"
 #include "identify/diagnose/signal/noise_level.hpp"
 #include "identify/diagnose/signal/spikes.hpp"
+#include "identify/statistics/quantile.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -33,16 +34,13 @@ void find_outliers(const messages::FrameSamples& frame, Guarded& out) {
   // grows with the spread within the nine, so that steep motion is not taken for a fault.
   constexpr std::size_t kHalf = 4;
   std::array<double, 2 * kHalf + 1> near{};
-  const auto middle = near.begin() + kHalf;
   for (std::size_t k = kHalf; k + kHalf < n; ++k) {
     if (!out.usable[k]) continue;
     for (std::size_t j = 0; j < near.size(); ++j) near[j] = f[k - kHalf + j];
-    std::nth_element(near.begin(), middle, near.end());
-    const double median = *middle, away = std::fabs(f[k] - median);
+    const double median = quantile_in_place(near, 0.5), away = std::fabs(f[k] - median);
     if (away < 8.0 * noise) continue;
     for (std::size_t j = 0; j < near.size(); ++j) near[j] = std::fabs(f[k - kHalf + j] - median);
-    std::nth_element(near.begin(), middle, near.end());
-    if (away < 9.0 * *middle) continue;
+    if (away < 9.0 * quantile_in_place(near, 0.5)) continue;
     out.usable[k] = false;
     first = count == 0 ? t[k] : std::min(first, t[k]);
     last = std::max(last, t[k]);

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "identify/diagnose/signal/noise_level.hpp"
+#include "identify/statistics/quantile.hpp"
 #include "model/stepping.hpp"
 
 namespace isorig::identify {
@@ -77,9 +78,7 @@ double usual_interval_s(std::span<const double> t_s) {
   if (t_s.size() < 3) return 0.0;
   std::vector<double> steps;
   for (std::size_t k = 1; k < t_s.size(); ++k) steps.push_back(t_s[k] - t_s[k - 1]);
-  const auto at = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 10);
-  std::nth_element(steps.begin(), at, steps.end());
-  return *at;
+  return quantile(std::move(steps), 0.1);
 }
 
 class Response {

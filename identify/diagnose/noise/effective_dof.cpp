@@ -10,7 +10,7 @@ namespace isorig::identify {
 double effective_degrees_of_freedom(std::span<const Series> series, const Eigen::VectorXd& residual) {
   constexpr Eigen::Index kBlock = 25;
   constexpr double kGone = 0.1;
-  double looks = 0.0;
+  double degrees = 0.0;
   Eigen::Index first = 0;
   for (const Series& each : series) {
     const auto n = static_cast<Eigen::Index>(each.nodes.size());
@@ -33,9 +33,9 @@ double effective_degrees_of_freedom(std::span<const Series> series, const Eigen:
     }
     const double spread = sum * sum / (static_cast<double>(blocks) * std::max(squares, 1e-300));
     const double laps = std::max(0.5 * static_cast<double>(stroke_count(each)), 1.0);
-    looks += static_cast<double>(n) * spread / correlated / laps;
+    degrees += static_cast<double>(n) * spread / correlated / laps;
   }
-  return looks;
+  return degrees;
 }
 
 }  // namespace isorig::identify

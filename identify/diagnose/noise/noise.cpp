@@ -85,8 +85,9 @@ InstrumentNoise instrument_noise(std::span<const Series> series, std::span<const
   if (rows >= kFewest) {
     out.source = NoiseSource::kRests;
     out.noise = fit_noise(rests, out.noise.white_N, kLongest_s);
-    // A reading that stands on one step for seconds shows no noise there, and errs by up to half a step all
-    // the while; in motion the same error is another one at every reading.
+    // A coarse reading may stand on one step for a whole rest. It shows no noise there, but is wrong by up to half a
+    // step, step / sqrt(12) rms, in all readings alike; in motion that error changes from reading to reading. So the
+    // rest measures too little noise, and a step's error is added to both parts.
     constexpr double kUndithered = 0.5;
     if (out.noise.white_N < kUndithered * step) {
       out.noise.white_N = std::hypot(out.noise.white_N, step / std::sqrt(12.0));

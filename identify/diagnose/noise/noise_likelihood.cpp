@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "identify/diagnose/fit/noise_search.hpp"
+
 namespace isorig::identify {
 
 double noise_likelihood(std::span<const NoiseSample> samples, const NoiseModel& noise) {
@@ -70,24 +72,8 @@ NoiseModel fit_noise(std::span<const NoiseSample> samples, double start_N, doubl
       }
     }
   }
-  std::array<double, 3> width{0.1, 0.5, 0.6};
-  for (int pass = 0; pass < 12; ++pass) {
-    for (int i = 0; i < 3; ++i) {
-      if (i > 0 && best.coloured_N == 0.0) continue;
-      for (const double direction : {1.0, -1.0}) {
-        NoiseModel trial = best;
-        double& value = i == 0 ? trial.white_N : i == 1 ? trial.coloured_N : trial.correlation_s;
-        value *= std::exp(direction * width[static_cast<std::size_t>(i)]);
-        trial.correlation_s = std::clamp(trial.correlation_s, 0.01, longest_s);
-        if (const double s = noise_likelihood(samples, trial); s > best_score) {
-          best_score = s;
-          best = trial;
-          break;
-        }
-      }
-    }
-    for (double& w : width) w *= 0.75;
-  }
+  climb(best, best_score, {.width = {0.1, 0.5, 0.6}, .passes = 12, .shortest_s = 0.01, .longest_s = longest_s},
+        [&](const NoiseModel& noise) { return noise_likelihood(samples, noise); });
   if (best_score - white_only < std::log(static_cast<double>(rows))) best = {all, 0.0, 1.0};
   return best;
 }

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "identify/diagnose/signal/noise_level.hpp"
+#include "identify/statistics/quantile.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -159,8 +160,7 @@ std::optional<NoiseModel> noise_of_repetitions(std::span<const Series> series, d
     }
   }
   if (rows < kFewestRows || samples.size() < kFewestStrokes) return std::nullopt;
-  std::ranges::nth_element(lasts_s, lasts_s.begin() + static_cast<std::ptrdiff_t>(lasts_s.size() / 2));
-  const double longest_s = std::clamp(0.25 * lasts_s[lasts_s.size() / 2], 0.02, 8.0);
+  const double longest_s = std::clamp(0.25 * quantile_in_place(lasts_s, 0.5), 0.02, 8.0);
   NoiseModel noise = fit_noise(samples, start_N, longest_s);
   // Amplitude and correlation time trade against each other: along that ridge, too.
   double best = noise_likelihood(samples, noise);

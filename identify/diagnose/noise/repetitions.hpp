@@ -22,9 +22,10 @@ namespace isorig::identify {
 /// Coloured noise slower than a quarter of a stroke passes for its level and slope, and is not seen.
 [[nodiscard]] std::optional<NoiseModel> noise_of_repetitions(std::span<const Series> series, double start_N);
 
-/// White noise that gives the bins, on average, the variance that `noise` gives them. What noise between
-/// strokes that repeat looks like in time is not what a model leaves of them: whitening with it would let
-/// the turning points, where a law of friction errs most, decide the numbers.
+/// White noise that gives the bins, on average, the variance that `noise` gives them. Without rests, residuals are
+/// weighed by this instead of the coloured noise itself: whitening takes out what is slow and keeps what is fast, and
+/// the fastest part of a model's error stands at the turning points, where a law of friction errs most. They would
+/// decide the numbers.
 [[nodiscard]] NoiseModel noise_of_bins(std::span<const Series> series, const NoiseModel& noise);
 
 /// A motion that never rests and never comes back (a pendulum that swings out): every stroke, cut into pieces

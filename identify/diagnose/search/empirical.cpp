@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "identify/diagnose/fit/moves.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
 
@@ -158,17 +159,15 @@ std::optional<Hypothesis> describe_unknown(const Search& search, const Hypothesi
   Eigen::VectorXd weight(n);
   std::vector<int> fold(static_cast<std::size_t>(n));
   constexpr int kFolds = 6;
+  const MoveNumbers moves = number_moves(series);
   Eigen::Index row = 0;
-  int block = 0;
   for (const Series& each : series) {
-    for (std::size_t k = 0; k < each.nodes.size(); ++k, ++row) {
-      const double count = each.count[k];
+    for (const double count : each.count) {
       weight[row] =
           count > 0.0 ? 1.0 / (noise.white_N * noise.white_N / count + noise.coloured_N * noise.coloured_N) : 0.0;
-      if (k > 0 && each.since_corner_s[k] == 0.0 && each.since_corner_s[k - 1] > 5.0) ++block;
-      fold[static_cast<std::size_t>(row)] = block % kFolds;
+      fold[static_cast<std::size_t>(row)] = static_cast<int>(moves.of_bin[static_cast<std::size_t>(row)]) % kFolds;
+      ++row;
     }
-    ++block;
   }
   const auto all = covariates(series);
   const auto squares = [&](const ModelSpec& spec) {

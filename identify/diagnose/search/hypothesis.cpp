@@ -6,8 +6,10 @@
 #include <map>
 
 #include "base/parallel.hpp"
+#include "identify/diagnose/fit/free_parameters.hpp"
+#include "identify/diagnose/search/events.hpp"
+#include "identify/diagnose/search/resolution.hpp"
 #include "model/catalogue.hpp"
-#include "model/effects/effects.hpp"
 #include "model/elements.hpp"
 
 namespace isorig::identify {
@@ -15,15 +17,6 @@ namespace {
 
 using model::ModelSpec;
 using model::Part;
-
-/// Refinements of friction; tried only beside friction, given or found.
-bool is_refinement(const model::Physics& physics) {
-  return &physics == &model::effect::friction_asymmetry() || &physics == &model::effect::friction_with_pressure();
-}
-
-bool needs_wide_pressure(const model::Physics& physics) {
-  return &physics == &model::effect::friction_with_pressure() || &physics == &model::effect::pressure_threshold();
-}
 
 /// By enough to tell what grows with the pressure itself from what is there at any pressure.
 bool pressure_varies(std::span<const Series> series) {
@@ -37,48 +30,36 @@ bool pressure_varies(std::span<const Series> series) {
   return high - low > 0.2 * std::max(std::fabs(high), std::fabs(low));
 }
 
-/// Smaller than what the instruments could show: such a play or slip stands in for noise in the position
-/// reading, such a lag for jitter of the time stamps, whatever the likelihood says.
-bool below_resolution(const ModelSpec& spec, std::span<const Series> series) {
-  double noise_mm = 0.0, interval_s = 1e9;
-  for (const Series& each : series) {
-    noise_mm = std::max({noise_mm, each.excitation.motion.noise_mm, each.excitation.motion.quantisation_mm});
-    std::vector<double> steps;
-    for (const auto& now : each.excitation.instants)
-      if (now.dt_s > 0.0) steps.push_back(now.dt_s);
-    std::ranges::nth_element(steps, steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 10));
-    interval_s = std::min(interval_s, steps[steps.size() / 10]);
+/// A model can have this effect, does not have it, and the recordings can show it.
+bool may_be_tried(const model::Physics& effect, const Hypothesis& base, std::span<const Series> series) {
+  const model::PhysicsTraits& traits = effect.traits;
+  const ModelSpec& spec = base.fit.spec;
+  const auto there = [&](std::string_view physics) { return spec.has(physics); };
+  if (base.has(effect)) return false;
+  if (spec.has(effect.name) && !traits.repeatable) return false;
+  if (!traits.refines.empty() && !spec.has(traits.refines)) return false;
+  if (!traits.needs_any_of.empty() && std::ranges::none_of(traits.needs_any_of, there)) return false;
+  switch (traits.pressure) {
+    case model::PressureNeed::kNone:
+      return true;
+    case model::PressureNeed::kMeasured:
+      return std::ranges::any_of(series, [](const Series& s) { return !s.excitation.pressure_psi.empty(); });
+    case model::PressureNeed::kVaries:
+      return pressure_varies(series);
   }
-  for (const Part& part : spec.parts) {
-    for (std::size_t i = 0; i < part.parameters.size(); ++i) {
-      const std::string_view name = part.law->parameters[i].name;
-      const double value = part.parameters[i];
-      if (name == "gap_mm" && value < 8.0 * noise_mm) return true;
-      if (name == "slip_mm" && value < 4.0 * noise_mm) return true;
-      if (name == "delay_s" && value < 0.1 * interval_s) return true;
-      if (part.physics == &model::effect::force_lag() && value < 0.1 * interval_s) return true;
-      // A flow that hardly depends on the rate is dry friction, and stands under that name.
-      if (part.law->name == "power_dashpot" && value <= 1.001 * part.law->parameters[i].lower) return true;
-    }
-  }
-  return false;
+  return true;
 }
 
-std::size_t free_numbers(const ModelSpec& spec) {
-  std::size_t count = 0;
-  for (const Part& part : spec.parts) {
-    if (part.fixed) continue;
-    bool alive = part.coefficients.empty();
-    for (const double c : part.coefficients) {
-      if (c != 0.0) {
-        ++count;
-        alive = true;
-      }
-    }
-    if (!alive) continue;
-    for (const auto& parameter : part.law->parameters) count += parameter.fixed ? 0 : 1;
+/// The law's part with its k-th starts; a parameter with fewer keeps its last.
+Part started_part(const model::Physics& effect, const model::Law& law, std::size_t k,
+                  const model::Reference& recording) {
+  Part part = model::make_part(effect, law);
+  for (std::size_t i = 0; i < law.parameters.size(); ++i) {
+    const auto& starts = law.parameters[i].starts;
+    if (!starts.empty()) part.parameters[i] = starts[std::min(k, starts.size() - 1)];
   }
-  return count;
+  model::fill_from_recording(part, recording);
+  return part;
 }
 
 }  // namespace
@@ -132,22 +113,17 @@ Hypothesis Search::nominal(const ModelSpec& nominal) const {
 std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
   std::vector<Trial> out;
   const ModelSpec& spec = base.fit.spec;
-  const bool with_pressure =
-      std::ranges::any_of(series_, [](const Series& s) { return !s.excitation.pressure_psi.empty(); });
+  const model::Reference& recording = series_[0].excitation.reference;
   for (const model::Physics* effect : model::effects()) {
-    if (base.has(*effect)) continue;
-    if (is_refinement(*effect) && !spec.has("coulomb_friction")) continue;
-    // What has no elastic part has nothing that could relax.
-    if (effect == &model::effect::second_relaxation() && !spec.has("spring") && !spec.has("maxwell")) continue;
-    // A nominal model that has it does not lack it.
-    if (spec.has(effect->name) && effect != &model::effect::second_relaxation()) continue;
-    const bool of_pressure = effect == &model::effect::pressure_coupling() || needs_wide_pressure(*effect);
-    if (of_pressure && !with_pressure) continue;
-    if (needs_wide_pressure(*effect) && !pressure_varies(series_)) continue;
+    if (!may_be_tried(*effect, base, series_)) continue;
     for (const model::Law& law : effect->laws) {
+      if (model::is_event(law)) {
+        add_events(*effect, law, base, out);
+        continue;
+      }
       // Every arm of the nominal model may be the one whose dashpot is not linear.
       std::vector<std::size_t> replaced{spec.parts.size()};
-      if (law.replaces_arm) {
+      if (law.traits.replaces_arm) {
         replaced.clear();
         for (std::size_t i = 0; i < spec.parts.size(); ++i)
           if (spec.parts[i].physics == &model::element::maxwell()) replaced.push_back(i);
@@ -157,15 +133,8 @@ std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
       for (const std::size_t arm : replaced) {
         for (std::size_t k = 0; k < starts; ++k) {
           Trial trial{effect, &law, spec, {}};
-          Part part = model::make_part(*effect, law);
-          for (std::size_t i = 0; i < law.parameters.size(); ++i) {
-            const auto& parameter = law.parameters[i];
-            if (parameter.name == "duration_s")
-              part.parameters[i] = series_[0].excitation.reference.duration_s;
-            else if (!parameter.starts.empty())
-              part.parameters[i] = parameter.starts[std::min(k, parameter.starts.size() - 1)];
-          }
-          if (law.replaces_arm) {
+          Part part = started_part(*effect, law, k, recording);
+          if (law.traits.replaces_arm) {
             part.parameters[0] = spec.parts[arm].parameters[0];
             trial.spec.parts.erase(trial.spec.parts.begin() + static_cast<std::ptrdiff_t>(arm));
           }
@@ -178,98 +147,20 @@ std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
   return out;
 }
 
-std::vector<double> Search::slip_times(const ModelSpec& spec, const NoiseModel& noise, std::size_t count) const {
-  // The force drops by a step when a grip slips. Exact scan: with r the whitened residual after all columns
-  // and Q their basis, a step at bin k gains (r.s)^2 / (s.s - |Q's|^2); all sums run from the end. The
-  // relaxation that follows the step is left to the fit.
-  RowMatrix a;
-  instrument_problem_.columns(spec, a);
-  a.conservativeResize(Eigen::NoChange, a.cols() + 1);
-  a.col(a.cols() - 1) = instrument_problem_.target();
-  NoiseModel white = noise;
-  white.coloured_N = 0.0;
-  whiten(series_, white, a);
-  const Eigen::Index m = a.cols() - 1;
-  // Orthonormal basis by modified Gram-Schmidt; dependent columns drop out.
-  Eigen::MatrixXd q = a.leftCols(m);
-  for (Eigen::Index i = 0; i < m; ++i) {
-    const double before = q.col(i).norm();
-    for (int twice = 0; twice < 2; ++twice)
-      for (Eigen::Index j = 0; j < i; ++j) q.col(i) -= q.col(j).dot(q.col(i)) * q.col(j);
-    const double after = q.col(i).norm();
-    if (after > 1e-7 * before && after > 0.0)
-      q.col(i) /= after;
-    else
-      q.col(i).setZero();
+void Search::add_events(const model::Physics& effect, const model::Law& law, const Hypothesis& base,
+                        std::vector<Trial>& out) const {
+  constexpr std::size_t kTimes = 3;
+  for (const double time_s : event_times(instrument_problem_, base.fit.spec, instrument_problem_.noise(),
+                                         law.traits.event_force_step, kTimes)) {
+    Trial trial{&effect, &law, base.fit.spec, {}};
+    trial.spec.parts.push_back(started_part(effect, law, 0, series_[0].excitation.reference));
+    trial.spec.parts.back().parameters[model::event_parameter(law)] = time_s;
+    out.push_back(std::move(trial));
   }
-  Eigen::VectorXd r = a.col(m);
-  r -= q * (q.transpose() * r);
-  std::vector<std::pair<double, double>> gains;  // gain, time
-  const Series& series = series_[0];
-  Eigen::VectorXd qs = Eigen::VectorXd::Zero(m);
-  double rs = 0.0, ss = 0.0;
-  for (std::size_t k = series.nodes.size(); k-- > 1;) {
-    const auto row = static_cast<Eigen::Index>(k);
-    const double w = std::sqrt(series.count[k]) / white.white_N;
-    rs += w * r[row];
-    ss += w * w;
-    qs += w * q.row(row).transpose();
-    const double rest = ss - qs.squaredNorm();
-    // A slip lengthens the specimen: its step is down.
-    if (rest > 1e-6 * ss && rs < 0.0)
-      gains.emplace_back(rs * rs / rest, 0.5 * (series.nodes[k].t_s + series.nodes[k - 1].t_s));
-  }
-  std::ranges::sort(gains, std::greater<>());
-  std::vector<double> times;
-  for (const auto& [gain, time] : gains) {
-    if (times.size() >= count) break;
-    if (std::ranges::all_of(times, [t = time](double other) { return std::fabs(other - t) > 1.0; }))
-      times.push_back(time);
-  }
-  return times;
-}
-
-void Search::refine_slip(Trial& trial) const {
-  Part& part = trial.spec.parts.back();
-  // What no refit of the other numbers would make good is not refitted; and a time that hardly matters is not
-  // followed through the recording.
-  constexpr double kHopeless = 10.0, kWorth = 0.05;
-  double step_s = 4.0;
-  Fit best = trial.fit;
-  Eigen::VectorXd ignored;
-  while (step_s > 0.004) {
-    bool moved = false;
-    for (const double sign : {1.0, -1.0}) {
-      ModelSpec spec = best.spec;
-      spec.parts.back().parameters[0] += sign * step_s;
-      ModelSpec moved_alone = spec;
-      if (instrument_problem_.solve(moved_alone, ignored) > best.chi2 + kHopeless) continue;
-      Fit fit = instrument_problem_.fit(spec, 3);
-      if (fit.chi2 < best.chi2 * (1.0 - 1e-6) - kWorth) {
-        best = std::move(fit);
-        moved = true;
-        break;
-      }
-    }
-    if (!moved) step_s *= 0.4;
-  }
-  trial.fit = instrument_problem_.fit(best.spec, 15);
-  part.parameters = trial.fit.spec.parts.back().parameters;
 }
 
 std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep, bool thorough) const {
   std::vector<Trial> all = trials(base);
-  std::erase_if(all, [](const Trial& t) { return t.effect == &model::effect::grip_slip(); });
-  if (!base.has(model::effect::grip_slip())) {
-    const auto& slip = model::effect::grip_slip();
-    for (const double time : slip_times(base.fit.spec, instrument_problem_.noise(), 3)) {
-      Trial trial{&slip, &slip.laws.front(), base.fit.spec, {}};
-      trial.spec.parts.push_back(model::make_part(slip, slip.laws.front()));
-      trial.spec.parts.back().parameters[0] = time;
-      trial.spec.parts.back().parameters[2] = series_[0].excitation.reference.duration_s;
-      all.push_back(std::move(trial));
-    }
-  }
   // A few steps from every start, then all the way from the best of each effect.
   base::parallel_for(all.size(), threads_,
                      [&](std::size_t i) { all[i].fit = instrument_problem_.fit(all[i].spec, 4); });
@@ -278,7 +169,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
   std::map<const model::Physics*, int> per_effect;
   for (Trial& trial : all) {
     int& taken = per_effect[trial.effect];
-    // Two laws of a promising effect, one of the rest.
+    // Three laws of each of the most promising effects, one of the rest.
     const int most = per_effect.size() <= keep ? 3 : thorough ? 1 : 0;
     if (taken >= most) continue;
     ++taken;
@@ -287,7 +178,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
   base::parallel_for(chosen.size(), threads_, [&](std::size_t i) {
     Trial& trial = chosen[i];
     trial.fit = instrument_problem_.fit(trial.fit.spec, 30);
-    if (trial.effect == &model::effect::grip_slip()) refine_slip(trial);
+    if (model::is_event(*trial.law)) trial.fit = refine_event(instrument_problem_, trial.fit);
   });
   std::vector<Hypothesis> out(chosen.size());
   base::parallel_for(chosen.size(), threads_, [&](std::size_t i) {
@@ -302,9 +193,10 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
   });
   // Of each effect the law with the best evidence.
   std::ranges::stable_sort(out, std::greater<>(), &Hypothesis::evidence);
+  const InstrumentResolution resolution = resolution_of(series_);
   std::vector<Hypothesis> best;
   for (Hypothesis& hypothesis : out) {
-    if (below_resolution(hypothesis.fit.spec, series_)) continue;
+    if (below_resolution(hypothesis.fit.spec, resolution)) continue;
     if (std::ranges::none_of(best, [&](const Hypothesis& other) { return other.effects == hypothesis.effects; }))
       best.push_back(std::move(hypothesis));
   }
@@ -319,7 +211,7 @@ Hypothesis Search::without(const Hypothesis& whole, const model::Physics& effect
   out.fit.spec = whole.fit.spec;
   auto& parts = out.fit.spec.parts;
   for (Part& part : parts) {
-    if (part.physics != &effect || !part.law->replaces_arm) continue;
+    if (part.physics != &effect || !part.law->traits.replaces_arm) continue;
     // The linear arm that it stood for.
     Part arm = model::make_part(model::element::maxwell(), model::element::maxwell().laws.front());
     arm.parameters[0] = part.parameters[0];
@@ -363,7 +255,7 @@ void Search::settle(Hypothesis& hypothesis, bool restart_arms) const {
   const Problem problem(series_, noise);
   hypothesis.fit.noise = noise;
   hypothesis.fit.log_likelihood = problem.log_likelihood(hypothesis.fit.spec, noise);
-  const double numbers = static_cast<double>(free_numbers(hypothesis.fit.spec));
+  const double numbers = static_cast<double>(counted_numbers(hypothesis.fit.spec));
   hypothesis.evidence =
       hypothesis.fit.log_likelihood - 0.5 * numbers * std::log(static_cast<double>(hypothesis.fit.rows));
 }

@@ -53,9 +53,8 @@ class Search {
     Fit fit;
   };
   [[nodiscard]] std::vector<Trial> trials(const Hypothesis& base) const;
-  [[nodiscard]] std::vector<double> slip_times(const model::ModelSpec& spec, const NoiseModel& noise,
-                                               std::size_t count) const;
-  void refine_slip(Trial& trial) const;
+  void add_events(const model::Physics& effect, const model::Law& law, const Hypothesis& base,
+                  std::vector<Trial>& out) const;
 
   std::span<const Series> series_;
   Problem instrument_problem_;

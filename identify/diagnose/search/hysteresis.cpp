@@ -5,6 +5,8 @@
 #include <cmath>
 
 #include "base/parallel.hpp"
+#include "identify/diagnose/fit/basis.hpp"
+#include "identify/diagnose/fit/left_out.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
 
@@ -19,19 +21,6 @@ struct Candidate {
   std::string_view function_of;
   double squares = 0.0;
 };
-
-std::vector<int> blocks_of(std::span<const Series> series) {
-  std::vector<int> block;
-  int number = 0;
-  for (const Series& each : series) {
-    for (std::size_t k = 0; k < each.nodes.size(); ++k) {
-      if (k > 0 && each.since_corner_s[k] == 0.0 && each.since_corner_s[k - 1] > 5.0) ++number;
-      block.push_back(number);
-    }
-    ++number;
-  }
-  return block;
-}
 
 /// Best pair of thresholds of a relay, by scanning: with r the residual after all columns and Q their basis,
 /// a column s gains (r.s)^2 / (s.s - |Q's|^2). No gradient leads to a threshold.
@@ -52,9 +41,7 @@ void scan_branch(const Problem& problem, Candidate& candidate) {
       high = std::max(high, each.nodes[k].position_mm);
     }
   }
-  const Eigen::MatrixXd a = weight.asDiagonal() * all;
-  Eigen::HouseholderQR<Eigen::MatrixXd> qr(a);
-  const Eigen::MatrixXd q = qr.householderQ() * Eigen::MatrixXd::Identity(n, a.cols());
+  const Eigen::MatrixXd q = orthonormal_basis(weight.asDiagonal() * all);
   Eigen::VectorXd r = weight.asDiagonal() * problem.target();
   r -= q * (q.transpose() * r);
   const auto gain = [&](double upper, double lower) {
@@ -132,34 +119,6 @@ bool has_table(const ModelSpec& spec) {
 
 }  // namespace
 
-std::vector<double> left_out_squares(const Problem& problem, const ModelSpec& spec, unsigned threads) {
-  constexpr int kFolds = 4;
-  const std::vector<int> block = blocks_of(problem.series());
-  std::vector<double> squares(static_cast<std::size_t>(block.back()) + 1, 0.0);
-  base::parallel_for(kFolds, threads, [&](std::size_t fold) {
-    std::vector<Series> kept(problem.series().begin(), problem.series().end());
-    std::size_t at = 0;
-    for (Series& each : kept)
-      for (double& count : each.count)
-        if (block[at++] % kFolds == static_cast<int>(fold)) count = 0.0;
-    const Problem without(kept, problem.noise());
-    const Fit fit = without.fit(spec, 6);
-    const Eigen::VectorXd e = without.target() - without.predict(fit.spec);
-    at = 0;
-    for (const Series& each : problem.series()) {
-      for (const double count : each.count) {
-        const auto b = static_cast<std::size_t>(block[at]);
-        if (block[at] % kFolds == static_cast<int>(fold)) {
-          const double error = e[static_cast<Eigen::Index>(at)];
-          squares[b] += count * error * error / (problem.noise().white_N * problem.noise().white_N);
-        }
-        ++at;
-      }
-    }
-  });
-  return squares;
-}
-
 std::optional<HysteresisDescription> describe_hysteresis(const Search& search, const Selection& selection,
                                                          unsigned threads) {
   NoiseModel white = search.instrument();
@@ -208,7 +167,14 @@ std::optional<HysteresisDescription> describe_hysteresis(const Search& search, c
     finalists[i].spec = fit.spec;
   });
 
-  const std::vector<double> now = left_out_squares(problem, selection.chosen().fit.spec, threads);
+  // Squares of every move in units of the noise.
+  const auto squares_by_move = [&](const ModelSpec& spec) {
+    std::vector<double> out;
+    for (const Prediction& move : predict_moves(problem, spec, threads))
+      out.push_back(move.squares_N2 / (white.white_N * white.white_N));
+    return out;
+  };
+  const std::vector<double> now = squares_by_move(selection.chosen().fit.spec);
   double lacking = 0.0, rows = 0.0;
   for (const double squares : now) lacking += squares;
   for (const Series& each : problem.series())
@@ -217,7 +183,7 @@ std::optional<HysteresisDescription> describe_hysteresis(const Search& search, c
   std::optional<HysteresisDescription> out;
   double least = 0.0;
   for (const Candidate& one : finalists) {
-    const std::vector<double> then = left_out_squares(problem, one.spec, threads);
+    const std::vector<double> then = squares_by_move(one.spec);
     double sum = 0.0, squares = 0.0;
     const auto blocks = static_cast<double>(now.size());
     for (std::size_t b = 0; b < now.size(); ++b) {

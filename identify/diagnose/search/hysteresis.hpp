@@ -21,9 +21,4 @@ struct HysteresisDescription {
 [[nodiscard]] std::optional<HysteresisDescription> describe_hysteresis(const Search& search, const Selection& selection,
                                                                        unsigned threads);
 
-/// Weighted squares of every block of moves, in units of the noise, predicted by a refit without the blocks
-/// of its fold (four folds).
-[[nodiscard]] std::vector<double> left_out_squares(const Problem& problem, const model::ModelSpec& spec,
-                                                   unsigned threads);
-
 }  // namespace isorig::identify

@@ -28,7 +28,7 @@ bool idle(const model::Part& part, const std::vector<NamedValue>& values) {
       continue;
     }
     const auto found = std::ranges::find(law.parameters, values[i].name, &model::Parameter::name);
-    if (found == law.parameters.end() || found->name == "time_s" || found->name == "start") continue;
+    if (found == law.parameters.end() || found->traits.event_time || found->traits.initial_state) continue;
     const double reach = 1e-9 + 1e-6 * std::fabs(values[i].value);
     if (values[i].value <= found->lower + reach || values[i].value >= found->upper - reach) return true;
     // Zero means a simpler law only where zero can be reached.
@@ -54,7 +54,7 @@ void prefer_simpler_laws(Selection& selection, const Search& search) {
       Hypothesis best;
       bool found = false;
       for (const model::Law& law : effect->laws) {
-        if (numbers(law) >= numbers(*at->law) || law.replaces_arm != at->law->replaces_arm) continue;
+        if (numbers(law) >= numbers(*at->law) || law.traits.replaces_arm != at->law->traits.replaces_arm) continue;
         std::size_t starts = 1;
         for (const auto& parameter : law.parameters) starts = std::max(starts, parameter.starts.size());
         for (std::size_t k = 0; k < starts; ++k) {
@@ -81,8 +81,8 @@ void prefer_simpler_laws(Selection& selection, const Search& search) {
       selection.pool[selection.best] = std::move(best);
     }
   }
-  // Where what is left is far above the noise it is the laws' own error. Whitening it would let its fastest
-  // part, at reversals and corners, decide the numbers; plain least squares lets the bulk of the motion.
+  // A residual far above the noise is the law's own error. Whitening would give its fastest part, at reversals and
+  // corners, the most weight; plain least squares lets the bulk of the motion decide the numbers.
   constexpr double kFarAbove = 30.0;
   if (selection.error_rules || selection.noise_scale > kFarAbove) {
     Hypothesis& chosen = selection.pool[selection.best];

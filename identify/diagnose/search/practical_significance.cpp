@@ -4,6 +4,8 @@
 #include <cmath>
 #include <set>
 
+#include "identify/statistics/quantile.hpp"
+
 namespace isorig::identify {
 namespace {
 
@@ -29,9 +31,7 @@ double size_N(const Search& search, const Hypothesis& with, const Hypothesis& wi
   const Eigen::VectorXd change = problem.predict(with.fit.spec) - problem.predict(without.fit.spec);
   std::vector<double> sizes(change.data(), change.data() + change.size());
   for (double& size : sizes) size = std::fabs(size);
-  const auto at = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() * 99 / 100);
-  std::nth_element(sizes.begin(), at, sizes.end());
-  return *at;
+  return quantile(std::move(sizes), 0.99);
 }
 
 void discount_insignificant_effects(Selection& selection, const Search& search, const SelectionOptions& options) {

@@ -7,11 +7,14 @@ namespace isorig::identify {
 /// by when the effect is left out and all the rest refitted.
 [[nodiscard]] double size_N(const Search& search, const Hypothesis& with, const Hypothesis& without);
 
-/// Significance is not enough for a second effect: every model of a real specimen errs by about the
-/// instrument's noise and by some per cent of all that it lacked before (its law is never quite the right
-/// one), and with 30 000 readings the best effect to take that up is always significant. An effect beside a
-/// larger one is believed to be itself, and not such an error, with odds (size / model error)^4; the rest of
-/// its weight goes to the explanation without it, which becomes the answer when it then weighs more.
+/// Statistical significance is not enough to name a second effect. The law found for the first is never quite the
+/// right one: it errs by about two noises of a reading and by 8 % of all that the nominal model lacked. With 30 000
+/// readings, whatever effect takes up such an error best is significant. So an effect beside a larger one is believed
+///
+///     with odds (size / e)^4,   e = hypot(2 noise, 0.08 largest)
+///
+/// and the rest of its weight goes to the explanation without it, which becomes the answer when it then weighs more.
+/// The fourth power is fitted: it takes an effect of half the error's size to 6 % and of twice its size to 94 %.
 void discount_insignificant_effects(Selection& selection, const Search& search, const SelectionOptions& options);
 
 }  // namespace isorig::identify

@@ -1,13 +1,12 @@
 #include "identify/diagnose/search/select.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 #include "identify/diagnose/noise/effective_dof.hpp"
 #include "identify/diagnose/search/empirical.hpp"
 #include "identify/diagnose/search/practical_significance.hpp"
-#include "model/catalogue.hpp"
+#include "identify/statistics/quantile.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -39,54 +38,38 @@ double block_median(const Eigen::VectorXd& residual) {
     const Eigen::Index from = residual.size() * b / kBlocks, to = residual.size() * (b + 1) / kBlocks;
     if (to > from) means.push_back(residual.segment(from, to - from).squaredNorm() / static_cast<double>(to - from));
   }
-  std::ranges::nth_element(means, means.begin() + static_cast<std::ptrdiff_t>(means.size() / 2));
-  return means[means.size() / 2];
+  return quantile(std::move(means), 0.5);
 }
 
 }  // namespace
-
-bool is_format_effect(const model::Physics& physics) {
-  constexpr std::array<std::string_view, 13> names{"coulomb_friction",
-                                                   "strain_stiffening",
-                                                   "second_relaxation",
-                                                   "nonlinear_viscosity",
-                                                   "pressure_coupling",
-                                                   "cyclic_softening",
-                                                   "force_lag",
-                                                   "force_delay",
-                                                   "fixture_inertia",
-                                                   "zero_drift",
-                                                   "grip_slip",
-                                                   "crosshead_backlash",
-                                                   "slack"};
-  return std::ranges::find(names, physics.name) != names.end();
-}
 
 void weigh(Selection& selection, const Search& search, const SelectionOptions& options) {
   const auto& pool = selection.pool;
   std::vector<double> cost(pool.size(), 0.0);
   for (std::size_t i = 0; i < pool.size(); ++i) {
     for (const auto* effect : pool[i].effects)
-      cost[i] += options.prior_cost + (is_format_effect(*effect) ? 0.0 : options.unusual_cost);
+      cost[i] += options.prior_cost + (effect->traits.unusual ? options.unusual_cost : 0.0);
   }
   for (std::size_t i = 0; i < pool.size(); ++i)
     if (!pool[i].empirical.empty()) cost[i] += options.unknown_cost;
   std::size_t top = 0;
   for (std::size_t i = 1; i < pool.size(); ++i)
     if (pool[i].evidence - cost[i] > pool[top].evidence - cost[top]) top = i;
-  // Far above a noise without rests, likelihoods speak of the laws' own error at reversals and corners.
+  // Without rests and with residuals of many noises, a likelihood compares how the laws err at reversals and corners,
+  // not which is nearer: then the variances are compared (error_rules).
   const auto error = [&](std::size_t i) {
     return 0.5 * options.error_degrees * std::log(std::max(pool[i].ls_chi2, 1e-300)) + cost[i];
   };
   std::size_t least = 0;
   for (std::size_t i = 1; i < pool.size(); ++i)
     if (error(i) < error(least)) least = i;
-  selection.error_rules = options.count_looks && std::isfinite(options.most_noise_scale) &&
+  selection.error_rules = options.count_independent_errors && std::isfinite(options.most_noise_scale) &&
                           pool[least].ls_chi2 > kErrorRules * static_cast<double>(pool[least].fit.rows);
   if (selection.error_rules) top = least;
 
-  // What each leaves beyond noise, under the instrument's own noise; its scale from the quieter half of the
-  // blocks of the best explanation.
+  // The excess of each explanation: its whitened squares minus those of noise alone. The scale of that noise is the
+  // median power of the blocks of the best explanation: where half of the recording is fitted well, the rest of it does
+  // not raise the scale.
   Eigen::VectorXd residual;
   model::ModelSpec spec = pool[top].fit.spec;
   (void)search.instrument_problem().solve(spec, residual);
@@ -97,7 +80,7 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
     selection.excess[i] = std::max(pool[i].ls_chi2 - noise, 0.0) / selection.noise_scale;
 
   double degrees = options.error_degrees;
-  if (options.count_looks)
+  if (options.count_independent_errors)
     degrees = std::max(degrees, effective_degrees_of_freedom(search.instrument_problem().series(), residual));
   constexpr double kFloor = 40.0;
   std::vector<double> log_weight(pool.size());
@@ -138,8 +121,8 @@ Selection select_effects(const Search& search, const model::ModelSpec& nominal, 
     const auto larger = ranked(pool, size + 1);
     // More of the beam only where one more effect explains more at all.
     if (larger.empty() || pool[larger.front()].evidence < best + options.least_gain) break;
-    // A first effect that explains all but a little is in every explanation; else the others get their turn,
-    // so that the answer does not hang on which was best alone.
+    // If the first effect explains all but 2 % of what the nominal model leaves, every explanation has it. Else the
+    // next best single effects are extended, too: the best pair need not contain the best single.
     if (size == 1 && pool[order.front()].ls_chi2 < 0.02 * pool.front().ls_chi2) continue;
     for (std::size_t b = 1; b < std::min<std::size_t>(order.size(), size == 1 ? 4 : 2); ++b) {
       const Hypothesis base = pool[order[b]];
@@ -148,8 +131,8 @@ Selection select_effects(const Search& search, const model::ModelSpec& nominal, 
   }
   weigh(selection, search, options);
 
-  // What no effect explains is described by what it depends on, on top of nothing and of the best so far;
-  // then all compete again.
+  // Where the best set still leaves much, a table of one variable is tried, beside the nominal model and beside that
+  // set; then all compete again.
   const double rows = static_cast<double>(selection.nominal().fit.rows);
   if (selection.excess[selection.best] > std::max(0.05 * rows, 150.0)) {
     std::vector<Hypothesis> described;

@@ -16,10 +16,11 @@ struct Selection {
   double noise_scale = 1.0;                             ///< whitened variance where nothing is left to explain
   std::vector<double> excess;                           ///< per hypothesis: sum of squares beyond the noise
   std::map<const model::Physics*, double> probability;  ///< of each effect being there
-  /// What the best leaves is so far above a noise without rests that it is the laws' own error.
+  /// There were no rests to measure the noise in, and the best explanation leaves more than three noises rms: that
+  /// residual is the laws' own error. Explanations are then compared by the variance they leave, not by likelihood.
   bool error_rules = false;
 
-  std::map<const model::Physics*, double> size_N;  ///< of each effect of the chosen, see material.hpp
+  std::map<const model::Physics*, double> size_N;  ///< of each effect of the chosen (practical_significance.hpp)
 
   [[nodiscard]] const Hypothesis& nominal() const { return pool.front(); }
   [[nodiscard]] const Hypothesis& chosen() const { return pool[best]; }
@@ -31,22 +32,23 @@ struct SelectionOptions {
   double least_gain = 8.0;
   /// Prior log odds against each effect: most rigs lack none of a given one.
   double prior_cost = 3.0;
-  /// Further against effects outside of the recording format's list.
+  /// Further against effects beyond the recording format's list (PhysicsTraits::unusual).
   double unusual_cost = 2.0;
   /// Against physics that the catalogue lacks, beyond what its table costs in degrees of freedom.
   double unknown_cost = 6.0;
-  /// How many independent looks at the model error a recording gives. When the best explanation leaves more
-  /// than noise, likelihoods overstate: two explanations are then compared by what they leave, as variances
-  /// with this many degrees of freedom (calibrated on simulated cases, docs/diagnosis.md).
+  /// Degrees of freedom of the model error in a recording. When the best explanation leaves more than noise,
+  /// likelihoods overstate, because they count every bin as independent: two explanations are then compared by their
+  /// residual variances with this many degrees of freedom (calibrated on simulated cases, docs/diagnosis.md).
   double error_degrees = 12.0;
-  /// Take the looks that the residual of the best explanation shows, where they are more (looks.hpp).
-  bool count_looks = false;
+  /// Take the degrees of freedom that the residual of the best explanation shows, where they are more
+  /// (effective_dof.hpp).
+  bool count_independent_errors = false;
   /// The instrument's noise as measured in rests can be wrong by this much in power, not more; where there
   /// were no rests it is a guess, and the quietest half of the recording says.
   double least_noise_scale = 0.0;
   double most_noise_scale = std::numeric_limits<double>::infinity();
   /// What a model errs by that lacks nothing worth a name: in noises of a reading, and as a share of the
-  /// largest effect in it (material.hpp).
+  /// largest effect in it (practical_significance.hpp).
   double model_error_noises = 2.0;
   double model_error_share = 0.08;
 };
@@ -54,15 +56,26 @@ struct SelectionOptions {
 /// Whitened squares per reading beyond which the laws' own error decides, not the noise: three noises.
 inline constexpr double kErrorRules = 9.0;
 
-/// The named effects of the recording format.
-[[nodiscard]] bool is_format_effect(const model::Physics& physics);
-
 /// Singles, pairs, threes by beam; every set refitted as a whole; sets that do not need all their members
 /// lose them again.
 [[nodiscard]] Selection select_effects(const Search& search, const model::ModelSpec& nominal,
                                        const SelectionOptions& options);
 
-/// Weighs the pool anew (after hypotheses were added).
+/// Weighs the pool anew (after hypotheses were added). With, for explanation i,
+///
+///     L_i   log evidence: log-likelihood - k_i/2 ln(rows), k_i its free numbers (Schwarz 1978)
+///     Q_i   squares it leaves, in units of the instrument's noise; n rows; s the scale of that noise
+///     c_i   what its effects cost a priori
+///     X     excess of the best: max(Q_best - s n, 0) / s, and a floor of 40 squares that chance may leave
+///     d     degrees of freedom of the model error
+///
+/// the log weight is
+///
+///     -min( L_best - L_i,  d/2 ln(1 + (Q_i - Q_best) / s / X) ) - c_i
+///
+/// The first term is the Bayes factor by the information criterion. The second is the likelihood ratio of two
+/// variances with d degrees of freedom: where even the best leaves much, a difference in what is left says no more
+/// than that. The milder of the two counts.
 void weigh(Selection& selection, const Search& search, const SelectionOptions& options);
 
 }  // namespace isorig::identify

@@ -21,7 +21,8 @@ std::vector<FlatRun> flat_runs(std::span<const double> t_s, std::span<const doub
   for (std::size_t k = 0; k < reading.size();) {
     std::size_t end = k + 1;
     while (end < reading.size() && reading[end] == reading[k]) ++end;
-    // What is noise to a coarse encoder in motion is none at rest: there, only a jump on coming alive tells.
+    // At rest a coarse encoder repeats one value, as a dead channel does: only the jump of a channel that comes back to
+    // life tells the two apart.
     const bool jumps = end < reading.size() && std::fabs(reading[end] - reading[k]) > 8.0 * std::max(noise, step);
     if (end - k >= shortest && (step < noise || jumps)) out.push_back({k, end});
     k = end;

@@ -5,17 +5,9 @@
 #include <limits>
 #include <vector>
 
+#include "identify/statistics/quantile.hpp"
+
 namespace isorig::identify {
-namespace {
-
-double median(std::vector<double> values) {
-  if (values.empty()) return 0.0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
-}  // namespace
 
 double white_noise(std::span<const double> t_s, std::span<const double> reading) {
   std::vector<double> bends;
@@ -25,7 +17,7 @@ double white_noise(std::span<const double> t_s, std::span<const double> reading)
     const double bend = reading[k] - ((1.0 - share) * reading[k - 1] + share * reading[k + 1]);
     bends.push_back(std::fabs(bend) / std::sqrt(1.0 + share * share + (1.0 - share) * (1.0 - share)));
   }
-  return median(std::move(bends)) / 0.6745;
+  return bends.empty() ? 0.0 : quantile(std::move(bends), 0.5) / kNormalQuartile;
 }
 
 double quantisation(std::span<const double> reading) {

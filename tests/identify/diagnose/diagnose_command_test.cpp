@@ -287,7 +287,7 @@ TEST_F(DiagnoseCommand, PredictsEveryRowAndIsBlindToTheForce) {
 /// Recordings of any length: a drift that was described for a shorter one, a slip of another, one row alone.
 TEST_F(DiagnoseCommand, PredictsRecordingsOfAnyLength) {
   write(model_, kModel + "[[part]]\nphysics = \"zero_drift\"\nlaw = \"wander\"\nduration_s = 100.0\nc1_N = 0.1\n" +
-                    "[[part]]\nphysics = \"grip_slip\"\ntime_s = 50.0\nslip_mm = 0.2\nrecording_duration_s = 100.0\n");
+                    "[[part]]\nphysics = \"grip_slip\"\ntime_s = 50.0\nslip_mm = 0.2\nrecording_id = 100.0\n");
   ASSERT_EQ(predict(folder_ / "long.csv").code, 0);
   write(folder_ / "plain.toml", kModel);
   model_ = folder_ / "plain.toml";

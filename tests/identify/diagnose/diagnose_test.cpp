@@ -44,6 +44,7 @@ void expect_single(const Bench& bench, std::string_view effect, std::string_view
   EXPECT_GT(d.missing[0].probability, 0.9);
   ASSERT_FALSE(d.where.empty());
   for (const Place& place : d.where) EXPECT_LT(place.model_rmse_N, place.nominal_rmse_N) << place.text;
+  for (const std::string& note : d.notes) EXPECT_EQ(note.find("stopped before it had converged"), note.npos) << note;
   if (!carrier.empty()) {
     EXPECT_EQ(d.where[0].covariate, carrier);
   }

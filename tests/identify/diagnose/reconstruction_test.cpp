@@ -42,6 +42,26 @@ TEST(BandLimitedMotion, KeepsAMassWithinHalfAPercent) {
   EXPECT_NEAR(af / aa, kMass_kg, 0.005 * kMass_kg);
 }
 
+/// A slip of one recording must not turn up in another, equally long one.
+TEST(RecordingId, IsOfTheReadingsAndNotOfTheirNumberOrDuration) {
+  messages::Recording recording;
+  recording.metadata.rest_length_mm = 100.0;
+  for (int k = 0; k < 200; ++k) {
+    recording.frame.t_s.push_back(0.1 * k);
+    recording.frame.position_mm.push_back(0.01 * (k % 40));
+    recording.frame.force_N.push_back(0.02 * (k % 40));
+  }
+  const double id = reconstruct_excitation(recording).reference.recording_id;
+  EXPECT_EQ(id, std::floor(id));
+  EXPECT_GT(id, model::kPlannedRecordingId);
+  EXPECT_LE(id, model::kLargestRecordingId);
+  messages::Recording copy = recording;
+  copy.metadata.specimen = "under another name";
+  EXPECT_EQ(reconstruct_excitation(copy).reference.recording_id, id);
+  copy.frame.force_N[57] += 1e-9;
+  EXPECT_NE(reconstruct_excitation(copy).reference.recording_id, id);
+}
+
 TEST(BandLimited, KeepsAStraightLineAndNarrowsAStep) {
   std::vector<double> line, step;
   for (int k = 0; k < 200; ++k) {

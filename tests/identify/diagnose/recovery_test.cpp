@@ -143,7 +143,7 @@ model::ModelSpec true_model(const Truth& truth) {
   spec.parts[1].parameters = {kArm_s};
   spec.parts[1].coefficients = {kArm_N_mm};
   spec.parts.push_back(part_of(truth));
-  if (spec.parts.back().law->replaces_arm) spec.parts.erase(spec.parts.begin() + 1);
+  if (spec.parts.back().law->traits.replaces_arm) spec.parts.erase(spec.parts.begin() + 1);
   return spec;
 }
 
@@ -173,7 +173,7 @@ void fit(const Truth& truth, unsigned seed, Fitted& out) {
 
   model::ModelSpec spec = nominal.fit.spec;
   spec.parts.push_back(part_of(truth));
-  if (spec.parts.back().law->replaces_arm) spec.parts.erase(spec.parts.begin() + 1);
+  if (spec.parts.back().law->traits.replaces_arm) spec.parts.erase(spec.parts.begin() + 1);
   model::Part& part = spec.parts.back();
   std::vector<Fit> fits;
   std::size_t starts = 1;
@@ -187,7 +187,7 @@ void fit(const Truth& truth, unsigned seed, Fitted& out) {
         part.parameters[i] = parameter.starts[std::min(k, parameter.starts.size() - 1)];
       }
     }
-    if (part.law->replaces_arm) part.parameters[0] = nominal.fit.spec.parts[1].parameters[0];
+    if (part.law->traits.replaces_arm) part.parameters[0] = nominal.fit.spec.parts[1].parameters[0];
     if (part.physics->name == "grip_slip") {
       for (double width_s = 40.0, centre_s = 150.0; width_s > 0.02; width_s *= 0.3) {
         for (int j = -6; j <= 6; ++j) {

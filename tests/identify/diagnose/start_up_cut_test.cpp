@@ -125,7 +125,7 @@ TEST(Filling, LeavesForceInTheArmsAndThatIsNoEffect) {
   // It is this recording's: the model predicts another one from rest.
   const std::string text = model::model_text(d.model);
   const auto again = model::parse_model(text, "again");
-  model::RunningModel running(again, {.elongation_at_zero_mm = 5.0, .duration_s = 100.0});
+  model::RunningModel running(again, {.elongation_at_zero_mm = 5.0, .recording_id = 100.0});
   const model::Instant first{.t_s = 0.0, .elongation_mm = 5.0};
   running.reset(first);
   EXPECT_NEAR(running.step(first), 6.0, 0.1);

@@ -227,10 +227,10 @@ TEST(ZeroDrift, HasItsShapeAtRest) {
 
 TEST(GripSlip, IsAnEventThatRelaxesAndStays) {
   const double k = 2.5, arm = 2.0, tau_s = 0.8, slip_mm = 0.2;
-  const auto model = [&](double recording_s) {
+  const auto model = [&](double recording_id) {
     return model::ModelSpec{"",
                             {spring(k), part("maxwell", "linear", {tau_s}, {arm}),
-                             part("grip_slip", "event", {5.0, slip_mm, recording_s}, {})}};
+                             part("grip_slip", "event", {5.0, slip_mm, recording_id}, {})}};
   };
   const Track track = go(1e-3, {{0.0, 4.0}, {1.0, 0.2}, {1.0, 10.8}});
   const model::ModelSpec whole{"", {spring(k), part("maxwell", "linear", {tau_s}, {arm})}};
@@ -238,9 +238,9 @@ TEST(GripSlip, IsAnEventThatRelaxesAndStays) {
   EXPECT_EQ(with[4999], without[4999]);
   EXPECT_NEAR(without[5000] - with[5000], (k + arm) * slip_mm, arm * slip_mm * track.step_s / tau_s);
   EXPECT_NEAR(without.back() - with.back(), k * slip_mm, arm * slip_mm * std::exp(-10.0 / tau_s) * 1.01);
-  // The event belongs to the recording of that length.
-  EXPECT_EQ(all_rows(model(15.0), track), with);
-  EXPECT_EQ(all_rows(model(600.0), track), without);
+  // The event belongs to that recording, and to no other one of the same length.
+  EXPECT_EQ(all_rows(model(kTrackId), track), with);
+  EXPECT_EQ(all_rows(model(kTrackId + 1.0), track), without);
 }
 
 TEST(CyclicSoftening, OfTheWholeSpecimenTakesItsShareOfEveryPart) {

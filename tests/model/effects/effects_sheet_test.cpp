@@ -29,8 +29,8 @@ bool has_unit(std::string_view name) {
 
 /// Ratios, and numbers of decades or of an arm; any other name without a unit is a mistake.
 bool is_a_ratio(std::string_view name) {
-  constexpr std::array<std::string_view, 8> ratios{"exponent", "static_excess", "decades", "share",
-                                                   "start",    "scale",         "arm",     "damping"};
+  constexpr std::array<std::string_view, 9> ratios{"exponent", "static_excess", "decades", "share",       "start",
+                                                   "scale",    "arm",           "damping", "recording_id"};
   return std::ranges::find(ratios, name) != ratios.end();
 }
 
@@ -65,7 +65,7 @@ TEST_P(Sheet, EveryNumberHasAUnitBoundsAndAStart) {
       EXPECT_LE(start, parameter.upper) << parameter.name;
     }
     // What is searched must begin somewhere; the time of an event is scanned, what is given is given.
-    if (!parameter.fixed && parameter.name != "time_s") {
+    if (!parameter.fixed && !parameter.traits.event_time) {
       EXPECT_FALSE(parameter.starts.empty()) << parameter.name;
     }
   }

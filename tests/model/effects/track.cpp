@@ -102,6 +102,7 @@ std::vector<double> model_force(const model::ModelSpec& spec, const Track& track
   reference.elongation_at_zero_mm = track.elongation_at_zero_mm;
   reference.nominal_pressure_psi = track.nominal_pressure_psi;
   reference.duration_s = track.t_s(track.size() - 1);
+  reference.recording_id = kTrackId;
   model::RunningModel running(spec, reference);
   std::vector<double> force_N;
   model::Instant now;

@@ -40,6 +40,9 @@ struct Strokes {
 /// The same places, passed `factor` times as fast.
 [[nodiscard]] Track faster(Track track, double factor);
 
+/// The recording id that every track is run under.
+inline constexpr double kTrackId = 4711.0;
+
 /// The force of the catalogue's model at the grid points `rows` (the first must be 0), one instant each.
 [[nodiscard]] std::vector<double> model_force(const model::ModelSpec& spec, const Track& track,
                                               std::span<const std::size_t> rows);

@@ -1,0 +1,27 @@
+#pragma once
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "identify/diagnose/fit/series.hpp"
+
+namespace isorig::identify {
+
+/// A rest is a stretch without a change of velocity for longer than this; what follows it is a new move. The paper's
+/// protocol rests for 30 s between ramps and turns within 0.3 s, so that any value between would part it alike.
+inline constexpr double kRest_s = 5.0;
+
+/// A move begins where a rest ends: at this bin the velocity changes, and it had not for more than kRest_s.
+[[nodiscard]] inline bool begins_move(const Series& series, std::size_t bin) {
+  return bin > 0 && series.since_corner_s[bin] == 0.0 && series.since_corner_s[bin - 1] > kRest_s;
+}
+
+/// The recordings cut into moves. A move is a ramp, its hold and its return, with the rest after it: the unit that is
+/// left out of a fit, drawn by a bootstrap, or taken as independent of the others. Every recording begins a new one.
+struct MoveNumbers {
+  std::vector<std::size_t> of_bin;  ///< bins of all series in a row; never decreasing
+  std::size_t count = 0;
+};
+[[nodiscard]] MoveNumbers number_moves(std::span<const Series> series);
+
+}  // namespace isorig::identify

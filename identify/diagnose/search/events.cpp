@@ -1,0 +1,118 @@
+#include "identify/diagnose/search/events.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+
+#include "identify/diagnose/fit/basis.hpp"
+
+namespace isorig::identify {
+
+using model::ModelSpec;
+
+std::vector<double> event_times(const Problem& problem, const ModelSpec& spec, const NoiseModel& noise,
+                                double force_step, std::size_t count) {
+  constexpr double kApart_s = 1.0;
+  RowMatrix a;
+  problem.columns(spec, a);
+  a.conservativeResize(Eigen::NoChange, a.cols() + 1);
+  a.col(a.cols() - 1) = problem.target();
+  NoiseModel white = noise;
+  white.coloured_N = 0.0;
+  whiten(problem.series(), white, a);
+  const Eigen::Index m = a.cols() - 1;
+  const Eigen::MatrixXd q = orthonormal_basis(a.leftCols(m));
+  Eigen::VectorXd r = a.col(m);
+  r -= q * (q.transpose() * r);
+  std::vector<std::pair<double, double>> gains;  // gain, time
+  const Series& series = problem.series()[0];
+  Eigen::VectorXd qs = Eigen::VectorXd::Zero(q.cols());
+  double rs = 0.0, ss = 0.0;
+  for (std::size_t k = series.nodes.size(); k-- > 1;) {
+    const auto row = static_cast<Eigen::Index>(k);
+    const double w = std::sqrt(series.count[k]) / white.white_N;
+    rs += w * r[row];
+    ss += w * w;
+    qs += w * q.row(row).transpose();
+    const double rest = ss - qs.squaredNorm();
+    if (rest > 1e-6 * ss && rs * force_step > 0.0)
+      gains.emplace_back(rs * rs / rest, 0.5 * (series.nodes[k].t_s + series.nodes[k - 1].t_s));
+  }
+  std::ranges::sort(gains, std::greater<>());
+  std::vector<double> times;
+  for (const auto& [gain, time] : gains) {
+    if (times.size() >= count) break;
+    if (std::ranges::all_of(times, [t = time](double other) { return std::fabs(other - t) > kApart_s; }))
+      times.push_back(time);
+  }
+  return times;
+}
+
+Fit refine_event(const Problem& problem, const Fit& from) {
+  // A time is refitted only where the coefficients alone bring it within kHopeless of the best, and taken only for a
+  // gain of kWorth: else a time that hardly matters would be followed through the whole recording.
+  constexpr double kHopeless = 10.0, kWorth = 0.05;
+  const std::size_t time = model::event_parameter(*from.spec.parts.back().law);
+  double step_s = 4.0;
+  Fit best = from;
+  Eigen::VectorXd ignored;
+  while (step_s > 0.004) {
+    bool moved = false;
+    for (const double sign : {1.0, -1.0}) {
+      ModelSpec spec = best.spec;
+      spec.parts.back().parameters[time] += sign * step_s;
+      ModelSpec moved_alone = spec;
+      if (problem.solve(moved_alone, ignored) > best.chi2 + kHopeless) continue;
+      Fit fit = problem.fit(spec, 3);
+      if (fit.chi2 < best.chi2 * (1.0 - 1e-6) - kWorth) {
+        best = std::move(fit);
+        moved = true;
+        break;
+      }
+    }
+    if (!moved) step_s *= 0.4;
+  }
+  return problem.fit(best.spec, 15);
+}
+
+RowErrors row_errors(const ModelSpec& spec, const Series& series, const std::vector<bool>& usable) {
+  RowErrors out;
+  model::RunningModel running(spec, series.excitation.reference);
+  running.reset(series.excitation.instants.front());
+  for (std::size_t k = 0; k < series.excitation.instants.size(); ++k) {
+    const double e = series.recording.frame.force_N[k] - running.step(series.excitation.instants[k]);
+    if (!usable.empty() && !usable[k]) continue;
+    out.squares_N2 += e * e;
+    ++out.rows;
+  }
+  return out;
+}
+
+void place_events(ModelSpec& spec, const Series& series, const std::vector<bool>& usable) {
+  for (auto& part : spec.parts) {
+    const std::size_t time = model::event_parameter(*part.law);
+    if (time == part.parameters.size()) continue;
+    double& at_s = part.parameters[time];
+    double before = series.nodes.front().t_s, after = series.nodes.back().t_s;
+    for (const auto& node : series.nodes) {
+      if (node.t_s < at_s)
+        before = node.t_s;
+      else {
+        after = node.t_s;
+        break;
+      }
+    }
+    double best_s = at_s, best = row_errors(spec, series, usable).squares_N2;
+    for (const auto& row : series.excitation.instants) {
+      if (row.t_s < before - 1.0 || row.t_s > after + 1.0) continue;
+      at_s = row.t_s - 0.5 * row.dt_s;
+      if (const double value = row_errors(spec, series, usable).squares_N2; value < best) {
+        best = value;
+        best_s = at_s;
+      }
+    }
+    at_s = best_s;
+  }
+}
+
+}  // namespace isorig::identify

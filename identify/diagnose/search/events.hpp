@@ -1,0 +1,34 @@
+#pragma once
+#include <vector>
+
+#include "identify/diagnose/fit/fit.hpp"
+
+namespace isorig::identify {
+
+/// Candidate times of an event in the first recording of `problem`, best first, at least a second apart. The force
+/// makes a step there whose sign the law knows. With r the whitened residual after all columns of `spec`, Q their
+/// orthonormal basis and s_k the whitened step from bin k on, the step takes
+///
+///     gain(k) = (r . s_k)^2 / (s_k . s_k - |Q' s_k|^2)
+///
+/// off the sum of squares: exact for the step and the model's coefficients together (added-variable regression, Seber &
+/// Lee 2003, 3.7). All sums run from the end, so that every bin is tried. What relaxes after the step is left to the
+/// fit.
+[[nodiscard]] std::vector<double> event_times(const Problem& problem, const model::ModelSpec& spec,
+                                              const NoiseModel& noise, double force_step, std::size_t count);
+
+/// A fit whose last part is an event: its time by a pattern search, all else refitted at each step.
+[[nodiscard]] Fit refine_event(const Problem& problem, const Fit& from);
+
+/// The times of events to the row: bins only say between which of them they were. By the rms over the rows of the
+/// first recording that `usable` marks.
+void place_events(model::ModelSpec& spec, const Series& series, const std::vector<bool>& usable);
+
+/// rms of measured minus simulated force over the usable rows of one recording; with their number.
+struct RowErrors {
+  double squares_N2 = 0.0;
+  std::size_t rows = 0;
+};
+[[nodiscard]] RowErrors row_errors(const model::ModelSpec& spec, const Series& series, const std::vector<bool>& usable);
+
+}  // namespace isorig::identify

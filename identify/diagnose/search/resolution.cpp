@@ -1,0 +1,50 @@
+#include "identify/diagnose/search/resolution.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "identify/statistics/quantile.hpp"
+
+namespace isorig::identify {
+
+InstrumentResolution resolution_of(std::span<const Series> series) {
+  InstrumentResolution out{0.0, std::numeric_limits<double>::infinity()};
+  for (const Series& each : series) {
+    const Motion& motion = each.excitation.motion;
+    out.position_mm = std::max({out.position_mm, motion.noise_mm, motion.quantisation_mm});
+    std::vector<double> steps_s;
+    for (const auto& now : each.excitation.instants)
+      if (now.dt_s > 0.0) steps_s.push_back(now.dt_s);
+    if (!steps_s.empty()) out.interval_s = std::min(out.interval_s, quantile(std::move(steps_s), 0.1));
+  }
+  if (!std::isfinite(out.interval_s)) out.interval_s = 0.0;
+  return out;
+}
+
+bool below_resolution(const model::ModelSpec& spec, const InstrumentResolution& resolution) {
+  constexpr double kAtBound = 1.001;
+  for (const model::Part& part : spec.parts) {
+    for (std::size_t i = 0; i < part.parameters.size(); ++i) {
+      const model::Parameter& parameter = part.law->parameters[i];
+      const model::ParameterTraits& traits = parameter.traits;
+      const double value = part.parameters[i];
+      double least = 0.0;
+      switch (traits.resolution) {
+        case model::Resolution::kNone:
+          break;
+        case model::Resolution::kPositionNoise:
+          least = traits.resolution_factor * resolution.position_mm;
+          break;
+        case model::Resolution::kSampleInterval:
+          least = traits.resolution_factor * resolution.interval_s;
+          break;
+      }
+      if (traits.resolution != model::Resolution::kNone && value < least) return true;
+      if (!traits.lower_bound_is.empty() && value <= kAtBound * parameter.lower) return true;
+    }
+  }
+  return false;
+}
+
+}  // namespace isorig::identify

@@ -1,0 +1,21 @@
+#pragma once
+#include <span>
+
+#include "identify/diagnose/fit/series.hpp"
+#include "model/composed.hpp"
+
+namespace isorig::identify {
+
+/// What the instruments of all recordings together can show.
+struct InstrumentResolution {
+  double position_mm = 0.0;  ///< noise or step of the position reading, whichever is more
+  double interval_s = 0.0;   ///< a tenth of the readings follow each other faster than this
+};
+[[nodiscard]] InstrumentResolution resolution_of(std::span<const Series> series);
+
+/// A part of the model is smaller than the instruments could show (ParameterTraits::resolution): such a play or slip
+/// stands in for noise of the position reading, such a lag for jitter of the time stamps, whatever the likelihood
+/// says. Or it stands at the bound where it is another effect (ParameterTraits::lower_bound_is).
+[[nodiscard]] bool below_resolution(const model::ModelSpec& spec, const InstrumentResolution& resolution);
+
+}  // namespace isorig::identify

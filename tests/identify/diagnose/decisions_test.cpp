@@ -1,0 +1,296 @@
+// What decides which effects are named: weighing, the discount of small effects, simpler laws, degrees of freedom,
+// tables. Each with a truth that was put in.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+#include "bench.hpp"
+#include "identify/diagnose/noise/effective_dof.hpp"
+#include "identify/diagnose/noise/noise.hpp"
+#include "identify/diagnose/search/empirical.hpp"
+#include "identify/diagnose/search/parsimony.hpp"
+#include "identify/diagnose/search/practical_significance.hpp"
+#include "identify/diagnose/search/resolution.hpp"
+#include "identify/diagnose/search/select.hpp"
+#include "model/catalogue.hpp"
+
+namespace isorig::identify {
+namespace {
+
+using test::Bench;
+
+const model::Physics& effect(std::string_view name) {
+  return *model::find_physics(name);
+}
+
+/// One recording of the bench, its noise and a search in it.
+struct Searched {
+  explicit Searched(messages::Recording recording)
+      : series{prepare_series("bench", std::move(recording), {})},
+        search(series, instrument_noise(series, {}).weighing, 2) {}
+
+  /// The nominal model and these laws beside it, fitted.
+  [[nodiscard]] Hypothesis with(std::initializer_list<std::pair<std::string_view, std::string_view>> laws) const {
+    Hypothesis out;
+    out.fit.spec = model::nominal_model("slse1");
+    for (const auto& [name, law] : laws) {
+      out.effects.push_back(&effect(name));
+      out.fit.spec.parts.push_back(model::make_part(effect(name), *model::find_law(effect(name), law)));
+    }
+    out.fit = search.fit_from(out.fit.spec, 30);
+    search.settle(out, false);
+    return out;
+  }
+
+  std::vector<Series> series;
+  Search search;
+};
+
+// --- weigh -----------------------------------------------------------------------------------------------------
+
+/// Hypotheses of which only the numbers that are weighed are set: the noise is known, so that its scale is 1.
+class Weigh : public testing::Test {
+ protected:
+  Weigh() : searched_(test::record_other({})) {
+    options_.least_noise_scale = options_.most_noise_scale = 1.0;
+    nominal_ = searched_.search.nominal(model::nominal_model("slse1"));
+    rows_ = static_cast<double>(nominal_.fit.rows);
+  }
+  /// `excess`: squares beyond those of the noise.
+  void add(std::initializer_list<std::string_view> names, double evidence, double excess) {
+    Hypothesis h = nominal_;
+    for (const auto name : names) h.effects.push_back(&effect(name));
+    h.evidence = evidence;
+    h.ls_chi2 = rows_ + excess;
+    selection_.pool.push_back(std::move(h));
+  }
+  [[nodiscard]] double odds(std::size_t of, std::size_t against) const {
+    return selection_.weight[of] / selection_.weight[against];
+  }
+  void weigh_all() { weigh(selection_, searched_.search, options_); }
+
+  Searched searched_;
+  SelectionOptions options_;
+  Hypothesis nominal_;
+  double rows_ = 0.0;
+  Selection selection_;
+};
+
+TEST_F(Weigh, TheMilderOfLikelihoodAndVarianceDecidesAndAnEffectPaysItsPrior) {
+  add({}, -100.0, 8.0);
+  add({"force_lag"}, -96.0, 0.0);
+  weigh_all();
+  // Likelihood: 4. Variances with 12 degrees: 6 ln(1 + 8/40) = 1.09, the milder. Against it the prior of 3.
+  EXPECT_NEAR(odds(1, 0), std::exp(6.0 * std::log(1.2) - 3.0), 1e-9);
+  EXPECT_EQ(selection_.best, 0u);
+  EXPECT_NEAR(selection_.weight[0] + selection_.weight[1], 1.0, 1e-12);
+  EXPECT_DOUBLE_EQ(selection_.probability.at(&effect("force_lag")), selection_.weight[1]);
+
+  selection_ = {};
+  add({}, -100.0, 4000.0);
+  add({"force_lag"}, -96.0, 0.0);
+  weigh_all();
+  // Now the likelihood is the milder: 4 - 3 = 1.
+  EXPECT_NEAR(odds(1, 0), std::exp(1.0), 1e-9);
+  EXPECT_EQ(selection_.best, 1u);
+}
+
+TEST_F(Weigh, WhereEvenTheBestLeavesMuchAHugeLikelihoodIsNoProof) {
+  add({}, -9000.0, 90000.0);
+  add({"force_lag"}, -1000.0, 10000.0);
+  add({"force_delay"}, -1200.0, 10500.0);
+  weigh_all();
+  EXPECT_NEAR(odds(1, 2), std::exp(6.0 * std::log1p(500.0 / 10040.0)), 1e-6);
+  EXPECT_GT(selection_.weight[2], 0.3) << "200 in log-likelihood, and still a rival";
+  EXPECT_LT(selection_.weight[0], 1e-4);
+}
+
+TEST_F(Weigh, AnUnusualEffectCostsTwoMore) {
+  ASSERT_TRUE(effect("viscous_drag").traits.unusual);
+  ASSERT_FALSE(effect("force_lag").traits.unusual);
+  add({}, -500.0, 3000.0);
+  add({"force_lag"}, -100.0, 0.0);
+  add({"viscous_drag"}, -100.0, 0.0);
+  weigh_all();
+  EXPECT_NEAR(odds(1, 2), std::exp(2.0), 1e-9);
+}
+
+// --- discount_insignificant_effects ------------------------------------------------------------------------------
+
+/// Friction of 0.8 N, and a drift whose size decides: what it moves the force by against 8 % of the friction and two
+/// noises.
+double probability_of_drift(double drift_N_h) {
+  const Searched on(test::record_other({.friction_N = 0.8, .drift_N_h = drift_N_h, .seed = 3}));
+  Selection selection;
+  selection.pool.push_back(on.search.nominal(model::nominal_model("slse1")));
+  selection.pool.push_back(on.with({{"coulomb_friction", "dahl"}}));
+  selection.pool.push_back(on.with({{"coulomb_friction", "dahl"}, {"zero_drift", "linear"}}));
+  selection.weight = {0.0, 0.1, 0.9};
+  selection.excess = {1e4, 0.0, 0.0};
+  selection.best = 2;
+  discount_insignificant_effects(selection, on.search, {});
+  EXPECT_NEAR(selection.probability.at(&effect("coulomb_friction")), 1.0, 1e-9);
+  return selection.probability.at(&effect("zero_drift"));
+}
+
+TEST(InsignificantEffects, AFaintDriftBesideFrictionIsDisbelievedAndALargeOneStays) {
+  EXPECT_LT(probability_of_drift(0.2), 0.1);
+  EXPECT_GT(probability_of_drift(15.0), 0.85);
+}
+
+TEST(InsignificantEffects, SizeIsWhatTheForceChangesByWithoutTheEffect) {
+  const Searched on(test::record_other({.drift_N_h = 20.0, .seed = 4}));
+  const Hypothesis with = on.with({{"zero_drift", "linear"}}), without = on.with({});
+  // The tare takes the mean of a drift: half of its range at both ends.
+  const double range_N = 20.0 / 3600.0 * on.series[0].nodes.back().t_s;
+  const double size = size_N(on.search, with, without);
+  EXPECT_GT(size, 0.2 * range_N);
+  EXPECT_LT(size, 0.8 * range_N);
+  EXPECT_EQ(size_N(on.search, with, with), 0.0);
+}
+
+// --- prefer_simpler_laws -----------------------------------------------------------------------------------------
+
+const model::Law* law_after(const Searched& on, std::string_view name, std::string_view law) {
+  Selection selection;
+  selection.pool.push_back(on.search.nominal(model::nominal_model("slse1")));
+  selection.pool.push_back(on.with({{name, law}}));
+  selection.weight = {0.0, 1.0};
+  selection.best = 1;
+  prefer_simpler_laws(selection, on.search);
+  for (const model::Part& part : selection.chosen().fit.spec.parts)
+    if (part.physics == &effect(name)) return part.law;
+  return nullptr;
+}
+
+TEST(SimplerLaws, ACoefficientWhoseIntervalHoldsZeroGoes) {
+  const Searched on(test::record_other({.quadratic_N_mm2 = 0.15, .seed = 5}));
+  const model::Law* law = law_after(on, "strain_stiffening", "polynomial");
+  ASSERT_NE(law, nullptr);
+  EXPECT_EQ(law->name, "quadratic");
+}
+
+TEST(SimplerLaws, ACoefficientThatIsThereStays) {
+  messages::Recording recording = test::record_other({.quadratic_N_mm2 = 0.15, .seed = 5});
+  for (std::size_t k = 0; k < recording.frame.size(); ++k)
+    recording.frame.force_N[k] += 0.1 * std::pow(recording.frame.position_mm[k], 3);
+  const Searched on(std::move(recording));
+  const model::Law* law = law_after(on, "strain_stiffening", "polynomial");
+  ASSERT_NE(law, nullptr);
+  EXPECT_EQ(law->name, "polynomial");
+}
+
+TEST(SimplerLaws, AWeakeningThatIsNotThereGoes) {
+  const Searched on(test::record_other({.friction_N = 0.8, .presliding_mm = 0.05, .seed = 6}));
+  const model::Law* law = law_after(on, "coulomb_friction", "stribeck");
+  ASSERT_NE(law, nullptr);
+  EXPECT_EQ(law->parameters.size(), 1u) << law->name;
+}
+
+// --- effective_degrees_of_freedom ----------------------------------------------------------------------------------
+
+/// `n` bins in one stroke, and a residual of given correlation from bin to bin.
+double degrees(std::size_t n, double correlation) {
+  Series series;
+  series.excitation.width = 2;  // strokes are then counted in the bins
+  for (std::size_t k = 0; k < n; ++k) {
+    model::Instant now;
+    now.t_s = 0.01 * static_cast<double>(k);
+    now.dt_s = k > 0 ? 0.01 : 0.0;
+    now.position_mm = 1e-3 * static_cast<double>(k);
+    now.step_mm = now.slide_mm = k > 0 ? 1e-3 : 0.0;
+    now.velocity_mm_s = 0.1;
+    series.nodes.push_back(now);
+  }
+  series.count.assign(n, 1.0);
+  series.force_N.assign(n, 0.0);
+  series.since_corner_s.assign(n, 1.0);
+  std::mt19937 random(9);
+  std::normal_distribution<double> normal;
+  Eigen::VectorXd residual(static_cast<Eigen::Index>(n));
+  double state = normal(random);
+  for (Eigen::Index k = 0; k < residual.size(); ++k) {
+    residual[k] = state;
+    state = correlation * state + std::sqrt(1.0 - correlation * correlation) * normal(random);
+  }
+  const std::vector<Series> one{series};
+  return effective_degrees_of_freedom(one, residual);
+}
+
+TEST(DegreesOfFreedom, AreTheBinsOfWhiteNoiseAndFewerWhereBinsHangTogether) {
+  constexpr double kBins = 8000.0;
+  // White: Box's spread of blocks of 25 takes 1 / (1 + 2/25).
+  EXPECT_NEAR(degrees(8000, 0.0), kBins / 1.08, 0.03 * kBins);
+  // AR(1): the sum of squares has n (1 - r^2) / (1 + r^2) degrees; blocks that share an error take some more.
+  const double expected = kBins * (1.0 - 0.81) / (1.0 + 0.81);
+  EXPECT_LT(degrees(8000, 0.9), 1.1 * expected);
+  EXPECT_GT(degrees(8000, 0.9), 0.4 * expected);
+}
+
+// --- describe_unknown ------------------------------------------------------------------------------------------------
+
+TEST(Table, DescribesAForceOfThePositionThatNoEffectIs) {
+  const Searched on(test::record_other({.ripple_N = 0.3, .ripple_mm = 0.6, .seed = 7}));
+  const Hypothesis nominal = on.search.nominal(model::nominal_model("slse1"));
+  const auto table = describe_unknown(on.search, nominal);
+  ASSERT_TRUE(table.has_value());
+  EXPECT_TRUE(table->empirical.starts_with("position")) << table->empirical;
+  const auto rows = static_cast<double>(nominal.fit.rows);
+  EXPECT_LT(table->ls_chi2 - rows, 0.1 * (nominal.ls_chi2 - rows));
+  // The table itself: amplitude and period of what was put in.
+  const model::Part& part = table->fit.spec.parts.back();
+  ASSERT_FALSE(part.table.values.empty());
+  if (part.physics->stage != model::Stage::kKinematics) {
+    const double swing = part.table.at(0.15) - part.table.at(0.45);
+    EXPECT_NEAR(swing, 0.6, 0.15);
+  }
+}
+
+TEST(Table, IsNotMadeOfNoise) {
+  const Searched on(test::record_other({.seed = 8}));
+  EXPECT_FALSE(describe_unknown(on.search, on.search.nominal(model::nominal_model("slse1"))).has_value());
+}
+
+// --- below_resolution ------------------------------------------------------------------------------------------------
+
+TEST(Resolution, APlayASlipALagAndADelayMustStandClearOfTheInstruments) {
+  const InstrumentResolution instruments{0.001, 0.01};
+  const auto below = [&](std::string_view name, std::string_view parameter, double value) {
+    model::ModelSpec spec = model::nominal_model("slse1");
+    const model::Law& law = effect(name).laws.front();
+    spec.parts.push_back(model::make_part(effect(name), law));
+    for (std::size_t i = 0; i < law.parameters.size(); ++i)
+      if (law.parameters[i].name == parameter) spec.parts.back().parameters[i] = value;
+    return below_resolution(spec, instruments);
+  };
+  EXPECT_TRUE(below("crosshead_backlash", "gap_mm", 0.0079));
+  EXPECT_FALSE(below("crosshead_backlash", "gap_mm", 0.0081));
+  EXPECT_TRUE(below("grip_slip", "slip_mm", 0.0039));
+  EXPECT_FALSE(below("grip_slip", "slip_mm", 0.0041));
+  EXPECT_TRUE(below("force_delay", "delay_s", 0.0009));
+  EXPECT_FALSE(below("force_delay", "delay_s", 0.0011));
+  EXPECT_TRUE(below("force_lag", "time_constant_s", 0.0009));
+  EXPECT_FALSE(below("force_lag", "time_constant_s", 0.0011));
+  EXPECT_FALSE(below("zero_drift", "rate_N_h", 0.0));
+}
+
+TEST(Resolution, AFlowThatHardlyDependsOnTheRateStandsUnderFrictionsName) {
+  const model::Physics& viscosity = effect("nonlinear_viscosity");
+  model::ModelSpec spec = model::nominal_model("slse1");
+  spec.parts.push_back(model::make_part(viscosity, *model::find_law(viscosity, "power_dashpot")));
+  spec.parts.back().parameters[0] = 0.3;
+  EXPECT_TRUE(below_resolution(spec, {}));
+  spec.parts.back().parameters[0] = 0.31;
+  EXPECT_FALSE(below_resolution(spec, {}));
+}
+
+TEST(Resolution, IsThatOfTheReadings) {
+  const Searched on(test::record_other({.position_noise_mm = 4e-4}));
+  const InstrumentResolution found = resolution_of(on.series);
+  EXPECT_NEAR(found.position_mm, 4e-4, 1.5e-4);
+  EXPECT_NEAR(found.interval_s, 0.005, 5e-4);
+}
+
+}  // namespace
+}  // namespace isorig::identify
