@@ -88,6 +88,7 @@ void PressureGuard::on_reading(std::int64_t mono_ns, double pressure_psi, double
     sure_rate_psi_s_ = 0.0;
     return;
   }
+  displacement_mm_ += crosshead_velocity_mm_s * dt_s;
   const double behind_psi = pressure_psi - slow_psi_;
   slow_psi_ += behind_psi * std::min(1.0, dt_s / kThermalTimeS);
   if (config_.actuator == PressureLoopConfig::Actuator::kRegulator) return;  // its flows are not ours to know
@@ -145,31 +146,37 @@ void PressureGuard::on_reading(std::int64_t mono_ns, double pressure_psi, double
     return std::max(0.0, 1e-3 * permille - config_.minimum_duty) * full;
   };
   judge_hold(fed(duties.fill_min, full_fill) - fed(duties.vent_max, full_vent),
-             fed(duties.vent_min, full_vent) - fed(duties.fill_max, full_fill), motion_psi_s + thermal_psi_s,
-             change_psi, dt_s, is_holding);
+             fed(duties.vent_min, full_vent) - fed(duties.fill_max, full_fill), thermal_psi_s, change_psi, dt_s,
+             is_holding);
   judge_fill_time(duties, dt_s);
 }
 
-void PressureGuard::judge_hold(double fed_psi_s, double drained_psi_s, double slack_psi_s, double change_psi,
+void PressureGuard::judge_hold(double fed_psi_s, double drained_psi_s, double thermal_psi_s, double change_psi,
                                double dt_s, bool is_holding) noexcept {
   hold_s_ = is_holding ? hold_s_ + dt_s : 0.0;
   if (hold_s_ < kHoldBeginsS) {
     fed_in_vain_psi_ = drained_in_vain_psi_ = 0.0;
+    fed_from_mm_ = drained_from_mm_ = displacement_mm_;
     return;
   }
-  const double free_psi_s = leak_psi_s_ + slack_psi_s;
-  fed_in_vain_psi_ = std::max(0.0, fed_in_vain_psi_ + (fed_psi_s - free_psi_s) * dt_s - change_psi);
-  drained_in_vain_psi_ = std::max(0.0, drained_in_vain_psi_ + (drained_psi_s - free_psi_s) * dt_s + change_psi);
-  const double bound_psi = config_.hold_allowance_psi();
-  if (fed_in_vain_psi_ > bound_psi) {
+  const double free_psi_s = leak_psi_s_ + thermal_psi_s;
+  const auto add = [&](double& sum_psi, double& from_mm, double more_psi) {
+    sum_psi = std::max(0.0, sum_psi + more_psi);
+    if (sum_psi == 0.0) from_mm = displacement_mm_;
+    return config_.hold_allowance_psi() + config_.motion_bound_psi_mm() * std::abs(displacement_mm_ - from_mm);
+  };
+  const double fed_bound_psi = add(fed_in_vain_psi_, fed_from_mm_, (fed_psi_s - free_psi_s) * dt_s - change_psi);
+  const double drained_bound_psi =
+      add(drained_in_vain_psi_, drained_from_mm_, (drained_psi_s - free_psi_s) * dt_s + change_psi);
+  if (fed_in_vain_psi_ > fed_bound_psi) {
     raise("pressure.hold",
           "holding the pressure takes more air than a leak may; check hoses and specimen, and whether the reading is "
           "alive",
-          fed_in_vain_psi_, bound_psi);
-  } else if (drained_in_vain_psi_ > bound_psi) {
+          fed_in_vain_psi_, fed_bound_psi);
+  } else if (drained_in_vain_psi_ > drained_bound_psi) {
     raise("pressure.hold",
           "holding the pressure takes venting all the time; check the fill valve, and whether the reading is alive",
-          drained_in_vain_psi_, bound_psi);
+          drained_in_vain_psi_, drained_bound_psi);
   }
 }
 

@@ -41,7 +41,9 @@ struct PressureDoubt {
 /// Three further sums need no bound on the gains:
 ///  - a hold that wants more air than `leak`, in or out, on and on, though the reading stands: a leak, or a reading
 ///  that
-///    stands because it is stuck;
+///    stands because it is stuck. What the crosshead does to the volume depends on where it is and not on the way it
+///    took, so over any time it explains at most motion_max_psi_per_mm times the displacement, and a stroke out and
+///    back explains nothing;
 ///  - the time of the fill valve, as full-duty seconds above `leak`: more than three fillings from empty to the limit
 ///    without venting between is no filling;
 ///  - the change expected since the sensor's count last changed, for messages::ElvhMonitor.
@@ -83,7 +85,7 @@ class PressureGuard {
 
   [[nodiscard]] Duties duties_before(std::int64_t mono_ns) noexcept;
   void raise(const char* code, const char* what, double value, double threshold) noexcept;
-  void judge_hold(double fed_psi_s, double drained_psi_s, double slack_psi_s, double change_psi, double dt_s,
+  void judge_hold(double fed_psi_s, double drained_psi_s, double thermal_psi_s, double change_psi, double dt_s,
                   bool is_holding) noexcept;
   void judge_fill_time(const Duties& duties, double dt_s) noexcept;
 
@@ -101,6 +103,8 @@ class PressureGuard {
   double slow_psi_ = 0.0;  // a second behind
   double short_psi_ = 0.0, over_psi_ = 0.0;
   double fed_in_vain_psi_ = 0.0, drained_in_vain_psi_ = 0.0;
+  double displacement_mm_ = 0.0;                      // of the crosshead, as commanded
+  double fed_from_mm_ = 0.0, drained_from_mm_ = 0.0;  // where it was when the sum was 0 last
   double hold_s_ = 0.0;
   double fill_used_s_ = 0.0;
   double sure_rate_psi_s_ = 0.0;

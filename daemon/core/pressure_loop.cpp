@@ -27,6 +27,7 @@ PressureLoopConfig PressureLoopConfig::read(const base::TomlTable& table) {
   c.feedforward_psi_per_mm = table.number_or("feedforward_psi_per_mm", c.feedforward_psi_per_mm);
   c.minimum_duty = table.number_or("minimum_duty", c.minimum_duty, {0.0, 0.5});
   c.settled_tolerance_psi = table.number_or("settled_tolerance_psi", c.settled_tolerance_psi, base::kPositive);
+  c.dead_zone_psi = table.number_or("dead_zone_psi", c.dead_zone_psi, {0.0, 0.1});
   c.unreachable_error_psi = table.number_or("unreachable_error_psi", c.unreachable_error_psi, base::kPositive);
   c.unreachable_after_s = table.number_or("unreachable_after_s", c.unreachable_after_s, base::kPositive);
   c.response_min = table.number_or("response_min", c.response_min, {0.05, 1.0});
@@ -126,7 +127,16 @@ pressure::Command PressureLoop::update(std::int64_t mono_ns, double pressure_psi
     const double fill_full = fill_rate_psi_s(config_.fill_gain_per_s, config_.supply_psi, pressure_psi);
     const double vent_full = vent_rate_psi_s(config_.vent_gain_per_s, pressure_psi);
 
-    const double error = reference_psi_ - pressure_psi;
+    double error = reference_psi_ - pressure_psi;
+    smooth_error_psi_ += (error - smooth_error_psi_) * std::min(1.0, dt_s / PressureLoopConfig::kErrorSmoothing_s);
+    const bool at_target = std::abs(target_psi_ - reference_psi_) < 1e-9;
+    const double edge_psi =
+        in_dead_zone_ ? PressureLoopConfig::kDeadZoneLeft * config_.dead_zone_psi : config_.dead_zone_psi;
+    in_dead_zone_ = at_target && std::abs(smooth_error_psi_) < edge_psi;
+    if (in_dead_zone_) {
+      error = 0.0;
+      integral_psi_s_ *= std::max(0.0, 1.0 - dt_s / PressureLoopConfig::kIntegralFades_s);
+    }
     const double rate = reference_rate + config_.feedforward_psi_per_mm * crosshead_velocity_mm_s +
                         config_.proportional_per_s * (error + integral_psi_s_ / config_.integral_time_s);
     // Close to the supply (or to the atmosphere) a valve gives next to nothing: a floor keeps the duty finite.

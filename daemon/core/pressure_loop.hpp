@@ -20,6 +20,13 @@ class TomlTable;
 ///
 ///   rate = d(reference)/dt + kp (e + (1/Ti) integral e) + feedforward_psi_per_mm * crosshead velocity
 ///
+/// At its target the loop has a dead zone: while |e|, smoothed over 30 ms, is below `dead_zone_psi` (and until it is
+/// twice as large), e counts as 0 and the integral dies out within `kIntegralFades_s`. A reading that has died near the
+/// set-point (a sensor's tube blocked, a count stuck) would otherwise be filled after, more and more, for an error that
+/// never changes: 0.002 psi wound the shipped loop up to 31 psi from 23. Now such an error moves no valve, and a larger
+/// one winds up so fast that PressureGuard finds it (pressure_faults_test). The price is a ripple of some hundredths of
+/// a psi.
+///
 /// The reference runs to the target at the rate limit. Anti-windup: the integral stands still while the valve is
 /// saturated in the direction of the error, and it never asks for more than a quarter of the full fill rate: it is
 /// there for the leak and for gains that are not quite right. The gains are in 1/s of the linearised loop; with a dead
@@ -37,6 +44,7 @@ struct PressureLoopConfig {
   double feedforward_psi_per_mm = 0.0;  ///< pressure the chamber would lose per mm of extension, if the valves slept
   double minimum_duty = 0.0;            ///< below it a valve does not open; smaller commands are shut
   double settled_tolerance_psi = 0.1;
+  double dead_zone_psi = 0.01;         ///< an error below it is none, at the target
   double unreachable_error_psi = 0.5;  ///< error and saturation for longer than `unreachable_after_s` ...
   double unreachable_after_s = 5.0;    ///< ... is a set-point that cannot be reached (leak, empty supply)
   // What a sound rig shows of all that (PressureGuard).
@@ -48,12 +56,15 @@ struct PressureLoopConfig {
   static constexpr double kDeadDuty = 0.05;   ///< the first part of a duty need not open the valve
   static constexpr double kLeakShare = 0.05;  ///< of the full fill rate at the supply's pressure
   static constexpr double kIntegralShare =
-      0.25;                                 ///< of the full fill rate, either way: the integral is for leak and gain
-  static constexpr double kFillings = 3.0;  ///< from 0 to the greatest pressure, without venting in between
+      0.25;  ///< of the full fill rate, either way: the integral is for leak and gain
+  static constexpr double kIntegralFades_s = 0.5;  ///< in the dead zone
+  static constexpr double kErrorSmoothing_s = 0.03;
+  static constexpr double kDeadZoneLeft = 2.0;  ///< times its width: noise about the edge must not wind the integral up
+  static constexpr double kFillings = 3.0;      ///< from 0 to the greatest pressure, without venting in between
 
   [[nodiscard]] double leak_bound_psi_s() const noexcept;
   [[nodiscard]] double motion_bound_psi_mm() const noexcept;
-  [[nodiscard]] double hold_allowance_psi() const noexcept { return 5.0 * allowance_psi; }
+  [[nodiscard]] double hold_allowance_psi() const noexcept { return 4.0 * allowance_psi; }
   /// Duty that may flow for ever: the leak, and what does not open the valve.
   [[nodiscard]] double fill_allowance() const noexcept;
   /// Full-duty seconds above the allowance that are no filling any more.
@@ -97,6 +108,8 @@ class PressureLoop {
   double rate_psi_s_ = 0.0;
   double reference_psi_ = 0.0;
   double integral_psi_s_ = 0.0;
+  double smooth_error_psi_ = 0.0;
+  bool in_dead_zone_ = false;
   bool reference_started_ = false;
   bool unreachable_ = false;
   std::int64_t last_ns_ = 0;

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "base/number_text.hpp"
+#include "daemon/core/valve_flow.hpp"
 #include "daemon/rig/config.hpp"
 #include "daemon/rig/config_checks_frame.hpp"
 #include "messages/elvh.hpp"
@@ -14,6 +15,8 @@ namespace {
 
 using base::number_text;
 using base::TomlTable;
+
+constexpr double kLeakMostShare = 0.15;  // of the full fill rate
 
 void check_travel_and_force(const RigConfig& rig, const Keys& k) {
   const auto& l = rig.limits;
@@ -89,6 +92,10 @@ void check_supervisor(const RigConfig& rig, const Keys& k, const Watchdogs& dogs
           "s", "a loop that is later sends no heartbeat, and the devices stop by themselves");
   k.range("following_error_max_mm", s.following_error_max_mm, 0.01, 5.0, "mm",
           "a crosshead that is further from its segment does something else than it was told");
+  k.range("following_error_min_mm", s.following_error_min_mm, 0.01, s.following_error_max_mm, "mm",
+          "the narrower of the two stages: wider than following_error_max_mm it is none");
+  k.range("standstill_max_mm", s.standstill_max_mm, 0.005, 0.5, "mm",
+          "a stopped crosshead that is further from its place moves");
   k.range("segment_ack_max_s", s.segment_ack_max_s, 0.02, std::max(patience_s, 1.5), "s",
           "so long a frame may stand, or go on, without anybody knowing whether it took the segment");
   k.range("frozen_force_max_s", s.frozen_force_max_s, 0.05, 5.0, "s",
@@ -135,8 +142,23 @@ void check_loop(const RigConfig& rig, const Keys& k) {
   k.range("supply_psi", c.supply_psi, rig.limits.pressure_max_psi, 150.0, "psi",
           "below pressure_max_psi it could not be reached; above, it is no supply for these valves, and the loop "
           "reckons its duties with it");
-  k.range("fill_gain_per_s", c.fill_gain_per_s, 1e-3, 50.0, "1/s", "C * 1 bar / V of such a rig");
-  k.range("vent_gain_per_s", c.vent_gain_per_s, 1e-3, 50.0, "1/s", "C * 1 bar / V of such a rig");
+  // A 1.5 mm valve fills 50 mL at 300 psi/s, which is 5 1/s; what is faster in the file makes the guard blind.
+  k.range("fill_gain_per_s", c.fill_gain_per_s, 1e-3, 5.0, "1/s", "C * 1 bar / V of such a rig; see docs/config.md");
+  k.range("vent_gain_per_s", c.vent_gain_per_s, 1e-3, 5.0, "1/s", "C * 1 bar / V of such a rig; see docs/config.md");
+  const double full_psi_s = c.fill_gain_per_s * (c.supply_psi + kAtmospherePsi);
+  k.range(
+      "leak_max_psi_s", c.leak_bound_psi_s(), 1e-4, kLeakMostShare * full_psi_s, "psi/s",
+      "three twentieths of what the full fill valve gives: a leak that large is a fault, and a reading that lies in a "
+      "hold is found by it");
+  k.range("motion_max_psi_per_mm", c.motion_bound_psi_mm(), 1e-3, 1.5, "psi/mm",
+          "a millimetre of so short an actuator changes its volume by a twentieth; what the crosshead may explain, a "
+          "reading "
+          "that lies may hide behind");
+  k.range("response_min", c.response_min, 0.1, 1.0, "",
+          "a chamber ten times as large as the gains say needs other gains, not a guard that looks away");
+  k.range("allowance_psi", c.allowance_psi, 0.02, 1.0, "psi", "a sensor with more noise is broken");
+  k.range("dead_zone_psi", c.dead_zone_psi, 0.004, 0.1, "psi",
+          "below two counts of the sensor an error that never changes winds the integral up");
   k.range("proportional_per_s", c.proportional_per_s, 0.1, 40.0, "1/s",
           "with 10 ms of dead time the loop oscillates above");
   k.range("integral_time_s", c.integral_time_s, 0.05, 60.0, "s",
@@ -149,6 +171,12 @@ void check_loop(const RigConfig& rig, const Keys& k) {
           "a set-point that far off is not reached");
   k.range("unreachable_error_psi", c.unreachable_error_psi, 0.05, 5.0, "psi", "so far off a leak would go unseen");
   k.range("unreachable_after_s", c.unreachable_after_s, 0.1, 30.0, "s", "so long the fill valve may blow into a leak");
+}
+
+void check_operator(const RigConfig& rig, const Keys& k) {
+  const double force_N = rig.limits.force_max_N - rig.limits.force_min_N;
+  k.range("jog_force_max_N", rig.core.operating.jog_force_max_N, 0.01, 0.5 * force_N, "N",
+          "half of the range between the force limits: a person stands at the grips in set-up");
 }
 
 void check_regulator(const RigConfig& rig, const Keys& k) {
@@ -239,6 +267,7 @@ void check_rig(const RigConfig& rig, const TomlTable& root) {
   check_services(rig, {root, "services"}, dogs);
   check_teensy(rig, {root, "pressure"}, dogs);
   check_loop(rig, {root, "pressure_loop"});
+  check_operator(rig, {root, "operator"});
   check_regulator(rig, {root, "regulator"});
   check_recorder(rig, {root, "recorder"});
   check_interlock(rig, {root, "interlock"});

@@ -129,7 +129,18 @@ const Dangerous kDangerous[] = {
     {"calibration", "pressure_offset_psi", "10.0", "total error band"},
     {"calibration", "force_offset_N", "-1e6", "leaves no force"},
     {"calibration", "position_offset_mm", "1e9", "travels further"},
+    // [pressure_loop]: what makes the guard look away.
+    {"pressure_loop", "leak_max_psi_s", "1000.0", "is found by it"},
+    {"pressure_loop", "motion_max_psi_per_mm", "1000.0", "may hide behind"},
+    {"pressure_loop", "fill_gain_per_s", "19.0", "from 0.001 to 5"},
+    {"pressure_loop", "vent_gain_per_s", "19.0", "from 0.001 to 5"},
+    {"pressure_loop", "response_min", "0.06", "a guard that looks away"},
+    {"pressure_loop", "allowance_psi", "1.5", "sensor with more noise"},
+    {"pressure_loop", "dead_zone_psi", "0.0", "winds the integral up"},
     // [supervisor]: what trips when it is too late.
+    {"supervisor", "standstill_max_mm", "1000.0", "from 0.005 to 0.5 mm"},
+    {"supervisor", "following_error_min_mm", "100.0", "it is none"},
+    {"operator", "jog_force_max_N", "1e9", "from 0.01"},
     {"supervisor", "frame_age_max_s", "1e9", "watchdog"},
     {"supervisor", "frame_age_max_s", "0.6", "from 0.01 to 0.5 s"},
     {"supervisor", "frame_age_max_s", "1e-6", "from 0.01"},

@@ -202,12 +202,28 @@ TEST(PressureLoopBounds, TheIntegralAsksForAQuarterOfTheFillRateAtMost) {
   std::int64_t now_ns = 0;
   // A reading that stands a little low: no saturation, so the integral goes on.
   pressure::Command command;
-  for (int i = 0; i < 60'000; ++i) command = loop.update(now_ns += kMs, 9.99, 0.0);
-  const double full = fill_rate_psi_s(config.fill_gain_per_s, config.supply_psi, 9.99);
+  for (int i = 0; i < 60'000; ++i) command = loop.update(now_ns += kMs, 9.97, 0.0);
+  const double full = fill_rate_psi_s(config.fill_gain_per_s, config.supply_psi, 9.97);
   const double bound =
       PressureLoopConfig::kIntegralShare * config.fill_gain_per_s * (config.supply_psi + kAtmospherePsi) +
-      config.proportional_per_s * 0.01;
+      config.proportional_per_s * 0.03;
   EXPECT_NEAR(command.fill_permille, 1000.0 * bound / full, 2.0);
+}
+
+TEST(PressureLoopBounds, AReadingThatDiedAtTheSetPointMovesNoValve) {
+  PressureLoopConfig config;
+  for (const double error_psi : {0.0, 0.004, -0.004, 0.009}) {
+    PressureLoop loop(config);
+    loop.set_target(10.0, 1000.0, 0);
+    std::int64_t now_ns = 0;
+    pressure::Command command;
+    for (int i = 0; i < 500; ++i) command = loop.update(now_ns += kMs, 9.9, 0.0);  // an integral for some leak
+    const auto wound = command.fill_permille;
+    for (int i = 0; i < 5'000; ++i) command = loop.update(now_ns += kMs, 10.0 - error_psi, 0.0);
+    EXPECT_GT(wound, 50);
+    EXPECT_EQ(command.fill_permille, 0) << error_psi;
+    EXPECT_EQ(command.vent_permille, 0) << error_psi;
+  }
 }
 
 }  // namespace
