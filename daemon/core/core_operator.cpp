@@ -142,6 +142,11 @@ const char* Core::jog(std::int64_t now_ns, const Request& request) noexcept {
   if ((target_mm > l.travel_max_mm && way_mm > 0.0) || (target_mm < l.travel_min_mm && way_mm < 0.0)) {
     return "the target lies outside the travel limits";
   }
+  const double room_mm = protocol::Limits::travel_room_mm(velocity_mm_s);
+  if ((target_mm > l.travel_max_mm - room_mm && way_mm > 0.0) ||
+      (target_mm < l.travel_min_mm + room_mm && way_mm < 0.0)) {
+    return "the target is too close to a travel limit for this speed: stay 10 ms of it inside, or jog slower";
+  }
   // Tension rises when the specimen gets longer.
   const double force_N = seen_.force_N;
   if (force_N > o.jog_force_max_N && way_mm > 0.0) {

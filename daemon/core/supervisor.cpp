@@ -215,10 +215,8 @@ void Supervisor::rearm(std::int64_t now_ns) noexcept {
   found_.clear();
   segment_active_ = segment_moving_ = false;
   force_watch_.restart();
-  const auto beyond = [](double value, double least, double most) { return value > most ? 1 : value < least ? -1 : 0; };
-  const auto& l = config_.limits;
-  travel_ = {beyond(last_position_mm_, l.travel_min_mm, l.travel_max_mm), last_position_mm_};
-  force_ = {beyond(last_force_N_, l.force_min_N, l.force_max_N), last_force_N_};
+  rearm_limit(travel_, last_position_mm_, travel_bounds());
+  rearm_limit(force_, last_force_N_, force_bounds());
   for (auto* seen : {&frame_seen_ns_, &pressure_seen_ns_, &interlock_seen_ns_, &regulator_seen_ns_}) {
     if (*seen >= 0) *seen = std::max(*seen, now_ns);
   }

@@ -108,8 +108,19 @@ class Supervisor {
 
   void note(const char* code, const char* what, double value, double threshold) noexcept;
   void watch_standstill(const FrameReport& report) noexcept;
-  void watch_limit(Passed& passed, const char* code, const char* what, double value, double least, double most,
-                   double margin) noexcept;
+  /// What a limit is watched with.
+  struct Bounds {
+    double least, most;
+    double tolerance;  ///< it trips that far beyond
+    double margin;     ///< ... again when it is passed that much further
+    /// Inside, and far enough for noise not to arm it anew.
+    [[nodiscard]] bool is_clear(double value, int beyond) const noexcept;
+  };
+  [[nodiscard]] Bounds travel_bounds() const noexcept;
+  [[nodiscard]] Bounds force_bounds() const noexcept;
+  void watch_limit(Passed& passed, const char* code, const char* what, double value, const Bounds& bounds) noexcept;
+  /// A limit that was passed stays so until the value is clear of it.
+  static void rearm_limit(Passed& passed, double value, const Bounds& bounds) noexcept;
   void watch_force(const FrameRecord& sample) noexcept;
   void watch_following(const FrameRecord& sample) noexcept;
   void watch_frame_faults(const frame::State& state) noexcept;

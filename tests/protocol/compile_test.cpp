@@ -237,6 +237,12 @@ TEST(CompileErrors, EveryClassWithItsPlace) {
         "(limits.travel_min_mm, limits.travel_max_mm)",
         "p.toml:5:51: `amplitude_mm` = 6.5 about 0 mm goes to 6.5; the rig travels from -6 to 6 mm "
         "(limits.travel_min_mm, limits.travel_max_mm)"}},
+      // ... at 10 mm/s the crosshead runs over its target by more than the limit's tolerance
+      {"{ do = \"ramp\", to_mm = -5.95, velocity_mm_s = 10 },",
+       {"p.toml:5:24: `to_mm` = -5.95; the rig travels from -6 to 6 mm (limits.travel_min_mm, limits.travel_max_mm), "
+        "and a crosshead at 10 mm/s runs over its target: stay 0.08 mm inside, or be slower"}},
+      {"{ do = \"ramp\", to_mm = -5.9, velocity_mm_s = 10 }, { do = \"ramp\", to_mm = 6, velocity_mm_s = 2 },", {}},
+      {"{ do = \"wave\", shape = \"sine\", amplitude_mm = 6, velocity_mm_s = 10, cycles = 1 },", {}},
       {"{ do = \"wave\", shape = \"triangle\", amplitude_mm = 2, frequency_hz = 1.5, cycles = 1 },",
        {"p.toml:5:69: `frequency_hz` = 1.5, a peak of 12 mm/s; the rig allows 0.001 to 10 mm/s "
         "(limits.speed_min_mm_s, limits.speed_max_mm_s)"}},
