@@ -11,6 +11,7 @@
 
 #include "base/nearest.hpp"
 #include "base/printable.hpp"
+#include "base/text_file.hpp"
 #include "base/toml_budget.hpp"
 
 namespace isorig::base {
@@ -171,6 +172,7 @@ TomlDocument& TomlDocument::operator=(TomlDocument&&) noexcept = default;
 TomlDocument::~TomlDocument() = default;
 
 TomlDocument TomlDocument::parse_file(const std::filesystem::path& path) {
+  if (auto why = why_not_a_file(path); !why.empty()) throw ConfigError({{path.string(), 0, 0, std::move(why)}});
   std::ifstream in(path, std::ios::binary);
   if (!in || std::filesystem::is_directory(path)) {
     throw ConfigError({{path.string(), 0, 0, "cannot be opened; check the path and its permissions"}});

@@ -11,12 +11,16 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "base/text_file.hpp"
 #include "base/toml_reader.hpp"
 
 namespace isorig::calibration {
 namespace {
 
 std::string read_text(const std::filesystem::path& path) {
+  if (auto why = base::why_not_a_file(path); !why.empty()) {
+    throw base::ConfigError({{path.string(), 0, 0, std::move(why)}});
+  }
   std::ifstream in(path, std::ios::binary);
   if (!in) throw base::ConfigError({{path.string(), 0, 0, "cannot be opened; check the permissions"}});
   std::ostringstream text;

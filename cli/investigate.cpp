@@ -1,11 +1,9 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
-#include <fstream>
 #include <iostream>
 #include <memory>
 #include <set>
-#include <sstream>
 
 #include "cli/command.hpp"
 #include "cli/diagnosis_files.hpp"
@@ -34,14 +32,6 @@ struct Options {
   unsigned threads = 2;
   bool report = true;
 };
-
-std::string slurp(const std::filesystem::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  if (!in) throw base::ConfigError({{file.string(), 0, 0, "cannot be opened; check the path and its permissions"}});
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
 
 /// FNV-1a: tells whether a question is the same, nothing more.
 std::string fingerprint(const std::string& text) {
@@ -132,7 +122,7 @@ class Loop {
       first_protocol_ = first_look(rig_, pressure_psi_);
       return;
     }
-    first_protocol_ = slurp(options_.protocol);
+    first_protocol_ = read_text(options_.protocol);
     const auto plan =
         protocol::compile(base::TomlDocument::parse_text(first_protocol_, options_.protocol), rig_.limits);
     std::set<double> pressures;

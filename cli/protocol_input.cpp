@@ -5,6 +5,7 @@
 #include <fstream>
 #include <sstream>
 
+#include "base/text_file.hpp"
 #include "protocol/compile.hpp"
 
 namespace isorig::cli {
@@ -39,6 +40,9 @@ protocol::Plan read_plan(const std::filesystem::path& protocol_path, const std::
 }
 
 std::string read_text(const std::filesystem::path& path) {
+  if (auto why = base::why_not_a_file(path); !why.empty()) {
+    throw base::ConfigError({{path.string(), 0, 0, std::move(why)}});
+  }
   std::ifstream in(path, std::ios::binary);
   if (!in) throw base::ConfigError({{path.string(), 0, 0, "cannot be opened; check the path and its permissions"}});
   std::ostringstream text;

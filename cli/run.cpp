@@ -2,10 +2,8 @@
 
 #include <csignal>
 #include <cstdio>
-#include <fstream>
 #include <iostream>
 #include <memory>
-#include <sstream>
 
 #include "cli/command.hpp"
 #include "cli/protocol_input.hpp"
@@ -30,14 +28,6 @@ struct Options {
   bool json = false;
   bool quiet = false;
 };
-
-std::string slurp(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!in) throw base::ConfigError({{path, 0, 0, "cannot be opened; check the path and its permissions"}});
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
 
 void show(const daemon::Status& s, double wall_s, bool in_place) {
   const double done_s = static_cast<double>(s.control.mono_ns) * 1e-9;
@@ -75,7 +65,7 @@ int run(const Options& o) {
   options.revision = daemon::kRevision;
   if (o.has_seed) options.seed = o.seed;
   if (o.resume.empty()) {
-    options.start.protocol_text = slurp(o.protocol);
+    options.start.protocol_text = read_text(o.protocol);
     options.start.protocol_name = o.protocol;
   } else {
     options.start.resume_run = o.resume;

@@ -9,6 +9,7 @@
 #include <limits>
 #include <system_error>
 
+#include "base/text_file.hpp"
 #include "messages/recording.hpp"
 
 namespace isorig::messages {
@@ -242,6 +243,7 @@ std::string read_whole_file(const std::filesystem::path& file) {
   std::error_code ignored;
   const auto status = std::filesystem::status(file, ignored);
   if (!std::filesystem::exists(status)) throw RecordingError(Fault::kMissingFile, file, 0, "no such file");
+  if (const auto why = base::why_not_a_file(file); !why.empty()) throw RecordingError(Fault::kUnreadable, file, 0, why);
   std::ifstream in(file, std::ios::binary | std::ios::ate);
   const auto size = in && !std::filesystem::is_directory(status) ? static_cast<std::streamoff>(in.tellg()) : -1;
   std::string text(size > 0 ? static_cast<std::size_t>(size) : 0, '\0');
