@@ -204,7 +204,8 @@ void Core::abort(std::int64_t now_ns) noexcept {
   if (state_ == RunState::kFaulted) {
     vented_fault_ = true;  // the cause stays latched
     emit(now_ns, Severity::kInfo, "abort", kWhat, pressure_psi_, 0.0);
-  } else if (state_ == RunState::kStopping || state_ == RunState::kIdle) {
+  } else if (state_ == RunState::kStopping || state_ == RunState::kIdle || state_ == RunState::kReady) {
+    // Between runs nothing is left to end: whether the rig stays ready is what its streams say.
     if (state_ == RunState::kStopping) stopping_since_ns_ = since_ns;
     emit(now_ns, Severity::kInfo, "abort", kWhat, pressure_psi_, 0.0);
   } else {

@@ -8,6 +8,8 @@
 namespace isorig::daemon {
 namespace {
 constexpr std::int64_t kExcuseNs = 200'000'000;
+// In that time the frame's thread has taken up a wish, and says what it makes of it.
+constexpr double kRenewedMax_s = 0.1;
 
 constexpr double seconds(std::int64_t ns) {
   return static_cast<double>(ns) * 1e-9;
@@ -161,6 +163,7 @@ const TripList& Supervisor::check(std::int64_t now_ns) noexcept {
          seconds(now_ns - segment_start_ns_), config_.segment_ack_max_s);
     segment_active_ = false;
   }
+  if (stop_renewed_ && seconds(now_ns - stop_since_ns_) > kRenewedMax_s) stop_renewed_ = false;
   if (stop_pending_ && now_ns >= excused_until_ns_ && seconds(now_ns - stop_since_ns_) > config_.stop_confirm_max_s) {
     note("frame.stop",
          "the crosshead was told to stop and has not been seen to stand; its heartbeat is withheld. If it moves, use "
@@ -185,7 +188,7 @@ bool Supervisor::healthy(std::int64_t now_ns, const char** why, bool guard_may_b
     reason = "the frame reports a fault";
   } else if (frame_state_.motion == frame::Motion::kFault) {
     reason = "the frame is in a fault state";
-  } else if (stop_pending_) {
+  } else if (stop_pending_ && !stop_renewed_) {
     reason = "the crosshead was told to stop and has not been seen to stand";
   } else if (!segment_active_ && !frame_stands_) {
     reason = "the crosshead moves";

@@ -183,7 +183,7 @@ void Supervisor::on_frame_report(const FrameReport& report) noexcept {
 void Supervisor::on_segment(const frame::Segment& segment, std::uint32_t number, double from_mm,
                             std::int64_t mono_ns) noexcept {
   segment_number_ = number;
-  segment_active_ = true;
+  segment_active_ = told_to_move_ = true;
   segment_acknowledged_ = lag_warned_ = false;
   segment_ = segment;
   segment_from_mm_ = from_mm;
@@ -192,17 +192,25 @@ void Supervisor::on_segment(const frame::Segment& segment, std::uint32_t number,
 
 void Supervisor::on_stop(std::int64_t mono_ns, std::uint32_t wish) noexcept {
   segment_active_ = segment_moving_ = false;
-  at_rest_ = false;
-  // A wish that comes while another waits does not make it younger.
+  if (!stop_pending_) {
+    stop_renewed_ = !told_to_move_ && frame_stands_;
+    if (!stop_renewed_) at_rest_ = false;
+  } else if (told_to_move_) {
+    stop_renewed_ = at_rest_ = false;
+  }
+  // A wish that comes while another waits makes it neither younger nor another, unless a motion was commanded between.
   if (!stop_pending_) stop_since_ns_ = mono_ns;
+  if (!stop_pending_ || told_to_move_) stop_wish_ = wish;
   stop_pending_ = true;
-  stop_wish_ = wish;
+  told_to_move_ = false;
 }
 
 void Supervisor::watch_standstill(const FrameReport& report) noexcept {
   frame_stands_ = report.stands && report.stop_confirmed;
-  if (stop_pending_ && report.stop_confirmed && report.stop_wish == stop_wish_) {
-    stop_pending_ = false;
+  // Counted round.
+  const bool is_ours = static_cast<std::int32_t>(report.stop_wish - stop_wish_) >= 0;
+  if (stop_pending_ && report.stop_confirmed && is_ours) {
+    stop_pending_ = stop_renewed_ = false;
     at_rest_ = true;
     rest_mm_ = double{report.position_mm};
     // A segment that waited for the stop begins here.

@@ -286,7 +286,9 @@ TEST_F(SupervisorTest, AResetByASampleThatIsJustInsideDoesNotArmALimitThatIsPass
   run(1);
   supervisor->rearm(now_ns);
   position_mm = 5.03;
-  EXPECT_EQ(severity(run(10), "limit.travel"), Severity::kInfo) << "it stands where it stood";
+  for (int i = 0; i < 10; ++i) {
+    EXPECT_EQ(severity(run(1), "limit.travel"), Severity::kInfo) << "it stands where it stood";
+  }
   EXPECT_NE(supervisor->why_not(5.1), nullptr);
   position_mm = 4.97;
   run(1);
