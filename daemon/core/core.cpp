@@ -334,6 +334,7 @@ void Core::hand_off(std::int64_t now_ns) noexcept {
 
   now_.run_loaded = run_open_;
   now_.outcome = outcome_;
+  now_.stopped = is_stopped(now_ns);
   now_.vented_fault = vented_fault_;
   now_.operator_left_s = static_cast<float>(operator_left_s(now_ns));
   now_.zero_confirmed = zero_epoch_ != 0 && zero_epoch_ == confirmed_zero_;

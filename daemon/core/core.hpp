@@ -136,6 +136,7 @@ class Core {
   void take_sync(const SyncReport& report) noexcept;
   void read_interlock() noexcept;
   void take_requests(std::int64_t now_ns) noexcept;
+  [[nodiscard]] bool is_stopped(std::int64_t now_ns) const noexcept;
   void supervise(std::int64_t now_ns) noexcept;
   void step_plan(std::int64_t now_ns) noexcept;
   void command(std::int64_t now_ns) noexcept;

@@ -150,8 +150,11 @@ void Core::take_requests(std::int64_t now_ns) noexcept {
       text << ": keep clear, the rig moves in " << static_cast<std::int64_t>(config_.operating.countdown_s) << " s";
     replies.push(reply);
   }
-  if (abort_wanted_.exchange(false, std::memory_order_acq_rel) && state_ != RunState::kIdle &&
-      state_ != RunState::kReady && state_ != RunState::kStopping) {
+  const bool is_wanted = abort_wanted_.exchange(false, std::memory_order_acq_rel);
+  if (is_wanted && state_ == RunState::kFaulted && !run_open_) {
+    stop_and_vent(now_ns);  // the cause stays latched: it would only trip again
+    vented_fault_ = true;
+  } else if (is_wanted && state_ != RunState::kIdle && state_ != RunState::kReady && state_ != RunState::kStopping) {
     end_run(now_ns,
             !run_open_   ? outcome_
             : run_begun_ ? Outcome::kAborted
@@ -229,6 +232,16 @@ void Core::wish_stop(std::int64_t now_ns) noexcept {
   ++stops_wanted_;
   supervisor_.on_stop(now_ns, stops_wanted_);
   frame_.stops_wanted.store(stops_wanted_, std::memory_order_release);
+}
+
+/// For whoever waits to leave. A fault may stay latched then, and a crosshead that does not stand is stopped by the
+/// frame's own watchdog by now: it gets no heartbeat.
+bool Core::is_stopped(std::int64_t now_ns) const noexcept {
+  constexpr std::int64_t kStopPatienceNs = 2'000'000'000;
+  if (run_open_ || state_ == RunState::kSetup) return false;
+  if (state_ == RunState::kIdle || state_ == RunState::kReady) return true;
+  const bool vented = filter_last_ns_ > stopping_since_ns_ && pressure_psi_ < config_.vented_psi;
+  return vented && (supervisor_.stands() || now_ns - stopping_since_ns_ > kStopPatienceNs);
 }
 
 void Core::seal() noexcept {
