@@ -155,6 +155,18 @@ TEST(Compile, IsPure) {
 
 // ---------------------------------------------------------------- what is wrong, and where
 
+TEST(CompileErrors, ANameIsOneLineOfPlainText) {
+  const auto named = [](const std::string& toml) {
+    return faults_of("format = \"isorig-protocol/1\"\nname = " + toml + "\nsteps = [\n" + kBegin + "]\n");
+  };
+  EXPECT_THAT(named("\"The paper's ramps, größer\""), IsEmpty());
+  EXPECT_THAT(named("\"" + std::string(100, 'n') + "\""), IsEmpty());
+  EXPECT_THAT(named("\"\\u001b[31m\""), ElementsAre(testing::HasSubstr("control character")));
+  EXPECT_THAT(named("\"a\\u202eb\""), ElementsAre(testing::HasSubstr("hides text")));
+  EXPECT_THAT(named("\"\""), ElementsAre(testing::HasSubstr("it has to be 1 to 100")));
+  EXPECT_THAT(named("\"" + std::string(300, 'n') + "\""), ElementsAre(testing::HasSubstr("has 300 bytes")));
+}
+
 TEST(CompileErrors, AllAtOnceAndInOrder) {
   EXPECT_THAT(
       faults_of(text_of("{ do = \"repeat\", for = { speed_mm_s = [2, 12] }, steps = [\n"
