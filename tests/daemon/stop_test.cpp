@@ -95,6 +95,19 @@ TEST_F(StopTest, AnAbortIsRepeatedUntilTheFrameStands) {
   }
 }
 
+/// Of a crosshead that stands the stop is confirmed at once; the vent has its time all the same.
+TEST_F(StopTest, AReadingThatLiesDoesNotMakeAnAbortedRunReadyAtOnce) {
+  start(kHold);
+  ASSERT_TRUE(run_until(20.0, [&] { return truth().pressure_psi > 9.9; }));
+  run_for(1.0);
+  ASSERT_TRUE(ask(Verb::kPause).accepted);
+  run_for(1.0);
+  ASSERT_TRUE(ask(Verb::kAbort).accepted);
+  bench->rig().pressure().faults.tube_off = true;
+  ASSERT_TRUE(run_until(2.0, [&] { return bench->core().state() == RunState::kReady; }));
+  EXPECT_LT(truth().pressure_psi, 6.0);
+}
+
 /// What the daemon waits for before it leaves: a fault may stay.
 TEST_F(StopTest, WithALatchedFaultTheRigCountsAsStoppedOnceItStandsAndIsVented) {
   for (const bool frame_answers : {true, false}) {
