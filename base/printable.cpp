@@ -72,6 +72,17 @@ std::string printable_lines(std::string_view text) {
   return escaped(text, true);
 }
 
+std::string why_not_arguments(int argc, const char* const* argv) {
+  for (int i = 1; i < argc; ++i) {
+    if (auto shown = printable(argv[i]); shown != argv[i]) {
+      return "the argument \"" + shown +
+             "\" holds a control character, a mark that hides or turns text, or bytes that are not UTF-8; write it "
+             "plainly";
+    }
+  }
+  return {};
+}
+
 std::string why_not_a_name(std::string_view name) {
   constexpr std::size_t kLongest = 64;
   const auto allowed = [](char c) {

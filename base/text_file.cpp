@@ -42,7 +42,29 @@ FileError::FileError(std::filesystem::path path, std::string reason, bool missin
       reason_(std::move(reason)),
       missing_(missing) {}
 
+std::string why_not_a_file(const std::filesystem::path& path) {
+  using std::filesystem::file_type;
+  std::error_code ignored;
+  const char* kind = nullptr;
+  switch (std::filesystem::status(path, ignored).type()) {
+    case file_type::fifo:
+      kind = "a pipe";
+      break;
+    case file_type::socket:
+      kind = "a socket";
+      break;
+    case file_type::character:
+    case file_type::block:
+      kind = "a device";
+      break;
+    default:
+      return {};
+  }
+  return std::string("is ") + kind + " and no file; save its content to a file and name that";
+}
+
 std::string read_text_file(const std::filesystem::path& path, std::size_t most_bytes) {
+  if (auto why = why_not_a_file(path); !why.empty()) throw FileError(path, std::move(why), false);
   const OpenFile file(path);
   struct stat status {};
   if (file.fd() < 0 || ::fstat(file.fd(), &status) != 0) {

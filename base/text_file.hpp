@@ -23,8 +23,11 @@ class FileError : public std::runtime_error {
 
 inline constexpr std::size_t kWholeFile = std::numeric_limits<std::size_t>::max();
 
-/// The bytes of a file, the first `most_bytes` of them: a device without an end is not read to its end.
-/// Throws FileError.
+/// Why `path` is not to be opened for reading: a FIFO waits for a writer, for ever when there is none, and a device may
+/// have no end. Empty for a file, a folder, and what is not there or may not be looked at: opening tells those.
+[[nodiscard]] std::string why_not_a_file(const std::filesystem::path& path);
+
+/// The bytes of a file, the first `most_bytes` of them. Throws FileError.
 [[nodiscard]] std::string read_text_file(const std::filesystem::path& path, std::size_t most_bytes = kWholeFile);
 
 /// The same for a file that a person named: throws ConfigError, as what is wrong in the file itself does.

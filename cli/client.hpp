@@ -5,6 +5,8 @@
 #include <string>
 #include <utility>
 
+#include "base/printable.hpp"
+
 namespace isorig::cli {
 
 /// The daemon is not there, or the socket is not ours to open; what() says which and what to do.
@@ -17,7 +19,7 @@ struct Answer {
   int status = 0;
   nlohmann::json body;
   [[nodiscard]] bool ok() const { return status == 200; }
-  [[nodiscard]] std::string text() const { return body.value("text", ""); }
+  [[nodiscard]] std::string text() const { return base::printable_lines(body.value("text", "")); }
 };
 
 /// Talks to isorigd over its Unix sockets (docs/api.md). Abort, pause and status go to the one that has nothing else to

@@ -5,6 +5,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "base/printable.hpp"
 #include "cli/command.hpp"
 #include "cli/run_argument.hpp"
 
@@ -46,8 +47,8 @@ void print_json(const daemon::ExportReport& report) {
 
 void print_text(const daemon::ExportReport& report, bool remap) {
   for (const auto& s : report.sessions) {
-    std::printf("%s: %zu rows of frame, %zu of pressure%s", s.folder.c_str(), s.frame_rows, s.pressure_rows,
-                s.complete ? "" : "; NOT complete");
+    std::printf("%s: %zu rows of frame, %zu of pressure%s", base::printable(s.folder.string()).c_str(), s.frame_rows,
+                s.pressure_rows, s.complete ? "" : "; NOT complete");
     if (s.not_measured > 0) std::printf("; %zu stale or faulty pressure samples left out", s.not_measured);
     if (s.not_increasing > 0)
       std::printf("; %zu rows had the time of the row before, and follow it by 2 ns", s.not_increasing);
@@ -75,7 +76,7 @@ int run_export(const Options& options) {
   }
   const bool whole = report.read.state() == messages::RecordingState::kWhole;
   if (!whole) std::cerr << "isorig export: the recording is " << messages::to_text(report.read.state()) << '\n';
-  for (const auto& line : report.read.complaints()) std::cerr << "isorig export: " << line << '\n';
+  for (const auto& line : report.read.complaints()) std::cerr << "isorig export: " << base::printable(line) << '\n';
   if (report.read.segments > 0 && !report.read.has_checksums) {
     std::cerr
         << "isorig export: the recording has no checksums (an older isorig made it): altered values would not show\n";

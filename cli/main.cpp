@@ -8,6 +8,10 @@
 
 int main(int argc, char** argv) {
   using namespace isorig;
+  if (const auto why = base::why_not_arguments(argc, argv); !why.empty()) {
+    std::cerr << "isorig: " << why << '\n';
+    return cli::kUsage;
+  }
   CLI::App app;
   const auto commands = cli::build(app);
   try {

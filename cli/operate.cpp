@@ -5,6 +5,7 @@
 #include <memory>
 #include <string>
 
+#include "base/printable.hpp"
 #include "base/text_file.hpp"
 #include "base/toml_reader.hpp"
 #include "cli/acts.hpp"
@@ -164,7 +165,7 @@ Command add_status(CLI::App& app) {
             return with_daemon([&] {
               const auto answer = Client(o->socket).get("/v1/status");
               if (o->json || !answer.ok()) return finish(answer, *o);
-              std::cout << status_text(answer.body);
+              std::cout << base::printable_lines(status_text(answer.body));
               return static_cast<int>(kOk);
             });
           }};

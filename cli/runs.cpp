@@ -4,6 +4,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "base/printable.hpp"
 #include "cli/command.hpp"
 #include "cli/run_argument.hpp"
 #include "daemon/recording/catalogue.hpp"
@@ -70,7 +71,7 @@ int list(const Options& options) {
     return kOk;
   }
   if (rows.empty()) {
-    std::cout << "no runs yet in " << options.runs << '\n';
+    std::cout << "no runs yet in " << base::printable(options.runs) << '\n';
     return kOk;
   }
   std::size_t width = 3;
@@ -78,9 +79,11 @@ int list(const Options& options) {
   std::printf("%-*s  %-20s  %-11s  %8s  %s\n", static_cast<int>(width), "run", "started", "state", "sessions",
               "specimen");
   for (const auto& r : rows) {
-    std::printf("%-*s  %-20s  %-11s  %4d/%-3d  %s\n", static_cast<int>(width), r.id.c_str(), r.started_utc.c_str(),
-                r.state.c_str(), r.sessions_done, r.sessions, r.specimen.c_str());
-    if (!r.fault.empty()) std::printf("%-*s  %s\n", static_cast<int>(width), "", r.fault.c_str());
+    using base::printable;
+    std::printf("%-*s  %-20s  %-11s  %4d/%-3d  %s\n", static_cast<int>(width), printable(r.id).c_str(),
+                printable(r.started_utc).c_str(), printable(r.state).c_str(), r.sessions_done, r.sessions,
+                printable(r.specimen).c_str());
+    if (!r.fault.empty()) std::printf("%-*s  %s\n", static_cast<int>(width), "", printable(r.fault).c_str());
   }
   return kOk;
 }

@@ -11,6 +11,7 @@
 #include <iostream>
 #include <thread>
 
+#include "base/printable.hpp"
 #include "cli/exit_codes.hpp"
 #include "cli/protocol_input.hpp"
 
@@ -118,7 +119,9 @@ std::string status_text(const nlohmann::json& s) {
     out += " (" + why + ")";
   out += "\n";
   out += operator_text(s);
-  if (const auto fault = s.value("fault", ""); !fault.empty()) out += "  FAULT     " + fault + "\n";
+  // It stays in the status until the next start; only a rig that is faulted can be reset.
+  if (const auto fault = s.value("fault", ""); !fault.empty())
+    out += (s.value("state", "") == "faulted" ? "  FAULT     " : "  last fault  ") + fault + "\n";
   if (s.contains("faults") && s.at("faults").size() > 1) {
     for (std::size_t i = 1; i < s.at("faults").size(); ++i) {
       const auto& f = s.at("faults").at(i);
@@ -194,7 +197,7 @@ int watch(const Client& client, const WatchOptions& options) {
       const auto event_code = e.value("code", "");
       if (first || event_code == "step") continue;
       if (!options.json) {
-        std::cout << "* " << event_code << ": " << e.value("text", "")
+        std::cout << "* " << base::printable(event_code) << ": " << base::printable(e.value("text", ""))
                   << (e.value("threshold", 0.0) != 0.0
                           ? format(" (%.3f, limit %.3f)", e.value("value", 0.0), e.value("threshold", 0.0))
                           : std::string())
@@ -205,7 +208,7 @@ int watch(const Client& client, const WatchOptions& options) {
     if (options.json) {
       std::cout << status.dump() << '\n';
     } else if (in_place) {
-      const auto text = status_text(status);
+      const auto text = base::printable_lines(status_text(status));
       lines = static_cast<int>(std::count(text.begin(), text.end(), '\n'));
       std::cout << text;
     } else {

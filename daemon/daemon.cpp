@@ -304,8 +304,7 @@ bool Daemon::Impl::stop_threads() {
 }
 
 bool Daemon::Impl::at_rest() const {
-  const auto state = core.status().control.state;
-  return devices_down || state == RunState::kIdle || state == RunState::kReady;
+  return devices_down || core.status().stopped;
 }
 
 /// The orderly way out, on a thread of its own: signals are listened to meanwhile.

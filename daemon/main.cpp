@@ -20,6 +20,10 @@ constexpr auto kLogPatience = std::chrono::milliseconds(500);
 /// Exit codes: 0 stopped as asked, 1 failure, 2 usage, 3 wrong configuration, 8 no real-time rights.
 int main(int argc, char** argv) {
   using namespace isorig;
+  if (const auto why = base::why_not_arguments(argc, argv); !why.empty()) {
+    std::cerr << "isorigd: " << why << '\n';
+    return 2;
+  }
   CLI::App app("The daemon that owns the rig", "isorigd");
   std::string rig_path, socket;
   std::string runs = daemon::default_runs().string();

@@ -8,8 +8,10 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <stdexcept>
 #include <system_error>
 
+#include "base/text_file.hpp"
 #include "messages/crc32c.hpp"
 
 namespace isorig::messages {
@@ -23,6 +25,7 @@ constexpr int kFirstEvents = 64;            // that are asked for checksums
 }  // namespace
 
 LogReader::LogReader(const std::filesystem::path& path) : path_(path) {
+  if (const auto why = base::why_not_a_file(path); !why.empty()) throw std::runtime_error(path.string() + " " + why);
   const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
   if (fd < 0) throw std::system_error(errno, std::generic_category(), "cannot open " + path.string());
   struct stat s {};
@@ -104,12 +107,16 @@ std::optional<LogEvent> LogReader::next() {
   for (auto at = sync_word_from(bad + 1); at; at = sync_word_from(*at + 1)) {
     const auto found = event_at(*at);
     if (!good(found)) continue;
-    damage_.push_back({path_, bad, *at - bad, false});
+    damage_.push_back({path_, bad, *at - bad, false, false});
     offset_ = *at;
     return give(*found);
   }
   // An event that ends with the file is not torn, but altered.
-  damage_.push_back({path_, bad, file_.size() - bad, !here || here->end != file_.size()});
+  const auto rest = file_.subspan(bad);
+  const bool begun =
+      std::equal(rest.begin(), rest.begin() + static_cast<std::ptrdiff_t>(std::min(rest.size(), kSyncWord.size())),
+                 kSyncWord.begin());
+  damage_.push_back({path_, bad, rest.size(), !here || here->end != file_.size(), begun});
   offset_ = file_.size();
   return {};
 }

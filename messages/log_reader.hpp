@@ -27,6 +27,8 @@ struct LogDamage {
   /// Nothing whole follows and no event ends here: as a writer leaves it that was interrupted. Otherwise something
   /// was altered.
   bool at_end = false;
+  /// They begin as a message does: foreign bytes rarely do.
+  bool begun = false;
 };
 
 /// Reads an LCM event log. liblcm's reader stops at the first event that is not whole and says nothing; after
@@ -37,7 +39,7 @@ struct LogDamage {
 /// is damage there, and is not given out.
 class LogReader {
  public:
-  explicit LogReader(const std::filesystem::path& path);  ///< throws std::system_error
+  explicit LogReader(const std::filesystem::path& path);  ///< throws std::runtime_error, std::system_error
   ~LogReader();
   LogReader(const LogReader&) = delete;
   LogReader& operator=(const LogReader&) = delete;

@@ -4,6 +4,7 @@
 #include <charconv>
 #include <cstdio>
 #include <exception>
+#include <limits>
 #include <map>
 #include <set>
 #include <stdexcept>
@@ -69,8 +70,13 @@ class Reading {
     settle_torn();
     const bool altered =
         std::any_of(reader.damage().begin(), reader.damage().end(), [](const auto& d) { return !d.at_end; });
-    for (const auto& d : reader.damage()) (d.at_end ? torn_ : report_.damage).push_back(d);
-    if (reader.size_bytes() == 0) torn_.push_back({path, 0, 0, true});
+    // Behind the message that closes a segment nothing was written any more.
+    const bool closed = checked_ && (continues_ || ended_);
+    for (auto d : reader.damage()) {
+      d.at_end = d.at_end && (d.begun || !closed);
+      (d.at_end ? torn_ : report_.damage).push_back(d);
+    }
+    if (reader.size_bytes() == 0) torn_.push_back({path, 0, 0, true, false});
     if (jumped && !altered) {
       report_.contradictions.push_back(path.filename().string() + " has lost messages inside, or its first ones");
     }
@@ -207,7 +213,11 @@ class Reading {
     const LogTally due{m.events, m.bytes, static_cast<std::uint32_t>(m.checksum)};
     const auto& is = before_->tally;
     const auto before = before_->path.filename().string();
-    if (is == due) {
+    if (is == due && torn_bytes() > torn_bytes_due(m)) {
+      report_.contradictions.push_back(before + " has " + std::to_string(torn_bytes()) +
+                                       " bytes behind its last whole message; when " + name + " was begun it had " +
+                                       std::to_string(torn_bytes_due(m)));
+    } else if (is == due) {
       // What was torn when the writer went on behind it is known, and lost nothing that anybody was told to be there.
       for (const auto& d : torn_) {
         if (d.bytes > 0)
@@ -221,6 +231,19 @@ class Reading {
                                        std::to_string(due.events) + " in " + std::to_string(due.bytes) +
                                        (is.events == due.events ? ", others" : ""));
     }
+  }
+
+  [[nodiscard]] std::int64_t torn_bytes() const {
+    std::uint64_t bytes = 0;
+    for (const auto& d : torn_) bytes += d.bytes;
+    return static_cast<std::int64_t>(bytes);
+  }
+  /// Recordings from before this was written down say nothing: then any number is right.
+  static std::int64_t torn_bytes_due(const isorig_msgs::chain_t& m) {
+    for (std::size_t k = 0; k < m.channels.size() && k < m.messages.size(); ++k) {
+      if (m.channels[k] == kTornBytes) return m.messages[k];
+    }
+    return std::numeric_limits<std::int64_t>::max();
   }
 
   void ends(const isorig_msgs::chain_t& m) {

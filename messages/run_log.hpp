@@ -15,6 +15,7 @@
 #include <isorig_msgs/sync_check_t.hpp>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "messages/channels.hpp"
@@ -23,6 +24,9 @@
 
 /// Reading a run's directory: its segments in order, their messages decoded.
 namespace isorig::messages {
+
+/// chain_t's name for what stood behind the last whole message of the segment before.
+inline constexpr std::string_view kTornBytes = "torn_bytes";
 
 [[nodiscard]] std::string segment_name(int number);                      ///< "segment-0001.lcm"
 [[nodiscard]] int segment_number(const std::filesystem::path& segment);  ///< 0 for any other name

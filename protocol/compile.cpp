@@ -234,8 +234,9 @@ class Compiler : private Evaluator {
     out.target_mm = value(node, "to_mm", {}, position_mm_);
     out.velocity_mm_s = value(node, "velocity_mm_s", base::kPositive, 1.0);
     if (all_well(node, {"velocity_mm_s"})) check_speed(node, "velocity_mm_s", out.velocity_mm_s);
-    if (outside_travel(out.target_mm)) {
-      note(node.table, "to_mm", said(node, "to_mm", out.target_mm) + "; " + travel_range());
+    if (outside_travel(out.target_mm, out.velocity_mm_s)) {
+      note(node.table, "to_mm",
+           said(node, "to_mm", out.target_mm) + "; " + travel_range(out.target_mm, out.velocity_mm_s));
       out.target_mm = position_mm_;  // what follows is checked from where the rig can be
     }
     const double distance_mm = std::abs(out.target_mm - position_mm_);
@@ -265,11 +266,12 @@ class Compiler : private Evaluator {
     plan_.travel_mm += 4.0 * out.amplitude_mm * out.cycles;
     if (!all_well(node, {"amplitude_mm", rate_key})) return;
     check_speed(node, rate_key, out.velocity_mm_s);
+    const double turning_mm_s = sine ? 0.0 : out.velocity_mm_s;
     for (const double end_mm : {position_mm_ - out.amplitude_mm, position_mm_ + out.amplitude_mm}) {
-      if (outside_travel(end_mm)) {
+      if (outside_travel(end_mm, turning_mm_s)) {
         note(node.table, "amplitude_mm",
              said(node, "amplitude_mm", out.amplitude_mm) + " about " + number_text(position_mm_) + " mm goes to " +
-                 number_text(end_mm) + "; " + travel_range());
+                 number_text(end_mm) + "; " + travel_range(end_mm, turning_mm_s));
       }
     }
     if (sine) {
@@ -330,12 +332,16 @@ class Compiler : private Evaluator {
              (node.shape == WaveShape::kSine ? " or allow a larger deviation_mm" : ""));
   }
 
-  [[nodiscard]] bool outside_travel(double position_mm) const {
-    return position_mm > limits_.travel_max_mm + kEpsilon || position_mm < limits_.travel_min_mm - kEpsilon;
+  [[nodiscard]] bool outside_travel(double position_mm, double velocity_mm_s) const {
+    const double room_mm = Limits::travel_room_mm(velocity_mm_s) - kEpsilon;
+    return position_mm > limits_.travel_max_mm - room_mm || position_mm < limits_.travel_min_mm + room_mm;
   }
-  [[nodiscard]] std::string travel_range() const {
-    return "the rig travels from " + number_text(limits_.travel_min_mm) + " to " + number_text(limits_.travel_max_mm) +
-           " mm (limits.travel_min_mm, limits.travel_max_mm)";
+  [[nodiscard]] std::string travel_range(double position_mm, double velocity_mm_s) const {
+    const std::string range = "the rig travels from " + number_text(limits_.travel_min_mm) + " to " +
+                              number_text(limits_.travel_max_mm) + " mm (limits.travel_min_mm, limits.travel_max_mm)";
+    if (outside_travel(position_mm, 0.0)) return range;
+    return range + ", and a crosshead at " + number_text(velocity_mm_s) + " mm/s runs over its target: stay " +
+           number_text(Limits::travel_room_mm(velocity_mm_s)) + " mm inside, or be slower";
   }
   [[nodiscard]] std::string speed_range() const {
     return "the rig allows " + number_text(limits_.speed_min_mm_s) + " to " + number_text(limits_.speed_max_mm_s) +

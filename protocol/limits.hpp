@@ -10,6 +10,12 @@ namespace isorig::protocol {
 /// Default-constructed, nothing is limited.
 struct Limits {
   static constexpr double kNone = std::numeric_limits<double>::infinity();
+  /// A travel limit trips this far beyond it, so that a crosshead may stand at the limit: a hundred times the position
+  /// noise of the simulated rig, and more than the overshoot of a slow jog.
+  static constexpr double kTravelTolerance_mm = 0.02;
+  /// A crosshead runs over its target by up to this time of its speed: 8 ms in the simulated rig
+  /// (docs/simulated-rig.md), which the paper's exports do not contradict.
+  static constexpr double kOverrun_s = 0.01;
 
   double travel_min_mm = -kNone;  ///< crosshead relative to the unpressurized rest length, extension positive
   double travel_max_mm = kNone;
@@ -23,6 +29,12 @@ struct Limits {
   /// Shortest time between two segments that the frame's link sustains; bounds how finely a sine is cut. A
   /// rig file that does not say has 0.05 s.
   double segment_interval_min_s = 0.0;
+
+  /// How far inside a travel limit a target has to lie for the overshoot at this speed not to trip it.
+  [[nodiscard]] static constexpr double travel_room_mm(double velocity_mm_s) noexcept {
+    const double room_mm = kOverrun_s * velocity_mm_s - kTravelTolerance_mm;
+    return room_mm > 0.0 ? room_mm : 0.0;
+  }
 };
 
 /// Reads [limits]. Errors are noted in the table's document: call its finish().

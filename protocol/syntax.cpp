@@ -15,6 +15,20 @@ namespace {
 constexpr std::size_t kMaxNames = 64;
 constexpr std::size_t kMaxNameBytes = 64;
 constexpr std::size_t kMaxLabelBytes = 200;
+constexpr std::size_t kMaxProtocolNameBytes = 100;
+
+/// It goes to terminals, logs and the names of runs.
+std::string read_protocol_name(const base::TomlTable& root) {
+  auto name = root.string("name");
+  if (root.type_of("name") != "string") return name;
+  if (name.empty() || name.size() > kMaxProtocolNameBytes) {
+    root.error("name", "`name` has " + std::to_string(name.size()) + " bytes; it has to be 1 to " +
+                           std::to_string(kMaxProtocolNameBytes) + ", since runs and listings are named by it");
+  } else if (base::printable(name) != name) {
+    root.error("name", "`name` holds a control character or a mark that hides text; one line of plain text is needed");
+  }
+  return name;
+}
 
 /// A label goes to terminals, logs and file names: one line of printable text.
 std::string read_label(const base::TomlTable& table) {
@@ -314,7 +328,7 @@ Bindings Node::bindings_of(std::size_t index) const {
 Protocol parse(const TomlTable& root) {
   Protocol out;
   if (root.choice("format", {"isorig-protocol/1"}).empty()) return out;
-  out.name = root.string("name");
+  out.name = read_protocol_name(root);
   out.description = root.string_or("description", {});
   out.approach_velocity_mm_s = root.number_or("approach_velocity_mm_s", out.approach_velocity_mm_s, base::kPositive);
   if (const auto table = root.table_if("recording")) out.recording = read_recording(*table);

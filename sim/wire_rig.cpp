@@ -13,10 +13,16 @@
 namespace isorig::sim {
 namespace {
 
-SimConfig without_simulated_wires(SimConfig sim) {
+SimConfig without_simulated_wires(const WireRigConfig& config) {
+  SimConfig sim = config.sim;
   const DelayParameters none{0.0, 0.0, 0.0, 0.0};
   sim.frame.request = sim.frame.reply = none;
   sim.frame.exchange_interval_ms = 0.0;  // the register of the frame's time is right at every read
+  // What the frame overwrites before a gateway that was held up has read it would be missing in the gateway's ring,
+  // whose counter goes on: its slots would show the samples of one turn before.
+  if (const auto* gateway = std::get_if<WireRigConfig::Modbus>(&config.frame)) {
+    sim.frame.ring_samples = std::max(sim.frame.ring_samples, static_cast<int>(gateway->line.map.samples.slots));
+  }
   sim.pressure.request = sim.pressure.reply = none;
   sim.pressure.sample_latency_ms = 0.0;
   // TeensyPty takes the backend's stamps as true time and puts a clock of its own on it.
@@ -149,7 +155,7 @@ WireRig::WireRig(const WireRigConfig& config, const clock::Clock& clock, bool ke
     : clock_(clock),
       start_ns_(clock.now_ns()),
       teensy_serial_(config.teensy_serial),
-      rig_(without_simulated_wires(config.sim), load_specimen(config.sim.specimen), live(clock, start_ns_, keep_truth)),
+      rig_(without_simulated_wires(config), load_specimen(config.sim.specimen), live(clock, start_ns_, keep_truth)),
       frame_(make_frame(config, rig_)),
       regulator_(config.regulator
                      ? std::make_unique<RegulatorServer>(regulator_options(*config.regulator), rig_, regulator_faults_)

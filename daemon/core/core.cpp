@@ -11,6 +11,8 @@ namespace {
 
 constexpr auto kEvidenceNs = static_cast<std::int64_t>(1e9 * kEvidence_s);
 constexpr std::int64_t kLossesNs = 1'000'000'000;
+// So long the vent stays open in any case: a sensor whose tube is off says at once that all is vented.
+constexpr std::int64_t kLeastVentNs = 200'000'000;
 
 }  // namespace
 
@@ -195,7 +197,7 @@ void Core::supervise(std::int64_t now_ns) noexcept {
     if (now_ns - faulted_since_ns_ > kEvidenceNs) keep_ = Keep::kAveraged;
     // By a reading from after the stop: an earlier one, of a sensor that has gone silent since, says nothing.
   } else if (state_ == RunState::kStopping && filter_last_ns_ > stopping_since_ns_ &&
-             pressure_psi_ < config_.vented_psi && supervisor_.stands()) {
+             now_ns - stopping_since_ns_ > kLeastVentNs && pressure_psi_ < config_.vented_psi && supervisor_.stands()) {
     keep_ = Keep::kAveraged;
     const bool to_setup = setup_wanted_ && supervisor_.is_beyond_limit() && why_no_setup(now_ns) == nullptr;
     transition(now_ns, RunState::kIdle, Severity::kInfo, "stopped", "frame stopped, pressure vented", pressure_psi_,
@@ -321,6 +323,7 @@ void Core::hand_off(std::int64_t now_ns) noexcept {
 
   now_.run_loaded = run_open_;
   now_.outcome = outcome_;
+  now_.stopped = is_stopped(now_ns);
   now_.vented_fault = vented_fault_;
   now_.operator_left_s = static_cast<float>(operator_left_s(now_ns));
   now_.zero_confirmed = zero_epoch_ != 0 && zero_epoch_ == confirmed_zero_;

@@ -152,6 +152,7 @@ class Core {
   const char* set_up(std::int64_t now_ns) noexcept;
   const char* confirm_zero(std::int64_t now_ns) noexcept;
   const char* reset(std::int64_t now_ns) noexcept;
+  [[nodiscard]] bool is_stopped(std::int64_t now_ns) const noexcept;
   void supervise(std::int64_t now_ns) noexcept;
   void step_plan(std::int64_t now_ns) noexcept;
   void command(std::int64_t now_ns) noexcept;
@@ -186,6 +187,7 @@ class Core {
   void leave_setup(std::int64_t now_ns, Severity severity, const char* code, const char* why) noexcept;
   void watch_setup(std::int64_t now_ns) noexcept;
   const char* jog(std::int64_t now_ns, const Request& request) noexcept;
+  char jog_refusal_[160] = {};  ///< where it has numbers
   void end_jog(std::int64_t now_ns, Severity severity, const char* code, const char* why, double value,
                double threshold) noexcept;
   void end_run(std::int64_t now_ns, Outcome outcome, const char* why) noexcept;

@@ -133,14 +133,25 @@ const char* Core::jog(std::int64_t now_ns, const Request& request) noexcept {
   const double way_mm = target_mm - position_mm;
   if (!std::isfinite(target_mm) || !std::isfinite(velocity_mm_s)) return "target and velocity have to be numbers";
   if (velocity_mm_s > most_mm_s) {
-    return now_.guard_closed ? "that is faster than [operator] jog_speed_max_mm_s"
-                             : "the guard is open: half of [operator] jog_speed_max_mm_s is the most";
+    FixedText words(jog_refusal_);
+    words << velocity_mm_s << " mm/s is faster than "
+          << (now_.guard_closed ? "[operator] jog_speed_max_mm_s, " : "the guard is open for, half of the jog's most: ")
+          << most_mm_s << " mm/s";
+    return jog_refusal_;
   }
   if (velocity_mm_s < l.speed_min_mm_s || velocity_mm_s <= 0.0) return "that is slower than [limits] speed_min_mm_s";
   if (std::abs(way_mm) < kJogLeast_mm) return "the crosshead is there already";
   if (const char* why = supervisor_.why_not(target_mm)) return why;
   if ((target_mm > l.travel_max_mm && way_mm > 0.0) || (target_mm < l.travel_min_mm && way_mm < 0.0)) {
     return "the target lies outside the travel limits";
+  }
+  const double room_mm = protocol::Limits::travel_room_mm(velocity_mm_s);
+  if ((target_mm > l.travel_max_mm - room_mm && way_mm > 0.0) ||
+      (target_mm < l.travel_min_mm + room_mm && way_mm < 0.0)) {
+    FixedText words(jog_refusal_);
+    words << "the target is too close to a travel limit for " << velocity_mm_s << " mm/s, which runs over it: stay "
+          << room_mm << " mm inside, or jog slower";
+    return jog_refusal_;
   }
   // Tension rises when the specimen gets longer.
   const double force_N = seen_.force_N;

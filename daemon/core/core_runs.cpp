@@ -50,7 +50,8 @@ void Core::abort(std::int64_t now_ns) noexcept {
   if (state_ == RunState::kFaulted) {
     vented_fault_ = true;  // the cause stays latched
     emit(now_ns, Severity::kInfo, "abort", kWhat, pressure_psi_, 0.0);
-  } else if (state_ == RunState::kStopping || state_ == RunState::kIdle) {
+  } else if (state_ == RunState::kStopping || state_ == RunState::kIdle || state_ == RunState::kReady) {
+    // Between runs nothing is left to end: whether the rig stays ready is what its streams say.
     if (state_ == RunState::kStopping) stopping_since_ns_ = since_ns;
     emit(now_ns, Severity::kInfo, "abort", kWhat, pressure_psi_, 0.0);
   } else {
@@ -74,6 +75,16 @@ void Core::wish_stop(std::int64_t now_ns) noexcept {
   ++stops_wanted_;
   supervisor_.on_stop(now_ns, stops_wanted_);
   frame_.stops_wanted.store(stops_wanted_, std::memory_order_release);
+}
+
+/// For whoever waits to leave. A fault may stay latched then, and a crosshead that does not stand is stopped by the
+/// frame's own watchdog by now: it gets no heartbeat.
+bool Core::is_stopped(std::int64_t now_ns) const noexcept {
+  constexpr std::int64_t kStopPatienceNs = 2'000'000'000;
+  if (run_open_ || state_ == RunState::kSetup) return false;
+  if (state_ == RunState::kIdle || state_ == RunState::kReady) return true;
+  const bool vented = filter_last_ns_ > stopping_since_ns_ && pressure_psi_ < config_.vented_psi;
+  return vented && (supervisor_.stands() || now_ns - stopping_since_ns_ > kStopPatienceNs);
 }
 
 void Core::seal() noexcept {

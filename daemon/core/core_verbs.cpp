@@ -9,8 +9,11 @@ void Core::take_requests(std::int64_t now_ns) noexcept {
   while (notes.pop(note)) emit(now_ns, note.severity, note.code, note.text, 0.0, 0.0);
   Request request;
   while (requests.pop(request)) replies.push(answer(now_ns, request));
-  if (abort_wanted_.exchange(false, std::memory_order_acq_rel) && state_ != RunState::kIdle &&
-      state_ != RunState::kReady && state_ != RunState::kStopping) {
+  const bool is_wanted = abort_wanted_.exchange(false, std::memory_order_acq_rel);
+  if (is_wanted && state_ == RunState::kFaulted && !run_open_) {
+    stop_and_vent(now_ns);  // the cause stays latched: it would only trip again
+    vented_fault_ = true;
+  } else if (is_wanted && state_ != RunState::kIdle && state_ != RunState::kReady && state_ != RunState::kStopping) {
     end_run(now_ns,
             !run_open_   ? outcome_
             : run_begun_ ? Outcome::kAborted

@@ -8,6 +8,8 @@
 namespace isorig::daemon {
 namespace {
 constexpr std::int64_t kExcuseNs = 200'000'000;
+// In that time the frame's thread has taken up a wish, and says what it makes of it.
+constexpr double kRenewedMax_s = 0.1;
 
 constexpr double seconds(std::int64_t ns) {
   return static_cast<double>(ns) * 1e-9;
@@ -161,6 +163,7 @@ const TripList& Supervisor::check(std::int64_t now_ns) noexcept {
          seconds(now_ns - segment_start_ns_), config_.segment_ack_max_s);
     segment_active_ = false;
   }
+  if (stop_renewed_ && seconds(now_ns - stop_since_ns_) > kRenewedMax_s) stop_renewed_ = false;
   if (stop_pending_ && now_ns >= excused_until_ns_ && seconds(now_ns - stop_since_ns_) > config_.stop_confirm_max_s) {
     note("frame.stop",
          "the crosshead was told to stop and has not been seen to stand; its heartbeat is withheld. If it moves, use "
@@ -185,7 +188,7 @@ bool Supervisor::healthy(std::int64_t now_ns, const char** why, bool guard_may_b
     reason = "the frame reports a fault";
   } else if (frame_state_.motion == frame::Motion::kFault) {
     reason = "the frame is in a fault state";
-  } else if (stop_pending_) {
+  } else if (stop_pending_ && !stop_renewed_) {
     reason = "the crosshead was told to stop and has not been seen to stand";
   } else if (!segment_active_ && !frame_stands_) {
     reason = "the crosshead moves";
@@ -215,10 +218,8 @@ void Supervisor::rearm(std::int64_t now_ns) noexcept {
   found_.clear();
   segment_active_ = segment_moving_ = false;
   force_watch_.restart();
-  const auto beyond = [](double value, double least, double most) { return value > most ? 1 : value < least ? -1 : 0; };
-  const auto& l = config_.limits;
-  travel_ = {beyond(last_position_mm_, l.travel_min_mm, l.travel_max_mm), last_position_mm_};
-  force_ = {beyond(last_force_N_, l.force_min_N, l.force_max_N), last_force_N_};
+  rearm_limit(travel_, last_position_mm_, travel_bounds());
+  rearm_limit(force_, last_force_N_, force_bounds());
   for (auto* seen : {&frame_seen_ns_, &pressure_seen_ns_, &interlock_seen_ns_, &regulator_seen_ns_}) {
     if (*seen >= 0) *seen = std::max(*seen, now_ns);
   }

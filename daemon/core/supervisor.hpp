@@ -72,8 +72,9 @@ class Supervisor {
   void on_segment(const frame::Segment& segment, std::uint32_t number, double from_mm, std::int64_t mono_ns) noexcept;
   /// The frame was told to stop; `wish` is FrameLink::stops_wanted from now on.
   void on_stop(std::int64_t mono_ns, std::uint32_t wish) noexcept;
-  /// No stop is waiting to be confirmed, and the crosshead stands as far as its report and its samples show.
-  [[nodiscard]] bool stands() const noexcept { return !stop_pending_ && frame_stands_; }
+  /// No stop is waiting to be confirmed (but a fresh one of what stood already), and the crosshead stands as far as its
+  /// report and its samples show.
+  [[nodiscard]] bool stands() const noexcept { return (!stop_pending_ || stop_renewed_) && frame_stands_; }
 
   /// Age of the newest sample of each, in s; negative before the first.
   [[nodiscard]] double frame_age_s(std::int64_t now_ns) const noexcept;
@@ -108,8 +109,19 @@ class Supervisor {
 
   void note(const char* code, const char* what, double value, double threshold) noexcept;
   void watch_standstill(const FrameReport& report) noexcept;
-  void watch_limit(Passed& passed, const char* code, const char* what, double value, double least, double most,
-                   double margin) noexcept;
+  /// What a limit is watched with.
+  struct Bounds {
+    double least, most;
+    double tolerance;  ///< it trips that far beyond
+    double margin;     ///< ... again when it is passed that much further
+    /// Inside, and far enough for noise not to arm it anew.
+    [[nodiscard]] bool is_clear(double value, int beyond) const noexcept;
+  };
+  [[nodiscard]] Bounds travel_bounds() const noexcept;
+  [[nodiscard]] Bounds force_bounds() const noexcept;
+  void watch_limit(Passed& passed, const char* code, const char* what, double value, const Bounds& bounds) noexcept;
+  /// A limit that was passed stays so until the value is clear of it.
+  static void rearm_limit(Passed& passed, double value, const Bounds& bounds) noexcept;
   void watch_force(const FrameRecord& sample) noexcept;
   void watch_following(const FrameRecord& sample) noexcept;
   void watch_frame_faults(const frame::State& state) noexcept;
@@ -134,8 +146,10 @@ class Supervisor {
   bool device_vented_ = false;
   std::int64_t excused_until_ns_ = 0;  ///< after a late tick the streams get time to come in
 
-  bool stop_pending_ = false;  ///< wished, and not yet seen to stand
-  std::uint32_t stop_wish_ = 0;
+  bool stop_pending_ = false;    ///< wished, and not yet seen to stand
+  bool stop_renewed_ = false;    ///< ... of a crosshead that stood, told nothing since: for a moment it is believed to
+  bool told_to_move_ = false;    ///< since the last stop
+  std::uint32_t stop_wish_ = 0;  ///< the first since then: it, or a later one, has to be confirmed
   std::int64_t stop_since_ns_ = 0;
   bool at_rest_ = false;  ///< stopped and told nothing since: it has to stay at rest_mm_
   double rest_mm_ = 0.0;

@@ -27,31 +27,57 @@ void Supervisor::on_frame_sample(const FrameRecord& s) noexcept {
   }
   last_position_mm_ = s.position_mm;
   last_force_N_ = s.force_N;
-  const auto& l = config_.limits;
   watch_limit(travel_, "limit.travel", "position outside the travel limits; check the specimen and the zero",
-              s.position_mm, l.travel_min_mm, l.travel_max_mm, kTravelMargin_mm);
+              s.position_mm, travel_bounds());
   watch_limit(force_, "limit.force", "force outside its limits; check specimen, grips and load cell", s.force_N,
-              l.force_min_N, l.force_max_N, kForceMarginShare * (l.force_max_N - l.force_min_N));
+              force_bounds());
   watch_force(s);
   watch_following(s);
 }
 
-void Supervisor::watch_limit(Passed& passed, const char* code, const char* what, double value, double least,
-                             double most, double margin) noexcept {
-  const int beyond = value > most ? 1 : value < least ? -1 : 0;
-  const bool known = beyond != 0 && beyond == passed.beyond && beyond * (value - passed.worst) <= margin;
+Supervisor::Bounds Supervisor::travel_bounds() const noexcept {
+  const auto& l = config_.limits;
+  return {l.travel_min_mm, l.travel_max_mm, protocol::Limits::kTravelTolerance_mm, kTravelMargin_mm};
+}
+
+Supervisor::Bounds Supervisor::force_bounds() const noexcept {
+  const auto& l = config_.limits;
+  return {l.force_min_N, l.force_max_N, 0.0, kForceMarginShare * (l.force_max_N - l.force_min_N)};
+}
+
+bool Supervisor::Bounds::is_clear(double value, int beyond) const noexcept {
+  // No more than a quarter of the way to zero: a limit near it could not be left.
+  const double limit = beyond > 0 ? most : least;
+  return beyond * (limit - value) > 0.25 * std::min(margin, std::abs(limit));
+}
+
+void Supervisor::watch_limit(Passed& passed, const char* code, const char* what, double value,
+                             const Bounds& b) noexcept {
+  const int beyond = value > b.most + b.tolerance ? 1 : value < b.least - b.tolerance ? -1 : 0;
+  const bool known = beyond != 0 && beyond == passed.beyond && beyond * (value - passed.worst) <= b.margin;
   if (beyond == 0) {
-    // Noise at the limit itself must not arm it anew.
-    const double inside = passed.beyond > 0 ? most - value : value - least;
-    if (inside > 0.25 * margin) passed = {};
+    if (b.is_clear(value, passed.beyond)) passed = {};
   } else if (!known) {
     passed = {beyond, value};
-    note(code, what, value, beyond > 0 ? most : least);
+    note(code, what, value, beyond > 0 ? b.most : b.least);
+  }
+}
+
+void Supervisor::rearm_limit(Passed& passed, double value, const Bounds& b) noexcept {
+  const int beyond = value > b.most ? 1 : value < b.least ? -1 : 0;
+  if (beyond != 0) {
+    passed = {beyond, value};
+  } else if (b.is_clear(value, passed.beyond)) {
+    passed = {};
+  } else if (passed.beyond != 0) {
+    passed.worst = passed.beyond > 0 ? b.most : b.least;
   }
 }
 
 const char* Supervisor::why_not(double target_mm) const noexcept {
-  if (travel_.beyond * (target_mm - last_position_mm_) > 0.0) {
+  const auto& l = config_.limits;
+  const bool target_inside = target_mm >= l.travel_min_mm && target_mm <= l.travel_max_mm;
+  if (travel_.beyond * (target_mm - last_position_mm_) > 0.0 && !target_inside) {
     return "the crosshead is beyond a travel limit: only a motion back is let through";
   }
   // Tension falls when the specimen shortens.
@@ -157,7 +183,7 @@ void Supervisor::on_frame_report(const FrameReport& report) noexcept {
 void Supervisor::on_segment(const frame::Segment& segment, std::uint32_t number, double from_mm,
                             std::int64_t mono_ns) noexcept {
   segment_number_ = number;
-  segment_active_ = true;
+  segment_active_ = told_to_move_ = true;
   segment_acknowledged_ = lag_warned_ = false;
   segment_ = segment;
   segment_from_mm_ = from_mm;
@@ -166,17 +192,25 @@ void Supervisor::on_segment(const frame::Segment& segment, std::uint32_t number,
 
 void Supervisor::on_stop(std::int64_t mono_ns, std::uint32_t wish) noexcept {
   segment_active_ = segment_moving_ = false;
-  at_rest_ = false;
-  // A wish that comes while another waits does not make it younger.
+  if (!stop_pending_) {
+    stop_renewed_ = !told_to_move_ && frame_stands_;
+    if (!stop_renewed_) at_rest_ = false;
+  } else if (told_to_move_) {
+    stop_renewed_ = at_rest_ = false;
+  }
+  // A wish that comes while another waits makes it neither younger nor another, unless a motion was commanded between.
   if (!stop_pending_) stop_since_ns_ = mono_ns;
+  if (!stop_pending_ || told_to_move_) stop_wish_ = wish;
   stop_pending_ = true;
-  stop_wish_ = wish;
+  told_to_move_ = false;
 }
 
 void Supervisor::watch_standstill(const FrameReport& report) noexcept {
   frame_stands_ = report.stands && report.stop_confirmed;
-  if (stop_pending_ && report.stop_confirmed && report.stop_wish == stop_wish_) {
-    stop_pending_ = false;
+  // Counted round.
+  const bool is_ours = static_cast<std::int32_t>(report.stop_wish - stop_wish_) >= 0;
+  if (stop_pending_ && report.stop_confirmed && is_ours) {
+    stop_pending_ = stop_renewed_ = false;
     at_rest_ = true;
     rest_mm_ = double{report.position_mm};
     // A segment that waited for the stop begins here.

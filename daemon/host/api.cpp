@@ -8,6 +8,7 @@
 #include <optional>
 #include <string_view>
 
+#include "base/printable.hpp"
 #include "base/toml_reader.hpp"
 #include "daemon/core/live_window.hpp"
 #include "daemon/host/api_requests.hpp"
@@ -109,6 +110,18 @@ HttpAnswer readings(const Host& host, const HttpRequest& q) {
   return answer(200, host.readings_json(window_s));
 }
 
+/// A word that nobody reads is a wish that nobody grants. Of the calls that stop the rig none is refused for it.
+std::optional<HttpAnswer> unknown_query(const HttpRequest& q) {
+  if (q.method == "POST" && (q.path == "/v1/abort" || q.path == "/v1/pause")) return std::nullopt;
+  const std::string known = q.path == "/v1/events" ? "after" : q.path == "/v1/readings" ? "window_s" : "";
+  for (const auto& [key, value] : q.query) {
+    if (key == known) continue;
+    return refusal(400, q.path + " takes " + (known.empty() ? "no query" : "`" + known + "` only") + ", and not `" +
+                            base::printable(key) + "`");
+  }
+  return std::nullopt;
+}
+
 HttpAnswer no_such_call(const HttpRequest& q, bool only_stops) {
   std::string known, methods;
   for (const auto& call : kCalls) {
@@ -174,6 +187,7 @@ void Api::stop() {
 }
 
 void Api::handle(HttpServer& server, const HttpRequest& q, const HttpServer::Reply& reply) {
+  if (const auto wrong = unknown_query(q)) return reply(*wrong);
   if (answer_at_once(server, q, reply)) return;
   const bool get = q.method == "GET", post = q.method == "POST";
   if (&server == &stop_server_) return reply(no_such_call(q, true));

@@ -2,8 +2,11 @@
 
 #include <algorithm>
 #include <initializer_list>
+#include <limits>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <string_view>
+#include <vector>
 
 #include "base/nearest.hpp"
 #include "base/printable.hpp"
@@ -14,12 +17,51 @@ namespace {
 using nlohmann::json;
 
 constexpr std::size_t kLongestLine = 1024;  // a file's path may stand in one
+// What is read in the thread of the connections has no file in it.
+constexpr std::size_t kShortBody = 4096;
+constexpr std::size_t kAnyBody = std::numeric_limits<std::size_t>::max();  // the connection has its bound
+constexpr std::size_t kDeepest = 8;
+
+/// Counted before anything is made of it.
+bool is_too_deep(std::string_view text) {
+  std::size_t depth = 0;
+  bool in_string = false;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const char c = text[i];
+    if (in_string) {
+      if (c == '\\') ++i;
+      in_string = c != '"';
+    } else if (c == '"') {
+      in_string = true;
+    } else if (c == '[' || c == '{') {
+      if (++depth > kDeepest) return true;
+    } else if ((c == ']' || c == '}') && depth > 0) {
+      --depth;
+    }
+  }
+  return false;
+}
 
 /// A JSON object with no other keys than these: a word that nobody reads is a wish that nobody grants.
 class Body {
  public:
-  Body(const std::string& call, const std::string& text, std::initializer_list<std::string_view> keys) : call_(call) {
-    object_ = json::parse(text, nullptr, false);
+  Body(const std::string& call, const std::string& text, std::initializer_list<std::string_view> keys,
+       std::size_t most_bytes = kShortBody)
+      : call_(call) {
+    if (text.size() > most_bytes)
+      fail("the body has " + std::to_string(text.size()) + " bytes; at most " + std::to_string(most_bytes));
+    if (is_too_deep(text)) fail("the body is nested deeper than " + std::to_string(kDeepest) + " levels");
+    std::vector<std::set<std::string>> seen(kDeepest + 2);  // keys of the objects that are open, by depth
+    std::string twice;
+    const auto watch = [&](int depth, json::parse_event_t event, json& value) {
+      const auto at = static_cast<std::size_t>(depth);
+      if (event == json::parse_event_t::object_start) seen.at(at + 1).clear();
+      if (event == json::parse_event_t::key && !seen.at(at).insert(value.get<std::string>()).second)
+        twice = value.get<std::string>();
+      return true;
+    };
+    object_ = json::parse(text, watch, false);
+    if (!twice.empty()) fail("the key `" + base::printable(twice) + "` stands there twice; which of them is meant?");
     if (object_.is_discarded()) fail("the body is not JSON");
     if (!object_.is_object()) fail("the body has to be a JSON object");
     for (const auto& [key, value] : object_.items()) {
@@ -77,7 +119,8 @@ class Body {
 StartOptions start_options(const std::string& body, bool* dry_run) {
   const Body b("/v1/start", body,
                {"protocol", "protocol_name", "specimen", "specimen_name", "operator", "resume_run", "resume_aborted",
-                "on_another_rig", "another_specimen", "dry_run"});
+                "on_another_rig", "another_specimen", "dry_run"},
+               kAnyBody);
   StartOptions o;
   o.resume_run = b.line("resume_run", "");
   // A run that goes on has its protocol with it.
@@ -94,7 +137,7 @@ StartOptions start_options(const std::string& body, bool* dry_run) {
 }
 
 Correction correction(const std::string& body) {
-  const Body b("/v1/notes", body, {"run", "by", "operator", "specimen", "specimen_name", "text"});
+  const Body b("/v1/notes", body, {"run", "by", "operator", "specimen", "specimen_name", "text"}, kAnyBody);
   return {b.line("run", ""),
           b.line("by", ""),
           b.line("operator", ""),
@@ -130,7 +173,7 @@ std::string accepting_operator(const std::string& body) {
 }
 
 std::string calibration_record(const std::string& body) {
-  return Body("/v1/calibrations", body, {"record"}).text("record");
+  return Body("/v1/calibrations", body, {"record"}, kAnyBody).text("record");
 }
 
 }  // namespace isorig::daemon

@@ -1,13 +1,24 @@
 #include "daemon/host/corrections.hpp"
 
 #include <stdexcept>
+#include <utility>
 
+#include "base/printable.hpp"
 #include "daemon/recording/amendments.hpp"
 #include "daemon/rig/specimen.hpp"
 
 namespace isorig::daemon {
 
 std::string amend_run(Catalogue& catalogue, const RunRow& run, const Correction& c) {
+  for (const auto& [what, value] : {std::pair<const char*, const std::string&>{"name of who notes it", c.by},
+                                    {"operator's name", c.operator_name},
+                                    {"remark", c.text}}) {
+    if (base::printable(value) != value) {
+      throw std::runtime_error("the " + std::string(what) + " \"" + base::printable(value) +
+                               "\" holds a control character, or a mark that hides or turns text; one line of plain "
+                               "text is needed");
+    }
+  }
   Amendment a{utc_now(), c.by, {}, c.operator_name, c.text};
   double rest_length_mm = 0.0;
   if (!c.specimen_text.empty()) {
@@ -25,7 +36,7 @@ std::string amend_run(Catalogue& catalogue, const RunRow& run, const Correction&
   if (!a.specimen.empty()) said += ": specimen " + a.specimen + " (was " + run.specimen + ")";
   if (!a.operator_name.empty())
     said += ": operator " + a.operator_name + (run.operator_name.empty() ? "" : " (was " + run.operator_name + ")");
-  return said;
+  return base::printable(said);  // what is stored already may be older than this rule
 }
 
 }  // namespace isorig::daemon

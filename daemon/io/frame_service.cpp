@@ -33,7 +33,7 @@ void FrameService::turn(std::int64_t now_ns) {
     reference_epoch_ = identity.reference_epoch;
     taken_segment_ = 0;
     speed_mm_s_ = 0.0;
-    wish_stop();  // whatever it was doing
+    begin_stop();  // whatever it was doing
     next_sync_ns_ = now_ns;
     has_best_ = false;
     report_health(now_ns, true);
@@ -57,7 +57,8 @@ void FrameService::turn(std::int64_t now_ns) {
     void push(const Stamped<frame::Sample>& s) {
       self.link_.samples.push(s);
       // While a stop is not confirmed only what came after the frame took it says how it stands.
-      if (self.stop_confirmed_ || (self.stop_accepted_ns_ >= 0 && s.mono_ns > self.stop_accepted_ns_)) {
+      if (self.stop_confirmed_ || self.stood_before_ ||
+          (self.stop_accepted_ns_ >= 0 && s.mono_ns > self.stop_accepted_ns_)) {
         self.standstill_.add(s.mono_ns, double{s.sample.position_mm});
       }
     }
@@ -79,8 +80,17 @@ void FrameService::turn(std::int64_t now_ns) {
   }
 }
 
+/// A stop that waits goes on waiting, with what was seen of it; one of a frame that stands has only to be taken.
 void FrameService::wish_stop() noexcept {
+  if (!stop_confirmed_) return;
+  if (told_to_move_ || !samples_stand_) return begin_stop();
   stop_confirmed_ = false;
+  stop_accepted_ns_ = -1;
+  stood_before_ = true;
+}
+
+void FrameService::begin_stop() noexcept {
+  stop_confirmed_ = stood_before_ = false;
   stop_accepted_ns_ = -1;
   standstill_.restart(speed_mm_s_);
   stands_.store(false, std::memory_order_release);
@@ -101,6 +111,7 @@ void FrameService::stop_or_move(std::int64_t now_ns) {
   }
   if (!newest || left_) return;
   speed_mm_s_ = double{newest->segment.velocity_mm_s};
+  told_to_move_ = true;
   if (attempt(now_ns, "the segment", [&] { device_.start_segment(newest->segment); })) {
     taken_segment_ = newest->number;
   } else {
@@ -119,6 +130,7 @@ void FrameService::judge_stop(const frame::State& state) noexcept {
   const bool stands = samples_stand_ && !moving;
   if (!stop_confirmed_ && stop_accepted_ns_ >= 0 && stands) {
     stop_confirmed_ = true;
+    stood_before_ = told_to_move_ = false;
     speed_mm_s_ = 0.0;
   }
   stands_.store(left_ && stop_confirmed_, std::memory_order_release);

@@ -37,6 +37,7 @@ class FrameService : private SampledLink {
   bool attempt(std::int64_t now_ns, const char* what, Call call);
   void drop(std::int64_t now_ns) noexcept override;
   void wish_stop() noexcept;
+  void begin_stop() noexcept;
   void stop_or_move(std::int64_t now_ns);
   void judge_stop(const frame::State& state) noexcept;
   void take_exchange(const clock::Exchange& exchange);
@@ -55,6 +56,8 @@ class FrameService : private SampledLink {
   std::uint32_t stop_wish_ = 0;         ///< the newest of FrameLink::stops_wanted that was taken up
   bool stop_confirmed_ = false;         ///< ... and has ended in standstill
   std::int64_t stop_accepted_ns_ = -1;  ///< the frame took it; -1: not yet
+  bool stood_before_ = false;           ///< ... and stood when it was wished: its samples of before count
+  bool told_to_move_ = false;           ///< a segment was sent since it was last seen to stand
   std::uint32_t reference_epoch_ = 0;
   double speed_mm_s_ = 0.0;            ///< of the last segment sent
   std::uint32_t taken_segment_ = 0;    ///< number of the last that the frame took; 0: none since it was connected

@@ -143,7 +143,12 @@ void Catalogue::open(Access access) {
     throw std::runtime_error(file.string() + " was written by a newer isorig (schema " + std::to_string(found) +
                              ", this one knows " + std::to_string(kSchemaVersion) + "); update this one");
   }
-  if (access == Access::kReadOnly) return;
+  if (access == Access::kReadOnly) {
+    if (found > 0) return;
+    throw std::runtime_error(file.string() +
+                             " is empty, or another program's; move it aside: the next isorigd, or isorig run, makes "
+                             "it anew from the recordings beside it");
+  }
   execute(db_, "PRAGMA journal_mode = WAL");
   execute(db_, "PRAGMA synchronous = FULL");
   execute(db_, "PRAGMA foreign_keys = ON");
@@ -153,6 +158,17 @@ void Catalogue::open(Access access) {
     execute(db_, "PRAGMA user_version = 1");
   }
   all.commit();
+}
+
+/// Somebody removed the runs' folder, or put another in its place: what is written into the open file nobody will read.
+void Catalogue::renew_if_gone() {
+  int moved = 0;
+  if (sqlite3_file_control(db_, "main", SQLITE_FCNTL_HAS_MOVED, &moved) == SQLITE_OK && moved == 0) return;
+  sqlite3_close(std::exchange(db_, nullptr));
+  std::filesystem::create_directories(root_);
+  open(Access::kReadWrite);
+  settle_interrupted();
+  adopt_recordings();
 }
 
 /// A reader that may not write cannot make the shared memory file, without which SQLite does not read a write-ahead
@@ -198,6 +214,7 @@ std::string Catalogue::new_run_id(const std::string& wanted) const {
 void Catalogue::open_run(const std::string& id, const RunInfo& info, const protocol::Plan& plan,
                          const std::string& protocol_name, const std::string& operator_name) {
   const std::lock_guard hold(mutex_);
+  renew_if_gone();
   Transaction all(db_);
   Statement(db_,
             "INSERT INTO specimens VALUES (?1, ?2) ON CONFLICT DO UPDATE SET rest_length_mm = "

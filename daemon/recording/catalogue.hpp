@@ -72,7 +72,8 @@ class Catalogue {
 
   /// `wanted`, or with a number behind it when there is such a run already.
   [[nodiscard]] std::string new_run_id(const std::string& wanted) const;
-  /// A new run, or a further attempt at one that is there. Its recorder holds the lock already.
+  /// A new run, or a further attempt at one that is there. Its recorder holds the lock already. A catalogue whose file
+  /// was removed, or replaced, is opened anew before.
   void open_run(const std::string& id, const RunInfo& info, const protocol::Plan& plan,
                 const std::string& protocol_name, const std::string& operator_name);
   /// These two wait for nobody who has the catalogue locked, but throw: try again later.
@@ -95,6 +96,7 @@ class Catalogue {
   [[nodiscard]] RunRow settle_state(RunRow row) const;
   void open(Access access);
   void open_copy(const std::string& why);
+  void renew_if_gone();
   void settle_interrupted();
   void adopt_recordings();
 

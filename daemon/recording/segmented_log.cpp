@@ -41,7 +41,10 @@ SegmentedLog::SegmentedLog(RecorderOptions options, const RunInfo& info,
     segment_ = messages::segment_number(file);
     if (const auto header = messages::read_header(file)) attempt = std::max(attempt, header->attempt + 1);
   }
-  if (!earlier.empty()) before_ = messages::tally_of(earlier.back());
+  if (!earlier.empty()) {
+    before_ = messages::tally_of(earlier.back());
+    before_path_ = earlier.back();
+  }
   if (earlier.empty()) write_inputs(options_.run_dir, info);
   header_ = make_header(info, options_, attempt);
   reserve_.allocate();
@@ -158,6 +161,7 @@ std::unique_ptr<messages::LogWriter> SegmentedLog::create_segment() {
 void SegmentedLog::begin_segment(std::unique_ptr<messages::LogWriter> next) {
   if (log_) {
     before_ = log_->written_tally();
+    before_path_ = log_->path();
     closed_bytes_ += log_->size_bytes() - log_->held_bytes();
     closed_lost_ += log_->lost_events();
   }
@@ -258,7 +262,14 @@ void SegmentedLog::put_chain(std::int8_t kind, const messages::LogTally& tally) 
   m.events = tally.events;
   m.bytes = tally.bytes;
   m.checksum = static_cast<std::int32_t>(tally.checksum);
-  if (kind == isorig_msgs::chain_t::ENDS) {
+  if (kind == isorig_msgs::chain_t::BEGINS && !before_path_.empty()) {
+    std::error_code gone;  // said by the reader, who misses it
+    const auto bytes = static_cast<std::int64_t>(std::filesystem::file_size(before_path_, gone));
+    if (!gone) {
+      m.channels.emplace_back(messages::kTornBytes);
+      m.messages.push_back(std::max<std::int64_t>(0, bytes - tally.bytes));
+    }
+  } else if (kind == isorig_msgs::chain_t::ENDS) {
     m.complete = ended_complete_ && fault_.empty() ? 1 : 0;
     m.dropped_records = static_cast<std::int64_t>(dropped_records_);
     m.lost_messages = static_cast<std::int64_t>(closed_lost_ + log_->lost_events());
@@ -268,8 +279,8 @@ void SegmentedLog::put_chain(std::int8_t kind, const messages::LogTally& tally) 
       m.channels.emplace_back(messages::kChannelNames[i]);
       m.messages.push_back(written_[i]);
     }
-    m.channel_count = static_cast<std::int32_t>(m.channels.size());
   }
+  m.channel_count = static_cast<std::int32_t>(m.channels.size());
   put_message(Channel::kChain, last_mono_ns_, m);
 }
 

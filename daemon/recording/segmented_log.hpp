@@ -83,6 +83,7 @@ class SegmentedLog {
   isorig_msgs::run_header_t header_;
   std::unique_ptr<messages::LogWriter> log_;
   messages::LogTally before_;  // of the segment before the present one
+  std::filesystem::path before_path_;
   int segment_ = 0;
   std::string segment_error_;
   std::string space_error_;

@@ -17,7 +17,16 @@ struct Error : std::runtime_error {
 };
 
 [[noreturn]] inline void fail(sqlite3* db, const std::string& what) {
-  throw Error("catalogue: " + what + ": " + sqlite3_errmsg(db), sqlite3_extended_errcode(db));
+  const int code = sqlite3_extended_errcode(db);
+  if ((code & 0xff) == SQLITE_NOTADB || (code & 0xff) == SQLITE_CORRUPT) {
+    const char* name = sqlite3_db_filename(db, "main");
+    const std::string file = name == nullptr ? "the catalogue" : name;
+    throw Error(file + " is damaged, or no catalogue (SQLite: " + sqlite3_errmsg(db) +
+                    "); move it aside together with its -wal and -shm: the next isorigd, or isorig run, makes it anew "
+                    "from the recordings beside it",
+                code);
+  }
+  throw Error("catalogue: " + what + ": " + sqlite3_errmsg(db), code);
 }
 
 inline void execute(sqlite3* db, const char* sql) {

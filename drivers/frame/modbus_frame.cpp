@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace isorig::frame {
 namespace {
@@ -221,6 +222,8 @@ void ModbusFrame::resume_or_restart(const Identity& identity) {
     has_history_ = true;
     ++reference_epoch_;
     sequence_ = counter_ = newest_counter_ = header.counter;
+    const bool is_dated = config_.map.at(Quantity::kNewestSampleTime_us).has_value();
+    last_sample_us_ = is_dated ? header.newest_us : -std::numeric_limits<double>::infinity();
     advanced_ns_ = anchor_ns_ = header.received_ns;
     anchor_device_us_ = last_device_us_ = header.device_us;
   }
@@ -266,9 +269,9 @@ Poll ModbusFrame::poll(std::span<Sample> out) {
     read_state_blocks();
 
     Poll result;
-    decode_samples(counter_ + skip + 1, out.first(count), before);
-    result.samples = count;
-    result.lost = skip;
+    result.samples = decode_samples(counter_ + skip + 1, out.first(count), before);
+    const auto misplaced = static_cast<std::uint32_t>(count - result.samples);
+    result.lost = skip + misplaced;
     result.state = decode_state();
     // A clock that stands still dates nothing: the frame, or what is behind the gateway, hangs.
     const Header& best = after.received_ns - after.sent_ns < before.received_ns - before.sent_ns ? after : before;
@@ -281,7 +284,8 @@ Poll ModbusFrame::poll(std::span<Sample> out) {
     counter_ = (counter_ + consumed) & counter_mask(config_.map);
     sequence_ += consumed;
     ++statistics_.polls;
-    statistics_.lost_samples += skip;
+    statistics_.lost_samples += result.lost;
+    statistics_.misplaced_samples += misplaced;
     return result;
   }
   link_.close();
@@ -315,26 +319,34 @@ std::size_t ModbusFrame::read_slots(std::uint32_t first_counter, std::size_t cou
   return count;
 }
 
-void ModbusFrame::decode_samples(std::uint32_t first_counter, std::span<Sample> out, const Header& header) const {
+std::size_t ModbusFrame::decode_samples(std::uint32_t first_counter, std::span<Sample> out, const Header& header) {
   const auto& ring = config_.map.samples;
   const auto stride = static_cast<std::size_t>(ring.stride_registers);
+  const double half_turn_us = 0.5e6 * ring.slots / rate_Hz_;
+  // A clock that was set back dates the samples of before later than those that follow.
+  if (header.newest_us < last_sample_us_) last_sample_us_ = -std::numeric_limits<double>::infinity();
+  std::size_t given = 0;
   for (std::size_t i = 0; i < out.size(); ++i) {
     const auto slot = std::span<const std::uint16_t>(slot_words_).subspan(i * stride, stride);
     const std::uint32_t ahead = first_counter + static_cast<std::uint32_t>(i) - counter_;
-    auto& sample = out[i];
-    sample.sequence = sequence_ + ahead;
-    sample.position_mm = static_cast<float>(ring.position_mm.format.decode(slot.subspan(ring.position_mm.at)));
-    sample.force_N = static_cast<float>(ring.force_N.format.decode(slot.subspan(ring.force_N.at)));
     double time_us = 0.0;
     if (ring.time_us) {
       time_us = unwrap_us(ring.time_us->format, ring.time_us->format.decode(slot.subspan(ring.time_us->at)),
                           header.newest_us);
+      // Counted, but not written into its slot: what lies there is of another turn of the ring, or nothing at all.
+      if (!(time_us >= last_sample_us_ && time_us <= header.newest_us + half_turn_us)) continue;
+      last_sample_us_ = time_us;
     } else {
       const std::uint32_t age = newer_by(header.counter, counter_ + ahead);
       time_us = header.newest_us - static_cast<double>(age) * 1e6 / rate_Hz_;
     }
+    auto& sample = out[given++];
+    sample.sequence = sequence_ + ahead;
+    sample.position_mm = static_cast<float>(ring.position_mm.format.decode(slot.subspan(ring.position_mm.at)));
+    sample.force_N = static_cast<float>(ring.force_N.format.decode(slot.subspan(ring.force_N.at)));
     sample.device_us = std::llround(time_us);
   }
+  return given;
 }
 
 }  // namespace isorig::frame

@@ -15,9 +15,9 @@ namespace isorig::frame {
 ///
 /// Samples: the frame writes each into a ring and counts it. A poll reads the header (counter, times), the
 /// slots that are new, and the header again. What the frame may have overwritten between the two headers is
-/// dropped and counted in Poll::lost; so is what was overwritten before the poll. A sample is given once or
-/// counted lost, never neither. After a lost connection the next poll goes on where the last one ended, if
-/// the ring still has it.
+/// dropped and counted in Poll::lost; so is what was overwritten before the poll, and, where the frame dates each
+/// sample, a slot whose stamp is not that of its place. A sample is given once or counted lost, never neither. After a
+/// lost connection the next poll goes on where the last one ended, if the ring still has it.
 ///
 /// Counter and clock are checked against elapsed host time: a jump that time does not explain is read again
 /// (a 32-bit number may be torn between its registers), and if it stays the frame was restarted:
@@ -42,8 +42,9 @@ class ModbusFrame final : public Device {
   struct Statistics {
     std::uint64_t polls = 0;
     std::uint64_t lost_samples = 0;
-    std::uint64_t reread_headers = 0;  ///< jumps that a second look took back
-    std::uint64_t resyncs = 0;         ///< times the line was in doubt
+    std::uint64_t misplaced_samples = 0;  ///< of those: counted by the frame, and not in their slots
+    std::uint64_t reread_headers = 0;     ///< jumps that a second look took back
+    std::uint64_t resyncs = 0;            ///< times the line was in doubt
   };
   [[nodiscard]] Statistics statistics() const noexcept;
 
@@ -70,7 +71,8 @@ class ModbusFrame final : public Device {
   void read_state_blocks();
   [[nodiscard]] State decode_state() const;
   std::size_t read_slots(std::uint32_t first_counter, std::size_t count, const Header& header);
-  void decode_samples(std::uint32_t first_counter, std::span<Sample> out, const Header& header) const;
+  /// How many of them were in their slots, by their stamps; those come first in `out`.
+  std::size_t decode_samples(std::uint32_t first_counter, std::span<Sample> out, const Header& header);
   [[nodiscard]] double unwrap_us(const NumberFormat& format, double raw_us, double expected_us) const noexcept;
   void resume_or_restart(const Identity& identity);
   [[nodiscard]] std::string read_text(const std::optional<TextRegisters>& text);
@@ -101,6 +103,7 @@ class ModbusFrame final : public Device {
   double anchor_device_us_ = 0.0;     // device time at anchor_ns_, for unwrapping
   std::int64_t anchor_ns_ = 0;
   double last_device_us_ = 0.0;  // of the newest header read
+  double last_sample_us_ = 0.0;  // of the last sample given
   Statistics statistics_;
 };
 

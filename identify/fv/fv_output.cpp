@@ -4,6 +4,7 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "base/text_file.hpp"
 #include "identify/fv/fv_analysis.hpp"
 #include "identify/report/page.hpp"
 
@@ -213,6 +214,8 @@ void write_fv_tables(const FvAnalysis& analysis, const std::filesystem::path& fo
 }
 
 std::vector<ControlFit> read_controls(const std::filesystem::path& fv_json_file, const std::string& specimen) {
+  if (const auto why = base::why_not_a_file(fv_json_file); !why.empty())
+    throw std::runtime_error(fv_json_file.string() + " " + why);
   std::ifstream in(fv_json_file);
   if (!in) throw std::runtime_error(fv_json_file.string() + ": cannot be opened");
   std::vector<ControlFit> out;

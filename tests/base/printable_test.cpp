@@ -64,6 +64,19 @@ TEST(Printable, DiagnosticsEchoNothingRaw) {
   }
 }
 
+TEST(Printable, AnArgumentThatWouldDoSomethingToATerminalIsNotTaken) {
+  const auto why = [](const char* argument) {
+    const char* argv[] = {"isorig", "note", argument};
+    return why_not_arguments(3, argv);
+  };
+  for (const auto good : {"", "--operator", "Größe", "a b", "C:\\runs"}) EXPECT_EQ(why(good), "") << good;
+  for (const auto bad : {"a\x1b[31m", "--x=\x1b", "a\nb", "\u202e", "\xff", "\x7f"}) {
+    EXPECT_NE(why(bad), "") << printable(bad);
+    EXPECT_EQ(why(bad), printable(why(bad)));
+  }
+  EXPECT_NE(why("a\x1b[31m").find("\"a\\u001b[31m\""), std::string::npos) << why("a\x1b[31m");
+}
+
 TEST(Name, WhatMayNameFiles) {
   for (const auto good : {"Control2", "a", "ecoflex-3.2_b", "7"}) EXPECT_EQ(why_not_a_name(good), "") << good;
   EXPECT_EQ(why_not_a_name(std::string(64, 'a')), "");

@@ -17,7 +17,10 @@
 #include <thread>
 #include <vector>
 
+#include "daemon/host/corrections.hpp"
 #include "daemon/host/host.hpp"
+#include "daemon/recording/amendments.hpp"
+#include "daemon/recording/catalogue.hpp"
 #include "recording_rig.hpp"
 #include "rig_fixture.hpp"
 
@@ -179,6 +182,54 @@ TEST_F(ApiTest, WordsThatNobodyReadsAreRefused) {
   EXPECT_EQ(request("GET /v1/events?after=1").status, 200);
   EXPECT_EQ(request("GET /v1/readings?window_s=2x").status, 400);
   EXPECT_EQ(request("GET /v1/readings?window_s=2").status, 200);
+}
+
+TEST_F(ApiTest, AKeyThatStandsTwiceOrAQueryThatNobodyReadsIsRefused) {
+  const auto twice = request("POST /v1/setup", R"({"off":true,"off":false})");
+  EXPECT_EQ(twice.status, 400);
+  EXPECT_THAT(twice.text(), HasSubstr("`off` stands there twice"));
+  EXPECT_THAT(request("POST /v1/start", R"({"protocol":{"a":1,"b":{"a":1},"a":2}})").text(), HasSubstr("twice"));
+  EXPECT_THAT(request("POST /v1/start", R"({"protocol":[{"a":1},{"a":2}]})").text(), HasSubstr("has to be a text"));
+  EXPECT_THAT(request("GET /v1/events?afer=1").text(), HasSubstr("`after` only, and not `afer`"));
+  EXPECT_EQ(request("GET /v1/status?x").status, 400);
+  EXPECT_EQ(request("POST /v1/abort?x=1").status, 200) << "a stop is a stop";
+}
+
+/// What is parsed in the thread of the connections is short and flat: 4 MiB of brackets kept it from an abort for 0.6
+/// s.
+TEST_F(ApiTest, LongAndDeepBodiesAreRefusedBeforeTheyAreRead) {
+  const std::string deep = R"({"off":)" + std::string(1'000'000, '[') + std::string(1'000'000, ']') + "}";
+  const auto began = std::chrono::steady_clock::now();
+  for (const auto* call : {"POST /v1/setup", "POST /v1/jog", "POST /v1/accept-rig"}) {
+    const auto answer = request(call, deep);
+    EXPECT_EQ(answer.status, 400) << call;
+    EXPECT_THAT(answer.text(), HasSubstr("at most 4096")) << call;
+  }
+  EXPECT_LT(std::chrono::steady_clock::now() - began, std::chrono::seconds(5));
+  EXPECT_THAT(request("POST /v1/setup", R"({"off":[[[[[[[[[]]]]]]]]]})").text(), HasSubstr("nested deeper than 8"));
+  EXPECT_THAT(request("POST /v1/start", deep).text(), HasSubstr("nested deeper than 8"));
+  EXPECT_THAT(request("POST /v1/start", R"({"protocol":"[[[[[[[[[[\"[["})").text(), Not(HasSubstr("nested")));
+}
+
+TEST(Correction, WhatIsNotOnePlainLineIsNotStored) {
+  const testing::TemporaryDirectory folder("note");
+  Catalogue catalogue(folder.path());
+  RunRow run;
+  run.id = "run";
+  run.operator_name = "old\x1b[31m";  // as an earlier version stored it
+  run.directory = folder.path() / "run";
+  std::filesystem::create_directories(run.directory);
+  for (const auto field : {&Correction::by, &Correction::operator_name, &Correction::text}) {
+    Correction c;
+    c.text = "a remark";
+    c.*field = "x\x1b[31m";
+    EXPECT_THAT([&] { (void)amend_run(catalogue, run, c); },
+                ::testing::ThrowsMessage<std::runtime_error>(HasSubstr("\"x\\u001b[31m\" holds a control character")));
+  }
+  EXPECT_TRUE(read_amendments(run.directory).empty());
+  Correction c;
+  c.operator_name = "Jörg";
+  EXPECT_EQ(amend_run(catalogue, run, c), "run run is noted: operator Jörg (was old\\u001b[31m)");
 }
 
 /// What `curl -X POST` sends (RFC 9112, 6.3: no length is no body).

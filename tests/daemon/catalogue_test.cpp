@@ -9,6 +9,8 @@
 #include <chrono>
 #include <csignal>
 #include <cstdio>
+#include <fstream>
+#include <random>
 
 #include "recording_rig.hpp"
 
@@ -72,6 +74,65 @@ TEST(Catalogue, FollowsARunFromStartToEnd) {
   EXPECT_EQ(sessions[1].segment, "segment-0002.lcm");
   EXPECT_EQ(catalogue.new_run_id("a-run"), "a-run-2");
   EXPECT_EQ(catalogue.inputs_of(id).first_open_session, 2U);
+}
+
+TEST(Catalogue, ACatalogueThatWasRemovedUnderADaemonIsMadeAnew) {
+  const TemporaryDirectory root("catalogue");
+  const auto plan = two_sessions();
+  const auto info = info_for(plan);
+  const auto runs = root.path() / "runs";
+  Catalogue catalogue(runs);
+  catalogue.open_run("gone", info, plan, "p.toml", "");
+  catalogue.close_run("gone", "done", "");
+  for (const char* name : {"first", "second"}) {
+    std::filesystem::remove_all(runs);
+    std::filesystem::create_directories(runs / name);
+    catalogue.open_run(name, info, plan, "p.toml", "");
+    catalogue.close_run(name, "done", "");
+    const Catalogue reader(runs, Catalogue::Access::kReadOnly);
+    const auto rows = reader.runs();
+    ASSERT_EQ(rows.size(), 1U);
+    EXPECT_EQ(rows[0].id, name);
+    EXPECT_EQ(rows[0].state, "done");
+  }
+  // Nor is another's taken for it.
+  std::filesystem::remove(runs / "catalogue.sqlite");
+  Catalogue(runs).open_run("another", info, plan, "p.toml", "");
+  catalogue.open_run("third", info, plan, "p.toml", "");
+  EXPECT_TRUE(Catalogue(runs, Catalogue::Access::kReadOnly).find_run("third"));
+  EXPECT_TRUE(Catalogue(runs, Catalogue::Access::kReadOnly).find_run("another"));
+}
+
+TEST(Catalogue, OneThatIsNoneIsNamedWithWhatToDo) {
+  const TemporaryDirectory root("catalogue");
+  const auto file = root.path() / "catalogue.sqlite";
+  const auto plan = two_sessions();
+  {
+    Catalogue catalogue(root.path());
+    for (int i = 0; i < 50; ++i) {
+      catalogue.open_run("run-" + std::to_string(i), info_for(plan), plan, "p.toml", "");
+      catalogue.close_run("run-" + std::to_string(i), "done", "");
+    }
+  }
+  const auto told = [&](Catalogue::Access access) {
+    EXPECT_THAT(([&] { (void)Catalogue(root.path(), access).runs(); }),
+                ThrowsMessage<std::runtime_error>(::testing::AllOf(HasSubstr(file.string()), HasSubstr("move it aside"),
+                                                                   ::testing::Not(HasSubstr("PRAGMA")),
+                                                                   ::testing::Not(HasSubstr("SELECT")))));
+  };
+  const auto size = std::filesystem::file_size(file);
+  ASSERT_GT(size, 12'288U);
+  std::filesystem::resize_file(file, size / 2);
+  told(Catalogue::Access::kReadOnly);
+  std::mt19937_64 random(3);
+  std::string noise(20'000, ' ');
+  for (auto& c : noise) c = static_cast<char>(random());
+  std::ofstream(file, std::ios::binary | std::ios::trunc) << noise;
+  told(Catalogue::Access::kReadOnly);
+  told(Catalogue::Access::kReadWrite);
+  std::ofstream(file, std::ios::binary | std::ios::trunc).flush();
+  told(Catalogue::Access::kReadOnly);
+  EXPECT_TRUE(Catalogue(root.path()).runs().empty()) << "an empty file is filled";
 }
 
 TEST(Catalogue, AWholeNameIsFoundAmongLongerOnes) {

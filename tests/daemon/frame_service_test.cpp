@@ -28,10 +28,14 @@ class StandingFrame final : public frame::Device {
   }
   void start_segment(const frame::Segment&) override {}
   void stop() override { ++stops; }
-  void heartbeat(std::uint16_t) override { ++heartbeats; }
+  void heartbeat(std::uint16_t) override {
+    ++heartbeats;
+    stops_before_heartbeat = stops;
+  }
 
   std::function<void()> during_poll;
   int stops = 0, heartbeats = 0;
+  int stops_before_heartbeat = 0;
 
  private:
   clock::VirtualClock& clock_;
@@ -67,9 +71,48 @@ TEST_F(FrameServiceTest, AWishDuringThePollKeepsTheHeartbeatBack) {
   const int stops = device.stops;
   turn();
   EXPECT_EQ(device.stops, stops + 1);
-  EXPECT_EQ(device.heartbeats, beats);
-  for (int i = 0; i < 200; ++i) turn();
+  for (int i = 0; i < 200 && device.heartbeats == beats; ++i) turn();
   EXPECT_GT(device.heartbeats, beats) << "it stands";
+  EXPECT_GT(device.stops_before_heartbeat, stops) << "not before the stop was taken";
+}
+
+// Somebody leans on the abort button.
+TEST_F(FrameServiceTest, AWishThatIsRenewedAtEveryTurnIsConfirmedAllTheSame) {
+  FrameReport report;
+  turn();
+  while (link.reports.pop(report)) {
+  }
+  EXPECT_FALSE(report.stop_confirmed) << "connected a moment ago";
+  const auto confirmed_within = [&](int turns) {
+    for (int i = 0; i < turns; ++i) {
+      link.stops_wanted.fetch_add(1);
+      turn();
+      while (link.reports.pop(report)) {
+      }
+      if (report.stop_confirmed && report.stop_wish == link.stops_wanted) return true;
+    }
+    return false;
+  };
+  EXPECT_TRUE(confirmed_within(20)) << "what was seen of the stop before counts on";
+  const int stops = device.stops, beats = device.heartbeats;
+  for (int i = 0; i < 100; ++i) EXPECT_TRUE(confirmed_within(1)) << "it stands already";
+  EXPECT_EQ(device.stops, stops + 100) << "and each is sent";
+  EXPECT_GT(device.heartbeats, beats);
+}
+
+// After a segment a stop is judged by what came after it alone.
+TEST_F(FrameServiceTest, AStopBehindASegmentBeginsAnew) {
+  ASSERT_NO_FATAL_FAILURE(be_confirmed());
+  for (int i = 0; i < 50; ++i) turn();
+  link.commands.push({{1, 2.0F, 1.0F}, 1, 0});
+  turn();
+  link.stops_wanted.store(1);
+  turn();
+  FrameReport report;
+  while (link.reports.pop(report)) {
+  }
+  EXPECT_EQ(report.taken_segment, 1U);
+  EXPECT_FALSE(report.stop_confirmed) << "its samples of before say nothing";
 }
 
 TEST_F(FrameServiceTest, LeavingDuringThePollKeepsTheHeartbeatBack) {

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <sys/mount.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -120,6 +121,16 @@ TEST(RecordingFaults, DamageInTheMiddleIsSkippedAndTheLossCounted) {
   for (const auto n : report.missing) missing += n;
   EXPECT_GT(missing + report.undecodable, 0U);
   EXPECT_EQ(c.frames.back().mono_ns, frame_record(2'999, 0, Keep::kFull).mono_ns) << "reading went on behind it";
+}
+
+TEST(RecordingFaults, APipeInTheRunsFolderIsRefusedAndNotWaitedFor) {
+  const TemporaryDirectory dir("faults");
+  record(recorder_options(dir.path()));
+  std::filesystem::rename(dir.path() / "segment-0001.lcm", dir.path() / "aside");
+  ASSERT_EQ(::mkfifo((dir.path() / "segment-0001.lcm").c_str(), 0600), 0);
+  Collected c;
+  EXPECT_THAT([&] { messages::read_run(dir.path(), c); },
+              ThrowsMessage<std::runtime_error>(HasSubstr("segment-0001.lcm is a pipe and no file")));
 }
 
 TEST(RecordingFaults, AKilledWriterLeavesEverythingUpToItsLastSync) {

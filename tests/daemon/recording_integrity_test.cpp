@@ -206,6 +206,32 @@ TEST_F(Integrity, ABlockOfZerosIsTold) {
   }
 }
 
+TEST_F(Integrity, ForeignBytesAtAnyEndOfAnySegmentAreTold) {
+  std::mt19937_64 random(7);
+  for (const std::size_t size : {1U, 27U, 5'000U}) {
+    std::string foreign(size, ' ');
+    for (auto& c : foreign) c = static_cast<char>(random());
+    for (std::size_t i = 0; i < segments_.size(); ++i) {
+      for (const bool behind : {true, false}) {
+        write(i, behind ? bytes_[i] + foreign : foreign + bytes_[i]);
+        expect_told(std::to_string(size) + (behind ? " bytes behind " : " bytes before ") + segments_[i].string(),
+                    RecordingState::kDamaged);
+        EXPECT_THAT(report_.complaints(),
+                    Contains(HasSubstr(segments_[i].filename().string() + ": " + std::to_string(size) + " bytes at ")));
+        write(i, bytes_[i]);
+      }
+    }
+  }
+}
+
+TEST_F(Integrity, HalfAMessageBehindAClosedSegmentIsTold) {
+  for (std::size_t i = 0; i < segments_.size(); ++i) {
+    write(i, bytes_[i] + bytes_[i].substr(0, 40));
+    expect_told("begun message behind " + segments_[i].string());
+    write(i, bytes_[i]);
+  }
+}
+
 TEST_F(Integrity, ASegmentAloneIsReadAndSaysWhatItIs) {
   for (const auto& segment : segments_) {
     Collected c;
@@ -258,6 +284,13 @@ TEST(RecordingState, AnInterruptedAttemptThatWasRepeatedLeavesAWholeRecording) {
   const auto report = messages::read_run(copy, c);
   EXPECT_EQ(report.state(), RecordingState::kWhole) << ::testing::PrintToString(report.complaints());
   EXPECT_THAT(report.notes, Contains(HasSubstr("attempt 1 was interrupted")));
+  // The torn end is known by its length: what is put behind it later is not the writer's.
+  const auto torn = std::find_if(report.notes.begin(), report.notes.end(),
+                                 [](const auto& n) { return n.find("were known to be none") != std::string::npos; });
+  ASSERT_NE(torn, report.notes.end());
+  std::ofstream(torn->substr(0, torn->find(".lcm") + 4), std::ios::binary | std::ios::app) << "foreign";
+  Collected again;
+  EXPECT_EQ(messages::read_run(copy, again).state(), RecordingState::kDamaged);
 }
 
 TEST(RecordingState, MessagesOutOfOrderAreNotMissing) {

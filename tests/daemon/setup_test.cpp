@@ -220,6 +220,46 @@ TEST_F(SetupTest, OffALimitOnlyAwayFromIt) {
   EXPECT_TRUE(reach(RunState::kReady, 5.0));
 }
 
+TEST_F(SetupTest, AtALimitTheCrossheadStandsAndCanLeaveIt) {
+  config.core.operating.jog_time_max_s = 60.0;
+  config.core.operating.jog_speed_max_mm_s = 5.0;
+  config.core.operating.jog_force_max_N = 100.0;
+  rebuild();
+  for (const double limit_mm : {config.limits.travel_max_mm, config.limits.travel_min_mm}) {
+    enter();
+    expect_refused(jog(limit_mm, false, 5.0), "too close to a travel limit");
+    ASSERT_TRUE(jog(limit_mm, false, 1.0).accepted);
+    (void)fastest(15.0);
+    run_for(10.0);
+    ASSERT_EQ(bench->core().state(), RunState::kSetup) << bench->core().status().fault;
+    EXPECT_NEAR(position_mm(), limit_mm, 0.01);
+    // Out and in again: each begins with a fresh look at where it stands.
+    ASSERT_TRUE(ask(Request::Verb::kLeaveSetup).accepted);
+    enter();
+    run_for(5.0);
+    expect_refused(jog(1.01 * limit_mm, false, 1.0), "");
+    const auto reply = jog(limit_mm > 0 ? -1.0 : 1.0, true, 1.0);
+    ASSERT_TRUE(reply.accepted) << reply.text;
+    (void)fastest(5.0);
+    EXPECT_LT(std::abs(position_mm()), std::abs(limit_mm) - 0.9);
+    run_for(0.5);
+    ASSERT_TRUE(ask(Request::Verb::kLeaveSetup).accepted);
+  }
+}
+
+TEST_F(SetupTest, ARunToALimitIsCarriedOutAndCanBeLeft) {
+  start(R"(  { do = "pressurize", pressure_psi = 5, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 20 },
+  { do = "ramp", to_mm = 5, velocity_mm_s = 2 },
+  { do = "hold", duration_s = 5 },)");
+  ASSERT_TRUE(reach(RunState::kStopping, 40.0)) << bench->core().status().fault;
+  EXPECT_EQ(bench->core().outcome(), Outcome::kDone);
+  ASSERT_TRUE(reach(RunState::kReady, 10.0));
+  enter();
+  ASSERT_TRUE(jog(-1.0, true).accepted);
+  (void)fastest(5.0);
+  EXPECT_NEAR(position_mm(), 4.0, 0.02);
+}
+
 TEST_F(SetupTest, AResetBeyondALimitLeadsToSetup) {
   drive_beyond();
   enter();

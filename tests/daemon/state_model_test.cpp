@@ -328,7 +328,7 @@ TEST_F(StateModelTest, EveryActInEverySituation) {
   }
   std::printf("%zu situations, %zu acts tried, %zu acts deep\n", seen.size(), tried, deepest);
   for (const auto& [kind, example] : failures) ADD_FAILURE() << example;
-  EXPECT_GT(seen.size(), 80U);
+  EXPECT_GT(seen.size(), 70U);  // 75; an abort of a rig that is ready makes none of its own
 }
 
 }  // namespace

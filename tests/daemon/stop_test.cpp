@@ -95,6 +95,95 @@ TEST_F(StopTest, AnAbortIsRepeatedUntilTheFrameStands) {
   }
 }
 
+/// Of a crosshead that stands the stop is confirmed at once; the vent has its time all the same.
+TEST_F(StopTest, AReadingThatLiesDoesNotMakeAnAbortedRunReadyAtOnce) {
+  start(kHold);
+  ASSERT_TRUE(run_until(20.0, [&] { return truth().pressure_psi > 9.9; }));
+  run_for(1.0);
+  ASSERT_TRUE(ask(Verb::kPause).accepted);
+  run_for(1.0);
+  ASSERT_TRUE(ask(Verb::kAbort).accepted);
+  bench->rig().pressure().faults.tube_off = true;
+  ASSERT_TRUE(run_until(2.0, [&] { return bench->core().state() == RunState::kReady; }));
+  EXPECT_LT(truth().pressure_psi, 6.0);
+}
+
+/// What the daemon waits for before it leaves: a fault may stay.
+TEST_F(StopTest, WithALatchedFaultTheRigCountsAsStoppedOnceItStandsAndIsVented) {
+  for (const bool frame_answers : {true, false}) {
+    rebuild();
+    move();
+    EXPECT_FALSE(bench->core().status().stopped);
+    if (frame_answers) {
+      faults().fault_state = true;
+    } else {
+      faults().stop_refused = -1;
+      faults().fault_state = true;
+    }
+    ASSERT_TRUE(reach(RunState::kFaulted, 1.0));
+    run_for(0.05);
+    EXPECT_FALSE(bench->core().status().stopped) << "under pressure";
+    run_for(5.0);
+    bench->core().request_abort();
+    run_for(0.05);
+    EXPECT_EQ(bench->core().status().stopped, frame_answers);
+    run_for(2.1);
+    EXPECT_TRUE(bench->core().status().stopped) << "its watchdog has stopped it by now";
+    EXPECT_EQ(bench->core().state(), RunState::kFaulted);
+  }
+}
+
+/// Somebody leans on the abort button.
+TEST_F(StopTest, AnAbortThatIsRepeatedAtRestLeavesTheRigReady) {
+  for (const int every_ms : {1, 20, 50}) {
+    rebuild();
+    ASSERT_TRUE(reach(RunState::kReady, 5.0));
+    run_for(0.5);
+    events.clear();
+    for (int i = 0; i < 2'000 / every_ms; ++i) {
+      ASSERT_TRUE(ask(Verb::kAbort).accepted);
+      run_for(1e-3 * (every_ms - 1));
+      ASSERT_EQ(bench->core().state(), RunState::kReady) << every_ms << " ms, " << bench->core().status().not_ready;
+    }
+    EXPECT_EQ(event("frame.stop"), nullptr);
+    EXPECT_EQ(event("not_ready"), nullptr);
+    EXPECT_NE(event("abort"), nullptr);
+    start(R"(  { do = "pressurize", pressure_psi = 0, rate_psi_s = 8, settled_for_s = 0.1, timeout_s = 20 },
+  { do = "ramp", to_mm = 1, velocity_mm_s = 1 },)");
+    ASSERT_TRUE(reach(RunState::kStopping, 10.0));
+    EXPECT_EQ(bench->core().outcome(), Outcome::kDone);
+    EXPECT_NEAR(truth().position_mm, 1.0, 0.02);
+  }
+}
+
+TEST_F(StopTest, AnAbortThatIsRepeatedInAMotionStopsItInItsTime) {
+  for (const int every_ms : {1, 20, 50}) {
+    for (const auto& failure : kFailures) {
+      rebuild();
+      move();
+      failure.switch_on(faults());
+      const auto until_ns = bench->now_ns() + 1'200'000'000;
+      std::int64_t stood_ns = 0, tripped_ns = 0;
+      const auto began_ns = bench->now_ns();
+      while (bench->now_ns() < until_ns) {
+        ASSERT_TRUE(ask(Verb::kAbort).accepted);
+        for (int i = 1; i < every_ms; ++i) tick();
+        drain();
+        if (stood_ns == 0 && !moves()) stood_ns = bench->now_ns();
+        if (tripped_ns == 0 && event("frame.stop") != nullptr) tripped_ns = bench->now_ns();
+      }
+      const std::string what = std::string(failure.name) + ", every " + std::to_string(every_ms) + " ms";
+      EXPECT_FALSE(moves()) << what;
+      EXPECT_LT(1e-9 * static_cast<double>(stood_ns - began_ns), failure.stands_within_s + 0.06) << what;
+      const bool late = failure.stands_within_s > config.core.supervisor.stop_confirm_max_s + 0.1;
+      EXPECT_EQ(tripped_ns != 0, late) << what;
+      if (late) {
+        EXPECT_NEAR(1e-9 * static_cast<double>(tripped_ns - began_ns), 0.3, 0.07) << what;
+      }
+    }
+  }
+}
+
 TEST_F(StopTest, ALimitIsRepeatedUntilTheFrameStands) {
   config.core.supervisor.limits.travel_max_mm = 1.5;
   for (const auto& failure : kFailures) {

@@ -266,6 +266,54 @@ TEST_F(SupervisorTest, BeyondALimitOnlyTheWayBackIsFreeAfterAReset) {
   EXPECT_EQ(severity(run(1), "limit.travel"), Severity::kProgramStop) << "armed again";
 }
 
+TEST_F(SupervisorTest, StandingAtALimitIsNotBeyondIt) {
+  for (const double at_mm : {5.0, -5.0}) {
+    for (int i = 0; i < 200; ++i) {
+      position_mm = at_mm + (i % 2 == 0 ? 0.0002 : -0.0002);
+      ASSERT_EQ(severity(run(1), "limit.travel"), Severity::kInfo) << at_mm;
+      if (i % 50 == 0) supervisor->rearm(now_ns);
+    }
+  }
+  position_mm = 5.03;
+  EXPECT_EQ(severity(run(1), "limit.travel"), Severity::kProgramStop);
+}
+
+TEST_F(SupervisorTest, AResetByASampleThatIsJustInsideDoesNotArmALimitThatIsPassed) {
+  run(100);
+  position_mm = 5.03;
+  EXPECT_EQ(severity(run(1), "limit.travel"), Severity::kProgramStop);
+  position_mm = 4.999;
+  run(1);
+  supervisor->rearm(now_ns);
+  position_mm = 5.03;
+  for (int i = 0; i < 10; ++i) {
+    EXPECT_EQ(severity(run(1), "limit.travel"), Severity::kInfo) << "it stands where it stood";
+  }
+  EXPECT_NE(supervisor->why_not(5.1), nullptr);
+  position_mm = 4.97;
+  run(1);
+  EXPECT_EQ(supervisor->why_not(4.99), nullptr) << "inside the limits nothing keeps it from moving";
+  position_mm = 5.25;
+  EXPECT_EQ(severity(run(1), "limit.travel"), Severity::kProgramStop) << "further out";
+  position_mm = 4.9;
+  run(1);
+  supervisor->rearm(now_ns);
+  position_mm = 5.03;
+  EXPECT_EQ(severity(run(1), "limit.travel"), Severity::kProgramStop) << "armed again";
+}
+
+TEST_F(SupervisorTest, AForceLimitNearZeroIsLeftWhenTheSpecimenIsSlack) {
+  config.limits.force_min_N = -0.5;
+  rebuild();
+  run(100);
+  force_N = -0.6;
+  EXPECT_NE(severity(run(1), "limit.force"), Severity::kInfo);
+  EXPECT_NE(supervisor->why_not(-1.0), nullptr);
+  force_N = 0.0;
+  run(1);
+  EXPECT_EQ(supervisor->why_not(-1.0), nullptr);
+}
+
 TEST_F(SupervisorTest, AForceThatGoesOnRisingAfterAProgramStopIsTheSafeState) {
   run(100);
   segment(1.0F, 0.1F);

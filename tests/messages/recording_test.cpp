@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <cmath>
@@ -149,6 +150,9 @@ TEST_F(RecordingTest, MissingAndUnreadableFiles) {
   expect_fault(Fault::kMissingFile, "frame.csv", 0, HasSubstr("no such file"));
   fs::create_directory(folder_ / "frame.csv");
   expect_fault(Fault::kUnreadable, "frame.csv", 0, HasSubstr("it is a folder"));
+  fs::remove_all(folder_ / "frame.csv");
+  ASSERT_EQ(::mkfifo((folder_ / "frame.csv").c_str(), 0600), 0);
+  expect_fault(Fault::kUnreadable, "frame.csv", 0, HasSubstr("is a pipe and no file"));
   fs::remove(folder_ / "frame.csv");
   put("frame.csv", kFrame);
   fs::remove(folder_ / "pressure.csv");

@@ -155,6 +155,18 @@ TEST(Compile, IsPure) {
 
 // ---------------------------------------------------------------- what is wrong, and where
 
+TEST(CompileErrors, ANameIsOneLineOfPlainText) {
+  const auto named = [](const std::string& toml) {
+    return faults_of("format = \"isorig-protocol/1\"\nname = " + toml + "\nsteps = [\n" + kBegin + "]\n");
+  };
+  EXPECT_THAT(named("\"The paper's ramps, größer\""), IsEmpty());
+  EXPECT_THAT(named("\"" + std::string(100, 'n') + "\""), IsEmpty());
+  EXPECT_THAT(named("\"\\u001b[31m\""), ElementsAre(testing::HasSubstr("control character")));
+  EXPECT_THAT(named("\"a\\u202eb\""), ElementsAre(testing::HasSubstr("hides text")));
+  EXPECT_THAT(named("\"\""), ElementsAre(testing::HasSubstr("it has to be 1 to 100")));
+  EXPECT_THAT(named("\"" + std::string(300, 'n') + "\""), ElementsAre(testing::HasSubstr("has 300 bytes")));
+}
+
 TEST(CompileErrors, AllAtOnceAndInOrder) {
   EXPECT_THAT(
       faults_of(text_of("{ do = \"repeat\", for = { speed_mm_s = [2, 12] }, steps = [\n"
@@ -237,6 +249,12 @@ TEST(CompileErrors, EveryClassWithItsPlace) {
         "(limits.travel_min_mm, limits.travel_max_mm)",
         "p.toml:5:51: `amplitude_mm` = 6.5 about 0 mm goes to 6.5; the rig travels from -6 to 6 mm "
         "(limits.travel_min_mm, limits.travel_max_mm)"}},
+      // ... at 10 mm/s the crosshead runs over its target by more than the limit's tolerance
+      {"{ do = \"ramp\", to_mm = -5.95, velocity_mm_s = 10 },",
+       {"p.toml:5:24: `to_mm` = -5.95; the rig travels from -6 to 6 mm (limits.travel_min_mm, limits.travel_max_mm), "
+        "and a crosshead at 10 mm/s runs over its target: stay 0.08 mm inside, or be slower"}},
+      {"{ do = \"ramp\", to_mm = -5.9, velocity_mm_s = 10 }, { do = \"ramp\", to_mm = 6, velocity_mm_s = 2 },", {}},
+      {"{ do = \"wave\", shape = \"sine\", amplitude_mm = 6, velocity_mm_s = 10, cycles = 1 },", {}},
       {"{ do = \"wave\", shape = \"triangle\", amplitude_mm = 2, frequency_hz = 1.5, cycles = 1 },",
        {"p.toml:5:69: `frequency_hz` = 1.5, a peak of 12 mm/s; the rig allows 0.001 to 10 mm/s "
         "(limits.speed_min_mm_s, limits.speed_max_mm_s)"}},

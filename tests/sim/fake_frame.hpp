@@ -27,6 +27,12 @@ class FakeFrame final : public frame::Device {
     const std::lock_guard lock(mutex_);
     take(count);
   }
+  /// `count` samples that nobody reads in time: counted and gone.
+  void skip(std::uint32_t count) {
+    const std::lock_guard lock(mutex_);
+    take(count);
+    pending_.erase(pending_.end() - count, pending_.end());
+  }
   void set_next(std::uint32_t sequence, std::int64_t device_us) {
     const std::lock_guard lock(mutex_);
     pending_.clear();

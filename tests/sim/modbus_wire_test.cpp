@@ -124,6 +124,37 @@ TEST_P(ModbusWire, RingOverrunIsCountedExactly) {
   expect_run(samples, 124, usable);
 }
 
+/// A gateway that was held up for longer than its frame remembers: the counter goes on over slots nobody has written.
+TEST_P(ModbusWire, SlotsOfAnotherTurnOfTheRingAreLostAndNotServedAgain) {
+  if (!rig.config.map.samples.time_us) GTEST_SKIP() << "no stamp in the slot: nothing there tells";
+  rig.fake.advance(1);
+  rig.driver->connect();
+  const std::uint32_t slots = rig.config.map.samples.slots;
+  std::uint32_t next = 2;
+  std::uint64_t lost = 0;
+  for (const std::uint32_t before : {10U, slots / 2, slots / 2, 300U, 7U}) {  // the first turn of the ring, and later
+    rig.fake.skip(94);
+    rig.fake.advance(before);
+    lost += 94;
+    expect_run(rig.drain(), next + 94, before);
+    EXPECT_EQ(rig.lost, lost);
+    next += 94 + before;
+  }
+  EXPECT_EQ(rig.driver->statistics().misplaced_samples, lost);
+}
+
+TEST_P(ModbusWire, AClockThatIsSetBackLosesNoSample) {
+  rig.driver->connect();
+  rig.fake.advance(100);
+  expect_run(rig.drain(), 1, 100);
+  rig.fake.set_next(101, -3'000'000);
+  rig.fake.advance(50);
+  expect_run(rig.drain(), 101, 50);
+  rig.fake.advance(50);
+  expect_run(rig.drain(), 151, 50);
+  EXPECT_EQ(rig.lost, 0U);
+}
+
 TEST_P(ModbusWire, NothingTornIsPassedOnWhenTheFrameOvertakes) {
   rig.driver->connect();
   const std::uint32_t slots = rig.config.map.samples.slots;

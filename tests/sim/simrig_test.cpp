@@ -30,7 +30,7 @@ const std::string kRig = ISORIG_SOURCE_DIR "/config/rigs/sim-wire.toml";
 /// The program as a child, its output read until it is ready.
 class Simrig {
  public:
-  explicit Simrig(std::vector<std::string> more) {
+  explicit Simrig(std::vector<std::string> more, const std::string& ring_samples = "2048") {
     std::string directory = testing::TempDir() + "simrig-XXXXXX";
     if (::mkdtemp(directory.data()) == nullptr) throw std::runtime_error("no temporary directory");
     path = directory;
@@ -42,7 +42,7 @@ class Simrig {
         rig.replace(i, from.size(), to);
     };
     replace("\"../", "\"" ISORIG_SOURCE_DIR "/config/");
-    replace("ring_samples = 256", "ring_samples = 2048");
+    replace("ring_samples = 256", "ring_samples = " + ring_samples);
     std::ofstream(file("rig.toml")) << rig;
     std::vector<std::string> words{ISORIG_BIN_DIR "/isorig-simrig",
                                    "--rig",
@@ -93,6 +93,7 @@ class Simrig {
     child_ = -1;
     return status_;
   }
+  void signal(int number) const { ::kill(child_, number); }
   [[nodiscard]] std::string file(const std::string& name) const { return path / name; }
   std::string say(const std::string& line) { return ControlSocket::ask(file("control"), line); }
 
@@ -136,6 +137,46 @@ double position_at(const std::vector<TruthRow>& rows, double mono_ns) {
   const double fraction =
       (mono_ns - static_cast<double>(before->mono_ns)) / static_cast<double>(after->mono_ns - before->mono_ns);
   return before->position_mm + fraction * (after->position_mm - before->position_mm);
+}
+
+/// The map's ring is longer than the simulated frame's own: what that overwrote must not come a second time.
+TEST(Simrig, AnEmulatorThatWasHeldUpServesNoSampleTwice) {
+  Simrig simrig({}, "256");
+  ASSERT_NE(simrig.port, 0) << simrig.output;
+  clock::RealClock clock;
+  auto config = read_wire_rig(kRig).frame;
+  config.port = simrig.port;
+  config.response_timeout_ms = 2000;
+  frame::ModbusFrame frame(config, clock);
+  (void)frame.connect();
+  std::vector<frame::Sample> samples, part(4096);
+  std::uint64_t lost = 0;
+  std::int64_t longest_ns = 0, last_ns = clock.now_ns();
+  const auto poll_for = [&](std::int64_t ns) {
+    for (const std::int64_t until_ns = clock.now_ns() + ns; clock.now_ns() < until_ns;) {
+      const auto poll = frame.poll(part);
+      longest_ns = std::max(longest_ns, clock.now_ns() - last_ns);
+      last_ns = clock.now_ns();
+      samples.insert(samples.end(), part.begin(), part.begin() + static_cast<std::ptrdiff_t>(poll.samples));
+      lost += poll.lost;
+      clock.sleep_until_ns(clock.now_ns() + 10'000'000);
+    }
+  };
+  poll_for(1'200'000'000);  // a turn of the map's ring: each of its slots was written once
+  simrig.signal(SIGSTOP);
+  clock.sleep_until_ns(clock.now_ns() + 400'000'000);
+  simrig.signal(SIGCONT);
+  poll_for(400'000'000);
+  ASSERT_GT(samples.size(), 1'000U);
+  EXPECT_EQ(samples.back().sequence - samples.front().sequence + 1, samples.size() + lost);
+  for (std::size_t i = 1; i < samples.size(); ++i) {
+    const auto samples_on = static_cast<double>(samples[i].sequence - samples[i - 1].sequence);
+    const auto us_on = static_cast<double>(samples[i].device_us - samples[i - 1].device_us);
+    ASSERT_NEAR(us_on, 1000.0 * samples_on, 100.0) << samples[i].sequence;
+  }
+  if (longest_ns < 900'000'000) {
+    EXPECT_EQ(lost, 0U);  // else the machine stood still for longer than the ring lasts
+  }
 }
 
 TEST(Simrig, WhatTheDriversReadIsWhatThePlantDid) {

@@ -170,12 +170,15 @@ void Designer::read_limits() {
   if (options_.rig) {
     limits_.rig = *options_.rig;
     // A specimen that was never stretched that far may do something new there: twice as far is far enough.
-    const double room_mm = 0.95 * std::min(-limits_.rig.travel_min_mm, limits_.rig.travel_max_mm);
+    const double travel_mm = std::min(-limits_.rig.travel_min_mm, limits_.rig.travel_max_mm);
+    const double overrun_mm = protocol::Limits::travel_room_mm(limits_.rig.speed_max_mm_s);
+    const double room_mm = std::max(0.0, std::min(0.95 * travel_mm, travel_mm - overrun_mm));
     limits_.stroke_mm = std::min(room_mm, std::max(2.0 * recorded_stroke_mm_, 0.1));
   } else {
     const double span_N = 0.25 * (most_N - least_N);
-    limits_.rig.travel_min_mm = low;
-    limits_.rig.travel_max_mm = high;
+    const double overrun_mm = protocol::Limits::travel_room_mm(recorded_speed_mm_s_);
+    limits_.rig.travel_min_mm = low - overrun_mm;
+    limits_.rig.travel_max_mm = high + overrun_mm;
     limits_.rig.speed_max_mm_s = recorded_speed_mm_s_;
     limits_.rig.speed_min_mm_s = std::min(0.01, 0.1 * recorded_speed_mm_s_);
     limits_.rig.force_min_N = least_N - span_N;
