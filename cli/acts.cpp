@@ -5,8 +5,8 @@
 #include <memory>
 #include <optional>
 
-#include "cli/bench.hpp"
 #include "cli/daemon_call.hpp"
+#include "cli/rig_at_rest.hpp"
 
 /// go, setup, jog, accept-rig: what an operator does before and beside a run.
 namespace isorig::cli {

@@ -11,8 +11,8 @@
 #include "base/toml_reader.hpp"
 #include "calibration/date.hpp"
 #include "calibration/record.hpp"
-#include "cli/bench.hpp"
 #include "cli/command.hpp"
+#include "cli/rig_at_rest.hpp"
 #include "daemon/host/paths.hpp"
 
 /// isorig calibrate: readings of a running daemon against a reference; the daemon keeps the record and puts it in

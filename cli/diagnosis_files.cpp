@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/toml_reader.hpp"
-#include "identify/diagnose/report.hpp"
+#include "identify/diagnose/diagnosis_report.hpp"
 #include "identify/report/page.hpp"
 
 namespace isorig::cli {

@@ -6,8 +6,8 @@
 #include <memory>
 #include <thread>
 
-#include "cli/bench.hpp"
 #include "cli/command.hpp"
+#include "cli/rig_at_rest.hpp"
 #include "cli/selftest_checks.hpp"
 #include "daemon/host/paths.hpp"
 

@@ -123,7 +123,7 @@ class Host {
   [[nodiscard]] nlohmann::json status_json() const;
   [[nodiscard]] nlohmann::json events_json(std::uint64_t after) const;
 
-  /// For calibration and self-test (host_bench.cpp). Averages over the last `window_s`, whatever the rig does.
+  /// For calibration and self-test (host_calibration.cpp). Averages over the last `window_s`, whatever the rig does.
   [[nodiscard]] nlohmann::json readings_json(double window_s) const;
   /// What is in force, and every record there is.
   [[nodiscard]] nlohmann::json calibrations_json() const;

@@ -34,10 +34,10 @@ VirtualRunResult run_virtual(const RigConfig& rig, const VirtualRunOptions& opti
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - wall_start).count();
   };
 
-  auto bench = std::make_unique<VirtualRig>(config);
-  if (options.prepare) options.prepare(bench->rig());
+  auto virtual_rig = std::make_unique<VirtualRig>(config);
+  if (options.prepare) options.prepare(virtual_rig->rig());
   if (options.on_tick) {
-    bench->before_core = [&](VirtualRig& r) { options.on_tick(r.rig(), r.core(), r.now_ns()); };
+    virtual_rig->before_core = [&](VirtualRig& r) { options.on_tick(r.rig(), r.core(), r.now_ns()); };
   }
   Host::Options host_options;
   host_options.runs_root = options.runs_root;
@@ -45,18 +45,18 @@ VirtualRunResult run_virtual(const RigConfig& rig, const VirtualRunOptions& opti
   host_options.revision = options.revision;
   host_options.epoch_unix_us = kEpochUnixUs;
   host_options.seed = static_cast<std::int64_t>(config.sim->seed);
-  host_options.breathe = [&] { bench->tick(); };
-  Host host(config, bench->core(), bench->streams, host_options);
+  host_options.breathe = [&] { virtual_rig->tick(); };
+  Host host(config, virtual_rig->core(), virtual_rig->streams, host_options);
   const auto tick = [&] {
-    bench->tick();
-    if (bench->now_ns() % kHostTurnNs == 0) host.turn(bench->now_ns());
+    virtual_rig->tick();
+    if (virtual_rig->now_ns() % kHostTurnNs == 0) host.turn(virtual_rig->now_ns());
   };
 
-  while (bench->core().state() != RunState::kReady) {
+  while (virtual_rig->core().state() != RunState::kReady) {
     tick();
-    if (bench->now_ns() > kReadyWithinNs) {
+    if (virtual_rig->now_ns() > kReadyWithinNs) {
       throw std::runtime_error("the simulated rig did not get ready within 30 s of its time: " +
-                               std::string(bench->core().status().not_ready));
+                               std::string(virtual_rig->core().status().not_ready));
     }
   }
   const auto started = host.start(options.start);
@@ -64,21 +64,21 @@ VirtualRunResult run_virtual(const RigConfig& rig, const VirtualRunOptions& opti
 
   bool aborted = false;
   double next_progress_s = 0.0;
-  const std::int64_t start_ns = bench->now_ns();
+  const std::int64_t start_ns = virtual_rig->now_ns();
   for (std::uint64_t turn = 0; host.run_open(); ++turn) {
     for (std::int64_t i = 0; i < kHostTurnNs / VirtualRig::kTickNs; ++i) tick();
     if (turn % 64 != 0) continue;
     if (options.on_progress && wall_s() >= next_progress_s) {
-      options.on_progress(bench->core().status(), wall_s());
+      options.on_progress(virtual_rig->core().status(), wall_s());
       next_progress_s = wall_s() + 0.1;
     }
     if (!aborted && options.interrupted && options.interrupted()) {
       aborted = host.verb(Request::Verb::kAbort).ok;
     }
     // A run that faulted but could go on waits for an operator: there is none here.
-    if (bench->core().state() == RunState::kFaulted && bench->core().status().run_loaded && !aborted) {
-      const auto fault_ns = bench->now_ns();
-      while (bench->now_ns() < fault_ns + Host::kAfterFaultNs) tick();
+    if (virtual_rig->core().state() == RunState::kFaulted && virtual_rig->core().status().run_loaded && !aborted) {
+      const auto fault_ns = virtual_rig->now_ns();
+      while (virtual_rig->now_ns() < fault_ns + Host::kAfterFaultNs) tick();
       aborted = host.verb(Request::Verb::kAbort).ok;
     }
   }
@@ -91,12 +91,12 @@ VirtualRunResult run_virtual(const RigConfig& rig, const VirtualRunOptions& opti
   }
   result.run_id = host.run_id();
   result.directory = host.run_directory();
-  result.status = bench->core().status();
+  result.status = virtual_rig->core().status();
   result.ticks = result.status.control.ticks;
-  result.simulated_s = static_cast<double>(bench->now_ns() - start_ns) * 1e-9;
+  result.simulated_s = static_cast<double>(virtual_rig->now_ns() - start_ns) * 1e-9;
   result.recorder = host.recorder_status();
   result.wall_s = wall_s();
-  bench->shut_down();
+  virtual_rig->shut_down();
   return result;
 }
 

@@ -13,7 +13,7 @@
 #include "drivers/pressure/teensy.hpp"
 #include "drivers/pressure/tty_stream.hpp"
 #include "drivers/pressure/usb_stream.hpp"
-#include "sim/interlock/bench_interlock.hpp"
+#include "sim/interlock/unconnected_interlock.hpp"
 
 namespace isorig::daemon {
 namespace {
@@ -70,7 +70,7 @@ Devices open_devices(const RigConfig& rig, clock::Clock& clock) {
   if (rig.gpio) {
     d.owned_interlock = std::make_unique<interlock::GpioInterlock>(*rig.gpio, clock);
   } else {
-    d.owned_interlock = std::make_unique<sim::BenchInterlock>();
+    d.owned_interlock = std::make_unique<sim::UnconnectedInterlock>();
   }
   if (rig.regulator) {
     d.claims.emplace_back("pressure regulator at " + rig.regulator->line.where());

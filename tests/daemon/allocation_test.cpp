@@ -88,7 +88,7 @@ class AllocationTest : public RigFixture {
     guard_ticks();
   }
   void guard_ticks() {
-    bench->around_core = [](Core& core, std::int64_t now_ns) {
+    virtual_rig->around_core = [](Core& core, std::int64_t now_ns) {
       guarded = true;
       core.tick(now_ns, 0, 0);
       guarded = false;
@@ -115,16 +115,16 @@ TEST_F(AllocationTest, NoTickOfAWholeProtocolAllocatesLocksOrBlocks) {
   ASSERT_TRUE(ask(Request::Verb::kPause).accepted);
   run_for(1.0);
   ASSERT_TRUE(ask(Request::Verb::kResume).accepted);
-  ASSERT_TRUE(run_until(600.0, [&] { return bench->core().outcome() == Outcome::kDone; }))
-      << to_text(bench->core().state()) << ": " << bench->core().status().fault;
+  ASSERT_TRUE(run_until(600.0, [&] { return virtual_rig->core().outcome() == Outcome::kDone; }))
+      << to_text(virtual_rig->core().state()) << ": " << virtual_rig->core().status().fault;
   ASSERT_TRUE(reach(RunState::kReady, 30.0));
 
   ASSERT_TRUE(ask(Request::Verb::kStart, &plan).accepted);
   run_for(5.0);
-  bench->rig().interlock().estop_closed = false;
+  virtual_rig->rig().interlock().estop_closed = false;
   ASSERT_TRUE(reach(RunState::kFaulted, 1.0));
   run_for(5.0);
-  bench->rig().interlock().estop_closed = true;
+  virtual_rig->rig().interlock().estop_closed = true;
   run_for(0.5);
   ASSERT_TRUE(ask(Request::Verb::kReset).accepted);
   ASSERT_TRUE(reach(RunState::kReady, 30.0));
@@ -132,17 +132,17 @@ TEST_F(AllocationTest, NoTickOfAWholeProtocolAllocatesLocksOrBlocks) {
   // Faults upon a fault, a frame that does not stop, and the driver's words in each of them.
   ASSERT_TRUE(ask(Request::Verb::kStart, &plan).accepted);
   run_for(5.0);
-  bench->rig().frame().faults.stop_lost = 100;
-  bench->core().tick(bench->now_ns() + 1, 400'000'000, 0);
+  virtual_rig->rig().frame().faults.stop_lost = 100;
+  virtual_rig->core().tick(virtual_rig->now_ns() + 1, 400'000'000, 0);
   run_for(0.5);
-  bench->rig().frame().faults.silent = true;
-  bench->rig().pressure().faults.sensor_fault = true;
+  virtual_rig->rig().frame().faults.silent = true;
+  virtual_rig->rig().pressure().faults.sensor_fault = true;
   run_for(1.0);
-  EXPECT_GE(bench->core().status().fault_count, 3U);
-  bench->rig().frame().faults.silent = bench->rig().pressure().faults.sensor_fault = false;
+  EXPECT_GE(virtual_rig->core().status().fault_count, 3U);
+  virtual_rig->rig().frame().faults.silent = virtual_rig->rig().pressure().faults.sensor_fault = false;
   run_for(3.0);
   ASSERT_TRUE(ask(Request::Verb::kReset).accepted);
-  ASSERT_TRUE(ask(Request::Verb::kConfirmZero).accepted || bench->core().status().zero_confirmed);
+  ASSERT_TRUE(ask(Request::Verb::kConfirmZero).accepted || virtual_rig->core().status().zero_confirmed);
   ASSERT_TRUE(ask(Request::Verb::kAbort).accepted);
   ASSERT_TRUE(reach(RunState::kReady, 30.0));
   EXPECT_EQ(violations, 0) << "first seen: " << last_violation;
@@ -163,11 +163,11 @@ TEST_F(AllocationTest, NoTickOfArmingCountdownSetupAndJogAllocatesLocksOrBlocks)
   Request jog;
   jog.verb = Request::Verb::kJog;
   jog.target_mm = 1.0;
-  bench->core().requests.push(jog);
+  virtual_rig->core().requests.push(jog);
   run_for(3.0);
   EXPECT_NE(event("jog.done"), nullptr);
   Reply reply;
-  ASSERT_TRUE(bench->core().replies.pop(reply));
+  ASSERT_TRUE(virtual_rig->core().replies.pop(reply));
   ASSERT_TRUE(ask(Request::Verb::kLeaveSetup).accepted);
   ASSERT_TRUE(reach(RunState::kReady, 5.0));
   ASSERT_TRUE(ask(Request::Verb::kArm).accepted);

@@ -16,24 +16,24 @@ class ArmingTest : public RigFixture {
                 std::string(kHold) + "\n]\n",
             "test.toml"),
         config.limits);
-    ASSERT_TRUE(reach(RunState::kReady, 5.0)) << bench->core().status().not_ready;
+    ASSERT_TRUE(reach(RunState::kReady, 5.0)) << virtual_rig->core().status().not_ready;
   }
 
   void arm() {
     const auto reply = ask(Request::Verb::kArm);
     ASSERT_TRUE(reply.accepted) << reply.text;
-    ASSERT_EQ(bench->core().state(), RunState::kArmed);
+    ASSERT_EQ(virtual_rig->core().state(), RunState::kArmed);
   }
   void go() {
     const auto reply = ask(Request::Verb::kGo, &plan);
     ASSERT_TRUE(reply.accepted) << reply.text;
-    ASSERT_EQ(bench->core().state(), RunState::kCountdown);
+    ASSERT_EQ(virtual_rig->core().state(), RunState::kCountdown);
   }
   [[nodiscard]] bool at_rest() {
-    const auto s = bench->core().status().control;
+    const auto s = virtual_rig->core().status().control;
     return std::abs(double{s.position_mm} - rest_mm) < 0.01 && s.pressure_psi < 0.3F && s.fill_permille == 0;
   }
-  void note_rest() { rest_mm = double{bench->core().status().control.position_mm}; }
+  void note_rest() { rest_mm = double{virtual_rig->core().status().control.position_mm}; }
 
   double rest_mm = 0.0;
 };
@@ -42,20 +42,20 @@ TEST_F(ArmingTest, AStartMovesNothingUntilASecondActAndACountdown) {
   note_rest();
   const auto at_once = ask(Request::Verb::kStart, &plan);
   EXPECT_FALSE(at_once.accepted);
-  EXPECT_EQ(bench->core().state(), RunState::kReady);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kReady);
 
   arm();
   run_for(9.0);
   EXPECT_TRUE(at_rest());
-  EXPECT_FALSE(bench->core().status().run_loaded);
+  EXPECT_FALSE(virtual_rig->core().status().run_loaded);
   go();
-  EXPECT_TRUE(bench->core().status().run_loaded);
+  EXPECT_TRUE(virtual_rig->core().status().run_loaded);
   run_for(4.5);
-  EXPECT_EQ(bench->core().state(), RunState::kCountdown);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kCountdown);
   EXPECT_TRUE(at_rest());
-  EXPECT_NEAR(double{bench->core().status().operator_left_s}, 0.5, 0.1);
+  EXPECT_NEAR(double{virtual_rig->core().status().operator_left_s}, 0.5, 0.1);
   ASSERT_TRUE(reach(RunState::kRunning, 1.0));
-  ASSERT_TRUE(run_until(20.0, [&] { return bench->core().status().control.pressure_psi > 5.0F; }));
+  ASSERT_TRUE(run_until(20.0, [&] { return virtual_rig->core().status().control.pressure_psi > 5.0F; }));
 
   int seconds = 0;
   for (const auto& e : events) {
@@ -72,7 +72,7 @@ TEST_F(ArmingTest, AStartMovesNothingUntilASecondActAndACountdown) {
 TEST_F(ArmingTest, WithoutTheSecondActTheRigIsReadyAgain) {
   arm();
   EXPECT_TRUE(reach(RunState::kReady, 10.1));
-  EXPECT_EQ(bench->core().status().runs_started, 0U);
+  EXPECT_EQ(virtual_rig->core().status().runs_started, 0U);
   ASSERT_NE(event("disarmed"), nullptr);
   const auto late = ask(Request::Verb::kGo, &plan);
   EXPECT_FALSE(late.accepted);
@@ -86,18 +86,18 @@ TEST_F(ArmingTest, PauseAbortAndEveryTripEndTheCountdownAtRest) {
     go();
     run_for(2.0);
     ASSERT_TRUE(ask(verb).accepted);
-    EXPECT_EQ(bench->core().outcome(), Outcome::kNotStarted);
+    EXPECT_EQ(virtual_rig->core().outcome(), Outcome::kNotStarted);
     ASSERT_TRUE(reach(RunState::kReady, 5.0));
     EXPECT_TRUE(at_rest());
-    EXPECT_FALSE(bench->core().status().run_loaded);
+    EXPECT_FALSE(virtual_rig->core().status().run_loaded);
   }
   arm();
   go();
   run_for(2.0);
-  bench->rig().interlock().guard_closed = false;
+  virtual_rig->rig().interlock().guard_closed = false;
   ASSERT_TRUE(reach(RunState::kFaulted, 0.1));
-  EXPECT_EQ(bench->core().outcome(), Outcome::kNotStarted);
-  bench->rig().interlock().guard_closed = true;
+  EXPECT_EQ(virtual_rig->core().outcome(), Outcome::kNotStarted);
+  virtual_rig->rig().interlock().guard_closed = true;
   run_for(6.0);
   EXPECT_TRUE(at_rest());
   ASSERT_TRUE(ask(Request::Verb::kReset).accepted);
@@ -106,11 +106,11 @@ TEST_F(ArmingTest, PauseAbortAndEveryTripEndTheCountdownAtRest) {
   arm();
   go();
   run_for(2.0);
-  bench->around_core = [](Core& core, std::int64_t now_ns) { core.tick(now_ns, 400'000'000, 0); };
+  virtual_rig->around_core = [](Core& core, std::int64_t now_ns) { core.tick(now_ns, 400'000'000, 0); };
   ASSERT_TRUE(reach(RunState::kFaulted, 0.1));
-  bench->around_core = nullptr;
-  EXPECT_EQ(bench->core().outcome(), Outcome::kNotStarted);
-  EXPECT_FALSE(bench->core().status().run_loaded);
+  virtual_rig->around_core = nullptr;
+  EXPECT_EQ(virtual_rig->core().outcome(), Outcome::kNotStarted);
+  EXPECT_FALSE(virtual_rig->core().status().run_loaded);
   run_for(1.0);
   ASSERT_TRUE(ask(Request::Verb::kReset).accepted);
   EXPECT_TRUE(reach(RunState::kReady, 5.0));
@@ -119,49 +119,49 @@ TEST_F(ArmingTest, PauseAbortAndEveryTripEndTheCountdownAtRest) {
 
 TEST_F(ArmingTest, WhatIsNotReadyAnyMoreIsNotArmed) {
   arm();
-  bench->rig().interlock().guard_closed = false;
+  virtual_rig->rig().interlock().guard_closed = false;
   ASSERT_TRUE(reach(RunState::kIdle, 0.1));
-  bench->rig().interlock().guard_closed = true;
+  virtual_rig->rig().interlock().guard_closed = true;
   ASSERT_TRUE(reach(RunState::kReady, 1.0));
   run_for(15.0);
-  EXPECT_EQ(bench->core().state(), RunState::kReady);
-  EXPECT_EQ(bench->core().status().runs_started, 0U);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kReady);
+  EXPECT_EQ(virtual_rig->core().status().runs_started, 0U);
 }
 
 TEST_F(ArmingTest, APausedRunGoesOnByTheSameTwoActs) {
   arm();
   go();
   ASSERT_TRUE(reach(RunState::kRunning, 6.0));
-  ASSERT_TRUE(run_until(30.0, [&] { return bench->core().status().control.pressure_psi > 9.0F; }));
+  ASSERT_TRUE(run_until(30.0, [&] { return virtual_rig->core().status().control.pressure_psi > 9.0F; }));
   ASSERT_TRUE(ask(Request::Verb::kPause).accepted);
   run_for(1.0);
   ASSERT_TRUE(ask(Request::Verb::kResume).accepted);
-  EXPECT_EQ(bench->core().state(), RunState::kArmed);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kArmed);
   ASSERT_TRUE(reach(RunState::kPaused, 10.1));  // nobody said go
   ASSERT_TRUE(ask(Request::Verb::kResume).accepted);
   ASSERT_TRUE(ask(Request::Verb::kGo).accepted);
   run_for(2.0);
   ASSERT_TRUE(ask(Request::Verb::kPause).accepted);
-  EXPECT_EQ(bench->core().state(), RunState::kPaused);
-  EXPECT_TRUE(bench->core().status().run_loaded);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kPaused);
+  EXPECT_TRUE(virtual_rig->core().status().run_loaded);
   ASSERT_TRUE(ask(Request::Verb::kResume).accepted);
   ASSERT_TRUE(ask(Request::Verb::kGo).accepted);
   EXPECT_FALSE(reach(RunState::kRunning, 4.9));
   EXPECT_TRUE(reach(RunState::kRunning, 0.2));
   ASSERT_TRUE(ask(Request::Verb::kAbort).accepted);
-  EXPECT_EQ(bench->core().outcome(), Outcome::kAborted);
+  EXPECT_EQ(virtual_rig->core().outcome(), Outcome::kAborted);
 }
 
 TEST_F(ArmingTest, AnAbortFromOutsideReachesEveryNewState) {
   for (const bool counting : {false, true}) {
     arm();
     if (counting) go();
-    bench->core().request_abort();
+    virtual_rig->core().request_abort();
     tick();
-    EXPECT_EQ(bench->core().state(), RunState::kStopping);
+    EXPECT_EQ(virtual_rig->core().state(), RunState::kStopping);
     ASSERT_TRUE(reach(RunState::kReady, 5.0));
   }
-  EXPECT_EQ(bench->core().outcome(), Outcome::kNotStarted);
+  EXPECT_EQ(virtual_rig->core().outcome(), Outcome::kNotStarted);
 }
 
 }  // namespace

@@ -9,10 +9,10 @@ using CoreTest = RigFixture;
 using Verb = Request::Verb;
 
 TEST_F(CoreTest, GetsReadyOnceTheClocksAreMapped) {
-  EXPECT_EQ(bench->core().state(), RunState::kIdle);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kIdle);
   ASSERT_TRUE(reach(RunState::kReady, 2.0));
   run_for(0.1);
-  const auto s = bench->core().status();
+  const auto s = virtual_rig->core().status();
   EXPECT_TRUE(s.frame.clock_ready && s.pressure.clock_ready);
   // Delays: 0.25 ms each way and more, so no honest bound is below 0.25 ms; after a burst none is above 1 ms.
   EXPECT_GT(s.frame.bound_ns, 0.2e6F);
@@ -33,30 +33,30 @@ TEST_F(CoreTest, PauseHoldsFrameAndPressureAndResumeFinishesTheRamp) {
   start(R"(  { do = "pressurize", pressure_psi = 10, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 20 },
   { do = "ramp", to_mm = 3, velocity_mm_s = 1 },
   { do = "hold", duration_s = 1 },)");
-  ASSERT_TRUE(run_until(20.0, [&] { return bench->rig().truth().position_mm > 1.5; }));
+  ASSERT_TRUE(run_until(20.0, [&] { return virtual_rig->rig().truth().position_mm > 1.5; }));
   ASSERT_TRUE(ask(Verb::kPause).accepted);
   run_for(1.0);
-  const double held_mm = bench->rig().truth().position_mm;
+  const double held_mm = virtual_rig->rig().truth().position_mm;
   EXPECT_LT(held_mm, 1.7);
   run_for(5.0);
-  EXPECT_EQ(bench->core().state(), RunState::kPaused);
-  EXPECT_NEAR(bench->rig().truth().position_mm, held_mm, 0.001);
-  EXPECT_NEAR(bench->rig().truth().pressure_psi, 10.0, 0.05);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kPaused);
+  EXPECT_NEAR(virtual_rig->rig().truth().position_mm, held_mm, 0.001);
+  EXPECT_NEAR(virtual_rig->rig().truth().pressure_psi, 10.0, 0.05);
   ASSERT_TRUE(ask(Verb::kResume).accepted);
-  ASSERT_TRUE(run_until(10.0, [&] { return bench->core().outcome() == Outcome::kDone; }));
-  EXPECT_NEAR(bench->rig().truth().position_mm, 3.0, 0.005);
+  ASSERT_TRUE(run_until(10.0, [&] { return virtual_rig->core().outcome() == Outcome::kDone; }));
+  EXPECT_NEAR(virtual_rig->rig().truth().position_mm, 3.0, 0.005);
 }
 
 TEST_F(CoreTest, AbortStopsTheFrameAndVents) {
   start(R"(  { do = "pressurize", pressure_psi = 10, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 20 },
   { do = "ramp", to_mm = 4, velocity_mm_s = 0.5 },)");
-  ASSERT_TRUE(run_until(20.0, [&] { return bench->rig().truth().position_mm > 1.0; }));
+  ASSERT_TRUE(run_until(20.0, [&] { return virtual_rig->rig().truth().position_mm > 1.0; }));
   ASSERT_TRUE(ask(Verb::kAbort).accepted);
-  EXPECT_EQ(bench->core().state(), RunState::kStopping);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kStopping);
   ASSERT_TRUE(reach(RunState::kIdle, 10.0));
-  EXPECT_EQ(bench->core().outcome(), Outcome::kAborted);
-  EXPECT_LT(bench->rig().truth().pressure_psi, 0.6);
-  EXPECT_LT(bench->rig().truth().position_mm, 1.2);
+  EXPECT_EQ(virtual_rig->core().outcome(), Outcome::kAborted);
+  EXPECT_LT(virtual_rig->rig().truth().pressure_psi, 0.6);
+  EXPECT_LT(virtual_rig->rig().truth().position_mm, 1.2);
   ASSERT_TRUE(reach(RunState::kReady, 1.0));  // and can start again
 }
 
@@ -64,7 +64,7 @@ TEST_F(CoreTest, EveryStepAndSessionIsAnEvent) {
   start(R"(  { do = "mark", label = "here" },
   { do = "pressurize", pressure_psi = 5, rate_psi_s = 8, settled_for_s = 0.2, timeout_s = 20 },
   { do = "hold", duration_s = 1 },)");
-  ASSERT_TRUE(run_until(20.0, [&] { return bench->core().outcome() == Outcome::kDone; }));
+  ASSERT_TRUE(run_until(20.0, [&] { return virtual_rig->core().outcome() == Outcome::kDone; }));
   run_for(0.1);
   for (const char* code : {"run.start", "session.start", "mark", "step", "session.end", "run.done"}) {
     EXPECT_NE(event(code), nullptr) << code;
@@ -80,14 +80,14 @@ class TripTest : public RigFixture {
     run_for(0.05);
     const auto* e = event(code);
     if (e == nullptr && or_code != nullptr) e = event(or_code);
-    ASSERT_NE(e, nullptr) << "faulted for another reason: " << bench->core().status().fault;
+    ASSERT_NE(e, nullptr) << "faulted for another reason: " << virtual_rig->core().status().fault;
     EXPECT_EQ(e->severity, severity);
     EXPECT_EQ(e->to, RunState::kFaulted);
-    const double before_mm = bench->rig().truth().position_mm;
+    const double before_mm = virtual_rig->rig().truth().position_mm;
     run_for(6.0);
-    EXPECT_NEAR(bench->rig().truth().position_mm, before_mm, 0.2) << "the frame has to stand";
+    EXPECT_NEAR(virtual_rig->rig().truth().position_mm, before_mm, 0.2) << "the frame has to stand";
     if (severity == Severity::kSafeState) {
-      EXPECT_LT(bench->rig().truth().pressure_psi, 1.0) << "a safe state vents";
+      EXPECT_LT(virtual_rig->rig().truth().pressure_psi, 1.0) << "a safe state vents";
     }
   }
 };
@@ -98,8 +98,8 @@ TEST_F(TripTest, ForceLimitHoldsAndCanGoOnAfterReset) {
   { do = "hold", duration_s = 5 },
   { do = "ramp", to_mm = 4, velocity_mm_s = 1 },
   { do = "hold", duration_s = 1 },)");
-  ASSERT_TRUE(run_until(20.0, [&] { return bench->rig().truth().position_mm > 0.2; }));
-  const double force_N = bench->rig().truth().force_N;
+  ASSERT_TRUE(run_until(20.0, [&] { return virtual_rig->rig().truth().position_mm > 0.2; }));
+  const double force_N = virtual_rig->rig().truth().force_N;
   config.core.supervisor.limits.force_max_N = force_N + 2.0;
   // The limit belongs to the configuration: a second rig has it from the start.
   rebuild();
@@ -109,55 +109,55 @@ TEST_F(TripTest, ForceLimitHoldsAndCanGoOnAfterReset) {
   { do = "ramp", to_mm = 4, velocity_mm_s = 1 },
   { do = "hold", duration_s = 1 },)");
   expect_trip("limit.force", Severity::kProgramStop, 60.0);
-  EXPECT_GT(bench->rig().truth().pressure_psi, 5.0) << "a program stop holds the pressure";
+  EXPECT_GT(virtual_rig->rig().truth().pressure_psi, 5.0) << "a program stop holds the pressure";
   EXPECT_EQ(ask(Verb::kStart, &plan).accepted, false);
 }
 
 TEST_F(TripTest, ProgramStopIsResetToPausedAndThenResumed) {
   start(kHold);
-  ASSERT_TRUE(run_until(20.0, [&] { return std::abs(bench->rig().truth().pressure_psi - 10.0) < 0.05; }));
-  bench->core().tick(bench->now_ns() + 1, 400'000'000, 0);  // a tick that came 0.4 s late
+  ASSERT_TRUE(run_until(20.0, [&] { return std::abs(virtual_rig->rig().truth().pressure_psi - 10.0) < 0.05; }));
+  virtual_rig->core().tick(virtual_rig->now_ns() + 1, 400'000'000, 0);  // a tick that came 0.4 s late
   expect_trip("loop.late", Severity::kProgramStop, 0.1);
-  EXPECT_NEAR(bench->rig().truth().pressure_psi, 10.0, 0.1);
+  EXPECT_NEAR(virtual_rig->rig().truth().pressure_psi, 10.0, 0.1);
   ASSERT_TRUE(ask(Verb::kReset).accepted);
-  EXPECT_EQ(bench->core().state(), RunState::kPaused);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kPaused);
   ASSERT_TRUE(ask(Verb::kResume).accepted);
-  EXPECT_EQ(bench->core().state(), RunState::kRunning);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kRunning);
 }
 
 TEST_F(TripTest, EmergencyStopVentsAndIsLatchedUntilClosedAndReset) {
   start(kHold);
-  ASSERT_TRUE(run_until(20.0, [&] { return std::abs(bench->rig().truth().pressure_psi - 10.0) < 0.05; }));
-  bench->rig().interlock().estop_closed = false;
+  ASSERT_TRUE(run_until(20.0, [&] { return std::abs(virtual_rig->rig().truth().pressure_psi - 10.0) < 0.05; }));
+  virtual_rig->rig().interlock().estop_closed = false;
   expect_trip("interlock.estop", Severity::kSafeState, 0.1);
   const auto refused = ask(Verb::kReset);
   EXPECT_FALSE(refused.accepted);
-  bench->rig().interlock().estop_closed = true;
+  virtual_rig->rig().interlock().estop_closed = true;
   run_for(0.5);
-  EXPECT_EQ(bench->core().state(), RunState::kFaulted) << "closing the chain alone must not re-arm";
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kFaulted) << "closing the chain alone must not re-arm";
   ASSERT_TRUE(ask(Verb::kReset).accepted);
   ASSERT_TRUE(reach(RunState::kReady, 5.0));
-  EXPECT_EQ(bench->core().outcome(), Outcome::kFailed);
+  EXPECT_EQ(virtual_rig->core().outcome(), Outcome::kFailed);
 }
 
 TEST_F(TripTest, OpenGuardIsASafeState) {
   start(kHold);
   run_for(3.0);
-  bench->rig().interlock().guard_closed = false;
+  virtual_rig->rig().interlock().guard_closed = false;
   expect_trip("interlock.guard", Severity::kSafeState, 0.1);
 }
 
 TEST_F(TripTest, AFrameThatStopsSamplingIsStale) {
   start(kHold);
   run_for(3.0);
-  bench->rig().frame().faults.frozen_samples = true;
+  virtual_rig->rig().frame().faults.frozen_samples = true;
   expect_trip("stale.frame", Severity::kSafeState, config.core.supervisor.frame_age_max_s + 0.1);
 }
 
 TEST_F(TripTest, AFrameThatIsGoneIsStale) {
   start(kHold);
   run_for(3.0);
-  bench->rig().frame().faults.disconnected = true;
+  virtual_rig->rig().frame().faults.disconnected = true;
   expect_trip("stale.frame", Severity::kSafeState, config.core.supervisor.frame_age_max_s + 0.1);
 }
 
@@ -168,7 +168,7 @@ TEST_F(TripTest, ASensorWithoutValidReadingsIsStale) {
     rebuild();
     start(kHold);
     run_for(3.0);
-    bench->rig().pressure().faults.*fault = true;
+    virtual_rig->rig().pressure().faults.*fault = true;
     expect_trip("stale.pressure", Severity::kSafeState, config.core.supervisor.pressure_age_max_s + 0.1,
                 "teensy.sensor");
   }
@@ -177,14 +177,14 @@ TEST_F(TripTest, ASensorWithoutValidReadingsIsStale) {
 TEST_F(TripTest, AnInterlockThatCannotBeReadIsOpen) {
   start(kHold);
   run_for(3.0);
-  bench->rig().interlock().faulty = true;
+  virtual_rig->rig().interlock().faulty = true;
   expect_trip("interlock.lost", Severity::kSafeState, 0.1);
 }
 
 TEST_F(TripTest, ATrippedDriveIsASafeState) {
   start(kHold);
   run_for(3.0);
-  bench->rig().frame().faults.drive_fault = true;
+  virtual_rig->rig().frame().faults.drive_fault = true;
   expect_trip("frame.fault", Severity::kSafeState, 0.2);
 }
 
@@ -192,46 +192,46 @@ TEST_F(TripTest, AFrameThatDoesNotMoveIsCaughtBeforeTheStepTimesOut) {
   start(R"(  { do = "pressurize", pressure_psi = 10, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 20 },
   { do = "hold", duration_s = 1 },
   { do = "ramp", to_mm = 4, velocity_mm_s = 2 },)");
-  bench->rig().frame().faults.ignores_segments = true;
+  virtual_rig->rig().frame().faults.ignores_segments = true;
   expect_trip("frame.following", Severity::kProgramStop, 30.0);
 }
 
 TEST_F(TripTest, AFrameThatStopsByItselfIsNotWaitedFor) {
   start(R"(  { do = "pressurize", pressure_psi = 10, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 20 },
   { do = "ramp", to_mm = 4, velocity_mm_s = 0.5 },)");
-  ASSERT_TRUE(run_until(20.0, [&] { return bench->rig().truth().position_mm > 1.0; }));
-  bench->rig().frame().stop();  // somebody pressed stop on the frame's own panel
+  ASSERT_TRUE(run_until(20.0, [&] { return virtual_rig->rig().truth().position_mm > 1.0; }));
+  virtual_rig->rig().frame().stop();  // somebody pressed stop on the frame's own panel
   expect_trip("frame.stopped", Severity::kProgramStop, 0.2);
-  EXPECT_NEAR(bench->rig().truth().pressure_psi, 10.0, 0.1);
+  EXPECT_NEAR(virtual_rig->rig().truth().pressure_psi, 10.0, 0.1);
   ASSERT_TRUE(ask(Verb::kReset).accepted);
   ASSERT_TRUE(ask(Verb::kResume).accepted);
-  ASSERT_TRUE(run_until(20.0, [&] { return bench->rig().truth().position_mm > 3.99; }));
+  ASSERT_TRUE(run_until(20.0, [&] { return virtual_rig->rig().truth().position_mm > 3.99; }));
 }
 
 TEST_F(TripTest, AFrozenLoadCellIsNoticedWhileTheCrossheadMoves) {
   start(R"(  { do = "pressurize", pressure_psi = 10, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 20 },
   { do = "hold", duration_s = 3 },
   { do = "ramp", to_mm = 4, velocity_mm_s = 0.5 },)");
-  ASSERT_TRUE(run_until(30.0, [&] { return bench->rig().truth().position_mm > 1.0; }));
-  bench->rig().frame().faults.frozen_force = true;
+  ASSERT_TRUE(run_until(30.0, [&] { return virtual_rig->rig().truth().position_mm > 1.0; }));
+  virtual_rig->rig().frame().faults.frozen_force = true;
   expect_trip("force.frozen", Severity::kProgramStop, config.core.supervisor.frozen_force_max_s + 0.1);
 }
 
 TEST_F(TripTest, APressureThatIsStuckIsNoticedWhileItIsHeld) {
   start(kHold);
-  ASSERT_TRUE(run_until(20.0, [&] { return std::abs(bench->rig().truth().pressure_psi - 10.0) < 0.05; }));
+  ASSERT_TRUE(run_until(20.0, [&] { return std::abs(virtual_rig->rig().truth().pressure_psi - 10.0) < 0.05; }));
   run_for(2.0);
-  bench->rig().pressure().faults.stuck_value = true;
+  virtual_rig->rig().pressure().faults.stuck_value = true;
   expect_trip("pressure.frozen", Severity::kSafeState, 5.1, "teensy.stuck");  // 5000 conversions at 1 kHz
 }
 
 TEST_F(TripTest, AStalledDaemonBlamesItselfAndNotTheFrame) {
   start(kHold);
-  ASSERT_TRUE(run_until(20.0, [&] { return std::abs(bench->rig().truth().pressure_psi - 10.0) < 0.05; }));
+  ASSERT_TRUE(run_until(20.0, [&] { return std::abs(virtual_rig->rig().truth().pressure_psi - 10.0) < 0.05; }));
   // The process was stopped for 3 s: nothing was read, then the loop wakes up late.
-  bench->core().tick(bench->now_ns() + 3'000'000'000, 3'000'000'000, 0);
+  virtual_rig->core().tick(virtual_rig->now_ns() + 3'000'000'000, 3'000'000'000, 0);
   drain();
-  EXPECT_EQ(bench->core().state(), RunState::kFaulted);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kFaulted);
   EXPECT_NE(event("loop.late"), nullptr);
   EXPECT_EQ(event("stale.frame"), nullptr);
 }
@@ -239,13 +239,13 @@ TEST_F(TripTest, AStalledDaemonBlamesItselfAndNotTheFrame) {
 TEST_F(TripTest, AnAnswerThatIsMissingOnceIsNoFault) {
   start(kHold);
   run_for(3.0);
-  bench->rig().frame().faults.silent = true;
+  virtual_rig->rig().frame().faults.silent = true;
   run_for(0.015);
-  bench->rig().frame().faults.silent = false;
+  virtual_rig->rig().frame().faults.silent = false;
   run_for(1.0);
-  EXPECT_EQ(bench->core().state(), RunState::kRunning) << bench->core().status().fault;
-  EXPECT_GE(bench->core().status().frame.errors, 1U);
-  EXPECT_EQ(bench->core().status().frame.reconnects, 0U);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kRunning) << virtual_rig->core().status().fault;
+  EXPECT_GE(virtual_rig->core().status().frame.errors, 1U);
+  EXPECT_EQ(virtual_rig->core().status().frame.reconnects, 0U);
 }
 
 TEST_F(TripTest, PressureAboveItsLimitVents) {
@@ -261,7 +261,7 @@ TEST_F(TripTest, TravelLimitStops) {
   start(R"(  { do = "pressurize", pressure_psi = 5, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 20 },
   { do = "ramp", to_mm = 4, velocity_mm_s = 2 },)");
   expect_trip("limit.travel", Severity::kProgramStop, 30.0);
-  EXPECT_LT(bench->rig().truth().position_mm, 1.2);
+  EXPECT_LT(virtual_rig->rig().truth().position_mm, 1.2);
 }
 
 TEST_F(TripTest, ForceRateLimitStops) {
@@ -275,7 +275,7 @@ TEST_F(TripTest, ForceRateLimitStops) {
 
 TEST_F(TripTest, AnEmptySupplyIsASafeState) {
   start(R"(  { do = "pressurize", pressure_psi = 20, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 120 },)");
-  bench->rig().pneumatics().supply_empty = true;
+  virtual_rig->rig().pneumatics().supply_empty = true;
   expect_trip("pressure.no_response", Severity::kSafeState, 5.0);
 }
 
@@ -283,40 +283,40 @@ TEST_F(TripTest, AStepsTimeOutEndsTheRunAndVents) {
   start(R"(  { do = "pressurize", pressure_psi = 10, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 60 },
   { do = "settle", force_slope_N_s = 1e-9, window_s = 2, settled_for_s = 2, expected_s = 5, timeout_s = 8, on_timeout = "stop" },)");
   expect_trip("protocol", Severity::kSafeState, 30.0);
-  EXPECT_EQ(bench->core().outcome(), Outcome::kFailed);
+  EXPECT_EQ(virtual_rig->core().outcome(), Outcome::kFailed);
 }
 
 TEST_F(TripTest, ARecorderThatCannotWriteStopsTheProgram) {
   start(kHold);
   run_for(3.0);
-  bench->core().set_recorder_fault("the disk is full");
+  virtual_rig->core().set_recorder_fault("the disk is full");
   expect_trip("recorder", Severity::kProgramStop, 0.1);
 }
 
 TEST_F(TripTest, AFaultEscalatesFromProgramStopToSafeState) {
   start(kHold);
-  ASSERT_TRUE(run_until(20.0, [&] { return std::abs(bench->rig().truth().pressure_psi - 10.0) < 0.05; }));
-  bench->core().tick(bench->now_ns() + 1, 400'000'000, 0);
+  ASSERT_TRUE(run_until(20.0, [&] { return std::abs(virtual_rig->rig().truth().pressure_psi - 10.0) < 0.05; }));
+  virtual_rig->core().tick(virtual_rig->now_ns() + 1, 400'000'000, 0);
   run_for(0.2);
-  ASSERT_EQ(bench->core().state(), RunState::kFaulted);
-  EXPECT_NEAR(bench->rig().truth().pressure_psi, 10.0, 0.1);
-  bench->rig().interlock().estop_closed = false;
+  ASSERT_EQ(virtual_rig->core().state(), RunState::kFaulted);
+  EXPECT_NEAR(virtual_rig->rig().truth().pressure_psi, 10.0, 0.1);
+  virtual_rig->rig().interlock().estop_closed = false;
   run_for(6.0);
   EXPECT_NE(event("interlock.estop"), nullptr);
-  EXPECT_LT(bench->rig().truth().pressure_psi, 1.0);
+  EXPECT_LT(virtual_rig->rig().truth().pressure_psi, 1.0);
 }
 
 TEST_F(TripTest, ALoopThatHangsIsStoppedByTheDevices) {
   start(R"(  { do = "pressurize", pressure_psi = 10, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 20 },
   { do = "ramp", to_mm = 4, velocity_mm_s = 0.5 },)");
-  ASSERT_TRUE(run_until(20.0, [&] { return bench->rig().truth().position_mm > 1.0; }));
-  bench->hang_core = true;  // the I/O threads live on
+  ASSERT_TRUE(run_until(20.0, [&] { return virtual_rig->rig().truth().position_mm > 1.0; }));
+  virtual_rig->hang_core = true;  // the I/O threads live on
   run_for(1.0);
-  const double stopped_mm = bench->rig().truth().position_mm;
+  const double stopped_mm = virtual_rig->rig().truth().position_mm;
   EXPECT_LT(stopped_mm, 1.0 + 0.5 * (config.sim->frame.heartbeat_timeout_s + 0.2));
   run_for(5.0);
-  EXPECT_NEAR(bench->rig().truth().position_mm, stopped_mm, 0.001);
-  EXPECT_LT(bench->rig().truth().pressure_psi, 1.0);
+  EXPECT_NEAR(virtual_rig->rig().truth().position_mm, stopped_mm, 0.001);
+  EXPECT_LT(virtual_rig->rig().truth().pressure_psi, 1.0);
 }
 
 TEST_F(CoreTest, TheSyncLineMeasuresTheClockMapping) {
@@ -327,7 +327,7 @@ TEST_F(CoreTest, TheSyncLineMeasuresTheClockMapping) {
     EXPECT_TRUE(r.check.within) << r.check.error_us << " us, bound " << r.check.bound_us;
     EXPECT_LT(r.check.bound_us, 20'000.0);
   }
-  const auto counts = bench->core().status().sync;
+  const auto counts = virtual_rig->core().status().sync;
   EXPECT_EQ(counts.pairs, sync.back().counts.pairs);
   EXPECT_EQ(counts.outside + counts.unannounced + counts.ambiguous + counts.unseen, 0U);
   EXPECT_LT(counts.rms_us, 500.0);
@@ -335,11 +335,11 @@ TEST_F(CoreTest, TheSyncLineMeasuresTheClockMapping) {
 
 TEST_F(CoreTest, EdgesThatTheInterlockMissedAreCountedAndShiftNothing) {
   ASSERT_TRUE(reach(RunState::kReady, 5.0));
-  bench->rig().interlock().faulty = true;
+  virtual_rig->rig().interlock().faulty = true;
   run_for(2.0);
-  bench->rig().interlock().faulty = false;
+  virtual_rig->rig().interlock().faulty = false;
   run_for(5.0);
-  const auto counts = bench->core().status().sync;
+  const auto counts = virtual_rig->core().status().sync;
   EXPECT_GE(counts.unseen, 3U);
   EXPECT_EQ(counts.outside, 0U);
   EXPECT_GE(counts.pairs, 8U);

@@ -60,7 +60,7 @@ std::set<std::string> paths_in(const std::string& text) {
   static const std::regex kPath(
       "(?:^|[^A-Za-z0-9_/"
       ".$~-])((?:base|bench|calibration|cli|cmake|config|daemon|docs|drivers|firmware|identify|messages|"
-      "model|packaging|proof|protocol|scripts|sim|systemd|tests|virtual-bench)/[A-Za-z0-9_./{},*-]+)");
+      "model|packaging|proof|protocol|scripts|sim|systemd|tests|virtual-virtual_rig)/[A-Za-z0-9_./{},*-]+)");
   static const std::regex kPlaceholder("[A-Z]{3,}|^messages/s$");
   std::set<std::string> found;
   for (std::sregex_iterator i(text.begin(), text.end(), kPath), end; i != end; ++i) {

@@ -278,17 +278,17 @@ class RecorderPaceTest : public RigFixture {};
 TEST_F(RecorderPaceTest, ARecorderThatStandsStillIsAProgramStop) {
   start(kHold);
   for (int i = 0; i < 300; ++i) {
-    bench->core().recorder_turn(bench->now_ns());
+    virtual_rig->core().recorder_turn(virtual_rig->now_ns());
     run_for(0.02);
   }
-  ASSERT_EQ(bench->core().state(), RunState::kRunning);
-  const auto stopped_ns = bench->now_ns();
+  ASSERT_EQ(virtual_rig->core().state(), RunState::kRunning);
+  const auto stopped_ns = virtual_rig->now_ns();
   ASSERT_TRUE(reach(RunState::kFaulted, 5.0));
   ASSERT_NE(event("recorder.stalled"), nullptr);
-  EXPECT_NEAR(static_cast<double>(bench->now_ns() - stopped_ns) * 1e-9, config.core.recorder_age_max_s, 0.05);
+  EXPECT_NEAR(static_cast<double>(virtual_rig->now_ns() - stopped_ns) * 1e-9, config.core.recorder_age_max_s, 0.05);
   EXPECT_FALSE(ask(Request::Verb::kReset).accepted);
   for (int i = 0; i < 25; ++i) {  // and the crosshead has to be seen to stand
-    bench->core().recorder_turn(bench->now_ns());
+    virtual_rig->core().recorder_turn(virtual_rig->now_ns());
     run_for(0.02);
   }
   const auto reset = ask(Request::Verb::kReset);
@@ -298,11 +298,12 @@ TEST_F(RecorderPaceTest, ARecorderThatStandsStillIsAProgramStop) {
 TEST_F(RecorderPaceTest, AQueueThatOverflowsIsAProgramStop) {
   start(kHold);
   run_for(1.0);
-  const auto until = bench->now_ns() + 60'000'000'000;
-  while (bench->core().state() == RunState::kRunning && bench->now_ns() < until) bench->tick();  // nobody drains
-  EXPECT_EQ(bench->core().state(), RunState::kFaulted);
+  const auto until = virtual_rig->now_ns() + 60'000'000'000;
+  while (virtual_rig->core().state() == RunState::kRunning && virtual_rig->now_ns() < until)
+    virtual_rig->tick();  // nobody drains
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kFaulted);
   run_for(3.0);
-  EXPECT_THAT(std::string(bench->core().status().fault), HasSubstr("recorder.overflow"));
+  EXPECT_THAT(std::string(virtual_rig->core().status().fault), HasSubstr("recorder.overflow"));
   EXPECT_LE(std::count_if(events.begin(), events.end(),
                           [](const auto& e) { return std::strcmp(e.code, "lost.record") == 0; }),
             4);

@@ -10,14 +10,14 @@ using Verb = Request::Verb;
 /// Limits, readiness and faults outside of a run and after it, on the whole virtual rig.
 class StatesTest : public RigFixture {
  protected:
-  sim::Truth truth() { return bench->rig().truth(); }
+  sim::Truth truth() { return virtual_rig->rig().truth(); }
   [[nodiscard]] int count(const char* code) const {
     int n = 0;
     for (const auto& e : events) n += std::strcmp(e.code, code) == 0 ? 1 : 0;
     return n;
   }
   [[nodiscard]] bool listed(const char* code) const {
-    const auto s = bench->core().status();
+    const auto s = virtual_rig->core().status();
     for (std::uint32_t i = 0; i < s.fault_count; ++i) {
       if (std::strcmp(s.faults[i].code, code) == 0) return true;
     }
@@ -32,13 +32,13 @@ class StatesTest : public RigFixture {
 
 TEST_F(StatesTest, ARigUnderPressureIsNotReadyAndDoesNotStart) {
   ASSERT_TRUE(reach(RunState::kReady, 5.0));
-  auto& air = bench->rig().pneumatics();
+  auto& air = virtual_rig->rig().pneumatics();
   air.fill_stuck_open = air.vent_stuck_shut = air.dump_stuck_shut = true;
   ASSERT_TRUE(run_until(10.0, [&] { return truth().pressure_psi > 1.0; }));
   run_for(0.1);
-  EXPECT_EQ(bench->core().state(), RunState::kIdle);
-  EXPECT_NE(std::string(bench->core().status().not_ready).find("pressure"), std::string::npos)
-      << bench->core().status().not_ready;
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kIdle);
+  EXPECT_NE(std::string(virtual_rig->core().status().not_ready).find("pressure"), std::string::npos)
+      << virtual_rig->core().status().not_ready;
   EXPECT_FALSE(ask(Verb::kStart, &plan).accepted);
   // Nobody asked for it, and the limit holds all the same.
   ASSERT_TRUE(reach(RunState::kFaulted, 60.0));
@@ -47,14 +47,14 @@ TEST_F(StatesTest, ARigUnderPressureIsNotReadyAndDoesNotStart) {
 
 TEST_F(StatesTest, ARigThatCannotVentIsAFaultAndNeverReady) {
   hold();
-  bench->rig().pneumatics().vent_stuck_shut = bench->rig().pneumatics().dump_stuck_shut = true;
+  virtual_rig->rig().pneumatics().vent_stuck_shut = virtual_rig->rig().pneumatics().dump_stuck_shut = true;
   ASSERT_TRUE(ask(Verb::kAbort).accepted);
   ASSERT_TRUE(reach(RunState::kFaulted, config.core.vent_time_max_s + 1.0));
   run_for(0.1);
   // The guard is sooner than the time that venting may take.
   EXPECT_TRUE(event("pressure.no_vent") != nullptr || event("vent.stuck") != nullptr);
   EXPECT_EQ(event("stopped"), nullptr);
-  EXPECT_EQ(bench->core().outcome(), Outcome::kAborted) << "how the run ended stays";
+  EXPECT_EQ(virtual_rig->core().outcome(), Outcome::kAborted) << "how the run ended stays";
 }
 
 TEST_F(StatesTest, TheForceLimitIsArmedInReady) {
@@ -63,7 +63,7 @@ TEST_F(StatesTest, TheForceLimitIsArmedInReady) {
   config.sim->frame.force_offset_N = 2.9;
   rebuild();
   ASSERT_TRUE(reach(RunState::kReady, 5.0));
-  bench->rig().frame().start_segment({900, 4.0F, 1.0F});  // at its own panel
+  virtual_rig->rig().frame().start_segment({900, 4.0F, 1.0F});  // at its own panel
   ASSERT_TRUE(reach(RunState::kFaulted, 6.0)) << truth().force_N;
   run_for(0.5);
   EXPECT_NE(event("limit.force"), nullptr);
@@ -73,9 +73,9 @@ TEST_F(StatesTest, TheForceLimitIsArmedInReady) {
 
 TEST_F(StatesTest, ARigWhoseCrossheadIsMovedIsNotReady) {
   ASSERT_TRUE(reach(RunState::kReady, 5.0));
-  bench->rig().frame().start_segment({900, 3.0F, 0.5F});
+  virtual_rig->rig().frame().start_segment({900, 3.0F, 0.5F});
   ASSERT_TRUE(reach(RunState::kIdle, 0.3));
-  EXPECT_NE(std::string(bench->core().status().not_ready).find("moves"), std::string::npos);
+  EXPECT_NE(std::string(virtual_rig->core().status().not_ready).find("moves"), std::string::npos);
   ASSERT_TRUE(reach(RunState::kReady, 8.0));
   EXPECT_NEAR(truth().position_mm, 3.0, 0.01);
 }
@@ -86,56 +86,56 @@ TEST_F(StatesTest, AnAbortVentsWhateverTheState) {
   ASSERT_TRUE(ask(Verb::kAbort).accepted) << "ready";
   ASSERT_TRUE(reach(RunState::kReady, 5.0));
   hold();
-  bench->core().tick(bench->now_ns() + 1, 400'000'000, 0);  // a program stop: held
+  virtual_rig->core().tick(virtual_rig->now_ns() + 1, 400'000'000, 0);  // a program stop: held
   run_for(0.1);
-  ASSERT_EQ(bench->core().state(), RunState::kFaulted);
+  ASSERT_EQ(virtual_rig->core().state(), RunState::kFaulted);
   ASSERT_TRUE(ask(Verb::kAbort).accepted);
   ASSERT_TRUE(reach(RunState::kReady, 10.0));
   EXPECT_LT(truth().pressure_psi, 0.6);
   // Faulted with the run over: still nobody is told that there is nothing to abort.
   hold();
-  bench->rig().interlock().estop_closed = false;
+  virtual_rig->rig().interlock().estop_closed = false;
   run_for(0.1);
-  ASSERT_EQ(bench->core().state(), RunState::kFaulted);
+  ASSERT_EQ(virtual_rig->core().state(), RunState::kFaulted);
   EXPECT_TRUE(ask(Verb::kAbort).accepted);
-  EXPECT_EQ(bench->core().state(), RunState::kFaulted) << "the cause stays latched";
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kFaulted) << "the cause stays latched";
 }
 
 TEST_F(StatesTest, EveryFaultIsAnEventOnceAndStandsInTheList) {
   hold();
-  bench->core().tick(bench->now_ns() + 1, 400'000'000, 0);
+  virtual_rig->core().tick(virtual_rig->now_ns() + 1, 400'000'000, 0);
   run_for(0.3);
-  bench->rig().interlock().estop_closed = false;
+  virtual_rig->rig().interlock().estop_closed = false;
   run_for(1.0);
-  bench->rig().pressure().faults.sensor_fault = true;
+  virtual_rig->rig().pressure().faults.sensor_fault = true;
   run_for(1.0);
   for (const char* code : {"loop.late", "interlock.estop", "interlock.frame", "stale.pressure"}) {
     EXPECT_EQ(count(code), 1) << code;
     EXPECT_TRUE(listed(code)) << code;
   }
-  const auto s = bench->core().status();
+  const auto s = virtual_rig->core().status();
   EXPECT_EQ(std::string(s.fault).substr(0, 9), "loop.late") << "the first cause";
   EXPECT_STREQ(s.faults[0].code, "loop.late");
   for (std::uint32_t i = 1; i < s.fault_count; ++i) EXPECT_GE(s.faults[i].mono_ns, s.faults[i - 1].mono_ns);
-  bench->rig().interlock().estop_closed = true;
-  bench->rig().pressure().faults.sensor_fault = false;
+  virtual_rig->rig().interlock().estop_closed = true;
+  virtual_rig->rig().pressure().faults.sensor_fault = false;
   run_for(1.0);
   ASSERT_TRUE(ask(Verb::kReset).accepted);
   run_for(0.1);
-  EXPECT_EQ(bench->core().status().fault_count, 0U);
+  EXPECT_EQ(virtual_rig->core().status().fault_count, 0U);
 }
 
 TEST_F(StatesTest, TheDriversWordsStandInTheFault) {
   hold();
-  bench->rig().frame().faults.silent = true;
+  virtual_rig->rig().frame().faults.silent = true;
   ASSERT_TRUE(reach(RunState::kFaulted, 1.0));
   run_for(0.6);
   ASSERT_NE(event("stale.frame"), nullptr);
   EXPECT_NE(std::string(event("stale.frame")->text).find("simulated frame: no answer"), std::string::npos)
       << event("stale.frame")->text;
-  EXPECT_NE(std::string(bench->core().status().fault).find("no answer"), std::string::npos);
+  EXPECT_NE(std::string(virtual_rig->core().status().fault).find("no answer"), std::string::npos);
   EXPECT_NE(event("error.frame"), nullptr);
-  bench->rig().frame().faults.silent = false;
+  virtual_rig->rig().frame().faults.silent = false;
   run_for(3.0);
   EXPECT_NE(event("reconnect.frame"), nullptr);
 }
@@ -144,9 +144,9 @@ TEST_F(StatesTest, TheDriversWordsStandInTheFault) {
 TEST_F(StatesTest, AnErrorThatIsToldLateSaysHowLongAgoItWas) {
   hold();
   for (int i = 0; i < 2; ++i) {
-    bench->rig().frame().faults.silent = true;
+    virtual_rig->rig().frame().faults.silent = true;
     run_for(0.01);
-    bench->rig().frame().faults.silent = false;
+    virtual_rig->rig().frame().faults.silent = false;
     run_for(1.0);
   }
   run_for(12.0);
@@ -158,22 +158,22 @@ TEST_F(StatesTest, AnErrorThatIsToldLateSaysHowLongAgoItWas) {
   EXPECT_EQ(texts[0].find("simulated frame: no answer"), 0U) << texts[0];
   EXPECT_NE(texts[1].find(" more by now, the last "), std::string::npos) << texts[1];
   EXPECT_NE(texts[1].find(" s ago: simulated frame: no answer"), std::string::npos) << texts[1];
-  EXPECT_EQ(bench->core().state(), RunState::kRunning);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kRunning);
 }
 
 TEST_F(StatesTest, ALatchOfTheTeensyIsSeenAfterAStallAndCanBeReset) {
   hold();
-  bench->hang_core = true;  // 1 s: frame and Teensy have stopped and vented by themselves
+  virtual_rig->hang_core = true;  // 1 s: frame and Teensy have stopped and vented by themselves
   run_for(1.0);
-  bench->hang_core = false;
-  bench->core().tick(bench->now_ns() + 1, 1'000'000'000, 0);
+  virtual_rig->hang_core = false;
+  virtual_rig->core().tick(virtual_rig->now_ns() + 1, 1'000'000'000, 0);
   run_for(0.5);
-  ASSERT_EQ(bench->core().state(), RunState::kFaulted);
-  EXPECT_NE(event("pressure.watchdog"), nullptr) << bench->core().status().fault;
-  EXPECT_FALSE(bench->core().status().run_loaded) << "there is no pressure to go on with";
-  EXPECT_TRUE(bench->core().status().vented_fault);
+  ASSERT_EQ(virtual_rig->core().state(), RunState::kFaulted);
+  EXPECT_NE(event("pressure.watchdog"), nullptr) << virtual_rig->core().status().fault;
+  EXPECT_FALSE(virtual_rig->core().status().run_loaded) << "there is no pressure to go on with";
+  EXPECT_TRUE(virtual_rig->core().status().vented_fault);
   ASSERT_TRUE(run_until(3.0, [&] { return ask(Verb::kReset).accepted; }));
-  ASSERT_TRUE(reach(RunState::kReady, 10.0)) << bench->core().status().fault;
+  ASSERT_TRUE(reach(RunState::kReady, 10.0)) << virtual_rig->core().status().fault;
 }
 
 TEST_F(StatesTest, BeyondALimitAResetLetsOnlyTheWayBack) {
@@ -187,7 +187,7 @@ TEST_F(StatesTest, BeyondALimitAResetLetsOnlyTheWayBack) {
   ASSERT_TRUE(ask(Verb::kReset).accepted);
   ASSERT_TRUE(ask(Verb::kResume).accepted) << "the ramp leads further out";
   run_for(0.5);
-  EXPECT_EQ(bench->core().state(), RunState::kFaulted);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kFaulted);
   EXPECT_EQ(count("limit.travel"), 2);
   EXPECT_LT(truth().position_mm, 2.1) << "not a step further";
   ASSERT_TRUE(ask(Verb::kAbort).accepted);
@@ -195,7 +195,7 @@ TEST_F(StatesTest, BeyondALimitAResetLetsOnlyTheWayBack) {
   EXPECT_GT(truth().position_mm, 2.0);
   start(R"(  { do = "pressurize", pressure_psi = 5, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 20 },)");
   ASSERT_TRUE(run_until(20.0, [&] { return std::abs(truth().position_mm) < 0.01; })) << "back in by the approach";
-  EXPECT_EQ(bench->core().state(), RunState::kRunning) << bench->core().status().fault;
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kRunning) << virtual_rig->core().status().fault;
 }
 
 TEST_F(StatesTest, ARunThatNobodyComesBackToIsVented) {
@@ -204,7 +204,7 @@ TEST_F(StatesTest, ARunThatNobodyComesBackToIsVented) {
   hold();
   ASSERT_TRUE(ask(Verb::kPause).accepted);
   run_for(29.0);
-  EXPECT_EQ(bench->core().state(), RunState::kPaused);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kPaused);
   ASSERT_TRUE(reach(RunState::kFaulted, 2.0));
   run_for(8.0);
   EXPECT_NE(event("held.expired"), nullptr);
@@ -213,20 +213,20 @@ TEST_F(StatesTest, ARunThatNobodyComesBackToIsVented) {
 
 TEST_F(StatesTest, AFrameThatWasRestartedWaitsForItsZero) {
   ASSERT_TRUE(reach(RunState::kReady, 5.0));
-  bench->rig().frame().power_cycle(3.0);
+  virtual_rig->rig().frame().power_cycle(3.0);
   ASSERT_TRUE(reach(RunState::kIdle, 2.0));
   run_for(10.0);
-  EXPECT_EQ(bench->core().state(), RunState::kIdle);
-  EXPECT_NE(std::string(bench->core().status().not_ready).find("confirm-zero"), std::string::npos)
-      << bench->core().status().not_ready;
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kIdle);
+  EXPECT_NE(std::string(virtual_rig->core().status().not_ready).find("confirm-zero"), std::string::npos)
+      << virtual_rig->core().status().not_ready;
   EXPECT_NE(event("restart.frame"), nullptr);
-  EXPECT_FALSE(bench->core().status().zero_confirmed);
+  EXPECT_FALSE(virtual_rig->core().status().zero_confirmed);
   EXPECT_FALSE(ask(Verb::kStart, &plan).accepted);
   ASSERT_TRUE(ask(Verb::kConfirmZero).accepted);
   ASSERT_TRUE(reach(RunState::kReady, 1.0));
   run_for(0.1);
   EXPECT_NE(event("zero.confirmed"), nullptr);
-  EXPECT_TRUE(bench->core().status().zero_confirmed);
+  EXPECT_TRUE(virtual_rig->core().status().zero_confirmed);
 }
 
 TEST_F(StatesTest, ARealFramesFirstZeroIsConfirmedToo) {
@@ -234,26 +234,26 @@ TEST_F(StatesTest, ARealFramesFirstZeroIsConfirmedToo) {
   rebuild();
   EXPECT_FALSE(ask(Verb::kConfirmZero).accepted) << "nothing has been seen to confirm";
   run_for(5.0);
-  EXPECT_EQ(bench->core().state(), RunState::kIdle);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kIdle);
   ASSERT_TRUE(ask(Verb::kConfirmZero).accepted);
   ASSERT_TRUE(reach(RunState::kReady, 1.0));
 }
 
 TEST_F(StatesTest, AFrameThatRestartsInARunIsTheSafeState) {
   hold();
-  bench->rig().frame().power_cycle(0.1);
+  virtual_rig->rig().frame().power_cycle(0.1);
   ASSERT_TRUE(reach(RunState::kFaulted, 2.0));
   run_for(5.0);
-  EXPECT_TRUE(listed("frame.reference") || listed("stale.frame")) << bench->core().status().fault;
+  EXPECT_TRUE(listed("frame.reference") || listed("stale.frame")) << virtual_rig->core().status().fault;
   EXPECT_LT(truth().pressure_psi, 1.0);
   ASSERT_TRUE(ask(Verb::kReset).accepted);
   run_for(5.0);
-  EXPECT_EQ(bench->core().state(), RunState::kIdle) << "the zero is not confirmed";
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kIdle) << "the zero is not confirmed";
 }
 
 TEST_F(StatesTest, AFrameInAFaultStateWithoutAFaultBitIsTheSafeState) {
   hold();
-  bench->rig().frame().faults.fault_state = true;
+  virtual_rig->rig().frame().faults.fault_state = true;
   ASSERT_TRUE(reach(RunState::kFaulted, 0.1));
   run_for(5.0);
   EXPECT_NE(event("frame.fault"), nullptr);
@@ -262,18 +262,18 @@ TEST_F(StatesTest, AFrameInAFaultStateWithoutAFaultBitIsTheSafeState) {
 
 TEST_F(StatesTest, ANumberThatIsNoneIsNamed) {
   hold();
-  bench->rig().frame().faults.not_a_number = true;
+  virtual_rig->rig().frame().faults.not_a_number = true;
   ASSERT_TRUE(reach(RunState::kFaulted, 0.1));
   run_for(0.1);
-  EXPECT_NE(event("frame.number"), nullptr) << bench->core().status().fault;
+  EXPECT_NE(event("frame.number"), nullptr) << virtual_rig->core().status().fault;
 }
 
 TEST_F(StatesTest, ARefusedHeartbeatDoesNotStopThePolling) {
   hold();
-  bench->rig().frame().faults.heartbeat_refused = true;
+  virtual_rig->rig().frame().faults.heartbeat_refused = true;
   ASSERT_TRUE(reach(RunState::kFaulted, 1.0));
   run_for(0.1);
-  ASSERT_NE(event("frame.heartbeat"), nullptr) << bench->core().status().fault;
+  ASSERT_NE(event("frame.heartbeat"), nullptr) << virtual_rig->core().status().fault;
   EXPECT_NE(std::string(event("frame.heartbeat")->text).find("the heartbeat: "), std::string::npos)
       << event("frame.heartbeat")->text;
   EXPECT_EQ(event("stale.frame"), nullptr) << "samples went on coming";
@@ -281,7 +281,7 @@ TEST_F(StatesTest, ARefusedHeartbeatDoesNotStopThePolling) {
 
 TEST_F(StatesTest, ADeadLoadCellIsNoticedAtRest) {
   hold();
-  bench->rig().frame().faults.frozen_force = true;
+  virtual_rig->rig().frame().faults.frozen_force = true;
   ASSERT_TRUE(reach(RunState::kFaulted, config.core.supervisor.frozen_force_max_s + 0.5));
   run_for(0.1);
   EXPECT_NE(event("force.frozen"), nullptr);
@@ -294,13 +294,13 @@ TEST_F(StatesTest, AnotherCalibrationIsNoForceRateAndIsJudgedAtOnce) {
   request.id = 4711;
   request.calibration = config.core.calibration;
   request.calibration.force_offset_N += 20.0;
-  bench->core().requests.push(request);
+  virtual_rig->core().requests.push(request);
   run_for(1.0);
-  EXPECT_EQ(bench->core().state(), RunState::kReady) << bench->core().status().fault;
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kReady) << virtual_rig->core().status().fault;
   request.calibration.force_offset_N += 200.0;
-  bench->core().requests.push(request);
+  virtual_rig->core().requests.push(request);
   run_for(0.1);
-  EXPECT_EQ(bench->core().state(), RunState::kFaulted);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kFaulted);
   EXPECT_NE(event("limit.force"), nullptr);
 }
 

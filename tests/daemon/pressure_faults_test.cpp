@@ -33,9 +33,9 @@ class PressureFaultsTest : public RigFixture {
   /// From the fault on.
   Seen watch(double seconds, double rest_psi = 1.0) {
     Seen seen;
-    const std::int64_t start_ns = bench->now_ns();
+    const std::int64_t start_ns = virtual_rig->now_ns();
     std::int64_t trip_ns = 0;
-    bench->before_core = [&](VirtualRig& r) {
+    virtual_rig->before_core = [&](VirtualRig& r) {
       const double psi = r.rig().truth().pressure_psi;
       seen.max_psi = std::max(seen.max_psi, psi);
       if (trip_ns == 0 && r.core().state() == RunState::kFaulted) trip_ns = r.now_ns();
@@ -43,9 +43,9 @@ class PressureFaultsTest : public RigFixture {
         seen.vented_s = static_cast<double>(r.now_ns() - trip_ns) * 1e-9;
     };
     run_for(seconds);
-    bench->before_core = nullptr;
+    virtual_rig->before_core = nullptr;
     if (trip_ns != 0) seen.trip_s = static_cast<double>(trip_ns - start_ns) * 1e-9;
-    const std::string fault = bench->core().status().fault;
+    const std::string fault = virtual_rig->core().status().fault;
     seen.fault = fault.substr(0, fault.find(':'));
     return seen;
   }
@@ -53,19 +53,19 @@ class PressureFaultsTest : public RigFixture {
   void fill_past(double psi) {
     start(R"(  { do = "pressurize", pressure_psi = 20, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 60 },
   { do = "hold", duration_s = 1000 },)");
-    ASSERT_TRUE(run_until(20.0, [&] { return bench->rig().truth().pressure_psi > psi; }));
+    ASSERT_TRUE(run_until(20.0, [&] { return virtual_rig->rig().truth().pressure_psi > psi; }));
   }
   void hold_at_23() {
     start(R"(  { do = "pressurize", pressure_psi = 23, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 60 },
   { do = "hold", duration_s = 1000 },)");
-    ASSERT_TRUE(run_until(20.0, [&] { return bench->core().status().control.step == 1; }));
+    ASSERT_TRUE(run_until(20.0, [&] { return virtual_rig->core().status().control.step == 1; }));
     run_for(3.0);
   }
   void lower() {
     start(R"(  { do = "pressurize", pressure_psi = 20, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 60 },
   { do = "pressurize", pressure_psi = 5, rate_psi_s = 4, settled_for_s = 0.5, timeout_s = 60 },
   { do = "hold", duration_s = 1000 },)");
-    ASSERT_TRUE(run_until(20.0, [&] { return bench->core().status().control.step == 1; }));
+    ASSERT_TRUE(run_until(20.0, [&] { return virtual_rig->core().status().control.step == 1; }));
   }
 };
 
@@ -198,13 +198,13 @@ TEST_F(PressureFaultsTest, EachIsFoundBeforeTheTruePressurePassesItsLimit) {
     rebuild();
     row.prepare();
     if (HasFatalFailure()) return;
-    row.fail(bench->rig());
+    row.fail(virtual_rig->rig());
     const Seen seen = watch(60.0, row.rest_psi);
     std::printf("%-36s %-22s %8.2f %9.2f %9.2f\n", row.what, seen.fault.c_str(), seen.trip_s, seen.max_psi,
                 seen.vented_s);
     EXPECT_LT(seen.max_psi, kLimitPsi + kMarginPsi);
     if (row.codes.empty()) {
-      EXPECT_EQ(bench->core().state(), RunState::kRunning) << seen.fault;
+      EXPECT_EQ(virtual_rig->core().state(), RunState::kRunning) << seen.fault;
       continue;
     }
     EXPECT_NE(std::find(row.codes.begin(), row.codes.end(), seen.fault), row.codes.end()) << seen.fault;
@@ -212,7 +212,7 @@ TEST_F(PressureFaultsTest, EachIsFoundBeforeTheTruePressurePassesItsLimit) {
     EXPECT_LT(seen.trip_s, row.within_s);
     EXPECT_GE(seen.vented_s, 0.0);
     EXPECT_LT(seen.vented_s, kVentedWithinS);
-    EXPECT_EQ(bench->core().outcome(), Outcome::kFailed);
+    EXPECT_EQ(virtual_rig->core().outcome(), Outcome::kFailed);
   }
 }
 
@@ -237,10 +237,10 @@ TEST_F(PressureFaultsTest, ATubeBlockedInMotionIsFoundOrDoesNothing) {
               (speed_mm_s > 0.0 ? "  { do = \"wave\", shape = \"triangle\", amplitude_mm = 2, velocity_mm_s = " +
                                       speed + ", cycles = 1000 },"
                                 : std::string("  { do = \"hold\", duration_s = 1000 },")));
-        ASSERT_TRUE(run_until(20.0, [&] { return bench->core().status().control.step == 1; }));
+        ASSERT_TRUE(run_until(20.0, [&] { return virtual_rig->core().status().control.step == 1; }));
         run_for(1.5 + (speed_mm_s > 0.0 ? 8.0 / speed_mm_s : 1.0) * moment / 12.0);
-        ASSERT_EQ(bench->core().state(), RunState::kRunning) << bench->core().status().fault;
-        bench->rig().pressure().faults.tube_blocked = true;
+        ASSERT_EQ(virtual_rig->core().state(), RunState::kRunning) << virtual_rig->core().status().fault;
+        virtual_rig->rig().pressure().faults.tube_blocked = true;
         const Seen seen = watch(40.0);
         EXPECT_LT(seen.max_psi, std::min(pressure_psi + kAbovePsi, kLimitPsi + kMarginPsi))
             << seen.fault << " after " << seen.trip_s << " s";
@@ -257,11 +257,11 @@ TEST_F(PressureFaultsTest, ATubeBlockedInMotionIsFoundOrDoesNothing) {
 
 TEST_F(PressureFaultsTest, ASensorThatHasAlwaysReadTooLittleIsNotSeen) {
   // docs/states.md says so: what is left is the force limit, the time of the fill valve, a relief valve.
-  bench->rig().pressure().faults.low_permille = 200;
+  virtual_rig->rig().pressure().faults.low_permille = 200;
   start(R"(  { do = "pressurize", pressure_psi = 20, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 60 },
   { do = "hold", duration_s = 1000 },)");
   const Seen seen = watch(20.0);
-  EXPECT_EQ(bench->core().state(), RunState::kRunning) << seen.fault;
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kRunning) << seen.fault;
   EXPECT_NEAR(seen.max_psi, 25.0, 0.3);
 }
 
@@ -314,44 +314,45 @@ TEST_F(PressureFaultsTest, ASoundRigIsNotDoubted) {
   { do = "pressurize", pressure_psi = 18, rate_psi_s = 20, tolerance_psi = 0.3, settled_for_s = 0.5, timeout_s = 60 },
   { do = "pressurize", pressure_psi = 4, rate_psi_s = 20, tolerance_psi = 0.3, settled_for_s = 0.5, timeout_s = 60 },)");
     EXPECT_TRUE(run_until(200.0, [&] {
-      return bench->core().outcome() != Outcome::kNone || bench->core().state() == RunState::kFaulted;
+      return virtual_rig->core().outcome() != Outcome::kNone || virtual_rig->core().state() == RunState::kFaulted;
     }));
-    EXPECT_EQ(bench->core().outcome(), Outcome::kDone) << bench->core().status().fault;
-    EXPECT_TRUE(reach(RunState::kReady, 30.0)) << bench->core().status().fault << bench->core().status().not_ready;
+    EXPECT_EQ(virtual_rig->core().outcome(), Outcome::kDone) << virtual_rig->core().status().fault;
+    EXPECT_TRUE(reach(RunState::kReady, 30.0))
+        << virtual_rig->core().status().fault << virtual_rig->core().status().not_ready;
   }
 }
 
 TEST_F(PressureFaultsTest, AProgramStopShutsBothValvesAndResumeTakesTheSetPointUpAgain) {
   hold_at_23();
-  bench->core().tick(bench->now_ns() + 1, 400'000'000, 0);  // a tick that came 0.4 s late
-  ASSERT_EQ(bench->core().state(), RunState::kFaulted);
+  virtual_rig->core().tick(virtual_rig->now_ns() + 1, 400'000'000, 0);  // a tick that came 0.4 s late
+  ASSERT_EQ(virtual_rig->core().state(), RunState::kFaulted);
   run_for(0.1);
-  bench->rig().pneumatics().leak_factor = 20.0;
+  virtual_rig->rig().pneumatics().leak_factor = 20.0;
   for (int i = 0; i < 100; ++i) {
     run_for(0.1);
     ASSERT_EQ(control.fill_permille, 0);
     ASSERT_EQ(control.vent_permille, 0);
   }
-  EXPECT_EQ(bench->core().state(), RunState::kFaulted);
-  EXPECT_LT(bench->rig().truth().pressure_psi, 22.8) << "sealed, it leaks";
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kFaulted);
+  EXPECT_LT(virtual_rig->rig().truth().pressure_psi, 22.8) << "sealed, it leaks";
   ASSERT_TRUE(ask(Request::Verb::kReset).accepted);
-  ASSERT_EQ(bench->core().state(), RunState::kPaused);
+  ASSERT_EQ(virtual_rig->core().state(), RunState::kPaused);
   run_for(1.0);
   EXPECT_EQ(control.fill_permille, 0);
   ASSERT_TRUE(ask(Request::Verb::kResume).accepted);
   run_for(5.0);
-  EXPECT_NEAR(bench->rig().truth().pressure_psi, 23.0, 0.1);
+  EXPECT_NEAR(virtual_rig->rig().truth().pressure_psi, 23.0, 0.1);
 }
 
 TEST_F(PressureFaultsTest, ASealedPressureIsWatched) {
   hold_at_23();
-  bench->core().tick(bench->now_ns() + 1, 400'000'000, 0);
+  virtual_rig->core().tick(virtual_rig->now_ns() + 1, 400'000'000, 0);
   run_for(0.5);
-  ASSERT_EQ(bench->core().state(), RunState::kFaulted);
-  bench->rig().pneumatics().fill_stuck_open = true;
+  ASSERT_EQ(virtual_rig->core().state(), RunState::kFaulted);
+  virtual_rig->rig().pneumatics().fill_stuck_open = true;
   const Seen seen = watch(5.0);
   EXPECT_LT(seen.max_psi, kLimitPsi + kMarginPsi);
-  EXPECT_LT(bench->rig().truth().pressure_psi, 2.0)
+  EXPECT_LT(virtual_rig->rig().truth().pressure_psi, 2.0)
       << "vented, though the fill valve is open: the dump valve is larger";
 }
 
@@ -361,7 +362,7 @@ TEST_F(PressureFaultsTest, AStepsTimeOutVents) {
   ASSERT_TRUE(reach(RunState::kFaulted, 30.0));
   run_for(5.0);
   EXPECT_NE(event("protocol"), nullptr);
-  EXPECT_LT(bench->rig().truth().pressure_psi, 0.5);
+  EXPECT_LT(virtual_rig->rig().truth().pressure_psi, 0.5);
   EXPECT_EQ(control.fill_permille, 0);
 }
 
@@ -370,9 +371,9 @@ TEST_F(PressureFaultsTest, TheForceLimitAtRestVents) {
   rebuild();
   start(R"(  { do = "pressurize", pressure_psi = 20, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 60 },)");
   ASSERT_TRUE(reach(RunState::kFaulted, 10.0));
-  EXPECT_NE(std::string(bench->core().status().fault).find("limit.force"), std::string::npos);
+  EXPECT_NE(std::string(virtual_rig->core().status().fault).find("limit.force"), std::string::npos);
   run_for(3.0);
-  EXPECT_LT(bench->rig().truth().pressure_psi, 1.0) << "nothing moved: it was the pressure";
+  EXPECT_LT(virtual_rig->rig().truth().pressure_psi, 1.0) << "nothing moved: it was the pressure";
 }
 
 TEST_F(PressureFaultsTest, TheDeviceVentsWhatTheDaemonDoesNotSee) {
@@ -387,7 +388,7 @@ TEST_F(PressureFaultsTest, TheDeviceVentsWhatTheDaemonDoesNotSee) {
   EXPECT_GE(seen.vented_s, 0.0);
   // Its latch needs nothing but the reset, and names no other cause afterwards.
   ASSERT_TRUE(ask(Request::Verb::kReset).accepted);
-  ASSERT_TRUE(reach(RunState::kReady, 10.0)) << bench->core().status().fault;
+  ASSERT_TRUE(reach(RunState::kReady, 10.0)) << virtual_rig->core().status().fault;
   config.services.fill_limits = {.pressure_max_psi = 25.0, .fill_allowance_permille = 75, .fill_max_ms = 500};
   rebuild();
   fill_past(1.0);
@@ -398,20 +399,20 @@ TEST_F(PressureFaultsTest, ADeviceThatVentedDuringAStallSaysSo) {
   config.sim->frame.heartbeat_timeout_s = 5.0;  // which would speak first
   rebuild();
   hold_at_23();
-  bench->hang_core = true;  // the whole process: neither beats nor commands
+  virtual_rig->hang_core = true;  // the whole process: neither beats nor commands
   run_for(1.0);
-  bench->hang_core = false;
-  bench->core().tick(bench->now_ns(), 1'000'000'000, 0);
+  virtual_rig->hang_core = false;
+  virtual_rig->core().tick(virtual_rig->now_ns(), 1'000'000'000, 0);
   run_for(0.5);
-  EXPECT_EQ(bench->core().state(), RunState::kFaulted);
-  EXPECT_NE(event("pressure.watchdog"), nullptr) << bench->core().status().fault;
-  EXPECT_EQ(bench->core().outcome(), Outcome::kFailed) << "nothing is held any more";
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kFaulted);
+  EXPECT_NE(event("pressure.watchdog"), nullptr) << virtual_rig->core().status().fault;
+  EXPECT_EQ(virtual_rig->core().outcome(), Outcome::kFailed) << "nothing is held any more";
   run_for(3.0);
   ASSERT_TRUE(ask(Request::Verb::kReset).accepted);
-  ASSERT_TRUE(reach(RunState::kReady, 10.0)) << bench->core().status().fault;
+  ASSERT_TRUE(reach(RunState::kReady, 10.0)) << virtual_rig->core().status().fault;
   start(kHold);
   run_for(5.0);
-  EXPECT_EQ(bench->core().state(), RunState::kRunning) << bench->core().status().fault;
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kRunning) << virtual_rig->core().status().fault;
 }
 
 }  // namespace

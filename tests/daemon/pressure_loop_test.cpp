@@ -23,8 +23,8 @@ TEST_F(PressureLoopTest, FromRestTo20PsiWithoutOvershootBeyondThreeTenths) {
   start(R"(  { do = "pressurize", pressure_psi = 20, rate_psi_s = 20, settled_for_s = 1, timeout_s = 30 },
   { do = "hold", duration_s = 5 },)");
   Extremes p;
-  bench->before_core = [&](VirtualRig& r) { p.take(r.rig().truth().pressure_psi); };
-  ASSERT_TRUE(run_until(30.0, [&] { return bench->core().outcome() == Outcome::kDone; }));
+  virtual_rig->before_core = [&](VirtualRig& r) { p.take(r.rig().truth().pressure_psi); };
+  ASSERT_TRUE(run_until(30.0, [&] { return virtual_rig->core().outcome() == Outcome::kDone; }));
   EXPECT_GT(p.max, 19.9);
   EXPECT_LT(p.max, 20.3);
 }
@@ -40,14 +40,14 @@ TEST_F(PressureLoopTest, HoldsWithinFiveHundredthsThroughTenMillimetresPerSecond
   { do = "hold", duration_s = 3 },
   { do = "ramp", to_mm = -2, velocity_mm_s = 10 },
   { do = "hold", duration_s = 3 },)");
-    ASSERT_TRUE(run_until(60.0, [&] { return bench->core().status().control.step >= 2; }));
+    ASSERT_TRUE(run_until(60.0, [&] { return virtual_rig->core().status().control.step >= 2; }));
     Extremes p, x;
-    bench->before_core = [&](VirtualRig& r) {
+    virtual_rig->before_core = [&](VirtualRig& r) {
       if (r.core().outcome() != Outcome::kNone) return;
       p.take(r.rig().truth().pressure_psi);
       x.take(r.rig().truth().position_mm);
     };
-    ASSERT_TRUE(run_until(30.0, [&] { return bench->core().outcome() == Outcome::kDone; }));
+    ASSERT_TRUE(run_until(30.0, [&] { return virtual_rig->core().outcome() == Outcome::kDone; }));
     EXPECT_LT(x.min, -1.99);  // it did move
     EXPECT_GT(x.max, 1.99);
     EXPECT_GT(p.min, pressure_psi - 0.05);
@@ -60,21 +60,21 @@ TEST_F(PressureLoopTest, ASettledStepIsTrulySettled) {
       R"(  { do = "pressurize", pressure_psi = 15, rate_psi_s = 8, tolerance_psi = 0.1, settled_for_s = 2, timeout_s = 30 },
   { do = "hold", duration_s = 1 },)");
   std::int64_t outside_ns = 0;
-  bench->before_core = [&](VirtualRig& r) {
+  virtual_rig->before_core = [&](VirtualRig& r) {
     if (std::abs(r.rig().truth().pressure_psi - 15.0) > 0.1) outside_ns = r.now_ns();
   };
-  ASSERT_TRUE(run_until(30.0, [&] { return bench->core().status().control.step == 1; }));
+  ASSERT_TRUE(run_until(30.0, [&] { return virtual_rig->core().status().control.step == 1; }));
   // 20 ms of filter and one status period lie between the truth and the step's end.
-  EXPECT_NEAR(static_cast<double>(bench->now_ns() - outside_ns) * 1e-9, 2.0, 0.2);
+  EXPECT_NEAR(static_cast<double>(virtual_rig->now_ns() - outside_ns) * 1e-9, 2.0, 0.2);
 }
 
 TEST_F(PressureLoopTest, HoldsAgainstALeakFiftyTimesAsLarge) {
   start(kHold);
-  ASSERT_TRUE(run_until(20.0, [&] { return bench->core().status().control.step == 1; }));
-  bench->rig().pneumatics().leak_factor = 50.0;
+  ASSERT_TRUE(run_until(20.0, [&] { return virtual_rig->core().status().control.step == 1; }));
+  virtual_rig->rig().pneumatics().leak_factor = 50.0;
   run_for(3.0);
   Extremes p;
-  bench->before_core = [&](VirtualRig& r) { p.take(r.rig().truth().pressure_psi); };
+  virtual_rig->before_core = [&](VirtualRig& r) { p.take(r.rig().truth().pressure_psi); };
   run_for(5.0);
   EXPECT_GT(p.min, 9.95);
   EXPECT_LT(p.max, 10.05);

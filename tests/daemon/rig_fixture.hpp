@@ -21,38 +21,38 @@ class RigFixture : public ::testing::Test {
  protected:
   RigFixture() : config(load_rig(source("config/rigs/sim.toml"))) {}
 
-  void SetUp() override { bench = std::make_unique<VirtualRig>(config); }
+  void SetUp() override { virtual_rig = std::make_unique<VirtualRig>(config); }
 
   /// After a change of `config`.
   void rebuild() {
     events.clear();
-    bench = std::make_unique<VirtualRig>(config);
+    virtual_rig = std::make_unique<VirtualRig>(config);
   }
 
   void tick() {
-    bench->tick();
-    if (bench->now_ns() % 10'000'000 == 0) drain();
+    virtual_rig->tick();
+    if (virtual_rig->now_ns() % 10'000'000 == 0) drain();
   }
 
   void run_for(double seconds) {
-    const auto until = bench->now_ns() + static_cast<std::int64_t>(seconds * 1e9);
-    while (bench->now_ns() < until) tick();
+    const auto until = virtual_rig->now_ns() + static_cast<std::int64_t>(seconds * 1e9);
+    while (virtual_rig->now_ns() < until) tick();
     drain();
   }
 
   /// Ticks until `condition`; false when `seconds` pass before.
   template <typename Condition>
   bool run_until(double seconds, Condition condition) {
-    const auto until = bench->now_ns() + static_cast<std::int64_t>(seconds * 1e9);
+    const auto until = virtual_rig->now_ns() + static_cast<std::int64_t>(seconds * 1e9);
     while (!condition()) {
-      if (bench->now_ns() >= until) return false;
+      if (virtual_rig->now_ns() >= until) return false;
       tick();
     }
     drain();
     return true;
   }
   bool reach(RunState state, double seconds) {
-    return run_until(seconds, [&] { return bench->core().state() == state; });
+    return run_until(seconds, [&] { return virtual_rig->core().state() == state; });
   }
 
   Reply ask(Request::Verb verb, const protocol::Plan* plan_to_run = nullptr, std::uint32_t session = 0) {
@@ -61,10 +61,10 @@ class RigFixture : public ::testing::Test {
     request.id = ++last_id;
     request.plan = plan_to_run;
     request.first_session = session;
-    bench->core().requests.push(request);
+    virtual_rig->core().requests.push(request);
     tick();
     Reply reply;
-    EXPECT_TRUE(bench->core().replies.pop(reply));
+    EXPECT_TRUE(virtual_rig->core().replies.pop(reply));
     EXPECT_EQ(reply.id, request.id);
     return reply;
   }
@@ -77,7 +77,7 @@ class RigFixture : public ::testing::Test {
                                      steps + "\n]\n",
                                  "test.toml"),
                              config.limits);
-    ASSERT_TRUE(reach(RunState::kReady, 5.0)) << bench->core().status().not_ready;
+    ASSERT_TRUE(reach(RunState::kReady, 5.0)) << virtual_rig->core().status().not_ready;
     const auto reply = ask(Request::Verb::kStart, &plan);
     ASSERT_TRUE(reply.accepted) << reply.text;
   }
@@ -89,19 +89,19 @@ class RigFixture : public ::testing::Test {
     EventRecord e;
     ExchangeRecord x;
     SyncRecord s;
-    while (bench->streams.frame.pop(f)) {
+    while (virtual_rig->streams.frame.pop(f)) {
       if (keep_records) frame.push_back(f);
       ++frame_count;
     }
-    while (bench->streams.pressure.pop(p)) {
+    while (virtual_rig->streams.pressure.pop(p)) {
       if (keep_records) pressure.push_back(p);
       ++pressure_count;
     }
-    while (bench->streams.control.pop(c)) control = c;
-    while (bench->streams.exchanges.pop(x)) ++exchange_count;
-    while (bench->streams.sync.pop(s)) sync.push_back(s);
-    while (bench->streams.events.pop(e)) events.push_back(e);
-    while (bench->core().host_events.pop(e)) {
+    while (virtual_rig->streams.control.pop(c)) control = c;
+    while (virtual_rig->streams.exchanges.pop(x)) ++exchange_count;
+    while (virtual_rig->streams.sync.pop(s)) sync.push_back(s);
+    while (virtual_rig->streams.events.pop(e)) events.push_back(e);
+    while (virtual_rig->core().host_events.pop(e)) {
     }
   }
 
@@ -113,7 +113,7 @@ class RigFixture : public ::testing::Test {
   }
 
   RigConfig config;
-  std::unique_ptr<VirtualRig> bench;
+  std::unique_ptr<VirtualRig> virtual_rig;
   protocol::Plan plan;
   std::uint32_t last_id = 0;
   bool keep_records = false;

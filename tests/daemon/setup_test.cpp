@@ -15,10 +15,10 @@ class SetupTest : public RigFixture {
     request.target_mm = target_mm;
     request.relative = relative;
     request.velocity_mm_s = velocity_mm_s;
-    bench->core().requests.push(request);
+    virtual_rig->core().requests.push(request);
     tick();
     Reply reply;
-    EXPECT_TRUE(bench->core().replies.pop(reply));
+    EXPECT_TRUE(virtual_rig->core().replies.pop(reply));
     return reply;
   }
   void expect_refused(const Reply& reply, const std::string& why) {
@@ -26,19 +26,19 @@ class SetupTest : public RigFixture {
     EXPECT_NE(std::string(reply.text).find(why), std::string::npos) << reply.text;
   }
   void enter() {
-    ASSERT_TRUE(reach(RunState::kReady, 5.0)) << bench->core().status().not_ready;
+    ASSERT_TRUE(reach(RunState::kReady, 5.0)) << virtual_rig->core().status().not_ready;
     const auto reply = ask(Request::Verb::kSetup);
     ASSERT_TRUE(reply.accepted) << reply.text;
-    ASSERT_EQ(bench->core().state(), RunState::kSetup);
+    ASSERT_EQ(virtual_rig->core().state(), RunState::kSetup);
     run_for(0.5);
   }
-  [[nodiscard]] double position_mm() { return double{bench->core().status().control.position_mm}; }
+  [[nodiscard]] double position_mm() { return double{virtual_rig->core().status().control.position_mm}; }
   /// Until the jog has ended; the fastest speed in it.
   double fastest(double seconds) {
     double most = 0.0, last_mm = position_mm();
     events.clear();
-    const auto until = bench->now_ns() + static_cast<std::int64_t>(seconds * 1e9);
-    while (bench->now_ns() < until) {
+    const auto until = virtual_rig->now_ns() + static_cast<std::int64_t>(seconds * 1e9);
+    while (virtual_rig->now_ns() < until) {
       run_for(0.1);
       most = std::max(most, std::abs(position_mm() - last_mm) / 0.1);
       last_mm = position_mm();
@@ -63,7 +63,7 @@ class SetupTest : public RigFixture {
     ASSERT_TRUE(reach(RunState::kFaulted, 10.0));
     ASSERT_TRUE(ask(Request::Verb::kAbort).accepted);
     run_for(1.0);
-    if (bench->core().state() == RunState::kFaulted) {
+    if (virtual_rig->core().state() == RunState::kFaulted) {
       ASSERT_TRUE(ask(Request::Verb::kReset).accepted);
     }
     run_for(2.0);
@@ -82,8 +82,8 @@ TEST_F(SetupTest, AJogIsSlowAndEndsWhereItWasTold) {
   ASSERT_TRUE(jog(-0.5, true, 0.2).accepted);
   EXPECT_LT(fastest(10.0), 0.25);
   EXPECT_NEAR(position_mm(), 1.5, 0.02);
-  EXPECT_EQ(bench->core().state(), RunState::kSetup);
-  EXPECT_LT(bench->core().status().control.pressure_psi, 0.3F);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kSetup);
+  EXPECT_LT(virtual_rig->core().status().control.pressure_psi, 0.3F);
 }
 
 TEST_F(SetupTest, OnlyInSetupOnlySlowlyOnlyInsideTheLimits) {
@@ -116,7 +116,7 @@ TEST_F(SetupTest, ACommandMovesForItsLongestTimeAtMost) {
   const double stopped_mm = position_mm();
   run_for(1.0);
   EXPECT_NEAR(position_mm(), stopped_mm, 0.005);
-  EXPECT_EQ(bench->core().state(), RunState::kSetup);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kSetup);
 }
 
 TEST_F(SetupTest, AJogEndsAtItsForce) {
@@ -131,9 +131,9 @@ TEST_F(SetupTest, AJogEndsAtItsForce) {
     run_for(0.5);
   }
   ASSERT_NE(event("jog.force"), nullptr);
-  EXPECT_EQ(bench->core().state(), RunState::kSetup);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kSetup);
   const double here_mm = position_mm();
-  if (bench->core().status().control.force_N > 0.5F) expect_refused(jog(4.9, false), "takes it back");
+  if (virtual_rig->core().status().control.force_N > 0.5F) expect_refused(jog(4.9, false), "takes it back");
   ASSERT_TRUE(jog(here_mm - 0.1, false).accepted);
   (void)fastest(5.0);
   EXPECT_NEAR(position_mm(), here_mm - 0.1, 0.02);
@@ -143,14 +143,14 @@ TEST_F(SetupTest, ATripEndsSetup) {
   enter();
   ASSERT_TRUE(jog(4.0, false).accepted);
   run_for(1.0);
-  bench->rig().interlock().guard_closed = false;
+  virtual_rig->rig().interlock().guard_closed = false;
   ASSERT_TRUE(reach(RunState::kFaulted, 0.1));
   run_for(0.5);
   const double stopped_mm = position_mm();
   EXPECT_LT(stopped_mm, 1.5);
   run_for(2.0);
   EXPECT_NEAR(position_mm(), stopped_mm, 0.005);
-  bench->rig().interlock().guard_closed = true;
+  virtual_rig->rig().interlock().guard_closed = true;
   run_for(0.5);
   ASSERT_TRUE(ask(Request::Verb::kReset).accepted);
   EXPECT_TRUE(reach(RunState::kReady, 5.0));  // no limit is passed: not to setup
@@ -160,10 +160,10 @@ TEST_F(SetupTest, WithTheGuardOpenHalfTheSpeedWhereTheRigAllowsIt) {
   config.core.operating.jog_with_guard_open = config.core.supervisor.guard_open_in_setup = true;
   rebuild();
   ASSERT_TRUE(reach(RunState::kReady, 5.0));
-  bench->rig().interlock().guard_closed = false;
+  virtual_rig->rig().interlock().guard_closed = false;
   ASSERT_TRUE(reach(RunState::kIdle, 0.1));
   expect_refused(ask(Request::Verb::kSetup), "the frame reports a fault");  // its own chain has the guard in it
-  bench->rig().interlock().guard_stops_frame = false;
+  virtual_rig->rig().interlock().guard_stops_frame = false;
   run_for(0.5);
   const auto reply = ask(Request::Verb::kSetup);
   ASSERT_TRUE(reply.accepted) << reply.text;
@@ -173,18 +173,18 @@ TEST_F(SetupTest, WithTheGuardOpenHalfTheSpeedWhereTheRigAllowsIt) {
   EXPECT_LT(fastest(5.0), 0.55);
   EXPECT_NEAR(position_mm(), 1.0, 0.02);
   // Opened in a fast jog: it ends.
-  bench->rig().interlock().guard_closed = true;
+  virtual_rig->rig().interlock().guard_closed = true;
   run_for(0.5);
   ASSERT_TRUE(jog(4.0, false).accepted);
   run_for(0.5);
-  bench->rig().interlock().guard_closed = false;
+  virtual_rig->rig().interlock().guard_closed = false;
   ASSERT_TRUE(run_until(0.2, [&] {
     drain();
     return event("jog.guard") != nullptr;
   }));
-  EXPECT_EQ(bench->core().state(), RunState::kSetup);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kSetup);
   // An emergency stop is no guard.
-  bench->rig().interlock().estop_closed = false;
+  virtual_rig->rig().interlock().estop_closed = false;
   EXPECT_TRUE(reach(RunState::kFaulted, 0.1));
 }
 
@@ -195,7 +195,7 @@ TEST_F(SetupTest, SetupEndsWhenNothingIsDone) {
   run_for(8.0);
   ASSERT_TRUE(jog(1.0, false).accepted);
   run_for(9.0);
-  EXPECT_EQ(bench->core().state(), RunState::kSetup);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kSetup);
   ASSERT_TRUE(reach(RunState::kReady, 5.0));
   EXPECT_NE(event("setup.expired"), nullptr);
 }
@@ -206,10 +206,10 @@ TEST_F(SetupTest, OffALimitOnlyAwayFromIt) {
   const double beyond_mm = position_mm();
   expect_refused(jog(0.5, true), "only a motion back");
   expect_refused(jog(beyond_mm + 0.001, false), "only a motion back");
-  EXPECT_EQ(bench->core().state(), RunState::kSetup);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kSetup);
   ASSERT_TRUE(jog(-0.02, true).accepted);  // still outside, and the right way
   run_for(2.0);
-  EXPECT_EQ(bench->core().state(), RunState::kSetup);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kSetup);
   ASSERT_TRUE(jog(4.0, false).accepted);
   (void)fastest(5.0);
   EXPECT_NEAR(position_mm(), 4.0, 0.02);
@@ -231,7 +231,7 @@ TEST_F(SetupTest, AtALimitTheCrossheadStandsAndCanLeaveIt) {
     ASSERT_TRUE(jog(limit_mm, false, 1.0).accepted);
     (void)fastest(15.0);
     run_for(10.0);
-    ASSERT_EQ(bench->core().state(), RunState::kSetup) << bench->core().status().fault;
+    ASSERT_EQ(virtual_rig->core().state(), RunState::kSetup) << virtual_rig->core().status().fault;
     EXPECT_NEAR(position_mm(), limit_mm, 0.01);
     // Out and in again: each begins with a fresh look at where it stands.
     ASSERT_TRUE(ask(Request::Verb::kLeaveSetup).accepted);
@@ -251,8 +251,8 @@ TEST_F(SetupTest, ARunToALimitIsCarriedOutAndCanBeLeft) {
   start(R"(  { do = "pressurize", pressure_psi = 5, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 20 },
   { do = "ramp", to_mm = 5, velocity_mm_s = 2 },
   { do = "hold", duration_s = 5 },)");
-  ASSERT_TRUE(reach(RunState::kStopping, 40.0)) << bench->core().status().fault;
-  EXPECT_EQ(bench->core().outcome(), Outcome::kDone);
+  ASSERT_TRUE(reach(RunState::kStopping, 40.0)) << virtual_rig->core().status().fault;
+  EXPECT_EQ(virtual_rig->core().outcome(), Outcome::kDone);
   ASSERT_TRUE(reach(RunState::kReady, 10.0));
   enter();
   ASSERT_TRUE(jog(-1.0, true).accepted);
@@ -263,9 +263,9 @@ TEST_F(SetupTest, ARunToALimitIsCarriedOutAndCanBeLeft) {
 TEST_F(SetupTest, AResetBeyondALimitLeadsToSetup) {
   drive_beyond();
   enter();
-  bench->rig().interlock().estop_closed = false;
+  virtual_rig->rig().interlock().estop_closed = false;
   ASSERT_TRUE(reach(RunState::kFaulted, 0.1));
-  bench->rig().interlock().estop_closed = true;
+  virtual_rig->rig().interlock().estop_closed = true;
   run_for(1.0);
   ASSERT_TRUE(ask(Request::Verb::kReset).accepted);
   ASSERT_TRUE(reach(RunState::kSetup, 5.0));

@@ -163,20 +163,20 @@ steps = [
       pass(0.05);
     } else if (act < kRepair) {
       faults |= 1U << (act - kFirstFault);
-      kFaults[act - kFirstFault].set(bench->rig(), true);
+      kFaults[act - kFirstFault].set(virtual_rig->rig(), true);
       pass(0.1);
     } else if (act == kRepair) {
-      for (const auto& f : kFaults) f.set(bench->rig(), false);
+      for (const auto& f : kFaults) f.set(virtual_rig->rig(), false);
       faults = 0;
       disk_fails = false;
-      bench->core().set_recorder_fault("");
+      virtual_rig->core().set_recorder_fault("");
       pass(1.0);
     } else if (act == kDiskFails) {
       disk_fails = true;
-      bench->core().set_recorder_fault("the disk fails");
+      virtual_rig->core().set_recorder_fault("the disk fails");
       pass(0.1);
     } else if (act == kLoopLate) {
-      bench->core().tick(bench->now_ns() + 1, 400'000'000, 0);
+      virtual_rig->core().tick(virtual_rig->now_ns() + 1, 400'000'000, 0);
       pass(0.1);
     } else {
       pass(act == kMoment ? 0.1 : 3.0);
@@ -184,15 +184,15 @@ steps = [
   }
 
   void say(const VerbKind& kind) {
-    const RunState before = bench->core().state();
+    const RunState before = virtual_rig->core().state();
     Request request;
     request.verb = kind.verb;
     request.id = ++last_id;
     request.plan = &plan;
-    bench->core().requests.push(request);
+    virtual_rig->core().requests.push(request);
     step();
     Reply reply;
-    if (!bench->core().replies.pop(reply)) return fail("the verb was not answered");
+    if (!virtual_rig->core().replies.pop(reply)) return fail("the verb was not answered");
     if (reply.accepted && std::find(kind.from.begin(), kind.from.end(), before) == kind.from.end()) {
       fail(std::string("accepted while ") + to_text(before));
     }
@@ -202,8 +202,8 @@ steps = [
   }
 
   void pass(double seconds) {
-    const auto until_ns = bench->now_ns() + static_cast<std::int64_t>(seconds * 1e9);
-    while (broken.empty() && bench->now_ns() < until_ns) step();
+    const auto until_ns = virtual_rig->now_ns() + static_cast<std::int64_t>(seconds * 1e9);
+    while (broken.empty() && virtual_rig->now_ns() < until_ns) step();
     drain();
     events.clear();
   }
@@ -215,9 +215,9 @@ steps = [
 
   /// The invariants.
   void look() {
-    const auto now_ns = bench->now_ns();
-    const auto state = bench->core().state();
-    const auto truth = bench->rig().truth();
+    const auto now_ns = virtual_rig->now_ns();
+    const auto state = virtual_rig->core().state();
+    const auto truth = virtual_rig->rig().truth();
     const bool moves = std::abs(truth.velocity_mm_s) > kMoving_mm_s;
     if (state != last_state) {
       if (state == RunState::kRunning && last_state == RunState::kReady) had_fault = false;
@@ -233,11 +233,11 @@ steps = [
     if (state == RunState::kReady && truth.pressure_psi > kVented_psi && !reading_lies(faults))
       fail("ready under pressure");
     if (left_running_ns >= 0 && moves && seconds(now_ns - left_running_ns) > kStop_s) fail("did not come to rest");
-    const auto fill = bench->pressure_command().fill_permille;
+    const auto fill = virtual_rig->pressure_command().fill_permille;
     if (fill > 0 && state != RunState::kRunning && state != RunState::kPaused) fail("fills");
     if (truth.pressure_psi > config.limits.pressure_max_psi + kPressureMargin_psi) fail("over the pressure limit");
     const bool to_vent =
-        state == RunState::kStopping || (state == RunState::kFaulted && bench->core().status().vented_fault);
+        state == RunState::kStopping || (state == RunState::kFaulted && virtual_rig->core().status().vented_fault);
     if (!to_vent) {
       vented_since_ns = -1;
     } else if (vented_since_ns < 0) {
@@ -245,11 +245,11 @@ steps = [
     } else if (seconds(now_ns - vented_since_ns) > kVent_s && truth.pressure_psi > 1.0) {
       fail("a safe state does not vent");
     }
-    if (bench->core().outcome() == Outcome::kDone && had_fault && state == RunState::kStopping && disk_fails) {
+    if (virtual_rig->core().outcome() == Outcome::kDone && had_fault && state == RunState::kStopping && disk_fails) {
       fail("done while the disk fails");
     }
     if (state == RunState::kFaulted && seconds(now_ns - left_running_ns) > 0.05 &&
-        bench->core().status().fault[0] == '\0') {
+        virtual_rig->core().status().fault[0] == '\0') {
       fail("a fault without a cause");
     }
   }
@@ -257,9 +257,9 @@ steps = [
   void fail(const std::string& what) {
     if (!broken.empty()) return;
     std::ostringstream text;
-    const auto t = bench->rig().truth();
-    text << what << ": " << to_text(bench->core().state()) << ", " << t.velocity_mm_s << " mm/s, " << t.pressure_psi
-         << " psi, fault \"" << bench->core().status().fault << "\", while " << doing;
+    const auto t = virtual_rig->rig().truth();
+    text << what << ": " << to_text(virtual_rig->core().state()) << ", " << t.velocity_mm_s << " mm/s, "
+         << t.pressure_psi << " psi, fault \"" << virtual_rig->core().status().fault << "\", while " << doing;
     broken = text.str();
   }
 
@@ -267,11 +267,11 @@ steps = [
 
   /// What makes a situation.
   [[nodiscard]] std::string key() const {
-    const auto s = bench->core().status();
-    const auto t = bench->rig().truth();
-    const auto c = bench->pressure_command();
+    const auto s = virtual_rig->core().status();
+    const auto t = virtual_rig->rig().truth();
+    const auto c = virtual_rig->pressure_command();
     std::ostringstream k;
-    const auto state = bench->core().state();
+    const auto state = virtual_rig->core().state();
     const bool under_way = s.run_loaded;
     k << to_text(state) << '|' << faults << '|' << disk_fails << '|' << under_way << s.vented_fault << s.healthy << '|'
       << (state == RunState::kFaulted ? std::string_view(s.fault).substr(0, std::string_view(s.fault).find(':')) : "")

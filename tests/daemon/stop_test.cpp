@@ -35,10 +35,10 @@ class StopTest : public RigFixture {
     start(R"(  { do = "pressurize", pressure_psi = 10, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 20 },
   { do = "ramp", to_mm = 4, velocity_mm_s = 1 },
   { do = "hold", duration_s = 100 },)");
-    ASSERT_TRUE(run_until(20.0, [&] { return bench->rig().truth().position_mm > 1.0; }));
+    ASSERT_TRUE(run_until(20.0, [&] { return virtual_rig->rig().truth().position_mm > 1.0; }));
   }
-  sim::FrameFaults& faults() { return bench->rig().frame().faults; }
-  sim::Truth truth() { return bench->rig().truth(); }
+  sim::FrameFaults& faults() { return virtual_rig->rig().frame().faults; }
+  sim::Truth truth() { return virtual_rig->rig().truth(); }
   bool moves() { return std::abs(truth().velocity_mm_s) > 0.025; }
 
   /// Runs on and looks at every millisecond: nothing may say that the rig is ready, or that it has stopped, while
@@ -46,11 +46,11 @@ class StopTest : public RigFixture {
   void watch(double seconds, const char* what) {
     bool said = false;
     run_until(seconds, [&] {
-      const auto state = bench->core().state();
+      const auto state = virtual_rig->core().state();
       if ((state == RunState::kReady || state == RunState::kIdle) && moves()) said = true;
       return said;
     });
-    EXPECT_FALSE(said) << what << ": " << to_text(bench->core().state()) << " while the crosshead moves";
+    EXPECT_FALSE(said) << what << ": " << to_text(virtual_rig->core().state()) << " while the crosshead moves";
     drain();
   }
 
@@ -65,8 +65,8 @@ class StopTest : public RigFixture {
     const bool late = failure.stands_within_s > config.core.supervisor.stop_confirm_max_s + 0.1;
     EXPECT_EQ(event("frame.stop") != nullptr, late) << what;
     if (late) {
-      EXPECT_EQ(bench->core().state(), RunState::kFaulted) << what;
-      EXPECT_FALSE(bench->core().status().run_loaded) << what;
+      EXPECT_EQ(virtual_rig->core().state(), RunState::kFaulted) << what;
+      EXPECT_FALSE(virtual_rig->core().status().run_loaded) << what;
       watch(8.0, what.c_str());
       EXPECT_LT(truth().pressure_psi, 1.0) << what << ": the safe state vents";
     }
@@ -103,8 +103,8 @@ TEST_F(StopTest, AReadingThatLiesDoesNotMakeAnAbortedRunReadyAtOnce) {
   ASSERT_TRUE(ask(Verb::kPause).accepted);
   run_for(1.0);
   ASSERT_TRUE(ask(Verb::kAbort).accepted);
-  bench->rig().pressure().faults.tube_off = true;
-  ASSERT_TRUE(run_until(2.0, [&] { return bench->core().state() == RunState::kReady; }));
+  virtual_rig->rig().pressure().faults.tube_off = true;
+  ASSERT_TRUE(run_until(2.0, [&] { return virtual_rig->core().state() == RunState::kReady; }));
   EXPECT_LT(truth().pressure_psi, 6.0);
 }
 
@@ -113,7 +113,7 @@ TEST_F(StopTest, WithALatchedFaultTheRigCountsAsStoppedOnceItStandsAndIsVented) 
   for (const bool frame_answers : {true, false}) {
     rebuild();
     move();
-    EXPECT_FALSE(bench->core().status().stopped);
+    EXPECT_FALSE(virtual_rig->core().status().stopped);
     if (frame_answers) {
       faults().fault_state = true;
     } else {
@@ -122,14 +122,14 @@ TEST_F(StopTest, WithALatchedFaultTheRigCountsAsStoppedOnceItStandsAndIsVented) 
     }
     ASSERT_TRUE(reach(RunState::kFaulted, 1.0));
     run_for(0.05);
-    EXPECT_FALSE(bench->core().status().stopped) << "under pressure";
+    EXPECT_FALSE(virtual_rig->core().status().stopped) << "under pressure";
     run_for(5.0);
-    bench->core().request_abort();
+    virtual_rig->core().request_abort();
     run_for(0.05);
-    EXPECT_EQ(bench->core().status().stopped, frame_answers);
+    EXPECT_EQ(virtual_rig->core().status().stopped, frame_answers);
     run_for(2.1);
-    EXPECT_TRUE(bench->core().status().stopped) << "its watchdog has stopped it by now";
-    EXPECT_EQ(bench->core().state(), RunState::kFaulted);
+    EXPECT_TRUE(virtual_rig->core().status().stopped) << "its watchdog has stopped it by now";
+    EXPECT_EQ(virtual_rig->core().state(), RunState::kFaulted);
   }
 }
 
@@ -143,7 +143,8 @@ TEST_F(StopTest, AnAbortThatIsRepeatedAtRestLeavesTheRigReady) {
     for (int i = 0; i < 2'000 / every_ms; ++i) {
       ASSERT_TRUE(ask(Verb::kAbort).accepted);
       run_for(1e-3 * (every_ms - 1));
-      ASSERT_EQ(bench->core().state(), RunState::kReady) << every_ms << " ms, " << bench->core().status().not_ready;
+      ASSERT_EQ(virtual_rig->core().state(), RunState::kReady)
+          << every_ms << " ms, " << virtual_rig->core().status().not_ready;
     }
     EXPECT_EQ(event("frame.stop"), nullptr);
     EXPECT_EQ(event("not_ready"), nullptr);
@@ -151,7 +152,7 @@ TEST_F(StopTest, AnAbortThatIsRepeatedAtRestLeavesTheRigReady) {
     start(R"(  { do = "pressurize", pressure_psi = 0, rate_psi_s = 8, settled_for_s = 0.1, timeout_s = 20 },
   { do = "ramp", to_mm = 1, velocity_mm_s = 1 },)");
     ASSERT_TRUE(reach(RunState::kStopping, 10.0));
-    EXPECT_EQ(bench->core().outcome(), Outcome::kDone);
+    EXPECT_EQ(virtual_rig->core().outcome(), Outcome::kDone);
     EXPECT_NEAR(truth().position_mm, 1.0, 0.02);
   }
 }
@@ -162,15 +163,15 @@ TEST_F(StopTest, AnAbortThatIsRepeatedInAMotionStopsItInItsTime) {
       rebuild();
       move();
       failure.switch_on(faults());
-      const auto until_ns = bench->now_ns() + 1'200'000'000;
+      const auto until_ns = virtual_rig->now_ns() + 1'200'000'000;
       std::int64_t stood_ns = 0, tripped_ns = 0;
-      const auto began_ns = bench->now_ns();
-      while (bench->now_ns() < until_ns) {
+      const auto began_ns = virtual_rig->now_ns();
+      while (virtual_rig->now_ns() < until_ns) {
         ASSERT_TRUE(ask(Verb::kAbort).accepted);
         for (int i = 1; i < every_ms; ++i) tick();
         drain();
-        if (stood_ns == 0 && !moves()) stood_ns = bench->now_ns();
-        if (tripped_ns == 0 && event("frame.stop") != nullptr) tripped_ns = bench->now_ns();
+        if (stood_ns == 0 && !moves()) stood_ns = virtual_rig->now_ns();
+        if (tripped_ns == 0 && event("frame.stop") != nullptr) tripped_ns = virtual_rig->now_ns();
       }
       const std::string what = std::string(failure.name) + ", every " + std::to_string(every_ms) + " ms";
       EXPECT_FALSE(moves()) << what;
@@ -203,7 +204,7 @@ TEST_F(StopTest, TheWayOutStopsTheFrameOrSaysThatItDoesNotStand) {
     move();
     failure.switch_on(faults());
     const double from_mm = truth().position_mm;
-    const bool stood = bench->shut_down();
+    const bool stood = virtual_rig->shut_down();
     EXPECT_EQ(stood, std::string(failure.name) != "refused for good") << failure.name;
     EXPECT_FALSE(moves()) << failure.name;
     EXPECT_LT(truth().position_mm - from_mm, kSpeed_mm_s * failure.stands_within_s) << failure.name;
@@ -211,18 +212,18 @@ TEST_F(StopTest, TheWayOutStopsTheFrameOrSaysThatItDoesNotStand) {
   rebuild();
   move();
   faults().runaway = true;
-  const auto before_ns = bench->now_ns();
-  EXPECT_FALSE(bench->shut_down());
-  EXPECT_LE(bench->now_ns() - before_ns, FrameService::kLeaveNs);
+  const auto before_ns = virtual_rig->now_ns();
+  EXPECT_FALSE(virtual_rig->shut_down());
+  EXPECT_LE(virtual_rig->now_ns() - before_ns, FrameService::kLeaveNs);
 }
 
 TEST_F(StopTest, AStepsTimeOutWithAFrameThatIsBusyVents) {
   start(R"(  { do = "pressurize", pressure_psi = 20, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = 4.5 },)");
-  bench->rig().pneumatics().supply_empty = true;
+  virtual_rig->rig().pneumatics().supply_empty = true;
   faults().stop_refused = -1;
   ASSERT_TRUE(reach(RunState::kFaulted, 10.0));
   run_for(0.4);
-  EXPECT_TRUE(bench->core().status().vented_fault);
+  EXPECT_TRUE(virtual_rig->core().status().vented_fault);
   EXPECT_NE(event("frame.stop"), nullptr);
   run_for(8.0);
   EXPECT_LT(truth().pressure_psi, 1.0);
@@ -240,7 +241,7 @@ TEST_F(StopTest, ASilentGatewayDoesNotSwallowAStop) {
     watch(kWatchdog_s + 0.25 - std::min(silent_s, 0.5), "silent");
     EXPECT_FALSE(moves()) << silent_s;
     EXPECT_LT(truth().position_mm - from_mm, 0.75) << silent_s;
-    EXPECT_EQ(bench->core().state() == RunState::kFaulted, silent_s > 0.2) << silent_s;
+    EXPECT_EQ(virtual_rig->core().state() == RunState::kFaulted, silent_s > 0.2) << silent_s;
     watch(3.0, "silent, later");
     EXPECT_FALSE(moves()) << silent_s;
   }
@@ -255,7 +256,7 @@ TEST_F(StopTest, AStopFromFullSpeedIsConfirmedInTime) {
   EXPECT_TRUE(run_until(0.28, [&] { return ask(Verb::kResume).accepted; }));
   ASSERT_TRUE(ask(Verb::kPause).accepted);
   run_for(2.0);
-  EXPECT_EQ(bench->core().state(), RunState::kPaused) << bench->core().status().fault;
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kPaused) << virtual_rig->core().status().fault;
   EXPECT_TRUE(ask(Verb::kResume).accepted);
 }
 
@@ -270,13 +271,13 @@ TEST_F(StopTest, AFrameThatNothingStopsIsNeverCalledStopped) {
     ASSERT_TRUE(ask(Verb::kAbort).accepted);
     run_for(0.4);
     EXPECT_NE(event("frame.stop"), nullptr) << speed_mm_s;
-    EXPECT_EQ(bench->core().state(), RunState::kFaulted);
+    EXPECT_EQ(virtual_rig->core().state(), RunState::kFaulted);
     ASSERT_TRUE(moves());
     const auto reply = ask(Verb::kReset);
     EXPECT_FALSE(reply.accepted);
     EXPECT_NE(std::string(reply.text).find("stand"), std::string::npos) << reply.text;
     watch(speed_mm_s < 0.1 ? 40.0 : 2.0, "runaway");
-    EXPECT_EQ(bench->core().state(), RunState::kFaulted);
+    EXPECT_EQ(virtual_rig->core().state(), RunState::kFaulted);
     EXPECT_LT(truth().pressure_psi, 5.0) << "and vents meanwhile";
     // At its target it stands by itself: then it can be reset.
     ASSERT_TRUE(run_until(60.0, [&] { return truth().position_mm > 3.9999 && !moves(); }));
@@ -291,8 +292,8 @@ TEST_F(StopTest, ACrossheadThatIsMovedWhileTheRunIsHeldIsASafeState) {
   move();
   ASSERT_TRUE(ask(Verb::kPause).accepted);
   run_for(1.0);
-  ASSERT_EQ(bench->core().state(), RunState::kPaused);
-  bench->rig().frame().start_segment({999, 2.0F, 0.05F});  // somebody at the frame's own panel
+  ASSERT_EQ(virtual_rig->core().state(), RunState::kPaused);
+  virtual_rig->rig().frame().start_segment({999, 2.0F, 0.05F});  // somebody at the frame's own panel
   ASSERT_TRUE(reach(RunState::kFaulted, 2.0));
   EXPECT_NE(event("frame.stop"), nullptr);
   run_for(0.3);
@@ -313,12 +314,12 @@ TEST_F(StopTest, AStopOvertakesTheSegmentsThatWait) {
   ASSERT_TRUE(ask(Verb::kPause).accepted);
   run_for(0.3);
   const double second_mm = truth().position_mm;
-  bench->core().requests.push({.verb = Verb::kResume, .id = 1001, .calibration = {}});
+  virtual_rig->core().requests.push({.verb = Verb::kResume, .id = 1001, .calibration = {}});
   tick();
-  bench->core().requests.push({.verb = Verb::kPause, .id = 1002, .calibration = {}});
+  virtual_rig->core().requests.push({.verb = Verb::kPause, .id = 1002, .calibration = {}});
   run_for(1.0);
   EXPECT_NEAR(truth().position_mm, second_mm, 0.001);
-  EXPECT_EQ(bench->core().state(), RunState::kPaused);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kPaused);
 }
 
 TEST_F(StopTest, ARigThatDoesNotVentSaysSo) {

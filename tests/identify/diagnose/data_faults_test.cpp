@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <ostream>
 
-#include "bench.hpp"
+#include "concealed_specimen.hpp"
 #include "identify/diagnose/diagnosis.hpp"
 
 namespace isorig::identify {
@@ -95,7 +95,7 @@ TEST_P(DataFaults, AreListedAndNamedAsNoPhysics) {
   }
   EXPECT_TRUE(listed) << json["data_faults"].dump(1);
 }
-INSTANTIATE_TEST_SUITE_P(Bench, DataFaults, testing::ValuesIn(kInjected),
+INSTANTIATE_TEST_SUITE_P(ConcealedSpecimen, DataFaults, testing::ValuesIn(kInjected),
                          [](const auto& fault) { return std::string(fault.param.name); });
 
 }  // namespace

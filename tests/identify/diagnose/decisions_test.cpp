@@ -5,7 +5,7 @@
 #include <cmath>
 #include <random>
 
-#include "bench.hpp"
+#include "concealed_specimen.hpp"
 #include "identify/diagnose/noise/effective_dof.hpp"
 #include "identify/diagnose/noise/noise.hpp"
 #include "identify/diagnose/search/empirical.hpp"
@@ -18,7 +18,7 @@
 namespace isorig::identify {
 namespace {
 
-using test::Bench;
+using test::ConcealedSpecimen;
 
 const model::Physics& effect(std::string_view name) {
   return *model::find_physics(name);

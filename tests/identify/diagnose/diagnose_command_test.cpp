@@ -12,7 +12,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "bench.hpp"
+#include "concealed_specimen.hpp"
 
 namespace isorig {
 namespace {

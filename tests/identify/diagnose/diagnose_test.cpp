@@ -3,7 +3,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "bench.hpp"
+#include "concealed_specimen.hpp"
 #include "identify/diagnose/diagnosis.hpp"
 #include "model/catalogue.hpp"
 #include "protocol/compile.hpp"
@@ -11,9 +11,9 @@
 namespace isorig::identify {
 namespace {
 
-using test::Bench;
+using test::ConcealedSpecimen;
 
-Diagnosis diagnose_bench(const Bench& bench, const char* nominal = "slse1") {
+Diagnosis diagnose_bench(const ConcealedSpecimen& bench, const char* nominal = "slse1") {
   std::vector<messages::Recording> recordings{test::record(bench)};
   return diagnose(std::move(recordings), {"bench"}, model::nominal_model(nominal), {}).diagnosis;
 }
@@ -35,8 +35,8 @@ double rms_against(const model::ModelSpec& spec, messages::Recording truth) {
 /// The named effect first, alone, near certain, with its size within `tolerance`, and a model that predicts
 /// motions it has not seen: at least 95 % of the nominal model's error gone.
 /// `carrier`: the variable that carries most of the excess, where the law leaves no doubt.
-void expect_single(const Bench& bench, std::string_view effect, std::string_view number, double truth, double tolerance,
-                   std::string_view carrier = {}) {
+void expect_single(const ConcealedSpecimen& bench, std::string_view effect, std::string_view number, double truth,
+                   double tolerance, std::string_view carrier = {}) {
   const Diagnosis d = diagnose_bench(bench);
   ASSERT_EQ(d.verdict, Verdict::kMissingPhysics);
   ASSERT_EQ(d.missing.size(), 1u) << diagnosis_json(d)["missing"].dump(1);
@@ -95,14 +95,14 @@ TEST(Diagnose, FindsPlay) {
   expect_single({.gap_mm = 0.08}, "crosshead_backlash", "gap_mm", 0.08, 0.004);
 }
 TEST(Diagnose, FindsSlack) {
-  const Bench bench{.elongation_at_zero_mm = 2.5, .slack = true};
+  const ConcealedSpecimen bench{.elongation_at_zero_mm = 2.5, .slack = true};
   const Diagnosis d = diagnose_bench(bench);
   ASSERT_EQ(d.verdict, Verdict::kMissingPhysics);
   EXPECT_EQ(d.missing.at(0).effect->name, "slack");
 }
 
 TEST(Diagnose, FindsASlipWithItsTimeAndKeepsItOutOfOtherRecordings) {
-  const Bench bench{.slip_mm = 0.1, .slip_s = 700.0};
+  const ConcealedSpecimen bench{.slip_mm = 0.1, .slip_s = 700.0};
   const Diagnosis d = diagnose_bench(bench);
   ASSERT_EQ(d.missing.size(), 1u);
   ASSERT_EQ(d.missing[0].effect->name, "grip_slip");
@@ -127,7 +127,7 @@ TEST(Diagnose, FindsBothOfAPair) {
 }
 
 TEST(Diagnose, CallsStructureOutsideOfTheCatalogueUnknownAndStillPredictsIt) {
-  const Bench bench{.ripple_N = 0.3};
+  const ConcealedSpecimen bench{.ripple_N = 0.3};
   const Diagnosis d = diagnose_bench(bench);
   EXPECT_EQ(d.verdict, Verdict::kUnknownPhysics);
   for (const MissingEffect& missing : d.missing) EXPECT_LT(missing.probability, 0.9);
@@ -137,18 +137,19 @@ TEST(Diagnose, CallsStructureOutsideOfTheCatalogueUnknownAndStillPredictsIt) {
 }
 
 /// Traps: everything an instrument does, and nothing missing.
-class Nothing : public testing::TestWithParam<Bench> {};
+class Nothing : public testing::TestWithParam<ConcealedSpecimen> {};
 TEST_P(Nothing, IsCalledConsistent) {
   const Diagnosis d = diagnose_bench(GetParam());
   EXPECT_EQ(d.verdict, Verdict::kConsistent) << (d.missing.empty() ? "" : d.missing[0].effect->name);
 }
 INSTANTIATE_TEST_SUITE_P(Traps, Nothing,
-                         testing::Values(Bench{}, Bench{.position_noise_mm = 2e-3, .seed = 2},
-                                         Bench{.coloured_N = 0.04, .seed = 3},
-                                         Bench{.coloured_N = 0.03, .coloured_s = 0.4, .seed = 4},
-                                         Bench{.force_step_N = 0.05, .seed = 5},
-                                         Bench{.force_noise_N = 0.005, .force_step_N = 0.1, .seed = 13},
-                                         Bench{.spikes = 40, .seed = 6}, Bench{.pressure_wander_psi = 0.3, .seed = 7}));
+                         testing::Values(ConcealedSpecimen{}, ConcealedSpecimen{.position_noise_mm = 2e-3, .seed = 2},
+                                         ConcealedSpecimen{.coloured_N = 0.04, .seed = 3},
+                                         ConcealedSpecimen{.coloured_N = 0.03, .coloured_s = 0.4, .seed = 4},
+                                         ConcealedSpecimen{.force_step_N = 0.05, .seed = 5},
+                                         ConcealedSpecimen{.force_noise_N = 0.005, .force_step_N = 0.1, .seed = 13},
+                                         ConcealedSpecimen{.spikes = 40, .seed = 6},
+                                         ConcealedSpecimen{.pressure_wander_psi = 0.3, .seed = 7}));
 
 TEST(Diagnose, ACleanSecondArmIsNoEffectOfATwoArmModel) {
   const Diagnosis d = diagnose_bench({.second_arm_N_mm = 0.6, .second_arm_s = 9.0}, "slse2");

@@ -4,7 +4,7 @@
 
 #include <algorithm>
 
-#include "bench.hpp"
+#include "concealed_specimen.hpp"
 #include "identify/diagnose/fit/fit.hpp"
 #include "model/catalogue.hpp"
 #include "model/effects/effects.hpp"

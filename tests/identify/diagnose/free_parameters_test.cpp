@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "bench.hpp"
+#include "concealed_specimen.hpp"
 #include "identify/diagnose/fit/fit.hpp"
 #include "identify/diagnose/fit/moves.hpp"
 #include "model/catalogue.hpp"

@@ -9,7 +9,7 @@
 #include <random>
 #include <set>
 
-#include "bench.hpp"
+#include "concealed_specimen.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -55,19 +55,22 @@ std::string said(const Guarded& guarded) {
 }
 
 /// Everything an instrument and a specimen do, and no fault.
-class Clean : public testing::TestWithParam<test::Bench> {};
+class Clean : public testing::TestWithParam<test::ConcealedSpecimen> {};
 TEST_P(Clean, HasNoFault) {
   const Guarded guarded = guard_recording(test::record(GetParam()));
   EXPECT_TRUE(guarded.faults.empty()) << said(guarded);
   EXPECT_TRUE(lost(guarded).empty());
 }
 INSTANTIATE_TEST_SUITE_P(
-    Bench, Clean,
-    testing::Values(test::Bench{}, test::Bench{.seed = 2}, test::Bench{.friction_N = 0.8, .seed = 3},
-                    test::Bench{.gap_mm = 0.08, .seed = 4}, test::Bench{.slip_mm = 0.2, .slip_s = 500.3},
-                    test::Bench{.mass_kg = 0.5}, test::Bench{.elongation_at_zero_mm = 2.5, .slack = true},
-                    test::Bench{.coloured_N = 0.06, .seed = 5}, test::Bench{.force_noise_N = 2e-3},
-                    test::Bench{.lag_s = 0.03}, test::Bench{.force_step_N = 0.02}, test::Bench{.drift_N_h = 2.0}));
+    ConcealedSpecimen, Clean,
+    testing::Values(test::ConcealedSpecimen{}, test::ConcealedSpecimen{.seed = 2},
+                    test::ConcealedSpecimen{.friction_N = 0.8, .seed = 3},
+                    test::ConcealedSpecimen{.gap_mm = 0.08, .seed = 4},
+                    test::ConcealedSpecimen{.slip_mm = 0.2, .slip_s = 500.3}, test::ConcealedSpecimen{.mass_kg = 0.5},
+                    test::ConcealedSpecimen{.elongation_at_zero_mm = 2.5, .slack = true},
+                    test::ConcealedSpecimen{.coloured_N = 0.06, .seed = 5},
+                    test::ConcealedSpecimen{.force_noise_N = 2e-3}, test::ConcealedSpecimen{.lag_s = 0.03},
+                    test::ConcealedSpecimen{.force_step_N = 0.02}, test::ConcealedSpecimen{.drift_N_h = 2.0}));
 
 TEST(Guard, FindsSingleOutliersAndLeavesOutNoOtherReading) {
   messages::Recording recording = clean();

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <set>
 
-#include "bench.hpp"
+#include "concealed_specimen.hpp"
 #include "identify/diagnose/fit/left_out.hpp"
 #include "identify/diagnose/fit/moves.hpp"
 #include "model/catalogue.hpp"
@@ -17,7 +17,7 @@ constexpr double kNoise_N = 0.02;
 
 class Heldout : public testing::Test {
  protected:
-  explicit Heldout(const test::Bench& bench = {.friction_N = 0.8, .force_noise_N = kNoise_N, .seed = 12})
+  explicit Heldout(const test::ConcealedSpecimen& bench = {.friction_N = 0.8, .force_noise_N = kNoise_N, .seed = 12})
       : series_{prepare_series("bench", test::record(bench), {})}, problem_(series_, {kNoise_N, 0.0, 1.0}) {
     nominal_ = problem_.fit(model::nominal_model("slse1"), 20).spec;
     model::ModelSpec spec = nominal_;
@@ -85,7 +85,7 @@ TEST_F(Heldout, FoldsTogetherHoldEveryReadingOnce) {
 }
 
 TEST(HeldoutStudy, IsEmptyWhereAllMotionIsOfOneKind) {
-  test::Bench bench{.seed = 2};
+  test::ConcealedSpecimen bench{.seed = 2};
   messages::Recording recording = test::record(bench);
   // A rest and the first leg of the triangle alone.
   const auto end = std::ranges::find_if(recording.frame.t_s, [](double t) { return t > 98.0; });

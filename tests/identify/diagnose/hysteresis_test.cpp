@@ -5,7 +5,7 @@
 #include <cmath>
 #include <numeric>
 
-#include "bench.hpp"
+#include "concealed_specimen.hpp"
 #include "identify/diagnose/diagnosis.hpp"
 #include "model/composed.hpp"
 
@@ -53,7 +53,7 @@ Described describe(messages::Recording recording) {
 }
 
 TEST(Memory, ASnapIsDescribedAndPredictsMotionsThatWereNotSeen) {
-  const test::Bench bench{.seed = 21};
+  const test::ConcealedSpecimen bench{.seed = 21};
   const Described found = describe(snapping(test::record(bench), 0.8));
   ASSERT_TRUE(found.memory.has_value());
   EXPECT_NE(found.memory->function_of.find("branch"), std::string::npos) << found.memory->function_of;

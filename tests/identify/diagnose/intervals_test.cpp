@@ -7,14 +7,14 @@
 #include <span>
 #include <vector>
 
-#include "bench.hpp"
+#include "concealed_specimen.hpp"
 #include "identify/diagnose/noise/noise.hpp"
 #include "model/catalogue.hpp"
 
 namespace isorig::identify {
 namespace {
 
-using test::Bench;
+using test::ConcealedSpecimen;
 
 constexpr double kForceNoise_N = 0.02, kPositionNoise_mm = 4e-4;
 
@@ -66,14 +66,14 @@ int most_misses(int trials, double rate) {
   return misses;
 }
 
-void expect_honest(const Bench& concealed, std::string_view name, std::string_view number, double value) {
+void expect_honest(const ConcealedSpecimen& concealed, std::string_view name, std::string_view number, double value) {
   const model::Physics& effect = *model::find_physics(name);
-  const Bench plant;
+  const ConcealedSpecimen plant;
   const std::vector<Truth> truths{{name, number, value},
                                   {"spring", "stiffness_N_mm", plant.stiffness_N_mm},
                                   {"maxwell", "stiffness_N_mm", plant.arm_N_mm},
                                   {"maxwell", "time_constant_s", plant.arm_s}};
-  Bench quiet = concealed;
+  ConcealedSpecimen quiet = concealed;
   quiet.force_noise_N = quiet.position_noise_mm = 0.0;
   quiet.force_step_N = 1e-9;
   const messages::Recording exact = test::record(quiet);

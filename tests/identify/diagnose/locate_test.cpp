@@ -9,7 +9,7 @@
 #include <functional>
 #include <ostream>
 
-#include "bench.hpp"
+#include "concealed_specimen.hpp"
 #include "identify/diagnose/noise/noise.hpp"
 
 namespace isorig::identify {
@@ -24,7 +24,7 @@ using Excess = std::function<double(const At&)>;
 class Located {
  public:
   explicit Located(const Excess& excess) {
-    const test::Bench bench{.pressure_wander_psi = 0.1, .seed = 6};
+    const test::ConcealedSpecimen bench{.pressure_wander_psi = 0.1, .seed = 6};
     series_.push_back(prepare_series("bench", test::record(bench), {}));
     Series& series = series_.front();
     double travel_mm = 0.0, way = 0.0, follower_mm = 0.0;
@@ -103,7 +103,7 @@ const Variable kVariables[] = {
     {"history", [](const At& at) { return 0.4 * std::exp(-at.travel_mm / 15.0); }},
     {"hold", [](const At& at) { return 0.3 * at.way * std::exp(-at.since_s / 3.0); }},
 };
-INSTANTIATE_TEST_SUITE_P(Bench, Carried, testing::ValuesIn(kVariables),
+INSTANTIATE_TEST_SUITE_P(ConcealedSpecimen, Carried, testing::ValuesIn(kVariables),
                          [](const auto& variable) { return std::string(variable.param.name); });
 
 /// Two that know nothing of each other: the greater is first, and neither gets less than its part of the

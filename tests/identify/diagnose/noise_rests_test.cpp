@@ -3,13 +3,13 @@
 
 #include <cmath>
 
-#include "bench.hpp"
+#include "concealed_specimen.hpp"
 #include "identify/diagnose/noise/noise.hpp"
 
 namespace isorig::identify {
 namespace {
 
-InstrumentNoise noise_of(const test::Bench& bench) {
+InstrumentNoise noise_of(const test::ConcealedSpecimen& bench) {
   const std::vector<Series> series{prepare_series("bench", test::record(bench), {})};
   return instrument_noise(series, {});
 }
@@ -47,10 +47,11 @@ TEST(NoiseFromRests, CountsTheStepOfACoarseReading) {
 /// Relaxation, friction, drift, softening and a wandering pressure are no noise, whatever the model knows of
 /// them.
 TEST(NoiseFromRests, TakesNoPhysicsForNoise) {
-  for (const test::Bench& bench :
-       {test::Bench{.second_arm_N_mm = 0.6, .second_arm_s = 9.0}, test::Bench{.friction_N = 0.8},
-        test::Bench{.power = 1.8}, test::Bench{.softening_N_mm = 0.05}, test::Bench{.drift_N_h = 3.0},
-        test::Bench{.ripple_N = 0.3}, test::Bench{.gap_mm = 0.08}}) {
+  for (const test::ConcealedSpecimen& bench :
+       {test::ConcealedSpecimen{.second_arm_N_mm = 0.6, .second_arm_s = 9.0},
+        test::ConcealedSpecimen{.friction_N = 0.8}, test::ConcealedSpecimen{.power = 1.8},
+        test::ConcealedSpecimen{.softening_N_mm = 0.05}, test::ConcealedSpecimen{.drift_N_h = 3.0},
+        test::ConcealedSpecimen{.ripple_N = 0.3}, test::ConcealedSpecimen{.gap_mm = 0.08}}) {
     const InstrumentNoise found = noise_of(bench);
     EXPECT_EQ(found.source, NoiseSource::kRests);
     EXPECT_NEAR(found.noise.white_N, 0.02, 0.06 * 0.02);
@@ -59,7 +60,7 @@ TEST(NoiseFromRests, TakesNoPhysicsForNoise) {
 }
 
 TEST(NoiseFromRests, LeavesOutWhatTheGuardLeftOut) {
-  const test::Bench bench{.seed = 14};
+  const test::ConcealedSpecimen bench{.seed = 14};
   messages::Recording recording = test::record(bench);
   std::vector<bool> usable(recording.frame.size(), true);
   for (std::size_t k = 7; k < recording.frame.size(); k += 53) {

@@ -5,7 +5,7 @@
 #include <numbers>
 #include <random>
 
-#include "bench.hpp"
+#include "concealed_specimen.hpp"
 #include "identify/diagnose/diagnosis.hpp"
 #include "identify/diagnose/noise/repetitions.hpp"
 #include "identify/diagnose/signal/noise_level.hpp"

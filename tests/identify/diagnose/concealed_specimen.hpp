@@ -9,7 +9,7 @@
 /// conceals, the diagnosis must find.
 namespace isorig::test {
 
-struct Bench {
+struct ConcealedSpecimen {
   // Specimen.
   double stiffness_N_mm = 2.5;
   double arm_N_mm = 2.0;
@@ -42,8 +42,8 @@ struct Bench {
 
 /// One shortened session: triangle, then +-2 mm at five velocities with holds and slow returns; 200 Hz round
 /// the ramps, 5 Hz else, stamps jittered. `slow` scales how long it takes.
-[[nodiscard]] messages::Recording record(const Bench& bench);
+[[nodiscard]] messages::Recording record(const ConcealedSpecimen& bench);
 /// Other velocities and a sine, noise-free force for measuring predictions.
-[[nodiscard]] messages::Recording record_other(const Bench& bench);
+[[nodiscard]] messages::Recording record_other(const ConcealedSpecimen& bench);
 
 }  // namespace isorig::test

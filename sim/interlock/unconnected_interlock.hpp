@@ -7,7 +7,7 @@ namespace isorig::sim {
 
 /// A chain that is whole and a valve that nobody hears: for a rig whose devices are on the wire while its chain is
 /// not connected to this computer. The frame's own chain still acts, and is watched through its fault bits.
-class BenchInterlock final : public interlock::Device {
+class UnconnectedInterlock final : public interlock::Device {
  public:
   void connect() override {}
   void disconnect() noexcept override {}

@@ -1,4 +1,4 @@
-#include "bench.hpp"
+#include "concealed_specimen.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -45,7 +45,7 @@ struct Script {
   }
 };
 
-messages::Recording run(const Bench& b, Script script, bool noise) {
+messages::Recording run(const ConcealedSpecimen& b, Script script, bool noise) {
   script.round_corners();
   const auto& x = script.position_mm;
   const std::size_t n = x.size();
@@ -142,7 +142,7 @@ messages::Recording run(const Bench& b, Script script, bool noise) {
 
 }  // namespace
 
-messages::Recording record(const Bench& bench) {
+messages::Recording record(const ConcealedSpecimen& specimen) {
   Script s;
   s.hold(20.0);
   s.to(4.0, 0.05, false);
@@ -157,10 +157,10 @@ messages::Recording record(const Bench& bench) {
       s.hold(25.0);
     }
   }
-  return run(bench, s, true);
+  return run(specimen, s, true);
 }
 
-messages::Recording record_other(const Bench& bench) {
+messages::Recording record_other(const ConcealedSpecimen& specimen) {
   Script s;
   s.hold(10.0);
   for (const double v : {1.0, 5.0}) {
@@ -173,7 +173,7 @@ messages::Recording record_other(const Bench& bench) {
   }
   s.sine(0.75, 0.5, 4);
   s.hold(5.0);
-  return run(bench, s, false);
+  return run(specimen, s, false);
 }
 
 }  // namespace isorig::test

@@ -1,4 +1,4 @@
-#include "cli/bench.hpp"
+#include "cli/rig_at_rest.hpp"
 
 #include <sys/wait.h>
 #include <unistd.h>

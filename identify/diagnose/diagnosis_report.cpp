@@ -1,4 +1,4 @@
-#include "identify/diagnose/report.hpp"
+#include "identify/diagnose/diagnosis_report.hpp"
 
 #include <algorithm>
 #include <cmath>
