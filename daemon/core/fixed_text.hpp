@@ -6,16 +6,28 @@
 
 namespace isorig::daemon {
 
-/// Copies as much as fits; always NUL-terminated.
+/// Of a full buffer: ends in three points, behind a whole character of UTF-8, so that nobody takes half a path for one.
+template <std::size_t N>
+void mark_cut(char (&text)[N]) noexcept {
+  if constexpr (N > 8) {
+    std::size_t at = N - 4;
+    while (at > 0 && (static_cast<unsigned char>(text[at]) & 0xC0U) == 0x80U) --at;
+    for (std::size_t i = 0; i < 3; ++i) text[at++] = '.';
+    text[at] = '\0';
+  }
+}
+
+/// Copies as much as fits, and marks what does not; always NUL-terminated.
 template <std::size_t N>
 void copy_text(char (&to)[N], std::string_view text) noexcept {
   const std::size_t n = text.size() < N - 1 ? text.size() : N - 1;
   for (std::size_t i = 0; i < n; ++i) to[i] = text[i];
   to[n] = '\0';
+  if (n < text.size()) mark_cut(to);
 }
 
 /// Builds a message in a fixed buffer without locale, allocation or printf, for the real-time loop.
-/// Truncates at the end of the buffer; always NUL-terminated.
+/// Cut at the end of the buffer, and marked so; always NUL-terminated.
 template <std::size_t N>
 class FixedText {
  public:
@@ -51,6 +63,9 @@ class FixedText {
     if (used_ + 1 < N) {
       buffer_[used_++] = c;
       buffer_[used_] = '\0';
+    } else if (!cut_) {
+      cut_ = true;
+      mark_cut(buffer_);
     }
   }
   void digits(std::uint64_t value) noexcept {
@@ -65,6 +80,7 @@ class FixedText {
 
   char (&buffer_)[N];
   std::size_t used_ = 0;
+  bool cut_ = false;
 };
 
 }  // namespace isorig::daemon
