@@ -85,7 +85,7 @@ void run(const char* name, const ClockScenario& scenario, unsigned seeds) {
 }  // namespace isorig::bench
 
 int main(int argc, char** argv) {
-  using namespace isorig::virtual_rig;
+  using namespace isorig::bench;
   const auto seeds = static_cast<unsigned>(argc > 1 ? std::max(1, std::atoi(argv[1])) : 5);
   const double period_s = argc > 2 ? std::atof(argv[2]) : 1.0;
   for (auto [name, scenario] :
