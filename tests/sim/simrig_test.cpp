@@ -144,7 +144,7 @@ TEST(Simrig, AnEmulatorThatWasHeldUpServesNoSampleTwice) {
   Simrig simrig({}, "256");
   ASSERT_NE(simrig.port, 0) << simrig.output;
   clock::RealClock clock;
-  auto config = read_wire_rig(kRig).frame;
+  auto config = std::get<WireRigConfig::Modbus>(read_wire_rig(kRig).frame).line;
   config.port = simrig.port;
   config.response_timeout_ms = 2000;
   frame::ModbusFrame frame(config, clock);
