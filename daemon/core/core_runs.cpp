@@ -83,6 +83,7 @@ bool Core::is_stopped(std::int64_t now_ns) const noexcept {
   constexpr std::int64_t kStopPatienceNs = 2'000'000'000;
   if (run_open_ || state_ == RunState::kSetup) return false;
   if (state_ == RunState::kIdle || state_ == RunState::kReady) return true;
+  if (state_ != RunState::kFaulted) return false;  // it becomes idle by itself, or faulted
   const bool vented = filter_last_ns_ > stopping_since_ns_ && pressure_psi_ < config_.vented_psi;
   return vented && (supervisor_.stands() || now_ns - stopping_since_ns_ > kStopPatienceNs);
 }

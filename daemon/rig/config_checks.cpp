@@ -157,8 +157,8 @@ void check_loop(const RigConfig& rig, const Keys& k) {
   k.range("response_min", c.response_min, 0.1, 1.0, "",
           "a chamber ten times as large as the gains say needs other gains, not a guard that looks away");
   k.range("allowance_psi", c.allowance_psi, 0.02, 1.0, "psi", "a sensor with more noise is broken");
-  k.range("dead_zone_psi", c.dead_zone_psi, 0.004, 0.1, "psi",
-          "below two counts of the sensor an error that never changes winds the integral up");
+  k.range("dead_zone_psi", c.dead_zone_psi, 0.002, 0.1, "psi",
+          "below a count of the sensor an error that never changes winds the integral up");
   k.range("proportional_per_s", c.proportional_per_s, 0.1, 40.0, "1/s",
           "with 10 ms of dead time the loop oscillates above");
   k.range("integral_time_s", c.integral_time_s, 0.05, 60.0, "s",

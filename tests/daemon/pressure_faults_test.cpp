@@ -219,7 +219,7 @@ TEST_F(PressureFaultsTest, EachIsFoundBeforeTheTruePressurePassesItsLimit) {
 /// The crosshead moves, the tube is shut off at one moment or another of the stroke: the reading then stands a little
 /// above or below the set-point, or at it, and nothing but the loop's own doing tells.
 TEST_F(PressureFaultsTest, ATubeBlockedInMotionIsFoundOrDoesNothing) {
-  // The hold's allowance, 0.8 psi; what 4 mm of stroke may explain, 1 psi; what flows meanwhile as a leak's share.
+  // The hold's allowance, 0.6 psi; what 4 mm of stroke may explain, 1 psi; what flows meanwhile as a leak's share.
   constexpr double kAbovePsi = 3.0;
   std::printf("%-10s %-10s %-22s %8s %9s\n", "hold psi", "speed", "found as", "after s", "max psi");
   for (const double pressure_psi : {10.0, 23.0}) {

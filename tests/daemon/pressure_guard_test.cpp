@@ -212,7 +212,7 @@ TEST(PressureLoopBounds, TheIntegralAsksForAQuarterOfTheFillRateAtMost) {
 
 TEST(PressureLoopBounds, AReadingThatDiedAtTheSetPointMovesNoValve) {
   PressureLoopConfig config;
-  for (const double error_psi : {0.0, 0.004, -0.004, 0.009}) {
+  for (const double error_psi : {0.0, 0.002, -0.002, 0.0035}) {
     PressureLoop loop(config);
     loop.set_target(10.0, 1000.0, 0);
     std::int64_t now_ns = 0;
