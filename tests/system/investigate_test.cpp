@@ -132,7 +132,7 @@ INSTANTIATE_TEST_SUITE_P(
         Case{"friction",
              "[[part]]\nphysics = \"coulomb_friction\"\nlaw = \"jenkins\"\nforce_N = 0.02\n"
              "presliding_mm = 0.005\n",
-             "0.1", "coulomb_friction", "cyclic_softening"},
+             "0.1", "coulomb_friction", "grip_slip"},
         Case{"softening",
              "[[part]]\nphysics = \"cyclic_softening\"\nlaw = \"elastic\"\ntravel_mm = 8\n"
              "lost_N_mm = -0.01\n",
