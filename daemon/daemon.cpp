@@ -316,6 +316,16 @@ void Daemon::Impl::end() {
   std::this_thread::sleep_for(2 * std::chrono::nanoseconds(rig.core.control_period_ns));
   while (!at_rest() && std::chrono::steady_clock::now() < deadline)
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  // For whoever reads the journal: the API answers nobody from here on, and writing may take as long as the disk likes.
+  const auto last = core.status();
+  if (last.stopped) {
+    spdlog::info("at rest: the crosshead stands, {:.2f} psi left; writing what was measured",
+                 last.control.pressure_psi);
+  } else {
+    spdlog::error(
+        "not seen at rest within {} s ({:.2f} psi left): the devices' own watchdogs have to act. Look at the rig",
+        patience.count(), last.control.pressure_psi);
+  }
   all_written = stop_threads();
   ended = true;
 }
