@@ -12,6 +12,7 @@
 #include "identify/diagnose/search/events.hpp"
 #include "identify/diagnose/search/hysteresis.hpp"
 #include "identify/diagnose/search/parsimony.hpp"
+#include "identify/diagnose/search/published.hpp"
 #include "identify/diagnose/signal/noise_level.hpp"
 #include "messages/recording_id.hpp"
 #include "model/catalogue.hpp"
@@ -243,9 +244,9 @@ void note_unfinished_fit(const Study& study, const Fit& fit, const char* which, 
   out.notes.emplace_back(text);
 }
 
-void add_notes(const Study& study, Diagnosis& out) {
+void add_notes(const Study& study, const Fit& nominal_fit, Diagnosis& out) {
   for (const Inseparable& pair : out.design.inseparable) out.notes.push_back(pair.text);
-  note_unfinished_fit(study, study.selection.nominal().fit, "nominal model", out);
+  note_unfinished_fit(study, nominal_fit, "nominal model", out);
   if (study.selection.best != 0)
     note_unfinished_fit(study, study.selection.chosen().fit, "model with what it lacked", out);
   if (out.nominal.has("spring") && out.nominal.has("maxwell"))
@@ -319,8 +320,9 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   out.instrument = study.noise.noise;
   out.noise_source = study.noise.source;
   out.noise_N = std::hypot(study.noise.noise.white_N, study.noise.noise.coloured_N);
-  out.nominal = study.selection.nominal().fit.spec;
-  out.model = study.selection.chosen().fit.spec;
+  const Fit nominal_fit = published_nominal(search, study.selection, study.usable, options.threads);
+  out.nominal = nominal_fit.spec;
+  out.model = study.selection.best == 0 ? out.nominal : study.selection.chosen().fit.spec;
   place_events(out.model, study.series[0], study.usable[0]);
   name_missing_effects(study);
   list_alternatives(study.selection, out);
@@ -333,7 +335,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   if (out.verdict != Verdict::kConsistent)
     out.where = locate(search.instrument_problem(), out.nominal, out.model, study.selection.noise_scale);
   out.design = design_experiment(search, study.selection, options.design, options.threads);
-  add_notes(study, out);
+  add_notes(study, nominal_fit, out);
   refuse_unless_finite(out);
   return study;
 }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "identify/diagnose/fit/row_weights.hpp"
 #include "identify/diagnose/motion/band_limited_motion.hpp"
@@ -138,6 +139,21 @@ Series prepare_series(std::string name, messages::Recording recording, const std
   }
   series.first_row.push_back(rows.size());
   return series;
+}
+
+Series by_rows(const Series& series, const std::vector<bool>& usable) {
+  Series out = series;
+  const std::size_t rows = series.excitation.instants.size();
+  out.nodes = series.excitation.instants;
+  out.force_N = series.recording.frame.force_N;
+  out.since_corner_s = series.excitation.since_corner_s;
+  out.readings.assign(rows, 1.0);
+  out.count.assign(rows, 1.0);
+  for (std::size_t k = 0; k < usable.size(); ++k)
+    if (!usable[k]) out.count[k] = 0.0;
+  out.first_row.resize(rows + 1);
+  std::iota(out.first_row.begin(), out.first_row.end(), std::size_t{0});
+  return out;
 }
 
 void share_noise(std::span<Series> series) {

@@ -28,6 +28,10 @@ struct Series {
 /// `usable` marks the rows of frame.csv that the guard left in; empty means all.
 [[nodiscard]] Series prepare_series(std::string name, messages::Recording recording, const std::vector<bool>& usable);
 
+/// The same recording with every usable row a bin of its own, and all of them alike: where a model errs by more than
+/// the noise, a row that is the mean of many readings is no better explained than one that stands for itself.
+[[nodiscard]] Series by_rows(const Series& series, const std::vector<bool>& usable);
+
 /// Recordings that are fitted together share one noise per reading: those with less count for more.
 void share_noise(std::span<Series> series);
 

@@ -4,7 +4,9 @@
 #include <cmath>
 
 #include "identify/diagnose/fit/intervals.hpp"
+#include "identify/diagnose/fit/many_starts.hpp"
 #include "identify/diagnose/search/practical_significance.hpp"
+#include "identify/diagnose/search/published.hpp"
 #include "model/catalogue.hpp"
 
 namespace isorig::identify {
@@ -84,10 +86,12 @@ void prefer_simpler_laws(Selection& selection, const Search& search) {
   // A residual far above the noise is the law's own error. Whitening would give its fastest part, at reversals and
   // corners, the most weight; plain least squares lets the bulk of the motion decide the numbers.
   constexpr double kFarAbove = 30.0;
-  if (selection.error_rules || selection.noise_scale > kFarAbove) {
-    Hypothesis& chosen = selection.pool[selection.best];
+  Hypothesis& chosen = selection.pool[selection.best];
+  if (selection.best == 0) return;  // published_nominal
+  if (selection.error_rules || selection.noise_scale > kFarAbove || errs_more_than_noise(chosen)) {
+    const Problem problem(search.instrument_problem().series(), plain(search.instrument()));
     const NoiseModel noise = chosen.fit.noise;
-    chosen.fit = search.fit_from(chosen.fit.spec, 30);
+    chosen.fit = problem.fit(chosen.fit.spec, 30);
     chosen.fit.noise = noise;
   }
 }
