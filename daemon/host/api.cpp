@@ -153,6 +153,7 @@ Api::Api(Host& host, const std::filesystem::path& socket_path, unsigned mode, Au
 
 Api::~Api() {
   stop();
+  tasks_.clear();  // they hold connections of the servers, which go next
 }
 
 void Api::serve() {

@@ -133,6 +133,24 @@ class HttpServer::Session : public std::enable_shared_from_this<Session> {
   }
 
  private:
+  /// Whoever answers, in whatever thread, and is slower to let go than this thread is to write, must not be the one
+  /// that ends the connection: the last hold on it is given back to the thread of run().
+  struct WayHome {
+    explicit WayHome(std::shared_ptr<Session> s) : session(std::move(s)) {}
+    ~WayHome() {
+      auto& io = session->server_.io;
+      if (io.stopped()) return;  // nobody is left to give it back to
+      try {
+        net::post(io, [held = std::move(session)] {});
+      } catch (const std::exception&) {
+        // Out of memory: given back here.
+      }
+    }
+    WayHome(const WayHome&) = delete;
+    WayHome& operator=(const WayHome&) = delete;
+    std::shared_ptr<Session> session;
+  };
+
   void on_header(error_code error) {
     if (given_up_) return;
     if (error) return fail(error);
@@ -180,8 +198,9 @@ class HttpServer::Session : public std::enable_shared_from_this<Session> {
     split_target(std::string(message.target()), request);
     version_ = message.version();
     keep_alive_ = message.keep_alive();
-    auto reply = [self = shared_from_this()](HttpAnswer answer) {
-      net::post(self->server_.io, [self, answer = std::move(answer)]() mutable { self->write(std::move(answer)); });
+    auto reply = [way = std::make_shared<WayHome>(shared_from_this())](HttpAnswer answer) {
+      net::post(way->session->server_.io,
+                [self = way->session, answer = std::move(answer)]() mutable { self->write(std::move(answer)); });
     };
     try {
       server_.handler(std::move(request), reply);
