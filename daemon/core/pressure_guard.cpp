@@ -45,7 +45,8 @@ void PressureGuard::on_command(std::int64_t mono_ns, const pressure::Command& co
 
 PressureGuard::Duties PressureGuard::duties_before(std::int64_t mono_ns) noexcept {
   const std::int64_t last = std::min(mono_ns / kSlotNs, newest_slot_);
-  const std::int64_t first = std::max((mono_ns - kDelayNs) / kSlotNs, newest_slot_ - kSlots + 1);
+  // Virtual time begins at 0: there is no slot before.
+  const std::int64_t first = std::max({(mono_ns - kDelayNs) / kSlotNs, newest_slot_ - kSlots + 1, std::int64_t{0}});
   if (newest_slot_ < 0 || first > last) return newest_;  // nothing was commanded since
   // Several readings fall into a slot, and only the newest slot still changes: the others are taken together once.
   if (first != taken_first_ || last != taken_last_ || newest_slot_ != taken_newest_) {
