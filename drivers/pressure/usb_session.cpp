@@ -147,6 +147,7 @@ void UsbSession::completed(libusb_transfer* usb) noexcept {
   auto& transfer = *static_cast<Transfer*>(usb->user_data);
   UsbSession& session = transfer.owner;
   const Lock lock(session.mutex_);
+  ++session.completed_transfers_;
   transfer.is_in_flight = false;
   if (usb->endpoint == 0) {
     --session.control_.in_flight;

@@ -62,6 +62,8 @@ class UsbSession {
   /// Event thread, between events: clears, resubmits, closes. Returns when it wants to be called again, at the latest.
   std::int64_t service() noexcept;
   [[nodiscard]] bool is_closed() const noexcept { return is_closed_.load(); }
+  /// For the event thread only.
+  [[nodiscard]] std::uint64_t completed_transfers() const noexcept { return completed_transfers_; }
 
  private:
   static constexpr std::size_t kPacket = 64;  // of a full-speed bulk endpoint
@@ -116,6 +118,7 @@ class UsbSession {
   const char* loss_ = nullptr;
   bool is_closing_ = false, is_cancelled_ = false, is_line_dropped_ = false;
   std::atomic<bool> is_closed_{false};
+  std::uint64_t completed_transfers_ = 0;
 };
 
 }  // namespace isorig::pressure

@@ -6,8 +6,10 @@
 #include <unistd.h>
 
 #include <atomic>
+#include <chrono>
 #include <cstring>
 #include <future>
+#include <mutex>
 #include <thread>
 #include <utility>
 
@@ -23,6 +25,12 @@ using drivers::Fault;
 constexpr int kVendor = 0x16c0;
 constexpr std::int64_t kClose_ns = 500'000'000;
 constexpr std::int64_t kLook_ns = 250'000'000;
+/// Between the plug's pull and the kernel's last clean-up, poll() reports the device at once, again and again, with
+/// nothing to collect. Without a pause this thread, above all that does I/O, kept a single processor for 1.6 s: from the
+/// kernel's clean-up, from the service that would close the device, and from the service manager's watchdog. A few
+/// turns are free: they were woken by us.
+constexpr int kIdleTurns = 3;
+constexpr std::int64_t kIdlePause_ns = 1'000'000;
 
 std::int64_t now() noexcept {
   return clock::RealClock{}.now_ns();
@@ -88,9 +96,15 @@ class UsbStream::Events {
     }
   }
 
-  [[nodiscard]] std::shared_ptr<UsbSession> session() const noexcept { return session_.load(); }
+  [[nodiscard]] std::shared_ptr<UsbSession> session() const noexcept {
+    const std::lock_guard lock(session_mutex_);
+    return session_;
+  }
   void attend(std::shared_ptr<UsbSession> session) noexcept {
-    session_ = std::move(session);
+    {
+      const std::lock_guard lock(session_mutex_);
+      session_ = std::move(session);
+    }
     libusb_interrupt_event_handler(context_);
   }
   [[nodiscard]] libusb_context* context() const noexcept { return context_; }
@@ -107,17 +121,30 @@ class UsbStream::Events {
   }
 
   void run() noexcept {
-    for (;;) {
+    for (int idle_turns = 0;;) {
       std::int64_t wait_ns = 1'000'000'000;
-      if (const auto attended = session()) {
+      const auto attended = session();
+      if (attended) {
         wait_ns = attended->service() - now();
-        if (attended->is_closed()) session_ = std::shared_ptr<UsbSession>{};
+        if (attended->is_closed()) forget_session();
       }
       if (stop_ && session() == nullptr) return;
       const std::int64_t wait_us = wait_ns > 0 ? wait_ns / 1000 + 1 : 0;
       timeval timeout{static_cast<time_t>(wait_us / 1'000'000), static_cast<suseconds_t>(wait_us % 1'000'000)};
-      if (libusb_handle_events_timeout_completed(context_, &timeout, nullptr) != 0) std::this_thread::yield();
+      const std::int64_t begin_ns = now();
+      const std::uint64_t completed = attended ? attended->completed_transfers() : 0;
+      const int error = libusb_handle_events_timeout_completed(context_, &timeout, nullptr);
+      const bool was_idle = error != 0 || ((!attended || attended->completed_transfers() == completed) &&
+                                           now() - begin_ns < kIdlePause_ns);
+      idle_turns = was_idle ? idle_turns + 1 : 0;
+      if (idle_turns > kIdleTurns) std::this_thread::sleep_for(std::chrono::nanoseconds(kIdlePause_ns));
     }
+  }
+
+  /// The caller holds a copy: nothing is freed under the lock.
+  void forget_session() noexcept {
+    const std::lock_guard lock(session_mutex_);
+    session_ = nullptr;
   }
 
   libusb_context* context_ = nullptr;
@@ -125,7 +152,10 @@ class UsbStream::Events {
   bool has_hotplug_ = false;
   std::thread thread_;
   std::atomic<bool> stop_{false}, has_arrived_{false};
-  std::atomic<std::shared_ptr<UsbSession>> session_;
+  // Not std::atomic<std::shared_ptr>: libstdc++ spins in it, and spins for ever when a thread of higher SCHED_FIFO
+  // priority preempts the holder on the same processor.
+  mutable std::mutex session_mutex_;
+  std::shared_ptr<UsbSession> session_;
 };
 
 UsbStream::UsbStream(Options options) : options_(std::move(options)) {}

@@ -269,7 +269,7 @@ steps = [
   }
 
   void expect_fault(const std::string& what, const std::string& code, std::int64_t since_ns) {
-    EXPECT_TRUE(reach("faulted")) << what << status().dump(2) << daemon_.log();
+    ASSERT_TRUE(reach("faulted")) << what << ": " << daemon_.log() << status().dump(2);
     EXPECT_THAT(status().value("fault", ""), HasSubstr(code)) << what;
     wait_for_a_safe_rig(what, since_ns);
   }

@@ -298,5 +298,41 @@ TEST_F(UsbBench, TheEventThreadHasItsPriority) {
   EXPECT_TRUE(is_found);
 }
 
+/// Processor time of the thread that handles USB's events.
+double event_thread_ms() {
+  for (const auto& task : std::filesystem::directory_iterator("/proc/self/task")) {
+    std::string name;
+    std::getline(std::ifstream(task.path() / "comm"), name);
+    double ran_ns = 0.0;
+    if (name == "isorig-usb" && std::ifstream(task.path() / "schedstat") >> ran_ns) return 1e-6 * ran_ns;
+  }
+  ADD_FAILURE() << "no event thread";
+  return 0.0;
+}
+
+// Between the plug's pull and the kernel's last clean-up poll() reports the device at once, again and again, with
+// nothing to collect. On one processor an event thread that asks without pause keeps the kernel from cleaning up.
+TEST_F(UsbBench, ADeviceThatGoesDoesNotKeepTheProcessor) {
+  plug();
+  open({.serial = "1234560", .event_priority = 61});
+  for (int round = 0; round < 10; ++round) {
+    ASSERT_TRUE(eventually([] { return is_ready(); }));
+    device->connect();
+    run_for(100);
+    const double before_ms = event_thread_ms();
+    const auto start = std::chrono::steady_clock::now();
+    teensy->faults().unplugged = true;
+    (void)failure_of([&] { run_for(5000); });
+    const double seen_ms = since_ms(start);
+    ASSERT_TRUE(eventually([] { return list_usb_devices().empty(); }));
+    const double gone_ms = since_ms(start), used_ms = event_thread_ms() - before_ms;
+    std::printf("round %d: loss seen after %.0f ms, gone after %.0f ms, %.1f ms of processor time\n", round, seen_ms,
+                gone_ms, used_ms);
+    EXPECT_LT(used_ms, 0.25 * gone_ms);
+    device->disconnect();
+    teensy->faults().unplugged = false;
+  }
+}
+
 }  // namespace
 }  // namespace isorig::pressure
