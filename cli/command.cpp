@@ -1,7 +1,10 @@
 #include "cli/command.hpp"
 
+#include <algorithm>
 #include <map>
 
+#include "base/nearest.hpp"
+#include "base/printable.hpp"
 #include "daemon/version.hpp"
 
 namespace isorig::cli {
@@ -27,6 +30,49 @@ std::vector<Command> build(CLI::App& app) {
   std::vector<Command> all;
   for (const auto& [order, add] : registry()) all.push_back(add(app));
   return all;
+}
+
+namespace {
+
+/// Commands and options are short; a word of another length was not meant to be one.
+constexpr std::size_t kLongestWord = 64;
+
+std::string guess(std::string_view word, const std::vector<std::string>& known) {
+  const auto meant = word.size() > kLongestWord ? std::string() : base::nearest(word, known);
+  return meant.empty() ? ";" : "; did you mean `" + meant + "`?";
+}
+
+std::string no_such_command(const CLI::App& app, const std::string& word) {
+  std::vector<std::string> known;
+  for (const auto* sub : app.get_subcommands(nullptr)) known.push_back(sub->get_name());
+  if (std::find(known.begin(), known.end(), word) != known.end()) return {};
+  return "there is no command `" + base::printable(word) + "`" + guess(word, known) + " `isorig --help` lists all";
+}
+
+std::string no_such_option(const CLI::App& sub, std::string word) {
+  word.resize(std::min(word.find('='), word.size()));
+  std::vector<std::string> known;
+  for (const auto* option : sub.get_options(nullptr)) {
+    for (const auto& name : option->get_lnames()) known.push_back("--" + name);
+  }
+  if (std::find(known.begin(), known.end(), word) != known.end()) return {};
+  return sub.get_name() + ": there is no option `" + base::printable(word) + "`" + guess(word, known) + " `isorig " +
+         sub.get_name() + " --help` lists all";
+}
+
+}  // namespace
+
+std::string unknown_word(const CLI::App& app, int argc, const char* const* argv, const CLI::ParseError& error) {
+  if (error.get_exit_code() == 0) return {};  // --help, --version
+  if (app.get_subcommands().empty()) {
+    return argc > 1 && argv[1][0] != '-' ? no_such_command(app, argv[1]) : std::string();
+  }
+  if (dynamic_cast<const CLI::ExtrasError*>(&error) == nullptr) return {};
+  const auto& sub = *app.get_subcommands().front();
+  for (const auto& word : sub.remaining()) {
+    if (word.starts_with("--")) return no_such_option(sub, word);
+  }
+  return {};
 }
 
 }  // namespace isorig::cli

@@ -1,6 +1,7 @@
 #pragma once
 #include <CLI/CLI.hpp>
 #include <functional>
+#include <string>
 #include <vector>
 
 #include "cli/exit_codes.hpp"
@@ -31,5 +32,10 @@ struct Registration {
 
 /// The whole program: name, description, version and every command that registered, in order.
 [[nodiscard]] std::vector<Command> build(CLI::App& app);
+
+/// What a word on the command line that is no command, or no option of its command, was most likely meant to be; empty
+/// when `error` is about something else.
+[[nodiscard]] std::string unknown_word(const CLI::App& app, int argc, const char* const* argv,
+                                       const CLI::ParseError& error);
 
 }  // namespace isorig::cli

@@ -17,6 +17,10 @@ int main(int argc, char** argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
+    if (const auto unknown = cli::unknown_word(app, argc, argv, e); !unknown.empty()) {
+      std::cerr << "isorig: " << unknown << '\n';
+      return cli::kUsage;
+    }
     return app.exit(e) == 0 ? cli::kOk : cli::kUsage;
   }
   try {

@@ -198,12 +198,36 @@ std::string unit_in_doubt(const RecordingMetadata& metadata, const FrameSamples&
   return doubt("a stroke of " + text(stroke_mm) + " mm, " + text(100.0 * stroke_mm / length_mm) + " %" + of);
 }
 
+namespace {
+
+/// The recordings that lie in a folder which is none itself, in the order of their names.
+std::vector<std::filesystem::path> recordings_in(const std::filesystem::path& folder) {
+  std::vector<std::filesystem::path> inside;
+  std::error_code error;
+  if (std::filesystem::exists(std::filesystem::symlink_status(folder / "recording.toml", error))) return inside;
+  for (auto at = std::filesystem::directory_iterator(folder, error);
+       !error && at != std::filesystem::directory_iterator(); at.increment(error)) {
+    std::error_code ignored;
+    if (std::filesystem::is_regular_file(at->path() / "recording.toml", ignored)) inside.push_back(at->path());
+  }
+  std::sort(inside.begin(), inside.end());
+  return inside;
+}
+
+}  // namespace
+
 Recording read_recording(const std::filesystem::path& folder) {
   std::error_code ignored;
   if (!std::filesystem::is_directory(folder, ignored)) {
     throw RecordingError(Fault::kMissingFile, folder, 0,
                          "not a recording: no such folder (a recording is a folder with recording.toml, frame.csv "
                          "and, if it has one, pressure.csv)");
+  }
+  if (const auto inside = recordings_in(folder); !inside.empty()) {
+    throw RecordingError(Fault::kMissingFile, folder, 0,
+                         "not a recording, but a folder of " + std::to_string(inside.size()) + " (" +
+                             inside.front().filename().string() + (inside.size() > 1 ? ", ..." : "") +
+                             "); name the ones that are meant: " + (folder / "*").string() + " for all");
   }
   Recording recording;
   recording.metadata = read_recording_toml(folder / "recording.toml");

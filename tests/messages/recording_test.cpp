@@ -167,6 +167,23 @@ TEST_F(RecordingTest, MissingAndUnreadableFiles) {
   }
 }
 
+TEST_F(RecordingTest, AFolderOfRecordingsIsNamedAsSuch) {
+  const auto parent = folder_.parent_path() / "of-two";
+  fs::create_directories(parent / "b");
+  fs::create_directories(parent / "a");
+  fs::create_directories(parent / "notes");
+  for (const char* name : {"a", "b"}) fs::copy(folder_ / "recording.toml", parent / name / "recording.toml");
+  try {
+    static_cast<void>(read_recording(parent));
+    FAIL() << "was read";
+  } catch (const RecordingError& e) {
+    EXPECT_EQ(e.fault(), Fault::kMissingFile);
+    EXPECT_THAT(e.what(), HasSubstr("a folder of 2 (a, ...)"));
+    EXPECT_THAT(e.what(), HasSubstr((parent / "*").string()));
+  }
+  fs::remove_all(parent);
+}
+
 TEST_F(RecordingTest, Headers) {
   expect_frame_fault("", Fault::kEmpty, 1, HasSubstr("t_s,position_mm,force_N"));
   expect_frame_fault("\n0,0,0\n", Fault::kHeader, 1, HasSubstr("expected `t_s,position_mm,force_N`"));
