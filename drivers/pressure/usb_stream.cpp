@@ -26,8 +26,8 @@ constexpr int kVendor = 0x16c0;
 constexpr std::int64_t kClose_ns = 500'000'000;
 constexpr std::int64_t kLook_ns = 250'000'000;
 /// Between the plug's pull and the kernel's last clean-up, poll() reports the device at once, again and again, with
-/// nothing to collect. Without a pause this thread, above all that does I/O, kept a single processor for 1.6 s: from the
-/// kernel's clean-up, from the service that would close the device, and from the service manager's watchdog. A few
+/// nothing to collect. Without a pause this thread, above all that does I/O, kept a single processor for 1.6 s: from
+/// the kernel's clean-up, from the service that would close the device, and from the service manager's watchdog. A few
 /// turns are free: they were woken by us.
 constexpr int kIdleTurns = 3;
 constexpr std::int64_t kIdlePause_ns = 1'000'000;

@@ -22,17 +22,20 @@ void expect_said(std::vector<std::string> words, const std::string& said) {
 TEST(Usage, AMistypedCommandIsNamedWithWhatWasMeant) {
   expect_said({"strat", "p.toml"},
               "isorig: there is no command `strat`; did you mean `start`? `isorig --help` lists all");
-  expect_said({"calibrat"}, "isorig: there is no command `calibrat`; did you mean `calibrate`? `isorig --help` lists all");
+  expect_said({"calibrat"},
+              "isorig: there is no command `calibrat`; did you mean `calibrate`? `isorig --help` lists all");
   expect_said({"zzzzzzzz"}, "isorig: there is no command `zzzzzzzz`; `isorig --help` lists all");
   expect_said({std::string(5000, 'a')},
               "isorig: there is no command `" + std::string(5000, 'a') + "`; `isorig --help` lists all");
 }
 
 TEST(Usage, AMistypedOptionIsNamedWithWhatWasMeant) {
-  expect_said({"start", "p.toml", "--opertor", "me"},
-              "isorig: start: there is no option `--opertor`; did you mean `--operator`? `isorig start --help` lists all");
-  expect_said({"start", "p.toml", "--opertor=me"},
-              "isorig: start: there is no option `--opertor`; did you mean `--operator`? `isorig start --help` lists all");
+  expect_said(
+      {"start", "p.toml", "--opertor", "me"},
+      "isorig: start: there is no option `--opertor`; did you mean `--operator`? `isorig start --help` lists all");
+  expect_said(
+      {"start", "p.toml", "--opertor=me"},
+      "isorig: start: there is no option `--opertor`; did you mean `--operator`? `isorig start --help` lists all");
 }
 
 TEST(Usage, WhatIsNoTypingErrorIsLeftToTheParser) {
