@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <vector>
 
+#include "base/quantile.hpp"
 #include "daemon/rig/virtual_rig.hpp"
 #include "protocol/compile.hpp"
 
@@ -77,16 +78,12 @@ int main(int argc, char** argv) try {
     throw std::runtime_error("the run ended early: " + std::string(rig.core().status().fault));
   std::vector<double> clock_ns(1000);  // what looking at the clock costs is not the core's
   for (double& each : clock_ns) each = ns_since(Clock::now());
-  std::ranges::nth_element(clock_ns, clock_ns.begin() + 500);
+  const double clock_median_ns = isorig::base::quantile_in_place(clock_ns, 0.5);
   double sum_ns = 0.0;
-  for (double& each : core_ns) sum_ns += each = std::max(0.0, each - clock_ns[500]);
+  for (double& each : core_ns) sum_ns += each = std::max(0.0, each - clock_median_ns);
   const auto count = static_cast<double>(core_ns.size());
   const double worst_ns = *std::ranges::max_element(core_ns);
-  const auto quantile = [&](double share) {
-    const auto at = core_ns.begin() + static_cast<std::ptrdiff_t>(share * (count - 1.0));
-    std::ranges::nth_element(core_ns, at);
-    return *at;
-  };
+  const auto quantile = [&](double share) { return isorig::base::quantile_in_place(core_ns, share); };
   std::printf(
       "%.0f ticks: core %.0f ns in the mean, %.0f in the median, %.0f at 99 %%, %.0f worst; plant, devices and core "
       "%.0f ns\n",

@@ -13,6 +13,7 @@
 #include <thread>
 #include <vector>
 
+#include "base/quantile.hpp"
 #include "bench/teensy_backend.hpp"
 #include "drivers/pressure/teensy.hpp"
 #include "drivers/pressure/tty_stream.hpp"
@@ -32,13 +33,6 @@ double thread_cpu_s() {
   timespec ts{};
   clock_gettime(CLOCK_THREAD_CPUTIME_ID, &ts);
   return static_cast<double>(ts.tv_sec) + 1e-9 * static_cast<double>(ts.tv_nsec);
-}
-
-double quantile(std::vector<double>& values, double q) {
-  if (values.empty()) return 0.0;
-  const auto at = values.begin() + static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), at, values.end());
-  return *at;
 }
 
 void run(const Case& test, double seconds) {
@@ -100,8 +94,9 @@ void run(const Case& test, double seconds) {
   is_done = true;
   device_side.join();
   std::printf("%-22s %8zu %6llu %7.0f %7.0f %7.0f %8.0f %8.0f %7.2f %8.1f\n", test.name, ages_us.size(),
-              static_cast<unsigned long long>(lost), quantile(ages_us, 0.5), quantile(ages_us, 0.99),
-              quantile(ages_us, 0.999), quantile(ages_us, 1.0), quantile(round_trips_us, 0.5), cpu_percent,
+              static_cast<unsigned long long>(lost), base::quantile_in_place(ages_us, 0.5),
+              base::quantile_in_place(ages_us, 0.99), base::quantile_in_place(ages_us, 0.999),
+              base::quantile_in_place(ages_us, 1.0), base::quantile_in_place(round_trips_us, 0.5), cpu_percent,
               static_cast<double>(polls) / seconds);
 }
 

@@ -22,6 +22,7 @@
 #include <thread>
 #include <vector>
 
+#include "base/quantile.hpp"
 #include "bench/teensy_backend.hpp"
 #include "drivers/pressure/teensy.hpp"
 #include "drivers/pressure/tty_stream.hpp"
@@ -77,21 +78,15 @@ class StampedStream final : public pressure::ByteStream {
   const clock::Clock& clock_;
 };
 
-double quantile(std::vector<double>& values, double q) {
-  if (values.empty()) return std::nan("");
-  const auto at = values.begin() + static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), at, values.end());
-  return *at;
-}
-
 void print(const char* what, std::vector<double>& values_us) {
-  const double median = quantile(values_us, 0.5);
+  const double median = base::quantile_in_place(values_us, 0.5);
   double sum = 0.0, squares = 0.0;
   for (const double value : values_us) sum += value, squares += value * value;
   const auto count = static_cast<double>(values_us.size());
   std::printf("  %-12s %7.1f %7.1f %8.1f %8.1f %8.1f\n", what, median,
-              std::sqrt(std::max(squares / count - sum / count * sum / count, 0.0)), quantile(values_us, 0.99),
-              quantile(values_us, 0.999), quantile(values_us, 1.0));
+              std::sqrt(std::max(squares / count - sum / count * sum / count, 0.0)),
+              base::quantile_in_place(values_us, 0.99), base::quantile_in_place(values_us, 0.999),
+              base::quantile_in_place(values_us, 1.0));
 }
 
 std::string port_of_the_teensy() {

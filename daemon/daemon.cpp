@@ -1,13 +1,10 @@
 #include "daemon/daemon.hpp"
 
-#include <pthread.h>
 #include <spdlog/spdlog.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
 #include <chrono>
-#include <exception>
-#include <future>
 #include <semaphore>
 #include <thread>
 #include <vector>
@@ -24,9 +21,11 @@
 #include "daemon/io/interlock_service.hpp"
 #include "daemon/io/pressure_service.hpp"
 #include "daemon/io/regulator_service.hpp"
+#include "daemon/journal.hpp"
 #include "daemon/recording/publisher.hpp"
 #include "daemon/rig/calibrations.hpp"
 #include "daemon/rig/devices.hpp"
+#include "daemon/threads.hpp"
 
 namespace isorig::daemon {
 namespace {
@@ -42,7 +41,6 @@ constexpr int kWatchdogPriority = 1;
 constexpr int kStopPriority = 2;
 constexpr auto kStatusPeriod = std::chrono::seconds(1);
 constexpr auto kFirstTickPatience = std::chrono::seconds(1);
-constexpr auto kComplaintPeriod = std::chrono::seconds(10);
 constexpr auto kSignalPoll = std::chrono::milliseconds(20);
 /// How long a catalogue or disk that refuses is asked again on the way out.
 constexpr auto kWritePatience = std::chrono::seconds(20);
@@ -55,29 +53,6 @@ std::int64_t epoch_unix_us(const clock::Clock& clock) {
   return wall - clock.now_ns() / 1000;
 }
 
-/// What an operator finds in the journal the morning after; single steps are in the recording.
-void log_event(const EventRecord& e) {
-  const std::string_view code = e.code;
-  if (code == "step" || code == "mark") return;
-  const auto level = e.severity >= Severity::kProgramStop ? spdlog::level::err
-                     : e.severity == Severity::kWarning   ? spdlog::level::warn
-                                                          : spdlog::level::info;
-  const std::string change = e.from == e.to ? "" : std::string(" [") + to_text(e.from) + " -> " + to_text(e.to) + "]";
-  const std::string numbers = e.threshold == 0.0 ? "" : fmt::format(" ({:.3f}, limit {:.3f})", e.value, e.threshold);
-  spdlog::log(level, "{}: {}{}{}", code, e.text, numbers, change);
-}
-
-/// The line of `systemctl status`.
-std::string status_line(const Status& s, const std::string& run) {
-  std::string line = to_text(s.control.state);
-  if (s.run_loaded) {
-    line += fmt::format(": run {}, step {} of {}, {:.0f} %", run, s.control.step + 1, s.steps,
-                        100.0 * double{s.control.progress});
-  }
-  const std::string why = s.fault[0] != '\0' ? s.fault : s.not_ready;
-  return why.empty() ? line : line + ": " + why;
-}
-
 /// As many descriptors as we may have: segments and devices must find one whatever clients hold.
 void raise_descriptor_limit() {
   rlimit files{};
@@ -85,25 +60,6 @@ void raise_descriptor_limit() {
   files.rlim_cur = std::min<rlim_t>(files.rlim_max, kDescriptors);
   ::setrlimit(RLIMIT_NOFILE, &files);
 }
-
-/// What a thread's turn threw, now and then: a turn comes back every few milliseconds.
-class Complaint {
- public:
-  explicit Complaint(const char* name) : name_(name) {}
-  void note(const char* what) noexcept {
-    const auto now = std::chrono::steady_clock::now();
-    if (now < next_) return;
-    next_ = now + kComplaintPeriod;
-    try {
-      spdlog::error("{}: {}", name_, what);
-    } catch (...) {  // no memory for a line: the thread goes on all the same
-    }
-  }
-
- private:
-  const char* name_;
-  std::chrono::steady_clock::time_point next_{};
-};
 
 }  // namespace
 
@@ -139,46 +95,6 @@ struct Daemon::Impl {
     h.on_trouble = [](const std::string& text) { spdlog::error("recorder: {}", text); };
     h.seed = rig.sim ? static_cast<std::int64_t>(rig.sim->seed) : 0;
     return h;
-  }
-
-  /// Starts a thread that runs `body` after it has its priority; what it could not get is thrown here.
-  template <typename Body>
-  void spawn(std::vector<std::thread>& into, const char* name, int priority, Body body) {
-    std::promise<void> ready;
-    auto outcome = ready.get_future();
-    into.emplace_back([this, name, priority, &ready, body]() mutable {
-      pthread_setname_np(pthread_self(), name);
-      try {
-        if (priority > 0) enter_realtime(rig.realtime, priority);
-        if (priority == rig.realtime.priority) pin(rig.realtime);
-      } catch (...) {
-        ready.set_exception(std::current_exception());
-        return;
-      }
-      ready.set_value();
-      try {
-        body();
-      } catch (const std::exception& e) {
-        Complaint(name).note(e.what());
-      }
-    });
-    outcome.get();
-  }
-
-  /// A turn that throws is tried again: what it was there for is missing meanwhile, and the supervisor judges that.
-  template <typename Turn>
-  void every(const char* name, std::int64_t period_ns, const std::atomic<bool>& stop, Turn turn) {
-    Complaint complaint(name);
-    std::int64_t deadline_ns = clock.now_ns();
-    while (!stop.load(std::memory_order_relaxed)) {
-      deadline_ns = std::max(deadline_ns + period_ns, clock.now_ns());
-      clock.sleep_until_ns(deadline_ns);
-      try {
-        turn();
-      } catch (const std::exception& e) {
-        complaint.note(e.what());
-      }
-    }
   }
 
   void start_threads();
@@ -219,48 +135,50 @@ struct Daemon::Impl {
 void Daemon::Impl::start_threads() {
   const int io_priority = rig.realtime.io_priority;
   try {
-    spawn(loop, "isorig-loop", rig.realtime.priority,
+    spawn(loop, "isorig-loop", rig.realtime.priority, rig.realtime,
           [this] { run_loop(clock, rig.realtime.period_ns, core, stop_loop); });
-    spawn(io, "isorig-frame", io_priority, [this] {
-      every("frame", rig.services.poll_period_ns, stop_io, [this] { frame_service.run_once(clock.now_ns()); });
+    spawn(io, "isorig-frame", io_priority, rig.realtime, [this] {
+      every(clock, "frame", rig.services.poll_period_ns, stop_io, [this] { frame_service.run_once(clock.now_ns()); });
     });
-    spawn(io, "isorig-pressure", io_priority, [this] {
+    spawn(io, "isorig-pressure", io_priority, rig.realtime, [this] {
       // poll() itself waits for data; the pause only bounds a device that is not there.
-      every("pressure", 1'000'000, stop_io, [this] { pressure_service.run_once(clock.now_ns(), kPressureWaitNs); });
+      every(clock, "pressure", 1'000'000, stop_io,
+            [this] { pressure_service.run_once(clock.now_ns(), kPressureWaitNs); });
     });
     if (regulator_service) {
-      spawn(io, "isorig-regul", io_priority, [this] {
-        every("regulator", rig.regulator_period_ns, stop_io, [this] { regulator_service->run_once(clock.now_ns()); });
+      spawn(io, "isorig-regul", io_priority, rig.realtime, [this] {
+        every(clock, "regulator", rig.regulator_period_ns, stop_io,
+              [this] { regulator_service->run_once(clock.now_ns()); });
       });
     }
-    spawn(io, "isorig-chain", io_priority, [this] {
+    spawn(io, "isorig-chain", io_priority, rig.realtime, [this] {
       // Woken by an edge where the device can do that, but no more often than a chattering contact may take of the
       // processor.
-      every("interlock", kInterlockLeastNs, stop_io, [this] {
+      every(clock, "interlock", kInterlockLeastNs, stop_io, [this] {
         if (!interlock_service.wait(kInterlockPeriodNs)) clock.sleep_until_ns(clock.now_ns() + kInterlockPeriodNs);
         interlock_service.run_once(clock.now_ns());
       });
     });
-    spawn(rest, "isorig-recorder", 0,
-          [this] { every("recorder", kRecorderPeriodNs, stop_rest, [this] { host.turn(clock.now_ns()); }); });
+    spawn(rest, "isorig-recorder", 0, rig.realtime,
+          [this] { every(clock, "recorder", kRecorderPeriodNs, stop_rest, [this] { host.turn(clock.now_ns()); }); });
     if (publisher) {
-      spawn(rest, "isorig-publish", 0, [this] {
-        every("publisher", kPublisherPeriodNs, stop_rest,
+      spawn(rest, "isorig-publish", 0, rig.realtime, [this] {
+        every(clock, "publisher", kPublisherPeriodNs, stop_rest,
               [this] { publisher->drain(publisher_streams, clock.now_ns()); });
       });
     }
-    spawn(rest, "isorig-api", 0, [this] { api.serve(); });
-    spawn(rest, "isorig-stop", kStopPriority, [this] { api.serve_stops(); });
-    spawn(rest, "isorig-work", 0, [this] { api.work(); });
-    if (!rig.notify.command.empty()) spawn(rest, "isorig-notify", 0, [this] { callout.run(); });
+    spawn(rest, "isorig-api", 0, rig.realtime, [this] { api.serve(); });
+    spawn(rest, "isorig-stop", kStopPriority, rig.realtime, [this] { api.serve_stops(); });
+    spawn(rest, "isorig-work", 0, rig.realtime, [this] { api.work(); });
+    if (!rig.notify.command.empty()) spawn(rest, "isorig-notify", 0, rig.realtime, [this] { callout.run(); });
     // Made now: on the way out there may be no thread to be had.
-    spawn(ending, "isorig-end", 0, [this] {
+    spawn(ending, "isorig-end", 0, rig.realtime, [this] {
       end_wanted.acquire();
       end();
     });
     if (feeder.period_ns() > 0) {
-      spawn(rest, "isorig-watchdog", kWatchdogPriority,
-            [this] { every("watchdog", feeder.period_ns(), stop_rest, [this] { feeder.turn(); }); });
+      spawn(rest, "isorig-watchdog", kWatchdogPriority, rig.realtime,
+            [this] { every(clock, "watchdog", feeder.period_ns(), stop_rest, [this] { feeder.turn(); }); });
     }
   } catch (...) {
     stop_threads();

@@ -13,6 +13,7 @@
 
 #include "base/number_text.hpp"
 #include "base/printable.hpp"
+#include "base/quantile.hpp"
 #include "base/toml_reader.hpp"
 #include "messages/csv.hpp"
 
@@ -192,9 +193,7 @@ std::string unit_in_doubt(const RecordingMetadata& metadata, const FrameSamples&
     steps.push_back(std::abs(frame.position_mm[i] - frame.position_mm[i - 1]));
     if (steps.back() > 0.0) quantum_mm = std::min(quantum_mm, steps.back());
   }
-  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
-  std::nth_element(steps.begin(), middle, steps.end());
-  if (stroke_mm <= 20.0 * std::max(*middle, quantum_mm)) return {};
+  if (stroke_mm <= 20.0 * std::max(base::quantile(std::move(steps), 0.5), quantum_mm)) return {};
   return doubt("a stroke of " + text(stroke_mm) + " mm, " + text(100.0 * stroke_mm / length_mm) + " %" + of);
 }
 

@@ -82,15 +82,26 @@ struct ParameterTraits {
   std::string_view lower_bound_is = {};
 };
 
+/// What a person must know of a number to judge it. `isorig effects` prints it, and docs/effect-sheets.md is that
+/// print. No number of an effect may lack a field (tests/model/effects/effects_sheet_test.cpp).
+struct NumberSheet {
+  std::string_view what;  ///< one sentence: the quantity, and what its sign means where it has one
+  std::string_view unit;  ///< "mm", "N/mm"; "1" of a ratio
+  std::string_view
+      range;  ///< why the range, or the sign, is what it is: "Physics: ", "Instrument: " or "Numerics: " first
+  std::string_view errors;  ///< what makes it wrong, what it is mistaken for
+};
+
 /// What enters nonlinearly: found by search, within bounds.
 struct Parameter {
   std::string_view name;  ///< with its unit, as it stands in TOML and JSON
   double lower = 0.0;
   double upper = 0.0;
-  std::vector<double> starts;  ///< where a search begins
-  bool logarithmic = false;    ///< searched on a logarithmic scale
-  bool fixed = false;          ///< given, not identified
+  std::vector<double> starts = {};  ///< where a search begins
+  bool logarithmic = false;         ///< searched on a logarithmic scale
+  bool fixed = false;               ///< given, not identified
   ParameterTraits traits = {};
+  NumberSheet sheet = {};
 };
 
 /// What enters linearly. The sign is a law of nature (a spring pushes back, friction dissipates), not a
@@ -98,6 +109,7 @@ struct Parameter {
 struct Coefficient {
   std::string_view name;
   Sign sign = Sign::kFree;
+  NumberSheet sheet = {};
 };
 
 /// A function of one variable by its values at even knots, straight between them, constant beyond the ends.

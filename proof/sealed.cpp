@@ -4,8 +4,9 @@
 
 #include <array>
 #include <fstream>
-#include <iterator>
 #include <stdexcept>
+
+#include "base/text_file.hpp"
 
 namespace isorig::proof {
 
@@ -23,12 +24,6 @@ std::string sha256(std::string_view bytes) {
   return text;
 }
 
-std::string read_text(const std::filesystem::path& file) {
-  std::ifstream stream(file, std::ios::binary);
-  if (!stream) throw std::runtime_error(file.string() + ": cannot be read");
-  return {std::istreambuf_iterator<char>(stream), {}};
-}
-
 void write_text(const std::filesystem::path& file, std::string_view text) {
   if (file.has_parent_path()) std::filesystem::create_directories(file.parent_path());
   std::ofstream stream(file, std::ios::binary | std::ios::trunc);
@@ -43,7 +38,7 @@ void seal(const std::filesystem::path& labels, const std::filesystem::path& hash
 }
 
 std::string published_hash(const std::filesystem::path& hash_file) {
-  const std::string line = read_text(hash_file);
+  const std::string line = base::read_text_file(hash_file);
   constexpr std::size_t kHexDigits = 64;
   if (line.size() < kHexDigits || line.find_first_not_of("0123456789abcdef") < kHexDigits)
     throw std::runtime_error(hash_file.string() + ": no SHA-256");
@@ -51,7 +46,7 @@ std::string published_hash(const std::filesystem::path& hash_file) {
 }
 
 std::string unseal(const std::filesystem::path& labels, const std::filesystem::path& hash_file) {
-  std::string text = read_text(labels);
+  std::string text = base::read_text_file(labels);
   const std::string published = published_hash(hash_file);
   if (const std::string now = sha256(text); now != published)
     throw std::runtime_error(labels.string() + " was changed after it was sealed: SHA-256 " + now + ", published " +

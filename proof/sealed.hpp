@@ -7,7 +7,6 @@ namespace isorig::proof {
 
 /// SHA-256 in lower-case hexadecimal.
 [[nodiscard]] std::string sha256(std::string_view bytes);
-[[nodiscard]] std::string read_text(const std::filesystem::path& file);
 void write_text(const std::filesystem::path& file, std::string_view text);
 
 /// labels.json beside labels.sha256: the second can be published while the first is kept back.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/quantile.hpp"
 #include "drivers/clock/remap.hpp"
 
 namespace isorig::daemon {
@@ -21,11 +22,8 @@ constexpr std::size_t kLeast = 8;
 /// and a row is looked for in so many of the latest stretches.
 constexpr std::size_t kLookBack = 8;
 
-double median(std::vector<double> values) {
-  if (values.empty()) return 0.0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
+double median_or_zero(std::vector<double> values) {
+  return values.empty() ? 0.0 : base::quantile(std::move(values), 0.5);
 }
 
 /// The devices count in 32 bits.
@@ -40,7 +38,7 @@ double period_us(const std::vector<TimedRow*>& rows) {
     const double counts = counts_between(rows[i - 1]->sequence, rows[i]->sequence);
     if (counts > 0.0) periods.push_back((rows[i]->device_us - rows[i - 1]->device_us) / counts);
   }
-  return median(std::move(periods));
+  return median_or_zero(std::move(periods));
 }
 
 bool goes_on(double device_us, double counts, double period) {
@@ -62,7 +60,7 @@ class Stretch {
     for (const auto& m : mapped_) {
       if (std::isfinite(m.bound_ns)) bounds.push_back(m.bound_ns);
     }
-    usual_bound_ns_ = median(std::move(bounds));
+    usual_bound_ns_ = median_or_zero(std::move(bounds));
   }
 
   /// Two statements about one time, each with a bound: where the bounds do not meet one of them is wrong.

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "base/quantile.hpp"
+
 namespace isorig::clock {
 namespace {
 
@@ -84,11 +86,11 @@ void DelayFilter::settle() noexcept {
     trips[i] = round_trip(first_[i]);
     if (trips[i] < round_trip(*best)) best = &first_[i];
   }
-  std::nth_element(trips.begin(), trips.begin() + count_ / 2, trips.begin() + count_);
+  const double median = base::quantile_in_place(std::span(trips).first(count_), 0.5);
   const double least = round_trip(*best);
   // Two exponential delays together have a median of 1.678 tails; one exchange alone says nothing.
   const double share = static_cast<double>(count_ - 1) / static_cast<double>(count_ + 4);
-  const double tail = share * (trips[count_ / 2] - least) / 1.678 + (1.0 - share) * 0.25 * least;
+  const double tail = share * (median - least) / 1.678 + (1.0 - share) * 0.25 * least;
   tail_high_us_ = tail_low_us_ = std::max(tail, kLeastTail_us);
 
   const double away_s = best->high_seconds - first_[0].low_seconds;

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <numeric>
 
+#include "base/quantile.hpp"
+
 namespace isorig::clock {
 namespace {
 
@@ -213,10 +215,9 @@ std::vector<MappedTime> remap_offline_stretch(std::span<const Exchange> exchange
       away_ns.push_back(std::abs(static_cast<double>(mapped.back().mono_ns - s.near_ns)));
     }
     if (away_ns.empty()) break;
-    const auto middle = away_ns.begin() + static_cast<std::ptrdiff_t>(away_ns.size() / 2);
-    std::nth_element(away_ns.begin(), middle, away_ns.end());
-    if (*middle >= nearest_ns) continue;
-    nearest_ns = *middle;
+    const double median_ns = base::quantile_in_place(away_ns, 0.5);
+    if (median_ns >= nearest_ns) continue;
+    nearest_ns = median_ns;
     best = std::move(mapped);
   }
   if (std::isfinite(nearest_ns)) make_monotone(stamps, std::vector<std::size_t>(stamps.size(), 0), best);

@@ -8,6 +8,7 @@
 #include <numeric>
 #include <unsupported/Eigen/FFT>
 
+#include "base/quantile.hpp"
 #include "identify/fv/text.hpp"
 #include "model/slse.hpp"
 
@@ -107,7 +108,7 @@ void correlate(Eigen::FFT<double>& fft, const Spectrum& s_spectrum, const Spectr
     // Only a response of the same sign can be confused with it.
     if (score * top.second > 0.0) second = std::max(second, std::abs(score));
   }
-  const double scatter = 1.4826 * median(magnitude);
+  const double scatter = 1.4826 * base::median(magnitude);
   best = {std::abs(top.second),
           static_cast<double>(top.first) * kGrid_s,
           skew,

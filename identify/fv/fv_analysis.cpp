@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <tuple>
 
+#include "base/quantile.hpp"
 #include "identify/report/page.hpp"
 #include "messages/recording_id.hpp"
 
@@ -159,7 +160,7 @@ void state_pressure(const messages::Recording& recording, RecordingResult& out) 
           "files on one clock? `isorig align` finds the offset.");
     return;
   }
-  const double measured_psi = quantile(std::move(before), 0.5);
+  const double measured_psi = base::quantile(std::move(before), 0.5);
   if (!(std::abs(measured_psi - *out.nominal_pressure_psi) <= kPressureMismatchPsi))
     out.ramps.statements.push_back("The measured pressure before the ramps is " + report::number_text(measured_psi, 3) +
                                    " psi, the nominal one " + report::number_text(*out.nominal_pressure_psi, 3) +

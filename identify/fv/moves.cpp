@@ -2,6 +2,7 @@
 #include <cmath>
 #include <limits>
 
+#include "base/quantile.hpp"
 #include "identify/fv/ramps.hpp"
 
 namespace isorig::identify {
@@ -40,7 +41,7 @@ Signal describe(std::span<const double> t_s, std::span<const double> x_mm) {
 }
 
 double level(const Signal& s, std::size_t first, std::size_t last) {
-  return median(
+  return base::median(
       {s.x_mm.begin() + static_cast<std::ptrdiff_t>(first), s.x_mm.begin() + static_cast<std::ptrdiff_t>(last) + 1});
 }
 
@@ -261,7 +262,7 @@ void classify(const Signal& s, std::vector<Move>& moves) {
   }
   if (return_speeds.empty()) return;
   // Where returns are, a stroke as slow as they are before the first of the ramps they undo is preparation.
-  const double return_speed = median(return_speeds);
+  const double return_speed = base::median(return_speeds);
   for (Move& m : moves) {
     if (m.kind == MoveKind::kReturn) break;
     if (m.kind == MoveKind::kIsoVelocity && rough_speed(m) < 1.5 * return_speed) m.kind = MoveKind::kPreconditioning;

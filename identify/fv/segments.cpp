@@ -5,6 +5,8 @@
 #include <limits>
 #include <utility>
 
+#include "base/quantile.hpp"
+
 namespace isorig::identify {
 namespace {
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
@@ -32,7 +34,7 @@ SignalNoise estimate_noise(std::span<const double> t_s, std::span<const double> 
       const double line = w * values[i - stride] + (1.0 - w) * values[i + stride];
       distance.push_back(std::abs(values[i] - line) / std::sqrt(1.0 + w * w + (1.0 - w) * (1.0 - w)));
     }
-    noise.sigma = std::max(noise.sigma, kMadToSigma * median(std::move(distance)));
+    noise.sigma = std::max(noise.sigma, kMadToSigma * base::median(std::move(distance)));
   }
   return noise;
 }

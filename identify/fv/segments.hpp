@@ -3,8 +3,6 @@
 #include <span>
 #include <vector>
 
-#include "identify/statistics/quantile.hpp"
-
 namespace isorig::identify {
 
 /// What a position signal says about its own noise. Sampling need not be uniform.

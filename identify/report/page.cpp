@@ -8,6 +8,8 @@
 #include <fstream>
 #include <stdexcept>
 
+#include "base/text_file.hpp"
+
 namespace isorig::identify::report {
 namespace {
 
@@ -33,9 +35,7 @@ bool reads_as_number(std::string_view cell) {
 }
 
 std::string inline_svg(const std::filesystem::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  if (!in) throw std::runtime_error("gnuplot did not write " + file.string());
-  const std::string text(std::istreambuf_iterator<char>(in), {});
+  const std::string text = base::read_text_file(file);  // gnuplot wrote it
   const auto start = text.find("<svg");
   if (start == std::string::npos) throw std::runtime_error("no SVG in " + file.string());
   return text.substr(start);

@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "model/effects/effects.hpp"
+#include "model/effects/presliding.hpp"
 #include "model/stepping.hpp"
 
 namespace isorig::model::effect {
@@ -116,7 +117,43 @@ class Regularised : public Process {
   double velocity_mm_s_;
 };
 
-const Parameter kPresliding{"presliding_mm", 2e-4, 1.0, {0.02, 0.2}, true};
+const Parameter kPresliding{.name = "presliding_mm",
+                            .lower = 2e-4,
+                            .upper = 1.0,
+                            .starts = {0.02, 0.2},
+                            .logarithmic = true,
+                            .sheet = kPreslidingSheet};
+const Parameter kStribeckVelocity{.name = "stribeck_velocity_mm_s",
+                                  .lower = 0.02,
+                                  .upper = 50.0,
+                                  .starts = {2.0, 0.3},
+                                  .logarithmic = true,
+                                  .sheet = {.what = "Sliding speed at which the static excess has fallen to 1/e.",
+                                            .unit = "mm/s",
+                                            .range = "Instrument: the frame moves at 0.005 to 10 mm/s; below 0.02 "
+                                                     "hardly a speed shows the excess, above 50 none shows it gone.",
+                                            .errors = "Too few speeds leave it undetermined. Mistaken for a time "
+                                                      "constant when acceleration and speed change together."}};
+const Parameter kStaticExcess{
+    .name = "static_excess",
+    .lower = 0.0,
+    .upper = 4.0,
+    .starts = {0.3},
+    .sheet = {
+        .what = "How much more friction there is near standstill than at speed, as a share of the sliding friction.",
+        .unit = "1",
+        .range = "Physics: friction weakens with speed, so it is not negative; 4 means that breaking away takes five "
+                 "times the sliding friction, beyond what dry or greased contacts show.",
+        .errors = "A presliding distance that is too short exaggerates it. Mistaken for a fast relaxation right after "
+                  "each reversal."}};
+const Coefficient kForce{
+    .name = "force_N",
+    .sign = Sign::kNonNegative,
+    .sheet = {.what = "Friction force at steady sliding; the loop between extending and shortening is twice as high.",
+              .unit = "N",
+              .range = "Physics: friction dissipates, so it is not negative; no upper bound.",
+              .errors = "A relaxation slower than the ramps, or play, puts part of its loop here. Mistaken for play "
+                        "where the loop is seen at one stiffness only."}};
 
 }  // namespace
 
@@ -125,7 +162,7 @@ const Physics& coulomb_friction() {
       "coulomb_friction",
       Stage::kSpecimen,
       "Rate-independent friction between mesh, bladder and sheath, with presliding.",
-      "Coulomb; Dahl 1968 (bristle); Jenkins and Iwan 1966 (spread slip distances); Stribeck weakening as "
+      "Coulomb 1785; Dahl 1968 (bristle); Jenkins 1962; Iwan 1966 (spread slip distances); Stribeck weakening as "
       "in LuGre (Canudas de Wit et al. 1995); for McKibben muscles Chou & Hannaford 1996, Tondu 2006.",
       "Slow triangles: the loop keeps its height at every velocity. Reversals of 1 to 100 um show the "
       "presliding. "
@@ -134,39 +171,48 @@ const Physics& coulomb_friction() {
       {{"dahl",
         "F = Fc z, dz/dx = (1 - z sign(dx)) / delta",
         {kPresliding},
-        {{"force_N", Sign::kNonNegative}},
+        {kForce},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Dahl>(p[0]); }},
        {"jenkins",
         "F = Fc clamp(z), dz = dx / delta within [-1, 1]",
         {kPresliding},
-        {{"force_N", Sign::kNonNegative}},
+        {kForce},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Jenkins>(p[0]); }},
        {"iwan",
         "F = Fc mean of Jenkins elements, distances even in (0, delta)",
         {kPresliding},
-        {{"force_N", Sign::kNonNegative}},
+        {kForce},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Iwan>(p[0]); }},
        {"stribeck",
         "F = Fc z, dz/dx = (1 - z sign(dx) / g) / delta, g = 1 + r exp(-(v / vs)^2)",
-        {kPresliding, {"stribeck_velocity_mm_s", 0.02, 50.0, {2.0, 0.3}, true}, {"static_excess", 0.0, 4.0, {0.3}}},
-        {{"force_N", Sign::kNonNegative}},
+        {kPresliding, kStribeckVelocity, kStaticExcess},
+        {kForce},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Stribeck>(p[0], p[1], p[2], true); }},
        {"stribeck_exponential",
         "as stribeck with g = 1 + r exp(-|v| / vs)",
-        {kPresliding, {"stribeck_velocity_mm_s", 0.02, 50.0, {2.0, 0.3}, true}, {"static_excess", 0.0, 4.0, {0.3}}},
-        {{"force_N", Sign::kNonNegative}},
+        {kPresliding, kStribeckVelocity, kStaticExcess},
+        {kForce},
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Stribeck>(p[0], p[1], p[2], false);
         }},
        {"iwan_stribeck",
         "as iwan, times 1 + r exp(-|v| / vs)",
-        {kPresliding, {"stribeck_velocity_mm_s", 0.02, 50.0, {2.0, 0.3}, true}, {"static_excess", 0.0, 4.0, {0.3}}},
-        {{"force_N", Sign::kNonNegative}},
+        {kPresliding, kStribeckVelocity, kStaticExcess},
+        {kForce},
         [](std::span<const double> p, const Reference&) { return std::make_unique<WeakenedIwan>(p[0], p[1], p[2]); }},
        {"regularised",
         "F = Fc tanh(v / v0)",
-        {{"velocity_mm_s", 1e-4, 1e3, {0.002, 0.5}, true}},
-        {{"force_N", Sign::kNonNegative}},
+        {{.name = "velocity_mm_s",
+          .lower = 1e-4,
+          .upper = 1e3,
+          .starts = {0.002, 0.5},
+          .logarithmic = true,
+          .sheet = {.what = "Speed over which the friction turns from one sign to the other.",
+                    .unit = "mm/s",
+                    .range = "Numerics: far below the slowest speed of 0.005 mm/s the law is the sign of the speed; at "
+                             "1000 mm/s, a hundred times the fastest, it is a linear dashpot.",
+                    .errors = "The differentiated position is noisy, which widens it. Mistaken for viscous drag."}}},
+        {kForce},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Regularised>(p[0]); }}}};
   return physics;
 }

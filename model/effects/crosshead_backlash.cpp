@@ -38,20 +38,34 @@ const Physics& crosshead_backlash() {
       "crosshead_backlash",
       Stage::kKinematics,
       "Play between the position reading and the crosshead.",
-      "Gap in the ball screw or the coupling; the play operator of Prandtl and Krasnosel'skii.",
+      "Gap in the ball screw or the coupling; the play operator (Prandtl 1928; Krasnosel'skii & Pokrovskii 1989).",
       "Triangles of 2 mm at 5 mm/s, and of a few times the gap: the force stands still after every reversal "
       "over "
       "the same distance, whatever the stiffness. Mistaken for friction (coulomb_friction).",
       {{"play",
         "x' stays until |x - x'| reaches gap / 2",
-        {{"gap_mm",
-          0.0,
-          3.0,
-          {0.01, 0.08},
-          false,
-          false,
-          {.resolution = Resolution::kPositionNoise, .resolution_factor = 8.0}},
-         {"start", -1.0, 1.0, {0.0, 1.0, -1.0}, false, false, {.initial_state = true}}},
+        {{.name = "gap_mm",
+          .lower = 0.0,
+          .upper = 3.0,
+          .starts = {0.01, 0.08},
+          .traits = {.resolution = Resolution::kPositionNoise, .resolution_factor = 8.0},
+          .sheet = {.what = "Distance that the reading travels after a reversal before the crosshead follows.",
+                    .unit = "mm",
+                    .range = "Physics: a gap is not negative; 3 mm is more than half of the rig's travel of 5 mm to "
+                             "either side, and seen by eye.",
+                    .errors = "Noise of the position opens a gap of its own size, so less than eight times the noise "
+                              "is not claimed. Mistaken for friction with presliding."}},
+         {.name = "start",
+          .lower = -1.0,
+          .upper = 1.0,
+          .starts = {0.0, 1.0, -1.0},
+          .traits = {.initial_state = true},
+          .sheet = {.what = "Where in the gap the crosshead stood when the recording began; +1: shortening is followed "
+                            "at once, extension only after the whole gap.",
+                    .unit = "1",
+                    .range = "Physics: the crosshead is between the two flanks, -1 and +1.",
+                    .errors = "Only the motion up to the first two reversals depends on it; a record that starts on a "
+                              "flank leaves it undetermined. Mistaken for an offset of the position."}}},
         {},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Play>(p[0], p[1]); }}}};
   return physics;

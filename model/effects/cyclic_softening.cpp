@@ -28,7 +28,25 @@ class Softening : public Process {
   double travelled_mm_ = 0.0;
 };
 
-const Parameter kTravel{"travel_mm", 1.0, 3e3, {8.0, 60.0}, true};
+const Parameter kTravel{
+    .name = "travel_mm",
+    .lower = 1.0,
+    .upper = 3e3,
+    .starts = {8.0, 60.0},
+    .logarithmic = true,
+    .sheet = {
+        .what = "Travel after which 63 % of what will be lost is lost.",
+        .unit = "mm",
+        .range = "Instrument: less than 1 mm is over within the first ramp, which cannot be told from a relaxation; 3 "
+                 "m is 300 strokes over the whole travel of 10 mm, and the loss hardly bends within a recording.",
+        .errors = "Starting on a specimen that was cycled before lengthens it. Mistaken for the time constant of a "
+                  "drift when the motion is steady."}};
+constexpr NumberSheet kLost{.what = "Stiffness that is lost in the end; negative: the specimen becomes softer.",
+                            .unit = "N/mm",
+                            .range = "Physics: damage does not heal under load, so it is not positive.",
+                            .errors =
+                                "A drift of the force zero, or a slow relaxation that was not at rest at the start. "
+                                "Mistaken for zero_drift, which goes on when the motion stops."};
 
 }  // namespace
 
@@ -37,26 +55,37 @@ const Physics& cyclic_softening() {
       "cyclic_softening",
       Stage::kSpecimen,
       "Stiffness lost with accumulated travel: Mullins effect, preconditioning not finished.",
-      "Mullins 1948; exponential in travel as in Dorfmann & Ogden's damage variable for repeated cycles.",
+      "Mullins 1948 (the effect); Miehe 1995 (continuous damage that saturates exponentially with what was travelled, "
+      "there in strain energy, here in mm).",
       "The same slow triangle ten times over. Mistaken for a drift of the force zero, which goes on at rest.",
       {{"elastic",
         "F = -dk e (1 - exp(-s / s0)), s travelled",
         {kTravel},
-        {{"lost_N_mm", Sign::kNonPositive}},
+        {{.name = "lost_N_mm", .sign = Sign::kNonPositive, .sheet = kLost}},
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Softening>(Softening::Of::kElongation, p[0], 0.0);
         }},
        {"tangent",
         "F = -dk x (1 - exp(-s / s0))",
         {kTravel},
-        {{"lost_N_mm", Sign::kNonPositive}},
+        {{.name = "lost_N_mm", .sign = Sign::kNonPositive, .sheet = kLost}},
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Softening>(Softening::Of::kPosition, p[0], 0.0);
         }},
        // Nothing linear is left here: the share scales elastic and viscous force alike.
        {"overall",
         "F = F_specimen (1 - a (1 - exp(-s / s0)))",
-        {kTravel, {"share", 0.0, 0.9, {0.03}}},
+        {kTravel,
+         {.name = "share",
+          .lower = 0.0,
+          .upper = 0.9,
+          .starts = {0.03},
+          .sheet = {.what = "Share of the specimen's whole force, elastic and viscous, that is lost in the end.",
+                    .unit = "1",
+                    .range = "Physics: damage does not heal under load, so it is not negative; what has lost more than "
+                             "nine tenths is torn, not softened.",
+                    .errors = "A tare that is wrong, since the share is of the force of the specimen alone. Mistaken "
+                              "for a loss of stiffness where the force is nearly elastic."}}},
         {},
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Softening>(Softening::Of::kAll, p[0], p[1]);

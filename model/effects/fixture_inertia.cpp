@@ -16,13 +16,22 @@ const Physics& fixture_inertia() {
       "fixture_inertia",
       Stage::kRig,
       "Mass between specimen and load cell.",
-      "Newton; standard correction of dynamic load cells (ISO 4965).",
+      "Newton 1687; standard correction of dynamic load cells (ISO 4965-1:2012).",
       "The same motion with a rigid bar or with no specimen: what is left is the mass. Spikes at the corners "
       "of "
       "ramps, of opposite sign at start and stop.",
-      {{"rigid", "F = m a", {}, {{"mass_kg", Sign::kNonNegative}}, [](auto, const Reference&) {
-          return std::make_unique<Inertia>();
-        }}}};
+      {{"rigid",
+        "F = m a",
+        {},
+        {{.name = "mass_kg",
+          .sign = Sign::kNonNegative,
+          .sheet = {.what = "Mass that moves with the crosshead on the specimen's side of the load cell.",
+                    .unit = "kg",
+                    .range = "Physics: a mass is not negative; no upper bound.",
+                    .errors =
+                        "The acceleration is the position differentiated twice: its noise biases the mass towards "
+                        "zero. Mistaken for a ringing load train and, at the corners of ramps, for a lag."}}},
+        [](auto, const Reference&) { return std::make_unique<Inertia>(); }}}};
   return physics;
 }
 

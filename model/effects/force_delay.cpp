@@ -54,17 +54,22 @@ const Physics& force_delay() {
       "force_delay",
       Stage::kSensorDelay,
       "Dead time between the position and the force channel.",
-      "Buffers, clocks aligned late.",
+      "Dead time of a channel: buffers, clocks aligned late (Ljung 1999, on delays in identification).",
       "Sines of 1 mm at 0.5 to 4 Hz: the phase grows with frequency and the gain stays. See force_lag.",
       {{"dead_time",
         "F'(t) = F(t - d)",
-        {{"delay_s",
-          0.0,
-          1.0,
-          {0.004, 0.03},
-          false,
-          false,
-          {.resolution = Resolution::kSampleInterval, .resolution_factor = 0.1}}},
+        {{.name = "delay_s",
+          .lower = 0.0,
+          .upper = 1.0,
+          .starts = {0.004, 0.03},
+          .traits = {.resolution = Resolution::kSampleInterval, .resolution_factor = 0.1},
+          .sheet =
+              {.what = "Time by which the force reading is late on the position reading.",
+               .unit = "s",
+               .range =
+                   "Numerics: the past of 1 s is kept; negative would need the future, and is a position that is late.",
+               .errors = "Clocks that are aligned wrongly are such a delay. Less than a tenth of a sample interval is "
+                         "not claimed. Mistaken for a lag where only ramps were run."}}},
         {},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Delay>(p[0]); }}}};
   return physics;

@@ -43,19 +43,24 @@ const Physics& force_lag() {
       "force_lag",
       Stage::kSensorLag,
       "First-order lag of the force channel.",
-      "A filter in the load cell's amplifier.",
+      "First-order filter in the load cell's amplifier (Doebelin 1990, first-order instruments).",
       "Sines of 1 mm at 0.5 to 4 Hz, or a tap: a lag rounds the corner of a ramp, a dead time moves it. On "
       "ramps "
       "alone it is nearly a dead time, nearly a parallel dashpot of negative sign, nearly a fast relaxation.",
       {{"first_order",
         "tau dF'/dt = F - F'",
-        {{"time_constant_s",
-          2e-4,
-          2.0,
-          {0.005, 0.05},
-          true,
-          false,
-          {.resolution = Resolution::kSampleInterval, .resolution_factor = 0.1}}},
+        {{.name = "time_constant_s",
+          .lower = 2e-4,
+          .upper = 2.0,
+          .starts = {0.005, 0.05},
+          .logarithmic = true,
+          .traits = {.resolution = Resolution::kSampleInterval, .resolution_factor = 0.1},
+          .sheet = {.what = "Time in which the reading has made 63 % of a step of the force.",
+                    .unit = "s",
+                    .range = "Instrument: 0.2 ms is a fifth of the interval at 1 kHz; 2 s is beyond the slowest filter "
+                             "that an amplifier offers.",
+                    .errors = "Less than a tenth of a sample interval is not claimed. Mistaken for a dead time, for a "
+                              "fast relaxation, and for a dashpot of negative sign."}}},
         {},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Lag>(p[0]); }}}};
   return physics;

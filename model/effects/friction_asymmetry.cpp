@@ -1,6 +1,7 @@
 #include <cmath>
 
 #include "model/effects/effects.hpp"
+#include "model/effects/presliding.hpp"
 #include "model/stepping.hpp"
 
 namespace isorig::model::effect {
@@ -27,8 +28,30 @@ class Asymmetric : public Process {
   double z_ = 0.0;
 };
 
-const Coefficient kSlidingHalf{"force_half_difference_N", Sign::kFree};
-const Coefficient kViscousHalf{"viscosity_half_difference_N_s_mm", Sign::kFree};
+const Parameter kPresliding{.name = "presliding_mm",
+                            .lower = 2e-4,
+                            .upper = 1.0,
+                            .starts = {0.02},
+                            .logarithmic = true,
+                            .sheet = kPreslidingSheet};
+const Coefficient kSlidingHalf{
+    .name = "force_half_difference_N",
+    .sign = Sign::kFree,
+    .sheet = {
+        .what = "Half of what sliding friction is more in extension than in shortening; positive: more in extension.",
+        .unit = "N",
+        .range = "Physics: either direction may rub more, so it has no sign; it cannot exceed the symmetric friction "
+                 "without driving the motion, which is not enforced.",
+        .errors = "An offset of the force, where the motion never rests. Mistaken for a tare."}};
+const Coefficient kViscousHalf{
+    .name = "viscosity_half_difference_N_s_mm",
+    .sign = Sign::kFree,
+    .sheet = {.what = "Half of what viscous drag is more in extension than in shortening; positive: more in extension.",
+              .unit = "N s/mm",
+              .range = "Physics: either direction may drag more, so it has no sign; it cannot exceed the symmetric "
+                       "drag without driving the motion, which is not enforced.",
+              .errors = "Ramps in one direction only leave it undetermined. Mistaken for strain stiffening where speed "
+                        "and position go together."}};
 
 }  // namespace
 
@@ -48,12 +71,12 @@ const Physics& friction_asymmetry() {
         [](auto, const Reference&) { return std::make_unique<Asymmetric>(false, true, 1.0); }},
        {"sliding",
         "F = d |z|, z as Dahl, beside friction: F+ = Fc + d, F- = Fc - d",
-        {{"presliding_mm", 2e-4, 1.0, {0.02}, true}},
+        {kPresliding},
         {kSlidingHalf},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Asymmetric>(true, false, p[0]); }},
        {"both",
         "F = d |z| + e |v|",
-        {{"presliding_mm", 2e-4, 1.0, {0.02}, true}},
+        {kPresliding},
         {kSlidingHalf, kViscousHalf},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Asymmetric>(true, true, p[0]); }}},
       {.unusual = true, .refines = "coulomb_friction"}};

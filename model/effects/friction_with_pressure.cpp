@@ -1,6 +1,7 @@
 #include <cmath>
 
 #include "model/effects/effects.hpp"
+#include "model/effects/presliding.hpp"
 #include "model/stepping.hpp"
 
 namespace isorig::model::effect {
@@ -34,8 +35,19 @@ const Physics& friction_with_pressure() {
       "Slow triangles at every pressure.",
       {{"dahl",
         "F = f p z, z as Dahl, beside friction: (Fc + f p) z",
-        {{"presliding_mm", 2e-4, 1.0, {0.02}, true}},
-        {{"force_N_psi", Sign::kNonNegative}},
+        {{.name = "presliding_mm",
+          .lower = 2e-4,
+          .upper = 1.0,
+          .starts = {0.02},
+          .logarithmic = true,
+          .sheet = kPreslidingSheet}},
+        {{.name = "force_N_psi",
+          .sign = Sign::kNonNegative,
+          .sheet = {.what = "Sliding friction that each psi of gauge pressure adds.",
+                    .unit = "N/psi",
+                    .range = "Physics: pressure presses the surfaces together, so it is not negative; no upper bound.",
+                    .errors = "A pressure that hardly varies leaves it undetermined beside the friction at any "
+                              "pressure. Mistaken for coulomb_friction."}}},
         [](std::span<const double> p, const Reference& reference) {
           return std::make_unique<Pressed>(p[0], reference.nominal_pressure_psi);
         }}},

@@ -32,21 +32,46 @@ const Physics& grip_slip() {
       "grip_slip",
       Stage::kKinematics,
       "Sudden, irreversible slip in a grip: an event, with its time.",
-      "A specimen under tension can only become longer between the grips, so the slip is positive.",
+      "Grips shall hold without slip (ISO 527-1:2019). A specimen under tension can only become longer between them, "
+      "so the slip is positive.",
       "It is in the recording or not; marks on the specimen at the grips. A slip of the force zero would not "
       "relax.",
       {{"event",
         "x' = x - s for t >= t0",
-        {{"time_s", -1e9, 1e9, {}, false, false, {.event_time = true}},
-         {"slip_mm",
-          0.0,
-          50.0,
-          {0.05},
-          false,
-          false,
-          {.resolution = Resolution::kPositionNoise, .resolution_factor = 4.0}},
+        {{.name = "time_s",
+          .lower = -1e9,
+          .upper = 1e9,
+          .traits = {.event_time = true},
+          .sheet = {.what = "When the grip slipped, on the clock of the recording.",
+                    .unit = "s",
+                    .range =
+                        "Numerics: any time that a recording can hold; it is scanned for, from reading to reading.",
+                    .errors = "Known to one sample interval. A slip that takes several intervals has no single time. "
+                              "Mistaken for a jump of the force zero."}},
+         {.name = "slip_mm",
+          .lower = 0.0,
+          .upper = 50.0,
+          .starts = {0.05},
+          .traits = {.resolution = Resolution::kPositionNoise, .resolution_factor = 4.0},
+          .sheet =
+              {.what = "Length of specimen that came out of the grips; positive: longer between them, so less force.",
+               .unit = "mm",
+               .range = "Physics: under tension nothing slides in, so it is not negative. Instrument: 50 mm is the "
+                        "full scale of the position channel.",
+               .errors =
+                   "Only its product with the stiffness is seen, so an error of the stiffness is one of the slip. Less "
+                   "than four times the position noise is not claimed. Mistaken for damage of the specimen."}},
          // An event is no property of the rig: another recording does not hold it. 0: every recording does.
-         {"recording_id", 0.0, kLargestRecordingId, {0.0}, false, true, {.filled_by = FilledBy::kRecordingId}}},
+         {.name = "recording_id",
+          .lower = 0.0,
+          .upper = kLargestRecordingId,
+          .starts = {0.0},
+          .fixed = true,
+          .traits = {.filled_by = FilledBy::kRecordingId},
+          .sheet = {.what = "Number of the recording in which the slip happened; 0: in every one.",
+                    .unit = "1",
+                    .range = "Numerics: whole numbers up to 2^53 - 1, which a double holds exactly.",
+                    .errors = "Filled in from the recording; with a wrong number the slip happens in no recording."}}},
         {},
         [](std::span<const double> p, const Reference& reference) {
           const bool here = p[2] == 0.0 || reference.recording_id == 0.0 || p[2] == reference.recording_id;

@@ -128,6 +128,15 @@ class PowerDashpot : public Process {
   double exponent_;
 };
 
+const Coefficient kStiffness{
+    .name = "stiffness_N_mm",
+    .sign = Sign::kNonNegative,
+    .sheet = {.what = "Stiffness of the arm's spring: the force per mm that a step adds at once.",
+              .unit = "N/mm",
+              .range = "Physics: a spring pushes back, so it is not negative; no upper bound.",
+              .errors = "Where the fastest ramp lasts longer than the time constant it is tied to it. Mistaken for the "
+                        "parallel spring."}};
+
 }  // namespace
 
 const Physics& nonlinear_viscosity() {
@@ -135,28 +144,89 @@ const Physics& nonlinear_viscosity() {
       "nonlinear_viscosity",
       Stage::kSpecimen,
       "A dashpot that is not linear in rate: power law or yield.",
-      "Ostwald-de Waele power law; Bingham yield (Carbopol gels, as in the paper's sheaths, follow both: "
-      "Herschel-Bulkley).",
+      "Power law: de Waele 1923, Ostwald 1925; yield: Bingham 1922 (Carbopol gels, as in the paper's sheaths, follow "
+      "both: Herschel & Bulkley 1926).",
       "Ramps over three decades of velocity: the time constant seen in a hold falls with the force. Mistaken "
       "for a "
       "second relaxation time at one amplitude; a second amplitude tells them apart.",
       {{"power_arm",
         "F = k z, dz/dt = v - (|z| / 1 mm)^(m-1) z / tau",
-        {{"time_constant_s", 1e-3, 1e4, {0.5, 3.0}, true}, {"exponent", 0.4, 6.0, {0.7, 1.5}, true}},
-        {{"stiffness_N_mm", Sign::kNonNegative}},
+        {{.name = "time_constant_s",
+          .lower = 1e-3,
+          .upper = 1e4,
+          .starts = {0.5, 3.0},
+          .logarithmic = true,
+          .sheet = {.what = "Time constant at an arm elongation of 1 mm; it grows or falls from there by |z|^(1-m).",
+                    .unit = "s",
+                    .range = "Instrument: 1 ms is one interval at 1 kHz, below which the arm is a dashpot; 1e4 s is "
+                             "beyond the longest hold, where it is a spring.",
+                    .errors = "Where the arm never comes near 1 mm it is an extrapolation, tied to the exponent. "
+                              "Mistaken for the linear arm's time constant."}},
+         {.name = "exponent",
+          .lower = 0.4,
+          .upper = 6.0,
+          .starts = {0.7, 1.5},
+          .logarithmic = true,
+          .sheet =
+              {.what = "Exponent m of the arm's flow; above 1 it thins with force, 1 is linear, below 1 it thickens.",
+               .unit = "1",
+               .range =
+                   "Numerics: below 1 the rate grows without limit as the arm relaxes and is cut at 1e6 per s, so m "
+                   "ends at 0.4; above 6 a doubled speed adds less than 12 % of force, and the arm is one that yields.",
+               .errors = "One amplitude leaves it tied to the time constant. Mistaken for a second relaxation time."}}},
+        {kStiffness},
         [](std::span<const double> p, const Reference&) { return std::make_unique<PowerArm>(p[0], p[1]); },
         {.replaces_arm = true}},
        {"yield_arm",
         "F = k z, dz/dt = v - sign(z) max(0, |z| - y) / tau",
-        {{"time_constant_s", 1e-3, 1e4, {0.5, 3.0}, true}, {"yield_mm", 1e-3, 3.0, {0.05, 0.4}, true}},
-        {{"stiffness_N_mm", Sign::kNonNegative}},
+        {{.name = "time_constant_s",
+          .lower = 1e-3,
+          .upper = 1e4,
+          .starts = {0.5, 3.0},
+          .logarithmic = true,
+          .sheet =
+              {.what = "Time constant with which the arm relaxes towards its yield elongation.",
+               .unit = "s",
+               .range = "Instrument: 1 ms is one interval at 1 kHz, below which the arm is a slipping spring; 1e4 s is "
+                        "beyond the longest hold, where it is a spring.",
+               .errors =
+                   "A hold shorter than it leaves it tied to the yield. Mistaken for the linear arm's time constant."}},
+         {.name = "yield_mm",
+          .lower = 1e-3,
+          .upper = 3.0,
+          .starts = {0.05, 0.4},
+          .logarithmic = true,
+          .sheet = {.what = "Elongation of the arm's spring below which its dashpot does not flow.",
+                    .unit = "mm",
+                    .range = "Instrument: 1 um is a few times a good frame's position noise; 3 mm is more than half of "
+                             "the rig's travel to either side, and the arm never yields.",
+                    .errors = "A slow relaxation that a hold did not show to its end adds to it. Mistaken for "
+                              "coulomb_friction with presliding."}}},
+        {kStiffness},
         [](std::span<const double> p, const Reference&) { return std::make_unique<YieldArm>(p[0], p[1]); },
         {.replaces_arm = true}},
        {"power_dashpot",
         "F = c sign(v) |v / (1 mm/s)|^n",
         // A flow that hardly depends on the rate is dry friction.
-        {{"exponent", 0.3, 3.0, {0.5, 2.0}, true, false, {.lower_bound_is = "coulomb_friction"}}},
-        {{"viscosity_N", Sign::kNonNegative}},
+        {{.name = "exponent",
+          .lower = 0.3,
+          .upper = 3.0,
+          .starts = {0.5, 2.0},
+          .logarithmic = true,
+          .traits = {.lower_bound_is = "coulomb_friction"},
+          .sheet = {.what = "Exponent n of the drag in the speed; below 1 it thins, 1 is linear, above 1 it thickens.",
+                    .unit = "1",
+                    .range = "Physics: below 0.3 the drag doubles only over a decade of speed and is dry friction; "
+                             "above 3 no fluid at these speeds thickens.",
+                    .errors =
+                        "One decade of speed leaves it uncertain. Mistaken for friction with a Stribeck curve."}}},
+        {{.name = "viscosity_N",
+          .sign = Sign::kNonNegative,
+          .sheet = {.what = "Drag at a speed of 1 mm/s.",
+                    .unit = "N",
+                    .range = "Physics: drag dissipates, so it is not negative; no upper bound.",
+                    .errors = "Where no ramp comes near 1 mm/s it is an extrapolation, tied to the exponent. Mistaken "
+                              "for friction."}}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<PowerDashpot>(p[0]); }}}};
   return physics;
 }

@@ -17,6 +17,24 @@ class Coupling : public Process {
   bool stiffness_;
 };
 
+const Coefficient kForce{.name = "force_N_psi",
+                         .sign = Sign::kFree,
+                         .sheet = {.what = "Force that each psi above the nominal pressure adds, at the pressurized "
+                                           "rest length; positive: it pulls more.",
+                                   .unit = "N/psi",
+                                   .range = "Physics: a McKibben pulls more with pressure below its neutral braid "
+                                            "angle and less above, so it has no sign.",
+                                   .errors = "A pressure that varies only with the motion leaves it tied to viscosity; "
+                                             "a late pressure channel biases it. Mistaken for viscous drag."}};
+const Coefficient kStiffness{
+    .name = "stiffness_N_mm_psi",
+    .sign = Sign::kFree,
+    .sheet = {.what = "Stiffness that each psi above the nominal pressure adds; positive: stiffer.",
+              .unit = "N/mm/psi",
+              .range = "Physics: stiffness may grow or fall with pressure, by the braid angle, so it has no sign.",
+              .errors = "A pressure that varies only with the motion leaves it tied to viscosity; a wrong zero of the "
+                        "elongation moves part of it into the force per psi. Mistaken for strain stiffening."}};
+
 }  // namespace
 
 const Physics& pressure_coupling() {
@@ -31,17 +49,17 @@ const Physics& pressure_coupling() {
       {{"stiffness",
         "F = k' (p - p0) e",
         {},
-        {{"stiffness_N_mm_psi", Sign::kFree}},
+        {kStiffness},
         [](auto, const Reference&) { return std::make_unique<Coupling>(false, true); }},
        {"force",
         "F = f' (p - p0)",
         {},
-        {{"force_N_psi", Sign::kFree}},
+        {kForce},
         [](auto, const Reference&) { return std::make_unique<Coupling>(true, false); }},
        {"both",
         "F = (f' + k' e) (p - p0)",
         {},
-        {{"force_N_psi", Sign::kFree}, {"stiffness_N_mm_psi", Sign::kFree}},
+        {kForce, kStiffness},
         [](auto, const Reference&) { return std::make_unique<Coupling>(true, true); }}},
       {.pressure = PressureNeed::kMeasured, .driven_by_pressure = true}};
   return physics;

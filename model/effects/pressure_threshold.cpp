@@ -31,8 +31,25 @@ const Physics& pressure_threshold() {
       "Fill slowly at a fixed length: the force stands still, then rises in proportion to the pressure.",
       {{"dead_zone",
         "F = f max(0, p - pt), beside what is linear in the pressure",
-        {{"threshold_psi", 0.01, 300.0, {10.0, 40.0}, true}},
-        {{"force_N_psi", Sign::kNonNegative}},
+        {{.name = "threshold_psi",
+          .lower = 0.01,
+          .upper = 300.0,
+          .starts = {10.0, 40.0},
+          .logarithmic = true,
+          .sheet = {.what = "Gauge pressure below which the muscle does not pull.",
+                    .unit = "psi",
+                    .range = "Instrument: 0.01 psi is within the zero error of every pressure channel; 300 psi is "
+                             "beyond what pneumatic muscles are filled with.",
+                    .errors = "An offset of the pressure channel shifts it by as much. Undetermined where the pressure "
+                              "never falls below it. Mistaken for friction of the braid while filling."}}},
+        {{.name = "force_N_psi",
+          .sign = Sign::kNonNegative,
+          .sheet = {.what = "Force that each psi above the threshold adds.",
+                    .unit = "N/psi",
+                    .range = "Physics: beyond the threshold the braid turns pressure into pull, so it is not negative; "
+                             "no upper bound.",
+                    .errors = "A pressure that hardly passes the threshold leaves it tied to it. Mistaken for "
+                              "pressure_coupling."}}},
         [](std::span<const double> p, const Reference& reference) {
           return std::make_unique<Threshold>(p[0], reference.nominal_pressure_psi);
         }}},

@@ -58,6 +58,23 @@ class Spectrum : public Process {
                                          MaxwellState(1), MaxwellState(1), MaxwellState(1), MaxwellState(1)};
 };
 
+constexpr NumberSheet kTime{
+    .what = "Time constant of an added Maxwell arm: in a hold its force falls to 1/e in that time.",
+    .unit = "s",
+    .range =
+        "Instrument: 5 ms is five intervals at 1 kHz, below which an arm is a dashpot; 2e4 s, more than five hours, is "
+        "beyond every hold and the arm is a spring.",
+    .errors =
+        "A hold shorter than it leaves it tied to the stiffness. A short one is mistaken for force_lag, a long one for "
+        "friction or zero_drift."};
+constexpr NumberSheet kStiffness{
+    .what = "Stiffness of the arms: the force per mm that a step adds at once and that a hold takes away.",
+    .unit = "N/mm",
+    .range = "Physics: a spring pushes back, so it is not negative; no upper bound.",
+    .errors =
+        "Where the fastest ramp lasts longer than the time constant only their product is seen, a viscosity. Mistaken "
+        "for the parallel spring where the hold is short."};
+
 }  // namespace
 
 const Physics& second_relaxation() {
@@ -65,24 +82,55 @@ const Physics& second_relaxation() {
       "second_relaxation",
       Stage::kSpecimen,
       "A further relaxation time, or a spectrum of them.",
-      "Wiechert / generalised Maxwell; box spectrum after Fung's quasi-linear viscoelasticity.",
+      "Wiechert 1893 (generalised Maxwell); box spectrum after Fung 1972 (quasi-linear viscoelasticity).",
       "A hold ten times as long as the slowest time constant; ramps over three decades of velocity. A fast "
       "arm is "
       "mistaken for a lag of the force channel, a slow one for friction or drift.",
       {{"arm",
         "F = k z, dz/dt = v - z / tau",
-        {{"time_constant_s", 5e-3, 2e4, {0.1, 2.0, 20.0, 200.0}, true}},
-        {{"stiffness_N_mm", Sign::kNonNegative}},
+        {{.name = "time_constant_s",
+          .lower = 5e-3,
+          .upper = 2e4,
+          .starts = {0.1, 2.0, 20.0, 200.0},
+          .logarithmic = true,
+          .sheet = kTime}},
+        {{.name = "stiffness_N_mm", .sign = Sign::kNonNegative, .sheet = kStiffness}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Arm>(p[0]); }},
        {"two_arms",
         "F = k z + k' z', each as an arm",
-        {{"time_constant_s", 5e-3, 2e4, {0.2}, true}, {"slow_time_constant_s", 5e-3, 2e4, {30.0}, true}},
-        {{"stiffness_N_mm", Sign::kNonNegative}, {"slow_stiffness_N_mm", Sign::kNonNegative}},
+        {{.name = "time_constant_s", .lower = 5e-3, .upper = 2e4, .starts = {0.2}, .logarithmic = true, .sheet = kTime},
+         {.name = "slow_time_constant_s",
+          .lower = 5e-3,
+          .upper = 2e4,
+          .starts = {30.0},
+          .logarithmic = true,
+          .sheet = kTime}},
+        {{.name = "stiffness_N_mm", .sign = Sign::kNonNegative, .sheet = kStiffness},
+         {.name = "slow_stiffness_N_mm", .sign = Sign::kNonNegative, .sheet = kStiffness}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<TwoArms>(p[0], p[1]); }},
        {"spectrum",
-        "F = k mean of arms, tau even in log from tau0 over `decades`",
-        {{"shortest_time_s", 5e-3, 1e3, {0.1}, true}, {"decades", 0.5, 5.0, {3.0}}},
-        {{"stiffness_N_mm", Sign::kNonNegative}},
+        "F = k mean of arms, tau even in log from tau0 over so many decades",
+        {{.name = "shortest_time_s",
+          .lower = 5e-3,
+          .upper = 1e3,
+          .starts = {0.1},
+          .logarithmic = true,
+          .sheet = {.what = "Shortest relaxation time of the spectrum.",
+                    .unit = "s",
+                    .range = "Instrument: 5 ms is five intervals at 1 kHz, below which an arm is a dashpot; beyond "
+                             "1000 s no hold shows a spectrum.",
+                    .errors =
+                        "Ramps slower than it leave it undetermined. Mistaken for the one time constant of an arm."}},
+         {.name = "decades",
+          .lower = 0.5,
+          .upper = 5.0,
+          .starts = {3.0},
+          .sheet = {.what = "How many decades of time the spectrum spans from its shortest time.",
+                    .unit = "1",
+                    .range = "Numerics: the law has eight arms, over more than 5 decades fewer than two a decade, "
+                             "whose steps show; less than half a decade is a single arm.",
+                    .errors = "A hold that ends before the slowest time shortens it. Mistaken for two arms."}}},
+        {{.name = "stiffness_N_mm", .sign = Sign::kNonNegative, .sheet = kStiffness}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Spectrum>(p[0], p[1]); }}},
       // What has no elastic part has nothing that could relax.
       {.needs_any_of = {"spring", "maxwell"}, .repeatable = true}};

@@ -22,7 +22,7 @@ const Physics& slack() {
   static const Physics physics{"slack",
                                Stage::kSpecimenShape,
                                "A specimen that cannot push: force ends at zero.",
-                               "A mesh and its Kevlar ties carry tension only.",
+                               "A mesh and its Kevlar ties carry tension only, as a cable does (Irvine 1981).",
                                "Shorten beyond the pressurized rest length: the force stays at zero. "
                                "Mistaken for a saturated load cell.",
                                {{"unilateral",

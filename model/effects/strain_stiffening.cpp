@@ -61,6 +61,42 @@ class SmoothKnee : public Process {
   double width_mm_;
 };
 
+const Coefficient kQuadratic{
+    .name = "quadratic_N_mm2",
+    .sign = Sign::kFree,
+    .sheet = {.what = "Half of the change of stiffness per mm; positive: stiffer in extension.",
+              .unit = "N/mm2",
+              .range = "Physics: a specimen may stiffen or soften with strain, so it has no sign.",
+              .errors = "Friction whose loop is not straight puts its mean here. Mistaken for the curvature of a load "
+                        "cell, which bends relaxation too."}};
+const Coefficient kCubic{
+    .name = "cubic_N_mm3",
+    .sign = Sign::kFree,
+    .sheet = {
+        .what = "A third of the stiffness that is added 1 mm from the origin; positive: stiffer at both ends.",
+        .unit = "N/mm3",
+        .range = "Physics: a specimen may stiffen or soften with strain, so it has no sign.",
+        .errors =
+            "A stroke to one side leaves it tied to the quadratic term. Mistaken for slack at one end of the stroke."}};
+const Parameter kKneePosition{
+    .name = "position_mm",
+    .lower = -1e3,
+    .upper = 1e3,
+    .starts = {-1.0, 1.0},
+    .sheet = {.what = "Position at which the stiffness changes; positive: in extension.",
+              .unit = "mm",
+              .range = "Numerics: any position of any frame; a knee outside of the stroke changes nothing.",
+              .errors = "An offset of the position shifts it by as much. Undetermined outside of the stroke. Mistaken "
+                        "for the end of a slack."}};
+const Coefficient kKneeStiffness{
+    .name = "stiffness_N_mm",
+    .sign = Sign::kFree,
+    .sheet = {.what = "Stiffness that is added beyond the knee; positive: stiffer in extension.",
+              .unit = "N/mm",
+              .range = "Physics: fibres may take up load or buckle beyond the knee, so it has no sign.",
+              .errors = "A stroke that hardly passes the knee leaves it tied to the position. Mistaken for a slip when "
+                        "the motion is one-way."}};
+
 }  // namespace
 
 const Physics& strain_stiffening() {
@@ -77,32 +113,60 @@ const Physics& strain_stiffening() {
       {{"quadratic",
         "F = k x^2",
         {},
-        {{"quadratic_N_mm2", Sign::kFree}},
+        {kQuadratic},
         [](auto, const Reference&) { return std::make_unique<Polynomial>(true, false); }},
        {"cubic",
         "F = k x^3",
         {},
-        {{"cubic_N_mm3", Sign::kFree}},
+        {kCubic},
         [](auto, const Reference&) { return std::make_unique<Polynomial>(false, true); }},
        {"polynomial",
         "F = k2 x^2 + k3 x^3",
         {},
-        {{"quadratic_N_mm2", Sign::kFree}, {"cubic_N_mm3", Sign::kFree}},
+        {kQuadratic, kCubic},
         [](auto, const Reference&) { return std::make_unique<Polynomial>(true, true); }},
        {"exponential",
         "F = k L (exp(x / L) - 1 - x / L)",
-        {{"length_mm", 0.1, 100.0, {3.0}, true}},
-        {{"stiffness_N_mm", Sign::kNonNegative}},
+        {{.name = "length_mm",
+          .lower = 0.1,
+          .upper = 100.0,
+          .starts = {3.0},
+          .logarithmic = true,
+          .sheet = {.what = "Length over which the stiffness grows by a factor e.",
+                    .unit = "mm",
+                    .range = "Numerics: at 0.1 mm the force grows by exp(50) over the rig's 5 mm; at 100 mm the curve "
+                             "is a parabola within 2 % over 5 mm.",
+                    .errors =
+                        "A stroke that is short against it leaves it tied to the stiffness. Mistaken for a knee."}}},
+        {{.name = "stiffness_N_mm",
+          .sign = Sign::kNonNegative,
+          .sheet = {.what = "Stiffness that is added at 0.69 lengths of extension; at x, k (exp(x / L) - 1).",
+                    .unit = "N/mm",
+                    .range = "Physics: fibres that straighten pull more, so it is not negative; no upper bound.",
+                    .errors =
+                        "Tied to the length where the stroke is short. Mistaken for the curvature of a load cell."}}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Exponential>(p[0]); }},
        {"knee",
         "F = k max(0, x - x0)",
-        {{"position_mm", -1e3, 1e3, {-1.0, 1.0}}},
-        {{"stiffness_N_mm", Sign::kFree}},
+        {kKneePosition},
+        {kKneeStiffness},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Knee>(p[0]); }},
        {"smooth_knee",
         "F = k w ln(1 + exp((x - x0) / w))",
-        {{"position_mm", -1e3, 1e3, {-1.0, 1.0}}, {"width_mm", 0.02, 20.0, {0.3, 0.3}, true}},
-        {{"stiffness_N_mm", Sign::kFree}},
+        {kKneePosition,
+         {.name = "width_mm",
+          .lower = 0.02,
+          .upper = 20.0,
+          .starts = {0.3, 0.3},
+          .logarithmic = true,
+          .sheet =
+              {.what = "Spread of the lengths at which the fibres begin to pull; the knee bends over four times that.",
+               .unit = "mm",
+               .range =
+                   "Instrument: 20 um cannot be told from a sharp knee; 20 mm, twice the rig's travel, is a parabola.",
+               .errors = "A stroke that does not pass the knee leaves it tied to the position. Mistaken for the "
+                         "exponential law."}}},
+        {kKneeStiffness},
         [](std::span<const double> p, const Reference&) { return std::make_unique<SmoothKnee>(p[0], p[1]); }}}};
   return physics;
 }

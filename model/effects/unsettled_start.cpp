@@ -25,12 +25,29 @@ const Physics& unsettled_start() {
       "unsettled_start",
       Stage::kSpecimen,
       "The recording starts before the specimen has come to rest.",
-      "Maxwell arm with force left in it.",
+      "Maxwell 1867: an arm that still holds force when the recording begins.",
       "Wait longer before the first motion.",
       {{"exponential",
         "F = F0 exp(-t / tau)",
-        {{"time_constant_s", 0.05, 100.0, {1.0, 20.0}, true}},
-        {{"force_N", Sign::kFree}},
+        {{.name = "time_constant_s",
+          .lower = 0.05,
+          .upper = 100.0,
+          .starts = {1.0, 20.0},
+          .logarithmic = true,
+          .sheet = {.what = "Time in which the force left at the start falls to 1/e.",
+                    .unit = "s",
+                    .range = "Instrument: 50 ms is over before the first ramp of any protocol begins; beyond 100 s it "
+                             "is a drift of the force zero.",
+                    .errors = "A rest before the first ramp that is shorter than it leaves it uncertain. Mistaken for "
+                              "a time constant of the specimen."}}},
+        {{.name = "force_N",
+          .sign = Sign::kFree,
+          .sheet =
+              {.what = "Force left over at the first reading; positive: it pulls.",
+               .unit = "N",
+               .range = "Physics: the specimen may have been stretched or let go before, so it has no sign.",
+               .errors =
+                   "A tare taken before the specimen was at rest adds to it. Mistaken for an offset of the force."}}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Unsettled>(p[0]); }}},
       {.unusual = true}};
   return physics;

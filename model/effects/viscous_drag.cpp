@@ -16,13 +16,19 @@ const Physics& viscous_drag() {
       "viscous_drag",
       Stage::kSpecimen,
       "Linear dashpot in parallel: air through the fitting, a greased guide.",
-      "Newton.",
+      "Newton 1687 (resistance in proportion to the rate of shear).",
       "Steps of force in proportion to the velocity at both corners of a ramp. Nearly a force that leads "
       "(a negative dead time), nearly a very fast relaxation.",
       {{"linear",
         "F = c v",
         {},
-        {{"viscosity_N_s_mm", Sign::kNonNegative}},
+        {{.name = "viscosity_N_s_mm",
+          .sign = Sign::kNonNegative,
+          .sheet = {.what = "Drag force for each mm/s of speed.",
+                    .unit = "N s/mm",
+                    .range = "Physics: drag dissipates, so it is not negative; no upper bound.",
+                    .errors = "A force channel that is late by d takes k d from it, k the stiffness. Mistaken for a "
+                              "relaxation faster than the sampling."}}},
         [](auto, const Reference&) { return std::make_unique<Drag>(); }}},
       {.unusual = true}};
   return physics;

@@ -44,6 +44,14 @@ class Wander : public Process {
   double start_s_ = 0.0;
 };
 
+constexpr NumberSheet kCosine{
+    .what = "Amplitude of the cosine of this many half periods over the recording; the sign is that at its start.",
+    .unit = "N",
+    .range = "Physics: temperature may rise or fall, so it has no sign.",
+    .errors =
+        "What is periodic in the protocol over the whole recording leaks into it. Mistaken for cyclic_softening or a "
+        "slow relaxation."};
+
 }  // namespace
 
 const Physics& zero_drift() {
@@ -51,28 +59,61 @@ const Physics& zero_drift() {
       "zero_drift",
       Stage::kSensor,
       "Slow drift of the force zero.",
-      "Temperature of the load cell and its amplifier (OIML R 60).",
+      "Temperature of the load cell and its amplifier (OIML R 60:2017).",
       "A dead weight, or no specimen, for an hour. Mistaken for creep and for softening, which stop with the "
       "motion.",
       {{"linear",
         "F = r t",
         {},
-        {{"rate_N_h", Sign::kFree}},
+        {{.name = "rate_N_h",
+          .sign = Sign::kFree,
+          .sheet = {.what = "Change of the force zero per hour; positive: the reading rises.",
+                    .unit = "N/h",
+                    .range = "Physics: temperature may rise or fall, so it has no sign.",
+                    .errors =
+                        "Softening and slow relaxation look like it while the motion goes on. Mistaken for creep."}}},
         [](auto, const Reference&) { return std::make_unique<Linear>(); }},
        {"settling",
         "F = D (1 - exp(-t / T))",
-        {{"time_constant_s", 100.0, 2e4, {600.0}, true}},
-        {{"drift_N", Sign::kFree}},
+        {{.name = "time_constant_s",
+          .lower = 100.0,
+          .upper = 2e4,
+          .starts = {600.0},
+          .logarithmic = true,
+          .sheet = {.what = "Time in which the zero has made 63 % of its way to its new value.",
+                    .unit = "s",
+                    .range = "Physics: a load cell and its amplifier warm up in minutes to hours; below 100 s it "
+                             "cannot be told from a relaxation, beyond 2e4 s from a straight drift.",
+                    .errors = "A record shorter than it leaves it tied to the drift. Mistaken for the time constant of "
+                              "a slow arm."}}},
+        {{.name = "drift_N",
+          .sign = Sign::kFree,
+          .sheet =
+              {.what = "Change of the force zero in the end; positive: the reading rises.",
+               .unit = "N",
+               .range = "Physics: temperature may rise or fall, so it has no sign.",
+               .errors =
+                   "A record shorter than the time constant leaves it tied to it. Mistaken for cyclic_softening."}}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Settling>(p[0]); }},
        {"wander",
         "F = sum of six cosines over the recording",
-        {{"duration_s", 1.0, 1e7, {}, true, true, {.filled_by = FilledBy::kRecordingDuration}}},
-        {{"c1_N", Sign::kFree},
-         {"c2_N", Sign::kFree},
-         {"c3_N", Sign::kFree},
-         {"c4_N", Sign::kFree},
-         {"c5_N", Sign::kFree},
-         {"c6_N", Sign::kFree}},
+        {{.name = "duration_s",
+          .lower = 1.0,
+          .upper = 1e7,
+          .logarithmic = true,
+          .fixed = true,
+          .traits = {.filled_by = FilledBy::kRecordingDuration},
+          .sheet = {.what = "Duration of the recording, which the cosines divide.",
+                    .unit = "s",
+                    .range = "Numerics: from the shortest recording worth a drift to four months.",
+                    .errors =
+                        "Filled in from the recording; with the duration of another one the shape is stretched."}}},
+        {{"c1_N", Sign::kFree, kCosine},
+         {"c2_N", Sign::kFree, kCosine},
+         {"c3_N", Sign::kFree, kCosine},
+         {"c4_N", Sign::kFree, kCosine},
+         {"c5_N", Sign::kFree, kCosine},
+         {"c6_N", Sign::kFree, kCosine}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Wander>(p[0]); }}}};
   return physics;
 }

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 
+#include "base/quantile.hpp"
 #include "proof/baselines/library.hpp"
 #include "proof/generator/effects.hpp"
 #include "proof/generator/random.hpp"
@@ -152,8 +153,7 @@ double rmse(const Eigen::VectorXd& difference) {
 double noise_of(const Eigen::VectorXd& residual_N) {
   std::vector<double> steps;
   for (Eigen::Index i = 1; i < residual_N.size(); ++i) steps.push_back(std::abs(residual_N[i] - residual_N[i - 1]));
-  std::ranges::nth_element(steps, steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2));
-  return steps[steps.size() / 2] / (0.6745 * std::sqrt(2.0));
+  return base::quantile(std::move(steps), 0.5) / (base::kNormalQuartile * std::sqrt(2.0));
 }
 
 Outcome chance(const std::string& case_name, double nominal_rmse_N) {

@@ -6,13 +6,14 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "base/text_file.hpp"
 #include "proof/sealed.hpp"
 
 namespace isorig::proof {
 
 std::vector<std::vector<double>> read_columns(const std::filesystem::path& file,
                                               std::span<const std::string_view> names) {
-  std::istringstream text(read_text(file));
+  std::istringstream text(base::read_text_file(file));
   std::string line, cell;
   if (!std::getline(text, line)) throw std::runtime_error(file.string() + ": empty");
   if (!line.empty() && line.back() == '\r') line.pop_back();

@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/parallel.hpp"
+#include "base/text_file.hpp"
 #include "messages/csv.hpp"
 #include "messages/recording.hpp"
 #include "proof/baselines/baseline.hpp"
@@ -40,7 +41,7 @@ void tell(const std::vector<Score>& scores, const std::vector<std::vector<std::s
 }
 
 void run_study(const StudyPaths& paths) {
-  const auto listed = nlohmann::json::parse(read_text(paths.study / "cases.json"));
+  const auto listed = nlohmann::json::parse(base::read_text_file(paths.study / "cases.json"));
   std::vector<CaseToRun> cases;
   for (const auto& one : listed.at("cases")) {
     const std::string name = one.at("case");
@@ -54,7 +55,7 @@ void run_study(const StudyPaths& paths) {
 }
 
 std::vector<double> true_force_N(const fs::path& file, const std::string& sealed_hash) {
-  if (sha256(read_text(file)) != sealed_hash)
+  if (sha256(base::read_text_file(file)) != sealed_hash)
     throw std::runtime_error(file.string() + " was changed after it was sealed");
   std::vector<double> t_s, force_N;
   const messages::CsvColumn columns[] = {{"t_s", &t_s}, {"force_N", &force_N}};
@@ -90,7 +91,7 @@ void score_study(const StudyPaths& paths) {
 
 /// Cases made elsewhere: no noise-free truth, so the recorded force and the labels' noise stand in for it.
 void score_practice(const StudyPaths& paths) {
-  const std::vector<Label> labels = parse_foreign_labels(read_text(paths.labels));
+  const std::vector<Label> labels = parse_foreign_labels(base::read_text_file(paths.labels));
   std::vector<CaseToRun> cases;
   for (const Label& label : labels)
     cases.push_back(

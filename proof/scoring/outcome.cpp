@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
+#include "base/text_file.hpp"
 #include "messages/csv.hpp"
 #include "proof/generator/effects.hpp"
 #include "proof/sealed.hpp"
@@ -15,7 +16,7 @@ using Json = nlohmann::json;
 
 Outcome read_diagnosis(const std::filesystem::path& file) {
   try {
-    const Json json = Json::parse(read_text(file));
+    const Json json = Json::parse(base::read_text_file(file));
     Outcome outcome;
     outcome.verdict = json.at("verdict").get<std::string>();
     for (const Json& one : json.at("missing"))

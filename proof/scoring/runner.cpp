@@ -13,6 +13,7 @@
 #include <stdexcept>
 
 #include "base/parallel.hpp"
+#include "base/text_file.hpp"
 #include "messages/recording.hpp"
 #include "proof/sealed.hpp"
 
@@ -85,7 +86,7 @@ void run_cases(const std::vector<CaseToRun>& cases, const std::filesystem::path&
 Outcome collect(const std::filesystem::path& folder, const std::vector<double>& reference_N) {
   Outcome outcome;
   try {
-    const nlohmann::json run = nlohmann::json::parse(read_text(folder / "run.json"));
+    const nlohmann::json run = nlohmann::json::parse(base::read_text_file(folder / "run.json"));
     if (const int code = run.at("exit_code"); code != 0)
       throw std::runtime_error("diagnose ended with exit code " + std::to_string(code));
     outcome = read_diagnosis(folder / "diagnosis.json");

@@ -5,15 +5,14 @@
 #include <stdexcept>
 #include <string_view>
 
+#include "base/quantile.hpp"
+
 namespace isorig::proof {
 namespace {
 
-double median(std::vector<double> values) {
+double finite_median(std::vector<double> values) {
   std::erase_if(values, [](double v) { return !std::isfinite(v); });
-  if (values.empty()) return NAN;
-  std::ranges::sort(values);
-  const std::size_t half = values.size() / 2;
-  return values.size() % 2 == 1 ? values[half] : 0.5 * (values[half - 1] + values[half]);
+  return base::median(std::move(values));
 }
 
 bool claims(const Outcome& outcome, const std::string& effect) {
@@ -116,10 +115,10 @@ Score score(std::string method, const std::vector<Label>& labels, const std::vec
     s.gaps.push_back(std::isfinite(gap) ? gap : 0.0);
     if (labels[i].category != "out_of_catalogue") named.push_back(s.gaps.back());
   }
-  s.median_gap = median(s.gaps);
-  s.median_gap_named = median(named);
-  s.median_wall_s = median(wall_s);
-  s.median_cpu_s = median(cpu_s);
+  s.median_gap = finite_median(s.gaps);
+  s.median_gap_named = finite_median(named);
+  s.median_wall_s = finite_median(wall_s);
+  s.median_cpu_s = finite_median(cpu_s);
   std::erase_if(wall_s, [](double v) { return !std::isfinite(v); });
   if (!wall_s.empty()) s.most_wall_s = std::ranges::max(wall_s);
   calibrate(s, labels, outcomes);

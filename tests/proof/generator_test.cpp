@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <set>
 
+#include "base/text_file.hpp"
 #include "proof/fit/nominal.hpp"
 #include "proof/generator/case.hpp"
 #include "proof/generator/study.hpp"
@@ -150,7 +151,7 @@ TEST_F(Scratch, EqualSeedsGiveEqualStudiesWhateverTheThreads) {
   two.threads = 2;
   EXPECT_EQ(generate_study(one), generate_study(two));
   for (const char* file : {"case-000/train/frame.csv", "case-001/heldout/pressure.csv", "sealed/truth/case-001.csv"})
-    EXPECT_EQ(sha256(read_text(one.out / file)), sha256(read_text(two.out / file))) << file;
+    EXPECT_EQ(sha256(base::read_text_file(one.out / file)), sha256(base::read_text_file(two.out / file))) << file;
 }
 
 TEST_F(Scratch, SealBreaksWhenLabelsChange) {

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "base/text_file.hpp"
 #include "proof/baselines/baseline.hpp"
 #include "proof/generator/case.hpp"
 #include "proof/real/convert.hpp"
@@ -148,7 +149,7 @@ TEST(ProofRunner, MeasuresAProcessAndKeepsItsOutput) {
   const ProcessResult result = run_process({"sh", "-c", "echo said; exit 3"}, log);
   EXPECT_EQ(result.exit_code, 3);
   EXPECT_GE(result.wall_s, 0.0);
-  EXPECT_EQ(read_text(log), "said\n");
+  EXPECT_EQ(base::read_text_file(log), "said\n");
   fs::remove(log);
   EXPECT_THROW((void)run_process({"/no/such/program"}, log), std::runtime_error);
   fs::remove(log);

@@ -3,8 +3,8 @@
 #include <algorithm>
 
 #include "base/parallel.hpp"
+#include "base/quantile.hpp"
 #include "base/toml_reader.hpp"
-#include "identify/statistics/quantile.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -164,7 +164,7 @@ void Designer::read_limits() {
         recorded_speed_mm_s_ = std::max(recorded_speed_mm_s_, std::fabs(node.velocity_mm_s));
   recorded_stroke_mm_ = std::max(high, -low);
   if (!gaps_s.empty()) {
-    sampling_.full_s = std::clamp(quantile_in_place(gaps_s, 0.05), 1e-4, 1.0);
+    sampling_.full_s = std::clamp(base::quantile_in_place(gaps_s, 0.05), 1e-4, 1.0);
   }
   reference_ = recorded_[0].excitation.reference;
   if (options_.rig) {

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <map>
 
+#include "base/quantile.hpp"
 #include "identify/diagnose/signal/noise_level.hpp"
-#include "identify/statistics/quantile.hpp"
 
 namespace isorig::identify {
 
@@ -50,7 +50,7 @@ RowWeights row_weights(const messages::FrameSamples& frame) {
   const Spacing* one = nullptr;
   for (auto& [number, spacing] : spacings) {
     if (spacing.bends_N.size() < kEnough) continue;
-    spacing.noise_N = std::max(quantile_in_place(spacing.bends_N, 0.5) / kNormalQuartile, floor_N);
+    spacing.noise_N = std::max(base::quantile_in_place(spacing.bends_N, 0.5) / base::kNormalQuartile, floor_N);
     if (one == nullptr) one = &spacing;
   }
   if (one == nullptr || one->noise_N <= 0.0) return out;

@@ -5,10 +5,10 @@
 #include <cmath>
 #include <cstdio>
 
+#include "base/quantile.hpp"
 #include "identify/diagnose/signal/flat_line.hpp"
 #include "identify/diagnose/signal/noise_level.hpp"
 #include "identify/diagnose/signal/spikes.hpp"
-#include "identify/statistics/quantile.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -37,10 +37,10 @@ void find_outliers(const messages::FrameSamples& frame, Guarded& out) {
   for (std::size_t k = kHalf; k + kHalf < n; ++k) {
     if (!out.usable[k]) continue;
     for (std::size_t j = 0; j < near.size(); ++j) near[j] = f[k - kHalf + j];
-    const double median = quantile_in_place(near, 0.5), away = std::fabs(f[k] - median);
+    const double median = base::quantile_in_place(near, 0.5), away = std::fabs(f[k] - median);
     if (away < 8.0 * noise) continue;
     for (std::size_t j = 0; j < near.size(); ++j) near[j] = std::fabs(f[k - kHalf + j] - median);
-    if (away < 9.0 * quantile_in_place(near, 0.5)) continue;
+    if (away < 9.0 * base::quantile_in_place(near, 0.5)) continue;
     out.usable[k] = false;
     first = count == 0 ? t[k] : std::min(first, t[k]);
     last = std::max(last, t[k]);

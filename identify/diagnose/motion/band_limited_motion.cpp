@@ -4,8 +4,8 @@
 #include <array>
 #include <cmath>
 
+#include "base/quantile.hpp"
 #include "identify/diagnose/signal/noise_level.hpp"
-#include "identify/statistics/quantile.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -17,7 +17,7 @@ double fast_noise(std::span<const double> reading) {
   for (std::size_t k = 2; k + 2 < reading.size(); ++k)
     sizes.push_back(
         std::fabs(reading[k - 2] - 4.0 * reading[k - 1] + 6.0 * reading[k] - 4.0 * reading[k + 1] + reading[k + 2]));
-  return quantile(std::move(sizes), 0.5) / (kNormalQuartile * std::sqrt(70.0));
+  return base::quantile(std::move(sizes), 0.5) / (base::kNormalQuartile * std::sqrt(70.0));
 }
 
 std::vector<double> moving_mean(std::span<const double> values, std::size_t width) {

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "base/quantile.hpp"
 #include "identify/diagnose/signal/noise_level.hpp"
-#include "identify/statistics/quantile.hpp"
 #include "model/stepping.hpp"
 
 namespace isorig::identify {
@@ -78,7 +78,7 @@ double usual_interval_s(std::span<const double> t_s) {
   if (t_s.size() < 3) return 0.0;
   std::vector<double> steps;
   for (std::size_t k = 1; k < t_s.size(); ++k) steps.push_back(t_s[k] - t_s[k - 1]);
-  return quantile(std::move(steps), 0.1);
+  return base::quantile(std::move(steps), 0.1);
 }
 
 class Response {

@@ -4,8 +4,8 @@
 #include <array>
 #include <cmath>
 
+#include "base/quantile.hpp"
 #include "identify/diagnose/signal/noise_level.hpp"
-#include "identify/statistics/quantile.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -160,7 +160,7 @@ std::optional<NoiseModel> noise_of_repetitions(std::span<const Series> series, d
     }
   }
   if (rows < kFewestRows || samples.size() < kFewestStrokes) return std::nullopt;
-  const double longest_s = std::clamp(0.25 * quantile_in_place(lasts_s, 0.5), 0.02, 8.0);
+  const double longest_s = std::clamp(0.25 * base::quantile_in_place(lasts_s, 0.5), 0.02, 8.0);
   NoiseModel noise = fit_noise(samples, start_N, longest_s);
   // Amplitude and correlation time trade against each other: along that ridge, too.
   double best = noise_likelihood(samples, noise);

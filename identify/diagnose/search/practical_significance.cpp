@@ -4,7 +4,7 @@
 #include <cmath>
 #include <set>
 
-#include "identify/statistics/quantile.hpp"
+#include "base/quantile.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -31,7 +31,7 @@ double size_N(const Search& search, const Hypothesis& with, const Hypothesis& wi
   const Eigen::VectorXd change = problem.predict(with.fit.spec) - problem.predict(without.fit.spec);
   std::vector<double> sizes(change.data(), change.data() + change.size());
   for (double& size : sizes) size = std::fabs(size);
-  return quantile(std::move(sizes), 0.99);
+  return base::quantile(std::move(sizes), 0.99);
 }
 
 void discount_insignificant_effects(Selection& selection, const Search& search, const SelectionOptions& options) {

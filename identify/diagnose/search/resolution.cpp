@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include "identify/statistics/quantile.hpp"
+#include "base/quantile.hpp"
 
 namespace isorig::identify {
 
@@ -16,7 +16,7 @@ InstrumentResolution resolution_of(std::span<const Series> series) {
     std::vector<double> steps_s;
     for (const auto& now : each.excitation.instants)
       if (now.dt_s > 0.0) steps_s.push_back(now.dt_s);
-    if (!steps_s.empty()) out.interval_s = std::min(out.interval_s, quantile(std::move(steps_s), 0.1));
+    if (!steps_s.empty()) out.interval_s = std::min(out.interval_s, base::quantile(std::move(steps_s), 0.1));
   }
   if (!std::isfinite(out.interval_s)) out.interval_s = 0.0;
   return out;

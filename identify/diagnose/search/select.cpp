@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/quantile.hpp"
 #include "identify/diagnose/noise/effective_dof.hpp"
 #include "identify/diagnose/search/empirical.hpp"
 #include "identify/diagnose/search/practical_significance.hpp"
-#include "identify/statistics/quantile.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -38,7 +38,7 @@ double block_median(const Eigen::VectorXd& residual) {
     const Eigen::Index from = residual.size() * b / kBlocks, to = residual.size() * (b + 1) / kBlocks;
     if (to > from) means.push_back(residual.segment(from, to - from).squaredNorm() / static_cast<double>(to - from));
   }
-  return quantile(std::move(means), 0.5);
+  return base::quantile(std::move(means), 0.5);
 }
 
 }  // namespace

@@ -5,7 +5,7 @@
 #include <limits>
 #include <vector>
 
-#include "identify/statistics/quantile.hpp"
+#include "base/quantile.hpp"
 
 namespace isorig::identify {
 
@@ -17,7 +17,7 @@ double white_noise(std::span<const double> t_s, std::span<const double> reading)
     const double bend = reading[k] - ((1.0 - share) * reading[k - 1] + share * reading[k + 1]);
     bends.push_back(std::fabs(bend) / std::sqrt(1.0 + share * share + (1.0 - share) * (1.0 - share)));
   }
-  return bends.empty() ? 0.0 : quantile(std::move(bends), 0.5) / kNormalQuartile;
+  return bends.empty() ? 0.0 : base::quantile(std::move(bends), 0.5) / base::kNormalQuartile;
 }
 
 double quantisation(std::span<const double> reading) {

@@ -6,10 +6,13 @@
 #include <charconv>
 #include <cmath>
 #include <random>
+#include <regex>
 #include <sstream>
 
+#include "base/text_file.hpp"
 #include "base/toml_reader.hpp"
 #include "judge.hpp"
+#include "model/effect_sheets.hpp"
 
 namespace isorig::test {
 
@@ -69,6 +72,42 @@ TEST_P(Sheet, EveryNumberHasAUnitBoundsAndAStart) {
       EXPECT_FALSE(parameter.starts.empty()) << parameter.name;
     }
   }
+}
+
+/// The origin of a range, and a sentence on either side of it.
+void expect_full(std::string_view number, const model::NumberSheet& sheet) {
+  EXPECT_GE(sheet.what.size(), 15U) << number << " lacks `what`";
+  EXPECT_TRUE(sheet.what.ends_with('.')) << number;
+  EXPECT_FALSE(sheet.unit.empty()) << number << " lacks its unit; a ratio has \"1\"";
+  EXPECT_GE(sheet.range.size(), 25U) << number << " lacks the reason of its range";
+  EXPECT_TRUE(sheet.range.ends_with('.')) << number;
+  constexpr std::array<std::string_view, 3> origins{"Physics: ", "Instrument: ", "Numerics: "};
+  EXPECT_TRUE(std::ranges::any_of(origins, [&](std::string_view o) { return sheet.range.starts_with(o); }))
+      << number << ": " << sheet.range;
+  EXPECT_GE(sheet.errors.size(), 25U) << number << " lacks what makes it wrong";
+  EXPECT_TRUE(sheet.errors.ends_with('.')) << number;
+  // The unit is in the name as well: "N s/mm" as _N_s_mm. What is per a unit alone, 1/kN, is _1_kN.
+  std::string suffix = '_' + std::string(sheet.unit);
+  std::ranges::replace_if(
+      suffix, [](char c) { return c == ' ' || c == '/'; }, '_');
+  EXPECT_TRUE(sheet.unit == "1" ? is_a_ratio(number) : number.ends_with(suffix))
+      << number << " has unit " << sheet.unit;
+}
+
+/// Of effects alone: what a model is composed of is explained where the model is.
+class EffectSheet : public Sheet {};
+
+std::vector<Named> every_law_of_an_effect() {
+  std::vector<Named> laws = every_law();
+  std::erase_if(laws, [](const Named& named) { return !model::is_effect(*named.physics); });
+  return laws;
+}
+
+TEST_P(EffectSheet, EveryNumberSaysWhatItIsAndWhereItsRangeIsFrom) {
+  for (const model::Parameter& parameter : law_.parameters) expect_full(parameter.name, parameter.sheet);
+  for (const model::Coefficient& coefficient : law_.coefficients) expect_full(coefficient.name, coefficient.sheet);
+  const bool year = std::regex_search(std::string(physics_.source), std::regex("\\b(1[6-9]|20)[0-9]{2}\\b"));
+  EXPECT_TRUE(year) << "a source has its year: " << physics_.source;
 }
 
 std::string text_of(double value) {
@@ -183,6 +222,34 @@ TEST_P(Sheet, WrittenAndReadAgainPredictsTheSame) {
 
 INSTANTIATE_TEST_SUITE_P(Catalogue, Sheet, testing::ValuesIn(every_law()),
                          [](const auto& law) { return test_name(law.param); });
+INSTANTIATE_TEST_SUITE_P(Catalogue, EffectSheet, testing::ValuesIn(every_law_of_an_effect()),
+                         [](const auto& law) { return test_name(law.param); });
+
+TEST(EffectSheets, TheDocumentIsWhatTheCommandPrints) {
+  const std::string file = base::read_text_file(std::string(ISORIG_SOURCE_DIR) + "/docs/effect-sheets.md");
+  EXPECT_TRUE(file == model::effect_sheets_document())
+      << "write it again: build/bin/isorig effects --markdown > docs/effect-sheets.md";
+}
+
+TEST(EffectSheets, ATextHasEveryNumberWithItsUnitRangeAndReason) {
+  for (const model::Physics* physics : model::effects()) {
+    const std::string text = model::sheet_text(*physics);
+    for (const model::Law& law : physics->laws) {
+      EXPECT_NE(text.find("law `" + std::string(law.name) + "`"), std::string::npos) << law.name;
+      for (const model::Parameter& p : law.parameters) {
+        EXPECT_NE(text.find("`" + std::string(p.name) + "`"), std::string::npos) << p.name;
+        EXPECT_NE(text.find("], " + model::range_text(p)), std::string::npos) << p.name;
+        EXPECT_NE(text.find("Range: " + std::string(p.sheet.range)), std::string::npos) << p.name;
+      }
+      for (const model::Coefficient& c : law.coefficients) {
+        EXPECT_NE(text.find("`" + std::string(c.name) + "`"), std::string::npos) << c.name;
+        EXPECT_NE(text.find("[" + std::string(c.sheet.unit) + "], " + std::string(model::range_text(c))),
+                  std::string::npos)
+            << c.name;
+      }
+    }
+  }
+}
 
 void expect_error(const std::string& text, std::string_view place, std::string_view words) {
   try {

@@ -5,7 +5,7 @@
 #include <span>
 #include <vector>
 
-namespace isorig::identify {
+namespace isorig::base {
 
 /// The value that a share of the others lies below, 0 <= share <= 1: the one at floor(share n) in order, not
 /// interpolated, so that it is one of the values. NaN when empty. Order changes; no allocation.
@@ -32,4 +32,4 @@ inline constexpr double kNormalQuartile = 0.6745;
   return 0.5 * (upper + *std::max_element(values.begin(), middle));
 }
 
-}  // namespace isorig::identify
+}  // namespace isorig::base
