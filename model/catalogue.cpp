@@ -42,7 +42,12 @@ std::span<const Physics* const> effects() {
                               &effect::friction_with_pressure(),
                               &effect::pressure_threshold(),
                               &effect::cell_nonlinearity(),
-                              &effect::unsettled_start()};
+                              &effect::unsettled_start(),
+                              &effect::quasi_linear_viscoelasticity(),
+                              &effect::directional_damping(),
+                              &effect::mullins_softening(),
+                              &effect::permanent_set(),
+                              &effect::friction_with_load()};
   return all;
 }
 

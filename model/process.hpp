@@ -168,6 +168,9 @@ struct PhysicsTraits {
   bool unusual = false;
   /// Refines another physics: tried only where that is part of the model, given or found.
   std::string_view refines = {};
+  /// Is one of these where some of its numbers are equal or zero. It then never leaves more than that one does, so what
+  /// the two leave says nothing for the simpler one: dearer a priori by what its further number costs in evidence.
+  std::vector<std::string_view> contains = {};
   /// Acts on one of these: tried only where the model has any (empty: always).
   std::vector<std::string_view> needs_any_of = {};
   /// A model that has one may lack another.

@@ -24,5 +24,10 @@ const Physics& friction_with_pressure();
 const Physics& pressure_threshold();
 const Physics& cell_nonlinearity();
 const Physics& unsettled_start();
+const Physics& quasi_linear_viscoelasticity();
+const Physics& directional_damping();
+const Physics& mullins_softening();
+const Physics& permanent_set();
+const Physics& friction_with_load();
 
 }  // namespace isorig::model::effect

@@ -48,7 +48,8 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
   std::vector<double> cost(pool.size(), 0.0);
   for (std::size_t i = 0; i < pool.size(); ++i) {
     for (const auto* effect : pool[i].effects)
-      cost[i] += options.prior_cost + (effect->traits.unusual ? options.unusual_cost : 0.0);
+      cost[i] += options.prior_cost + (effect->traits.unusual ? options.unusual_cost : 0.0) +
+                 (effect->traits.contains.empty() ? 0.0 : options.contains_cost);
   }
   for (std::size_t i = 0; i < pool.size(); ++i)
     if (!pool[i].empirical.empty()) cost[i] += options.unknown_cost;

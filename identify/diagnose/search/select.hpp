@@ -34,6 +34,9 @@ struct SelectionOptions {
   double prior_cost = 3.0;
   /// Further against effects beyond the recording format's list (PhysicsTraits::unusual).
   double unusual_cost = 2.0;
+  /// Further against effects that contain another as a special case (PhysicsTraits::contains): half the log of some
+  /// thousands of rows, what the information criterion asks for a number.
+  double contains_cost = 4.0;
   /// Against physics that the catalogue lacks, beyond what its table costs in degrees of freedom.
   double unknown_cost = 6.0;
   /// Degrees of freedom of the model error in a recording. When the best explanation leaves more than noise,

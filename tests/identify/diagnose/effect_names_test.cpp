@@ -81,6 +81,7 @@ TEST(EffectTraits, NameOnlyWhatThereIs) {
     if (!traits.refines.empty()) {
       EXPECT_NE(model::find_physics(traits.refines), nullptr) << effect->name;
     }
+    for (const auto name : traits.contains) EXPECT_NE(model::find_physics(name), nullptr) << effect->name;
     for (const auto name : traits.needs_any_of) EXPECT_NE(model::find_physics(name), nullptr) << effect->name;
     for (const model::Law& law : effect->laws) {
       EXPECT_EQ(model::is_event(law), law.traits.event_force_step != 0.0) << effect->name;

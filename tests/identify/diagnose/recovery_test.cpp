@@ -279,6 +279,16 @@ const std::vector<Truth>& truths() {
       {"pressure_threshold", "dead_zone", {12.0}, {3.0}, 20.0, 6.0},
       {"cell_nonlinearity", "quadratic", {2.0}, {}},
       {"unsettled_start", "exponential", {4.0}, {0.5}},
+      {"quasi_linear_viscoelasticity", "fung_arm", {0.8, 0.15}, {2.0}},
+      {"quasi_linear_viscoelasticity", "relaxation_time", {0.8, 0.2}, {2.0}},
+      {"directional_damping", "series", {0.8, 0.5}, {2.0}},
+      {"directional_damping", "parallel", {}, {0.03, 0.015}, 20.0, 0.25, 0.02},
+      {"mullins_softening", "ogden_roxburgh", {12.0}, {-0.3}},
+      {"mullins_softening", "damage", {1.0}, {-0.1}},
+      {"permanent_set", "proportional", {}, {-0.3}},
+      {"permanent_set", "yield", {1.0}, {-0.4}},
+      {"permanent_set", "saturating", {1.0}, {-0.6}},
+      {"friction_with_load", "capstan", {0.04, 0.02}, {}},
   };
   return all;
 }

@@ -74,6 +74,17 @@ const std::vector<Case>& cases() {
       {"pressure_threshold", "dead_zone", {{15.1}, {3.0}}, {0.7}, 1e-12, 0},
       {"cell_nonlinearity", "quadratic", {{2.0}, {-15.0}}, {}, 1e-6, 2},
       {"unsettled_start", "exponential", {{1.0}, {20.0}}, {0.5}, 1e-12, 0},
+      {"quasi_linear_viscoelasticity", "fung_arm", {{0.8, 0.3}, {0.02, -0.5}, {300.0, 0.0}}, {2.0}, 1e-6, 2},
+      // A parabola over each part of a stroke: its own file claims 4e-7 of z, and no exactness.
+      {"quasi_linear_viscoelasticity", "relaxation_time", {{0.8, 0.3}, {0.02, -0.5}, {300.0, 0.9}}, {2.0}, 2e-6, 2},
+      {"directional_damping", "series", {{0.8, 0.4}, {0.05, 5.0}, {300.0, 1.0}}, {2.0}, 1e-6, 2, false, true},
+      {"directional_damping", "parallel", {{}}, {0.05, 0.02}, 1e-12, 0, false, true},
+      {"mullins_softening", "ogden_roxburgh", {{0.7}, {3.0}}, {-0.3}, 1e-6, 2, true},
+      {"mullins_softening", "damage", {{0.4}, {5.0}}, {-0.3}, 1e-9, 2, true},
+      {"permanent_set", "proportional", {{}}, {-0.3}, 1e-9, 2, true},
+      {"permanent_set", "yield", {{0.5}, {1.0}}, {-0.3}, 1e-9, 2, true},
+      {"permanent_set", "saturating", {{0.4}, {5.0}}, {-0.3}, 1e-9, 2, true},
+      {"friction_with_load", "capstan", {{0.02, 0.1}, {0.3, 0.6}}, {}, 1e-6, 2},
   };
   return all;
 }

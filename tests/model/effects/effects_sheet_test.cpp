@@ -25,15 +25,16 @@ class Sheet : public testing::TestWithParam<Named> {
 };
 
 bool has_unit(std::string_view name) {
-  constexpr std::array units{"_s",   "_mm",    "_N",     "_psi",    "_kg",    "_mm_s",     "_N_mm",
-                             "_N_h", "_N_mm2", "_N_mm3", "_N_s_mm", "_N_psi", "_N_mm_psi", "_1_kN"};
+  constexpr std::array units{"_s",     "_mm",    "_N",      "_psi",   "_kg",       "_mm_s", "_N_mm", "_N_h",
+                             "_N_mm2", "_N_mm3", "_N_s_mm", "_N_psi", "_N_mm_psi", "_1_kN", "_1_mm"};
   return std::ranges::any_of(units, [&](std::string_view unit) { return name.ends_with(unit); });
 }
 
 /// Ratios, and numbers of decades or of an arm; any other name without a unit is a mistake.
 bool is_a_ratio(std::string_view name) {
-  constexpr std::array<std::string_view, 9> ratios{"exponent", "static_excess", "decades", "share",       "start",
-                                                   "scale",    "arm",           "damping", "recording_id"};
+  constexpr std::array<std::string_view, 11> ratios{
+      "exponent", "static_excess", "decades",      "share",      "start",           "scale",
+      "arm",      "damping",       "recording_id", "load_share", "shortening_ratio"};
   return std::ranges::find(ratios, name) != ratios.end();
 }
 

@@ -5,6 +5,8 @@
 #include <map>
 #include <numbers>
 
+#include "judge_mckibben.hpp"
+
 namespace isorig::test {
 namespace {
 
@@ -469,6 +471,7 @@ const std::map<std::string, Judge>& judges() {
     add_friction(of);
     add_specimen(of);
     add_rig_and_sensor(of);
+    add_mckibben(of);
     return of;
   }();
   return all;
