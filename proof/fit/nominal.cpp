@@ -1,6 +1,7 @@
 #include "proof/fit/nominal.hpp"
 
 #include <Eigen/Cholesky>
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 
@@ -113,6 +114,52 @@ NominalFit fit_nominal(std::span<const double> t_s, std::span<const double> posi
   fit.residual_N = force - columns * fit.coefficients;
   fit.coefficients[fit.coefficients.size() - 1] += mean_N;
   fit.rmse_N = std::sqrt(fit.residual_N.squaredNorm() / static_cast<double>(rows));
+  return fit;
+}
+
+NominalFit refined(NominalFit fit, std::span<const double> t_s, std::span<const double> position_mm,
+                   std::span<const double> force_N) {
+  const auto rows = static_cast<Eigen::Index>(t_s.size());
+  const auto arms = static_cast<Eigen::Index>(fit.time_constants_s.size());
+  const Eigen::Map<const Eigen::VectorXd> measured(force_N.data(), rows);
+  const auto fitted_at = [&](const std::vector<double>& times) {
+    NominalFit at;
+    at.time_constants_s = times;
+    const Eigen::MatrixXd columns = nominal_columns(t_s, position_mm, times);
+    const double mean_N = measured.mean();
+    const Eigen::VectorXd force = measured.array() - mean_N;
+    at.coefficients = columns.colPivHouseholderQr().solve(force);
+    at.residual_N = force - columns * at.coefficients;
+    at.coefficients[arms + 1] += mean_N;
+    at.rmse_N = std::sqrt(at.residual_N.squaredNorm() / static_cast<double>(rows));
+    return at;
+  };
+  fit = fitted_at(fit.time_constants_s);
+  constexpr int kRounds = 8;
+  constexpr double kDifference = 1e-3, kConverged = 1e-5, kLongest = 0.7;
+  for (int round = 0; round < kRounds; ++round) {
+    Eigen::MatrixXd columns(rows, 2 * arms + 2);
+    columns.leftCols(arms + 2) = nominal_columns(t_s, position_mm, fit.time_constants_s);
+    for (Eigen::Index i = 0; i < arms; ++i) {
+      const double time_s = fit.time_constants_s[static_cast<std::size_t>(i)];
+      columns.col(arms + 2 + i) = (maxwell_column(t_s, position_mm, time_s * std::exp(kDifference)) -
+                                   maxwell_column(t_s, position_mm, time_s * std::exp(-kDifference))) *
+                                  (fit.coefficients[i + 1] / (2.0 * kDifference));
+    }
+    const Eigen::VectorXd step = columns.colPivHouseholderQr().solve(fit.residual_N).tail(arms);
+    if (!step.allFinite()) break;
+    const double largest = step.cwiseAbs().maxCoeff();
+    bool gained = false;
+    for (double part = std::fmin(1.0, kLongest / largest); part > 0.05 && !gained; part *= 0.5) {
+      std::vector<double> times = fit.time_constants_s;
+      for (Eigen::Index i = 0; i < arms; ++i) times[static_cast<std::size_t>(i)] *= std::exp(part * step[i]);
+      if (std::ranges::any_of(times, [](double time_s) { return time_s < 1e-3 || time_s > 1e4; })) continue;
+      NominalFit next = fitted_at(times);
+      gained = next.rmse_N < fit.rmse_N;
+      if (gained) fit = std::move(next);
+    }
+    if (!gained || largest < kConverged) break;
+  }
   return fit;
 }
 

@@ -137,36 +137,6 @@ Case draw_case(std::uint64_t seed, std::size_t number, const CasePlan& plan) {
   return c;
 }
 
-namespace {
-
-double rounded(double value, double step) {
-  return std::round(value / step) * step;
-}
-
-/// First-order coloured noise at the given times.
-std::vector<double> coloured(const std::vector<double>& t_s, double deviation, double time_s, Random& random) {
-  std::vector<double> noise(t_s.size(), 0.0);
-  double state = deviation * random.normal();
-  for (std::size_t i = 0; i < t_s.size(); ++i) {
-    const double keep = i == 0 ? 1.0 : std::exp(-(t_s[i] - t_s[i - 1]) / time_s);
-    state = keep * state + deviation * std::sqrt(1.0 - keep * keep) * random.normal();
-    noise[i] = state;
-  }
-  return noise;
-}
-
-std::vector<bool> lost_rows(const std::vector<double>& t_s, int gaps, Random& random) {
-  std::vector<bool> lost(t_s.size(), false);
-  for (int gap = 0; gap < gaps; ++gap) {
-    const double start_s = random.uniform(0.05, 0.95) * t_s.back();
-    const double end_s = start_s + random.uniform(1.0, 6.0);
-    for (std::size_t i = 0; i < t_s.size(); ++i) lost[i] = lost[i] || (t_s[i] > start_s && t_s[i] < end_s);
-  }
-  return lost;
-}
-
-}  // namespace
-
 MadeRecording record(const Case& drawn, Part part, std::uint64_t seed) {
   const bool heldout = part == Part::kHeldout;
   Random random(seed, stream(drawn, heldout ? "heldout" : "train"));
@@ -174,46 +144,17 @@ MadeRecording record(const Case& drawn, Part part, std::uint64_t seed) {
   if (heldout) rig.hidden.slip_mm = 0.0;
   const Motion motion = heldout ? heldout_motion(drawn.heldout_protocol) : paper_motion(drawn.train_protocol);
   const Sampling sampling;
-  const Instruments& in = drawn.instruments;
 
   constexpr double kJitter_s = 0.2e-3;
   std::vector<double> jitter_s(frame_times(motion, sampling).size());
   for (double& j : jitter_s) j = random.uniform(-kJitter_s, kJitter_s);
-  const Trace trace = simulate(rig, motion, sampling, jitter_s);
-
-  std::vector<double> noise_N(trace.t_s.size(), 0.0);
-  if (in.coloured_noise_N > 0.0) noise_N = coloured(trace.t_s, in.coloured_noise_N, in.coloured_time_s, random);
-  for (std::size_t i = 0; i < noise_N.size(); ++i)
-    noise_N[i] += in.force_noise_N * (1.0 + in.warming * trace.t_s[i] / motion.end_s()) * random.normal();
-  for (int n = 0; n < in.outliers; ++n)
-    noise_N[random.index(noise_N.size())] += random.sign() * random.log_uniform(0.5, 5.0);
-  const std::vector<bool> lost = lost_rows(trace.t_s, in.gaps, random);
-
-  MadeRecording made;
-  messages::Recording& r = made.recording;
-  r.metadata.specimen = drawn.name;
-  r.metadata.rest_length_mm = rounded(rig.specimen.rest_length_mm, 1e-3);
-  r.metadata.pressurized_rest_length_mm = rounded(rig.specimen.pressurized_rest_length_mm, 1e-3);
-  r.metadata.nominal_pressure_psi = rig.air.nominal_psi;
-  for (std::size_t i = 0; i < trace.t_s.size(); ++i) {
-    const double position_noise_mm = in.position_noise_mm * random.normal();
-    if (lost[i]) continue;
-    r.frame.t_s.push_back(rounded(trace.t_s[i], 1e-6));
-    r.frame.position_mm.push_back(rounded(trace.position_mm[i] + position_noise_mm, in.position_step_mm));
-    r.frame.force_N.push_back(rounded(trace.force_N[i] + noise_N[i], in.force_step_N));
-    made.truth_N.push_back(trace.force_N[i]);
-  }
-  if (!in.pressure_recorded) return made;
-  messages::PressureSamples pressure;
-  for (std::size_t i = 0; i < trace.pressure_t_s.size(); ++i) {
-    const double t_s = trace.pressure_t_s[i] + in.pressure_clock_s;
-    const double noise_psi = in.pressure_noise_psi * random.normal();
-    if (t_s < 0.0) continue;
-    pressure.t_s.push_back(rounded(t_s, 1e-6));
-    pressure.pressure_psi.push_back(rounded(trace.pressure_psi[i] + noise_psi, in.pressure_step_psi));
-  }
-  r.pressure = std::move(pressure);
-  return made;
+  messages::RecordingMetadata metadata;
+  metadata.specimen = drawn.name;
+  metadata.rest_length_mm = rig.specimen.rest_length_mm;
+  metadata.pressurized_rest_length_mm = rig.specimen.pressurized_rest_length_mm;
+  metadata.nominal_pressure_psi = rig.air.nominal_psi;
+  return measure(simulate(rig, motion, sampling, jitter_s), drawn.instruments, motion.end_s(), std::move(metadata),
+                 random);
 }
 
 }  // namespace isorig::proof

@@ -1,3 +1,4 @@
+#include <map>
 #include <memory>
 #include <random>
 
@@ -14,6 +15,10 @@ void add_generate(CLI::App& app) {
   sub->add_option("--cases", options->cases, "Number of cases")->capture_default_str()->check(CLI::Range(1, 999));
   sub->add_option("--out", options->out, "Folder of the study")->required();
   sub->add_option("-j,--jobs", options->threads, "Cases at a time")->capture_default_str()->check(CLI::Range(1, 64));
+  const std::map<std::string, Laws> laws{{"catalogue", Laws::kCatalogue}, {"foreign", Laws::kForeign}};
+  sub->add_option("--laws", options->laws, "Whose formulas: those of the catalogue, or others (docs/proof.md)")
+      ->transform(CLI::CheckedTransformer(laws, CLI::ignore_case))
+      ->default_str("catalogue");
   sub->callback([options, seed] {
     if (!*seed) {
       std::random_device device;

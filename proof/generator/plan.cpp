@@ -2,6 +2,7 @@
 #include <array>
 
 #include "proof/generator/case.hpp"
+#include "proof/generator/deck.hpp"
 
 namespace isorig::proof {
 
@@ -13,6 +14,8 @@ std::string_view name_of(Category category) {
       return "single";
     case Category::kPair:
       return "pair";
+    case Category::kTriple:
+      return "triple";
     case Category::kConfusable:
       return "confusable";
     case Category::kOutOfCatalogue:
@@ -45,29 +48,13 @@ std::string_view name_of(Trap trap) {
       return "swinging_pressure";
     case Trap::kGaps:
       return "gaps";
+    case Trap::kMainsHum:
+      return "mains_hum";
   }
   return "";
 }
 
 namespace {
-
-/// Hands out every item before any comes again.
-template <class T>
-class Deck {
- public:
-  Deck(std::vector<T> items, Random& random) : items_(std::move(items)), random_(random) {}
-  T next() {
-    if (at_ == 0) random_.shuffle(std::span(items_));
-    T item = items_[at_];
-    at_ = (at_ + 1) % items_.size();
-    return item;
-  }
-
- private:
-  std::vector<T> items_;
-  Random& random_;
-  std::size_t at_ = 0;
-};
 
 std::vector<std::string> names(std::span<const EffectKind> kinds) {
   std::vector<std::string> list;
@@ -75,7 +62,6 @@ std::vector<std::string> names(std::span<const EffectKind> kinds) {
   return list;
 }
 
-/// Effects that look alike on this protocol; a pair of kPair has at most one of each cluster.
 const std::array<std::vector<std::string>, 4> kClusters{{
     {"force_lag", "force_delay", "fixture_inertia"},
     {"coulomb_friction", "crosshead_backlash"},
@@ -83,13 +69,13 @@ const std::array<std::vector<std::string>, 4> kClusters{{
     {"zero_drift", "cyclic_softening"},
 }};
 
+}  // namespace
+
 bool alike(const std::string& a, const std::string& b) {
   return std::ranges::any_of(kClusters, [&](const auto& cluster) {
     return std::ranges::count(cluster, a) > 0 && std::ranges::count(cluster, b) > 0;
   });
 }
-
-}  // namespace
 
 std::vector<CasePlan> plan_study(std::uint64_t seed, std::size_t count) {
   Random random(seed, "plan");
@@ -129,6 +115,8 @@ std::vector<CasePlan> plan_study(std::uint64_t seed, std::size_t count) {
           plan.effects[1] = second.next();
         break;
       }
+      case kTriple:  // the second generator's
+        break;
       case kConfusable: {
         std::vector<std::string> cluster = kClusters[clusters.next()];
         random.shuffle(std::span(cluster));

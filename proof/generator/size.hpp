@@ -1,4 +1,6 @@
 #pragma once
+#include <functional>
+
 #include "proof/generator/effects.hpp"
 
 namespace isorig::proof {
@@ -9,5 +11,9 @@ namespace isorig::proof {
 /// The strength at which the effect leaves `target_N`, or its utmost. Found by a few simulations.
 [[nodiscard]] double full_strength(const ConcealedEffect& effect, const RigParameters& clean, const Motion& train,
                                    const Sampling& sampling, double target_N);
+
+/// The strength between 0 and `most` at which `left_N(strength)` is the target, within 10 % or five steps.
+[[nodiscard]] double strength_leaving(double start, double most, double target_N,
+                                      const std::function<double(double)>& left_N);
 
 }  // namespace isorig::proof

@@ -4,6 +4,7 @@
 
 #include "base/parallel.hpp"
 #include "messages/csv.hpp"
+#include "proof/foreign_laws/case.hpp"
 #include "proof/sealed.hpp"
 
 namespace isorig::proof {
@@ -16,7 +17,7 @@ std::string truth_text(const MadeRecording& made) {
   return messages::number_csv_text(columns);
 }
 
-Json label_of(const Case& c, const std::string& truth_hash) {
+Json label_of(const Case& c) {
   Json label;
   label["category"] = name_of(c.plan.category);
   label["nominal"] = c.nominal;
@@ -38,31 +39,53 @@ Json label_of(const Case& c, const std::string& truth_hash) {
   label["stiffness_N_mm"] = s.stiffness_N_mm;
   for (const Arm& arm : s.arms)
     label["arms"].push_back({{"stiffness_N_mm", arm.stiffness_N_mm}, {"time_constant_s", arm.time_constant_s}});
-  label["truth_sha256"] = truth_hash;
   return label;
+}
+
+struct MadeCase {
+  std::string name;
+  std::string nominal;
+  MadeRecording train;
+  MadeRecording heldout;
+  Json label;
+};
+
+MadeCase make_case(const StudyOptions& options, std::size_t number, const CasePlan& plan) {
+  const auto made = [&](const auto& drawn) {
+    return MadeCase{drawn.name, drawn.nominal, record(drawn, Part::kTrain, options.seed),
+                    record(drawn, Part::kHeldout, options.seed), label_of(drawn)};
+  };
+  return options.laws == Laws::kForeign ? made(foreign::draw_case(options.seed, number, plan))
+                                        : made(draw_case(options.seed, number, plan));
 }
 
 }  // namespace
 
+std::string_view name_of(Laws laws) {
+  return laws == Laws::kForeign ? "foreign" : "catalogue";
+}
+
 std::string generate_study(const StudyOptions& options) {
-  const std::vector<CasePlan> plans = plan_study(options.seed, options.cases);
+  const std::vector<CasePlan> plans = options.laws == Laws::kForeign ? foreign::plan_study(options.seed, options.cases)
+                                                                     : plan_study(options.seed, options.cases);
   std::vector<Json> labels(plans.size());
   std::vector<Json> listed(plans.size());
   base::parallel_for(plans.size(), options.threads, [&](std::size_t i) {
-    const Case c = draw_case(options.seed, i, plans[i]);
-    const MadeRecording train = record(c, Part::kTrain, options.seed);
-    const MadeRecording heldout = record(c, Part::kHeldout, options.seed);
-    messages::write_recording(options.out / c.name / "train", train.recording);
-    messages::write_recording(options.out / c.name / "heldout", heldout.recording);
-    const std::string truth = truth_text(heldout);
-    write_text(options.out / "sealed" / "truth" / (c.name + ".csv"), truth);
-    labels[i] = label_of(c, sha256(truth));
-    labels[i]["case"] = c.name;
-    listed[i] = {{"case", c.name}, {"nominal", c.nominal}};
+    MadeCase made = make_case(options, i, plans[i]);
+    messages::write_recording(options.out / made.name / "train", made.train.recording);
+    messages::write_recording(options.out / made.name / "heldout", made.heldout.recording);
+    const std::string truth = truth_text(made.heldout);
+    write_text(options.out / "sealed" / "truth" / (made.name + ".csv"), truth);
+    labels[i] = std::move(made.label);
+    labels[i]["truth_sha256"] = sha256(truth);
+    labels[i]["case"] = made.name;
+    listed[i] = {{"case", made.name}, {"nominal", made.nominal}};
   });
   const Json cases{{"format", "isorig-proof-cases/1"}, {"cases", listed}};
   write_text(options.out / "cases.json", cases.dump(2) + "\n");
-  const Json sealed{{"format", "isorig-proof-labels/1"}, {"seed", options.seed}, {"cases", labels}};
+  Json sealed{{"format", "isorig-proof-labels/1"}, {"seed", options.seed}};
+  if (options.laws != Laws::kCatalogue) sealed["laws"] = name_of(options.laws);
+  sealed["cases"] = labels;
   const std::string text = sealed.dump(2) + "\n";
   seal(options.out / "sealed" / "labels.json", options.out / "labels.sha256", text);
   return sha256(text);

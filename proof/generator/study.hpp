@@ -6,11 +6,16 @@
 
 namespace isorig::proof {
 
+/// Whose formulas are concealed: the catalogue's, stepped otherwise, or others (proof/foreign_laws/).
+enum class Laws { kCatalogue, kForeign };
+[[nodiscard]] std::string_view name_of(Laws laws);
+
 struct StudyOptions {
   std::uint64_t seed = 0;
   std::size_t cases = 24;
   std::filesystem::path out;
   unsigned threads = 2;
+  Laws laws = Laws::kCatalogue;
 };
 
 /// Writes OUT/cases.json (names and nominal models), OUT/case-NNN/{train,heldout}, OUT/labels.sha256, and

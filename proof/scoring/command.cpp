@@ -63,10 +63,12 @@ std::vector<double> true_force_N(const fs::path& file, const std::string& sealed
   return force_N;
 }
 
-void score_study(const StudyPaths& paths) {
+/// The tool's own score comes first. Returned under the name of the laws that were concealed, to stand beside others.
+Score score_study(const StudyPaths& paths) {
   const fs::path labels_file = paths.labels.empty() ? paths.study / "sealed" / "labels.json" : paths.labels;
   const fs::path results = paths.results_or_default();
-  const std::vector<Label> labels = parse_labels(unseal(labels_file, results / "labels.sha256"));
+  const std::string unsealed = unseal(labels_file, results / "labels.sha256");
+  const std::vector<Label> labels = parse_labels(unsealed);
   std::vector<Outcome> outcomes(labels.size());
   std::vector<std::vector<double>> truth(labels.size());
   for (std::size_t i = 0; i < labels.size(); ++i) {
@@ -87,6 +89,22 @@ void score_study(const StudyPaths& paths) {
   }
   tell(scores, case_rows(labels, outcomes, false), results, "Concealed effects: what was found",
        published_hash(results / "labels.sha256"));
+  Score first = std::move(scores.front());
+  first.method = laws_of_labels(unsealed) + " laws";
+  return first;
+}
+
+void score_studies(const StudyPaths& paths, const std::vector<fs::path>& studies) {
+  if (studies.size() > 1 && !(paths.labels.empty() && paths.results.empty()))
+    throw std::runtime_error("--labels and --results belong to one study; " + std::to_string(studies.size()) +
+                             " were given: score them one by one");
+  std::vector<Score> scores;
+  for (const fs::path& study : studies) {
+    StudyPaths one = paths;
+    one.study = study;
+    scores.push_back(score_study(one));
+  }
+  if (scores.size() > 1) std::printf("\n%s", comparison_text(scores).c_str());
 }
 
 /// Cases made elsewhere: no noise-free truth, so the recorded force and the labels' noise stand in for it.
@@ -124,13 +142,14 @@ void add_run(CLI::App& app) {
 
 void add_score(CLI::App& app) {
   auto paths = std::make_shared<StudyPaths>();
+  auto studies = std::make_shared<std::vector<fs::path>>();
   auto* sub = app.add_subcommand("score", "Verify the seal and tabulate the results, beside the baselines");
-  sub->add_option("STUDY", paths->study, "Folder that generate wrote")->required();
+  sub->add_option("STUDY", *studies, "Folder that generate wrote; several are also set side by side")->required();
   sub->add_option("--labels", paths->labels, "The sealed labels (default: STUDY/sealed/labels.json)");
   sub->add_option("--results", paths->results, "Folder that run wrote (default: STUDY/results)");
   sub->add_flag("--baselines,!--no-baselines", paths->baselines, "Run the methods to compare with");
   sub->add_option("-j,--jobs", paths->run.jobs, "Cases at a time")->capture_default_str();
-  sub->callback([paths] { score_study(*paths); });
+  sub->callback([paths, studies] { score_studies(*paths, *studies); });
 }
 
 void add_score_practice(CLI::App& app) {

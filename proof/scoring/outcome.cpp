@@ -14,6 +14,17 @@ namespace {
 using Json = nlohmann::json;
 }
 
+bool names_effect(const Label& label, std::size_t i, const std::string& claimed) {
+  return label.effects[i] == claimed ||
+         (i < label.accepted.size() && std::ranges::count(label.accepted[i], claimed) > 0);
+}
+
+bool right_name(const Label& label, const std::string& claimed) {
+  for (std::size_t i = 0; i < label.effects.size(); ++i)
+    if (names_effect(label, i, claimed)) return true;
+  return std::ranges::count(label.background, claimed) > 0;
+}
+
 Outcome read_diagnosis(const std::filesystem::path& file) {
   try {
     const Json json = Json::parse(base::read_text_file(file));
@@ -28,6 +39,10 @@ Outcome read_diagnosis(const std::filesystem::path& file) {
   } catch (const Json::exception& error) {
     throw std::runtime_error(file.string() + ": " + error.what());
   }
+}
+
+std::string laws_of_labels(const std::string& text) {
+  return Json::parse(text).value("laws", "catalogue");
 }
 
 std::vector<Label> parse_labels(const std::string& text) {
@@ -45,6 +60,13 @@ std::vector<Label> parse_labels(const std::string& text) {
     for (const Json& effect : one.at("effects")) {
       label.effects.push_back(effect.at("effect"));
       label.size = effect.at("size");
+      if (!effect.contains("law")) continue;  // the first generator has one law for each effect
+      label.laws.push_back(effect.at("law"));
+      label.accepted.push_back(effect.at("accepted"));
+    }
+    for (const Json& faint : one.value("background", Json::array())) {
+      label.background.push_back(faint.at("effect"));
+      for (const Json& name : faint.at("accepted")) label.background.push_back(name);
     }
     labels.push_back(std::move(label));
   }

@@ -36,18 +36,30 @@ struct Label {
   std::string category;
   std::string nominal;
   std::string trap = "none";
-  std::vector<std::string> effects;
+  std::vector<std::string> effects;  ///< "unknown": nothing in the catalogue names it
+  std::vector<std::string> laws;     ///< of the second generator, one for each effect; else empty
+  /// Further names for each effect that are the same thing as far as a recording can tell; empty: none at all.
+  std::vector<std::vector<std::string>> accepted;
+  std::vector<std::string> background;  ///< names of what is faintly there besides: no error, and nothing asked for
   double size = 1.0;
   double noise_N = 0.0;
   double residual_over_noise = NAN;
   std::string truth_sha256;
 };
 
+/// Whether a claimed name is right for the i-th concealed effect.
+[[nodiscard]] bool names_effect(const Label& label, std::size_t i, const std::string& claimed);
+/// ... for any of what is there.
+[[nodiscard]] bool right_name(const Label& label, const std::string& claimed);
+
 /// diagnosis.json of the recording format. Throws std::runtime_error that names the file.
 [[nodiscard]] Outcome read_diagnosis(const std::filesystem::path& file);
 
 /// The text of labels.json as generate_study wrote it.
 [[nodiscard]] std::vector<Label> parse_labels(const std::string& text);
+
+/// Which generator wrote them: "catalogue" or "foreign".
+[[nodiscard]] std::string laws_of_labels(const std::string& text);
 
 /// Of a labels file for cases from elsewhere. Accepted: an object from case names to labels or a list of
 /// labels (also under "cases"); the concealed effects as names or objects. A form that is not understood is

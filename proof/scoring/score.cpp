@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <limits>
 #include <stdexcept>
 #include <string_view>
 
@@ -15,26 +16,35 @@ double finite_median(std::vector<double> values) {
   return base::median(std::move(values));
 }
 
-bool claims(const Outcome& outcome, const std::string& effect) {
-  return std::ranges::count(outcome.missing, effect, &Claim::effect) > 0;
-}
+constexpr double kSure = 0.9;
 
 bool complete(const Outcome& outcome, const Label& label) {
-  return std::ranges::all_of(label.effects, [&](const std::string& e) { return claims(outcome, e); });
+  for (std::size_t i = 0; i < label.effects.size(); ++i)
+    if (std::ranges::none_of(outcome.missing, [&](const Claim& c) { return names_effect(label, i, c.effect); }))
+      return false;
+  return true;
 }
 
 bool sure_of_another(const Outcome& outcome, const Label& label) {
   return std::ranges::any_of(outcome.missing, [&](const Claim& claim) {
-    return claim.probability > 0.9 && std::ranges::count(label.effects, claim.effect) == 0;
+    return claim.probability > kSure && !right_name(label, claim.effect);
   });
+}
+
+/// Worse than the nominal model by more than a recording with this noise could show in its rms: a twentieth of it.
+bool predicts_worse(const Outcome& outcome, const Label& label) {
+  return outcome.model_rmse_N > outcome.nominal_rmse_N + 0.05 * label.noise_N;
 }
 
 void count_case(Score& s, const Label& label, const Outcome& outcome) {
   s.failed.count(outcome.failed);
   s.wrong_sure.count(sure_of_another(outcome, label));
   const bool alarm = outcome.failed || outcome.verdict != "consistent";
+  for (const Claim& claim : outcome.missing)
+    if (claim.probability > kSure) s.sure_right.count(right_name(label, claim.effect));
+  if (!outcome.failed) s.worse.count(predicts_worse(outcome, label));
   const bool first =
-      !outcome.missing.empty() && !label.effects.empty() && outcome.missing.front().effect == label.effects.front();
+      !outcome.missing.empty() && !label.effects.empty() && names_effect(label, 0, outcome.missing.front().effect);
   const bool all = !outcome.failed && complete(outcome, label);
   const bool exact = all && outcome.missing.size() == label.effects.size();
   if (label.category == "null") {
@@ -49,11 +59,19 @@ void count_case(Score& s, const Label& label, const Outcome& outcome) {
   } else if (label.category == "pair") {
     s.pairs_complete.count(all);
     s.pairs_exact.count(exact);
+  } else if (label.category == "triple") {
+    s.triples_complete.count(all);
+    s.triples_exact.count(exact);
   } else if (label.category == "confusable") {
     s.confusable_complete.count(all);
     s.confusable_exact.count(exact);
   } else if (label.category == "out_of_catalogue") {
-    s.unknown_called.count(outcome.verdict == "unknown_physics");
+    const bool unknown = outcome.verdict == "unknown_physics";
+    s.unknown_called.count(unknown);
+    const bool half = !outcome.missing.empty() && std::ranges::all_of(outcome.missing, [&](const Claim& claim) {
+      return right_name(label, claim.effect);
+    });
+    s.unknown_or_half.count(unknown || half);
     s.unknown_wrong_sure.count(sure_of_another(outcome, label));
   } else {
     throw std::invalid_argument(label.name + ": unknown category " + label.category);
@@ -67,7 +85,7 @@ void calibrate(Score& s, const std::vector<Label>& labels, const std::vector<Out
   std::size_t count = 0;
   for (std::size_t i = 0; i < labels.size(); ++i) {
     for (const Claim& claim : outcomes[i].missing) {
-      const bool right = std::ranges::count(labels[i].effects, claim.effect) > 0;
+      const bool right = right_name(labels[i], claim.effect);
       squares += std::pow(claim.probability - (right ? 1.0 : 0.0), 2);
       ++count;
       std::size_t bin = 0;
@@ -90,6 +108,16 @@ void calibrate(Score& s, const std::vector<Label>& labels, const std::vector<Out
 }
 
 }  // namespace
+
+Interval wilson(const Share& share) {
+  if (share.of == 0) return {};
+  constexpr double kNormal = 1.959964;  // 97.5 % point of the normal distribution
+  const double n = static_cast<double>(share.of), p = static_cast<double>(share.hits) / n;
+  const double z2 = kNormal * kNormal / n;
+  const double middle = (p + 0.5 * z2) / (1.0 + z2);
+  const double half = kNormal * std::sqrt(p * (1.0 - p) / n + 0.25 * z2 / n) / (1.0 + z2);
+  return {std::fmax(0.0, middle - half), std::fmin(1.0, middle + half)};
+}
 
 double gap_closed(const Outcome& outcome, double noise_N) {
   const auto without_noise = [noise_N](double rmse_N) {
@@ -119,8 +147,12 @@ Score score(std::string method, const std::vector<Label>& labels, const std::vec
   s.median_gap_named = finite_median(named);
   s.median_wall_s = finite_median(wall_s);
   s.median_cpu_s = finite_median(cpu_s);
-  std::erase_if(wall_s, [](double v) { return !std::isfinite(v); });
-  if (!wall_s.empty()) s.most_wall_s = std::ranges::max(wall_s);
+  const auto most = [](std::vector<double>& values) {
+    std::erase_if(values, [](double v) { return !std::isfinite(v); });
+    return values.empty() ? std::numeric_limits<double>::quiet_NaN() : std::ranges::max(values);
+  };
+  s.most_wall_s = most(wall_s);
+  s.most_cpu_s = most(cpu_s);
   calibrate(s, labels, outcomes);
   return s;
 }

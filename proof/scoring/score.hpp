@@ -15,6 +15,14 @@ struct Share {
   }
 };
 
+/// 95 % interval of a share (Wilson 1927): unlike the normal one it stays within 0 and 1 and holds its level for few
+/// trials.
+struct Interval {
+  double low = 0.0;
+  double high = 1.0;
+};
+[[nodiscard]] Interval wilson(const Share& share);
+
 struct ReliabilityBin {
   double low = 0.0;
   double high = 1.0;
@@ -40,9 +48,14 @@ struct Score {
   Share pairs_exact;
   Share confusable_complete;
   Share confusable_exact;
+  Share triples_complete;
+  Share triples_exact;
   Share unknown_called;      ///< out-of-catalogue cases whose verdict is unknown_physics
+  Share unknown_or_half;     ///< ... or which claim only names that are part of what is there
   Share unknown_wrong_sure;  ///< ... with a catalogue name claimed above 0.9
   Share wrong_sure;          ///< over all cases: a name claimed above 0.9 that was not concealed
+  Share sure_right;          ///< of all claims above 0.9
+  Share worse;               ///< heldout recordings that the model predicts worse than the nominal one
   std::vector<double> gaps;  ///< closed, per case with something concealed
   double median_gap = NAN;
   double median_gap_named = NAN;  ///< without out-of-catalogue cases
@@ -52,6 +65,7 @@ struct Score {
   double median_wall_s = NAN;
   double median_cpu_s = NAN;
   double most_wall_s = NAN;
+  double most_cpu_s = NAN;
 };
 
 /// 1 - rmse(model) / rmse(nominal). `noise_N` is taken out of both when the reference was recorded force.

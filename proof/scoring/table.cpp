@@ -18,7 +18,10 @@ std::string text(int digits, double value) {
 }
 
 std::string share(const Share& s) {
-  return s.of == 0 ? "-" : std::to_string(s.hits) + "/" + std::to_string(s.of);
+  if (s.of == 0) return "-";
+  const Interval i = wilson(s);
+  return std::to_string(s.hits) + "/" + std::to_string(s.of) + " [" + text(0, 100.0 * i.low) + ", " +
+         text(0, 100.0 * i.high) + "]";
 }
 
 std::string joined(const std::vector<std::string>& words) {
@@ -43,10 +46,15 @@ constexpr Row kRows[] = {
     {"named first over a background", [](const Score& s) { return share(s.background_first); }},
     {"pairs complete", [](const Score& s) { return share(s.pairs_complete); }},
     {"pairs exact", [](const Score& s) { return share(s.pairs_exact); }},
+    {"triples complete", [](const Score& s) { return share(s.triples_complete); }},
+    {"triples exact", [](const Score& s) { return share(s.triples_exact); }},
     {"confusable pairs complete", [](const Score& s) { return share(s.confusable_complete); }},
     {"out of catalogue called unknown", [](const Score& s) { return share(s.unknown_called); }},
+    {"  or by a name of a part of it", [](const Score& s) { return share(s.unknown_or_half); }},
     {"out of catalogue, wrong name > 0.9", [](const Score& s) { return share(s.unknown_wrong_sure); }},
     {"all cases, wrong name > 0.9", [](const Score& s) { return share(s.wrong_sure); }},
+    {"claims > 0.9 that are right", [](const Score& s) { return share(s.sure_right); }},
+    {"heldout worse than nominal", [](const Score& s) { return share(s.worse); }},
     {"gap closed on heldout, median %", [](const Score& s) { return text(1, 100.0 * s.median_gap); }},
     {"  of the named effects %", [](const Score& s) { return text(1, 100.0 * s.median_gap_named); }},
     {"Brier score of the claims", [](const Score& s) { return text(3, s.brier); }},
@@ -54,6 +62,7 @@ constexpr Row kRows[] = {
     {"failed runs", [](const Score& s) { return share(s.failed); }},
     {"time per case, median s", [](const Score& s) { return text(2, s.median_wall_s); }},
     {"CPU time per case, median s", [](const Score& s) { return text(2, s.median_cpu_s); }},
+    {"CPU time per case, most s", [](const Score& s) { return text(1, s.most_cpu_s); }},
 };
 
 }  // namespace
@@ -67,14 +76,14 @@ std::vector<std::vector<std::string>> comparison(std::span<const Score> scores) 
   return rows;
 }
 
-std::string table_text(std::span<const Score> scores) {
+std::string comparison_text(std::span<const Score> scores) {
   std::string out;
   const auto cell = [&out](const std::string& word, std::size_t width, bool left) {
     const std::string pad(word.size() < width ? width - word.size() : 0, ' ');
     out += left ? word + pad : pad + word;
   };
   constexpr std::size_t kFirst = 36;
-  const auto width = [](const Score& s) { return std::max<std::size_t>(s.method.size() + 2, 9); };
+  const auto width = [](const Score& s) { return std::max<std::size_t>(s.method.size() + 2, 19); };
   cell("", kFirst, true);
   for (const Score& s : scores) cell(s.method, width(s), false);
   out += '\n';
@@ -83,6 +92,11 @@ std::string table_text(std::span<const Score> scores) {
     for (std::size_t i = 1; i < row.size(); ++i) cell(row[i], width(scores[i - 1]), false);
     out += '\n';
   }
+  return out;
+}
+
+std::string table_text(std::span<const Score> scores) {
+  std::string out = comparison_text(scores);
   if (scores.empty()) return out;
   out += "\nclaimed by " + scores.front().method + "   claims  mean claim  right\n";
   for (const ReliabilityBin& bin : scores.front().reliability) {
@@ -96,7 +110,10 @@ std::string table_text(std::span<const Score> scores) {
 
 nlohmann::ordered_json score_json(std::span<const Score> scores) {
   const auto number = [](double v) { return std::isfinite(v) ? nlohmann::ordered_json(v) : nlohmann::ordered_json(); };
-  const auto counted = [](const Share& s) { return nlohmann::ordered_json{{"hits", s.hits}, {"of", s.of}}; };
+  const auto counted = [](const Share& s) {
+    const Interval i = wilson(s);
+    return nlohmann::ordered_json{{"hits", s.hits}, {"of", s.of}, {"ci95", {i.low, i.high}}};
+  };
   nlohmann::ordered_json json{{"format", "isorig-proof-score/1"}, {"methods", nlohmann::ordered_json::array()}};
   for (const Score& s : scores) {
     nlohmann::ordered_json one{{"method", s.method}, {"cases", s.cases}};
@@ -110,11 +127,16 @@ nlohmann::ordered_json score_json(std::span<const Score> scores) {
     one["background_first"] = counted(s.background_first);
     one["pairs_complete"] = counted(s.pairs_complete);
     one["pairs_exact"] = counted(s.pairs_exact);
+    one["triples_complete"] = counted(s.triples_complete);
+    one["triples_exact"] = counted(s.triples_exact);
     one["confusable_complete"] = counted(s.confusable_complete);
     one["confusable_exact"] = counted(s.confusable_exact);
     one["unknown_called"] = counted(s.unknown_called);
+    one["unknown_or_half"] = counted(s.unknown_or_half);
     one["unknown_wrong_sure"] = counted(s.unknown_wrong_sure);
     one["wrong_sure"] = counted(s.wrong_sure);
+    one["sure_right"] = counted(s.sure_right);
+    one["heldout_worse"] = counted(s.worse);
     one["failed"] = counted(s.failed);
     one["gap_closed_median"] = number(s.median_gap);
     one["gap_closed_median_named"] = number(s.median_gap_named);
@@ -124,6 +146,7 @@ nlohmann::ordered_json score_json(std::span<const Score> scores) {
     one["wall_s_median"] = number(s.median_wall_s);
     one["wall_s_most"] = number(s.most_wall_s);
     one["cpu_s_median"] = number(s.median_cpu_s);
+    one["cpu_s_most"] = number(s.most_cpu_s);
     for (const ReliabilityBin& bin : s.reliability)
       one["reliability"].push_back({{"low", bin.low},
                                     {"high", bin.high},
@@ -141,7 +164,9 @@ std::vector<std::vector<std::string>> case_rows(const std::vector<Label>& labels
   for (std::size_t i = 0; i < labels.size(); ++i) {
     const Label& label = labels[i];
     const Outcome& outcome = outcomes[i];
-    std::string concealed = label.effects.empty() ? "nothing" : joined(label.effects);
+    std::vector<std::string> hidden = label.effects;
+    for (std::size_t n = 0; n < label.laws.size(); ++n) hidden[n] += " (" + label.laws[n] + ")";
+    std::string concealed = hidden.empty() ? "nothing" : joined(hidden);
     if (label.trap != "none") concealed += " (" + label.trap + ")";
     std::string said = outcome.failed ? "failed: " + outcome.why : outcome.verdict;
     for (const Claim& claim : outcome.missing) said += ", " + claim.effect + " " + text(2, claim.probability);
@@ -157,7 +182,9 @@ void write_score_report(const std::filesystem::path& folder, const std::string& 
   namespace report = identify::report;
   report::Page page(title);
   if (!seal.empty()) page.paragraph("SHA-256 of the labels, published before the tool ran and verified: " + seal);
-  page.note("Every case here is simulated, by a rig that shares no stepping code with the tool's catalogue.");
+  page.note(
+      "Every case here is simulated, by a rig that shares no stepping code with the tool's catalogue. "
+      "Brackets hold 95 % intervals in per cent (Wilson 1927).");
   std::vector<std::string> header{""};
   for (const Score& s : scores) header.push_back(s.method);
   page.heading("Methods");

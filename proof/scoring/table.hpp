@@ -11,6 +11,7 @@ namespace isorig::proof {
 
 /// First column: what is counted; then one column per method.
 [[nodiscard]] std::vector<std::vector<std::string>> comparison(std::span<const Score> scores);
+[[nodiscard]] std::string comparison_text(std::span<const Score> scores);
 /// For the terminal: the comparison, and the reliability of the first method.
 [[nodiscard]] std::string table_text(std::span<const Score> scores);
 [[nodiscard]] nlohmann::ordered_json score_json(std::span<const Score> scores);

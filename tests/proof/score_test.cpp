@@ -91,6 +91,44 @@ TEST(ProofScore, CountsWhatTheDefinitionsSay) {
   EXPECT_EQ(score_json(std::vector{s}).at("methods").at(0).at("wrong_sure").at("hits"), 2);
 }
 
+TEST(ProofScore, AcceptsTheNamesOfOneThingAndWhatIsFaintlyThere) {
+  Label lag = label("single", {"force_lag"});
+  lag.accepted = {{"force_delay"}};
+  Label faint = label("background", {"slack"});
+  faint.background = {"second_relaxation"};
+  Label outside = label("out_of_catalogue", {"unknown"});
+  outside.accepted = {{"strain_stiffening"}};
+  const Label triple = label("triple", {"slack", "force_lag", "zero_drift"});
+  const std::vector<Label> labels{lag, faint, outside, outside, triple, triple};
+  const std::vector<Outcome> outcomes{
+      said("missing_physics", {{"force_delay", 0.95}}),
+      said("missing_physics", {{"slack", 0.95}, {"second_relaxation", 0.95}}),
+      said("missing_physics", {{"strain_stiffening", 0.95}}),
+      said("missing_physics", {{"strain_stiffening", 0.95}, {"slack", 0.95}}, 1.0, 1.01),
+      said("missing_physics", {{"slack", 0.5}, {"force_lag", 0.5}, {"zero_drift", 0.5}}),
+      said("missing_physics", {{"slack", 0.5}, {"force_lag", 0.5}}),
+  };
+  const Score s = score("tool", labels, outcomes);
+  EXPECT_THAT(s.first_all, Is(1, 1));
+  EXPECT_THAT(s.background_first, Is(1, 1));
+  EXPECT_THAT(s.unknown_called, Is(0, 2));
+  EXPECT_THAT(s.unknown_or_half, Is(1, 2));
+  EXPECT_THAT(s.wrong_sure, Is(1, 6));
+  EXPECT_THAT(s.sure_right, Is(5, 6));
+  EXPECT_THAT(s.worse, Is(1, 6));
+  EXPECT_THAT(s.triples_complete, Is(1, 2));
+  EXPECT_THAT(s.triples_exact, Is(1, 2));
+}
+
+TEST(ProofScore, IntervalsAreWilsons) {
+  // At the ends the interval is n / (n + z^2) wide, z^2 = 3.8415.
+  EXPECT_NEAR(wilson({22, 22}).low, 22.0 / 25.8415, 1e-4);
+  EXPECT_NEAR(wilson({22, 22}).high, 1.0, 1e-12);
+  EXPECT_NEAR(wilson({0, 10}).high, 3.8415 / 13.8415, 1e-4);
+  EXPECT_NEAR(wilson({5, 10}).low, 0.2366, 1e-4);  // Newcombe 1998
+  EXPECT_EQ(wilson({0, 0}).high, 1.0);
+}
+
 TEST(ProofScore, CalibrationOfHandMadeClaims) {
   // Ten claims of 0.9: nine right. One of 0.6: wrong.
   std::vector<Label> labels(11, label("single", {"slack"}));
