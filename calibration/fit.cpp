@@ -71,6 +71,7 @@ Line fit_line(const std::vector<Point>& points) {
 
 std::vector<double> errors_of(Channel channel, const std::vector<Point>& points, Correction c) {
   std::vector<double> errors;
+  errors.reserve(points.size());
   for (const auto& p : points) errors.push_back(c.apply(p.raw) - p.reference);
   // A gauge block has a length and no place.
   if (channel == Channel::kPosition) {

@@ -35,7 +35,7 @@ void plain_text(const base::TomlTable& table, const char* key, const std::string
 }
 
 std::string date(const base::TomlTable& table, const char* key) {
-  const auto text = table.string(key);
+  auto text = table.string(key);
   if (!text.empty() && !days_of(text)) {
     table.error(key, std::string("`") + key + "` = \"" + text + "\"; a date is written 2027-05-31");
   }

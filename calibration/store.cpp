@@ -44,7 +44,7 @@ Store::Store(std::filesystem::path directory, std::array<Correction, 3> fallback
   std::error_code none;
   std::vector<base::Diagnostic> wrong;
   for (const auto& entry : std::filesystem::directory_iterator(directory_, none)) {
-    const auto path = entry.path();
+    const auto& path = entry.path();
     if (path.extension() != ".toml" || path.filename().string().front() == '.') continue;
     try {
       auto record = parse_record(base::read_config_file(path), path.string());

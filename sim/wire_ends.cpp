@@ -3,6 +3,7 @@
 #include <arpa/inet.h>
 #include <fcntl.h>
 #include <netinet/in.h>
+#include <netinet/tcp.h>
 #include <sys/eventfd.h>
 #include <sys/socket.h>
 #include <termios.h>
@@ -85,6 +86,41 @@ void link_to(const std::string& path, const std::string& link) {
   if (::symlink(path.c_str(), fresh.c_str()) != 0 || std::rename(fresh.c_str(), link.c_str()) != 0) {
     throw_errno("cannot link " + link);
   }
+}
+
+ClientLine::ClientLine(const std::string& address, std::uint16_t port) {
+  auto listener = listen_on(address, port);
+  listener_ = std::move(listener.fd);
+  port_ = listener.port;
+}
+
+ClientLine::ClientLine(std::string pty_link) : pty_link_(std::move(pty_link)) {
+  auto pty = open_pseudo_terminal(true);
+  link_to(pty.path, pty_link_);
+  line_ = std::move(pty.master);
+  slave_ = std::move(pty.slave);
+  tty_ = pty.path;
+}
+
+ClientLine::~ClientLine() {
+  if (!pty_link_.empty()) ::unlink(pty_link_.c_str());
+}
+
+bool ClientLine::accept(bool refused) {
+  Fd client(::accept4(listener_.get(), nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK));
+  if (!client || refused) return false;
+  const int on = 1;
+  ::setsockopt(client.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+  line_ = std::move(client);
+  return true;
+}
+
+void ClientLine::drop() noexcept {
+  if (listener_) line_.reset();
+}
+
+std::ptrdiff_t ClientLine::send(const void* bytes, std::size_t size) const noexcept {
+  return listener_ ? ::send(line_.get(), bytes, size, MSG_NOSIGNAL) : ::write(line_.get(), bytes, size);
 }
 
 }  // namespace isorig::sim

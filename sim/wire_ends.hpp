@@ -1,4 +1,5 @@
 #pragma once
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <utility>
@@ -57,5 +58,36 @@ struct PseudoTerminal {
 /// `link` names the device file from now on, in one step: whoever tries at this moment finds the old or the new one.
 /// Throws std::runtime_error.
 void link_to(const std::string& path, const std::string& link);
+
+/// The line of a device that has one client: a TCP port, or a pseudo-terminal behind a link. A TCP client that comes
+/// takes the place of the one before, whose connection may hang for ever.
+class ClientLine {
+ public:
+  /// TCP. Throws std::runtime_error.
+  ClientLine(const std::string& address, std::uint16_t port);
+  /// A pseudo-terminal. Throws std::runtime_error.
+  explicit ClientLine(std::string pty_link);
+  ~ClientLine();  ///< removes the link
+  ClientLine(const ClientLine&) = delete;
+  ClientLine& operator=(const ClientLine&) = delete;
+
+  /// For poll(); negative, which poll() skips, where there is none.
+  [[nodiscard]] int listener() const noexcept { return listener_.get(); }
+  [[nodiscard]] int fd() const noexcept { return line_.get(); }
+  [[nodiscard]] std::uint16_t port() const noexcept { return port_; }     ///< 0 of a pseudo-terminal
+  [[nodiscard]] const std::string& tty() const noexcept { return tty_; }  ///< empty of TCP
+  /// Takes the client that waits, or closes it at once when `refused`. True when a new one is there.
+  bool accept(bool refused);
+  /// Hangs up; a pseudo-terminal stays.
+  void drop() noexcept;
+  /// One write, of all or part, as the system takes it; -1 when there is nobody.
+  [[nodiscard]] std::ptrdiff_t send(const void* bytes, std::size_t size) const noexcept;
+
+ private:
+  Fd listener_, line_;
+  Fd slave_;  // PseudoTerminal::slave
+  std::uint16_t port_ = 0;
+  std::string tty_, pty_link_;
+};
 
 }  // namespace isorig::sim

@@ -116,7 +116,7 @@ class DeviceClockMap {
 /// Monotone: increasing device times get increasing host times, also across a new snapshot. What the new
 /// snapshot says differently is not stepped but run off: the difference decays with a time constant of 20 ms,
 /// at most half of the time that passes, so mapped time always goes on at 0.5 to 1.5 times the device's
-/// pace. What is left of the difference is added to the bound and the deviation of each stamp. When the
+/// pace. The remaining difference is added to the bound and the deviation of each stamp. When the
 /// device restarts, the first stamp comes after the last one of the old epoch. A device time not later than
 /// the newest so far is mapped in its place before that one, and changes nothing.
 ///
@@ -124,7 +124,7 @@ class DeviceClockMap {
 /// arrival, one that runs back by more than a second, and, where the device counts its samples (set_period_us, a
 /// sequence), a stamp that is not as many periods after the last as the count says. From there on the stamps are *on
 /// their own*, until an exchange from after the step has been accepted: not before the last one that was mapped, not
-/// after their arrival, and as far apart as the device says. The bound is what these leave.
+/// after their arrival, and as far apart as the device says. The bound is the range they allow.
 class StreamMapper {
  public:
   explicit StreamMapper(const DeviceClockMap& map) noexcept : map_(&map) {}

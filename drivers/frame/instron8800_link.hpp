@@ -17,13 +17,13 @@ namespace isorig::frame {
 /// Each Q line has one answer line, in order; C and P lines have none. So there is never more than one question out.
 /// A lost, late, damaged or superfluous line shifts every answer after it by one. Two things find and mend that:
 ///
-///  - The *check*: Q307 of the position and of the force channel in turn, whose answers ("0,3", "0,2") can be taken
-///  neither
-///    for each other nor for a number. Answers are believed only when the check asked after them was answered rightly.
-///  - After any doubt (no answer in time, an answer that is none, a line nobody asked for, a fresh connection) the line
-///  is
-///    in doubt and recover() gets it in step: silence, both checks in order, silence. While the controller is silent
-///    one check is out, sent again after 2, 4, 8 ... response time-outs; a late answer is thrown away on the way.
+///  - The *check*: Q307 of the position and of the force channel in turn, whose answers ("0,3", "0,2") differ from
+///    each other and from every number. Answers are believed only when the check that was asked after them got its
+///    right answer.
+///  - After no answer in time, a malformed answer, a line without a question, or a new connection the line is in
+///    doubt, and recover() gets it in step: silence, both checks in order, silence. While the controller is silent one
+///    check is unanswered, and is sent again after 2, 4, 8 ... response time-outs; a late answer is thrown away
+///    meanwhile.
 ///
 /// What no check can find: an answer that is damaged into another number.
 ///

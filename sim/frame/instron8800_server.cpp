@@ -1,9 +1,6 @@
 #include "sim/frame/instron8800_server.hpp"
 
-#include <netinet/in.h>
-#include <netinet/tcp.h>
 #include <poll.h>
-#include <sys/socket.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -43,32 +40,19 @@ bool is_stop(std::string_view line) {
 class Instron8800Server::Impl {
  public:
   Impl(const Options& options, frame::Device& backend, Instron8800Faults& faults)
-      : options_(options), faults_(faults), controller_(options, backend, faults) {
-    if (options_.tcp) {
-      auto listener = listen_on(options_.tcp_address, options_.tcp_port);
-      listener_ = listener.fd.release();
-      port_ = listener.port;
-    } else {
-      auto pty = open_pseudo_terminal(true);
-      link_to(pty.path, options_.pty_link);
-      line_fd_ = pty.master.release();
-      slave_fd_ = pty.slave.release();
-      tty_ = pty.path;
-    }
+      : options_(options),
+        faults_(faults),
+        controller_(options, backend, faults),
+        line_(options.tcp ? ClientLine(options.tcp_address, options.tcp_port) : ClientLine(options.pty_link)) {
     thread_ = std::thread([this] { run(); });
   }
 
   ~Impl() {
     stop_.raise();
     thread_.join();
-    for (const int fd : {listener_, line_fd_, slave_fd_}) {
-      if (fd >= 0) ::close(fd);
-    }
-    if (!options_.tcp) ::unlink(options_.pty_link.c_str());
   }
 
-  std::uint16_t port_ = 0;
-  std::string tty_;
+  [[nodiscard]] const ClientLine& line() const noexcept { return line_; }
   std::atomic<std::uint64_t> lines_{0}, watchdog_trips_{0};
 
  private:
@@ -96,38 +80,30 @@ class Instron8800Server::Impl {
   void wait(bool hanging) {
     std::int64_t wait_ns = kIdle_ns;
     if (!answers_.empty()) wait_ns = std::clamp<std::int64_t>(answers_.front().due_ns - now(), 0, kIdle_ns);
-    std::array<pollfd, 3> fds{{{stop_.fd(), POLLIN, 0}, {listener_, POLLIN, 0}, {hanging ? -1 : line_fd_, POLLIN, 0}}};
+    std::array<pollfd, 3> fds{
+        {{stop_.fd(), POLLIN, 0}, {line_.listener(), POLLIN, 0}, {hanging ? -1 : line_.fd(), POLLIN, 0}}};
     const timespec timeout{0, static_cast<long>(hanging ? kIdle_ns : wait_ns)};
     ::ppoll(fds.data(), fds.size(), &timeout, nullptr);
     if (fds[0].revents != 0) stopping_ = true;
-    if (fds[1].revents != 0) accept();
+    if (fds[1].revents != 0 && line_.accept(faults_.disconnect.load())) forget();
     if (fds[2].revents != 0) receive();
   }
 
-  void accept() {
-    const int fd = ::accept4(listener_, nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK);
-    if (fd < 0) return;
-    if (faults_.disconnect.load()) {
-      ::close(fd);
-      return;
-    }
-    drop_line();  // the new one: an old connection may hang for ever
-    const int on = 1;
-    ::setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
-    line_fd_ = fd;
+  void drop_line() {
+    if (!options_.tcp || line_.fd() < 0) return;
+    line_.drop();
+    forget();
   }
 
-  void drop_line() {
-    if (!options_.tcp || line_fd_ < 0) return;
-    ::close(line_fd_);
-    line_fd_ = -1;
+  /// What belonged to the client before.
+  void forget() {
     received_.clear();
     answers_.clear();
   }
 
   void receive() {
     std::array<char, 512> bytes{};
-    const ssize_t size = ::read(line_fd_, bytes.data(), bytes.size());
+    const ssize_t size = ::read(line_.fd(), bytes.data(), bytes.size());
     if (size > 0) {
       received_.append(bytes.data(), static_cast<std::size_t>(size));
     } else if (options_.tcp && (size == 0 || (errno != EAGAIN && errno != EINTR))) {
@@ -184,10 +160,8 @@ class Instron8800Server::Impl {
     while (!answers_.empty() && answers_.front().due_ns <= now()) {
       const std::string line = answers_.front().text + "\r\n";
       answers_.pop_front();
-      if (line_fd_ < 0) continue;
-      const auto sent = options_.tcp ? ::send(line_fd_, line.data(), line.size(), MSG_NOSIGNAL)
-                                     : ::write(line_fd_, line.data(), line.size());
-      if (sent != static_cast<ssize_t>(line.size())) drop_line();
+      if (line_.fd() < 0) continue;
+      if (line_.send(line.data(), line.size()) != static_cast<std::ptrdiff_t>(line.size())) drop_line();
     }
   }
 
@@ -200,7 +174,7 @@ class Instron8800Server::Impl {
   Instron8800Faults& faults_;
   Instron8800Controller controller_;
   StopEvent stop_;
-  int listener_ = -1, line_fd_ = -1, slave_fd_ = -1;
+  ClientLine line_;
   std::string received_;
   std::deque<Due> answers_;
   std::int64_t hang_until_ns_ = 0, silent_until_ns_ = 0;
@@ -213,10 +187,10 @@ Instron8800Server::Instron8800Server(Options options, frame::Device& backend, In
     : impl_(std::make_unique<Impl>(options, backend, faults)) {}
 Instron8800Server::~Instron8800Server() = default;
 std::uint16_t Instron8800Server::port() const noexcept {
-  return impl_->port_;
+  return impl_->line().port();
 }
 std::string Instron8800Server::tty() const {
-  return impl_->tty_;
+  return impl_->line().tty();
 }
 std::uint64_t Instron8800Server::lines() const noexcept {
   return impl_->lines_.load();

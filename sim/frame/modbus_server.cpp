@@ -17,18 +17,14 @@
 #include <thread>
 #include <utility>
 
+#include "sim/frame/gateway_frame.hpp"
 #include "sim/frame/modbus_requests.hpp"
-#include "sim/frame/register_image.hpp"
 #include "sim/wire_ends.hpp"
 
 namespace isorig::sim {
 namespace {
 
-using drivers::DeviceError;
-using frame::Quantity;
-
 constexpr int kIdlePoll_ms = 5;
-constexpr int kNoAnswer = -1;  // beside the exceptions
 
 [[noreturn]] void throw_errno(const std::string& what) {
   throw std::runtime_error("frame emulator: " + what + ": " + std::strerror(errno));
@@ -56,25 +52,20 @@ struct Endpoint {
 class ModbusServer::Impl {
  public:
   Impl(Options options, frame::Device& backend, FrameWireFaults& faults)
-      : options_(std::move(options)), backend_(backend), faults_(faults), image_(options_.map) {
+      : options_(std::move(options)), faults_(faults), frame_(options_.map, backend, faults) {
     int pair[2];
     if (::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, pair) != 0) throw_errno("no descriptors");
     reply_in_ = Fd(pair[0]);
     reply_out_ = Fd(pair[1]);
-    samples_.resize(options_.map.samples.slots);
     if (options_.tcp) add_tcp();
     if (options_.pty) add_pty();
     if (!options_.tty.empty()) add_tty();
-    identity_ = backend_.connect();
-    image_.set_identity(identity_, false);
-    refresh();
     thread_ = std::thread([this] { run(); });
   }
 
   ~Impl() {
     stop_.raise();
     thread_.join();
-    backend_.disconnect();
     if (!options_.pty_link.empty()) ::unlink(options_.pty_link.c_str());
   }
 
@@ -139,7 +130,7 @@ class ModbusServer::Impl {
       }
       ::poll(wait.data(), wait.size(), kIdlePoll_ms);
       if (wait[0].revents != 0) return;
-      refresh();
+      frame_.refresh();
       for (std::size_t i = 0; i < endpoints_.size(); ++i) {
         auto& end = endpoints_[i];
         if (faults_.disconnect.load() && !end.rtu) end.line.reset();
@@ -174,92 +165,8 @@ class ModbusServer::Impl {
       if (left <= 0) return true;
       pollfd wait{stop_.fd(), POLLIN, 0};
       if (::poll(&wait, 1, static_cast<int>(std::min<long>(left, kIdlePoll_ms))) != 0) return false;
-      refresh();
+      frame_.refresh();
     }
-  }
-
-  // ---- the frame
-  // ----------------------------------------------------------------------------------------------
-
-  void refresh() {
-    image_.set_identity(identity_, faults_.wrong_identity.load());
-    if (faults_.freeze.load()) return;
-    try {
-      if (faults_.restart.exchange(false)) restart();
-      for (;;) {
-        const auto poll = backend_.poll(samples_);
-        for (std::size_t i = 0; i < poll.samples; ++i) add_sample(samples_[i]);
-        if (poll.has_exchange) {
-          device_us_ = poll.exchange.device_tx_us;
-        } else if (poll.samples > 0) {
-          device_us_ = std::max(device_us_, static_cast<double>(samples_[poll.samples - 1].device_us));
-        }
-        image_.set_state(poll.state);
-        image_.set_device_time_us(device_us_ - static_cast<double>(started_us_));
-        if (poll.samples < samples_.size()) return;
-      }
-    } catch (const DeviceError&) {
-      // The frame behind the gateway does not answer: the registers stand still, as they do in a real one.
-    }
-  }
-
-  void restart() {
-    backend_.stop();
-    first_sequence_ = next_sequence_;
-    started_us_ = static_cast<std::int64_t>(device_us_);
-  }
-
-  void add_sample(frame::Sample sample) {
-    next_sequence_ = sample.sequence + 1;
-    sample.sequence -= first_sequence_;
-    sample.device_us -= started_us_;
-    image_.add_sample(sample);
-  }
-
-  /// The exception to answer a stop with that is not taken, or kNoAnswer; 0 when nothing keeps it from being taken.
-  int spoil_stop() {
-    if (const int silent_ms = faults_.stop.silent_ms.exchange(0); silent_ms > 0) {
-      silent_until_ = std::chrono::steady_clock::now() + std::chrono::milliseconds(silent_ms);
-      return kNoAnswer;
-    }
-    if (take_one(faults_.stop.cut)) {
-      cut_ = true;
-      return kNoAnswer;
-    }
-    if (take_one(faults_.stop.busy)) return MODBUS_EXCEPTION_SLAVE_OR_SERVER_BUSY;
-    answer_late_ms_ = faults_.stop.late_ms.exchange(0);
-    return 0;
-  }
-
-  /// Acts on what a client writes. Returns the exception to answer with, kNoAnswer, or 0.
-  int act(std::uint16_t address, std::span<const std::uint16_t> words) {
-    if (!image_.covers(address, words.size())) return MODBUS_EXCEPTION_ILLEGAL_DATA_ADDRESS;
-    if (faults_.freeze.load()) return 0;  // written, and nobody there to act on it
-    const auto value = [&](Quantity quantity) {
-      return image_.touched(quantity, address, words).value_or(image_.written(quantity));
-    };
-    try {
-      if (const auto command = image_.touched(Quantity::kCommand, address, words)) {
-        if (*command == options_.map.start_command) {
-          if (faults_.refuse.load()) return MODBUS_EXCEPTION_SLAVE_OR_SERVER_FAILURE;
-          backend_.start_segment({static_cast<std::uint16_t>(value(Quantity::kSegmentIdSetpoint)),
-                                  static_cast<float>(value(Quantity::kTargetSetpoint_mm)),
-                                  static_cast<float>(value(Quantity::kVelocitySetpoint_mm_s))});
-        } else if (*command == options_.map.stop_command) {
-          if (const auto instead = spoil_stop(); instead != 0) return instead;
-          if (!take_one(faults_.stop.lost)) backend_.stop();
-        } else {
-          return MODBUS_EXCEPTION_ILLEGAL_DATA_VALUE;
-        }
-      }
-      if (const auto counter = image_.touched(Quantity::kHeartbeat, address, words)) {
-        backend_.heartbeat(static_cast<std::uint16_t>(*counter));
-      }
-    } catch (const DeviceError& error) {
-      return error.fault() == drivers::Fault::kRefused ? MODBUS_EXCEPTION_ILLEGAL_DATA_VALUE
-                                                       : MODBUS_EXCEPTION_SLAVE_OR_SERVER_FAILURE;
-    }
-    return 0;
   }
 
   // ---- requests
@@ -292,7 +199,7 @@ class ModbusServer::Impl {
     const bool ours =
         request.unit == options_.map.unit_id || broadcast || (!end.rtu && (request.unit == 0 || request.unit == 0xFF));
     if (!ours && end.rtu) return;  // another unit's on the same line
-    if (std::chrono::steady_clock::now() < silent_until_) return;
+    if (std::chrono::steady_clock::now() < frame_.silent_until()) return;
     ++requests_;
     end.heard = std::chrono::steady_clock::now();
     const auto pdu = request.pdu();
@@ -300,8 +207,8 @@ class ModbusServer::Impl {
     if (ours) exception = exception_for(pdu, options_.map.max_read_registers, options_.map.max_write_registers);
     if (broadcast && pdu[0] != MODBUS_FC_WRITE_SINGLE_REGISTER && pdu[0] != MODBUS_FC_WRITE_MULTIPLE_REGISTERS) return;
     if (exception == 0) exception = write(pdu);
-    if (std::exchange(cut_, false) && !end.rtu) end.line.reset();
-    if (!broadcast && exception != kNoAnswer) reply(end, request, exception);
+    if (frame_.take_cut() && !end.rtu) end.line.reset();
+    if (!broadcast && exception != GatewayFrame::kNoAnswer) reply(end, request, exception);
   }
 
   /// What a request that is right writes; nothing, of one that reads.
@@ -309,12 +216,12 @@ class ModbusServer::Impl {
     const auto word = [&](std::size_t at) { return static_cast<std::uint16_t>((pdu[at] << 8U) | pdu[at + 1]); };
     if (pdu[0] == MODBUS_FC_WRITE_SINGLE_REGISTER) {
       const std::array<std::uint16_t, 1> words{word(3)};
-      return act(word(1), words);
+      return frame_.act(word(1), words);
     }
     if (pdu[0] != MODBUS_FC_WRITE_MULTIPLE_REGISTERS) return 0;
     std::vector<std::uint16_t> words(word(3));
     for (std::size_t i = 0; i < words.size(); ++i) words[i] = word(6 + 2 * i);
-    return act(word(1), words);
+    return frame_.act(word(1), words);
   }
 
   void send_exception(const Endpoint& end, const ModbusRequests::Request& request,
@@ -336,10 +243,10 @@ class ModbusServer::Impl {
     modbus_set_socket(context, reply_in_.get());
     if (exception == 0) {
       modbus_mapping_t mapping{};
-      mapping.nb_registers = static_cast<int>(image_.holding().size());
-      mapping.tab_registers = image_.holding().data();
-      mapping.nb_input_registers = static_cast<int>(image_.input().size());
-      mapping.tab_input_registers = image_.input().data();
+      mapping.nb_registers = static_cast<int>(frame_.image().holding().size());
+      mapping.tab_registers = frame_.image().holding().data();
+      mapping.nb_input_registers = static_cast<int>(frame_.image().input().size());
+      mapping.tab_input_registers = frame_.image().input().data();
       modbus_reply(context, request.adu.data(), static_cast<int>(request.adu.size()), &mapping);
     } else {
       // Its own would wrap the functions from 128 on, and wait.
@@ -350,7 +257,7 @@ class ModbusServer::Impl {
     const auto bytes = ::recv(reply_out_.get(), answer.data(), answer.size(), MSG_DONTWAIT);
     if (bytes <= 0) return;
 
-    const int wait = faults_.delay_ms.load() + faults_.late_ms.exchange(0) + std::exchange(answer_late_ms_, 0);
+    const int wait = faults_.delay_ms.load() + faults_.late_ms.exchange(0) + frame_.take_late_ms();
     if (wait > 0 && !wait_ms(wait)) return;
     if (take_one(faults_.drop)) return;
     const auto size = static_cast<std::size_t>(bytes);
@@ -363,18 +270,8 @@ class ModbusServer::Impl {
   }
 
   Options options_;
-  frame::Device& backend_;
   FrameWireFaults& faults_;
-  RegisterImage image_;
-  frame::Identity identity_;
-  std::vector<frame::Sample> samples_;
-  double device_us_ = 0.0;
-  // What the frame counts from since it was started.
-  std::uint32_t first_sequence_ = 0, next_sequence_ = 0;
-  std::int64_t started_us_ = 0;
-  std::chrono::steady_clock::time_point silent_until_{};
-  bool cut_ = false;        // the connection that the request came by
-  int answer_late_ms_ = 0;  // of the request at hand
+  GatewayFrame frame_;
   StopEvent stop_;
   Fd reply_in_, reply_out_;
   std::vector<Endpoint> endpoints_;

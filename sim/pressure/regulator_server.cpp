@@ -1,9 +1,6 @@
 #include "sim/pressure/regulator_server.hpp"
 
-#include <netinet/in.h>
-#include <netinet/tcp.h>
 #include <poll.h>
-#include <sys/socket.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -12,10 +9,12 @@
 #include <cerrno>
 #include <chrono>
 #include <cstdlib>
+#include <span>
 #include <thread>
 #include <utility>
 #include <vector>
 
+#include "sim/frame/modbus_requests.hpp"
 #include "sim/wire_ends.hpp"
 
 namespace isorig::sim {
@@ -28,75 +27,42 @@ constexpr double kAtmosphere_psi = 14.696, kKpaPerPsi = 6.894757293;
 constexpr std::uint16_t kSetpoint = 1009, kStatus = 1200, kPressure = 1202, kCommand = 999, kBarometer = 1357;
 constexpr std::uint32_t kHold = 1U << 8U, kExhaust = 1U << 10U;
 
-std::uint16_t crc_of(const std::uint8_t* bytes, std::size_t size) {
-  std::uint16_t crc = 0xFFFF;
-  for (std::size_t i = 0; i < size; ++i) {
-    crc ^= bytes[i];
-    for (int bit = 0; bit < 8; ++bit)
-      crc = static_cast<std::uint16_t>((crc & 1U) != 0 ? (crc >> 1U) ^ 0xA001U : crc >> 1U);
-  }
-  return crc;
-}
-
 }  // namespace
 
 class RegulatorServer::Impl {
  public:
-  Impl(const Options& options, Rig& rig, RegulatorFaults& faults) : options_(options), rig_(rig), faults_(faults) {
-    if (options_.tcp) {
-      auto listener = listen_on(options_.tcp_address, options_.tcp_port);
-      listener_ = listener.fd.release();
-      port_ = listener.port;
-    } else {
-      auto pty = open_pseudo_terminal(true);
-      link_to(pty.path, options_.pty_link);
-      line_ = pty.master.release();
-      slave_ = pty.slave.release();
-    }
+  Impl(const Options& options, Rig& rig, RegulatorFaults& faults)
+      : options_(options),
+        rig_(rig),
+        faults_(faults),
+        line_(options.tcp ? ClientLine(options.tcp_address, options.tcp_port) : ClientLine(options.pty_link)) {
     move_valves();
     thread_ = std::thread([this] { run(); });
   }
   ~Impl() {
     stop_.raise();
     thread_.join();
-    for (const int fd : {listener_, line_, slave_}) {
-      if (fd >= 0) ::close(fd);
-    }
-    if (!options_.tcp) ::unlink(options_.pty_link.c_str());
   }
 
-  std::uint16_t port_ = 0;
+  [[nodiscard]] const ClientLine& line() const noexcept { return line_; }
   std::atomic<double> setpoint_psi_{0.0};
   std::atomic<bool> exhausting_{false};
 
  private:
   void run() {
     for (;;) {
-      std::array<pollfd, 3> fds{{{stop_.fd(), POLLIN, 0}, {listener_, POLLIN, 0}, {line_, POLLIN, 0}}};
+      std::array<pollfd, 3> fds{{{stop_.fd(), POLLIN, 0}, {line_.listener(), POLLIN, 0}, {line_.fd(), POLLIN, 0}}};
       ::poll(fds.data(), fds.size(), kTurn_ms);
       if (fds[0].revents != 0) return;
       move_valves();
       if (faults_.disconnect.load() && options_.tcp) drop_line();
-      if (fds[1].revents != 0) accept();
-      if (fds[2].revents != 0 && line_ >= 0) receive();
+      if (fds[1].revents != 0 && line_.accept(faults_.disconnect.load())) received_.clear();
+      if (fds[2].revents != 0 && line_.fd() >= 0) receive();
     }
   }
 
-  void accept() {
-    const int fd = ::accept4(listener_, nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK);
-    if (fd < 0) return;
-    if (faults_.disconnect.load()) {
-      ::close(fd);
-      return;
-    }
-    drop_line();
-    const int on = 1;
-    ::setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
-    line_ = fd;
-  }
   void drop_line() {
-    if (line_ >= 0) ::close(line_);
-    line_ = -1;
+    line_.drop();
     received_.clear();
   }
 
@@ -179,7 +145,7 @@ class RegulatorServer::Impl {
 
   void receive() {
     std::array<std::uint8_t, 512> bytes{};
-    const ssize_t size = ::read(line_, bytes.data(), bytes.size());
+    const ssize_t size = ::read(line_.fd(), bytes.data(), bytes.size());
     if (size <= 0) {
       if (options_.tcp && (size == 0 || (errno != EAGAIN && errno != EINTR))) drop_line();
       return;
@@ -200,7 +166,7 @@ class RegulatorServer::Impl {
     if (received_.size() < whole) return false;
     const Bytes request(received_.begin(), received_.begin() + static_cast<std::ptrdiff_t>(whole));
     if (!options_.tcp) {
-      const auto crc = crc_of(request.data(), whole - 2);
+      const auto crc = rtu_crc(std::span(request).first(whole - 2));
       if (request[whole - 2] != (crc & 0xFFU) || request[whole - 1] != crc >> 8U) {
         received_.clear();  // out of step: the line falls silent, and the next request starts afresh
         return false;
@@ -232,13 +198,11 @@ class RegulatorServer::Impl {
     answer.push_back(options_.unit_id);
     answer.insert(answer.end(), pdu.begin(), pdu.end());
     if (!options_.tcp) {
-      const auto crc = crc_of(answer.data(), answer.size());
+      const auto crc = rtu_crc(answer);
       answer.push_back(static_cast<std::uint8_t>(crc & 0xFFU));
       answer.push_back(static_cast<std::uint8_t>(crc >> 8U));
     }
-    const auto sent = options_.tcp ? ::send(line_, answer.data(), answer.size(), MSG_NOSIGNAL)
-                                   : ::write(line_, answer.data(), answer.size());
-    if (sent < 0 && options_.tcp) drop_line();
+    if (line_.send(answer.data(), answer.size()) < 0 && options_.tcp) drop_line();
   }
 
   const Options options_;
@@ -247,7 +211,7 @@ class RegulatorServer::Impl {
   double pressure_psi_ = 0.0;
   std::uint16_t result_ = 0;
   StopEvent stop_;
-  int listener_ = -1, line_ = -1, slave_ = -1;
+  ClientLine line_;
   Bytes received_;
   std::thread thread_;
 };
@@ -256,7 +220,7 @@ RegulatorServer::RegulatorServer(Options options, Rig& rig, RegulatorFaults& fau
     : impl_(std::make_unique<Impl>(options, rig, faults)) {}
 RegulatorServer::~RegulatorServer() = default;
 std::uint16_t RegulatorServer::port() const noexcept {
-  return impl_->port_;
+  return impl_->line().port();
 }
 double RegulatorServer::setpoint_psi() const noexcept {
   return impl_->setpoint_psi_.load();
