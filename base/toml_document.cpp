@@ -6,6 +6,7 @@
 #include "base/nearest.hpp"
 #include "base/text_file.hpp"
 #include "base/toml_budget.hpp"
+#include "base/toml_hints.hpp"
 
 namespace isorig::base {
 namespace {
@@ -55,7 +56,7 @@ void TomlDocument::Impl::find_unread(const toml::table& table, std::vector<Diagn
         }
       }
       if (!best.empty()) {
-        message += "; did you mean `" + best + "`?";
+        message += "; did you mean `" + best + "`?" + unit_hint(name_of_key, best);
       } else if (known != asked.end() && !known->second.empty()) {
         message += "; known here:";
         for (const auto& candidate : known->second) message += " " + candidate;
@@ -101,7 +102,8 @@ TomlDocument TomlDocument::parse_text(std::string_view text, std::string name) {
   try {
     impl->root = toml::parse(impl->text, impl->name);
   } catch (const toml::parse_error& e) {
-    throw ConfigError({impl->at(e.source(), "not valid TOML: " + std::string(e.description()))});
+    throw ConfigError({impl->at(e.source(), "not valid TOML: " + std::string(e.description()) +
+                                                decimal_comma_hint(impl->text, e.source().begin.line))});
   }
   return TomlDocument(std::move(impl));
 }
@@ -120,6 +122,13 @@ const std::string& TomlDocument::text() const {
 
 std::vector<Diagnostic> TomlDocument::diagnostics() const {
   auto all = impl_->diagnostics;
+  // A file of another kind breaks every rule of this one; only that is worth reading.
+  if (const auto* format = impl_->root.get("format"); format != nullptr && format->is_string()) {
+    const auto place = format->source().begin;
+    const auto wrong = std::ranges::find_if(
+        all, [&](const Diagnostic& d) { return d.line == place.line && d.column == place.column; });
+    if (wrong != all.end() && format->ref<std::string>().starts_with("isorig-")) return {*wrong};
+  }
   impl_->find_unread(impl_->root, all);
   std::stable_sort(all.begin(), all.end(), [](const Diagnostic& a, const Diagnostic& b) {
     return std::pair(a.line, a.column) < std::pair(b.line, b.column);

@@ -187,6 +187,44 @@ TEST(TomlReader, UnknownKeysSuggestTheNearest) {
       << "a key that is there already is no suggestion";
 }
 
+TEST(TomlReader, AKeyInAnotherUnitSaysByWhatToMultiply) {
+  const auto d = parse("pressure_kPa = 50\nduration_ms = 5\nvelocity_m_s = 1\nforce_lbs = 2\n");
+  const auto r = d.root();
+  for (const char* key : {"pressure_psi", "duration_s", "velocity_mm_s", "force_N"})
+    static_cast<void>(r.number_or(key, 1.0));
+  EXPECT_THAT(
+      faults(d),
+      ElementsAre(EndsWith("did you mean `pressure_psi`? Its unit is another: multiply the number by 0.1450377"),
+                  EndsWith("did you mean `duration_s`? Its unit is another: multiply the number by 0.001"),
+                  EndsWith("did you mean `velocity_mm_s`? Its unit is another: multiply the number by 1000"),
+                  EndsWith("did you mean `force_N`?")));
+}
+
+TEST(TomlReader, ADecimalCommaIsNamed) {
+  const auto said = [](const std::string& text) -> std::string {
+    try {
+      (void)parse(text);
+    } catch (const ConfigError& e) {
+      return e.what();
+    }
+    return "";
+  };
+  EXPECT_THAT(said("a = 1\nsteps = [ { duration_s = 3,5 } ]\n"),
+              EndsWith("; a number has a decimal point: 3.5, not 3,5"));
+  EXPECT_THAT(said("a = -0,25\n"), EndsWith("; a number has a decimal point: -0.25, not -0,25"));
+  EXPECT_THAT(said("a = 0,25\r\nb = 1\n"), EndsWith("0.25, not 0,25"));
+  EXPECT_THAT(said("a = [1,2\nb = = 3\n"), Not(HasSubstr("decimal point")));
+  EXPECT_THAT(said("a = 1 2\n"), Not(HasSubstr("decimal point")));
+}
+
+TEST(TomlReader, AFileOfAnotherKindIsSaidToBeThatAndNothingElse) {
+  const auto d = parse("format = \"isorig-rig/1\"\n[frame]\nx = 1\n");
+  const auto r = d.root();
+  static_cast<void>(r.choice("format", {"isorig-protocol/1"}));
+  static_cast<void>(r.string("name"));
+  EXPECT_THAT(faults(d), ElementsAre("1:10: `format` = \"isorig-rig/1\"; it has to be one of \"isorig-protocol/1\""));
+}
+
 TEST(TomlReader, UnknownKeysAreFoundAtEveryDepth) {
   const auto d = parse("[a.b]\nx = 1\ny = 2\n[[l]]\nx = 1\n[[l]]\nz = 3\n[m]\ninline = { x = 1, w = 2 }\n");
   const auto r = d.root();
