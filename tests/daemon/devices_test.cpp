@@ -4,10 +4,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include <filesystem>
-#include <fstream>
-#include <sstream>
-
+#include "edited_rig.hpp"
 #include "rig_fixture.hpp"
 
 namespace isorig::daemon::test {
@@ -80,23 +77,7 @@ TEST(Devices, PathsOfAnyLengthAreClaimed) {
 
 /// The shipped rig on the wire with its Teensy connected in another way.
 RigConfig with_teensy(const std::string& keys) {
-  std::ifstream in(source("config/rigs/sim-wire.toml"));
-  std::stringstream text;
-  text << in.rdbuf();
-  std::string rig = text.str();
-  const std::string was = "transport = \"tty\"\nport = \"/tmp/isorig-sim-teensy\"\nserial = \"1234560\"\n";
-  const auto at = rig.find(was);
-  if (at == std::string::npos) throw std::runtime_error("sim-wire.toml connects its Teensy in another way now");
-  rig.replace(at, was.size(), keys + "\n");
-  for (auto up = rig.find("\"../"); up != std::string::npos; up = rig.find("\"../"))
-    rig.replace(up + 1, 2, source("config"));
-  const auto path = std::filesystem::temp_directory_path() / ("teensy-config-" + std::to_string(::getpid()) + ".toml");
-  std::ofstream(path) << rig;
-  struct Remove {
-    const std::filesystem::path& path;
-    ~Remove() { std::filesystem::remove(path); }
-  } remove{path};
-  return load_rig(path);
+  return wire_rig_with("transport = \"tty\"\nport = \"/tmp/isorig-sim-teensy\"\nserial = \"1234560\"\n", keys + "\n");
 }
 
 TEST(Devices, ATeensyIsReadOverUsbUnlessAPortIsNamed) {

@@ -1,11 +1,9 @@
 #include <gmock/gmock.h>
-#include <unistd.h>
 
-#include <filesystem>
 #include <fstream>
-#include <sstream>
 
 #include "daemon/rig/devices.hpp"
+#include "edited_rig.hpp"
 #include "rig_fixture.hpp"
 
 namespace isorig::daemon::test {
@@ -16,24 +14,7 @@ using ::testing::ThrowsMessage;
 
 /// The shipped rig on the wire with another [interlock].
 RigConfig with_interlock(const std::string& keys) {
-  std::ifstream in(source("config/rigs/sim-wire.toml"));
-  std::stringstream text;
-  text << in.rdbuf();
-  std::string rig = text.str();
-  const std::string was = "[interlock]\ndriver = \"sim\"\n";
-  const auto at = rig.find(was);
-  if (at == std::string::npos) throw std::runtime_error("sim-wire.toml has another [interlock] now");
-  rig.replace(at, was.size(), "[interlock]\n" + keys + "\n");
-  for (auto up = rig.find("\"../"); up != std::string::npos; up = rig.find("\"../")) {
-    rig.replace(up + 1, 2, source("config"));
-  }
-  const auto path = std::filesystem::temp_directory_path() / ("gpio-config-" + std::to_string(::getpid()) + ".toml");
-  std::ofstream(path) << rig;
-  struct Remove {
-    const std::filesystem::path& path;
-    ~Remove() { std::filesystem::remove(path); }
-  } remove{path};
-  return load_rig(path);
+  return wire_rig_with("[interlock]\ndriver = \"sim\"\n", "[interlock]\n" + keys + "\n");
 }
 
 TEST(GpioConfig, ReadsEveryLine) {
