@@ -116,7 +116,8 @@ class Regularised : public Process {
   double velocity_mm_s_;
 };
 
-const Parameter kPresliding{"presliding_mm", 2e-4, 1.0, {0.02, 0.2}, true};
+const Parameter kPresliding{
+    "presliding_mm", 2e-4, 1.0, {0.02, 0.2}, true, false, {.lower_limit_law = "ideal dry friction"}};
 
 }  // namespace
 
@@ -165,7 +166,13 @@ const Physics& coulomb_friction() {
         [](std::span<const double> p, const Reference&) { return std::make_unique<WeakenedIwan>(p[0], p[1], p[2]); }},
        {"regularised",
         "F = Fc tanh(v / v0)",
-        {{"velocity_mm_s", 1e-4, 1e3, {0.002, 0.5}, true}},
+        {{"velocity_mm_s",
+          1e-4,
+          1e3,
+          {0.002, 0.5},
+          true,
+          false,
+          {.lower_limit_law = "ideal dry friction", .upper_limit_law = "a dashpot"}}},
         {{"force_N", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Regularised>(p[0]); }}}};
   return physics;

@@ -34,7 +34,7 @@ const Physics& friction_with_pressure() {
       "Slow triangles at every pressure.",
       {{"dahl",
         "F = f p z, z as Dahl, beside friction: (Fc + f p) z",
-        {{"presliding_mm", 2e-4, 1.0, {0.02}, true}},
+        {{"presliding_mm", 2e-4, 1.0, {0.02}, true, false, {.lower_limit_law = "ideal dry friction"}}},
         {{"force_N_psi", Sign::kNonNegative}},
         [](std::span<const double> p, const Reference& reference) {
           return std::make_unique<Pressed>(p[0], reference.nominal_pressure_psi);

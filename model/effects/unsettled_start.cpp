@@ -31,7 +31,8 @@ const Physics& unsettled_start() {
         "F = F0 exp(-t / tau)",
         {{"time_constant_s", 0.05, 100.0, {1.0, 20.0}, true}},
         {{"force_N", Sign::kFree}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Unsettled>(p[0]); }}},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Unsettled>(p[0]); },
+        {.counts = Counts::kTime}}},
       {.unusual = true}};
   return physics;
 }

@@ -58,12 +58,14 @@ const Physics& zero_drift() {
         "F = r t",
         {},
         {{"rate_N_h", Sign::kFree}},
-        [](auto, const Reference&) { return std::make_unique<Linear>(); }},
+        [](auto, const Reference&) { return std::make_unique<Linear>(); },
+        {.counts = Counts::kTime}},
        {"settling",
         "F = D (1 - exp(-t / T))",
         {{"time_constant_s", 100.0, 2e4, {600.0}, true}},
         {{"drift_N", Sign::kFree}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Settling>(p[0]); }},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Settling>(p[0]); },
+        {.counts = Counts::kTime}},
        {"wander",
         "F = sum of six cosines over the recording",
         {{"duration_s", 1.0, 1e7, {}, true, true, {.filled_by = FilledBy::kRecordingDuration}}},
@@ -73,7 +75,8 @@ const Physics& zero_drift() {
          {"c4_N", Sign::kFree},
          {"c5_N", Sign::kFree},
          {"c6_N", Sign::kFree}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Wander>(p[0]); }}}};
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Wander>(p[0]); },
+        {.counts = Counts::kTime}}}};
   return physics;
 }
 
