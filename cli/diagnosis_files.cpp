@@ -52,6 +52,11 @@ void print_diagnosis(const identify::Diagnosis& d, const std::filesystem::path& 
                 d.design.experiment->text.c_str(), d.design.experiment->duration_s);
   for (const auto& pair : d.design.inseparable) std::printf("  %s\n", pair.text.c_str());
   for (const auto& fault : d.faults) std::printf("  data: %s\n", fault.text.c_str());
+  if (d.heldout.all)
+    std::printf("  left out of the fit and predicted: rms %.4g N nominal, %.4g N with it\n",
+                d.heldout.all->nominal_rmse_N, d.heldout.all->model_rmse_N);
+  else
+    std::printf("  too little to leave anything out: how well the models predict is not known\n");
   std::printf("  rms %.4g N nominal, %.4g N with it; noise %.4g N; %s/\n", d.nominal_errors.train_rmse_N,
               d.model_errors.train_rmse_N, d.noise_N, folder.c_str());
 }

@@ -5,7 +5,6 @@
 #include <cstdio>
 #include <stdexcept>
 
-#include "identify/diagnose/fit/left_out.hpp"
 #include "identify/diagnose/guard/plausible.hpp"
 #include "identify/diagnose/guard/start_up_cut.hpp"
 #include "identify/diagnose/search/calibration.hpp"
@@ -207,19 +206,26 @@ void decide_verdict(const Study& study, bool noise_from_rests, Diagnosis& out) {
 /// Elements with memory in place of what a table describes, where much is left. If the table already explains more
 /// than 88 % of the excess, keep it: the elements fit so small a remainder well and do not generalise (development seed
 /// 20261121: gap closed on heldout motions fell from 72 % to 6 %).
-void describe_what_is_left(const Search& search, const Study& study, unsigned threads, Diagnosis& out) {
+void describe_what_is_left(const Search& search, const Study& study, unsigned threads, Criterion& criterion,
+                           Diagnosis& out) {
   if (out.verdict != Verdict::kUnknownPhysics || out.unexplained <= kMuchUnexplained) return;
   if (auto memory = describe_hysteresis(search, study.selection, threads)) {
     out.model = std::move(memory->spec);
     out.described_by = memory->function_of;
+    criterion = {memory->noise, false};
   }
 }
 
-void measure_errors(const Study& study, unsigned threads, Diagnosis& out) {
-  const Problem problem(study.series, study.selection.chosen().fit.noise);
-  out.nominal_errors = {rmse_N(out.nominal, study), left_out_rmse_N(problem, out.nominal, threads)};
-  out.model_errors = {rmse_N(out.model, study), left_out_rmse_N(problem, out.model, threads)};
-  out.heldout = study_heldout(problem, out.nominal, out.model, threads);
+void measure_errors(const Study& study, const PublishedNominal& nominal, const Criterion& criterion, unsigned threads,
+                    Diagnosis& out) {
+  const LeaveOut leave_out(study.series, study.noise.noise.white_N, learn_again(out.nominal, nominal.criterion),
+                           threads);
+  out.heldout = leave_out.study(out.model, learn_again(out.model, criterion));
+  out.nominal_errors = {rmse_N(out.nominal, study), {}};
+  out.model_errors = {rmse_N(out.model, study), {}};
+  if (!out.heldout.all) return;
+  out.nominal_errors.heldout_rmse_N = out.heldout.all->nominal_rmse_N;
+  out.model_errors.heldout_rmse_N = out.heldout.all->model_rmse_N;
 }
 
 /// The selection refits under the noise that each explanation was left with, in few iterations. Where that stopped
@@ -264,8 +270,8 @@ void add_notes(const Study& study, const Fit& nominal_fit, Diagnosis& out) {
 void refuse_unless_finite(const Diagnosis& d) {
   bool finite = true;
   for (const double value :
-       {d.noise_N, d.noise_scale, d.unexplained, d.nominal_errors.train_rmse_N, d.nominal_errors.heldout_rmse_N,
-        d.model_errors.train_rmse_N, d.model_errors.heldout_rmse_N}) {
+       {d.noise_N, d.noise_scale, d.unexplained, d.nominal_errors.train_rmse_N, d.model_errors.train_rmse_N,
+        d.nominal_errors.heldout_rmse_N.value_or(0.0), d.model_errors.heldout_rmse_N.value_or(0.0)}) {
     finite = finite && std::isfinite(value);
   }
   for (const MissingEffect& missing : d.missing) {
@@ -320,22 +326,24 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   out.instrument = study.noise.noise;
   out.noise_source = study.noise.source;
   out.noise_N = std::hypot(study.noise.noise.white_N, study.noise.noise.coloured_N);
-  const Fit nominal_fit = published_nominal(search, study.selection, study.usable, options.threads);
-  out.nominal = nominal_fit.spec;
+  const PublishedNominal nominal_published = published_nominal(search, study.selection, study.usable, options.threads);
+  Criterion criterion =
+      study.selection.best == 0 ? nominal_published.criterion : criterion_of_chosen(search, study.selection);
+  out.nominal = nominal_published.fit.spec;
   out.model = study.selection.best == 0 ? out.nominal : study.selection.chosen().fit.spec;
   place_events(out.model, study.series[0], study.usable[0]);
   name_missing_effects(study);
   list_alternatives(study.selection, out);
   decide_verdict(study, study.noise.source == NoiseSource::kRests, out);
-  describe_what_is_left(search, study, options.threads, out);
+  describe_what_is_left(search, study, options.threads, criterion, out);
   out.nominal.name = out.model.name = nominal.name;
   for (MissingEffect& missing : out.missing)
     missing.probability = calibrated(missing.probability, out.unexplained, out.verdict == Verdict::kUnknownPhysics);
-  measure_errors(study, options.threads, out);
+  measure_errors(study, nominal_published, criterion, options.threads, out);
   if (out.verdict != Verdict::kConsistent)
     out.where = locate(search.instrument_problem(), out.nominal, out.model, study.selection.noise_scale);
   out.design = design_experiment(search, study.selection, options.design, options.threads);
-  add_notes(study, nominal_fit, out);
+  add_notes(study, nominal_published.fit, out);
   refuse_unless_finite(out);
   return study;
 }

@@ -39,7 +39,7 @@ struct Explanation {
 
 struct Errors {
   double train_rmse_N = 0.0;
-  double heldout_rmse_N = 0.0;
+  std::optional<double> heldout_rmse_N;  ///< blocks left out in turn; empty where nothing can be left out
 };
 
 enum class Verdict { kConsistent, kMissingPhysics, kUnknownPhysics };

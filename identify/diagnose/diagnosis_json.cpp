@@ -39,11 +39,15 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
   }
   json["next_experiment"] = experiment_json(d.design);
   if (!d.design.inseparable.empty()) json["inseparable"] = inseparable_json(d.design);
-  json["fit"] = {
-      {"noise_N", d.noise_N},
-      {"nominal",
-       {{"train_rmse_N", d.nominal_errors.train_rmse_N}, {"heldout_rmse_N", d.nominal_errors.heldout_rmse_N}}},
-      {"model", {{"train_rmse_N", d.model_errors.train_rmse_N}, {"heldout_rmse_N", d.model_errors.heldout_rmse_N}}}};
+  const auto errors = [](const Errors& of) {
+    ordered_json out{{"train_rmse_N", of.train_rmse_N}, {"heldout_rmse_N", nullptr}};
+    if (of.heldout_rmse_N) out["heldout_rmse_N"] = *of.heldout_rmse_N;
+    return out;
+  };
+  json["fit"] = {{"noise_N", d.noise_N},
+                 {"heldout_blocks", name_of(d.heldout.blocks)},
+                 {"nominal", errors(d.nominal_errors)},
+                 {"model", errors(d.model_errors)}};
   json["heldout"] = ordered_json::array();
   for (const LeftOut& one : d.heldout.left_out)
     json["heldout"].push_back({{"by", one.by},
