@@ -52,6 +52,7 @@ void print_diagnosis(const identify::Diagnosis& d, const std::filesystem::path& 
                 d.design.experiment->text.c_str(), d.design.experiment->duration_s);
   for (const auto& pair : d.design.inseparable) std::printf("  %s\n", pair.text.c_str());
   for (const auto& fault : d.faults) std::printf("  data: %s\n", fault.text.c_str());
+  if (!d.not_modelled.why.empty()) std::printf("  %s\n", d.not_modelled.text().c_str());
   if (d.heldout.all)
     std::printf("  left out of the fit and predicted: rms %.4g N nominal, %.4g N with it\n",
                 d.heldout.all->nominal_rmse_N, d.heldout.all->model_rmse_N);

@@ -37,6 +37,15 @@ struct Explanation {
   bool at_bound = false;  ///< a parameter stands at the end of its range
 };
 
+/// What of the diagnosis model.toml does not hold, since it would predict worse with it.
+struct NotModelled {
+  std::vector<std::string> names;     ///< effects, and the variable of a description
+  std::string why;                    ///< "" when the model is whole
+  std::optional<LeftOut> decided_by;  ///< the left-out row that decided, if it was one
+
+  [[nodiscard]] std::string text() const;  ///< for people
+};
+
 struct Errors {
   double train_rmse_N = 0.0;
   std::optional<double> heldout_rmse_N;  ///< blocks left out in turn; empty where nothing can be left out
@@ -64,6 +73,7 @@ struct Diagnosis {
   HeldoutStudy heldout;
   model::ModelSpec nominal;
   model::ModelSpec model;
+  NotModelled not_modelled;
   Design design;             ///< what would settle it, when explanations are tied
   std::string described_by;  ///< variable of the table that stands for unknown physics
   double unexplained = 0.0;  ///< share of the nominal model's excess that is left

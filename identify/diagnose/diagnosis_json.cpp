@@ -48,13 +48,20 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
                  {"heldout_blocks", name_of(d.heldout.blocks)},
                  {"nominal", errors(d.nominal_errors)},
                  {"model", errors(d.model_errors)}};
+  const auto row = [](const LeftOut& one) {
+    return ordered_json{{"by", one.by},
+                        {"left_out", one.value},
+                        {"readings", one.readings},
+                        {"nominal_rmse_N", one.nominal_rmse_N},
+                        {"model_rmse_N", one.model_rmse_N}};
+  };
   json["heldout"] = ordered_json::array();
-  for (const LeftOut& one : d.heldout.left_out)
-    json["heldout"].push_back({{"by", one.by},
-                               {"left_out", one.value},
-                               {"readings", one.readings},
-                               {"nominal_rmse_N", one.nominal_rmse_N},
-                               {"model_rmse_N", one.model_rmse_N}});
+  for (const LeftOut& one : d.heldout.left_out) json["heldout"].push_back(row(one));
+  json["not_modelled"] = nullptr;
+  if (!d.not_modelled.why.empty()) {
+    json["not_modelled"] = {{"names", d.not_modelled.names}, {"why", d.not_modelled.why}, {"decided_by", nullptr}};
+    if (d.not_modelled.decided_by) json["not_modelled"]["decided_by"] = row(*d.not_modelled.decided_by);
+  }
   json["stability"] = ordered_json::array();
   for (const Stability& one : d.heldout.stability)
     json["stability"].push_back(

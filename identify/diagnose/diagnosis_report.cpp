@@ -134,6 +134,7 @@ void write_diagnosis_report(const Study& study, const std::filesystem::path& fol
   }
   errors.push_back({"noise of the force channel", number_text(d.noise_N)});
   page.table({"", "rms, N"}, errors, "Measured minus simulated force");
+  if (!d.not_modelled.why.empty()) page.paragraph(d.not_modelled.text());
   if (!d.heldout.all) page.paragraph(std::string(kNothingLeftOut));
   if (!d.heldout.left_out.empty()) {
     std::vector<std::vector<std::string>> rows;

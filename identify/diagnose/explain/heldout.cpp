@@ -172,7 +172,12 @@ LeftOut compare(std::string by, std::string value, const Prediction& without, co
   return out;
 }
 
-std::vector<Stability> stability_of(const model::ModelSpec& model, const std::vector<Prediction>& folds) {
+/// Over the fits that learnt the model; one that learnt the nominal model in its place has none of its numbers.
+std::vector<Stability> stability_of(const model::ModelSpec& model, const std::vector<Prediction>& all) {
+  std::vector<Prediction> folds;
+  for (const Prediction& one : all)
+    if (one.spec.parts.size() == model.parts.size()) folds.push_back(one);
+  if (folds.empty()) return {};
   std::vector<Stability> out;
   for (std::size_t p = 0; p < model.parts.size(); ++p) {
     const auto& part = model.parts[p];

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/parallel.hpp"
+#include "identify/diagnose/fit/fading.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -21,8 +22,12 @@ Relearnt learn_without(std::span<const Series> series, const Learner& learner, c
       if (out[row++]) count = 0.0;
   Relearnt relearnt;
   relearnt.spec = learner(kept);
-  const Problem problem(series, {});
-  relearnt.error_N = problem.target() - problem.predict(relearnt.spec);
+  relearnt.error_N.resize(static_cast<Eigen::Index>(row));
+  Eigen::Index bin = 0;
+  for (const Series& each : series) {
+    const std::vector<double> force_N = faded_force(relearnt.spec, each);
+    for (std::size_t k = 0; k < force_N.size(); ++k) relearnt.error_N[bin++] = each.force_N[k] - force_N[k];
+  }
   return relearnt;
 }
 

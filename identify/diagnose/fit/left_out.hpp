@@ -10,7 +10,8 @@
 namespace isorig::identify {
 
 /// Learns a model from what is kept of the recordings, by the criterion that it was published under. Bins that are left
-/// out have no readings (count 0): the motion passes there and the force is not looked at.
+/// out have no readings (count 0): the motion passes there and the force is not looked at. A model that says what it
+/// has seen of them fades beyond (fading.hpp), as its predictions will.
 using Learner = std::function<model::ModelSpec(std::span<const Series> kept)>;
 
 /// Under one noise, from the spec's own numbers, until it has converged or `iterations` have passed.

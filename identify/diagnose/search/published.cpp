@@ -1,7 +1,10 @@
 #include "identify/diagnose/search/published.hpp"
 
 #include <algorithm>
+#include <cmath>
 
+#include "identify/diagnose/fit/fading.hpp"
+#include "identify/diagnose/fit/free_parameters.hpp"
 #include "identify/diagnose/fit/many_starts.hpp"
 #include "identify/diagnose/search/empirical.hpp"
 #include "identify/diagnose/search/hysteresis.hpp"
@@ -26,6 +29,22 @@ model::ModelSpec learn_from(std::span<const Series> kept, const model::ModelSpec
   if (has_table(spec)) spec = learn_table_again(problem, spec);
   if (has_relay(spec)) scan_relay(problem, spec);
   return problem.fit(std::move(spec), kIterations).spec;
+}
+
+/// What kept bins say for a model, beyond what a search asks of an effect; negative: it would not have been found.
+double shown_by(std::span<const Series> kept, const model::ModelSpec& with, const model::ModelSpec& nominal,
+                const NoiseModel& noise) {
+  constexpr double kFloor = 40.0;  // squares that chance may leave (weigh)
+  const SelectionOptions options;
+  const Problem problem(kept, noise);
+  const Fit without = problem.fit(nominal, kIterations);
+  const double n = std::max(static_cast<double>(without.rows), 2.0), left = squares_of(problem, with);
+  const double gain = without.chi2 - left;
+  if (gain <= 0.0) return gain;
+  const double more = static_cast<double>(counted_numbers(with)) - static_cast<double>(counted_numbers(without.spec));
+  const double likelihood = 0.5 * gain - 0.5 * std::max(more, 1.0) * std::log(n);
+  const double variance = 0.5 * options.error_degrees * std::log1p(gain / (std::max(left - n, 0.0) + kFloor));
+  return std::min(likelihood, variance) - options.prior_cost;
 }
 
 }  // namespace
@@ -69,6 +88,18 @@ Learner learn_again(model::ModelSpec spec, Criterion criterion) {
     if (!criterion.rows_alike) return learn_from(kept, spec, criterion.noise);
     const std::vector<Series> rows = with_rows_alike(kept);
     return learn_from(rows, spec, criterion.noise);
+  };
+}
+
+Learner learn_again_if_shown(model::ModelSpec spec, Criterion criterion, const model::ModelSpec& nominal,
+                             Criterion nominal_criterion) {
+  return [learn = learn_again(std::move(spec), criterion), learn_nominal = learn_again(nominal, nominal_criterion),
+          nominal, noise = criterion.noise](std::span<const Series> kept) {
+    model::ModelSpec with = learn(kept), without = learn_nominal(kept);
+    if (shown_by(kept, with, nominal, noise) <= 0.0) return without;
+    with.seen = ranges_of(kept);
+    with.seen->nominal = std::move(without.parts);
+    return with;
   };
 }
 

@@ -40,4 +40,15 @@ struct PublishedNominal {
 /// stretch is left out.
 [[nodiscard]] Learner learn_again(model::ModelSpec spec, Criterion criterion);
 
+/// The same for what a search found: as the search would, it keeps what it found only if the kept bins show it. With Q
+/// and Q0 the squares that the model and the nominal one leave in them in units of the noise, k the numbers that the
+/// model has more, n the bins, and the terms of weigh() (select.hpp),
+///
+///     min( (Q0 - Q)/2 - k/2 ln n,  d/2 ln(1 + (Q0 - Q) / (max(Q - n, 0) + 40)) ) > prior cost
+///
+/// else the nominal model is what is learnt. A dead time is not there to be learnt from motions so slow that it makes
+/// no difference; what a fit makes of it there says nothing of the model. What is learnt says which ranges it has seen.
+[[nodiscard]] Learner learn_again_if_shown(model::ModelSpec spec, Criterion criterion, const model::ModelSpec& nominal,
+                                           Criterion nominal_criterion);
+
 }  // namespace isorig::identify
