@@ -25,7 +25,11 @@ void write_diagnosis(const identify::Study& study, const std::filesystem::path& 
   std::filesystem::create_directories(folder);
   write_text_file(folder / "diagnosis.json", identify::diagnosis_json(d).dump(2) + "\n");
   write_text_file(folder / "nominal.toml", model::model_text(d.nominal, "The given model, refitted."));
-  write_text_file(folder / "model.toml", model::model_text(d.model, "The model with what it lacked."));
+  const std::string comment = d.not_modelled.why.empty() ? "The model with what it lacked."
+                                                         : "The model with what it lacked, as far as it predicts no "
+                                                           "worse for it.\n" +
+                                                               d.not_modelled.text();
+  write_text_file(folder / "model.toml", model::model_text(d.model, comment));
   // One of an earlier diagnosis would be taken for this one's.
   std::filesystem::remove(folder / "next_experiment.toml");
   if (d.design.experiment) write_text_file(folder / "next_experiment.toml", d.design.experiment->protocol);
@@ -40,6 +44,7 @@ void write_diagnosis(const identify::Study& study, const std::filesystem::path& 
 void print_diagnosis(const identify::Diagnosis& d, const std::filesystem::path& folder) {
   for (const auto& warning : d.warnings) std::printf("warning: %s\n", warning.c_str());
   std::printf("%s\n", std::string(identify::name_of(d.verdict)).c_str());
+  if (d.unjudged) std::printf("  %s\n  to judge it, record: %s\n", d.unjudged->why.c_str(), d.unjudged->record.c_str());
   for (const auto& missing : d.missing) {
     std::printf("  %-20s p = %.2f ", std::string(missing.effect->name).c_str(), missing.probability);
     for (const auto& value : missing.parameters)

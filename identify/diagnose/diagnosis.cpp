@@ -9,6 +9,7 @@
 #include "identify/diagnose/forecast.hpp"
 #include "identify/diagnose/guard/plausible.hpp"
 #include "identify/diagnose/guard/start_up_cut.hpp"
+#include "identify/diagnose/judgeable.hpp"
 #include "identify/diagnose/publish.hpp"
 #include "identify/diagnose/search/calibration.hpp"
 #include "identify/diagnose/search/events.hpp"
@@ -286,6 +287,8 @@ std::string_view name_of(Verdict verdict) {
       return "missing_physics";
     case Verdict::kUnknownPhysics:
       return "unknown_physics";
+    case Verdict::kCannotJudge:
+      return "cannot_judge";
   }
   return "";
 }
@@ -320,6 +323,8 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     missing.probability = calibrated(missing.probability, out.unexplained, out.verdict == Verdict::kUnknownPhysics);
   publish_model(search, study, nominal_published, std::move(whole), options.threads, out);
   out.nominal.name = out.model.name = nominal.name;
+  if (out.verdict == Verdict::kConsistent && (out.unjudged = unjudged(study, out.nominal_errors.train_rmse_N)))
+    out.verdict = Verdict::kCannotJudge;
   if (out.verdict != Verdict::kConsistent)
     out.where = locate(search.instrument_problem(), out.nominal, out.model, study.selection.noise_scale);
   out.design = design_experiment(search, study.selection, options.design, options.threads);

@@ -46,12 +46,20 @@ struct NotModelled {
   [[nodiscard]] std::string text() const;  ///< for people
 };
 
+/// Why "consistent" would say more than the recordings do.
+struct Unjudged {
+  std::string why;
+  std::string record;  ///< the recording that would allow a judgement
+};
+
 struct Errors {
   double train_rmse_N = 0.0;
   std::optional<double> heldout_rmse_N;  ///< blocks left out in turn; empty where nothing can be left out
 };
 
-enum class Verdict { kConsistent, kMissingPhysics, kUnknownPhysics };
+/// kCannotJudge: nothing speaks against the model, and the recordings could not show it if something did
+/// (judgeable.hpp).
+enum class Verdict { kConsistent, kMissingPhysics, kUnknownPhysics, kCannotJudge };
 [[nodiscard]] std::string_view name_of(Verdict verdict);
 
 struct Diagnosis {
@@ -74,9 +82,10 @@ struct Diagnosis {
   model::ModelSpec nominal;
   model::ModelSpec model;
   NotModelled not_modelled;
-  Design design;             ///< what would settle it, when explanations are tied
-  std::string described_by;  ///< variable of the table that stands for unknown physics
-  double unexplained = 0.0;  ///< share of the nominal model's excess that is left
+  std::optional<Unjudged> unjudged;  ///< of the verdict cannot_judge
+  Design design;                     ///< what would settle it, when explanations are tied
+  std::string described_by;          ///< variable of the table that stands for unknown physics
+  double unexplained = 0.0;          ///< share of the nominal model's excess that is left
 };
 
 struct DiagnosisOptions {

@@ -9,6 +9,8 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
   ordered_json json;
   json["format"] = "isorig-diagnosis/1";
   json["verdict"] = name_of(d.verdict);
+  json["cannot_judge"] = nullptr;
+  if (d.unjudged) json["cannot_judge"] = {{"why", d.unjudged->why}, {"record", d.unjudged->record}};
   json["missing"] = ordered_json::array();
   for (const MissingEffect& missing : d.missing) {
     ordered_json entry;

@@ -47,6 +47,9 @@ std::string verdict_text(const Diagnosis& d) {
                  : "Something is left that no effect of the catalogue explains. It is described as a "
                    "function of " +
                        d.described_by + ".";
+    case Verdict::kCannotJudge:
+      return "Whether the model is right cannot be judged: " + d.unjudged->why +
+             ". A recording that would allow it: " + d.unjudged->record + ".";
   }
   return "";
 }
