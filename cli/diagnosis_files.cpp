@@ -25,7 +25,11 @@ void write_diagnosis(const identify::Study& study, const std::filesystem::path& 
   std::filesystem::create_directories(folder);
   write_text_file(folder / "diagnosis.json", identify::diagnosis_json(d).dump(2) + "\n");
   write_text_file(folder / "nominal.toml", model::model_text(d.nominal, "The given model, refitted."));
-  write_text_file(folder / "model.toml", model::model_text(d.model, "The model with what it lacked."));
+  const std::string comment = d.not_modelled.why.empty() ? "The model with what it lacked."
+                                                         : "The model with what it lacked, as far as it predicts no "
+                                                           "worse for it.\n" +
+                                                               d.not_modelled.text();
+  write_text_file(folder / "model.toml", model::model_text(d.model, comment));
   // One of an earlier diagnosis would be taken for this one's.
   std::filesystem::remove(folder / "next_experiment.toml");
   if (d.design.experiment) write_text_file(folder / "next_experiment.toml", d.design.experiment->protocol);
@@ -40,6 +44,7 @@ void write_diagnosis(const identify::Study& study, const std::filesystem::path& 
 void print_diagnosis(const identify::Diagnosis& d, const std::filesystem::path& folder) {
   for (const auto& warning : d.warnings) std::printf("warning: %s\n", warning.c_str());
   std::printf("%s\n", std::string(identify::name_of(d.verdict)).c_str());
+  if (d.unjudged) std::printf("  %s\n  to judge it, record: %s\n", d.unjudged->why.c_str(), d.unjudged->record.c_str());
   for (const auto& missing : d.missing) {
     std::printf("  %-20s p = %.2f ", std::string(missing.effect->name).c_str(), missing.probability);
     for (const auto& value : missing.parameters)
@@ -52,6 +57,12 @@ void print_diagnosis(const identify::Diagnosis& d, const std::filesystem::path& 
                 d.design.experiment->text.c_str(), d.design.experiment->duration_s);
   for (const auto& pair : d.design.inseparable) std::printf("  %s\n", pair.text.c_str());
   for (const auto& fault : d.faults) std::printf("  data: %s\n", fault.text.c_str());
+  if (!d.not_modelled.why.empty()) std::printf("  %s\n", d.not_modelled.text().c_str());
+  if (d.heldout.all)
+    std::printf("  left out of the fit and predicted: rms %.4g N nominal, %.4g N with it\n",
+                d.heldout.all->nominal_rmse_N, d.heldout.all->model_rmse_N);
+  else
+    std::printf("  too little to leave anything out: how well the models predict is not known\n");
   std::printf("  rms %.4g N nominal, %.4g N with it; noise %.4g N; %s/\n", d.nominal_errors.train_rmse_N,
               d.model_errors.train_rmse_N, d.noise_N, folder.c_str());
 }

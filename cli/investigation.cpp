@@ -17,8 +17,8 @@ using nlohmann::ordered_json;
 namespace {
 
 constexpr const char* kFormat = "isorig-investigation/1";
-constexpr std::array<std::string_view, 7> kOutcomes{"running",     "consistent", "settled", "unknown_physics",
-                                                    "inseparable", "rounds",     "budget"};
+constexpr std::array<std::string_view, 8> kOutcomes{"running",     "consistent", "settled", "unknown_physics",
+                                                    "inseparable", "rounds",     "budget",  "cannot_judge"};
 
 ordered_json json_of(const Round& round) {
   ordered_json out{
@@ -94,6 +94,7 @@ void take_in(Round& round, const identify::Study& study) {
       text += ", " + value.name + " " + identify::report::interval_text(value.value, value.low, value.high);
     round.found.push_back(std::move(text));
   }
+  if (d.unjudged) round.found.push_back(d.unjudged->why + "; record " + d.unjudged->record);
   if (!d.described_by.empty()) round.found.push_back("something that depends on " + d.described_by);
   round.tied = !d.design.tied.empty();
   round.experiment = identify::experiment_json(d.design);
@@ -105,6 +106,7 @@ void take_in(Round& round, const identify::Study& study) {
 std::optional<Outcome> settled_by(const Round& round) {
   if (round.tied) return round.experiment.is_null() ? std::optional(Outcome::kInseparable) : std::nullopt;
   if (round.verdict == "consistent") return Outcome::kConsistent;
+  if (round.verdict == "cannot_judge") return Outcome::kUnjudged;
   return round.verdict == "unknown_physics" ? Outcome::kUnknown : Outcome::kSettled;
 }
 
@@ -127,6 +129,8 @@ std::string answer_text(const Investigation& all) {
       return "The model explains what was recorded: nothing is missing that would show." + before;
     case Outcome::kSettled:
       return "One explanation stands out: " + found + "." + before;
+    case Outcome::kUnjudged:
+      return "What was recorded cannot judge the model: " + found + ".";
     case Outcome::kUnknown:
       return "Something is missing that no effect of the catalogue explains" +
              (found.empty() ? std::string(".") : ": " + found + ".");

@@ -33,7 +33,7 @@ struct Round {
   [[nodiscard]] const Explanation& best() const { return explanations.front(); }
 };
 
-enum class Outcome { kRunning, kConsistent, kSettled, kUnknown, kInseparable, kRounds, kBudget };
+enum class Outcome { kRunning, kConsistent, kSettled, kUnknown, kInseparable, kRounds, kBudget, kUnjudged };
 [[nodiscard]] std::string_view name_of(Outcome outcome);
 
 struct Investigation {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "cli/command.hpp"
+#include "identify/diagnose/forecast.hpp"
 #include "identify/diagnose/motion/reconstruction.hpp"
 #include "messages/csv.hpp"
 #include "messages/recording.hpp"
@@ -64,6 +65,10 @@ int predict(const Options& options) {
     return kFailure;
   }
   const model::ModelSpec spec = model::read_model(options.model);
+  if (const std::string why = identify::unfit_seen(spec); !why.empty()) {
+    std::cerr << options.model << ": " << why << '\n';
+    return kBadInput;
+  }
   messages::Recording recording;
   try {
     recording = messages::read_recording(options.recording);
@@ -74,13 +79,12 @@ int predict(const Options& options) {
   // What was measured is out of reach from here on: a prediction that had seen it would prove nothing.
   std::fill(recording.frame.force_N.begin(), recording.frame.force_N.end(), 0.0);
   const identify::Excitation excitation = identify::reconstruct_excitation(recording);
-  model::RunningModel running(spec, excitation.reference);
-  running.reset(excitation.instants.front());
-  std::vector<double> force_N;
-  force_N.reserve(excitation.instants.size());
-  for (const model::Instant& now : excitation.instants) force_N.push_back(running.step(now));
-
-  const messages::CsvColumnView columns[] = {{"t_s", recording.frame.t_s}, {"force_N", force_N}};
+  const identify::Forecast forecast = identify::forecast(spec, excitation);
+  for (const std::string& note : forecast.notes) std::cerr << "note: " << note << '\n';
+  std::vector<messages::CsvColumnView> columns{{"t_s", recording.frame.t_s}, {"force_N", forecast.force_N}};
+  if (spec.seen)
+    columns.insert(columns.end(),
+                   {{"low95_N", forecast.low95_N}, {"high95_N", forecast.high95_N}, {"outside", forecast.outside}});
   const std::string text = messages::number_csv_text(columns);
   return write_whole(options.out, text) ? kOk : kFailure;
 }
@@ -91,7 +95,8 @@ Command add_predict(CLI::App& app) {
       "predict", "Simulate a model on a recording's position and pressure; its measured force is not looked at");
   sub->add_option("RECORDING", options->recording, "Folder of the recording")->required();
   sub->add_option("--model", options->model, "Model (model.toml or nominal.toml of a diagnosis)")->required();
-  sub->add_option("--out", options->out, "CSV to write: t_s,force_N, one row per row of frame.csv")->required();
+  sub->add_option("--out", options->out, "CSV to write: t_s,force_N and the band, one row per row of frame.csv")
+      ->required();
   return {sub, [options] { return predict(*options); }};
 }
 

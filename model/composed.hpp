@@ -1,6 +1,7 @@
 #pragma once
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -19,11 +20,25 @@ struct Part {
   Table table = {};                  ///< of an empirical law
 };
 
+/// What a model was fitted to. What it has beyond the nominal model is known there alone.
+struct Seen {
+  double lowest_mm = 0.0, highest_mm = 0.0;  ///< position
+  double fastest_mm_s = 0.0;
+  double travel_mm = 0.0;                      ///< of the longest recording, to and fro
+  double lowest_psi = 0.0, highest_psi = 0.0;  ///< gauge; both zero where there was no pressure
+  double duration_s = 0.0;                     ///< of the longest recording
+  double error_N = 0.0;                        ///< rms of a reading that was left out of the fit
+  /// Of the numbers that were fitted, in the order of free_numbers(): row by row of the lower triangle.
+  std::vector<double> covariance;
+  std::vector<Part> nominal;  ///< the nominal model, which it fades to
+};
+
 /// A whole model: which parts, with which numbers. Order of the parts within a stage is kept; the stages
 /// order themselves.
 struct ModelSpec {
   std::string name;
   std::vector<Part> parts;
+  std::optional<Seen> seen = {};  ///< of a model that was fitted
 
   [[nodiscard]] std::size_t coefficient_count() const noexcept;
   [[nodiscard]] std::vector<double> coefficients() const;

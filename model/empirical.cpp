@@ -74,7 +74,10 @@ class TableMotion : public Process {
 };
 
 Law table_law(std::string_view name, std::string_view formula, Of of) {
-  return {name, formula, {}, {{"scale", Sign::kFree}}, {}, {}, [of](const Table& table, const Reference&) {
+  LawTraits traits;
+  if (of == Of::kTime) traits.counts = Counts::kTime;
+  if (of == Of::kTravel) traits.counts = Counts::kTravel;
+  return {name, formula, {}, {{"scale", Sign::kFree}}, {}, traits, [of](const Table& table, const Reference&) {
             return std::make_unique<TableForce>(table, of);
           }};
 }

@@ -133,7 +133,8 @@ const Physics& empirical_memory() {
         "F = (a + b e) sin(2 pi t / T) + (c + d e) cos(2 pi t / T), t since the start",
         {{"period_s", 1.0, 1e5, {600.0}, true}},
         {{"sine_N", Sign::kFree}, {"cosine_N", Sign::kFree}, {"sine_N_mm", Sign::kFree}, {"cosine_N_mm", Sign::kFree}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Wave>(p[0]); }}}};
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Wave>(p[0]); },
+        {.counts = Counts::kTime}}}};
   return physics;
 }
 

@@ -82,6 +82,32 @@ void read_part(const base::TomlTable& table, ModelSpec& spec) {
   spec.parts.push_back(std::move(part));
 }
 
+/// [seen]; its [[seen.nominal]] are parts.
+Seen read_seen(const base::TomlTable& table) {
+  Seen seen;
+  const auto pair = [&](const char* key, double& low, double& high) {
+    const std::vector<double> values = table.numbers(key);
+    if (values.size() != 2 || values[0] > values[1]) {
+      table.error(key, std::string(key) + " is the lowest and the highest value, in this order");
+      return;
+    }
+    low = values[0];
+    high = values[1];
+  };
+  pair("position_mm", seen.lowest_mm, seen.highest_mm);
+  pair("pressure_psi", seen.lowest_psi, seen.highest_psi);
+  seen.fastest_mm_s = table.number("rate_mm_s", base::kNonNegative);
+  seen.travel_mm = table.number("travel_mm", base::kNonNegative);
+  seen.duration_s = table.number("duration_s", base::kNonNegative);
+  seen.error_N = table.number("error_N", base::kNonNegative);
+  seen.covariance = table.numbers("covariance");
+  ModelSpec nominal;
+  for (const base::TomlTable& part : table.tables("nominal")) read_part(part, nominal);
+  seen.nominal = std::move(nominal.parts);
+  if (seen.nominal.empty()) table.error("nominal", "[seen] needs at least one [[seen.nominal]]");
+  return seen;
+}
+
 ModelSpec read_document(const base::TomlDocument& document) {
   const base::TomlTable root = document.root();
   ModelSpec spec;
@@ -92,8 +118,45 @@ ModelSpec read_document(const base::TomlDocument& document) {
   if (parts.empty()) root.error("part", "a model needs at least one [[part]]");
   for (const base::TomlTable& part : parts) read_part(part, spec);
   if (spec.coefficient_count() > 32) root.error("part", "more than 32 coefficients");
+  if (root.has("seen")) spec.seen = read_seen(root.table("seen"));
   document.finish();
   return spec;
+}
+
+std::string numbers_text(std::span<const double> values) {
+  std::string out = "[";
+  for (std::size_t i = 0; i < values.size(); ++i)
+    out += (i == 0 ? "" : i % 8 == 0 ? ",\n  " : ", ") + number(values[i]);
+  return out + "]";
+}
+
+std::string parts_text(std::span<const Part> parts, std::string_view key) {
+  std::string out;
+  for (const Part& part : parts) {
+    out += "\n[[" + std::string(key) + "]]  # " + std::string(side_of(part.physics->stage));
+    out += "\nphysics = " + toml_string(part.physics->name) + "\nlaw = " + toml_string(part.law->name);
+    out += "  # " + std::string(part.law->formula) + "\n";
+    for (std::size_t i = 0; i < part.parameters.size(); ++i)
+      out += std::string(part.law->parameters[i].name) + " = " + number(part.parameters[i]) + "\n";
+    for (std::size_t i = 0; i < part.coefficients.size(); ++i)
+      out += std::string(part.law->coefficients[i].name) + " = " + number(part.coefficients[i]) + "\n";
+    if (part.fixed) out += "fixed = true\n";
+    if (part.law->make_table) {
+      out += "table_first = " + number(part.table.first) + "\ntable_step = " + number(part.table.step) +
+             "\ntable_values = " + numbers_text(part.table.values) + "\n";
+    }
+  }
+  return out;
+}
+
+std::string seen_text(const Seen& seen) {
+  const double position_mm[] = {seen.lowest_mm, seen.highest_mm}, pressure_psi[] = {seen.lowest_psi, seen.highest_psi};
+  return "\n[seen]  # what the model was fitted to; beyond it predictions fade to the nominal model\nposition_mm = " +
+         numbers_text(position_mm) + "\nrate_mm_s = " + number(seen.fastest_mm_s) +
+         "\ntravel_mm = " + number(seen.travel_mm) + "\npressure_psi = " + numbers_text(pressure_psi) +
+         "\nduration_s = " + number(seen.duration_s) + "\nerror_N = " + number(seen.error_N) +
+         "  # rms of a reading that was left out of the fit\ncovariance = " + numbers_text(seen.covariance) + "\n" +
+         parts_text(seen.nominal, "seen.nominal");
 }
 
 }  // namespace
@@ -116,23 +179,8 @@ std::string model_text(const ModelSpec& spec, std::string_view comment) {
     comment = end == std::string_view::npos ? std::string_view{} : comment.substr(end + 1);
   }
   out += "format = " + toml_string(kFormat) + "\nname = " + toml_string(spec.name) + "\n";
-  for (const Part& part : spec.parts) {
-    out += "\n[[part]]  # " + std::string(side_of(part.physics->stage));
-    out += "\nphysics = " + toml_string(part.physics->name) + "\nlaw = " + toml_string(part.law->name);
-    out += "  # " + std::string(part.law->formula) + "\n";
-    for (std::size_t i = 0; i < part.parameters.size(); ++i)
-      out += std::string(part.law->parameters[i].name) + " = " + number(part.parameters[i]) + "\n";
-    for (std::size_t i = 0; i < part.coefficients.size(); ++i)
-      out += std::string(part.law->coefficients[i].name) + " = " + number(part.coefficients[i]) + "\n";
-    if (part.fixed) out += "fixed = true\n";
-    if (part.law->make_table) {
-      out += "table_first = " + number(part.table.first) + "\ntable_step = " + number(part.table.step) +
-             "\ntable_values = [";
-      for (std::size_t i = 0; i < part.table.values.size(); ++i)
-        out += (i == 0 ? "" : i % 8 == 0 ? ",\n  " : ", ") + number(part.table.values[i]);
-      out += "]\n";
-    }
-  }
+  out += parts_text(spec.parts, "part");
+  if (spec.seen) out += seen_text(*spec.seen);
   return out;
 }
 

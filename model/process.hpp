@@ -80,6 +80,10 @@ struct ParameterTraits {
   double resolution_factor = 0.0;  ///< times that, in the parameter's unit
   /// The effect that the law turns into at its lower bound; it stands under that name there.
   std::string_view lower_bound_is = {};
+  /// The law that stands at this bound is one in its own right: what it is there. Empty: a number at its bound says
+  /// that the law is not the right one.
+  std::string_view lower_limit_law = {};
+  std::string_view upper_limit_law = {};
 };
 
 /// What a person must know of a number to judge it. `isorig effects` prints it, and docs/effect-sheets.md is that
@@ -129,6 +133,10 @@ struct Table {
   }
 };
 
+/// What a law counts from the start of the recording on. It changes whatever the motion does now, so that its energy is
+/// that of the past or of the surroundings; and it says nothing of a time, or a travel, that it was not fitted to.
+enum class Counts { kNothing, kTime, kTravel };
+
 /// How a law works among others. Declared where the law is.
 struct LawTraits {
   /// The law is another form of a linear Maxwell arm of the nominal model, and takes its place. Its first parameter is
@@ -140,6 +148,7 @@ struct LawTraits {
   bool uses_coefficients = false;
   /// Of an event (a parameter with event_time): the sign of the step it makes in the force.
   double event_force_step = 0.0;
+  Counts counts = Counts::kNothing;
 };
 
 /// One mathematical form of a piece of physics.

@@ -5,9 +5,12 @@
 #include <cstdio>
 #include <stdexcept>
 
-#include "identify/diagnose/fit/left_out.hpp"
+#include "identify/diagnose/diagnosis_notes.hpp"
+#include "identify/diagnose/forecast.hpp"
 #include "identify/diagnose/guard/plausible.hpp"
 #include "identify/diagnose/guard/start_up_cut.hpp"
+#include "identify/diagnose/judgeable.hpp"
+#include "identify/diagnose/publish.hpp"
 #include "identify/diagnose/search/calibration.hpp"
 #include "identify/diagnose/search/events.hpp"
 #include "identify/diagnose/search/hysteresis.hpp"
@@ -207,65 +210,60 @@ void decide_verdict(const Study& study, bool noise_from_rests, Diagnosis& out) {
 /// Elements with memory in place of what a table describes, where much is left. If the table already explains more
 /// than 88 % of the excess, keep it: the elements fit so small a remainder well and do not generalise (development seed
 /// 20261121: gap closed on heldout motions fell from 72 % to 6 %).
-void describe_what_is_left(const Search& search, const Study& study, unsigned threads, Diagnosis& out) {
+void describe_what_is_left(const Search& search, const Study& study, unsigned threads, const Diagnosis& out,
+                           Candidate& whole) {
   if (out.verdict != Verdict::kUnknownPhysics || out.unexplained <= kMuchUnexplained) return;
   if (auto memory = describe_hysteresis(search, study.selection, threads)) {
-    out.model = std::move(memory->spec);
-    out.described_by = memory->function_of;
+    whole.spec = std::move(memory->spec);
+    whole.described_by = memory->function_of;
+    whole.criterion = {memory->noise, false};
+    whole.effects.clear();
+    for (const auto* effect : study.selection.chosen().effects)
+      if (whole.spec.has(effect->name)) whole.effects.push_back(effect);
   }
 }
 
-void measure_errors(const Study& study, unsigned threads, Diagnosis& out) {
-  const Problem problem(study.series, study.selection.chosen().fit.noise);
-  out.nominal_errors = {rmse_N(out.nominal, study), left_out_rmse_N(problem, out.nominal, threads)};
-  out.model_errors = {rmse_N(out.model, study), left_out_rmse_N(problem, out.model, threads)};
-  out.heldout = study_heldout(problem, out.nominal, out.model, threads);
+/// [seen] of a model that is handed out, for predictions (forecast.hpp).
+void remember_what_was_seen(const Study& study, const Criterion& criterion, const Errors& errors,
+                            const model::ModelSpec& nominal, model::ModelSpec& spec) {
+  const Problem problem(study.series, criterion.noise);
+  model::Seen seen = ranges_of(study.series);
+  // Left-out errors are those of bins: what the motion errs by within a bin is in the rows alone.
+  seen.error_N = std::max(errors.heldout_rmse_N.value_or(0.0), errors.train_rmse_N);
+  seen.covariance = lower_triangle(covariance(problem, spec, Spread::kMoves));
+  seen.nominal = nominal.parts;
+  spec.seen = std::move(seen);
 }
 
-/// The selection refits under the noise that each explanation was left with, in few iterations. Where that stopped
-/// short and going on would still gain, the reader must know: the numbers are on their way, not there.
-void note_unfinished_fit(const Study& study, const Fit& fit, const char* which, Diagnosis& out) {
-  constexpr int kIterations = 25;
-  constexpr double kMatters = 1.0;  // half a standard deviation of one number, in log-likelihood
-  if (fit.stop == Stop::kConverged || fit.stop == Stop::kAtBounds) return;
-  const Problem problem(study.series, fit.noise);
-  const double before = problem.fit(fit.spec, 0).chi2;
-  const Fit further = problem.fit(fit.spec, kIterations);
-  const bool done = further.stop == Stop::kConverged || further.stop == Stop::kAtBounds;
-  if (done && before - further.chi2 < kMatters) return;
-  char text[320];
-  std::snprintf(text, sizeof text,
-                "The fit of the %s stopped before it had converged (%.*s); %d further iterations lowered its whitened "
-                "sum of squares by %.3g of %.6g and ended with %.*s. Its numbers may be off by more than their "
-                "intervals: two of them may stand for each other.",
-                which, static_cast<int>(name_of(fit.stop).size()), name_of(fit.stop).data(), kIterations,
-                before - further.chi2, before, static_cast<int>(name_of(further.stop).size()),
-                name_of(further.stop).data());
-  out.notes.emplace_back(text);
-}
-
-void add_notes(const Study& study, const Fit& nominal_fit, Diagnosis& out) {
-  for (const Inseparable& pair : out.design.inseparable) out.notes.push_back(pair.text);
-  note_unfinished_fit(study, nominal_fit, "nominal model", out);
-  if (study.selection.best != 0)
-    note_unfinished_fit(study, study.selection.chosen().fit, "model with what it lacked", out);
-  if (out.nominal.has("spring") && out.nominal.has("maxwell"))
-    out.notes.emplace_back(
-        "A spring in series with the specimen (grips, load cell, frame) turns this model into another of the same "
-        "form: no force and crosshead reading can tell its stiffness. It is not looked for, and the stiffnesses "
-        "here are those of specimen and load train together.");
-  std::vector<double> nominal_psi;
-  for (const Series& each : study.series)
-    nominal_psi.push_back(each.recording.metadata.nominal_pressure_psi.value_or(0.0));
-  if (auto text = mixed_pressures(nominal_psi); !text.empty()) out.warnings.push_back(std::move(text));
+/// Settles which model is handed out (publish.hpp), and what the two are wrong by.
+void publish_model(const Search& search, const Study& study, const PublishedNominal& nominal, Candidate whole,
+                   unsigned threads, Diagnosis& out) {
+  const LeaveOut leave_out(study.series, study.noise.noise.white_N, learn_again(out.nominal, nominal.criterion),
+                           threads);
+  Publication publication = publish(search, study.selection, leave_out, std::move(whole),
+                                    {out.nominal, nominal.criterion, {}, {}}, out.noise_N);
+  out.model = std::move(publication.model.spec);
+  out.described_by = std::move(publication.model.described_by);
+  out.heldout = std::move(publication.heldout);
+  out.not_modelled = {std::move(publication.located_only), std::move(publication.why),
+                      std::move(publication.decided_by)};
+  out.nominal_errors = {rmse_N(out.nominal, study), {}};
+  out.model_errors = {rmse_N(out.model, study), {}};
+  if (out.heldout.all) {
+    out.nominal_errors.heldout_rmse_N = out.heldout.all->nominal_rmse_N;
+    out.model_errors.heldout_rmse_N = out.heldout.all->model_rmse_N;
+  }
+  const model::ModelSpec plain_nominal = out.nominal;
+  remember_what_was_seen(study, nominal.criterion, out.nominal_errors, plain_nominal, out.nominal);
+  remember_what_was_seen(study, publication.model.criterion, out.model_errors, plain_nominal, out.model);
 }
 
 /// A verdict on numbers that are none is no verdict.
 void refuse_unless_finite(const Diagnosis& d) {
   bool finite = true;
   for (const double value :
-       {d.noise_N, d.noise_scale, d.unexplained, d.nominal_errors.train_rmse_N, d.nominal_errors.heldout_rmse_N,
-        d.model_errors.train_rmse_N, d.model_errors.heldout_rmse_N}) {
+       {d.noise_N, d.noise_scale, d.unexplained, d.nominal_errors.train_rmse_N, d.model_errors.train_rmse_N,
+        d.nominal_errors.heldout_rmse_N.value_or(0.0), d.model_errors.heldout_rmse_N.value_or(0.0)}) {
     finite = finite && std::isfinite(value);
   }
   for (const MissingEffect& missing : d.missing) {
@@ -289,21 +287,10 @@ std::string_view name_of(Verdict verdict) {
       return "missing_physics";
     case Verdict::kUnknownPhysics:
       return "unknown_physics";
+    case Verdict::kCannotJudge:
+      return "cannot_judge";
   }
   return "";
-}
-
-std::string mixed_pressures(std::span<const double> nominal_psi) {
-  if (nominal_psi.empty()) return {};
-  const auto [low, high] = std::ranges::minmax(nominal_psi);
-  if (high - low <= 0.05 * high) return {};
-  char text[240];
-  std::snprintf(text, sizeof text,
-                "The recordings were made at nominal pressures from %.3g to %.3g psi and are fitted with one "
-                "material. An actuator's stiffness follows its pressure: diagnose each pressure by itself, unless "
-                "that is what is to be shown.",
-                low, high);
-  return text;
 }
 
 Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::string> names,
@@ -320,22 +307,28 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   out.instrument = study.noise.noise;
   out.noise_source = study.noise.source;
   out.noise_N = std::hypot(study.noise.noise.white_N, study.noise.noise.coloured_N);
-  const Fit nominal_fit = published_nominal(search, study.selection, study.usable, options.threads);
-  out.nominal = nominal_fit.spec;
+  const PublishedNominal nominal_published = published_nominal(search, study.selection, study.usable, options.threads);
+  out.nominal = nominal_published.fit.spec;
   out.model = study.selection.best == 0 ? out.nominal : study.selection.chosen().fit.spec;
   place_events(out.model, study.series[0], study.usable[0]);
   name_missing_effects(study);
   list_alternatives(study.selection, out);
   decide_verdict(study, study.noise.source == NoiseSource::kRests, out);
-  describe_what_is_left(search, study, options.threads, out);
-  out.nominal.name = out.model.name = nominal.name;
+  const Hypothesis& chosen = study.selection.chosen();
+  Candidate whole{
+      out.model, study.selection.best == 0 ? nominal_published.criterion : criterion_of_chosen(search, study.selection),
+      chosen.effects, chosen.empirical};
+  describe_what_is_left(search, study, options.threads, out, whole);
   for (MissingEffect& missing : out.missing)
     missing.probability = calibrated(missing.probability, out.unexplained, out.verdict == Verdict::kUnknownPhysics);
-  measure_errors(study, options.threads, out);
+  publish_model(search, study, nominal_published, std::move(whole), options.threads, out);
+  out.nominal.name = out.model.name = nominal.name;
+  if (out.verdict == Verdict::kConsistent && (out.unjudged = unjudged(study, out.nominal_errors.train_rmse_N)))
+    out.verdict = Verdict::kCannotJudge;
   if (out.verdict != Verdict::kConsistent)
     out.where = locate(search.instrument_problem(), out.nominal, out.model, study.selection.noise_scale);
   out.design = design_experiment(search, study.selection, options.design, options.threads);
-  add_notes(study, nominal_fit, out);
+  add_notes(study, nominal_published.fit, out);
   refuse_unless_finite(out);
   return study;
 }

@@ -37,12 +37,29 @@ struct Explanation {
   bool at_bound = false;  ///< a parameter stands at the end of its range
 };
 
-struct Errors {
-  double train_rmse_N = 0.0;
-  double heldout_rmse_N = 0.0;
+/// What of the diagnosis model.toml does not hold, since it would predict worse with it.
+struct NotModelled {
+  std::vector<std::string> names;     ///< effects, and the variable of a description
+  std::string why;                    ///< "" when the model is whole
+  std::optional<LeftOut> decided_by;  ///< the left-out row that decided, if it was one
+
+  [[nodiscard]] std::string text() const;  ///< for people
 };
 
-enum class Verdict { kConsistent, kMissingPhysics, kUnknownPhysics };
+/// Why "consistent" would say more than the recordings do.
+struct Unjudged {
+  std::string why;
+  std::string record;  ///< the recording that would allow a judgement
+};
+
+struct Errors {
+  double train_rmse_N = 0.0;
+  std::optional<double> heldout_rmse_N;  ///< blocks left out in turn; empty where nothing can be left out
+};
+
+/// kCannotJudge: nothing speaks against the model, and the recordings could not show it if something did
+/// (judgeable.hpp).
+enum class Verdict { kConsistent, kMissingPhysics, kUnknownPhysics, kCannotJudge };
 [[nodiscard]] std::string_view name_of(Verdict verdict);
 
 struct Diagnosis {
@@ -64,9 +81,11 @@ struct Diagnosis {
   HeldoutStudy heldout;
   model::ModelSpec nominal;
   model::ModelSpec model;
-  Design design;             ///< what would settle it, when explanations are tied
-  std::string described_by;  ///< variable of the table that stands for unknown physics
-  double unexplained = 0.0;  ///< share of the nominal model's excess that is left
+  NotModelled not_modelled;
+  std::optional<Unjudged> unjudged;  ///< of the verdict cannot_judge
+  Design design;                     ///< what would settle it, when explanations are tied
+  std::string described_by;          ///< variable of the table that stands for unknown physics
+  double unexplained = 0.0;          ///< share of the nominal model's excess that is left
 };
 
 struct DiagnosisOptions {

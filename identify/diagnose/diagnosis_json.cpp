@@ -9,6 +9,8 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
   ordered_json json;
   json["format"] = "isorig-diagnosis/1";
   json["verdict"] = name_of(d.verdict);
+  json["cannot_judge"] = nullptr;
+  if (d.unjudged) json["cannot_judge"] = {{"why", d.unjudged->why}, {"record", d.unjudged->record}};
   json["missing"] = ordered_json::array();
   for (const MissingEffect& missing : d.missing) {
     ordered_json entry;
@@ -39,18 +41,29 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
   }
   json["next_experiment"] = experiment_json(d.design);
   if (!d.design.inseparable.empty()) json["inseparable"] = inseparable_json(d.design);
-  json["fit"] = {
-      {"noise_N", d.noise_N},
-      {"nominal",
-       {{"train_rmse_N", d.nominal_errors.train_rmse_N}, {"heldout_rmse_N", d.nominal_errors.heldout_rmse_N}}},
-      {"model", {{"train_rmse_N", d.model_errors.train_rmse_N}, {"heldout_rmse_N", d.model_errors.heldout_rmse_N}}}};
+  const auto errors = [](const Errors& of) {
+    ordered_json out{{"train_rmse_N", of.train_rmse_N}, {"heldout_rmse_N", nullptr}};
+    if (of.heldout_rmse_N) out["heldout_rmse_N"] = *of.heldout_rmse_N;
+    return out;
+  };
+  json["fit"] = {{"noise_N", d.noise_N},
+                 {"heldout_blocks", name_of(d.heldout.blocks)},
+                 {"nominal", errors(d.nominal_errors)},
+                 {"model", errors(d.model_errors)}};
+  const auto row = [](const LeftOut& one) {
+    return ordered_json{{"by", one.by},
+                        {"left_out", one.value},
+                        {"readings", one.readings},
+                        {"nominal_rmse_N", one.nominal_rmse_N},
+                        {"model_rmse_N", one.model_rmse_N}};
+  };
   json["heldout"] = ordered_json::array();
-  for (const LeftOut& one : d.heldout.left_out)
-    json["heldout"].push_back({{"by", one.by},
-                               {"left_out", one.value},
-                               {"readings", one.readings},
-                               {"nominal_rmse_N", one.nominal_rmse_N},
-                               {"model_rmse_N", one.model_rmse_N}});
+  for (const LeftOut& one : d.heldout.left_out) json["heldout"].push_back(row(one));
+  json["not_modelled"] = nullptr;
+  if (!d.not_modelled.why.empty()) {
+    json["not_modelled"] = {{"names", d.not_modelled.names}, {"why", d.not_modelled.why}, {"decided_by", nullptr}};
+    if (d.not_modelled.decided_by) json["not_modelled"]["decided_by"] = row(*d.not_modelled.decided_by);
+  }
   json["stability"] = ordered_json::array();
   for (const Stability& one : d.heldout.stability)
     json["stability"].push_back(

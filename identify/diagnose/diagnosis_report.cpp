@@ -47,6 +47,29 @@ std::string verdict_text(const Diagnosis& d) {
                  : "Something is left that no effect of the catalogue explains. It is described as a "
                    "function of " +
                        d.described_by + ".";
+    case Verdict::kCannotJudge:
+      return "Whether the model is right cannot be judged: " + d.unjudged->why +
+             ". A recording that would allow it: " + d.unjudged->record + ".";
+  }
+  return "";
+}
+
+constexpr std::string_view kNothingLeftOut =
+    "There is too little in these recordings to leave anything out of the fit: how well the models predict what they "
+    "have not seen is not known.";
+
+std::string blocks_text(BlockKind kind) {
+  switch (kind) {
+    case BlockKind::kNone:
+      break;
+    case BlockKind::kMoves:
+      return "moves";
+    case BlockKind::kStrokes:
+      return "strokes";
+    case BlockKind::kPressureStrokes:
+      return "rises and falls of the pressure";
+    case BlockKind::kStretches:
+      return "stretches of time";
   }
   return "";
 }
@@ -104,13 +127,18 @@ void write_diagnosis_report(const Study& study, const std::filesystem::path& fol
       page.paragraph(std::string(missing.effect->what) +
                      " What would show it: " + std::string(missing.effect->reveals));
   }
-  page.table({"", "rms, N"},
-             {{"nominal model", number_text(d.nominal_errors.train_rmse_N)},
-              {"model with it", number_text(d.model_errors.train_rmse_N)},
-              {"nominal model, a block of moves left out in turn", number_text(d.nominal_errors.heldout_rmse_N)},
-              {"model with it, the same", number_text(d.model_errors.heldout_rmse_N)},
-              {"noise of the force channel", number_text(d.noise_N)}},
-             "Measured minus simulated force");
+  std::vector<std::vector<std::string>> errors{{"nominal model", number_text(d.nominal_errors.train_rmse_N)},
+                                               {"model with it", number_text(d.model_errors.train_rmse_N)}};
+  if (d.heldout.all) {
+    const std::string blocks = blocks_text(d.heldout.blocks);
+    errors.push_back({"nominal model, a quarter of the " + blocks + " left out in turn",
+                      number_text(d.heldout.all->nominal_rmse_N)});
+    errors.push_back({"model with it, the same", number_text(d.heldout.all->model_rmse_N)});
+  }
+  errors.push_back({"noise of the force channel", number_text(d.noise_N)});
+  page.table({"", "rms, N"}, errors, "Measured minus simulated force");
+  if (!d.not_modelled.why.empty()) page.paragraph(d.not_modelled.text());
+  if (!d.heldout.all) page.paragraph(std::string(kNothingLeftOut));
   if (!d.heldout.left_out.empty()) {
     std::vector<std::vector<std::string>> rows;
     for (const LeftOut& one : d.heldout.left_out)

@@ -122,6 +122,7 @@ const Parameter kPresliding{.name = "presliding_mm",
                             .upper = 1.0,
                             .starts = {0.02, 0.2},
                             .logarithmic = true,
+                            .traits = {.lower_limit_law = "ideal dry friction"},
                             .sheet = kPreslidingSheet};
 const Parameter kStribeckVelocity{.name = "stribeck_velocity_mm_s",
                                   .lower = 0.02,
@@ -207,6 +208,7 @@ const Physics& coulomb_friction() {
           .upper = 1e3,
           .starts = {0.002, 0.5},
           .logarithmic = true,
+          .traits = {.lower_limit_law = "ideal dry friction", .upper_limit_law = "a dashpot"},
           .sheet = {.what = "Speed over which the friction turns from one sign to the other.",
                     .unit = "mm/s",
                     .range = "Numerics: far below the slowest speed of 0.005 mm/s the law is the sign of the speed; at "

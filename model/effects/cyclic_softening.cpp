@@ -64,14 +64,16 @@ const Physics& cyclic_softening() {
         {{.name = "lost_N_mm", .sign = Sign::kNonPositive, .sheet = kLost}},
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Softening>(Softening::Of::kElongation, p[0], 0.0);
-        }},
+        },
+        {.counts = Counts::kTravel}},
        {"tangent",
         "F = -dk x (1 - exp(-s / s0))",
         {kTravel},
         {{.name = "lost_N_mm", .sign = Sign::kNonPositive, .sheet = kLost}},
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Softening>(Softening::Of::kPosition, p[0], 0.0);
-        }},
+        },
+        {.counts = Counts::kTravel}},
        // Nothing linear is left here: the share scales elastic and viscous force alike.
        {"overall",
         "F = F_specimen (1 - a (1 - exp(-s / s0)))",
@@ -90,7 +92,7 @@ const Physics& cyclic_softening() {
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Softening>(Softening::Of::kAll, p[0], p[1]);
         },
-        {.scales_specimen = true}}}};
+        {.scales_specimen = true, .counts = Counts::kTravel}}}};
   return physics;
 }
 

@@ -86,6 +86,7 @@ const Physics& directional_damping() {
           .upper = 1e4,
           .starts = {0.8},
           .logarithmic = true,
+          .traits = {.lower_limit_law = "a dashpot", .upper_limit_law = "a spring"},
           .sheet = {.what = "Time constant of the arm while its dashpot lengthens.",
                     .unit = "s",
                     .range = "Instrument: 1 ms is one interval at 1 kHz, below which the arm is a dashpot; 1e4 s is "

@@ -33,6 +33,7 @@ const Parameter kPresliding{.name = "presliding_mm",
                             .upper = 1.0,
                             .starts = {0.02},
                             .logarithmic = true,
+                            .traits = {.lower_limit_law = "ideal dry friction"},
                             .sheet = kPreslidingSheet};
 const Coefficient kSlidingHalf{
     .name = "force_half_difference_N",

@@ -55,6 +55,7 @@ const Physics& friction_with_load() {
           .upper = 1.0,
           .starts = {0.02},
           .logarithmic = true,
+          .traits = {.lower_limit_law = "ideal dry friction"},
           .sheet = {.what = "Travel over which the friction turns its direction.",
                     .unit = "mm",
                     .range = "Instrument: 0.2 um is the step of the finest crosshead encoders here; 1 mm is the "

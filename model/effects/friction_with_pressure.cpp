@@ -40,6 +40,7 @@ const Physics& friction_with_pressure() {
           .upper = 1.0,
           .starts = {0.02},
           .logarithmic = true,
+          .traits = {.lower_limit_law = "ideal dry friction"},
           .sheet = kPreslidingSheet}},
         {{.name = "force_N_psi",
           .sign = Sign::kNonNegative,

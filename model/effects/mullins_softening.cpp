@@ -98,7 +98,8 @@ const Physics& mullins_softening() {
                     .errors = "A first triangle that is the largest leaves it tied to the loss. Mistaken for the "
                               "travel of cyclic_softening."}}},
         {kLost},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<PseudoElastic>(p[0]); }},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<PseudoElastic>(p[0]); },
+        {.counts = Counts::kTravel}},
        {"damage",
         "F = -dk e (1 - exp(-xi / s)), xi largest |e| beyond that at the start",
         {{.name = "scale_mm",
@@ -113,7 +114,8 @@ const Physics& mullins_softening() {
                     .errors = "The history before the recording is unknown, and part of the loss may lie in it. "
                               "Mistaken for the travel of cyclic_softening."}}},
         {kLost},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Damage>(p[0]); }}},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Damage>(p[0]); },
+        {.counts = Counts::kTravel}}},
       {.unusual = true, .needs_any_of = {"spring"}}};
   return physics;
 }

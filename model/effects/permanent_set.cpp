@@ -72,7 +72,8 @@ const Physics& permanent_set() {
                     .range = "Physics: a set takes force away, so it is not positive; no lower bound.",
                     .errors = "Stretches of one size leave it tied to the tare. Mistaken for mullins_softening and for "
                               "a drift of the zero."}}},
-        [](auto, const Reference&) { return std::make_unique<Set>(0.0, 0.0); }},
+        [](auto, const Reference&) { return std::make_unique<Set>(0.0, 0.0); },
+        {.counts = Counts::kTravel}},
        {"yield",
         "F = -h max(0, xi - y)",
         {kYield},
@@ -83,7 +84,8 @@ const Physics& permanent_set() {
                     .range = "Physics: a set takes force away, so it is not positive; no lower bound.",
                     .errors = "Stretches of one size leave it tied to the yield. Mistaken for mullins_softening and "
                               "for a drift of the zero."}}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Set>(p[0], 0.0); }},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Set>(p[0], 0.0); },
+        {.counts = Counts::kTravel}},
        {"saturating",
         "F = -F0 (1 - exp(-xi / s))",
         {{.name = "scale_mm",
@@ -104,7 +106,8 @@ const Physics& permanent_set() {
                .range = "Physics: a set takes force away, so it is not positive; no lower bound.",
                .errors =
                    "Stretches far below the scale leave it tied to it. Mistaken for a slip or a drift of the zero."}}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Set>(0.0, p[0]); }}},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Set>(0.0, p[0]); },
+        {.counts = Counts::kTravel}}},
       {.unusual = true, .needs_any_of = {"spring"}}};
   return physics;
 }

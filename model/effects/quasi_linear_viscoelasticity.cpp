@@ -112,6 +112,7 @@ const Parameter kTimeConstant{
     .upper = 1e4,
     .starts = {0.8},
     .logarithmic = true,
+    .traits = {.lower_limit_law = "a dashpot", .upper_limit_law = "a spring"},
     .sheet = {
         .what = "Time constant of the arm, at position zero where it depends on position.",
         .unit = "s",

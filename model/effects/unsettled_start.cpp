@@ -48,7 +48,8 @@ const Physics& unsettled_start() {
                .range = "Physics: the specimen may have been stretched or let go before, so it has no sign.",
                .errors =
                    "A tare taken before the specimen was at rest adds to it. Mistaken for an offset of the force."}}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Unsettled>(p[0]); }}},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Unsettled>(p[0]); },
+        {.counts = Counts::kTime}}},
       {.unusual = true}};
   return physics;
 }

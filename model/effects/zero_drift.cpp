@@ -72,7 +72,8 @@ const Physics& zero_drift() {
                     .range = "Physics: temperature may rise or fall, so it has no sign.",
                     .errors =
                         "Softening and slow relaxation look like it while the motion goes on. Mistaken for creep."}}},
-        [](auto, const Reference&) { return std::make_unique<Linear>(); }},
+        [](auto, const Reference&) { return std::make_unique<Linear>(); },
+        {.counts = Counts::kTime}},
        {"settling",
         "F = D (1 - exp(-t / T))",
         {{.name = "time_constant_s",
@@ -94,7 +95,8 @@ const Physics& zero_drift() {
                .range = "Physics: temperature may rise or fall, so it has no sign.",
                .errors =
                    "A record shorter than the time constant leaves it tied to it. Mistaken for cyclic_softening."}}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Settling>(p[0]); }},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Settling>(p[0]); },
+        {.counts = Counts::kTime}},
        {"wander",
         "F = sum of six cosines over the recording",
         {{.name = "duration_s",
@@ -114,7 +116,8 @@ const Physics& zero_drift() {
          {"c4_N", Sign::kFree, kCosine},
          {"c5_N", Sign::kFree, kCosine},
          {"c6_N", Sign::kFree, kCosine}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Wander>(p[0]); }}}};
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Wander>(p[0]); },
+        {.counts = Counts::kTime}}}};
   return physics;
 }
 

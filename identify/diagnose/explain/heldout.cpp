@@ -4,10 +4,10 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <iterator>
 #include <map>
 
 #include "base/parallel.hpp"
-#include "identify/diagnose/fit/left_out.hpp"
 #include "identify/diagnose/fit/moves.hpp"
 
 namespace isorig::identify {
@@ -79,32 +79,113 @@ std::vector<std::string> grouped(const std::vector<double>& values, const char* 
   return names;
 }
 
-struct Fold {
-  LeftOut what;
-  model::ModelSpec model;
+/// Bins of one kind, to be left out together.
+struct Kind {
+  std::string by, value;
+  double readings = 0.0;
+  std::vector<bool> out;
 };
 
-Fold leave_out(const Problem& problem, const model::ModelSpec& nominal, const model::ModelSpec& model,
-               const std::vector<bool>& out_bin, LeftOut what) {
-  constexpr int kIterations = 5;
-  const double white_N = problem.noise().white_N;
-  const Prediction without = predict_left_out(problem, nominal, out_bin, kIterations);
-  Prediction with = predict_left_out(problem, model, out_bin, kIterations);
-  what.readings = with.readings;
-  what.nominal_rmse_N = without.rmse_N(white_N);
-  what.model_rmse_N = with.rmse_N(white_N);
-  return {std::move(what), std::move(with.spec)};
+/// The kinds that can be left out, at most five: those with readings enough to judge by, and not so many that too
+/// little would be left to learn from.
+std::vector<Kind> kinds_of(std::span<const Series> series, const char* by,
+                           const std::vector<std::string>& label_of_bin) {
+  constexpr std::size_t kMost = 5;
+  constexpr double kFewestReadings = 50.0, kMostShare = 0.8;
+  std::map<std::string, double> readings;
+  double all = 0.0;
+  std::size_t row = 0;
+  for (const Series& each : series) {
+    for (const double count : each.count) {
+      readings[label_of_bin[row++]] += count;
+      all += count;
+    }
+  }
+  if (readings.size() - readings.count("") < 2) return {};
+  std::vector<std::pair<double, std::string>> order;
+  for (const auto& [name, count] : readings)
+    if (!name.empty() && count >= kFewestReadings && count < kMostShare * all) order.emplace_back(count, name);
+  std::ranges::sort(order, std::greater<>());
+  if (order.size() > kMost) order.resize(kMost);
+  // In the order people look for them: "2 mm/s" before "10 mm/s".
+  std::ranges::sort(order, [](const auto& a, const auto& b) {
+    const double x = std::atof(a.second.c_str()), y = std::atof(b.second.c_str());
+    return x != y ? x < y : a.second < b.second;
+  });
+  std::vector<Kind> kinds;
+  for (const auto& [count, name] : order) {
+    kinds.push_back({by, name, count, {}});
+    for (const std::string& label : label_of_bin) kinds.back().out.push_back(label == name);
+  }
+  return kinds;
 }
 
-std::vector<Stability> stability_of(const model::ModelSpec& model, const std::vector<Fold>& folds) {
+/// Labels of the moves, given to their bins.
+std::vector<std::string> of_bins(const std::vector<std::string>& of_moves,
+                                 const std::vector<std::size_t>& move_of_bin) {
+  std::vector<std::string> labels;
+  for (const std::size_t move : move_of_bin) labels.push_back(of_moves[move]);
+  return labels;
+}
+
+std::vector<Kind> all_kinds(std::span<const Series> series) {
+  const Moves found = find_moves(series);
+  std::vector<double> velocity, amplitude;
+  std::vector<std::string> waveform;
+  constexpr double kLeastMove = 0.02;
+  double widest_mm = 0.0;
+  for (const Move& move : found.moves) widest_mm = std::max(widest_mm, move.high_mm - move.low_mm);
+  for (const Move& move : found.moves) {
+    // Before the first motion, and what only creeps below the noise: never left out.
+    const bool moves = move.high_mm - move.low_mm >= kLeastMove * widest_mm;
+    velocity.push_back(moves ? move.fastest_mm_s : 0.0);
+    amplitude.push_back(moves ? move.high_mm - move.low_mm : 0.0);
+    waveform.emplace_back(!moves                                 ? ""
+                          : move.reversals < 2                   ? "ramp"
+                          : move.turning_s > 0.5 * move.moving_s ? "sine"
+                                                                 : "triangle");
+  }
+  std::vector<Kind> kinds = kinds_of(series, "velocity", of_bins(grouped(velocity, "mm/s"), found.of_bin));
+  const auto append = [&kinds](std::vector<Kind> more) {
+    kinds.insert(kinds.end(), std::make_move_iterator(more.begin()), std::make_move_iterator(more.end()));
+  };
+  append(kinds_of(series, "amplitude", of_bins(grouped(amplitude, "mm"), found.of_bin)));
+  append(kinds_of(series, "waveform", of_bins(waveform, found.of_bin)));
+  std::vector<std::string> recording;
+  for (const Series& each : series) recording.insert(recording.end(), each.nodes.size(), each.name);
+  append(kinds_of(series, "recording", recording));
+  return kinds;
+}
+
+/// Squares of both models over the same strokes.
+LeftOut compare(std::string by, std::string value, const Prediction& without, const Prediction& with, double white_N) {
+  LeftOut out{std::move(by), std::move(value), with.readings, without.rmse_N(white_N), with.rmse_N(white_N)};
+  out.strokes = with.squares_of_stroke.size();
+  out.more_N2 = with.squares_N2 - without.squares_N2;
+  const auto n = static_cast<double>(out.strokes);
+  double squares = 0.0;
+  for (std::size_t i = 0; i < out.strokes; ++i) {
+    const double off = with.squares_of_stroke[i] - without.squares_of_stroke[i] - out.more_N2 / n;
+    squares += off * off;
+  }
+  if (out.strokes > 1) out.more_error_N2 = std::sqrt(n / (n - 1.0) * squares);
+  return out;
+}
+
+/// Over the fits that learnt the model; one that learnt the nominal model in its place has none of its numbers.
+std::vector<Stability> stability_of(const model::ModelSpec& model, const std::vector<Prediction>& all) {
+  std::vector<Prediction> folds;
+  for (const Prediction& one : all)
+    if (one.spec.parts.size() == model.parts.size()) folds.push_back(one);
+  if (folds.empty()) return {};
   std::vector<Stability> out;
   for (std::size_t p = 0; p < model.parts.size(); ++p) {
     const auto& part = model.parts[p];
     if (part.fixed) continue;
     const auto add = [&](std::string_view name, auto&& value_of) {
       Stability one{std::string(part.physics->name) + "." + std::string(name), value_of(part), 1e300, -1e300};
-      for (const Fold& fold : folds) {
-        const double value = value_of(fold.model.parts[p]);
+      for (const Prediction& fold : folds) {
+        const double value = value_of(fold.spec.parts[p]);
         one.lowest = std::min(one.lowest, value);
         one.highest = std::max(one.highest, value);
       }
@@ -121,70 +202,51 @@ std::vector<Stability> stability_of(const model::ModelSpec& model, const std::ve
 
 }  // namespace
 
-HeldoutStudy study_heldout(const Problem& problem, const model::ModelSpec& nominal, const model::ModelSpec& model,
-                           unsigned threads) {
-  const Moves found = find_moves(problem.series());
-  std::vector<double> velocity, amplitude;
-  std::map<std::string, std::vector<std::string>> labels;
-  constexpr double kLeastMove = 0.02;
-  double widest_mm = 0.0;
-  for (const Move& move : found.moves) widest_mm = std::max(widest_mm, move.high_mm - move.low_mm);
-  for (const Move& move : found.moves) {
-    // Before the first motion, and what only creeps below the noise: never left out.
-    if (move.high_mm - move.low_mm < kLeastMove * widest_mm) {
-      velocity.push_back(0.0);
-      amplitude.push_back(0.0);
-      labels["waveform"].emplace_back();
-      continue;
-    }
-    velocity.push_back(move.fastest_mm_s);
-    amplitude.push_back(move.high_mm - move.low_mm);
-    labels["waveform"].emplace_back(move.reversals < 2                     ? "ramp"
-                                    : move.turning_s > 0.5 * move.moving_s ? "sine"
-                                                                           : "triangle");
-  }
-  labels["velocity"] = grouped(velocity, "mm/s");
-  labels["amplitude"] = grouped(amplitude, "mm");
+struct LeaveOut::Cached {
+  std::vector<Kind> kinds;
+  Blocks blocks, strokes;
+  std::vector<Prediction> nominal_blocks, nominal_kinds;
+};
 
-  std::vector<LeftOut> wanted;
-  std::vector<std::vector<bool>> bins;
-  for (const char* by : {"velocity", "amplitude", "waveform"}) {
-    const auto& names = labels[by];
-    std::map<std::string, double> readings;
-    double all = 0.0;
-    std::size_t row = 0;
-    for (const Series& each : problem.series()) {
-      for (const double count : each.count) {
-        readings[names[found.of_bin[row++]]] += count;
-        all += count;
-      }
-    }
-    constexpr std::size_t kMost = 5;
-    std::vector<std::pair<double, std::string>> order;
-    for (const auto& [name, count] : readings)
-      if (!name.empty() && count >= 50.0 && count < 0.8 * all) order.emplace_back(count, name);
-    std::ranges::sort(order, std::greater<>());
-    if (readings.size() - readings.count("") < 2) continue;
-    if (order.size() > kMost) order.resize(kMost);
-    // In the order people look for them: "2 mm/s" before "10 mm/s".
-    std::ranges::sort(order, [](const auto& a, const auto& b) {
-      const double x = std::atof(a.second.c_str()), y = std::atof(b.second.c_str());
-      return x != y ? x < y : a.second < b.second;
-    });
-    for (const auto& [count, name] : order) {
-      wanted.push_back({by, name, count, 0.0, 0.0});
-      std::vector<bool> out;
-      for (const std::size_t move : found.of_bin) out.push_back(names[move] == name);
-      bins.push_back(std::move(out));
-    }
-  }
-  std::vector<Fold> folds(wanted.size());
-  base::parallel_for(wanted.size(), threads,
-                     [&](std::size_t i) { folds[i] = leave_out(problem, nominal, model, bins[i], wanted[i]); });
+LeaveOut::LeaveOut(std::span<const Series> series, double white_N, const Learner& nominal, unsigned threads)
+    : series_(series), white_N_(white_N), threads_(threads), cached_(std::make_unique<Cached>()) {
+  cached_->kinds = all_kinds(series);
+  cached_->blocks = blocks_of(series);
+  cached_->strokes = strokes_of(series);
+  cached_->nominal_blocks = predict_blocks(series, nominal, cached_->blocks, threads);
+  cached_->nominal_kinds = predict_kinds(nominal);
+}
+
+LeaveOut::~LeaveOut() = default;
+
+std::vector<Prediction> LeaveOut::predict_kinds(const Learner& learner) const {
+  const auto& kinds = cached_->kinds;
+  std::vector<Prediction> out(kinds.size());
+  base::parallel_for(kinds.size(), threads_, [&](std::size_t i) {
+    out[i] = predict_left_out(series_, learner, kinds[i].out, cached_->strokes);
+  });
+  return out;
+}
+
+HeldoutStudy LeaveOut::compared(const model::ModelSpec& model, const std::vector<Prediction>& blocks,
+                                const std::vector<Prediction>& kinds) const {
   HeldoutStudy study;
-  for (const Fold& fold : folds) study.left_out.push_back(fold.what);
-  if (!folds.empty()) study.stability = stability_of(model, folds);
+  study.blocks = cached_->blocks.kind;
+  if (!blocks.empty()) study.all = compare("block", "", together(cached_->nominal_blocks), together(blocks), white_N_);
+  for (std::size_t i = 0; i < kinds.size(); ++i) {
+    const Kind& kind = cached_->kinds[i];
+    study.left_out.push_back(compare(kind.by, kind.value, cached_->nominal_kinds[i], kinds[i], white_N_));
+  }
+  if (!kinds.empty()) study.stability = stability_of(model, kinds);
   return study;
+}
+
+HeldoutStudy LeaveOut::study(const model::ModelSpec& model, const Learner& learner) const {
+  return compared(model, predict_blocks(series_, learner, cached_->blocks, threads_), predict_kinds(learner));
+}
+
+HeldoutStudy LeaveOut::study_of_nominal(const model::ModelSpec& nominal) const {
+  return compared(nominal, cached_->nominal_blocks, cached_->nominal_kinds);
 }
 
 }  // namespace isorig::identify

@@ -1,18 +1,23 @@
 #pragma once
+#include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
-#include "identify/diagnose/fit/fit.hpp"
+#include "identify/diagnose/fit/left_out.hpp"
 
 namespace isorig::identify {
 
-/// One kind of motion left out of the fit and predicted.
+/// Bins of one kind left out of the fit and predicted by both models.
 struct LeftOut {
-  std::string by;     ///< velocity, amplitude, waveform
-  std::string value;  ///< "8 mm/s", "4 mm", "ramp"
+  std::string by;     ///< velocity, amplitude, waveform, recording; block
+  std::string value;  ///< "8 mm/s", "4 mm", "ramp", the recording's name; "" of the blocks
   double readings = 0.0;
   double nominal_rmse_N = 0.0;
   double model_rmse_N = 0.0;
+  double more_N2 = 0.0;        ///< squares of the model minus those of the nominal model, summed over the readings
+  double more_error_N2 = 0.0;  ///< standard error of that sum, by how the strokes (blocks) disagree; 0 for a single one
+  std::size_t strokes = 0;     ///< that it rests on
 };
 
 /// A number of the model over all these fits: what hangs on one motion is not a property of the specimen.
@@ -24,14 +29,40 @@ struct Stability {
 };
 
 struct HeldoutStudy {
-  std::vector<LeftOut> left_out;
+  BlockKind blocks = BlockKind::kNone;
+  std::optional<LeftOut> all;     ///< a quarter of the blocks at a time; empty where nothing can be left out
+  std::vector<LeftOut> left_out;  ///< one kind of motion, or one recording, at a time
   std::vector<Stability> stability;
 };
 
-/// The recording's moves (from one rest to the next) by their largest velocity, by their range and by their
-/// waveform; where there are several of a kind each is left out in turn, both models are refitted to the rest
-/// and predict it. Empty where the motion never rests, or is all of one kind.
-[[nodiscard]] HeldoutStudy study_heldout(const Problem& problem, const model::ModelSpec& nominal,
-                                         const model::ModelSpec& model, unsigned threads);
+/// Leaves bins out, has models learnt from the others, and compares what they predict. What the nominal model says is
+/// computed once.
+///
+/// Blocks (fit/blocks.hpp), a quarter at a time. Moves by their largest velocity, by their range and by their waveform,
+/// and whole recordings: where there are several of a kind each is left out in turn, at most five of a kind.
+class LeaveOut {
+ public:
+  /// `white_N`: of a reading (Prediction::rmse_N). `nominal` learns the nominal model.
+  LeaveOut(std::span<const Series> series, double white_N, const Learner& nominal, unsigned threads);
+  ~LeaveOut();
+  LeaveOut(const LeaveOut&) = delete;
+  LeaveOut& operator=(const LeaveOut&) = delete;
+
+  /// `model` with the numbers that it has from everything.
+  [[nodiscard]] HeldoutStudy study(const model::ModelSpec& model, const Learner& learner) const;
+  /// The nominal model against itself.
+  [[nodiscard]] HeldoutStudy study_of_nominal(const model::ModelSpec& nominal) const;
+
+ private:
+  struct Cached;
+  [[nodiscard]] std::vector<Prediction> predict_kinds(const Learner& learner) const;
+  [[nodiscard]] HeldoutStudy compared(const model::ModelSpec& model, const std::vector<Prediction>& blocks,
+                                      const std::vector<Prediction>& kinds) const;
+
+  std::span<const Series> series_;
+  double white_N_;
+  unsigned threads_;
+  std::unique_ptr<Cached> cached_;
+};
 
 }  // namespace isorig::identify

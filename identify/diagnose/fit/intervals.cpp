@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "identify/diagnose/fit/free_parameters.hpp"
 #include "identify/diagnose/fit/moves.hpp"
 
 namespace isorig::identify {
@@ -29,25 +28,18 @@ Eigen::VectorXd residual_of(const Problem& problem, const model::ModelSpec& spec
   return r.col(0);
 }
 
-std::vector<FreeNumber> numbers_of(const model::ModelSpec& spec) {
-  std::vector<FreeNumber> numbers = free_parameters(spec);
-  for (const FreeNumber& coefficient : free_coefficients(spec))
-    if (value_of(spec, coefficient) != 0.0) numbers.push_back(coefficient);
-  return numbers;
-}
-
-/// Standard errors of the numbers.
+/// Covariance of the numbers.
 ///
 ///     J    whitened residual by the numbers, columns scaled to length one
 ///     s2   mean square of what is left, at least 1: model error widens the interval
 ///     C    (J'J)^-1 with eigenvalues of J'J held above kFlat
 ///
-/// kNoise: var = s2 diag(C), the inverse curvature of the likelihood (Seber & Wild 1989, 5.1). kMoves: with g_m the
-/// gradient summed over move m of M, var = M/(M-1) diag(C (sum_m g_m g_m') C) where that is more: the sandwich of
-/// Liang & Zeger (1986), clustered by move. Moves that disagree by more than noise allows show a law of nearly the
-/// right form, or an unsteady rig. Fewer than kFewestMoves say nothing about their own spread.
-Eigen::VectorXd standard_errors(const Problem& problem, const model::ModelSpec& spec,
-                                const std::vector<FreeNumber>& numbers, Spread spread) {
+/// Correlations are those of C. kNoise: var = s2 diag(C), the inverse curvature of the likelihood (Seber & Wild
+/// 1989, 5.1). kMoves: with g_m the gradient summed over move m of M, var = M/(M-1) diag(C (sum_m g_m g_m') C) where
+/// that is more: the sandwich of Liang & Zeger (1986), clustered by move. Moves that disagree by more than noise allows
+/// show a law of nearly the right form, or an unsteady rig. Fewer than kFewestMoves say nothing about their own spread.
+Eigen::MatrixXd covariance_of(const Problem& problem, const model::ModelSpec& spec,
+                              const std::vector<FreeNumber>& numbers, Spread spread) {
   const Eigen::VectorXd at = residual_of(problem, spec);
   Eigen::MatrixXd jacobian =
       differences(spec, numbers, at, [&](const model::ModelSpec& moved) { return residual_of(problem, moved); });
@@ -68,9 +60,9 @@ Eigen::VectorXd standard_errors(const Problem& problem, const model::ModelSpec& 
   }
   Eigen::VectorXd errors(variance.size());
   for (Eigen::Index i = 0; i < errors.size(); ++i)
-    errors[i] = std::fabs(difference_step(spec, numbers[static_cast<std::size_t>(i)])) / length[i] *
-                std::sqrt(std::max(variance[i], 0.0));
-  return errors;
+    errors[i] = difference_step(spec, numbers[static_cast<std::size_t>(i)]) / length[i] *
+                std::sqrt(std::max(variance[i] / std::max(inverse(i, i), 1e-300), 0.0));
+  return errors.asDiagonal() * inverse * errors.asDiagonal();
 }
 
 /// The time of an event lies between two bins; further ones are allowed while the likelihood ratio stays within its
@@ -97,10 +89,21 @@ void set_event_interval(const Problem& problem, const model::ModelSpec& spec, st
 
 }  // namespace
 
+std::vector<FreeNumber> fitted_numbers(const model::ModelSpec& spec) {
+  std::vector<FreeNumber> numbers = free_parameters(spec);
+  for (const FreeNumber& coefficient : free_coefficients(spec))
+    if (value_of(spec, coefficient) != 0.0) numbers.push_back(coefficient);
+  return numbers;
+}
+
+Eigen::MatrixXd covariance(const Problem& problem, const model::ModelSpec& spec, Spread spread) {
+  return covariance_of(problem, spec, fitted_numbers(spec), spread);
+}
+
 std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const model::ModelSpec& spec, Spread spread) {
   constexpr double k95 = 1.96;
-  const std::vector<FreeNumber> numbers = numbers_of(spec);
-  const Eigen::VectorXd errors = standard_errors(problem, spec, numbers, spread);
+  const std::vector<FreeNumber> numbers = fitted_numbers(spec);
+  const Eigen::VectorXd errors = covariance_of(problem, spec, numbers, spread).diagonal().cwiseSqrt();
   const auto half_width = [&](const FreeNumber& of) {
     for (std::size_t i = 0; i < numbers.size(); ++i)
       if (numbers[i] == of) return k95 * errors[static_cast<Eigen::Index>(i)];

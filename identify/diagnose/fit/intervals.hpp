@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "identify/diagnose/fit/fit.hpp"
+#include "identify/diagnose/fit/free_parameters.hpp"
 
 namespace isorig::identify {
 
@@ -18,6 +19,13 @@ enum class Spread {
   kNoise,  ///< the curvature of the likelihood under the problem's noise, no less than what is left
   kMoves,  ///< and what the moves of a recording disagree by (cluster-robust), when that is more
 };
+
+/// The numbers of a model that were fitted: free parameters of every part in the order of the file, then coefficients
+/// that are not zero. Those of parts that are fixed, and the times of events, are none.
+[[nodiscard]] std::vector<FreeNumber> fitted_numbers(const model::ModelSpec& spec);
+
+/// Their covariance: the correlations of the curvature of the likelihood, with the standard errors that `spread` says.
+[[nodiscard]] Eigen::MatrixXd covariance(const Problem& problem, const model::ModelSpec& spec, Spread spread);
 
 /// Parameters and coefficients of every part, in the order of the spec, with 95 % intervals. Whitened by the
 /// problem's noise, which takes up model error: the intervals grow with the residual. They do not cover an error of

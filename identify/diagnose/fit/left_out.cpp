@@ -4,28 +4,31 @@
 #include <cmath>
 
 #include "base/parallel.hpp"
-#include "identify/diagnose/fit/moves.hpp"
+#include "identify/diagnose/fit/fading.hpp"
 
 namespace isorig::identify {
 namespace {
 
-struct Refit {
+struct Relearnt {
   model::ModelSpec spec;
-  Eigen::VectorXd error_N;  ///< of every bin, fitted or not
+  Eigen::VectorXd error_N;  ///< of every bin, left out or not
 };
 
-Refit refit_without(const Problem& problem, const model::ModelSpec& spec, const std::vector<bool>& out,
-                    int iterations) {
-  std::vector<Series> kept(problem.series().begin(), problem.series().end());
+Relearnt learn_without(std::span<const Series> series, const Learner& learner, const std::vector<bool>& out) {
+  std::vector<Series> kept(series.begin(), series.end());
   std::size_t row = 0;
   for (Series& each : kept)
     for (double& count : each.count)
       if (out[row++]) count = 0.0;
-  const Problem without(kept, problem.noise());
-  Refit refit;
-  refit.spec = without.fit(spec, iterations).spec;
-  refit.error_N = without.target() - without.predict(refit.spec);
-  return refit;
+  Relearnt relearnt;
+  relearnt.spec = learner(kept);
+  relearnt.error_N.resize(static_cast<Eigen::Index>(row));
+  Eigen::Index bin = 0;
+  for (const Series& each : series) {
+    const std::vector<double> force_N = faded_force(relearnt.spec, each);
+    for (std::size_t k = 0; k < force_N.size(); ++k) relearnt.error_N[bin++] = each.force_N[k] - force_N[k];
+  }
+  return relearnt;
 }
 
 void add_bin(Prediction& to, double readings, double error_N) {
@@ -36,55 +39,74 @@ void add_bin(Prediction& to, double readings, double error_N) {
 
 }  // namespace
 
+Learner refit(const model::ModelSpec& spec, const NoiseModel& noise, int iterations) {
+  return [spec, noise, iterations](std::span<const Series> kept) {
+    return Problem(kept, noise).fit(spec, iterations).spec;
+  };
+}
+
 double Prediction::rmse_N(double white_N) const {
   if (readings <= 0.0) return 0.0;
   return std::sqrt(squares_N2 / readings + white_N * white_N * std::max(1.0 - bins / readings, 0.0));
 }
 
-Prediction predict_left_out(const Problem& problem, const model::ModelSpec& spec, const std::vector<bool>& out,
-                            int iterations) {
-  Refit refit = refit_without(problem, spec, out, iterations);
+Prediction predict_left_out(std::span<const Series> series, const Learner& learner, const std::vector<bool>& out,
+                            const Blocks& strokes) {
+  Relearnt relearnt = learn_without(series, learner, out);
   Prediction prediction;
-  std::size_t row = 0;
-  for (const Series& each : problem.series()) {
+  std::size_t row = 0, stroke = strokes.count;
+  for (const Series& each : series) {
     for (const double count : each.count) {
-      if (out[row]) add_bin(prediction, count, refit.error_N[static_cast<Eigen::Index>(row)]);
+      if (out[row]) {
+        if (strokes.of_bin[row] != stroke) prediction.squares_of_stroke.push_back(0.0);
+        stroke = strokes.of_bin[row];
+        const double before_N2 = prediction.squares_N2;
+        add_bin(prediction, count, relearnt.error_N[static_cast<Eigen::Index>(row)]);
+        prediction.squares_of_stroke.back() += prediction.squares_N2 - before_N2;
+      }
       ++row;
     }
   }
-  prediction.spec = std::move(refit.spec);
+  prediction.spec = std::move(relearnt.spec);
   return prediction;
 }
 
-std::vector<Prediction> predict_moves(const Problem& problem, const model::ModelSpec& spec, unsigned threads) {
+std::vector<Prediction> predict_blocks(std::span<const Series> series, const Learner& learner, const Blocks& blocks,
+                                       unsigned threads) {
   constexpr std::size_t kFolds = 4;
-  constexpr int kIterations = 6;
-  const MoveNumbers moves = number_moves(problem.series());
-  std::vector<Prediction> predictions(moves.count);
-  base::parallel_for(kFolds, threads, [&](std::size_t fold) {
+  if (blocks.kind == BlockKind::kNone) return {};
+  std::vector<Prediction> predictions(blocks.count);
+  // Of strokes two at a time, there and back: the strokes that are left would else lean to one direction.
+  const bool strokes = blocks.kind == BlockKind::kStrokes || blocks.kind == BlockKind::kPressureStrokes;
+  const std::size_t at_a_time = strokes ? 2 : 1;
+  const std::size_t folds = std::min(kFolds, blocks.count);
+  const auto fold_of = [&](std::size_t block) { return block / at_a_time % folds; };
+  base::parallel_for(folds, threads, [&](std::size_t fold) {
     std::vector<bool> out;
-    for (const std::size_t move : moves.of_bin) out.push_back(move % kFolds == fold);
-    const Refit refit = refit_without(problem, spec, out, kIterations);
+    for (const std::size_t block : blocks.of_bin) out.push_back(fold_of(block) == fold);
+    const Relearnt relearnt = learn_without(series, learner, out);
     std::size_t row = 0;
-    for (const Series& each : problem.series()) {
+    for (const Series& each : series) {
       for (const double count : each.count) {
-        if (out[row]) add_bin(predictions[moves.of_bin[row]], count, refit.error_N[static_cast<Eigen::Index>(row)]);
+        if (out[row]) add_bin(predictions[blocks.of_bin[row]], count, relearnt.error_N[static_cast<Eigen::Index>(row)]);
         ++row;
       }
     }
-    for (std::size_t move = fold; move < moves.count; move += kFolds) predictions[move].spec = refit.spec;
+    for (std::size_t block = 0; block < blocks.count; ++block)
+      if (fold_of(block) == fold) predictions[block].spec = relearnt.spec;
   });
   return predictions;
 }
 
-double left_out_rmse_N(const Problem& problem, const model::ModelSpec& spec, unsigned threads) {
+Prediction together(std::span<const Prediction> blocks) {
   Prediction all;
-  for (const Prediction& move : predict_moves(problem, spec, threads)) {
-    all.squares_N2 += move.squares_N2;
-    all.readings += move.readings;
-    all.bins += move.bins;
+  for (const Prediction& block : blocks) {
+    all.squares_N2 += block.squares_N2;
+    all.readings += block.readings;
+    all.bins += block.bins;
+    all.squares_of_stroke.push_back(block.squares_N2);
   }
-  return all.rmse_N(problem.noise().white_N);
+  return all;
 }
 
 }  // namespace isorig::identify

@@ -1,32 +1,47 @@
 #pragma once
+#include <functional>
+#include <optional>
+#include <span>
 #include <vector>
 
+#include "identify/diagnose/fit/blocks.hpp"
 #include "identify/diagnose/fit/fit.hpp"
 
 namespace isorig::identify {
 
-/// A model refitted without some bins, and what it is wrong by in them.
+/// Learns a model from what is kept of the recordings, by the criterion that it was published under. Bins that are left
+/// out have no readings (count 0): the motion passes there and the force is not looked at. A model that says what it
+/// has seen of them fades beyond (fading.hpp), as its predictions will.
+using Learner = std::function<model::ModelSpec(std::span<const Series> kept)>;
+
+/// Under one noise, from the spec's own numbers, until it has converged or `iterations` have passed.
+[[nodiscard]] Learner refit(const model::ModelSpec& spec, const NoiseModel& noise, int iterations = 15);
+
+/// What a model is wrong by in the bins that it was learnt without.
 struct Prediction {
-  model::ModelSpec spec;    ///< refitted
+  model::ModelSpec spec;    ///< as learnt without them
   double squares_N2 = 0.0;  ///< measured minus predicted, squared, summed over the readings left out
   double readings = 0.0;
-  double bins = 0.0;  ///< left out, with readings in them
+  double bins = 0.0;                      ///< left out, with readings in them
+  std::vector<double> squares_of_stroke;  ///< the same squares by stroke, for those that are left out
 
   /// rms of a single reading. The mean of n readings carries 1/n of their white variance, so that the squares of B
   /// bins of R readings lack white^2 (R - B): it is added back. 0 when nothing was left out.
   [[nodiscard]] double rmse_N(double white_N) const;
 };
 
-/// Leaves out the bins marked in `out` (all series in a row), refits `spec` from its numbers and predicts them.
-[[nodiscard]] Prediction predict_left_out(const Problem& problem, const model::ModelSpec& spec,
-                                          const std::vector<bool>& out, int iterations);
+/// Leaves out the bins marked in `out` (all series in a row), learns the model from the others and predicts them.
+/// `strokes` numbers the bins for `squares_of_stroke`.
+[[nodiscard]] Prediction predict_left_out(std::span<const Series> series, const Learner& learner,
+                                          const std::vector<bool>& out, const Blocks& strokes);
 
-/// Every move predicted by a refit without the moves of its fold: moves are dealt into four folds in turn, so that in
-/// a session of ten ramps each fold holds other velocities. One entry a move.
-[[nodiscard]] std::vector<Prediction> predict_moves(const Problem& problem, const model::ModelSpec& spec,
-                                                    unsigned threads);
+/// Every block predicted by a model learnt without the blocks of its fold: blocks are dealt into four folds in turn
+/// (strokes two at a time), so that in a session of ten ramps each fold holds other velocities. One entry a block; none
+/// where nothing can be left out.
+[[nodiscard]] std::vector<Prediction> predict_blocks(std::span<const Series> series, const Learner& learner,
+                                                     const Blocks& blocks, unsigned threads);
 
-/// All of them together: rms of a single reading.
-[[nodiscard]] double left_out_rmse_N(const Problem& problem, const model::ModelSpec& spec, unsigned threads);
+/// All of them together.
+[[nodiscard]] Prediction together(std::span<const Prediction> blocks);
 
 }  // namespace isorig::identify

@@ -146,94 +146,117 @@ model::Part table_part(const model::Physics& physics, std::string_view law_name,
   model::Part part = model::make_part(physics, *law);
   part.table = std::move(table);
   part.fixed = true;
+  if (!part.coefficients.empty()) part.coefficients[0] = 1.0;
   return part;
 }
 
-}  // namespace
+/// Whole stiffness of the model: what turns a force into an error of the position.
+double stiffness_of(const ModelSpec& spec) {
+  double stiffness = 0.0;
+  for (const auto& part : spec.parts)
+    if (part.physics == &model::element::spring()) stiffness += part.coefficients[0];
+  return stiffness;
+}
 
-std::optional<Hypothesis> describe_unknown(const Search& search, const Hypothesis& base) {
-  const Problem& problem = search.instrument_problem();
-  const auto series = problem.series();
-  const NoiseModel& noise = problem.noise();
-  const Eigen::Index n = problem.target().size();
-  Eigen::VectorXd weight(n);
-  std::vector<int> fold(static_cast<std::size_t>(n));
-  constexpr int kFolds = 6;
-  const MoveNumbers moves = number_moves(series);
-  Eigen::Index row = 0;
-  for (const Series& each : series) {
-    for (const double count : each.count) {
-      weight[row] =
-          count > 0.0 ? 1.0 / (noise.white_N * noise.white_N / count + noise.coloured_N * noise.coloured_N) : 0.0;
-      fold[static_cast<std::size_t>(row)] = static_cast<int>(moves.of_bin[static_cast<std::size_t>(row)]) % kFolds;
-      ++row;
+/// What tables are learnt from: weights, the folds of the cross-validation and the variables.
+class Tabulator {
+ public:
+  explicit Tabulator(const Problem& problem) : problem_(problem), covariates_(covariates(problem.series())) {
+    const NoiseModel& noise = problem.noise();
+    weight_.resize(problem.target().size());
+    // Moves, not strokes: strokes that repeat one motion let any table predict them.
+    const MoveNumbers moves = number_moves(problem.series());
+    Eigen::Index row = 0;
+    for (const Series& each : problem.series()) {
+      for (const double count : each.count) {
+        weight_[row] =
+            count > 0.0 ? 1.0 / (noise.white_N * noise.white_N / count + noise.coloured_N * noise.coloured_N) : 0.0;
+        fold_.push_back(static_cast<int>(moves.of_bin[static_cast<std::size_t>(row)] % kFolds));
+        ++row;
+      }
     }
   }
-  const auto all = covariates(series);
-  const auto squares = [&](const ModelSpec& spec) {
-    const Eigen::VectorXd r = problem.target() - problem.predict(spec);
-    return (r.array().square() * weight.array()).sum();
-  };
 
-  Hypothesis out = base;
-  const double before = squares(base.fit.spec);
-  RowMatrix columns;
-  problem.columns(base.fit.spec, columns);
-  Eigen::VectorXd residual = problem.target() - problem.predict(base.fit.spec);
-  std::vector<TableFit> fits(all.size());
-  for (std::size_t c = 0; c < all.size(); ++c) fits[c] = fit_table(all[c], columns, residual, weight, fold, kFolds);
-  std::size_t best = 0;
-  for (std::size_t c = 1; c < all.size(); ++c)
-    if (fits[c].gain > fits[best].gain) best = c;
-  if (fits[best].gain < std::max(60.0, 0.02 * before)) return std::nullopt;
+  [[nodiscard]] const std::vector<Covariate>& variables() const noexcept { return covariates_; }
+  [[nodiscard]] double squares(const ModelSpec& spec) const {
+    const Eigen::VectorXd r = problem_.target() - problem_.predict(spec);
+    return (r.array().square() * weight_.array()).sum();
+  }
 
-  const auto improve = [&](ModelSpec spec, bool motion) {
-    // In turn: the model with the table held, the table with the model held.
-    double stiffness = 0.0;
+  /// Table of one variable beside the columns of the model that are free.
+  [[nodiscard]] TableFit fit(const Covariate& covariate, const ModelSpec& spec) const {
+    RowMatrix all;
+    problem_.columns(spec, all);
+    // The table's own column must not be fitted against it.
+    std::vector<Eigen::Index> own;
+    Eigen::Index at = 0;
+    for (const auto& part : spec.parts)
+      for (std::size_t i = 0; i < part.coefficients.size(); ++i, ++at)
+        if (!part.fixed) own.push_back(at);
+    RowMatrix free(all.rows(), static_cast<Eigen::Index>(own.size()));
+    for (std::size_t i = 0; i < own.size(); ++i) free.col(static_cast<Eigen::Index>(i)) = all.col(own[i]);
+    return fit_table(covariate, free, problem_.target() - problem_.predict(spec), weight_, fold_, kFolds);
+  }
+
+  /// In turn: the model with the table (the last part) held, the table with the model held.
+  [[nodiscard]] std::pair<ModelSpec, double> improve(ModelSpec spec, const Covariate& covariate, bool motion,
+                                                     int rounds) const {
     ModelSpec kept = spec;
-    double kept_squares = squares(problem.fit(spec, 15).spec);
-    for (int round = 0; round < 4; ++round) {
-      spec = problem.fit(spec, 12).spec;
+    double kept_squares = squares(problem_.fit(spec, 15).spec);
+    for (int round = 0; round < rounds; ++round) {
+      spec = problem_.fit(spec, 12).spec;
       const double now = squares(spec);
       if (now > kept_squares * 1.0001 && round > 0) break;
       kept = spec;
       kept_squares = now;
-      stiffness = 0.0;
-      for (const auto& part : spec.parts)
-        if (part.physics == &model::element::spring()) stiffness += part.coefficients[0];
-      RowMatrix a;
-      problem.columns(spec, a);
-      // The table's own column must not be fitted against it.
-      std::vector<Eigen::Index> own;
-      Eigen::Index at = 0;
-      for (const auto& part : spec.parts)
-        for (std::size_t i = 0; i < part.coefficients.size(); ++i, ++at)
-          if (!part.fixed) own.push_back(at);
-      RowMatrix free(n, static_cast<Eigen::Index>(own.size()));
-      for (std::size_t i = 0; i < own.size(); ++i) free.col(static_cast<Eigen::Index>(i)) = a.col(own[i]);
-      const Eigen::VectorXd left = problem.target() - problem.predict(spec);
-      const TableFit more = fit_table(all[best], free, left, weight, fold, kFolds);
+      const double stiffness = stiffness_of(spec);
+      const TableFit more = fit(covariate, spec);
       if (more.table.values.empty()) break;
       auto& table = spec.parts.back().table;
       for (std::size_t i = 0; i < table.values.size(); ++i)
         table.values[i] += motion ? (stiffness > 0.0 ? more.table.values[i] / stiffness : 0.0) : more.table.values[i];
     }
-    return std::pair{kept, kept_squares};
-  };
+    return {kept, kept_squares};
+  }
+
+ private:
+  static constexpr int kFolds = 6;
+  const Problem& problem_;
+  std::vector<Covariate> covariates_;
+  Eigen::VectorXd weight_;
+  std::vector<int> fold_;
+};
+
+}  // namespace
+
+bool has_table(const ModelSpec& spec) {
+  return std::ranges::any_of(spec.parts, [](const model::Part& part) { return part.law->make_table != nullptr; });
+}
+
+std::optional<Hypothesis> describe_unknown(const Search& search, const Hypothesis& base) {
+  constexpr int kRounds = 4;
+  const Problem& problem = search.instrument_problem();
+  const Tabulator tabulator(problem);
+  const auto& all = tabulator.variables();
+  Hypothesis out = base;
+  const double before = tabulator.squares(base.fit.spec);
+  std::vector<TableFit> fits(all.size());
+  for (std::size_t c = 0; c < all.size(); ++c) fits[c] = tabulator.fit(all[c], base.fit.spec);
+  std::size_t best = 0;
+  for (std::size_t c = 1; c < all.size(); ++c)
+    if (fits[c].gain > fits[best].gain) best = c;
+  if (fits[best].gain < std::max(60.0, 0.02 * before)) return std::nullopt;
+
   ModelSpec spec = base.fit.spec;
   spec.parts.push_back(table_part(model::element::empirical_force(), all[best].law, fits[best].table));
-  spec.parts.back().coefficients[0] = 1.0;
-  auto [chosen, chosen_squares] = improve(spec, false);
+  auto [chosen, chosen_squares] = tabulator.improve(spec, all[best], false, kRounds);
   out.empirical = all[best].law;
-  double stiffness = 0.0;
-  for (const auto& part : base.fit.spec.parts)
-    if (part.physics == &model::element::spring()) stiffness += part.coefficients[0];
-  if (all[best].law == "position" && stiffness > 0.0) {
+  if (const double stiffness = stiffness_of(base.fit.spec); all[best].law == "position" && stiffness > 0.0) {
     ModelSpec moved = base.fit.spec;
     Table table = fits[best].table;
     for (double& v : table.values) v /= stiffness;
     moved.parts.push_back(table_part(model::element::empirical_motion(), "position", std::move(table)));
-    auto [motion, motion_squares] = improve(moved, true);
+    auto [motion, motion_squares] = tabulator.improve(moved, all[best], true, kRounds);
     if (motion_squares < chosen_squares) {
       chosen = motion;
       chosen_squares = motion_squares;
@@ -252,6 +275,30 @@ std::optional<Hypothesis> describe_unknown(const Search& search, const Hypothesi
   out.evidence =
       out.fit.log_likelihood - cost * (fits[best].freedom + 2.0 * static_cast<double>(base.effects.size() + 3));
   return out;
+}
+
+model::ModelSpec learn_table_again(const Problem& problem, ModelSpec spec) {
+  constexpr int kRounds = 2;
+  const model::Part old = spec.parts.back();
+  spec.parts.pop_back();
+  spec = problem.fit(std::move(spec), 12).spec;
+  const bool motion = old.physics == &model::element::empirical_motion();
+  const Tabulator tabulator(problem);
+  const auto of = std::ranges::find(tabulator.variables(), old.law->name, &Covariate::law);
+  if (of != tabulator.variables().end()) {
+    Table table = tabulator.fit(*of, spec).table;
+    const double stiffness = stiffness_of(spec);
+    if (motion)
+      for (double& v : table.values) v = stiffness > 0.0 ? v / stiffness : 0.0;
+    if (!table.values.empty()) {
+      spec.parts.push_back(table_part(*old.physics, old.law->name, std::move(table)));
+      return tabulator.improve(std::move(spec), *of, motion, kRounds).first;
+    }
+  }
+  // Nothing predicts anything without what is left out: a table of zeros.
+  spec.parts.push_back(old);
+  for (double& v : spec.parts.back().table.values) v = 0.0;
+  return spec;
 }
 
 }  // namespace isorig::identify

@@ -11,4 +11,9 @@ namespace isorig::identify {
 /// Refitted jointly with the model. Empty when no variable predicts anything.
 [[nodiscard]] std::optional<Hypothesis> describe_unknown(const Search& search, const Hypothesis& base);
 
+[[nodiscard]] bool has_table(const model::ModelSpec& spec);
+
+/// The model's table learnt anew, of the same variable, beside the model's own numbers; the old table is not looked at.
+[[nodiscard]] model::ModelSpec learn_table_again(const Problem& problem, model::ModelSpec spec);
+
 }  // namespace isorig::identify

@@ -7,6 +7,8 @@
 #include "base/parallel.hpp"
 #include "identify/diagnose/fit/basis.hpp"
 #include "identify/diagnose/fit/left_out.hpp"
+#include "identify/diagnose/search/empirical.hpp"
+#include "identify/diagnose/search/published.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
 
@@ -22,14 +24,51 @@ struct Candidate {
   double squares = 0.0;
 };
 
-/// Best pair of thresholds of a relay, by scanning: with r the residual after all columns and Q their basis,
-/// a column s gains (r.s)^2 / (s.s - |Q's|^2). No gradient leads to a threshold.
-void scan_branch(const Problem& problem, Candidate& candidate) {
+bool is_relay(const Part& part) {
+  return part.physics == &model::element::empirical_memory() && part.law->name == "branch";
+}
+
+/// Starts of every element with memory beside `base`.
+std::vector<Candidate> starts(const ModelSpec& base, double duration_s) {
+  std::vector<Candidate> out;
+  const auto add = [&](const model::Physics& physics, std::string_view law, std::vector<double> parameters,
+                       std::string_view function_of) {
+    Candidate candidate{base, function_of, 0.0};
+    candidate.spec.parts.push_back(model::make_part(physics, *model::find_law(physics, law)));
+    candidate.spec.parts.back().parameters = std::move(parameters);
+    out.push_back(std::move(candidate));
+  };
+  const model::Physics& memory = model::element::empirical_memory();
+  add(memory, "branch", {0.0, 0.0}, "branch (which side the position was last beyond)");
+  std::vector<double> arms{1.0};
+  for (const Part& part : base.parts)
+    if (part.physics == &model::element::maxwell()) arms.push_back(part.parameters[0]);
+  for (std::size_t arm = arms.size() > 1 ? 1 : 0; arm < arms.size(); ++arm)
+    for (const double recovery_s : {5.0, 20.0, 80.0})
+      for (const double travel_mm : {0.5, 3.0})
+        add(memory, "structure", {arms[arm], recovery_s, travel_mm},
+            "structure (what motion broke and time has not healed)");
+  for (double period_s = 0.12 * duration_s; period_s < 2.1 * duration_s; period_s *= 1.3)
+    add(memory, "wave", {period_s}, "time since the start, as a wave");
+  for (const double period_s : {0.01, 0.03, 0.06, 0.09, 0.13, 0.2})
+    add(model::element::empirical_response(), "second_order", {period_s, 0.1},
+        "force before (a second-order response)");
+  return out;
+}
+
+}  // namespace
+
+bool has_relay(const ModelSpec& spec) {
+  return std::ranges::any_of(spec.parts, is_relay);
+}
+
+// With r the residual after all columns and Q their basis, a column s gains (r.s)^2 / (s.s - |Q's|^2).
+void scan_relay(const Problem& problem, ModelSpec& spec) {
   const auto series = problem.series();
   const auto n = problem.target().size();
   RowMatrix all;
-  ModelSpec base = candidate.spec;
-  base.parts.pop_back();
+  ModelSpec base = spec;
+  std::erase_if(base.parts, is_relay);
   problem.columns(base, all);
   Eigen::VectorXd weight(n);
   double low = 1e300, high = -1e300;
@@ -82,42 +121,8 @@ void scan_branch(const Problem& problem, Candidate& candidate) {
       for (int j = -4; j <= 4; ++j) offer(u + 0.25 * i * step, l + 0.25 * j * step);
     step *= 0.25;
   }
-  candidate.spec.parts.back().parameters = {upper, lower};
+  std::ranges::find_if(spec.parts, is_relay)->parameters = {upper, lower};
 }
-
-/// Starts of every element with memory beside `base`.
-std::vector<Candidate> starts(const ModelSpec& base, double duration_s) {
-  std::vector<Candidate> out;
-  const auto add = [&](const model::Physics& physics, std::string_view law, std::vector<double> parameters,
-                       std::string_view function_of) {
-    Candidate candidate{base, function_of, 0.0};
-    candidate.spec.parts.push_back(model::make_part(physics, *model::find_law(physics, law)));
-    candidate.spec.parts.back().parameters = std::move(parameters);
-    out.push_back(std::move(candidate));
-  };
-  const model::Physics& memory = model::element::empirical_memory();
-  add(memory, "branch", {0.0, 0.0}, "branch (which side the position was last beyond)");
-  std::vector<double> arms{1.0};
-  for (const Part& part : base.parts)
-    if (part.physics == &model::element::maxwell()) arms.push_back(part.parameters[0]);
-  for (std::size_t arm = arms.size() > 1 ? 1 : 0; arm < arms.size(); ++arm)
-    for (const double recovery_s : {5.0, 20.0, 80.0})
-      for (const double travel_mm : {0.5, 3.0})
-        add(memory, "structure", {arms[arm], recovery_s, travel_mm},
-            "structure (what motion broke and time has not healed)");
-  for (double period_s = 0.12 * duration_s; period_s < 2.1 * duration_s; period_s *= 1.3)
-    add(memory, "wave", {period_s}, "time since the start, as a wave");
-  for (const double period_s : {0.01, 0.03, 0.06, 0.09, 0.13, 0.2})
-    add(model::element::empirical_response(), "second_order", {period_s, 0.1},
-        "force before (a second-order response)");
-  return out;
-}
-
-bool has_table(const ModelSpec& spec) {
-  return std::ranges::any_of(spec.parts, [](const Part& part) { return part.law->make_table != nullptr; });
-}
-
-}  // namespace
 
 std::optional<HysteresisDescription> describe_hysteresis(const Search& search, const Selection& selection,
                                                          unsigned threads) {
@@ -141,7 +146,7 @@ std::optional<HysteresisDescription> describe_hysteresis(const Search& search, c
     all.insert(all.end(), more.begin(), more.end());
   }
   base::parallel_for(all.size(), threads, [&](std::size_t i) {
-    if (all[i].spec.parts.back().law->name == "branch") scan_branch(problem, all[i]);
+    if (has_relay(all[i].spec)) scan_relay(problem, all[i].spec);
     const Fit fit = problem.fit(all[i].spec, 4);
     all[i].spec = fit.spec;
     all[i].squares = fit.chi2;
@@ -158,23 +163,24 @@ std::optional<HysteresisDescription> describe_hysteresis(const Search& search, c
   }
   base::parallel_for(finalists.size(), threads, [&](std::size_t i) {
     Fit fit = problem.fit(finalists[i].spec, 30);
-    if (finalists[i].spec.parts.back().law->name == "branch") {
+    if (has_relay(fit.spec)) {
       // Thresholds once more with the rest settled.
-      Candidate again{fit.spec, finalists[i].function_of, 0.0};
-      scan_branch(problem, again);
-      if (Fit second = problem.fit(again.spec, 20); second.chi2 < fit.chi2) fit = std::move(second);
+      ModelSpec again = fit.spec;
+      scan_relay(problem, again);
+      if (Fit second = problem.fit(again, 20); second.chi2 < fit.chi2) fit = std::move(second);
     }
     finalists[i].spec = fit.spec;
   });
 
-  // Squares of every move in units of the noise.
-  const auto squares_by_move = [&](const ModelSpec& spec) {
+  // Squares of every block in units of the noise.
+  const Blocks parted = blocks_of(problem.series());
+  const auto squares_by_block = [&](const ModelSpec& spec, const Criterion& criterion) {
     std::vector<double> out;
-    for (const Prediction& move : predict_moves(problem, spec, threads))
-      out.push_back(move.squares_N2 / (white.white_N * white.white_N));
+    for (const Prediction& block : predict_blocks(problem.series(), learn_again(spec, criterion), parted, threads))
+      out.push_back(block.squares_N2 / (white.white_N * white.white_N));
     return out;
   };
-  const std::vector<double> now = squares_by_move(selection.chosen().fit.spec);
+  const std::vector<double> now = squares_by_block(selection.chosen().fit.spec, criterion_of_chosen(search, selection));
   double lacking = 0.0, rows = 0.0;
   for (const double squares : now) lacking += squares;
   for (const Series& each : problem.series())
@@ -183,7 +189,7 @@ std::optional<HysteresisDescription> describe_hysteresis(const Search& search, c
   std::optional<HysteresisDescription> out;
   double least = 0.0;
   for (const Candidate& one : finalists) {
-    const std::vector<double> then = squares_by_move(one.spec);
+    const std::vector<double> then = squares_by_block(one.spec, {white, false});
     double sum = 0.0, squares = 0.0;
     const auto blocks = static_cast<double>(now.size());
     for (std::size_t b = 0; b < now.size(); ++b) {
@@ -194,7 +200,7 @@ std::optional<HysteresisDescription> describe_hysteresis(const Search& search, c
     constexpr double kWorth = 0.1;
     if (sum <= error || sum < kWorth * lacking || sum <= least) continue;
     least = sum;
-    out = HysteresisDescription{one.spec, std::string(one.function_of)};
+    out = HysteresisDescription{one.spec, std::string(one.function_of), white};
   }
   return out;
 }

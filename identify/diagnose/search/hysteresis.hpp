@@ -11,14 +11,21 @@ namespace isorig::identify {
 /// What `selection` leaves unexplained, described by what was before: a branch that the specimen is on,
 /// structure that motion breaks, a wave in time, a force channel that rings
 /// (model/memory.cpp). Each beside the nominal model and beside the effects that were found, fitted jointly;
-/// each judged on blocks of moves that it was not fitted to, against what stands there now. Taken only when
+/// each judged on blocks of the recordings that it was not fitted to, against what stands there now. Taken only when
 /// the mean gain over the blocks is more than one standard error, and a tenth of what is lacking: the
 /// simplest is what is there. Names and probabilities are not touched.
 struct HysteresisDescription {
   model::ModelSpec spec;
   std::string function_of;
+  NoiseModel noise;  ///< that it was fitted under
 };
 [[nodiscard]] std::optional<HysteresisDescription> describe_hysteresis(const Search& search, const Selection& selection,
                                                                        unsigned threads);
+
+/// The model has a branch (model/memory.cpp).
+[[nodiscard]] bool has_relay(const model::ModelSpec& spec);
+
+/// Sets the thresholds of the model's branch by scanning: no gradient leads to them. The rest of the model stays.
+void scan_relay(const Problem& problem, model::ModelSpec& spec);
 
 }  // namespace isorig::identify

@@ -85,10 +85,9 @@ void prefer_simpler_laws(Selection& selection, const Search& search) {
   }
   // A residual far above the noise is the law's own error. Whitening would give its fastest part, at reversals and
   // corners, the most weight; plain least squares lets the bulk of the motion decide the numbers.
-  constexpr double kFarAbove = 30.0;
   Hypothesis& chosen = selection.pool[selection.best];
   if (selection.best == 0) return;  // published_nominal
-  if (selection.error_rules || selection.noise_scale > kFarAbove || errs_more_than_noise(chosen)) {
+  if (least_squares_decide(selection)) {
     const Problem problem(search.instrument_problem().series(), plain(search.instrument()));
     const NoiseModel noise = chosen.fit.noise;
     chosen.fit = problem.fit(chosen.fit.spec, 30);

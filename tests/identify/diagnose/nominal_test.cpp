@@ -99,7 +99,7 @@ struct Published {
       : series{prepare_series("bench", recording, {})}, search(series, instrument_noise(series, {}).weighing, 2) {
     selection.pool.push_back(search.nominal(model::nominal_model("slse1")));
     weighed_N = rms_N(selection.nominal().fit.spec, series[0]);
-    published_N = rms_N(published_nominal(search, selection, {}, 2).spec, series[0]);
+    published_N = rms_N(published_nominal(search, selection, {}, 2).fit.spec, series[0]);
   }
   std::vector<Series> series;
   Search search;

@@ -1,0 +1,69 @@
+#include "identify/diagnose/diagnosis_notes.hpp"
+
+#include <algorithm>
+#include <cstdio>
+
+namespace isorig::identify {
+namespace {
+
+/// The selection refits under the noise that each explanation was left with, in few iterations. Where that stopped
+/// short and going on would still gain, the reader must know: the numbers are on their way, not there.
+void note_unfinished_fit(const Study& study, const Fit& fit, const char* which, Diagnosis& out) {
+  constexpr int kIterations = 25;
+  constexpr double kMatters = 1.0;  // half a standard deviation of one number, in log-likelihood
+  if (fit.stop == Stop::kConverged || fit.stop == Stop::kAtBounds) return;
+  const Problem problem(study.series, fit.noise);
+  const double before = problem.fit(fit.spec, 0).chi2;
+  const Fit further = problem.fit(fit.spec, kIterations);
+  const bool done = further.stop == Stop::kConverged || further.stop == Stop::kAtBounds;
+  if (done && before - further.chi2 < kMatters) return;
+  char text[320];
+  std::snprintf(text, sizeof text,
+                "The fit of the %s stopped before it had converged (%.*s); %d further iterations lowered its whitened "
+                "sum of squares by %.3g of %.6g and ended with %.*s. Its numbers may be off by more than their "
+                "intervals: two of them may stand for each other.",
+                which, static_cast<int>(name_of(fit.stop).size()), name_of(fit.stop).data(), kIterations,
+                before - further.chi2, before, static_cast<int>(name_of(further.stop).size()),
+                name_of(further.stop).data());
+  out.notes.emplace_back(text);
+}
+
+}  // namespace
+
+std::string NotModelled::text() const {
+  std::string list;
+  for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
+  return "Located, not modelled: " + list + ". model.toml is without it, since with it: " + why + ".";
+}
+
+std::string mixed_pressures(std::span<const double> nominal_psi) {
+  if (nominal_psi.empty()) return {};
+  const auto [low, high] = std::ranges::minmax(nominal_psi);
+  if (high - low <= 0.05 * high) return {};
+  char text[240];
+  std::snprintf(text, sizeof text,
+                "The recordings were made at nominal pressures from %.3g to %.3g psi and are fitted with one "
+                "material. An actuator's stiffness follows its pressure: diagnose each pressure by itself, unless "
+                "that is what is to be shown.",
+                low, high);
+  return text;
+}
+
+void add_notes(const Study& study, const Fit& nominal_fit, Diagnosis& out) {
+  for (const Inseparable& pair : out.design.inseparable) out.notes.push_back(pair.text);
+  note_unfinished_fit(study, nominal_fit, "nominal model", out);
+  if (study.selection.best != 0)
+    note_unfinished_fit(study, study.selection.chosen().fit, "model with what it lacked", out);
+  if (!out.not_modelled.why.empty()) out.notes.push_back(out.not_modelled.text());
+  if (out.nominal.has("spring") && out.nominal.has("maxwell"))
+    out.notes.emplace_back(
+        "A spring in series with the specimen (grips, load cell, frame) turns this model into another of the same "
+        "form: no force and crosshead reading can tell its stiffness. It is not looked for, and the stiffnesses "
+        "here are those of specimen and load train together.");
+  std::vector<double> nominal_psi;
+  for (const Series& each : study.series)
+    nominal_psi.push_back(each.recording.metadata.nominal_pressure_psi.value_or(0.0));
+  if (auto text = mixed_pressures(nominal_psi); !text.empty()) out.warnings.push_back(std::move(text));
+}
+
+}  // namespace isorig::identify

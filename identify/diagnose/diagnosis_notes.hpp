@@ -1,0 +1,10 @@
+#pragma once
+#include "identify/diagnose/diagnosis.hpp"
+
+namespace isorig::identify {
+
+/// Equivalences, limits of what was shown, fits that stopped short, and what the model is without; warnings on the
+/// recordings' nominal pressures.
+void add_notes(const Study& study, const Fit& nominal_fit, Diagnosis& out);
+
+}  // namespace isorig::identify

@@ -1,0 +1,130 @@
+#include "identify/diagnose/fit/fading.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <optional>
+
+#include "model/catalogue.hpp"
+
+namespace isorig::identify {
+namespace {
+
+using model::ModelSpec;
+
+bool counts(const ModelSpec& spec, model::Counts what) {
+  return std::ranges::any_of(spec.parts, [what](const model::Part& p) { return p.law->traits.counts == what; });
+}
+
+bool reads_pressure(const ModelSpec& spec) {
+  return std::ranges::any_of(spec.parts, [](const model::Part& p) {
+    return p.physics->traits.pressure != model::PressureNeed::kNone || p.physics->traits.driven_by_pressure ||
+           (p.law->make_table && p.law->name == "pressure");
+  });
+}
+
+bool has_no_law(const ModelSpec& spec) {
+  return std::ranges::any_of(spec.parts,
+                             [](const model::Part& p) { return p.physics->name.starts_with("empirical_"); });
+}
+
+}  // namespace
+
+model::Seen ranges_of(std::span<const Series> series) {
+  model::Seen seen;
+  bool first = true, pressure = false;
+  for (const Series& each : series) {
+    const Excitation& excitation = each.excitation;
+    double travelled_mm = 0.0;
+    for (std::size_t bin = 0; bin < each.nodes.size(); ++bin) {
+      for (std::size_t row = each.first_row[bin]; row < each.first_row[bin + 1]; ++row) {
+        const model::Instant& now = excitation.instants[row];
+        travelled_mm += std::fabs(now.step_mm);
+        if (each.count[bin] == 0.0) continue;
+        seen.travel_mm = std::max(seen.travel_mm, travelled_mm);
+        seen.duration_s = std::max(seen.duration_s, now.t_s - excitation.instants.front().t_s);
+        seen.lowest_mm = first ? now.position_mm : std::min(seen.lowest_mm, now.position_mm);
+        seen.highest_mm = first ? now.position_mm : std::max(seen.highest_mm, now.position_mm);
+        seen.fastest_mm_s = std::max(seen.fastest_mm_s, std::fabs(now.velocity_mm_s));
+        first = false;
+        if (excitation.pressure_psi.empty()) continue;
+        const double psi = now.excess_pressure_psi + excitation.reference.nominal_pressure_psi;
+        seen.lowest_psi = pressure ? std::min(seen.lowest_psi, psi) : psi;
+        seen.highest_psi = pressure ? std::max(seen.highest_psi, psi) : psi;
+        pressure = true;
+      }
+    }
+  }
+  return seen;
+}
+
+double Fading::Watched::distance(double value) {
+  if (!used) return 0.0;
+  least = std::min(least, value);
+  most = std::max(most, value);
+  const double beyond = std::max({low - tolerance - value, value - high - tolerance, 0.0});
+  if (beyond == 0.0) return 0.0;
+  ++rows;
+  // A range of no width has that of its tolerance.
+  return beyond / std::max({high - low, tolerance, 1e-300});
+}
+
+Fading::Fading(const ModelSpec& spec, const Excitation& excitation)
+    : watched_{}, nominal_psi_(excitation.reference.nominal_pressure_psi) {
+  constexpr double kNoises = 5.0, kRate = 0.05, kSum = 0.01;
+  constexpr double kLawHolds = 1.5, kLawGone = 4.0, kTableGone = 0.5;
+  const model::Seen& seen = *spec.seen;
+  const bool pressure = reads_pressure(spec) && !excitation.pressure_psi.empty();
+  watched_ = {
+      Watched{"the position", "mm", seen.lowest_mm, seen.highest_mm, kNoises * excitation.motion.noise_mm, true},
+      Watched{"the velocity", "mm/s", -seen.fastest_mm_s, seen.fastest_mm_s, kRate * seen.fastest_mm_s, true},
+      Watched{"the pressure", "psi", seen.lowest_psi, seen.highest_psi, kNoises * excitation.pressure_noise_psi,
+              pressure},
+      Watched{"the travel", "mm", 0.0, seen.travel_mm, kSum * seen.travel_mm, counts(spec, model::Counts::kTravel)},
+      Watched{"the time since the start", "s", 0.0, seen.duration_s, kSum * seen.duration_s,
+              counts(spec, model::Counts::kTime)}};
+  holds_ = has_no_law(spec) ? 0.0 : kLawHolds;
+  gone_ = has_no_law(spec) ? kTableGone : kLawGone;
+}
+
+Fading::Belief Fading::next(const model::Instant& now) {
+  if (rows_++ == 0) start_s_ = now.t_s;
+  travelled_mm_ += std::fabs(now.step_mm);
+  const double d = std::max({watched_[0].distance(now.position_mm), watched_[1].distance(now.velocity_mm_s),
+                             watched_[2].distance(now.excess_pressure_psi + nominal_psi_),
+                             watched_[3].distance(travelled_mm_), watched_[4].distance(now.t_s - start_s_)});
+  return {d, std::clamp((gone_ - d) / (gone_ - holds_), 0.0, 1.0)};
+}
+
+std::vector<std::string> Fading::notes() const {
+  std::vector<std::string> out;
+  for (const Watched& one : watched_) {
+    if (one.rows == 0) continue;
+    char text[320];
+    std::snprintf(text, sizeof text,
+                  "%s goes from %.4g to %.4g %s, and the model has seen %.4g to %.4g %s: %.3g %% of the rows are "
+                  "outside; there what the model has beyond the nominal one fades, and the band widens",
+                  one.name, one.least, one.most, one.unit, one.low, one.high, one.unit,
+                  100.0 * static_cast<double>(one.rows) / static_cast<double>(rows_));
+    out.emplace_back(text);
+  }
+  return out;
+}
+
+std::vector<double> faded_force(const ModelSpec& spec, const Series& series) {
+  model::RunningModel running(spec, series.excitation.reference);
+  running.reset(series.nodes.front());
+  std::vector<double> out;
+  for (const model::Instant& now : series.nodes) out.push_back(running.step(now));
+  if (!spec.seen) return out;
+  model::RunningModel nominal({spec.name, spec.seen->nominal}, series.excitation.reference);
+  nominal.reset(series.nodes.front());
+  Fading fading(spec, series.excitation);
+  for (std::size_t k = 0; k < out.size(); ++k) {
+    const double without_N = nominal.step(series.nodes[k]);
+    out[k] = without_N + fading.next(series.nodes[k]).weight * (out[k] - without_N);
+  }
+  return out;
+}
+
+}  // namespace isorig::identify

@@ -1,0 +1,67 @@
+#include "identify/diagnose/judgeable.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "concealed_specimen.hpp"
+
+namespace isorig::identify {
+namespace {
+
+/// A force of 1 N rms.
+Study study_of(NoiseSource source, double noise_N, double noise_scale) {
+  Study study;
+  study.series.emplace_back();
+  for (int k = 0; k < 1000; ++k)
+    study.series[0].recording.frame.force_N.push_back(7.0 + std::sqrt(2.0) * std::sin(0.02 * M_PI * k));
+  study.usable.emplace_back();
+  study.noise.source = source;
+  study.diagnosis.noise_N = noise_N;
+  study.diagnosis.noise_scale = noise_scale;
+  return study;
+}
+
+TEST(Judgeable, AModelThatExplainsTheForceToItsMeasuredNoise) {
+  EXPECT_FALSE(unjudged(study_of(NoiseSource::kRests, 0.02, 1.0), 0.02).has_value());
+  EXPECT_FALSE(unjudged(study_of(NoiseSource::kRepetitions, 0.02, 1.5), 0.025).has_value());
+  // A guess that the residual agrees with is as good as a measurement of white noise.
+  EXPECT_FALSE(unjudged(study_of(NoiseSource::kDifferences, 0.02, 1.1), 0.021).has_value());
+}
+
+TEST(Judgeable, NotWhereTheForceHardlyExceedsItsNoise) {
+  const auto found = unjudged(study_of(NoiseSource::kRests, 0.4, 1.0), 0.4);
+  ASSERT_TRUE(found.has_value());
+  EXPECT_NE(found->why.find("excitation"), std::string::npos) << found->why;
+}
+
+TEST(Judgeable, NotWhereTheModelExplainsTooLittleOfTheForce) {
+  // A quarter of the variance is left.
+  const auto found = unjudged(study_of(NoiseSource::kDifferences, 0.02, 1.0), 0.5);
+  ASSERT_TRUE(found.has_value());
+  EXPECT_NE(found->why.find("25 %"), std::string::npos) << found->why;
+  EXPECT_FALSE(unjudged(study_of(NoiseSource::kRests, 0.02, 1.0), 0.3).has_value()) << "9 % of the variance";
+}
+
+TEST(Judgeable, NotByAGuessedNoiseThatTheResidualExceeds) {
+  const auto found = unjudged(study_of(NoiseSource::kDifferences, 0.02, 9.0), 0.06);
+  ASSERT_TRUE(found.has_value());
+  EXPECT_NE(found->record.find("at rest"), std::string::npos) << found->record;
+  EXPECT_FALSE(unjudged(study_of(NoiseSource::kRests, 0.02, 9.0), 0.06).has_value());
+}
+
+TEST(Judgeable, TheVerdictStandsInTheDiagnosisWithWhatToRecord) {
+  // A specimen of 4 mN/mm moved by 2 mm, read with 20 mN of noise.
+  const test::ConcealedSpecimen soft{
+      .stiffness_N_mm = 0.002, .arm_N_mm = 0.002, .elongation_at_zero_mm = 0.0, .seed = 8};
+  const Diagnosis d = diagnose({test::record(soft)}, {"soft"}, model::nominal_model("slse1"), {}).diagnosis;
+  EXPECT_EQ(d.verdict, Verdict::kCannotJudge);
+  const auto json = diagnosis_json(d);
+  EXPECT_EQ(json.at("verdict"), "cannot_judge");
+  EXPECT_FALSE(json.at("cannot_judge").at("record").get<std::string>().empty());
+  EXPECT_TRUE(json.at("missing").empty());
+}
+
+}  // namespace
+}  // namespace isorig::identify

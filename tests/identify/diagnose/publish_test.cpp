@@ -1,0 +1,189 @@
+#include "identify/diagnose/publish.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "concealed_specimen.hpp"
+#include "identify/diagnose/explain/passivity.hpp"
+#include "model/catalogue.hpp"
+
+namespace isorig::identify {
+namespace {
+
+constexpr double kNoise_N = 0.02;
+constexpr NoiseModel kWhite{kNoise_N, 0.0, 1.0};
+
+/// 1000 readings in ten strokes that agree: nominal 1 N rms, the model `model_N`.
+LeftOut row(double model_N, std::size_t strokes = 10, double scatter_N2 = 0.0) {
+  LeftOut out{"amplitude", "2 mm", 1000.0, 1.0, model_N};
+  out.more_N2 = out.readings * (model_N * model_N - 1.0);
+  out.more_error_N2 = scatter_N2;
+  out.strokes = strokes;
+  return out;
+}
+
+TEST(Worse, ByMoreThanTheNoiseAndTheScatterOfTheStrokes) {
+  EXPECT_FALSE(worse(row(0.5), kNoise_N));
+  EXPECT_FALSE(worse(row(1.0), kNoise_N));
+  EXPECT_TRUE(worse(row(1.05), kNoise_N));
+  EXPECT_FALSE(worse(row(1.05), 2.0)) << "(0.3 noise)^2 a reading is 0.36 N^2, the difference 0.10 N^2";
+  // 102.5 N^2 more: two standard errors of 60 N^2 are more than that, of 40 N^2 less.
+  EXPECT_FALSE(worse(row(1.05, 10, 60.0), kNoise_N));
+  EXPECT_TRUE(worse(row(1.05, 10, 40.0), kNoise_N));
+}
+
+TEST(Worse, ByTheRmsWhereStrokesSayLittle) {
+  EXPECT_FALSE(worse(row(1.09, 1), kNoise_N));
+  EXPECT_TRUE(worse(row(1.11, 1), kNoise_N));
+  EXPECT_FALSE(worse(row(1.09, 3), kNoise_N));
+  // One stroke in which everything goes wrong has a standard error as large as itself.
+  EXPECT_TRUE(worse(row(5.0, 10, 24000.0), kNoise_N));
+}
+
+class Unphysical : public testing::Test {
+ protected:
+  static const std::vector<Series>& series() {
+    static const std::vector<Series> series{prepare_series("bench", test::record({.seed = 3}), {})};
+    return series;
+  }
+  static model::ModelSpec with(std::string_view physics, std::string_view law) {
+    model::ModelSpec spec = model::nominal_model("slse1");
+    spec.parts[0].coefficients[0] = 2.5;
+    spec.parts[1].coefficients[0] = 0.0;  // nothing else that takes work
+    const model::Physics& found = *model::find_physics(physics);
+    spec.parts.push_back(model::make_part(found, *model::find_law(found, law)));
+    return spec;
+  }
+};
+
+TEST_F(Unphysical, NoLawOfTheCatalogueWithAPositiveCoefficient) {
+  for (const model::Physics* effect : model::effects()) {
+    for (const model::Law& law : effect->laws) {
+      model::ModelSpec spec = with(effect->name, law.name);
+      spec.parts[1].coefficients[0] = 2.0;
+      for (std::size_t i = 0; i < law.coefficients.size(); ++i)
+        if (law.coefficients[i].sign == model::Sign::kNonPositive) spec.parts.back().coefficients[i] = -1.0;
+      // A difference of friction between the directions stands beside a friction that is at least as large.
+      if (effect->traits.refines == "coulomb_friction") {
+        const model::Physics& friction = *model::find_physics("coulomb_friction");
+        spec.parts.push_back(model::make_part(friction, friction.laws[0]));
+        spec.parts.push_back(
+            model::make_part(*model::find_physics("viscous_drag"), model::find_physics("viscous_drag")->laws[0]));
+      }
+      EXPECT_EQ(unphysical(spec, series(), kNoise_N), "") << effect->name << ' ' << law.name;
+    }
+  }
+}
+
+TEST_F(Unphysical, WhatGivesOutWorkOnAClosedLoop) {
+  model::ModelSpec relay = with("empirical_memory", "branch");
+  relay.parts.back().parameters = {0.7, -0.1};
+  relay.parts.back().coefficients[0] = -0.8;  // a specimen that snaps: it pulls less once it is over
+  EXPECT_FALSE(active_loop(relay, series(), kNoise_N).has_value());
+  relay.parts.back().coefficients[0] = 0.8;
+  const auto loop = active_loop(relay, series(), kNoise_N);
+  ASSERT_TRUE(loop.has_value());
+  // Up at 0.7 mm, down at -0.1 mm: 0.8 N over 0.8 mm a turn.
+  EXPECT_NEAR(loop->work_N_mm, -0.64, 0.03);
+
+  model::ModelSpec rate = with("empirical_force", "rate");
+  rate.parts.back().table = {-8.0, 16.0, {-0.5, 0.5}};
+  EXPECT_FALSE(active_loop(rate, series(), kNoise_N).has_value());
+  rate.parts.back().table = {-8.0, 16.0, {0.5, -0.5}};
+  EXPECT_TRUE(active_loop(rate, series(), kNoise_N).has_value());
+
+  model::ModelSpec structure = with("empirical_memory", "structure");
+  structure.parts[1].coefficients[0] = 1.0;
+  structure.parts.back().coefficients = {-30.0, 0.0};
+  EXPECT_TRUE(active_loop(structure, series(), kNoise_N).has_value());
+}
+
+TEST_F(Unphysical, ANumberAtABoundThatIsNoLaw) {
+  model::ModelSpec spec = with("empirical_memory", "structure");
+  spec.parts.back().coefficients = {0.0, 0.0};
+  spec.parts.back().parameters = {0.3, 10.0, 999.99};
+  EXPECT_NE(unphysical(spec, series(), kNoise_N).find("travel_mm"), std::string::npos);
+  spec.parts.back().parameters[2] = 3.0;
+  EXPECT_EQ(unphysical(spec, series(), kNoise_N), "");
+  // Presliding that is too short to be seen is ideal dry friction.
+  spec = with("coulomb_friction", "dahl");
+  spec.parts.back().parameters[0] = spec.parts.back().law->parameters[0].lower;
+  EXPECT_EQ(unphysical(spec, series(), kNoise_N), "");
+  spec.parts.back().parameters[0] = spec.parts.back().law->parameters[0].upper;
+  EXPECT_NE(unphysical(spec, series(), kNoise_N).find("presliding_mm"), std::string::npos);
+}
+
+/// 0.8 N of friction, and the selection that names it.
+class Publish : public testing::Test {
+ protected:
+  Publish()
+      : series_{prepare_series("bench", test::record({.friction_N = 0.8, .seed = 12}), {})},
+        search_(series_, kWhite, 2) {
+    selection_.pool.push_back(search_.nominal(model::nominal_model("slse1")));
+    Hypothesis with = selection_.pool.front();
+    const model::Physics& friction = *model::find_physics("coulomb_friction");
+    with.effects = {&friction};
+    with.fit.spec.parts.push_back(model::make_part(friction, friction.laws.front()));
+    with.fit = search_.fit_from(with.fit.spec, 30);
+    search_.settle(with, false);
+    selection_.pool.push_back(with);
+    selection_.weight = {0.0, 1.0};
+    selection_.best = 1;
+    nominal_ = {selection_.nominal().fit.spec, {kWhite, false}, {}, {}};
+    whole_ = {with.fit.spec, {kWhite, false}, with.effects, {}};
+  }
+  [[nodiscard]] Publication published(Candidate whole) const {
+    const LeaveOut leave_out(series_, kNoise_N, learn_again(nominal_.spec, nominal_.criterion), 2);
+    return publish(search_, selection_, leave_out, std::move(whole), nominal_, kNoise_N);
+  }
+
+  std::vector<Series> series_;
+  Search search_;
+  Selection selection_;
+  Candidate nominal_, whole_;
+};
+
+TEST_F(Publish, AModelThatPredictsIsHandedOutWhole) {
+  const Publication out = published(whole_);
+  EXPECT_EQ(out.why, "");
+  EXPECT_TRUE(out.located_only.empty());
+  EXPECT_TRUE(out.model.spec.has("coulomb_friction"));
+  for (const LeftOut& one : out.heldout.left_out) EXPECT_FALSE(worse(one, kNoise_N)) << one.by << ' ' << one.value;
+}
+
+TEST_F(Publish, WithoutTheMemoryThatIsNotPhysical) {
+  Candidate with_memory = whole_;
+  const model::Physics& memory = *model::find_physics("empirical_memory");
+  with_memory.spec.parts.push_back(model::make_part(memory, *model::find_law(memory, "structure")));
+  with_memory.spec.parts.back().parameters[2] = 999.99;
+  with_memory.described_by = "structure";
+  const Publication out = published(with_memory);
+  EXPECT_NE(out.why.find("travel_mm"), std::string::npos) << out.why;
+  EXPECT_EQ(out.located_only, std::vector<std::string>{"structure"});
+  EXPECT_TRUE(out.model.spec.has("coulomb_friction"));
+  EXPECT_FALSE(out.model.spec.has("empirical_memory"));
+}
+
+TEST_F(Publish, TheNominalModelWhereNothingIsBetter) {
+  // A wave over the recording, fitted to moves in turn, says nothing of those that are left out.
+  Candidate wave = nominal_;
+  const model::Physics& memory = *model::find_physics("empirical_memory");
+  wave.spec.parts.push_back(model::make_part(memory, *model::find_law(memory, "wave")));
+  wave.spec.parts.back().parameters[0] = 1.0;
+  wave.spec.parts.back().coefficients = {5.0, 5.0, 1.0, 1.0};
+  wave.described_by = "time";
+  // It stands at the shortest period; the effects that the selection chose stay on the list of what was located.
+  selection_.best = 0;
+  selection_.pool.resize(1);
+  selection_.weight = {1.0};
+  const Publication out = published(wave);
+  EXPECT_EQ(model::model_text(out.model.spec), model::model_text(nominal_.spec));
+  EXPECT_NE(out.why, "");
+  EXPECT_EQ(out.located_only, std::vector<std::string>{"time"});
+  ASSERT_TRUE(out.heldout.all.has_value());
+  EXPECT_EQ(out.heldout.all->nominal_rmse_N, out.heldout.all->model_rmse_N);
+}
+
+}  // namespace
+}  // namespace isorig::identify
