@@ -46,9 +46,9 @@ TEST(Quantile, OfNothingIsNotANumber) {
   EXPECT_TRUE(std::isnan(median({})));
 }
 
-/// The median of |error| estimates sigma with an efficiency of 37 % (Hampel 1974): of 40 001 errors to 1 / sqrt(2 x 0.37 x 40 001)
-/// = 0.6 % in standard deviation, so three of those are 0.035 of a sigma of 2. A tenth of them thrown far away moves the median to the
-/// quantile 5/9 of the others, 13.5 % higher.
+/// The median of |error| estimates sigma with an efficiency of 37 % (Hampel 1974): of 40 001 errors to 1 / sqrt(2 x
+/// 0.37 x 40 001) = 0.6 % in standard deviation, so three of those are 0.035 of a sigma of 2. A tenth of them thrown
+/// far away moves the median to the quantile 5/9 of the others, 13.5 % higher.
 TEST(Quantile, TheQuartileOfNormalErrorsGivesSigmaAndOutliersDoNot) {
   std::mt19937 random(3);
   std::normal_distribution<double> normal(0.0, 2.0);
