@@ -17,6 +17,11 @@ if(ISORIG_SANITIZE)
     add_compile_options(-Wno-tsan)
   endif()
 endif()
+if(ISORIG_COVERAGE)
+  # -O1: without any optimisation the tests in real time miss their deadlines. Atomic: threads count in the same place.
+  add_compile_options(-O1 --coverage -fprofile-update=atomic -fprofile-abs-path)
+  add_link_options(--coverage)
+endif()
 
 # Every symbol is bound at start: in the loop the first call of a function must cost what every other costs.
 add_link_options(-Wl,-z,relro -Wl,-z,now)

@@ -17,7 +17,7 @@
 #include "messages/elvh.hpp"
 #include "protocol/cursor.hpp"
 
-/// The real-time core: one tick() per millisecond does all that decides. The loop thread calls it in real time,
+/// The real-time core: one tick() per millisecond makes all decisions. The loop thread calls it in real time,
 /// the virtual runner in virtual time; it cannot tell which. docs/threads.md has the contract of every thread.
 namespace isorig::daemon {
 
@@ -28,7 +28,7 @@ struct Calibration {
   double pressure_scale = 1.0, pressure_offset_psi = 0.0;
 };
 
-/// What a frame's restart does to its zero.
+/// Whether a restart of the frame loses its zero.
 enum class FrameZero : std::uint8_t {
   kConfirm,     ///< it may be lost whenever the frame, or the daemon, was started: an operator confirms it
   kFirstHolds,  ///< likewise, but the first connection is known to be right: a simulated rig
@@ -114,7 +114,7 @@ class Core {
     if (!why.empty()) recorder_faults_.push(fault);
     recorder_fault_.store(!why.empty(), std::memory_order_release);
   }
-  /// From the recorder, after each turn. When it stops coming the recording stands still: program stop.
+  /// From the recorder, after each turn. Without it for too long the recorder counts as hung: program stop.
   void recorder_turn(std::int64_t now_ns) noexcept { recorder_turn_ns_.store(now_ns, std::memory_order_release); }
   /// A further consumer of the samples, for readings. Before the first tick.
   void set_observer(LiveStreams* observer) noexcept { observer_ = observer; }

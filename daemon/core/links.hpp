@@ -35,7 +35,7 @@ struct LinkHealth {
   float repeatability_ns = 0.0F;
   float sample_rate_hz = 0.0F;  ///< as the device says
   std::uint32_t clock_epoch =
-      0;  ///< lives of the device's clock, since start: another one when it was set or restarted
+      0;  ///< epochs of the device's clock, since start: a new one each time it was set or restarted
   std::uint32_t clock_rejected = 0;  ///< time exchanges that were wrong, since start
   std::int64_t failed_ns = 0;        ///< when the last call failed; 0: none has
   char detail[224] = {};             ///< the last error, for people
@@ -68,7 +68,7 @@ struct FrameReport {
 
 struct FrameCommand {
   frame::Segment segment;
-  std::uint32_t number = 0;      ///< the loop's own count from 1, which no frame can echo from an earlier life
+  std::uint32_t number = 0;      ///< the loop's own count from 1, which no frame can echo from before a restart
   std::uint32_t after_stop = 0;  ///< the stop wish it comes after; one that is older has been overtaken
 };
 

@@ -17,9 +17,9 @@ struct PressureDoubt {
   explicit operator bool() const noexcept { return code != nullptr; }
 };
 
-/// Compares what the sensor shows with what the valves were told: a reading that does not follow them is not one to
-/// fill by. (3D printers have the same for their heaters: Klipper's verify_heater.) It judges in every state, also
-/// while the chamber is sealed or vented; whoever asks for doubt() goes to the safe state.
+/// Compares the sensor's reading with the valve commands: a reading that does not follow the valves must not be used
+/// for filling. (3D printers have the same for their heaters: Klipper's verify_heater.) It judges in every state, also
+/// while the chamber is sealed or vented; the caller of doubt() goes to the safe state.
 ///
 /// From the commands and the ISO 6358 flows of daemon/core/valve_flow.hpp it keeps bounds on the rate of a sound rig:
 ///
@@ -39,17 +39,16 @@ struct PressureDoubt {
 /// `allowance_psi`. With the shipped gains a full fill that does not show trips after 0.18 s.
 ///
 /// Three further sums need no bound on the gains:
-///  - a hold that wants more air than `leak`, in or out, on and on, though the reading stands: a leak, or a reading
-///  that
-///    stands because it is stuck. What the crosshead does to the volume depends on where it is and not on the way it
-///    took, so over any time it explains at most motion_max_psi_per_mm times the displacement, and a stroke out and
-///    back explains nothing;
+///  - a hold that goes on taking more air than `leak`, in or out, while the reading stands: the chamber leaks, or the
+///    reading is stuck. The chamber's volume depends on the crosshead's place and not on its way there, so over any
+///    time the motion explains at most motion_max_psi_per_mm times the displacement; a stroke out and back explains
+///    nothing;
 ///  - the time of the fill valve, as full-duty seconds above `leak`: more than three fillings from empty to the limit
 ///    without venting between is no filling;
 ///  - the change expected since the sensor's count last changed, for messages::ElvhMonitor.
 ///
-/// What it cannot see: a sensor that reads a constant part too little from the start, a reading that stands exactly at
-/// the set-point while less than `leak` flows in. docs/states.md says what limits those.
+/// It cannot see a sensor that reads a constant part too little from the start, nor a reading that stands exactly at
+/// the set-point while less than `leak` flows in. docs/states.md says what limits these two.
 ///
 /// Pure: no clock, no I/O, no allocation.
 class PressureGuard {
@@ -60,12 +59,12 @@ class PressureGuard {
   void on_command(std::int64_t mono_ns, const pressure::Command& command) noexcept;
   /// A valid, fresh reading. `is_holding`: the loop has it where it wants it.
   void on_reading(std::int64_t mono_ns, double pressure_psi, double crosshead_velocity_mm_s, bool is_holding) noexcept;
-  /// The device was away, or an operator has reset: what was summed up is forgotten.
+  /// Sets all sums to zero: the device was away, or an operator has reset.
   void restart() noexcept;
 
-  /// The first that came up since restart(); it stays.
+  /// The first doubt since restart(); it stays.
   [[nodiscard]] const PressureDoubt& doubt() const noexcept { return doubt_; }
-  /// The change that the reading must show at least, now; 0 when it may as well stand. For the stuck count.
+  /// The least change that the reading must show now; 0 when it may stand still. For the monitor of a stuck count.
   [[nodiscard]] double sure_rate_psi_s() const noexcept { return sure_rate_psi_s_; }
 
   /// Bounds in force, for status, tests and the device's own limits.

@@ -41,13 +41,13 @@ struct PressureLoopConfig {
   double proportional_per_s = 25.0;
   double integral_time_s = 0.25;
   double rate_limit_psi_s = 10.0;       ///< of the reference
-  double feedforward_psi_per_mm = 0.0;  ///< pressure the chamber would lose per mm of extension, if the valves slept
+  double feedforward_psi_per_mm = 0.0;  ///< pressure the chamber would lose per mm of extension with both valves shut
   double minimum_duty = 0.0;            ///< below it a valve does not open; smaller commands are shut
   double settled_tolerance_psi = 0.1;
-  double dead_zone_psi = 0.004;        ///< an error below it is none, at the target
+  double dead_zone_psi = 0.004;        ///< at the target, an error below it counts as zero
   double unreachable_error_psi = 0.5;  ///< error and saturation for longer than `unreachable_after_s` ...
   double unreachable_after_s = 5.0;    ///< ... is a set-point that cannot be reached (leak, empty supply)
-  // What a sound rig shows of all that (PressureGuard).
+  // How far a sound rig may deviate from these numbers (PressureGuard).
   double response_min = 0.33;          ///< of the configured gains, at least; and at most its inverse
   double leak_max_psi_s = 0.0;         ///< faster is a fault; 0: a twentieth of what the full fill valve gives
   double motion_max_psi_per_mm = 0.0;  ///< pressure by motion; 0: thrice the feed-forward, at least a quarter

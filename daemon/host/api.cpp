@@ -110,7 +110,7 @@ HttpAnswer readings(const Host& host, const HttpRequest& q) {
   return answer(200, host.readings_json(window_s));
 }
 
-/// A word that nobody reads is a wish that nobody grants. Of the calls that stop the rig none is refused for it.
+/// An unknown key would be ignored without a word. Of the calls that stop the rig none is refused for it.
 std::optional<HttpAnswer> unknown_query(const HttpRequest& q) {
   if (q.method == "POST" && (q.path == "/v1/abort" || q.path == "/v1/pause")) return std::nullopt;
   const std::string known = q.path == "/v1/events" ? "after" : q.path == "/v1/readings" ? "window_s" : "";

@@ -42,7 +42,7 @@ bool is_too_deep(std::string_view text) {
   return false;
 }
 
-/// A JSON object with no other keys than these: a word that nobody reads is a wish that nobody grants.
+/// A JSON object with no other keys than these: an unknown key would be ignored without a word.
 class Body {
  public:
   Body(const std::string& call, const std::string& text, std::initializer_list<std::string_view> keys,
