@@ -61,6 +61,25 @@ class SmoothKnee : public Process {
   double width_mm_;
 };
 
+/// Extension that ends: F = k L u^2 / (1 - u), u = x / L. A braid locks where its fibres lie side by side and their
+/// angle to the axis is the least (Chou & Hannaford 1996); near a limit of extension the force goes as one over the
+/// distance to it (Gent 1996). In small extension it is k x^2 / L, k in N/mm. L in mm from the rest position; what was
+/// passed was not the lock, so a fit's L lies beyond the largest position. Up to 0.99 of L; beyond that the force stays
+/// as it is there, since no braid is.
+class Lock : public Process {
+ public:
+  explicit Lock(double lock_mm) noexcept : lock_mm_(lock_mm) {}
+  void reset(const Instant&) noexcept override {}
+  void force(const Instant& now, double* columns) noexcept override {
+    constexpr double kNearest = 0.99;
+    const double u = std::fmin(now.position_mm / lock_mm_, kNearest);
+    columns[0] = lock_mm_ * u * u / (1.0 - u);
+  }
+
+ private:
+  double lock_mm_;
+};
+
 const Coefficient kQuadratic{
     .name = "quadratic_N_mm2",
     .sign = Sign::kFree,
@@ -105,7 +124,8 @@ const Physics& strain_stiffening() {
       Stage::kSpecimen,
       "Elastic force that is nonlinear in strain.",
       "Tondu 2012 (McKibben: stiffness grows with length); Fung 1967 (exponential). Fibres of "
-      "spread slack lengths (Decraemer 1980). Linear and constant parts "
+      "spread slack lengths (Decraemer 1980). A braid locks (Chou & Hannaford 1996), with a force as near any limit of "
+      "extension (Gent 1996). Linear and constant parts "
       "belong to the spring and the tare, so the position may be counted from anywhere.",
       "Slow triangle of the largest amplitude: the loading line is curved, the same at every velocity. "
       "Mistaken "
@@ -167,7 +187,29 @@ const Physics& strain_stiffening() {
                .errors = "A stroke that does not pass the knee leaves it tied to the position. Mistaken for the "
                          "exponential law."}}},
         {kKneeStiffness},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<SmoothKnee>(p[0], p[1]); }}}};
+        [](std::span<const double> p, const Reference&) { return std::make_unique<SmoothKnee>(p[0], p[1]); }},
+       {"lock",
+        "F = k L u^2 / (1 - u), u = x / L",
+        {{.name = "lock_mm",
+          .lower = 0.5,
+          .upper = 1e3,
+          .starts = {8.0, 60.0},
+          .logarithmic = true,
+          .sheet = {.what = "Position at which the braid locks and the specimen lengthens no further.",
+                    .unit = "mm",
+                    .range =
+                        "Physics: what was passed was not the lock, so it lies beyond the largest position; beyond "
+                        "1 m the law is a parabola in any stroke.",
+                    .errors = "A stroke that stays below half of it leaves it tied to the stiffness. Mistaken for the "
+                              "exponential law."}}},
+        {{.name = "stiffness_N_mm",
+          .sign = Sign::kNonNegative,
+          .sheet = {.what = "Size of the stiffening: in small extension the force is this times x^2 / L.",
+                    .unit = "N/mm",
+                    .range = "Physics: a lock resists extension, so it is not negative; no upper bound.",
+                    .errors = "A stroke far from the lock leaves it tied to the position of the lock. Mistaken for the "
+                              "quadratic term."}}},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Lock>(p[0]); }}}};
   return physics;
 }
 

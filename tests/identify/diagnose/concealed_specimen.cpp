@@ -60,6 +60,7 @@ messages::Recording run(const ConcealedSpecimen& b, Script script, bool noise) {
   }
   double arm = 0.0, second = 0.0, bristle = 0.0, seen = x[0], travel = 0.0, lagged = 0.0, entering = 0.0, colour = 0.0;
   bool slipped = false;
+  double largest_mm = x[0], largest_elongation_mm = std::fabs(x[0] + b.elongation_at_zero_mm);
   for (std::size_t i = 0; i < n; ++i) {
     const double t = static_cast<double>(i) * kStep_s;
     const double before = seen;
@@ -70,9 +71,13 @@ messages::Recording run(const ConcealedSpecimen& b, Script script, bool noise) {
     }
     const double dx = i == 0 ? 0.0 : seen - before;
     travel += std::fabs(dx);
-    const auto flow = [&](double z) { return std::copysign(std::pow(std::fabs(z), b.power), z) / b.arm_s; };
-    const double middle = arm + 0.5 * (dx - kStep_s * flow(arm));
-    arm += dx - kStep_s * flow(middle);
+    const auto arm_s = [&](double z) {
+      return b.arm_s * std::exp(b.relaxation_1_mm * (seen - 0.5 * dx)) * (z < 0.0 ? b.shortening_ratio : 1.0);
+    };
+    const auto flow = [&](double z) { return std::copysign(std::pow(std::fabs(z), b.power), z) / arm_s(z); };
+    const double driven = dx * std::exp(b.fung_1_mm * (seen - 0.5 * dx));
+    const double middle = arm + 0.5 * (driven - kStep_s * flow(arm));
+    arm += driven - kStep_s * flow(middle);
     const double middle2 = second + 0.5 * (dx - kStep_s * second / b.second_arm_s);
     second += dx - kStep_s * middle2 / b.second_arm_s;
     constexpr int kFine = 50;  // a bristle bends over less than what passes in a millisecond
@@ -83,6 +88,14 @@ messages::Recording run(const ConcealedSpecimen& b, Script script, bool noise) {
     f += b.quadratic_N_mm2 * seen * seen + b.coupling_N_mm_psi * pressure[i] * e;
     f -= b.softening_N_mm * e * (1.0 - std::exp(-travel / b.softening_travel_mm));
     f += b.ripple_N * std::sin(2.0 * M_PI * seen / b.ripple_mm);
+    f += (dx > 0.0 ? b.lengthening_N_s_mm : b.shortening_N_s_mm) * dx / kStep_s;
+    f += b.lock_N_mm * seen * seen / (b.lock_mm - seen);
+    largest_mm = std::max(largest_mm, seen);
+    largest_elongation_mm = std::max(largest_elongation_mm, std::fabs(e));
+    const double unloaded_mm2 = largest_elongation_mm * largest_elongation_mm - e * e;
+    f -= b.mullins_N_mm * e * (1.0 - std::erfc(unloaded_mm2 / (b.mullins_mm * b.mullins_mm)));
+    f -= b.set_N_mm * (largest_mm - x[0]);
+    f += b.load_share * bristle * f;
     if (b.slack) f = std::max(0.0, f);
     if (b.mass_kg > 0.0 && i > 0 && i + 1 < n)
       f += b.mass_kg * 1e-3 * (x[i + 1] - 2.0 * x[i] + x[i - 1]) / (kStep_s * kStep_s);

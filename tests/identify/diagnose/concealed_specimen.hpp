@@ -29,6 +29,14 @@ struct ConcealedSpecimen {
   double slip_mm = 0.0, slip_s = 0.0;
   double gap_mm = 0.0;
   bool slack = false;
+  double fung_1_mm = 0.0;                                    ///< the arm is driven by exp(b x) dx instead of dx
+  double relaxation_1_mm = 0.0;                              ///< its time constant is that times exp(b x)
+  double shortening_ratio = 1.0;                             ///< and that times this while its dashpot shortens
+  double lengthening_N_s_mm = 0.0, shortening_N_s_mm = 0.0;  ///< dashpots in parallel
+  double mullins_N_mm = 0.0, mullins_mm = 12.0;              ///< Ogden and Roxburgh: k / r and sqrt(2 m / k)
+  double set_N_mm = 0.0;                                     ///< force lost per mm of the largest position
+  double load_share = 0.0;                 ///< of the specimen's force, on the bristle of `presliding_mm`
+  double lock_N_mm = 0.0, lock_mm = 6.0;   ///< k x^2 / (L - x)
   double ripple_N = 0.0, ripple_mm = 0.4;  ///< in no catalogue
   // Instruments.
   double force_noise_N = 0.02;

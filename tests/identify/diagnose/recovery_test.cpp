@@ -250,6 +250,7 @@ const std::vector<Truth>& truths() {
       {"strain_stiffening", "exponential", {2.0}, {0.3}},
       {"strain_stiffening", "knee", {0.7}, {0.6}},
       {"strain_stiffening", "smooth_knee", {0.7, 0.3}, {0.6}},
+      {"strain_stiffening", "lock", {6.0}, {0.3}},
       {"second_relaxation", "arm", {9.0}, {0.6}},
       {"second_relaxation", "two_arms", {0.1, 9.0}, {0.6, 0.6}},
       {"second_relaxation", "spectrum", {0.2, 2.0}, {1.5}},

@@ -44,6 +44,7 @@ const std::vector<Case>& cases() {
       {"strain_stiffening", "exponential", {{0.6}, {50.0}}, {0.3}, 1e-12, 0, true},
       {"strain_stiffening", "knee", {{0.4}, {-3.0}}, {0.9}, 1e-12, 0, true},
       {"strain_stiffening", "smooth_knee", {{0.4, 0.2}, {-1.0, 3.0}}, {0.9}, 1e-9, 0, true},
+      {"strain_stiffening", "lock", {{3.0}, {40.0}}, {0.3}, 1e-12, 0, true},
       {"second_relaxation", "arm", {{0.1}, {20.0}}, {0.6}, 1e-6, 2, false, true},
       {"second_relaxation", "two_arms", {{0.2, 30.0}}, {0.6, 0.4}, 1e-6, 2, false, true},
       {"second_relaxation", "spectrum", {{0.1, 3.0}, {0.5, 1.0}}, {0.9}, 1e-6, 2, false, true},

@@ -97,6 +97,12 @@ void add_mckibben(std::map<std::string, Judge>& of) {
     for (std::size_t i = 0; i < t.size(); ++i) out[t.velocity_mm_s[i] > 0.0 ? 0 : 1][i] = t.velocity_mm_s[i];
     return out;
   }};
+  of["strain_stiffening/lock"] = {.force = [](Numbers p, const Track& t) {
+    Columns out(1);
+    // x^2 / (L - x): the same with its denominator cleared.
+    for (const double x : t.position_mm) out[0].push_back(x * x / (p[0] - x));
+    return out;
+  }};
   of["mullins_softening/ogden_roxburgh"] = {.force = [](Numbers p, const Track& t) {
     return by_largest_elongation(t, [&](std::size_t i, double largest) {
       const double e = elongation(t, i);

@@ -6,8 +6,8 @@
 
 namespace isorig::test {
 
-/// The second writings of quasi_linear_viscoelasticity, directional_damping, mullins_softening, permanent_set and
-/// friction_with_load.
+/// The second writings of quasi_linear_viscoelasticity, directional_damping, mullins_softening, permanent_set,
+/// friction_with_load and strain_stiffening/lock.
 void add_mckibben(std::map<std::string, Judge>& of);
 
 }  // namespace isorig::test
