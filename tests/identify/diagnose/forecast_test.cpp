@@ -81,10 +81,11 @@ TEST_F(Forecasts, TheBandHoldsNinetyFivePercentOfReadingsNotSeen) {
     squares += std::pow(recording.frame.force_N[k] - out.force_N[k], 2.0);
     inside += recording.frame.force_N[k] >= out.low95_N[k] && recording.frame.force_N[k] <= out.high95_N[k] ? 1.0 : 0.0;
   }
-  // Thousands of readings: the share errs by 0.3 %. The band has one width for all of them, and at the corners the
-  // reconstructed motion errs by more than in a hold: 95 % to within two.
-  EXPECT_GT(inside / n, 0.93) << std::sqrt(squares / n) << " N rms, stated " << learnt().seen->error_N;
-  EXPECT_LT(inside / n, 0.985);
+  // Thousands of readings: the share itself errs by 0.3 %. The stated error is that of one recording; what the
+  // reconstructed motion errs by at the corners differs between two by 15 % of the rms, which makes 1.96 of it anything
+  // from 1.67 to 2.25 standard deviations: 90.5 to 97.6 %.
+  EXPECT_GT(inside / n, 0.905) << std::sqrt(squares / n) << " N rms, stated " << learnt().seen->error_N;
+  EXPECT_LT(inside / n, 0.976);
 }
 
 TEST_F(Forecasts, BeyondWhatWasSeenFadeToTheNominalModelAndSayItsRange) {

@@ -1,0 +1,100 @@
+// The same recording told in other words: what a diagnosis finds must not hang on how a laboratory counts time, length,
+// force and positions, or on the order of its files (metamorphic relations, Chen et al. 1998).
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "concealed_specimen.hpp"
+#include "identify/diagnose/diagnosis.hpp"
+
+namespace isorig::identify {
+namespace {
+
+using Recordings = std::vector<messages::Recording>;
+
+struct Found {
+  Verdict verdict = Verdict::kConsistent;
+  std::vector<std::string> names;
+  double closed = 0.0;  ///< share of the nominal model's rms that is gone
+};
+
+Found found_in(Recordings recordings) {
+  std::vector<std::string> names;
+  for (std::size_t i = 0; i < recordings.size(); ++i) names.push_back("recording " + std::to_string(i));
+  const Diagnosis d = diagnose(std::move(recordings), names, model::nominal_model("slse1"), {}).diagnosis;
+  Found out{d.verdict, {}, 1.0 - d.model_errors.train_rmse_N / d.nominal_errors.train_rmse_N};
+  for (const MissingEffect& missing : d.missing) out.names.emplace_back(missing.effect->name);
+  return out;
+}
+
+messages::Recording with_friction(unsigned seed) {
+  return test::record({.friction_N = 0.8, .seed = seed});
+}
+
+void for_each_time(messages::Recording& r, const std::function<double(double)>& change) {
+  for (double& t_s : r.frame.t_s) t_s = change(t_s);
+  if (r.pressure)
+    for (double& t_s : r.pressure->t_s) t_s = change(t_s);
+}
+
+struct Retold {
+  const char* name;
+  std::function<void(messages::Recording&)> change;
+};
+
+class Invariance : public testing::TestWithParam<Retold> {};
+
+TEST_P(Invariance, TheSameIsFound) {
+  static const Found plain = found_in({with_friction(31)});
+  ASSERT_EQ(plain.verdict, Verdict::kMissingPhysics);
+  messages::Recording retold = with_friction(31);
+  GetParam().change(retold);
+  const Found found = found_in({std::move(retold)});
+  EXPECT_EQ(found.verdict, plain.verdict);
+  EXPECT_EQ(found.names, plain.names);
+  // Sampling at half the rate changes what is known of the corners, the rest only roundings.
+  EXPECT_NEAR(found.closed, plain.closed, 0.05);
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Retold, Invariance,
+    testing::Values(Retold{"ClockOffset", [](auto& r) { for_each_time(r, [](double t_s) { return t_s + 1000.0; }); }},
+                    Retold{"ZeroOfThePosition",
+                           [](auto& r) {
+                             for (double& x : r.frame.position_mm) x += 3.0;
+                             r.metadata.rest_length_mm -= 3.0;
+                           }},
+                    Retold{"ZeroOfTheForce",
+                           [](auto& r) {
+                             for (double& f : r.frame.force_N) f += 5.0;
+                           }},
+                    Retold{"TenTimesTheForce",
+                           [](auto& r) {
+                             for (double& f : r.frame.force_N) f *= 10.0;
+                           }},
+                    Retold{"TimeTwiceAsFast", [](auto& r) { for_each_time(r, [](double t_s) { return 0.5 * t_s; }); }},
+                    Retold{"EverySecondRow",
+                           [](auto& r) {
+                             messages::FrameSamples half;
+                             for (std::size_t k = 0; k < r.frame.size(); k += 2) {
+                               half.t_s.push_back(r.frame.t_s[k]);
+                               half.position_mm.push_back(r.frame.position_mm[k]);
+                               half.force_N.push_back(r.frame.force_N[k]);
+                             }
+                             r.frame = std::move(half);
+                           }}),
+    [](const auto& of) { return std::string(of.param.name); });
+
+TEST(InvarianceOfSeveral, TheOrderOfTheRecordings) {
+  const Found one = found_in({with_friction(31), with_friction(32)});
+  const Found other = found_in({with_friction(32), with_friction(31)});
+  EXPECT_EQ(one.verdict, Verdict::kMissingPhysics);
+  EXPECT_EQ(other.verdict, one.verdict);
+  EXPECT_EQ(other.names, one.names);
+  EXPECT_NEAR(other.closed, one.closed, 1e-3);
+}
+
+}  // namespace
+}  // namespace isorig::identify
