@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "base/text_file.hpp"
 #include "proof/fit/nominal.hpp"
 #include "proof/foreign_laws/case.hpp"
 #include "proof/generator/effects.hpp"
@@ -148,8 +149,8 @@ TEST_F(ForeignStudy, IsDeterminedByItsSeedAndTellsNothingBeforeItsSealIsBroken) 
   EXPECT_EQ(generate_study(one), generate_study(two));
   for (const auto& entry : fs::recursive_directory_iterator(one.out)) {
     if (!entry.is_regular_file()) continue;
-    const std::string text = read_text(entry.path());
-    EXPECT_EQ(text, read_text(two.out / fs::relative(entry.path(), one.out))) << entry.path();
+    const std::string text = base::read_text_file(entry.path());
+    EXPECT_EQ(text, base::read_text_file(two.out / fs::relative(entry.path(), one.out))) << entry.path();
     if (fs::relative(entry.path(), one.out).begin()->string() == "sealed") continue;
     for (const Kind& kind : kinds())
       EXPECT_EQ(text.find(kind.law), std::string::npos) << entry.path() << " tells of " << kind.law;
