@@ -20,7 +20,7 @@ struct Part {
   Table table = {};                  ///< of an empirical law
 };
 
-/// What a model was fitted to. What it has beyond the nominal model is known there alone.
+/// What a model was fitted to. Within these ranges alone its parts beyond the nominal model are supported by data.
 struct Seen {
   double lowest_mm = 0.0, highest_mm = 0.0;  ///< position
   double fastest_mm_s = 0.0;
@@ -28,7 +28,8 @@ struct Seen {
   double lowest_psi = 0.0, highest_psi = 0.0;  ///< gauge; both zero where there was no pressure
   double duration_s = 0.0;                     ///< of the longest recording
   double error_N = 0.0;                        ///< rms of a reading that was left out of the fit
-  /// Of the numbers that were fitted, in the order of free_numbers(): row by row of the lower triangle.
+  /// Of the numbers that were fitted, in the order of fitted_numbers() (identify/diagnose/fit/intervals.hpp): row by
+  /// row of the lower triangle.
   std::vector<double> covariance;
   std::vector<Part> nominal;  ///< the nominal model, which it fades to
 };

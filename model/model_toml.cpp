@@ -103,6 +103,7 @@ Seen read_seen(const base::TomlTable& table) {
   seen.covariance = table.numbers("covariance");
   ModelSpec nominal;
   for (const base::TomlTable& part : table.tables("nominal")) read_part(part, nominal);
+  if (nominal.coefficient_count() > 32) table.error("nominal", "more than 32 coefficients");
   seen.nominal = std::move(nominal.parts);
   if (seen.nominal.empty()) table.error("nominal", "[seen] needs at least one [[seen.nominal]]");
   return seen;

@@ -134,8 +134,9 @@ struct Table {
 };
 
 /// What a law counts from the start of the recording on. It changes whatever the motion does now, so that its energy is
-/// that of the past or of the surroundings; and it says nothing of a time, or a travel, that it was not fitted to.
-enum class Counts { kNothing, kTime, kTravel };
+/// that of the past or of the surroundings; and it says nothing of a time, or a travel, that it was not fitted to. The
+/// largest strain grows no further when a known amplitude is repeated.
+enum class Counts { kNothing, kTime, kTravel, kLargestStrain };
 
 /// How a law works among others. Declared where the law is.
 struct LawTraits {

@@ -230,7 +230,10 @@ void remember_what_was_seen(const Study& study, const Criterion& criterion, cons
   model::Seen seen = ranges_of(study.series);
   // Left-out errors are those of bins: what the motion errs by within a bin is in the rows alone.
   seen.error_N = std::max(errors.heldout_rmse_N.value_or(0.0), errors.train_rmse_N);
-  seen.covariance = lower_triangle(covariance(problem, spec, Spread::kMoves));
+  // The time constant of an arm without stiffness moves no force: its variance has no bound, and no prediction hangs on
+  // it.
+  seen.covariance = lower_triangle(
+      covariance(problem, spec, Spread::kMoves).unaryExpr([](double v) { return std::isfinite(v) ? v : 0.0; }));
   seen.nominal = nominal.parts;
   spec.seen = std::move(seen);
 }
@@ -243,6 +246,7 @@ void publish_model(const Search& search, const Study& study, const PublishedNomi
   Publication publication = publish(search, study.selection, leave_out, std::move(whole),
                                     {out.nominal, nominal.criterion, {}, {}}, out.noise_N);
   out.model = std::move(publication.model.spec);
+  if (!publication.why.empty()) place_events(out.model, study.series[0], study.usable[0]);
   out.described_by = std::move(publication.model.described_by);
   out.heldout = std::move(publication.heldout);
   out.not_modelled = {std::move(publication.located_only), std::move(publication.why),

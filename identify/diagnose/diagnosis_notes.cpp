@@ -33,7 +33,7 @@ void note_unfinished_fit(const Study& study, const Fit& fit, const char* which, 
 std::string NotModelled::text() const {
   std::string list;
   for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
-  return "Located, not modelled: " + list + ". model.toml is without it, since with it: " + why + ".";
+  return "Located, not modelled: " + list + ". model.toml is without it. The reason: " + why + ".";
 }
 
 std::string mixed_pressures(std::span<const double> nominal_psi) {

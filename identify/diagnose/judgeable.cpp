@@ -28,7 +28,7 @@ std::optional<Unjudged> unjudged(const Study& study, double nominal_rmse_N) {
   const Diagnosis& d = study.diagnosis;
   const double sd_N = force_sd_N(study);
   char text[240];
-  if (sd_N < kLeastNoises * d.noise_N) {
+  if (sd_N <= kLeastNoises * d.noise_N) {
     std::snprintf(
         text, sizeof text,
         "the force varies by %.3g N rms, and its noise is %.3g N: any model would fit (too little excitation)", sd_N,

@@ -1,6 +1,7 @@
 #include <cmath>
 
 #include "model/effects/effects.hpp"
+#include "model/effects/presliding.hpp"
 #include "model/stepping.hpp"
 
 namespace isorig::model::effect {
@@ -56,11 +57,7 @@ const Physics& friction_with_load() {
           .starts = {0.02},
           .logarithmic = true,
           .traits = {.lower_limit_law = "ideal dry friction"},
-          .sheet = {.what = "Travel over which the friction turns its direction.",
-                    .unit = "mm",
-                    .range = "Instrument: 0.2 um is the step of the finest crosshead encoders here; 1 mm is the "
-                             "smallest stroke that is run.",
-                    .errors = "Readings coarser than it leave it unknown. Mistaken for backlash of the crosshead."}},
+          .sheet = kPreslidingSheet},
          {.name = "load_share",
           .lower = 0.0,
           .upper = 0.9,

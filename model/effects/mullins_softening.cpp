@@ -72,8 +72,9 @@ const Coefficient kLost{
 /// not be more than it (r >= 1), which a fit shows and does not enforce. Units: lost N/mm, s mm.
 /// Range: s from 0.05 mm (below that the first reading beyond the start has it all) to 100 mm, a specimen's length.
 /// The history before the recording is not known: the largest strain before it is taken to be that at its start.
-/// Errors: exact at the instants of any motion that turns on instants. Not passive: at its start it is a full spring.
-/// Sources: Ogden & Roxburgh 1999, Proc. R. Soc. A 455:2861; Simo 1987, Comput. Methods Appl. Mech. Eng. 60:153.
+/// Errors: exact at the instants of any motion that turns on instants. Not passive by itself: it takes force from the
+/// spring beside it. Sources: Ogden & Roxburgh 1999, Proc. R. Soc. A 455:2861; Simo 1987, Comput. Methods Appl. Mech.
+/// Eng. 60:153.
 const Physics& mullins_softening() {
   static const Physics physics{
       "mullins_softening",
@@ -99,7 +100,7 @@ const Physics& mullins_softening() {
                               "travel of cyclic_softening."}}},
         {kLost},
         [](std::span<const double> p, const Reference&) { return std::make_unique<PseudoElastic>(p[0]); },
-        {.counts = Counts::kTravel}},
+        {.counts = Counts::kLargestStrain}},
        {"damage",
         "F = -dk e (1 - exp(-xi / s)), xi largest |e| beyond that at the start",
         {{.name = "scale_mm",
@@ -115,7 +116,7 @@ const Physics& mullins_softening() {
                               "Mistaken for the travel of cyclic_softening."}}},
         {kLost},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Damage>(p[0]); },
-        {.counts = Counts::kTravel}}},
+        {.counts = Counts::kLargestStrain}}},
       {.unusual = true, .needs_any_of = {"spring"}}};
   return physics;
 }

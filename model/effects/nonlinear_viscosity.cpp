@@ -156,6 +156,7 @@ const Physics& nonlinear_viscosity() {
           .upper = 1e4,
           .starts = {0.5, 3.0},
           .logarithmic = true,
+          .traits = {.lower_limit_law = "a dashpot", .upper_limit_law = "a spring"},
           .sheet = {.what = "Time constant at an arm elongation of 1 mm; it grows or falls from there by |z|^(1-m).",
                     .unit = "s",
                     .range = "Instrument: 1 ms is one interval at 1 kHz, below which the arm is a dashpot; 1e4 s is "
@@ -184,6 +185,7 @@ const Physics& nonlinear_viscosity() {
           .upper = 1e4,
           .starts = {0.5, 3.0},
           .logarithmic = true,
+          .traits = {.lower_limit_law = "a slipping spring", .upper_limit_law = "a spring"},
           .sheet =
               {.what = "Time constant with which the arm relaxes towards its yield elongation.",
                .unit = "s",

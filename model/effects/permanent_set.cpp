@@ -73,7 +73,7 @@ const Physics& permanent_set() {
                     .errors = "Stretches of one size leave it tied to the tare. Mistaken for mullins_softening and for "
                               "a drift of the zero."}}},
         [](auto, const Reference&) { return std::make_unique<Set>(0.0, 0.0); },
-        {.counts = Counts::kTravel}},
+        {.counts = Counts::kLargestStrain}},
        {"yield",
         "F = -h max(0, xi - y)",
         {kYield},
@@ -85,7 +85,7 @@ const Physics& permanent_set() {
                     .errors = "Stretches of one size leave it tied to the yield. Mistaken for mullins_softening and "
                               "for a drift of the zero."}}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Set>(p[0], 0.0); },
-        {.counts = Counts::kTravel}},
+        {.counts = Counts::kLargestStrain}},
        {"saturating",
         "F = -F0 (1 - exp(-xi / s))",
         {{.name = "scale_mm",
@@ -107,7 +107,7 @@ const Physics& permanent_set() {
                .errors =
                    "Stretches far below the scale leave it tied to it. Mistaken for a slip or a drift of the zero."}}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Set>(0.0, p[0]); },
-        {.counts = Counts::kTravel}}},
+        {.counts = Counts::kLargestStrain}}},
       {.unusual = true, .needs_any_of = {"spring"}}};
   return physics;
 }

@@ -11,7 +11,8 @@ inline constexpr NumberSheet kPreslidingSheet{
         "Instrument: at 0.2 um a good frame's position noise hides it. Physics: at 1 mm, a tenth of the rig's travel, "
         "the bristle is a spring.",
     .errors =
-        "Noise of the position makes reversals that were not there and shortens it; reversals larger than it alone "
-        "leave it undetermined. Mistaken for play."};
+        "Noise of the position makes reversals that were not there and shortens it; if all reversals are larger than "
+        "it, it "
+        "is undetermined. Mistaken for play."};
 
 }  // namespace isorig::model::effect

@@ -63,9 +63,9 @@ class SmoothKnee : public Process {
 
 /// Extension that ends: F = k L u^2 / (1 - u), u = x / L. A braid locks where its fibres lie side by side and their
 /// angle to the axis is the least (Chou & Hannaford 1996); near a limit of extension the force goes as one over the
-/// distance to it (Gent 1996). In small extension it is k x^2 / L, k in N/mm. L in mm from the rest position; what was
-/// passed was not the lock, so a fit's L lies beyond the largest position. Up to 0.99 of L; beyond that the force stays
-/// as it is there, since no braid is.
+/// distance to it (Gent 1996). In small extension it is k x^2 / L, k in N/mm. L in mm from the rest position; it lies
+/// beyond the largest position recorded, which the data ask for and no bound enforces. Up to 0.99 of L; beyond that the
+/// force stays as it is there.
 class Lock : public Process {
  public:
   explicit Lock(double lock_mm) noexcept : lock_mm_(lock_mm) {}
@@ -124,7 +124,8 @@ const Physics& strain_stiffening() {
       Stage::kSpecimen,
       "Elastic force that is nonlinear in strain.",
       "Tondu 2012 (McKibben: stiffness grows with length); Fung 1967 (exponential). Fibres of "
-      "spread slack lengths (Decraemer 1980). A braid locks (Chou & Hannaford 1996), with a force as near any limit of "
+      "spread slack lengths (Decraemer 1980). A braid locks (Chou & Hannaford 1996); its force grows as near any limit "
+      "of "
       "extension (Gent 1996). Linear and constant parts "
       "belong to the spring and the tare, so the position may be counted from anywhere.",
       "Slow triangle of the largest amplitude: the loading line is curved, the same at every velocity. "

@@ -45,7 +45,9 @@ class Wander : public Process {
 };
 
 constexpr NumberSheet kCosine{
-    .what = "Amplitude of the cosine of this many half periods over the recording; the sign is that at its start.",
+    .what =
+        "Amplitude of the cosine with as many half periods over the recording as its name says; the sign is that at "
+        "its start.",
     .unit = "N",
     .range = "Physics: temperature may rise or fall, so it has no sign.",
     .errors =

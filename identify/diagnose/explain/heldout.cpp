@@ -176,7 +176,7 @@ LeftOut compare(std::string by, std::string value, const Prediction& without, co
 std::vector<Stability> stability_of(const model::ModelSpec& model, const std::vector<Prediction>& all) {
   std::vector<Prediction> folds;
   for (const Prediction& one : all)
-    if (one.spec.parts.size() == model.parts.size()) folds.push_back(one);
+    if (std::ranges::equal(one.spec.parts, model.parts, {}, &model::Part::law, &model::Part::law)) folds.push_back(one);
   if (folds.empty()) return {};
   std::vector<Stability> out;
   for (std::size_t p = 0; p < model.parts.size(); ++p) {

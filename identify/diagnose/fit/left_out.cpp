@@ -57,7 +57,7 @@ Prediction predict_left_out(std::span<const Series> series, const Learner& learn
   std::size_t row = 0, stroke = strokes.count;
   for (const Series& each : series) {
     for (const double count : each.count) {
-      if (out[row]) {
+      if (out[row] && count > 0.0) {
         if (strokes.of_bin[row] != stroke) prediction.squares_of_stroke.push_back(0.0);
         stroke = strokes.of_bin[row];
         const double before_N2 = prediction.squares_N2;
@@ -101,6 +101,7 @@ std::vector<Prediction> predict_blocks(std::span<const Series> series, const Lea
 Prediction together(std::span<const Prediction> blocks) {
   Prediction all;
   for (const Prediction& block : blocks) {
+    if (block.readings == 0.0) continue;
     all.squares_N2 += block.squares_N2;
     all.readings += block.readings;
     all.bins += block.bins;

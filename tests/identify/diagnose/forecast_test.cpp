@@ -7,6 +7,7 @@
 
 #include "base/toml_reader.hpp"
 #include "concealed_specimen.hpp"
+#include "identify/diagnose/diagnosis.hpp"
 #include "identify/diagnose/fit/intervals.hpp"
 #include "identify/diagnose/fit/left_out.hpp"
 #include "identify/diagnose/search/events.hpp"
@@ -216,6 +217,17 @@ TEST(EveryModelOfASearch, IsWrittenReadPredictedAndRunByTheSimulatedRig) {
       ASSERT_TRUE(std::isfinite(b)) << name;
       ASSERT_EQ(a, b) << name << " step " << k;
     }
+  }
+}
+
+// The variance of its time constant has no bound; infinity in the file was refused by predict.
+TEST(Seen, OfAnArmWithoutStiffnessIsReadAgain) {
+  const Study study =
+      diagnose({test::record({.arm_N_mm = 0.0, .seed = 14})}, {"bench"}, model::nominal_model("slse1"), {});
+  for (const model::ModelSpec& spec : {study.diagnosis.nominal, study.diagnosis.model}) {
+    ASSERT_TRUE(spec.seen.has_value());
+    const model::ModelSpec read = model::parse_model(model::model_text(spec), "nominal.toml");
+    EXPECT_EQ(unfit_seen(read), "");
   }
 }
 

@@ -156,6 +156,7 @@ TEST_P(NotCalled, ByANewName) {
   const Diagnosis d = diagnose_bench(neighbour.bench);
   for (const std::string_view name : kNames) EXPECT_LT(probability_of(d, name), 0.1) << name;
   if (!neighbour.effect.empty()) {
+    EXPECT_EQ(d.verdict, Verdict::kMissingPhysics);
     EXPECT_GE(probability_of(d, neighbour.effect), neighbour.least) << diagnosis_json(d)["missing"].dump(1);
   } else {
     EXPECT_EQ(d.verdict, Verdict::kConsistent);

@@ -117,9 +117,9 @@ TEST_F(Unphysical, ANumberAtABoundThatIsNoLaw) {
 /// 0.8 N of friction, and the selection that names it.
 class Publish : public testing::Test {
  protected:
-  Publish()
-      : series_{prepare_series("bench", test::record({.friction_N = 0.8, .seed = 12}), {})},
-        search_(series_, kWhite, 2) {
+  Publish() : Publish({{.friction_N = 0.8, .seed = 12}}) {}
+  explicit Publish(const std::vector<test::ConcealedSpecimen>& specimens)
+      : series_(series_of(specimens)), search_(series_, kWhite, 2) {
     selection_.pool.push_back(search_.nominal(model::nominal_model("slse1")));
     Hypothesis with = selection_.pool.front();
     const model::Physics& friction = *model::find_physics("coulomb_friction");
@@ -138,6 +138,13 @@ class Publish : public testing::Test {
     return publish(search_, selection_, leave_out, std::move(whole), nominal_, kNoise_N);
   }
 
+  static std::vector<Series> series_of(const std::vector<test::ConcealedSpecimen>& specimens) {
+    std::vector<Series> series;
+    for (const test::ConcealedSpecimen& each : specimens)
+      series.push_back(prepare_series("bench", test::record(each), {}));
+    return series;
+  }
+
   std::vector<Series> series_;
   Search search_;
   Selection selection_;
@@ -150,6 +157,29 @@ TEST_F(Publish, AModelThatPredictsIsHandedOutWhole) {
   EXPECT_TRUE(out.located_only.empty());
   EXPECT_TRUE(out.model.spec.has("coulomb_friction"));
   for (const LeftOut& one : out.heldout.left_out) EXPECT_FALSE(worse(one, kNoise_N)) << one.by << ' ' << one.value;
+}
+
+/// Two sessions with friction; in one of them the zero drifts by 60 N/h, some 10 N over the session.
+class PublishOfTwo : public Publish {
+ protected:
+  PublishOfTwo() : Publish({{.friction_N = 0.8, .drift_N_h = 60.0, .seed = 12}, {.friction_N = 0.8, .seed = 13}}) {}
+};
+
+TEST_F(PublishOfTwo, WithoutTheEffectThatPredictsTheOtherRecordingWorse) {
+  Candidate drifting = whole_;
+  const model::Physics& drift = *model::find_physics("zero_drift");
+  drifting.spec.parts.push_back(model::make_part(drift, *model::find_law(drift, "linear")));
+  drifting.spec = search_.fit_from(drifting.spec, 30).spec;
+  drifting.effects.push_back(&drift);
+  selection_.size_N = {{&drift, 0.1}, {drifting.effects.front(), 0.8}};
+  const Publication out = published(drifting);
+  ASSERT_TRUE(out.decided_by.has_value()) << out.why;
+  EXPECT_EQ(out.decided_by->by, "recording");
+  EXPECT_TRUE(worse(*out.decided_by, kNoise_N));
+  EXPECT_NE(out.why.find("left out"), std::string::npos) << out.why;
+  EXPECT_EQ(out.located_only, std::vector<std::string>{"zero_drift"});
+  EXPECT_TRUE(out.model.spec.has("coulomb_friction"));
+  EXPECT_FALSE(out.model.spec.has("zero_drift"));
 }
 
 TEST_F(Publish, WithoutTheMemoryThatIsNotPhysical) {
@@ -166,14 +196,14 @@ TEST_F(Publish, WithoutTheMemoryThatIsNotPhysical) {
 }
 
 TEST_F(Publish, TheNominalModelWhereNothingIsBetter) {
-  // A wave over the recording, fitted to moves in turn, says nothing of those that are left out.
+  // A wave over the recording that stands at the shortest period of its range.
   Candidate wave = nominal_;
   const model::Physics& memory = *model::find_physics("empirical_memory");
   wave.spec.parts.push_back(model::make_part(memory, *model::find_law(memory, "wave")));
   wave.spec.parts.back().parameters[0] = 1.0;
   wave.spec.parts.back().coefficients = {5.0, 5.0, 1.0, 1.0};
   wave.described_by = "time";
-  // It stands at the shortest period; the effects that the selection chose stay on the list of what was located.
+  // The selection chose no effect.
   selection_.best = 0;
   selection_.pool.resize(1);
   selection_.weight = {1.0};
