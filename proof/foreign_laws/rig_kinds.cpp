@@ -6,7 +6,6 @@ namespace {
 using Strings = std::vector<std::string>;
 
 std::vector<Kind> channel_kinds() {
-  const Strings lag{"force_lag", "force_delay"};
   const Strings onset{"onset", "rate"};
   const auto none = [](Random&, const Rig&, const Path&) { return Shape{}; };
   return {

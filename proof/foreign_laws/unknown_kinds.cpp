@@ -23,7 +23,7 @@ std::vector<Kind> unknown_kinds() {
       // Elastic and relaxing force bend alike. The elastic half alone is a named effect, so that name is no error.
       {"quasi_linear",
        kUnknown,
-       {"strain_stiffening"},
+       {"strain_stiffening", "quasi_linear_viscoelasticity"},
        "specimen",
        {"strain", "history"},
        "Fung 1972; Suzuki et al. 2021",
@@ -118,7 +118,7 @@ std::vector<Kind> unknown_kinds() {
        }},
       {"permanent_set",
        kUnknown,
-       {},
+       {"permanent_set"},
        "specimen",
        {"strain", "history"},
        "Guo & Sluys 2008",
@@ -131,10 +131,10 @@ std::vector<Kind> unknown_kinds() {
        [](double s, const Shape& q, Rig& rig) {
          add_specimen(rig, [s, y = q.at("yield_mm")](const Drive& d) { return permanent_set(d, s, y); });
        }},
-      // The catalogue names a difference of drag beside friction only; drag and difference together are this law.
+      // The catalogue names both a difference of drag beside friction and, as one effect, damping by direction.
       {"one_way_damping",
        kUnknown,
-       {"viscous_drag", "friction_asymmetry"},
+       {"viscous_drag", "friction_asymmetry", "directional_damping"},
        "specimen",
        {"rate", "direction"},
        "Reynolds et al. 2003",

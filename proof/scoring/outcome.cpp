@@ -152,8 +152,15 @@ std::vector<Label> parse_foreign_labels(const std::string& text) {
 }
 
 double prediction_rmse_N(const std::filesystem::path& prediction, const std::vector<double>& reference_N) {
-  std::vector<double> t_s, force_N;
-  const messages::CsvColumn columns[] = {{"t_s", &t_s}, {"force_N", &force_N}};
+  std::vector<double> t_s, force_N, low95_N, high95_N, outside;
+  std::vector<messages::CsvColumn> columns{{"t_s", &t_s}, {"force_N", &force_N}};
+  // A model that knows what it was fitted to is predicted with its band.
+  const std::string text = messages::read_whole_file(prediction);
+  if (std::string_view(text).substr(0, text.find('\n')).find("low95_N") != std::string_view::npos) {
+    columns.push_back({"low95_N", &low95_N});
+    columns.push_back({"high95_N", &high95_N});
+    columns.push_back({"outside", &outside});
+  }
   messages::read_number_csv(prediction, columns);
   if (force_N.size() != reference_N.size())
     throw std::runtime_error(prediction.string() + ": " + std::to_string(force_N.size()) + " rows, not " +

@@ -39,7 +39,10 @@ bool predicts_worse(const Outcome& outcome, const Label& label) {
 void count_case(Score& s, const Label& label, const Outcome& outcome) {
   s.failed.count(outcome.failed);
   s.wrong_sure.count(sure_of_another(outcome, label));
-  const bool alarm = outcome.failed || outcome.verdict != "consistent";
+  // "cannot_judge" claims nothing is missing, and nothing that it is not.
+  const bool abstained = outcome.verdict == "cannot_judge";
+  const bool alarm = outcome.failed || (outcome.verdict != "consistent" && !abstained);
+  s.unjudged.count(abstained);
   for (const Claim& claim : outcome.missing)
     if (claim.probability > kSure) s.sure_right.count(right_name(label, claim.effect));
   if (!outcome.failed) s.worse.count(predicts_worse(outcome, label));
@@ -52,7 +55,7 @@ void count_case(Score& s, const Label& label, const Outcome& outcome) {
     if (label.trap == "none") s.clean_false_alarms.count(alarm);
   } else if (label.category == "single") {
     s.first_all.count(first);
-    s.missed.count(!alarm);
+    s.missed.count(!alarm && !abstained);
     (label.size > 0.85 ? s.first_full : label.size > 0.4 ? s.first_half : s.first_quarter).count(first);
   } else if (label.category == "background") {
     s.background_first.count(first);

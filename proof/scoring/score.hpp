@@ -38,6 +38,7 @@ struct Score {
   Share failed;
   Share false_alarms;  ///< nulls not called consistent
   Share clean_false_alarms;
+  Share unjudged;    ///< of all cases: verdict `cannot_judge`
   Share first_full;  ///< singles named first, by size
   Share first_half;
   Share first_quarter;

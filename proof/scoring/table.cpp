@@ -54,6 +54,7 @@ constexpr Row kRows[] = {
     {"out of catalogue, wrong name > 0.9", [](const Score& s) { return share(s.unknown_wrong_sure); }},
     {"all cases, wrong name > 0.9", [](const Score& s) { return share(s.wrong_sure); }},
     {"claims > 0.9 that are right", [](const Score& s) { return share(s.sure_right); }},
+    {"all cases, cannot judge", [](const Score& s) { return share(s.unjudged); }},
     {"heldout worse than nominal", [](const Score& s) { return share(s.worse); }},
     {"gap closed on heldout, median %", [](const Score& s) { return text(1, 100.0 * s.median_gap); }},
     {"  of the named effects %", [](const Score& s) { return text(1, 100.0 * s.median_gap_named); }},
@@ -119,6 +120,7 @@ nlohmann::ordered_json score_json(std::span<const Score> scores) {
     nlohmann::ordered_json one{{"method", s.method}, {"cases", s.cases}};
     one["false_alarms"] = counted(s.false_alarms);
     one["clean_false_alarms"] = counted(s.clean_false_alarms);
+    one["unjudged"] = counted(s.unjudged);
     one["singles_first"] = counted(s.first_all);
     one["singles_first_full"] = counted(s.first_full);
     one["singles_first_half"] = counted(s.first_half);

@@ -253,5 +253,22 @@ TEST(ProofBaselines, GreedyBicFindsPlainFriction) {
   EXPECT_EQ(outcomes[4].verdict, "unknown_physics");
 }
 
+TEST(ProofScore, ReadsAPredictionWithAndWithoutItsBand) {
+  const fs::path file = fs::temp_directory_path() / ("prediction-" + std::to_string(::getpid()) + ".csv");
+  write_text(file, "t_s,force_N\n0,1\n1,2\n");
+  EXPECT_DOUBLE_EQ(prediction_rmse_N(file, {1.0, 4.0}), std::sqrt(2.0));
+  write_text(file, "t_s,force_N,low95_N,high95_N,outside\n0,1,0,2,0\n1,2,1,3,0.5\n");
+  EXPECT_DOUBLE_EQ(prediction_rmse_N(file, {1.0, 4.0}), std::sqrt(2.0));
+  fs::remove(file);
+}
+
+TEST(ProofScore, WhatCannotBeJudgedIsNeitherAnAlarmNorAMiss) {
+  const std::vector<Label> labels{label("null", {}), label("single", {"slack"})};
+  const Score s = score("isorig", labels, {said("cannot_judge", {}), said("cannot_judge", {})});
+  EXPECT_THAT(s.false_alarms, Is(0, 1));
+  EXPECT_THAT(s.missed, Is(0, 1));
+  EXPECT_THAT(s.unjudged, Is(2, 2));
+}
+
 }  // namespace
 }  // namespace isorig::proof
