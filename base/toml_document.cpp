@@ -1,7 +1,6 @@
 #include "base/toml_document.hpp"
 
 #include <algorithm>
-#include <functional>
 
 #include "base/nearest.hpp"
 #include "base/text_file.hpp"

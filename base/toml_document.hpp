@@ -1,6 +1,7 @@
 #pragma once
 #include <toml++/toml.h>
 
+#include <functional>
 #include <map>
 #include <set>
 #include <string>
