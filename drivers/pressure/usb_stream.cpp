@@ -103,7 +103,7 @@ class UsbStream::Events {
   void attend(std::shared_ptr<UsbSession> session) noexcept {
     {
       const std::lock_guard lock(session_mutex_);
-      session_ = std::move(session);
+      session_.swap(session);  // what was there is freed outside of the lock, with the argument
     }
     libusb_interrupt_event_handler(context_);
   }
