@@ -152,7 +152,12 @@ std::vector<Kind> all_kinds(std::span<const Series> series) {
   append(kinds_of(series, "amplitude", of_bins(grouped(amplitude, "mm"), found.of_bin)));
   append(kinds_of(series, "waveform", of_bins(waveform, found.of_bin)));
   std::vector<std::string> recording;
-  for (const Series& each : series) recording.insert(recording.end(), each.nodes.size(), each.name);
+  std::map<std::string, int> seen;  // two folders may have one name, of different parents
+  for (const Series& each : series) {
+    const int times = ++seen[each.name];
+    const std::string label = times == 1 ? each.name : each.name + " (" + std::to_string(times) + ")";
+    recording.insert(recording.end(), each.nodes.size(), label);
+  }
   append(kinds_of(series, "recording", recording));
   return kinds;
 }
