@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <regex>
 
 namespace isorig::base {
 namespace {
@@ -37,6 +36,7 @@ constexpr std::array<Unit, 22> kUnits{{{"kPa", "psi", "0.1450377"},
 
 /// Longer lines are no numbers that somebody typed.
 constexpr std::size_t kLongestLine = 1000;
+constexpr std::string_view kDigits = "0123456789";
 
 }  // namespace
 
@@ -44,11 +44,28 @@ std::string decimal_comma_hint(std::string_view text, std::size_t line) {
   for (; line > 1 && !text.empty(); --line) text.remove_prefix(std::min(text.find('\n'), text.size() - 1) + 1);
   const std::string one(text.substr(0, std::min(text.find('\n'), kLongestLine)));
   // Behind an equals sign: within brackets a comma parts the numbers of a list.
-  static const std::regex kCommaNumber("=\\s*([+-]?\\d+),(\\d+)\\s*($|[,}#\\r])");
-  std::smatch number;
-  if (!std::regex_search(one, number, kCommaNumber)) return {};
-  return "; a number has a decimal point: " + number.str(1) + "." + number.str(2) + ", not " + number.str(1) + "," +
-         number.str(2);
+  for (auto equals = one.find('='); equals != std::string::npos; equals = one.find('=', equals + 1)) {
+    std::string_view rest = std::string_view(one).substr(equals + 1);
+    const auto skip = [&rest](std::string_view any) {
+      const auto length = std::min(rest.find_first_not_of(any), rest.size());
+      const auto skipped = rest.substr(0, length);
+      rest.remove_prefix(length);
+      return std::string(skipped);
+    };
+    skip(" \t");
+    const std::string sign = rest.starts_with('-') || rest.starts_with('+') ? std::string(rest.substr(0, 1)) : "";
+    rest.remove_prefix(sign.size());
+    const std::string whole = skip(kDigits);
+    if (whole.empty() || !rest.starts_with(',')) continue;
+    rest.remove_prefix(1);
+    const std::string fraction = skip(kDigits);
+    skip(" \t");
+    if (fraction.empty() || (!rest.empty() && std::string_view(",}#\r").find(rest.front()) == std::string_view::npos))
+      continue;
+    return "; a number has a decimal point: " + sign + whole + "." + fraction + ", not " + sign + whole + "," +
+           fraction;
+  }
+  return {};
 }
 
 std::string unit_hint(std::string_view key, std::string_view meant) {
