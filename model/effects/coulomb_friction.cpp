@@ -8,21 +8,14 @@
 namespace isorig::model::effect {
 namespace {
 
-/// Dahl's bristle z in [-1, 1], dz/dx = (1 - z sign(dx)) / delta: rate-independent, with presliding. Exact on
-/// any monotone step, so the size of the step does not matter.
 class Dahl : public Process {
  public:
-  explicit Dahl(double presliding_mm) noexcept : presliding_mm_(presliding_mm) {}
-  void reset(const Instant&) noexcept override { z_ = 0.0; }
-  void force(const Instant& now, double* columns) noexcept override {
-    const double s = sign_of(now.slide_mm);
-    if (s != 0.0) z_ = s + (z_ - s) * std::exp(-std::fabs(now.slide_mm) / presliding_mm_);
-    columns[0] = z_;
-  }
+  explicit Dahl(double presliding_mm) noexcept : bristle_(presliding_mm) {}
+  void reset(const Instant&) noexcept override { bristle_.reset(); }
+  void force(const Instant& now, double* columns) noexcept override { columns[0] = bristle_.slide(now.slide_mm); }
 
  private:
-  double presliding_mm_;
-  double z_ = 0.0;
+  DahlBristle bristle_;
 };
 
 /// LuGre without its bristle damping: as Dahl, but the bristle slips at g(v) = 1 + r exp(-(|v| / vs)^n). It

@@ -2,7 +2,6 @@
 
 #include "model/effects/effects.hpp"
 #include "model/effects/presliding.hpp"
-#include "model/stepping.hpp"
 
 namespace isorig::model::effect {
 namespace {
@@ -12,20 +11,18 @@ namespace {
 class Asymmetric : public Process {
  public:
   Asymmetric(bool sliding, bool viscous, double presliding_mm) noexcept
-      : sliding_(sliding), viscous_(viscous), presliding_mm_(presliding_mm) {}
-  void reset(const Instant&) noexcept override { z_ = 0.0; }
+      : sliding_(sliding), viscous_(viscous), bristle_(presliding_mm) {}
+  void reset(const Instant&) noexcept override { bristle_.reset(); }
   void force(const Instant& now, double* columns) noexcept override {
-    const double s = sign_of(now.slide_mm);
-    if (s != 0.0) z_ = s + (z_ - s) * std::exp(-std::fabs(now.slide_mm) / presliding_mm_);
-    if (sliding_) *columns++ = std::fabs(z_);
+    const double z = bristle_.slide(now.slide_mm);
+    if (sliding_) *columns++ = std::fabs(z);
     if (viscous_) *columns = std::fabs(now.velocity_mm_s);
   }
 
  private:
   bool sliding_;
   bool viscous_;
-  double presliding_mm_;
-  double z_ = 0.0;
+  DahlBristle bristle_;
 };
 
 const Parameter kPresliding{.name = "presliding_mm",

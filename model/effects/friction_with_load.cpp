@@ -2,7 +2,6 @@
 
 #include "model/effects/effects.hpp"
 #include "model/effects/presliding.hpp"
-#include "model/stepping.hpp"
 
 namespace isorig::model::effect {
 namespace {
@@ -10,19 +9,16 @@ namespace {
 /// The specimen's force times 1 + mu z, z a Dahl bristle: linear in its coefficients, since z knows only the motion.
 class Loaded : public Process {
  public:
-  Loaded(double presliding_mm, double share) noexcept : presliding_mm_(presliding_mm), share_(share) {}
-  void reset(const Instant&) noexcept override { z_ = 0.0; }
+  Loaded(double presliding_mm, double share) noexcept : bristle_(presliding_mm), share_(share) {}
+  void reset(const Instant&) noexcept override { bristle_.reset(); }
   void shape(const Instant& now, std::span<double> columns, std::span<const double>) noexcept override {
-    const double s = sign_of(now.slide_mm);
-    if (s != 0.0) z_ = s + (z_ - s) * std::exp(-std::fabs(now.slide_mm) / presliding_mm_);
-    const double factor = 1.0 + share_ * z_;
+    const double factor = 1.0 + share_ * bristle_.slide(now.slide_mm);
     for (double& column : columns) column *= factor;
   }
 
  private:
-  double presliding_mm_;
+  DahlBristle bristle_;
   double share_;
-  double z_ = 0.0;
 };
 
 }  // namespace

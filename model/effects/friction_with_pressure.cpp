@@ -2,26 +2,21 @@
 
 #include "model/effects/effects.hpp"
 #include "model/effects/presliding.hpp"
-#include "model/stepping.hpp"
 
 namespace isorig::model::effect {
 namespace {
 
 class Pressed : public Process {
  public:
-  Pressed(double presliding_mm, double nominal_psi) noexcept
-      : presliding_mm_(presliding_mm), nominal_psi_(nominal_psi) {}
-  void reset(const Instant&) noexcept override { z_ = 0.0; }
+  Pressed(double presliding_mm, double nominal_psi) noexcept : bristle_(presliding_mm), nominal_psi_(nominal_psi) {}
+  void reset(const Instant&) noexcept override { bristle_.reset(); }
   void force(const Instant& now, double* columns) noexcept override {
-    const double s = sign_of(now.slide_mm);
-    if (s != 0.0) z_ = s + (z_ - s) * std::exp(-std::fabs(now.slide_mm) / presliding_mm_);
-    columns[0] = z_ * (now.excess_pressure_psi + nominal_psi_);
+    columns[0] = bristle_.slide(now.slide_mm) * (now.excess_pressure_psi + nominal_psi_);
   }
 
  private:
-  double presliding_mm_;
+  DahlBristle bristle_;
   double nominal_psi_;
-  double z_ = 0.0;
 };
 
 }  // namespace

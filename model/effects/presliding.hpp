@@ -1,5 +1,8 @@
 #pragma once
+#include <cmath>
+
 #include "model/process.hpp"
+#include "model/stepping.hpp"
 
 namespace isorig::model::effect {
 
@@ -14,5 +17,23 @@ inline constexpr NumberSheet kPreslidingSheet{
         "Noise of the position makes reversals that were not there and shortens it; if all reversals are larger than "
         "it, it "
         "is undetermined. Mistaken for play."};
+
+/// Dahl's bristle z in [-1, 1], dz/dx = (1 - z sign(dx)) / delta: rate-independent, with presliding. Exact on
+/// any monotone step, so the size of the step does not matter (Dahl 1968).
+class DahlBristle {
+ public:
+  explicit DahlBristle(double presliding_mm) noexcept : presliding_mm_(presliding_mm) {}
+  void reset() noexcept { z_ = 0.0; }
+  /// z after sliding on by `slide_mm`.
+  double slide(double slide_mm) noexcept {
+    const double s = sign_of(slide_mm);
+    if (s != 0.0) z_ = s + (z_ - s) * std::exp(-std::fabs(slide_mm) / presliding_mm_);
+    return z_;
+  }
+
+ private:
+  double presliding_mm_;
+  double z_ = 0.0;
+};
 
 }  // namespace isorig::model::effect
