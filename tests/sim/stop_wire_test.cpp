@@ -60,15 +60,23 @@ void expect_stop(StopWireRig& rig, double within_s, bool by_itself) {
 
 class StopWire : public testing::TestWithParam<std::tuple<Wire, Failure>> {};
 
-INSTANTIATE_TEST_SUITE_P(All, StopWire,
-                         testing::Combine(testing::Values(Wire::kModbusTcp, Wire::kModbusRtu, Wire::kInstron8800),
-                                          testing::ValuesIn(kFailures)),
+std::vector<std::tuple<Wire, Failure>> every_way() {
+  std::vector<std::tuple<Wire, Failure>> ways;
+  for (const Wire wire : {Wire::kModbusTcp, Wire::kModbusRtu, Wire::kInstron8800}) {
+    for (const Failure& failure : kFailures) {
+      // Nothing stops an 8800's ramp that goes on after the amplifier was told to be off.
+      if (wire == Wire::kInstron8800 && std::string_view(failure.name) == "RunsOn") continue;
+      ways.emplace_back(wire, failure);
+    }
+  }
+  return ways;
+}
+
+INSTANTIATE_TEST_SUITE_P(All, StopWire, testing::ValuesIn(every_way()),
                          [](const auto& way) { return name_of(std::get<0>(way.param)) + std::get<1>(way.param).name; });
 
 TEST_P(StopWire, EndsInStandstillWithinTheFramesWatchdog) {
   const auto& [wire, failure] = GetParam();
-  // Nothing stops a controller's ramp that goes on after the amplifier was told to be off.
-  if (wire == Wire::kInstron8800 && std::string(failure.name) == "RunsOn") GTEST_SKIP() << "the 8800's stop is its own";
   const StopWireRig::Times times;
   StopWireRig rig(wire, times);
   ASSERT_TRUE(rig.move_to(11.0F)) << rig.detail();
