@@ -69,6 +69,11 @@ bool is_effect(const Physics& physics) {
   return std::ranges::find(list, &physics) != list.end();
 }
 
+bool is_empirical(const Physics& physics) {
+  return &physics == &element::empirical_force() || &physics == &element::empirical_motion() ||
+         &physics == &element::empirical_memory() || &physics == &element::empirical_response();
+}
+
 std::string_view side_of(Stage stage) noexcept {
   switch (stage) {
     case Stage::kKinematics:

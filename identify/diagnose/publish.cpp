@@ -9,15 +9,9 @@
 #include "identify/diagnose/fit/many_starts.hpp"
 #include "identify/diagnose/search/empirical.hpp"
 #include "model/catalogue.hpp"
-#include "model/elements.hpp"
 
 namespace isorig::identify {
 namespace {
-
-bool is_empirical(const model::Part& part) {
-  return part.physics == &model::element::empirical_force() || part.physics == &model::element::empirical_motion() ||
-         part.physics == &model::element::empirical_memory() || part.physics == &model::element::empirical_response();
-}
 
 /// Within a thousandth of the range, as it is searched. The bound may be the law's own limit, documented as such; and
 /// zero of a number that is searched on a linear scale means that the law is the simpler one.
@@ -56,7 +50,7 @@ std::optional<Candidate> smaller(const Search& search, const Selection& selectio
       return Candidate{chosen.fit.spec, criterion_of_chosen(search, selection), chosen.effects, chosen.empirical};
     if (from.effects.empty()) return std::nullopt;
     rest.fit.spec = from.spec;
-    std::erase_if(rest.fit.spec.parts, is_empirical);
+    std::erase_if(rest.fit.spec.parts, [](const model::Part& part) { return model::is_empirical(*part.physics); });
     rest.fit = search.fit_from(rest.fit.spec, 25);
     return settled(search, selection, std::move(rest));
   }
@@ -92,7 +86,7 @@ bool worse(const LeftOut& row, double noise_N) {
 std::string unphysical(const model::ModelSpec& spec, std::span<const Series> series, double noise_N) {
   char text[240];
   for (const model::Part& part : spec.parts) {
-    if (!model::is_effect(*part.physics) && !is_empirical(part)) continue;
+    if (!model::is_effect(*part.physics) && !model::is_empirical(*part.physics)) continue;
     for (std::size_t i = 0; i < part.parameters.size(); ++i) {
       const model::Parameter& parameter = part.law->parameters[i];
       if (!at_wrong_bound(parameter, part.parameters[i])) continue;

@@ -23,9 +23,8 @@ bool reads_pressure(const ModelSpec& spec) {
   });
 }
 
-bool has_no_law(const ModelSpec& spec) {
-  return std::ranges::any_of(spec.parts,
-                             [](const model::Part& p) { return p.physics->name.starts_with("empirical_"); });
+bool has_empirical(const ModelSpec& spec) {
+  return std::ranges::any_of(spec.parts, [](const model::Part& p) { return model::is_empirical(*p.physics); });
 }
 
 }  // namespace
@@ -83,8 +82,8 @@ Fading::Fading(const ModelSpec& spec, const Excitation& excitation)
       Watched{"the travel", "mm", 0.0, seen.travel_mm, kSum * seen.travel_mm, counts(spec, model::Counts::kTravel)},
       Watched{"the time since the start", "s", 0.0, seen.duration_s, kSum * seen.duration_s,
               counts(spec, model::Counts::kTime)}};
-  holds_ = has_no_law(spec) ? 0.0 : kLawHolds;
-  gone_ = has_no_law(spec) ? kTableGone : kLawGone;
+  holds_ = has_empirical(spec) ? 0.0 : kLawHolds;
+  gone_ = has_empirical(spec) ? kTableGone : kLawGone;
 }
 
 Fading::Belief Fading::next(const model::Instant& now) {
