@@ -44,7 +44,7 @@ Moves find_moves(std::span<const Series> series) {
       // Over a step, not at an instant: corners overshoot.
       if (node.dt_s > 0.0 && each.since_corner_s[k] > 0.0)
         move.fastest_mm_s = std::max(move.fastest_mm_s, std::fabs(node.step_mm) / node.dt_s);
-      const double least_mm = 20.0 * each.excitation.motion.noise_mm;
+      const double least_mm = still_mm(each);
       if (std::fabs(node.step_mm) > 0.1 * each.excitation.motion.noise_mm) {
         move.moving_s += node.dt_s;
         if (each.since_corner_s[k] == 0.0) move.turning_s += node.dt_s;

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "identify/diagnose/fit/moves.hpp"
+
 namespace isorig::identify {
 namespace {
 
@@ -60,10 +62,10 @@ Work work_of(const model::ModelSpec& spec, const model::Reference& reference, do
 }  // namespace
 
 std::optional<ActiveLoop> active_loop(const model::ModelSpec& spec, std::span<const Series> series, double noise_N) {
-  constexpr double kNoises = 0.3, kRounding = 1e-3, kStandsStill = 20.0;
-  double low_mm = 1e300, high_mm = -1e300, fastest_mm_s = 0.0, still_mm = 0.0;
+  constexpr double kNoises = 0.3, kRounding = 1e-3;
+  double low_mm = 1e300, high_mm = -1e300, fastest_mm_s = 0.0, most_still_mm = 0.0;
   for (const Series& each : series) {
-    still_mm = std::max(still_mm, kStandsStill * each.excitation.motion.noise_mm);
+    most_still_mm = std::max(most_still_mm, still_mm(each));
     for (const auto& node : each.nodes) {
       low_mm = std::min(low_mm, node.position_mm);
       high_mm = std::max(high_mm, node.position_mm);
@@ -71,7 +73,7 @@ std::optional<ActiveLoop> active_loop(const model::ModelSpec& spec, std::span<co
     }
   }
   const double range_mm = high_mm - low_mm;
-  if (!(range_mm > still_mm) || fastest_mm_s <= 0.0) return std::nullopt;
+  if (!(range_mm > most_still_mm) || fastest_mm_s <= 0.0) return std::nullopt;
   model::Reference reference = series[0].excitation.reference;
   reference.recording_id = model::kPlannedRecordingId;
   const model::ModelSpec parts = mechanical(spec);

@@ -10,7 +10,6 @@ namespace {
 
 constexpr double kLeastTurn = 0.05;  // of the range
 constexpr double kLeastNoises = 10.0;
-constexpr double kStandsStill = 20.0;  // noises of the position
 
 struct Range {
   double low = 1e300, high = -1e300;
@@ -36,7 +35,7 @@ double pressure(const model::Instant& node) {
 }
 
 bool stands_still(const Series& series) {
-  return range_of(series, position).width() <= kStandsStill * series.excitation.motion.noise_mm;
+  return range_of(series, position).width() <= still_mm(series);
 }
 
 /// First bins of the strokes: 0, and where a signal turns.
@@ -83,15 +82,16 @@ std::size_t moves_that_move(std::span<const Series> series, const MoveNumbers& m
   constexpr double kLeastMove = 0.02;  // of the widest: less is creep below the noise, or the rest before the first
   std::vector<Range> ranges(moves.count);
   std::size_t row = 0;
-  double still_mm = 0.0;
+  double most_still_mm = 0.0;
   for (const Series& each : series) {
-    still_mm = std::max(still_mm, kStandsStill * each.excitation.motion.noise_mm);
+    most_still_mm = std::max(most_still_mm, still_mm(each));
     for (const auto& node : each.nodes) ranges[moves.of_bin[row++]].add(node.position_mm);
   }
   double widest = 0.0;
   for (const Range& range : ranges) widest = std::max(widest, range.width());
-  return static_cast<std::size_t>(std::ranges::count_if(
-      ranges, [&](const Range& range) { return range.width() > still_mm && range.width() >= kLeastMove * widest; }));
+  return static_cast<std::size_t>(std::ranges::count_if(ranges, [&](const Range& range) {
+    return range.width() > most_still_mm && range.width() >= kLeastMove * widest;
+  }));
 }
 
 /// `wanted` stretches of equal time.
