@@ -268,7 +268,7 @@ bool Core::move_to(std::int64_t now_ns, std::uint16_t id, double target_mm, doub
   commanded_velocity_mm_s_ = std::copysign(velocity_mm_s, target_mm - seen_.position_mm);
   ++segments_commanded_;
   supervisor_.on_segment(segment, segments_commanded_, raw_position_mm_, now_ns);
-  frame_.commands.push({segment, segments_commanded_, stops_wanted_});
+  frame_.commands.push({segment, segments_commanded_, stops_requested_});
   return true;
 }
 

@@ -214,7 +214,7 @@ class Core {
   /// nothing sent, when a limit that is passed does not let it through; then the rig is faulted.
   bool move_to(std::int64_t now_ns, std::uint16_t id, double target_mm, double velocity_mm_s) noexcept;
   /// The frame has to stop, until it is seen to stand: it comes before all segments that wait.
-  void wish_stop(std::int64_t now_ns) noexcept;
+  void request_stop(std::int64_t now_ns) noexcept;
   /// Both valves shut, until the plan or the operator goes on.
   void seal() noexcept;
   void transition(std::int64_t now_ns, RunState to, Severity severity, const char* code, const char* text, double value,
@@ -269,7 +269,7 @@ class Core {
   double setpoint_psi_ = -1.0;
   double commanded_velocity_mm_s_ = 0.0;
   bool moving_ = false;
-  std::uint32_t stops_wanted_ = 0;
+  std::uint32_t stops_requested_ = 0;
   std::uint32_t zero_epoch_ = 0, confirmed_zero_ = 0;
   std::uint32_t segments_commanded_ = 0;
   std::uint16_t frame_segment_id_ = 0;  ///< the frame's own, whoever sent it

@@ -178,7 +178,7 @@ const char* Core::jog(std::int64_t now_ns, const Request& request) noexcept {
 void Core::end_jog(std::int64_t now_ns, Severity severity, const char* code, const char* why, double value,
                    double threshold) noexcept {
   jogging_ = false;
-  wish_stop(now_ns);
+  request_stop(now_ns);
   operator_until_ns_ = after(now_ns, config_.operating.setup_max_s);
   emit(now_ns, severity, code, why, value, threshold);
 }

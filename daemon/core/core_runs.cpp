@@ -70,11 +70,11 @@ void Core::end_run(std::int64_t now_ns, Outcome outcome, const char* why) noexce
   transition(now_ns, RunState::kStopping, Severity::kInfo, code, why, 0.0, 0.0);
 }
 
-void Core::wish_stop(std::int64_t now_ns) noexcept {
+void Core::request_stop(std::int64_t now_ns) noexcept {
   commanded_velocity_mm_s_ = 0.0;
-  ++stops_wanted_;
-  supervisor_.on_stop(now_ns, stops_wanted_);
-  frame_.stops_wanted.store(stops_wanted_, std::memory_order_release);
+  ++stops_requested_;
+  supervisor_.on_stop(now_ns, stops_requested_);
+  frame_.stops_requested.store(stops_requested_, std::memory_order_release);
 }
 
 /// For whoever waits to leave. A fault may stay latched then, and a crosshead that does not stand is stopped by the
@@ -94,7 +94,7 @@ void Core::seal() noexcept {
 }
 
 void Core::stop_and_vent(std::int64_t now_ns) noexcept {
-  wish_stop(now_ns);
+  request_stop(now_ns);
   loop_.vent();
   setpoint_psi_ = -1.0;
   interlock_.hold_pressure.store(false, std::memory_order_release);

@@ -109,7 +109,7 @@ const char* Core::pause(std::int64_t now_ns) noexcept {
   }
   if (state_ != RunState::kRunning) return "only a running protocol, a countdown or a jog can be paused";
   cursor_->pause(now_ns);
-  wish_stop(now_ns);
+  request_stop(now_ns);
   transition(now_ns, RunState::kPaused, Severity::kInfo, "pause", "paused by the operator: frame and pressure hold",
              0.0, 0.0);
   return nullptr;

@@ -104,7 +104,7 @@ void Core::trip_over(std::int64_t now_ns, const Trip& trip) noexcept {
       outcome_ = run_begun_ ? Outcome::kFailed : Outcome::kNotStarted;
     }
   } else {
-    wish_stop(now_ns);
+    request_stop(now_ns);
     seal();
     if (cursor_) cursor_->pause(now_ns);
   }

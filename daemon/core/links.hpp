@@ -54,7 +54,7 @@ struct SyncReport {
 struct FrameReport {
   frame::State state;
   std::int64_t mono_ns = 0;           ///< when the state was read
-  std::uint32_t stop_wish = 0;        ///< the newest stop wish that the service has taken up ...
+  std::uint32_t stop_request = 0;     ///< the newest stop request that the service has taken up ...
   bool stop_confirmed = false;        ///< ... and whether it has ended in standstill
   bool stands = false;                ///< the report says no motion, and the samples' slope is no more than their noise
   float velocity_mm_s = 0.0F;         ///< that slope, as the frame counts
@@ -69,7 +69,7 @@ struct FrameReport {
 struct FrameCommand {
   frame::Segment segment;
   std::uint32_t number = 0;      ///< the loop's own count from 1, which no frame can echo from before a restart
-  std::uint32_t after_stop = 0;  ///< the stop wish it comes after; one that is older has been overtaken
+  std::uint32_t after_stop = 0;  ///< the stop request it comes after; one that is older has been overtaken
 };
 
 struct FrameLink {
@@ -78,9 +78,9 @@ struct FrameLink {
   base::SpscQueue<LinkHealth> health{64};
   base::SpscQueue<clock::Exchange> exchanges{1024};
   base::SpscQueue<FrameCommand> commands{64};
-  /// Counts the loop's wishes that the frame stop. A wish is a state, not a message: the service repeats the stop until
+  /// Counts the loop's requests to stop. A request is a state, not a message: the service repeats the stop until
   /// it has seen the frame stand, sends no segment and withholds the heartbeat until then.
-  std::atomic<std::uint32_t> stops_wanted{0};
+  std::atomic<std::uint32_t> stops_requested{0};
   /// The loop's tick counter: the I/O thread writes it to the frame as the heartbeat, so that a loop that
   /// hangs stops the frame even while the I/O thread lives.
   std::atomic<std::uint32_t> loop_beat{0};

@@ -8,7 +8,7 @@
 namespace isorig::daemon {
 namespace {
 constexpr std::int64_t kExcuseNs = 200'000'000;
-// In that time the frame's thread has taken up a wish, and says what it makes of it.
+// In that time the frame's thread has taken up a request, and says what it makes of it.
 constexpr double kRenewedMax_s = 0.1;
 
 constexpr double seconds(std::int64_t ns) {

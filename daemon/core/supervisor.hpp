@@ -70,8 +70,8 @@ class Supervisor {
   /// The segment that was commanded, for the check that the frame does it.
   /// `number`: FrameCommand::number.
   void on_segment(const frame::Segment& segment, std::uint32_t number, double from_mm, std::int64_t mono_ns) noexcept;
-  /// The frame was told to stop; `wish` is FrameLink::stops_wanted from now on.
-  void on_stop(std::int64_t mono_ns, std::uint32_t wish) noexcept;
+  /// The frame was told to stop; `request` is FrameLink::stops_requested from now on.
+  void on_stop(std::int64_t mono_ns, std::uint32_t request) noexcept;
   /// No stop is waiting to be confirmed (but a fresh one of what stood already), and the crosshead stands as far as its
   /// report and its samples show.
   [[nodiscard]] bool stands() const noexcept { return (!stop_pending_ || stop_renewed_) && frame_stands_; }
@@ -146,10 +146,10 @@ class Supervisor {
   bool device_vented_ = false;
   std::int64_t excused_until_ns_ = 0;  ///< after a late tick the streams get time to come in
 
-  bool stop_pending_ = false;    ///< wished, and not yet seen to stand
-  bool stop_renewed_ = false;    ///< ... of a crosshead that stood, told nothing since: for a moment it is believed to
-  bool told_to_move_ = false;    ///< since the last stop
-  std::uint32_t stop_wish_ = 0;  ///< the first since then: it, or a later one, has to be confirmed
+  bool stop_pending_ = false;  ///< requested, and not yet seen to stand
+  bool stop_renewed_ = false;  ///< ... of a crosshead that stood, told nothing since: for a moment it is believed to
+  bool told_to_move_ = false;  ///< since the last stop
+  std::uint32_t stop_request_ = 0;  ///< the first since then: it, or a later one, has to be confirmed
   std::int64_t stop_since_ns_ = 0;
   bool at_rest_ = false;  ///< stopped and told nothing since: it has to stay at rest_mm_
   double rest_mm_ = 0.0;

@@ -190,7 +190,7 @@ void Supervisor::on_segment(const frame::Segment& segment, std::uint32_t number,
   segment_start_ns_ = mono_ns;
 }
 
-void Supervisor::on_stop(std::int64_t mono_ns, std::uint32_t wish) noexcept {
+void Supervisor::on_stop(std::int64_t mono_ns, std::uint32_t request) noexcept {
   segment_active_ = segment_moving_ = false;
   if (!stop_pending_) {
     stop_renewed_ = !told_to_move_ && frame_stands_;
@@ -198,9 +198,10 @@ void Supervisor::on_stop(std::int64_t mono_ns, std::uint32_t wish) noexcept {
   } else if (told_to_move_) {
     stop_renewed_ = at_rest_ = false;
   }
-  // A wish that comes while another waits makes it neither younger nor another, unless a motion was commanded between.
+  // A request that comes while another waits makes it neither younger nor another, unless a motion was commanded
+  // between.
   if (!stop_pending_) stop_since_ns_ = mono_ns;
-  if (!stop_pending_ || told_to_move_) stop_wish_ = wish;
+  if (!stop_pending_ || told_to_move_) stop_request_ = request;
   stop_pending_ = true;
   told_to_move_ = false;
 }
@@ -208,7 +209,7 @@ void Supervisor::on_stop(std::int64_t mono_ns, std::uint32_t wish) noexcept {
 void Supervisor::watch_standstill(const FrameReport& report) noexcept {
   frame_stands_ = report.stands && report.stop_confirmed;
   // Counted round.
-  const bool is_ours = static_cast<std::int32_t>(report.stop_wish - stop_wish_) >= 0;
+  const bool is_ours = static_cast<std::int32_t>(report.stop_request - stop_request_) >= 0;
   if (stop_pending_ && report.stop_confirmed && is_ours) {
     stop_pending_ = stop_renewed_ = false;
     at_rest_ = true;

@@ -38,13 +38,13 @@ void FrameService::turn(std::int64_t now_ns) {
     has_best_ = false;
     report_health(now_ns, true);
   }
-  if (const auto wanted = link_.stops_wanted.load(std::memory_order_acquire); wanted != stop_wish_) {
-    stop_wish_ = wanted;
-    wish_stop();
+  if (const auto wanted = link_.stops_requested.load(std::memory_order_acquire); wanted != stop_request_) {
+    stop_request_ = wanted;
+    request_stop();
   }
   if (!left_ && leaving_.load(std::memory_order_acquire)) {
     left_ = true;
-    wish_stop();
+    request_stop();
   }
   stop_or_move(now_ns);
   if (!health_.connected) return;
@@ -68,8 +68,8 @@ void FrameService::turn(std::int64_t now_ns) {
   note_answer();
 
   // After the poll: a frame that does not answer gets no heartbeat either, and stops by itself. Nor does one that has
-  // to stop: the wish may have come while it was polled.
-  const bool must_stop = !stop_confirmed_ || link_.stops_wanted.load(std::memory_order_acquire) != stop_wish_ ||
+  // to stop: the request may have come while it was polled.
+  const bool must_stop = !stop_confirmed_ || link_.stops_requested.load(std::memory_order_acquire) != stop_request_ ||
                          leaving_.load(std::memory_order_acquire);
   const std::uint32_t beat = link_.loop_beat.load(std::memory_order_acquire);
   if (!must_stop && now_ns >= next_heartbeat_ns_ && beat != last_beat_) {
@@ -81,7 +81,7 @@ void FrameService::turn(std::int64_t now_ns) {
 }
 
 /// A stop that waits goes on waiting, with what was seen of it; one of a frame that stands has only to be taken.
-void FrameService::wish_stop() noexcept {
+void FrameService::request_stop() noexcept {
   if (!stop_confirmed_) return;
   if (told_to_move_ || !samples_stand_) return begin_stop();
   stop_confirmed_ = false;
@@ -107,7 +107,7 @@ void FrameService::stop_or_move(std::int64_t now_ns) {
   FrameCommand command;
   std::optional<FrameCommand> newest;
   while (link_.commands.pop(command)) {
-    if (command.after_stop == stop_wish_) newest = command;
+    if (command.after_stop == stop_request_) newest = command;
   }
   if (!newest || left_) return;
   speed_mm_s_ = double{newest->segment.velocity_mm_s};
@@ -138,7 +138,7 @@ void FrameService::judge_stop(const frame::State& state) noexcept {
   report.state = state;
   report.mono_ns = clock_.now_ns();
   report.stop_confirmed = stop_confirmed_;
-  report.stop_wish = stop_wish_;
+  report.stop_request = stop_request_;
   report.stands = stands;
   report.velocity_mm_s = static_cast<float>(standstill_.velocity_mm_s());
   report.velocity_bound_mm_s = static_cast<float>(standstill_.bound_mm_s());

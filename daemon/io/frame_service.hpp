@@ -9,9 +9,9 @@
 
 namespace isorig::daemon {
 
-/// Owns the frame. A stop is a state in here, not a message: once the loop wishes it (FrameLink::stops_wanted), or the
-/// connection is new, device.stop() is repeated at every turn until the frame reports no motion and its samples stand
-/// still. Until then no segment is sent, and no heartbeat: the frame's own watchdog is the second way to stop it.
+/// Owns the frame. A stop is a state in here, not a message: once the loop requests it (FrameLink::stops_requested), or
+/// the connection is new, device.stop() is repeated at every turn until the frame reports no motion and its samples
+/// stand still. Until then no segment is sent, and no heartbeat: the frame's own watchdog is the second way to stop it.
 class FrameService : private SampledLink {
  public:
   FrameService(frame::Device& device, FrameLink& link, const ServiceConfig& config, clock::Clock& clock)
@@ -36,7 +36,7 @@ class FrameService : private SampledLink {
   template <typename Call>
   bool attempt(std::int64_t now_ns, const char* what, Call call);
   void drop(std::int64_t now_ns) noexcept override;
-  void wish_stop() noexcept;
+  void request_stop() noexcept;
   void begin_stop() noexcept;
   void stop_or_move(std::int64_t now_ns);
   void judge_stop(const frame::State& state) noexcept;
@@ -53,10 +53,10 @@ class FrameService : private SampledLink {
   Standstill standstill_;
   bool samples_stand_ = false;
   std::int64_t next_standstill_ns_ = 0;
-  std::uint32_t stop_wish_ = 0;         ///< the newest of FrameLink::stops_wanted that was taken up
+  std::uint32_t stop_request_ = 0;      ///< the newest of FrameLink::stops_requested that was taken up
   bool stop_confirmed_ = false;         ///< ... and has ended in standstill
   std::int64_t stop_accepted_ns_ = -1;  ///< the frame took it; -1: not yet
-  bool stood_before_ = false;           ///< ... and stood when it was wished: its samples of before count
+  bool stood_before_ = false;           ///< ... and stood when it was requested: its samples of before count
   bool told_to_move_ = false;           ///< a segment was sent since it was last seen to stand
   std::uint32_t reference_epoch_ = 0;
   double speed_mm_s_ = 0.0;            ///< of the last segment sent

@@ -59,12 +59,12 @@ struct FrameServiceTest : testing::Test {
 };
 
 // A poll may take four response time-outs: a heartbeat behind it would put the frame's watchdog off by as much.
-TEST_F(FrameServiceTest, AWishDuringThePollKeepsTheHeartbeatBack) {
+TEST_F(FrameServiceTest, ARequestDuringThePollKeepsTheHeartbeatBack) {
   ASSERT_NO_FATAL_FAILURE(be_confirmed());
   for (int i = 0; i < 30; ++i) turn();
   clock.sleep_until_ns(clock.now_ns() + 200'000'000);  // the next heartbeat is due
   const int beats = device.heartbeats;
-  device.during_poll = [&] { link.stops_wanted.store(1); };
+  device.during_poll = [&] { link.stops_requested.store(1); };
   turn();
   device.during_poll = nullptr;
   EXPECT_EQ(device.heartbeats, beats);
@@ -77,7 +77,7 @@ TEST_F(FrameServiceTest, AWishDuringThePollKeepsTheHeartbeatBack) {
 }
 
 // Somebody leans on the abort button.
-TEST_F(FrameServiceTest, AWishThatIsRenewedAtEveryTurnIsConfirmedAllTheSame) {
+TEST_F(FrameServiceTest, ARequestThatIsRenewedAtEveryTurnIsConfirmedAllTheSame) {
   FrameReport report;
   turn();
   while (link.reports.pop(report)) {
@@ -85,11 +85,11 @@ TEST_F(FrameServiceTest, AWishThatIsRenewedAtEveryTurnIsConfirmedAllTheSame) {
   EXPECT_FALSE(report.stop_confirmed) << "connected a moment ago";
   const auto confirmed_within = [&](int turns) {
     for (int i = 0; i < turns; ++i) {
-      link.stops_wanted.fetch_add(1);
+      link.stops_requested.fetch_add(1);
       turn();
       while (link.reports.pop(report)) {
       }
-      if (report.stop_confirmed && report.stop_wish == link.stops_wanted) return true;
+      if (report.stop_confirmed && report.stop_request == link.stops_requested) return true;
     }
     return false;
   };
@@ -106,7 +106,7 @@ TEST_F(FrameServiceTest, AStopBehindASegmentBeginsAnew) {
   for (int i = 0; i < 50; ++i) turn();
   link.commands.push({{1, 2.0F, 1.0F}, 1, 0});
   turn();
-  link.stops_wanted.store(1);
+  link.stops_requested.store(1);
   turn();
   FrameReport report;
   while (link.reports.pop(report)) {

@@ -323,7 +323,7 @@ TEST_F(SupervisorTest, AForceThatGoesOnRisingAfterAProgramStopIsTheSafeState) {
   state = RunState::kFaulted;
   supervisor->on_stop(now_ns, 1);
   report.state.motion = frame::Motion::kStopped;
-  report.stop_wish = 1;
+  report.stop_request = 1;
   for (int i = 0; i < 50; ++i) {
     force_N = 100.0 + 0.02 * (i % 3 - 1);  // noise about the limit
     EXPECT_EQ(severity(run(1), "limit.force"), Severity::kInfo);

@@ -138,7 +138,7 @@ class StopWireRig {
     while (link_.health.pop(health)) detail_ = health.detail;
     for (daemon::FrameReport r; link_.reports.pop(r);) {
       report_ = r;
-      if (r.stop_wish == wish_ && r.stop_confirmed && confirmed_ns_ < 0) confirmed_ns_ = r.mono_ns;
+      if (r.stop_request == request_ && r.stop_confirmed && confirmed_ns_ < 0) confirmed_ns_ = r.mono_ns;
     }
     clock_.sleep_until_ns(from_ns + 5'000'000);
   }
@@ -159,23 +159,23 @@ class StopWireRig {
       const bool moving = report_.state.motion == frame::Motion::kMoving && report_.stop_confirmed;
       if (!moving && confirmed_ns_ >= 0 && clock_.now_ns() - sent_ns > 2'000'000'000) {
         sent_ns = clock_.now_ns();
-        link_.commands.push({{++segment_, target_mm, 1.0F}, segment_, wish_});
+        link_.commands.push({{++segment_, target_mm, 1.0F}, segment_, request_});
       }
       return moving && std::abs(rig_->truth().position_mm - from_mm) > 0.3;
     });
   }
 
-  void wish() {
+  void request() {
     (void)rig_->take_truth();
     confirmed_ns_ = -1;
-    wish_ns_ = clock_.now_ns();
-    link_.stops_wanted.store(++wish_);
+    request_ns_ = clock_.now_ns();
+    link_.stops_requested.store(++request_);
   }
-  [[nodiscard]] std::int64_t wish_ns() const { return wish_ns_; }
-  /// When the wish was reported to have ended in standstill; -1: not yet.
+  [[nodiscard]] std::int64_t request_ns() const { return request_ns_; }
+  /// When the request was reported to have ended in standstill; -1: not yet.
   [[nodiscard]] std::int64_t confirmed_ns() const { return confirmed_ns_; }
 
-  /// Of the plant, since the wish: when it moved last, and whether it did after it was said to stand.
+  /// Of the plant, since the request: when it moved last, and whether it did after it was said to stand.
   struct Seen {
     std::int64_t moved_ns = 0;
     bool moved_after_confirmation = false;
@@ -242,8 +242,8 @@ class StopWireRig {
   std::unique_ptr<daemon::FrameService> service_;
   daemon::FrameReport report_;
   std::string detail_;
-  std::uint32_t wish_ = 0;
-  std::int64_t wish_ns_ = 0, confirmed_ns_ = -1;
+  std::uint32_t request_ = 0;
+  std::int64_t request_ns_ = 0, confirmed_ns_ = -1;
   std::uint16_t segment_ = 0;
   Seen seen_;
 };

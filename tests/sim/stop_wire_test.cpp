@@ -29,10 +29,10 @@ const Failure kFailures[] = {
     {"RunsOn", [](StopWireRig& r) { r.plant_faults().runs_on = true; }, false},
 };
 
-/// From the wish on: as long as it takes to stand and to be believed, and then some.
+/// From the request on: as long as it takes to stand and to be believed, and then some.
 void expect_stop(StopWireRig& rig, double within_s, bool by_itself) {
   const Stalls stalls;
-  rig.wish();
+  rig.request();
   const int beats = rig.device().heartbeats;
   // In the turn that confirms it beats again.
   int beats_before_confirmation = 0;
@@ -44,9 +44,9 @@ void expect_stop(StopWireRig& rig, double within_s, bool by_itself) {
   const double limit_s = within_s + 2.0 * stalls.total_s();
   rig.until(0.3, [] { return false; });
   const auto seen = rig.look();
-  const double moved_s = 1e-9 * static_cast<double>(seen.moved_ns - rig.wish_ns());
+  const double moved_s = 1e-9 * static_cast<double>(seen.moved_ns - rig.request_ns());
   const double confirmed_s =
-      rig.confirmed_ns() < 0 ? -1.0 : 1e-9 * static_cast<double>(rig.confirmed_ns() - rig.wish_ns());
+      rig.confirmed_ns() < 0 ? -1.0 : 1e-9 * static_cast<double>(rig.confirmed_ns() - rig.request_ns());
   std::printf("  stood after %.3f s, confirmed after %.3f s, %d stops, %d connections, stalls %.3f s\n",
               std::max(moved_s, 0.0), confirmed_s, rig.device().stops, rig.device().connects, stalls.total_s());
   EXPECT_LE(moved_s, limit_s) << rig.detail();
