@@ -11,7 +11,8 @@ namespace isorig::model {
 ///   n^2)
 ///
 /// Valid for 0 < L < b. Wall thickness and the cones at the end caps are neglected: V is the volume inside
-/// the mesh, an upper bound of the air's. At the largest volume the braid stands at 54.7 degrees.
+/// the mesh, an upper bound of the air's. At the largest volume the thread is at the neutral angle,
+/// acos(1 / sqrt(3)) = 54.7 degrees from the axis, where pressure neither shortens nor lengthens the muscle.
 class Braid {
  public:
   Braid() = default;
@@ -26,7 +27,7 @@ class Braid {
   [[nodiscard]] double volume_mm3(double length_mm) const noexcept {
     return length_mm * (thread2_mm2_ - length_mm * length_mm) * scale_;
   }
-  /// Negative below the neutral angle: the chamber loses volume when it is stretched.
+  /// Negative below the neutral angle (54.7 degrees from the axis): the chamber loses volume when it is stretched.
   [[nodiscard]] double slope_mm2(double length_mm) const noexcept {
     return (thread2_mm2_ - 3.0 * length_mm * length_mm) * scale_;
   }

@@ -15,7 +15,7 @@ namespace isorig::model {
 /// docs/effect-sheets.md: the table and the sheets of all effects.
 [[nodiscard]] std::string effect_sheets_document();
 
-/// A parameter's range or a coefficient's sign: "0.02 to 50", "any", "not negative".
+/// A parameter's range or a coefficient's sign: "0.02 to 50"; "either sign", "not negative".
 [[nodiscard]] std::string range_text(const Parameter& parameter);
 [[nodiscard]] std::string_view range_text(const Coefficient& coefficient) noexcept;
 

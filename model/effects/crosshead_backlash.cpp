@@ -5,7 +5,7 @@
 namespace isorig::model::effect {
 namespace {
 
-/// Play: the crosshead stays where it is until the reading has crossed the gap. Exact on monotone steps.
+/// The play operator: the crosshead stays where it is until the reading has crossed the gap. Exact on monotone steps.
 class Play : public Process {
  public:
   Play(double gap_mm, double start) noexcept : half_mm_(0.5 * gap_mm), start_(start) {}
@@ -16,11 +16,11 @@ class Play : public Process {
   void move(Instant& now) noexcept override {
     const double before = at_mm_;
     at_mm_ = std::clamp(at_mm_, now.position_mm - half_mm_, now.position_mm + half_mm_);
-    const double offset = at_mm_ - zero_mm_ - now.position_mm;  // nothing is off at the start: the force was
+    const double offset = at_mm_ - zero_mm_ - now.position_mm;  // 0 at the start: the length there is the reading's
     now.position_mm += offset;
     now.elongation_mm += offset;
     now.step_mm = now.dt_s > 0.0 ? at_mm_ - before : 0.0;
-    now.slide_mm = now.step_mm;  // play has taken out small reversals itself
+    now.slide_mm = now.step_mm;  // reversals within the gap are gone already
     if (now.dt_s > 0.0) now.velocity_mm_s = now.step_mm == 0.0 ? 0.0 : now.velocity_mm_s;
   }
 
@@ -33,15 +33,22 @@ class Play : public Process {
 
 }  // namespace
 
+/// Play between the position reading x and the crosshead x': with the gap g,
+///   x'(k) = min(max(x'(k-1), x(k) - g / 2), x(k) + g / 2),   x'(0) = x(0) + start g / 2
+/// (play operator, Krasnosel'skii & Pokrovskii 1989). All later stages see x' - start g / 2, so that position and
+/// elongation at the start are those of the reading, wherever in the gap the crosshead stood.
+/// Units: g mm, start 1 (-1 to 1: at +1 the crosshead follows a shortening at once). Range: g up to 3 mm.
+/// Errors: exact for readings without noise; noise of the position opens a gap of its own size.
+/// Sources: Krasnosel'skii & Pokrovskii 1989; Nordin & Gutman 2002, Automatica 38:1633 (gears and screws).
 const Physics& crosshead_backlash() {
   static const Physics physics{
       "crosshead_backlash",
       Stage::kKinematics,
       "Play between the position reading and the crosshead.",
-      "Gap in the ball screw or the coupling; the play operator (Prandtl 1928; Krasnosel'skii & Pokrovskii 1989).",
-      "Triangles of 2 mm at 5 mm/s, and of a few times the gap: the force stands still after every reversal "
-      "over "
-      "the same distance, whatever the stiffness. Mistaken for friction (coulomb_friction).",
+      "Play operator: Krasnosel'skii & Pokrovskii 1989; backlash of screws and gears: Nordin & Gutman 2002, Automatica "
+      "38:1633.",
+      "Triangles of 2 mm at 5 mm/s, and of a few times the gap: after every reversal the force stays as it is over the "
+      "same travel of the reading, whatever the stiffness. Mistaken for friction (coulomb_friction).",
       {{"play",
         "x' stays until |x - x'| reaches gap / 2",
         {{.name = "gap_mm",
@@ -52,7 +59,7 @@ const Physics& crosshead_backlash() {
           .sheet = {.what = "Distance that the reading travels after a reversal before the crosshead follows.",
                     .unit = "mm",
                     .range = "Physics: a gap is not negative; 3 mm is more than half of the rig's travel of 5 mm to "
-                             "either side, and seen by eye.",
+                             "either side, which an operator sees.",
                     .errors = "Noise of the position opens a gap of its own size, so less than eight times the noise "
                               "is not claimed. Mistaken for friction with presliding."}},
          {.name = "start",

@@ -6,7 +6,7 @@
 namespace isorig::model::effect {
 namespace {
 
-/// How far the largest position so far lies beyond a threshold counted from where the recording began.
+/// max(0, xi - yield), or 1 - exp of it where it saturates; xi as below.
 class Set : public Process {
  public:
   Set(double yield_mm, double scale_mm) noexcept : yield_mm_(yield_mm), scale_mm_(scale_mm) {}
@@ -19,7 +19,7 @@ class Set : public Process {
 
  private:
   double yield_mm_;
-  double scale_mm_;  ///< 0: no end to it
+  double scale_mm_;  ///< 0: it does not saturate
   double start_mm_ = 0.0;
   double largest_mm_ = 0.0;
 };
@@ -37,14 +37,14 @@ const Parameter kYield{.name = "yield_mm",
 }  // namespace
 
 /// Permanent set: the rest length grows with the largest stretch of the history and does not come back, so that the
-/// same position is reached with less force. With the elastic force k (e - ep) and ep = a xi this is a force -k a xi
-/// beside the nominal spring, xi = max(0, xm - y): xm the largest position so far, counted from the start of the
-/// recording, y what the specimen yields beyond.
-///   `proportional`  F = -h xi, y = 0
-///   `yield`         F = -h xi, y > 0: nothing is lost up to y
-///   `saturating`    F = -F0 (1 - exp(-xi / s)), y = 0
-/// Signs: h, F0 >= 0 as losses, hence coefficients <= 0; only extension lengthens. The set itself is ep = h xi / k.
-/// Units: h N/mm, F0 N, y and s mm. Range: up to 100 mm, a specimen's length.
+/// same position is reached with less force. An elastic force k (e - ep) with the set ep is the nominal spring's k e
+/// and beside it F = -k ep, which this effect adds. xi >= 0 is the largest position so far minus that at the start of
+/// the recording:
+///   `proportional`  F = -h xi
+///   `yield`         F = -h max(0, xi - y): nothing is lost up to y
+///   `saturating`    F = -F0 (1 - exp(-xi / s))
+/// Signs: h, F0 >= 0 as losses, hence coefficients <= 0; only extension lengthens. The set is ep = -F / k.
+/// Units: h N/mm, F0 N, xi, y and s mm. Range: up to 100 mm, a specimen's length.
 /// Unlike mullins_softening the loss is a force and not a share of the stiffness: it is the same at every position once
 /// it is there. The history before the recording is not known and taken to have ended at its start.
 /// Errors: exact at the instants of any motion that turns on instants. Plastic, hence never passive by itself: the work
@@ -62,7 +62,7 @@ const Physics& permanent_set() {
       "larger one and stays. Mistaken for mullins_softening (which takes a share of the stiffness), grip_slip (at one "
       "instant, at any strain) and zero_drift (which goes on at rest).",
       {{"proportional",
-        "F = -h xi, xi largest position beyond that at the start",
+        "F = -h xi, xi largest position so far minus that at the start",
         {},
         {{.name = "lost_N_mm",
           .sign = Sign::kNonPositive,

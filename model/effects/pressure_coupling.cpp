@@ -17,15 +17,16 @@ class Coupling : public Process {
   bool stiffness_;
 };
 
-const Coefficient kForce{.name = "force_N_psi",
-                         .sign = Sign::kFree,
-                         .sheet = {.what = "Force that each psi above the nominal pressure adds, at the pressurized "
-                                           "rest length; positive: it pulls more.",
-                                   .unit = "N/psi",
-                                   .range = "Physics: a McKibben pulls more with pressure below its neutral braid "
-                                            "angle and less above, so it has no sign.",
-                                   .errors = "A pressure that varies only with the motion leaves it tied to viscosity; "
-                                             "a late pressure channel biases it. Mistaken for viscous drag."}};
+const Coefficient kForce{
+    .name = "force_N_psi",
+    .sign = Sign::kFree,
+    .sheet = {.what = "Force that each psi above the nominal pressure adds, at the pressurized "
+                      "rest length; positive: it pulls more.",
+              .unit = "N/psi",
+              .range = "Physics: more pressure makes a McKibben pull where its threads lie less than "
+                       "54.7 degrees (the neutral angle) from the axis and push beyond, so either sign can be.",
+              .errors = "A pressure that varies only with the motion leaves it tied to viscosity; "
+                        "a late pressure channel biases it. Mistaken for viscous drag."}};
 const Coefficient kStiffness{
     .name = "stiffness_N_mm_psi",
     .sign = Sign::kFree,

@@ -159,7 +159,8 @@ struct SlipEvent {
 [[nodiscard]] Signal regulator_droop(const Drive& drive, double droop_psi_mm, double recovery_s);
 
 /// Ideal braid: F = force per psi times dp (3 (L / b)^2 - 1) / 2, L the length and b the thread's (Chou & Hannaford
-/// 1996); b = sqrt(3) L at the lock angle of 54.7 degrees, where the factor vanishes.
+/// 1996); L / b is the cosine of the angle between thread and axis. The factor vanishes at the neutral angle,
+/// acos(1 / sqrt(3)) = 54.7 degrees, and is negative beyond it: there the braid lengthens with pressure.
 [[nodiscard]] Signal braid_pressure_N(const Drive& drive, double force_N_psi, double nominal_psi, double length_mm,
                                       double thread_mm);
 /// F = c p0 ((p / p0)^m - 1) / m: curved in pressure (after Wickramatunge & Leephakpreeda 2010, who find squares).

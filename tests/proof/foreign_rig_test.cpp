@@ -141,7 +141,8 @@ TEST(ForeignPressure, CouplingsVanishAtTheNominalPressure) {
   for (double& p : d.pressure_psi) p = 17.0;
   EXPECT_NEAR(braid_pressure_N(d, 2.0, 15.0, 100.0, 120.0).back(),
               2.0 * 2.0 * 0.5 * (3.0 * std::pow(101.0 / 120.0, 2.0) - 1.0), 1e-12);
-  EXPECT_NEAR(braid_pressure_N(d, 2.0, 15.0, 99.0, 100.0 * std::numbers::sqrt3).back(), 0.0, 1e-9);  // lock angle
+  EXPECT_NEAR(braid_pressure_N(d, 2.0, 15.0, 99.0, 100.0 * std::numbers::sqrt3).back(), 0.0,
+              1e-9);  // the neutral angle
   EXPECT_NEAR(power_pressure_N(d, 2.0, 15.0, 1.0).back(), 4.0, 1e-12);
   EXPECT_NEAR(power_pressure_N(d, 2.0, 15.0, 2.0).back(), (17.0 * 17.0 - 225.0) / 15.0, 1e-9);
   d.pressure_psi[0] = 15.0;
