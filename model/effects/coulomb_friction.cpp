@@ -157,7 +157,7 @@ const Physics& coulomb_friction() {
       Stage::kSpecimen,
       "Rate-independent friction between mesh, bladder and sheath, with presliding.",
       "Coulomb 1785; Dahl 1968 (bristle); Jenkins 1962; Iwan 1966 (spread slip distances); Stribeck weakening as "
-      "in LuGre (Canudas de Wit et al. 1995); for McKibben muscles Chou & Hannaford 1996, Tondu 2006.",
+      "in LuGre (Canudas de Wit et al. 1995); for McKibben muscles Chou & Hannaford 1996, Tondu & Lopez 2000.",
       "Slow triangles: the loop keeps its height at every velocity. Reversals of 1 to 100 um show the "
       "presliding. "
       "Mistaken for play (which scales with stiffness and delays every relaxation) and for a slow "

@@ -58,7 +58,8 @@ const Physics& friction_asymmetry() {
       "friction_asymmetry",
       Stage::kSpecimen,
       "Friction that differs between extension and shortening.",
-      "Worn ball screws (Janot, Gautier & Brunot 2019, EMPS); braids (Tondu 2006).",
+      "Canudas de Wit, Astrom & Braun 1987, IEEE J. Robot. Autom. 3:681 (friction with other coefficients in each "
+      "direction).",
       "Slow triangles at several velocities in both directions. Where the motion never rests, the difference "
       "of "
       "the sliding forces cannot be told from an offset of the force.",

@@ -33,8 +33,8 @@ class Loaded : public Process {
 /// helped by it: the law is meant for tension, as braids carry it. Units: delta mm, a a ratio. Range: a up to 0.9 (mu
 /// theta 1.5: half a turn at mu = 0.5); delta as for coulomb_friction. All other forces of the specimen are its load,
 /// dry friction beside it included (a difference of a times Fc). Errors: z exact on monotone steps. Sources: Euler
-/// 1769, Eytelwein 1808 (capstan); Duclusaud et al. 2025, arXiv 2410.08650 (load-dependent friction the largest term of
-/// a servo's); Tondu 2006 (braid contact).
+/// 1769, Eytelwein 1808 (capstan); Duclusaud et al. 2025, arXiv 2410.08650 (load-dependent friction of
+/// servo actuators); Tondu & Lopez 2000, IEEE Control Syst. Mag. 20(2):15 (thread against thread in a braid).
 const Physics& friction_with_load() {
   static const Physics physics{
       "friction_with_load",

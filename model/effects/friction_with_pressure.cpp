@@ -26,7 +26,9 @@ const Physics& friction_with_pressure() {
       "friction_with_pressure",
       Stage::kSpecimen,
       "Friction that grows with the pressure on seal or braid.",
-      "Tondu 2006 (braid contact pressure); seals of pneumatic cylinders (Belforte et al. 1989).",
+      "Tondu & Lopez 2000, IEEE Control Syst. Mag. 20(2):15 (thread against thread, pressed by the muscle's pressure); "
+      "seals of "
+      "pneumatic cylinders: Belforte, D'Alfio & Raparelli 1989, J. Fluid Control 20(1):42.",
       "Slow triangles at every pressure.",
       {{"dahl",
         "F = f p z, z as Dahl, beside friction: (Fc + f p) z",

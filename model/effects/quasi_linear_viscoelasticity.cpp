@@ -147,16 +147,17 @@ const Coefficient kStiffness{
 /// would be free to grow while b goes to zero, which is a quadratic spring beside a linear arm under another name.
 /// Range: |b| <= 1 / mm. Errors: `fung_arm` exact for motion at constant velocity; `relaxation_time` within 4e-7 of z.
 /// Not passive for every motion: a stiffness that changes under load does work (a known limit of the separable form).
-/// Sources: Fung 1981, Biomechanics, ch. 7; Suzuki et al. 2021, Fractal Fract. 5:223 (quasi-linear McKibben muscle);
-/// Provenzano et al. 2001, Ann. Biomed. Eng. 29:908.
+/// Sources: Fung 1981, Biomechanics, ch. 7; Suzuki et al. 2021, Fractal Fract. 5:223 (an exponential elastic response
+/// in the separable form, of urinary bladder); Provenzano et al. 2001, Ann. Biomed. Eng. 29:908.
 const Physics& quasi_linear_viscoelasticity() {
   static const Physics physics{
       "quasi_linear_viscoelasticity",
       Stage::kSpecimen,
       "Relaxation that depends on strain: stiffness or time constant of the arm.",
-      "Fung 1981 (quasi-linear viscoelasticity); Suzuki et al. 2021, Fractal Fract. 5:223 (McKibben muscle); "
-      "Provenzano "
-      "et al. 2001, Ann. Biomed. Eng. 29:908 (rate of relaxation that depends on strain).",
+      "Fung 1981 (quasi-linear viscoelasticity); Suzuki et al. 2021, Fractal Fract. 5:223 (exponential elastic "
+      "response, "
+      "of bladder tissue); Provenzano et al. 2001, Ann. Biomed. Eng. 29:908 (rate of relaxation that depends on "
+      "strain).",
       "Equal ramps with holds about several positions, and both ways from one: what relaxes, or how fast, differs. "
       "Mistaken for strain_stiffening, which is all there in a slow triangle and relaxes nothing; for "
       "nonlinear_viscosity, which depends on the arm's force and not on where it is strained; and for "
