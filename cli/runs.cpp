@@ -8,6 +8,7 @@
 #include "cli/command.hpp"
 #include "cli/run_argument.hpp"
 #include "daemon/recording/catalogue.hpp"
+#include "daemon/recording/run_directory.hpp"
 #include "messages/run_log.hpp"
 
 /// isorig runs: what there is.

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "daemon/recording/recorder.hpp"
+#include "daemon/recording/recorder_types.hpp"
 #include "protocol/plan.hpp"
 
 struct sqlite3;

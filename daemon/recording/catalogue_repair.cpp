@@ -5,6 +5,7 @@
 
 #include "daemon/recording/catalogue.hpp"
 #include "daemon/recording/recording_summary.hpp"
+#include "daemon/recording/run_directory.hpp"
 #include "daemon/recording/sqlite.hpp"
 #include "messages/run_log.hpp"
 

@@ -3,13 +3,16 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 #include <mutex>
 #include <stdexcept>
 #include <utility>
 
 #include "daemon/recording/batches.hpp"
 #include "daemon/recording/keep_policy.hpp"
+#include "daemon/recording/peeked_queue.hpp"
 #include "daemon/recording/segmented_log.hpp"
+#include "daemon/recording/staged_messages.hpp"
 
 namespace isorig::daemon {
 namespace {
@@ -26,86 +29,7 @@ std::int64_t to_ns(double s) {
   return static_cast<std::int64_t>(std::llround(s * 1e9));
 }
 
-/// When what a message holds was over: the order of the log.
-std::int64_t end_ns(const isorig_msgs::frame_batch_t& m) {
-  return m.mono_ns + m.mono_offset_ns[m.count - 1];
-}
-std::int64_t end_ns(const isorig_msgs::pressure_batch_t& m) {
-  return m.mono_ns + m.mono_offset_ns[m.count - 1];
-}
-std::int64_t end_ns(const isorig_msgs::frame_average_batch_t& m) {
-  return m.last_mono_ns[m.count - 1];
-}
-std::int64_t end_ns(const isorig_msgs::pressure_average_batch_t& m) {
-  return m.last_mono_ns[m.count - 1];
-}
-std::int64_t end_ns(const isorig_msgs::control_batch_t& m) {
-  return m.samples[m.count - 1].mono_ns;
-}
-std::int64_t end_ns(const isorig_msgs::exchange_batch_t& m) {
-  return m.host_recv_ns[m.count - 1];
-}
-std::int64_t end_ns(const isorig_msgs::sync_check_t& m) {
-  return m.mono_ns;
-}
-std::int64_t end_ns(const isorig_msgs::event_t& m) {
-  return m.mono_ns;
-}
-
-/// A queue whose next record may be looked at.
-template <typename Record>
-class Peeked {
- public:
-  /// Calls take(record) for everything stamped before `end`.
-  template <typename Take>
-  void until(base::SpscQueue<Record>& queue, std::int64_t end, Take take) {
-    while (waiting_ || queue.pop(next_)) {
-      waiting_ = true;
-      if (stamp(next_) >= end) return;
-      waiting_ = false;
-      take(next_);
-    }
-  }
-
-  [[nodiscard]] bool has_more(const base::SpscQueue<Record>& queue) const noexcept {
-    return waiting_ || queue.size() > 0;
-  }
-
- private:
-  static std::int64_t stamp(const ControlRecord& r) { return r.mono_ns; }
-  static std::int64_t stamp(const EventRecord& r) { return r.mono_ns; }
-  static std::int64_t stamp(const SyncRecord& r) { return r.mono_ns; }
-  static std::int64_t stamp(const ExchangeRecord& r) { return r.exchange.host_recv_ns; }
-  Record next_{};
-  bool waiting_ = false;
-};
-
 }  // namespace
-
-const char* describe(DiskCondition condition) noexcept {
-  switch (condition) {
-    case DiskCondition::kOk:
-      return "ok";
-    case DiskCondition::kLow:
-      return "free space below the limit; nothing lost: free some, then reset";
-    case DiskCondition::kReserve:
-      return "disk full, writing into the reserve; nothing lost: free some, then reset";
-    case DiskCondition::kFailing:
-      return "the disk takes nothing, holding in memory; nothing lost yet";
-    case DiskCondition::kUnvouched:
-      return "the disk failed to keep what it had taken: the run cannot be called whole; look at the disk (dmesg)";
-    case DiskCondition::kLost:
-      return "the disk takes nothing and the memory for it is used up: messages were lost";
-  }
-  return "";
-}
-
-std::uint64_t estimate_bytes(double full_s, double averaged_s, double average_interval_s) noexcept {
-  // Measured (build/bin/bench_recorder_drain): both streams, control and exchanges, a little more for events.
-  constexpr double kFullBytesPerS = 92'000.0;
-  constexpr double kBytesPerInterval = 330.0;
-  return static_cast<std::uint64_t>(full_s * kFullBytesPerS + averaged_s / average_interval_s * kBytesPerInterval);
-}
 
 struct Recorder::Impl {
   /// Where a stream's keep policy puts what it has decided.
@@ -134,15 +58,6 @@ struct Recorder::Impl {
   using FrameSink = Sink<FrameBatch, FrameAverageBatch>;
   using PressureSink = Sink<PressureBatch, PressureAverageBatch>;
 
-  /// An encoded message that waits for its slice to be written.
-  struct Staged {
-    std::int32_t session;
-    std::int64_t mono_ns;
-    Channel channel;
-    std::size_t offset;
-    std::size_t size;
-  };
-
   Impl(const RecorderOptions& o, RunInfo i)
       : options(checked(o)),
         info(std::move(i)),
@@ -161,28 +76,12 @@ struct Recorder::Impl {
     }
   }
 
-  static const RecorderOptions& checked(const RecorderOptions& o) {
-    if (!(o.average_interval_s >= 0.001) || !(o.before_s >= 0.0) || !(o.sync_interval_s > 0.0) || !(o.lag_s >= 0.0) ||
-        !(o.max_rate_hz > 0.0)) {
-      throw std::invalid_argument(
-          "recorder: needs average_interval_s >= 0.001, before_s >= 0, sync_interval_s > 0, lag_s >= 0 and "
-          "max_rate_hz > 0");
-    }
-    return o;
-  }
-
   static KeepOptions keep_options(const RecorderOptions& o) {
     return {to_ns(o.average_interval_s), to_ns(o.before_s), static_cast<std::size_t>(o.before_s * o.max_rate_hz) + 64};
   }
 
-  /// What is stamped outside the run (the moment before its start, the moment after its end) belongs to the session
-  /// that is next to it.
   [[nodiscard]] std::int32_t session_of(std::uint32_t step, std::int32_t present) const {
-    if (info.sessions.empty()) return 0;
-    if (step == kNoStep) return std::max(present, info.first_session);
-    const auto after = std::upper_bound(info.sessions.begin(), info.sessions.end(), step,
-                                        [](std::uint32_t s, const SessionInfo& i) { return s < i.first_step; });
-    return std::max(static_cast<std::int32_t>(after - info.sessions.begin()) - 1, info.first_session);
+    return daemon::session_of(info, step, present);
   }
 
   [[nodiscard]] std::int32_t present_session() const { return std::max(frame_sink.session, pressure_sink.session); }
@@ -197,15 +96,10 @@ struct Recorder::Impl {
     m.dropped_records = static_cast<std::int64_t>(dropped);
   }
 
-  /// The batches' sink: encodes and stages.
+  /// The batches' sink.
   template <typename Message>
   void write(Channel channel, std::int32_t session, Message& message) {
-    message.number = numbers[static_cast<std::size_t>(channel)]++;
-    const auto size = static_cast<std::size_t>(message.getEncodedSize());
-    const auto offset = arena.size();
-    arena.resize(offset + size);
-    message.encode(arena.data() + offset, 0, static_cast<int>(size));
-    staged.push_back({session, end_ns(message), channel, offset, size});
+    staged.write(channel, session, message);
   }
 
   void write_event(const EventRecord& r) {
@@ -274,16 +168,8 @@ struct Recorder::Impl {
   }
 
   void write_staged() {
-    const auto present = log.session();
-    if (std::any_of(staged.begin(), staged.end(), [&](const Staged& s) { return s.session > present; })) {
-      flush_batches();  // nothing of the old session comes after its end
-    }
-    std::stable_sort(staged.begin(), staged.end(), [](const Staged& a, const Staged& b) {
-      return std::pair(a.session, a.mono_ns) < std::pair(b.session, b.mono_ns);
-    });
-    for (const auto& s : staged) log.append(s.channel, s.session, s.mono_ns, {arena.data() + s.offset, s.size});
-    staged.clear();
-    arena.clear();
+    if (staged.goes_beyond(log.session())) flush_batches();  // nothing of the old session comes after its end
+    staged.append_to(log);
     log.roll_if_large();
   }
 
@@ -364,15 +250,13 @@ struct Recorder::Impl {
   PressureSink pressure_sink;
   KeepPolicy<FrameRecord, FrameAverage, FrameSink> frame;
   KeepPolicy<PressureRecord, PressureAverage, PressureSink> pressure;
-  Peeked<ControlRecord> control;
-  Peeked<EventRecord> events;
-  Peeked<ExchangeRecord> exchanges;
-  Peeked<SyncRecord> sync_checks;
+  PeekedQueue<ControlRecord> control;
+  PeekedQueue<EventRecord> events;
+  PeekedQueue<ExchangeRecord> exchanges;
+  PeekedQueue<SyncRecord> sync_checks;
   ControlBatch control_batch;
   ExchangeBatch exchange_batch;
-  std::vector<std::uint8_t> arena;
-  std::vector<Staged> staged;
-  std::array<std::int64_t, messages::kChannels> numbers{};
+  StagedMessages staged;
 
   std::int64_t slice_end_ns;
   std::int64_t next_sync_ns;

@@ -4,7 +4,7 @@
 #include <isorig_msgs/run_header_t.hpp>
 #include <string>
 
-#include "daemon/recording/recorder.hpp"
+#include "daemon/recording/recorder_types.hpp"
 
 /// What a run's directory holds beside its segments: run.toml, inputs/, the lock and the reserve.
 namespace isorig::daemon {
@@ -41,6 +41,20 @@ class Reserve {
   std::filesystem::path file_;
   std::uint64_t bytes_;
   bool held_ = false;
+};
+
+/// The run directory's lock, held for as long as a Recorder writes there, and free after any kind of death of
+/// the process: how everybody tells a run that goes on from one that was interrupted.
+class RunLock {
+ public:
+  explicit RunLock(const std::filesystem::path& run_dir);  ///< throws std::runtime_error when it is taken
+  ~RunLock();
+  RunLock(const RunLock&) = delete;
+  RunLock& operator=(const RunLock&) = delete;
+  [[nodiscard]] static bool is_held(const std::filesystem::path& run_dir);
+
+ private:
+  int fd_ = -1;
 };
 
 }  // namespace isorig::daemon

@@ -11,7 +11,7 @@
 #include <span>
 #include <string>
 
-#include "daemon/recording/recorder.hpp"
+#include "daemon/recording/recorder_types.hpp"
 #include "daemon/recording/run_directory.hpp"
 #include "messages/channels.hpp"
 #include "messages/log_writer.hpp"

@@ -11,6 +11,7 @@
 #include <optional>
 #include <thread>
 
+#include "daemon/recording/run_directory.hpp"
 #include "recording_rig.hpp"
 
 namespace isorig::daemon::testing {

@@ -14,6 +14,7 @@
 #include <set>
 
 #include "daemon/recording/recorder.hpp"
+#include "daemon/recording/run_directory.hpp"
 #include "messages/log_writer.hpp"
 #include "recording_rig.hpp"
 
