@@ -1,11 +1,8 @@
 #include "daemon/recording/catalogue.hpp"
 
-#include <algorithm>
 #include <stdexcept>
 #include <utility>
 
-#include "base/text_file.hpp"
-#include "daemon/recording/recording_summary.hpp"
 #include "daemon/recording/run_directory.hpp"
 #include "daemon/recording/sqlite.hpp"
 
@@ -49,36 +46,6 @@ CREATE TABLE sessions (
   segment TEXT NOT NULL DEFAULT '',
   PRIMARY KEY (run, session));
 )";
-
-constexpr const char* kSelectRuns =
-    "SELECT id, specimen, rig, protocol, operator, started_utc, state, fault, attempts,"
-    " (SELECT count(*) FROM sessions WHERE run = id),"
-    " (SELECT count(*) FROM sessions WHERE run = id AND sessions.state = 'done') FROM runs";
-
-RunRow read_run_row(const Statement& s, const std::filesystem::path& root) {
-  RunRow r;
-  r.id = s.text(0);
-  r.specimen = s.text(1);
-  r.rig = s.text(2);
-  r.protocol = s.text(3);
-  r.operator_name = s.text(4);
-  r.started_utc = s.text(5);
-  r.state = s.text(6);
-  r.fault = s.text(7);
-  r.attempts = static_cast<std::int32_t>(s.integer(8));
-  r.sessions = static_cast<std::int32_t>(s.integer(9));
-  r.sessions_done = static_cast<std::int32_t>(s.integer(10));
-  r.directory = root / r.id;
-  return r;
-}
-
-std::string read_input(const std::filesystem::path& path) {
-  try {
-    return base::read_text_file(path);
-  } catch (const base::FileError& e) {
-    throw std::runtime_error(std::string(e.what()) + " (the run was started with it)");
-  }
-}
 
 std::int64_t schema_version(sqlite3* db) {
   Statement version(db, "PRAGMA user_version");
@@ -275,93 +242,6 @@ void Catalogue::amend(const std::string& id, const std::string& specimen, double
     Statement(db_, "UPDATE runs SET operator = ?2 WHERE id = ?1").bind(id, operator_name).run();
   }
   all.commit();
-}
-
-RunRow Catalogue::settle_state(RunRow row) const {
-  if (row.state == "running" && !RunLock::is_held(row.directory)) {
-    row.state = "interrupted";
-    row.fault = kInterruptedFault;
-  }
-  return row;
-}
-
-RunInputs Catalogue::inputs_of(const std::string& id) const {
-  const auto run = find_run(id);
-  if (!run || run->id != id) {
-    throw std::runtime_error("there is no run \"" + id + "\" in " + root_.string() + "; `isorig runs` lists them");
-  }
-  if (run->state == "running") throw std::runtime_error("run " + id + " is still running");
-  RunInputs in;
-  in.directory = run->directory;
-  in.protocol_name = run->protocol;
-  in.specimen_name = run->specimen;
-  // The recording's own copies have a checksum; a power cut may have emptied the files beside it.
-  const auto texts = recorded_texts(run->directory);
-  const auto text = [&](const char* name) {
-    const auto found = texts.find(name);
-    return found != texts.end() ? found->second : read_input(run->directory / "inputs" / name);
-  };
-  in.protocol_text = text("protocol.toml");
-  in.specimen_text = text("specimen.toml");
-  const auto sessions = sessions_of(id);
-  const auto open = std::find_if(sessions.begin(), sessions.end(), [](const auto& s) { return s.state != "done"; });
-  in.first_open_session = static_cast<std::uint32_t>(open - sessions.begin());
-  return in;
-}
-
-std::vector<RunRow> Catalogue::runs() const {
-  std::vector<RunRow> rows;
-  {
-    const std::lock_guard hold(mutex_);
-    Statement all(db_, (std::string(kSelectRuns) + " ORDER BY started_utc DESC, runs.rowid DESC").c_str());
-    while (all.step()) rows.push_back(read_run_row(all, root_));
-  }
-  for (auto& row : rows) row = settle_state(std::move(row));
-  return rows;
-}
-
-std::optional<RunRow> Catalogue::find_run(const std::string& id_or_prefix) const {
-  if (id_or_prefix.empty()) return std::nullopt;  // the beginning of every name is nobody's
-  auto rows = runs();
-  // A whole name first: "run-2" begins with "run", and is the newer one.
-  for (auto& row : rows) {
-    if (row.id == id_or_prefix || id_or_prefix == "latest") return std::move(row);
-  }
-  std::optional<RunRow> found;
-  for (auto& row : rows) {
-    if (!row.id.starts_with(id_or_prefix)) continue;
-    if (found) {
-      throw std::runtime_error("\"" + id_or_prefix + "\" begins the names of several runs, among them " + found->id +
-                               " and " + row.id);
-    }
-    found = std::move(row);
-  }
-  return found;
-}
-
-std::vector<SessionRow> Catalogue::sessions_of(const std::string& id) const {
-  const std::lock_guard hold(mutex_);
-  const bool alive = RunLock::is_held(root_ / id);
-  std::vector<SessionRow> rows;
-  Statement all(db_,
-                "SELECT session, repetition, pressure_psi, label, state, attempt, first_mono_ns, last_mono_ns, segment "
-                "FROM sessions WHERE run = ?1 ORDER BY session");
-  all.bind(id);
-  while (all.step()) {
-    SessionRow r;
-    r.session = static_cast<std::int32_t>(all.integer(0));
-    r.repetition = static_cast<std::int32_t>(all.integer(1));
-    r.pressure_psi = all.real(2);
-    r.label = all.text(3);
-    r.state = all.text(4);
-    r.attempt = static_cast<std::int32_t>(all.integer(5));
-    r.first_mono_ns = all.integer(6);
-    r.last_mono_ns = all.integer(7);
-    r.segment = all.text(8);
-    if (r.state == "running" && !alive) r.state = "interrupted";
-    rows.push_back(std::move(r));
-  }
-  return rows;
 }
 
 }  // namespace isorig::daemon
