@@ -21,6 +21,7 @@
 #include "messages/channels.hpp"
 #include "messages/log_reader.hpp"
 #include "messages/read_report.hpp"
+#include "messages/segment_files.hpp"
 
 /// Reading a run's directory: its segments in order, their messages decoded.
 namespace isorig::messages {
@@ -28,10 +29,6 @@ namespace isorig::messages {
 /// chain_t's name for what stood behind the last whole message of the segment before.
 inline constexpr std::string_view kTornBytes = "torn_bytes";
 
-[[nodiscard]] std::string segment_name(int number);                      ///< "segment-0001.lcm"
-[[nodiscard]] int segment_number(const std::filesystem::path& segment);  ///< 0 for any other name
-/// Of a run's directory, in order; a segment's own path gives that alone.
-[[nodiscard]] std::vector<std::filesystem::path> list_segments(const std::filesystem::path& run_dir);
 /// What a segment says about its run; nothing when it was cut before that.
 [[nodiscard]] std::optional<isorig_msgs::run_header_t> read_header(const std::filesystem::path& segment);
 
