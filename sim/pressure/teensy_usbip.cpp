@@ -7,11 +7,12 @@
 #include <array>
 #include <cerrno>
 #include <cstdio>
-#include <cstdlib>
 #include <fstream>
 #include <sstream>
 #include <system_error>
 #include <utility>
+
+#include "sim/pressure/teensy_descriptors.hpp"
 
 namespace isorig::sim {
 namespace {
@@ -45,23 +46,6 @@ unsigned free_port() {
   }
   throw std::system_error(ENODEV, std::generic_category(), "no port of vhci-hcd is free; `modprobe vhci-hcd`, as root");
 }
-
-// Of the serial type; what cdc_acm and drivers/pressure/usb_session.cpp look for.
-constexpr std::array<std::uint8_t, 67> kSerialConfiguration = {
-    9, 2,    67,   0,    2,  1,    0,  0xC0, 50,  // configuration, 100 mA
-    9, 4,    0,    0,    1,  2,    2,  1,    0,   // interface 0: communication
-    5, 0x24, 0,    0x10, 1,                       // CDC 1.1
-    5, 0x24, 1,    1,    1,                       // call management
-    4, 0x24, 2,    6,                             // line coding and state
-    5, 0x24, 6,    0,    1,                       // union
-    7, 5,    0x82, 3,    16, 0,    64,            // interrupt IN
-    9, 4,    1,    0,    2,  0x0A, 0,  0,    0,   // interface 1: data
-    7, 5,    0x03, 2,    64, 0,    0,             // bulk OUT
-    7, 5,    0x84, 2,    64, 0,    0};            // bulk IN
-constexpr std::array<std::uint8_t, 27> kBootloaderConfiguration = {
-    9, 2,    27,   0, 1, 1, 0,    0xC0, 50,  // configuration
-    9, 4,    0,    0, 0, 3, 0,    0,    0,   // a human interface device without endpoints
-    9, 0x21, 0x11, 1, 0, 1, 0x22, 21,   0};
 
 }  // namespace
 
@@ -208,7 +192,7 @@ void TeensyUsbip::control(const std::uint8_t* setup, Request& request) {
         ++seen_.cleared_halts;
         break;
       case 6:
-        is_known = get_descriptor(value, request.data);
+        is_known = get_descriptor({port_, options().core.serial, is_bootloader_}, value, request.data);
         break;
       case 8:
         request.data = {1};
@@ -246,72 +230,6 @@ bool TeensyUsbip::class_request(const std::uint8_t* setup, Request& request) {
     default:
       return false;
   }
-}
-
-bool TeensyUsbip::get_descriptor(std::uint16_t value, std::vector<std::uint8_t>& out) const {
-  const auto low = [](unsigned v) { return static_cast<std::uint8_t>(v); };
-  const std::uint16_t product_id = is_bootloader_ ? 0x0478 : port_.product_id;
-  switch (value >> 8U) {
-    case 1:
-      out = {18,
-             1,
-             0x10,
-             1,
-             low(is_bootloader_ ? 0 : 2),
-             0,
-             0,
-             64,
-             low(port_.vendor_id),
-             low(port_.vendor_id >> 8U),
-             low(product_id),
-             low(product_id >> 8U),
-             0x80,
-             2,
-             1,
-             2,
-             3,
-             1};
-      return true;
-    case 2:
-      if (is_bootloader_) {
-        out.assign(kBootloaderConfiguration.begin(), kBootloaderConfiguration.end());
-      } else {
-        out.assign(kSerialConfiguration.begin(), kSerialConfiguration.end());
-      }
-      return true;
-    case 3:
-      break;
-    default:
-      return false;  // no device qualifier: full speed only
-  }
-  std::string text;
-  switch (value & 0xFFU) {
-    case 0:
-      out = {4, 3, 9, 4};
-      return true;
-    case 1:
-      text = "Teensyduino";
-      break;
-    case 2:
-      text = is_bootloader_ ? "HalfKay" : port_.product;
-      break;
-    case 3:
-      text = options().core.serial;
-      break;
-    default:
-      return false;
-  }
-  if (is_bootloader_ && (value & 0xFFU) == 3) {
-    std::array<char, 24> fuses{};
-    std::snprintf(fuses.data(), fuses.size(), "%08lX", std::strtoul(text.c_str(), nullptr, 10) / 10);
-    text = fuses.data();
-  }
-  out = {low(static_cast<unsigned>(2 + 2 * text.size())), 3};
-  for (const char c : text) {
-    out.push_back(static_cast<std::uint8_t>(c));
-    out.push_back(0);
-  }
-  return true;
 }
 
 void TeensyUsbip::strike_endpoints() noexcept {

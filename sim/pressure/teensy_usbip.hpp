@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "sim/pressure/emulated_teensy.hpp"
+#include "sim/pressure/teensy_descriptors.hpp"
 
 namespace isorig::sim {
 
@@ -29,11 +30,7 @@ struct TeensyUsbFaults {
 /// no zero-length packet follows a full one.
 class TeensyUsbip final : public EmulatedTeensy {
  public:
-  struct Port {
-    std::uint16_t vendor_id = 0x16c0;
-    std::uint16_t product_id = 0x0483;
-    std::string product = "USB Serial";
-  };
+  using Port = TeensyPort;
 
   /// Plugs it in. Throws std::system_error without vhci-hcd, the rights for it, or a free port.
   TeensyUsbip(const Options& options, pressure::Device& backend, std::int64_t now_ns)
@@ -75,7 +72,6 @@ class TeensyUsbip final : public EmulatedTeensy {
   void handle(const std::uint8_t* header, Request request);
   void unlink(std::uint32_t sequence, std::uint32_t victim);
   void control(const std::uint8_t* setup, Request& request);
-  [[nodiscard]] bool get_descriptor(std::uint16_t value, std::vector<std::uint8_t>& out) const;
   [[nodiscard]] bool class_request(const std::uint8_t* setup, Request& request);
   void strike_endpoints() noexcept;
   void reply(const Request& request, std::int32_t status);
