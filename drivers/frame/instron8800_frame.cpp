@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "drivers/error.hpp"
+#include "drivers/frame/instron8800_status.hpp"
 
 namespace isorig::frame {
 
@@ -22,7 +23,6 @@ constexpr std::int64_t kStandstill_ns = 20 * kMs;
 constexpr std::int64_t kFarApart_ns = 250 * kMs;
 /// A loss of control this soon after a silence is the watchdog's doing, not the operator's.
 constexpr std::int64_t kWatchdogSuspected_ns = 3'000 * kMs;
-constexpr unsigned kTravelLimitCode = 1, kEmergencyStopCode = 6, kAllWellCode = 15;
 constexpr double kMoving = 1.0;  // of Q1
 
 /// Status, actuator, movement, control; the watchdog is asked about before it is fed.
@@ -30,38 +30,6 @@ constexpr std::array<std::int64_t, 4> kPeriods_ns{100 * kMs, 250 * kMs, 100 * kM
 constexpr std::size_t kMovementIndex = 2, kControlIndex = 3;
 
 }  // namespace
-
-const char* describe_instron8800_status(unsigned code) noexcept {
-  switch (code) {
-    case 0:
-    case kAllWellCode:
-      return nullptr;
-    case kTravelLimitCode:
-      return "travel limit exceeded";
-    case 2:
-      return "power amplifier too hot";
-    case kEmergencyStopCode:
-      return "emergency stop pushed";
-    case 7:
-      return "oil too hot";
-    case 8:
-      return "oil level too low";
-    case 9:
-      return "motor too hot";
-    case 10:
-      return "oil pressure too high";
-    case 11:
-      return "oil pressure too low";
-    case 12:
-      return "manifold or pump blocked";
-    case 13:
-      return "oil level going too low";
-    case 14:
-      return "manifold pressure low";
-    default:
-      return "a fault code this driver does not know";
-  }
-}
 
 Instron8800Frame::Instron8800Frame(Instron8800Config config, clock::Clock& clock)
     : config_(std::move(config)), clock_(clock), link_(config_, clock) {}
@@ -334,7 +302,7 @@ void Instron8800Frame::note_condition() {
   ailment_ = std::move(now);
   if (ailment_.empty()) return;
   const bool was_moving = motion_ == Motion::kMoving;
-  if (was_moving) motion_ = status_code_ == kTravelLimitCode ? Motion::kLimit : Motion::kDisabled;
+  if (was_moving) motion_ = status_code_ == kInstron8800TravelLimit ? Motion::kLimit : Motion::kDisabled;
   if (!has_control_ && link_.last_silence_ns() >= 0 &&
       clock_.now_ns() - link_.last_silence_ns() < kWatchdogSuspected_ns) {
     link_.close();
@@ -353,9 +321,9 @@ State Instron8800Frame::state() const noexcept {
   s.velocity_mm_s = echoed_velocity_mm_s_;
   s.heartbeat_echo = beat_;
   if (beat_lost_) s.fault_bits |= kHeartbeatLost;
-  if (status_code_ == kTravelLimitCode) {
+  if (status_code_ == kInstron8800TravelLimit) {
     s.fault_bits |= kTravelLimit;
-  } else if (status_code_ == kEmergencyStopCode) {
+  } else if (status_code_ == kInstron8800EmergencyStop) {
     s.fault_bits |= kInterlockOpen;
   } else if (describe_instron8800_status(status_code_) != nullptr || !actuator_on_ || !has_control_ || !watchdog_on_) {
     s.fault_bits |= kDriveFault;

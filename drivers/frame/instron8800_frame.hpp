@@ -143,7 +143,4 @@ class Instron8800Frame final : public Device {
   Statistics statistics_;
 };
 
-/// What bits 9 to 12 of the status word (Q22) say; nullptr when all is well. As ISIS' EPICS support reads them.
-[[nodiscard]] const char* describe_instron8800_status(unsigned code) noexcept;
-
 }  // namespace isorig::frame
