@@ -38,6 +38,10 @@ constexpr std::array<Unit, 22> kUnits{{{"kPa", "psi", "0.1450377"},
 constexpr std::size_t kLongestLine = 1000;
 constexpr std::string_view kDigits = "0123456789";
 
+std::string point_hint(const std::string& whole, const std::string& fraction) {
+  return "; a number has a decimal point: " + whole + "." + fraction + ", not " + whole + "," + fraction;
+}
+
 }  // namespace
 
 std::string decimal_comma_hint(std::string_view text, std::size_t line) {
@@ -62,8 +66,7 @@ std::string decimal_comma_hint(std::string_view text, std::size_t line) {
     skip(" \t");
     if (fraction.empty() || (!rest.empty() && std::string_view(",}#\r").find(rest.front()) == std::string_view::npos))
       continue;
-    return "; a number has a decimal point: " + sign + whole + "." + fraction + ", not " + sign + whole + "," +
-           fraction;
+    return point_hint(sign + whole, fraction);
   }
   return {};
 }

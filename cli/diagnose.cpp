@@ -52,6 +52,7 @@ int diagnose(const Options& options) {
     }
   }
   std::vector<double> nominal_psi;
+  nominal_psi.reserve(recordings.size());
   for (const auto& r : recordings) nominal_psi.push_back(r.metadata.nominal_pressure_psi.value_or(0.0));
   // Before minutes of work too.
   if (const auto warning = identify::mixed_pressures(nominal_psi); !warning.empty())

@@ -48,7 +48,7 @@ class FixedText {
     if (std::isnan(value)) return *this << "nan";
     if (std::abs(value) > 1e15) return *this << (value > 0 ? "inf" : "-inf");
     if (value < 0) put('-');
-    const auto thousandths = static_cast<std::uint64_t>(std::abs(value) * 1000.0 + 0.5);
+    const auto thousandths = static_cast<std::uint64_t>(std::llround(std::abs(value) * 1000.0));
     digits(thousandths / 1000);
     put('.');
     const auto fraction = thousandths % 1000;

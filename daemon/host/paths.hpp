@@ -9,7 +9,7 @@ namespace isorig::daemon {
 /// else the user's runtime directory.
 inline std::filesystem::path default_socket() {
   if (const char* named = std::getenv("ISORIG_SOCKET"); named != nullptr && *named != '\0') return named;
-  const std::filesystem::path service = "/run/isorig/isorigd.sock";
+  std::filesystem::path service = "/run/isorig/isorigd.sock";
   std::error_code ignored;
   if (std::filesystem::exists(service, ignored)) return service;
   if (const char* runtime = std::getenv("XDG_RUNTIME_DIR"); runtime != nullptr && *runtime != '\0') {
@@ -33,7 +33,7 @@ inline std::filesystem::path default_runs() {
 /// Where commands that only read look for runs: as above, but where there is no ./runs, in the service's if this user
 /// may look into it.
 inline std::filesystem::path default_catalogue() {
-  const auto own = default_runs();
+  auto own = default_runs();
   std::error_code ignored;
   if (std::getenv("ISORIG_RUNS") != nullptr || std::filesystem::is_directory(own, ignored)) return own;
   const std::filesystem::path service = "/var/lib/isorig/runs";

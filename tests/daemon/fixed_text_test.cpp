@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <string>
 
 namespace isorig::daemon {
@@ -31,6 +32,22 @@ TEST(FixedText, NoCharacterIsCutInTwo) {
   FixedText text(longer);
   text << word;
   EXPECT_STREQ(longer, "0123456789\u00e9...");
+}
+
+TEST(FixedText, NumbersAreRoundedToTheNearestThousandth) {
+  const auto shown = [](double value) {
+    char buffer[32];
+    FixedText text(buffer);
+    text << value;
+    return std::string(buffer);
+  };
+  EXPECT_EQ(shown(0.0), "0.000");
+  EXPECT_EQ(shown(0.0005), "0.001");
+  EXPECT_EQ(shown(-1.23449), "-1.234");
+  // Above 2^52 thousandths a half cannot be added: it would round the sum up to an even number.
+  EXPECT_EQ(shown(4503599627370.497), "4503599627370.497");
+  EXPECT_EQ(shown(std::nan("")), "nan");
+  EXPECT_EQ(shown(-2e15), "-inf");
 }
 
 }  // namespace
