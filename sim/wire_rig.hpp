@@ -9,7 +9,7 @@
 
 #include "drivers/clock/clock.hpp"
 #include "drivers/frame/instron8800_config.hpp"
-#include "drivers/frame/modbus_config.hpp"
+#include "drivers/modbus/modbus_config.hpp"
 #include "drivers/pressure/regulator_config.hpp"
 #include "sim/faults.hpp"
 #include "sim/frame/instron8800_server.hpp"

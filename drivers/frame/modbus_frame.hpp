@@ -6,8 +6,8 @@
 
 #include "drivers/clock/clock.hpp"
 #include "drivers/frame/frame.hpp"
-#include "drivers/frame/modbus_config.hpp"
-#include "drivers/frame/modbus_link.hpp"
+#include "drivers/modbus/modbus_config.hpp"
+#include "drivers/modbus/modbus_link.hpp"
 
 namespace isorig::frame {
 

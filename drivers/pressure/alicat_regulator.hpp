@@ -1,7 +1,7 @@
 #pragma once
 #include <string>
 
-#include "drivers/frame/modbus_link.hpp"
+#include "drivers/modbus/modbus_link.hpp"
 #include "drivers/pressure/regulator.hpp"
 #include "drivers/pressure/regulator_config.hpp"
 

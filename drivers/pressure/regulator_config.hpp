@@ -5,8 +5,8 @@
 #include <string>
 
 #include "base/toml_reader.hpp"
-#include "drivers/frame/modbus_config.hpp"
-#include "drivers/frame/register_codec.hpp"
+#include "drivers/modbus/modbus_config.hpp"
+#include "drivers/modbus/register_codec.hpp"
 
 namespace isorig::pressure {
 

@@ -18,7 +18,7 @@
 #include <utility>
 
 #include "sim/frame/gateway_frame.hpp"
-#include "sim/frame/modbus_requests.hpp"
+#include "sim/modbus_requests.hpp"
 #include "sim/wire_ends.hpp"
 
 namespace isorig::sim {

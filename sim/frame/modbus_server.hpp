@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "drivers/frame/frame.hpp"
-#include "drivers/frame/register_map.hpp"
+#include "drivers/modbus/register_map.hpp"
 #include "sim/faults.hpp"
 
 namespace isorig::sim {

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "drivers/frame/frame.hpp"
-#include "drivers/frame/register_map.hpp"
+#include "drivers/modbus/register_map.hpp"
 
 namespace isorig::sim {
 

@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "sim/frame/modbus_requests.hpp"
+#include "sim/modbus_requests.hpp"
 #include "sim/wire_ends.hpp"
 
 namespace isorig::sim {

@@ -1,6 +1,6 @@
 // The client against gateways that lie: an answer that is not the request's is never taken, and the next call works
 // again.
-#include "drivers/frame/modbus_link.hpp"
+#include "drivers/modbus/modbus_link.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

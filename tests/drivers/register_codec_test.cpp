@@ -1,4 +1,4 @@
-#include "drivers/frame/register_codec.hpp"
+#include "drivers/modbus/register_codec.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "drivers/frame/register_map.hpp"
+#include "drivers/modbus/register_map.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -6,7 +6,7 @@
 #include <fstream>
 #include <sstream>
 
-#include "drivers/frame/modbus_config.hpp"
+#include "drivers/modbus/modbus_config.hpp"
 
 namespace isorig::frame {
 namespace {

@@ -11,7 +11,7 @@
 
 #include "base/toml_reader.hpp"
 #include "drivers/frame/frame.hpp"
-#include "drivers/frame/register_codec.hpp"
+#include "drivers/modbus/register_codec.hpp"
 
 /// The register map of a frame gateway, from TOML (docs/wire-frame.md), used by the driver to talk to one and
 /// by the emulator to be one. No I/O here.

@@ -1,4 +1,4 @@
-#include "drivers/frame/modbus_config.hpp"
+#include "drivers/modbus/modbus_config.hpp"
 
 namespace isorig::frame {
 

@@ -1,4 +1,4 @@
-#include "sim/frame/modbus_requests.hpp"
+#include "sim/modbus_requests.hpp"
 
 #include <algorithm>
 

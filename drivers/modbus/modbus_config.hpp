@@ -4,7 +4,7 @@
 #include <string>
 
 #include "base/toml_reader.hpp"
-#include "drivers/frame/register_map.hpp"
+#include "drivers/modbus/register_map.hpp"
 
 namespace isorig::frame {
 

@@ -1,4 +1,4 @@
-#include "drivers/frame/register_map.hpp"
+#include "drivers/modbus/register_map.hpp"
 
 #include <algorithm>
 #include <cmath>

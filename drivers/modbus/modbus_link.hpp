@@ -6,8 +6,8 @@
 #include <string>
 
 #include "drivers/clock/clock.hpp"
-#include "drivers/frame/modbus_adu.hpp"
-#include "drivers/frame/modbus_config.hpp"
+#include "drivers/modbus/modbus_adu.hpp"
+#include "drivers/modbus/modbus_config.hpp"
 
 namespace isorig::frame {
 

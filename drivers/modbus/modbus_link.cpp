@@ -1,4 +1,4 @@
-#include "drivers/frame/modbus_link.hpp"
+#include "drivers/modbus/modbus_link.hpp"
 
 #include <poll.h>
 #include <sys/socket.h>

@@ -1,4 +1,4 @@
-#include "drivers/frame/modbus_adu.hpp"
+#include "drivers/modbus/modbus_adu.hpp"
 
 #include <algorithm>
 

@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <string>
 
-#include "drivers/frame/register_map.hpp"
+#include "drivers/modbus/register_map.hpp"
 
 namespace isorig::frame {
 namespace {
