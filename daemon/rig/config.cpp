@@ -168,6 +168,65 @@ ServiceConfig read_services(const base::TomlTable& table) {
   return c;
 }
 
+void read_sides(const base::TomlTable& frame, const base::TomlTable& pressure, const std::filesystem::path& directory,
+                RigConfig& rig) {
+  const auto frame_driver = frame.choice("driver", {"sim", "modbus", "instron8800"});
+  if (frame_driver == "modbus") {
+    rig.frame = frame::read_modbus_config(frame, directory);
+  } else if (frame_driver == "instron8800") {
+    rig.frame = frame::read_instron8800_config(frame);
+  }
+  rig.core.frame_zero = FrameZero::kFirstHolds;
+  if (frame_driver != "sim") {
+    rig.core.frame_zero = frame.choice_or("zero", "confirm", {"confirm", "absolute"}) == "confirm"
+                              ? FrameZero::kConfirm
+                              : FrameZero::kAbsolute;
+  }
+  const auto pressure_driver = pressure.choice("driver", {"sim", "teensy"});
+  if (pressure_driver == "teensy") rig.teensy = read_teensy(pressure);
+  if ((frame_driver == "sim") != (pressure_driver == "sim")) {
+    pressure.error("driver", "a simulated frame goes with a simulated pressure side: they share one plant");
+  }
+}
+
+void read_regulator(const base::TomlTable& t, const std::filesystem::path& directory, RigConfig& rig) {
+  rig.regulator = pressure::read_regulator_config(t, directory);
+  auto& s = rig.core.supervisor;
+  s.regulator_age_max_s = t.number_or("age_max_s", 0.5, base::kPositive);
+  s.regulator_error_max_psi = t.number_or("error_max_psi", s.regulator_error_max_psi, base::kPositive);
+  rig.regulator_period_ns = static_cast<std::int64_t>(1e6 * t.number_or("poll_period_ms", 50.0, {5.0, 1000.0}));
+  if (rig.simulated()) t.error("", "[regulator] is for a rig on the wire; a simulated rig has valves");
+}
+
+void read_recorder(const base::TomlTable& t, RigConfig& rig) {
+  auto& r = rig.recording;
+  r.sync_interval_s = t.number_or("sync_interval_s", r.sync_interval_s, {0.1, 60.0});
+  r.virtual_sync_interval_s = t.number_or("virtual_sync_interval_s", r.virtual_sync_interval_s, {0.1, 1e6});
+  const auto mib = [&](const char* key, std::uint64_t& bytes) {
+    bytes = static_cast<std::uint64_t>(t.number_or(key, static_cast<double>(bytes) / kMiB, {1.0, 1e6}) * kMiB);
+  };
+  mib("min_free_MiB", r.min_free_bytes);
+  mib("reserve_MiB", r.reserve_bytes);
+  mib("max_segment_MiB", r.max_segment_bytes);
+}
+
+void read_api(const base::TomlTable& t, RigConfig& rig) {
+  rig.api.socket = t.string_or("socket", "");
+  const auto mode = t.string_or("mode", "0660");
+  std::size_t used = 0;
+  unsigned long value = 0;
+  try {
+    value = std::stoul(mode, &used, 8);
+  } catch (const std::exception&) {
+    used = 0;
+  }
+  if (used != mode.size() || value > 0777) {
+    t.error("mode", "`mode` = \"" + mode + "\"; it has to be an octal file mode such as \"0660\"");
+  } else {
+    rig.api.mode = static_cast<unsigned>(value);
+  }
+}
+
 /// A run would be refused without it, hours after somebody was told that the rig is valid.
 void check_specimen(const base::TomlTable& root, const RigConfig& rig) {
   if (rig.specimen.empty()) return;
@@ -218,27 +277,8 @@ RigConfig load_rig(const std::filesystem::path& path) {
   const auto limits = root.table("limits");
   rig.limits = protocol::read_limits(limits);
 
-  const auto frame = root.table("frame");
-  const auto frame_driver = frame.choice("driver", {"sim", "modbus", "instron8800"});
-  if (frame_driver == "modbus") {
-    rig.frame = frame::read_modbus_config(frame, directory);
-  } else if (frame_driver == "instron8800") {
-    rig.frame = frame::read_instron8800_config(frame);
-  }
   const auto pressure = root.table("pressure");
-  rig.core.frame_zero = FrameZero::kFirstHolds;
-  if (frame_driver != "sim") {
-    rig.core.frame_zero = frame.choice_or("zero", "confirm", {"confirm", "absolute"}) == "confirm"
-                              ? FrameZero::kConfirm
-                              : FrameZero::kAbsolute;
-  }
-  const auto pressure_driver = pressure.choice("driver", {"sim", "teensy"});
-  if (pressure_driver == "teensy") {
-    rig.teensy = read_teensy(pressure);
-  }
-  if ((frame_driver == "sim") != (pressure_driver == "sim")) {
-    pressure.error("driver", "a simulated frame goes with a simulated pressure side: they share one plant");
-  }
+  read_sides(root.table("frame"), pressure, directory, rig);
   rig.emulated = read_emulated(root, rig);
   read_interlock(root.table("interlock"), rig);
 
@@ -255,14 +295,7 @@ RigConfig load_rig(const std::filesystem::path& path) {
   table("operator", [&](const auto& t) { rig.core.operating = OperatorConfig::read(t, rig.limits, on_the_wire); });
   rig.core.supervisor.guard_open_in_setup = rig.core.operating.jog_with_guard_open;
   table("pressure_loop", [&](const auto& t) { rig.core.pressure_loop = PressureLoopConfig::read(t); });
-  table("regulator", [&](const auto& t) {
-    rig.regulator = pressure::read_regulator_config(t, directory);
-    auto& s = rig.core.supervisor;
-    s.regulator_age_max_s = t.number_or("age_max_s", 0.5, base::kPositive);
-    s.regulator_error_max_psi = t.number_or("error_max_psi", s.regulator_error_max_psi, base::kPositive);
-    rig.regulator_period_ns = static_cast<std::int64_t>(1e6 * t.number_or("poll_period_ms", 50.0, {5.0, 1000.0}));
-    if (rig.simulated()) t.error("", "[regulator] is for a rig on the wire; a simulated rig has valves");
-  });
+  table("regulator", [&](const auto& t) { read_regulator(t, directory, rig); });
   if (rig.regulator.has_value() != (rig.core.pressure_loop.actuator == PressureLoopConfig::Actuator::kRegulator)) {
     pressure.error("", rig.regulator ? "[regulator] is there, and [pressure_loop] has no actuator = \"regulator\""
                                      : "[pressure_loop] actuator = \"regulator\" needs a [regulator]");
@@ -275,38 +308,13 @@ RigConfig load_rig(const std::filesystem::path& path) {
   });
   table("realtime", [&](const auto& t) { rig.realtime = RealtimeConfig::read(t); });
   table("services", [&](const auto& t) { rig.services = read_services(t); });
-  table("recorder", [&](const auto& t) {
-    auto& r = rig.recording;
-    r.sync_interval_s = t.number_or("sync_interval_s", r.sync_interval_s, {0.1, 60.0});
-    r.virtual_sync_interval_s = t.number_or("virtual_sync_interval_s", r.virtual_sync_interval_s, {0.1, 1e6});
-    const auto mib = [&](const char* key, std::uint64_t& bytes) {
-      bytes = static_cast<std::uint64_t>(t.number_or(key, static_cast<double>(bytes) / kMiB, {1.0, 1e6}) * kMiB);
-    };
-    mib("min_free_MiB", r.min_free_bytes);
-    mib("reserve_MiB", r.reserve_bytes);
-    mib("max_segment_MiB", r.max_segment_bytes);
-  });
+  table("recorder", [&](const auto& t) { read_recorder(t, rig); });
   table("lcm", [&](const auto& t) {
     rig.lcm.enabled = t.boolean_or("enabled", rig.lcm.enabled);
     rig.lcm.url = t.string_or("url", rig.lcm.url);
   });
   table("notify", [&](const auto& t) { rig.notify = read_notify(t); });
-  table("api", [&](const auto& t) {
-    rig.api.socket = t.string_or("socket", "");
-    const auto mode = t.string_or("mode", "0660");
-    std::size_t used = 0;
-    unsigned long value = 0;
-    try {
-      value = std::stoul(mode, &used, 8);
-    } catch (const std::exception&) {
-      used = 0;
-    }
-    if (used != mode.size() || value > 0777) {
-      t.error("mode", "`mode` = \"" + mode + "\"; it has to be an octal file mode such as \"0660\"");
-    } else {
-      rig.api.mode = static_cast<unsigned>(value);
-    }
-  });
+  table("api", [&](const auto& t) { read_api(t, rig); });
   if (std::holds_alternative<RigConfig::SimulatedFrame>(rig.frame)) {
     rig.sim = sim::read_sim(root, directory);
     rig.specimen = rig.sim->specimen;
