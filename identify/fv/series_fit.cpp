@@ -181,6 +181,89 @@ Outcome search(const Data& all, int arms, double low, double high, std::size_t s
   return best;
 }
 
+/// Residual, its correlation from sample to sample, and what that leaves of the number of samples. Returns the sum of
+/// squares.
+double describe_residual(SeriesFit& fit, const Data& all, int arms) {
+  const std::size_t n = fit.samples;
+  const auto model = predict_series(fit, all.t_s, all.x_mm);
+  double ssr = 0.0, lagged = 0.0, previous = 0.0, spread = 0.0;
+  for (std::size_t i = 0; i < n; ++i) {
+    const double r = all.force_N[i] - model[i];
+    ssr += r * r;
+    lagged += r * previous;
+    previous = r;
+    spread += (all.force_N[i] - all.force_mean) * (all.force_N[i] - all.force_mean);
+  }
+  fit.rms_N = std::sqrt(ssr / static_cast<double>(n));
+  fit.r_squared = spread > 0.0 ? 1.0 - ssr / spread : std::numeric_limits<double>::quiet_NaN();
+  fit.residual_correlation = ssr > 0.0 ? lagged / ssr : 0.0;
+  const double rho = std::clamp(fit.residual_correlation, 0.0, 0.999);
+  fit.effective_samples = static_cast<double>(n) * (1.0 - rho) / (1.0 + rho);
+  const int parameters = 2 + 2 * arms;
+  fit.bic = fit.effective_samples * std::log(ssr / static_cast<double>(n)) +
+            parameters * std::log(std::max(fit.effective_samples, 2.0));
+  return ssr;
+}
+
+/// From the covariance of everything, linear and nonlinear together, of the inner products at the optimum. False: the
+/// parameters cannot be told apart, and no error is known.
+bool set_standard_errors(SeriesFit& fit, const Outcome& best, double ssr, double x_mean) {
+  const int arms = static_cast<int>(fit.arms.size()), parameters = 2 + 2 * arms;
+  const auto n = static_cast<double>(fit.samples);
+  const Eigen::VectorXd& c = best.reduced.linear;
+  const Gram& g = best.products;
+  Eigen::MatrixXd normal(parameters, parameters);
+  std::vector<int> column(static_cast<std::size_t>(parameters));
+  std::vector<double> factor(static_cast<std::size_t>(parameters), 1.0);
+  for (int i = 0; i < 2 + arms; ++i) column[static_cast<std::size_t>(i)] = i;
+  for (int j = 0; j < arms; ++j) {
+    column[static_cast<std::size_t>(2 + arms + j)] = 2 + kMost + j;
+    factor[static_cast<std::size_t>(2 + arms + j)] = c[2 + j];
+  }
+  for (int i = 0; i < parameters; ++i)
+    for (int k = 0; k < parameters; ++k) {
+      const auto a = static_cast<std::size_t>(i), b = static_cast<std::size_t>(k);
+      normal(i, k) = g(column[a], column[b]) * factor[a] * factor[b];
+    }
+  const Eigen::VectorXd scale = normal.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  const Eigen::MatrixXd scaled = scale.asDiagonal() * normal * scale.asDiagonal();
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scaled);
+  const double variance = ssr / std::max(1.0, fit.effective_samples - parameters) * fit.effective_samples / n;
+  const double inflation = n / fit.effective_samples;
+  const bool singular = eigen.eigenvalues().minCoeff() < 1e-10 * eigen.eigenvalues().maxCoeff();
+  auto error = [&](int i) {
+    if (singular) return std::numeric_limits<double>::quiet_NaN();
+    const Eigen::VectorXd row = eigen.eigenvectors().row(i).transpose();
+    const double v = (row.array().square() / eigen.eigenvalues().array()).sum() * scale[i] * scale[i];
+    return std::sqrt(v * variance * inflation);
+  };
+  fit.offset_N.standard_error = std::hypot(error(0), x_mean * error(1));
+  fit.stiffness_N_mm.standard_error = error(1);
+  for (int j = 0; j < arms; ++j) {
+    SeriesArm& arm = fit.arms[static_cast<std::size_t>(j)];
+    arm.stiffness_N_mm.standard_error = error(2 + j);
+    arm.gamma_per_s.standard_error = arm.gamma_per_s.value * error(2 + arms + j);
+  }
+  return !singular;
+}
+
+/// What of an arm is not identified, and why. [low, high]: logarithms of the rates that the record can show.
+void note_doubts(SeriesFit& fit, int j, double log_gamma, double low, double high) {
+  const SeriesArm& arm = fit.arms[static_cast<std::size_t>(j)];
+  const double edge = 0.01;
+  if (log_gamma < low + edge || log_gamma > high - edge)
+    fit.statements.push_back("An arm's time constant lies at the edge of what this record can show (" +
+                             std::to_string(1.0 / arm.gamma_per_s.value) + " s): it is not identified.");
+  else if (!(arm.gamma_per_s.standard_error < 0.5 * arm.gamma_per_s.value))
+    fit.statements.push_back(
+        "The time constant of an arm is not identified: its standard error is as large as half "
+        "of it.");
+  if (arm.stiffness_N_mm.value < 0.0)
+    fit.statements.push_back(
+        "An arm came out with a negative stiffness, which no material has: the record holds "
+        "something else (a lag between the channels, for one).");
+}
+
 }  // namespace
 
 std::vector<double> predict_series(const SeriesFit& fit, std::span<const double> t_s,
@@ -249,72 +332,9 @@ SeriesFit fit_series(std::span<const double> t_s, std::span<const double> positi
     fit.arms.push_back(arm);
   }
 
-  // Residual, its correlation from sample to sample, and what that leaves of the number of samples.
-  const auto model = predict_series(fit, t_s, position_mm);
-  double ssr = 0.0, lagged = 0.0, previous = 0.0, spread = 0.0;
-  for (std::size_t i = 0; i < n; ++i) {
-    const double r = force_N[i] - model[i];
-    ssr += r * r;
-    lagged += r * previous;
-    previous = r;
-    spread += (force_N[i] - all.force_mean) * (force_N[i] - all.force_mean);
-  }
-  fit.rms_N = std::sqrt(ssr / static_cast<double>(n));
-  fit.r_squared = spread > 0.0 ? 1.0 - ssr / spread : std::numeric_limits<double>::quiet_NaN();
-  fit.residual_correlation = ssr > 0.0 ? lagged / ssr : 0.0;
-  const double rho = std::clamp(fit.residual_correlation, 0.0, 0.999);
-  fit.effective_samples = static_cast<double>(n) * (1.0 - rho) / (1.0 + rho);
-  const int parameters = 2 + 2 * arms;
-  fit.bic = fit.effective_samples * std::log(ssr / static_cast<double>(n)) +
-            parameters * std::log(std::max(fit.effective_samples, 2.0));
-
-  // Covariance of everything (linear and nonlinear together) from the inner products at the optimum.
-  const Gram& g = best.products;
-  Eigen::MatrixXd normal(parameters, parameters);
-  std::vector<int> column(static_cast<std::size_t>(parameters));
-  std::vector<double> factor(static_cast<std::size_t>(parameters), 1.0);
-  for (int i = 0; i < 2 + arms; ++i) column[static_cast<std::size_t>(i)] = i;
-  for (int j = 0; j < arms; ++j) {
-    column[static_cast<std::size_t>(2 + arms + j)] = 2 + kMost + j;
-    factor[static_cast<std::size_t>(2 + arms + j)] = c[2 + j];
-  }
-  for (int i = 0; i < parameters; ++i)
-    for (int k = 0; k < parameters; ++k) {
-      const auto a = static_cast<std::size_t>(i), b = static_cast<std::size_t>(k);
-      normal(i, k) = g(column[a], column[b]) * factor[a] * factor[b];
-    }
-  const Eigen::VectorXd scale = normal.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-  const Eigen::MatrixXd scaled = scale.asDiagonal() * normal * scale.asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scaled);
-  const double variance =
-      ssr / std::max(1.0, fit.effective_samples - parameters) * fit.effective_samples / static_cast<double>(n);
-  const double inflation = static_cast<double>(n) / fit.effective_samples;
-  const bool singular = eigen.eigenvalues().minCoeff() < 1e-10 * eigen.eigenvalues().maxCoeff();
-  auto error = [&](int i) {
-    if (singular) return std::numeric_limits<double>::quiet_NaN();
-    const Eigen::VectorXd row = eigen.eigenvectors().row(i).transpose();
-    const double v = (row.array().square() / eigen.eigenvalues().array()).sum() * scale[i] * scale[i];
-    return std::sqrt(v * variance * inflation);
-  };
-  fit.offset_N.standard_error = std::hypot(error(0), all.x_mean * error(1));
-  fit.stiffness_N_mm.standard_error = error(1);
-  for (int j = 0; j < arms; ++j) {
-    SeriesArm& arm = fit.arms[static_cast<std::size_t>(j)];
-    arm.stiffness_N_mm.standard_error = error(2 + j);
-    arm.gamma_per_s.standard_error = arm.gamma_per_s.value * error(2 + arms + j);
-    const double edge = 0.01;
-    if (best.log_gamma[j] < low + edge || best.log_gamma[j] > high - edge)
-      fit.statements.push_back("An arm's time constant lies at the edge of what this record can show (" +
-                               std::to_string(1.0 / arm.gamma_per_s.value) + " s): it is not identified.");
-    else if (!(arm.gamma_per_s.standard_error < 0.5 * arm.gamma_per_s.value))
-      fit.statements.push_back(
-          "The time constant of an arm is not identified: its standard error is as large as half "
-          "of it.");
-    if (arm.stiffness_N_mm.value < 0.0)
-      fit.statements.push_back(
-          "An arm came out with a negative stiffness, which no material has: the record holds "
-          "something else (a lag between the channels, for one).");
-  }
+  const double ssr = describe_residual(fit, all, arms);
+  const bool singular = !set_standard_errors(fit, best, ssr, all.x_mean);
+  for (int j = 0; j < arms; ++j) note_doubts(fit, j, best.log_gamma[j], low, high);
   std::sort(fit.arms.begin(), fit.arms.end(),
             [](const SeriesArm& a, const SeriesArm& b) { return a.gamma_per_s.value > b.gamma_per_s.value; });
   if (singular) fit.statements.push_back("The parameters cannot be told apart from this record.");
