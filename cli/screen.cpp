@@ -6,11 +6,11 @@
 #include <chrono>
 #include <cmath>
 #include <csignal>
-#include <cstdarg>
 #include <cstdio>
 #include <iostream>
 #include <thread>
 
+#include "base/formatted.hpp"
 #include "base/printable.hpp"
 #include "cli/exit_codes.hpp"
 #include "cli/protocol_input.hpp"
@@ -18,16 +18,8 @@
 namespace isorig::cli {
 namespace {
 
+using base::formatted;
 volatile std::sig_atomic_t interrupted = 0;
-
-[[gnu::format(printf, 1, 2)]] std::string format(const char* pattern, ...) {
-  char buffer[512];
-  va_list args;
-  va_start(args, pattern);
-  std::vsnprintf(buffer, sizeof buffer, pattern, args);
-  va_end(args);
-  return buffer;
-}
 
 std::string link_text(const nlohmann::json& link) {
   if (!link.value("connected", false)) {
@@ -36,13 +28,13 @@ std::string link_text(const nlohmann::json& link) {
   }
   std::string text = "clock is being measured";
   if (link.value("clock_ready", false)) {
-    text = link["bound_us"].is_number() ? format("clock +-%.0f us (scatter %.0f us)", link["bound_us"].get<double>(),
-                                                 link["repeatability_us"].get<double>())
+    text = link["bound_us"].is_number() ? formatted("clock +-%.0f us (scatter %.0f us)", link["bound_us"].get<double>(),
+                                                    link["repeatability_us"].get<double>())
                                         : "clock in doubt: the last exchange contradicts the others";
   }
-  text += format(", lost %d", link.value("lost", 0));
-  if (link.value("corrupt", 0) > 0) text += format(", corrupt %d", link.value("corrupt", 0));
-  if (link.value("reconnects", 0) > 0) text += format(", reconnected %d times", link.value("reconnects", 0));
+  text += formatted(", lost %d", link.value("lost", 0));
+  if (link.value("corrupt", 0) > 0) text += formatted(", corrupt %d", link.value("corrupt", 0));
+  if (link.value("reconnects", 0) > 0) text += formatted(", reconnected %d times", link.value("reconnects", 0));
   return text;
 }
 
@@ -51,13 +43,14 @@ std::string sync_text(const nlohmann::json& line) {
   const auto count = [&](const char* key) { return line.value(key, 0U); };
   const unsigned missed = count("unseen") + count("unannounced") + count("ambiguous") + count("wrong_polarity");
   if (count("pairs") + missed == 0) return {};
-  std::string text = format("  sync line %u edges", count("pairs"));
+  std::string text = formatted("  sync line %u edges", count("pairs"));
   if (count("pairs") > 0) {
-    text += format(", clock off by %+.0f us (bound %.0f us), rms %.0f us, worst %.0f us", line.value("error_us", 0.0),
-                   line.value("bound_us", 0.0), line.value("rms_us", 0.0), line.value("worst_us", 0.0));
+    text +=
+        formatted(", clock off by %+.0f us (bound %.0f us), rms %.0f us, worst %.0f us", line.value("error_us", 0.0),
+                  line.value("bound_us", 0.0), line.value("rms_us", 0.0), line.value("worst_us", 0.0));
   }
-  if (count("outside") > 0) text += format(", BEYOND THE BOUND %u times", count("outside"));
-  if (missed > 0) text += format(", %u not paired", missed);
+  if (count("outside") > 0) text += formatted(", BEYOND THE BOUND %u times", count("outside"));
+  if (missed > 0) text += formatted(", %u not paired", missed);
   if (line.value("inverted", false)) text += ", the line is UPSIDE DOWN: change active_low of [interlock] sync";
   return text + "\n";
 }
@@ -68,10 +61,11 @@ std::string operator_text(const nlohmann::json& s) {
   const auto state = s.value("state", "");
   const double left_s =
       s.contains("operator_left_s") && s["operator_left_s"].is_number() ? s["operator_left_s"].get<double>() : 0.0;
-  if (state == "armed") out += format("  armed     isorig go within %.0f s, or isorig pause\n", left_s);
+  if (state == "armed") out += formatted("  armed     isorig go within %.0f s, or isorig pause\n", left_s);
   if (state == "countdown")
-    out += format("  KEEP CLEAR the rig moves in %.0f s; isorig pause ends the countdown\n", std::ceil(left_s));
-  if (state == "setup") out += format("  setup     isorig jog; left in %.0f s, or with isorig setup --off\n", left_s);
+    out += formatted("  KEEP CLEAR the rig moves in %.0f s; isorig pause ends the countdown\n", std::ceil(left_s));
+  if (state == "setup")
+    out += formatted("  setup     isorig jog; left in %.0f s, or with isorig setup --off\n", left_s);
   if (s.value("arming", "") == "none" && !s.value("simulated", true)) {
     out += "  arming    none: a start moves and fills this rig at once\n";
   }
@@ -94,7 +88,7 @@ std::string operator_text(const nlohmann::json& s) {
 std::string age_text(const nlohmann::json& status, const char* key) {
   const double age_s = status.value(key, 0.0);
   if (age_s < 0.0) return "  never read";
-  return age_s > 1.0 ? format("  STALE, read %.1f s ago", age_s) : std::string();
+  return age_s > 1.0 ? formatted("  STALE, read %.1f s ago", age_s) : std::string();
 }
 
 int exit_code_of(const nlohmann::json& status) {
@@ -110,7 +104,7 @@ int exit_code_of(const nlohmann::json& status) {
 std::string progress_bar(double fraction, int width) {
   const int filled = static_cast<int>(std::lround(std::clamp(fraction, 0.0, 1.0) * width));
   return "[" + std::string(static_cast<std::size_t>(filled), '#') +
-         std::string(static_cast<std::size_t>(width - filled), '.') + "] " + format("%5.1f %%", 100.0 * fraction);
+         std::string(static_cast<std::size_t>(width - filled), '.') + "] " + formatted("%5.1f %%", 100.0 * fraction);
 }
 
 std::string status_text(const nlohmann::json& s) {
@@ -131,10 +125,10 @@ std::string status_text(const nlohmann::json& s) {
   if (s.contains("run")) {
     const auto& r = s["run"];
     out += "  run       " + r.value("id", "") + "\n";
-    out +=
-        format("  step      %d of %d: ", r.value("step", 0) + 1, r.value("steps", 0)) + r.value("step_text", "") + "\n";
+    out += formatted("  step      %d of %d: ", r.value("step", 0) + 1, r.value("steps", 0)) + r.value("step_text", "") +
+           "\n";
     if (const auto label = r.value("session_text", ""); !label.empty()) {
-      out += format("  session   %s (of %d)\n", label.c_str(), r.value("sessions", 0));
+      out += formatted("  session   %s (of %d)\n", label.c_str(), r.value("sessions", 0));
     }
     out += "  progress  " + progress_bar(s.value("progress", 0.0)) + "  " + duration_text(s.value("remaining_s", 0.0)) +
            " left\n";
@@ -142,16 +136,16 @@ std::string status_text(const nlohmann::json& s) {
     out += "  last run  " + s["last_run"].value("id", "") + ": " + s["last_run"].value("outcome", "") + "\n";
   }
   const auto frame_age = age_text(s, "frame_age_s") + "\n";
-  out += format("  force     %9.3f N", s.value("force_N", 0.0)) + frame_age;
-  out +=
-      format("  position  %9.4f mm  (target %.4f)", s.value("position_mm", 0.0), s.value("target_mm", 0.0)) + frame_age;
-  out += format("  pressure  %9.3f psi (set-point %.2f, fill %d, vent %d permille)", s.value("pressure_psi", 0.0),
-                s.value("setpoint_psi", 0.0), s.value("fill_permille", 0), s.value("vent_permille", 0)) +
+  out += formatted("  force     %9.3f N", s.value("force_N", 0.0)) + frame_age;
+  out += formatted("  position  %9.4f mm  (target %.4f)", s.value("position_mm", 0.0), s.value("target_mm", 0.0)) +
+         frame_age;
+  out += formatted("  pressure  %9.3f psi (set-point %.2f, fill %d, vent %d permille)", s.value("pressure_psi", 0.0),
+                   s.value("setpoint_psi", 0.0), s.value("fill_permille", 0), s.value("vent_permille", 0)) +
          age_text(s, "pressure_age_s") + "\n";
   const auto& loop = s["loop"];
-  out += format("  loop      overruns %llu, worst wake-up %.0f us, worst run %.0f us\n",
-                static_cast<unsigned long long>(loop.value("overruns", std::uint64_t{0})),
-                loop.value("worst_wakeup_us", 0.0), loop.value("worst_run_us", 0.0));
+  out += formatted("  loop      overruns %llu, worst wake-up %.0f us, worst run %.0f us\n",
+                   static_cast<unsigned long long>(loop.value("overruns", std::uint64_t{0})),
+                   loop.value("worst_wakeup_us", 0.0), loop.value("worst_run_us", 0.0));
   out += "  frame     " + link_text(s["frame"]) + "\n";
   out += "  sensor    " + link_text(s["pressure"]) + "\n";
   const auto& interlock = s["interlock"];
@@ -167,12 +161,13 @@ std::string status_text(const nlohmann::json& s) {
   }
   if (s.contains("recorder")) {
     const auto& r = s["recorder"];
-    out += format("  recorder  %.1f MiB written, %llu MiB free, disk %s", r.value("written_MiB", 0.0),
+    out +=
+        formatted("  recorder  %.1f MiB written, %llu MiB free, disk %s", r.value("written_MiB", 0.0),
                   static_cast<unsigned long long>(r.value("free_MiB", std::uint64_t{0})), r.value("disk", "").c_str());
     if (r.value("missing_samples", std::uint64_t{0}) + r.value("dropped_records", std::uint64_t{0}) > 0) {
-      out += format(", MISSING %llu samples",
-                    static_cast<unsigned long long>(r.value("missing_samples", std::uint64_t{0}) +
-                                                    r.value("dropped_records", std::uint64_t{0})));
+      out += formatted(", MISSING %llu samples",
+                       static_cast<unsigned long long>(r.value("missing_samples", std::uint64_t{0}) +
+                                                       r.value("dropped_records", std::uint64_t{0})));
     }
     out += "\n";
   }
@@ -199,7 +194,7 @@ int watch(const Client& client, const WatchOptions& options) {
       if (!options.json) {
         std::cout << "* " << base::printable(event_code) << ": " << base::printable(e.value("text", ""))
                   << (e.value("threshold", 0.0) != 0.0
-                          ? format(" (%.3f, limit %.3f)", e.value("value", 0.0), e.value("threshold", 0.0))
+                          ? formatted(" (%.3f, limit %.3f)", e.value("value", 0.0), e.value("threshold", 0.0))
                           : std::string())
                   << '\n';
       }
@@ -213,9 +208,9 @@ int watch(const Client& client, const WatchOptions& options) {
       std::cout << text;
     } else {
       std::cout << status.value("state", "") << "  " << progress_bar(status.value("progress", 0.0), 20)
-                << format("  %9.3f N  %8.4f mm  %7.3f psi  %s left\n", status.value("force_N", 0.0),
-                          status.value("position_mm", 0.0), status.value("pressure_psi", 0.0),
-                          duration_text(status.value("remaining_s", 0.0)).c_str());
+                << formatted("  %9.3f N  %8.4f mm  %7.3f psi  %s left\n", status.value("force_N", 0.0),
+                             status.value("position_mm", 0.0), status.value("pressure_psi", 0.0),
+                             duration_text(status.value("remaining_s", 0.0)).c_str());
     }
     std::cout.flush();
     had_run = had_run || status.contains("run");

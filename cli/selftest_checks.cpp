@@ -2,12 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdarg>
-#include <cstdio>
+
+#include "base/formatted.hpp"
 
 namespace isorig::cli {
 namespace {
 
+using base::formatted;
 using nlohmann::json;
 
 // What a healthy rig shows at rest. Noise: the ELVH's is not in its datasheet, 1 count = 0.0023 psi rms is typical of
@@ -24,15 +25,6 @@ constexpr double kLateShareUs = 512.0;
 constexpr double kLateShare[] = {1e-3, 5e-2};
 constexpr double kLeak_psi_min[] = {0.5, 2.0};
 constexpr double kSensorRange_psi = 30.0;
-
-[[gnu::format(printf, 1, 2)]] std::string text(const char* pattern, ...) {
-  char buffer[512];
-  va_list args;
-  va_start(args, pattern);
-  std::vsnprintf(buffer, sizeof buffer, pattern, args);
-  va_end(args);
-  return buffer;
-}
 
 class Sheet {
  public:
@@ -88,24 +80,24 @@ bool judge_link(Sheet& s, const LinkNames& n, const json& status, const json& se
     s.add(n.rate, Verdict::kFail, "no samples", n.cable);
   } else if (said_hz <= 0.0) {
     s.add(n.rate, rate_hz >= 100.0 ? Verdict::kOk : Verdict::kWarn,
-          text("%.1f Hz (the device does not say its rate)", rate_hz), "the pressure loop wants 100 Hz or more");
+          formatted("%.1f Hz (the device does not say its rate)", rate_hz), "the pressure loop wants 100 Hz or more");
   } else {
     const double off = std::abs(rate_hz / said_hz - 1.0);
-    s.add(n.rate, off <= kRateOff ? Verdict::kOk : Verdict::kWarn, text("%.1f Hz of %.1f Hz", rate_hz, said_hz),
+    s.add(n.rate, off <= kRateOff ? Verdict::kOk : Verdict::kWarn, formatted("%.1f Hz of %.1f Hz", rate_hz, said_hz),
           "samples are missing or the device's clock is off; look at the losses, the cable, the machine's load");
   }
-  s.below(n.age, age_s < 0.0 ? 1e9 : age_s, kAge_s, age_s < 0.0 ? "never read" : text("newest %.3f s old", age_s),
+  s.below(n.age, age_s < 0.0 ? 1e9 : age_s, kAge_s, age_s < 0.0 ? "never read" : formatted("newest %.3f s old", age_s),
           n.cable);
   const double lost = number(self, "lost"), corrupt = number(self, "corrupt"), reconnects = number(self, "reconnects");
   s.add(n.losses, lost + corrupt + reconnects > 0.0 ? Verdict::kWarn : Verdict::kOk,
-        text("lost %.0f, corrupt %.0f, reconnected %.0f times since start", lost, corrupt, reconnects),
+        formatted("lost %.0f, corrupt %.0f, reconnected %.0f times since start", lost, corrupt, reconnects),
         "a plug, a hub or a loaded machine; it may be old: watch whether it grows");
   const bool ready = self.value("clock_ready", false);
   const double bound_us = number(reading, "bound_us", 1e9);
   s.below(n.clock, ready ? bound_us : 1e9, kClockBound_us,
           !ready           ? "not mapped yet"
           : bound_us > 1e8 ? "in doubt: the exchanges contradict each other"
-                           : text("within %.0f us", bound_us),
+                           : formatted("within %.0f us", bound_us),
           "wait half a minute; then look at the link's delays (isorig status)");
   return flows;
 }
@@ -113,7 +105,7 @@ bool judge_link(Sheet& s, const LinkNames& n, const json& status, const json& se
 void judge_frozen(Sheet& s, const char* check, const json& reading, const char* to_do) {
   const auto samples = reading.value("samples", std::size_t{0}), run = reading.value("longest_run", std::size_t{0});
   s.add(check, samples > 100 && run >= samples ? Verdict::kFail : Verdict::kOk,
-        text("%zu equal values in a row at most, of %zu", run, samples), to_do);
+        formatted("%zu equal values in a row at most, of %zu", run, samples), to_do);
 }
 
 void judge_channels(Sheet& s, const Answers& a, bool frame, bool pressure) {
@@ -122,15 +114,15 @@ void judge_channels(Sheet& s, const Answers& a, bool frame, bool pressure) {
   const auto& position = a.readings["position"];
   const auto& air = a.readings["pressure"];
   if (frame) {
-    s.below("force.noise", number(force, "sd"), kForceNoise_N, text("%.4f N rms", number(force, "sd")),
+    s.below("force.noise", number(force, "sd"), kForceNoise_N, formatted("%.4f N rms", number(force, "sd")),
             "shield and earth of the load cell, vibration, a motor nearby");
     judge_frozen(s, "force.frozen", force, "load cell, its plug and amplifier: a live cell moves its last digit");
     const double f = number(force, "calibrated");
     const bool inside = f > number(limits, "force_min_N") && f < number(limits, "force_max_N");
-    s.below("force.zero", inside ? std::abs(f) : 1e9, kZeroForce_N, text("%+.3f N", f),
+    s.below("force.zero", inside ? std::abs(f) : 1e9, kZeroForce_N, formatted("%+.3f N", f),
             "unload the grips; isorig calibrate force --mode zero --point 0");
-    s.below("position.noise", number(position, "sd"), kPositionNoise_mm, text("%.5f mm rms", number(position, "sd")),
-            "is the crosshead moving? the frame's encoder");
+    s.below("position.noise", number(position, "sd"), kPositionNoise_mm,
+            formatted("%.5f mm rms", number(position, "sd")), "is the crosshead moving? the frame's encoder");
     const double x = number(position, "calibrated"), low = number(limits, "travel_min_mm"),
                  high = number(limits, "travel_max_mm");
     const bool within = x >= low && x <= high;
@@ -138,18 +130,18 @@ void judge_channels(Sheet& s, const Answers& a, bool frame, bool pressure) {
           !within                                             ? Verdict::kFail
           : std::min(x - low, high - x) < 0.05 * (high - low) ? Verdict::kWarn
                                                               : Verdict::kOk,
-          text("%+.4f mm, allowed %+.3f to %+.3f", x, low, high),
+          formatted("%+.4f mm, allowed %+.3f to %+.3f", x, low, high),
           "set the frame's zero at the specimen's unpressurized rest length");
   }
   if (pressure) {
-    s.below("pressure.noise", number(air, "sd"), kPressureNoise_psi, text("%.4f psi rms", number(air, "sd")),
+    s.below("pressure.noise", number(air, "sd"), kPressureNoise_psi, formatted("%.4f psi rms", number(air, "sd")),
             "SPI wires long or beside the valves' wires; supply of the sensor");
     judge_frozen(s, "pressure.frozen", air, "sensor and its SPI wires: a live bridge moves a count within seconds");
     s.below("pressure.zero", std::abs(number(air, "calibrated")), kZeroPressure_psi,
-            text("%+.4f psi, vented", number(air, "calibrated")),
+            formatted("%+.4f psi, vented", number(air, "calibrated")),
             "is the dump valve open? then isorig calibrate pressure --mode zero --point 0");
     const double t_C = number(a.readings["temperature"], "raw");
-    s.add("pressure.temperature", t_C < 0.0 || t_C > 50.0 ? Verdict::kWarn : Verdict::kOk, text("%.1f C", t_C),
+    s.add("pressure.temperature", t_C < 0.0 || t_C > 50.0 ? Verdict::kWarn : Verdict::kOk, formatted("%.1f C", t_C),
           "outside 0..50 C the sensor's error band doubles; -50 C: the firmware reads two bytes only");
   }
 }
@@ -158,7 +150,7 @@ void judge_limits(Sheet& s, const json& self) {
   const auto& limits = self["limits"];
   const double max_psi = number(limits, "pressure_max_psi");
   s.add("limits.pressure", max_psi > kSensorRange_psi ? Verdict::kFail : Verdict::kOk,
-        text("pressure_max_psi %.1f of the sensor's 30", max_psi),
+        formatted("pressure_max_psi %.1f of the sensor's 30", max_psi),
         "above its range the sensor cannot see the limit broken");
   if (!self.contains("frame_limits")) {
     s.add("limits.frame", Verdict::kSkipped, "this frame cannot be asked for its own limits",
@@ -170,7 +162,7 @@ void judge_limits(Sheet& s, const json& self) {
   const auto wider = [&](const char* key, bool high) {
     const double frame = number(own, key), rig = number(limits, key);
     if (high ? frame < rig : frame > rig)
-      inside += text("%s%s %.4g, rig %.4g", inside.empty() ? "" : "; ", key, frame, rig);
+      inside += formatted("%s%s %.4g, rig %.4g", inside.empty() ? "" : "; ", key, frame, rig);
   };
   wider("travel_min_mm", false);
   wider("travel_max_mm", true);
@@ -189,18 +181,19 @@ void judge_machine(Sheet& s, const json& self) {
     if (t.value("name", "") == "isorig-loop") loop_fifo = t.value("fifo", false);
   }
   const bool enforced = rt.value("enforced", false);
-  s.add("realtime.fifo",
-        loop_fifo  ? Verdict::kOk
-        : enforced ? Verdict::kFail
-                   : Verdict::kWarn,
-        loop_fifo ? text("SCHED_FIFO, priority %d", rt.value("priority", 0)) : "the loop runs as an ordinary thread",
-        "start isorigd as the service, or with LimitRTPRIO; --no-realtime is for a desk");
+  s.add(
+      "realtime.fifo",
+      loop_fifo  ? Verdict::kOk
+      : enforced ? Verdict::kFail
+                 : Verdict::kWarn,
+      loop_fifo ? formatted("SCHED_FIFO, priority %d", rt.value("priority", 0)) : "the loop runs as an ordinary thread",
+      "start isorigd as the service, or with LimitRTPRIO; --no-realtime is for a desk");
   const double locked_kB = number(self, "locked_kB", -1.0);
   s.add("realtime.memory",
         locked_kB > 0.0 ? Verdict::kOk
         : enforced      ? Verdict::kFail
                         : Verdict::kWarn,
-        text("%.0f kB locked", std::max(0.0, locked_kB)), "raise LimitMEMLOCK (ulimit -l unlimited)");
+        formatted("%.0f kB locked", std::max(0.0, locked_kB)), "raise LimitMEMLOCK (ulimit -l unlimited)");
 
   const auto bins = self.value("lateness", std::vector<double>{});
   double all = 0.0, late = 0.0;
@@ -215,7 +208,7 @@ void judge_machine(Sheet& s, const json& self) {
   edge_us = 1.0;
   for (const double n : bins) {
     if (n > 0.0 && edge_us >= 64.0)
-      shape += text("%s<%.0f us %.2g %%", shape.empty() ? "" : ", ", edge_us, 100.0 * n / all);
+      shape += formatted("%s<%.0f us %.2g %%", shape.empty() ? "" : ", ", edge_us, 100.0 * n / all);
     edge_us *= 2.0;
   }
   const double share = all > 0.0 ? late / all : 1.0;
@@ -224,8 +217,8 @@ void judge_machine(Sheet& s, const json& self) {
         all == 0.0 || worst_us > 2.0 * limit_us || share > kLateShare[1] ? Verdict::kFail
         : share > kLateShare[0]                                          ? Verdict::kWarn
                                                                          : Verdict::kOk,
-        text("%.0f wake-ups, worst below %.0f us, %.3g %% later than %.0f us", all, worst_us, 100.0 * share,
-             kLateShareUs) +
+        formatted("%.0f wake-ups, worst below %.0f us, %.3g %% later than %.0f us", all, worst_us, 100.0 * share,
+                  kLateShareUs) +
             (shape.empty() ? "" : " (" + shape + ")"),
         "load of the machine, priorities, power saving; a PREEMPT_RT kernel ([realtime] cpu, docs/threads.md)");
 
@@ -237,7 +230,7 @@ void judge_machine(Sheet& s, const json& self) {
                                          : Verdict::kOk,
         self.contains("runs_error") ? self.value("runs_error", "")
         : !writable                 ? self.value("runs", "") + " cannot be written"
-                                    : text("%.0f MiB free, %.0f are kept", free_MiB, keep_MiB),
+                                    : formatted("%.0f MiB free, %.0f are kept", free_MiB, keep_MiB),
         "make room, or give isorigd another --runs");
 }
 
@@ -315,7 +308,7 @@ Line judge_lcm(const json& self, int messages, double seconds) {
           "a multicast route: ip route add 239.255.76.67/32 dev lo");
   } else {
     s.add("lcm", messages > 0 ? Verdict::kOk : Verdict::kFail,
-          text("%d messages in %.1f s came back", messages, seconds),
+          formatted("%d messages in %.1f s came back", messages, seconds),
           "multicast route and firewall; is the url the daemon's? (docs/lcm-channels.md)");
   }
   return s.lines.front();
@@ -324,13 +317,14 @@ Line judge_lcm(const json& self, int messages, double seconds) {
 std::vector<Line> judge_air(const AirTest& t) {
   Sheet s;
   const double off = std::abs(t.reached_psi - t.wanted_psi);
-  s.add("air.fill", off <= 0.2 ? Verdict::kOk : Verdict::kFail, text("%.3f psi of %.2f", t.reached_psi, t.wanted_psi),
+  s.add("air.fill", off <= 0.2 ? Verdict::kOk : Verdict::kFail,
+        formatted("%.3f psi of %.2f", t.reached_psi, t.wanted_psi),
         "supply, fill valve and its driver, dump valve energised?");
   const double leak_psi_min = t.sealed_s > 0.0 ? (t.sealed_from_psi - t.sealed_to_psi) / t.sealed_s * 60.0 : 1e9;
   s.below("air.leak", leak_psi_min, kLeak_psi_min,
-          text("%.3f psi/min at %.1f psi, all valves shut, %.0f s", leak_psi_min, t.sealed_from_psi, t.sealed_s),
+          formatted("%.3f psi/min at %.1f psi, all valves shut, %.0f s", leak_psi_min, t.sealed_from_psi, t.sealed_s),
           "soap the fittings; the specimen's seal, dump and vent valves that do not shut");
-  s.below("air.vent", std::abs(t.vented_psi), kZeroPressure_psi, text("%+.3f psi after venting", t.vented_psi),
+  s.below("air.vent", std::abs(t.vented_psi), kZeroPressure_psi, formatted("%+.3f psi after venting", t.vented_psi),
           "dump valve (normally open to exhaust), a blocked silencer");
   return s.lines;
 }
@@ -338,8 +332,8 @@ std::vector<Line> judge_air(const AirTest& t) {
 std::string table_of(const std::vector<Line>& lines) {
   std::string out;
   for (const auto& l : lines) {
-    out += text("%-8s %-22s ", name_of(l.verdict), l.check.c_str()) + l.found + "\n";
-    if (!l.to_do.empty()) out += text("%-8s %-22s -> ", "", "") + l.to_do + "\n";
+    out += formatted("%-8s %-22s ", name_of(l.verdict), l.check.c_str()) + l.found + "\n";
+    if (!l.to_do.empty()) out += formatted("%-8s %-22s -> ", "", "") + l.to_do + "\n";
   }
   return out;
 }

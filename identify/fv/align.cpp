@@ -6,12 +6,13 @@
 #include <limits>
 #include <utility>
 
+#include "base/formatted.hpp"
 #include "identify/fv/align_coarse.hpp"
-#include "identify/fv/text.hpp"
 
 namespace isorig::identify {
 namespace {
 
+using base::formatted;
 using Vector = std::vector<double>;
 
 struct Window {

@@ -6,11 +6,12 @@
 #include <map>
 #include <stdexcept>
 
-#include "identify/fv/text.hpp"
+#include "base/formatted.hpp"
 
 namespace isorig::identify {
 namespace {
 
+using base::formatted;
 using CurveMap = std::map<std::string, std::map<double, const Curve*>>;  // specimen -> pressure -> curve
 
 CurveMap by_specimen(const Campaign& c) {

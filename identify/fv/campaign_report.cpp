@@ -3,13 +3,14 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
+#include "base/formatted.hpp"
 #include "identify/fv/campaign.hpp"
 #include "identify/fv/fv_report.hpp"
-#include "identify/fv/text.hpp"
 
 namespace isorig::identify {
 namespace {
 
+using base::formatted;
 using model::FvElement;
 using model::FvTest;
 using report::Figure;

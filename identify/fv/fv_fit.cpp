@@ -6,13 +6,14 @@
 #include <limits>
 #include <stdexcept>
 
+#include "base/formatted.hpp"
 #include "identify/fv/fv_problem.hpp"
 #include "identify/fv/statistics.hpp"
-#include "identify/fv/text.hpp"
 
 namespace isorig::identify {
 namespace {
 
+using base::formatted;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 /// An interval of more than two decades is bounded, but identifies nothing.
 constexpr double kWidest = 100.0;

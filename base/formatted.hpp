@@ -4,11 +4,11 @@
 #include <cstdio>
 #include <string>
 
-namespace isorig::identify {
+namespace isorig::base {
 
-/// printf into a string (at most 500 characters), for statements with numbers in them.
+/// printf into a string (at most 511 bytes), for sentences with numbers in them.
 [[gnu::format(printf, 1, 2)]] inline std::string formatted(const char* format, ...) {
-  std::array<char, 500> buffer{};
+  std::array<char, 512> buffer{};
   va_list values;
   va_start(values, format);
   std::vsnprintf(buffer.data(), buffer.size(), format, values);
@@ -16,4 +16,4 @@ namespace isorig::identify {
   return buffer.data();
 }
 
-}  // namespace isorig::identify
+}  // namespace isorig::base
