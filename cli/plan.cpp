@@ -1,3 +1,4 @@
+#include <cmath>
 #include <cstdio>
 #include <iostream>
 #include <memory>
@@ -17,7 +18,7 @@ struct Options {
 
 std::string clock_text(double seconds) {
   char text[48];
-  const auto tenths = static_cast<long long>(seconds * 10.0 + 0.5);
+  const auto tenths = std::llround(seconds * 10.0);
   std::snprintf(text, sizeof text, "%3lld:%02lld:%02lld.%lld", tenths / 36000, tenths / 600 % 60, tenths / 10 % 60,
                 tenths % 10);
   return text;
