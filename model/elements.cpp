@@ -95,7 +95,7 @@ const Physics& arm_start() {
   static const Physics physics{
       "arm_start",
       Stage::kSpecimen,
-      "Force that a Maxwell arm holds when the rows of one recording begin: what filling it left.",
+      "Force that a Maxwell arm holds when the rows of one recording begin, or begin again after a gap.",
       "Solution of dz/dt = v - z / tau for z(t0) not 0; it adds to that of an arm at rest.",
       "None: it is a state, not a property.",
       {{"relaxing",

@@ -6,7 +6,9 @@
 #include <stdexcept>
 
 #include "identify/diagnose/diagnosis_notes.hpp"
+#include "identify/diagnose/fit/row_weights.hpp"
 #include "identify/diagnose/forecast.hpp"
+#include "identify/diagnose/guard/missed_motion.hpp"
 #include "identify/diagnose/guard/plausible.hpp"
 #include "identify/diagnose/guard/start_up_cut.hpp"
 #include "identify/diagnose/judgeable.hpp"
@@ -16,6 +18,7 @@
 #include "identify/diagnose/search/hysteresis.hpp"
 #include "identify/diagnose/search/parsimony.hpp"
 #include "identify/diagnose/search/published.hpp"
+#include "identify/diagnose/signal/mains_hum.hpp"
 #include "identify/diagnose/signal/noise_level.hpp"
 #include "messages/recording_id.hpp"
 #include "model/catalogue.hpp"
@@ -57,8 +60,9 @@ bool pressure_moves(const messages::Recording& recording) {
 }
 
 /// Filling stretches the specimen, and its arms keep some of that force when the rows of the filling are
-/// gone: no physics that the nominal model lacks, but a state that is not known.
-void add_what_filling_left(model::ModelSpec& spec, double recording_id, double start_s) {
+/// gone; so does what moved while no readings came. No physics that the nominal model lacks, but a state that is not
+/// known.
+void add_unknown_state(model::ModelSpec& spec, double recording_id, double start_s) {
   const model::Physics& physics = model::element::arm_start();
   const auto arms = std::ranges::count(spec.parts, &model::element::maxwell(), &model::Part::physics);
   for (std::ptrdiff_t arm = 1; arm <= arms; ++arm) {
@@ -80,8 +84,9 @@ WholeRecording admit(messages::Recording& recording, const std::string& name, mo
   if (position_moves(recording) || !nominal.driven_by_pressure()) {
     const double start_s = t_s.empty() ? 0.0 : t_s.front();
     if (auto cut = cut_start_up(recording)) faults.push_back(std::move(*cut));
-    if (!t_s.empty() && t_s.front() > start_s) add_what_filling_left(nominal, whole.id, t_s.front());
+    if (!t_s.empty() && t_s.front() > start_s) add_unknown_state(nominal, whole.id, t_s.front());
   }
+  for (const double again_s : missed_motion(recording.frame)) add_unknown_state(nominal, whole.id, again_s);
   if (recording.frame.size() < kFewest)
     throw std::invalid_argument(name + ": " + std::to_string(recording.frame.size()) +
                                 " rows are too few to judge a model by (at least " + std::to_string(kFewest) + ")");
@@ -91,6 +96,22 @@ WholeRecording admit(messages::Recording& recording, const std::string& name, mo
   refuse_implausible(recording, name, nominal);
   if (auto odd = odd_pressure(recording)) faults.push_back(std::move(*odd));
   return whole;
+}
+
+/// Hum of the mains is no noise that a rest shows rightly, nor physics: it is taken out of the force.
+void take_hum_out(messages::FrameSamples& frame, const std::vector<bool>& usable, std::vector<DataFault>& faults) {
+  constexpr double kOne = 1.5;  // readings: a row that stands for more is a mean, without hum
+  const RowWeights readings = row_weights(frame);
+  std::vector<bool> single(frame.size());
+  for (std::size_t k = 0; k < single.size(); ++k)
+    single[k] = (usable.empty() || usable[k]) && readings.per_row[k] < kOne;
+  const auto hum = find_mains_hum(frame.t_s, frame.force_N, single);
+  if (!hum) return;
+  for (std::size_t k = 0; k < frame.size(); ++k) frame.force_N[k] -= hum->reading[k];
+  char text[160];
+  std::snprintf(text, sizeof text, "the force hums with the mains: %.3g N at %.2f Hz%s; taken out", hum->amplitude,
+                hum->frequency_Hz, hum->steady ? "" : ", wandering");
+  faults.push_back({"hum", frame.t_s.front(), frame.t_s.back(), frame.size(), text});
 }
 
 void report_pressure_clock(const Excitation& excitation, std::vector<DataFault>& faults) {
@@ -113,6 +134,7 @@ void prepare(Study& study, std::vector<messages::Recording> recordings, std::vec
   for (std::size_t i = 0; i < recordings.size(); ++i) {
     Guarded guarded = guard_recording(recordings[i]);
     study.faults.insert(study.faults.end(), guarded.faults.begin(), guarded.faults.end());
+    take_hum_out(recordings[i].frame, guarded.usable, study.faults);
     study.series.push_back(prepare_series(std::move(names[i]), std::move(recordings[i]), guarded.usable));
     Excitation& excitation = study.series.back().excitation;
     excitation.reference.duration_s = whole[i].duration_s;

@@ -5,6 +5,7 @@
 
 #include "base/parallel.hpp"
 #include "identify/diagnose/fit/fading.hpp"
+#include "model/elements.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -14,6 +15,19 @@ struct Relearnt {
   Eigen::VectorXd error_N;  ///< of every bin, left out or not
 };
 
+/// The state of an arm at the start or after a gap is nothing that can be learnt elsewhere: where all that shows it is
+/// left out, the others give it any value at all. Every model is given the states that fit it best, from all readings;
+/// what it has learnt stays.
+void see_states(std::span<const Series> series, std::vector<model::Part>& parts) {
+  const auto is_state = [](const model::Part& part) { return part.physics == &model::element::arm_start(); };
+  if (std::ranges::none_of(parts, is_state)) return;
+  model::ModelSpec spec{"", parts};
+  for (model::Part& part : spec.parts) part.fixed = !is_state(part);
+  Eigen::VectorXd ignored;
+  (void)Problem(series, {1.0, 0.0, 1.0}).solve(spec, ignored);
+  for (std::size_t i = 0; i < parts.size(); ++i) parts[i].coefficients = spec.parts[i].coefficients;
+}
+
 Relearnt learn_without(std::span<const Series> series, const Learner& learner, const std::vector<bool>& out) {
   std::vector<Series> kept(series.begin(), series.end());
   std::size_t row = 0;
@@ -22,6 +36,8 @@ Relearnt learn_without(std::span<const Series> series, const Learner& learner, c
       if (out[row++]) count = 0.0;
   Relearnt relearnt;
   relearnt.spec = learner(kept);
+  see_states(series, relearnt.spec.parts);
+  if (relearnt.spec.seen) see_states(series, relearnt.spec.seen->nominal);
   relearnt.error_N.resize(static_cast<Eigen::Index>(row));
   Eigen::Index bin = 0;
   for (const Series& each : series) {

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <functional>
 #include <nlohmann/json.hpp>
+#include <numbers>
 #include <ostream>
 
 #include "concealed_specimen.hpp"
@@ -60,6 +61,18 @@ const Injected kInjected[] = {
                   to = static_cast<std::ptrdiff_t>(row_at(r, 720.0));
        for (auto* column : {&r.frame.t_s, &r.frame.position_mm, &r.frame.force_N})
          column->erase(column->begin() + from, column->begin() + to);
+     }},
+    {"gap_in_a_ramp", "gap", 545.0, 550.0,
+     [](messages::Recording& r) {
+       const auto from = static_cast<std::ptrdiff_t>(row_at(r, 545.0)),
+                  to = static_cast<std::ptrdiff_t>(row_at(r, 550.0));
+       for (auto* column : {&r.frame.t_s, &r.frame.position_mm, &r.frame.force_N})
+         column->erase(column->begin() + from, column->begin() + to);
+     }},
+    {"mains_hum", "hum", 0.0, 1200.0,
+     [](messages::Recording& r) {
+       for (std::size_t k = 0; k < r.frame.size(); ++k)
+         r.frame.force_N[k] += 0.03 * std::sin(2.0 * std::numbers::pi * 50.01 * r.frame.t_s[k]);
      }},
     {"clock_jump", "gap", 650.0, 660.0,
      [](messages::Recording& r) {
