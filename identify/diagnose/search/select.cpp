@@ -7,6 +7,7 @@
 #include "identify/diagnose/noise/effective_dof.hpp"
 #include "identify/diagnose/search/empirical.hpp"
 #include "identify/diagnose/search/practical_significance.hpp"
+#include "identify/diagnose/search/repeated_evidence.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -47,9 +48,7 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
   const auto& pool = selection.pool;
   std::vector<double> cost(pool.size(), 0.0);
   for (std::size_t i = 0; i < pool.size(); ++i) {
-    for (const auto* effect : pool[i].effects)
-      cost[i] += options.prior_cost + (effect->traits.unusual ? options.unusual_cost : 0.0) +
-                 (effect->traits.contains.empty() ? 0.0 : options.contains_cost);
+    for (const auto* effect : pool[i].effects) cost[i] += prior_cost(*effect, options);
   }
   for (std::size_t i = 0; i < pool.size(); ++i)
     if (!pool[i].empirical.empty()) cost[i] += options.unknown_cost;
@@ -143,6 +142,7 @@ Selection select_effects(const Search& search, const model::ModelSpec& nominal, 
     for (Hypothesis& hypothesis : described) pool.push_back(std::move(hypothesis));
     weigh(selection, search, options);
   }
+  discount_unrepeated_effects(selection, search, options);
   discount_insignificant_effects(selection, search, options);
   return selection;
 }

@@ -11,8 +11,10 @@
 #include "identify/diagnose/search/empirical.hpp"
 #include "identify/diagnose/search/parsimony.hpp"
 #include "identify/diagnose/search/practical_significance.hpp"
+#include "identify/diagnose/search/repeated_evidence.hpp"
 #include "identify/diagnose/search/resolution.hpp"
 #include "identify/diagnose/search/select.hpp"
+#include "identify/diagnose/search/without_effect.hpp"
 #include "model/catalogue.hpp"
 
 namespace isorig::identify {
@@ -148,6 +150,53 @@ TEST(InsignificantEffects, SizeIsWhatTheForceChangesByWithoutTheEffect) {
   EXPECT_GT(size, 0.2 * range_N);
   EXPECT_LT(size, 0.8 * range_N);
   EXPECT_EQ(size_N(on.search, with, with), 0.0);
+}
+
+// --- discount_unrepeated_effects ---------------------------------------------------------------------------------
+
+std::optional<double> agreement_on_drift(const test::ConcealedSpecimen& specimen) {
+  const Searched on(test::record_other(specimen));
+  return agreement(on.search, on.with({{"zero_drift", "linear"}}), on.with({}));
+}
+
+// z of one number that is not there is the size of a standard normal deviate: the mean of 24 squares is 1 with a
+// standard deviation of sqrt(2 / 24), in white noise as in one that wanders for two seconds.
+TEST(RepeatedEvidence, OfWhatIsNotThereIsAStandardNormalDeviateInNoiseOfAnyColour) {
+  for (const double coloured_N : {0.0, 0.1}) {
+    double squares = 0.0;
+    constexpr unsigned kSeeds = 24;
+    for (unsigned seed = 1; seed <= kSeeds; ++seed)
+      squares += std::pow(agreement_on_drift({.coloured_N = coloured_N, .seed = seed}).value(), 2);
+    const double sigma = std::sqrt(2.0 / kSeeds);
+    EXPECT_NEAR(squares / kSeeds, 1.0, 3.0 * sigma) << coloured_N;
+  }
+}
+
+// A drift of 0.5 N/h moves the force by a noise or so; the error of z is estimated from about ten strokes, hence the
+// wide margin below the 12 to 16 that it comes to.
+TEST(RepeatedEvidence, OfWhatIsThereIsLarge) {
+  for (unsigned seed = 1; seed <= 3; ++seed)
+    EXPECT_GT(agreement_on_drift({.drift_N_h = 0.5, .seed = seed}).value(), 6.0) << seed;
+}
+
+/// The weight that a drift keeps of 0.99 beside the nominal model.
+double weight_kept(const test::ConcealedSpecimen& specimen) {
+  const Searched on(test::record_other(specimen));
+  Selection selection;
+  selection.pool.push_back(on.search.nominal(model::nominal_model("slse1")));
+  selection.pool.push_back(on.with({{"zero_drift", "linear"}}));
+  selection.weight = {0.01, 0.99};
+  selection.excess = {10.0, 0.0};
+  selection.best = 1;
+  count_weights(selection);
+  discount_unrepeated_effects(selection, on.search, {});
+  return selection.probability.at(&effect("zero_drift"));
+}
+
+TEST(RepeatedEvidence, TakesTheWeightOfAnEffectThatStrokesDoNotAgreeOnAndNoOther) {
+  // exp(z^2 / 2 - 3) / n with z about 1 leaves less than one in a hundred.
+  EXPECT_LT(weight_kept({.coloured_N = 0.1, .seed = 7}), 0.05);
+  EXPECT_DOUBLE_EQ(weight_kept({.drift_N_h = 15.0, .seed = 7}), 0.99);
 }
 
 // --- prefer_simpler_laws -----------------------------------------------------------------------------------------

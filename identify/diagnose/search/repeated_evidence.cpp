@@ -1,0 +1,101 @@
+#include "identify/diagnose/search/repeated_evidence.hpp"
+
+#include <algorithm>
+#include <boost/math/distributions/normal.hpp>
+#include <boost/math/distributions/students_t.hpp>
+#include <cmath>
+#include <set>
+
+#include "identify/diagnose/fit/blocks.hpp"
+#include "identify/diagnose/fit/moves.hpp"
+#include "identify/diagnose/search/without_effect.hpp"
+#include "model/catalogue.hpp"
+
+namespace isorig::identify {
+namespace {
+
+constexpr std::size_t kFewestBlocks = 8;
+
+struct Statistic {
+  double t = 0.0;
+  double degrees_of_freedom = 0.0;
+};
+
+std::optional<Statistic> t_of(const Eigen::VectorXd& change, const Eigen::VectorXd& left,
+                              const std::vector<std::size_t>& block_of_bin, std::size_t count) {
+  if (count < kFewestBlocks) return std::nullopt;
+  const double power = change.squaredNorm(), beyond = change.dot(left) / power;
+  std::vector<double> wanted(count, 0.0);
+  for (std::size_t bin = 0; bin < block_of_bin.size(); ++bin) {
+    const auto row = static_cast<Eigen::Index>(bin);
+    wanted[block_of_bin[bin]] += change[row] * (left[row] - beyond * change[row]);
+  }
+  double squares = 0.0;
+  for (const double each : wanted) squares += each * each;
+  const auto blocks = static_cast<double>(count);
+  const double error = std::sqrt(blocks / (blocks - 1.0) * squares);
+  return Statistic{(1.0 + beyond) * power / std::max(error, 1e-300), blocks - 1.0};
+}
+
+/// The deviate of the standard normal distribution that is as improbable as `statistic`, one-sided.
+double normal_deviate(const Statistic& statistic) {
+  constexpr double kLargest = 37.0;  // beyond it the probability is no double
+  if (statistic.t <= 0.0) return 0.0;
+  const double beyond = cdf(complement(boost::math::students_t(statistic.degrees_of_freedom), statistic.t));
+  if (beyond <= 1e-300) return kLargest;
+  return std::max(quantile(complement(boost::math::normal(), std::min(beyond, 0.5))), 0.0);
+}
+
+}  // namespace
+
+std::optional<double> agreement(const Search& search, const Hypothesis& with, const Hypothesis& without) {
+  const Problem problem(search.instrument_problem().series(), with.fit.noise);
+  const Eigen::VectorXd predicted = problem.predict(with.fit.spec);
+  RowMatrix both(predicted.size(), 2);
+  both.col(0) = predicted - problem.predict(without.fit.spec);
+  both.col(1) = problem.target() - predicted;
+  (void)whiten(problem.series(), problem.noise(), both);
+  const Eigen::VectorXd change = both.col(0), left = both.col(1);
+  if (change.squaredNorm() <= 0.0) return 0.0;
+  const Blocks strokes = strokes_of(problem.series());
+  const MoveNumbers moves = number_moves(problem.series());
+  std::optional<double> least;
+  for (const auto& statistic :
+       {t_of(change, left, strokes.of_bin, strokes.count), t_of(change, left, moves.of_bin, moves.count)}) {
+    if (!statistic) continue;
+    const double z = normal_deviate(*statistic);
+    least = least ? std::min(*least, z) : z;
+  }
+  return least;
+}
+
+double prior_cost(const model::Physics& effect, const SelectionOptions& options) {
+  return options.prior_cost + (effect.traits.unusual ? options.unusual_cost : 0.0) +
+         (effect.traits.contains.empty() ? 0.0 : options.contains_cost);
+}
+
+void discount_unrepeated_effects(Selection& selection, const Search& search, const SelectionOptions& options) {
+  // An effect that keeps all but one in ten thousand of its weight is left alone.
+  constexpr double kSureLogOdds = 9.2;
+  constexpr int kRounds = 4;
+  const double looks = std::log(static_cast<double>(model::effects().size()));
+  std::set<const model::Physics*> done;
+  for (int round = 0; round < kRounds; ++round) {
+    bool moved = false;
+    const std::size_t chosen = selection.best;
+    const auto effects = selection.pool[chosen].effects;
+    for (const auto* effect : effects) {
+      if (!done.insert(effect).second) continue;
+      const std::size_t rest = without_effect(selection, search, chosen, *effect);
+      const std::optional<double> z = agreement(search, selection.pool[chosen], selection.pool[rest]);
+      if (!z) continue;
+      const double log_odds = 0.5 * *z * *z - prior_cost(*effect, options) - looks;
+      if (log_odds > kSureLogOdds) continue;
+      moved = move_weight(selection, search, *effect, 1.0 / (1.0 + std::exp(-log_odds)), true) || moved;
+    }
+    if (!moved) break;
+    count_weights(selection);
+  }
+}
+
+}  // namespace isorig::identify
