@@ -2,6 +2,7 @@
 
 #include <cstdio>
 #include <iostream>
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "base/toml_reader.hpp"
@@ -41,6 +42,21 @@ void write_diagnosis(const identify::Study& study, const std::filesystem::path& 
   }
 }
 
+namespace {
+
+/// The first of each kind; a recording with hundreds of gaps would hide everything else.
+void print_faults(const std::vector<identify::DataFault>& faults) {
+  constexpr std::size_t kShown = 5;
+  std::map<std::string, std::size_t> of_kind;
+  for (const auto& fault : faults)
+    if (++of_kind[fault.kind] <= kShown) std::printf("  data: %s\n", fault.text.c_str());
+  for (const auto& [kind, count] : of_kind)
+    if (count > kShown)
+      std::printf("  data: %zu more of kind %s, listed in diagnosis.json\n", count - kShown, kind.c_str());
+}
+
+}  // namespace
+
 void print_diagnosis(const identify::Diagnosis& d, const std::filesystem::path& folder) {
   for (const auto& warning : d.warnings) std::printf("warning: %s\n", warning.c_str());
   std::printf("%s\n", std::string(identify::name_of(d.verdict)).c_str());
@@ -56,7 +72,7 @@ void print_diagnosis(const identify::Diagnosis& d, const std::filesystem::path& 
     std::printf("  tied: %s. To settle it: %s (next_experiment.toml, %.0f s)\n", d.design.separates().c_str(),
                 d.design.experiment->text.c_str(), d.design.experiment->duration_s);
   for (const auto& pair : d.design.inseparable) std::printf("  %s\n", pair.text.c_str());
-  for (const auto& fault : d.faults) std::printf("  data: %s\n", fault.text.c_str());
+  print_faults(d.faults);
   if (!d.not_modelled.why.empty()) std::printf("  %s\n", d.not_modelled.text().c_str());
   if (d.heldout.all)
     std::printf("  left out of the fit and predicted: rms %.4g N nominal, %.4g N with it\n",

@@ -8,6 +8,63 @@
 #include "identify/diagnose/signal/noise_level.hpp"
 
 namespace isorig::identify {
+namespace {
+
+struct Bend {
+  double t_s = 0.0, size_N = 0.0;
+};
+
+/// d ln(noise) / dt in 1/s by least squares over groups of neighbouring bends, each of which gives its median; 0 where
+/// no trend is certain.
+double noise_growth(const std::vector<Bend>& bends, double floor_N) {
+  constexpr std::size_t kGroup = 100, kMostGroups = 40, kFewestGroups = 6;
+  constexpr double kStandardErrors = 6.0;
+  const double kLeastChange = std::log(1.2);
+  const std::size_t groups = std::min(bends.size() / kGroup, kMostGroups);
+  if (groups < kFewestGroups) return 0.0;
+  std::vector<double> t_s, level;
+  for (std::size_t g = 0; g < groups; ++g) {
+    const std::size_t from = g * bends.size() / groups, to = (g + 1) * bends.size() / groups;
+    std::vector<double> sizes_N;
+    for (std::size_t k = from; k < to; ++k) sizes_N.push_back(bends[k].size_N);
+    const double median_N = base::quantile_in_place(sizes_N, 0.5);
+    if (median_N <= base::kNormalQuartile * floor_N) return 0.0;  // a reading's steps, not its noise
+    t_s.push_back(bends[(from + to) / 2].t_s);
+    level.push_back(std::log(median_N));
+  }
+  const auto n = static_cast<double>(groups);
+  double mean_s = 0.0, mean = 0.0;
+  for (std::size_t g = 0; g < groups; ++g) {
+    mean_s += t_s[g] / n;
+    mean += level[g] / n;
+  }
+  double tt = 0.0, tl = 0.0;
+  for (std::size_t g = 0; g < groups; ++g) {
+    tt += (t_s[g] - mean_s) * (t_s[g] - mean_s);
+    tl += (t_s[g] - mean_s) * (level[g] - mean);
+  }
+  if (tt <= 0.0) return 0.0;
+  const double slope = tl / tt;
+  double left = 0.0;
+  for (std::size_t g = 0; g < groups; ++g) left += std::pow(level[g] - mean - slope * (t_s[g] - mean_s), 2);
+  const double error = std::sqrt(left / (n - 2.0) / tt);
+  const bool certain = std::fabs(slope) > kStandardErrors * error &&
+                       std::fabs(slope) * (bends.back().t_s - bends.front().t_s) > kLeastChange;
+  return certain ? slope : 0.0;
+}
+
+/// Precision of every row under a noise that grows by exp(growth t), relative to its mean square.
+std::vector<double> precision_of(const std::vector<double>& per_row, std::span<const double> t_s, double growth_1_s) {
+  std::vector<double> out = per_row;
+  if (growth_1_s == 0.0) return out;
+  double mean_square = 0.0;
+  for (const double at_s : t_s) mean_square += std::exp(2.0 * growth_1_s * (at_s - t_s[0]));
+  mean_square /= static_cast<double>(t_s.size());
+  for (std::size_t k = 0; k < t_s.size(); ++k) out[k] *= mean_square / std::exp(2.0 * growth_1_s * (t_s[k] - t_s[0]));
+  return out;
+}
+
+}  // namespace
 
 RowWeights row_weights(const messages::FrameSamples& frame) {
   const auto& t_s = frame.t_s;
@@ -15,6 +72,7 @@ RowWeights row_weights(const messages::FrameSamples& frame) {
   const std::size_t n = t_s.size();
   RowWeights out;
   out.per_row.assign(n, 1.0);
+  out.precision = out.per_row;
   const double floor_N = quantisation(force_N) / std::sqrt(12.0);
   out.noise_N = std::max(white_noise(t_s, force_N), floor_N);
   if (n < 3) return out;
@@ -22,7 +80,7 @@ RowWeights row_weights(const messages::FrameSamples& frame) {
   struct Spacing {
     double sum_s = 0.0;
     std::size_t rows = 0;
-    std::vector<double> bends_N;
+    std::vector<Bend> bends;
     double noise_N = 0.0;
   };
   const double width = std::log(2.5);
@@ -41,16 +99,18 @@ RowWeights row_weights(const messages::FrameSamples& frame) {
     if (spacing_of[k - 1] != spacing_of[k] || spacing_of[k + 1] != spacing_of[k]) continue;
     const double share = (t_s[k] - t_s[k - 1]) / (t_s[k + 1] - t_s[k - 1]);
     const double bend = force_N[k] - ((1.0 - share) * force_N[k - 1] + share * force_N[k + 1]);
-    spacings[spacing_of[k]].bends_N.push_back(std::fabs(bend) /
-                                              std::sqrt(1.0 + share * share + (1.0 - share) * (1.0 - share)));
+    const double scale = std::sqrt(1.0 + share * share + (1.0 - share) * (1.0 - share));
+    spacings[spacing_of[k]].bends.push_back({t_s[k], std::fabs(bend) / scale});
   }
   // The finest spacing with rows enough to judge by is what one reading is.
   constexpr std::size_t kEnough = 150;
   constexpr double kClearly = 4.0;
   const Spacing* one = nullptr;
   for (auto& [number, spacing] : spacings) {
-    if (spacing.bends_N.size() < kEnough) continue;
-    spacing.noise_N = std::max(base::quantile_in_place(spacing.bends_N, 0.5) / base::kNormalQuartile, floor_N);
+    if (spacing.bends.size() < kEnough) continue;
+    std::vector<double> sizes_N;
+    for (const Bend& bend : spacing.bends) sizes_N.push_back(bend.size_N);
+    spacing.noise_N = std::max(base::quantile_in_place(sizes_N, 0.5) / base::kNormalQuartile, floor_N);
     if (one == nullptr) one = &spacing;
   }
   if (one == nullptr || one->noise_N <= 0.0) return out;
@@ -65,6 +125,7 @@ RowWeights row_weights(const messages::FrameSamples& frame) {
     const double readings = std::min(ratio * ratio, fit);
     if (readings >= kClearly) out.per_row[k] = readings;
   }
+  out.precision = precision_of(out.per_row, t_s, noise_growth(one->bends, floor_N));
   return out;
 }
 

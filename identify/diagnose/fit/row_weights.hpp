@@ -10,9 +10,15 @@ namespace isorig::identify {
 /// keeps means where nothing happens writes rows whose noise is ten times smaller than that of the rest; to
 /// weigh them alike would throw away either the one or the other. Seen from the force's own noise, per class of
 /// spacing; rows that were thinned out but not averaged count as one.
+///
+/// An amplifier that warms up may double its noise over a session. Weighed alike, the noisy half would look like a
+/// model that fails there. Where the logarithm of the noise follows a straight line in time (six standard errors of its
+/// slope, and a fifth from end to end), rows weigh as the inverse of their variance. A noise that is larger in motion
+/// than at rest is left as it is: what looks like noise there may be stick-slip.
 struct RowWeights {
-  std::vector<double> per_row;
-  double noise_N = 0.0;  ///< of a row that counts as one
+  std::vector<double> per_row;    ///< readings that the row stands for
+  std::vector<double> precision;  ///< those, over the variance of a reading at that time relative to noise_N^2
+  double noise_N = 0.0;           ///< rms of a row that counts as one
 };
 [[nodiscard]] RowWeights row_weights(const messages::FrameSamples& frame);
 

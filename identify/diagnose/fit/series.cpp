@@ -67,7 +67,7 @@ Series prepare_series(std::string name, messages::Recording recording, const std
     bin_band_limited(series, usable);
     return series;
   }
-  series.readings = std::move(readings.per_row);
+  series.readings = std::move(readings.precision);
   constexpr double kLongest_s = 2.0, kShareOfElapsed = 0.05;
 
   const double noise = std::max(white_noise(series.recording.frame.t_s, force), quantisation(force));

@@ -19,7 +19,7 @@ struct Series {
   std::vector<model::Instant> nodes;
   std::vector<double> force_N;
   std::vector<double> count;           ///< readings in the bin
-  std::vector<double> readings;        ///< that each row of the recording stands for
+  std::vector<double> readings;        ///< that each row of the recording stands for; fewer where the noise is larger
   double reading_noise_N = 0.0;        ///< rms of a row that stands for one
   std::vector<std::size_t> first_row;  ///< bin i holds rows first_row[i] .. first_row[i + 1]; one past the end last
   std::vector<double> since_corner_s;  ///< time since the last corner of the motion, per bin

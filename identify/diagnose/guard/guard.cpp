@@ -6,6 +6,7 @@
 #include <cstdio>
 
 #include "base/quantile.hpp"
+#include "identify/diagnose/guard/gaps.hpp"
 #include "identify/diagnose/signal/flat_line.hpp"
 #include "identify/diagnose/signal/noise_level.hpp"
 #include "identify/diagnose/signal/spikes.hpp"
@@ -99,7 +100,7 @@ void find_gaps(const messages::FrameSamples& frame, Guarded& out) {
   std::ranges::sort(sorted);
   const double longest_usual = sorted[sorted.size() * 99 / 100];
   for (std::size_t k = 0; k < steps.size(); ++k) {
-    if (steps[k] > 8.0 * longest_usual)
+    if (steps[k] > 8.0 * longest_usual && is_gap(t, k))
       out.faults.push_back({"gap", t[k], t[k + 1], 0, "no readings for " + number(steps[k]) + " s"});
   }
 }

@@ -3,20 +3,13 @@
 #include <algorithm>
 #include <cmath>
 
-#include "base/quantile.hpp"
+#include "identify/diagnose/guard/gaps.hpp"
 #include "identify/diagnose/signal/noise_level.hpp"
 
 namespace isorig::identify {
 namespace {
 
 constexpr std::size_t kNeighbours = 5;
-
-/// Median spacing of the readings from `first` on.
-double spacing(const std::vector<double>& t_s, std::size_t first) {
-  std::vector<double> steps;
-  for (std::size_t k = first; k < first + kNeighbours; ++k) steps.push_back(t_s[k + 1] - t_s[k]);
-  return base::quantile(std::move(steps), 0.5);
-}
 
 /// Fastest mean velocity over five readings that goes beyond what the noise of the position can feign.
 double fastest(const messages::FrameSamples& frame) {
@@ -33,7 +26,7 @@ double fastest(const messages::FrameSamples& frame) {
 }  // namespace
 
 std::vector<double> missed_motion(const messages::FrameSamples& frame) {
-  constexpr double kGap = 8.0, kLeastShare = 0.02;
+  constexpr double kLeastShare = 0.02;
   constexpr std::size_t kMost = 12;
   const auto& t_s = frame.t_s;
   if (t_s.size() < 4 * kNeighbours) return {};
@@ -43,11 +36,9 @@ std::vector<double> missed_motion(const messages::FrameSamples& frame) {
     double length_s, end_s;
   };
   std::vector<Gap> gaps;
-  for (std::size_t k = kNeighbours; k + 1 + kNeighbours < t_s.size(); ++k) {
+  for (std::size_t k = 0; k + 1 < t_s.size(); ++k) {
     const double length_s = t_s[k + 1] - t_s[k];
-    if (length_s * fastest_mm_s <= least_mm) continue;
-    if (length_s > kGap * spacing(t_s, k - kNeighbours) && length_s > kGap * spacing(t_s, k + 1))
-      gaps.push_back({length_s, t_s[k + 1]});
+    if (length_s * fastest_mm_s > least_mm && is_gap(t_s, k)) gaps.push_back({length_s, t_s[k + 1]});
   }
   std::ranges::sort(gaps, std::greater<>(), &Gap::length_s);
   if (gaps.size() > kMost) gaps.resize(kMost);

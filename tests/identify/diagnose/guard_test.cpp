@@ -229,6 +229,19 @@ TEST(Guard, FindsAGapAndAClockThatJumps) {
   }
 }
 
+// One row in a hundred is written while the specimen rests, fifty times as far apart as those of the motion.
+TEST(Guard, RestsThatAreWrittenLessOftenAreNoGaps) {
+  messages::Recording recording = clean();
+  messages::FrameSamples frame;
+  for (double t_s = 0.0; t_s < 60.0; t_s += t_s < 30.0 ? 0.15 : 0.003) {
+    frame.t_s.push_back(t_s);
+    frame.position_mm.push_back(t_s < 30.0 ? 0.0 : 4.0 * std::sin(t_s - 30.0));
+    frame.force_N.push_back(std::sin(1e4 * t_s));
+  }
+  recording.frame = std::move(frame);
+  for (const DataFault& fault : guard_recording(recording).faults) EXPECT_NE(fault.kind, "gap") << fault.text;
+}
+
 TEST(Guard, FindsReadingsCoarserThanTheirNoise) {
   messages::Recording recording = clean();
   for (double& force_N : recording.frame.force_N) force_N = std::round(force_N / 0.2) * 0.2;
