@@ -155,6 +155,7 @@ SelectionOptions options_for(const InstrumentNoise& noise, SelectionOptions opti
   // that, and would pass the rest off as excess: the scale stays at one or above.
   if (noise.measured() && !from_rests) options.least_noise_scale = 1.0;
   options.count_independent_errors = !from_rests;
+  options.reading_noise_N = std::hypot(noise.noise.white_N, noise.noise.coloured_N);
   return options;
 }
 

@@ -16,11 +16,23 @@ double size_N(const Search& search, const Hypothesis& with, const Hypothesis& wi
   return base::quantile(std::move(sizes), 0.99);
 }
 
+namespace {
+
+/// Noise of a reading as measured, or less where the explanation leaves less: without rests, what a drift or a
+/// softening changes between two strokes passes for noise.
+double noise_left_N(const Search& search, const Hypothesis& chosen, const SelectionOptions& options) {
+  const double weighed_N = std::hypot(search.instrument().white_N, search.instrument().coloured_N);
+  const double left = chosen.ls_chi2 / static_cast<double>(chosen.fit.rows);
+  return std::min(weighed_N * std::sqrt(std::min(left, 1.0)), options.reading_noise_N);
+}
+
+}  // namespace
+
 void discount_insignificant_effects(Selection& selection, const Search& search, const SelectionOptions& options) {
-  const double noise_N = std::hypot(search.instrument().white_N, search.instrument().coloured_N);
+  constexpr int kRounds = 8;
   std::set<const model::Physics*> done;
   selection.size_N.clear();
-  for (int round = 0; round < 4; ++round) {
+  for (int round = 0; round < kRounds; ++round) {
     const std::size_t chosen = selection.best;
     const auto effects = selection.pool[chosen].effects;
     // Of all that the nominal model lacked: effects that share a part of it are each smaller than it.
@@ -35,15 +47,20 @@ void discount_insignificant_effects(Selection& selection, const Search& search, 
     largest = std::max(largest, first);
     for (const auto& [effect, size] : sizes) selection.size_N[effect] = size;
     if (effects.size() < 2) break;
-    const double error_N = std::hypot(options.model_error_noises * noise_N, options.model_error_share * largest);
-    bool moved = false;
-    for (const auto* effect : effects) {
-      if (sizes[effect] == first || !done.insert(effect).second) continue;
-      const double odds = std::pow(sizes[effect] / error_N, 4.0);
-      moved = move_weight(selection, search, *effect, odds / (1.0 + odds), false) || moved;
-    }
+    // The smallest first: two effects that stand in for each other are both small beside the other, and only one of
+    // them is too many.
+    const model::Physics* smallest = nullptr;
+    for (const auto* effect : effects)
+      if (sizes[effect] < first && !done.contains(effect) && (smallest == nullptr || sizes[effect] < sizes[smallest]))
+        smallest = effect;
+    if (smallest == nullptr) break;
+    done.insert(smallest);
+    const double error_N =
+        std::hypot(options.model_error_noises * noise_left_N(search, selection.pool[chosen], options),
+                   options.model_error_share * largest);
+    const double odds = std::pow(sizes[smallest] / error_N, 4.0);
+    move_weight(selection, search, *smallest, odds / (1.0 + odds), false);
     count_weights(selection);
-    if (!moved) break;
   }
   count_weights(selection);
 }

@@ -13,8 +13,10 @@ namespace isorig::identify {
 ///
 ///     with odds (size / e)^4,   e = hypot(2 noise, 0.08 largest)
 ///
-/// and the rest of its weight goes to the explanation without it, which becomes the answer when it then weighs more.
-/// The fourth power is fitted: it takes an effect of half the error's size to 6 % and of twice its size to 94 %.
+/// and the rest of its weight goes to the explanation without it, which becomes the answer when it then weighs more:
+/// the smallest effect first, then what remains is looked at anew. The noise is as measured, or what the explanation
+/// leaves if that is less. The fourth power is fitted: it takes an effect of half the error's size to 6 % and of twice
+/// its size to 94 %.
 void discount_insignificant_effects(Selection& selection, const Search& search, const SelectionOptions& options);
 
 }  // namespace isorig::identify

@@ -50,6 +50,8 @@ struct SelectionOptions {
   /// were no rests it is a guess, and the quietest half of the recording says.
   double least_noise_scale = 0.0;
   double most_noise_scale = std::numeric_limits<double>::infinity();
+  /// rms noise of one reading. What the search weighs by is more where bins of many readings share a slow noise.
+  double reading_noise_N = std::numeric_limits<double>::infinity();
   /// What a model errs by that lacks nothing worth a name: in noises of a reading, and as a share of the
   /// largest effect in it (practical_significance.hpp).
   double model_error_noises = 2.0;

@@ -152,6 +152,22 @@ TEST(InsignificantEffects, SizeIsWhatTheForceChangesByWithoutTheEffect) {
   EXPECT_EQ(size_N(on.search, with, with), 0.0);
 }
 
+// A drift and a settling start take each other's place: beside the other each is small, and only one of them is too
+// many.
+TEST(InsignificantEffects, OfTwoThatStandInForEachOtherOneStays) {
+  const Searched on(test::record_other({.friction_N = 0.8, .drift_N_h = 15.0, .seed = 8}));
+  Selection selection;
+  selection.pool.push_back(on.search.nominal(model::nominal_model("slse1")));
+  selection.pool.push_back(
+      on.with({{"coulomb_friction", "dahl"}, {"zero_drift", "linear"}, {"unsettled_start", "exponential"}}));
+  selection.weight = {0.0, 1.0};
+  selection.excess = {1e4, 0.0};
+  selection.best = 1;
+  discount_insignificant_effects(selection, on.search, {});
+  EXPECT_EQ(selection.chosen().effects.size(), 2U) << selection.chosen().key();
+  EXPECT_TRUE(selection.chosen().has(effect("coulomb_friction"))) << selection.chosen().key();
+}
+
 // --- discount_unrepeated_effects ---------------------------------------------------------------------------------
 
 std::optional<double> agreement_on_drift(const test::ConcealedSpecimen& specimen) {
