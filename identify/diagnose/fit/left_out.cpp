@@ -8,6 +8,13 @@
 #include "model/elements.hpp"
 
 namespace isorig::identify {
+bool is_state(const model::Part& part) {
+  const auto spans_recording = [](const model::Parameter& parameter) {
+    return parameter.traits.filled_by == model::FilledBy::kRecordingDuration;
+  };
+  return part.physics == &model::element::arm_start() || std::ranges::any_of(part.law->parameters, spans_recording);
+}
+
 namespace {
 
 struct Relearnt {
@@ -15,11 +22,8 @@ struct Relearnt {
   Eigen::VectorXd error_N;  ///< of every bin, left out or not
 };
 
-/// The state of an arm at the start or after a gap is nothing that can be learnt elsewhere: where all that shows it is
-/// left out, the others give it any value at all. Every model is given the states that fit it best, from all readings;
-/// what it has learnt stays.
+/// Every model is given the states that fit it best, from all readings; what it has learnt stays.
 void see_states(std::span<const Series> series, std::vector<model::Part>& parts) {
-  const auto is_state = [](const model::Part& part) { return part.physics == &model::element::arm_start(); };
   if (std::ranges::none_of(parts, is_state)) return;
   model::ModelSpec spec{"", parts};
   for (model::Part& part : spec.parts) part.fixed = !is_state(part);

@@ -9,6 +9,11 @@
 
 namespace isorig::identify {
 
+/// The state of an arm at the start or after a gap, or a drift that wanders without law: nothing that can be learnt
+/// elsewhere. Where all that shows it is left out, the others give it any value at all. Learners therefore hold it as
+/// it is, and predictions have it from all readings.
+[[nodiscard]] bool is_state(const model::Part& part);
+
 /// Learns a model from what is kept of the recordings, by the criterion that it was published under. Bins that are left
 /// out have no readings (count 0): the motion passes there and the force is not looked at. A model that says what it
 /// has seen of them fades beyond (fading.hpp), as its predictions will.

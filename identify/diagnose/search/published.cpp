@@ -84,6 +84,7 @@ Criterion criterion_of_chosen(const Search& search, const Selection& selection) 
 }
 
 Learner learn_again(model::ModelSpec spec, Criterion criterion) {
+  for (model::Part& part : spec.parts) part.fixed = part.fixed || is_state(part);
   return [spec = std::move(spec), criterion](std::span<const Series> kept) {
     if (!criterion.rows_alike) return learn_from(kept, spec, criterion.noise);
     const std::vector<Series> rows = with_rows_alike(kept);

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <functional>
 #include <map>
+#include <numbers>
 #include <random>
 #include <set>
 
@@ -233,6 +234,31 @@ TEST(LearnAgain, ATableIsLearntFromWhatIsKeptAlone) {
   const double with_N = together(predict_blocks(series, learner, blocks, 2)).rmse_N(kNoise_N);
   const double without_N = together(predict_blocks(series, refit(nominal, kWhite), blocks, 2)).rmse_N(kNoise_N);
   EXPECT_LT(with_N, 0.5 * without_N);
+}
+
+// Half a period of a drift of 0.3 N, and the third of the session that is left out in one piece: six cosines that are
+// looked at elsewhere alone would be anything there, and take the stiffness with them.
+TEST(LearnAgain, AWanderIsAStateAndLeavesTheMaterialAlone) {
+  messages::Recording recording = test::record({.force_noise_N = kNoise_N, .seed = 9});
+  const double end_s = recording.frame.t_s.back();
+  for (std::size_t k = 0; k < recording.frame.size(); ++k)
+    recording.frame.force_N[k] += 0.3 * std::cos(std::numbers::pi * 3.0 * recording.frame.t_s[k] / end_s);
+  const auto series = series_of(std::move(recording));
+  const Problem problem(series, kWhite);
+  model::ModelSpec spec = model::nominal_model("slse1");
+  const model::Physics& drift = *model::find_physics("zero_drift");
+  spec.parts.push_back(model::make_part(drift, *model::find_law(drift, "wander")));
+  spec.parts.back().parameters[0] = end_s;
+  spec = problem.fit(spec, 30).spec;
+  ASSERT_TRUE(is_state(spec.parts.back()));
+  ASSERT_FALSE(is_state(spec.parts.front()));
+
+  std::vector<bool> out;
+  for (const auto& node : series[0].nodes) out.push_back(node.t_s > end_s / 3.0 && node.t_s < 2.0 * end_s / 3.0);
+  const Prediction missed = predict_left_out(series, learn_again(spec, {kWhite, false}), out, strokes_of(series));
+  EXPECT_LT(missed.rmse_N(kNoise_N), 1.2 * kNoise_N);
+  EXPECT_NEAR(missed.spec.parts.front().coefficients[0], spec.parts.front().coefficients[0],
+              0.01 * spec.parts.front().coefficients[0]);
 }
 
 TEST(HeldoutStudy, HasNoKindsWhereAllMotionIsOfOneKind) {
