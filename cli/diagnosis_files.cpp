@@ -1,5 +1,7 @@
 #include "cli/diagnosis_files.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <iostream>
 #include <map>
@@ -44,6 +46,18 @@ void write_diagnosis(const identify::Study& study, const std::filesystem::path& 
 
 namespace {
 
+/// From which size these recordings could have shown the effect, and told it from its nearest rival.
+void print_discernible(const identify::Diagnosis& d, const identify::MissingEffect& missing) {
+  const auto able = std::ranges::find(d.discernible, missing.effect, &identify::Discernible::effect);
+  if (able == d.discernible.end() || !std::isfinite(able->seen_from_N)) return;
+  std::printf("  %-20s size %.3g N; these recordings show it from %.3g N", "", missing.size_N, able->seen_from_N);
+  if (able->nearest != nullptr && std::isfinite(able->told_from_N))
+    std::printf(", and tell it from %s from %.3g N on", std::string(able->nearest->name).c_str(), able->told_from_N);
+  else if (able->nearest != nullptr)
+    std::printf(", and cannot tell it from %s", std::string(able->nearest->name).c_str());
+  std::printf("\n");
+}
+
 /// The first of each kind; a recording with hundreds of gaps would hide everything else.
 void print_faults(const std::vector<identify::DataFault>& faults) {
   constexpr std::size_t kShown = 5;
@@ -66,6 +80,7 @@ void print_diagnosis(const identify::Diagnosis& d, const std::filesystem::path& 
     for (const auto& value : missing.parameters)
       std::printf("  %s = %.4g [%.4g, %.4g]", value.name.c_str(), value.value, value.low, value.high);
     std::printf("\n");
+    print_discernible(d, missing);
   }
   if (!d.described_by.empty()) std::printf("  unknown, described as a function of %s\n", d.described_by.c_str());
   if (d.design.experiment)

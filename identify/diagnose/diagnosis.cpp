@@ -340,6 +340,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   place_events(out.model, study.series[0], study.usable[0]);
   name_missing_effects(study);
   list_alternatives(study.selection, out);
+  out.discernible = discernible(search, study.selection.nominal(), options.threads);
   decide_verdict(study, study.noise.source == NoiseSource::kRests, out);
   const Hypothesis& chosen = study.selection.chosen();
   Candidate whole{

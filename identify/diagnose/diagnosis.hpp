@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "identify/diagnose/design/design.hpp"
+#include "identify/diagnose/explain/discernible.hpp"
 #include "identify/diagnose/explain/heldout.hpp"
 #include "identify/diagnose/explain/locate.hpp"
 #include "identify/diagnose/fit/intervals.hpp"
@@ -79,6 +80,7 @@ struct Diagnosis {
   Errors nominal_errors;
   Errors model_errors;
   HeldoutStudy heldout;
+  std::vector<Discernible> discernible;  ///< what of each effect these recordings could show
   model::ModelSpec nominal;
   model::ModelSpec model;
   NotModelled not_modelled;

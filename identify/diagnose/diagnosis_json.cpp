@@ -1,3 +1,4 @@
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "identify/diagnose/diagnosis.hpp"
@@ -80,6 +81,18 @@ nlohmann::ordered_json diagnosis_json(const Diagnosis& d) {
                                    {"t_end_s", fault.t_end_s},
                                    {"rows", fault.rows},
                                    {"text", fault.text}});
+  json["discernible"] = ordered_json::array();
+  for (const Discernible& one : d.discernible) {
+    ordered_json entry{{"effect", one.effect->name},
+                       {"law", one.law->name},
+                       {"seen_from_N", nullptr},
+                       {"nearest", nullptr},
+                       {"told_from_N", nullptr}};
+    if (std::isfinite(one.seen_from_N)) entry["seen_from_N"] = one.seen_from_N;
+    if (one.nearest != nullptr) entry["nearest"] = one.nearest->name;
+    if (std::isfinite(one.told_from_N)) entry["told_from_N"] = one.told_from_N;
+    json["discernible"].push_back(std::move(entry));
+  }
   if (!d.described_by.empty())
     json["described"] = {
         {"function_of", d.described_by},

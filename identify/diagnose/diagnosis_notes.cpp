@@ -1,6 +1,7 @@
 #include "identify/diagnose/diagnosis_notes.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 
 namespace isorig::identify {
@@ -28,6 +29,26 @@ void note_unfinished_fit(const Study& study, const Fit& fit, const char* which, 
   out.notes.emplace_back(text);
 }
 
+/// A name is no safer than the recordings are able to make it.
+void note_what_cannot_be_told(Diagnosis& out) {
+  for (const MissingEffect& missing : out.missing) {
+    const auto able = std::ranges::find(out.discernible, missing.effect, &Discernible::effect);
+    if (able == out.discernible.end() || able->nearest == nullptr || missing.size_N >= able->told_from_N) continue;
+    char text[320];
+    const std::string name(missing.effect->name), nearest(able->nearest->name);
+    if (std::isfinite(able->told_from_N))
+      std::snprintf(text, sizeof text,
+                    "At its size of %.3g N these recordings cannot tell %s from %s for certain: with their motion and "
+                    "noise they can from %.3g N on.",
+                    missing.size_N, name.c_str(), nearest.c_str(), able->told_from_N);
+    else
+      std::snprintf(text, sizeof text,
+                    "These recordings cannot tell %s from %s at any size: their motion moves both alike.", name.c_str(),
+                    nearest.c_str());
+    out.notes.emplace_back(text);
+  }
+}
+
 }  // namespace
 
 std::string NotModelled::text() const {
@@ -51,6 +72,7 @@ std::string mixed_pressures(std::span<const double> nominal_psi) {
 
 void add_notes(const Study& study, const Fit& nominal_fit, Diagnosis& out) {
   for (const Inseparable& pair : out.design.inseparable) out.notes.push_back(pair.text);
+  note_what_cannot_be_told(out);
   note_unfinished_fit(study, nominal_fit, "nominal model", out);
   if (study.selection.best != 0)
     note_unfinished_fit(study, study.selection.chosen().fit, "model with what it lacked", out);

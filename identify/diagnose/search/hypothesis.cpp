@@ -30,7 +30,8 @@ bool pressure_varies(std::span<const Series> series) {
   return high - low > 0.2 * std::max(std::fabs(high), std::fabs(low));
 }
 
-/// A model can have this effect, does not have it, and the recordings can show it.
+}  // namespace
+
 bool may_be_tried(const model::Physics& effect, const Hypothesis& base, std::span<const Series> series) {
   const model::PhysicsTraits& traits = effect.traits;
   const ModelSpec& spec = base.fit.spec;
@@ -50,7 +51,6 @@ bool may_be_tried(const model::Physics& effect, const Hypothesis& base, std::spa
   return true;
 }
 
-/// The law's part with its k-th starts; a parameter with fewer keeps its last.
 Part started_part(const model::Physics& effect, const model::Law& law, std::size_t k,
                   const model::Reference& recording) {
   Part part = model::make_part(effect, law);
@@ -61,8 +61,6 @@ Part started_part(const model::Physics& effect, const model::Law& law, std::size
   model::fill_from_recording(part, recording);
   return part;
 }
-
-}  // namespace
 
 bool Hypothesis::has(const model::Physics& effect) const {
   return std::ranges::find(effects, &effect) != effects.end();

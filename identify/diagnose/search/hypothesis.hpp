@@ -20,6 +20,13 @@ struct Hypothesis {
   [[nodiscard]] std::string key() const;  ///< "coulomb_friction+zero_drift"; "nominal"
 };
 
+/// A model can have this effect, `base` does not have it, and the recordings can show it.
+[[nodiscard]] bool may_be_tried(const model::Physics& effect, const Hypothesis& base, std::span<const Series> series);
+
+/// The law's part with its k-th starts; a parameter with fewer keeps its last.
+[[nodiscard]] model::Part started_part(const model::Physics& effect, const model::Law& law, std::size_t k,
+                                       const model::Reference& recording);
+
 class Search {
  public:
   /// `instrument`: the force channel's own noise, as its rests show it.
