@@ -80,6 +80,7 @@ struct ParameterTraits {
   double resolution_factor = 0.0;  ///< times that, in the parameter's unit
   /// The effect that the law turns into at its lower bound; it stands under that name there.
   std::string_view lower_bound_is = {};
+  std::string_view upper_bound_is = {};  ///< the same of its upper bound
   /// The law that stands at this bound is one in its own right: what it is there. Empty: a number at its bound says
   /// that the law is not the right one.
   std::string_view lower_limit_law = {};

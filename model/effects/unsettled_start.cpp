@@ -34,6 +34,7 @@ const Physics& unsettled_start() {
           .upper = 100.0,
           .starts = {1.0, 20.0},
           .logarithmic = true,
+          .traits = {.upper_bound_is = "zero_drift"},
           .sheet = {.what = "Time in which the force left at the start falls to 1/e.",
                     .unit = "s",
                     .range = "Instrument: 50 ms is over before the first ramp of any protocol begins; beyond 100 s it "

@@ -23,7 +23,7 @@ InstrumentResolution resolution_of(std::span<const Series> series) {
 }
 
 bool below_resolution(const model::ModelSpec& spec, const InstrumentResolution& resolution) {
-  constexpr double kAtBound = 1.001;
+  constexpr double kAtBound = 1.001, kAtUpperBound = 0.99;
   for (const model::Part& part : spec.parts) {
     for (std::size_t i = 0; i < part.parameters.size(); ++i) {
       const model::Parameter& parameter = part.law->parameters[i];
@@ -42,6 +42,7 @@ bool below_resolution(const model::ModelSpec& spec, const InstrumentResolution& 
       }
       if (traits.resolution != model::Resolution::kNone && value < least) return true;
       if (!traits.lower_bound_is.empty() && value <= kAtBound * parameter.lower) return true;
+      if (!traits.upper_bound_is.empty() && value >= kAtUpperBound * parameter.upper) return true;
     }
   }
   return false;

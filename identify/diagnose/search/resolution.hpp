@@ -15,7 +15,8 @@ struct InstrumentResolution {
 
 /// A part of the model is smaller than the instruments could show (ParameterTraits::resolution): such a play or slip
 /// stands in for noise of the position reading, such a lag for jitter of the time stamps, whatever the likelihood
-/// says. Or it stands at the bound where it is another effect (ParameterTraits::lower_bound_is).
+/// says. Or it stands at the bound where it is another effect (ParameterTraits::lower_bound_is and upper_bound_is;
+/// within 1 % of an upper one).
 [[nodiscard]] bool below_resolution(const model::ModelSpec& spec, const InstrumentResolution& resolution);
 
 }  // namespace isorig::identify

@@ -350,6 +350,17 @@ TEST(Resolution, AFlowThatHardlyDependsOnTheRateStandsUnderFrictionsName) {
   EXPECT_FALSE(below_resolution(spec, {}));
 }
 
+// A start that settles in 100 s and more is a drift.
+TEST(Resolution, ALawAtTheUpperBoundWhereItIsAnotherEffectIsThat) {
+  model::ModelSpec spec = model::nominal_model("slse1");
+  spec.parts.push_back(
+      model::make_part(effect("unsettled_start"), *model::find_law(effect("unsettled_start"), "exponential")));
+  spec.parts.back().parameters = {99.5};
+  EXPECT_TRUE(below_resolution(spec, {}));
+  spec.parts.back().parameters = {90.0};
+  EXPECT_FALSE(below_resolution(spec, {}));
+}
+
 TEST(Resolution, IsThatOfTheReadings) {
   const Searched on(test::record_other({.position_noise_mm = 4e-4}));
   const InstrumentResolution found = resolution_of(on.series);

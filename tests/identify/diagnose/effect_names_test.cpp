@@ -93,9 +93,8 @@ TEST(EffectTraits, NameOnlyWhatThereIs) {
       for (const model::Parameter& parameter : law.parameters) {
         const model::ParameterTraits& of = parameter.traits;
         EXPECT_EQ(of.resolution == model::Resolution::kNone, of.resolution_factor == 0.0) << parameter.name;
-        if (!of.lower_bound_is.empty()) {
-          EXPECT_NE(model::find_physics(of.lower_bound_is), nullptr) << parameter.name;
-        }
+        for (const auto name : {of.lower_bound_is, of.upper_bound_is})
+          EXPECT_TRUE(name.empty() || model::find_physics(name) != nullptr) << parameter.name;
         if (of.filled_by != model::FilledBy::kNothing) {
           EXPECT_TRUE(parameter.fixed) << parameter.name;
         }
