@@ -1,0 +1,58 @@
+import type { Figure } from "../shared/figure.ts";
+
+/** The JSON that identify/report/document.cpp writes and this template shows: isorig-report-data/1. */
+
+export type Mood = "good" | "info" | "warning" | "bad";
+
+export interface Column {
+  name: string;
+  numeric?: boolean;
+}
+
+export interface Fact {
+  name: string;
+  value: string;
+  note?: string;
+  mood?: Mood;
+}
+
+export type Block =
+  | { type: "heading"; text: string; level: 2 | 3 }
+  | { type: "paragraph"; text: string }
+  | { type: "note"; text: string; mood: Mood }
+  | { type: "equation"; text: string }
+  | { type: "list"; items: string[] }
+  | { type: "facts"; items: Fact[] }
+  | { type: "table"; caption: string; columns: Column[]; rows: string[][] }
+  | { type: "figure"; figure: Figure }
+  | { type: "more"; summary: string; blocks: Block[] };
+
+export interface Document {
+  format: string;
+  kind: string;
+  title: string;
+  subtitle?: string;
+  lead?: { text: string; mood: Mood; word: string };
+  /** By which command, version and inputs. */
+  made: { command?: string; version?: string; at_utc?: string; inputs?: { name: string; what: string }[] };
+  links?: { text: string; href: string }[];
+  blocks: Block[];
+}
+
+const kFormat = "isorig-report-data/1";
+
+/** Says what is wrong instead of showing half of it. */
+export function parseDocument(text: string): Document {
+  let made: unknown;
+  try {
+    made = JSON.parse(text);
+  } catch (error) {
+    throw new Error(`The data of this report cannot be read: ${(error as Error).message}`);
+  }
+  const document = made as Document;
+  if (document === null || typeof document !== "object" || document.format !== kFormat) {
+    throw new Error(`The data of this report are not of the format ${kFormat}`);
+  }
+  if (!Array.isArray(document.blocks)) throw new Error("The data of this report have no blocks");
+  return document;
+}
