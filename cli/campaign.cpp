@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "cli/command.hpp"
+#include "cli/provenance.hpp"
 
 namespace isorig::cli {
 namespace {
@@ -13,13 +14,12 @@ struct Options {
   std::vector<std::string> recordings;
   std::string out;
   std::string simulated;
-  bool no_png = false;
 };
 
 int campaign(const Options& options) {
   std::vector<identify::RecordingResult> results;
   identify::FvOptions analysis;
-  analysis.whole_series = false;  // hundreds of recordings; `isorig fv` does it for any one of them
+  analysis.whole_series = analysis.history = false;  // hundreds of recordings; `isorig fv` does it for any one of them
   bool bad = false;
   for (const auto& path : options.recordings) {
     try {
@@ -40,9 +40,9 @@ int campaign(const Options& options) {
     std::cerr << "isorig campaign: " << e.what() << '\n';
     return kBadInput;
   }
-  identify::report::DrawOptions draw;
-  draw.png = !options.no_png;
-  identify::write_campaign_report(found, options.out, options.simulated, draw);
+  identify::write_campaign_report(
+      found, options.out, options.simulated,
+      made_by_this_call({{"Recordings", std::to_string(options.recordings.size()) + " folders"}}));
   std::printf("%zu fits, R2 %.3f +- %.3f (mean, SD)\n", found.fits, found.r_squared_mean, found.r_squared_sd);
   for (const auto& t : found.trends) std::printf("%3d of %3d  %s\n", t.holds, t.of, t.claim.c_str());
   std::printf("written to %s\n", options.out.c_str());
@@ -58,7 +58,6 @@ Command add_campaign(CLI::App& app) {
   sub->add_option("--out", options->out, "Folder for campaign-report.html, campaign.json and tables")->required();
   sub->add_option("--simulated", options->simulated,
                   "What is simulated in these recordings, for the top of the report");
-  sub->add_flag("--no-png", options->no_png, "Figures as SVG only");
   return {sub, [options] { return campaign(*options); }};
 }
 

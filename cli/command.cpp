@@ -62,6 +62,28 @@ std::string no_such_option(const CLI::App& sub, std::string word) {
 
 }  // namespace
 
+namespace {
+
+std::string& remembered() {
+  static std::string line;
+  return line;
+}
+
+}  // namespace
+
+void remember_command_line(int argc, const char* const* argv) {
+  remembered() = "isorig";
+  for (int i = 1; i < argc; ++i) {
+    const std::string word = base::printable(argv[i]);
+    const bool plain = !word.empty() && word.find_first_of(" \t\"'`$&|;<>()*?[]{}\\!#~") == std::string::npos;
+    remembered() += plain ? " " + word : " '" + word + "'";
+  }
+}
+
+const std::string& command_line() {
+  return remembered();
+}
+
 std::string unknown_word(const CLI::App& app, int argc, const char* const* argv, const CLI::ParseError& error) {
   if (error.get_exit_code() == 0) return {};  // --help, --version
   if (app.get_subcommands().empty()) {

@@ -38,4 +38,8 @@ struct Registration {
 [[nodiscard]] std::string unknown_word(const CLI::App& app, int argc, const char* const* argv,
                                        const CLI::ParseError& error);
 
+/// How this program was called, for the foot of the reports it writes: main() sets it, quoted so that a shell takes it.
+void remember_command_line(int argc, const char* const* argv);
+[[nodiscard]] const std::string& command_line();
+
 }  // namespace isorig::cli

@@ -9,6 +9,7 @@
 #include "cli/command.hpp"
 #include "cli/diagnosis_files.hpp"
 #include "cli/protocol_input.hpp"
+#include "cli/provenance.hpp"
 #include "messages/recording.hpp"
 
 namespace isorig::cli {
@@ -73,7 +74,10 @@ int diagnose(const Options& options) {
     std::cerr << options.out << ": " << error.message() << '\n';
     return kFailure;
   }
-  write_diagnosis(*made, options.out, options.report);
+  std::vector<std::pair<std::string, std::string>> inputs{{"Nominal model", options.model}};
+  for (const std::string& folder : options.recordings) inputs.emplace_back("Recording", folder);
+  const auto provenance = made_by_this_call(std::move(inputs));
+  write_diagnosis(*made, options.out, options.report ? &provenance : nullptr);
   print_diagnosis(made->diagnosis, options.out);
   return kOk;
 }
@@ -88,7 +92,7 @@ Command add_diagnose(CLI::App& app) {
   sub->add_option("--rig", options->rig,
                   "Rig whose limits a further experiment keeps (config/rigs/); else those of the recordings");
   sub->add_option("--threads", options->threads, "Threads to use")->capture_default_str()->check(CLI::Range(1, 64));
-  sub->add_flag("!--no-report", options->report, "Leave out diagnosis-report.html and its figures");
+  sub->add_flag("!--no-report", options->report, "Leave out diagnosis-report.html");
   return {sub, [options] { return diagnose(*options); }};
 }
 

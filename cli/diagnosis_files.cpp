@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/toml_reader.hpp"
-#include "identify/diagnose/diagnosis_report.hpp"
+#include "identify/report/diagnosis/diagnosis_report.hpp"
 #include "identify/report/page.hpp"
 
 namespace isorig::cli {
@@ -22,7 +22,8 @@ model::ModelSpec read_nominal(const std::string& model) {
   return model::read_model(model);
 }
 
-void write_diagnosis(const identify::Study& study, const std::filesystem::path& folder, bool report) {
+void write_diagnosis(const identify::Study& study, const std::filesystem::path& folder,
+                     const identify::report::Made* made) {
   using identify::report::write_text_file;
   const identify::Diagnosis& d = study.diagnosis;
   std::filesystem::create_directories(folder);
@@ -36,9 +37,9 @@ void write_diagnosis(const identify::Study& study, const std::filesystem::path& 
   // One of an earlier diagnosis would be taken for this one's.
   std::filesystem::remove(folder / "next_experiment.toml");
   if (d.design.experiment) write_text_file(folder / "next_experiment.toml", d.design.experiment->protocol);
-  if (!report) return;
+  if (made == nullptr) return;
   try {
-    identify::write_diagnosis_report(study, folder);
+    identify::write_diagnosis_report(study, folder, *made);
   } catch (const std::exception& e) {
     std::cerr << "diagnosis-report.html: " << e.what() << '\n';
   }

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "identify/diagnose/diagnosis.hpp"
+#include "identify/report/page.hpp"
 
 namespace isorig::cli {
 
@@ -10,9 +11,10 @@ namespace isorig::cli {
 [[nodiscard]] model::ModelSpec read_nominal(const std::string& model);
 
 /// diagnosis.json, nominal.toml, model.toml, next_experiment.toml if there is one (else none is left there),
-/// and diagnosis-report.html unless it is not wanted. The diagnosis stands without its figures: what goes wrong with
-/// them is said on stderr. Throws std::runtime_error when a file cannot be written.
-void write_diagnosis(const identify::Study& study, const std::filesystem::path& folder, bool report);
+/// and diagnosis-report.html unless `made` is null. The diagnosis stands without its report: what goes wrong with it is
+/// said on stderr. Throws std::runtime_error when a file cannot be written.
+void write_diagnosis(const identify::Study& study, const std::filesystem::path& folder,
+                     const identify::report::Made* made);
 
 /// Verdict, effects with their numbers, ties, data faults and errors, for a terminal.
 void print_diagnosis(const identify::Diagnosis& diagnosis, const std::filesystem::path& folder);

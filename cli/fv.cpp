@@ -5,6 +5,7 @@
 
 #include "base/printable.hpp"
 #include "cli/command.hpp"
+#include "cli/provenance.hpp"
 #include "identify/fv/fv_report.hpp"
 
 namespace isorig::cli {
@@ -16,8 +17,7 @@ struct Options {
   std::string model = "slse1";
   std::string control;
   std::string control_specimen;
-  bool no_png = false;
-  bool no_figures = false;
+  bool no_report = false;
 };
 
 void print_curve(const identify::Curve& curve) {
@@ -27,7 +27,7 @@ void print_curve(const identify::Curve& curve) {
     return;
   }
   if (std::isfinite(curve.result.fit->r_squared)) {
-    std::printf(", R2 %.4f\n", curve.result.fit->r_squared);
+    std::printf(", R2 %s\n", identify::report::r_squared_text(curve.result.fit->r_squared).c_str());
   } else {
     std::printf(", R2 - (the points have no spread)\n");
   }
@@ -70,10 +70,11 @@ int fv(const Options& options) {
   const auto analysis = identify::analyse_curves(std::move(results),
                                                  two ? identify::FvModel::kSlse2 : identify::FvModel::kSlse1, controls);
   identify::write_fv_tables(analysis, options.out);
-  if (!options.no_figures) {
-    identify::report::DrawOptions draw;
-    draw.png = !options.no_png;
-    identify::write_fv_report(analysis, options.out, draw);
+  if (!options.no_report) {
+    std::vector<std::pair<std::string, std::string>> inputs;
+    for (const auto& r : analysis.recordings) inputs.emplace_back("Recording", r.path);
+    if (two) inputs.emplace_back("Control", options.control);
+    identify::write_fv_report(analysis, options.out, made_by_this_call(std::move(inputs)));
   }
   bool fitted = false;
   for (const auto& r : analysis.recordings)
@@ -92,13 +93,12 @@ Command add_fv(CLI::App& app) {
   sub->add_option("RECORDING", options->recordings,
                   "Recording folders; those of one specimen and pressure are repetitions")
       ->required();
-  sub->add_option("--out", options->out, "Folder for fv.json, tables, fv-report.html and figures")->required();
+  sub->add_option("--out", options->out, "Folder for fv.json, tables and fv-report.html")->required();
   sub->add_option("--model", options->model, "slse1: a control; slse2: a sheath on a control whose parameters are held")
       ->check(CLI::IsMember({"slse1", "slse2"}));
   sub->add_option("--control", options->control, "fv.json of the control actuator (for slse2)");
   sub->add_option("--control-specimen", options->control_specimen, "which specimen of that file, if it has several");
-  sub->add_flag("--no-png", options->no_png, "Figures as SVG only");
-  sub->add_flag("--no-figures", options->no_figures, "Tables only, no report");
+  sub->add_flag("--no-report", options->no_report, "Tables only");
   return {sub, [options] { return fv(*options); }};
 }
 

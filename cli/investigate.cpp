@@ -10,6 +10,7 @@
 #include "cli/diagnosis_files.hpp"
 #include "cli/investigation.hpp"
 #include "cli/protocol_input.hpp"
+#include "cli/provenance.hpp"
 #include "daemon/host/virtual_run.hpp"
 #include "daemon/recording/export.hpp"
 #include "identify/diagnose/design/candidates.hpp"
@@ -111,6 +112,14 @@ class Loop {
     return kUsage;
   }
 
+  /// Of the reports: from which rig, model and recordings.
+  [[nodiscard]] identify::report::Made provenance() const {
+    std::vector<std::pair<std::string, std::string>> inputs{{"Rig", options_.rig}, {"Nominal model", options_.model}};
+    for (const Round& round : all_.rounds)
+      for (const std::string& folder : round.recordings) inputs.emplace_back("Recording", folder);
+    return made_by_this_call(std::move(inputs));
+  }
+
   [[nodiscard]] std::uint64_t seed() const { return options_.has_seed ? options_.seed : rig_.sim->seed; }
 
   void read_first_protocol() {
@@ -209,7 +218,9 @@ class Loop {
       take_in(round, study);
       const bool last = settled_by(round) || round.number >= options_.rounds;
       const auto folder = all_.round_folder(round.number) / "diagnosis";
-      write_diagnosis(study, folder, options_.report && last);
+      auto made = provenance();
+      made.links.emplace_back("The investigation", "../../investigation-report.html");
+      write_diagnosis(study, folder, options_.report && last ? &made : nullptr);
       // The last word lies on top: `isorig predict --model OUT/model.toml`.
       for (const char* file : {"diagnosis.json", "model.toml", "nominal.toml"})
         std::filesystem::copy_file(folder / file, all_.folder / file,
@@ -251,7 +262,7 @@ class Loop {
     save(all_);
     if (options_.report) {
       try {
-        write_report(all_);
+        write_report(all_, provenance());
       } catch (const std::exception& e) {
         std::cerr << "investigation-report.html: " << e.what() << '\n';
       }
@@ -291,7 +302,7 @@ Command add_investigate(CLI::App& app) {
   sub->add_option("--out", o->out, "Folder for the rounds and the report; an investigation there is gone on with")
       ->required();
   sub->add_option("--threads", o->threads, "Threads to use")->capture_default_str()->check(CLI::Range(1, 64));
-  sub->add_flag("!--no-report", o->report, "Leave out investigation-report.html and its figures");
+  sub->add_flag("!--no-report", o->report, "Leave out investigation-report.html");
   return {sub, [o] { return Loop(*o).run(); }};
 }
 

@@ -188,10 +188,25 @@ void load(Investigation& all) {
   }
 }
 
-void write_report(const Investigation& all) {
-  identify::report::Page page("Investigation of " + all.inputs.value("rig", "") + " with " +
-                              all.inputs.value("model", ""));
-  page.paragraph(all.text);
+void write_report(const Investigation& all, const identify::report::Made& made) {
+  using identify::report::Mood;
+  identify::report::Page page("Investigation", all.inputs.value("rig", "") + " with " + all.inputs.value("model", ""));
+  page.made(made);
+  switch (all.outcome) {
+    case Outcome::kConsistent:
+      page.lead(Mood::kGood, "nothing missing", all.text);
+      break;
+    case Outcome::kSettled:
+      page.lead(Mood::kInfo, "settled", all.text);
+      break;
+    case Outcome::kUnknown:
+      page.lead(Mood::kWarning, "unknown physics", all.text);
+      break;
+    default:
+      page.lead(Mood::kWarning, "not settled", all.text);
+  }
+  const std::string last = "round-" + std::to_string(all.rounds.back().number) + "/diagnosis/diagnosis-report.html";
+  page.link("Diagnosis of all recordings together", last);
   std::vector<std::vector<std::string>> rows;
   for (const Round& round : all.rounds)
     rows.push_back({std::to_string(round.number), round.text, duration_text(round.rig_s), round.best().key,
@@ -221,9 +236,7 @@ void write_report(const Investigation& all) {
       rows.push_back({o.at("text"), duration_text(o.at("duration_s")), number_text(o.at("distance"), 3)});
     page.table({"also considered", "duration", "smallest distance, to first order"}, rows);
   }
-  page.paragraph("Figures and the model with what it lacked: round-" + std::to_string(all.rounds.back().number) +
-                 "/diagnosis/diagnosis-report.html, model.toml.");
-  page.write(all.folder, {.png = false}, "investigation-report.html");
+  page.write(all.folder, "investigation-report.html");
 }
 
 }  // namespace isorig::cli

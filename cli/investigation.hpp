@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "identify/diagnose/diagnosis.hpp"
+#include "identify/report/page.hpp"
 
 /// What an investigation has done so far, as it is kept on disk (docs/investigate.md).
 namespace isorig::cli {
@@ -64,6 +65,6 @@ void save(const Investigation& all);
 void load(Investigation& all);
 
 /// investigation-report.html: every round, what was tied, which experiment was chosen and why, and what it settled.
-void write_report(const Investigation& all);
+void write_report(const Investigation& all, const identify::report::Made& made);
 
 }  // namespace isorig::cli

@@ -12,6 +12,7 @@ int main(int argc, char** argv) {
     std::cerr << "isorig: " << why << '\n';
     return cli::kUsage;
   }
+  cli::remember_command_line(argc, argv);
   CLI::App app;
   const auto commands = cli::build(app);
   try {

@@ -47,7 +47,7 @@ struct SpecimenName {
 /// campaign-report.html with figures after the paper's 3, 4, 5 and 6 and its tables. `simulated` says what is
 /// simulated; it stands on top of the page. Tables beside it: campaign.json, fv-controls/, fv-sheaths/.
 void write_campaign_report(const Campaign& campaign, const std::filesystem::path& folder, const std::string& simulated,
-                           const report::DrawOptions& options = {});
+                           const report::Made& made = {});
 
 /// The parameter sweeps of the paper's figure 3, from the closed forms: (a) to (e).
 [[nodiscard]] report::Figure parameter_sweeps();

@@ -42,27 +42,17 @@ void add_curve(Panel& panel, const Curve& curve, int color, const std::string& l
   panel.series.push_back(std::move(points));
   // Symmetrical, and the same step in all panels: they are compared side by side.
   if (!panel.x_range || panel.x_range->second < 1.1 * widest) panel.x_range = {{-1.1 * widest, 1.1 * widest}};
-  panel.x_tic = panel.x_range->second > 0.12 ? 0.1 : 0.05;
   if (!curve.result.fit) return;
-  const FvTest test{curve.strain_step, curve.initial_strain};
-  auto line = [&](std::span<const FvElement> elements, Mark mark, int line_color) {
-    Series s;
-    s.mark = mark;
-    s.color = line_color;
-    for (int i = -120; i <= 120; ++i) {
-      if (i == 0) {  // the curve jumps there
-        s.x.push_back(0.0);
-        s.y.push_back(std::nan(""));
-      }
-      const double u = i == 0 ? 1e-5 : i / 120.0;
-      const double v = 1.05 * widest * u * std::abs(u);
-      s.x.push_back(v);
-      s.y.push_back(model::force_velocity(elements, test, -v));
-    }
-    panel.series.push_back(std::move(s));
-  };
-  line(curve.result.fit->elements, Mark::kLine, color);
-  if (with_control && curve.control) line(std::vector<FvElement>{*curve.control}, Mark::kDashes, 6);
+  Series fit = fitted_line(curve, curve.result.fit->elements);
+  fit.color = color;
+  fit.label = label;
+  panel.series.push_back(std::move(fit));
+  if (!with_control || !curve.control) return;
+  Series control = fitted_line(curve, std::vector<FvElement>{*curve.control});
+  control.mark = Mark::kDashes;
+  control.color = 6;
+  control.label = "control (1-SLSE)";
+  panel.series.push_back(std::move(control));
 }
 
 std::vector<const Curve*> curves_of(const Campaign& c, const std::string& specimen) {
@@ -99,9 +89,7 @@ Figure all_curves(const Campaign& c) {
            "Abscissa: "
            "shortening velocity; one row a mesh, one column a sheath.",
            {},
-           4,
-           300,
-           230};
+           4};
   std::map<std::string, int> per_row;
   const auto names = specimens_of(c);
   for (const auto& name : names) ++per_row[parse_specimen(name).number];
@@ -117,7 +105,6 @@ Figure all_curves(const Campaign& c) {
     for (std::size_t i = 0; i < list.size(); ++i)
       add_curve(panel, *list[i], static_cast<int>(i % 6),
                 number_text(list[i]->nominal_pressure_psi.value_or(0.0), 3) + " psi", false);
-    if (name != names.front()) panel.key = "";
     f.panels.push_back(std::move(panel));
   }
   return f;
@@ -129,16 +116,13 @@ Figure comparison(const Campaign& c, const std::string& specimen, const std::str
                ", measured (points), its 2-SLSE fit (solid) and the 1-SLSE fit of its control on the same strains "
                "(black, dashed).",
            {},
-           4,
-           300,
-           230};
+           4};
   const auto list = curves_of(c, specimen);
   for (std::size_t i = 0; i < list.size(); ++i) {
     Panel panel;
     panel.title = title_of(*list[i]);
     panel.x_label = "shortening velocity (1/s)";
     panel.y_label = "F/F0";
-    panel.key = "";
     add_curve(panel, *list[i], static_cast<int>(i % 6), {}, true);
     f.panels.push_back(std::move(panel));
   }
@@ -155,7 +139,6 @@ Figure ramps_figure(const Campaign& c) {
   position.title = "position at the end of the extension ramps";
   position.x_label = "time from start of ramp (s)";
   position.y_label = "position (mm)";
-  position.key = "bottom right";
   double target = 0.0;
   int color = 0;
   const auto& first = c.controls.recordings[chosen->recordings.front()];
@@ -174,9 +157,7 @@ Figure ramps_figure(const Campaign& c) {
           "position reaches its target. The peak is read where the target is first reached, before the "
           "overshoot.",
           {force, position},
-          2,
-          460,
-          320};
+          2};
 }
 
 void parameter_rows(const FvAnalysis& a, std::vector<std::vector<std::string>>& rows) {
@@ -190,7 +171,7 @@ void parameter_rows(const FvAnalysis& a, std::vector<std::vector<std::string>>& 
     }
     for (const FittedParameter& p : c.result.fit->parameters) row.push_back(value_text(p));
     while (row.size() < 6) row.push_back("");
-    row.push_back(number_text(c.result.fit->r_squared, 3));
+    row.push_back(report::r_squared_text(c.result.fit->r_squared));
     rows.push_back(std::move(row));
   }
 }
@@ -222,9 +203,7 @@ report::Figure parameter_sweeps() {
            "classes of "
            "material beside that element at beta 1.",
            {},
-           3,
-           360,
-           270};
+           3};
   auto panel = [](std::string title) {
     Panel p;
     p.title = std::move(title);
@@ -248,7 +227,7 @@ report::Figure parameter_sweeps() {
       Series s =
           height_line({fixed, {10, value, betas[i]}}, test, widest, i == 0 ? "gamma_2 = " + number_text(value, 3) : "");
       s.color = color;
-      s.width = 0.8 + 0.7 * static_cast<double>(i);
+      s.width = 0.9 + 0.7 * static_cast<double>(i);
       c.series.push_back(std::move(s));
     }
     ++color;
@@ -259,7 +238,7 @@ report::Figure parameter_sweeps() {
       Series s =
           height_line({fixed, {value, 50, betas[i]}}, test, widest, i == 0 ? "kappa_2 = " + number_text(value, 3) : "");
       s.color = color;
-      s.width = 0.8 + 0.7 * static_cast<double>(i);
+      s.width = 0.9 + 0.7 * static_cast<double>(i);
       d.series.push_back(std::move(s));
     }
     ++color;
@@ -279,9 +258,10 @@ report::Figure parameter_sweeps() {
 }
 
 void write_campaign_report(const Campaign& campaign, const std::filesystem::path& folder, const std::string& simulated,
-                           const report::DrawOptions& options) {
-  Page page("The iso-velocity campaign");
-  if (!simulated.empty()) page.note(simulated);
+                           const report::Made& made) {
+  Page page("Campaign", "The iso-velocity campaign");
+  page.made(made);
+  if (!simulated.empty()) page.note(simulated, report::Mood::kInfo);
   std::size_t ramps = 0, recordings = 0;
   for (const FvAnalysis* a : {&campaign.controls, &campaign.sheaths})
     for (const auto& r : a->recordings) {
@@ -321,11 +301,11 @@ void write_campaign_report(const Campaign& campaign, const std::filesystem::path
   rows.clear();
   parameter_rows(campaign.controls, rows);
   parameter_rows(campaign.sheaths, rows);
-  page.table({"specimen", "pressure (psi)", "points", "kappa [95 %]", "gamma (1/s) [95 %]", "beta [95 %]", "R²"}, rows,
-             "Controls: kappa_c, gamma_c. Others: kappa_s, gamma_s, beta_s with the control's held. Without "
+  page.table({"specimen", "pressure (psi)", "points", "κ [95 %]", "γ (1/s) [95 %]", "β [95 %]", "R²"}, rows,
+             "Controls: κ_c, γ_c. Others: κ_s, γ_s, β_s with the control's held. Without "
              "brackets: "
              "not identifiable from these velocities, and this is all that is known (95 %).");
-  page.write(folder, options, "campaign-report.html");
+  page.write(folder, "campaign-report.html");
   report::write_text_file(folder / "campaign.json", json_of(campaign, simulated).dump(1) + "\n");
   write_fv_tables(campaign.controls, folder / "fv-controls");
   if (!campaign.sheaths.recordings.empty()) write_fv_tables(campaign.sheaths, folder / "fv-sheaths");

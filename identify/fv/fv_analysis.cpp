@@ -55,6 +55,18 @@ void fit_whole_series(const messages::Recording& recording, RecordingResult& res
   }
 }
 
+History history_of(const messages::Recording& recording) {
+  constexpr std::size_t kStretches = 700;
+  const auto& f = recording.frame;
+  History out{report::enveloped(f.t_s, f.position_mm, "position", 2, kStretches),
+              report::enveloped(f.t_s, f.force_N, "force", 0, kStretches),
+              {}};
+  if (recording.pressure)
+    out.pressure_psi =
+        report::enveloped(recording.pressure->t_s, recording.pressure->pressure_psi, "pressure", 1, kStretches);
+  return out;
+}
+
 std::vector<CurvePoint> average(const std::vector<FvPoint>& points) {
   std::vector<FvPoint> sorted = points;
   std::sort(sorted.begin(), sorted.end(),
@@ -183,6 +195,7 @@ RecordingResult analyse_recording(const messages::Recording& recording, std::str
     if (ramp.normalized_force && std::isfinite(ramp.move.velocity_mm_s.value))
       out.traces.push_back(trace_of(recording, ramp));
   if (options.whole_series) fit_whole_series(recording, out);
+  if (options.history) out.history = history_of(recording);
   return out;
 }
 

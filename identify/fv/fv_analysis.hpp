@@ -8,6 +8,7 @@
 #include "identify/fv/fv_fit.hpp"
 #include "identify/fv/ramps.hpp"
 #include "identify/fv/series_fit.hpp"
+#include "identify/report/figure.hpp"
 #include "messages/recording.hpp"
 
 namespace isorig::identify {
@@ -23,6 +24,11 @@ struct RampTrace {
   std::vector<double> position_mm;  ///< from the start of the ramp
 };
 
+/// The whole recording over its time, as bands: for figures.
+struct History {
+  std::vector<report::Series> position_mm, force_N, pressure_psi;
+};
+
 struct RecordingResult {
   std::string path;
   std::string specimen;
@@ -32,6 +38,7 @@ struct RecordingResult {
   std::uint64_t fingerprint = 0;  ///< of the frame's samples: equal for copies of one recording
   RampAnalysis ramps;
   std::vector<RampTrace> traces;
+  History history;
   /// Fits to the whole record with one and with two arms; empty where `series_refusal` says why.
   std::vector<SeriesFit> series;
   std::string series_refusal;
@@ -40,6 +47,7 @@ struct RecordingResult {
 struct FvOptions {
   RampOptions ramps{};
   bool whole_series = true;
+  bool history = true;  ///< of use where there are few recordings
 };
 
 [[nodiscard]] RecordingResult analyse_recording(const messages::Recording& recording, std::string path,

@@ -1,34 +1,17 @@
 #include "identify/report/figure.hpp"
 
-#include <sys/wait.h>
-#include <unistd.h>
-
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdio>
-#include <fstream>
-#include <sstream>
+#include <cstdlib>
+#include <limits>
+#include <nlohmann/json.hpp>
 #include <stdexcept>
 
 namespace isorig::identify::report {
 namespace {
 
-constexpr std::array kPalette{"#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999"};
-
-/// In single quotes gnuplot takes everything as it is (in double quotes it would run `commands`).
-std::string gnuplot_literal(std::string_view text) {
-  std::string out = "'";
-  for (char c : text) {
-    if (static_cast<unsigned char>(c) < 0x20)
-      out += ' ';
-    else if (c == '\'')
-      out += "''";
-    else
-      out += c;
-  }
-  return out + "'";
-}
+using nlohmann::ordered_json;
 
 void check(const Figure& figure) {
   auto refuse = [&](const std::string& why) { throw std::invalid_argument("figure '" + figure.name + "': " + why); };
@@ -45,239 +28,162 @@ void check(const Figure& figure) {
     }
 }
 
-void number(std::ostream& out, double value) {
-  std::array<char, 32> text{};
-  if (std::isfinite(value))
-    std::snprintf(text.data(), text.size(), "%.7g", value);
-  else
-    std::snprintf(text.data(), text.size(), "NaN");
-  out << text.data();
+const char* name_of(Mark mark) {
+  switch (mark) {
+    case Mark::kLine:
+      return "line";
+    case Mark::kDashes:
+      return "dashes";
+    case Mark::kPoints:
+      return "points";
+    case Mark::kLinePoints:
+      return "line-points";
+    case Mark::kSteps:
+      return "steps";
+    case Mark::kBand:
+      return "band";
+    case Mark::kBars:
+      return "bars";
+  }
+  return "";
 }
 
-void write_data(std::ostream& out, const Figure& figure) {
-  for (std::size_t p = 0; p < figure.panels.size(); ++p)
-    for (std::size_t k = 0; k < figure.panels[p].series.size(); ++k) {
-      const Series& s = figure.panels[p].series[k];
-      out << "$d" << p << '_' << k << " << EOD\n";
-      for (std::size_t i = 0; i < s.x.size(); ++i) {
-        number(out, s.x[i]);
-        out << ' ';
-        number(out, s.y[i]);
-        if (s.mark == Mark::kBand) {
-          out << ' ';
-          number(out, s.y2[i]);
-        } else if (!s.error.empty()) {
-          out << ' ';
-          number(out, s.error[i]);
-        }
-        out << '\n';
-      }
-      out << "EOD\n";
+/// Rounded to what can be seen: 1/100 000 of what the values span. Their 17 digits would make a page of noise.
+ordered_json numbers(std::span<const double> values) {
+  double low = std::numeric_limits<double>::infinity(), high = -low;
+  for (const double v : values)
+    if (std::isfinite(v)) {
+      low = std::min(low, v);
+      high = std::max(high, v);
     }
-}
-
-void plot_elements(std::ostream& out, const Panel& panel, std::size_t p) {
-  const char* joint = "plot ";
-  int next_color = 0;
-  auto element = [&](std::size_t k, const std::string& how, std::string_view title) {
-    out << joint << "$d" << p << '_' << k << ' ' << how
-        << (title.empty() ? " notitle" : " title " + gnuplot_literal(title));
-    joint = ", ";
-  };
-  for (std::size_t k = 0; k < panel.series.size(); ++k) {
-    const Series& s = panel.series[k];
-    if (s.x.empty()) continue;
-    const int color = s.color >= 0 ? s.color : next_color++;
-    std::ostringstream style;
-    style << "lc rgb '" << kPalette[static_cast<std::size_t>(color) % kPalette.size()] << "' ";
-    std::ostringstream line;
-    line << style.str() << "lw " << s.width;
-    const std::string columns = "using 1:2 ";
-    bool titled = false;
-    if (!s.error.empty()) {
-      element(k, "using 1:2:3 with yerrorbars " + style.str() + "pt 7 ps 0.45 lw 1", s.label);
-      titled = true;
+  const double largest = std::max(std::abs(low), std::abs(high)), span = high - low;
+  int digits = 5;
+  if (std::isfinite(span) && span > 0.0)
+    digits = std::clamp(5 + static_cast<int>(std::ceil(std::log10(largest / span))), 5, 12);
+  ordered_json out = ordered_json::array();
+  for (const double v : values) {
+    if (!std::isfinite(v)) {
+      out.push_back(nullptr);
+      continue;
     }
-    const std::string title = titled ? "" : s.label;
-    switch (s.mark) {
-      case Mark::kLine:
-        element(k, columns + "with lines " + line.str(), title);
-        break;
-      case Mark::kDashes:
-        element(k, columns + "with lines dt 2 " + line.str(), title);
-        break;
-      case Mark::kPoints:
-        if (!titled) element(k, columns + "with points pt 7 ps 0.45 " + style.str(), title);
-        break;
-      case Mark::kLinePoints:
-        element(k, columns + "with lines dt 2 lw 1 " + style.str(), "");
-        if (!titled) element(k, columns + "with points pt 7 ps 0.45 " + style.str(), title);
-        break;
-      case Mark::kSteps:
-        element(k, columns + "with steps " + line.str(), title);
-        break;
-      case Mark::kBand:
-        element(k, "using 1:2:3 with filledcurves fs transparent solid 0.22 noborder " + style.str(), title);
-        break;
-      case Mark::kBars:
-        element(k, columns + "with boxes fs solid 0.6 " + style.str(), title);
-        break;
-    }
-  }
-  if (std::string_view(joint) == "plot ") out << "plot NaN notitle";
-  out << '\n';
-}
-
-void plot_panel(std::ostream& out, const Panel& panel, std::size_t p) {
-  out << "reset\nset border 3 lc rgb '#555555'\nset tics nomirror out scale 0.5 textcolor rgb '#222222'\n"
-         "set grid lc rgb '#e4e4e4' lt 1\nset samples 2\nset boxwidth 0.7 relative\n";
-  if (!panel.title.empty()) out << "set title " << gnuplot_literal(panel.title) << " offset 0,-0.4\n";
-  if (!panel.x_label.empty()) out << "set xlabel " << gnuplot_literal(panel.x_label) << " offset 0,0.3\n";
-  if (!panel.y_label.empty()) out << "set ylabel " << gnuplot_literal(panel.y_label) << " offset 0.6,0\n";
-  auto range = [&](const char* axis, const std::optional<std::pair<double, double>>& r) {
-    if (!r) return;
-    out << "set " << axis << "range [";
-    number(out, r->first);
-    out << ':';
-    number(out, r->second);
-    out << "]\n";
-  };
-  range("x", panel.x_range);
-  range("y", panel.y_range);
-  if (panel.x_tic > 0.0) {
-    out << "set xtics ";
-    number(out, panel.x_tic);
-    out << '\n';
-  }
-  if (panel.log_x) {
-    double low = 1e300, high = 0.0;
-    for (const Series& s : panel.series)
-      for (const double x : s.x)
-        if (x > 0.0) {
-          low = std::min(low, x);
-          high = std::max(high, x);
-        }
-    // Many decades: short labels, or they run into each other.
-    out << "set logscale x\nset format x '" << (high > 1e4 * low ? "1e%T" : "%g") << "'\n";
-  }
-  if (panel.log_y) out << "set logscale y\nset format y '%g'\n";
-  out << (panel.key.empty() ? "unset key\n" : "set key " + panel.key + " samplen 1.5 spacing 1.0 nobox\n");
-  for (const auto& [from, to] : panel.shaded) {
-    out << "set object rectangle from first ";
-    number(out, from);
-    out << ", graph 0 to first ";
-    number(out, to);
-    out << ", graph 1 behind fc rgb '#f2e3c6' fs solid noborder\n";
-  }
-  for (const auto& [x, label] : panel.verticals) {
-    out << "set arrow from first ";
-    number(out, x);
-    out << ", graph 0 to first ";
-    number(out, x);
-    out << ", graph 1 nohead lc rgb '#888888' dt 3\n";
-    if (!label.empty()) {
-      out << "set label " << gnuplot_literal(label) << " at first ";
-      number(out, x);
-      out << ", graph 0.97 offset 0.4,0 textcolor rgb '#555555'\n";
-    }
-  }
-  if (!panel.categories.empty()) {
-    out << "set xtics (";
-    for (std::size_t i = 0; i < panel.categories.size(); ++i)
-      out << (i > 0 ? ", " : "") << gnuplot_literal(panel.categories[i]) << ' ' << i;
-    out << ") rotate by -35 left\n";
-  }
-  plot_elements(out, panel, p);
-}
-
-void plot_to(std::ostream& out, const Figure& figure, const char* terminal, const std::filesystem::path& file) {
-  const int rows = (static_cast<int>(figure.panels.size()) + figure.columns - 1) / figure.columns;
-  out << "reset\nset terminal " << terminal << " size " << figure.columns * figure.panel_width_px << ','
-      << rows * figure.panel_height_px << "\nset output " << gnuplot_literal(file.string()) << '\n';
-  const bool many = figure.panels.size() > 1;
-  if (many) out << "set multiplot layout " << rows << ',' << figure.columns << '\n';
-  for (std::size_t p = 0; p < figure.panels.size(); ++p) plot_panel(out, figure.panels[p], p);
-  if (many) out << "unset multiplot\n";
-  out << "unset output\n";
-}
-
-/// A file of our own, gone at the end of the scope.
-struct TemporaryFile {
-  std::filesystem::path path;
-  TemporaryFile() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "isorig-figure-XXXXXX").string();
-    const int descriptor = mkstemp(pattern.data());
-    if (descriptor < 0) throw std::runtime_error("cannot make a temporary file for gnuplot");
-    close(descriptor);
-    path = pattern;
-  }
-  ~TemporaryFile() {
-    std::error_code ignored;
-    std::filesystem::remove(path, ignored);
-  }
-  TemporaryFile(const TemporaryFile&) = delete;
-  TemporaryFile& operator=(const TemporaryFile&) = delete;
-};
-
-}  // namespace
-
-Series thinned(Series series, std::size_t points) {
-  const std::size_t n = series.x.size();
-  if (n <= points || points < 4 || !series.error.empty() || series.mark == Mark::kBand) return series;
-  Series out = series;
-  out.x.clear();
-  out.y.clear();
-  const std::size_t stretches = points / 2;
-  for (std::size_t k = 0; k < stretches; ++k) {
-    const std::size_t a = k * n / stretches, b = (k + 1) * n / stretches;
-    std::size_t low = a, high = a;
-    for (std::size_t i = a; i < b; ++i) {
-      if (series.y[i] < series.y[low]) low = i;
-      if (series.y[i] > series.y[high]) high = i;
-    }
-    for (std::size_t i : {std::min(low, high), std::max(low, high)}) {
-      out.x.push_back(series.x[i]);
-      out.y.push_back(series.y[i]);
-    }
+    char text[40];
+    std::snprintf(text, sizeof text, "%.*g", digits, v);
+    const double rounded = std::strtod(text, nullptr);
+    if (rounded == std::floor(rounded) && std::abs(rounded) < 1e15)
+      out.push_back(static_cast<std::int64_t>(rounded));
+    else
+      out.push_back(rounded);
   }
   return out;
 }
 
-std::string gnuplot_script(std::span<const Figure> figures, const std::filesystem::path& folder, bool png) {
-  std::ostringstream out;
-  out << "set encoding utf8\n";
-  for (const Figure& figure : figures) {
-    check(figure);
-    write_data(out, figure);
-    const std::string svg = "svg noenhanced font 'sans-serif,11' background '#ffffff'";
-    plot_to(out, figure, svg.c_str(), folder / (figure.name + ".svg"));
-    if (png)
-      plot_to(out, figure, "pngcairo noenhanced font 'sans,9' background '#ffffff'", folder / (figure.name + ".png"));
-  }
-  return out.str();
+ordered_json axis(const std::string& label, const std::optional<std::pair<double, double>>& range, bool log) {
+  ordered_json out{{"name", label}};
+  if (range) out["range"] = {range->first, range->second};
+  if (log) out["log"] = true;
+  return out;
 }
 
-void draw(std::span<const Figure> figures, const std::filesystem::path& folder, const DrawOptions& options) {
-  if (figures.empty()) return;
-  std::filesystem::create_directories(folder);
-  const std::string script = gnuplot_script(figures, folder, options.png);
-  const TemporaryFile file, messages;
-  std::ofstream(file.path) << script;
-  const pid_t child = fork();
-  if (child < 0) throw std::runtime_error("cannot start gnuplot");
-  if (child == 0) {
-    if (std::freopen(messages.path.c_str(), "w", stderr) == nullptr) _exit(126);
-    execlp(options.gnuplot.c_str(), options.gnuplot.c_str(), file.path.c_str(), static_cast<char*>(nullptr));
-    _exit(127);
+ordered_json lines(const std::vector<std::pair<double, std::string>>& at) {
+  ordered_json out = ordered_json::array();
+  for (const auto& [where, label] : at) {
+    out.push_back({{"at", where}});
+    if (!label.empty()) out.back()["label"] = label;
   }
-  int status = 0;
-  while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
+  return out;
+}
+
+ordered_json panel_json(const Panel& panel) {
+  ordered_json out;
+  if (!panel.title.empty()) out["title"] = panel.title;
+  out["x"] = axis(panel.x_label, panel.x_range, panel.log_x);
+  if (!panel.categories.empty()) out["x"]["categories"] = panel.categories;
+  out["y"] = axis(panel.y_label, panel.y_range, panel.log_y);
+  if (panel.aspect > 0.0) out["aspect"] = panel.aspect;
+  out["series"] = ordered_json::array();
+  int next = 0;
+  for (const Series& s : panel.series) {
+    if (s.x.empty()) continue;
+    ordered_json one{{"mark", name_of(s.mark)}};
+    one["color"] = s.color >= 0 ? s.color : next++;
+    if (!s.label.empty()) one["label"] = s.label;
+    if (s.width > 0.0) one["width"] = s.width;
+    one["x"] = numbers(s.x);
+    one["y"] = numbers(s.y);
+    if (s.mark == Mark::kBand) one["y2"] = numbers(s.y2);
+    if (!s.error.empty()) one["error"] = numbers(s.error);
+    out["series"].push_back(std::move(one));
   }
-  if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return;
-  if (WIFEXITED(status) && WEXITSTATUS(status) == 127)
-    throw std::runtime_error("cannot run '" + options.gnuplot + "': figures need the package gnuplot-nox");
-  std::ifstream said(messages.path);
-  throw std::runtime_error("gnuplot failed: " + std::string(std::istreambuf_iterator<char>(said), {}));
+  if (!panel.verticals.empty()) out["verticals"] = lines(panel.verticals);
+  if (!panel.horizontals.empty()) out["horizontals"] = lines(panel.horizontals);
+  for (const auto& [from, to] : panel.shaded) out["shaded"].push_back({{"from", from}, {"to", to}});
+  return out;
+}
+
+}  // namespace
+
+ordered_json figure_json(const Figure& figure) {
+  check(figure);
+  ordered_json out{{"name", figure.name}, {"caption", figure.caption}, {"columns", figure.columns}};
+  if (figure.linked) out["linked"] = true;
+  out["panels"] = ordered_json::array();
+  for (const Panel& panel : figure.panels) out["panels"].push_back(panel_json(panel));
+  return out;
+}
+
+std::vector<Series> enveloped(std::span<const double> x, std::span<const double> y, const std::string& label, int color,
+                              std::size_t stretches) {
+  Series line;
+  line.label = label;
+  line.color = color;
+  double from = std::numeric_limits<double>::infinity(), to = -from;
+  std::size_t finite = 0;
+  for (std::size_t i = 0; i < x.size(); ++i)
+    if (std::isfinite(x[i]) && std::isfinite(y[i])) {
+      from = std::min(from, x[i]);
+      to = std::max(to, x[i]);
+      ++finite;
+    }
+  if (finite <= stretches || !(to > from)) {
+    std::vector<std::size_t> order;
+    for (std::size_t i = 0; i < x.size(); ++i)
+      if (std::isfinite(x[i]) && std::isfinite(y[i])) order.push_back(i);
+    std::ranges::stable_sort(order, {}, [&](std::size_t i) { return x[i]; });
+    for (const std::size_t i : order) {
+      line.x.push_back(x[i]);
+      line.y.push_back(y[i]);
+    }
+    return {std::move(line)};
+  }
+  struct Stretch {
+    double low = 0.0, high = 0.0, sum = 0.0;
+    std::size_t count = 0;
+  };
+  std::vector<Stretch> all(stretches);
+  const double width = (to - from) / static_cast<double>(stretches);
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    if (!std::isfinite(x[i]) || !std::isfinite(y[i])) continue;
+    Stretch& s = all[std::min(stretches - 1, static_cast<std::size_t>((x[i] - from) / width))];
+    s.low = s.count == 0 ? y[i] : std::min(s.low, y[i]);
+    s.high = s.count == 0 ? y[i] : std::max(s.high, y[i]);
+    s.sum += y[i];
+    ++s.count;
+  }
+  Series band;
+  band.label = label;
+  band.mark = Mark::kBand;
+  band.color = color;
+  for (std::size_t k = 0; k < stretches; ++k) {
+    if (all[k].count == 0) continue;
+    const double middle = from + (static_cast<double>(k) + 0.5) * width;
+    band.x.push_back(middle);
+    band.y.push_back(all[k].low);
+    band.y2.push_back(all[k].high);
+    line.x.push_back(middle);
+    line.y.push_back(all[k].sum / static_cast<double>(all[k].count));
+  }
+  line.width = 1.1;
+  return {std::move(band), std::move(line)};
 }
 
 }  // namespace isorig::identify::report

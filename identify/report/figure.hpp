@@ -1,16 +1,15 @@
 #pragma once
-#include <filesystem>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <span>
 #include <string>
-#include <string_view>
 #include <utility>
 #include <vector>
 
 namespace isorig::identify::report {
 
-/// Figures for reports, drawn by gnuplot (package gnuplot-nox): all figures of a report in one process.
-/// Text is UTF-8 and is shown as it is; NaN leaves a gap.
+/// Figures of reports, as data: the page draws them (web/src/shared/chart.tsx). Text is UTF-8 and is shown as it is;
+/// NaN leaves a gap.
 
 enum class Mark {
   kLine,
@@ -30,51 +29,42 @@ struct Series {
   std::vector<double> error{};  ///< +- bars, empty: none
   std::vector<double> y2{};     ///< for kBand
   int color = -1;               ///< of the palette (0..7, colour-blind safe, Okabe and Ito); -1: next
-  double width = 1.6;
+  double width = 0.0;           ///< of a line, or radius of a point, in CSS pixels; 0: the mark's own
 };
 
 struct Panel {
   std::string title{};
-  std::string x_label{};
+  std::string x_label{};  ///< with its unit: "time (s)"
   std::string y_label{};
   std::vector<Series> series{};
   std::optional<std::pair<double, double>> x_range{};
   std::optional<std::pair<double, double>> y_range{};
-  double x_tic = 0.0;  ///< distance of the ticks; 0: gnuplot's choice
   bool log_x = false;
   bool log_y = false;
-  std::string key = "top right";  ///< a gnuplot key place; empty: no key
-  /// Vertical lines: where and what they mean.
+  /// Lines: where and what they mean.
   std::vector<std::pair<double, std::string>> verticals{};
+  std::vector<std::pair<double, std::string>> horizontals{};
   std::vector<std::pair<double, double>> shaded{};  ///< stretches of x, behind the data
   std::vector<std::string> categories{};            ///< names for x = 0, 1, 2 ...
+  double aspect = 0.0;                              ///< height over width; 0: by the number of columns
 };
 
 struct Figure {
-  std::string name;     ///< file name without ending: letters, digits, '-', '_'
+  std::string name;     ///< of its files: letters, digits, '-', '_'
   std::string caption;  ///< for people: what is seen, and what of it is simulated
   std::vector<Panel> panels{};
   int columns = 1;
-  int panel_width_px = 420;
-  int panel_height_px = 280;
+  bool linked = false;  ///< the panels share their abscissa: zooming into one zooms into all
 };
 
-struct DrawOptions {
-  bool png = true;  ///< beside the SVG; costs about as much as the SVG again
-  std::string gnuplot = "gnuplot";
-};
+/// Throws std::invalid_argument for a figure that cannot be drawn (unequal lengths, no panel, a name that is no file
+/// name).
+[[nodiscard]] nlohmann::ordered_json figure_json(const Figure& figure);
 
-/// Draws every figure to `folder`/NAME.svg (and .png). Throws std::runtime_error with gnuplot's own message
-/// when it fails or is not installed, and std::invalid_argument for a figure that cannot be drawn (unequal
-/// lengths).
-void draw(std::span<const Figure> figures, const std::filesystem::path& folder, const DrawOptions& options = {});
-
-/// At most about `points` of a long line, with the lowest and highest of each stretch kept, so that what is
-/// drawn is what all of them would have drawn.
-[[nodiscard]] Series thinned(Series series, std::size_t points = 2000);
-
-/// The script alone (for tests and for the curious).
-[[nodiscard]] std::string gnuplot_script(std::span<const Figure> figures, const std::filesystem::path& folder,
-                                         bool png);
+/// A long signal for a page: lowest to highest of equal stretches of x as a band, and the mean as a line, in one
+/// colour. Nothing is skipped: an outlier of one reading reaches the band's edge. Short signals (at most `stretches`
+/// points) come as a line alone. x need not increase; values that are not finite are left out.
+[[nodiscard]] std::vector<Series> enveloped(std::span<const double> x, std::span<const double> y,
+                                            const std::string& label, int color, std::size_t stretches = 900);
 
 }  // namespace isorig::identify::report

@@ -2,46 +2,205 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <cmath>
 #include <cstdio>
-#include <cstdlib>
+#include <ctime>
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <stdexcept>
 
-#include "base/text_file.hpp"
+#include "identify/report/template.hpp"
 
 namespace isorig::identify::report {
 namespace {
 
-constexpr std::string_view kStyle = R"(
-body{font:15px/1.5 system-ui,sans-serif;color:#1a1a1a;max-width:1180px;margin:2em auto;padding:0 1.2em}
-h1{font-size:1.6em;margin-bottom:.2em}h2{font-size:1.25em;margin-top:2em;border-bottom:1px solid #ddd}
-h3{font-size:1.05em;margin-bottom:.3em}
-table{border-collapse:collapse;margin:.8em 0;font-size:13px;font-variant-numeric:tabular-nums}
-caption{text-align:left;color:#444;padding-bottom:.3em}
-th,td{padding:.22em .7em;border-bottom:1px solid #e6e6e6;text-align:left}td.n{text-align:right}
-th{border-bottom:2px solid #999;vertical-align:bottom}
-tr:hover td{background:#f6f8fa}
-.note{background:#fff7e0;border-left:4px solid #e6a700;padding:.5em 1em;margin:1em 0}
-figure{margin:1.2em 0}figure svg{max-width:100%;height:auto}figcaption{color:#444;font-size:13px;max-width:80ch}
-.wide{overflow-x:auto}
-)";
+using nlohmann::ordered_json;
 
-bool reads_as_number(std::string_view cell) {
-  if (cell.empty()) return false;
-  if (cell == "-") return true;
-  return std::string_view("0123456789+-.").find(cell.front()) != std::string_view::npos &&
-         cell.find_first_of("0123456789") != std::string_view::npos;
+const char* name_of(Mood mood) {
+  switch (mood) {
+    case Mood::kGood:
+      return "good";
+    case Mood::kInfo:
+      return "info";
+    case Mood::kWarning:
+      return "warning";
+    case Mood::kBad:
+      return "bad";
+  }
+  return "";
 }
 
-std::string inline_svg(const std::filesystem::path& file) {
-  const std::string text = base::read_text_file(file);  // gnuplot wrote it
-  const auto start = text.find("<svg");
-  if (start == std::string::npos) throw std::runtime_error("no SVG in " + file.string());
-  return text.substr(start);
+/// A number, with its error or its interval: digits, signs, exponents, brackets and "..", and no word.
+bool reads_as_number(std::string_view cell) {
+  if (cell == "-" || cell == "–" || cell.empty()) return true;
+  bool digit = false;
+  for (std::size_t i = 0; i < cell.size(); ++i) {
+    const auto c = static_cast<unsigned char>(cell[i]);
+    if (std::isdigit(c) != 0) {
+      digit = true;
+    } else if (c == 'e') {
+      if (i == 0 || std::isdigit(static_cast<unsigned char>(cell[i - 1])) == 0) return false;
+    } else if (c < 0x80 && std::string_view(" +-.,[]<>%").find(cell[i]) == std::string_view::npos) {
+      return false;
+    } else if (c >= 0x80) {
+      // The sign of "± 0.1", a minus or a space: any other character is a word's.
+      bool known = false;
+      for (const std::string_view sign : {"±", "−", " ", " ", "∞"})
+        if (cell.substr(i).starts_with(sign)) {
+          i += sign.size() - 1;
+          known = true;
+          break;
+        }
+      if (!known) return false;
+    }
+  }
+  return digit;
+}
+
+/// Bytes of somebody's file name need not be UTF-8.
+std::string dumped(const ordered_json& json) {
+  return json.dump(-1, ' ', false, ordered_json::error_handler_t::replace);
 }
 
 }  // namespace
+
+struct Page::Content {
+  ordered_json top{{"format", "isorig-report-data/1"}};
+  std::vector<ordered_json> open{ordered_json::array()};  ///< blocks of the page, then of each "more" that is open
+  std::vector<std::string> summaries;
+  std::string title;
+};
+
+Page::Page(std::string_view kind, std::string_view title) : content_(std::make_unique<Content>()) {
+  content_->title = title;
+  content_->top["kind"] = kind;
+  content_->top["title"] = title;
+  content_->top["made"] = ordered_json::object();
+}
+Page::~Page() = default;
+
+void Page::add(ordered_json block) {
+  content_->open.back().push_back(std::move(block));
+}
+
+void Page::subtitle(std::string_view text) {
+  content_->top["subtitle"] = text;
+}
+void Page::lead(Mood mood, std::string_view word, std::string_view text) {
+  content_->top["lead"] = {{"mood", name_of(mood)}, {"word", word}, {"text", text}};
+}
+void Page::made(const Made& made) {
+  ordered_json out = ordered_json::object();
+  if (!made.command.empty()) out["command"] = made.command;
+  if (!made.version.empty()) out["version"] = made.version;
+  out["at_utc"] = made.at_utc.empty() ? now_utc() : made.at_utc;
+  out["inputs"] = ordered_json::array();
+  for (const auto& [name, what] : made.inputs) out["inputs"].push_back({{"name", name}, {"what", what}});
+  content_->top["made"] = std::move(out);
+  for (const auto& [text, href] : made.links) link(text, href);
+}
+void Page::link(std::string_view text, std::string_view href) {
+  content_->top["links"].push_back({{"text", text}, {"href", href}});
+}
+
+void Page::heading(std::string_view text) {
+  add({{"type", "heading"}, {"level", 2}, {"text", text}});
+}
+void Page::subheading(std::string_view text) {
+  add({{"type", "heading"}, {"level", 3}, {"text", text}});
+}
+void Page::paragraph(std::string_view text) {
+  add({{"type", "paragraph"}, {"text", text}});
+}
+void Page::note(std::string_view text, Mood mood) {
+  add({{"type", "note"}, {"mood", name_of(mood)}, {"text", text}});
+}
+void Page::equation(std::string_view text) {
+  add({{"type", "equation"}, {"text", text}});
+}
+void Page::code(std::string_view name, std::string_view text) {
+  add({{"type", "code"}, {"name", name}, {"text", text}});
+}
+void Page::list(const std::vector<std::string>& items) {
+  if (!items.empty()) add({{"type", "list"}, {"items", items}});
+}
+void Page::facts(const std::vector<Fact>& items) {
+  ordered_json all = ordered_json::array();
+  for (const Fact& fact : items) {
+    all.push_back({{"name", fact.name}, {"value", fact.value}});
+    if (!fact.note.empty()) all.back()["note"] = fact.note;
+    if (fact.mood) all.back()["mood"] = name_of(*fact.mood);
+  }
+  add({{"type", "facts"}, {"items", std::move(all)}});
+}
+
+void Page::table(const std::vector<std::string>& header, const std::vector<std::vector<std::string>>& rows,
+                 std::string_view caption) {
+  ordered_json columns = ordered_json::array();
+  for (std::size_t i = 0; i < header.size(); ++i) {
+    bool any = false, numeric = true;
+    for (const auto& row : rows) {
+      if (i >= row.size() || row[i].empty()) continue;
+      any = true;
+      numeric = numeric && reads_as_number(row[i]);
+    }
+    columns.push_back({{"name", header[i]}});
+    if (any && numeric) columns.back()["numeric"] = true;
+  }
+  add({{"type", "table"}, {"caption", caption}, {"columns", std::move(columns)}, {"rows", rows}});
+}
+
+void Page::figure(const Figure& figure) {
+  add({{"type", "figure"}, {"figure", figure_json(figure)}});
+}
+
+void Page::begin_more(std::string_view summary) {
+  content_->open.push_back(ordered_json::array());
+  content_->summaries.emplace_back(summary);
+}
+void Page::end_more() {
+  if (content_->summaries.empty()) throw std::logic_error("end_more() without begin_more()");
+  ordered_json blocks = std::move(content_->open.back());
+  content_->open.pop_back();
+  add({{"type", "more"}, {"summary", content_->summaries.back()}, {"blocks", std::move(blocks)}});
+  content_->summaries.pop_back();
+}
+
+ordered_json Page::json() const {
+  if (!content_->summaries.empty()) throw std::logic_error("begin_more() without end_more()");
+  ordered_json out = content_->top;
+  out["blocks"] = content_->open.front();
+  return out;
+}
+
+void Page::write(const std::filesystem::path& folder, std::string_view file_name) const {
+  std::filesystem::create_directories(folder);
+  const std::string data = dumped(json());
+  std::string html;
+  html.reserve(kTemplateHead.size() + kTemplateBody.size() + kTemplateTail.size() + data.size() + 256);
+  html += kTemplateHead;
+  html += escaped(content_->title);
+  html += kTemplateBody;
+  // "</script>" in a text would end the data; JSON has another way to write '<'.
+  for (const char c : data) {
+    if (c == '<')
+      html += "\\u003c";
+    else
+      html += c;
+  }
+  html += kTemplateTail;
+  write_text_file(folder / file_name, html);
+}
+
+std::string now_utc() {
+  const std::time_t now = std::time(nullptr);
+  std::tm utc{};
+  gmtime_r(&now, &utc);
+  char text[32];
+  std::strftime(text, sizeof text, "%Y-%m-%d %H:%M UTC", &utc);
+  return text;
+}
 
 std::string escaped(std::string_view text) {
   std::string out;
@@ -81,6 +240,16 @@ std::string interval_text(double value, double low, double high) {
   return number_text(value, digits) + " [" + end(low) + ", " + end(high) + "]";
 }
 
+std::string r_squared_text(double value) {
+  if (!std::isfinite(value)) return "-";
+  const double missing = 1.0 - value;
+  if (missing < 1e-6) return "> 0.999999";
+  const int decimals = std::clamp(static_cast<int>(std::ceil(-std::log10(missing))) + 1, 3, 7);
+  std::array<char, 40> text{};
+  std::snprintf(text.data(), text.size(), "%.*f", decimals, value);
+  return text.data();
+}
+
 void write_text_file(const std::filesystem::path& file, std::string_view text) {
   const std::filesystem::path aside = file.string() + ".part";
   std::ofstream out(aside, std::ios::binary);
@@ -88,70 +257,6 @@ void write_text_file(const std::filesystem::path& file, std::string_view text) {
   out.close();
   if (!out) throw std::runtime_error("cannot write " + aside.string());
   std::filesystem::rename(aside, file);
-}
-
-Page::Page(std::string title) : title_(std::move(title)) {}
-
-void Page::heading(std::string_view text) {
-  blocks_.push_back({"<h2>" + escaped(text) + "</h2>\n"});
-}
-void Page::subheading(std::string_view text) {
-  blocks_.push_back({"<h3>" + escaped(text) + "</h3>\n"});
-}
-void Page::paragraph(std::string_view text) {
-  blocks_.push_back({"<p>" + escaped(text) + "</p>\n"});
-}
-void Page::note(std::string_view text) {
-  blocks_.push_back({"<p class=\"note\">" + escaped(text) + "</p>\n"});
-}
-
-void Page::list(const std::vector<std::string>& items) {
-  if (items.empty()) return;
-  std::string html = "<ul>\n";
-  for (const auto& item : items) html += "<li>" + escaped(item) + "</li>\n";
-  blocks_.push_back({html + "</ul>\n"});
-}
-
-void Page::table(const std::vector<std::string>& header, const std::vector<std::vector<std::string>>& rows,
-                 std::string_view caption) {
-  std::string html = "<div class=\"wide\"><table>\n";
-  if (!caption.empty()) html += "<caption>" + escaped(caption) + "</caption>\n";
-  html += "<tr>";
-  for (const auto& cell : header) html += "<th>" + escaped(cell) + "</th>";
-  html += "</tr>\n";
-  for (const auto& row : rows) {
-    html += "<tr>";
-    for (const auto& cell : row)
-      html += (reads_as_number(cell) ? "<td class=\"n\">" : "<td>") + escaped(cell) + "</td>";
-    html += "</tr>\n";
-  }
-  blocks_.push_back({html + "</table></div>\n"});
-}
-
-void Page::figure(Figure figure) {
-  blocks_.push_back({{}, static_cast<int>(figures_.size())});
-  figures_.push_back(std::move(figure));
-}
-
-void Page::write(const std::filesystem::path& folder, const DrawOptions& options, std::string_view file_name) const {
-  std::filesystem::create_directories(folder);
-  const auto drawn = folder / "figures";
-  draw(figures_, drawn, options);
-  std::string html =
-      "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\n"
-      "<meta name=\"viewport\" content=\"width=device-width\">\n<title>" +
-      escaped(title_) + "</title>\n<style>" + std::string(kStyle) + "</style></head><body>\n<h1>" + escaped(title_) +
-      "</h1>\n";
-  for (const Block& block : blocks_) {
-    if (block.figure < 0) {
-      html += block.html;
-      continue;
-    }
-    const Figure& f = figures_[static_cast<std::size_t>(block.figure)];
-    html += "<figure id=\"" + escaped(f.name) + "\">\n" + inline_svg(drawn / (f.name + ".svg")) + "<figcaption>" +
-            escaped(f.caption) + "</figcaption></figure>\n";
-  }
-  write_text_file(folder / file_name, html + "</body></html>\n");
 }
 
 }  // namespace isorig::identify::report

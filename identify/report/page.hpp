@@ -1,5 +1,7 @@
 #pragma once
 #include <filesystem>
+#include <memory>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -8,38 +10,71 @@
 
 namespace isorig::identify::report {
 
-/// A page for people that needs nothing but itself: style, figures (inline SVG) and tables in one file, no
-/// script, no network. Text given to it is plain; it is escaped here.
+/// How good or bad news are: shown by colour and by place, never by colour alone.
+enum class Mood { kGood, kInfo, kWarning, kBad };
+
+/// How a page came about, at its foot.
+struct Made {
+  std::string command;  ///< as it was typed
+  std::string version;
+  std::string at_utc;
+  std::vector<std::pair<std::string, std::string>> inputs{};  ///< what, and which
+  std::vector<std::pair<std::string, std::string>> links{};   ///< neighbours: text, path relative to the page
+};
+
+struct Fact {
+  std::string name, value;
+  std::string note{};
+  std::optional<Mood> mood{};
+};
+
+/// A page for people that needs nothing but itself: the template of web/ with the content as JSON in it. One file, no
+/// network, printable. Text given to it is plain.
 class Page {
  public:
-  explicit Page(std::string title);
+  /// `kind`: what sort of page, above the title ("Diagnosis").
+  Page(std::string_view kind, std::string_view title);
+  ~Page();
+  Page(const Page&) = delete;
+  Page& operator=(const Page&) = delete;
+
+  void subtitle(std::string_view text);
+  /// What it comes to, in one sentence, before everything else. `word`: the sentence in one or two words.
+  void lead(Mood mood, std::string_view word, std::string_view text);
+  void made(const Made& made);
+  /// A neighbour, by its path relative to this page; Made brings others.
+  void link(std::string_view text, std::string_view href);
 
   void heading(std::string_view text);  ///< a section
   void subheading(std::string_view text);
   void paragraph(std::string_view text);
-  void note(std::string_view text);  ///< set apart: a warning, a limit, what is simulated
+  void note(std::string_view text, Mood mood = Mood::kWarning);  ///< set apart: a warning, a limit, what is simulated
+  void equation(std::string_view text);
+  void code(std::string_view name, std::string_view text);  ///< a file, as it is
   void list(const std::vector<std::string>& items);
-  /// Cells that read as numbers are set flush right. Rows may be shorter than the header.
+  void facts(const std::vector<Fact>& items);
+  /// A column whose cells all read as numbers is set flush right, its head too. Rows may be shorter than the header.
   void table(const std::vector<std::string>& header, const std::vector<std::vector<std::string>>& rows,
              std::string_view caption = {});
-  /// Remembers the figure and its place; drawn by write().
-  void figure(Figure figure);
+  void figure(const Figure& figure);  ///< throws what figure_json() throws
 
-  /// Draws all figures into `folder`/figures and writes `folder`/`file_name` (through a temporary name).
-  /// Throws what draw() throws, and std::filesystem::filesystem_error or std::runtime_error when it cannot
-  /// write.
-  void write(const std::filesystem::path& folder, const DrawOptions& options = {},
-             std::string_view file_name = "report.html") const;
+  /// What follows is folded away behind `summary` until end_more(): for those who want all of it.
+  void begin_more(std::string_view summary);
+  void end_more();
+
+  /// isorig-report-data/1 (web/src/report/document.ts).
+  [[nodiscard]] nlohmann::ordered_json json() const;
+  /// Through a temporary name. Throws std::filesystem::filesystem_error or std::runtime_error when it cannot write.
+  void write(const std::filesystem::path& folder, std::string_view file_name) const;
 
  private:
-  struct Block {
-    std::string html;
-    int figure = -1;  ///< index; html unused
-  };
-  std::string title_;
-  std::vector<Block> blocks_;
-  std::vector<Figure> figures_;
+  struct Content;
+  void add(nlohmann::ordered_json block);
+  std::unique_ptr<Content> content_;
 };
+
+/// Now, "2026-03-01 14:05 UTC", for Made.
+[[nodiscard]] std::string now_utc();
 
 /// &, <, >, " as entities.
 [[nodiscard]] std::string escaped(std::string_view text);
@@ -49,6 +84,9 @@ class Page {
 
 /// "1.23 [1.10, 1.36]", digits by the width of the interval; an end that is not finite is "..".
 [[nodiscard]] std::string interval_text(double value, double low, double high);
+
+/// R² with the digits that mean something: as many as tell it from 1, "0.99987", at most "> 0.999999".
+[[nodiscard]] std::string r_squared_text(double value);
 
 /// Writes text through a temporary name in the same folder, so that a reader never sees half of it.
 void write_text_file(const std::filesystem::path& file, std::string_view text);

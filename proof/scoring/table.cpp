@@ -182,7 +182,7 @@ std::vector<std::vector<std::string>> case_rows(const std::vector<Label>& labels
 void write_score_report(const std::filesystem::path& folder, const std::string& title, std::span<const Score> scores,
                         const std::vector<std::vector<std::string>>& rows, const std::string& seal) {
   namespace report = identify::report;
-  report::Page page(title);
+  report::Page page("Score", title);
   if (!seal.empty()) page.paragraph("SHA-256 of the labels, published before the tool ran and verified: " + seal);
   page.note(
       "Every case here is simulated, by a rig that shares no stepping code with the tool's catalogue. "
@@ -198,7 +198,6 @@ void write_score_report(const std::filesystem::path& folder, const std::string& 
   panel.y_label = "right";
   panel.x_range = {0.0, 1.0};
   panel.y_range = {0.0, 1.05};
-  panel.key = "top left";
   panel.series.push_back({{0.0, 1.0}, {0.0, 1.0}, "perfect", report::Mark::kDashes});
   for (const Score& s : scores) {
     report::Series series;
@@ -212,11 +211,11 @@ void write_score_report(const std::filesystem::path& folder, const std::string& 
     if (!series.x.empty()) panel.series.push_back(std::move(series));
   }
   figure.panels.push_back(std::move(panel));
-  page.figure(std::move(figure));
+  page.figure(figure);
   page.heading("Cases");
   page.table({"case", "kind", "concealed", "size", "residual / noise", "said", "gap closed %", "s"}, rows,
              "What was concealed, what " + (scores.empty() ? std::string("was") : scores.front().method) + " said.");
-  page.write(folder, {.png = false});
+  page.write(folder, "report.html");
 }
 
 }  // namespace isorig::proof

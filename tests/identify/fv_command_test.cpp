@@ -94,11 +94,10 @@ TEST_F(FvCommand, ControlThenSheath) {
   EXPECT_EQ(json["curves"][0]["means"].size(), 10U);
   EXPECT_EQ(json["curves"][0]["means"][0]["repetitions"], 2);
   EXPECT_EQ(json["recordings"][0]["ramps"].size(), 10U);
-  for (const char* file : {"ramps.csv", "moves.csv", "curves.csv", "parameters.csv", "fv-report.html",
-                           "figures/curve_1_control_at_10_psi.svg", "figures/curve_1_control_at_10_psi.png"})
+  for (const char* file : {"ramps.csv", "moves.csv", "curves.csv", "parameters.csv", "fv-report.html"})
     EXPECT_GT(fs::file_size(folder_ / "out" / file), 100U) << file;
   fs::rename(folder_ / "out", folder_ / "control-out");
-  const Outcome second = isorig("fv" + sheathed + " --model slse2 --no-png --control " +
+  const Outcome second = isorig("fv" + sheathed + " --model slse2 --no-report --control " +
                                 (folder_ / "control-out/fv.json").string() + out());
   ASSERT_EQ(second.code, 0) << second.text;
   json = result();
@@ -107,7 +106,7 @@ TEST_F(FvCommand, ControlThenSheath) {
   EXPECT_NEAR(p["beta"]["value"].get<double>(), 0.5, 0.15);
   EXPECT_NEAR(p["gamma_per_s"]["value"].get<double>(), 20.0, 6.0);
   EXPECT_GT(json["curves"][0]["fit"]["r_squared"].get<double>(), 0.9999);
-  EXPECT_FALSE(fs::exists(folder_ / "out/figures/curve_1_sheathed_at_10_psi.png"));
+  EXPECT_FALSE(fs::exists(folder_ / "out/fv-report.html"));
 }
 
 TEST_F(FvCommand, PressuresRiseInEveryTableHoweverTheFoldersAreSorted) {
@@ -122,7 +121,7 @@ TEST_F(FvCommand, PressuresRiseInEveryTableHoweverTheFoldersAreSorted) {
     for (double& p : r.pressure->pressure_psi) p = psi;
     paths += " " + save(r, "rep-1_" + std::to_string(psi) + "-psi").string();
   }
-  const Outcome o = isorig("fv" + paths + " --no-figures" + out());
+  const Outcome o = isorig("fv" + paths + " --no-report" + out());
   ASSERT_EQ(o.code, 0) << o.text;
   const auto json = result();
   for (const char* list : {"recordings", "curves"}) {
@@ -140,7 +139,7 @@ TEST_F(FvCommand, ARecordingCountsOnce) {
   const auto path = save(recording(test, "one"), "one");
   fs::copy(path, folder_ / "copy");
   for (const auto& second : {path, folder_ / "copy"}) {
-    const Outcome o = isorig("fv " + path.string() + " " + second.string() + " --no-figures" + out());
+    const Outcome o = isorig("fv " + path.string() + " " + second.string() + " --no-report" + out());
     EXPECT_EQ(o.code, 2);
     EXPECT_THAT(o.text, HasSubstr("the same samples as " + path.string()));
   }
@@ -153,11 +152,11 @@ TEST_F(FvCommand, APressureThatIsNotTheRecordingsIsSaid) {
   test.precondition = false;
   auto r = recording(test, "one");
   for (double& p : r.pressure->pressure_psi) p = 5.0;
-  const Outcome other = isorig("fv " + save(r, "other").string() + " --no-figures" + out());
+  const Outcome other = isorig("fv " + save(r, "other").string() + " --no-report" + out());
   EXPECT_EQ(other.code, 0);
   EXPECT_THAT(other.text, HasSubstr("measured pressure before the ramps is 5 psi, the nominal one 10 psi"));
   for (double& t : r.pressure->t_s) t += 1e6;
-  const Outcome elsewhere = isorig("fv " + save(r, "elsewhere").string() + " --no-figures" + out());
+  const Outcome elsewhere = isorig("fv " + save(r, "elsewhere").string() + " --no-report" + out());
   EXPECT_THAT(elsewhere.text, HasSubstr("no sample before any ramp"));
 }
 
@@ -167,7 +166,7 @@ TEST_F(FvCommand, ACurveWorseThanTheMeanIsNoFit) {
   test.precondition = false;
   auto r = recording(test, "one");
   for (double& f : r.frame.force_N) f += 5e5;  // not zeroed: the normalised force is 1 whatever the speed
-  const Outcome o = isorig("fv " + save(r, "one").string() + " --no-figures" + out());
+  const Outcome o = isorig("fv " + save(r, "one").string() + " --no-report" + out());
   EXPECT_EQ(o.code, 1) << o.text;
   EXPECT_THAT(o.text, HasSubstr("follow no force-velocity curve"));
   EXPECT_TRUE(result()["curves"][0]["fit"].is_null());
@@ -283,7 +282,7 @@ TEST_F(FvCommand, AlignMakesARecordingOfTwoStreams) {
   const auto aligned = messages::read_recording(folder_ / "out");
   EXPECT_NEAR(aligned.pressure->t_s.front(), 12.5, 0.05);
   EXPECT_EQ(aligned.metadata.specimen, "streams");
-  EXPECT_EQ(isorig("fv " + (folder_ / "out").string() + " --no-png --out " + (folder_ / "fv").string()).code, 0);
+  EXPECT_EQ(isorig("fv " + (folder_ / "out").string() + " --no-report --out " + (folder_ / "fv").string()).code, 0);
 
   for (double& v : separate.pressure->pressure_psi) v = 10.0 + 0.01 * std::sin(1e5 * v);
   const auto flat = save(separate, "flat");
@@ -306,7 +305,7 @@ TEST_F(FvCommand, FiftyThousandSamplesTakeWellUnderASecond) {
   ASSERT_EQ(o.code, 0) << o.text;
   const double cpu_s = static_cast<double>(after.ru_utime.tv_sec - before.ru_utime.tv_sec) +
                        1e-6 * static_cast<double>(after.ru_utime.tv_usec - before.ru_utime.tv_usec);
-  std::printf("%zu samples: %.2f s of processor time, figures and PNGs included\n", r.frame.size(), cpu_s);
+  std::printf("%zu samples: %.2f s of processor time, report included\n", r.frame.size(), cpu_s);
   EXPECT_LT(cpu_s, 1.0);
 }
 

@@ -1,9 +1,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <nlohmann/json.hpp>
 
+#include "identify/report/long_signal.hpp"
 #include "identify/report/page.hpp"
 
 namespace isorig::identify::report {
@@ -34,70 +37,144 @@ Figure example() {
   return {"example_1", "A & B", {first, second}, 2};
 }
 
+/// The data that the page of `html` is drawn from.
+nlohmann::json data_of(const std::string& html) {
+  const std::string begin = R"(<script type="application/json" id="data">)";
+  const auto from = html.find(begin) + begin.size();
+  return nlohmann::json::parse(html.substr(from, html.find("</script>", from) - from));
+}
+
 TEST(Report, IsOneFileThatNeedsNoOther) {
   const Folder folder;
-  Page page("Title with <tags> & more");
+  Page page("Test", "Title with <tags> & more");
+  page.made(
+      {"isorig fv 'a b'", "isorig 1", "2026-01-02 03:04 UTC", {{"Recording", "r</script>"}}, {{"fv", "fv.html"}}});
+  page.lead(Mood::kWarning, "half", "Half of it.");
   page.heading("Section");
-  page.paragraph("1 < 2");
-  page.table({"name", "value"}, {{"a", "1.5"}, {"<b>", "-"}}, "caption");
+  page.paragraph("1 < 2 </script> <!--");
+  page.table({"name", "value", "both"}, {{"a", "1.5", "1"}, {"<b>", "-", "none"}}, "caption");
   page.list({"one", "two"});
-  page.note("note");
+  page.note("note", Mood::kBad);
+  page.begin_more("more");
   page.figure(example());
-  page.write(folder.path);
+  page.end_more();
+  page.write(folder.path, "report.html");
   const std::string html = read(folder.path / "report.html");
-  EXPECT_THAT(html, ::testing::HasSubstr("Title with &lt;tags&gt; &amp; more"));
-  EXPECT_THAT(html, ::testing::HasSubstr("1 &lt; 2"));
-  EXPECT_THAT(html, ::testing::HasSubstr("<td class=\"n\">1.5</td>"));
-  EXPECT_THAT(html, ::testing::HasSubstr("<td>&lt;b&gt;</td>"));
-  EXPECT_THAT(html, ::testing::HasSubstr("<svg"));
-  // No reference leaves the file: what is left of http are the names of the XML spaces.
-  for (std::size_t at = html.find("http"); at != std::string::npos; at = html.find("http", at + 1))
-    EXPECT_EQ(html.substr(at, 18), "http://www.w3.org/") << html.substr(at, 60);
-  EXPECT_THAT(html, ::testing::Not(::testing::HasSubstr("<script src")));
-  EXPECT_GT(std::filesystem::file_size(folder.path / "figures/example_1.svg"), 2000U);
-  EXPECT_EQ(read(folder.path / "figures/example_1.png").substr(1, 3), "PNG");
+  EXPECT_THAT(html, ::testing::HasSubstr("<title>Title with &lt;tags&gt; &amp; more</title>"));
+  const auto data = data_of(html);
+  EXPECT_EQ(data["format"], "isorig-report-data/1");
+  EXPECT_EQ(data["title"], "Title with <tags> & more");
+  EXPECT_EQ(data["made"]["inputs"][0]["what"], "r</script>");
+  EXPECT_EQ(data["links"][0]["href"], "fv.html");
+  EXPECT_EQ(data["blocks"][1]["text"], "1 < 2 </script> <!--");
+  const auto& columns = data["blocks"][2]["columns"];
+  EXPECT_FALSE(columns[0].contains("numeric"));
+  EXPECT_TRUE(columns[1].contains("numeric")) << "numbers and a dash for none";
+  EXPECT_FALSE(columns[2].contains("numeric")) << "one cell is a word";
+  EXPECT_EQ(data["blocks"][5]["blocks"][0]["figure"]["name"], "example_1");
+  // Nothing is fetched: no reference to a script, a style or a picture of another file, and a policy that forbids them.
+  for (const char* reference : {"<script src", "<link", "@import", "url(http", "src=\"http"})
+    EXPECT_THAT(html, ::testing::Not(::testing::HasSubstr(reference)));
+  EXPECT_THAT(html, ::testing::HasSubstr("default-src 'none'"));
+  EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path), std::filesystem::directory_iterator()), 1);
 }
 
 TEST(Report, RefusesFiguresThatCannotBeDrawn) {
-  const Folder folder;
   auto figure = example();
   figure.panels[0].series[0].y.pop_back();
-  EXPECT_THROW(draw(std::vector{figure}, folder.path), std::invalid_argument);
+  EXPECT_THROW((void)figure_json(figure), std::invalid_argument);
   figure = example();
   figure.name = "../escape";
-  EXPECT_THROW(draw(std::vector{figure}, folder.path), std::invalid_argument);
+  EXPECT_THROW((void)figure_json(figure), std::invalid_argument);
+  figure = example();
+  figure.panels.clear();
+  EXPECT_THROW((void)figure_json(figure), std::invalid_argument);
 }
 
-TEST(Report, SaysWhatIsMissing) {
-  const Folder folder;
-  DrawOptions options;
-  options.gnuplot = "no-such-program";
-  try {
-    draw(std::vector{example()}, folder.path, options);
-    FAIL() << "did not throw";
-  } catch (const std::runtime_error& e) {
-    EXPECT_THAT(e.what(), ::testing::HasSubstr("gnuplot-nox"));
-  }
+TEST(Report, RefusesHalfAPage) {
+  Page page("Test", "half");
+  EXPECT_THROW(page.end_more(), std::logic_error);
+  page.begin_more("open");
+  EXPECT_THROW((void)page.json(), std::logic_error);
 }
 
-TEST(Report, LabelsCannotLeaveTheirQuotes) {
-  auto figure = example();
-  figure.panels[0].title = "it's `date`\nplot";
-  const std::string script = gnuplot_script(std::vector{figure}, "/tmp", false);
-  EXPECT_THAT(script, ::testing::HasSubstr("set title 'it''s `date` plot' "));
+TEST(Report, FiguresKeepGapsAndEnoughDigits) {
+  const auto json = figure_json(example());
+  EXPECT_TRUE(json["panels"][0]["series"][0]["y"][2].is_null()) << "NaN is a gap";
+  EXPECT_EQ(json["panels"][0]["verticals"][0]["label"], "here");
+  EXPECT_EQ(json["panels"][1]["x"]["log"], true);
+  // A small change on a large value: rounded to 1e-5 of the span, not of the value.
+  const auto fine = figure_json({"fine", "", {{"", "x", "y", {{{0, 1, 2}, {1000.0001, 1000.0002, 1000.0003}}}}}});
+  const auto& y = fine["panels"][0]["series"][0]["y"];
+  for (int i = 0; i < 3; ++i) EXPECT_NEAR(y[i].get<double>(), 1000.0001 + 1e-4 * i, 2e-4 * 1e-4);
 }
 
-TEST(Report, ThinningKeepsTheExtremes) {
-  Series s;
+TEST(Report, ALongSignalIsABandThatHoldsEveryReading) {
+  std::vector<double> x, y;
   for (int i = 0; i < 100000; ++i) {
-    s.x.push_back(i);
-    s.y.push_back(i == 54321 ? 7.0 : i == 4321 ? -3.0 : 0.0);
+    x.push_back(i);
+    y.push_back(i == 54321 ? 7.0 : i == 4321 ? -3.0 : i % 2 == 0 ? 0.5 : -0.5);
   }
-  const Series out = thinned(s, 500);
-  EXPECT_LE(out.x.size(), 500U);
-  EXPECT_EQ(*std::max_element(out.y.begin(), out.y.end()), 7.0);
-  EXPECT_EQ(*std::min_element(out.y.begin(), out.y.end()), -3.0);
-  EXPECT_TRUE(std::is_sorted(out.x.begin(), out.x.end()));
+  const auto out = enveloped(x, y, "force", 3, 500);
+  ASSERT_EQ(out.size(), 2U);
+  EXPECT_EQ(out[0].mark, Mark::kBand);
+  EXPECT_EQ(out[0].x.size(), 500U);
+  EXPECT_EQ(*std::max_element(out[0].y2.begin(), out[0].y2.end()), 7.0);
+  EXPECT_EQ(*std::min_element(out[0].y.begin(), out[0].y.end()), -3.0);
+  EXPECT_EQ(out[1].mark, Mark::kLine);
+  EXPECT_NEAR(out[1].y[0], 0.0, 1e-12) << "the mean of 200 readings of +-0.5";
+  EXPECT_EQ(out[0].label, out[1].label) << "once in the key";
+  // A short one is itself, in the order of x.
+  const auto few = enveloped(std::vector<double>{2, 0, 1}, std::vector<double>{20, 0, std::nan("")}, "few", 0, 500);
+  ASSERT_EQ(few.size(), 1U);
+  EXPECT_THAT(few[0].x, ::testing::ElementsAre(0, 2));
+  EXPECT_THAT(few[0].y, ::testing::ElementsAre(0, 20));
+}
+
+TEST(Report, ASignalOfUnknownLengthKeepsEveryReadingInFewStretches) {
+  LongSignal signal(0.001, 100);
+  double sum = 0.0;
+  constexpr int kReadings = 50000;
+  for (int i = 0; i < kReadings; ++i) {
+    const double y = i == 31234 ? 9.0 : i == 7 ? -4.0 : std::sin(1e-3 * i);
+    sum += y;
+    signal.add(0.001 * i - 10.0, y);  // from before zero on
+  }
+  const auto out = signal.series("x", 2, 1.0);
+  ASSERT_EQ(out.size(), 2U);
+  EXPECT_LE(out[0].x.size(), 100U);
+  EXPECT_GT(out[0].x.size(), 50U) << "doubled no more often than needed";
+  EXPECT_EQ(*std::max_element(out[0].y2.begin(), out[0].y2.end()), 9.0);
+  EXPECT_EQ(*std::min_element(out[0].y.begin(), out[0].y.end()), -4.0);
+  EXPECT_TRUE(std::is_sorted(out[1].x.begin(), out[1].x.end()));
+  // All stretches but the two ends hold equally many readings: their mean is that of the signal, but for the ends.
+  double mean = 0.0;
+  for (const double y : out[1].y) mean += y / static_cast<double>(out[1].y.size());
+  EXPECT_NEAR(mean, sum / kReadings, 2.0 / static_cast<double>(out[1].y.size()));
+}
+
+TEST(Report, ASignalWithAHoleIsNotDrawnAcrossIt) {
+  LongSignal signal(0.1);
+  for (int i = 0; i < 10; ++i) signal.add(0.1 * i + 0.05, 1.0);
+  signal.add(60.0, 2.0, 3.0, 2.5, 100.0);  // an interval, as averages come
+  signal.add(61.0, std::nan(""));
+  const auto out = signal.series("x", 0, 5.0, 1.0 / 60.0);
+  ASSERT_EQ(out.size(), 2U);
+  ASSERT_EQ(out[1].y.size(), 12U);
+  EXPECT_TRUE(std::isnan(out[1].y[10]));
+  EXPECT_EQ(out[0].y[11], 2.0);
+  EXPECT_EQ(out[0].y2[11], 3.0);
+  EXPECT_EQ(out[1].y[11], 2.5);
+  EXPECT_NEAR(out[1].x[11], 1.0, 0.1 / 60.0);
+}
+
+TEST(Report, RSquaredHasTheDigitsThatTellItFromOne) {
+  EXPECT_EQ(r_squared_text(0.5), "0.500");
+  EXPECT_EQ(r_squared_text(0.9987), "0.9987");
+  EXPECT_EQ(r_squared_text(0.999987), "0.999987");
+  EXPECT_EQ(r_squared_text(1.0), "> 0.999999");
+  EXPECT_EQ(r_squared_text(std::nan("")), "-");
+  EXPECT_EQ(r_squared_text(-1.25), "-1.250");
 }
 
 TEST(Report, NumbersAreAsPreciseAsTheirIntervals) {

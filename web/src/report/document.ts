@@ -1,6 +1,6 @@
 import type { Figure } from "../shared/figure.ts";
 
-/** The JSON that identify/report/document.cpp writes and this template shows: isorig-report-data/1. */
+/** The JSON that identify/report/page.cpp writes and this template shows: isorig-report-data/1. */
 
 export type Mood = "good" | "info" | "warning" | "bad";
 
@@ -21,6 +21,7 @@ export type Block =
   | { type: "paragraph"; text: string }
   | { type: "note"; text: string; mood: Mood }
   | { type: "equation"; text: string }
+  | { type: "code"; name: string; text: string }
   | { type: "list"; items: string[] }
   | { type: "facts"; items: Fact[] }
   | { type: "table"; caption: string; columns: Column[]; rows: string[][] }

@@ -54,8 +54,10 @@ function One({ block: b, count }: { block: Block; count: { figures: number } }):
       return <p class={`note ${b.mood}`} role="note">{b.text}</p>;
     case "equation":
       return <p class="equation">{b.text}</p>;
+    case "code":
+      return <pre tabIndex={0} aria-label={b.name}><code>{b.text}</code></pre>;
     case "list":
-      return <ul>{b.items.map((item) => <li key={item}>{item}</li>)}</ul>;
+      return <ul>{b.items.map((item, i) => <li key={i}>{item}</li>)}</ul>;
     case "facts":
       return <Facts items={b.items} />;
     case "table":
@@ -96,14 +98,14 @@ function One({ block: b, count }: { block: Block; count: { figures: number } }):
 
 /** Wide tables scroll on a narrow screen, by keyboard as well; on paper they wrap. */
 function Frame({ label, children }: { label: string; children: ComponentChildren }): JSX.Element {
-  return <div class="table-frame" tabIndex={0} role="region" aria-label={label}>{children}</div>;
+  return <div class="table-frame" tabIndex={0} role="group" aria-label={label}>{children}</div>;
 }
 
 function Facts({ items }: { items: Fact[] }): JSX.Element {
   return (
     <dl class="facts">
-      {items.map((f) => (
-        <div key={f.name} class={f.mood}>
+      {items.map((f, i) => (
+        <div key={i} class={f.mood}>
           <dt>{f.name}</dt>
           <dd>{f.value}{f.note && <span class="hint">{f.note}</span>}</dd>
         </div>

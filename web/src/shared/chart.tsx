@@ -111,7 +111,7 @@ export function Chart({ panel, width, height, name, zoom, onZoom, cursor, onCurs
   const label = [panel.title, `${panel.y.name} over ${panel.x.name}`].filter(Boolean).join(": ");
   return (
     <svg ref={box} class="chart" viewBox={`0 0 ${width} ${height}`} role="img" aria-label={label}
-      tabIndex={zoomable ? 0 : undefined} onPointerDown={down} onPointerMove={move} onPointerUp={up}
+      tabindex={zoomable ? 0 : undefined} onPointerDown={down} onPointerMove={move} onPointerUp={up}
       onPointerLeave={() => onCursor?.(null)} onDblClick={() => onZoom?.(null)} onKeyDown={keys}>
       <defs>
         <clipPath id={clip}>

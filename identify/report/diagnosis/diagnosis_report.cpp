@@ -1,0 +1,122 @@
+#include "identify/report/diagnosis/diagnosis_report.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "identify/report/diagnosis/argument.hpp"
+#include "identify/report/diagnosis/effect_words.hpp"
+
+namespace isorig::identify {
+namespace {
+
+using report::Mood;
+using report::number_text;
+using report::Page;
+
+std::string names_of(const Diagnosis& d) {
+  std::string out;
+  for (std::size_t i = 0; i < d.missing.size(); ++i)
+    out += (i == 0 ? "" : i + 1 < d.missing.size() ? ", " : " and ") + effect_words(d.missing[i].effect->name);
+  return out;
+}
+
+/// "between 12.1 and 14.9 s"
+std::string where_text(const Study& study, const Stretch& stretch) {
+  return "between " + number_text(stretch.from_s, 4) + " and " + number_text(stretch.to_s, 4) + " s" +
+         (study.series.size() > 1 ? " of " + study.series[stretch.series].name : std::string());
+}
+
+std::string residuals_text(const Diagnosis& d) {
+  return "The nominal model leaves " + number_text(d.nominal_errors.train_rmse_N, 3) + " N rms, with it " +
+         number_text(d.model_errors.train_rmse_N, 3) + " N; the force channel's own noise is " +
+         number_text(d.noise_N, 3) + " N.";
+}
+
+void add_lead(Page& page, const Study& study, const Stretch& stretch) {
+  const Diagnosis& d = study.diagnosis;
+  const std::string where = "Model and muscle part most " + where_text(study, stretch) + ". ";
+  const std::string left =
+      number_text(100.0 * d.unexplained, 2) + " % of what the nominal model misses stays unexplained.";
+  switch (d.verdict) {
+    case Verdict::kConsistent:
+      page.lead(Mood::kGood, "nothing is missing",
+                "The model explains these recordings: what it leaves, " +
+                    number_text(d.nominal_errors.train_rmse_N, 3) + " N rms, is what the instruments leave (" +
+                    number_text(d.noise_N, 3) + " N), everywhere. No effect of the catalogue makes it better.");
+      return;
+    case Verdict::kMissingPhysics:
+      page.lead(Mood::kInfo, "physics is missing",
+                "The model lacks " + names_of(d) + ". " + where + residuals_text(d) + " " + left);
+      return;
+    case Verdict::kUnknownPhysics:
+      page.lead(
+          Mood::kWarning, "unknown physics",
+          (d.missing.empty() ? "Something is left that no effect of the catalogue explains"
+                             : "The model lacks " + names_of(d) + ", and something that the catalogue does not know") +
+              (d.described_by.empty() ? std::string(". ")
+                                      : "; it is described as a function of " + d.described_by + ". ") +
+              where + residuals_text(d) + " " + left);
+      return;
+    case Verdict::kCannotJudge:
+      page.lead(Mood::kWarning, "cannot be judged",
+                "Whether the model is right cannot be told from these recordings: " + d.unjudged->why +
+                    ". A recording that would allow it: " + d.unjudged->record + ".");
+      return;
+  }
+}
+
+void add_reassurance(Page& page, const Study& study) {
+  const Diagnosis& d = study.diagnosis;
+  page.heading("What was looked for, and not found");
+  double second = 0.0;
+  std::string rival;
+  for (const Explanation& e : d.tried)
+    if (e.key != "nominal" && e.weight > second) {
+      second = e.weight;
+      rival = e.key;
+    }
+  page.paragraph("Every effect of the catalogue was fitted beside the model, and every pair that promised something: " +
+                 std::to_string(d.tried.size()) + " explanations, on " + std::to_string(d.rows) +
+                 " independent readings. The model alone stands best" +
+                 (rival.empty() ? std::string(".")
+                                : "; the nearest rival is " + explanation_words(rival) + ", at a weight of " +
+                                      number_text(second, 2) + "."));
+  page.paragraph(
+      "This holds for the motions that were recorded. An effect that they do not excite leaves no trace in "
+      "them: a slow triangle shows no inertia, one pressure no coupling to it.");
+}
+
+}  // namespace
+
+void write_diagnosis_report(const Study& study, const std::filesystem::path& folder, const report::Made& made) {
+  const Diagnosis& d = study.diagnosis;
+  Argument a{study, {}, {}};
+  for (std::size_t i = 0; i < study.series.size(); ++i)
+    a.forces.push_back(simulate(study.series[i], study.usable.empty() ? std::vector<bool>() : study.usable[i], d));
+  a.stretch = stretch_to_show(study, a.forces);
+
+  Page page("Diagnosis", study.series.empty() ? std::string() : study.series[0].recording.metadata.specimen);
+  page.made(made);
+  page.subtitle(std::to_string(study.series.size()) +
+                (study.series.size() == 1 ? " recording" : " recordings together") + ", nominal model " +
+                d.nominal.name);
+  page.link("diagnosis.json", "diagnosis.json");
+  page.link("model.toml", "model.toml");
+  page.link("nominal.toml", "nominal.toml");
+  if (d.design.experiment) page.link("next_experiment.toml", "next_experiment.toml");
+  add_lead(page, study, a.stretch);
+  for (const std::string& warning : d.warnings) page.note(warning);
+  add_parting(page, a);
+  if (d.verdict == Verdict::kConsistent)
+    add_reassurance(page, study);
+  else
+    add_missing(page, a);
+  add_residuals(page, a);
+  add_predictions(page, a);
+  add_rivals(page, a);
+  add_evidence(page, a);
+  page.write(folder, "diagnosis-report.html");
+}
+
+}  // namespace isorig::identify

@@ -1,0 +1,149 @@
+#include <algorithm>
+#include <cmath>
+
+#include "identify/report/diagnosis/argument.hpp"
+#include "identify/report/diagnosis/effect_words.hpp"
+#include "model/catalogue.hpp"
+
+namespace isorig::identify {
+namespace {
+
+using report::Figure;
+using report::Mark;
+using report::number_text;
+using report::Page;
+using report::Panel;
+
+/// Unit and meaning of a number of a law; null when the law has none of that name.
+const model::NumberSheet* sheet_of(const model::Law& law, const std::string& name) {
+  for (const auto& p : law.parameters)
+    if (p.name == name) return &p.sheet;
+  for (const auto& c : law.coefficients)
+    if (c.name == name) return &c.sheet;
+  return nullptr;
+}
+
+std::string unit_text(const model::NumberSheet* sheet) {
+  if (sheet == nullptr || sheet->unit.empty() || sheet->unit == "1") return {};
+  return std::string(sheet->unit);
+}
+
+/// "At its lower bound: ..." where a number stands there.
+std::string bound_text(const model::Law& law, const NamedValue& value) {
+  for (const auto& p : law.parameters) {
+    if (p.name != value.name || p.fixed) continue;
+    const double room = 1e-3 * (p.upper - p.lower);
+    if (value.value <= p.lower + room) return "It stands at the lower end of its range: the law may be another one. ";
+    if (value.value >= p.upper - room) return "It stands at the upper end of its range: the law may be another one. ";
+  }
+  return {};
+}
+
+Figure shape_figure(const Argument& a, std::size_t part, const std::vector<NamedValue>& numbers,
+                    const std::string& words) {
+  const Series& series = a.study.series[a.stretch.series];
+  const Contribution all = contribution(series, a.study.diagnosis, part, numbers);
+  const double margin = 0.5 * (a.stretch.to_s - a.stretch.from_s);
+  Contribution near;
+  for (std::size_t i = 0; i < all.t_s.size(); ++i) {
+    if (all.t_s[i] < a.stretch.from_s - margin || all.t_s[i] > a.stretch.to_s + margin) continue;
+    near.t_s.push_back(all.t_s[i]);
+    near.position_mm.push_back(all.position_mm[i]);
+    near.force_N.push_back(all.force_N[i]);
+    near.half_band_N.push_back(all.half_band_N[i]);
+  }
+  // As paths of means: a band has to lie round the line that is drawn.
+  const auto line = path(near.t_s, near.t_s, near.force_N, words, 1, 700);
+  const auto half = path(near.t_s, near.t_s, near.half_band_N, "", 1, 700);
+  report::Series band;
+  band.label = "95 % by its numbers";
+  band.mark = Mark::kBand;
+  band.color = 1;
+  band.x = line.x;
+  for (std::size_t i = 0; i < line.x.size(); ++i) {
+    band.y.push_back(line.y[i] - half.y[i]);
+    band.y2.push_back(line.y[i] + half.y[i]);
+  }
+  Panel over_time{.x_label = "time (s)", .y_label = "force it adds (N)"};
+  over_time.series = {band, line};
+  over_time.shaded = {{a.stretch.from_s, a.stretch.to_s}};
+  Panel over_position{.x_label = "position (mm)", .y_label = "force it adds (N)"};
+  over_position.series = {path(all.t_s, all.position_mm, all.force_N, words, 1)};
+  return {
+      "shape-" + std::to_string(part),
+      "What " + words +
+          " does to the force, by the fitted law: the model's force minus that without it. Left round the stretch "
+          "above, with the band that its numbers' 95 % intervals give (one at a time, added in squares); right over "
+          "the position, whole recording.",
+      {over_time, over_position},
+      2};
+}
+
+void numbers_table(Page& page, const model::Law& law, const std::vector<NamedValue>& numbers) {
+  std::vector<std::vector<std::string>> rows;
+  for (const NamedValue& value : numbers) {
+    const auto* sheet = sheet_of(law, value.name);
+    rows.push_back({value.name, report::interval_text(value.value, value.low, value.high), unit_text(sheet),
+                    sheet == nullptr ? std::string() : std::string(sheet->what),
+                    bound_text(law, value) + (sheet == nullptr ? std::string() : std::string(sheet->errors))});
+  }
+  page.table({"number", "value [95 %]", "unit", "what it is", "what makes it wrong"}, rows);
+}
+
+std::string sure_text(double probability) {
+  if (probability >= 0.95) return "Nearly certain";
+  if (probability >= 0.8) return "Probable";
+  if (probability >= 0.5) return "More likely than not";
+  return "A possibility";
+}
+
+void add_effect(Page& page, const Argument& a, const MissingEffect& missing, std::vector<bool>& drawn) {
+  const Diagnosis& d = a.study.diagnosis;
+  const std::string words = effect_words(missing.effect->name);
+  page.subheading(words);
+  page.paragraph(std::string(missing.effect->what));
+  const model::Law* law = model::find_law(*missing.effect, missing.law);
+  if (law != nullptr) page.equation(law->formula);
+  page.facts({{"How sure", sure_text(missing.probability), "probability " + number_text(missing.probability, 3)},
+              {"How large", number_text(missing.size_N, 3) + " N rms",
+               number_text(d.noise_N > 0.0 ? missing.size_N / d.noise_N : std::nan(""), 2) + " times the noise"},
+              {"Acts on", std::string(model::side_of(missing.effect->stage))},
+              {"In the catalogue", std::string(missing.effect->name), "law " + missing.law}});
+  const bool modelled =
+      std::ranges::find(d.not_modelled.names, std::string(missing.effect->name)) == d.not_modelled.names.end();
+  std::size_t part = d.model.parts.size();
+  for (std::size_t i = 0; modelled && i < d.model.parts.size(); ++i)
+    if (d.model.parts[i].physics == missing.effect && !drawn[i]) part = std::min(part, i);
+  if (part < d.model.parts.size()) {
+    drawn[part] = true;
+    page.figure(shape_figure(a, part, missing.parameters, words));
+  }
+  if (law != nullptr) numbers_table(page, *law, missing.parameters);
+  page.note("What would show it, and what it is mistaken for: " + std::string(missing.effect->reveals),
+            report::Mood::kInfo);
+  if (!modelled) page.note(d.not_modelled.text());
+}
+
+}  // namespace
+
+void add_missing(Page& page, const Argument& a) {
+  const Diagnosis& d = a.study.diagnosis;
+  if (d.missing.empty() && d.described_by.empty()) return;
+  page.heading("What was left out");
+  std::vector<bool> drawn(d.model.parts.size(), false);
+  for (const MissingEffect& missing : d.missing) add_effect(page, a, missing, drawn);
+  if (d.described_by.empty()) return;
+  page.subheading("what the catalogue does not know");
+  page.paragraph("It is described, not explained, as a function of " + d.described_by +
+                 ": a table in model.toml. A description predicts only what is like what it was learnt from.");
+  for (std::size_t i = 0; i < d.model.parts.size(); ++i) {
+    const auto& part = d.model.parts[i];
+    const bool in_nominal =
+        std::ranges::any_of(d.nominal.parts, [&](const auto& n) { return n.physics == part.physics; });
+    if (drawn[i] || in_nominal || model::is_effect(*part.physics)) continue;
+    drawn[i] = true;
+    page.figure(shape_figure(a, i, {}, "what is described"));
+  }
+}
+
+}  // namespace isorig::identify

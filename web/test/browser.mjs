@@ -1,0 +1,137 @@
+// Debian's Chromium, headless, for the tests of pages.
+import assert from "node:assert/strict";
+import { execFileSync } from "node:child_process";
+import { readFileSync, mkdtempSync, rmSync } from "node:fs";
+import { createRequire } from "node:module";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { pathToFileURL } from "node:url";
+import puppeteer from "puppeteer-core";
+
+const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
+
+/** Paper less the margins of @page, in CSS pixels. */
+export const papers = { A4: { width: 210, format: "A4" }, Letter: { width: 215.9, format: "Letter" } };
+const printable = (paper) => Math.floor(((papers[paper].width - 28) / 25.4) * 96);
+
+/** Calls `use` with a browser of its own folder, and ends it. */
+export async function withBrowser(use) {
+  const folder = mkdtempSync(join(tmpdir(), "isorig-chromium-"));
+  const browser = await puppeteer.launch({
+    executablePath: execFileSync("which", ["chromium"], { encoding: "utf8" }).trim(), browser: "chrome", headless: true, userDataDir: folder,
+    args: ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
+      "--disable-component-update", "--disable-sync"],
+  });
+  try {
+    await use(browser);
+  } finally {
+    await browser.close();
+    rmSync(folder, { recursive: true, force: true, maxRetries: 5 });
+  }
+}
+
+/** A page that has drawn itself without an error and without asking for anything but itself. */
+export async function open(browser, file, { width = 1280, height = 900, dark = false } = {}) {
+  const page = await browser.newPage();
+  const complaints = [], requests = [];
+  page.on("console", (m) => ["error", "warn"].includes(m.type()) && complaints.push(m.text()));
+  page.on("pageerror", (e) => complaints.push(String(e)));
+  page.on("request", (r) => requests.push(r.url()));
+  await page.setViewport({ width, height });
+  await page.emulateMediaFeatures([{ name: "prefers-color-scheme", value: dark ? "dark" : "light" }]);
+  const url = pathToFileURL(file).href;
+  await page.goto(url, { waitUntil: "load" });
+  await page.waitForSelector("h1", { timeout: 20000 });
+  await settled(page);
+  assert.deepEqual(complaints, [], `${file}: complaints on the console`);
+  assert.deepEqual(requests.filter((r) => r !== url && !r.startsWith("data:") && !r.startsWith("blob:")), [],
+    `${file} asks for more than itself`);
+  return page;
+}
+
+/** Two frames later: sizes were measured and drawn to. */
+export function settled(page) {
+  return page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
+}
+
+/** Elements that stand out of the page to the right, and boxes whose content is cut or scrolls, by their outerHTML. */
+export function tooWide(page, { scrollers }) {
+  return page.evaluate((mayScroll) => {
+    const out = [];
+    if (document.documentElement.scrollWidth > document.documentElement.clientWidth + 1) {
+      out.push(`the page: ${document.documentElement.scrollWidth} of ${document.documentElement.clientWidth}`);
+    }
+    if (mayScroll) return out;
+    for (const e of document.querySelectorAll("#report *")) {
+      if (e.closest("svg") || e.getClientRects().length === 0) continue;
+      const style = getComputedStyle(e);
+      if (style.display === "inline") continue;
+      if (e.scrollWidth > e.clientWidth + 1 && e.clientWidth > 0) out.push(e.outerHTML.slice(0, 160));
+      if (["auto", "scroll"].includes(style.overflowX)) out.push(`scrolls: ${e.outerHTML.slice(0, 160)}`);
+    }
+    return out;
+  }, scrollers);
+}
+
+/** On paper nothing is cut, nothing scrolls, what is folded away stays away, and there is at least one page. */
+export async function checkPrint(browser, file, paper) {
+  const page = await open(browser, file, { width: printable(paper) });
+  await page.emulateMediaType("print");
+  await settled(page);
+  assert.deepEqual(await tooWide(page, { scrollers: false }), [], `${file} on ${paper}`);
+  assert.equal(await page.$$eval(".screen-only", (all) => all.filter((e) => e.getClientRects().length > 0).length), 0);
+  const pdf = Buffer.from(await page.pdf({ format: papers[paper].format, preferCSSPageSize: false }));
+  const text = pdf.toString("latin1");
+  const pages = (text.match(/\/Type\s*\/Page\b/g) ?? []).length;
+  assert.ok(pages >= 1, `${file}: a PDF without a page`);
+  await page.close();
+  return { pdf, pages };
+}
+
+/** axe-core's findings, none is right. */
+export async function checkAccessible(page, file) {
+  await page.evaluate(axe);
+  const found = await page.evaluate(async () =>
+    (await globalThis.axe.run(document, { resultTypes: ["violations"] })).violations.map((v) =>
+      `${v.id}: ${v.help}: ${v.nodes.slice(0, 3).map((n) => n.html.slice(0, 160) + " " + (n.any[0]?.message ?? "")).join(" | ")}`));
+  assert.deepEqual(found, [], `${file}: axe-core`);
+}
+
+/** What is drawn: for each figure its number of panels, and of marks of each kind; every path is of numbers. */
+export async function drawn(page) {
+  const figures = await page.$$eval("figure", (all) => all.map((figure) => {
+    const marks = [...figure.querySelectorAll("svg.chart g[clip-path] path, svg.chart g[clip-path] circle, svg.chart g[clip-path] rect")];
+    return {
+      name: figure.id,
+      panels: figure.querySelectorAll("svg.chart").length,
+      bands: marks.filter((m) => m.tagName === "path" && m.getAttribute("fill") !== "none").length,
+      lines: marks.filter((m) => m.tagName === "path" && m.getAttribute("fill") === "none").length,
+      bars: marks.filter((m) => m.tagName === "rect" && !m.getAttribute("class")).length,
+      points: marks.filter((m) => m.tagName === "circle").length,
+      wrong: marks.filter((m) => /NaN|Infinity|undefined/.test(m.outerHTML)).map((m) => m.outerHTML.slice(0, 120)),
+    };
+  }));
+  for (const f of figures) {
+    assert.deepEqual(f.wrong, [], `figure ${f.name}`);
+    assert.ok(f.panels > 0, `figure ${f.name} has no panel`);
+    assert.ok(f.bands + f.lines + f.points + f.bars > 0, `figure ${f.name} shows nothing`);
+  }
+  return figures;
+}
+
+/** All that is asked of any page: drawn, whole on a desk, a phone and paper, accessible in both themes. */
+export async function checkPage(browser, file) {
+  const page = await open(browser, file);
+  const figures = await drawn(page);
+  assert.deepEqual(await tooWide(page, { scrollers: true }), [], `${file} at 1280`);
+  await checkAccessible(page, file);
+  await page.close();
+  const night = await open(browser, file, { dark: true });
+  await checkAccessible(night, file);
+  await night.close();
+  const phone = await open(browser, file, { width: 390, height: 844 });
+  assert.deepEqual(await tooWide(phone, { scrollers: true }), [], `${file} at 390`);
+  await phone.close();
+  for (const paper of Object.keys(papers)) await checkPrint(browser, file, paper);
+  return figures;
+}
