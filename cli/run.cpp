@@ -8,6 +8,8 @@
 #include "base/text_file.hpp"
 #include "cli/command.hpp"
 #include "cli/protocol_input.hpp"
+#include "cli/provenance.hpp"
+#include "cli/run_report.hpp"
 #include "cli/screen.hpp"
 #include "daemon/host/paths.hpp"
 #include "daemon/host/virtual_run.hpp"
@@ -28,6 +30,7 @@ struct Options {
   bool aborted = false, on_another_rig = false, another_specimen = false;
   bool json = false;
   bool quiet = false;
+  bool report = true;
 };
 
 void show(const daemon::Status& s, double wall_s, bool in_place) {
@@ -57,6 +60,25 @@ int exit_code(const daemon::VirtualRunResult& r) {
   if (r.outcome != "done") return kFailure;
   const auto& rec = r.recorder;
   return rec.frame_missing + rec.pressure_missing + rec.dropped_records + rec.lost_messages > 0 ? kDataLost : kOk;
+}
+
+/// The run stands without its page: what goes wrong with that is said, and changes nothing. "" then.
+std::string write_page(const Options& o, const daemon::VirtualRunResult& result) {
+  const auto file = result.directory / kRunReport;
+  try {
+    RunArgument which;
+    which.run = result.directory.string();
+    std::vector<std::pair<std::string, std::string>> inputs{{"Rig", o.rig}};
+    if (!o.protocol.empty()) inputs.emplace_back("Protocol", o.protocol);
+    if (!o.specimen.empty()) inputs.emplace_back("Specimen", o.specimen);
+    inputs.emplace_back("Run", result.directory.string());
+    write_run_report(find_run(which), file, made_by_this_call(std::move(inputs)));
+    return file.string();
+  } catch (const std::exception& e) {
+    std::cerr << "isorig run: the run's page was not written: " << e.what() << "; try `isorig report " << result.run_id
+              << "`\n";
+    return {};
+  }
 }
 
 int run(const Options& o) {
@@ -98,10 +120,12 @@ int run(const Options& o) {
   const auto result = daemon::run_virtual(rig, options);
   std::signal(SIGINT, previous);
   if (in_place && !o.quiet && !o.json) std::printf("\r\x1b[K");
+  const std::string page = o.report ? write_page(o, result) : std::string();
   if (o.json) {
     const auto& rec = result.recorder;
     std::cout << nlohmann::json{{"run", result.run_id},
                                 {"directory", result.directory.string()},
+                                {"report", page},
                                 {"outcome", result.outcome},
                                 {"fault", result.fault},
                                 {"ticks", result.ticks},
@@ -113,6 +137,7 @@ int run(const Options& o) {
               << '\n';
   } else {
     print_result(result);
+    if (!page.empty()) std::printf("  to look at: %s\n", page.c_str());
   }
   return exit_code(result);
 }
@@ -133,6 +158,7 @@ Command add_run(CLI::App& app) {
   sub->add_flag("--another-specimen", o->another_specimen,
                 "With --resume: although it was begun with another specimen");
   sub->add_flag("--json", o->json, "Print the result as JSON");
+  sub->add_flag("!--no-report", o->report, "Leave out report.html, the run's page");
   sub->add_flag("--quiet", o->quiet, "No progress");
   return {sub, [o] {
             if (o->protocol.empty() && o->resume.empty()) {

@@ -1,0 +1,89 @@
+// Real pages of every kind, as the program writes them, in a browser: node web/test/pages.page.mjs ISORIG SOURCE [KEEP]
+// With KEEP, an empty folder, everything stays there, with pictures and PDFs of each page.
+import assert from "node:assert/strict";
+import { execFileSync } from "node:child_process";
+import { existsSync, mkdtempSync, readdirSync, rmSync, writeFileSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { checkPage, open, papers, checkPrint, withBrowser } from "./browser.mjs";
+
+const [isorig, source, keep] = process.argv.slice(2);
+const folder = keep ?? mkdtempSync(join(tmpdir(), "isorig-pages-"));
+const rig = join(source, "config/rigs/sim.toml");
+const call = (...words) => execFileSync(isorig, words, { encoding: "utf8", stdio: ["ignore", "pipe", "inherit"] });
+
+/** Text of the page, its sections, and what its figures draw. */
+async function look(browser, file) {
+  const figures = await checkPage(browser, file);
+  const page = await open(browser, file);
+  const text = await page.evaluate(() => document.body.innerText);
+  const sections = await page.$$eval("h2", (all) => all.map((h) => h.textContent));
+  const links = await page.$$eval("nav.links a", (all) => all.map((a) => a.getAttribute("href")));
+  if (keep) {
+    await page.setViewport({ width: 1280, height: 900 });
+    const height = await page.evaluate(() => document.documentElement.scrollHeight);
+    for (let y = 0, k = 0; y < height; y += 1400, ++k) {
+      await page.screenshot({ path: file.replace(/\.html$/, `-${k}.png`), captureBeyondViewport: true,
+        clip: { x: 0, y, width: 1280, height: Math.min(1400, height - y) } });
+    }
+    for (const paper of Object.keys(papers)) {
+      writeFileSync(file.replace(/\.html$/, `-${paper}.pdf`), (await checkPrint(browser, file, paper)).pdf);
+    }
+  }
+  await page.close();
+  return { text, sections, links, figure: (name) => figures.find((f) => f.name.startsWith(name)), figures };
+}
+
+function expectSections(page, wanted) {
+  assert.deepEqual(wanted.filter((w) => !page.sections.includes(w)), [], `sections are ${page.sections.join(", ")}`);
+  assert.match(page.text, /How this page was made/);
+  assert.match(page.text, /isorig \d+\.\d+/, "the version");
+}
+
+try {
+  const run = JSON.parse(call("run", join(source, "config/protocols/vma-short.toml"), "--rig", rig, "--runs",
+    join(folder, "runs"), "--json", "--quiet"));
+  assert.equal(run.report, join(run.directory, "report.html"));
+  assert.deepEqual(readdirSync(run.directory).filter((f) => f.startsWith(".report")), [], "what it exported is gone");
+  call("export", run.directory, "--out", join(folder, "recordings"));
+  const recordings = readdirSync(join(folder, "recordings")).map((r) => join(folder, "recordings", r));
+  // All of them into one folder: none may write over another's files.
+  const out = join(folder, "out");
+  call("fv", ...recordings, "--out", out);
+  const mine = readdirSync(out);
+  call("diagnose", recordings[0], "--model", "slse1", "--out", out);
+  for (const name of mine) assert.ok(existsSync(join(out, name)), name);
+  assert.ok(!existsSync(join(out, "report.html")));
+
+  await withBrowser(async (browser) => {
+    const ofRun = await look(browser, run.report);
+    expectSections(ofRun, ["Force-velocity curves", "Course of the run", "Ramps", "How well it was measured", "Calibration",
+      "Inputs and versions", "What this page does not show"]);
+    assert.match(ofRun.text, /nothing was lost/);
+    assert.ok(ofRun.text.includes("vma-short.toml"), "the command");
+    assert.match(ofRun.text, /simulated, in virtual time/);
+    assert.equal(ofRun.figure("history").panels, 3);
+    assert.ok(ofRun.figure("history").bands >= 3, "force, position and pressure are bands");
+    assert.equal(ofRun.figure("history").points, 0);
+    assert.ok(ofRun.figure("force_velocity_curves").points > 4);
+    assert.ok(ofRun.figure("force_velocity_curves").lines > 0, "with fits");
+    assert.ok(ofRun.figure("ramps_overlaid").lines > 4);
+    for (const href of ofRun.links) assert.ok(existsSync(join(run.directory, href)), href);
+
+    const ofFv = await look(browser, join(out, "fv-report.html"));
+    assert.equal(ofFv.figures[0].name, "force_velocity_curves", "all pressures together come first");
+    assert.match(ofFv.text, /R² 0?\.?\d|R² > /);
+    assert.ok(ofFv.text.includes(recordings[0]), "its inputs");
+
+    const of = await look(browser, join(out, "diagnosis-report.html"));
+    assert.equal(of.figures[0].name, "parting", "first where they part");
+    expectSections(of, ["What was left out of the fit, predicted", "Rivals", "What these recordings cannot tell", "Data"]);
+    assert.equal(of.figures.reduce((n, f) => n + f.points, 0), 0, "no rows of dots");
+    assert.ok(of.figure("residual-0").bands >= 2, "the noise is a band");
+    assert.match(of.text, /noise, ± 2 σ/);
+    assert.doesNotMatch(of.text.slice(0, of.text.indexOf("How this page was made")), /coulomb_friction (and|,|\()/);
+    for (const href of of.links) assert.ok(existsSync(join(out, href)), href);
+  });
+} finally {
+  if (!keep) rmSync(folder, { recursive: true, force: true });
+}
