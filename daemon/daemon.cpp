@@ -16,6 +16,7 @@
 #include "daemon/host/callout.hpp"
 #include "daemon/host/host.hpp"
 #include "daemon/host/logging.hpp"
+#include "daemon/host/run_reporter.hpp"
 #include "daemon/host/service_notifier.hpp"
 #include "daemon/io/frame_service.hpp"
 #include "daemon/io/interlock_service.hpp"
@@ -66,6 +67,7 @@ void raise_descriptor_limit() {
 struct Daemon::Impl {
   Impl(const RigConfig& config, const DaemonOptions& options, const StopSignals& stop_signals)
       : signals(stop_signals),
+        runs_root(options.runs_root),
         rig(with_calibration(config, options.runs_root)),
         devices(open_devices(rig, clock)),
         recorder_streams(std::size_t{1} << 16U),
@@ -78,6 +80,7 @@ struct Daemon::Impl {
         regulator_service(devices.regulator ? std::make_unique<RegulatorService>(*devices.regulator, pressure_link)
                                             : nullptr),
         callout(rig.notify, [](const std::string& line) { spdlog::warn("{}", line); }),
+        reporter(options.reporter, [](const std::string& line) { spdlog::warn("{}", line); }),
         host(rig, core, recorder_streams, host_options(options)),
         api(host, options.socket, rig.api.mode, [](const std::string& line) { spdlog::info("{}", line); }) {
     if (rig.lcm.enabled) publisher.emplace(rig.lcm.url);
@@ -92,6 +95,7 @@ struct Daemon::Impl {
       log_event(event);
       callout.on_event(event, host.run_id());
     };
+    h.on_closed = [this](const std::filesystem::path& run) { reporter.on_closed(run); };
     h.on_trouble = [](const std::string& text) { spdlog::error("recorder: {}", text); };
     h.seed = rig.sim ? static_cast<std::int64_t>(rig.sim->seed) : 0;
     return h;
@@ -107,6 +111,7 @@ struct Daemon::Impl {
   [[nodiscard]] std::string status_text() const { return status_line(core.status(), host.run_id()); }
 
   const StopSignals& signals;
+  const std::filesystem::path runs_root;
   ServiceNotifier notifier = ServiceNotifier::from_environment();  // before any thread: it changes the environment
   RigConfig rig;
   clock::RealClock clock;
@@ -123,6 +128,7 @@ struct Daemon::Impl {
   std::unique_ptr<RegulatorService> regulator_service;  ///< where a regulator sets the pressure
   std::optional<Publisher> publisher;
   Callout callout;
+  RunReporter reporter;
   Host host;
   Api api;
   WatchdogFeeder feeder{notifier, frame_link.loop_beat};
@@ -171,6 +177,12 @@ void Daemon::Impl::start_threads() {
     spawn(rest, "isorig-stop", kStopPriority, rig.realtime, [this] { api.serve_stops(); });
     spawn(rest, "isorig-work", 0, rig.realtime, [this] { api.work(); });
     if (!rig.notify.command.empty()) spawn(rest, "isorig-notify", 0, rig.realtime, [this] { callout.run(); });
+    if (reporter.enabled()) {
+      spawn(rest, "isorig-report", 0, rig.realtime, [this] {
+        reporter.catch_up(runs_root);
+        reporter.run();
+      });
+    }
     // Made now: on the way out there may be no thread to be had.
     spawn(ending, "isorig-end", 0, rig.realtime, [this] {
       end_wanted.acquire();
@@ -213,6 +225,7 @@ bool Daemon::Impl::stop_threads() {
   stop_rest = true;
   api.stop();
   callout.stop();
+  reporter.stop();
   for (auto& t : rest) t.join();
   rest.clear();
   const auto deadline = std::chrono::steady_clock::now() + kWritePatience;

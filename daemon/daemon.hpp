@@ -10,7 +10,8 @@ namespace isorig::daemon {
 struct DaemonOptions {
   std::filesystem::path runs_root;
   std::filesystem::path socket;
-  std::string revision;  ///< of the source, for the recordings
+  std::string revision;            ///< of the source, for the recordings
+  std::filesystem::path reporter;  ///< isorig, which writes the page of each run; empty: none is written
 };
 
 /// isorigd: the rig in real time. Owns devices, loop, I/O threads, recorder, publisher and API (docs/threads.md).

@@ -8,6 +8,7 @@
 #include "daemon/daemon.hpp"
 #include "daemon/host/logging.hpp"
 #include "daemon/host/paths.hpp"
+#include "daemon/host/run_reporter.hpp"
 #include "daemon/host/stop_signals.hpp"
 #include "daemon/revision.hpp"
 #include "daemon/rig/config.hpp"
@@ -27,7 +28,7 @@ int main(int argc, char** argv) {
   CLI::App app("The daemon that owns the rig", "isorigd");
   std::string rig_path, socket;
   std::string runs = daemon::default_runs().string();
-  bool no_realtime = false, accept_late_ticks = false, check = false;
+  bool no_realtime = false, accept_late_ticks = false, check = false, no_report = false;
   app.add_option("--rig", rig_path, "The rig's file (config/rigs/)")->required();
   app.add_option("--runs", runs, "Where runs and their catalogue are kept")->capture_default_str();
   app.add_option("--socket", socket, "The control socket, instead of the rig's [api] socket");
@@ -35,6 +36,7 @@ int main(int argc, char** argv) {
   app.add_flag("--accept-late-ticks", accept_late_ticks,
                "With --no-realtime on a rig with real devices: its loop may stand still whenever the machine likes");
   app.add_flag("--check", check, "Read and validate the rig's file, then exit");
+  app.add_flag("--no-report", no_report, "Write no page (report.html) of the runs");
   app.set_version_flag("--version", std::string("isorigd ") + daemon::kVersion + " (" + daemon::kRevision + ")");
   app.footer("Exit codes: 0 stopped as asked, 1 failure, 2 usage, 3 wrong configuration, 8 no real-time rights.");
   try {
@@ -59,6 +61,7 @@ int main(int argc, char** argv) {
     daemon::DaemonOptions options;
     options.runs_root = runs;
     options.revision = daemon::kRevision;
+    if (!no_report) options.reporter = daemon::RunReporter::beside_this_program();
     options.socket = !socket.empty()           ? std::filesystem::path(socket)
                      : !rig.api.socket.empty() ? rig.api.socket
                                                : daemon::default_socket();

@@ -1,21 +1,17 @@
 #include "daemon/host/callout.hpp"
 
-#include <fcntl.h>
-#include <spawn.h>
-#include <sys/mman.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <csignal>
-#include <cstdlib>
 #include <cstring>
 #include <string_view>
 #include <vector>
 
 #include "base/printable.hpp"
+#include "daemon/host/child_process.hpp"
 
 namespace isorig::daemon {
 namespace {
@@ -24,78 +20,20 @@ using steady_clock = std::chrono::steady_clock;
 
 constexpr auto kLook = std::chrono::milliseconds(20);
 constexpr auto kGrace = std::chrono::seconds(1);  // between SIGTERM and SIGKILL
-constexpr std::size_t kWordsKept = 200;           // of what the command writes to its standard error
 
 std::chrono::nanoseconds seconds(double s) {
   return std::chrono::nanoseconds(static_cast<std::int64_t>(s * 1e9));
 }
 
-/// What a command needs of ours to find itself, and nothing else: no socket of the service manager, no library path.
 std::vector<std::string> environment_of(std::string_view event, std::string_view run, std::string_view text,
                                         std::string_view state) {
-  std::vector<std::string> out;
-  for (const char* name : {"PATH", "HOME", "USER", "LOGNAME", "LANG", "LC_ALL", "TZ", "TMPDIR"}) {
-    if (const char* value = std::getenv(name); value != nullptr) out.push_back(std::string(name) + "=" + value);
-  }
+  std::vector<std::string> out = child_environment();
   const auto add = [&](const char* name, std::string_view value) { out.push_back(name + base::printable(value)); };
   add("ISORIG_EVENT=", event);
   add("ISORIG_RUN=", run);
   add("ISORIG_TEXT=", text);
   add("ISORIG_STATE=", state);
   return out;
-}
-
-/// The command's standard error: a file in memory, so that a command that writes much waits for nobody.
-class Words {
- public:
-  Words() : fd_(::memfd_create("isorig-notify", MFD_CLOEXEC)) {}
-  ~Words() {
-    if (fd_ >= 0) ::close(fd_);
-  }
-  Words(const Words&) = delete;
-  Words& operator=(const Words&) = delete;
-  [[nodiscard]] int fd() const { return fd_; }
-  [[nodiscard]] std::string first() const {
-    std::array<char, kWordsKept> bytes{};
-    const auto got = fd_ < 0 ? 0 : ::pread(fd_, bytes.data(), bytes.size(), 0);
-    return got <= 0 ? std::string() : ": " + base::printable({bytes.data(), static_cast<std::size_t>(got)});
-  }
-
- private:
-  int fd_;
-};
-
-/// posix_spawn's answer: 0 or an errno. The child has a group of its own, no descriptor of ours, no signal blocked.
-int spawn(const std::string& command, const std::string& event, std::vector<std::string> environment, int words_fd,
-          pid_t& pid) {
-  posix_spawn_file_actions_t actions;
-  posix_spawnattr_t attributes;
-  posix_spawn_file_actions_init(&actions);
-  posix_spawnattr_init(&attributes);
-  posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
-  posix_spawn_file_actions_addopen(&actions, STDOUT_FILENO, "/dev/null", O_WRONLY, 0);
-  if (words_fd >= 0) {
-    posix_spawn_file_actions_adddup2(&actions, words_fd, STDERR_FILENO);
-  } else {
-    posix_spawn_file_actions_addopen(&actions, STDERR_FILENO, "/dev/null", O_WRONLY, 0);
-  }
-  posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
-  sigset_t none, all;
-  sigemptyset(&none);
-  sigfillset(&all);
-  posix_spawnattr_setsigmask(&attributes, &none);
-  posix_spawnattr_setsigdefault(&attributes, &all);
-  posix_spawnattr_setpgroup(&attributes, 0);
-  posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP | POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF);
-  std::string name = command, word = event;
-  std::array<char*, 3> arguments{name.data(), word.data(), nullptr};
-  std::vector<char*> variables;
-  for (auto& v : environment) variables.push_back(v.data());
-  variables.push_back(nullptr);
-  const int error = ::posix_spawn(&pid, name.c_str(), &actions, &attributes, arguments.data(), variables.data());
-  posix_spawnattr_destroy(&attributes);
-  posix_spawn_file_actions_destroy(&actions);
-  return error;
 }
 
 }  // namespace
@@ -181,10 +119,10 @@ void Callout::run() {
 
 void Callout::call(const Call& due) {
   const std::string what = "notify: " + config_.command.string() + " (" + due.event + ") ";
-  Words words;
+  const ChildWords words;
   pid_t pid = 0;
-  if (const int error = spawn(config_.command.string(), due.event,
-                              environment_of(due.event, due.run, due.text, due.state), words.fd(), pid);
+  if (const int error = spawn_child({config_.command.string(), due.event},
+                                    environment_of(due.event, due.run, due.text, due.state), words.fd(), pid);
       error != 0) {
     note(what + "cannot be started: " + std::strerror(error));
     return;

@@ -217,6 +217,7 @@ bool Host::close_run(Run& run, const std::string& outcome, bool complete, std::i
     finished_id_ = run.id;
     finished_directory_ = run.directory;
     run_.reset();
+    if (options_.on_closed) options_.on_closed(run.directory);
     return true;
   } catch (const std::exception& e) {
     run.try_again_ns = now_ns + kTryAgainNs;

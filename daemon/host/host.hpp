@@ -67,6 +67,8 @@ class Host {
     std::function<void(const EventRecord&)> on_event;
     /// Trouble with a recording or the catalogue, for a log.
     std::function<void(const std::string&)> on_trouble;
+    /// A run's folder when its end is on the disk and in the catalogue. Called under locks of ours: returns at once.
+    std::function<void(const std::filesystem::path&)> on_closed;
   };
   struct Result {
     bool ok = false;
