@@ -1,6 +1,8 @@
+#include <sched.h>
+#include <sys/prctl.h>
 #include <sys/resource.h>
-#include <unistd.h>
 
+#include <csignal>
 #include <cstdio>
 #include <fstream>
 #include <memory>
@@ -18,18 +20,21 @@ namespace {
 struct Options {
   RunArgument run;
   std::string out;
-  bool idle = false;
+  bool background = false;
 };
 
-/// Beside a rig that may be running: only what nobody else wants of the processor, and the first to go when memory
-/// ends.
+/// Beside a rig that may be running: behind whatever else wants the processor, the first to go when memory ends, and
+/// gone with the daemon that started it. Not SCHED_IDLE: on a busy machine the page would take minutes.
 void step_back() {
-  [[maybe_unused]] const int ignored = ::setpriority(PRIO_PROCESS, 0, 19);
+  const sched_param none{};
+  (void)::sched_setscheduler(0, SCHED_BATCH, &none);
+  (void)::setpriority(PRIO_PROCESS, 0, 10);  // the daemon's unit may refuse it
   std::ofstream("/proc/self/oom_score_adj") << 500;
+  ::prctl(PR_SET_PDEATHSIG, SIGTERM);
 }
 
 int report(const Options& options) {
-  if (options.idle) step_back();
+  if (options.background) step_back();
   const auto found = find_run(options.run);
   const auto directory =
       std::filesystem::is_directory(found.directory) ? found.directory : found.directory.parent_path();
@@ -44,7 +49,8 @@ Command add_report(CLI::App& app) {
   auto* sub = app.add_subcommand("report", "Write a run's page: who, what, how well, what happened, its curves");
   options->run.add_to(*sub);
   sub->add_option("--out", options->out, "The page's file; without it, report.html in the run's folder");
-  sub->add_flag("--idle", options->idle, "With the least priority, beside a rig that runs (the daemon's own calls)");
+  sub->add_flag("--background", options->background,
+                "With low priority, beside a rig that runs (the daemon's own calls)");
   return {sub, [options] { return report(*options); }};
 }
 

@@ -116,7 +116,7 @@ void add_facts(Page& page, const RunPage& all) {
       {"Losses", all.lost() == 0 ? "none" : std::to_string(all.lost()), "samples that never came, records dropped",
        all.lost() == 0 ? Mood::kGood : Mood::kBad},
       {"Clock",
-       "within " + number_text(std::max(e.frames.worst_bound_us, e.pressures.worst_bound_us), 3) + " µs at worst",
+       "within " + short_time_text(std::max(e.frames.worst_bound_us, e.pressures.worst_bound_us)) + " at worst",
        "bound of every sample's time"}};
   if (h.attempt > 1) facts.push_back({"Attempts", std::to_string(h.attempt), "gone on with after an interruption"});
   if (e.has_temperature)
@@ -162,6 +162,7 @@ void add_ramps(Page& page, const RunPage& all) {
 
   constexpr std::size_t kMostRows = 60;
   std::map<std::string, std::size_t> counts;
+  double farthest_mm = 0.0;
   std::vector<std::vector<std::string>> rows;
   std::size_t ramps = 0, deviating = 0;
   for (const auto& r : all.analysis.recordings)
@@ -173,6 +174,7 @@ void add_ramps(Page& page, const RunPage& all) {
       for (const auto flag : p.flags) {
         ++counts[std::string(identify::text(flag))];
         what += (what.empty() ? "" : "; ") + std::string(identify::text(flag));
+        if (flag == identify::RampFlag::kOvershot) farthest_mm = std::max(farthest_mm, p.overshoot_mm);
         if (flag == identify::RampFlag::kOvershot) what += " by " + number_text(1000.0 * p.overshoot_mm, 3) + " µm";
       }
       if (rows.size() < kMostRows)
@@ -186,8 +188,13 @@ void add_ramps(Page& page, const RunPage& all) {
     return;
   }
   std::vector<std::vector<std::string>> summary;
-  for (const auto& [what, n] : counts) summary.push_back({what, std::to_string(n)});
-  page.table({"what", "ramps"}, summary, std::to_string(deviating) + " of " + std::to_string(ramps) + " ramps deviate");
+  const std::string overshot(identify::text(identify::RampFlag::kOvershot));
+  for (const auto& [what, n] : counts)
+    summary.push_back(
+        {what, std::to_string(n),
+         what == overshot ? "by " + number_text(1000.0 * farthest_mm, 3) + " µm at most" : std::string()});
+  page.table({"what", "ramps", "how much"}, summary,
+             std::to_string(deviating) + " of " + std::to_string(ramps) + " ramps deviate");
   page.begin_more("Each of them");
   page.table({"repetition", "start (s)", "velocity (mm/s)", "usable", "what"}, rows,
              deviating > rows.size() ? "The first " + std::to_string(rows.size()) + " of " + std::to_string(deviating) +

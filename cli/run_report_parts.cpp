@@ -79,6 +79,7 @@ Figure history(const RunEvidence& e, double average_interval_s) {
     p.y_label = label;
     p.series = signal.series(name, color, gap_s, unit.per_s);
     p.verticals = landmarks(e, unit);
+    p.x_range = {{0.0, e.duration_s() * unit.per_s}};
     if (!figure.panels.empty())
       for (auto& [at, text] : p.verticals) text.clear();
     p.aspect = 0.21;
@@ -174,7 +175,7 @@ std::vector<std::string> stream_row(const char* name, const RunEvidence::Stream&
           count_text(s.averaged),
           count_text(s.intervals),
           std::to_string(missing),
-          number_text(s.worst_bound_us, 3)};
+          short_time_text(s.worst_bound_us)};
 }
 
 /// One line a channel; the raw text stands beside it.
@@ -208,6 +209,11 @@ void calibration_table(Page& page, const std::string& text) {
 
 }  // namespace
 
+std::string short_time_text(double microseconds) {
+  return std::abs(microseconds) < 999.5 ? number_text(microseconds, 3) + " µs"
+                                        : number_text(1e-3 * microseconds, 3) + " ms";
+}
+
 void add_course(Page& page, const RunPage& all) {
   page.heading("Course of the run");
   if (const Figure figure = history(all.evidence, all.evidence.last_header.average_interval_s); !figure.panels.empty())
@@ -225,12 +231,12 @@ void add_quality(Page& page, const RunPage& all) {
     pressure += m.pressure_missing;
     dropped += m.dropped_records;
   }
-  page.table({"stream", "samples in full", "samples in averages", "averages", "never came", "time bound at worst (µs)"},
+  page.table({"stream", "samples in full", "samples in averages", "averages", "never came", "time bound at worst"},
              {stream_row("force and position", e.frames, frame), stream_row("pressure", e.pressures, pressure)},
              "Samples and their times");
   const double worst_us = std::max(e.frames.worst_bound_us, e.pressures.worst_bound_us);
   page.paragraph("Every sample's time is certain to within its bound. At 10 mm/s the worst of them, " +
-                 number_text(worst_us, 3) + " µs, is " + number_text(worst_us * 1e-2, 2) + " µm of crosshead. The " +
+                 short_time_text(worst_us) + ", is " + number_text(worst_us * 1e-2, 2) + " µm of crosshead. The " +
                  "clocks of the devices were compared with this computer's " + count_text(e.exchange_count) +
                  " times.");
   std::vector<std::string> items;
@@ -238,12 +244,12 @@ void add_quality(Page& page, const RunPage& all) {
     items.emplace_back("Loop: virtual time has no wake-ups that could be late.");
   } else {
     items.push_back("Loop: " + std::to_string(e.overruns) + " overruns, worst wake-up " +
-                    number_text(e.worst_wakeup_ns * 1e-3, 3) + " µs, worst turn " +
-                    number_text(e.worst_run_ns * 1e-3, 3) + " µs.");
+                    short_time_text(e.worst_wakeup_ns * 1e-3) + ", worst turn " +
+                    short_time_text(e.worst_run_ns * 1e-3) + ".");
   }
   if (e.sync_edges > 0)
     items.push_back("Sync line: " + count_text(e.sync_edges) + " edges compared, " + count_text(e.sync_outside) +
-                    " outside of the claimed bound, worst error " + number_text(e.sync_worst_us, 3) + " µs.");
+                    " outside of the claimed bound, worst error " + short_time_text(e.sync_worst_us) + ".");
   items.push_back(dropped == 0
                       ? "No record was lost between the real-time loop and the recorder."
                       : std::to_string(dropped) + " records were lost between the real-time loop and the recorder.");

@@ -24,6 +24,9 @@ struct RunPage {
   [[nodiscard]] std::uint64_t lost() const;  ///< samples that never came, and records that were dropped
 };
 
+/// "86.9 µs", "1.03 ms"
+[[nodiscard]] std::string short_time_text(double microseconds);
+
 /// Force, position and pressure over the whole run, repetitions, trips and events.
 void add_course(identify::report::Page& page, const RunPage& all);
 /// Samples, times, loop, losses, notes of the reader.

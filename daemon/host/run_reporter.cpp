@@ -82,8 +82,8 @@ void RunReporter::write(const std::filesystem::path& run) {
   };
   const ChildWords words;
   pid_t pid = 0;
-  if (const int error =
-          spawn_child({program_.string(), "report", run.string(), "--idle"}, child_environment(), words.fd(), pid);
+  if (const int error = spawn_child({program_.string(), "report", run.string(), "--background"}, child_environment(),
+                                    words.fd(), pid);
       error != 0) {
     note(program_.string() + " cannot be started: " + std::strerror(error));
     return;

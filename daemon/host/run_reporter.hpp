@@ -8,7 +8,7 @@
 
 namespace isorig::daemon {
 
-/// Has the page of each run written when it is over, by `isorig report` in a process of its own and with the least
+/// Has the page of each run written when it is over, by `isorig report` in a process of its own and with low
 /// priority: the daemon itself analyses nothing. One at a time; a thread that does nothing else waits for it.
 class RunReporter {
  public:

@@ -92,7 +92,7 @@ TEST_F(RunReporterTest, AsksForEachRunOnceAndInOrder) {
   EXPECT_THAT(log(), IsEmpty());  // now: the second may just be ending, and stop() would end it
   stop();
   EXPECT_THAT(lines("calls"),
-              ElementsAre("report " + first.string() + " --idle", "report " + second.string() + " --idle"));
+              ElementsAre("report " + first.string() + " --background", "report " + second.string() + " --background"));
 }
 
 TEST_F(RunReporterTest, WhatFailsIsSaidWithTheWayOut) {

@@ -92,6 +92,11 @@ TEST(Daemon, KilledInTheSecondRepetitionItResumesFromItsStart) {
   EXPECT_EQ(rows[0]["state"], "done");
   EXPECT_EQ(rows[0]["sessions_done"], 2);
   EXPECT_EQ(rows[0]["attempts"], 2);
+  // The daemon has the page written: first of what was interrupted, now of what is done.
+  const auto page = dir / "runs" / id / "report.html";
+  EXPECT_TRUE(wait_until(120.0, [&] { return slurp(page).find("\"word\":\"done\"") != std::string::npos; }))
+      << daemon.log();
+  EXPECT_THAT(slurp(page), HasSubstr("isorig report "));
   const auto exported = isorig(dir, {"export", id, "--runs", daemon.runs(), "--out", (dir / "out").string()});
   EXPECT_THAT(exported.code, AnyOf(0, 7)) << exported.text;  // 7: the torn end of the first attempt is named
   for (const auto* folder : {"rep-1_5-psi", "rep-2_5-psi"}) {

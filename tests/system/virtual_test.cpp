@@ -32,6 +32,9 @@ TEST(VirtualCampaign, ThePapersProtocolWhole) {
               result["written_bytes"].get<double>() * 1e-6);
   EXPECT_EQ(result["outcome"], "done");
   EXPECT_EQ(result["missing_samples"], 0);
+  const auto page = slurp(result["report"].get<std::string>());
+  EXPECT_NE(page.find("20 of 20 planned repetitions complete"), std::string::npos);
+  EXPECT_LT(page.size(), 10'000'000U) << "a day's run is a page that can be mailed";
   EXPECT_GT(hours, 22.0);
   EXPECT_LT(hours, 26.0);
   EXPECT_GT(result["ticks"].get<double>(), 1000.0 * result["simulated_s"].get<double>());

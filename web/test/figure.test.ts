@@ -1,5 +1,6 @@
 import { strict as assert } from "node:assert";
 import { test } from "node:test";
+import { wrapped } from "../src/shared/chart.tsx";
 import { extent, type Panel } from "../src/shared/figure.ts";
 import { parseDocument } from "../src/report/document.ts";
 import { valuesCsv } from "../src/report/save.ts";
@@ -39,4 +40,9 @@ test("data of another format are refused by name", () => {
 test("a figure's numbers as CSV, gaps empty, quotes doubled", () => {
   const csv = valuesCsv({ name: "f", caption: "", columns: 1, panels: [panel({ title: 'a "b"', series: [{ mark: "line", color: 0, label: "s", x: [0, 1], y: [2, null] }] })] });
   assert.equal(csv, 'panel,series,x,y,y2,error\n"a ""b""","s",0,2,,\n"a ""b""","s",1,,,\n');
+});
+
+test("names of categories break between words", () => {
+  assert.deepEqual(wrapped("softening by the largest stretch", 12), ["softening by", "the largest", "stretch"]);
+  assert.deepEqual(wrapped("viscoelasticity", 5), ["viscoelasticity"]);
 });

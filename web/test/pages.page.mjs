@@ -52,8 +52,12 @@ try {
   call("fv", ...recordings, "--out", out);
   const mine = readdirSync(out);
   call("diagnose", recordings[0], "--model", "slse1", "--out", out);
+  call("campaign", ...recordings, "--out", out, "--simulated", "Rig and specimen are simulated.");
   for (const name of mine) assert.ok(existsSync(join(out, name)), name);
   assert.ok(!existsSync(join(out, "report.html")));
+
+  // The same recording by the model that has what was missing: the page that reassures.
+  call("diagnose", recordings[0], "--model", join(out, "model.toml"), "--out", join(folder, "again"));
 
   await withBrowser(async (browser) => {
     const ofRun = await look(browser, run.report);
@@ -74,6 +78,7 @@ try {
     assert.equal(ofFv.figures[0].name, "force_velocity_curves", "all pressures together come first");
     assert.match(ofFv.text, /R² 0?\.?\d|R² > /);
     assert.ok(ofFv.text.includes(recordings[0]), "its inputs");
+    for (const href of ofFv.links) assert.ok(existsSync(join(out, href)), href);
 
     const of = await look(browser, join(out, "diagnosis-report.html"));
     assert.equal(of.figures[0].name, "parting", "first where they part");
@@ -83,6 +88,15 @@ try {
     assert.match(of.text, /noise, ± 2 σ/);
     assert.doesNotMatch(of.text.slice(0, of.text.indexOf("How this page was made")), /coulomb_friction (and|,|\()/);
     for (const href of of.links) assert.ok(existsSync(join(out, href)), href);
+
+    const again = await look(browser, join(folder, "again/diagnosis-report.html"));
+    expectSections(again, ["What was looked for, and not found", "What is left", "What these recordings cannot tell"]);
+    assert.match(again.text, /NOTHING IS MISSING|nothing is missing/);
+    assert.ok(!again.sections.includes("What was left out"));
+
+    const campaign = await look(browser, join(out, "campaign-report.html"));
+    assert.match(campaign.text, /Rig and specimen are simulated/);
+    assert.ok(campaign.figure("parameter_sweeps").panels > 3);
   });
 } finally {
   if (!keep) rmSync(folder, { recursive: true, force: true });

@@ -36,8 +36,8 @@ std::string residuals_text(const Diagnosis& d) {
 void add_lead(Page& page, const Study& study, const Stretch& stretch) {
   const Diagnosis& d = study.diagnosis;
   const std::string where = "Model and muscle part most " + where_text(study, stretch) + ". ";
-  const std::string left =
-      number_text(100.0 * d.unexplained, 2) + " % of what the nominal model misses stays unexplained.";
+  const std::string left = (d.unexplained < 0.01 ? std::string("Less than 1") : number_text(100.0 * d.unexplained, 2)) +
+                           " % of what the nominal model misses stays unexplained.";
   switch (d.verdict) {
     case Verdict::kConsistent:
       page.lead(Mood::kGood, "nothing is missing",

@@ -8,12 +8,12 @@
 namespace isorig::identify {
 namespace {
 
-constexpr std::array<std::pair<std::string_view, std::string_view>, 24> kWords{{
+constexpr std::array<std::pair<std::string_view, std::string_view>, 27> kWords{{
     {"coulomb_friction", "dry friction"},
     {"strain_stiffening", "stiffening with strain"},
     {"second_relaxation", "a second relaxation"},
     {"nonlinear_viscosity", "viscosity that is not linear"},
-    {"pressure_coupling", "force that follows the pressure"},
+    {"pressure_coupling", "a force that follows the pressure"},
     {"cyclic_softening", "softening with use"},
     {"force_lag", "a force reading that lags"},
     {"force_delay", "a force reading that comes late"},
@@ -33,6 +33,10 @@ constexpr std::array<std::pair<std::string_view, std::string_view>, 24> kWords{{
     {"mullins_softening", "softening by the largest stretch so far"},
     {"permanent_set", "permanent set"},
     {"friction_with_load", "friction that grows with the load"},
+    // Parts of nominal models.
+    {"maxwell", "Maxwell arm"},
+    {"constant", "force tare"},
+    {"arm_start", "state of the arm at the start"},
 }};
 
 }  // namespace

@@ -99,9 +99,21 @@ void add_moved(Page& page, const Diagnosis& d) {
   page.table({"part", "number", "nominal model alone", "with what it lacked", "change (%)"}, rows);
 }
 
-/// Share of the nominal model's excess that each explanation leaves, most probable first.
-Figure rivals_figure(const std::vector<const Explanation*>& shown, double nominal_excess) {
-  Panel panel{.y_label = "left of what the nominal model misses (%)"};
+std::string weight_text(double weight) {
+  return weight < 0.001 ? std::string("< 0.001") : number_text(weight, 3);
+}
+
+/// Share of the nominal model's excess that each effect leaves, fitted alone beside the model, and the chosen set.
+Figure rivals_figure(const Diagnosis& d, double nominal_excess) {
+  constexpr std::size_t kShown = 8;
+  std::vector<const Explanation*> shown;
+  for (const Explanation& e : d.tried)
+    if (e.key == "nominal" || e.key.find('+') == std::string::npos) shown.push_back(&e);
+  std::ranges::stable_sort(shown, {}, [](const Explanation* e) { return e->excess; });
+  if (shown.size() > kShown) shown.resize(kShown);
+  if (!d.tried.empty() && std::ranges::find(shown, &d.tried.front()) == shown.end())
+    shown.insert(shown.begin(), &d.tried.front());
+  Panel panel{.y_label = "left of what is missed (%)"};
   report::Series bars;
   bars.mark = Mark::kBars;
   bars.color = 0;
@@ -112,7 +124,11 @@ Figure rivals_figure(const std::vector<const Explanation*>& shown, double nomina
   }
   panel.series = {bars};
   panel.aspect = 0.42;
-  return {"rivals", "What each explanation leaves, most probable first.", {panel}};
+  return {
+      "rivals",
+      "What each effect leaves of what the nominal model misses when it is fitted alone beside it; where the chosen "
+      "explanation is a set of several, it stands first.",
+      {panel}};
 }
 
 void add_untellable(Page& page, const Diagnosis& d) {
@@ -206,10 +222,10 @@ void add_rivals(Page& page, const Argument& a) {
     page.heading("Rivals");
     if (nominal != nullptr && std::ranges::find(shown, nominal) == shown.end()) shown.push_back(nominal);
     const double excess = nominal == nullptr ? 0.0 : nominal->excess;
-    if (d.verdict != Verdict::kConsistent && excess > 0.0) page.figure(rivals_figure(shown, excess));
+    if (d.verdict != Verdict::kConsistent && excess > 0.0) page.figure(rivals_figure(d, excess));
     std::vector<std::vector<std::string>> rows;
     for (const Explanation* e : shown)
-      rows.push_back({explanation_words(e->key), number_text(e->weight, 3), number_text(e->log_evidence, 6),
+      rows.push_back({explanation_words(e->key), weight_text(e->weight), number_text(e->log_evidence, 6),
                       excess > 0.0 ? number_text(100.0 * std::max(0.0, e->excess) / excess, 3) : "-",
                       e->at_bound ? "a number at its bound" : ""});
     page.table({"explanation", "weight", "log evidence", "left (%)", "caveat"}, rows,

@@ -23,7 +23,7 @@ export function Figure({ figure, index }: { figure: FigureData; index: number })
         {figure.panels.map((panel, k) => (
           <div class="panel" key={k}>
             {!sameKeys && <Legend panels={[panel]} cursor={cursor} />}
-            <Chart panel={panel} name={`${figure.name}-${k}`} width={width}
+            <Chart panel={panel} characters={linked ? 6 : 2} name={`${figure.name}-${k}`} width={width}
               height={Math.round(Math.min(420, Math.max(190, width * (panel.aspect ?? (columns > 1 ? 0.68 : 0.34)))))}
               zoom={linked || !several ? zoom : null} onZoom={linked || !several ? setZoom : undefined}
               cursor={linked || !several ? cursor : null} onCursor={linked || !several ? setCursor : undefined} />

@@ -36,6 +36,12 @@ export function Page({ document: d }: { document: Document }): JSX.Element {
   );
 }
 
+/** What stands in `backticks` is a command, a file or a key. */
+function words(text: string): ComponentChildren {
+  const parts = text.split("`");
+  return parts.length % 2 === 0 ? text : parts.map((part, i) => (i % 2 === 1 ? <code key={i}>{part}</code> : part));
+}
+
 export function slug(text: string): string {
   return text.toLowerCase().replace(/[^a-z0-9]+/g, "-").replace(/^-|-$/g, "");
 }
@@ -49,15 +55,15 @@ function One({ block: b, count }: { block: Block; count: { figures: number } }):
     case "heading":
       return b.level === 2 ? <h2 id={slug(b.text)}>{b.text}</h2> : <h3>{b.text}</h3>;
     case "paragraph":
-      return <p>{b.text}</p>;
+      return <p>{words(b.text)}</p>;
     case "note":
-      return <p class={`note ${b.mood}`} role="note">{b.text}</p>;
+      return <p class={`note ${b.mood}`} role="note">{words(b.text)}</p>;
     case "equation":
       return <p class="equation">{b.text}</p>;
     case "code":
       return <pre tabIndex={0} aria-label={b.name}><code>{b.text}</code></pre>;
     case "list":
-      return <ul>{b.items.map((item, i) => <li key={i}>{item}</li>)}</ul>;
+      return <ul>{b.items.map((item, i) => <li key={i}>{words(item)}</li>)}</ul>;
     case "facts":
       return <Facts items={b.items} />;
     case "table":

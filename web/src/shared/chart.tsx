@@ -39,8 +39,21 @@ function ticksOf(scale: Scale, log: boolean | undefined, count: number): Tick[] 
   return values.map((at) => ({ at, text: tiny ? number(Math.abs(at) < largest * 1e-9 ? 0 : at, 3) : format(at) }));
 }
 
+/** A category's name in lines of at most so many characters; one word may be longer. */
+export function wrapped(text: string, most: number): string[] {
+  const lines: string[] = [];
+  for (const word of text.split(" ")) {
+    const last = lines.length - 1, line = lines[last];
+    if (line !== undefined && line.length + 1 + word.length <= most) lines[last] = `${line} ${word}`;
+    else lines.push(word);
+  }
+  return lines;
+}
+
 interface Props {
   panel: Panel;
+  /** Of the ordinate's numbers, at least: panels over one another begin at one abscissa. */
+  characters?: number;
   /** In CSS pixels, of the drawing's own coordinates. */
   width: number;
   height: number;
@@ -52,19 +65,22 @@ interface Props {
   onCursor?: (x: number | null) => void;
 }
 
-export function Chart({ panel, width, height, name, zoom, onZoom, cursor, onCursor }: Props): JSX.Element {
+export function Chart({ panel, characters = 2, width, height, name, zoom, onZoom, cursor, onCursor }: Props): JSX.Element {
   const box = useRef<SVGSVGElement>(null);
   const [brush, setBrush] = useState<Range | null>(null);
   const whole = extent(panel, "x");
   const xRange = zoom ?? whole;
   const yRange = zoom && !panel.y.range ? extent(panel, "y", zoom) : extent(panel, "y");
   const yTicks = ticksOf(scaleOf(panel.y.log, yRange, [1, 0]), panel.y.log, Math.max(3, Math.round(height / 45)));
-  const longest = Math.max(2, ...yTicks.map((t) => t.text.length));
+  const longest = Math.max(characters, ...yTicks.map((t) => t.text.length));
   const categories = panel.x.categories;
   const left = 26 + 7 * Math.min(longest, 10), right = 12, top = panel.title ? 24 : 10;
-  const slanted = categories !== undefined && categories.some((c) => c.length * 7 > (width - left - right) / categories.length);
+  const perName = Math.floor((width - left - right) / Math.max(1, categories?.length ?? 1) / 6.6);
+  const names = (categories ?? []).map((c) => wrapped(c, perName));
+  const slanted = names.some((lines) => lines.some((line) => line.length > perName));
   const longestCategory = Math.max(0, ...(categories ?? []).map((c) => c.length));
-  const bottom = (panel.x.name ? 40 : 24) + (slanted ? Math.min(110, longestCategory * 4.2) : 0);
+  const bottom = (panel.x.name ? 40 : 24) +
+    (slanted ? Math.min(110, longestCategory * 4.2) : 14 * Math.max(0, ...names.map((lines) => lines.length - 1)));
   const x = scaleOf(panel.x.log, xRange, [left, width - right]);
   const y = scaleOf(panel.y.log, yRange, [height - bottom, top]);
   const xTicks: Tick[] = categories
@@ -143,7 +159,9 @@ export function Chart({ panel, width, height, name, zoom, onZoom, cursor, onCurs
         slanted ? (
           <text key={t.at} text-anchor="end" transform={`translate(${x(t.at) + 3} ${height - bottom + 14}) rotate(-32)`}>{t.text}</text>
         ) : (
-          <text key={t.at} x={x(t.at)} y={height - bottom + 16} text-anchor="middle">{t.text}</text>
+          <text key={t.at} x={x(t.at)} y={height - bottom + 16} text-anchor="middle">
+            {categories ? names[t.at]?.map((line, k) => <tspan key={k} x={x(t.at)} dy={k === 0 ? 0 : 14}>{line}</tspan>) : t.text}
+          </text>
         ))}
       {panel.x.name && <text x={(left + width - right) / 2} y={height - 6} text-anchor="middle">{axisLabel(panel.x.name, panel.x.unit ?? "")}</text>}
       {panel.y.name && (
