@@ -2,7 +2,7 @@
 // With KEEP, an empty folder, everything stays there, with pictures and PDFs of each page.
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
-import { existsSync, mkdtempSync, readdirSync, rmSync, writeFileSync } from "node:fs";
+import { existsSync, mkdirSync, mkdtempSync, readdirSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { checkPage, open, papers, checkPrint, withBrowser } from "./browser.mjs";
@@ -34,6 +34,33 @@ async function look(browser, file) {
   return { text, sections, links, figure: (name) => figures.find((f) => f.name.startsWith(name)), figures };
 }
 
+/** A spring beside a Maxwell arm, stepped exactly, with white noise: 1.8 N/mm, 1.2 N/mm and 4 s, 0.02 N and 0.4 um. */
+function writeStandardLinearSolid(to) {
+  let state = 12345;
+  const uniform = () => ((state = (Math.imul(state, 1664525) + 1013904223) >>> 0) + 0.5) / 4294967296;
+  const gauss = () => Math.sqrt(-2 * Math.log(uniform())) * Math.cos(2 * Math.PI * uniform());
+  const legs = [[0, 15], [3, 1], [-3, 1], [0, 1], [0, 15]];  // [to mm, mm/s], or [same, s] for a hold
+  for (const speed of [0.5, 2, 5, 10]) for (const side of [2, -2]) legs.push([side, speed], [side, 15], [0, 0.5], [0, 15]);
+  const rows = ["t_s,position_mm,force_N"], dt = 0.005, k1 = 1.8, k2 = 1.2, tau = 4;
+  let x = 0, arm = 0, t = 0;
+  const decay = Math.exp(-dt / tau);
+  for (const [target, value] of legs) {
+    const hold = Math.abs(target - x) < 1e-9;
+    const steps = Math.round((hold ? value : Math.abs(target - x) / value) / dt);
+    const v = hold ? 0 : (target - x) / (steps * dt);
+    for (let i = 0; i < steps; ++i) {
+      arm = arm * decay + k2 * v * tau * (1 - decay);
+      x += v * dt;
+      t += dt;
+      rows.push(`${t.toFixed(4)},${(x + 4e-4 * gauss()).toFixed(6)},${(k1 * x + arm + 0.02 * gauss()).toFixed(5)}`);
+    }
+    if (!hold) x = target;
+  }
+  mkdirSync(to);
+  writeFileSync(join(to, "frame.csv"), rows.join("\n") + "\n");
+  writeFileSync(join(to, "recording.toml"), 'format = "isorig-recording/1"\nspecimen = "solid"\nrest_length_mm = 94.3\nunits = "s, mm, N, psi"\n');
+}
+
 function expectSections(page, wanted) {
   assert.deepEqual(wanted.filter((w) => !page.sections.includes(w)), [], `sections are ${page.sections.join(", ")}`);
   assert.match(page.text, /How this page was made/);
@@ -56,8 +83,9 @@ try {
   for (const name of mine) assert.ok(existsSync(join(out, name)), name);
   assert.ok(!existsSync(join(out, "report.html")));
 
-  // The same recording by the model that has what was missing: the page that reassures.
-  call("diagnose", recordings[0], "--model", join(out, "model.toml"), "--out", join(folder, "again"));
+  // A specimen that is what the model says, by a simulation of its own: the page that reassures.
+  writeStandardLinearSolid(join(folder, "solid"));
+  call("diagnose", join(folder, "solid"), "--model", "slse1", "--out", join(folder, "again"));
 
   await withBrowser(async (browser) => {
     const ofRun = await look(browser, run.report);
