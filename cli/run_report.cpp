@@ -52,8 +52,16 @@ void analyse(const FoundRun& run, const std::filesystem::path& folder, RunPage& 
   identify::FvOptions options;
   options.whole_series = options.history = false;  // `isorig fv` has the first, this page the second for all of the run
   std::vector<identify::RecordingResult> results;
+  std::set<double> whole_psi;
+  for (const auto& session : all.sessions)
+    if (session.complete) whole_psi.insert(session.pressure_psi);
   for (const auto& session : all.sessions) {
     const std::string name = session.folder.filename().string();
+    // What was cut off in mid-motion can look like a ramp that it is not.
+    if (!session.complete && whole_psi.contains(session.pressure_psi)) {
+      all.not_analysed.push_back(name + " was not carried to its end and is not in the curves.");
+      continue;
+    }
     try {
       results.push_back(identify::analyse_recording(messages::read_recording(session.folder), name, options));
     } catch (const std::exception& e) {
@@ -86,7 +94,7 @@ std::string lead_text(const RunPage& all) {
       (planned == 1 ? " planned repetition" : " planned repetitions") + " complete in " +
       duration_text(all.evidence.duration_s()) + "; " +
       (all.lost() == 0 ? "nothing was lost" : std::to_string(all.lost()) + " samples or records were lost") + ".";
-  if (!all.fault.empty()) text += " It ended because of " + all.fault + ".";
+  if (!all.fault.empty()) text += " First fault: " + all.fault + ".";
   std::size_t ramps = 0, usable = 0;
   for (const auto& r : all.analysis.recordings)
     for (const auto& p : r.ramps.ramps) {

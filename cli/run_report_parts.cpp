@@ -36,9 +36,10 @@ Unit unit_for(double duration_s) {
   return {"time (s)", 1.0};
 }
 
-const char* severity_text(std::int8_t severity) {
+std::string severity_text(std::int8_t severity) {
   static constexpr std::array<const char*, 4> kTexts{"info", "warning", "program stop", "safe state"};
-  return severity >= 0 && severity < 4 ? kTexts[static_cast<std::size_t>(severity)] : "?";
+  if (severity < 0 || static_cast<std::size_t>(severity) >= kTexts.size()) return "?";
+  return kTexts[static_cast<std::size_t>(severity)];
 }
 
 /// Beginnings of repetitions: all when they are few, else where the pressure changes. Trips always.

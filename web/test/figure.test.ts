@@ -11,7 +11,8 @@ test("bands and error bars count for the extent", () => {
   const p = panel({ series: [{ mark: "band", color: 0, x: [0, 1], y: [0, 0], y2: [10, 3] }, { mark: "points", color: 1, x: [1], y: [-1], error: [1] }] });
   const [low, high] = extent(p, "y");
   assert.ok(low <= -2 && high >= 10);
-  assert.deepEqual(extent(p, "x"), [0, 1]);
+  assert.deepEqual(extent(p, "x"), [-0.03, 1.03], "points need room beside the frame");
+  assert.deepEqual(extent({ ...p, series: p.series.slice(0, 1) }, "x"), [0, 1], "bands fill it");
 });
 
 test("a flat signal, an empty one and a fixed range have an extent", () => {

@@ -43,7 +43,7 @@ void add_lead(Page& page, const Study& study, const Stretch& stretch) {
       page.lead(Mood::kGood, "nothing is missing",
                 "The model explains these recordings: what it leaves, " +
                     number_text(d.nominal_errors.train_rmse_N, 3) + " N rms, is what the instruments leave (" +
-                    number_text(d.noise_N, 3) + " N), everywhere. No effect of the catalogue makes it better.");
+                    number_text(d.noise_N, 3) + " N). No effect that was tried beside it is credible.");
       return;
     case Verdict::kMissingPhysics:
       page.lead(Mood::kInfo, "physics is missing",
@@ -76,12 +76,13 @@ void add_reassurance(Page& page, const Study& study) {
       second = e.weight;
       rival = e.key;
     }
-  page.paragraph("Every effect of the catalogue was fitted beside the model, and every pair that promised something: " +
-                 std::to_string(d.tried.size()) + " explanations, on " + std::to_string(d.rows) +
-                 " independent readings. The model alone stands best" +
-                 (rival.empty() ? std::string(".")
-                                : "; the nearest rival is " + explanation_words(rival) + ", at a weight of " +
-                                      number_text(second, 2) + "."));
+  page.paragraph(
+      "Effects of the catalogue were fitted beside the model, alone and, where that promised something, in sets: " +
+      std::to_string(d.tried.size()) + " explanations were weighed, on " + std::to_string(d.rows) +
+      " independent readings. The model alone stands best" +
+      (rival.empty() ? std::string(".")
+                     : "; the nearest rival is " + explanation_words(rival) + ", at a weight of " +
+                           number_text(second, 2) + "."));
   page.paragraph(
       "This holds for the motions that were recorded. An effect that they do not excite leaves no trace in "
       "them: a slow triangle shows no inertia, one pressure no coupling to it.");

@@ -84,7 +84,9 @@ export function extent(panel: Panel, axis: "x" | "y", within?: Range): Range {
     const room = Math.abs(low) * 0.1 || 1;
     return [low - room, high + room];
   }
-  const margin = axis === "y" ? 0.05 * (high - low) : 0;
+  // Points need room beside the frame; lines and bands fill it.
+  const dots = panel.series.some((s) => s.mark === "points" || s.mark === "line-points");
+  const margin = (axis === "y" ? 0.05 : dots ? 0.03 : 0) * (high - low);
   return [bars0(panel, axis) && low === 0 ? 0 : low - margin, high + margin];
 }
 
