@@ -6,11 +6,13 @@
 #include <fstream>
 
 #include "cli/protocol_input.hpp"
+#include "identify/report/diagnosis/effect_words.hpp"
 #include "identify/report/page.hpp"
 #include "model/process.hpp"
 
 namespace isorig::cli {
 
+using identify::explanation_words;
 using identify::report::number_text;
 using nlohmann::ordered_json;
 
@@ -209,13 +211,13 @@ void write_report(const Investigation& all, const identify::report::Made& made) 
   page.link("Diagnosis of all recordings together", last);
   std::vector<std::vector<std::string>> rows;
   for (const Round& round : all.rounds)
-    rows.push_back({std::to_string(round.number), round.text, duration_text(round.rig_s), round.best().key,
-                    number_text(round.best().probability, 3)});
+    rows.push_back({std::to_string(round.number), round.text, duration_text(round.rig_s),
+                    explanation_words(round.best().key), number_text(round.best().probability, 3)});
   page.table({"round", "experiment", "rig time", "most probable then", "probability"}, rows);
   for (const Round& round : all.rounds) {
     page.heading("Round " + std::to_string(round.number) + ": " + round.text);
     rows.clear();
-    for (const auto& e : round.explanations) rows.push_back({e.key, number_text(e.probability, 3)});
+    for (const auto& e : round.explanations) rows.push_back({explanation_words(e.key), number_text(e.probability, 3)});
     page.table({"explanation", "probability"}, rows,
                "After " + std::to_string(round.number) +
                    (round.number == 1 ? " recording" : " rounds, all recordings together"));
