@@ -1,5 +1,7 @@
 #include "cli/run_evidence.hpp"
 
+#include <toml++/toml.h>
+
 #include <algorithm>
 #include <cmath>
 
@@ -114,6 +116,16 @@ void RunEvidence::sync(const isorig_msgs::sync_check_t& m) {
   ++sync_edges;
   if (m.within == 0) ++sync_outside;
   if (std::isfinite(m.error_us)) sync_worst_us = std::max(sync_worst_us, std::abs(m.error_us));
+}
+
+bool RunEvidence::simulated() const {
+  if (last_header.virtual_time != 0) return true;
+  try {
+    const auto rig = toml::parse(text("rig.toml"));
+    return rig["emulated"].value_or(false) || rig["frame"]["driver"].value_or(std::string()) == "sim";
+  } catch (const toml::parse_error&) {
+    return false;
+  }
 }
 
 std::string RunEvidence::text(std::string_view name) const {

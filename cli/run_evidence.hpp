@@ -36,6 +36,8 @@ struct RunEvidence : messages::RunVisitor {
     return static_cast<double>(mono_ns - origin_ns) * 1e-9;
   }
   [[nodiscard]] double duration_s() const noexcept { return seconds(last_ns); }
+  /// No sample is of a real specimen: in virtual time, with a driver "sim", or with devices that are emulated.
+  [[nodiscard]] bool simulated() const;
   /// An input file as it was recorded; empty when there is none of that name.
   [[nodiscard]] std::string text(std::string_view name) const;
 

@@ -113,7 +113,10 @@ void add_facts(Page& page, const RunPage& all) {
   const bool virtual_time = h.virtual_time != 0;
   std::vector<identify::report::Fact> facts{
       {"Specimen", all.specimen, number_text(h.rest_length_mm, 5) + " mm at rest, without pressure"},
-      {"Rig", h.rig, virtual_time ? "simulated, in virtual time: no sample is of a real specimen" : ""},
+      {"Rig", h.rig,
+       virtual_time    ? "simulated, in virtual time: no sample is of a real specimen"
+       : e.simulated() ? "simulated, in real time: no sample is of a real specimen"
+                       : ""},
       {"Operator", all.operator_name.empty() ? "nobody named" : all.operator_name},
       {"Started", all.started.empty() ? "not known" : all.started, "lasted " + duration_text(e.duration_s())},
       {"Protocol", h.plan_summary},
@@ -219,7 +222,7 @@ void add_limits(Page& page, const RunPage& all) {
       "What happened between the readings, faster than the sampling of frame and pressure.",
       "The specimen's own temperature, humidity and slip in the grips: nothing measures them.",
       "Whether the calibration holds today: it says when it was made and when it is due."};
-  if (all.evidence.last_header.virtual_time != 0)
+  if (all.evidence.simulated())
     items.insert(items.begin(), "Anything about a real muscle: rig, specimen and noise are simulated.");
   page.list(items);
 }
