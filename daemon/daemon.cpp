@@ -16,7 +16,9 @@
 #include "daemon/host/callout.hpp"
 #include "daemon/host/host.hpp"
 #include "daemon/host/logging.hpp"
+#include "daemon/host/paths.hpp"
 #include "daemon/host/run_reporter.hpp"
+#include "daemon/host/sample_server.hpp"
 #include "daemon/host/service_notifier.hpp"
 #include "daemon/io/frame_service.hpp"
 #include "daemon/io/interlock_service.hpp"
@@ -72,8 +74,7 @@ struct Daemon::Impl {
         devices(open_devices(rig, clock)),
         recorder_streams(std::size_t{1} << 16U),
         publisher_streams(std::size_t{1} << 14U),
-        core(rig.core, frame_link, pressure_link, interlock_link, recorder_streams,
-             rig.lcm.enabled ? &publisher_streams : nullptr),
+        core(rig.core, frame_link, pressure_link, interlock_link, recorder_streams, &publisher_streams),
         frame_service(*devices.frame, frame_link, rig.services, clock),
         pressure_service(*devices.pressure, pressure_link, interlock_link, rig.services, clock),
         interlock_service(*devices.interlock, interlock_link),
@@ -82,7 +83,8 @@ struct Daemon::Impl {
         callout(rig.notify, [](const std::string& line) { spdlog::warn("{}", line); }),
         reporter(options.reporter, [](const std::string& line) { spdlog::warn("{}", line); }),
         host(rig, core, recorder_streams, host_options(options)),
-        api(host, options.socket, rig.api.mode, [](const std::string& line) { spdlog::info("{}", line); }) {
+        api(host, options.socket, rig.api.mode, [](const std::string& line) { spdlog::info("{}", line); }),
+        sample_server(sample_socket_of(options.socket), rig.api.mode, rig.name, epoch_unix_us(clock), {}) {
     if (rig.lcm.enabled) publisher.emplace(rig.lcm.url);
   }
 
@@ -102,6 +104,7 @@ struct Daemon::Impl {
   }
 
   void start_threads();
+  void publish();
   void stop_devices();
   bool stop_threads();
   void await_first_tick();
@@ -131,6 +134,7 @@ struct Daemon::Impl {
   RunReporter reporter;
   Host host;
   Api api;
+  SampleServer sample_server;
   WatchdogFeeder feeder{notifier, frame_link.loop_beat};
   std::atomic<bool> stop_loop{false}, stop_io{false}, stop_rest{false};
   std::atomic<bool> devices_down{false}, ended{false}, all_written{true};
@@ -167,12 +171,9 @@ void Daemon::Impl::start_threads() {
     });
     spawn(rest, "isorig-recorder", 0, rig.realtime,
           [this] { every(clock, "recorder", kRecorderPeriodNs, stop_rest, [this] { host.turn(clock.now_ns()); }); });
-    if (publisher) {
-      spawn(rest, "isorig-publish", 0, rig.realtime, [this] {
-        every(clock, "publisher", kPublisherPeriodNs, stop_rest,
-              [this] { publisher->drain(publisher_streams, clock.now_ns()); });
-      });
-    }
+    spawn(rest, "isorig-publish", 0, rig.realtime,
+          [this] { every(clock, "publisher", kPublisherPeriodNs, stop_rest, [this] { publish(); }); });
+    spawn(rest, "isorig-samples", 0, rig.realtime, [this] { sample_server.run(); });
     spawn(rest, "isorig-api", 0, rig.realtime, [this] { api.serve(); });
     spawn(rest, "isorig-stop", kStopPriority, rig.realtime, [this] { api.serve_stops(); });
     spawn(rest, "isorig-work", 0, rig.realtime, [this] { api.work(); });
@@ -200,6 +201,12 @@ void Daemon::Impl::start_threads() {
   }
 }
 
+void Daemon::Impl::publish() {
+  // The socket first: an LCM publish may take tens of milliseconds.
+  if (publisher) return drain_live(publisher_streams, clock.now_ns(), {&sample_server, &*publisher});
+  drain_live(publisher_streams, clock.now_ns(), {&sample_server});
+}
+
 /// Frame stopped, vented, loop gone. Needs no disk.
 void Daemon::Impl::stop_devices() {
   const auto join = [](std::vector<std::thread>& threads) {
@@ -224,6 +231,7 @@ bool Daemon::Impl::stop_threads() {
   if (!devices_down) stop_devices();
   stop_rest = true;
   api.stop();
+  sample_server.stop();
   callout.stop();
   reporter.stop();
   for (auto& t : rest) t.join();
@@ -270,6 +278,7 @@ void Daemon::Impl::leave_without_writing() {
   }
   if (ended) return;
   api.unlink();
+  sample_server.unlink();
   ::_exit(1);
 }
 

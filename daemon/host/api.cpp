@@ -34,7 +34,8 @@ constexpr std::array kCalls{
     Call{"POST", "/v1/pause"},        Call{"POST", "/v1/resume"},       Call{"POST", "/v1/abort"},
     Call{"POST", "/v1/reset"},        Call{"POST", "/v1/confirm-zero"}, Call{"POST", "/v1/seal"},
     Call{"POST", "/v1/calibrations"}, Call{"POST", "/v1/notes"},        Call{"POST", "/v1/go"},
-    Call{"POST", "/v1/setup"},        Call{"POST", "/v1/jog"},          Call{"POST", "/v1/accept-rig"}};
+    Call{"POST", "/v1/setup"},        Call{"POST", "/v1/jog"},          Call{"POST", "/v1/accept-rig"},
+    Call{"GET", "/v1/plan"}};
 
 struct Verb {
   const char* path;
@@ -213,6 +214,8 @@ void Api::handle(HttpServer& server, const HttpRequest& q, const HttpServer::Rep
     later(q, reply, [this, body = q.body] {
       return answered([&] { return answer(host_.add_calibration(calibration_record(body))); });
     });
+  } else if (get && q.path == "/v1/plan") {
+    later(q, reply, [this] { return answer(200, host_.plan_json()); });  // a plan may have 50,000 steps
   } else if (get && q.path == "/v1/selftest") {
     later(q, reply, [this] { return answer(200, host_.selftest_json()); });
   } else {

@@ -124,6 +124,8 @@ class Host {
 
   [[nodiscard]] nlohmann::json status_json() const;
   [[nodiscard]] nlohmann::json events_json(std::uint64_t after) const;
+  /// The limits, and of an open run every step with its expected start and duration.
+  [[nodiscard]] nlohmann::json plan_json() const;
 
   /// For calibration and self-test (host_calibration.cpp). Averages over the last `window_s`, whatever the rig does.
   [[nodiscard]] nlohmann::json readings_json(double window_s) const;

@@ -165,4 +165,43 @@ nlohmann::json Host::events_json(std::uint64_t after) const {
   return {{"events", list}, {"last", last}};
 }
 
+nlohmann::json Host::plan_json() const {
+  using nlohmann::json;
+  const auto& l = rig_.limits;
+  json out{{"rig", rig_.name},
+           {"limits",
+            {{"travel_min_mm", l.travel_min_mm},
+             {"travel_max_mm", l.travel_max_mm},
+             {"force_min_N", l.force_min_N},
+             {"force_max_N", l.force_max_N},
+             {"pressure_max_psi", l.pressure_max_psi}}},
+           {"run", json()}};
+  std::shared_ptr<const protocol::Plan> plan;
+  std::size_t first_session = 0;
+  {
+    const std::lock_guard lock(mutex_);
+    if (run_ == nullptr) return out;
+    plan = run_->plan;
+    first_session = run_->first_session;
+    out["run"] = run_->id;
+  }
+  json steps = json::array(), sessions = json::array();
+  for (const auto& s : plan->steps) {
+    steps.push_back({{"do", protocol::name_of(s.kind)},
+                     {"text", protocol::describe(s)},
+                     {"session", s.session == protocol::kNoSession ? json() : json(s.session)},
+                     {"start_s", s.start_s},
+                     {"nominal_s", s.nominal_s},
+                     {"worst_s", s.worst_s}});
+  }
+  for (const auto& s : plan->sessions) sessions.push_back(s.label);
+  out.update({{"protocol", plan->name},
+              {"nominal_s", plan->nominal_s},
+              {"worst_s", plan->worst_s},
+              {"first_step", plan->sessions[first_session].first_step},
+              {"sessions", std::move(sessions)},
+              {"steps", std::move(steps)}});
+  return out;
+}
+
 }  // namespace isorig::daemon

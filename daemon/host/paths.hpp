@@ -24,6 +24,11 @@ inline std::filesystem::path stop_socket_of(const std::filesystem::path& socket)
   return socket.string() + ".stop";
 }
 
+/// Where the daemon on `socket` streams every sample (docs/sample-stream.md).
+inline std::filesystem::path sample_socket_of(const std::filesystem::path& socket) {
+  return socket.string() + ".samples";
+}
+
 /// Where runs are kept unless told otherwise: $ISORIG_RUNS, else ./runs.
 inline std::filesystem::path default_runs() {
   if (const char* named = std::getenv("ISORIG_RUNS"); named != nullptr && *named != '\0') return named;

@@ -62,8 +62,7 @@ struct Publisher::Impl {
     write(Channel::kEvent, kNoSession, message);
   }
 
-  void report_dropped(const Streams& streams, std::int64_t now_ns) {
-    const auto now_dropped = streams.dropped();
+  void report_dropped(std::size_t now_dropped, std::int64_t now_ns) {
     if (now_dropped == dropped) return;
     EventRecord r;
     r.mono_ns = now_ns;
@@ -97,28 +96,34 @@ Publisher::Publisher(const std::string& url) : impl_(std::make_unique<Impl>(url,
 
 Publisher::~Publisher() = default;
 
-void Publisher::drain(Streams& streams, std::int64_t now_ns) {
+void Publisher::on_event(const EventRecord& record) {
+  impl_->write_event(record);
+}
+void Publisher::on_frame(const FrameRecord& record) {
+  append(impl_->frame, record, kNoSession, *impl_);
+}
+void Publisher::on_pressure(const PressureRecord& record) {
+  append(impl_->pressure, record, kNoSession, *impl_);
+}
+void Publisher::on_control(const ControlRecord& record) {
+  impl_->newest = record;
+  append(impl_->control, record, kNoSession, *impl_);
+}
+void Publisher::on_exchange(const ExchangeRecord& record) {
+  append(impl_->exchanges, record, kNoSession, *impl_);
+}
+void Publisher::on_sync(const SyncRecord& record) {
+  auto message = to_message(record, kNoSession);
+  impl_->write(Channel::kSync, kNoSession, message);
+}
+
+void Publisher::end_of_turn(std::size_t dropped, std::int64_t now_ns) {
   auto& m = *impl_;
-  // Events first: who listens for one should not wait for the samples.
-  EventRecord event;
-  while (streams.events.pop(event)) m.write_event(event);
-  FrameRecord frame;
-  while (streams.frame.pop(frame)) append(m.frame, frame, kNoSession, m);
   flush(m.frame, m);
-  PressureRecord pressure;
-  while (streams.pressure.pop(pressure)) append(m.pressure, pressure, kNoSession, m);
   flush(m.pressure, m);
-  while (streams.control.pop(m.newest)) append(m.control, m.newest, kNoSession, m);
   flush(m.control, m);
-  ExchangeRecord exchange;
-  while (streams.exchanges.pop(exchange)) append(m.exchanges, exchange, kNoSession, m);
   flush(m.exchanges, m);
-  SyncRecord sync;
-  while (streams.sync.pop(sync)) {
-    auto message = to_message(sync, kNoSession);
-    m.write(Channel::kSync, kNoSession, message);
-  }
-  m.report_dropped(streams, now_ns);
+  m.report_dropped(dropped, now_ns);
   if (now_ns >= m.next_progress_ns) {
     m.next_progress_ns = now_ns + kProgressPeriodNs;
     m.write_progress(now_ns);

@@ -167,5 +167,21 @@ TEST_F(OperatorApiTest, AChangedRigFileIsNamedKeyByKeyAndSignedOff) {
   EXPECT_TRUE(status()["rig_file"]["changes"].empty());
 }
 
+TEST_F(OperatorApiTest, ThePlanHasEveryStepWithItsTimes) {
+  config_.core.operating.arming_required = false;
+  serve();
+  const auto none = call("GET /v1/plan");
+  ASSERT_EQ(none.status, 200);
+  EXPECT_TRUE(none.body["run"].is_null());
+  EXPECT_EQ(none.body["limits"]["force_max_N"], config_.limits.force_max_N);
+  ASSERT_EQ(call("POST /v1/start", nlohmann::json{{"protocol", kLongProtocol}}.dump()).status, 200);
+  const auto plan = call("GET /v1/plan").body;
+  EXPECT_EQ(plan["run"], host_->run_id());
+  ASSERT_EQ(plan["steps"].size(), 2U);
+  EXPECT_EQ(plan["steps"][1]["do"], "hold");
+  EXPECT_EQ(plan["steps"][1]["nominal_s"], 1000.0);
+  EXPECT_GT(plan["worst_s"], plan["nominal_s"]);  // the pressurize may run into its time-out
+}
+
 }  // namespace
 }  // namespace isorig::daemon::test
