@@ -1,4 +1,5 @@
-// Bundles the front end into --out: report.html, the template of every report, and report_template.cpp, which holds it.
+// Bundles the front end into --out: report.html, the template of every report, and report_template.cpp, which holds it;
+// page_assets.cpp, the live page with its script and style.
 // Usage: node web/build.mjs --out FOLDER
 import { build } from "esbuild";
 import { createHash } from "node:crypto";
@@ -71,3 +72,19 @@ ${cppLiteral(tail)};
 }  // namespace isorig::identify::report
 `);
 writeFileSync(join(out, "report.html"), template);
+
+// The live page: three files, since its policy allows nothing inline.
+const page = {
+  kPageHtml: readFileSync(join(here, "src/live/live.html"), "utf8"),
+  kPageScript: await bundled("src/live/main.tsx"),
+  kPageStyle: await bundled("src/live/live.css"),
+};
+writeFileSync(join(out, "page_assets.cpp"), `// Made by web/build.mjs.
+#include "webserver/assets.hpp"
+
+namespace isorig::web {
+
+${Object.entries(page).map(([name, text]) => `const std::string_view ${name} =\n${cppLiteral(text)};`).join("\n")}
+
+}  // namespace isorig::web
+`);

@@ -1,0 +1,197 @@
+import { useEffect, useRef, useState } from "preact/hooks";
+import { duration } from "../shared/format.ts";
+import { HoldButton } from "./hold.tsx";
+import { post, type Model, type Reply } from "./model.ts";
+
+/** What a person may do here: who has control, the verbs, the start of a run, the correction of one. */
+
+type Say = (reply: Reply) => void;
+
+export function Control({ model, say }: { model: Model; say: Say }) {
+  const { hello, lease } = model;
+  if (!hello?.may_control) {
+    return (
+      <span class="who" title="In a terminal on the rig's machine: isorig web">
+        View only{lease.holder === null ? "" : ` · ${lease.holder} has control`}
+      </span>
+    );
+  }
+  const act = (action: string) => post("lease", { action }).then(say);
+  if (lease.mine) {
+    return <span class="who"><b>{hello.name}</b> · control is here <button type="button" onClick={() => act("give-back")}>Give back</button></span>;
+  }
+  if (lease.holder === null) {
+    return <span class="who">{hello.name} · nobody has control <button type="button" class="take" onClick={() => act("take")}>Take control</button></span>;
+  }
+  return (
+    <span class="who">{hello.name} · <b>{lease.holder}</b> has control{" "}
+      <HoldButton act={() => act("take-over")} title="Hold: is that agreed with who has it? It is logged">Take over</HoldButton>
+    </span>
+  );
+}
+
+export function Verbs({ model, say, onStart, onNote }: { model: Model; say: Say; onStart: () => void; onNote: () => void }) {
+  const { status, hello, lease } = model;
+  if (!hello?.may_control || !status) return null;
+  const verb = (name: string) => () => void post(name).then(say);
+  const s = status.state, mine = lease.mine;
+  const open = status.run !== undefined;
+  const first = mine ? undefined : "Take control first";
+  return (
+    <div class="verbs" role="group" aria-label="Run">
+      {s === "ready" && <button type="button" class="start" disabled={!mine} title={first} onClick={onStart}>Start…</button>}
+      {s === "armed" && <HoldButton class="start" disabled={!mine} title={first} act={verb("go")}>Go</HoldButton>}
+      {s === "paused" && <HoldButton class="start" disabled={!mine} title={first} act={verb("resume")}>Resume</HoldButton>}
+      {s === "faulted" && <HoldButton disabled={!mine} title={first} act={verb("reset")}>Reset</HoldButton>}
+      {!status.zero_confirmed && <HoldButton disabled={!mine} title={first} act={verb("confirm-zero")}>Zero is right</HoldButton>}
+      {["running", "countdown", "armed", "setup"].includes(s) &&
+        <button type="button" class="pause" title="At once (key p)" onClick={verb("pause")}>❚❚ Pause</button>}
+      <HoldButton class="abort" title="Hold: the frame stops, the pressure vents" act={verb("abort")}>Abort</HoldButton>
+      {(open || status.last_run?.id) && <button type="button" onClick={onNote}>Note…</button>}
+    </div>
+  );
+}
+
+interface Library {
+  protocols: string[];
+  specimens: string[];
+}
+
+function Dialog(props: { title: string; close: () => void; children: preact.ComponentChildren }) {
+  const dialog = useRef<HTMLDialogElement>(null);
+  useEffect(() => {
+    dialog.current?.showModal();
+  }, []);
+  return (
+    <dialog ref={dialog} onClose={props.close} aria-labelledby="dialog-title">
+      <h2 id="dialog-title">{props.title}</h2>
+      {props.children}
+    </dialog>
+  );
+}
+
+function useLibrary(): Library {
+  const [library, set] = useState<Library>({ protocols: [], specimens: [] });
+  useEffect(() => {
+    void fetch("/api/library").then((a) => (a.ok ? a.json() : library)).then((l) => set(l as Library), () => {});
+  }, []);
+  return library;
+}
+
+const OWN = " own";
+
+export function StartDialog({ model, close, say }: { model: Model; close: () => void; say: Say }) {
+  const library = useLibrary();
+  const [file, setFile] = useState("");
+  const [upload, setUpload] = useState<{ name: string; text: string } | null>(null);
+  const [specimen, setSpecimen] = useState("");
+  const [operator, setOperator] = useState(model.hello?.name ?? "");
+  const [seen, setSeen] = useState<Reply | null>(null);
+  const [asking, setAsking] = useState(false);
+  const ready = (file !== "" || upload !== null) && specimen !== "" && operator.trim() !== "";
+  const body = () => ({
+    operator: operator.trim(),
+    ...(upload ? { protocol: upload.text, protocol_name: upload.name } : { protocol_file: file }),
+    specimen_file: specimen === OWN ? "" : specimen,
+  });
+  const changed = <T,>(set: (value: T) => void) => (value: T) => {
+    set(value);
+    setSeen(null);
+  };
+  const check = async () => {
+    setAsking(true);
+    setSeen(await post("preview", body()));
+    setAsking(false);
+  };
+  const start = async () => {
+    const reply = await post("start", body());
+    say(reply);
+    if (reply.ok) close();
+    else setSeen(reply);
+  };
+  const p = seen?.ok ? seen.body : null;
+  const value = (key: string) => Number(p?.[key] ?? 0);
+  return (
+    <Dialog title="Start a run" close={close}>
+      <form onSubmit={(e) => { e.preventDefault(); if (ready) void check(); }}>
+        <label>Protocol
+          <select value={upload ? "" : file} onChange={(e) => { setUpload(null); changed(setFile)(e.currentTarget.value); }}>
+            <option value="">{upload ? upload.name : "choose…"}</option>
+            {library.protocols.map((name) => <option key={name}>{name}</option>)}
+          </select>
+        </label>
+        <label>or a file of yours
+          <input type="file" accept=".toml" onChange={async (e) => {
+            const chosen = e.currentTarget.files?.[0];
+            if (chosen) changed(setUpload)({ name: chosen.name, text: await chosen.text() });
+          }} />
+        </label>
+        <label>Specimen that is mounted
+          <select value={specimen} onChange={(e) => changed(setSpecimen)(e.currentTarget.value)}>
+            <option value="">choose…</option>
+            <option value={OWN}>the one that the rig's file names</option>
+            {library.specimens.map((name) => <option key={name}>{name}</option>)}
+          </select>
+        </label>
+        <label>Operator
+          <input value={operator} maxLength={64} onInput={(e) => changed(setOperator)(e.currentTarget.value)} />
+        </label>
+        {seen && !seen.ok && <pre class="refused" role="alert">{seen.text}</pre>}
+        {p && (
+          <dl class="seen">
+            <dt>rig</dt><dd>{String(p["rig"] ?? "")}{p["simulated"] ? " (simulated)" : ""}</dd>
+            <dt>specimen</dt><dd>{String(p["specimen"] ?? "")}, {value("rest_length_mm")} mm at rest</dd>
+            <dt>protocol</dt><dd>{String(p["protocol"] ?? "")}: {value("sessions")} sessions, {duration(Math.round(value("nominal_s")))}, {duration(Math.round(value("worst_s")))} at worst</dd>
+            <dt>reach</dt><dd>up to {value("pressure_max_psi")} psi, {value("position_min_mm")} to {value("position_max_mm")} mm</dd>
+            {p["changed"] ? <><dt>changed</dt><dd class="warning">{String(p["changed"])}</dd></> : null}
+            {p["warnings"] ? <><dt>warnings</dt><dd class="warning">{String(p["warnings"]).trim()}</dd></> : null}
+          </dl>
+        )}
+        <div class="row">
+          <button type="button" onClick={close}>Cancel</button>
+          <button type="submit" disabled={!ready || asking}>{asking ? "Checking…" : "Check"}</button>
+          <HoldButton class="start" disabled={p === null} title={p === null ? "Check first" : "Hold to start"} act={() => void start()}>Start</HoldButton>
+        </div>
+      </form>
+    </Dialog>
+  );
+}
+
+/** What is known of a run is put right afterwards: the recording stays, and the change leaves a trace. */
+export function NoteDialog({ model, close, say }: { model: Model; close: () => void; say: Say }) {
+  const library = useLibrary();
+  const run = model.status?.run?.id ?? model.status?.last_run?.id ?? "";
+  const [operator, setOperator] = useState("");
+  const [specimen, setSpecimen] = useState("");
+  const [text, setText] = useState("");
+  const [refused, setRefused] = useState("");
+  const send = async () => {
+    const reply = await post("note", {
+      run, ...(operator.trim() ? { operator: operator.trim() } : {}), ...(text.trim() ? { text: text.trim() } : {}),
+      ...(specimen ? { specimen_file: specimen } : {}),
+    });
+    say(reply);
+    if (reply.ok) close();
+    else setRefused(reply.text);
+  };
+  return (
+    <Dialog title={`Note to ${run}`} close={close}>
+      <form onSubmit={(e) => { e.preventDefault(); void send(); }}>
+        <p>Leave empty what is right. The recording stays as it was; what is changed here is kept beside it, with your name.</p>
+        <label>Operator <input value={operator} maxLength={64} onInput={(e) => setOperator(e.currentTarget.value)} /></label>
+        <label>Specimen
+          <select value={specimen} onChange={(e) => setSpecimen(e.currentTarget.value)}>
+            <option value="">as it is</option>
+            {library.specimens.map((name) => <option key={name}>{name}</option>)}
+          </select>
+        </label>
+        <label>Note <textarea rows={3} value={text} onInput={(e) => setText(e.currentTarget.value)} /></label>
+        {refused && <pre class="refused" role="alert">{refused}</pre>}
+        <div class="row">
+          <button type="button" onClick={close}>Cancel</button>
+          <button type="submit" disabled={!operator.trim() && !specimen && !text.trim()}>Keep</button>
+        </div>
+      </form>
+    </Dialog>
+  );
+}

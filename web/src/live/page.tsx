@@ -1,0 +1,260 @@
+import { useEffect, useReducer, useRef, useState } from "preact/hooks";
+import { number } from "../shared/format.ts";
+import { Control, NoteDialog, StartDialog, Verbs } from "./controls.tsx";
+import { post, type Link, type Model, type Reply } from "./model.ts";
+import { LoopPlot, PANELS, TimePlot, windowOf, type Window } from "./plots.ts";
+import { blocks, CHANNELS, grid, StretchRing } from "./stretches.ts";
+import { Timeline } from "./timeline.tsx";
+import { clockTime, look, moves } from "./words.ts";
+
+const WINDOWS = [
+  { s: 10, name: "10 s" }, { s: 30, name: "30 s" }, { s: 120, name: "2 min" }, { s: 600, name: "10 min" },
+  { s: 3600, name: "1 h" }, { s: 86_400, name: "24 h" },
+];
+/** Frames a second of the plots: an eye sees no more of a curve that moves. */
+const PLOT_PERIOD_MS = 50;
+const LOOP_S = 60;
+const EVENTS_SHOWN = 60;
+const MESSAGE_MS = 8000;
+
+/** So many decimals, always: digits that come and go cannot be read from afar. */
+function value(v: number | null | undefined, digits: number): string {
+  if (v === null || v === undefined) return "–";
+  const text = v.toFixed(digits);
+  return Number(text) === 0 ? text.replace("-", "") : text.replace("-", "\u2212");
+}
+
+function Check({ good, children }: { good: boolean | null; children: preact.ComponentChildren }) {
+  const kind = good === null ? "unknown" : good ? "good" : "bad";
+  return <li class={kind}><span aria-hidden="true">{good === null ? "?" : good ? "✓" : "✕"}</span> {children}{kind === "good" ? "" : kind === "bad" ? " (!)" : ""}</li>;
+}
+
+function clockText(link: Link): string {
+  if (!link.connected) return `not connected${link.detail ? `: ${link.detail}` : ""}`;
+  if (!link.clock_ready || link.bound_us === null) return "not mapped yet";
+  return `±${number(link.bound_us, 2)} µs`;
+}
+
+function Values({ model }: { model: Model }) {
+  const s = model.status;
+  if (!s) return null;
+  return (
+    <div class="values">
+      <div><h3>force</h3><p class="big">{value(s.force_N, 2)}<small> N</small></p>
+        <p>{model.plan ? `limits ${model.plan.limits.force_min_N} to ${model.plan.limits.force_max_N}` : ""}</p></div>
+      <div><h3>position</h3><p class="big">{value(s.position_mm, 3)}<small> mm</small></p>
+        <p>{moves(s, model.plan) ? `to ${value(s.target_mm, 3)} at ${number(Math.abs(s.velocity_mm_s), 3)} mm/s` : `target ${value(s.target_mm, 3)}`}</p></div>
+      <div><h3>pressure</h3><p class="big">{value(s.pressure_psi, 2)}<small> psi</small></p>
+        <p>set {value(s.setpoint_psi, 2)} · fill {s.fill_permille} ‰ · vent {s.vent_permille} ‰</p></div>
+    </div>
+  );
+}
+
+function Health({ model }: { model: Model }) {
+  const { status: s, web } = model;
+  if (!s || !web) return null;
+  const lost = web.lost + web.lost_before_the_socket + web.lost_earlier + web.gaps;
+  const recorded = (s.recorder?.lost_messages ?? 0) + (s.recorder?.dropped_records ?? 0) + (s.recorder?.missing_samples ?? 0) + s.records_dropped;
+  return (
+    <section class="panel health">
+      <h2>Interlocks</h2>
+      <ul class="checks">
+        {s.interlock.watched ? <>
+          <Check good={s.interlock.estop_closed}>emergency-stop chain {s.interlock.estop_closed ? "closed" : "OPEN"}</Check>
+          <Check good={s.interlock.guard_closed}>guard {s.interlock.guard_closed ? "closed" : "OPEN"}</Check>
+        </> : <Check good={null}>chain is not watched: {s.interlock.not_watched}</Check>}
+        <Check good={s.zero_confirmed}>frame's zero {s.zero_confirmed ? "confirmed" : "not confirmed"}</Check>
+      </ul>
+      <h2>Clocks and loop</h2>
+      <ul class="checks">
+        <Check good={s.frame.connected && s.frame.clock_ready}>frame {clockText(s.frame)}</Check>
+        <Check good={s.pressure.connected && s.pressure.clock_ready}>pressure {clockText(s.pressure)}</Check>
+        <Check good={s.loop.worst_wakeup_us < 1000}>loop: at most {number(s.loop.worst_wakeup_us / 1000, 2)} ms late, {s.loop.overruns} ticks missed</Check>
+      </ul>
+      <h2>Data</h2>
+      <ul class="checks">
+        {s.recorder && <Check good={recorded === 0}>recording: {recorded === 0 ? "nothing lost" : `${recorded} lost`}, {number(s.recorder.written_MiB, 3)} MiB</Check>}
+        {s.recorder && <Check good={s.recorder.error === ""}>disk: {number(s.recorder.free_MiB / 1024, 3)} GiB free{s.recorder.error ? ` · ${s.recorder.error}` : ""}</Check>}
+        <Check good={lost + model.left_out === 0}>this page: {lost === 0 ? "no sample lost" : `${lost} samples lost`}{model.left_out ? `, ${model.left_out} messages left out` : ""}</Check>
+        <li><span aria-hidden="true">◦</span> {web.viewers} {web.viewers === 1 ? "page looks" : "pages look"} on</li>
+      </ul>
+    </section>
+  );
+}
+
+function Events({ model }: { model: Model }) {
+  const now = (model.web?.unix_ms ?? 0) / 1000;
+  return (
+    <section class="panel events" aria-label="Events">
+      <h2>Events</h2>
+      <ol>
+        {model.events.slice(-EVENTS_SHOWN).reverse().map((e) => (
+          <li key={`${e.mono_ns} ${e.code}`} class={e.severity === "info" ? "" : e.severity === "warning" ? "warning" : "bad"}>
+            <time>{clockTime(model.unix_s(e.mono_ns), now)}</time>{" "}
+            {e.severity === "info" ? "" : <b>{e.severity}: </b>}{e.text || e.code}{e.count > 1 ? ` (${e.count} times)` : ""}
+          </li>
+        ))}
+      </ol>
+    </section>
+  );
+}
+
+/** A stretch of the past that was marked with the mouse, from the server's raw samples; until it is left again. */
+async function zoomed(model: Model, from_s: number, to_s: number, pixels: number): Promise<Window | null> {
+  const epoch_s = (model.hello?.epoch_unix_us ?? 0) / 1e6;
+  const from = Math.round((from_s - epoch_s) * 1e9), to = Math.round((to_s - epoch_s) * 1e9);
+  const answer = await fetch(`/api/zoom?from=${from}&to=${to}&stretches=${Math.max(1, Math.round(pixels))}`);
+  if (!answer.ok) return null;
+  const found = blocks(await answer.arrayBuffer());
+  const rings = found.map((b, i) => {
+    const ring = new StretchRing(Math.max(16, Math.ceil((to - from) / b.width_ns) + 4), CHANNELS[i] as number);
+    ring.put(b);
+    return ring;
+  });
+  const width_ns = found[0]?.width_ns ?? 1e6;
+  return { rings, width_ns, from_ns: from, to_ns: to, grid: grid(from, to, width_ns, Infinity) };
+}
+
+function Plots({ model, below, beside }: { model: Model; below: preact.ComponentChildren; beside: (loop: preact.ComponentChildren) => preact.ComponentChildren }) {
+  const [span, setSpan] = useState(30);
+  const [zoom, setZoom] = useState<Window | null>(null);
+  const now = useRef({ span, zoom });
+  now.current = { span, zoom };
+  const strips = useRef<HTMLDivElement>(null), loop = useRef<HTMLDivElement>(null);
+  const live = (seconds: number) => {
+    setZoom(null);
+    setSpan(seconds);
+  };
+  useEffect(() => {
+    const places = [...(strips.current as HTMLElement).querySelectorAll<HTMLElement>(".strip")];
+    const marked = (from: number, to: number) => void zoomed(model, from, to, places[0]?.clientWidth ?? 600).then((w) => w && setZoom(w));
+    const plots = PANELS.map((p, i) => new TimePlot(places[i] as HTMLElement, model, p, i === 0, i === PANELS.length - 1, marked));
+    const over = new LoopPlot(loop.current as HTMLElement, model);
+    let last = 0, frame = 0;
+    const draw = (t: number) => {
+      frame = requestAnimationFrame(draw);
+      if (t - last < PLOT_PERIOD_MS) return;
+      last = t;
+      const w = now.current.zoom ?? windowOf(model, now.current.span, places[0]?.clientWidth ?? 600);
+      if (w === null) return;
+      for (const p of plots) p.draw(w);
+      // Stretches of the loop stay as fine as they are: joined ones would be wide rectangles.
+      const near = now.current.zoom ?? windowOf(model, Math.min(now.current.span, LOOP_S), Infinity);
+      if (near !== null) over.draw(near);
+    };
+    frame = requestAnimationFrame(draw);
+    const keys = (e: KeyboardEvent) => {
+      const w = WINDOWS[Number(e.key) - 1];
+      if (e.key === "Escape") setZoom(null);
+      else if (w && !document.querySelector("dialog[open]")) live(w.s);
+    };
+    addEventListener("keydown", keys);
+    return () => {
+      cancelAnimationFrame(frame);
+      removeEventListener("keydown", keys);
+    };
+  }, []);
+  return (
+    <>
+      <div class="column">
+        <section class="panel strips" aria-label="Over time" ref={strips}>
+          <div class="windows" role="group" aria-label="Time shown">
+            {WINDOWS.map((w, i) => (
+              <button type="button" key={w.s} aria-pressed={zoom === null && w.s === span} title={`key ${i + 1}`} onClick={() => live(w.s)}>{w.name}</button>
+            ))}
+            {zoom && <button type="button" class="back" onClick={() => setZoom(null)}>The past, enlarged · back to now</button>}
+          </div>
+          {PANELS.map((p) => (
+            <div class="strip-frame" key={p.title}>
+              <h3>{p.title} {p.signals.map((s) => <span key={s.label} class="key"><span class={`line s${s.color}${s.target ? " dashed" : ""}`} />{s.label}</span>)}</h3>
+              <div class="strip" role="img" aria-label={`${p.title} over the last ${span} s`} />
+            </div>
+          ))}
+          <p class="note">Line: mean; band: lowest to highest; every sample is in it. Mark a stretch of the last ten minutes to enlarge it.</p>
+        </section>
+        {below}
+      </div>
+      <div class="column side">
+        {beside(
+          <section class="panel loop" aria-label="Force over length">
+            <h3>force over length, {zoom ? "the stretch that is marked" : `last ${Math.min(span, LOOP_S)} s`}</h3>
+            <div class="loop-plot" role="img" aria-label="Force over position" ref={loop} />
+          </section>,
+        )}
+      </div>
+    </>
+  );
+}
+
+function Theme() {
+  const [theme, set] = useState(localStorage.getItem("theme") ?? "");
+  useEffect(() => {
+    if (theme) document.documentElement.dataset["theme"] = theme;
+    else delete document.documentElement.dataset["theme"];
+    localStorage.setItem("theme", theme);
+  }, [theme]);
+  const next = theme === "" ? "dark" : theme === "dark" ? "light" : "";
+  return <button type="button" class="theme" title="Light, dark, or as the system has it" onClick={() => set(next)}>{theme === "" ? "◐ auto" : theme === "dark" ? "● dark" : "○ light"}</button>;
+}
+
+export function Page({ model }: { model: Model }) {
+  const [, again] = useReducer((n: number) => n + 1, 0);
+  const [said, setSaid] = useState<Reply | null>(null);
+  const [dialog, setDialog] = useState<"" | "start" | "note">("");
+  useEffect(() => {
+    const timer = setInterval(() => again(0), 1000);  // news that do not come are news, too
+    const unwatch = model.watch(() => again(0));
+    return () => {
+      clearInterval(timer);
+      unwatch();
+    };
+  }, []);
+  useEffect(() => {
+    if (!said) return;
+    const gone = setTimeout(() => setSaid(null), MESSAGE_MS);
+    return () => clearTimeout(gone);
+  }, [said]);
+  useEffect(() => {
+    const keys = (e: KeyboardEvent) => {
+      if (e.key !== "p" || e.ctrlKey || e.metaKey || e.altKey || !model.hello?.may_control || document.querySelector("dialog[open]")) return;
+      void post("pause").then(setSaid);
+    };
+    addEventListener("keydown", keys);
+    return () => removeEventListener("keydown", keys);
+  }, []);
+  const s = model.status;
+  const shown = look(s, model.plan, model.connected, performance.now() - model.heard_ms);
+  document.title = `${shown.sign} ${shown.word}${s?.run ? ` ${Math.round(s.progress * 100)} %` : ""} · ${s?.rig ?? "isorig"}`;
+  const why = !model.connected ? "The connection to isorig-web is gone; the rig goes on. Tried again every second." : s === null ? model.why
+    : shown.word === "NO NEWS" ? "No status for more than two seconds." : s.state === "idle" ? s.not_ready : "";
+  return (
+    <div class="frame" data-look={shown.look}>
+      <header>
+        <div role="status"><h1 class="state"><span aria-hidden="true">{shown.sign}</span> {shown.word}</h1></div>
+        <p class="rig"><b>{s?.rig ?? model.hello?.rig ?? ""}</b>{s?.simulated ? " · simulated" : ""}{why ? <> · <span class="why">{why}</span></> : ""}</p>
+        <div class="right">
+          <Control model={model} say={setSaid} />
+          <Verbs model={model} say={setSaid} onStart={() => setDialog("start")} onNote={() => setDialog("note")} />
+          <Theme />
+        </div>
+      </header>
+      {said && <p class={`said ${said.ok ? "good" : "bad"}`} role="alert">{said.ok ? "✓" : "✕"} {said.text}</p>}
+      {s !== null && s.faults.length > 0 && (
+        <section class="faults" role="alert">
+          <h2>{s.state === "faulted" ? "Stopped by" : "Since the last reset"}</h2>
+          <ul>{s.faults.map((f) => <li key={`${f.mono_ns}${f.code}`}><time>{clockTime(model.unix_s(f.mono_ns), (model.web?.unix_ms ?? 0) / 1000)}</time> <b>{f.severity} · {f.code}</b> {f.text}</li>)}</ul>
+        </section>
+      )}
+      <Timeline model={model} />
+      <main>
+        <Plots model={model} below={<Events model={model} />} beside={(loop) => <><Values model={model} />{loop}<Health model={model} /></>} />
+      </main>
+      <footer>
+        {model.hello?.may_control ? "Keys: p pauses at once; 1 to 6 choose the time shown; Tab, then Enter or Space held, for the rest. " : "View only: isorig web, in a terminal on the rig's machine, gives a link that may control. "}
+        The emergency stop is the wired one at the rig.
+      </footer>
+      {dialog === "start" && <StartDialog model={model} say={setSaid} close={() => setDialog("")} />}
+      {dialog === "note" && <NoteDialog model={model} say={setSaid} close={() => setDialog("")} />}
+    </div>
+  );
+}

@@ -1,0 +1,54 @@
+import type { Plan, Status } from "./model.ts";
+
+/** How a state is shown: never by colour alone. */
+export interface Look {
+  /** Of the style sheet: data-look. */
+  look: "away" | "idle" | "ready" | "running" | "waiting" | "fault";
+  sign: string;
+  word: string;
+}
+
+const LOOKS: Record<string, Look> = {
+  idle: { look: "idle", sign: "○", word: "NOT READY" },
+  ready: { look: "ready", sign: "✓", word: "READY" },
+  running: { look: "running", sign: "▶", word: "RUNNING" },
+  paused: { look: "waiting", sign: "❚❚", word: "PAUSED" },
+  stopping: { look: "waiting", sign: "■", word: "STOPPING" },
+  faulted: { look: "fault", sign: "✕", word: "FAULT" },
+  armed: { look: "waiting", sign: "◆", word: "ARMED" },
+  countdown: { look: "running", sign: "◆", word: "COUNTDOWN" },
+  setup: { look: "waiting", sign: "⚒", word: "SETUP" },
+};
+
+/** Status older than this is no longer what the rig does. */
+export const STALE_MS = 2000;
+
+/** The step under way moves the crosshead. */
+export function moves(status: Status, plan: Plan | null): boolean {
+  const step = status.run === undefined ? undefined : plan?.steps?.[status.run.step];
+  return status.state === "running" && (step?.do === "ramp" || step?.do === "wave");
+}
+
+export function look(status: Status | null, plan: Plan | null, connected: boolean, age_ms: number): Look {
+  if (!connected) return { look: "away", sign: "?", word: "PAGE CUT OFF" };
+  if (status === null) return { look: "away", sign: "?", word: "NO DAEMON" };
+  if (age_ms > STALE_MS) return { look: "away", sign: "?", word: "NO NEWS" };
+  const known = LOOKS[status.state] ?? { look: "away", sign: "?", word: status.state.toUpperCase() };
+  return moves(status, plan) ? { ...known, word: `${known.word} · MOVING` } : known;
+}
+
+/** Seconds that the run may still take if every step takes its longest; the step under way is counted whole. */
+export function worstRemaining_s(plan: Plan | null, step: number): number | null {
+  if (!plan?.steps || plan.run === null) return null;
+  let sum = 0;
+  for (let i = step; i < plan.steps.length; ++i) sum += plan.steps[i]?.worst_s ?? 0;
+  return sum;
+}
+
+/** "05:14:10", with the day when it is another one. */
+export function clockTime(unix_s: number, now_s: number, seconds = true): string {
+  const then = new Date(unix_s * 1000), now = new Date(now_s * 1000);
+  const time = then.toLocaleTimeString("en-GB", { hour: "2-digit", minute: "2-digit", ...(seconds ? { second: "2-digit" } : {}) });
+  if (then.toDateString() === now.toDateString()) return time;
+  return `${then.toLocaleDateString("en-GB", { weekday: "short", day: "numeric", month: "short" })} ${time}`;
+}
