@@ -29,6 +29,13 @@ inline std::filesystem::path sample_socket_of(const std::filesystem::path& socke
   return socket.string() + ".samples";
 }
 
+/// Where the live page's server of the daemon on `socket` gives links (docs/web.md): the service has a folder of its
+/// own.
+inline std::filesystem::path web_socket_of(const std::filesystem::path& socket) {
+  if (socket == "/run/isorig/isorigd.sock") return "/run/isorig-web/web.sock";
+  return socket.string() + ".web";
+}
+
 /// Where runs are kept unless told otherwise: $ISORIG_RUNS, else ./runs.
 inline std::filesystem::path default_runs() {
   if (const char* named = std::getenv("ISORIG_RUNS"); named != nullptr && *named != '\0') return named;

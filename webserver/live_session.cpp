@@ -1,0 +1,117 @@
+#include <boost/asio/buffer.hpp>
+#include <boost/beast/core/flat_buffer.hpp>
+#include <boost/beast/websocket.hpp>
+#include <deque>
+#include <utility>
+
+#include "webserver/server_impl.hpp"
+
+namespace isorig::web {
+namespace {
+
+namespace net = boost::asio;
+namespace beast = boost::beast;
+namespace websocket = beast::websocket;
+using boost::system::error_code;
+
+/// A page asks for nothing over its WebSocket.
+constexpr std::size_t kIncomingBytes = 1024;
+
+/// One page. Owned by the operations that are under way on it, and by the hub until it is closed.
+class LiveSession final : public Viewer, public std::enable_shared_from_this<LiveSession> {
+ public:
+  LiveSession(beast::tcp_stream stream, OpenConnection server, std::string session)
+      : socket_(std::move(stream)), server_(std::move(server)), session_(std::move(session)) {}
+
+  void begin(const Request& request) {
+    auto timeout = websocket::stream_base::timeout::suggested(beast::role_type::server);
+    timeout.handshake_timeout = server_->limits.request;
+    timeout.idle_timeout = 2 * server_->limits.stalled;  // a ping after half of it
+    timeout.keep_alive_pings = true;
+    socket_.set_option(timeout);
+    socket_.read_message_max(kIncomingBytes);
+    socket_.async_accept(request, [self = shared_from_this()](error_code error) {
+      if (error) return;
+      const auto now = std::chrono::steady_clock::now();
+      self->open_ = true;
+      self->began_ = now;
+      self->server_->hub.access().connected(self->session_, true, now);
+      self->server_->hub.enter(self);
+      self->read();
+    });
+  }
+
+  void send(const std::shared_ptr<const Message>& message) override {
+    if (!open_) return;
+    if (queued_bytes_ + message->bytes.size() > server_->limits.queue_bytes) {
+      ++left_out_;
+      return;
+    }
+    if (left_out_ > 0) {
+      const auto told = std::exchange(left_out_, 0);
+      total_left_out_ += told;
+      push(std::make_shared<const Message>(
+          Message{"{\"kind\":\"left-out\",\"messages\":" + std::to_string(total_left_out_) + "}", false}));
+    }
+    push(message);
+  }
+
+  void look_after(Time now) override {
+    if (!queue_.empty() && now - began_ > server_->limits.stalled) close();
+  }
+
+  [[nodiscard]] const std::string& session() const override { return session_; }
+
+ private:
+  void push(std::shared_ptr<const Message> message) {
+    queued_bytes_ += message->bytes.size();
+    queue_.push_back(std::move(message));
+    if (queue_.size() == 1) write();
+  }
+
+  void write() {
+    began_ = std::chrono::steady_clock::now();
+    socket_.binary(queue_.front()->binary);
+    socket_.async_write(net::buffer(queue_.front()->bytes), [self = shared_from_this()](error_code error, std::size_t) {
+      if (error) return self->close();
+      self->queued_bytes_ -= self->queue_.front()->bytes.size();
+      self->queue_.pop_front();
+      if (!self->queue_.empty()) self->write();
+    });
+  }
+
+  /// Sees pings, pongs and the end; what comes besides is thrown away.
+  void read() {
+    socket_.async_read(incoming_, [self = shared_from_this()](error_code error, std::size_t) {
+      if (error) return self->close();
+      self->incoming_.clear();
+      self->read();
+    });
+  }
+
+  void close() {
+    if (!std::exchange(open_, false)) return;
+    server_->hub.access().connected(session_, false, std::chrono::steady_clock::now());
+    server_->hub.leave(this);
+    beast::get_lowest_layer(socket_).close();
+  }
+
+  websocket::stream<beast::tcp_stream> socket_;
+  OpenConnection server_;
+  const std::string session_;
+  beast::flat_buffer incoming_;
+  std::deque<std::shared_ptr<const Message>> queue_;  // the front one is being written
+  std::size_t queued_bytes_ = 0;
+  std::uint64_t left_out_ = 0, total_left_out_ = 0;
+  Time began_{};
+  bool open_ = false;
+};
+
+}  // namespace
+
+void serve_live(beast::tcp_stream stream, OpenConnection server, const Request& request, std::string session) {
+  const auto made = std::make_shared<LiveSession>(std::move(stream), std::move(server), std::move(session));
+  made->begin(request);
+}
+
+}  // namespace isorig::web

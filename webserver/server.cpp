@@ -1,0 +1,60 @@
+#include "webserver/server.hpp"
+
+#include <boost/asio/ip/address_v4.hpp>
+#include <utility>
+
+#include "webserver/server_impl.hpp"
+
+namespace isorig::web {
+namespace {
+
+namespace net = boost::asio;
+using boost::system::error_code;
+constexpr auto kAcceptPause = std::chrono::milliseconds(100);
+
+}  // namespace
+
+Server::Impl::Impl(net::io_context& context, Hub& h, std::uint16_t port, const ServerLimits& l)
+    : io(context),
+      hub(h),
+      limits(l),
+      acceptor(context, net::ip::tcp::endpoint(net::ip::address_v4::loopback(), port), true),
+      pause(context),
+      cookie_name("isorig-" + std::to_string(acceptor.local_endpoint().port())) {}
+
+void Server::Impl::accept() {
+  acceptor.async_accept([self = shared_from_this()](error_code error, net::ip::tcp::socket socket) {
+    if (error == net::error::operation_aborted) return;
+    if (error) {  // no descriptor left: tried again, since one may be given back
+      self->pause.expires_after(kAcceptPause);
+      self->pause.async_wait([self](error_code stopped) {
+        if (!stopped) self->accept();
+      });
+      return;
+    }
+    if (self->open < self->limits.connections) {
+      error_code ignored;
+      socket.set_option(net::ip::tcp::no_delay(true), ignored);
+      serve_http(boost::beast::tcp_stream(std::move(socket)), OpenConnection(self));
+    }
+    self->accept();
+  });
+}
+
+Server::Server(net::io_context& io, Hub& hub, std::uint16_t port, const ServerLimits& limits)
+    : impl_(std::make_shared<Impl>(io, hub, port, limits)) {}
+
+Server::~Server() {
+  error_code ignored;
+  impl_->acceptor.close(ignored);
+}
+
+void Server::start() {
+  impl_->accept();
+}
+
+std::uint16_t Server::port() const {
+  return impl_->acceptor.local_endpoint().port();
+}
+
+}  // namespace isorig::web

@@ -1,0 +1,39 @@
+#pragma once
+#include <boost/asio/io_context.hpp>
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "webserver/hub.hpp"
+
+namespace isorig::web {
+
+struct ServerLimits {
+  std::size_t connections = 128;
+  std::size_t viewers = 16;  ///< pages without a token; as many again with one
+  std::size_t header_bytes = 8 * 1024;
+  std::size_t body_bytes = std::size_t{1} << 20U;   ///< a protocol's text
+  std::chrono::seconds request{10};                 ///< for a request to be there, or an answer to be taken
+  std::size_t queue_bytes = std::size_t{8} << 20U;  ///< of each page: what finds it full is left out and counted
+  std::chrono::seconds stalled{10};                 ///< a page that takes nothing for so long is cut off
+};
+
+/// HTTP and WebSocket on a TCP port of the loopback, in the thread that runs the io_context (docs/web.md).
+class Server {
+ public:
+  /// Binds and listens: port 0 is any that is free. Throws boost::system::system_error.
+  Server(boost::asio::io_context& io, Hub& hub, std::uint16_t port, const ServerLimits& limits);
+  ~Server();
+
+  void start();
+  [[nodiscard]] std::uint16_t port() const;
+
+  struct Impl;
+
+ private:
+  std::shared_ptr<Impl> impl_;
+};
+
+}  // namespace isorig::web
