@@ -1,0 +1,228 @@
+// isorig-web byte by byte, on real sockets with a real daemon on the simulated rig: who is let in, what a page gets, what
+// happens to one that takes nothing. About a minute.
+// Usage: node web/test/live-protocol.mjs BIN_FOLDER SOURCE_FOLDER
+import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { request } from "node:http";
+import { connect } from "node:net";
+import { Rig, until } from "./rig.mjs";
+
+const [bin, source] = process.argv.slice(2);
+const rig = new Rig(bin, source);
+
+/** Status, headers and body of one request. */
+function ask(method, path, { headers = {}, body = "" } = {}) {
+  return new Promise((done, failed) => {
+    const q = request({ host: "127.0.0.1", port: rig.port, method, path, agent: false,
+      headers: { Host: `localhost:${rig.port}`, ...(body ? { "Content-Length": Buffer.byteLength(body) } : {}), ...headers } }, (answer) => {
+      const parts = [];
+      answer.on("data", (d) => parts.push(d));
+      answer.on("end", () => done({ status: answer.statusCode, headers: answer.headers, body: Buffer.concat(parts) }));
+    });
+    q.on("error", failed);
+    q.end(body);
+  });
+}
+
+/** A page's WebSocket; reads unless `stalled`. Frames of a server are not masked (RFC 6455, 5.1). */
+class Page {
+  constructor({ cookie = "", origin = rig.base, host = `localhost:${rig.port}`, stalled = false } = {}) {
+    this.texts = [];
+    this.blocks = [];
+    this.bytes = Buffer.alloc(0);
+    this.socket = connect(rig.port, "127.0.0.1");
+    this.socket.on("error", () => {});
+    this.closed = new Promise((done) => this.socket.on("close", () => done(true)));
+    this.answered = new Promise((done) => (this.answer = done));
+    this.socket.write(`GET /live HTTP/1.1\r\nHost: ${host}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n` +
+      `Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nOrigin: ${origin}\r\n${cookie ? `Cookie: ${cookie}\r\n` : ""}\r\n`);
+    if (stalled) this.socket.pause();
+    else this.socket.on("data", (d) => this.take(d));
+  }
+
+  take(data) {
+    this.bytes = Buffer.concat([this.bytes, data]);
+    if (this.status === undefined) {
+      const end = this.bytes.indexOf("\r\n\r\n");
+      if (end < 0) return;
+      this.status = Number(this.bytes.subarray(9, 12).toString());
+      this.bytes = this.bytes.subarray(end + 4);
+      this.answer(this.status);
+    }
+    if (this.status !== 101) return;
+    for (;;) {
+      if (this.bytes.length < 2) return;
+      let length = this.bytes[1] & 127, at = 2;
+      if (length === 126) [length, at] = [this.bytes.length < 4 ? Infinity : this.bytes.readUInt16BE(2), 4];
+      else if (length === 127) [length, at] = [this.bytes.length < 10 ? Infinity : Number(this.bytes.readBigUInt64BE(2)), 10];
+      if (this.bytes.length < at + length) return;
+      const body = this.bytes.subarray(at, at + length), code = this.bytes[0] & 15;
+      this.bytes = this.bytes.subarray(at + length);
+      if (code === 1) this.texts.push(JSON.parse(body.toString()));
+      else if (code === 2) this.blocks.push(Buffer.from(body));
+      else if (code === 9) this.socket.write(Buffer.concat([Buffer.from([0x8a, 0x80 | length, 0, 0, 0, 0]), body]));
+    }
+  }
+
+  last(kind) {
+    return this.texts.filter((t) => t.kind === kind).at(-1);
+  }
+  /** Numbers of the fine stretches of a stream, as they came. */
+  stretches(stream) {
+    return this.blocks.filter((b) => b[0] === stream && b[1] === 0).flatMap((b) =>
+      Array.from({ length: b.readUInt32LE(4) }, (_, i) => b.readDoubleLE(8) + b.readUInt32LE(24 + 4 * i)));
+  }
+  end() {
+    this.socket.destroy();
+  }
+}
+
+const own = () => ({ Origin: rig.base, "Content-Type": "application/json" });
+const post = (call, body, headers = own()) => ask("POST", `/api/${call}`, { headers, body: JSON.stringify(body) });
+const said = (answer) => JSON.parse(answer.body.toString()).text;
+
+async function session(name) {
+  const link = new URL(rig.call("web", "--name", name));
+  const answer = await ask("GET", link.pathname + link.search);
+  assert.equal(answer.status, 303);
+  return answer.headers["set-cookie"][0];
+}
+
+try {
+  // Without a daemon the page is there, and says so.
+  await rig.startWeb();
+  const early = new Page();
+  await until("why there is nothing", () => /isorigd does not run/.test(early.last("status")?.why ?? ""), 10);
+  rig.startDaemon();
+  await until("the daemon", () => early.last("status")?.status?.state === "ready", 60);
+  await until("its samples", () => early.last("hello").rig === "sim", 10);
+  early.end();
+
+  // The page and what it is wrapped in.
+  const page = await ask("GET", "/");
+  assert.equal(page.status, 200);
+  assert.match(page.headers["content-security-policy"], /default-src 'none'.*frame-ancestors 'none'/);
+  assert.equal(page.headers["x-content-type-options"], "nosniff");
+  assert.equal((await ask("HEAD", "/")).status, 200);
+  assert.equal((await ask("GET", "/../etc/passwd")).status, 404);
+  assert.equal((await ask("PUT", "/")).status, 405);
+  assert.equal((await ask("GET", "/", { headers: { Host: "evil.example" } })).status, 421, "a name that DNS may lead here");
+  assert.equal((await ask("GET", "/", { headers: { Host: "localhost:9999" } })).status, 200, "the near end of ssh -L");
+  assert.equal((await ask("GET", "/", { headers: { "X-Long": "x".repeat(9000) } })).status, 431);
+  assert.equal((await post("start", { protocol: "x".repeat(1 << 20) })).status, 413);
+
+  // Nobody without a session does anything; a page of somebody else does not even with one.
+  for (const call of ["pause", "abort", "start", "resume", "lease", "note", "leave", "preview"]) assert.equal((await post(call, {})).status, 403, call);
+  assert.equal((await ask("GET", "/api/library")).status, 403);
+  for (const origin of ["http://evil.example", "null", `http://localhost:${rig.port + 1}`]) {
+    const other = new Page({ origin });
+    assert.equal(await other.answered, 403, origin);
+  }
+  assert.equal(await new Page({ host: "evil.example", origin: "http://evil.example" }).answered, 421);
+
+  // A link: once, and its cookie is not for scripts nor for other sites.
+  const link = new URL(rig.call("web", "--name", "Ann"));
+  const entered = await ask("GET", link.pathname + link.search);
+  assert.equal(entered.status, 303);
+  assert.match(entered.headers["set-cookie"][0], /^isorig-\d+=[0-9a-f]{64}; Path=\/; HttpOnly; SameSite=Strict$/);
+  assert.equal((await ask("GET", link.pathname + link.search)).status, 403);
+  assert.equal((await ask("GET", "/enter?token=" + "0".repeat(64))).status, 403);
+  const ann = entered.headers["set-cookie"][0].split(";")[0];
+  assert.match(rig.call("web", "--name", "x", "--port", "9000"), /^http:\/\/localhost:9000\/enter/);
+  const mine = () => ({ ...own(), Cookie: ann });
+  assert.equal((await post("pause", {}, { ...mine(), Origin: "http://evil.example" })).status, 403);
+  assert.equal((await post("pause", {}, { Cookie: ann, "Content-Type": "application/json" })).status, 403, "without an origin");
+  assert.equal((await post("pause", {}, { ...mine(), "Content-Type": "text/plain" })).status, 415);
+  assert.equal((await ask("POST", "/api/lease", { headers: mine(), body: "[1]" })).status, 400);
+  assert.equal((await post("nonsense", {}, mine())).status, 404);
+
+  // Control: one at a time, by name.
+  assert.equal((await post("start", { operator: "Ann", protocol_file: "vma-smoke.toml", specimen_file: "" }, mine())).status, 409);
+  assert.equal((await post("lease", { action: "take" }, mine())).status, 200);
+  const bob = (await session("Bob")).split(";")[0];
+  const his = () => ({ ...own(), Cookie: bob });
+  const refused = await post("lease", { action: "take" }, his());
+  assert.equal(refused.status, 409);
+  assert.match(said(refused), /Ann has control/);
+
+  // A start needs an operator, a specimen and a protocol of the library.
+  for (const [body, why] of [
+    [{ protocol_file: "vma-smoke.toml", specimen_file: "" }, /operator/],
+    [{ operator: "Ann", protocol_file: "vma-smoke.toml" }, /specimen/],
+    [{ operator: "Ann", protocol_file: "../rigs/sim.toml", specimen_file: "" }, /no protocol/],
+    [{ operator: "Ann", protocol_file: "vma-smoke.toml", specimen_file: "../protocols/vma-smoke.toml" }, /no specimen/],
+    [{ operator: "Ann", protocol: "nonsense", specimen_file: "" }, /protocol.toml:1/],
+  ]) {
+    const answer = await post("start", body, mine());
+    assert.equal(answer.status, 400, JSON.stringify(body));
+    assert.match(said(answer), why);
+  }
+  const preview = await post("preview", { operator: "Bob", protocol_file: "vma-smoke.toml", specimen_file: "control1.toml" }, his());
+  assert.equal(preview.status, 200);
+  assert.equal(JSON.parse(preview.body.toString()).specimen, "Control1");
+
+  // A page that only looks on gets every stretch, with what came before it; one that takes nothing is cut off.
+  const stalled = new Page({ stalled: true });
+  const began = Date.now();
+  const looking = new Page({ cookie: ann });
+  assert.equal(await looking.answered, 101);
+  assert.equal((await post("start", { operator: "Ann", protocol_file: "vma-smoke.toml", specimen_file: "" }, mine())).status, 200);
+  await until("the plan", () => looking.last("plan")?.plan?.steps?.length === 24, 15);
+  await until("running", () => looking.last("status")?.status?.state === "running", 15);
+
+  // Who has no control may stop the rig, and not let it go on.
+  assert.equal((await post("pause", {}, his())).status, 200);
+  assert.equal((await post("resume", {}, his())).status, 409);
+  assert.equal((await post("lease", { action: "take-over" }, his())).status, 200);
+  await until("the holder", () => looking.last("lease")?.holder === "Bob" && looking.last("lease").mine === false, 5);
+  assert.equal((await post("resume", {}, mine())).status, 409);
+  assert.equal((await post("resume", {}, his())).status, 200);
+  assert.match(rig.web.logged(), /control taken over by Bob \(uid \d+\) from Ann[^]*resume by Bob/);
+  assert.equal((await post("note", { run: looking.last("plan").plan.run, text: "the clamp slipped" }, mine())).status, 200);
+
+  await until("the stalled page's end", () => looking.last("status")?.web?.viewers === 1, 60);
+  const cut_s = (Date.now() - began) / 1000;
+  assert.ok(cut_s > 9, `cut off after ${cut_s} s`);
+  stalled.socket.resume();
+  await stalled.closed;
+
+  for (const [stream, name] of [[0, "frame"], [1, "pressure"], [2, "control"]]) {
+    const numbers = looking.stretches(stream).sort((a, b) => a - b);
+    assert.equal(new Set(numbers).size, numbers.length, `${name}: a stretch came twice`);
+    // The machine may stand still: what is missing has to be what the daemon did not have.
+    const missing = numbers.at(-1) - numbers[0] + 1 - numbers.length;
+    assert.ok(numbers.length > 500 && missing <= numbers.length * 0.02, `${name}: ${missing} of ${numbers.length} stretches are missing`);
+  }
+  const web = looking.last("status").web;
+  assert.equal(web.lost + web.lost_before_the_socket + web.lost_earlier, 0);
+  assert.equal(looking.last("left-out"), undefined);
+
+  // Raw samples of two seconds, 2 ms each.
+  const now = looking.last("status").status.mono_ns;
+  const zoom = (await ask("GET", `/api/zoom?from=${now - 3e9}&to=${now - 1e9}&stretches=1000`)).body;
+  assert.equal(zoom[1], 2);
+  assert.ok(zoom.readUInt32LE(4) > 900, `${zoom.readUInt32LE(4)} stretches`);
+  for (const query of ["", "from=0&to=1", "from=5&to=1&stretches=9", "from=0&to=99999999999999&stretches=9", "from=0&to=9&stretches=99999"])
+    assert.equal((await ask("GET", `/api/zoom?${query}`)).status, 400, query);
+
+  // The daemon dies: the page lives, and says so.
+  assert.equal((await post("abort", {}, mine())).status, 200);
+  rig.daemon.kill("SIGKILL");
+  await until("why there is nothing", () => /isorigd does not run/.test(looking.last("status")?.why ?? ""), 10);
+  assert.equal((await post("abort", {}, mine())).status, 502);
+  assert.equal((await post("leave", {}, mine())).status, 200);
+  assert.equal((await post("abort", {}, mine())).status, 403);
+  looking.end();
+
+  const memory = Number(readFileSync(`/proc/${rig.web.pid}/status`, "utf8").match(/VmRSS:\s+(\d+)/)[1]) / 1024;
+  assert.ok(memory < 64, `isorig-web takes ${memory} MiB`);
+  console.log(`a stalled page was cut off after ${cut_s.toFixed(0)} s; ${looking.stretches(0).length} stretches of the frame; ${memory.toFixed(0)} MiB`);
+  rig.web.kill("SIGTERM");
+  assert.equal(await rig.web.ended, 0);
+} catch (error) {
+  console.error(rig.logs());
+  console.error(error);
+  process.exitCode = 1;
+} finally {
+  rig.end();
+}
