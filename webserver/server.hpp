@@ -14,10 +14,11 @@ struct ServerLimits {
   std::size_t connections = 128;
   std::size_t viewers = 16;  ///< pages without a token; as many again with one
   std::size_t header_bytes = 8 * 1024;
-  std::size_t body_bytes = std::size_t{1} << 20U;   ///< a protocol's text
-  std::chrono::seconds request{10};                 ///< for a request to be there, or an answer to be taken
-  std::size_t queue_bytes = std::size_t{8} << 20U;  ///< of each page: what finds it full is left out and counted
-  std::chrono::seconds stalled{10};                 ///< a page that takes nothing for so long is cut off
+  std::size_t body_bytes = std::size_t{1} << 20U;  ///< a protocol's text
+  std::chrono::seconds request{10};                ///< for a request to be there, or an answer to be taken
+  /// Of each page; what finds it full is left out and counted. A plan of 50,000 steps takes 10 MiB, once for all pages.
+  std::size_t queue_bytes = std::size_t{24} << 20U;
+  std::chrono::seconds stalled{10};  ///< a page that takes nothing for so long is cut off
 };
 
 /// HTTP and WebSocket on a TCP port of the loopback, in the thread that runs the io_context (docs/web.md).

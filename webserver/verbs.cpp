@@ -152,7 +152,7 @@ void Hub::start_run(const Who& who, const json& given, bool preview, const Reply
     if (!file) return reply(answer(400, "no specimen " + base::printable(name) + " in the library"));
     body["specimen"] = *file;
     body["specimen_name"] = name;
-  } else if (!given.contains("specimen_file")) {
+  } else if (const auto said = given.find("specimen_file"); said == given.end() || !said->is_string()) {
     return reply(answer(400, "which specimen is mounted? choose one, or the rig's own"));
   }
   if (preview) {

@@ -149,6 +149,7 @@ try {
   for (const [body, why] of [
     [{ protocol_file: "vma-smoke.toml", specimen_file: "" }, /operator/],
     [{ operator: "Ann", protocol_file: "vma-smoke.toml" }, /specimen/],
+    [{ operator: "Ann", protocol_file: "vma-smoke.toml", specimen_file: 5 }, /specimen/],
     [{ operator: "Ann", protocol_file: "../rigs/sim.toml", specimen_file: "" }, /no protocol/],
     [{ operator: "Ann", protocol_file: "vma-smoke.toml", specimen_file: "../protocols/vma-smoke.toml" }, /no specimen/],
     [{ operator: "Ann", protocol: "nonsense", specimen_file: "" }, /protocol.toml:1/],
