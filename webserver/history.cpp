@@ -133,6 +133,25 @@ std::size_t Series::bytes() const {
   return raw_.capacity() * sizeof(Sample) + coarse_.capacity() * sizeof(Stretch);
 }
 
+void Lateness::add(std::int64_t mono_ns, std::uint32_t worst_wakeup_ns) {
+  const auto second = index_of(mono_ns, 1'000'000'000);
+  if (second < newest_ - 1) slots_.fill({});  // another clock
+  newest_ = second;
+  auto& slot = slots_[static_cast<std::size_t>(((second % kSlots) + kSlots) % kSlots)];
+  if (slot.second != second) slot = {second, {}};
+  const auto us = worst_wakeup_ns / 1000;
+  ++slot.counts[std::min<std::size_t>(kBins - 1, static_cast<std::size_t>(std::bit_width(us)))];
+}
+
+Lateness::Counts Lateness::counts() const {
+  Counts sum{};
+  for (const auto& slot : slots_) {
+    if (slot.second == INT64_MIN || slot.second <= newest_ - kSlots) continue;
+    for (std::size_t i = 0; i < kBins; ++i) sum[i] += slot.counts[i];
+  }
+  return sum;
+}
+
 std::uint64_t History::Sequence::skipped(std::uint32_t sequence) {
   const std::uint32_t step = last ? sequence - *last : 1;  // wraps with the number itself
   last = sequence;
@@ -152,6 +171,7 @@ void History::add(const daemon::PressureRecord& record) {
 void History::add(const daemon::ControlRecord& record) {
   series_[static_cast<std::size_t>(Stream::kControl)].push(record.mono_ns, double{record.target_mm},
                                                            double{record.setpoint_psi});
+  lateness_.add(record.mono_ns, record.worst_wakeup_ns);
 }
 
 std::size_t History::bytes() const {

@@ -91,6 +91,26 @@ inline constexpr std::int64_t kFineWidth_ns = 20'000'000;
 inline constexpr std::int64_t kFineKept_ns = 600'000'000'000;
 inline constexpr std::int64_t kCoarseWidth_ns = 5'000'000'000;
 
+/// How late the loop woke up, over the last ten minutes: of each hundredth of a second the worst tick, counted by
+/// powers of two of a microsecond. Bin 0 is below 1 us, bin k from 2^(k-1) to 2^k us, the last one all above.
+class Lateness {
+ public:
+  static constexpr std::size_t kBins = 18;
+  static constexpr std::int64_t kSlots = 600;
+  using Counts = std::array<std::uint32_t, kBins>;
+
+  void add(std::int64_t mono_ns, std::uint32_t worst_wakeup_ns);
+  [[nodiscard]] Counts counts() const;
+
+ private:
+  struct Slot {
+    std::int64_t second = INT64_MIN;
+    Counts counts{};
+  };
+  std::array<Slot, kSlots> slots_{};
+  std::int64_t newest_ = INT64_MIN;
+};
+
 class History {
  public:
   /// Ten minutes of 1 kHz streams and a 100 Hz one, with a tenth to spare. A faster device has fewer minutes.
@@ -103,6 +123,7 @@ class History {
   [[nodiscard]] const Series& series(Stream stream) const { return series_[static_cast<std::size_t>(stream)]; }
   /// Samples that the devices numbered and that never came.
   [[nodiscard]] std::uint64_t gaps() const { return gaps_; }
+  [[nodiscard]] const Lateness& lateness() const { return lateness_; }
   [[nodiscard]] std::size_t bytes() const;
 
  private:
@@ -114,6 +135,7 @@ class History {
   std::array<Series, kStreams> series_;
   std::array<Sequence, 2> sequences_;
   std::uint64_t gaps_ = 0;
+  Lateness lateness_;
 };
 
 /// A block for the page (docs/web.md): u8 stream, u8 tier (0 fine, 1 coarse, 2 an answer to a zoom), u16 columns, u32

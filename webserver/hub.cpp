@@ -82,6 +82,7 @@ void Hub::on_status(const DaemonAnswer& answer) {
                  {"lost_before_the_socket", lost_.before_the_socket},
                  {"lost_earlier", lost_before_},
                  {"gaps", history_.gaps()},
+                 {"lateness", history_.lateness().counts()},
                  {"viewers", viewers_.size()}};
   if (answer.status == 200) {
     status_ = text_message("{\"kind\":\"status\",\"web\":" + web.dump() + ",\"status\":" + answer.text + "}");

@@ -119,6 +119,29 @@ TEST(History, NumbersThatWereLeftOutAreCountedAndARestartIsNone) {
   EXPECT_EQ(history.gaps(), 3U);
 }
 
+TEST(Lateness, CountsByPowersOfTwoAndForgetsAfterTenMinutes) {
+  Lateness lateness;
+  const std::uint32_t ns[] = {0, 999, 1000, 1999, 2000, 3'000'000, 4'000'000'000};
+  for (const auto late : ns) lateness.add(kSecond, late);
+  Lateness::Counts wanted{};
+  wanted[0] = 2;   // below 1 us
+  wanted[1] = 2;   // 1 us
+  wanted[2] = 1;   // 2 us
+  wanted[12] = 1;  // 2048 to 4096 us
+  wanted[Lateness::kBins - 1] = 1;
+  EXPECT_EQ(lateness.counts(), wanted);
+  lateness.add(600 * kSecond, 0);
+  ++wanted[0];
+  EXPECT_EQ(lateness.counts(), wanted);
+  lateness.add(601 * kSecond, 0);  // in the place of the first
+  wanted = {};
+  wanted[0] = 2;
+  EXPECT_EQ(lateness.counts(), wanted);
+  lateness.add(5 * kSecond, 0);
+  wanted[0] = 1;
+  EXPECT_EQ(lateness.counts(), wanted) << "what another clock had is kept";
+}
+
 TEST(Block, IsWhatThePageReads) {
   const auto bytes =
       block(Stream::kFrame, 1, 20 * kMs, {{1000, {1, 2}, {3, 4}, {5, 6}}, {1003, {7, 8}, {9, 10}, {11, 12}}});

@@ -135,7 +135,11 @@ try {
   await until("taken over", async () => /Bob has control/.test(await text(page, ".who")), 10);
   assert.match(rig.web.logged(), /control taken over by Bob \(uid \d+\) from Ann/);
   assert.ok(await (await button(page, "Resume")).evaluate((b) => b.disabled));
-  await hold(other, await button(other, "Resume"), 1100);
+  const resume = await button(other, "Resume");
+  await resume.focus();  // by keyboard alone
+  await other.keyboard.down("Enter");
+  await new Promise((r) => setTimeout(r, 1100));
+  await other.keyboard.up("Enter");
   await until("running again", async () => /RUNNING/.test(await state(page)), 15);
 
   // A reload has the history again.

@@ -53,6 +53,8 @@ export interface Web {
   lost_before_the_socket: number;
   lost_earlier: number;
   gaps: number;
+  /** Of the worst tick of each hundredth of a second in ten minutes, how many were late by 2^(k-1) to 2^k µs. */
+  lateness: number[];
   viewers: number;
 }
 
