@@ -16,6 +16,8 @@ namespace {
 
 constexpr double kDeviations = 4.0;
 constexpr double kNothing = 1e-6;
+/// A law that acts in less than a hundredth of the bins has no size by its 99th percentile.
+constexpr double kRare = 0.02;
 
 /// What one law adds: a column a start, off the span of the nominal model, scaled to 1 N.
 struct Signature {
@@ -88,8 +90,8 @@ Signature signature_of(const Problem& problem, const Hypothesis& base, const Eig
       const Eigen::VectorXd change = problem.predict(spec) - before;
       std::vector<double> sizes(change.data(), change.data() + change.size());
       for (double& size : sizes) size = std::fabs(size);
-      const double size_N = base::quantile(std::move(sizes), 0.99);
-      if (size_N > 0.0 && change.allFinite()) added.push_back(change / size_N);
+      const double most_N = *std::ranges::max_element(sizes), size_N = base::quantile(std::move(sizes), 0.99);
+      if (size_N > kRare * most_N && change.allFinite()) added.push_back(change / size_N);
     }
   }
   Signature out{&effect, &law, Eigen::MatrixXd(before.size(), static_cast<Eigen::Index>(added.size())), {}};

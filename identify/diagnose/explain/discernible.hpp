@@ -24,8 +24,9 @@ struct Discernible {
 ///     told from   z / min over rivals |P_R P_T W s|    R: all that the rival's law adds at any of its starts
 ///
 /// Size is that of practical_significance.hpp. Linear in the size: exact for laws with a stiffness or a force, near the
-/// starts for a time constant, a gap or an exponent. A rival that takes the place of nearly all (|P_R P_T W s| below
-/// 1e-6 of |W s|) can be told at no size.
+/// starts for a time constant, a gap or an exponent. Starts at which a law acts in less than a hundredth of the bins
+/// are passed over. A rival that takes the place of nearly all (|P_R P_T W s| below 1e-6 of |W s|) can be told at no
+/// size.
 [[nodiscard]] std::vector<Discernible> discernible(const Search& search, const Hypothesis& base, unsigned threads);
 
 }  // namespace isorig::identify

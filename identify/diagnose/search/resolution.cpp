@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "base/quantile.hpp"
+#include "model/catalogue.hpp"
 
 namespace isorig::identify {
 
@@ -22,8 +23,30 @@ InstrumentResolution resolution_of(std::span<const Series> series) {
   return out;
 }
 
-bool below_resolution(const model::ModelSpec& spec, const InstrumentResolution& resolution) {
+namespace {
+
+/// The effect that a law is at the bound where this number stands; "" anywhere else.
+std::string_view name_at_bound(const model::Parameter& parameter, double value) {
   constexpr double kAtBound = 1.001, kAtUpperBound = 0.99;
+  const model::ParameterTraits& traits = parameter.traits;
+  if (!traits.lower_bound_is.empty() && value <= kAtBound * parameter.lower) return traits.lower_bound_is;
+  if (!traits.upper_bound_is.empty() && value >= kAtUpperBound * parameter.upper) return traits.upper_bound_is;
+  return {};
+}
+
+}  // namespace
+
+const model::Physics& effect_at_bound(const model::ModelSpec& spec, const model::Physics& effect) {
+  for (const model::Part& part : spec.parts) {
+    if (part.physics != &effect) continue;
+    for (std::size_t i = 0; i < part.parameters.size(); ++i)
+      if (const auto name = name_at_bound(part.law->parameters[i], part.parameters[i]); !name.empty())
+        return *model::find_physics(name);
+  }
+  return effect;
+}
+
+bool below_resolution(const model::ModelSpec& spec, const InstrumentResolution& resolution) {
   for (const model::Part& part : spec.parts) {
     for (std::size_t i = 0; i < part.parameters.size(); ++i) {
       const model::Parameter& parameter = part.law->parameters[i];
@@ -41,8 +64,7 @@ bool below_resolution(const model::ModelSpec& spec, const InstrumentResolution& 
           break;
       }
       if (traits.resolution != model::Resolution::kNone && value < least) return true;
-      if (!traits.lower_bound_is.empty() && value <= kAtBound * parameter.lower) return true;
-      if (!traits.upper_bound_is.empty() && value >= kAtUpperBound * parameter.upper) return true;
+      if (!name_at_bound(parameter, value).empty()) return true;
     }
   }
   return false;

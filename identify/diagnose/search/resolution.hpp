@@ -19,4 +19,7 @@ struct InstrumentResolution {
 /// within 1 % of an upper one).
 [[nodiscard]] bool below_resolution(const model::ModelSpec& spec, const InstrumentResolution& resolution);
 
+/// The effect that this one is in the model: another where its law stands at such a bound, else itself.
+[[nodiscard]] const model::Physics& effect_at_bound(const model::ModelSpec& spec, const model::Physics& effect);
+
 }  // namespace isorig::identify

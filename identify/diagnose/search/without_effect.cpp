@@ -1,17 +1,44 @@
 #include "identify/diagnose/search/without_effect.hpp"
 
 #include <algorithm>
+#include <optional>
+
+#include "identify/diagnose/search/resolution.hpp"
+#include "model/catalogue.hpp"
 
 namespace isorig::identify {
+
+namespace {
+
+std::optional<std::size_t> find_in_pool(const Selection& selection, const std::vector<const model::Physics*>& effects,
+                                        const std::string& empirical) {
+  const auto same = std::ranges::find_if(
+      selection.pool, [&](const Hypothesis& h) { return h.effects == effects && h.empirical == empirical; });
+  if (same == selection.pool.end()) return std::nullopt;
+  return static_cast<std::size_t>(same - selection.pool.begin());
+}
+
+/// Refitted without the effect, another one may stand at the bound where it is a third: then it is the explanation with
+/// that third, if somebody has tried it.
+std::optional<std::size_t> under_right_names(const Selection& selection, const Hypothesis& hypothesis) {
+  std::vector<const model::Physics*> effects;
+  for (const auto* effect : hypothesis.effects) effects.push_back(&effect_at_bound(hypothesis.fit.spec, *effect));
+  if (effects == hypothesis.effects) return std::nullopt;
+  std::ranges::sort(effects, {}, [](const model::Physics* p) {
+    return std::ranges::find(model::effects(), p) - model::effects().begin();
+  });
+  return find_in_pool(selection, effects, hypothesis.empirical);
+}
+
+}  // namespace
 
 std::size_t without_effect(Selection& selection, const Search& search, std::size_t from, const model::Physics& effect) {
   std::vector<const model::Physics*> rest = selection.pool[from].effects;
   std::erase(rest, &effect);
-  const auto same = std::ranges::find_if(selection.pool, [&](const Hypothesis& h) {
-    return h.effects == rest && h.empirical == selection.pool[from].empirical;
-  });
-  if (same != selection.pool.end()) return static_cast<std::size_t>(same - selection.pool.begin());
-  selection.pool.push_back(search.without(selection.pool[from], effect));
+  if (const auto same = find_in_pool(selection, rest, selection.pool[from].empirical)) return *same;
+  Hypothesis fitted = search.without(selection.pool[from], effect);
+  if (const auto named = under_right_names(selection, fitted)) return *named;
+  selection.pool.push_back(std::move(fitted));
   selection.weight.push_back(0.0);
   selection.excess.push_back(std::max(
       selection.pool.back().ls_chi2 / selection.noise_scale - static_cast<double>(selection.pool.back().fit.rows),
