@@ -1,0 +1,129 @@
+#include "identify/diagnose/prepare.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <stdexcept>
+
+#include "identify/diagnose/fit/row_weights.hpp"
+#include "identify/diagnose/guard/missed_motion.hpp"
+#include "identify/diagnose/guard/plausible.hpp"
+#include "identify/diagnose/guard/start_up_cut.hpp"
+#include "identify/diagnose/signal/mains_hum.hpp"
+#include "identify/diagnose/signal/noise_level.hpp"
+#include "messages/recording_id.hpp"
+#include "model/catalogue.hpp"
+#include "model/elements.hpp"
+
+namespace isorig::identify {
+namespace {
+
+/// What is read of a recording before rows are cut from it: `predict` sees the whole of it.
+struct WholeRecording {
+  double duration_s = 0.0;
+  double id = 0.0;
+};
+
+bool position_moves(const messages::Recording& recording) {
+  const auto& frame = recording.frame;
+  if (frame.size() < 2) return false;
+  const auto [low, high] = std::ranges::minmax_element(frame.position_mm);
+  return *high - *low > 20.0 * white_noise(frame.t_s, frame.position_mm);
+}
+
+bool pressure_moves(const messages::Recording& recording) {
+  if (!recording.pressure || recording.pressure->size() < 20) return false;
+  const auto& gauge = *recording.pressure;
+  const auto [low, high] = std::ranges::minmax_element(gauge.pressure_psi);
+  return *high - *low > 20.0 * white_noise(gauge.t_s, gauge.pressure_psi);
+}
+
+/// Filling stretches the specimen, and its arms keep some of that force when the rows of the filling are
+/// gone; so does what moved while no readings came. No physics that the nominal model lacks, but a state that is not
+/// known.
+void add_unknown_state(model::ModelSpec& spec, double recording_id, double start_s) {
+  const model::Physics& physics = model::element::arm_start();
+  const auto arms = std::ranges::count(spec.parts, &model::element::maxwell(), &model::Part::physics);
+  for (std::ptrdiff_t arm = 1; arm <= arms; ++arm) {
+    model::Part part = model::make_part(physics, physics.laws[0]);
+    part.parameters[1] = static_cast<double>(arm);
+    part.parameters[2] = recording_id;
+    part.parameters[3] = start_s;
+    spec.parts.push_back(std::move(part));
+  }
+}
+
+/// Cuts the session's own filling off and refuses what no model can be judged by.
+WholeRecording admit(messages::Recording& recording, const std::string& name, model::ModelSpec& nominal,
+                     std::vector<DataFault>& faults) {
+  constexpr std::size_t kFewest = 100;
+  const auto& t_s = recording.frame.t_s;
+  const WholeRecording whole{t_s.empty() ? 0.0 : t_s.back() - t_s.front(), messages::recording_id(recording)};
+  // An isometric recording is driven by its pressure alone: its filling is the experiment.
+  if (position_moves(recording) || !nominal.driven_by_pressure()) {
+    const double start_s = t_s.empty() ? 0.0 : t_s.front();
+    if (auto cut = cut_start_up(recording)) faults.push_back(std::move(*cut));
+    if (!t_s.empty() && t_s.front() > start_s) add_unknown_state(nominal, whole.id, t_s.front());
+  }
+  for (const double again_s : missed_motion(recording.frame)) add_unknown_state(nominal, whole.id, again_s);
+  if (recording.frame.size() < kFewest)
+    throw std::invalid_argument(name + ": " + std::to_string(recording.frame.size()) +
+                                " rows are too few to judge a model by (at least " + std::to_string(kFewest) + ")");
+  if (!position_moves(recording) && !(nominal.driven_by_pressure() && pressure_moves(recording)))
+    throw std::invalid_argument(
+        name + ": nothing moves in this recording, or its samples are too far apart to follow the motion");
+  refuse_implausible(recording, name, nominal);
+  if (auto odd = odd_pressure(recording)) faults.push_back(std::move(*odd));
+  return whole;
+}
+
+/// Hum of the mains is no noise that a rest shows rightly, nor physics: it is taken out of the force.
+void take_hum_out(messages::FrameSamples& frame, const std::vector<bool>& usable, std::vector<DataFault>& faults) {
+  constexpr double kOne = 1.5;  // readings: a row that stands for more is a mean, without hum
+  const RowWeights readings = row_weights(frame);
+  std::vector<bool> single(frame.size());
+  for (std::size_t k = 0; k < single.size(); ++k)
+    single[k] = (usable.empty() || usable[k]) && readings.per_row[k] < kOne;
+  const auto hum = find_mains_hum(frame.t_s, frame.force_N, single);
+  if (!hum) return;
+  for (std::size_t k = 0; k < frame.size(); ++k) frame.force_N[k] -= hum->reading[k];
+  char text[160];
+  std::snprintf(text, sizeof text, "the force hums with the mains: %.3g N at %.2f Hz%s; taken out", hum->amplitude,
+                hum->frequency_Hz, hum->steady ? "" : ", wandering");
+  faults.push_back({"hum", frame.t_s.front(), frame.t_s.back(), frame.size(), text});
+}
+
+void report_pressure_clock(const Excitation& excitation, std::vector<DataFault>& faults) {
+  if (excitation.pressure_clock_s == 0.0) return;
+  char text[160];
+  std::snprintf(text, sizeof text,
+                "the pressure's time stamps are %.3f s (+- %.3f s) %s against the frame's, by its response to "
+                "the motion; corrected",
+                std::fabs(excitation.pressure_clock_s), excitation.pressure_clock_error_s,
+                excitation.pressure_clock_s > 0.0 ? "late" : "early");
+  faults.push_back({"clock", excitation.instants.front().t_s, excitation.instants.back().t_s, 0, text});
+}
+
+}  // namespace
+
+void prepare(Study& study, std::vector<messages::Recording> recordings, std::vector<std::string> names,
+             model::ModelSpec& nominal) {
+  std::vector<WholeRecording> whole;
+  for (std::size_t i = 0; i < recordings.size(); ++i)
+    whole.push_back(admit(recordings[i], names[i], nominal, study.faults));
+  for (std::size_t i = 0; i < recordings.size(); ++i) {
+    Guarded guarded = guard_recording(recordings[i]);
+    study.faults.insert(study.faults.end(), guarded.faults.begin(), guarded.faults.end());
+    take_hum_out(recordings[i].frame, guarded.usable, study.faults);
+    study.series.push_back(prepare_series(std::move(names[i]), std::move(recordings[i]), guarded.usable));
+    Excitation& excitation = study.series.back().excitation;
+    excitation.reference.duration_s = whole[i].duration_s;
+    excitation.reference.recording_id = whole[i].id;
+    study.usable.push_back(std::move(guarded.usable));
+    report_pressure_clock(excitation, study.faults);
+  }
+  share_noise(study.series);
+  study.noise = instrument_noise(study.series, study.usable);
+}
+
+}  // namespace isorig::identify

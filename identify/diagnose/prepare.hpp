@@ -1,0 +1,15 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include "identify/diagnose/diagnosis.hpp"
+
+namespace isorig::identify {
+
+/// Stage 1, guard, and 2 to 4: what drives the model, and the noise of what it answers. Recordings that begin with
+/// their filling, or go on after a gap, add states of their arms to the nominal model. Throws std::invalid_argument for
+/// a recording that no model can be judged by.
+void prepare(Study& study, std::vector<messages::Recording> recordings, std::vector<std::string> names,
+             model::ModelSpec& nominal);
+
+}  // namespace isorig::identify
