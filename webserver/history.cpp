@@ -135,7 +135,7 @@ std::size_t Series::bytes() const {
 
 void Lateness::add(std::int64_t mono_ns, std::uint32_t worst_wakeup_ns) {
   const auto second = index_of(mono_ns, 1'000'000'000);
-  if (second < newest_ - 1) slots_.fill({});  // another clock
+  if (second + 1 < newest_) slots_.fill({});  // another clock
   newest_ = second;
   auto& slot = slots_[static_cast<std::size_t>(((second % kSlots) + kSlots) % kSlots)];
   if (slot.second != second) slot = {second, {}};
