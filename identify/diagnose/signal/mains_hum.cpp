@@ -122,10 +122,29 @@ struct Peaks {
   std::size_t trials = 0;
 };
 
+Turns turns_of(std::span<const double> t_s, double frequency_Hz) {
+  Turns out;
+  for (const double at_s : t_s) out.push_back(frequency_Hz * (at_s - t_s[0]));
+  return out;
+}
+
+/// Where a recording is longer than the search was fine for: the best of the frequencies between its steps.
+void refine(Peak& steady, const Channel& channel, double searched_step_Hz, double step_Hz) {
+  const Peak found = steady;
+  for (double offset_Hz = -searched_step_Hz; offset_Hz <= searched_step_Hz; offset_Hz += step_Hz) {
+    const double frequency_Hz = found.frequency_Hz + offset_Hz;
+    Sums all;
+    for (const Sums& window : channel.sums(turns_of(channel.t_s, frequency_Hz), 1.0)) all += window;
+    if (all.power() > steady.power) steady = {frequency_Hz, all.power(), found.typical};
+  }
+}
+
 Peaks search(const Channel& channel, double mains_Hz) {
-  constexpr double kBeyond_Hz = 0.3, kSteps = 4.0;
+  // No mains keep their phase for longer than ten minutes: finer steps would only cost time, hours of it in a recording
+  // of a day.
+  constexpr double kBeyond_Hz = 0.3, kSteps = 4.0, kCoherent_s = 600.0;
   const double duration_s = channel.t_s.back() - channel.t_s.front();
-  const double step_Hz = 1.0 / (kSteps * std::max(duration_s, kWindow_s));
+  const double step_Hz = 1.0 / (kSteps * std::clamp(duration_s, kWindow_s, kCoherent_s));
   const auto count = static_cast<std::size_t>(2.0 * kBeyond_Hz / step_Hz) + 1;
   const double first_Hz = mains_Hz - kBeyond_Hz;
   // Each of the three phasors of a difference turns on by the same angle from one frequency to the next.
@@ -167,6 +186,7 @@ Peaks search(const Channel& channel, double mains_Hz) {
   }
   out.steady.typical = base::quantile(std::move(steady), 0.5);
   out.wandering.typical = base::quantile(std::move(wandering), 0.5);
+  if (duration_s > kCoherent_s) refine(out.steady, channel, step_Hz, 1.0 / (kSteps * duration_s));
   return out;
 }
 
@@ -272,8 +292,7 @@ std::optional<MainsHum> find_mains_hum(std::span<const double> t_s, std::span<co
   }
   if (!found) return std::nullopt;
 
-  Turns turns;
-  for (const double at_s : t_s) turns.push_back(found->frequency_Hz * (at_s - t_s[0]));
+  Turns turns = turns_of(t_s, found->frequency_Hz);
   constexpr int kFollow = 2;
   for (int round = 0; round < kFollow && !found->steady; ++round) follow_phase(turns, channel);
 

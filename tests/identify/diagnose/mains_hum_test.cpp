@@ -97,6 +97,16 @@ TEST(MainsHum, IsFoundWhereItIsFoldedDownToASlowWave) {
   EXPECT_NEAR(hum->amplitude, 1.0, 0.1);
 }
 
+// An hour is searched in steps for ten minutes: a hum between two of them is followed from window to window. 181
+// windows of two numbers each, and twice the variance, since a row against its neighbours tells half of what it could.
+TEST(MainsHum, IsFollowedThroughARecordingOfAnHour) {
+  const Channel channel = record({.amplitude = 2.0, .frequency_Hz = 50.0102, .duration_s = 3600.0});
+  const auto hum = find_mains_hum(channel.t_s, channel.reading, channel.single);
+  ASSERT_TRUE(hum);
+  EXPECT_NEAR(hum->frequency_Hz, 50.0102, 1.0 / 2400.0);
+  EXPECT_LT(rms_error(channel, *hum), 1.5 * std::sqrt(2.0 * 363.0 / static_cast<double>(channel.t_s.size())));
+}
+
 TEST(MainsHum, IsNotFoundWhereThereIsNone) {
   for (unsigned seed = 1; seed <= 40; ++seed) {
     Channel channel = record({.spacing_s = seed % 2 == 0 ? 0.2 : 0.01, .duration_s = 100.0, .seed = seed});
