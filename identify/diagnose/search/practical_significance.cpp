@@ -63,6 +63,14 @@ void discount_insignificant_effects(Selection& selection, const Search& search, 
     count_weights(selection);
   }
   count_weights(selection);
+  // What is chosen in the end has a size of each of its effects, whichever round it came from.
+  const std::size_t chosen = selection.best;
+  const auto effects = selection.pool[chosen].effects;
+  for (const auto* effect : effects) {
+    if (selection.size_N.contains(effect)) continue;
+    const std::size_t rest = without_effect(selection, search, chosen, *effect);
+    selection.size_N[effect] = size_N(search, selection.pool[chosen], selection.pool[rest]);
+  }
 }
 
 }  // namespace isorig::identify
