@@ -18,21 +18,13 @@
 #include "daemon/core/fixed_text.hpp"
 #include "daemon/rig/config.hpp"
 #include "recording_rig.hpp"
+#include "wait_until.hpp"
 
 namespace isorig::daemon::test {
 namespace {
 
 using ::testing::HasSubstr;
 using ::testing::StartsWith;
-
-bool wait_until(double seconds, const std::function<bool()>& condition) {
-  const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
-  while (!condition()) {
-    if (std::chrono::steady_clock::now() > deadline) return false;
-    std::this_thread::sleep_for(std::chrono::milliseconds(2));
-  }
-  return true;
-}
 
 EventRecord event(const char* code, RunState from, RunState to, const char* text = "") {
   EventRecord e;

@@ -28,6 +28,8 @@ namespace isorig::daemon::testing {
 namespace {
 
 constexpr int kNoMulticast = 77;  // what a child exits with when the machine has no multicast at all
+constexpr const char* kWithoutMulticast =
+    "LCM needs multicast, and neither a network namespace of its own (as root) nor this machine's loopback takes it";
 
 bool shell(const std::string& command) {
   return std::system(command.c_str()) == 0;
@@ -117,7 +119,7 @@ TEST(Publisher, ASubscriberGetsEverySampleInMessagesThatFitOneFrame) {
     if (got.largest >= messages::kMaxMessageBytes) return 4;
     return got.progress == 10 ? 0 : 5;
   });
-  if (result == kNoMulticast) GTEST_SKIP() << "no multicast here";
+  if (result == kNoMulticast) GTEST_SKIP() << kWithoutMulticast;
   EXPECT_EQ(result, 0);
 }
 
@@ -146,7 +148,7 @@ TEST(Publisher, ASubscriberWithTheDefaultQueueCountsWhatItMissed) {
     if (got.missed == 0) return 1;
     return messages + got.missed == 101 ? 0 : 2;
   });
-  if (result == kNoMulticast) GTEST_SKIP() << "no multicast here";
+  if (result == kNoMulticast) GTEST_SKIP() << kWithoutMulticast;
   EXPECT_EQ(result, 0);
 }
 
@@ -211,7 +213,7 @@ TEST(Publisher, LcmLoggerRecordsItAndLcmLogplayerPlaysASegment) {
     end_tool(player);
     return got.frame_ns.size() == 2'000 && got.missed == 0 ? 0 : 5;
   });
-  if (result == kNoMulticast) GTEST_SKIP() << "no multicast here";
+  if (result == kNoMulticast) GTEST_SKIP() << kWithoutMulticast;
   EXPECT_EQ(result, 0);
 }
 
@@ -236,7 +238,7 @@ TEST(Publisher, AQueueThatOverflowedIsAnEvent) {
     }
     return events.code == "publisher.dropped" && events.value == 36.0 ? 0 : 1;
   });
-  if (result == kNoMulticast) GTEST_SKIP() << "no multicast here";
+  if (result == kNoMulticast) GTEST_SKIP() << kWithoutMulticast;
   EXPECT_EQ(result, 0);
 }
 

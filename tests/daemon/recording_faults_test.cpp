@@ -199,7 +199,8 @@ TEST(RecordingFaults, TooLittleSpaceRefusesToStartAndStopsInTime) {
 TEST(RecordingFaults, AFullDiskLosesNothing) {
   const TemporaryDirectory dir("faults");
   SmallDisk disk(dir.path() / "disk");
-  if (!disk.mounted()) GTEST_SKIP() << "mounting a small disk needs root: " << std::strerror(errno);
+  if (!disk.mounted())
+    GTEST_SKIP() << "a real full disk is a tmpfs of 2 MiB, and mounting needs root: " << std::strerror(errno);
   auto options = recorder_options(disk.path() / "run");
   options.min_free_bytes = 0;
   options.reserve_bytes = 700'000;
@@ -303,7 +304,8 @@ TEST(RecordingFaults, AFailedSyncAtTheVeryEndIsNotDone) {
 TEST(RecordingFaults, AFullDiskAtTheVeryEndIsNotDoneUntilThereIsRoom) {
   const TemporaryDirectory dir("faults");
   SmallDisk disk(dir.path() / "disk");
-  if (!disk.mounted()) GTEST_SKIP() << "mounting a small disk needs root: " << std::strerror(errno);
+  if (!disk.mounted())
+    GTEST_SKIP() << "a real full disk is a tmpfs of 2 MiB, and mounting needs root: " << std::strerror(errno);
   auto options = recorder_options(disk.path() / "run");
   options.min_free_bytes = 0;
   options.reserve_bytes = 0;

@@ -18,6 +18,7 @@
 #include "daemon/host/host.hpp"
 #include "recording_rig.hpp"
 #include "rig_fixture.hpp"
+#include "wait_until.hpp"
 
 namespace isorig::daemon::test {
 
@@ -28,15 +29,6 @@ steps = [
   { do = "pressurize", pressure_psi = 0, rate_psi_s = 5, settled_for_s = 0.01, timeout_s = 20 },
   { do = "hold", duration_s = 1000 } ]
 )";
-
-inline bool wait_until(double seconds, const std::function<bool()>& condition) {
-  const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
-  while (!condition()) {
-    if (std::chrono::steady_clock::now() > deadline) return false;
-    std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  }
-  return true;
-}
 
 /// The daemon as its clients see it: host and API on real sockets, over a simulated rig that ticks in a thread of its
 /// own, about as fast as it can.

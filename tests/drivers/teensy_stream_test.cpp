@@ -11,6 +11,7 @@
 #include "drivers/error.hpp"
 #include "drivers/pressure/teensy.hpp"
 #include "drivers/pressure/tty_stream.hpp"
+#include "error_of.hpp"
 
 namespace isorig::pressure {
 namespace {
@@ -18,18 +19,8 @@ namespace {
 namespace wire = messages::teensy;
 using drivers::DeviceError;
 using drivers::Fault;
+using test::error_of;
 using testing::HasSubstr;
-
-template <class Call>
-DeviceError error_of(Call&& call) {
-  try {
-    call();
-  } catch (const DeviceError& error) {
-    return error;
-  }
-  ADD_FAILURE() << "no DeviceError";
-  return {Fault::kTimeout, ""};
-}
 
 /// A device of bytes: a script answers what the driver writes; reading costs virtual time when nothing is
 /// there.

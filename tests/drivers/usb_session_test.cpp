@@ -18,6 +18,7 @@
 #include "drivers/clock/clock.hpp"
 #include "drivers/error.hpp"
 #include "drivers/pressure/usb_stream.hpp"
+#include "error_of.hpp"
 #include "fake_libusb.hpp"
 
 namespace isorig::pressure {
@@ -25,23 +26,13 @@ namespace {
 
 using drivers::DeviceError;
 using drivers::Fault;
+using test::error_of;
 using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::SizeIs;
 
 constexpr std::uint8_t kIn = 0x84, kOut = 0x03;
-
-template <class Call>
-DeviceError error_of(Call&& call) {
-  try {
-    call();
-  } catch (const DeviceError& error) {
-    return error;
-  }
-  ADD_FAILURE() << "no DeviceError";
-  return {Fault::kProtocol, ""};
-}
 
 class UsbSessionTest : public testing::Test {
  protected:
