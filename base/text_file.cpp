@@ -10,6 +10,7 @@
 #include <system_error>
 #include <utility>
 
+#include "base/text_file_read.hpp"
 #include "base/toml_reader.hpp"
 
 namespace isorig::base {
@@ -63,15 +64,9 @@ std::string why_not_a_file(const std::filesystem::path& path) {
   return std::string("is ") + kind + " and no file; save its content to a file and name that";
 }
 
-std::string read_text_file(const std::filesystem::path& path, std::size_t most_bytes) {
-  if (auto why = why_not_a_file(path); !why.empty()) throw FileError(path, std::move(why), false);
-  const OpenFile file(path);
+std::string read_open_file(int fd, const std::filesystem::path& path, std::size_t most_bytes) {
   struct stat status {};
-  if (file.fd() < 0 || ::fstat(file.fd(), &status) != 0) {
-    fail(path, "cannot be opened", errno, "check the path and its permissions");
-  }
-  if (S_ISDIR(status.st_mode)) throw FileError(path, "cannot be opened: it is a folder; name a file in it", false);
-
+  if (::fstat(fd, &status) != 0) fail(path, "cannot be opened", errno, "check the path and its permissions");
   // The size is a hint: files of /proc say 0, and a file may grow meanwhile.
   constexpr std::size_t kChunkBytes = std::size_t{64} << 10U;
   std::string text;
@@ -80,7 +75,7 @@ std::string read_text_file(const std::filesystem::path& path, std::size_t most_b
   std::size_t have = 0;
   while (have < most_bytes) {
     if (text.size() < wanted) text.resize(wanted);
-    const auto got = ::read(file.fd(), text.data() + have, wanted - have);
+    const auto got = ::read(fd, text.data() + have, wanted - have);
     if (got < 0 && errno == EINTR) continue;
     if (got < 0) fail(path, "cannot be read to its end", errno, "check the disk it is on");
     if (got == 0) break;
@@ -89,6 +84,17 @@ std::string read_text_file(const std::filesystem::path& path, std::size_t most_b
   }
   text.resize(have);
   return text;
+}
+
+std::string read_text_file(const std::filesystem::path& path, std::size_t most_bytes) {
+  if (auto why = why_not_a_file(path); !why.empty()) throw FileError(path, std::move(why), false);
+  const OpenFile file(path);
+  struct stat status {};
+  if (file.fd() < 0 || ::fstat(file.fd(), &status) != 0) {
+    fail(path, "cannot be opened", errno, "check the path and its permissions");
+  }
+  if (S_ISDIR(status.st_mode)) throw FileError(path, "cannot be opened: it is a folder; name a file in it", false);
+  return read_open_file(file.fd(), path, most_bytes);
 }
 
 std::string read_config_file(const std::filesystem::path& path, std::size_t most_bytes) {

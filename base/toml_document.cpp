@@ -6,6 +6,7 @@
 #include "base/text_file.hpp"
 #include "base/toml_budget.hpp"
 #include "base/toml_hints.hpp"
+#include "base/toml_observer.hpp"
 
 namespace isorig::base {
 namespace {
@@ -109,6 +110,7 @@ TomlDocument TomlDocument::parse_text(std::string_view text, std::string name) {
 
 TomlTable TomlDocument::root() const {
   impl_->asked[&impl_->root];
+  if (auto* observer = TomlObserver::of_this_thread()) observer->root(impl_->name, &impl_->root);
   return {impl_.get(), &impl_->root};
 }
 

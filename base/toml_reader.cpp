@@ -5,6 +5,7 @@
 
 #include "base/number_text.hpp"
 #include "base/toml_document.hpp"
+#include "base/toml_observer.hpp"
 
 namespace isorig::base {
 namespace {
@@ -53,6 +54,13 @@ const toml::table* as_table(const void* table) {
   return static_cast<const toml::table*>(table);
 }
 
+using Kind = TomlObserver::Kind;
+thread_local TomlObserver* observer = nullptr;
+
+void tell(const void* table, const TomlObserver::Asked& asked) {
+  if (observer != nullptr && table != nullptr) observer->asked(table, asked);
+}
+
 const toml::node* find(TomlDocument::Impl* document, const void* table, std::string_view key) {
   if (table == nullptr) return nullptr;
   document->asked[as_table(table)].emplace(key);
@@ -61,6 +69,16 @@ const toml::node* find(TomlDocument::Impl* document, const void* table, std::str
 
 }  // namespace
 
+TomlObserver::TomlObserver() {
+  observer = this;
+}
+TomlObserver::~TomlObserver() {
+  observer = nullptr;
+}
+TomlObserver* TomlObserver::of_this_thread() {
+  return observer;
+}
+
 bool TomlTable::has(std::string_view key) const {
   return table_ != nullptr && as_table(table_)->contains(key);
 }
@@ -68,6 +86,7 @@ bool TomlTable::has(std::string_view key) const {
 std::vector<std::string> TomlTable::keys() const {
   std::vector<std::string> out;
   if (table_ != nullptr) {
+    if (observer != nullptr) observer->open(table_);
     for (const auto& [key, node] : *as_table(table_)) out.emplace_back(key.str());
   }
   return out;
@@ -90,15 +109,19 @@ void TomlTable::error(std::string_view key, std::string message) const {
 
 std::string_view TomlTable::type_of(std::string_view key) const {
   if (table_ == nullptr) return {};
+  tell(table_, {key});
   const auto* node = as_table(table_)->get(key);
   return node == nullptr ? std::string_view{} : type_name(*node).substr(type_name(*node).find(' ') + 1);
 }
 
 void TomlTable::ignore_rest() const {
-  if (table_ != nullptr) document_->open.insert(as_table(table_));
+  if (table_ == nullptr) return;
+  document_->open.insert(as_table(table_));
+  if (observer != nullptr) observer->open(table_);
 }
 
 double TomlTable::number_or(std::string_view key, double fallback, Range range) const {
+  tell(table_, {key, Kind::kNumber, false, range});
   const auto* node = find(document_, table_, key);
   if (node == nullptr) return fallback;
   const auto value = node->value<double>();
@@ -114,6 +137,7 @@ double TomlTable::number_or(std::string_view key, double fallback, Range range) 
 }
 
 std::int64_t TomlTable::integer_or(std::string_view key, std::int64_t fallback, Range range) const {
+  tell(table_, {key, Kind::kInteger, false, range});
   const auto* node = find(document_, table_, key);
   if (node == nullptr) return fallback;
   const auto value = node->is_integer() ? node->value<std::int64_t>() : std::nullopt;
@@ -129,6 +153,7 @@ std::int64_t TomlTable::integer_or(std::string_view key, std::int64_t fallback, 
 }
 
 bool TomlTable::boolean_or(std::string_view key, bool fallback) const {
+  tell(table_, {key, Kind::kBoolean});
   const auto* node = find(document_, table_, key);
   if (node == nullptr) return fallback;
   if (!node->is_boolean()) {
@@ -139,6 +164,7 @@ bool TomlTable::boolean_or(std::string_view key, bool fallback) const {
 }
 
 std::string TomlTable::string_or(std::string_view key, std::string_view fallback) const {
+  tell(table_, {key, Kind::kString});
   const auto* node = find(document_, table_, key);
   if (node == nullptr) return std::string(fallback);
   if (!node->is_string()) {
@@ -150,6 +176,7 @@ std::string TomlTable::string_or(std::string_view key, std::string_view fallback
 
 std::string TomlTable::choice_or(std::string_view key, std::string_view fallback,
                                  std::initializer_list<std::string_view> allowed) const {
+  tell(table_, {key, Kind::kString, false, {}, {allowed.begin(), allowed.size()}});
   auto value = string_or(key, fallback);
   if (std::find(allowed.begin(), allowed.end(), value) == allowed.end() && value != fallback) {
     std::string message = "`" + std::string(key) + "` = \"" + value + "\"; it has to be one of";
@@ -167,26 +194,31 @@ std::string missing(std::string_view key) {
 }  // namespace
 
 double TomlTable::number(std::string_view key, Range range) const {
+  tell(table_, {key, Kind::kNumber, true});
   if (!has(key)) error({}, missing(key));
   return number_or(key, std::isfinite(range.min) ? range.min : 0.0, range);
 }
 
 std::int64_t TomlTable::integer(std::string_view key, Range range) const {
+  tell(table_, {key, Kind::kInteger, true});
   if (!has(key)) error({}, missing(key));
   return integer_or(key, std::isfinite(range.min) ? static_cast<std::int64_t>(range.min) : 0, range);
 }
 
 bool TomlTable::boolean(std::string_view key) const {
+  tell(table_, {key, Kind::kBoolean, true});
   if (!has(key)) error({}, missing(key));
   return boolean_or(key, false);
 }
 
 std::string TomlTable::string(std::string_view key) const {
+  tell(table_, {key, Kind::kString, true});
   if (!has(key)) error({}, missing(key));
   return string_or(key, {});
 }
 
 std::string TomlTable::choice(std::string_view key, std::initializer_list<std::string_view> allowed) const {
+  tell(table_, {key, Kind::kString, true, {}, {allowed.begin(), allowed.size()}});
   if (!has(key)) {
     std::string message = missing(key) + "; one of";
     for (auto a : allowed) message += " \"" + std::string(a) + "\"";
@@ -197,6 +229,7 @@ std::string TomlTable::choice(std::string_view key, std::initializer_list<std::s
 
 std::vector<double> TomlTable::numbers(std::string_view key, Range range) const {
   std::vector<double> out;
+  tell(table_, {key, Kind::kNumbers, true, range});
   if (!has(key)) error({}, missing(key));
   const auto* node = find(document_, table_, key);
   if (node == nullptr) return out;
@@ -222,6 +255,7 @@ std::vector<double> TomlTable::numbers(std::string_view key, Range range) const 
 
 std::vector<std::string> TomlTable::strings(std::string_view key) const {
   std::vector<std::string> out;
+  tell(table_, {key, Kind::kStrings, true});
   if (!has(key)) error({}, missing(key));
   const auto* node = find(document_, table_, key);
   if (node == nullptr) return out;
@@ -243,6 +277,7 @@ std::vector<std::string> TomlTable::strings(std::string_view key) const {
 }
 
 std::optional<TomlTable> TomlTable::table_if(std::string_view key) const {
+  tell(table_, {key, Kind::kTable});
   const auto* node = find(document_, table_, key);
   if (node == nullptr) return std::nullopt;
   const auto* sub = node->as_table();
@@ -252,16 +287,19 @@ std::optional<TomlTable> TomlTable::table_if(std::string_view key) const {
     return std::nullopt;
   }
   document_->asked[sub];
+  if (observer != nullptr) observer->inside(table_, key, sub, -1);
   return TomlTable(document_, sub);
 }
 
 TomlTable TomlTable::table(std::string_view key) const {
+  tell(table_, {key, Kind::kTable, true});
   if (!has(key)) error({}, "table [" + std::string(key) + "] is missing");
   return table_if(key).value_or(TomlTable(document_, nullptr));
 }
 
 std::vector<TomlTable> TomlTable::tables(std::string_view key) const {
   std::vector<TomlTable> out;
+  tell(table_, {key, Kind::kTables});
   const auto* node = find(document_, table_, key);
   if (node == nullptr) return out;
   const auto* array = node->as_array();
@@ -272,6 +310,7 @@ std::vector<TomlTable> TomlTable::tables(std::string_view key) const {
   for (const auto& element : *array) {
     if (const auto* sub = element.as_table()) {
       document_->asked[sub];
+      if (observer != nullptr) observer->inside(table_, key, sub, static_cast<int>(out.size()));
       out.emplace_back(document_, sub);
     } else {
       document_->note(document_->at(element.source(), "`" + std::string(key) + "` holds " +

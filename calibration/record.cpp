@@ -118,7 +118,7 @@ Record parse_record(const std::string& text, const std::string& name) {
   }
   r.due = date(root, "due");
   r.operator_name = root.string("operator");
-  if (r.operator_name.empty()) root.error("operator", "`operator` is empty; a calibration is somebody's");
+  if (r.operator_name.empty()) root.error("operator", "`operator` is empty; name who calibrated");
   r.note = root.string_or("note", "");
   r.evidence_run = root.string_or("evidence_run", "");
   r.supersedes = root.string_or("supersedes", "");

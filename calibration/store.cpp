@@ -24,7 +24,7 @@ void write_once(const std::filesystem::path& path, const std::string& text) {
     ::unlink(draft.c_str());
     throw std::runtime_error(std::string(what) + " " + path.string() + ": " + std::strerror(error));
   };
-  const int fd = ::open(draft.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+  const int fd = ::open(draft.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0644);
   if (fd < 0) fail("cannot write");
   const bool written = ::write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size()) && ::fsync(fd) == 0;
   ::close(fd);

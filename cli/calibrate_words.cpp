@@ -106,7 +106,8 @@ void complete(CalibrateOptions& o) {
       std::cerr << why << '\n';
     }
   }
-  if (!missing.empty()) throw UsageError("a calibration is somebody's, against something; add" + missing);
+  if (!missing.empty())
+    throw UsageError("a record says who calibrated against what, until when; still to be named:" + missing);
 }
 
 void check_words(const CalibrateOptions& o, Channel channel, Mode mode) {

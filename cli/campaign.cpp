@@ -3,8 +3,10 @@
 #include <cstdio>
 #include <iostream>
 #include <memory>
+#include <optional>
 
 #include "cli/command.hpp"
+#include "cli/progress.hpp"
 #include "cli/provenance.hpp"
 
 namespace isorig::cli {
@@ -21,7 +23,9 @@ int campaign(const Options& options) {
   identify::FvOptions analysis;
   analysis.whole_series = analysis.history = false;  // hundreds of recordings; `isorig fv` does it for any one of them
   bool bad = false;
+  std::optional<Progress> progress(std::in_place, "campaign");
   for (const auto& path : options.recordings) {
+    progress->at(static_cast<double>(results.size()) / static_cast<double>(options.recordings.size()), path);
     try {
       results.push_back(identify::analyse_recording(messages::read_recording(path), path, analysis));
     } catch (const messages::RecordingError& e) {
@@ -29,6 +33,7 @@ int campaign(const Options& options) {
       bad = true;
     }
   }
+  progress.reset();
   if (bad) return kBadInput;
   const auto repeated = identify::repeated_recordings(results);
   for (const auto& line : repeated) std::cerr << "isorig campaign: " << line << '\n';

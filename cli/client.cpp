@@ -1,5 +1,8 @@
 #include "cli/client.hpp"
 
+#include <sys/socket.h>
+#include <sys/time.h>
+
 #include <algorithm>
 #include <array>
 #include <boost/asio/io_context.hpp>
@@ -7,6 +10,7 @@
 #include <boost/beast/core/basic_stream.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/http.hpp>
+#include <cerrno>
 #include <chrono>
 #include <string_view>
 #include <thread>
@@ -22,27 +26,43 @@ namespace http = beast::http;
 using boost::system::error_code;
 using Message = http::request<http::string_body>;
 
-constexpr auto kPatience = std::chrono::seconds(30);
 constexpr auto kPause = std::chrono::milliseconds(20);
 constexpr int kAttempts = 5;
 constexpr std::array<std::string_view, 3> kStopCalls{"/v1/status", "/v1/abort", "/v1/pause"};
 
+/// A daemon that is stopped accepts nothing: when the queue of its socket is full (SOMAXCONN), connect() blocks until
+/// SO_SNDTIMEO and says EAGAIN, or EINTR for a signal (unix(7), socket(7)). Asio would take that for a connection that
+/// is being made.
+error_code connect_within(std::chrono::milliseconds patience, const net::local::stream_protocol::endpoint& where,
+                          net::local::stream_protocol::socket& socket) {
+  error_code error;
+  socket.open(net::local::stream_protocol(), error);
+  if (error) return error;
+  const timeval limit{patience.count() / 1000, patience.count() % 1000 * 1000};
+  if (::setsockopt(socket.native_handle(), SOL_SOCKET, SO_SNDTIMEO, &limit, sizeof limit) != 0 ||
+      ::connect(socket.native_handle(), where.data(), static_cast<socklen_t>(where.size())) != 0) {
+    return errno == EAGAIN || errno == EINTR ? error_code(beast::error::timeout)
+                                             : error_code(errno, boost::system::system_category());
+  }
+  return {};
+}
+
 /// One request on a connection of its own. `connected` says how far it came.
-error_code exchange(const std::string& socket, const Message& request, http::response<http::string_body>& response,
-                    bool& connected) {
+error_code exchange(const std::string& socket, std::chrono::milliseconds patience, const Message& request,
+                    http::response<http::string_body>& response, bool& connected) {
   net::io_context io;
   beast::basic_stream<net::local::stream_protocol> stream(io);
   error_code result;
   connected = false;
   try {
-    stream.socket().connect(net::local::stream_protocol::endpoint(socket), result);
+    result = connect_within(patience, net::local::stream_protocol::endpoint(socket), stream.socket());
   } catch (const boost::system::system_error& e) {
     return e.code();  // the path is too long for a socket
   }
   if (result) return result;
   connected = true;
   beast::flat_buffer buffer;
-  stream.expires_after(kPatience);
+  stream.expires_after(patience);
   // What was refused unread may have been answered all the same: a failed write does not keep from reading.
   http::async_write(stream, request, [&](error_code, std::size_t) {
     http::async_read(stream, buffer, response, [&](error_code error, std::size_t) { result = error; });
@@ -52,6 +72,7 @@ error_code exchange(const std::string& socket, const Message& request, http::res
 }
 
 [[noreturn]] void explain(const std::string& where, error_code error, bool connected) {
+  if (error == beast::error::timeout) throw NoAnswer("the daemon on " + where + " did not answer: " + error.message());
   if (connected) throw NoDaemon("the daemon on " + where + " did not answer: " + error.message());
   if (error == boost::system::errc::no_such_file_or_directory || error == boost::system::errc::connection_refused) {
     throw NoDaemon("no daemon answers on " + where +
@@ -84,7 +105,7 @@ Answer Client::ask(const std::string& method, const std::string& path, std::stri
   bool connected = false;
   for (int attempt = 0; attempt < kAttempts; ++attempt) {
     http::response<http::string_body> response;
-    error = exchange(socket.string(), request, response, connected);
+    error = exchange(socket.string(), patience_, request, response, connected);
     if (!error && response.result() != http::status::service_unavailable) {
       Answer answer{static_cast<int>(response.result_int()), nlohmann::json::parse(response.body(), nullptr, false)};
       if (answer.body.is_discarded()) answer.body = {{"text", "the daemon's answer is not JSON: " + response.body()}};

@@ -1,4 +1,5 @@
 #pragma once
+#include <chrono>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
@@ -14,6 +15,11 @@ class NoDaemon : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+/// The daemon is there, and has not answered in time: it is busy, stopped, or hangs.
+class NoAnswer : public NoDaemon {
+  using NoDaemon::NoDaemon;
+};
+
 /// What the daemon answered: HTTP status and JSON body.
 struct Answer {
   int status = 0;
@@ -26,7 +32,11 @@ struct Answer {
 /// do, if it is there.
 class Client {
  public:
-  explicit Client(std::filesystem::path socket) : socket_(std::move(socket)) {}
+  static constexpr std::chrono::milliseconds kPatience{30'000};  ///< a start compiles a protocol before it answers
+  explicit Client(std::filesystem::path socket, std::chrono::milliseconds patience = kPatience)
+      : socket_(std::move(socket)), patience_(patience) {}
+  /// The same, for whoever cannot wait so long.
+  [[nodiscard]] Client with(std::chrono::milliseconds patience) const { return Client(socket_, patience); }
   /// Both throw NoDaemon.
   [[nodiscard]] Answer get(const std::string& path) const;
   [[nodiscard]] Answer post(const std::string& path, const nlohmann::json& body = nlohmann::json::object()) const;
@@ -34,6 +44,7 @@ class Client {
  private:
   [[nodiscard]] Answer ask(const std::string& method, const std::string& path, std::string body) const;
   std::filesystem::path socket_;
+  std::chrono::milliseconds patience_;
 };
 
 }  // namespace isorig::cli

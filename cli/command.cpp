@@ -86,6 +86,7 @@ const std::string& command_line() {
 
 std::string unknown_word(const CLI::App& app, int argc, const char* const* argv, const CLI::ParseError& error) {
   if (error.get_exit_code() == 0) return {};  // --help, --version
+  if (argc == 1) return "name a command: `isorig --help` lists all, `isorig COMMAND --help` explains one";
   if (app.get_subcommands().empty()) {
     return argc > 1 && argv[1][0] != '-' ? no_such_command(app, argv[1]) : std::string();
   }

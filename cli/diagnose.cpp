@@ -1,13 +1,16 @@
 #include <unistd.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <iostream>
 #include <memory>
 #include <optional>
 #include <stdexcept>
 
+#include "cli/answers.hpp"
 #include "cli/command.hpp"
 #include "cli/diagnosis_files.hpp"
+#include "cli/progress.hpp"
 #include "cli/protocol_input.hpp"
 #include "cli/provenance.hpp"
 #include "messages/recording.hpp"
@@ -42,32 +45,32 @@ int diagnose(const Options& options) {
     std::cerr << options.out << ": " << why << '\n';
     return kFailure;
   }
-  const model::ModelSpec nominal = read_nominal(options.model);
   std::vector<messages::Recording> recordings;
   for (const std::string& folder : options.recordings) {
     try {
-      recordings.push_back(messages::read_recording(folder));
+      recordings.push_back(messages::read_recording_of_any_output(folder));
     } catch (const messages::RecordingError& e) {
       std::cerr << e.what() << '\n';
       return kBadInput;
     }
   }
-  std::vector<double> nominal_psi;
-  nominal_psi.reserve(recordings.size());
-  for (const auto& r : recordings) nominal_psi.push_back(r.metadata.nominal_pressure_psi.value_or(0.0));
-  // Before minutes of work too.
-  if (const auto warning = identify::mixed_pressures(nominal_psi); !warning.empty())
-    std::cerr << "warning: " << warning << '\n';
+  if (std::ranges::any_of(recordings, [](const auto& r) { return r.metadata.output != messages::Output::kForce; }))
+    return diagnose_answer(recordings, options.recordings, options.model, options.out, options.report);
+  const model::ModelSpec nominal = read_nominal(options.model);
   identify::DiagnosisOptions settings;
   if (!options.rig.empty()) settings.design.rig = read_rig_limits(options.rig);
   settings.threads = options.threads;
+  std::optional<Progress> progress(std::in_place, "diagnose");
+  settings.on_progress = [&](double fraction, const char* doing) { progress->at(fraction, doing); };
   std::optional<identify::Study> made;
   try {
     made = identify::diagnose(std::move(recordings), options.recordings, nominal, settings);
   } catch (const std::invalid_argument& e) {
+    progress.reset();
     std::cerr << e.what() << '\n';
     return kBadInput;
   }
+  progress.reset();
   std::error_code error;
   std::filesystem::create_directories(options.out, error);
   if (error) {

@@ -79,7 +79,7 @@ void print_diagnosis(const identify::Diagnosis& d, const std::filesystem::path& 
   for (const auto& missing : d.missing) {
     std::printf("  %-20s p = %.2f ", std::string(missing.effect->name).c_str(), missing.probability);
     for (const auto& value : missing.parameters)
-      std::printf("  %s = %.4g [%.4g, %.4g]", value.name.c_str(), value.value, value.low, value.high);
+      std::printf("  %s = %.4g [%.4g, %.4g]", value.key().c_str(), value.value, value.low, value.high);
     std::printf("\n");
     print_discernible(d, missing);
   }

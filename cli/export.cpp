@@ -1,21 +1,26 @@
-#include "daemon/recording/export.hpp"
+#include "daemon/export/export.hpp"
 
 #include <cstdio>
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "base/printable.hpp"
 #include "cli/command.hpp"
+#include "cli/progress.hpp"
 #include "cli/run_argument.hpp"
 
-/// isorig export: a run as folders in the recording format.
+/// isorig export: a run in the files of other tools.
 namespace isorig::cli {
 namespace {
 
 struct Options {
   RunArgument run;
   std::string out;
+  std::string format = "csv";
+  std::string specimen;
+  double rest_length_mm = 0.0;
   bool remap = false;
   bool json = false;
 };
@@ -29,6 +34,7 @@ void print_json(const daemon::ExportReport& report) {
   out["recordings"] = nlohmann::ordered_json::array();
   for (const auto& s : report.sessions) {
     out["recordings"].push_back({{"folder", s.folder.string()},
+                                 {"name", s.name},
                                  {"session", s.session},
                                  {"attempt", s.attempt},
                                  {"repetition", s.repetition},
@@ -59,16 +65,30 @@ void print_text(const daemon::ExportReport& report, bool remap) {
 }
 
 int run_export(const Options& options) {
+  if (options.format == "parquet") {
+    std::cerr
+        << "isorig export: this isorig writes no Parquet (Debian 12 has no Arrow to build it with); --format hdf5 "
+           "holds the same tables\n";
+    return kUsage;
+  }
   const auto found = find_run(options.run);
   daemon::ExportOptions how;
   how.remap = options.remap;
+  how.format = options.format == "hdf5"  ? daemon::ExportFormat::kHdf5
+               : options.format == "mat" ? daemon::ExportFormat::kMat
+                                         : daemon::ExportFormat::kCsv;
+  how.specimen = options.specimen;
+  how.rest_length_mm = options.rest_length_mm;
   how.run_id = found.id;
   how.still_written = found.still_written;
   if (found.row) {
     how.operator_name = found.row->operator_name;
     how.outcome = found.row->state;
   }
+  std::optional<Progress> progress(std::in_place, "export");
+  how.on_progress = [&](double fraction) { progress->at(fraction); };
   const auto report = daemon::export_run(found.directory, options.out, how);
+  progress.reset();
   if (options.json) {
     print_json(report);
   } else {
@@ -77,7 +97,7 @@ int run_export(const Options& options) {
   const bool whole = report.read.state() == messages::RecordingState::kWhole;
   if (!whole) std::cerr << "isorig export: the recording is " << messages::to_text(report.read.state()) << '\n';
   for (const auto& line : report.read.complaints()) std::cerr << "isorig export: " << base::printable(line) << '\n';
-  if (report.read.segments > 0 && !report.read.has_checksums) {
+  if (report.read.has_header && !report.read.has_checksums) {
     std::cerr
         << "isorig export: the recording has no checksums (an older isorig made it): altered values would not show\n";
   }
@@ -97,9 +117,17 @@ int run_export(const Options& options) {
 
 Command add_export(CLI::App& app) {
   auto options = std::make_shared<Options>();
-  auto* sub = app.add_subcommand("export", "Write a run in the recording format, a folder per repetition and pressure");
+  auto* sub = app.add_subcommand("export", "Write a run for other tools: in the recording format, as HDF5 or as MAT");
   options->run.add_to(*sub);
-  sub->add_option("--out", options->out, "Where the folders go; made if needed")->required();
+  sub->add_option("--out", options->out, "Folder that it goes to; made if needed")->required();
+  sub->add_option("--format", options->format,
+                  "csv: the recording format, a folder each; hdf5: one file; mat: for MATLAB and Octave, a file each")
+      ->check(CLI::IsMember({"csv", "hdf5", "mat", "parquet"}))
+      ->capture_default_str();
+  sub->add_option("--specimen", options->specimen,
+                  "Its name, where the log has none (lcm-logger's of the live channels)");
+  sub->add_option("--rest-length-mm", options->rest_length_mm, "Its unpressurized length, where the log has none")
+      ->check(CLI::PositiveNumber);
   sub->add_flag("--remap", options->remap,
                 "Map device times again, with the exchanges before and after each sample (closer than online)");
   sub->add_flag("--json", options->json, "For scripts: everything, as JSON");

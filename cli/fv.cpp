@@ -2,11 +2,15 @@
 #include <cstdio>
 #include <iostream>
 #include <memory>
+#include <optional>
 
 #include "base/printable.hpp"
 #include "cli/command.hpp"
+#include "cli/progress.hpp"
 #include "cli/provenance.hpp"
+#include "identify/diagnose/guard/plausible.hpp"
 #include "identify/fv/fv_report.hpp"
+#include "model/composed.hpp"
 
 namespace isorig::cli {
 namespace {
@@ -55,14 +59,22 @@ int fv(const Options& options) {
   // Every recording is read before anything is written: all that is wrong is said at once.
   std::vector<identify::RecordingResult> results;
   bool bad = false;
+  std::optional<Progress> progress(std::in_place, "fv");
   for (const auto& path : options.recordings) {
+    progress->at(static_cast<double>(results.size()) / static_cast<double>(options.recordings.size()), path);
     try {
-      results.push_back(identify::analyse_recording(messages::read_recording(path), path));
+      const auto recording = messages::read_recording(path);
+      identify::refuse_implausible(recording, path, model::nominal_model("slse1"));
+      results.push_back(identify::analyse_recording(recording, path));
+    } catch (const std::invalid_argument& e) {
+      std::cerr << base::printable_lines(e.what()) << '\n';
+      bad = true;
     } catch (const messages::RecordingError& e) {
       std::cerr << e.what() << '\n';
       bad = true;
     }
   }
+  progress.reset();
   if (bad) return kBadInput;
   const auto repeated = identify::repeated_recordings(results);
   for (const auto& line : repeated) std::cerr << "isorig fv: " << line << '\n';

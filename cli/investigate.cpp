@@ -3,16 +3,19 @@
 #include <cstdio>
 #include <iostream>
 #include <memory>
+#include <optional>
 #include <set>
 
+#include "base/fingerprint.hpp"
 #include "base/text_file.hpp"
 #include "cli/command.hpp"
 #include "cli/diagnosis_files.hpp"
 #include "cli/investigation.hpp"
+#include "cli/progress.hpp"
 #include "cli/protocol_input.hpp"
 #include "cli/provenance.hpp"
+#include "daemon/export/export.hpp"
 #include "daemon/host/virtual_run.hpp"
-#include "daemon/recording/export.hpp"
 #include "identify/diagnose/design/candidates.hpp"
 #include "identify/report/page.hpp"
 #include "messages/recording.hpp"
@@ -34,15 +37,6 @@ struct Options {
   unsigned threads = 2;
   bool report = true;
 };
-
-/// FNV-1a: tells whether a question is the same, nothing more.
-std::string fingerprint(const std::string& text) {
-  std::uint64_t hash = 14695981039346656037ULL;
-  for (const char c : text) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211ULL;
-  char out[17];
-  std::snprintf(out, sizeof out, "%016llx", static_cast<unsigned long long>(hash));
-  return out;
-}
 
 /// Whoever names no protocol gets the paper's ramps in short: two speeds, both ways, with rests.
 std::string first_look(const daemon::RigConfig& rig, double pressure_psi) {
@@ -72,10 +66,10 @@ class Loop {
     std::string physics;
     if (rig_.sim->physics) physics = model::model_text(rig_.sim->physics->spec);
     all_.inputs = {{"rig", rig_.name},
-                   {"rig_text", fingerprint(rig_.text + physics)},
+                   {"rig_text", base::fingerprint(rig_.text + physics)},
                    {"model", nominal_.name},
-                   {"model_text", fingerprint(model::model_text(nominal_))},
-                   {"protocol_text", fingerprint(first_protocol_)},
+                   {"model_text", base::fingerprint(model::model_text(nominal_))},
+                   {"protocol_text", base::fingerprint(first_protocol_)},
                    {"pressure_psi", pressure_psi_},
                    {"seed", seed()}};
     load(all_);
@@ -171,7 +165,11 @@ class Loop {
     run.start.protocol_text = text;
     run.start.protocol_name = (folder / "protocol.toml").string();
     run.seed = seed() + static_cast<std::uint64_t>(number) - 1;  // another day, other noise
+    const std::string name = "round " + std::to_string(number);
+    std::optional<Progress> progress(std::in_place, name + ", run");
+    run.on_progress = [&](const daemon::Status& s, double) { progress->at(double{s.control.progress}); };
     const auto result = daemon::run_virtual(rig_, run);
+    progress.reset();
     round.run = result.run_id;
     round.rig_s = result.simulated_s;
     if (result.outcome != "done") {
@@ -179,7 +177,12 @@ class Loop {
                 << (result.fault.empty() ? "" : ": " + result.fault) << "; see " << result.directory.string() << '\n';
       return result.outcome == "failed" ? kTripped : kFailure;
     }
-    const auto report = daemon::export_run(result.directory, folder / "recordings", {false, result.run_id});
+    progress.emplace(name + ", export");
+    daemon::ExportOptions how;
+    how.run_id = result.run_id;
+    how.on_progress = [&](double fraction) { progress->at(fraction); };
+    const auto report = daemon::export_run(result.directory, folder / "recordings", how);
+    progress.reset();
     for (const auto& line : report.read.complaints()) std::cerr << "isorig investigate: " << line << '\n';
     for (const auto& session : report.sessions)
       if (session.complete && session.pressure_psi == pressure_psi_)
@@ -213,8 +216,11 @@ class Loop {
     settings.design.rig = rig_.limits;
     settings.design.longest_s = std::clamp(options_.budget_s - all_.rig_s(), 60.0, 1800.0);
     const std::size_t count = recordings.size();
+    std::optional<Progress> progress(std::in_place, "round " + std::to_string(round.number) + ", diagnosis");
+    settings.on_progress = [&](double fraction, const char* doing) { progress->at(fraction, doing); };
     try {
       const auto study = identify::diagnose(std::move(recordings), std::move(names), nominal_, settings);
+      progress.reset();
       take_in(round, study);
       const bool last = settled_by(round) || round.number >= options_.rounds;
       const auto folder = all_.round_folder(round.number) / "diagnosis";
@@ -226,6 +232,7 @@ class Loop {
         std::filesystem::copy_file(folder / file, all_.folder / file,
                                    std::filesystem::copy_options::overwrite_existing);
     } catch (const std::invalid_argument& e) {
+      progress.reset();
       std::cerr << "isorig investigate: " << e.what() << '\n';
       return false;
     }

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <fstream>
 
+#include "base/json_words.hpp"
 #include "cli/protocol_input.hpp"
 #include "identify/report/diagnosis/effect_words.hpp"
 #include "identify/report/page.hpp"
@@ -93,7 +94,7 @@ void take_in(Round& round, const identify::Study& study) {
   for (const auto& missing : d.missing) {
     std::string text = std::string(missing.effect->name) + " (p = " + percent(missing.probability) + ")";
     for (const auto& value : missing.parameters)
-      text += ", " + value.name + " " + identify::report::interval_text(value.value, value.low, value.high);
+      text += ", " + value.key() + " " + identify::report::interval_text(value.value, value.low, value.high);
     round.found.push_back(std::move(text));
   }
   if (d.unjudged) round.found.push_back(d.unjudged->why + "; record " + d.unjudged->record);
@@ -186,7 +187,7 @@ void load(Investigation& all) {
     all.rounds.clear();
     for (const auto& round : json.at("rounds")) all.rounds.push_back(round_of(round));
   } catch (const std::exception& e) {
-    throw std::runtime_error(file.string() + ": " + e.what() + "; choose another --out");
+    throw std::runtime_error(file.string() + ": " + base::json_words(e) + "; choose another --out");
   }
 }
 

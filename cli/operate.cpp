@@ -14,6 +14,7 @@
 #include "cli/daemon_call.hpp"
 #include "cli/protocol_input.hpp"
 #include "cli/screen.hpp"
+#include "cli/watch.hpp"
 #include "daemon/host/paths.hpp"
 
 /// start, pause, resume, abort, reset, status: the operator's verbs, each one call to the daemon.
@@ -59,7 +60,7 @@ bool confirmed(const Client& client, nlohmann::json body, bool yes) {
 Command add_start(CLI::App& app) {
   struct Options : Common {
     std::string protocol, specimen, operator_name;
-    bool watch = false, yes = false, go = false;
+    bool watch = false, until_done = false, yes = false, go = false;
   };
   auto* sub = app.add_subcommand("start", "Start a protocol on the daemon's rig");
   auto o = std::make_shared<Options>();
@@ -68,6 +69,7 @@ Command add_start(CLI::App& app) {
   sub->add_option("--operator", o->operator_name, "Who runs it; kept in the catalogue");
   sub->add_flag("--yes,-y", o->yes, "Start without showing what and asking; a script is not asked");
   sub->add_flag("--watch", o->watch, "Follow it afterwards, as `isorig watch` does");
+  sub->add_flag("--until-done", o->until_done, "Follow this run and return when it has ended, with its exit code");
   sub->add_flag("--go", o->go, "On a rig that has to be armed: ask here whether everybody is clear, then go");
   add_common(*sub, *o);
   return {
@@ -88,11 +90,17 @@ Command add_start(CLI::App& app) {
                 << "isorig start, then isorig go\n";
             return static_cast<int>(kRefused);
           }
-          int code = finish(client.post("/v1/start", body), *o);
+          auto started = client.post("/v1/start", body);
+          int code = finish(started, *o);
           if (code == kOk && o->go) {
-            if (const auto answer = second_act(client)) code = finish(*answer, *o);
+            if (const auto answer = second_act(client)) {
+              code = finish(*answer, *o);
+              started = *answer;
+            }
           }
-          return code == kOk && o->watch ? watch(Client(o->socket), {}) : code;
+          if (code != kOk || !(o->watch || o->until_done)) return code;
+          // A rig that has to be armed opens its run, and names it, with the second act.
+          return watch(client, {.until_done = o->until_done, .json = o->json, .run = started.body.value("run", "")});
         });
       }};
 }
@@ -175,15 +183,21 @@ Command add_watch(CLI::App& app) {
   struct Options : Common {
     double interval_s = 0.5;
     bool until_done = false;
+    std::string run;
   };
   auto* sub = app.add_subcommand("watch", "Follow a run live: step, progress, time left, force, position, pressure");
   auto o = std::make_shared<Options>();
   sub->add_option("--interval-s", o->interval_s, "Between two looks")->check(CLI::Range(0.05, 3600.0));
-  sub->add_flag("--until-done", o->until_done, "Return when the run has ended, with its exit code");
+  auto* until =
+      sub->add_flag("--until-done", o->until_done,
+                    "Return when the run has ended, with its exit code; waits for the next one if none is open");
+  sub->add_option("--run", o->run, "With --until-done: this run, although it may be over already and others came since")
+      ->needs(until);
   add_common(*sub, *o);
-  return {sub, [o] {
-            return with_daemon([&] { return watch(Client(o->socket), {o->interval_s, o->until_done, o->json}); });
-          }};
+  return {
+      sub, [o] {
+        return with_daemon([&] { return watch(Client(o->socket), {o->interval_s, o->until_done, o->json, o->run}); });
+      }};
 }
 
 const Registration kStart(20, add_start);

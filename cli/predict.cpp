@@ -4,11 +4,14 @@
 #include <filesystem>
 #include <iostream>
 #include <memory>
+#include <stdexcept>
 #include <vector>
 
+#include "cli/answers.hpp"
 #include "cli/command.hpp"
 #include "identify/diagnose/forecast.hpp"
 #include "identify/diagnose/motion/reconstruction.hpp"
+#include "identify/response/response_model.hpp"
 #include "messages/csv.hpp"
 #include "messages/recording.hpp"
 #include "model/composed.hpp"
@@ -64,16 +67,30 @@ int predict(const Options& options) {
     std::cerr << options.out << ": is of the recording itself; name another file with --out\n";
     return kFailure;
   }
-  const model::ModelSpec spec = model::read_model(options.model);
+  const bool answers = identify::response::is_response_model(options.model);
+  const model::ModelSpec spec = answers ? model::ModelSpec{} : model::read_model(options.model);
   if (const std::string why = identify::unfit_seen(spec); !why.empty()) {
     std::cerr << options.model << ": " << why << '\n';
     return kBadInput;
   }
   messages::Recording recording;
   try {
-    recording = messages::read_recording(options.recording);
+    recording = messages::read_recording_of_any_output(options.recording);
   } catch (const messages::RecordingError& e) {
     std::cerr << e.what() << '\n';
+    return kBadInput;
+  }
+  if (recording.metadata.output != messages::Output::kForce) {
+    try {
+      return write_whole(options.out, predicted_answer(recording, options.recording, options.model)) ? kOk : kFailure;
+    } catch (const std::invalid_argument& e) {
+      std::cerr << e.what() << '\n';
+      return kBadInput;
+    }
+  }
+  if (answers) {
+    std::cerr << options.model << ": describes a position or a pressure, and the output of " << options.recording
+              << " is the force; give model.toml of a diagnosis of forces\n";
     return kBadInput;
   }
   // What was measured is out of reach from here on: a prediction that had seen it would prove nothing.

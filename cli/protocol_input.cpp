@@ -1,8 +1,5 @@
 #include "cli/protocol_input.hpp"
 
-#include <cmath>
-#include <cstdio>
-
 #include "protocol/compile.hpp"
 
 namespace isorig::cli {
@@ -34,22 +31,6 @@ protocol::Plan read_plan(const std::filesystem::path& protocol_path, const std::
     wrong.insert(wrong.end(), e.diagnostics().begin(), e.diagnostics().end());
   }
   throw base::ConfigError(std::move(wrong));
-}
-
-std::string duration_text(double seconds) {
-  char text[48];
-  if (seconds < 60.0) {
-    std::snprintf(text, sizeof text, "%.1f s", seconds);
-    return text;
-  }
-  const auto whole_s = static_cast<long long>(std::llround(seconds));
-  if (whole_s < 3600) {
-    std::snprintf(text, sizeof text, "%lld min %02lld s", whole_s / 60, whole_s % 60);
-  } else {
-    const long long minutes = (whole_s + 30) / 60;
-    std::snprintf(text, sizeof text, "%lld h %02lld min", minutes / 60, minutes % 60);
-  }
-  return text;
 }
 
 }  // namespace isorig::cli

@@ -2,6 +2,7 @@
 #include <filesystem>
 #include <string>
 
+#include "cli/duration.hpp"
 #include "protocol/limits.hpp"
 #include "protocol/plan.hpp"
 
@@ -14,8 +15,5 @@ namespace isorig::cli {
 /// are not looked at). Throws one base::ConfigError with what is wrong in both files.
 [[nodiscard]] protocol::Plan read_plan(const std::filesystem::path& protocol_path,
                                        const std::filesystem::path& rig_path);
-
-/// "23 h 01 min", "3 min 42 s", "12.5 s"
-[[nodiscard]] std::string duration_text(double seconds);
 
 }  // namespace isorig::cli

@@ -1,4 +1,4 @@
-// Writes isorig's manual page and bash completion from what the program itself says of its commands and options, so
+// Writes isorig's manual page and its completions from what the program itself says of its commands and options, so
 // that neither can lag behind. Runs at build time; not installed.
 #include <algorithm>
 #include <cstdio>
@@ -7,10 +7,12 @@
 #include <string>
 
 #include "cli/command.hpp"
+#include "cli/reference_parts.hpp"
 
 namespace {
 
 using isorig::cli::Command;
+using namespace isorig::cli::reference;
 
 constexpr const char* kDescription =
     R"(.B isorig
@@ -27,7 +29,39 @@ Quantities are in mm, N, psi and s, extension and tension positive, pressures ga
 )";
 
 constexpr const char* kEnd =
-    R"(.SH EXIT STATUS
+    R"(.SH EXAMPLES
+A protocol that is looked through, run in virtual time on a simulated rig, listed, exported and analysed:
+.PP
+.nf
+.RS
+cd /usr/share/isorig
+isorig check protocols/vma\-short.toml \-\-rig rigs/sim.toml
+isorig run protocols/vma\-short.toml \-\-rig rigs/sim.toml \-\-runs ~/runs
+isorig runs \-\-runs ~/runs
+isorig export latest \-\-runs ~/runs \-\-out ~/recordings
+isorig fv ~/recordings/* \-\-out ~/fv
+isorig diagnose ~/recordings/rep\-1_10\-psi \-\-model slse1 \-\-out ~/diagnosis
+.RE
+.fi
+.PP
+The same on the daemon's rig, until it is done; then what is left of it when it was not:
+.PP
+.nf
+.RS
+isorig start protocols/vma\-smoke.toml \-\-operator "R. Hooke" \-\-until\-done
+isorig watch
+isorig resume 20260301\-101500\-vma\-isovelocity\-M1
+.RE
+.fi
+.PP
+For an editor that completes TOML by JSON Schema:
+.PP
+.nf
+.RS
+isorig schema rig > rig.schema.json
+.RE
+.fi
+.SH EXIT STATUS
 .TS
 r l.
 0	ok
@@ -93,39 +127,17 @@ std::string italic(const std::string& text) {
   return "\\fI" + roff(text) + "\\fR";
 }
 
-/// "TEXT:{slse1,slse2}" -> "slse1,slse2"
-std::string choices_of(const CLI::Option& option) {
-  const std::string type = option.get_type_name();
-  const auto open = type.find('{'), close = type.rfind('}');
-  return open == std::string::npos || close < open ? "" : type.substr(open + 1, close - open - 1);
-}
-
-bool takes_value(const CLI::Option& option) {
-  return option.get_items_expected_max() > 0;
-}
 bool repeats(const CLI::Option& option) {
   return option.get_items_expected_max() > 1;
 }
 
 std::string value_of(const CLI::Option& option) {
   if (!takes_value(option)) return "";
-  std::string choices = choices_of(option);
-  std::replace(choices.begin(), choices.end(), ',', '|');
+  std::string choices;
+  for (const auto& choice : choices_of(option)) choices += (choices.empty() ? "" : "|") + choice;
   if (!choices.empty()) return choices;
   const std::string type = option.get_type_name();
   return type.empty() ? "VALUE" : type.substr(0, type.find(':'));
-}
-
-std::vector<const CLI::Option*> options_of(const CLI::App& app, bool positionals) {
-  return app.get_options([positionals](const CLI::Option* o) {
-    return o->get_positional() == positionals && !o->check_lname("help") && !o->get_group().empty();
-  });
-}
-
-std::string positional_name(const CLI::Option& option) {
-  std::string name = option.get_name(true);
-  std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return std::toupper(c); });
-  return name;
 }
 
 void print_option(const CLI::Option& option) {
@@ -154,7 +166,7 @@ void print_command(const CLI::App& app, const std::string& prefix) {
     std::cout << ".TP\n" << italic(positional_name(*p)) << '\n' << roff(p->get_description()) << '\n';
   }
   for (const auto* o : options) print_option(*o);
-  for (const auto* sub : app.get_subcommands([](const CLI::App*) { return true; })) print_command(*sub, name + " ");
+  for (const auto* sub : commands_of(app)) print_command(*sub, name + " ");
 }
 
 void print_manual(const CLI::App& app, const std::vector<Command>& commands, const std::string& version,
@@ -175,73 +187,6 @@ void print_manual(const CLI::App& app, const std::vector<Command>& commands, con
   std::cout << kEnd;
 }
 
-/// One `case` arm per command path: its options, the values of those that take one, and what its arguments are.
-void print_arm(const CLI::App& app, const std::string& path) {
-  std::string words = "--help", values;
-  std::cout << "    '" << path << "')\n";
-  for (const auto* o : options_of(app, false)) {
-    for (const auto& l : o->get_lnames()) {
-      words += " --" + l;
-      if (!takes_value(*o)) continue;
-      std::string choices = choices_of(*o);
-      std::replace(choices.begin(), choices.end(), ',', ' ');
-      values += "        --" + l + ") values='" + (choices.empty() ? "@file" : choices) + "' ;;\n";
-    }
-  }
-  std::string arguments;
-  for (const auto* p : options_of(app, true)) {
-    if (arguments.empty()) arguments = positional_name(*p) == "RUN" ? "@run" : "@file";
-  }
-  std::string commands;
-  for (const auto* sub : app.get_subcommands([](const CLI::App* s) { return !s->get_group().empty(); })) {
-    commands += (commands.empty() ? "" : " ") + sub->get_name();
-  }
-  std::cout << "      options='" << words << "' commands='" << commands << "' arguments='" << arguments << "'\n";
-  if (!values.empty()) std::cout << "      case $1 in\n" << values << "      esac\n";
-  std::cout << "      ;;\n";
-  for (const auto* sub : app.get_subcommands([](const CLI::App* s) { return !s->get_group().empty(); })) {
-    print_arm(*sub, path.empty() ? sub->get_name() : path + " " + sub->get_name());
-  }
-}
-
-void print_completion(const CLI::App& app) {
-  std::cout << R"(# bash completion for isorig, made from the program's own commands and options
-_isorig_of() {  # <word before> <command path>: sets options, commands, arguments, values
-  options= commands= arguments= values=
-  case $2 in
-)";
-  print_arm(app, "");
-  std::cout << R"sh(  esac
-}
-
-_isorig() {
-  local cur=${COMP_WORDS[COMP_CWORD]} prev=${COMP_WORDS[COMP_CWORD-1]}
-  local path= i options commands arguments values
-  for ((i = 1; i < COMP_CWORD; ++i)); do
-    _isorig_of '' "$path"
-    if [[ " $commands " == *" ${COMP_WORDS[i]} "* ]]; then
-      path=${path:+$path }${COMP_WORDS[i]}
-    fi
-  done
-  _isorig_of "$prev" "$path"
-  COMPREPLY=()
-  if [[ -n $values ]]; then
-    [[ $values == @file ]] || { mapfile -t COMPREPLY < <(compgen -W "$values" -- "$cur"); return; }
-    compopt -o default 2>/dev/null
-  elif [[ $cur == -* ]]; then
-    mapfile -t COMPREPLY < <(compgen -W "$options" -- "$cur")
-  elif [[ -n $commands ]]; then
-    mapfile -t COMPREPLY < <(compgen -W "$commands" -- "$cur")
-  elif [[ $arguments == @run ]]; then
-    mapfile -t COMPREPLY < <(compgen -W "latest $(isorig runs --json 2>/dev/null | sed -n 's/^ *"id": "\([^"]*\)".*/\1/p')" -- "$cur")
-  elif [[ $arguments == @file ]]; then
-    compopt -o default 2>/dev/null
-  fi
-}
-complete -F _isorig isorig
-)sh";
-}
-
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -253,10 +198,14 @@ int main(int argc, char** argv) {
   const auto commands = isorig::cli::build(app);
   if (what == "manual" && argc == 4) {
     print_manual(app, commands, argv[2], argv[3]);
-  } else if (what == "completion" && argc == 2) {
-    print_completion(app);
+  } else if (const std::string shell = what == "completion" && argc == 3 ? argv[2] : ""; shell == "bash") {
+    print_bash(app);
+  } else if (shell == "zsh") {
+    print_zsh(app);
+  } else if (shell == "fish") {
+    print_fish(app);
   } else {
-    std::cerr << "usage: isorig-reference manual VERSION DATE | completion\n";
+    std::cerr << "usage: isorig-reference manual VERSION DATE | completion bash|zsh|fish\n";
     return 2;
   }
   return 0;

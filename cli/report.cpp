@@ -6,9 +6,11 @@
 #include <cstdio>
 #include <fstream>
 #include <memory>
+#include <optional>
 
 #include "base/printable.hpp"
 #include "cli/command.hpp"
+#include "cli/progress.hpp"
 #include "cli/provenance.hpp"
 #include "cli/run_argument.hpp"
 #include "cli/run_report.hpp"
@@ -39,7 +41,10 @@ int report(const Options& options) {
   const auto directory =
       std::filesystem::is_directory(found.directory) ? found.directory : found.directory.parent_path();
   const std::filesystem::path file = options.out.empty() ? directory / kRunReport : std::filesystem::path(options.out);
-  write_run_report(found, file, made_by_this_call({{"Run", found.directory.string()}}));
+  std::optional<Progress> progress(std::in_place, "report", !options.background);
+  write_run_report(found, file, made_by_this_call({{"Run", found.directory.string()}}),
+                   [&](double fraction, const char* doing) { progress->at(fraction, doing); });
+  progress.reset();
   std::printf("%s\n", base::printable(file.string()).c_str());
   return kOk;
 }

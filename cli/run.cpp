@@ -1,16 +1,15 @@
-#include <unistd.h>
-
 #include <csignal>
 #include <cstdio>
 #include <iostream>
 #include <memory>
+#include <optional>
 
 #include "base/text_file.hpp"
 #include "cli/command.hpp"
+#include "cli/progress.hpp"
 #include "cli/protocol_input.hpp"
 #include "cli/provenance.hpp"
 #include "cli/run_report.hpp"
-#include "cli/screen.hpp"
 #include "daemon/host/paths.hpp"
 #include "daemon/host/virtual_run.hpp"
 #include "daemon/recording/catalogue.hpp"
@@ -32,14 +31,6 @@ struct Options {
   bool quiet = false;
   bool report = true;
 };
-
-void show(const daemon::Status& s, double wall_s, bool in_place) {
-  const double done_s = static_cast<double>(s.control.mono_ns) * 1e-9;
-  std::printf("%s%s  %s of rig time in %.1f s%s", in_place ? "\r" : "",
-              progress_bar(double{s.control.progress}, 30).c_str(), duration_text(done_s).c_str(), wall_s,
-              in_place ? "\x1b[K" : "\n");
-  std::fflush(stdout);
-}
 
 void print_result(const daemon::VirtualRunResult& r) {
   const auto& rec = r.recorder;
@@ -72,7 +63,9 @@ std::string write_page(const Options& o, const daemon::VirtualRunResult& result)
     if (!o.protocol.empty()) inputs.emplace_back("Protocol", o.protocol);
     if (!o.specimen.empty()) inputs.emplace_back("Specimen", o.specimen);
     inputs.emplace_back("Run", result.directory.string());
-    write_run_report(find_run(which), file, made_by_this_call(std::move(inputs)));
+    Progress progress("report", !o.quiet);
+    write_run_report(find_run(which), file, made_by_this_call(std::move(inputs)),
+                     [&](double fraction, const char* doing) { progress.at(fraction, doing); });
     return file.string();
   } catch (const std::exception& e) {
     std::cerr << "isorig run: the run's page was not written: " << e.what() << "; try `isorig report " << result.run_id
@@ -97,17 +90,11 @@ int run(const Options& o) {
     options.start.another_specimen = o.another_specimen;
   }
   options.specimen = o.specimen;
-  const bool in_place = ::isatty(STDOUT_FILENO) != 0;
-  double next_line_s = 5.0;
-  if (!o.quiet && !o.json) {
-    options.on_progress = [&](const daemon::Status& s, double wall_s) {
-      if (in_place) return show(s, wall_s, true);
-      if (wall_s >= next_line_s) {
-        show(s, wall_s, false);
-        next_line_s += 10.0;
-      }
-    };
-  }
+  std::optional<Progress> progress(std::in_place, "run", !o.quiet);
+  options.on_progress = [&](const daemon::Status& s, double) {
+    progress->at(double{s.control.progress},
+                 duration_text(static_cast<double>(s.control.mono_ns) * 1e-9) + " of rig time");
+  };
   stop_requested = 0;
   // Whoever ends it, with Ctrl-C, a time limit or by closing the terminal: the run is aborted and closed. A reader that
   // goes away (isorig run | head) ends nothing.
@@ -119,7 +106,7 @@ int run(const Options& o) {
   options.interrupted = [] { return stop_requested != 0; };
   const auto result = daemon::run_virtual(rig, options);
   std::signal(SIGINT, previous);
-  if (in_place && !o.quiet && !o.json) std::printf("\r\x1b[K");
+  progress.reset();
   const std::string page = o.report ? write_page(o, result) : std::string();
   if (o.json) {
     const auto& rec = result.recorder;

@@ -9,22 +9,8 @@ namespace isorig::cli {
 namespace {
 
 template <typename Message>
-void bounds(RunEvidence::Stream& stream, const Message& m) {
-  for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i)
-    stream.worst_bound_us = std::max(stream.worst_bound_us, static_cast<double>(m.bound_ns[i]) * 1e-3);
-}
-
-template <typename Message>
 std::int64_t middle_ns(const Message& m, std::size_t i) {
   return m.first_mono_ns[i] + (m.last_mono_ns[i] - m.first_mono_ns[i]) / 2;
-}
-
-template <typename Message>
-void count_averages(RunEvidence::Stream& stream, const Message& m) {
-  stream.intervals += static_cast<std::uint64_t>(m.count);
-  for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i)
-    stream.averaged += static_cast<std::uint64_t>(std::max(0, m.samples[i]));
-  bounds(stream, m);
 }
 
 }  // namespace
@@ -44,17 +30,14 @@ void RunEvidence::temperature(float value_C) {
 }
 
 void RunEvidence::session(const isorig_msgs::session_mark_t& m) {
-  if (m.kind == isorig_msgs::session_mark_t::END) lost[m.attempt] = m;
-  if (m.kind == isorig_msgs::session_mark_t::CONTINUE) return;
-  span(m.mono_ns, m.mono_ns);
-  marks.push_back(m);
+  daemon::RunTally::session(m);
+  if (m.kind != isorig_msgs::session_mark_t::CONTINUE) span(m.mono_ns, m.mono_ns);
 }
 
 void RunEvidence::frame(const isorig_msgs::frame_batch_t& m) {
+  daemon::RunTally::frame(m);
   if (m.count <= 0) return;
   span(m.mono_ns, m.mono_ns + m.mono_offset_ns.back());
-  frames.full += static_cast<std::uint64_t>(m.count);
-  bounds(frames, m);
   for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
     const double t = seconds(m.mono_ns + m.mono_offset_ns[i]);
     force_N.add(t, m.force_N[i]);
@@ -63,9 +46,9 @@ void RunEvidence::frame(const isorig_msgs::frame_batch_t& m) {
 }
 
 void RunEvidence::frame_average(const isorig_msgs::frame_average_batch_t& m) {
+  daemon::RunTally::frame_average(m);
   if (m.count <= 0) return;
   span(m.first_mono_ns.front(), m.last_mono_ns.back());
-  count_averages(frames, m);
   for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
     const double t = seconds(middle_ns(m, i)), n = m.samples[i];
     force_N.add(t, m.min_force_N[i], m.max_force_N[i], m.mean_force_N[i], n);
@@ -74,10 +57,9 @@ void RunEvidence::frame_average(const isorig_msgs::frame_average_batch_t& m) {
 }
 
 void RunEvidence::pressure(const isorig_msgs::pressure_batch_t& m) {
+  daemon::RunTally::pressure(m);
   if (m.count <= 0) return;
   span(m.mono_ns, m.mono_ns + m.mono_offset_ns.back());
-  pressures.full += static_cast<std::uint64_t>(m.count);
-  bounds(pressures, m);
   for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
     if (m.status[i] != 0) {
       ++not_measured;
@@ -89,9 +71,9 @@ void RunEvidence::pressure(const isorig_msgs::pressure_batch_t& m) {
 }
 
 void RunEvidence::pressure_average(const isorig_msgs::pressure_average_batch_t& m) {
+  daemon::RunTally::pressure_average(m);
   if (m.count <= 0) return;
   span(m.first_mono_ns.front(), m.last_mono_ns.back());
-  count_averages(pressures, m);
   for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
     not_measured += static_cast<std::uint64_t>(std::max(0, m.samples[i] - m.current[i]));
     if (m.current[i] <= 0) continue;
@@ -102,12 +84,10 @@ void RunEvidence::pressure_average(const isorig_msgs::pressure_average_batch_t& 
 }
 
 void RunEvidence::control(const isorig_msgs::control_batch_t& m) {
+  daemon::RunTally::control(m);
   for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
     const auto& c = m.samples[i];
     span(c.mono_ns, c.mono_ns);
-    overruns = std::max(overruns, c.overruns);
-    worst_wakeup_ns = std::max(worst_wakeup_ns, c.worst_wakeup_ns);
-    worst_run_ns = std::max(worst_run_ns, c.worst_run_ns);
     setpoint_psi.add(seconds(c.mono_ns), double{c.setpoint_psi});
   }
 }
@@ -126,12 +106,6 @@ bool RunEvidence::simulated() const {
   } catch (const toml::parse_error&) {
     return false;
   }
-}
-
-std::string RunEvidence::text(std::string_view name) const {
-  for (const auto& t : last_header.texts)
-    if (t.name == name) return t.text;
-  return {};
 }
 
 }  // namespace isorig::cli

@@ -8,8 +8,8 @@
 #include "cli/protocol_input.hpp"
 #include "cli/run_evidence.hpp"
 #include "cli/run_report_parts.hpp"
+#include "daemon/export/export.hpp"
 #include "daemon/recording/amendments.hpp"
-#include "daemon/recording/export.hpp"
 #include "identify/fv/fv_report.hpp"
 
 namespace isorig::cli {
@@ -38,16 +38,25 @@ class ExportFolder {
   std::filesystem::path path_;
 };
 
+/// How much is done when the recording was read for the page, twice more for its export, and analysed. Measured on the
+/// paper's protocol in virtual time (23 h); what is left is drawing.
+constexpr double kRead = 0.2, kExported = 0.75, kAnalysed = 0.95;
+
 /// As `isorig export` and `isorig fv` do it.
-void analyse(const FoundRun& run, const std::filesystem::path& folder, RunPage& all) {
+void analyse(const FoundRun& run, const std::filesystem::path& folder, RunPage& all,
+             const std::function<void(double, const char*)>& on_progress) {
   const ExportFolder out(folder / ".report.part");
   daemon::ExportOptions how;
+  how.lean = true;  // for isorig fv's eyes alone
   how.run_id = run.id;
   how.still_written = run.still_written;
   if (run.row) {
     how.operator_name = run.row->operator_name;
     how.outcome = run.row->state;
   }
+  how.on_progress = [&](double fraction) {
+    on_progress(kRead + (kExported - kRead) * fraction, "reading it for curves");
+  };
   all.sessions = daemon::export_run(run.directory, out.path(), how).sessions;
   identify::FvOptions options;
   options.whole_series = options.history = false;  // `isorig fv` has the first, this page the second for all of the run
@@ -55,7 +64,11 @@ void analyse(const FoundRun& run, const std::filesystem::path& folder, RunPage& 
   std::set<double> whole_psi;
   for (const auto& session : all.sessions)
     if (session.complete) whole_psi.insert(session.pressure_psi);
+  std::size_t analysed = 0;
   for (const auto& session : all.sessions) {
+    on_progress(kExported + (kAnalysed - kExported) * static_cast<double>(analysed++) /
+                                static_cast<double>(all.sessions.size()),
+                "ramps and curves");
     const std::string name = session.folder.filename().string();
     // What was cut off in mid-motion can look like a ramp that it is not.
     if (!session.complete && whole_psi.contains(session.pressure_psi)) {
@@ -199,6 +212,7 @@ void add_ramps(Page& page, const RunPage& all) {
     return;
   }
   std::vector<std::vector<std::string>> summary;
+  summary.reserve(counts.size());
   const std::string overshot(identify::text(identify::RampFlag::kOvershot));
   for (const auto& [what, n] : counts)
     summary.push_back(
@@ -231,16 +245,20 @@ void add_limits(Page& page, const RunPage& all) {
 
 std::uint64_t RunPage::lost() const {
   std::uint64_t sum = read.dropped_records + read.lost_messages;
-  for (const auto& [attempt, m] : evidence.lost)
-    sum += static_cast<std::uint64_t>(std::max<std::int64_t>(0, m.frame_missing) +
-                                      std::max<std::int64_t>(0, m.pressure_missing));
+  const auto losses = evidence.losses();
+  sum += static_cast<std::uint64_t>(losses.frame + losses.pressure);
   return sum;
 }
 
-void write_run_report(const FoundRun& run, const std::filesystem::path& file, const Made& made) {
+void write_run_report(const FoundRun& run, const std::filesystem::path& file, const Made& made,
+                      const std::function<void(double, const char*)>& on_progress) {
+  const auto tell = [&](double fraction, const char* doing) {
+    if (on_progress) on_progress(fraction, doing);
+  };
   RunPage all;
   all.run = run;
-  all.read = messages::read_run(run.directory, all.evidence);
+  all.read = messages::read_run(run.directory, all.evidence,
+                                [&](double fraction) { tell(kRead * fraction, "reading the recording"); });
   all.outcome = run.row ? run.row->state : std::string();
   all.fault = run.row ? run.row->fault : std::string();
   all.read.set_against(all.outcome, run.still_written);
@@ -257,11 +275,12 @@ void write_run_report(const FoundRun& run, const std::filesystem::path& file, co
   const std::filesystem::path folder = std::filesystem::absolute(file).parent_path();
   std::filesystem::create_directories(folder);
   try {
-    analyse(run, folder, all);
+    analyse(run, folder, all, tell);
   } catch (const std::exception& e) {
     all.not_analysed.emplace_back(std::string("The force-velocity analysis was not made: ") + e.what());
   }
 
+  tell(kAnalysed, "drawing");
   Page page("Run", all.specimen.empty() ? run.id : all.specimen);
   page.subtitle(run.id + (all.started.empty() ? "" : ", started " + all.started));
   page.made(made);

@@ -3,9 +3,7 @@
 #include <toml++/toml.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <map>
 
 #include "cli/protocol_input.hpp"
 #include "daemon/recording/session_marks.hpp"
@@ -14,7 +12,6 @@ namespace isorig::cli {
 namespace {
 
 using identify::report::Figure;
-using identify::report::Mood;
 using identify::report::number_text;
 using identify::report::Page;
 using identify::report::Panel;
@@ -34,12 +31,6 @@ Unit unit_for(double duration_s) {
   if (duration_s >= 3.0 * 3600.0) return {"time (h)", 1.0 / 3600.0};
   if (duration_s >= 600.0) return {"time (min)", 1.0 / 60.0};
   return {"time (s)", 1.0};
-}
-
-std::string severity_text(std::int8_t severity) {
-  static constexpr std::array<const char*, 4> kTexts{"info", "warning", "program stop", "safe state"};
-  if (severity < 0 || static_cast<std::size_t>(severity) >= kTexts.size()) return "?";
-  return kTexts[static_cast<std::size_t>(severity)];
 }
 
 /// Beginnings of repetitions: all when they are few, else where the pressure changes. Trips always.
@@ -104,22 +95,16 @@ Figure history(const RunEvidence& e, double average_interval_s) {
 
 void sessions_table(Page& page, const RunPage& all) {
   const auto& e = all.evidence;
-  daemon::MissingCounts missing;
   std::vector<std::vector<std::string>> rows;
-  for (std::size_t i = 0; i < e.marks.size(); ++i) {
-    const auto& m = e.marks[i];
-    if (m.kind != session_mark_t::BEGIN) continue;
-    const bool ended = i + 1 < e.marks.size() && e.marks[i + 1].kind == session_mark_t::END;
-    const auto lost = ended ? missing.since_last(e.marks[i + 1]) : std::pair<std::int64_t, std::int64_t>{};
+  for (const auto& r : e.repetitions()) {
+    const auto& m = r.begin;
     std::vector<std::string> row{std::to_string(m.session.repetition),
                                  number_text(m.session.pressure_psi, 4),
                                  std::to_string(m.attempt),
                                  duration_text(e.seconds(m.mono_ns)),
-                                 ended ? duration_text(e.seconds(e.marks[i + 1].mono_ns) - e.seconds(m.mono_ns)) : "",
-                                 !ended                         ? "cut off, or running"
-                                 : e.marks[i + 1].complete != 0 ? "complete"
-                                                                : "stopped, or not whole",
-                                 std::to_string(lost.first + lost.second)};
+                                 r.ended ? duration_text(e.seconds(r.end_ns) - e.seconds(m.mono_ns)) : "",
+                                 r.state_text(),
+                                 std::to_string(r.frame_missing + r.pressure_missing)};
     const auto exported = std::ranges::find_if(
         all.sessions, [&](const auto& s) { return s.session == m.session.session && s.attempt == m.attempt; });
     if (exported != all.sessions.end()) {
@@ -127,7 +112,7 @@ void sessions_table(Page& page, const RunPage& all) {
                                               &identify::RecordingResult::path);
       if (analysed != all.analysis.recordings.end()) {
         const auto& ramps = analysed->ramps.ramps;
-        const auto usable = std::ranges::count_if(ramps, [](const auto& r) { return r.usable(); });
+        const auto usable = std::ranges::count_if(ramps, [](const auto& ramp) { return ramp.usable(); });
         row.push_back(std::to_string(ramps.size()));
         row.push_back(std::to_string(usable));
       }
@@ -140,29 +125,32 @@ void sessions_table(Page& page, const RunPage& all) {
 }
 
 std::vector<std::string> event_row(const RunEvidence& e, const event_t& event) {
-  return {number_text(e.seconds(event.mono_ns), 8), severity_text(event.severity), event.code, event.text};
+  return {number_text(e.seconds(event.mono_ns), 8), daemon::severity_text(event), event.code, event.text};
 }
 
 void events_tables(Page& page, const RunEvidence& e) {
   page.subheading("Trips and events");
   std::vector<std::vector<std::string>> grave, rest;
+  std::size_t all_grave = 0;
   for (const auto& event : e.events) {
+    all_grave += event.severity != event_t::INFO ? 1 : 0;
     auto& to = event.severity != event_t::INFO ? grave : rest;
     if (to.size() < kMostEvents) to.push_back(event_row(e, event));
   }
+  const auto caption = [](std::size_t shown, std::size_t all, const char* whole) {
+    return all > shown ? "The first " + std::to_string(shown) + " of " + std::to_string(all) +
+                             "; `isorig show --events` lists all"
+                       : std::string(whole);
+  };
   const std::vector<std::string> header{"time (s)", "severity", "code", "what happened"};
   if (grave.empty()) {
     page.paragraph("No trip, no limit, no warning in the whole run.");
   } else {
-    page.table(header, grave, "What had a consequence, or nearly");
+    page.table(header, grave, caption(grave.size(), all_grave, "What had a consequence, or nearly"));
   }
   if (rest.empty()) return;
   page.begin_more("Events without consequence: steps, marks, transitions");
-  const std::size_t total = e.events.size() - grave.size();
-  page.table(header, rest,
-             total > rest.size() ? "The first " + std::to_string(rest.size()) + " of about " + std::to_string(total) +
-                                       "; `isorig show --events` lists all"
-                                 : "Times from the first sample");
+  page.table(header, rest, caption(rest.size(), e.events.size() - all_grave, "Times from the run's beginning"));
   page.end_more();
 }
 
@@ -170,7 +158,7 @@ std::string count_text(std::uint64_t n) {
   return std::to_string(n);
 }
 
-std::vector<std::string> stream_row(const char* name, const RunEvidence::Stream& s, std::int64_t missing) {
+std::vector<std::string> stream_row(const char* name, const daemon::RunTally::Stream& s, std::int64_t missing) {
   return {name,
           count_text(s.full),
           count_text(s.averaged),
@@ -226,12 +214,7 @@ void add_course(Page& page, const RunPage& all) {
 void add_quality(Page& page, const RunPage& all) {
   const auto& e = all.evidence;
   page.heading("How well it was measured");
-  std::int64_t frame = 0, pressure = 0, dropped = 0;
-  for (const auto& [attempt, m] : e.lost) {
-    frame += m.frame_missing;
-    pressure += m.pressure_missing;
-    dropped += m.dropped_records;
-  }
+  const auto [frame, pressure, dropped] = e.losses();
   page.table({"stream", "samples in full", "samples in averages", "averages", "never came", "time bound at worst"},
              {stream_row("force and position", e.frames, frame), stream_row("pressure", e.pressures, pressure)},
              "Samples and their times");

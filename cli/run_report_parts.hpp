@@ -4,7 +4,7 @@
 
 #include "cli/run_argument.hpp"
 #include "cli/run_evidence.hpp"
-#include "daemon/recording/export.hpp"
+#include "daemon/export/export.hpp"
 #include "identify/fv/fv_analysis.hpp"
 #include "identify/report/page.hpp"
 #include "messages/read_report.hpp"

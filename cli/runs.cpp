@@ -1,14 +1,18 @@
+#include <unistd.h>
+
 #include <algorithm>
-#include <cstdio>
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
 
 #include "base/printable.hpp"
 #include "cli/command.hpp"
+#include "cli/duration.hpp"
 #include "cli/run_argument.hpp"
+#include "cli/view.hpp"
 #include "daemon/recording/catalogue.hpp"
 #include "daemon/recording/run_directory.hpp"
+#include "daemon/recording/run_row_json.hpp"
 #include "messages/run_log.hpp"
 
 /// isorig runs: what there is.
@@ -49,25 +53,42 @@ struct Options {
   bool json = false;
 };
 
+/// Each column as wide as what stands in it; on a terminal no wider than that.
+void print_table(const std::vector<daemon::RunRow>& rows) {
+  using base::printable;
+  std::vector<std::vector<std::string>> cells{
+      {"run", "outcome", "recorded", "sessions", "operator", "protocol", "specimen", "started"}};
+  for (const auto& r : rows) {
+    cells.push_back({printable(r.id), printable(r.state), duration_text(r.recorded_s),
+                     std::to_string(r.sessions_done) + "/" + std::to_string(r.sessions),
+                     r.operator_name.empty() ? "-" : printable(r.operator_name),
+                     printable(std::filesystem::path(r.protocol).stem().string()), printable(r.specimen),
+                     printable(r.started_utc)});
+  }
+  std::vector<std::size_t> width(cells.front().size());
+  for (const auto& row : cells) {
+    for (std::size_t i = 0; i < row.size(); ++i) width[i] = std::max(width[i], row[i].size());
+  }
+  const int columns = ::isatty(STDOUT_FILENO) != 0 ? terminal_size(STDOUT_FILENO).columns : 1 << 20;
+  for (std::size_t k = 0; k < cells.size(); ++k) {
+    std::string line;
+    for (std::size_t i = 0; i < cells[k].size(); ++i) {
+      line += cells[k][i];
+      if (i + 1 < cells[k].size()) line += std::string(width[i] - cells[k][i].size() + 2, ' ');
+    }
+    std::cout << cut(line, columns) << '\n';
+    if (k > 0 && !rows[k - 1].fault.empty()) {
+      std::cout << cut(std::string(width[0] + 2, ' ') + printable(rows[k - 1].fault), columns) << '\n';
+    }
+  }
+}
+
 int list(const Options& options) {
   const daemon::Catalogue catalogue(options.runs, daemon::Catalogue::Access::kReadOnly);
   const auto rows = catalogue.runs();
   if (options.json) {
     auto out = nlohmann::ordered_json::array();
-    for (const auto& r : rows) {
-      out.push_back({{"id", r.id},
-                     {"started_utc", r.started_utc},
-                     {"state", r.state},
-                     {"fault", r.fault},
-                     {"specimen", r.specimen},
-                     {"rig", r.rig},
-                     {"protocol", r.protocol},
-                     {"operator", r.operator_name},
-                     {"attempts", r.attempts},
-                     {"sessions", r.sessions},
-                     {"sessions_done", r.sessions_done},
-                     {"directory", r.directory.string()}});
-    }
+    for (const auto& r : rows) out.push_back(daemon::row_json(r));
     std::cout << out.dump(2) << '\n';
     return kOk;
   }
@@ -75,17 +96,7 @@ int list(const Options& options) {
     std::cout << "no runs yet in " << base::printable(options.runs) << '\n';
     return kOk;
   }
-  std::size_t width = 3;
-  for (const auto& r : rows) width = std::max(width, r.id.size());
-  std::printf("%-*s  %-20s  %-11s  %8s  %s\n", static_cast<int>(width), "run", "started", "state", "sessions",
-              "specimen");
-  for (const auto& r : rows) {
-    using base::printable;
-    std::printf("%-*s  %-20s  %-11s  %4d/%-3d  %s\n", static_cast<int>(width), printable(r.id).c_str(),
-                printable(r.started_utc).c_str(), printable(r.state).c_str(), r.sessions_done, r.sessions,
-                printable(r.specimen).c_str());
-    if (!r.fault.empty()) std::printf("%-*s  %s\n", static_cast<int>(width), "", printable(r.fault).c_str());
-  }
+  print_table(rows);
   return kOk;
 }
 

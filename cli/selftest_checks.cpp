@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/formatted.hpp"
+#include "cli/live_verdicts.hpp"
 
 namespace isorig::cli {
 namespace {
@@ -18,11 +19,9 @@ constexpr double kForceNoise_N[] = {0.05, 0.5};
 constexpr double kPositionNoise_mm[] = {0.005, 0.05};
 constexpr double kZeroPressure_psi[] = {0.3, 0.6};  // the total error band (DS-0376), twice that
 constexpr double kZeroForce_N[] = {0.5, 5.0};
-constexpr double kClockBound_us[] = {500.0, 5000.0};
 constexpr double kAge_s[] = {0.1, 0.5};
 constexpr double kRateOff = 0.02;
 constexpr double kLateShareUs = 512.0;
-constexpr double kLateShare[] = {1e-3, 5e-2};
 constexpr double kLeak_psi_min[] = {0.5, 2.0};
 constexpr double kSensorRange_psi = 30.0;
 
@@ -94,7 +93,7 @@ bool judge_link(Sheet& s, const LinkNames& n, const json& status, const json& se
         "a plug, a hub or a loaded machine; it may be old: watch whether it grows");
   const bool ready = self.value("clock_ready", false);
   const double bound_us = number(reading, "bound_us", 1e9);
-  s.below(n.clock, ready ? bound_us : 1e9, kClockBound_us,
+  s.below(n.clock, ready ? bound_us : 1e9, kLate_us,
           !ready           ? "not mapped yet"
           : bound_us > 1e8 ? "in doubt: the exchanges contradict each other"
                            : formatted("within %.0f us", bound_us),

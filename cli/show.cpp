@@ -1,20 +1,20 @@
-#include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <ctime>
 #include <iostream>
-#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "base/printable.hpp"
 #include "cli/command.hpp"
+#include "cli/progress.hpp"
 #include "cli/protocol_input.hpp"
 #include "cli/run_argument.hpp"
+#include "cli/show_trips.hpp"
 #include "daemon/recording/amendments.hpp"
 #include "daemon/recording/catalogue.hpp"
+#include "daemon/recording/run_tally.hpp"
 #include "daemon/recording/session_marks.hpp"
-#include "messages/run_log.hpp"
 
 /// isorig show: what one run's recording holds, read from the recording itself.
 namespace isorig::cli {
@@ -26,80 +26,7 @@ struct Options {
   bool json = false;
 };
 
-struct Summary : messages::RunVisitor {
-  struct Count {
-    std::uint64_t full = 0;
-    std::uint64_t averaged = 0;
-    std::uint64_t intervals = 0;
-    double worst_bound_us = 0.0;
-  };
-
-  void header(const isorig_msgs::run_header_t& h) override { last_header = h; }
-  void session(const isorig_msgs::session_mark_t& m) override {
-    if (m.kind == isorig_msgs::session_mark_t::END) lost[m.attempt] = m;
-    if (m.kind != isorig_msgs::session_mark_t::CONTINUE) marks.push_back(m);
-  }
-  void frame(const isorig_msgs::frame_batch_t& m) override { full(frames, m); }
-  void pressure(const isorig_msgs::pressure_batch_t& m) override { full(pressures, m); }
-  void frame_average(const isorig_msgs::frame_average_batch_t& m) override { averaged(frames, m); }
-  void pressure_average(const isorig_msgs::pressure_average_batch_t& m) override { averaged(pressures, m); }
-  void control(const isorig_msgs::control_batch_t& m) override {
-    for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
-      overruns = std::max(overruns, m.samples[i].overruns);
-      worst_wakeup_ns = std::max(worst_wakeup_ns, m.samples[i].worst_wakeup_ns);
-      worst_run_ns = std::max(worst_run_ns, m.samples[i].worst_run_ns);
-    }
-  }
-  void event(const isorig_msgs::event_t& m) override { events.push_back(m); }
-  void exchanges(const isorig_msgs::exchange_batch_t& m) override {
-    exchange_count += static_cast<std::uint64_t>(m.count);
-  }
-
-  isorig_msgs::run_header_t last_header{};
-  std::vector<isorig_msgs::session_mark_t> marks;
-  std::vector<isorig_msgs::event_t> events;
-  std::map<std::int32_t, isorig_msgs::session_mark_t> lost;  // counts up to the end of each attempt
-  std::int64_t first_ns = 0, last_ns = 0;                    // of the samples
-  Count frames, pressures;
-  std::uint64_t exchange_count = 0;
-  std::int64_t overruns = 0;
-  std::int32_t worst_wakeup_ns = 0;
-  std::int32_t worst_run_ns = 0;
-
- private:
-  void span(std::int64_t from_ns, std::int64_t to_ns) {
-    first_ns = first_ns == 0 ? from_ns : std::min(first_ns, from_ns);
-    last_ns = std::max(last_ns, to_ns);
-  }
-  template <typename Message>
-  void full(Count& c, const Message& m) {
-    c.full += static_cast<std::uint64_t>(m.count);
-    if (m.count > 0) span(m.mono_ns, m.mono_ns + m.mono_offset_ns.back());
-    bounds(c, m);
-  }
-  template <typename Message>
-  void averaged(Count& c, const Message& m) {
-    c.intervals += static_cast<std::uint64_t>(m.count);
-    if (m.count > 0) span(m.first_mono_ns.front(), m.last_mono_ns.back());
-    for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
-      c.averaged += static_cast<std::uint64_t>(m.samples[i]);
-    }
-    bounds(c, m);
-  }
-  template <typename Message>
-  static void bounds(Count& c, const Message& m) {
-    for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
-      c.worst_bound_us = std::max(c.worst_bound_us, static_cast<double>(m.bound_ns[i]) * 1e-3);
-    }
-  }
-};
-
-const char* severity_text(std::int8_t severity) {
-  static constexpr const char* kTexts[] = {"info", "warning", "program stop", "safe state"};
-  return severity >= 0 && severity < 4 ? kTexts[severity] : "?";
-}
-
-nlohmann::ordered_json to_json(const Summary::Count& c) {
+nlohmann::ordered_json to_json(const daemon::RunTally::Stream& c) {
   return {{"full", c.full}, {"averaged", c.averaged}, {"intervals", c.intervals}, {"worst_bound_us", c.worst_bound_us}};
 }
 
@@ -112,8 +39,8 @@ bool worth_reading(const isorig_msgs::event_t& e) {
   return false;
 }
 
-std::string utc_of(const Summary& s) {
-  const auto seconds = static_cast<std::time_t>((s.last_header.epoch_unix_us + s.first_ns / 1000) / 1'000'000);
+std::string utc_of(const daemon::RunTally& s) {
+  const auto seconds = static_cast<std::time_t>((s.last_header.epoch_unix_us + s.first_sample_ns / 1000) / 1'000'000);
   std::tm tm{};
   gmtime_r(&seconds, &tm);
   char text[32];
@@ -121,16 +48,14 @@ std::string utc_of(const Summary& s) {
   return text;
 }
 
-std::string started_of(const FoundRun& found, const Summary& s) {
+std::string started_of(const FoundRun& found, const daemon::RunTally& s) {
   if (found.row && !found.row->started_utc.empty()) return found.row->started_utc;
   return s.last_header.virtual_time != 0 ? std::string() : utc_of(s);  // a virtual recording does not know the date
 }
 
-std::string operator_of(const FoundRun& found, const Summary& s) {
-  for (const auto& t : s.last_header.texts) {
-    if (t.name == "operator") return t.text;
-  }
-  return found.row ? found.row->operator_name : std::string();
+std::string operator_of(const FoundRun& found, const daemon::RunTally& s) {
+  const std::string recorded = s.text("operator");
+  return recorded.empty() && found.row ? found.row->operator_name : recorded;
 }
 
 std::string state_of(const FoundRun& found, const messages::ReadReport& report) {
@@ -143,7 +68,7 @@ int exit_code(const FoundRun& found, const messages::ReadReport& report) {
   return fine ? kOk : kDataLost;
 }
 
-int print_json(const FoundRun& found, const Summary& s, const messages::ReadReport& report) {
+int print_json(const FoundRun& found, const daemon::RunTally& s, const messages::ReadReport& report) {
   const auto& h = s.last_header;
   nlohmann::ordered_json out{{"id", found.id},
                              {"directory", found.directory.string()},
@@ -151,7 +76,7 @@ int print_json(const FoundRun& found, const Summary& s, const messages::ReadRepo
                              {"rig", h.rig},
                              {"plan", h.plan_summary},
                              {"started_utc", started_of(found, s)},
-                             {"duration_s", static_cast<double>(s.last_ns - s.first_ns) * 1e-9},
+                             {"duration_s", static_cast<double>(s.last_sample_ns - s.first_sample_ns) * 1e-9},
                              {"operator", operator_of(found, s)},
                              {"outcome", found.row ? found.row->state : ""},
                              {"fault", found.row ? found.row->fault : ""},
@@ -203,28 +128,34 @@ int print_json(const FoundRun& found, const Summary& s, const messages::ReadRepo
   out["events"] = nlohmann::ordered_json::array();
   for (const auto& e : s.events) {
     out["events"].push_back({{"mono_ns", e.mono_ns},
-                             {"severity", severity_text(e.severity)},
+                             {"severity", daemon::severity_text(e)},
                              {"code", e.code},
                              {"text", e.text},
                              {"step", e.step},
                              {"value", e.value},
                              {"threshold", e.threshold}});
   }
+  std::vector<std::string> complaints;
+  out["trips"] = read_trips(found.directory, complaints);
+  for (const auto& line : complaints) std::cerr << "isorig show: note: " << line << '\n';
   // Bytes of a damaged text need not be UTF-8.
   std::cout << out.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) << '\n';
   return exit_code(found, report);
 }
 
-void print_identity(const FoundRun& found, const Summary& s, const messages::ReadReport& report) {
+void print_identity(const FoundRun& found, const daemon::RunTally& s, const messages::ReadReport& report) {
   using base::printable;
   const auto& h = s.last_header;
-  std::printf("%s\n  %s\n  specimen %s, rig %s%s\n  %s\n", printable(found.id).c_str(),
+  const auto protocol = found.row ? found.row->protocol : std::string();
+  std::printf("%s\n  %s\n  specimen %s, rig %s%s\n  %s%s\n", printable(found.id).c_str(),
               printable(found.directory.string()).c_str(), printable(h.specimen).c_str(), printable(h.rig).c_str(),
-              h.virtual_time != 0 ? " (virtual time)" : "", printable(h.plan_summary).c_str());
+              h.virtual_time != 0 ? " (virtual time)" : "",
+              protocol.empty() ? "" : ("protocol " + printable(protocol) + ": ").c_str(),
+              printable(h.plan_summary).c_str());
   const auto started = started_of(found, s), who = operator_of(found, s);
   std::printf("  %s%s of rig time, %s%d attempt%s\n",
               started.empty() ? "" : ("started " + printable(started) + ", ").c_str(),
-              duration_text(static_cast<double>(s.last_ns - s.first_ns) * 1e-9).c_str(),
+              duration_text(static_cast<double>(s.last_sample_ns - s.first_sample_ns) * 1e-9).c_str(),
               who.empty() ? "" : ("operator " + printable(who) + ", ").c_str(), h.attempt, h.attempt == 1 ? "" : "s");
   if (found.row) {
     std::printf("  outcome: %s%s%s\n", found.row->state.c_str(), found.row->fault.empty() ? "" : ", ",
@@ -240,27 +171,21 @@ void print_identity(const FoundRun& found, const Summary& s, const messages::Rea
               static_cast<double>(report.bytes) * 1e-6, report.segments, report.segments == 1 ? "" : "s");
 }
 
-void print_sessions(const Summary& s, std::int64_t start_ns) {
+void print_sessions(const daemon::RunTally& s, std::int64_t start_ns) {
   std::printf("sessions (repetition, pressure):\n");
-  daemon::MissingCounts missing;
-  for (std::size_t i = 0; i < s.marks.size(); ++i) {
-    const auto& m = s.marks[i];
-    if (m.kind != isorig_msgs::session_mark_t::BEGIN) continue;
-    const bool ended = i + 1 < s.marks.size() && s.marks[i + 1].kind == isorig_msgs::session_mark_t::END;
-    const char* state = !ended                         ? "cut off or running"
-                        : s.marks[i + 1].complete != 0 ? "complete"
-                                                       : "stopped, or not whole";
-    const auto [frame, pressure] = ended ? missing.since_last(s.marks[i + 1]) : std::pair<std::int64_t, std::int64_t>{};
-    const auto lost = frame + pressure == 0 ? std::string()
-                                            : ", without " + std::to_string(frame) + " samples of the frame and " +
-                                                  std::to_string(pressure) + " of the pressure sensor";
-    std::printf("  %3d  rep %d  %5.1f psi  from %10.1f s  %s%s%s\n", m.session.session, m.session.repetition,
-                m.session.pressure_psi, static_cast<double>(m.mono_ns - start_ns) * 1e-9, state, lost.c_str(),
-                m.attempt > 1 ? " (further attempt)" : "");
+  for (const auto& r : s.repetitions()) {
+    const auto lost = r.frame_missing + r.pressure_missing == 0
+                          ? std::string()
+                          : ", without " + std::to_string(r.frame_missing) + " samples of the frame and " +
+                                std::to_string(r.pressure_missing) + " of the pressure sensor";
+    std::printf("  %3d  rep %d  %5.1f psi  from %10.1f s  %s%s%s\n", r.begin.session.session,
+                r.begin.session.repetition, r.begin.session.pressure_psi,
+                static_cast<double>(r.begin.mono_ns - start_ns) * 1e-9, r.state_text(), lost.c_str(),
+                r.begin.attempt > 1 ? " (further attempt)" : "");
   }
 }
 
-void print_events(const Summary& s, std::int64_t start_ns, bool all) {
+void print_events(const daemon::RunTally& s, std::int64_t start_ns, bool all) {
   std::size_t hidden = 0;
   bool titled = false;
   for (const auto& e : s.events) {
@@ -271,18 +196,13 @@ void print_events(const Summary& s, std::int64_t start_ns, bool all) {
     if (!titled) std::printf("events:\n");
     titled = true;
     std::printf("  %10.3f s  %-12s  %-18s  %s\n", static_cast<double>(e.mono_ns - start_ns) * 1e-9,
-                severity_text(e.severity), base::printable(e.code).c_str(), base::printable(e.text).c_str());
+                daemon::severity_text(e), base::printable(e.code).c_str(), base::printable(e.text).c_str());
   }
   if (hidden > 0) std::printf("%zu events without consequence are shown by --events\n", hidden);
 }
 
-void print_losses(const Summary& s) {
-  std::int64_t frame = 0, pressure = 0, dropped = 0;
-  for (const auto& [attempt, m] : s.lost) {
-    frame += m.frame_missing;
-    pressure += m.pressure_missing;
-    dropped += m.dropped_records;
-  }
+void print_losses(const daemon::RunTally& s) {
+  const auto [frame, pressure, dropped] = s.losses();
   if (frame + pressure + dropped == 0) {
     std::printf("losses: none\n");
   } else {
@@ -292,9 +212,9 @@ void print_losses(const Summary& s) {
   }
 }
 
-void print_text(const FoundRun& found, const Summary& s, const messages::ReadReport& report, bool all_events) {
+void print_text(const FoundRun& found, const daemon::RunTally& s, const messages::ReadReport& report, bool all_events) {
   print_identity(found, s, report);
-  const auto stream = [](const char* name, const Summary::Count& c) {
+  const auto stream = [](const char* name, const daemon::RunTally::Stream& c) {
     std::printf("  %-8s %llu samples in full, %llu in %llu averages; times within %.0f us\n", name,
                 static_cast<unsigned long long>(c.full), static_cast<unsigned long long>(c.averaged),
                 static_cast<unsigned long long>(c.intervals), c.worst_bound_us);
@@ -303,7 +223,7 @@ void print_text(const FoundRun& found, const Summary& s, const messages::ReadRep
   stream("pressure", s.pressures);
   std::printf("  loop     %lld overruns, worst wake-up %.0f us, worst run %.0f us\n",
               static_cast<long long>(s.overruns), s.worst_wakeup_ns * 1e-3, s.worst_run_ns * 1e-3);
-  const std::int64_t start_ns = s.marks.empty() ? s.first_ns : s.marks.front().mono_ns;
+  const std::int64_t start_ns = s.marks.empty() ? s.first_sample_ns : s.marks.front().mono_ns;
   print_sessions(s, start_ns);
   print_events(s, start_ns, all_events);
   print_losses(s);
@@ -321,8 +241,10 @@ void print_amendments(const FoundRun& found) {
 
 int show(const Options& options) {
   const auto found = find_run(options.run);
-  Summary summary;
-  auto report = messages::read_run(found.directory, summary);
+  daemon::RunTally summary;
+  std::optional<Progress> progress(std::in_place, "show");
+  auto report = messages::read_run(found.directory, summary, [&](double fraction) { progress->at(fraction); });
+  progress.reset();
   report.set_against(found.row ? found.row->state : "", found.still_written);
   if (!report.has_header && report.foreign == report.events) {
     std::cerr << "isorig show: " << found.directory.string()
@@ -333,8 +255,11 @@ int show(const Options& options) {
   }
   if (options.json) return print_json(found, summary, report);
   print_text(found, summary, report, options.events);
+  std::vector<std::string> complaints;
+  for (const auto& trip : read_trips(found.directory, complaints)) std::fputs(tell_trip(trip).c_str(), stdout);
   std::fflush(stdout);
   print_amendments(found);
+  for (const auto& line : complaints) std::cerr << "isorig show: note: " << line << '\n';
   for (const auto& line : report.notes) std::cerr << "isorig show: note: " << line << '\n';
   for (const auto& line : report.complaints()) std::cerr << "isorig show: " << line << '\n';
   return exit_code(found, report);

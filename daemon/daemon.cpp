@@ -13,10 +13,12 @@
 #include "daemon/core/core.hpp"
 #include "daemon/core/realtime.hpp"
 #include "daemon/host/api.hpp"
+#include "daemon/host/audit_log.hpp"
 #include "daemon/host/callout.hpp"
 #include "daemon/host/host.hpp"
 #include "daemon/host/logging.hpp"
 #include "daemon/host/paths.hpp"
+#include "daemon/host/roles.hpp"
 #include "daemon/host/run_reporter.hpp"
 #include "daemon/host/sample_server.hpp"
 #include "daemon/host/service_notifier.hpp"
@@ -83,14 +85,20 @@ struct Daemon::Impl {
         callout(rig.notify, [](const std::string& line) { spdlog::warn("{}", line); }),
         reporter(options.reporter, [](const std::string& line) { spdlog::warn("{}", line); }),
         host(rig, core, recorder_streams, host_options(options)),
-        api(host, options.socket, rig.api.mode, [](const std::string& line) { spdlog::info("{}", line); }),
-        sample_server(sample_socket_of(options.socket), rig.api.mode, rig.name, epoch_unix_us(clock), {}) {
+        roles(roles_of(rig)),
+        audit(options.runs_root, [](const std::string& line) { spdlog::error("{}", base::printable(line)); }),
+        api(
+            host, options.socket, rig.api.mode, [](const std::string& line) { spdlog::info("{}", line); }, roles,
+            &audit),
+        sample_server(sample_socket_of(options.socket), rig.api.mode, rig.name, epoch_unix_us(clock), {},
+                      [this](const Peer& peer) { return roles.may(peer, Role::kSee); }) {
     if (rig.lcm.enabled) publisher.emplace(rig.lcm.url);
   }
 
   Host::Options host_options(const DaemonOptions& options) {
     Host::Options h;
     h.runs_root = options.runs_root;
+    if (!options.diagnoses_root.empty()) h.diagnoses = {options.diagnoses_root};
     h.revision = options.revision;
     h.epoch_unix_us = epoch_unix_us(clock);
     h.on_event = [this](const EventRecord& event) {
@@ -133,13 +141,15 @@ struct Daemon::Impl {
   Callout callout;
   RunReporter reporter;
   Host host;
+  const Roles roles;
+  AuditLog audit;
   Api api;
   SampleServer sample_server;
   WatchdogFeeder feeder{notifier, frame_link.loop_beat};
   std::atomic<bool> stop_loop{false}, stop_io{false}, stop_rest{false};
   std::atomic<bool> devices_down{false}, ended{false}, all_written{true};
   std::binary_semaphore end_wanted{0};
-  std::vector<std::thread> loop, io, rest, ending;
+  std::vector<std::thread> loop, io, rest, auditing, ending;
 };
 
 void Daemon::Impl::start_threads() {
@@ -177,6 +187,7 @@ void Daemon::Impl::start_threads() {
     spawn(rest, "isorig-api", 0, rig.realtime, [this] { api.serve(); });
     spawn(rest, "isorig-stop", kStopPriority, rig.realtime, [this] { api.serve_stops(); });
     spawn(rest, "isorig-work", 0, rig.realtime, [this] { api.work(); });
+    spawn(auditing, "isorig-audit", 0, rig.realtime, [this] { audit.run(); });
     if (!rig.notify.command.empty()) spawn(rest, "isorig-notify", 0, rig.realtime, [this] { callout.run(); });
     if (reporter.enabled()) {
       spawn(rest, "isorig-report", 0, rig.realtime, [this] {
@@ -238,6 +249,11 @@ bool Daemon::Impl::stop_threads() {
   rest.clear();
   const auto deadline = std::chrono::steady_clock::now() + kWritePatience;
   const bool written = host.shut_down([&] { return std::chrono::steady_clock::now() > deadline; });
+  // Last: a name service that hangs keeps no run open. All who add to it are gone.
+  audit.stop();
+  for (auto& t : auditing) t.join();
+  auditing.clear();
+  audit.finish();
   end_wanted.release();  // nobody waits for it on this way; end() does nothing then
   return written;
 }

@@ -9,6 +9,7 @@ namespace isorig::daemon {
 
 struct DaemonOptions {
   std::filesystem::path runs_root;
+  std::filesystem::path diagnoses_root;  ///< beside those among the runs
   std::filesystem::path socket;
   std::string revision;            ///< of the source, for the recordings
   std::filesystem::path reporter;  ///< isorig, which writes the page of each run; empty: none is written

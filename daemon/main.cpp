@@ -26,11 +26,14 @@ int main(int argc, char** argv) {
     return 2;
   }
   CLI::App app("The daemon that owns the rig", "isorigd");
-  std::string rig_path, socket;
+  std::string rig_path, socket, diagnoses;
   std::string runs = daemon::default_runs().string();
   bool no_realtime = false, accept_late_ticks = false, check = false, no_report = false;
   app.add_option("--rig", rig_path, "The rig's file (config/rigs/)")->required();
   app.add_option("--runs", runs, "Where runs and their catalogue are kept")->capture_default_str();
+  app.add_option(
+      "--diagnoses", diagnoses,
+      "Where diagnoses for the live page lie, beside those among the runs; `diagnoses` beside --runs if not given");
   app.add_option("--socket", socket, "The control socket, instead of the rig's [api] socket");
   app.add_flag("--no-realtime", no_realtime, "Run without real-time rights; for a simulated rig on a desk");
   app.add_flag("--accept-late-ticks", accept_late_ticks,
@@ -60,6 +63,7 @@ int main(int argc, char** argv) {
     }
     daemon::DaemonOptions options;
     options.runs_root = runs;
+    options.diagnoses_root = diagnoses.empty() ? daemon::diagnoses_beside(runs) : std::filesystem::path(diagnoses);
     options.revision = daemon::kRevision;
     if (!no_report) options.reporter = daemon::RunReporter::beside_this_program();
     options.socket = !socket.empty()           ? std::filesystem::path(socket)

@@ -88,6 +88,7 @@ class Reader {
 
   void run() {
     const char* p = read_header();
+    cells_ = columns_.size() + further_;
     const char* const end = text_.data() + text_.size();
     const auto rows = static_cast<std::size_t>(std::count(p, end, '\n')) + 1;
     for (const auto& column : columns_) {
@@ -126,14 +127,37 @@ class Reader {
     std::string_view header = rest.substr(0, length);
     if (header.ends_with('\r')) header.remove_suffix(1);
     line_ = 1;
-    if (header != expected) {
-      std::string message = "the header is " + quoted(header) + "; expected `" + expected + "`";
+    const bool further =
+        header.size() > expected.size() && header.starts_with(expected) && header[expected.size()] == ',';
+    if (further) {
+      check_further(header.substr(expected.size() + 1));
+    } else if (header != expected) {
+      std::string message = "the header is " + quoted(header) + "; expected `" + expected + "`, then whatever else";
       for (const auto& column : columns_) {
         if (!has_cell(header, column.name)) message += "; column `" + std::string(column.name) + "` is missing";
       }
       fail(Fault::kHeader, 1, message);
     }
     return length == rest.size() ? rest.data() + length : rest.data() + length + 1;
+  }
+
+  /// Columns behind those that are read. Which they are is their writer's business, but each has a name of its own:
+  /// otherwise the header is damaged, or the line no header.
+  void check_further(std::string_view names) {
+    std::vector<std::string_view> seen;
+    for (const auto& column : columns_) seen.push_back(column.name);
+    while (true) {
+      const auto comma = names.find(',');
+      const auto name = trimmed(names.substr(0, comma));
+      if (name.empty()) fail(Fault::kHeader, 1, "the header has a further column without a name");
+      if (std::find(seen.begin(), seen.end(), name) != seen.end()) {
+        fail(Fault::kHeader, 1, "the header names the column " + quoted(name) + " twice");
+      }
+      seen.push_back(name);
+      ++further_;
+      if (comma == std::string_view::npos) return;
+      names.remove_prefix(comma + 1);
+    }
   }
 
   static bool has_cell(std::string_view line, std::string_view name) {
@@ -150,8 +174,9 @@ class Reader {
     for (std::size_t c = 0; c < row_.size(); ++c) {
       const auto [stop, error] = std::from_chars(p, end, row_[c]);
       if (error != std::errc{} || stop == end || !std::isfinite(row_[c])) return nullptr;
-      if (c + 1 < row_.size()) {
+      if (c + 1 < cells_) {
         if (*stop != ',') return nullptr;
+        if (c + 1 == row_.size()) return skip_further(stop, end);
       } else if (*stop == '\r' && stop + 1 != end && stop[1] == '\n') {
         return stop + 2;
       } else if (*stop != '\n') {
@@ -162,6 +187,14 @@ class Reader {
     return nullptr;
   }
 
+  /// Past the cells of the further columns, from the comma before them; null when there are not as many as there
+  /// should.
+  const char* skip_further(const char* p, const char* end) const {
+    const auto* stop = static_cast<const char*>(std::memchr(p, '\n', static_cast<std::size_t>(end - p)));
+    if (stop == nullptr || static_cast<std::size_t>(std::count(p, stop, ',')) != further_) return nullptr;
+    return stop + 1;
+  }
+
   /// The same with blanks and a plus sign allowed round the numbers; throws what is wrong.
   const char* parse_row_carefully(const char* p, const char* end) {
     const void* newline = std::memchr(p, '\n', static_cast<std::size_t>(end - p));
@@ -169,16 +202,16 @@ class Reader {
     std::string_view line(p, static_cast<std::size_t>(stop - p));
     if (line.ends_with('\r')) line.remove_suffix(1);
     const auto cells = static_cast<std::size_t>(std::count(line.begin(), line.end(), ',')) + 1;
-    if (newline == nullptr && (cells < row_.size() || !last_line_is_whole(line))) {
+    if (newline == nullptr && (cells < cells_ || !last_line_is_whole(line))) {
       fail(Fault::kTruncated, line_,
            "the last line " + quoted(line) + " has no line end, so it may have been cut off; the recording was " +
                "interrupted, or, if the line is whole, end it with a newline");
     }
     if (trimmed(line).empty()) fail(Fault::kColumns, line_, "an empty line; remove it");
-    if (cells != row_.size()) {
+    if (cells != cells_) {
       fail(Fault::kColumns, line_,
-           std::to_string(cells) + " cells, expected " + std::to_string(row_.size()) + " (`" + header_text(columns_) +
-               "`)");
+           std::to_string(cells) + " cells, expected " + std::to_string(cells_) + " (`" + header_text(columns_) +
+               (further_ > 0 ? ",...`)" : "`)"));
     }
     for (std::size_t c = 0; c < row_.size(); ++c) {
       const auto comma = std::min(line.find(','), line.size());
@@ -233,6 +266,8 @@ class Reader {
   std::string text_;
   std::vector<double> row_, most_;
   std::size_t line_ = 0;
+  std::size_t further_ = 0;  ///< columns behind those that are read
+  std::size_t cells_ = 0;
 };
 
 }  // namespace
@@ -250,7 +285,7 @@ void read_number_csv(const std::filesystem::path& file, std::span<const CsvColum
   Reader(file, columns).run();
 }
 
-void check_columns(const std::filesystem::path& file, std::span<const CsvColumnView> columns) {
+void check_columns(const std::filesystem::path& file, std::span<const CsvColumnView> columns, std::size_t first_line) {
   const auto time = columns[0].values;
   if (time.empty()) throw RecordingError(Fault::kInconsistent, file, 0, "not written: no rows");
   for (const auto& column : columns) {
@@ -263,20 +298,20 @@ void check_columns(const std::filesystem::path& file, std::span<const CsvColumnV
     const double most = most_of(column.name);
     for (std::size_t i = 0; i < time.size(); ++i) {
       if (!std::isfinite(column.values[i])) {
-        throw RecordingError(Fault::kInconsistent, file, i + 2, "not written: " + name + " is not finite");
+        throw RecordingError(Fault::kInconsistent, file, i + first_line, "not written: " + name + " is not finite");
       }
       if (std::abs(column.values[i]) > most) {
-        throw RecordingError(Fault::kInconsistent, file, i + 2,
+        throw RecordingError(Fault::kInconsistent, file, i + first_line,
                              "not written: " + out_of_range(column.name, column.values[i]));
       }
     }
   }
   for (std::size_t i = 1; i < time.size(); ++i) {
     if (!(time[i] > time[i - 1])) {
-      throw RecordingError(Fault::kInconsistent, file, i + 2, "not written: time does not increase");
+      throw RecordingError(Fault::kInconsistent, file, i + first_line, "not written: time does not increase");
     }
     if (const auto wrong = wrong_step(time[i - 1], time[i]); !wrong.empty()) {
-      throw RecordingError(Fault::kInconsistent, file, i + 2, "not written: " + wrong);
+      throw RecordingError(Fault::kInconsistent, file, i + first_line, "not written: " + wrong);
     }
   }
 }

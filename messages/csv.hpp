@@ -32,15 +32,17 @@ struct CsvColumnView {
 };
 
 /// Reads the whole file (the first column is the time) or throws RecordingError naming file and line.
-/// A UTF-8 byte order mark and CR LF line ends are accepted; other names, orders or numbers of columns are
-/// not, nor numbers outside of kPhysicalRanges.
+/// A UTF-8 byte order mark and CR LF line ends are accepted, and further columns behind those named, whose cells are
+/// counted and not read. Other names or another order are not, nor numbers outside of kPhysicalRanges.
 void read_number_csv(const std::filesystem::path& file, std::span<const CsvColumn> columns);
 
 /// Header and rows, in the shortest digits that read back the same.
 [[nodiscard]] std::string number_csv_text(std::span<const CsvColumnView> columns);
 
-/// The rules a reader would enforce, before writing: equal lengths, rows, numbers in their ranges, increasing time.
-void check_columns(const std::filesystem::path& file, std::span<const CsvColumnView> columns);
+/// The rules a reader would enforce, before writing: equal lengths, rows, numbers in their ranges, increasing time. Of
+/// a file that is written in parts each part begins with the row before it; `first_line` is that row's in the file.
+void check_columns(const std::filesystem::path& file, std::span<const CsvColumnView> columns,
+                   std::size_t first_line = 2);
 
 /// The whole file in one read.
 [[nodiscard]] std::string read_whole_file(const std::filesystem::path& file);

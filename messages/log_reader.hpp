@@ -48,6 +48,7 @@ class LogReader {
   std::optional<LogEvent> next();
   [[nodiscard]] const std::vector<LogDamage>& damage() const noexcept { return damage_; }
   [[nodiscard]] std::uint64_t size_bytes() const noexcept { return file_.size(); }
+  [[nodiscard]] std::uint64_t read_bytes() const noexcept { return offset_; }  ///< behind the event given out last
   [[nodiscard]] bool has_checksums() const noexcept { return has_checksums_; }
   /// Of the events given out so far; its checksum is meant only where the log has them.
   [[nodiscard]] const LogTally& tally() const noexcept { return tally_; }

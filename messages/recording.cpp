@@ -21,8 +21,8 @@ namespace isorig::messages {
 namespace {
 
 using Fault = RecordingFault;
-constexpr std::array<std::string_view, 6> kOwnKeys{
-    "format", "specimen", "rest_length_mm", "pressurized_rest_length_mm", "nominal_pressure_psi", "units"};
+constexpr std::array<std::string_view, 7> kOwnKeys{
+    "format", "specimen", "rest_length_mm", "pressurized_rest_length_mm", "nominal_pressure_psi", "units", "output"};
 constexpr base::Range kLength{0.0, 1e4, true};
 constexpr base::Range kPressure{-1e3, 1e3};
 
@@ -65,13 +65,23 @@ RecordingMetadata parse_metadata(const std::string& text, const std::filesystem:
     RecordingMetadata metadata;
     static_cast<void>(root.string("format"));
     metadata.specimen = root.string("specimen");
-    metadata.rest_length_mm = root.number("rest_length_mm", kLength);
+    if (root.has("rest_length_mm")) metadata.rest_length_mm = root.number("rest_length_mm", kLength);
     if (root.has("pressurized_rest_length_mm")) {
+      if (!metadata.rest_length_mm)
+        throw RecordingError(Fault::kMetadata, file, root.where("pressurized_rest_length_mm").line,
+                             "`pressurized_rest_length_mm` is stated without `rest_length_mm`, which positions are "
+                             "counted from; state both, or neither for what is no McKibben");
       metadata.pressurized_rest_length_mm = root.number("pressurized_rest_length_mm", kLength);
     }
     if (root.has("nominal_pressure_psi"))
       metadata.nominal_pressure_psi = root.number("nominal_pressure_psi", kPressure);
     if (root.has("units")) metadata.units_stated = root.choice("units", {kRecordingUnits}) == kRecordingUnits;
+    if (root.has("output")) {
+      const std::string output = root.choice("output", {"force", "position", "pressure"});
+      metadata.output = output == "position"   ? Output::kPosition
+                        : output == "pressure" ? Output::kPressure
+                                               : Output::kForce;
+    }
     document.finish();
     metadata.further_toml = further_text(text);
     return metadata;
@@ -101,13 +111,14 @@ std::string toml_number(double value) {
 std::string metadata_text(const RecordingMetadata& metadata) {
   std::string text = "format = \"" + std::string(kRecordingFormat) + "\"\n";
   text += "specimen = " + toml_string(metadata.specimen) + '\n';
-  text += "rest_length_mm = " + toml_number(metadata.rest_length_mm) + '\n';
+  if (metadata.rest_length_mm) text += "rest_length_mm = " + toml_number(*metadata.rest_length_mm) + '\n';
   if (metadata.pressurized_rest_length_mm) {
     text += "pressurized_rest_length_mm = " + toml_number(*metadata.pressurized_rest_length_mm) + '\n';
   }
   if (metadata.nominal_pressure_psi) {
     text += "nominal_pressure_psi = " + toml_number(*metadata.nominal_pressure_psi) + '\n';
   }
+  if (metadata.output != Output::kForce) text += "output = \"" + std::string(name_of(metadata.output)) + "\"\n";
   if (metadata.units_stated) text += "units = \"" + std::string(kRecordingUnits) + "\"\n";
   text += metadata.further_toml;
   if (!text.ends_with('\n')) text += '\n';
@@ -176,13 +187,15 @@ std::string unit_in_doubt(const RecordingMetadata& metadata, const FrameSamples&
            std::string(kRecordingUnits) + "\"";
   };
   const auto text = [](double value) { return base::number_text(value, 3); };
-  const double length_mm = std::min(metadata.rest_length_mm, metadata.reference_length_mm());
+  if (!metadata.rest_length_mm) return {};  // nothing to compare a position with
+  const double rest_mm = *metadata.rest_length_mm;
+  const double length_mm = std::min(rest_mm, metadata.reference_length_mm());
   const auto [low, high] = std::ranges::minmax(frame.position_mm);
   const double stroke_mm = high - low;
   const std::string of = " of a specimen that is " + text(length_mm) + " mm long";
   constexpr double kShortest_mm = 1.0, kSmallestShare = 5e-4, kLargestShare = 10.0;
   if (length_mm < kShortest_mm) return doubt("positions from " + text(low) + " to " + text(high) + " mm" + of);
-  if (low <= -metadata.rest_length_mm || high > kLargestShare * metadata.rest_length_mm) {
+  if (low <= -rest_mm || high > kLargestShare * rest_mm) {
     return doubt("positions from " + text(low) + " to " + text(high) + " mm" + of);
   }
   if (stroke_mm >= kSmallestShare * length_mm) return {};
@@ -215,7 +228,28 @@ std::vector<std::filesystem::path> recordings_in(const std::filesystem::path& fo
 
 }  // namespace
 
+std::string_view name_of(Output output) {
+  switch (output) {
+    case Output::kForce:
+      return "force";
+    case Output::kPosition:
+      return "position";
+    case Output::kPressure:
+      return "pressure";
+  }
+  return "";
+}
+
 Recording read_recording(const std::filesystem::path& folder) {
+  Recording recording = read_recording_of_any_output(folder);
+  if (recording.metadata.output == Output::kForce) return recording;
+  throw RecordingError(Fault::kMetadata, folder / "recording.toml", 0,
+                       "`output` is \"" + std::string(name_of(recording.metadata.output)) +
+                           "\", and this analyses forces alone; `isorig diagnose` and `isorig predict` answer for the "
+                           "outputs \"position\" and \"pressure\"");
+}
+
+Recording read_recording_of_any_output(const std::filesystem::path& folder) {
   std::error_code ignored;
   if (!std::filesystem::is_directory(folder, ignored)) {
     throw RecordingError(Fault::kMissingFile, folder, 0,
@@ -230,33 +264,60 @@ Recording read_recording(const std::filesystem::path& folder) {
   }
   Recording recording;
   recording.metadata = read_recording_toml(folder / "recording.toml");
-  recording.frame = read_frame_csv(folder / "frame.csv");
+  const bool frame_there = recording.metadata.output != Output::kPressure ||
+                           std::filesystem::exists(std::filesystem::symlink_status(folder / "frame.csv", ignored));
+  if (frame_there) recording.frame = read_frame_csv(folder / "frame.csv");
   if (const auto doubt = unit_in_doubt(recording.metadata, recording.frame); !doubt.empty()) {
     throw RecordingError(Fault::kUnits, folder / "frame.csv", 0, doubt);
   }
   // symlink_status: a dangling link is a fault, not a recording without pressure.
   if (std::filesystem::exists(std::filesystem::symlink_status(folder / "pressure.csv", ignored))) {
     recording.pressure = read_pressure_csv(folder / "pressure.csv");
+  } else if (recording.metadata.output == Output::kPressure) {
+    throw RecordingError(Fault::kMissingFile, folder / "pressure.csv", 0,
+                         "no such file, and recording.toml says that the pressure is the output");
   }
   return recording;
 }
 
-void write_recording(const std::filesystem::path& folder, const Recording& recording) {
-  const std::string metadata = metadata_text(recording.metadata);
+namespace {
+
+/// The text of recording.toml; throws when it could not be read back.
+std::string checked_metadata_text(const RecordingMetadata& metadata, const std::filesystem::path& file) {
+  std::string text = metadata_text(metadata);
   try {
-    static_cast<void>(parse_metadata(metadata, folder / "recording.toml"));
+    static_cast<void>(parse_metadata(text, file));
   } catch (const RecordingError& e) {
-    throw RecordingError(Fault::kInconsistent, folder / "recording.toml", e.line(),
-                         std::string("not written: ") + e.what());
+    throw RecordingError(Fault::kInconsistent, file, e.line(), std::string("not written: ") + e.what());
   }
-  check_columns(folder / "frame.csv", columns_of(recording.frame));
+  return text;
+}
+
+}  // namespace
+
+void write_recording_toml(const std::filesystem::path& file, const RecordingMetadata& metadata) {
+  replace_file(file, checked_metadata_text(metadata, file));
+}
+
+void write_recording(const std::filesystem::path& folder, const Recording& recording) {
+  const std::string metadata = checked_metadata_text(recording.metadata, folder / "recording.toml");
+  if (recording.metadata.output == Output::kPressure && !recording.pressure)
+    throw RecordingError(Fault::kInconsistent, folder / "pressure.csv", 0,
+                         "not written: the pressure is the output, and there is none");
+  const bool of_pressure_alone =
+      recording.metadata.output == Output::kPressure && recording.pressure && recording.frame.size() == 0;
+  if (!of_pressure_alone) check_columns(folder / "frame.csv", columns_of(recording.frame));
   if (recording.pressure) check_columns(folder / "pressure.csv", columns_of(*recording.pressure));
 
   std::error_code failed;
   std::filesystem::create_directories(folder, failed);
   if (failed) throw RecordingError(Fault::kUnreadable, folder, 0, "cannot be made: " + failed.message());
   replace_file(folder / "recording.toml", metadata);
-  replace_file(folder / "frame.csv", number_csv_text(columns_of(recording.frame)));
+  if (of_pressure_alone) {
+    std::filesystem::remove(folder / "frame.csv", failed);
+  } else {
+    replace_file(folder / "frame.csv", number_csv_text(columns_of(recording.frame)));
+  }
   if (recording.pressure) {
     replace_file(folder / "pressure.csv", number_csv_text(columns_of(*recording.pressure)));
   } else {

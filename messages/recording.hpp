@@ -2,6 +2,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -50,28 +51,39 @@ inline constexpr std::string_view kRecordingFormat = "isorig-recording/1";
 /// What `units` may say in recording.toml: that somebody looked.
 inline constexpr std::string_view kRecordingUnits = "s, mm, N, psi";
 
+/// Which column a model is to answer with.
+enum class Output { kForce, kPosition, kPressure };
+[[nodiscard]] std::string_view name_of(Output output);
+
 struct RecordingMetadata {
   std::string specimen;
-  double rest_length_mm = 0.0;  ///< unpressurized; zero of `position_mm`
-  /// Only a McKibben has these two.
+  /// Unpressurized; zero of `position_mm`. Without it there is no strain: force and position can be judged, and
+  /// nothing that is counted from a length.
+  std::optional<double> rest_length_mm;
+  /// Only a McKibben has these two; the length needs `rest_length_mm` beside it.
   std::optional<double> pressurized_rest_length_mm;
   std::optional<double> nominal_pressure_psi;
   /// All other keys and tables of recording.toml, verbatim with their comments.
   std::string further_toml;
+  Output output = Output::kForce;
   /// `units` is there: the columns are what their names say, however odd the numbers look.
   bool units_stated = false;
 
-  /// The length that strain is counted from: pressurized if there is one, else the rest length.
+  /// The length that strain is counted from: pressurized if there is one, else the rest length; NaN without either.
   [[nodiscard]] double reference_length_mm() const noexcept {
-    return pressurized_rest_length_mm.value_or(rest_length_mm);
+    return pressurized_rest_length_mm.value_or(rest_length_mm.value_or(std::numeric_limits<double>::quiet_NaN()));
+  }
+  /// What a pressurized specimen is stretched by at position 0; 0 where a length is not stated.
+  [[nodiscard]] double elongation_at_zero_mm() const noexcept {
+    return rest_length_mm ? *rest_length_mm - reference_length_mm() : 0.0;
   }
   /// Strain as in the paper: (position + rest - pressurized rest) / pressurized rest. Zero at the length the
-  /// pressurized specimen has without load; without a pressurized length it is position / rest length.
+  /// pressurized specimen has without load; without a pressurized length it is position / rest length; NaN without any.
   [[nodiscard]] double strain(double position_mm) const noexcept {
-    return (position_mm + rest_length_mm - reference_length_mm()) / reference_length_mm();
+    return (position_mm + elongation_at_zero_mm()) / reference_length_mm();
   }
   [[nodiscard]] double position_mm(double strain) const noexcept {
-    return strain * reference_length_mm() + reference_length_mm() - rest_length_mm;
+    return strain * reference_length_mm() - elongation_at_zero_mm();
   }
 };
 
@@ -103,13 +115,20 @@ struct Recording {
 /// end (micrometres). "" when nothing does, or `units` is stated.
 [[nodiscard]] std::string unit_in_doubt(const RecordingMetadata& metadata, const FrameSamples& frame);
 
-/// Throws RecordingError at the first fault, a unit in doubt included; nothing is half-read.
+/// Throws RecordingError at the first fault, a unit in doubt and an output other than the force included; nothing is
+/// half-read.
 [[nodiscard]] Recording read_recording(const std::filesystem::path& folder);
+/// The same of any output. One whose output is the pressure may have no frame.csv (a leak, a filling); `frame` is empty
+/// then.
+[[nodiscard]] Recording read_recording_of_any_output(const std::filesystem::path& folder);
 
 /// One stream alone, as recorded by an instrument with its own clock (what `isorig align` starts from).
 [[nodiscard]] FrameSamples read_frame_csv(const std::filesystem::path& file);
 [[nodiscard]] PressureSamples read_pressure_csv(const std::filesystem::path& file);
 [[nodiscard]] RecordingMetadata read_recording_toml(const std::filesystem::path& file);
+
+/// recording.toml alone, for who writes the CSV files in parts (messages/csv.hpp). As write_recording().
+void write_recording_toml(const std::filesystem::path& file, const RecordingMetadata& metadata);
 
 /// Makes the folder if needed and replaces its three files, each at once (written aside, then renamed). A
 /// pressure.csv of an earlier recording goes when this one has none. Numbers are written in the shortest form

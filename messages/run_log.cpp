@@ -3,25 +3,29 @@
 #include <algorithm>
 #include <cstdio>
 #include <exception>
-#include <limits>
 #include <map>
 #include <set>
 #include <stdexcept>
 #include <type_traits>
 #include <utility>
 
+#include "messages/counted.hpp"
+#include "messages/segment_chain.hpp"
+
 namespace isorig::messages {
 namespace {
 
+constexpr std::uint64_t kToldBytes = std::uint64_t{1} << 20U;
+
 /// A whole event may still hold nonsense; generated decoders then return -1, or throw on a length that is
-/// negative or absurd.
+/// negative or absurd. Times and counters beyond any clock's are nonsense too.
 template <typename Message>
 bool decode(const LogEvent& event, Message& message) {
   try {
     const auto used = message.decode(event.data.data(), 0, static_cast<int>(event.data.size()));
     const auto size = static_cast<int>(event.data.size());
     // A log that lcm-logger made of a recording that was played has the recording's checksums behind its messages.
-    return used == size || used + static_cast<int>(kLogChecksumBytes) == size;
+    return (used == size || used + static_cast<int>(kLogChecksumBytes) == size) && is_counted_message(message);
   } catch (const std::exception&) {
     return false;
   }
@@ -41,11 +45,14 @@ class Reading {
     begin_numbers();
   }
 
-  void segment(const std::filesystem::path& path) {
+  /// `read` is told the bytes of this segment that have been read, about once per MiB.
+  void segment(const std::filesystem::path& path, const std::function<void(std::uint64_t)>& read) {
     const int number = segment_number(path);
     if (!lone_) {
-      for (int gone = number_ + 1; gone < number; ++gone) {
-        report_.contradictions.push_back(segment_name(gone) + " is missing");
+      if (const int gone = number - number_ - 1; gone > 0) {
+        const auto first = segment_name(number_ + 1);
+        report_.contradictions.push_back(gone == 1 ? first + " is missing"
+                                                   : first + " to " + segment_name(number - 1) + " are missing");
         before_.reset();
       }
     }
@@ -57,10 +64,12 @@ class Reading {
     events_due_ = 0;
     bool jumped = false;
     checked_ = reader.has_checksums();
+    std::uint64_t told = 0;
     while (const auto event = reader.next()) {
+      if (read && reader.read_bytes() >= told + kToldBytes) read(told = reader.read_bytes());
       ++report_.events;
       jumped = jumped || (checked_ && event->number != events_due_);
-      events_due_ = event->number + 1;
+      events_due_ = is_counted(event->number) ? event->number + 1 : 0;
       dispatch(*event);
     }
     ++report_.segments;
@@ -79,7 +88,7 @@ class Reading {
     if (jumped && !altered) {
       report_.contradictions.push_back(path.filename().string() + " has lost messages inside, or its first ones");
     }
-    before_ = Before{path, reader.tally(), altered || jumped};
+    before_ = SegmentBefore{path, reader.tally(), altered || jumped};
   }
 
   ReadReport finish() {
@@ -102,12 +111,6 @@ class Reading {
   }
 
  private:
-  struct Before {
-    std::filesystem::path path;
-    LogTally tally;
-    bool altered = false;
-  };
-
   /// A torn end belongs to the last segment, or to one whose successor counted what was whole in it.
   void settle_torn() {
     report_.damage.insert(report_.damage.end(), torn_.begin(), torn_.end());
@@ -209,40 +212,7 @@ class Reading {
       report_.contradictions.push_back(name + " was written as " + segment_name(m.segment));
     }
     if (lone_ || !before_) return;
-    const LogTally due{m.events, m.bytes, static_cast<std::uint32_t>(m.checksum)};
-    const auto& is = before_->tally;
-    const auto before = before_->path.filename().string();
-    if (is == due && torn_bytes() > torn_bytes_due(m)) {
-      report_.contradictions.push_back(before + " has " + std::to_string(torn_bytes()) +
-                                       " bytes behind its last whole message; when " + name + " was begun it had " +
-                                       std::to_string(torn_bytes_due(m)));
-    } else if (is == due) {
-      // What was torn when the writer went on behind it is known, and lost nothing that anybody was told to be there.
-      for (const auto& d : torn_) {
-        if (d.bytes > 0)
-          report_.notes.push_back(d.file.string() + ": the last " + std::to_string(d.bytes) +
-                                  " bytes are no whole message, and were known to be none when " + name + " was begun");
-      }
-      torn_.clear();
-    } else if (!before_->altered) {
-      report_.contradictions.push_back(before + " holds " + std::to_string(is.events) + " messages in " +
-                                       std::to_string(is.bytes) + " bytes; when " + name + " was begun it held " +
-                                       std::to_string(due.events) + " in " + std::to_string(due.bytes) +
-                                       (is.events == due.events ? ", others" : ""));
-    }
-  }
-
-  [[nodiscard]] std::int64_t torn_bytes() const {
-    std::uint64_t bytes = 0;
-    for (const auto& d : torn_) bytes += d.bytes;
-    return static_cast<std::int64_t>(bytes);
-  }
-  /// Recordings from before this was written down say nothing: then any number is right.
-  static std::int64_t torn_bytes_due(const isorig_msgs::chain_t& m) {
-    for (std::size_t k = 0; k < m.channels.size() && k < m.messages.size(); ++k) {
-      if (m.channels[k] == kTornBytes) return m.messages[k];
-    }
-    return std::numeric_limits<std::int64_t>::max();
+    compare_with_before(m, *before_, name, torn_, report_);
   }
 
   void ends(const isorig_msgs::chain_t& m) {
@@ -311,7 +281,7 @@ class Reading {
   bool checked_ = false;
   bool continues_ = false;  // the present segment was closed, the recording goes on in the next
   std::int64_t events_due_ = 0;
-  std::optional<Before> before_;
+  std::optional<SegmentBefore> before_;
   std::vector<LogDamage> torn_;
   std::int32_t attempt_ = 0;
   bool ended_ = false;
@@ -343,7 +313,8 @@ std::optional<isorig_msgs::run_header_t> read_header(const std::filesystem::path
   return header;
 }
 
-ReadReport read_run(const std::filesystem::path& run_dir, RunVisitor& visitor) {
+ReadReport read_run(const std::filesystem::path& run_dir, RunVisitor& visitor,
+                    const std::function<void(double)>& on_progress) {
   const auto segments = list_segments(run_dir);
   if (segments.empty()) {
     throw std::runtime_error(run_dir.string() +
@@ -351,7 +322,23 @@ ReadReport read_run(const std::filesystem::path& run_dir, RunVisitor& visitor) {
                              "what there is");
   }
   Reading reading(visitor, std::filesystem::is_regular_file(run_dir));
-  for (const auto& path : segments) reading.segment(path);
+  const auto size_of = [](const std::filesystem::path& path) {
+    std::error_code gone;
+    const auto size = std::filesystem::file_size(path, gone);
+    return gone ? 0.0 : static_cast<double>(size);
+  };
+  double all = 0.0, before = 0.0;
+  for (const auto& path : segments) all += size_of(path);
+  std::function<void(std::uint64_t)> read;
+  if (on_progress && all > 0.0) {
+    read = [&](std::uint64_t bytes) { on_progress(std::min(1.0, (before + static_cast<double>(bytes)) / all)); };
+  }
+  for (const auto& path : segments) {
+    if (read) read(0);
+    reading.segment(path, read);
+    before += size_of(path);
+  }
+  if (on_progress) on_progress(1.0);
   return reading.finish();
 }
 

@@ -2,6 +2,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <isorig_msgs/chain_t.hpp>
 #include <isorig_msgs/control_batch_t.hpp>
 #include <isorig_msgs/event_t.hpp>
@@ -51,8 +52,9 @@ class RunVisitor {
 };
 
 /// Of a run's directory, or of one segment. What is altered or cut is left out and reported. Throws
-/// std::runtime_error when there is no segment.
-ReadReport read_run(const std::filesystem::path& run_dir, RunVisitor& visitor);
+/// std::runtime_error when there is no segment. `on_progress` is told now and then which part of all bytes was read.
+ReadReport read_run(const std::filesystem::path& run_dir, RunVisitor& visitor,
+                    const std::function<void(double fraction)>& on_progress = {});
 
 /// Counts what a live subscriber missed of one channel: give it every message's number.
 class GapCounter {

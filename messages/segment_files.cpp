@@ -22,7 +22,8 @@ int segment_number(const std::filesystem::path& segment) {
   int number = 0;
   const char* end = name.data() + name.size() - after.size();
   const auto [stop, error] = std::from_chars(name.data() + before.size(), end, number);
-  return error == std::errc{} && stop == end && number > 0 ? number : 0;
+  // One name for each number: segment-1.lcm beside segment-0001.lcm is no segment of ours.
+  return error == std::errc{} && stop == end && number > 0 && name == segment_name(number) ? number : 0;
 }
 
 std::vector<std::filesystem::path> list_segments(const std::filesystem::path& run_dir) {

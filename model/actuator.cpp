@@ -4,7 +4,7 @@
 
 namespace isorig::model {
 namespace {
-constexpr double kLawEnd = 1.25;  // of the pressure at which ML was measured
+constexpr double kLawEnd = 1.25;  // of the pressure at which ML was measured; above it L0 stays (actuator.hpp)
 }  // namespace
 
 Actuator::Actuator(const ActuatorParameters& p)
@@ -31,6 +31,8 @@ Actuator::Actuator(const ActuatorParameters& p)
   settle(0.0, 0.0);
 }
 
+// The paper's ratios (after eq. 2): kappa = k2 / k1, gamma = k2 / eta for each element, and beta_s = k1s / k1 for the
+// sheath. The table's channels are k1, kappa, gamma of the McKibben, then beta_s, kappa_s, gamma_s.
 SlseParameters Actuator::parameters(std::size_t element, double pressure_psi) const noexcept {
   PressureTable::Values v;
   table_.evaluate(pressure_psi, v);

@@ -40,6 +40,7 @@ struct ModelSpec {
   std::string name;
   std::vector<Part> parts;
   std::optional<Seen> seen = {};  ///< of a model that was fitted
+  double length_scale = 1.0;      ///< of its laws' ranges (length_scale.hpp)
 
   [[nodiscard]] std::size_t coefficient_count() const noexcept;
   [[nodiscard]] std::vector<double> coefficients() const;

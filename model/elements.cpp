@@ -71,7 +71,7 @@ const Physics& spring() {
                                "Linear spring, slack-free, unstretched at the pressurized rest length.",
                                "Paper, eq. for the system force, k1; stiffness per mm = k1 / pressurized rest length.",
                                "Slow triangle.",
-                               {memoryless("linear", "F = k e", {"stiffness_N_mm", Sign::kNonNegative},
+                               {memoryless("linear", "F = k e", {.name = "stiffness_N_mm", .sign = Sign::kNonNegative},
                                            [](const Instant& now) { return now.elongation_mm; })}};
   return physics;
 }
@@ -85,8 +85,8 @@ const Physics& maxwell() {
       "Ramps of different velocity; relaxation in a hold.",
       {{"linear",
         "F = k z, dz/dt = v - z / tau",
-        {{"time_constant_s", 1e-3, 1e5, {0.3, 3.0}, true}},
-        {{"stiffness_N_mm", Sign::kNonNegative}},
+        {{.name = "time_constant_s", .lower = 1e-3, .upper = 1e5, .starts = {0.3, 3.0}, .logarithmic = true}},
+        {{.name = "stiffness_N_mm", .sign = Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Maxwell>(p[0]); }}}};
   return physics;
 }
@@ -100,11 +100,16 @@ const Physics& arm_start() {
       "None: it is a state, not a property.",
       {{"relaxing",
         "F = F0 exp(-(t - t0) / tau) for t >= t0, tau that of the arm",
-        {{"time_constant_s", 1e-3, 1e5, {1.0}, false, true},
-         {"arm", 1.0, 9.0, {1.0}, false, true},                           // counted in the order of the file
-         {"recording_id", 0.0, kLargestRecordingId, {0.0}, false, true},  // 0: every one
-         {"start_s", -1e9, 1e9, {0.0}, false, true}},
-        {{"force_N", Sign::kFree}},
+        {{.name = "time_constant_s", .lower = 1e-3, .upper = 1e5, .starts = {1.0}, .fixed = true},
+         {.name = "arm", .lower = 1.0, .upper = 9.0, .starts = {1.0}, .fixed = true},  // counted in the order of the
+                                                                                       // file
+         {.name = "recording_id",
+          .lower = 0.0,
+          .upper = kLargestRecordingId,
+          .starts = {0.0},
+          .fixed = true},  // 0: every one
+         {.name = "start_s", .lower = -1e9, .upper = 1e9, .starts = {0.0}, .fixed = true}},
+        {{.name = "force_N", .sign = Sign::kFree}},
         [](std::span<const double> p, const Reference& reference) {
           return std::make_unique<ArmStart>(p[0], p[3], p[2] == 0.0 || p[2] == reference.recording_id);
         }}}};
@@ -112,13 +117,14 @@ const Physics& arm_start() {
 }
 
 const Physics& dashpot() {
-  static const Physics physics{"dashpot",
-                               Stage::kSpecimen,
-                               "Linear dashpot in parallel.",
-                               "Newton.",
-                               "Ramps of different velocity.",
-                               {memoryless("linear", "F = c v", {"viscosity_N_s_mm", Sign::kNonNegative},
-                                           [](const Instant& now) { return now.velocity_mm_s; })}};
+  static const Physics physics{
+      "dashpot",
+      Stage::kSpecimen,
+      "Linear dashpot in parallel.",
+      "Newton.",
+      "Ramps of different velocity.",
+      {memoryless("linear", "F = c v", {.name = "viscosity_N_s_mm", .sign = Sign::kNonNegative},
+                  [](const Instant& now) { return now.velocity_mm_s; })}};
   return physics;
 }
 
@@ -128,7 +134,7 @@ const Physics& mass() {
                                "Mass that moves with the position.",
                                "Newton.",
                                "Fast reversals.",
-                               {memoryless("linear", "F = m a", {"mass_kg", Sign::kNonNegative},
+                               {memoryless("linear", "F = m a", {.name = "mass_kg", .sign = Sign::kNonNegative},
                                            [](const Instant& now) { return now.acceleration_mm_s2 * 1e-3; })}};
   return physics;
 }
@@ -140,7 +146,7 @@ const Physics& constant() {
       "Constant force: a tare that is not zero, a dead weight.",
       "None needed.",
       "Any rest.",
-      {memoryless("linear", "F = F0", {"force_N", Sign::kFree}, [](const Instant&) { return 1.0; })}};
+      {memoryless("linear", "F = F0", {.name = "force_N", .sign = Sign::kFree}, [](const Instant&) { return 1.0; })}};
   return physics;
 }
 
@@ -153,8 +159,8 @@ const Physics& gravity() {
       "Free swings.",
       {{"pendulum",
         "F = W sin(x / length)",
-        {{"length_mm", 1e-3, 1e6, {1000.0}, true, true}},
-        {{"weight_N", Sign::kNonNegative}},
+        {{.name = "length_mm", .lower = 1e-3, .upper = 1e6, .starts = {1000.0}, .logarithmic = true, .fixed = true}},
+        {{.name = "weight_N", .sign = Sign::kNonNegative}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Gravity>(p[0]); }}}};
   return physics;
 }

@@ -77,9 +77,13 @@ Law table_law(std::string_view name, std::string_view formula, Of of) {
   LawTraits traits;
   if (of == Of::kTime) traits.counts = Counts::kTime;
   if (of == Of::kTravel) traits.counts = Counts::kTravel;
-  return {name, formula, {}, {{"scale", Sign::kFree}}, {}, traits, [of](const Table& table, const Reference&) {
-            return std::make_unique<TableForce>(table, of);
-          }};
+  return {name,
+          formula,
+          {},
+          {{.name = "scale", .sign = Sign::kFree}},
+          {},
+          traits,
+          [of](const Table& table, const Reference&) { return std::make_unique<TableForce>(table, of); }};
 }
 
 }  // namespace

@@ -22,6 +22,7 @@ double hold_force_N(const StandardLinearSolid& element, double initial_strain, d
   return element.k1_N * (initial_strain + step) + element.k2_N * arm_strain * std::exp(-element.gamma_per_s() * t_s);
 }
 
+// Delta FV = deps / eps0 * sum beta_i kappa_i phi(u_i) / sum beta_i,   u_i = gamma_i deps / |rate|   (eqs. 5 and 8)
 double fv_height(std::span<const FvElement> elements, const FvTest& test, double rate_per_s) noexcept {
   if (rate_per_s == 0.0) return 0.0;
   double weighted = 0.0;
@@ -39,6 +40,7 @@ double force_velocity(std::span<const FvElement> elements, const FvTest& test, d
          fv_height(elements, test, rate_per_s);
 }
 
+// phi(u) -> 1 as the rate grows: deps / eps0 * sum beta_i kappa_i / sum beta_i   (eqs. 6 and 9)
 double fv_asymptote(std::span<const FvElement> elements, const FvTest& test) noexcept {
   double weighted = 0.0;
   double weight = 0.0;
@@ -49,6 +51,7 @@ double fv_asymptote(std::span<const FvElement> elements, const FvTest& test) noe
   return test.strain_step / test.initial_strain * weighted / weight;
 }
 
+// phi(u) = 1 - u / 2 + O(u^2), so 1 - alpha = deps / (2 v) * sum beta kappa gamma / sum beta kappa   (eqs. 7 and 10)
 double rate_at_share_approximate(std::span<const FvElement> elements, const FvTest& test, double alpha) noexcept {
   double weighted = 0.0;
   double weight = 0.0;

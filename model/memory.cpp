@@ -8,7 +8,9 @@
 namespace isorig::model::element {
 namespace {
 
-/// Two branches with memory of which one it is on: a relay, the unit of a Preisach model.
+/// Two branches with memory of which of them the specimen is on: a relay, the unit of Preisach's model (1935). s = 1
+/// once x > x1, 0 once x < x0, unchanged between; F = F1 s. Exact where a reading lies beyond each threshold that is
+/// passed.
 class Branch : public Process {
  public:
   Branch(double upper_mm, double lower_mm) noexcept : upper_mm_(upper_mm), lower_mm_(lower_mm) {}
@@ -24,8 +26,12 @@ class Branch : public Process {
   bool over_ = false;
 };
 
-/// Structure L in [0, 1] that motion breaks and time heals (Moore 1959): dL/dt = (1 - L) / tau - |v| L / d.
-/// Exact at constant velocity.
+/// Structure L in [0, 1] that motion breaks and time heals (Moore 1959): dL/dt = (1 - L) / tau - |v| L / d. Over a step
+/// of constant velocity, with a = dt / tau and b = |dx| / d, exactly
+///
+///     L <- L_inf + (L - L_inf) exp(-(a + b)),   L_inf = a / (a + b)
+///
+/// 1 - L weighs a Maxwell arm, dz/dt = v - z / ta, and the elongation.
 class Structure : public Process {
  public:
   Structure(double arm_s, double recovery_s, double travel_mm) noexcept
@@ -68,7 +74,12 @@ class Wave : public Process {
   double start_s_ = 0.0;
 };
 
-/// F'' / w^2 + 2 z F' / w + F = G for every column; exact when G runs straight between instants.
+/// F'' / w^2 + 2 zeta F' / w + F = G for every column; exact when G runs straight between instants. A straight G of
+/// slope g is followed, once settled, by G - 2 zeta g / w. The distance d from there obeys the homogeneous equation, so
+/// over a step h, with a = zeta w, b = w sqrt(1 - zeta^2), c = exp(-a h) cos(b h) and s = exp(-a h) sin(b h) / b
+///
+///     d  <- (c + a s) d + s d'
+///     d' <- -w^2 s d + (c - a s) d'
 class Response : public Process {
  public:
   Response(double period_s, double damping) noexcept
@@ -119,20 +130,24 @@ const Physics& empirical_memory() {
       "The same position come to from both sides; rests of different length; the same motion again later.",
       {{"branch",
         "F = F1 s, s = 1 beyond x1, 0 below x0, between them as before",
-        {{"upper_mm", -1e3, 1e3, {0.5}, false, true}, {"lower_mm", -1e3, 1e3, {-0.5}, false, true}},
-        {{"force_N", Sign::kFree}},
+        {{.name = "upper_mm", .lower = -1e3, .upper = 1e3, .starts = {0.5}, .fixed = true},
+         {.name = "lower_mm", .lower = -1e3, .upper = 1e3, .starts = {-0.5}, .fixed = true}},
+        {{.name = "force_N", .sign = Sign::kFree}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Branch>(p[0], p[1]); }},
        {"structure",
         "F = (k z + ke e) (1 - L), dz/dt = v - z / ta, dL/dt = (1 - L) / tr - |v| L / d",
-        {{"arm_s", 1e-3, 1e5, {0.3, 3.0}, true},
-         {"recovery_s", 0.1, 1e4, {10.0, 60.0}, true},
-         {"travel_mm", 1e-2, 1e3, {2.0}, true}},
-        {{"arm_N_mm", Sign::kFree}, {"elastic_N_mm", Sign::kFree}},
+        {{.name = "arm_s", .lower = 1e-3, .upper = 1e5, .starts = {0.3, 3.0}, .logarithmic = true},
+         {.name = "recovery_s", .lower = 0.1, .upper = 1e4, .starts = {10.0, 60.0}, .logarithmic = true},
+         {.name = "travel_mm", .lower = 1e-2, .upper = 1e3, .starts = {2.0}, .logarithmic = true}},
+        {{.name = "arm_N_mm", .sign = Sign::kFree}, {.name = "elastic_N_mm", .sign = Sign::kFree}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Structure>(p[0], p[1], p[2]); }},
        {"wave",
         "F = (a + b e) sin(2 pi t / T) + (c + d e) cos(2 pi t / T), t since the start",
-        {{"period_s", 1.0, 1e5, {600.0}, true}},
-        {{"sine_N", Sign::kFree}, {"cosine_N", Sign::kFree}, {"sine_N_mm", Sign::kFree}, {"cosine_N_mm", Sign::kFree}},
+        {{.name = "period_s", .lower = 1.0, .upper = 1e5, .starts = {600.0}, .logarithmic = true}},
+        {{.name = "sine_N", .sign = Sign::kFree},
+         {.name = "cosine_N", .sign = Sign::kFree},
+         {.name = "sine_N_mm", .sign = Sign::kFree},
+         {.name = "cosine_N_mm", .sign = Sign::kFree}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Wave>(p[0]); },
         {.counts = Counts::kTime}}}};
   return physics;
@@ -147,7 +162,8 @@ const Physics& empirical_response() {
       "A tap; the corners of fast ramps.",
       {{"second_order",
         "F'' / w^2 + 2 zeta F' / w + F = G, w = 2 pi / T",
-        {{"period_s", 2e-3, 2.0, {0.1, 0.03}, true}, {"damping", 5e-3, 0.95, {0.08, 0.4}, true}},
+        {{.name = "period_s", .lower = 2e-3, .upper = 2.0, .starts = {0.1, 0.03}, .logarithmic = true},
+         {.name = "damping", .lower = 5e-3, .upper = 0.95, .starts = {0.08, 0.4}, .logarithmic = true}},
         {},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Response>(p[0], p[1]); }}}};
   return physics;

@@ -4,6 +4,7 @@
 #include "base/toml_reader.hpp"
 #include "model/catalogue.hpp"
 #include "model/composed.hpp"
+#include "model/length_scale.hpp"
 
 namespace isorig::model {
 namespace {
@@ -51,14 +52,15 @@ void read_part(const base::TomlTable& table, ModelSpec& spec) {
     return;
   }
   const std::string law_name = table.string_or("law", physics->laws.front().name);
-  const Law* law = find_law(*physics, law_name);
-  if (law == nullptr) {
+  const Law* known = find_law(*physics, law_name);
+  if (known == nullptr) {
     std::string names;
     for (const Law& each : physics->laws) names += (names.empty() ? "" : ", ") + std::string(each.name);
     table.error("law", name + " has no law \"" + law_name + "\"; it has: " + names);
     table.ignore_rest();
     return;
   }
+  const Law* law = &law_at(*known, spec.length_scale);
   Part part = make_part(*physics, *law);
   for (std::size_t i = 0; i < law->parameters.size(); ++i) {
     const Parameter& parameter = law->parameters[i];
@@ -83,7 +85,7 @@ void read_part(const base::TomlTable& table, ModelSpec& spec) {
 }
 
 /// [seen]; its [[seen.nominal]] are parts.
-Seen read_seen(const base::TomlTable& table) {
+Seen read_seen(const base::TomlTable& table, double length_scale) {
   Seen seen;
   const auto pair = [&](const char* key, double& low, double& high) {
     const std::vector<double> values = table.numbers(key);
@@ -102,6 +104,7 @@ Seen read_seen(const base::TomlTable& table) {
   seen.error_N = table.number("error_N", base::kNonNegative);
   seen.covariance = table.numbers("covariance");
   ModelSpec nominal;
+  nominal.length_scale = length_scale;
   for (const base::TomlTable& part : table.tables("nominal")) read_part(part, nominal);
   if (nominal.coefficient_count() > 32) table.error("nominal", "more than 32 coefficients");
   seen.nominal = std::move(nominal.parts);
@@ -115,11 +118,12 @@ ModelSpec read_document(const base::TomlDocument& document) {
   if (const std::string format = root.string("format"); format != kFormat && root.has("format"))
     root.error("format", "format is \"" + format + "\", this program reads \"" + std::string(kFormat) + "\"");
   spec.name = root.string_or("name", "");
+  spec.length_scale = root.number_or("length_scale", 1.0, {1e-6, 1e6});
   const auto parts = root.tables("part");
   if (parts.empty()) root.error("part", "a model needs at least one [[part]]");
   for (const base::TomlTable& part : parts) read_part(part, spec);
   if (spec.coefficient_count() > 32) root.error("part", "more than 32 coefficients");
-  if (root.has("seen")) spec.seen = read_seen(root.table("seen"));
+  if (root.has("seen")) spec.seen = read_seen(root.table("seen"), spec.length_scale);
   document.finish();
   return spec;
 }
@@ -180,6 +184,8 @@ std::string model_text(const ModelSpec& spec, std::string_view comment) {
     comment = end == std::string_view::npos ? std::string_view{} : comment.substr(end + 1);
   }
   out += "format = " + toml_string(kFormat) + "\nname = " + toml_string(spec.name) + "\n";
+  if (spec.length_scale != 1.0)
+    out += "length_scale = " + number(spec.length_scale) + "  # of the ranges that lengths may have\n";
   out += parts_text(spec.parts, "part");
   if (spec.seen) out += seen_text(*spec.seen);
   return out;

@@ -20,6 +20,9 @@ PressureTable::PressureTable(std::span<const double> pressure_psi, const std::ve
   for (std::size_t c = 0; c < channels_; ++c) {
     const std::vector<double>& y = channels[c];
     if (y.size() != n) throw std::invalid_argument("a channel of a pressure table has another length");
+    // Slopes m_i = 2 s_- s_+ / (s_- + s_+), harmonic mean of the secants s on both sides, 0 where they differ in sign
+    // (Fritsch & Butland 1984). On a piece of width h and secant s, with d = p - p_i:
+    //     y = y_i + m_i d + (3 s - 2 m_i - m_i+1) / h d^2 + (m_i + m_i+1 - 2 s) / h^2 d^3
     std::vector<double> slope(n, 0.0);
     for (std::size_t i = 1; i + 1 < n; ++i) {
       const double before = (y[i] - y[i - 1]) / (pressure_psi[i] - pressure_psi[i - 1]);

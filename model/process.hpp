@@ -22,6 +22,7 @@ struct Reference {
   double duration_s = 0.0;  ///< of the recording; 0 when it is not known (a running rig)
   /// Which recording: a whole number made from its readings (messages::recording_id). 0: not known (a running rig).
   double recording_id = 0.0;
+  double largest_force_N = 0.0;  ///< that was read, as a magnitude; 0 when it is not known (a running rig)
 };
 
 /// One instant of the drive. Between two instants the specimen moves at constant velocity; steps are exact
@@ -78,6 +79,8 @@ struct ParameterTraits {
   FilledBy filled_by = FilledBy::kNothing;
   Resolution resolution = Resolution::kNone;
   double resolution_factor = 0.0;  ///< times that, in the parameter's unit
+  /// `starts` are shares of Reference::largest_force_N: a force that is known only beside what the rig pulls at.
+  bool starts_are_shares_of_largest_force = false;
   /// The effect that the law turns into at its lower bound; it stands under that name there.
   std::string_view lower_bound_is = {};
   std::string_view upper_bound_is = {};  ///< the same of its upper bound
@@ -99,7 +102,8 @@ struct NumberSheet {
 
 /// What enters nonlinearly: found by search, within bounds.
 struct Parameter {
-  std::string_view name;  ///< with its unit, as it stands in TOML and JSON
+  std::string_view name;         ///< with its unit, as it stands in TOML and JSON
+  std::string_view symbol = {};  ///< in Law::formula
   double lower = 0.0;
   double upper = 0.0;
   std::vector<double> starts = {};  ///< where a search begins
@@ -113,6 +117,7 @@ struct Parameter {
 /// habit.
 struct Coefficient {
   std::string_view name;
+  std::string_view symbol = {};  ///< in Law::formula
   Sign sign = Sign::kFree;
   NumberSheet sheet = {};
 };
@@ -172,6 +177,9 @@ enum class PressureNeed {
   kVaries,  ///< by a fifth: else what grows with the pressure cannot be told from what is there at any pressure
 };
 
+/// The variable over which an effect is drawn, with the motion that draws it (identify/diagnose/explain/shape.hpp).
+enum class ShapeOf { kPosition, kLoop, kRate, kTime, kStep, kPressure, kTravel, kLoad, kAcceleration };
+
 /// When identification tries an effect, and what it costs. Declared where the effect is, so that no other file needs
 /// to know its name.
 struct PhysicsTraits {
@@ -191,6 +199,12 @@ struct PhysicsTraits {
   bool driven_by_pressure = false;
   /// What the event of an event law is called in a figure.
   std::string_view event_name = {};
+  /// Where it acts: elastic branch, arm, dashpot, friction element, kinematic input, pressure path, mass, force
+  /// channel.
+  std::string_view acts_on = {};
+  /// What it depends on, most important first: words of the covariates of a diagnosis, and load and acceleration.
+  std::vector<std::string_view> depends_on = {};
+  ShapeOf shape_of = ShapeOf::kPosition;
 };
 
 /// An entry of the catalogue.

@@ -169,6 +169,7 @@ Plan compile(const base::TomlDocument& document, const Limits& limits) {
   plan.description = protocol.description;
   plan.source = document.name();
   plan.recording = protocol.recording;
+  plan.twin = protocol.twin;
   plan.approach_velocity_mm_s = protocol.approach_velocity_mm_s;
   Compiler(protocol, limits, plan).run(protocol, root);
   document.finish();

@@ -99,11 +99,23 @@ struct RecordingPolicy {
   double average_interval_s = 0.1;  ///< elsewhere
 };
 
+/// [twin]: the model that isorig-web steps beside the run (docs/web.md), and what it does where the two part. The
+/// daemon itself has no model.
+struct TwinWish {
+  enum class OnParting : std::uint8_t { kMark, kPause, kAbort };
+  std::string model;  ///< file in isorig-web's folder of models; empty: none is asked for
+  OnParting on_parting = OnParting::kMark;
+};
+[[nodiscard]] constexpr const char* name_of(TwinWish::OnParting what) noexcept {
+  return what == TwinWish::OnParting::kPause ? "pause" : what == TwinWish::OnParting::kAbort ? "abort" : "mark";
+}
+
 struct Plan {
   std::string name;
   std::string description;
   std::string source;  ///< file name, for messages
   RecordingPolicy recording;
+  TwinWish twin;
   double approach_velocity_mm_s = 0.0;  ///< from wherever the crosshead is to the first step's position
   std::vector<Step> steps;              ///< never empty
   std::vector<Session> sessions;        ///< never empty: a protocol that names none is one session

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -305,6 +306,27 @@ RecordingPolicy read_recording(const TomlTable& table) {
   return out;
 }
 
+/// A file beside others, not a path: isorig-web looks it up in its own folder, whoever wrote the protocol.
+bool is_model_name(std::string_view name) {
+  const auto plain = [](unsigned char c) { return std::isalnum(c) != 0 || c == '-' || c == '_' || c == '.'; };
+  return name.size() > 5 && name.size() <= 128 && name.front() != '.' && name.ends_with(".toml") &&
+         std::all_of(name.begin(), name.end(), plain);
+}
+
+TwinWish read_twin(const TomlTable& table) {
+  TwinWish out;
+  out.model = table.string("model");
+  if (table.type_of("model") == "string" && !is_model_name(out.model)) {
+    table.error("model", "`model` = \"" + base::printable(out.model) +
+                             "\"; it has to be the name of a file in isorig-web's folder of models, such as "
+                             "\"muscle-5psi.toml\": letters, digits, - _ . and no path");
+  }
+  const auto what = table.choice_or("on_parting", "mark", {"mark", "pause", "abort"});
+  if (what == "pause") out.on_parting = TwinWish::OnParting::kPause;
+  if (what == "abort") out.on_parting = TwinWish::OnParting::kAbort;
+  return out;
+}
+
 }  // namespace
 
 double Node::turns() const {
@@ -332,6 +354,7 @@ Protocol parse(const TomlTable& root) {
   out.description = root.string_or("description", {});
   out.approach_velocity_mm_s = root.number_or("approach_velocity_mm_s", out.approach_velocity_mm_s, base::kPositive);
   if (const auto table = root.table_if("recording")) out.recording = read_recording(*table);
+  if (const auto table = root.table_if("twin")) out.twin = read_twin(*table);
   Names scope;
   if (const auto table = root.table_if("constants")) {
     for (const auto& name : keys_as_written(*table)) {

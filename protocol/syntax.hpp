@@ -52,6 +52,7 @@ struct Protocol {
   std::string name;
   std::string description;
   RecordingPolicy recording;
+  TwinWish twin;
   double approach_velocity_mm_s = 1.0;
   Bindings constants;
   std::vector<Node> steps;

@@ -41,6 +41,8 @@ class DeviceClock {
   [[nodiscard]] double host_since(std::int64_t origin_ns, double device_us) const noexcept {
     return static_cast<double>(host_ns_ - origin_ns) + 1e3 * (device_us - device_us_) / rate_;
   }
+  /// It is set: shows so much more from now on.
+  void jump(double by_us) noexcept { device_us_ += by_us; }
   [[nodiscard]] double rate() const noexcept { return rate_; }
 
  private:

@@ -8,8 +8,11 @@
 namespace isorig::sim {
 
 /// Cuts what a client sends into requests, as the specifications say (MODBUS Application Protocol V1.1b3, Messaging on
-/// TCP/IP V1.0b, over serial line V1.02). libmodbus 3.1.6 cannot: it guesses a request's length from its function, so
-/// one that it does not know puts the connection out of step.
+/// TCP/IP V1.0b, over serial line V1.02). libmodbus 3.1.6 cannot: it guesses a request's length from its function, so a
+/// request with a function that it does not know puts the connection out of step.
+///
+/// Nothing here is shared with drivers/modbus/modbus_adu.hpp, the CRC included, on purpose: the emulator judges the
+/// driver, and an error in common code would be right on both sides.
 class ModbusRequests {
  public:
   using Clock = std::chrono::steady_clock;
@@ -26,7 +29,7 @@ class ModbusRequests {
   void add(std::span<const std::uint8_t> bytes, Clock::time_point now);
   /// The next whole request. RTU: with a right CRC, for whatever unit; the rest of what came before a silence is noise.
   std::optional<Request> next(Clock::time_point now);
-  /// TCP: a header that cannot be one. Nothing can be cut any more: close the connection.
+  /// TCP: the bytes where a header should stand cannot be a header. Nothing can be cut any more: close the connection.
   [[nodiscard]] bool is_lost() const noexcept { return lost_; }
   void clear() noexcept;
 
@@ -41,6 +44,7 @@ class ModbusRequests {
   Clock::time_point last_byte_;
 };
 
+/// CRC-16 of the serial line: polynomial 0x8005 reflected, from 0xFFFF, low byte first on the wire.
 [[nodiscard]] std::uint16_t rtu_crc(std::span<const std::uint8_t> bytes) noexcept;
 
 /// What a server of functions 3, 4, 6 and 16 says to a request before it looks at its registers: an exception's code,

@@ -33,7 +33,7 @@ SpecimenPhysics::SpecimenPhysics(const model::ActuatorParameters& actuator, cons
     actuator_part_.stage = model::Stage::kSpecimen;
     model::Law law;
     law.name = "actuator";
-    law.coefficients = {{"scale", model::Sign::kNonNegative}};
+    law.coefficients = {{.name = "scale", .sign = model::Sign::kNonNegative}};
     law.make = [this](std::span<const double>, const model::Reference&) -> std::unique_ptr<model::Process> {
       return std::make_unique<ActuatorProcess>(actuator_, pressure_psi_);
     };

@@ -27,6 +27,7 @@ Specimen load_specimen(const std::filesystem::path& path) {
   const auto document = base::TomlDocument::parse_file(path);
   const base::TomlTable root = document.root();
   Specimen s;
+  (void)root.choice_or("format", "isorig-specimen/1", {"isorig-specimen/1"});  // files of before have none
   s.name = root.string("name");
   s.sheath_material = root.string_or("sheath_material", "");
   s.sheath_diameter_mm = root.number_or("sheath_diameter_mm", 0.0, base::kNonNegative);

@@ -42,7 +42,7 @@ RigOptions live(const clock::Clock& clock, std::int64_t start_ns, bool keep_trut
 ModbusServer::Options frame_options(const WireRigConfig::Modbus& config) {
   ModbusServer::Options options;
   options.map = config.line.map;
-  options.tcp = config.line.transport == frame::ModbusTransport::kTcp;
+  options.tcp = config.line.transport == modbus::ModbusTransport::kTcp;
   options.tcp_address = config.line.host;
   options.tcp_port = config.line.port;
   options.pty_link = options.tcp ? config.rtu_link : config.line.tty;
@@ -71,7 +71,7 @@ WireFrame make_frame(const WireRigConfig& config, Rig& rig) {
 
 RegulatorServer::Options regulator_options(const pressure::RegulatorConfig& config) {
   RegulatorServer::Options options;
-  options.tcp = config.line.transport == frame::ModbusTransport::kTcp;
+  options.tcp = config.line.transport == modbus::ModbusTransport::kTcp;
   options.tcp_address = config.line.host;
   options.tcp_port = config.line.port;
   options.pty_link = config.line.tty;
@@ -134,7 +134,7 @@ WireRigConfig read_wire_rig(const std::filesystem::path& rig_file) {
   if (frame.choice("driver", {"modbus", "instron8800"}) == "instron8800") {
     config.frame = WireRigConfig::Instron8800{frame::read_instron8800_config(frame), read_controller(root)};
   } else {
-    config.frame = WireRigConfig::Modbus{frame::read_modbus_config(frame, directory), {}};
+    config.frame = WireRigConfig::Modbus{modbus::read_modbus_config(frame, directory), {}};
   }
   const auto pressure = root.table("pressure");
   (void)pressure.choice("driver", {"teensy"});

@@ -25,7 +25,7 @@ namespace isorig::sim {
 struct WireRigConfig {
   SimConfig sim;
   struct Modbus {
-    frame::ModbusConfig line;
+    modbus::ModbusConfig line;
     std::string rtu_link;  ///< also on a pseudo-terminal, linked from here; empty: not
   };
   struct Instron8800 {

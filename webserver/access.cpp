@@ -48,7 +48,9 @@ std::optional<std::string> Access::redeem(const std::string& token, Time now) {
     throw TooMany("there are " + std::to_string(sessions_.size()) + " sessions; leave one first");
   }
   auto session = random_secret();
-  sessions_[session] = {given.who, now, 0, now};
+  auto who = given.who;
+  who.page = random_secret().substr(0, 16);
+  sessions_[session] = {std::move(who), now, 0, 0};
   return session;
 }
 
@@ -63,35 +65,38 @@ std::optional<Who> Access::who(const std::string& session, Time now) {
 void Access::leave(const std::string& session) {
   const std::lock_guard lock(mutex_);
   sessions_.erase(session);
-  if (lease_ && lease_->session == session) lease_.reset();
 }
 
-Access::Taken Access::take(const std::string& session, bool over, Time now) {
+bool Access::control_is(const std::optional<Control>& control) {
   const std::lock_guard lock(mutex_);
-  const auto found = sessions_.find(session);
-  if (found == sessions_.end()) return {false, "this page is view only: isorig web gives a link that may control", ""};
-  if (lease_ && lease_->session == session) return {true, "control is held here already", ""};
-  if (lease_ && !over) return {false, lease_->who.name + " has control; take it over if that is agreed", ""};
-  Taken taken{true, "control is held by " + found->second.who.name, lease_ ? lease_->who.name : ""};
-  lease_ = Lease{session, found->second.who, now};
-  return taken;
+  const bool changed = control_ != control;
+  control_ = control;
+  return changed;
 }
 
-bool Access::give_back(const std::string& session) {
+std::optional<Access::Control> Access::control() const {
   const std::lock_guard lock(mutex_);
-  if (!lease_ || lease_->session != session) return false;
-  lease_.reset();
-  return true;
+  return control_;
+}
+
+void Access::won(const std::string& session, std::uint64_t term) {
+  const std::lock_guard lock(mutex_);
+  if (const auto found = sessions_.find(session); found != sessions_.end()) found->second.term = term;
 }
 
 bool Access::has_control(const std::string& session) const {
   const std::lock_guard lock(mutex_);
-  return lease_ && !session.empty() && lease_->session == session;
+  const auto found = sessions_.find(session);
+  return control_ && found != sessions_.end() && found->second.term == control_->term;
 }
 
-std::optional<Access::Lease> Access::lease() const {
+std::optional<std::string> Access::present_holder() const {
   const std::lock_guard lock(mutex_);
-  return lease_;
+  if (!control_) return std::nullopt;
+  for (const auto& [secret, session] : sessions_) {
+    if (session.term == control_->term && session.pages > 0) return secret;
+  }
+  return std::nullopt;
 }
 
 void Access::connected(const std::string& session, bool there, Time now) {
@@ -99,19 +104,13 @@ void Access::connected(const std::string& session, bool there, Time now) {
   const auto found = sessions_.find(session);
   if (found == sessions_.end()) return;
   found->second.pages += there ? 1 : -1;
-  found->second.used = found->second.last_page = now;
+  found->second.used = now;
 }
 
-std::optional<Who> Access::expire(Time now) {
+void Access::expire(Time now) {
   const std::lock_guard lock(mutex_);
   std::erase_if(tokens_, [&](const auto& t) { return t.second.until <= now; });
   std::erase_if(sessions_, [&](const auto& s) { return s.second.pages == 0 && now - s.second.used > limits_.session; });
-  if (!lease_) return std::nullopt;
-  const auto holder = sessions_.find(lease_->session);
-  const bool there =
-      holder != sessions_.end() && (holder->second.pages > 0 || now - holder->second.last_page <= limits_.absence);
-  if (there) return std::nullopt;
-  return std::exchange(lease_, std::nullopt)->who;
 }
 
 }  // namespace isorig::web

@@ -3,21 +3,28 @@
 
 #include <chrono>
 #include <cstddef>
+#include <cstdint>
 #include <map>
 #include <mutex>
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 /// Who may do what on the page: nobody without a session, which begins with a one-time token that was asked for over a
-/// Unix socket; of those one has control at a time. Asks for no time and does no I/O but for the random numbers.
+/// Unix socket. Which of them has control is the daemon's to say, since terminals ask for it, too: here is what it said
+/// last. Asks for no time and does no I/O but for the random numbers.
 namespace isorig::web {
 
 using Time = std::chrono::steady_clock::time_point;
 
+/// A user of the page: as the kernel said of the process that asked for the link, but for the name, which is his word.
 struct Who {
   std::string name;
   uid_t uid = 0;
+  gid_t gid = 0;
+  std::vector<gid_t> groups;
+  std::string page;  ///< how the daemon tells sessions apart; no secret
 };
 
 /// 256 bits of the kernel's random numbers, as 64 hexadecimal digits. Throws std::system_error.
@@ -26,9 +33,8 @@ struct Who {
 class Access {
  public:
   struct Limits {
-    std::chrono::seconds token{120};   ///< a token that nobody used by then is void
-    std::chrono::hours session{12};    ///< a session that nobody used for so long has ended
-    std::chrono::seconds absence{60};  ///< a holder whose page is gone for so long loses control
+    std::chrono::seconds token{120};  ///< a token that nobody used by then is void
+    std::chrono::hours session{12};   ///< a session that nobody used for so long has ended
     std::size_t tokens = 32;
     std::size_t sessions = 64;
   };
@@ -45,30 +51,28 @@ class Access {
   [[nodiscard]] std::optional<std::string> redeem(const std::string& token, Time now);
   /// Whose session it is, and that it is used.
   [[nodiscard]] std::optional<Who> who(const std::string& session, Time now);
-  /// Ends a session; control that it had is given back.
+  /// Ends a session.
   void leave(const std::string& session);
 
-  struct Lease {
-    std::string session;  ///< secret
-    Who who;
-    Time since;
+  /// Who has control, as the daemon says.
+  struct Control {
+    std::string holder;
+    std::uint64_t term = 0;
+    bool operator==(const Control&) const = default;
   };
-  struct Taken {
-    bool ok = false;
-    std::string text;        ///< for people
-    std::string taken_from;  ///< the name of the holder until now
-  };
-  /// Control for this session: if nobody else has it, or with `over` from who has it.
-  [[nodiscard]] Taken take(const std::string& session, bool over, Time now);
-  /// True if it had control.
-  bool give_back(const std::string& session);
+  /// True: it is not as it was.
+  bool control_is(const std::optional<Control>& control);
+  [[nodiscard]] std::optional<Control> control() const;
+  /// The daemon gave control to this session for that term.
+  void won(const std::string& session, std::uint64_t term);
   [[nodiscard]] bool has_control(const std::string& session) const;
-  [[nodiscard]] std::optional<Lease> lease() const;
+  /// The session that has control, if somebody looks at a page of it: the daemon is to be told that somebody is there.
+  [[nodiscard]] std::optional<std::string> present_holder() const;
 
   /// A page of this session is there, or gone.
   void connected(const std::string& session, bool there, Time now);
-  /// Ends what has expired. The holder whose control ended with it, if any.
-  std::optional<Who> expire(Time now);
+  /// Ends what has expired.
+  void expire(Time now);
 
  private:
   struct Token {
@@ -79,14 +83,14 @@ class Access {
     Who who;
     Time used;
     int pages = 0;
-    Time last_page;
+    std::uint64_t term = 0;  // of its control, now or once
   };
 
   mutable std::mutex mutex_;  // tokens are minted by another thread
   Limits limits_;
   std::map<std::string, Token> tokens_;
   std::map<std::string, Session> sessions_;
-  std::optional<Lease> lease_;
+  std::optional<Control> control_;
 };
 
 }  // namespace isorig::web

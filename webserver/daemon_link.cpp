@@ -24,6 +24,7 @@ using boost::system::error_code;
 constexpr auto kStatusPeriod = std::chrono::milliseconds(200);
 constexpr auto kReconnect = std::chrono::seconds(1);
 constexpr auto kPollPatience = std::chrono::seconds(5);
+constexpr std::size_t kGroupsSent = 512;  // a header ends at 8 KiB; who is in more has fewer rights, not other ones
 constexpr std::uint64_t kAnswerBytes = std::uint64_t{64} << 20U;  // a plan may have 50,000 steps
 
 /// One call on a connection of its own. Owned by the operation that is under way on it.
@@ -34,12 +35,14 @@ class Call : public std::enable_shared_from_this<Call> {
     parser_.body_limit(kAnswerBytes);
   }
 
-  void begin(const std::string& socket, const std::string& method, const std::string& path, std::string body) {
+  void begin(const std::string& socket, const std::string& method, const std::string& path, std::string body,
+             const std::string& on_behalf) {
     socket_ = socket;
     request_.method(http::string_to_verb(method));
     request_.target(path);
     request_.version(11);
     request_.set(http::field::host, "localhost");
+    if (!on_behalf.empty()) request_.set("Isorig-For", on_behalf);
     request_.keep_alive(false);
     request_.body() = std::move(body);
     request_.prepare_payload();
@@ -100,6 +103,14 @@ class Call : public std::enable_shared_from_this<Call> {
 
 }  // namespace
 
+std::string on_behalf_of(const Who& who) {
+  auto groups = who.groups;
+  if (groups.size() > kGroupsSent) groups.resize(kGroupsSent);
+  // ASCII alone: it stands in a header.
+  return nlohmann::json{{"uid", who.uid}, {"gid", who.gid}, {"groups", groups}, {"name", who.name}, {"page", who.page}}
+      .dump(-1, ' ', true, nlohmann::json::error_handler_t::replace);
+}
+
 struct DaemonLink::Impl : std::enable_shared_from_this<DaemonLink::Impl> {
   Impl(net::io_context& context, std::string s, Listener l)
       : io(context), socket(std::move(s)), listener(std::move(l)), samples(io), again(io), poll(io) {}
@@ -144,11 +155,11 @@ struct DaemonLink::Impl : std::enable_shared_from_this<DaemonLink::Impl> {
   }
 
   void call(const std::string& method, const std::string& path, std::string body, std::chrono::seconds patience,
-            std::function<void(DaemonAnswer)> then) {
+            std::function<void(DaemonAnswer)> then, const std::string& on_behalf = {}) {
     const bool stops = method == "POST" && (path == "/v1/abort" || path == "/v1/pause");
     const auto where = stops ? daemon::stop_socket_of(socket).string() : socket;
     const auto made = std::make_shared<Call>(io, patience, std::move(then));
-    made->begin(where, method, path, std::move(body));
+    made->begin(where, method, path, std::move(body), on_behalf);
   }
 
   /// Status, then what is new: one after the other, so that a slow daemon is asked less often.
@@ -170,7 +181,7 @@ struct DaemonLink::Impl : std::enable_shared_from_this<DaemonLink::Impl> {
 
   void look_at_events(const std::string& run) {
     call("GET", "/v1/events?after=" + std::to_string(last_event), {}, kPollPatience,
-         [self = shared_from_this(), run](DaemonAnswer answer) {
+         [self = shared_from_this(), run](const DaemonAnswer& answer) {
            if (answer.status == 200) {
              const auto last = answer.body.value("last", std::uint64_t{0});
              if (last < self->last_event) {  // restarted meanwhile
@@ -186,7 +197,7 @@ struct DaemonLink::Impl : std::enable_shared_from_this<DaemonLink::Impl> {
   }
 
   void look_at_plan(const std::string& run) {
-    call("GET", "/v1/plan", {}, kPollPatience, [self = shared_from_this(), run](DaemonAnswer answer) {
+    call("GET", "/v1/plan", {}, kPollPatience, [self = shared_from_this(), run](const DaemonAnswer& answer) {
       if (answer.status == 200) {
         self->have_plan = true;
         self->plan_of = run;
@@ -225,8 +236,9 @@ void DaemonLink::start() {
 }
 
 void DaemonLink::call(const std::string& method, const std::string& path, std::string body,
-                      std::chrono::seconds patience, std::function<void(DaemonAnswer)> then) {
-  impl_->call(method, path, std::move(body), patience, std::move(then));
+                      std::chrono::seconds patience, std::function<void(DaemonAnswer)> then,
+                      const std::string& on_behalf) {
+  impl_->call(method, path, std::move(body), patience, std::move(then), on_behalf);
 }
 
 }  // namespace isorig::web

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "daemon/recording/sample_stream.hpp"
+#include "webserver/access.hpp"
 
 /// isorigd as this process sees it, over its sockets: the sample stream, and the control API. Nothing here waits; what
 /// does not answer is asked again for as long as it takes.
@@ -17,6 +18,9 @@ struct DaemonAnswer {
   nlohmann::json body;
   std::string text;  ///< the body as it came
 };
+
+/// The header by which the daemon judges a call by that user's rights, besides those of isorig-web.
+[[nodiscard]] std::string on_behalf_of(const Who& who);
 
 class DaemonLink {
  public:
@@ -35,9 +39,10 @@ class DaemonLink {
   DaemonLink& operator=(const DaemonLink&) = delete;
 
   void start();
-  /// One call. Abort and pause go to the socket that has nothing else to do.
+  /// One call. Abort and pause go to the socket that has nothing else to do. `on_behalf`: for which user of the page
+  /// (on_behalf_of); empty: for isorig-web itself.
   void call(const std::string& method, const std::string& path, std::string body, std::chrono::seconds patience,
-            std::function<void(DaemonAnswer)> then);
+            std::function<void(DaemonAnswer)> then, const std::string& on_behalf = {});
 
  private:
   struct Impl;

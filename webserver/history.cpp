@@ -158,7 +158,8 @@ std::uint64_t History::Sequence::skipped(std::uint32_t sequence) {
   return step > 1 && step < kRestart ? step - 1 : 0;
 }
 
-History::History() : series_{Series({kRaw1kHz}), Series({kRaw1kHz}), Series({kRaw100Hz})} {}
+History::History()
+    : series_{Series({kRaw1kHz}), Series({kRaw1kHz}), Series({kRaw100Hz}), Series({kRaw1kHz}), Series({kRaw1kHz})} {}
 
 void History::add(const daemon::FrameRecord& record) {
   gaps_ += sequences_[0].skipped(record.sequence);
@@ -172,6 +173,11 @@ void History::add(const daemon::ControlRecord& record) {
   series_[static_cast<std::size_t>(Stream::kControl)].push(record.mono_ns, double{record.target_mm},
                                                            double{record.setpoint_psi});
   lateness_.add(record.mono_ns, record.worst_wakeup_ns);
+}
+
+void History::add_twin(std::int64_t mono_ns, double predicted_N, double half_N, double residual) {
+  series_[static_cast<std::size_t>(Stream::kBand)].push(mono_ns, predicted_N - half_N, predicted_N + half_N);
+  series_[static_cast<std::size_t>(Stream::kTwin)].push(mono_ns, predicted_N, residual);
 }
 
 std::size_t History::bytes() const {

@@ -83,8 +83,10 @@ enum class Stream : std::uint8_t {
   kFrame,     ///< position_mm, force_N
   kPressure,  ///< pressure_psi
   kControl,   ///< target_mm, setpoint_psi
+  kBand,      ///< of the twin: low95_N, high95_N
+  kTwin,      ///< of the twin: predicted_N, residual in standard errors
 };
-inline constexpr std::size_t kStreams = 3;
+inline constexpr std::size_t kStreams = 5;
 
 /// Grid of what is sent live and after a reload.
 inline constexpr std::int64_t kFineWidth_ns = 20'000'000;
@@ -119,6 +121,8 @@ class History {
   void add(const daemon::FrameRecord& record);
   void add(const daemon::PressureRecord& record);
   void add(const daemon::ControlRecord& record);
+  /// What the twin says of one frame sample.
+  void add_twin(std::int64_t mono_ns, double predicted_N, double half_N, double residual);
 
   [[nodiscard]] const Series& series(Stream stream) const { return series_[static_cast<std::size_t>(stream)]; }
   /// Samples that the devices numbered and that never came.

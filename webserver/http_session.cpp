@@ -20,6 +20,10 @@ using boost::system::error_code;
 
 constexpr std::int64_t kLongestZoom_ns = 3'600'000'000'000;
 constexpr std::int64_t kZoomStretches = 4000;
+constexpr const char* kViewOnly = "this page is view only: isorig web gives a link that may control";
+constexpr const char* kNoSession =
+    "open the link of `isorig web` to see the runs: what is on disk, and what makes the daemon work, is not for "
+    "everybody";
 
 std::string_view view(beast::string_view text) {
   return {text.data(), text.size()};
@@ -27,6 +31,12 @@ std::string_view view(beast::string_view text) {
 std::string json_text(const std::string& text) {
   return nlohmann::json{{"ok", false}, {"text", text}}.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
+
+/// Of a run's own page, whose script and style stand in it (web/build.mjs), which draws PNG and SVG from data: and
+/// blob:, saves them as files, and has no fonts, popups or connections.
+constexpr const char* kReportPolicy =
+    "sandbox allow-scripts allow-downloads; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 /// One connection. Owned by the operation that is under way on it.
 class HttpSession : public std::enable_shared_from_this<HttpSession> {
@@ -66,6 +76,8 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     if (request_.method() != http::verb::get && request_.method() != http::verb::head) {
       return refuse(http::status::method_not_allowed, "the method has to be GET");
     }
+    if (path_.starts_with("/report/") || path_.starts_with("/diagnosis/"))
+      return has_session() ? report() : refuse(http::status::forbidden, kNoSession);
     if (path_ == "/enter") return enter(target);
     if (path_ == "/") return answer(http::status::ok, "text/html; charset=utf-8", std::string(kPageHtml));
     if (path_ == "/live.js")
@@ -75,6 +87,10 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   }
 
   [[nodiscard]] bool own_origin() const { return is_own_origin(view(request_[http::field::origin]), host_); }
+
+  [[nodiscard]] bool has_session() const {
+    return server_->hub.access().who(session_, std::chrono::steady_clock::now()).has_value();
+  }
 
   void live() {
     if (!beast::websocket::is_upgrade(request_)) return refuse(http::status::upgrade_required, "this is a WebSocket");
@@ -108,12 +124,20 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   }
 
   void api(const std::string& target) {
-    const bool there = server_->hub.access().who(session_, std::chrono::steady_clock::now()).has_value();
     if (request_.method() == http::verb::get) {
       if (path_ == "/api/zoom") return zoom(target);
-      if (path_ != "/api/library") return refuse(http::status::not_found, "there is no such call");
-      if (!there)
-        return refuse(http::status::forbidden, "this page is view only: isorig web gives a link that may control");
+      const auto what = path_.substr(5);
+      if (what == "runs" || what == "calibrations" || what == "diagnoses" || what == "selftest") {
+        if (!has_session()) return refuse(http::status::forbidden, kNoSession);
+        return server_->hub.look_up(what, [self = shared_from_this()](Hub::Answer a) {
+          self->answer(static_cast<http::status>(a.status), "application/json", std::move(a.text));
+        });
+      }
+      if (what == "protocol" || what == "experiment") {
+        return has_session() ? text_of_a_protocol(what, target) : refuse(http::status::forbidden, kNoSession);
+      }
+      if (what != "library") return refuse(http::status::not_found, "there is no such call");
+      if (!has_session()) return refuse(http::status::forbidden, kViewOnly);
       return answer(http::status::ok, "application/json", server_->hub.library());
     }
     if (request_.method() != http::verb::post) return refuse(http::status::method_not_allowed, "GET or POST");
@@ -123,8 +147,40 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     }
     if (path_ == "/api/leave") set_cookie_ = server_->cookie_name + "=; Path=/; HttpOnly; SameSite=Strict; Max-Age=0";
     server_->hub.perform(path_.substr(5), session_, request_.body(), [self = shared_from_this()](Hub::Answer a) {
+      self->place_ = std::move(a.place);
+      if (a.status == 503) self->retry_after_ = true;
       self->answer(static_cast<http::status>(a.status), "application/json", std::move(a.text));
     });
+  }
+
+  /// One of the library, or what a diagnosis proposes.
+  void text_of_a_protocol(const std::string& what, const std::string& target) {
+    if (what == "experiment") {
+      return server_->hub.experiment(query_value(target, "id"), [self = shared_from_this()](Hub::Answer a) {
+        self->place_ = std::move(a.place);
+        if (a.status == 503) self->retry_after_ = true;
+        self->answer(static_cast<http::status>(a.status), "application/json", std::move(a.text));
+      });
+    }
+    auto found = server_->hub.protocol(query_value(target, "from"), query_value(target, "name"));
+    answer(static_cast<http::status>(found.status), "application/json", std::move(found.text));
+  }
+
+  /// The page of a run or a diagnosis, which stands by itself: it is given an origin of its own, without this page's
+  /// cookie and calls.
+  void report() {
+    const bool of_run = path_.starts_with("/report/");
+    const auto name = path_.substr(path_.find('/', 1) + 1);
+    const auto send = [self = shared_from_this()](Hub::Answer a) {
+      const bool there = a.status == 200;
+      self->place_ = std::move(a.place);
+      if (a.status == 503) self->retry_after_ = true;
+      if (there) self->policy_ = kReportPolicy;
+      self->answer(static_cast<http::status>(a.status), there ? "text/html; charset=utf-8" : "application/json",
+                   std::move(a.text));
+    };
+    if (of_run) return server_->hub.report(name, send);
+    server_->hub.diagnosis(name, send);
   }
 
   void zoom(const std::string& target) {
@@ -148,16 +204,18 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     response_.version(11);
     response_.set(http::field::content_type, type);
     response_.set(http::field::cache_control, "no-store");
-    response_.set(
-        "Content-Security-Policy",
+    const std::string own =
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self' ws://" +
-            (is_loopback_host(host_) ? host_ : std::string("localhost")) +
-            "; base-uri 'none'; form-action 'none'; frame-ancestors 'none'");
+        (is_loopback_host(host_) ? host_ : std::string("localhost")) +
+        "; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+    // A sandboxed page has no origin to be isolated with: browsers refuse it beside another opener policy than none.
+    response_.set("Cross-Origin-Opener-Policy", policy_.empty() ? "same-origin" : "unsafe-none");
+    response_.set("Content-Security-Policy", policy_.empty() ? own : std::exchange(policy_, {}));
     response_.set("X-Content-Type-Options", "nosniff");
     response_.set("Referrer-Policy", "no-referrer");
-    response_.set("Cross-Origin-Opener-Policy", "same-origin");
     response_.set("Cross-Origin-Resource-Policy", "same-origin");
     if (!set_cookie_.empty()) response_.set(http::field::set_cookie, std::exchange(set_cookie_, {}));
+    if (std::exchange(retry_after_, false)) response_.set(http::field::retry_after, "1");
     if (!location_.empty()) response_.set(http::field::location, std::exchange(location_, {}));
     response_.keep_alive(keep_alive_);
     const auto length = body.size();
@@ -165,6 +223,8 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     response_.content_length(length);
     stream_.expires_after(server_->limits.request);
     http::async_write(stream_, response_, [self = shared_from_this()](error_code error, std::size_t) {
+      self->response_ = {};  // a run's page is large
+      self->place_.reset();
       if (error || !self->keep_alive_) return self->close();
       self->path_.clear();
       self->read();
@@ -184,6 +244,9 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   Request request_;
   http::response<http::string_body> response_;
   std::string host_, path_, session_, set_cookie_, location_;
+  std::string policy_;                 // of this answer, in place of the page's own
+  std::shared_ptr<const void> place_;  // of this answer (Hub::report)
+  bool retry_after_ = false;
   bool keep_alive_ = false;
 };
 

@@ -6,6 +6,8 @@
 #include <chrono>
 #include <utility>
 
+#include "webserver/files.hpp"
+
 namespace isorig::web {
 namespace {
 
@@ -30,7 +32,7 @@ std::shared_ptr<const Message> text_message(const json& body) {
   return text_message(body.dump(-1, ' ', false, json::error_handler_t::replace));
 }
 
-constexpr std::array kAllStreams{Stream::kFrame, Stream::kPressure, Stream::kControl};
+constexpr std::array kAllStreams{Stream::kFrame, Stream::kPressure, Stream::kControl, Stream::kBand, Stream::kTwin};
 std::size_t number_of(Stream stream) {
   return static_cast<std::size_t>(stream);
 }
@@ -40,15 +42,14 @@ std::size_t number_of(Stream stream) {
 Hub::Hub(boost::asio::io_context& io, HubSettings settings)
     : io_(io),
       settings_(std::move(settings)),
-      daemon_(io, settings_.socket,
-              {[this](const daemon::samples::Record& r) { on_record(r); },
-               [this](const DaemonAnswer& a) { on_status(a); }, [this](const DaemonAnswer& a) { on_events(a); },
-               [this](const DaemonAnswer& a) {
-                 plan_ = text_message("{\"kind\":\"plan\",\"plan\":" + a.text + "}");
-                 broadcast(plan_);
-               },
-               [](const std::string& text) { spdlog::info("{}", text); }}),
-      timer_(io) {}
+      daemon_(
+          io, settings_.socket,
+          {[this](const daemon::samples::Record& r) { on_record(r); }, [this](const DaemonAnswer& a) { on_status(a); },
+           [this](const DaemonAnswer& a) { on_events(a); }, [this](const DaemonAnswer& a) { on_plan(a); },
+           [](const std::string& text) { spdlog::info("{}", text); }}),
+      timer_(io),
+      looked_up_([this](const std::string& what) { look_for(what); }),
+      saved_(settings_.saved_protocols) {}
 
 void Hub::start() {
   daemon_.start();
@@ -63,10 +64,16 @@ void Hub::on_record(const daemon::samples::Record& record) {
     for (const auto& v : viewers_) v->send(hello_for(*v));
   } else if (const auto* frame = std::get_if<daemon::FrameRecord>(&record)) {
     history_.add(*frame);
+    for (const auto& row : twin_.add(*frame)) {
+      history_.add_twin(row.mono_ns, row.force_N, row.half_N, row.residual);
+    }
+    look_at_twin();
   } else if (const auto* pressure = std::get_if<daemon::PressureRecord>(&record)) {
     history_.add(*pressure);
+    twin_.add(*pressure);
   } else if (const auto* control = std::get_if<daemon::ControlRecord>(&record)) {
     history_.add(*control);
+    twin_.add(*control);
   } else if (const auto* lost = std::get_if<daemon::samples::Lost>(&record)) {
     if (lost->frame + lost->pressure > lost_.frame + lost_.pressure) {
       spdlog::warn("samples: {} of the frame and {} of the pressure were lost on the way here; the recording has them",
@@ -83,29 +90,51 @@ void Hub::on_status(const DaemonAnswer& answer) {
                  {"lost_earlier", lost_before_},
                  {"gaps", history_.gaps()},
                  {"lateness", history_.lateness().counts()},
+                 {"twin", twin_.state()},
                  {"viewers", viewers_.size()}};
   if (answer.status == 200) {
+    const auto part = [&](const char* key) { return answer.body.value(key, json()); };
+    const auto run = part("run"), last = part("last_run");
+    const auto pid = answer.body.value("pid", std::int64_t{0});
+    const bool another = std::exchange(daemon_pid_, pid) != pid;  // it may be there again before it was missed
+    if (const auto session = access_.present_holder(); another && session) holder_before_ = *session;
+    if (!std::exchange(status_is_older_, false) || another) take_note_of_control(part("control"));
+    regain_control();
+    std::string now = run.is_object() ? text_at(run, "id") : std::string();
+    if (last.is_object()) now += " " + text_at(last, "id") + " " + text_at(last, "outcome");
+    if (now != runs_now_) looked_up_.forget();
+    runs_now_ = std::move(now);
     status_ = text_message("{\"kind\":\"status\",\"web\":" + web.dump() + ",\"status\":" + answer.text + "}");
   } else {
     status_ =
         text_message({{"kind", "status"}, {"web", web}, {"status", json()}, {"why", answer.body.value("text", "")}});
     plan_.reset();
-    events_.clear();
+    if (const auto session = access_.present_holder()) holder_before_ = *session;
+    take_note_of_control(json());
+    // The daemon tells its own again.
+    std::erase_if(events_, [](const json& e) { return e.value("code", "") != "twin"; });
   }
   broadcast(status_);
 }
 
 void Hub::on_events(const DaemonAnswer& answer) {
-  for (const auto& e : answer.body["events"]) {
-    // One that has grown comes again with another number.
-    std::erase_if(events_, [&](const json& old) {
-      return old.value("mono_ns", std::int64_t{0}) == e.value("mono_ns", std::int64_t{0}) &&
-             old.value("code", "") == e.value("code", "");
-    });
-    events_.push_back(e);
-  }
-  while (events_.size() > kEventsKept) events_.pop_front();
+  for (const auto& e : answer.body["events"]) keep_event(e);
   broadcast(text_message("{\"kind\":\"events\",\"events\":" + answer.body["events"].dump() + "}"));
+}
+
+void Hub::add_event(const json& event) {
+  keep_event(event);
+  broadcast(text_message({{"kind", "events"}, {"events", json::array({event})}}));
+}
+
+void Hub::keep_event(const json& event) {
+  // One that has grown comes again with another number.
+  std::erase_if(events_, [&](const json& old) {
+    return old.value("mono_ns", std::int64_t{0}) == event.value("mono_ns", std::int64_t{0}) &&
+           old.value("code", "") == event.value("code", "");
+  });
+  events_.push_back(event);
+  while (events_.size() > kEventsKept) events_.pop_front();
 }
 
 void Hub::tick() {
@@ -119,10 +148,8 @@ void Hub::tick() {
   looked_after_ = now;
   const auto all = viewers_;  // one that is cut off leaves the list
   for (const auto& v : all) v->look_after(now);
-  if (const auto gone = access_.expire(now)) {
-    spdlog::info("control given back: the page of {} (uid {}) is gone", gone->name, gone->uid);
-    tell_lease();
-  }
+  access_.expire(now);
+  keep_control(now);
 }
 
 void Hub::send_live() {
@@ -217,9 +244,9 @@ std::shared_ptr<const Message> Hub::hello_for(const Viewer& viewer) {
 }
 
 std::shared_ptr<const Message> Hub::lease_for(const Viewer& viewer) const {
-  const auto lease = access_.lease();
+  const auto control = access_.control();
   return text_message({{"kind", "lease"},
-                       {"holder", lease ? json(lease->who.name) : json()},
+                       {"holder", control ? json(control->holder) : json()},
                        {"mine", access_.has_control(viewer.session())}});
 }
 

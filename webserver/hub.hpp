@@ -2,6 +2,7 @@
 #include <array>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/steady_timer.hpp>
+#include <boost/asio/thread_pool.hpp>
 #include <cstdint>
 #include <deque>
 #include <filesystem>
@@ -11,8 +12,11 @@
 #include <vector>
 
 #include "webserver/access.hpp"
+#include "webserver/asked_once.hpp"
 #include "webserver/daemon_link.hpp"
 #include "webserver/history.hpp"
+#include "webserver/saved_protocols.hpp"
+#include "webserver/twin_desk.hpp"
 
 namespace isorig::web {
 
@@ -34,9 +38,11 @@ class Viewer {
 };
 
 struct HubSettings {
-  std::string socket;               ///< the daemon's
-  std::filesystem::path protocols;  ///< what a run can be started from
+  std::string socket;                     ///< the daemon's
+  std::filesystem::path protocols;        ///< what a run can be started from
+  std::filesystem::path saved_protocols;  ///< where the page saves its own; empty: nowhere
   std::filesystem::path specimens;
+  std::filesystem::path models;  ///< what a live twin can be made of
 };
 
 /// All that the pages have in common: the daemon's samples and answers, who is there, who may do what. Of one thread,
@@ -52,16 +58,23 @@ class Hub {
   void leave(const Viewer* viewer);
   [[nodiscard]] std::size_t viewers(bool with_token) const;
 
-  /// The answer to a POST: `text` is JSON.
-  struct Answer {
-    int status = 0;
-    std::string text;
-  };
-  using Reply = std::function<void(Answer)>;
+  using Answer = PageAnswer;
+  using Reply = PageReply;
   /// A verb of the page: what its session may do is done by the daemon, and logged.
   void perform(const std::string& verb, const std::string& session, const std::string& body, const Reply& reply);
   /// Files a run can be started from.
   [[nodiscard]] std::string library() const;
+  /// What the daemon answers to a GET of the page: runs, calibrations; self-test judged as by `isorig selftest`.
+  void look_up(const std::string& what, const Reply& reply);
+  /// A run's own page; its text, or JSON with what is wrong. One at a time: until its answer's `place` is given back,
+  /// others are refused with 503.
+  void report(const std::string& run, const Reply& reply);
+  /// The page of a diagnosis, by the name that the list of diagnoses gives it; shares the place of a run's.
+  void diagnosis(const std::string& id, const Reply& reply);
+  /// The protocol that a diagnosis proposes to run next; one question at a time, others are refused with 503.
+  void experiment(const std::string& id, const Reply& reply);
+  /// A protocol's text with its version: `from` is saved or shipped.
+  [[nodiscard]] Answer protocol(const std::string& from, const std::string& name) const;
   /// Stretches of the raw samples between two times, of all streams, one block behind the other.
   [[nodiscard]] std::string zoom(std::int64_t from_ns, std::int64_t to_ns, std::int64_t stretches) const;
 
@@ -72,6 +85,11 @@ class Hub {
   void on_record(const daemon::samples::Record& record);
   void on_status(const DaemonAnswer& answer);
   void on_events(const DaemonAnswer& answer);
+  void on_plan(const DaemonAnswer& answer);
+  void keep_event(const nlohmann::json& event);
+  void add_event(const nlohmann::json& event);
+  void look_at_twin();
+  void look_for(const std::string& what);
   void tick();
   void send_live();
   void broadcast(const std::shared_ptr<const Message>& message);
@@ -79,14 +97,24 @@ class Hub {
   [[nodiscard]] std::shared_ptr<const Message> hello_for(const Viewer& viewer);
   [[nodiscard]] std::shared_ptr<const Message> lease_for(const Viewer& viewer) const;
   void change_lease(const std::string& session, const Who& who, const std::string& action, const Reply& reply);
+  void change_twin(const Who& who, const nlohmann::json& given, const Reply& reply);
+  [[nodiscard]] std::string choose_twin(const std::string& text, TwinDesk::Choice choice);
+  void take_note_of_control(const nlohmann::json& control);
+  void keep_control(Time now);
+  void regain_control();
   void start_run(const Who& who, const nlohmann::json& given, bool preview, const Reply& reply);
   void forward(const std::string& verb, const Who& who, std::string body, const Reply& reply);
-  [[nodiscard]] std::vector<std::string> files(const std::filesystem::path& folder) const;
+  void check_protocol(const nlohmann::json& given, const Reply& reply);
+  void save_protocol(const Who& who, const nlohmann::json& given, const Reply& reply);
+  void send_page(const std::string& path, const Reply& reply);
+  [[nodiscard]] std::optional<std::string> protocol_text(const std::string& from, const std::string& name) const;
 
   boost::asio::io_context& io_;
   const HubSettings settings_;
   Access access_;
   History history_;
+  TwinDesk twin_;
+  std::string run_;  // that is open
   DaemonLink daemon_;
   boost::asio::steady_timer timer_;
 
@@ -99,7 +127,16 @@ class Hub {
   std::uint64_t lost_before_ = 0;  // of those that ended
   std::shared_ptr<const Message> status_, plan_;
   std::deque<nlohmann::json> events_;
-  Time looked_after_{};
+  AskedOnce looked_up_;
+  std::string runs_now_;                          // what the list of runs depends on
+  std::weak_ptr<const void> report_;              // the one that is in memory
+  std::weak_ptr<const void> check_, experiment_;  // those that are under way
+  const SavedProtocols saved_;
+  boost::asio::thread_pool disk_{1};  // what waits for a disk: nobody's abort waits for it
+  Time looked_after_{}, kept_{};
+  std::int64_t daemon_pid_ = 0;
+  std::string holder_before_;     // session that had control when the daemon went
+  bool status_is_older_ = false;  // the next one was asked for before the daemon's last word about control
 };
 
 }  // namespace isorig::web

@@ -1,9 +1,7 @@
 #include "webserver/mint.hpp"
 
-#include <pwd.h>
 #include <spdlog/spdlog.h>
 
-#include <array>
 #include <nlohmann/json.hpp>
 
 #include "base/printable.hpp"
@@ -20,14 +18,6 @@ constexpr unsigned kMode = 0660;
 daemon::HttpAnswer answered(int status, json body) {
   body["ok"] = status == 200;
   return {status, body.dump(-1, ' ', false, json::error_handler_t::replace)};
-}
-
-std::string name_of(uid_t uid) {
-  passwd entry{};
-  passwd* found = nullptr;
-  std::array<char, 4096> room{};
-  if (::getpwuid_r(uid, &entry, room.data(), room.size(), &found) == 0 && found != nullptr) return entry.pw_name;
-  return "uid " + std::to_string(uid);
 }
 
 }  // namespace
@@ -54,13 +44,14 @@ daemon::HttpAnswer Mint::answer(const daemon::HttpRequest& q) {
     if (key != "name" || !value.is_string()) return answered(400, {{"text", "takes `name` only, a text"}});
     name = value.get<std::string>();
   }
-  if (name.empty()) name = name_of(q.uid);
+  if (name.empty()) name = daemon::user_name(q.peer.uid);
   if (name.size() > kNameBytes || base::printable(name) != name) {
     return answered(400, {{"text", "the name has to be printable and at most 64 bytes long"}});
   }
   try {
-    const auto token = access_.mint({name, q.uid}, std::chrono::steady_clock::now());
-    spdlog::info("a link for {} (uid {}, process {})", name, q.uid, q.pid);
+    const auto token =
+        access_.mint({name, q.peer.uid, q.peer.gid, q.peer.groups, {}}, std::chrono::steady_clock::now());
+    spdlog::info("a link for {} (uid {}, process {})", name, q.peer.uid, q.peer.pid);
     return answered(200, {{"text", "http://localhost:" + std::to_string(port_) + "/enter?token=" + token},
                           {"path", "/enter?token=" + token},
                           {"port", port_},

@@ -2,11 +2,13 @@
 
 #include <algorithm>
 #include <array>
-#include <fstream>
-#include <sstream>
+#include <string>
 #include <string_view>
+#include <utility>
 
+#include "base/fingerprint.hpp"
 #include "base/printable.hpp"
+#include "webserver/files.hpp"
 #include "webserver/hub.hpp"
 #include "webserver/requests.hpp"
 
@@ -17,8 +19,8 @@ namespace {
 using nlohmann::json;
 
 constexpr auto kVerbPatience = std::chrono::seconds(5);
+constexpr auto kKeepPeriod = std::chrono::seconds(5);
 constexpr auto kStartPatience = std::chrono::seconds(60);  // a long protocol is compiled
-constexpr std::size_t kFileBytes = std::size_t{1} << 20U;
 
 /// Who may: everybody with a session may stop the rig, whoever has control; the rest is for who has it.
 struct Verb {
@@ -35,39 +37,13 @@ Hub::Answer answer(int status, const std::string& text) {
   return {status, dump({{"ok", status == 200}, {"text", text}})};
 }
 
-/// Nothing: there is no such file, or it is longer than a protocol can be.
-std::optional<std::string> text_of(const std::filesystem::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!in) return std::nullopt;
-  std::string text(kFileBytes + 1, '\0');
-  in.read(text.data(), static_cast<std::streamsize>(text.size()));
-  text.resize(static_cast<std::size_t>(in.gcount()));
-  if (text.size() > kFileBytes) return std::nullopt;
-  return text;
-}
-
-/// The text at `key`, if it is one; what a page sends may be anything.
-std::string text_at(const json& body, const char* key) {
-  const auto found = body.find(key);
-  return found != body.end() && found->is_string() ? found->get<std::string>() : std::string();
-}
-
 }  // namespace
 
-std::vector<std::string> Hub::files(const std::filesystem::path& folder) const {
-  std::vector<std::string> out;
-  std::error_code error;
-  for (std::filesystem::directory_iterator at(folder, error), end; !error && at != end; at.increment(error)) {
-    const auto name = at->path().filename().string();
-    std::error_code ignored;
-    if (is_plain_toml_name(name) && at->is_regular_file(ignored)) out.push_back(name);
-  }
-  std::sort(out.begin(), out.end());
-  return out;
-}
-
 std::string Hub::library() const {
-  return dump({{"protocols", files(settings_.protocols)}, {"specimens", files(settings_.specimens)}});
+  return dump({{"protocols", toml_files(settings_.protocols, true)},
+               {"saved", toml_files(saved_.folder(), false)},
+               {"specimens", toml_files(settings_.specimens, true)},
+               {"models", toml_files(settings_.models, true)}});
 }
 
 void Hub::perform(const std::string& verb, const std::string& session, const std::string& body, const Reply& reply) {
@@ -78,21 +54,26 @@ void Hub::perform(const std::string& verb, const std::string& session, const std
   if (!given.is_object()) return reply(answer(400, "the body has to be a JSON object"));
   if (verb == "lease") return change_lease(session, *who, text_at(given, "action"), reply);
   if (verb == "leave") {
+    if (access_.has_control(session)) change_lease(session, *who, "give-back", [](const Answer&) {});
     access_.leave(session);
     spdlog::info("session of {} (uid {}) ended", base::printable(who->name), who->uid);
     tell_lease();
     return reply(answer(200, "view only from now on"));
   }
+  if (verb == "check") return check_protocol(given, reply);
+  if (verb == "save") return save_protocol(*who, given, reply);
   if (verb == "preview") return start_run(*who, given, true, reply);
   const auto found = std::find_if(kVerbs.begin(), kVerbs.end(), [&](const Verb& v) { return v.name == verb; });
-  const bool note = verb == "note", start = verb == "start";
-  if (found == kVerbs.end() && !note && !start) return reply(answer(404, "no such call: " + base::printable(verb)));
-  if ((start || (found != kVerbs.end() && found->needs_control)) && !access_.has_control(session)) {
-    const auto lease = access_.lease();
+  const bool note = verb == "note", start = verb == "start", twin = verb == "twin";
+  if (found == kVerbs.end() && !note && !start && !twin)
+    return reply(answer(404, "no such call: " + base::printable(verb)));
+  if ((start || twin || (found != kVerbs.end() && found->needs_control)) && !access_.has_control(session)) {
+    const auto control = access_.control();
     return reply(
-        answer(409, lease ? lease->who.name + " has control; take it over if that is agreed" : "take control first"));
+        answer(409, control ? control->holder + " has control; take it over if that is agreed" : "take control first"));
   }
   if (start) return start_run(*who, given, false, reply);
+  if (twin) return change_twin(*who, given, reply);
   if (note) {
     json correction{{"by", who->name}};
     for (const char* key : {"run", "operator", "text", "specimen_name"}) {
@@ -110,39 +91,91 @@ void Hub::perform(const std::string& verb, const std::string& session, const std
 }
 
 void Hub::change_lease(const std::string& session, const Who& who, const std::string& action, const Reply& reply) {
-  if (action == "give-back") {
-    if (access_.give_back(session))
-      spdlog::info("control given back by {} (uid {})", base::printable(who.name), who.uid);
-    tell_lease();
-    return reply(answer(200, "control is free"));
-  }
-  if (action != "take" && action != "take-over") {
+  if (action != "take" && action != "take-over" && action != "give-back")
     return reply(answer(400, "`action` has to be take, take-over or give-back"));
+  daemon_.call(
+      "POST", "/v1/control", dump({{"action", action}}), kVerbPatience,
+      [this, session, who, action, reply](DaemonAnswer a) {
+        if (a.status == 200) {
+          const auto from = text_at(a.body, "taken_from");
+          const auto name = base::printable(who.name);
+          if (action == "give-back") {
+            spdlog::info("control given back by {} (uid {})", name, who.uid);
+          } else if (from.empty()) {
+            spdlog::info("control taken by {} (uid {})", name, who.uid);
+          } else {
+            spdlog::warn("control taken over by {} (uid {}) from {}", name, who.uid, base::printable(from));
+          }
+          access_.won(session, a.body.value("term", std::uint64_t{0}));
+        }
+        if (a.body.contains("control")) {
+          take_note_of_control(a.body["control"]);
+          status_is_older_ = true;
+        }
+        if (a.status == 404) {
+          return reply(answer(404,
+                              "isorigd is older than this page: restart it when the rig rests; until then use isorig "
+                              "at a terminal"));
+        }
+        reply({a.status == 0 ? 502 : a.status, dump(a.body)});
+      },
+      on_behalf_of(who));
+}
+
+/// Null: nobody has it.
+void Hub::take_note_of_control(const json& control) {
+  std::optional<Access::Control> now;
+  if (control.is_object()) {
+    const bool terminal = text_at(control, "where") == "terminal";
+    now = Access::Control{text_at(control, "holder") + (terminal ? " (terminal)" : ""),
+                          control.value("term", std::uint64_t{0})};
   }
-  const auto taken = access_.take(session, action == "take-over", std::chrono::steady_clock::now());
-  if (taken.ok) {
-    if (taken.taken_from.empty()) {
-      spdlog::info("control taken by {} (uid {})", base::printable(who.name), who.uid);
-    } else {
-      spdlog::warn("control taken over by {} (uid {}) from {}", base::printable(who.name), who.uid,
-                   base::printable(taken.taken_from));
-    }
-    tell_lease();
-  }
-  reply(answer(taken.ok ? 200 : 409, taken.text));
+  if (access_.control_is(now)) tell_lease();
+}
+
+/// A daemon that ends takes its word about control with it. Who looks at his page all the while asks the next one for
+/// it, unless somebody else was first.
+void Hub::regain_control() {
+  const auto session = std::exchange(holder_before_, {});
+  const auto who = session.empty() ? std::nullopt : access_.who(session, std::chrono::steady_clock::now());
+  if (who && !access_.control()) change_lease(session, *who, "take", [](const Answer&) {});
+}
+
+/// The daemon ends the control of a page that nobody looks at any more: that somebody does is said here.
+void Hub::keep_control(Time now) {
+  if (now - kept_ < kKeepPeriod) return;
+  const auto session = access_.present_holder();
+  const auto who = session ? access_.who(*session, now) : std::nullopt;
+  if (!who) return;
+  kept_ = now;
+  daemon_.call(
+      "POST", "/v1/control", R"({"action":"keep"})", kVerbPatience, [](const DaemonAnswer&) {}, on_behalf_of(*who));
 }
 
 void Hub::start_run(const Who& who, const json& given, bool preview, const Reply& reply) {
-  json body{{"operator", text_at(given, "operator")}};
-  if (body["operator"] == "") return reply(answer(400, "who runs it? name the operator"));
-  if (const auto text = text_at(given, "protocol"); !text.empty()) {
+  const auto who_runs = text_at(given, "operator");
+  if (who_runs.empty()) return reply(answer(400, "who runs it? name the operator"));
+  json body{{"operator", who_runs}};
+  if (const auto run = text_at(given, "resume_run"); !run.empty()) {
+    body["resume_run"] = run;
+    // Said by the person for each: another measurement goes on in the same run.
+    for (const char* key : {"resume_aborted", "on_another_rig", "another_specimen"}) {
+      const auto said = given.find(key);
+      body[key] = said != given.end() && said->is_boolean() && said->get<bool>();
+    }
+  } else if (const auto text = text_at(given, "protocol"); !text.empty()) {
     body["protocol"] = text;
     const auto name = text_at(given, "protocol_name");
     body["protocol_name"] = name.empty() ? "protocol.toml" : name;
   } else {
     const auto name = text_at(given, "protocol_file");
-    const auto file = is_plain_toml_name(name) ? text_of(settings_.protocols / name) : std::nullopt;
+    const auto file = protocol_text(text_at(given, "protocol_from"), name);
     if (!file) return reply(answer(400, "no protocol " + base::printable(name) + " in the library"));
+    // Every session may write saved files: what starts has to be what was checked.
+    if (const auto checked = text_at(given, "protocol_version");
+        !checked.empty() && checked != base::fingerprint(*file)) {
+      return reply(answer(409, name + " was changed since it was checked: check it again"));
+    }
     body["protocol"] = *file;
     body["protocol_name"] = name;
   }
@@ -150,6 +183,10 @@ void Hub::start_run(const Who& who, const json& given, bool preview, const Reply
   if (const auto name = text_at(given, "specimen_file"); !name.empty()) {
     const auto file = is_plain_toml_name(name) ? text_of(settings_.specimens / name) : std::nullopt;
     if (!file) return reply(answer(400, "no specimen " + base::printable(name) + " in the library"));
+    if (const auto checked = text_at(given, "specimen_version");
+        !checked.empty() && checked != base::fingerprint(*file)) {
+      return reply(answer(409, name + " was changed since it was checked: check it again"));
+    }
     body["specimen"] = *file;
     body["specimen_name"] = name;
   } else if (const auto said = given.find("specimen_file"); said == given.end() || !said->is_string()) {
@@ -157,21 +194,33 @@ void Hub::start_run(const Who& who, const json& given, bool preview, const Reply
   }
   if (preview) {
     body["dry_run"] = true;
-    return daemon_.call("POST", "/v1/start", dump(body), kStartPatience, [reply](const DaemonAnswer& a) {
-      reply({a.status == 0 ? 502 : a.status, dump(a.body)});
-    });
+    json versions = json::object();
+    for (const char* key : {"protocol", "specimen"}) {
+      if (body.contains(key))
+        versions[std::string(key) + "_version"] = base::fingerprint(body[key].get_ref<const std::string&>());
+    }
+    return daemon_.call(
+        "POST", "/v1/start", dump(body), kStartPatience,
+        [reply, versions = std::move(versions)](DaemonAnswer a) {
+          if (a.status == 200) a.body.update(versions);
+          reply({a.status == 0 ? 502 : a.status, dump(a.body)});
+        },
+        on_behalf_of(who));
   }
   forward("start", who, dump(body), reply);
 }
 
 void Hub::forward(const std::string& verb, const Who& who, std::string body, const Reply& reply) {
-  daemon_.call("POST", "/v1/" + verb, std::move(body), verb == "start" || verb == "go" ? kStartPatience : kVerbPatience,
-               [verb, who, reply](const DaemonAnswer& a) {
-                 const auto text = a.body.value("text", std::string());
-                 spdlog::info("{} by {} (uid {}): {}", verb, base::printable(who.name), who.uid,
-                              base::printable(text.substr(0, text.find('\n'))));
-                 reply({a.status == 0 ? 502 : a.status, dump(a.body)});
-               });
+  daemon_.call(
+      "POST", "/v1/" + verb, std::move(body), verb == "start" || verb == "go" ? kStartPatience : kVerbPatience,
+      [this, verb, who, reply](const DaemonAnswer& a) {
+        if (verb == "notes") looked_up_.forget();
+        const auto text = a.body.value("text", std::string());
+        spdlog::info("{} by {} (uid {}): {}", verb, base::printable(who.name), who.uid,
+                     base::printable(text.substr(0, text.find('\n'))));
+        reply({a.status == 0 ? 502 : a.status, dump(a.body)});
+      },
+      on_behalf_of(who));
 }
 
 }  // namespace isorig::web

@@ -70,10 +70,12 @@ void Core::watch_zero(const FrameReport& report) noexcept {
 
 bool Core::take_trips(std::int64_t now_ns, const TripList& found) noexcept {
   bool fresh = false;
-  const Trip worst = found.worst();
-  if (state_ != RunState::kFaulted && worst.severity >= Severity::kProgramStop) {
+  // What the devices did while the loop was away follows from that: it is the cause, whatever is worse follows below.
+  const Trip late = found.of("loop.late");
+  const Trip first = late.severity >= Severity::kProgramStop ? late : found.worst();
+  if (state_ != RunState::kFaulted && first.severity >= Severity::kProgramStop) {
     clear_faults();
-    trip_over(now_ns, worst);
+    trip_over(now_ns, first);
     fresh = true;
   }
   for (const auto& trip : found) {

@@ -180,10 +180,22 @@ bool Supervisor::healthy(std::int64_t now_ns, const char** why, bool guard_may_b
     return seen_ns >= 0 && seconds(now_ns - seen_ns) <= limit_s;
   };
   const char* reason = nullptr;
-  if (!fresh(frame_seen_ns_, config_.frame_age_max_s)) {
+  // The chain first: a frame whose drive it has cut reports a fault for that alone.
+  if (fresh(interlock_seen_ns_, config_.interlock_age_max_s) && !interlock_.lost && !interlock_.estop_closed) {
+    reason = "the emergency-stop chain is open";
+  } else if (fresh(interlock_seen_ns_, config_.interlock_age_max_s) && !interlock_.lost && !interlock_.guard_closed &&
+             !guard_may_be_open) {
+    reason = "the guard is open";
+  } else if (!fresh(frame_seen_ns_, config_.frame_age_max_s)) {
     reason = "no samples from the frame";
+  } else if (number_missing_ns_ >= 0 && seconds(now_ns - number_missing_ns_) <= config_.frame_age_max_s) {
+    reason = "the frame sends values that are no numbers; check its transducers";
   } else if (!frame_state_known_) {
     reason = "the frame has not reported its state";
+  } else if ((frame_state_.fault_bits & frame::kInterlockOpen) != 0) {
+    reason = "the frame says that its safety chain is open";
+  } else if ((frame_state_.fault_bits & frame::kHeartbeatLost) != 0) {
+    reason = "the frame misses our heartbeat";
   } else if ((frame_state_.fault_bits & ~frame::kSampleBufferOverrun) != 0) {
     reason = "the frame reports a fault";
   } else if (frame_state_.motion == frame::Motion::kFault) {
@@ -204,10 +216,6 @@ bool Supervisor::healthy(std::int64_t now_ns, const char** why, bool guard_may_b
     reason = "the interlock is not being read";
   } else if (interlock_.lost) {
     reason = "the interlock inputs cannot be read";
-  } else if (!interlock_.estop_closed) {
-    reason = "the emergency-stop chain is open";
-  } else if (!interlock_.guard_closed && !guard_may_be_open) {
-    reason = "the guard is open";
   }
   if (why != nullptr) *why = reason == nullptr ? "" : reason;
   return reason == nullptr;
@@ -217,6 +225,7 @@ void Supervisor::rearm(std::int64_t now_ns) noexcept {
   disagree_since_ns_ = -1;
   found_.clear();
   segment_active_ = segment_moving_ = false;
+  arrived_ns_ = -1;
   force_watch_.restart();
   rearm_limit(travel_, last_position_mm_, travel_bounds());
   rearm_limit(force_, last_force_N_, force_bounds());

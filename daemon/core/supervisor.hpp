@@ -124,6 +124,7 @@ class Supervisor {
   static void rearm_limit(Passed& passed, double value, const Bounds& bounds) noexcept;
   void watch_force(const FrameRecord& sample) noexcept;
   void watch_following(const FrameRecord& sample) noexcept;
+  void watch_arrival(const FrameRecord& sample) noexcept;
   void watch_frame_faults(const frame::State& state) noexcept;
 
   SupervisorConfig config_;
@@ -142,7 +143,9 @@ class Supervisor {
   bool frame_state_known_ = false;
 
   ForceWatch force_watch_;
-  double last_position_mm_ = 0.0, last_force_N_ = 0.0;
+  double last_position_mm_ = 0.0, last_force_N_ = 0.0, last_raw_position_mm_ = 0.0;
+  std::int64_t number_missing_ns_ = -1;  ///< a sample that was no number came last
+  std::uint32_t reference_epoch_ = 0;
   bool device_vented_ = false;
   std::int64_t excused_until_ns_ = 0;  ///< after a late tick the streams get time to come in
 
@@ -158,8 +161,11 @@ class Supervisor {
 
   bool segment_active_ = false;
   bool segment_acknowledged_ = false;
-  bool segment_moving_ = false;  ///< the frame says so
-  bool lag_warned_ = false;      ///< once a segment
+  bool segment_moving_ = false;   ///< the frame says so
+  bool lag_warned_ = false;       ///< once a segment
+  bool segment_arrived_ = false;  ///< the frame has said so
+  std::int64_t arrived_ns_ = -1;  ///< when it said so of arrived_; no sample from after that yet
+  frame::Segment arrived_;
   frame::Segment segment_;
   std::uint32_t segment_number_ = 0;
   double segment_from_mm_ = 0.0;

@@ -21,11 +21,13 @@ constexpr double kForceMarginShare = 0.05;  // of the range between the two limi
 void Supervisor::on_frame_sample(const FrameRecord& s) noexcept {
   frame_seen_ns_ = std::max(frame_seen_ns_, s.mono_ns);
   if (!std::isfinite(s.position_mm) || !std::isfinite(s.force_N)) {
+    number_missing_ns_ = s.mono_ns;
     note("frame.number", "the frame sent a value that is not a number; check its transducers and the register map", 0.0,
          0.0);
     return;
   }
   last_position_mm_ = s.position_mm;
+  last_raw_position_mm_ = double{s.raw_position_mm};
   last_force_N_ = s.force_N;
   watch_limit(travel_, "limit.travel", "position outside the travel limits; check the specimen and the zero",
               s.position_mm, travel_bounds());
@@ -33,6 +35,7 @@ void Supervisor::on_frame_sample(const FrameRecord& s) noexcept {
               force_bounds());
   watch_force(s);
   watch_following(s);
+  watch_arrival(s);
 }
 
 Supervisor::Bounds Supervisor::travel_bounds() const noexcept {
@@ -128,6 +131,19 @@ void Supervisor::watch_following(const FrameRecord& s) noexcept {
   }
 }
 
+/// "Reached" is the frame's word; where the crosshead is, the first sample from after it says, also of a stream that
+/// has to be caught up with. By then the next segment may have begun: 50 ms of the speed are far more than that way.
+void Supervisor::watch_arrival(const FrameRecord& s) noexcept {
+  if (arrived_ns_ < 0 || s.mono_ns < arrived_ns_) return;
+  arrived_ns_ = -1;
+  const double speed_mm_s = std::max(double{arrived_.velocity_mm_s}, double{segment_.velocity_mm_s});
+  if (std::abs(double{s.raw_position_mm} - double{arrived_.target_mm}) >
+      config_.following_error_min_mm + 0.05 * speed_mm_s) {
+    note("frame.following", "the frame says that it has reached its target, and is not there; check drive and zero",
+         double{s.raw_position_mm}, double{arrived_.target_mm});
+  }
+}
+
 void Supervisor::watch_frame_faults(const frame::State& state) noexcept {
   const auto bits = static_cast<double>(state.fault_bits);
   if ((state.fault_bits & frame::kInterlockOpen) != 0) {
@@ -147,6 +163,10 @@ void Supervisor::watch_frame_faults(const frame::State& state) noexcept {
 
 void Supervisor::on_frame_report(const FrameReport& report) noexcept {
   const frame::State& state = report.state;
+  if (report.reference_epoch != reference_epoch_) {
+    reference_epoch_ = report.reference_epoch;
+    at_rest_ = false;  // it counts from another zero: that is no motion
+  }
   watch_standstill(report);
   frame_state_ = state;
   frame_state_known_ = true;
@@ -164,6 +184,19 @@ void Supervisor::on_frame_report(const FrameReport& report) noexcept {
         "the frame stopped short of its target, and not because we said so; look at its display, then reset and resume",
         0.0, double{segment_.target_mm});
     segment_active_ = segment_moving_ = false;
+  }
+  // A connection that is started afresh stops the frame, and knows of no segment. One that has arrived loses nothing.
+  if (segment_active_ && segment_acknowledged_ && !segment_arrived_ && report.taken_segment != segment_number_) {
+    note("frame.stopped",
+         "the connection to the frame was lost and started afresh, which stopped it short of its target; check the "
+         "line, then reset and resume",
+         last_raw_position_mm_, double{segment_.target_mm});
+    segment_active_ = segment_moving_ = false;
+  }
+  if (is_of_segment && segment_acknowledged_ && !segment_arrived_ && state.motion == frame::Motion::kReached) {
+    segment_arrived_ = true;
+    arrived_ns_ = report.mono_ns;
+    arrived_ = segment_;
   }
   if (segment_active_ && !segment_acknowledged_ && report.refused_segment == segment_number_) {
     note("frame.segment", "the frame refused the segment; look at its display and its limits", 0.0,
@@ -184,7 +217,7 @@ void Supervisor::on_segment(const frame::Segment& segment, std::uint32_t number,
                             std::int64_t mono_ns) noexcept {
   segment_number_ = number;
   segment_active_ = told_to_move_ = true;
-  segment_acknowledged_ = lag_warned_ = false;
+  segment_acknowledged_ = segment_arrived_ = lag_warned_ = false;
   segment_ = segment;
   segment_from_mm_ = from_mm;
   segment_start_ns_ = mono_ns;
@@ -192,6 +225,7 @@ void Supervisor::on_segment(const frame::Segment& segment, std::uint32_t number,
 
 void Supervisor::on_stop(std::int64_t mono_ns, std::uint32_t request) noexcept {
   segment_active_ = segment_moving_ = false;
+  arrived_ns_ = -1;
   if (!stop_pending_) {
     stop_renewed_ = !told_to_move_ && frame_stands_;
     if (!stop_renewed_) at_rest_ = false;

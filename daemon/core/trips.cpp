@@ -84,6 +84,13 @@ void TripList::note(const Trip& trip) noexcept {
   if (trip.severity > items_.back().severity) items_.back() = trip;
 }
 
+Trip TripList::of(std::string_view code) const noexcept {
+  for (const auto& trip : *this) {
+    if (code == trip.code) return trip;
+  }
+  return {};
+}
+
 Trip TripList::worst() const noexcept {
   Trip worst;
   for (const auto& trip : *this) {

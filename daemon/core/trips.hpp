@@ -59,6 +59,8 @@ class TripList {
   [[nodiscard]] const Trip* end() const noexcept { return items_.data() + count_; }
   /// The first of the worst severity; an empty Trip when there is none.
   [[nodiscard]] Trip worst() const noexcept;
+  /// The one of this code; an empty Trip when it is not there.
+  [[nodiscard]] Trip of(std::string_view code) const noexcept;
 
  private:
   std::array<Trip, 24> items_{};

@@ -1,5 +1,7 @@
 #include "daemon/host/api.hpp"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -11,6 +13,7 @@
 #include "base/printable.hpp"
 #include "base/toml_reader.hpp"
 #include "daemon/core/live_window.hpp"
+#include "daemon/host/api_calls.hpp"
 #include "daemon/host/api_requests.hpp"
 #include "daemon/host/host.hpp"
 #include "daemon/host/paths.hpp"
@@ -23,19 +26,6 @@ using nlohmann::json;
 constexpr std::size_t kTasksQueued = 8;
 constexpr auto kVerbPatience = std::chrono::seconds(2);
 constexpr auto kAnswerPoll = std::chrono::milliseconds(1);
-
-struct Call {
-  const char* method;
-  const char* path;
-};
-constexpr std::array kCalls{
-    Call{"GET", "/v1/status"},        Call{"GET", "/v1/events"},        Call{"GET", "/v1/readings"},
-    Call{"GET", "/v1/calibrations"},  Call{"GET", "/v1/selftest"},      Call{"POST", "/v1/start"},
-    Call{"POST", "/v1/pause"},        Call{"POST", "/v1/resume"},       Call{"POST", "/v1/abort"},
-    Call{"POST", "/v1/reset"},        Call{"POST", "/v1/confirm-zero"}, Call{"POST", "/v1/seal"},
-    Call{"POST", "/v1/calibrations"}, Call{"POST", "/v1/notes"},        Call{"POST", "/v1/go"},
-    Call{"POST", "/v1/setup"},        Call{"POST", "/v1/jog"},          Call{"POST", "/v1/accept-rig"},
-    Call{"GET", "/v1/plan"}};
 
 struct Verb {
   const char* path;
@@ -52,6 +42,10 @@ HttpAnswer answer(int status, const json& body) {
 }
 HttpAnswer refusal(int status, const std::string& text) {
   return answer(status, {{"ok", false}, {"text", text}});
+}
+HttpAnswer no_such_call(const HttpRequest& q, bool only_stops) {
+  const auto why = why_no_such_call(q, only_stops);
+  return refusal(why.status, why.text);
 }
 HttpAnswer answer(const Host::Result& result) {
   return answer(result.ok ? 200 : 409, {{"ok", result.ok}, {"text", result.text}, {"run", result.run}});
@@ -83,7 +77,12 @@ HttpAnswer answered(Call&& call) {
   try {
     return call();
   } catch (const base::ConfigError& e) {
-    return refusal(400, e.what());
+    json places = json::array();
+    for (const auto& d : e.diagnostics()) {
+      places.push_back(
+          {{"file", d.file}, {"line", d.line}, {"column", d.column}, {"message", d.message}, {"text", d.text()}});
+    }
+    return answer(400, {{"ok", false}, {"text", e.what()}, {"diagnostics", std::move(places)}});
   } catch (const BadRequest& e) {
     return refusal(400, e.what());
   } catch (const std::exception& e) {
@@ -111,39 +110,12 @@ HttpAnswer readings(const Host& host, const HttpRequest& q) {
   return answer(200, host.readings_json(window_s));
 }
 
-/// An unknown key would be ignored without a word. Of the calls that stop the rig none is refused for it.
-std::optional<HttpAnswer> unknown_query(const HttpRequest& q) {
-  if (q.method == "POST" && (q.path == "/v1/abort" || q.path == "/v1/pause")) return std::nullopt;
-  const std::string known = q.path == "/v1/events" ? "after" : q.path == "/v1/readings" ? "window_s" : "";
-  for (const auto& [key, value] : q.query) {
-    if (key == known) continue;
-    return refusal(400, q.path + " takes " + (known.empty() ? "no query" : "`" + known + "` only") + ", and not `" +
-                            base::printable(key) + "`");
-  }
-  return std::nullopt;
-}
-
-HttpAnswer no_such_call(const HttpRequest& q, bool only_stops) {
-  std::string known, methods;
-  for (const auto& call : kCalls) {
-    if (q.path == call.path) methods += (methods.empty() ? "" : " or ") + std::string(call.method);
-    known += (known.empty() ? "" : ", ") + std::string(call.method) + " " + call.path;
-  }
-  const std::string asked = q.method + " " + q.path;
-  if (only_stops) {
-    return refusal(404, asked +
-                            " is not taken on this socket; it has GET /v1/status, POST /v1/abort, POST /v1/pause, and "
-                            "the one without .stop has the rest");
-  }
-  if (!methods.empty()) return refusal(405, asked + ": the method has to be " + methods);
-  return refusal(404, asked + " is not a call of this daemon; it has " + known);
-}
-
 }  // namespace
 
-Api::Api(Host& host, const std::filesystem::path& socket_path, unsigned mode, Audit audit)
+Api::Api(Host& host, const std::filesystem::path& socket_path, unsigned mode, Audit audit, Roles roles,
+         AuditLog* audit_log)
     : host_(host),
-      audit_(std::move(audit)),
+      gate_(std::move(roles), audit_log, std::move(audit), [&host] { return !host.is_between_runs(); }),
       listener_(socket_path, mode),
       stop_listener_(stop_socket_of(socket_path), mode),
       server_(
@@ -188,44 +160,97 @@ void Api::stop() {
   stop_server_.stop();
 }
 
-void Api::handle(HttpServer& server, const HttpRequest& q, const HttpServer::Reply& reply) {
-  if (const auto wrong = unknown_query(q)) return reply(*wrong);
+void Api::handle(HttpServer& server, const HttpRequest& q, HttpServer::Reply raw_reply) {
+  if (const auto wrong = why_not_the_query(q); !wrong.empty()) return raw_reply(refusal(400, wrong));
+  const bool stops = &server == &stop_server_;
+  if (stops && !is_of_the_stop_socket(q)) return raw_reply(no_such_call(q, true));
+  const auto entered = gate_.enter(q, needs_of(q), std::move(raw_reply));
+  const auto& reply = entered.reply;
+  if (entered.status != 0) return reply(refusal(entered.status, entered.refused));
   if (answer_at_once(server, q, reply)) return;
+  if (q.method == "POST" && q.path == "/v1/control") {
+    return reply(answered([&] { return gate_.change_control(*entered.pass); }));
+  }
+  if (!answer_later(entered.pass, reply)) reply(no_such_call(q, false));
+}
+
+/// What waits for a disk or a compiler, by the thread in work(). False: it is not one of these.
+bool Api::answer_later(const Pass& pass, const HttpServer::Reply& reply) {
+  const auto& q = pass->request;
   const bool get = q.method == "GET", post = q.method == "POST";
-  if (&server == &stop_server_) return reply(no_such_call(q, true));
   if (post && q.path == "/v1/start") {
-    later(q, reply, [this, body = q.body] {
+    later(pass, reply, [this, pass] {
       return answered([&] {
         bool dry_run = false;
-        const auto options = start_options(body, &dry_run);
-        if (!dry_run) return answer(host_.start(options));
+        const auto options = start_options(pass->request.body, &dry_run);
+        if (!dry_run) return with_control(pass, [&] { return answer(host_.start(options)); });
         const auto seen = host_.preview(options);
         return answer(seen.value("ok", false) ? 200 : 409, seen);
       });
     });
   } else if (post && q.path == "/v1/notes") {
-    later(q, reply, [this, body = q.body] { return answered([&] { return answer(host_.amend(correction(body))); }); });
+    later(pass, reply,
+          [this, pass] { return answered([&] { return answer(host_.amend(correction(pass->request.body))); }); });
   } else if (post && q.path == "/v1/go") {
-    later(q, reply, [this] { return answered([&] { return answer(host_.go()); }); });
+    later(pass, reply,
+          [this, pass] { return answered([&] { return with_control(pass, [&] { return answer(host_.go()); }); }); });
   } else if (post && q.path == "/v1/accept-rig") {
-    later(q, reply,
-          [this, q] { return answered([&] { return answer(host_.accept_rig(accepting_operator(q.body), q.uid)); }); });
+    later(pass, reply, [this, pass] {
+      return answered([&] {
+        const auto& request = pass->request;
+        const auto by = accepting_operator(request.body);
+        return with_control(pass, [&] { return answer(host_.accept_rig(by, request.peer.uid)); });
+      });
+    });
   } else if (post && q.path == "/v1/calibrations") {
-    later(q, reply, [this, body = q.body] {
-      return answered([&] { return answer(host_.add_calibration(calibration_record(body))); });
+    later(pass, reply, [this, pass] {
+      return answered([&] {
+        const auto record = calibration_record(pass->request.body);
+        return with_control(pass, [&] { return answer(host_.add_calibration(record)); });
+      });
     });
   } else if (get && q.path == "/v1/plan") {
-    later(q, reply, [this] { return answer(200, host_.plan_json()); });  // a plan may have 50,000 steps
+    later(pass, reply, [this] { return answer(200, host_.plan_json()); });  // a plan may have 50,000 steps
+  } else if (get && q.path == "/v1/runs") {
+    later(pass, reply, [this] { return answered([&] { return answer(200, host_.runs_json()); }); });
+  } else if (get && q.path == "/v1/report") {
+    const auto run = q.query.find("run");
+    if (run == q.query.end()) return reply(refusal(400, "`run` has to name a run: /v1/report?run=ID")), true;
+    later(pass, reply,
+          [this, id = run->second] { return answered([&] { return answer(200, host_.report_json(id)); }); });
+  } else if (post && q.path == "/v1/check") {
+    later(pass, reply, [this, pass] {
+      return answered([&] {
+        const auto asked = check_request(pass->request.body);
+        return answer(200, host_.check_json(asked.protocol_text, asked.protocol_name));
+      });
+    });
+  } else if (get && q.path == "/v1/diagnoses") {
+    later(pass, reply, [this] { return answered([&] { return answer(200, host_.diagnoses().list()); }); });
+  } else if (get && (q.path == "/v1/diagnosis" || q.path == "/v1/experiment")) {
+    const auto id = q.query.find("id");
+    if (id == q.query.end())
+      return reply(refusal(400, "`id` has to name one of GET /v1/diagnoses: " + q.path + "?id=ID")), true;
+    later(pass, reply, [this, page = q.path == "/v1/diagnosis", id = id->second] {
+      return answered(
+          [&] { return answer(200, page ? host_.diagnoses().page(id) : host_.diagnoses().experiment(id)); });
+    });
   } else if (get && q.path == "/v1/selftest") {
-    later(q, reply, [this] { return answer(200, host_.selftest_json()); });
+    later(pass, reply, [this] { return answer(200, host_.selftest_json()); });
   } else {
-    reply(no_such_call(q, false));
+    return false;
   }
+  return true;
+}
+
+/// Judged when it is its turn: who had control when the call came in may have lost it meanwhile.
+HttpAnswer Api::with_control(const Pass& pass, const std::function<HttpAnswer()>& call) {
+  const auto why = gate_.take_control(*pass);
+  return why.empty() ? call() : refusal(409, why);
 }
 
 /// What needs no disk, in the thread of the connections. False: it is not one of these.
 bool Api::answer_at_once(HttpServer& server, const HttpRequest& q, const HttpServer::Reply& reply) {
-  const bool stops = &server == &stop_server_;
   if (q.method == "POST") {
     std::optional<Request> request;
     try {
@@ -234,18 +259,21 @@ bool Api::answer_at_once(HttpServer& server, const HttpRequest& q, const HttpSer
       return reply(refusal(400, e.what())), true;
     }
     if (!request) return false;
-    if (stops && request->verb != Request::Verb::kAbort && request->verb != Request::Verb::kPause) return false;
     const auto number = host_.submit(*request);
     if (number == 0) {
       reply(refusal(409, "the loop does not take requests; is it running?"));
     } else {
-      await(server, std::make_shared<Wait>(Wait{number, q, reply, std::chrono::steady_clock::now() + kVerbPatience}));
+      await(server, std::make_shared<Wait>(Wait{number, reply, std::chrono::steady_clock::now() + kVerbPatience}));
     }
     return true;
   }
   if (q.method != "GET") return false;
-  if (q.path == "/v1/status") return reply(answer(200, host_.status_json())), true;
-  if (stops) return false;
+  if (q.path == "/v1/status") {
+    auto status = host_.status_json();
+    status["control"] = gate_.control_json();
+    status["pid"] = ::getpid();  // another one: another daemon, which knows nothing of who had control
+    return reply(answer(200, status)), true;
+  }
   if (q.path == "/v1/events") return reply(events(host_, q)), true;
   if (q.path == "/v1/readings") return reply(readings(host_, q)), true;
   if (q.path == "/v1/calibrations") return reply(answer(200, host_.calibrations_json())), true;
@@ -253,31 +281,25 @@ bool Api::answer_at_once(HttpServer& server, const HttpRequest& q, const HttpSer
 }
 
 void Api::await(HttpServer& server, const std::shared_ptr<Wait>& wait) {
-  if (const auto result = host_.answer_to(wait->number)) {
-    const auto taken = answer(*result);
-    note(wait->request, taken);
-    return wait->reply(taken);
-  }
+  if (const auto result = host_.answer_to(wait->number)) return wait->reply(answer(*result));
   if (std::chrono::steady_clock::now() < wait->deadline) {
     return server.after(kAnswerPoll, [this, &server, wait] { await(server, wait); });
   }
-  const auto none = refusal(409, "the real-time loop did not answer within 2 s; see isorig status");
-  note(wait->request, none);
-  wait->reply(none);
+  wait->reply(refusal(409, "the real-time loop did not answer within 2 s; see isorig status"));
 }
 
-void Api::later(const HttpRequest& q, const HttpServer::Reply& reply, std::function<HttpAnswer()> task) {
+void Api::later(const Pass& pass, const HttpServer::Reply& reply, std::function<HttpAnswer()> task) {
   {
     const std::lock_guard lock(mutex_);
     if (tasks_.size() < kTasksQueued) {
-      tasks_.push_back([this, q, reply, task = std::move(task)] {
+      tasks_.push_back([pass, reply, task = std::move(task)] {
+        pass->may_read_long = true;
         HttpAnswer result;
         try {
           result = task();
         } catch (const std::exception& e) {
           result = refusal(500, std::string("isorigd could not answer: ") + e.what());
         }
-        if (q.method == "POST") note(q, result);
         reply(std::move(result));
       });
       more_.notify_one();
@@ -285,14 +307,6 @@ void Api::later(const HttpRequest& q, const HttpServer::Reply& reply, std::funct
     }
   }
   reply(refusal(503, "too many calls wait for their turn already; try again"));
-}
-
-void Api::note(const HttpRequest& q, const HttpAnswer& result) const {
-  if (!audit_) return;
-  const auto body = json::parse(result.json, nullptr, false);
-  const auto text = body.is_object() ? body.value("text", std::string()) : std::string();
-  audit_(q.path.substr(std::min<std::size_t>(4, q.path.size())) + " by uid " + std::to_string(q.uid) + " (process " +
-         std::to_string(q.pid) + "): " + text.substr(0, text.find('\n')));
 }
 
 }  // namespace isorig::daemon

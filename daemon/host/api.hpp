@@ -9,6 +9,7 @@
 #include <mutex>
 #include <string>
 
+#include "daemon/host/api_gate.hpp"
 #include "daemon/host/http_server.hpp"
 #include "daemon/host/unix_listener.hpp"
 
@@ -16,8 +17,9 @@ namespace isorig::daemon {
 
 class Host;
 
-/// The daemon's control API: HTTP + JSON on two Unix sockets. Whoever may open them may move the rig: their owner,
-/// group and mode are the access control (docs/api.md has the calls). Nothing listens on a network.
+/// The daemon's control API: HTTP + JSON on two Unix sockets (docs/api.md has the calls). Their owner, group and mode
+/// say who may come in, groups who may do what there, and one at a time has control (api_gate.hpp). Nothing listens on
+/// a network.
 ///
 /// The second socket, SOCKET.stop, takes abort, pause and status alone and has a thread of its own: what is asked of
 /// the first one cannot keep the rig from being stopped. What waits for disk or a compiler is done by a third thread.
@@ -26,8 +28,9 @@ class Api {
   /// Who did what with which answer, a line each.
   using Audit = std::function<void(const std::string&)>;
 
-  /// Binds and listens. Throws std::runtime_error (unix_listener.hpp).
-  Api(Host& host, const std::filesystem::path& socket_path, unsigned mode, Audit audit = {});
+  /// Binds and listens. Throws std::runtime_error (unix_listener.hpp). `audit_log` may be null.
+  Api(Host& host, const std::filesystem::path& socket_path, unsigned mode, Audit audit = {}, Roles roles = {},
+      AuditLog* audit_log = nullptr);
   ~Api();
 
   /// Each serves until stop() and has a thread to itself.
@@ -42,20 +45,21 @@ class Api {
   }
 
  private:
-  void handle(HttpServer& server, const HttpRequest& request, const HttpServer::Reply& reply);
+  using Pass = std::shared_ptr<ApiGate::Pass>;
+  void handle(HttpServer& server, const HttpRequest& request, HttpServer::Reply reply);
   bool answer_at_once(HttpServer& server, const HttpRequest& request, const HttpServer::Reply& reply);
+  bool answer_later(const Pass& pass, const HttpServer::Reply& reply);
+  HttpAnswer with_control(const Pass& pass, const std::function<HttpAnswer()>& call);
   struct Wait {
     std::uint32_t number = 0;
-    HttpRequest request;
     HttpServer::Reply reply;
     std::chrono::steady_clock::time_point deadline;
   };
   void await(HttpServer& server, const std::shared_ptr<Wait>& wait);
-  void later(const HttpRequest& request, const HttpServer::Reply& reply, std::function<HttpAnswer()> task);
-  void note(const HttpRequest& request, const HttpAnswer& answer) const;
+  void later(const Pass& pass, const HttpServer::Reply& reply, std::function<HttpAnswer()> task);
 
   Host& host_;
-  Audit audit_;
+  ApiGate gate_;
   UnixListener listener_;
   UnixListener stop_listener_;
   std::mutex mutex_;

@@ -21,6 +21,7 @@ constexpr std::size_t kLongestLine = 1024;  // a file's path may stand in one
 constexpr std::size_t kShortBody = 4096;
 constexpr std::size_t kAnyBody = std::numeric_limits<std::size_t>::max();  // the connection has its bound
 constexpr std::size_t kDeepest = 8;
+constexpr std::size_t kShownBytes = 200;  // of a value in a line of the audit log
 
 /// Counted before anything is made of it.
 bool is_too_deep(std::string_view text) {
@@ -136,6 +137,11 @@ StartOptions start_options(const std::string& body, bool* dry_run) {
   return o;
 }
 
+CheckRequest check_request(const std::string& body) {
+  const Body b("/v1/check", body, {"protocol", "protocol_name"}, kAnyBody);
+  return {b.text("protocol"), b.line("protocol_name", "protocol.toml")};
+}
+
 Correction correction(const std::string& body) {
   const Body b("/v1/notes", body, {"run", "by", "operator", "specimen", "specimen_name", "text"}, kAnyBody);
   return {b.line("run", ""),
@@ -170,6 +176,34 @@ std::string accepting_operator(const std::string& body) {
   const auto name = b.line("operator", "");
   if (name.empty()) b.fail("`operator` says who accepts the rig file, and is missing");
   return name;
+}
+
+std::string control_action(const std::string& body) {
+  const Body b("/v1/control", body, {"action"});
+  auto action = b.text("action");
+  for (const char* known : {"take", "take-over", "give-back", "keep"}) {
+    if (action == known) return action;
+  }
+  b.fail("`action` has to be take, take-over or give-back, or keep for a page that is looked at");
+}
+
+std::string short_arguments(const std::string& body, bool may_read_long) {
+  const auto bytes = std::to_string(body.size()) + " bytes";
+  if (body.empty()) return {};
+  if (body.size() > kShortBody && !may_read_long) return "(" + bytes + ")";
+  if (is_too_deep(body)) return "(" + bytes + ", nested deeper than " + std::to_string(kDeepest) + " levels)";
+  const auto given = json::parse(body, nullptr, false);
+  if (!given.is_object()) return "(" + bytes + ", no JSON object)";
+  std::string out;
+  for (const auto& [key, value] : given.items()) {
+    if (value.is_string() && value.get_ref<const std::string&>().empty()) continue;
+    auto text = value.is_string() ? value.get<std::string>() : value.dump();
+    if (text.size() > kShownBytes || text.find('\n') != std::string::npos)
+      text = "(" + std::to_string(text.size()) + " bytes)";
+    out += (out.empty() ? "" : ", ") + base::printable(key) + "=" + base::printable(text);
+    if (out.size() > kShortBody) return out.substr(0, kShortBody) + "...";
+  }
+  return out;
 }
 
 std::string calibration_record(const std::string& body) {

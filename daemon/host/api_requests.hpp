@@ -14,6 +14,12 @@ class BadRequest : public std::runtime_error {
 /// The body of POST /v1/start; `dry_run`: what of it is only to be shown. Throws BadRequest.
 [[nodiscard]] StartOptions start_options(const std::string& body, bool* dry_run = nullptr);
 
+struct CheckRequest {
+  std::string protocol_text, protocol_name;
+};
+/// The body of POST /v1/check. Throws BadRequest.
+[[nodiscard]] CheckRequest check_request(const std::string& body);
+
 /// The body of POST /v1/notes. Throws BadRequest.
 [[nodiscard]] Correction correction(const std::string& body);
 
@@ -28,5 +34,12 @@ class BadRequest : public std::runtime_error {
 
 /// Who signs, in the body of POST /v1/accept-rig. Throws BadRequest.
 [[nodiscard]] std::string accepting_operator(const std::string& body);
+
+/// What is wanted, in the body of POST /v1/control: take, take-over, give-back or keep. Throws BadRequest.
+[[nodiscard]] std::string control_action(const std::string& body);
+
+/// What a body says, for one line of a log: long texts as their length, and a body of more than 4 KiB too, unless
+/// `long` ones may be read. Never throws.
+[[nodiscard]] std::string short_arguments(const std::string& body, bool may_read_long);
 
 }  // namespace isorig::daemon

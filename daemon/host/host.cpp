@@ -6,6 +6,7 @@
 
 #include "daemon/host/host_prepared.hpp"
 #include "daemon/host/host_run.hpp"
+#include "daemon/recording/trip_evidence.hpp"
 #include "daemon/rig/calibrations.hpp"
 
 /// Host: the recorder's turns, the verbs, the end of a run.
@@ -26,6 +27,12 @@ std::string trouble_of(const RecorderStatus& s) {
   return s.fault;
 }
 
+std::vector<std::filesystem::path> places_of(const Host::Options& options) {
+  std::vector<std::filesystem::path> out{options.runs_root};
+  out.insert(out.end(), options.diagnoses.begin(), options.diagnoses.end());
+  return out;
+}
+
 }  // namespace
 
 Host::Host(const RigConfig& rig, Core& core, Streams& recording, Options options)
@@ -34,6 +41,7 @@ Host::Host(const RigConfig& rig, Core& core, Streams& recording, Options options
       recording_(recording),
       options_(std::move(options)),
       catalogue_(options_.runs_root),
+      diagnoses_(places_of(options_)),
       desk_(core),
       events_(kEventsKept),
       records_(open_records(rig, options_.runs_root)) {
@@ -124,6 +132,8 @@ void Host::turn_or_throw(std::int64_t now_ns) {
 /// Also the run that is recorded, if there is one.
 std::shared_ptr<Host::Run> Host::take_events() {
   std::vector<EventRecord> told;
+  std::optional<EventRecord> reset;  // of a fault that ended the run that was closed last
+  std::filesystem::path closed;
   std::shared_ptr<Run> run;
   {
     const std::lock_guard lock(mutex_);
@@ -133,12 +143,23 @@ std::shared_ptr<Host::Run> Host::take_events() {
       // The first cause: what follows from it, or comes on top, is in the events.
       if (record.severity >= Severity::kProgramStop && record.from != record.to)
         last_fault_ = std::string(record.code) + ": " + record.text;
+      if (!run_ && std::string_view(record.code) == "reset") {
+        reset = record;
+        closed = finished_directory_;
+      }
     }
     window_.drain(live_);
     run = run_;
     if (!run) drop_queued();  // here, so that nothing of a run that is just being opened is dropped
   }
   for (const auto& record : told) options_.on_event(record);
+  if (reset && !closed.empty()) {
+    try {
+      append_to_last_trip(closed, *reset);
+    } catch (const std::exception& e) {
+      trouble(e.what());
+    }
+  }
   return run;
 }
 
@@ -241,6 +262,11 @@ bool Host::shut_down(const std::function<bool()>& give_up) {
     if (!give_up || give_up()) return false;
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
   }
+}
+
+bool Host::is_between_runs() const {
+  const auto state = core_.status().control.state;
+  return !run_open() && (state == RunState::kIdle || state == RunState::kReady);
 }
 
 bool Host::run_open() const {

@@ -14,6 +14,7 @@
 #include "calibration/store.hpp"
 #include "daemon/core/core.hpp"
 #include "daemon/core/live_window.hpp"
+#include "daemon/host/diagnoses.hpp"
 #include "daemon/host/event_history.hpp"
 #include "daemon/host/verb_desk.hpp"
 #include "daemon/recording/catalogue.hpp"
@@ -56,6 +57,8 @@ class Host {
  public:
   struct Options {
     std::filesystem::path runs_root;
+    /// Where diagnoses are looked for, beside those among the runs.
+    std::vector<std::filesystem::path> diagnoses;
     bool virtual_time = false;
     std::int64_t epoch_unix_us = 0;  ///< Unix time at mono_ns = 0
     std::int64_t seed = 0;
@@ -114,6 +117,8 @@ class Host {
   bool shut_down(const std::function<bool()>& give_up = {});
 
   [[nodiscard]] bool run_open() const;
+  /// No run is open, armed or about to be, and the rig is not being set up.
+  [[nodiscard]] bool is_between_runs() const;
   [[nodiscard]] std::string run_id() const;
   /// Of the last run that was closed: done, aborted, failed, interrupted.
   [[nodiscard]] std::string last_outcome() const;
@@ -133,6 +138,15 @@ class Host {
   [[nodiscard]] nlohmann::json calibrations_json() const;
   /// What a self-test cannot see from outside: devices, limits, real-time properties, disk.
   [[nodiscard]] nlohmann::json selftest_json() const;
+  /// host_runs.cpp: the newest runs with what was noted at them, and a run's own page. Both read the disk; the second
+  /// throws std::runtime_error when there is no such run or page.
+  [[nodiscard]] nlohmann::json runs_json() const;
+  [[nodiscard]] nlohmann::json report_json(const std::string& id) const;
+  /// host_check.cpp: what a protocol would do within this rig's limits, with every step as columns. Throws
+  /// base::ConfigError with everything that is wrong in it.
+  [[nodiscard]] nlohmann::json check_json(const std::string& protocol_text, const std::string& protocol_name) const;
+  /// Those among the runs and in Options::diagnoses.
+  [[nodiscard]] const Diagnoses& diagnoses() const noexcept { return diagnoses_; }
   /// Keeps a record and puts it in force at once. Throws base::ConfigError when the record is wrong.
   Result add_calibration(const std::string& record_toml);
   /// Calibrations whose date is over, a line each.
@@ -145,6 +159,9 @@ class Host {
   Result ask(Request request);
   void breathe() const;
   void trouble(const std::string& text) const;
+
+  /// host_runs.cpp: a folder of the catalogue that is a link leads out of the runs' folder. "" or what to do.
+  [[nodiscard]] static std::string why_not_a_folder(const RunRow& run);
 
   /// host_start.cpp
   Result await_closed_run();
@@ -171,6 +188,7 @@ class Host {
   Streams& recording_;
   Options options_;
   Catalogue catalogue_;  // has a lock of its own, and waits for the disk
+  const Diagnoses diagnoses_;
   VerbDesk desk_;
 
   std::atomic<bool> ending_{false};

@@ -4,6 +4,7 @@
 #include <memory>
 #include <mutex>
 #include <string>
+#include <vector>
 
 #include "daemon/host/host.hpp"
 
@@ -15,6 +16,7 @@ struct Host::Run {
   std::filesystem::path directory;
   std::shared_ptr<const protocol::Plan> plan;
   std::uint32_t first_session = 0;
+  std::vector<double> elongation_at_zero_mm;  ///< of each session: rest length minus that at the session's pressure
   bool resumed = false;
   std::uint64_t run_number = 0;  ///< of the core: what its status says before is about an earlier run
 

@@ -202,6 +202,7 @@ std::optional<Host::Result> Host::take_saved_run(const StartOptions& options, Pr
     return Result{
         false, "no run is called " + options.resume_run + ", nor does one name begin so; isorig runs lists them", {}};
   }
+  if (const auto why = why_not_a_folder(*known); !why.empty()) return Result{false, why, known->id};
   auto& run = *p.run;
   const auto saved = catalogue_.inputs_of(known->id);
   run.id = known->id;
@@ -297,6 +298,7 @@ nlohmann::json Host::preview(const StartOptions& options) {
 Host::Result Host::amend(const Correction& c) {
   const auto known = catalogue_.find_run(c.run);
   if (!known) return {false, "no run is called " + c.run + "; isorig runs lists them", {}};
+  if (const auto why = why_not_a_folder(*known); !why.empty()) return {false, why, {}};
   return {true, amend_run(catalogue_, *known, c), known->id};
 }
 
@@ -316,11 +318,15 @@ void Host::describe_run(const Status& now, Prepared& p) {
                 {"protocol.toml", p.protocol_text},
                 {"specimen.toml", p.specimen.text},
                 {"calibration.toml", calibration_text()}};
+  info.step_words.clear();
+  for (const auto& step : run.plan->steps) info.step_words.push_back(protocol::describe(step));
   info.operator_name = p.operator_name;
   info.versions = provenance(p.operator_name, now);
+  p.run->elongation_at_zero_mm.clear();
   for (const auto& session : run.plan->sessions) {
-    info.sessions.push_back({session.first_step, session.repetition, session.pressure_psi,
-                             p.specimen.pressurized_rest_length_mm(session.pressure_psi)});
+    const double rest_mm = p.specimen.pressurized_rest_length_mm(session.pressure_psi);
+    info.sessions.push_back({session.first_step, session.repetition, session.pressure_psi, rest_mm});
+    p.run->elongation_at_zero_mm.push_back(p.specimen.rest_length_mm - rest_mm);
   }
   info.first_session = static_cast<std::int32_t>(run.first_session);
   info.run_id = run.id;

@@ -7,13 +7,15 @@
 namespace isorig::daemon {
 namespace {
 
-nlohmann::json finite_or_null(double value) {
-  return std::isfinite(value) ? nlohmann::json(value) : nlohmann::json();
+using nlohmann::json;
+
+json finite_or_null(double value) {
+  return std::isfinite(value) ? json(value) : json();
 }
 
 /// Since the last reset, in the order in which they came.
-nlohmann::json faults_json(const Status& s) {
-  auto list = nlohmann::json::array();
+json faults_json(const Status& s) {
+  auto list = json::array();
   for (std::uint32_t i = 0; i < s.fault_count; ++i) {
     const auto& f = s.faults[i];
     list.push_back({{"mono_ns", f.mono_ns}, {"severity", to_text(f.severity)}, {"code", f.code}, {"text", f.text}});
@@ -21,126 +23,150 @@ nlohmann::json faults_json(const Status& s) {
   return list;
 }
 
+json link_json(const LinkHealth& h) {
+  return {{"connected", h.connected},
+          {"clock_ready", h.clock_ready},
+          {"bound_us", finite_or_null(double{h.bound_ns} * 1e-3)},
+          {"repeatability_us", finite_or_null(double{h.repeatability_ns} * 1e-3)},
+          {"lost", h.lost},
+          {"corrupt", h.corrupt},
+          {"errors", h.errors},
+          {"reconnects", h.reconnects},
+          {"detail", h.detail}};
+}
+
+json interlock_json(const Status& s, const RigConfig& rig) {
+  return {{"watched", rig.unwatched_chain.empty()},
+          {"not_watched", rig.unwatched_chain},
+          {"estop_closed", s.estop_closed},
+          {"guard_closed", s.guard_closed},
+          {"connected", s.interlock.connected},
+          {"lost_edges", s.interlock.lost},
+          {"errors", s.interlock.errors},
+          {"reconnects", s.interlock.reconnects},
+          {"detail", s.interlock.detail}};
+}
+
+json sync_line_json(const Status& s) {
+  return {{"pairs", s.sync.pairs},
+          {"outside", s.sync.outside},
+          {"unseen", s.sync.unseen},
+          {"unannounced", s.sync.unannounced},
+          {"ambiguous", s.sync.ambiguous},
+          {"unmapped", s.sync.unmapped},
+          {"wrong_polarity", s.sync.wrong_polarity},
+          {"inverted", s.sync.inverted},
+          {"error_us", s.sync_check.error_us},
+          {"bound_us", s.sync_check.bound_us},
+          {"within", s.sync_check.within},
+          {"mean_us", s.sync.mean_us},
+          {"rms_us", s.sync.rms_us},
+          {"worst_us", s.sync.worst_us}};
+}
+
+json rig_file_json(const RigAcceptance& acceptance, bool sign_off_required) {
+  json changes = json::array();
+  for (const auto& c : acceptance.changes()) changes.push_back({{"key", c.key}, {"before", c.before}, {"now", c.now}});
+  return {{"sign_off", sign_off_required ? "required" : "warn"},
+          {"accepted", acceptance.in_force()},
+          {"accepted_by", acceptance.operator_name()},
+          {"accepted_uid", acceptance.uid()},
+          {"accepted_utc", acceptance.when_utc()},
+          {"changes", changes}};
+}
+
+json operator_and_state_json(const Status& s, const RigConfig& rig) {
+  return {{"rig", rig.name},
+          {"state", to_text(s.control.state)},
+          {"healthy", s.healthy},
+          {"not_ready", s.not_ready},
+          {"fault", s.fault},
+          {"faults", faults_json(s)},
+          {"zero_confirmed", s.zero_confirmed},
+          {"arming", rig.core.operating.arming_required ? "required" : "none"},
+          {"simulated", rig.simulated()},
+          {"operator_left_s", s.operator_left_s < 0.0F ? json() : json(s.operator_left_s)},
+          {"mono_ns", s.control.mono_ns}};
+}
+
+json measured_and_commanded_json(const Status& s) {
+  return {{"position_mm", s.control.position_mm},     {"force_N", s.control.force_N},
+          {"pressure_psi", s.control.pressure_psi},   {"frame_age_s", s.frame_age_s},
+          {"pressure_age_s", s.pressure_age_s},       {"setpoint_psi", s.control.setpoint_psi},
+          {"fill_permille", s.control.fill_permille}, {"vent_permille", s.control.vent_permille},
+          {"target_mm", s.control.target_mm},         {"velocity_mm_s", s.control.velocity_mm_s},
+          {"progress", s.control.progress},           {"remaining_s", s.control.remaining_s}};
+}
+
+json health_json(const Status& s, const RigConfig& rig) {
+  return {{"loop",
+           {{"ticks", s.control.ticks},
+            {"overruns", s.control.overruns},
+            {"worst_wakeup_us", s.worst_wakeup_ns * 1e-3},
+            {"worst_run_us", s.worst_run_ns * 1e-3}}},
+          {"frame", link_json(s.frame)},
+          {"pressure", link_json(s.pressure)},
+          {"regulator", rig.regulator ? link_json(s.regulator) : json()},
+          {"interlock", interlock_json(s, rig)},
+          {"sync_line", sync_line_json(s)},
+          {"invalid_pressure_words", s.invalid_pressure},
+          {"records_dropped", s.records_dropped},
+          {"publish_dropped", s.publish_dropped}};
+}
+
+/// `loop_step` is kNoStep until the loop has taken the run up: then the step that will be the first.
+json run_json(const std::string& id, const std::filesystem::path& directory, const protocol::Plan& plan,
+              std::uint32_t first_session, std::uint32_t loop_step) {
+  const std::size_t at = loop_step != kNoStep    ? loop_step
+                         : plan.sessions.empty() ? 0
+                                                 : plan.sessions[first_session].first_step;
+  const std::size_t index = std::min(at, plan.steps.size() - 1);
+  const auto& step = plan.steps[index];
+  const bool in_session = step.session != protocol::kNoSession;
+  return {{"id", id},
+          {"directory", directory.string()},
+          {"protocol", plan.name},
+          {"step", index},
+          {"steps", plan.steps.size()},
+          {"step_text", protocol::describe(step)},
+          {"session", in_session ? json(step.session) : json()},
+          {"session_text", in_session ? plan.sessions[step.session].label : ""},
+          {"sessions", plan.sessions.size()}};
+}
+
+json recorder_json(const RecorderStatus& r) {
+  return {{"disk", describe(r.disk)},
+          {"free_MiB", r.free_bytes >> 20U},
+          {"written_MiB", static_cast<double>(r.written_bytes) / 1048576.0},
+          {"lost_messages", r.lost_messages},
+          {"dropped_records", r.dropped_records},
+          {"missing_samples", r.frame_missing + r.pressure_missing},
+          {"segment", r.segment},
+          {"error", r.error}};
+}
+
 }  // namespace
 
 nlohmann::json Host::status_json() const {
-  using nlohmann::json;
   const auto s = core_.status();
-  const auto link = [](const LinkHealth& h) {
-    return json{{"connected", h.connected},
-                {"clock_ready", h.clock_ready},
-                {"bound_us", finite_or_null(double{h.bound_ns} * 1e-3)},
-                {"repeatability_us", finite_or_null(double{h.repeatability_ns} * 1e-3)},
-                {"lost", h.lost},
-                {"corrupt", h.corrupt},
-                {"errors", h.errors},
-                {"reconnects", h.reconnects},
-                {"detail", h.detail}};
-  };
-  json out{{"rig", rig_.name},
-           {"state", to_text(s.control.state)},
-           {"healthy", s.healthy},
-           {"not_ready", s.not_ready},
-           {"fault", s.fault},
-           {"faults", faults_json(s)},
-           {"zero_confirmed", s.zero_confirmed},
-           {"arming", rig_.core.operating.arming_required ? "required" : "none"},
-           {"simulated", rig_.simulated()},
-           {"operator_left_s", s.operator_left_s < 0.0F ? json() : json(s.operator_left_s)},
-           {"mono_ns", s.control.mono_ns},
-           {"position_mm", s.control.position_mm},
-           {"force_N", s.control.force_N},
-           {"pressure_psi", s.control.pressure_psi},
-           {"frame_age_s", s.frame_age_s},
-           {"pressure_age_s", s.pressure_age_s},
-           {"setpoint_psi", s.control.setpoint_psi},
-           {"fill_permille", s.control.fill_permille},
-           {"vent_permille", s.control.vent_permille},
-           {"target_mm", s.control.target_mm},
-           {"velocity_mm_s", s.control.velocity_mm_s},
-           {"progress", s.control.progress},
-           {"remaining_s", s.control.remaining_s},
-           {"loop",
-            {{"ticks", s.control.ticks},
-             {"overruns", s.control.overruns},
-             {"worst_wakeup_us", s.worst_wakeup_ns * 1e-3},
-             {"worst_run_us", s.worst_run_ns * 1e-3}}},
-           {"frame", link(s.frame)},
-           {"pressure", link(s.pressure)},
-           {"regulator", rig_.regulator ? link(s.regulator) : json()},
-           {"interlock",
-            {{"watched", rig_.unwatched_chain.empty()},
-             {"not_watched", rig_.unwatched_chain},
-             {"estop_closed", s.estop_closed},
-             {"guard_closed", s.guard_closed},
-             {"connected", s.interlock.connected},
-             {"lost_edges", s.interlock.lost},
-             {"errors", s.interlock.errors},
-             {"reconnects", s.interlock.reconnects},
-             {"detail", s.interlock.detail}}},
-           {"sync_line",
-            {{"pairs", s.sync.pairs},
-             {"outside", s.sync.outside},
-             {"unseen", s.sync.unseen},
-             {"unannounced", s.sync.unannounced},
-             {"ambiguous", s.sync.ambiguous},
-             {"unmapped", s.sync.unmapped},
-             {"wrong_polarity", s.sync.wrong_polarity},
-             {"inverted", s.sync.inverted},
-             {"error_us", s.sync_check.error_us},
-             {"bound_us", s.sync_check.bound_us},
-             {"within", s.sync_check.within},
-             {"mean_us", s.sync.mean_us},
-             {"rms_us", s.sync.rms_us},
-             {"worst_us", s.sync.worst_us}}},
-           {"invalid_pressure_words", s.invalid_pressure},
-           {"records_dropped", s.records_dropped},
-           {"publish_dropped", s.publish_dropped}};
+  json out = operator_and_state_json(s, rig_);
+  out.update(measured_and_commanded_json(s));
+  out.update(health_json(s, rig_));
   const std::lock_guard lock(mutex_);
-  if (acceptance_) {
-    json changes = json::array();
-    for (const auto& c : acceptance_->changes())
-      changes.push_back({{"key", c.key}, {"before", c.before}, {"now", c.now}});
-    out["rig_file"] = {{"sign_off", rig_.core.operating.sign_off_required ? "required" : "warn"},
-                       {"accepted", acceptance_->in_force()},
-                       {"accepted_by", acceptance_->operator_name()},
-                       {"accepted_uid", acceptance_->uid()},
-                       {"accepted_utc", acceptance_->when_utc()},
-                       {"changes", changes}};
-  }
+  if (acceptance_) out["rig_file"] = rig_file_json(*acceptance_, rig_.core.operating.sign_off_required);
   if (const Run* run = run_.get(); run != nullptr) {
-    // Until the loop has taken it up there is no step yet: the first that will be.
-    const std::size_t at = s.control.step == kNoStep
-                               ? run->plan->sessions.empty() ? 0 : run->plan->sessions[run->first_session].first_step
-                               : s.control.step;
-    const std::size_t index = std::min(at, run->plan->steps.size() - 1);
-    const auto& step = run->plan->steps[index];
-    out["run"] = {{"id", run->id},
-                  {"directory", run->directory.string()},
-                  {"protocol", run->plan->name},
-                  {"step", index},
-                  {"steps", run->plan->steps.size()},
-                  {"step_text", protocol::describe(step)},
-                  {"session", step.session == protocol::kNoSession ? json() : json(step.session)},
-                  {"session_text", step.session == protocol::kNoSession ? "" : run->plan->sessions[step.session].label},
-                  {"sessions", run->plan->sessions.size()}};
-    const auto& r = recorder_status_;
-    out["recorder"] = {{"disk", describe(r.disk)},
-                       {"free_MiB", r.free_bytes >> 20U},
-                       {"written_MiB", static_cast<double>(r.written_bytes) / 1048576.0},
-                       {"lost_messages", r.lost_messages},
-                       {"dropped_records", r.dropped_records},
-                       {"missing_samples", r.frame_missing + r.pressure_missing},
-                       {"segment", r.segment},
-                       {"error", r.error}};
+    out["run"] = run_json(run->id, run->directory, *run->plan, run->first_session, s.control.step);
+    out["recorder"] = recorder_json(recorder_status_);
   } else {
-    out["last_run"] = {{"id", finished_id_}, {"outcome", last_outcome_}, {"fault", last_fault_}};
+    out["last_run"] = {{"id", finished_id_},
+                       {"outcome", last_outcome_},
+                       {"fault", last_fault_},
+                       {"dropped_records", recorder_status_.dropped_records}};
   }
   return out;
 }
 
 nlohmann::json Host::events_json(std::uint64_t after) const {
-  using nlohmann::json;
   std::vector<EventHistory::Entry> entries;
   std::uint64_t last = 0;
   {
@@ -166,7 +192,6 @@ nlohmann::json Host::events_json(std::uint64_t after) const {
 }
 
 nlohmann::json Host::plan_json() const {
-  using nlohmann::json;
   const auto& l = rig_.limits;
   json out{{"rig", rig_.name},
            {"limits",
@@ -178,10 +203,12 @@ nlohmann::json Host::plan_json() const {
            {"run", json()}};
   std::shared_ptr<const protocol::Plan> plan;
   std::size_t first_session = 0;
+  std::vector<double> elongation_at_zero_mm;
   {
     const std::lock_guard lock(mutex_);
     if (run_ == nullptr) return out;
     plan = run_->plan;
+    elongation_at_zero_mm = run_->elongation_at_zero_mm;
     first_session = run_->first_session;
     out["run"] = run_->id;
   }
@@ -195,11 +222,20 @@ nlohmann::json Host::plan_json() const {
                      {"worst_s", s.worst_s}});
   }
   for (const auto& s : plan->sessions) sessions.push_back(s.label);
+  json references = json::array();
+  for (std::size_t i = 0; i < plan->sessions.size() && i < elongation_at_zero_mm.size(); ++i) {
+    references.push_back(
+        {{"pressure_psi", plan->sessions[i].pressure_psi}, {"elongation_at_zero_mm", elongation_at_zero_mm[i]}});
+  }
   out.update({{"protocol", plan->name},
               {"nominal_s", plan->nominal_s},
               {"worst_s", plan->worst_s},
               {"first_step", plan->sessions[first_session].first_step},
               {"sessions", std::move(sessions)},
+              {"references", std::move(references)},
+              {"twin", plan->twin.model.empty() ? json()
+                                                : json{{"model", plan->twin.model},
+                                                       {"on_parting", protocol::name_of(plan->twin.on_parting)}}},
               {"steps", std::move(steps)}});
   return out;
 }

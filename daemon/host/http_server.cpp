@@ -1,6 +1,5 @@
 #include "daemon/host/http_server.hpp"
 
-#include <sys/socket.h>
 #include <unistd.h>
 
 #include <boost/asio/io_context.hpp>
@@ -100,12 +99,7 @@ struct HttpServer::Impl {
 class HttpServer::Session : public std::enable_shared_from_this<Session> {
  public:
   Session(Impl& server, Protocol::socket socket) : server_(server), stream_(std::move(socket)) {
-    ucred peer{};
-    socklen_t size = sizeof peer;
-    if (::getsockopt(stream_.socket().native_handle(), SOL_SOCKET, SO_PEERCRED, &peer, &size) == 0) {
-      uid_ = peer.uid;
-      pid_ = peer.pid;
-    }
+    peer_ = peer_of(stream_.socket().native_handle());
     ++server_.open;
   }
   ~Session() {
@@ -193,8 +187,8 @@ class HttpServer::Session : public std::enable_shared_from_this<Session> {
     HttpRequest request;
     request.method = std::string(message.method_string());
     request.body = std::move(message.body());
-    request.uid = uid_;
-    request.pid = pid_;
+    request.peer = peer_;
+    request.on_behalf = std::string(message["Isorig-For"]);
     split_target(std::string(message.target()), request);
     version_ = message.version();
     keep_alive_ = message.keep_alive();
@@ -272,8 +266,7 @@ class HttpServer::Session : public std::enable_shared_from_this<Session> {
   http::response<http::string_body> response_;
   std::optional<std::list<std::shared_ptr<Session>>::iterator> place_;
   std::uint64_t taken_bytes_ = 0;
-  uid_t uid_ = 0;
-  pid_t pid_ = 0;
+  Peer peer_;
   unsigned version_ = 11;
   bool keep_alive_ = false;
   bool writing_ = false;

@@ -1,6 +1,4 @@
 #pragma once
-#include <sys/types.h>
-
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
@@ -9,6 +7,8 @@
 #include <memory>
 #include <string>
 
+#include "daemon/host/peer.hpp"
+
 namespace isorig::daemon {
 
 struct HttpRequest {
@@ -16,8 +16,8 @@ struct HttpRequest {
   std::string path;  ///< without the query
   std::map<std::string, std::string> query;
   std::string body;
-  uid_t uid = 0;  ///< of the process that opened the connection
-  pid_t pid = 0;
+  Peer peer;              ///< the process that opened the connection
+  std::string on_behalf;  ///< the header Isorig-For: of whom the sender says that he asks (api_gate.hpp)
 };
 
 struct HttpAnswer {

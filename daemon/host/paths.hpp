@@ -42,6 +42,13 @@ inline std::filesystem::path default_runs() {
   return "runs";
 }
 
+/// Where diagnoses are looked for unless told otherwise: beside the runs, since what a daemon keeps there is its own.
+inline std::filesystem::path diagnoses_beside(const std::filesystem::path& runs_root) {
+  auto runs = std::filesystem::absolute(runs_root).lexically_normal();
+  if (!runs.has_filename()) runs = runs.parent_path();
+  return runs.parent_path() / "diagnoses";
+}
+
 /// Where commands that only read look for runs: as above, but where there is no ./runs, in the service's if this user
 /// may look into it.
 inline std::filesystem::path default_catalogue() {

@@ -46,7 +46,8 @@ void RunReporter::catch_up(const std::filesystem::path& runs_root) {
   std::error_code error;
   for (const auto& entry : std::filesystem::directory_iterator(runs_root, error)) {
     std::error_code ignored;
-    if (entry.path().filename() > newest.filename() && std::filesystem::exists(entry.path() / "run.toml", ignored))
+    if (!entry.is_symlink(ignored) && entry.path().filename() > newest.filename() &&
+        std::filesystem::exists(entry.path() / "run.toml", ignored))
       newest = entry.path();
   }
   if (!newest.empty() && !std::filesystem::exists(newest / kPage, error)) on_closed(newest);

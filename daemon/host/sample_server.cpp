@@ -45,8 +45,9 @@ void add(samples::Lost& to, const samples::Lost& more) {
 }  // namespace
 
 struct SampleServer::Impl {
-  Impl(const std::filesystem::path& path, unsigned mode, samples::Hello h, const Limits& l)
-      : limits(l), hello(std::move(h)), listener(path, mode), acceptor(io), pause(io) {
+  Impl(const std::filesystem::path& path, unsigned mode, samples::Hello h, const Limits& l,
+       std::function<bool(const Peer&)> see)
+      : limits(l), hello(std::move(h)), may_see(std::move(see)), listener(path, mode), acceptor(io), pause(io) {
     const int own = ::dup(listener.fd());
     if (own < 0) throw std::runtime_error("no descriptor for the sample socket");
     acceptor.assign(Protocol(), own);
@@ -58,6 +59,7 @@ struct SampleServer::Impl {
 
   const Limits limits;
   const samples::Hello hello;
+  const std::function<bool(const Peer&)> may_see;
   UnixListener listener;
 
   // Of the publisher's thread.
@@ -152,7 +154,7 @@ void SampleServer::Impl::accept() {
       });
       return;
     }
-    if (open < limits.subscribers) {
+    if (open < limits.subscribers && (!may_see || may_see(peer_of(socket.native_handle())))) {
       const auto subscriber = std::make_shared<Subscriber>(*this, std::move(socket));
       subscribers.push_back(subscriber);
       subscriber->begin(hello);
@@ -174,9 +176,9 @@ void SampleServer::Impl::hand_out(const std::shared_ptr<const Block>& block, std
 }
 
 SampleServer::SampleServer(const std::filesystem::path& socket_path, unsigned mode, std::string rig,
-                           std::int64_t epoch_unix_us, const Limits& limits)
+                           std::int64_t epoch_unix_us, const Limits& limits, std::function<bool(const Peer&)> may_see)
     : impl_(std::make_unique<Impl>(socket_path, mode, samples::Hello{samples::kVersion, epoch_unix_us, std::move(rig)},
-                                   limits)) {}
+                                   limits, std::move(may_see))) {}
 
 SampleServer::~SampleServer() = default;
 

@@ -2,9 +2,11 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <string>
 
+#include "daemon/host/peer.hpp"
 #include "daemon/recording/live_sink.hpp"
 
 namespace isorig::daemon {
@@ -23,9 +25,10 @@ class SampleServer final : public LiveSink {
     std::size_t handed_over_bytes = std::size_t{2} << 20U;  ///< blocks on the way to the thread in run()
   };
 
-  /// Binds and listens. Throws std::runtime_error (unix_listener.hpp).
+  /// Binds and listens. Throws std::runtime_error (unix_listener.hpp). Whom `may_see` does not want is closed at once;
+  /// without it everybody is served who may open the socket.
   SampleServer(const std::filesystem::path& socket_path, unsigned mode, std::string rig, std::int64_t epoch_unix_us,
-               const Limits& limits);
+               const Limits& limits, std::function<bool(const Peer&)> may_see = {});
   ~SampleServer() override;
 
   /// Serves until stop().

@@ -11,11 +11,14 @@
 #include <stdexcept>
 #include <utility>
 
+#include "base/beneath.hpp"
 #include "base/toml_reader.hpp"
 #include "daemon/recording/run_directory.hpp"
 
 namespace isorig::daemon {
 namespace {
+
+constexpr const char* kFormat = "isorig-amendments/1";
 
 std::filesystem::path file_of(const std::filesystem::path& run_dir) {
   return run_dir / "amendments.toml";
@@ -32,11 +35,12 @@ void append_amendment(const std::filesystem::path& run_dir, const Amendment& a) 
     if (!text.empty()) entry.insert_or_assign(key, text);
   }
   std::ostringstream out;
+  if (!std::filesystem::exists(file_of(run_dir))) out << "format = \"" << kFormat << "\"\n\n";
   out << "[[amendment]]\n" << entry << "\n\n";
   const auto text = out.str();
   const auto path = file_of(run_dir);
   // One write at the end of the file: what is there already is not touched.
-  const int fd = ::open(path.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
+  const int fd = ::open(path.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_NOFOLLOW | O_CLOEXEC, 0644);
   const bool written =
       fd >= 0 && ::write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size()) && ::fsync(fd) == 0;
   const int error = errno;
@@ -48,8 +52,11 @@ void append_amendment(const std::filesystem::path& run_dir, const Amendment& a) 
 std::vector<Amendment> read_amendments(const std::filesystem::path& run_dir) {
   std::vector<Amendment> all;
   if (!std::filesystem::exists(file_of(run_dir))) return all;
-  const auto document = base::TomlDocument::parse_file(file_of(run_dir));
-  for (const auto& t : document.root().tables("amendment")) {
+  const auto document =
+      base::TomlDocument::parse_text(base::read_text_beneath(run_dir, file_of({})), file_of(run_dir).string());
+  const auto root = document.root();
+  if (root.has("format")) (void)root.choice("format", {kFormat});  // files of before have none
+  for (const auto& t : root.tables("amendment")) {
     all.push_back({t.string("at_utc"), t.string_or("by", ""), t.string_or("specimen", ""), t.string_or("operator", ""),
                    t.string_or("text", "")});
   }

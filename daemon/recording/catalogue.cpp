@@ -79,7 +79,9 @@ Catalogue::Catalogue(const std::filesystem::path& runs_root, Access access) : ro
     if (access == Access::kReadOnly) return;
     settle_interrupted();
     adopt_recordings();
-    for (const auto& entry : std::filesystem::directory_iterator(root_)) remove_stale_reserve(entry.path());
+    for (const auto& entry : std::filesystem::directory_iterator(root_)) {
+      if (!entry.is_symlink()) remove_stale_reserve(entry.path());  // what lies elsewhere is somebody else's
+    }
   } catch (...) {
     sqlite3_close(db_);
     throw;

@@ -39,6 +39,7 @@ struct RunRow {
   std::int32_t attempts = 0;
   std::int32_t sessions = 0;
   std::int32_t sessions_done = 0;
+  double recorded_s = 0.0;  ///< from the first to the last sample of each session, of the attempt that counts
   std::filesystem::path directory;
 };
 

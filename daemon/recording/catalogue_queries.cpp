@@ -4,7 +4,7 @@
 #include <string>
 #include <utility>
 
-#include "base/text_file.hpp"
+#include "base/beneath.hpp"
 #include "daemon/recording/catalogue.hpp"
 #include "daemon/recording/recording_summary.hpp"
 #include "daemon/recording/run_directory.hpp"
@@ -19,7 +19,8 @@ using sqlite::Statement;
 constexpr const char* kSelectRuns =
     "SELECT id, specimen, rig, protocol, operator, started_utc, state, fault, attempts,"
     " (SELECT count(*) FROM sessions WHERE run = id),"
-    " (SELECT count(*) FROM sessions WHERE run = id AND sessions.state = 'done') FROM runs";
+    " (SELECT count(*) FROM sessions WHERE run = id AND sessions.state = 'done'),"
+    " (SELECT coalesce(sum(max(last_mono_ns - first_mono_ns, 0)), 0) FROM sessions WHERE run = id) FROM runs";
 
 RunRow read_run_row(const Statement& s, const std::filesystem::path& root) {
   RunRow r;
@@ -34,13 +35,14 @@ RunRow read_run_row(const Statement& s, const std::filesystem::path& root) {
   r.attempts = static_cast<std::int32_t>(s.integer(8));
   r.sessions = static_cast<std::int32_t>(s.integer(9));
   r.sessions_done = static_cast<std::int32_t>(s.integer(10));
+  r.recorded_s = static_cast<double>(s.integer(11)) * 1e-9;
   r.directory = root / r.id;
   return r;
 }
 
-std::string read_input(const std::filesystem::path& path) {
+std::string read_input(const std::filesystem::path& run, const char* name) {
   try {
-    return base::read_text_file(path);
+    return base::read_text_beneath(run, std::filesystem::path("inputs") / name);
   } catch (const base::FileError& e) {
     throw std::runtime_error(std::string(e.what()) + " (the run was started with it)");
   }
@@ -70,7 +72,7 @@ RunInputs Catalogue::inputs_of(const std::string& id) const {
   const auto texts = recorded_texts(run->directory);
   const auto text = [&](const char* name) {
     const auto found = texts.find(name);
-    return found != texts.end() ? found->second : read_input(run->directory / "inputs" / name);
+    return found != texts.end() ? found->second : read_input(run->directory, name);
   };
   in.protocol_text = text("protocol.toml");
   in.specimen_text = text("specimen.toml");

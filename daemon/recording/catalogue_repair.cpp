@@ -63,7 +63,7 @@ void Catalogue::settle_interrupted() {
 void Catalogue::adopt_recordings() {
   for (const auto& entry : std::filesystem::directory_iterator(root_)) {
     const auto id = entry.path().filename().string();
-    if (!entry.is_directory()) continue;
+    if (entry.is_symlink() || !entry.is_directory()) continue;  // a link leads to what is another folder's
     {
       Statement known(db_, "SELECT 1 FROM runs WHERE id = ?1");
       if (known.bind(id).step()) continue;

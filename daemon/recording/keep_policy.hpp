@@ -33,8 +33,8 @@ struct KeepCounts {
 /// The 23 h of a campaign in virtual time pass through here, nearly all averaged: samples are popped from
 /// the queue straight into the ring.
 ///
-/// `Sink`: full(record), average(interval), session_of(step), and a member `session` that this class sets
-/// before the first sample of a session comes out.
+/// `Sink`: seen(record) for every one as it comes, full(record), average(interval), session_of(step), and a member
+/// `session` that this class sets before the first sample of a session comes out.
 template <typename Record, typename Average, typename Sink>
 class KeepPolicy {
  public:
@@ -52,9 +52,12 @@ class KeepPolicy {
   }
 
   /// From here on until `mono_ns` everything is kept in full, whatever the samples say: the evidence round a
-  /// stop. The ring goes out in full with the next sample.
-  void keep_full_until(std::int64_t mono_ns) noexcept {
-    if (mono_ns > full_until_ns_) full_until_ns_ = mono_ns;
+  /// stop. The ring goes out in full now: a stream that has died, which may be why there is a stop, brings no sample
+  /// to push it out.
+  void keep_full_until(std::int64_t mono_ns) {
+    if (mono_ns <= full_until_ns_) return;
+    full_until_ns_ = mono_ns;
+    ring_in_full();
   }
 
   /// The ring becomes averages, the open interval closes: the end of a session or of the run.
@@ -74,6 +77,7 @@ class KeepPolicy {
  private:
   void accept() {
     const Record& r = ring_[head_ & mask_];
+    sink_.seen(r);
     if (have_last_) {
       // Modulo 2^32, as the counter wraps. A device that starts anew counts from 0: no jump forward.
       const std::uint32_t step = r.sequence - last_sequence_;
@@ -91,12 +95,8 @@ class KeepPolicy {
     }
     if (r.keep == Keep::kFull || r.mono_ns <= full_until_ns_) {
       in_full_ = true;
-      if (open_) close_interval();
       ++head_;
-      for (; tail_ != head_; ++tail_) {
-        ++counts_.full;
-        sink_.full(ring_[tail_ & mask_]);
-      }
+      ring_in_full();
       return;
     }
     in_full_ = false;
@@ -106,6 +106,15 @@ class KeepPolicy {
     while (tail_ != head_ && (ring_[tail_ & mask_].mono_ns <= leave_ns || head_ - tail_ >= mask_)) {
       average(ring_[tail_ & mask_]);
       ++tail_;
+    }
+  }
+
+  void ring_in_full() {
+    if (tail_ == head_) return;
+    if (open_) close_interval();
+    for (; tail_ != head_; ++tail_) {
+      ++counts_.full;
+      sink_.full(ring_[tail_ & mask_]);
     }
   }
 

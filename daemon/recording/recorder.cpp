@@ -13,6 +13,7 @@
 #include "daemon/recording/peeked_queue.hpp"
 #include "daemon/recording/segmented_log.hpp"
 #include "daemon/recording/staged_messages.hpp"
+#include "daemon/recording/trip_evidence.hpp"
 
 namespace isorig::daemon {
 namespace {
@@ -43,6 +44,10 @@ struct Recorder::Impl {
 
     [[nodiscard]] std::int32_t session_of(std::uint32_t step) const { return impl.session_of(step, session); }
     template <typename Record>
+    void seen(const Record& r) {
+      impl.evidence.take(r);
+    }
+    template <typename Record>
     void full(const Record& r) {
       append(full_batch, r, session, impl);
     }
@@ -62,6 +67,7 @@ struct Recorder::Impl {
       : options(checked(o)),
         info(std::move(i)),
         log(options, info, [this](isorig_msgs::session_mark_t& m) { fill(m); }),
+        evidence(options.run_dir, info.step_words),
         frame_sink(*this),
         pressure_sink(*this),
         frame(keep_options(options), frame_sink),
@@ -115,6 +121,7 @@ struct Recorder::Impl {
         pressure.keep_full_until(r.mono_ns + to_ns(options.evidence_s));
       }
       write_event(r);
+      evidence.take(r);
     });
     frame.take(streams.frame, end);
     pressure.take(streams.pressure, end);
@@ -129,6 +136,7 @@ struct Recorder::Impl {
 
   /// In slow parts the controller's samples are thinned to the averages' rate; their worst figures are kept.
   void take_control(ControlRecord r) {
+    evidence.take(r);
     worst_wakeup_ns = std::max(worst_wakeup_ns, r.worst_wakeup_ns);
     worst_run_ns = std::max(worst_run_ns, r.worst_run_ns);
     if (!frame.in_full() && r.mono_ns < next_control_ns && r.state == last_state && r.step == last_step) return;
@@ -200,6 +208,39 @@ struct Recorder::Impl {
     write_event(r);
   }
 
+  [[nodiscard]] bool has_room_for_evidence() const { return log.condition() < DiskCondition::kReserve; }
+
+  /// After the slices and their sync: the recording comes first, and a turn must not wait long for the disk.
+  void advance_evidence() {
+    const std::int64_t taken_until_ns = slice_end_ns - kSliceNs;
+    evidence.advance(taken_until_ns, has_room_for_evidence());
+    report_evidence(taken_until_ns);
+  }
+
+  /// At the end, with the recording on the disk but for its end marks. Nothing may follow those, so that what is to be
+  /// said of the evidence comes before them.
+  void finish_evidence() {
+    if (!evidence.is_owed()) return;
+    log.sync();
+    evidence.finish(has_room_for_evidence());
+    report_evidence(slice_end_ns);
+    write_staged();
+  }
+
+  /// The recording has it all the same: a warning.
+  void report_evidence(std::int64_t at_ns) {
+    if (evidence.error() == evidence_said) return;
+    evidence_said = evidence.error();
+    if (evidence_said.empty()) return;
+    EventRecord r;
+    r.mono_ns = at_ns;
+    r.step = last_step;
+    r.severity = Severity::kWarning;
+    std::snprintf(r.code, sizeof r.code, "recorder.evidence");
+    std::snprintf(r.text, sizeof r.text, "%s", evidence_said.c_str());
+    write_event(r);
+  }
+
   /// What the run cannot be called done for.
   [[nodiscard]] std::string fault(const RecorderStatus& s) const {
     if (!trouble.empty()) return "the recorder failed: " + trouble;
@@ -246,6 +287,8 @@ struct Recorder::Impl {
   const RecorderOptions options;
   const RunInfo info;
   SegmentedLog log;
+  TripEvidence evidence;
+  std::string evidence_said;
   FrameSink frame_sink;
   PressureSink pressure_sink;
   KeepPolicy<FrameRecord, FrameAverage, FrameSink> frame;
@@ -290,6 +333,7 @@ void Recorder::drain(Streams& streams, std::int64_t now_ns) noexcept {
   if (m.finished) return;
   try {
     m.run_slices(streams, now_ns - to_ns(m.options.lag_s));
+    m.advance_evidence();
     m.log.tell_sessions();
   } catch (const std::exception& e) {
     m.trouble = e.what();
@@ -310,6 +354,7 @@ bool Recorder::finish(Streams& streams, bool complete) noexcept {
     m.pressure.finish();
     m.flush_batches();
     m.write_staged();
+    m.finish_evidence();
     m.log.end_session(complete);
     m.log.end_attempt(complete, m.dropped);
   } catch (const std::exception& e) {

@@ -36,7 +36,8 @@ struct RunInfo {
   std::vector<std::pair<std::string, std::string>> texts;     ///< "rig.toml", "protocol.toml", ...: whole files
   std::vector<std::pair<std::string, std::string>> versions;  ///< "isorig", "lcm", firmware, ...
   std::vector<SessionInfo> sessions;                          ///< by first_step; empty: one session
-  std::int32_t first_session = 0;  ///< with which this attempt begins: nothing is recorded into earlier ones
+  std::vector<std::string> step_words;  ///< what each step does, for the story of a trip; may be empty
+  std::int32_t first_session = 0;       ///< with which this attempt begins: nothing is recorded into earlier ones
   /// For run.toml alone.
   std::string run_id;
   std::string started_utc;

@@ -24,7 +24,7 @@ std::filesystem::path lock_file(const std::filesystem::path& run_dir) {
 /// On the disk when it returns: a power cut must not leave an empty file under a run that is there.
 void write_file(const std::filesystem::path& path, const std::string& text) {
   const auto fail = [&] { throw std::runtime_error("cannot write " + path.string() + ": " + std::strerror(errno)); };
-  const int fd = ::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+  const int fd = ::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0644);
   if (fd < 0) fail();
   const struct Close {
     int fd;
@@ -100,6 +100,7 @@ void write_inputs(const std::filesystem::path& run_dir, const RunInfo& info) {
   toml::table versions;
   for (const auto& [name, version] : info.versions) versions.insert_or_assign(name, version);
   const toml::table run{
+      {"format", "isorig-run/1"},
       {"run", info.run_id},
       {"started_utc", info.started_utc},
       {"operator", info.operator_name},
@@ -133,7 +134,7 @@ Reserve::~Reserve() {
 
 bool Reserve::allocate() {
   if (held_ || bytes_ == 0) return held_;
-  const int fd = ::open(file_.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0644);
+  const int fd = ::open(file_.c_str(), O_WRONLY | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0644);
   if (fd < 0) return false;
   // Not posix_fallocate: where a file system cannot do it, glibc writes zeros, which may take long.
   held_ = ::fallocate(fd, 0, 0, static_cast<off_t>(bytes_)) == 0;
@@ -163,7 +164,7 @@ void remove_stale_reserve(const std::filesystem::path& run_dir) noexcept {
 // without taking them (asking must not make a daemon's start fail).
 RunLock::RunLock(const std::filesystem::path& run_dir) {
   const auto path = lock_file(run_dir);
-  fd_ = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
+  fd_ = ::open(path.c_str(), O_RDWR | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0644);
   if (fd_ < 0) throw std::runtime_error("cannot open " + path.string() + ": " + std::strerror(errno));
   struct flock whole {};
   whole.l_type = F_WRLCK;
@@ -181,7 +182,7 @@ RunLock::~RunLock() {
 }
 
 bool RunLock::is_held(const std::filesystem::path& run_dir) {
-  const int fd = ::open(lock_file(run_dir).c_str(), O_RDONLY | O_CLOEXEC);
+  const int fd = ::open(lock_file(run_dir).c_str(), O_RDONLY | O_NOFOLLOW | O_CLOEXEC);
   if (fd < 0) return false;
   struct flock whole {};
   whole.l_type = F_RDLCK;

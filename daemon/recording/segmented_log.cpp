@@ -20,6 +20,18 @@ RecorderOptions prepare(RecorderOptions o) {
   return o;
 }
 
+/// The segments of earlier attempts. A power cut between a segment's name and the message before it that names it
+/// leaves an empty file behind a torn one. The new segment takes its place, so that it follows the torn one and states
+/// how that ended: behind an empty file nothing would, and the torn end would count as a loss for ever.
+std::vector<std::filesystem::path> earlier_segments(const std::filesystem::path& run_dir) {
+  auto found = messages::list_segments(run_dir);
+  while (found.size() > 1 && std::filesystem::is_empty(found.back())) {
+    std::filesystem::remove(found.back());
+    found.pop_back();
+  }
+  return found;
+}
+
 }  // namespace
 
 SegmentedLog::SegmentedLog(RecorderOptions options, const RunInfo& info,
@@ -36,7 +48,7 @@ SegmentedLog::SegmentedLog(RecorderOptions options, const RunInfo& info,
                              " MB; free some, or record elsewhere");
   }
   std::int32_t attempt = 1;
-  const auto earlier = messages::list_segments(options_.run_dir);
+  const auto earlier = earlier_segments(options_.run_dir);
   for (const auto& file : earlier) {
     segment_ = messages::segment_number(file);
     if (const auto header = messages::read_header(file)) attempt = std::max(attempt, header->attempt + 1);
@@ -181,9 +193,10 @@ void SegmentedLog::begin_segment(std::unique_ptr<messages::LogWriter> next) {
 bool SegmentedLog::next_segment() {
   if (!log_->sync()) return log_->condemned() && leave_condemned();
   try {
-    // Made before the present one says that there is a next: a writer killed in between leaves an empty segment, not
-    // one that seems to have been removed.
+    // Made, its name on the disk, before the present one says that there is a next: a writer killed in between, or a
+    // power cut, leaves an empty segment, not one that seems to have been removed.
     auto next = create_segment();
+    sync_directory(options_.run_dir);
     put_chain(isorig_msgs::chain_t::CONTINUES, log_->tally());
     if (!log_->sync() && !log_->condemned()) {
       std::error_code ignored;

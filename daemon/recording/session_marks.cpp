@@ -3,16 +3,13 @@
 #include <cmath>
 
 #include "base/printable.hpp"
+#include "daemon/core/records.hpp"
 
 namespace isorig::daemon {
-namespace {
-
-const char* severity_text(std::int8_t severity) noexcept {
-  static constexpr const char* kTexts[] = {"info", "warning", "program stop", "safe state"};
-  return severity >= 0 && severity < 4 ? kTexts[severity] : "?";
+const char* severity_text(const isorig_msgs::event_t& event) noexcept {
+  const bool known = event.severity >= isorig_msgs::event_t::INFO && event.severity <= isorig_msgs::event_t::SAFE_STATE;
+  return known ? to_text(static_cast<Severity>(event.severity)) : "?";
 }
-
-}  // namespace
 
 void SessionMarks::write(toml::table& to, std::int64_t start_ns) const {
   toml::array steps, happened;
@@ -23,8 +20,7 @@ void SessionMarks::write(toml::table& to, std::int64_t start_ns) const {
       steps.push_back(toml::table{{"t_s", t_s}, {"step", e.step}, {e.code == "mark" ? "mark" : "do", text}});
       continue;
     }
-    toml::table event{
-        {"t_s", t_s}, {"severity", severity_text(e.severity)}, {"code", base::printable(e.code)}, {"text", text}};
+    toml::table event{{"t_s", t_s}, {"severity", severity_text(e)}, {"code", base::printable(e.code)}, {"text", text}};
     if (std::isfinite(e.value) && e.value != 0.0) event.insert_or_assign("value", e.value);
     if (std::isfinite(e.threshold) && e.threshold != 0.0) event.insert_or_assign("threshold", e.threshold);
     happened.push_back(std::move(event));

@@ -19,6 +19,9 @@ struct SessionMarks {
   void write(toml::table& to, std::int64_t start_ns) const;
 };
 
+/// Of a recorded event, as people read it; "?" when the number is none of ours.
+[[nodiscard]] const char* severity_text(const isorig_msgs::event_t& event) noexcept;
+
 /// The recorder counts what is missing over an attempt; this says how much of it was a session's.
 class MissingCounts {
  public:

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
+#include <sstream>
 
 #include "base/overloaded.hpp"
 #include "base/printable.hpp"
@@ -92,8 +93,8 @@ bool loopback(const std::string& host) {
 
 bool is_on_another_machine(const decltype(RigConfig::frame)& frame) {
   return std::visit(base::Overloaded{[](const RigConfig::SimulatedFrame&) { return false; },
-                                     [](const frame::ModbusConfig& c) {
-                                       return c.transport == frame::ModbusTransport::kTcp && !loopback(c.host);
+                                     [](const modbus::ModbusConfig& c) {
+                                       return c.transport == modbus::ModbusTransport::kTcp && !loopback(c.host);
                                      },
                                      [](const frame::Instron8800Config& c) { return c.tcp && !loopback(c.host); }},
                     frame);
@@ -172,7 +173,7 @@ void read_sides(const base::TomlTable& frame, const base::TomlTable& pressure, c
                 RigConfig& rig) {
   const auto frame_driver = frame.choice("driver", {"sim", "modbus", "instron8800"});
   if (frame_driver == "modbus") {
-    rig.frame = frame::read_modbus_config(frame, directory);
+    rig.frame = modbus::read_modbus_config(frame, directory);
   } else if (frame_driver == "instron8800") {
     rig.frame = frame::read_instron8800_config(frame);
   }
@@ -210,6 +211,23 @@ void read_recorder(const base::TomlTable& t, RigConfig& rig) {
   mib("max_segment_MiB", r.max_segment_bytes);
 }
 
+/// "one, another". Whether this machine has such groups is asked by the daemon: a rig file is checked on others, too.
+std::vector<std::string> group_names(const base::TomlTable& t, const char* key) {
+  const auto text = t.string_or(key, "");
+  std::vector<std::string> names;
+  std::string name;
+  for (std::istringstream words(text); std::getline(words, name, ',');) {
+    const auto from = name.find_first_not_of(' '), to = name.find_last_not_of(' ');
+    name = from == std::string::npos ? "" : name.substr(from, to - from + 1);
+    if (name.empty() || name.find_first_of(" :/") != std::string::npos) {
+      t.error(key, "`" + std::string(key) + "` = \"" + text + "\"; it has to name Unix groups, separated by commas");
+      return {};
+    }
+    names.push_back(name);
+  }
+  return names;
+}
+
 void read_api(const base::TomlTable& t, RigConfig& rig) {
   rig.api.socket = t.string_or("socket", "");
   const auto mode = t.string_or("mode", "0660");
@@ -225,6 +243,9 @@ void read_api(const base::TomlTable& t, RigConfig& rig) {
   } else {
     rig.api.mode = static_cast<unsigned>(value);
   }
+  rig.api.see = group_names(t, "see");
+  rig.api.operate = group_names(t, "operate");
+  rig.api.configure = group_names(t, "configure");
 }
 
 /// A run would be refused without it, hours after somebody was told that the rig is valid.

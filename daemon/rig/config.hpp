@@ -3,6 +3,7 @@
 #include <optional>
 #include <string>
 #include <variant>
+#include <vector>
 
 #include "base/toml_reader.hpp"
 #include "daemon/core/core.hpp"
@@ -33,7 +34,7 @@ struct RigConfig {
   struct SimulatedFrame {};
   /// What [frame] names. std::visit it with base::Overloaded: another kind of frame is an alternative here, and the
   /// compiler then lists every place that has to know it.
-  std::variant<SimulatedFrame, frame::ModbusConfig, frame::Instron8800Config> frame;
+  std::variant<SimulatedFrame, modbus::ModbusConfig, frame::Instron8800Config> frame;
   struct Teensy {
     std::string port;  ///< its serial port; empty: over USB, by options.serial (docs/usb.md)
     pressure::Teensy::Options options;
@@ -71,6 +72,8 @@ struct RigConfig {
   struct Api {
     std::filesystem::path socket;  ///< empty: daemon/host/paths.hpp
     unsigned mode = 0660;
+    /// Groups whose members may, by name; empty: whoever may do what the line above says (daemon/host/roles.hpp).
+    std::vector<std::string> see, operate, configure;
   } api;
 
   /// Its devices are emulated on this machine (isorig-simrig): on the wire, and nobody can be hurt.

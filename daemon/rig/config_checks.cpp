@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <sstream>
 #include <string>
 
 #include "base/number_text.hpp"
@@ -222,8 +223,12 @@ void check_lcm(const RigConfig& rig, const TomlTable& root) {
         "nobody");
     return;
   }
-  const auto at = url.find("ttl=");
-  const std::string ttl = at == std::string::npos ? "" : url.substr(at + 4, url.find('&', at) - at - 4);
+  std::string ttl;  // where it stands twice the one that is not 0: which of them LCM takes is its own business
+  const auto mark = url.find('?');
+  std::istringstream options(mark == std::string::npos ? "" : url.substr(mark + 1));
+  for (std::string option; std::getline(options, option, '&');) {
+    if (option.starts_with("ttl=") && (ttl.empty() || ttl == "0")) ttl = option.substr(4);
+  }
   if (ttl != "0" && !network) {
     wrong((ttl.empty() ? std::string("it says no ttl") : "its ttl is " + ttl) +
           ", so every sample leaves this machine unencrypted; end it with ?ttl=0, or, if other machines have to "

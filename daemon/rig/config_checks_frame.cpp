@@ -27,7 +27,7 @@ void check_full_scale(const frame::Instron8800Config& c, const protocol::Limits&
 
 constexpr const char* kOneAnswer = "below frame_age_max_s, so that one lost answer is no safe state";
 
-void check_frame(const frame::ModbusConfig& c, const RigConfig& rig, const Keys& k) {
+void check_frame(const modbus::ModbusConfig& c, const RigConfig& rig, const Keys& k) {
   k.at_most("response_timeout_ms", c.response_timeout_ms, 0.99e3 * rig.core.supervisor.frame_age_max_s, "ms",
             kOneAnswer);
   k.range("connect_timeout_ms", c.connect_timeout_ms, 1.0, 5'000.0, "ms", "nothing else is done meanwhile");
@@ -57,14 +57,14 @@ void check_frame(const frame::Instron8800Config& c, const RigConfig& rig, const 
 }  // namespace
 
 void check_full_scale(const RigConfig& rig, const Keys& limits) {
-  std::visit(base::Overloaded{[](const RigConfig::SimulatedFrame&) {}, [](const frame::ModbusConfig&) {},
+  std::visit(base::Overloaded{[](const RigConfig::SimulatedFrame&) {}, [](const modbus::ModbusConfig&) {},
                               [&](const frame::Instron8800Config& c) { check_full_scale(c, rig.limits, limits); }},
              rig.frame);
 }
 
 void check_frame(const RigConfig& rig, const Keys& k, const Watchdogs& dogs) {
   std::visit(base::Overloaded{[](const RigConfig::SimulatedFrame&) {},
-                              [&](const frame::ModbusConfig& c) { check_frame(c, rig, k); },
+                              [&](const modbus::ModbusConfig& c) { check_frame(c, rig, k); },
                               [&](const frame::Instron8800Config& c) { check_frame(c, rig, k, dogs); }},
              rig.frame);
 }
@@ -80,7 +80,7 @@ Watchdogs watchdogs_of(const RigConfig& rig, const base::TomlTable& root) {
   const auto frame_watchdog = std::visit(base::Overloaded{[&](const RigConfig::SimulatedFrame&) {
                                                             return Source{"frame", "heartbeat_timeout_s", dogs.frame_s};
                                                           },
-                                                          [&](const frame::ModbusConfig&) {
+                                                          [&](const modbus::ModbusConfig&) {
                                                             return Source{"frame", "heartbeat_timeout_s", dogs.frame_s};
                                                           },
                                                           [&](const frame::Instron8800Config&) {
@@ -90,12 +90,13 @@ Watchdogs watchdogs_of(const RigConfig& rig, const base::TomlTable& root) {
                                          rig.frame);
   const auto sim = root.table_if("sim");
   if (!sim || !(rig.simulated() || rig.emulated)) return dogs;
-  sim->ignore_rest();
+  // Of an emulator on the wire the rest is that program's own; of a simulated rig all has been read.
+  if (!rig.simulated()) sim->ignore_rest();
   // The readers of [sim] judge these numbers; whatever is wrong with them is said there.
   const auto read = [&](const char* table, const char* key, double fallback) {
     const auto t = sim->table_if(table);
     if (!t || !t->has(key) || (t->type_of(key) != "float" && t->type_of(key) != "integer")) return fallback;
-    t->ignore_rest();
+    if (!rig.simulated()) t->ignore_rest();
     const double value = t->number_or(key, fallback);
     return std::isfinite(value) && value > 0.0 ? value : fallback;
   };

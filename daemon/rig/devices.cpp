@@ -38,7 +38,7 @@ NamedFrame open_frame(const RigConfig& rig, clock::Clock& clock) {
       base::Overloaded{[](const RigConfig::SimulatedFrame&) -> NamedFrame {
                          throw std::logic_error("a simulated frame has no driver");
                        },
-                       [&](const frame::ModbusConfig& c) {
+                       [&](const modbus::ModbusConfig& c) {
                          return NamedFrame{std::make_unique<frame::ModbusFrame>(c, clock), c.where()};
                        },
                        [&](const frame::Instron8800Config& c) {

@@ -129,7 +129,7 @@ void RigAcceptance::accept(const std::string& operator_name, uid_t uid, std::int
   const std::string line = "\n" + entry.dump(-1, ' ', false, json::error_handler_t::replace) + "\n";
   std::error_code error;
   std::filesystem::create_directories(path_.parent_path(), error);
-  const int fd = ::open(path_.c_str(), O_WRONLY | O_APPEND | O_CREAT | O_CLOEXEC, 0644);
+  const int fd = ::open(path_.c_str(), O_WRONLY | O_APPEND | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0644);
   if (fd < 0) fail(path_, errno);
   const auto written = ::write(fd, line.data(), line.size());
   const int write_error = written < 0 ? errno : written == static_cast<ssize_t>(line.size()) ? 0 : ENOSPC;

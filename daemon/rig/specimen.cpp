@@ -14,6 +14,7 @@ Specimen read(const base::TomlDocument& document) {
   root.ignore_rest();  // the model and the sheath are the simulation's business
   Specimen s;
   s.text = document.text();
+  (void)root.choice_or("format", "isorig-specimen/1", {"isorig-specimen/1"});  // files of before have none
   s.name = root.string("name");
   if (const auto why = base::why_not_a_name(s.name); !why.empty() && root.type_of("name") == "string") {
     root.error("name", "`name` = \"" + s.name + "\" " + why);

@@ -36,6 +36,7 @@ class VirtualRig {
     now_ns_ += kTickNs;
     clock_.sleep_until_ns(now_ns_);
     rig_.advance(now_ns_);
+    if (hang_all) return;
     if (now_ns_ % kInterlockTurnNs == 0) interlock_.run_once(now_ns_);
     if (now_ns_ % poll_ns_ == 0) frame_.run_once(now_ns_);
     if (now_ns_ % kPressureTurnNs == 0) pressure_.run_once(now_ns_, 0);
@@ -68,6 +69,7 @@ class VirtualRig {
   std::function<void(VirtualRig&)> before_core;                 ///< when set, once a tick
   std::function<void(Core&, std::int64_t now_ns)> around_core;  ///< when set, ticks the core in our place
   bool hang_core = false;                                       ///< the loop does not come back; the services go on
+  bool hang_all = false;                                        ///< nothing of the daemon comes back (SIGSTOP)
 
  private:
   std::int64_t now_ns_ = 0;

@@ -9,19 +9,20 @@ namespace {
 
 using drivers::DeviceError;
 using drivers::Fault;
+using modbus::Quantity;
 
 constexpr int kAttempts = 3;
 /// Beyond twice what time explains a counter has jumped. The slack covers a frame that hands samples on in
 /// bursts; a torn word is 65536 off.
 constexpr double kAdvanceSlack = 256.0;
 
-std::uint32_t counter_mask(const RegisterMap& map) {
-  return map.at(Quantity::kSampleCounter)->format.type == RegisterType::kUint16 ? 0xFFFFU : 0xFFFFFFFFU;
+std::uint32_t counter_mask(const modbus::RegisterMap& map) {
+  return map.at(Quantity::kSampleCounter)->format.type == modbus::RegisterType::kUint16 ? 0xFFFFU : 0xFFFFFFFFU;
 }
 
 }  // namespace
 
-ModbusFrame::ModbusFrame(ModbusConfig config, clock::Clock& clock)
+ModbusFrame::ModbusFrame(modbus::ModbusConfig config, clock::Clock& clock)
     : config_(std::move(config)),
       clock_(clock),
       link_(config_),
@@ -39,7 +40,7 @@ ModbusFrame::Statistics ModbusFrame::statistics() const noexcept {
 // ---- registers
 // ------------------------------------------------------------------------------------------------
 
-void ModbusFrame::take_words(const ReadBlock& block, std::span<const std::uint16_t> words) {
+void ModbusFrame::take_words(const modbus::ReadBlock& block, std::span<const std::uint16_t> words) {
   for (const auto quantity : block.quantities) {
     const auto& reg = *config_.map.at(quantity);
     const auto from = static_cast<std::size_t>(reg.address - block.address);
@@ -85,8 +86,8 @@ void ModbusFrame::limit_to(int response_timeouts) noexcept {
 // ---- counter and clock
 // ----------------------------------------------------------------------------------------
 
-double ModbusFrame::unwrap_us(const NumberFormat& format, double raw_us, double expected_us) const noexcept {
-  const double turn_us = (format.type == RegisterType::kUint16 ? 0x1p16 : 0x1p32) * format.scale;
+double ModbusFrame::unwrap_us(const modbus::NumberFormat& format, double raw_us, double expected_us) const noexcept {
+  const double turn_us = (format.type == modbus::RegisterType::kUint16 ? 0x1p16 : 0x1p32) * format.scale;
   return raw_us + turn_us * std::round((expected_us - raw_us) / turn_us);
 }
 
@@ -133,101 +134,6 @@ void ModbusFrame::note_advance(const Header& header) noexcept {
     last_device_us_ = anchor_device_us_ = header.device_us;
     anchor_ns_ = header.received_ns;
   }
-}
-
-// ---- connection
-// -----------------------------------------------------------------------------------------------
-
-std::string ModbusFrame::read_text(const std::optional<TextRegisters>& text) {
-  if (!text) return {};
-  std::vector<std::uint16_t> words(text->registers);
-  link_.read(text->function, text->address, words);
-  std::string characters;
-  for (const auto word : words) {
-    characters += static_cast<char>(word >> 8);
-    characters += static_cast<char>(word & 0xFF);
-  }
-  characters.resize(std::min(characters.find('\0'), characters.size()));
-  while (!characters.empty() && characters.back() == ' ') characters.pop_back();
-  return characters;
-}
-
-void ModbusFrame::check_identity(const Identity& identity) const {
-  const auto expect = [&](const char* what, const std::string& expected, const std::string& found) {
-    if (expected.empty() || expected == found) return;
-    throw DeviceError(Fault::kIdentity, at() + what + " is \"" + found + "\" and the rig's [frame] names \"" +
-                                            expected + "\"; connect the right frame or correct the rig file");
-  };
-  expect("maker", config_.expected_maker, identity.maker);
-  expect("model", config_.expected_model, identity.model);
-  expect("serial", config_.expected_serial, identity.serial);
-}
-
-Identity ModbusFrame::connect() {
-  const auto& map = config_.map;
-  link_.limit(0);
-  link_.open();
-  try {
-    const auto read_value = [&](Quantity quantity) {
-      const auto& reg = *map.at(quantity);
-      std::array<std::uint16_t, 2> words{};
-      link_.read(reg.function, reg.address, std::span(words).first(reg.format.registers()));
-      return reg.format.decode(words);
-    };
-    if (map.at(Quantity::kIdentityWord)) {
-      const auto word = static_cast<std::uint32_t>(read_value(Quantity::kIdentityWord));
-      if (word != map.expected_identity_word) {
-        throw DeviceError(Fault::kIdentity, at() + "identity word is " + std::to_string(word) + ", not " +
-                                                std::to_string(map.expected_identity_word) + " as map \"" + map.name +
-                                                "\" says; another gateway, or another map");
-      }
-    }
-    Identity identity;
-    identity.maker = read_text(map.maker);
-    identity.model = read_text(map.model);
-    identity.serial = read_text(map.serial);
-    identity.firmware = read_text(map.firmware);
-    identity.sample_rate_hz =
-        map.at(Quantity::kSampleRate_Hz) ? read_value(Quantity::kSampleRate_Hz) : map.sample_rate_Hz;
-    check_identity(identity);
-    if (!(identity.sample_rate_hz > 0.0 && identity.sample_rate_hz < 1e6)) {
-      throw DeviceError(Fault::kIdentity, at() + "sample rate reads " + std::to_string(identity.sample_rate_hz) +
-                                              " Hz; check address, type and word_order of sample_rate_Hz");
-    }
-    resume_or_restart(identity);
-    identity.reference_epoch = reference_epoch_;
-    return identity;
-  } catch (...) {
-    link_.close();
-    throw;
-  }
-}
-
-void ModbusFrame::disconnect() noexcept {
-  link_.close();
-}
-
-/// The same frame that never stopped counting goes on; anything else starts anew.
-void ModbusFrame::resume_or_restart(const Identity& identity) {
-  rate_Hz_ = identity.sample_rate_hz;
-  Header header = read_header();
-  if (has_history_) {
-    const double elapsed_us = static_cast<double>(header.received_ns - anchor_ns_) / 1000.0;
-    const double error_us = std::abs(header.device_us - anchor_device_us_ - elapsed_us);
-    has_history_ = identity.serial == serial_ && error_us < 50e3 + 1e-3 * elapsed_us &&
-                   explained(newer_by(header.counter, newest_counter_), header.received_ns);
-  }
-  if (!has_history_) {
-    header = read_header();  // device time without the old epoch
-    has_history_ = true;
-    ++reference_epoch_;
-    sequence_ = counter_ = newest_counter_ = header.counter;
-    const bool is_dated = config_.map.at(Quantity::kNewestSampleTime_us).has_value();
-    last_sample_us_ = is_dated ? header.newest_us : -std::numeric_limits<double>::infinity();
-    advanced_ns_ = anchor_ns_ = header.received_ns;
-    anchor_device_us_ = last_device_us_ = header.device_us;
-  }
-  serial_ = identity.serial;
 }
 
 // ---- samples

@@ -27,7 +27,7 @@ namespace isorig::frame {
 /// in step adds, once): poll() 4, start_segment() 5 and start_confirm_ms, stop() and heartbeat() 1.
 class ModbusFrame final : public Device {
  public:
-  ModbusFrame(ModbusConfig config, clock::Clock& clock);
+  ModbusFrame(modbus::ModbusConfig config, clock::Clock& clock);
 
   Identity connect() override;
   void disconnect() noexcept override;
@@ -65,17 +65,17 @@ class ModbusFrame final : public Device {
   [[nodiscard]] std::uint32_t newer_by(std::uint32_t counter, std::uint32_t than) const noexcept;
   [[nodiscard]] bool explained(std::uint32_t advance, std::int64_t now_ns) const noexcept;
   void note_advance(const Header& header) noexcept;
-  void take_words(const ReadBlock& block, std::span<const std::uint16_t> words);
-  [[nodiscard]] double value(Quantity quantity) const;
-  [[nodiscard]] std::uint16_t code(Quantity quantity) const;
+  void take_words(const modbus::ReadBlock& block, std::span<const std::uint16_t> words);
+  [[nodiscard]] double value(modbus::Quantity quantity) const;
+  [[nodiscard]] std::uint16_t code(modbus::Quantity quantity) const;
   void read_state_blocks();
   [[nodiscard]] State decode_state() const;
   std::size_t read_slots(std::uint32_t first_counter, std::size_t count, const Header& header);
   /// How many of them were in their slots, by their stamps; those come first in `out`.
   std::size_t decode_samples(std::uint32_t first_counter, std::span<Sample> out, const Header& header);
-  [[nodiscard]] double unwrap_us(const NumberFormat& format, double raw_us, double expected_us) const noexcept;
+  [[nodiscard]] double unwrap_us(const modbus::NumberFormat& format, double raw_us, double expected_us) const noexcept;
   void resume_or_restart(const Identity& identity);
-  [[nodiscard]] std::string read_text(const std::optional<TextRegisters>& text);
+  [[nodiscard]] std::string read_text(const std::optional<modbus::TextRegisters>& text);
   void check_identity(const Identity& identity) const;
   void write_setpoints(const Segment& segment);
   void write_command(std::uint16_t command);
@@ -84,12 +84,12 @@ class ModbusFrame final : public Device {
   void confirm(const Segment& segment);
   [[nodiscard]] std::string at() const { return "frame at " + config_.where() + ": "; }
 
-  ModbusConfig config_;
+  modbus::ModbusConfig config_;
   clock::Clock& clock_;
-  ModbusLink link_;
-  ReadBlock header_block_;
-  std::vector<ReadBlock> state_blocks_;
-  std::array<std::array<std::uint16_t, 2>, kQuantities> words_{};  // newest registers of each quantity
+  modbus::ModbusLink link_;
+  modbus::ReadBlock header_block_;
+  std::vector<modbus::ReadBlock> state_blocks_;
+  std::array<std::array<std::uint16_t, 2>, modbus::kQuantities> words_{};  // newest registers of each quantity
   std::vector<std::uint16_t> slot_words_;
 
   double rate_Hz_ = 0.0;

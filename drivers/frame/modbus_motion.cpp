@@ -9,12 +9,13 @@ namespace isorig::frame {
 using base::number_text;
 using drivers::DeviceError;
 using drivers::Fault;
+using modbus::Quantity;
 
 void ModbusFrame::write_setpoints(const Segment& segment) {
   struct Setpoint {
     Quantity quantity;
     double value;
-    Register reg;
+    modbus::Register reg;
     std::array<std::uint16_t, 2> words;
   };
   std::vector<Setpoint> setpoints;
@@ -24,9 +25,9 @@ void ModbusFrame::write_setpoints(const Segment& segment) {
     const auto& reg = *config_.map.at(quantity);
     const auto words = reg.format.encode(value);
     if (!words) {
-      const auto range = range_of(reg.format.type);
-      throw DeviceError(Fault::kRefused, at() + std::string(quantity_name(quantity)) + " = " + number_text(value) +
-                                             " does not fit its register, which holds " +
+      const auto range = modbus::range_of(reg.format.type);
+      throw DeviceError(Fault::kRefused, at() + std::string(modbus::quantity_name(quantity)) + " = " +
+                                             number_text(value) + " does not fit its register, which holds " +
                                              number_text(range.min * reg.format.scale + reg.format.offset) + " to " +
                                              number_text(range.max * reg.format.scale + reg.format.offset));
     }
@@ -56,8 +57,9 @@ void ModbusFrame::write_setpoints(const Segment& segment) {
       std::string text = at() + "the frame changed the set-points it was given:";
       for (; i < j; ++i) {
         const auto from = static_cast<std::size_t>(setpoints[i].reg.address - address);
-        text += " " + std::string(quantity_name(setpoints[i].quantity)) + " " + number_text(setpoints[i].value) +
-                " -> " + number_text(setpoints[i].reg.format.decode(std::span(back).subspan(from)));
+        text += " " + std::string(modbus::quantity_name(setpoints[i].quantity)) + " " +
+                number_text(setpoints[i].value) + " -> " +
+                number_text(setpoints[i].reg.format.decode(std::span(back).subspan(from)));
       }
       throw DeviceError(Fault::kRefused, text + "; nothing was started. Check the frame's own limits");
     }
@@ -67,7 +69,7 @@ void ModbusFrame::write_setpoints(const Segment& segment) {
 
 void ModbusFrame::write_command(std::uint16_t command) {
   const auto& reg = *config_.map.at(Quantity::kCommand);
-  const auto words = split_words(command, reg.format.type, reg.format.order);
+  const auto words = modbus::split_words(command, reg.format.type, reg.format.order);
   link_.write(reg.function, reg.address, std::span(words).first(reg.format.registers()));
 }
 
@@ -139,7 +141,7 @@ void ModbusFrame::confirm(const Segment& segment) {
 
 void ModbusFrame::stop() {
   const auto& reg = *config_.map.at(Quantity::kCommand);
-  const auto words = split_words(config_.map.stop_command, reg.format.type, reg.format.order);
+  const auto words = modbus::split_words(config_.map.stop_command, reg.format.type, reg.format.order);
   link_.limit(0);
   link_.write_at_once(reg.function, reg.address, std::span(words).first(reg.format.registers()));
 }
@@ -147,7 +149,7 @@ void ModbusFrame::stop() {
 void ModbusFrame::heartbeat(std::uint16_t counter) {
   link_.limit(0);
   const auto& reg = *config_.map.at(Quantity::kHeartbeat);
-  const auto words = split_words(counter, reg.format.type, reg.format.order);
+  const auto words = modbus::split_words(counter, reg.format.type, reg.format.order);
   link_.write(reg.function, reg.address, std::span(words).first(reg.format.registers()));
 }
 

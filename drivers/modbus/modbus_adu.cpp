@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-namespace isorig::frame::modbus {
+namespace isorig::modbus {
 namespace {
 
 void append(Bytes& bytes, std::uint16_t word) {
@@ -125,4 +125,4 @@ std::optional<std::size_t> rtu_answer_size(std::span<const std::uint8_t> begin) 
   return 5U + begin[2];
 }
 
-}  // namespace isorig::frame::modbus
+}  // namespace isorig::modbus

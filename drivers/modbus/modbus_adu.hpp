@@ -8,10 +8,10 @@
 /// Modbus requests and what may answer them (MODBUS Application Protocol V1.1b3; Messaging on TCP/IP V1.0b; over serial
 /// line V1.02). No I/O.
 ///
-/// Our own, because libmodbus 3.1.6 takes for an answer what is none: over TCP it ignores the MBAP header's protocol
-/// and length, and the unit; what follows is then out of step. It stays on the emulator's side, which keeps the two
-/// apart.
-namespace isorig::frame::modbus {
+/// Written here because libmodbus 3.1.6 accepts as an answer what is none: over TCP it ignores the MBAP header's
+/// protocol and length, and the unit; what follows is then out of step. The emulators do not use this file: libmodbus
+/// answers there, and sim/modbus_requests.hpp cuts the requests, so that no error here is repeated where it is judged.
+namespace isorig::modbus {
 
 using Bytes = std::vector<std::uint8_t>;
 
@@ -31,7 +31,7 @@ inline constexpr std::uint8_t kExceptionBit = 0x80;
 [[nodiscard]] Bytes tcp_frame(std::uint16_t transaction, std::uint8_t unit, std::span<const std::uint8_t> pdu);
 [[nodiscard]] Bytes rtu_frame(std::uint8_t unit, std::span<const std::uint8_t> pdu);
 
-/// What is wrong with an answer; empty: nothing, or it is an exception.
+/// What is wrong with an answer; empty when nothing is, or when it is an exception.
 [[nodiscard]] std::string fault_in_answer(std::span<const std::uint8_t> request, std::span<const std::uint8_t> answer);
 /// The code of an exception, of an answer without fault.
 [[nodiscard]] std::optional<std::uint8_t> exception_in(std::span<const std::uint8_t> answer) noexcept;
@@ -42,4 +42,4 @@ inline constexpr std::uint8_t kExceptionBit = 0x80;
 /// answer of the functions above begins with.
 [[nodiscard]] std::optional<std::size_t> rtu_answer_size(std::span<const std::uint8_t> begin) noexcept;
 
-}  // namespace isorig::frame::modbus
+}  // namespace isorig::modbus

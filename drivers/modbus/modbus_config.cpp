@@ -1,6 +1,6 @@
 #include "drivers/modbus/modbus_config.hpp"
 
-namespace isorig::frame {
+namespace isorig::modbus {
 
 std::string ModbusConfig::where() const {
   return transport == ModbusTransport::kTcp ? "tcp " + host + ":" + std::to_string(port) : "rtu " + tty;
@@ -46,4 +46,4 @@ ModbusConfig read_modbus_config(const base::TomlTable& frame, const std::filesys
   return config;
 }
 
-}  // namespace isorig::frame
+}  // namespace isorig::modbus

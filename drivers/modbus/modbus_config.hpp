@@ -6,7 +6,7 @@
 #include "base/toml_reader.hpp"
 #include "drivers/modbus/register_map.hpp"
 
-namespace isorig::frame {
+namespace isorig::modbus {
 
 enum class ModbusTransport : std::uint8_t { kTcp, kRtu };
 
@@ -45,4 +45,4 @@ struct ModbusConfig {
 /// in its document (finish() it); what is wrong in the map is thrown as base::ConfigError.
 [[nodiscard]] ModbusConfig read_modbus_config(const base::TomlTable& frame, const std::filesystem::path& directory);
 
-}  // namespace isorig::frame
+}  // namespace isorig::modbus

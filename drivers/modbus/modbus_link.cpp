@@ -13,12 +13,11 @@
 #include "drivers/serial_port.hpp"
 #include "drivers/tcp_connect.hpp"
 
-namespace isorig::frame {
+namespace isorig::modbus {
 namespace {
 
 using drivers::DeviceError;
 using drivers::Fault;
-using modbus::Bytes;
 
 /// More answers than these are not waited for: a gateway that is so far behind is disconnected from.
 constexpr std::size_t kMostLate = 64;
@@ -136,8 +135,8 @@ void ModbusLink::get_in_step() {
 void ModbusLink::probe() {
   for (std::uint16_t length = 1; length <= probe_block_.registers; ++length) {
     if (unanswered_[length]) continue;
-    (void)ask(modbus::read_request(probe_block_.function, probe_block_.address, length),
-              "getting back in step after an error", length);
+    (void)ask(read_request(probe_block_.function, probe_block_.address, length), "getting back in step after an error",
+              length);
     unanswered_.fill(false);
     return;
   }
@@ -153,7 +152,7 @@ void ModbusLink::probe() {
 
 void ModbusLink::send(const Bytes& request, const std::string& what) {
   const auto unit = config_.map.unit_id;
-  const Bytes frame = rtu() ? modbus::rtu_frame(unit, request) : modbus::tcp_frame(++transaction_, unit, request);
+  const Bytes frame = rtu() ? rtu_frame(unit, request) : tcp_frame(++transaction_, unit, request);
   std::span<const std::uint8_t> left(frame);
   while (!left.empty()) {
     const auto sent =
@@ -180,30 +179,29 @@ bool ModbusLink::fill(std::int64_t until_ns, const std::string& what) {
 }
 
 bool ModbusLink::take_tcp(Frame& frame, const std::string& what) {
-  if (received_.size() < modbus::kHeader) return false;
-  const std::size_t length = modbus::word_at(received_, 4);
-  const auto protocol = modbus::word_at(received_, 2);
-  if (protocol != 0 || length < 3 || length > 1 + modbus::kLongestPdu) {
+  if (received_.size() < kHeader) return false;
+  const std::size_t length = word_at(received_, 4);
+  const auto protocol = word_at(received_, 2);
+  if (protocol != 0 || length < 3 || length > 1 + kLongestPdu) {
     fail_protocol(
         what, "protocol " + std::to_string(protocol) + " and length " + std::to_string(length) + ", which is no Modbus",
         0);
   }
   const auto size = static_cast<std::ptrdiff_t>(6 + length);
   if (received_.size() < static_cast<std::size_t>(size)) return false;
-  frame = {modbus::word_at(received_, 0), received_[6],
-           Bytes(received_.begin() + modbus::kHeader, received_.begin() + size)};
+  frame = {word_at(received_, 0), received_[6], Bytes(received_.begin() + kHeader, received_.begin() + size)};
   received_.erase(received_.begin(), received_.begin() + size);
   return true;
 }
 
 bool ModbusLink::take_rtu(Frame& frame, const std::string& what, std::size_t read_length) {
-  const auto size = modbus::rtu_answer_size(received_);
+  const auto size = rtu_answer_size(received_);
   if (size == 0U)
     fail_protocol(what, "function " + std::to_string(received_[1]) + " that nobody asked for", read_length);
   if (!size || received_.size() < *size) return false;
   const std::span<const std::uint8_t> bytes(received_.data(), *size);
   const auto crc = static_cast<std::uint16_t>(bytes[*size - 2] | (bytes[*size - 1] << 8U));
-  if (crc != modbus::crc16(bytes.first(*size - 2))) fail_protocol(what, "a wrong CRC", read_length);
+  if (crc != crc16(bytes.first(*size - 2))) fail_protocol(what, "a wrong CRC", read_length);
   frame = {0, bytes[0], Bytes(bytes.begin() + 1, bytes.end() - 2)};
   received_.erase(received_.begin(), received_.begin() + static_cast<std::ptrdiff_t>(*size));
   return true;
@@ -217,10 +215,9 @@ void ModbusLink::check(const Bytes& request, const Frame& frame, const std::stri
     fail_protocol(what, "unit " + std::to_string(frame.unit) + " instead of " + std::to_string(config_.map.unit_id),
                   read_length);
   }
-  if (const auto fault = modbus::fault_in_answer(request, frame.pdu); !fault.empty())
-    fail_protocol(what, fault, read_length);
+  if (const auto fault = fault_in_answer(request, frame.pdu); !fault.empty()) fail_protocol(what, fault, read_length);
   last_byte_ns_ = clock_.now_ns();
-  if (const auto exception = modbus::exception_in(frame.pdu)) fail_exception(what, *exception);
+  if (const auto exception = exception_in(frame.pdu)) fail_exception(what, *exception);
 }
 
 Bytes ModbusLink::await(const Bytes& request, std::int64_t until_ns, const std::string& what, std::size_t read_length) {
@@ -256,18 +253,18 @@ Bytes ModbusLink::ask(const Bytes& request, const std::string& what, std::size_t
 
 void ModbusLink::read(std::uint8_t function, std::uint16_t address, std::span<std::uint16_t> words) {
   get_in_step();
-  const auto answer = ask(modbus::read_request(function, address, static_cast<std::uint16_t>(words.size())),
+  const auto answer = ask(read_request(function, address, static_cast<std::uint16_t>(words.size())),
                           registers("reading", address, words.size()), words.size());
-  for (std::size_t i = 0; i < words.size(); ++i) words[i] = modbus::word_at(answer, 2 + 2 * i);
+  for (std::size_t i = 0; i < words.size(); ++i) words[i] = word_at(answer, 2 + 2 * i);
 }
 
 void ModbusLink::write(std::uint8_t function, std::uint16_t address, std::span<const std::uint16_t> words) {
   get_in_step();
-  (void)ask(modbus::write_request(function, address, words), registers("writing", address, words.size()), 0);
+  (void)ask(write_request(function, address, words), registers("writing", address, words.size()), 0);
 }
 
 void ModbusLink::write_at_once(std::uint8_t function, std::uint16_t address, std::span<const std::uint16_t> words) {
-  const auto request = modbus::write_request(function, address, words);
+  const auto request = write_request(function, address, words);
   const auto what = registers("writing", address, words.size());
   if (!open_ || (!rtu() && in_doubt_)) get_in_step();
   const std::int64_t now_ns = clock_.now_ns(), until_ns = now_ns + timeout_ns();
@@ -291,10 +288,10 @@ void ModbusLink::write_at_once(std::uint8_t function, std::uint16_t address, std
     Frame frame;
     try {
       while (take_rtu(frame, what, 0)) {
-        const bool ours = frame.unit == config_.map.unit_id && modbus::fault_in_answer(request, frame.pdu).empty();
+        const bool ours = frame.unit == config_.map.unit_id && fault_in_answer(request, frame.pdu).empty();
         if (!ours) continue;  // an answer from before
         last_byte_ns_ = clock_.now_ns();
-        if (const auto exception = modbus::exception_in(frame.pdu)) fail_exception(what, *exception);
+        if (const auto exception = exception_in(frame.pdu)) fail_exception(what, *exception);
         return;
       }
     } catch (const DeviceError& error) {
@@ -331,7 +328,7 @@ void ModbusLink::fail_protocol(const std::string& what, const std::string& why, 
 
 void ModbusLink::fail_exception(const std::string& what, std::uint8_t code) const {
   const auto text = at() + what + ": ";
-  const auto said = "exception " + std::to_string(code) + ", " + modbus::exception_text(code);
+  const auto said = "exception " + std::to_string(code) + ", " + exception_text(code);
   if (code == 10 || code == 11) {
     throw DeviceError(Fault::kTimeout, text + "the gateway answers but cannot reach the frame behind it (" + said +
                                            "); is the frame on?");
@@ -346,4 +343,4 @@ void ModbusLink::fail_disconnected(const std::string& what, const std::string& w
   throw DeviceError(Fault::kDisconnected, at() + what + ": connection lost (" + why + ")");
 }
 
-}  // namespace isorig::frame
+}  // namespace isorig::modbus

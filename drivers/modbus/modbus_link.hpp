@@ -9,7 +9,7 @@
 #include "drivers/modbus/modbus_adu.hpp"
 #include "drivers/modbus/modbus_config.hpp"
 
-namespace isorig::frame {
+namespace isorig::modbus {
 
 /// One Modbus connection on which an answer is never taken for that of another request.
 ///
@@ -57,18 +57,17 @@ class ModbusLink {
   struct Frame {
     std::uint16_t transaction = 0;
     std::uint8_t unit = 0;
-    modbus::Bytes pdu;
+    Bytes pdu;
   };
 
   void open_line();
   void get_in_step();
   void probe();
   void wait_for_gap();
-  modbus::Bytes ask(const modbus::Bytes& request, const std::string& what, std::size_t read_length);
-  modbus::Bytes await(const modbus::Bytes& request, std::int64_t until_ns, const std::string& what,
-                      std::size_t read_length);
-  void check(const modbus::Bytes& request, const Frame& frame, const std::string& what, std::size_t read_length);
-  void send(const modbus::Bytes& request, const std::string& what);
+  Bytes ask(const Bytes& request, const std::string& what, std::size_t read_length);
+  Bytes await(const Bytes& request, std::int64_t until_ns, const std::string& what, std::size_t read_length);
+  void check(const Bytes& request, const Frame& frame, const std::string& what, std::size_t read_length);
+  void send(const Bytes& request, const std::string& what);
   bool fill(std::int64_t until_ns, const std::string& what);
   bool take_tcp(Frame& frame, const std::string& what);
   bool take_rtu(Frame& frame, const std::string& what, std::size_t read_length);
@@ -95,11 +94,11 @@ class ModbusLink {
   std::int64_t last_byte_ns_ = 0;
   std::int64_t gap_ns_ = 0;
   std::int64_t limit_ns_ = 0;
-  modbus::Bytes received_;
+  Bytes received_;
   std::uint16_t transaction_ = 0;
   std::deque<std::uint16_t> late_;      // TCP: transactions that may still be answered
   std::array<bool, 126> unanswered_{};  // RTU: lengths of reads that may still be answered
   std::uint64_t resyncs_ = 0;
 };
 
-}  // namespace isorig::frame
+}  // namespace isorig::modbus

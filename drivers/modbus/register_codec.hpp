@@ -12,7 +12,7 @@
 /// libmodbus); how a 32-bit number lies in two registers is the gateway maker's choice. libmodbus' own float
 /// helpers give different answers in 3.1.6, 3.1.8-3.1.10 and 3.1.11 (its issues 665, 694, 757), so none is
 /// used.
-namespace isorig::frame {
+namespace isorig::modbus {
 
 enum class RegisterType : std::uint8_t { kInt16, kUint16, kInt32, kUint32, kFloat32 };
 
@@ -111,4 +111,4 @@ struct RegisterRange {
   return static_cast<std::uint32_t>(static_cast<std::int64_t>(value));
 }
 
-}  // namespace isorig::frame
+}  // namespace isorig::modbus

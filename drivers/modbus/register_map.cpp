@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-namespace isorig::frame {
+namespace isorig::modbus {
 namespace {
 
 constexpr std::array<std::string_view, kQuantities> kNames{
@@ -91,12 +91,12 @@ std::vector<ReadBlock> RegisterMap::state_blocks() const {
   return blocks;
 }
 
-Motion RegisterMap::motion_of(std::uint16_t code) const noexcept {
+frame::Motion RegisterMap::motion_of(std::uint16_t code) const noexcept {
   const auto found = states.find(code);
-  return found == states.end() ? Motion::kFault : found->second;  // a state nobody named is not a good one
+  return found == states.end() ? frame::Motion::kFault : found->second;  // a state nobody named is not a good one
 }
 
-std::uint16_t RegisterMap::state_code_of(Motion motion) const noexcept {
+std::uint16_t RegisterMap::state_code_of(frame::Motion motion) const noexcept {
   for (const auto& [code, meaning] : states) {
     if (meaning == motion) return code;
   }
@@ -111,7 +111,7 @@ std::uint16_t RegisterMap::fault_bits_of(std::uint16_t word) const noexcept {
     known |= mask;
     if ((word & mask) != 0) bits |= 1U << i;
   }
-  if ((word & ~known) != 0) bits |= kDriveFault;
+  if ((word & ~known) != 0) bits |= frame::kDriveFault;
   return static_cast<std::uint16_t>(bits);
 }
 
@@ -131,4 +131,4 @@ std::uint32_t RegisterMap::slot_of(std::uint32_t sequence, std::uint32_t newest,
   return (newest_slot + samples.slots - (newest - sequence) % samples.slots) % samples.slots;
 }
 
-}  // namespace isorig::frame
+}  // namespace isorig::modbus

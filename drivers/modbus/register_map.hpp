@@ -15,7 +15,7 @@
 
 /// The register map of a frame gateway, from TOML (docs/wire-frame.md), used by the driver to talk to one and
 /// by the emulator to be one. No I/O here.
-namespace isorig::frame {
+namespace isorig::modbus {
 
 /// What a register can mean. The TOML key under [registers] is quantity_name(); its unit is in the name.
 enum class Quantity : std::uint8_t {
@@ -115,7 +115,7 @@ struct RegisterMap {
   std::array<std::optional<Register>, kQuantities> registers;
   std::optional<TextRegisters> maker, model, serial, firmware;
   SampleRing samples;
-  std::map<std::uint16_t, Motion> states;                   ///< code in the state register -> meaning
+  std::map<std::uint16_t, frame::Motion> states;            ///< code in the state register -> meaning
   std::array<std::optional<std::uint8_t>, 6> fault_bit_at;  ///< bit of FaultBit i in the gateway's word
   std::uint16_t start_command = 1;
   std::uint16_t stop_command = 2;
@@ -127,8 +127,8 @@ struct RegisterMap {
   [[nodiscard]] ReadBlock header_block() const;
   /// The other blocks that hold what poll() reads of the state, without what the header brings already.
   [[nodiscard]] std::vector<ReadBlock> state_blocks() const;
-  [[nodiscard]] Motion motion_of(std::uint16_t code) const noexcept;
-  [[nodiscard]] std::uint16_t state_code_of(Motion motion) const noexcept;
+  [[nodiscard]] frame::Motion motion_of(std::uint16_t code) const noexcept;
+  [[nodiscard]] std::uint16_t state_code_of(frame::Motion motion) const noexcept;
   /// The gateway's fault word as FaultBit; a bit nobody named counts as a drive fault.
   [[nodiscard]] std::uint16_t fault_bits_of(std::uint16_t word) const noexcept;
   [[nodiscard]] std::uint16_t fault_word_of(std::uint16_t bits) const noexcept;
@@ -140,4 +140,4 @@ struct RegisterMap {
 [[nodiscard]] RegisterMap read_register_map(const std::filesystem::path& path);
 [[nodiscard]] RegisterMap read_register_map(const base::TomlDocument& document);
 
-}  // namespace isorig::frame
+}  // namespace isorig::modbus

@@ -3,7 +3,7 @@
 
 #include "drivers/modbus/register_map.hpp"
 
-namespace isorig::frame {
+namespace isorig::modbus {
 namespace {
 
 using base::TomlTable;
@@ -217,10 +217,10 @@ void read_samples(const TomlTable& root, RegisterMap& map, const Defaults& defau
 void read_codes(const TomlTable& root, RegisterMap& map) {
   const auto states = root.table("states");
   for (std::size_t i = 0; i < kMotionNames.size(); ++i) {
-    const bool needed = i <= static_cast<std::size_t>(Motion::kStopped);
+    const bool needed = i <= static_cast<std::size_t>(frame::Motion::kStopped);
     if (!needed && !states.has(kMotionNames[i])) continue;
     const auto code = static_cast<std::uint16_t>(states.integer(kMotionNames[i], {0.0, 65535.0}));
-    if (states.has(kMotionNames[i]) && !map.states.emplace(code, static_cast<Motion>(i)).second) {
+    if (states.has(kMotionNames[i]) && !map.states.emplace(code, static_cast<frame::Motion>(i)).second) {
       states.error(kMotionNames[i], "two states have the code " + std::to_string(code));
     }
   }
@@ -285,6 +285,7 @@ RegisterMap read_register_map(const base::TomlDocument& document) {
   const auto root = document.root();
   RegisterMap map;
   Defaults defaults;
+  (void)root.choice_or("format", "isorig-frame-map/1", {"isorig-frame-map/1"});  // files of before have none
 
   const auto gateway = root.table("gateway");
   map.name = gateway.string("name");
@@ -315,4 +316,4 @@ RegisterMap read_register_map(const std::filesystem::path& path) {
   return read_register_map(base::TomlDocument::parse_file(path));
 }
 
-}  // namespace isorig::frame
+}  // namespace isorig::modbus

@@ -9,20 +9,20 @@ namespace isorig::pressure {
 
 using drivers::DeviceError;
 using drivers::Fault;
-using frame::RegisterType;
-using frame::WordOrder;
+using modbus::RegisterType;
+using modbus::WordOrder;
 
 namespace {
 
 using base::number_text;
 
 double float_of(std::span<const std::uint16_t> words, WordOrder order) {
-  return frame::number_of(frame::join_words(words, RegisterType::kFloat32, order), RegisterType::kFloat32);
+  return modbus::number_of(modbus::join_words(words, RegisterType::kFloat32, order), RegisterType::kFloat32);
 }
 
 /// Its answer's length differs from that of every other request but the state's, as ModbusLink wants of a probe.
-frame::ReadBlock probe_of(const RegulatorMap& map) {
-  frame::ReadBlock block;
+modbus::ReadBlock probe_of(const RegulatorMap& map) {
+  modbus::ReadBlock block;
   block.address = map.status;
   block.registers = static_cast<std::uint16_t>(map.pressure + 2 - map.status);
   return block;
@@ -77,8 +77,8 @@ void AlicatRegulator::disconnect() noexcept {
 
 void AlicatRegulator::write_setpoint(double psi) {
   const auto& map = config_.map;
-  const auto bits = frame::bits_of(psi / map.psi_per_unit, RegisterType::kFloat32);
-  const auto words = frame::split_words(bits.value(), RegisterType::kFloat32, map.order);
+  const auto bits = modbus::bits_of(psi / map.psi_per_unit, RegisterType::kFloat32);
+  const auto words = modbus::split_words(bits.value(), RegisterType::kFloat32, map.order);
   link_.write(16, map.setpoint, words);
   const double back_psi = read_float(map.setpoint) * map.psi_per_unit;
   if (!(std::abs(back_psi - psi) <= config_.setpoint_tolerance_psi)) {
@@ -115,7 +115,7 @@ RegulatorState AlicatRegulator::read() {
   std::array<std::uint16_t, 125> words{};
   const auto block = std::span(words).first(static_cast<std::size_t>(map.pressure + 2 - map.status));
   link_.read(3, map.status, block);
-  const auto flags = frame::join_words(block, RegisterType::kUint32, map.order);
+  const auto flags = modbus::join_words(block, RegisterType::kUint32, map.order);
   const double pressure =
       float_of(block.subspan(static_cast<std::size_t>(map.pressure - map.status)), map.order) * map.psi_per_unit;
   if (!std::isfinite(pressure) || std::abs(pressure) > 1e4) {

@@ -29,7 +29,7 @@ class AlicatRegulator final : public Regulator {
   void check_known();
 
   const RegulatorConfig config_;
-  frame::ModbusLink link_;
+  modbus::ModbusLink link_;
   bool exhausting_ = false;
 };
 

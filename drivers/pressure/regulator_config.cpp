@@ -6,14 +6,15 @@ RegulatorMap read_regulator_map(const std::filesystem::path& file) {
   const auto document = base::TomlDocument::parse_file(file);
   const auto root = document.root();
   RegulatorMap map;
+  (void)root.choice_or("format", "isorig-regulator-map/1", {"isorig-regulator-map/1"});  // files of before have none
   map.name = root.string("name");
   map.unit_id = static_cast<std::uint8_t>(root.integer_or("unit_id", 1, {1.0, 247.0}));
   const auto base = root.integer_or("address_base", 0, {0.0, 1.0});
   const auto order = root.choice("word_order", {"ABCD", "CDAB", "BADC", "DCBA"});
-  map.order = order == "CDAB"   ? frame::WordOrder::kCDAB
-              : order == "BADC" ? frame::WordOrder::kBADC
-              : order == "DCBA" ? frame::WordOrder::kDCBA
-                                : frame::WordOrder::kABCD;
+  map.order = order == "CDAB"   ? modbus::WordOrder::kCDAB
+              : order == "BADC" ? modbus::WordOrder::kBADC
+              : order == "DCBA" ? modbus::WordOrder::kDCBA
+                                : modbus::WordOrder::kABCD;
   const auto unit = root.choice("pressure_unit", {"psi", "bar", "kPa"});
   map.psi_per_unit = unit == "bar" ? 14.503773773 : unit == "kPa" ? 0.14503773773 : 1.0;
 
@@ -60,7 +61,7 @@ RegulatorConfig read_regulator_config(const base::TomlTable& t, const std::files
     line.host = t.string("host");
     line.port = static_cast<std::uint16_t>(t.integer("port", {1.0, 65535.0}));
   } else {
-    line.transport = frame::ModbusTransport::kRtu;
+    line.transport = modbus::ModbusTransport::kRtu;
     line.tty = t.string("tty");
     line.baud = static_cast<int>(t.integer_or("baud", 19'200, {1200.0, 921600.0}));
     const auto parity = t.choice_or("parity", "none", {"none", "even", "odd"});

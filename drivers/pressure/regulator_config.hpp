@@ -15,7 +15,7 @@ namespace isorig::pressure {
 struct RegulatorMap {
   std::string name;
   std::uint8_t unit_id = 1;
-  frame::WordOrder order = frame::WordOrder::kABCD;
+  modbus::WordOrder order = modbus::WordOrder::kABCD;
   double psi_per_unit = 1.0;
   std::uint16_t setpoint = 0, status = 0, pressure = 0, command = 0;
   std::uint16_t valve_command = 6, cancel = 0, exhaust = 3;
@@ -29,7 +29,7 @@ struct RegulatorMap {
 /// [regulator] of a rig.
 struct RegulatorConfig {
   RegulatorMap map;
-  frame::ModbusConfig line;              ///< transport and time-outs; its register map is not used
+  modbus::ModbusConfig line;             ///< transport and time-outs; its register map is not used
   double max_psi = 0.0;                  ///< no set-point above it is sent
   double setpoint_tolerance_psi = 0.01;  ///< of what is read back
 };

@@ -7,6 +7,7 @@
 
 #include "identify/diagnose/diagnosis_notes.hpp"
 #include "identify/diagnose/forecast.hpp"
+#include "identify/diagnose/guard/plausible.hpp"
 #include "identify/diagnose/judgeable.hpp"
 #include "identify/diagnose/prepare.hpp"
 #include "identify/diagnose/publish.hpp"
@@ -17,6 +18,7 @@
 #include "identify/diagnose/search/published.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
+#include "model/length_scale.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -33,44 +35,53 @@ double rmse_N(const model::ModelSpec& spec, const Study& study) {
   return count > 0 ? std::sqrt(squares / static_cast<double>(count)) : 0.0;
 }
 
-/// What the source of the noise says about how far it can be believed.
+/// Bounds on the scale of the noise, by its source.
 SelectionOptions options_for(const InstrumentNoise& noise, SelectionOptions options) {
   constexpr double kMostWrong = 2.0;
   const bool from_rests = noise.source == NoiseSource::kRests;
   if (noise.measured()) options.most_noise_scale = kMostWrong;
-  // A level measured in motion is a mean over fast and slow stretches. The quiet half of a residual shows less than
-  // that, and would pass the rest off as excess: the scale stays at one or above.
+  // A level measured in motion is a mean over fast and slow stretches. The quiet half of a residual is below it, and a
+  // scale taken from that half would count the rest as excess: the scale stays at one or above.
   if (noise.measured() && !from_rests) options.least_noise_scale = 1.0;
   options.count_independent_errors = !from_rests;
   options.reading_noise_N = std::hypot(noise.noise.white_N, noise.noise.coloured_N);
   return options;
 }
 
-/// Numbers of the chosen model with their intervals.
-std::vector<std::vector<NamedValue>> stated_intervals(const Study& study, const model::ModelSpec& spec) {
+/// The noise that intervals of the chosen model are stated under.
+NoiseModel stated_noise(const Study& study) {
   // Bins average coloured noise, so that less of it is left in them than in the readings; the rests show all of it.
   NoiseModel stated = study.selection.chosen().fit.noise;
   if (study.noise.noise.coloured_N > stated.coloured_N) {
     stated.coloured_N = study.noise.noise.coloured_N;
     stated.correlation_s = study.noise.noise.correlation_s;
   }
-  return intervals(Problem(study.series, stated), spec, Spread::kMoves);
+  return stated;
 }
 
 void name_missing_effects(Study& study) {
   const Selection& selection = study.selection;
   Diagnosis& out = study.diagnosis;
-  const auto values = stated_intervals(study, out.model);
+  const Problem stated(study.series, stated_noise(study));
+  const auto values = intervals(stated, out.model, Spread::kMoves);
   for (const auto* effect : selection.chosen().effects) {
     MissingEffect missing;
     missing.effect = effect;
     missing.probability = selection.probability.at(effect);
     missing.size_N = selection.size_N.at(effect);
+    int parts = 0;
     for (std::size_t p = 0; p < out.model.parts.size(); ++p) {
       if (out.model.parts[p].physics != effect) continue;
-      missing.law = out.model.parts[p].law->name;
-      missing.parameters = values[p];
+      const model::Law& law = *out.model.parts[p].law;
+      missing.law = law.name;
+      ++parts;
+      for (NamedValue value : values[p]) {
+        value.part = parts;
+        missing.parameters.push_back(std::move(value));
+      }
+      missing.formula += (parts > 1 ? "; " : "") + formula_text(law, values[p]);
     }
+    missing.shape = shape_of(stated, out.model, *effect);
     out.missing.push_back(std::move(missing));
   }
   std::ranges::stable_sort(out.missing, std::greater<>(), &MissingEffect::size_N);
@@ -94,11 +105,12 @@ void list_alternatives(const Selection& selection, Diagnosis& out) {
   std::ranges::stable_sort(out.tried, std::greater<>(), &Explanation::weight);
 }
 
-/// Share of the nominal model's excess that is left, beyond which names are not the story.
+/// Unexplained share of the nominal model's excess above which the verdict is unknown physics.
 constexpr double kMuchUnexplained = 0.12;
 
 void decide_verdict(const Study& study, bool noise_from_rests, Diagnosis& out) {
-  // A structure counts from a fifth of what noise leaves on, and from 400 squares: a force of 2 noises in 100 bins.
+  // Structure counts where the excess is more than a fifth of the noise's own squares and more than 400: a force of 2
+  // noises in 100 bins.
   constexpr double kStructureShare = 0.2, kStructureSquares = 400.0;
   const Selection& selection = study.selection;
   const double rows = static_cast<double>(selection.chosen().fit.rows);
@@ -138,10 +150,10 @@ void remember_what_was_seen(const Study& study, const Criterion& criterion, cons
                             const model::ModelSpec& nominal, model::ModelSpec& spec) {
   const Problem problem(study.series, criterion.noise);
   model::Seen seen = ranges_of(study.series);
-  // Left-out errors are those of bins: what the motion errs by within a bin is in the rows alone.
+  // Left-out errors are those of bins; the model's error within a bin shows in the rows alone.
   seen.error_N = std::max(errors.heldout_rmse_N.value_or(0.0), errors.train_rmse_N);
-  // The time constant of an arm without stiffness moves no force: its variance has no bound, and no prediction hangs on
-  // it.
+  // The time constant of an arm without stiffness has no influence on the force: its variance is unbounded, and no
+  // prediction depends on it.
   seen.covariance = lower_triangle(
       covariance(problem, spec, Spread::kMoves).unaryExpr([](double v) { return std::isfinite(v) ? v : 0.0; }));
   seen.nominal = nominal.parts;
@@ -153,8 +165,8 @@ void publish_model(const Search& search, const Study& study, const PublishedNomi
                    unsigned threads, Diagnosis& out) {
   const LeaveOut leave_out(study.series, study.noise.noise.white_N, learn_again(out.nominal, nominal.criterion),
                            threads);
-  Publication publication = publish(search, study.selection, leave_out, std::move(whole),
-                                    {out.nominal, nominal.criterion, {}, {}}, out.noise_N);
+  Publication publication =
+      publish(search, study.selection, leave_out, whole, {out.nominal, nominal.criterion, {}, {}}, out.noise_N);
   out.model = std::move(publication.model.spec);
   if (!publication.why.empty()) place_events(out.model, study.series[0], study.usable[0]);
   out.described_by = std::move(publication.model.described_by);
@@ -172,7 +184,23 @@ void publish_model(const Search& search, const Study& study, const PublishedNomi
   remember_what_was_seen(study, publication.model.criterion, out.model_errors, plain_nominal, out.model);
 }
 
-/// A verdict on numbers that are none is no verdict.
+/// Fewer rows than this name nothing: no stretch can be left out of them to check a name by, and of thirty rows of pure
+/// noise zero_drift was named with 0.92 at half the size that they could show.
+constexpr std::size_t kFewestToName = 100;
+
+/// Takes the nominal model back where rows are too few; why, if something spoke for more than that model.
+std::optional<Unjudged> nothing_named_of_few_rows(Study& study) {
+  std::size_t rows = 0;
+  for (const Series& each : study.series) rows += each.recording.frame.size();
+  if (rows >= kFewestToName || study.selection.best == 0) return std::nullopt;
+  const std::string found = study.selection.chosen().key();
+  study.selection.best = 0;
+  return Unjudged{
+      "something speaks for " + found + ", and " + std::to_string(rows) + " rows leave nothing to check it by",
+      "the same motion with at least " + std::to_string(kFewestToName) + " rows, or a few of them"};
+}
+
+/// A verdict that rests on numbers that are not finite is an error.
 void refuse_unless_finite(const Diagnosis& d) {
   bool finite = true;
   for (const double value :
@@ -209,12 +237,24 @@ std::string_view name_of(Verdict verdict) {
 
 Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::string> names,
                const model::ModelSpec& given, const DiagnosisOptions& options) {
+  const auto now = [&](double fraction, const char* doing) {
+    if (options.on_progress) options.on_progress(fraction, doing);
+  };
+  refuse_several_pressures(recordings, names, given);
+  now(0.0, "measuring the noise");
   Study study;
   model::ModelSpec nominal = given;
   prepare(study, std::move(recordings), std::move(names), nominal);
+  model::set_length_scale_if_in_range(nominal, model::length_scale_of_stroke(stroke_mm(study.series)));
   const Search search(study.series, study.noise.weighing, options.threads);
-  study.selection = select_effects(search, nominal, options_for(study.noise, options.selection));
+  constexpr const char* kWeighing = "weighing what may be missing";
+  now(0.03, kWeighing);
+  SelectionOptions selecting = options_for(study.noise, options.selection);
+  selecting.on_progress = [&](double fraction) { now(0.03 + 0.82 * fraction, kWeighing); };
+  study.selection = select_effects(search, nominal, selecting);
+  now(0.85, "looking for simpler laws");
   prefer_simpler_laws(study.selection, search);
+  const std::optional<Unjudged> few = nothing_named_of_few_rows(study);
 
   Diagnosis& out = study.diagnosis;
   out.faults = study.faults;
@@ -227,21 +267,29 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   place_events(out.model, study.series[0], study.usable[0]);
   name_missing_effects(study);
   list_alternatives(study.selection, out);
+  now(0.87, "what these recordings can show");
   out.discernible = discernible(search, study.selection.nominal(), options.threads);
   decide_verdict(study, study.noise.source == NoiseSource::kRests, out);
+  if (few) {
+    out.verdict = Verdict::kCannotJudge;
+    out.unjudged = few;
+  }
   const Hypothesis& chosen = study.selection.chosen();
   Candidate whole{
       out.model, study.selection.best == 0 ? nominal_published.criterion : criterion_of_chosen(search, study.selection),
       chosen.effects, chosen.empirical};
+  now(0.9, "what is left");
   describe_what_is_left(search, study, options.threads, out, whole);
   for (MissingEffect& missing : out.missing)
     missing.probability = calibrated(missing.probability, out.unexplained, out.verdict == Verdict::kUnknownPhysics);
+  now(0.93, "predicting what was left out");
   publish_model(search, study, nominal_published, std::move(whole), options.threads, out);
   out.nominal.name = out.model.name = nominal.name;
   if (out.verdict == Verdict::kConsistent && (out.unjudged = unjudged(study, out.nominal_errors.train_rmse_N)))
     out.verdict = Verdict::kCannotJudge;
   if (out.verdict != Verdict::kConsistent)
     out.where = locate(search.instrument_problem(), out.nominal, out.model, study.selection.noise_scale);
+  now(0.97, "designing the next experiment");
   out.design = design_experiment(search, study.selection, options.design, options.threads);
   add_notes(study, nominal_published.fit, out);
   refuse_unless_finite(out);

@@ -1,5 +1,6 @@
 #pragma once
 #include <filesystem>
+#include <functional>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
@@ -9,6 +10,7 @@
 #include "identify/diagnose/explain/discernible.hpp"
 #include "identify/diagnose/explain/heldout.hpp"
 #include "identify/diagnose/explain/locate.hpp"
+#include "identify/diagnose/explain/shape.hpp"
 #include "identify/diagnose/fit/intervals.hpp"
 #include "identify/diagnose/guard/guard.hpp"
 #include "identify/diagnose/noise/noise.hpp"
@@ -22,6 +24,8 @@ struct MissingEffect {
   double probability = 0.0;
   double size_N = 0.0;  ///< of the force that it stands for (practical_significance.hpp)
   std::vector<NamedValue> parameters;
+  std::string formula;  ///< of the law, with its numbers
+  Shape shape;
 };
 
 struct Alternative {
@@ -94,6 +98,9 @@ struct DiagnosisOptions {
   unsigned threads = 2;
   SelectionOptions selection;
   DesignOptions design;
+  /// Called as the work goes on: the part that is done, by the time that its stages take of a usual diagnosis, and what
+  /// comes now.
+  std::function<void(double fraction, const char* doing)> on_progress{};
 };
 
 /// A diagnosis with what it rests on, for the report.
@@ -106,11 +113,8 @@ struct Study {
   Diagnosis diagnosis;
 };
 
-/// What the recordings' nominal pressures say against diagnosing them together; "" when nothing.
-[[nodiscard]] std::string mixed_pressures(std::span<const double> nominal_psi);
-
-/// Throws std::invalid_argument for recordings that cannot be judged, std::domain_error when the numbers that the
-/// verdict rests on do not come out finite.
+/// Throws std::invalid_argument for recordings that cannot be judged, or not together (guard/plausible.hpp),
+/// std::domain_error when the numbers that the verdict rests on do not come out finite.
 [[nodiscard]] Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::string> names,
                              const model::ModelSpec& nominal, const DiagnosisOptions& options);
 

@@ -4,11 +4,13 @@
 #include <cmath>
 #include <cstdio>
 
+#include "identify/diagnose/guard/plausible.hpp"
+
 namespace isorig::identify {
 namespace {
 
-/// The selection refits under the noise that each explanation was left with, in few iterations. Where that stopped
-/// short and going on would still gain, the reader must know: the numbers are on their way, not there.
+/// The selection refits each explanation under the noise of its own residual, in few iterations. Where that stopped
+/// short and going on would still gain, a note says so: the numbers have not reached their optimum.
 void note_unfinished_fit(const Study& study, const Fit& fit, const char* which, Diagnosis& out) {
   constexpr int kIterations = 25;
   constexpr double kMatters = 1.0;  // half a standard deviation of one number, in log-likelihood
@@ -29,7 +31,8 @@ void note_unfinished_fit(const Study& study, const Fit& fit, const char* which, 
   out.notes.emplace_back(text);
 }
 
-/// A name is no safer than the recordings are able to make it.
+/// A named effect of a size at which these recordings cannot tell it from its nearest rival (discernible.hpp) gets a
+/// note.
 void note_what_cannot_be_told(Diagnosis& out) {
   for (const MissingEffect& missing : out.missing) {
     const auto able = std::ranges::find(out.discernible, missing.effect, &Discernible::effect);
@@ -49,6 +52,15 @@ void note_what_cannot_be_told(Diagnosis& out) {
   }
 }
 
+/// What belongs to its recording cannot be left out of it (left_out.hpp).
+void note_states(Diagnosis& out) {
+  if (std::ranges::any_of(out.model.parts, [](const model::Part& part) { return model::is_event(*part.law); }))
+    out.notes.emplace_back(
+        "An event belongs to its recording: its time and size are taken from all readings, also where readings are "
+        "left "
+        "out. The left-out errors say nothing of how well they are known; their intervals do.");
+}
+
 }  // namespace
 
 std::string NotModelled::text() const {
@@ -57,35 +69,22 @@ std::string NotModelled::text() const {
   return "Located, not modelled: " + list + ". model.toml is without it. The reason: " + why + ".";
 }
 
-std::string mixed_pressures(std::span<const double> nominal_psi) {
-  if (nominal_psi.empty()) return {};
-  const auto [low, high] = std::ranges::minmax(nominal_psi);
-  if (high - low <= 0.05 * high) return {};
-  char text[240];
-  std::snprintf(text, sizeof text,
-                "The recordings were made at nominal pressures from %.3g to %.3g psi and are fitted with one "
-                "material. An actuator's stiffness follows its pressure: diagnose each pressure by itself, unless "
-                "that is what is to be shown.",
-                low, high);
-  return text;
-}
-
 void add_notes(const Study& study, const Fit& nominal_fit, Diagnosis& out) {
   for (const Inseparable& pair : out.design.inseparable) out.notes.push_back(pair.text);
   note_what_cannot_be_told(out);
   note_unfinished_fit(study, nominal_fit, "nominal model", out);
   if (study.selection.best != 0)
     note_unfinished_fit(study, study.selection.chosen().fit, "model with what it lacked", out);
+  note_states(out);
   if (!out.not_modelled.why.empty()) out.notes.push_back(out.not_modelled.text());
   if (out.nominal.has("spring") && out.nominal.has("maxwell"))
     out.notes.emplace_back(
         "A spring in series with the specimen (grips, load cell, frame) turns this model into another of the same "
         "form: no force and crosshead reading can tell its stiffness. It is not looked for, and the stiffnesses "
         "here are those of specimen and load train together.");
-  std::vector<double> nominal_psi;
-  for (const Series& each : study.series)
-    nominal_psi.push_back(each.recording.metadata.nominal_pressure_psi.value_or(0.0));
-  if (auto text = mixed_pressures(nominal_psi); !text.empty()) out.warnings.push_back(std::move(text));
+  std::vector<std::string> specimens;
+  for (const Series& each : study.series) specimens.push_back(each.recording.metadata.specimen);
+  if (auto text = several_specimens(specimens); !text.empty()) out.warnings.push_back(std::move(text));
 }
 
 }  // namespace isorig::identify

@@ -3,8 +3,8 @@
 #include <string>
 #include <vector>
 
-#include "identify/diagnose/fit/fading.hpp"
 #include "identify/diagnose/fit/fit.hpp"
+#include "identify/diagnose/fit/running_forecast.hpp"
 
 namespace isorig::identify {
 
@@ -15,7 +15,7 @@ struct Forecast {
   std::vector<std::string> notes;                  ///< what it leaves, by how much, with the range; for people
 };
 
-/// Simulates a model on a recording's motion and pressure.
+/// Simulates a model on a recording's motion and pressure (fit/running_forecast.hpp, row by row).
 ///
 /// What the model has beyond its nominal one fades outside of what it has seen (fit/fading.hpp): with d the distance
 /// and w the weight there, F the model's force and F0 the nominal one's, the band is
@@ -25,9 +25,6 @@ struct Forecast {
 /// with s the rms of readings left out of the fit, noise included, C the covariance of the fitted numbers
 /// (intervals.hpp) and J the change of F by them. s grows with d by a convention, not by a law.
 [[nodiscard]] Forecast forecast(const model::ModelSpec& spec, const Excitation& excitation);
-
-/// Why `spec.seen` does not belong to `spec`; "" when it does.
-[[nodiscard]] std::string unfit_seen(const model::ModelSpec& spec);
 
 /// The row by row lower triangle of a symmetric matrix.
 [[nodiscard]] std::vector<double> lower_triangle(const Eigen::MatrixXd& matrix);

@@ -3,12 +3,12 @@
 
 namespace isorig::identify {
 
-/// What keeps a model that nothing speaks against from being called consistent; nothing for one that may be. In this
-/// order:
+/// Why a model that no evidence speaks against may still not be called consistent; nothing where it may. Checked in
+/// this order:
 ///
 /// - Too little excitation: the force varies by less than three noises rms. Any model would do.
-/// - The nominal model explains nothing: it leaves more than a tenth of the force's variance. What it leaves may pass
-///   for noise where noise was not measured, and is no noise of a force channel.
+/// - The nominal model explains nothing: its residual has more than a tenth of the force's variance. Where noise was
+///   not measured such a residual may be taken for noise, and no force channel has that much.
 /// - The noise could not be measured, by rests, repetitions or strokes, and the residual has more than twice the
 ///   power of the guess by second differences (noise/noise.hpp): it is noise, or it is not.
 [[nodiscard]] std::optional<Unjudged> unjudged(const Study& study, double nominal_rmse_N);

@@ -38,9 +38,9 @@ bool pressure_moves(const messages::Recording& recording) {
   return *high - *low > 20.0 * white_noise(gauge.t_s, gauge.pressure_psi);
 }
 
-/// Filling stretches the specimen, and its arms keep some of that force when the rows of the filling are
-/// gone; so does what moved while no readings came. No physics that the nominal model lacks, but a state that is not
-/// known.
+/// Filling stretches the specimen, and its arms still hold some of that force when the rows of the filling have been
+/// cut off; the same holds for a motion while no readings came. This is an unknown state, not physics that the nominal
+/// model lacks.
 void add_unknown_state(model::ModelSpec& spec, double recording_id, double start_s) {
   const model::Physics& physics = model::element::arm_start();
   const auto arms = std::ranges::count(spec.parts, &model::element::maxwell(), &model::Part::physics);
@@ -56,7 +56,7 @@ void add_unknown_state(model::ModelSpec& spec, double recording_id, double start
 /// Cuts the session's own filling off and refuses what no model can be judged by.
 WholeRecording admit(messages::Recording& recording, const std::string& name, model::ModelSpec& nominal,
                      std::vector<DataFault>& faults) {
-  constexpr std::size_t kFewest = 100;
+  constexpr std::size_t kFewest = 20;
   const auto& t_s = recording.frame.t_s;
   const WholeRecording whole{t_s.empty() ? 0.0 : t_s.back() - t_s.front(), messages::recording_id(recording)};
   // An isometric recording is driven by its pressure alone: its filling is the experiment.
@@ -77,7 +77,8 @@ WholeRecording admit(messages::Recording& recording, const std::string& name, mo
   return whole;
 }
 
-/// Hum of the mains is no noise that a rest shows rightly, nor physics: it is taken out of the force.
+/// Hum of the mains is neither white nor an Ornstein-Uhlenbeck process, so that rests measure it wrongly, and it is no
+/// physics of the specimen: it is taken out of the force.
 void take_hum_out(messages::FrameSamples& frame, const std::vector<bool>& usable, std::vector<DataFault>& faults) {
   constexpr double kOne = 1.5;  // readings: a row that stands for more is a mean, without hum
   const RowWeights readings = row_weights(frame);

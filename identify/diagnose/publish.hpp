@@ -27,17 +27,18 @@ struct Publication {
 
 /// The model predicts what was left out worse than the nominal one. By more than (0.3 noise)^2 a reading, and by more
 /// than two standard errors of how the strokes disagree. Fewer than four strokes show no such error, and no scatter of
-/// strokes makes up for an rms twice as large: there the rms itself decides (1.1 and 2 times the nominal one).
+/// strokes makes up for an rms twice as large: there the rms itself decides (1.1 and 2 times the nominal one). Up to
+/// that, what noise in the learnt numbers explains (LeftOut::learning_N2, 95 %) is not worse.
 [[nodiscard]] bool worse(const LeftOut& row, double noise_N);
 
-/// What speaks against a model before anything is left out: it gives out work on a closed loop (explain/passivity.hpp),
-/// or a number that it has beyond the nominal model stands at a bound, to a thousandth of its range, where the law is
-/// none that is documented. "" when nothing does.
+/// The reason against a model that needs no left-out readings: it gives out work on a closed loop
+/// (explain/passivity.hpp), or a number that it has beyond the nominal model stands at a bound, to a thousandth of its
+/// range, where the law is none that is documented. "" when nothing does.
 [[nodiscard]] std::string unphysical(const model::ModelSpec& spec, std::span<const Series> series, double noise_N);
 
 /// The largest of `whole` and what is left of it that is physical and never worse: without the table or memory, then
 /// without its weakest effect, and so on. The nominal model if none is.
 [[nodiscard]] Publication publish(const Search& search, const Selection& selection, const LeaveOut& leave_out,
-                                  Candidate whole, const Candidate& nominal, double noise_N);
+                                  const Candidate& whole, const Candidate& nominal, double noise_N);
 
 }  // namespace isorig::identify

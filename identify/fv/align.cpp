@@ -20,7 +20,12 @@ struct Window {
   std::size_t first, last;  ///< pressure samples
 };
 
-/// Windows round the strokes, least squares of level, drift and response in each; shared A.
+/// Windows w round the strokes, least squares of level and drift in each and one amplitude A for all:
+///
+///     p(t_p) = a_w + b_w t_p + A s(t),   t = t_ref + q0 + (1 + q1) (t_p - t_ref),   ds/dt = dx/dt - exp(q2) s
+///
+/// q0 is the offset in s at t_ref, q1 the skew, exp(q2) the rate at which the regulator recovers. Level and drift are
+/// taken off p and s alike, which leaves A = s'p / s's: the search walks over q alone (variable projection).
 class WindowFit {
  public:
   WindowFit(const messages::FrameSamples& frame, const messages::PressureSamples& pressure, std::vector<Window> windows,
@@ -84,7 +89,7 @@ class WindowFit {
   mutable double cached_gamma_ = -1.0;
 };
 
-/// Lag-1 correlation of a residual as a variance inflation.
+/// Factor on the variance of what is fitted, for a residual of lag-1 correlation rho: (1 + rho) / (1 - rho).
 double inflation_of(const Eigen::VectorXd& r) {
   const long n = r.size();
   if (n < 10) return 1.0;
@@ -152,7 +157,7 @@ Eigen::MatrixXd differences(const WindowFit& fit, const Refined& at, const Eigen
 
 /// Levenberg 1944, Marquardt 1963, with the damping as further rows of a least-squares problem, so that the condition
 /// number of the Jacobian is not squared (More 1978).
-Refined refine(const WindowFit& fit, Eigen::Vector3d start, bool skew_known, double spread_s) {
+Refined refine(const WindowFit& fit, const Eigen::Vector3d& start, bool skew_known, double spread_s) {
   Refined at;
   at.q = start;
   at.free = skew_known ? std::vector<int>{0, 1, 2} : std::vector<int>{0, 2};

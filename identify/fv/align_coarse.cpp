@@ -45,7 +45,13 @@ Spectrum spectrum(Eigen::FFT<double>& fft, Vector data, std::size_t size) {
   return out;
 }
 
-/// Response at every lag, for one template and one stretch of the pressure.
+/// Matched filter of the pressure p with a template s, the response that the motion would cause: for every lag l
+///
+///     score(l) = sum_j s_j+l p_j / sqrt(sum over the overlap of s_j+l^2)
+///
+/// The numerator is the inverse transform of S conj(P), both padded with zeros (the correlation theorem); in white
+/// noise of sigma the score has the standard deviation sigma at every lag, so that lags of different overlap can be
+/// compared.
 void correlate(Eigen::FFT<double>& fft, const Spectrum& s_spectrum, const Spectrum& p_spectrum, const Vector& s,
                std::size_t pressure_size, CoarseAlignment& best, double skew, double gamma_per_s) {
   const std::size_t size = s_spectrum.size();
@@ -80,7 +86,7 @@ void correlate(Eigen::FFT<double>& fft, const Spectrum& s_spectrum, const Spectr
     // Only a response of the same sign can be confused with it.
     if (score * top.second > 0.0) second = std::max(second, std::abs(score));
   }
-  const double scatter = 1.4826 * base::median(magnitude);
+  const double scatter = base::median(magnitude) / base::kNormalQuartile;
   best = {std::abs(top.second),
           static_cast<double>(top.first) * kGrid_s,
           skew,
@@ -115,6 +121,7 @@ CoarseAlignment find_coarse_alignment(const messages::FrameSamples& frame, const
   Eigen::FFT<double> fft;
   CoarseAlignment best;
   std::vector<Vector> templates;
+  templates.reserve(kGammas_per_s.size());
   for (double gamma : kGammas_per_s) templates.push_back(gridded(frame.t_s, response_to_motion(frame, gamma), 1.0));
   for (int k = -skew_steps; k <= skew_steps; ++k) {
     const double skew = skew_steps > 0 ? largest_skew * k / skew_steps : 0.0;

@@ -54,101 +54,129 @@ const Curve* control_of(const CurveMap& curves, const std::string& specimen, dou
   return at == control->second.end() ? nullptr : at->second;
 }
 
-std::vector<Trend> trends_of(const Campaign& c) {
-  const CurveMap curves = by_specimen(c);
-  const auto all = [](const std::string&) { return true; };
-  std::vector<Trend> out;
-  out.push_back(count("Larger response in extension than in shortening, for all actuators", curves, all,
-                      [](const std::string&, double, const Curve& curve) -> std::optional<bool> {
-                        return mean_response(curve, 1) > mean_response(curve, -1);
-                      }));
-  // Neighbouring pressures.
-  auto previous = [&](const std::string& specimen, double pressure, int back) -> const Curve* {
-    const auto& list = curves.at(specimen);
-    auto at = list.find(pressure);
-    for (int i = 0; i < back; ++i) {
-      if (at == list.begin()) return nullptr;
-      --at;
-    }
-    return at->second;
+bool any(const std::string&) {
+  return true;
+}
+
+bool is_control(const std::string& specimen) {
+  return is(specimen, "Control");
+}
+
+/// Mesh number 2, 10 mm, is the paper's exception.
+bool is_urethane_of_6_or_12_mm(const std::string& specimen) {
+  return is(specimen, "Urethane") && parse_specimen(specimen).number != "2";
+}
+
+/// The same specimen's curve at the `back`-th pressure below this; null when it has none.
+const Curve* lower_pressure(const CurveMap& curves, const std::string& specimen, double pressure, int back) {
+  const auto& list = curves.at(specimen);
+  auto at = list.find(pressure);
+  for (int i = 0; i < back; ++i) {
+    if (at == list.begin()) return nullptr;
+    --at;
+  }
+  return at->second;
+}
+
+/// Heights in units of the elastic jump strain_step / initial_strain: actuators differ in length, and so do their
+/// jumps.
+std::optional<bool> above_control(const CurveMap& curves, const std::string& specimen, double pressure,
+                                  const Curve& curve, int direction) {
+  const Curve* control = control_of(curves, specimen, pressure);
+  if (control == nullptr) return std::nullopt;
+  const auto height = [&](const Curve& of) {
+    return mean_response(of, direction) / (of.strain_step / of.initial_strain);
   };
-  out.push_back(count("More pressure lowers the curve (against the next lower pressure)", curves, all,
+  return height(curve) > height(*control);
+}
+
+/// By how much the fitted asymptote FV(v -> inf) lies above the control's.
+std::optional<double> asymptote_gain(const CurveMap& curves, const std::string& specimen, double pressure,
+                                     const Curve& curve) {
+  const Curve* control = control_of(curves, specimen, pressure);
+  if (control == nullptr || !curve.result.fit || !control->result.fit) return std::nullopt;
+  const model::FvTest test{curve.strain_step, curve.initial_strain};
+  return model::fv_asymptote(curve.result.fit->elements, test) -
+         model::fv_asymptote(control->result.fit->elements, test);
+}
+
+void add_trends_with_pressure(const CurveMap& curves, std::vector<Trend>& out) {
+  out.push_back(count("More pressure lowers the curve (against the next lower pressure)", curves, any,
                       [&](const std::string& s, double p, const Curve& curve) -> std::optional<bool> {
-                        const Curve* lower = previous(s, p, 1);
+                        const Curve* lower = lower_pressure(curves, s, p, 1);
                         if (lower == nullptr) return std::nullopt;
                         return mean_response(curve, 0) < mean_response(*lower, 0);
                       }));
-  out.push_back(count("The next pressure step lowers it by less than the step before", curves, all,
+  out.push_back(count("The next pressure step lowers it by less than the step before", curves, any,
                       [&](const std::string& s, double p, const Curve& curve) -> std::optional<bool> {
-                        const Curve *lower = previous(s, p, 1), *lowest = previous(s, p, 2);
+                        const Curve *lower = lower_pressure(curves, s, p, 1), *lowest = lower_pressure(curves, s, p, 2);
                         if (lowest == nullptr) return std::nullopt;
                         return mean_response(*lower, 0) - mean_response(curve, 0) <
                                mean_response(*lowest, 0) - mean_response(*lower, 0);
                       }));
-  out.push_back(count(
-      "kappa_c falls with pressure (controls)", curves, [](const std::string& s) { return is(s, "Control"); },
-      [&](const std::string& s, double p, const Curve& curve) -> std::optional<bool> {
-        const Curve* lower = previous(s, p, 1);
-        if (lower == nullptr || !lower->result.fit || !curve.result.fit) return std::nullopt;
-        return curve.result.fit->parameter("kappa").value < lower->result.fit->parameter("kappa").value;
-      }));
-  auto above_control = [&](const std::string& s, double p, const Curve& curve, int direction) -> std::optional<bool> {
-    const Curve* control = control_of(curves, s, p);
-    if (control == nullptr) return std::nullopt;
-    // Heights in units of the elastic jump: actuators differ in length, so their jumps do.
-    auto height = [&](const Curve& of) { return mean_response(of, direction) / (of.strain_step / of.initial_strain); };
-    return height(curve) > height(*control);
-  };
-  out.push_back(count(
-      "Urethane, 6 and 12 mm: higher than the control at all pressures", curves,
-      [](const std::string& s) { return is(s, "Urethane") && parse_specimen(s).number != "2"; },
-      [&](const std::string& s, double p, const Curve& c2) { return above_control(s, p, c2, 0); }));
+  out.push_back(count("kappa_c falls with pressure (controls)", curves, is_control,
+                      [&](const std::string& s, double p, const Curve& curve) -> std::optional<bool> {
+                        const Curve* lower = lower_pressure(curves, s, p, 1);
+                        if (lower == nullptr || !lower->result.fit || !curve.result.fit) return std::nullopt;
+                        return curve.result.fit->parameter("kappa").value < lower->result.fit->parameter("kappa").value;
+                      }));
+}
+
+void add_trends_against_control(const CurveMap& curves, std::vector<Trend>& out) {
+  out.push_back(
+      count("Urethane, 6 and 12 mm: higher than the control at all pressures", curves, is_urethane_of_6_or_12_mm,
+            [&](const std::string& s, double p, const Curve& c2) { return above_control(curves, s, p, c2, 0); }));
   out.push_back(count(
       "Ecoflex: lower than the control in extension, all diameters and pressures", curves,
       [](const std::string& s) { return is(s, "Ecoflex"); },
       [&](const std::string& s, double p, const Curve& c2) -> std::optional<bool> {
-        const auto above = above_control(s, p, c2, 1);
+        const auto above = above_control(curves, s, p, c2, 1);
         if (!above) return std::nullopt;
         return !*above;
       }));
-  auto asymptote_gain = [&](const std::string& s, double p, const Curve& curve) -> std::optional<double> {
-    const Curve* control = control_of(curves, s, p);
-    if (control == nullptr || !curve.result.fit || !control->result.fit) return std::nullopt;
-    const model::FvTest test{curve.strain_step, curve.initial_strain};
-    return model::fv_asymptote(curve.result.fit->elements, test) -
-           model::fv_asymptote(control->result.fit->elements, test);
-  };
-  out.push_back(count(
-      "Urethane, 6 and 12 mm: its gain in asymptote over the control shrinks with pressure", curves,
-      [](const std::string& s) { return is(s, "Urethane") && parse_specimen(s).number != "2"; },
-      [&](const std::string& s, double p, const Curve& curve) -> std::optional<bool> {
-        const Curve* lower = previous(s, p, 1);
-        if (lower == nullptr) return std::nullopt;
-        const auto here = asymptote_gain(s, p, curve);
-        const auto below = asymptote_gain(s, lower->nominal_pressure_psi.value_or(0.0), *lower);
-        if (!here || !below) return std::nullopt;
-        return *here < *below;
-      }));
-  out.push_back(count("Fits under-predict the extension response", curves, all,
+  out.push_back(count("Urethane, 6 and 12 mm: its gain in asymptote over the control shrinks with pressure", curves,
+                      is_urethane_of_6_or_12_mm,
+                      [&](const std::string& s, double p, const Curve& curve) -> std::optional<bool> {
+                        const Curve* lower = lower_pressure(curves, s, p, 1);
+                        if (lower == nullptr) return std::nullopt;
+                        const auto here = asymptote_gain(curves, s, p, curve);
+                        const auto below = asymptote_gain(curves, s, lower->nominal_pressure_psi.value_or(0.0), *lower);
+                        if (!here || !below) return std::nullopt;
+                        return *here < *below;
+                      }));
+}
+
+void add_trends_of_fits(const CurveMap& curves, std::vector<Trend>& out) {
+  out.push_back(count("Fits under-predict the extension response", curves, any,
                       [](const std::string&, double, const Curve& curve) -> std::optional<bool> {
                         if (!curve.result.fit) return std::nullopt;
                         return curve.result.fit->mean_residual_extension > 0.0;
                       }));
-  out.push_back(count("Fits over-predict the shortening response", curves, all,
+  out.push_back(count("Fits over-predict the shortening response", curves, any,
                       [](const std::string&, double, const Curve& curve) -> std::optional<bool> {
                         if (!curve.result.fit) return std::nullopt;
                         return curve.result.fit->mean_residual_shortening > 0.0;
                       }));
-  out.push_back(count(
-      "2 mm/s is near the asymptote: the fitted curve is there above 80 % of it (controls)", curves,
-      [](const std::string& s) { return is(s, "Control"); },
-      [](const std::string&, double, const Curve& curve) -> std::optional<bool> {
-        if (!curve.result.fit || curve.means.empty()) return std::nullopt;
-        double slowest = 1e9;
-        for (const auto& p : curve.means) slowest = std::min(slowest, std::abs(p.strain_rate_per_s));
-        return model::share_of_asymptote(curve.result.fit->elements, {curve.strain_step, curve.initial_strain},
-                                         slowest) > 0.8;
-      }));
+  out.push_back(count("2 mm/s is near the asymptote: the fitted curve is there above 80 % of it (controls)", curves,
+                      is_control, [](const std::string&, double, const Curve& curve) -> std::optional<bool> {
+                        if (!curve.result.fit || curve.means.empty()) return std::nullopt;
+                        double slowest = 1e9;
+                        for (const auto& p : curve.means) slowest = std::min(slowest, std::abs(p.strain_rate_per_s));
+                        return model::share_of_asymptote(curve.result.fit->elements,
+                                                         {curve.strain_step, curve.initial_strain}, slowest) > 0.8;
+                      }));
+}
+
+std::vector<Trend> trends_of(const Campaign& c) {
+  const CurveMap curves = by_specimen(c);
+  std::vector<Trend> out;
+  out.push_back(count("Larger response in extension than in shortening, for all actuators", curves, any,
+                      [](const std::string&, double, const Curve& curve) -> std::optional<bool> {
+                        return mean_response(curve, 1) > mean_response(curve, -1);
+                      }));
+  add_trends_with_pressure(curves, out);
+  add_trends_against_control(curves, out);
+  add_trends_of_fits(curves, out);
   return out;
 }
 

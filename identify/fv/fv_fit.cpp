@@ -18,8 +18,8 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 /// An interval of more than two decades is bounded, but identifies nothing.
 constexpr double kWidest = 100.0;
 
-/// Mean height of the points at one speed in units of the elastic jump: kappa times the share of the
-/// asymptote.
+/// Mean height of the points at one speed in units of the elastic jump J = deps / eps0: (+-(F / F0 - 1) - J) / J, which
+/// the model makes kappa phi(u), kappa times the share of the asymptote.
 double reduced_height(std::span<const FvPoint> points, double speed_per_s) {
   double sum = 0.0, count = 0.0;
   for (const FvPoint& p : points) {
@@ -34,6 +34,7 @@ double reduced_height(std::span<const FvPoint> points, double speed_per_s) {
 /// Distinct speeds, slowest first, those within 10 % counted once.
 std::vector<double> speeds_of(std::span<const FvPoint> points) {
   std::vector<double> all, distinct;
+  all.reserve(points.size());
   for (const FvPoint& p : points) all.push_back(std::abs(p.strain_rate_per_s));
   std::sort(all.begin(), all.end());
   for (double v : all)
@@ -202,6 +203,8 @@ FvFitResult fit(std::span<const FvPoint> points, std::optional<model::FvElement>
   }
   fit.residual_rms = std::sqrt(ssr / n);
   const double freedom = n - static_cast<double>(parameters);
+  // A parameter's 95 % interval ends where the sum of squares, all others refitted, exceeds SSR + s^2 t^2, t Student's
+  // at 97.5 % with n - p degrees of freedom; s^2 = max(SSR / (n - p), mean square of the points' own standard errors).
   fit.noise = std::sqrt(std::max(ssr / freedom, measured_variance));
   const double t = student_t_quantile(0.975, freedom);
   fit.profile_limit = ssr + fit.noise * fit.noise * t * t;

@@ -4,6 +4,8 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "base/formatted.hpp"
+#include "base/json_words.hpp"
 #include "base/text_file.hpp"
 #include "identify/fv/fv_analysis.hpp"
 #include "identify/report/page.hpp"
@@ -230,8 +232,9 @@ std::vector<ControlFit> read_controls(const std::filesystem::path& fv_json_file,
       if (!specimen.empty() && name != specimen) continue;
       if (curve.at("fit").is_null()) continue;
       if (!found.empty() && found != name)
-        throw std::runtime_error("it holds several specimens ('" + found + "', '" + name +
-                                 "', ...); say which with --control-specimen");
+        throw std::runtime_error(
+            base::formatted("it holds several specimens ('%s', '%s', ...); say which with --control-specimen",
+                            found.c_str(), name.c_str()));
       found = name;
       const auto& p = curve.at("fit").at("parameters");
       ControlFit c;
@@ -242,7 +245,7 @@ std::vector<ControlFit> read_controls(const std::filesystem::path& fv_json_file,
       out.push_back(c);
     }
   } catch (const std::exception& e) {
-    throw std::runtime_error(fv_json_file.string() + ": " + e.what());
+    throw std::runtime_error(fv_json_file.string() + ": " + base::json_words(e));
   }
   if (out.empty())
     throw std::runtime_error(fv_json_file.string() + ": no fitted control" +

@@ -19,13 +19,17 @@ namespace isorig::identify {
 template <typename T>
 T ramp_share(const T& u) {
   using std::exp;
-  if (u < T(0.02)) {  // next term u^7/40320: below 1e-16 of the value
+  // The next term of the series is u^6/5040, at most 1.3e-14: what 1 - e^-u loses to cancellation there is as much.
+  if (u < T(0.02)) {
     return T(1.0) - u / 2.0 * (T(1.0) - u / 3.0 * (T(1.0) - u / 4.0 * (T(1.0) - u / 5.0 * (T(1.0) - u / 6.0))));
   }
   return (T(1.0) - exp(-u)) / u;
 }
 
-/// A point's residual as a function of log kappa, log gamma and, with a control held, log beta.
+/// A point's residual as a function of log kappa, log gamma and, with a control held, log beta (eqs. 4 and 8):
+///
+///     1 + sgn(v) deps / eps0 (1 + height) - F / F0,   height = kappa phi(u),   u = gamma deps / |v|
+///     with a control c:   height = (kappa_c phi(u_c) + beta kappa phi(u)) / (1 + beta)
 struct PointCost {
   FvPoint point;
   std::optional<model::FvElement> control;

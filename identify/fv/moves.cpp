@@ -135,9 +135,12 @@ void fit_middle(const Signal& s, Move& m) {
   m.t_end_s = std::min(s.t_s[m.last], line.t_mean + (m.to_mm - line.mean) / line.slope);
 }
 
-/// The paper's piecewise-linear ramp: level, slope, level. The levels are known from the holds; the two
-/// corners are fitted (Gauss-Newton) to the samples up to the first arrival at the target, so that overshoot
-/// has no say.
+/// The paper's piecewise-linear ramp, x(t) = from + stroke * clamp((t - t1) / (t2 - t1), 0, 1). The levels are known
+/// from the holds; the corners t1 and t2 are fitted (Gauss-Newton) to the samples up to the first arrival at the
+/// target, so that overshoot does not count. With N the normal matrix and s^2 the residual's variance, widened for its
+/// lag-1 correlation (segments.cpp),
+///
+///     v = stroke / (t2 - t1),   se_v = |stroke| / (t2 - t1)^2 * sqrt(s^2 (N11 + N22 + 2 N12) / det N)
 void fit_ramp(const Signal& s, const Episode& e, Move& m) {
   const double stroke = m.stroke_mm();
   const double d = stroke > 0 ? 1.0 : -1.0;

@@ -66,6 +66,7 @@ double plateau_share(const RampChannels& c, const Move& m, double t_peak_s) {
     lines.back().se_slope = c.sigma_x_mm * std::sqrt(12.0 / static_cast<double>(j - i)) / span_s;
   }
   std::vector<double> speeds;
+  speeds.reserve(lines.size());
   for (const Line& l : lines) speeds.push_back(std::abs(l.slope));
   std::sort(speeds.begin(), speeds.end());
   top = speeds[speeds.size() - 2];  // the second highest: one slice may hold a disturbance

@@ -104,7 +104,11 @@ RampAnalysis analyse_ramps(const messages::Recording& recording, const RampOptio
   if (out.clipped_samples > 0)
     out.statements.push_back("The force stays at its own extreme value for " + std::to_string(out.clipped_samples) +
                              " samples: the channel is saturated there.");
-  if (!recording.metadata.pressurized_rest_length_mm)
+  if (!recording.metadata.rest_length_mm)
+    out.statements.push_back(
+        "recording.toml has no rest_length_mm: without a length there are no strains and no force-velocity points. "
+        "State it, and pressurized_rest_length_mm of a McKibben.");
+  else if (!recording.metadata.pressurized_rest_length_mm)
     out.statements.push_back(
         "recording.toml has no pressurized_rest_length_mm: strains are of the rest length, and the elastic "
         "model of "

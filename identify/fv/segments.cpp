@@ -10,7 +10,6 @@
 namespace isorig::identify {
 namespace {
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-constexpr double kMadToSigma = 1.482602218505602;  // 1 / Phi^-1(3/4)
 }  // namespace
 
 SignalNoise estimate_noise(std::span<const double> t_s, std::span<const double> values) {
@@ -23,6 +22,8 @@ SignalNoise estimate_noise(std::span<const double> t_s, std::span<const double> 
     if (step > 1e-9 * std::abs(values[i])) quantum = std::min(quantum, step);
   }
   noise.quantum = std::isfinite(quantum) ? quantum : 0.0;
+  // Distance of y_i from the line through its neighbours, y_i - w y_- - (1 - w) y_+, has the variance
+  // sigma^2 (1 + w^2 + (1 - w)^2); the median of its size is Phi^-1(3/4) of its standard deviation.
   for (std::size_t stride : {std::size_t{1}, std::size_t{8}}) {
     if (n < 2 * stride + 1) continue;
     // 50 000 samples give the median to 1 %.
@@ -34,7 +35,7 @@ SignalNoise estimate_noise(std::span<const double> t_s, std::span<const double> 
       const double line = w * values[i - stride] + (1.0 - w) * values[i + stride];
       distance.push_back(std::abs(values[i] - line) / std::sqrt(1.0 + w * w + (1.0 - w) * (1.0 - w)));
     }
-    noise.sigma = std::max(noise.sigma, kMadToSigma * base::median(std::move(distance)));
+    noise.sigma = std::max(noise.sigma, base::median(std::move(distance)) / base::kNormalQuartile);
   }
   return noise;
 }
@@ -72,6 +73,13 @@ double Line::se_at(double t) const noexcept {
   return std::hypot(se_mean, se_slope * (t - t_mean));
 }
 
+// slope = sum (t - t_mean)(y - y_mean) / sum (t - t_mean)^2, residuals r of n - 2 degrees of freedom with the standard
+// deviation s. For a first-order autoregressive r of correlation rho, a mean of many has a variance larger by
+// (1 + rho) / (1 - rho) (Bayley & Hammersley 1946):
+//
+//     se_mean = s sqrt((1 + rho) / (1 - rho) / n),   se_slope = s sqrt((1 + rho) / (1 - rho) / sum (t - t_mean)^2)
+//
+// rho counts from two of its own standard errors, 2 / sqrt(n), on.
 Line fit_line(std::span<const double> t, std::span<const double> y) {
   Line line;
   line.samples = t.size();
@@ -103,7 +111,7 @@ Line fit_line(std::span<const double> t, std::span<const double> y) {
     return line;
   }
   line.residual_sd = std::sqrt(ssr / (n - 2.0));
-  // Variance inflation of an AR(1) residual; the line itself takes about 2/n off the estimated correlation.
+  // The line itself takes about 2/n off the estimated correlation.
   const double rho = ssr > 0.0 ? std::clamp(lagged / ssr + 2.0 / n, 0.0, 0.98) : 0.0;
   const double inflation = rho > 2.0 / std::sqrt(n) ? std::sqrt((1.0 + rho) / (1.0 - rho)) : 1.0;
   line.se_mean = inflation * line.residual_sd / std::sqrt(n);

@@ -73,8 +73,13 @@ struct Reduced {
   Eigen::MatrixXd curvature;
 };
 
-/// Everything the outer step needs, from the inner products alone (Kaufman: the projected derivative
-/// columns).
+/// Everything the outer step needs, from the inner products alone. With A the columns 1, x, s_j, f the force and D the
+/// columns c_j ds_j / d(ln gamma_j):
+///
+///     c = (A'A)^-1 A'f,   SSR = f'f - c'A'f
+///     gradient of SSR / 2 = -D'(f - A c),   curvature = D'D - D'A (A'A)^-1 A'D
+///
+/// The curvature leaves out that c itself changes with gamma beyond the projection (Kaufman 1975).
 Reduced reduce(const Gram& g, int n) {
   const int m = 2 + n;
   const int f = kColumns - 1;
@@ -111,7 +116,7 @@ struct Outcome {
 };
 
 /// Levenberg-Marquardt on ln gamma within bounds.
-Outcome descend(const Data& d, Eigen::VectorXd at, double low, double high, int most) {
+Outcome descend(const Data& d, const Eigen::VectorXd& at, double low, double high, int most) {
   const int n = static_cast<int>(at.size());
   const Gram first = gram(d, at);
   Outcome out{at, first, reduce(first, n), 1, false};
@@ -181,8 +186,8 @@ Outcome search(const Data& all, int arms, double low, double high, std::size_t s
   return best;
 }
 
-/// Residual, its correlation from sample to sample, and what that leaves of the number of samples. Returns the sum of
-/// squares.
+/// Residual r, its lag-1 correlation rho, and how many independent samples scatter as much (Bayley & Hammersley 1946):
+/// n_eff = n (1 - rho) / (1 + rho). BIC = n_eff ln(SSR / n) + p ln n_eff (Schwarz 1978). Returns SSR.
 double describe_residual(SeriesFit& fit, const Data& all, int arms) {
   const std::size_t n = fit.samples;
   const auto model = predict_series(fit, all.t_s, all.x_mm);
@@ -205,20 +210,22 @@ double describe_residual(SeriesFit& fit, const Data& all, int arms) {
   return ssr;
 }
 
-/// From the covariance of everything, linear and nonlinear together, of the inner products at the optimum. False: the
-/// parameters cannot be told apart, and no error is known.
+/// Covariance of all p parameters, linear and nonlinear together: SSR / (n_eff - p) * N^-1, N the inner products of the
+/// columns 1, x, s_j and c_j ds_j / d(ln gamma_j) at the optimum. (Variance SSR / n * n_eff / (n_eff - p) of a sample,
+/// of which only n_eff in n are independent.) False: the parameters cannot be told apart, and no error is known.
 bool set_standard_errors(SeriesFit& fit, const Outcome& best, double ssr, double x_mean) {
   const int arms = static_cast<int>(fit.arms.size()), parameters = 2 + 2 * arms;
   const auto n = static_cast<double>(fit.samples);
   const Eigen::VectorXd& c = best.reduced.linear;
   const Gram& g = best.products;
   Eigen::MatrixXd normal(parameters, parameters);
-  std::vector<int> column(static_cast<std::size_t>(parameters));
-  std::vector<double> factor(static_cast<std::size_t>(parameters), 1.0);
+  const std::size_t count = 2 + 2 * fit.arms.size();
+  std::vector<int> column(count);
+  std::vector<double> factor(count, 1.0);
   for (int i = 0; i < 2 + arms; ++i) column[static_cast<std::size_t>(i)] = i;
-  for (int j = 0; j < arms; ++j) {
-    column[static_cast<std::size_t>(2 + arms + j)] = 2 + kMost + j;
-    factor[static_cast<std::size_t>(2 + arms + j)] = c[2 + j];
+  for (std::size_t j = 0; j < fit.arms.size(); ++j) {
+    column[2 + fit.arms.size() + j] = 2 + kMost + static_cast<int>(j);
+    factor[2 + fit.arms.size() + j] = c[2 + static_cast<Eigen::Index>(j)];
   }
   for (int i = 0; i < parameters; ++i)
     for (int k = 0; k < parameters; ++k) {

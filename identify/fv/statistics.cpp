@@ -6,7 +6,12 @@
 namespace isorig::identify {
 namespace {
 
-/// Lentz's evaluation of the continued fraction; converges fast for x < (a + 1) / (a + b + 2).
+/// 1 / (1 + d_1 / (1 + d_2 / (1 + ...))) with (Abramowitz & Stegun 1964, 26.5.8)
+///
+///     d_2m = m (b - m) x / ((a + 2m - 1)(a + 2m)),   d_2m+1 = -(a + m)(a + b + m) x / ((a + 2m)(a + 2m + 1))
+///
+/// by Lentz's method as Thompson & Barnett (1986) have it, denominators and numerators kept off zero. Converges fast
+/// for x < (a + 1) / (a + b + 2).
 double beta_fraction(double a, double b, double x) {
   constexpr double kTiny = 1e-300;
   double c = 1.0;
@@ -32,6 +37,8 @@ double beta_fraction(double a, double b, double x) {
 
 }  // namespace
 
+// I_x(a, b) = x^a (1 - x)^b / (a B(a, b)) * fraction, B(a, b) = Gamma(a) Gamma(b) / Gamma(a + b); for large x by
+// I_x(a, b) = 1 - I_1-x(b, a).
 double incomplete_beta(double a, double b, double x) {
   if (x <= 0.0) return 0.0;
   if (x >= 1.0) return 1.0;

@@ -1,3 +1,5 @@
+#include <cmath>
+
 #include "model/effects/effects.hpp"
 
 namespace isorig::model::effect {
@@ -18,6 +20,25 @@ class Curved : public Process {
   double per_N_;
 };
 
+/// F_read = F / (1 + (|F| / c)^n)^(1 / n): linear below the ceiling c, which no reading passes.
+class Ceiling : public Process {
+ public:
+  Ceiling(double ceiling_N, double sharpness) noexcept : ceiling_N_(ceiling_N), sharpness_(sharpness) {}
+  void reset(const Instant&) noexcept override {}
+  void shape(const Instant&, std::span<double> columns, std::span<const double> coefficients) noexcept override {
+    double force_N = 0.0;
+    for (std::size_t i = 0; i < columns.size(); ++i) force_N += columns[i] * coefficients[i];
+    const double share = std::fabs(force_N) / ceiling_N_;
+    // Above the ceiling with the power taken out, so that share^n does not overflow.
+    const double read = share <= 1.0 ? std::pow(1.0 + std::pow(share, sharpness_), -1.0 / sharpness_)
+                                     : std::pow(1.0 + std::pow(share, -sharpness_), -1.0 / sharpness_) / share;
+    for (double& column : columns) column *= read;
+  }
+
+ private:
+  double ceiling_N_, sharpness_;
+};
+
 }  // namespace
 
 const Physics& cell_nonlinearity() {
@@ -25,12 +46,13 @@ const Physics& cell_nonlinearity() {
       "cell_nonlinearity",
       Stage::kSensorLag,
       "A load cell whose reading is not linear in force.",
-      "Second-order term of a load cell's calibration (ISO 376:2011).",
+      "Second-order term of a load cell's calibration (ISO 376:2011); ceiling of an amplifier, rounded (Rapp 1991).",
       "Dead weights over the range, no specimen. Mistaken for strain stiffening; relaxation in holds tells "
-      "them apart.",
+      "them apart. A ceiling shows where different motions reach it: all forces end there.",
       {{"quadratic",
         "F' = F (1 + q F)",
         {{.name = "curvature_1_kN",
+          .symbol = "q",
           .lower = -20.0,
           .upper = 20.0,
           .starts = {0.5, -0.5},
@@ -43,8 +65,39 @@ const Physics& cell_nonlinearity() {
                               "Mistaken for strain stiffening when the record has no hold."}}},
         {},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Curved>(p[0]); },
+        {.uses_coefficients = true}},
+       {"ceiling",
+        "F' = F / (1 + (|F| / c)^n)^(1 / n)",
+        {{.name = "ceiling_N",
+          .symbol = "c",
+          .lower = 0.01,
+          .upper = 1e5,
+          .starts = {0.99, 1.0, 1.05, 1.3},
+          .logarithmic = true,
+          .traits = {.starts_are_shares_of_largest_force = true},
+          .sheet = {.what = "Force that no reading passes, in either direction.",
+                    .unit = "N",
+                    .range = "Instrument: from cells of a tenth of a newton to frames of 100 kN; a search begins at "
+                             "the largest force that was read.",
+                    .errors = "Known to within the noise where holds reach it, and hardly beyond 1.5 times the largest "
+                              "force read. A tare that is set after the amplifier shifts it by itself."}},
+         {.name = "sharpness",
+          .symbol = "n",
+          .lower = 1.5,
+          .upper = 1000.0,
+          .starts = {150.0, 60.0, 25.0, 6.0},
+          .logarithmic = true,
+          .traits = {.upper_limit_law = "a hard limit"},
+          .sheet = {.what = "Exponent n of the corner: at the ceiling's own force a reading lacks 1 - 2^(-1/n) of it.",
+                    .unit = "1",
+                    .range = "Numerics: at 1000 the corner is 0.1 % wide, a hard limit at the resolution of most "
+                             "cells; below 1.5 no range is left in which the cell is linear.",
+                    .errors = "Correlated with the ceiling where no reading comes within a tenth of it. Mistaken for "
+                              "softening with strain where force and position go together."}}},
+        {},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Ceiling>(p[0], p[1]); },
         {.uses_coefficients = true}}},
-      {.unusual = true}};
+      {.unusual = true, .acts_on = "force channel", .depends_on = {"load"}, .shape_of = ShapeOf::kLoad}};
   return physics;
 }
 

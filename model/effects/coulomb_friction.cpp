@@ -111,6 +111,7 @@ class Regularised : public Process {
 };
 
 const Parameter kPresliding{.name = "presliding_mm",
+                            .symbol = "delta",
                             .lower = 2e-4,
                             .upper = 1.0,
                             .starts = {0.02, 0.2},
@@ -118,6 +119,7 @@ const Parameter kPresliding{.name = "presliding_mm",
                             .traits = {.lower_limit_law = "ideal dry friction"},
                             .sheet = kPreslidingSheet};
 const Parameter kStribeckVelocity{.name = "stribeck_velocity_mm_s",
+                                  .symbol = "vs",
                                   .lower = 0.02,
                                   .upper = 50.0,
                                   .starts = {2.0, 0.3},
@@ -130,6 +132,7 @@ const Parameter kStribeckVelocity{.name = "stribeck_velocity_mm_s",
                                                       "constant when acceleration and speed change together."}};
 const Parameter kStaticExcess{
     .name = "static_excess",
+    .symbol = "r",
     .lower = 0.0,
     .upper = 4.0,
     .starts = {0.3},
@@ -142,6 +145,7 @@ const Parameter kStaticExcess{
                   "each reversal."}};
 const Coefficient kForce{
     .name = "force_N",
+    .symbol = "Fc",
     .sign = Sign::kNonNegative,
     .sheet = {.what = "Friction force at steady sliding; the loop between extending and shortening is twice as high.",
               .unit = "N",
@@ -183,20 +187,21 @@ const Physics& coulomb_friction() {
         {kForce},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Stribeck>(p[0], p[1], p[2], true); }},
        {"stribeck_exponential",
-        "as stribeck with g = 1 + r exp(-|v| / vs)",
+        "F = Fc z, dz/dx = (1 - z sign(dx) / g) / delta, g = 1 + r exp(-|v| / vs)",
         {kPresliding, kStribeckVelocity, kStaticExcess},
         {kForce},
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Stribeck>(p[0], p[1], p[2], false);
         }},
        {"iwan_stribeck",
-        "as iwan, times 1 + r exp(-|v| / vs)",
+        "F = Fc (1 + r exp(-|v| / vs)) mean of Jenkins elements, distances even in (0, delta)",
         {kPresliding, kStribeckVelocity, kStaticExcess},
         {kForce},
         [](std::span<const double> p, const Reference&) { return std::make_unique<WeakenedIwan>(p[0], p[1], p[2]); }},
        {"regularised",
         "F = Fc tanh(v / v0)",
         {{.name = "velocity_mm_s",
+          .symbol = "v0",
           .lower = 1e-4,
           .upper = 1e3,
           .starts = {0.002, 0.5},
@@ -208,7 +213,8 @@ const Physics& coulomb_friction() {
                              "1000 mm/s, a hundred times the fastest, it is a linear dashpot.",
                     .errors = "The differentiated position is noisy, which widens it. Mistaken for viscous drag."}}},
         {kForce},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Regularised>(p[0]); }}}};
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Regularised>(p[0]); }}},
+      {.acts_on = "friction element", .depends_on = {"direction", "rate"}, .shape_of = ShapeOf::kRate}};
   return physics;
 }
 

@@ -50,8 +50,9 @@ const Physics& crosshead_backlash() {
       "Triangles of 2 mm at 5 mm/s, and of a few times the gap: after every reversal the force stays as it is over the "
       "same travel of the reading, whatever the stiffness. Mistaken for friction (coulomb_friction).",
       {{"play",
-        "x' stays until |x - x'| reaches gap / 2",
+        "x' stays until |x - x'| reaches g / 2; x' - x = u g / 2 at the start",
         {{.name = "gap_mm",
+          .symbol = "g",
           .lower = 0.0,
           .upper = 3.0,
           .starts = {0.01, 0.08},
@@ -63,6 +64,7 @@ const Physics& crosshead_backlash() {
                     .errors = "Noise of the position opens a gap of its own size, so less than eight times the noise "
                               "is not claimed. Mistaken for friction with presliding."}},
          {.name = "start",
+          .symbol = "u",
           .lower = -1.0,
           .upper = 1.0,
           .starts = {0.0, 1.0, -1.0},
@@ -74,7 +76,8 @@ const Physics& crosshead_backlash() {
                     .errors = "Only the motion up to the first two reversals depends on it; a record that starts on a "
                               "flank leaves it undetermined. Mistaken for an offset of the position."}}},
         {},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Play>(p[0], p[1]); }}}};
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Play>(p[0], p[1]); }}},
+      {.acts_on = "kinematic input", .depends_on = {"direction", "position"}, .shape_of = ShapeOf::kLoop}};
   return physics;
 }
 

@@ -30,6 +30,7 @@ class Softening : public Process {
 
 const Parameter kTravel{
     .name = "travel_mm",
+    .symbol = "s0",
     .lower = 1.0,
     .upper = 3e3,
     .starts = {8.0, 60.0},
@@ -59,17 +60,17 @@ const Physics& cyclic_softening() {
       "there in strain energy, here in mm).",
       "The same slow triangle ten times over. Mistaken for a drift of the force zero, which goes on at rest.",
       {{"elastic",
-        "F = -dk e (1 - exp(-s / s0)), s travelled",
+        "F = dk e (1 - exp(-s / s0)), s travelled",
         {kTravel},
-        {{.name = "lost_N_mm", .sign = Sign::kNonPositive, .sheet = kLost}},
+        {{.name = "lost_N_mm", .symbol = "dk", .sign = Sign::kNonPositive, .sheet = kLost}},
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Softening>(Softening::Of::kElongation, p[0], 0.0);
         },
         {.counts = Counts::kTravel}},
        {"tangent",
-        "F = -dk x (1 - exp(-s / s0))",
+        "F = dk x (1 - exp(-s / s0))",
         {kTravel},
-        {{.name = "lost_N_mm", .sign = Sign::kNonPositive, .sheet = kLost}},
+        {{.name = "lost_N_mm", .symbol = "dk", .sign = Sign::kNonPositive, .sheet = kLost}},
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Softening>(Softening::Of::kPosition, p[0], 0.0);
         },
@@ -79,6 +80,7 @@ const Physics& cyclic_softening() {
         "F = F_specimen (1 - a (1 - exp(-s / s0)))",
         {kTravel,
          {.name = "share",
+          .symbol = "a",
           .lower = 0.0,
           .upper = 0.9,
           .starts = {0.03},
@@ -92,7 +94,8 @@ const Physics& cyclic_softening() {
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Softening>(Softening::Of::kAll, p[0], p[1]);
         },
-        {.scales_specimen = true, .counts = Counts::kTravel}}}};
+        {.scales_specimen = true, .counts = Counts::kTravel}}},
+      {.acts_on = "elastic branch", .depends_on = {"history"}, .shape_of = ShapeOf::kTravel}};
   return physics;
 }
 

@@ -82,6 +82,7 @@ const Physics& directional_damping() {
       {{"series",
         "F = k z, dz/dt = v - z / tau (z > 0), v - z / (r tau) (z < 0)",
         {{.name = "time_constant_s",
+          .symbol = "tau",
           .lower = 1e-3,
           .upper = 1e4,
           .starts = {0.8},
@@ -94,6 +95,7 @@ const Physics& directional_damping() {
                     .errors = "A recording whose holds all follow shortening does not determine it. Mistaken for the "
                               "linear arm's time constant."}},
          {.name = "shortening_ratio",
+          .symbol = "r",
           .lower = 0.02,
           .upper = 50.0,
           .starts = {1.0},
@@ -105,6 +107,7 @@ const Physics& directional_damping() {
                     .errors = "Holds after one direction only leave it undetermined. Mistaken for strain-dependent "
                               "relaxation when lengthening is only seen above the rest position."}}},
         {{.name = "stiffness_N_mm",
+          .symbol = "k",
           .sign = Sign::kNonNegative,
           .sheet = {.what = "Stiffness of the arm's spring: the force per mm that a step adds at once.",
                     .unit = "N/mm",
@@ -117,6 +120,7 @@ const Physics& directional_damping() {
         "F = c+ max(v, 0) + c- min(v, 0)",
         {},
         {{.name = "lengthening_viscosity_N_s_mm",
+          .symbol = "c+",
           .sign = Sign::kNonNegative,
           .sheet = {.what = "Force per speed of lengthening.",
                     .unit = "N s/mm",
@@ -124,6 +128,7 @@ const Physics& directional_damping() {
                     .errors = "Ramps at one speed leave it tied to dry friction. Mistaken for friction_asymmetry "
                               "beside dry friction."}},
          {.name = "shortening_viscosity_N_s_mm",
+          .symbol = "c-",
           .sign = Sign::kNonNegative,
           .sheet = {.what = "Force per speed of shortening.",
                     .unit = "N s/mm",
@@ -131,7 +136,11 @@ const Physics& directional_damping() {
                     .errors = "Ramps at one speed leave it tied to dry friction. Mistaken for friction_asymmetry "
                               "beside dry friction."}}},
         [](auto, const Reference&) { return std::make_unique<DirectionalDashpot>(); }}},
-      {.unusual = true, .contains = {"viscous_drag"}}};
+      {.unusual = true,
+       .contains = {"viscous_drag"},
+       .acts_on = "dashpot",
+       .depends_on = {"rate", "direction"},
+       .shape_of = ShapeOf::kRate}};
   return physics;
 }
 

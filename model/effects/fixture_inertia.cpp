@@ -24,6 +24,7 @@ const Physics& fixture_inertia() {
         "F = m a",
         {},
         {{.name = "mass_kg",
+          .symbol = "m",
           .sign = Sign::kNonNegative,
           .sheet = {.what = "Mass that moves with the crosshead on the specimen's side of the load cell.",
                     .unit = "kg",
@@ -31,7 +32,8 @@ const Physics& fixture_inertia() {
                     .errors =
                         "The acceleration is the position differentiated twice: its noise biases the mass towards "
                         "zero. Mistaken for a ringing load train and, at the corners of ramps, for a lag."}}},
-        [](auto, const Reference&) { return std::make_unique<Inertia>(); }}}};
+        [](auto, const Reference&) { return std::make_unique<Inertia>(); }}},
+      {.acts_on = "mass", .depends_on = {"acceleration"}, .shape_of = ShapeOf::kAcceleration}};
   return physics;
 }
 

@@ -59,6 +59,7 @@ const Physics& force_delay() {
       {{"dead_time",
         "F'(t) = F(t - d)",
         {{.name = "delay_s",
+          .symbol = "d",
           .lower = 0.0,
           .upper = 1.0,
           .starts = {0.004, 0.03},
@@ -71,7 +72,8 @@ const Physics& force_delay() {
                .errors = "Clocks that are aligned wrongly are such a delay. Less than a tenth of a sample interval is "
                          "not claimed. Mistaken for a lag where only ramps were run."}}},
         {},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Delay>(p[0]); }}}};
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Delay>(p[0]); }}},
+      {.acts_on = "force channel", .depends_on = {"onset"}, .shape_of = ShapeOf::kStep}};
   return physics;
 }
 

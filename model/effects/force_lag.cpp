@@ -50,6 +50,7 @@ const Physics& force_lag() {
       {{"first_order",
         "tau dF'/dt = F - F'",
         {{.name = "time_constant_s",
+          .symbol = "tau",
           .lower = 2e-4,
           .upper = 2.0,
           .starts = {0.005, 0.05},
@@ -62,7 +63,8 @@ const Physics& force_lag() {
                     .errors = "Less than a tenth of a sample interval is not claimed. Mistaken for a dead time, for a "
                               "fast relaxation, and for a dashpot of negative sign."}}},
         {},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Lag>(p[0]); }}}};
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Lag>(p[0]); }}},
+      {.acts_on = "force channel", .depends_on = {"onset"}, .shape_of = ShapeOf::kStep}};
   return physics;
 }
 

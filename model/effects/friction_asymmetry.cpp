@@ -26,6 +26,7 @@ class Asymmetric : public Process {
 };
 
 const Parameter kPresliding{.name = "presliding_mm",
+                            .symbol = "delta",
                             .lower = 2e-4,
                             .upper = 1.0,
                             .starts = {0.02},
@@ -34,6 +35,7 @@ const Parameter kPresliding{.name = "presliding_mm",
                             .sheet = kPreslidingSheet};
 const Coefficient kSlidingHalf{
     .name = "force_half_difference_N",
+    .symbol = "d",
     .sign = Sign::kFree,
     .sheet = {
         .what = "Half of what sliding friction is more in extension than in shortening; positive: more in extension.",
@@ -43,6 +45,7 @@ const Coefficient kSlidingHalf{
         .errors = "An offset of the force, where the motion never rests. Mistaken for a tare."}};
 const Coefficient kViscousHalf{
     .name = "viscosity_half_difference_N_s_mm",
+    .symbol = "e",
     .sign = Sign::kFree,
     .sheet = {.what = "Half of what viscous drag is more in extension than in shortening; positive: more in extension.",
               .unit = "N s/mm",
@@ -69,16 +72,20 @@ const Physics& friction_asymmetry() {
         {kViscousHalf},
         [](auto, const Reference&) { return std::make_unique<Asymmetric>(false, true, 1.0); }},
        {"sliding",
-        "F = d |z|, z as Dahl, beside friction: F+ = Fc + d, F- = Fc - d",
+        "F = d |z|, dz/dx = (1 - z sign(dx)) / delta; beside friction F+ = Fc + d, F- = Fc - d",
         {kPresliding},
         {kSlidingHalf},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Asymmetric>(true, false, p[0]); }},
        {"both",
-        "F = d |z| + e |v|",
+        "F = d |z| + e |v|, dz/dx = (1 - z sign(dx)) / delta",
         {kPresliding},
         {kSlidingHalf, kViscousHalf},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Asymmetric>(true, true, p[0]); }}},
-      {.unusual = true, .refines = "coulomb_friction"}};
+      {.unusual = true,
+       .refines = "coulomb_friction",
+       .acts_on = "friction element",
+       .depends_on = {"direction", "rate"},
+       .shape_of = ShapeOf::kRate}};
   return physics;
 }
 

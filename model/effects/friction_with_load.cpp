@@ -46,8 +46,9 @@ const Physics& friction_with_load() {
       "coulomb_friction where the force hardly changes, and for friction_with_pressure where the load follows the "
       "pressure.",
       {{"capstan",
-        "F = F_specimen (1 + a z), z as Dahl",
+        "F = F_specimen (1 + a z), dz/dx = (1 - z sign(dx)) / delta",
         {{.name = "presliding_mm",
+          .symbol = "delta",
           .lower = 2e-4,
           .upper = 1.0,
           .starts = {0.02},
@@ -55,6 +56,7 @@ const Physics& friction_with_load() {
           .traits = {.lower_limit_law = "ideal dry friction"},
           .sheet = kPreslidingSheet},
          {.name = "load_share",
+          .symbol = "a",
           .lower = 0.0,
           .upper = 0.9,
           .starts = {0.02},
@@ -67,7 +69,12 @@ const Physics& friction_with_load() {
         {},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Loaded>(p[0], p[1]); },
         {.scales_specimen = true}}},
-      {.unusual = true, .refines = "coulomb_friction", .needs_any_of = {"spring"}}};
+      {.unusual = true,
+       .refines = "coulomb_friction",
+       .needs_any_of = {"spring"},
+       .acts_on = "friction element",
+       .depends_on = {"direction", "load"},
+       .shape_of = ShapeOf::kLoop}};
   return physics;
 }
 

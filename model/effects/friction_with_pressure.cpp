@@ -31,8 +31,9 @@ const Physics& friction_with_pressure() {
       "pneumatic cylinders: Belforte, D'Alfio & Raparelli 1989, J. Fluid Control 20(1):42.",
       "Slow triangles at every pressure.",
       {{"dahl",
-        "F = f p z, z as Dahl, beside friction: (Fc + f p) z",
+        "F = f p z, dz/dx = (1 - z sign(dx)) / delta; beside friction (Fc + f p) z",
         {{.name = "presliding_mm",
+          .symbol = "delta",
           .lower = 2e-4,
           .upper = 1.0,
           .starts = {0.02},
@@ -40,6 +41,7 @@ const Physics& friction_with_pressure() {
           .traits = {.lower_limit_law = "ideal dry friction"},
           .sheet = kPreslidingSheet}},
         {{.name = "force_N_psi",
+          .symbol = "f",
           .sign = Sign::kNonNegative,
           .sheet = {.what = "Sliding friction that each psi of gauge pressure adds.",
                     .unit = "N/psi",
@@ -49,7 +51,12 @@ const Physics& friction_with_pressure() {
         [](std::span<const double> p, const Reference& reference) {
           return std::make_unique<Pressed>(p[0], reference.nominal_pressure_psi);
         }}},
-      {.unusual = true, .refines = "coulomb_friction", .pressure = PressureNeed::kVaries}};
+      {.unusual = true,
+       .refines = "coulomb_friction",
+       .pressure = PressureNeed::kVaries,
+       .acts_on = "friction element",
+       .depends_on = {"direction", "pressure"},
+       .shape_of = ShapeOf::kPressure}};
   return physics;
 }
 

@@ -39,6 +39,7 @@ const Physics& grip_slip() {
       {{"event",
         "x' = x - s for t >= t0",
         {{.name = "time_s",
+          .symbol = "t0",
           .lower = -1e9,
           .upper = 1e9,
           .traits = {.event_time = true},
@@ -49,6 +50,7 @@ const Physics& grip_slip() {
                     .errors = "Known to one sample interval. A slip that takes several intervals has no single time. "
                               "Mistaken for a jump of the force zero."}},
          {.name = "slip_mm",
+          .symbol = "s",
           .lower = 0.0,
           .upper = 50.0,
           .starts = {0.05},
@@ -79,7 +81,7 @@ const Physics& grip_slip() {
         },
         // The specimen becomes longer between the grips, so that its force falls.
         {.event_force_step = -1.0}}},
-      {.event_name = "slip"}};
+      {.event_name = "slip", .acts_on = "kinematic input", .depends_on = {"time"}, .shape_of = ShapeOf::kTime}};
   return physics;
 }
 

@@ -50,6 +50,7 @@ class Damage : public Process {
 
 const Coefficient kLost{
     .name = "lost_N_mm",
+    .symbol = "dk",
     .sign = Sign::kNonPositive,
     .sheet = {
         .what = "Stiffness that is lost when the largest elongation is far behind.",
@@ -86,8 +87,9 @@ const Physics& mullins_softening() {
       "and a second triangle of the same size retraces the unloading. Mistaken for cyclic_softening (by travel) when "
       "the first triangle is the largest, for permanent_set, and for strain_stiffening after the first loading.",
       {{"ogden_roxburgh",
-        "F = -dk e erf((em^2 - e^2) / s^2), em largest |e| so far",
+        "F = dk e erf((em^2 - e^2) / s^2), em largest |e| so far",
         {{.name = "scale_mm",
+          .symbol = "s",
           .lower = 0.05,
           .upper = 100.0,
           .starts = {3.0, 15.0},
@@ -102,8 +104,9 @@ const Physics& mullins_softening() {
         [](std::span<const double> p, const Reference&) { return std::make_unique<PseudoElastic>(p[0]); },
         {.counts = Counts::kLargestStrain}},
        {"damage",
-        "F = -dk e (1 - exp(-xi / s)), xi largest |e| beyond that at the start",
+        "F = dk e (1 - exp(-xi / s)), xi largest |e| beyond that at the start",
         {{.name = "scale_mm",
+          .symbol = "s",
           .lower = 0.05,
           .upper = 100.0,
           .starts = {1.0},
@@ -117,7 +120,11 @@ const Physics& mullins_softening() {
         {kLost},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Damage>(p[0]); },
         {.counts = Counts::kLargestStrain}}},
-      {.unusual = true, .needs_any_of = {"spring"}}};
+      {.unusual = true,
+       .needs_any_of = {"spring"},
+       .acts_on = "elastic branch",
+       .depends_on = {"history", "strain"},
+       .shape_of = ShapeOf::kLoop}};
   return physics;
 }
 

@@ -8,22 +8,23 @@ namespace {
 
 /// Maxwell arm whose dashpot follows a power law. In the elongation z of the arm's spring the law holds no
 /// stiffness: dz/dt = v - (|z| / 1 mm)^(m-1) z / tau. Exponential midpoint, stable at any step, with
-/// Richardson extrapolation; steps are cut until a whole and two halves agree to kTolerance_mm, which keeps
-/// the error below 1e-4 of the peak, or 5e-5 mm where that is more (tests/model/effects).
+/// Richardson extrapolation; steps are cut until a whole and two halves agree to kTolerance_mm (times
+/// the longest elongation, beyond 1 mm), which keeps the error below 1e-4 of the peak, or 5e-5 mm where that is more
+/// (tests/model/effects).
 class PowerArm : public Process {
  public:
   PowerArm(double time_constant_s, double exponent) noexcept : tau_s_(time_constant_s), exponent_(exponent) {}
-  void reset(const Instant&) noexcept override { z_ = 0.0; }
+  void reset(const Instant&) noexcept override { z_ = longest_mm_ = 0.0; }
   void force(const Instant& now, double* columns) noexcept override {
     if (now.dt_s > 0.0) {
-      const double v = now.step_mm / now.dt_s;
+      const double v = now.step_mm / now.dt_s, tolerance_mm = kTolerance_mm * std::fmax(1.0, longest_mm_);
       double left_s = now.dt_s, h = now.dt_s;
       for (int guard = 0; left_s > 0.0; ++guard) {
         h = guard < kMostTries ? std::fmin(h, left_s) : left_s;
         const double r = rate(z_), whole = midpoint(z_, v, h, r);
         // In a hold the rate hardly changes within a step: the midpoint's own error is below the tolerance.
         const double turned = std::fabs(v) * h + std::fabs(z_) * r * h;
-        if (r * h * square((exponent_ - 1.0) * turned) < kTolerance_mm * std::fabs(z_)) {
+        if (r * h * square((exponent_ - 1.0) * turned) < tolerance_mm * std::fabs(z_)) {
           z_ = whole;
           left_s -= h;
           h = left_s;
@@ -32,14 +33,15 @@ class PowerArm : public Process {
         const double half = midpoint(z_, v, 0.5 * h, r);
         const double halves = midpoint(half, v, 0.5 * h, rate(half));
         const double error_mm = std::fabs(halves - whole) / 3.0;
-        if (error_mm > kTolerance_mm && guard < kMostTries) {
+        if (error_mm > tolerance_mm && guard < kMostTries) {
           h *= 0.5;
           continue;
         }
         z_ = halves + (halves - whole) / 3.0;
         left_s -= h;
-        if (error_mm < 0.1 * kTolerance_mm) h *= 2.0;
+        if (error_mm < 0.1 * tolerance_mm) h *= 2.0;
       }
+      longest_mm_ = std::fmax(longest_mm_, std::fabs(z_));
     }
     columns[0] = z_;
   }
@@ -61,10 +63,11 @@ class PowerArm : public Process {
   static double square(double x) noexcept { return x * x; }
 
   static constexpr int kMostTries = 60;
-  static constexpr double kTolerance_mm = 2e-6;
+  static constexpr double kTolerance_mm = 2e-6;  // of an extension up to 1 mm; a share of a longer one
   double tau_s_;
   double exponent_;
   double z_ = 0.0;
+  double longest_mm_ = 0.0;  // of |z_| so far
 };
 
 /// Maxwell arm whose dashpot yields: it flows only beyond a yield elongation y of its spring (Bingham).
@@ -130,6 +133,7 @@ class PowerDashpot : public Process {
 
 const Coefficient kStiffness{
     .name = "stiffness_N_mm",
+    .symbol = "k",
     .sign = Sign::kNonNegative,
     .sheet = {.what = "Stiffness of the arm's spring: the force per mm that a step adds at once.",
               .unit = "N/mm",
@@ -152,6 +156,7 @@ const Physics& nonlinear_viscosity() {
       {{"power_arm",
         "F = k z, dz/dt = v - (|z| / 1 mm)^(m-1) z / tau",
         {{.name = "time_constant_s",
+          .symbol = "tau",
           .lower = 1e-3,
           .upper = 1e4,
           .starts = {0.5, 3.0},
@@ -164,6 +169,7 @@ const Physics& nonlinear_viscosity() {
                     .errors = "Where the arm never comes near 1 mm it is an extrapolation, tied to the exponent. "
                               "Mistaken for the linear arm's time constant."}},
          {.name = "exponent",
+          .symbol = "m",
           .lower = 0.4,
           .upper = 6.0,
           .starts = {0.7, 1.5},
@@ -181,6 +187,7 @@ const Physics& nonlinear_viscosity() {
        {"yield_arm",
         "F = k z, dz/dt = v - sign(z) max(0, |z| - y) / tau",
         {{.name = "time_constant_s",
+          .symbol = "tau",
           .lower = 1e-3,
           .upper = 1e4,
           .starts = {0.5, 3.0},
@@ -194,6 +201,7 @@ const Physics& nonlinear_viscosity() {
                .errors =
                    "A hold shorter than it leaves it tied to the yield. Mistaken for the linear arm's time constant."}},
          {.name = "yield_mm",
+          .symbol = "y",
           .lower = 1e-3,
           .upper = 3.0,
           .starts = {0.05, 0.4},
@@ -211,6 +219,7 @@ const Physics& nonlinear_viscosity() {
         "F = c sign(v) |v / (1 mm/s)|^n",
         // A flow that hardly depends on the rate is dry friction.
         {{.name = "exponent",
+          .symbol = "n",
           .lower = 0.3,
           .upper = 3.0,
           .starts = {0.5, 2.0},
@@ -223,13 +232,15 @@ const Physics& nonlinear_viscosity() {
                     .errors =
                         "One decade of speed leaves it uncertain. Mistaken for friction with a Stribeck curve."}}},
         {{.name = "viscosity_N",
+          .symbol = "c",
           .sign = Sign::kNonNegative,
           .sheet = {.what = "Drag at a speed of 1 mm/s.",
                     .unit = "N",
                     .range = "Physics: drag dissipates, so it is not negative; no upper bound.",
                     .errors = "Where no ramp comes near 1 mm/s it is an extrapolation, tied to the exponent. Mistaken "
                               "for friction."}}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<PowerDashpot>(p[0]); }}}};
+        [](std::span<const double> p, const Reference&) { return std::make_unique<PowerDashpot>(p[0]); }}},
+      {.acts_on = "dashpot", .depends_on = {"rate"}, .shape_of = ShapeOf::kRate}};
   return physics;
 }
 

@@ -25,6 +25,7 @@ class Set : public Process {
 };
 
 const Parameter kYield{.name = "yield_mm",
+                       .symbol = "y",
                        .lower = 0.0,
                        .upper = 100.0,
                        .starts = {0.0, 1.0},
@@ -62,9 +63,10 @@ const Physics& permanent_set() {
       "larger one and stays. Mistaken for mullins_softening (which takes a share of the stiffness), grip_slip (at one "
       "instant, at any strain) and zero_drift (which goes on at rest).",
       {{"proportional",
-        "F = -h xi, xi largest position so far minus that at the start",
+        "F = h xi, xi largest position so far minus that at the start",
         {},
         {{.name = "lost_N_mm",
+          .symbol = "h",
           .sign = Sign::kNonPositive,
           .sheet = {.what =
                         "Force lost per mm of the largest stretch; over the spring's stiffness it is the set per mm.",
@@ -75,9 +77,10 @@ const Physics& permanent_set() {
         [](auto, const Reference&) { return std::make_unique<Set>(0.0, 0.0); },
         {.counts = Counts::kLargestStrain}},
        {"yield",
-        "F = -h max(0, xi - y)",
+        "F = h max(0, xi - y)",
         {kYield},
         {{.name = "lost_N_mm",
+          .symbol = "h",
           .sign = Sign::kNonPositive,
           .sheet = {.what = "Force lost per mm of the largest stretch beyond the yield.",
                     .unit = "N/mm",
@@ -87,8 +90,9 @@ const Physics& permanent_set() {
         [](std::span<const double> p, const Reference&) { return std::make_unique<Set>(p[0], 0.0); },
         {.counts = Counts::kLargestStrain}},
        {"saturating",
-        "F = -F0 (1 - exp(-xi / s))",
+        "F = F0 (1 - exp(-xi / s))",
         {{.name = "scale_mm",
+          .symbol = "s",
           .lower = 0.05,
           .upper = 100.0,
           .starts = {1.0},
@@ -99,6 +103,7 @@ const Physics& permanent_set() {
                              "specimen's length.",
                     .errors = "One size of stretch leaves it tied to the loss. Mistaken for a yield."}}},
         {{.name = "lost_N",
+          .symbol = "F0",
           .sign = Sign::kNonPositive,
           .sheet =
               {.what = "Force that is lost in the end.",
@@ -108,7 +113,11 @@ const Physics& permanent_set() {
                    "Stretches far below the scale leave it tied to it. Mistaken for a slip or a drift of the zero."}}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Set>(0.0, p[0]); },
         {.counts = Counts::kLargestStrain}}},
-      {.unusual = true, .needs_any_of = {"spring"}}};
+      {.unusual = true,
+       .needs_any_of = {"spring"},
+       .acts_on = "elastic branch",
+       .depends_on = {"history"},
+       .shape_of = ShapeOf::kLoop}};
   return physics;
 }
 

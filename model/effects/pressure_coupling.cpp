@@ -19,6 +19,7 @@ class Coupling : public Process {
 
 const Coefficient kForce{
     .name = "force_N_psi",
+    .symbol = "f'",
     .sign = Sign::kFree,
     .sheet = {.what = "Force that each psi above the nominal pressure adds, at the pressurized "
                       "rest length; positive: it pulls more.",
@@ -29,6 +30,7 @@ const Coefficient kForce{
                         "a late pressure channel biases it. Mistaken for viscous drag."}};
 const Coefficient kStiffness{
     .name = "stiffness_N_mm_psi",
+    .symbol = "k'",
     .sign = Sign::kFree,
     .sheet = {.what = "Stiffness that each psi above the nominal pressure adds; positive: stiffer.",
               .unit = "N/mm/psi",
@@ -62,7 +64,11 @@ const Physics& pressure_coupling() {
         {},
         {kForce, kStiffness},
         [](auto, const Reference&) { return std::make_unique<Coupling>(true, true); }}},
-      {.pressure = PressureNeed::kMeasured, .driven_by_pressure = true}};
+      {.pressure = PressureNeed::kMeasured,
+       .driven_by_pressure = true,
+       .acts_on = "pressure path",
+       .depends_on = {"pressure"},
+       .shape_of = ShapeOf::kPressure}};
   return physics;
 }
 

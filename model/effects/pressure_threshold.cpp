@@ -32,6 +32,7 @@ const Physics& pressure_threshold() {
       {{"dead_zone",
         "F = f max(0, p - pt), beside what is linear in the pressure",
         {{.name = "threshold_psi",
+          .symbol = "pt",
           .lower = 0.01,
           .upper = 300.0,
           .starts = {10.0, 40.0},
@@ -43,6 +44,7 @@ const Physics& pressure_threshold() {
                     .errors = "An offset of the pressure channel shifts it by as much. Undetermined where the pressure "
                               "never falls below it. Mistaken for friction of the braid while filling."}}},
         {{.name = "force_N_psi",
+          .symbol = "f",
           .sign = Sign::kNonNegative,
           .sheet = {.what = "Force that each psi above the threshold adds.",
                     .unit = "N/psi",
@@ -53,7 +55,12 @@ const Physics& pressure_threshold() {
         [](std::span<const double> p, const Reference& reference) {
           return std::make_unique<Threshold>(p[0], reference.nominal_pressure_psi);
         }}},
-      {.unusual = true, .pressure = PressureNeed::kVaries, .driven_by_pressure = true}};
+      {.unusual = true,
+       .pressure = PressureNeed::kVaries,
+       .driven_by_pressure = true,
+       .acts_on = "pressure path",
+       .depends_on = {"pressure"},
+       .shape_of = ShapeOf::kPressure}};
   return physics;
 }
 

@@ -95,6 +95,7 @@ class StrainTimedArm : public Process {
 /// searched as it is and not by its logarithm.
 const Parameter kStrainExponent{
     .name = "strain_exponent_1_mm",
+    .symbol = "b",
     .lower = -1.0,
     .upper = 1.0,
     .starts = {0.05},
@@ -108,6 +109,7 @@ const Parameter kStrainExponent{
                   "motion."}};
 const Parameter kTimeConstant{
     .name = "time_constant_s",
+    .symbol = "tau",
     .lower = 1e-3,
     .upper = 1e4,
     .starts = {0.8},
@@ -122,6 +124,7 @@ const Parameter kTimeConstant{
             "A hold shorter than it leaves it tied to the stiffness. Mistaken for the linear arm's time constant."}};
 const Coefficient kStiffness{
     .name = "stiffness_N_mm",
+    .symbol = "k",
     .sign = Sign::kNonNegative,
     .sheet = {.what = "Stiffness of the arm's spring at position zero: the force per mm that a step adds at once.",
               .unit = "N/mm",
@@ -174,7 +177,7 @@ const Physics& quasi_linear_viscoelasticity() {
         {kStiffness},
         [](std::span<const double> p, const Reference&) { return std::make_unique<StrainTimedArm>(p[0], p[1]); },
         {.replaces_arm = true}}},
-      {.unusual = true}};
+      {.unusual = true, .acts_on = "arm", .depends_on = {"hold", "strain"}, .shape_of = ShapeOf::kStep}};
   return physics;
 }
 

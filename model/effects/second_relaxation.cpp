@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "model/effects/effects.hpp"
+#include "model/effects/relaxation_times.hpp"
 #include "model/stepping.hpp"
 
 namespace isorig::model::effect {
@@ -37,11 +38,13 @@ class TwoArms : public Process {
 /// A box of relaxation times, even in log tau: about three arms per decade keep its ripple below 1 %.
 class Spectrum : public Process {
  public:
+  static constexpr std::size_t kCount = 8;
+  [[nodiscard]] static double time_s(std::size_t arm, double shortest_s, double decades) noexcept {
+    return shortest_s * std::pow(10.0, decades * static_cast<double>(arm) / (kCount - 1));
+  }
+
   Spectrum(double shortest_s, double decades) noexcept {
-    for (std::size_t i = 0; i < kCount; ++i) {
-      const double at = decades * static_cast<double>(i) / (kCount - 1);
-      arms_[i] = MaxwellState(shortest_s * std::pow(10.0, at));
-    }
+    for (std::size_t i = 0; i < kCount; ++i) arms_[i] = MaxwellState(time_s(i, shortest_s, decades));
   }
   void reset(const Instant&) noexcept override {
     for (MaxwellState& arm : arms_) arm.reset();
@@ -53,10 +56,11 @@ class Spectrum : public Process {
   }
 
  private:
-  static constexpr std::size_t kCount = 8;
   std::array<MaxwellState, kCount> arms_{MaxwellState(1), MaxwellState(1), MaxwellState(1), MaxwellState(1),
                                          MaxwellState(1), MaxwellState(1), MaxwellState(1), MaxwellState(1)};
 };
+
+constexpr std::string_view kSpectrum = "spectrum";
 
 constexpr NumberSheet kTime{
     .what = "Time constant of an added Maxwell arm: in a hold its force falls to 1/e in that time.",
@@ -89,17 +93,19 @@ const Physics& second_relaxation() {
       {{"arm",
         "F = k z, dz/dt = v - z / tau",
         {{.name = "time_constant_s",
+          .symbol = "tau",
           .lower = 5e-3,
           .upper = 2e4,
           .starts = {0.1, 2.0, 20.0, 200.0},
           .logarithmic = true,
           .traits = {.lower_limit_law = "a dashpot", .upper_limit_law = "a spring"},
           .sheet = kTime}},
-        {{.name = "stiffness_N_mm", .sign = Sign::kNonNegative, .sheet = kStiffness}},
+        {{.name = "stiffness_N_mm", .symbol = "k", .sign = Sign::kNonNegative, .sheet = kStiffness}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Arm>(p[0]); }},
        {"two_arms",
-        "F = k z + k' z', each as an arm",
+        "F = k z + k' z', dz/dt = v - z / tau, dz'/dt = v - z' / tau'",
         {{.name = "time_constant_s",
+          .symbol = "tau",
           .lower = 5e-3,
           .upper = 2e4,
           .starts = {0.2},
@@ -107,18 +113,20 @@ const Physics& second_relaxation() {
           .traits = {.lower_limit_law = "a dashpot", .upper_limit_law = "a spring"},
           .sheet = kTime},
          {.name = "slow_time_constant_s",
+          .symbol = "tau'",
           .lower = 5e-3,
           .upper = 2e4,
           .starts = {30.0},
           .logarithmic = true,
           .traits = {.lower_limit_law = "a dashpot", .upper_limit_law = "a spring"},
           .sheet = kTime}},
-        {{.name = "stiffness_N_mm", .sign = Sign::kNonNegative, .sheet = kStiffness},
-         {.name = "slow_stiffness_N_mm", .sign = Sign::kNonNegative, .sheet = kStiffness}},
+        {{.name = "stiffness_N_mm", .symbol = "k", .sign = Sign::kNonNegative, .sheet = kStiffness},
+         {.name = "slow_stiffness_N_mm", .symbol = "k'", .sign = Sign::kNonNegative, .sheet = kStiffness}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<TwoArms>(p[0], p[1]); }},
-       {"spectrum",
-        "F = k mean of arms, tau even in log from tau0 over so many decades",
+       {kSpectrum,
+        "F = k mean of arms, their times even in log over N decades from tau0",
         {{.name = "shortest_time_s",
+          .symbol = "tau0",
           .lower = 5e-3,
           .upper = 1e3,
           .starts = {0.1},
@@ -130,6 +138,7 @@ const Physics& second_relaxation() {
                     .errors =
                         "Ramps slower than it leave it undetermined. Mistaken for the one time constant of an arm."}},
          {.name = "decades",
+          .symbol = "N",
           .lower = 0.5,
           .upper = 5.0,
           .starts = {3.0},
@@ -138,11 +147,22 @@ const Physics& second_relaxation() {
                     .range = "Numerics: the law has eight arms, over more than 5 decades fewer than two a decade, "
                              "whose steps show; less than half a decade is a single arm.",
                     .errors = "A hold that ends before the slowest time shortens it. Mistaken for two arms."}}},
-        {{.name = "stiffness_N_mm", .sign = Sign::kNonNegative, .sheet = kStiffness}},
+        {{.name = "stiffness_N_mm", .symbol = "k", .sign = Sign::kNonNegative, .sheet = kStiffness}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Spectrum>(p[0], p[1]); }}},
       // What has no elastic part has nothing that could relax.
-      {.needs_any_of = {"spring", "maxwell"}, .repeatable = true}};
+      {.needs_any_of = {"spring", "maxwell"},
+       .repeatable = true,
+       .acts_on = "arm",
+       .depends_on = {"hold", "rate"},
+       .shape_of = ShapeOf::kStep}};
   return physics;
+}
+
+std::vector<double> relaxation_times_s(const Law& law, std::span<const double> parameters) {
+  if (law.name != kSpectrum) return {parameters.begin(), parameters.end()};
+  std::vector<double> out;
+  for (std::size_t i = 0; i < Spectrum::kCount; ++i) out.push_back(Spectrum::time_s(i, parameters[0], parameters[1]));
+  return out;
 }
 
 }  // namespace isorig::model::effect

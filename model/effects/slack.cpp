@@ -30,7 +30,8 @@ const Physics& slack() {
                                  {},
                                  {},
                                  [](auto, const Reference&) { return std::make_unique<Slack>(); },
-                                 {.uses_coefficients = true}}}};
+                                 {.uses_coefficients = true}}},
+                               {.acts_on = "elastic branch", .depends_on = {"strain"}, .shape_of = ShapeOf::kPosition}};
   return physics;
 }
 

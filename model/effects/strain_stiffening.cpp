@@ -82,6 +82,7 @@ class Lock : public Process {
 
 const Coefficient kQuadratic{
     .name = "quadratic_N_mm2",
+    .symbol = "k2",
     .sign = Sign::kFree,
     .sheet = {.what = "Half of the change of stiffness per mm; positive: stiffer in extension.",
               .unit = "N/mm2",
@@ -90,6 +91,7 @@ const Coefficient kQuadratic{
                         "cell, which bends relaxation too."}};
 const Coefficient kCubic{
     .name = "cubic_N_mm3",
+    .symbol = "k3",
     .sign = Sign::kFree,
     .sheet = {
         .what = "A third of the stiffness that is added 1 mm from the origin; positive: stiffer at both ends.",
@@ -99,6 +101,7 @@ const Coefficient kCubic{
             "A stroke to one side leaves it tied to the quadratic term. Mistaken for slack at one end of the stroke."}};
 const Parameter kKneePosition{
     .name = "position_mm",
+    .symbol = "x0",
     .lower = -1e3,
     .upper = 1e3,
     .starts = {-1.0, 1.0},
@@ -109,6 +112,7 @@ const Parameter kKneePosition{
                         "for the end of a slack."}};
 const Coefficient kKneeStiffness{
     .name = "stiffness_N_mm",
+    .symbol = "k",
     .sign = Sign::kFree,
     .sheet = {.what = "Stiffness that is added beyond the knee; positive: stiffer in extension.",
               .unit = "N/mm",
@@ -132,12 +136,12 @@ const Physics& strain_stiffening() {
       "Mistaken "
       "for a load cell that is not linear, which curves the relaxing part too.",
       {{"quadratic",
-        "F = k x^2",
+        "F = k2 x^2",
         {},
         {kQuadratic},
         [](auto, const Reference&) { return std::make_unique<Polynomial>(true, false); }},
        {"cubic",
-        "F = k x^3",
+        "F = k3 x^3",
         {},
         {kCubic},
         [](auto, const Reference&) { return std::make_unique<Polynomial>(false, true); }},
@@ -149,6 +153,7 @@ const Physics& strain_stiffening() {
        {"exponential",
         "F = k L (exp(x / L) - 1 - x / L)",
         {{.name = "length_mm",
+          .symbol = "L",
           .lower = 0.1,
           .upper = 100.0,
           .starts = {3.0},
@@ -160,6 +165,7 @@ const Physics& strain_stiffening() {
                     .errors =
                         "A stroke that is short against it leaves it tied to the stiffness. Mistaken for a knee."}}},
         {{.name = "stiffness_N_mm",
+          .symbol = "k",
           .sign = Sign::kNonNegative,
           .sheet = {.what = "Stiffness that is added at 0.69 lengths of extension; at x, k (exp(x / L) - 1).",
                     .unit = "N/mm",
@@ -176,6 +182,7 @@ const Physics& strain_stiffening() {
         "F = k w ln(1 + exp((x - x0) / w))",
         {kKneePosition,
          {.name = "width_mm",
+          .symbol = "w",
           .lower = 0.02,
           .upper = 20.0,
           .starts = {0.3, 0.3},
@@ -192,6 +199,7 @@ const Physics& strain_stiffening() {
        {"lock",
         "F = k L u^2 / (1 - u), u = x / L",
         {{.name = "lock_mm",
+          .symbol = "L",
           .lower = 0.5,
           .upper = 1e3,
           .starts = {8.0, 60.0},
@@ -204,13 +212,15 @@ const Physics& strain_stiffening() {
                     .errors = "A stroke that stays below half of it leaves it tied to the stiffness. Mistaken for the "
                               "exponential law."}}},
         {{.name = "stiffness_N_mm",
+          .symbol = "k",
           .sign = Sign::kNonNegative,
           .sheet = {.what = "Size of the stiffening: in small extension the force is this times x^2 / L.",
                     .unit = "N/mm",
                     .range = "Physics: a lock resists extension, so it is not negative; no upper bound.",
                     .errors = "A stroke far from the lock leaves it tied to the position of the lock. Mistaken for the "
                               "quadratic term."}}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Lock>(p[0]); }}}};
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Lock>(p[0]); }}},
+      {.acts_on = "elastic branch", .depends_on = {"strain"}, .shape_of = ShapeOf::kPosition}};
   return physics;
 }
 

@@ -30,6 +30,7 @@ const Physics& unsettled_start() {
       {{"exponential",
         "F = F0 exp(-t / tau)",
         {{.name = "time_constant_s",
+          .symbol = "tau",
           .lower = 0.05,
           .upper = 100.0,
           .starts = {1.0, 20.0},
@@ -42,6 +43,7 @@ const Physics& unsettled_start() {
                     .errors = "A rest before the first ramp that is shorter than it leaves it uncertain. Mistaken for "
                               "a time constant of the specimen."}}},
         {{.name = "force_N",
+          .symbol = "F0",
           .sign = Sign::kFree,
           .sheet =
               {.what = "Force left over at the first reading; positive: it pulls.",
@@ -51,7 +53,7 @@ const Physics& unsettled_start() {
                    "A tare taken before the specimen was at rest adds to it. Mistaken for an offset of the force."}}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Unsettled>(p[0]); },
         {.counts = Counts::kTime}}},
-      {.unusual = true}};
+      {.unusual = true, .acts_on = "arm", .depends_on = {"time"}, .shape_of = ShapeOf::kTime}};
   return physics;
 }
 

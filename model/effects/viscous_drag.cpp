@@ -23,6 +23,7 @@ const Physics& viscous_drag() {
         "F = c v",
         {},
         {{.name = "viscosity_N_s_mm",
+          .symbol = "c",
           .sign = Sign::kNonNegative,
           .sheet = {.what = "Drag force for each mm/s of speed.",
                     .unit = "N s/mm",
@@ -30,7 +31,7 @@ const Physics& viscous_drag() {
                     .errors = "A force channel that is late by d takes k d from it, k the stiffness. Mistaken for a "
                               "relaxation faster than the sampling."}}},
         [](auto, const Reference&) { return std::make_unique<Drag>(); }}},
-      {.unusual = true}};
+      {.unusual = true, .acts_on = "dashpot", .depends_on = {"rate"}, .shape_of = ShapeOf::kRate}};
   return physics;
 }
 

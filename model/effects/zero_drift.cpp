@@ -68,6 +68,7 @@ const Physics& zero_drift() {
         "F = r t",
         {},
         {{.name = "rate_N_h",
+          .symbol = "r",
           .sign = Sign::kFree,
           .sheet = {.what = "Change of the force zero per hour; positive: the reading rises.",
                     .unit = "N/h",
@@ -79,6 +80,7 @@ const Physics& zero_drift() {
        {"settling",
         "F = D (1 - exp(-t / T))",
         {{.name = "time_constant_s",
+          .symbol = "T",
           .lower = 100.0,
           .upper = 2e4,
           .starts = {600.0},
@@ -90,6 +92,7 @@ const Physics& zero_drift() {
                     .errors = "A record shorter than it leaves it tied to the drift. Mistaken for the time constant of "
                               "a slow arm."}}},
         {{.name = "drift_N",
+          .symbol = "D",
           .sign = Sign::kFree,
           .sheet =
               {.what = "Change of the force zero in the end; positive: the reading rises.",
@@ -100,8 +103,10 @@ const Physics& zero_drift() {
         [](std::span<const double> p, const Reference&) { return std::make_unique<Settling>(p[0]); },
         {.counts = Counts::kTime}},
        {"wander",
-        "F = sum of six cosines over the recording",
+        "F = c1 cos(pi t / T) + c2 cos(2 pi t / T) + c3 cos(3 pi t / T) + c4 cos(4 pi t / T) + c5 cos(5 pi t / T) + c6 "
+        "cos(6 pi t / T)",
         {{.name = "duration_s",
+          .symbol = "T",
           .lower = 1.0,
           .upper = 1e7,
           .logarithmic = true,
@@ -112,14 +117,15 @@ const Physics& zero_drift() {
                     .range = "Numerics: from the shortest recording worth a drift to four months.",
                     .errors =
                         "Filled in from the recording; with the duration of another one the shape is stretched."}}},
-        {{"c1_N", Sign::kFree, kCosine},
-         {"c2_N", Sign::kFree, kCosine},
-         {"c3_N", Sign::kFree, kCosine},
-         {"c4_N", Sign::kFree, kCosine},
-         {"c5_N", Sign::kFree, kCosine},
-         {"c6_N", Sign::kFree, kCosine}},
+        {{.name = "c1_N", .symbol = "c1", .sign = Sign::kFree, .sheet = kCosine},
+         {.name = "c2_N", .symbol = "c2", .sign = Sign::kFree, .sheet = kCosine},
+         {.name = "c3_N", .symbol = "c3", .sign = Sign::kFree, .sheet = kCosine},
+         {.name = "c4_N", .symbol = "c4", .sign = Sign::kFree, .sheet = kCosine},
+         {.name = "c5_N", .symbol = "c5", .sign = Sign::kFree, .sheet = kCosine},
+         {.name = "c6_N", .symbol = "c6", .sign = Sign::kFree, .sheet = kCosine}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Wander>(p[0]); },
-        {.counts = Counts::kTime}}}};
+        {.counts = Counts::kTime}}},
+      {.acts_on = "force channel", .depends_on = {"time"}, .shape_of = ShapeOf::kTime}};
   return physics;
 }
 

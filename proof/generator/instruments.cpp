@@ -49,7 +49,7 @@ MadeRecording measure(const Trace& trace, const Instruments& in, double duration
   MadeRecording made;
   messages::Recording& r = made.recording;
   r.metadata = std::move(metadata);
-  r.metadata.rest_length_mm = rounded(r.metadata.rest_length_mm, 1e-3);
+  r.metadata.rest_length_mm = rounded(*r.metadata.rest_length_mm, 1e-3);
   r.metadata.pressurized_rest_length_mm = rounded(*r.metadata.pressurized_rest_length_mm, 1e-3);
   for (std::size_t i = 0; i < trace.t_s.size(); ++i) {
     const double position_noise_mm = in.position_noise_mm * random.normal();

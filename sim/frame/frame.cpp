@@ -44,6 +44,22 @@ void SimFrame::require_link() const {
   }
 }
 
+bool SimFrame::spend(int& count) noexcept {
+  const bool broken = count != 0;
+  if (count > 0) --count;
+  return broken;
+}
+
+/// What may become of the answer to a poll.
+void SimFrame::answer_poll() {
+  using drivers::DeviceError;
+  using drivers::Fault;
+  require_link();
+  if (spend(faults.polls_lost)) throw DeviceError(Fault::kTimeout, "simulated frame: no answer");
+  if (spend(faults.polls_spoilt)) throw DeviceError(Fault::kProtocol, "simulated frame: a spoilt answer");
+  if (spend(faults.polls_refused)) throw DeviceError(Fault::kRefused, "simulated frame: exception 4");
+}
+
 frame::Identity SimFrame::connect() {
   const auto visit = host_.enter();
   connected_ = true;
@@ -61,7 +77,7 @@ frame::Identity SimFrame::connect() {
 
 frame::Poll SimFrame::poll(std::span<frame::Sample> out) {
   const auto visit = host_.enter();
-  require_link();
+  answer_poll();
   frame::Poll poll;
   const double now_ns = static_cast<double>(visit.now_ns);
   double answered_ns = now_ns - reply_.base_ns();
@@ -92,7 +108,8 @@ frame::Poll SimFrame::poll(std::span<frame::Sample> out) {
     out[poll.samples++] = sample;
     ++read_;
   }
-  poll.state = state_;
+  if (!faults.frozen_registers) said_ = state_;
+  poll.state = said_;
   if (faults.fault_state) poll.state.motion = frame::Motion::kFault;
   return poll;
 }
@@ -103,6 +120,7 @@ void SimFrame::start_segment(const frame::Segment& segment) {
   const auto refuse = [](const std::string& why) {
     throw drivers::DeviceError(drivers::Fault::kRefused, "simulated frame refuses the segment: " + why);
   };
+  if (spend(faults.segments_refused)) refuse("exception 4");
   if (!std::isfinite(segment.target_mm) || !(segment.velocity_mm_s > 0.0F))
     refuse("target or velocity is not a number above 0");
   if (static_cast<double>(segment.velocity_mm_s) > p_.speed_max_mm_s * (1.0 + 1e-6))
@@ -124,6 +142,10 @@ void SimFrame::start_segment(const frame::Segment& segment) {
   state_.velocity_mm_s = segment.velocity_mm_s;
   state_.motion = frame::Motion::kMoving;
   waiting_ = segment;
+  if (faults.echoes_wrong) state_.target_mm = waiting_.target_mm = segment.target_mm + 0.5F;
+  if (faults.overshoot_mm != 0.0) {
+    waiting_.target_mm += static_cast<float>(std::copysign(faults.overshoot_mm, away) * p_.position_gain);
+  }
   pending_ = true;
   pending_ns_ = visit.now_ns + static_cast<std::int64_t>(p_.command_delay_ms * 1e6);
 }
@@ -131,11 +153,6 @@ void SimFrame::start_segment(const frame::Segment& segment) {
 void SimFrame::stop() {
   const auto visit = host_.enter();
   require_link();
-  const auto spend = [](int& count) {
-    const bool broken = count != 0;
-    if (count > 0) --count;
-    return broken;
-  };
   if (spend(faults.stop_refused)) {
     throw drivers::DeviceError(drivers::Fault::kRefused, "simulated frame refuses the stop: busy");
   }
@@ -203,7 +220,8 @@ void SimFrame::check(std::int64_t now_ns, bool drive_enabled) noexcept {
     pending_ = false;
     moving_ = true;
     in_position_ns_ = -1;
-    if (!faults.ignores_segments) {
+    ignored_ = faults.ignores_segments;
+    if (!ignored_) {
       crosshead_.move((static_cast<double>(waiting_.target_mm) - p_.zero_mm) / p_.position_gain,
                       static_cast<double>(waiting_.velocity_mm_s) / p_.position_gain);
     }
@@ -227,7 +245,7 @@ void SimFrame::supervise_motion(const StepView& step) noexcept {
     halt(frame::Motion::kLimit, frame::kTravelLimit);
     return;
   }
-  if (!moving_ || faults.ignores_segments || !crosshead_.reference_at_target()) return;
+  if (!moving_ || ignored_ || faults.never_reached || !crosshead_.reference_at_target()) return;
   if (std::abs(position_mm - crosshead_.target_mm()) > p_.in_position_mm) {
     in_position_ns_ = -1;
     return;
@@ -255,8 +273,9 @@ frame::Sample SimFrame::sample(const StepView& step, double fraction, double dev
   s.position_mm = static_cast<float>(quantise(position_mm + p_.position_noise_mm * position_noise_.normal(),
                                               p_.position_quantum_mm, inverse_position_quantum_));
   if (!faults.frozen_force) {
-    last_force_N_ = static_cast<float>(
-        quantise(force_N + p_.force_noise_N * force_noise_.normal(), p_.force_quantum_N, inverse_force_quantum_));
+    last_force_N_ =
+        static_cast<float>(quantise(force_N + faults.force_error_N + p_.force_noise_N * force_noise_.normal(),
+                                    p_.force_quantum_N, inverse_force_quantum_));
   }
   s.force_N = faults.not_a_number ? std::numeric_limits<float>::quiet_NaN() : last_force_N_;
   return s;
@@ -269,7 +288,7 @@ void SimFrame::after_step(const StepView& step) noexcept {
   for (;;) {
     const double at_ns = clock_.host_since(step.begin_ns, next_sample_us_);
     if (at_ns > length_ns) break;
-    if (!faults.frozen_samples) {
+    if (!faults.frozen_samples && !faults.frozen_registers) {
       ring_[sequence_ % ring_.size()] = sample(step, at_ns / length_ns, next_sample_us_);
       ++sequence_;
     }

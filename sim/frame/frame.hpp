@@ -15,7 +15,8 @@ struct FrameFaults {
   bool frozen_samples = false;     ///< the sample counter stands still; motion goes on
   bool frozen_force = false;       ///< the load cell repeats its last value
   bool drive_fault = false;        ///< the drive trips: brake, kDriveFault
-  bool ignores_segments = false;   ///< accepts them, echoes them, does not move
+  bool ignores_segments = false;   ///< accepts the next ones, echoes them, does not move
+  bool never_reached = false;      ///< it arrives, and goes on to say "moving"
   bool fault_state = false;        ///< its state is "fault", and no fault bit says why
   bool not_a_number = false;       ///< the load cell reads NaN
   bool heartbeat_refused = false;  ///< the heartbeat register cannot be written
@@ -23,6 +24,14 @@ struct FrameFaults {
   int stop_lost = 0;               ///< so many stops are acknowledged and not done; -1: until switched off
   bool runs_on = false;            ///< a stop is acknowledged, the state says "stopped", the crosshead goes on
   bool runaway = false;            ///< likewise, and the frame's own watchdog does not stop it either
+  bool frozen_registers = false;   ///< samples and state as they were: it hangs behind a gateway that answers
+  int polls_lost = 0;              ///< so many polls get no answer; -1: until switched off
+  int polls_spoilt = 0;            ///< so many are answered by what is no answer; -1: likewise
+  int polls_refused = 0;           ///< so many are answered by an exception; -1: likewise
+  int segments_refused = 0;        ///< so many segments are answered by an exception; -1: likewise
+  bool echoes_wrong = false;       ///< a segment's target is taken, and echoed, half a millimetre further
+  double overshoot_mm = 0.0;       ///< it stops so far beyond the target, and says that this is the target
+  double force_error_N = 0.0;      ///< the load cell shows so much more
 };
 
 /// The frame as a cabinet: crosshead, load cell, encoder, sampler on a clock of its own, sample ring, its own
@@ -55,6 +64,11 @@ class SimFrame final : public frame::Device {
 
   /// Off and on again: no connection, no heartbeat, and a zero that is `zero_shift_mm` away.
   void power_cycle(double zero_shift_mm) noexcept;
+  /// Its clock is set: from now on it shows so much more (or less).
+  void jump_clock(double by_us) noexcept {
+    clock_.jump(by_us);
+    next_sample_us_ += by_us;
+  }
 
   [[nodiscard]] const Crosshead& crosshead() const noexcept { return crosshead_; }
   [[nodiscard]] std::uint32_t sequence() const noexcept { return sequence_; }
@@ -66,6 +80,8 @@ class SimFrame final : public frame::Device {
   void supervise_motion(const StepView& step) noexcept;
   void halt(frame::Motion motion, std::uint16_t fault) noexcept;
   void require_link() const;
+  void answer_poll();
+  [[nodiscard]] static bool spend(int& count) noexcept;
   [[nodiscard]] frame::Sample sample(const StepView& step, double fraction, double device_us) noexcept;
 
   FrameParameters p_;
@@ -87,10 +103,12 @@ class SimFrame final : public frame::Device {
 
   // Motion.
   frame::State state_;
+  frame::State said_;  ///< in the last answer
   frame::Segment waiting_;
   bool pending_ = false;  // a segment written but not begun
   std::int64_t pending_ns_ = 0;
   bool moving_ = false;
+  bool ignored_ = false;  ///< the present segment
   std::int64_t in_position_ns_ = -1;
   bool drive_enabled_ = true;
 

@@ -7,9 +7,9 @@
 namespace isorig::sim {
 
 using drivers::DeviceError;
-using frame::Quantity;
+using modbus::Quantity;
 
-GatewayFrame::GatewayFrame(const frame::RegisterMap& map, frame::Device& backend, FrameWireFaults& faults)
+GatewayFrame::GatewayFrame(const modbus::RegisterMap& map, frame::Device& backend, FrameWireFaults& faults)
     : map_(map), backend_(backend), faults_(faults), image_(map) {
   samples_.resize(map_.samples.slots);
   identity_ = backend_.connect();

@@ -19,7 +19,7 @@ class GatewayFrame {
   static constexpr int kNoAnswer = -1;  ///< beside the exceptions
 
   /// Connects the backend. Throws its DeviceError.
-  GatewayFrame(const frame::RegisterMap& map, frame::Device& backend, FrameWireFaults& faults);
+  GatewayFrame(const modbus::RegisterMap& map, frame::Device& backend, FrameWireFaults& faults);
   ~GatewayFrame() { backend_.disconnect(); }
   GatewayFrame(const GatewayFrame&) = delete;
   GatewayFrame& operator=(const GatewayFrame&) = delete;
@@ -41,7 +41,7 @@ class GatewayFrame {
   /// The exception to answer a stop with that is not taken, or kNoAnswer; 0 when nothing keeps it from being taken.
   int spoil_stop();
 
-  const frame::RegisterMap& map_;
+  const modbus::RegisterMap& map_;
   frame::Device& backend_;
   FrameWireFaults& faults_;
   RegisterImage image_;

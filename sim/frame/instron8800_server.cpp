@@ -183,7 +183,7 @@ class Instron8800Server::Impl {
   std::thread thread_;
 };
 
-Instron8800Server::Instron8800Server(Options options, frame::Device& backend, Instron8800Faults& faults)
+Instron8800Server::Instron8800Server(const Options& options, frame::Device& backend, Instron8800Faults& faults)
     : impl_(std::make_unique<Impl>(options, backend, faults)) {}
 Instron8800Server::~Instron8800Server() = default;
 std::uint16_t Instron8800Server::port() const noexcept {

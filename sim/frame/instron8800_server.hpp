@@ -39,7 +39,7 @@ class Instron8800Server {
   };
 
   /// Connects the backend and serves. Throws std::runtime_error. `backend` and `faults` outlive the server.
-  Instron8800Server(Options options, frame::Device& backend, Instron8800Faults& faults);
+  Instron8800Server(const Options& options, frame::Device& backend, Instron8800Faults& faults);
   ~Instron8800Server();
   Instron8800Server(const Instron8800Server&) = delete;
   Instron8800Server& operator=(const Instron8800Server&) = delete;

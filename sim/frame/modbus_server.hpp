@@ -23,7 +23,7 @@ namespace isorig::sim {
 class ModbusServer {
  public:
   struct Options {
-    frame::RegisterMap map;
+    modbus::RegisterMap map;
     bool tcp = true;
     std::string tcp_address = "127.0.0.1";
     std::uint16_t tcp_port = 0;  ///< 0: a free one, see port()

@@ -6,9 +6,9 @@
 
 namespace isorig::sim {
 
-using frame::Quantity;
+using modbus::Quantity;
 
-RegisterImage::RegisterImage(const frame::RegisterMap& map) : map_(map) {
+RegisterImage::RegisterImage(const modbus::RegisterMap& map) : map_(map) {
   std::size_t holding = 0, input = 0;
   const auto cover = [&](std::uint8_t function, std::size_t end) {
     auto& size = function == 4 ? input : holding;
@@ -26,15 +26,15 @@ RegisterImage::RegisterImage(const frame::RegisterMap& map) : map_(map) {
   input_.resize(input);
 }
 
-void RegisterImage::put(std::uint8_t function, std::size_t address, const frame::NumberFormat& format, double value) {
+void RegisterImage::put(std::uint8_t function, std::size_t address, const modbus::NumberFormat& format, double value) {
   auto bits = std::bit_cast<std::uint32_t>(static_cast<float>((value - format.offset) / format.scale));
-  if (format.type != frame::RegisterType::kFloat32) {
+  if (format.type != modbus::RegisterType::kFloat32) {
     // A gateway saturates what its registers cannot hold.
-    const auto range = frame::range_of(format.type);
+    const auto range = modbus::range_of(format.type);
     const auto number = std::clamp((value - format.offset) / format.scale, range.min, range.max);
-    bits = frame::bits_of(number, format.type).value_or(0);
+    bits = modbus::bits_of(number, format.type).value_or(0);
   }
-  const auto words = frame::split_words(bits, format.type, format.order);
+  const auto words = modbus::split_words(bits, format.type, format.order);
   std::copy_n(words.begin(), format.registers(), area(function).begin() + static_cast<std::ptrdiff_t>(address));
 }
 
@@ -42,7 +42,7 @@ void RegisterImage::put(Quantity quantity, double value) {
   if (const auto& reg = map_.at(quantity)) put(reg->function, reg->address, reg->format, value);
 }
 
-void RegisterImage::put_text(const std::optional<frame::TextRegisters>& where, const std::string& text) {
+void RegisterImage::put_text(const std::optional<modbus::TextRegisters>& where, const std::string& text) {
   if (!where) return;
   const auto character = [&](std::size_t i) {
     return i < text.size() ? static_cast<unsigned>(static_cast<unsigned char>(text[i])) : 0U;
@@ -75,8 +75,8 @@ void RegisterImage::set_state(const frame::State& state) {
 namespace {
 
 /// A clock in a register counts whole ticks and wraps.
-double wrapped_us(const frame::NumberFormat& format, double time_us) {
-  const double turn = format.type == frame::RegisterType::kUint16 ? 0x1p16 : 0x1p32;
+double wrapped_us(const modbus::NumberFormat& format, double time_us) {
+  const double turn = format.type == modbus::RegisterType::kUint16 ? 0x1p16 : 0x1p32;
   double ticks = std::fmod(std::floor(time_us / format.scale), turn);
   if (ticks < 0.0) ticks += turn;
   return ticks * format.scale;
@@ -90,7 +90,7 @@ void RegisterImage::set_device_time_us(double device_us) {
 
 void RegisterImage::add_sample(const frame::Sample& sample) {
   const auto& ring = map_.samples;
-  if (ring.slot == frame::SampleRing::Slot::kCounterModulo) next_slot_ = sample.sequence % ring.slots;
+  if (ring.slot == modbus::SampleRing::Slot::kCounterModulo) next_slot_ = sample.sequence % ring.slots;
   const std::size_t base = ring.address + std::size_t{next_slot_} * ring.stride_registers;
   const auto time_us = static_cast<double>(sample.device_us);
   put(ring.function, base + ring.position_mm.at, ring.position_mm.format, double{sample.position_mm});
@@ -101,11 +101,11 @@ void RegisterImage::add_sample(const frame::Sample& sample) {
   if (const auto& newest = map_.at(Quantity::kNewestSampleTime_us)) {
     put(Quantity::kNewestSampleTime_us, wrapped_us(newest->format, time_us));
   }
-  const bool narrow = map_.at(Quantity::kSampleCounter)->format.type == frame::RegisterType::kUint16;
+  const bool narrow = map_.at(Quantity::kSampleCounter)->format.type == modbus::RegisterType::kUint16;
   put(Quantity::kSampleCounter, narrow ? sample.sequence & 0xFFFFU : sample.sequence);
   const std::uint32_t newest_slot = next_slot_;
   next_slot_ = (next_slot_ + 1) % ring.slots;
-  put(Quantity::kWriteIndex, ring.slot == frame::SampleRing::Slot::kIndexOfNext ? next_slot_ : newest_slot);
+  put(Quantity::kWriteIndex, ring.slot == modbus::SampleRing::Slot::kIndexOfNext ? next_slot_ : newest_slot);
 }
 
 bool RegisterImage::covers(std::uint16_t address, std::size_t count) const {

@@ -13,7 +13,7 @@ namespace isorig::sim {
 /// No I/O; one thread.
 class RegisterImage {
  public:
-  explicit RegisterImage(const frame::RegisterMap& map);
+  explicit RegisterImage(const modbus::RegisterMap& map);
 
   void set_identity(const frame::Identity& identity, bool wrong);
   void set_state(const frame::State& state);
@@ -26,9 +26,9 @@ class RegisterImage {
   void write(std::uint16_t address, std::span<const std::uint16_t> words);
   /// What a written quantity would be if `words` were written at `address`; nothing when they do not touch
   /// it.
-  [[nodiscard]] std::optional<double> touched(frame::Quantity quantity, std::uint16_t address,
+  [[nodiscard]] std::optional<double> touched(modbus::Quantity quantity, std::uint16_t address,
                                               std::span<const std::uint16_t> words) const;
-  [[nodiscard]] double written(frame::Quantity quantity) const;
+  [[nodiscard]] double written(modbus::Quantity quantity) const;
 
   /// The two areas, from register 0; the last register is size() - 1.
   [[nodiscard]] std::vector<std::uint16_t>& holding() noexcept { return holding_; }
@@ -38,11 +38,11 @@ class RegisterImage {
   [[nodiscard]] std::vector<std::uint16_t>& area(std::uint8_t function) noexcept {
     return function == 4 ? input_ : holding_;
   }
-  void put(std::uint8_t function, std::size_t address, const frame::NumberFormat& format, double value);
-  void put(frame::Quantity quantity, double value);
-  void put_text(const std::optional<frame::TextRegisters>& where, const std::string& text);
+  void put(std::uint8_t function, std::size_t address, const modbus::NumberFormat& format, double value);
+  void put(modbus::Quantity quantity, double value);
+  void put_text(const std::optional<modbus::TextRegisters>& where, const std::string& text);
 
-  const frame::RegisterMap map_;
+  const modbus::RegisterMap map_;
   std::vector<std::uint16_t> holding_, input_;
   std::uint32_t next_slot_ = 0;
 };

@@ -7,8 +7,6 @@
 namespace isorig::sim {
 namespace {
 
-namespace wire = messages::teensy;
-
 constexpr std::int64_t kValveRefresh_ns = 10'000'000;
 constexpr std::size_t kMaxOnTheLine = 4096;  // chunks; only a huge delay fault gets there
 

@@ -33,8 +33,8 @@ Pneumatics::Flows Pneumatics::flows(double chamber_bar, double supply_bar) const
 }
 
 void Pneumatics::step(const ValveTargets& targets, double actuator_mL) noexcept {
-  fill_mean_ = fill_.step(fill_stuck_open ? 1.0 : targets.fill);
-  vent_mean_ = vent_.step(vent_stuck_shut ? 0.0 : targets.vent);
+  fill_mean_ = fill_.step(fill_stuck_open ? 1.0 : fill_stuck_shut ? 0.0 : targets.fill);
+  vent_mean_ = vent_.step(vent_stuck_open ? 1.0 : vent_stuck_shut ? 0.0 : targets.vent);
   dump_mean_ = dump_.step(dump_stuck_shut ? 0.0 : targets.dump);
   const double volume_end_L = manifold_L_ + 1e-3 * actuator_mL;
 

@@ -88,7 +88,8 @@ class Pneumatics {
   // Faults, to be set at any time.
   bool supply_empty = false;
   double leak_factor = 1.0;
-  bool fill_stuck_open = false, vent_stuck_shut = false, dump_stuck_shut = false;
+  bool fill_stuck_open = false, fill_stuck_shut = false;
+  bool vent_stuck_open = false, vent_stuck_shut = false, dump_stuck_shut = false;
   double burst_mL_s_bar = 0.0;  ///< a hose that has burst: on top of the leak
   double supply_psi_now = 0.0;  ///< the regulator's set pressure, when above 0: somebody turned its knob
 

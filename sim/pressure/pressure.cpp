@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <utility>
 
 #include "messages/elvh.hpp"
 
@@ -11,6 +12,13 @@ namespace {
 constexpr std::int64_t kCheckInterval_ns = 10'000'000;  // watchdog resolution
 constexpr std::int64_t kTemperatureInterval_ns = 1'000'000'000;
 constexpr double kTemperaturePeriod_s = 7200.0;
+
+/// One of so many; -1 never runs out.
+bool take_fault(int& left) noexcept {
+  const bool strikes = left != 0;
+  if (left > 0) --left;
+  return strikes;
+}
 
 Random stream(std::uint64_t seed, Stream s) {
   return Random(seed, static_cast<std::uint64_t>(s));
@@ -53,6 +61,7 @@ void SimPressure::set_limits(const pressure::FillLimits& limits) {
   wanted.pressure_max_raw = static_cast<std::uint16_t>(std::clamp(std::floor(counts), 0.0, 14'746.0));
   wanted.fill_allowance_permille = limits.fill_allowance_permille;
   wanted.fill_max_ms = limits.fill_max_ms;
+  limits_ = wanted;
   if (!guard_.set_limits(wanted)) {
     throw drivers::DeviceError(drivers::Fault::kIdentity, "simulated pressure device: refuses these limits");
   }
@@ -68,6 +77,8 @@ pressure::Identity SimPressure::connect() {
     connected_ = false;
     throw;
   }
+  // A device that was restarted has forgotten them.
+  if (limits_.pressure_max_raw != 0 && !guards_) guards_ = guard_.set_limits(limits_);
   stored_ = 0;
   expected_ = sequence_;
   replies_pending_ = 0;
@@ -83,6 +94,7 @@ pressure::Poll SimPressure::poll(std::span<pressure::Sample> samples_out, std::s
   poll.state = state_;
   poll.state.dropped = dropped_;
   if (faults.silent) return poll;
+  poll.corrupt = std::exchange(spoilt_, 0);
   const double now_ns = static_cast<double>(visit.now_ns);
   const double until_us = clock_.device_us(now_ns - 1e6 * p_.sample_latency_ms);
   while (stored_ > 0 && poll.samples < samples_out.size()) {
@@ -149,6 +161,20 @@ std::optional<pressure::SyncEdge> SimPressure::take_sync_edge() {
   return pressure::SyncEdge{static_cast<std::int64_t>(clock_.device_us(static_cast<double>(edge_ns))), rising};
 }
 
+void SimPressure::power_cycle() noexcept {
+  connected_ = heartbeat_seen_ = false;
+  clock_.jump(-clock_.device_us(static_cast<double>(next_check_ns_)));
+  next_sample_us_ = sample_period_us_;
+  sequence_ = expected_ = dropped_ = spoilt_ = 0;
+  stored_ = replies_pending_ = 0;
+  queue_read_ = queue_write_;
+  guard_ = {};
+  guards_ = false;
+  state_ = {};
+  state_.vent_permille = 1000;
+  targets_ = {};
+}
+
 double SimPressure::opening(std::uint16_t permille) const noexcept {
   const double duty = std::floor(static_cast<double>(permille) / duty_step_ + 0.5) * duty_step_;
   return std::clamp((duty - duty_dead_) / (1000.0 - duty_dead_), 0.0, 1.0);
@@ -200,7 +226,8 @@ double SimPressure::through_tube(double pressure_psi) noexcept {
   } else if (!faults.tube_blocked) {
     at_sensor_psi_ = pressure_psi;
   }
-  return faults.low_permille == 0 ? at_sensor_psi_ : at_sensor_psi_ * (1.0 - 1e-3 * faults.low_permille);
+  drifted_psi_ = faults.drift_psi_s == 0.0 ? 0.0 : drifted_psi_ + faults.drift_psi_s * 1e-6 * sample_period_us_;
+  return at_sensor_psi_ * (1.0 - 1e-3 * faults.low_permille) + drifted_psi_;
 }
 
 std::uint32_t SimPressure::convert(double pressure_psi) noexcept {
@@ -235,7 +262,11 @@ void SimPressure::after_step(const StepView& step) noexcept {
         const auto cause = guard_.sample(word, static_cast<std::uint64_t>(now_ns / 1000));
         if (cause != messages::teensy::VentCause::kNone) vent_itself(cause, now_ns);
       }
-      if (stored_ == ring_.size()) {
+      if (take_fault(faults.samples_spoilt)) {
+        ++spoilt_;
+      } else if (take_fault(faults.samples_lost)) {
+        // its number is missing
+      } else if (stored_ == ring_.size()) {
         ++dropped_;
       } else {
         std::size_t slot = oldest_ + stored_++;

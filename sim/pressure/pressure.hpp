@@ -22,6 +22,9 @@ struct PressureFaults {
   bool bus_high = false;          ///< MISO open: 0xFFFFFFFF
   bool stuck_value = false;       ///< status 00, the count never changes
   bool ignores_commands = false;  ///< valves stay where they are
+  int samples_lost = 0;           ///< so many conversions never arrive; -1: until switched off
+  int samples_spoilt = 0;         ///< so many arrive corrupt, and are left out; -1: likewise
+  double drift_psi_s = 0.0;       ///< the sensor's zero runs away at this rate; 0: another sensor
   // Between chamber and sensor. The sensor itself is whole: its noise goes on.
   bool tube_off = false;      ///< the sensor reads the room; the branch is narrow: no leak to speak of
   bool tube_blocked = false;  ///< it reads what was locked in
@@ -48,6 +51,14 @@ class SimPressure final : public pressure::Device {
   void heartbeat() override;
   void request_time_sync() override;
   std::optional<pressure::SyncEdge> take_sync_edge() override;
+
+  /// Off and on again: counts samples and time anew, knows no heartbeat, vents until the next. The connection ends.
+  void power_cycle() noexcept;
+  /// Its clock is set: from now on it shows so much more (or less).
+  void jump_clock(double by_us) noexcept {
+    clock_.jump(by_us);
+    next_sample_us_ += by_us;
+  }
 
   /// Before the physics of a step: what the valves are told in it (dump is the rig's).
   const ValveTargets& before_step(std::int64_t begin_ns) noexcept {
@@ -91,12 +102,14 @@ class SimPressure final : public pressure::Device {
   double temperature_C_ = 0.0;
   std::uint32_t last_word_ = 0;
   double at_sensor_psi_ = 0.0;
+  double drifted_psi_ = 0.0;
 
   std::vector<pressure::Sample> ring_;
   std::size_t stored_ = 0, oldest_ = 0;
   std::uint32_t sequence_ = 0;  // of the next conversion
   std::uint32_t expected_ = 0;  // by the host
   std::uint32_t dropped_ = 0;
+  std::uint32_t spoilt_ = 0;  // since the last poll
 
   static constexpr std::size_t kQueue = 64;
   std::array<Pending, kQueue> queue_{};
@@ -109,6 +122,7 @@ class SimPressure final : public pressure::Device {
   ValveTargets targets_;
   messages::teensy::FillGuard guard_;
   bool guards_ = false;
+  messages::teensy::Limits limits_;  ///< what every connection begins with, once they were given
   bool heartbeat_seen_ = false;
   std::int64_t heartbeat_ns_ = 0;
   std::int64_t next_check_ns_ = 0;

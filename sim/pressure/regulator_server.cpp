@@ -216,7 +216,7 @@ class RegulatorServer::Impl {
   std::thread thread_;
 };
 
-RegulatorServer::RegulatorServer(Options options, Rig& rig, RegulatorFaults& faults)
+RegulatorServer::RegulatorServer(const Options& options, Rig& rig, RegulatorFaults& faults)
     : impl_(std::make_unique<Impl>(options, rig, faults)) {}
 RegulatorServer::~RegulatorServer() = default;
 std::uint16_t RegulatorServer::port() const noexcept {

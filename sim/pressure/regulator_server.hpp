@@ -23,7 +23,7 @@ class RegulatorServer {
   };
 
   /// Throws std::runtime_error. `rig` and `faults` outlive the server.
-  RegulatorServer(Options options, Rig& rig, RegulatorFaults& faults);
+  RegulatorServer(const Options& options, Rig& rig, RegulatorFaults& faults);
   ~RegulatorServer();
   RegulatorServer(const RegulatorServer&) = delete;
   RegulatorServer& operator=(const RegulatorServer&) = delete;

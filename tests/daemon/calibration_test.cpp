@@ -7,9 +7,9 @@
 
 #include "calibration/date.hpp"
 #include "calibration/record.hpp"
+#include "daemon/export/export.hpp"
 #include "daemon/host/host.hpp"
 #include "daemon/host/virtual_run.hpp"
-#include "daemon/recording/export.hpp"
 #include "daemon/rig/calibrations.hpp"
 #include "messages/recording.hpp"
 #include "recording_rig.hpp"

@@ -208,6 +208,10 @@ const Dangerous kDangerous[] = {
     {"lcm", "url", "\"udpm://239.255.76.67:7667?ttl=255\"", "leaves this machine"},
     {"lcm", "url", "\"udpm://239.255.76.67:7667?ttl=1\"", "network = true"},
     {"lcm", "url", "\"udpm://239.255.76.67:7667\"", "says no ttl"},
+    {"lcm", "url", "\"udpm://239.255.76.67:7667?ttl=0&ttl=5\"", "its ttl is 5"},
+    {"lcm", "url", "\"udpm://239.255.76.67:7667?xttl=0\"", "says no ttl"},
+    {"api", "operate", "\"lab, \"", "has to name Unix groups"},
+    {"api", "configure", "\"a group\"", "has to name Unix groups"},
     {"lcm", "url", "\"tcpq://10.0.0.1:7700\"", "can make publishing wait"},
     {"lcm", "url", "\"file:///tmp/x?mode=w\"", "udpm://"},
     {"lcm", "url", "\"\"", "udpm://"},
@@ -240,6 +244,11 @@ TEST(ConfigChecks, WhatIsShippedIsValidAndSoIsAReal) {
                            "network", "true")),
             "");
   EXPECT_EQ(faults_of(with(real("sim-wire"), "api", "mode", "\"0600\"")), "");
+}
+
+TEST(ConfigChecks, AnUnknownKeyOfTheSimulationIsRefusedWhereItIsRead) {
+  EXPECT_THAT(faults_of(with(shipped("sim"), "sim", "sede", "1")), HasSubstr("unknown key `sede`"));
+  EXPECT_EQ(faults_of(with(shipped("sim-wire"), "sim", "sede", "1")), "");  // isorig-simrig's business
 }
 
 TEST(ConfigChecks, TheSensorEndsWhereItsCalibrationPutsIt) {

@@ -16,7 +16,7 @@ using ::testing::ThrowsMessage;
 /// A rig on the wire that only this process knows. Nothing connects to it.
 RigConfig own_rig() {
   auto rig = load_rig(source("config/rigs/sim-wire.toml"));
-  std::get<frame::ModbusConfig>(rig.frame).host = "device-claim-test-" + std::to_string(::getpid());
+  std::get<modbus::ModbusConfig>(rig.frame).host = "device-claim-test-" + std::to_string(::getpid());
   rig.teensy->port = "/tmp/device-claim-test-" + std::to_string(::getpid());
   return rig;
 }
@@ -30,7 +30,7 @@ TEST(Devices, ARigHasOneDaemon) {
         [&] { (void)open_devices(rig, clock); },
         ThrowsMessage<std::runtime_error>(HasSubstr("another isorigd on this machine drives the frame at tcp")));
     auto other_frame = rig;
-    std::get<frame::ModbusConfig>(other_frame.frame).port = 1;
+    std::get<modbus::ModbusConfig>(other_frame.frame).port = 1;
     EXPECT_THAT([&] { (void)open_devices(other_frame, clock); },
                 ThrowsMessage<std::runtime_error>(HasSubstr("drives the pressure device at /tmp/device-claim-test-")));
   }

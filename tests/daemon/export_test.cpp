@@ -1,10 +1,13 @@
-#include "daemon/recording/export.hpp"
+#include "daemon/export/export.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <lcm/lcm.h>
 #include <toml++/toml.h>
 
 #include <algorithm>
+#include <limits>
+#include <string_view>
 
 #include "messages/recording.hpp"
 #include "recording_rig.hpp"
@@ -23,6 +26,18 @@ RunInfo two_sessions() {
 /// Session 0: averaged until 2.5 s, then full; session 1: averaged.
 const std::vector<Stretch> kPlan{{2'500, 0, Keep::kAveraged}, {4'000, 1, Keep::kFull}, {6'000, 2, Keep::kAveraged}};
 
+/// What rounding may move a value by: a twentieth of the smallest step between two readings in full (rounded to two
+/// digits itself, hence 18).
+template <typename Value>
+double rounding(Value value, std::int64_t from, std::int64_t to) {
+  double smallest = std::numeric_limits<double>::infinity(), largest = 0.0;
+  for (auto i = from + 1; i < to; ++i) {
+    smallest = std::min(smallest, std::abs(value(i) - value(i - 1)));
+    largest = std::max(largest, std::abs(value(i)));
+  }
+  return std::max(smallest, largest / 16'777'216.0) / 18.0;  // a device's readings come in 24 bits
+}
+
 TEST(Export, WritesWhatWasRecordedInTheRecordingFormat) {
   const TemporaryDirectory dir("export");
   auto options = recorder_options(dir.path() / "run");
@@ -36,7 +51,7 @@ TEST(Export, WritesWhatWasRecordedInTheRecordingFormat) {
   const auto report = export_run(dir.path() / "run", dir.path() / "out", {.run_id = "the-run"});
   EXPECT_TRUE(report.read.whole());
   ASSERT_EQ(report.sessions.size(), 2U);
-  EXPECT_EQ(report.sessions[0].folder, dir.path() / "out" / "rep-1_5-psi");
+  EXPECT_EQ(report.sessions[0].folder, dir.path() / "out" / "rep-1_05-psi");
   EXPECT_TRUE(report.sessions[0].complete);
   EXPECT_EQ(report.sessions[0].not_increasing, 0U);
   EXPECT_EQ(report.sessions[0].not_measured, 4U);  // every thousandth word is stale
@@ -53,24 +68,86 @@ TEST(Export, WritesWhatWasRecordedInTheRecordingFormat) {
   ASSERT_EQ(r.frame.size(), 20U + 1U + 1'999U);
   const std::int64_t start = frame_record(0, 0, Keep::kFull).mono_ns + 99 * kMs / 2;
   EXPECT_EQ(r.frame.t_s[0], 0.0);
+  const auto full = [](std::int64_t i) { return frame_record(i, 0, Keep::kFull); };
+  const double mm = rounding([&](std::int64_t i) { return full(i).position_mm; }, 2'001, 4'000);
+  const double newton = rounding([&](std::int64_t i) { return full(i).force_N; }, 2'001, 4'000);
+  EXPECT_LT(mm, 1e-4);
   double mean = 0.0;
   for (int i = 0; i < 100; ++i) mean += frame_record(i, 0, Keep::kFull).position_mm / 100.0;
-  EXPECT_NEAR(r.frame.position_mm[0], mean, 1e-12);
+  EXPECT_NEAR(r.frame.position_mm[0], mean, mm / 10.0) << "a mean has a decimal more than a reading";
   for (std::size_t i = 0; i < 1'999; ++i) {
     const auto f = frame_record(2'001 + static_cast<std::int64_t>(i), 0, Keep::kFull);
-    ASSERT_EQ(r.frame.t_s[21 + i], static_cast<double>(f.mono_ns - start) * 1e-9) << i;
-    ASSERT_EQ(r.frame.position_mm[21 + i], f.position_mm);
-    ASSERT_EQ(r.frame.force_N[21 + i], f.force_N);
+    ASSERT_EQ(r.frame.t_s[21 + i], static_cast<double>(f.mono_ns - start) / 1e9) << i;
+    ASSERT_NEAR(r.frame.position_mm[21 + i], f.position_mm, mm);
+    ASSERT_NEAR(r.frame.force_N[21 + i], f.force_N, newton);
   }
   ASSERT_TRUE(r.pressure);
   // Both files count from the same moment.
+  const double psi =
+      rounding([](std::int64_t i) { return pressure_record(i, 0, Keep::kFull).pressure_psi; }, 2'001, 4'000);
   const auto p = pressure_record(3'998, 0, Keep::kFull);
-  EXPECT_EQ(r.pressure->t_s.back(), static_cast<double>(p.mono_ns - start) * 1e-9);
-  EXPECT_EQ(r.pressure->pressure_psi.back(), p.pressure_psi);
+  EXPECT_EQ(r.pressure->t_s.back(), static_cast<double>(p.mono_ns - start) / 1e9);
+  EXPECT_NEAR(r.pressure->pressure_psi.back(), p.pressure_psi, psi);
 
   const auto second = messages::read_recording(report.sessions[1].folder);
   EXPECT_FALSE(second.metadata.pressurized_rest_length_mm) << "NaN is: not known";
   EXPECT_EQ(second.frame.size(), 20U);
+}
+
+/// A segment as a logger of the live channels would have written it: without header and chain.
+void as_live_log(const std::filesystem::path& segment, const std::filesystem::path& live) {
+  auto* from = lcm_eventlog_create(segment.c_str(), "r");
+  auto* to = lcm_eventlog_create(live.c_str(), "w");
+  ASSERT_TRUE(from != nullptr && to != nullptr);
+  while (auto* event = lcm_eventlog_read_next_event(from)) {
+    const std::string_view channel(event->channel);
+    if (channel != "ISORIG_HEADER" && channel != "ISORIG_CHAIN") {
+      EXPECT_EQ(lcm_eventlog_write_event(to, event), 0);
+    }
+    lcm_eventlog_free_event(event);
+  }
+  lcm_eventlog_destroy(from);
+  lcm_eventlog_destroy(to);
+}
+
+TEST(Export, SaysHowFarItHasComeAlsoWithinALongSegment) {
+  const TemporaryDirectory dir("export");
+  {
+    Streams streams;
+    Recorder recorder(recorder_options(dir.path() / "run"), run_info());
+    run_plan(recorder, streams, {{150'000, 0, Keep::kFull}}, 20);
+    recorder.finish(streams, true);
+  }
+  const auto segments = messages::list_segments(dir.path() / "run");
+  ASSERT_EQ(segments.size(), 1U);
+  const auto bytes = std::filesystem::file_size(segments.front());
+  ASSERT_GT(bytes, std::uintmax_t{4} << 20U);
+  std::vector<double> told;
+  messages::RunVisitor nobody;
+  (void)messages::read_run(dir.path() / "run", nobody, [&](double fraction) { told.push_back(fraction); });
+  EXPECT_TRUE(std::is_sorted(told.begin(), told.end()));
+  EXPECT_EQ(told.front(), 0.0);
+  EXPECT_EQ(told.back(), 1.0);
+  EXPECT_GE(told.size(), (bytes >> 20U) - 1);  // about once per MiB
+  told.clear();
+  ExportOptions options;
+  options.on_progress = [&](double fraction) { told.push_back(fraction); };
+  (void)export_run(dir.path() / "run", dir.path() / "out", options);
+  EXPECT_TRUE(std::is_sorted(told.begin(), told.end()));
+  EXPECT_EQ(told.back(), 1.0);
+  EXPECT_TRUE(std::any_of(told.begin(), told.end(), [](double f) { return f > 0.6 && f < 0.9; }));
+  // A live log is read three times.
+  as_live_log(segments.front(), dir.path() / "live.lcm");
+  told.clear();
+  options.specimen = "M1";
+  options.rest_length_mm = 120.5;
+  EXPECT_EQ(export_run(dir.path() / "live.lcm", dir.path() / "live", options).sessions.size(), 1U);
+  EXPECT_TRUE(std::is_sorted(told.begin(), told.end()));
+  EXPECT_EQ(told.back(), 1.0);
+  for (const double from : {0.0, 0.5, 0.75}) {
+    EXPECT_TRUE(std::any_of(told.begin(), told.end(), [=](double f) { return f > from + 0.05 && f < from + 0.2; }))
+        << from;
+  }
 }
 
 TEST(Export, KeepsRunsApart) {
@@ -87,6 +164,10 @@ TEST(Export, KeepsRunsApart) {
   EXPECT_THAT(
       [&] { (void)export_run(dir.path() / "run", out, {.run_id = "second"}); },
       ::testing::ThrowsMessage<std::runtime_error>(HasSubstr("of run first; export into a folder of this run's own")));
+  // The names of these have the run in them.
+  for (const auto format : {ExportFormat::kHdf5, ExportFormat::kMat}) {
+    EXPECT_EQ(export_run(dir.path() / "run", out, {.format = format, .run_id = "second"}).sessions.size(), 2U);
+  }
 }
 
 TEST(Export, TheLastAttemptCountsUnlessOnlyAnEarlierOneIsComplete) {

@@ -62,7 +62,7 @@ TEST(GpioConfig, WantsTheEmergencyStop) {
 TEST(GpioConfig, ARigWhoseChipIsNotThereConnectsLater) {
   clock::RealClock clock;
   auto rig = with_interlock("driver = \"gpio\"\nchip = \"no such chip\"\nestop = { line = \"E\" }");
-  std::get<frame::ModbusConfig>(rig.frame).host = rig.teensy->port = "gpio-config-test-" + std::to_string(::getpid());
+  std::get<modbus::ModbusConfig>(rig.frame).host = rig.teensy->port = "gpio-config-test-" + std::to_string(::getpid());
   auto devices = open_devices(rig, clock);
   EXPECT_THAT([&] { devices.interlock->connect(); },
               ThrowsMessage<drivers::DeviceError>(HasSubstr("no GPIO chip is labelled \"no such chip\"")));

@@ -174,7 +174,8 @@ TEST_F(HostTest, ACatalogueThatIsLockedStopsTheProgramAndIsWrittenLater) {
 TEST_F(HostTest, ARunFolderThatIsTakenAwayIsAProgramStop) {
   const auto started = host_->start(protocol());
   ASSERT_TRUE(started.ok) << started.text;
-  std::filesystem::remove_all(runs_ / started.run);
+  // At once, as by a pulled disk: remove_all() would meet the files that are made meanwhile.
+  std::filesystem::rename(runs_ / started.run, runs_ / "taken-away");
   ASSERT_TRUE(reach(RunState::kFaulted));
   EXPECT_THAT(std::string(rig_->core().status().fault), HasSubstr("recorder: the recording cannot be continued"));
   EXPECT_TRUE(host_->verb(Request::Verb::kAbort).ok);
@@ -256,6 +257,31 @@ TEST_F(HostTest, ACorrectionLeavesTheRecordingAndATrace) {
   const auto header = messages::read_header(row->directory / messages::segment_name(1));
   ASSERT_TRUE(header);
   EXPECT_EQ(header->specimen, "Control2");
+}
+
+/// The run is closed by then; its evidence is not.
+TEST_F(HostTest, TheResetOfAFaultThatEndedARunIsKeptWithItsEvidence) {
+  ASSERT_TRUE(host_->start(protocol()).ok);
+  ASSERT_TRUE(reach(RunState::kRunning));
+  rig_->rig().interlock().estop_closed = false;
+  ASSERT_TRUE(reach(RunState::kFaulted));
+  ASSERT_TRUE(wait_until(60.0, [&] { return !host_->run_open(); }));
+  EXPECT_EQ(host_->last_outcome(), "failed");
+  const auto file = host_->run_directory() / "trip-1.json";
+  const auto resets = [&] {
+    int count = 0;
+    const auto now = nlohmann::json::parse(testing::file_text(file));
+    for (const auto& e : now.at("events")) count += e.at("code") == "reset";
+    return count;
+  };
+  const auto trip = nlohmann::json::parse(testing::file_text(file));
+  EXPECT_EQ(trip.at("code"), "interlock.estop");
+  EXPECT_THAT(trip.at("step_words").get<std::string>(), AnyOf(HasSubstr("pressurize"), HasSubstr("hold")));
+  EXPECT_EQ(resets(), 0);
+  rig_->rig().interlock().estop_closed = true;
+  ASSERT_TRUE(wait_until(60.0, [&] { return post("/v1/reset").status == 200; }));
+  EXPECT_TRUE(wait_until(60.0, [&] { return resets() == 1; }));
+  ASSERT_TRUE(reach(RunState::kReady));
 }
 
 TEST_F(HostTest, ARecordingSaysWhatItWasMadeWith) {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "daemon/recording/catalogue.hpp"
+#include "protocol/compile.hpp"
 #include "served_rig.hpp"
 
 /// Two acts, setup, jog and the sign-off over the real socket, on a rig that ticks in a thread of its own.
@@ -40,7 +41,7 @@ class OperatorApiTest : public ServedRig {
     int count = 0;
     for (const auto& entry : std::filesystem::directory_iterator(runs_)) {
       const auto name = entry.path().filename().string();
-      if (entry.is_directory() && name != "accepted" && name != "calibration") ++count;
+      if (entry.is_directory() && name != "accepted" && name != "audit" && name != "calibration") ++count;
     }
     return count;
   }
@@ -181,6 +182,83 @@ TEST_F(OperatorApiTest, ThePlanHasEveryStepWithItsTimes) {
   EXPECT_EQ(plan["steps"][1]["do"], "hold");
   EXPECT_EQ(plan["steps"][1]["nominal_s"], 1000.0);
   EXPECT_GT(plan["worst_s"], plan["nominal_s"]);  // the pressurize may run into its time-out
+}
+
+TEST_F(OperatorApiTest, ACheckSaysWhatIsWrongAndWhereOrWhatWouldBeDone) {
+  serve();
+  const auto checked = post("/v1/check", {{"protocol", kLongProtocol}, {"protocol_name", "mine.toml"}});
+  ASSERT_EQ(checked.status, 200) << checked.body;
+  EXPECT_EQ(checked.text(), "mine.toml is well: test");
+  const auto& steps = checked.body["steps"];
+  EXPECT_EQ(steps["do"], nlohmann::json::parse(R"(["pressurize","hold"])"));
+  EXPECT_EQ(steps["nominal_s"][1], 1000.0);
+  EXPECT_GT(steps["worst_s"][0], steps["nominal_s"][0]);
+  EXPECT_EQ(steps["line"], nlohmann::json::parse("[4,5]"));
+  EXPECT_EQ(steps["text"].size(), 2U);
+  EXPECT_GT(checked.body["worst_s"], checked.body["nominal_s"]);
+
+  // As `isorig check` says it: every error with its place, in the words of the compiler within this rig's limits.
+  std::string wrong = kLongProtocol;
+  wrong.replace(wrong.find("1000"), 4, "\"long\"");
+  wrong.replace(wrong.find("pressure_psi = 0"), 16, "pressure_psi = 900");
+  const auto refused = post("/v1/check", {{"protocol", wrong}, {"protocol_name", "mine.toml"}});
+  ASSERT_EQ(refused.status, 400);
+  // the limit, the time-out that is too short for it, a word that is no number
+  ASSERT_EQ(refused.body["diagnostics"].size(), 3U) << refused.body;
+  std::string compiled;
+  try {
+    (void)protocol::compile(base::TomlDocument::parse_text(wrong, "mine.toml"), config_.limits);
+  } catch (const base::ConfigError& e) {
+    compiled = e.what();
+  }
+  EXPECT_EQ(refused.text(), compiled);
+  for (const auto& d : refused.body["diagnostics"]) {
+    EXPECT_EQ(d["file"], "mine.toml");
+    EXPECT_GE(d["line"], 4);
+    EXPECT_THAT(compiled, HasSubstr(d["text"].get<std::string>()));
+    EXPECT_THAT(d["text"].get<std::string>(), HasSubstr(d["message"].get<std::string>()));
+  }
+  EXPECT_EQ(folders(), 0);
+  EXPECT_EQ(post("/v1/check", {{"protocol_name", "x"}}).status, 400);
+}
+
+TEST_F(OperatorApiTest, DiagnosesAmongTheRunsAreListedAndGivenOut) {
+  serve();
+  std::filesystem::create_directories(runs_ / "one" / "diagnosis");
+  std::ofstream(runs_ / "one" / "diagnosis" / "diagnosis.json")
+      << R"({"format":"isorig-diagnosis/1","verdict":"consistent","missing":[]})";
+  std::ofstream(runs_ / "one" / "diagnosis" / "diagnosis-report.html") << "<p>argues</p>";
+  const auto list = call("GET /v1/diagnoses");
+  ASSERT_EQ(list.status, 200) << list.body;
+  ASSERT_EQ(list.body["diagnoses"].size(), 1U);
+  const auto& one = list.body["diagnoses"][0];
+  EXPECT_EQ(one["folder"], "one/diagnosis");
+  EXPECT_EQ(call("GET /v1/diagnosis?id=" + one["pages"][0]["id"].get<std::string>()).body["page"], "<p>argues</p>");
+  EXPECT_EQ(call("GET /v1/experiment?id=" + one["id"].get<std::string>()).status, 409);
+  EXPECT_EQ(call("GET /v1/diagnosis").status, 400);
+  EXPECT_EQ(call("GET /v1/diagnosis?path=x").status, 400);
+}
+
+TEST_F(OperatorApiTest, WhatWasDroppedBeforeARunIsNotTheRunsLoss) {
+  config_.core.operating.arming_required = false;
+  serve();
+  // Nobody takes the records of a rig at rest: the queue of 2^16 samples is full after a minute of rig time.
+  recorder_waits_ = true;
+  ASSERT_TRUE(wait_until(60.0, [&] { return status().value("records_dropped", 0) > 0; }));
+  recorder_waits_ = false;
+  // Caught up: no queue is half full any more, so that nothing can be dropped until the recorder waits again.
+  const auto has_room = [](const auto&... queues) { return ((2 * queues.size() < queues.capacity()) && ...); };
+  ASSERT_TRUE(wait_until(60.0, [&] {
+    const auto& q = rig_->streams;
+    return has_room(q.frame, q.pressure, q.control, q.events, q.exchanges, q.sync);
+  }));
+  ASSERT_EQ(post("/v1/start", {{"protocol", kLongProtocol}}).status, 200);
+  ASSERT_EQ(post("/v1/abort").status, 200);
+  ASSERT_TRUE(wait_until(60.0, [&] { return status().contains("last_run"); }));
+  const auto ended = status();
+  EXPECT_GT(ended["records_dropped"], 0);
+  EXPECT_EQ(ended["last_run"]["outcome"], "aborted");
+  EXPECT_EQ(ended["last_run"]["dropped_records"], 0);
 }
 
 }  // namespace

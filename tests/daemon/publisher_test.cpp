@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <net/if.h>
+#include <netinet/in.h>
 #include <sched.h>
 #include <spawn.h>
 #include <sys/ioctl.h>
@@ -15,9 +16,11 @@
 #include <chrono>
 #include <csignal>
 #include <cstring>
+#include <fstream>
 #include <isorig_msgs/frame_batch_t.hpp>
 #include <isorig_msgs/progress_t.hpp>
 #include <lcm/lcm-cpp.hpp>
+#include <sstream>
 #include <thread>
 
 #include "recording_rig.hpp"
@@ -237,6 +240,57 @@ TEST(Publisher, AQueueThatOverflowedIsAnEvent) {
     while (lcm.handleTimeout(200) > 0) {
     }
     return events.code == "publisher.dropped" && events.value == 36.0 ? 0 : 1;
+  });
+  if (result == kNoMulticast) GTEST_SKIP() << kWithoutMulticast;
+  EXPECT_EQ(result, 0);
+}
+
+/// In this network: is anything bound to LCM's port, as a subscriber is? Group membership tells nothing: LCM's sending
+/// socket is in the group too, on a port of its own, and is never read.
+bool somebody_listens() {
+  std::ifstream sockets("/proc/self/net/udp");
+  std::string line, number, local;
+  while (std::getline(sockets, line)) {
+    if (std::istringstream(line) >> number >> local && local.ends_with(":1DF3")) return true;  // 7667
+  }
+  return false;
+}
+
+/// What this process' datagram sockets let through, at most; -1: there is none.
+int longest_way() {
+  int most = -1;
+  for (int fd = 0; fd < 1024; ++fd) {
+    int domain = 0, ttl = 0;
+    socklen_t size = sizeof domain;
+    if (::getsockopt(fd, SOL_SOCKET, SO_DOMAIN, &domain, &size) != 0 || domain != AF_INET) continue;
+    size = sizeof ttl;
+    if (::getsockopt(fd, IPPROTO_IP, IP_MULTICAST_TTL, &ttl, &size) == 0) most = std::max(most, ttl);
+  }
+  return most;
+}
+
+TEST(Publisher, ListensToNothingAndStaysOnThisMachineUnlessAsked) {
+  const int result = in_own_network([] {
+    if (somebody_listens()) return kNoMulticast;  // not a network of our own: somebody else's LCM is in it
+    {
+      lcm::LCM subscriber(kUrl);
+      if (!subscriber.good()) return kNoMulticast;
+      Received got;
+      subscriber.subscribe("ISORIG_FRAME", &Received::frame, &got);
+      if (!somebody_listens()) return 1;  // this is how it would be seen
+    }
+    if (somebody_listens()) return 2;
+    {
+      Publisher publisher;
+      Streams streams;
+      for (std::int64_t i = 0; i < 500; ++i) push_ms(streams, i, {500, 0, Keep::kFull});
+      publisher.drain(streams, 500 * kMs);
+      if (publisher.published() == 0) return 3;
+      if (somebody_listens()) return 4;
+      if (longest_way() != 0) return 5;
+    }
+    const Publisher further("udpm://239.255.76.67:7667?ttl=3");
+    return longest_way() == 3 ? 0 : 6;
   });
   if (result == kNoMulticast) GTEST_SKIP() << kWithoutMulticast;
   EXPECT_EQ(result, 0);

@@ -254,7 +254,8 @@ TEST(RecordingState, APlanThatWasStoppedIsIncompleteButWhatWasRecordedIsThere) {
                   HasSubstr("1 of 3 planned repetitions were not carried to their end: repetition 2 at 5 psi")));
 }
 
-TEST(RecordingState, AnInterruptedAttemptThatWasRepeatedLeavesAWholeRecording) {
+/// `named`: a segment behind the torn one of which the disk has the name alone, as a power cut leaves it.
+void expect_whole_when_repeated(bool named) {
   const TemporaryDirectory dir("integrity");
   const auto first = std::make_unique<Streams>();
   const auto copy = dir.path() / "copy";
@@ -267,6 +268,10 @@ TEST(RecordingState, AnInterruptedAttemptThatWasRepeatedLeavesAWholeRecording) {
   }
   {  // and a torn end
     std::ofstream(messages::list_segments(copy).back(), std::ios::binary | std::ios::app) << "half a mess";
+    if (named) {
+      const int last = messages::segment_number(messages::list_segments(copy).back());
+      std::ofstream(copy / messages::segment_name(last + 1));
+    }
     Collected c;
     const auto report = messages::read_run(copy, c);
     EXPECT_EQ(report.state(), RecordingState::kInterrupted);
@@ -291,6 +296,14 @@ TEST(RecordingState, AnInterruptedAttemptThatWasRepeatedLeavesAWholeRecording) {
   std::ofstream(torn->substr(0, torn->find(".lcm") + 4), std::ios::binary | std::ios::app) << "foreign";
   Collected again;
   EXPECT_EQ(messages::read_run(copy, again).state(), RecordingState::kDamaged);
+}
+
+TEST(RecordingState, AnInterruptedAttemptThatWasRepeatedLeavesAWholeRecording) {
+  expect_whole_when_repeated(false);
+}
+
+TEST(RecordingState, ASegmentOfWhichAPowerCutLeftTheNameAloneIsNoLoss) {
+  expect_whole_when_repeated(true);
 }
 
 TEST(RecordingState, MessagesOutOfOrderAreNotMissing) {

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "daemon/host/api.hpp"
+#include "daemon/host/audit_log.hpp"
 #include "daemon/host/host.hpp"
 #include "recording_rig.hpp"
 #include "rig_fixture.hpp"
@@ -46,7 +47,8 @@ class ServedRig : public ::testing::Test {
     options.runs_root = runs_;
     options.revision = "0123456789ab";
     host_ = std::make_unique<Host>(config_, rig_->core(), rig_->streams, options);
-    api_ = std::make_unique<Api>(*host_, socket_, 0600);
+    audit_ = std::make_unique<AuditLog>(runs_, [](const std::string& why) { ADD_FAILURE() << why; });
+    api_ = std::make_unique<Api>(*host_, socket_, socket_mode_, Api::Audit(), roles_, audit_.get());
     done_ = false;
     threads_.emplace_back([this] {
       while (!done_) {
@@ -63,16 +65,19 @@ class ServedRig : public ::testing::Test {
     threads_.emplace_back([this] { api_->serve(); });
     threads_.emplace_back([this] { api_->serve_stops(); });
     threads_.emplace_back([this] { api_->work(); });
+    threads_.emplace_back([this] { audit_->run(); });
     ASSERT_TRUE(reach(RunState::kReady));
   }
   void stop_serving() {
     if (!api_) return;
     api_->stop();
+    audit_->stop();
     done_ = true;
     for (auto& t : threads_) t.join();
     threads_.clear();
     host_->shut_down();
     api_.reset();
+    audit_.reset();
     host_.reset();
     rig_.reset();
   }
@@ -87,16 +92,16 @@ class ServedRig : public ::testing::Test {
     nlohmann::json body;
     [[nodiscard]] std::string text() const { return body.value("text", ""); }
   };
-  /// `line`: "GET /v1/status". `stops`: over the second socket.
-  [[nodiscard]] Answer call(const std::string& line, const std::string& body = {}, bool stops = false) const {
+  /// `line`: "GET /v1/status". `stops`: over the second socket. `headers`: each with its end of line.
+  [[nodiscard]] Answer call(const std::string& line, const std::string& body = {}, bool stops = false,
+                            const std::string& headers = {}) const {
     const int fd = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
     sockaddr_un address{};
     address.sun_family = AF_UNIX;
     std::strcpy(address.sun_path, (socket_ + (stops ? ".stop" : "")).c_str());
     EXPECT_EQ(::connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
-    const std::string all =
-        line + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\nContent-Length: " + std::to_string(body.size()) +
-        "\r\n\r\n" + body;
+    const std::string all = line + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\n" + headers +
+                            "Content-Length: " + std::to_string(body.size()) + "\r\n\r\n" + body;
     EXPECT_EQ(::send(fd, all.data(), all.size(), MSG_NOSIGNAL), static_cast<ssize_t>(all.size()));
     std::string got;
     char buffer[4096];
@@ -113,6 +118,9 @@ class ServedRig : public ::testing::Test {
   RigConfig config_;
   std::unique_ptr<VirtualRig> rig_;
   std::unique_ptr<Host> host_;
+  unsigned socket_mode_ = 0600;
+  Roles roles_;
+  std::unique_ptr<AuditLog> audit_;
   std::unique_ptr<Api> api_;
   std::vector<std::thread> threads_;
   std::atomic<bool> done_{false};

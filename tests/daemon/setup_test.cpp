@@ -162,7 +162,7 @@ TEST_F(SetupTest, WithTheGuardOpenHalfTheSpeedWhereTheRigAllowsIt) {
   ASSERT_TRUE(reach(RunState::kReady, 5.0));
   virtual_rig->rig().interlock().guard_closed = false;
   ASSERT_TRUE(reach(RunState::kIdle, 0.1));
-  expect_refused(ask(Request::Verb::kSetup), "the frame reports a fault");  // its own chain has the guard in it
+  expect_refused(ask(Request::Verb::kSetup), "its safety chain is open");  // its own chain has the guard in it
   virtual_rig->rig().interlock().guard_stops_frame = false;
   run_for(0.5);
   const auto reply = ask(Request::Verb::kSetup);

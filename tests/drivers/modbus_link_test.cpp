@@ -16,12 +16,11 @@
 
 #include "drivers/error.hpp"
 
-namespace isorig::frame {
+namespace isorig::modbus {
 namespace {
 
 using drivers::DeviceError;
 using drivers::Fault;
-using modbus::Bytes;
 using ::testing::HasSubstr;
 
 constexpr std::uint8_t kUnit = 7;
@@ -263,4 +262,4 @@ TEST_F(ModbusAnswers, ALateOneIsThrownAwayWithoutANewConnection) {
 }
 
 }  // namespace
-}  // namespace isorig::frame
+}  // namespace isorig::modbus

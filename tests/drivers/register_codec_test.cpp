@@ -4,7 +4,7 @@
 
 #include <limits>
 
-namespace isorig::frame {
+namespace isorig::modbus {
 namespace {
 
 using Words = std::array<std::uint16_t, 2>;
@@ -69,4 +69,4 @@ TEST(RegisterCodec, RefusesWhatDoesNotFit) {
 }
 
 }  // namespace
-}  // namespace isorig::frame
+}  // namespace isorig::modbus

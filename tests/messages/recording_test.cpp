@@ -123,6 +123,17 @@ TEST_F(RecordingTest, FurtherKeysAreKeptVerbatim) {
   EXPECT_EQ(again.metadata.specimen, r.metadata.specimen);
 }
 
+TEST_F(RecordingTest, WhatHasNoLengthHasNoStrain) {
+  put("recording.toml", "format = \"isorig-recording/1\"\nspecimen = \"damper\"\n");
+  const Recording r = read_recording(folder_);
+  EXPECT_FALSE(r.metadata.rest_length_mm);
+  EXPECT_TRUE(std::isnan(r.strain(5.0)));
+  EXPECT_EQ(r.metadata.elongation_at_zero_mm(), 0.0);
+  EXPECT_EQ(unit_in_doubt(r.metadata, r.frame), "");
+  write_recording(folder_, r);
+  EXPECT_FALSE(read_recording(folder_).metadata.rest_length_mm);
+}
+
 TEST_F(RecordingTest, BadMetadata) {
   const auto expect = [this](const char* toml, Fault fault, std::size_t line, const char* text) {
     SCOPED_TRACE(toml);
@@ -133,7 +144,8 @@ TEST_F(RecordingTest, BadMetadata) {
   expect("format = 1\nspecimen = \"a\"\nrest_length_mm = 90\n", Fault::kMetadata, 1, "`format` is an integer");
   expect("specimen = \"a\"\nrest_length_mm = 90\nformat = \"isorig-recording/2\"\n", Fault::kFormat, 3,
          "isorig-recording/1");
-  expect("format = \"isorig-recording/1\"\nspecimen = \"a\"\n", Fault::kMetadata, 1, "`rest_length_mm` is missing");
+  expect("format = \"isorig-recording/1\"\nspecimen = \"a\"\npressurized_rest_length_mm = 9\n", Fault::kMetadata, 3,
+         "without `rest_length_mm`");
   expect("format = \"isorig-recording/1\"\nrest_length_mm = 9\n", Fault::kMetadata, 1, "`specimen` is missing");
   expect("format = \"isorig-recording/1\"\nspecimen = \"a\"\nrest_length_mm = 0\n", Fault::kMetadata, 3, "above 0");
   expect("format = \"isorig-recording/1\"\nspecimen = \"a\"\nrest_length_mm = nan\n", Fault::kMetadata, 3, "nan");
@@ -141,6 +153,15 @@ TEST_F(RecordingTest, BadMetadata) {
          Fault::kMetadata, 4, "number is needed");
   expect("format = \"isorig-recording/1\"\nspecimen = \"a\nrest_length_mm = 9\n", Fault::kMetadata, 2,
          "not valid TOML");
+  const std::string good = "format = \"isorig-recording/1\"\nspecimen = \"a\"\nrest_length_mm = 9\n";
+  // Of other outputs: what analyses forces says so, and says who answers.
+  for (const char* output : {"position", "pressure"})
+    expect((good + "output = \"" + output + "\"\n").c_str(), Fault::kMetadata, 0,
+           "`isorig diagnose` and `isorig predict` answer");
+  expect((good + "output = \"forse\"\n").c_str(), Fault::kMetadata, 4, "one of \"force\" \"position\" \"pressure\"");
+  expect((good + "output = 1\n").c_str(), Fault::kMetadata, 4, "`output` is an integer");
+  put("recording.toml", good + "output = \"force\"\n");
+  EXPECT_EQ(read_recording(folder_).metadata.output, Output::kForce);
   fs::remove(folder_ / "recording.toml");
   expect_fault(Fault::kMissingFile, "recording.toml", 0, HasSubstr("no such file"));
 }
@@ -189,7 +210,10 @@ TEST_F(RecordingTest, Headers) {
   expect_frame_fault("\n0,0,0\n", Fault::kHeader, 1, HasSubstr("expected `t_s,position_mm,force_N`"));
   expect_frame_fault("t_s,position_mm\n0,0\n", Fault::kHeader, 1, HasSubstr("column `force_N` is missing"));
   expect_frame_fault("t_s,force_N,position_mm\n0,0,0\n", Fault::kHeader, 1, HasSubstr("expected"));
-  expect_frame_fault("t_s,position_mm,force_N,x\n0,0,0,0\n", Fault::kHeader, 1, HasSubstr("expected"));
+  expect_frame_fault("t_s,position_mm,x,force_N\n0,0,0,0\n", Fault::kHeader, 1, HasSubstr("expected"));
+  expect_frame_fault("t_s,position_mm,force_Newton\n0,0,0\n", Fault::kHeader, 1, HasSubstr("`force_N` is missing"));
+  expect_frame_fault("t_s,position_mm,force_N,\n0,0,0,0\n", Fault::kHeader, 1, HasSubstr("without a name"));
+  expect_frame_fault("t_s,position_mm,force_N,t_s\n0,0,0,0\n", Fault::kHeader, 1, HasSubstr("twice"));
   expect_frame_fault("t_s,position_in,force_N\n0,0,0\n", Fault::kHeader, 1, HasSubstr("`position_mm` is missing"));
   expect_frame_fault("0,0,0\n1,0,0\n", Fault::kHeader, 1, HasSubstr("expected"));
   expect_frame_fault("t_s,position_mm,force_N", Fault::kEmpty, 2, HasSubstr("no rows"));
@@ -232,6 +256,20 @@ TEST_F(RecordingTest, TimeHasToIncrease) {
   put("frame.csv", kFrame);
   put("pressure.csv", "t_s,pressure_psi\n1,2\n0.5,2\n");
   expect_fault(Fault::kTime, "pressure.csv", 3, HasSubstr("backwards"));
+}
+
+TEST_F(RecordingTest, FurtherColumnsAreCountedAndLeftAlone) {
+  put("frame.csv", "t_s,position_mm,force_N,temperature_C,note\r\n0,1,2,21.5,\r\n1, 3,4,,\"warm\"\r\n");
+  put("pressure.csv", "t_s,pressure_psi,mono_ns\n0,5,9223372036854775807\n");
+  const auto r = read_recording(folder_);
+  EXPECT_EQ(r.frame.position_mm, (std::vector<double>{1, 3}));
+  EXPECT_EQ(r.frame.force_N, (std::vector<double>{2, 4}));
+  EXPECT_EQ(r.pressure->pressure_psi, std::vector<double>{5});
+  const std::string head = "t_s,position_mm,force_N,temperature_C\n0,0,0,21\n";
+  expect_frame_fault(head + "1,0,0\n", Fault::kColumns, 3, HasSubstr("3 cells, expected 4"));
+  expect_frame_fault(head + "1,0,0,21,\n", Fault::kColumns, 3, HasSubstr("5 cells, expected 4"));
+  expect_frame_fault(head + "1,0,0", Fault::kTruncated, 3, HasSubstr("cut off"));
+  expect_frame_fault(head + "1,0,x,21\n", Fault::kNotNumber, 3, HasSubstr("force_N"));
 }
 
 TEST_F(RecordingTest, TruncatedAtAnyByteIsNeverReadAsWhole) {

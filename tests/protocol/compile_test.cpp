@@ -167,6 +167,18 @@ TEST(CompileErrors, ANameIsOneLineOfPlainText) {
   EXPECT_THAT(named("\"" + std::string(300, 'n') + "\""), ElementsAre(testing::HasSubstr("has 300 bytes")));
 }
 
+TEST(CompileErrors, ATwinIsAFileOfTheLibraryAndDoesOneOfThree) {
+  const std::string steps =
+      "{ do = \"pressurize\", pressure_psi = 5, rate_psi_s = 5, settled_for_s = 1, timeout_s = 9 }";
+  EXPECT_THAT(faults_of(text_of(steps, "\ntwin = { model = \"muscle-5psi.toml\", on_parting = \"pause\" }"), rig()),
+              testing::IsEmpty());
+  EXPECT_THAT(faults_of(text_of(steps, "\ntwin = { model = \"../rig.toml\" }"), rig()),
+              ElementsAre(testing::HasSubstr("`model` = \"../rig.toml\"; it has to be the name of a file")));
+  EXPECT_THAT(
+      faults_of(text_of(steps, "\ntwin = { on_parting = \"explode\" }"), rig()),
+      ElementsAre(testing::HasSubstr("`model` is missing"), testing::HasSubstr("one of \"mark\" \"pause\" \"abort\"")));
+}
+
 TEST(CompileErrors, AllAtOnceAndInOrder) {
   EXPECT_THAT(
       faults_of(text_of("{ do = \"repeat\", for = { speed_mm_s = [2, 12] }, steps = [\n"

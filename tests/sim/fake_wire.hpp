@@ -18,10 +18,10 @@ struct FakeWire {
   static constexpr int kPatience_ms = 10'000;
 
   explicit FakeWire(Line line, const std::string& map_file = "isorig-gateway.toml", int timeout_ms = kPatience_ms)
-      : FakeWire(line, frame::read_register_map(std::string(ISORIG_SOURCE_DIR "/config/frames/") + map_file),
+      : FakeWire(line, modbus::read_register_map(std::string(ISORIG_SOURCE_DIR "/config/frames/") + map_file),
                  timeout_ms) {}
 
-  FakeWire(Line line, const frame::RegisterMap& map, int timeout_ms = kPatience_ms) : fake(map.sample_rate_Hz) {
+  FakeWire(Line line, const modbus::RegisterMap& map, int timeout_ms = kPatience_ms) : fake(map.sample_rate_Hz) {
     ModbusServer::Options options;
     options.map = map;
     options.tcp = line == Line::kTcp;
@@ -29,7 +29,7 @@ struct FakeWire {
     options.pty = line == Line::kRtu;
     server = std::make_unique<ModbusServer>(options, fake, faults);
     config.map = map;
-    config.transport = line == Line::kTcp ? frame::ModbusTransport::kTcp : frame::ModbusTransport::kRtu;
+    config.transport = line == Line::kTcp ? modbus::ModbusTransport::kTcp : modbus::ModbusTransport::kRtu;
     config.port = server->port();
     config.tty = server->tty();
     config.response_timeout_ms = timeout_ms;
@@ -51,7 +51,7 @@ struct FakeWire {
   FakeFrame fake;
   FrameWireFaults faults;
   std::unique_ptr<ModbusServer> server;
-  frame::ModbusConfig config;
+  modbus::ModbusConfig config;
   std::unique_ptr<frame::ModbusFrame> driver;
   frame::Poll last;
   std::uint64_t lost = 0;

@@ -43,7 +43,6 @@ TEST_F(Instron8800Dialect, TheWatchdogsFormIsFoundOutByAsking) {
   for (const auto& [form, command] :
        {std::pair{Watchdog::kTwoNumbers, "C904,1,0 (read back)"}, {Watchdog::kOneNumber, "C904,1 (read back)"}}) {
     options_.watchdog = form;
-    faults_.panel = faults_.watchdog_off = true;
     start();
     EXPECT_THAT(frame_->connect().firmware, HasSubstr(command));
     EXPECT_FALSE(faults_.watchdog_off.load());
@@ -60,7 +59,6 @@ TEST_F(Instron8800Dialect, AWatchdogThatCannotBeAskedIsRefusedUntilSomebodyHasTr
   config_.response_timeout_ms = kShort_ms;
   for (const bool answers : {true, false}) {
     options_.answers_unknown = answers;
-    faults_.panel = faults_.watchdog_off = true;
     config_.watchdog_tested = false;
     start();
     EXPECT_THAT(refused(), AllOf(HasSubstr(answers ? "Q904 is answered by \"None of" : "Q904 is not answered"),

@@ -40,7 +40,8 @@ class Instron8800Rig : public ::testing::Test {
     start();
   }
 
-  /// With what config_ and watchdog_s_ say by now.
+  /// With what config_ and watchdog_s_ say by now. The controller's switches change only while none runs: its thread
+  /// may still have a line of the last connection before it, and a command that finds the panel in control trips.
   void start() {
     frame_.reset();
     server_.reset();

@@ -78,7 +78,7 @@ TEST_P(ModbusWire, WhatDoesNotFitStaysForTheNextCall) {
 
 TEST_P(ModbusWire, SamplesAreDatedByTheFramesClock) {
   // Half way through, the 32 bits of the frame's clock wrap.
-  const double tick_us = rig.config.map.at(frame::Quantity::kDeviceTime_us)->format.scale;
+  const double tick_us = rig.config.map.at(modbus::Quantity::kDeviceTime_us)->format.scale;
   const auto turn_us = static_cast<std::int64_t>(0x1p32 * tick_us);
   rig.fake.set_next(1, turn_us - static_cast<std::int64_t>(1250 * 1e6 / rig.config.map.sample_rate_Hz));
   rig.driver->connect();
@@ -225,7 +225,7 @@ TEST(ModbusWireMaps, NarrowCounterIsExtended) {
   const std::string counter = "sample_counter = { address = 64, type = \"uint32\" }";
   text.replace(text.find(counter), counter.size(), "sample_counter = { address = 64, type = \"uint16\" }");
   text.replace(text.find("unit_id = 1"), 11, "unit_id = 1\nbridge_gap_registers = 1");
-  FakeWire rig(Line::kTcp, frame::read_register_map(base::TomlDocument::parse_text(text, "narrow.toml")));
+  FakeWire rig(Line::kTcp, modbus::read_register_map(base::TomlDocument::parse_text(text, "narrow.toml")));
   rig.fake.set_next(65400, 1'000'000);
   rig.fake.advance(1);
   rig.driver->connect();

@@ -46,7 +46,7 @@ class Regulator : public ::testing::TestWithParam<bool> {
     server_ = std::make_unique<RegulatorServer>(options, *rig_, faults_);
     config_.map = pressure::read_regulator_map(kMap);
     config_.line.map.unit_id = 1;
-    config_.line.transport = GetParam() ? frame::ModbusTransport::kTcp : frame::ModbusTransport::kRtu;
+    config_.line.transport = GetParam() ? modbus::ModbusTransport::kTcp : modbus::ModbusTransport::kRtu;
     config_.line.port = server_->port();
     config_.line.tty = options.pty_link;
     config_.line.response_timeout_ms = 1500;  // a machine may stand still for a second
@@ -143,7 +143,7 @@ TEST_P(Regulator, SaysWhichWordOrderWouldBeRight) {
   faults_.swap_words = true;
   EXPECT_EQ(fault_of([&] { (void)device_->connect(); }, "with word_order = \"CDAB\" it would be right"),
             Fault::kIdentity);
-  config_.map.order = frame::WordOrder::kCDAB;
+  config_.map.order = modbus::WordOrder::kCDAB;
   make();
   device_->connect();
   device_->regulate(3.0F);

@@ -196,13 +196,13 @@ class StopWireRig {
 
   std::unique_ptr<frame::Device> make_modbus(const Times& times) {
     ModbusServer::Options options;
-    options.map = frame::read_register_map(ISORIG_SOURCE_DIR "/config/frames/isorig-gateway.toml");
+    options.map = modbus::read_register_map(ISORIG_SOURCE_DIR "/config/frames/isorig-gateway.toml");
     options.tcp = wire_ == Wire::kModbusTcp;
     options.pty = !options.tcp;
     modbus_ = std::make_unique<ModbusServer>(options, rig_->frame(), gateway_faults_);
-    frame::ModbusConfig config;
+    modbus::ModbusConfig config;
     config.map = options.map;
-    config.transport = options.tcp ? frame::ModbusTransport::kTcp : frame::ModbusTransport::kRtu;
+    config.transport = options.tcp ? modbus::ModbusTransport::kTcp : modbus::ModbusTransport::kRtu;
     config.port = modbus_->port();
     config.tty = modbus_->tty();
     config.response_timeout_ms = times.response_timeout_ms;

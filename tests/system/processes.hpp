@@ -124,6 +124,8 @@ class Process {
     };
     return s(usage_.ru_utime) + s(usage_.ru_stime);
   }
+  /// The most that was resident of it, of one that has ended.
+  [[nodiscard]] double peak_MB() const { return 1e-3 * static_cast<double>(usage_.ru_maxrss); }
 
  private:
   std::filesystem::path log_;

@@ -3,6 +3,7 @@
 #include <poll.h>
 #include <pty.h>
 #include <signal.h>
+#include <sys/ioctl.h>
 #include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -15,11 +16,16 @@
 
 namespace isorig::system_test {
 
+struct TerminalSize {
+  unsigned short columns = 80, rows = 24;
+};
+
 /// A program at a terminal, and somebody who reads and types there.
 class Terminal {
  public:
-  explicit Terminal(std::vector<std::string> words) {
-    pid_ = ::forkpty(&fd_, nullptr, nullptr, nullptr);
+  explicit Terminal(std::vector<std::string> words, TerminalSize size = {}) {
+    const winsize window = window_of(size);
+    pid_ = ::forkpty(&fd_, nullptr, nullptr, &window);
     if (pid_ < 0) throw std::runtime_error("forkpty failed");
     if (pid_ == 0) {
       ::prctl(PR_SET_PDEATHSIG, SIGKILL);
@@ -53,6 +59,12 @@ class Terminal {
   void type(const std::string& text) {
     ASSERT_EQ(::write(fd_, text.data(), text.size()), static_cast<ssize_t>(text.size()));
   }
+  /// The program hears of it by SIGWINCH.
+  void resize(TerminalSize size) {
+    const winsize window = window_of(size);
+    ASSERT_EQ(::ioctl(fd_, TIOCSWINSZ, &window), 0);
+  }
+  void signal(int number) { ASSERT_EQ(::kill(pid_, number), 0); }
   static constexpr const char* kEnter = "\r";
   static constexpr const char* kCtrlC = "\x03";
   static constexpr const char* kCtrlD = "\x04";
@@ -75,6 +87,12 @@ class Terminal {
   [[nodiscard]] const std::string& shown() const { return shown_; }
 
  private:
+  static winsize window_of(TerminalSize size) {
+    winsize window{};
+    window.ws_col = size.columns;
+    window.ws_row = size.rows;
+    return window;
+  }
   void take() {
     char bytes[4096];
     pollfd readable{fd_, POLLIN, 0};

@@ -38,14 +38,26 @@ TEST(Usage, AMistypedOptionIsNamedWithWhatWasMeant) {
       "isorig: start: there is no option `--opertor`; did you mean `--operator`? `isorig start --help` lists all");
 }
 
+TEST(Usage, ADamagedJsonFileIsNamedWithoutTheLibrarysNames) {
+  const TempDir dir;
+  std::filesystem::create_directories(dir / "r");
+  for (const auto* text : {"{\"format\": ", "[1, 2]", "{}"}) {
+    spit(dir / "fv.json", text);
+    const auto fv = isorig(dir, {"fv", (dir / "r").string(), "--model", "slse2", "--control",
+                                 (dir / "fv.json").string(), "--out", (dir / "out").string()});
+    EXPECT_EQ(fv.code, 3) << fv.text;
+    EXPECT_THAT(fv.text, HasSubstr("fv.json: "));
+    EXPECT_THAT(fv.text, HasSubstr("valid JSON"));
+    EXPECT_THAT(fv.text, Not(HasSubstr("json.exception"))) << fv.text;
+  }
+}
+
 TEST(Usage, WhatIsNoTypingErrorIsLeftToTheParser) {
   const TempDir dir;
   const auto missing = isorig(dir, {"start"});
   EXPECT_EQ(missing.code, kUsage);
   EXPECT_THAT(missing.text, HasSubstr("protocol is required"));
-  const auto bare = isorig(dir, {});
-  EXPECT_EQ(bare.code, kUsage);
-  EXPECT_THAT(bare.text, HasSubstr("--help"));
+  expect_said({}, "isorig: name a command: `isorig --help` lists all, `isorig COMMAND --help` explains one");
   const auto help = isorig(dir, {"start", "--help"});
   EXPECT_EQ(help.code, 0);
   EXPECT_THAT(help.text, Not(HasSubstr("there is no")));

@@ -56,6 +56,17 @@ TEST(VirtualCampaign, ThePapersProtocolWhole) {
     for (int repetition = 1; repetition <= 5; ++repetition) wanted.insert({psi, repetition});
   }
   EXPECT_EQ(seen, wanted);
+
+  // Rows go as they come: a day of recording takes no more memory than its longest session.
+  for (const std::string format : {"csv", "hdf5", "mat"}) {
+    Process out(
+        {bin("isorig"), "export", "latest", "--runs", runs, "--format", format, "--out", (dir / format).string()},
+        dir / (format + ".log"));
+    ASSERT_EQ(out.wait(240.0), 0) << out.output();
+    std::printf("  export as %s: %.1f s of CPU time, %.0f MB\n", format.c_str(), out.cpu_s(), out.peak_MB());
+    EXPECT_LT(out.peak_MB(), 250.0) << format;
+    std::filesystem::remove_all(dir / format);
+  }
 }
 
 std::string run_short(const TempDir& dir, const std::string& name, const std::string& seed) {

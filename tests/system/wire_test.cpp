@@ -166,6 +166,27 @@ TEST_F(Wire, ModbusTcpRecordsAndPublishesWhatThePlantDid) {
     EXPECT_NEAR(*high, 1.0, 0.1);
   }
 
+  // And what the logger heard, like a run: its sessions from the events, every sample in full.
+  const auto log = (dir_ / "heard.lcm").string();
+  const auto unnamed = isorig(dir_, {"export", log, "--out", (dir_ / "unnamed").string()});
+  EXPECT_NE(unnamed.code, 0);
+  EXPECT_THAT(unnamed.text, HasSubstr("--rest-length-mm"));
+  const auto live = isorig(
+      dir_, {"export", log, "--specimen", "as heard", "--rest-length-mm", "94.3", "--out", (dir_ / "live").string()});
+  EXPECT_TRUE(live.code == 0 || live.code == 7) << live.text;  // 7: UDP lost some, or the logger its last buffer
+  for (const auto* folder : {"rep-1_5-psi", "rep-2_5-psi"}) {
+    const auto recorded = messages::read_recording(dir_ / "out" / folder);
+    const auto played = messages::read_recording(dir_ / "live" / folder);
+    EXPECT_EQ(played.metadata.specimen, "as heard");
+    EXPECT_GT(played.frame.size(), recorded.frame.size()) << folder;
+    // The recording goes on until the run is closed, the live session ends with its event; LCM's logger forgets a
+    // buffer.
+    EXPECT_NEAR(played.frame.t_s.back(), recorded.frame.t_s.back(), 4.0) << folder;
+    const auto ramps = slurp(dir_ / "live" / folder / "ramps.csv");
+    EXPECT_EQ(std::count(ramps.begin(), ramps.end(), '\n'), 5) << ramps;
+    EXPECT_THAT(ramps, HasSubstr(",0,1,10,")) << "targets from ISORIG_STATE: to +1 mm at 10 mm/s";
+  }
+
   const auto segments = messages::list_segments(dir_ / "runs" / id);
   ASSERT_FALSE(segments.empty());
   const auto recorded = read_heard(segments.front());

@@ -3,7 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-/// Links, sessions and control, in virtual time.
+/// Links, sessions and what the daemon says of control, in virtual time.
 namespace isorig::web {
 namespace {
 
@@ -13,14 +13,14 @@ using ::testing::HasSubstr;
 const Time kNow = Time(1000h);
 
 std::string session_of(Access& access, const std::string& name) {
-  return access.redeem(access.mint({name, 1000}, kNow), kNow).value();
+  return access.redeem(access.mint({name, 1000, 1000, {27}, {}}, kNow), kNow).value();
 }
 
 TEST(Access, ALinkWorksOnceAndNotForLong) {
   Access access;
-  const auto token = access.mint({"Ann", 1000}, kNow);
+  const auto token = access.mint({"Ann", 1000, 1000, {}, {}}, kNow);
   EXPECT_EQ(token.size(), 64U);
-  EXPECT_NE(token, access.mint({"Ann", 1000}, kNow));
+  EXPECT_NE(token, access.mint({"Ann", 1000, 1000, {}, {}}, kNow));
   EXPECT_FALSE(access.redeem("", kNow));
   EXPECT_FALSE(access.redeem(token.substr(1), kNow));
   const auto session = access.redeem(token, kNow + 119s);
@@ -28,20 +28,20 @@ TEST(Access, ALinkWorksOnceAndNotForLong) {
   EXPECT_NE(*session, token);
   EXPECT_EQ(access.who(*session, kNow + 120s)->name, "Ann");
   EXPECT_FALSE(access.redeem(token, kNow + 119s));
-  EXPECT_FALSE(access.redeem(access.mint({"Ann", 1000}, kNow), kNow + 120s));
+  EXPECT_FALSE(access.redeem(access.mint({"Ann", 1000, 1000, {}, {}}, kNow), kNow + 120s));
   EXPECT_FALSE(access.who("", kNow));
   EXPECT_FALSE(access.who(token, kNow));
 }
 
 TEST(Access, LinksThatNobodyOpensAreBoundedAndExpire) {
   Access access;
-  for (int i = 0; i < 32; ++i) (void)access.mint({"Ann", 1000}, kNow);
+  for (int i = 0; i < 32; ++i) (void)access.mint({"Ann", 1000, 1000, {}, {}}, kNow);
   EXPECT_THAT(
       [&] {
-        (void)access.mint({"Ann", 1000}, kNow);
+        (void)access.mint({"Ann", 1000, 1000, {}, {}}, kNow);
       },
       ::testing::ThrowsMessage<Access::TooMany>(HasSubstr("32")));
-  (void)access.mint({"Ann", 1000}, kNow + 120s);
+  (void)access.mint({"Ann", 1000, 1000, {}, {}}, kNow + 120s);
 }
 
 TEST(Access, SessionsAreBoundedAndEndWhenNobodyUsesThem) {
@@ -56,46 +56,55 @@ TEST(Access, SessionsAreBoundedAndEndWhenNobodyUsesThem) {
   EXPECT_NO_THROW(session_of(access, "Ann"));
 }
 
-TEST(Access, OneHasControlAndTakingItOverSaysFromWhom) {
+TEST(Access, ASessionIsAUserWithGroupsAndAPageOfItsOwn) {
   Access access;
-  const auto ann = session_of(access, "Ann"), bob = session_of(access, "Bob");
-  EXPECT_FALSE(access.take("nobody", true, kNow).ok);
-  EXPECT_FALSE(access.has_control(""));
-  ASSERT_TRUE(access.take(ann, false, kNow).ok);
-  EXPECT_TRUE(access.has_control(ann));
-  const auto refused = access.take(bob, false, kNow);
-  EXPECT_FALSE(refused.ok);
-  EXPECT_THAT(refused.text, HasSubstr("Ann has control"));
-  const auto taken = access.take(bob, true, kNow);
-  EXPECT_TRUE(taken.ok);
-  EXPECT_EQ(taken.taken_from, "Ann");
-  EXPECT_FALSE(access.has_control(ann));
-  EXPECT_FALSE(access.give_back(ann)) << "somebody else's control was given back";
-  EXPECT_TRUE(access.has_control(bob));
-  EXPECT_TRUE(access.give_back(bob));
-  EXPECT_FALSE(access.lease());
-  ASSERT_TRUE(access.take(ann, false, kNow).ok);
-  access.leave(ann);
-  EXPECT_FALSE(access.lease());
-  EXPECT_FALSE(access.who(ann, kNow));
+  const auto one = session_of(access, "Ann"), other = session_of(access, "Ann");
+  const auto who = access.who(one, kNow).value();
+  EXPECT_EQ(who.uid, 1000U);
+  EXPECT_EQ(who.groups, std::vector<gid_t>{27});
+  EXPECT_EQ(who.page.size(), 16U);
+  EXPECT_NE(who.page, access.who(other, kNow)->page);
+  EXPECT_EQ(one.find(who.page), std::string::npos) << "the daemon's log would have the secret";
+  access.leave(one);
+  EXPECT_FALSE(access.who(one, kNow));
 }
 
-TEST(Access, ControlOfAPageThatIsGoneEnds) {
+TEST(Access, ControlIsWhereTheDaemonSaysItIs) {
   Access access;
-  const auto ann = session_of(access, "Ann");
-  ASSERT_TRUE(access.take(ann, false, kNow).ok);
-  access.connected(ann, true, kNow);
-  access.connected(ann, true, kNow);
-  EXPECT_FALSE(access.expire(kNow + 1h));
-  access.connected(ann, false, kNow + 1h);
-  EXPECT_FALSE(access.expire(kNow + 2h)) << "another page of the same session is there";
-  access.connected(ann, false, kNow + 2h);
-  EXPECT_FALSE(access.expire(kNow + 2h + 60s)) << "a reload takes control away";
-  const auto gone = access.expire(kNow + 2h + 61s);
-  ASSERT_TRUE(gone);
-  EXPECT_EQ(gone->name, "Ann");
+  const auto ann = session_of(access, "Ann"), bob = session_of(access, "Bob");
+  EXPECT_FALSE(access.has_control(""));
+  EXPECT_FALSE(access.has_control(ann)) << "nobody has it: the term of none is nobody's";
+  EXPECT_FALSE(access.control_is(std::nullopt));
+  access.won(ann, 7);
+  EXPECT_FALSE(access.has_control(ann)) << "not before the daemon says that this term is";
+  EXPECT_TRUE(access.control_is(Access::Control{"Ann", 7}));
+  EXPECT_FALSE(access.control_is(Access::Control{"Ann", 7})) << "told twice";
+  EXPECT_TRUE(access.has_control(ann));
+  EXPECT_FALSE(access.has_control(bob));
+  EXPECT_FALSE(access.has_control(""));
+  EXPECT_TRUE(access.control_is(Access::Control{"ann (terminal)", 8}));
   EXPECT_FALSE(access.has_control(ann));
-  EXPECT_FALSE(access.expire(kNow + 3h)) << "told twice";
+  EXPECT_EQ(access.control()->holder, "ann (terminal)");
+  EXPECT_TRUE(access.control_is(std::nullopt));
+  EXPECT_FALSE(access.control());
+}
+
+TEST(Access, OnlyAHolderWhoLooksAtAPageIsSaidToBeThere) {
+  Access access;
+  const auto ann = session_of(access, "Ann"), bob = session_of(access, "Bob");
+  access.won(ann, 3);
+  access.control_is(Access::Control{"Ann", 3});
+  EXPECT_FALSE(access.present_holder());
+  access.connected(bob, true, kNow);
+  EXPECT_FALSE(access.present_holder());
+  access.connected(ann, true, kNow);
+  access.connected(ann, true, kNow);
+  ASSERT_TRUE(access.present_holder());
+  EXPECT_EQ(*access.present_holder(), ann);
+  access.connected(ann, false, kNow);
+  EXPECT_TRUE(access.present_holder()) << "another page of the same session is there";
+  access.connected(ann, false, kNow);
+  EXPECT_FALSE(access.present_holder());
 }
 
 }  // namespace

@@ -96,13 +96,16 @@ TEST(History, TwentyFiveHoursTakeNoMoreMemoryThanNone) {
     frame.sequence = static_cast<std::uint32_t>(i);
     frame.force_N = static_cast<double>(i % 1000);
     history.add(frame);
+    history.add_twin(frame.mono_ns, frame.force_N, 0.02, 1.0);
     control.mono_ns = frame.mono_ns;
     if (i % 4 == 0) history.add(control);
   }
   EXPECT_EQ(history.bytes(), before);
-  EXPECT_LT(before, 32U << 20U);
+  EXPECT_LT(before, 56U << 20U);
   EXPECT_EQ(history.series(Stream::kFrame).coarse(0).size(), 17'280U);
   EXPECT_EQ(history.series(Stream::kFrame).size(), 660'000U);
+  EXPECT_EQ(history.series(Stream::kTwin).size(), 660'000U);
+  EXPECT_EQ(history.series(Stream::kBand).coarse(0).size(), 17'280U);
   EXPECT_EQ(history.gaps(), 0U);
 }
 

@@ -13,11 +13,12 @@ namespace isorig::identify {
 namespace {
 
 constexpr std::size_t kMostRivals = 4;
-/// A pair that no candidate experiment moves farther apart than this is one explanation under two names, for this rig.
+/// A pair with a smaller distance in every candidate experiment counts as one explanation under two names, for this
+/// rig.
 constexpr double kHopeless = 20.0;
 
-/// Explanations that are still in the race. One that holds all of the best and something more is no rival
-/// unless it is nearly as probable: that some further effect is too small to be excluded is always so.
+/// Explanations that remain possible. One that holds all effects of the best and some more is a rival only if it is
+/// nearly as probable, because a further effect that is too small to be excluded can always be added.
 std::vector<std::size_t> tied_of(const Selection& selection, const DesignOptions& options) {
   std::vector<std::size_t> tied{selection.best};
   double rivals = 0.0;
@@ -115,7 +116,7 @@ void Chooser::set_aside_inseparable() {
     const auto best = best_for(p);
     if (best != rated_.end()) {
       distance = best->score.distance[p];
-      // Signs and bounds, which the first order does not know, can still tell them apart.
+      // Signs and bounds, which the first order ignores, can still separate them.
       if (distance < kHopeless) distance = std::min(proven(best->item, p), 1e12);
     }
     if (distance < kHopeless) set_aside(p, distance);

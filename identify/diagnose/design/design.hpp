@@ -18,8 +18,9 @@ struct DesignOptions {
   /// Of the rig. Without them the recordings speak: no farther, faster or harder than they went.
   std::optional<protocol::Limits> rig;
   double longest_s = 1800.0;  ///< of one experiment
-  /// The whitened squared distance that separates two explanations. A likelihood ratio of e^50 on paper: room
-  /// for laws that bend, noise that is not as assumed, and model error, which divides it (docs/investigate.md).
+  /// The whitened squared distance that separates two explanations. It corresponds to a likelihood ratio of e^50: a
+  /// margin for laws that are only approximately right, for noise that is not quite as assumed, and for model error,
+  /// which reduces the distance (docs/investigate.md).
   double enough = 100.0;
   /// An explanation takes part in a tie when its probability is at least this.
   double least_weight = 0.03;
@@ -27,8 +28,8 @@ struct DesignOptions {
   double least_rivals = 0.1;
 };
 
-/// What one explanation leaves when another is true: whitened squares, after it was refitted freely to the
-/// recordings so far and the new one together.
+/// By how much the whitened sum of squares of one explanation grows when another is true, after it was refitted freely
+/// to the recordings so far and the new one together.
 struct Distance {
   std::size_t truth = 0;  ///< index into Design::tied
   std::size_t rival = 0;

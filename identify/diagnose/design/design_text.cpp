@@ -25,16 +25,17 @@ void describe_inseparable(Design& design) {
     const std::string &truth = design.tied[one.first].key, &rival = design.tied[one.second].key;
     if (other != joined.end()) {
       other->distance = std::max(other->distance, one.distance);
-      other->text = "No candidate experiment within the limits separates " + rival + " from " + truth +
-                    ": the farthest they can be brought apart is " + number_text(other->distance, 2) +
-                    " (whitened squares; " + number_text(design.enough, 3) +
-                    " are asked for). They are to be taken as one explanation.";
+      other->text = "No candidate experiment within the limits separates ";
+      other->text.append(rival).append(" from ").append(truth);
+      other->text.append(": the farthest they can be brought apart is ").append(number_text(other->distance, 2));
+      other->text.append(" (whitened squares; ").append(number_text(design.enough, 3));
+      other->text += " are asked for). They are to be taken as one explanation.";
     } else {
       joined.push_back(one);
-      joined.back().text = "If " + truth + " is true, " + rival +
-                           " explains every candidate experiment as well: " + number_text(one.distance, 2) +
-                           " is the farthest it can be brought away (" + number_text(design.enough, 3) +
-                           " are asked for).";
+      std::string& text = joined.back().text = "If ";
+      text.append(truth).append(" is true, ").append(rival).append(" explains every candidate experiment as well: ");
+      text.append(number_text(one.distance, 2)).append(" is the farthest it can be brought away (");
+      text.append(number_text(design.enough, 3)).append(" are asked for).");
     }
   }
   design.inseparable = std::move(joined);

@@ -5,6 +5,7 @@
 #include "base/parallel.hpp"
 #include "base/quantile.hpp"
 #include "base/toml_reader.hpp"
+#include "model/length_scale.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -27,13 +28,14 @@ Eigen::MatrixXd whitened(const Problem& problem, RowMatrix columns) {
   return columns;
 }
 
-/// The rival as it is, and with every other law of its effects in turn: the new data may suit another better.
+/// The rival as it is, and with every other law of its effects in turn: another law may fit the new data better.
 std::vector<model::ModelSpec> starts_of(const Rival& rival) {
   std::vector<model::ModelSpec> out{rival.spec};
   for (std::size_t p = 0; p < rival.spec.parts.size(); ++p) {
     const auto& part = rival.spec.parts[p];
     if (std::ranges::find(rival.hypothesis->effects, part.physics) == rival.hypothesis->effects.end()) continue;
-    for (const model::Law& law : part.physics->laws) {
+    for (const model::Law& known : part.physics->laws) {
+      const model::Law& law = model::law_at(known, rival.spec.length_scale);
       const bool given = std::ranges::any_of(law.parameters, &model::Parameter::fixed);
       if (&law == part.law || given || law.traits.replaces_arm || part.law->traits.replaces_arm || !law.make) continue;
       out.push_back(rival.spec);
@@ -130,7 +132,7 @@ Score Designer::prove(const CandidateExperiment& item, const std::vector<bool>& 
     const Problem joint(all, noise_);
     const Rival& rival = rivals_[pairs_[p].rival];
     double least = HUGE_VAL;
-    // Laws of one effect stand in for each other: the new data may suit another better.
+    // Laws of one effect can replace each other: another may fit the new data better.
     for (const model::ModelSpec& start : starts_of(rival)) least = std::min(least, joint.fit(start, 10).chi2);
     out.distance[p] = std::max(least - rival.chi2, 0.0);
   });
@@ -169,7 +171,8 @@ void Designer::read_limits() {
   reference_ = recorded_[0].excitation.reference;
   if (options_.rig) {
     limits_.rig = *options_.rig;
-    // A specimen that was never stretched that far may do something new there: twice as far is far enough.
+    // A specimen may show new physics where it was never stretched before: strokes are limited to twice the recorded
+    // ones.
     const double travel_mm = std::min(-limits_.rig.travel_min_mm, limits_.rig.travel_max_mm);
     const double overrun_mm = protocol::Limits::travel_room_mm(limits_.rig.speed_max_mm_s);
     const double room_mm = std::max(0.0, std::min(0.95 * travel_mm, travel_mm - overrun_mm));

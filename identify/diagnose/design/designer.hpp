@@ -13,7 +13,7 @@ namespace isorig::identify {
 /// Whether one explanation contains all effects of another.
 [[nodiscard]] bool holds_all(const Hypothesis& whole, const Hypothesis& part);
 
-/// An explanation, what moves in it, and how well the recordings hold that.
+/// An explanation, its free numbers, and how precisely the recordings determine them.
 struct Rival {
   const Hypothesis* hypothesis = nullptr;
   model::ModelSpec spec;
@@ -22,7 +22,7 @@ struct Rival {
   double chi2 = 0.0;  ///< over the recordings so far
 };
 
-/// What an experiment does to the set: the distance of every pair that counts.
+/// The distance that an experiment gives to every pair of explanations.
 struct Score {
   std::vector<double> distance;
   [[nodiscard]] double least(const std::vector<bool>& counts) const {

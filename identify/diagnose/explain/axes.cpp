@@ -55,9 +55,9 @@ Cells with_group(Cells cells, const std::vector<int>& group) {
   return cells;
 }
 
-/// The direction of the motion last made keeps its memory in a hold, as friction does. A ramp's end overshoots by some
-/// noises of the reading, and the velocity trembles by more than a slow return: what counts as a turn is a thousandth
-/// of the whole stroke.
+/// Direction of the last motion; it stays the same in a hold, as friction does. The end of a ramp overshoots by some
+/// noises of the reading, and there the reconstructed velocity varies by more than that of a slow return: only a
+/// displacement of a thousandth of the whole stroke or more counts as a turn.
 std::vector<int> last_directions(std::span<const Series> series, const std::vector<double>& position_mm) {
   constexpr double kTurnShare = 1e-3, kTurnNoises = 10.0;
   const auto [lowest_mm, highest_mm] = std::ranges::minmax(position_mm);
@@ -109,7 +109,9 @@ Covariates covariates_of(std::span<const Series> series) {
 std::vector<Axis> axes_of(const Covariates& of, bool several_recordings) {
   std::vector<Axis> axes;
   axes.push_back({"position", by_quantile(of.position_mm, 60), " mm", ""});
-  axes.push_back({"strain", by_quantile(of.strain_percent, 10), " %", ""});
+  // Without a rest length there is no strain.
+  if (std::ranges::all_of(of.strain_percent, [](double strain) { return std::isfinite(strain); }))
+    axes.push_back({"strain", by_quantile(of.strain_percent, 10), " %", ""});
   axes.push_back({"direction",
                   Cells{of.last_direction, 3, 1, {}},
                   "",

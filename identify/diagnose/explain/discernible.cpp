@@ -10,6 +10,7 @@
 #include "identify/diagnose/fit/intervals.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
+#include "model/length_scale.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -112,7 +113,7 @@ std::vector<Discernible> discernible(const Search& search, const Hypothesis& bas
   for (const model::Physics* effect : model::effects()) {
     if (!may_be_tried(*effect, base, problem.series())) continue;
     for (const model::Law& law : effect->laws)
-      if (law.make) signatures.push_back({effect, &law, {}, {}});
+      if (law.make) signatures.push_back({effect, &model::law_at(law, base.fit.spec.length_scale), {}, {}});
   }
   std::vector<Eigen::MatrixXd> spans(signatures.size());
   base::parallel_for(signatures.size(), threads, [&](std::size_t i) {

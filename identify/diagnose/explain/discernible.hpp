@@ -6,7 +6,8 @@
 
 namespace isorig::identify {
 
-/// What the recordings can show of an effect, whatever the truth is: a property of protocol and noise.
+/// The size from which these recordings can show an effect. It depends on protocol and noise alone, not on which
+/// effects are there.
 struct Discernible {
   const model::Physics* effect = nullptr;
   const model::Law* law = nullptr;          ///< the law, of those that the effect has, that shows best

@@ -86,8 +86,8 @@ struct Kind {
   std::vector<bool> out;
 };
 
-/// The kinds that can be left out, at most five: those with readings enough to judge by, and not so many that too
-/// little would be left to learn from.
+/// The kinds that can be left out, at most five: those with enough readings to judge a prediction by, and few enough
+/// that the model can be fitted to the rest.
 std::vector<Kind> kinds_of(std::span<const Series> series, const char* by,
                            const std::vector<std::string>& label_of_bin) {
   constexpr std::size_t kMost = 5;
@@ -124,6 +124,7 @@ std::vector<Kind> kinds_of(std::span<const Series> series, const char* by,
 std::vector<std::string> of_bins(const std::vector<std::string>& of_moves,
                                  const std::vector<std::size_t>& move_of_bin) {
   std::vector<std::string> labels;
+  labels.reserve(move_of_bin.size());
   for (const std::size_t move : move_of_bin) labels.push_back(of_moves[move]);
   return labels;
 }
@@ -177,7 +178,7 @@ LeftOut compare(std::string by, std::string value, const Prediction& without, co
   return out;
 }
 
-/// Over the fits that learnt the model; one that learnt the nominal model in its place has none of its numbers.
+/// Over the fits of the model; where the nominal model was fitted in its place there are no such numbers.
 std::vector<Stability> stability_of(const model::ModelSpec& model, const std::vector<Prediction>& all) {
   std::vector<Prediction> folds;
   for (const Prediction& one : all)
@@ -246,8 +247,14 @@ HeldoutStudy LeaveOut::compared(const model::ModelSpec& model, const std::vector
   return study;
 }
 
-HeldoutStudy LeaveOut::study(const model::ModelSpec& model, const Learner& learner) const {
-  return compared(model, predict_blocks(series_, learner, cached_->blocks, threads_), predict_kinds(learner));
+HeldoutStudy LeaveOut::study(const model::ModelSpec& model, const Learner& learner, const NoiseModel& noise) const {
+  const std::vector<Prediction> kinds = predict_kinds(learner);
+  HeldoutStudy study = compared(model, predict_blocks(series_, learner, cached_->blocks, threads_), kinds);
+  base::parallel_for(kinds.size(), threads_, [&](std::size_t i) {
+    LeftOut& row = study.left_out[i];
+    if (row.more_N2 > 0.0) row.learning_N2 = learning_error_N2(series_, kinds[i].spec, noise, cached_->kinds[i].out);
+  });
+  return study;
 }
 
 HeldoutStudy LeaveOut::study_of_nominal(const model::ModelSpec& nominal) const {

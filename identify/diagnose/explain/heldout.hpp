@@ -18,9 +18,11 @@ struct LeftOut {
   double more_N2 = 0.0;        ///< squares of the model minus those of the nominal model, summed over the readings
   double more_error_N2 = 0.0;  ///< standard error of that sum, by how the strokes (blocks) disagree; 0 for a single one
   std::size_t strokes = 0;     ///< that it rests on
+  double learning_N2 = 0.0;    ///< of more_N2, what noise in the model's numbers is expected to make (left_out.hpp)
 };
 
-/// A number of the model over all these fits: what hangs on one motion is not a property of the specimen.
+/// The range of a number of the model over all these fits. A number that depends on a single motion is no property of
+/// the specimen.
 struct Stability {
   std::string parameter;  ///< "coulomb_friction.force_N"
   double value = 0.0;     ///< from everything
@@ -35,7 +37,7 @@ struct HeldoutStudy {
   std::vector<Stability> stability;
 };
 
-/// Leaves bins out, has models learnt from the others, and compares what they predict. What the nominal model says is
+/// Leaves bins out, has models fitted to the others, and compares their predictions. Those of the nominal model are
 /// computed once.
 ///
 /// Blocks (fit/blocks.hpp), a quarter at a time. Moves by their largest velocity, by their range and by their waveform,
@@ -48,8 +50,9 @@ class LeaveOut {
   LeaveOut(const LeaveOut&) = delete;
   LeaveOut& operator=(const LeaveOut&) = delete;
 
-  /// `model` with the numbers that it has from everything.
-  [[nodiscard]] HeldoutStudy study(const model::ModelSpec& model, const Learner& learner) const;
+  /// `model` with the numbers that it has from everything, `noise` that it is learnt under.
+  [[nodiscard]] HeldoutStudy study(const model::ModelSpec& model, const Learner& learner,
+                                   const NoiseModel& noise) const;
   /// The nominal model against itself.
   [[nodiscard]] HeldoutStudy study_of_nominal(const model::ModelSpec& nominal) const;
 

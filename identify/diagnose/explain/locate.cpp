@@ -11,9 +11,9 @@
 namespace isorig::identify {
 namespace {
 
-/// Share of the excess that a table of the variable (means per cell) would take away, with every cell's own
-/// cost in degrees of freedom paid. The residual is whitened, so that a force of f stands there as f times
-/// the root of the readings in its bin: the table is of the force.
+/// Share of the excess that a table of the variable (means per cell) would explain, less the degrees of freedom of its
+/// cells. In the whitened residual a force f appears as f times the root of the readings in its bin; the table is one
+/// of the force.
 double share_of(const Cells& cells, const Eigen::VectorXd& residual, const std::vector<double>& count,
                 const std::vector<double>& move_weight, const std::vector<std::size_t>& move, double noise) {
   std::vector<double> sum(static_cast<std::size_t>(cells.count), 0.0), n(sum.size(), 0.0);

@@ -9,9 +9,9 @@
 
 namespace isorig::identify {
 
-/// Solves the coefficients of one model again and again while a search moves its parameters. What a parameter
-/// does not move is not computed again: a time constant moves its own column, a lag what is filtered, only
-/// play and slip move all.
+/// Solves the coefficients of one model again and again while a search changes its parameters, and computes only the
+/// columns again that a changed parameter enters: a time constant its own column, a lag all columns before it, play and
+/// slip every column.
 class Evaluator {
  public:
   /// What is passed must outlive it.

@@ -68,17 +68,20 @@ double Fading::Watched::distance(double value) {
   return beyond / std::max({high - low, tolerance, 1e-300});
 }
 
-Fading::Fading(const ModelSpec& spec, const Excitation& excitation)
-    : watched_{}, nominal_psi_(excitation.reference.nominal_pressure_psi) {
+ReadingNoise noise_of(const Excitation& excitation) {
+  return {excitation.motion.noise_mm, !excitation.pressure_psi.empty(), excitation.pressure_noise_psi};
+}
+
+Fading::Fading(const ModelSpec& spec, double nominal_pressure_psi, const ReadingNoise& noise)
+    : watched_{}, nominal_psi_(nominal_pressure_psi) {
   constexpr double kNoises = 5.0, kRate = 0.05, kSum = 0.01;
   constexpr double kLawHolds = 1.5, kLawGone = 4.0, kTableGone = 0.5;
   const model::Seen& seen = *spec.seen;
-  const bool pressure = reads_pressure(spec) && !excitation.pressure_psi.empty();
+  const bool pressure = reads_pressure(spec) && noise.has_pressure;
   watched_ = {
-      Watched{"the position", "mm", seen.lowest_mm, seen.highest_mm, kNoises * excitation.motion.noise_mm, true},
+      Watched{"the position", "mm", seen.lowest_mm, seen.highest_mm, kNoises * noise.position_mm, true},
       Watched{"the velocity", "mm/s", -seen.fastest_mm_s, seen.fastest_mm_s, kRate * seen.fastest_mm_s, true},
-      Watched{"the pressure", "psi", seen.lowest_psi, seen.highest_psi, kNoises * excitation.pressure_noise_psi,
-              pressure},
+      Watched{"the pressure", "psi", seen.lowest_psi, seen.highest_psi, kNoises * noise.pressure_psi, pressure},
       Watched{"the travel", "mm", 0.0, seen.travel_mm, kSum * seen.travel_mm, counts(spec, model::Counts::kTravel)},
       Watched{"the time since the start", "s", 0.0, seen.duration_s, kSum * seen.duration_s,
               counts(spec, model::Counts::kTime)}};
@@ -120,7 +123,7 @@ std::vector<double> faded_force(const ModelSpec& spec, const Series& series) {
   if (!spec.seen) return out;
   model::RunningModel nominal({spec.name, spec.seen->nominal}, series.excitation.reference);
   nominal.reset(series.nodes.front());
-  Fading fading(spec, series.excitation);
+  Fading fading(spec, series.excitation.reference.nominal_pressure_psi, noise_of(series.excitation));
   for (std::size_t k = 0; k < out.size(); ++k) {
     const double without_N = nominal.step(series.nodes[k]);
     out[k] = without_N + fading.next(series.nodes[k]).weight * (out[k] - without_N);

@@ -12,21 +12,30 @@ namespace isorig::identify {
 /// The ranges of what a model is fitted to: bins with readings. Error, covariance and nominal model are left empty.
 [[nodiscard]] model::Seen ranges_of(std::span<const Series> series);
 
-/// How much of what a model has beyond its nominal one is believed, instant by instant. With d the distance beyond what
-/// it has seen in widths of that range (0 inside), the largest over position, velocity, pressure (where a part reads
-/// it), travel and duration (where a part counts them, model::Counts), and F0 the nominal model's force,
+/// What the readings scatter by that a model is driven with.
+struct ReadingNoise {
+  double position_mm = 0.0;
+  bool has_pressure = false;
+  double pressure_psi = 0.0;
+};
+[[nodiscard]] ReadingNoise noise_of(const Excitation& excitation);
+
+/// The weight, instant by instant, of the parts that a model has beyond its nominal one, when it predicts outside of
+/// the ranges that it was fitted to. With d the distance beyond what it has seen in widths of that range (0 inside),
+/// the largest over position, velocity, pressure (where a part reads it), travel and duration (where a part counts
+/// them, model::Counts), and F0 the nominal model's force,
 ///
 ///     F_predicted = F0 + w (F - F0)
 ///     w = 1 up to d = 1.5, 0 from d = 4 on, straight between them    laws
 ///     w = 1 at d = 0, 0 from d = 0.5 on                              with a table or a memory, which is no law
 ///
-/// Laws are what is to be extrapolated by: friction at twice the velocity is friction. Less than five noises of
-/// position and pressure, 5 % of the velocity (what two reconstructions of one motion differ by at its corners) and 1 %
-/// of travel and time are not outside.
+/// Laws may be extrapolated further than tables: friction at twice the velocity is still friction. Less than five
+/// noises of position and pressure, 5 % of the velocity (what two reconstructions of one motion differ by at its
+/// corners) and 1 % of travel and time are not outside.
 class Fading {
  public:
   /// Of a model that says what it has seen.
-  Fading(const model::ModelSpec& spec, const Excitation& excitation);
+  Fading(const model::ModelSpec& spec, double nominal_pressure_psi, const ReadingNoise& noise);
 
   struct Belief {
     double distance = 0.0;

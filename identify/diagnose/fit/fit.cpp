@@ -135,7 +135,7 @@ NoiseModel Problem::estimate_noise(const ModelSpec& spec) const {
   NoiseScore score(series_, {residual.data(), static_cast<std::size_t>(residual.size())});
   NoiseModel best = noise_;
   best.coloured_N = 0.0;
-  best.white_N = score.rms_N();  // white alone has a closed answer
+  best.white_N = score.rms_N();  // white alone has a closed answer: w^2 = mean of n_k r_k^2 over the bins
   double best_score = score(best);
   const double all = best.white_N;
   const double instrument = noise_.white_N;

@@ -38,8 +38,9 @@ std::size_t counted_numbers(const ModelSpec& spec) {
     const auto used = static_cast<std::size_t>(
         std::ranges::count_if(part.coefficients, [](double coefficient) { return coefficient != 0.0; }));
     if (used == 0 && !part.coefficients.empty()) continue;
-    count += used + static_cast<std::size_t>(
-                        std::ranges::count_if(part.law->parameters, [](const Parameter& p) { return !p.fixed; }));
+    count += used;
+    for (const Parameter& parameter : part.law->parameters)
+      if (!parameter.fixed) count += parameter.traits.event_time ? 2 : 1;
   }
   return count;
 }

@@ -22,7 +22,8 @@ struct FreeNumber {
 [[nodiscard]] std::vector<FreeNumber> free_coefficients(const model::ModelSpec& spec);
 
 /// How many numbers an explanation has bent to the data: what the Bayesian information criterion counts. A
-/// coefficient of zero counts nothing, nor does the law that hangs on it; the time of an event does.
+/// coefficient of zero counts nothing, nor does the law that hangs on it. The time of an event counts as two: it was
+/// chosen from all readings (modified BIC, Zhang & Siegmund 2007).
 [[nodiscard]] std::size_t counted_numbers(const model::ModelSpec& spec);
 
 [[nodiscard]] double& value_of(model::ModelSpec& spec, const FreeNumber& number);

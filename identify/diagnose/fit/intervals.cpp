@@ -100,6 +100,15 @@ Eigen::MatrixXd covariance(const Problem& problem, const model::ModelSpec& spec,
   return covariance_of(problem, spec, fitted_numbers(spec), spread);
 }
 
+Eigen::VectorXd variance_by_numbers(const model::ModelSpec& spec, const std::vector<FreeNumber>& numbers,
+                                    const Eigen::MatrixXd& covariance, const Eigen::MatrixXd& differences) {
+  Eigen::MatrixXd jacobian = differences;
+  for (std::size_t i = 0; i < numbers.size(); ++i)
+    jacobian.col(static_cast<Eigen::Index>(i)) /= difference_step(spec, numbers[i]);
+  const Eigen::MatrixXd bounded = covariance.unaryExpr([](double v) { return std::isfinite(v) ? v : 0.0; });
+  return (jacobian * bounded).cwiseProduct(jacobian).rowwise().sum();
+}
+
 std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const model::ModelSpec& spec, Spread spread) {
   constexpr double k95 = 1.96;
   const std::vector<FreeNumber> numbers = fitted_numbers(spec);

@@ -12,6 +12,10 @@ struct NamedValue {
   double value = 0.0;
   double low = 0.0;  ///< 95 % interval
   double high = 0.0;
+  int part = 1;  ///< of which part, where an effect has several (slips): counted from 1
+
+  /// The name, and from the second part on its number: "slip_mm", "slip_mm_2".
+  [[nodiscard]] std::string key() const { return part == 1 ? name : name + "_" + std::to_string(part); }
 };
 
 /// What an interval counts as uncertain.
@@ -26,6 +30,14 @@ enum class Spread {
 
 /// Their covariance: the correlations of the curvature of the likelihood, with the standard errors that `spread` says.
 [[nodiscard]] Eigen::MatrixXd covariance(const Problem& problem, const model::ModelSpec& spec, Spread spread);
+
+/// Variance of a value that depends on the fitted numbers, row by row, to first order: (J C J')_ii. `differences` is
+/// what free_parameters.hpp calls so: each column is J times the difference_step of its number. A number that moves
+/// no force (the time constant of an arm without stiffness) has a variance without bound and no part in the value: it
+/// is left out.
+[[nodiscard]] Eigen::VectorXd variance_by_numbers(const model::ModelSpec& spec, const std::vector<FreeNumber>& numbers,
+                                                  const Eigen::MatrixXd& covariance,
+                                                  const Eigen::MatrixXd& differences);
 
 /// Parameters and coefficients of every part, in the order of the spec, with 95 % intervals. Whitened by the
 /// problem's noise, which takes up model error: the intervals grow with the residual. They do not cover an error of

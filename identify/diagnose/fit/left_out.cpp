@@ -5,6 +5,7 @@
 
 #include "base/parallel.hpp"
 #include "identify/diagnose/fit/fading.hpp"
+#include "identify/diagnose/fit/intervals.hpp"
 #include "model/elements.hpp"
 
 namespace isorig::identify {
@@ -12,7 +13,8 @@ bool is_state(const model::Part& part) {
   const auto spans_recording = [](const model::Parameter& parameter) {
     return parameter.traits.filled_by == model::FilledBy::kRecordingDuration;
   };
-  return part.physics == &model::element::arm_start() || std::ranges::any_of(part.law->parameters, spans_recording);
+  return part.physics == &model::element::arm_start() || model::is_event(*part.law) ||
+         std::ranges::any_of(part.law->parameters, spans_recording);
 }
 
 namespace {
@@ -32,17 +34,22 @@ void see_states(std::span<const Series> series, std::vector<model::Part>& parts)
   for (std::size_t i = 0; i < parts.size(); ++i) parts[i].coefficients = spec.parts[i].coefficients;
 }
 
-Relearnt learn_without(std::span<const Series> series, const Learner& learner, const std::vector<bool>& out) {
+/// Bins marked in `out` have no readings.
+std::vector<Series> without(std::span<const Series> series, const std::vector<bool>& out) {
   std::vector<Series> kept(series.begin(), series.end());
   std::size_t row = 0;
   for (Series& each : kept)
     for (double& count : each.count)
       if (out[row++]) count = 0.0;
+  return kept;
+}
+
+Relearnt learn_without(std::span<const Series> series, const Learner& learner, const std::vector<bool>& out) {
   Relearnt relearnt;
-  relearnt.spec = learner(kept);
+  relearnt.spec = learner(without(series, out));
   see_states(series, relearnt.spec.parts);
   if (relearnt.spec.seen) see_states(series, relearnt.spec.seen->nominal);
-  relearnt.error_N.resize(static_cast<Eigen::Index>(row));
+  relearnt.error_N.resize(static_cast<Eigen::Index>(out.size()));
   Eigen::Index bin = 0;
   for (const Series& each : series) {
     const std::vector<double> force_N = faded_force(relearnt.spec, each);
@@ -89,6 +96,27 @@ Prediction predict_left_out(std::span<const Series> series, const Learner& learn
   }
   prediction.spec = std::move(relearnt.spec);
   return prediction;
+}
+
+double learning_error_N2(std::span<const Series> series, const model::ModelSpec& learnt, const NoiseModel& noise,
+                         const std::vector<bool>& out) {
+  const std::vector<FreeNumber> numbers = fitted_numbers(learnt);
+  if (numbers.empty()) return 0.0;
+  const std::vector<Series> kept = without(series, out);
+  const Problem all(series, noise);
+  const Eigen::MatrixXd moved = differences(learnt, numbers, all.predict(learnt),
+                                            [&](const model::ModelSpec& spec) { return all.predict(spec); });
+  const Eigen::VectorXd variance_N2 =
+      variance_by_numbers(learnt, numbers, covariance(Problem(kept, noise), learnt, Spread::kMoves), moved);
+  double sum = 0.0;
+  Eigen::Index row = 0;
+  for (const Series& each : series) {
+    for (const double count : each.count) {
+      if (out[static_cast<std::size_t>(row)] && count > 0.0) sum += count * variance_N2[row];
+      ++row;
+    }
+  }
+  return std::max(sum, 0.0);
 }
 
 std::vector<Prediction> predict_blocks(std::span<const Series> series, const Learner& learner, const Blocks& blocks,

@@ -9,9 +9,9 @@
 
 namespace isorig::identify {
 
-/// The state of an arm at the start or after a gap, or a drift that wanders without law: nothing that can be learnt
-/// elsewhere. Where all that shows it is left out, the others give it any value at all. Learners therefore hold it as
-/// it is, and predictions have it from all readings.
+/// The state of an arm at the start or after a gap, a drift that wanders without law, or an event: no other part of the
+/// data determines it. If the readings that show it are left out, a fit to the others gives it an arbitrary value.
+/// Learners therefore keep it fixed, and predictions take it from all readings.
 [[nodiscard]] bool is_state(const model::Part& part);
 
 /// Learns a model from what is kept of the recordings, by the criterion that it was published under. Bins that are left
@@ -22,7 +22,7 @@ using Learner = std::function<model::ModelSpec(std::span<const Series> kept)>;
 /// Under one noise, from the spec's own numbers, until it has converged or `iterations` have passed.
 [[nodiscard]] Learner refit(const model::ModelSpec& spec, const NoiseModel& noise, int iterations = 15);
 
-/// What a model is wrong by in the bins that it was learnt without.
+/// The error of a model in bins that it was not fitted to.
 struct Prediction {
   model::ModelSpec spec;    ///< as learnt without them
   double squares_N2 = 0.0;  ///< measured minus predicted, squared, summed over the readings left out
@@ -39,6 +39,16 @@ struct Prediction {
 /// `strokes` numbers the bins for `squares_of_stroke`.
 [[nodiscard]] Prediction predict_left_out(std::span<const Series> series, const Learner& learner,
                                           const std::vector<bool>& out, const Blocks& strokes);
+
+/// The squares, summed over the readings marked in `out`, by which a prediction is expected to err merely because the
+/// numbers of `learnt` come from noisy readings, those that are kept:
+///
+///     E sum_i n_i (F_i(learnt) - F_i(true numbers))^2 = sum_i n_i (J C J')_ii
+///
+/// with n_i the readings of a bin, J the change of its force by the fitted numbers and C their covariance under `noise`
+/// (fit/intervals.hpp). To first order in the numbers.
+[[nodiscard]] double learning_error_N2(std::span<const Series> series, const model::ModelSpec& learnt,
+                                       const NoiseModel& noise, const std::vector<bool>& out);
 
 /// Every block predicted by a model learnt without the blocks of its fold: blocks are dealt into four folds in turn
 /// (strokes two at a time), so that in a session of ten ramps each fold holds other velocities. One entry a block; none

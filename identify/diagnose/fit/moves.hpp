@@ -7,10 +7,6 @@
 
 namespace isorig::identify {
 
-/// A rest is a stretch without a change of velocity for longer than this; what follows it is a new move. The paper's
-/// protocol rests for 30 s between ramps and turns within 0.3 s, so that any value between would part it alike.
-inline constexpr double kRest_s = 5.0;
-
 /// A position that stays within so many times its noise stands still. 10 000 to 100 000 readings of Gaussian noise
 /// alone span 7.7 to 8.8 standard deviations; a little more than twice that leaves room for a held crosshead's slow
 /// wander.
@@ -19,9 +15,9 @@ inline constexpr double kStillNoises = 20.0;
   return kStillNoises * series.excitation.motion.noise_mm;
 }
 
-/// A move begins where a rest ends: at this bin the velocity changes, and it had not for more than kRest_s.
+/// A move begins where a rest ends: the velocity changes at this bin and had not changed for longer than a rest.
 [[nodiscard]] inline bool begins_move(const Series& series, std::size_t bin) {
-  return bin > 0 && series.since_corner_s[bin] == 0.0 && series.since_corner_s[bin - 1] > kRest_s;
+  return bin > 0 && series.since_corner_s[bin] == 0.0 && series.since_corner_s[bin - 1] > series.rest_s;
 }
 
 /// The recordings cut into moves. A move is a ramp, its hold and its return, with the rest after it: the unit that is

@@ -38,11 +38,12 @@ struct LeastSquaresResult {
 ///
 /// as the least-squares problem of J stacked on sqrt(damping) D: J = Q R once, then QR of the small stack R over
 /// sqrt(damping) D, again for every damping that is tried. The normal equations J'J s = -J'r would square the condition
-/// number and lose, along a valley of two numbers that nearly stand for each other, all that leads through it.
-/// Coordinates at a bound whose gradient points out are held there while the others move.
+/// number: along a valley, where two numbers nearly replace each other, the direction down the valley would be lost in
+/// rounding. Coordinates at a bound whose gradient points out are held there while the others move.
 ///
-/// Squares count in units of the noise, so that a gain below 1e-3 is none; whether it stopped for want of progress is
-/// judged at 0.05 of the mean square: a number a quarter of its standard error from where it belongs.
+/// Squares are in units of the noise; a gain below 1e-3 counts as none. The search stopped for want of progress if the
+/// slopes still promise 0.05 of the mean square or more, which is a number a quarter of its standard error from its
+/// optimum.
 [[nodiscard]] LeastSquaresResult minimise_squares(const LeastSquaresProblem& problem, Eigen::VectorXd u,
                                                   int iterations);
 

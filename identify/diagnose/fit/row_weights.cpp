@@ -14,8 +14,13 @@ struct Bend {
   double t_s = 0.0, size_N = 0.0;
 };
 
-/// d ln(noise) / dt in 1/s by least squares over groups of neighbouring bends, each of which gives its median; 0 where
-/// no trend is certain.
+/// d ln(noise) / dt in 1/s over groups of neighbouring bends, each of which gives the logarithm l of its median at time
+/// t: the slope g of l = a + g t by least squares,
+///
+///     g    = sum (t - t_mean)(l - l_mean) / sum (t - t_mean)^2
+///     se^2 = sum (l - a - g t)^2 / ((G - 2) sum (t - t_mean)^2)
+///
+/// and 0 where no trend is certain: |g| <= 6 se, or a change of less than a fifth from end to end.
 double noise_growth(const std::vector<Bend>& bends, double floor_N) {
   constexpr std::size_t kGroup = 100, kMostGroups = 40, kFewestGroups = 6;
   constexpr double kStandardErrors = 6.0;
@@ -97,6 +102,7 @@ RowWeights row_weights(const messages::FrameSamples& frame) {
   }
   for (std::size_t k = 1; k + 1 < n; ++k) {
     if (spacing_of[k - 1] != spacing_of[k] || spacing_of[k + 1] != spacing_of[k]) continue;
+    // b = F_k - (1 - s) F_k-1 - s F_k+1 of three rows alike has the variance noise^2 (1 + s^2 + (1 - s)^2).
     const double share = (t_s[k] - t_s[k - 1]) / (t_s[k + 1] - t_s[k - 1]);
     const double bend = force_N[k] - ((1.0 - share) * force_N[k - 1] + share * force_N[k + 1]);
     const double scale = std::sqrt(1.0 + share * share + (1.0 - share) * (1.0 - share));

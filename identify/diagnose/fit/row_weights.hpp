@@ -7,14 +7,14 @@
 namespace isorig::identify {
 
 /// How many readings each row of frame.csv stands for, relative to the noisiest kind of row. A recorder that
-/// keeps means where nothing happens writes rows whose noise is ten times smaller than that of the rest; to
-/// weigh them alike would throw away either the one or the other. Seen from the force's own noise, per class of
-/// spacing; rows that were thinned out but not averaged count as one.
+/// keeps means where nothing happens writes rows whose noise is ten times smaller than that of the rest; equal weights
+/// would waste the precision of the means or give single readings too much. Estimated from the force's own noise for
+/// each class of spacing; rows that were thinned out but not averaged count as one reading.
 ///
 /// An amplifier that warms up may double its noise over a session. Weighed alike, the noisy half would look like a
 /// model that fails there. Where the logarithm of the noise follows a straight line in time (six standard errors of its
 /// slope, and a fifth from end to end), rows weigh as the inverse of their variance. A noise that is larger in motion
-/// than at rest is left as it is: what looks like noise there may be stick-slip.
+/// than at rest changes no weights: it may be stick-slip, which is force.
 struct RowWeights {
   std::vector<double> per_row;    ///< readings that the row stands for
   std::vector<double> precision;  ///< those, over the variance of a reading at that time relative to noise_N^2

@@ -50,6 +50,41 @@ void bin_band_limited(Series& series, const std::vector<bool>& usable) {
   series.first_row.push_back(rows.size());
 }
 
+/// Readings from which the noise could be measured if a rest were kRest_s (noise/noise.cpp).
+std::size_t settled_readings(const Series& series) {
+  constexpr double kFrom_s = kSettled_rests * kRest_s, kTo_s = kFrom_s + kShortest_rests * kRest_s;
+  const double still = still_mm_s(series);
+  std::size_t all = 0, in_rest = 0;
+  double since_s = 0.0;
+  const auto close = [&] {
+    if (since_s > kTo_s) all += in_rest;
+    in_rest = 0;
+  };
+  for (std::size_t k = 0; k < series.nodes.size(); ++k) {
+    if (std::fabs(series.nodes[k].velocity_mm_s) >= still || series.since_corner_s[k] < kFrom_s) {
+      close();
+      continue;
+    }
+    since_s = series.since_corner_s[k];
+    in_rest += series.first_row[k + 1] - series.first_row[k];
+  }
+  close();
+  return all;
+}
+
+/// kRest_s where the noise can be measured by it, else less as the motion is faster.
+double rest_of(const Series& series) {
+  if (settled_readings(series) >= kFewestSettled) return kRest_s;
+  double lowest_mm = series.nodes.front().position_mm, highest_mm = lowest_mm, fastest_mm_s = 0.0;
+  for (const auto& node : series.nodes) {
+    lowest_mm = std::min(lowest_mm, node.position_mm);
+    highest_mm = std::max(highest_mm, node.position_mm);
+    fastest_mm_s = std::max(fastest_mm_s, std::fabs(node.velocity_mm_s));
+  }
+  if (fastest_mm_s <= 0.0) return kRest_s;
+  return std::min(kRest_s, kRest_strokes * (highest_mm - lowest_mm) / fastest_mm_s);
+}
+
 }  // namespace
 
 Series prepare_series(std::string name, messages::Recording recording, const std::vector<bool>& usable) {
@@ -68,7 +103,15 @@ Series prepare_series(std::string name, messages::Recording recording, const std
     return series;
   }
   series.readings = std::move(readings.precision);
-  constexpr double kLongest_s = 2.0, kShareOfElapsed = 0.05;
+  // A bin is at most 2 s wide. In a recording of more than an hour and a bit it may be wider, as long as the specimen
+  // moves by no more than a hundredth of the stroke meanwhile: so the number of bins is bounded.
+  constexpr double kUsual_s = 2.0, kShareOfElapsed = 0.05, kShareOfDuration = 1.0 / 2000.0, kShareOfStroke = 0.01;
+  const double longest_s = std::max(kUsual_s, kShareOfDuration * (rows.back().t_s - rows.front().t_s));
+  const auto [lowest, highest] = std::ranges::minmax_element(rows, {}, &model::Instant::position_mm);
+  const double furthest_mm = kShareOfStroke * (highest->position_mm - lowest->position_mm);
+  const auto in_reach = [&](const model::Instant& from, const model::Instant& to) {
+    return to.t_s - from.t_s <= kUsual_s || std::fabs(to.position_mm - from.position_mm) <= furthest_mm;
+  };
 
   const double noise = std::max(white_noise(series.recording.frame.t_s, force), quantisation(force));
   // A bin in which the force jumps (a grip that slips) would hide the jump: its halves must agree.
@@ -87,12 +130,14 @@ Series prepare_series(std::string name, messages::Recording recording, const std
   while (k < rows.size()) {
     const std::size_t first = k;
     // The first row stays alone: laws that count from the start begin where `predict` begins.
-    const double span_s = first == 0 ? 0.0 : std::min(kLongest_s, kShareOfElapsed * since[first]);
+    const double span_s = first == 0 ? 0.0 : std::min(longest_s, kShareOfElapsed * since[first]);
     model::Instant mean;
     double weight = 0.0, force_sum = 0.0, slid_mm = 0.0;
     std::size_t taken = 0;
     std::size_t end = first + 1;
-    while (end < rows.size() && since[end] > 0.0 && rows[end].t_s - rows[first].t_s <= span_s) ++end;
+    while (end < rows.size() && since[end] > 0.0 && rows[end].t_s - rows[first].t_s <= span_s &&
+           in_reach(rows[first], rows[end]))
+      ++end;
     while (end - first >= 2 && jumps(first, end)) end = first + (end - first) / 2;
     for (; k < end; ++k) {
       ++taken;
@@ -138,7 +183,24 @@ Series prepare_series(std::string name, messages::Recording recording, const std
     series.since_corner_s.push_back(since[first + taken / 2]);
   }
   series.first_row.push_back(rows.size());
+  series.rest_s = rest_of(series);
   return series;
+}
+
+double still_mm_s(const Series& series) {
+  double fastest_mm_s = 0.0;
+  for (const auto& node : series.nodes) fastest_mm_s = std::max(fastest_mm_s, std::fabs(node.velocity_mm_s));
+  return 2e-4 * fastest_mm_s;
+}
+
+double stroke_mm(std::span<const Series> series) {
+  double furthest_mm = 0.0;
+  for (const Series& each : series) {
+    if (each.nodes.empty()) continue;
+    const auto [lowest, highest] = std::ranges::minmax_element(each.nodes, {}, &model::Instant::position_mm);
+    furthest_mm = std::max(furthest_mm, highest->position_mm - lowest->position_mm);
+  }
+  return furthest_mm;
 }
 
 Series by_rows(const Series& series, const std::vector<bool>& usable) {

@@ -8,9 +8,22 @@
 
 namespace isorig::identify {
 
-/// A recording prepared for fitting: readings that say the same thing (a hold, a slow return) are averaged
-/// into bins that grow with the time since the last corner, so that 30 000 rows become some 5000 without
-/// losing what any of the laws could show.
+/// A rest is a stretch without a change of velocity for longer than this; what follows it is a new move. The paper's
+/// protocol rests for 30 s between ramps and turns within 0.3 s, so that any value between would part it alike.
+inline constexpr double kRest_s = 5.0;
+/// The same in strokes, from end to end at the recording's fastest, where nothing stands still long enough for the
+/// noise to be measured by kRest_s: a specimen that is moved ten times as fast rests for a tenth of the time. The
+/// paper's fastest stroke takes 0.8 s.
+inline constexpr double kRest_strokes = kRest_s / 0.8;
+/// In rests: the time after a motion from which readings tell of the noise, and the shortest and longest stretch of
+/// them (noise/noise.cpp).
+inline constexpr double kSettled_rests = 2.0, kShortest_rests = 1.6, kLongest_rests = 8.0;
+/// Fewer settled readings than this tell no noise.
+inline constexpr std::size_t kFewestSettled = 200;
+
+/// A recording prepared for fitting: neighbouring readings are averaged into bins that widen with the time since the
+/// last corner (a hold, a slow return), so that 30 000 rows become some 5000 and no bin is wider than the features of
+/// any law at that time.
 struct Series {
   std::string name;
   messages::Recording recording;
@@ -23,13 +36,20 @@ struct Series {
   double reading_noise_N = 0.0;        ///< rms of a row that stands for one
   std::vector<std::size_t> first_row;  ///< bin i holds rows first_row[i] .. first_row[i + 1]; one past the end last
   std::vector<double> since_corner_s;  ///< time since the last corner of the motion, per bin
+  double rest_s = kRest_s;             ///< without a change of velocity, from which a rest is a rest
 };
 
 /// `usable` marks the rows of frame.csv that the guard left in; empty means all.
 [[nodiscard]] Series prepare_series(std::string name, messages::Recording recording, const std::vector<bool>& usable);
 
-/// The same recording with every usable row a bin of its own, and all of them alike: where a model errs by more than
-/// the noise, a row that is the mean of many readings is no better explained than one that stands for itself.
+/// Slower than this a bin stands still: a small share of the recording's fastest.
+[[nodiscard]] double still_mm_s(const Series& series);
+
+/// From end to end of the motion, in the recording that moves furthest.
+[[nodiscard]] double stroke_mm(std::span<const Series> series);
+
+/// The same recording with every usable row a bin of its own, all of equal weight: where a model's error exceeds the
+/// noise, the mean of many readings is predicted no better than a single reading.
 [[nodiscard]] Series by_rows(const Series& series, const std::vector<bool>& usable);
 
 /// Recordings that are fitted together share one noise per reading: those with less count for more.

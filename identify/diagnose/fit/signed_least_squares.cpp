@@ -6,6 +6,7 @@ namespace isorig::identify {
 
 using model::Sign;
 
+// With D the lengths of A's columns: A'A = D C D, C = L L' (Cholesky), so R = L'D and z = L^-1 D^-1 A'b.
 bool reduce_normal_equations(const Eigen::MatrixXd& gram, const Eigen::VectorXd& right, Reduced& out) {
   constexpr double kLeastCondition = 1e-8;
   const Eigen::Index m = gram.rows();
@@ -35,6 +36,11 @@ Reduced reduce_columns(const Eigen::MatrixXd& columns, const Eigen::VectorXd& ta
   return out;
 }
 
+// At the solution every coefficient obeys its sign s_j and, with the gradient g = R'(z - R x), the Kuhn-Tucker
+// conditions hold: g_j = 0 where x_j moves freely, s_j g_j <= 0 where x_j is held at zero (Lawson & Hanson 1974, ch.
+// 23). Each pass solves for the free columns, scaled to length one; a broken sign holds a column, a gradient that
+// points the allowed way frees one. 1e-12 and 1e-9 are rounding, relative to the size of z; passes are limited against
+// a cycle between two columns that rounding alone tells apart.
 Eigen::VectorXd solve_signed(const Reduced& problem, const std::vector<Sign>& signs) {
   constexpr double kSame = 1e-10;
   const Eigen::Index m = problem.r.cols();

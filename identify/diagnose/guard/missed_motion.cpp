@@ -43,6 +43,7 @@ std::vector<double> missed_motion(const messages::FrameSamples& frame) {
   std::ranges::sort(gaps, std::greater<>(), &Gap::length_s);
   if (gaps.size() > kMost) gaps.resize(kMost);
   std::vector<double> ends;
+  ends.reserve(gaps.size());
   for (const Gap& gap : gaps) ends.push_back(gap.end_s);
   std::ranges::sort(ends);
   return ends;

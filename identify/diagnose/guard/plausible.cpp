@@ -3,7 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <map>
+#include <set>
 #include <stdexcept>
+#include <utility>
 
 #include "identify/diagnose/signal/noise_level.hpp"
 
@@ -81,6 +84,43 @@ void refuse_implausible(const messages::Recording& recording, const std::string&
     throw std::invalid_argument(name + ": " + std::to_string(strokes) +
                                 " strokes begin and end between two readings; its samples are too far apart to follow "
                                 "the motion: record ramps with ten readings or more");
+}
+
+void refuse_several_pressures(std::span<const messages::Recording> recordings, std::span<const std::string> names,
+                              const model::ModelSpec& nominal) {
+  constexpr double kOnePressure = 0.05;
+  if (nominal.driven_by_pressure()) return;
+  std::map<double, std::string> at_psi;
+  for (std::size_t i = 0; i < recordings.size(); ++i)
+    at_psi[recordings[i].metadata.nominal_pressure_psi.value_or(0.0)] += ' ' + names[i];
+  if (at_psi.size() < 2) return;
+  const double lowest = at_psi.begin()->first, highest = at_psi.rbegin()->first;
+  const double one_psi = kOnePressure * std::max(std::fabs(lowest), std::fabs(highest));
+  if (highest - lowest <= one_psi) return;
+  std::string text = "recordings at several nominal pressures, " + number(lowest) + " to " + number(highest) +
+                     " psi, are not one question: stiffness, relaxation and tare of an actuator follow its pressure, "
+                     "and one material for all of them would be short of effects that are not there. Diagnose each "
+                     "pressure by itself:";
+  std::vector<std::pair<double, std::string>> groups;
+  for (const auto& [psi, list] : at_psi) {
+    if (!groups.empty() && psi - groups.back().first <= one_psi)
+      groups.back().second += list;
+    else
+      groups.emplace_back(psi, list);
+  }
+  for (const auto& [psi, list] : groups)
+    text += "\n  " + (psi == 0.0 ? std::string("no pressure stated") : number(psi) + " psi") + ':' + list;
+  throw std::invalid_argument(text);
+}
+
+std::string several_specimens(std::span<const std::string> specimens) {
+  const std::set<std::string> names(specimens.begin(), specimens.end());
+  if (names.size() < 2) return {};
+  std::string list;
+  for (const std::string& name : names) list += (list.empty() ? "\"" : ", \"") + name + '"';
+  return "The recordings are of " + std::to_string(names.size()) + " specimens (" + list +
+         ") and are fitted with one material: where the specimens differ, the difference may be named as an effect. "
+         "Diagnose each specimen by itself, unless they are one under several names.";
 }
 
 std::optional<DataFault> odd_pressure(const messages::Recording& recording) {

@@ -1,5 +1,6 @@
 #pragma once
 #include <optional>
+#include <span>
 #include <string>
 
 #include "identify/diagnose/guard/guard.hpp"
@@ -8,9 +9,19 @@
 
 namespace isorig::identify {
 
-/// Throws std::invalid_argument for a recording that reads well and cannot be meant: a sign turned round, a
-/// length in metres, strokes that pass between two readings. Fitted, each of them would come back as physics.
+/// Throws std::invalid_argument for a recording whose numbers are readable and cannot be right: a sign turned round, a
+/// length in metres, strokes that pass between two readings. A fit would explain each of them by physics.
 void refuse_implausible(const messages::Recording& recording, const std::string& name, const model::ModelSpec& nominal);
+
+/// Throws std::invalid_argument for recordings at several nominal pressures, with the recordings of each. Stiffness,
+/// relaxation and tare of an actuator all follow its pressure (Chou & Hannaford 1996), and one material for all
+/// pressures differs from the recordings by effects that are not there. Pressures within 5 % of the highest are one. A
+/// nominal model that is driven by the pressure has what the others lack, and is not refused.
+void refuse_several_pressures(std::span<const messages::Recording> recordings, std::span<const std::string> names,
+                              const model::ModelSpec& nominal);
+
+/// A warning where the recordings are of several specimens, by the names of all of them; "" where they are of one.
+[[nodiscard]] std::string several_specimens(std::span<const std::string> specimens);
 
 /// A pressure that stands far from the nominal one all the time: another unit, or a wrong number in
 /// recording.toml.

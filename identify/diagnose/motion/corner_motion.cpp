@@ -13,6 +13,13 @@ struct State {
   Eigen::Matrix3d cov = Eigen::Matrix3d::Zero();
 };
 
+// State (position, velocity, acceleration); the acceleration is the integral of white noise of spectral density q in
+// mm^2/s^5, `jerk2`. Over a step h, exactly (Bar-Shalom, Li & Kirubarajan 2001, ch. 6, "Wiener process acceleration"):
+//
+//     x <- F x,   P <- F P F' + Q
+//     F = | 1 h h^2/2 |     Q = q | h^5/20  h^4/8  h^3/6 |
+//         | 0 1 h     |           | h^4/8   h^3/3  h^2/2 |
+//         | 0 0 1     |           | h^3/6   h^2/2  h     |
 Eigen::Matrix3d transition(double h) {
   Eigen::Matrix3d f;
   f << 1.0, h, 0.5 * h * h, 0.0, 1.0, h, 0.0, 0.0, 1.0;
@@ -37,6 +44,9 @@ class Corner {
   Corner(std::span<const double> t_s, std::span<const double> y, double noise_mm, End before, End after)
       : t_s_(t_s), y_(y), noise2_(noise_mm * noise_mm), before_(before), after_(after) {}
 
+  /// Forward (Kalman 1960); returns ln L(q) = -1/2 sum (e^2 / S + ln S) over the innovations e of variance S
+  /// (Schweppe 1965), by which q is chosen. The lines before and after enter as readings of velocity and acceleration,
+  /// certain to a position noise over the length of the corner, or hardly at all where the motion already turns.
   double filter(double jerk2) {
     const std::size_t n = t_s_.size();
     filtered_.assign(n, {});
@@ -67,7 +77,9 @@ class Corner {
     return log_likelihood;
   }
 
-  /// After filter(): accelerations from both sides.
+  /// After filter(), backward (Rauch, Tung & Striebel 1965): with ^- what was predicted for a reading,
+  ///
+  ///     G_k = P_k F' (P^-_k+1)^-1,   x^s_k = x_k + G_k (x^s_k+1 - x^-_k+1)
   void smooth(double* acceleration) const {
     const std::size_t n = t_s_.size();
     Eigen::Vector3d mean = filtered_[n - 1].mean;
@@ -81,6 +93,7 @@ class Corner {
   }
 
  private:
+  /// Value z = H x + noise: e = z - H x, S = H P H' + r, x <- x + P H' e / S, P <- P - P H' H P / S.
   static double observe(State& s, const Eigen::RowVector3d& row, double value, double noise2) {
     const Eigen::Vector3d cross = s.cov * row.transpose();
     const double total = row * cross + noise2, e = value - row * s.mean;

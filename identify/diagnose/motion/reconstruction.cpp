@@ -51,7 +51,9 @@ std::vector<double> without_small_reversals(const std::vector<double>& path, dou
   return out;
 }
 
-/// Seconds since the motion last changed its velocity by more than its noise allows; 0 while it does.
+/// Seconds since the motion last changed its velocity by more than its noise allows; 0 while it does. A change counts
+/// where, kept up over the five readings about it, it shifts the position by more than four noises: sum |a_j| dt_j
+/// times their length.
 std::vector<double> since_corner(std::span<const double> t_s, const Motion& motion) {
   const std::size_t n = t_s.size();
   std::vector<double> since(n, 0.0);
@@ -96,10 +98,12 @@ Excitation reconstruct_excitation(const messages::Recording& recording) {
   }
   if (excitation.width == 1) smooth_corners(frame.t_s, reading_mm, excitation.motion);
   const auto& metadata = recording.metadata;
-  excitation.reference.elongation_at_zero_mm =
-      metadata.pressurized_rest_length_mm ? metadata.rest_length_mm - *metadata.pressurized_rest_length_mm : 0.0;
+  excitation.reference.elongation_at_zero_mm = metadata.elongation_at_zero_mm();
   excitation.reference.duration_s = n > 0 ? frame.t_s.back() - frame.t_s.front() : 0.0;
   excitation.reference.recording_id = messages::recording_id(recording);
+  for (const double force_N : frame.force_N)
+    if (std::isfinite(force_N))
+      excitation.reference.largest_force_N = std::max(excitation.reference.largest_force_N, std::fabs(force_N));
 
   if (recording.pressure && recording.pressure->size() > 0) {
     ReconstructedPressure pressure =

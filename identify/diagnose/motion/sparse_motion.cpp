@@ -7,9 +7,15 @@
 namespace isorig::identify {
 namespace {
 
-/// One pass of filter and smoother with acceleration variances `spread` per interval. The acceleration acts
-/// as an impulse at the interval's end, so that the motion is straight between readings: a smoother motion
-/// cannot follow a corner between two sparse readings without ringing, and friction would see every swing.
+/// One pass of filter and smoother (Kalman 1960; Rauch, Tung & Striebel 1965) over
+///
+///     x_k+1 = x_k + h v_k,   v_k+1 = v_k + h a_k,   a_k ~ N(0, spread_k),   reading_k = x_k + noise
+///
+/// The acceleration acts as an impulse at the interval's end, so that the motion is straight between readings: a
+/// smoother motion cannot follow a corner between two sparse readings without ringing, and friction would see every
+/// swing. Given all readings, with ^- predicted, ^s smoothed and M = (P^-)^-1 (P^s - P^-) (P^-)^-1,
+///
+///     E[a_k] = spread_k h [(P^-)^-1 (x^s - x^-)]_v,   var a_k = spread_k + (spread_k h)^2 M_vv
 class AccelerationSmoother {
  public:
   AccelerationSmoother(std::span<const double> t_s, std::span<const double> reading_mm)

@@ -10,33 +10,41 @@
 namespace isorig::identify {
 namespace {
 
+/// Readings of a rest, with s the time since its first reading and t' that since its middle:
+///
+///     F(t) = a + b t' + c exp(-s / 4 s) + d exp(-s / 12 s) + noise
+///
+/// a to d are integrated out (noise_likelihood.hpp). 10 s after the motion ended an arm faster than 2 s has lost 99 %
+/// of its force; two decays and a line stand for what slower arms still do in 40 s. All these times are those of a rest
+/// of 5 s (Series::rest_s), and shorter where rests are.
 std::vector<NoiseSample> find_rests(const Series& series, const std::vector<bool>& usable) {
   // Longer rests are cut: a line and two decays cannot follow an hour of relaxation.
-  constexpr double kSettled_s = 10.0, kShortest_s = 8.0, kLongest_s = 40.0;
+  const double settled_s = kSettled_rests * series.rest_s, shortest_s = kShortest_rests * series.rest_s,
+               longest_s = kLongest_rests * series.rest_s, fast_s = 0.8 * series.rest_s, slow_s = 2.4 * series.rest_s;
   std::vector<NoiseSample> rests;
   NoiseSample rest;
   const auto close = [&] {
-    if (rest.size() >= 20 && rest.t_s.back() - rest.t_s.front() >= kShortest_s) {
+    if (rest.size() >= 20 && rest.t_s.back() - rest.t_s.front() >= shortest_s) {
       const double middle_s = 0.5 * (rest.t_s.front() + rest.t_s.back());
       for (const double t_s : rest.t_s) {
         const double since_s = t_s - rest.t_s.front();
-        rest.columns.push_back({1.0, (t_s - middle_s) / 10.0, std::exp(-since_s / 4.0), std::exp(-since_s / 12.0)});
+        rest.columns.push_back(
+            {1.0, (t_s - middle_s) / settled_s, std::exp(-since_s / fast_s), std::exp(-since_s / slow_s)});
       }
       rests.push_back(std::move(rest));
     }
     rest = {};
   };
-  double fastest = 0.0;
-  for (const auto& node : series.nodes) fastest = std::max(fastest, std::fabs(node.velocity_mm_s));
+  const double still_mm_s = identify::still_mm_s(series);
   for (std::size_t k = 0; k < series.nodes.size(); ++k) {
-    const bool still = std::fabs(series.nodes[k].velocity_mm_s) < 2e-4 * fastest;
-    if (!still || series.since_corner_s[k] < kSettled_s) {
+    const bool still = std::fabs(series.nodes[k].velocity_mm_s) < still_mm_s;
+    if (!still || series.since_corner_s[k] < settled_s) {
       close();
       continue;
     }
     for (std::size_t row = series.first_row[k]; row < series.first_row[k + 1]; ++row) {
       if (!usable.empty() && !usable[row]) continue;
-      if (!rest.t_s.empty() && series.recording.frame.t_s[row] - rest.t_s.front() > kLongest_s) close();
+      if (!rest.t_s.empty() && series.recording.frame.t_s[row] - rest.t_s.front() > longest_s) close();
       rest.t_s.push_back(series.recording.frame.t_s[row]);
       rest.force_N.push_back(series.recording.frame.force_N[row]);
       rest.readings.push_back(row < series.readings.size() ? series.readings[row] : 1.0);
@@ -63,9 +71,9 @@ std::string_view name_of(NoiseSource source) noexcept {
 }
 
 InstrumentNoise instrument_noise(std::span<const Series> series, std::span<const std::vector<bool>> usable) {
-  constexpr std::size_t kFewest = 200;
   // Longer than that, a rest cannot tell a correlation from its own relaxation.
-  constexpr double kLongest_s = 8.0;
+  double longest_s = 0.0;
+  for (const Series& each : series) longest_s = std::max(longest_s, kShortest_rests * each.rest_s);
   InstrumentNoise out;
   std::vector<NoiseSample> rests;
   std::size_t rows = 0;
@@ -82,9 +90,9 @@ InstrumentNoise instrument_noise(std::span<const Series> series, std::span<const
         {white, series[i].reading_noise_N, white_noise(frame.t_s, frame.force_N), step_here / std::sqrt(12.0)});
   }
   out.noise = {std::max(white, 1e-9), 0.0, 1.0};
-  if (rows >= kFewest) {
+  if (rows >= kFewestSettled) {
     out.source = NoiseSource::kRests;
-    out.noise = fit_noise(rests, out.noise.white_N, kLongest_s);
+    out.noise = fit_noise(rests, out.noise.white_N, longest_s);
     // A coarse reading may stand on one step for a whole rest. It shows no noise there, but is wrong by up to half a
     // step, step / sqrt(12) rms, in all readings alike; in motion that error changes from reading to reading. So the
     // rest measures too little noise, and a step's error is added to both parts.

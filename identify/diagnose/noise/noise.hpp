@@ -9,11 +9,11 @@ namespace isorig::identify {
 enum class NoiseSource { kRests, kRepetitions, kStrokes, kDifferences };
 [[nodiscard]] std::string_view name_of(NoiseSource source) noexcept;
 
-/// The force channel's own noise, white and coloured. No model is involved, so what a model lacks cannot
-/// hide in it. From the rests of the recordings (no motion for more than 10 s; a line and two decays are
-/// taken out of each: what relaxation leaves by then); without rests from how well strokes that repeat
-/// repeat, or from how smooth a stroke is (repetitions.hpp); without any of these from second differences,
-/// white only, which is a guess.
+/// The force channel's own noise, white and coloured. No model is involved, so that missing physics cannot be counted
+/// as noise. Measured in the rests of the recordings (no motion for more than 10 s; a line and two decays are taken out
+/// of each, for the relaxation that still goes on); without rests by the differences between strokes that repeat, or by
+/// the deviation of a stroke from a smooth curve (repetitions.hpp); without any of these by second differences, white
+/// only, which is a guess.
 struct InstrumentNoise {
   NoiseModel noise;
   NoiseModel weighing;  ///< what residuals are weighed by: the same from rests, else white (noise_of_bins)

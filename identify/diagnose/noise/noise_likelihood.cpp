@@ -7,6 +7,13 @@
 
 namespace isorig::identify {
 
+// With y the force of a sample, X its columns and V the covariance of the noise (constants left out)
+//
+//     ln L = -1/2 sum over samples [ ln|V| + ln|A| + y'V^-1 y - b'A^-1 b ],   A = X'V^-1 X,  b = X'V^-1 y
+//
+// (Patterson & Thompson 1971). V is never formed: a Kalman filter of the coloured state runs over X and y
+// alike, its innovations e_k have variance S_k (whiten.hpp), and so ln|V| = sum ln S_k and the Gram matrix of [X y]
+// under V^-1 is sum e_k e_k' / S_k.
 double noise_likelihood(std::span<const NoiseSample> samples, const NoiseModel& noise) {
   constexpr int kColumns = NoiseSample::kMostColumns;
   using Vector = Eigen::Matrix<double, kColumns + 1, 1>;
@@ -42,6 +49,8 @@ double noise_likelihood(std::span<const NoiseSample> samples, const NoiseModel& 
   return sum;
 }
 
+// One number: a step up or down by the factor exp(width), narrower each time; the likelihood of a single variance has
+// one maximum.
 NoiseModel fit_white_noise(std::span<const NoiseSample> samples, double start_N) {
   NoiseModel best{start_N, 0.0, 1.0};
   double best_score = noise_likelihood(samples, best);
@@ -74,6 +83,7 @@ NoiseModel fit_noise(std::span<const NoiseSample> samples, double start_N, doubl
   }
   climb(best, best_score, {.width = {0.1, 0.5, 0.6}, .passes = 12, .shortest_s = 0.01, .longest_s = longest_s},
         [&](const NoiseModel& noise) { return noise_likelihood(samples, noise); });
+  // Two numbers more than white noise, half a log of the rows each (Schwarz 1978).
   if (best_score - white_only < std::log(static_cast<double>(rows))) best = {all, 0.0, 1.0};
   return best;
 }

@@ -67,6 +67,9 @@ double floor_of(std::span<const Series> series) {
   return floor_N;
 }
 
+/// Gram and Schmidt's, one column after the other, each to mean square one: columns of different units would lose
+/// digits in the normal equations of noise_likelihood(). A column that others hold to all but 1e-6 of its square is
+/// left out.
 void orthogonalise(NoiseSample& sample) {
   constexpr double kOwn = 1e-6;
   for (std::size_t c = 0; c < NoiseSample::kMostColumns; ++c) {
@@ -87,6 +90,12 @@ void orthogonalise(NoiseSample& sample) {
   }
 }
 
+/// Reading k of the stroke against the earlier stroke at the same position, between its readings j and j + 1:
+///
+///     y_k = (F_k - (1 - w) F_j - w F_j+1) / sqrt(2)
+///     var y_k = white^2 / m_k,   2 / m_k = 1 / n_k + (1 - w)^2 / n_j + w^2 / n_j+1
+///
+/// with n the readings that a row stands for: m_k is what the sample says in `readings`.
 NoiseSample difference(const Track& track, const Stroke& stroke, const Stroke& earlier, double fastest_mm_s) {
   NoiseSample sample;
   const auto& slid_mm = track.slid_mm;
@@ -186,7 +195,10 @@ NoiseModel noise_of_bins(std::span<const Series> series, const NoiseModel& noise
   for (const Series& each : series) {
     for (std::size_t k = 0; k < each.nodes.size(); ++k) {
       if (each.count[k] == 0.0) continue;
-      // Mean of an Ornstein-Uhlenbeck process over the bin; the noise of band-limited bins is that of bins.
+      // The mean of an Ornstein-Uhlenbeck process of variance c^2 over a bin of length B has, with u = B / T, the
+      // variance
+      //     c^2 / B^2 * double integral of exp(-|s - t| / T) = c^2 * 2 (u - 1 + exp(-u)) / u^2.
+      // The noise of band-limited bins is already that of bins.
       const double rows = static_cast<double>(each.first_row[k + 1] - each.first_row[k]);
       const double u = each.excitation.width > 1 || rows < 2.0
                            ? 0.0
@@ -216,7 +228,8 @@ std::optional<NoiseModel> noise_within_strokes(std::span<const Series> series, d
             const double u = 2.0 * (t_s - first_s) / span_s - 1.0;
             std::array<double, NoiseSample::kMostColumns> row{1.0, u};
             for (std::size_t n = 1; n + 1 < row.size(); ++n) {
-              const auto m = static_cast<double>(n);  // Legendre
+              // Legendre's polynomials: (m + 1) P_m+1 = (2 m + 1) u P_m - m P_m-1
+              const auto m = static_cast<double>(n);
               row[n + 1] = ((2.0 * m + 1.0) * u * row[n] - m * row[n - 1]) / (m + 1.0);
             }
             piece.columns.push_back(row);

@@ -7,12 +7,11 @@
 
 namespace isorig::identify {
 
-/// What differs between a stroke and an earlier one in the same direction, at equal positions and nearly
-/// equal velocities: twice the noise and nothing that repeats, whatever physics it is (pure error by near
-/// replicates, Daniel & Wood 1971). Divided by the root of two, so that it is one sample of the noise. Level
-/// and slope (a drift, a softening) and what is linear in the differences of velocity, acceleration
-/// and pressure are the columns that are taken out. The first tenth of a stroke is left out: it remembers
-/// where the last one ended.
+/// The difference between a stroke and an earlier one in the same direction, at equal positions and nearly equal
+/// velocities: force that repeats cancels, whatever its law, and twice the variance of the noise remains (pure error by
+/// near replicates, Daniel & Wood 1971). Divided by the root of two, it is a sample of the noise. Level and slope (a
+/// drift, a softening) and what is linear in the differences of velocity, acceleration and pressure are the columns
+/// that are taken out. The first tenth of a stroke is left out: its force depends on where the stroke before ended.
 [[nodiscard]] std::vector<NoiseSample> repetitions(const Series& series);
 
 /// Strokes from one turning point to the next.
@@ -23,9 +22,9 @@ namespace isorig::identify {
 [[nodiscard]] std::optional<NoiseModel> noise_of_repetitions(std::span<const Series> series, double start_N);
 
 /// White noise that gives the bins, on average, the variance that `noise` gives them. Without rests, residuals are
-/// weighed by this instead of the coloured noise itself: whitening takes out what is slow and keeps what is fast, and
-/// the fastest part of a model's error stands at the turning points, where a law of friction errs most. They would
-/// decide the numbers.
+/// weighed by this instead of the coloured noise itself: whitening weakens slow parts of a residual and keeps fast
+/// ones, and the fastest part of a model's error is at the turning points, where laws of friction are least accurate.
+/// The turning points would then decide the fitted numbers.
 [[nodiscard]] NoiseModel noise_of_bins(std::span<const Series> series, const NoiseModel& noise);
 
 /// A motion that never rests and never comes back (a pendulum that swings out): every stroke, cut into pieces

@@ -3,9 +3,9 @@
 
 namespace isorig::identify {
 
-/// What the weights of the explanations claim, turned into how often such a claim is right. Weights speak of
-/// the catalogue alone; what it lacks can look like one of its entries. Fitted on development seeds of
-/// isorig-proof (docs/diagnosis.md has the numbers and the command that measures them again).
+/// Turns the weight of an explanation into the frequency with which such a claim is right. Weights compare entries of
+/// the catalogue alone; physics that it lacks can resemble one of them. Fitted on development seeds of isorig-proof
+/// (docs/diagnosis.md has the numbers and the command that measures them again).
 [[nodiscard]] inline double calibrated(double weight, double unexplained, bool unknown_left) noexcept {
   // Where something stays unexplained, every name found beside it may be a part of that.
   constexpr double kSurest = 0.985, kSurestBesideUnknown = 0.85;

@@ -5,10 +5,10 @@
 
 namespace isorig::identify {
 
-/// What `base` leaves, as a table of the one variable that predicts it best on stretches of the recording
-/// that the table has not seen (blocks in turn left out), its smoothness by the same measure. A table of
-/// position is also tried as an error of the position itself, which a viscous specimen tells from a force.
-/// Refitted jointly with the model. Empty when no variable predicts anything.
+/// The residual of `base` as a table of the single variable that predicts it best on stretches of the recording that
+/// the table was not fitted to (blocks left out in turn); its smoothness is chosen by the same measure. A table of
+/// position is also tried as an error of the position itself, which a viscous specimen tells from a force. Refitted
+/// jointly with the model. Empty when no variable predicts anything.
 [[nodiscard]] std::optional<Hypothesis> describe_unknown(const Search& search, const Hypothesis& base);
 
 [[nodiscard]] bool has_table(const model::ModelSpec& spec);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <optional>
 
 #include "identify/diagnose/fit/basis.hpp"
 
@@ -49,8 +50,9 @@ std::vector<double> event_times(const Problem& problem, const ModelSpec& spec, c
 }
 
 Fit refine_event(const Problem& problem, const Fit& from) {
-  // A time is refitted only where the coefficients alone bring it within kHopeless of the best, and taken only for a
-  // gain of kWorth: else a time that hardly matters would be followed through the whole recording.
+  // A candidate time is refitted only where the coefficients alone bring its score within kHopeless of the best, and
+  // taken only for a gain of kWorth. Without these thresholds the scan would follow an event that hardly changes the
+  // fit through the whole recording.
   constexpr double kHopeless = 10.0, kWorth = 0.05;
   const std::size_t time = model::event_parameter(*from.spec.parts.back().law);
   double step_s = 4.0;
@@ -73,6 +75,63 @@ Fit refine_event(const Problem& problem, const Fit& from) {
     if (!moved) step_s *= 0.4;
   }
   return problem.fit(best.spec, 15);
+}
+
+namespace {
+
+/// Squares that one more event has to take off (with_further_events), in units of what `fit` leaves.
+double price_of_event(const Fit& fit) {
+  const double rows = static_cast<double>(fit.rows);
+  return 4.0 * std::log(rows) * std::max(1.0, fit.chi2 / rows);
+}
+
+}  // namespace
+
+Fit with_further_events(const Problem& problem, const Fit& from,
+                        const std::function<bool(const ModelSpec&)>& may_stay) {
+  constexpr std::size_t kMost = 8, kTimes = 2;
+  Fit best = from;
+  const model::Law& law = *from.spec.parts.back().law;
+  const std::size_t time = model::event_parameter(law);
+  for (std::size_t count = 1; count < kMost; ++count) {
+    std::optional<Fit> more;
+    for (const double time_s : event_times(problem, best.spec, problem.noise(), law.traits.event_force_step, kTimes)) {
+      ModelSpec spec = best.spec;
+      spec.parts.push_back(spec.parts.back());
+      spec.parts.back().parameters[time] = time_s;
+      Fit fit = problem.fit(spec, 6);
+      if (!more || fit.chi2 < more->chi2) more = std::move(fit);
+    }
+    if (!more) break;
+    more = refine_event(problem, *more);
+    if (best.chi2 - more->chi2 < price_of_event(*more) || !may_stay(more->spec)) break;
+    best = std::move(*more);
+  }
+  return without_idle_events(problem, best);
+}
+
+Fit without_idle_events(const Problem& problem, const Fit& from) {
+  Fit best = from;
+  Eigen::VectorXd ignored;
+  for (;;) {
+    // The event that is missed least with the other numbers as they are; then all of them are fitted without it.
+    std::optional<ModelSpec> least;
+    double least_chi2 = 0.0;
+    const auto& parts = best.spec.parts;
+    for (std::size_t i = 0; i < parts.size(); ++i) {
+      if (!model::is_event(*parts[i].law) || std::ranges::count(parts, parts[i].law, &model::Part::law) < 2) continue;
+      ModelSpec rest = best.spec;
+      rest.parts.erase(rest.parts.begin() + static_cast<std::ptrdiff_t>(i));
+      const double chi2 = problem.solve(rest, ignored);
+      if (least && chi2 >= least_chi2) continue;
+      least_chi2 = chi2;
+      least = std::move(rest);
+    }
+    if (!least) return best;
+    Fit without = problem.fit(*least, 8);
+    if (without.chi2 - best.chi2 >= price_of_event(best)) return best;
+    best = std::move(without);
+  }
 }
 
 RowErrors row_errors(const ModelSpec& spec, const Series& series, const std::vector<bool>& usable) {

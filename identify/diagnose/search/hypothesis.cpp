@@ -11,6 +11,7 @@
 #include "identify/diagnose/search/resolution.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
+#include "model/length_scale.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -18,7 +19,7 @@ namespace {
 using model::ModelSpec;
 using model::Part;
 
-/// By enough to tell what grows with the pressure itself from what is there at any pressure.
+/// The pressure varies by enough to tell a force that grows with it from a force that is the same at every pressure.
 bool pressure_varies(std::span<const Series> series) {
   double low = 1e300, high = -1e300;
   for (const Series& each : series) {
@@ -56,7 +57,11 @@ Part started_part(const model::Physics& effect, const model::Law& law, std::size
   Part part = model::make_part(effect, law);
   for (std::size_t i = 0; i < law.parameters.size(); ++i) {
     const auto& starts = law.parameters[i].starts;
-    if (!starts.empty()) part.parameters[i] = starts[std::min(k, starts.size() - 1)];
+    if (starts.empty()) continue;
+    part.parameters[i] = starts[std::min(k, starts.size() - 1)];
+    if (law.parameters[i].traits.starts_are_shares_of_largest_force)
+      part.parameters[i] =
+          std::clamp(part.parameters[i] * recording.largest_force_N, law.parameters[i].lower, law.parameters[i].upper);
   }
   model::fill_from_recording(part, recording);
   return part;
@@ -114,7 +119,8 @@ std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
   const model::Reference& recording = series_[0].excitation.reference;
   for (const model::Physics* effect : model::effects()) {
     if (!may_be_tried(*effect, base, series_)) continue;
-    for (const model::Law& law : effect->laws) {
+    for (const model::Law& known : effect->laws) {
+      const model::Law& law = model::law_at(known, spec.length_scale);
       if (model::is_event(law)) {
         add_events(*effect, law, base, out);
         continue;
@@ -157,6 +163,15 @@ void Search::add_events(const model::Physics& effect, const model::Law& law, con
   }
 }
 
+void Search::add_further_events(std::vector<Trial>& trials, const InstrumentResolution& resolution) const {
+  Trial* best = nullptr;
+  for (Trial& trial : trials)
+    if (model::is_event(*trial.law) && (best == nullptr || trial.fit.chi2 < best->fit.chi2)) best = &trial;
+  if (best == nullptr || below_resolution(best->fit.spec, resolution)) return;
+  best->fit = with_further_events(instrument_problem_, best->fit,
+                                  [&](const ModelSpec& spec) { return !below_resolution(spec, resolution); });
+}
+
 std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep, bool thorough) const {
   std::vector<Trial> all = trials(base);
   // A few steps from every start, then all the way from the best of each effect.
@@ -176,8 +191,11 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
   base::parallel_for(chosen.size(), threads_, [&](std::size_t i) {
     Trial& trial = chosen[i];
     trial.fit = instrument_problem_.fit(trial.fit.spec, 30);
-    if (model::is_event(*trial.law)) trial.fit = refine_event(instrument_problem_, trial.fit);
+    trial.fit = model::is_event(*trial.law) ? refine_event(instrument_problem_, trial.fit)
+                                            : without_idle_events(instrument_problem_, trial.fit);
   });
+  const InstrumentResolution resolution = resolution_of(series_);
+  add_further_events(chosen, resolution);
   std::vector<Hypothesis> out(chosen.size());
   base::parallel_for(chosen.size(), threads_, [&](std::size_t i) {
     Hypothesis& hypothesis = out[i];
@@ -191,7 +209,6 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
   });
   // Of each effect the law with the best evidence.
   std::ranges::stable_sort(out, std::greater<>(), &Hypothesis::evidence);
-  const InstrumentResolution resolution = resolution_of(series_);
   std::vector<Hypothesis> best;
   for (Hypothesis& hypothesis : out) {
     if (below_resolution(hypothesis.fit.spec, resolution)) continue;
@@ -210,7 +227,7 @@ Hypothesis Search::without(const Hypothesis& whole, const model::Physics& effect
   auto& parts = out.fit.spec.parts;
   for (Part& part : parts) {
     if (part.physics != &effect || !part.law->traits.replaces_arm) continue;
-    // The linear arm that it stood for.
+    // The linear arm that the law had replaced.
     Part arm = model::make_part(model::element::maxwell(), model::element::maxwell().laws.front());
     arm.parameters[0] = part.parameters[0];
     arm.coefficients[0] = part.coefficients[0];

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "identify/diagnose/fit/fit.hpp"
+#include "identify/diagnose/search/resolution.hpp"
 
 namespace isorig::identify {
 
@@ -20,7 +21,7 @@ struct Hypothesis {
   [[nodiscard]] std::string key() const;  ///< "coulomb_friction+zero_drift"; "nominal"
 };
 
-/// A model can have this effect, `base` does not have it, and the recordings can show it.
+/// A model can have this effect, `base` lacks it, and the recordings can show it.
 [[nodiscard]] bool may_be_tried(const model::Physics& effect, const Hypothesis& base, std::span<const Series> series);
 
 /// The law's part with its k-th starts; a parameter with fewer keeps its last.
@@ -60,6 +61,8 @@ class Search {
     Fit fit;
   };
   [[nodiscard]] std::vector<Trial> trials(const Hypothesis& base) const;
+  /// To the best trial with an event.
+  void add_further_events(std::vector<Trial>& trials, const InstrumentResolution& resolution) const;
   void add_events(const model::Physics& effect, const model::Law& law, const Hypothesis& base,
                   std::vector<Trial>& out) const;
 

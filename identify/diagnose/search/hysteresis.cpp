@@ -11,6 +11,7 @@
 #include "identify/diagnose/search/published.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
+#include "model/length_scale.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -34,7 +35,8 @@ std::vector<Candidate> starts(const ModelSpec& base, double duration_s) {
   const auto add = [&](const model::Physics& physics, std::string_view law, std::vector<double> parameters,
                        std::string_view function_of) {
     Candidate candidate{base, function_of, 0.0};
-    candidate.spec.parts.push_back(model::make_part(physics, *model::find_law(physics, law)));
+    candidate.spec.parts.push_back(
+        model::make_part(physics, model::law_at(*model::find_law(physics, law), base.length_scale)));
     candidate.spec.parts.back().parameters = std::move(parameters);
     out.push_back(std::move(candidate));
   };
@@ -46,7 +48,7 @@ std::vector<Candidate> starts(const ModelSpec& base, double duration_s) {
   for (std::size_t arm = arms.size() > 1 ? 1 : 0; arm < arms.size(); ++arm)
     for (const double recovery_s : {5.0, 20.0, 80.0})
       for (const double travel_mm : {0.5, 3.0})
-        add(memory, "structure", {arms[arm], recovery_s, travel_mm},
+        add(memory, "structure", {arms[arm], recovery_s, travel_mm * base.length_scale},
             "structure (what motion broke and time has not healed)");
   for (double period_s = 0.12 * duration_s; period_s < 2.1 * duration_s; period_s *= 1.3)
     add(memory, "wave", {period_s}, "time since the start, as a wave");

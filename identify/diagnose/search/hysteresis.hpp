@@ -8,12 +8,11 @@
 
 namespace isorig::identify {
 
-/// What `selection` leaves unexplained, described by what was before: a branch that the specimen is on,
-/// structure that motion breaks, a wave in time, a force channel that rings
-/// (model/memory.cpp). Each beside the nominal model and beside the effects that were found, fitted jointly;
-/// each judged on blocks of the recordings that it was not fitted to, against what stands there now. Taken only when
-/// the mean gain over the blocks is more than one standard error, and a tenth of what is lacking: the
-/// simplest is what is there. Names and probabilities are not touched.
+/// The unexplained residual of `selection`, described by the history of the motion: a branch that the specimen is on,
+/// structure that motion breaks, a wave in time, a force channel that rings (model/memory.cpp). Each beside the nominal
+/// model and beside the effects that were found, fitted jointly; each judged on blocks of the recordings that it was
+/// not fitted to, against the explanation without it. Taken only when the mean gain over the blocks is more than one
+/// standard error and more than a tenth of the unexplained squares. Names and probabilities do not change.
 struct HysteresisDescription {
   model::ModelSpec spec;
   std::string function_of;

@@ -8,6 +8,7 @@
 #include "identify/diagnose/search/practical_significance.hpp"
 #include "identify/diagnose/search/published.hpp"
 #include "model/catalogue.hpp"
+#include "model/length_scale.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -20,7 +21,7 @@ std::size_t numbers(const model::Law& law) {
   return count;
 }
 
-/// A number of the law that might as well not be there.
+/// A number without which the law is a simpler one, and that the data do not need.
 bool idle(const model::Part& part, const std::vector<NamedValue>& values) {
   const model::Law& law = *part.law;
   for (std::size_t i = 0; i < values.size(); ++i) {
@@ -55,7 +56,8 @@ void prefer_simpler_laws(Selection& selection, const Search& search) {
       if (!gives_way && !description) break;
       Hypothesis best;
       bool found = false;
-      for (const model::Law& law : effect->laws) {
+      for (const model::Law& known : effect->laws) {
+        const model::Law& law = model::law_at(known, chosen.fit.spec.length_scale);
         if (numbers(law) >= numbers(*at->law) || law.traits.replaces_arm != at->law->traits.replaces_arm) continue;
         std::size_t starts = 1;
         for (const auto& parameter : law.parameters) starts = std::max(starts, parameter.starts.size());

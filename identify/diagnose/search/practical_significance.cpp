@@ -18,8 +18,8 @@ double size_N(const Search& search, const Hypothesis& with, const Hypothesis& wi
 
 namespace {
 
-/// Noise of a reading as measured, or less where the explanation leaves less: without rests, what a drift or a
-/// softening changes between two strokes passes for noise.
+/// Noise of a reading as measured, or the residual of the explanation if that is smaller: without rests, the change
+/// that a drift or a softening makes between two strokes is counted as noise.
 double noise_left_N(const Search& search, const Hypothesis& chosen, const SelectionOptions& options) {
   const double weighed_N = std::hypot(search.instrument().white_N, search.instrument().coloured_N);
   const double left = chosen.ls_chi2 / static_cast<double>(chosen.fit.rows);
@@ -51,7 +51,8 @@ void discount_insignificant_effects(Selection& selection, const Search& search, 
     // them is too many.
     const model::Physics* smallest = nullptr;
     for (const auto* effect : effects)
-      if (sizes[effect] < first && !done.contains(effect) && (smallest == nullptr || sizes[effect] < sizes[smallest]))
+      if (sizes[effect] < first && !done.contains(effect) && !is_refined(selection.pool[chosen], *effect) &&
+          (smallest == nullptr || sizes[effect] < sizes[smallest]))
         smallest = effect;
     if (smallest == nullptr) break;
     done.insert(smallest);

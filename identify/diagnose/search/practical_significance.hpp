@@ -3,20 +3,20 @@
 
 namespace isorig::identify {
 
-/// How much of the force an effect stands for: 99th percentile over the bins of what the explanation changes
-/// by when the effect is left out and all the rest refitted.
+/// The size of an effect: 99th percentile over the bins of the change in force when the effect is left out and
+/// everything else is refitted.
 [[nodiscard]] double size_N(const Search& search, const Hypothesis& with, const Hypothesis& without);
 
-/// Statistical significance is not enough to name a second effect. The law found for the first is never quite the
-/// right one: it errs by about two noises of a reading and by 8 % of all that the nominal model lacked. With 30 000
-/// readings, whatever effect takes up such an error best is significant. So an effect beside a larger one is believed
+/// Statistical significance is not enough to name a second effect. The law found for the first is never exactly right:
+/// its error is about two noises of a reading and 8 % of the largest effect. With 30 000 readings, the effect that fits
+/// such an error best is statistically significant. An effect beside a larger one is therefore believed
 ///
 ///     with odds (size / e)^4,   e = hypot(2 noise, 0.08 largest)
 ///
-/// and the rest of its weight goes to the explanation without it, which becomes the answer when it then weighs more:
-/// the smallest effect first, then what remains is looked at anew. The noise is as measured, or what the explanation
-/// leaves if that is less. The fourth power is fitted: it takes an effect of half the error's size to 6 % and of twice
-/// its size to 94 %.
+/// and the rest of its weight goes to the explanation without it, which becomes the answer if it then has more weight.
+/// The smallest effect is judged first, then the others again. The noise is as measured, or the residual of the
+/// explanation if that is smaller. The fourth power is fitted: it takes an effect of half the error's size to 6 % and
+/// of twice its size to 94 %.
 void discount_insignificant_effects(Selection& selection, const Search& search, const SelectionOptions& options);
 
 }  // namespace isorig::identify

@@ -14,7 +14,7 @@ namespace {
 
 constexpr int kIterations = 15;
 
-/// Every bin counts by its rows and not by the readings that these stand for.
+/// Weights every bin by its number of rows, not by the number of readings that went into them.
 std::vector<Series> with_rows_alike(std::span<const Series> kept) {
   std::vector<Series> out(kept.begin(), kept.end());
   for (Series& each : out)

@@ -16,11 +16,11 @@ struct PublishedNominal {
   Criterion criterion;
 };
 
-/// The search compares explanations by likelihood, each under the noise that it was left with. A model that lacks much
-/// is left with a noise that wanders, and generalised least squares under such a noise fit the differences from one
-/// reading to the next and give up the force itself. That is right for weighing, where the wandering part is what an
-/// effect will explain, and wrong for numbers that somebody is to predict with. Those are the ordinary least squares of
-/// the usable rows, from many starts, as soon as they leave clearly less: under noise alone the two agree.
+/// The search compares explanations by likelihood, each under a noise estimated from its own residual. The residual of
+/// a model that lacks much wanders slowly, and generalised least squares under such a noise fit the differences between
+/// neighbouring readings at the expense of the force itself. That is right for weighing explanations and wrong for
+/// predictions. Published numbers are therefore the ordinary least squares of the usable rows, from many starts,
+/// wherever their residual is clearly smaller; under noise alone both fits agree.
 [[nodiscard]] PublishedNominal published_nominal(const Search& search, const Selection& selection,
                                                  std::span<const std::vector<bool>> usable, unsigned threads);
 
@@ -46,8 +46,9 @@ struct PublishedNominal {
 ///
 ///     min( (Q0 - Q)/2 - k/2 ln n,  d/2 ln(1 + (Q0 - Q) / (max(Q - n, 0) + 40)) ) > prior cost
 ///
-/// else the nominal model is what is learnt. A dead time is not there to be learnt from motions so slow that it makes
-/// no difference; what a fit makes of it there says nothing of the model. What is learnt says which ranges it has seen.
+/// else the nominal model is what is learnt. A dead time cannot be fitted to motions so slow that it makes no
+/// difference; the value that a fit gives it there says nothing about the model. What is learnt says which ranges it
+/// has seen.
 [[nodiscard]] Learner learn_again_if_shown(model::ModelSpec spec, Criterion criterion, const model::ModelSpec& nominal,
                                            Criterion nominal_criterion);
 

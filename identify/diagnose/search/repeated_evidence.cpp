@@ -7,7 +7,9 @@
 #include <set>
 
 #include "identify/diagnose/fit/blocks.hpp"
+#include "identify/diagnose/fit/many_starts.hpp"
 #include "identify/diagnose/fit/moves.hpp"
+#include "identify/diagnose/search/published.hpp"
 #include "identify/diagnose/search/without_effect.hpp"
 #include "model/catalogue.hpp"
 
@@ -48,8 +50,9 @@ double normal_deviate(const Statistic& statistic) {
 
 }  // namespace
 
-std::optional<double> agreement(const Search& search, const Hypothesis& with, const Hypothesis& without) {
-  const Problem problem(search.instrument_problem().series(), with.fit.noise);
+std::optional<double> agreement(const Search& search, const Hypothesis& with, const Hypothesis& without,
+                                const NoiseModel& noise) {
+  const Problem problem(search.instrument_problem().series(), noise);
   const Eigen::VectorXd predicted = problem.predict(with.fit.spec);
   RowMatrix both(predicted.size(), 2);
   both.col(0) = predicted - problem.predict(without.fit.spec);
@@ -85,9 +88,11 @@ void discount_unrepeated_effects(Selection& selection, const Search& search, con
     const std::size_t chosen = selection.best;
     const auto effects = selection.pool[chosen].effects;
     for (const auto* effect : effects) {
-      if (!done.insert(effect).second) continue;
+      if (is_refined(selection.pool[chosen], *effect) || !done.insert(effect).second) continue;
       const std::size_t rest = without_effect(selection, search, chosen, *effect);
-      const std::optional<double> z = agreement(search, selection.pool[chosen], selection.pool[rest]);
+      const NoiseModel noise =
+          least_squares_decide(selection) ? plain(search.instrument()) : selection.pool[chosen].fit.noise;
+      const std::optional<double> z = agreement(search, selection.pool[chosen], selection.pool[rest], noise);
       if (!z) continue;
       const double log_odds = 0.5 * *z * *z - prior_cost(*effect, options) - looks;
       if (log_odds > kSureLogOdds) continue;

@@ -5,12 +5,12 @@
 
 namespace isorig::identify {
 
-/// How surely an effect is there, by whether the strokes of the recording agree on it.
+/// The evidence for an effect by the agreement of the recording's strokes.
 ///
-/// A likelihood believes its noise. Where the force wanders more slowly than a rest or a stroke shows, or hums at a
-/// frequency that the sampling folds down, the noise is taken for smaller than it is, and the effect that takes up such
-/// a wander best is "significant". The strokes know better: one that wants the effect and one that does not disagree.
-/// With r what the explanation leaves (whitened), c what it changes by when the effect is left out and all the rest
+/// A likelihood takes its noise as given. Where the force wanders more slowly than a rest or a stroke lasts, or hums at
+/// a frequency that the sampling folds down, the noise is underestimated, and the effect that follows such a wander
+/// best looks significant. Its fitted size then differs from stroke to stroke by more than the noise allows. With r the
+/// whitened residual of the explanation, c the change of its force when the effect is left out and everything else is
 /// refitted, and sums over the bins of stroke b of B,
 ///
 ///     s   = 1 + c'r / c'c                       share of the effect that the readings want; 1 where the fit is done
@@ -21,7 +21,12 @@ namespace isorig::identify {
 /// normal distribution that is as improbable. It does not depend on the level of the noise, only on its colour. The
 /// strokes are those of blocks.hpp; where moves (a ramp with its hold and return) disagree more, it is the moves that
 /// count. Empty with fewer than eight of both: their disagreement says nothing then.
-[[nodiscard]] std::optional<double> agreement(const Search& search, const Hypothesis& with, const Hypothesis& without);
+///
+/// `noise` whitens: the one that `with` was fitted under, so that what it leaves is as independent as it can be. Where
+/// plain least squares decide (published.hpp), what is left is the law's own error, whose colour is that of the turning
+/// points; whitened by it they alone would be asked. There the noise is the instrument's as if it were white.
+[[nodiscard]] std::optional<double> agreement(const Search& search, const Hypothesis& with, const Hypothesis& without,
+                                              const NoiseModel& noise);
 
 /// Takes the weight of effects that strokes do not agree on to the explanations without them: no effect of the chosen
 /// explanation keeps odds above

@@ -32,6 +32,12 @@ std::vector<std::size_t> ranked(const std::vector<Hypothesis>& pool, std::size_t
   return order;
 }
 
+std::size_t events(const Hypothesis& hypothesis, const model::Physics& effect) {
+  return static_cast<std::size_t>(std::ranges::count_if(hypothesis.fit.spec.parts, [&](const model::Part& part) {
+    return part.physics == &effect && model::is_event(*part.law);
+  }));
+}
+
 double block_median(const Eigen::VectorXd& residual) {
   constexpr Eigen::Index kBlocks = 80;
   std::vector<double> means;
@@ -48,7 +54,9 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
   const auto& pool = selection.pool;
   std::vector<double> cost(pool.size(), 0.0);
   for (std::size_t i = 0; i < pool.size(); ++i) {
-    for (const auto* effect : pool[i].effects) cost[i] += prior_cost(*effect, options);
+    // Each event as often as it happens: that a grip slips eight times is as rare as eight effects.
+    for (const auto* effect : pool[i].effects)
+      cost[i] += prior_cost(*effect, options) * static_cast<double>(std::max<std::size_t>(events(pool[i], *effect), 1));
   }
   for (std::size_t i = 0; i < pool.size(); ++i)
     if (!pool[i].empirical.empty()) cost[i] += options.unknown_cost;
@@ -108,12 +116,17 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
 }
 
 Selection select_effects(const Search& search, const model::ModelSpec& nominal, const SelectionOptions& options) {
+  const auto now = [&](double fraction) {
+    if (options.on_progress) options.on_progress(fraction);
+  };
   Selection selection;
   auto& pool = selection.pool;
   pool.push_back(search.nominal(nominal));
+  now(0.05);
   add(pool, search.extend(pool.front(), 5, true));
   double best = pool.front().evidence;
   for (std::size_t size = 1; size < options.most_effects; ++size) {
+    now(size == 1 ? 0.35 : 0.7);
     const auto order = ranked(pool, size);
     if (order.empty() || pool[order.front()].evidence < best + options.least_gain) break;
     best = pool[order.front()].evidence;
@@ -121,18 +134,20 @@ Selection select_effects(const Search& search, const model::ModelSpec& nominal, 
     const auto larger = ranked(pool, size + 1);
     // More of the beam only where one more effect explains more at all.
     if (larger.empty() || pool[larger.front()].evidence < best + options.least_gain) break;
-    // If the first effect explains all but 2 % of what the nominal model leaves, every explanation has it. Else the
-    // next best single effects are extended, too: the best pair need not contain the best single.
+    // If the first effect explains all but 2 % of the nominal model's squares, every explanation has it. Else the next
+    // best single effects are extended, too: the best pair need not contain the best single.
     if (size == 1 && pool[order.front()].ls_chi2 < 0.02 * pool.front().ls_chi2) continue;
     for (std::size_t b = 1; b < std::min<std::size_t>(order.size(), size == 1 ? 4 : 2); ++b) {
       const Hypothesis base = pool[order[b]];
       add(pool, search.extend(base, 2, false));
+      now((size == 1 ? 0.45 : 0.7) + 0.08 * static_cast<double>(b));
     }
   }
+  now(0.8);
   weigh(selection, search, options);
 
-  // Where the best set still leaves much, a table of one variable is tried, beside the nominal model and beside that
-  // set; then all compete again.
+  // Where the best set has a large excess, a table of one variable is tried, beside the nominal model and beside that
+  // set; then all are weighed again.
   const double rows = static_cast<double>(selection.nominal().fit.rows);
   if (selection.excess[selection.best] > std::max(0.05 * rows, 150.0)) {
     std::vector<Hypothesis> described;
@@ -142,6 +157,7 @@ Selection select_effects(const Search& search, const model::ModelSpec& nominal, 
     for (Hypothesis& hypothesis : described) pool.push_back(std::move(hypothesis));
     weigh(selection, search, options);
   }
+  now(0.9);
   discount_unrepeated_effects(selection, search, options);
   discount_insignificant_effects(selection, search, options);
   return selection;

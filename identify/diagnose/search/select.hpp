@@ -1,4 +1,5 @@
 #pragma once
+#include <functional>
 #include <limits>
 #include <map>
 #include <string>
@@ -56,6 +57,8 @@ struct SelectionOptions {
   /// largest effect in it (practical_significance.hpp).
   double model_error_noises = 2.0;
   double model_error_share = 0.08;
+  /// Called as the selection goes on, with the part of its usual time that has gone.
+  std::function<void(double fraction)> on_progress{};
 };
 
 /// Whitened squares per reading beyond which the laws' own error decides, not the noise: three noises.

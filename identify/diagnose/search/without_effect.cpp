@@ -18,8 +18,8 @@ std::optional<std::size_t> find_in_pool(const Selection& selection, const std::v
   return static_cast<std::size_t>(same - selection.pool.begin());
 }
 
-/// Refitted without the effect, another one may stand at the bound where it is a third: then it is the explanation with
-/// that third, if somebody has tried it.
+/// Refitted without the effect, another effect may stand at the bound where its law is a third effect. The explanation
+/// is then the one with that third effect, if it was tried.
 std::optional<std::size_t> under_right_names(const Selection& selection, const Hypothesis& hypothesis) {
   std::vector<const model::Physics*> effects;
   for (const auto* effect : hypothesis.effects) effects.push_back(&effect_at_bound(hypothesis.fit.spec, *effect));
@@ -67,6 +67,11 @@ void count_weights(Selection& selection) {
   selection.probability.clear();
   for (std::size_t i = 0; i < selection.pool.size(); ++i)
     for (const auto* effect : selection.pool[i].effects) selection.probability[effect] += selection.weight[i];
+}
+
+bool is_refined(const Hypothesis& explanation, const model::Physics& effect) {
+  return std::ranges::any_of(explanation.effects,
+                             [&](const model::Physics* other) { return other->traits.refines == effect.name; });
 }
 
 }  // namespace isorig::identify

@@ -18,4 +18,8 @@ bool move_weight(Selection& selection, const Search& search, const model::Physic
 /// After weights have moved: which explanation weighs most, and how probable each effect is.
 void count_weights(Selection& selection);
 
+/// One of the explanation's effects refines this one (PhysicsTraits::refines) and is nothing without it: that one is to
+/// be judged first. Without dry friction, what its growth with the pressure adds would be another law.
+[[nodiscard]] bool is_refined(const Hypothesis& explanation, const model::Physics& effect);
+
 }  // namespace isorig::identify

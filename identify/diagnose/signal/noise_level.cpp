@@ -9,6 +9,9 @@
 
 namespace isorig::identify {
 
+// With s = (t_k - t_k-1) / (t_k+1 - t_k-1), the distance of a reading from the line through its neighbours,
+// y_k - (1 - s) y_k-1 - s y_k+1, has the variance noise^2 (1 + s^2 + (1 - s)^2). The median of many such distances,
+// over Phi^-1(3/4), is a standard deviation that corners and outliers do not change (Rousseeuw & Croux 1993).
 double white_noise(std::span<const double> t_s, std::span<const double> reading) {
   std::vector<double> bends;
   bends.reserve(t_s.size());
@@ -20,6 +23,8 @@ double white_noise(std::span<const double> t_s, std::span<const double> reading)
   return bends.empty() ? 0.0 : base::quantile(std::move(bends), 0.5) / base::kNormalQuartile;
 }
 
+// All differences are whole multiples of the smallest, to a twentieth of it; multiples beyond 1e4 say nothing, since
+// rounding of the decimal text adds up there.
 double quantisation(std::span<const double> reading) {
   double smallest = std::numeric_limits<double>::infinity();
   const std::size_t count = std::min<std::size_t>(reading.size(), 20000);

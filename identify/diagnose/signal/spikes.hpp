@@ -4,10 +4,10 @@
 
 namespace isorig::identify {
 
-/// RowWeights that jump away from their neighbours and back, alone or up to three together: at least eight
-/// noises off the straight line of the readings on either side, who agree with each other four times better
-/// (a corner of the motion bends them too). Rows already out of `usable` are not looked at; rows found leave
-/// it.
+/// Readings that jump away from their neighbours and back, alone or up to three together: at least eight noises off the
+/// straight line through the readings on either side, which lie four times nearer to that line themselves (at a corner
+/// of the motion they do not). Rows that `usable` leaves out are skipped; rows that are found are taken out of
+/// `usable`.
 struct Spikes {
   std::vector<std::size_t> rows;
   double largest = 0.0;

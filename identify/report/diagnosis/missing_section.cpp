@@ -1,9 +1,13 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <utility>
 
+#include "identify/diagnose/fit/free_parameters.hpp"
 #include "identify/report/diagnosis/argument.hpp"
 #include "identify/report/diagnosis/effect_words.hpp"
 #include "model/catalogue.hpp"
+#include "model/length_scale.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -32,15 +36,58 @@ std::string unit_text(const model::NumberSheet* sheet) {
 std::string bound_text(const model::Law& law, const NamedValue& value) {
   for (const auto& p : law.parameters) {
     if (p.name != value.name || p.fixed) continue;
-    const double room = 1e-3 * (p.upper - p.lower);
-    if (value.value <= p.lower + room) return "It stands at the lower end of its range: the law may be another one. ";
-    if (value.value >= p.upper - room) return "It stands at the upper end of its range: the law may be another one. ";
+    // As it is searched: a number over decades stands at its bound within a thousandth of the decades.
+    const double low = to_search(p, p.lower), high = to_search(p, p.upper);
+    const double share = (to_search(p, value.value) - low) / (high - low);
+    if (share <= 1e-3) return "It stands at the lower end of its range: the law may be another one. ";
+    if (share >= 1.0 - 1e-3) return "It stands at the upper end of its range: the law may be another one. ";
   }
   return {};
 }
 
-Figure shape_figure(const Argument& a, std::size_t part, const std::vector<NamedValue>& numbers,
-                    const std::string& words) {
+/// "velocity (mm/s)" of "rate_mm_s".
+std::string axis_text(std::string_view of) {
+  constexpr std::array<std::pair<std::string_view, std::string_view>, 8> labels{
+      {{"rate_mm_s", "velocity (mm/s)"},
+       {"position_mm", "position (mm)"},
+       {"time_s", "time (s)"},
+       {"time_since_step_s", "time since a step began (s)"},
+       {"pressure_psi", "pressure (psi)"},
+       {"travel_mm", "travel (mm)"},
+       {"load_N", "force without it (N)"},
+       {"acceleration_mm_s2", "acceleration (mm/s2)"}}};
+  const auto found = std::ranges::find(labels, of, &std::pair<std::string_view, std::string_view>::first);
+  return std::string(found == labels.end() ? of : found->second);
+}
+
+std::string list_text(const std::vector<std::string_view>& words) {
+  std::string out;
+  for (const std::string_view word : words) out += (out.empty() ? "" : ", ") + std::string(word);
+  return out;
+}
+
+Panel shape_panel(const Shape& shape, const std::string& words) {
+  report::Series band;
+  band.label = "95 % by its numbers";
+  band.mark = Mark::kBand;
+  band.color = 1;
+  band.x = shape.x;
+  band.y = shape.low95;
+  band.y2 = shape.high95;
+  report::Series line;
+  line.label = words;
+  line.color = 1;
+  line.x = shape.x;
+  line.y = shape.y;
+  Panel panel{.x_label = axis_text(shape.of), .y_label = "force it adds (N)"};
+  // There and back a band would cross itself.
+  if (std::ranges::is_sorted(shape.x)) panel.series.push_back(std::move(band));
+  panel.series.push_back(std::move(line));
+  return panel;
+}
+
+Figure shape_figure(const Argument& a, std::size_t part, const MissingEffect& missing, const std::string& words) {
+  const std::vector<NamedValue>& numbers = missing.parameters;
   const Series& series = a.study.series[a.stretch.series];
   const Contribution all = contribution(series, a.study.diagnosis, part, numbers);
   const double margin = 0.5 * (a.stretch.to_s - a.stretch.from_s);
@@ -67,15 +114,13 @@ Figure shape_figure(const Argument& a, std::size_t part, const std::vector<Named
   Panel over_time{.x_label = "time (s)", .y_label = "force it adds (N)"};
   over_time.series = {band, line};
   over_time.shaded = {{a.stretch.from_s, a.stretch.to_s}};
-  Panel over_position{.x_label = "position (mm)", .y_label = "force it adds (N)"};
-  over_position.series = {path(all.t_s, all.position_mm, all.force_N, words, 1)};
   return {
       "shape-" + std::to_string(part),
       "What " + words +
           " does to the force, by the fitted law: the model's force minus that without it. Left round the stretch "
-          "above, with the band that its numbers' 95 % intervals give (one at a time, added in squares); right over "
-          "the position, whole recording.",
-      {over_time, over_position},
+          "above, with the band that its numbers' 95 % intervals give (one at a time, added in squares); right in a "
+          "motion through the recorded range, over what it depends on, with the band of all fitted numbers.",
+      {over_time, shape_panel(missing.shape, words)},
       2};
 }
 
@@ -83,7 +128,7 @@ void numbers_table(Page& page, const model::Law& law, const std::vector<NamedVal
   std::vector<std::vector<std::string>> rows;
   for (const NamedValue& value : numbers) {
     const auto* sheet = sheet_of(law, value.name);
-    rows.push_back({value.name, report::interval_text(value.value, value.low, value.high), unit_text(sheet),
+    rows.push_back({value.key(), report::interval_text(value.value, value.low, value.high), unit_text(sheet),
                     sheet == nullptr ? std::string() : std::string(sheet->what),
                     bound_text(law, value) + (sheet == nullptr ? std::string() : std::string(sheet->errors))});
   }
@@ -103,12 +148,15 @@ void add_effect(Page& page, const Argument& a, const MissingEffect& missing, std
   page.subheading(words);
   page.paragraph(std::string(missing.effect->what));
   const model::Law* law = model::find_law(*missing.effect, missing.law);
-  if (law != nullptr) page.equation(law->formula);
-  page.facts({{"How sure", sure_text(missing.probability), "probability " + number_text(missing.probability, 3)},
-              {"How large", number_text(missing.size_N, 3) + " N rms",
-               number_text(d.noise_N > 0.0 ? missing.size_N / d.noise_N : std::nan(""), 2) + " times the noise"},
-              {"Acts on", std::string(model::side_of(missing.effect->stage))},
-              {"In the catalogue", std::string(missing.effect->name), "law " + missing.law}});
+  if (law != nullptr) law = &model::law_at(*law, d.model.length_scale);
+  page.equation(missing.formula);
+  page.facts(
+      {{"How sure", sure_text(missing.probability), "probability " + number_text(missing.probability, 3)},
+       {"How large", number_text(missing.size_N, 3) + " N, 99 % of the readings stay below",
+        number_text(d.noise_N > 0.0 ? missing.size_N / d.noise_N : std::nan(""), 2) + " times the noise"},
+       {"Acts on", std::string(missing.effect->traits.acts_on), std::string(model::side_of(missing.effect->stage))},
+       {"Depends on", list_text(missing.effect->traits.depends_on)},
+       {"In the catalogue", std::string(missing.effect->name), "law " + missing.law}});
   const bool modelled =
       std::ranges::find(d.not_modelled.names, std::string(missing.effect->name)) == d.not_modelled.names.end();
   std::size_t part = d.model.parts.size();
@@ -116,7 +164,7 @@ void add_effect(Page& page, const Argument& a, const MissingEffect& missing, std
     if (d.model.parts[i].physics == missing.effect && !drawn[i]) part = std::min(part, i);
   if (part < d.model.parts.size()) {
     drawn[part] = true;
-    page.figure(shape_figure(a, part, missing.parameters, words));
+    page.figure(shape_figure(a, part, missing, words));
   }
   if (law != nullptr) numbers_table(page, *law, missing.parameters);
   page.note("What would show it, and what it is mistaken for: " + std::string(missing.effect->reveals),

@@ -9,7 +9,6 @@ namespace {
 
 using report::Figure;
 using report::Mark;
-using report::number_text;
 using report::Page;
 using report::Panel;
 

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "model/catalogue.hpp"
+
 namespace isorig::identify {
 namespace {
 
@@ -28,6 +30,14 @@ double* number_of(model::Part& part, const std::string& name) {
     if (part.law->parameters[i].name == name) return &part.parameters[i];
   for (std::size_t i = 0; i < part.law->coefficients.size(); ++i)
     if (part.law->coefficients[i].name == name) return &part.coefficients[i];
+  return nullptr;
+}
+
+/// The part of that number, counted from `first` on over parts of the same physics; null when there are fewer.
+model::Part* part_of(model::ModelSpec& spec, std::size_t first, int number) {
+  const model::Physics* physics = spec.parts[first].physics;
+  for (std::size_t i = first; i < spec.parts.size(); ++i)
+    if (spec.parts[i].physics == physics && --number == 0) return &spec.parts[i];
   return nullptr;
 }
 
@@ -100,7 +110,11 @@ Contribution contribution(const Series& series, const Diagnosis& d, std::size_t 
   const auto without = [&](const model::ModelSpec& whole) {
     if (whole.parts[part].law->traits.replaces_arm) return force_of(d.nominal, series);
     model::ModelSpec rest = whole;
-    rest.parts.erase(rest.parts.begin() + static_cast<std::ptrdiff_t>(part));
+    const model::Physics* physics = whole.parts[part].physics;
+    if (model::is_effect(*physics))  // all of its parts
+      std::erase_if(rest.parts, [&](const model::Part& each) { return each.physics == physics; });
+    else
+      rest.parts.erase(rest.parts.begin() + static_cast<std::ptrdiff_t>(part));
     return force_of(rest, series);
   };
   const auto base = without(d.model);
@@ -111,8 +125,9 @@ Contribution contribution(const Series& series, const Diagnosis& d, std::size_t 
     std::vector<double> most(base.size(), 0.0);
     for (const double end : {number.low, number.high}) {
       model::ModelSpec other = d.model;
-      double* value = number_of(other.parts[part], number.name);
-      if (value == nullptr || !may_be(other.parts[part], number.name, end)) continue;
+      model::Part* of = part_of(other, part, number.part);
+      double* value = of == nullptr ? nullptr : number_of(*of, number.name);
+      if (value == nullptr || !may_be(*of, number.name, end)) continue;
       *value = end;
       const auto moved = difference(force_of(other, series), base);
       for (std::size_t k = 0; k < most.size(); ++k) most[k] = std::max(most[k], std::abs(moved[k] - out.force_N[k]));

@@ -11,7 +11,6 @@ namespace {
 
 using report::Figure;
 using report::Mark;
-using report::Mood;
 using report::number_text;
 using report::Page;
 using report::Panel;
@@ -136,7 +135,7 @@ void add_untellable(Page& page, const Diagnosis& d) {
   for (const MissingEffect& missing : d.missing)
     for (const NamedValue& value : missing.parameters)
       if (!std::isfinite(value.low) || !std::isfinite(value.high))
-        items.push_back(effect_words(missing.effect->name) + ": " + value.name +
+        items.push_back(effect_words(missing.effect->name) + ": " + value.key() +
                         " is known to one side only, or not at all.");
   for (const std::string& note : d.notes) items.push_back(note);
   if (!d.heldout.all)
@@ -224,6 +223,7 @@ void add_rivals(Page& page, const Argument& a) {
     const double excess = nominal == nullptr ? 0.0 : nominal->excess;
     if (d.verdict != Verdict::kConsistent && excess > 0.0) page.figure(rivals_figure(d, excess));
     std::vector<std::vector<std::string>> rows;
+    rows.reserve(shown.size());
     for (const Explanation* e : shown)
       rows.push_back({explanation_words(e->key), weight_text(e->weight), number_text(e->log_evidence, 6),
                       excess > 0.0 ? number_text(100.0 * std::max(0.0, e->excess) / excess, 3) : "-",

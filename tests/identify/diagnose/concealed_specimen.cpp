@@ -59,15 +59,14 @@ messages::Recording run(const ConcealedSpecimen& b, Script script, bool noise) {
     pressure[i] = wander;
   }
   double arm = 0.0, second = 0.0, bristle = 0.0, seen = x[0], travel = 0.0, lagged = 0.0, entering = 0.0, colour = 0.0;
-  bool slipped = false;
   double largest_mm = x[0], largest_elongation_mm = std::fabs(x[0] + b.elongation_at_zero_mm);
   for (std::size_t i = 0; i < n; ++i) {
     const double t = static_cast<double>(i) * kStep_s;
     const double before = seen;
     seen = std::clamp(seen, x[i] - 0.5 * b.gap_mm, x[i] + 0.5 * b.gap_mm);
     if (b.slip_mm > 0.0) {
-      slipped = t >= b.slip_s;
-      seen = x[i] - (slipped ? b.slip_mm : 0.0);
+      seen = x[i] - (t >= b.slip_s ? b.slip_mm : 0.0);
+      for (const auto& [slip_s, slip_mm] : b.further_slips) seen -= t >= slip_s ? slip_mm : 0.0;
     }
     const double dx = i == 0 ? 0.0 : seen - before;
     travel += std::fabs(dx);

@@ -1,6 +1,7 @@
 #pragma once
 #include <functional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "messages/recording.hpp"
@@ -27,6 +28,7 @@ struct ConcealedSpecimen {
   double mass_kg = 0.0;
   double drift_N_h = 0.0;
   double slip_mm = 0.0, slip_s = 0.0;
+  std::vector<std::pair<double, double>> further_slips = {};  ///< time (s), slip (mm)
   double gap_mm = 0.0;
   bool slack = false;
   double fung_1_mm = 0.0;                                    ///< the arm is driven by exp(b x) dx instead of dx

@@ -172,7 +172,8 @@ TEST(InsignificantEffects, OfTwoThatStandInForEachOtherOneStays) {
 
 std::optional<double> agreement_on_drift(const test::ConcealedSpecimen& specimen) {
   const Searched on(test::record_other(specimen));
-  return agreement(on.search, on.with({{"zero_drift", "linear"}}), on.with({}));
+  const Hypothesis with = on.with({{"zero_drift", "linear"}});
+  return agreement(on.search, with, on.with({}), with.fit.noise);
 }
 
 // z of one number that is not there is the size of a standard normal deviate: the mean of 24 squares is 1 with a
@@ -227,6 +228,17 @@ const model::Law* law_after(const Searched& on, std::string_view name, std::stri
   for (const model::Part& part : selection.chosen().fit.spec.parts)
     if (part.physics == &effect(name)) return part.law;
   return nullptr;
+}
+
+TEST(RepeatedEvidence, AnEffectIsNotJudgedWhileAnotherRefinesIt) {
+  const model::Physics& friction = *model::find_physics("coulomb_friction");
+  const model::Physics& with_pressure = *model::find_physics("friction_with_pressure");
+  Hypothesis both;
+  both.effects = {&friction, &with_pressure};
+  EXPECT_TRUE(is_refined(both, friction)) << "it would leave friction_with_pressure alone, which is another law";
+  EXPECT_FALSE(is_refined(both, with_pressure));
+  both.effects = {&friction};
+  EXPECT_FALSE(is_refined(both, friction));
 }
 
 TEST(SimplerLaws, ACoefficientWhoseIntervalHoldsZeroGoes) {

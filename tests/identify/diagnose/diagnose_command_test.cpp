@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <sys/wait.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
@@ -229,8 +230,8 @@ TEST_F(DiagnoseCommand, RefusesWhatIsTooLittleToJudge) {
   slow.frame = kept;
   expect_diagnose_refuses(slow, "too far apart");
   messages::Recording few = good();
-  for (auto* column : {&few.frame.t_s, &few.frame.position_mm, &few.frame.force_N}) column->resize(60);
-  expect_diagnose_refuses(few, "60 rows are too few");
+  for (auto* column : {&few.frame.t_s, &few.frame.position_mm, &few.frame.force_N}) column->resize(15);
+  expect_diagnose_refuses(few, "15 rows are too few");
   messages::Recording still = good();
   for (double& x : still.frame.position_mm) x = 0.0;
   expect_diagnose_refuses(still, "nothing moves");
@@ -325,6 +326,50 @@ TEST_F(DiagnoseCommand, WritesItsFilesAndAModelThatPredicts) {
   std::size_t rows = 0;
   while (std::getline(in, line)) squares += std::pow(std::stod(cell(line, 1)) - good().frame.force_N[rows++], 2);
   EXPECT_NEAR(std::sqrt(squares / static_cast<double>(rows)), 0.02, 0.002);
+}
+
+// A weight that hangs on a muscle while the pressure steps: the position is what the model answers with.
+TEST_F(DiagnoseCommand, AnswersForAPositionAsForAForce) {
+  messages::Recording lift;
+  lift.metadata.specimen = "coil";
+  lift.metadata.output = messages::Output::kPosition;
+  lift.pressure.emplace();
+  double crept_mm = 0.0;
+  for (int k = 0; k < 600; ++k) {
+    const double psi = k / 100 % 2 == 0 ? 5.0 : 20.0;
+    crept_mm += 0.1 / 3.0 * (-0.2 * (psi - 5.0) - crept_mm);
+    lift.frame.t_s.push_back(0.1 * k);
+    lift.frame.position_mm.push_back(-0.5 * (psi - 5.0) + crept_mm + 0.001 * (k * 7919 % 13 - 6));
+    lift.frame.force_N.push_back(4.9);
+    lift.pressure->t_s.push_back(0.1 * k);
+    lift.pressure->pressure_psi.push_back(psi);
+  }
+  messages::write_recording(recording_, lift);
+  const Outcome outcome = isorig("diagnose " + recording_.string() + " --model slse1 --out " + out_.string());
+  ASSERT_EQ(outcome.code, 0) << outcome.text;
+  for (const char* name : {"diagnosis.json", "nominal.toml", "model.toml", "diagnosis-report.html"})
+    EXPECT_GT(fs::file_size(out_ / name), 100U) << name;
+  EXPECT_THAT(outcome.text, HasSubstr(" mm nominal"));
+  const auto json = nlohmann::json::parse(read(out_ / "diagnosis.json"));
+  EXPECT_EQ(json["output"], "position");
+  EXPECT_LT(json["fit"]["model"]["train_rmse_mm"].get<double>(), 0.2);
+  // A model of a force does not answer for a position, and says what would.
+  EXPECT_THAT(predict(folder_ / "p.csv").text, HasSubstr("isorig-response/1"));
+  model_ = out_ / "model.toml";
+  ASSERT_EQ(predict(folder_ / "p.csv").code, 0);
+  const std::string predicted = read(folder_ / "p.csv");
+  messages::write_recording(folder_ / "pulled", good());
+  EXPECT_THAT(isorig("predict " + (folder_ / "pulled").string() + " --model " + model_.string() + " --out " +
+                     (folder_ / "r.csv").string())
+                  .text,
+              HasSubstr("describes a position or a pressure"));
+  EXPECT_THAT(predicted, ::testing::StartsWith("t_s,position_mm,low95_mm,high95_mm\n"));
+  EXPECT_EQ(std::ranges::count(predicted, '\n'), 601);
+  // Of what was measured a prediction has seen the first readings alone.
+  for (std::size_t k = 10; k < 600; ++k) lift.frame.position_mm[k] += 3.0;
+  messages::write_recording(recording_, lift);
+  ASSERT_EQ(predict(folder_ / "q.csv").code, 0);
+  EXPECT_EQ(read(folder_ / "q.csv"), predicted);
 }
 
 }  // namespace

@@ -232,6 +232,17 @@ TEST(Diagnose, WritesTheFixedFormat) {
   EXPECT_EQ(json["verdict"], "missing_physics");
   EXPECT_EQ(json["missing"][0]["effect"], "coulomb_friction");
   EXPECT_EQ(json["missing"][0]["parameters"]["force_N"]["ci95"].size(), 2u);
+  EXPECT_EQ(json["missing"][0]["acts_on"], "friction element");
+  EXPECT_EQ(json["missing"][0]["depends_on"][0], "direction");
+  EXPECT_TRUE(json["missing"][0]["formula"].get<std::string>().starts_with("F = Fc")) << json["missing"][0]["formula"];
+  const auto& shape = json["missing"][0]["shape"];
+  EXPECT_EQ(shape["of"], "rate_mm_s");
+  ASSERT_GE(shape["x"].size(), 2u);
+  for (const char* key : {"y", "low95", "high95"}) EXPECT_EQ(shape[key].size(), shape["x"].size()) << key;
+  // Dry friction of 0.8 N, whichever of its laws: at the fastest velocities its force with the sign of the velocity.
+  EXPECT_NEAR(shape["y"].front().get<double>(), -0.8, 0.05);
+  EXPECT_NEAR(shape["y"].back().get<double>(), 0.8, 0.05);
+  EXPECT_LT(shape["low95"].back(), shape["high95"].back());
   EXPECT_TRUE(json["next_experiment"].is_null() || json["next_experiment"].is_object());
   EXPECT_LT(json["fit"]["model"]["train_rmse_N"], json["fit"]["nominal"]["train_rmse_N"]);
 }

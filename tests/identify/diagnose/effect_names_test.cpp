@@ -69,6 +69,9 @@ TEST(EffectNames, NoFileOfTheDiagnosisNamesALawOrAParameterOfAnEffect) {
     const std::string code = code_of(file);
     for (const std::string& word : quoted) {
       if (word == "\"duration_s\"" || word == "\"share\"") continue;  // keys of diagnosis.json
+      // Variables over which an effect is drawn (`shape.of` of diagnosis.json); laws have numbers of these names, too.
+      const bool variable = word == "\"position_mm\"" || word == "\"time_s\"" || word == "\"travel_mm\"";
+      if (variable && file.filename() == "shape.cpp") continue;
       EXPECT_EQ(code.find(word), std::string::npos) << file << " names " << word;
     }
   }

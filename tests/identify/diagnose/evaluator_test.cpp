@@ -30,6 +30,9 @@ TEST(Evaluator, KeepsNothingThatMoved) {
       for (const auto* beside : {&model::effect::force_lag(), &model::effect::crosshead_backlash()})
         if (beside != effect) spec.parts.push_back(model::make_part(*beside, beside->laws[0]));
       spec.parts.push_back(model::make_part(*effect, law));
+      for (std::size_t i = 0; i < law.parameters.size(); ++i)
+        if (law.parameters[i].traits.starts_are_shares_of_largest_force)
+          spec.parts.back().parameters[i] *= series[0].excitation.reference.largest_force_N;
       Evaluator evaluator(series, whitener, whitened);
       Eigen::VectorXd residual;
       model::ModelSpec first = spec;

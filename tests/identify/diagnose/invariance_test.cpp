@@ -17,6 +17,8 @@ using Recordings = std::vector<messages::Recording>;
 struct Found {
   Verdict verdict = Verdict::kConsistent;
   std::vector<std::string> names;
+  double noise_N = 0.0;
+  bool whole = false;   ///< model.toml holds all that was found
   double closed = 0.0;  ///< share of the nominal model's rms that is gone
 };
 
@@ -24,7 +26,11 @@ Found found_in(Recordings recordings) {
   std::vector<std::string> names;
   for (std::size_t i = 0; i < recordings.size(); ++i) names.push_back("recording " + std::to_string(i));
   const Diagnosis d = diagnose(std::move(recordings), names, model::nominal_model("slse1"), {}).diagnosis;
-  Found out{d.verdict, {}, 1.0 - d.model_errors.train_rmse_N / d.nominal_errors.train_rmse_N};
+  Found out{d.verdict,
+            {},
+            d.noise_N,
+            d.not_modelled.why.empty(),
+            1.0 - d.model_errors.train_rmse_N / d.nominal_errors.train_rmse_N};
   for (const MissingEffect& missing : d.missing) out.names.emplace_back(missing.effect->name);
   return out;
 }
@@ -39,9 +45,16 @@ void for_each_time(messages::Recording& r, const std::function<double(double)>& 
     for (double& t_s : r.pressure->t_s) t_s = change(t_s);
 }
 
+void times_the_length(messages::Recording& r, double factor) {
+  for (double& x_mm : r.frame.position_mm) x_mm *= factor;
+  *r.metadata.rest_length_mm *= factor;
+  if (r.metadata.pressurized_rest_length_mm) *r.metadata.pressurized_rest_length_mm *= factor;
+}
+
 struct Retold {
   const char* name;
   std::function<void(messages::Recording&)> change;
+  double force = 1.0;  ///< its unit, in that of before
 };
 
 class Invariance : public testing::TestWithParam<Retold> {};
@@ -56,6 +69,9 @@ TEST_P(Invariance, TheSameIsFound) {
   EXPECT_EQ(found.names, plain.names);
   // Sampling at half the rate changes what is known of the corners, the rest only roundings.
   EXPECT_NEAR(found.closed, plain.closed, 0.05);
+  EXPECT_TRUE(found.whole);
+  // Rests of half as many readings, or of other ones, tell the noise to a few per cent.
+  EXPECT_NEAR(found.noise_N / GetParam().force, plain.noise_N, 0.1 * plain.noise_N);
 }
 
 INSTANTIATE_TEST_SUITE_P(
@@ -64,7 +80,7 @@ INSTANTIATE_TEST_SUITE_P(
                     Retold{"ZeroOfThePosition",
                            [](auto& r) {
                              for (double& x : r.frame.position_mm) x += 3.0;
-                             r.metadata.rest_length_mm -= 3.0;
+                             *r.metadata.rest_length_mm -= 3.0;
                            }},
                     Retold{"ZeroOfTheForce",
                            [](auto& r) {
@@ -73,7 +89,12 @@ INSTANTIATE_TEST_SUITE_P(
                     Retold{"TenTimesTheForce",
                            [](auto& r) {
                              for (double& f : r.frame.force_N) f *= 10.0;
-                           }},
+                           },
+                           10.0},
+                    Retold{"HundredTimesTheLength", [](auto& r) { times_the_length(r, 100.0); }},
+                    Retold{"TenthOfTheLength", [](auto& r) { times_the_length(r, 0.1); }},
+                    Retold{"TenTimesAsFast", [](auto& r) { for_each_time(r, [](double t_s) { return 0.1 * t_s; }); }},
+                    Retold{"TenTimesAsSlow", [](auto& r) { for_each_time(r, [](double t_s) { return 10.0 * t_s; }); }},
                     Retold{"TimeTwiceAsFast", [](auto& r) { for_each_time(r, [](double t_s) { return 0.5 * t_s; }); }},
                     Retold{"EverySecondRow",
                            [](auto& r) {

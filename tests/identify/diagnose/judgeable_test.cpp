@@ -63,5 +63,28 @@ TEST(Judgeable, TheVerdictStandsInTheDiagnosisWithWhatToRecord) {
   EXPECT_TRUE(json.at("missing").empty());
 }
 
+// One ramp of a clean specimen, or one with much friction: whatever fits so few rows well is no finding.
+TEST(Judgeable, FewRowsNameNothing) {
+  int unjudged_ones = 0;
+  for (const double friction_N : {0.0, 2.0}) {
+    const messages::Recording whole = test::record({.friction_N = friction_N});
+    const auto& x = whole.frame.position_mm;
+    std::size_t first = 0;
+    while (std::fabs(x[first] - x[0]) < 0.1) ++first;
+    for (const std::ptrdiff_t rows : {20, 30, 60, 99}) {
+      messages::Recording window = whole;
+      for (auto* column : {&window.frame.t_s, &window.frame.position_mm, &window.frame.force_N}) {
+        column->erase(column->begin(), column->begin() + static_cast<std::ptrdiff_t>(first) - 10);
+        column->resize(static_cast<std::size_t>(rows));
+      }
+      const Diagnosis d = diagnose({window}, {"window"}, model::nominal_model("slse1"), {}).diagnosis;
+      EXPECT_TRUE(d.missing.empty()) << rows << ": " << diagnosis_json(d)["missing"].dump();
+      EXPECT_EQ(d.unjudged.has_value(), d.verdict == Verdict::kCannotJudge);
+      unjudged_ones += d.verdict == Verdict::kCannotJudge;
+    }
+  }
+  EXPECT_GT(unjudged_ones, 0);
+}
+
 }  // namespace
 }  // namespace isorig::identify

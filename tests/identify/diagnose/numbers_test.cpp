@@ -92,11 +92,5 @@ TEST(Numbers, AtTheEdgeOfTheRangeAreJudgedInFiniteNumbersOrRefused) {
   }
 }
 
-TEST(Numbers, WarningsOfSeveralPressuresStandFirst) {
-  EXPECT_EQ(mixed_pressures({}), "");
-  EXPECT_EQ(mixed_pressures(std::vector{10.0, 10.2}), "");
-  EXPECT_NE(mixed_pressures(std::vector{10.0, 5.0, 15.0}).find("from 5 to 15 psi"), std::string::npos);
-}
-
 }  // namespace
 }  // namespace isorig::identify

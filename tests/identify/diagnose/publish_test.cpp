@@ -41,6 +41,21 @@ TEST(Worse, ByTheRmsWhereStrokesSayLittle) {
   EXPECT_TRUE(worse(row(5.0, 10, 24000.0), kNoise_N));
 }
 
+TEST(Worse, ByMoreThanTheNoiseInTheNumbersExplains) {
+  // 210 N^2 more. What the numbers' noise adds has a mean of 60 or 50 N^2; 95 % of such sums stay below 3.84 times
+  // that.
+  LeftOut other = row(1.1);
+  EXPECT_TRUE(worse(other, kNoise_N));
+  other.learning_N2 = 60.0;
+  EXPECT_FALSE(worse(other, kNoise_N));
+  other.learning_N2 = 50.0;
+  EXPECT_TRUE(worse(other, kNoise_N));
+  // Numbers that nothing kept could show are no excuse for twice the error.
+  LeftOut far = row(2.1);
+  far.learning_N2 = 1e4;
+  EXPECT_TRUE(worse(far, kNoise_N));
+}
+
 class Unphysical : public testing::Test {
  protected:
   static const std::vector<Series>& series() {
@@ -157,6 +172,19 @@ TEST_F(Publish, AModelThatPredictsIsHandedOutWhole) {
   EXPECT_TRUE(out.located_only.empty());
   EXPECT_TRUE(out.model.spec.has("coulomb_friction"));
   for (const LeftOut& one : out.heldout.left_out) EXPECT_FALSE(worse(one, kNoise_N)) << one.by << ' ' << one.value;
+}
+
+TEST_F(Publish, AModelThatErrsMoreWhereItWasFittedIsWithheld) {
+  // The numbers stand as a fit under some noise has left them: 1 N beside the level of the force.
+  Candidate shifted = whole_;
+  const auto tare = std::ranges::find(shifted.spec.parts, std::string_view("constant"),
+                                      [](const auto& p) { return p.physics->name; });
+  ASSERT_NE(tare, shifted.spec.parts.end());
+  tare->coefficients[0] += 1.0;
+  const Publication out = published(shifted);
+  EXPECT_NE(out.why.find("over all that it was fitted to it errs by 1"), std::string::npos) << out.why;
+  EXPECT_FALSE(out.model.spec.has("coulomb_friction"));
+  EXPECT_EQ(out.located_only, std::vector<std::string>{"coulomb_friction"});
 }
 
 /// Two sessions of a specimen that stiffens; the grip of the first rubs. Learnt there, friction errs in the second by

@@ -184,7 +184,10 @@ void fit(const Truth& truth, unsigned seed, Fitted& out) {
       if (parameter.name == "duration_s") {
         part.parameters[i] = out.series[0].excitation.reference.duration_s;
       } else if (!parameter.starts.empty()) {
-        part.parameters[i] = parameter.starts[std::min(k, parameter.starts.size() - 1)];
+        part.parameters[i] =
+            parameter.starts[std::min(k, parameter.starts.size() - 1)] *
+            (parameter.traits.starts_are_shares_of_largest_force ? out.series[0].excitation.reference.largest_force_N
+                                                                 : 1.0);
       }
     }
     if (part.law->traits.replaces_arm) part.parameters[0] = nominal.fit.spec.parts[1].parameters[0];
@@ -279,6 +282,7 @@ const std::vector<Truth>& truths() {
       {"friction_with_pressure", "dahl", {0.04}, {0.05}, 20.0, 4.0},
       {"pressure_threshold", "dead_zone", {12.0}, {3.0}, 20.0, 6.0},
       {"cell_nonlinearity", "quadratic", {2.0}, {}},
+      {"cell_nonlinearity", "ceiling", {62.0, 25.0}, {}},
       {"unsettled_start", "exponential", {4.0}, {0.5}},
       {"quasi_linear_viscoelasticity", "fung_arm", {0.8, 0.15}, {2.0}},
       {"quasi_linear_viscoelasticity", "relaxation_time", {0.8, 0.2}, {2.0}},

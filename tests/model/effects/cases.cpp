@@ -74,6 +74,7 @@ const std::vector<Case>& cases() {
       {"friction_with_pressure", "dahl", {{0.02}, {0.3}}, {0.05}, 1e-6, 2, false, true},
       {"pressure_threshold", "dead_zone", {{15.1}, {3.0}}, {0.7}, 1e-12, 0},
       {"cell_nonlinearity", "quadratic", {{2.0}, {-15.0}}, {}, 1e-6, 2},
+      {"cell_nonlinearity", "ceiling", {{4.0, 8.0}, {2.5, 2.0}}, {}, 1e-6, 2},
       {"unsettled_start", "exponential", {{1.0}, {20.0}}, {0.5}, 1e-12, 0},
       {"quasi_linear_viscoelasticity", "fung_arm", {{0.8, 0.3}, {0.02, -0.5}, {300.0, 0.0}}, {2.0}, 1e-6, 2},
       // A parabola over each part of a stroke: its own file claims 4e-7 of z, and no exactness.

@@ -3,9 +3,11 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <random>
+#include <set>
 #include <sstream>
 
 #include "base/text_file.hpp"
@@ -31,9 +33,9 @@ bool has_unit(std::string_view name) {
 
 /// Ratios, and numbers of decades or of an arm; any other name without a unit is a mistake.
 bool is_a_ratio(std::string_view name) {
-  constexpr std::array<std::string_view, 11> ratios{
-      "exponent", "static_excess", "decades",      "share",      "start",           "scale",
-      "arm",      "damping",       "recording_id", "load_share", "shortening_ratio"};
+  constexpr std::array<std::string_view, 12> ratios{
+      "exponent",     "static_excess", "decades",          "share",    "start", "scale", "arm", "damping",
+      "recording_id", "load_share",    "shortening_ratio", "sharpness"};
   return std::ranges::find(ratios, name) != ratios.end();
 }
 
@@ -51,6 +53,49 @@ TEST_P(Sheet, StatesWhatItIsWhereItIsFromAndWhatRevealsIt) {
   EXPECT_NE(static_cast<bool>(law_.make), static_cast<bool>(law_.make_table)) << "one of the two makes it";
   EXPECT_EQ(model::find_physics(physics_.name), &physics_) << "two entries of one name";
   EXPECT_EQ(model::find_law(physics_, law_.name), &law_) << "two laws of one name";
+}
+
+/// `symbol` stands in `formula` by itself, not as a part of another.
+bool stands_in(std::string_view formula, std::string_view symbol) {
+  const auto letter = [](char c) { return std::isalnum(static_cast<unsigned char>(c)) || c == '\'' || c == '_'; };
+  for (std::size_t at = formula.find(symbol); at != std::string_view::npos; at = formula.find(symbol, at + 1)) {
+    const std::size_t end = at + symbol.size();
+    const bool begins = at == 0 || !letter(formula[at - 1]);
+    const bool ends = end == formula.size() || !letter(formula[end]) || !letter(symbol.back());
+    if (begins && ends) return true;
+  }
+  return false;
+}
+
+TEST_P(Sheet, EveryNumberOfAnEffectHasItsSymbolInTheEquation) {
+  if (!model::is_effect(physics_)) return;
+  const auto check = [&](std::string_view name, std::string_view symbol) {
+    ASSERT_FALSE(symbol.empty()) << name;
+    EXPECT_TRUE(stands_in(law_.formula, symbol)) << name << ": no " << symbol << " in " << law_.formula;
+  };
+  std::set<std::string_view> symbols;
+  for (const model::Parameter& parameter : law_.parameters) {
+    if (parameter.traits.filled_by == model::FilledBy::kRecordingId) continue;
+    check(parameter.name, parameter.symbol);
+    EXPECT_TRUE(symbols.insert(parameter.symbol).second) << parameter.symbol << " stands for two numbers";
+  }
+  for (const model::Coefficient& coefficient : law_.coefficients) {
+    check(coefficient.name, coefficient.symbol);
+    EXPECT_TRUE(symbols.insert(coefficient.symbol).second) << coefficient.symbol << " stands for two numbers";
+  }
+}
+
+TEST_P(Sheet, AnEffectSaysWhereItActsAndWhatItDependsOn) {
+  if (!model::is_effect(physics_)) return;
+  constexpr std::array<std::string_view, 8> places{"elastic branch",  "arm",           "dashpot", "friction element",
+                                                   "kinematic input", "pressure path", "mass",    "force channel"};
+  constexpr std::array<std::string_view, 11> variables{"time",     "strain",  "rate",        "direction",
+                                                       "pressure", "onset",   "hold",        "load",
+                                                       "position", "history", "acceleration"};
+  EXPECT_NE(std::ranges::find(places, physics_.traits.acts_on), places.end()) << physics_.traits.acts_on;
+  EXPECT_FALSE(physics_.traits.depends_on.empty());
+  for (const std::string_view variable : physics_.traits.depends_on)
+    EXPECT_NE(std::ranges::find(variables, variable), variables.end()) << variable;
 }
 
 TEST_P(Sheet, EveryNumberHasAUnitBoundsAndAStart) {

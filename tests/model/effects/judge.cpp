@@ -454,6 +454,12 @@ void add_rig_and_sensor(std::map<std::string, Judge>& of) {
     for (double& f : out) f += p[0] / 1000.0 * f * f;
     return out;
   }};
+  of["cell_nonlinearity/ceiling"] = {.shape = [](Numbers p, const Track&, const Curve& force) {
+    Curve out = force;
+    for (double& f : out)
+      if (f != 0.0) f = std::copysign(std::pow(std::pow(std::fabs(f), -p[1]) + std::pow(p[0], -p[1]), -1.0 / p[1]), f);
+    return out;
+  }};
   of["zero_drift/linear"] = at_point([](Numbers, const Track& t, std::size_t i) { return t.t_s(i) / 3600.0; });
   of["zero_drift/settling"] =
       at_point([](Numbers p, const Track& t, std::size_t i) { return 1.0 - std::exp(-t.t_s(i) / p[0]); });

@@ -1,14 +1,22 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <string>
 #include <vector>
 
+#include "daemon/export/writer.hpp"
 #include "messages/run_log.hpp"
 
 namespace isorig::daemon {
 
 struct ExportOptions {
+  ExportFormat format = ExportFormat::kCsv;
+  /// CSV alone: only what the recording format fixes, for who goes on with nothing else.
+  bool lean = false;
+  /// Of a log that does not say what it is of (a logger's file of the live channels): recording.toml has to.
+  std::string specimen{};
+  double rest_length_mm = 0.0;
   /// Maps device times to the host's clock again, from the recorded exchanges before and after each sample.
   bool remap = false;
   /// Provenance only: `run` in recording.toml.
@@ -17,11 +25,14 @@ struct ExportOptions {
   std::string operator_name{};
   std::string outcome{};
   bool still_written = false;  ///< a recorder writes it at this moment
+  /// Told now and then which part of the work is done: the log is read twice, one of the live channels thrice.
+  std::function<void(double fraction)> on_progress{};
 };
 
-/// One repetition at one pressure, as a folder in the recording format.
+/// One repetition at one pressure.
 struct ExportedSession {
-  std::filesystem::path folder;
+  std::filesystem::path folder;  ///< in the recording format; of MAT the file, of HDF5 FILE/GROUP
+  std::string name;              ///< "rep-1_05-psi"
   std::int32_t session = 0;
   std::int32_t attempt = 0;
   std::int32_t repetition = 0;
@@ -41,11 +52,15 @@ struct ExportReport {
   std::vector<ExportedSession> sessions;
 };
 
-/// Writes each session of a run that has samples to `out`/rep-N_PP-psi. Seconds in both files count from the
-/// session's first sample, of whichever stream. Full-rate samples are rows as they are; an averaged interval
-/// is one row, its mean at the middle of its time. Of a session that was recorded in several attempts the
-/// last counts, unless only an earlier one is complete. What is altered or cut is left out; every folder's
-/// recording.toml says in which state the recording was.
+/// Writes each session of a run that has samples: to `out`/rep-N_PP-psi, `out`/RUN.h5 or `out`/RUN/rep-N_PP-psi.mat.
+/// Seconds count from the session's first sample, of whichever stream. Full-rate samples are rows as they are; an
+/// averaged interval is one row, its mean at the middle of its time. Of a session that was recorded in several attempts
+/// the last counts, unless only an earlier one is complete. What is altered or cut is left out; every session says in
+/// which state the recording was. A log without a header (the live channels, as a logger wrote them) is taken apart by
+/// its events `session.start` and `session.end`.
+///
+/// Read twice: first what there is, then row by row. Memory does not grow with the run, but with `remap` it does with
+/// the longest session.
 ExportReport export_run(const std::filesystem::path& run_dir, const std::filesystem::path& out,
                         const ExportOptions& options);
 

@@ -1,4 +1,4 @@
-#include "daemon/recording/export_times.hpp"
+#include "daemon/export/times.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,0 +1,42 @@
+#pragma once
+#include <chrono>
+#include <condition_variable>
+#include <mutex>
+#include <string>
+#include <thread>
+
+/// What a command shows while somebody waits for it.
+namespace isorig::cli {
+
+/// "diagnose  [####......]  41.0 %, 12.5 s so far, about 18 s left: weighing effects", cut to `columns`. The time left
+/// is what `fraction` promises with the time `at_s` when it was reached; said from 5 % and 5 s on, until it has gone
+/// by.
+[[nodiscard]] std::string progress_text(const std::string& what, double fraction, double at_s, double so_far_s,
+                                        const std::string& doing, int columns);
+
+/// One line on standard error from the third second on, and only where that is a terminal; gone without a trace when
+/// this ends. Elsewhere it does nothing. A thread of its own keeps the time running through long stages.
+class Progress {
+ public:
+  explicit Progress(std::string what, bool wanted = true);
+  ~Progress();
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+
+  /// How much of the work is done, 0 to 1, and what is being done. From any thread.
+  void at(double fraction, std::string doing = {});
+
+ private:
+  void redraw();
+  [[nodiscard]] double so_far_s() const;
+
+  std::string what_, doing_;
+  double fraction_ = 0.0, at_s_ = 0.0;
+  bool drawn_ = false, over_ = false;
+  std::chrono::steady_clock::time_point began_;
+  std::mutex mutex_;
+  std::condition_variable wake_;
+  std::thread thread_;  // none where nothing is shown
+};
+
+}  // namespace isorig::cli

@@ -1,0 +1,245 @@
+#include "daemon/host/diagnoses.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <ctime>
+#include <stdexcept>
+#include <utility>
+
+#include "base/beneath.hpp"
+#include "base/fingerprint.hpp"
+#include "base/json_words.hpp"
+
+namespace isorig::daemon {
+namespace {
+
+using nlohmann::json;
+
+constexpr int kDepth = 3;
+constexpr std::size_t kDocumentBytes = std::size_t{8} << 20U;
+constexpr std::size_t kProtocolBytes = std::size_t{1} << 20U;
+/// Of isorig's own documents some ten. Copying and writing JSON recurse, and who may write the folder may nest it
+/// deeper than a stack is.
+constexpr int kDeepest = 64;
+
+std::string utc_text(std::filesystem::file_time_type time) {
+  const auto system = std::chrono::file_clock::to_sys(time);
+  const std::time_t seconds = std::chrono::duration_cast<std::chrono::seconds>(system.time_since_epoch()).count();
+  std::tm tm{};
+  gmtime_r(&seconds, &tm);
+  char text[32];
+  (void)std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &tm);
+  return text;
+}
+
+/// Throws std::runtime_error with the file's name. Operators may write there, and this process may read what they may
+/// not: no link that appears between a look and the reading leads out of `place`.
+std::string bounded_text(const std::filesystem::path& place, const std::filesystem::path& file,
+                         std::size_t most_bytes) {
+  auto text = base::read_text_beneath(place, file.lexically_relative(place), most_bytes + 1);
+  if (text.size() > most_bytes) {
+    throw std::runtime_error(file.string() + " is longer than " + std::to_string(most_bytes >> 20U) +
+                             " MiB: open it where it lies");
+  }
+  return text;
+}
+
+json document_of(const std::filesystem::path& place, const std::filesystem::path& file, const char* format) {
+  try {
+    auto out = json::parse(bounded_text(place, file, kDocumentBytes), [&](int depth, json::parse_event_t, const json&) {
+      if (depth > kDeepest) {
+        throw std::runtime_error(file.string() + " is nested deeper than " + std::to_string(kDeepest) + " levels");
+      }
+      return true;
+    });
+    if (!out.is_object() || out.value("format", "") != format) {
+      throw std::runtime_error(std::string("it is no ") + format);
+    }
+    return out;
+  } catch (const json::exception& e) {
+    throw std::runtime_error(file.string() + ": " + base::json_words(e));
+  }
+}
+
+/// Of a diagnosis what a list shows: everything but curves and the table of what was tried.
+json summary_of(const json& diagnosis) {
+  json out;
+  for (const char* key : {"verdict", "cannot_judge", "alternatives", "inseparable", "not_modelled", "described",
+                          "unexplained_share", "fit", "warnings", "notes", "next_experiment"}) {
+    if (diagnosis.contains(key)) out[key] = diagnosis[key];
+  }
+  out["missing"] = json::array();
+  for (auto missing : diagnosis.value("missing", json::array())) {
+    missing.erase("shape");
+    for (const auto& able : diagnosis.value("discernible", json::array())) {
+      if (able.value("effect", "") == missing.value("effect", "")) missing["discernible"] = able;
+    }
+    out["missing"].push_back(std::move(missing));
+  }
+  out["data_faults"] = diagnosis.value("data_faults", json::array()).size();
+  return out;
+}
+
+bool is_file(const std::filesystem::path& path) {
+  std::error_code ignored;
+  return std::filesystem::symlink_status(path, ignored).type() == std::filesystem::file_type::regular;
+}
+
+struct Page {
+  std::string title;
+  std::filesystem::path file;
+};
+
+/// An investigation's own page, and the diagnosis of its last round; a diagnosis has one.
+std::vector<Page> pages_of(const std::filesystem::path& folder, bool investigation, std::size_t rounds) {
+  std::vector<Page> out;
+  const auto add = [&](const char* title, const std::filesystem::path& file) {
+    if (is_file(file)) out.push_back({title, file});
+  };
+  if (investigation) {
+    add("Investigation", folder / "investigation-report.html");
+    if (rounds > 0) {
+      add("Diagnosis", folder / ("round-" + std::to_string(rounds)) / "diagnosis" / "diagnosis-report.html");
+    }
+  } else {
+    add("Diagnosis", folder / "diagnosis-report.html");
+  }
+  return out;
+}
+
+}  // namespace
+
+Diagnoses::Diagnoses(const std::vector<std::filesystem::path>& places, std::size_t entries) : entries_(entries) {
+  for (const auto& place : places) {
+    auto whole = std::filesystem::absolute(place).lexically_normal();
+    if (!whole.has_filename()) whole = whole.parent_path();
+    if (std::ranges::find(places_, whole) == places_.end()) places_.push_back(std::move(whole));
+  }
+}
+
+std::filesystem::path Diagnoses::Found::document() const {
+  return folder / (investigation ? "investigation.json" : "diagnosis.json");
+}
+
+void Diagnoses::look_into(const std::filesystem::path& place, const std::filesystem::path& folder, int depth,
+                          Look& look, std::size_t& left) const {
+  for (const bool investigation : {true, false}) {
+    Found found{place, folder, investigation, {}};
+    if (!is_file(found.document())) continue;
+    std::error_code error;
+    found.made = std::filesystem::last_write_time(found.document(), error);
+    if (!error) look.found.push_back(std::move(found));
+    if (investigation) return;
+    break;
+  }
+  if (depth == kDepth) return;
+  std::error_code error;
+  for (std::filesystem::directory_iterator at(folder, error), end; !error && at != end; at.increment(error)) {
+    if (left == 0) {
+      look.cut = true;
+      return;
+    }
+    --left;
+    std::error_code ignored;
+    if (at->symlink_status(ignored).type() == std::filesystem::file_type::directory) {
+      look_into(place, at->path(), depth + 1, look, left);
+    }
+  }
+}
+
+Diagnoses::Look Diagnoses::look() const {
+  Look out;
+  for (const auto& place : places_) {
+    std::size_t left = entries_;  // for each: many runs do not hide the folder of the diagnoses
+    look_into(place, place, 0, out, left);
+  }
+  // One place may lie in another.
+  std::ranges::sort(out.found, {}, &Found::folder);
+  const auto again = std::unique(out.found.begin(), out.found.end(),
+                                 [](const Found& a, const Found& b) { return a.folder == b.folder; });
+  out.found.erase(again, out.found.end());
+  std::ranges::stable_sort(out.found, std::ranges::greater(), &Found::made);
+  return out;
+}
+
+json Diagnoses::list() const {
+  auto looked = look();
+  const auto all = looked.found.size();
+  if (looked.found.size() > kListed) looked.found.resize(kListed);
+  json out = json::array();
+  for (const Found& f : looked.found) {
+    json entry{{"id", base::fingerprint(f.folder.string())},
+               {"folder", f.folder.lexically_relative(f.place).generic_string()},
+               {"path", f.folder.string()},
+               {"kind", f.investigation ? "investigation" : "diagnosis"},
+               {"made_utc", utc_text(f.made)},
+               {"pages", json::array()},
+               {"experiment", false}};
+    try {
+      std::size_t rounds = 0;
+      if (f.investigation) {
+        const auto whole = document_of(f.place, f.document(), "isorig-investigation/1");
+        const auto& list = whole.at("rounds");
+        rounds = list.size();
+        for (const char* key : {"outcome", "text", "rig_s"}) entry[key] = whole.at(key);
+        entry["rounds"] = rounds;
+        if (rounds > 0) {
+          const auto& last = list.back();
+          entry["explanations"] = last.value("explanations", json::array());
+          entry["experiment"] = last.contains("next_protocol");
+        }
+      } else {
+        entry["experiment"] = is_file(f.folder / "next_experiment.toml");
+      }
+      for (const auto& page : pages_of(f.folder, f.investigation, rounds)) {
+        entry["pages"].push_back({{"title", page.title}, {"id", base::fingerprint(page.file.string())}});
+      }
+      if (is_file(f.folder / "diagnosis.json")) {
+        entry.update(summary_of(document_of(f.place, f.folder / "diagnosis.json", "isorig-diagnosis/1")));
+      }
+    } catch (const json::exception& e) {
+      entry["wrong"] = f.document().string() + ": " + base::json_words(e);
+    } catch (const std::exception& e) {
+      entry["wrong"] = e.what();
+    }
+    out.push_back(std::move(entry));
+  }
+  json places = json::array();
+  for (const auto& place : places_) places.push_back(place.string());
+  return {{"diagnoses", std::move(out)}, {"all", all}, {"places", std::move(places)}, {"cut", looked.cut}};
+}
+
+json Diagnoses::page(const std::string& id) const {
+  for (const Found& f : look().found) {
+    std::size_t rounds = 0;
+    if (f.investigation) {
+      try {
+        rounds = document_of(f.place, f.document(), "isorig-investigation/1").at("rounds").size();
+      } catch (const std::exception&) {  // the list says what is wrong with it
+      }
+    }
+    for (const auto& page : pages_of(f.folder, f.investigation, rounds)) {
+      if (base::fingerprint(page.file.string()) != id) continue;
+      return {{"page", bounded_text(f.place, page.file, kPageBytes)}};
+    }
+  }
+  throw std::runtime_error("there is no such page any more; look at the list of diagnoses again");
+}
+
+json Diagnoses::experiment(const std::string& id) const {
+  for (const Found& f : look().found) {
+    if (base::fingerprint(f.folder.string()) != id) continue;
+    if (!f.investigation) {
+      const auto file = f.folder / "next_experiment.toml";
+      if (!is_file(file)) break;
+      return {{"protocol", bounded_text(f.place, file, kProtocolBytes)}, {"folder", f.folder.string()}};
+    }
+    const auto whole = document_of(f.place, f.document(), "isorig-investigation/1");
+    const auto& rounds = whole.at("rounds");
+    if (rounds.empty() || !rounds.back().contains("next_protocol")) break;
+    return {{"protocol", rounds.back().at("next_protocol").get<std::string>()}, {"folder", f.folder.string()}};
+  }
+  throw std::runtime_error("this diagnosis proposes no experiment (any more); look at the list of diagnoses again");
+}
+
+}  // namespace isorig::daemon

@@ -1,0 +1,71 @@
+#pragma once
+#include <cstdint>
+#include <map>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "messages/run_log.hpp"
+
+namespace isorig::daemon {
+
+/// What a recording says about its run, counted while it is read once. `isorig show` prints it; a run's page adds the
+/// signals over time (cli/run_evidence.hpp).
+struct RunTally : messages::RunVisitor {
+  struct Stream {
+    std::uint64_t full = 0;       ///< samples recorded each by itself
+    std::uint64_t averaged = 0;   ///< samples that went into averages
+    std::uint64_t intervals = 0;  ///< averages
+    double worst_bound_us = 0.0;  ///< by which the time of any of them may be wrong
+  };
+  /// Samples that never came from the device, and records that the loop could not hand to the recorder.
+  struct Losses {
+    std::int64_t frame = 0, pressure = 0, dropped = 0;
+  };
+  /// A repetition of a session from its begin mark to its end mark.
+  struct Repetition {
+    isorig_msgs::session_mark_t begin;
+    bool ended = false;       ///< there is an end mark
+    std::int64_t end_ns = 0;  ///< of that mark
+    bool complete = false;
+    std::int64_t frame_missing = 0, pressure_missing = 0;  ///< within it
+
+    [[nodiscard]] const char* state_text() const noexcept;
+  };
+
+  void header(const isorig_msgs::run_header_t& h) override { last_header = h; }
+  void session(const isorig_msgs::session_mark_t& m) override;
+  void frame(const isorig_msgs::frame_batch_t& m) override;
+  void pressure(const isorig_msgs::pressure_batch_t& m) override;
+  void frame_average(const isorig_msgs::frame_average_batch_t& m) override;
+  void pressure_average(const isorig_msgs::pressure_average_batch_t& m) override;
+  void control(const isorig_msgs::control_batch_t& m) override;
+  void event(const isorig_msgs::event_t& m) override { events.push_back(m); }
+  void exchanges(const isorig_msgs::exchange_batch_t& m) override;
+
+  /// An input file as it was recorded; empty when there is none of that name.
+  [[nodiscard]] std::string text(std::string_view name) const;
+  [[nodiscard]] Losses losses() const;  ///< of all attempts
+  [[nodiscard]] std::vector<Repetition> repetitions() const;
+
+  isorig_msgs::run_header_t last_header{};
+  std::vector<isorig_msgs::session_mark_t> marks;  ///< begins and ends
+  std::vector<isorig_msgs::event_t> events;
+  std::map<std::int32_t, isorig_msgs::session_mark_t>
+      lost;  ///< by attempt: its last end mark, which counts what is missing
+  std::int64_t first_sample_ns = 0, last_sample_ns = 0;
+  Stream frames, pressures;
+  std::uint64_t exchange_count = 0;
+  std::int64_t overruns = 0;
+  std::int32_t worst_wakeup_ns = 0, worst_run_ns = 0;
+
+ private:
+  void samples_span(std::int64_t from_ns, std::int64_t to_ns);
+  template <typename Message>
+  void count_full(Stream& stream, const Message& m);
+  template <typename Message>
+  void count_averages(Stream& stream, const Message& m);
+  bool has_samples_ = false;
+};
+
+}  // namespace isorig::daemon

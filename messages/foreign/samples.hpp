@@ -1,0 +1,27 @@
+#pragma once
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "messages/foreign/mapping.hpp"
+#include "messages/recording.hpp"
+
+namespace isorig::foreign {
+
+/// One test of a file, in the units and signs of a recording.
+struct Test {
+  std::size_t line = 0;  ///< of its table
+  std::optional<messages::FrameSamples> frame;
+  std::optional<messages::PressureSamples> pressure;
+  std::vector<Source> sources;
+  std::vector<Column> columns;
+  std::vector<std::string> notes;
+};
+
+/// Converts the rows of a table. The position is `zero_mm` where the file has zero. A counter of 32 bits (micros() and
+/// millis() of a Teensy) that begins again goes on, and a note says so. Every cell of a mapped column has to be a
+/// number within the ranges of messages/csv.hpp, and time has to increase. Throws RecordingError with the line.
+[[nodiscard]] Test convert(const Table& table, const std::vector<Source>& sources, char decimal, double zero_mm,
+                           const std::filesystem::path& file);
+
+}  // namespace isorig::foreign

@@ -1,0 +1,267 @@
+#include <algorithm>
+#include <set>
+#include <span>
+#include <utility>
+
+#include "base/printable.hpp"
+#include "messages/foreign/mapping.hpp"
+
+namespace isorig::foreign {
+namespace {
+
+/// Words that a column's name has, in small letters; ASCII only is made small.
+struct Word {
+  std::string_view text;
+  Field field;
+};
+constexpr Word kWords[] = {
+    {"time", Field::kTime},
+    {"zeit", Field::kTime},
+    {"temps", Field::kTime},
+    {"tiempo", Field::kTime},
+    {"tempo", Field::kTime},
+    {"t_s", Field::kTime},
+    {"millis", Field::kTime},
+    {"micros", Field::kTime},
+    {"extension", Field::kPosition},
+    {"displacement", Field::kPosition},
+    {"position", Field::kPosition},
+    {"crosshead", Field::kPosition},
+    {"weg", Field::kPosition},
+    {"verl\xC3\xA4ngerung", Field::kPosition},
+    {"d\xC3\xA9placement", Field::kPosition},
+    {"allongement", Field::kPosition},
+    {"extensi\xC3\xB3n", Field::kPosition},
+    {"desplazamiento", Field::kPosition},
+    {"spostamento", Field::kPosition},
+    {"estensione", Field::kPosition},
+    {"load", Field::kForce},
+    {"force", Field::kForce},
+    {"kraft", Field::kForce},
+    {"last", Field::kForce},
+    {"charge", Field::kForce},
+    {"carga", Field::kForce},
+    {"fuerza", Field::kForce},
+    {"forza", Field::kForce},
+    {"carico", Field::kForce},
+    {"pressure", Field::kPressure},
+    {"druck", Field::kPressure},
+    {"pression", Field::kPressure},
+    {"presi\xC3\xB3n", Field::kPressure},
+    {"pressione", Field::kPressure},
+    {"psi", Field::kPressure},
+};
+/// What has the unit of a field and is none, where such a word begins; the German ones in compounds too.
+constexpr std::string_view kOthers[] = {"stress", "contrainte", "strain", "esfuerzo", "sforzo",    "modulus",
+                                        "rate",   "velocity",   "speed",  "width",    "thickness", "elapsed cycle"};
+constexpr std::string_view kOthersInside[] = {"spannung", "dehnung"};
+/// A pressure above vacuum: "Absolute", "absolu", "assoluta"; "abs" as a word of its own.
+constexpr std::string_view kAbsolute[] = {"absolu", "assolut"};
+/// "Compressive load": counts compression as positive.
+constexpr std::string_view kCompressive[] = {"compress", "druckkraft", "stauchung"};
+
+std::string small(std::string_view text) {
+  std::string out(text);
+  for (char& c : out)
+    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
+  return out;
+}
+
+bool has_any(const std::string& name, std::span<const std::string_view> words) {
+  return std::ranges::any_of(words, [&](auto word) { return name.find(word) != std::string::npos; });
+}
+
+bool is_letter(char c) {
+  return (c >= 'a' && c <= 'z') || static_cast<unsigned char>(c) >= 0x80;
+}
+
+bool begins_word(const std::string& name, std::string_view word) {
+  for (auto at = name.find(word); at != std::string::npos; at = name.find(word, at + 1))
+    if (at == 0 || !is_letter(name[at - 1])) return true;
+  return false;
+}
+
+/// "calibrated" has no rate in it, "Druckspannung" a stress.
+bool is_other(const std::string& name) {
+  return has_any(name, kOthersInside) ||
+         std::ranges::any_of(kOthers, [&](auto word) { return begins_word(name, word); });
+}
+
+/// By the column's name or its unit: "Absolute pressure", "p_abs", "bar abs", "psia". A recording has gauge pressure.
+bool is_absolute(const Column& column) {
+  for (const std::string& text : {small(column.name), small(column.unit)}) {
+    if (has_any(text, kAbsolute)) return true;
+    for (auto at = text.find("abs"); at != std::string::npos; at = text.find("abs", at + 1))
+      if ((at == 0 || !is_letter(text[at - 1])) && (at + 3 == text.size() || !is_letter(text[at + 3]))) return true;
+  }
+  if (!column.unit.ends_with('a')) return false;
+  const auto gauge = find_unit(std::string_view(column.unit).substr(0, column.unit.size() - 1));
+  return gauge && gauge->field == Field::kPressure;
+}
+
+std::optional<Field> named(const std::string& name) {
+  if (name.find("druckkraft") != std::string::npos) return Field::kForce;
+  // "Standardkraft" ends with its word, "Load (Filtered)" begins with it; "elastic" only has the German "Last" inside.
+  for (const Word& word : kWords) {
+    if (name == word.text) return word.field;
+    if (word.text.size() < 4) continue;
+    const auto at = name.find(word.text);
+    if (at == std::string::npos) continue;
+    if (at == 0 || name.ends_with(word.text) || !is_letter(name[at - 1])) return word.field;
+  }
+  if (name == "weg" || name.ends_with("weg")) return Field::kPosition;
+  return name.starts_with("t_") && name.size() <= 4 ? std::optional<Field>(Field::kTime) : std::nullopt;
+}
+
+std::string key_of(const Table& table, std::size_t column) {
+  const auto& name = table.columns[column].name;
+  const bool once = std::ranges::count(table.columns, name, &Column::name) == 1;
+  return name.empty() || !once ? "#" + std::to_string(column + 1) : name;
+}
+
+std::optional<std::size_t> column_called(const Table& table, std::string_view key) {
+  for (std::size_t c = 0; c < table.columns.size(); ++c)
+    if (key_of(table, c) == key) return c;
+  return std::nullopt;
+}
+
+/// As the mapping has it, else the file: the units row or brackets, else the end of the name ("force_N").
+std::string unit_text(const Table& table, const Mapping& mapping, std::size_t column) {
+  if (const auto told = mapping.unit.find(key_of(table, column)); told != mapping.unit.end()) return told->second;
+  const Column& c = table.columns[column];
+  if (!c.unit.empty()) return c.unit;
+  const auto at = c.name.rfind('_');
+  if (at == std::string::npos || !find_unit(c.name.substr(at + 1))) return {};
+  return c.name.substr(at + 1);
+}
+
+Question ask_column(const Table& table, Field field, const std::vector<std::size_t>& candidates,
+                    const std::set<std::size_t>& taken) {
+  const std::string name(name_of(field));
+  std::string text = candidates.empty() ? "no column is known to be the " + name + "; which is it:"
+                                        : "which column is the " + name + ":";
+  std::vector<std::size_t> among = candidates;
+  if (among.empty())
+    for (std::size_t c = 0; c < table.columns.size(); ++c)
+      if (!taken.contains(c)) among.push_back(c);
+  for (std::size_t k = 0; k < among.size(); ++k) text += (k == 0 ? " " : ", ") + shown(table, among[k]);
+  return {text, "--column " + name + "=" + (among.empty() ? "NAME" : "'" + key_of(table, among.front()) + "'"),
+          [table = Table{table.line, table.columns, {}}, field](std::string_view answer, Mapping& mapping) {
+            if (!column_called(table, answer)) return false;
+            mapping.column[field] = answer;
+            return true;
+          }};
+}
+
+Question ask_unit(const Table& table, Field field, std::size_t column, const std::string& stated) {
+  const std::string key = key_of(table, column);
+  const std::string what = stated.empty() ? " has no unit"
+                                          : " is in \"" + base::printable(stated) + "\", which is no unit of a " +
+                                                std::string(name_of(field));
+  return {"column " + shown(table, column) + what + "; in which unit is the " + std::string(name_of(field)) + ": " +
+              units_of(field),
+          "--unit '" + key + "=" + std::string(unit_of(field)) + "'",
+          [key, field](std::string_view answer, Mapping& mapping) {
+            const auto unit = find_unit(answer);
+            if (!unit || unit->field != field) return false;
+            mapping.unit[key] = answer;
+            return true;
+          }};
+}
+
+}  // namespace
+
+bool has_column(const Table& table, std::string_view key) {
+  return column_called(table, key).has_value();
+}
+
+std::string shown(const Table& table, std::size_t column) {
+  const Column& c = table.columns[column];
+  const std::string number = "#" + std::to_string(column + 1);
+  if (c.name.empty()) return number + " (no name)";
+  const bool once = std::ranges::count(table.columns, c.name, &Column::name) == 1;
+  return "\"" + base::printable(c.name) + "\"" + (once ? "" : " " + number) +
+         (c.unit.empty() ? "" : " (" + base::printable(c.unit) + ")");
+}
+
+Understood understand(const Table& table, const Mapping& mapping) {
+  Understood found;
+  std::map<Field, std::vector<std::size_t>> candidates;
+  std::vector<std::size_t> absolute, in_counts;
+  for (std::size_t c = 0; c < table.columns.size(); ++c) {
+    const std::string name = small(table.columns[c].name);
+    if (is_other(name)) continue;
+    const auto by_name = named(name);
+    if (by_name == Field::kPressure && is_absolute(table.columns[c])) {
+      absolute.push_back(c);
+      continue;
+    }
+    const std::string text = unit_text(table, mapping, c);
+    const auto unit = find_unit(text);
+    // A unit of something else says that the name is not meant so: "Extension (%)".
+    if (by_name && (unit ? unit->field == *by_name : text.empty())) candidates[*by_name].push_back(c);
+    if (by_name == Field::kPressure && small(text) == "counts") in_counts.push_back(c);
+  }
+  // Of which sensor they are only a person knows; left out without a question the pressure would be lost.
+  if (candidates[Field::kPressure].empty()) candidates[Field::kPressure] = in_counts;
+  const bool bare = std::ranges::all_of(table.columns, [](const Column& c) { return c.name.empty(); });
+  std::set<Field> open;
+  std::set<std::size_t> taken;
+  const auto ask = [&](Field field, Question question) {
+    open.insert(field);
+    found.questions.push_back(std::move(question));
+  };
+  for (const Field field : kFields) {
+    std::optional<std::size_t> column;
+    // A column that is not in this table is of another file.
+    if (const auto told = mapping.column.find(field); told != mapping.column.end())
+      column = column_called(table, told->second);
+    if (!column && candidates[field].size() == 1) column = candidates[field].front();
+    if (!column && candidates[field].size() > 1) ask(field, ask_column(table, field, candidates[field], {}));
+    if (field == Field::kPressure) {
+      if (!column && candidates[field].empty() && !absolute.empty()) column = absolute.front();
+      if (column && is_absolute(table.columns[*column])) {
+        found.refusal = "column " + shown(table, *column) +
+                        " is absolute, and a recording has gauge pressure: take the atmospheric pressure off the "
+                        "column and name it so, or name another with --column pressure=NAME";
+        continue;
+      }
+    }
+    if (!column) continue;
+    taken.insert(*column);
+    const std::string text = unit_text(table, mapping, *column);
+    const auto unit = find_unit(text);
+    if (!unit || unit->field != field) {
+      ask(field, ask_unit(table, field, *column, text));
+      continue;
+    }
+    Source source{field, *column, *unit};
+    if (field == Field::kPosition || field == Field::kForce) {
+      const bool by_name = has_any(small(table.columns[*column].name), kCompressive);
+      const auto told = mapping.compression_positive.find(field);
+      const bool compression = told == mapping.compression_positive.end() ? by_name : told->second;
+      source.sign = compression ? -1.0 : 1.0;
+      if (by_name && told == mapping.compression_positive.end())
+        found.notes.push_back("column " + shown(table, *column) + " counts compression as positive, by its name: the " +
+                              std::string(name_of(field)) + " is turned round (--positive " +
+                              std::string(name_of(field)) + "=tension if not)");
+    }
+    found.sources.push_back(source);
+  }
+  const auto known = [&](Field field) {
+    return open.contains(field) || std::ranges::find(found.sources, field, &Source::field) != found.sources.end();
+  };
+  found.timed = known(Field::kTime);
+  const bool position = known(Field::kPosition), force = known(Field::kForce);
+  if (!bare && !position && !force && !known(Field::kTime) && !known(Field::kPressure)) return found;
+  if (!known(Field::kTime)) ask(Field::kTime, ask_column(table, Field::kTime, {}, taken));
+  if (position != force) {
+    const Field other = force ? Field::kPosition : Field::kForce;
+    ask(other, ask_column(table, other, {}, taken));
+  } else if (bare && !position && !known(Field::kPressure)) {
+    ask(Field::kPressure, ask_column(table, Field::kPressure, {}, taken));
+  }
+  return found;
+}
+
+}  // namespace isorig::foreign

@@ -1,0 +1,155 @@
+#include "daemon/host/diagnoses.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+
+#include <fstream>
+
+#include "recording_rig.hpp"
+
+namespace isorig::daemon {
+namespace {
+
+using nlohmann::json;
+using ::testing::HasSubstr;
+
+constexpr const char* kExperiment = "format = \"isorig-protocol/1\"\nname = \"settle-it\"\n";
+
+class DiagnosesTest : public ::testing::Test {
+ protected:
+  void write(const std::filesystem::path& file, const std::string& text) const {
+    std::filesystem::create_directories((root_ / file).parent_path());
+    std::ofstream(root_ / file) << text;
+  }
+  static json diagnosis() {
+    return {{"format", "isorig-diagnosis/1"},
+            {"verdict", "missing"},
+            {"missing",
+             {{{"effect", "coulomb_friction"}, {"probability", 0.91}, {"size_N", 0.2}, {"shape", {{"x", {1, 2, 3}}}}}}},
+            {"discernible",
+             {{{"effect", "coulomb_friction"}, {"seen_from_N", 0.02}}, {{"effect", "slack"}, {"seen_from_N", 0.5}}}},
+            {"data_faults", {1, 2}},
+            {"tried", {1, 2, 3}},
+            {"warnings", {"mixed"}},
+            {"next_experiment", {{"text", "triangles"}, {"duration_s", 28}}}};
+  }
+  [[nodiscard]] json entry(const std::string& folder) const {
+    const auto list = looked_.list();
+    for (const auto& e : list["diagnoses"]) {
+      if (e["folder"] == folder) return e;
+    }
+    return nullptr;
+  }
+
+  testing::TemporaryDirectory folder_{"diagnoses"};
+  std::filesystem::path root_ = folder_.path() / "runs";
+  Diagnoses looked_{{root_, root_ / "beside", folder_.path() / "not-there"}};
+};
+
+TEST_F(DiagnosesTest, ADiagnosisBesideARunIsListedWithoutItsCurves) {
+  write("20260101-run/diagnosis/diagnosis.json", diagnosis().dump());
+  write("20260101-run/diagnosis/diagnosis-report.html", "<html>the page</html>");
+  write("20260101-run/diagnosis/next_experiment.toml", kExperiment);
+  const auto e = entry("20260101-run/diagnosis");
+  ASSERT_TRUE(e.is_object());
+  EXPECT_EQ(e["kind"], "diagnosis");
+  EXPECT_EQ(e["missing"][0]["probability"], 0.91);
+  EXPECT_FALSE(e["missing"][0].contains("shape"));
+  EXPECT_EQ(e["missing"][0]["discernible"]["seen_from_N"], 0.02);
+  EXPECT_EQ(e["data_faults"], 2);
+  EXPECT_FALSE(e.contains("tried"));
+  EXPECT_EQ(e["experiment"], true);
+  ASSERT_EQ(e["pages"].size(), 1U);
+  EXPECT_EQ(looked_.page(e["pages"][0]["id"])["page"], "<html>the page</html>");
+  EXPECT_EQ(looked_.experiment(e["id"])["protocol"], kExperiment);
+}
+
+TEST_F(DiagnosesTest, AnInvestigationIsOneEntryWithItsLastRound) {
+  const json whole{{"format", "isorig-investigation/1"},
+                   {"outcome", "rounds"},
+                   {"text", "Not settled"},
+                   {"rig_s", 12.5},
+                   {"rounds",
+                    {{{"round", 1}, {"next_protocol", "of the first"}},
+                     {{"round", 2}, {"next_protocol", kExperiment}, {"explanations", {{{"effects", "slack"}}}}}}}};
+  write("inv/investigation.json", whole.dump());
+  write("inv/investigation-report.html", "all rounds");
+  write("inv/diagnosis.json", diagnosis().dump());
+  write("inv/round-2/diagnosis/diagnosis.json", diagnosis().dump());
+  write("inv/round-2/diagnosis/diagnosis-report.html", "the last");
+  EXPECT_EQ(looked_.list()["diagnoses"].size(), 1U);
+  const auto e = entry("inv");
+  EXPECT_EQ(e["kind"], "investigation");
+  EXPECT_EQ(e["rounds"], 2);
+  EXPECT_EQ(e["outcome"], "rounds");
+  EXPECT_EQ(e["verdict"], "missing");
+  ASSERT_EQ(e["pages"].size(), 2U);
+  EXPECT_EQ(looked_.page(e["pages"][1]["id"])["page"], "the last");
+  EXPECT_EQ(looked_.experiment(e["id"])["protocol"], kExperiment);
+}
+
+TEST_F(DiagnosesTest, OnlyWhatALookFindsIsRead) {
+  write("deep/1/2/3/diagnosis.json", diagnosis().dump());  // four folders down
+  write("far/diagnosis.json", diagnosis().dump());
+  std::filesystem::create_directories(folder_.path() / "elsewhere");
+  std::ofstream(folder_.path() / "elsewhere" / "diagnosis.json") << diagnosis().dump();
+  std::ofstream(folder_.path() / "secret.toml") << "secret";
+  std::filesystem::create_directory_symlink(folder_.path() / "elsewhere", root_ / "link");
+  std::filesystem::create_symlink(folder_.path() / "secret.toml", root_ / "far" / "next_experiment.toml");
+  std::filesystem::create_symlink(folder_.path() / "secret.toml", root_ / "far" / "diagnosis-report.html");
+  const auto list = looked_.list();
+  ASSERT_EQ(list["diagnoses"].size(), 1U);
+  const auto e = entry("far");
+  EXPECT_EQ(e["experiment"], false);
+  EXPECT_TRUE(e["pages"].empty());
+  EXPECT_THROW((void)looked_.experiment(e["id"]), std::runtime_error);
+  EXPECT_THROW((void)looked_.page("../../secret.toml"), std::runtime_error);
+}
+
+TEST_F(DiagnosesTest, WhatCannotBeReadIsThereWithTheReason) {
+  write("cut/diagnosis.json", "{\"format\": ");
+  write("other/diagnosis.json", R"({"format": "something"})");
+  write("empty/investigation.json", R"({"format": "isorig-investigation/1"})");
+  EXPECT_THAT(entry("cut").value("wrong", ""), HasSubstr("not valid JSON"));
+  EXPECT_THAT(entry("other").value("wrong", ""), HasSubstr("it is no isorig-diagnosis/1"));
+  EXPECT_THAT(entry("empty").value("wrong", ""), HasSubstr("rounds"));
+  // A FIFO would be waited for.
+  std::filesystem::create_directories(root_ / "pipe");
+  ASSERT_EQ(::mkfifo((root_ / "pipe" / "diagnosis.json").c_str(), 0600), 0);
+  EXPECT_TRUE(entry("pipe").is_null());
+}
+
+TEST_F(DiagnosesTest, NestingDeeperThanAStackIsRefused) {
+  // 4 MiB of brackets, alone and closed as the value of a key of a diagnosis.
+  const std::size_t deep = std::size_t{4} << 20U;
+  write("brackets/diagnosis.json", std::string(deep, '['));
+  write("closed/diagnosis.json",
+        R"({"format":"isorig-diagnosis/1","verdict":)" + std::string(deep / 2, '[') + std::string(deep / 2, ']') + "}");
+  auto whole = diagnosis();
+  whole["verdict"] = json::parse(std::string(60, '[') + std::string(60, ']'));
+  write("flat/diagnosis.json", whole.dump());
+  EXPECT_THAT(entry("brackets").value("wrong", ""), HasSubstr("nested deeper than 64 levels"));
+  EXPECT_THAT(entry("closed").value("wrong", ""), HasSubstr("nested deeper than 64 levels"));
+  EXPECT_FALSE(entry("flat").contains("wrong"));
+}
+
+TEST_F(DiagnosesTest, ManyEntriesInOnePlaceDoNotHideAnother) {
+  for (int run = 0; run < 20; ++run) write("run-" + std::to_string(run) + "/recording.toml", "");
+  const auto other = folder_.path() / "other";
+  std::filesystem::create_directories(other / "mine");
+  std::ofstream(other / "mine" / "diagnosis.json") << diagnosis().dump();
+  const auto list = Diagnoses({root_, other}, 10).list();
+  EXPECT_EQ(list["cut"], true);
+  ASSERT_EQ(list["all"], 1);
+  EXPECT_EQ(list["diagnoses"][0]["folder"], "mine");
+  EXPECT_EQ(Diagnoses({root_, other}, 40).list()["cut"], false);
+}
+
+TEST_F(DiagnosesTest, APlaceInAnotherIsNotListedTwice) {
+  write("beside/one/diagnosis.json", diagnosis().dump());
+  EXPECT_EQ(looked_.list()["all"], 1);
+}
+
+}  // namespace
+}  // namespace isorig::daemon

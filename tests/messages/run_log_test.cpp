@@ -1,0 +1,107 @@
+// Logs that no recorder wrote: their counts, numbers and names are anything, and reading them stays cheap and defined.
+#include "messages/run_log.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <limits>
+
+#include "messages/log_writer.hpp"
+
+namespace isorig::messages {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+class HostileLog : public ::testing::Test {
+ protected:
+  HostileLog() {
+    std::string name = "/tmp/isorig-run-log-XXXXXX";
+    folder_ = ::mkdtemp(name.data());
+  }
+  ~HostileLog() override { std::filesystem::remove_all(folder_); }
+
+  template <typename Message>
+  static std::vector<std::uint8_t> encoded(const Message& message) {
+    std::vector<std::uint8_t> bytes(static_cast<std::size_t>(message.getEncodedSize()));
+    message.encode(bytes.data(), 0, static_cast<int>(bytes.size()));
+    return bytes;
+  }
+  static isorig_msgs::run_header_t header() {
+    isorig_msgs::run_header_t h{};
+    h.format = "isorig-log/2";
+    h.attempt = 1;
+    return h;
+  }
+  void write(const std::string& file, Channel channel, const std::vector<std::uint8_t>& bytes) {
+    LogWriter writer(folder_ / file, {});
+    const auto first = encoded(header());
+    ASSERT_TRUE(writer.append(name_of(Channel::kHeader), 0, first));
+    ASSERT_TRUE(writer.append(name_of(channel), 0, bytes));
+  }
+  ReadReport read() {
+    RunVisitor nobody;
+    return read_run(folder_, nobody);
+  }
+
+  std::filesystem::path folder_;
+};
+
+TEST_F(HostileLog, ACountBeyondTheMessageTakesNoMemory) {
+  auto bytes = encoded(header());
+  // The last three numbers are the counts of texts, versions and sessions: 2^26 texts would take 4 GB.
+  bytes[bytes.size() - 12] = 4;
+  write("segment-0001.lcm", Channel::kHeader, bytes);
+  rusage before{}, after{};
+  ::getrusage(RUSAGE_SELF, &before);
+  EXPECT_EQ(read().undecodable, 1U);
+  ::getrusage(RUSAGE_SELF, &after);
+  EXPECT_LT(after.ru_maxrss - before.ru_maxrss, 100 * 1024) << "kB";
+}
+
+TEST_F(HostileLog, ATextOfALengthBelowOneIsNoText) {
+  auto bytes = encoded(header());
+  // Behind the type's fingerprint the format's length, with the zero at its end.
+  ASSERT_EQ(bytes[11], std::string("isorig-log/2").size() + 1);
+  for (const int first : {0x00, 0x80, 0xFF}) {  // 0; -2^31, from which 1 cannot be subtracted; below -1
+    bytes[8] = static_cast<std::uint8_t>(first);
+    bytes[11] = 0;
+    std::filesystem::remove(folder_ / "segment-0001.lcm");
+    write("segment-0001.lcm", Channel::kHeader, bytes);
+    EXPECT_EQ(read().undecodable, 1U) << first;
+  }
+}
+
+TEST_F(HostileLog, TimesThatNoClockHasAreNoMessages) {
+  for (const auto odd : {std::numeric_limits<std::int64_t>::max(), std::numeric_limits<std::int64_t>::min()}) {
+    isorig_msgs::frame_batch_t batch{};
+    batch.mono_ns = odd;
+    std::filesystem::remove(folder_ / "segment-0001.lcm");
+    write("segment-0001.lcm", Channel::kFrame, encoded(batch));
+    EXPECT_EQ(read().undecodable, 1U) << odd;
+    batch.mono_ns = 0;
+    batch.number = odd;
+    std::filesystem::remove(folder_ / "segment-0001.lcm");
+    write("segment-0001.lcm", Channel::kFrame, encoded(batch));
+    EXPECT_EQ(read().undecodable, 1U) << odd;
+  }
+}
+
+TEST_F(HostileLog, SegmentsThatAreGoneAreToldInOneLine) {
+  write("segment-0001.lcm", Channel::kFrame, encoded(isorig_msgs::frame_batch_t{}));
+  write("segment-2147483647.lcm", Channel::kFrame, encoded(isorig_msgs::frame_batch_t{}));
+  EXPECT_THAT(read().contradictions, ElementsAre(HasSubstr("segment-0002.lcm to segment-2147483646.lcm are missing")));
+}
+
+TEST_F(HostileLog, ANumberHasOneName) {
+  EXPECT_EQ(segment_number("segment-0012.lcm"), 12);
+  EXPECT_EQ(segment_number("segment-12345.lcm"), 12345);
+  for (const char* other : {"segment-12.lcm", "segment-00012.lcm", "segment-0000.lcm", "segment--001.lcm"})
+    EXPECT_EQ(segment_number(other), 0) << other;
+}
+
+}  // namespace
+}  // namespace isorig::messages

@@ -1,0 +1,96 @@
+// `isorig export` in every format, read by what laboratories read with: pandas, numpy, h5py, h5dump, Octave.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <map>
+
+#include "processes.hpp"
+
+namespace isorig::system_test {
+namespace {
+
+using testing::HasSubstr;
+
+std::string record(const TempDir& dir) {
+  auto runs = (dir / "runs").string();
+  Process run({bin("isorig"), "run", source("config/protocols/vma-short.toml"), "--rig", source("config/rigs/sim.toml"),
+               "--runs", runs, "--no-report", "--quiet", "--json"},
+              dir / "run.json");
+  EXPECT_EQ(run.wait(120.0), 0) << run.output();
+  return runs;
+}
+
+std::map<std::string, std::string> files_in(const std::filesystem::path& folder) {
+  std::map<std::string, std::string> all;
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
+    if (entry.is_regular_file()) all.emplace(entry.path().string(), slurp(entry.path()));
+  }
+  return all;
+}
+
+TEST(ExportFormats, SayTheSameToEveryReader) {
+  const TempDir dir;
+  const auto runs = record(dir);
+  const auto directory = nlohmann::json::parse(slurp(dir / "run.json"))["directory"].get<std::string>();
+  const auto name = std::filesystem::path(directory).filename().string();
+  for (const std::string format : {"csv", "hdf5", "mat"}) {
+    Process out(
+        {bin("isorig"), "export", "latest", "--runs", runs, "--format", format, "--out", (dir / format).string()},
+        dir / (format + ".log"));
+    ASSERT_EQ(out.wait(60.0), 0) << out.output();
+  }
+  EXPECT_TRUE(std::filesystem::exists(dir / "csv" / "rep-1_05-psi")) << "10 psi is in the plan too";
+  // Debian's Python, whose packages these are, whatever else is on the PATH.
+  Process readers({"/usr/bin/python3", source("tests/system/read_exports.py"), (dir / "csv").string(),
+                   (dir / "hdf5" / (name + ".h5")).string(), (dir / "mat" / name).string()},
+                  dir / "readers.log");
+  EXPECT_EQ(readers.wait(240.0), 0) << readers.output();
+}
+
+/// A file that cannot grow beyond 700 kB: above the 282 kB of a MAT session's columns, below the 1.1 MB of the least
+/// file of every format. What a full disk does to write() it does too, without a disk of its own.
+TEST(ExportFormats, AFullDiskIsOneMessageAndNoCutFile) {
+  const TempDir dir;
+  const auto runs = record(dir);
+  const auto with_little_room = [] {
+    const rlimit little{700'000, 700'000};
+    ::setrlimit(RLIMIT_FSIZE, &little);
+    ::signal(SIGXFSZ, SIG_IGN);  // write() fails with EFBIG
+  };
+  for (const std::string format : {"csv", "hdf5", "mat"}) {
+    const auto into = [&](const std::string& out, const std::function<void()>& in_child) {
+      Process process({bin("isorig"), "export", "latest", "--runs", runs, "--format", format, "--out",
+                       (dir / (format + out)).string()},
+                      dir / (format + out + ".log"), in_child);
+      return std::pair{process.wait(60.0), process.output()};
+    };
+    const auto is_one_message = [&](const std::pair<int, std::string>& ended) {
+      EXPECT_EQ(ended.first, 1) << format;
+      EXPECT_EQ(std::count(ended.second.begin(), ended.second.end(), '\n'), 1) << ended.second;
+      EXPECT_THAT(ended.second, HasSubstr("check the disk's space and permissions"));
+    };
+    is_one_message(into("-anew", with_little_room));
+    EXPECT_THAT(files_in(dir / (format + "-anew")), testing::IsEmpty());
+    EXPECT_FALSE(std::filesystem::exists(dir / "csv-anew" / "rep-1_05-psi"));
+    ASSERT_EQ(into("-again", {}).first, 0);
+    const auto earlier = files_in(dir / (format + "-again"));
+    std::size_t largest = 0;
+    for (const auto& [path, text] : earlier) largest = std::max(largest, text.size());
+    ASSERT_GT(largest, 700'000U) << "the limit has to be met";
+    is_one_message(into("-again", with_little_room));
+    EXPECT_TRUE(files_in(dir / (format + "-again")) == earlier) << format;
+  }
+}
+
+TEST(ExportFormats, WhatIsNotThereIsSaidBeforeAnythingIsWritten) {
+  const TempDir dir;
+  Process parquet({bin("isorig"), "export", "latest", "--format", "parquet", "--out", (dir / "out").string()},
+                  dir / "parquet.log");
+  EXPECT_EQ(parquet.wait(20.0), 2);
+  EXPECT_THAT(parquet.output(), HasSubstr("no Parquet"));
+  EXPECT_FALSE(std::filesystem::exists(dir / "out"));
+}
+
+}  // namespace
+}  // namespace isorig::system_test

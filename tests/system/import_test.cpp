@@ -1,0 +1,275 @@
+// isorig import from outside: files of other programs become recordings that every command takes, or nothing is
+// written.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <random>
+
+#include "messages/recording.hpp"
+#include "processes.hpp"
+#include "terminal.hpp"
+
+namespace isorig::system_test {
+namespace {
+
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::Not;
+
+constexpr int kBadInput = 3;
+
+/// Strokes of a standard linear solid (k1 = 1.7, k2 = 1.3 N/mm, tau = 0.8 s), at moments that do not repeat.
+struct Strokes {
+  std::vector<double> t_s, position_mm, force_N;
+};
+Strokes strokes(double seconds = 20.0) {
+  constexpr double kStep_s = 0.02;
+  constexpr double kMoments_s[] = {1.0, 3.7, 5.2, 9.1, 11.0, 14.9, 16.1, 21.3, 24.0, 31.7, 35.2, 44.4, 50.1, 52.9};
+  Strokes out;
+  double arm_N = 0.0, before_mm = 0.0;
+  for (double t = 0.0; t < seconds; t += kStep_s) {
+    double x = 0.0, sign = 1.0;
+    for (const double at : kMoments_s) {
+      x += sign * 2.0 * std::clamp((t - at) / 0.5, 0.0, 1.0);
+      sign = -sign;
+    }
+    arm_N = arm_N * std::exp(-kStep_s / 0.8) + 1.3 * (x - before_mm);
+    before_mm = x;
+    out.t_s.push_back(t);
+    out.position_mm.push_back(x);
+    out.force_N.push_back(1.7 * (x + 10.0) + arm_N);
+  }
+  return out;
+}
+
+std::string table(const Strokes& s, const std::string& header, double length_factor = 1.0, double force_factor = 1.0) {
+  std::string text = header;
+  char row[96];
+  for (std::size_t i = 0; i < s.t_s.size(); ++i) {
+    std::snprintf(row, sizeof row, "\"%.5f\",\"%.7f\",\"%.5f\"\r\n", s.t_s[i], length_factor * s.position_mm[i],
+                  force_factor * s.force_N[i]);
+    text += row;
+  }
+  return text;
+}
+
+const std::string kBluehill = "Test : Rate 1,\"240.00000\",mm/min\r\n\r\nTime,Extension,Load\r\n(s),(mm),(N)\r\n";
+
+class Import : public testing::Test {
+ protected:
+  Answer import(std::vector<std::string> words, const std::string& out = "out") {
+    words.insert(words.begin(), "import");
+    words.insert(words.end(), {"--out", (dir_ / out).string()});
+    return isorig(dir_, std::move(words));
+  }
+  Answer import_of_specimen(std::vector<std::string> words, const std::string& out = "out") {
+    words.insert(words.end(), {"--specimen", "A 1", "--rest-length-mm", "94.3", "--pressurized-rest-length-mm", "84.3",
+                               "--nominal-pressure-psi", "10"});
+    return import(std::move(words), out);
+  }
+  std::string file(const std::string& name, const std::string& text) {
+    spit(dir_ / name, text);
+    return (dir_ / name).string();
+  }
+  TempDir dir_;
+};
+
+TEST_F(Import, ABluehillFileBecomesARecordingThatSaysWhereItIsFrom) {
+  const auto made = strokes();
+  const auto path = file("a.csv", table(made, kBluehill));
+  const auto done = import_of_specimen({path});
+  ASSERT_EQ(done.code, 0) << done.text;
+  EXPECT_THAT(done.text,
+              HasSubstr("time from \"Time\" (s), position from \"Extension\" (mm), force from \"Load\" (N)"));
+  const auto recording = messages::read_recording(dir_ / "out");
+  ASSERT_EQ(recording.frame.size(), made.t_s.size());
+  for (std::size_t i = 0; i < made.t_s.size(); ++i) {
+    EXPECT_NEAR(recording.frame.position_mm[i], made.position_mm[i], 5.1e-8);  // as printed
+    EXPECT_NEAR(recording.frame.force_N[i], made.force_N[i], 5.1e-6);
+  }
+  Process sum({"sha256sum", path}, dir_ / "sum");
+  ASSERT_EQ(sum.wait(20), 0);
+  const auto toml = slurp(dir_ / "out/recording.toml");
+  EXPECT_THAT(toml,
+              AllOf(HasSubstr("file = \"a.csv\""), HasSubstr("sha256 = \"" + slurp(dir_ / "sum").substr(0, 64) + "\""),
+                    HasSubstr("units = \"s, mm, N, psi\""), HasSubstr("Test : Rate 1 = 240.00000 mm/min"),
+                    HasSubstr("command = \"isorig import"),
+                    HasSubstr("field = \"force\"\nname = \"Load\"\nnumber = 3\nunit = \"N\"")));
+  const auto fv = isorig(dir_, {"fv", (dir_ / "out").string(), "--out", (dir_ / "fv").string()});
+  EXPECT_NE(fv.code, kBadInput) << fv.text;
+  // Nothing is replaced unless it is asked for.
+  EXPECT_THAT(import_of_specimen({path}).text, HasSubstr("a recording is there already"));
+  EXPECT_EQ(import_of_specimen({path, "--replace"}).code, 0);
+}
+
+TEST_F(Import, SeveralTestsOfAFileAreSeveralRecordings) {
+  const auto text =
+      table(strokes(), kBluehill) + "\r\n" + table(strokes(12.0), "Time,Extension,Load\r\n(s),(mm),(N)\r\n");
+  const auto done = import_of_specimen({file("two.csv", text)});
+  ASSERT_EQ(done.code, 0) << done.text;
+  EXPECT_EQ(messages::read_recording(dir_ / "out/test-1").frame.size(), strokes().t_s.size());
+  EXPECT_EQ(messages::read_recording(dir_ / "out/test-2").frame.size(), strokes(12.0).t_s.size());
+}
+
+TEST_F(Import, ATestWhoseTimeHasNoUnitIsAskedNotLeftOut) {
+  const auto text = table(strokes(), kBluehill) + "\r\n" + table(strokes(12.0), "Zeit,Extension,Load\r\n,(mm),(N)\r\n");
+  const auto done = import_of_specimen({file("two.csv", text)});
+  EXPECT_EQ(done.code, kBadInput);
+  EXPECT_THAT(done.text, AllOf(HasSubstr("column \"Zeit\" has no unit"), HasSubstr("--unit 'Zeit=s'")));
+  const auto told = import_of_specimen({(dir_ / "two.csv").string(), "--unit", "Zeit=s"});
+  ASSERT_EQ(told.code, 0) << told.text;
+  EXPECT_EQ(messages::read_recording(dir_ / "out/test-2").frame.size(), strokes(12.0).t_s.size());
+}
+
+TEST_F(Import, WhatHasNoLengthIsSaidToHaveNone) {
+  const auto path = file("a.csv", table(strokes(), kBluehill));
+  const auto none = import({path, "--specimen", "damper", "--rest-length-mm", "none"});
+  ASSERT_EQ(none.code, 0) << none.text;
+  EXPECT_FALSE(messages::read_recording(dir_ / "out").metadata.rest_length_mm);
+  EXPECT_THAT(import({path, "--specimen", "damper", "--rest-length-mm", "long"}, "other").text,
+              HasSubstr("a length up to 10000 mm, or none"));
+  EXPECT_THAT(
+      import({path, "--specimen", "damper", "--rest-length-mm", "none", "--pressurized-rest-length-mm", "80"}, "other")
+          .text,
+      HasSubstr("needs --rest-length-mm"));
+  EXPECT_FALSE(std::filesystem::exists(dir_ / "other"));
+}
+
+TEST_F(Import, WithoutATerminalItSaysWhatToSay) {
+  const auto path = file("a.csv", table(strokes(), "Time,Extension,Load\r\n"));
+  const auto done = import({path});
+  EXPECT_EQ(done.code, kBadInput);
+  for (const char* said : {"column \"Extension\" has no unit", "--unit 'Extension=mm'", "--unit 'Load=N'",
+                           "--unit 'Time=s'", "--specimen NAME", "--rest-length-mm L"})
+    EXPECT_THAT(done.text, HasSubstr(said));
+  EXPECT_FALSE(std::filesystem::exists(dir_ / "out"));
+}
+
+TEST_F(Import, AtATerminalItAsksAndRemembers) {
+  const auto path = file("a.csv", table(strokes(), "Time,Extension,Load\r\n"));
+  Terminal terminal({bin("isorig"), "import", path, "--out", (dir_ / "out").string()});
+  ASSERT_TRUE(terminal.shows("in which unit is the time"));
+  terminal.type("s\n");
+  ASSERT_TRUE(terminal.shows("in which unit is the position"));
+  terminal.type("furlong\n");
+  ASSERT_TRUE(terminal.shows("that is none of them"));
+  terminal.type("mm\n");
+  ASSERT_TRUE(terminal.shows("in which unit is the force"));
+  terminal.type("N\n");
+  ASSERT_TRUE(terminal.shows("what is the specimen called?"));
+  terminal.type("A 1\n");
+  ASSERT_TRUE(terminal.shows("how long is the specimen"));
+  terminal.type("94.3\n");
+  ASSERT_TRUE(terminal.shows("mapping.toml: --mapping uses it again"));
+  const auto first = messages::read_recording(dir_ / "out");
+  // What was answered answers for the next file.
+  const auto again = import({path, "--mapping", (dir_ / "out/mapping.toml").string()}, "again");
+  ASSERT_EQ(again.code, 0) << again.text;
+  EXPECT_EQ(messages::read_recording(dir_ / "again").frame.force_N, first.frame.force_N);
+  EXPECT_EQ(slurp(dir_ / "again/mapping.toml"), slurp(dir_ / "out/mapping.toml"));
+}
+
+TEST_F(Import, MetresThatAreCalledMillimetresAreRefused) {
+  const auto path = file("m.csv", table(strokes(), kBluehill, 1e-3));
+  const auto refused = import_of_specimen({path});
+  EXPECT_EQ(refused.code, kBadInput);
+  EXPECT_THAT(refused.text,
+              AllOf(HasSubstr("a stroke of 0.002 mm"), HasSubstr("is a unit wrong?"), HasSubstr("--unit COLUMN=UNIT")));
+  EXPECT_FALSE(std::filesystem::exists(dir_ / "out"));
+  ASSERT_EQ(import_of_specimen({path, "--unit", "Extension=m"}).code, 0);
+  EXPECT_NEAR(messages::read_recording(dir_ / "out").frame.position_mm.at(100), strokes().position_mm.at(100), 1e-4);
+  EXPECT_EQ(import_of_specimen({path, "--as-stated"}, "stated").code, 0);
+}
+
+TEST_F(Import, ASignThatIsTurnedRoundIsRefusedHereAndByFv) {
+  const auto path = file("c.csv", table(strokes(), kBluehill, 1.0, -1.0));
+  const auto refused = import_of_specimen({path});
+  EXPECT_EQ(refused.code, kBadInput);
+  EXPECT_THAT(refused.text,
+              AllOf(HasSubstr("which no spring of the model can"), HasSubstr("--positive force=compression")));
+  ASSERT_EQ(import_of_specimen({path, "--positive", "force=compression"}).code, 0);
+  EXPECT_NEAR(messages::read_recording(dir_ / "out").frame.force_N.at(0), 17.0, 1e-5);
+  ASSERT_EQ(import_of_specimen({path, "--as-stated"}, "stated").code, 0);
+  const auto fv = isorig(dir_, {"fv", (dir_ / "stated").string(), "--out", (dir_ / "fv").string()});
+  EXPECT_EQ(fv.code, kBadInput);
+  EXPECT_THAT(fv.text, HasSubstr("is the sign of force_N or of position_mm turned round?"));
+}
+
+/// The paper's data: force and length by the testing machine, pressure by a microcontroller that was switched on
+/// before.
+TEST_F(Import, ALogOfAnotherClockIsAlignedByItsStrokes) {
+  constexpr double kOffset_s = 412.25, kNoise_psi = 0.002, kRecovery_per_s = 1.5, kResponse_psi_mm = 0.05;
+  const auto made = strokes(60.0);
+  std::mt19937 random(7);
+  std::normal_distribution<double> noise(0.0, kNoise_psi);
+  std::string log;
+  double response = 0.0;
+  for (std::size_t i = 1; i < made.t_s.size(); ++i) {
+    response = response * std::exp(-kRecovery_per_s * 0.02) + made.position_mm[i] - made.position_mm[i - 1];
+    char row[64];
+    std::snprintf(row, sizeof row, "%lld,%.4f\n", std::llround((made.t_s[i] + kOffset_s) * 1e6),
+                  10.0 + kResponse_psi_mm * response + noise(random));
+    log += row;
+  }
+  const std::vector<std::string> words{file("frame.csv", table(made, kBluehill)),
+                                       file("log.txt", log),
+                                       "--column",
+                                       "time=#1",
+                                       "--column",
+                                       "pressure=#2",
+                                       "--unit",
+                                       "#1=us",
+                                       "--unit",
+                                       "#2=psi"};
+  const auto done = import_of_specimen(words);
+  ASSERT_EQ(done.code, 0) << done.text;
+  EXPECT_THAT(done.text, HasSubstr("two, aligned by"));
+  const auto recording = messages::read_recording(dir_ / "out");
+  ASSERT_TRUE(recording.pressure.has_value());
+  // One sample of either file is 20 ms.
+  EXPECT_NEAR(recording.pressure->t_s.at(1000), made.t_s.at(1001), 0.02);
+  auto one_clock = words;
+  one_clock.emplace_back("--one-clock");
+  EXPECT_THAT(import_of_specimen(one_clock, "one").text, HasSubstr("no moment in common"));
+  const auto alone = import_of_specimen({words.begin() + 1, words.end()}, "alone");
+  EXPECT_THAT(alone.text, HasSubstr("name the frame's file too"));
+}
+
+TEST_F(Import, ANameThatNoColumnHasIsNotIgnored) {
+  const auto path = file("a.csv", table(strokes(), kBluehill));
+  for (const auto& [option, value] :
+       {std::pair{"--column", "force=Laod"}, {"--unit", "Extensoin=in"}, {"--unit", "#3=kN"}}) {
+    const auto refused = import_of_specimen({path, option, value});
+    EXPECT_EQ(refused.code, kBadInput);
+    EXPECT_THAT(refused.text, AllOf(HasSubstr(std::string(option) + " " + value + ": no column is called"),
+                                    HasSubstr("there are \"Time\" (s), \"Extension\" (mm), \"Load\" (N)")));
+    EXPECT_FALSE(std::filesystem::exists(dir_ / "out"));
+  }
+  // A mapping is for other files too: what it has besides is said, and no fault.
+  const auto mapping = file("mapping.toml", "format = \"isorig-mapping/1\"\n[unit]\nForce2 = \"N\"\n");
+  const auto done = import_of_specimen({path, "--mapping", mapping});
+  ASSERT_EQ(done.code, 0) << done.text;
+  EXPECT_THAT(done.text, HasSubstr("mapping.toml: no column is called \"Force2\"; it was left aside"));
+}
+
+TEST_F(Import, WrongOptionsAreNamed) {
+  const auto path = file("a.csv", table(strokes(), kBluehill));
+  EXPECT_THAT(import_of_specimen({path, "--unit", "Load=pound"}).text,
+              HasSubstr("unknown unit \"pound\"; time: s, ms"));
+  EXPECT_THAT(import_of_specimen({path, "--column", "kraft=Load"}).text,
+              HasSubstr("time|position|force|pressure=NAME"));
+  EXPECT_THAT(import_of_specimen({path, "--positive", "force=up"}).text, HasSubstr("tension|compression"));
+  EXPECT_THAT(import_of_specimen({(dir_ / "none.csv").string()}).text, HasSubstr("none.csv: no such file"));
+  EXPECT_THAT(import_of_specimen({file("text", "hello\n")}).text, HasSubstr("no table of numbers is in it"));
+  EXPECT_THAT(import_of_specimen({file("mapping.toml", "format = \"isorig-mapping/1\"\n[unit]\nLoad = \"pound\"\n"),
+                                  "--mapping", (dir_ / "mapping.toml").string()})
+                  .text,
+              HasSubstr("mapping.toml:3"));
+  EXPECT_FALSE(std::filesystem::exists(dir_ / "out"));
+}
+
+}  // namespace
+}  // namespace isorig::system_test
