@@ -2,9 +2,10 @@
 // happens to one that takes nothing. About a minute.
 // Usage: node web/test/live-protocol.mjs BIN_FOLDER SOURCE_FOLDER
 import assert from "node:assert/strict";
-import { readFileSync } from "node:fs";
+import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
 import { request } from "node:http";
 import { connect } from "node:net";
+import { join } from "node:path";
 import { Rig, until } from "./rig.mjs";
 
 const [bin, source] = process.argv.slice(2);
@@ -106,13 +107,19 @@ try {
   assert.equal((await ask("HEAD", "/")).status, 200);
   assert.equal((await ask("GET", "/../etc/passwd")).status, 404);
   assert.equal((await ask("PUT", "/")).status, 405);
+  // What makes the daemon work, and what is on disk, needs a session.
+  for (const path of ["/api/runs", "/api/calibrations", "/api/selftest", "/report/20261123-none"]) {
+    const refused = await ask("GET", path);
+    assert.equal(refused.status, 403, path);
+    assert.match(said(refused), /open the link of `isorig web` to see the runs/);
+  }
   assert.equal((await ask("GET", "/", { headers: { Host: "evil.example" } })).status, 421, "a name that DNS may lead here");
   assert.equal((await ask("GET", "/", { headers: { Host: "localhost:9999" } })).status, 200, "the near end of ssh -L");
   assert.equal((await ask("GET", "/", { headers: { "X-Long": "x".repeat(9000) } })).status, 431);
   assert.equal((await post("start", { protocol: "x".repeat(1 << 20) })).status, 413);
 
   // Nobody without a session does anything; a page of somebody else does not even with one.
-  for (const call of ["pause", "abort", "start", "resume", "lease", "note", "leave", "preview"]) assert.equal((await post(call, {})).status, 403, call);
+  for (const call of ["pause", "abort", "start", "resume", "lease", "note", "leave", "preview", "twin"]) assert.equal((await post(call, {})).status, 403, call);
   assert.equal((await ask("GET", "/api/library")).status, 403);
   for (const origin of ["http://evil.example", "null", `http://localhost:${rig.port + 1}`]) {
     const other = new Page({ origin });
@@ -130,6 +137,26 @@ try {
   const ann = entered.headers["set-cookie"][0].split(";")[0];
   assert.match(rig.call("web", "--name", "x", "--port", "9000"), /^http:\/\/localhost:9000\/enter/);
   const mine = () => ({ ...own(), Cookie: ann });
+  const look = (path) => ask("GET", path, { headers: { Cookie: ann } });
+
+  // Many who ask at once are one question for the daemon, and all get its answer.
+  for (const answer of await Promise.all(Array.from({ length: 60 }, () => look("/api/runs")))) {
+    assert.equal(answer.status, 200);
+    assert.deepEqual(JSON.parse(answer.body.toString()), { all: 0, runs: [] });
+  }
+  assert.ok("force" in JSON.parse((await look("/api/calibrations")).body.toString()).in_force);
+  assert.equal((await look("/report/..%2f..%2fetc%2fpasswd")).status, 400);
+  const none = await look("/report/20261123-none");
+  assert.equal(none.status, 409);
+  assert.match(said(none), /there is no run "20261123-none"/);
+  // One page in memory at a time.
+  const crowd = (await Promise.all(Array.from({ length: 20 }, () => look("/report/20261123-none"))));
+  assert.ok(crowd.some((a) => a.status === 409) && crowd.some((a) => a.status === 503), crowd.map((a) => a.status).join(" "));
+  // One experiment looked for at a time.
+  const looked = await Promise.all(Array.from({ length: 20 }, () => look("/api/experiment?id=0123456789abcdef")));
+  assert.ok(looked.some((a) => a.status === 409) && looked.some((a) => a.status === 503), looked.map((a) => a.status).join(" "));
+  for (const a of [...crowd, ...looked]) assert.equal(a.headers["retry-after"], a.status === 503 ? "1" : undefined);
+  assert.equal((await look("/report/20261123-none")).status, 409);
   assert.equal((await post("pause", {}, { ...mine(), Origin: "http://evil.example" })).status, 403);
   assert.equal((await post("pause", {}, { Cookie: ann, "Content-Type": "application/json" })).status, 403, "without an origin");
   assert.equal((await post("pause", {}, { ...mine(), "Content-Type": "text/plain" })).status, 415);
@@ -138,6 +165,7 @@ try {
 
   // Control: one at a time, by name.
   assert.equal((await post("start", { operator: "Ann", protocol_file: "vma-smoke.toml", specimen_file: "" }, mine())).status, 409);
+  assert.equal((await post("twin", { model_file: "none.toml" }, mine())).status, 409, "a twin without control");
   assert.equal((await post("lease", { action: "take" }, mine())).status, 200);
   const bob = (await session("Bob")).split(";")[0];
   const his = () => ({ ...own(), Cookie: bob });
@@ -158,9 +186,46 @@ try {
     assert.equal(answer.status, 400, JSON.stringify(body));
     assert.match(said(answer), why);
   }
+  // A twin needs a model of the library, or one that can be read.
+  for (const [body, why] of [
+    [{ model_file: "none.toml" }, /no model none.toml in the library/],
+    [{ model_file: "../rig.toml" }, /no model/],
+    [{ model: "nonsense", model_name: "mine.toml" }, /mine.toml:1/],
+    [{ model_file: "none.toml", on_parting: "explode" }, /mark, pause or abort/],
+  ]) {
+    const answer = await post("twin", body, mine());
+    assert.equal(answer.status, 400, JSON.stringify(body));
+    assert.match(said(answer), why);
+  }
+  const spring = 'format = "isorig-model/1"\nname = "s"\n[[part]]\nphysics = "spring"\nstiffness_N_mm = 1.0\n';
+  const chosen = await post("twin", { model: spring, model_name: "mine.toml" }, mine());
+  assert.equal(chosen.status, 200);
+  assert.match(said(chosen), /mine.toml is stepped beside the rig; it does not say what it has seen/);
+  assert.match(said(await post("twin", {}, mine())), /no model is stepped/);
+
   const preview = await post("preview", { operator: "Bob", protocol_file: "vma-smoke.toml", specimen_file: "control1.toml" }, his());
   assert.equal(preview.status, 200);
   assert.equal(JSON.parse(preview.body.toString()).specimen, "Control1");
+
+  // A saved protocol that somebody replaces between the check and the start does not start; nor does one that takes
+  // another specimen file.
+  const smoke = readFileSync(join(source, "config/protocols/vma-smoke.toml"), "utf8");
+  mkdirSync(rig.saved, { recursive: true });
+  writeFileSync(join(rig.saved, "swap.toml"), smoke);
+  const swap = { operator: "Ann", protocol_from: "saved", protocol_file: "swap.toml", specimen_file: "control1.toml" };
+  const checked = JSON.parse((await post("preview", swap, mine())).body.toString());
+  for (const key of ["protocol_version", "specimen_version"]) assert.match(checked[key], /^[0-9a-f]{16}$/, key);
+  writeFileSync(join(rig.saved, "swap.toml"), smoke + "# another\n");
+  const { protocol_version, specimen_version } = checked;
+  const swapped = await post("start", { ...swap, protocol_version, specimen_version }, mine());
+  assert.equal(swapped.status, 409);
+  assert.match(said(swapped), /^swap\.toml was changed since it was checked: check it again$/);
+  writeFileSync(join(rig.saved, "swap.toml"), smoke);
+  const mounted = await post("start", { ...swap, protocol_version, specimen_version: "0".repeat(16) }, mine());
+  assert.equal(mounted.status, 409);
+  assert.match(said(mounted), /^control1\.toml was changed since it was checked/);
+  // The very text that was checked is taken, where nothing else stands against it.
+  assert.equal((await post("preview", { ...swap, protocol_version, specimen_version }, mine())).status, 200);
 
   // A page that only looks on gets every stretch, with what came before it; one that takes nothing is cut off.
   const stalled = new Page({ stalled: true });

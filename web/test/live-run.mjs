@@ -1,8 +1,9 @@
-// The live page in Chromium through a whole run on the simulated rig: check, start, pause, resume, done, with a second page
-// that may only look on. Real processes, real time; about a minute.
+// The live page in Chromium on the simulated rig: a run that ends in a fault, its reset, then a whole run with a twin that parts and
+// pauses it, resume, pause, resume, done, its report; with a second page that may only look on. Real processes, real time; one
+// and a half minutes.
 // Usage: node web/test/live-run.mjs BIN_FOLDER SOURCE_FOLDER [FOLDER_FOR_SCREENSHOTS]
 import assert from "node:assert/strict";
-import { mkdirSync, readFileSync } from "node:fs";
+import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
 import { createRequire } from "node:module";
 import { join } from "node:path";
 import puppeteer from "puppeteer-core";
@@ -32,6 +33,53 @@ async function shot(page, name) {
   if (!shots) return;
   mkdirSync(shots, { recursive: true });
   await page.screenshot({ path: join(shots, `${name}.png`) });
+}
+
+/** What axe finds, in both colours. */
+async function axeClean(page, where) {
+  const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
+  for (const scheme of ["dark", "light"]) {
+    await page.emulateMediaFeatures([{ name: "prefers-color-scheme", value: scheme }]);
+    await page.evaluate(axe);
+    const found = await page.evaluate(async () => (await window.axe.run(document, { resultTypes: ["violations"] })).violations
+      .map((v) => `${v.id}: ${v.nodes.map((n) => n.target.join(" ")).join(", ")}`));
+    assert.deepEqual(found, [], `axe, ${where}, ${scheme}`);
+  }
+}
+
+/** Pulls beyond the rig's limit of force. */
+const TOO_FAR = `format = "isorig-protocol/1"
+name = "too-far"
+steps = [
+  { do = "pressurize", pressure_psi = 5, rate_psi_s = 8, settled_for_s = 0.2, timeout_s = 20 },
+  { do = "ramp", to_mm = 4.5, velocity_mm_s = 5 },
+  { do = "hold", duration_s = 5 },
+]
+`;
+/** Three times as stiff as the simulated muscle. */
+const WRONG_MODEL = `format = "isorig-model/1"
+name = "wrong"
+part = [
+  { physics = "spring", law = "linear", stiffness_N_mm = 5.0 },
+  { physics = "maxwell", law = "linear", stiffness_N_mm = 1.6, time_constant_s = 7.0 },
+]
+[seen]
+position_mm = [-4, 4]
+rate_mm_s = 11
+travel_mm = 40
+pressure_psi = [4.9, 5.1]
+duration_s = 100
+error_N = 0.05
+covariance = [1e-6, 0, 1e-6, 0, 0, 1e-6]
+nominal = [{ physics = "spring", law = "linear", stiffness_N_mm = 5.0 }]
+`;
+
+/** Checks the run that the dialog names, and holds Start. */
+async function checkAndStart(page) {
+  await (await button(page, "Check")).click();
+  await page.waitForSelector("dialog .seen");
+  await hold(page, await page.$("dialog button.start"), 1100);
+  await page.waitForFunction(() => document.querySelector(".state")?.textContent.includes("RUNNING"), { timeout: 20_000 });
 }
 
 async function newPage(context, errors, width = 1440, height = 1000) {
@@ -84,12 +132,55 @@ try {
   await (await button(page, "Take control")).click();
   await until("control", async () => /control is here/.test(await text(page, ".who")));
   await until("the holder's name elsewhere", async () => /Ann has control/.test(await text(viewer, ".who")));
+
+  // A run of a file of one's own that ends in a fault: seen on both pages, reset by holding.
+  writeFileSync(join(rig.dir, "too-far.toml"), TOO_FAR);
+  await (await button(page, "Start…")).click();
+  await page.waitForSelector("dialog[open] option:nth-child(3)");
+  await (await page.$("dialog input[type=file]")).uploadFile(join(rig.dir, "too-far.toml"));
+  await (await page.$$("dialog select"))[1].select(" own");
+  await checkAndStart(page);
+  await page.waitForSelector(".frame[data-look=fault]", { timeout: 30_000 });
+  await until("the fault there", async () => /FAULT/.test(await state(viewer)), 10);
+  assert.match(await text(page, ".faults"), /force/);
+  assert.match(await text(viewer, ".faults"), /force/);
+  assert.equal((await viewer.$$(".verbs")).length, 0);
+  await shot(page, "1-fault");
+  const reset = await button(page, "Reset");
+  await hold(page, reset, 200);
+  assert.match(await state(page), /FAULT/, "a short press reset the fault");
+  // The rig has to be vented and to stand: until then the daemon says what it waits for.
+  await until("the reset", async () => {
+    if (!/FAULT/.test(await state(page))) return true;
+    // Between the look and the button the state may have changed.
+    const again = await button(page, "Reset").catch(() => null);
+    if (again) await hold(page, again, 1100).catch(() => {});
+    await new Promise((r) => setTimeout(r, 700));
+    return false;
+  }, 40);
+  // A stop of the program can be gone on from; this run is given up, by holding.
+  await until("paused", async () => /PAUSED/.test(await state(page)), 10);
+  await hold(page, await button(page, "Abort"), 1100);
+  await page.waitForSelector(".frame[data-look=ready]", { timeout: 30_000 });
+  assert.equal((await viewer.$$(".faults")).length, 0, "a fault that was reset is shown on");
+
+  // A model beside the rig, by who has control; one that is wrong pauses the run.
+  writeFileSync(join(rig.models, "wrong.toml"), WRONG_MODEL);
+  await (await button(page, "Twin…")).click();
+  await page.waitForSelector("dialog[open] option:nth-child(2)");
+  const [chosen, parting] = await page.$$("dialog select");
+  await chosen.select("wrong.toml");
+  await parting.select("pause");
+  await (await button(page, "Step it")).click();
+  await until("the twin", async () => /wrong\.toml begins when/.test(await text(page, ".twin")), 10);
+  assert.match(rig.web.logged(), /twin wrong\.toml chosen by Ann/);
+
   await (await button(page, "Start…")).click();
   await page.waitForSelector("dialog[open] option:nth-child(3)");
   const check = await button(page, "Check");
   assert.ok(await check.evaluate((b) => b.disabled), "checked without protocol and specimen");
   const [protocol, specimen] = await page.$$("dialog select");
-  await protocol.select("vma-smoke.toml");
+  await protocol.select("shipped/vma-smoke.toml");
   await specimen.select(" own");
   assert.equal(await page.$eval("dialog input:not([type=file])", (e) => e.value), "Ann");
   await check.click();
@@ -105,27 +196,20 @@ try {
 
   // The first ramp moves the crosshead; every sample comes.
   await until("the ramp", async () => /ramp|hold/.test(await text(page, ".timeline .summary")), 40);
-  await new Promise((r) => setTimeout(r, 1500));
   await shot(page, "3-running");
   await shot(viewer, "3-running-phone");
 
-  // Pause at once, from the keyboard; a second viewer sees it.
-  await page.keyboard.press("p");
-  await until("paused", async () => /PAUSED/.test(await state(page)), 10);
+  // The first stroke: the model pulls three times as much, and the run stands. A second viewer sees it.
+  await until("paused by the twin", async () => /PAUSED/.test(await state(page)), 30);
+  await until("the parting", async () => /Parted .* in step \d+/.test(await text(page, ".twin")), 10);
+  assert.match(rig.web.logged(), /twin wrong\.toml and the muscle part in step/);
+  assert.match(rig.web.logged(), /pause by the twin: /);
   await until("paused there", async () => /PAUSED/.test(await state(viewer)), 10);
   await page.emulateMediaFeatures([{ name: "prefers-color-scheme", value: "dark" }]);
   await new Promise((r) => setTimeout(r, 500));
   await shot(page, "4-paused-dark");
 
-  // What axe finds, in both colours.
-  const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
-  for (const scheme of ["dark", "light"]) {
-    await page.emulateMediaFeatures([{ name: "prefers-color-scheme", value: scheme }]);
-    await page.evaluate(axe);
-    const found = await page.evaluate(async () => (await window.axe.run(document, { resultTypes: ["violations"] })).violations
-      .map((v) => `${v.id}: ${v.nodes.map((n) => n.target.join(" ")).join(", ")}`));
-    assert.deepEqual(found, [], `axe, ${scheme}`);
-  }
+  await axeClean(page, "live");
 
   // Another operator takes over; the first one may still stop the rig, but not let it go on.
   const other = await newPage(await browser.createBrowserContext(), errors);
@@ -135,12 +219,23 @@ try {
   await until("taken over", async () => /Bob has control/.test(await text(page, ".who")), 10);
   assert.match(rig.web.logged(), /control taken over by Bob \(uid \d+\) from Ann/);
   assert.ok(await (await button(page, "Resume")).evaluate((b) => b.disabled));
+  // Put away, or it would pause the next session, too.
+  await (await button(other, "Twin…")).click();
+  await other.waitForSelector("dialog[open]");
+  await (await button(other, "Put away")).click();
+  await until("no twin", async () => /No model is stepped/.test(await text(other, ".twin")), 10);
   const resume = await button(other, "Resume");
   await resume.focus();  // by keyboard alone
   await other.keyboard.down("Enter");
   await new Promise((r) => setTimeout(r, 1100));
   await other.keyboard.up("Enter");
   await until("running again", async () => /RUNNING/.test(await state(page)), 15);
+
+  // Pause at once, from the keyboard, by who has no control; let go again by who has.
+  await page.keyboard.press("p");
+  await until("paused", async () => /PAUSED/.test(await state(page)), 10);
+  await hold(other, await button(other, "Resume"), 1100);
+  await until("running once more", async () => /RUNNING/.test(await state(page)), 15);
 
   // A reload has the history again.
   await page.reload({ waitUntil: "load" });
@@ -164,6 +259,51 @@ try {
   const health = await text(page, ".health");
   assert.match(health, /no sample lost/);
   await shot(page, "6-done");
+
+  // The other pages, by keyboard: Tab to the link, Enter. Clean for axe, on a telephone too.
+  for (const name of ["Runs", "Log", "Rig", "Calibration"]) {
+    await page.evaluate((n) => [...document.querySelectorAll("nav a")].find((a) => a.textContent === n).focus(), name);
+    await page.keyboard.press("Enter");
+    await until(`page ${name}`, async () => (await text(page, "nav a[aria-current]")) === name, 5);
+    await page.waitForSelector("main.page table tbody tr", { timeout: 20_000 });
+    await axeClean(page, name);
+    await shot(page, `7-${name.toLowerCase()}`);
+  }
+  await page.evaluate(() => { location.hash = "rig"; });
+  await page.waitForFunction(() => /\d+ good/.test(document.querySelector("main.page")?.textContent ?? ""));
+  await page.evaluate(() => { location.hash = "log"; });
+  await page.waitForFunction(() => document.querySelector("main.page")?.textContent.includes("the muscle part in step"));
+  await viewer.evaluate(() => { location.hash = "runs"; });
+  await until("that runs need a session", async () => /Open the link of isorig web to see the runs/.test(await text(viewer, "main.page")), 5);
+  assert.ok(await viewer.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "the page is wider than a telephone");
+  await shot(viewer, "7-runs-phone");
+
+  // Both runs, with their outcomes; the page of the one that is done, in an origin of its own; its curves.
+  await page.evaluate(() => { location.hash = "runs"; });
+  const report = await until("the report", async () => {
+    const link = await page.$("main.page tbody tr:first-child th a");
+    if (link) return link;
+    await (await button(page, "Look again")).click();
+    return null;
+  }, 30);
+  assert.match(await text(page, "main.page tbody tr:first-child"), /✓ done.*Ann.*the muscle part in step/);
+  assert.match(await text(page, "main.page tbody tr:nth-child(2)"), /■ aborted/);
+  await (await page.$("main.page tbody tr:first-child input")).click();
+  await page.waitForSelector(".overlay svg");
+  await shot(page, "8-overlay");
+  await page.type("main.page input[type=search]", "aborted too-far");
+  await until("the search", async () => (await page.$$("main.page tbody tr")).length === 1, 5);
+  const own = await newPage(context, errors);
+  const answer = await own.goto(base + (await report.evaluate((a) => a.getAttribute("href"))), { waitUntil: "load" });
+  assert.match(answer.headers()["content-security-policy"], /^sandbox allow-scripts/);
+  assert.match(answer.headers()["content-security-policy"], /default-src 'none'/);
+  assert.equal(answer.headers()["cross-origin-opener-policy"], "unsafe-none");
+  await own.waitForSelector("figure svg, figure canvas");
+  // Its origin is its own, and it fetches nothing.
+  assert.equal(await own.evaluate(() => self.origin), "null");
+  assert.equal(await own.evaluate((url) => fetch(url).then(() => "fetched", () => "refused"), `${base}/api/runs`), "refused");
+  errors.splice(0, errors.length, ...errors.filter((e) => !/Content Security Policy|violates|api\/runs/.test(e)));  // told on the console
+  await own.close();
   assert.match(rig.isorig("runs", "--runs", join(rig.dir, "runs")), /done/);
   assert.deepEqual(errors, []);
 

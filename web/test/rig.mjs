@@ -1,8 +1,8 @@
 // What the tests of the live page share: real processes on the simulated rig, in a folder of their own.
-import { execFileSync, spawn } from "node:child_process";
-import { mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { execFileSync, spawn, spawnSync } from "node:child_process";
+import { mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
-import { join } from "node:path";
+import { join, resolve } from "node:path";
 
 /** Looks ten times a second; the limit only says when to give up. */
 export async function until(what, look, seconds = 60) {
@@ -17,11 +17,14 @@ export async function until(what, look, seconds = 60) {
 
 export class Rig {
   constructor(bin, source) {
-    this.bin = bin;
-    this.source = source;
+    this.bin = resolve(bin);
+    this.source = resolve(source);
     this.dir = mkdtempSync(join(tmpdir(), "isorig-live-"));
     this.socket = join(this.dir, "isorigd.sock");
     this.children = [];
+    this.models = join(this.dir, "models");
+    this.saved = join(this.dir, "saved");
+    mkdirSync(this.models);
   }
 
   child(program, words) {
@@ -41,6 +44,7 @@ export class Rig {
       .replaceAll('"../', `"${this.source}/config/`)
       .replace("frame_age_max_s = 0.25\npressure_age_max_s = 0.25",
         ["frame_age", "pressure_age", "interlock_age", "late_tick", "segment_ack"].map((key) => `${key}_max_s = ${seconds}`).join("\n"))
+      .replace("force_max_N = 120.0", "force_max_N = 16.0")  // what a stroke of 1 mm does not reach, and one of 4 mm does
       .replace("heartbeat_timeout_s = 0.5", `heartbeat_timeout_s = ${seconds}`)
       .replace("watchdog_s = 0.5", `watchdog_s = ${seconds}`)
       .replace("ring_samples = 256", "ring_samples = 2048")
@@ -57,7 +61,8 @@ export class Rig {
   /** The page's server, on any free port; its address. */
   async startWeb() {
     this.web = this.child("isorig-web", ["--socket", this.socket, "--port", "0", "--protocols", join(this.source, "config/protocols"),
-      "--specimens", join(this.source, "config/specimens")]);
+      "--specimens", join(this.source, "config/specimens"), "--models", this.models,
+      "--saved-protocols", this.saved]);
     this.base = await until("isorig-web", () => this.web.logged().match(/http:\/\/localhost:\d+/)?.[0], 20);
     this.port = Number(new URL(this.base).port);
     return this.base;
@@ -65,6 +70,12 @@ export class Rig {
 
   isorig(...words) {
     return execFileSync(join(this.bin, "isorig"), words, { encoding: "utf8" }).trim();
+  }
+  /** What a call that is refused says, line by line. */
+  refusal(...words) {
+    const said = spawnSync(join(this.bin, "isorig"), words, { encoding: "utf8" });
+    if (said.status === 0) throw new Error(`isorig ${words.join(" ")} was not refused`);
+    return said.stderr.trim().split("\n");
   }
   call(...words) {
     return this.isorig(...words, "--socket", this.socket);

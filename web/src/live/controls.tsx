@@ -1,11 +1,10 @@
 import { useEffect, useRef, useState } from "preact/hooks";
-import { duration } from "../shared/format.ts";
 import { HoldButton } from "./hold.tsx";
 import { post, type Model, type Reply } from "./model.ts";
 
 /** What a person may do here: who has control, the verbs, the start of a run, the correction of one. */
 
-type Say = (reply: Reply) => void;
+export type Say = (reply: Reply) => void;
 
 export function Control({ model, say }: { model: Model; say: Say }) {
   const { hello, lease } = model;
@@ -52,12 +51,15 @@ export function Verbs({ model, say, onStart, onNote }: { model: Model; say: Say;
   );
 }
 
-interface Library {
+export interface Library {
   protocols: string[];
+  /** Those of the page's own folder. */
+  saved: string[];
   specimens: string[];
+  models: string[];
 }
 
-function Dialog(props: { title: string; close: () => void; children: preact.ComponentChildren }) {
+export function Dialog(props: { title: string; close: () => void; children: preact.ComponentChildren }) {
   const dialog = useRef<HTMLDialogElement>(null);
   useEffect(() => {
     dialog.current?.showModal();
@@ -70,97 +72,19 @@ function Dialog(props: { title: string; close: () => void; children: preact.Comp
   );
 }
 
-function useLibrary(): Library {
-  const [library, set] = useState<Library>({ protocols: [], specimens: [] });
+/** Asked for again when `turn` changes. */
+export function useLibrary(turn = 0): Library {
+  const [library, set] = useState<Library>({ protocols: [], saved: [], specimens: [], models: [] });
   useEffect(() => {
     void fetch("/api/library").then((a) => (a.ok ? a.json() : library)).then((l) => set(l as Library), () => {});
-  }, []);
+  }, [turn]);
   return library;
 }
 
-const OWN = " own";
-
-export function StartDialog({ model, close, say }: { model: Model; close: () => void; say: Say }) {
-  const library = useLibrary();
-  const [file, setFile] = useState("");
-  const [upload, setUpload] = useState<{ name: string; text: string } | null>(null);
-  const [specimen, setSpecimen] = useState("");
-  const [operator, setOperator] = useState(model.hello?.name ?? "");
-  const [seen, setSeen] = useState<Reply | null>(null);
-  const [asking, setAsking] = useState(false);
-  const ready = (file !== "" || upload !== null) && specimen !== "" && operator.trim() !== "";
-  const body = () => ({
-    operator: operator.trim(),
-    ...(upload ? { protocol: upload.text, protocol_name: upload.name } : { protocol_file: file }),
-    specimen_file: specimen === OWN ? "" : specimen,
-  });
-  const changed = <T,>(set: (value: T) => void) => (value: T) => {
-    set(value);
-    setSeen(null);
-  };
-  const check = async () => {
-    setAsking(true);
-    setSeen(await post("preview", body()));
-    setAsking(false);
-  };
-  const start = async () => {
-    const reply = await post("start", body());
-    say(reply);
-    if (reply.ok) close();
-    else setSeen(reply);
-  };
-  const p = seen?.ok ? seen.body : null;
-  const value = (key: string) => Number(p?.[key] ?? 0);
-  return (
-    <Dialog title="Start a run" close={close}>
-      <form onSubmit={(e) => { e.preventDefault(); if (ready) void check(); }}>
-        <label>Protocol
-          <select value={upload ? "" : file} onChange={(e) => { setUpload(null); changed(setFile)(e.currentTarget.value); }}>
-            <option value="">{upload ? upload.name : "choose…"}</option>
-            {library.protocols.map((name) => <option key={name}>{name}</option>)}
-          </select>
-        </label>
-        <label>or a file of yours
-          <input type="file" accept=".toml" onChange={async (e) => {
-            const chosen = e.currentTarget.files?.[0];
-            if (chosen) changed(setUpload)({ name: chosen.name, text: await chosen.text() });
-          }} />
-        </label>
-        <label>Specimen that is mounted
-          <select value={specimen} onChange={(e) => changed(setSpecimen)(e.currentTarget.value)}>
-            <option value="">choose…</option>
-            <option value={OWN}>the one that the rig's file names</option>
-            {library.specimens.map((name) => <option key={name}>{name}</option>)}
-          </select>
-        </label>
-        <label>Operator
-          <input value={operator} maxLength={64} onInput={(e) => changed(setOperator)(e.currentTarget.value)} />
-        </label>
-        {seen && !seen.ok && <pre class="refused" role="alert">{seen.text}</pre>}
-        {p && (
-          <dl class="seen">
-            <dt>rig</dt><dd>{String(p["rig"] ?? "")}{p["simulated"] ? " (simulated)" : ""}</dd>
-            <dt>specimen</dt><dd>{String(p["specimen"] ?? "")}, {value("rest_length_mm")} mm at rest</dd>
-            <dt>protocol</dt><dd>{String(p["protocol"] ?? "")}: {value("sessions")} sessions, {duration(Math.round(value("nominal_s")))}, {duration(Math.round(value("worst_s")))} at worst</dd>
-            <dt>reach</dt><dd>up to {value("pressure_max_psi")} psi, {value("position_min_mm")} to {value("position_max_mm")} mm</dd>
-            {p["changed"] ? <><dt>changed</dt><dd class="warning">{String(p["changed"])}</dd></> : null}
-            {p["warnings"] ? <><dt>warnings</dt><dd class="warning">{String(p["warnings"]).trim()}</dd></> : null}
-          </dl>
-        )}
-        <div class="row">
-          <button type="button" onClick={close}>Cancel</button>
-          <button type="submit" disabled={!ready || asking}>{asking ? "Checking…" : "Check"}</button>
-          <HoldButton class="start" disabled={p === null} title={p === null ? "Check first" : "Hold to start"} act={() => void start()}>Start</HoldButton>
-        </div>
-      </form>
-    </Dialog>
-  );
-}
-
 /** What is known of a run is put right afterwards: the recording stays, and the change leaves a trace. */
-export function NoteDialog({ model, close, say }: { model: Model; close: () => void; say: Say }) {
+export function NoteDialog({ model, close, say, run: given }: { model: Model; close: () => void; say: Say; run?: string }) {
   const library = useLibrary();
-  const run = model.status?.run?.id ?? model.status?.last_run?.id ?? "";
+  const run = given ?? model.status?.run?.id ?? model.status?.last_run?.id ?? "";
   const [operator, setOperator] = useState("");
   const [specimen, setSpecimen] = useState("");
   const [text, setText] = useState("");

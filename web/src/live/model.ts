@@ -47,6 +47,32 @@ export interface Status {
   recorder?: { disk: string; free_MiB: number; written_MiB: number; lost_messages: number; dropped_records: number; missing_samples: number; error: string };
 }
 
+/** The live twin; `model` is null without one. */
+export interface Twin {
+  model: string | null;
+  /** Why there is none, if the protocol asked for one. */
+  why?: string;
+  on_parting?: "mark" | "pause" | "abort";
+  by_protocol?: boolean;
+  band?: boolean;
+  phase?: "waits" | "settles" | "stands" | "judged" | "parted";
+  judged?: number;
+  covered?: number;
+  learning?: boolean;
+  k?: number;
+  h?: number;
+  correlation_s?: number;
+  high?: number;
+  low?: number;
+  notes?: string[];
+  /** null: no number, which JSON has no word for. */
+  force_N?: number | null;
+  half_N?: number | null;
+  residual?: number;
+  outside?: boolean;
+  parting?: { mono_ns: number; found_mono_ns: number; step: number; text: string; residual_N: number };
+}
+
 export interface Web {
   unix_ms: number;
   lost: number;
@@ -56,6 +82,7 @@ export interface Web {
   /** Of the worst tick of each hundredth of a second in ten minutes, how many were late by 2^(k-1) to 2^k µs. */
   lateness: number[];
   viewers: number;
+  twin: Twin;
 }
 
 export interface Step {
@@ -98,7 +125,8 @@ export interface Hello {
 }
 
 const DAY_NS = 86_400e9;
-const EVENTS_KEPT = 1000;
+/** As many as isorig-web keeps (webserver/hub.cpp). */
+export const EVENTS_KEPT = 1000;
 
 export class Model {
   hello: Hello | null = null;
@@ -148,7 +176,7 @@ export class Model {
         this.heard_ms = performance.now();
         if (m.status === null) {
           this.plan = null;
-          this.events = [];
+          this.events = this.events.filter((e) => e.code === "twin");  // the daemon tells its own again
         }
         break;
       case "plan":
@@ -221,6 +249,8 @@ export function connect(model: Model): void {
 
 export interface Reply {
   ok: boolean;
+  /** Of HTTP; 0: there was no answer. */
+  status: number;
   text: string;
   body: Record<string, unknown>;
 }
@@ -231,8 +261,8 @@ export async function post(call: string, body: object = {}): Promise<Reply> {
       method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body),
     });
     const json = (await answer.json()) as Record<string, unknown>;
-    return { ok: answer.ok && json["ok"] !== false, text: String(json["text"] ?? ""), body: json };
+    return { ok: answer.ok && json["ok"] !== false, status: answer.status, text: String(json["text"] ?? ""), body: json };
   } catch (error) {
-    return { ok: false, text: `isorig-web did not answer: ${(error as Error).message}`, body: {} };
+    return { ok: false, status: 0, text: `isorig-web did not answer: ${(error as Error).message}`, body: {} };
   }
 }

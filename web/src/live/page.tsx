@@ -1,18 +1,31 @@
 import { useEffect, useReducer, useRef, useState } from "preact/hooks";
 import { number } from "../shared/format.ts";
-import { Control, NoteDialog, StartDialog, Verbs } from "./controls.tsx";
+import { Control, NoteDialog, Verbs } from "./controls.tsx";
+import { DiagnosisPage } from "./diagnosis.tsx";
 import { post, type Link, type Model, type Reply } from "./model.ts";
 import { LoopPlot, PANELS, TimePlot, windowOf, type Window } from "./plots.ts";
-import { blocks, CHANNELS, grid, StretchRing } from "./stretches.ts";
+import { blocks, CHANNELS, grid, STREAMS, StretchRing } from "./stretches.ts";
+import { CalibrationPage } from "./calibration.tsx";
+import { LogPage } from "./log.tsx";
+import { ProtocolPage } from "./protocol.tsx";
+import { RigPage } from "./rig.tsx";
+import { RunsPage } from "./runs.tsx";
+import { StartDialog } from "./start.tsx";
 import { Timeline } from "./timeline.tsx";
+import { TwinDialog, TwinPanel, TwinValue } from "./twin.tsx";
 import { clockTime, look, moves } from "./words.ts";
 
 const WINDOWS = [
   { s: 10, name: "10 s" }, { s: 30, name: "30 s" }, { s: 120, name: "2 min" }, { s: 600, name: "10 min" },
   { s: 3600, name: "1 h" }, { s: 86_400, name: "24 h" },
 ];
-/** Frames a second of the plots: an eye sees no more of a curve that moves. */
+/** Between two drawings of a plot: an eye sees no more of a curve that moves. A curve of ten minutes moves by a pixel in a
+ *  second: it is drawn twice for each. */
 const PLOT_PERIOD_MS = 50;
+const LONGEST_PERIOD_MS = 500;
+const LOOP_PERIOD_MS = 100;
+const periodOf = (span_s: number, pixels: number) =>
+  Math.min(LONGEST_PERIOD_MS, Math.max(PLOT_PERIOD_MS, (500 * span_s) / Math.max(1, pixels)));
 const LOOP_S = 60;
 const EVENTS_SHOWN = 60;
 const MESSAGE_MS = 8000;
@@ -41,6 +54,7 @@ function Values({ model }: { model: Model }) {
   return (
     <div class="values">
       <div><h3>force</h3><p class="big">{value(s.force_N, 2)}<small> N</small></p>
+        <TwinValue model={model} />
         <p>{model.plan ? `limits ${model.plan.limits.force_min_N} to ${model.plan.limits.force_max_N}` : ""}</p></div>
       <div><h3>position</h3><p class="big">{value(s.position_mm, 3)}<small> mm</small></p>
         <p>{moves(s, model.plan) ? `to ${value(s.target_mm, 3)} at ${number(Math.abs(s.velocity_mm_s), 3)} mm/s` : `target ${value(s.target_mm, 3)}`}</p></div>
@@ -86,7 +100,7 @@ function Health({ model }: { model: Model }) {
   const { status: s, web } = model;
   if (!s || !web) return null;
   const lost = web.lost + web.lost_before_the_socket + web.lost_earlier + web.gaps;
-  const recorded = (s.recorder?.lost_messages ?? 0) + (s.recorder?.dropped_records ?? 0) + (s.recorder?.missing_samples ?? 0) + s.records_dropped;
+  const recorded = (s.recorder?.lost_messages ?? 0) + (s.recorder?.dropped_records ?? 0) + (s.recorder?.missing_samples ?? 0);
   return (
     <section class="panel health">
       <h2>Interlocks</h2>
@@ -120,7 +134,7 @@ function Events({ model }: { model: Model }) {
   return (
     <section class="panel events" aria-label="Events">
       <h2>Events</h2>
-      <ol>
+      <ol tabIndex={0} aria-label="Events, newest first">
         {model.events.slice(-EVENTS_SHOWN).reverse().map((e) => (
           <li key={`${e.mono_ns} ${e.code}`} class={e.severity === "info" ? "" : e.severity === "warning" ? "warning" : "bad"}>
             <time>{clockTime(model.unix_s(e.mono_ns), now)}</time>{" "}
@@ -153,6 +167,7 @@ function Plots({ model, below, beside }: { model: Model; below: preact.Component
   const [zoom, setZoom] = useState<Window | null>(null);
   const now = useRef({ span, zoom });
   now.current = { span, zoom };
+  const hasTwin = model.web?.twin.model != null;
   const strips = useRef<HTMLDivElement>(null), loop = useRef<HTMLDivElement>(null);
   const live = (seconds: number) => {
     setZoom(null);
@@ -163,17 +178,38 @@ function Plots({ model, below, beside }: { model: Model; below: preact.Component
     const marked = (from: number, to: number) => void zoomed(model, from, to, places[0]?.clientWidth ?? 600).then((w) => w && setZoom(w));
     const plots = PANELS.map((p, i) => new TimePlot(places[i] as HTMLElement, model, p, i === 0, i === PANELS.length - 1, marked));
     const over = new LoopPlot(loop.current as HTMLElement, model);
-    let last = 0, frame = 0;
+    let last = 0, lastLoop = 0, frame = 0;
+    let shown: { span: number; zoom: Window | null } = { span: 0, zoom: null };
+    // For who measures (web/test/live-frames.mjs): how many stretches of the frame were drawn, and the newest of them.
+    let drawn = 0, until = -Infinity;
+    const count = () => {
+      const ring = model.fine[STREAMS.frame];
+      if (!ring || !Number.isFinite(ring.newest)) return;
+      for (let i = Number.isFinite(until) ? until + 1 : ring.newest; i <= ring.newest; ++i) drawn += ring.at(i) >= 0 ? 1 : 0;
+      until = ring.newest;
+      const data = (strips.current as HTMLElement).dataset;
+      data["drawn"] = String(drawn);
+      data["drawnUntil"] = String(until);
+    };
     const draw = (t: number) => {
       frame = requestAnimationFrame(draw);
-      if (t - last < PLOT_PERIOD_MS) return;
-      last = t;
-      const w = now.current.zoom ?? windowOf(model, now.current.span, places[0]?.clientWidth ?? 600);
-      if (w === null) return;
-      for (const p of plots) p.draw(w);
-      // Stretches of the loop stay as fine as they are: joined ones would be wide rectangles.
-      const near = now.current.zoom ?? windowOf(model, Math.min(now.current.span, LOOP_S), Infinity);
-      if (near !== null) over.draw(near);
+      const pixels = places[0]?.clientWidth ?? 600;
+      const another = shown.span !== now.current.span || shown.zoom !== now.current.zoom;
+      // Where every frame comes later than the plots are due, the loop still has its turn.
+      const due = t - last >= periodOf(now.current.span, pixels), starved = t - lastLoop >= 3 * LOOP_PERIOD_MS;
+      if (another || (due && !starved)) {
+        const w = now.current.zoom ?? windowOf(model, now.current.span, pixels);
+        if (w === null) return;
+        last = t;
+        shown = now.current;
+        for (const p of plots) if (p.element.clientHeight > 0) p.draw(w);
+        if (w.rings === model.fine) count();
+      } else if (t - lastLoop >= LOOP_PERIOD_MS) {  // in a frame of its own
+        lastLoop = t;
+        // Stretches of the loop stay as fine as they are: joined ones would be wide rectangles.
+        const near = now.current.zoom ?? windowOf(model, Math.min(now.current.span, LOOP_S), Infinity);
+        if (near !== null) over.draw(near);
+      }
     };
     frame = requestAnimationFrame(draw);
     const keys = (e: KeyboardEvent) => {
@@ -198,8 +234,8 @@ function Plots({ model, below, beside }: { model: Model; below: preact.Component
             {zoom && <button type="button" class="back" onClick={() => setZoom(null)}>The past, enlarged · back to now</button>}
           </div>
           {PANELS.map((p) => (
-            <div class="strip-frame" key={p.title}>
-              <h3>{p.title} {p.signals.map((s) => <span key={s.label} class="key"><span class={`line s${s.color}${s.target ? " dashed" : ""}`} />{s.label}</span>)}</h3>
+            <div class="strip-frame" key={p.title} hidden={p.twin && !hasTwin}>
+              <h3>{p.title} {p.signals.filter((s) => hasTwin || !s.label.startsWith("twin")).map((s) => <span key={s.label} class="key"><span class={`line s${s.color}${s.target ? " dashed" : ""}${s.band ? " wide" : ""}`} />{s.label}</span>)}</h3>
               <div class="strip" role="img" aria-label={`${p.title} over the last ${span} s`} />
             </div>
           ))}
@@ -230,10 +266,34 @@ function Theme() {
   return <button type="button" class="theme" title="Light, dark, or as the system has it" onClick={() => set(next)}>{theme === "" ? "◐ auto" : theme === "dark" ? "● dark" : "○ light"}</button>;
 }
 
+const PAGES = ["live", "protocol", "runs", "diagnosis", "log", "rig", "calibration"] as const;
+type Shown = (typeof PAGES)[number];
+
+/** Which page is open: what stands behind the # of the address, so that back, forward and a reload find it again. */
+function useShown(): Shown {
+  const read = () => PAGES.find((p) => location.hash === `#${p}`) ?? "live";
+  const [shown, set] = useState<Shown>(read);
+  useEffect(() => {
+    const changed = () => set(read());
+    addEventListener("hashchange", changed);
+    return () => removeEventListener("hashchange", changed);
+  }, []);
+  return shown;
+}
+
+function Pages({ shown }: { shown: Shown }) {
+  return (
+    <nav aria-label="Pages">
+      {PAGES.map((p) => <a key={p} href={`#${p}`} aria-current={p === shown ? "page" : undefined}>{p[0]?.toUpperCase()}{p.slice(1)}</a>)}
+    </nav>
+  );
+}
+
 export function Page({ model }: { model: Model }) {
   const [, again] = useReducer((n: number) => n + 1, 0);
   const [said, setSaid] = useState<Reply | null>(null);
-  const [dialog, setDialog] = useState<"" | "start" | "note">("");
+  const shownPage = useShown();
+  const [dialog, setDialog] = useState<"" | "start" | "note" | "twin">("");
   useEffect(() => {
     const timer = setInterval(() => again(0), 1000);  // news that do not come are news, too
     const unwatch = model.watch(() => again(0));
@@ -250,6 +310,7 @@ export function Page({ model }: { model: Model }) {
   useEffect(() => {
     const keys = (e: KeyboardEvent) => {
       if (e.key !== "p" || e.ctrlKey || e.metaKey || e.altKey || !model.hello?.may_control || document.querySelector("dialog[open]")) return;
+      if (e.target instanceof Element && e.target.matches("input:not([type=checkbox]), textarea, select")) return;  // somebody writes
       void post("pause").then(setSaid);
     };
     addEventListener("keydown", keys);
@@ -264,6 +325,7 @@ export function Page({ model }: { model: Model }) {
     <div class="frame" data-look={shown.look}>
       <header>
         <div role="status"><h1 class="state"><span aria-hidden="true">{shown.sign}</span> {shown.word}</h1></div>
+        <Pages shown={shownPage} />
         <p class="rig"><b>{s?.rig ?? model.hello?.rig ?? ""}</b>{s?.simulated ? " · simulated" : ""}{why ? <> · <span class="why">{why}</span></> : ""}</p>
         <div class="right">
           <Control model={model} say={setSaid} />
@@ -278,15 +340,22 @@ export function Page({ model }: { model: Model }) {
           <ul>{s.faults.map((f) => <li key={`${f.mono_ns}${f.code}`}><time>{clockTime(model.unix_s(f.mono_ns), (model.web?.unix_ms ?? 0) / 1000)}</time> <b>{f.severity} · {f.code}</b> {f.text}</li>)}</ul>
         </section>
       )}
-      <Timeline model={model} />
-      <main>
-        <Plots model={model} below={<Events model={model} />} beside={(loop) => <><Values model={model} />{loop}<Health model={model} /></>} />
-      </main>
+      {(shownPage === "live" || s?.run) && <Timeline model={model} />}
+      {shownPage === "runs" && <RunsPage model={model} say={setSaid} />}
+      {shownPage === "protocol" && <ProtocolPage model={model} say={setSaid} />}
+      {shownPage === "diagnosis" && <DiagnosisPage model={model} say={setSaid} />}
+      {shownPage === "log" && <LogPage model={model} />}
+      {shownPage === "rig" && <RigPage model={model} />}
+      {shownPage === "calibration" && <CalibrationPage model={model} />}
+      {shownPage === "live" && <main>
+        <Plots model={model} below={<Events model={model} />} beside={(loop) => <><Values model={model} /><TwinPanel model={model} choose={() => setDialog("twin")} />{loop}<Health model={model} /></>} />
+      </main>}
       <footer>
         {model.hello?.may_control ? "Keys: p pauses at once; 1 to 6 choose the time shown; Tab, then Enter or Space held, for the rest. " : "View only: isorig web, in a terminal on the rig's machine, gives a link that may control. "}
         The emergency stop is the wired one at the rig.
       </footer>
       {dialog === "start" && <StartDialog model={model} say={setSaid} close={() => setDialog("")} />}
+      {dialog === "twin" && <TwinDialog model={model} say={setSaid} close={() => setDialog("")} />}
       {dialog === "note" && <NoteDialog model={model} say={setSaid} close={() => setDialog("")} />}
     </div>
   );

@@ -13,6 +13,8 @@ interface Signal {
   color: number;
   /** What was asked for: dashed, without a band. */
   target?: boolean;
+  /** From the lowest of this channel to the highest of the next one, without a line. */
+  band?: boolean;
 }
 
 interface Panel {
@@ -21,14 +23,25 @@ interface Panel {
   /** Least height of the scale, so that noise does not fill the plot. */
   span: number;
   limits: (model: Model) => { at: number; text: string }[];
+  /** Shown while there is a twin. */
+  twin?: boolean;
 }
 
 export const PANELS: Panel[] = [
   {
     title: "force (N)", span: 0.5,
-    signals: [{ label: "force", stream: STREAMS.frame, channel: 1, color: 0 }],
+    signals: [
+      { label: "twin, 95 %", stream: STREAMS.band, channel: 0, color: 1, band: true },
+      { label: "force", stream: STREAMS.frame, channel: 1, color: 0 },
+      { label: "twin", stream: STREAMS.twin, channel: 0, color: 1, target: true },
+    ],
     limits: (m) => m.plan ? [
       { at: m.plan.limits.force_max_N, text: "limit" }, { at: m.plan.limits.force_min_N, text: "limit" }] : [],
+  },
+  {
+    title: "measured minus twin (standard errors)", span: 8, twin: true,
+    signals: [{ label: "residual", stream: STREAMS.twin, channel: 1, color: 3 }],
+    limits: (m) => (m.web?.twin.band ? [{ at: 1.96, text: "95 %" }, { at: -1.96, text: "95 %" }] : []),
   },
   {
     title: "position (mm)", span: 0.1,
@@ -82,7 +95,8 @@ export function columnsOf(model: Model, panel: Panel, w: Window): (number | null
   ];
   for (const s of panel.signals) {
     const r = (w.rings[s.stream] as StretchRing).reduce(s.channel, w.grid);
-    if (s.target) columns.push(r.mean);
+    if (s.band) columns.push(r.low, (w.rings[s.stream] as StretchRing).reduce(s.channel + 1, w.grid).high);
+    else if (s.target) columns.push(r.mean);
     else columns.push(r.low, r.high, r.mean);
   }
   return columns;
@@ -122,8 +136,14 @@ function drawLimits(u: uPlot, limits: { at: number; text: string }[]): void {
       ctx.stroke();
       ctx.fillText(`${text} ${at}`, left, y - 4 * dpr);
     } else {
-      // Off the scale: said at the edge towards which it lies.
-      ctx.fillText(`${at > high ? "↑" : "↓"} ${text} ${at}`, left, at > high ? bbox.top + 12 * dpr : bbox.top + bbox.height - 5 * dpr);
+      // Off the scale: said at the edge towards which it lies, on a ground of its own over what is drawn there.
+      const words = `${at > high ? "↑" : "↓"} ${text} ${at}`, y = at > high ? bbox.top + 12 * dpr : bbox.top + bbox.height - 5 * dpr;
+      ctx.fillStyle = ink("panel");
+      ctx.globalAlpha = 0.7;  // what lies under it stays seen
+      ctx.fillRect(left - 2 * dpr, y - 10 * dpr, ctx.measureText(words).width + 4 * dpr, 13 * dpr);
+      ctx.globalAlpha = 1;
+      ctx.fillStyle = ink("bad");
+      ctx.fillText(words, left, y);
     }
   }
   ctx.restore();
@@ -189,6 +209,11 @@ export class TimePlot {
         continue;
       }
       const at = series.length;
+      if (s.band) {
+        series.push({ label: `${s.label}, from`, stroke, width: 1, points: { show: false } }, { label: `${s.label}, to`, stroke, width: 1, points: { show: false } });
+        bands.push({ series: [at + 1, at], fill: () => paletteColor(s.color) + "40" });
+        continue;
+      }
       series.push(
         { label: `${s.label}, lowest`, stroke, width: 0.5, points: { show: false } },
         { label: `${s.label}, highest`, stroke, width: 0.5, points: { show: false } },
@@ -202,10 +227,11 @@ export class TimePlot {
       axes: [last ? { ...axis(), values: (_, splits, __, ___, step) => splits.map((t) => tickTime(t, step)) } : { ...axis(), values: (_, splits) => splits.map(() => ""), size: 2 }, { ...axis(), size: 60 }],
       padding: [6, 8, last ? 0 : 6, 0],
       hooks: { draw: [(u) => {
-        drawLimits(u, panel.limits(model));
         drawEvents(u, model.events, (ns) => model.unix_s(ns), first);
+        drawLimits(u, panel.limits(model));
       }], setSelect: [(u) => {
-        if (u.select.width < 4) return;
+        // A mark is in all plots, also in one that is hidden, which has no scale.
+        if (u.select.width < 4 || element.clientHeight === 0) return;
         zoomed(u.posToVal(u.select.left, "x"), u.posToVal(u.select.left + u.select.width, "x"));
         u.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
       }] },
@@ -281,8 +307,14 @@ export class LoopPlot {
       }
       const left = u.valToPos(xl as number, "x", true), right = u.valToPos(xh as number, "x", true);
       const top = u.valToPos(yh as number, "y", true), bottom = u.valToPos(yl as number, "y", true);
-      ctx.fillRect(left, top, Math.max(dpr, right - left), Math.max(dpr, bottom - top));
-      last = [u.valToPos(xm, "x", true), u.valToPos(ym, "y", true)];
+      // The line through the mean covers a rectangle that is no wider and no higher than it.
+      if (right - left > ctx.lineWidth || bottom - top > ctx.lineWidth) {
+        ctx.fillRect(left, top, Math.max(dpr, right - left), Math.max(dpr, bottom - top));
+      }
+      const next: [number, number] = [u.valToPos(xm, "x", true), u.valToPos(ym, "y", true)];
+      // A rig at rest stays in its pixel.
+      if (open && last !== null && Math.abs(next[0] - last[0]) < 0.25 * dpr && Math.abs(next[1] - last[1]) < 0.25 * dpr) continue;
+      last = next;
       if (open) ctx.lineTo(...last);
       else ctx.moveTo(...last);
       open = true;

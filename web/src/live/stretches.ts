@@ -1,8 +1,8 @@
 /** What the server sends of the samples (docs/web.md, "Blocks"): lowest, highest and mean of each channel over stretches of
  *  a fixed grid, kept here in rings by the number of the stretch. */
 
-export const STREAMS = { frame: 0, pressure: 1, control: 2 } as const;
-export const CHANNELS = [2, 1, 2] as const;
+export const STREAMS = { frame: 0, pressure: 1, control: 2, band: 3, twin: 4 } as const;
+export const CHANNELS = [2, 1, 2, 2, 2] as const;
 export const FINE = 0, COARSE = 1, ZOOM = 2;
 
 export interface Block {

@@ -25,7 +25,8 @@ function css(name: string): string {
   return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 }
 
-function paint(canvas: HTMLCanvasElement, steps: Step[], from: number, to: number, now: number, current: number, first: number, names: boolean): void {
+/** The steps from `from` to `to` seconds of the plan's time; those before `current` are done. */
+export function paintSteps(canvas: HTMLCanvasElement, steps: Step[], from: number, to: number, current = 0, first = 0, names = true): void {
   const dpr = devicePixelRatio, width = canvas.clientWidth, height = canvas.clientHeight;
   if (canvas.width !== width * dpr || canvas.height !== height * dpr) {
     canvas.width = width * dpr;
@@ -59,14 +60,30 @@ function paint(canvas: HTMLCanvasElement, steps: Step[], from: number, to: numbe
     }
   });
   c.globalAlpha = 1;
+}
+
+function paint(canvas: HTMLCanvasElement, steps: Step[], from: number, to: number, now: number, current: number, first: number, names: boolean): void {
+  paintSteps(canvas, steps, from, to, current, first, names);
+  const c = canvas.getContext("2d") as CanvasRenderingContext2D;
   c.fillStyle = css("ink");
-  const at = x(now);
+  const at = ((now - from) / Math.max(1e-9, to - from)) * canvas.clientWidth;
+  const height = canvas.clientHeight;
   c.fillRect(at - 1.5, 0, 3, height);
   c.beginPath();
   c.moveTo(at - 6, 0);
   c.lineTo(at + 6, 0);
   c.lineTo(at, 7);
   c.fill();
+}
+
+/** The key of the colours. */
+export function Kinds({ steps }: { steps: Step[] }) {
+  const kinds = [...new Set(steps.slice(0, 5000).map((s) => s.do))].filter((k) => KINDS[k] !== undefined && KINDS[k]?.color !== 8);
+  return (
+    <ul class="kinds" aria-hidden="true">
+      {kinds.map((k) => <li key={k}><span class={`swatch s${KINDS[k]?.color}`} />{k}</li>)}
+    </ul>
+  );
 }
 
 export function Timeline({ model }: { model: Model }) {
@@ -103,7 +120,6 @@ export function Timeline({ model }: { model: Model }) {
   const unix = (model.web?.unix_ms ?? 0) / 1000;
   const worst = worstRemaining_s(plan, run.step);
   const waits = status.state === "paused" || status.state === "faulted";
-  const kinds = [...new Set(steps.slice(0, 5000).map((s) => s.do))].filter((k) => KINDS[k] !== undefined && KINDS[k]?.color !== 8);
   const several = (plan.sessions?.length ?? 0) > 1;
   return (
     <section class="timeline panel" aria-label="Protocol">
@@ -116,9 +132,7 @@ export function Timeline({ model }: { model: Model }) {
         (in {duration(Math.round(status.remaining_s))}{worst === null ? "" : `; at worst ${clockTime(unix + worst, unix, worst < 3600)}`})
         {waits ? " if it went on now" : ""}
       </p>
-      <ul class="kinds" aria-hidden="true">
-        {kinds.map((k) => <li key={k}><span class={`swatch s${KINDS[k]?.color}`} />{k}</li>)}
-      </ul>
+      <Kinds steps={steps} />
     </section>
   );
 }

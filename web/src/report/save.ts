@@ -20,10 +20,17 @@ export function svgText(panels: Element): string {
     const from = [svg, ...svg.querySelectorAll("*")], to = [copy, ...copy.querySelectorAll("*")];
     from.forEach((element, i) => {
       const style = getComputedStyle(element), target = to[i] as SVGElement;
+      const outer = i > 0 && element.parentElement ? getComputedStyle(element.parentElement) : null;
       for (const name of ["fill", "stroke", "stroke-width", "stroke-opacity", "fill-opacity", "stroke-dasharray", "opacity",
         "font-family", "font-size", "font-weight", "text-anchor"]) {
-        target.setAttribute(name, style.getPropertyValue(name));
+        const value = style.getPropertyValue(name);
+        // All but opacity are inherited in the drawing as they are in the page.
+        if (name === "opacity" ? value === "1" : value === outer?.getPropertyValue(name)) target.removeAttribute(name);
+        else target.setAttribute(name, value);
       }
+      // A tenth of a pixel is below what 288 dots an inch show.
+      const path = target.getAttribute("d");
+      if (path) target.setAttribute("d", path.replace(/\d+\.\d+/g, (v) => String(Math.round(10 * Number(v)) / 10)));
       target.removeAttribute("class");
     });
     const at = svg.getBoundingClientRect();
@@ -56,6 +63,24 @@ export function savePng(name: string, panels: Element | null): void {
     canvas.toBlob((blob) => blob && save(`${name}.png`, "image/png", blob), "image/png");
   };
   picture.src = "data:image/svg+xml;charset=utf-8," + encodeURIComponent(svgText(panels));
+}
+
+/** In place of the page, all its figures as JSON. */
+export function listFigures(): void {
+  for (const fold of document.querySelectorAll("details")) if (fold.querySelector("figure")) fold.open = true;
+  // Time, not frames: a browser without a window may draw none. By then what was unfolded has its size.
+  setTimeout(() => {
+    const all = [...document.querySelectorAll("figure")].flatMap((figure) => {
+      const panels = figure.querySelector(".panels");
+      if (!panels) return [];
+      const { width, height } = panels.getBoundingClientRect();
+      return [{ name: figure.id, width: Math.ceil(width), height: Math.ceil(height), svg: svgText(panels) }];
+    });
+    const list = document.createElement("pre");
+    list.id = "figures";
+    list.textContent = JSON.stringify(all);
+    document.body.replaceChildren(list);
+  }, 500);
 }
 
 /** One row a point: panel, series, x, y, other edge of a band, error. */
