@@ -1,0 +1,32 @@
+"""isorig: iso-velocity tests of pneumatic artificial muscles, from Python (docs/python.md).
+
+    Recording   a recording in the format that isorig exchanges with other programs
+    Run         a run's directory: every sample, event and input
+    Export      an HDF5 export of a run (needs h5py)
+    Diagnosis   what `isorig diagnose` wrote
+    Model       a model.toml: simulate, predict, refit
+    Rig         start, watch and stop runs through the daemon
+    Live        the rig's samples as they come, with what was missed
+
+Sign and frame, everywhere: extension and tension positive, position relative to the unpressurized rest length, pressure
+gauge. Units stand in every name: mm, N, psi, s.
+"""
+
+from . import _native
+from .client import Rig, default_socket
+from .diagnosis import Diagnosis, Effect, Estimate
+from .errors import BadInput, DataLost, IsorigError, NoAnswer, NoDaemon, Refused, Tripped
+from .export import Export, Table
+from .live import GapCounter, Live, Message
+from .log import LogEvent, read_log
+from .model import Drive, Model, Number, Prediction, Stepper
+from .recording import Recording, Specimen
+from .run import Event, Run, Session, Stream
+
+__version__ = _native.version()
+
+__all__ = [
+    "BadInput", "DataLost", "Diagnosis", "Drive", "Effect", "Estimate", "Event", "Export", "GapCounter", "IsorigError", "Live", "LogEvent",
+    "Message", "Model", "NoAnswer", "NoDaemon", "Number", "Prediction", "Recording", "Refused", "Rig", "Run", "Session",
+    "Specimen", "Stepper", "Stream", "Table", "Tripped", "default_socket", "read_log",
+]
