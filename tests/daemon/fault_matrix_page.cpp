@@ -1,0 +1,172 @@
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <map>
+#include <string_view>
+
+#include "fault_matrix_expect.hpp"
+
+/// docs/faults.md from the table that the test holds the rig to.
+namespace isorig::daemon::test {
+namespace {
+
+using Kind = Expected::Kind;
+
+constexpr const char* kHead = R"(# Every fault in every kind of step
+
+Generated: `build/bin/fault_matrix_page > docs/faults.md`; `FaultMatrixPage.IsUpToDate` compares. Each fault below strikes in each
+situation, on the simulated rig in virtual time: the daemon's own core, services and recorder on the plant of
+[simulated-rig.md](simulated-rig.md) (`config/rigs/sim.toml`, with 10 mL between regulator and fill valve). `FaultMatrix.EveryCellEndsAsThePageSays`
+plays a fault's row; all rows take about 40 s of one core. What the codes mean: [states.md](states.md); what acts when no program does:
+[safety.md](safety.md).
+
+A cell is held to this, by the plant's true motion, force and pressure at every millisecond, and never by what the daemon says of them:
+
+| | bound | from |
+|---|---|---|
+| found | as the row says, from the moment of the fault | age limits of 0.25 s and two polls; the pressure guard's sums; for motions the rest of the stroke is in it |
+| the crosshead stands | 0.3 s after it was found; 0.82 s after the fault where the frame is not reached or does not obey | a stop from 10 mm/s is confirmed within 0.28 s; the frame's watchdog of 0.5 s, its brake of 0.25 s, two polls |
+| a safe state is vented below 1 psi | 2.5 s after it was found; 6 s where the dump valve cannot be let go of; to 4 psi against a fill valve that stays open | 0.8 s from 20 psi through both valves, 5 s through the vent valve alone; the Teensy's watchdog, 0.5 s |
+| a program stop holds | the pressure stays above 85 % of what it was | the chamber leaks 0.54 psi/min at 20 psi |
+| travel | beyond where the protocol goes by no more than the permitted following error and the way until it stands | [states.md](states.md), following error |
+| force | inside its limits and 5 % of their range | |
+| pressure | at most 3 psi above the set-point in force, and 1.5 psi above its limit | the hold's allowance, 0.6 psi, and what a stroke may explain |
+| cause | the first fault in the list is one of the codes in the row | |
+| severity | safe state or program stop, as [states.md](states.md) has it for the code and the phase | |
+| recording | opens, ended in order, as many samples in full and in averages as the recorder counted; the cause is an event in it; 0.9 s before and 1.9 s after it nothing is averaged | |
+| evidence | `trip-N.json` has the cause, and every sample around it | |
+| recovery | the fault repaired: `confirm-zero` where the frame was restarted, `reset`, `resume` of a held run or `abort`, ready, and a new start that fills and moves | |
+
+*Goes on* is as strict: no fault, the same state as without it, the same bounds for force, pressure and travel, and a recording that is whole.
+*Not ready* means that the rig says why, in the words of the row, and starts nothing. What is *not seen* goes on likewise, and has its reason.
+
+)";
+
+constexpr const char* kWires = R"(
+## Over the wires
+
+What virtual time cannot have: bytes, sockets, processes, disks and a real kernel.
+
+| fault | shown by |
+|---|---|
+| Modbus: delay, drop, wrong answer, exception, late reply, frozen register | `ModbusFaults.DelaysBelowTheTimeOutOnlyCostTime`, `ModbusTimeOuts.ADroppedReplyIsATimeOut`, `ModbusTimeOuts.ADamagedReplyIsNotBelieved`, `ModbusTimeOuts.ALateReplyIsNeverTheNextAnswer`, `ModbusFaults.TheFramesOwnRefusalComesThrough`, `ModbusFaults.AFrozenFrameGivesNoSamplesAndNoTime` |
+| Modbus: connection cut, another frame, a frame that was restarted, a target that was clamped | `ModbusReconnect.ALostConnectionLosesNoSample`, `ModbusFaults.AnotherFrameIsNotAccepted`, `ModbusFaults.ARestartedFrameIsNotTakenForTheOldOne`, `ModbusFaults.AClampedTargetIsFoundAndStopped` |
+| ASCII lines of the 8800: lost, damaged, late, unasked for, commands lost | `Instron8800LineUnderway.IsBackInStep`, `Instron8800Line.AtConnectStartAndStop`, `Instron8800LostCommand.IsNoticed`, `Instron8800Storm.IsOverWhenItIsOver` |
+| a stop that is refused, busy, lost, cut, silent or late, on three kinds of line | `StopWire.EndsInStandstillWithinTheFramesWatchdog`, `WireEvents.AStopThatIsNotTakenIsASafeStateUntilTheFrameStands` |
+| serial: corrupt, truncated, duplicated, lost, reordered replies | `TeensyOnScript.CountsCorruptAndForeignFrames`, `TeensyOnScript.AFrameCutShortByATimeOutDoesNotSpoilTheNext`, `TeensyOnScript.CountsGapsAndDropsRepeats`, `TeensyOnScript.LateRepliesGoToTheirOwnRequests`, `TeensyOnPty.CorruptFramesCostThemselvesOnly` |
+| serial: silent, reboot, plug pulled, wrong version or device | `TeensyOnScript.SilenceIsATimeOut`, `TeensyOnScript.ADeviceThatStartsAnewIsNoticed`, `TeensyOnPty.StartsOverAfterThePlugWasPulled`, `TeensyOnScript.RefusesAnotherSerialNumberModelOrVersion` |
+| a clock that jumps | `WireEvents.EachCutAndRestartWithinTheAgeLimitIsInTheRecording` |
+| the sensor's status bits on the wire | `TeensyOnPty.SensorFaultsArriveAsTheSensorSendsThem` |
+| regulator: late, another unit, set-point clamped, gone | `Regulator.ALateAnswerIsNeverTheNextOne`, `Regulator.SeesAnotherUnit`, `Regulator.ASetpointThatDoesNotArriveIsRefused`, `Regulator.KeepsItsSetpointWhenNobodySpeaksToIt` |
+| frame or Teensy gone in a run, and back | `Wire.AFrameThatIsGoneIsASafeStateAndItsReturnIsRecovered`, `Wire.ATeensyThatIsGoneIsASafeState`, `Wire.DelayAndCorruptBytesAreCountedAndTheRunGoesOn` |
+| interlock contacts on a kernel: bounce, overflow, chip gone | `GpioOnKernel.ABouncingContactIsOpenUntilItIsQuiet`, `GpioOnKernel.ABurstThatOverflowsTheKernelsQueueEndsOnTheLevel`, `GpioOnKernel.AChipThatVanishesIsFoundAgainUnderAnotherNumber` |
+| disk full, failing, read short, pulled | `RecordingFaults.AFullDiskLosesNothing`, `RecordingFaults.AFailedSyncIsFinalAndTheRecordingGoesOnElsewhere`, `RecordingFaults.AShortWriteLosesAndTearsNothing`, `RecordingFaults.ARemovedFolderIsACondition`, `EndingTest.ARecorderThatHangsIsAProgramStop` |
+| LCM: no route, a subscriber that is slow | `Publisher.AUrlThatCannotBeOpenedSaysWhatToDo`, `Publisher.ASubscriberWithTheDefaultQueueCountsWhatItMissed` |
+| clients killed, slow, in crowds | `EndingTest.NoCrowdOfClientsDelaysAnAbort`, `EndingTest.AnOutputThatNobodyTakesHoldsUpNothing` |
+| SIGTERM, SIGINT, SIGHUP; signals that mean nothing | `EndingSignalTest.EndsARunOrderly`, `EndingTest.ASignalStopsTheRigWhileTheDiskHangsAndTheRunIsWrittenLater`, `EndingTest.SignalsThatMeanNothingHereEndNothing` |
+| SIGKILL | `Kill.AtAnyMomentLeavesARecordingThatIsToldShortAndRightAsFarAsItGoes`, `GpioOnKernel.TheValveVentsWhenTheProcessIsKilled`, `WireEvents.AKilledRunIsResumedWithEachApproachAndSegmentCarriedOut` |
+| a loop that stalls while its threads live | `ServiceManager.AStalledLoopStarvesTheWatchdogWhileEveryOtherThreadLives` |
+| all of it on one machine with a real kernel | `RigOnKernel.RunsAProtocolAndMeetsEveryMishapSafely` |
+
+Not in either table: a step of the wall clock, which nothing that decides or records reads ([architecture.md](architecture.md), one clock); memory
+pressure, since the loop's memory is locked and it allocates nothing ([threads.md](threads.md)).
+)";
+
+std::string number(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.3g", value);
+  return text;
+}
+
+std::string outcome(const Expected& e) {
+  switch (e.kind) {
+    case Kind::kTrips: {
+      std::string all;
+      for (const auto& code : e.codes) all += (all.empty() ? "`" : " or `") + code + "`";
+      return all;
+    }
+    case Kind::kNotReady:
+      return "not ready: \"" + e.codes.front() + "\"";
+    case Kind::kStandsDown:
+      return "back to rest, without a fault";
+    case Kind::kRides:
+      return "goes on";
+    case Kind::kUnseen:
+      return "not seen: " + e.why;
+    case Kind::kImpossible:
+      return "not played: " + e.why;
+  }
+  return {};
+}
+
+std::string rows_of(const Fault& fault) {
+  // What ends alike stands in one line, in the order of the situations.
+  std::vector<std::pair<std::string, std::string>> lines;
+  for (unsigned i = 0; i < kSituations; ++i) {
+    const auto& e = expected(fault, static_cast<At>(i));
+    const std::string how = outcome(e) + " | " + (e.kind == Kind::kTrips ? number(e.within_s) + " s" : std::string());
+    auto line = lines.begin();
+    while (line != lines.end() && line->first != how) ++line;
+    if (line == lines.end()) line = lines.insert(line, {how, {}});
+    line->second += (line->second.empty() ? "" : ", ") + std::string(situation(static_cast<At>(i)).name);
+  }
+  std::string all;
+  for (const auto& [how, where] : lines) {
+    all += "| " + std::string(all.empty() ? fault.words : "") + " | " +
+           (lines.size() == 1 ? std::string("everywhere") : where) + " | " + how + " |\n";
+  }
+  return all;
+}
+
+}  // namespace
+
+const char* to_text(Expected::Kind kind) {
+  switch (kind) {
+    case Kind::kTrips:
+      return "trips";
+    case Kind::kNotReady:
+      return "not ready";
+    case Kind::kStandsDown:
+      return "back to rest";
+    case Kind::kRides:
+      return "goes on";
+    case Kind::kUnseen:
+      return "not seen";
+    case Kind::kImpossible:
+      return "not played";
+  }
+  return "";
+}
+
+std::string faults_page() {
+  std::string page = kHead;
+  page += "| situation | what the rig does when the fault strikes |\n|---|---|\n";
+  for (unsigned i = 0; i < kSituations; ++i) {
+    const auto& s = situation(static_cast<At>(i));
+    page += std::string("| ") + s.name + " | " + s.meaning + " |\n";
+  }
+  page +=
+      "| `mark` | not played: it takes no time |\n| calibrating, tare | the state is *ready*: the host averages "
+      "readings, "
+      "the loop does nothing else |\n\n";
+  std::map<Kind, int> counts;
+  for (const auto& f : faults()) {
+    for (unsigned i = 0; i < kSituations; ++i) ++counts[expected(f, static_cast<At>(i)).kind];
+  }
+  page += std::to_string(faults().size()) + " faults in " + std::to_string(kSituations) + " situations are " +
+          std::to_string(faults().size() * kSituations) + " cells: ";
+  for (const auto& [kind, count] : counts) {
+    page += std::to_string(count) + " " + to_text(kind) + (kind == counts.rbegin()->first ? ".\n" : ", ");
+  }
+  std::string_view group;
+  for (const auto& f : faults()) {
+    if (group != f.group) {
+      group = f.group;
+      page += "\n## " + std::string(group) + "\n\n| fault | in | ends as | found within |\n|---|---|---|---|\n";
+    }
+    page += rows_of(f);
+  }
+  return page + kWires;
+}
+
+}  // namespace isorig::daemon::test

@@ -1,0 +1,141 @@
+#pragma once
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "base/toml_reader.hpp"
+#include "daemon/recording/recorder.hpp"
+#include "daemon/rig/virtual_rig.hpp"
+#include "protocol/compile.hpp"
+#include "recording_rig.hpp"
+
+/// The rig that the fault matrix plays its cells on: the daemon's core, services and recorder on the simulated plant,
+/// brought to a kind of step or a state, and measured by what the plant truly does.
+namespace isorig::daemon::test {
+
+/// What the rig is doing when a fault strikes: every kind of step of the language, and the states between them.
+enum class At : unsigned {
+  kReady,
+  kArmed,
+  kCountdown,
+  kSetup,
+  kJog,
+  kApproach,
+  kFill,
+  kLower,
+  kSettle,
+  kHold,
+  kSlow,
+  kFast,
+  kTriangle,
+  kSine,
+  kPaused,
+  kSealed,
+  kHeld,
+  kStopping,
+};
+inline constexpr unsigned kSituations = 18;
+
+struct Situation {
+  At at;
+  const char* name;
+  const char* meaning;
+  double speed_mm_s;  ///< of the crosshead when the fault strikes, 0: it stands
+  bool has_run;       ///< a run is open, and recorded
+  bool has_pressure;  ///< the loop regulates, or the valves are shut on a pressure
+};
+[[nodiscard]] const Situation& situation(At at);
+
+/// What the plant did, and what the daemon said, from the moment of the fault on.
+struct Seen {
+  double trip_s = -1.0;   ///< until the rig was faulted; negative: it was not
+  double stood_s = 0.0;   ///< the crosshead stood from then on
+  double vented_s = 0.0;  ///< and the true pressure was below strike()'s; the whole time watched: it was not
+  double began_mm = 0.0, began_psi = 0.0;
+  bool moved_at_trip = false;
+  double position_min_mm = 0.0, position_max_mm = 0.0;
+  double force_min_N = 0.0, force_max_N = 0.0;
+  double pressure_max_psi = 0.0;
+  double watched_s = 0.0;
+  std::string cause;                ///< code of the first fault after the strike
+  std::vector<std::string> faults;  ///< all codes since, in their order
+  std::vector<std::string> events;
+  std::string not_ready;
+  RunState state = RunState::kIdle;
+};
+
+class MatrixRig {
+ public:
+  static constexpr double kMoving_mm_s = 0.05;  ///< less is the crosshead's regulation
+  static constexpr double kVented_psi = 1.0;
+
+  explicit MatrixRig(At at);
+
+  /// To where the fault is to strike. False: it did not get there; trouble() says why.
+  bool bring();
+  /// Measures from now on; below `rest_psi` it counts as vented.
+  void strike(double rest_psi = kVented_psi);
+  void watch(double seconds);
+  [[nodiscard]] Seen seen() const;
+
+  /// After the fault is over: what docs/states.md says to do, until the rig is ready. False with trouble().
+  bool come_back();
+  /// A new start fills and runs. False with trouble().
+  bool start_again();
+  /// Ends the recording and reads it again. False with trouble(). `cause`: the code of an event that has to be in it,
+  /// with the samples before it in full; empty: none.
+  bool recording_is_intact(const std::string& cause);
+
+  /// The greatest that the protocol asks for from the strike on.
+  [[nodiscard]] double setpoint_psi() const noexcept;
+  [[nodiscard]] const std::string& trouble() const noexcept { return trouble_; }
+  [[nodiscard]] VirtualRig& rig() noexcept { return *rig_; }
+  [[nodiscard]] sim::Rig& plant() noexcept { return rig_->rig(); }
+  [[nodiscard]] Core& core() noexcept { return rig_->core(); }
+  /// Of the recording that is open.
+  [[nodiscard]] std::filesystem::path run_folder() const { return folder_->path() / "run"; }
+  [[nodiscard]] const RigConfig& config() const noexcept { return config_; }
+  Reply ask(Request::Verb verb, double target_mm = 0.0);
+  void run_for(double seconds);
+  template <typename Condition>
+  bool run_until(double seconds, Condition condition) {
+    const auto until = rig_->now_ns() + static_cast<std::int64_t>(seconds * 1e9);
+    while (!condition()) {
+      if (rig_->now_ns() >= until) return false;
+      tick();
+    }
+    return true;
+  }
+
+  bool disk_full = false;    ///< less free than is kept free
+  bool disk_hangs = false;   ///< the recorder's thread does not come back
+  std::int64_t late_ns = 0;  ///< of the next tick
+
+ private:
+  void tick();
+  void look();
+  void drain();
+  bool fail(const std::string& what);
+  bool begin(const std::string& steps);
+  bool reach(RunState state, double seconds);
+  void open_recording();
+  bool evidence_is_kept(const testing::Collected& got, const std::string& cause);
+
+  const Situation& where_;
+  RigConfig config_;
+  std::unique_ptr<VirtualRig> rig_;
+  protocol::Plan plan_;
+  std::unique_ptr<testing::TemporaryDirectory> folder_;
+  std::unique_ptr<Recorder> recorder_;
+  std::uint32_t last_id_ = 0;
+  std::int64_t strike_ns_ = -1;
+  double rest_psi_ = kVented_psi;
+  std::int64_t trip_ns_ = -1, moved_ns_ = -1, pressed_ns_ = -1;
+  RunState last_state_ = RunState::kIdle;
+  std::vector<EventRecord> events_;
+  Seen seen_;
+  std::string trouble_;
+};
+
+}  // namespace isorig::daemon::test
