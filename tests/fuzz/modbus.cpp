@@ -1,0 +1,180 @@
+// What a Modbus gateway answers, through the link and the frame's driver over the shipped register maps.
+#include <algorithm>
+#include <array>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "drivers/error.hpp"
+#include "drivers/frame/modbus_frame.hpp"
+#include "drivers/modbus/modbus_adu.hpp"
+#include "wire.hpp"
+
+namespace isorig::fuzz {
+namespace {
+
+using modbus::Quantity;
+
+/// Registers as a gateway holds them, and answers as the input wants them.
+class Gateway final : public Peer {
+ public:
+  Gateway(Input& in, const modbus::ModbusConfig& config) : in_(in), config_(config), registers_(65536) {
+    set(Quantity::kIdentityWord, config.map.expected_identity_word);
+    set(Quantity::kSampleRate_Hz, 1000.0);
+  }
+
+  std::string answer(std::string_view written) override {
+    unfinished_ += written;
+    std::string out;
+    while (const auto size = request_size()) {
+      const std::string request = unfinished_.substr(0, size);
+      unfinished_.erase(0, size);
+      out += answer_to({reinterpret_cast<const std::uint8_t*>(request.data()), request.size()});
+    }
+    return out;
+  }
+  bool closes() override { return std::exchange(closes_, false); }
+  void waited(std::int64_t) override {}
+
+ private:
+  [[nodiscard]] bool rtu() const { return config_.transport == modbus::ModbusTransport::kRtu; }
+
+  void set(Quantity quantity, double value) {
+    const auto& at = config_.map.at(quantity);
+    if (!at) return;
+    const auto words = at->format.encode(value);
+    for (std::size_t i = 0; words && i < at->format.registers(); ++i) registers_[at->address + i] = (*words)[i];
+  }
+
+  /// Of the request that stands in front, once it is whole.
+  [[nodiscard]] std::size_t request_size() const {
+    const Bytes all{reinterpret_cast<const std::uint8_t*>(unfinished_.data()), unfinished_.size()};
+    if (!rtu()) {
+      if (all.size() < modbus::kHeader) return 0;
+      const std::size_t size = 6U + modbus::word_at(all, 4);
+      return all.size() < size ? 0 : size;
+    }
+    if (all.size() < 8) return 0;
+    const std::size_t size = all[1] == 16 ? 9U + all[6] : 8U;
+    return all.size() < size ? 0 : size;
+  }
+
+  std::string framed(Bytes pdu, std::uint16_t transaction, std::uint8_t unit) const {
+    const auto bytes = rtu() ? modbus::rtu_frame(unit, pdu) : modbus::tcp_frame(transaction, unit, pdu);
+    return {bytes.begin(), bytes.end()};
+  }
+
+  /// The right answer, with registers that the input has changed.
+  modbus::Bytes right(Bytes pdu, unsigned changes) {
+    const auto address = modbus::word_at(pdu, 1), word = modbus::word_at(pdu, 3);
+    if (pdu[0] == 6) registers_[address] = word;
+    if (pdu[0] == 16) {
+      for (std::size_t i = 0; i < word && 7 + 2 * i < pdu.size(); ++i)
+        registers_[(address + i) % registers_.size()] = modbus::word_at(pdu, 6 + 2 * i);
+    }
+    if (pdu[0] == 6 || pdu[0] == 16) return {pdu.begin(), pdu.begin() + 5};
+    for (unsigned i = 0; i < changes; ++i) {
+      const auto at = in_.byte();
+      registers_[(address + at % std::max<unsigned>(word, 1)) % registers_.size()] = in_.word();
+    }
+    modbus::Bytes out{pdu[0], static_cast<std::uint8_t>(2 * word)};
+    for (std::size_t i = 0; i < word; ++i) {
+      const auto value = registers_[(address + i) % registers_.size()];
+      out.push_back(static_cast<std::uint8_t>(value >> 8U));
+      out.push_back(static_cast<std::uint8_t>(value));
+    }
+    return out;
+  }
+
+  std::string answer_to(Bytes request) {
+    const auto transaction = rtu() ? std::uint16_t{0} : modbus::word_at(request, 0);
+    const auto unit = rtu() ? request[0] : request[6];
+    const auto pdu = rtu() ? request.subspan(1, request.size() - 3) : request.subspan(modbus::kHeader);
+    const auto how = in_.byte();
+    const auto answer = framed(right(pdu, how % 16 < 8 ? how / 16U : 0), transaction, unit);
+    switch (how % 16) {
+      case 8: {
+        const std::array<std::uint8_t, 2> exception{static_cast<std::uint8_t>(pdu[0] | modbus::kExceptionBit),
+                                                    in_.byte()};
+        return framed(exception, transaction, unit);
+      }
+      case 9:
+        return std::string(text(in_.take(in_.byte())));
+      case 10:
+        return framed(in_.take(in_.byte()), transaction, unit);
+      case 11:
+        return answer.substr(0, in_.byte());
+      case 12:
+        return answer + answer;
+      case 13:
+        return framed(right(pdu, 0), static_cast<std::uint16_t>(transaction - 1), unit) + answer;
+      case 14:
+        return {};
+      case 15:
+        closes_ = true;
+        return answer.substr(0, in_.byte());
+      default:
+        return answer;
+    }
+  }
+
+  Input& in_;
+  const modbus::ModbusConfig& config_;
+  std::vector<std::uint16_t> registers_;
+  std::string unfinished_;
+  bool closes_ = false;
+};
+
+modbus::ModbusConfig config_of(std::uint8_t choice) {
+  static const std::array maps{modbus::read_register_map(ISORIG_SOURCE_DIR "/config/frames/isorig-gateway.toml"),
+                               modbus::read_register_map(ISORIG_SOURCE_DIR "/config/frames/int32-scaled.toml")};
+  modbus::ModbusConfig config;
+  config.map = maps[choice / 2 % 2];
+  config.transport = choice % 2 == 1 ? modbus::ModbusTransport::kRtu : modbus::ModbusTransport::kTcp;
+  config.frame_gap_us = 1;
+  config.response_timeout_ms = 20;
+  config.start_confirm_ms = 20;
+  return config;
+}
+
+void run(Input in) {
+  const auto config = config_of(in.byte());
+  Gateway gateway(in, config);
+  const OnTheWire wire(gateway);
+  clock::RealClock clock;
+  frame::ModbusFrame device(config, clock);
+  std::array<frame::Sample, 256> samples{};
+  for (int turn = 0; turn < 4 && !(turn > 0 && in.empty()); ++turn) {
+    try {
+      (void)device.connect();
+      for (int i = 0; i < 12 && !in.empty(); ++i) {
+        const auto what = in.byte() % 8;
+        try {
+          if (what == 1) {
+            device.start_segment({static_cast<std::uint16_t>(i + 1), static_cast<float>(in.byte()) / 64.0F, 2.0F});
+          } else if (what == 2) {
+            device.stop();
+          } else if (what == 3) {
+            device.heartbeat(static_cast<std::uint16_t>(i));
+          } else {
+            require(device.poll(samples).samples <= samples.size(), "more samples than room");
+          }
+        } catch (const drivers::DeviceError& error) {
+          refused(error.what());
+          if (error.fault() == drivers::Fault::kDisconnected) break;
+        }
+      }
+    } catch (const drivers::DeviceError& error) {
+      refused(error.what());
+    }
+    device.disconnect();
+  }
+}
+
+}  // namespace
+}  // namespace isorig::fuzz
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  isorig::fuzz::run({data, size});
+  return 0;
+}

@@ -1,0 +1,34 @@
+#pragma once
+#include <cstdint>
+#include <functional>
+#include <string>
+
+#include "drivers/clock/clock.hpp"
+#include "target.hpp"
+
+/// A device on the wire without a wire. The drivers' connect_tcp(), open_serial(), ppoll() and RealClock are those of
+/// wire.cpp: a connection is a pair of sockets within this process, whenever the driver waits for an answer the peer is
+/// asked for one, and time is what was waited for. One thread, no real time, the same input does the same again.
+namespace isorig::fuzz {
+
+class Peer {
+ public:
+  virtual ~Peer() = default;
+  /// What the driver has written; what the device sends back, nothing if it keeps silent.
+  virtual std::string answer(std::string_view written) = 0;
+  /// The device closes its end now.
+  [[nodiscard]] virtual bool closes() { return false; }
+  /// The driver waited for so long and nothing came.
+  virtual void waited(std::int64_t timeout_ns) = 0;
+};
+
+/// The peer of every connection that is opened while it lives.
+class OnTheWire {
+ public:
+  explicit OnTheWire(Peer& peer);
+  ~OnTheWire();
+  OnTheWire(const OnTheWire&) = delete;
+  OnTheWire& operator=(const OnTheWire&) = delete;
+};
+
+}  // namespace isorig::fuzz
