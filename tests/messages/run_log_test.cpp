@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <limits>
+#include <tuple>
 
 #include "messages/log_writer.hpp"
 
@@ -88,6 +89,31 @@ TEST_F(HostileLog, TimesThatNoClockHasAreNoMessages) {
     write("segment-0001.lcm", Channel::kFrame, encoded(batch));
     EXPECT_EQ(read().undecodable, 1U) << odd;
   }
+}
+
+TEST_F(HostileLog, CountsOfAnIntervalBelowZeroAreNoMessages) {
+  isorig_msgs::pressure_average_batch_t batch{};
+  batch.count = 1;
+  batch.first_mono_ns = batch.last_mono_ns = batch.first_device_us = batch.last_device_us = {0};
+  batch.first_sequence = batch.last_sequence = {0};
+  batch.bound_ns = batch.repeatability_ns = batch.mean_raw_counts = batch.mean_temperature_C = {0.0F};
+  batch.mean_pressure_psi = batch.min_pressure_psi = batch.max_pressure_psi = {0.0};
+  // Samples and those of them that are current: their difference has to be a count, too.
+  for (const auto& [samples, current, bad] : {std::tuple(3, 2, 0U), std::tuple(-1'895'825'408, 709'257'386, 1U),
+                                              std::tuple(-1, 0, 1U), std::tuple(2, -1, 1U), std::tuple(2, 3, 1U)}) {
+    batch.samples = {samples};
+    batch.current = {current};
+    std::filesystem::remove(folder_ / "segment-0001.lcm");
+    write("segment-0001.lcm", Channel::kPressureAverage, encoded(batch));
+    EXPECT_EQ(read().undecodable, bad) << samples << ' ' << current;
+  }
+}
+
+TEST_F(HostileLog, AnAttemptHasASuccessor) {
+  auto last = header();
+  last.attempt = std::numeric_limits<std::int32_t>::max();
+  write("segment-0001.lcm", Channel::kHeader, encoded(last));
+  EXPECT_EQ(read().undecodable, 1U);
 }
 
 TEST_F(HostileLog, SegmentsThatAreGoneAreToldInOneLine) {
