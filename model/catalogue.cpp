@@ -24,30 +24,11 @@ std::span<const Physics* const> elements() {
 }
 
 std::span<const Physics* const> effects() {
-  static const std::array all{&effect::coulomb_friction(),
-                              &effect::strain_stiffening(),
-                              &effect::second_relaxation(),
-                              &effect::nonlinear_viscosity(),
-                              &effect::pressure_coupling(),
-                              &effect::cyclic_softening(),
-                              &effect::force_lag(),
-                              &effect::force_delay(),
-                              &effect::fixture_inertia(),
-                              &effect::zero_drift(),
-                              &effect::grip_slip(),
-                              &effect::crosshead_backlash(),
-                              &effect::slack(),
-                              &effect::viscous_drag(),
-                              &effect::friction_asymmetry(),
-                              &effect::friction_with_pressure(),
-                              &effect::pressure_threshold(),
-                              &effect::cell_nonlinearity(),
-                              &effect::unsettled_start(),
-                              &effect::quasi_linear_viscoelasticity(),
-                              &effect::directional_damping(),
-                              &effect::mullins_softening(),
-                              &effect::permanent_set(),
-                              &effect::friction_with_load()};
+  static const std::array all{
+#define ISORIG_EFFECT(name) &effect::name(),
+#include "model/effects/list.inc"
+#undef ISORIG_EFFECT
+  };
   return all;
 }
 

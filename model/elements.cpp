@@ -87,7 +87,8 @@ const Physics& maxwell() {
         "F = k z, dz/dt = v - z / tau",
         {{.name = "time_constant_s", .lower = 1e-3, .upper = 1e5, .starts = {0.3, 3.0}, .logarithmic = true}},
         {{.name = "stiffness_N_mm", .sign = Sign::kNonNegative}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Maxwell>(p[0]); }}}};
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Maxwell>(p[0]); }}},
+      {.words = "Maxwell arm"}};
   return physics;
 }
 
@@ -112,7 +113,8 @@ const Physics& arm_start() {
         {{.name = "force_N", .sign = Sign::kFree}},
         [](std::span<const double> p, const Reference& reference) {
           return std::make_unique<ArmStart>(p[0], p[3], p[2] == 0.0 || p[2] == reference.recording_id);
-        }}}};
+        }}},
+      {.words = "state of the arm at the start"}};
   return physics;
 }
 
@@ -146,7 +148,8 @@ const Physics& constant() {
       "Constant force: a tare that is not zero, a dead weight.",
       "None needed.",
       "Any rest.",
-      {memoryless("linear", "F = F0", {.name = "force_N", .sign = Sign::kFree}, [](const Instant&) { return 1.0; })}};
+      {memoryless("linear", "F = F0", {.name = "force_N", .sign = Sign::kFree}, [](const Instant&) { return 1.0; })},
+      {.words = "force tare"}};
   return physics;
 }
 

@@ -67,7 +67,8 @@ enum class Sign { kFree, kNonNegative, kNonPositive };
 /// What fills in a parameter that belongs to a recording and not to a specimen.
 enum class FilledBy { kNothing, kRecordingDuration, kRecordingId };
 
-/// What a value must stand clear of to be claimed: below that it stands in for the instruments' own errors.
+/// The instrument's limit that a value must exceed to be claimed. A smaller value would only describe the instrument's
+/// own error.
 enum class Resolution { kNone, kPositionNoise, kSampleInterval };
 
 /// What identification has to know of a parameter beyond its range. Declared where the parameter is.
@@ -79,13 +80,13 @@ struct ParameterTraits {
   FilledBy filled_by = FilledBy::kNothing;
   Resolution resolution = Resolution::kNone;
   double resolution_factor = 0.0;  ///< times that, in the parameter's unit
-  /// `starts` are shares of Reference::largest_force_N: a force that is known only beside what the rig pulls at.
+  /// `starts` are multiplied by Reference::largest_force_N: for a force whose scale depends on the rig.
   bool starts_are_shares_of_largest_force = false;
-  /// The effect that the law turns into at its lower bound; it stands under that name there.
+  /// The effect that the law turns into at its lower bound. A fit that ends there is reported under that effect's name.
   std::string_view lower_bound_is = {};
   std::string_view upper_bound_is = {};  ///< the same of its upper bound
-  /// The law that stands at this bound is one in its own right: what it is there. Empty: a number at its bound says
-  /// that the law is not the right one.
+  /// Name of the law that this one becomes at the bound, where that is a law in its own right. Empty: a number at its
+  /// bound says that the law is not the right one.
   std::string_view lower_limit_law = {};
   std::string_view upper_limit_law = {};
 };
@@ -139,9 +140,10 @@ struct Table {
   }
 };
 
-/// What a law counts from the start of the recording on. It changes whatever the motion does now, so that its energy is
-/// that of the past or of the surroundings; and it says nothing of a time, or a travel, that it was not fitted to. The
-/// largest strain grows no further when a known amplitude is repeated.
+/// The quantity that a law accumulates from the start of the recording. Such a law changes even when the motion
+/// repeats, so that it may give out energy that it took in before. Laws that count time or travel are therefore left
+/// out of the test of passivity, and fade beyond the range they were fitted to. The largest strain stops growing once a
+/// known amplitude repeats.
 enum class Counts { kNothing, kTime, kTravel, kLargestStrain };
 
 /// How a law works among others. Declared where the law is.
@@ -151,11 +153,13 @@ struct LawTraits {
   bool replaces_arm = false;
   /// The law scales the force of all other specimen parts (Process::shape) instead of adding its own.
   bool scales_specimen = false;
-  /// Process::shape looks at the coefficients: the force is not linear in them, and solving takes several passes.
+  /// Process::shape uses the coefficients: the force is not linear in them, and solving takes several passes.
   bool uses_coefficients = false;
   /// Of an event (a parameter with event_time): the sign of the step it makes in the force.
   double event_force_step = 0.0;
   Counts counts = Counts::kNothing;
+  /// Of a law that consists of Maxwell arms beside those of the nominal model: their time constants in s.
+  std::vector<double> (*relaxation_times_s)(std::span<const double> parameters) = nullptr;
 };
 
 /// One mathematical form of a piece of physics.
@@ -187,8 +191,9 @@ struct PhysicsTraits {
   bool unusual = false;
   /// Refines another physics: tried only where that is part of the model, given or found.
   std::string_view refines = {};
-  /// Is one of these where some of its numbers are equal or zero. It then never leaves more than that one does, so what
-  /// the two leave says nothing for the simpler one: dearer a priori by what its further number costs in evidence.
+  /// Effects that are special cases of this one, where some of its numbers are equal or zero. Its residual is never
+  /// larger than theirs, so residuals cannot favour the simpler effect: a priori this one is dearer by what its further
+  /// number costs in evidence.
   std::vector<std::string_view> contains = {};
   /// Acts on one of these: tried only where the model has any (empty: always).
   std::vector<std::string_view> needs_any_of = {};
@@ -205,6 +210,8 @@ struct PhysicsTraits {
   /// What it depends on, most important first: words of the covariates of a diagnosis, and load and acceleration.
   std::vector<std::string_view> depends_on = {};
   ShapeOf shape_of = ShapeOf::kPosition;
+  /// What people call it: "dry friction". In reports and on pages.
+  std::string_view words = {};
 };
 
 /// An entry of the catalogue.

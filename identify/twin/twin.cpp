@@ -4,9 +4,6 @@
 #include <cmath>
 #include <cstdio>
 
-#include "model/effects/effects.hpp"
-#include "model/effects/relaxation_times.hpp"
-
 namespace isorig::identify::twin {
 namespace {
 
@@ -21,8 +18,8 @@ std::vector<double> arms_of(const model::ModelSpec& spec) {
   std::vector<double> out;
   for (const model::Part& part : spec.parts) {
     if (part.parameters.empty()) continue;
-    if (part.physics == &model::effect::second_relaxation()) {
-      const std::vector<double> times_s = model::effect::relaxation_times_s(*part.law, part.parameters);
+    if (const auto times_of = part.law->traits.relaxation_times_s; times_of != nullptr) {
+      const std::vector<double> times_s = times_of(part.parameters);
       out.insert(out.end(), times_s.begin(), times_s.end());
       continue;
     }

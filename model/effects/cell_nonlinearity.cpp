@@ -97,7 +97,11 @@ const Physics& cell_nonlinearity() {
         {},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Ceiling>(p[0], p[1]); },
         {.uses_coefficients = true}}},
-      {.unusual = true, .acts_on = "force channel", .depends_on = {"load"}, .shape_of = ShapeOf::kLoad}};
+      {.unusual = true,
+       .acts_on = "force channel",
+       .depends_on = {"load"},
+       .shape_of = ShapeOf::kLoad,
+       .words = "a load cell that is not linear"}};
   return physics;
 }
 

@@ -79,9 +79,9 @@ class Iwan : public Process {
   std::array<double, kCount> z_{};
 };
 
-/// Iwan's elements whose force weakens at once with velocity, and is back at once at rest: what a film
-/// between the surfaces does, where the bristles of Stribeck keep in a hold what the last velocity left them.
-/// Not passive within its presliding: bent fast and let go slowly, it gives back up to `excess` more than it
+/// Iwan's elements with a force that drops at once as the velocity rises and recovers at once at rest, as with a film
+/// between the surfaces. (In the Stribeck laws the bristle keeps in a hold the deflection of the last velocity.) Not
+/// passive within presliding: deflected fast and released slowly, it returns up to a share `excess` more work than it
 /// took.
 class WeakenedIwan : public Iwan {
  public:
@@ -214,7 +214,10 @@ const Physics& coulomb_friction() {
                     .errors = "The differentiated position is noisy, which widens it. Mistaken for viscous drag."}}},
         {kForce},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Regularised>(p[0]); }}},
-      {.acts_on = "friction element", .depends_on = {"direction", "rate"}, .shape_of = ShapeOf::kRate}};
+      {.acts_on = "friction element",
+       .depends_on = {"direction", "rate"},
+       .shape_of = ShapeOf::kRate,
+       .words = "dry friction"}};
   return physics;
 }
 

@@ -77,7 +77,10 @@ const Physics& crosshead_backlash() {
                               "flank leaves it undetermined. Mistaken for an offset of the position."}}},
         {},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Play>(p[0], p[1]); }}},
-      {.acts_on = "kinematic input", .depends_on = {"direction", "position"}, .shape_of = ShapeOf::kLoop}};
+      {.acts_on = "kinematic input",
+       .depends_on = {"direction", "position"},
+       .shape_of = ShapeOf::kLoop,
+       .words = "play in the crosshead"}};
   return physics;
 }
 

@@ -95,7 +95,10 @@ const Physics& cyclic_softening() {
           return std::make_unique<Softening>(Softening::Of::kAll, p[0], p[1]);
         },
         {.scales_specimen = true, .counts = Counts::kTravel}}},
-      {.acts_on = "elastic branch", .depends_on = {"history"}, .shape_of = ShapeOf::kTravel}};
+      {.acts_on = "elastic branch",
+       .depends_on = {"history"},
+       .shape_of = ShapeOf::kTravel,
+       .words = "softening with use"}};
   return physics;
 }
 

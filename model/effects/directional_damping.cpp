@@ -109,11 +109,13 @@ const Physics& directional_damping() {
         {{.name = "stiffness_N_mm",
           .symbol = "k",
           .sign = Sign::kNonNegative,
-          .sheet = {.what = "Stiffness of the arm's spring: the force per mm that a step adds at once.",
-                    .unit = "N/mm",
-                    .range = "Physics: a spring pushes back, so it is not negative; no upper bound.",
-                    .errors = "Where the fastest ramp lasts longer than both time constants it is tied to them. "
-                              "Mistaken for the parallel spring."}}},
+          .sheet =
+              {.what = "Stiffness of the arm's spring: the force per mm that a step adds at once.",
+               .unit = "N/mm",
+               .range = "Physics: a spring pushes back, so it is not negative; no upper bound.",
+               .errors =
+                   "Where the fastest ramp lasts longer than both time constants it cannot be separated from them. "
+                   "Mistaken for the parallel spring."}}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<DirectionalArm>(p[0], p[0] * p[1]); },
         {.replaces_arm = true}},
        {"parallel",
@@ -125,22 +127,25 @@ const Physics& directional_damping() {
           .sheet = {.what = "Force per speed of lengthening.",
                     .unit = "N s/mm",
                     .range = "Physics: a dashpot dissipates, so it is not negative; no upper bound.",
-                    .errors = "Ramps at one speed leave it tied to dry friction. Mistaken for friction_asymmetry "
-                              "beside dry friction."}},
+                    .errors =
+                        "Ramps at one speed cannot separate it from dry friction. Mistaken for friction_asymmetry "
+                        "beside dry friction."}},
          {.name = "shortening_viscosity_N_s_mm",
           .symbol = "c-",
           .sign = Sign::kNonNegative,
           .sheet = {.what = "Force per speed of shortening.",
                     .unit = "N s/mm",
                     .range = "Physics: a dashpot dissipates, so it is not negative; no upper bound.",
-                    .errors = "Ramps at one speed leave it tied to dry friction. Mistaken for friction_asymmetry "
-                              "beside dry friction."}}},
+                    .errors =
+                        "Ramps at one speed cannot separate it from dry friction. Mistaken for friction_asymmetry "
+                        "beside dry friction."}}},
         [](auto, const Reference&) { return std::make_unique<DirectionalDashpot>(); }}},
       {.unusual = true,
        .contains = {"viscous_drag"},
        .acts_on = "dashpot",
        .depends_on = {"rate", "direction"},
-       .shape_of = ShapeOf::kRate}};
+       .shape_of = ShapeOf::kRate,
+       .words = "damping that differs by direction"}};
   return physics;
 }
 

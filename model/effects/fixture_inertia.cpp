@@ -33,7 +33,10 @@ const Physics& fixture_inertia() {
                         "The acceleration is the position differentiated twice: its noise biases the mass towards "
                         "zero. Mistaken for a ringing load train and, at the corners of ramps, for a lag."}}},
         [](auto, const Reference&) { return std::make_unique<Inertia>(); }}},
-      {.acts_on = "mass", .depends_on = {"acceleration"}, .shape_of = ShapeOf::kAcceleration}};
+      {.acts_on = "mass",
+       .depends_on = {"acceleration"},
+       .shape_of = ShapeOf::kAcceleration,
+       .words = "inertia of the fixture"}};
   return physics;
 }
 

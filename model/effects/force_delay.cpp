@@ -73,7 +73,10 @@ const Physics& force_delay() {
                          "not claimed. Mistaken for a lag where only ramps were run."}}},
         {},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Delay>(p[0]); }}},
-      {.acts_on = "force channel", .depends_on = {"onset"}, .shape_of = ShapeOf::kStep}};
+      {.acts_on = "force channel",
+       .depends_on = {"onset"},
+       .shape_of = ShapeOf::kStep,
+       .words = "a force reading that comes late"}};
   return physics;
 }
 

@@ -64,7 +64,10 @@ const Physics& force_lag() {
                               "fast relaxation, and for a dashpot of negative sign."}}},
         {},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Lag>(p[0]); }}},
-      {.acts_on = "force channel", .depends_on = {"onset"}, .shape_of = ShapeOf::kStep}};
+      {.acts_on = "force channel",
+       .depends_on = {"onset"},
+       .shape_of = ShapeOf::kStep,
+       .words = "a force reading that lags"}};
   return physics;
 }
 

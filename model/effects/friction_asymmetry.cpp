@@ -85,7 +85,8 @@ const Physics& friction_asymmetry() {
        .refines = "coulomb_friction",
        .acts_on = "friction element",
        .depends_on = {"direction", "rate"},
-       .shape_of = ShapeOf::kRate}};
+       .shape_of = ShapeOf::kRate,
+       .words = "friction that differs by direction"}};
   return physics;
 }
 

@@ -64,8 +64,9 @@ const Physics& friction_with_load() {
                     .unit = "1",
                     .range = "Physics: it opposes the motion, so it is not negative; 0.9 is mu theta = 1.5, half a "
                              "turn at mu = 0.5.",
-                    .errors = "A force that hardly changes leaves it tied to dry friction of a constant size. Mistaken "
-                              "for coulomb_friction and friction_with_pressure."}}},
+                    .errors =
+                        "A force that hardly changes cannot separate it from dry friction of a constant size. Mistaken "
+                        "for coulomb_friction and friction_with_pressure."}}},
         {},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Loaded>(p[0], p[1]); },
         {.scales_specimen = true}}},
@@ -74,7 +75,8 @@ const Physics& friction_with_load() {
        .needs_any_of = {"spring"},
        .acts_on = "friction element",
        .depends_on = {"direction", "load"},
-       .shape_of = ShapeOf::kLoop}};
+       .shape_of = ShapeOf::kLoop,
+       .words = "friction that grows with the load"}};
   return physics;
 }
 

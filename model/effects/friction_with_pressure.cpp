@@ -56,7 +56,8 @@ const Physics& friction_with_pressure() {
        .pressure = PressureNeed::kVaries,
        .acts_on = "friction element",
        .depends_on = {"direction", "pressure"},
-       .shape_of = ShapeOf::kPressure}};
+       .shape_of = ShapeOf::kPressure,
+       .words = "friction that grows with pressure"}};
   return physics;
 }
 

@@ -61,8 +61,9 @@ const Physics& grip_slip() {
                .range = "Physics: under tension nothing slides in, so it is not negative. Instrument: 50 mm is the "
                         "full scale of the position channel.",
                .errors =
-                   "Only its product with the stiffness is seen, so an error of the stiffness is one of the slip. Less "
-                   "than four times the position noise is not claimed. Mistaken for damage of the specimen."}},
+                   "Only its product with the stiffness is measured, so a relative error of the stiffness is the same "
+                   "relative error of the slip. Less than four times the position noise is not claimed. Mistaken for "
+                   "damage of the specimen."}},
          // An event is no property of the rig: another recording does not hold it. 0: every recording does.
          {.name = "recording_id",
           .lower = 0.0,
@@ -81,7 +82,11 @@ const Physics& grip_slip() {
         },
         // The specimen becomes longer between the grips, so that its force falls.
         {.event_force_step = -1.0}}},
-      {.event_name = "slip", .acts_on = "kinematic input", .depends_on = {"time"}, .shape_of = ShapeOf::kTime}};
+      {.event_name = "slip",
+       .acts_on = "kinematic input",
+       .depends_on = {"time"},
+       .shape_of = ShapeOf::kTime,
+       .words = "slip in the grips"}};
   return physics;
 }
 

@@ -52,19 +52,19 @@ const Coefficient kLost{
     .name = "lost_N_mm",
     .symbol = "dk",
     .sign = Sign::kNonPositive,
-    .sheet = {
-        .what = "Stiffness that is lost when the largest elongation is far behind.",
-        .unit = "N/mm",
-        .range = "Physics: softening takes from the spring, so it is not positive; that it takes no more than the "
-                 "spring has is seen in the fit and not enforced.",
-        .errors =
-            "One amplitude leaves it tied to the scale. Mistaken for strain_stiffening after the first loading."}};
+    .sheet = {.what = "Stiffness that is lost when the largest elongation is far behind.",
+              .unit = "N/mm",
+              .range =
+                  "Physics: softening takes from the spring, so it is not positive; that it takes no more than the "
+                  "spring has is seen in the fit and not enforced.",
+              .errors = "One amplitude cannot separate it from the scale. Mistaken for strain_stiffening after the "
+                        "first loading."}};
 
 }  // namespace
 
-/// Mullins softening by the largest strain of the history: what was once stretched is softer below that stretch, and on
-/// the first loading again as stiff as ever beyond it. Repetition at the same amplitude changes nothing more, which is
-/// where cyclic_softening (by travel) differs.
+/// Mullins softening by the largest strain of the history: after a stretch the specimen is softer at smaller strains;
+/// beyond the largest strain so far it is as stiff as a new one. Repetition at the same amplitude changes nothing more,
+/// which is where cyclic_softening (by travel) differs.
 ///   `ogden_roxburgh`  pseudo-elastic: F = k e (1 - 1/r erf((Wm - W) / m)) with W = k e^2 / 2, Wm its largest value;
 ///                     written with lost = -k / r and s^2 = 2 m / k: F = lost e erf((em^2 - e^2) / s^2)
 ///   `damage`          F = lost e (1 - exp(-xi / s)), xi how far the largest |e| lies beyond that at the start (Simo's
@@ -73,7 +73,7 @@ const Coefficient kLost{
 /// not be more than it (r >= 1), which a fit shows and does not enforce. Units: lost N/mm, s mm.
 /// Range: s from 0.05 mm (below that the first reading beyond the start has it all) to 100 mm, a specimen's length.
 /// The history before the recording is not known: the largest strain before it is taken to be that at its start.
-/// Errors: exact at the instants of any motion that turns on instants. Not passive by itself: it takes force from the
+/// Errors: exact at every sample if the motion reverses only at samples. Not passive by itself: it takes force from the
 /// spring beside it. Sources: Ogden & Roxburgh 1999, Proc. R. Soc. A 455:2861; Simo 1987, Comput. Methods Appl. Mech.
 /// Eng. 60:153.
 const Physics& mullins_softening() {
@@ -98,7 +98,7 @@ const Physics& mullins_softening() {
                     .unit = "mm",
                     .range = "Instrument: below 0.05 mm the first reading beyond the start has it all; 100 mm is a "
                              "specimen's length.",
-                    .errors = "A first triangle that is the largest leaves it tied to the loss. Mistaken for the "
+                    .errors = "A first triangle that is the largest cannot separate it from the loss. Mistaken for the "
                               "travel of cyclic_softening."}}},
         {kLost},
         [](std::span<const double> p, const Reference&) { return std::make_unique<PseudoElastic>(p[0]); },
@@ -124,7 +124,8 @@ const Physics& mullins_softening() {
        .needs_any_of = {"spring"},
        .acts_on = "elastic branch",
        .depends_on = {"history", "strain"},
-       .shape_of = ShapeOf::kLoop}};
+       .shape_of = ShapeOf::kLoop,
+       .words = "softening by the largest stretch so far"}};
   return physics;
 }
 

@@ -138,7 +138,8 @@ const Coefficient kStiffness{
     .sheet = {.what = "Stiffness of the arm's spring: the force per mm that a step adds at once.",
               .unit = "N/mm",
               .range = "Physics: a spring pushes back, so it is not negative; no upper bound.",
-              .errors = "Where the fastest ramp lasts longer than the time constant it is tied to it. Mistaken for the "
+              .errors = "Where the fastest ramp lasts longer than the time constant it cannot be separated from it. "
+                        "Mistaken for the "
                         "parallel spring."}};
 
 }  // namespace
@@ -166,7 +167,8 @@ const Physics& nonlinear_viscosity() {
                     .unit = "s",
                     .range = "Instrument: 1 ms is one interval at 1 kHz, below which the arm is a dashpot; 1e4 s is "
                              "beyond the longest hold, where it is a spring.",
-                    .errors = "Where the arm never comes near 1 mm it is an extrapolation, tied to the exponent. "
+                    .errors = "Where the arm never comes near 1 mm it is an extrapolation that cannot be separated "
+                              "from the exponent. "
                               "Mistaken for the linear arm's time constant."}},
          {.name = "exponent",
           .symbol = "m",
@@ -180,7 +182,8 @@ const Physics& nonlinear_viscosity() {
                .range =
                    "Numerics: below 1 the rate grows without limit as the arm relaxes and is cut at 1e6 per s, so m "
                    "ends at 0.4; above 6 a doubled speed adds less than 12 % of force, and the arm is one that yields.",
-               .errors = "One amplitude leaves it tied to the time constant. Mistaken for a second relaxation time."}}},
+               .errors =
+                   "One amplitude cannot separate it from the time constant. Mistaken for a second relaxation time."}}},
         {kStiffness},
         [](std::span<const double> p, const Reference&) { return std::make_unique<PowerArm>(p[0], p[1]); },
         {.replaces_arm = true}},
@@ -193,13 +196,13 @@ const Physics& nonlinear_viscosity() {
           .starts = {0.5, 3.0},
           .logarithmic = true,
           .traits = {.lower_limit_law = "a slipping spring", .upper_limit_law = "a spring"},
-          .sheet =
-              {.what = "Time constant with which the arm relaxes towards its yield elongation.",
-               .unit = "s",
-               .range = "Instrument: 1 ms is one interval at 1 kHz, below which the arm is a slipping spring; 1e4 s is "
+          .sheet = {.what = "Time constant with which the arm relaxes towards its yield elongation.",
+                    .unit = "s",
+                    .range =
+                        "Instrument: 1 ms is one interval at 1 kHz, below which the arm is a slipping spring; 1e4 s is "
                         "beyond the longest hold, where it is a spring.",
-               .errors =
-                   "A hold shorter than it leaves it tied to the yield. Mistaken for the linear arm's time constant."}},
+                    .errors = "A hold shorter than it cannot separate it from the yield. Mistaken for the linear arm's "
+                              "time constant."}},
          {.name = "yield_mm",
           .symbol = "y",
           .lower = 1e-3,
@@ -237,10 +240,14 @@ const Physics& nonlinear_viscosity() {
           .sheet = {.what = "Drag at a speed of 1 mm/s.",
                     .unit = "N",
                     .range = "Physics: drag dissipates, so it is not negative; no upper bound.",
-                    .errors = "Where no ramp comes near 1 mm/s it is an extrapolation, tied to the exponent. Mistaken "
+                    .errors = "Where no ramp comes near 1 mm/s it is an extrapolation that cannot be separated from "
+                              "the exponent. Mistaken "
                               "for friction."}}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<PowerDashpot>(p[0]); }}},
-      {.acts_on = "dashpot", .depends_on = {"rate"}, .shape_of = ShapeOf::kRate}};
+      {.acts_on = "dashpot",
+       .depends_on = {"rate"},
+       .shape_of = ShapeOf::kRate,
+       .words = "viscosity that is not linear"}};
   return physics;
 }
 

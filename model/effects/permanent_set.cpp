@@ -48,9 +48,9 @@ const Parameter kYield{.name = "yield_mm",
 /// Units: h N/mm, F0 N, xi, y and s mm. Range: up to 100 mm, a specimen's length.
 /// Unlike mullins_softening the loss is a force and not a share of the stiffness: it is the same at every position once
 /// it is there. The history before the recording is not known and taken to have ended at its start.
-/// Errors: exact at the instants of any motion that turns on instants. Plastic, hence never passive by itself: the work
-/// is taken from the spring beside it.
-/// Sources: Dorfmann & Ogden 2004, Int. J. Solids Struct. 41:1855; Guo & Sluys 2008, HERON 53(3).
+/// Errors: exact at every sample if the motion reverses only at samples. Plastic, hence never passive by itself: the
+/// work is taken from the spring beside it. Sources: Dorfmann & Ogden 2004, Int. J. Solids Struct. 41:1855; Guo & Sluys
+/// 2008, HERON 53(3).
 const Physics& permanent_set() {
   static const Physics physics{
       "permanent_set",
@@ -68,12 +68,13 @@ const Physics& permanent_set() {
         {{.name = "lost_N_mm",
           .symbol = "h",
           .sign = Sign::kNonPositive,
-          .sheet = {.what =
-                        "Force lost per mm of the largest stretch; over the spring's stiffness it is the set per mm.",
-                    .unit = "N/mm",
-                    .range = "Physics: a set takes force away, so it is not positive; no lower bound.",
-                    .errors = "Stretches of one size leave it tied to the tare. Mistaken for mullins_softening and for "
-                              "a drift of the zero."}}},
+          .sheet =
+              {.what = "Force lost per mm of the largest stretch; over the spring's stiffness it is the set per mm.",
+               .unit = "N/mm",
+               .range = "Physics: a set takes force away, so it is not positive; no lower bound.",
+               .errors =
+                   "Stretches of one size cannot separate it from the tare. Mistaken for mullins_softening and for "
+                   "a drift of the zero."}}},
         [](auto, const Reference&) { return std::make_unique<Set>(0.0, 0.0); },
         {.counts = Counts::kLargestStrain}},
        {"yield",
@@ -85,8 +86,9 @@ const Physics& permanent_set() {
           .sheet = {.what = "Force lost per mm of the largest stretch beyond the yield.",
                     .unit = "N/mm",
                     .range = "Physics: a set takes force away, so it is not positive; no lower bound.",
-                    .errors = "Stretches of one size leave it tied to the yield. Mistaken for mullins_softening and "
-                              "for a drift of the zero."}}},
+                    .errors =
+                        "Stretches of one size cannot separate it from the yield. Mistaken for mullins_softening and "
+                        "for a drift of the zero."}}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Set>(p[0], 0.0); },
         {.counts = Counts::kLargestStrain}},
        {"saturating",
@@ -101,23 +103,23 @@ const Physics& permanent_set() {
                     .unit = "mm",
                     .range = "Instrument: below 0.05 mm the first reading beyond the start has it all; 100 mm is a "
                              "specimen's length.",
-                    .errors = "One size of stretch leaves it tied to the loss. Mistaken for a yield."}}},
+                    .errors = "One size of stretch cannot separate it from the loss. Mistaken for a yield."}}},
         {{.name = "lost_N",
           .symbol = "F0",
           .sign = Sign::kNonPositive,
-          .sheet =
-              {.what = "Force that is lost in the end.",
-               .unit = "N",
-               .range = "Physics: a set takes force away, so it is not positive; no lower bound.",
-               .errors =
-                   "Stretches far below the scale leave it tied to it. Mistaken for a slip or a drift of the zero."}}},
+          .sheet = {.what = "Force that is lost in the end.",
+                    .unit = "N",
+                    .range = "Physics: a set takes force away, so it is not positive; no lower bound.",
+                    .errors = "Stretches far below the scale cannot separate it from it. Mistaken for a slip or a "
+                              "drift of the zero."}}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Set>(0.0, p[0]); },
         {.counts = Counts::kLargestStrain}}},
       {.unusual = true,
        .needs_any_of = {"spring"},
        .acts_on = "elastic branch",
        .depends_on = {"history"},
-       .shape_of = ShapeOf::kLoop}};
+       .shape_of = ShapeOf::kLoop,
+       .words = "permanent set"}};
   return physics;
 }
 

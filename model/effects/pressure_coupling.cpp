@@ -26,7 +26,7 @@ const Coefficient kForce{
               .unit = "N/psi",
               .range = "Physics: more pressure makes a McKibben pull where its threads lie less than "
                        "54.7 degrees (the neutral angle) from the axis and push beyond, so either sign can be.",
-              .errors = "A pressure that varies only with the motion leaves it tied to viscosity; "
+              .errors = "A pressure that varies only with the motion cannot separate it from viscosity; "
                         "a late pressure channel biases it. Mistaken for viscous drag."}};
 const Coefficient kStiffness{
     .name = "stiffness_N_mm_psi",
@@ -35,8 +35,9 @@ const Coefficient kStiffness{
     .sheet = {.what = "Stiffness that each psi above the nominal pressure adds; positive: stiffer.",
               .unit = "N/mm/psi",
               .range = "Physics: stiffness may grow or fall with pressure, by the braid angle, so it has no sign.",
-              .errors = "A pressure that varies only with the motion leaves it tied to viscosity; a wrong zero of the "
-                        "elongation moves part of it into the force per psi. Mistaken for strain stiffening."}};
+              .errors =
+                  "A pressure that varies only with the motion cannot separate it from viscosity; a wrong zero of the "
+                  "elongation moves part of it into the force per psi. Mistaken for strain stiffening."}};
 
 }  // namespace
 
@@ -68,7 +69,8 @@ const Physics& pressure_coupling() {
        .driven_by_pressure = true,
        .acts_on = "pressure path",
        .depends_on = {"pressure"},
-       .shape_of = ShapeOf::kPressure}};
+       .shape_of = ShapeOf::kPressure,
+       .words = "a force that follows the pressure"}};
   return physics;
 }
 

@@ -50,7 +50,7 @@ const Physics& pressure_threshold() {
                     .unit = "N/psi",
                     .range = "Physics: beyond the threshold the braid turns pressure into pull, so it is not negative; "
                              "no upper bound.",
-                    .errors = "A pressure that hardly passes the threshold leaves it tied to it. Mistaken for "
+                    .errors = "A pressure that hardly passes the threshold cannot separate it from it. Mistaken for "
                               "pressure_coupling."}}},
         [](std::span<const double> p, const Reference& reference) {
           return std::make_unique<Threshold>(p[0], reference.nominal_pressure_psi);
@@ -60,7 +60,8 @@ const Physics& pressure_threshold() {
        .driven_by_pressure = true,
        .acts_on = "pressure path",
        .depends_on = {"pressure"},
-       .shape_of = ShapeOf::kPressure}};
+       .shape_of = ShapeOf::kPressure,
+       .words = "a pressure below which nothing happens"}};
   return physics;
 }
 

@@ -105,7 +105,8 @@ const Parameter kStrainExponent{
         .unit = "1/mm",
         .range =
             "Physics: a factor of e within 1 mm is beyond any braid; a muscle of 90 mm changes by that over several.",
-        .errors = "Strokes about one position leave it tied to the stiffness. Mistaken for a pressure that follows the "
+        .errors = "Strokes about one position cannot separate it from the stiffness. Mistaken for a pressure that "
+                  "follows the "
                   "motion."}};
 const Parameter kTimeConstant{
     .name = "time_constant_s",
@@ -115,13 +116,13 @@ const Parameter kTimeConstant{
     .starts = {0.8},
     .logarithmic = true,
     .traits = {.lower_limit_law = "a dashpot", .upper_limit_law = "a spring"},
-    .sheet = {
-        .what = "Time constant of the arm, at position zero where it depends on position.",
-        .unit = "s",
-        .range = "Instrument: 1 ms is one interval at 1 kHz, below which the arm is a dashpot; 1e4 s is beyond the "
-                 "longest hold, where it is a spring.",
-        .errors =
-            "A hold shorter than it leaves it tied to the stiffness. Mistaken for the linear arm's time constant."}};
+    .sheet = {.what = "Time constant of the arm, at position zero where it depends on position.",
+              .unit = "s",
+              .range =
+                  "Instrument: 1 ms is one interval at 1 kHz, below which the arm is a dashpot; 1e4 s is beyond the "
+                  "longest hold, where it is a spring.",
+              .errors = "A hold shorter than it cannot separate it from the stiffness. Mistaken for the linear arm's "
+                        "time constant."}};
 const Coefficient kStiffness{
     .name = "stiffness_N_mm",
     .symbol = "k",
@@ -129,7 +130,8 @@ const Coefficient kStiffness{
     .sheet = {.what = "Stiffness of the arm's spring at position zero: the force per mm that a step adds at once.",
               .unit = "N/mm",
               .range = "Physics: a spring pushes back, so it is not negative; no upper bound.",
-              .errors = "Where the fastest ramp lasts longer than the time constant it is tied to it. Mistaken for the "
+              .errors = "Where the fastest ramp lasts longer than the time constant it cannot be separated from it. "
+                        "Mistaken for the "
                         "parallel spring."}};
 
 }  // namespace
@@ -146,8 +148,8 @@ const Coefficient kStiffness{
 ///   `fung_arm`         as above
 ///   `relaxation_time`  k the same everywhere, tau exp(b x): the rate of relaxation depends on strain, which Fung's
 ///                      separable form excludes (Provenzano et al. 2001)
-/// Both are the arm alone. Where the spring is curved, too, that is strain_stiffening beside it: in one law its curve
-/// would be free to grow while b goes to zero, which is a quadratic spring beside a linear arm under another name.
+/// Both laws describe the arm alone; a curved parallel spring is strain_stiffening beside it. If one law had both, a
+/// fit could let b go to zero and keep the curve: a quadratic spring beside a linear arm, under this effect's name.
 /// Range: |b| <= 1 / mm. Errors: `fung_arm` exact for motion at constant velocity; `relaxation_time` within 4e-7 of z.
 /// Not passive for every motion: a stiffness that changes under load does work (a known limit of the separable form).
 /// Sources: Fung 1981, Biomechanics, ch. 7; Suzuki et al. 2021, Fractal Fract. 5:223 (an exponential elastic response
@@ -177,7 +179,11 @@ const Physics& quasi_linear_viscoelasticity() {
         {kStiffness},
         [](std::span<const double> p, const Reference&) { return std::make_unique<StrainTimedArm>(p[0], p[1]); },
         {.replaces_arm = true}}},
-      {.unusual = true, .acts_on = "arm", .depends_on = {"hold", "strain"}, .shape_of = ShapeOf::kStep}};
+      {.unusual = true,
+       .acts_on = "arm",
+       .depends_on = {"hold", "strain"},
+       .shape_of = ShapeOf::kStep,
+       .words = "quasi-linear viscoelasticity"}};
   return physics;
 }
 

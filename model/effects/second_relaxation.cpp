@@ -2,7 +2,6 @@
 #include <cmath>
 
 #include "model/effects/effects.hpp"
-#include "model/effects/relaxation_times.hpp"
 #include "model/stepping.hpp"
 
 namespace isorig::model::effect {
@@ -60,7 +59,15 @@ class Spectrum : public Process {
                                          MaxwellState(1), MaxwellState(1), MaxwellState(1), MaxwellState(1)};
 };
 
-constexpr std::string_view kSpectrum = "spectrum";
+std::vector<double> times_of_arms_s(std::span<const double> parameters) {
+  return {parameters.begin(), parameters.end()};
+}
+
+std::vector<double> times_of_spectrum_s(std::span<const double> parameters) {
+  std::vector<double> out;
+  for (std::size_t i = 0; i < Spectrum::kCount; ++i) out.push_back(Spectrum::time_s(i, parameters[0], parameters[1]));
+  return out;
+}
 
 constexpr NumberSheet kTime{
     .what = "Time constant of an added Maxwell arm: in a hold its force falls to 1/e in that time.",
@@ -69,7 +76,8 @@ constexpr NumberSheet kTime{
         "Instrument: 5 ms is five intervals at 1 kHz, below which an arm is a dashpot; 2e4 s, more than five hours, is "
         "beyond every hold and the arm is a spring.",
     .errors =
-        "A hold shorter than it leaves it tied to the stiffness. A short one is mistaken for force_lag, a long one for "
+        "A hold shorter than it cannot separate it from the stiffness. A short one is mistaken for force_lag, a long "
+        "one for "
         "friction or zero_drift."};
 constexpr NumberSheet kStiffness{
     .what = "Stiffness of the arms: the force per mm that a step adds at once and that a hold takes away.",
@@ -101,7 +109,8 @@ const Physics& second_relaxation() {
           .traits = {.lower_limit_law = "a dashpot", .upper_limit_law = "a spring"},
           .sheet = kTime}},
         {{.name = "stiffness_N_mm", .symbol = "k", .sign = Sign::kNonNegative, .sheet = kStiffness}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Arm>(p[0]); }},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Arm>(p[0]); },
+        {.relaxation_times_s = times_of_arms_s}},
        {"two_arms",
         "F = k z + k' z', dz/dt = v - z / tau, dz'/dt = v - z' / tau'",
         {{.name = "time_constant_s",
@@ -122,8 +131,9 @@ const Physics& second_relaxation() {
           .sheet = kTime}},
         {{.name = "stiffness_N_mm", .symbol = "k", .sign = Sign::kNonNegative, .sheet = kStiffness},
          {.name = "slow_stiffness_N_mm", .symbol = "k'", .sign = Sign::kNonNegative, .sheet = kStiffness}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<TwoArms>(p[0], p[1]); }},
-       {kSpectrum,
+        [](std::span<const double> p, const Reference&) { return std::make_unique<TwoArms>(p[0], p[1]); },
+        {.relaxation_times_s = times_of_arms_s}},
+       {"spectrum",
         "F = k mean of arms, their times even in log over N decades from tau0",
         {{.name = "shortest_time_s",
           .symbol = "tau0",
@@ -148,21 +158,16 @@ const Physics& second_relaxation() {
                              "whose steps show; less than half a decade is a single arm.",
                     .errors = "A hold that ends before the slowest time shortens it. Mistaken for two arms."}}},
         {{.name = "stiffness_N_mm", .symbol = "k", .sign = Sign::kNonNegative, .sheet = kStiffness}},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Spectrum>(p[0], p[1]); }}},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<Spectrum>(p[0], p[1]); },
+        {.relaxation_times_s = times_of_spectrum_s}}},
       // What has no elastic part has nothing that could relax.
       {.needs_any_of = {"spring", "maxwell"},
        .repeatable = true,
        .acts_on = "arm",
        .depends_on = {"hold", "rate"},
-       .shape_of = ShapeOf::kStep}};
+       .shape_of = ShapeOf::kStep,
+       .words = "a second relaxation"}};
   return physics;
-}
-
-std::vector<double> relaxation_times_s(const Law& law, std::span<const double> parameters) {
-  if (law.name != kSpectrum) return {parameters.begin(), parameters.end()};
-  std::vector<double> out;
-  for (std::size_t i = 0; i < Spectrum::kCount; ++i) out.push_back(Spectrum::time_s(i, parameters[0], parameters[1]));
-  return out;
 }
 
 }  // namespace isorig::model::effect

@@ -19,19 +19,20 @@ class Slack : public Process {
 }  // namespace
 
 const Physics& slack() {
-  static const Physics physics{"slack",
-                               Stage::kSpecimenShape,
-                               "A specimen that cannot push: force ends at zero.",
-                               "A mesh and its Kevlar ties carry tension only, as a cable does (Irvine 1981).",
-                               "Shorten beyond the pressurized rest length: the force stays at zero. "
-                               "Mistaken for a saturated load cell.",
-                               {{"unilateral",
-                                 "F = max(0, F_specimen)",
-                                 {},
-                                 {},
-                                 [](auto, const Reference&) { return std::make_unique<Slack>(); },
-                                 {.uses_coefficients = true}}},
-                               {.acts_on = "elastic branch", .depends_on = {"strain"}, .shape_of = ShapeOf::kPosition}};
+  static const Physics physics{
+      "slack",
+      Stage::kSpecimenShape,
+      "A specimen that cannot push: force ends at zero.",
+      "A mesh and its Kevlar ties carry tension only, as a cable does (Irvine 1981).",
+      "Shorten beyond the pressurized rest length: the force stays at zero. "
+      "Mistaken for a saturated load cell.",
+      {{"unilateral",
+        "F = max(0, F_specimen)",
+        {},
+        {},
+        [](auto, const Reference&) { return std::make_unique<Slack>(); },
+        {.uses_coefficients = true}}},
+      {.acts_on = "elastic branch", .depends_on = {"strain"}, .shape_of = ShapeOf::kPosition, .words = "slack"}};
   return physics;
 }
 

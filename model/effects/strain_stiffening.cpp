@@ -93,12 +93,11 @@ const Coefficient kCubic{
     .name = "cubic_N_mm3",
     .symbol = "k3",
     .sign = Sign::kFree,
-    .sheet = {
-        .what = "A third of the stiffness that is added 1 mm from the origin; positive: stiffer at both ends.",
-        .unit = "N/mm3",
-        .range = "Physics: a specimen may stiffen or soften with strain, so it has no sign.",
-        .errors =
-            "A stroke to one side leaves it tied to the quadratic term. Mistaken for slack at one end of the stroke."}};
+    .sheet = {.what = "A third of the stiffness that is added 1 mm from the origin; positive: stiffer at both ends.",
+              .unit = "N/mm3",
+              .range = "Physics: a specimen may stiffen or soften with strain, so it has no sign.",
+              .errors = "A stroke to one side cannot separate it from the quadratic term. Mistaken for slack at one "
+                        "end of the stroke."}};
 const Parameter kKneePosition{
     .name = "position_mm",
     .symbol = "x0",
@@ -117,8 +116,9 @@ const Coefficient kKneeStiffness{
     .sheet = {.what = "Stiffness that is added beyond the knee; positive: stiffer in extension.",
               .unit = "N/mm",
               .range = "Physics: fibres may take up load or buckle beyond the knee, so it has no sign.",
-              .errors = "A stroke that hardly passes the knee leaves it tied to the position. Mistaken for a slip when "
-                        "the motion is one-way."}};
+              .errors =
+                  "A stroke that hardly passes the knee cannot separate it from the position. Mistaken for a slip when "
+                  "the motion is one-way."}};
 
 }  // namespace
 
@@ -158,12 +158,13 @@ const Physics& strain_stiffening() {
           .upper = 100.0,
           .starts = {3.0},
           .logarithmic = true,
-          .sheet = {.what = "Length over which the stiffness grows by a factor e.",
-                    .unit = "mm",
-                    .range = "Numerics: at 0.1 mm the force grows by exp(50) over the rig's 5 mm; at 100 mm the curve "
-                             "is a parabola within 2 % over 5 mm.",
-                    .errors =
-                        "A stroke that is short against it leaves it tied to the stiffness. Mistaken for a knee."}}},
+          .sheet =
+              {.what = "Length over which the stiffness grows by a factor e.",
+               .unit = "mm",
+               .range = "Numerics: at 0.1 mm the force grows by exp(50) over the rig's 5 mm; at 100 mm the curve "
+                        "is a parabola within 2 % over 5 mm.",
+               .errors =
+                   "A stroke that is short against it cannot separate it from the stiffness. Mistaken for a knee."}}},
         {{.name = "stiffness_N_mm",
           .symbol = "k",
           .sign = Sign::kNonNegative,
@@ -192,7 +193,7 @@ const Physics& strain_stiffening() {
                .unit = "mm",
                .range =
                    "Instrument: 20 um cannot be told from a sharp knee; 20 mm, twice the rig's travel, is a parabola.",
-               .errors = "A stroke that does not pass the knee leaves it tied to the position. Mistaken for the "
+               .errors = "A stroke that does not pass the knee cannot separate it from the position. Mistaken for the "
                          "exponential law."}}},
         {kKneeStiffness},
         [](std::span<const double> p, const Reference&) { return std::make_unique<SmoothKnee>(p[0], p[1]); }},
@@ -209,18 +210,23 @@ const Physics& strain_stiffening() {
                     .range =
                         "Physics: what was passed was not the lock, so it lies beyond the largest position; beyond "
                         "1 m the law is a parabola in any stroke.",
-                    .errors = "A stroke that stays below half of it leaves it tied to the stiffness. Mistaken for the "
-                              "exponential law."}}},
+                    .errors =
+                        "A stroke that stays below half of it cannot separate it from the stiffness. Mistaken for the "
+                        "exponential law."}}},
         {{.name = "stiffness_N_mm",
           .symbol = "k",
           .sign = Sign::kNonNegative,
           .sheet = {.what = "Size of the stiffening: in small extension the force is this times x^2 / L.",
                     .unit = "N/mm",
                     .range = "Physics: a lock resists extension, so it is not negative; no upper bound.",
-                    .errors = "A stroke far from the lock leaves it tied to the position of the lock. Mistaken for the "
-                              "quadratic term."}}},
+                    .errors =
+                        "A stroke far from the lock cannot separate it from the position of the lock. Mistaken for the "
+                        "quadratic term."}}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Lock>(p[0]); }}},
-      {.acts_on = "elastic branch", .depends_on = {"strain"}, .shape_of = ShapeOf::kPosition}};
+      {.acts_on = "elastic branch",
+       .depends_on = {"strain"},
+       .shape_of = ShapeOf::kPosition,
+       .words = "stiffening with strain"}};
   return physics;
 }
 

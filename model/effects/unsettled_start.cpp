@@ -53,7 +53,11 @@ const Physics& unsettled_start() {
                    "A tare taken before the specimen was at rest adds to it. Mistaken for an offset of the force."}}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Unsettled>(p[0]); },
         {.counts = Counts::kTime}}},
-      {.unusual = true, .acts_on = "arm", .depends_on = {"time"}, .shape_of = ShapeOf::kTime}};
+      {.unusual = true,
+       .acts_on = "arm",
+       .depends_on = {"time"},
+       .shape_of = ShapeOf::kTime,
+       .words = "a specimen that had not settled at the start"}};
   return physics;
 }
 

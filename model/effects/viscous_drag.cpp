@@ -31,7 +31,11 @@ const Physics& viscous_drag() {
                     .errors = "A force channel that is late by d takes k d from it, k the stiffness. Mistaken for a "
                               "relaxation faster than the sampling."}}},
         [](auto, const Reference&) { return std::make_unique<Drag>(); }}},
-      {.unusual = true, .acts_on = "dashpot", .depends_on = {"rate"}, .shape_of = ShapeOf::kRate}};
+      {.unusual = true,
+       .acts_on = "dashpot",
+       .depends_on = {"rate"},
+       .shape_of = ShapeOf::kRate,
+       .words = "viscous drag"}};
   return physics;
 }
 

@@ -89,17 +89,17 @@ const Physics& zero_drift() {
                     .unit = "s",
                     .range = "Physics: a load cell and its amplifier warm up in minutes to hours; below 100 s it "
                              "cannot be told from a relaxation, beyond 2e4 s from a straight drift.",
-                    .errors = "A record shorter than it leaves it tied to the drift. Mistaken for the time constant of "
-                              "a slow arm."}}},
+                    .errors =
+                        "A record shorter than it cannot separate it from the drift. Mistaken for the time constant of "
+                        "a slow arm."}}},
         {{.name = "drift_N",
           .symbol = "D",
           .sign = Sign::kFree,
-          .sheet =
-              {.what = "Change of the force zero in the end; positive: the reading rises.",
-               .unit = "N",
-               .range = "Physics: temperature may rise or fall, so it has no sign.",
-               .errors =
-                   "A record shorter than the time constant leaves it tied to it. Mistaken for cyclic_softening."}}},
+          .sheet = {.what = "Change of the force zero in the end; positive: the reading rises.",
+                    .unit = "N",
+                    .range = "Physics: temperature may rise or fall, so it has no sign.",
+                    .errors = "A record shorter than the time constant cannot separate it from it. Mistaken for "
+                              "cyclic_softening."}}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Settling>(p[0]); },
         {.counts = Counts::kTime}},
        {"wander",
@@ -125,7 +125,10 @@ const Physics& zero_drift() {
          {.name = "c6_N", .symbol = "c6", .sign = Sign::kFree, .sheet = kCosine}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Wander>(p[0]); },
         {.counts = Counts::kTime}}},
-      {.acts_on = "force channel", .depends_on = {"time"}, .shape_of = ShapeOf::kTime}};
+      {.acts_on = "force channel",
+       .depends_on = {"time"},
+       .shape_of = ShapeOf::kTime,
+       .words = "drift of the force's zero"}};
   return physics;
 }
 

@@ -4,8 +4,8 @@
 
 namespace isorig::identify {
 
-/// What people call an effect of the catalogue: "dry friction" for coulomb_friction. Others come with spaces in place
-/// of their underscores.
+/// What people call a physics of the catalogue (PhysicsTraits::words): "dry friction" for coulomb_friction. Without
+/// such words, and for any other name, the name with spaces in place of its underscores.
 [[nodiscard]] std::string effect_words(std::string_view name);
 
 /// The same for a set as explanations name it (Hypothesis::key()): "dry friction and slack"; "nothing missing" for the

@@ -108,7 +108,7 @@ TEST(DiagnosisReport, EveryEffectHasANameThatPeopleUse) {
     const bool already_one = effect->name == "slack" || effect->name == "permanent_set" ||
                              effect->name == "viscous_drag" || effect->name == "quasi_linear_viscoelasticity";
     if (already_one) continue;
-    EXPECT_NE(words, spaced) << "say in identify/report/diagnosis/effect_words.cpp what people call it";
+    EXPECT_NE(words, spaced) << "say in the `words` of its traits what people call it";
   }
   EXPECT_EQ(explanation_words("nominal"), "nothing missing");
   EXPECT_EQ(explanation_words("coulomb_friction"), "dry friction");
