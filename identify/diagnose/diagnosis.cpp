@@ -105,28 +105,19 @@ void list_alternatives(const Selection& selection, Diagnosis& out) {
   std::ranges::stable_sort(out.tried, std::greater<>(), &Explanation::weight);
 }
 
-/// Unexplained share of the nominal model's excess above which the verdict is unknown physics.
-constexpr double kMuchUnexplained = 0.12;
-
 void decide_verdict(const Study& study, bool noise_from_rests, Diagnosis& out) {
-  // Structure counts where the excess is more than a fifth of the noise's own squares and more than 400: a force of 2
-  // noises in 100 bins.
-  constexpr double kStructureShare = 0.2, kStructureSquares = 400.0;
   const Selection& selection = study.selection;
-  const double rows = static_cast<double>(selection.chosen().fit.rows);
-  const double left = selection.excess[selection.best], before = selection.excess[0];
-  // The sum of n squares of unit noise has a standard deviation of sqrt(2 n). A level that is not from rests may lie
-  // that far below what the residual shows by chance: two of them do not count as unexplained.
-  const double chance = noise_from_rests ? 0.0 : 2.0 * std::sqrt(2.0 * rows);
   out.rows = selection.chosen().fit.rows;
   out.noise_scale = selection.noise_scale;
-  out.unexplained = before > 0.0 ? std::max(left - chance, 0.0) / before : 0.0;
   out.described_by = selection.chosen().empirical;
-  const bool structure_left = left > kStructureShare * rows && left > kStructureSquares;
-  if (!out.described_by.empty() || (structure_left && (out.missing.empty() || out.unexplained > kMuchUnexplained)))
-    out.verdict = Verdict::kUnknownPhysics;
-  else if (!out.missing.empty())
-    out.verdict = Verdict::kMissingPhysics;
+  const Explained explained{.excess_before = selection.excess[0],
+                            .excess_left = selection.excess[selection.best],
+                            .rows = out.rows,
+                            .noise_from_rests = noise_from_rests,
+                            .has_named_effect = !out.missing.empty(),
+                            .is_described = !out.described_by.empty()};
+  out.unexplained = unexplained_share(explained);
+  out.verdict = verdict_of(explained);
 }
 
 /// Elements with memory in place of what a table describes, where much is left. If the table already explains more
@@ -184,8 +175,8 @@ void publish_model(const Search& search, const Study& study, const PublishedNomi
   remember_what_was_seen(study, publication.model.criterion, out.model_errors, plain_nominal, out.model);
 }
 
-/// Fewer rows than this name nothing: no stretch can be left out of them to check a name by, and of thirty rows of pure
-/// noise zero_drift was named with 0.92 at half the size that they could show.
+/// With fewer rows no effect is named, because too few remain to leave some out and check the name. From thirty rows of
+/// pure noise zero_drift was once named with 0.92, at half the smallest size that they could show.
 constexpr std::size_t kFewestToName = 100;
 
 /// Takes the nominal model back where rows are too few; why, if something spoke for more than that model.
@@ -221,25 +212,12 @@ void refuse_unless_finite(const Diagnosis& d) {
 
 }  // namespace
 
-std::string_view name_of(Verdict verdict) {
-  switch (verdict) {
-    case Verdict::kConsistent:
-      return "consistent";
-    case Verdict::kMissingPhysics:
-      return "missing_physics";
-    case Verdict::kUnknownPhysics:
-      return "unknown_physics";
-    case Verdict::kCannotJudge:
-      return "cannot_judge";
-  }
-  return "";
-}
-
 Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::string> names,
                const model::ModelSpec& given, const DiagnosisOptions& options) {
   const auto now = [&](double fraction, const char* doing) {
     if (options.on_progress) options.on_progress(fraction, doing);
   };
+  refuse_repeated(recordings, names);
   refuse_several_pressures(recordings, names, given);
   now(0.0, "measuring the noise");
   Study study;

@@ -1,5 +1,5 @@
 #pragma once
-#include "identify/diagnose/diagnosis.hpp"
+#include "identify/diagnose/study.hpp"
 
 namespace isorig::identify {
 

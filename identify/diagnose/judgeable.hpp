@@ -1,5 +1,5 @@
 #pragma once
-#include "identify/diagnose/diagnosis.hpp"
+#include "identify/diagnose/study.hpp"
 
 namespace isorig::identify {
 
@@ -10,7 +10,8 @@ namespace isorig::identify {
 /// - The nominal model explains nothing: its residual has more than a tenth of the force's variance. Where noise was
 ///   not measured such a residual may be taken for noise, and no force channel has that much.
 /// - The noise could not be measured, by rests, repetitions or strokes, and the residual has more than twice the
-///   power of the guess by second differences (noise/noise.hpp): it is noise, or it is not.
+///   power of the guess by second differences (noise/noise.hpp): without a measured noise nothing tells whether that
+///   residual is noise or missing physics.
 [[nodiscard]] std::optional<Unjudged> unjudged(const Study& study, double nominal_rmse_N);
 
 }  // namespace isorig::identify

@@ -2,7 +2,7 @@
 #include <string>
 #include <vector>
 
-#include "identify/diagnose/diagnosis.hpp"
+#include "identify/diagnose/study.hpp"
 
 namespace isorig::identify {
 

@@ -262,6 +262,7 @@ ResponseDiagnosis diagnose_response(const std::vector<messages::Recording>& reco
   const auto now = [&](double fraction, const char* doing) {
     if (on_progress) on_progress(fraction, doing);
   };
+  refuse_repeated(recordings, names);
   ResponseDiagnosis out;
   std::vector<std::string> specimens;
   for (std::size_t i = 0; i < recordings.size(); ++i) {

@@ -279,6 +279,7 @@ TEST(Response, WhatIsNotOneQuestionIsRefused) {
   };
   EXPECT_THAT(refused({isotonic({}), leak(1.0, 40.0)}, "slse1"), HasSubstr("diagnose them apart"));
   EXPECT_THAT(refused({leak(1.0, 40.0)}, "model.toml"), HasSubstr("slse1 or slse2"));
+  EXPECT_THAT(refused({leak(1.0, 40.0), leak(1.0, 40.0)}, "slse1"), HasSubstr("same samples"));
   Recording still = leak(1.0, 40.0);
   for (std::size_t k = 0; k < still.pressure->size(); ++k)
     still.pressure->pressure_psi[k] = 0.01 * static_cast<double>(k % 3);

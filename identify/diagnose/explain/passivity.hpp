@@ -15,8 +15,8 @@ struct ActiveLoop {
   double work_N_mm = 0.0;  ///< taken in over a turn: negative
 };
 
-/// Looks for one. A passive specimen gives back no more than is stored in it (Willems 1972), so that on a motion that
-/// goes round and round, once its arms have come to terms with it, it takes in work:
+/// Looks for one. A passive specimen gives back no more than is stored in it (Willems 1972), so that in each turn
+/// of a periodic motion, after the transients of its arms have decayed, it absorbs work:
 ///
 ///     integral of F dx over a turn >= 0
 ///

@@ -162,8 +162,8 @@ double Evaluator::solve(ModelSpec& spec, Eigen::VectorXd& residual) {
   for (const Eigen::Index c : by_stage_)
     if (reshaped || moved[columns_[static_cast<std::size_t>(c)].part]) which.push_back(c);
 
-  // A law that looks at the coefficients scales the columns by what they were in the pass before. Each pass leaves a
-  // share of the error: none of it where the specimen is slack or not, a half at the corner of a ceiling.
+  // The columns of a law with `uses_coefficients` depend on the coefficients of the pass before, so the solution is
+  // iterated. For slack a single pass removes the error; at the corner of a ceiling each pass halves it.
   constexpr int kMostPasses = 12;
   constexpr double kSettled = 1e-7;
   for (int pass = 0; pass < (piecewise_ ? kMostPasses : 1); ++pass) {

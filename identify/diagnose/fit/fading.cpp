@@ -95,8 +95,8 @@ Fading::Belief Fading::next(const model::Instant& now) {
   const double d = std::max({watched_[0].distance(now.position_mm), watched_[1].distance(now.velocity_mm_s),
                              watched_[2].distance(now.excess_pressure_psi + nominal_psi_),
                              watched_[3].distance(travelled_mm_), watched_[4].distance(now.t_s - start_s_)});
-  // Beyond that the nominal model alone answers: how far says no more of its band. A range of no width (no pressure
-  // seen, no motion) would make it hundreds.
+  // From `gone_` on only the nominal model predicts, and d is held there, so that its band stops growing. A range of no
+  // width (constant pressure, no motion) would otherwise give a d in the hundreds.
   return {std::min(d, gone_), std::clamp((gone_ - d) / (gone_ - holds_), 0.0, 1.0)};
 }
 

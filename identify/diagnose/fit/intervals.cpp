@@ -46,8 +46,9 @@ Eigen::MatrixXd covariance_of(const Problem& problem, const model::ModelSpec& sp
   const Eigen::VectorXd length = jacobian.colwise().norm().transpose().cwiseMax(1e-300);
   jacobian.array().rowwise() /= length.transpose().array();
   const double scale = std::max(at.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(at.size(), 1)), 1.0);
-  // What the recording cannot show has no curvature. A pseudo-inverse would call it known exactly; here it is
-  // known to within 1e5 times what the same number alone would be, and a parameter to within its bounds.
+  // A number that the recording does not determine has no curvature, and a pseudo-inverse would give it zero variance.
+  // Eigenvalues are therefore held at kFlat or more: its standard error is then up to 1e5 times what it would be if it
+  // alone were unknown, and a parameter's interval ends at its bounds.
   constexpr double kFlat = 1e-10, kFewestMoves = 8.0;
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> curvature(jacobian.transpose() * jacobian);
   const Eigen::VectorXd widths = curvature.eigenvalues().cwiseMax(kFlat).cwiseInverse();

@@ -8,7 +8,7 @@ namespace isorig::identify {
 /// Why a search stopped.
 enum class Stop {
   kConverged,       ///< no step gains anything that counts
-  kAtBounds,        ///< so it is, and a number stands at its bound and would go farther
+  kAtBounds,        ///< converged, with a number held at a bound that it would otherwise cross
   kNoProgress,      ///< the slopes promise a gain that no step finds: a kink, a jump, a number that does nothing
   kIterationLimit,  ///< it was still gaining
 };

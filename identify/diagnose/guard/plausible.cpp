@@ -86,6 +86,22 @@ void refuse_implausible(const messages::Recording& recording, const std::string&
                                 "the motion: record ramps with ten readings or more");
 }
 
+void refuse_repeated(std::span<const messages::Recording> recordings, std::span<const std::string> names) {
+  const auto same = [](const messages::Recording& a, const messages::Recording& b) {
+    if (!a.frame.t_s.empty() || !b.frame.t_s.empty())
+      return a.frame.t_s == b.frame.t_s && a.frame.position_mm == b.frame.position_mm &&
+             a.frame.force_N == b.frame.force_N;
+    return a.pressure && b.pressure && a.pressure->t_s == b.pressure->t_s &&
+           a.pressure->pressure_psi == b.pressure->pressure_psi;
+  };
+  for (std::size_t i = 0; i < recordings.size(); ++i)
+    for (std::size_t k = i + 1; k < recordings.size(); ++k)
+      if (same(recordings[i], recordings[k]))
+        throw std::invalid_argument(names[k] + ": the same samples as " + names[i] +
+                                    "; counted twice they would make the results look more certain than they are, so "
+                                    "name one of them");
+}
+
 void refuse_several_pressures(std::span<const messages::Recording> recordings, std::span<const std::string> names,
                               const model::ModelSpec& nominal) {
   constexpr double kOnePressure = 0.05;

@@ -13,6 +13,10 @@ namespace isorig::identify {
 /// length in metres, strokes that pass between two readings. A fit would explain each of them by physics.
 void refuse_implausible(const messages::Recording& recording, const std::string& name, const model::ModelSpec& nominal);
 
+/// Throws std::invalid_argument where two recordings hold the same samples, with the names of both. Read twice, the
+/// rows that are left out of a fit have their copies in it, and every name looks surer than it is.
+void refuse_repeated(std::span<const messages::Recording> recordings, std::span<const std::string> names);
+
 /// Throws std::invalid_argument for recordings at several nominal pressures, with the recordings of each. Stiffness,
 /// relaxation and tare of an actuator all follow its pressure (Chou & Hannaford 1996), and one material for all
 /// pressures differs from the recordings by effects that are not there. Pressures within 5 % of the highest are one. A

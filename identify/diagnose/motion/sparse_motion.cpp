@@ -200,8 +200,9 @@ class SparseMotion {
     return runs;
   }
 
-  /// Evidence alone lets some of 30 000 lucky readings through. A run of accelerations stays only if the readings
-  /// after it are explained clearly better with it: e^kWorth times, which is once in a long session.
+  /// Among 30 000 readings evidence alone accepts some accelerations by chance. A run of accelerations is kept only if
+  /// it raises the log-likelihood of the readings after it by kWorth (a factor of 8000): about one false run in a long
+  /// session.
   void prune(std::size_t apart) {
     constexpr double kWorth = 9.0;
     const std::vector<Run> runs = alive(apart);

@@ -182,7 +182,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
   std::map<const model::Physics*, int> per_effect;
   for (Trial& trial : all) {
     int& taken = per_effect[trial.effect];
-    // Three laws of each of the most promising effects, one of the rest.
+    // Three trials (a law from one of its starts) of each of the most promising effects, a single trial of the others.
     const int most = per_effect.size() <= keep ? 3 : thorough ? 1 : 0;
     if (taken >= most) continue;
     ++taken;

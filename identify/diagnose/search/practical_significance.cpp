@@ -35,7 +35,7 @@ void discount_insignificant_effects(Selection& selection, const Search& search, 
   for (int round = 0; round < kRounds; ++round) {
     const std::size_t chosen = selection.best;
     const auto effects = selection.pool[chosen].effects;
-    // Of all that the nominal model lacked: effects that share a part of it are each smaller than it.
+    // The size of all effects together: two effects that share a change of the force are each smaller than that change.
     double largest = size_N(search, selection.pool[chosen], selection.pool.front());
     double first = 0.0;
     std::map<const model::Physics*, double> sizes;
@@ -47,8 +47,8 @@ void discount_insignificant_effects(Selection& selection, const Search& search, 
     largest = std::max(largest, first);
     for (const auto& [effect, size] : sizes) selection.size_N[effect] = size;
     if (effects.size() < 2) break;
-    // The smallest first: two effects that stand in for each other are both small beside the other, and only one of
-    // them is too many.
+    // Only the smallest is discounted in a round. Two effects that can replace each other both look small, because each
+    // is judged with the other in the model; discounting both at once would remove the one that is needed.
     const model::Physics* smallest = nullptr;
     for (const auto* effect : effects)
       if (sizes[effect] < first && !done.contains(effect) && !is_refined(selection.pool[chosen], *effect) &&

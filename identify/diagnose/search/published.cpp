@@ -31,7 +31,8 @@ model::ModelSpec learn_from(std::span<const Series> kept, const model::ModelSpec
   return problem.fit(std::move(spec), kIterations).spec;
 }
 
-/// What kept bins say for a model, beyond what a search asks of an effect; negative: it would not have been found.
+/// Log evidence of the kept bins for `with` over the nominal model, minus the prior cost that a search asks of an
+/// effect. If it is negative, a search of these bins would not have found the effects.
 double shown_by(std::span<const Series> kept, const model::ModelSpec& with, const model::ModelSpec& nominal,
                 const NoiseModel& noise) {
   constexpr double kFloor = 40.0;  // squares that chance may leave (weigh)

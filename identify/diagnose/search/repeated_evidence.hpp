@@ -22,9 +22,10 @@ namespace isorig::identify {
 /// strokes are those of blocks.hpp; where moves (a ramp with its hold and return) disagree more, it is the moves that
 /// count. Empty with fewer than eight of both: their disagreement says nothing then.
 ///
-/// `noise` whitens: the one that `with` was fitted under, so that what it leaves is as independent as it can be. Where
-/// plain least squares decide (published.hpp), what is left is the law's own error, whose colour is that of the turning
-/// points; whitened by it they alone would be asked. There the noise is the instrument's as if it were white.
+/// `noise` whitens the residuals: normally the noise model that `with` was fitted under, since its residual is then
+/// closest to independent. Where plain least squares decide (published.hpp), the residual is mostly the law's own
+/// error, largest at the turning points; whitening by that error would give nearly all weight to them. There the caller
+/// passes the instrument's noise, taken as white.
 [[nodiscard]] std::optional<double> agreement(const Search& search, const Hypothesis& with, const Hypothesis& without,
                                               const NoiseModel& noise);
 

@@ -19,7 +19,8 @@ struct InstrumentResolution {
 /// within 1 % of an upper one).
 [[nodiscard]] bool below_resolution(const model::ModelSpec& spec, const InstrumentResolution& resolution);
 
-/// The effect that this one is in the model: another where its law stands at such a bound, else itself.
+/// The effect named by ParameterTraits::lower_bound_is or upper_bound_is if a parameter of this effect's law is at that
+/// bound in the model; otherwise `effect` itself.
 [[nodiscard]] const model::Physics& effect_at_bound(const model::ModelSpec& spec, const model::Physics& effect);
 
 }  // namespace isorig::identify

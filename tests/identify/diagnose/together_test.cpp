@@ -15,9 +15,9 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-messages::Recording at(std::optional<double> nominal_psi, const std::string& specimen = "one") {
-  static const messages::Recording recorded = test::record({});
-  messages::Recording out = recorded;
+messages::Recording at(std::optional<double> nominal_psi, const std::string& specimen = "one", bool again = false) {
+  static const messages::Recording recorded = test::record({}), other = test::record({.seed = 2});
+  messages::Recording out = again ? other : recorded;
   out.metadata.nominal_pressure_psi = nominal_psi;
   out.metadata.specimen = specimen;
   return out;
@@ -40,7 +40,8 @@ TEST(Together, SeveralPressuresAreRefusedWithTheRecordingsOfEach) {
   EXPECT_THAT(refusal(recordings, names, slse1), AllOf(HasSubstr("5 to 20 psi"), HasSubstr("\n  5 psi: b\n"),
                                                        HasSubstr("\n  10 psi: a c\n"), HasSubstr("\n  20 psi: d")));
   // Before any work: not after minutes.
-  EXPECT_THROW(static_cast<void>(diagnose(recordings, names, slse1, {})), std::invalid_argument);
+  EXPECT_THROW(static_cast<void>(diagnose({at(10.0), at(5.0, "one", true)}, {"a", "b"}, slse1, {})),
+               std::invalid_argument);
 }
 
 TEST(Together, OnePressureIsOneQuestion) {
@@ -49,6 +50,17 @@ TEST(Together, OnePressureIsOneQuestion) {
   EXPECT_EQ(refusal({at(10.0), at(10.2)}, {"a", "b"}, slse1), "");
   EXPECT_EQ(refusal({at(-5.0)}, {"a"}, slse1), "");
   EXPECT_EQ(refusal({at(std::nullopt), at(std::nullopt)}, {"a", "b"}, slse1), "");
+}
+
+TEST(Together, TheSameRecordingTwiceIsRefusedByName) {
+  try {
+    // Another name of its specimen makes it no other recording.
+    static_cast<void>(diagnose({at(10.0), at(10.0, "one", true), at(10.0, "two")}, {"a", "b", "c"},
+                               model::nominal_model("slse1"), {}));
+    FAIL() << "not refused";
+  } catch (const std::invalid_argument& e) {
+    EXPECT_THAT(e.what(), HasSubstr("c: the same samples as a"));
+  }
 }
 
 TEST(Together, AModelDrivenByThePressureTakesAllOfThem) {
@@ -61,7 +73,8 @@ TEST(Together, AModelDrivenByThePressureTakesAllOfThem) {
 
 TEST(Together, RecordingsOfSeveralSpecimensAreWarnedOf) {
   const auto warnings = [](const std::string& second) {
-    return diagnose({at(10.0), at(10.0, second)}, {"a", "b"}, model::nominal_model("slse1"), {}).diagnosis.warnings;
+    return diagnose({at(10.0), at(10.0, second, true)}, {"a", "b"}, model::nominal_model("slse1"), {})
+        .diagnosis.warnings;
   };
   EXPECT_THAT(warnings("one"), IsEmpty());
   EXPECT_THAT(warnings("two"), ElementsAre(AllOf(HasSubstr("2 specimens"), HasSubstr("\"one\", \"two\""))));

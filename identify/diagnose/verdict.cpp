@@ -1,0 +1,38 @@
+#include "identify/diagnose/verdict.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace isorig::identify {
+
+std::string_view name_of(Verdict verdict) {
+  switch (verdict) {
+    case Verdict::kConsistent:
+      return "consistent";
+    case Verdict::kMissingPhysics:
+      return "missing_physics";
+    case Verdict::kUnknownPhysics:
+      return "unknown_physics";
+    case Verdict::kCannotJudge:
+      return "cannot_judge";
+  }
+  return "";
+}
+
+double unexplained_share(const Explained& explained) {
+  if (explained.excess_before <= 0.0) return 0.0;
+  const double chance = explained.noise_from_rests ? 0.0 : 2.0 * std::sqrt(2.0 * static_cast<double>(explained.rows));
+  return std::max(explained.excess_left - chance, 0.0) / explained.excess_before;
+}
+
+Verdict verdict_of(const Explained& explained) {
+  constexpr double kStructureShare = 0.2, kStructureSquares = 400.0;
+  const double left = explained.excess_left;
+  const bool structure_left = left > kStructureShare * static_cast<double>(explained.rows) && left > kStructureSquares;
+  if (explained.is_described) return Verdict::kUnknownPhysics;
+  if (structure_left && (!explained.has_named_effect || unexplained_share(explained) > kMuchUnexplained))
+    return Verdict::kUnknownPhysics;
+  return explained.has_named_effect ? Verdict::kMissingPhysics : Verdict::kConsistent;
+}
+
+}  // namespace isorig::identify
