@@ -17,6 +17,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "messages/channels.hpp"
@@ -56,22 +57,53 @@ class RunVisitor {
 ReadReport read_run(const std::filesystem::path& run_dir, RunVisitor& visitor,
                     const std::function<void(double fraction)>& on_progress = {});
 
-/// Counts what a live subscriber missed of one channel: give it every message's number.
+/// Counts what a live subscriber missed of one channel: give it every message's number. Networks reorder (LCM's ttl >
+/// 0): a message that comes up to kMostLate messages late is taken back from the count. A larger step back is a new
+/// publisher's; so is a smaller one to 0, which all begin with, when no greater number follows than was there before.
 class GapCounter {
  public:
-  /// How many were missed before this one. Numbers that begin again are a new publisher's.
-  std::uint64_t next(std::int64_t number) noexcept {
-    std::int64_t gap = 0;
-    if (seen_ && number > last_) gap = number - last_ - 1;
-    if (seen_ && number < last_) gap = number;  // a new publisher, of whom we missed the first
-    seen_ = true;
-    last_ = number;
-    return static_cast<std::uint64_t>(gap);
+  static constexpr std::int64_t kMostLate = 64;
+
+  /// What this message changes the count of missed messages by: how many were skipped before it, or -1 for a late one
+  /// that had been counted as missed.
+  std::int64_t next(std::int64_t number) noexcept {
+    if (number < 0) return 0;  // no publisher's: they count from 0
+    const bool zero_came_again = std::exchange(zero_came_again_, false);
+    if (newest_ < 0) {  // what was sent before somebody subscribed is not missed
+      newest_ = number;
+      return 0;
+    }
+    if (newest_ - number > kMostLate) return begin(number);
+    if (zero_came_again && 0 < number && number <= newest_) begin(0);
+    if (number > newest_) {
+      const std::int64_t step = number - newest_, gap = step - 1;
+      missed_ = (step < kMostLate ? missed_ << step : 0) | lowest(gap);
+      newest_ = number;
+      return gap;
+    }
+    if (number == newest_) return 0;
+    const std::uint64_t bit = std::uint64_t{1} << (newest_ - number - 1);
+    if ((missed_ & bit) == 0) {
+      zero_came_again_ = number == 0;
+      return 0;
+    }
+    missed_ &= ~bit;
+    return -1;
   }
 
  private:
-  bool seen_ = false;
-  std::int64_t last_ = 0;
+  std::int64_t begin(std::int64_t number) noexcept {
+    newest_ = number;
+    missed_ = lowest(number);
+    return number;
+  }
+  static constexpr std::uint64_t lowest(std::int64_t bits) noexcept {
+    return bits < kMostLate ? (std::uint64_t{1} << bits) - 1 : ~std::uint64_t{0};
+  }
+
+  std::int64_t newest_ = -1;
+  std::uint64_t missed_ = 0;  ///< bit k: newest_ - 1 - k did not come
+  bool zero_came_again_ = false;
 };
 
 }  // namespace isorig::messages

@@ -4,21 +4,58 @@
 //   ./logger [--lcm-url URL] FILE          until Ctrl-C; then `isorig export FILE ...` or lcm-logplayer FILE
 //
 // LCM drops in silence. Every message of a rig begins with its number, which counts its channel's messages from 0: a
-// jump is what was missed, a number that begins again is a new daemon.
+// jump is what was missed, a step back of at most 64 is a message that the network delivered late, a larger one is a
+// new daemon.
+#include <algorithm>
 #include <csignal>
 #include <cstdio>
 #include <cstring>
 #include <isorig_msgs/frame_batch_t.hpp>
 #include <lcm/lcm-cpp.hpp>
 #include <map>
+#include <set>
 #include <string>
 
 namespace {
 
 volatile std::sig_atomic_t ended = 0;
 
+/// Of one channel.
 struct Count {
-  std::int64_t messages = 0, missed = 0, next_number = -1;
+  static constexpr std::int64_t kMostLate = 64;
+  std::int64_t messages = 0, missed = 0;
+  std::int64_t newest = -1;     // number; none yet
+  std::set<std::int64_t> gaps;  // of the kMostLate before it, those that did not come
+  bool zero_came_again = false;
+
+  /// What this message changes `missed` by: how many were skipped before it, -1 for one that comes late.
+  std::int64_t next(std::int64_t number) {
+    if (number < 0) return 0;  // no rig's
+    const bool again = zero_came_again;
+    zero_came_again = false;
+    if (newest < 0) newest = number;
+    if (newest - number > kMostLate) {  // a new daemon, of which the first were missed
+      const std::int64_t first_missed = std::max<std::int64_t>(0, number - kMostLate);
+      gaps.clear();
+      for (std::int64_t n = first_missed; n < number; ++n) gaps.insert(n);
+      newest = number;
+      return number;
+    }
+    if (again && 0 < number && number <= newest) {  // a new daemon, before the old one had sent kMostLate
+      gaps.clear();
+      newest = 0;
+    }
+    if (number > newest) {
+      const std::int64_t skipped = number - newest - 1, oldest = number - kMostLate;
+      for (std::int64_t n = std::max(newest + 1, oldest); n < number; ++n) gaps.insert(n);
+      gaps.erase(gaps.begin(), gaps.lower_bound(oldest));
+      newest = number;
+      return skipped;
+    }
+    if (gaps.erase(number) > 0) return -1;
+    zero_came_again = number == 0;  // a daemon's first, or a repeat: the next one tells
+    return 0;
+  }
 };
 
 struct Logger {
@@ -39,13 +76,10 @@ struct Logger {
     std::uint64_t number = 0;
     for (int i = 8; i < 16; ++i) number = number << 8U | bytes[i];
     auto& count = counts[channel];
-    const auto now = static_cast<std::int64_t>(number);
-    if (count.next_number >= 0 && now > count.next_number) {
-      count.missed += now - count.next_number;
-      std::printf("%s: missed %lld\n", channel.c_str(), static_cast<long long>(now - count.next_number));
-    }
+    const std::int64_t change = count.next(static_cast<std::int64_t>(number));
+    if (change > 0) std::printf("%s: missed %lld\n", channel.c_str(), static_cast<long long>(change));
     ++count.messages;
-    count.next_number = now + 1;
+    count.missed += change;
     // And decoded, as any program that wants the numbers does.
     isorig_msgs::frame_batch_t frame;
     if (channel == "ISORIG_FRAME" && frame.decode(buffer->data, 0, static_cast<int>(buffer->data_size)) >= 0) {

@@ -5,7 +5,8 @@
 
 Needs the types alone (package python3-isorig, or `lcm-gen -p messages/lcm/*.lcm`): Debian 12 has no LCM for Python, and
 receiving is 30 lines. LCM drops in silence. Every message of a rig begins with its number, which counts its channel's
-messages from 0: a jump is what was missed, a number that begins again is a new daemon.
+messages from 0: a jump is what was missed, a step back of at most 64 is a message that the network delivered late, a
+larger one is a new daemon.
 """
 
 import argparse
@@ -44,12 +45,48 @@ def message(packet):
     return (channel.decode(), data) if zero else None
 
 
+class Count:
+    """Of one channel."""
+
+    MOST_LATE = 64
+
+    def __init__(self):
+        self.messages = self.missed = 0
+        self.newest = None  # number; before it, `gaps` has those that did not come
+        self.gaps = set()
+        self.zero_came_again = False
+
+    def next(self, number):
+        """What this message changes `missed` by: how many were skipped before it, -1 for one that comes late."""
+        if number < 0:
+            return 0  # no rig's
+        again, self.zero_came_again = self.zero_came_again, False
+        if self.newest is None:
+            self.newest = number
+        if self.newest - number > self.MOST_LATE:  # a new daemon, of which the first were missed
+            self.newest, self.gaps = -1, set()
+        elif again and 0 < number <= self.newest:  # a new daemon, before the old one had sent 64
+            self.newest, self.gaps = 0, set()
+        if number > self.newest:
+            skipped = number - self.newest - 1
+            oldest = number - self.MOST_LATE
+            self.gaps.update(range(max(self.newest + 1, oldest), number))
+            self.gaps = {each for each in self.gaps if each >= oldest}
+            self.newest = number
+            return skipped
+        if number in self.gaps:
+            self.gaps.remove(number)
+            return -1
+        self.zero_came_again = number == 0  # a daemon's first, or a repeat: the next one tells
+        return 0
+
+
 class Logger:
     def __init__(self, file):
         self.file = file
         self.events = 0
         self.samples = 0
-        self.counts = {}  # channel: [messages, missed, next number]
+        self.counts = {}  # by channel
 
     def take(self, channel, data):
         head = struct.pack(">IqqII", LOG_SYNC, self.events, time.time_ns() // 1000, len(channel), len(data))
@@ -58,12 +95,12 @@ class Logger:
         if len(data) < 16:
             return
         number = struct.unpack_from(">q", data, 8)[0]  # of any type: 8 bytes say which, then comes `number`
-        count = self.counts.setdefault(channel, [0, 0, None])
-        if count[2] is not None and number > count[2]:
-            count[1] += number - count[2]
-            print(f"{channel}: missed {number - count[2]}", flush=True)
-        count[0] += 1
-        count[2] = number + 1
+        count = self.counts.setdefault(channel, Count())
+        change = count.next(number)
+        if change > 0:
+            print(f"{channel}: missed {change}", flush=True)
+        count.messages += 1
+        count.missed += change
         if channel == "ISORIG_FRAME":  # and decoded, as any program that wants the numbers does
             self.samples += frame_batch_t.decode(data).count
 
@@ -86,9 +123,10 @@ def main():
                 continue
             if heard and heard[0].startswith("ISORIG_"):
                 logger.take(*heard)
-    for channel, (messages, missed, _) in sorted(logger.counts.items()):
-        print(f"{channel}: {messages} messages, {missed} missed")
+    for channel, count in sorted(logger.counts.items()):
+        print(f"{channel}: {count.messages} messages, {count.missed} missed")
     print(f"{logger.samples} frame samples")
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -23,7 +23,8 @@ _RECEIVE_BUFFER = 4 << 20
 @dataclass(frozen=True)
 class Message:
     """channel: "ISORIG_FRAME", ... data: as the class of `isorig_msgs` that it has; `data.number` counts the channel's
-    messages. missed: how many of this channel did not come since the last one."""
+    messages. missed: how many of this channel were skipped before this one; -1 for one that comes late and had been
+    counted as missed."""
 
     channel: str
     data: Any
@@ -31,22 +32,59 @@ class Message:
 
 
 class GapCounter:
-    """Counts what a subscriber missed of one channel: give it every message's number.
+    """Counts what a subscriber missed of one channel: give it every message's number. Networks reorder (LCM's ttl > 0):
+    a message that comes up to MOST_LATE messages late is taken back from the count. A larger step back is a new
+    publisher's; so is a smaller one to 0, which all begin with, when no greater number follows than was there before.
 
     >>> gaps = GapCounter()
-    >>> [gaps.next(number) for number in (7, 8, 11, 2)]  # 2: a new daemon, of which 0 and 1 were missed
-    [0, 0, 2, 2]
+    >>> [gaps.next(number) for number in (100, 103, 101, 104)]  # 101 and 102 are missed; 101 comes late
+    [0, 2, -1, 0]
+    >>> gaps.next(2)  # a new daemon, of which 0 and 1 were missed
+    2
     """
 
+    MOST_LATE = 64
+
     def __init__(self) -> None:
-        self._last: Optional[int] = None
+        self._newest = -1
+        self._missed = 0  # bit k: newest - 1 - k did not come
+        self._zero_came_again = False
 
     def next(self, number: int) -> int:
-        """How many were missed before this one. Numbers that begin again are a new publisher's."""
-        last, self._last = self._last, number
-        if last is None or number == last:
+        """What this message changes the count of missed messages by: how many were skipped before it, or -1 for a late
+        one that had been counted as missed."""
+        if number < 0:
+            return 0  # no publisher's: they count from 0
+        zero_came_again, self._zero_came_again = self._zero_came_again, False
+        if self._newest < 0:  # what was sent before somebody subscribed is not missed
+            self._newest = number
             return 0
-        return number - last - 1 if number > last else number
+        if self._newest - number > self.MOST_LATE:
+            return self._begin(number)
+        if zero_came_again and 0 < number <= self._newest:
+            self._begin(0)
+        if number > self._newest:
+            step = number - self._newest
+            kept = self._missed << step if step < self.MOST_LATE else 0
+            self._missed = (kept | self._lowest(step - 1)) & self._lowest(self.MOST_LATE)
+            self._newest = number
+            return step - 1
+        if number == self._newest:
+            return 0
+        bit = 1 << (self._newest - number - 1)
+        if not self._missed & bit:
+            self._zero_came_again = number == 0
+            return 0
+        self._missed &= ~bit
+        return -1
+
+    def _begin(self, number: int) -> int:
+        self._newest, self._missed = number, self._lowest(number)
+        return number
+
+    @classmethod
+    def _lowest(cls, bits: int) -> int:
+        return (1 << min(bits, cls.MOST_LATE)) - 1
 
 
 class Live:

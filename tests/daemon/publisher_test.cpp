@@ -79,7 +79,7 @@ void end_tool(pid_t pid) {
 
 struct Received {
   std::vector<std::int64_t> frame_ns;
-  std::uint64_t missed = 0;
+  std::int64_t missed = 0;
   std::size_t largest = 0;
   std::size_t progress = 0;
   messages::GapCounter gaps;
@@ -147,7 +147,7 @@ TEST(Publisher, ASubscriberWithTheDefaultQueueCountsWhatItMissed) {
     burst(30);
     while (lcm.handleTimeout(200) > 0) {
     }
-    const auto messages = got.frame_ns.size() / 30;
+    const auto messages = static_cast<std::int64_t>(got.frame_ns.size() / 30);
     if (got.missed == 0) return 1;
     return messages + got.missed == 101 ? 0 : 2;
   });

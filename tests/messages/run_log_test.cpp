@@ -6,7 +6,9 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <fstream>
 #include <limits>
+#include <sstream>
 #include <tuple>
 
 #include "messages/log_writer.hpp"
@@ -127,6 +129,22 @@ TEST_F(HostileLog, ANumberHasOneName) {
   EXPECT_EQ(segment_number("segment-12345.lcm"), 12345);
   for (const char* other : {"segment-12.lcm", "segment-00012.lcm", "segment-0000.lcm", "segment--001.lcm"})
     EXPECT_EQ(segment_number(other), 0) << other;
+}
+
+TEST(GapCounter, CountsByTheCasesThatPythonCountsByToo) {
+  std::ifstream file(ISORIG_SOURCE_DIR "/tests/messages/gap_cases.txt");
+  int cases = 0;
+  for (std::string line; std::getline(file, line);) {
+    if (line.starts_with('#')) continue;
+    std::istringstream numbers(line.substr(0, line.find('='))), changes(line.substr(line.find('=') + 1));
+    GapCounter gaps;
+    std::vector<std::int64_t> counted, expected;
+    for (std::int64_t number = 0; numbers >> number;) counted.push_back(gaps.next(number));
+    for (std::int64_t change = 0; changes >> change;) expected.push_back(change);
+    EXPECT_EQ(counted, expected) << line;
+    ++cases;
+  }
+  EXPECT_GT(cases, 15);
 }
 
 }  // namespace

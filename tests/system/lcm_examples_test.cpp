@@ -5,9 +5,17 @@
 #include <sched.h>
 
 #include <algorithm>
+#include <fstream>
 #include <isorig_msgs/event_t.hpp>
 #include <isorig_msgs/frame_batch_t.hpp>
 #include <lcm/lcm-cpp.hpp>
+#include <sstream>
+
+// The example itself, whose main() stands beside the tests'.
+#define main example_logger_main
+int example_logger_main(int argc, char** argv);
+#include "../../examples/lcm/logger.cpp"
+#undef main
 
 #include "messages/log_reader.hpp"
 #include "processes.hpp"
@@ -28,7 +36,19 @@ std::string url_of(int port, int ttl) {
   return "udpm://239.255.76.67:" + std::to_string(port) + "?ttl=" + std::to_string(ttl) + "&recv_buf_size=2097152";
 }
 
-/// Frame batches with known numbers, 2 ms apart, and an event at the end.
+/// Sent after the two that follow it, as a network that reorders delivers it: late, and not missed.
+constexpr std::int64_t kLate = 200;
+
+std::vector<std::int64_t> sent() {
+  std::vector<std::int64_t> numbers;
+  for (std::int64_t n = 0; n < kMessages; ++n) {
+    if (!left_out(n) && n != kLate) numbers.push_back(n);
+    if (n == kLate + 2) numbers.push_back(kLate);
+  }
+  return numbers;
+}
+
+/// Frame batches with known numbers, 2 ms apart.
 bool publish(const std::string& url) {
   lcm::LCM lcm(url);
   if (!lcm.good()) return false;
@@ -40,8 +60,8 @@ bool publish(const std::string& url) {
   for (auto* v : {&m.bound_ns, &m.repeatability_ns, &m.raw_position_mm, &m.raw_force_N}) v->resize(10);
   m.position_mm.resize(10, 1.5);
   m.force_N.resize(10, 44.0);
-  for (m.number = 0; m.number < kMessages; ++m.number) {
-    if (left_out(m.number)) continue;
+  for (const std::int64_t number : sent()) {
+    m.number = number;
     m.mono_ns = m.number * 10'000'000;
     if (lcm.publish("ISORIG_FRAME", &m) != 0) return false;
     std::this_thread::sleep_for(std::chrono::milliseconds(2));
@@ -58,14 +78,6 @@ std::vector<std::int64_t> numbers_in(const std::filesystem::path& log) {
     if (event->channel != "ISORIG_FRAME") continue;
     EXPECT_GE(m.decode(event->data.data(), 0, static_cast<int>(event->data.size())), 0);
     numbers.push_back(m.number);
-  }
-  return numbers;
-}
-
-std::vector<std::int64_t> sent() {
-  std::vector<std::int64_t> numbers;
-  for (std::int64_t n = 0; n < kMessages; ++n) {
-    if (!left_out(n)) numbers.push_back(n);
   }
   return numbers;
 }
@@ -102,6 +114,22 @@ class LcmExamples : public testing::Test {
 
   TempDir dir_;
 };
+
+TEST(LcmExampleInCpp, CountsByTheCasesThatGapCounterCountsBy) {
+  std::ifstream file(source("tests/messages/gap_cases.txt"));
+  int cases = 0;
+  for (std::string line; std::getline(file, line);) {
+    if (line.starts_with('#')) continue;
+    std::istringstream numbers(line.substr(0, line.find('='))), changes(line.substr(line.find('=') + 1));
+    Count count;
+    std::vector<std::int64_t> counted, expected;
+    for (std::int64_t number = 0; numbers >> number;) counted.push_back(count.next(number));
+    for (std::int64_t change = 0; changes >> change;) expected.push_back(change);
+    EXPECT_EQ(counted, expected) << line;
+    ++cases;
+  }
+  EXPECT_GT(cases, 15);
+}
 
 TEST_F(LcmExamples, LogWhatLcmLoggerLogsAndSayWhatWasMissed) {
   const auto url = url_of(7667, 0);

@@ -96,7 +96,7 @@ steps = [
 /// What an LCM log file holds of our channels, and how many messages its subscriber missed.
 struct Heard {
   std::map<std::string, std::uint64_t> messages;
-  std::uint64_t missed = 0;
+  std::int64_t missed = 0;
   std::uint64_t frame_samples = 0;
 };
 
@@ -144,14 +144,14 @@ TEST_F(Wire, ModbusTcpRecordsAndPublishesWhatThePlantDid) {
   const auto heard = read_heard(dir_ / "heard.lcm");
   std::uint64_t total = 0;
   for (const auto& [channel, count] : heard.messages) total += count;
-  std::printf("  lcm-logger: %llu messages on %zu channels, %llu missed (%s network)\n",
-              static_cast<unsigned long long>(total), heard.messages.size(),
-              static_cast<unsigned long long>(heard.missed), own_network_ ? "own" : "the host's");
+  std::printf("  lcm-logger: %llu messages on %zu channels, %lld missed (%s network)\n",
+              static_cast<unsigned long long>(total), heard.messages.size(), static_cast<long long>(heard.missed),
+              own_network_ ? "own" : "the host's");
   for (const auto* channel : {"ISORIG_FRAME", "ISORIG_PRESSURE", "ISORIG_STATE", "ISORIG_EVENT", "ISORIG_PROGRESS"}) {
     EXPECT_GT(heard.messages.count(channel), 0U) << channel;
   }
-  EXPECT_GT(heard.frame_samples, 20'000U);  // every sample, not the recording's averages
-  EXPECT_LT(heard.missed, total / 20);      // UDP may lose; the number says how much
+  EXPECT_GT(heard.frame_samples, 20'000U);                         // every sample, not the recording's averages
+  EXPECT_LT(heard.missed, static_cast<std::int64_t>(total / 20));  // UDP may lose; the number says how much
 
   // The recording format, and LCM's player on our segments.
   const auto exported =
