@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from .errors import BadInput, IsorigError
 
-ABI = 1
+ABI = 2
 FloatArray = npt.NDArray[np.float64]
 _DoublePointer = POINTER(c_double)
 
@@ -65,7 +65,7 @@ def _load() -> ctypes.CDLL:
         "isorig_stepper_free": (None, [c_void_p]),
         "isorig_stepper_run": (c_int, [c_void_p, c_size_t, _DoublePointer, _DoublePointer, _DoublePointer,
                                        _DoublePointer]),
-        "isorig_run_state": (c_int, [c_char_p, POINTER(c_int)]),
+        "isorig_run_state": (c_int, [c_char_p, c_char_p, c_int, POINTER(c_int)]),
         "isorig_run_complaints": (c_char_p, []),
         "isorig_crc32c": (c_uint32, [c_char_p, c_size_t, c_uint32]),
     }

@@ -16,7 +16,7 @@
 extern "C" {
 #endif
 
-#define ISORIG_MODEL_ABI 1
+#define ISORIG_MODEL_ABI 2
 /* ISORIG_MODEL_ABI of the library that was loaded. */
 int isorig_model_abi(void);
 /* Of isorig: "0.1.0". */
@@ -92,8 +92,10 @@ void isorig_stepper_free(isorig_stepper* stepper);
 int isorig_stepper_run(isorig_stepper* stepper, size_t rows, const double* t_s, const double* position_mm,
                        const double* pressure_psi, double* force_N);
 
-/* Reads a run's directory, or one segment. `state`: 0 whole, 1 incomplete, 2 interrupted, 3 damaged (docs/data.md). */
-int isorig_run_state(const char* path, int* state);
+/* Reads a run's directory, or one segment. `outcome`: what the catalogue has of it ("done", ...), "" where there is none;
+   `still_written`: nonzero while a recorder holds it. `state`: 0 whole, 1 incomplete, 2 interrupted, 3 damaged
+   (docs/data.md). */
+int isorig_run_state(const char* path, const char* outcome, int still_written, int* state);
 /* What the last isorig_run_state() of this thread found wrong, a line each. */
 const char* isorig_run_complaints(void);
 

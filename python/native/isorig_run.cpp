@@ -17,13 +17,15 @@ thread_local std::string last_complaints;
 
 extern "C" {
 
-int isorig_run_state(const char* path, int* state) {
+int isorig_run_state(const char* path, const char* outcome, int still_written, int* state) {
   return guarded(
       [&] {
         require(path, "the path");
+        require(outcome, "the outcome");
         require(state, "the place for the state");
         messages::RunVisitor nothing;
-        const messages::ReadReport report = messages::read_run(path, nothing);
+        messages::ReadReport report = messages::read_run(path, nothing);
+        report.set_against(outcome, still_written != 0);
         *state = static_cast<int>(report.state());
         last_complaints.clear();
         for (const std::string& each : report.complaints()) last_complaints += base::printable(each) + "\n";

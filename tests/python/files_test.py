@@ -4,12 +4,13 @@ import json
 import shutil
 import struct
 import tempfile
+import tomllib
 import unittest
 from pathlib import Path
 
 import numpy as np
 
-from isorig import BadInput, Diagnosis, Model, Recording, Run, Specimen, read_log
+from isorig import BadInput, Diagnosis, Event, Model, Recording, Run, Specimen, read_log
 from made import Made, isorig
 
 TOML = 'format = "isorig-recording/1"\nspecimen = "s"\nrest_length_mm = 90.0\n'
@@ -214,6 +215,54 @@ class Runs(unittest.TestCase):
             for name in frame.values:
                 self.assertTrue((frame.least[name] <= frame.values[name]).all() and (frame.values[name] <= frame.most[name]).all())
             self.assertTrue((frame.samples[~frame.averaged] == 1).all() and (frame.bound_ns >= 0).all())
+
+    def test_a_written_session_says_what_the_export_says(self) -> None:
+        run = self.copied()
+        shutil.copy(self.made.run.parent / "catalogue.sqlite", run.parent)
+        isorig("export", run, "--out", run.parent / "export")
+        for session in Run(run).sessions():
+            exported = next((run.parent / "export").glob(f"rep-{session.repetition}_*"))
+            session.recording().write(run.parent / "written" / exported.name)
+            there, here = (tomllib.loads((folder / exported.name / "recording.toml").read_text())
+                           for folder in (run.parent / "export", run.parent / "written"))
+            self.assertEqual(there["outcome"], "done")
+            self.assertEqual(set(here), set(there))
+            for key, value in there.items():
+                if key not in ("steps", "events"):
+                    self.assertEqual(here[key], value, key)
+                    continue
+                self.assertGreater(len(value), 0)
+                for row, other in zip(here[key], value, strict=True):
+                    self.assertAlmostEqual(row.pop("t_s"), other.pop("t_s"), delta=1e-12)  # both round one product
+                    self.assertEqual(row, other)
+
+    def test_severities_and_hidden_marks_are_written_as_by_the_export(self) -> None:
+        session = Run(self.made.run).sessions()[0]
+        session.events = [Event(0, 0, severity, "a", "x\n\u202e", 0.0, np.nan) for severity in range(5)]
+        events = session.recording().metadata["events"]
+        self.assertEqual([event["severity"] for event in events], ["info", "warning", "program stop", "safe state", "?"])
+        self.assertEqual((events[0]["text"], set(events[0])), ("x\\n\\u202e", {"t_s", "severity", "code", "text"}))
+
+    def test_a_small_stroke_that_was_written_is_not_doubted(self) -> None:
+        session = Run(self.made.run).sessions()[0]
+        session.frame.values["position_mm"][:] *= 1e-3
+        folder = Path(tempfile.mkdtemp())
+        self.addCleanup(shutil.rmtree, folder)
+        session.recording().write(folder / "small")
+        (folder / "m.toml").write_text(Model.nominal("slse1").toml)
+        isorig("predict", folder / "small", "--model", folder / "m.toml", "--out", folder / "p.csv")
+
+    def test_an_interrupted_run_is_said_to_be_one(self) -> None:
+        run = self.copied()
+        shutil.copy(self.made.run.parent / "catalogue.sqlite", run.parent)
+        (run / "segment-0002.lcm").unlink()
+        isorig("export", run, "--out", run.parent / "export", code=7)
+        read = Run(run)
+        there = tomllib.loads(next((run.parent / "export").glob("*/recording.toml")).read_text())
+        self.assertEqual((there["recording_state"], there["recording_complaints"]), (read.state, list(read.complaints)))
+        here = read.sessions()[0].recording().metadata
+        self.assertEqual((here["recording_state"], here["complete"]), (read.state, there["complete"]))
+        self.assertIn("the catalogue has the run as done", "".join(read.complaints))
 
     def test_every_sample_is_there_once(self) -> None:
         shown = isorig("show", self.made.run).stdout
