@@ -1,16 +1,16 @@
-"""Ten lines to a force-velocity plot: the force at the end of every move of a recording, over its velocity."""
+"""Ten lines to a force-velocity plot: the force at the end of every ramp of a recording, over the ramp's velocity."""
 import matplotlib.pyplot as plt
 import numpy as np
 import isorig
 
 recording = isorig.Recording.read("out/recordings/rep-1_10-psi")
-t = np.arange(recording.t_s[0], recording.t_s[-1], 0.01)  # s, even
-rate_mm_s = np.gradient(np.interp(t, recording.t_s, recording.position_mm), t)
-force_N = np.interp(t, recording.t_s, recording.force_N)
-moving = np.abs(rate_mm_s) > 0.3  # mm/s: above what noise makes of 10 ms
-moves = np.flatnonzero(np.diff(moving.astype(int), prepend=0, append=0)).reshape(-1, 2)
-velocity_mm_s = np.array([np.median(rate_mm_s[begin:end]) for begin, end in moves])
-plt.plot(-velocity_mm_s, force_N[moves[:, 1] - 1], "o")
+ramps = recording.tables["ramps"]
+force_N = []
+for start_s, end_s in zip(ramps["t_start_s"], ramps["t_end_s"]):
+    rows = np.flatnonzero((recording.t_s >= start_s) & (recording.t_s < end_s))
+    left_mm = np.abs(recording.position_mm[rows] - recording.position_mm[rows[-1]])  # it stands before the step ends
+    force_N.append(recording.force_N[rows[np.argmax(left_mm < 0.01 * left_mm[0])]])
+plt.plot(-ramps["velocity_mm_s"], force_N, "o")
 plt.xlabel("shortening velocity (mm/s)")
-plt.ylabel("force at the end of the move (N)")
+plt.ylabel("force at the end of the ramp (N)")
 plt.savefig("force_velocity.svg")

@@ -16,17 +16,18 @@ from . import _native
 from .client import Rig, default_socket
 from .diagnosis import Diagnosis, Effect, Estimate
 from .errors import BadInput, DataLost, IsorigError, NoAnswer, NoDaemon, Refused, Tripped
-from .export import Export, Table
+from .export import Export
 from .live import GapCounter, Live, Message
 from .log import LogEvent, read_log
 from .model import Drive, Model, Number, Prediction, Stepper
 from .recording import Recording, Specimen
 from .run import Event, Run, Session, Stream
+from .tables import Table, Tables
 
 __version__ = _native.version()
 
 __all__ = [
     "BadInput", "DataLost", "Diagnosis", "Drive", "Effect", "Estimate", "Event", "Export", "GapCounter", "IsorigError", "Live", "LogEvent",
     "Message", "Model", "NoAnswer", "NoDaemon", "Number", "Prediction", "Recording", "Refused", "Rig", "Run", "Session",
-    "Specimen", "Stepper", "Stream", "Table", "Tripped", "default_socket", "read_log",
+    "Specimen", "Stepper", "Stream", "Table", "Tables", "Tripped", "default_socket", "read_log",
 ]

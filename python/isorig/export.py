@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Optional
 
@@ -11,24 +10,10 @@ import numpy.typing as npt
 
 from .errors import IsorigError, located
 from .recording import UNITS, PathLike, Recording, Specimen
+from .tables import Table, Tables
 
 FORMAT = "isorig-export/1"
 _NEEDED = {"frame": ("t_s", "position_mm", "force_N"), "pressure": ("t_s", "pressure_psi")}
-
-
-@dataclass(frozen=True)
-class Table:
-    """columns: by name; text as str, NaN where a value does not exist. units, descriptions: of each column."""
-
-    columns: "dict[str, npt.NDArray[Any]]"
-    units: "dict[str, str]"
-    descriptions: "dict[str, str]"
-
-    def __getitem__(self, name: str) -> "npt.NDArray[Any]":
-        return self.columns[name]
-
-    def __len__(self) -> int:
-        return len(next(iter(self.columns.values()), ()))
 
 
 def _h5py() -> Any:
@@ -86,11 +71,13 @@ class Export:
         return file[session]
 
     def recording(self, session: str) -> Recording:
-        """The session as a recording; its other columns of numbers are `further`, integers (mono_ns) as such."""
+        """The session as a recording, with its tables; its other columns of numbers are `further`, integers (mono_ns) as
+        such."""
         attributes = self.session_attributes(session)
         frame = self._stream(session, "frame")
         with self._opened() as file:
             gauge_there = "pressure" in file[session] and len(file[session]["pressure/t_s"]) > 0
+            tables = [name for name in file[session] if name not in _NEEDED]
         gauge = self._stream(session, "pressure") if gauge_there else {}
         specimen = Specimen(_number(attributes, "rest_length_mm"), _number(attributes, "pressurized_rest_length_mm"),
                             _number(attributes, "nominal_pressure_psi"))
@@ -98,7 +85,7 @@ class Export:
         metadata["units"] = UNITS  # an export's are known
         return Recording(specimen, frame.pop("t_s"), frame.pop("position_mm"), frame.pop("force_N"),
                          gauge.pop("t_s", None), gauge.pop("pressure_psi", None), str(attributes["specimen"]), metadata,
-                         frame, gauge)
+                         frame, gauge, Tables(tables, lambda name: self.table(session, name), f"{self.path}: {session}"))
 
     def _stream(self, session: str, name: str) -> "dict[str, npt.NDArray[Any]]":
         table = self.table(session, name)

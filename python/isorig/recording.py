@@ -17,6 +17,7 @@ from . import _native
 from ._native import FloatArray
 from ._toml import toml_text
 from .errors import BadInput, located
+from .tables import Tables
 
 PathLike = Union[str, Path]
 FORMAT = "isorig-recording/1"
@@ -165,6 +166,8 @@ class Recording:
     t_s: seconds, increasing, not evenly spaced. position_mm: of the crosshead, relative to the unpressurized rest
     length. force_N: of the load cell. pressure_t_s, pressure_psi: gauge, on the same clock; None without a pneumatic
     part. further, pressure_further: the other columns of the two files, by their names.
+    tables: what `isorig export` writes beside them (ramps, holds, steps, setpoints, events, sessions), by name, each read
+    when it is asked for; `write` does not write them.
 
     >>> import tempfile
     >>> folder = Path(tempfile.mkdtemp()) / "new"
@@ -184,6 +187,7 @@ class Recording:
     metadata: "dict[str, Any]" = field(default_factory=dict)
     further: "dict[str, npt.NDArray[Any]]" = field(default_factory=dict)
     pressure_further: "dict[str, npt.NDArray[Any]]" = field(default_factory=dict)
+    tables: Tables = field(default_factory=Tables)
 
     def __post_init__(self) -> None:
         for name, values in self._columns().items():
@@ -233,7 +237,7 @@ class Recording:
             gauge = read_columns(folder / "pressure.csv", ("t_s", "pressure_psi"))
         recording = cls(specimen, frame.pop("t_s"), frame.pop("position_mm"), frame.pop("force_N"),
                         gauge.pop("t_s", None), gauge.pop("pressure_psi", None), str(metadata["specimen"]), metadata,
-                        frame, gauge)
+                        frame, gauge, Tables.of_folder(folder))
         if "units" not in metadata and (doubt := recording.unit_in_doubt()):
             raise located(folder / "frame.csv", None, doubt)
         return recording

@@ -69,14 +69,17 @@ class OnARecording(unittest.TestCase):
             return [(float(row["velocity_mm_s"]), float(row["peak_force_N"])) for row in csv.DictReader(file)]
 
     def compare(self, shortening_mm_s: np.ndarray, force_N: np.ndarray) -> None:
-        # 10 ms of grid: the end of a move is that late or early, in which a 10 mm/s ramp changes the force by 0.01 s *
-        # 10 mm/s * 3.1 N/mm (both springs of the simulated specimen) = 0.31 N; its velocity is the median of a plateau.
+        # The example ends a ramp 1 % of its travel before it stands: 0.02 mm * 3.1 N/mm (both springs of the simulated
+        # specimen) = 0.062 N. It takes a single reading, with 10 mN of noise, of a row that is up to 1 ms * 10 mm/s *
+        # 3.1 N/mm = 0.031 N late: 0.062 + 0.031 + 4 * 0.010 N. Its velocity is the plan's; the simulated frame overshoots
+        # it by up to 4.5 % on the way.
         ramps = self.ramps()
         self.assertEqual(len(ramps), 4)
+        self.assertEqual(len(force_N), 8)  # four of them the ways back, which the analysis leaves out
         for velocity, force in ramps:
             k = np.argmin(np.abs(-shortening_mm_s - velocity))
             self.assertAlmostEqual(-shortening_mm_s[k] / velocity, 1.0, delta=0.06)
-            self.assertAlmostEqual(force_N[k], force, delta=0.35)
+            self.assertAlmostEqual(force_N[k], force, delta=0.135)
 
     def test_ten_lines_of_python(self) -> None:
         drawn: "list[tuple[np.ndarray, np.ndarray]]" = []

@@ -38,6 +38,12 @@ class Exports(unittest.TestCase):
             self.assertGreater(len(ramps), 0)
             self.assertEqual(ramps.units["velocity_mm_s"], "mm/s")
             self.assertIn("mark", list(export.table(folder.name, "events")["code"]))
+            self.assertEqual(set(written.tables), {"ramps", "holds", "steps", "setpoints", "events", "sessions"})
+            self.assertEqual(set(read.tables), set(written.tables))
+            for name, table in written.tables.items():
+                self.assertEqual(table.units, read.tables[name].units, name)
+                for column, values in table.columns.items():
+                    np.testing.assert_array_equal(values, read.tables[name][column], f"{name}.{column}")
         with self.assertRaises(BadInput) as caught:
             export.table(folders[0].name, "strokes")
         self.assertIn("has no table strokes; it has: ", str(caught.exception))

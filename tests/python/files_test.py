@@ -40,6 +40,33 @@ class Recordings(unittest.TestCase):
         np.testing.assert_array_equal(recording.pressure_psi, [5.0])
         self.assertIsNone(recording.specimen.pressurized_rest_length_mm)
 
+    def test_tables_are_read_when_they_are_asked_for(self) -> None:
+        folder = self.folder("t_s,position_mm,force_N\n0,0,0\n1,1,1\n")
+        (folder / "events.csv").write_text('t_s,step,severity,code,text,value,threshold,mono_ns\r\n'
+                                           '0.5,-1,info,mark,"a ""b"", c\nd",,2,9007199254740993\r\n')
+        (folder / "ramps.csv").write_text("step,t_start_s,t_end_s,complete,from_mm,to_mm,velocity_mm_s,strain_rate_per_s,pressure_psi\n")
+        (folder / "steps.csv").write_text("step,t_start_s\n1,0\n2,x\n")
+        (folder / "holds.csv").write_text("step,t_start_s\n1,0\n2\n")
+        (folder / "sessions.csv").write_text("step,step\n")
+        tables = Recording.read(folder).tables
+        self.assertEqual(set(tables), {"events", "ramps", "steps", "holds", "sessions"})
+        events = tables["events"]
+        self.assertEqual((events["text"][0], events["mono_ns"][0], events["step"][0]), ('a "b", c\nd', 2**53 + 1, -1))
+        self.assertTrue(np.isnan(events["value"][0]))
+        self.assertEqual((len(tables["ramps"]), tables["ramps"].units["velocity_mm_s"]), (0, "mm/s"))
+        for name, said in (("steps", "steps.csv:3: `t_start_s` is \"x\"; a number"), ("holds", "holds.csv:3: 1 cells where"),
+                           ("sessions", "sessions.csv:1: the header")):
+            with self.assertRaises(BadInput) as caught:
+                tables[name]
+            self.assertIn(said, str(caught.exception))
+        self.assertFalse("setpoints" in tables)
+        with self.assertRaisesRegex(KeyError, "no table setpoints; it has: ramps, holds, steps, events, sessions"):
+            tables["setpoints"]
+        with self.assertRaisesRegex(KeyError, "no column speed; the table has: step, "):
+            tables["ramps"]["speed"]
+        with self.assertRaisesRegex(KeyError, "no table ramps; it has none; isorig export writes ramps, holds"):
+            self.made().tables["ramps"]
+
     def test_faults_name_file_and_line(self) -> None:
         head = "t_s,position_mm,force_N\n"
         for frame, line, text in [
