@@ -4,7 +4,8 @@
     Run         a run's directory: every sample, event and input
     Export      an HDF5 export of a run (needs h5py)
     Diagnosis   what `isorig diagnose` wrote
-    Model       a model.toml: simulate, predict, refit
+    Model       a model.toml of forces: simulate, predict, refit
+    ResponseModel  one of positions or pressures: predict
     Rig         start, watch and stop runs through the daemon
     Live        the rig's samples as they come, with what was missed
 
@@ -21,13 +22,14 @@ from .live import GapCounter, Live, Message
 from .log import LogEvent, read_log
 from .model import Drive, Model, Number, Prediction, Stepper
 from .recording import Recording, Specimen
+from .response import Answer, ResponseModel
 from .run import Event, Run, Session, Stream
 from .tables import Table, Tables
 
 __version__ = _native.version()
 
 __all__ = [
-    "BadInput", "DataLost", "Diagnosis", "Drive", "Effect", "Estimate", "Event", "Export", "GapCounter", "IsorigError", "Live", "LogEvent",
-    "Message", "Model", "NoAnswer", "NoDaemon", "Number", "Prediction", "Recording", "Refused", "Rig", "Run", "Session",
+    "Answer", "BadInput", "DataLost", "Diagnosis", "Drive", "Effect", "Estimate", "Event", "Export", "GapCounter", "IsorigError", "Live", "LogEvent",
+    "Message", "Model", "NoAnswer", "NoDaemon", "Number", "Prediction", "Recording", "Refused", "ResponseModel", "Rig", "Run", "Session",
     "Specimen", "Stepper", "Stream", "Table", "Tables", "Tripped", "default_socket", "read_log",
 ]

@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Optional
+from typing import Any, Optional, Union
 
 from .errors import located
 from .model import Model
 from .recording import PathLike
+from .response import ResponseModel, is_response
 
 FORMAT = "isorig-diagnosis/1"
 VERDICTS = ("consistent", "missing_physics", "unknown_physics", "cannot_judge")
@@ -86,19 +87,22 @@ class Diagnosis:
         return cls(document["verdict"], missing, document, path.parent if path.exists() else None)
 
     @property
-    def model(self) -> Model:
-        """model.toml: the given model with what it lacked."""
+    def model(self) -> Union[Model, ResponseModel]:
+        """model.toml: the given model with what it lacked. A `ResponseModel` of a diagnosis of positions or pressures."""
         return self._model("model.toml")
 
     @property
-    def nominal(self) -> Model:
+    def nominal(self) -> Union[Model, ResponseModel]:
         """nominal.toml: the given model, refitted."""
         return self._model("nominal.toml")
 
-    def _model(self, name: str) -> Model:
+    def _model(self, name: str) -> Union[Model, ResponseModel]:
         if self.folder is None:
             raise located(name, None, "this diagnosis was not read from a folder")
-        return Model.read(self.folder / name)
+        file = self.folder / name
+        if file.is_file() and is_response(file.read_text(encoding="utf-8", errors="replace")):
+            return ResponseModel(file)
+        return Model.read(file)
 
 
 def _effect(entry: "dict[str, Any]") -> Effect:

@@ -14,6 +14,7 @@ from . import _native
 from ._native import FloatArray
 from .errors import BadInput, located
 from .recording import PathLike, Recording, Specimen
+from .response import is_response
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,9 @@ class Model:
             raise located(file, None, "no such file") from None
         except (OSError, UnicodeDecodeError) as e:
             raise located(file, None, str(e)) from None
+        if is_response(text):
+            raise located(file, None, "this is a model of positions or pressures, not of forces; open it with "
+                          "isorig.ResponseModel")
         return cls.parse(text, str(file))
 
     @classmethod
@@ -191,10 +195,10 @@ class Drive:
 
     def __init__(self, recording: Recording) -> None:
         """The recording's force is not looked at; its later changes do not concern this. Raises BadInput for a recording
-        whose output is not the force: the models here pull; `isorig predict` answers for the others."""
+        whose output is not the force: the models here pull; `ResponseModel` answers for the others."""
         if recording.output != "force":
             raise BadInput(f"the output of this recording is the {recording.output}, and these models predict forces; "
-                           "use `isorig predict`")
+                           "use isorig.ResponseModel with model.toml of a diagnosis of such recordings")
         self._handle = ctypes.c_void_p()
         specimen = recording.specimen._record()
         columns = recording._columns()  # held here until the library has read them

@@ -1,5 +1,4 @@
 #include <cmath>
-#include <initializer_list>
 #include <limits>
 #include <stdexcept>
 #include <string>
@@ -11,6 +10,7 @@
 #include "identify/diagnose/motion/reconstruction.hpp"
 #include "isorig_model.h"
 #include "messages/recording.hpp"
+#include "rows.hpp"
 
 struct isorig_drive {
   isorig::identify::Excitation excitation;
@@ -26,7 +26,7 @@ struct isorig_stepper {
 namespace {
 
 using namespace isorig;
-using c_abi::guarded, c_abi::require;
+using c_abi::check_rows, c_abi::guarded, c_abi::require;
 
 thread_local std::string last_notes, last_doubt;
 
@@ -52,28 +52,6 @@ messages::RecordingMetadata metadata_of(const isorig_specimen& specimen) {
     metadata.nominal_pressure_psi = specimen.nominal_pressure_psi;
   }
   return metadata;
-}
-
-/// A column of a caller; null: not given.
-struct Column {
-  const char* name;
-  const double* values;
-};
-
-void check_rows(std::size_t rows, const Column& time, std::initializer_list<Column> columns, double before_s = -1e300) {
-  const auto wrong = [](std::size_t row, const std::string& what) {
-    throw std::invalid_argument("row " + std::to_string(row) + " (counted from 0): " + what);
-  };
-  for (std::size_t i = 0; i < rows; ++i) {
-    if (!std::isfinite(time.values[i])) wrong(i, std::string(time.name) + " is no finite number");
-    for (const Column& column : columns)
-      if (column.values != nullptr && !std::isfinite(column.values[i]))
-        wrong(i, std::string(column.name) + " is no finite number");
-    if (!(time.values[i] > before_s))
-      wrong(i, std::string(time.name) + " is " + base::number_text(time.values[i], 9) + " s after " +
-                   base::number_text(before_s, 9) + " s; time has to increase");
-    before_s = time.values[i];
-  }
 }
 
 /// The force is left at zero, as `isorig predict` does: a prediction that had seen it would prove nothing.

@@ -92,6 +92,24 @@ void isorig_stepper_free(isorig_stepper* stepper);
 int isorig_stepper_run(isorig_stepper* stepper, size_t rows, const double* t_s, const double* position_mm,
                        const double* pressure_psi, double* force_N);
 
+/* A model of positions or pressures: model.toml of a diagnosis of such recordings ("isorig-response/1"). */
+typedef struct isorig_response isorig_response;
+isorig_response* isorig_response_read(const char* file);
+void isorig_response_free(isorig_response* model);
+const char* isorig_response_name(const isorig_response* model);
+/* What it answers with: "position" (mm) or "pressure" (psi). */
+const char* isorig_response_output(const isorig_response* model);
+/* Rms of readings that were left out of its fit, in the output's unit; 0: not known. */
+double isorig_response_error(const isorig_response* model);
+/* What `isorig predict` does to a recording of this output, whose readings are looked at for the beginning alone. `name`
+   stands in errors. `rows` are those of the frame (0: none), `pressure_t_s` may be NULL. `value`, `low95` and `high95`
+   have the rows of the output: the frame's of a position, the pressure's of a pressure. The last two may be NULL; without
+   a known error they are filled with NaN. */
+int isorig_response_predict(const isorig_response* model, const char* name, size_t rows, const double* t_s,
+                            const double* position_mm, const double* force_N, size_t pressure_rows,
+                            const double* pressure_t_s, const double* pressure_psi, double* value, double* low95,
+                            double* high95);
+
 /* Reads a run's directory, or one segment. `outcome`: what the catalogue has of it ("done", ...), "" where there is none;
    `still_written`: nonzero while a recorder holds it. `state`: 0 whole, 1 incomplete, 2 interrupted, 3 damaged
    (docs/data.md). */

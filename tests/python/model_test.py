@@ -1,13 +1,15 @@
 """Models: the package steps what the terminal steps; the rest is compared with laws in closed form."""
 
 import math
+import shutil
 import tempfile
 import unittest
+from pathlib import Path
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from isorig import BadInput, Diagnosis, Drive, Model, Recording, Specimen, Stepper
+from isorig import BadInput, Diagnosis, Drive, Model, Recording, ResponseModel, Specimen, Stepper
 from made import Made, isorig
 
 SPECIMEN = Specimen(100.0, 80.0, 10.0)
@@ -132,6 +134,73 @@ class Stepping(unittest.TestCase):
         error = np.sqrt(np.diag(np.linalg.inv(fit.jac.T @ fit.jac))) * noise_N
         self.assertTrue((np.abs(fit.x - truth) < 4 * error).all(), f"{fit.x} +- {error}")
         self.assertTrue((error < 0.01).all())
+
+
+class Answers(unittest.TestCase):
+    """Models of positions and pressures."""
+
+    @classmethod
+    def setUpClass(cls) -> None:
+        cls.folder = Path(tempfile.mkdtemp())
+        cls.addClassCleanup(shutil.rmtree, cls.folder)
+
+    def compare(self, recording: Recording, column: str) -> ResponseModel:
+        """The model of a diagnosis, which is asked by the terminal and by the package."""
+        name = recording.output
+        recording.write(self.folder / name)
+        isorig("diagnose", self.folder / name, "--model", "slse1", "--out", self.folder / "diagnosis" / name)
+        diagnosis = Diagnosis.read(self.folder / "diagnosis" / name)
+        for file, model in (("model.toml", diagnosis.model), ("nominal.toml", diagnosis.nominal)):
+            self.assertIsInstance(model, ResponseModel)
+            isorig("predict", self.folder / name, "--model", self.folder / "diagnosis" / name / file, "--out", self.folder / "p.csv")
+            header, *rows = (self.folder / "p.csv").read_text().split()
+            self.assertEqual(header, f"t_s,{column},low95_{model.unit},high95_{model.unit}")
+            answer = model.predict(Recording.read(self.folder / name))
+            np.testing.assert_array_equal([[float(cell) for cell in row.split(",")] for row in rows],
+                                          np.column_stack([answer.t_s, answer.value, answer.low95, answer.high95]))
+            self.assertTrue((np.abs(answer.high95 - answer.value - 1.96 * model.error) < 1e-12).all())
+        return diagnosis.model
+
+    def test_a_position_is_that_of_the_terminal_digit_for_digit(self) -> None:
+        # 0.2 mm/psi at once and 0.05 mm/psi with 3 s, on steps of the pressure that are read 5 ms apart from the position.
+        t = np.arange(0, 60, 0.05)
+
+        def level_psi(at: np.ndarray) -> np.ndarray:
+            return 5 + 5 * (np.floor(at / 10) % 2)
+        lag = np.zeros(len(t))
+        for k in range(1, len(t)):
+            lag[k] = level_psi(t[k]) + (lag[k - 1] - level_psi(t[k])) * np.exp(-0.05 / 3)
+        noise = np.random.default_rng(5)
+        position_mm = 0.2 * level_psi(t) + 0.05 * lag + 0.002 * noise.standard_normal(len(t))
+        recording = Recording(Specimen(), t, position_mm, np.zeros(len(t)), t + 0.005,
+                              level_psi(t + 0.005) + 0.01 * noise.standard_normal(len(t)), "muscle", {"output": "position"})
+        model = self.compare(recording, "position_mm")
+        self.assertEqual((model.output, model.unit), ("position", "mm"))
+        without = Recording(Specimen(), t, position_mm, np.zeros(len(t)), metadata={"output": "position"})
+        with self.assertRaisesRegex(BadInput, "the recording: the model answers to pressure_psi, and the recording has none"):
+            model.predict(without)
+        late = Recording(Specimen(), [0, 0], [1, 1], [0, 0], metadata={"output": "position"})
+        with self.assertRaisesRegex(BadInput, "t_s is 0 s after 0 s"):
+            model.predict(late)
+
+    def test_a_pressure_is_that_of_the_terminal_digit_for_digit(self) -> None:
+        t = np.arange(0, 100, 0.1)
+        psi = 10 * np.exp(-t / 20) + 0.02 * np.random.default_rng(6).standard_normal(len(t))
+        model = self.compare(Recording(Specimen(), [], [], [], t, psi, "leak", {"output": "pressure"}), "pressure_psi")
+        force = Recording(Specimen(), [0, 1], [0, 1], [0, 1])
+        with self.assertRaisesRegex(BadInput, "model.toml: describes the pressure, and the output of this recording is the force"):
+            model.predict(force)
+        with self.assertRaisesRegex(BadInput, "of positions or pressures, not of forces; open it with isorig.ResponseModel"):
+            Model.read(model.file)
+
+    def test_wrong_files_are_named(self) -> None:
+        file = self.folder / "wrong.toml"
+        file.write_text('format = "isorig-response/1"\nname = "x"\noutput = "force"\n')
+        with self.assertRaises(BadInput) as caught:
+            ResponseModel(file)
+        self.assertIn('wrong.toml:3:10: `output` = "force"', str(caught.exception))
+        with self.assertRaisesRegex(BadInput, "none.toml: no such file"):
+            ResponseModel(self.folder / "none.toml")
 
 
 class Errors(unittest.TestCase):
