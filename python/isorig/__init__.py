@@ -23,13 +23,14 @@ from .log import LogEvent, read_log
 from .model import Drive, Model, Number, Prediction, Stepper
 from .recording import Recording, Specimen
 from .response import Answer, ResponseModel
-from .run import Event, Run, Session, Stream
+from .run import Run
+from .session import Event, PlannedStep, Session, Setpoints, Stream
 from .tables import Table, Tables
 
 __version__ = _native.version()
 
 __all__ = [
     "Answer", "BadInput", "DataLost", "Diagnosis", "Drive", "Effect", "Estimate", "Event", "Export", "GapCounter", "IsorigError", "Live", "LogEvent",
-    "Message", "Model", "NoAnswer", "NoDaemon", "Number", "Prediction", "Recording", "Refused", "ResponseModel", "Rig", "Run", "Session",
-    "Specimen", "Stepper", "Stream", "Table", "Tables", "Tripped", "default_socket", "read_log",
+    "Message", "Model", "NoAnswer", "NoDaemon", "Number", "PlannedStep", "Prediction", "Recording", "Refused", "ResponseModel", "Rig", "Run", "Session",
+    "Setpoints", "Specimen", "Stepper", "Stream", "Table", "Tables", "Tripped", "default_socket", "read_log",
 ]

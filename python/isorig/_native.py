@@ -33,6 +33,13 @@ class SpecimenRecord(ctypes.Structure):
                 ("nominal_pressure_psi", c_double)]
 
 
+class StepRecord(ctypes.Structure):
+    """``isorig_step``."""
+
+    _fields_ = [("kind", c_char_p), ("text", c_char_p), ("from_mm", c_double), ("to_mm", c_double),
+                ("velocity_mm_s", c_double), ("pressure_psi", c_double)]
+
+
 def _load() -> ctypes.CDLL:
     path = Path(__file__).with_name("libisorig_model.so")
     try:
@@ -73,6 +80,10 @@ def _load() -> ctypes.CDLL:
         "isorig_response_predict": (c_int, [c_void_p, c_char_p, c_size_t, _DoublePointer, _DoublePointer, _DoublePointer,
                                             c_size_t, _DoublePointer, _DoublePointer, _DoublePointer, _DoublePointer,
                                             _DoublePointer]),
+        "isorig_plan_new": (c_void_p, [c_char_p, c_char_p]),
+        "isorig_plan_free": (None, [c_void_p]),
+        "isorig_plan_count": (c_size_t, [c_void_p]),
+        "isorig_plan_step": (c_int, [c_void_p, c_size_t, POINTER(StepRecord)]),
         "isorig_run_state": (c_int, [c_char_p, c_char_p, c_int, POINTER(c_int)]),
         "isorig_run_complaints": (c_char_p, []),
         "isorig_crc32c": (c_uint32, [c_char_p, c_size_t, c_uint32]),

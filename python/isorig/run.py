@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import fcntl
-import math
 import os
 import re
 import sqlite3
 import struct
 import tomllib
-from dataclasses import dataclass, field
+from array import array
 from pathlib import Path
 from typing import Any, Iterator, Optional
 
@@ -18,167 +17,57 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _native
-from ._native import FloatArray
 from .errors import BadInput, located
 from .log import LogEvent, read_log
-from .recording import UNITS, PathLike, Recording, Specimen
+from .recording import PathLike, Specimen
+from .session import Event, PlannedStep, Session, Setpoints, Stream
 
 STATES = ("whole", "incomplete", "interrupted", "damaged")
-SEVERITIES = ("info", "warning", "program stop", "safe state")
 _SEGMENT = re.compile(r"segment-\d{4,}\.lcm\Z")
-
-
-@dataclass(frozen=True)
-class Stream:
-    """Samples of one device, a row each, in the order of their time.
-
-    mono_ns: CLOCK_MONOTONIC; for an average, the middle of its time. bound_ns: the stamp's error is inside of it.
-    step: index into the plan. averaged: the row stands for `samples` samples, and `least`, `most` are their extremes.
-    values: by name, with units: position_mm, force_N; or pressure_psi.
-    """
-
-    mono_ns: npt.NDArray[np.int64]
-    bound_ns: FloatArray
-    step: npt.NDArray[np.int64]
-    averaged: npt.NDArray[np.bool_]
-    samples: npt.NDArray[np.int64]
-    values: "dict[str, FloatArray]"
-    least: "dict[str, FloatArray]"
-    most: "dict[str, FloatArray]"
-
-    def __len__(self) -> int:
-        return len(self.mono_ns)
-
-
-@dataclass(frozen=True)
-class Event:
-    """code: for machines (docs/commissioning.md). severity: 0 info, 1 warning, 2 program stop, 3 safe state."""
-
-    mono_ns: int
-    step: int
-    severity: int
-    code: str
-    text: str
-    value: float
-    threshold: float
-
-
-@dataclass
-class Session:
-    """One repetition at one pressure.
-
-    complete: it was carried to its end. about: what recording.toml of `isorig export` says beside the specimen: run, rig,
-    plan, versions, ...; without its times. missing: samples of frame and pressure that never came.
-    """
-
-    index: int
-    repetition: int
-    specimen: Specimen
-    complete: bool
-    attempt: int
-    frame: Stream
-    pressure: Stream
-    events: "list[Event]" = field(default_factory=list)
-    name: str = ""
-    about: "dict[str, Any]" = field(default_factory=dict)
-    epoch_unix_us: int = 0
-    missing: "tuple[int, int]" = (0, 0)
-
-    @property
-    def start_mono_ns(self) -> int:
-        """CLOCK_MONOTONIC where the recording's `t_s` is 0: the first sample, of whichever stream."""
-        return min((int(s.mono_ns[0]) for s in (self.frame, self.pressure) if len(s)), default=0)
-
-    def recording(self) -> Recording:
-        """As `isorig export` makes it, before it rounds: seconds from the session's first sample, of whichever stream."""
-        first_ns = self.start_mono_ns
-        gauge = len(self.pressure) > 0
-        return Recording(self.specimen, _seconds(self.frame, first_ns), self.frame.values["position_mm"],
-                         self.frame.values["force_N"], _seconds(self.pressure, first_ns) if gauge else None,
-                         self.pressure.values["pressure_psi"] if gauge else None, self.name, self._metadata())
-
-    def _metadata(self) -> "dict[str, Any]":
-        """The further keys of recording.toml, as `isorig export` writes them."""
-        start_ns = self.start_mono_ns
-        metadata: "dict[str, Any]" = {
-            "units": UNITS, **self.about, "session": self.index, "repetition": self.repetition, "attempt": self.attempt,
-            "complete": self.complete, "start_mono_ns": start_ns}
-        if self.epoch_unix_us:
-            metadata["start_unix_us"] = self.epoch_unix_us + start_ns // 1000
-        steps, happened = [], []
-        for event in self.events:
-            at: "dict[str, Any]" = {"t_s": (event.mono_ns - start_ns) * 1e-9}
-            if event.code in ("step", "mark"):
-                steps.append({**at, "step": event.step, "mark" if event.code == "mark" else "do": _printable(event.text)})
-                continue
-            severity = SEVERITIES[event.severity] if 0 <= event.severity < len(SEVERITIES) else "?"
-            at.update(severity=severity, code=_printable(event.code), text=_printable(event.text))
-            at.update((name, value) for name, value in (("value", event.value), ("threshold", event.threshold))
-                      if math.isfinite(value) and value)
-            happened.append(at)
-        metadata.update({name: rows for name, rows in (("steps", steps), ("events", happened)) if rows})
-        metadata["missing"] = {"frame_samples": self.missing[0], "pressure_samples": self.missing[1]}
-        return metadata
-
-
-#: What hides or turns text, as base/printable.cpp has it.
-_HIDDEN = re.compile("[\0-\x1f\x7f-\x9f\xad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb"
-                     "\U000e0000-\U000e007f]")
-
-
-def _printable(text: str) -> str:
-    """Of a recording's text, as an export writes it."""
-    short = {"\n": "\\n", "\r": "\\r", "\t": "\\t"}
-
-    def shown(found: "re.Match[str]") -> str:
-        code = ord(found[0])
-        return short.get(found[0]) or (f"\\U{code:08x}" if code > 0xFFFF else f"\\u{code:04x}")
-    return _HIDDEN.sub(shown, text)
-
-
-def _seconds(stream: Stream, first_ns: int) -> FloatArray:
-    """Each row later than the one before by 2 ns at least, as in an export."""
-    ns = stream.mono_ns - first_ns
-    for k in np.flatnonzero(np.diff(ns) < 2) + 1:
-        while k < len(ns) and ns[k] < ns[k - 1] + 2:
-            ns[k] = ns[k - 1] + 2
-            k += 1
-    return np.asarray(ns / 1e9, dtype=np.float64)
+_SETPOINTS = {"mono_ns": "q", "step": "q", "state": "q", "setpoint_psi": "d", "target_mm": "d", "velocity_mm_s": "d",
+              "fill_permille": "q", "vent_permille": "q"}
+_COUNTS = float(1 << 32)  # the devices' counters have 32 bits
 
 
 class _Rows:
-    """Batches of one device, gathered."""
+    """Batches of one device, gathered. names: quantities whose extremes are recorded; others: those without."""
 
-    _UNITS = ("position_mm", "force_N", "pressure_psi")
-
-    def __init__(self, names: "tuple[str, ...]") -> None:
-        self.names = names
+    def __init__(self, names: "tuple[str, ...]", others: "tuple[str, ...]" = ()) -> None:
+        self.names, self.others = names, others
         self.parts: "dict[str, list[npt.NDArray[Any]]]" = {}
         self.rows = 0
 
-    def _add(self, **columns: Any) -> None:
+    def _add(self, keep: "npt.NDArray[np.bool_]", columns: "dict[str, Any]") -> None:
         for name, values in columns.items():
-            self.parts.setdefault(name, []).append(np.asarray(values))
-        self.rows += len(columns["mono_ns"])
+            self.parts.setdefault(name, []).append(np.asarray(values)[keep])
+        self.rows += int(np.count_nonzero(keep))
 
-    def full(self, m: Any, keep: "npt.NDArray[np.bool_]") -> None:
+    def full(self, m: Any, status: "npt.NDArray[np.uint8]", keep: "npt.NDArray[np.bool_]") -> None:
         ones = np.ones(m.count)
         columns = {"mono_ns": m.mono_ns + np.asarray(m.mono_offset_ns, dtype=np.int64), "bound_ns": m.bound_ns,
-                   "step": m.step * ones, "averaged": 0 * ones, "samples": ones}
+                   "repeatability_ns": m.repeatability_ns, "step": m.step * ones, "averaged": 0 * ones, "samples": ones,
+                   "device_us": m.device_us + np.asarray(m.device_offset_us, dtype=np.int64),
+                   "sequence": m.sequence + np.asarray(m.sequence_offset, dtype=np.int64), "status": status}
         for name in self.names:
             columns.update({name: getattr(m, name), "min_" + name: getattr(m, name), "max_" + name: getattr(m, name)})
-        self._add(**{name: np.asarray(column)[keep] for name, column in columns.items()})
+        columns.update({name: getattr(m, name) for name in self.others})
+        self._add(keep, columns)
 
     def averages(self, m: Any, samples: "tuple[int, ...]") -> None:
-        keep = np.asarray(samples) > 0
-        first, last = np.asarray(m.first_mono_ns, dtype=np.int64), np.asarray(m.last_mono_ns, dtype=np.int64)
+        def span(name: str) -> "tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]":
+            first, last = (np.asarray(getattr(m, f"{end}_{name}"), dtype=np.int64) for end in ("first", "last"))
+            return first, last - first
         ones = np.ones(m.count)
-        columns = {"mono_ns": first + (last - first) // 2, "bound_ns": m.bound_ns, "step": m.step * ones,
-                   "averaged": ones, "samples": samples}
+        (first_ns, ns), (first_us, us), (first_count, counts) = span("mono_ns"), span("device_us"), span("sequence")
+        counted = counts - _COUNTS * np.rint(counts / _COUNTS)
+        columns = {"mono_ns": first_ns + ns // 2, "bound_ns": m.bound_ns, "repeatability_ns": m.repeatability_ns,
+                   "step": m.step * ones, "averaged": ones, "samples": samples, "device_us": first_us + 0.5 * us,
+                   "sequence": first_count + 0.5 * counted, "status": 0 * ones}
         for name in self.names:
             columns.update({name: getattr(m, "mean_" + name), "min_" + name: getattr(m, "min_" + name),
                             "max_" + name: getattr(m, "max_" + name)})
-        self._add(**{name: np.asarray(column)[keep] for name, column in columns.items()})
+        columns.update({name: getattr(m, "mean_" + name) for name in self.others})
+        self._add(np.asarray(samples) > 0, columns)
 
     def stream(self) -> Stream:
         def joined(name: str, kind: Any) -> Any:
@@ -186,10 +75,18 @@ class _Rows:
             return np.concatenate(parts).astype(kind) if parts else np.empty(0, kind)
         mono_ns = joined("mono_ns", np.int64)
         order = np.argsort(mono_ns, kind="stable")
-        values, least, most = ({name: joined(prefix + name, np.float64)[order] for name in self.names}
-                               for prefix in ("", "min_", "max_"))
+        kinds = (("", self.names + self.others), ("min_", self.names), ("max_", self.names))
+        values, least, most = ({name: joined(prefix + name, np.float64)[order] for name in names} for prefix, names in kinds)
         return Stream(mono_ns[order], joined("bound_ns", np.float64)[order], joined("step", np.int64)[order],
-                      joined("averaged", np.bool_)[order], joined("samples", np.int64)[order], values, least, most)
+                      joined("averaged", np.bool_)[order], joined("samples", np.int64)[order], values, least, most,
+                      joined("repeatability_ns", np.float64)[order], joined("device_us", np.float64)[order],
+                      joined("sequence", np.float64)[order], joined("status", np.uint8)[order])
+
+
+def _setpoints(columns: "dict[str, array[Any]]") -> Setpoints:
+    """In the order of their time."""
+    order = np.argsort(np.array(columns["mono_ns"]), kind="stable")
+    return Setpoints(**{name: np.array(column)[order] for name, column in columns.items()})
 
 
 class _Open:
@@ -197,9 +94,14 @@ class _Open:
 
     def __init__(self, header: Any, planned: Any) -> None:
         self.header, self.planned, self.attempt, self.complete = header, planned, header.attempt, False
-        self.frame, self.pressure = _Rows(("position_mm", "force_N")), _Rows(("pressure_psi",))
+        self.frame = _Rows(("position_mm", "force_N"))
+        self.pressure, self.unmeasured = (_Rows(("pressure_psi",), ("temperature_C",)) for _ in range(2))
+        # Columns at once: a long run has a million of them, which as messages take 0.6 kB each.
+        self.setpoints: "dict[str, array[Any]]" = {name: array(kind) for name, kind in _SETPOINTS.items()}
+        self.not_measured = 0
         self.events: "list[Event]" = []
         self.missing = (0, 0)
+        self.end_mono_ns = 0
 
 
 class Run:
@@ -253,16 +155,19 @@ class Run:
                 if not channels or event.channel in channels:
                     yield event
 
-    def sessions(self) -> "list[Session]":
-        """Every session that has samples of the frame. Of several attempts at one the last with such samples counts,
-        unless only an earlier one is complete; specimen and plan are those of its attempt. Pressure words that were
-        stale or faulty are left out."""
+    def sessions(self, every_attempt: bool = False) -> "list[Session]":
+        """The sessions, as `isorig export` chooses them: those that have samples of the frame; of several attempts at one
+        the last with such samples, unless only an earlier one is complete. Specimen and plan are those of its attempt.
+
+        every_attempt: each attempt at each session, also without a sample of the frame: every sample of every session, once.
+        What was recorded outside of sessions is among `messages()`.
+        """
         found: "dict[int, list[_Open]]" = {}
         missing_before: "dict[int, tuple[int, int]]" = {}
         header = self.header
         planned = {each.session: each for each in header.sessions}
         for event in self.messages():
-            if event.channel in ("ISORIG_CHAIN", "ISORIG_STATE", "ISORIG_CLOCK", "ISORIG_SYNC"):
+            if event.channel in ("ISORIG_CHAIN", "ISORIG_CLOCK", "ISORIG_SYNC"):
                 continue
             try:
                 message = event.decode()
@@ -274,7 +179,7 @@ class Run:
                 continue
             index = message.session.session if event.channel == "ISORIG_SESSION" else message.session
             if index not in planned:
-                if index >= 0 and event.channel != "ISORIG_EVENT":
+                if index >= 0 and event.channel not in ("ISORIG_EVENT", "ISORIG_STATE"):
                     raise BadInput(f"{self.path}: the recording has samples of session {index}, which its header does "
                                    "not know")
                 continue
@@ -286,8 +191,12 @@ class Run:
                 before = missing_before.get(message.attempt, (0, 0))
                 now = missing_before[message.attempt] = (message.frame_missing, message.pressure_missing)
                 attempts[-1].missing = (now[0] - before[0], now[1] - before[1])
-        counting = ((index, _counting(found[index])) for index in sorted(found))
-        return [_session(index, each, self._about(each.header)) for index, each in counting if each is not None]
+        if not every_attempt:
+            found = {index: [best] for index, each in found.items() if (best := _counting(each)) is not None}
+        headers = {each.attempt: each.header for attempts in found.values() for each in attempts}
+        plans = {attempt: _plan(each) for attempt, each in headers.items()}
+        return [_session(index, each, self._about(each.header), plans[each.attempt])
+                for index in sorted(found) for each in found[index]]
 
     def _about(self, header: Any) -> "dict[str, Any]":
         """Of a session with this header: what is the run's in recording.toml."""
@@ -342,31 +251,57 @@ def _is_held(run: Path) -> int:
     return int(struct.unpack(layout, answer)[0] != fcntl.F_UNLCK)
 
 
-def _session(index: int, session: _Open, about: "dict[str, Any]") -> Session:
-    planned = session.planned
+def _session(index: int, session: _Open, about: "dict[str, Any]", plan: "Optional[tuple[PlannedStep, ...]]") -> Session:
+    planned, header = session.planned, session.header
     pressurized, nominal = float(planned.pressurized_rest_length_mm), float(planned.pressure_psi)
-    rest_length_mm = float(session.header.rest_length_mm)
+    rest_length_mm = float(header.rest_length_mm)
     specimen = Specimen(rest_length_mm if rest_length_mm > 0 else None, None if np.isnan(pressurized) else pressurized,
                         None if np.isnan(nominal) else nominal)
     return Session(index, planned.repetition, specimen, session.complete, session.attempt, session.frame.stream(),
-                   session.pressure.stream(), session.events, session.header.specimen, about,
-                   session.header.epoch_unix_us, session.missing)
+                   session.pressure.stream(), _setpoints(session.setpoints), session.unmeasured.stream(),
+                   session.not_measured, session.events, header.specimen, about, header.epoch_unix_us, session.missing,
+                   plan, session.end_mono_ns)
+
+
+def _plan(header: Any) -> "Optional[tuple[PlannedStep, ...]]":
+    """Compiled again from the protocol in the recording; None where it is not there, or of a language that has changed."""
+    text = next((each.text for each in header.texts if each.name == "protocol.toml"), None)
+    plan = _native.library.isorig_plan_new(text.encode(), b"protocol.toml") if text else None
+    if not plan:
+        return None
+    try:
+        steps = []
+        record = _native.StepRecord()
+        for index in range(_native.library.isorig_plan_count(plan)):
+            _native.check(_native.library.isorig_plan_step(plan, index, ctypes.byref(record)))
+            steps.append(PlannedStep(_native.text(record.kind), _native.text(record.text), record.from_mm, record.to_mm,
+                                     record.velocity_mm_s, record.pressure_psi))
+        return tuple(steps)
+    finally:
+        _native.library.isorig_plan_free(plan)
 
 
 def _take(session: _Open, channel: str, message: Any) -> None:
     if channel == "ISORIG_FRAME":
-        session.frame.full(message, np.ones(message.count, dtype=bool))
+        session.frame.full(message, np.zeros(message.count, dtype=np.uint8), np.ones(message.count, dtype=bool))
     elif channel == "ISORIG_PRESSURE":
-        session.pressure.full(message, np.frombuffer(bytes(message.status), dtype=np.uint8) == 0)
+        status = np.frombuffer(bytes(message.status), dtype=np.uint8)
+        session.pressure.full(message, status, status == 0)
+        session.unmeasured.full(message, status, status != 0)
+        session.not_measured += int(np.count_nonzero(status))
+    elif channel == "ISORIG_STATE":
+        for name, column in session.setpoints.items():
+            column.extend([getattr(each, name) for each in message.samples])
     elif channel == "ISORIG_FRAME_AVERAGE":
         session.frame.averages(message, message.samples)
     elif channel == "ISORIG_PRESSURE_AVERAGE":
         session.pressure.averages(message, message.current)
+        session.not_measured += sum(max(0, all_ - current) for all_, current in zip(message.samples, message.current))
     elif channel == "ISORIG_EVENT":
         session.events.append(Event(message.mono_ns, message.step, message.severity, message.code, message.text,
                                     message.value, message.threshold))
     elif channel == "ISORIG_SESSION" and message.kind == message.END:
-        session.complete = message.complete != 0
+        session.complete, session.end_mono_ns = message.complete != 0, message.mono_ns
 
 
 def _counting(attempts: "list[_Open]") -> Optional[_Open]:

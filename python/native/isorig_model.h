@@ -117,6 +117,22 @@ int isorig_run_state(const char* path, const char* outcome, int still_written, i
 /* What the last isorig_run_state() of this thread found wrong, a line each. */
 const char* isorig_run_complaints(void);
 
+/* The steps that a protocol is compiled to, as a run carries them out. */
+typedef struct isorig_plan isorig_plan;
+typedef struct {
+  const char* kind; /* "pressurize", "settle", "ramp", "hold", "wave", "mark" */
+  const char* text; /* the step in words; valid until the plan's next call */
+  double from_mm;   /* planned position before it */
+  double to_mm;     /* and after it */
+  double velocity_mm_s; /* of a ramp, extension positive; of a wave its peak; 0 of what does not move */
+  double pressure_psi;  /* set-point */
+} isorig_step;
+/* TOML ("isorig-protocol/1"); `name` stands in its errors. */
+isorig_plan* isorig_plan_new(const char* toml, const char* name);
+void isorig_plan_free(isorig_plan* plan);
+size_t isorig_plan_count(const isorig_plan* plan);
+int isorig_plan_step(isorig_plan* plan, size_t index, isorig_step* out);
+
 /* CRC-32C, as in the recordings of isorig (docs/data.md). */
 uint32_t isorig_crc32c(const uint8_t* bytes, size_t count, uint32_t before);
 

@@ -7,10 +7,12 @@ import tempfile
 import tomllib
 import unittest
 from pathlib import Path
+from typing import Any, Callable
 
 import numpy as np
 
-from isorig import BadInput, Diagnosis, Event, Model, Recording, Run, Specimen, read_log
+from isorig import BadInput, Diagnosis, Event, Model, Recording, Run, Session, Specimen, read_log
+from isorig_msgs import pressure_batch_t, run_header_t
 from made import Made, isorig
 
 TOML = 'format = "isorig-recording/1"\nspecimen = "s"\nrest_length_mm = 90.0\n'
@@ -243,6 +245,74 @@ class Runs(unittest.TestCase):
                 self.assertTrue((frame.least[name] <= frame.values[name]).all() and (frame.values[name] <= frame.most[name]).all())
             self.assertTrue((frame.samples[~frame.averaged] == 1).all() and (frame.bound_ns >= 0).all())
 
+    #: Half of the last decimal that an export writes of a column (docs/formats/recording.md; daemon/export/streams.cpp).
+    ROUNDED = {"t_s": 0.5e-9, "t_start_s": 0.5e-9, "t_end_s": 0.5e-9, "bound_ns": 0.5, "repeatability_ns": 0.5, "device_us": 0.05,
+               "sequence": 0.05, "temperature_C": 0.5e-2, "setpoint_psi": 0.5e-5, "target_mm": 0.5e-6,
+               "velocity_mm_s": 0.5e-6, "value": 0.5e-12, "threshold": 0.5e-12}
+
+    def same(self, there: np.ndarray, here: np.ndarray, name: str, rounded: float) -> None:
+        if there.dtype.kind == "f":
+            # The nearest double to a decimal, and a difference of doubles.
+            rounding = 4 * np.finfo(float).eps * np.nanmax(np.abs(there), initial=0)
+            np.testing.assert_allclose(here, there, rtol=0, atol=rounded + rounding, err_msg=name)
+        else:
+            np.testing.assert_array_equal(here, there, name)
+
+    def compare(self, session: Session, exported: Recording) -> None:
+        here = session.recording()
+        # The last decimal is worth at most 0.105 of the device's smallest step (daemon/export/table.cpp).
+        reading = {name: 0.0525 * np.median(steps[steps > 0]) for name in ("position_mm", "force_N", "pressure_psi")
+                   if len(steps := np.abs(np.diff(getattr(here, name))))}
+        for stream in ("further", "pressure_further"):
+            there, columns = getattr(exported, stream), getattr(here, stream)
+            self.assertEqual(list(columns), list(there), stream)
+            for name, values in there.items():
+                extreme = reading.get(name.replace("_min", "").replace("_max", ""), 0)
+                self.same(values, columns[name].astype(values.dtype), f"{stream}.{name}", self.ROUNDED.get(name, extreme))
+        self.assertEqual(set(here.tables), set(exported.tables) - {"sessions"})
+        for table in here.tables:
+            there, columns = exported.tables[table], here.tables[table]
+            self.assertEqual((list(columns.columns), columns.units), (list(there.columns), there.units), table)
+            self.assertGreater(len(columns), 0)
+            for name, values in there.columns.items():
+                self.same(values, columns[name], f"{table}.{name}", self.ROUNDED.get(name, 0.5e-9))
+
+    def test_columns_and_tables_are_those_of_the_export(self) -> None:
+        for session in Run(self.made.run).sessions():
+            self.compare(session, Recording.read(next((self.made.folder / "recordings").glob(f"rep-{session.repetition}_*"))))
+
+    def test_without_its_protocol_steps_are_what_the_controller_said(self) -> None:
+        def forget(message: Any) -> None:
+            if isinstance(message, run_header_t):
+                message.texts = [each for each in message.texts if each.name != "protocol.toml"]
+                message.text_count = len(message.texts)
+        channels = ("ISORIG_FRAME", "ISORIG_FRAME_AVERAGE", "ISORIG_PRESSURE", "ISORIG_PRESSURE_AVERAGE", "ISORIG_STATE", "ISORIG_EVENT")
+        run = self.attempts(("a", 90.0, 5.0, channels), change=forget)
+        session, = run.sessions()
+        self.assertIsNone(session.plan)
+        self.assertEqual(session.end_mono_ns, 0)
+        isorig("export", run.path, "--out", run.path.parent / "export")
+        self.compare(session, Recording.read(next((run.path.parent / "export").glob("rep-1_*"))))
+
+    def test_stale_words_and_attempts_without_the_frame_are_there_when_asked_for(self) -> None:
+        def spoil(message: Any) -> None:
+            if isinstance(message, pressure_batch_t):
+                message.status = bytes([2, 3]) + bytes(message.status[2:])
+        frame, gauge = ("ISORIG_FRAME", "ISORIG_PRESSURE", "ISORIG_PRESSURE_AVERAGE"), ("ISORIG_EVENT", "ISORIG_PRESSURE")
+        run = self.attempts(("a", 90.0, 5.0, frame), ("b", 91.0, 5.0, gauge), change=spoil)
+        session, = run.sessions()
+        self.assertEqual(session.attempt, 1)
+        self.assertTrue((session.pressure.status == 0).all() and set(session.unmeasured.status) == {2, 3})
+        self.assertEqual(session.not_measured, len(session.unmeasured))
+        told = json.loads(isorig("export", run.path, "--out", run.path.parent / "export", "--json").stdout)["recordings"][0]
+        self.assertEqual((told["not_measured"], told["pressure_rows"]), (session.not_measured, len(session.pressure)))
+        every = run.sessions(every_attempt=True)
+        self.assertEqual([(each.attempt, len(each.frame) > 0) for each in every], [(1, True), (2, False)])
+        batches = [event.decode() for event in run.messages("ISORIG_PRESSURE")]
+        averages = [event.decode() for event in run.messages("ISORIG_PRESSURE_AVERAGE")]
+        self.assertEqual(sum(int(each.pressure.samples.sum()) + each.not_measured for each in every),
+                         sum(m.count for m in batches) + sum(sum(m.samples) for m in averages))
+
     def test_a_written_session_says_what_the_export_says(self) -> None:
         run = self.copied()
         shutil.copy(self.made.run.parent / "catalogue.sqlite", run.parent)
@@ -297,9 +367,10 @@ class Runs(unittest.TestCase):
         full, averaged = (int(n) for n in __import__("re").search(r"frame +(\d+) samples in full, (\d+)", shown).groups())
         self.assertEqual(counted, full + averaged)
 
-    def attempts(self, *attempts: "tuple[str, float, float, tuple[str, ...]]") -> Run:
+    def attempts(self, *attempts: "tuple[str, float, float, tuple[str, ...]]", change: "Callable[[Any], None]" = lambda _: None) -> Run:
         """A log with an attempt at the run for each specimen, rest length, planned pressure and streams; of the first
-        session, which only an attempt with ISORIG_SESSION ends. It has no checksums, as a log of lcm-logger."""
+        session, which only an attempt with ISORIG_SESSION ends. `change` is given every message that is written. It has no
+        checksums, as a log of lcm-logger."""
         events = list(Run(self.made.run).messages())
         first = Run(self.made.run).header.sessions[0].session
         data, number = b"", 0
@@ -307,6 +378,7 @@ class Runs(unittest.TestCase):
             header = Run(self.made.run).header
             header.attempt, header.specimen, header.rest_length_mm = attempt, specimen, rest_mm
             header.sessions[0].pressure_psi = pressure_psi
+            change(header)
             for event in [None, *events]:
                 if event is not None:
                     if event.channel not in channels:
@@ -314,7 +386,8 @@ class Runs(unittest.TestCase):
                     message = event.decode()
                     if (message.session.session if event.channel == "ISORIG_SESSION" else message.session) != first:
                         continue
-                name, body = (b"ISORIG_HEADER", header.encode()) if event is None else (event.channel.encode(), event.data)
+                    change(message)
+                name, body = (b"ISORIG_HEADER", header.encode()) if event is None else (event.channel.encode(), message.encode())
                 data += struct.pack(">4sqqii", b"\xed\xa1\xda\x01", number, 0, len(name), len(body)) + name + body
                 number += 1
         file = Path(tempfile.mkdtemp()) / "segment-0001.lcm"
