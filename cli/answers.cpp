@@ -52,8 +52,9 @@ int diagnose_answer(const std::vector<messages::Recording>& recordings, const st
                   response::response_model_text(d.model.model, d.not_modelled.empty()
                                                                    ? "The model with what it lacked."
                                                                    : "The nominal model: " + d.not_modelled + "."));
-  // Of an earlier diagnosis of forces.
+  // Of an earlier diagnosis.
   std::filesystem::remove(out / "next_experiment.toml");
+  std::filesystem::remove(out / "diagnosis-report.html");
   if (report) {
     std::vector<std::pair<std::string, std::string>> inputs{{"Nominal model", nominal}};
     for (const std::string& name : names) inputs.emplace_back("Recording", name);

@@ -37,9 +37,11 @@ namespace {
 /// Commands and options are short; a word of another length was not meant to be one.
 constexpr std::size_t kLongestWord = 64;
 
-std::string guess(std::string_view word, const std::vector<std::string>& known) {
+/// `known` without the dashes of options, which every option has: with them --rigg would be near to --go.
+std::string guess(std::string_view word, const std::vector<std::string>& known, const std::string& dashes = "") {
+  if (word.starts_with(dashes)) word.remove_prefix(dashes.size());
   const auto meant = word.size() > kLongestWord ? std::string() : base::nearest(word, known);
-  return meant.empty() ? ";" : "; did you mean `" + meant + "`?";
+  return meant.empty() ? ";" : "; did you mean `" + dashes + meant + "`?";
 }
 
 std::string no_such_command(const CLI::App& app, const std::string& word) {
@@ -53,11 +55,11 @@ std::string no_such_option(const CLI::App& sub, std::string word) {
   word.resize(std::min(word.find('='), word.size()));
   std::vector<std::string> known;
   for (const auto* option : sub.get_options(nullptr)) {
-    for (const auto& name : option->get_lnames()) known.push_back("--" + name);
+    for (const auto& name : option->get_lnames()) known.push_back(name);
   }
-  if (std::find(known.begin(), known.end(), word) != known.end()) return {};
-  return sub.get_name() + ": there is no option `" + base::printable(word) + "`" + guess(word, known) + " `isorig " +
-         sub.get_name() + " --help` lists all";
+  if (word.starts_with("--") && std::find(known.begin(), known.end(), word.substr(2)) != known.end()) return {};
+  return sub.get_name() + ": there is no option `" + base::printable(word) + "`" + guess(word, known, "--") +
+         " `isorig " + sub.get_name() + " --help` lists all";
 }
 
 }  // namespace

@@ -34,14 +34,15 @@ void write_diagnosis(const identify::Study& study, const std::filesystem::path& 
                                                            "worse for it.\n" +
                                                                d.not_modelled.text();
   write_text_file(folder / "model.toml", model::model_text(d.model, comment));
-  // One of an earlier diagnosis would be taken for this one's.
+  // Those of an earlier diagnosis would be taken for this one's.
   std::filesystem::remove(folder / "next_experiment.toml");
+  std::filesystem::remove(folder / "diagnosis-report.html");
   if (d.design.experiment) write_text_file(folder / "next_experiment.toml", d.design.experiment->protocol);
   if (made == nullptr) return;
   try {
     identify::write_diagnosis_report(study, folder, *made);
   } catch (const std::exception& e) {
-    std::cerr << "diagnosis-report.html: " << e.what() << '\n';
+    std::cerr << "diagnosis-report.html: not written; the other files are: " << e.what() << '\n';
   }
 }
 
@@ -57,6 +58,18 @@ void print_discernible(const identify::Diagnosis& d, const identify::MissingEffe
   else if (able->nearest != nullptr)
     std::printf(", and cannot tell it from %s", std::string(able->nearest->name).c_str());
   std::printf("\n");
+}
+
+/// What changes the meaning of a number and is not printed elsewhere: a fit that stopped short, an event that belongs
+/// to its recording, the reading of the spring.
+void print_notes(const identify::Diagnosis& d) {
+  const std::string not_modelled = d.not_modelled.why.empty() ? std::string() : d.not_modelled.text();
+  for (const std::string& note : d.notes) {
+    if (note == not_modelled ||
+        std::ranges::find(d.design.inseparable, note, &identify::Inseparable::text) != d.design.inseparable.end())
+      continue;
+    std::printf("  note: %s\n", note.c_str());
+  }
 }
 
 /// The first of each kind; a recording with hundreds of gaps would hide everything else.
@@ -89,14 +102,18 @@ void print_diagnosis(const identify::Diagnosis& d, const std::filesystem::path& 
                 d.design.experiment->text.c_str(), d.design.experiment->duration_s);
   for (const auto& pair : d.design.inseparable) std::printf("  %s\n", pair.text.c_str());
   print_faults(d.faults);
+  print_notes(d);
   if (!d.not_modelled.why.empty()) std::printf("  %s\n", d.not_modelled.text().c_str());
   if (d.heldout.all)
     std::printf("  left out of the fit and predicted: rms %.4g N nominal, %.4g N with it\n",
                 d.heldout.all->nominal_rmse_N, d.heldout.all->model_rmse_N);
   else
     std::printf("  too little to leave anything out: how well the models predict is not known\n");
-  std::printf("  rms %.4g N nominal, %.4g N with it; noise %.4g N; %s/\n", d.nominal_errors.train_rmse_N,
-              d.model_errors.train_rmse_N, d.noise_N, folder.c_str());
+  std::printf(
+      "  rms %.4g N nominal, %.4g N with it; noise %s%.4g N; %s/\n", d.nominal_errors.train_rmse_N,
+      d.model_errors.train_rmse_N,
+      d.noise_source != identify::NoiseSource::kRests && d.noise_N > d.model_errors.train_rmse_N ? "at most " : "",
+      d.noise_N, folder.c_str());
 }
 
 }  // namespace isorig::cli

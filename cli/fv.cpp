@@ -82,6 +82,8 @@ int fv(const Options& options) {
   const auto analysis = identify::analyse_curves(std::move(results),
                                                  two ? identify::FvModel::kSlse2 : identify::FvModel::kSlse1, controls);
   identify::write_fv_tables(analysis, options.out);
+  // That of an earlier analysis would be taken for this one's.
+  std::filesystem::remove(std::filesystem::path(options.out) / "fv-report.html");
   if (!options.no_report) {
     std::vector<std::pair<std::string, std::string>> inputs;
     for (const auto& r : analysis.recordings) inputs.emplace_back("Recording", r.path);

@@ -97,9 +97,13 @@ TEST_F(FvCommand, ControlThenSheath) {
   for (const char* file : {"ramps.csv", "moves.csv", "curves.csv", "parameters.csv", "fv-report.html"})
     EXPECT_GT(fs::file_size(folder_ / "out" / file), 100U) << file;
   fs::rename(folder_ / "out", folder_ / "control-out");
+  fs::create_directory(folder_ / "out");
+  std::ofstream(folder_ / "out/fv-report.html") << "of an earlier analysis";
   const Outcome second = isorig("fv" + sheathed + " --model slse2 --no-report --control " +
                                 (folder_ / "control-out/fv.json").string() + out());
   ASSERT_EQ(second.code, 0) << second.text;
+  EXPECT_FALSE(fs::exists(folder_ / "out/fv-report.html"))
+      << "the page of an earlier analysis beside this one's numbers";
   json = result();
   const auto& p = json["curves"][0]["fit"]["parameters"];
   // The control's own error (2 %) is carried into the sheath's parameters several times over.

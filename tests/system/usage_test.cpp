@@ -36,6 +36,9 @@ TEST(Usage, AMistypedOptionIsNamedWithWhatWasMeant) {
   expect_said(
       {"start", "p.toml", "--opertor=me"},
       "isorig: start: there is no option `--opertor`; did you mean `--operator`? `isorig start --help` lists all");
+  // The dashes are in every option: a word that shares no more than these with --go is not taken for it.
+  expect_said({"start", "p.toml", "--rigg", "rig.toml"},
+              "isorig: start: there is no option `--rigg`; `isorig start --help` lists all");
 }
 
 TEST(Usage, ADamagedJsonFileIsNamedWithoutTheLibrarysNames) {

@@ -28,16 +28,23 @@ std::string where_text(const Study& study, const Stretch& stretch) {
 }
 
 std::string residuals_text(const Diagnosis& d) {
-  return "The nominal model leaves " + number_text(d.nominal_errors.train_rmse_N, 3) + " N rms, with it " +
-         number_text(d.model_errors.train_rmse_N, 3) + " N; the force channel's own noise is " +
+  const bool upper_limit = d.noise_source != NoiseSource::kRests && d.noise_N > d.model_errors.train_rmse_N;
+  return "The residual of the nominal model is " + number_text(d.nominal_errors.train_rmse_N, 3) + " N rms, with it " +
+         number_text(d.model_errors.train_rmse_N, 3) + " N; " +
+         (upper_limit ? "without rests the force channel's noise is only known to be at most "
+                      : "the force channel's own noise is ") +
          number_text(d.noise_N, 3) + " N.";
 }
 
 void add_lead(Page& page, const Study& study, const Stretch& stretch) {
   const Diagnosis& d = study.diagnosis;
   const std::string where = "Model and muscle part most " + where_text(study, stretch) + ". ";
-  const std::string left = (d.unexplained < 0.01 ? std::string("Less than 1") : number_text(100.0 * d.unexplained, 2)) +
-                           " % of what the nominal model misses stays unexplained.";
+  // The share has no meaning where the limit of the noise exceeds every residual.
+  const std::string left =
+      d.noise_N > d.nominal_errors.train_rmse_N
+          ? std::string()
+          : (d.unexplained < 0.01 ? std::string("Less than 1") : number_text(100.0 * d.unexplained, 2)) +
+                " % of what the nominal model misses stays unexplained.";
   switch (d.verdict) {
     case Verdict::kConsistent:
       page.lead(Mood::kGood, "nothing is missing",

@@ -229,7 +229,10 @@ void add_rivals(Page& page, const Argument& a) {
                       excess > 0.0 ? number_text(100.0 * std::max(0.0, e->excess) / excess, 3) : "-",
                       e->at_bound ? "a number at its bound" : ""});
     page.table({"explanation", "weight", "log evidence", "left (%)", "caveat"}, rows,
-               std::to_string(d.tried.size()) + " explanations were weighed; these are the most probable");
+               std::to_string(d.tried.size()) + " explanations were weighed; these are the most probable" +
+                   (excess > 0.0 ? ""
+                                 : ". The noise is only known to be at most as large as the strokes differ, which "
+                                   "is more than any residual: what each explanation leaves has no share."));
   }
   if (!d.alternatives.empty()) {
     std::vector<std::vector<std::string>> rows;

@@ -352,6 +352,8 @@ TEST_F(DiagnoseCommand, AnswersForAPositionAsForAForce) {
   EXPECT_THAT(outcome.text, HasSubstr(" mm nominal"));
   const auto json = nlohmann::json::parse(read(out_ / "diagnosis.json"));
   EXPECT_EQ(json["output"], "position");
+  ASSERT_EQ(diagnose().code, 0);
+  EXPECT_FALSE(fs::exists(out_ / "diagnosis-report.html")) << "the page of an earlier diagnosis";
   EXPECT_LT(json["fit"]["model"]["train_rmse_mm"].get<double>(), 0.2);
   // A model of a force does not answer for a position, and says what would.
   EXPECT_THAT(predict(folder_ / "p.csv").text, HasSubstr("isorig-response/1"));
