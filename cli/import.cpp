@@ -2,8 +2,10 @@
 #include <cstdio>
 #include <filesystem>
 #include <iostream>
+#include <map>
 #include <memory>
 
+#include "base/number_text.hpp"
 #include "base/printable.hpp"
 #include "base/toml_reader.hpp"
 #include "cli/acts.hpp"
@@ -34,9 +36,58 @@ std::pair<std::string, std::string> halves(const std::string& text, const char* 
   return {text.substr(0, at), text.substr(at + 1)};
 }
 
-/// A mapping file, and over it what the command line says; every column that either names goes to `named`.
-Mapping told(const Options& o, std::vector<NamedColumn>& named) {
+/// What no column of a file says, by the option that says it.
+struct Fact {
+  std::string_view option;
+  std::optional<std::string> (*text)(const Mapping&);  ///< for people; nothing where it was not told
+};
+
+std::optional<std::string> quantity(const char* name, const std::optional<double>& value, const char* unit) {
+  if (!value) return std::nullopt;
+  return std::string(name) + ' ' + base::exact_number_text(*value) + ' ' + unit;
+}
+
+constexpr Fact kFacts[] = {
+    {"--specimen",
+     [](const Mapping& m) { return m.specimen ? std::optional("specimen " + *m.specimen) : std::nullopt; }},
+    {"--rest-length-mm",
+     [](const Mapping& m) {
+       return m.no_rest_length ? std::optional<std::string>("no rest length")
+                               : quantity("rest length", m.rest_length_mm, "mm");
+     }},
+    {"--pressurized-rest-length-mm",
+     [](const Mapping& m) { return quantity("pressurized rest length", m.pressurized_rest_length_mm, "mm"); }},
+    {"--nominal-pressure-psi",
+     [](const Mapping& m) { return quantity("nominal pressure", m.nominal_pressure_psi, "psi"); }},
+    {"--zero-mm", [](const Mapping& m) { return quantity("zero of the position at", m.zero_mm, "mm"); }},
+};
+
+/// What is known besides the files themselves, and from where.
+struct Told {
   Mapping mapping;
+  std::vector<NamedColumn> named;                 ///< every column that the mapping or an option names
+  std::map<std::string_view, std::string> where;  ///< of each fact, by its option
+
+  /// Facts that are known now and were not before are from here.
+  void facts_are_from(const std::string& place) {
+    for (const Fact& fact : kFacts)
+      if (fact.text(mapping)) where.emplace(fact.option, place);
+  }
+  /// A mapping may be of another specimen, whose length and zero would go unseen into the next recording.
+  [[nodiscard]] std::vector<std::string> lines() const {
+    std::vector<std::string> out;
+    for (const Fact& fact : kFacts)
+      if (const auto text = fact.text(mapping)) out.push_back(*text + " (" + where.at(fact.option) + ")");
+    if (!mapping.zero_mm)
+      out.emplace_back("zero of the position at the unpressurized rest length (not told otherwise)");
+    return out;
+  }
+};
+
+/// A mapping file, and over it what the command line says.
+Told told_by(const Options& o) {
+  Told told;
+  auto& [mapping, named, where] = told;
   if (!o.mapping.empty()) mapping = foreign::read_mapping(o.mapping);
   for (const auto& [field, column] : mapping.column) named.push_back({column, o.mapping, true});
   for (const auto& [column, unit] : mapping.unit) named.push_back({column, o.mapping, true});
@@ -74,6 +125,14 @@ Mapping told(const Options& o, std::vector<NamedColumn>& named) {
   const auto over = [](const std::optional<double>& from, std::optional<double>& to) {
     if (from) to = from;
   };
+  const auto by_option = [&told](std::string_view option, bool given) {
+    if (given) told.where.emplace(option, option);
+  };
+  by_option("--specimen", !o.specimen.empty());
+  by_option("--rest-length-mm", !o.rest_length_mm.empty());
+  by_option("--pressurized-rest-length-mm", o.pressurized_rest_length_mm.has_value());
+  by_option("--nominal-pressure-psi", o.nominal_pressure_psi.has_value());
+  by_option("--zero-mm", o.zero_mm.has_value());
   if (!o.rest_length_mm.empty()) {
     mapping.no_rest_length = o.rest_length_mm == "none";
     mapping.rest_length_mm = mapping.no_rest_length ? std::nullopt : rest_length_of(o.rest_length_mm);
@@ -84,7 +143,8 @@ Mapping told(const Options& o, std::vector<NamedColumn>& named) {
   over(o.pressurized_rest_length_mm, mapping.pressurized_rest_length_mm);
   over(o.nominal_pressure_psi, mapping.nominal_pressure_psi);
   over(o.zero_mm, mapping.zero_mm);
-  return mapping;
+  told.facts_are_from("from " + o.mapping);
+  return told;
 }
 
 /// Asks at the terminal until `take` takes an answer. False when nobody answers any more.
@@ -100,17 +160,16 @@ bool asked(const ImportQuestion& question, Mapping& mapping) {
   return false;
 }
 
-/// Answers whatever is not clear, at a terminal; says what would have to be said elsewhere. Empty when it stays
-/// unclear.
-std::optional<ImportPlan> settled(const std::vector<std::string>& files, Mapping& mapping,
-                                  const std::vector<NamedColumn>& named) {
+/// Answers whatever is not clear, at a terminal, and counts the answers; says what would have to be said elsewhere.
+/// Empty when it stays unclear.
+std::optional<ImportPlan> settled(const std::vector<std::string>& files, Told& told, std::size_t& answers) {
   const bool someone = someone_is_there();
   std::vector<ImportFile> read;
-  for (const auto& file : files) read.push_back(read_import_file(file, mapping.dialect));
-  for (const auto& note : check_named_columns(read, named))
+  for (const auto& file : files) read.push_back(read_import_file(file, told.mapping.dialect));
+  for (const auto& note : check_named_columns(read, told.named))
     std::printf("note: %s\n", base::printable_lines(note).c_str());
   while (true) {
-    ImportPlan plan = understand_files(read, mapping);
+    ImportPlan plan = understand_files(read, told.mapping);
     if (plan.questions.empty()) return plan;
     if (!someone) {
       for (const auto& q : plan.questions)
@@ -118,31 +177,75 @@ std::optional<ImportPlan> settled(const std::vector<std::string>& files, Mapping
                   << "\n  say it: " << base::printable_lines(q.question.answer) << '\n';
       return std::nullopt;
     }
-    if (!asked(plan.questions.front(), mapping)) {
-      std::cerr << "isorig import: not answered; nothing was written\n";
+    if (!asked(plan.questions.front(), told.mapping)) {
+      std::cerr << "isorig import: not answered; no recording was made\n";
       return std::nullopt;
     }
+    ++answers;
+    told.facts_are_from("answered");
   }
 }
 
-int import_files(const Options& o) {
-  std::vector<NamedColumn> named;
-  Mapping mapping = told(o, named);
+/// As a shell takes it for one word.
+std::string one_word(std::string_view text) {
+  std::string out = "'";
+  for (const char c : text) out += c == '\'' ? std::string("'\\''") : std::string(1, c);
+  return out + "'";
+}
+
+/// Of an import that was not made: nobody has to give the answers again.
+void keep_answers(const Options& o, const Mapping& mapping) {
+  const std::filesystem::path folder = o.out;
+  std::error_code error;
+  // A mapping that is there is of recordings that were made with it.
+  const bool another = std::filesystem::exists(folder / "mapping.toml", error);
+  const auto file = folder / (another ? "mapping-answers.toml" : "mapping.toml");
+  const std::string text = foreign::mapping_text(mapping);
   try {
-    const auto plan = settled(o.files, mapping, named);
-    if (!plan) return kBadInput;
-    const auto made = make_recordings(
-        *plan, mapping, {.out = o.out, .one_clock = o.one_clock, .as_stated = o.as_stated, .replace = o.replace});
-    for (const auto& line : made.said) std::printf("%s\n", base::printable_lines(line).c_str());
-    identify::report::write_text_file(std::filesystem::path(o.out) / "mapping.toml", foreign::mapping_text(mapping));
-    std::printf("what was asked and told is in %s: --mapping uses it again\n",
-                (std::filesystem::path(o.out) / "mapping.toml").c_str());
-    return kOk;
+    std::filesystem::create_directories(folder);
+    identify::report::write_text_file(file, text);
+  } catch (const std::exception& e) {
+    std::printf("the answers could not be kept (%s); as a mapping.toml they are:\n%s",
+                base::printable_lines(e.what()).c_str(), base::printable_lines(text).c_str());
+    return;
+  }
+  std::string again = "--mapping " + one_word(file.string());
+  if (mapping.specimen) again += " --specimen " + one_word(*mapping.specimen);
+  std::printf("the answers are kept; with them the questions are not asked again: %s\n",
+              base::printable_lines(again).c_str());
+}
+
+/// Throws what read_import_file(), understand_files() and make_recordings() throw.
+bool import_files(const Options& o, Told& told, std::size_t& answers) {
+  const auto plan = settled(o.files, told, answers);
+  if (!plan) return false;
+  std::string facts;
+  for (const auto& line : told.lines()) facts += (facts.empty() ? "" : ", ") + line;
+  std::printf("%s\n", base::printable_lines(facts).c_str());
+  const auto made = make_recordings(
+      *plan, told.mapping,
+      {.out = o.out, .told = told.lines(), .one_clock = o.one_clock, .as_stated = o.as_stated, .replace = o.replace});
+  for (const auto& line : made.said) std::printf("%s\n", base::printable_lines(line).c_str());
+  const auto mapping = std::filesystem::path(o.out) / "mapping.toml";
+  identify::report::write_text_file(mapping, foreign::mapping_text(told.mapping));
+  std::printf("what was asked and told is in %s: --mapping uses it again, for another specimen too\n", mapping.c_str());
+  return true;
+}
+
+int import_or_refuse(const Options& o) {
+  Told told = told_by(o);
+  std::size_t answers = 0;
+  try {
+    if (import_files(o, told, answers)) return kOk;
   } catch (const messages::RecordingError& e) {
     std::cerr << e.what() << '\n';
   } catch (const ImportRefused& e) {
     std::cerr << base::printable_lines(e.what()) << '\n';
+  } catch (...) {
+    if (answers > 0) keep_answers(o, told.mapping);
+    throw;
   }
+  if (answers > 0) keep_answers(o, told.mapping);
   return kBadInput;
 }
 
@@ -179,7 +282,7 @@ Command add_import(CLI::App& app) {
                 "Both files count from the same moment; they are not aligned by their strokes");
   sub->add_flag("--as-stated", o->as_stated, "The numbers are as the units say, however odd they look");
   sub->add_flag("--replace", o->replace, "Replace recordings that are there already");
-  return {sub, [o] { return import_files(*o); }};
+  return {sub, [o] { return import_or_refuse(*o); }};
 }
 
 const Registration kImport(30, add_import);

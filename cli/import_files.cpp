@@ -61,14 +61,17 @@ struct Origin {
 };
 
 /// [import] and its tables: enough to make the recording again, and to see what was concluded.
-std::string provenance(const std::vector<Origin>& origins, const Mapping& mapping, const std::string& clock,
-                       const std::vector<std::string>& notes) {
+std::string provenance(const std::vector<Origin>& origins, const Mapping& mapping, const ImportOptions& options,
+                       const std::string& clock, const std::vector<std::string>& notes) {
+  const auto list = [](const char* key, const std::vector<std::string>& lines) {
+    std::string text = std::string(key) + " = [";
+    for (const auto& line : lines) text += "\n  " + toml_string(line) + ",";
+    return text + "]\n";
+  };
   std::string text = "\n[import]\nformat = \"isorig-import/1\"\ncommand = " + toml_string(command_line()) +
                      "\nisorig = " + toml_string(daemon::kVersion) + "\nclock = " + toml_string(clock) +
-                     "\nposition_at_zero_mm = " + base::exact_number_text(mapping.zero_mm.value_or(0.0)) +
-                     "\nnotes = [";
-  for (const auto& note : notes) text += "\n  " + toml_string(note) + ",";
-  text += "]\n";
+                     "\nposition_at_zero_mm = " + base::exact_number_text(mapping.zero_mm.value_or(0.0)) + "\n" +
+                     list("told", options.told) + list("notes", notes);
   for (const Origin& origin : origins) {
     text += "\n[[import.source]]\nfile = " + toml_string(origin.file->path.filename().string()) + "\nsha256 = \"" +
             origin.file->sha256 + "\"\nencoding = \"" + origin.file->encoding + "\"\ndelimiter = \"" +
@@ -162,7 +165,7 @@ std::string put_on_one_clock(const messages::FrameSamples& frame, messages::Pres
 }
 
 Ready ready_of(std::filesystem::path folder, const std::vector<Origin>& origins, const Mapping& mapping,
-               bool one_clock) {
+               const ImportOptions& options) {
   Ready ready{.folder = std::move(folder), .recording = {}, .said = {}};
   std::string clock = "one: a file has one";
   std::vector<std::string> notes;
@@ -174,9 +177,10 @@ Ready ready_of(std::filesystem::path folder, const std::vector<Origin>& origins,
   for (const Origin& origin : origins) {
     if (!origin.test->pressure) continue;
     ready.recording.pressure = origin.test->pressure;
-    if (!origin.test->frame) clock = put_on_one_clock(ready.recording.frame, *ready.recording.pressure, one_clock);
+    if (!origin.test->frame)
+      clock = put_on_one_clock(ready.recording.frame, *ready.recording.pressure, options.one_clock);
   }
-  ready.recording.metadata.further_toml = provenance(origins, mapping, clock, notes);
+  ready.recording.metadata.further_toml = provenance(origins, mapping, options, clock, notes);
   const auto& frame = ready.recording.frame;
   ready.said.push_back(
       ready.folder.string() + ": " + std::to_string(frame.size()) + " rows of frame, " +
@@ -317,7 +321,7 @@ Imported make_recordings(const ImportPlan& plan, const Mapping& mapping, const I
           "both files have a pressure; name one of them, or say which column is the pressure (--column pressure=NAME)");
     ready.push_back(ready_of(options.out,
                              {{&frames[0].of->file, &frames[0].tests[0]}, {&gauges[0].of->file, &gauges[0].tests[0]}},
-                             mapping, options.one_clock));
+                             mapping, options));
   } else {
     std::size_t count = 0;
     for (const auto& file : frames) count += file.tests.size();
@@ -332,7 +336,7 @@ Imported make_recordings(const ImportPlan& plan, const Mapping& mapping, const I
               frames.size() > 1 ? file.of->file.path.stem().string() + (file.tests.size() > 1 ? "-" : "") : "";
           folder /= stem + (file.tests.size() > 1 ? "test-" + std::to_string(k + 1) : "");
         }
-        ready.push_back(ready_of(folder, {{&file.of->file, &file.tests[k]}}, mapping, options.one_clock));
+        ready.push_back(ready_of(folder, {{&file.of->file, &file.tests[k]}}, mapping, options));
       }
     }
   }

@@ -56,6 +56,8 @@ struct ImportPlan {
 
 struct ImportOptions {
   std::filesystem::path out;
+  std::vector<std::string>
+      told;  ///< what no column says and where it is from: "rest length 94.3 mm (--rest-length-mm)"
   bool one_clock = false, as_stated = false, replace = false;
 };
 struct Imported {

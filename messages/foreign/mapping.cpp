@@ -100,8 +100,8 @@ std::string mapping_text(const Mapping& mapping) {
   if (!mapping.compression_positive.empty()) text += "\n[positive]\n";
   for (const auto& [field, compression] : mapping.compression_positive)
     text += std::string(name_of(field)) + " = \"" + (compression ? "compression" : "tension") + "\"\n";
+  // Without the specimen's name: the next file is of another one, and would be labelled with this one's.
   text += "\n[specimen]\n";
-  if (mapping.specimen) text += "name = " + toml_string(*mapping.specimen) + "\n";
   const auto number = [&](const char* key, const std::optional<double>& value) {
     if (value) text += std::string(key) + " = " + toml_number(*value) + "\n";
   };

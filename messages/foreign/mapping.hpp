@@ -48,6 +48,8 @@ struct Mapping {
 
 /// Throws base::ConfigError.
 [[nodiscard]] Mapping read_mapping(const std::filesystem::path& file);
+/// For the next files of the same kind: everything but the specimen's name. read_mapping() takes a name nevertheless,
+/// as mappings of earlier versions have one.
 [[nodiscard]] std::string mapping_text(const Mapping& mapping);
 
 /// A column that a field is read from.

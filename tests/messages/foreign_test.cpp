@@ -278,6 +278,8 @@ TEST(Foreign, AMappingIsReadAsItWasWritten) {
   EXPECT_EQ(mapping_text(read), mapping_text(mapping));
   EXPECT_EQ(read.column, mapping.column);
   EXPECT_EQ(read.unit, mapping.unit);
+  EXPECT_EQ(read.zero_mm, mapping.zero_mm);
+  EXPECT_EQ(read.specimen, std::nullopt);  // the next file is of another
   mapping.rest_length_mm.reset();
   mapping.no_rest_length = true;
   std::ofstream(file) << mapping_text(mapping);

@@ -165,11 +165,72 @@ TEST_F(Import, AtATerminalItAsksAndRemembers) {
   terminal.type("94.3\n");
   ASSERT_TRUE(terminal.shows("mapping.toml: --mapping uses it again"));
   const auto first = messages::read_recording(dir_ / "out");
-  // What was answered answers for the next file.
-  const auto again = import({path, "--mapping", (dir_ / "out/mapping.toml").string()}, "again");
+  // What was answered answers for the next file; its specimen is another.
+  const std::string mapping = (dir_ / "out/mapping.toml").string();
+  const auto unnamed = import({path, "--mapping", mapping}, "again");
+  EXPECT_EQ(unnamed.code, kBadInput);
+  EXPECT_THAT(unnamed.text, AllOf(HasSubstr("what is the specimen called?"), HasSubstr("--specimen NAME"),
+                                  Not(HasSubstr("how long is the specimen"))));
+  const auto again = import({path, "--mapping", mapping, "--specimen", "A 2"}, "again");
   ASSERT_EQ(again.code, 0) << again.text;
+  EXPECT_THAT(again.text, HasSubstr("specimen A 2 (--specimen), rest length 94.3 mm (from " + mapping +
+                                    "), zero of the position at the unpressurized rest length (not told otherwise)"));
+  EXPECT_THAT(slurp(dir_ / "again/recording.toml"), HasSubstr("\"rest length 94.3 mm (from "));
+  EXPECT_EQ(messages::read_recording(dir_ / "again").metadata.specimen, "A 2");
   EXPECT_EQ(messages::read_recording(dir_ / "again").frame.force_N, first.frame.force_N);
   EXPECT_EQ(slurp(dir_ / "again/mapping.toml"), slurp(dir_ / "out/mapping.toml"));
+}
+
+TEST_F(Import, AMappingOfAnEarlierVersionNamesItsSpecimenAndThatIsSaid) {
+  const auto mapping = file("earlier.toml",
+                            "format = \"isorig-mapping/1\"\n[specimen]\nname = \"A 1\"\nrest_length_mm = 94.3\n"
+                            "zero_mm = 1.5\n");
+  const auto done = import({file("a.csv", table(strokes(), kBluehill)), "--mapping", mapping});
+  ASSERT_EQ(done.code, 0) << done.text;
+  EXPECT_THAT(done.text, HasSubstr("specimen A 1 (from " + mapping + "), rest length 94.3 mm (from " + mapping +
+                                   "), zero of the position at 1.5 mm (from " + mapping + ")"));
+  EXPECT_THAT(slurp(dir_ / "out/mapping.toml"), AllOf(HasSubstr("zero_mm = 1.5"), Not(HasSubstr("A 1"))));
+}
+
+TEST_F(Import, AnswersOutliveARefusal) {
+  // Metres without a unit: whoever answers "mm" is refused at the end, after every question.
+  const auto path = file("a.csv", table(strokes(), "Time,Extension,Load\r\n(s),,(N)\r\n", 1e-3));
+  const auto answer = [&](const std::string& out) {
+    Terminal terminal({bin("isorig"), "import", path, "--out", (dir_ / out).string()});
+    EXPECT_TRUE(terminal.shows("in which unit is the position"));
+    terminal.type("mm\n");
+    EXPECT_TRUE(terminal.shows("what is the specimen called?"));
+    terminal.type("Ann's\n");
+    EXPECT_TRUE(terminal.shows("how long is the specimen"));
+    terminal.type("94.3\n");
+    EXPECT_TRUE(terminal.shows("is a unit wrong?"));
+    EXPECT_EQ(terminal.wait(), kBadInput);
+    return terminal.shown();
+  };
+  const auto said = answer("out");
+  const std::string mapping = (dir_ / "out/mapping.toml").string();
+  EXPECT_THAT(said, HasSubstr("--mapping '" + mapping + R"(' --specimen 'Ann'\''s')"));
+  EXPECT_FALSE(std::filesystem::exists(dir_ / "out/recording.toml"));
+  // Nothing but the one wrong answer is said again.
+  const auto done = import({path, "--mapping", mapping, "--specimen", "Ann's", "--unit", "Extension=m"});
+  ASSERT_EQ(done.code, 0) << done.text;
+  EXPECT_EQ(messages::read_recording(dir_ / "out").metadata.rest_length_mm, 94.3);
+  // The mapping of a recording that was made is not replaced by the answers of an import that was not.
+  const auto of_made = slurp(mapping);
+  EXPECT_THAT(answer("out"), HasSubstr("out/mapping-answers.toml' --specimen"));
+  EXPECT_EQ(slurp(mapping), of_made);
+}
+
+TEST_F(Import, AnswersOutliveAQuestionThatIsNotAnswered) {
+  const auto path = file("a.csv", table(strokes(), "Time,Extension,Load\r\n(s),,(N)\r\n"));
+  Terminal terminal({bin("isorig"), "import", path, "--out", (dir_ / "out").string()});
+  ASSERT_TRUE(terminal.shows("in which unit is the position"));
+  terminal.type("mm\n");
+  ASSERT_TRUE(terminal.shows("what is the specimen called?"));
+  terminal.type(Terminal::kCtrlD);
+  ASSERT_TRUE(terminal.shows("the answers are kept"));
+  EXPECT_EQ(terminal.wait(), kBadInput);
+  EXPECT_THAT(slurp(dir_ / "out/mapping.toml"), HasSubstr("\"Extension\" = \"mm\""));
 }
 
 TEST_F(Import, MetresThatAreCalledMillimetresAreRefused) {
