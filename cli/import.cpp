@@ -23,8 +23,8 @@ using foreign::Mapping;
 struct Options {
   std::vector<std::string> files, column, unit, positive;
   std::string out, mapping, delimiter, decimal, specimen;
-  std::string rest_length_mm;
-  std::optional<double> pressurized_rest_length_mm, nominal_pressure_psi, zero_mm;
+  std::string rest_length_mm, zero_mm;
+  std::optional<double> pressurized_rest_length_mm, nominal_pressure_psi;
   bool one_clock = false, as_stated = false, replace = false;
 };
 
@@ -59,7 +59,11 @@ constexpr Fact kFacts[] = {
      [](const Mapping& m) { return quantity("pressurized rest length", m.pressurized_rest_length_mm, "mm"); }},
     {"--nominal-pressure-psi",
      [](const Mapping& m) { return quantity("nominal pressure", m.nominal_pressure_psi, "psi"); }},
-    {"--zero-mm", [](const Mapping& m) { return quantity("zero of the position at", m.zero_mm, "mm"); }},
+    {"--zero-mm",
+     [](const Mapping& m) {
+       return m.whole_length ? std::optional<std::string>("position by the whole length")
+                             : quantity("zero of the position at", m.zero_mm, "mm");
+     }},
 };
 
 /// What is known besides the files themselves, and from where.
@@ -78,7 +82,7 @@ struct Told {
     std::vector<std::string> out;
     for (const Fact& fact : kFacts)
       if (const auto text = fact.text(mapping)) out.push_back(*text + " (" + where.at(fact.option) + ")");
-    if (!mapping.zero_mm)
+    if (!mapping.zero_is_told())
       out.emplace_back("zero of the position at the unpressurized rest length (not told otherwise)");
     return out;
   }
@@ -132,7 +136,7 @@ Told told_by(const Options& o) {
   by_option("--rest-length-mm", !o.rest_length_mm.empty());
   by_option("--pressurized-rest-length-mm", o.pressurized_rest_length_mm.has_value());
   by_option("--nominal-pressure-psi", o.nominal_pressure_psi.has_value());
-  by_option("--zero-mm", o.zero_mm.has_value());
+  by_option("--zero-mm", !o.zero_mm.empty());
   if (!o.rest_length_mm.empty()) {
     mapping.no_rest_length = o.rest_length_mm == "none";
     mapping.rest_length_mm = mapping.no_rest_length ? std::nullopt : rest_length_of(o.rest_length_mm);
@@ -142,7 +146,9 @@ Told told_by(const Options& o) {
   }
   over(o.pressurized_rest_length_mm, mapping.pressurized_rest_length_mm);
   over(o.nominal_pressure_psi, mapping.nominal_pressure_psi);
-  over(o.zero_mm, mapping.zero_mm);
+  if (!o.zero_mm.empty() && !take_zero(o.zero_mm, mapping))
+    throw CLI::ValidationError("--zero-mm",
+                               "\"" + o.zero_mm + "\" has to be a position within 10000 mm, or whole-length");
   told.facts_are_from("from " + o.mapping);
   return told;
 }
@@ -272,8 +278,10 @@ Command add_import(CLI::App& app) {
       ->check(CLI::Range(1e-3, 1e4));
   sub->add_option("--nominal-pressure-psi", o->nominal_pressure_psi, "The pressure that was set, gauge")
       ->check(CLI::Range(-1e3, 1e3));
-  sub->add_option("--zero-mm", o->zero_mm, "Position, from the unpressurized rest length, that the file calls zero")
-      ->check(CLI::Range(-1e4, 1e4));
+  sub->add_option(
+      "--zero-mm", o->zero_mm,
+      "Position, from the unpressurized rest length, that the file calls zero; whole-length where its column "
+      "is the length of the whole specimen");
   sub->add_option("--delimiter", o->delimiter, "Between columns, where it is not plain")
       ->check(CLI::IsMember({";", ",", "tab", "blank"}));
   sub->add_option("--decimal", o->decimal, "Mark of the decimals, where it is not plain")

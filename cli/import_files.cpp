@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <charconv>
+#include <cmath>
 
 #include "base/number_text.hpp"
 #include "base/printable.hpp"
@@ -70,7 +71,7 @@ std::string provenance(const std::vector<Origin>& origins, const Mapping& mappin
   };
   std::string text = "\n[import]\nformat = \"isorig-import/1\"\ncommand = " + toml_string(command_line()) +
                      "\nisorig = " + toml_string(daemon::kVersion) + "\nclock = " + toml_string(clock) +
-                     "\nposition_at_zero_mm = " + base::exact_number_text(mapping.zero_mm.value_or(0.0)) + "\n" +
+                     "\nposition_at_zero_mm = " + base::exact_number_text(mapping.position_at_zero_mm()) + "\n" +
                      list("told", options.told) + list("notes", notes);
   for (const Origin& origin : origins) {
     text += "\n[[import.source]]\nfile = " + toml_string(origin.file->path.filename().string()) + "\nsha256 = \"" +
@@ -131,6 +132,9 @@ messages::RecordingMetadata metadata_of(const Mapping& mapping) {
     throw ImportRefused(
         "--pressurized-rest-length-mm needs --rest-length-mm beside it: positions are counted from the unpressurized "
         "length");
+  if (mapping.whole_length && !mapping.rest_length_mm)
+    throw ImportRefused(
+        "--zero-mm whole-length needs --rest-length-mm beside it: the position is the length without the rest length");
   messages::RecordingMetadata metadata;
   metadata.specimen = *mapping.specimen;
   metadata.rest_length_mm = mapping.rest_length_mm;
@@ -278,7 +282,30 @@ ImportPlan understand_files(const std::vector<ImportFile>& files, const Mapping&
           m.rest_length_mm = rest_length_of(answer);
           return m.no_rest_length || m.rest_length_mm;
         });
+  // Without a rest length the zero is anything; with one, strains are counted from it.
+  for (const auto& of : plan.files)
+    for (const auto& [index, understood] : of.tests)
+      if (understood.whole_length && mapping.rest_length_mm && !mapping.zero_is_told()) {
+        plan.questions.push_back(
+            {of.file.path.string(),
+             {"column " + foreign::shown(of.file.parsed.tables[index], *understood.whole_length) +
+                  " is a length by its name: the specimen's whole length (whole-length), or at which position, in mm "
+                  "from the unpressurized rest length, is its zero?",
+              "--zero-mm whole-length, or --zero-mm 0 where it is what the specimen got longer by",
+              [](std::string_view answer, Mapping& m) { return take_zero(answer, m); }}});
+        return plan;
+      }
   return plan;
+}
+
+bool take_zero(std::string_view text, Mapping& mapping) {
+  constexpr double kFarthest_mm = 1e4;
+  const auto value = foreign::number_of(text, '.');
+  const bool whole = text == foreign::kWholeLength;
+  if (!whole && (!value || std::fabs(*value) > kFarthest_mm)) return false;
+  mapping.whole_length = whole;
+  mapping.zero_mm = whole ? std::nullopt : value;
+  return true;
 }
 
 std::optional<double> rest_length_of(std::string_view text) {
@@ -298,7 +325,7 @@ Imported make_recordings(const ImportPlan& plan, const Mapping& mapping, const I
     File file{&of, {}};
     for (const auto& [table, understood] : of.tests) {
       file.tests.push_back(foreign::convert(of.file.parsed.tables[table], understood.sources, of.file.parsed.decimal,
-                                            mapping.zero_mm.value_or(0.0), of.file.path));
+                                            mapping.position_at_zero_mm(), of.file.path));
       file.tests.back().notes.insert(file.tests.back().notes.begin(), understood.notes.begin(), understood.notes.end());
       if (!file.tests.back().frame && !file.tests.back().pressure)
         throw ImportRefused(of.file.path.string() + ":" + std::to_string(file.tests.back().line) +

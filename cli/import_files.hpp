@@ -54,6 +54,9 @@ struct ImportPlan {
 /// A length as a person types it, mm; nothing where it is none or out of range.
 [[nodiscard]] std::optional<double> rest_length_of(std::string_view text);
 
+/// A position, mm, or "whole-length", into the mapping; false where it is neither.
+[[nodiscard]] bool take_zero(std::string_view text, foreign::Mapping& mapping);
+
 struct ImportOptions {
   std::filesystem::path out;
   std::vector<std::string>

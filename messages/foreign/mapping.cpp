@@ -80,7 +80,10 @@ Mapping read_mapping(const std::filesystem::path& file) {
       number("rest_length_mm", mapping.rest_length_mm, kLength);
     number("pressurized_rest_length_mm", mapping.pressurized_rest_length_mm, kLength);
     number("nominal_pressure_psi", mapping.nominal_pressure_psi, {-1e3, 1e3});
-    number("zero_mm", mapping.zero_mm, {-1e4, 1e4});
+    if (specimen->type_of("zero_mm") == "string")
+      mapping.whole_length = specimen->choice("zero_mm", {kWholeLength}) == kWholeLength;
+    else
+      number("zero_mm", mapping.zero_mm, {-1e4, 1e4});
   }
   document.finish();
   return mapping;
@@ -109,6 +112,7 @@ std::string mapping_text(const Mapping& mapping) {
   number("rest_length_mm", mapping.rest_length_mm);
   number("pressurized_rest_length_mm", mapping.pressurized_rest_length_mm);
   number("nominal_pressure_psi", mapping.nominal_pressure_psi);
+  if (mapping.whole_length) text += "zero_mm = " + toml_string(kWholeLength) + "\n";
   number("zero_mm", mapping.zero_mm);
   return text;
 }

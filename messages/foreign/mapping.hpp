@@ -34,6 +34,9 @@ struct Unit {
 /// All of a field, for a question: "mm, cm, m, um, in, ft".
 [[nodiscard]] std::string units_of(Field field);
 
+/// In place of the position of a file's zero: its column is the whole specimen's length, whatever specimen it is.
+inline constexpr std::string_view kWholeLength = "whole-length";
+
 /// What a person knows of a file and the file does not say: from the command line, the wizard or "isorig-mapping/1".
 struct Mapping {
   Dialect dialect;
@@ -44,6 +47,12 @@ struct Mapping {
   bool no_rest_length = false;  ///< it was said that there is none, or none that is known
   std::optional<double> rest_length_mm, pressurized_rest_length_mm, nominal_pressure_psi;
   std::optional<double> zero_mm;  ///< position that the file calls zero
+  bool whole_length = false;      ///< in place of zero_mm: the file has the length of the whole specimen
+
+  [[nodiscard]] bool zero_is_told() const noexcept { return zero_mm || whole_length; }
+  [[nodiscard]] double position_at_zero_mm() const noexcept {
+    return whole_length ? -rest_length_mm.value_or(0.0) : zero_mm.value_or(0.0);
+  }
 };
 
 /// Throws base::ConfigError.
@@ -74,6 +83,9 @@ struct Understood {
   std::vector<std::string> notes;  ///< what was concluded from names
   std::string refusal;             ///< why the table cannot be taken at all; "" if it can
   bool timed = false;              ///< a column is the time, or may be once a question is answered
+  /// The column of the position where it is a length by its name: that of the whole specimen, which is no position
+  /// before its rest length is taken off.
+  std::optional<std::size_t> whole_length;
 };
 
 /// Which column is what, by units and names (English, German, French, Spanish, Italian). Nothing is guessed: a unit

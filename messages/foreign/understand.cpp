@@ -9,10 +9,14 @@
 namespace isorig::foreign {
 namespace {
 
+/// How sure a name is. What may mean something else too counts where no other column is meant.
+enum class Sure { kYes, kUnlessAnother, kWholeLength };
+
 /// Words that a column's name has, in small letters; ASCII only is made small.
 struct Word {
   std::string_view text;
   Field field;
+  Sure sure = Sure::kYes;
 };
 constexpr Word kWords[] = {
     {"time", Field::kTime},
@@ -35,6 +39,24 @@ constexpr Word kWords[] = {
     {"desplazamiento", Field::kPosition},
     {"spostamento", Field::kPosition},
     {"estensione", Field::kPosition},
+    {"elongation", Field::kPosition, Sure::kUnlessAnother},
+    {"stroke", Field::kPosition, Sure::kUnlessAnother},
+    {"travel", Field::kPosition, Sure::kUnlessAnother},
+    {"deflection", Field::kPosition, Sure::kUnlessAnother},
+    {"hub", Field::kPosition, Sure::kUnlessAnother},
+    {"traverse", Field::kPosition, Sure::kUnlessAnother},
+    {"auslenkung", Field::kPosition, Sure::kUnlessAnother},
+    {"l\xC3\xA4ngen\xC3\xA4nderung", Field::kPosition, Sure::kUnlessAnother},
+    {"course", Field::kPosition, Sure::kUnlessAnother},
+    {"carrera", Field::kPosition, Sure::kUnlessAnother},
+    {"alargamiento", Field::kPosition, Sure::kUnlessAnother},
+    {"corsa", Field::kPosition, Sure::kUnlessAnother},
+    {"allungamento", Field::kPosition, Sure::kUnlessAnother},
+    {"length", Field::kPosition, Sure::kWholeLength},
+    {"l\xC3\xA4nge", Field::kPosition, Sure::kWholeLength},
+    {"longueur", Field::kPosition, Sure::kWholeLength},
+    {"longitud", Field::kPosition, Sure::kWholeLength},
+    {"lunghezza", Field::kPosition, Sure::kWholeLength},
     {"load", Field::kForce},
     {"force", Field::kForce},
     {"kraft", Field::kForce},
@@ -52,9 +74,14 @@ constexpr Word kWords[] = {
     {"psi", Field::kPressure},
 };
 /// What has the unit of a field and is none, where such a word begins; the German ones in compounds too.
-constexpr std::string_view kOthers[] = {"stress", "contrainte", "strain", "esfuerzo", "sforzo",    "modulus",
-                                        "rate",   "velocity",   "speed",  "width",    "thickness", "elapsed cycle"};
+constexpr std::string_view kOthers[] = {"stress",    "contrainte",    "strain",    "esfuerzo", "sforzo",
+                                        "modulus",   "rate",          "velocity",  "speed",    "width",
+                                        "thickness", "elapsed cycle", "wavelength"};
 constexpr std::string_view kOthersInside[] = {"spannung", "dehnung"};
+/// Which makes a length that of the specimen before the test: the same in every row.
+constexpr std::string_view kUnloaded[] = {"rest",    "gauge",  "gage",     "initial", "original", "free",
+                                          "nominal", "mess",   "ruhe",     "anfangs", "ausgangs", "repos",
+                                          "reposo",  "riposo", "iniziale", "inicial"};
 /// A pressure above vacuum: "Absolute", "absolu", "assoluta"; "abs" as a word of its own.
 constexpr std::string_view kAbsolute[] = {"absolu", "assolut"};
 /// "Compressive load": counts compression as positive.
@@ -99,18 +126,26 @@ bool is_absolute(const Column& column) {
   return gauge && gauge->field == Field::kPressure;
 }
 
-std::optional<Field> named(const std::string& name) {
-  if (name.find("druckkraft") != std::string::npos) return Field::kForce;
+/// Without the unit at its end: "weg_mm".
+std::string stem(const std::string& name) {
+  const auto at = name.rfind('_');
+  return at != std::string::npos && at > 0 && find_unit(name.substr(at + 1)) ? name.substr(0, at) : name;
+}
+
+std::optional<Word> named(const std::string& column) {
+  const std::string name = small(column), bare = small(stem(column));
+  if (name.find("druckkraft") != std::string::npos) return Word{"druckkraft", Field::kForce};
   // "Standardkraft" ends with its word, "Load (Filtered)" begins with it; "elastic" only has the German "Last" inside.
   for (const Word& word : kWords) {
-    if (name == word.text) return word.field;
+    if (word.sure == Sure::kWholeLength && has_any(name, kUnloaded)) continue;
+    if (name == word.text || bare == word.text) return word;
     if (word.text.size() < 4) continue;
     const auto at = name.find(word.text);
     if (at == std::string::npos) continue;
-    if (at == 0 || name.ends_with(word.text) || !is_letter(name[at - 1])) return word.field;
+    if (at == 0 || bare.ends_with(word.text) || !is_letter(name[at - 1])) return word;
   }
-  if (name == "weg" || name.ends_with("weg")) return Field::kPosition;
-  return name.starts_with("t_") && name.size() <= 4 ? std::optional<Field>(Field::kTime) : std::nullopt;
+  if (bare.ends_with("weg")) return Word{"weg", Field::kPosition};
+  return name.starts_with("t_") && name.size() <= 4 ? std::optional(Word{"t_", Field::kTime}) : std::nullopt;
 }
 
 std::string key_of(const Table& table, std::size_t column) {
@@ -187,23 +222,30 @@ std::string shown(const Table& table, std::size_t column) {
 Understood understand(const Table& table, const Mapping& mapping) {
   Understood found;
   std::map<Field, std::vector<std::size_t>> candidates;
-  std::vector<std::size_t> absolute, in_counts;
+  std::vector<std::size_t> absolute, in_counts, less_sure, whole_length;
   for (std::size_t c = 0; c < table.columns.size(); ++c) {
     const std::string name = small(table.columns[c].name);
     if (is_other(name)) continue;
-    const auto by_name = named(name);
-    if (by_name == Field::kPressure && is_absolute(table.columns[c])) {
+    const auto word = named(table.columns[c].name);
+    const bool pressure = word && word->field == Field::kPressure;
+    if (pressure && is_absolute(table.columns[c])) {
       absolute.push_back(c);
       continue;
     }
     const std::string text = unit_text(table, mapping, c);
     const auto unit = find_unit(text);
     // A unit of something else says that the name is not meant so: "Extension (%)".
-    if (by_name && (unit ? unit->field == *by_name : text.empty())) candidates[*by_name].push_back(c);
-    if (by_name == Field::kPressure && small(text) == "counts") in_counts.push_back(c);
+    if (word && (unit ? unit->field == word->field : text.empty()))
+      (word->sure == Sure::kYes             ? candidates[word->field]
+       : word->sure == Sure::kUnlessAnother ? less_sure
+                                            : whole_length)
+          .push_back(c);
+    if (pressure && small(text) == "counts") in_counts.push_back(c);
   }
   // Of which sensor they are only a person knows; left out without a question the pressure would be lost.
   if (candidates[Field::kPressure].empty()) candidates[Field::kPressure] = in_counts;
+  for (const auto* others : {&less_sure, &whole_length})
+    if (candidates[Field::kPosition].empty()) candidates[Field::kPosition] = *others;
   const bool bare = std::ranges::all_of(table.columns, [](const Column& c) { return c.name.empty(); });
   std::set<Field> open;
   std::set<std::size_t> taken;
@@ -246,6 +288,8 @@ Understood understand(const Table& table, const Mapping& mapping) {
                               std::string(name_of(field)) + " is turned round (--positive " +
                               std::string(name_of(field)) + "=tension if not)");
     }
+    const auto word = named(table.columns[*column].name);
+    if (field == Field::kPosition && word && word->sure == Sure::kWholeLength) found.whole_length = *column;
     found.sources.push_back(source);
   }
   const auto known = [&](Field field) {

@@ -192,6 +192,36 @@ TEST(Foreign, AWordInsideAnotherMeansNothing) {
             imported("Zeit (s),Weg (mm),Kraft (N)\n0.0,1.0,2.0\n0.1,1.1,2.1\n"));
 }
 
+TEST(Foreign, UsualNamesOfAPositionAreKnown) {
+  for (const char* name :
+       {"length_m", "Length (m)", "specimen_length_m", "Stroke [m]", "stroke_m", "Probenl\xC3\xA4nge (m)",
+        "Longueur (m)", "Longitud (m)", "Lunghezza (m)", "Hub (m)", "hub_m", "Course (m)", "Carrera (m)", "Corsa (m)",
+        "Elongation (m)", "weg_m", "Travel (m)", "Deflection (m)", "L\xC3\xA4ngen\xC3\xA4nderung (m)"}) {
+    const auto tests = imported(std::string("Time (s),") + name + ",Force (N)\n0,0.001,1\n1,0.002,2\n");
+    EXPECT_THAT(tests, ElementsAre(ElementsAre(0.0, 1.0, 1.0, 1.0, 2.0, 2.0))) << name;
+  }
+  // A word that may mean something else too is asked for nothing where another column is plain.
+  EXPECT_EQ(imported("Time (s),Stroke,Position (mm),Length (mm),Force (N)\n0,1,2,3,4\n1,1,3,4,5\n"),
+            imported("Time (s),Position (mm),Force (N)\n0,2,4\n1,3,5\n"));
+  // Lengths that are none of the specimen's in the test.
+  for (const char* name : {"Gauge length (mm)", "initial_length_mm", "Rest length (mm)", "Wavelength (um)",
+                           "Messl\xC3\xA4nge (mm)", "Longueur initiale (mm)"})
+    EXPECT_THAT(
+        said([&] { static_cast<void>(imported(std::string("Time (s),") + name + ",Force (N)\n0,1,2\n1,1,3\n")); }),
+        HasSubstr("no column is known to be the position"))
+        << name;
+}
+
+TEST(Foreign, ALengthIsToldFromAPosition) {
+  const auto of = [](const std::string& column) {
+    const auto parsed = parse_tables("Time (s)," + column + ",Force (N)\n0,1,2\n1,2,3\n", "log", {});
+    return understand(parsed.tables[0], {}).whole_length;
+  };
+  EXPECT_EQ(of("length_mm"), 1U);
+  EXPECT_EQ(of("Stroke (mm)"), std::nullopt);
+  EXPECT_EQ(of("L\xC3\xA4ngen\xC3\xA4nderung (mm)"), std::nullopt);
+}
+
 TEST(Foreign, AbsolutePressureIsRefused) {
   const auto of = [](const std::string& column, const Mapping& mapping = {}) {
     const auto parsed = parse_tables("Time (s)," + column + "\n0.0,101.3\n0.1,101.4\n", "log", {});

@@ -233,6 +233,45 @@ TEST_F(Import, AnswersOutliveAQuestionThatIsNotAnswered) {
   EXPECT_THAT(slurp(dir_ / "out/mapping.toml"), HasSubstr("\"Extension\" = \"mm\""));
 }
 
+/// Positions are counted from the rest length: 96 mm of a specimen of 94.3 mm are no strain of 102 %.
+TEST_F(Import, ALengthIsNoPositionBeforeItsZeroIsTold) {
+  auto whole = strokes();
+  for (double& x : whole.position_mm) x += 94.3;
+  const auto path = file("l.csv", table(whole, "time_s,length_m,force_N\r\n", 1e-3));
+  const std::vector<std::string> specimen{path, "--specimen", "A 1", "--rest-length-mm", "94.3"};
+  const auto asked = import(specimen);
+  EXPECT_EQ(asked.code, kBadInput);
+  EXPECT_THAT(asked.text, AllOf(HasSubstr("\"length_m\" is a length by its name"), HasSubstr("--zero-mm whole-length"),
+                                Not(HasSubstr("which is it"))));
+  auto words = specimen;
+  words.insert(words.end(), {"--zero-mm", "whole-length"});
+  ASSERT_EQ(import(words).code, 0);
+  // Seven decimals of a metre are 1e-4 mm, rounded by half of that.
+  EXPECT_NEAR(messages::read_recording(dir_ / "out").frame.position_mm.at(150), strokes().position_mm.at(150), 5.1e-5);
+  // Where there is no rest length nothing is counted from it.
+  EXPECT_EQ(import({path, "--specimen", "A 1", "--rest-length-mm", "none"}, "other").code, 0);
+  Terminal terminal({bin("isorig"), "import", path, "--specimen", "A 1", "--rest-length-mm", "94.3", "--out",
+                     (dir_ / "typed").string()});
+  ASSERT_TRUE(terminal.shows("is a length by its name"));
+  terminal.type("far\n");
+  ASSERT_TRUE(terminal.shows("that is none of them"));
+  terminal.type("-94.3\n");
+  ASSERT_TRUE(terminal.shows("zero of the position at -94.3 mm (answered)"));
+  ASSERT_TRUE(terminal.shows("--mapping uses it again"));
+  EXPECT_THAT(import({path, "--specimen", "A 1", "--rest-length-mm", "94.3", "--zero-mm", "far"}, "far").text,
+              HasSubstr("a position within 10000 mm, or whole-length"));
+  EXPECT_THAT(import({path, "--specimen", "A 1", "--rest-length-mm", "none", "--zero-mm", "whole-length"}, "far").text,
+              HasSubstr("--zero-mm whole-length needs --rest-length-mm"));
+  // In a mapping it is of any specimen: another one has another zero.
+  const auto longer =
+      import({path, "--mapping", (dir_ / "out/mapping.toml").string(), "--specimen", "A 2", "--rest-length-mm", "95.3"},
+             "longer");
+  ASSERT_EQ(longer.code, 0) << longer.text;
+  EXPECT_THAT(longer.text, HasSubstr("position by the whole length (from "));
+  EXPECT_NEAR(messages::read_recording(dir_ / "longer").frame.position_mm.at(150), strokes().position_mm.at(150) - 1.0,
+              5.1e-5);
+}
+
 TEST_F(Import, MetresThatAreCalledMillimetresAreRefused) {
   const auto path = file("m.csv", table(strokes(), kBluehill, 1e-3));
   const auto refused = import_of_specimen({path});
