@@ -24,7 +24,8 @@ struct Options {
   std::vector<std::string> files, column, unit, positive;
   std::string out, mapping, delimiter, decimal, specimen;
   std::string rest_length_mm, zero_mm;
-  std::optional<double> pressurized_rest_length_mm, nominal_pressure_psi;
+  std::optional<double> pressurized_rest_length_mm, nominal_pressure_psi, load_N, load_kg;
+  std::string output;
   bool one_clock = false, as_stated = false, replace = false;
 };
 
@@ -48,6 +49,11 @@ std::optional<std::string> quantity(const char* name, const std::optional<double
 }
 
 constexpr Fact kFacts[] = {
+    {"--output",
+     [](const Mapping& m) {
+       return m.output ? std::optional("output " + std::string(messages::name_of(*m.output))) : std::nullopt;
+     }},
+    {"--load-N", [](const Mapping& m) { return quantity("load", m.load_N, "N"); }},
     {"--specimen",
      [](const Mapping& m) { return m.specimen ? std::optional("specimen " + *m.specimen) : std::nullopt; }},
     {"--rest-length-mm",
@@ -78,11 +84,11 @@ struct Told {
       if (fact.text(mapping)) where.emplace(fact.option, place);
   }
   /// A mapping may be of another specimen, whose length and zero would go unseen into the next recording.
-  [[nodiscard]] std::vector<std::string> lines() const {
+  [[nodiscard]] std::vector<std::string> lines(bool framed) const {
     std::vector<std::string> out;
     for (const Fact& fact : kFacts)
       if (const auto text = fact.text(mapping)) out.push_back(*text + " (" + where.at(fact.option) + ")");
-    if (!mapping.zero_is_told())
+    if (framed && !mapping.zero_is_told())
       out.emplace_back("zero of the position at the unpressurized rest length (not told otherwise)");
     return out;
   }
@@ -132,6 +138,9 @@ Told told_by(const Options& o) {
   const auto by_option = [&told](std::string_view option, bool given) {
     if (given) told.where.emplace(option, option);
   };
+  by_option("--output", !o.output.empty());
+  by_option("--load-N", o.load_N.has_value());
+  if (o.load_kg) told.where.emplace("--load-N", "--load-kg " + base::exact_number_text(*o.load_kg));
   by_option("--specimen", !o.specimen.empty());
   by_option("--rest-length-mm", !o.rest_length_mm.empty());
   by_option("--pressurized-rest-length-mm", o.pressurized_rest_length_mm.has_value());
@@ -149,6 +158,9 @@ Told told_by(const Options& o) {
   if (!o.zero_mm.empty() && !take_zero(o.zero_mm, mapping))
     throw CLI::ValidationError("--zero-mm",
                                "\"" + o.zero_mm + "\" has to be a position within 10000 mm, or whole-length");
+  if (!o.output.empty()) mapping.output = foreign::output_of(o.output);
+  over(o.load_N, mapping.load_N);
+  if (o.load_kg) mapping.load_N = foreign::find_unit("kgf")->factor * *o.load_kg;
   told.facts_are_from("from " + o.mapping);
   return told;
 }
@@ -225,12 +237,20 @@ void keep_answers(const Options& o, const Mapping& mapping) {
 bool import_files(const Options& o, Told& told, std::size_t& answers) {
   const auto plan = settled(o.files, told, answers);
   if (!plan) return false;
+  if ((o.load_N || o.load_kg) && !plan->loaded)
+    throw ImportRefused(
+        "a load is told, and no force is made of it: it is for files with a position and without a column of the "
+        "force, "
+        "and for --output position or pressure");
   std::string facts;
-  for (const auto& line : told.lines()) facts += (facts.empty() ? "" : ", ") + line;
+  for (const auto& line : told.lines(plan->framed)) facts += (facts.empty() ? "" : ", ") + line;
   std::printf("%s\n", base::printable_lines(facts).c_str());
-  const auto made = make_recordings(
-      *plan, told.mapping,
-      {.out = o.out, .told = told.lines(), .one_clock = o.one_clock, .as_stated = o.as_stated, .replace = o.replace});
+  const auto made = make_recordings(*plan, told.mapping,
+                                    {.out = o.out,
+                                     .told = told.lines(plan->framed),
+                                     .one_clock = o.one_clock,
+                                     .as_stated = o.as_stated,
+                                     .replace = o.replace});
   for (const auto& line : made.said) std::printf("%s\n", base::printable_lines(line).c_str());
   const auto mapping = std::filesystem::path(o.out) / "mapping.toml";
   identify::report::write_text_file(mapping, foreign::mapping_text(told.mapping));
@@ -270,6 +290,15 @@ Command add_import(CLI::App& app) {
       ->allow_extra_args(false);
   sub->add_option("--positive", o->positive, "position|force=compression where that is positive in the file")
       ->allow_extra_args(false);
+  sub->add_option("--output", o->output,
+                  "What a model is to predict; asked where no column is the force. The pressure needs no frame's file")
+      ->check(CLI::IsMember({"force", "position", "pressure"}));
+  auto* load = sub->add_option("--load-N", o->load_N,
+                               "Constant load where no column is the force, tension positive (position, pressure)");
+  load->check(CLI::Range(-foreign::kMostLoad_N, foreign::kMostLoad_N));
+  sub->add_option("--load-kg", o->load_kg, "The same as a mass under standard gravity, 9.80665 m/s2")
+      ->check(CLI::Range(-1e5, 1e5))
+      ->excludes(load);
   sub->add_option("--specimen", o->specimen, "Name of the specimen");
   sub->add_option("--rest-length-mm", o->rest_length_mm,
                   "Its length without pressure and load; none where there is none (then there are no strains)");

@@ -22,6 +22,7 @@ namespace {
 
 using foreign::Field;
 using foreign::Mapping;
+using messages::Output;
 
 std::string sha256_of(std::string_view bytes) {
   std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
@@ -64,6 +65,12 @@ struct Origin {
 /// [import] and its tables: enough to make the recording again, and to see what was concluded.
 std::string provenance(const std::vector<Origin>& origins, const Mapping& mapping, const ImportOptions& options,
                        const std::string& clock, const std::vector<std::string>& notes) {
+  const auto from_column = [](const Origin& origin) {
+    return std::ranges::find(origin.test->sources, Field::kForce, &foreign::Source::field) !=
+           origin.test->sources.end();
+  };
+  const bool frame = std::ranges::any_of(origins, [](const Origin& origin) { return origin.test->frame.has_value(); });
+  const std::string force = std::ranges::any_of(origins, from_column) ? "column" : frame ? "constant load" : "none";
   const auto list = [](const char* key, const std::vector<std::string>& lines) {
     std::string text = std::string(key) + " = [";
     for (const auto& line : lines) text += "\n  " + toml_string(line) + ",";
@@ -71,8 +78,8 @@ std::string provenance(const std::vector<Origin>& origins, const Mapping& mappin
   };
   std::string text = "\n[import]\nformat = \"isorig-import/1\"\ncommand = " + toml_string(command_line()) +
                      "\nisorig = " + toml_string(daemon::kVersion) + "\nclock = " + toml_string(clock) +
-                     "\nposition_at_zero_mm = " + base::exact_number_text(mapping.position_at_zero_mm()) + "\n" +
-                     list("told", options.told) + list("notes", notes);
+                     "\nposition_at_zero_mm = " + base::exact_number_text(mapping.position_at_zero_mm()) +
+                     "\nforce = \"" + force + "\"\n" + list("told", options.told) + list("notes", notes);
   for (const Origin& origin : origins) {
     text += "\n[[import.source]]\nfile = " + toml_string(origin.file->path.filename().string()) + "\nsha256 = \"" +
             origin.file->sha256 + "\"\nencoding = \"" + origin.file->encoding + "\"\ndelimiter = \"" +
@@ -103,6 +110,10 @@ std::string understood_text(const Origin& origin) {
             (column.name.empty() ? "#" + std::to_string(source.column + 1) : "\"" + column.name + "\"") + " (" +
             std::string(source.unit.name) + (source.sign < 0.0 ? ", compression positive: turned round" : "") + ")";
   }
+  const auto& frame = origin.test->frame;
+  const bool from_column =
+      std::ranges::find(origin.test->sources, Field::kForce, &foreign::Source::field) != origin.test->sources.end();
+  if (frame && !from_column) text += ", force a constant load of " + base::number_text(frame->force_N.front()) + " N";
   return text;
 }
 
@@ -118,11 +129,13 @@ void refuse_odd(const Ready& ready, const ImportOptions& options) {
   const std::string name = ready.folder.string();
   if (const auto doubt = messages::unit_in_doubt(unsure, recording.frame); !doubt.empty())
     throw ImportRefused(name + ": " + doubt.substr(0, doubt.find("; is one of")) + "; is a unit wrong?" + kAdvice);
-  if (recording.frame.size() < 10) return;
-  try {
-    identify::refuse_implausible(recording, name, model::nominal_model("slse1"));
-  } catch (const std::invalid_argument& e) {
-    throw ImportRefused(e.what() + std::string(kAdvice));
+  // What is predicted of a position or a pressure has no spring whose sign could be told.
+  if (recording.frame.size() >= 10 && recording.metadata.output == Output::kForce) {
+    try {
+      identify::refuse_implausible(recording, name, model::nominal_model("slse1"));
+    } catch (const std::invalid_argument& e) {
+      throw ImportRefused(e.what() + std::string(kAdvice));
+    }
   }
   if (const auto odd = identify::odd_pressure(recording)) throw ImportRefused(name + ": " + odd->text + kAdvice);
 }
@@ -141,6 +154,7 @@ messages::RecordingMetadata metadata_of(const Mapping& mapping) {
   metadata.pressurized_rest_length_mm = mapping.pressurized_rest_length_mm;
   metadata.nominal_pressure_psi = mapping.nominal_pressure_psi;
   metadata.units_stated = true;
+  metadata.output = mapping.output.value_or(Output::kForce);
   return metadata;
 }
 
@@ -181,15 +195,19 @@ Ready ready_of(std::filesystem::path folder, const std::vector<Origin>& origins,
   for (const Origin& origin : origins) {
     if (!origin.test->pressure) continue;
     ready.recording.pressure = origin.test->pressure;
-    if (!origin.test->frame)
+    if (!origin.test->frame && origins.size() > 1)
       clock = put_on_one_clock(ready.recording.frame, *ready.recording.pressure, options.one_clock);
   }
   ready.recording.metadata.further_toml = provenance(origins, mapping, options, clock, notes);
   const auto& frame = ready.recording.frame;
+  const auto& t_s = frame.t_s.empty() ? ready.recording.pressure->t_s : frame.t_s;
+  const Output output = ready.recording.metadata.output;
   ready.said.push_back(
-      ready.folder.string() + ": " + std::to_string(frame.size()) + " rows of frame, " +
+      ready.folder.string() + ": " +
+      (frame.t_s.empty() ? "no frame" : std::to_string(frame.size()) + " rows of frame") + ", " +
       (ready.recording.pressure ? std::to_string(ready.recording.pressure->size()) + " of pressure" : "no pressure") +
-      ", " + base::number_text(frame.t_s.back() - frame.t_s.front(), 6) + " s");
+      ", " + base::number_text(t_s.back() - t_s.front(), 6) + " s" +
+      (output == Output::kForce ? "" : "; the output is the " + std::string(messages::name_of(output))));
   for (const Origin& origin : origins)
     ready.said.push_back("  " + origin.file->path.filename().string() + ":" + std::to_string(origin.test->line) + ": " +
                          understood_text(origin));
@@ -252,6 +270,9 @@ ImportPlan understand_files(const std::vector<ImportFile>& files, const Mapping&
         throw ImportRefused(file.path.string() + ":" + std::to_string(table.line) + ": " + understood.refusal);
       for (auto& question : understood.questions)
         questions.push_back({file.path.string() + ":" + std::to_string(table.line), std::move(question)});
+      plan.framed = plan.framed || understood.framed;
+      plan.gauged = plan.gauged || understood.gauged;
+      plan.loaded = plan.loaded || understood.loaded;
       if (!understood.sources.empty()) of.tests.emplace_back(i, std::move(understood));
     }
     if (of.tests.empty() && questions.empty())
@@ -270,12 +291,21 @@ ImportPlan understand_files(const std::vector<ImportFile>& files, const Mapping&
   const auto ask = [&](const char* text, const char* option, auto take) {
     plan.questions.push_back({files.front().path.string(), {text, option, std::move(take)}});
   };
+  if (!mapping.output && !plan.framed && plan.gauged)
+    ask("there is a pressure, and no position and force: is the pressure what a model is to predict, as of a leak or a "
+        "filling (pressure)? Else name the frame's file too",
+        "--output pressure", [](std::string_view answer, Mapping& m) {
+          if (answer != messages::name_of(Output::kPressure)) return false;
+          m.output = Output::kPressure;
+          return true;
+        });
   if (!mapping.specimen)
     ask("what is the specimen called?", "--specimen NAME", [](std::string_view answer, Mapping& m) {
       if (!answer.empty()) m.specimen = answer;
       return !answer.empty();
     });
-  if (!mapping.rest_length_mm && !mapping.no_rest_length)
+  const bool of_pressure_alone = mapping.output == Output::kPressure && !plan.framed;
+  if (!mapping.rest_length_mm && !mapping.no_rest_length && !of_pressure_alone)
     ask("how long is the specimen without pressure and load, in mm? (\"none\": it has no such length)",
         "--rest-length-mm L", [](std::string_view answer, Mapping& m) {
           m.no_rest_length = answer == "none";
@@ -325,7 +355,8 @@ Imported make_recordings(const ImportPlan& plan, const Mapping& mapping, const I
     File file{&of, {}};
     for (const auto& [table, understood] : of.tests) {
       file.tests.push_back(foreign::convert(of.file.parsed.tables[table], understood.sources, of.file.parsed.decimal,
-                                            mapping.position_at_zero_mm(), of.file.path));
+                                            mapping.position_at_zero_mm(), of.file.path,
+                                            understood.loaded ? mapping.load_N : std::nullopt));
       file.tests.back().notes.insert(file.tests.back().notes.begin(), understood.notes.begin(), understood.notes.end());
       if (!file.tests.back().frame && !file.tests.back().pressure)
         throw ImportRefused(of.file.path.string() + ":" + std::to_string(file.tests.back().line) +
@@ -335,11 +366,17 @@ Imported make_recordings(const ImportPlan& plan, const Mapping& mapping, const I
     const bool with_frame = std::ranges::any_of(file.tests, [](const auto& test) { return test.frame.has_value(); });
     (with_frame ? frames : gauges).push_back(std::move(file));
   }
-  if (frames.empty())
+  const Output output = mapping.output.value_or(Output::kForce);
+  if (frames.empty() && output != Output::kPressure)
     throw ImportRefused(plan.files.front().file.path.string() +
-                        ": there is a pressure, and no position and force; name the frame's file too");
+                        ": there is a pressure, and no position and force; name the frame's file too, or say that the "
+                        "pressure is what a model is to predict: --output pressure");
+  if (!plan.gauged && output == Output::kPressure)
+    throw ImportRefused(plan.files.front().file.path.string() +
+                        ": the pressure is the output, and no column is known to be one; name it with --column "
+                        "pressure=NAME");
   std::vector<Ready> ready;
-  if (!gauges.empty()) {
+  if (!gauges.empty() && !frames.empty()) {
     if (frames.size() != 1 || gauges.size() != 1 || frames[0].tests.size() != 1 || gauges[0].tests.size() != 1)
       throw ImportRefused(
           "a pressure log belongs to one test: name one file of the frame with one test in it, and one pressure log");
@@ -350,17 +387,21 @@ Imported make_recordings(const ImportPlan& plan, const Mapping& mapping, const I
                              {{&frames[0].of->file, &frames[0].tests[0]}, {&gauges[0].of->file, &gauges[0].tests[0]}},
                              mapping, options));
   } else {
+    const auto& whole = frames.empty() ? gauges : frames;
     std::size_t count = 0;
-    for (const auto& file : frames) count += file.tests.size();
-    for (const auto& file : frames) {
+    for (const auto& file : whole) count += file.tests.size();
+    for (const auto& file : whole) {
       for (std::size_t k = 0; k < file.tests.size(); ++k) {
-        if (!file.tests[k].frame)
+        if (output == Output::kPressure && !file.tests[k].pressure)
+          throw ImportRefused(file.of->file.path.string() + ":" + std::to_string(file.tests[k].line) +
+                              ": a test without the pressure, which is the output");
+        if (output != Output::kPressure && !file.tests[k].frame)
           throw ImportRefused(file.of->file.path.string() + ":" + std::to_string(file.tests[k].line) +
                               ": a test without position and force");
         std::filesystem::path folder = options.out;
         if (count > 1) {
           const std::string stem =
-              frames.size() > 1 ? file.of->file.path.stem().string() + (file.tests.size() > 1 ? "-" : "") : "";
+              whole.size() > 1 ? file.of->file.path.stem().string() + (file.tests.size() > 1 ? "-" : "") : "";
           folder /= stem + (file.tests.size() > 1 ? "test-" + std::to_string(k + 1) : "");
         }
         ready.push_back(ready_of(folder, {{&file.of->file, &file.tests[k]}}, mapping, options));

@@ -48,6 +48,7 @@ struct ImportPlan {
   };
   std::vector<Of> files;
   std::vector<ImportQuestion> questions;
+  bool framed = false, gauged = false, loaded = false;  ///< some table is (foreign::Understood)
 };
 [[nodiscard]] ImportPlan understand_files(const std::vector<ImportFile>& files, const foreign::Mapping& mapping);
 

@@ -50,6 +50,7 @@ Mapping read_mapping(const std::filesystem::path& file) {
     const auto text = root.choice("decimal", {".", ","});
     mapping.dialect.decimal = text.empty() ? '.' : text[0];
   }
+  if (root.has("output")) mapping.output = output_of(root.choice("output", {"force", "position", "pressure"}));
   if (const auto columns = root.table_if("column")) {
     for (const Field field : kFields)
       if (columns->has(name_of(field))) mapping.column[field] = columns->string(name_of(field));
@@ -80,6 +81,7 @@ Mapping read_mapping(const std::filesystem::path& file) {
       number("rest_length_mm", mapping.rest_length_mm, kLength);
     number("pressurized_rest_length_mm", mapping.pressurized_rest_length_mm, kLength);
     number("nominal_pressure_psi", mapping.nominal_pressure_psi, {-1e3, 1e3});
+    number("load_N", mapping.load_N, {-kMostLoad_N, kMostLoad_N});
     if (specimen->type_of("zero_mm") == "string")
       mapping.whole_length = specimen->choice("zero_mm", {kWholeLength}) == kWholeLength;
     else
@@ -95,6 +97,7 @@ std::string mapping_text(const Mapping& mapping) {
   if (mapping.dialect.delimiter)
     text += "delimiter = " + toml_string(delimiter_text(*mapping.dialect.delimiter)) + "\n";
   if (mapping.dialect.decimal) text += "decimal = \"" + std::string(1, *mapping.dialect.decimal) + "\"\n";
+  if (mapping.output) text += "output = " + toml_string(messages::name_of(*mapping.output)) + "\n";
   if (!mapping.column.empty()) text += "\n[column]\n";
   for (const auto& [field, name] : mapping.column)
     text += std::string(name_of(field)) + " = " + toml_string(name) + "\n";
@@ -112,6 +115,7 @@ std::string mapping_text(const Mapping& mapping) {
   number("rest_length_mm", mapping.rest_length_mm);
   number("pressurized_rest_length_mm", mapping.pressurized_rest_length_mm);
   number("nominal_pressure_psi", mapping.nominal_pressure_psi);
+  number("load_N", mapping.load_N);
   if (mapping.whole_length) text += "zero_mm = " + toml_string(kWholeLength) + "\n";
   number("zero_mm", mapping.zero_mm);
   return text;

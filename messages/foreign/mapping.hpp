@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "messages/foreign/tables.hpp"
+#include "messages/recording.hpp"
 
 namespace isorig::foreign {
 
@@ -34,6 +35,11 @@ struct Unit {
 /// All of a field, for a question: "mm, cm, m, um, in, ft".
 [[nodiscard]] std::string units_of(Field field);
 
+/// "force", "position", "pressure": what a model is to predict.
+[[nodiscard]] std::optional<messages::Output> output_of(std::string_view name);
+
+/// As of any force (messages/csv.hpp).
+inline constexpr double kMostLoad_N = 1e6;
 /// In place of the position of a file's zero: its column is the whole specimen's length, whatever specimen it is.
 inline constexpr std::string_view kWholeLength = "whole-length";
 
@@ -43,6 +49,8 @@ struct Mapping {
   std::map<Field, std::string> column;         ///< its name, or "#2" for the second
   std::map<std::string, std::string> unit;     ///< of a column, by the same
   std::map<Field, bool> compression_positive;  ///< position and force
+  std::optional<messages::Output> output;      ///< not told: the force, where there is one
+  std::optional<double> load_N;                ///< constant, tension positive, where no column is the force
   std::optional<std::string> specimen;
   bool no_rest_length = false;  ///< it was said that there is none, or none that is known
   std::optional<double> rest_length_mm, pressurized_rest_length_mm, nominal_pressure_psi;
@@ -80,20 +88,26 @@ struct Question {
 struct Understood {
   std::vector<Source> sources;  ///< empty: a table of something else (results), without a time
   std::vector<Question> questions;
-  std::vector<std::string> notes;  ///< what was concluded from names
-  std::string refusal;             ///< why the table cannot be taken at all; "" if it can
-  bool timed = false;              ///< a column is the time, or may be once a question is answered
+  std::vector<std::string> notes;       ///< what was concluded from names
+  std::string refusal;                  ///< why the table cannot be taken at all; "" if it can
+  bool timed = false;                   ///< a column is the time, or may be once a question is answered
+  bool framed = false, gauged = false;  ///< likewise position or force; the pressure
+  bool loaded = false;                  ///< the force is the load that was told, or is asked for
   /// The column of the position where it is a length by its name: that of the whole specimen, which is no position
   /// before its rest length is taken off.
   std::optional<std::size_t> whole_length;
 };
 
 /// Which column is what, by units and names (English, German, French, Spanish, Italian). Nothing is guessed: a unit
-/// that neither file nor mapping states, two columns that may be meant, or a name that says nothing is a question.
+/// that neither file nor mapping states, two columns that may be meant, or a name that says nothing is a question. A
+/// force needs a position and a position a force, or a constant load where the output is not the force.
 [[nodiscard]] Understood understand(const Table& table, const Mapping& mapping);
 
 /// Whether a mapping's name of a column ("Load", "#2") means one of this table.
 [[nodiscard]] bool has_column(const Table& table, std::string_view key);
+
+/// A force as a person types it: "0.98", "0.98 N", "100 g", "0.1 kg" (standard gravity). False where it is none.
+[[nodiscard]] bool take_load(std::string_view text, Mapping& mapping);
 
 /// "Load" (N), or #2 (no name).
 [[nodiscard]] std::string shown(const Table& table, std::size_t column);

@@ -95,15 +95,17 @@ class Converter {
 }  // namespace
 
 Test convert(const Table& table, const std::vector<Source>& sources, char decimal, double zero_mm,
-             const std::filesystem::path& file) {
+             const std::filesystem::path& file, std::optional<double> load_N) {
   Test test{.line = table.line, .frame = {}, .pressure = {}, .sources = sources, .columns = table.columns, .notes = {}};
   const Converter converter(table, decimal, file);
   const Source* time = source_of(sources, Field::kTime);
   const auto t_s = converter.times_s(*time, test.notes);
   const Source* position = source_of(sources, Field::kPosition);
   const Source* force = source_of(sources, Field::kForce);
-  if (position != nullptr && force != nullptr)
-    test.frame = messages::FrameSamples{t_s, converter.values(*position, zero_mm), converter.values(*force, 0.0)};
+  if (position != nullptr && (force != nullptr || load_N))
+    test.frame = messages::FrameSamples{
+        t_s, converter.values(*position, zero_mm),
+        force != nullptr ? converter.values(*force, 0.0) : std::vector<double>(t_s.size(), *load_N)};
   if (const Source* pressure = source_of(sources, Field::kPressure))
     test.pressure = messages::PressureSamples{t_s, converter.values(*pressure, 0.0)};
   return test;

@@ -20,8 +20,9 @@ struct Test {
 
 /// Converts the rows of a table. The position is `zero_mm` where the file has zero. A counter of 32 bits (micros() and
 /// millis() of a Teensy) that begins again goes on, and a note says so. Every cell of a mapped column has to be a
-/// number within the ranges of messages/csv.hpp, and time has to increase. Throws RecordingError with the line.
+/// number within the ranges of messages/csv.hpp, and time has to increase. A position without a force is a frame under
+/// the constant `load_N`. Throws RecordingError with the line.
 [[nodiscard]] Test convert(const Table& table, const std::vector<Source>& sources, char decimal, double zero_mm,
-                           const std::filesystem::path& file);
+                           const std::filesystem::path& file, std::optional<double> load_N = std::nullopt);
 
 }  // namespace isorig::foreign

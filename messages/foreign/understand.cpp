@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 #include <set>
 #include <span>
 #include <utility>
@@ -204,7 +205,50 @@ Question ask_unit(const Table& table, Field field, std::size_t column, const std
           }};
 }
 
+/// Without a column of the force either one has a name that says nothing, or the force is no output.
+Question ask_force_or_output(const Table& table, const std::set<std::size_t>& taken, bool pressure) {
+  Question question = ask_column(table, Field::kForce, {}, taken);
+  const std::string outputs = std::string("position (under a constant load)") + (pressure ? " or pressure" : "");
+  question.text = taken.size() < table.columns.size()
+                      ? question.text + "; or, if none is, what is a model to predict: " + outputs
+                      : "no column is left to be the force; what is a model to predict: " + outputs;
+  question.answer += ", or --output position" + std::string(pressure ? ", or --output pressure" : "");
+  question.take = [column = question.take, pressure](std::string_view answer, Mapping& mapping) {
+    const auto output = output_of(answer);
+    const bool known = output == messages::Output::kPosition || (output == messages::Output::kPressure && pressure);
+    if (!known) return column(answer, mapping);
+    mapping.output = output;
+    return true;
+  };
+  return question;
+}
+
+Question ask_load() {
+  return {
+      "no column is the force: which constant load pulls the specimen longer, in N or as a mass (0.98 N, 100 g; 0 "
+      "where none does)?",
+      "--load-N F, or --load-kg M",
+      [](std::string_view answer, Mapping& mapping) { return take_load(answer, mapping); }};
+}
+
 }  // namespace
+
+bool take_load(std::string_view text, Mapping& mapping) {
+  const auto first = text.find_first_not_of(' ');
+  if (first == std::string_view::npos) return false;
+  text.remove_prefix(first);
+  text = text.substr(0, text.find_last_not_of(' ') + 1);
+  const auto digits = std::min(text.find_first_not_of("+-.0123456789"), text.size());
+  std::string_view unit_name = text.substr(digits);
+  unit_name.remove_prefix(std::min(unit_name.find_first_not_of(' '), unit_name.size()));
+  const auto unit = find_unit(unit_name.empty() ? "N" : unit_name == "g" ? "gf" : unit_name);
+  const auto value = number_of(text.substr(0, digits), '.');
+  if (!value || !unit || unit->field != Field::kForce) return false;
+  const double load_N = unit->factor * *value;
+  if (!(std::fabs(load_N) <= kMostLoad_N)) return false;
+  mapping.load_N = load_N;
+  return true;
+}
 
 bool has_column(const Table& table, std::string_view key) {
   return column_called(table, key).has_value();
@@ -253,7 +297,12 @@ Understood understand(const Table& table, const Mapping& mapping) {
     open.insert(field);
     found.questions.push_back(std::move(question));
   };
+  const auto known = [&](Field field) {
+    return open.contains(field) || std::ranges::find(found.sources, field, &Source::field) != found.sources.end();
+  };
   for (const Field field : kFields) {
+    // A pressure answers to a position, and to no force.
+    if (field == Field::kForce && mapping.output == messages::Output::kPressure && !known(Field::kPosition)) continue;
     std::optional<std::size_t> column;
     // A column that is not in this table is of another file.
     if (const auto told = mapping.column.find(field); told != mapping.column.end())
@@ -292,19 +341,26 @@ Understood understand(const Table& table, const Mapping& mapping) {
     if (field == Field::kPosition && word && word->sure == Sure::kWholeLength) found.whole_length = *column;
     found.sources.push_back(source);
   }
-  const auto known = [&](Field field) {
-    return open.contains(field) || std::ranges::find(found.sources, field, &Source::field) != found.sources.end();
-  };
   found.timed = known(Field::kTime);
-  const bool position = known(Field::kPosition), force = known(Field::kForce);
-  if (!bare && !position && !force && !known(Field::kTime) && !known(Field::kPressure)) return found;
-  if (!known(Field::kTime)) ask(Field::kTime, ask_column(table, Field::kTime, {}, taken));
-  if (position != force) {
-    const Field other = force ? Field::kPosition : Field::kForce;
-    ask(other, ask_column(table, other, {}, taken));
-  } else if (bare && !position && !known(Field::kPressure)) {
-    ask(Field::kPressure, ask_column(table, Field::kPressure, {}, taken));
+  const bool position = known(Field::kPosition), force = known(Field::kForce), pressure = known(Field::kPressure);
+  if (!bare && !position && !force && !found.timed && !pressure) return found;
+  if (!found.timed) ask(Field::kTime, ask_column(table, Field::kTime, {}, taken));
+  if (force && !position) {
+    ask(Field::kPosition, ask_column(table, Field::kPosition, {}, taken));
+  } else if (position && !force) {
+    if (!mapping.output)
+      ask(Field::kForce, ask_force_or_output(table, taken, pressure));
+    else if (mapping.output == messages::Output::kForce)
+      ask(Field::kForce, ask_column(table, Field::kForce, {}, taken));
+    else if (found.loaded = true; !mapping.load_N)
+      ask(Field::kForce, ask_load());
+  } else if (bare && !position && !pressure) {
+    const bool moves = mapping.output == messages::Output::kPosition;
+    ask(moves ? Field::kPosition : Field::kPressure,
+        ask_column(table, moves ? Field::kPosition : Field::kPressure, {}, taken));
   }
+  found.framed = known(Field::kPosition) || known(Field::kForce);
+  found.gauged = known(Field::kPressure);
   return found;
 }
 

@@ -62,6 +62,13 @@ std::optional<Field> field_of(std::string_view name) {
   return found == kFields.end() ? std::nullopt : std::optional<Field>(*found);
 }
 
+std::optional<messages::Output> output_of(std::string_view name) {
+  using messages::Output;
+  for (const Output output : {Output::kForce, Output::kPosition, Output::kPressure})
+    if (name == messages::name_of(output)) return output;
+  return std::nullopt;
+}
+
 std::optional<Unit> find_unit(std::string_view text) {
   for (const auto& [other, name] : kSpellings)
     if (text == other) text = name;

@@ -222,6 +222,54 @@ TEST(Foreign, ALengthIsToldFromAPosition) {
   EXPECT_EQ(of("L\xC3\xA4ngen\xC3\xA4nderung (mm)"), std::nullopt);
 }
 
+TEST(Foreign, APositionWithoutAForceAsksForTheOutputAndTheLoad) {
+  const auto parsed = parse_tables("Time (s),Position (mm),Pressure (psi),Note 1\n0,1,5,3\n1,2,6,4\n", "log", {});
+  Mapping mapping;
+  auto understood = understand(parsed.tables[0], mapping);
+  ASSERT_EQ(understood.questions.size(), 1U);
+  EXPECT_THAT(understood.questions[0].text,
+              HasSubstr("no column is known to be the force; which is it: \"Note 1\"; or"));
+  // A column may be the force all the same.
+  Mapping other;
+  EXPECT_TRUE(understood.questions[0].take("Note 1", other));
+  EXPECT_EQ(other.column.at(Field::kForce), "Note 1");
+  EXPECT_FALSE(understood.questions[0].take("heat", mapping));
+  ASSERT_TRUE(understood.questions[0].take("position", mapping));
+  understood = understand(parsed.tables[0], mapping);
+  ASSERT_EQ(understood.questions.size(), 1U);
+  ASSERT_TRUE(understood.questions[0].take("-2 N", mapping));
+  understood = understand(parsed.tables[0], mapping);
+  EXPECT_TRUE(understood.questions.empty());
+  EXPECT_TRUE(understood.loaded);
+  const auto test = convert(parsed.tables[0], understood.sources, '.', 0.0, "log", mapping.load_N);
+  EXPECT_THAT(test.frame->force_N, ElementsAre(-2.0, -2.0));
+  EXPECT_THAT(test.pressure->pressure_psi, ElementsAre(5.0, 6.0));
+}
+
+TEST(Foreign, APressureAsTheOutputNeedsNoForce) {
+  Mapping mapping;
+  mapping.output = messages::Output::kPressure;
+  const auto parsed = parse_tables("Time (s),Load,Pressure (psi)\n0,1,5\n1,2,6\n", "log", {});
+  const auto understood = understand(parsed.tables[0], mapping);
+  EXPECT_TRUE(understood.questions.empty());
+  EXPECT_FALSE(understood.framed);
+  EXPECT_TRUE(understood.gauged);
+  EXPECT_EQ(understood.sources.size(), 2U);
+}
+
+TEST(Foreign, ALoadIsAForceOrAMass) {
+  const auto load_N = [](std::string_view text) {
+    Mapping mapping;
+    return take_load(text, mapping) ? mapping.load_N : std::nullopt;
+  };
+  EXPECT_EQ(load_N("0.5"), 0.5);
+  EXPECT_EQ(load_N(" 2 N "), 2.0);
+  EXPECT_EQ(load_N("0.1 kg"), 0.1 * 9.80665);
+  EXPECT_DOUBLE_EQ(load_N("100g").value(), 0.980665);
+  for (const char* none : {"", " ", "heavy", "1 mm", "1 psi", "kg", "2e9 N", "1e"})
+    EXPECT_EQ(load_N(none), std::nullopt) << none;
+}
+
 TEST(Foreign, AbsolutePressureIsRefused) {
   const auto of = [](const std::string& column, const Mapping& mapping = {}) {
     const auto parsed = parse_tables("Time (s)," + column + "\n0.0,101.3\n0.1,101.4\n", "log", {});
@@ -298,6 +346,8 @@ TEST(Foreign, AMappingIsReadAsItWasWritten) {
   mapping.column = {{Field::kForce, "Load \"2\""}, {Field::kTime, "#1"}};
   mapping.unit = {{"Load \"2\"", "kN"}, {"#1", "us"}, {"of\ttwo\r\nlines\x01\x7F \xC2\xB5", "mm"}};
   mapping.compression_positive = {{Field::kForce, true}};
+  mapping.output = messages::Output::kPosition;
+  mapping.load_N = 0.980665;
   mapping.specimen = "ecoflex 1";
   mapping.rest_length_mm = 94.3;
   mapping.zero_mm = -0.125;
@@ -309,11 +359,17 @@ TEST(Foreign, AMappingIsReadAsItWasWritten) {
   EXPECT_EQ(read.column, mapping.column);
   EXPECT_EQ(read.unit, mapping.unit);
   EXPECT_EQ(read.zero_mm, mapping.zero_mm);
+  EXPECT_EQ(read.output, mapping.output);
+  EXPECT_EQ(read.load_N, mapping.load_N);
   EXPECT_EQ(read.specimen, std::nullopt);  // the next file is of another
   mapping.rest_length_mm.reset();
   mapping.no_rest_length = true;
   std::ofstream(file) << mapping_text(mapping);
   EXPECT_TRUE(read_mapping(file).no_rest_length);
+  mapping.zero_mm.reset();
+  mapping.whole_length = true;
+  std::ofstream(file) << mapping_text(mapping);
+  EXPECT_TRUE(read_mapping(file).whole_length);
   std::filesystem::remove(file);
 }
 

@@ -18,6 +18,7 @@ namespace {
 using testing::AllOf;
 using testing::HasSubstr;
 using testing::Not;
+using testing::StartsWith;
 
 constexpr int kBadInput = 3;
 
@@ -270,6 +271,141 @@ TEST_F(Import, ALengthIsNoPositionBeforeItsZeroIsTold) {
   EXPECT_THAT(longer.text, HasSubstr("position by the whole length (from "));
   EXPECT_NEAR(messages::read_recording(dir_ / "longer").frame.position_mm.at(150), strokes().position_mm.at(150) - 1.0,
               5.1e-5);
+}
+
+/// A muscle that lifts a weight: the pressure goes to and fro between two values within a row, and the position follows
+/// at once and creeps after it with one retardation time (2 s). Metres, as a vibrometer's log has them.
+std::string lifted(bool with_force) {
+  constexpr double kRow_s = 0.02, kRetardation_s = 2.0;
+  constexpr int kSteps = 100;  // within a row: Euler's error is 0.02 / 2 / 100 / 2 of a stroke of 1.1 mm, 0.06 um
+  const auto pressure_kPa = [](int i) { return (i + 799) % 800 < 400 ? 20.0 : 300.0; };
+  std::mt19937 random(11);
+  std::normal_distribution<double> noise_mm(0.0, 0.002);
+  std::string text = std::string("time_s,pressure_kPa,displacement_m") + (with_force ? ",force_N" : "") + "\n";
+  double crept_mm = -0.004 * pressure_kPa(1);
+  char row[128];
+  for (int i = 1; i <= 2000; ++i) {
+    for (int k = 0; k < kSteps; ++k) {
+      const double now_kPa = pressure_kPa(i - 1) + (pressure_kPa(i) - pressure_kPa(i - 1)) * (k + 0.5) / kSteps;
+      crept_mm += kRow_s / kSteps / kRetardation_s * (-0.004 * (i == 1 ? pressure_kPa(1) : now_kPa) - crept_mm);
+    }
+    const double position_mm = -0.006 * pressure_kPa(i) + crept_mm + noise_mm(random);
+    std::snprintf(row, sizeof row, "%.3f,%.3f,%.8f", kRow_s * i, pressure_kPa(i), 1e-3 * position_mm);
+    text += row;
+    if (with_force) text += i % 2 == 0 ? ",0.98" : ",0.99";
+    text += '\n';
+  }
+  return text;
+}
+
+TEST_F(Import, APositionUnderALoadIsImportedAndDiagnosed) {
+  const auto path = file("lift.csv", lifted(false));
+  const std::vector<std::string> specimen{path, "--specimen", "coil", "--rest-length-mm", "29"};
+  const auto with = [&](std::vector<std::string> more, const std::string& out = "out") {
+    more.insert(more.begin(), specimen.begin(), specimen.end());
+    return import(std::move(more), out);
+  };
+  const auto asked = with({});
+  EXPECT_EQ(asked.code, kBadInput);
+  EXPECT_THAT(asked.text, AllOf(HasSubstr("no column is left to be the force; what is a model to predict"),
+                                HasSubstr("--output position, or --output pressure")));
+  EXPECT_THAT(with({"--output", "position"}).text,
+              AllOf(HasSubstr("which constant load"), HasSubstr("--load-N F, or --load-kg M")));
+  EXPECT_FALSE(std::filesystem::exists(dir_ / "out"));
+  const auto done = with({"--output", "position", "--load-kg", "0.1"});
+  ASSERT_EQ(done.code, 0) << done.text;
+  EXPECT_THAT(done.text, AllOf(HasSubstr("load 0.980665 N (--load-kg 0.1)"), HasSubstr("the output is the position"),
+                               HasSubstr("force a constant load of 0.980665 N")));
+  const auto recording = messages::read_recording_of_any_output(dir_ / "out");
+  EXPECT_EQ(recording.metadata.output, messages::Output::kPosition);
+  EXPECT_EQ(recording.frame.force_N, std::vector<double>(2000, 0.980665));
+  ASSERT_TRUE(recording.pressure.has_value());
+  EXPECT_THAT(slurp(dir_ / "out/recording.toml"), HasSubstr("\nforce = \"constant load\"\n"));
+  const auto diagnosed =
+      isorig(dir_, {"diagnose", (dir_ / "out").string(), "--model", "slse1", "--out", (dir_ / "d").string()});
+  ASSERT_EQ(diagnosed.code, 0) << diagnosed.text;
+  // The compliance and one retardation time are the nominal model: nothing is missing.
+  EXPECT_THAT(diagnosed.text, StartsWith("consistent\n"));
+  // The next file of the same rig needs no word but its specimen's.
+  const auto next = import({path, "--mapping", (dir_ / "out/mapping.toml").string(), "--specimen", "coil 2"}, "next");
+  ASSERT_EQ(next.code, 0) << next.text;
+  EXPECT_EQ(messages::read_recording_of_any_output(dir_ / "next").frame.force_N, recording.frame.force_N);
+}
+
+TEST_F(Import, AForcesColumnGoesBeforeALoad) {
+  const auto path = file("lift.csv", lifted(true));
+  const auto with = [&](std::vector<std::string> more, const std::string& out) {
+    more.insert(more.begin(), {path, "--specimen", "coil", "--rest-length-mm", "29"});
+    return import(std::move(more), out);
+  };
+  const auto done = with({"--output", "position"}, "out");
+  ASSERT_EQ(done.code, 0) << done.text;
+  EXPECT_EQ(messages::read_recording_of_any_output(dir_ / "out").frame.force_N.at(0), 0.99);
+  EXPECT_THAT(slurp(dir_ / "out/recording.toml"), HasSubstr("\nforce = \"column\"\n"));
+  const auto refused = with({"--output", "position", "--load-N", "1"}, "two");
+  EXPECT_EQ(refused.code, kBadInput);
+  EXPECT_THAT(refused.text, HasSubstr("a load is told, and no force is made of it"));
+  EXPECT_FALSE(std::filesystem::exists(dir_ / "two"));
+}
+
+TEST_F(Import, AtATerminalTheOutputAndTheLoadAreAsked) {
+  const auto path = file("lift.csv", lifted(false));
+  Terminal terminal({bin("isorig"), "import", path, "--out", (dir_ / "out").string()});
+  ASSERT_TRUE(terminal.shows("what is a model to predict"));
+  terminal.type("position\n");
+  ASSERT_TRUE(terminal.shows("which constant load"));
+  terminal.type("heavy\n");
+  ASSERT_TRUE(terminal.shows("that is none of them"));
+  terminal.type("100 g\n");
+  ASSERT_TRUE(terminal.shows("what is the specimen called?"));
+  terminal.type("coil\n");
+  ASSERT_TRUE(terminal.shows("how long is the specimen"));
+  terminal.type("29\n");
+  ASSERT_TRUE(terminal.shows("output position (answered), load 0.980665 N (answered)"));
+  ASSERT_TRUE(terminal.shows("--mapping uses it again"));
+  EXPECT_EQ(terminal.wait(), 0);
+}
+
+/// A closed volume that leaks: an exponential of 40 s towards zero.
+std::string leaking() {
+  std::mt19937 random(12);
+  std::normal_distribution<double> noise(0.0, 0.3);
+  std::string text = "time_s,pressure_kPa\n";
+  char row[64];
+  for (int i = 0; i < 1200; ++i) {
+    std::snprintf(row, sizeof row, "%.2f,%.4f\n", 0.1 * i, 400.0 * std::exp(-0.1 * i / 40.0) + noise(random));
+    text += row;
+  }
+  return text;
+}
+
+TEST_F(Import, APressureAloneIsImportedAndDiagnosed) {
+  const auto path = file("leak.csv", leaking());
+  const auto asked = import({path, "--specimen", "tube"});
+  EXPECT_EQ(asked.code, kBadInput);
+  EXPECT_THAT(asked.text, AllOf(HasSubstr("--output pressure"), HasSubstr("name the frame's file too")));
+  const auto done = import({path, "--specimen", "tube", "--output", "pressure"});
+  ASSERT_EQ(done.code, 0) << done.text;  // no length is asked for: nothing moves
+  EXPECT_THAT(done.text, AllOf(HasSubstr("no frame, 1200 of pressure, 119.9 s; the output is the pressure"),
+                               Not(HasSubstr("zero of the position"))));
+  EXPECT_FALSE(std::filesystem::exists(dir_ / "out/frame.csv"));
+  const auto recording = messages::read_recording_of_any_output(dir_ / "out");
+  EXPECT_EQ(recording.metadata.output, messages::Output::kPressure);
+  EXPECT_EQ(recording.pressure->size(), 1200U);
+  EXPECT_FALSE(recording.metadata.rest_length_mm);
+  const auto diagnosed =
+      isorig(dir_, {"diagnose", (dir_ / "out").string(), "--model", "slse1", "--out", (dir_ / "d").string()});
+  ASSERT_EQ(diagnosed.code, 0) << diagnosed.text;
+  EXPECT_THAT(diagnosed.text, StartsWith("consistent\n"));
+  // Several logs are several recordings.
+  const auto two = import({path, file("leak_2.csv", leaking()), "--specimen", "tube", "--output", "pressure"}, "two");
+  ASSERT_EQ(two.code, 0) << two.text;
+  EXPECT_TRUE(std::filesystem::exists(dir_ / "two/leak_2/pressure.csv"));
+  EXPECT_THAT(import({file("a.csv", table(strokes(), kBluehill)), "--specimen", "tube", "--output", "pressure",
+                      "--rest-length-mm", "94.3"},
+                     "none")
+                  .text,
+              HasSubstr("the pressure is the output, and no column is known to be one"));
 }
 
 TEST_F(Import, MetresThatAreCalledMillimetresAreRefused) {
