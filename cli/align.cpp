@@ -9,6 +9,7 @@
 
 #include "cli/command.hpp"
 #include "identify/report/page.hpp"
+#include "messages/further_columns.hpp"
 
 namespace isorig::cli {
 namespace {
@@ -45,9 +46,12 @@ std::string json_of(const identify::AlignResult& result) {
 int align(const Options& options) {
   messages::FrameSamples frame;
   messages::PressureSamples pressure;
+  messages::FurtherColumns further;
   try {
     frame = messages::read_frame_csv(options.frame);
     pressure = messages::read_pressure_csv(options.pressure);
+    further = {messages::read_further_columns(options.frame, messages::kFrameColumns),
+               messages::read_further_columns(options.pressure, messages::kPressureColumns)};
   } catch (const messages::RecordingError& e) {
     std::cerr << e.what() << '\n';
     return kBadInput;
@@ -82,9 +86,10 @@ int align(const Options& options) {
       std::snprintf(line, sizeof line, "%.6f,%.9g\n", recording.pressure->t_s[i], recording.pressure->pressure_psi[i]);
       text += line;
     }
-    identify::report::write_text_file(std::filesystem::path(options.out) / "pressure.csv", text);
+    identify::report::write_text_file(std::filesystem::path(options.out) / "pressure.csv",
+                                      messages::with_further_columns(text, further.pressure));
   } else {
-    messages::write_recording(options.out, recording);
+    messages::write_recording(options.out, recording, further);
   }
   std::printf("aligned by %zu strokes: offset %.4f +- %.4f s at t = %.1f s, skew ", a.events.size(), a.offset_s.value,
               a.offset_s.standard_error, a.reference_s);

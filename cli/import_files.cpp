@@ -54,6 +54,7 @@ std::string_view word_of(char mark) {
 struct Ready {
   std::filesystem::path folder;
   messages::Recording recording;
+  messages::FurtherColumns further;
   std::vector<std::string> said;
 };
 
@@ -89,7 +90,16 @@ std::string provenance(const std::vector<Origin>& origins, const Mapping& mappin
     constexpr std::size_t kMost = 100;
     for (std::size_t i = 0; i < std::min(kMost, origin.file->parsed.header.size()); ++i)
       text += "\n  " + toml_string(origin.file->parsed.header[i]) + ",";
+    const foreign::Table table{origin.test->line, origin.test->columns, {}};
+    text += "]\nnot_kept = [";
+    for (const std::size_t c : origin.test->not_kept)
+      text += (c == origin.test->not_kept.front() ? "" : ", ") + toml_string(foreign::shown(table, c));
     text += "]\n";
+    for (const auto& kept : origin.test->kept)
+      text += "\n[[import.source.further]]\ncolumn = " + toml_string(kept.column.name) +
+              "\nname = " + toml_string(origin.test->columns[kept.index].name) +
+              "\nnumber = " + std::to_string(kept.index + 1) +
+              "\nunit = " + toml_string(origin.test->columns[kept.index].unit) + "\n";
     for (const auto& source : origin.test->sources) {
       const auto& name = origin.test->columns[source.column].name;
       text += "\n[[import.source.column]]\nfield = \"" + std::string(foreign::name_of(source.field)) +
@@ -184,7 +194,7 @@ std::string put_on_one_clock(const messages::FrameSamples& frame, messages::Pres
 
 Ready ready_of(std::filesystem::path folder, const std::vector<Origin>& origins, const Mapping& mapping,
                const ImportOptions& options) {
-  Ready ready{.folder = std::move(folder), .recording = {}, .said = {}};
+  Ready ready{.folder = std::move(folder), .recording = {}, .further = {}, .said = {}};
   std::string clock = "one: a file has one";
   std::vector<std::string> notes;
   ready.recording.metadata = metadata_of(mapping);
@@ -208,9 +218,22 @@ Ready ready_of(std::filesystem::path folder, const std::vector<Origin>& origins,
       (ready.recording.pressure ? std::to_string(ready.recording.pressure->size()) + " of pressure" : "no pressure") +
       ", " + base::number_text(t_s.back() - t_s.front(), 6) + " s" +
       (output == Output::kForce ? "" : "; the output is the " + std::string(messages::name_of(output))));
-  for (const Origin& origin : origins)
+  for (const Origin& origin : origins) {
+    auto& further = origin.test->frame ? ready.further.frame : ready.further.pressure;
+    for (const auto& kept : origin.test->kept) further.push_back(kept.column);
+  }
+  for (const Origin& origin : origins) {
     ready.said.push_back("  " + origin.file->path.filename().string() + ":" + std::to_string(origin.test->line) + ": " +
                          understood_text(origin));
+    const foreign::Table table{origin.test->line, origin.test->columns, {}};
+    std::string kept, not_kept;
+    for (const auto& each : origin.test->kept)
+      kept += (kept.empty() ? "" : ", ") + foreign::shown(table, each.index) + " as " + each.column.name;
+    for (const std::size_t c : origin.test->not_kept)
+      not_kept += (not_kept.empty() ? "" : ", ") + foreign::shown(table, c);
+    if (!kept.empty()) ready.said.push_back("  kept as in the file: " + kept);
+    if (!not_kept.empty()) ready.said.push_back("  not kept, as they hold more than numbers or none: " + not_kept);
+  }
   if (origins.size() > 1) ready.said.push_back("  clocks: " + clock);
   for (const auto& note : notes) ready.said.push_back("  note: " + note);
   return ready;
@@ -419,7 +442,7 @@ Imported make_recordings(const ImportPlan& plan, const Mapping& mapping, const I
                           ": a recording is there already; name another folder with --out, or --replace it");
   }
   for (const auto& each : ready) {
-    messages::write_recording(each.folder, each.recording);
+    messages::write_recording(each.folder, each.recording, each.further);
     out.said.insert(out.said.end(), each.said.begin(), each.said.end());
   }
   return out;

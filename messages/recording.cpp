@@ -16,6 +16,7 @@
 #include "base/quantile.hpp"
 #include "base/toml_reader.hpp"
 #include "messages/csv.hpp"
+#include "messages/further_columns.hpp"
 
 namespace isorig::messages {
 namespace {
@@ -293,6 +294,27 @@ std::string checked_metadata_text(const RecordingMetadata& metadata, const std::
   return text;
 }
 
+/// The rules that a reader holds further columns to.
+void check_further(const std::filesystem::path& file, std::span<const CsvColumnView> own,
+                   std::span<const FurtherColumn> further) {
+  std::vector<std::string_view> names;
+  for (const auto& column : own) names.push_back(column.name);
+  const auto refuse = [&](const std::string& what) {
+    throw RecordingError(Fault::kInconsistent, file, 0, "not written: " + what);
+  };
+  const auto breaks = [](std::string_view cell) { return cell.find_first_of(",\"\r\n") != std::string_view::npos; };
+  for (const FurtherColumn& column : further) {
+    if (column.name.find_first_not_of(" \t") == std::string::npos) refuse("a further column has no name");
+    if (std::ranges::find(names, column.name) != names.end()) refuse("two columns are called `" + column.name + "`");
+    names.push_back(column.name);
+    if (column.cells.size() != own[0].values.size())
+      refuse("`" + column.name + "` has " + std::to_string(column.cells.size()) + " rows, `" +
+             std::string(own[0].name) + "` has " + std::to_string(own[0].values.size()));
+    if (breaks(column.name) || std::ranges::any_of(column.cells, breaks))
+      refuse("`" + column.name + "` has a comma, a quote or a line end in it");
+  }
+}
+
 }  // namespace
 
 void write_recording_toml(const std::filesystem::path& file, const RecordingMetadata& metadata) {
@@ -300,14 +322,24 @@ void write_recording_toml(const std::filesystem::path& file, const RecordingMeta
 }
 
 void write_recording(const std::filesystem::path& folder, const Recording& recording) {
+  write_recording(folder, recording, {});
+}
+
+void write_recording(const std::filesystem::path& folder, const Recording& recording, const FurtherColumns& further) {
   const std::string metadata = checked_metadata_text(recording.metadata, folder / "recording.toml");
   if (recording.metadata.output == Output::kPressure && !recording.pressure)
     throw RecordingError(Fault::kInconsistent, folder / "pressure.csv", 0,
                          "not written: the pressure is the output, and there is none");
   const bool of_pressure_alone =
       recording.metadata.output == Output::kPressure && recording.pressure && recording.frame.size() == 0;
-  if (!of_pressure_alone) check_columns(folder / "frame.csv", columns_of(recording.frame));
-  if (recording.pressure) check_columns(folder / "pressure.csv", columns_of(*recording.pressure));
+  if (!of_pressure_alone) {
+    check_columns(folder / "frame.csv", columns_of(recording.frame));
+    check_further(folder / "frame.csv", columns_of(recording.frame), further.frame);
+  }
+  if (recording.pressure) {
+    check_columns(folder / "pressure.csv", columns_of(*recording.pressure));
+    check_further(folder / "pressure.csv", columns_of(*recording.pressure), further.pressure);
+  }
 
   std::error_code failed;
   std::filesystem::create_directories(folder, failed);
@@ -316,10 +348,12 @@ void write_recording(const std::filesystem::path& folder, const Recording& recor
   if (of_pressure_alone) {
     std::filesystem::remove(folder / "frame.csv", failed);
   } else {
-    replace_file(folder / "frame.csv", number_csv_text(columns_of(recording.frame)));
+    replace_file(folder / "frame.csv",
+                 with_further_columns(number_csv_text(columns_of(recording.frame)), further.frame));
   }
   if (recording.pressure) {
-    replace_file(folder / "pressure.csv", number_csv_text(columns_of(*recording.pressure)));
+    replace_file(folder / "pressure.csv",
+                 with_further_columns(number_csv_text(columns_of(*recording.pressure)), further.pressure));
   } else {
     std::filesystem::remove(folder / "pressure.csv", failed);
   }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "base/number_text.hpp"
 #include "base/printable.hpp"
@@ -20,6 +21,76 @@ const Source* source_of(const std::vector<Source>& sources, Field field) {
 
 std::string said(double value, std::string_view unit) {
   return base::number_text(value, 9) + " " + std::string(unit);
+}
+
+/// Columns that the export gives a meaning to (docs/formats/recording.md); another program's are something else.
+constexpr std::string_view kOfTheExport[] = {
+    "t_s",         "position_mm", "force_N",          "pressure_psi",     "position_min_mm", "position_max_mm",
+    "force_min_N", "force_max_N", "pressure_min_psi", "pressure_max_psi", "averaged",        "samples",
+    "step",        "mono_ns",     "bound_ns",         "repeatability_ns", "device_us",       "sequence"};
+
+/// Letters of Latin-1 without their marks, other signs as their usual names, all else "_".
+std::string ascii_of(std::string_view text) {
+  constexpr std::string_view kLatin =
+      "AAAAAAACEEEEIIIIDNOOOOOxOUUUUYTsaaaaaaaceeeeiiiidnooooo_ouuuuyty";  // U+00C0 to U+00FF
+  constexpr std::pair<std::string_view, std::string_view> kSigns[] = {{"\xC2\xB0", ""},        {"\xC2\xB5", "u"},
+                                                                      {"\xCE\xBC", "u"},       {"\xCE\xA9", "ohm"},
+                                                                      {"\xE2\x84\xA6", "ohm"}, {"%", "percent"}};
+  std::string out;
+  while (!text.empty()) {
+    const auto* sign = std::ranges::find_if(kSigns, [&](const auto& s) { return text.starts_with(s.first); });
+    const char c = text[0];
+    if (sign != std::end(kSigns)) {
+      out += sign->second;
+      text.remove_prefix(sign->first.size());
+      continue;
+    }
+    if (c == '\xC3' && text.size() > 1 && (static_cast<unsigned char>(text[1]) & 0xC0U) == 0x80U) {
+      out += kLatin[static_cast<unsigned char>(text[1]) & 0x3FU];
+      text.remove_prefix(2);
+      continue;
+    }
+    const bool plain = (c >= '0' && c <= '9') || (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z');
+    if (plain)
+      out += c;
+    else if (!out.empty() && out.back() != '_')
+      out += '_';
+    text.remove_prefix(1);
+  }
+  while (out.ends_with('_')) out.pop_back();
+  return out;
+}
+
+/// "Temperature (C)" is temperature_C. What a file calls by one name twice, or as the export calls something else, gets
+/// a number behind it. `last` has every name that is taken and its last number: a header of thousands of equal names is
+/// not searched for each.
+std::string further_name(const Column& column, std::size_t index, std::map<std::string, int>& last) {
+  std::string name = ascii_of(column.name);
+  const std::string unit = ascii_of(column.unit);
+  if (name.empty()) name = "column_" + std::to_string(index + 1);
+  if (!unit.empty()) {
+    for (char& c : name)
+      if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
+    name += '_' + unit;
+  }
+  std::string free = name;
+  while (!last.try_emplace(free, 1).second) free = name + '_' + std::to_string(++last[name]);
+  return free;
+}
+
+/// Cells of numbers, empty where the file's are; nothing where one is neither, or all are empty.
+std::optional<std::vector<std::string>> number_cells(const Table& table, std::size_t index, char decimal) {
+  std::vector<std::string> cells;
+  bool any = false;
+  for (const Line& row : table.rows) {
+    const std::string& cell = row.cells[index];
+    const auto value = number_of(cell, decimal);
+    if (!value && cell.find_first_not_of(" \t") != std::string::npos) return std::nullopt;
+    if (value && !std::isfinite(*value)) return std::nullopt;
+    cells.push_back(value ? base::exact_number_text(*value) : std::string());
+    any = any || value;
+  }
+  return any ? std::optional(std::move(cells)) : std::nullopt;
 }
 
 class Converter {
@@ -96,7 +167,14 @@ class Converter {
 
 Test convert(const Table& table, const std::vector<Source>& sources, char decimal, double zero_mm,
              const std::filesystem::path& file, std::optional<double> load_N) {
-  Test test{.line = table.line, .frame = {}, .pressure = {}, .sources = sources, .columns = table.columns, .notes = {}};
+  Test test{.line = table.line,
+            .frame = {},
+            .pressure = {},
+            .sources = sources,
+            .columns = table.columns,
+            .notes = {},
+            .kept = {},
+            .not_kept = {}};
   const Converter converter(table, decimal, file);
   const Source* time = source_of(sources, Field::kTime);
   const auto t_s = converter.times_s(*time, test.notes);
@@ -108,6 +186,20 @@ Test convert(const Table& table, const std::vector<Source>& sources, char decima
         force != nullptr ? converter.values(*force, 0.0) : std::vector<double>(t_s.size(), *load_N)};
   if (const Source* pressure = source_of(sources, Field::kPressure))
     test.pressure = messages::PressureSamples{t_s, converter.values(*pressure, 0.0)};
+  std::map<std::string, int> names;
+  for (const std::string_view name : kOfTheExport) names.emplace(name, 1);
+  for (std::size_t c = 0; c < table.columns.size(); ++c) {
+    if (std::ranges::find(sources, c, &Source::column) != sources.end()) continue;
+    const bool nothing = table.columns[c].name.empty() && std::ranges::all_of(table.rows, [c](const Line& row) {
+                           return row.cells[c].find_first_not_of(" \t") == std::string::npos;
+                         });
+    if (nothing) continue;  // a delimiter at the ends of lines
+    auto cells = number_cells(table, c, decimal);
+    if (!cells)
+      test.not_kept.push_back(c);
+    else
+      test.kept.push_back({c, {further_name(table.columns[c], c, names), std::move(*cells)}});
+  }
   return test;
 }
 

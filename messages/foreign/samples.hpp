@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "messages/foreign/mapping.hpp"
+#include "messages/further_columns.hpp"
 #include "messages/recording.hpp"
 
 namespace isorig::foreign {
@@ -16,6 +17,14 @@ struct Test {
   std::vector<Source> sources;
   std::vector<Column> columns;
   std::vector<std::string> notes;
+  /// Columns of numbers that no field is read from, in the units of the file: `index` of each and its name in a
+  /// recording. Of a test with a frame they belong to the frame.
+  struct Kept {
+    std::size_t index = 0;
+    messages::FurtherColumn column;
+  };
+  std::vector<Kept> kept;
+  std::vector<std::size_t> not_kept;  ///< columns of words, or without a number
 };
 
 /// Converts the rows of a table. The position is `zero_mm` where the file has zero. A counter of 32 bits (micros() and

@@ -270,6 +270,27 @@ TEST(Foreign, ALoadIsAForceOrAMass) {
     EXPECT_EQ(load_N(none), std::nullopt) << none;
 }
 
+TEST(Foreign, FurtherColumnsOfNumbersAreKeptByNamesOfTheirOwn) {
+  const auto parsed = parse_tables(
+      "Time (s);Position (mm);Force (N);Temperature (\xC2\xB0"
+      "C);Strom \xC3\xBC"
+      "ber Spule [A];Step;Step;Note;Temperature (\xC2\xB0"
+      "C);Empty\n"
+      "0,0;1,0;2,0;21,25;;1;1;on;1.000,5;\n0,1;1,1;2,1;21,5;0,25;2;1;off;2;\n",
+      "log", {});
+  const auto understood = understand(parsed.tables[0], {});
+  ASSERT_TRUE(understood.questions.empty()) << understood.questions[0].text;
+  const auto test = convert(parsed.tables[0], understood.sources, parsed.decimal, 0.0, "log");
+  std::vector<std::string> names;
+  for (const auto& kept : test.kept) names.push_back(kept.column.name);
+  // `step` is the export's and no other program's; a word and an empty column are no numbers.
+  EXPECT_THAT(names, ElementsAre("temperature_C", "strom_uber_spule_A", "Step", "Step_2", "temperature_C_2"));
+  EXPECT_THAT(test.kept.at(0).column.cells, ElementsAre("21.25", "21.5"));
+  EXPECT_THAT(test.kept.at(1).column.cells, ElementsAre("", "0.25"));
+  EXPECT_THAT(test.kept.at(4).column.cells, ElementsAre("1000.5", "2"));
+  EXPECT_THAT(test.not_kept, ElementsAre(7U, 9U));
+}
+
 TEST(Foreign, AbsolutePressureIsRefused) {
   const auto of = [](const std::string& column, const Mapping& mapping = {}) {
     const auto parsed = parse_tables("Time (s)," + column + "\n0.0,101.3\n0.1,101.4\n", "log", {});

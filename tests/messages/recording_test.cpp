@@ -13,6 +13,8 @@
 #include <random>
 #include <sstream>
 
+#include "messages/further_columns.hpp"
+
 namespace isorig::messages {
 namespace {
 
@@ -270,6 +272,35 @@ TEST_F(RecordingTest, FurtherColumnsAreCountedAndLeftAlone) {
   expect_frame_fault(head + "1,0,0,21,\n", Fault::kColumns, 3, HasSubstr("5 cells, expected 4"));
   expect_frame_fault(head + "1,0,0", Fault::kTruncated, 3, HasSubstr("cut off"));
   expect_frame_fault(head + "1,0,x,21\n", Fault::kNotNumber, 3, HasSubstr("force_N"));
+}
+
+TEST_F(RecordingTest, FurtherColumnsAreCarriedAsTheyStand) {
+  put("frame.csv",
+      "\xEF\xBB\xBFt_s,position_mm,force_N,mono_ns,note, temperature_C\r\n0,1,2,1672284036844000,up,21.50\r\n"
+      "1,2,3,,down,\r\n");
+  const auto read = read_recording(folder_);
+  const FurtherColumns further{read_further_columns(folder_ / "frame.csv", kFrameColumns),
+                               read_further_columns(folder_ / "pressure.csv", kPressureColumns)};
+  ASSERT_EQ(further.frame.size(), 3U);
+  EXPECT_TRUE(further.pressure.empty());
+  write_recording(folder_, read, further);
+  EXPECT_EQ(get("frame.csv"),
+            "t_s,position_mm,force_N,mono_ns,note,temperature_C\n0,1,2,1672284036844000,up,21.50\n1,2,3,,down,\n");
+  EXPECT_EQ(read_recording(folder_).frame.force_N, read.frame.force_N);
+  // Nothing is written that could not be read back.
+  const auto refuses = [&](const FurtherColumn& column, const char* why) {
+    try {
+      write_recording(folder_, read, {{column}, {}});
+      ADD_FAILURE() << "was written: " << why;
+    } catch (const RecordingError& e) {
+      EXPECT_EQ(e.fault(), Fault::kInconsistent);
+      EXPECT_THAT(e.what(), HasSubstr(why));
+    }
+  };
+  refuses({"current_A", {"1"}}, "`current_A` has 1 rows, `t_s` has 2");
+  refuses({"force_N", {"1", "2"}}, "two columns are called `force_N`");
+  refuses({"current_A", {"1,5", "2"}}, "a comma, a quote or a line end");
+  refuses({" ", {"1", "2"}}, "has no name");
 }
 
 TEST_F(RecordingTest, TruncatedAtAnyByteIsNeverReadAsWhole) {

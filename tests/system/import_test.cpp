@@ -408,6 +408,76 @@ TEST_F(Import, APressureAloneIsImportedAndDiagnosed) {
               HasSubstr("the pressure is the output, and no column is known to be one"));
 }
 
+/// Puts the same cell behind each row of a file.
+std::string with_cells(const std::string& text, const std::string& header, const std::string& cell) {
+  std::string out;
+  for (std::size_t at = 0, end = 0; at < text.size(); at = end + 1) {
+    end = text.find('\n', at);
+    out += text.substr(at, end - at) + "," + (at == 0 ? header : cell) + '\n';
+  }
+  return out;
+}
+
+TEST_F(Import, FurtherColumnsOfNumbersAreKeptAndWordsAreNamed) {
+  const auto path = file("lift.csv", with_cells(lifted(true), "Temperature (C),Current (A),Phase", "21.5,0.25,up"));
+  const auto done = import({path, "--specimen", "coil", "--rest-length-mm", "29"});
+  ASSERT_EQ(done.code, 0) << done.text;
+  EXPECT_THAT(done.text,
+              AllOf(HasSubstr("kept as in the file: \"Temperature\" (C) as temperature_C, \"Current\" (A) as "
+                              "current_A\n"),
+                    HasSubstr("not kept, as they hold more than numbers or none: \"Phase\"\n")));
+  const auto frame = slurp(dir_ / "out/frame.csv");
+  EXPECT_THAT(frame, StartsWith("t_s,position_mm,force_N,temperature_C,current_A\n"));
+  EXPECT_EQ(std::ranges::count(frame, '\n'), 2001);
+  std::size_t with_both = 0;
+  for (auto at = frame.find(",21.5,0.25\n"); at != std::string::npos; at = frame.find(",21.5,0.25\n", at + 1))
+    ++with_both;
+  EXPECT_EQ(with_both, 2000U);
+  EXPECT_EQ(messages::read_recording(dir_ / "out").frame.size(), 2000U);
+  EXPECT_THAT(slurp(dir_ / "out/recording.toml"),
+              AllOf(HasSubstr("not_kept = [\"\\\"Phase\\\"\"]"),
+                    HasSubstr("column = \"temperature_C\"\nname = \"Temperature\"\nnumber = 5\nunit = \"C\"\n")));
+  // Of a pressure alone they are the pressure's.
+  const auto leak = file("leak.csv", with_cells(leaking(), "Temperature (C)", "20"));
+  ASSERT_EQ(import({leak, "--specimen", "tube", "--output", "pressure"}, "leak").code, 0);
+  EXPECT_THAT(slurp(dir_ / "leak/pressure.csv"), StartsWith("t_s,pressure_psi,temperature_C\n"));
+}
+
+TEST_F(Import, AlignKeepsFurtherColumns) {
+  const auto made = strokes(60.0);
+  std::string frame = "t_s,position_mm,force_N,temperature_C,averaged\n", log = "t_s,pressure_psi,current_A\n";
+  std::mt19937 random(7);
+  std::normal_distribution<double> noise_psi(0.0, 0.002);
+  double response_mm = 0.0;
+  char row[96];
+  for (std::size_t i = 1; i < made.t_s.size(); ++i) {
+    // As above: the regulator brings the pressure back at 1.5 per second.
+    response_mm = response_mm * std::exp(-1.5 * 0.02) + made.position_mm[i] - made.position_mm[i - 1];
+    std::snprintf(row, sizeof row, "%.3f,%.6f,%.4f,21.50,\n", made.t_s[i], made.position_mm[i], made.force_N[i]);
+    frame += row;
+    std::snprintf(row, sizeof row, "%.3f,%.4f,0.250\n", made.t_s[i] + 12.0,
+                  10.0 + 0.05 * response_mm + noise_psi(random));
+    log += row;
+  }
+  const std::vector<std::string> words{"align", file("frame.csv", frame), file("log.csv", log)};
+  const auto toml =
+      file("recording.toml", "format = \"isorig-recording/1\"\nspecimen = \"A 1\"\nrest_length_mm = 94.3\n");
+  const auto align = [&](const char* out, std::vector<std::string> more) {
+    auto all = words;
+    all.insert(all.end(), {"--out", (dir_ / out).string()});
+    all.insert(all.end(), more.begin(), more.end());
+    const auto done = isorig(dir_, all);
+    EXPECT_EQ(done.code, 0) << done.text;
+    EXPECT_THAT(slurp(dir_ / out / "frame.csv"),
+                AllOf(StartsWith("t_s,position_mm,force_N,temperature_C,averaged\n"), HasSubstr(",21.50,\n")));
+    EXPECT_THAT(slurp(dir_ / out / "pressure.csv"),
+                AllOf(StartsWith("t_s,pressure_psi,current_A\n"), HasSubstr(",0.250\n")));
+  };
+  align("streams", {});
+  align("whole", {"--toml", toml});
+  EXPECT_EQ(messages::read_recording(dir_ / "whole").pressure->size(), made.t_s.size() - 1);
+}
+
 TEST_F(Import, MetresThatAreCalledMillimetresAreRefused) {
   const auto path = file("m.csv", table(strokes(), kBluehill, 1e-3));
   const auto refused = import_of_specimen({path});
