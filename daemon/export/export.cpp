@@ -140,7 +140,8 @@ class Exporter : public RowSource {
     o.e.not_measured = scanned->not_measured;
     o.e.name = name_of_.at(session);
     o.start_ns = std::numeric_limits<std::int64_t>::max();
-    const auto origin = origin_of(*provenance_of(attempt_).header, scan_);
+    auto origin = origin_of(*provenance_of(attempt_).header, scan_);
+    origin.remapped = options_.remap;
     SessionHead head;
     head.name = o.e.name;
     for (std::size_t i = 0; i < kStreams; ++i) {

@@ -14,7 +14,7 @@ Row sample(const Message& m, std::size_t i) {
   Row r;
   r.mono_ns = m.mono_ns + m.mono_offset_ns[i];
   r.bound_ns = static_cast<double>(m.bound_ns[i]);
-  r.repeatability_ns = m.repeatability_ns[i];
+  r.repeatability_ns = static_cast<double>(m.repeatability_ns[i]);
   r.device_us = static_cast<double>(m.device_us + m.device_offset_us[i]);
   r.sequence = static_cast<double>(m.sequence + m.sequence_offset[i]);
   r.step = m.step;
@@ -27,7 +27,7 @@ Row middle(const Message& m, std::size_t i) {
   Row r;
   r.mono_ns = m.first_mono_ns[i] + (m.last_mono_ns[i] - m.first_mono_ns[i]) / 2;
   r.bound_ns = static_cast<double>(m.bound_ns[i]);
-  r.repeatability_ns = m.repeatability_ns[i];
+  r.repeatability_ns = static_cast<double>(m.repeatability_ns[i]);
   r.device_span_us = static_cast<double>(m.last_device_us[i] - m.first_device_us[i]);
   r.device_us = static_cast<double>(m.first_device_us[i]) + 0.5 * r.device_span_us;
   r.sequence_span = std::remainder(static_cast<double>(m.last_sequence[i] - m.first_sequence[i]), 4'294'967'296.0);
@@ -120,6 +120,7 @@ void RowOrder::take(bool all, const std::function<void(const Row&)>& to) {
                                           [](const Row& r, std::int64_t ns) { return r.mono_ns < ns; });
   for (auto r = waiting_.begin(); r != end; ++r) {
     if (last_ns_ != std::numeric_limits<std::int64_t>::min() && r->mono_ns < last_ns_ + kLeastStepNs) {
+      r->bound_ns += static_cast<double>(last_ns_ + kLeastStepNs - r->mono_ns);
       r->mono_ns = last_ns_ + kLeastStepNs;
       ++moved_;
     }

@@ -16,7 +16,6 @@ namespace isorig::daemon {
 /// Values in the order of the stream's columns. Of a full sample minimum and maximum are NaN, and `samples` is 1.
 struct Row : TimedRow {
   std::array<double, 6> value{};
-  float repeatability_ns = 0.0F;
   std::int32_t step = -1;
   std::int32_t samples = 1;
   bool averaged = false;
@@ -54,8 +53,8 @@ class RowSource : public messages::RunVisitor {
 };
 
 /// Brings rows that are at most `lateness_ns` late into the order of their time, each at least 2 ns behind the one
-/// before: a recording's times increase by 1 ns or more, in seconds as they are rounded. Rows of one time keep their
-/// order. Memory: what comes within `lateness_ns`.
+/// before: a recording's times increase by 1 ns or more, in seconds as they are rounded. A row that is moved for that
+/// has a bound wider by as much. Rows of one time keep their order. Memory: what comes within `lateness_ns`.
 class RowOrder {
  public:
   explicit RowOrder(std::int64_t lateness_ns) : lateness_ns_(lateness_ns) {}

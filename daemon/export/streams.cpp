@@ -52,20 +52,24 @@ Attributes calibration_of(const toml::table& all, std::string_view channel) {
 }
 
 /// Behind what was measured, the same in frame and pressure.
-void add_common(std::vector<Column>& to) {
+void add_common(std::vector<Column>& to, bool remapped) {
+  const std::string of_which = remapped
+                                   ? "; of the offline mapping, or of the online one in a row that kept its online time"
+                                   : "; of the online mapping";
   to.push_back({"averaged", ColumnType::kFlag, "", "0: a full sample; 1: an interval, at the middle of its time"});
   to.push_back({"samples", ColumnType::kSmall, "", "current samples in the row; 1 of a full sample"});
   to.push_back({"step", ColumnType::kSmall, "", "of the plan, as in the tables steps, ramps and holds; -1 outside"});
   to.push_back({"mono_ns", ColumnType::kWhole, "ns", "CLOCK_MONOTONIC of the rig's computer"});
-  to.push_back({"bound_ns", ColumnType::kReal, "ns", "the error of mono_ns lies within +- this", 0});
-  to.push_back({"repeatability_ns", ColumnType::kReal, "ns", "scatter of mono_ns, one standard deviation", 0});
+  to.push_back({"bound_ns", ColumnType::kReal, "ns", "the error of mono_ns lies within +- this" + of_which, 0});
+  to.push_back(
+      {"repeatability_ns", ColumnType::kReal, "ns", "scatter of mono_ns, one standard deviation" + of_which, 0});
   to.push_back({"device_us", ColumnType::kReal, "us", "the device's own clock; of an interval its middle", 1});
   to.push_back({"sequence", ColumnType::kReal, "", "the device's sample counter; of an interval its middle", 1});
 }
 
 void fill_common(Table& block, const Row& row) {
   block.whole(row.averaged ? 1 : 0).whole(row.samples).whole(row.step).whole(row.mono_ns).real(row.bound_ns);
-  block.real(static_cast<double>(row.repeatability_ns)).real(row.device_us).real(row.sequence);
+  block.real(row.repeatability_ns).real(row.device_us).real(row.sequence);
 }
 
 TableSchema frame_schema(const StreamOrigin& from) {
@@ -80,7 +84,7 @@ TableSchema frame_schema(const StreamOrigin& from) {
   s.columns.push_back(extreme("position_max_mm", "mm", "largest position of an interval", mm, position));
   s.columns.push_back(extreme("force_min_N", "N", "least force of an interval", newton, force));
   s.columns.push_back(extreme("force_max_N", "N", "largest force of an interval", newton, force));
-  add_common(s.columns);
+  add_common(s.columns, from.remapped);
   s.attributes.emplace_back("device", from.frame_device);
   return s;
 }
@@ -95,7 +99,7 @@ TableSchema pressure_schema(const StreamOrigin& from) {
   // One count of the sensor's 11 bits over 200 degrees (messages/elvh.hpp).
   s.columns.push_back({"temperature_C", ColumnType::kReal, "degC", std::string("of the pressure sensor") + kMean,
                        decimals_for(200.0 / 2047.0) + kDecimalsOfMean});
-  add_common(s.columns);
+  add_common(s.columns, from.remapped);
   s.attributes.emplace_back("device", from.pressure_device);
   return s;
 }

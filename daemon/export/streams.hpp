@@ -16,6 +16,7 @@ struct StreamOrigin {
   std::string frame_device, pressure_device;                          ///< as they named themselves, else the rig
   toml::table calibration;                                            ///< by channel: what corrected the readings
   double position_step = 0.0, force_step = 0.0, pressure_step = 0.0;  ///< of the readings; 0: not known
+  bool remapped = false;  ///< times were mapped again: the columns say whose bound they give
 };
 [[nodiscard]] StreamOrigin origin_of(const isorig_msgs::run_header_t& header, const Scan& scan);
 

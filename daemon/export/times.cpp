@@ -89,7 +89,10 @@ class Stretch {
       }
       const double moved_us = static_cast<double>(m.mono_ns - rows_[i]->mono_ns) * 1e-3;
       squares_us2 += moved_us * moved_us;
+      // The recorded bound is that of the recorded time: the mapped one may be off by more.
       rows_[i]->mono_ns = m.mono_ns;
+      rows_[i]->bound_ns = m.bound_ns;
+      rows_[i]->repeatability_ns = m.repeatability_ns;
     }
     return kept;
   }

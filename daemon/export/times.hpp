@@ -12,7 +12,8 @@ namespace isorig::daemon {
 /// A sample, or an averaged interval by its middle.
 struct TimedRow {
   std::int64_t mono_ns = 0;
-  double bound_ns = 0.0;  ///< of mono_ns, as recorded; infinite where it was not known
+  double bound_ns = 0.0;          ///< of mono_ns; infinite where it is not known
+  double repeatability_ns = 0.0;  ///< likewise
   double device_us = 0.0;
   double sequence = 0.0;
   double device_span_us = 0.0;  ///< of an interval: last minus first
@@ -26,7 +27,8 @@ struct Remapped {
 };
 
 /// Rows in the order of their time. A stretch in which the device's clock and its counter go on together is mapped as a
-/// whole, and only if the result agrees with the recorded stamps within both bounds and is no worse bounded.
+/// whole, and only if the result agrees with the recorded stamps within both bounds and its bounds are at most twice as
+/// wide. A row that is mapped gets time, bound and deviation of the mapping; one that is not keeps all three.
 Remapped remap_rows(std::vector<TimedRow*>& rows, std::span<const clock::Exchange> exchanges);
 
 }  // namespace isorig::daemon

@@ -6,7 +6,10 @@
 #include <toml++/toml.h>
 
 #include <algorithm>
+#include <cmath>
+#include <functional>
 #include <limits>
+#include <sstream>
 #include <string_view>
 
 #include "messages/recording.hpp"
@@ -192,11 +195,65 @@ TEST(Export, TheLastAttemptCountsUnlessOnlyAnEarlierOneIsComplete) {
   EXPECT_EQ(messages::read_recording(report.sessions[1].folder).frame.size(), 1'000U);
 }
 
+/// A column of a CSV file of the export; NaN for an empty cell.
+std::vector<double> column_of(const std::filesystem::path& file, const std::string& name) {
+  std::istringstream in(file_text(file));
+  const auto cells = [](const std::string& line) {
+    std::vector<std::string> out;
+    std::istringstream from(line + ",");  // getline passes over an empty cell at the end
+    for (std::string cell; std::getline(from, cell, ',');) out.push_back(cell);
+    return out;
+  };
+  std::string line;
+  std::getline(in, line);
+  const auto head = cells(line);
+  const auto at = static_cast<std::size_t>(std::find(head.begin(), head.end(), name) - head.begin());
+  EXPECT_LT(at, head.size()) << name;
+  std::vector<double> values;
+  while (std::getline(in, line)) {
+    const auto cell = cells(line).at(at);
+    values.push_back(cell.empty() ? std::numeric_limits<double>::quiet_NaN() : std::stod(cell));
+  }
+  return values;
+}
+
+/// Of the frame's rows in an export, against the device's clock as it truly was.
+struct AgainstTruth {
+  std::size_t rows = 0, unbounded = 0, outside = 0;
+  double worst_ns = 0.0;  ///< the largest error
+  double least_bound_ns = std::numeric_limits<double>::infinity(), largest_bound_ns = 0.0;
+  double largest_deviation_ns = 0.0;
+};
+
+AgainstTruth against_truth(const std::filesystem::path& folder, const std::function<double(double)>& host_ns) {
+  const auto mono_ns = column_of(folder / "frame.csv", "mono_ns"),
+             bound_ns = column_of(folder / "frame.csv", "bound_ns"),
+             device_us = column_of(folder / "frame.csv", "device_us"),
+             deviation_ns = column_of(folder / "frame.csv", "repeatability_ns");
+  AgainstTruth out;
+  out.rows = mono_ns.size();
+  for (std::size_t i = 0; i < out.rows; ++i) {
+    const double error_ns = std::abs(mono_ns[i] - host_ns(device_us[i]));
+    out.worst_ns = std::max(out.worst_ns, error_ns);
+    if (!std::isfinite(bound_ns[i])) {
+      ++out.unbounded;
+      continue;
+    }
+    // Half a nanosecond each: mono_ns is whole, and so is what is written of the bound.
+    if (error_ns > bound_ns[i] + 1.0) ++out.outside;
+    out.least_bound_ns = std::min(out.least_bound_ns, bound_ns[i]);
+    out.largest_bound_ns = std::max(out.largest_bound_ns, bound_ns[i]);
+    out.largest_deviation_ns = std::max(out.largest_deviation_ns, deviation_ns[i]);
+  }
+  return out;
+}
+
 /// A device whose clock is 30 ppm fast, symmetric delays: the truth is known, the online stamps are made
 /// wrong.
 TEST(Export, RemapsStampsFromTheRecordedExchanges) {
   const TemporaryDirectory dir("export");
   const auto host_ns = [](double device_us) { return device_us * 1e3 * (1.0 - 30e-6) + 7'000'000.0; };
+  constexpr std::int64_t kUnbounded = 1'000;  // first rows, from before the map online
   {
     Streams streams;
     Recorder recorder(recorder_options(dir.path() / "run"), run_info());
@@ -205,6 +262,7 @@ TEST(Export, RemapsStampsFromTheRecordedExchanges) {
       f.device_us = 1'000'000 + i * 1000;
       // Online, the first half was off by up to 90 us.
       f.mono_ns = std::llround(host_ns(static_cast<double>(f.device_us))) + (i < 30'000 ? (i % 7) * 15'000 : 0);
+      if (i < kUnbounded) f.bound_ns = f.repeatability_ns = std::numeric_limits<float>::infinity();
       streams.frame.push(f);
       if (i % 500 == 0) {
         const double at_us = 1'000'000.0 + static_cast<double>(i) * 1000.0;
@@ -231,6 +289,54 @@ TEST(Export, RemapsStampsFromTheRecordedExchanges) {
   EXPECT_GT(jitter_us(online), 80.0);
   EXPECT_LT(jitter_us(offline), 2.0);
   EXPECT_GT(offline.sessions.at(0).remap_rms_us, 10.0);
+  EXPECT_EQ(offline.sessions[0].kept_online, 0U);
+  const auto before = against_truth(online.sessions.at(0).folder, host_ns);
+  const auto after = against_truth(offline.sessions.at(0).folder, host_ns);
+  EXPECT_EQ(before.unbounded, static_cast<std::size_t>(kUnbounded));
+  EXPECT_EQ(before.outside, 0U);
+  EXPECT_EQ(after.rows, 60'000U);
+  EXPECT_EQ(after.unbounded, 0U) << "the mapping has a bound where the daemon had none";
+  EXPECT_EQ(after.outside, 0U);
+  // Each way took 250 us at least: nothing in the exchanges can exclude less.
+  EXPECT_GT(after.least_bound_ns, 200'000.0);
+  EXPECT_LT(after.largest_deviation_ns, 9'000.0) << "less than any online one";
+}
+
+/// Requests take 50 us and replies 650 us at least: the mapping is off by their half difference, 300 us, for which its
+/// bound of half the least round trip, 350 us, allows. That of the recorded stamps, 200 us, does not.
+TEST(Export, ARemappedRowHasTheBoundOfItsMapping) {
+  const TemporaryDirectory dir("export");
+  const auto host_ns = [](double device_us) { return device_us * 1e3 + 7'000'000.0; };
+  constexpr double kOnlineBoundNs = 200'000.0;
+  {
+    Streams streams;
+    Recorder recorder(recorder_options(dir.path() / "run"), run_info());
+    for (std::int64_t i = 0; i < 20'000; ++i) {
+      auto f = frame_record(i, 0, Keep::kFull);
+      f.device_us = 1'000'000 + i * 1000;
+      f.mono_ns = std::llround(host_ns(static_cast<double>(f.device_us)));
+      f.bound_ns = static_cast<float>(kOnlineBoundNs);
+      streams.frame.push(f);
+      if (i % 500 == 0) {
+        const double at_us = 1'000'000.0 + static_cast<double>(i) * 1000.0;
+        const auto more_ns = (i / 500 * 37 % 11) * 20'000;
+        ExchangeRecord x;
+        x.device = DeviceId::kFrame;
+        x.exchange = {std::llround(host_ns(at_us)) - 50'000 - more_ns, std::llround(host_ns(at_us)) + 650'000 + more_ns,
+                      at_us, at_us};
+        streams.exchanges.push(x);
+      }
+      if (i % 100 == 0) recorder.drain(streams, i * kMs);
+    }
+    recorder.finish(streams, true);
+  }
+  const auto offline = export_run(dir.path() / "run", dir.path() / "offline", {.remap = true});
+  EXPECT_EQ(offline.sessions.at(0).kept_online, 0U) << "of the two bounds neither excludes the other's time";
+  const auto after = against_truth(offline.sessions[0].folder, host_ns);
+  EXPECT_GT(after.worst_ns, kOnlineBoundNs) << "the case is none: the recorded bound would do";
+  EXPECT_EQ(after.outside, 0U);
+  EXPECT_EQ(after.unbounded, 0U);
+  EXPECT_GT(after.least_bound_ns, kOnlineBoundNs);
 }
 
 /// A frame whose clock and counter begin anew at 20 s, or whose clock steps, in averages and in full; the online stamps

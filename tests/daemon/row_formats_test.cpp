@@ -50,6 +50,22 @@ std::vector<std::string> lines_of(const std::filesystem::path& file) {
   return lines;
 }
 
+TEST(ExportFormats, TheColumnsSayWhoseBoundTheyGive) {
+  for (const auto stream : {Stream::kFrame, Stream::kPressure}) {
+    for (const bool remapped : {false, true}) {
+      StreamOrigin origin;
+      origin.remapped = remapped;
+      int told = 0;
+      for (const auto& column : schema_of(stream, origin).columns) {
+        if (column.name != "bound_ns" && column.name != "repeatability_ns") continue;
+        EXPECT_THAT(column.description, HasSubstr(remapped ? "of the offline mapping, or" : "of the online mapping"));
+        ++told;
+      }
+      EXPECT_EQ(told, 2);
+    }
+  }
+}
+
 TEST(ExportFormats, CsvHasTheTablesOfTheProtocol) {
   const TemporaryDirectory dir("formats");
   record(dir.path() / "run");
@@ -177,6 +193,19 @@ TEST(RowOrder, BringsLateRowsIntoTheOrderOfTime) {
   for (std::size_t i = 0; i < out.size(); ++i) ASSERT_EQ(out[i], static_cast<std::int64_t>(i) * kMs);
   EXPECT_EQ(order.moved(), 0U);
   EXPECT_LE(most, 2 * kBlockRows) << "memory grows with the recording";
+}
+
+TEST(RowOrder, ARowThatIsMovedHasABoundWiderByAsMuch) {
+  RowOrder order(0);
+  for (int i = 0; i < 3; ++i) {
+    Row r;
+    r.mono_ns = 1'000;
+    r.bound_ns = 100.0;
+    order.add(r);
+  }
+  std::vector<std::pair<std::int64_t, double>> out;
+  order.take(true, [&](const Row& r) { out.emplace_back(r.mono_ns, r.bound_ns); });
+  EXPECT_THAT(out, ElementsAre(std::pair(1'000, 100.0), std::pair(1'002, 102.0), std::pair(1'004, 104.0)));
 }
 
 TEST(Table, RoundsToTheNearestDecimalAndKeepsWhatItCannotRound) {
