@@ -47,6 +47,8 @@ void print_json(const daemon::ExportReport& report) {
                                  {"remap_rms_us", s.remap_rms_us},
                                  {"kept_online", s.kept_online},
                                  {"clock_breaks", s.clock_breaks}});
+    auto& replaces = out["recordings"].back()["replaces"] = nlohmann::ordered_json::array();
+    for (const auto& path : s.replaces) replaces.push_back(path.string());
   }
   std::cout << out.dump(2) << '\n';
 }
@@ -60,6 +62,9 @@ void print_text(const daemon::ExportReport& report, bool remap) {
       std::printf("; %zu rows had the time of the row before, and follow it by 2 ns", s.not_increasing);
     if (remap) std::printf("; times moved by %.1f us rms", s.remap_rms_us);
     if (s.kept_online > 0) std::printf("; %zu rows keep their online time", s.kept_online);
+    for (const auto& path : s.replaces) {
+      std::printf("; replaces %s", base::printable(path.filename().string()).c_str());
+    }
     std::printf("\n");
   }
 }

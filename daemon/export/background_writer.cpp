@@ -119,6 +119,9 @@ class BackgroundWriter : public ExportWriter {
   [[nodiscard]] std::filesystem::path path_of(const std::string& session) const override {
     return to_->path_of(session);
   }
+  bool drop(const std::string& name, const std::string& run, std::int32_t session) override {
+    return to_->drop(name, run, session);
+  }
   void close(const Attributes& run, const Table& sessions,
              const std::vector<std::pair<std::string, std::string>>& texts) override {
     for (auto& worker : workers_) worker.drain();

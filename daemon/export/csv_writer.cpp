@@ -1,3 +1,5 @@
+#include <toml++/toml.h>
+
 #include <algorithm>
 #include <array>
 #include <charconv>
@@ -241,6 +243,31 @@ class CsvWriter : public ExportWriter {
   }
   [[nodiscard]] std::filesystem::path path_of(const std::string& session) const override { return out_ / session; }
   void close(const Attributes&, const Table&, const std::vector<std::pair<std::string, std::string>>&) override {}
+  /// What somebody else put into the folder stays there: without recording.toml it is no recording.
+  bool drop(const std::string& name, const std::string& run, std::int32_t session) override {
+    const auto folder = out_ / name;
+    std::error_code failed;
+    if (!std::filesystem::is_regular_file(folder / "recording.toml", failed)) return false;
+    try {
+      const auto told = toml::parse_file((folder / "recording.toml").string());
+      if (told["run"].value<std::string>() != run || told["session"].value<std::int64_t>() != session) return false;
+    } catch (const toml::parse_error&) {
+      return false;
+    }
+    const auto remove = [&](const std::string& file) {
+      std::filesystem::remove(folder / file, failed);
+      if (failed) {
+        throw std::runtime_error((folder / file).string() +
+                                 ": of an earlier export that named the session otherwise, cannot be removed: " +
+                                 failed.message() + "; remove " + folder.string() + ", or the session counts twice");
+      }
+    };
+    remove("recording.toml");
+    for (const char* file : kFiles) remove(file);
+    for (const char* table : {"sessions", "steps", "ramps", "holds", "events"}) remove(std::string(table) + ".csv");
+    std::filesystem::remove(folder, failed);  // fails when something is in it
+    return true;
+  }
 
  private:
   std::filesystem::path out_;

@@ -54,12 +54,16 @@ class Exporter : public RowSource {
            const std::vector<LiveSession>* live)
       : writer_(writer), options_(options), scan_(scan), from_(provenance), live_(live) {
     set_live(live);
-    std::vector<isorig_msgs::session_t> planned;
-    for (const auto& [index, attempts] : scan_.sessions) {
-      if (const auto* s = scan_.chosen(index)) planned.push_back(planned_of(s->attempt, index));
+    std::map<std::int32_t, isorig_msgs::session_t> planned;
+    for (const auto& [attempt, header] : scan_.headers) {
+      for (const auto& s : header.sessions) planned.insert_or_assign(s.session, s);
     }
-    names_.emplace(planned);
-    for (const auto& s : planned) name_of_[s.session] = names_->of(s.session, s.repetition, s.pressure_psi);
+    for (const auto& [index, attempts] : scan_.sessions) {
+      if (const auto* s = scan_.chosen(index)) planned.insert_or_assign(index, planned_of(s->attempt, index));
+    }
+    std::vector<isorig_msgs::session_t> all;
+    for (const auto& [index, s] : planned) all.push_back(s);
+    names_.emplace(all);
   }
 
   void header(const isorig_msgs::run_header_t& h) override { attempt_ = h.attempt; }
@@ -73,7 +77,14 @@ class Exporter : public RowSource {
       rows.push_back(done.second);
       all.push_back(std::move(done.first));
     }
-    if (!all.empty()) writer_.close(describe_run(from_), session_table(rows), texts());
+    if (all.empty()) return all;
+    writer_.close(describe_run(from_), session_table(rows), texts());
+    for (auto& e : all) {
+      if (options_.run_id.empty()) break;  // nothing would say whose the other one is
+      for (const auto& name : names_->former(planned_of(e.attempt, e.session))) {
+        if (writer_.drop(name, options_.run_id, e.session)) e.replaces.push_back(writer_.path_of(name));
+      }
+    }
     return all;
   }
 
@@ -138,7 +149,7 @@ class Exporter : public RowSource {
     o.e.pressure_psi = o.planned.pressure_psi;
     o.e.complete = scanned->complete;
     o.e.not_measured = scanned->not_measured;
-    o.e.name = name_of_.at(session);
+    o.e.name = names_->of(session);
     o.start_ns = std::numeric_limits<std::int64_t>::max();
     auto origin = origin_of(*provenance_of(attempt_).header, scan_);
     origin.remapped = options_.remap;
@@ -243,7 +254,6 @@ class Exporter : public RowSource {
   const std::vector<LiveSession>* live_;
   std::int32_t attempt_ = 0;
   std::optional<SessionNames> names_;
-  std::map<std::int32_t, std::string> name_of_;
   std::map<std::int32_t, std::optional<std::vector<protocol::Step>>> steps_;
   std::map<std::int32_t, Open> open_;
   std::map<std::int32_t, std::pair<ExportedSession, SessionRow>> done_;

@@ -45,6 +45,8 @@ struct ExportedSession {
   double remap_rms_us = 0.0;       ///< how far remapping moved the stamps of both streams, rms
   std::size_t kept_online = 0;     ///< rows that remapping left as they were: it would not have been better
   std::size_t clock_breaks = 0;    ///< that remapping found: a device's clock began anew or stepped
+  /// What an earlier export had left of the session under other names, and is gone now.
+  std::vector<std::filesystem::path> replaces{};
 };
 
 struct ExportReport {

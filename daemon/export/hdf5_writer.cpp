@@ -243,6 +243,8 @@ class Hdf5Writer : public ExportWriter {
   [[nodiscard]] std::filesystem::path path_of(const std::string& session) const override {
     return file_->path / session;
   }
+  /// The file is replaced with everything in it.
+  bool drop(const std::string&, const std::string&, std::int32_t) override { return false; }
   void close(const Attributes& run, const Table& sessions,
              const std::vector<std::pair<std::string, std::string>>& texts) override {
     file_->guarded([&] {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <cstring>
 #include <fstream>
 #include <limits>
 #include <optional>
@@ -256,6 +257,26 @@ class MatSession : public SessionWriter {
   std::array<std::vector<std::unique_ptr<ColumnSpool>>, kStreams> columns_;
 };
 
+/// Whether a MAT file of ours says that it is of this session.
+bool is_of(const std::filesystem::path& file, const std::string& run, std::int32_t session) {
+  const std::unique_ptr<mat_t, int (*)(mat_t*)> in(Mat_Open(file.c_str(), MAT_ACC_RDONLY), Mat_Close);
+  if (in == nullptr) return false;
+  const Variable recording(Mat_VarRead(in.get(), "recording"));
+  if (recording == nullptr || recording->class_type != MAT_C_STRUCT) return false;
+  const auto field = [&](const char* name) { return Mat_VarGetStructFieldByName(recording.get(), name, 0); };
+  const matvar_t* number = field("session");
+  if (number == nullptr || number->class_type != MAT_C_INT64 || number->data == nullptr ||
+      number->nbytes != sizeof(std::int64_t) || *static_cast<const std::int64_t*>(number->data) != session) {
+    return false;
+  }
+  // Characters as they were written: texts of the same bytes are the same.
+  const auto expected = text_variable("run", run);
+  const matvar_t* text = field("run");
+  return text != nullptr && text->class_type == MAT_C_CHAR && text->data_type == expected->data_type &&
+         text->data != nullptr && text->nbytes == expected->nbytes &&
+         std::memcmp(text->data, expected->data, text->nbytes) == 0;
+}
+
 class MatWriter : public ExportWriter {
  public:
   explicit MatWriter(std::filesystem::path out) : out_(std::move(out)) {}
@@ -266,6 +287,19 @@ class MatWriter : public ExportWriter {
     return out_ / (session + ".mat");
   }
   void close(const Attributes&, const Table&, const std::vector<std::pair<std::string, std::string>>&) override {}
+  bool drop(const std::string& name, const std::string& run, std::int32_t session) override {
+    const auto path = path_of(name);
+    std::error_code failed;
+    if (!std::filesystem::is_regular_file(path, failed) || !is_of(path, run, session)) return false;
+    std::filesystem::remove(path, failed);
+    if (failed) {
+      throw std::runtime_error(path.string() +
+                               ": of an earlier export that named the session otherwise, cannot be "
+                               "removed: " +
+                               failed.message() + "; remove it, or the session counts twice");
+    }
+    return true;
+  }
 
  private:
   std::filesystem::path out_;

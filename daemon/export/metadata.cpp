@@ -64,6 +64,20 @@ void flatten(Attributes& to, const toml::table& from, const std::string& before)
   }
 }
 
+std::string padded_name(const isorig_msgs::session_t& s, int repetition_digits, int pressure_digits) {
+  if (s.repetition <= 0 || !std::isfinite(s.pressure_psi)) return "session-" + std::to_string(s.session);
+  char text[80], pressure[32];
+  std::snprintf(pressure, sizeof pressure, "%g", s.pressure_psi);
+  const int missing = std::max(0, pressure_digits - digits_of(s.pressure_psi));
+  std::snprintf(text, sizeof text, "rep-%0*d_%s%s-psi", repetition_digits, s.repetition,
+                std::string(static_cast<std::size_t>(missing), '0').c_str(), pressure);
+  return text;
+}
+
+std::string told_apart(const std::string& name, std::int32_t session) {
+  return name + "_session-" + std::to_string(session);
+}
+
 }  // namespace
 
 void describe_session(SessionTail& tail, const Provenance& from, const isorig_msgs::session_t& planned,
@@ -114,23 +128,24 @@ SessionNames::SessionNames(const std::vector<isorig_msgs::session_t>& planned) {
     repetition_digits_ = std::max(repetition_digits_, digits_of(static_cast<double>(s.repetition)));
     if (std::isfinite(s.pressure_psi)) pressure_digits_ = std::max(pressure_digits_, digits_of(s.pressure_psi));
   }
+  for (const auto& s : planned) {
+    auto name = padded_name(s, repetition_digits_, pressure_digits_);
+    // Two sessions of a plan may have the same repetition and pressure.
+    if (!taken_.insert(name).second) taken_.insert(name = told_apart(name, s.session));
+    name_of_[s.session] = name;
+  }
 }
 
-std::string SessionNames::of(std::int32_t session, std::int32_t repetition, double pressure_psi) {
-  std::string name;
-  if (repetition > 0 && std::isfinite(pressure_psi)) {
-    char text[80], pressure[32];
-    std::snprintf(pressure, sizeof pressure, "%g", pressure_psi);
-    const int missing = std::max(0, pressure_digits_ - digits_of(pressure_psi));
-    std::snprintf(text, sizeof text, "rep-%0*d_%s%s-psi", repetition_digits_, repetition,
-                  std::string(static_cast<std::size_t>(missing), '0').c_str(), pressure);
-    name = text;
-  } else {
-    name = "session-" + std::to_string(session);
+std::set<std::string> SessionNames::former(const isorig_msgs::session_t& planned) const {
+  std::set<std::string> names;
+  for (int r = 1; r <= repetition_digits_; ++r) {
+    for (int p = 1; p <= pressure_digits_; ++p) {
+      const auto name = padded_name(planned, r, p);
+      names.insert({name, told_apart(name, planned.session)});
+    }
   }
-  // Two sessions of a plan may have the same repetition and pressure.
-  if (!taken_.try_emplace(name, session).second) name += "_session-" + std::to_string(session);
-  return name;
+  for (const auto& name : taken_) names.erase(name);
+  return names;
 }
 
 }  // namespace isorig::daemon

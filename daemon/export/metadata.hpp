@@ -1,5 +1,7 @@
 #pragma once
 #include <cstdint>
+#include <map>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -24,15 +26,20 @@ void describe_session(SessionTail& tail, const Provenance& from, const isorig_ms
 /// Of the run as a whole.
 [[nodiscard]] Attributes describe_run(const Provenance& from);
 
-/// "rep-1_05-psi": names of a plan's sessions sort as their numbers do, whatever sorts them.
+/// "rep-1_05-psi": names of a plan's sessions sort as their numbers do, whatever sorts them. Made from the whole plan:
+/// a session has the same name however many of the others have samples yet.
 class SessionNames {
  public:
   explicit SessionNames(const std::vector<isorig_msgs::session_t>& planned);
-  [[nodiscard]] std::string of(std::int32_t session, std::int32_t repetition, double pressure_psi);
+  /// Throws std::out_of_range for a session that was not planned.
+  [[nodiscard]] const std::string& of(std::int32_t session) const { return name_of_.at(session); }
+  /// Names that an export of some of the plan's sessions alone would have given it, were they not those of others.
+  [[nodiscard]] std::set<std::string> former(const isorig_msgs::session_t& planned) const;
 
  private:
   int repetition_digits_ = 1, pressure_digits_ = 1;
-  std::map<std::string, std::int32_t> taken_;
+  std::map<std::int32_t, std::string> name_of_;
+  std::set<std::string> taken_;
 };
 
 }  // namespace isorig::daemon

@@ -1,5 +1,6 @@
 #pragma once
 #include <array>
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -55,6 +56,9 @@ class ExportWriter {
   virtual std::unique_ptr<SessionWriter> open(const SessionHead& head) = 0;
   /// The folder or file that a session of this name becomes; of a group FILE/GROUP, as h5ls takes it.
   [[nodiscard]] virtual std::filesystem::path path_of(const std::string& session) const = 0;
+  /// Removes what an earlier export left of this session of this run under another name; not what says that it is of
+  /// another session or run, or of none. Returns whether there was such a thing. After close().
+  virtual bool drop(const std::string& name, const std::string& run, std::int32_t session) = 0;
   /// Everything is written. `texts`: the run's input files, by name.
   virtual void close(const Attributes& run, const Table& sessions,
                      const std::vector<std::pair<std::string, std::string>>& texts) = 0;

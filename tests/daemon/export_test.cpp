@@ -173,6 +173,77 @@ TEST(Export, KeepsRunsApart) {
   }
 }
 
+/// Of a plan of 5 and 10 psi only the first session is recorded at first: its name is that of the whole plan's export.
+TEST(Export, ASessionHasOneNameBeforeAndAfterTheOthersAreRecorded) {
+  const TemporaryDirectory dir("export");
+  const auto run = dir.path() / "run", out = dir.path() / "out";
+  auto info = two_sessions();
+  info.sessions.push_back({3, 1, 5.0});  // the first one's repetition and pressure again
+  const auto record = [&](const std::vector<Stretch>& plan, std::int64_t from_ms, bool complete) {
+    Streams streams;
+    Recorder recorder(recorder_options(run), info);
+    run_plan(recorder, streams, plan, 20, from_ms);
+    recorder.finish(streams, complete);
+  };
+  const auto names = [](const std::filesystem::path& folder) {
+    std::vector<std::string> found;
+    for (const auto& entry : std::filesystem::directory_iterator(folder)) found.push_back(entry.path().filename());
+    return found;
+  };
+  record({{1'000, 0, Keep::kFull}}, 0, false);
+  const auto formats = {ExportFormat::kCsv, ExportFormat::kMat, ExportFormat::kHdf5};
+  for (const auto format : formats) {
+    const auto half = export_run(run, out, {.format = format, .run_id = "r"});
+    ASSERT_EQ(half.sessions.size(), 1U);
+    EXPECT_EQ(half.sessions[0].name, "rep-1_05-psi");
+  }
+  // As a version that looked at the recorded sessions alone had named it; then a folder and a file of one's own, of
+  // the same session, and one of another under such a name.
+  std::filesystem::rename(out / "rep-1_05-psi", out / "rep-1_5-psi");
+  std::filesystem::rename(out / "r" / "rep-1_05-psi.mat", out / "r" / "rep-1_5-psi.mat");
+  std::filesystem::copy(out / "rep-1_5-psi", out / "smoothed");
+  std::filesystem::copy(out / "r" / "rep-1_5-psi.mat", out / "r" / "smoothed.mat");
+  std::filesystem::copy(out / "rep-1_5-psi", out / "rep-1_5-psi_session-2");
+  std::filesystem::copy(out / "r" / "rep-1_5-psi.mat", out / "r" / "rep-1_5-psi_session-2.mat");
+  record({{3'000, 0, Keep::kFull}, {4'000, 2, Keep::kFull}, {5'000, 3, Keep::kFull}}, 2'000, true);
+  for (const auto format : formats) {
+    const auto report = export_run(run, out, {.format = format, .run_id = "r"});
+    ASSERT_EQ(report.sessions.size(), 3U);
+    EXPECT_EQ(report.sessions[0].name, "rep-1_05-psi");
+    EXPECT_EQ(report.sessions[1].name, "rep-1_10-psi");
+    EXPECT_EQ(report.sessions[2].name, "rep-1_05-psi_session-2");
+    EXPECT_THAT(report.sessions[1].replaces, ::testing::IsEmpty());
+    EXPECT_THAT(report.sessions[2].replaces, ::testing::IsEmpty()) << "what lies there says that it is of session 0";
+    const bool one_file = format == ExportFormat::kHdf5;
+    EXPECT_EQ(report.sessions[0].replaces.size(), one_file ? 0U : 1U);
+  }
+  EXPECT_THAT(names(out), ::testing::UnorderedElementsAre("r", "r.h5", "smoothed", "rep-1_05-psi", "rep-1_10-psi",
+                                                          "rep-1_05-psi_session-2", "rep-1_5-psi_session-2"));
+  EXPECT_THAT(names(out / "r"),
+              ::testing::UnorderedElementsAre("smoothed.mat", "rep-1_05-psi.mat", "rep-1_10-psi.mat",
+                                              "rep-1_05-psi_session-2.mat", "rep-1_5-psi_session-2.mat"));
+}
+
+/// A note that somebody laid into the folder is not isorig's to remove.
+TEST(Export, WhatSomebodyPutIntoAFolderStaysWhenItsSessionGoesToAnotherName) {
+  const TemporaryDirectory dir("export");
+  const auto run = dir.path() / "run", out = dir.path() / "out";
+  {
+    Streams streams;
+    Recorder recorder(recorder_options(run), two_sessions());
+    run_plan(recorder, streams, kPlan, 20);
+    recorder.finish(streams, true);
+  }
+  (void)export_run(run, out, {.run_id = "r"});
+  std::filesystem::rename(out / "rep-1_05-psi", out / "rep-1_5-psi");
+  std::ofstream(out / "rep-1_5-psi" / "note.txt") << "mine\n";
+  EXPECT_THAT(export_run(run, out, {.run_id = "r"}).sessions.at(0).replaces,
+              ::testing::ElementsAre(out / "rep-1_5-psi"));
+  EXPECT_EQ(file_text(out / "rep-1_5-psi" / "note.txt"), "mine\n");
+  EXPECT_FALSE(std::filesystem::exists(out / "rep-1_5-psi" / "recording.toml")) << "it would still count";
+  EXPECT_FALSE(std::filesystem::exists(out / "rep-1_5-psi" / "frame.csv"));
+}
+
 TEST(Export, TheLastAttemptCountsUnlessOnlyAnEarlierOneIsComplete) {
   const TemporaryDirectory dir("export");
   const auto run = dir.path() / "run";
