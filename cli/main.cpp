@@ -5,6 +5,7 @@
 #include "base/printable.hpp"
 #include "base/toml_reader.hpp"
 #include "cli/command.hpp"
+#include "messages/run_log.hpp"
 
 int main(int argc, char** argv) {
   using namespace isorig;
@@ -30,6 +31,9 @@ int main(int argc, char** argv) {
     }
   } catch (const base::ConfigError& e) {
     std::cerr << e.what() << '\n';
+    return cli::kBadInput;
+  } catch (const messages::UnknownLogVersion& e) {
+    std::cerr << "isorig: " << base::printable_lines(e.what()) << '\n';
     return cli::kBadInput;
   } catch (const std::filesystem::filesystem_error& e) {
     std::cerr << "isorig: cannot use " << base::printable(e.path1().string()) << ": " << e.code().message()

@@ -43,6 +43,7 @@ inline constexpr std::int16_t kPressureAverageBatch = 14;  // 96 B each
 inline constexpr std::int16_t kControlBatch = 17;          // 77 B each
 inline constexpr std::int16_t kExchangeBatch = 40;         // 33 B each
 
+inline constexpr std::string_view kLogFormatName = "isorig-log/";  // then the version
 inline constexpr std::string_view kLogFormat = "isorig-log/2";
 /// Without checksums and without ISORIG_CHAIN; still read.
 inline constexpr std::string_view kOldLogFormat = "isorig-log/1";

@@ -9,7 +9,9 @@
 #include <type_traits>
 #include <utility>
 
+#include "base/printable.hpp"
 #include "messages/counted.hpp"
+#include "messages/log_event.hpp"
 #include "messages/segment_chain.hpp"
 
 namespace isorig::messages {
@@ -29,6 +31,24 @@ bool decode(const LogEvent& event, Message& message) {
   } catch (const std::exception&) {
     return false;
   }
+}
+
+/// The format stands in front of everything else in the header of any version (docs/formats/run-log.md), so that it can
+/// be read where the rest cannot; empty where no text stands there.
+std::string_view format_of(const LogEvent& header) {
+  constexpr std::size_t kLength = 8, kText = 12;  // behind the type's fingerprint; the length counts a final zero
+  const auto data = header.data;
+  if (data.size() < kText) return {};
+  const auto length = big_endian(data.data() + kLength, kText - kLength);
+  if (length == 0 || length > data.size() - kText) return {};
+  return {reinterpret_cast<const char*>(data.data()) + kText, static_cast<std::size_t>(length - 1)};
+}
+
+/// Without a checksum a version that is not known may as well be a damaged one that is.
+void refuse_unknown_version(const LogEvent& header, const std::filesystem::path& segment, bool has_checksums) {
+  const auto format = format_of(header);
+  if (!has_checksums || !format.starts_with(kLogFormatName) || format == kLogFormat || format == kOldLogFormat) return;
+  throw UnknownLogVersion(segment, format);
 }
 
 std::optional<Channel> channel_of(std::string_view name) {
@@ -159,6 +179,7 @@ class Reading {
   }
 
   void header(const LogEvent& event) {
+    refuse_unknown_version(event, file_, checked_);
     isorig_msgs::run_header_t h;
     if (!decode(event, h) || (h.format != kLogFormat && h.format != kOldLogFormat)) {
       ++report_.undecodable;
@@ -305,11 +326,17 @@ class Reading {
 
 }  // namespace
 
+UnknownLogVersion::UnknownLogVersion(const std::filesystem::path& segment, std::string_view format)
+    : std::runtime_error(segment.string() + ": format \"" + base::printable(format) +
+                         "\", this program reads 1 and 2; read it with the isorig that recorded it, or a newer one") {}
+
 std::optional<isorig_msgs::run_header_t> read_header(const std::filesystem::path& segment) {
   LogReader reader(segment);
   const auto event = reader.next();
   isorig_msgs::run_header_t header;
-  if (!event || event->channel != name_of(Channel::kHeader) || !decode(*event, header)) return {};
+  if (!event || event->channel != name_of(Channel::kHeader)) return {};
+  refuse_unknown_version(*event, segment, reader.has_checksums());
+  if (!decode(*event, header)) return {};
   return header;
 }
 

@@ -15,6 +15,7 @@
 #include <isorig_msgs/session_mark_t.hpp>
 #include <isorig_msgs/sync_check_t.hpp>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -31,7 +32,14 @@ namespace isorig::messages {
 /// chain_t's name for what stood behind the last whole message of the segment before.
 inline constexpr std::string_view kTornBytes = "torn_bytes";
 
-/// What a segment says about its run; nothing when it was cut before that.
+/// A recording of a version that this program does not know. None of it is read: what it means may have changed, not
+/// only how it is laid out.
+class UnknownLogVersion : public std::runtime_error {
+ public:
+  UnknownLogVersion(const std::filesystem::path& segment, std::string_view format);
+};
+
+/// What a segment says about its run; nothing when it was cut before that. Throws UnknownLogVersion.
 [[nodiscard]] std::optional<isorig_msgs::run_header_t> read_header(const std::filesystem::path& segment);
 
 /// Gets what a run holds, in the order it was written. Override what is of interest; the rest is not decoded
@@ -53,7 +61,8 @@ class RunVisitor {
 };
 
 /// Of a run's directory, or of one segment. What is altered or cut is left out and reported. Throws
-/// std::runtime_error when there is no segment. `on_progress` is told now and then which part of all bytes was read.
+/// std::runtime_error when there is no segment, and UnknownLogVersion. `on_progress` is told now and then which part of
+/// all bytes was read.
 ReadReport read_run(const std::filesystem::path& run_dir, RunVisitor& visitor,
                     const std::function<void(double fraction)>& on_progress = {});
 

@@ -54,10 +54,12 @@ std::map<std::string, std::string> recorded_texts(const std::filesystem::path& r
   std::map<std::string, std::string> texts;
   for (const auto& segment : messages::list_segments(run_dir)) {
     try {
-      const auto header = messages::read_header(segment);
-      if (!header) continue;
+      const auto header =
+          messages::read_header(segment);  // of every one: a newer program may have gone on with the run
+      if (!header || !texts.empty()) continue;
       for (const auto& t : header->texts) texts[t.name] = t.text;
-      return texts;
+    } catch (const messages::UnknownLogVersion&) {
+      throw;
     } catch (const std::exception&) {  // the next segment has the same
     }
   }

@@ -332,6 +332,24 @@ TEST(Catalogue, InputsThatAPowerCutEmptiedAreTakenFromTheRecording) {
   EXPECT_EQ(inputs.specimen_text, "# the specimen\n");
 }
 
+/// A newer isorig went on with it: this one leaves it alone.
+TEST(Catalogue, ARunWithASegmentOfAVersionToComeIsNotGoneOnWith) {
+  const TemporaryDirectory root("catalogue");
+  record_run(root.path(), "a-run", true);
+  const auto run = root.path() / "a-run";
+  const auto segments = messages::list_segments(run);
+  ASSERT_GE(segments.size(), 2U);
+  make_version_3(segments.back());
+  const auto is_refused = ThrowsMessage<messages::UnknownLogVersion>(HasSubstr("format \"isorig-log/3\""));
+  const Catalogue catalogue(root.path());
+  EXPECT_THAT([&] { (void)catalogue.inputs_of("a-run"); }, is_refused);
+  const auto before = file_text(segments.back());
+  EXPECT_THAT([&] { Recorder recorder(recorder_options(run), info_for(two_sessions())); }, is_refused);
+  EXPECT_EQ(messages::list_segments(run), segments);
+  EXPECT_EQ(file_text(segments.back()), before);
+  EXPECT_FALSE(std::filesystem::exists(run / ".reserve"));
+}
+
 TEST(Catalogue, SaysWhatIsWrong) {
   const TemporaryDirectory root("catalogue");
   EXPECT_THAT([&] { Catalogue(root.path(), Catalogue::Access::kReadOnly); },

@@ -244,6 +244,24 @@ TEST(Export, WhatSomebodyPutIntoAFolderStaysWhenItsSessionGoesToAnotherName) {
   EXPECT_FALSE(std::filesystem::exists(out / "rep-1_5-psi" / "frame.csv"));
 }
 
+/// With its header unread it would pass for a log of the live channels.
+TEST(Export, ARecordingOfAVersionToComeIsRefusedByItsName) {
+  const TemporaryDirectory dir("export");
+  {
+    Streams streams;
+    Recorder recorder(recorder_options(dir.path() / "run"), two_sessions());
+    run_plan(recorder, streams, kPlan, 20);
+    recorder.finish(streams, true);
+  }
+  make_version_3(dir.path() / "run" / "segment-0001.lcm");
+  for (const auto format : {ExportFormat::kCsv, ExportFormat::kHdf5, ExportFormat::kMat}) {
+    EXPECT_THAT([&] { (void)export_run(dir.path() / "run", dir.path() / "out", {.format = format, .specimen = "M1"}); },
+                ::testing::ThrowsMessage<messages::UnknownLogVersion>(
+                    HasSubstr("format \"isorig-log/3\", this program reads 1 and 2")));
+  }
+  EXPECT_FALSE(std::filesystem::exists(dir.path() / "out")) << "it was begun";
+}
+
 TEST(Export, TheLastAttemptCountsUnlessOnlyAnEarlierOneIsComplete) {
   const TemporaryDirectory dir("export");
   const auto run = dir.path() / "run";

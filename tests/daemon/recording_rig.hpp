@@ -5,11 +5,14 @@
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "daemon/core/streams.hpp"
 #include "daemon/recording/recorder.hpp"
+#include "messages/crc32c.hpp"
+#include "messages/log_event.hpp"
 #include "messages/run_log.hpp"
 
 /// A source of records whose every value follows from its index, and a reader that collects what came back.
@@ -242,6 +245,19 @@ struct Collected : messages::RunVisitor {
 inline std::string file_text(const std::filesystem::path& path) {
   std::ifstream in(path, std::ios::binary);
   return {std::istreambuf_iterator<char>(in), {}};
+}
+
+/// Makes a segment one of a version to come, with a checksum that fits.
+inline void make_version_3(const std::filesystem::path& segment) {
+  auto log = file_text(segment);
+  const auto version = log.find("isorig-log/2");
+  if (version == std::string::npos) throw std::logic_error(segment.string() + " is no recording");
+  log[version + 11] = '3';
+  auto* bytes = reinterpret_cast<std::uint8_t*>(log.data());
+  const auto checked = static_cast<std::size_t>(messages::kLogHeaderBytes + messages::big_endian(bytes + 20, 4) +
+                                                messages::big_endian(bytes + 24, 4) - messages::kLogChecksumBytes);
+  messages::put_big_endian(bytes + checked, messages::crc32c({bytes, checked}));
+  std::ofstream(segment, std::ios::binary) << log;
 }
 
 }  // namespace isorig::daemon::testing

@@ -118,6 +118,54 @@ TEST_F(HostileLog, AnAttemptHasASuccessor) {
   EXPECT_EQ(read().undecodable, 1U);
 }
 
+/// A log of tomorrow is no log of the live channels, and no damaged one.
+TEST_F(HostileLog, AVersionThatIsNotKnownIsRefusedByItsName) {
+  const auto write_header = [&](const std::vector<std::uint8_t>& bytes) {
+    std::filesystem::remove(folder_ / "segment-0001.lcm");
+    LogWriter writer(folder_ / "segment-0001.lcm", {});
+    ASSERT_TRUE(writer.append(name_of(Channel::kHeader), 0, bytes));
+    ASSERT_TRUE(writer.append(name_of(Channel::kFrame), 0, encoded(isorig_msgs::frame_batch_t{})));
+  };
+  const auto refused = ::testing::Throws<UnknownLogVersion>(::testing::Property(
+      &std::exception::what,
+      ::testing::StrEq(
+          (folder_ / "segment-0001.lcm").string() +
+          ": format \"isorig-log/3\", this program reads 1 and 2; read it with the isorig that recorded it, or a newer "
+          "one")));
+  auto h = header();
+  h.format = "isorig-log/3";
+  auto bytes = encoded(h);
+  write_header(bytes);
+  EXPECT_THAT([&] { (void)read(); }, refused);
+  EXPECT_THAT([&] { (void)read_header(folder_ / "segment-0001.lcm"); }, refused);
+  bytes[0] ^= 0xFFU;  // a type of another layout: nothing behind the format can be read
+  bytes.resize(bytes.size() - 8);
+  write_header(bytes);
+  EXPECT_THAT([&] { (void)read(); }, refused);
+  EXPECT_THAT([&] { (void)read_header(folder_ / "segment-0001.lcm"); }, refused);
+  for (const char* other : {"isorig-logs/3", "isorig-log", "", "lcm"}) {
+    h.format = other;
+    write_header(encoded(h));
+    EXPECT_EQ(read().undecodable, 1U) << other;
+  }
+  // Without checksums it may as well be a damaged 1.
+  h.format = "isorig-log/3";
+  write_header(encoded(h));
+  {
+    std::fstream log(folder_ / "segment-0001.lcm", std::ios::in | std::ios::out | std::ios::binary);
+    const auto header_bytes = static_cast<std::streamoff>(kLogHeaderBytes + name_of(Channel::kHeader).size() +
+                                                          encoded(h).size() + kLogChecksumBytes);
+    log.seekp(header_bytes - 1);
+    log.put('\x5A');
+    log.seekp(0, std::ios::end);
+    log.seekp(-1, std::ios::cur);
+    log.put('\x5A');
+  }
+  const auto without = read();
+  EXPECT_FALSE(without.has_checksums);
+  EXPECT_EQ(without.undecodable, 1U);
+}
+
 TEST_F(HostileLog, SegmentsThatAreGoneAreToldInOneLine) {
   write("segment-0001.lcm", Channel::kFrame, encoded(isorig_msgs::frame_batch_t{}));
   write("segment-2147483647.lcm", Channel::kFrame, encoded(isorig_msgs::frame_batch_t{}));
