@@ -220,6 +220,9 @@ class Core {
   void transition(std::int64_t now_ns, RunState to, Severity severity, const char* code, const char* text, double value,
                   double threshold) noexcept;
   void emit(const EventRecord& event) noexcept;
+  /// With a step other than the present one.
+  void emit_of(std::uint32_t step, std::int64_t now_ns, Severity severity, const char* code, std::string_view text,
+               double value, double threshold) noexcept;
   void emit(std::int64_t now_ns, Severity severity, const char* code, std::string_view text, double value,
             double threshold) noexcept;
   void emit_step(std::int64_t now_ns, const protocol::Action& action) noexcept;

@@ -24,9 +24,14 @@ void Core::transition(std::int64_t now_ns, RunState to, Severity severity, const
 
 void Core::emit(std::int64_t now_ns, Severity severity, const char* code, std::string_view text, double value,
                 double threshold) noexcept {
+  emit_of(step_now(), now_ns, severity, code, text, value, threshold);
+}
+
+void Core::emit_of(std::uint32_t step, std::int64_t now_ns, Severity severity, const char* code, std::string_view text,
+                   double value, double threshold) noexcept {
   EventRecord event;
   event.mono_ns = now_ns;
-  event.step = step_now();
+  event.step = step;
   event.severity = severity;
   event.from = event.to = state_;
   copy_text(event.code, code);
@@ -43,13 +48,15 @@ void Core::emit(const EventRecord& event) noexcept {
 
 void Core::emit_step(std::int64_t now_ns, const protocol::Action& action) noexcept {
   if (action.step_ended) {
+    // The next step has begun by now, maybe one of the next session: these belong to the one that is over.
     const auto& ended = plan_->steps[action.ended_step];
     if (action.settle_timed_out) {
-      emit(now_ns, Severity::kWarning, "settle.timeout", "force still moving when the settle step timed out",
-           action.end_value, ended.force_slope_N_s);
+      emit_of(action.ended_step, now_ns, Severity::kWarning, "settle.timeout",
+              "force still moving when the settle step timed out", action.end_value, ended.force_slope_N_s);
     }
     if (action.session_ended) {
-      emit(now_ns, Severity::kInfo, "session.end", plan_->sessions[ended.session].label, double(ended.session), 0.0);
+      emit_of(action.ended_step, now_ns, Severity::kInfo, "session.end", plan_->sessions[ended.session].label,
+              double(ended.session), 0.0);
     }
   }
   if (action.step_began) {

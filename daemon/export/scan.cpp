@@ -61,7 +61,9 @@ void Scan::event(const isorig_msgs::event_t& m) {
     live_.back().until_ns = m.mono_ns;
     live_.back().ended = true;
   }
-  at(session_of(m.session, m.mono_ns)).marks.events.push_back(m);
+  // Of the live channels' log the time decides, and the next session begins in the same nanosecond.
+  const bool ends = m.code == "session.end";
+  at(session_of(m.session, ends ? m.mono_ns - 1 : m.mono_ns)).marks.events.push_back(m);
 }
 
 std::vector<LiveSession> Scan::live_sessions() const {

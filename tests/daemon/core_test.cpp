@@ -1,3 +1,5 @@
+#include <gmock/gmock.h>
+
 #include <cmath>
 
 #include "rig_fixture.hpp"
@@ -70,6 +72,26 @@ TEST_F(CoreTest, EveryStepAndSessionIsAnEvent) {
     EXPECT_NE(event(code), nullptr) << code;
   }
   EXPECT_STREQ(event("mark")->text, "here");
+}
+
+/// The next session begins in the same tick: the end belongs to the one that is over, and so does a settle's time-out.
+TEST_F(CoreTest, WhatEndsWithAStepIsAnEventOfThatStep) {
+  start(R"(  { do = "repeat", unit = "session", for = { repetition = [1, 2] }, steps = [
+    { do = "pressurize", pressure_psi = 5, rate_psi_s = 8, settled_for_s = 0.2, timeout_s = 20 },
+    { do = "settle", force_slope_N_s = 1e-6, window_s = 1, settled_for_s = 0.2, expected_s = 1.2, timeout_s = 2, on_timeout = "continue" },
+  ] },)");
+  ASSERT_EQ(plan.sessions.size(), 2U);
+  ASSERT_TRUE(run_until(40.0, [&] { return virtual_rig->core().outcome() == Outcome::kDone; }));
+  run_for(0.1);
+  std::vector<std::pair<std::string, std::uint32_t>> told;
+  for (const auto& e : events) {
+    const std::string code = e.code;
+    if (code.starts_with("session.") || code == "settle.timeout") told.emplace_back(code, e.step);
+  }
+  using ::testing::Pair;
+  EXPECT_THAT(told,
+              ::testing::ElementsAre(Pair("session.start", 0U), Pair("settle.timeout", 1U), Pair("session.end", 1U),
+                                     Pair("session.start", 2U), Pair("settle.timeout", 3U), Pair("session.end", 3U)));
 }
 
 class TripTest : public RigFixture {

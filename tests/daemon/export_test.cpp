@@ -581,5 +581,57 @@ TEST(Export, EveryFolderHasTheStepsTheEventsAndTheLossesOfItsSession) {
   EXPECT_FALSE(second.contains("events"));
 }
 
+/// Session 1 begins in the tick in which session 0 ends; its first samples, stamped before that tick, are in the log
+/// already when the end comes. Recorded, and as a logger of the live channels has it.
+TEST(Export, TheEndOfASessionIsAnEventOfThatSession) {
+  const TemporaryDirectory dir("export");
+  constexpr std::int64_t kEnd = 2'000;
+  {
+    Streams streams;
+    Recorder recorder(recorder_options(dir.path() / "run"), two_sessions());
+    const auto tell = [&](std::int64_t ms, std::uint32_t step, const char* code, const char* text) {
+      auto e = event_record(ms, step, code, Severity::kInfo);
+      std::snprintf(e.text, sizeof e.text, "%s", text);
+      streams.events.push(e);
+    };
+    tell(0, 0, "session.start", "repetition 1, 5 psi");
+    run_plan(recorder, streams, {{kEnd - 2, 0, Keep::kFull}}, 20);
+    run_plan(recorder, streams, {{kEnd, 2, Keep::kFull}}, 20, kEnd - 2);  // in the slice before that of the end
+    tell(kEnd, 1, "session.end", "repetition 1, 5 psi");
+    tell(kEnd, 2, "session.start", "repetition 1, 10 psi");
+    run_plan(recorder, streams, {{4'000, 2, Keep::kFull}}, 20, kEnd);
+    tell(4'000, 2, "session.end", "repetition 1, 10 psi");
+    recorder.finish(streams, true);
+  }
+  const auto segments = messages::list_segments(dir.path() / "run");
+  ASSERT_EQ(segments.size(), 2U);
+  EXPECT_THAT(file_text(segments[1]), HasSubstr("session.end")) << "the case is none: the end came before the samples";
+  const auto sessions_told = [](const std::filesystem::path& folder) {
+    std::vector<std::string> told;
+    std::istringstream in(file_text(folder / "events.csv"));
+    for (std::string line; std::getline(in, line);) {
+      if (const auto at = line.find("session."); at != std::string::npos) told.push_back(line.substr(at));
+    }
+    return told;
+  };
+  const auto recorded = export_run(dir.path() / "run", dir.path() / "out", {});
+  ASSERT_EQ(recorded.read.state(), messages::RecordingState::kWhole)
+      << ::testing::PrintToString(recorded.read.complaints());
+  {
+    const auto both = file_text(dir.path() / "run" / "segment-0001.lcm") + file_text(segments[1]);
+    std::ofstream(dir.path() / "both.lcm", std::ios::binary) << both;
+  }
+  as_live_log(dir.path() / "both.lcm", dir.path() / "live.lcm");
+  const auto live = export_run(dir.path() / "live.lcm", dir.path() / "live", {.specimen = "M1"});
+  for (const auto* report : {&recorded, &live}) {
+    ASSERT_EQ(report->sessions.size(), 2U);
+    const auto first = sessions_told(report->sessions[0].folder), second = sessions_told(report->sessions[1].folder);
+    EXPECT_THAT(first, ::testing::ElementsAre(::testing::StartsWith("session.start,\"repetition 1, 5 psi\""),
+                                              ::testing::StartsWith("session.end,\"repetition 1, 5 psi\"")));
+    EXPECT_THAT(second, ::testing::ElementsAre(::testing::StartsWith("session.start,\"repetition 1, 10 psi\""),
+                                               ::testing::StartsWith("session.end,\"repetition 1, 10 psi\"")));
+  }
+}
+
 }  // namespace
 }  // namespace isorig::daemon::testing
