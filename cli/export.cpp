@@ -50,6 +50,10 @@ void print_json(const daemon::ExportReport& report) {
     auto& replaces = out["recordings"].back()["replaces"] = nlohmann::ordered_json::array();
     for (const auto& path : s.replaces) replaces.push_back(path.string());
   }
+  out["skipped"] = nlohmann::ordered_json::array();
+  for (const auto& s : report.skipped) {
+    out["skipped"].push_back({{"name", s.name}, {"session", s.session}, {"pressure_rows", s.pressure_rows}});
+  }
   std::cout << out.dump(2) << '\n';
 }
 
@@ -106,8 +110,11 @@ int run_export(const Options& options) {
     std::cerr
         << "isorig export: the recording has no checksums (an older isorig made it): altered values would not show\n";
   }
+  for (const auto& s : report.skipped) std::cerr << "isorig export: " << base::printable(s.why) << '\n';
   if (report.sessions.empty()) {
-    std::cerr << "isorig export: run " << found.id << " holds no samples of any session\n";
+    std::cerr << "isorig export: run " << found.id
+              << (report.skipped.empty() ? " holds no samples of any session\n"
+                                         : " holds no samples of the frame: nothing was exported\n");
     return kFailure;
   }
   std::size_t kept = 0;
@@ -117,7 +124,7 @@ int run_export(const Options& options) {
               << " rows keep the time that the daemon stamped: mapping them again would not be "
               << "better (a device's clock began anew or stepped there, or exchanges are missing)\n";
   }
-  return whole && kept == 0 ? kOk : kDataLost;
+  return whole && kept == 0 && report.skipped.empty() ? kOk : kDataLost;
 }
 
 Command add_export(CLI::App& app) {

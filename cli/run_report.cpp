@@ -57,7 +57,9 @@ void analyse(const FoundRun& run, const std::filesystem::path& folder, RunPage& 
   how.on_progress = [&](double fraction) {
     on_progress(kRead + (kExported - kRead) * fraction, "reading it for curves");
   };
-  all.sessions = daemon::export_run(run.directory, out.path(), how).sessions;
+  auto exported = daemon::export_run(run.directory, out.path(), how);
+  all.sessions = std::move(exported.sessions);
+  for (const auto& s : exported.skipped) all.not_analysed.push_back(s.why);
   identify::FvOptions options;
   options.whole_series = options.history = false;  // `isorig fv` has the first, this page the second for all of the run
   std::vector<identify::RecordingResult> results;

@@ -59,7 +59,11 @@ class Exporter : public RowSource {
       for (const auto& s : header.sessions) planned.insert_or_assign(s.session, s);
     }
     for (const auto& [index, attempts] : scan_.sessions) {
-      if (const auto* s = scan_.chosen(index)) planned.insert_or_assign(index, planned_of(s->attempt, index));
+      if (const auto* s = scan_.chosen(index)) {
+        planned.insert_or_assign(index, planned_of(s->attempt, index));
+      } else if (const auto p = find_planned(attempts.back().attempt, index)) {
+        planned.try_emplace(index, *p);
+      }
     }
     std::vector<isorig_msgs::session_t> all;
     for (const auto& [index, s] : planned) all.push_back(s);
@@ -86,6 +90,24 @@ class Exporter : public RowSource {
       }
     }
     return all;
+  }
+
+  [[nodiscard]] std::vector<SkippedSession> skipped() const {
+    std::vector<SkippedSession> out;
+    for (const auto& [index, attempts] : scan_.sessions) {
+      if (index < 0 || scan_.chosen(index) != nullptr) continue;
+      SkippedSession s;
+      s.session = index;
+      for (const auto& a : attempts) {
+        s.pressure_rows = std::max(s.pressure_rows, a.stream[static_cast<std::size_t>(Stream::kPressure)].rows);
+      }
+      if (s.pressure_rows == 0) continue;
+      s.name = names_->knows(index) ? names_->of(index) : "session-" + std::to_string(index);
+      s.why = s.name + " is left out: it has " + std::to_string(s.pressure_rows) +
+              " rows of pressure and none of the frame, without which nothing can be said of the specimen";
+      out.push_back(std::move(s));
+    }
+    return out;
   }
 
  protected:
@@ -116,7 +138,8 @@ class Exporter : public RowSource {
     return from;
   }
 
-  [[nodiscard]] isorig_msgs::session_t planned_of(std::int32_t attempt, std::int32_t index) const {
+  [[nodiscard]] std::optional<isorig_msgs::session_t> find_planned(std::int32_t attempt, std::int32_t index) const {
+    if (index < 0) return {};
     if (live_ != nullptr) {
       const auto& live = (*live_)[static_cast<std::size_t>(index)];
       isorig_msgs::session_t s{};
@@ -132,6 +155,11 @@ class Exporter : public RowSource {
         if (s.session == index) return s;
       }
     }
+    return {};
+  }
+
+  [[nodiscard]] isorig_msgs::session_t planned_of(std::int32_t attempt, std::int32_t index) const {
+    if (const auto found = find_planned(attempt, index)) return *found;
     throw std::runtime_error("the recording has samples of session " + std::to_string(index) +
                              ", which its header does not know");
   }
@@ -339,6 +367,7 @@ ExportReport export_run(const std::filesystem::path& run_dir, const std::filesys
   Exporter exporter(*writer, options, *scan, provenance, of_live_channels ? &live : nullptr);
   (void)messages::read_run(run_dir, exporter, part(of_live_channels ? 0.75 : 0.5, 1.0));
   report.sessions = exporter.finish();
+  report.skipped = exporter.skipped();
   return report;
 }
 

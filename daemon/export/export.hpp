@@ -49,17 +49,26 @@ struct ExportedSession {
   std::vector<std::filesystem::path> replaces{};
 };
 
+/// A session that has readings of the pressure, and not one of the frame in any attempt: no file says what it did.
+struct SkippedSession {
+  std::string name;  ///< that it would have had
+  std::int32_t session = 0;
+  std::size_t pressure_rows = 0;  ///< of the attempt that has most
+  std::string why;                ///< a sentence with the name
+};
+
 struct ExportReport {
   messages::ReadReport read;
   std::vector<ExportedSession> sessions;
+  std::vector<SkippedSession> skipped;
 };
 
-/// Writes each session of a run that has samples: to `out`/rep-N_PP-psi, `out`/RUN.h5 or `out`/RUN/rep-N_PP-psi.mat.
-/// Seconds count from the session's first sample, of whichever stream. Full-rate samples are rows as they are; an
-/// averaged interval is one row, its mean at the middle of its time. Of a session that was recorded in several attempts
-/// the last counts, unless only an earlier one is complete. What is altered or cut is left out; every session says in
-/// which state the recording was. A log without a header (the live channels, as a logger wrote them) is taken apart by
-/// its events `session.start` and `session.end`.
+/// Writes each session of a run that has samples of the frame: to `out`/rep-N_PP-psi, `out`/RUN.h5 or
+/// `out`/RUN/rep-N_PP-psi.mat. Seconds count from the session's first sample, of whichever stream. Full-rate samples
+/// are rows as they are; an averaged interval is one row, its mean at the middle of its time. Of a session that was
+/// recorded in several attempts the last counts, unless only an earlier one is complete. What is altered or cut is left
+/// out; every session says in which state the recording was. A log without a header (the live channels, as a logger
+/// wrote them) is taken apart by its events `session.start` and `session.end`.
 ///
 /// Read twice: first what there is, then row by row. Memory does not grow with the run, but with `remap` it does with
 /// the longest session.

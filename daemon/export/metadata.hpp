@@ -33,6 +33,7 @@ class SessionNames {
   explicit SessionNames(const std::vector<isorig_msgs::session_t>& planned);
   /// Throws std::out_of_range for a session that was not planned.
   [[nodiscard]] const std::string& of(std::int32_t session) const { return name_of_.at(session); }
+  [[nodiscard]] bool knows(std::int32_t session) const { return name_of_.contains(session); }
   /// Names that an export of some of the plan's sessions alone would have given it, were they not those of others.
   [[nodiscard]] std::set<std::string> former(const isorig_msgs::session_t& planned) const;
 

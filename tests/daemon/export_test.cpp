@@ -581,6 +581,41 @@ TEST(Export, EveryFolderHasTheStepsTheEventsAndTheLossesOfItsSession) {
   EXPECT_FALSE(second.contains("events"));
 }
 
+TEST(Export, ASessionWithPressureAloneIsNamed) {
+  const TemporaryDirectory dir("export");
+  {
+    Streams streams;
+    Recorder recorder(recorder_options(dir.path() / "run"), two_sessions());
+    run_plan(recorder, streams, {{1'000, 0, Keep::kFull}}, 20);
+    for (std::int64_t i = 1'000; i < 2'000; ++i) {
+      streams.pressure.push(pressure_record(i, 2, Keep::kFull));
+      if (i % 20 == 0) recorder.drain(streams, i * kMs);
+    }
+    recorder.finish(streams, true);
+  }
+  std::size_t measured = 0;
+  for (std::int64_t i = 1'000; i < 2'000; ++i) measured += pressure_record(i, 2, Keep::kFull).status == 0;
+  for (const auto format : {ExportFormat::kCsv, ExportFormat::kHdf5, ExportFormat::kMat}) {
+    const auto report = export_run(dir.path() / "run", dir.path() / "out", {.format = format});
+    ASSERT_EQ(report.sessions.size(), 1U);
+    EXPECT_EQ(report.sessions[0].name, "rep-1_05-psi");
+    ASSERT_EQ(report.skipped.size(), 1U);
+    EXPECT_EQ(report.skipped[0].session, 1);
+    EXPECT_EQ(report.skipped[0].pressure_rows, measured);
+    EXPECT_THAT(report.skipped[0].why,
+                HasSubstr("rep-1_10-psi is left out: it has " + std::to_string(measured) + " rows of pressure"));
+  }
+  // A session that has not begun is not left out.
+  const TemporaryDirectory whole("export");
+  {
+    Streams streams;
+    Recorder recorder(recorder_options(whole.path() / "run"), two_sessions());
+    run_plan(recorder, streams, {{1'000, 0, Keep::kFull}}, 20);
+    recorder.finish(streams, false);
+  }
+  EXPECT_TRUE(export_run(whole.path() / "run", whole.path() / "out", {}).skipped.empty());
+}
+
 /// Session 1 begins in the tick in which session 0 ends; its first samples, stamped before that tick, are in the log
 /// already when the end comes. Recorded, and as a logger of the live channels has it.
 TEST(Export, TheEndOfASessionIsAnEventOfThatSession) {
