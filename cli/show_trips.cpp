@@ -132,7 +132,8 @@ Json read_trips(const std::filesystem::path& run_dir, std::vector<std::string>& 
     try {
       auto trip = Json::parse(base::read_text_file(path, kMostBytes));
       if (!trip.is_object() || text_of(trip, "format") != "isorig-trip/1") {
-        complaints.push_back(path.string() + ": no evidence of a trip as this isorig writes it (isorig-trip/1)");
+        complaints.push_back(path.string() + ": no evidence of a trip that this program knows: its format is \"" +
+                             (trip.is_object() ? text_of(trip, "format") : "") + "\", not \"isorig-trip/1\"");
         continue;
       }
       all.push_back(std::move(trip));

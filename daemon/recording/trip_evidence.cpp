@@ -379,6 +379,10 @@ void append_to_last_trip(const std::filesystem::path& run_dir, const EventRecord
   const std::string file = file_of(last, ".json");
   try {
     auto trip = ordered_json::parse(base::read_text_file(run_dir / file));
+    if (const auto format = trip.at("format").get<std::string>(); format != kFormat) {
+      throw std::runtime_error((run_dir / file).string() + " is left as it is: its format is \"" + format +
+                               "\", and this program knows \"" + kFormat + "\"");
+    }
     const auto trip_ns = trip.at("mono_ns").get<std::int64_t>();
     for (const auto& e : trip.at("events")) {
       const bool ends = e.at("code") == "reset" || e.at("code") == "run.aborted";

@@ -154,6 +154,16 @@ TEST_F(TripEvidenceTest, AResetAfterTheRunWasClosedIsAddedOnce) {
   EXPECT_TRUE(std::filesystem::is_empty(empty.path()));
 }
 
+TEST_F(TripEvidenceTest, AVersionThatIsNotKnownIsLeftAsItIs) {
+  record(21'000, 21'000, {stop});
+  auto tomorrow = trip(1);
+  tomorrow["format"] = "isorig-trip/2";
+  std::ofstream(folder.path() / "trip-1.json") << tomorrow;
+  EXPECT_THAT([&] { append_to_last_trip(folder.path(), stop); },
+              ::testing::ThrowsMessage<std::runtime_error>(HasSubstr("its format is \"isorig-trip/2\"")));
+  EXPECT_EQ(trip(1), tomorrow);
+}
+
 TEST_F(TripEvidenceTest, AFileThatIsNoEvidenceIsNamedAndTheOthersAreTold) {
   record(21'000, 21'000, {stop});
   std::ofstream(folder.path() / "trip-2.json") << "{\"format\": \"something else\"}";
@@ -162,6 +172,7 @@ TEST_F(TripEvidenceTest, AFileThatIsNoEvidenceIsNamedAndTheOthersAreTold) {
   EXPECT_EQ(cli::read_trips(folder.path(), complaints).size(), 1U);
   ASSERT_EQ(complaints.size(), 2U);
   EXPECT_THAT(complaints[0], HasSubstr("trip-2.json"));
+  EXPECT_THAT(complaints[0], HasSubstr("its format is \"something else\", not \"isorig-trip/1\""));
   EXPECT_THAT(complaints[1], HasSubstr("trip-3.json"));
   // Whatever stands in it, the story neither throws nor makes up numbers.
   EXPECT_THAT(cli::tell_trip(json::parse(R"({"reaction": 3, "events": {"a": 1}, "before": []})")), HasSubstr("trip ?"));

@@ -65,6 +65,7 @@ TEST(OldFiles, Models) {
   }
 }
 
+/// amendments.toml and a calibration record.
 TEST(OldFiles, WhatStandsBesideARun) {
   const auto amendments = daemon::read_amendments(sample("2026-11-23/run"));
   ASSERT_EQ(amendments.size(), 1U);

@@ -9,6 +9,7 @@
 #include <map>
 
 #include "daemon/export/export.hpp"
+#include "daemon/recording/recording_summary.hpp"
 #include "messages/recording.hpp"
 #include "messages/run_log.hpp"
 
@@ -144,6 +145,21 @@ TEST_F(OldLog, Format1IsReadAndExported) {
   EXPECT_EQ(r.frame.t_s, (std::vector<double>{0.0, 0.001, 0.002}));
   EXPECT_EQ(r.frame.position_mm, (std::vector<double>{1.5, 2.0, 2.5}));
   EXPECT_EQ(r.frame.force_N, (std::vector<double>{44.5, 44.0, 43.5}));
+}
+
+/// Beside the segments stands what people read, and what the catalogue takes the date from.
+TEST_F(OldLog, ARunTomlOfBeforeItNamedItsFormatIsRead) {
+  header();
+  mark(0, 0);
+  frame();
+  mark(2, 1);
+  save();
+  EXPECT_EQ(daemon::summarize_recording(folder_ / "run").started_utc, "");
+  std::filesystem::copy(std::filesystem::path(ISORIG_SOURCE_DIR) / "tests/formats/samples/2026-11-23/run/run.toml",
+                        folder_ / "run" / "run.toml");
+  const auto run = daemon::summarize_recording(folder_ / "run");
+  EXPECT_EQ(run.started_utc, "2026-11-23T05:17:35Z");
+  EXPECT_EQ(run.header.specimen, "M1") << "the recording counts";
 }
 
 /// A type that changes makes every recording unreadable that has it. Then the format needs a new version, the old type
