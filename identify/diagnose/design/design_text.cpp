@@ -27,15 +27,18 @@ void describe_inseparable(Design& design) {
       other->distance = std::max(other->distance, one.distance);
       other->text = "No candidate experiment within the limits separates ";
       other->text.append(rival).append(" from ").append(truth);
-      other->text.append(": the farthest they can be brought apart is ").append(number_text(other->distance, 2));
-      other->text.append(" (whitened squares; ").append(number_text(design.enough, 3));
-      other->text += " are asked for). They are to be taken as one explanation.";
+      other->text.append(": the best separates them by ").append(number_text(other->distance, 2));
+      other->text.append(" whitened squares, and ").append(number_text(design.enough, 3));
+      other->text += " are required. They are to be taken as one explanation.";
     } else {
       joined.push_back(one);
       std::string& text = joined.back().text = "If ";
-      text.append(truth).append(" is true, ").append(rival).append(" explains every candidate experiment as well: ");
-      text.append(number_text(one.distance, 2)).append(" is the farthest it can be brought away (");
-      text.append(number_text(design.enough, 3)).append(" are asked for).");
+      text.append(truth)
+          .append(" is true, ")
+          .append(rival)
+          .append(" predicts every candidate experiment nearly as well: ");
+      text.append("the best of them separates the two by ").append(number_text(one.distance, 2));
+      text.append(" whitened squares, and ").append(number_text(design.enough, 3)).append(" are required.");
     }
   }
   design.inseparable = std::move(joined);
