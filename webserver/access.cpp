@@ -57,7 +57,7 @@ std::optional<std::string> Access::redeem(const std::string& token, Time now) {
 std::optional<Who> Access::who(const std::string& session, Time now) {
   const std::lock_guard lock(mutex_);
   const auto found = sessions_.find(session);
-  if (found == sessions_.end() || now - found->second.used > limits_.session) return std::nullopt;
+  if (found == sessions_.end() || has_ended(found->second, now)) return std::nullopt;
   found->second.used = now;
   return found->second.who;
 }
@@ -110,7 +110,11 @@ void Access::connected(const std::string& session, bool there, Time now) {
 void Access::expire(Time now) {
   const std::lock_guard lock(mutex_);
   std::erase_if(tokens_, [&](const auto& t) { return t.second.until <= now; });
-  std::erase_if(sessions_, [&](const auto& s) { return s.second.pages == 0 && now - s.second.used > limits_.session; });
+  std::erase_if(sessions_, [&](const auto& s) { return has_ended(s.second, now); });
+}
+
+bool Access::has_ended(const Session& session, Time now) const {
+  return session.pages == 0 && now - session.used > limits_.session;
 }
 
 }  // namespace isorig::web

@@ -34,7 +34,7 @@ class Access {
  public:
   struct Limits {
     std::chrono::seconds token{120};  ///< a token that nobody used by then is void
-    std::chrono::hours session{12};   ///< a session that nobody used for so long has ended
+    std::chrono::hours session{12};   ///< a session without an open page that was not used for so long has ended
     std::size_t tokens = 32;
     std::size_t sessions = 64;
   };
@@ -85,6 +85,8 @@ class Access {
     int pages = 0;
     std::uint64_t term = 0;  // of its control, now or once
   };
+  /// An open page is use: who looks on at a run of a day may pause it on the second morning.
+  [[nodiscard]] bool has_ended(const Session& session, Time now) const;
 
   mutable std::mutex mutex_;  // tokens are minted by another thread
   Limits limits_;

@@ -56,6 +56,18 @@ TEST(Access, SessionsAreBoundedAndEndWhenNobodyUsesThem) {
   EXPECT_NO_THROW(session_of(access, "Ann"));
 }
 
+TEST(Access, ASessionWithAnOpenPageLastsAsLongAsThePage) {
+  Access access;
+  const auto session = session_of(access, "Ann");
+  access.connected(session, true, kNow);
+  access.expire(kNow + 23h);
+  EXPECT_TRUE(access.who(session, kNow + 23h)) << "the page shows Pause: it has to work";
+  access.connected(session, false, kNow + 47h);
+  EXPECT_TRUE(access.who(session, kNow + 58h)) << "12 h count from when the page was closed";
+  access.expire(kNow + 71h);
+  EXPECT_FALSE(access.who(session, kNow + 71h));
+}
+
 TEST(Access, ASessionIsAUserWithGroupsAndAPageOfItsOwn) {
   Access access;
   const auto one = session_of(access, "Ann"), other = session_of(access, "Ann");
