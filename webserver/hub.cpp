@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "webserver/files.hpp"
+#include "webserver/verdicts.hpp"
 
 namespace isorig::web {
 namespace {
@@ -90,6 +91,7 @@ void Hub::on_status(const DaemonAnswer& answer) {
                  {"lost_earlier", lost_before_},
                  {"gaps", history_.gaps()},
                  {"lateness", history_.lateness().counts()},
+                 {"verdicts", answer.status == 200 ? verdicts_of(answer.body) : json::object()},
                  {"twin", twin_.state()},
                  {"viewers", viewers_.size()}};
   if (answer.status == 200) {

@@ -7,6 +7,7 @@
 #include "cli/selftest_checks.hpp"
 #include "identify/report/diagnosis/effect_words.hpp"
 #include "webserver/hub.hpp"
+#include "webserver/number_units.hpp"
 
 /// Hub: what is looked up at the daemon for one page.
 namespace isorig::web {
@@ -82,6 +83,7 @@ void Hub::look_for(const std::string& what) {
     return daemon_.call("GET", "/v1/diagnoses", {}, kPatience, [reply](DaemonAnswer a) {
       if (a.status != 200) return reply(passed_on(a));
       a.body["words"] = words_in(a.body);
+      add_units(a.body);
       reply({200, dump(a.body)});
     });
   }

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { courseOf, panelsOf, stepsOf, timeUnit, type CheckedPlan } from "../src/live/checked_plan.ts";
-import { caveatsOf, experimentOf, told, verdictOf } from "../src/live/diagnosis_words.ts";
+import { caveatsOf, experimentOf, parameterText, told, verdictOf } from "../src/live/diagnosis_words.ts";
 import { isDirty, keepDraft, loadDraft, nameFault, offsetOf } from "../src/live/draft.ts";
 import { mayGoOn } from "../src/live/run_list.ts";
 
@@ -116,4 +116,9 @@ test("what is left of a run that has ended otherwise may go on", () => {
   assert.ok(mayGoOn({ state: "aborted", sessions: 5, sessions_done: 0 }));
   for (const state of ["done", "running", "refused"]) assert.ok(!mayGoOn({ state, sessions: 5, sessions_done: 2 }), state);
   assert.ok(!mayGoOn({ state: "failed", sessions: 5, sessions_done: 5 }));
+});
+
+test("a number of an effect has its unit behind its interval, a ratio has none", () => {
+  assert.equal(parameterText("force_N_psi", { value: 4.2, ci95: [4.0, 4.4], unit: "N/psi" }), "force_N_psi 4.2 [4, 4.4]\u202fN/psi");
+  assert.equal(parameterText("share", { value: 0.5, ci95: [0.4, 0.6] }), "share 0.5 [0.4, 0.6]");
 });

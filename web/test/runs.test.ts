@@ -1,11 +1,11 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { CurveStore, curvesIn, matches, overlaid } from "../src/live/run_list.ts";
+import { CurveStore, curvesIn, matches, overlaid, recordedText } from "../src/live/run_list.ts";
 import type { Run } from "../src/live/runs.tsx";
 
 const run: Run = {
   id: "20261123-010251-vma-smoke-Control2", started_utc: "2026-11-23T01:02:51Z", state: "aborted", fault: "e-stop", specimen: "Control2",
-  rig: "sim", protocol: "vma-smoke.toml", operator: "Ann", attempts: 1, sessions: 2, sessions_done: 1, report: true,
+  rig: "sim", protocol: "vma-smoke.toml", operator: "Ann", attempts: 1, sessions: 2, sessions_done: 1, recorded_s: 754, report: true,
   notes: [{ text: "the grip was loose", by: "Bob" }],
 };
 
@@ -14,6 +14,11 @@ test("a run is found by every word, wherever it stands", () => {
   assert.ok(matches(run, "ann CONTROL2"));
   assert.ok(matches(run, "loose bob e-stop"));
   assert.ok(!matches(run, "ann control3"));
+});
+
+test("a run's duration is that of its data, and a run without data has none", () => {
+  assert.equal(recordedText(run.recorded_s), "12\u202fmin 34\u202fs");
+  assert.equal(recordedText(0), "–");
 });
 
 const panel = (y: number) => ({

@@ -1,6 +1,7 @@
 import { number } from "../shared/format.ts";
 import { useFetched } from "./fetched.ts";
 import type { Model } from "./model.ts";
+import { Moment, Zone } from "./moment.tsx";
 import { NeedsSession } from "./needs_session.tsx";
 
 /** What corrects the readings, until when, and every record there is. */
@@ -56,7 +57,7 @@ function Records({ model }: { model: Model }) {
         <div class="table-frame" tabIndex={0} role="region" aria-label="In force">
           <table>
             <thead><tr><th scope="col">channel</th><th scope="col">state</th><th scope="col">scale</th><th scope="col">offset</th><th scope="col">± (k = 2)</th>
-              <th scope="col">as found</th><th scope="col">made</th><th scope="col">due</th><th scope="col">operator</th><th scope="col">reference</th></tr></thead>
+              <th scope="col">as found</th><th scope="col">made<Zone /></th><th scope="col">due</th><th scope="col">operator</th><th scope="col">reference</th></tr></thead>
             <tbody>
               {Object.entries(all.value?.in_force ?? {}).map(([channel, f]) => (
                 <tr key={channel}>
@@ -66,7 +67,7 @@ function Records({ model }: { model: Model }) {
                   <td>{number(f.offset, 4)} {f.unit}</td>
                   <td>{f.uncertainty_k2 === undefined ? "–" : `${number(f.uncertainty_k2, 2)} ${f.unit}`}</td>
                   <td class={f.within_error_band === false ? "bad" : ""}>{f.as_found_max_error === undefined ? "–" : `off by up to ${number(f.as_found_max_error, 2)} ${f.unit}${f.within_error_band ? "" : ": outside of its error band"}`}</td>
-                  <td>{(f.made_utc ?? "–").slice(0, 10)}</td><td>{f.due ?? "–"}</td><td>{f.operator ?? "–"}</td><td>{f.reference ?? "–"}</td>
+                  <td>{f.made_utc ? <Moment utc={f.made_utc} day /> : "–"}</td><td>{f.due ?? "–"}</td><td>{f.operator ?? "–"}</td><td>{f.reference ?? "–"}</td>
                 </tr>
               ))}
             </tbody>
@@ -79,12 +80,12 @@ function Records({ model }: { model: Model }) {
         {records.length > 0 && (
           <div class="table-frame" tabIndex={0} role="region" aria-label="Records">
             <table>
-              <thead><tr><th scope="col">made</th><th scope="col">channel</th><th scope="col">record</th><th scope="col">mode</th><th scope="col">scale</th><th scope="col">offset</th>
+              <thead><tr><th scope="col">made<Zone /></th><th scope="col">channel</th><th scope="col">record</th><th scope="col">mode</th><th scope="col">scale</th><th scope="col">offset</th>
                 <th scope="col">± (k = 2)</th><th scope="col">due</th><th scope="col">operator</th><th scope="col">reference</th><th scope="col">replaces</th></tr></thead>
               <tbody>
                 {records.map((r) => (
                   <tr key={r.id}>
-                    <td>{r.made_utc.replace("T", " ").replace("Z", "")}</td><td>{r.channel}</td>
+                    <td><Moment utc={r.made_utc} /></td><td>{r.channel}</td>
                     <th scope="row"><details><summary>{r.id}</summary><pre>{r.toml}</pre></details></th>
                     <td>{r.mode}</td><td>{number(r.scale, 6)}</td><td>{number(r.offset, 4)}</td><td>{number(r.uncertainty_k2, 2)}</td>
                     <td>{r.due}</td><td>{r.operator}</td><td>{r.reference}</td><td>{r.supersedes || "–"}</td>

@@ -1,11 +1,12 @@
 import { useMemo, useState } from "preact/hooks";
-import { duration, interval, number } from "../shared/format.ts";
+import { duration, number } from "../shared/format.ts";
 import { Dialog, type Say } from "./controls.tsx";
-import { caveatsOf, experimentOf, told, verdictOf, type Diagnosed, type Diagnoses } from "./diagnosis_words.ts";
+import { caveatsOf, experimentOf, parameterText, told, verdictOf, type Diagnosed, type Diagnoses } from "./diagnosis_words.ts";
 import { isDirty, keepDraft, loadDraft, type Draft } from "./draft.ts";
 import { getJson, useFetched } from "./fetched.ts";
 import { HoldButton } from "./hold.tsx";
 import type { Model } from "./model.ts";
+import { Moment, Zone } from "./moment.tsx";
 import { NeedsSession } from "./needs_session.tsx";
 
 /** What was found to be missing from the models, how sure that is, and what to run next. */
@@ -71,7 +72,7 @@ function One({ d, words, queue }: { d: Diagnosed; words: Record<string, string>;
   const next = d.next_experiment;
   return (
     <section class="panel diagnosis" aria-label={d.folder}>
-      <h2>{d.folder} <small>{d.kind}, {d.made_utc.replace("T", " ").replace("Z", " UTC")}</small></h2>
+      <h2>{d.folder} <small>{d.kind}, <Moment utc={d.made_utc} /><Zone /></small></h2>
       {d.wrong ? <p class="bad">✕ {d.wrong}</p> : (
         <>
           <p><b class={verdict.mood}>{verdict.sign} {verdict.words}</b>{d.text ? `: ${d.text}` : ""}</p>
@@ -84,7 +85,7 @@ function One({ d, words, queue }: { d: Diagnosed; words: Record<string, string>;
                     <tr key={m.effect}>
                       <th scope="row">{word(m.effect)}</th>
                       <td class="number">{number(m.probability, 2)}</td>
-                      <td>{Object.entries(m.parameters ?? {}).map(([name, p]) => <div key={name}>{name} {interval(p.value, p.ci95[0], p.ci95[1])}</div>)}</td>
+                      <td>{Object.entries(m.parameters ?? {}).map(([name, p]) => <div key={name}>{parameterText(name, p)}</div>)}</td>
                       <td>{caveatsOf(m, word).map((c) => <div key={c} class="warning">! {c}</div>)}</td>
                     </tr>
                   ))}

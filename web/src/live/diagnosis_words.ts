@@ -1,11 +1,18 @@
 /** What the daemon tells of the diagnoses there are (docs/api.md, GET /v1/diagnoses), and how it is said. */
-import { number } from "../shared/format.ts";
+import { interval, number } from "../shared/format.ts";
+
+export interface Parameter {
+  value: number;
+  ci95: [number, number];
+  unit?: string;
+}
 
 export interface Missing {
   effect: string;
   probability: number;
   size_N?: number;
-  parameters?: Record<string, { value: number; ci95: [number, number] }>;
+  /** `unit` as the effect's sheet has it, put there by isorig-web; none for a ratio. */
+  parameters?: Record<string, Parameter>;
   discernible?: { seen_from_N: number | null; nearest: string | null; told_from_N: number | null };
 }
 
@@ -61,6 +68,11 @@ const OUTCOMES: Record<string, string> = {
 export function verdictOf(d: Told): { words: string; sign: string; mood: string } {
   const v = VERDICTS[d.verdict ?? ""] ?? { words: d.verdict ?? "no verdict yet", sign: "?", mood: "warning" };
   return d.outcome === undefined ? v : { ...v, words: `${OUTCOMES[d.outcome] ?? d.outcome}; ${v.words}` };
+}
+
+/** "force_N_psi 0.013 [0.011, 0.015] N/psi": the name as the files have it, and the unit in words. */
+export function parameterText(name: string, p: Parameter): string {
+  return `${name} ${interval(p.value, p.ci95[0], p.ci95[1])}${p.unit ? `\u202f${p.unit}` : ""}`;
 }
 
 /** What stands beside the number of one effect. */

@@ -1,5 +1,6 @@
 import { useState } from "preact/hooks";
 import { EVENTS_KEPT, type Event, type Model } from "./model.ts";
+import { Moment, Zone } from "./moment.tsx";
 
 /** What happened, newest first: the daemon's events and the twin's. */
 
@@ -28,11 +29,11 @@ export function LogPage({ model }: { model: Model }) {
         <p class="note" role="status">{found.length} of {model.events.length} events; the newest {EVENTS_KEPT} are kept here. Who did what is in its journal: journalctl -u isorigd -u isorig-web.</p>
         <div class="table-frame" tabIndex={0} role="region" aria-label="List of events">
           <table>
-            <thead><tr><th scope="col">time</th><th scope="col">severity</th><th scope="col">code</th><th scope="col">what</th></tr></thead>
+            <thead><tr><th scope="col">time<Zone /></th><th scope="col">severity</th><th scope="col">code</th><th scope="col">what</th></tr></thead>
             <tbody>
               {found.map((e) => (
                 <tr key={`${e.mono_ns} ${e.code}`} class={e.severity === "info" ? "" : e.severity === "warning" ? "warning" : "bad"}>
-                  <td><time>{new Date(1000 * model.unix_s(e.mono_ns)).toISOString().replace("T", " ").slice(0, 23)}</time></td>
+                  <td><Moment utc={new Date(1000 * model.unix_s(e.mono_ns))} digits={3} /></td>
                   <td>{e.severity === "info" ? "" : e.severity === "warning" ? "! " : "✕ "}{e.severity}</td>
                   <td>{e.code}</td>
                   <td>{e.text}{e.count > 1 ? ` (${e.count} times)` : ""}</td>

@@ -73,6 +73,12 @@ export interface Twin {
   parting?: { mono_ns: number; found_mono_ns: number; step: number; text: string; residual_N: number };
 }
 
+/** A verdict with its words, as the terminal has them (cli/live_verdicts.hpp). */
+export interface Said {
+  tone: "good" | "warn" | "bad";
+  text: string;
+}
+
 export interface Web {
   unix_ms: number;
   lost: number;
@@ -81,6 +87,8 @@ export interface Web {
   gaps: number;
   /** Of the worst tick of each hundredth of a second in ten minutes, how many were late by 2^(k-1) to 2^k µs. */
   lateness: number[];
+  /** Of the loop and the devices; one that the status has no numbers for is not there. */
+  verdicts: { loop?: Said; frame?: Said; pressure?: Said };
   viewers: number;
   twin: Twin;
 }

@@ -2,18 +2,21 @@ import { useEffect, useReducer, useRef, useState } from "preact/hooks";
 import { number } from "../shared/format.ts";
 import { Control, NoteDialog, Verbs } from "./controls.tsx";
 import { DiagnosisPage } from "./diagnosis.tsx";
-import { post, type Link, type Model, type Reply } from "./model.ts";
+import { post, type Model, type Reply } from "./model.ts";
+import { Zone } from "./moment.tsx";
 import { LoopPlot, PANELS, TimePlot, windowOf, type Window } from "./plots.ts";
-import { blocks, CHANNELS, grid, STREAMS, StretchRing } from "./stretches.ts";
+import { STREAMS } from "./stretches.ts";
 import { CalibrationPage } from "./calibration.tsx";
 import { LogPage } from "./log.tsx";
 import { ProtocolPage } from "./protocol.tsx";
+import { Check, Judged, Reading, value } from "./readings.tsx";
 import { RigPage } from "./rig.tsx";
 import { RunsPage } from "./runs.tsx";
 import { StartDialog } from "./start.tsx";
 import { Timeline } from "./timeline.tsx";
 import { TwinDialog, TwinPanel, TwinValue } from "./twin.tsx";
-import { clockTime, look, moves } from "./words.ts";
+import { clockTime, look, moves, readingAge_s, zone } from "./words.ts";
+import { zoomed } from "./zoom.ts";
 
 const WINDOWS = [
   { s: 10, name: "10 s" }, { s: 30, name: "30 s" }, { s: 120, name: "2 min" }, { s: 600, name: "10 min" },
@@ -30,36 +33,22 @@ const LOOP_S = 60;
 const EVENTS_SHOWN = 60;
 const MESSAGE_MS = 8000;
 
-/** So many decimals, always: digits that come and go cannot be read from afar. */
-function value(v: number | null | undefined, digits: number): string {
-  if (v === null || v === undefined) return "–";
-  const text = v.toFixed(digits);
-  return Number(text) === 0 ? text.replace("-", "") : text.replace("-", "\u2212");
-}
-
-function Check({ good, children }: { good: boolean | null; children: preact.ComponentChildren }) {
-  const kind = good === null ? "unknown" : good ? "good" : "bad";
-  return <li class={kind}><span aria-hidden="true">{good === null ? "?" : good ? "✓" : "✕"}</span> {children}{kind === "good" ? "" : kind === "bad" ? " (!)" : ""}</li>;
-}
-
-function clockText(link: Link): string {
-  if (!link.connected) return `not connected${link.detail ? `: ${link.detail}` : ""}`;
-  if (!link.clock_ready || link.bound_us === null) return "not mapped yet";
-  return `±${number(link.bound_us, 2)} µs`;
-}
-
 function Values({ model }: { model: Model }) {
   const s = model.status;
   if (!s) return null;
+  const status_age_ms = performance.now() - model.heard_ms, frame_age_s = readingAge_s(s.frame_age_s, status_age_ms);
   return (
     <div class="values">
-      <div><h3>force</h3><p class="big">{value(s.force_N, 2)}<small> N</small></p>
+      <Reading name="force" unit="N" value={value(s.force_N, 2)} age_s={frame_age_s}>
         <TwinValue model={model} />
-        <p>{model.plan ? `limits ${model.plan.limits.force_min_N} to ${model.plan.limits.force_max_N}` : ""}</p></div>
-      <div><h3>position</h3><p class="big">{value(s.position_mm, 3)}<small> mm</small></p>
-        <p>{moves(s, model.plan) ? `to ${value(s.target_mm, 3)} at ${number(Math.abs(s.velocity_mm_s), 3)} mm/s` : `target ${value(s.target_mm, 3)}`}</p></div>
-      <div><h3>pressure</h3><p class="big">{value(s.pressure_psi, 2)}<small> psi</small></p>
-        <p>set {value(s.setpoint_psi, 2)} · fill {s.fill_permille} ‰ · vent {s.vent_permille} ‰</p></div>
+        <p>{model.plan ? `limits ${model.plan.limits.force_min_N} to ${model.plan.limits.force_max_N}` : ""}</p>
+      </Reading>
+      <Reading name="position" unit="mm" value={value(s.position_mm, 3)} age_s={frame_age_s}>
+        <p>{moves(s, model.plan) ? `to ${value(s.target_mm, 3)} at ${number(Math.abs(s.velocity_mm_s), 3)} mm/s` : `target ${value(s.target_mm, 3)}`}</p>
+      </Reading>
+      <Reading name="pressure" unit="psi" value={value(s.pressure_psi, 2)} age_s={readingAge_s(s.pressure_age_s, status_age_ms)}>
+        <p>set {value(s.setpoint_psi, 2)} · fill {s.fill_permille} ‰ · vent {s.vent_permille} ‰</p>
+      </Reading>
     </div>
   );
 }
@@ -113,9 +102,9 @@ function Health({ model }: { model: Model }) {
       </ul>
       <h2>Clocks and loop</h2>
       <ul class="checks">
-        <Check good={s.frame.connected && s.frame.clock_ready}>frame {clockText(s.frame)}</Check>
-        <Check good={s.pressure.connected && s.pressure.clock_ready}>pressure {clockText(s.pressure)}</Check>
-        <Check good={s.loop.worst_wakeup_us < 1000}>loop: at most {number(s.loop.worst_wakeup_us / 1000, 2)} ms late, {s.loop.overruns} ticks missed</Check>
+        <Judged name="frame" said={web.verdicts.frame} />
+        <Judged name="pressure" said={web.verdicts.pressure} />
+        <Judged name="loop" said={web.verdicts.loop} />
       </ul>
       <Lateness bins={web.lateness} />
       <h2>Data</h2>
@@ -133,7 +122,7 @@ function Events({ model }: { model: Model }) {
   const now = (model.web?.unix_ms ?? 0) / 1000;
   return (
     <section class="panel events" aria-label="Events">
-      <h2>Events</h2>
+      <h2>Events<Zone /></h2>
       <ol tabIndex={0} aria-label="Events, newest first">
         {model.events.slice(-EVENTS_SHOWN).reverse().map((e) => (
           <li key={`${e.mono_ns} ${e.code}`} class={e.severity === "info" ? "" : e.severity === "warning" ? "warning" : "bad"}>
@@ -146,23 +135,7 @@ function Events({ model }: { model: Model }) {
   );
 }
 
-/** A stretch of the past that was marked with the mouse, from the server's raw samples; until it is left again. */
-async function zoomed(model: Model, from_s: number, to_s: number, pixels: number): Promise<Window | null> {
-  const epoch_s = (model.hello?.epoch_unix_us ?? 0) / 1e6;
-  const from = Math.round((from_s - epoch_s) * 1e9), to = Math.round((to_s - epoch_s) * 1e9);
-  const answer = await fetch(`/api/zoom?from=${from}&to=${to}&stretches=${Math.max(1, Math.round(pixels))}`);
-  if (!answer.ok) return null;
-  const found = blocks(await answer.arrayBuffer());
-  const rings = found.map((b, i) => {
-    const ring = new StretchRing(Math.max(16, Math.ceil((to - from) / b.width_ns) + 4), CHANNELS[i] as number);
-    ring.put(b);
-    return ring;
-  });
-  const width_ns = found[0]?.width_ns ?? 1e6;
-  return { rings, width_ns, from_ns: from, to_ns: to, grid: grid(from, to, width_ns, Infinity) };
-}
-
-function Plots({ model, below, beside }: { model: Model; below: preact.ComponentChildren; beside: (loop: preact.ComponentChildren) => preact.ComponentChildren }) {
+function Plots({ model, say, below, beside }: { model: Model; say: (reply: Reply) => void; below: preact.ComponentChildren; beside: (loop: preact.ComponentChildren) => preact.ComponentChildren }) {
   const [span, setSpan] = useState(30);
   const [zoom, setZoom] = useState<Window | null>(null);
   const now = useRef({ span, zoom });
@@ -175,7 +148,8 @@ function Plots({ model, below, beside }: { model: Model; below: preact.Component
   };
   useEffect(() => {
     const places = [...(strips.current as HTMLElement).querySelectorAll<HTMLElement>(".strip")];
-    const marked = (from: number, to: number) => void zoomed(model, from, to, places[0]?.clientWidth ?? 600).then((w) => w && setZoom(w));
+    const marked = (from: number, to: number) => void zoomed(model, from, to, places[0]?.clientWidth ?? 600).then((w) =>
+      typeof w === "string" ? say({ ok: false, status: 0, text: w, body: {} }) : setZoom(w));
     const plots = PANELS.map((p, i) => new TimePlot(places[i] as HTMLElement, model, p, i === 0, i === PANELS.length - 1, marked));
     const over = new LoopPlot(loop.current as HTMLElement, model);
     let last = 0, lastLoop = 0, frame = 0;
@@ -239,7 +213,7 @@ function Plots({ model, below, beside }: { model: Model; below: preact.Component
               <div class="strip" role="img" aria-label={`${p.title} over the last ${span} s`} />
             </div>
           ))}
-          <p class="note">Line: mean; band: lowest to highest; every sample is in it. Mark a stretch of the last ten minutes to enlarge it.</p>
+          <p class="note">Line: mean; band: lowest to highest; every sample is in it. Times: {zone()}. Mark a stretch to enlarge it: the last ten minutes down to 1 ms, what is older as its stretches of 5 s.</p>
         </section>
         {below}
       </div>
@@ -336,7 +310,7 @@ export function Page({ model }: { model: Model }) {
       {said && <p class={`said ${said.ok ? "good" : "bad"}`} role="alert">{said.ok ? "✓" : "✕"} {said.text}</p>}
       {s !== null && s.faults.length > 0 && (
         <section class="faults" role="alert">
-          <h2>{s.state === "faulted" ? "Stopped by" : "Since the last reset"}</h2>
+          <h2>{s.state === "faulted" ? "Stopped by" : "Since the last reset"}<Zone /></h2>
           <ul>{s.faults.map((f) => <li key={`${f.mono_ns}${f.code}`}><time>{clockTime(model.unix_s(f.mono_ns), (model.web?.unix_ms ?? 0) / 1000)}</time> <b>{f.severity} · {f.code}</b> {f.text}</li>)}</ul>
         </section>
       )}
@@ -348,11 +322,11 @@ export function Page({ model }: { model: Model }) {
       {shownPage === "rig" && <RigPage model={model} />}
       {shownPage === "calibration" && <CalibrationPage model={model} />}
       {shownPage === "live" && <main>
-        <Plots model={model} below={<Events model={model} />} beside={(loop) => <><Values model={model} /><TwinPanel model={model} choose={() => setDialog("twin")} />{loop}<Health model={model} /></>} />
+        <Plots model={model} say={setSaid} below={<Events model={model} />} beside={(loop) => <><Values model={model} /><TwinPanel model={model} choose={() => setDialog("twin")} />{loop}<Health model={model} /></>} />
       </main>}
       <footer>
         {model.hello?.may_control ? "Keys: p pauses at once; 1 to 6 choose the time shown; Tab, then Enter or Space held, for the rest. " : "View only: isorig web, in a terminal on the rig's machine, gives a link that may control. "}
-        The emergency stop is the wired one at the rig.
+        Times: {zone()}. The emergency stop is the wired one at the rig.
       </footer>
       {dialog === "start" && <StartDialog model={model} say={setSaid} close={() => setDialog("")} />}
       {dialog === "twin" && <TwinDialog model={model} say={setSaid} close={() => setDialog("")} />}

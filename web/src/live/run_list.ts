@@ -1,11 +1,18 @@
 import type { Figure, Panel, Series } from "../shared/figure.ts";
+import { duration } from "../shared/format.ts";
 import type { Run } from "./runs.tsx";
+import { localTime } from "./words.ts";
 
 /** Every word stands somewhere in what is known of the run; capitals do not matter. */
 export function matches(run: Run, search: string): boolean {
-  const text = [run.id, run.started_utc, run.state, run.fault, run.specimen, run.rig, run.protocol, run.operator,
+  const text = [run.id, run.started_utc, localTime(new Date(run.started_utc)), run.state, run.fault, run.specimen, run.rig, run.protocol, run.operator,
     ...run.notes.flatMap((n) => [n.text, n.by, n.operator, n.specimen])].join(" ").toLowerCase();
   return search.toLowerCase().split(/\s+/).every((word) => text.includes(word));
+}
+
+/** How long data were recorded; "–" of a run that has none. */
+export function recordedText(recorded_s: number): string {
+  return recorded_s > 0 ? duration(recorded_s) : "–";
 }
 
 /** Something is left of it: repetitions that are not done, of a run that has ended otherwise. */

@@ -4,9 +4,10 @@ import type { Panel } from "../shared/figure.ts";
 import { NoteDialog, type Say } from "./controls.tsx";
 import { StartDialog } from "./start.tsx";
 import { getReport, useFetched } from "./fetched.ts";
+import { Moment, Zone } from "./moment.tsx";
 import { NeedsSession } from "./needs_session.tsx";
 import type { Model } from "./model.ts";
-import { CurveStore, matches, mayGoOn, overlaid, type Curves } from "./run_list.ts";
+import { CurveStore, matches, mayGoOn, overlaid, recordedText, type Curves } from "./run_list.ts";
 
 /** The runs there are: looked for, noted at, their pages, their force-velocity curves over each other. */
 
@@ -22,6 +23,8 @@ export interface Run {
   attempts: number;
   sessions: number;
   sessions_done: number;
+  /** Of all attempts together. */
+  recorded_s: number;
   report: boolean;
   notes: { at_utc?: string; by?: string; specimen?: string; operator?: string; text?: string }[];
 }
@@ -100,7 +103,7 @@ function RunList({ model, say }: { model: Model; say: Say }) {
         )}
         <div class="table-frame" tabIndex={0} role="region" aria-label="List of runs">
           <table class="runs">
-            <thead><tr><th scope="col">FV</th><th scope="col">run</th><th scope="col">started</th><th scope="col">outcome</th><th scope="col">sessions</th>
+            <thead><tr><th scope="col">FV</th><th scope="col">run</th><th scope="col">started<Zone /></th><th scope="col" class="number">recorded</th><th scope="col">outcome</th><th scope="col">sessions</th>
               <th scope="col">specimen</th><th scope="col">protocol</th><th scope="col">operator</th><th scope="col">notes</th></tr></thead>
             <tbody>
               {found.slice(0, SHOWN).map((r) => (
@@ -108,7 +111,8 @@ function RunList({ model, say }: { model: Model; say: Say }) {
                   <td><input type="checkbox" aria-label={`Curves of ${r.id}`} checked={chosen.includes(r.id)} disabled={!r.report}
                     onChange={(e) => choose(r.id, e.currentTarget.checked)} /></td>
                   <th scope="row">{r.report ? <a href={`/report/${r.id}`} target="_blank" rel="noopener">{r.id}</a> : r.id}</th>
-                  <td>{r.started_utc.replace("T", " ").replace("Z", "")}</td>
+                  <td><Moment utc={r.started_utc} /></td>
+                  <td class="number">{recordedText(r.recorded_s)}</td>
                   <td class={r.state === "done" || r.state === "running" ? "" : "bad"}>{SIGNS[r.state] ?? "?"} {r.state}{r.fault ? <small> {r.fault}</small> : null}</td>
                   <td>{r.sessions_done} of {r.sessions}{r.attempts > 1 ? `, ${r.attempts} attempts` : ""}{" "}
                     {mayGoOn(r) && <button type="button" aria-label={`Go on with ${r.id}`} disabled={notYet !== undefined} title={notYet} onClick={() => setResumed(r)}>Go on…</button>}</td>
@@ -118,7 +122,7 @@ function RunList({ model, say }: { model: Model; say: Say }) {
                   <td class="notes">
                     {r.notes.map((n, i) => (
                       <p key={i}>{n.text || ""}{n.operator ? ` operator is ${n.operator}` : ""}{n.specimen ? ` specimen is ${n.specimen}` : ""}
-                        <small> {n.by ?? ""} {(n.at_utc ?? "").slice(0, 10)}</small></p>
+                        <small> {n.by ?? ""} {n.at_utc ? <Moment utc={n.at_utc} day /> : ""}</small></p>
                     ))}
                     {model.hello?.may_control && <button type="button" aria-label={`Note to ${r.id}`} onClick={() => setNoted(r.id)}>Note…</button>}
                   </td>

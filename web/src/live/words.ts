@@ -23,6 +23,20 @@ const LOOKS: Record<string, Look> = {
 /** Status older than this is no longer what the rig does. */
 export const STALE_MS = 2000;
 
+/** A reading older than this is not of now: it is shown greyed, with its age, as at the terminal. */
+export const STALE_READING_S = 1;
+
+/** What stands beside a reading of this age: "" for one of now. A negative age is of a device that never sent any. */
+export function ageText(age_s: number): string {
+  if (age_s < 0) return "never read";
+  return age_s > STALE_READING_S ? `STALE ${age_s < 10 ? age_s.toFixed(1) : Math.round(age_s)} s` : "";
+}
+
+/** The age of a reading now: the status that told of it grows old, too. */
+export function readingAge_s(age_s: number, status_age_ms: number): number {
+  return age_s < 0 ? age_s : age_s + status_age_ms / 1000;
+}
+
 /** The step under way moves the crosshead. */
 export function moves(status: Status, plan: Plan | null): boolean {
   const step = status.run === undefined ? undefined : plan?.steps?.[status.run.step];
@@ -43,6 +57,24 @@ export function worstRemaining_s(plan: Plan | null, step: number): number | null
   let sum = 0;
   for (let i = step; i < plan.steps.length; ++i) sum += plan.steps[i]?.worst_s ?? 0;
   return sum;
+}
+
+/** All times on the page are those of this zone: "Europe/Zurich". A name, since one offset is not that of summer and winter. */
+export const zone = (): string => Intl.DateTimeFormat().resolvedOptions().timeZone;
+
+/** "2026-11-23 05:14:10" of a moment, in `zone()`, with so many digits of the second. */
+export function localTime(moment: Date, digits = 0): string {
+  if (Number.isNaN(moment.getTime())) return "–";
+  const two = (n: number) => String(n).padStart(2, "0");
+  const fraction = digits > 0 ? `.${String(moment.getMilliseconds()).padStart(3, "0").slice(0, digits)}` : "";
+  return `${localDay(moment)} ${two(moment.getHours())}:${two(moment.getMinutes())}:${two(moment.getSeconds())}${fraction}`;
+}
+
+/** "2026-11-23" of a moment, in `zone()`. */
+export function localDay(moment: Date): string {
+  if (Number.isNaN(moment.getTime())) return "–";
+  const two = (n: number) => String(n).padStart(2, "0");
+  return `${moment.getFullYear()}-${two(moment.getMonth() + 1)}-${two(moment.getDate())}`;
 }
 
 /** "05:14:10", with the day when it is another one. */

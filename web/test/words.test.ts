@@ -1,0 +1,43 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { Moment } from "../src/live/moment.tsx";
+import { Judged, Reading } from "../src/live/readings.tsx";
+import { ageText, localDay, localTime, readingAge_s, zone } from "../src/live/words.ts";
+
+test("a reading older than a second says its age, a device that never sent says so", () => {
+  assert.equal(ageText(0.02), "");
+  assert.equal(ageText(1), "");
+  assert.equal(ageText(1.26), "STALE 1.3 s");
+  assert.equal(ageText(59.6), "STALE 60 s");
+  assert.equal(ageText(-1), "never read");
+});
+
+test("a reading ages with the status that told of it", () => {
+  assert.equal(readingAge_s(0.1, 5000), 5.1);
+  assert.equal(readingAge_s(-1, 5000), -1);
+});
+
+test("times are those of the page's zone, in winter as in summer, and of the day that it is there", () => {
+  process.env["TZ"] = "America/New_York";
+  assert.equal(zone(), "America/New_York");
+  assert.equal(localTime(new Date("2026-11-23T01:02:51Z")), "2026-11-22 20:02:51");
+  assert.equal(localTime(new Date("2026-07-01T01:02:51.045Z"), 3), "2026-06-30 21:02:51.045");
+  assert.equal(localDay(new Date("2026-11-23T01:02:51Z")), "2026-11-22");
+  assert.equal(localTime(new Date("")), "–");
+  const shown = Moment({ utc: "2026-11-23T01:02:51Z" });
+  assert.deepEqual(shown.props, { dateTime: "2026-11-23T01:02:51.000Z", title: "2026-11-23 01:02:51 UTC", children: "2026-11-22 20:02:51" });
+});
+
+test("a reading that is not of now is greyed with its age in words; one that never came has no number", () => {
+  const seen = (age_s: number) => JSON.stringify(Reading({ name: "force", unit: "N", value: "1.20", age_s, children: null }).props);
+  assert.match(seen(0.1), /"class":"".*"1\.20"/);
+  assert.doesNotMatch(seen(0.1), /age/);
+  assert.match(seen(3.2), /"class":"stale".*"1\.20".*"class":"age","children":"STALE 3\.2 s"/);
+  assert.match(seen(-1), /"class":"stale".*"–".*"never read"/);
+  assert.doesNotMatch(seen(-1), /1\.20/);
+});
+
+test("a verdict has its sign's kind and the terminal's words", () => {
+  assert.match(JSON.stringify(Judged({ name: "loop", said: { tone: "warn", text: "worst wake-up 1.2 ms: fair" } }).props), /"kind":"warn".*worst wake-up 1\.2 ms: fair/);
+  assert.match(JSON.stringify(Judged({ name: "loop", said: undefined }).props), /"kind":"unknown".*no verdict/);
+});
