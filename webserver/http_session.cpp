@@ -41,8 +41,7 @@ constexpr const char* kReportPolicy =
 /// One connection. Owned by the operation that is under way on it.
 class HttpSession : public std::enable_shared_from_this<HttpSession> {
  public:
-  HttpSession(beast::tcp_stream stream, OpenConnection server)
-      : stream_(std::move(stream)), server_(std::move(server)) {}
+  HttpSession(TcpStream stream, OpenConnection server) : stream_(std::move(stream)), server_(std::move(server)) {}
 
   void read() {
     parser_.emplace();
@@ -221,8 +220,16 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     const auto length = body.size();
     if (request_.method() != http::verb::head) response_.body() = std::move(body);
     response_.content_length(length);
-    stream_.expires_after(server_->limits.request);
-    http::async_write(stream_, response_, [self = shared_from_this()](error_code error, std::size_t) {
+    serializer_.emplace(response_);
+    write();
+  }
+
+  /// Piece by piece, each with a deadline of its own: a page of 24 MiB may come over a slow link, as long as it comes.
+  void write() {
+    stream_.expires_after(server_->limits.stalled);
+    http::async_write_some(stream_, *serializer_, [self = shared_from_this()](error_code error, std::size_t) {
+      if (!error && !self->serializer_->is_done()) return self->write();
+      self->serializer_.reset();
       self->response_ = {};  // a run's page is large
       self->place_.reset();
       if (error || !self->keep_alive_) return self->close();
@@ -237,12 +244,13 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     stream_.close();
   }
 
-  beast::tcp_stream stream_;
+  TcpStream stream_;
   OpenConnection server_;
   beast::flat_buffer buffer_;
   std::optional<http::request_parser<http::string_body>> parser_;
   Request request_;
   http::response<http::string_body> response_;
+  std::optional<http::response_serializer<http::string_body>> serializer_;  // of it, while it is written
   std::string host_, path_, session_, set_cookie_, location_;
   std::string policy_;                 // of this answer, in place of the page's own
   std::shared_ptr<const void> place_;  // of this answer (Hub::report)
@@ -252,7 +260,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
 
 }  // namespace
 
-void serve_http(beast::tcp_stream stream, OpenConnection server) {
+void serve_http(TcpStream stream, OpenConnection server) {
   std::make_shared<HttpSession>(std::move(stream), std::move(server))->read();
 }
 

@@ -20,13 +20,13 @@ constexpr std::size_t kIncomingBytes = 1024;
 /// One page. Owned by the operations that are under way on it, and by the hub until it is closed.
 class LiveSession final : public Viewer, public std::enable_shared_from_this<LiveSession> {
  public:
-  LiveSession(beast::tcp_stream stream, OpenConnection server, std::string session)
+  LiveSession(TcpStream stream, OpenConnection server, std::string session)
       : socket_(std::move(stream)), server_(std::move(server)), session_(std::move(session)) {}
 
   void begin(const Request& request) {
     auto timeout = websocket::stream_base::timeout::suggested(beast::role_type::server);
     timeout.handshake_timeout = server_->limits.request;
-    timeout.idle_timeout = 2 * server_->limits.stalled;  // a ping after half of it
+    timeout.idle_timeout = server_->limits.silent;  // a ping after half of it
     timeout.keep_alive_pings = true;
     socket_.set_option(timeout);
     socket_.read_message_max(kIncomingBytes);
@@ -34,7 +34,7 @@ class LiveSession final : public Viewer, public std::enable_shared_from_this<Liv
       if (error) return;
       const auto now = std::chrono::steady_clock::now();
       self->open_ = true;
-      self->began_ = now;
+      self->moved_ = now;
       self->server_->hub.access().connected(self->session_, true, now);
       self->server_->hub.enter(self);
       self->read();
@@ -57,7 +57,9 @@ class LiveSession final : public Viewer, public std::enable_shared_from_this<Liv
   }
 
   void look_after(Time now) override {
-    if (!queue_.empty() && now - began_ > server_->limits.stalled) close();
+    const auto written = beast::get_lowest_layer(socket_).rate_policy().bytes();
+    if (std::exchange(written_, written) != written) moved_ = now;
+    if (!queue_.empty() && now - moved_ > server_->limits.stalled) close();
   }
 
   [[nodiscard]] const std::string& session() const override { return session_; }
@@ -70,7 +72,7 @@ class LiveSession final : public Viewer, public std::enable_shared_from_this<Liv
   }
 
   void write() {
-    began_ = std::chrono::steady_clock::now();
+    moved_ = std::chrono::steady_clock::now();
     socket_.binary(queue_.front()->binary);
     socket_.async_write(net::buffer(queue_.front()->bytes), [self = shared_from_this()](error_code error, std::size_t) {
       if (error) return self->close();
@@ -96,20 +98,21 @@ class LiveSession final : public Viewer, public std::enable_shared_from_this<Liv
     beast::get_lowest_layer(socket_).close();
   }
 
-  websocket::stream<beast::tcp_stream> socket_;
+  websocket::stream<TcpStream> socket_;
   OpenConnection server_;
   const std::string session_;
   beast::flat_buffer incoming_;
   std::deque<std::shared_ptr<const Message>> queue_;  // the front one is being written
   std::size_t queued_bytes_ = 0;
   std::uint64_t left_out_ = 0, total_left_out_ = 0;
-  Time began_{};
+  std::uint64_t written_ = 0;  // bytes, when it was last looked at
+  Time moved_{};               // when the page took something last, or was first asked to
   bool open_ = false;
 };
 
 }  // namespace
 
-void serve_live(beast::tcp_stream stream, OpenConnection server, const Request& request, std::string session) {
+void serve_live(TcpStream stream, OpenConnection server, const Request& request, std::string session) {
   const auto made = std::make_shared<LiveSession>(std::move(stream), std::move(server), std::move(session));
   made->begin(request);
 }

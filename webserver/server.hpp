@@ -15,10 +15,13 @@ struct ServerLimits {
   std::size_t viewers = 16;  ///< pages without a token; as many again with one
   std::size_t header_bytes = 8 * 1024;
   std::size_t body_bytes = std::size_t{1} << 20U;  ///< a protocol's text
-  std::chrono::seconds request{10};                ///< for a request to be there, or an answer to be taken
+  std::chrono::seconds request{10};                ///< for a request to be there
   /// Of each page; what finds it full is left out and counted. A plan of 50,000 steps takes 10 MiB, once for all pages.
   std::size_t queue_bytes = std::size_t{24} << 20U;
-  std::chrono::seconds stalled{10};  ///< a page that takes nothing for so long is cut off
+  std::chrono::seconds stalled{10};  ///< who takes nothing of an answer or a message for so long is cut off
+  /// A page that sends nothing, not even the answer to a ping, for so long is cut off. The ping goes out after half of
+  /// it, and on a slow link lies behind what ssh (a window of 2 MiB) and the kernel hold: 40 kB/s bring it in time.
+  std::chrono::seconds silent{120};
 };
 
 /// HTTP and WebSocket on a TCP port of the loopback, in the thread that runs the io_context (docs/web.md).

@@ -1,5 +1,5 @@
 // isorig-web byte by byte, on real sockets with a real daemon on the simulated rig: who is let in, what a page gets, what
-// happens to one that takes nothing. About a minute.
+// happens to one that takes nothing, and to one that takes it slowly. One and a half minutes.
 // Usage: node web/test/live-protocol.mjs BIN_FOLDER SOURCE_FOLDER
 import assert from "node:assert/strict";
 import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
@@ -25,9 +25,30 @@ function ask(method, path, { headers = {}, body = "" } = {}) {
   });
 }
 
+/** A link of so many bytes a second: what comes is left in the kernel until its time has come. */
+function slowDown(socket, bytes_per_s) {
+  socket.on("data", (d) => {
+    socket.pause();
+    setTimeout(() => socket.resume(), (1000 * d.length) / bytes_per_s);
+  });
+}
+
+/** Bytes of an answer that is read slowly, and how long it took. */
+function askSlowly(path, cookie, bytes_per_s) {
+  return new Promise((done, failed) => {
+    const began = Date.now(), socket = connect(rig.port, "127.0.0.1");
+    let bytes = 0;
+    slowDown(socket, bytes_per_s);
+    socket.on("data", (d) => (bytes += d.length));
+    socket.on("error", failed);
+    socket.on("close", () => done({ bytes, took_s: (Date.now() - began) / 1000 }));
+    socket.write(`GET ${path} HTTP/1.1\r\nHost: localhost:${rig.port}\r\nConnection: close\r\nCookie: ${cookie}\r\n\r\n`);
+  });
+}
+
 /** A page's WebSocket; reads unless `stalled`. Frames of a server are not masked (RFC 6455, 5.1). */
 class Page {
-  constructor({ cookie = "", origin = rig.base, host = `localhost:${rig.port}`, stalled = false } = {}) {
+  constructor({ cookie = "", origin = rig.base, host = `localhost:${rig.port}`, stalled = false, bytes_per_s = 0 } = {}) {
     this.texts = [];
     this.blocks = [];
     this.bytes = Buffer.alloc(0);
@@ -39,6 +60,7 @@ class Page {
       `Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nOrigin: ${origin}\r\n${cookie ? `Cookie: ${cookie}\r\n` : ""}\r\n`);
     if (stalled) this.socket.pause();
     else this.socket.on("data", (d) => this.take(d));
+    if (bytes_per_s > 0) slowDown(this.socket, bytes_per_s);
   }
 
   take(data) {
@@ -57,10 +79,16 @@ class Page {
       if (length === 126) [length, at] = [this.bytes.length < 4 ? Infinity : this.bytes.readUInt16BE(2), 4];
       else if (length === 127) [length, at] = [this.bytes.length < 10 ? Infinity : Number(this.bytes.readBigUInt64BE(2)), 10];
       if (this.bytes.length < at + length) return;
-      const body = this.bytes.subarray(at, at + length), code = this.bytes[0] & 15;
+      const body = this.bytes.subarray(at, at + length), code = this.bytes[0] & 15, last = this.bytes[0] >= 128;
       this.bytes = this.bytes.subarray(at + length);
-      if (code === 1) this.texts.push(JSON.parse(body.toString()));
-      else if (code === 2) this.blocks.push(Buffer.from(body));
+      if (code <= 2) {  // a long message comes in pieces
+        if (code !== 0) this.pieces = { code, all: [] };
+        this.pieces.all.push(Buffer.from(body));
+        if (!last) continue;
+        const whole = Buffer.concat(this.pieces.all);
+        if (this.pieces.code === 1) this.texts.push(JSON.parse(whole.toString()));
+        else this.blocks.push(whole);
+      }
       else if (code === 9) this.socket.write(Buffer.concat([Buffer.from([0x8a, 0x80 | length, 0, 0, 0, 0]), body]));
     }
   }
@@ -271,6 +299,34 @@ try {
   for (const query of ["", "from=0&to=1", "from=5&to=1&stretches=9", "from=0&to=99999999999999&stretches=9", "from=0&to=9&stretches=99999"])
     assert.equal((await ask("GET", `/api/zoom?${query}`)).status, 400, query);
 
+  const memory = Number(readFileSync(`/proc/${rig.web.pid}/status`, "utf8").match(/VmRSS:\s+(\d+)/)[1]) / 1024;
+  assert.ok(memory < 64, `isorig-web takes ${memory} MiB`);
+
+  // Slow links: who takes little, but goes on taking, gets all of a run's page of 20 MiB and of a plan of 48,000 steps. Each takes longer
+  // than the 10 s for which nothing may be taken, whatever the kernel's buffers hold (4 MiB to send, 6 MiB to receive at most).
+  const first = looking.last("plan").plan.run;
+  assert.equal((await post("abort", {}, mine())).status, 200);
+  await rig.reach("ready");
+  const many = `format = "isorig-protocol/1"
+name = "many"
+steps = [ { do = "pressurize", pressure_psi = 5, rate_psi_s = 8, settled_for_s = 0.2, timeout_s = 20 },
+  { do = "repeat", times = 16000, steps = [
+    { do = "ramp", to_mm = 0.5, velocity_mm_s = 5 }, { do = "ramp", to_mm = 0, velocity_mm_s = 5 }, { do = "hold", duration_s = 0.5 } ] } ]
+`;
+  assert.equal((await post("start", { operator: "Bob", protocol: many, specimen_file: "" }, his())).status, 200);
+  await until("the long plan", () => looking.last("plan")?.plan?.steps?.length > 48000, 60);
+  const size = 20 << 20;
+  writeFileSync(join(rig.dir, "runs", first, "report.html"), "x".repeat(size));
+  const slow = new Page({ bytes_per_s: 120e3 });
+  const slow_began = Date.now();
+  const paged = askSlowly(`/report/${first}`, ann, 1e6);
+  await until("the plan on a slow link", () => slow.last("plan")?.plan?.steps?.length > 48000, 90);
+  const plan_s = (Date.now() - slow_began) / 1000;
+  const { bytes, took_s } = await paged;
+  assert.ok(bytes > size, `${bytes} of ${size} bytes came`);
+  assert.ok(plan_s > 20 && took_s > 15, `too quick to show anything: ${plan_s} s, ${took_s} s`);
+  slow.end();
+
   // The daemon dies: the page lives, and says so.
   assert.equal((await post("abort", {}, mine())).status, 200);
   rig.daemon.kill("SIGKILL");
@@ -280,9 +336,8 @@ try {
   assert.equal((await post("abort", {}, mine())).status, 403);
   looking.end();
 
-  const memory = Number(readFileSync(`/proc/${rig.web.pid}/status`, "utf8").match(/VmRSS:\s+(\d+)/)[1]) / 1024;
-  assert.ok(memory < 64, `isorig-web takes ${memory} MiB`);
-  console.log(`a stalled page was cut off after ${cut_s.toFixed(0)} s; ${looking.stretches(0).length} stretches of the frame; ${memory.toFixed(0)} MiB`);
+  console.log(`a stalled page was cut off after ${cut_s.toFixed(0)} s; ${looking.stretches(0).length} stretches of the frame; ${memory.toFixed(0)} MiB; ` +
+    `slowly: a plan in ${plan_s.toFixed(0)} s, ${bytes >> 20} MiB of a page in ${took_s.toFixed(0)} s`);
   rig.web.kill("SIGTERM");
   assert.equal(await rig.web.ended, 0);
 } catch (error) {
