@@ -105,6 +105,10 @@ struct Daemon::Impl {
       log_event(event);
       callout.on_event(event, host.run_id());
     };
+    h.on_parted = [this](const std::string& run, const std::string& text, const std::string& then) {
+      spdlog::warn("{}", base::printable(text));
+      callout.on_parted(run, text, then, core.status().control.state);
+    };
     h.on_closed = [this](const std::filesystem::path& run) { reporter.on_closed(run); };
     h.on_trouble = [](const std::string& text) { spdlog::error("recorder: {}", text); };
     h.seed = rig.sim ? static_cast<std::int64_t>(rig.sim->seed) : 0;
@@ -344,7 +348,7 @@ bool Daemon::run() {
   std::size_t lines_lost = 0;
   while ((signal_number = d.signals.wait(kStatusPeriod)) == 0) {
     if (d.notifier.connected()) d.notifier.status(d.status_text());
-    d.callout.watch(d.core.status(), d.host.run_id());
+    d.callout.watch(d.core.status(), d.host.run_id(), d.host.longest_s());
     if (const auto lost = Logging::lost(); lost > lines_lost) {
       spdlog::warn("{} lines of this log are lost: nobody took them", lost - lines_lost);
       lines_lost = lost;

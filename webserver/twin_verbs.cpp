@@ -13,6 +13,7 @@ namespace {
 using nlohmann::json;
 
 constexpr auto kPatience = std::chrono::seconds(5);
+constexpr auto kTellPatience = std::chrono::seconds(1);
 
 Hub::Answer answer(int status, const std::string& text) {
   return {status,
@@ -116,9 +117,18 @@ void Hub::look_at_twin() {
                    spdlog::info("{}: {}", what, base::printable(a.body.value("text", std::string())));
                  });
   };
-  if (found->on_parting != TwinDesk::OnParting::kMark) {
-    const std::string verb = to_text(found->on_parting);
-    call("/v1/" + verb, json::object(), verb + " by the twin");
+  const std::string then = to_text(found->on_parting);
+  const auto act = [call, then, marks = found->on_parting == TwinDesk::OnParting::kMark] {
+    if (!marks) call("/v1/" + then, json::object(), then + " by the twin");
+  };
+  if (run_.empty()) {
+    act();
+  } else {
+    // First why, so that whoever is told of the pause is told its cause; the pause itself waits no longer than this.
+    daemon_.call(
+        "POST", "/v1/parted",
+        json{{"run", run_}, {"text", found->text}, {"then", then}}.dump(-1, ' ', false, json::error_handler_t::replace),
+        kTellPatience, [act](const DaemonAnswer&) { act(); });
   }
   if (!run_.empty()) {
     call("/v1/notes", {{"run", run_}, {"by", "isorig-web"}, {"text", found->text}}, "note to the run by the twin");

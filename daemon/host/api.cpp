@@ -251,6 +251,9 @@ HttpAnswer Api::with_control(const Pass& pass, const std::function<HttpAnswer()>
 
 /// What needs no disk, in the thread of the connections. False: it is not one of these.
 bool Api::answer_at_once(HttpServer& server, const HttpRequest& q, const HttpServer::Reply& reply) {
+  if (q.method == "POST" && q.path == "/v1/parted") {  // what pauses the run comes next: no disk may be in its way
+    return reply(answered([&] { return answer(host_.parted(parting(q.body))); })), true;
+  }
   if (q.method == "POST") {
     std::optional<Request> request;
     try {

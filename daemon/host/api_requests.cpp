@@ -152,6 +152,15 @@ Correction correction(const std::string& body) {
           b.line("text", "")};
 }
 
+Parting parting(const std::string& body) {
+  const Body b("/v1/parted", body, {"run", "text", "then"});
+  Parting out{b.line("run", ""), b.line("text", ""), b.line("then", "mark")};
+  if (out.run.empty() || out.text.empty()) b.fail("`run` and `text` say in which run, and how far they are apart");
+  if (out.then != "mark" && out.then != "pause" && out.then != "abort")
+    b.fail("`then` has to be mark, pause or abort: what the client does about it");
+  return out;
+}
+
 Request setup_request(const std::string& body) {
   Request r;
   r.verb = !body.empty() && Body("/v1/setup", body, {"off"}).flag("off") ? Request::Verb::kLeaveSetup

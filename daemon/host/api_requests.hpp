@@ -23,6 +23,9 @@ struct CheckRequest {
 /// The body of POST /v1/notes. Throws BadRequest.
 [[nodiscard]] Correction correction(const std::string& body);
 
+/// The body of POST /v1/parted. Throws BadRequest.
+[[nodiscard]] Parting parting(const std::string& body);
+
 /// The record in the body of POST /v1/calibrations. Throws BadRequest.
 [[nodiscard]] std::string calibration_record(const std::string& body);
 

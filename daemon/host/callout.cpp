@@ -10,6 +10,7 @@
 #include <string_view>
 #include <vector>
 
+#include "base/formatted.hpp"
 #include "base/printable.hpp"
 #include "daemon/host/child_process.hpp"
 
@@ -52,10 +53,55 @@ std::optional<std::string> Callout::name_of(const EventRecord& event) {
 void Callout::on_event(const EventRecord& event, const std::string& run) {
   if (config_.command.empty()) return;
   if (const auto name = name_of(event))
-    queue({*name, run, std::string(event.code) + ": " + event.text, to_text(event.to)});
+    queue({*name, run, std::string(event.code) + ": " + event.text + cause_of(*name, run), to_text(event.to)});
 }
 
-void Callout::watch(const Status& status, const std::string& run) {
+void Callout::on_parted(const std::string& run, const std::string& text, const std::string& then, RunState state) {
+  if (config_.command.empty()) return;
+  {
+    const std::lock_guard lock(mutex_);
+    // A client that repeats itself must not take the places of what else there is to tell.
+    if (std::ranges::any_of(calls_, [](const Call& c) { return c.event == "parted"; })) return;
+    parting_ = {run, then, text, steady_clock::now()};
+  }
+  queue({"parted", run, text, to_text(state)});
+}
+
+/// The daemon knows a pause by the twin only as one that a client asked for.
+std::string Callout::cause_of(const std::string& name, const std::string& run) {
+  const std::lock_guard lock(mutex_);
+  const bool by_the_twin =
+      parting_.run == run && steady_clock::now() - parting_.at < kPartingActs &&
+      ((name == "paused" && parting_.then == "pause") || (name == "aborted" && parting_.then == "abort"));
+  return by_the_twin ? "; asked for by isorig-web: " + parting_.text : std::string();
+}
+
+void Callout::watch(const Status& status, const std::string& run, double longest_s) {
+  watch_held(status, run);
+  watch_duration(status, run, longest_s);
+}
+
+void Callout::watch_duration(const Status& status, const std::string& run, double longest_s) {
+  if (std::exchange(run_number_, status.runs_started) != status.runs_started) {
+    began_ns_ = -1;
+    overdue_told_ = false;
+  }
+  if (config_.command.empty() || !status.run_loaded || !(longest_s > 0.0)) return;
+  const auto now_ns = status.control.mono_ns;
+  if (began_ns_ < 0) {
+    if (status.control.state != RunState::kRunning) return;  // armed: it waits for somebody
+    began_ns_ = now_ns;
+  }
+  const double taken_s = static_cast<double>(now_ns - began_ns_) * 1e-9;
+  if (overdue_told_ || taken_s < longest_s + std::max(kOverdueLeast_s, kOverdueShare * longest_s)) return;
+  overdue_told_ = true;
+  queue({"overdue", run,
+         base::formatted("the run has taken %.1f min, and its plan takes %.1f min at the longest", taken_s / 60.0,
+                         longest_s / 60.0),
+         to_text(status.control.state)});
+}
+
+void Callout::watch_held(const Status& status, const std::string& run) {
   const auto state = status.control.state;
   const bool held = status.run_loaded && state != RunState::kRunning && state != RunState::kStopping;
   if (!held || config_.command.empty() || config_.held_s <= 0.0) {

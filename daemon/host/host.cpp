@@ -279,6 +279,21 @@ std::string Host::run_id() const {
   return run_ ? run_->id : finished_id_;
 }
 
+double Host::longest_s() const {
+  const std::lock_guard lock(mutex_);
+  return run_ ? run_->longest_s : 0.0;
+}
+
+Host::Result Host::parted(const Parting& parting) {
+  {
+    const std::lock_guard lock(mutex_);
+    if (!run_ || run_->id != parting.run)
+      return {false, "run " + parting.run + " is not open: a twin parts from the muscle in the run that goes on", {}};
+  }
+  if (options_.on_parted) options_.on_parted(parting.run, parting.text, parting.then);
+  return {true, "told whom [notify] names", parting.run};
+}
+
 std::filesystem::path Host::run_directory() const {
   const std::lock_guard lock(mutex_);
   return run_ ? run_->directory : finished_directory_;

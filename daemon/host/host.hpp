@@ -47,6 +47,13 @@ struct Correction {
   std::string text;
 };
 
+/// What a client that steps a model beside the rig has found.
+struct Parting {
+  std::string run;
+  std::string text;
+  std::string then;  ///< what the client does about it: mark, pause or abort
+};
+
 /// What surrounds the core and may take its time: compiles protocols, opens and closes runs, feeds the recorder and
 /// the catalogue, answers the API. Its members may be called from any thread but the loop's.
 ///
@@ -68,6 +75,8 @@ class Host {
     std::function<void()> breathe;
     /// Every event of the core as it is taken, for a log; a flood of one kind comes as one.
     std::function<void(const EventRecord&)> on_event;
+    /// The live twin of a client and the muscle part in the open run: run, words, and what the client does about it.
+    std::function<void(const std::string&, const std::string&, const std::string&)> on_parted;
     /// Trouble with a recording or the catalogue, for a log.
     std::function<void(const std::string&)> on_trouble;
     /// A run's folder when its end is on the disk and in the catalogue. Called under locks of ours: returns at once.
@@ -102,6 +111,8 @@ class Host {
   [[nodiscard]] std::string rig_changes() const;
   /// Puts right what is known of a run: {run, by, operator, specimen (TOML text), text}. The recording stays as it was.
   Result amend(const Correction& correction);
+  /// A client's twin parts from the muscle in the open run: whoever is to be told is told. Waits for nothing.
+  Result parted(const Parting& parting);
   /// Waits for the loop's answer, 2 s at most.
   Result verb(Request::Verb verb);
   /// The same for a thread that may not wait: the number to ask with, 0 when the loop takes no requests.
@@ -120,6 +131,8 @@ class Host {
   /// No run is open, armed or about to be, and the rig is not being set up.
   [[nodiscard]] bool is_between_runs() const;
   [[nodiscard]] std::string run_id() const;
+  /// What the open run takes from where it began when each of its steps takes its longest; 0 if none is open.
+  [[nodiscard]] double longest_s() const;
   /// Of the last run that was closed: done, aborted, failed, interrupted.
   [[nodiscard]] std::string last_outcome() const;
   [[nodiscard]] std::filesystem::path run_directory() const;

@@ -328,6 +328,11 @@ void Host::describe_run(const Status& now, Prepared& p) {
     info.sessions.push_back({session.first_step, session.repetition, session.pressure_psi, rest_mm});
     p.run->elongation_at_zero_mm.push_back(p.specimen.rest_length_mm - rest_mm);
   }
+  const auto& steps = run.plan->steps;
+  p.run->longest_s = 0.0;
+  for (std::size_t i = run.plan->sessions[run.first_session].first_step; i < steps.size(); ++i) {
+    p.run->longest_s += steps[i].worst_s;
+  }
   info.first_session = static_cast<std::int32_t>(run.first_session);
   info.run_id = run.id;
   info.started_utc = utc_text(p.wall_us, "%Y-%m-%dT%H:%M:%SZ");

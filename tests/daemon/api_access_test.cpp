@@ -74,7 +74,7 @@ TEST_F(ApiAccessTest, AGroupMaySeeAnotherOperateAThirdConfigureAndAllMayStop) {
     EXPECT_EQ(as(kAnn, sees, look).status, 200) << look;
   for (const auto* act : {"POST /v1/start", "POST /v1/resume", "POST /v1/reset", "POST /v1/go", "POST /v1/jog",
                           "POST /v1/setup", "POST /v1/seal", "POST /v1/confirm-zero", "POST /v1/notes",
-                          "POST /v1/control", "POST /v1/calibrations", "POST /v1/accept-rig"}) {
+                          "POST /v1/parted", "POST /v1/control", "POST /v1/calibrations", "POST /v1/accept-rig"}) {
     const auto refused = as(kAnn, sees, act);
     EXPECT_EQ(refused.status, 403) << act;
     EXPECT_THAT(refused.text(), HasSubstr("uid 21001 may not")) << act;

@@ -164,12 +164,75 @@ TEST_F(CalloutTest, AHeldRunIsToldOnce) {
   copy_text(s.fault, "limit.force: too much");
   for (int t = 0; t <= 300; t += 10) {
     s.control.mono_ns = t * 1'000'000'000LL;
-    callout_->watch(s, "r");
+    callout_->watch(s, "r", 0.0);
   }
   s.control.state = RunState::kRunning;
-  callout_->watch(s, "r");
+  callout_->watch(s, "r", 0.0);
   stop();
   EXPECT_EQ(text("calls"), "held faulted the run has been held for 100 s: limit.force: too much\n");
+}
+
+constexpr const char* kTellAll = "echo \"$ISORIG_EVENT $ISORIG_RUN $ISORIG_STATE $ISORIG_TEXT\" >> '";
+
+TEST_F(CalloutTest, ARunThatTakesLongerThanItCanIsOverdueOnce) {
+  options_.held_s = 0.0;
+  start(kTellAll + path("calls") + "'");
+  Status s;
+  s.run_loaded = true;
+  s.runs_started = 1;
+  const auto until = [&](const std::string& run, RunState state, int from_s, int to_s, double longest_s) {
+    s.control.state = state;
+    for (int t = from_s; t <= to_s; ++t) {
+      s.control.mono_ns = t * 1'000'000'000LL;
+      callout_->watch(s, run, longest_s);
+    }
+  };
+  until("a", RunState::kArmed, 0, 5000, 1200.0);  // waits for a person: not its plan's time
+  until("a", RunState::kRunning, 5001, 6300, 1200.0);
+  until("a", RunState::kPaused, 6301, 6320, 1200.0);  // 1319 s: a tenth more than 1200 s is 1320 s
+  until("a", RunState::kPaused, 6321, 9000, 1200.0);
+  s.runs_started = 2;  // the next one, seen without a look in between, counts from its own begin
+  until("b", RunState::kRunning, 9001, 9160, 100.0);  // 159 s: a minute more than 100 s is 160 s
+  until("b", RunState::kRunning, 9161, 9400, 100.0);
+  s.run_loaded = false;
+  until("", RunState::kReady, 9401, 20000, 0.0);
+  stop();
+  EXPECT_EQ(text("calls"),
+            "overdue a paused the run has taken 22.0 min, and its plan takes 20.0 min at the longest\n"
+            "overdue b running the run has taken 2.7 min, and its plan takes 1.7 min at the longest\n");
+}
+
+TEST_F(CalloutTest, APartingIsToldAndIsTheCauseOfThePauseThatItAsksFor) {
+  start(kTellAll + path("calls") + "'");
+  const auto pause = event("pause", RunState::kRunning, RunState::kPaused, "paused by the operator");
+  callout_->on_parted("r", "the twin m.toml is off by 3 N", "mark", RunState::kRunning);
+  ASSERT_TRUE(wait_until(20.0, [&] { return !text("calls").empty(); }));
+  callout_->on_event(pause, "r");  // by a person: the twin only marked
+  ASSERT_TRUE(wait_until(20.0, [&] { return text("calls").find("pause") != std::string::npos; }));
+  callout_->on_parted("r", "the twin m.toml is off by 4 N", "pause", RunState::kRunning);
+  callout_->on_event(pause, "r");
+  callout_->on_event(pause, "another");
+  callout_->on_event(kDone, "r");
+  stop();
+  EXPECT_EQ(text("calls"),
+            "parted r running the twin m.toml is off by 3 N\n"
+            "paused r paused pause: paused by the operator\n"
+            "parted r running the twin m.toml is off by 4 N\n"
+            "paused r paused pause: paused by the operator; asked for by isorig-web: the twin m.toml is off by 4 N\n"
+            "paused another paused pause: paused by the operator\n"
+            "done r stopping run.done: protocol finished\n");
+}
+
+TEST_F(CalloutTest, PartingsThatRepeatThemselvesTakeOnePlace) {
+  options_.interval_s = 3600.0;
+  start("echo \"$ISORIG_EVENT\" >> '" + path("calls") + "'");
+  callout_->on_event(kDone, "r");
+  ASSERT_TRUE(wait_until(20.0, [&] { return text("calls") == "done\n"; }));
+  for (int i = 0; i < 100; ++i) callout_->on_parted("r", "off", "mark", RunState::kRunning);
+  callout_->on_event(event("limit.force", RunState::kRunning, RunState::kFaulted), "r");
+  stop();
+  EXPECT_EQ(text("calls"), "done\nparted\nfaulted\n");
+  EXPECT_TRUE(log().empty());
 }
 
 TEST(NotifyConfigTest, TheCommandIsCheckedBeforeTheRigIsUp) {

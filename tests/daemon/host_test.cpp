@@ -224,6 +224,23 @@ TEST_F(HostTest, ARunGoesOnAsItBeganUnlessSomebodySaysOtherwise) {
   EXPECT_THAT(trace[0].text, HasSubstr("went on with specimen \"Ecoflex1\", begun with \"Control2\""));
 }
 
+TEST_F(HostTest, APartingIsToldOfTheOpenRunAlone) {
+  const auto body = [](const std::string& run, const std::string& then) {
+    return nlohmann::json{{"run", run}, {"text", "the twin is off by 3 N"}, {"then", then}}.dump();
+  };
+  EXPECT_EQ(post("/v1/parted", body("20261123-none", "mark")).status, 409);
+  EXPECT_EQ(host_->longest_s(), 0.0);
+  const auto started = host_->start(protocol());
+  ASSERT_TRUE(started.ok) << started.text;
+  EXPECT_EQ(host_->longest_s(), 1020.0) << "20 s to fill at most, 1000 s of hold";
+  EXPECT_EQ(post("/v1/parted", body(started.run, "pause")).status, 200);
+  EXPECT_EQ(post("/v1/parted", body("20261123-none", "pause")).status, 409);
+  EXPECT_EQ(post("/v1/parted", body(started.run, "explode")).status, 400);
+  EXPECT_EQ(post("/v1/parted", R"({"run":")" + started.run + R"("})").status, 400) << "without words";
+  EXPECT_EQ(parted(), std::vector<std::string>{started.run + " pause: the twin is off by 3 N"});
+  EXPECT_NE(state(), RunState::kPaused) << "to pause is the client's next call";
+}
+
 TEST_F(HostTest, APreviewStartsNothing) {
   auto o = protocol();
   o.operator_name = "Ada";

@@ -9,6 +9,7 @@
 #include <cstring>
 #include <functional>
 #include <memory>
+#include <mutex>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <thread>
@@ -46,6 +47,10 @@ class ServedRig : public ::testing::Test {
     Host::Options options;
     options.runs_root = runs_;
     options.revision = "0123456789ab";
+    options.on_parted = [this](const std::string& run, const std::string& text, const std::string& then) {
+      const std::lock_guard lock(parted_mutex_);
+      parted_.push_back(run + " " + then + ": " + text);
+    };
     host_ = std::make_unique<Host>(config_, rig_->core(), rig_->streams, options);
     audit_ = std::make_unique<AuditLog>(runs_, [](const std::string& why) { ADD_FAILURE() << why; });
     api_ = std::make_unique<Api>(*host_, socket_, socket_mode_, Api::Audit(), roles_, audit_.get());
@@ -112,6 +117,14 @@ class ServedRig : public ::testing::Test {
     return {std::stoi(got.substr(9, 3)), nlohmann::json::parse(got.substr(end + 4), nullptr, false)};
   }
 
+  /// What was to be told of partings.
+  [[nodiscard]] std::vector<std::string> parted() const {
+    const std::lock_guard lock(parted_mutex_);
+    return parted_;
+  }
+
+  mutable std::mutex parted_mutex_;
+  std::vector<std::string> parted_;
   daemon::testing::TemporaryDirectory folder_;
   std::filesystem::path runs_ = folder_.path() / "runs";
   std::string socket_ = (folder_.path() / "s").string();

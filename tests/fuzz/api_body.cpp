@@ -41,6 +41,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     if (!correction.specimen_text.empty())
       (void)daemon::parse_specimen(correction.specimen_text, correction.specimen_name);
   });
+  attempt([&] { fuzz::require(!daemon::parting(body).text.empty(), "a parting without words"); });
   attempt([&] { (void)calibration::parse_record(daemon::calibration_record(body), "record.toml"); });
   attempt([&] { (void)daemon::setup_request(body); });
   attempt([&] { (void)daemon::jog_request(body); });

@@ -264,6 +264,7 @@ void calls() {
       {"start-specimen", json{{"protocol", "x"}, {"specimen", specimen}, {"specimen_name", "s.toml"}}.dump()},
       {"start-resume", json{{"resume_run", "latest"}, {"resume_aborted", true}, {"on_another_rig", false}}.dump()},
       {"check", json{{"protocol", protocol}, {"protocol_name", "p.toml"}}.dump()},
+      {"parted", json{{"run", "20261123-r"}, {"text", "off by 3 N"}, {"then", "pause"}}.dump()},
       {"notes", json{{"run", "latest"}, {"by", "B"}, {"specimen", specimen}, {"text", "wrong label"}}.dump()},
       {"calibrations", json{{"record", record}}.dump()},
       {"setup", json{{"off", true}}.dump()},
