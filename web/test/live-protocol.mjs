@@ -1,5 +1,5 @@
 // isorig-web byte by byte, on real sockets with a real daemon on the simulated rig: who is let in, what a page gets, what
-// happens to one that takes nothing, and to one that takes it slowly. One and a half minutes.
+// happens to one that takes nothing, and to one that takes it slowly. Three minutes.
 // Usage: node web/test/live-protocol.mjs BIN_FOLDER SOURCE_FOLDER
 import assert from "node:assert/strict";
 import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
