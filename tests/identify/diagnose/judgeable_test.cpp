@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "concealed_specimen.hpp"
+#include "identify/diagnose/diagnosis.hpp"
 
 namespace isorig::identify {
 namespace {
