@@ -141,6 +141,8 @@ class Exporter : public RowSource {
   [[nodiscard]] std::optional<isorig_msgs::session_t> find_planned(std::int32_t attempt, std::int32_t index) const {
     if (index < 0) return {};
     if (live_ != nullptr) {
+      // A mark of a recording among the messages of the live channels may name any session.
+      if (static_cast<std::size_t>(index) >= live_->size()) return {};
       const auto& live = (*live_)[static_cast<std::size_t>(index)];
       isorig_msgs::session_t s{};
       s.session = index;
