@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <fstream>
 #include <thread>
 
@@ -23,10 +24,17 @@ class AuditLogTest : public ::testing::Test {
   testing::TemporaryDirectory root_{"audit"};
   std::filesystem::path file_ = root_.path() / "audit" / "commands.jsonl";
   std::vector<std::string> trouble_;
+  std::atomic<int> troubles_ = 0;  // as many, for a thread that waits for them
 
   std::unique_ptr<AuditLog> open(const AuditLog::Limits& limits = {}) {
     return std::make_unique<AuditLog>(
-        root_.path(), [this](const std::string& why) { trouble_.push_back(why); }, limits);
+        root_.path(),
+        [this](const std::string& why) {
+          trouble_.push_back(why);
+          ++troubles_;
+          troubles_.notify_all();
+        },
+        limits);
   }
   static AuditEntry entry(const std::string& verb, const std::string& outcome = "done") {
     AuditEntry e;
@@ -160,10 +168,7 @@ TEST_F(AuditLogTest, WhatTheDiskDoesNotTakeIsKeptAndWhatIsTooMuchIsCounted) {
   auto log = open(limits);
   std::thread writing([&] { log->run(); });
   log->add(entry("one"));
-  ASSERT_TRUE([&] {
-    for (int i = 0; i < 500 && trouble_.empty(); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(10));
-    return true;
-  }());
+  troubles_.wait(0);
   log->stop();
   writing.join();
   ASSERT_EQ(trouble_.size(), 1U) << "once for each cause";
