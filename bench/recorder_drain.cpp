@@ -86,9 +86,10 @@ Cost measure(Keep keep, std::int64_t milliseconds) {
 int main() {
   const auto averaged = measure(Keep::kAveraged, 5'000'000);
   const auto full = measure(Keep::kFull, 1'000'000);
-  std::printf("averaged: %.1f ns per pair of samples, %.0f bytes per second of rig time\n", averaged.ns_per_pair,
-              averaged.bytes_per_s);
-  std::printf("full:     %.1f ns per pair of samples, %.0f bytes per second of rig time\n", full.ns_per_pair,
-              full.bytes_per_s);
+  const auto print = [](const char* keep, const Cost& cost) {
+    std::printf("{\"keep\": \"%s\", \"ns_per_pair\": %.4g, \"bytes_per_s\": %.6g}\n", keep, cost.ns_per_pair, cost.bytes_per_s);
+  };
+  print("averaged", averaged);
+  print("full", full);
   return 0;
 }

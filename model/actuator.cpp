@@ -47,15 +47,20 @@ void Actuator::set_parameters(double pressure_psi) noexcept {
   if (stack_.size() > 1) stack_[1].parameters = SlseParameters::from_ratios(v[0] * v[3], v[4], v[5]);
 }
 
-double Actuator::settle(double position_mm, double pressure_psi) noexcept {
+void Actuator::prepare(double pressure_psi, double dt_s) noexcept {
   set_parameters(pressure_psi);
-  stack_.settle(strain(position_mm, pressure_psi));
-  return force_N_ = stack_.force_N();
+  rest_mm_ = rest_length_mm(pressure_psi);
+  for (std::size_t i = 0; i < stack_.size(); ++i)
+    relaxations_[i] = relaxation(stack_[i].parameters.gamma_1_s * dt_s);
+  prepared_psi_ = pressure_psi;
+  prepared_dt_s_ = dt_s;
 }
 
-double Actuator::step(double position_mm, double pressure_psi, double dt_s) noexcept {
+double Actuator::settle(double position_mm, double pressure_psi) noexcept {
   set_parameters(pressure_psi);
-  return force_N_ = stack_.step(strain(position_mm, pressure_psi), dt_s);
+  prepared_psi_ = std::numeric_limits<double>::quiet_NaN();
+  stack_.settle(strain(position_mm, pressure_psi));
+  return force_N_ = stack_.force_N();
 }
 
 }  // namespace isorig::model

@@ -1,5 +1,7 @@
 #pragma once
+#include <array>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include "model/braid.hpp"
@@ -50,7 +52,13 @@ class Actuator {
   double settle(double position_mm, double pressure_psi) noexcept;
   /// Moves there, strain linear in time, within `dt_s` > 0; the parameters are those at the end of the step.
   /// Returns the force at the end [N]. No allocation.
-  double step(double position_mm, double pressure_psi, double dt_s) noexcept;
+  double step(double position_mm, double pressure_psi, double dt_s) noexcept {
+    if (pressure_psi != prepared_psi_ || dt_s != prepared_dt_s_) prepare(pressure_psi, dt_s);
+    const double strain = (initial_length_mm_ + position_mm - rest_mm_) / rest_mm_;
+    force_N_ = stack_[0].step(strain, relaxations_[0]);
+    if (has_sheath()) force_N_ += stack_[1].step(strain, relaxations_[1]);
+    return force_N_;
+  }
 
   [[nodiscard]] double rest_length_mm(double pressure_psi) const noexcept {
     if (!(pressure_psi > 0.0)) return initial_length_mm_;
@@ -74,6 +82,8 @@ class Actuator {
 
  private:
   void set_parameters(double pressure_psi) noexcept;
+  /// All that depends on pressure and step alone, for the next steps that have the same.
+  void prepare(double pressure_psi, double dt_s) noexcept;
   /// Of k1, against the table's constant end.
   [[nodiscard]] double stiffening(double pressure_psi) const noexcept {
     return pressure_psi > law_end_psi_ ? pressure_psi / law_end_psi_ : 1.0;
@@ -88,6 +98,10 @@ class Actuator {
   Braid braid_;
   PressureTable table_;
   SlseStack stack_;
+  double prepared_psi_ = std::numeric_limits<double>::quiet_NaN();  // equal to nothing: prepare() has not run
+  double prepared_dt_s_ = 0.0;
+  double rest_mm_ = 0.0;
+  std::array<Relaxation, SlseStack::kMaxElements> relaxations_{};
   double force_N_ = 0.0;
 };
 

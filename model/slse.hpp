@@ -76,7 +76,10 @@ class Slse {
   }
   /// Moves to `strain` at constant rate within `dt_s` > 0. Returns the force at the end [N].
   double step(double strain, double dt_s) noexcept {
-    const Relaxation r = relaxation(parameters.gamma_1_s * dt_s);
+    return step(strain, relaxation(parameters.gamma_1_s * dt_s));
+  }
+  /// The same, for callers that keep relaxation(gamma dt) while neither changes.
+  double step(double strain, const Relaxation& r) noexcept {
     arm_strain_ = arm_strain_ * r.decay + (strain - strain_) * r.gain;
     strain_ = strain;
     return force_N();
