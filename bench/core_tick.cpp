@@ -85,7 +85,8 @@ int main(int argc, char** argv) try {
   const double worst_ns = *std::ranges::max_element(core_ns);
   const auto quantile = [&](double share) { return isorig::base::quantile_in_place(core_ns, share); };
   std::printf(
-      "{\"ticks\": %.0f, \"mean_ns\": %.0f, \"median_ns\": %.0f, \"p99_ns\": %.0f, \"p999_ns\": %.0f, \"worst_ns\": %.0f, "
+      "{\"ticks\": %.0f, \"mean_ns\": %.0f, \"median_ns\": %.0f, \"p99_ns\": %.0f, \"p999_ns\": %.0f, \"worst_ns\": "
+      "%.0f, "
       "\"with_plant_and_devices_ns\": %.0f}\n",
       count, sum_ns / count, quantile(0.5), quantile(0.99), quantile(0.999), worst_ns, all_ns / count);
   return 0;

@@ -1,6 +1,6 @@
-// The two fits of `isorig fv`, timed alone, on data that are written for the peers in bench/peers as well. A curve is fitted
-// from the peers' one start, then as `isorig fv` does: from five, with profile-likelihood intervals.
-// Usage: bench_fits points FOLDER   48 force-velocity curves (12 specimens x 4 pressures): what each fit costs
+// The two fits of `isorig fv`, timed alone, on data that are written for the peers in bench/peers as well. A curve is
+// fitted from the peers' one start, then as `isorig fv` does: from five, with profile-likelihood intervals. Usage:
+// bench_fits points FOLDER   48 force-velocity curves (12 specimens x 4 pressures): what each fit costs
 //        bench_fits series FOLDER   400 000 samples of two standard linear solids: from this room's start and 12 others
 #include <array>
 #include <chrono>
@@ -58,8 +58,8 @@ void fit_points(const std::filesystem::path& folder) {
   std::vector<double> table;  // rows: curve, rate, force, initial strain, strain step
   for (std::size_t i = 0; i < all.size(); ++i)
     for (const FvPoint& p : all[i])
-      table.insert(table.end(), {static_cast<double>(i), p.strain_rate_per_s, p.normalized_force, p.initial_strain,
-                                 p.strain_step});
+      table.insert(table.end(),
+                   {static_cast<double>(i), p.strain_rate_per_s, p.normalized_force, p.initial_strain, p.strain_step});
   write_doubles(folder / "points.f64", table);
   std::vector<double> sums;
   for (int repetition = 0; repetition < 9; ++repetition) {
@@ -111,9 +111,10 @@ void fit_series_case(const std::filesystem::path& folder) {
       options.start_gamma_per_s = {1.0 / std::pow(20.0, even(random)), 1.0 / (0.05 * std::pow(20.0, even(random)))};
     const auto begin = Clock::now();
     const SeriesFit fit = fit_series(t_s, x_mm, force_N, 2, options);
-    std::printf("{\"own_start\": %s, \"ms\": %.4g, \"gamma_per_s\": [%.6g, %.6g], \"rms_N\": %.9g, \"converged\": %s}\n",
-                start > 0 ? "false" : "true", ms_since(begin), fit.arms[0].gamma_per_s.value,
-                fit.arms[1].gamma_per_s.value, fit.rms_N, fit.converged ? "true" : "false");
+    std::printf(
+        "{\"own_start\": %s, \"ms\": %.4g, \"gamma_per_s\": [%.6g, %.6g], \"rms_N\": %.9g, \"converged\": %s}\n",
+        start > 0 ? "false" : "true", ms_since(begin), fit.arms[0].gamma_per_s.value, fit.arms[1].gamma_per_s.value,
+        fit.rms_N, fit.converged ? "true" : "false");
   }
 }
 

@@ -38,7 +38,8 @@ struct Ages {
     if (first_ns == 0) first_ns = now;
     if (next >= 0 && m->number > next) missed += m->number - next;
     next = m->number + 1;
-    for (int i = 0; i < m->count; ++i) ms.push_back(1e-6 * static_cast<double>(now - m->mono_ns - m->mono_offset_ns[i]));
+    for (int i = 0; i < m->count; ++i)
+      ms.push_back(1e-6 * static_cast<double>(now - m->mono_ns - m->mono_offset_ns[i]));
   }
 };
 

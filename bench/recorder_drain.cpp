@@ -87,7 +87,8 @@ int main() {
   const auto averaged = measure(Keep::kAveraged, 5'000'000);
   const auto full = measure(Keep::kFull, 1'000'000);
   const auto print = [](const char* keep, const Cost& cost) {
-    std::printf("{\"keep\": \"%s\", \"ns_per_pair\": %.4g, \"bytes_per_s\": %.6g}\n", keep, cost.ns_per_pair, cost.bytes_per_s);
+    std::printf("{\"keep\": \"%s\", \"ns_per_pair\": %.4g, \"bytes_per_s\": %.6g}\n", keep, cost.ns_per_pair,
+                cost.bytes_per_s);
   };
   print("averaged", averaged);
   print("full", full);

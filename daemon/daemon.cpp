@@ -39,7 +39,6 @@ constexpr std::int64_t kPressureWaitNs = 2'000'000;
 constexpr std::int64_t kInterlockPeriodNs = 5'000'000;
 constexpr std::int64_t kInterlockLeastNs = 500'000;
 constexpr std::int64_t kRecorderPeriodNs = 20'000'000;
-constexpr std::int64_t kPublisherPeriodNs = 10'000'000;
 // Below the devices' threads, above everything ordinary: a busy machine must not look like a stalled loop.
 constexpr int kWatchdogPriority = 1;
 // Likewise: a busy machine must not delay an abort.
@@ -186,7 +185,7 @@ void Daemon::Impl::start_threads() {
     spawn(rest, "isorig-recorder", 0, rig.realtime,
           [this] { every(clock, "recorder", kRecorderPeriodNs, stop_rest, [this] { host.turn(clock.now_ns()); }); });
     spawn(rest, "isorig-publish", 0, rig.realtime,
-          [this] { every(clock, "publisher", kPublisherPeriodNs, stop_rest, [this] { publish(); }); });
+          [this] { every(clock, "publisher", rig.lcm.period_ns, stop_rest, [this] { publish(); }); });
     spawn(rest, "isorig-samples", 0, rig.realtime, [this] { sample_server.run(); });
     spawn(rest, "isorig-api", 0, rig.realtime, [this] { api.serve(); });
     spawn(rest, "isorig-stop", kStopPriority, rig.realtime, [this] { api.serve_stops(); });

@@ -12,6 +12,7 @@
 #include "daemon/host/stop_signals.hpp"
 #include "daemon/revision.hpp"
 #include "daemon/rig/config.hpp"
+#include "daemon/threads.hpp"
 #include "daemon/version.hpp"
 
 namespace {
@@ -69,6 +70,7 @@ int main(int argc, char** argv) {
     options.socket = !socket.empty()           ? std::filesystem::path(socket)
                      : !rig.api.socket.empty() ? rig.api.socket
                                                : daemon::default_socket();
+    daemon::set_stack_bytes(daemon::kStackBytes);  // before the log's thread
     const daemon::StopSignals signals;
     daemon::Logging logging;
     const int code = daemon::Daemon(rig, options, signals).run() ? 0 : 1;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <exception>
 #include <future>
@@ -27,11 +28,27 @@ class Complaint {
   std::chrono::steady_clock::time_point next_{};
 };
 
+/// Stacks are locked into memory whole (lock_memory()), so the usual 8 MiB each were two thirds of the daemon's memory.
+/// A real-time thread needs what enter_realtime() touches and a few frames; the others read TOML, which recurses for
+/// each of its 256 levels of nesting at most, and write pages. A sanitizer's frames are several times as large.
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+inline constexpr std::size_t kStackFactor = 8;
+#else
+inline constexpr std::size_t kStackFactor = 1;
+#endif
+inline constexpr std::size_t kRealtimeStackBytes = kStackFactor * 512 * 1024;
+inline constexpr std::size_t kStackBytes = kStackFactor * 1024 * 1024;
+static_assert(kRealtimeStackBytes >= 2 * kPrefaultStackBytes);
+
+/// Stacks of the threads that are made after this, in the whole process (those of libraries as well).
+void set_stack_bytes(std::size_t bytes);
+
 /// Starts a thread that runs `body` after it has its priority; what it could not get is thrown here.
 template <typename Body>
 void spawn(std::vector<std::thread>& into, const char* name, int priority, const RealtimeConfig& realtime, Body body) {
   std::promise<void> ready;
   auto outcome = ready.get_future();
+  set_stack_bytes(priority > 0 ? kRealtimeStackBytes : kStackBytes);
   into.emplace_back([&realtime, name, priority, &ready, body]() mutable {
     pthread_setname_np(pthread_self(), name);
     try {
@@ -48,6 +65,7 @@ void spawn(std::vector<std::thread>& into, const char* name, int priority, const
       Complaint(name).note(e.what());
     }
   });
+  set_stack_bytes(kStackBytes);
   outcome.get();
 }
 

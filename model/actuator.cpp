@@ -50,8 +50,7 @@ void Actuator::set_parameters(double pressure_psi) noexcept {
 void Actuator::prepare(double pressure_psi, double dt_s) noexcept {
   set_parameters(pressure_psi);
   rest_mm_ = rest_length_mm(pressure_psi);
-  for (std::size_t i = 0; i < stack_.size(); ++i)
-    relaxations_[i] = relaxation(stack_[i].parameters.gamma_1_s * dt_s);
+  for (std::size_t i = 0; i < stack_.size(); ++i) relaxations_[i] = relaxation(stack_[i].parameters.gamma_1_s * dt_s);
   prepared_psi_ = pressure_psi;
   prepared_dt_s_ = dt_s;
 }

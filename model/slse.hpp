@@ -75,9 +75,7 @@ class Slse {
     arm_strain_ = rate_1_s / parameters.gamma_1_s;
   }
   /// Moves to `strain` at constant rate within `dt_s` > 0. Returns the force at the end [N].
-  double step(double strain, double dt_s) noexcept {
-    return step(strain, relaxation(parameters.gamma_1_s * dt_s));
-  }
+  double step(double strain, double dt_s) noexcept { return step(strain, relaxation(parameters.gamma_1_s * dt_s)); }
   /// The same, for callers that keep relaxation(gamma dt) while neither changes.
   double step(double strain, const Relaxation& r) noexcept {
     arm_strain_ = arm_strain_ * r.decay + (strain - strain_) * r.gain;

@@ -14,8 +14,7 @@
 namespace isorig::daemon {
 namespace {
 
-constexpr std::size_t kPrefaultStackBytes = 256 * 1024;
-constexpr std::size_t kPrefaultHeapBytes = 16 * 1024 * 1024;
+constexpr std::size_t kPrefaultHeapBytes = 1024 * 1024;
 
 void touch_stack() noexcept {
   char block[kPrefaultStackBytes];

@@ -1,5 +1,6 @@
 #pragma once
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <stdexcept>
 #include <string>
@@ -32,6 +33,9 @@ class RealtimeError : public std::runtime_error {
 /// Locks all memory, present and future, and touches stack and heap so that no page fault is left for the loop.
 /// Process-wide; call before the threads start. Throws RealtimeError if `enforce` and it is refused.
 void lock_memory(const RealtimeConfig& config);
+
+/// Of its stack a real-time thread touches so much before it starts.
+inline constexpr std::size_t kPrefaultStackBytes = 256 * 1024;
 
 /// Gives the calling thread SCHED_FIFO at `priority`. Throws RealtimeError if `enforce` and it is refused.
 void enter_realtime(const RealtimeConfig& config, int priority);

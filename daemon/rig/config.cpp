@@ -333,6 +333,7 @@ RigConfig load_rig(const std::filesystem::path& path) {
   table("lcm", [&](const auto& t) {
     rig.lcm.enabled = t.boolean_or("enabled", rig.lcm.enabled);
     rig.lcm.url = t.string_or("url", rig.lcm.url);
+    rig.lcm.period_ns = t.integer_or("period_ms", rig.lcm.period_ns / 1'000'000, {1, 100}) * 1'000'000;
   });
   table("notify", [&](const auto& t) { rig.notify = read_notify(t); });
   table("api", [&](const auto& t) { read_api(t, rig); });

@@ -65,6 +65,7 @@ struct RigConfig {
   struct Lcm {
     bool enabled = true;
     std::string url = "udpm://239.255.76.67:7667?ttl=0";
+    std::int64_t period_ns = 10'000'000;  ///< a sample waits so long at most for its message
   } lcm;
 
   NotifyConfig notify;

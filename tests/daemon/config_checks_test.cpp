@@ -210,6 +210,8 @@ const Dangerous kDangerous[] = {
     {"lcm", "url", "\"udpm://239.255.76.67:7667\"", "says no ttl"},
     {"lcm", "url", "\"udpm://239.255.76.67:7667?ttl=0&ttl=5\"", "its ttl is 5"},
     {"lcm", "url", "\"udpm://239.255.76.67:7667?xttl=0\"", "says no ttl"},
+    {"lcm", "period_ms", "0", "1"},
+    {"lcm", "period_ms", "101", "100"},
     {"api", "operate", "\"lab, \"", "has to name Unix groups"},
     {"api", "configure", "\"a group\"", "has to name Unix groups"},
     {"lcm", "url", "\"tcpq://10.0.0.1:7700\"", "can make publishing wait"},
