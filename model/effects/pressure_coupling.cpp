@@ -1,3 +1,5 @@
+#include <cmath>
+
 #include "model/effects/effects.hpp"
 
 namespace isorig::model::effect {
@@ -15,6 +17,29 @@ class Coupling : public Process {
  private:
   bool force_;
   bool stiffness_;
+};
+
+/// The pressure inside the specimen behind its tube: tau dq/dt = (p - p0) - q, q = p - p0 at the start. Exact when the
+/// measured pressure runs straight between instants.
+class BehindTube : public Process {
+ public:
+  explicit BehindTube(double time_constant_s) noexcept : tau_s_(time_constant_s) {}
+  void reset(const Instant& first) noexcept override { inside_psi_ = measured_psi_ = first.excess_pressure_psi; }
+  void force(const Instant& now, double* columns) noexcept override {
+    if (now.dt_s > 0.0) {
+      const double x = now.dt_s / tau_s_;
+      const double decay = -std::expm1(-x);
+      const double fresh = 1.0 - decay / x;  // weight of the newest reading under a straight line
+      inside_psi_ += decay * (measured_psi_ - inside_psi_) + fresh * (now.excess_pressure_psi - measured_psi_);
+      measured_psi_ = now.excess_pressure_psi;
+    }
+    *columns = inside_psi_;
+  }
+
+ private:
+  double tau_s_;
+  double inside_psi_ = 0.0;
+  double measured_psi_ = 0.0;
 };
 
 const Coefficient kForce{
@@ -46,7 +71,8 @@ const Physics& pressure_coupling() {
       "pressure_coupling",
       Stage::kSpecimen,
       "Stiffness or force that follows the measured pressure, which is not constant.",
-      "Chou & Hannaford 1996, Tondu 2012: the force of a McKibben is proportional to its pressure.",
+      "Chou & Hannaford 1996, Tondu 2012: the force of a McKibben is proportional to its pressure. "
+      "Richer & Hurmuzlu 2000: resistance and volume of the tube.",
       "A pressure step at fixed position. During ramps alone it is mistaken for viscosity, because the "
       "regulator "
       "droops in proportion to the velocity.",
@@ -64,7 +90,25 @@ const Physics& pressure_coupling() {
         "F = (f' + k' e) (p - p0)",
         {},
         {kForce, kStiffness},
-        [](auto, const Reference&) { return std::make_unique<Coupling>(true, true); }}},
+        [](auto, const Reference&) { return std::make_unique<Coupling>(true, true); }},
+       {"tube",
+        "F = f' q, tau dq/dt = (p - p0) - q",
+        {{.name = "time_constant_s",
+          .symbol = "tau",
+          .lower = 0.01,
+          .upper = 10.0,
+          .starts = {0.1, 1.0},
+          .logarithmic = true,
+          .traits = {.lower_limit_law = "force"},
+          .sheet =
+              {.what = "Time in which the pressure inside the specimen has made 63 % of a step of the measured one.",
+               .unit = "s",
+               .range = "Physics: volume times flow resistance of the tube between sensor and specimen, from a short "
+                        "wide tube to a needle valve; below 10 ms the pressures are the same on every regulator.",
+               .errors = "The regulator's droop lasts as long as the ramp, so a slow tube resembles a relaxation. "
+                         "Mistaken for a lag of the force channel."}}},
+        {kForce},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<BehindTube>(p[0]); }}},
       {.pressure = PressureNeed::kMeasured,
        .driven_by_pressure = true,
        .acts_on = "pressure path",

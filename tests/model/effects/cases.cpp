@@ -55,10 +55,14 @@ const std::vector<Case>& cases() {
       {"pressure_coupling", "stiffness", {{}}, {0.15}, 1e-12, 0},
       {"pressure_coupling", "force", {{}}, {0.5}, 1e-12, 0},
       {"pressure_coupling", "both", {{}}, {0.5, -0.1}, 1e-12, 0},
+      // Straight between instants is the law's claim; the tracks' pressure is a sine: 0.1^2 / 8 of its curvature, 0.77
+      // psi/s^2.
+      {"pressure_coupling", "tube", {{0.05}, {2.0}}, {0.5}, 5e-3, 2},
       {"cyclic_softening", "elastic", {{8.0}, {60.0}}, {-0.3}, 1e-9, 2, true},
       {"cyclic_softening", "tangent", {{8.0}, {60.0}}, {-0.3}, 1e-9, 2, true},
       {"cyclic_softening", "overall", {{8.0, 0.2}, {60.0, 0.5}}, {}, 1e-6, 2},
       {"force_lag", "first_order", {{0.005}, {0.3}}, {}, 1e-6, 2},
+      {"force_lag", "two_poles", {{0.005}, {0.3}}, {}, 1e-6, 2},
       {"force_delay", "dead_time", {{0.02}, {0.35}, {1.0}}, {}, 1e-9, 2},
       {"fixture_inertia", "rigid", {{}}, {0.5}, 1e-12, 0},
       {"zero_drift", "linear", {{}}, {1.5}, 1e-12, 0},

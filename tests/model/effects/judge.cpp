@@ -1,6 +1,7 @@
 #include "judge.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <numbers>
@@ -131,6 +132,36 @@ Judge several(std::vector<Judge> judges) {
     for (const Judge& judge : judges) out.push_back(judge.force(p, t).front());
     return out;
   }};
+}
+
+/// N first-order lags one behind the other, by Runge-Kutta with the input straight within the grid's step; settled
+/// first.
+template <std::size_t N>
+Curve behind_poles(double time_constant_s, double step_s, const Curve& input) {
+  std::array<double, N> y;
+  y.fill(input.front());
+  Curve out{input.front()};
+  const auto slopes = [&](double u, const std::array<double, N>& at) {
+    std::array<double, N> d;
+    for (std::size_t k = 0; k < N; ++k) d[k] = ((k == 0 ? u : at[k - 1]) - at[k]) / time_constant_s;
+    return d;
+  };
+  const auto moved = [](std::array<double, N> from, double by, const std::array<double, N>& along) {
+    for (std::size_t k = 0; k < N; ++k) from[k] += by * along[k];
+    return from;
+  };
+  for (std::size_t i = 1; i < input.size(); ++i) {
+    const int parts = static_cast<int>(std::ceil(step_s / (0.02 * time_constant_s)));
+    const double h = step_s / parts;
+    for (int part = 0; part < parts; ++part) {
+      const auto u = [&](double share) { return input[i - 1] + (part + share) / parts * (input[i] - input[i - 1]); };
+      const auto k1 = slopes(u(0.0), y), k2 = slopes(u(0.5), moved(y, 0.5 * h, k1));
+      const auto k3 = slopes(u(0.5), moved(y, 0.5 * h, k2)), k4 = slopes(u(1.0), moved(y, h, k3));
+      for (std::size_t k = 0; k < N; ++k) y[k] += h / 6.0 * (k1[k] + 2.0 * k2[k] + 2.0 * k3[k] + k4[k]);
+    }
+    out.push_back(y[N - 1]);
+  }
+  return out;
 }
 
 double elongation(const Track& t, std::size_t i) {
@@ -384,6 +415,11 @@ void add_specimen(std::map<std::string, Judge>& of) {
   of["pressure_coupling/force"] = by_force;
   of["pressure_coupling/stiffness"] = by_stiffness;
   of["pressure_coupling/both"] = several({by_force, by_stiffness});
+  of["pressure_coupling/tube"] = {.force = [](Numbers p, const Track& t) {
+    Curve pressure;
+    for (std::size_t i = 0; i < t.size(); ++i) pressure.push_back(t.excess_psi[i]);
+    return Columns{behind_poles<1>(p[0], t.step_s, pressure)};
+  }};
   of["pressure_threshold/dead_zone"] = at_point([](Numbers p, const Track& t, std::size_t i) {
     const double over = t.nominal_pressure_psi + t.excess_psi[i] - p[0];
     return over > 0.0 ? over : 0.0;
@@ -422,23 +458,10 @@ void add_rig_and_sensor(std::map<std::string, Judge>& of) {
   }};
   of["fixture_inertia/rigid"] =
       at_point([](Numbers, const Track& t, std::size_t i) { return t.acceleration_mm_s2(i) / 1000.0; });
-  of["force_lag/first_order"] = {.shape = [](Numbers p, const Track& t, const Curve& force) {
-    // Runge-Kutta with the force straight within the grid's step.
-    Curve out{force.front()};
-    for (std::size_t i = 1; i < t.size(); ++i) {
-      const int parts = static_cast<int>(std::ceil(t.step_s / (0.02 * p[0])));
-      const double h = t.step_s / parts;
-      double y = out.back();
-      for (int k = 0; k < parts; ++k) {
-        const auto input = [&](double share) { return force[i - 1] + (k + share) / parts * (force[i] - force[i - 1]); };
-        const double k1 = (input(0.0) - y) / p[0], k2 = (input(0.5) - y - 0.5 * h * k1) / p[0];
-        const double k3 = (input(0.5) - y - 0.5 * h * k2) / p[0], k4 = (input(1.0) - y - h * k3) / p[0];
-        y += h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4);
-      }
-      out.push_back(y);
-    }
-    return out;
-  }};
+  of["force_lag/first_order"] = {
+      .shape = [](Numbers p, const Track& t, const Curve& force) { return behind_poles<1>(p[0], t.step_s, force); }};
+  of["force_lag/two_poles"] = {
+      .shape = [](Numbers p, const Track& t, const Curve& force) { return behind_poles<2>(p[0], t.step_s, force); }};
   of["force_delay/dead_time"] = {.shape = [](Numbers p, const Track& t, const Curve& force) {
     Curve out;
     for (std::size_t i = 0; i < t.size(); ++i) {
