@@ -262,6 +262,9 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     missing.probability = calibrated(missing.probability, out.unexplained, out.verdict == Verdict::kUnknownPhysics);
   now(0.93, "predicting what was left out");
   publish_model(search, study, nominal_published, std::move(whole), options.threads, out);
+  for (MissingEffect& missing : out.missing)
+    if (std::ranges::find(out.not_modelled.names, missing.effect->name) != out.not_modelled.names.end())
+      missing.probability = stated_if_refused(missing.probability);
   out.nominal.name = out.model.name = nominal.name;
   if (out.verdict == Verdict::kConsistent && (out.unjudged = unjudged(study, out.nominal_errors.train_rmse_N)))
     out.verdict = Verdict::kCannotJudge;

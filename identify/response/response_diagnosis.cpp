@@ -289,6 +289,7 @@ ResponseDiagnosis diagnose_response(const std::vector<messages::Recording>& reco
     out.not_modelled = "without it readings that were left out are predicted better (" +
                        base::number_text(*out.nominal_heldout, 3) + " against " +
                        base::number_text(*out.model_heldout, 3) + " " + std::string(unit_of(out.output)) + ")";
+    for (MissingPart& missing : out.missing) missing.probability = stated_if_refused(missing.probability);
     out.model = out.nominal;
     out.model_heldout = out.nominal_heldout;
   }

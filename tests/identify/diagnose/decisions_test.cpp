@@ -8,6 +8,7 @@
 #include "concealed_specimen.hpp"
 #include "identify/diagnose/noise/effective_dof.hpp"
 #include "identify/diagnose/noise/noise.hpp"
+#include "identify/diagnose/search/calibration.hpp"
 #include "identify/diagnose/search/empirical.hpp"
 #include "identify/diagnose/search/parsimony.hpp"
 #include "identify/diagnose/search/practical_significance.hpp"
@@ -214,6 +215,19 @@ TEST(RepeatedEvidence, TakesTheWeightOfAnEffectThatStrokesDoNotAgreeOnAndNoOther
   // exp(z^2 / 2 - 3) / n with z about 1 leaves less than one in a hundred.
   EXPECT_LT(weight_kept({.coloured_N = 0.1, .seed = 7}), 0.05);
   EXPECT_DOUBLE_EQ(weight_kept({.drift_N_h = 15.0, .seed = 7}), 0.99);
+}
+
+// --- calibrated, stated_if_refused ---------------------------------------------------------------------------------
+TEST(Calibrated, NoNameIsCertainAndLessSoBesideTheUnknown) {
+  EXPECT_DOUBLE_EQ(calibrated(1.0, 0.0, false), 0.985);
+  EXPECT_DOUBLE_EQ(calibrated(1.0, 0.0, true), 0.85);
+  EXPECT_DOUBLE_EQ(calibrated(0.8, 0.25, false), 0.8 * 0.75 * 0.985);
+  EXPECT_DOUBLE_EQ(calibrated(0.8, 0.9, false), 0.8 * 0.5 * 0.985);
+}
+
+TEST(Calibrated, ANameWhoseLawWasRefusedIsAtMostAsLikelyAsNot) {
+  EXPECT_DOUBLE_EQ(stated_if_refused(0.976), 0.5);
+  EXPECT_DOUBLE_EQ(stated_if_refused(0.3), 0.3);
 }
 
 // --- prefer_simpler_laws -----------------------------------------------------------------------------------------
