@@ -59,8 +59,8 @@ def rest(bench: Bench) -> list[Figure]:
             used, at = cpu_s(process.pid), time.monotonic()
             time.sleep(15.0)
             shares.append(100.0 * (cpu_s(process.pid) - used) / (time.monotonic() - at))
-            status = Path(f"/proc/{process.pid}/status").read_text()
-            megabytes.append(int(re.search(r"VmRSS:\s+(\d+)", status)[1]) / 1024.0)
+            pages = int(Path(f"/proc/{process.pid}/statm").read_text().split()[1])
+            megabytes.append(pages * os.sysconf("SC_PAGE_SIZE") / 1e6)
     return [Figure("processor", "% of a core", shares, target="< 5 %", met=max(shares) < 5.0),
             Figure("resident memory", "MB", megabytes, target="< 50 MB", met=max(megabytes) < 50.0),
             Figure("from start to the first sample at a subscriber", "s", firsts, target="< 1 s", met=max(firsts) < 1.0)]
@@ -93,7 +93,7 @@ def logger_ns(bench: Bench, folder: Path, rate_hz: int = 5000, seconds: int = 5)
         time.sleep(0.5)
         before = cpu_s(logger.pid)
         told = objects(run(bench.bin / "bench_lcm_age", "pair", LISTEN, seconds, rate_hz).out)[0]
-        return (cpu_s(logger.pid) - before) * 1e9 / told["samples"]
+        return (cpu_s(logger.pid) - before) * 1e9 / float(told["samples"])
     finally:
         logger.terminate()
         logger.wait()

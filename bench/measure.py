@@ -9,6 +9,7 @@ import subprocess
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 TREE = Path(__file__).resolve().parent.parent
 PEERS = TREE / "bench" / "peers"
@@ -47,7 +48,10 @@ def run(*command: object, env: dict[str, str] | None = None, cwd: Path | None = 
     words = [str(c) for c in command]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     begin = time.perf_counter()
-    done = subprocess.run(words, capture_output=True, text=True, cwd=cwd, env={**os.environ, **(env or {})}, check=False)
+    try:
+        done = subprocess.run(words, capture_output=True, text=True, cwd=cwd, env={**os.environ, **(env or {})}, check=False)
+    except OSError as e:
+        raise NotMeasured(f"`{words[0]}` cannot be run: {e.strerror}") from e
     wall_s = time.perf_counter() - begin
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     if done.returncode not in ok:
@@ -56,7 +60,7 @@ def run(*command: object, env: dict[str, str] | None = None, cwd: Path | None = 
     return Ran(wall_s, cpu_s, done.stdout)
 
 
-def objects(text: str) -> list[dict]:
+def objects(text: str) -> list[dict[str, Any]]:
     """The JSON objects that a program printed, one a line."""
     return [json.loads(line) for line in text.splitlines() if line.startswith("{")]
 
