@@ -64,7 +64,8 @@ int fv(const Options& options) {
     progress->at(static_cast<double>(results.size()) / static_cast<double>(options.recordings.size()), path);
     try {
       const auto recording = messages::read_recording(path);
-      identify::refuse_implausible(recording, path, model::nominal_model("slse1"));
+      identify::refuse_implausible(recording, path, model::nominal_model("slse1"),
+                                   identify::channel_quality(recording.frame.t_s, recording.frame.position_mm));
       results.push_back(identify::analyse_recording(recording, path));
     } catch (const std::invalid_argument& e) {
       std::cerr << base::printable_lines(e.what()) << '\n';

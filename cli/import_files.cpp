@@ -142,7 +142,8 @@ void refuse_odd(const Ready& ready, const ImportOptions& options) {
   // What is predicted of a position or a pressure has no spring whose sign could be told.
   if (recording.frame.size() >= 10 && recording.metadata.output == Output::kForce) {
     try {
-      identify::refuse_implausible(recording, name, model::nominal_model("slse1"));
+      identify::refuse_implausible(recording, name, model::nominal_model("slse1"),
+                                   identify::channel_quality(recording.frame.t_s, recording.frame.position_mm));
     } catch (const std::invalid_argument& e) {
       throw ImportRefused(e.what() + std::string(kAdvice));
     }

@@ -10,7 +10,6 @@
 #include "identify/diagnose/guard/plausible.hpp"
 #include "identify/diagnose/guard/start_up_cut.hpp"
 #include "identify/diagnose/signal/mains_hum.hpp"
-#include "identify/diagnose/signal/noise_level.hpp"
 #include "messages/recording_id.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
@@ -18,24 +17,25 @@
 namespace isorig::identify {
 namespace {
 
-/// What is read of a recording before rows are cut from it: `predict` sees the whole of it.
-struct WholeRecording {
+struct Admitted {
+  /// Of the recording before rows are cut from it: `predict` sees the whole of it.
   double duration_s = 0.0;
   double id = 0.0;
+  RecordingQuality quality;  ///< of the rows that are left
 };
 
-bool position_moves(const messages::Recording& recording) {
+bool position_moves(const messages::Recording& recording, const RecordingQuality& quality) {
   const auto& frame = recording.frame;
   if (frame.size() < 2) return false;
   const auto [low, high] = std::ranges::minmax_element(frame.position_mm);
-  return *high - *low > 20.0 * white_noise(frame.t_s, frame.position_mm);
+  return *high - *low > 20.0 * quality.position.noise;
 }
 
-bool pressure_moves(const messages::Recording& recording) {
+bool pressure_moves(const messages::Recording& recording, const RecordingQuality& quality) {
   if (!recording.pressure || recording.pressure->size() < 20) return false;
   const auto& gauge = *recording.pressure;
   const auto [low, high] = std::ranges::minmax_element(gauge.pressure_psi);
-  return *high - *low > 20.0 * white_noise(gauge.t_s, gauge.pressure_psi);
+  return *high - *low > 20.0 * quality.pressure.noise;
 }
 
 /// Filling stretches the specimen, and its arms still hold some of that force when the rows of the filling have been
@@ -54,40 +54,48 @@ void add_unknown_state(model::ModelSpec& spec, double recording_id, double start
 }
 
 /// Cuts the session's own filling off and refuses what no model can be judged by.
-WholeRecording admit(messages::Recording& recording, const std::string& name, model::ModelSpec& nominal,
-                     std::vector<DataFault>& faults) {
+Admitted admit(messages::Recording& recording, const std::string& name, model::ModelSpec& nominal,
+               std::vector<DataFault>& faults) {
   constexpr std::size_t kFewest = 20;
   const auto& t_s = recording.frame.t_s;
-  const WholeRecording whole{t_s.empty() ? 0.0 : t_s.back() - t_s.front(), messages::recording_id(recording)};
+  Admitted admitted{t_s.empty() ? 0.0 : t_s.back() - t_s.front(), messages::recording_id(recording),
+                    recording_quality(recording)};
   // An isometric recording is driven by its pressure alone: its filling is the experiment.
-  if (position_moves(recording) || !nominal.driven_by_pressure()) {
+  if (position_moves(recording, admitted.quality) || !nominal.driven_by_pressure()) {
     const double start_s = t_s.empty() ? 0.0 : t_s.front();
-    if (auto cut = cut_start_up(recording)) faults.push_back(std::move(*cut));
-    if (!t_s.empty() && t_s.front() > start_s) add_unknown_state(nominal, whole.id, t_s.front());
+    if (auto cut = cut_start_up(recording)) {
+      faults.push_back(std::move(*cut));
+      admitted.quality = recording_quality(recording);
+    }
+    if (!t_s.empty() && t_s.front() > start_s) add_unknown_state(nominal, admitted.id, t_s.front());
   }
-  for (const double again_s : missed_motion(recording.frame)) add_unknown_state(nominal, whole.id, again_s);
+  for (const double again_s : missed_motion(recording.frame, admitted.quality.position))
+    add_unknown_state(nominal, admitted.id, again_s);
   if (recording.frame.size() < kFewest)
     throw std::invalid_argument(name + ": " + std::to_string(recording.frame.size()) +
                                 " rows are too few to judge a model by (at least " + std::to_string(kFewest) + ")");
-  if (!position_moves(recording) && !(nominal.driven_by_pressure() && pressure_moves(recording)))
+  if (!position_moves(recording, admitted.quality) &&
+      !(nominal.driven_by_pressure() && pressure_moves(recording, admitted.quality)))
     throw std::invalid_argument(
         name + ": nothing moves in this recording, or its samples are too far apart to follow the motion");
-  refuse_implausible(recording, name, nominal);
+  refuse_implausible(recording, name, nominal, admitted.quality.position);
   if (auto odd = odd_pressure(recording)) faults.push_back(std::move(*odd));
-  return whole;
+  return admitted;
 }
 
 /// Hum of the mains is neither white nor an Ornstein-Uhlenbeck process, so that rests measure it wrongly, and it is no
 /// physics of the specimen: it is taken out of the force.
-void take_hum_out(messages::FrameSamples& frame, const std::vector<bool>& usable, std::vector<DataFault>& faults) {
+void take_hum_out(messages::FrameSamples& frame, ChannelQuality& quality, const std::vector<bool>& usable,
+                  std::vector<DataFault>& faults) {
   constexpr double kOne = 1.5;  // readings: a row that stands for more is a mean, without hum
-  const RowWeights readings = row_weights(frame);
+  const RowWeights readings = row_weights(frame, quality);
   std::vector<bool> single(frame.size());
   for (std::size_t k = 0; k < single.size(); ++k)
     single[k] = (usable.empty() || usable[k]) && readings.per_row[k] < kOne;
   const auto hum = find_mains_hum(frame.t_s, frame.force_N, single);
   if (!hum) return;
   for (std::size_t k = 0; k < frame.size(); ++k) frame.force_N[k] -= hum->reading[k];
+  quality = channel_quality(frame.t_s, frame.force_N);
   char text[160];
   std::snprintf(text, sizeof text, "the force hums with the mains: %.3g N at %.2f Hz%s; taken out", hum->amplitude,
                 hum->frequency_Hz, hum->steady ? "" : ", wandering");
@@ -109,17 +117,18 @@ void report_pressure_clock(const Excitation& excitation, std::vector<DataFault>&
 
 void prepare(Study& study, std::vector<messages::Recording> recordings, std::vector<std::string> names,
              model::ModelSpec& nominal) {
-  std::vector<WholeRecording> whole;
+  std::vector<Admitted> admitted;
   for (std::size_t i = 0; i < recordings.size(); ++i)
-    whole.push_back(admit(recordings[i], names[i], nominal, study.faults));
+    admitted.push_back(admit(recordings[i], names[i], nominal, study.faults));
   for (std::size_t i = 0; i < recordings.size(); ++i) {
-    Guarded guarded = guard_recording(recordings[i]);
+    Guarded guarded = guard_recording(recordings[i], admitted[i].quality);
     study.faults.insert(study.faults.end(), guarded.faults.begin(), guarded.faults.end());
-    take_hum_out(recordings[i].frame, guarded.usable, study.faults);
-    study.series.push_back(prepare_series(std::move(names[i]), std::move(recordings[i]), guarded.usable));
+    take_hum_out(recordings[i].frame, admitted[i].quality.force, guarded.usable, study.faults);
+    study.series.push_back(
+        prepare_series(std::move(names[i]), std::move(recordings[i]), guarded.usable, admitted[i].quality));
     Excitation& excitation = study.series.back().excitation;
-    excitation.reference.duration_s = whole[i].duration_s;
-    excitation.reference.recording_id = whole[i].id;
+    excitation.reference.duration_s = admitted[i].duration_s;
+    excitation.reference.recording_id = admitted[i].id;
     study.usable.push_back(std::move(guarded.usable));
     report_pressure_clock(excitation, study.faults);
   }

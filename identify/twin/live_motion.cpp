@@ -46,7 +46,8 @@ std::vector<double> LiveMotion::pressure_at(const std::vector<double>& t_s, cons
     gauge.t_s.push_back(seconds(each.mono_ns));
     gauge.pressure_psi.push_back(each.psi);
   }
-  ReconstructedPressure out = reconstruct_pressure(gauge, t_s, position_mm);
+  ReconstructedPressure out =
+      reconstruct_pressure(gauge, channel_quality(gauge.t_s, gauge.pressure_psi), t_s, position_mm);
   noise_.pressure_psi = std::max(noise_.pressure_psi, out.noise_psi);
   return std::move(out.pressure_psi);
 }
@@ -57,9 +58,9 @@ std::vector<LiveMotion::Row> LiveMotion::window() {
     t_s.push_back(seconds(each.mono_ns));
     reading_mm.push_back(each.position_mm);
   }
-  reading_mm = without_spikes(t_s, reading_mm).reading_mm;
-  Motion motion = smooth_motion(t_s, reading_mm);
-  smooth_corners(t_s, reading_mm, motion);
+  const Despiked position = without_spikes(t_s, reading_mm, channel_quality(t_s, reading_mm));
+  Motion motion = smooth_motion(t_s, position.reading_mm, position.quality);
+  smooth_corners(t_s, position.reading_mm, motion);
   const std::vector<double> psi = pressure_at(t_s, motion.position_mm);
   // A window in which nothing moves says best what the noise is; one that turns all the time, worst.
   const double noise_mm = std::max(motion.noise_mm, motion.quantisation_mm);

@@ -5,7 +5,6 @@
 #include <map>
 
 #include "base/quantile.hpp"
-#include "identify/diagnose/signal/noise_level.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -71,15 +70,15 @@ std::vector<double> precision_of(const std::vector<double>& per_row, std::span<c
 
 }  // namespace
 
-RowWeights row_weights(const messages::FrameSamples& frame) {
+RowWeights row_weights(const messages::FrameSamples& frame, const ChannelQuality& force_quality) {
   const auto& t_s = frame.t_s;
   const auto& force_N = frame.force_N;
   const std::size_t n = t_s.size();
   RowWeights out;
   out.per_row.assign(n, 1.0);
   out.precision = out.per_row;
-  const double floor_N = quantisation(force_N) / std::sqrt(12.0);
-  out.noise_N = std::max(white_noise(t_s, force_N), floor_N);
+  const double floor_N = force_quality.rounding();
+  out.noise_N = std::max(force_quality.noise, floor_N);
   if (n < 3) return out;
 
   struct Spacing {

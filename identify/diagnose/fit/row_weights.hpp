@@ -2,6 +2,7 @@
 #include <span>
 #include <vector>
 
+#include "identify/diagnose/signal/channel_quality.hpp"
 #include "messages/recording.hpp"
 
 namespace isorig::identify {
@@ -20,6 +21,6 @@ struct RowWeights {
   std::vector<double> precision;  ///< those, over the variance of a reading at that time relative to noise_N^2
   double noise_N = 0.0;           ///< rms of a row that counts as one
 };
-[[nodiscard]] RowWeights row_weights(const messages::FrameSamples& frame);
+[[nodiscard]] RowWeights row_weights(const messages::FrameSamples& frame, const ChannelQuality& force_quality);
 
 }  // namespace isorig::identify

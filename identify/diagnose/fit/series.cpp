@@ -6,7 +6,6 @@
 
 #include "identify/diagnose/fit/row_weights.hpp"
 #include "identify/diagnose/motion/band_limited_motion.hpp"
-#include "identify/diagnose/signal/noise_level.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -87,15 +86,17 @@ double rest_of(const Series& series) {
 
 }  // namespace
 
-Series prepare_series(std::string name, messages::Recording recording, const std::vector<bool>& usable) {
+Series prepare_series(std::string name, messages::Recording recording, const std::vector<bool>& usable,
+                      const RecordingQuality& quality) {
   Series series;
   series.name = std::move(name);
   series.recording = std::move(recording);
-  series.excitation = reconstruct_excitation(series.recording);
+  series.force_quality = quality.force;
+  series.excitation = reconstruct_excitation(series.recording, quality);
   const auto& rows = series.excitation.instants;
   const auto& force = series.recording.frame.force_N;
   const std::vector<double>& since = series.excitation.since_corner_s;
-  RowWeights readings = row_weights(series.recording.frame);
+  RowWeights readings = row_weights(series.recording.frame, quality.force);
   series.reading_noise_N = readings.noise_N;
   if (series.excitation.width > 1) {
     series.readings.assign(rows.size(), 1.0);  // it never rests: there is nothing to average
@@ -113,7 +114,7 @@ Series prepare_series(std::string name, messages::Recording recording, const std
     return to.t_s - from.t_s <= kUsual_s || std::fabs(to.position_mm - from.position_mm) <= furthest_mm;
   };
 
-  const double noise = std::max(white_noise(series.recording.frame.t_s, force), quantisation(force));
+  const double noise = std::max(quality.force.noise, quality.force.step);
   // A bin in which the force jumps (a grip that slips) would hide the jump: its halves must agree.
   const auto jumps = [&](std::size_t from, std::size_t end) {
     const std::size_t half = (end - from) / 2;
@@ -185,6 +186,11 @@ Series prepare_series(std::string name, messages::Recording recording, const std
   series.first_row.push_back(rows.size());
   series.rest_s = rest_of(series);
   return series;
+}
+
+Series prepare_series(std::string name, messages::Recording recording, const std::vector<bool>& usable) {
+  const RecordingQuality quality = recording_quality(recording);
+  return prepare_series(std::move(name), std::move(recording), usable, quality);
 }
 
 double still_mm_s(const Series& series) {

@@ -27,6 +27,7 @@ inline constexpr std::size_t kFewestSettled = 200;
 struct Series {
   std::string name;
   messages::Recording recording;
+  ChannelQuality force_quality;  ///< of the recording's force
   Excitation excitation;
   /// One per bin: the excitation at the mean time of its rows.
   std::vector<model::Instant> nodes;
@@ -40,6 +41,9 @@ struct Series {
 };
 
 /// `usable` marks the rows of frame.csv that the guard left in; empty means all.
+/// The second one measures the quality itself.
+[[nodiscard]] Series prepare_series(std::string name, messages::Recording recording, const std::vector<bool>& usable,
+                                    const RecordingQuality& quality);
 [[nodiscard]] Series prepare_series(std::string name, messages::Recording recording, const std::vector<bool>& usable);
 
 /// Slower than this a bin stands still: a small share of the recording's fastest.

@@ -8,7 +8,6 @@
 #include "base/quantile.hpp"
 #include "identify/diagnose/guard/gaps.hpp"
 #include "identify/diagnose/signal/flat_line.hpp"
-#include "identify/diagnose/signal/noise_level.hpp"
 #include "identify/diagnose/signal/spikes.hpp"
 
 namespace isorig::identify {
@@ -20,13 +19,13 @@ std::string number(double value) {
   return text;
 }
 
-void find_outliers(const messages::FrameSamples& frame, Guarded& out) {
+void find_outliers(const messages::FrameSamples& frame, const ChannelQuality& quality, Guarded& out) {
   const auto& t = frame.t_s;
   const auto& f = frame.force_N;
   const std::size_t n = f.size();
   const auto [low, high] = std::minmax_element(f.begin(), f.end());
   // Simulated force may have no noise at all: then only what stands out of its range can be a fault.
-  const double noise = std::max({white_noise(t, f), quantisation(f) / std::sqrt(12.0), 1e-4 * (*high - *low), 1e-9});
+  const double noise = std::max({quality.noise, quality.rounding(), 1e-4 * (*high - *low), 1e-9});
   const Spikes spikes = find_spikes(t, f, noise, out.usable);
   std::size_t count = spikes.rows.size();
   double first = count > 0 ? t[spikes.rows.front()] : 0.0, last = count > 0 ? t[spikes.rows.back()] : 0.0;
@@ -56,8 +55,8 @@ void find_outliers(const messages::FrameSamples& frame, Guarded& out) {
 }
 
 /// The motion is reconstructed without them (motion/reconstruction.cpp); the force there is as good as elsewhere.
-void find_position_outliers(const messages::FrameSamples& frame, Guarded& out) {
-  const Spikes spikes = without_spikes(frame.t_s, frame.position_mm).spikes;
+void find_position_outliers(const messages::FrameSamples& frame, const ChannelQuality& quality, Guarded& out) {
+  const Spikes spikes = without_spikes(frame.t_s, frame.position_mm, quality).spikes;
   if (spikes.rows.empty()) return;
   out.faults.push_back({"outliers", frame.t_s[spikes.rows.front()], frame.t_s[spikes.rows.back()], spikes.rows.size(),
                         std::to_string(spikes.rows.size()) +
@@ -65,11 +64,11 @@ void find_position_outliers(const messages::FrameSamples& frame, Guarded& out) {
                             number(spikes.largest) + " mm; bridged"});
 }
 
-void find_frozen(const messages::Recording& recording, Guarded& out) {
+void find_frozen(const messages::Recording& recording, const RecordingQuality& quality, Guarded& out) {
   const auto& t = recording.frame.t_s;
   const auto& f = recording.frame.force_N;
   const auto [low, high] = std::minmax_element(f.begin(), f.end());
-  for (const auto& [k, end] : flat_runs(t, f)) {
+  for (const auto& [k, end] : flat_runs(f, quality.force)) {
     const bool edge = f[k] == *low || f[k] == *high;
     for (std::size_t j = k; j < end; ++j) out.usable[j] = false;
     out.faults.push_back({edge ? "saturation" : "frozen", t[k], t[end - 1], end - k,
@@ -77,7 +76,7 @@ void find_frozen(const messages::Recording& recording, Guarded& out) {
                               ? "force stands at the end of its range, " + number(f[k]) + " N; left out"
                               : "force does not change at all for " + std::to_string(end - k) + " readings; left out"});
   }
-  for (const auto& [k, end] : flat_runs(t, recording.frame.position_mm)) {
+  for (const auto& [k, end] : flat_runs(recording.frame.position_mm, quality.position)) {
     for (std::size_t j = k; j < end; ++j) out.usable[j] = false;
     out.faults.push_back({"frozen", t[k], t[end - 1], end - k,
                           "position does not change at all for " + std::to_string(end - k) +
@@ -85,7 +84,7 @@ void find_frozen(const messages::Recording& recording, Guarded& out) {
   }
   if (!recording.pressure || recording.pressure->size() < 20) return;
   const auto& gauge = *recording.pressure;
-  for (const auto& [k, end] : flat_runs(gauge.t_s, gauge.pressure_psi)) {
+  for (const auto& [k, end] : flat_runs(gauge.pressure_psi, quality.pressure)) {
     out.faults.push_back({"frozen", gauge.t_s[k], gauge.t_s[end - 1], end - k,
                           "pressure does not change at all for " + std::to_string(end - k) + " readings"});
   }
@@ -107,21 +106,24 @@ void find_gaps(const messages::FrameSamples& frame, Guarded& out) {
 
 }  // namespace
 
-Guarded guard_recording(const messages::Recording& recording) {
+Guarded guard_recording(const messages::Recording& recording, const RecordingQuality& quality) {
   Guarded out;
   const auto& frame = recording.frame;
   out.usable.assign(frame.size(), true);
   if (frame.size() < 20) return out;
   find_gaps(frame, out);
-  find_frozen(recording, out);
-  find_outliers(frame, out);
-  find_position_outliers(frame, out);
-  const double noise = white_noise(frame.t_s, frame.force_N);
-  const double step = quantisation(frame.force_N);
+  find_frozen(recording, quality, out);
+  find_outliers(frame, quality.force, out);
+  find_position_outliers(frame, quality.position, out);
+  const auto& [noise, step] = quality.force;
   if (step > 1.5 * noise && step > 0.0)
     out.faults.push_back({"quantisation", frame.t_s.front(), frame.t_s.back(), frame.size(),
                           "force is read in steps of " + number(step) + " N, coarser than its noise"});
   return out;
+}
+
+Guarded guard_recording(const messages::Recording& recording) {
+  return guard_recording(recording, recording_quality(recording));
 }
 
 }  // namespace isorig::identify

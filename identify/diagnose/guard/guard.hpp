@@ -2,6 +2,7 @@
 #include <string>
 #include <vector>
 
+#include "identify/diagnose/signal/channel_quality.hpp"
 #include "messages/recording.hpp"
 
 namespace isorig::identify {
@@ -20,7 +21,8 @@ struct Guarded {
   std::vector<bool> usable;  ///< rows of frame.csv whose force may be believed
 };
 
-/// Looks for what instruments do to data before any physics is suspected.
+/// Looks for what instruments do to data before any physics is suspected. The second one measures the quality itself.
+[[nodiscard]] Guarded guard_recording(const messages::Recording& recording, const RecordingQuality& quality);
 [[nodiscard]] Guarded guard_recording(const messages::Recording& recording);
 
 }  // namespace isorig::identify

@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include "identify/diagnose/guard/gaps.hpp"
-#include "identify/diagnose/signal/noise_level.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -12,9 +11,8 @@ namespace {
 constexpr std::size_t kNeighbours = 5;
 
 /// Fastest mean velocity over five readings that goes beyond what the noise of the position can feign.
-double fastest(const messages::FrameSamples& frame) {
+double fastest(const messages::FrameSamples& frame, double noise_mm) {
   constexpr double kNoises = 8.0;
-  const double noise_mm = white_noise(frame.t_s, frame.position_mm);
   double most = 0.0;
   for (std::size_t k = 0; k + kNeighbours < frame.size(); ++k) {
     const double way_mm = std::fabs(frame.position_mm[k + kNeighbours] - frame.position_mm[k]);
@@ -25,13 +23,13 @@ double fastest(const messages::FrameSamples& frame) {
 
 }  // namespace
 
-std::vector<double> missed_motion(const messages::FrameSamples& frame) {
+std::vector<double> missed_motion(const messages::FrameSamples& frame, const ChannelQuality& position_quality) {
   constexpr double kLeastShare = 0.02;
   constexpr std::size_t kMost = 12;
   const auto& t_s = frame.t_s;
   if (t_s.size() < 4 * kNeighbours) return {};
   const auto [low, high] = std::ranges::minmax_element(frame.position_mm);
-  const double fastest_mm_s = fastest(frame), least_mm = kLeastShare * (*high - *low);
+  const double fastest_mm_s = fastest(frame, position_quality.noise), least_mm = kLeastShare * (*high - *low);
   struct Gap {
     double length_s, end_s;
   };

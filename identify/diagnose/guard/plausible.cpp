@@ -8,8 +8,6 @@
 #include <stdexcept>
 #include <utility>
 
-#include "identify/diagnose/signal/noise_level.hpp"
-
 namespace isorig::identify {
 namespace {
 
@@ -41,7 +39,7 @@ Trend trend_of(const std::vector<double>& x, const std::vector<double>& y) {
 }
 
 /// Moves that begin and end between one reading and the next, half a second or more later.
-std::size_t strokes_between_readings(const messages::FrameSamples& frame) {
+std::size_t strokes_between_readings(const messages::FrameSamples& frame, double noise_mm) {
   const auto& t = frame.t_s;
   const auto& x = frame.position_mm;
   constexpr double kSlow_s = 0.5, kClearly = 10.0;
@@ -49,7 +47,6 @@ std::size_t strokes_between_readings(const messages::FrameSamples& frame) {
   for (std::size_t k = 1; k < t.size(); ++k) steps_s.push_back(t[k] - t[k - 1]);
   std::ranges::sort(steps_s);
   const double longest_usual_s = steps_s[steps_s.size() * 99 / 100];  // beyond eight of that it is a gap
-  const double noise_mm = white_noise(t, x);
   std::size_t count = 0;
   for (std::size_t k = 1; k + 2 < x.size(); ++k) {
     const double step_s = t[k + 1] - t[k];
@@ -62,8 +59,8 @@ std::size_t strokes_between_readings(const messages::FrameSamples& frame) {
 
 }  // namespace
 
-void refuse_implausible(const messages::Recording& recording, const std::string& name,
-                        const model::ModelSpec& nominal) {
+void refuse_implausible(const messages::Recording& recording, const std::string& name, const model::ModelSpec& nominal,
+                        const ChannelQuality& position_quality) {
   const auto& frame = recording.frame;
   const auto [low, high] = std::ranges::minmax(frame.position_mm);
   const auto& length_mm = recording.metadata.pressurized_rest_length_mm;
@@ -71,7 +68,7 @@ void refuse_implausible(const messages::Recording& recording, const std::string&
     throw std::invalid_argument(name + ": the position moves by " + number(high - low) +
                                 " mm, more than the specimen is long (pressurized_rest_length_mm = " +
                                 number(*length_mm) + " in recording.toml); is one of the two in another unit?");
-  if (nominal.has("spring") && high - low > 20.0 * white_noise(frame.t_s, frame.position_mm)) {
+  if (nominal.has("spring") && high - low > 20.0 * position_quality.noise) {
     const Trend trend = trend_of(frame.position_mm, frame.force_N);
     constexpr double kBeyondDoubt = -0.8;
     if (trend.correlation < kBeyondDoubt)
@@ -80,7 +77,7 @@ void refuse_implausible(const messages::Recording& recording, const std::string&
                                   "are positive: is the sign of force_N or of position_mm turned round?");
   }
   constexpr std::size_t kFew = 3;
-  if (const std::size_t strokes = strokes_between_readings(frame); strokes >= kFew)
+  if (const std::size_t strokes = strokes_between_readings(frame, position_quality.noise); strokes >= kFew)
     throw std::invalid_argument(name + ": " + std::to_string(strokes) +
                                 " strokes begin and end between two readings; its samples are too far apart to follow "
                                 "the motion: record ramps with ten readings or more");

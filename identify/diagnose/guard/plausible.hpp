@@ -4,6 +4,7 @@
 #include <string>
 
 #include "identify/diagnose/guard/guard.hpp"
+#include "identify/diagnose/signal/channel_quality.hpp"
 #include "messages/recording.hpp"
 #include "model/composed.hpp"
 
@@ -11,7 +12,9 @@ namespace isorig::identify {
 
 /// Throws std::invalid_argument for a recording whose numbers are readable and cannot be right: a sign turned round, a
 /// length in metres, strokes that pass between two readings. A fit would explain each of them by physics.
-void refuse_implausible(const messages::Recording& recording, const std::string& name, const model::ModelSpec& nominal);
+/// `position_quality` is how well the position was read.
+void refuse_implausible(const messages::Recording& recording, const std::string& name, const model::ModelSpec& nominal,
+                        const ChannelQuality& position_quality);
 
 /// Throws std::invalid_argument where two recordings hold the same samples, with the names of both. Read twice, the
 /// rows that are left out of a fit have their copies in it, and every name looks surer than it is.

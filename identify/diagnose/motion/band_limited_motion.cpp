@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "base/quantile.hpp"
-#include "identify/diagnose/signal/noise_level.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -40,7 +39,8 @@ std::vector<double> band_limited(std::span<const double> values, std::size_t wid
   return out;
 }
 
-std::optional<BandLimitedMotion> band_limited_motion(std::span<const double> t_s, std::span<const double> reading_mm) {
+std::optional<BandLimitedMotion> band_limited_motion(std::span<const double> t_s, std::span<const double> reading_mm,
+                                                     const ChannelQuality& quality) {
   const std::size_t n = t_s.size();
   constexpr std::size_t kFewest = 200;
   constexpr double kMostNoise = 2e-3;
@@ -49,7 +49,7 @@ std::optional<BandLimitedMotion> band_limited_motion(std::span<const double> t_s
   std::size_t uneven = 0;
   for (std::size_t k = 1; k < n; ++k) uneven += std::fabs(t_s[k] - t_s[k - 1] - dt_s) > 0.2 * dt_s ? 1 : 0;
   if (uneven > n / 100) return std::nullopt;
-  const double noise_mm = std::max(fast_noise(reading_mm), quantisation(reading_mm) / std::sqrt(12.0));
+  const double noise_mm = std::max(fast_noise(reading_mm), quality.rounding());
 
   BandLimitedMotion out;
   for (const std::size_t width : {3u, 5u, 7u, 9u, 13u, 17u, 25u, 35u, 49u, 69u}) {

@@ -22,6 +22,7 @@ struct BandLimitedMotion {
   std::size_t width = 1;
 };
 [[nodiscard]] std::optional<BandLimitedMotion> band_limited_motion(std::span<const double> t_s,
-                                                                   std::span<const double> reading_mm);
+                                                                   std::span<const double> reading_mm,
+                                                                   const ChannelQuality& quality);
 
 }  // namespace isorig::identify

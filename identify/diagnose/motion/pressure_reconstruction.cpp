@@ -5,7 +5,6 @@
 #include <limits>
 
 #include "base/quantile.hpp"
-#include "identify/diagnose/signal/noise_level.hpp"
 #include "model/stepping.hpp"
 
 namespace isorig::identify {
@@ -18,12 +17,11 @@ namespace isorig::identify {
 //     x^s_k = x_k + P_k / P^-_k+1 (x^s_k+1 - x_k)
 //
 // r and w by maximum likelihood on a grid: noise 0.6 to 1.15 of the robust estimate, walk half a decade apart.
-SlowSignal smooth_slow(std::span<const double> t_s, std::span<const double> reading) {
+SlowSignal smooth_slow(std::span<const double> t_s, std::span<const double> reading, const ChannelQuality& quality) {
   const std::size_t n = t_s.size();
   SlowSignal out;
   out.value.assign(reading.begin(), reading.end());
   if (n < 8) return out;
-  const double step = quantisation(reading);
   std::vector<double> filtered(n), p_filtered(n), p_predicted(n);
   const auto run = [&](double noise2, double walk2_s) {
     double x = reading[0], p = 100.0 * noise2 + 1e-12, log_likelihood = 0.0;
@@ -39,7 +37,7 @@ SlowSignal smooth_slow(std::span<const double> t_s, std::span<const double> read
     }
     return log_likelihood;
   };
-  const double white = std::max({white_noise(t_s, reading), step / std::sqrt(12.0), 1e-12});
+  const double white = std::max({quality.noise, quality.rounding(), 1e-12});
   double best = -std::numeric_limits<double>::infinity(), best_noise = white, best_walk = white;
   for (const double scale : {0.6, 0.75, 0.9, 1.0, 1.15}) {
     for (int i = -7; i <= 4; ++i) {
@@ -145,11 +143,11 @@ class Response {
 
 }  // namespace
 
-ReconstructedPressure reconstruct_pressure(const messages::PressureSamples& gauge, std::span<const double> t_s,
-                                           std::span<const double> position_mm) {
+ReconstructedPressure reconstruct_pressure(const messages::PressureSamples& gauge, const ChannelQuality& quality,
+                                           std::span<const double> t_s, std::span<const double> position_mm) {
   ReconstructedPressure out;
   std::vector<double> rest = gauge.pressure_psi;
-  SlowSignal slow = smooth_slow(gauge.t_s, rest);
+  SlowSignal slow = smooth_slow(gauge.t_s, rest, quality);
   constexpr std::size_t kFewest = 50;
   // A gauge read as often as the frame needs no help, and is on the same clock.
   const bool sparse = usual_interval_s(gauge.t_s) > 3.0 * usual_interval_s(t_s);
@@ -185,7 +183,7 @@ ReconstructedPressure reconstruct_pressure(const messages::PressureSamples& gaug
       Line line(t_s, response.column(recovery_s));
       for (std::size_t k = 0; k < rest.size(); ++k)
         rest[k] = gauge.pressure_psi[k] - best.droop_psi_mm * line(gauge.t_s[k] - clock_s);
-      slow = smooth_slow(gauge.t_s, rest);
+      slow = smooth_slow(gauge.t_s, rest, channel_quality(gauge.t_s, rest));
     }
     if (best.gain >= kWorth) {
       out.droop_psi_mm = best.droop_psi_mm;
@@ -206,10 +204,10 @@ ReconstructedPressure reconstruct_pressure(const messages::PressureSamples& gaug
         Line line(t_s, response.column(recovery_s));
         for (std::size_t k = 0; k < rest.size(); ++k)
           rest[k] = gauge.pressure_psi[k] - out.droop_psi_mm * line(gauge.t_s[k]);
-        slow = smooth_slow(gauge.t_s, rest);
+        slow = smooth_slow(gauge.t_s, rest, channel_quality(gauge.t_s, rest));
       }
     } else {
-      slow = smooth_slow(gauge.t_s, gauge.pressure_psi);
+      slow = smooth_slow(gauge.t_s, gauge.pressure_psi, quality);
     }
     if (out.droop_psi_mm != 0.0) (void)response.column(out.recovery_s);
     Line line(gauge.t_s, slow.value);

@@ -2,6 +2,7 @@
 #include <span>
 #include <vector>
 
+#include "identify/diagnose/signal/channel_quality.hpp"
 #include "messages/recording.hpp"
 
 namespace isorig::identify {
@@ -12,7 +13,8 @@ struct SlowSignal {
   double noise = 0.0;
   double walk = 0.0;  ///< growth of its standard deviation in a second
 };
-[[nodiscard]] SlowSignal smooth_slow(std::span<const double> t_s, std::span<const double> reading);
+[[nodiscard]] SlowSignal smooth_slow(std::span<const double> t_s, std::span<const double> reading,
+                                     const ChannelQuality& quality);
 
 /// The pressure at the rows of the frame. Gauges are read some times a second, a ramp lasts less than that:
 /// in between, the regulator gives way to the motion, which is known. The pressure is taken as a slow signal
@@ -27,7 +29,7 @@ struct ReconstructedPressure {
   double clock_error_s = 0.0;
 };
 [[nodiscard]] ReconstructedPressure reconstruct_pressure(const messages::PressureSamples& gauge,
-                                                         std::span<const double> t_s,
+                                                         const ChannelQuality& quality, std::span<const double> t_s,
                                                          std::span<const double> position_mm);
 
 }  // namespace isorig::identify

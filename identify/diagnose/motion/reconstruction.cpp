@@ -81,17 +81,18 @@ double busy_share(std::span<const double> t_s, std::span<const double> since) {
 
 }  // namespace
 
-Excitation reconstruct_excitation(const messages::Recording& recording) {
+Excitation reconstruct_excitation(const messages::Recording& recording, const RecordingQuality& quality) {
   Excitation excitation;
   const auto& frame = recording.frame;
   const std::size_t n = frame.size();
-  const std::vector<double> reading_mm =
-      without_flat_runs(frame.t_s, without_spikes(frame.t_s, frame.position_mm).reading_mm);
-  excitation.motion = smooth_motion(frame.t_s, reading_mm);
+  auto [reading_mm, spikes, reading_quality] = without_spikes(frame.t_s, frame.position_mm, quality.position);
+  if (bridge_flat_runs(frame.t_s, reading_mm, reading_quality))
+    reading_quality = channel_quality(frame.t_s, reading_mm);
+  excitation.motion = smooth_motion(frame.t_s, reading_mm, reading_quality);
   excitation.since_corner_s = since_corner(frame.t_s, excitation.motion);
   constexpr double kBusy = 0.5;
   if (busy_share(frame.t_s, excitation.since_corner_s) > kBusy) {
-    if (auto busy = band_limited_motion(frame.t_s, reading_mm)) {
+    if (auto busy = band_limited_motion(frame.t_s, reading_mm, reading_quality)) {
       excitation.motion = std::move(busy->motion);
       excitation.width = busy->width;
     }
@@ -107,7 +108,7 @@ Excitation reconstruct_excitation(const messages::Recording& recording) {
 
   if (recording.pressure && recording.pressure->size() > 0) {
     ReconstructedPressure pressure =
-        reconstruct_pressure(*recording.pressure, frame.t_s, excitation.motion.position_mm);
+        reconstruct_pressure(*recording.pressure, quality.pressure, frame.t_s, excitation.motion.position_mm);
     excitation.pressure_psi = std::move(pressure.pressure_psi);
     excitation.pressure_noise_psi = pressure.noise_psi;
     excitation.pressure_clock_s = pressure.clock_s;
@@ -137,6 +138,10 @@ Excitation reconstruct_excitation(const messages::Recording& recording) {
     now.excess_pressure_psi = excitation.pressure_psi.empty() ? 0.0 : excitation.pressure_psi[k] - nominal;
   }
   return excitation;
+}
+
+Excitation reconstruct_excitation(const messages::Recording& recording) {
+  return reconstruct_excitation(recording, recording_quality(recording));
 }
 
 }  // namespace isorig::identify

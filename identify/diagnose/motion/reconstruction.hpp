@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "identify/diagnose/signal/channel_quality.hpp"
 #include "messages/recording.hpp"
 #include "model/process.hpp"
 
@@ -22,7 +23,8 @@ struct Motion {
 /// Where the crosshead holds or runs at constant velocity the variance dies out and hundreds of readings
 /// average into a straight line; at a corner it survives and the readings are followed. Play, friction and
 /// lag operators must be driven by this, never by the reading: every micrometre of noise reverses them.
-[[nodiscard]] Motion smooth_motion(std::span<const double> t_s, std::span<const double> reading_mm);
+[[nodiscard]] Motion smooth_motion(std::span<const double> t_s, std::span<const double> reading_mm,
+                                   const ChannelQuality& quality);
 
 /// A recording's input: what drives a model, one instant per row of frame.csv.
 struct Excitation {
@@ -39,6 +41,8 @@ struct Excitation {
   /// velocity most of the time (band_limited_motion.hpp); 1 otherwise.
   std::size_t width = 1;
 };
+/// The second one measures the quality itself.
+[[nodiscard]] Excitation reconstruct_excitation(const messages::Recording& recording, const RecordingQuality& quality);
 [[nodiscard]] Excitation reconstruct_excitation(const messages::Recording& recording);
 
 }  // namespace isorig::identify

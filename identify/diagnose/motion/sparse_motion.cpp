@@ -2,7 +2,6 @@
 #include <cmath>
 
 #include "identify/diagnose/motion/reconstruction.hpp"
-#include "identify/diagnose/signal/noise_level.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -257,7 +256,7 @@ class SparseMotion {
 
 }  // namespace
 
-Motion smooth_motion(std::span<const double> t_s, std::span<const double> reading_mm) {
+Motion smooth_motion(std::span<const double> t_s, std::span<const double> reading_mm, const ChannelQuality& quality) {
   const std::size_t n = t_s.size();
   Motion motion;
   if (n < 3) {
@@ -267,10 +266,9 @@ Motion smooth_motion(std::span<const double> t_s, std::span<const double> readin
     return motion;
   }
   const auto [low, high] = std::minmax_element(reading_mm.begin(), reading_mm.end());
-  motion.quantisation_mm = quantisation(reading_mm);
+  motion.quantisation_mm = quality.step;
   // A staircase wider than the noise hides it; its error is uniform within a step.
-  const double noise_mm =
-      std::max({white_noise(t_s, reading_mm), motion.quantisation_mm / std::sqrt(12.0), 1e-7 * (*high - *low), 1e-12});
+  const double noise_mm = std::max({quality.noise, quality.rounding(), 1e-7 * (*high - *low), 1e-12});
   SparseMotion sparse(t_s, reading_mm, noise_mm);
   const auto& states = sparse.search();
   motion.position_mm.resize(n);

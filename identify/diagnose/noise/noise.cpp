@@ -5,7 +5,6 @@
 
 #include "identify/diagnose/noise/noise_likelihood.hpp"
 #include "identify/diagnose/noise/repetitions.hpp"
-#include "identify/diagnose/signal/noise_level.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -83,11 +82,9 @@ InstrumentNoise instrument_noise(std::span<const Series> series, std::span<const
       rows += rest.size();
       rests.push_back(std::move(rest));
     }
-    const auto& frame = series[i].recording.frame;
-    const double step_here = quantisation(frame.force_N);
-    step = std::max(step, step_here);
-    white = std::max(
-        {white, series[i].reading_noise_N, white_noise(frame.t_s, frame.force_N), step_here / std::sqrt(12.0)});
+    const ChannelQuality& force = series[i].force_quality;
+    step = std::max(step, force.step);
+    white = std::max({white, series[i].reading_noise_N, force.noise, force.rounding()});
   }
   out.noise = {std::max(white, 1e-9), 0.0, 1.0};
   if (rows >= kFewestSettled) {

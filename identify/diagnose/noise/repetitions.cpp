@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "base/quantile.hpp"
-#include "identify/diagnose/signal/noise_level.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -62,8 +61,7 @@ std::vector<Stroke> strokes_of(const Track& track) {
 
 double floor_of(std::span<const Series> series) {
   double floor_N = 0.0;
-  for (const Series& each : series)
-    floor_N = std::max(floor_N, quantisation(each.recording.frame.force_N) / std::sqrt(12.0));
+  for (const Series& each : series) floor_N = std::max(floor_N, each.force_quality.rounding());
   return floor_N;
 }
 

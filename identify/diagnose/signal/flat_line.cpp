@@ -3,15 +3,13 @@
 #include <algorithm>
 #include <cmath>
 
-#include "identify/diagnose/signal/noise_level.hpp"
-
 namespace isorig::identify {
 
-std::vector<FlatRun> flat_runs(std::span<const double> t_s, std::span<const double> reading) {
+std::vector<FlatRun> flat_runs(std::span<const double> reading, const ChannelQuality& quality) {
   constexpr double kShortest = 12.0, kPerRecording = 1e-3;
   std::vector<FlatRun> out;
   if (reading.size() < 20) return out;
-  const double step = quantisation(reading), measured = white_noise(t_s, reading);
+  const double step = quality.step, measured = quality.noise;
   const double noise = std::sqrt(std::max(measured * measured - step * step / 12.0, 0.0));
   if (noise < 0.2 * step || measured <= 0.0) return out;  // too coarse for a run to mean anything
   const double repeats = std::erf(step / (2.0 * std::sqrt(2.0) * noise));
@@ -30,16 +28,18 @@ std::vector<FlatRun> flat_runs(std::span<const double> t_s, std::span<const doub
   return out;
 }
 
-std::vector<double> without_flat_runs(std::span<const double> t_s, std::vector<double> reading_mm) {
-  for (const auto& [first, end] : flat_runs(t_s, reading_mm)) {
+bool bridge_flat_runs(std::span<const double> t_s, std::vector<double>& reading_mm, const ChannelQuality& quality) {
+  bool bridged = false;
+  for (const auto& [first, end] : flat_runs(reading_mm, quality)) {
     if (end == reading_mm.size()) break;  // nothing to go on to
+    bridged = true;
     const double from_mm = reading_mm[first];
     for (std::size_t k = first + 1; k < end; ++k) {
       const double share = (t_s[k] - t_s[first]) / (t_s[end] - t_s[first]);
       reading_mm[k] = from_mm + share * (reading_mm[end] - from_mm);
     }
   }
-  return reading_mm;
+  return bridged;
 }
 
 }  // namespace isorig::identify

@@ -2,6 +2,8 @@
 #include <span>
 #include <vector>
 
+#include "identify/diagnose/signal/channel_quality.hpp"
+
 namespace isorig::identify {
 
 /// Rows first .. end - 1.
@@ -14,9 +16,9 @@ struct FlatRun {
 /// that such a run comes by chance once in a thousand recordings. A reading in the middle of its step repeats
 /// itself with the probability erf(step / (2 sqrt(2) noise)), which for a fine step is nil and for one of
 /// three noises is 0.87.
-[[nodiscard]] std::vector<FlatRun> flat_runs(std::span<const double> t_s, std::span<const double> reading);
+[[nodiscard]] std::vector<FlatRun> flat_runs(std::span<const double> reading, const ChannelQuality& quality);
 
-/// A position without them: straight from the last reading that was alive to the next.
-[[nodiscard]] std::vector<double> without_flat_runs(std::span<const double> t_s, std::vector<double> reading_mm);
+/// Takes them out of a position: straight from the last reading that was alive to the next. False where there are none.
+bool bridge_flat_runs(std::span<const double> t_s, std::vector<double>& reading_mm, const ChannelQuality& quality);
 
 }  // namespace isorig::identify

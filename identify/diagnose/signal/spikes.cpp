@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "identify/diagnose/signal/noise_level.hpp"
-
 namespace isorig::identify {
 
 Spikes find_spikes(std::span<const double> t, std::span<const double> f, double noise, std::vector<bool>& usable) {
@@ -45,13 +43,13 @@ Spikes find_spikes(std::span<const double> t, std::span<const double> f, double 
   return out;
 }
 
-Despiked without_spikes(std::span<const double> t_s, std::span<const double> reading_mm) {
-  Despiked out{{reading_mm.begin(), reading_mm.end()}, {}};
+Despiked without_spikes(std::span<const double> t_s, std::span<const double> reading_mm,
+                        const ChannelQuality& quality) {
+  Despiked out{{reading_mm.begin(), reading_mm.end()}, {}, quality};
   const std::size_t n = reading_mm.size();
   if (n < 20) return out;
   const auto [low, high] = std::ranges::minmax_element(reading_mm);
-  const double noise =
-      std::max({white_noise(t_s, reading_mm), quantisation(reading_mm) / std::sqrt(12.0), 1e-4 * (*high - *low), 1e-9});
+  const double noise = std::max({quality.noise, quality.rounding(), 1e-4 * (*high - *low), 1e-9});
   std::vector<bool> usable(n, true);
   out.spikes = find_spikes(t_s, reading_mm, noise, usable);
   for (const std::size_t row : out.spikes.rows) {
@@ -61,6 +59,7 @@ Despiked without_spikes(std::span<const double> t_s, std::span<const double> rea
     const double share = (t_s[row] - t_s[left]) / (t_s[right] - t_s[left]);
     out.reading_mm[row] = (1.0 - share) * reading_mm[left] + share * reading_mm[right];
   }
+  if (!out.spikes.rows.empty()) out.quality = channel_quality(t_s, out.reading_mm);
   return out;
 }
 

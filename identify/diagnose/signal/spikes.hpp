@@ -2,6 +2,8 @@
 #include <span>
 #include <vector>
 
+#include "identify/diagnose/signal/channel_quality.hpp"
+
 namespace isorig::identify {
 
 /// Readings that jump away from their neighbours and back, alone or up to three together: at least eight noises off the
@@ -20,7 +22,9 @@ struct Spikes {
 struct Despiked {
   std::vector<double> reading_mm;
   Spikes spikes;
+  ChannelQuality quality;  ///< of `reading_mm`
 };
-[[nodiscard]] Despiked without_spikes(std::span<const double> t_s, std::span<const double> reading_mm);
+[[nodiscard]] Despiked without_spikes(std::span<const double> t_s, std::span<const double> reading_mm,
+                                      const ChannelQuality& quality);
 
 }  // namespace isorig::identify

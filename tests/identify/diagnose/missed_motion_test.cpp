@@ -27,9 +27,13 @@ messages::FrameSamples triangle(std::initializer_list<std::pair<double, double>>
   return out;
 }
 
+std::vector<double> missed_in(const messages::FrameSamples& frame) {
+  return missed_motion(frame, channel_quality(frame.t_s, frame.position_mm));
+}
+
 TEST(MissedMotion, IsWhereReadingsComeAgainAfterAGapInWhichTheSpecimenCouldHaveMoved) {
-  EXPECT_TRUE(missed_motion(triangle({})).empty());
-  const auto ends = missed_motion(triangle({{20.02, 23.01}, {60.02, 60.97}}));
+  EXPECT_TRUE(missed_in(triangle({})).empty());
+  const auto ends = missed_in(triangle({{20.02, 23.01}, {60.02, 60.97}}));
   ASSERT_EQ(ends.size(), 2u);
   EXPECT_NEAR(ends[0], 23.05, 0.06);
   EXPECT_NEAR(ends[1], 61.0, 0.06);
@@ -37,15 +41,15 @@ TEST(MissedMotion, IsWhereReadingsComeAgainAfterAGapInWhichTheSpecimenCouldHaveM
 
 TEST(MissedMotion, IsNoneWhereTheGapIsTooShortForAFiftiethOfTheStroke) {
   // 8 mm of stroke: 0.16 mm at 2 mm/s is 0.08 s; eight spacings are 0.4 s.
-  EXPECT_TRUE(missed_motion(triangle({{20.02, 20.32}})).empty());
-  EXPECT_EQ(missed_motion(triangle({{20.02, 20.62}})).size(), 1u);
+  EXPECT_TRUE(missed_in(triangle({{20.02, 20.32}})).empty());
+  EXPECT_EQ(missed_in(triangle({{20.02, 20.62}})).size(), 1u);
 }
 
 TEST(MissedMotion, KeepsTheLongestTwelve) {
   std::initializer_list<std::pair<double, double>> lost = {
       {5.02, 6.0},   {13.02, 14.0}, {21.02, 22.0}, {29.02, 30.0}, {37.02, 38.0}, {45.02, 46.0},  {53.02, 54.0},
       {61.02, 62.0}, {69.02, 70.0}, {77.02, 78.0}, {85.02, 86.0}, {93.02, 94.0}, {101.02, 105.0}};
-  const auto ends = missed_motion(triangle(lost));
+  const auto ends = missed_in(triangle(lost));
   ASSERT_EQ(ends.size(), 12u);
   EXPECT_TRUE(std::ranges::is_sorted(ends));
   EXPECT_NEAR(ends.back(), 105.0, 0.06);
@@ -54,10 +58,10 @@ TEST(MissedMotion, KeepsTheLongestTwelve) {
 TEST(MissedMotion, IsNoneInARecordingOfAFewRowsOrWithoutMotion) {
   messages::FrameSamples few = triangle({});
   for (auto* column : {&few.t_s, &few.position_mm, &few.force_N}) column->resize(12);
-  EXPECT_TRUE(missed_motion(few).empty());
+  EXPECT_TRUE(missed_in(few).empty());
   messages::FrameSamples still = triangle({{20.02, 23.01}});
   std::ranges::fill(still.position_mm, 1.0);
-  EXPECT_TRUE(missed_motion(still).empty());
+  EXPECT_TRUE(missed_in(still).empty());
 }
 
 }  // namespace

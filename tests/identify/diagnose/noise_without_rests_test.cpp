@@ -152,7 +152,7 @@ TEST(Spikes, OfThePositionDoNotTurnTheMotionBack) {
     r.frame.position_mm[k] += (random() % 2 == 0 ? 1.0 : -1.0) * (0.2 + 0.001 * static_cast<double>(random() % 400));
     spoilt.push_back(k);
   }
-  const Despiked out = without_spikes(r.frame.t_s, r.frame.position_mm);
+  const Despiked out = without_spikes(r.frame.t_s, r.frame.position_mm, recording_quality(r).position);
   EXPECT_EQ(out.spikes.rows, spoilt);
   for (std::size_t k = 0; k < clean.size(); ++k) EXPECT_NEAR(out.reading_mm[k], clean[k], 0.01);
   const Guarded guarded = guard_recording(r);
@@ -165,9 +165,10 @@ TEST(Spikes, OfThePositionDoNotTurnTheMotionBack) {
 
 TEST(Spikes, AreNotSeenWhereTheMotionTurns) {
   const auto r = recording(triangle, 80.0, {.white_N = 0.1, .seed = 10});
-  EXPECT_TRUE(without_spikes(r.frame.t_s, r.frame.position_mm).spikes.rows.empty());
+  EXPECT_TRUE(without_spikes(r.frame.t_s, r.frame.position_mm, recording_quality(r).position).spikes.rows.empty());
   const auto bench = test::record_other({});
-  EXPECT_TRUE(without_spikes(bench.frame.t_s, bench.frame.position_mm).spikes.rows.empty());
+  EXPECT_TRUE(
+      without_spikes(bench.frame.t_s, bench.frame.position_mm, recording_quality(bench).position).spikes.rows.empty());
 }
 
 }  // namespace

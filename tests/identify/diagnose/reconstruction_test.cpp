@@ -95,7 +95,7 @@ TEST(SmoothCorners, FollowsAnAccelerationBelowTheNoiseOfItsReadings) {
     x += 1e-3 * v + 0.5e-6 * a;
     v += 1e-3 * a;
   }
-  Motion motion = smooth_motion(t_s, reading);
+  Motion motion = smooth_motion(t_s, reading, channel_quality(t_s, reading));
   smooth_corners(t_s, reading, motion);
   double squares = 0.0;
   int count = 0;
@@ -129,7 +129,8 @@ TEST(ReconstructedPressure, FindsTheGaugesClockAndFillsItsGaps) {
     x += v * kStep_s;
     droop += kDroop_psi_mm * v * kStep_s - droop * kStep_s / kRecovery_s;
   }
-  const ReconstructedPressure pressure = reconstruct_pressure(gauge, t_s, position_mm);
+  const ReconstructedPressure pressure =
+      reconstruct_pressure(gauge, channel_quality(gauge.t_s, gauge.pressure_psi), t_s, position_mm);
   EXPECT_NEAR(pressure.clock_s, kClock_s, std::max(2.0 * pressure.clock_error_s, 0.01));
   EXPECT_LT(pressure.clock_error_s, 0.05);
   EXPECT_NEAR(pressure.droop_psi_mm, kDroop_psi_mm, 0.1 * kDroop_psi_mm);
