@@ -67,7 +67,8 @@ Json json_of(const SeriesFit& s) {
           {"r_squared", number(s.r_squared)},
           {"residual_correlation", number(s.residual_correlation)},
           {"bic", number(s.bic)},
-          {"converged", s.converged},
+          {"converged", s.stop == SeriesStop::kConverged || s.stop == SeriesStop::kAtBounds},
+          {"stop", name_of(s.stop)},
           {"statements", s.statements}};
 }
 

@@ -1,7 +1,10 @@
 #include "identify/fv/series_fit.hpp"
 
+#include <ceres/ceres.h>
+
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -21,17 +24,48 @@ struct Data {
   double x_mean = 0.0, force_mean = 0.0;  ///< taken off: sums of squares of small numbers
 };
 
-using Gram = Eigen::Matrix<double, kColumns, kColumns>;
+/// All columns as R of M = Q R: sums of squares of M v and of R v are the same for every v.
+using Triangle = Eigen::Matrix<double, kColumns, kColumns>;
 
-/// One pass: all inner products. Columns of arms that are not there stay zero.
-Gram gram(const Data& d, const Eigen::VectorXd& log_gamma) {
+/// R of all rows in one pass (a sequential QR: Golub & Van Loan 2013, 6.5): rows fill the space under R, then
+/// Householder reflections fold them into it. R'R would be the normal equations. They square the condition number, so
+/// that two arms of nearly the same time constant would be lost in rounding.
+class Folded {
+ public:
+  void add(const Eigen::Matrix<double, 1, kColumns>& row) {
+    stack_.row(filled_++) = row;
+    if (filled_ == stack_.rows()) fold();
+  }
+  [[nodiscard]] const Triangle& triangle() {
+    fold();
+    return triangle_;
+  }
+
+ private:
+  static constexpr int kRows = 128;
+
+  void fold() {
+    const Eigen::HouseholderQR<Eigen::Ref<decltype(stack_)>> in_place(stack_);
+    triangle_ = stack_.template topRows<kColumns>().template triangularView<Eigen::Upper>();
+    stack_.setZero();
+    stack_.template topRows<kColumns>() = triangle_;
+    filled_ = kColumns;
+  }
+
+  Eigen::Matrix<double, kColumns + kRows, kColumns> stack_ = decltype(stack_)::Zero();
+  Eigen::Index filled_ = kColumns;
+  Triangle triangle_;
+};
+
+/// One pass. Columns of arms that are not there stay zero.
+Triangle triangle(const Data& d, const Eigen::VectorXd& log_gamma) {
   const int n = static_cast<int>(log_gamma.size());
   std::array<double, kMost> gamma{}, s{}, ds{};
   for (int j = 0; j < n; ++j) gamma[static_cast<std::size_t>(j)] = std::exp(log_gamma[j]);
   std::array<model::Relaxation, kMost> step{};
   std::array<double, kMost> z{};
-  Gram g = Gram::Zero();
-  Eigen::Matrix<double, kColumns, 1> row;
+  Folded rows;
+  Eigen::Matrix<double, 1, kColumns> row;
   row.setZero();
   row[0] = 1.0;
   double previous_dt = -1.0;
@@ -59,102 +93,122 @@ Gram gram(const Data& d, const Eigen::VectorXd& log_gamma) {
       row[2 + kMost + j] = ds[static_cast<std::size_t>(j)];
     }
     row[kColumns - 1] = d.force_N[i] - d.force_mean;
-    for (int a = 0; a < kColumns; ++a)
-      for (int b = a; b < kColumns; ++b) g(a, b) += row[a] * row[b];
+    rows.add(row);
   }
-  g.triangularView<Eigen::StrictlyLower>() = g.transpose();
-  return g;
+  return rows.triangle();
 }
 
-struct Reduced {
-  double ssr = 0.0;
-  Eigen::VectorXd linear;    ///< a, k, c_j
-  Eigen::VectorXd gradient;  ///< of ssr/2 by ln gamma
-  Eigen::MatrixXd curvature;
+/// The linear coefficients at given gammas, and what the search for the gammas needs. With A the columns 1, x, s_j, f
+/// the force, D the columns c_j ds_j / d(ln gamma_j) and P = 1 - A A^+, all in the coordinates of the triangle:
+///
+///     c = A^+ f,   residual = P f,   d residual / d(ln gamma) = -P D
+///
+/// The last leaves out that c itself changes with gamma beyond the projection (Kaufman 1975).
+struct Projected {
+  Eigen::VectorXd linear;  ///< a, k, c_j
+  Eigen::Matrix<double, kColumns, 1> residual;
+  Eigen::MatrixXd jacobian;
 };
-
-/// Everything the outer step needs, from the inner products alone. With A the columns 1, x, s_j, f the force and D the
-/// columns c_j ds_j / d(ln gamma_j):
-///
-///     c = (A'A)^-1 A'f,   SSR = f'f - c'A'f
-///     gradient of SSR / 2 = -D'(f - A c),   curvature = D'D - D'A (A'A)^-1 A'D
-///
-/// The curvature leaves out that c itself changes with gamma beyond the projection (Kaufman 1975).
-Reduced reduce(const Gram& g, int n) {
-  const int m = 2 + n;
-  const int f = kColumns - 1;
+Projected project(const Triangle& r, int n) {
+  Eigen::MatrixXd columns = r.leftCols(2 + n);
   // Scaled, so that one tolerance serves N, mm and 1.
-  Eigen::VectorXd scale(m);
-  for (int i = 0; i < m; ++i) scale[i] = 1.0 / std::sqrt(std::max(g(i, i), 1e-300));
-  const Eigen::MatrixXd normal = scale.asDiagonal() * g.topLeftCorner(m, m) * scale.asDiagonal();
-  const Eigen::LDLT<Eigen::MatrixXd> solver(normal);
-  Reduced out;
-  out.linear = scale.asDiagonal() * solver.solve(scale.asDiagonal() * g.block(0, f, m, 1));
-  out.ssr = g(f, f) - out.linear.dot(g.block(0, f, m, 1).col(0));
-  Eigen::MatrixXd derivative(m, n);  // inner products of c_j ds_j with the columns
-  Eigen::VectorXd with_force(n);
-  Eigen::MatrixXd with_each(n, n);
-  for (int j = 0; j < n; ++j) {
-    const int dj = 2 + kMost + j;
-    const double c = out.linear[2 + j];
-    derivative.col(j) = c * g.block(0, dj, m, 1);
-    with_force[j] = c * g(dj, f);
-    for (int k = 0; k < n; ++k) with_each(j, k) = c * out.linear[2 + k] * g(dj, 2 + kMost + k);
-  }
-  const Eigen::MatrixXd projected = scale.asDiagonal() * solver.solve(scale.asDiagonal() * derivative);
-  out.curvature = with_each - derivative.transpose() * projected;
-  out.gradient = -(with_force - derivative.transpose() * out.linear);
+  Eigen::VectorXd length = columns.colwise().norm();
+  for (double& each : length)
+    if (!(each > 0.0)) each = 1.0;
+  columns = columns * length.cwiseInverse().asDiagonal();
+  const Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd> solver(columns);
+  const auto force = r.col(kColumns - 1);
+  const Eigen::VectorXd scaled = solver.solve(force);
+  Projected out;
+  out.linear = scaled.cwiseQuotient(length);
+  out.residual = force - columns * scaled;
+  const Eigen::MatrixXd derivative = r.middleCols(2 + kMost, n) * out.linear.tail(n).asDiagonal();
+  out.jacobian = columns * solver.solve(derivative) - derivative;
   return out;
 }
 
-struct Outcome {
-  Eigen::VectorXd log_gamma;
-  Gram products;  ///< at log_gamma
-  Reduced reduced;
-  int evaluations = 0;
-  bool converged = false;
+/// The projected residual over the force's own size, for Ceres: 1 when nothing is explained. The residual's coordinates
+/// turn with gamma, which changes neither squares nor slopes.
+class SeriesCost final : public ceres::CostFunction {
+ public:
+  SeriesCost(const Data& data, int arms) : data_(data), arms_(arms) {
+    set_num_residuals(kColumns);
+    mutable_parameter_block_sizes()->push_back(arms);
+  }
+  [[nodiscard]] int passes() const noexcept { return passes_; }
+
+  /// At these gammas: one pass, unless they are those of the last call.
+  const Projected& at(const Eigen::VectorXd& log_gamma) const {
+    if (passes_ > 0 && log_gamma == log_gamma_) return projected_;
+    log_gamma_ = log_gamma;
+    triangle_ = triangle(data_, log_gamma);
+    projected_ = project(triangle_, arms_);
+    ++passes_;
+    return projected_;
+  }
+  [[nodiscard]] const Triangle& last_triangle() const noexcept { return triangle_; }
+
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+    const Projected& now = at(Eigen::Map<const Eigen::VectorXd>(parameters[0], arms_));
+    const double force = triangle_.col(kColumns - 1).norm(), scale = force > 0.0 ? 1.0 / force : 1.0;
+    Eigen::Map<Eigen::Matrix<double, kColumns, 1>>(residuals, kColumns) = scale * now.residual;
+    if (jacobians != nullptr && jacobians[0] != nullptr)
+      Eigen::Map<Eigen::Matrix<double, kColumns, Eigen::Dynamic, Eigen::RowMajor>>(jacobians[0], kColumns, arms_) =
+          scale * now.jacobian;
+    return now.residual.allFinite() && now.jacobian.allFinite();
+  }
+
+ private:
+  const Data& data_;
+  int arms_;
+  mutable Eigen::VectorXd log_gamma_;  // Ceres asks for the residual first and for the slopes there later
+  mutable Triangle triangle_;
+  mutable Projected projected_;
+  mutable int passes_ = 0;
 };
 
-/// Levenberg-Marquardt on ln gamma within bounds.
-Outcome descend(const Data& d, const Eigen::VectorXd& at, double low, double high, int most) {
+struct Outcome {
+  Eigen::VectorXd log_gamma;
+  Triangle triangle;  ///< at log_gamma
+  Projected projected;
+  double ssr = std::numeric_limits<double>::infinity();
+  int evaluations = 0;
+  SeriesStop stop = SeriesStop::kIterationLimit;
+};
+
+/// Levenberg-Marquardt on ln gamma within bounds, its steps by QR.
+Outcome descend(const Data& d, const Eigen::VectorXd& at, double low, double high, int iterations) {
   const int n = static_cast<int>(at.size());
-  const Gram first = gram(d, at);
-  Outcome out{at, first, reduce(first, n), 1, false};
-  double damping = 1e-3;
-  while (out.evaluations < most) {
-    Eigen::MatrixXd h = out.reduced.curvature;
-    h.diagonal() += damping * h.diagonal() + Eigen::VectorXd::Constant(n, 1e-12 * out.reduced.ssr);
-    Eigen::VectorXd step = -h.ldlt().solve(out.reduced.gradient);
-    if (!step.allFinite()) break;
-    step = step.cwiseMax(-2.0).cwiseMin(2.0);
-    const Eigen::VectorXd next = (out.log_gamma + step).cwiseMax(low).cwiseMin(high);
-    const double moved = (next - out.log_gamma).norm();
-    if (moved < 1e-7) {
-      out.converged = true;
-      break;
-    }
-    const Gram products = gram(d, next);
-    Reduced trial = reduce(products, n);
-    ++out.evaluations;
-    if (trial.ssr < out.reduced.ssr) {
-      const double gain = (out.reduced.ssr - trial.ssr) / out.reduced.ssr;
-      out.log_gamma = next;
-      out.products = products;
-      out.reduced = std::move(trial);
-      damping = std::max(damping * 0.1, 1e-12);
-      if (gain < 1e-10) {
-        out.converged = true;
-        break;
-      }
-    } else {
-      if (moved < 1e-5) {
-        out.converged = true;
-        break;
-      }
-      damping *= 10.0;
-      if (damping > 1e10) break;
-    }
+  Outcome out;
+  out.log_gamma = at.cwiseMax(low).cwiseMin(high);
+  SeriesCost cost(d, n);
+  ceres::Problem::Options ownership;
+  ownership.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+  ceres::Problem problem(ownership);
+  problem.AddResidualBlock(&cost, nullptr, out.log_gamma.data());
+  for (int j = 0; j < n; ++j) {
+    problem.SetParameterLowerBound(out.log_gamma.data(), j, low);
+    problem.SetParameterUpperBound(out.log_gamma.data(), j, high);
   }
+  ceres::Solver::Options options;
+  options.linear_solver_type = ceres::DENSE_QR;
+  options.initial_trust_region_radius = 1e3;
+  options.max_num_iterations = iterations;
+  options.function_tolerance = 1e-10;
+  options.parameter_tolerance = 1e-7;
+  options.gradient_tolerance = 1e-16;
+  options.logging_type = ceres::SILENT;
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &problem, &summary);
+  out.projected = cost.at(out.log_gamma);
+  out.triangle = cost.last_triangle();
+  out.ssr = out.projected.residual.squaredNorm();
+  out.evaluations = cost.passes();
+  if (summary.termination_type == ceres::FAILURE)
+    out.stop = SeriesStop::kFailed;
+  else if (summary.termination_type == ceres::CONVERGENCE)
+    out.stop = (out.log_gamma.array() <= low || out.log_gamma.array() >= high).any() ? SeriesStop::kAtBounds
+                                                                                     : SeriesStop::kConverged;
   return out;
 }
 
@@ -177,11 +231,9 @@ Outcome search(const Data& all, int arms, double low, double high, std::size_t s
       starts.push_back(Eigen::Vector2d(std::log(decades[j]), std::log(decades[i])));
   }
   Outcome best;
-  best.reduced.ssr = std::numeric_limits<double>::infinity();
-  for (auto& start : starts) {
-    start = start.cwiseMax(low).cwiseMin(high);
+  for (const auto& start : starts) {
     Outcome o = descend(few, start, low, high, 12);
-    if (o.reduced.ssr < best.reduced.ssr) best = o;
+    if (o.ssr < best.ssr) best = std::move(o);
   }
   return best;
 }
@@ -210,39 +262,27 @@ double describe_residual(SeriesFit& fit, const Data& all, int arms) {
   return ssr;
 }
 
-/// Covariance of all p parameters, linear and nonlinear together: SSR / (n_eff - p) * N^-1, N the inner products of the
-/// columns 1, x, s_j and c_j ds_j / d(ln gamma_j) at the optimum. (Variance SSR / n * n_eff / (n_eff - p) of a sample,
-/// of which only n_eff in n are independent.) False: the parameters cannot be told apart, and no error is known.
+/// Covariance of all p parameters, linear and nonlinear together: SSR / (n_eff - p) * (J'J)^-1, J the columns 1, x, s_j
+/// and c_j ds_j / d(ln gamma_j) at the optimum, from the singular values of J. (Variance SSR / n * n_eff / (n_eff - p)
+/// of a sample, of which only n_eff in n are independent.) False: the parameters cannot be told apart, and no error is
+/// known.
 bool set_standard_errors(SeriesFit& fit, const Outcome& best, double ssr, double x_mean) {
+  constexpr double kTold =
+      1e-10;  // of the largest singular value: rounding in the columns is 1e-6 of what is left there
   const int arms = static_cast<int>(fit.arms.size()), parameters = 2 + 2 * arms;
   const auto n = static_cast<double>(fit.samples);
-  const Eigen::VectorXd& c = best.reduced.linear;
-  const Gram& g = best.products;
-  Eigen::MatrixXd normal(parameters, parameters);
-  const std::size_t count = 2 + 2 * fit.arms.size();
-  std::vector<int> column(count);
-  std::vector<double> factor(count, 1.0);
-  for (int i = 0; i < 2 + arms; ++i) column[static_cast<std::size_t>(i)] = i;
-  for (std::size_t j = 0; j < fit.arms.size(); ++j) {
-    column[2 + fit.arms.size() + j] = 2 + kMost + static_cast<int>(j);
-    factor[2 + fit.arms.size() + j] = c[2 + static_cast<Eigen::Index>(j)];
-  }
-  for (int i = 0; i < parameters; ++i)
-    for (int k = 0; k < parameters; ++k) {
-      const auto a = static_cast<std::size_t>(i), b = static_cast<std::size_t>(k);
-      normal(i, k) = g(column[a], column[b]) * factor[a] * factor[b];
-    }
-  const Eigen::VectorXd scale = normal.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-  const Eigen::MatrixXd scaled = scale.asDiagonal() * normal * scale.asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(scaled);
+  Eigen::MatrixXd jacobian(kColumns, parameters);
+  jacobian.leftCols(2 + arms) = best.triangle.leftCols(2 + arms);
+  jacobian.rightCols(arms) = best.triangle.middleCols(2 + kMost, arms) * best.projected.linear.tail(arms).asDiagonal();
+  const Eigen::VectorXd scale = jacobian.colwise().norm().transpose().cwiseMax(1e-150).cwiseInverse();
+  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(jacobian * scale.asDiagonal(), Eigen::ComputeThinU | Eigen::ComputeThinV);
   const double variance = ssr / std::max(1.0, fit.effective_samples - parameters) * fit.effective_samples / n;
   const double inflation = n / fit.effective_samples;
-  const bool singular = eigen.eigenvalues().minCoeff() < 1e-10 * eigen.eigenvalues().maxCoeff();
+  const bool singular = !(svd.singularValues().minCoeff() > kTold * svd.singularValues().maxCoeff());
   auto error = [&](int i) {
     if (singular) return std::numeric_limits<double>::quiet_NaN();
-    const Eigen::VectorXd row = eigen.eigenvectors().row(i).transpose();
-    const double v = (row.array().square() / eigen.eigenvalues().array()).sum() * scale[i] * scale[i];
-    return std::sqrt(v * variance * inflation);
+    const double row = (svd.matrixV().row(i).transpose().array() / svd.singularValues().array()).matrix().norm();
+    return row * scale[i] * std::sqrt(variance * inflation);
   };
   fit.offset_N.standard_error = std::hypot(error(0), x_mean * error(1));
   fit.stiffness_N_mm.standard_error = error(1);
@@ -272,6 +312,20 @@ void note_doubts(SeriesFit& fit, int j, double log_gamma, double low, double hig
 }
 
 }  // namespace
+
+std::string_view name_of(SeriesStop stop) noexcept {
+  switch (stop) {
+    case SeriesStop::kConverged:
+      return "converged";
+    case SeriesStop::kAtBounds:
+      return "at_bounds";
+    case SeriesStop::kIterationLimit:
+      return "iteration_limit";
+    case SeriesStop::kFailed:
+      return "failed";
+  }
+  return "";
+}
 
 std::vector<double> predict_series(const SeriesFit& fit, std::span<const double> t_s,
                                    std::span<const double> position_mm) {
@@ -318,8 +372,8 @@ SeriesFit fit_series(std::span<const double> t_s, std::span<const double> positi
     best = search(all, arms, low, high, options.search_samples);
   }
   const auto finite = [&] {
-    return best.log_gamma.size() == arms && best.log_gamma.allFinite() && std::isfinite(best.reduced.ssr) &&
-           best.reduced.linear.allFinite();
+    return best.log_gamma.size() == arms && best.log_gamma.allFinite() && std::isfinite(best.ssr) &&
+           best.projected.linear.allFinite();
   };
   if (best.log_gamma.size() == arms && best.log_gamma.allFinite()) best = descend(all, best.log_gamma, low, high, 40);
   if (!finite()) throw std::domain_error("the record's numbers are too large or too small for sums of their squares");
@@ -327,8 +381,8 @@ SeriesFit fit_series(std::span<const double> t_s, std::span<const double> positi
   SeriesFit fit;
   fit.samples = n;
   fit.evaluations = best.evaluations;
-  fit.converged = best.converged;
-  const Eigen::VectorXd& c = best.reduced.linear;
+  fit.stop = best.stop;
+  const Eigen::VectorXd& c = best.projected.linear;
   fit.offset_N.value = c[0] + all.force_mean - c[1] * all.x_mean;
   fit.stiffness_N_mm.value = c[1];
   for (int j = 0; j < arms; ++j) {

@@ -1,6 +1,7 @@
 #pragma once
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "identify/fv/ramps.hpp"
@@ -15,11 +16,20 @@ namespace isorig::identify {
 ///
 /// x in mm, F in N. The motion between two samples is taken as linear and stepped exactly (model/slse.hpp has
 /// the same step). Only the gammas are nonlinear: variable projection (Golub and Pereyra 1973, with Kaufman's
-/// Jacobian) eliminates a, k and the c_j, so that one pass over the samples gives cost, gradient and
-/// curvature, and several starts cost little. Needs a record that begins at steady state.
+/// Jacobian) eliminates a, k and the c_j, so that one pass over the samples gives residual and slopes, reduced to a few
+/// rows by QR, and several starts cost little. Needs a record that begins at steady state.
 ///
 /// Not identifiable from this: a compliance in series with the specimen (it turns one standard linear solid
 /// into another one exactly), so the parameters are those of specimen and load train together.
+
+/// Why the search stopped.
+enum class SeriesStop {
+  kConverged,       ///< neither the sum of squares nor a gamma changes any more
+  kAtBounds,        ///< the same, with a gamma at the edge of what the record can show
+  kIterationLimit,  ///< it was still gaining
+  kFailed,          ///< no step lowered the sum of squares, or a number was not finite
+};
+[[nodiscard]] std::string_view name_of(SeriesStop stop) noexcept;
 
 struct SeriesArm {
   Estimate stiffness_N_mm;  ///< c_j
@@ -40,7 +50,7 @@ struct SeriesFit {
   double effective_samples = 0.0;
   double bic = 0.0;     ///< with the effective number of samples
   int evaluations = 0;  ///< passes over all samples
-  bool converged = false;
+  SeriesStop stop = SeriesStop::kIterationLimit;
   std::vector<std::string> statements;
 };
 
