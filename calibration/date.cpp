@@ -2,8 +2,9 @@
 
 #include <charconv>
 #include <chrono>
-#include <cstdio>
 #include <ctime>
+
+#include "base/formatted.hpp"
 
 namespace isorig::calibration {
 
@@ -26,10 +27,8 @@ std::optional<std::int64_t> days_of(std::string_view date) {
 
 std::string date_of(std::int64_t days) {
   const std::chrono::year_month_day ymd{std::chrono::sys_days(std::chrono::days(days))};
-  char text[32];
-  std::snprintf(text, sizeof text, "%04d-%02u-%02u", static_cast<int>(ymd.year()), static_cast<unsigned>(ymd.month()),
-                static_cast<unsigned>(ymd.day()));
-  return text;
+  return base::formatted("%04d-%02u-%02u", static_cast<int>(ymd.year()), static_cast<unsigned>(ymd.month()),
+                         static_cast<unsigned>(ymd.day()));
 }
 
 std::string now_utc() {

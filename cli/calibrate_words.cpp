@@ -2,11 +2,11 @@
 
 #include <unistd.h>
 
-#include <cstdio>
 #include <functional>
 #include <iostream>
 
 #include "base/decimal.hpp"
+#include "base/formatted.hpp"
 #include "calibration/date.hpp"
 #include "cli/rig_at_rest.hpp"
 
@@ -157,10 +157,8 @@ void check_reference(Channel channel, double value, const nlohmann::json& limits
       break;
   }
   if (value >= low && value <= high) return;
-  char text[160];
-  std::snprintf(text, sizeof text, "reference %.6g %s is outside %s (%.6g to %.6g %s); check its unit (--unit)", value,
-                unit_of(channel), whose.c_str(), low, high, unit_of(channel));
-  throw std::runtime_error(text);
+  throw std::runtime_error(base::formatted("reference %.6g %s is outside %s (%.6g to %.6g %s); check its unit (--unit)",
+                                           value, unit_of(channel), whose.c_str(), low, high, unit_of(channel)));
 }
 
 }  // namespace isorig::cli

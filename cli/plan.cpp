@@ -4,6 +4,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "base/formatted.hpp"
 #include "cli/command.hpp"
 #include "cli/protocol_input.hpp"
 
@@ -17,11 +18,8 @@ struct Options {
 };
 
 std::string clock_text(double seconds) {
-  char text[48];
   const auto tenths = std::llround(seconds * 10.0);
-  std::snprintf(text, sizeof text, "%3lld:%02lld:%02lld.%lld", tenths / 36000, tenths / 600 % 60, tenths / 10 % 60,
-                tenths % 10);
-  return text;
+  return base::formatted("%3lld:%02lld:%02lld.%lld", tenths / 36000, tenths / 600 % 60, tenths / 10 % 60, tenths % 10);
 }
 
 const char* keep_text(const protocol::Step& step) {

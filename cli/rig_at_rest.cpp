@@ -13,6 +13,7 @@
 #include <thread>
 #include <utility>
 
+#include "base/formatted.hpp"
 #include "cli/acts.hpp"
 
 namespace isorig::cli {
@@ -79,8 +80,7 @@ std::string output_of(const std::string& command) {
 SettledReading settled_reading(const Client& client, const std::string& channel, const Settling& s) {
   const auto begin = steady_clock::now();
   const std::int64_t since_ns = get(client, "/v1/status").value("mono_ns", std::int64_t{0});
-  char path[64];
-  std::snprintf(path, sizeof path, "/v1/readings?window_s=%.3f", s.window_s);
+  const std::string path = base::formatted("/v1/readings?window_s=%.3f", s.window_s);
   double drift = 0.0;
   for (bool first = true;; first = false) {
     stop_if_interrupted();
@@ -105,11 +105,9 @@ SettledReading settled_reading(const Client& client, const std::string& channel,
     }
     if (waited_s < s.window_s + 1.0 + s.settle_s) continue;
     if (!whole) throw std::runtime_error("there are no " + channel + " readings; see isorig status");
-    char text[200];
-    std::snprintf(text, sizeof text,
-                  "the %s reading has not settled: it moves by %+.4g %s within %.1f s, more than %.4g (--drift-max)",
-                  channel.c_str(), drift, r.value("unit", "").c_str(), s.window_s, s.drift_max);
-    throw std::runtime_error(text);
+    throw std::runtime_error(base::formatted(
+        "the %s reading has not settled: it moves by %+.4g %s within %.1f s, more than %.4g (--drift-max)",
+        channel.c_str(), drift, r.value("unit", "").c_str(), s.window_s, s.drift_max));
   }
 }
 
@@ -138,12 +136,10 @@ void HeldPressure::vent() noexcept {
 void HeldPressure::start(std::size_t index) {
   std::string protocol = "format = \"isorig-protocol/1\"\nname = \"bench-pressure\"\nsteps = [\n";
   for (std::size_t i = index; i < pressures_psi_.size() && pressures_psi_[i] > 0.0; ++i) {
-    char lines[200];
-    std::snprintf(lines, sizeof lines,
-                  "  { do = \"pressurize\", pressure_psi = %.4f, rate_psi_s = 4, settled_for_s = 1, timeout_s = 60 },\n"
-                  "  { do = \"hold\", duration_s = 5 },\n",
-                  pressures_psi_[i]);
-    protocol += lines;
+    protocol += base::formatted(
+        "  { do = \"pressurize\", pressure_psi = %.4f, rate_psi_s = 4, settled_for_s = 1, timeout_s = 60 },\n"
+        "  { do = \"hold\", duration_s = 5 },\n",
+        pressures_psi_[i]);
   }
   const auto answer = client_.post(
       "/v1/start",
@@ -181,10 +177,9 @@ void HeldPressure::go_to(std::size_t index) {
     const auto s = get(client_, "/v1/status");
     const auto state = s.value("state", "");
     if (state == "faulted" || !s.contains("run")) {
-      char text[80];
-      std::snprintf(text, sizeof text, "the rig did not get to %.2f psi, it is %s: ", pressures_psi_[index],
-                    state.c_str());
-      throw std::runtime_error(text + s.value("fault", ""));
+      throw std::runtime_error(
+          base::formatted("the rig did not get to %.2f psi, it is %s: ", pressures_psi_[index], state.c_str()) +
+          s.value("fault", ""));
     }
     const auto step = s["run"].value("step", std::size_t{0});
     if (state == "running" && step == hold_step) {

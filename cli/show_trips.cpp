@@ -1,8 +1,8 @@
 #include "cli/show_trips.hpp"
 
 #include <cmath>
-#include <cstdio>
 
+#include "base/formatted.hpp"
 #include "base/printable.hpp"
 #include "base/text_file.hpp"
 
@@ -27,9 +27,7 @@ double number_of(const Json& object, const char* key) {
 /// "4.35"; "?" for what was no number.
 std::string words_of(double value, int digits = 2) {
   if (!std::isfinite(value)) return "?";
-  char text[48];
-  std::snprintf(text, sizeof text, "%.*f", digits, value);
-  return text;
+  return base::formatted("%.*f", digits, value);
 }
 
 /// "3 ms", "1.25 s"
@@ -51,11 +49,7 @@ bool is_fault(const Json& event) {
 std::string what_was_done(const Json& trip) {
   const auto state = text_of(trip, "state"), words = text_of(trip, "step_words");
   std::string line = "the rig was " + (state.empty() ? "in no known state" : state);
-  if (!words.empty()) {
-    char step[24];
-    std::snprintf(step, sizeof step, "%.0f", number_of(trip, "step"));
-    line += ", step " + std::string(step) + ": " + words;
-  }
+  if (!words.empty()) line += base::formatted(", step %.0f: ", number_of(trip, "step")) + words;
   if (const auto before = trip.find("before"); before != trip.end() && before->is_object()) {
     line += "; at " + words_of(number_of(*before, "position_mm"), 3) + " mm, " +
             words_of(number_of(*before, "force_N")) + " N, " + words_of(number_of(*before, "pressure_psi")) + " psi";
@@ -153,9 +147,7 @@ std::string tell_trip(const Json& trip) {
   std::string all = "trip " + words_of(number_of(trip, "number"), 0) + ": " + text_of(trip, "code") + ", " +
                     text_of(trip, "severity") + "\n";
   const auto line = [&](const char* title, const std::string& text) {
-    char head[24];
-    std::snprintf(head, sizeof head, "  %-9s", title);
-    all += head + text + "\n";
+    all += base::formatted("  %-9s", title) + text + "\n";
   };
   line("before", what_was_done(trip));
   line("cause", text_of(trip, "text") + with_value(trip));

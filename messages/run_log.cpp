@@ -1,7 +1,6 @@
 #include "messages/run_log.hpp"
 
 #include <algorithm>
-#include <cstdio>
 #include <exception>
 #include <map>
 #include <set>
@@ -9,6 +8,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "base/formatted.hpp"
 #include "base/printable.hpp"
 #include "messages/counted.hpp"
 #include "messages/log_event.hpp"
@@ -121,9 +121,7 @@ class Reading {
     if (!lone_) {
       for (const auto& [index, s] : sessions_) {
         if (complete_.contains(index)) continue;
-        char text[64];
-        std::snprintf(text, sizeof text, "repetition %d at %g psi", s.repetition, s.pressure_psi);
-        report_.unfinished.emplace_back(text);
+        report_.unfinished.push_back(base::formatted("repetition %d at %g psi", s.repetition, s.pressure_psi));
       }
     }
     report_.ended = ended_;

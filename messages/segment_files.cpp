@@ -2,16 +2,15 @@
 
 #include <algorithm>
 #include <charconv>
-#include <cstdio>
 #include <string_view>
 #include <system_error>
+
+#include "base/formatted.hpp"
 
 namespace isorig::messages {
 
 std::string segment_name(int number) {
-  char text[32];
-  std::snprintf(text, sizeof text, "segment-%04d.lcm", number);
-  return text;
+  return base::formatted("segment-%04d.lcm", number);
 }
 
 int segment_number(const std::filesystem::path& segment) {

@@ -1,6 +1,6 @@
-#include <cstdio>
 #include <string>
 
+#include "base/formatted.hpp"
 #include "base/number_text.hpp"
 #include "protocol/plan.hpp"
 
@@ -8,9 +8,7 @@ namespace isorig::protocol {
 namespace {
 
 std::string position(double value_mm) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%+.6g mm", value_mm);
-  return value_mm == 0.0 ? "0 mm" : text;
+  return value_mm == 0.0 ? "0 mm" : base::formatted("%+.6g mm", value_mm);
 }
 
 }  // namespace

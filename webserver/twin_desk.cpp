@@ -1,9 +1,9 @@
 #include "webserver/twin_desk.hpp"
 
 #include <cmath>
-#include <cstdio>
 #include <utility>
 
+#include "base/formatted.hpp"
 #include "webserver/files.hpp"
 
 namespace isorig::web {
@@ -124,9 +124,9 @@ std::optional<TwinDesk::Found> TwinDesk::take_found() {
   told_ = true;
   Found out{*twin_->parting(), choice_->name, {}, {}, choice_->on_parting};
   if (out.parting.step < steps_.size()) out.step = steps_[out.parting.step].text;
-  char numbers[96];
-  std::snprintf(numbers, sizeof numbers, "measured minus predicted %+.3g N, found after %.1f s", out.parting.residual_N,
-                1e-9 * static_cast<double>(out.parting.found_mono_ns - out.parting.mono_ns));
+  const std::string numbers =
+      base::formatted("measured minus predicted %+.3g N, found after %.1f s", out.parting.residual_N,
+                      1e-9 * static_cast<double>(out.parting.found_mono_ns - out.parting.mono_ns));
   out.text = "twin " + out.model + " and the muscle part in step " + std::to_string(out.parting.step + 1) + " (" +
              out.step + "): " + numbers;
   return out;

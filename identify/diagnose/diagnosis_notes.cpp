@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
+#include "base/formatted.hpp"
 #include "identify/diagnose/guard/plausible.hpp"
 
 namespace isorig::identify {
@@ -20,15 +20,12 @@ void note_unfinished_fit(const Study& study, const Fit& fit, const char* which, 
   const Fit further = problem.fit(fit.spec, kIterations);
   const bool done = further.stop == Stop::kConverged || further.stop == Stop::kAtBounds;
   if (done && before - further.chi2 < kMatters) return;
-  char text[320];
-  std::snprintf(text, sizeof text,
-                "The fit of the %s stopped before it had converged (%.*s); %d further iterations lowered its whitened "
-                "sum of squares by %.3g of %.6g and ended with %.*s. Its numbers may be off by more than their "
-                "intervals: two of them may stand for each other.",
-                which, static_cast<int>(name_of(fit.stop).size()), name_of(fit.stop).data(), kIterations,
-                before - further.chi2, before, static_cast<int>(name_of(further.stop).size()),
-                name_of(further.stop).data());
-  out.notes.emplace_back(text);
+  out.notes.push_back(base::formatted(
+      "The fit of the %s stopped before it had converged (%.*s); %d further iterations lowered its whitened "
+      "sum of squares by %.3g of %.6g and ended with %.*s. Its numbers may be off by more than their "
+      "intervals: two of them may stand for each other.",
+      which, static_cast<int>(name_of(fit.stop).size()), name_of(fit.stop).data(), kIterations, before - further.chi2,
+      before, static_cast<int>(name_of(further.stop).size()), name_of(further.stop).data()));
 }
 
 /// A named effect of a size at which these recordings cannot tell it from its nearest rival (discernible.hpp) gets a
@@ -37,18 +34,16 @@ void note_what_cannot_be_told(Diagnosis& out) {
   for (const MissingEffect& missing : out.missing) {
     const auto able = std::ranges::find(out.discernible, missing.effect, &Discernible::effect);
     if (able == out.discernible.end() || able->nearest == nullptr || missing.size_N >= able->told_from_N) continue;
-    char text[320];
     const std::string name(missing.effect->name), nearest(able->nearest->name);
     if (std::isfinite(able->told_from_N))
-      std::snprintf(text, sizeof text,
-                    "At its size of %.3g N these recordings cannot tell %s from %s for certain: with their motion and "
-                    "noise they can from %.3g N on.",
-                    missing.size_N, name.c_str(), nearest.c_str(), able->told_from_N);
+      out.notes.push_back(base::formatted(
+          "At its size of %.3g N these recordings cannot tell %s from %s for certain: with their motion and "
+          "noise they can from %.3g N on.",
+          missing.size_N, name.c_str(), nearest.c_str(), able->told_from_N));
     else
-      std::snprintf(text, sizeof text,
-                    "These recordings cannot tell %s from %s at any size: their motion moves both alike.", name.c_str(),
-                    nearest.c_str());
-    out.notes.emplace_back(text);
+      out.notes.push_back(
+          base::formatted("These recordings cannot tell %s from %s at any size: their motion moves both alike.",
+                          name.c_str(), nearest.c_str()));
   }
 }
 

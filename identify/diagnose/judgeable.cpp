@@ -1,7 +1,8 @@
 #include "identify/diagnose/judgeable.hpp"
 
 #include <cmath>
-#include <cstdio>
+
+#include "base/formatted.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -27,31 +28,31 @@ std::optional<Unjudged> unjudged(const Study& study, double nominal_rmse_N) {
   constexpr double kLeastNoises = 3.0, kMostVariance = 0.1, kMostNoiseScale = 2.0;
   const Diagnosis& d = study.diagnosis;
   const double sd_N = force_sd_N(study);
-  char text[240];
   if (sd_N <= kLeastNoises * d.noise_N) {
-    std::snprintf(
-        text, sizeof text,
-        "the force varies by %.3g N rms, and its noise is %.3g N: any model would fit (too little excitation)", sd_N,
-        d.noise_N);
-    return Unjudged{text, "the same motion wide or fast enough to change the force by at least ten times its noise"};
+    return Unjudged{
+        base::formatted(
+            "the force varies by %.3g N rms, and its noise is %.3g N: any model would fit (too little excitation)",
+            sd_N, d.noise_N),
+        "the same motion wide or fast enough to change the force by at least ten times its noise"};
   }
   const double share = nominal_rmse_N * nominal_rmse_N / (sd_N * sd_N);
   if (share > kMostVariance) {
-    std::snprintf(text, sizeof text,
-                  "the nominal model leaves %.0f %% of the force's variance unexplained, and nothing that was tried "
-                  "takes it away",
-                  100.0 * share);
-    return Unjudged{text,
-                    "one that shows what the force does follow: ramps of several velocities with rests of 20 s "
-                    "between them, the same one at least twice, and whatever else drives the specimen as a column of "
-                    "its own"};
+    return Unjudged{
+        base::formatted(
+            "the nominal model leaves %.0f %% of the force's variance unexplained, and nothing that was tried "
+            "takes it away",
+            100.0 * share),
+        "one that shows what the force does follow: ramps of several velocities with rests of 20 s "
+        "between them, the same one at least twice, and whatever else drives the specimen as a column of "
+        "its own"};
   }
   if (!study.noise.measured() && d.noise_scale > kMostNoiseScale) {
-    std::snprintf(text, sizeof text,
-                  "the noise of the force could not be measured, and what the model leaves has %.3g times the power "
-                  "that neighbouring readings suggest",
-                  d.noise_scale);
-    return Unjudged{text, "20 s at rest before and after the motion, or the same stroke at least four times"};
+    return Unjudged{
+        base::formatted(
+            "the noise of the force could not be measured, and what the model leaves has %.3g times the power "
+            "that neighbouring readings suggest",
+            d.noise_scale),
+        "20 s at rest before and after the motion, or the same stroke at least four times"};
   }
   return std::nullopt;
 }

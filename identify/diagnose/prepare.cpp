@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <stdexcept>
 
+#include "base/formatted.hpp"
 #include "identify/diagnose/fit/row_weights.hpp"
 #include "identify/diagnose/guard/missed_motion.hpp"
 #include "identify/diagnose/guard/plausible.hpp"
@@ -96,20 +96,18 @@ void take_hum_out(messages::FrameSamples& frame, ChannelQuality& quality, const 
   if (!hum) return;
   for (std::size_t k = 0; k < frame.size(); ++k) frame.force_N[k] -= hum->reading[k];
   quality = channel_quality(frame.t_s, frame.force_N);
-  char text[160];
-  std::snprintf(text, sizeof text, "the force hums with the mains: %.3g N at %.2f Hz%s; taken out", hum->amplitude,
-                hum->frequency_Hz, hum->steady ? "" : ", wandering");
-  faults.push_back({"hum", frame.t_s.front(), frame.t_s.back(), frame.size(), text});
+  faults.push_back({"hum", frame.t_s.front(), frame.t_s.back(), frame.size(),
+                    base::formatted("the force hums with the mains: %.3g N at %.2f Hz%s; taken out", hum->amplitude,
+                                    hum->frequency_Hz, hum->steady ? "" : ", wandering")});
 }
 
 void report_pressure_clock(const Excitation& excitation, std::vector<DataFault>& faults) {
   if (excitation.pressure_clock_s == 0.0) return;
-  char text[160];
-  std::snprintf(text, sizeof text,
-                "the pressure's time stamps are %.3f s (+- %.3f s) %s against the frame's, by its response to "
-                "the motion; corrected",
-                std::fabs(excitation.pressure_clock_s), excitation.pressure_clock_error_s,
-                excitation.pressure_clock_s > 0.0 ? "late" : "early");
+  const std::string text = base::formatted(
+      "the pressure's time stamps are %.3f s (+- %.3f s) %s against the frame's, by its response to "
+      "the motion; corrected",
+      std::fabs(excitation.pressure_clock_s), excitation.pressure_clock_error_s,
+      excitation.pressure_clock_s > 0.0 ? "late" : "early");
   faults.push_back({"clock", excitation.instants.front().t_s, excitation.instants.back().t_s, 0, text});
 }
 

@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
+#include "base/formatted.hpp"
 #include "identify/diagnose/explain/passivity.hpp"
 #include "identify/diagnose/fit/free_parameters.hpp"
 #include "identify/diagnose/fit/many_starts.hpp"
@@ -85,18 +85,14 @@ double rms_of_all_N(const Problem& problem, const model::ModelSpec& spec, double
 std::string worse_where_fitted(double model_N, double nominal_N, double noise_N) {
   constexpr double kNoises = 0.3;
   if (model_N * model_N <= nominal_N * nominal_N + kNoises * kNoises * noise_N * noise_N) return {};
-  char text[160];
-  std::snprintf(text, sizeof text, "over all that it was fitted to it errs by %.3g N rms, the nominal model by %.3g N",
-                model_N, nominal_N);
-  return text;
+  return base::formatted("over all that it was fitted to it errs by %.3g N rms, the nominal model by %.3g N", model_N,
+                         nominal_N);
 }
 
 std::string text_of(const LeftOut& row) {
-  char text[240];
   const std::string what = row.by == "block" ? "a quarter of the recording" : row.by + " " + row.value;
-  std::snprintf(text, sizeof text, "where %s is left out it errs by %.3g N rms, the nominal model by %.3g N",
-                what.c_str(), row.model_rmse_N, row.nominal_rmse_N);
-  return text;
+  return base::formatted("where %s is left out it errs by %.3g N rms, the nominal model by %.3g N", what.c_str(),
+                         row.model_rmse_N, row.nominal_rmse_N);
 }
 
 }  // namespace
@@ -116,24 +112,20 @@ bool worse(const LeftOut& row, double noise_N) {
 }
 
 std::string unphysical(const model::ModelSpec& spec, std::span<const Series> series, double noise_N) {
-  char text[240];
   for (const model::Part& part : spec.parts) {
     if (!model::is_effect(*part.physics) && !model::is_empirical(*part.physics)) continue;
     for (std::size_t i = 0; i < part.parameters.size(); ++i) {
       const model::Parameter& parameter = part.law->parameters[i];
       if (!at_wrong_bound(parameter, part.parameters[i])) continue;
-      std::snprintf(text, sizeof text, "%s of %s stands at the end of its range (%.4g)", parameter.name.data(),
-                    part.physics->name.data(), part.parameters[i]);
-      return text;
+      return base::formatted("%s of %s stands at the end of its range (%.4g)", parameter.name.data(),
+                             part.physics->name.data(), part.parameters[i]);
     }
   }
-  if (const auto loop = active_loop(spec, series, noise_N)) {
-    std::snprintf(text, sizeof text,
-                  "on a loop of +-%.3g mm about %.3g mm at %.3g mm/s it would give out %.3g N mm of work a turn, which "
-                  "no specimen does",
-                  loop->amplitude_mm, loop->centre_mm, loop->fastest_mm_s, -loop->work_N_mm);
-    return text;
-  }
+  if (const auto loop = active_loop(spec, series, noise_N))
+    return base::formatted(
+        "on a loop of +-%.3g mm about %.3g mm at %.3g mm/s it would give out %.3g N mm of work a turn, which "
+        "no specimen does",
+        loop->amplitude_mm, loop->centre_mm, loop->fastest_mm_s, -loop->work_N_mm);
   return {};
 }
 

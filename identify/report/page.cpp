@@ -4,12 +4,13 @@
 #include <array>
 #include <cctype>
 #include <cmath>
-#include <cstdio>
 #include <ctime>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
+#include "base/formatted.hpp"
+#include "base/number_text.hpp"
 #include "identify/report/template.hpp"
 
 namespace isorig::identify::report {
@@ -226,9 +227,7 @@ std::string escaped(std::string_view text) {
 
 std::string number_text(double value, int digits) {
   if (std::isnan(value)) return "-";
-  std::array<char, 40> text{};
-  std::snprintf(text.data(), text.size(), "%.*g", digits, value);
-  return text.data();
+  return base::number_text(value, digits);
 }
 
 std::string interval_text(double value, double low, double high) {
@@ -245,9 +244,7 @@ std::string r_squared_text(double value) {
   const double missing = 1.0 - value;
   if (missing < 1e-6) return "> 0.999999";
   const int decimals = std::clamp(static_cast<int>(std::ceil(-std::log10(missing))) + 1, 3, 7);
-  std::array<char, 40> text{};
-  std::snprintf(text.data(), text.size(), "%.*f", decimals, value);
-  return text.data();
+  return base::formatted("%.*f", decimals, value);
 }
 
 void write_text_file(const std::filesystem::path& file, std::string_view text) {

@@ -2,7 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
+
+#include "base/formatted.hpp"
 
 namespace isorig::identify::twin {
 namespace {
@@ -106,11 +107,9 @@ std::optional<Row> Twin::step(const LiveMotion::Row& given) {
   const RunningForecast::Row predicted = running_->step(now);
   if (!std::isfinite(predicted.force_N) || !std::isfinite(predicted.half_N) ||
       (has_band_ && !(predicted.half_N > 0.0))) {
-    char numbers[160];
-    std::snprintf(numbers, sizeof numbers,
-                  "the model predicts %g +- %g N, which is no number or no band; diagnose again, or choose another one",
-                  predicted.force_N, predicted.half_N);
-    fault_ = numbers;
+    fault_ = base::formatted(
+        "the model predicts %g +- %g N, which is no number or no band; diagnose again, or choose another one",
+        predicted.force_N, predicted.half_N);
     return std::nullopt;
   }
   const double since_s = now.t_s - start_s_;

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <nlohmann/json.hpp>
 
+#include "base/formatted.hpp"
 #include "identify/report/page.hpp"
 
 namespace isorig::proof {
@@ -12,9 +12,7 @@ namespace {
 
 std::string text(int digits, double value) {
   if (!std::isfinite(value)) return "-";
-  char buffer[48];
-  std::snprintf(buffer, sizeof buffer, "%.*f", digits, value);
-  return buffer;
+  return base::formatted("%.*f", digits, value);
 }
 
 std::string share(const Share& s) {
@@ -101,10 +99,9 @@ std::string table_text(std::span<const Score> scores) {
   if (scores.empty()) return out;
   out += "\nclaimed by " + scores.front().method + "   claims  mean claim  right\n";
   for (const ReliabilityBin& bin : scores.front().reliability) {
-    char line[96];
-    std::snprintf(line, sizeof line, "  %.2f - %.2f %13zu %11.3f %6.3f\n", bin.low, bin.high, bin.claims,
-                  bin.mean_claimed, bin.right);
-    if (bin.claims > 0) out += line;
+    if (bin.claims > 0)
+      out += base::formatted("  %.2f - %.2f %13zu %11.3f %6.3f\n", bin.low, bin.high, bin.claims, bin.mean_claimed,
+                             bin.right);
   }
   return out;
 }

@@ -2,11 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdarg>
-#include <cstdio>
 #include <numbers>
 #include <optional>
 
+#include "base/formatted.hpp"
 #include "protocol/compile.hpp"
 #include "protocol/wave.hpp"
 
@@ -19,26 +18,17 @@ constexpr int kMostCycles = 10;
 /// Motion slower than that is recorded as means: full rate would only make the file large.
 constexpr double kSlow_mm_s = 0.3;
 
-[[gnu::format(printf, 1, 2)]] std::string text(const char* format, ...) {
-  char out[360];
-  va_list values;
-  va_start(values, format);
-  std::vsnprintf(out, sizeof out, format, values);
-  va_end(values);
-  return out;
-}
-
 std::string hold(double duration_s) {
-  return text("    { do = \"hold\", duration_s = %.6g },\n", duration_s);
+  return base::formatted("    { do = \"hold\", duration_s = %.6g },\n", duration_s);
 }
 
 std::string ramp(double to_mm, double velocity_mm_s) {
-  return text("    { do = \"ramp\", to_mm = %.6g, velocity_mm_s = %.6g%s },\n", to_mm, velocity_mm_s,
-              velocity_mm_s < kSlow_mm_s ? ", record = \"averaged\"" : "");
+  return base::formatted("    { do = \"ramp\", to_mm = %.6g, velocity_mm_s = %.6g%s },\n", to_mm, velocity_mm_s,
+                         velocity_mm_s < kSlow_mm_s ? ", record = \"averaged\"" : "");
 }
 
 std::string triangle(double amplitude_mm, double velocity_mm_s, int cycles) {
-  return text(
+  return base::formatted(
       "    { do = \"wave\", shape = \"triangle\", amplitude_mm = %.6g, velocity_mm_s = %.6g, cycles = %d%s },\n",
       amplitude_mm, velocity_mm_s, cycles, velocity_mm_s < kSlow_mm_s ? ", record = \"averaged\"" : "");
 }
@@ -49,7 +39,7 @@ std::string oscillation(double frequency_Hz, double amplitude_mm, int cycles, co
   const auto chords = static_cast<int>(std::min(0.25 / (frequency_Hz * interval_s) + 1e-9, 6.0));
   if (chords >= 2) {
     const double deviation_mm = 1.02 * protocol::wave::deviation_mm(amplitude_mm, static_cast<std::uint32_t>(chords));
-    return text(
+    return base::formatted(
         "    { do = \"wave\", shape = \"sine\", amplitude_mm = %.6g, frequency_hz = %.6g, cycles = %d, "
         "deviation_mm = %.3g },\n",
         amplitude_mm, frequency_Hz, cycles, deviation_mm);
@@ -59,7 +49,7 @@ std::string oscillation(double frequency_Hz, double amplitude_mm, int cycles, co
 
 std::string pressurize(double to_psi, const CandidateLimits& limits, double settled_for_s) {
   const double rate_psi_s = std::min(limits.rig.pressure_rate_max_psi_s, 2.0);
-  return text(
+  return base::formatted(
       "    { do = \"pressurize\", pressure_psi = %.6g, rate_psi_s = %.6g, settled_for_s = %.6g, timeout_s = "
       "%.6g },\n",
       to_psi, rate_psi_s, settled_for_s, std::ceil(60.0 + 2.0 * to_psi / rate_psi_s));
@@ -102,7 +92,7 @@ std::string protocol_text(const CandidateExperiment& item, const CandidateLimits
   // The way to the first position is 1 mm/s unless a protocol says otherwise: a slower rig would refuse all of them.
   constexpr double kApproach_mm_s = 1.0;
   const double approach_mm_s = std::max(std::min(kApproach_mm_s, limits.rig.speed_max_mm_s), limits.rig.speed_min_mm_s);
-  if (approach_mm_s != kApproach_mm_s) out += text("approach_velocity_mm_s = %.6g\n", approach_mm_s);
+  if (approach_mm_s != kApproach_mm_s) out += base::formatted("approach_velocity_mm_s = %.6g\n", approach_mm_s);
   out +=
       "recording.policy = \"round_ramps\"\nrecording.average_interval_s = 0.05\n\nsteps = [\n"
       "  { do = \"repeat\", unit = \"session\", for = { repetition = [1] }, steps = [\n";
@@ -149,7 +139,7 @@ std::vector<CandidateExperiment> candidate_experiments(const CandidateLimits& li
     // The speed of whichever shape it becomes.
     const double amplitude = std::min({1.0, stroke, 0.98 * fastest / (2.0 * std::numbers::pi * frequency)});
     for (const int cycles : {2, 5, kMostCycles})
-      out.add(text("%.3g Hz, %.3g mm, %d times", frequency, amplitude, cycles),
+      out.add(base::formatted("%.3g Hz, %.3g mm, %d times", frequency, amplitude, cycles),
               oscillation(frequency, amplitude, cycles, limits));
     sweep += oscillation(frequency, amplitude, 5, limits) + hold(1.0);
   }
@@ -162,7 +152,7 @@ std::vector<CandidateExperiment> candidate_experiments(const CandidateLimits& li
       // From end to end in less than a tenth of a second: that is one of the oscillations above.
       if (2.0 * amplitude / velocity < 0.1) continue;
       for (const int cycles : {2, kMostCycles})
-        out.add(text("triangles of %.3g mm at %.3g mm/s, %d times", amplitude, velocity, cycles),
+        out.add(base::formatted("triangles of %.3g mm at %.3g mm/s, %d times", amplitude, velocity, cycles),
                 triangle(amplitude, velocity, cycles));
     }
     ladder += triangle(amplitude, std::min(0.5, fastest), 2) + hold(1.0);
@@ -173,7 +163,7 @@ std::vector<CandidateExperiment> candidate_experiments(const CandidateLimits& li
     for (const double velocity : {0.1, 1.0, 0.3 * fastest, fastest}) {
       if (velocity > fastest || velocity < slowest) continue;
       for (const double rest_s : {3.0, 30.0})
-        out.add(text("strokes of %.3g mm at %.3g mm/s both ways, %.3g s rest", length, velocity, rest_s),
+        out.add(base::formatted("strokes of %.3g mm at %.3g mm/s both ways, %.3g s rest", length, velocity, rest_s),
                 ramp(length, velocity) + hold(rest_s) + ramp(0.0, velocity) + hold(rest_s) + ramp(-length, velocity) +
                     hold(rest_s) + ramp(0.0, velocity));
     }
@@ -181,14 +171,14 @@ std::vector<CandidateExperiment> candidate_experiments(const CandidateLimits& li
   for (const double hold_s : {120.0, 600.0, 1500.0}) {
     // One that does not move at all could not be told from one whose position channel is dead.
     const double least_mm = std::min(0.2, stroke);
-    out.add(text("a triangle of %.3g mm, then standing still for %.4g s", least_mm, hold_s),
+    out.add(base::formatted("a triangle of %.3g mm, then standing still for %.4g s", least_mm, hold_s),
             triangle(least_mm, std::min(1.0, fastest), 1) + hold(hold_s));
-    out.add(text("a stroke of %.3g mm and %.4g s rest", stroke, hold_s),
+    out.add(base::formatted("a stroke of %.3g mm and %.4g s rest", stroke, hold_s),
             ramp(stroke, fastest) + hold(hold_s) + ramp(0.0, fastest));
     // After many strokes and a long rest, effects of the travel have gone on and effects of time have not, or the other
     // way round.
-    out.add(text("triangles of %.3g mm at %.3g mm/s, 5 times, before and after %.4g s rest", stroke,
-                 std::min(2.0, fastest), hold_s),
+    out.add(base::formatted("triangles of %.3g mm at %.3g mm/s, 5 times, before and after %.4g s rest", stroke,
+                            std::min(2.0, fastest), hold_s),
             triangle(stroke, std::min(2.0, fastest), 5) + hold(hold_s) + triangle(stroke, std::min(2.0, fastest), 5));
   }
   if (limits.pressure_matters) {
@@ -201,7 +191,7 @@ std::vector<CandidateExperiment> candidate_experiments(const CandidateLimits& li
         for (const double psi : {low, limits.nominal_psi, high, limits.nominal_psi})
           if (psi <= limits.rig.pressure_max_psi) body += pressurize(psi, limits, 2.0) + hold(5.0);
         if (at_mm > 0.0) body += ramp(0.0, std::min(2.0, fastest));
-        out.add(text("pressure steps of %.3g psi at %+.3g mm", step_psi, at_mm), body);
+        out.add(base::formatted("pressure steps of %.3g psi at %+.3g mm", step_psi, at_mm), body);
       }
     }
   }

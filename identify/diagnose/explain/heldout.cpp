@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 #include <iterator>
 #include <map>
 
+#include "base/formatted.hpp"
 #include "base/parallel.hpp"
 #include "identify/diagnose/fit/moves.hpp"
 
@@ -57,9 +57,7 @@ Moves find_moves(std::span<const Series> series) {
 }
 
 std::string text_of(double value, const char* unit) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.3g %s", value, unit);
-  return text;
+  return base::formatted("%.3g %s", value, unit);
 }
 
 /// Values within a tenth of each other are one.

@@ -2,10 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <functional>
 #include <random>
 
+#include "base/formatted.hpp"
+#include "base/number_text.hpp"
 #include "identify/diagnose/explain/axes.hpp"
 
 namespace isorig::identify {
@@ -33,15 +34,11 @@ double share_of(const Cells& cells, const Eigen::VectorXd& residual, const std::
 }
 
 std::string percent(double share) {
-  char text[16];
-  std::snprintf(text, sizeof text, "%.0f %%", 100.0 * share);
-  return text;
+  return base::formatted("%.0f %%", 100.0 * share);
 }
 
 std::string number(double value) {
-  char text[24];
-  std::snprintf(text, sizeof text, "%.3g", value);
-  return text;
+  return base::number_text(value, 3);
 }
 
 /// "7.9 to 8.1 mm/s": the fewest readings of neighbouring cells that hold half of the excess.

@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
+#include "base/number_text.hpp"
 #include "base/quantile.hpp"
 #include "identify/diagnose/fit/free_parameters.hpp"
 #include "model/composed.hpp"
@@ -293,9 +293,7 @@ std::string formula_text(const model::Law& law, std::span<const NamedValue> numb
   const auto add = [&](std::string_view name, std::string_view symbol, std::string_view unit) {
     const auto found = std::ranges::find(numbers, name, &NamedValue::name);
     if (found == numbers.end() || symbol.empty()) return;
-    char value[40];
-    std::snprintf(value, sizeof value, "%.4g", found->value);
-    out += ", " + std::string(symbol) + " = " + value;
+    out += ", " + std::string(symbol) + " = " + base::number_text(found->value, 4);
     if (unit != "1" && !unit.empty()) out += " " + std::string(unit);
   };
   for (const auto& coefficient : law.coefficients) add(coefficient.name, coefficient.symbol, coefficient.sheet.unit);

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <optional>
 
+#include "base/formatted.hpp"
 #include "model/catalogue.hpp"
 
 namespace isorig::identify {
@@ -104,13 +104,11 @@ std::vector<std::string> Fading::notes() const {
   std::vector<std::string> out;
   for (const Watched& one : watched_) {
     if (one.rows == 0) continue;
-    char text[320];
-    std::snprintf(text, sizeof text,
-                  "%s goes from %.4g to %.4g %s, and the model has seen %.4g to %.4g %s: %.3g %% of the rows are "
-                  "outside; there what the model has beyond the nominal one fades, and the band widens",
-                  one.name, one.least, one.most, one.unit, one.low, one.high, one.unit,
-                  100.0 * static_cast<double>(one.rows) / static_cast<double>(rows_));
-    out.emplace_back(text);
+    out.push_back(
+        base::formatted("%s goes from %.4g to %.4g %s, and the model has seen %.4g to %.4g %s: %.3g %% of the rows are "
+                        "outside; there what the model has beyond the nominal one fades, and the band widens",
+                        one.name, one.least, one.most, one.unit, one.low, one.high, one.unit,
+                        100.0 * static_cast<double>(one.rows) / static_cast<double>(rows_)));
   }
   return out;
 }

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 
+#include "base/number_text.hpp"
 #include "base/quantile.hpp"
 #include "identify/diagnose/guard/gaps.hpp"
 #include "identify/diagnose/signal/flat_line.hpp"
@@ -14,9 +14,7 @@ namespace isorig::identify {
 namespace {
 
 std::string number(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.4g", value);
-  return text;
+  return base::number_text(value, 4);
 }
 
 void find_outliers(const messages::FrameSamples& frame, const ChannelQuality& quality, Guarded& out) {

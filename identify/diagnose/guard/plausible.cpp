@@ -2,19 +2,18 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <map>
 #include <set>
 #include <stdexcept>
 #include <utility>
 
+#include "base/number_text.hpp"
+
 namespace isorig::identify {
 namespace {
 
 std::string number(double value) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.3g", value);
-  return text;
+  return base::number_text(value, 3);
 }
 
 struct Trend {

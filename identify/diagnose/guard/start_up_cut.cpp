@@ -2,7 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
+
+#include "base/formatted.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -55,11 +56,8 @@ std::optional<DataFault> cut_start_up(messages::Recording& recording) {
   const auto [first, end] = rows_within(frame.t_s, from_s, to_the_end ? HUGE_VAL : to_s);
   DataFault cut{"filling", frame.t_s.front(), from_s, frame.size() - (end - first), {}};
   if (cut.rows == 0 || end <= first) return std::nullopt;
-  char text[120];
-  std::snprintf(text, sizeof text,
-                "%zu rows outside of %.6g to %.6g s, where the pressure is built up or let go, left out", cut.rows,
-                from_s, to_the_end ? frame.t_s.back() : to_s);
-  cut.text = text;
+  cut.text = base::formatted("%zu rows outside of %.6g to %.6g s, where the pressure is built up or let go, left out",
+                             cut.rows, from_s, to_the_end ? frame.t_s.back() : to_s);
   for (auto* column : {&frame.t_s, &frame.position_mm, &frame.force_N}) keep(*column, first, end);
   const auto [first_p, end_p] = rows_within(t_s, from_s, to_s);
   keep(t_s, first_p, end_p);
