@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/quantile.hpp"
+
 namespace isorig::proof {
 
 Eigen::VectorXd maxwell_column(std::span<const double> t_s, std::span<const double> position_mm,
@@ -176,10 +178,7 @@ double residual_size_N(const NominalFit& fit, const std::vector<bool>& dense) {
     std::vector<double> magnitude;
     for (std::size_t i = 0; i < dense.size(); ++i)
       if (dense[i] == which) magnitude.push_back(std::abs(fit.residual_N[static_cast<Eigen::Index>(i)]));
-    if (magnitude.empty()) continue;
-    const auto at = magnitude.begin() + static_cast<std::ptrdiff_t>(0.99 * static_cast<double>(magnitude.size() - 1));
-    std::nth_element(magnitude.begin(), at, magnitude.end());
-    size_N = std::fmax(size_N, *at);
+    if (!magnitude.empty()) size_N = std::fmax(size_N, base::quantile_in_place(magnitude, 0.99));
   }
   return size_N;
 }
