@@ -1,24 +1,24 @@
 #pragma once
 #include <filesystem>
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
+
+#include "base/text_file.hpp"
 
 /// What the verbs share.
 namespace isorig::web {
 
 inline constexpr std::size_t kFileBytes = std::size_t{1} << 20U;
 
-/// Nothing: there is no such file, or it is longer than a protocol can be.
+/// Nothing: there is no such file, it is none that ends (a FIFO, a device), or it is longer than a protocol can be.
 inline std::optional<std::string> text_of(const std::filesystem::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!in) return std::nullopt;
-  std::string text(kFileBytes + 1, '\0');
-  in.read(text.data(), static_cast<std::streamsize>(text.size()));
-  text.resize(static_cast<std::size_t>(in.gcount()));
-  if (text.size() > kFileBytes) return std::nullopt;
-  return text;
+  try {
+    std::string text = base::read_text_file(path, kFileBytes + 1);
+    if (text.size() <= kFileBytes) return text;
+  } catch (const base::FileError&) {
+  }
+  return std::nullopt;
 }
 
 /// The text at `key`, if it is one; what a page sends may be anything.
