@@ -144,31 +144,7 @@ void run(Input in) {
   clock::RealClock clock;
   frame::ModbusFrame device(config, clock);
   std::array<frame::Sample, 256> samples{};
-  for (int turn = 0; turn < 4 && !(turn > 0 && in.empty()); ++turn) {
-    try {
-      (void)device.connect();
-      for (int i = 0; i < 12 && !in.empty(); ++i) {
-        const auto what = in.byte() % 8;
-        try {
-          if (what == 1) {
-            device.start_segment({static_cast<std::uint16_t>(i + 1), static_cast<float>(in.byte()) / 64.0F, 2.0F});
-          } else if (what == 2) {
-            device.stop();
-          } else if (what == 3) {
-            device.heartbeat(static_cast<std::uint16_t>(i));
-          } else {
-            require(device.poll(samples).samples <= samples.size(), "more samples than room");
-          }
-        } catch (const drivers::DeviceError& error) {
-          refused(error.what());
-          if (error.fault() == drivers::Fault::kDisconnected) break;
-        }
-      }
-    } catch (const drivers::DeviceError& error) {
-      refused(error.what());
-    }
-    device.disconnect();
-  }
+  use(in, device, samples, {.acts = 12, .kinds = 8});
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <array>
 
+#include "drivers/error.hpp"
 #include "drivers/serial_port.hpp"
 #include "drivers/tcp_connect.hpp"
 
@@ -55,6 +56,34 @@ OnTheWire::OnTheWire(Peer& peer) {
 OnTheWire::~OnTheWire() {
   hang_up();
   the_peer = nullptr;
+}
+
+void use(Input& in, frame::Device& device, std::span<frame::Sample> samples, const Use& how) {
+  for (int turn = 0; turn < 4 && !(turn > 0 && in.empty()); ++turn) {
+    try {
+      (void)device.connect();
+      for (int i = 0; i < how.acts && !in.empty(); ++i) {
+        const auto what = in.byte() % how.kinds;
+        try {
+          if (what == 1) {
+            device.start_segment({static_cast<std::uint16_t>(i + 1), static_cast<float>(in.byte()) / 64.0F, 2.0F});
+          } else if (what == 2) {
+            device.stop();
+          } else if (what == 3) {
+            device.heartbeat(static_cast<std::uint16_t>(i));
+          } else {
+            require(device.poll(samples).samples <= samples.size(), "more samples than room");
+          }
+        } catch (const drivers::DeviceError& error) {
+          refused(error.what());
+          if (error.fault() == drivers::Fault::kDisconnected) break;
+        }
+      }
+    } catch (const drivers::DeviceError& error) {
+      refused(error.what());
+    }
+    device.disconnect();
+  }
 }
 
 int wait_on_the_wire(pollfd* of, nfds_t count, std::int64_t timeout_ns) {

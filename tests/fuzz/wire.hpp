@@ -1,9 +1,11 @@
 #pragma once
 #include <cstdint>
 #include <functional>
+#include <span>
 #include <string>
 
 #include "drivers/clock/clock.hpp"
+#include "drivers/frame/frame.hpp"
 #include "target.hpp"
 
 /// A device on the wire without a wire. The drivers' connect_tcp(), open_serial(), ppoll() and RealClock are those of
@@ -30,5 +32,14 @@ class OnTheWire {
   OnTheWire(const OnTheWire&) = delete;
   OnTheWire& operator=(const OnTheWire&) = delete;
 };
+
+/// How much is asked of a device in each of its up to four connections, and how seldom that is more than a poll: one
+/// kind of act in `kinds` is a segment, one a stop, one a heartbeat.
+struct Use {
+  int acts = 0;
+  int kinds = 0;
+};
+/// Connects a frame, does with it what the input says, and disconnects it, until the input ends.
+void use(Input& in, frame::Device& device, std::span<frame::Sample> samples, const Use& how);
 
 }  // namespace isorig::fuzz
