@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <span>
 
 #include "identify/diagnose/fit/row_weights.hpp"
 #include "identify/diagnose/motion/band_limited_motion.hpp"
@@ -49,6 +50,126 @@ void bin_band_limited(Series& series, const std::vector<bool>& usable) {
   series.first_row.push_back(rows.size());
 }
 
+/// Which rows a bin holds. It widens with the time since the last corner, and is at most 2 s wide. In a recording of
+/// more than an hour and a bit it may be wider, as long as the specimen moves by no more than a hundredth of the stroke
+/// meanwhile: so the number of bins is bounded.
+class BinLimits {
+ public:
+  BinLimits(const Series& series, const ChannelQuality& force)
+      : rows_(series.excitation.instants),
+        since_s_(series.excitation.since_corner_s),
+        force_N_(series.recording.frame.force_N),
+        longest_s_(std::max(kUsual_s, kShareOfDuration * (rows_.back().t_s - rows_.front().t_s))),
+        noise_N_(std::max(force.noise, force.step)) {
+    const auto [lowest, highest] = std::ranges::minmax_element(rows_, {}, &model::Instant::position_mm);
+    furthest_mm_ = kShareOfStroke * (highest->position_mm - lowest->position_mm);
+  }
+
+  /// The first row after a bin that begins with row `first`.
+  [[nodiscard]] std::size_t end_of(std::size_t first) const {
+    // The first row stays alone: laws that count from the start begin where `predict` begins.
+    const double span_s = first == 0 ? 0.0 : std::min(longest_s_, kShareOfElapsed * since_s_[first]);
+    std::size_t end = first + 1;
+    while (end < rows_.size() && since_s_[end] > 0.0 && rows_[end].t_s - rows_[first].t_s <= span_s &&
+           in_reach(rows_[first], rows_[end]))
+      ++end;
+    while (end - first >= 2 && jumps(first, end)) end = first + (end - first) / 2;
+    return end;
+  }
+
+ private:
+  static constexpr double kUsual_s = 2.0, kShareOfElapsed = 0.05, kShareOfDuration = 1.0 / 2000.0,
+                          kShareOfStroke = 0.01;
+
+  [[nodiscard]] bool in_reach(const model::Instant& from, const model::Instant& to) const {
+    return to.t_s - from.t_s <= kUsual_s || std::fabs(to.position_mm - from.position_mm) <= furthest_mm_;
+  }
+  /// A bin in which the force jumps (a grip that slips) would hide the jump: its halves must agree.
+  [[nodiscard]] bool jumps(std::size_t from, std::size_t end) const {
+    const std::size_t half = (end - from) / 2;
+    double a = 0.0, b = 0.0;
+    for (std::size_t j = from; j < from + half; ++j) {
+      a += force_N_[j];
+      b += force_N_[end - 1 - (j - from)];
+    }
+    return std::fabs(a - b) > 5.0 * noise_N_ * std::sqrt(2.0 * static_cast<double>(half));
+  }
+
+  std::span<const model::Instant> rows_;
+  std::span<const double> since_s_, force_N_;
+  double longest_s_, noise_N_, furthest_mm_ = 0.0;
+};
+
+/// What the rows of a bin show in the mean, each with the weight of its readings.
+struct Bin {
+  model::Instant mean;
+  double slid_mm = 0.0, force_N = 0.0;
+  double readings = 0.0;  ///< 0: the guard left none of its rows in
+};
+Bin mean_of_rows(const Series& series, const std::vector<bool>& usable, std::size_t first, std::size_t end) {
+  const auto& rows = series.excitation.instants;
+  const auto& force_N = series.recording.frame.force_N;
+  Bin bin;
+  auto& [mean, slid_mm, force_sum, weight] = bin;
+  bool seen = usable.empty();
+  for (std::size_t k = first; k < end; ++k) {
+    if (!usable.empty() && !usable[k]) continue;
+    seen = true;
+    const model::Instant& row = rows[k];
+    const double w = series.readings[k];
+    mean.t_s += w * row.t_s;
+    mean.position_mm += w * row.position_mm;
+    slid_mm += w * series.excitation.slid_mm[k];
+    mean.velocity_mm_s += w * row.velocity_mm_s;
+    mean.acceleration_mm_s2 += w * row.acceleration_mm_s2;
+    mean.excess_pressure_psi += w * row.excess_pressure_psi;
+    force_sum += w * force_N[k];
+    weight += w;
+  }
+  if (weight == 0.0) {
+    // Nothing usable: the motion still passes here, and the model must see it.
+    const std::size_t middle = first + (end - first) / 2;
+    mean = rows[middle];
+    slid_mm = series.excitation.slid_mm[middle];
+    weight = 1.0;
+  }
+  mean.t_s /= weight;
+  mean.position_mm /= weight;
+  mean.velocity_mm_s /= weight;
+  mean.acceleration_mm_s2 /= weight;
+  mean.excess_pressure_psi /= weight;
+  mean.elongation_mm = mean.position_mm + series.excitation.reference.elongation_at_zero_mm;
+  slid_mm /= weight;
+  force_sum /= weight;
+  if (!seen) weight = 0.0;
+  return bin;
+}
+
+/// Bins as wide as the motion allows.
+void bin_by_corners(Series& series, const std::vector<bool>& usable, const ChannelQuality& force) {
+  const BinLimits limits(series, force);
+  const std::size_t rows = series.excitation.instants.size();
+  double last_slid_mm = 0.0;
+  for (std::size_t first = 0, end = 0; first < rows; first = end) {
+    end = limits.end_of(first);
+    Bin bin = mean_of_rows(series, usable, first, end);
+    if (!series.nodes.empty()) {
+      bin.mean.dt_s = bin.mean.t_s - series.nodes.back().t_s;
+      bin.mean.step_mm = bin.mean.position_mm - series.nodes.back().position_mm;
+      bin.mean.slide_mm = bin.slid_mm - last_slid_mm;
+    } else {
+      bin.mean.dt_s = bin.mean.step_mm = bin.mean.slide_mm = 0.0;
+    }
+    last_slid_mm = bin.slid_mm;
+    series.nodes.push_back(bin.mean);
+    series.force_N.push_back(bin.force_N);
+    series.count.push_back(bin.readings);
+    series.first_row.push_back(first);
+    series.since_corner_s.push_back(series.excitation.since_corner_s[first + (end - first) / 2]);
+  }
+  series.first_row.push_back(rows);
+}
+
 /// Readings from which the noise could be measured if a rest were kRest_s (noise/noise.cpp).
 std::size_t settled_readings(const Series& series) {
   constexpr double kFrom_s = kSettled_rests * kRest_s, kTo_s = kFrom_s + kShortest_rests * kRest_s;
@@ -93,97 +214,16 @@ Series prepare_series(std::string name, messages::Recording recording, const std
   series.recording = std::move(recording);
   series.force_quality = quality.force;
   series.excitation = reconstruct_excitation(series.recording, quality);
-  const auto& rows = series.excitation.instants;
-  const auto& force = series.recording.frame.force_N;
-  const std::vector<double>& since = series.excitation.since_corner_s;
   RowWeights readings = row_weights(series.recording.frame, quality.force);
   series.reading_noise_N = readings.noise_N;
   if (series.excitation.width > 1) {
-    series.readings.assign(rows.size(), 1.0);  // it never rests: there is nothing to average
+    // It never rests: there is nothing to average.
+    series.readings.assign(series.excitation.instants.size(), 1.0);
     bin_band_limited(series, usable);
     return series;
   }
   series.readings = std::move(readings.precision);
-  // A bin is at most 2 s wide. In a recording of more than an hour and a bit it may be wider, as long as the specimen
-  // moves by no more than a hundredth of the stroke meanwhile: so the number of bins is bounded.
-  constexpr double kUsual_s = 2.0, kShareOfElapsed = 0.05, kShareOfDuration = 1.0 / 2000.0, kShareOfStroke = 0.01;
-  const double longest_s = std::max(kUsual_s, kShareOfDuration * (rows.back().t_s - rows.front().t_s));
-  const auto [lowest, highest] = std::ranges::minmax_element(rows, {}, &model::Instant::position_mm);
-  const double furthest_mm = kShareOfStroke * (highest->position_mm - lowest->position_mm);
-  const auto in_reach = [&](const model::Instant& from, const model::Instant& to) {
-    return to.t_s - from.t_s <= kUsual_s || std::fabs(to.position_mm - from.position_mm) <= furthest_mm;
-  };
-
-  const double noise = std::max(quality.force.noise, quality.force.step);
-  // A bin in which the force jumps (a grip that slips) would hide the jump: its halves must agree.
-  const auto jumps = [&](std::size_t from, std::size_t end) {
-    const std::size_t half = (end - from) / 2;
-    double a = 0.0, b = 0.0;
-    for (std::size_t j = from; j < from + half; ++j) {
-      a += force[j];
-      b += force[end - 1 - (j - from)];
-    }
-    return std::fabs(a - b) > 5.0 * noise * std::sqrt(2.0 * static_cast<double>(half));
-  };
-
-  double last_slid_mm = 0.0;
-  std::size_t k = 0;
-  while (k < rows.size()) {
-    const std::size_t first = k;
-    // The first row stays alone: laws that count from the start begin where `predict` begins.
-    const double span_s = first == 0 ? 0.0 : std::min(longest_s, kShareOfElapsed * since[first]);
-    model::Instant mean;
-    double weight = 0.0, force_sum = 0.0, slid_mm = 0.0;
-    std::size_t taken = 0;
-    std::size_t end = first + 1;
-    while (end < rows.size() && since[end] > 0.0 && rows[end].t_s - rows[first].t_s <= span_s &&
-           in_reach(rows[first], rows[end]))
-      ++end;
-    while (end - first >= 2 && jumps(first, end)) end = first + (end - first) / 2;
-    for (; k < end; ++k) {
-      ++taken;
-      if (!usable.empty() && !usable[k]) continue;
-      const model::Instant& row = rows[k];
-      const double w = series.readings[k];
-      mean.t_s += w * row.t_s;
-      mean.position_mm += w * row.position_mm;
-      slid_mm += w * series.excitation.slid_mm[k];
-      mean.velocity_mm_s += w * row.velocity_mm_s;
-      mean.acceleration_mm_s2 += w * row.acceleration_mm_s2;
-      mean.excess_pressure_psi += w * row.excess_pressure_psi;
-      force_sum += w * force[k];
-      weight += w;
-    }
-    if (weight == 0.0) {
-      // Nothing usable: the motion still passes here, and the model must see it.
-      mean = rows[first + taken / 2];
-      slid_mm = series.excitation.slid_mm[first + taken / 2];
-      weight = 1.0;
-    }
-    mean.t_s /= weight;
-    mean.position_mm /= weight;
-    mean.velocity_mm_s /= weight;
-    mean.acceleration_mm_s2 /= weight;
-    mean.excess_pressure_psi /= weight;
-    mean.elongation_mm = mean.position_mm + series.excitation.reference.elongation_at_zero_mm;
-    mean.slide_mm = slid_mm / weight - last_slid_mm;
-    last_slid_mm = slid_mm / weight;
-    if (!series.nodes.empty()) {
-      mean.dt_s = mean.t_s - series.nodes.back().t_s;
-      mean.step_mm = mean.position_mm - series.nodes.back().position_mm;
-    } else {
-      mean.dt_s = mean.step_mm = mean.slide_mm = 0.0;
-    }
-    const bool seen = force_sum != 0.0 || usable.empty() ||
-                      std::any_of(usable.begin() + static_cast<std::ptrdiff_t>(first),
-                                  usable.begin() + static_cast<std::ptrdiff_t>(k), [](bool u) { return u; });
-    series.nodes.push_back(mean);
-    series.force_N.push_back(force_sum / weight);
-    series.count.push_back(seen ? weight : 0.0);
-    series.first_row.push_back(first);
-    series.since_corner_s.push_back(since[first + taken / 2]);
-  }
-  series.first_row.push_back(rows.size());
+  bin_by_corners(series, usable, quality.force);
   series.rest_s = rest_of(series);
   return series;
 }
