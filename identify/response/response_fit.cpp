@@ -343,46 +343,54 @@ std::string number_name(std::string_view what, std::string_view output, std::str
   return std::string(what) + '_' + std::string(output) + "_per_" + std::string(column.substr(at + 1));
 }
 
-/// Gauss-Newton intervals over all numbers, widened by the residual's autocorrelation.
-void add_numbers(const Separable& problem, const std::vector<Data>& data, const VectorXd& u, const VectorXd& x,
-                 double inflation, ResponseFit& fit) {
+/// The problem about a fit: slopes of all numbers, nonlinear ones first, at the rows that the search saw.
+struct Linearised {
+  MatrixXd jacobian;
+  VectorXd residual;
+};
+Linearised linearise(const Separable& problem, std::size_t recordings, const VectorXd& u, const VectorXd& x) {
   Index rows = 0;
-  double rows_of_all = 0.0;
-  for (const Data& each : data) rows_of_all += static_cast<double>(each.t_s.size());
-  for (std::size_t r = 0; r < data.size(); ++r) rows += static_cast<Index>(problem.rows(r, false).size());
+  for (std::size_t r = 0; r < recordings; ++r) rows += static_cast<Index>(problem.rows(r, false).size());
   const Index n = u.size(), m = x.size();
-  MatrixXd jacobian(rows, n + m);
-  VectorXd residual(rows);
+  Linearised out{MatrixXd(rows, n + m), VectorXd(rows)};
   Index at = 0;
-  for (std::size_t r = 0; r < data.size(); ++r) {
+  for (std::size_t r = 0; r < recordings; ++r) {
     const MatrixXd columns = problem.columns(r, u, false);
     const VectorXd here = problem.target(r, u, false) - columns * x;
-    residual.segment(at, here.size()) = here;
-    jacobian.block(at, n, columns.rows(), m) = columns;
+    out.residual.segment(at, here.size()) = here;
+    out.jacobian.block(at, n, columns.rows(), m) = columns;
     for (Index i = 0; i < n; ++i) {
       VectorXd moved = u;
       const double step = 1e-5 * std::max(1.0, std::fabs(u[i]));
       moved[i] += step;
-      jacobian.block(at, i, columns.rows(), 1) =
+      out.jacobian.block(at, i, columns.rows(), 1) =
           (here - (problem.target(r, moved, false) - problem.columns(r, moved, false) * x)) / step;
     }
     at += columns.rows();
   }
-  // Columns of one length, so that units do not decide which number counts as undetermined. The rows that the search
-  // saw have fewer readings between independent ones than all rows have.
+  return out;
+}
+
+/// Half-widths of the 95 % intervals of all numbers (Gauss-Newton), widened by the residual's autocorrelation; infinite
+/// for what is not determined.
+VectorXd half_widths(const Linearised& at, double rows_of_all, double inflation) {
+  MatrixXd jacobian = at.jacobian;
+  const Index rows = jacobian.rows(), numbers = jacobian.cols();
+  // The rows that the search saw have fewer readings between independent ones than all rows have.
   const double thinned = static_cast<double>(rows) / std::max(1.0, rows_of_all);
-  const double variance = residual.squaredNorm() / std::max<double>(1.0, static_cast<double>(rows - n - m)) *
+  const double variance = at.residual.squaredNorm() / std::max<double>(1.0, static_cast<double>(rows - numbers)) *
                           std::max(1.0, inflation * thinned);
-  VectorXd length(n + m);
-  for (Index i = 0; i < n + m; ++i) {
+  // Columns of one length, so that units do not decide which number counts as undetermined.
+  VectorXd length(numbers);
+  for (Index i = 0; i < numbers; ++i) {
     length[i] = jacobian.col(i).norm();
     if (length[i] > 0.0) jacobian.col(i) /= length[i];
   }
   Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(jacobian.transpose() * jacobian);
-  constexpr double kDetermined = 1e-10;
+  constexpr double kDetermined = 1e-10, kTwoSided95 = 1.96;
   const auto variance_of = [&](Index i) {
     double sum = 0.0;
-    for (Index e = 0; e < n + m; ++e) {
+    for (Index e = 0; e < numbers; ++e) {
       const double share = eigen.eigenvectors()(i, e) * eigen.eigenvectors()(i, e);
       if (eigen.eigenvalues()[e] > kDetermined)
         sum += share / eigen.eigenvalues()[e];
@@ -391,13 +399,20 @@ void add_numbers(const Separable& problem, const std::vector<Data>& data, const 
     }
     return length[i] > 0.0 ? variance * sum / (length[i] * length[i]) : std::numeric_limits<double>::infinity();
   };
-  constexpr double kTwoSided95 = 1.96;
-  const auto spread = [&](Index i) { return kTwoSided95 * std::sqrt(variance_of(i)); };
+  VectorXd out(numbers);
+  for (Index i = 0; i < numbers; ++i) out[i] = kTwoSided95 * std::sqrt(variance_of(i));
+  return out;
+}
+
+/// Names, values and intervals in the order of the model's file.
+void name_numbers(const std::vector<Data>& data, const VectorXd& u, const VectorXd& x, const VectorXd& half_width,
+                  ResponseFit& fit) {
+  const Index n = u.size(), m = x.size();
   const auto add = [&](std::string name, double value, double by) {
     fit.numbers.push_back({std::move(name), value, value - by, value + by});
   };
   const auto add_log = [&](std::string name, Index i) {
-    const double value = std::exp(u[i]), factor = std::exp(spread(i));
+    const double value = std::exp(u[i]), factor = std::exp(half_width[i]);
     fit.numbers.push_back({std::move(name), value, value / factor, value * factor});
   };
   const std::string_view unit = unit_of(data[0].output);
@@ -411,28 +426,28 @@ void add_numbers(const Separable& problem, const std::vector<Data>& data, const 
   Index column = first;
   for (std::size_t j = 0; j < inputs; ++j) {
     const auto name = data[0].inputs[j].column;
-    add(number_name("immediate", unit, name), x[column], spread(n + column));
+    add(number_name("immediate", unit, name), x[column], half_width[n + column]);
     for (std::size_t i = 0; i < order.size(); ++i) {
       const Index c = column + 1 + order[i];
-      add(number_name("retarded_" + std::to_string(i + 1), unit, name), x[c], spread(n + c));
+      add(number_name("retarded_" + std::to_string(i + 1), unit, name), x[c], half_width[n + c]);
     }
     column += 1 + static_cast<Index>(order.size());
     if (fit.structure.play) {
       add_log("play_width_" + std::string(name.substr(name.rfind('_') + 1)),
               static_cast<Index>(fit.structure.times + j));
-      add(number_name("play_gain", unit, name), x[column], spread(n + column));
+      add(number_name("play_gain", unit, name), x[column], half_width[n + column]);
       ++column;
     }
   }
   if (fit.structure.drift) {
-    add("drift_" + std::string(unit) + "_per_h", x[column], spread(n + column));
+    add("drift_" + std::string(unit) + "_per_h", x[column], half_width[n + column]);
     ++column;
   }
   if (fit.structure.exponent) {
-    add("exponent", u[1], spread(1));
-    add("rest_" + std::string(unit), u[2], spread(2));
+    add("exponent", u[1], half_width[1]);
+    add("rest_" + std::string(unit), u[2], half_width[2]);
   } else if (inputs == 0) {
-    add("rest_" + std::string(unit), x[m - 1], spread(n + m - 1));
+    add("rest_" + std::string(unit), x[m - 1], half_width[n + m - 1]);
   }
 }
 
@@ -477,7 +492,13 @@ ResponseFit fit_response(const std::vector<Data>& data, const Structure& structu
     }
   }
   fit.rms = std::sqrt(squares / std::max(1.0, rows));
-  if (used.empty()) add_numbers(problem, data, found.u, x, rows / independent_rows(fit.residual), fit);
+  if (used.empty()) {
+    double rows_of_all = 0.0;
+    for (const Data& each : data) rows_of_all += static_cast<double>(each.t_s.size());
+    const VectorXd half_width =
+        half_widths(linearise(problem, data.size(), found.u, x), rows_of_all, rows / independent_rows(fit.residual));
+    name_numbers(data, found.u, x, half_width, fit);
+  }
   return fit;
 }
 
