@@ -134,7 +134,7 @@ void HeldPressure::vent() noexcept {
 }
 
 void HeldPressure::start(std::size_t index) {
-  std::string protocol = "format = \"isorig-protocol/1\"\nname = \"bench-pressure\"\nsteps = [\n";
+  std::string protocol = "format = \"isorig-protocol/1\"\nname = \"held-pressure\"\nsteps = [\n";
   for (std::size_t i = index; i < pressures_psi_.size() && pressures_psi_[i] > 0.0; ++i) {
     protocol += base::formatted(
         "  { do = \"pressurize\", pressure_psi = %.4f, rate_psi_s = 4, settled_for_s = 1, timeout_s = 60 },\n"
@@ -143,7 +143,7 @@ void HeldPressure::start(std::size_t index) {
   }
   const auto answer = client_.post(
       "/v1/start",
-      {{"protocol", protocol + "]\n"}, {"protocol_name", "bench-pressure.toml"}, {"operator", operator_name_}});
+      {{"protocol", protocol + "]\n"}, {"protocol_name", "held-pressure.toml"}, {"operator", operator_name_}});
   if (!answer.ok()) throw std::runtime_error(answer.text());
   open_ = true;
   first_ = index;

@@ -30,7 +30,7 @@ struct Uart {
 inline Uart& link_uart() noexcept {
   return *reinterpret_cast<Uart*>(0x40004000);
 }
-inline Uart& bench_uart() noexcept {
+inline Uart& test_uart() noexcept {
   return *reinterpret_cast<Uart*>(0x40005000);
 }
 

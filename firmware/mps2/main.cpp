@@ -3,7 +3,7 @@
 #include "firmware/model/simulated_elvh.hpp"
 #include "firmware/mps2/machine.hpp"
 
-/// The Teensy's firmware on an emulated Cortex-M4: UART0 is the link, UART1 the bench, the sensor is
+/// The Teensy's firmware on an emulated Cortex-M4: UART0 is the link, UART1 the line of the tests, the sensor is
 /// simulated.
 namespace isorig::firmware::mps2 {
 namespace {
@@ -16,16 +16,16 @@ class Board final : public Hardware {
   void start() noexcept {
     timer().start();
     link_uart().enable();
-    bench_uart().enable();
+    test_uart().enable();
     say("ready");
     start_watchdog();
   }
   /// What the hardware of a real board does by itself.
   void run(Application& application) noexcept {
     link_.drain(link_uart());
-    bench_.drain(bench_uart());
+    test_line_.drain(test_uart());
     uint8_t command = 0;
-    if (bench_uart().get(command)) obey(command, application);
+    if (test_uart().get(command)) obey(command, application);
   }
 
   void select(bool is_selected) noexcept override {
@@ -132,13 +132,13 @@ class Board final : public Hardware {
   }
   void end(size_t size) noexcept {
     line_[size] = '\n';
-    (void)bench_.push(line_, size + 1);
+    (void)test_line_.push(line_, size + 1);
   }
 
   SimulatedElvh sensor_;
   CycleClock clock_{kClock_MHz};
   OutputRing<kLinkBytes> link_;
-  OutputRing<4096> bench_;
+  OutputRing<4096> test_line_;
   uint8_t line_[64] = {};
   uint64_t word_ns_ = 0;
   bool is_open_ = true;

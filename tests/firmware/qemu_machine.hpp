@@ -1,6 +1,6 @@
 #pragma once
 // The firmware on QEMU's Cortex-M4 as a child process: its link is a pseudo-terminal, which the real driver
-// opens by path; the bench line (firmware/mps2/main.cpp) is a socket.
+// opens by path; the test line (firmware/mps2/main.cpp) is a socket.
 #include <gtest/gtest.h>
 #include <poll.h>
 #include <signal.h>
@@ -29,10 +29,10 @@ class QemuMachine {
     if (pid_ == 0) {
       dup2(output[1], STDOUT_FILENO);
       close(output[0]);
-      const std::string bench = "socket,id=bench,server=on,wait=off,path=" + bench_path();
+      const std::string test_line = "socket,id=test,server=on,wait=off,path=" + test_line_path();
       execlp("qemu-system-arm", "qemu-system-arm", "-M", "mps2-an386", "-display", "none", "-monitor", "none",
-             "-semihosting-config", "enable=on,target=native", "-chardev", "pty,id=link", "-chardev", bench.c_str(),
-             "-serial", "chardev:link", "-serial", "chardev:bench", "-kernel", ISORIG_QEMU_IMAGE, nullptr);
+             "-semihosting-config", "enable=on,target=native", "-chardev", "pty,id=link", "-chardev", test_line.c_str(),
+             "-serial", "chardev:link", "-serial", "chardev:test", "-kernel", ISORIG_QEMU_IMAGE, nullptr);
       _exit(127);
     }
     close(output[1]);
@@ -41,29 +41,29 @@ class QemuMachine {
     close(output[0]);
     const std::size_t from = said.find("/dev/");
     if (from != std::string::npos) link_ = said.substr(from, said.find(' ', from) - from);
-    connect_bench();
+    connect_test_line();
   }
   ~QemuMachine() {
     if (pid_ > 0) {
       kill(pid_, SIGKILL);
       waitpid(pid_, nullptr, 0);
     }
-    if (bench_ >= 0) close(bench_);
-    unlink(bench_path().c_str());
+    if (test_line_ >= 0) close(test_line_);
+    unlink(test_line_path().c_str());
     rmdir(folder_.c_str());
   }
   QemuMachine(const QemuMachine&) = delete;
   QemuMachine& operator=(const QemuMachine&) = delete;
 
   [[nodiscard]] const std::string& link() const { return link_; }
-  [[nodiscard]] bool is_up() const { return !link_.empty() && bench_ >= 0; }
+  [[nodiscard]] bool is_up() const { return !link_.empty() && test_line_ >= 0; }
 
-  void tell(char command) { ASSERT_EQ(write(bench_, &command, 1), 1); }
-  /// What the bench line has said since the last call.
+  void tell(char command) { ASSERT_EQ(write(test_line_, &command, 1), 1); }
+  /// What the test line has said since the last call.
   std::vector<std::string> heard() {
     char bytes[4096];
     for (;;) {
-      const ssize_t size = recv(bench_, bytes, sizeof bytes, MSG_DONTWAIT);
+      const ssize_t size = recv(test_line_, bytes, sizeof bytes, MSG_DONTWAIT);
       if (size <= 0) break;
       unfinished_.append(bytes, static_cast<std::size_t>(size));
     }
@@ -91,7 +91,7 @@ class QemuMachine {
   void thaw() { kill(pid_, SIGCONT); }
 
  private:
-  [[nodiscard]] std::string bench_path() const { return folder_ + "/bench"; }
+  [[nodiscard]] std::string test_line_path() const { return folder_ + "/test-line"; }
 
   static std::string read_line(int fd) {
     std::string line;
@@ -100,14 +100,14 @@ class QemuMachine {
     while (::poll(&waiting, 1, 20'000) > 0 && read(fd, &one, 1) == 1 && one != '\n') line += one;
     return line;
   }
-  void connect_bench() {
+  void connect_test_line() {
     sockaddr_un address{};
     address.sun_family = AF_UNIX;
-    bench_path().copy(address.sun_path, sizeof address.sun_path - 1);
+    test_line_path().copy(address.sun_path, sizeof address.sun_path - 1);
     for (int i = 0; i < 500; ++i) {
       const int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
       if (connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0) {
-        bench_ = fd;
+        test_line_ = fd;
         return;
       }
       close(fd);
@@ -119,7 +119,7 @@ class QemuMachine {
   std::string link_;
   std::string unfinished_;
   pid_t pid_ = -1;
-  int bench_ = -1;
+  int test_line_ = -1;
 };
 
 }  // namespace isorig::firmware

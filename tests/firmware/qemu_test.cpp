@@ -80,7 +80,7 @@ class Qemu : public testing::Test {
       return !samples.empty() && pressure_psi() >= from_psi && pressure_psi() <= to_psi;
     });
   }
-  /// A number that the device says of itself on the bench line, without a look at the link.
+  /// A number that the device says of itself on the test line, without a look at the link.
   std::optional<int> asked(const std::string& what) {
     machine.tell('p');
     for (const std::int64_t end_ns = clock.now_ns() + kPatience; clock.now_ns() < end_ns;) {
@@ -201,7 +201,7 @@ TEST_F(Qemu, VentsByItselfAboveTheGreatestPressureWhateverItsHostSays) {
 TEST_F(Qemu, CountsWhatAStalledHostMakesItDrop) {
   run_ms(100);
   const std::uint32_t before = state.dropped;
-  // Nobody reads the link until the device itself says, on its bench line, that it dropped enough.
+  // Nobody reads the link until the device itself says, on its test line, that it dropped enough.
   const std::int64_t end_ns = clock.now_ns() + kPatience;
   int dropped = 0;
   while (dropped < static_cast<int>(before) + 100 && clock.now_ns() < end_ns) {
