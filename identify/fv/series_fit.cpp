@@ -182,6 +182,10 @@ Outcome descend(const Data& d, const Eigen::VectorXd& at, double low, double hig
   Outcome out;
   out.log_gamma = at.cwiseMax(low).cwiseMin(high);
   SeriesCost cost(d, n);
+  if (!cost.at(out.log_gamma).residual.allFinite()) {  // Ceres would say so on standard error
+    out.stop = SeriesStop::kFailed;
+    return out;
+  }
   ceres::Problem::Options ownership;
   ownership.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   ceres::Problem problem(ownership);
