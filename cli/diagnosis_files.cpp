@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/toml_reader.hpp"
-#include "identify/report/diagnosis/diagnosis_report.hpp"
+#include "identify/diagnosis_report/diagnosis_report.hpp"
 #include "identify/report/page.hpp"
 
 namespace isorig::cli {

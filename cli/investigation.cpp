@@ -7,7 +7,7 @@
 
 #include "base/json_words.hpp"
 #include "cli/protocol_input.hpp"
-#include "identify/report/diagnosis/effect_words.hpp"
+#include "identify/diagnosis_report/effect_words.hpp"
 #include "identify/report/page.hpp"
 #include "model/process.hpp"
 

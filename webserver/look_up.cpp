@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "cli/selftest_checks.hpp"
-#include "identify/report/diagnosis/effect_words.hpp"
+#include "identify/diagnosis_report/effect_words.hpp"
 #include "webserver/hub.hpp"
 #include "webserver/number_units.hpp"
 

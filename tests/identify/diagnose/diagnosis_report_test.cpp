@@ -7,8 +7,8 @@
 #include <cmath>
 
 #include "concealed_specimen.hpp"
-#include "identify/report/diagnosis/effect_words.hpp"
-#include "identify/report/diagnosis/simulated_force.hpp"
+#include "identify/diagnosis_report/effect_words.hpp"
+#include "identify/diagnosis_report/simulated_force.hpp"
 #include "model/catalogue.hpp"
 
 namespace isorig::identify {

@@ -1,7 +1,7 @@
 #pragma once
 #include <vector>
 
-#include "identify/report/diagnosis/simulated_force.hpp"
+#include "identify/diagnosis_report/simulated_force.hpp"
 #include "identify/report/page.hpp"
 
 /// The sections of a diagnosis' page, in its order (docs/reports.md).

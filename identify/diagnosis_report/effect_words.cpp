@@ -1,4 +1,4 @@
-#include "identify/report/diagnosis/effect_words.hpp"
+#include "identify/diagnosis_report/effect_words.hpp"
 
 #include <algorithm>
 #include <vector>

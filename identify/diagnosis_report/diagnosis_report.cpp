@@ -1,11 +1,11 @@
-#include "identify/report/diagnosis/diagnosis_report.hpp"
+#include "identify/diagnosis_report/diagnosis_report.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <string>
 
-#include "identify/report/diagnosis/argument.hpp"
-#include "identify/report/diagnosis/effect_words.hpp"
+#include "identify/diagnosis_report/argument.hpp"
+#include "identify/diagnosis_report/effect_words.hpp"
 
 namespace isorig::identify {
 namespace {

@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "identify/report/diagnosis/argument.hpp"
+#include "identify/diagnosis_report/argument.hpp"
 #include "model/catalogue.hpp"
 
 namespace isorig::identify {

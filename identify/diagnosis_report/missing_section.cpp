@@ -4,8 +4,8 @@
 #include <utility>
 
 #include "identify/diagnose/fit/free_parameters.hpp"
-#include "identify/report/diagnosis/argument.hpp"
-#include "identify/report/diagnosis/effect_words.hpp"
+#include "identify/diagnosis_report/argument.hpp"
+#include "identify/diagnosis_report/effect_words.hpp"
 #include "model/catalogue.hpp"
 #include "model/length_scale.hpp"
 

@@ -1,4 +1,4 @@
-#include "identify/report/diagnosis/simulated_force.hpp"
+#include "identify/diagnosis_report/simulated_force.hpp"
 
 #include <algorithm>
 #include <cmath>

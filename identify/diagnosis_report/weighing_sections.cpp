@@ -2,8 +2,8 @@
 #include <cmath>
 #include <set>
 
-#include "identify/report/diagnosis/argument.hpp"
-#include "identify/report/diagnosis/effect_words.hpp"
+#include "identify/diagnosis_report/argument.hpp"
+#include "identify/diagnosis_report/effect_words.hpp"
 #include "model/catalogue.hpp"
 
 namespace isorig::identify {
