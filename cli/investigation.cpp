@@ -7,14 +7,14 @@
 
 #include "base/json_words.hpp"
 #include "cli/protocol_input.hpp"
-#include "identify/diagnosis_report/effect_words.hpp"
 #include "identify/report/page.hpp"
 #include "model/process.hpp"
+#include "model/words.hpp"
 
 namespace isorig::cli {
 
-using identify::explanation_words;
 using identify::report::number_text;
+using model::explanation_words;
 using nlohmann::ordered_json;
 
 namespace {

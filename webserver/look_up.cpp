@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "cli/selftest_checks.hpp"
-#include "identify/diagnosis_report/effect_words.hpp"
+#include "model/words.hpp"
 #include "webserver/hub.hpp"
 #include "webserver/number_units.hpp"
 
@@ -40,14 +40,14 @@ bool is_fingerprint(const std::string& id) {
 
 /// What people call the effects that are named in a list of diagnoses.
 json words_in(const json& list) {
-  json words{{"nominal", identify::explanation_words("nominal")}};
+  json words{{"nominal", model::explanation_words("nominal")}};
   const auto add = [&](const json& key) {
     if (key.is_array()) {
       for (const auto& one : key) {
-        if (one.is_string()) words[one.get<std::string>()] = identify::explanation_words(one.get<std::string>());
+        if (one.is_string()) words[one.get<std::string>()] = model::explanation_words(one.get<std::string>());
       }
     }
-    if (key.is_string()) words[key.get<std::string>()] = identify::explanation_words(key.get<std::string>());
+    if (key.is_string()) words[key.get<std::string>()] = model::explanation_words(key.get<std::string>());
   };
   const auto all = [&](const json& of, const char* name, const char* key) {
     for (const auto& one : of.value(name, json::array())) {

@@ -5,11 +5,13 @@
 #include <string>
 
 #include "identify/diagnosis_report/argument.hpp"
-#include "identify/diagnosis_report/effect_words.hpp"
+#include "model/words.hpp"
 
 namespace isorig::identify {
 namespace {
 
+using model::effect_words;
+using model::explanation_words;
 using report::Mood;
 using report::number_text;
 using report::Page;

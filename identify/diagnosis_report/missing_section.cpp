@@ -5,13 +5,14 @@
 
 #include "identify/diagnose/fit/free_parameters.hpp"
 #include "identify/diagnosis_report/argument.hpp"
-#include "identify/diagnosis_report/effect_words.hpp"
 #include "model/catalogue.hpp"
 #include "model/length_scale.hpp"
+#include "model/words.hpp"
 
 namespace isorig::identify {
 namespace {
 
+using model::effect_words;
 using report::Figure;
 using report::Mark;
 using report::number_text;

@@ -3,12 +3,14 @@
 #include <set>
 
 #include "identify/diagnosis_report/argument.hpp"
-#include "identify/diagnosis_report/effect_words.hpp"
 #include "model/catalogue.hpp"
+#include "model/words.hpp"
 
 namespace isorig::identify {
 namespace {
 
+using model::effect_words;
+using model::explanation_words;
 using report::Figure;
 using report::Mark;
 using report::number_text;

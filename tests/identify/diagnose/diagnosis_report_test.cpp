@@ -7,9 +7,9 @@
 #include <cmath>
 
 #include "concealed_specimen.hpp"
-#include "identify/diagnosis_report/effect_words.hpp"
 #include "identify/diagnosis_report/simulated_force.hpp"
 #include "model/catalogue.hpp"
+#include "model/words.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -101,7 +101,7 @@ TEST(DiagnosisReport, APathIsOfMeansInTheOrderOfTime) {
 
 TEST(DiagnosisReport, EveryEffectHasANameThatPeopleUse) {
   for (const model::Physics* effect : model::effects()) {
-    const std::string words = effect_words(effect->name);
+    const std::string words = model::effect_words(effect->name);
     EXPECT_THAT(words, ::testing::Not(::testing::HasSubstr("_")));
     std::string spaced(effect->name);
     std::ranges::replace(spaced, '_', ' ');
@@ -110,10 +110,11 @@ TEST(DiagnosisReport, EveryEffectHasANameThatPeopleUse) {
     if (already_one) continue;
     EXPECT_NE(words, spaced) << "say in the `words` of its traits what people call it";
   }
-  EXPECT_EQ(explanation_words("nominal"), "nothing missing");
-  EXPECT_EQ(explanation_words("coulomb_friction"), "dry friction");
-  EXPECT_EQ(explanation_words("coulomb_friction+slack"), "dry friction and slack");
-  EXPECT_EQ(explanation_words("coulomb_friction+slack+table of position"), "dry friction, slack and table of position");
+  EXPECT_EQ(model::explanation_words("nominal"), "nothing missing");
+  EXPECT_EQ(model::explanation_words("coulomb_friction"), "dry friction");
+  EXPECT_EQ(model::explanation_words("coulomb_friction+slack"), "dry friction and slack");
+  EXPECT_EQ(model::explanation_words("coulomb_friction+slack+table of position"),
+            "dry friction, slack and table of position");
 }
 
 }  // namespace

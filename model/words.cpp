@@ -1,14 +1,14 @@
-#include "identify/diagnosis_report/effect_words.hpp"
+#include "model/words.hpp"
 
 #include <algorithm>
 #include <vector>
 
 #include "model/catalogue.hpp"
 
-namespace isorig::identify {
+namespace isorig::model {
 
 std::string effect_words(std::string_view name) {
-  if (const auto* physics = model::find_physics(name); physics != nullptr && !physics->traits.words.empty())
+  if (const auto* physics = find_physics(name); physics != nullptr && !physics->traits.words.empty())
     return std::string(physics->traits.words);
   std::string out(name);
   std::ranges::replace(out, '_', ' ');
@@ -29,4 +29,4 @@ std::string explanation_words(std::string_view key) {
   return out;
 }
 
-}  // namespace isorig::identify
+}  // namespace isorig::model

@@ -2,7 +2,7 @@
 #include <string>
 #include <string_view>
 
-namespace isorig::identify {
+namespace isorig::model {
 
 /// What people call a physics of the catalogue (PhysicsTraits::words): "dry friction" for coulomb_friction. Without
 /// such words, and for any other name, the name with spaces in place of its underscores.
@@ -12,4 +12,4 @@ namespace isorig::identify {
 /// nominal model itself.
 [[nodiscard]] std::string explanation_words(std::string_view key);
 
-}  // namespace isorig::identify
+}  // namespace isorig::model
