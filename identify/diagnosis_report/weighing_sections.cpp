@@ -155,9 +155,38 @@ void add_untellable(Page& page, const Diagnosis& d) {
   page.list(items);
 }
 
+/// What is tied, the experiment that settles it, what it is expected to show, and what else was considered.
+void add_design(Page& page, const Design& design) {
+  page.heading("What would settle it");
+  std::vector<std::vector<std::string>> rows;
+  for (const auto& rival : design.tied) rows.push_back({rival.key, number_text(rival.probability, 3)});
+  page.table({"explanation", "probability"}, rows, "Still tied");
+  if (design.experiment) {
+    const Experiment& e = *design.experiment;
+    page.paragraph("next_experiment.toml, " + number_text(e.duration_s, 3) + " s: " + e.text + ". It is the " +
+                   (e.enough
+                        ? "shortest of " + std::to_string(design.considered) +
+                              " within the limits that separates every two of them by " + number_text(design.enough, 3)
+                        : "one of " + std::to_string(design.considered) +
+                              " within the limits that comes nearest to separating them by " +
+                              number_text(design.enough, 3)) +
+                   " (squares over the noise).");
+    rows.clear();
+    for (const Distance& d : e.distances)
+      rows.push_back({design.tied[d.truth].key, design.tied[d.rival].key, number_text(d.expected, 3)});
+    page.table({"if this is true", "this, refitted to everything", "leaves"}, rows, "What it is expected to show");
+    rows.clear();
+    for (const Runner& r : design.others)
+      rows.push_back({r.text, number_text(r.duration_s, 3), number_text(r.distance, 3)});
+    if (!rows.empty())
+      page.table({"experiment", "s", "smallest distance"}, rows, "What else was considered, to first order");
+  }
+  for (const Inseparable& pair : design.inseparable) page.note(pair.text);
+}
+
 void add_next(Page& page, const Diagnosis& d) {
   if (!d.design.tied.empty()) {
-    write_design(d.design, page);
+    add_design(page, d.design);
     return;
   }
   page.heading("What to run next");

@@ -7,10 +7,6 @@
 #include "identify/diagnose/search/select.hpp"
 #include "protocol/limits.hpp"
 
-namespace isorig::identify::report {
-class Page;
-}
-
 namespace isorig::identify {
 
 /// What an experiment may ask for and what it must show.
@@ -91,8 +87,5 @@ void describe_inseparable(Design& design);
 /// For diagnosis.json: null when there is no experiment.
 [[nodiscard]] nlohmann::ordered_json experiment_json(const Design& design);
 [[nodiscard]] nlohmann::ordered_json inseparable_json(const Design& design);
-
-/// For the report: what is tied, the experiment, what it is expected to show, and what else was considered.
-void write_design(const Design& design, report::Page& page);
 
 }  // namespace isorig::identify

@@ -2,13 +2,13 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "base/number_text.hpp"
 #include "identify/diagnose/design/design.hpp"
-#include "identify/report/page.hpp"
 
 namespace isorig::identify {
 
+using base::number_text;
 using nlohmann::ordered_json;
-using report::number_text;
 
 std::string Design::separates() const {
   std::string out;
@@ -74,35 +74,6 @@ ordered_json inseparable_json(const Design& design) {
                    {"distance", std::min(i.distance, 1e12)},
                    {"text", i.text}});
   return out;
-}
-
-void write_design(const Design& design, report::Page& page) {
-  if (design.tied.empty()) return;
-  page.heading("What would settle it");
-  std::vector<std::vector<std::string>> rows;
-  for (const auto& rival : design.tied) rows.push_back({rival.key, number_text(rival.probability, 3)});
-  page.table({"explanation", "probability"}, rows, "Still tied");
-  if (design.experiment) {
-    const Experiment& e = *design.experiment;
-    page.paragraph("next_experiment.toml, " + number_text(e.duration_s, 3) + " s: " + e.text + ". It is the " +
-                   (e.enough
-                        ? "shortest of " + std::to_string(design.considered) +
-                              " within the limits that separates every two of them by " + number_text(design.enough, 3)
-                        : "one of " + std::to_string(design.considered) +
-                              " within the limits that comes nearest to separating them by " +
-                              number_text(design.enough, 3)) +
-                   " (squares over the noise).");
-    rows.clear();
-    for (const Distance& d : e.distances)
-      rows.push_back({design.tied[d.truth].key, design.tied[d.rival].key, number_text(d.expected, 3)});
-    page.table({"if this is true", "this, refitted to everything", "leaves"}, rows, "What it is expected to show");
-    rows.clear();
-    for (const Runner& r : design.others)
-      rows.push_back({r.text, number_text(r.duration_s, 3), number_text(r.distance, 3)});
-    if (!rows.empty())
-      page.table({"experiment", "s", "smallest distance"}, rows, "What else was considered, to first order");
-  }
-  for (const Inseparable& pair : design.inseparable) page.note(pair.text);
 }
 
 }  // namespace isorig::identify
