@@ -63,16 +63,39 @@ Law memoryless(std::string_view name, std::string_view formula, Coefficient coef
           }};
 }
 
+constexpr std::string_view kNotNegative = "Physics: it is not negative.";
+
+constexpr NumberSheet kStiffness{
+    "Force per elongation when everything has relaxed.", "N/mm", "Physics: a passive spring pushes back.",
+    "Friction and a relaxation slower than the recording stand in it. A spring of the load train in series lowers it."};
+constexpr NumberSheet kTimeConstant{"Time in which the arm's force falls to 1/e in a hold.", "s",
+                                    "Numerics: far beyond what any hold or stroke of a recording shows, on both sides.",
+                                    "A second relaxation, friction or a lag beside it shifts it towards its own time."};
+constexpr NumberSheet kArmStiffness{"Force per elongation of the arm's spring, before anything has relaxed.", "N/mm",
+                                    "Physics: a passive spring pushes back.",
+                                    "A time constant outside of what was recorded leaves it undetermined."};
+constexpr NumberSheet kArmForce{"Force that the arm holds at its start.", "N",
+                                "Physics: stretched or compressed, so it has no sign.",
+                                "It belongs to its recording, and takes up whatever settles there."};
+constexpr NumberSheet kViscosity{"Force per velocity.", "N s/mm", kNotNegative,
+                                 "Dry friction where all strokes have one speed."};
+constexpr NumberSheet kMass{"Mass that moves with the position.", "kg", kNotNegative,
+                            "Accelerations from noisy positions make it small."};
+constexpr NumberSheet kTare{"Force where the model has none.", "N", "Physics: a tare may have either sign.",
+                            "A friction that has one direction, a drift."};
+constexpr NumberSheet kWeight{"Weight of the pendulum.", "N", kNotNegative, "A spring beside it."};
+
 }  // namespace
 
 const Physics& spring() {
-  static const Physics physics{"spring",
-                               Stage::kSpecimen,
-                               "Linear spring, slack-free, unstretched at the pressurized rest length.",
-                               "Paper, eq. for the system force, k1; stiffness per mm = k1 / pressurized rest length.",
-                               "Slow triangle.",
-                               {memoryless("linear", "F = k e", {.name = "stiffness_N_mm", .sign = Sign::kNonNegative},
-                                           [](const Instant& now) { return now.elongation_mm; })}};
+  static const Physics physics{
+      "spring",
+      Stage::kSpecimen,
+      "Linear spring, slack-free, unstretched at the pressurized rest length.",
+      "Paper, eq. for the system force, k1; stiffness per mm = k1 / pressurized rest length.",
+      "Slow triangle.",
+      {memoryless("linear", "F = k e", {.name = "stiffness_N_mm", .sign = Sign::kNonNegative, .sheet = kStiffness},
+                  [](const Instant& now) { return now.elongation_mm; })}};
   return physics;
 }
 
@@ -85,8 +108,13 @@ const Physics& maxwell() {
       "Ramps of different velocity; relaxation in a hold.",
       {{"linear",
         "F = k z, dz/dt = v - z / tau",
-        {{.name = "time_constant_s", .lower = 1e-3, .upper = 1e5, .starts = {0.3, 3.0}, .logarithmic = true}},
-        {{.name = "stiffness_N_mm", .sign = Sign::kNonNegative}},
+        {{.name = "time_constant_s",
+          .lower = 1e-3,
+          .upper = 1e5,
+          .starts = {0.3, 3.0},
+          .logarithmic = true,
+          .sheet = kTimeConstant}},
+        {{.name = "stiffness_N_mm", .sign = Sign::kNonNegative, .sheet = kArmStiffness}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Maxwell>(p[0]); }}},
       {.words = "Maxwell arm"}};
   return physics;
@@ -110,7 +138,7 @@ const Physics& arm_start() {
           .starts = {0.0},
           .fixed = true},  // 0: every one
          {.name = "start_s", .lower = -1e9, .upper = 1e9, .starts = {0.0}, .fixed = true}},
-        {{.name = "force_N", .sign = Sign::kFree}},
+        {{.name = "force_N", .sign = Sign::kFree, .sheet = kArmForce}},
         [](std::span<const double> p, const Reference& reference) {
           return std::make_unique<ArmStart>(p[0], p[3], p[2] == 0.0 || p[2] == reference.recording_id);
         }}},
@@ -125,31 +153,32 @@ const Physics& dashpot() {
       "Linear dashpot in parallel.",
       "Newton.",
       "Ramps of different velocity.",
-      {memoryless("linear", "F = c v", {.name = "viscosity_N_s_mm", .sign = Sign::kNonNegative},
+      {memoryless("linear", "F = c v", {.name = "viscosity_N_s_mm", .sign = Sign::kNonNegative, .sheet = kViscosity},
                   [](const Instant& now) { return now.velocity_mm_s; })}};
   return physics;
 }
 
 const Physics& mass() {
-  static const Physics physics{"mass",
-                               Stage::kRig,
-                               "Mass that moves with the position.",
-                               "Newton.",
-                               "Fast reversals.",
-                               {memoryless("linear", "F = m a", {.name = "mass_kg", .sign = Sign::kNonNegative},
-                                           [](const Instant& now) { return now.acceleration_mm_s2 * 1e-3; })}};
+  static const Physics physics{
+      "mass",
+      Stage::kRig,
+      "Mass that moves with the position.",
+      "Newton.",
+      "Fast reversals.",
+      {memoryless("linear", "F = m a", {.name = "mass_kg", .sign = Sign::kNonNegative, .sheet = kMass},
+                  [](const Instant& now) { return now.acceleration_mm_s2 * 1e-3; })}};
   return physics;
 }
 
 const Physics& constant() {
-  static const Physics physics{
-      "constant",
-      Stage::kSensor,
-      "Constant force: a tare that is not zero, a dead weight.",
-      "None needed.",
-      "Any rest.",
-      {memoryless("linear", "F = F0", {.name = "force_N", .sign = Sign::kFree}, [](const Instant&) { return 1.0; })},
-      {.words = "force tare"}};
+  static const Physics physics{"constant",
+                               Stage::kSensor,
+                               "Constant force: a tare that is not zero, a dead weight.",
+                               "None needed.",
+                               "Any rest.",
+                               {memoryless("linear", "F = F0", {.name = "force_N", .sign = Sign::kFree, .sheet = kTare},
+                                           [](const Instant&) { return 1.0; })},
+                               {.words = "force tare"}};
   return physics;
 }
 
@@ -163,7 +192,7 @@ const Physics& gravity() {
       {{"pendulum",
         "F = W sin(x / length)",
         {{.name = "length_mm", .lower = 1e-3, .upper = 1e6, .starts = {1000.0}, .logarithmic = true, .fixed = true}},
-        {{.name = "weight_N", .sign = Sign::kNonNegative}},
+        {{.name = "weight_N", .sign = Sign::kNonNegative, .sheet = kWeight}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Gravity>(p[0]); }}}};
   return physics;
 }
