@@ -92,8 +92,10 @@ void list_alternatives(const Selection& selection, Diagnosis& out) {
   constexpr std::size_t kMost = 8;
   for (std::size_t i = 0; i < selection.pool.size(); ++i) {
     const Hypothesis& h = selection.pool[i];
-    out.tried.push_back(
-        {h.key(), selection.weight[i], h.evidence, selection.excess[i], std::ranges::count(h.fit.at_bound, true) > 0});
+    const double noise = selection.noise_scale * static_cast<double>(h.fit.rows);
+    out.tried.push_back({h.key(), selection.weight[i], h.evidence, selection.excess[i],
+                         noise > 0.0 ? std::sqrt(h.ls_chi2 / noise) : 0.0,
+                         std::ranges::count(h.fit.at_bound, true) > 0});
     if (i == selection.best || selection.weight[i] < kLeastWeight) continue;
     Alternative alternative;
     for (const auto* effect : h.effects) alternative.effects.emplace_back(effect->name);
@@ -136,19 +138,38 @@ void describe_what_is_left(const Search& search, const Study& study, unsigned th
   }
 }
 
-/// [seen] of a model that is handed out, for predictions (forecast.hpp).
-void remember_what_was_seen(const Study& study, const Criterion& criterion, const Errors& errors,
+/// [seen] of a model that was fitted to `series`, for predictions (forecast.hpp).
+void remember_what_was_seen(std::span<const Series> series, const Criterion& criterion, double error_N,
                             const model::ModelSpec& nominal, model::ModelSpec& spec) {
-  const Problem problem(study.series, criterion.noise);
-  model::Seen seen = ranges_of(study.series);
-  // Left-out errors are those of bins; the model's error within a bin shows in the rows alone.
-  seen.error_N = std::max(errors.heldout_rmse_N.value_or(0.0), errors.train_rmse_N);
+  const Problem problem(series, criterion.noise);
+  model::Seen seen = ranges_of(series);
+  seen.error_N = error_N;
   // The time constant of an arm without stiffness has no influence on the force: its variance is unbounded, and no
   // prediction depends on it.
   seen.covariance = lower_triangle(
       covariance(problem, spec, Spread::kMoves).unaryExpr([](double v) { return std::isfinite(v) ? v : 0.0; }));
   seen.nominal = nominal.parts;
   spec.seen = std::move(seen);
+}
+
+/// Left-out errors are those of bins; the model's error within a bin shows in the rows alone.
+double error_of_a_reading_N(const Errors& errors) {
+  return std::max(errors.heldout_rmse_N.value_or(0.0), errors.train_rmse_N);
+}
+
+/// Gives the models of the stretches that are to be drawn what their bands rest on: nothing of what was left out.
+void remember_what_the_others_showed(const Study& study, const Criterion& nominal, const Criterion& model,
+                                     HeldoutStudy& heldout) {
+  for (LeftOutStretch& stretch : heldout.to_draw) {
+    const std::vector<Series> kept = without(study.series, stretch.out);
+    const model::ModelSpec plain{stretch.nominal.name, stretch.nominal.parts, {}, stretch.nominal.length_scale};
+    // Where the kept bins would not have shown the effects, the nominal model was learnt in their place.
+    const bool has_effects = stretch.model.seen.has_value();
+    const model::ModelSpec fades_to =
+        has_effects ? model::ModelSpec{plain.name, stretch.model.seen->nominal, {}, plain.length_scale} : plain;
+    remember_what_was_seen(kept, has_effects ? model : nominal, stretch.model_error_N, fades_to, stretch.model);
+    remember_what_was_seen(kept, nominal, stretch.nominal_error_N, plain, stretch.nominal);
+  }
 }
 
 /// Settles which model is handed out (publish.hpp), and what the two are wrong by.
@@ -170,9 +191,14 @@ void publish_model(const Search& search, const Study& study, const PublishedNomi
     out.nominal_errors.heldout_rmse_N = out.heldout.all->nominal_rmse_N;
     out.model_errors.heldout_rmse_N = out.heldout.all->model_rmse_N;
   }
+  out.nominal_numbers = intervals(Problem(study.series, nominal.criterion.noise), out.nominal, Spread::kMoves);
+  out.model_numbers = intervals(Problem(study.series, stated_noise(study)), out.model, Spread::kMoves);
+  remember_what_the_others_showed(study, nominal.criterion, publication.model.criterion, out.heldout);
   const model::ModelSpec plain_nominal = out.nominal;
-  remember_what_was_seen(study, nominal.criterion, out.nominal_errors, plain_nominal, out.nominal);
-  remember_what_was_seen(study, publication.model.criterion, out.model_errors, plain_nominal, out.model);
+  remember_what_was_seen(study.series, nominal.criterion, error_of_a_reading_N(out.nominal_errors), plain_nominal,
+                         out.nominal);
+  remember_what_was_seen(study.series, publication.model.criterion, error_of_a_reading_N(out.model_errors),
+                         plain_nominal, out.model);
 }
 
 /// With fewer rows no effect is named, because too few remain to leave some out and check the name. From thirty rows of

@@ -1,4 +1,6 @@
+#include <algorithm>
 #include <cmath>
+#include <functional>
 #include <nlohmann/json.hpp>
 
 #include "identify/diagnose/diagnosis.hpp"
@@ -63,10 +65,41 @@ ordered_json left_out_json(const LeftOut& one) {
           {"model_rmse_N", one.model_rmse_N}};
 }
 
+ordered_json numbers_json(const model::ModelSpec& spec, const std::vector<std::vector<NamedValue>>& numbers) {
+  ordered_json list = ordered_json::array();
+  for (std::size_t p = 0; p < numbers.size(); ++p)
+    for (const NamedValue& value : numbers[p])
+      list.push_back({{"part", spec.parts[p].physics->name},
+                      {"number", value.name},
+                      {"value", value.value},
+                      {"ci95", {value.low, value.high}}});
+  return list;
+}
+
+/// Of many blocks those that the model predicts worst, in the order of time: the file stays small.
+ordered_json blocks_json(std::vector<BlockError> blocks) {
+  constexpr std::size_t kMost = 400;
+  if (blocks.size() > kMost) {
+    std::ranges::stable_sort(blocks, std::greater<>(), &BlockError::model_rmse_N);
+    blocks.resize(kMost);
+    std::ranges::stable_sort(blocks, {}, [](const BlockError& b) { return std::pair(b.series, b.t_start_s); });
+  }
+  ordered_json list = ordered_json::array();
+  for (const BlockError& one : blocks)
+    list.push_back({{"recording", one.recording},
+                    {"t_start_s", one.t_start_s},
+                    {"t_end_s", one.t_end_s},
+                    {"readings", one.readings},
+                    {"nominal_rmse_N", one.nominal_rmse_N},
+                    {"model_rmse_N", one.model_rmse_N}});
+  return list;
+}
+
 /// What each model predicts of the readings that it was not fitted to.
 void add_heldout(ordered_json& json, const Diagnosis& d) {
   json["heldout"] = ordered_json::array();
   for (const LeftOut& one : d.heldout.left_out) json["heldout"].push_back(left_out_json(one));
+  json["heldout_each"] = blocks_json(d.heldout.each_block);
   json["not_modelled"] = nullptr;
   if (!d.not_modelled.why.empty()) {
     json["not_modelled"] = {{"names", d.not_modelled.names}, {"why", d.not_modelled.why}, {"decided_by", nullptr}};
@@ -112,6 +145,7 @@ ordered_json tried_json(const std::vector<Explanation>& tried) {
                     {"weight", one.weight},
                     {"log_evidence", one.log_evidence},
                     {"excess", one.excess},
+                    {"left_noises", one.left},
                     {"at_bound", one.at_bound}});
   return list;
 }
@@ -135,6 +169,8 @@ ordered_json diagnosis_json(const Diagnosis& d) {
                  {"heldout_blocks", name_of(d.heldout.blocks)},
                  {"nominal", errors_json(d.nominal_errors)},
                  {"model", errors_json(d.model_errors)}};
+  json["fit"]["nominal"]["numbers"] = numbers_json(d.nominal, d.nominal_numbers);
+  json["fit"]["model"]["numbers"] = numbers_json(d.model, d.model_numbers);
   add_heldout(json, d);
   json["noise"] = {{"white_N", d.instrument.white_N},
                    {"coloured_N", d.instrument.coloured_N},

@@ -36,7 +36,8 @@ struct Explanation {
   std::string key;
   double weight = 0.0;
   double log_evidence = 0.0;
-  double excess = 0.0;    ///< sum of squares beyond the noise, in units of the noise
+  double excess = 0.0;  ///< sum of squares beyond the noise, in units of the noise; 0 where less than the noise is left
+  double left = 0.0;    ///< rms of the whitened residual over that of the noise
   bool at_bound = false;  ///< a parameter stands at the end of its range
 };
 
@@ -80,6 +81,8 @@ struct Diagnosis {
   std::vector<Discernible> discernible;  ///< what of each effect these recordings could show
   model::ModelSpec nominal;
   model::ModelSpec model;
+  /// Their numbers with 95 % intervals, of every part in the order of the model.
+  std::vector<std::vector<NamedValue>> nominal_numbers, model_numbers;
   NotModelled not_modelled;
   std::optional<Unjudged> unjudged;  ///< of the verdict cannot_judge
   Design design;                     ///< what would settle it, when explanations are tied

@@ -242,6 +242,13 @@ HeldoutStudy LeaveOut::compared(const model::ModelSpec& model, const std::vector
     study.left_out.push_back(compare(kind.by, kind.value, cached_->nominal_kinds[i], kinds[i], white_N_));
   }
   if (!kinds.empty()) study.stability = stability_of(model, kinds);
+  study.each_block = block_errors(series_, cached_->blocks, cached_->nominal_blocks, blocks, white_N_);
+  std::vector<LeftOutKind> left_out;
+  for (std::size_t i = 0; i < kinds.size(); ++i) {
+    const Kind& kind = cached_->kinds[i];
+    left_out.push_back({kind.by, kind.value, kind.out, cached_->nominal_kinds[i], kinds[i]});
+  }
+  study.to_draw = stretches_to_draw(series_, cached_->blocks, cached_->nominal_blocks, blocks, left_out, white_N_);
   return study;
 }
 

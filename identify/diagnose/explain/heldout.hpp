@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "identify/diagnose/explain/pictured.hpp"
 #include "identify/diagnose/fit/left_out.hpp"
 
 namespace isorig::identify {
@@ -35,6 +36,8 @@ struct HeldoutStudy {
   std::optional<LeftOut> all;     ///< a quarter of the blocks at a time; empty where nothing can be left out
   std::vector<LeftOut> left_out;  ///< one kind of motion, or one recording, at a time
   std::vector<Stability> stability;
+  std::vector<BlockError> each_block;   ///< of `all`, in the order of time
+  std::vector<LeftOutStretch> to_draw;  ///< the worst and the median of `each_block`, then of `left_out`
 };
 
 /// Leaves bins out, has models fitted to the others, and compares their predictions. Those of the nominal model are

@@ -17,6 +17,15 @@ bool is_state(const model::Part& part) {
          std::ranges::any_of(part.law->parameters, spans_recording);
 }
 
+std::vector<Series> without(std::span<const Series> series, const std::vector<bool>& out) {
+  std::vector<Series> kept(series.begin(), series.end());
+  std::size_t row = 0;
+  for (Series& each : kept)
+    for (double& count : each.count)
+      if (out[row++]) count = 0.0;
+  return kept;
+}
+
 namespace {
 
 struct Relearnt {
@@ -34,16 +43,6 @@ void see_states(std::span<const Series> series, std::vector<model::Part>& parts)
   for (std::size_t i = 0; i < parts.size(); ++i) parts[i].coefficients = spec.parts[i].coefficients;
 }
 
-/// Bins marked in `out` have no readings.
-std::vector<Series> without(std::span<const Series> series, const std::vector<bool>& out) {
-  std::vector<Series> kept(series.begin(), series.end());
-  std::size_t row = 0;
-  for (Series& each : kept)
-    for (double& count : each.count)
-      if (out[row++]) count = 0.0;
-  return kept;
-}
-
 Relearnt learn_without(std::span<const Series> series, const Learner& learner, const std::vector<bool>& out) {
   Relearnt relearnt;
   relearnt.spec = learner(without(series, out));
@@ -56,6 +55,24 @@ Relearnt learn_without(std::span<const Series> series, const Learner& learner, c
     for (std::size_t k = 0; k < force_N.size(); ++k) relearnt.error_N[bin++] = each.force_N[k] - force_N[k];
   }
   return relearnt;
+}
+
+std::size_t folds_of(const Blocks& blocks) {
+  constexpr std::size_t kFolds = 4;
+  return std::min(kFolds, blocks.count);
+}
+
+std::size_t fold_of(const Blocks& blocks, std::size_t block) {
+  // Of strokes two at a time, there and back: the strokes that are left would else lean to one direction.
+  const bool strokes = blocks.kind == BlockKind::kStrokes || blocks.kind == BlockKind::kPressureStrokes;
+  return block / (strokes ? 2 : 1) % folds_of(blocks);
+}
+
+std::vector<bool> bins_of_fold(const Blocks& blocks, std::size_t fold) {
+  std::vector<bool> out;
+  out.reserve(blocks.of_bin.size());
+  for (const std::size_t block : blocks.of_bin) out.push_back(fold_of(blocks, block) == fold);
+  return out;
 }
 
 void add_bin(Prediction& to, double readings, double error_N) {
@@ -119,19 +136,16 @@ double learning_error_N2(std::span<const Series> series, const model::ModelSpec&
   return std::max(sum, 0.0);
 }
 
+std::vector<bool> left_out_with(const Blocks& blocks, std::size_t block) {
+  return bins_of_fold(blocks, fold_of(blocks, block));
+}
+
 std::vector<Prediction> predict_blocks(std::span<const Series> series, const Learner& learner, const Blocks& blocks,
                                        unsigned threads) {
-  constexpr std::size_t kFolds = 4;
   if (blocks.kind == BlockKind::kNone) return {};
   std::vector<Prediction> predictions(blocks.count);
-  // Of strokes two at a time, there and back: the strokes that are left would else lean to one direction.
-  const bool strokes = blocks.kind == BlockKind::kStrokes || blocks.kind == BlockKind::kPressureStrokes;
-  const std::size_t at_a_time = strokes ? 2 : 1;
-  const std::size_t folds = std::min(kFolds, blocks.count);
-  const auto fold_of = [&](std::size_t block) { return block / at_a_time % folds; };
-  base::parallel_for(folds, threads, [&](std::size_t fold) {
-    std::vector<bool> out;
-    for (const std::size_t block : blocks.of_bin) out.push_back(fold_of(block) == fold);
+  base::parallel_for(folds_of(blocks), threads, [&](std::size_t fold) {
+    const std::vector<bool> out = bins_of_fold(blocks, fold);
     const Relearnt relearnt = learn_without(series, learner, out);
     std::size_t row = 0;
     for (const Series& each : series) {
@@ -141,7 +155,7 @@ std::vector<Prediction> predict_blocks(std::span<const Series> series, const Lea
       }
     }
     for (std::size_t block = 0; block < blocks.count; ++block)
-      if (fold_of(block) == fold) predictions[block].spec = relearnt.spec;
+      if (fold_of(blocks, block) == fold) predictions[block].spec = relearnt.spec;
   });
   return predictions;
 }

@@ -22,6 +22,9 @@ using Learner = std::function<model::ModelSpec(std::span<const Series> kept)>;
 /// Under one noise, from the spec's own numbers, until it has converged or `iterations` have passed.
 [[nodiscard]] Learner refit(const model::ModelSpec& spec, const NoiseModel& noise, int iterations = 15);
 
+/// The same recordings; bins marked in `out` have no readings. All series in a row.
+[[nodiscard]] std::vector<Series> without(std::span<const Series> series, const std::vector<bool>& out);
+
 /// The error of a model in bins that it was not fitted to.
 struct Prediction {
   model::ModelSpec spec;    ///< as learnt without them
@@ -49,6 +52,9 @@ struct Prediction {
 /// (fit/intervals.hpp). To first order in the numbers.
 [[nodiscard]] double learning_error_N2(std::span<const Series> series, const model::ModelSpec& learnt,
                                        const NoiseModel& noise, const std::vector<bool>& out);
+
+/// The bins that predict_blocks() leaves out together with this block, and itself.
+[[nodiscard]] std::vector<bool> left_out_with(const Blocks& blocks, std::size_t block);
 
 /// Every block predicted by a model learnt without the blocks of its fold: blocks are dealt into four folds in turn
 /// (strokes two at a time), so that in a session of ten ramps each fold holds other velocities. One entry a block; none

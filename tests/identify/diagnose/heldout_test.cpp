@@ -41,6 +41,54 @@ class Heldout : public testing::Test {
   model::ModelSpec nominal_, model_;
 };
 
+TEST_F(Heldout, TheWorstAndTheMedianBlockAreToBeDrawn) {
+  const HeldoutStudy study = this->study();
+  ASSERT_GE(study.each_block.size(), 5u);
+  std::vector<double> rms;
+  double squares = 0.0, readings = 0.0;
+  for (const BlockError& one : study.each_block) {
+    EXPECT_LT(one.t_start_s, one.t_end_s);
+    EXPECT_EQ(one.recording, "bench");
+    rms.push_back(std::max(one.nominal_rmse_N, one.model_rmse_N));
+    squares += one.readings * one.model_rmse_N * one.model_rmse_N;
+    readings += one.readings;
+  }
+  // Each block's rms is that of single readings, and so is that of all of them: weighed by readings they are the same.
+  EXPECT_NEAR(std::sqrt(squares / readings), study.all->model_rmse_N, 1e-9);
+  ASSERT_EQ(study.to_draw.size(), 4u) << "of the blocks, then of the velocities and amplitudes";
+  const LeftOutStretch &worst = study.to_draw[0], &median = study.to_draw[1];
+  EXPECT_TRUE(worst.worst);
+  EXPECT_FALSE(median.worst);
+  EXPECT_EQ(worst.of, rms.size());
+  std::ranges::sort(rms);
+  EXPECT_EQ(std::max(worst.nominal_rmse_N, worst.model_rmse_N), rms.back());
+  EXPECT_EQ(std::max(median.nominal_rmse_N, median.model_rmse_N), rms[(rms.size() - 1) / 2]);
+  // 0.8 N of friction that the nominal model lacks: where it errs most the model that has it stays near the noise.
+  EXPECT_GT(worst.nominal_rmse_N, 4.0 * worst.model_rmse_N);
+  EXPECT_EQ(study.to_draw[2].worst, true);
+  EXPECT_NE(study.to_draw[2].by, "block");
+  for (const LeftOutStretch& one : study.to_draw)
+    for (std::size_t bin = one.first_bin; bin < one.end_bin; ++bin) EXPECT_TRUE(one.out[bin]) << one.by << ' ' << bin;
+}
+
+TEST_F(Heldout, WhatIsDrawnKnowsNothingOfWhatWasMeasuredThere) {
+  const LeftOutStretch before = study().to_draw.front();
+  // Whatever is measured in all that was left out together: the numbers that it is predicted by stay.
+  std::size_t bin = 0;
+  for (double& force_N : series_[0].force_N) force_N += before.out[bin++] ? 0.7 : 0.0;
+  const HeldoutStudy after = study();
+  const auto same =
+      std::ranges::find_if(after.to_draw, [&](const LeftOutStretch& one) { return one.out == before.out; });
+  ASSERT_NE(same, after.to_draw.end()) << "0.7 N more make it the worst again";
+  for (std::size_t p = 0; p < before.model.parts.size(); ++p) {
+    for (std::size_t i = 0; i < before.model.parts[p].coefficients.size(); ++i)
+      EXPECT_NEAR(same->model.parts[p].coefficients[i], before.model.parts[p].coefficients[i], 1e-9);
+    for (std::size_t i = 0; i < before.model.parts[p].parameters.size(); ++i)
+      EXPECT_NEAR(same->model.parts[p].parameters[i], before.model.parts[p].parameters[i], 1e-9);
+  }
+  EXPECT_GT(same->model_rmse_N, 0.5) << "and it errs by what was added";
+}
+
 TEST_F(Heldout, EveryVelocityOfTheSessionIsLeftOutAndPredicted) {
   const HeldoutStudy study = this->study();
   std::set<std::string> velocities;
