@@ -1,6 +1,7 @@
 #include "identify/fv/campaign.hpp"
 
 #include <cstdio>
+#include <filesystem>
 #include <iostream>
 #include <memory>
 #include <optional>
@@ -17,6 +18,20 @@ struct Options {
   std::string out;
   std::string simulated;
 };
+
+/// The folder that all of them lie in: hundreds of names would hide the page's foot.
+std::string common_folder(const std::vector<std::string>& recordings) {
+  std::filesystem::path common;
+  for (const std::string& each : recordings) {
+    const auto folder = std::filesystem::absolute(each).lexically_normal();
+    if (common.empty()) common = folder.parent_path();
+    std::filesystem::path shared;
+    for (auto a = common.begin(), b = folder.begin(); a != common.end() && b != folder.end() && *a == *b; ++a, ++b)
+      shared /= *a;
+    common = shared;
+  }
+  return common.string();
+}
 
 int campaign(const Options& options) {
   std::vector<identify::RecordingResult> results;
@@ -47,7 +62,8 @@ int campaign(const Options& options) {
   }
   identify::write_campaign_report(
       found, options.out, options.simulated,
-      made_by_this_call({{"Recordings", std::to_string(options.recordings.size()) + " folders"}}));
+      made_by_this_call({{"Recordings", std::to_string(options.recordings.size()) + " folders"},
+                         {"In", common_folder(options.recordings)}}));
   std::printf("%zu fits, R2 %.3f +- %.3f (mean, SD)\n", found.fits, found.r_squared_mean, found.r_squared_sd);
   for (const auto& t : found.trends) std::printf("%3d of %3d  %s\n", t.holds, t.of, t.claim.c_str());
   std::printf("written to %s\n", options.out.c_str());

@@ -5,6 +5,7 @@
 #include <csignal>
 #include <cstdio>
 #include <fstream>
+#include <iostream>
 #include <memory>
 #include <optional>
 
@@ -14,6 +15,7 @@
 #include "cli/provenance.hpp"
 #include "cli/run_argument.hpp"
 #include "cli/run_report.hpp"
+#include "identify/report/neighbours.hpp"
 
 /// isorig report: the page of a run, made again or for the first time.
 namespace isorig::cli {
@@ -41,6 +43,10 @@ int report(const Options& options) {
   const auto directory =
       std::filesystem::is_directory(found.directory) ? found.directory : found.directory.parent_path();
   const std::filesystem::path file = options.out.empty() ? directory / kRunReport : std::filesystem::path(options.out);
+  if (identify::report::is_page_of_another(file.filename().string(), kRunReport)) {
+    std::cerr << file.string() << ": another command calls its page so; name another file with --out\n";
+    return kUsage;
+  }
   std::optional<Progress> progress(std::in_place, "report", !options.background);
   write_run_report(found, file, made_by_this_call({{"Run", found.directory.string()}}),
                    [&](double fraction, const char* doing) { progress->at(fraction, doing); });

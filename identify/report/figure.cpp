@@ -186,4 +186,33 @@ std::vector<Series> enveloped(std::span<const double> x, std::span<const double>
   return {std::move(band), std::move(line)};
 }
 
+Series enveloped_band(std::span<const double> x, std::span<const double> low, std::span<const double> high,
+                      const std::string& label, int color, std::size_t stretches) {
+  Series out;
+  out.label = label;
+  out.mark = Mark::kBand;
+  out.color = color;
+  if (x.empty()) return out;
+  const double from = x.front(), width = (x.back() - from) / static_cast<double>(stretches);
+  std::size_t at = 0;
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    const std::size_t now = width > 0.0 ? std::min(stretches - 1, static_cast<std::size_t>((x[i] - from) / width)) : 0;
+    if (i > 0 && now == at) {
+      out.y.back() = std::min(out.y.back(), low[i]);
+      out.y2.back() = std::max(out.y2.back(), high[i]);
+      continue;
+    }
+    at = now;
+    out.x.push_back(x[i]);
+    out.y.push_back(low[i]);
+    out.y2.push_back(high[i]);
+  }
+  if (out.x.back() < x.back()) {  // else it would end a stretch before what it is a band of
+    out.x.push_back(x.back());
+    out.y.push_back(out.y.back());
+    out.y2.push_back(out.y2.back());
+  }
+  return out;
+}
+
 }  // namespace isorig::identify::report

@@ -67,4 +67,9 @@ struct Figure {
 [[nodiscard]] std::vector<Series> enveloped(std::span<const double> x, std::span<const double> y,
                                             const std::string& label, int color, std::size_t stretches = 900);
 
+/// A band for a page: from the lowest `low` to the highest `high` of equal stretches of x, which increases.
+[[nodiscard]] Series enveloped_band(std::span<const double> x, std::span<const double> low,
+                                    std::span<const double> high, const std::string& label, int color,
+                                    std::size_t stretches = 900);
+
 }  // namespace isorig::identify::report

@@ -11,6 +11,7 @@
 
 #include "base/formatted.hpp"
 #include "base/number_text.hpp"
+#include "identify/report/neighbours.hpp"
 #include "identify/report/template.hpp"
 
 namespace isorig::identify::report {
@@ -177,7 +178,17 @@ ordered_json Page::json() const {
 
 void Page::write(const std::filesystem::path& folder, std::string_view file_name) const {
   std::filesystem::create_directories(folder);
-  const std::string data = dumped(json());
+  ordered_json whole = json();
+  std::vector<std::string> inputs;
+  if (const auto made_from = whole["made"].find("inputs"); made_from != whole["made"].end())
+    for (const auto& input : *made_from) inputs.push_back(input.at("what"));
+  for (const auto& [text, href] : neighbours(folder, file_name, inputs)) {
+    const bool there =
+        whole.contains("links") &&
+        std::ranges::any_of(whole["links"], [&, &to = href](const auto& link) { return link.at("href") == to; });
+    if (!there) whole["links"].push_back({{"text", text}, {"href", href}});
+  }
+  const std::string data = dumped(whole);
   std::string html;
   html.reserve(kTemplateHead.size() + kTemplateBody.size() + kTemplateTail.size() + data.size() + 256);
   html += kTemplateHead;

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "identify/report/long_signal.hpp"
+#include "identify/report/neighbours.hpp"
 #include "identify/report/page.hpp"
 
 namespace isorig::identify::report {
@@ -181,6 +182,92 @@ TEST(Report, NumbersAreAsPreciseAsTheirIntervals) {
   EXPECT_EQ(interval_text(1.23456, 1.2, 1.27), "1.235 [1.2, 1.27]");
   EXPECT_EQ(interval_text(2.0, -INFINITY, 3.0), "2 [.., 3]");
   EXPECT_EQ(number_text(std::nan("")), "-");
+}
+
+TEST(Report, ABandOfManyReadingsKeepsBothItsEdges) {
+  std::vector<double> x, low, high;
+  for (int i = 0; i < 10000; ++i) {
+    x.push_back(i);
+    low.push_back(i == 4321 ? -3.0 : -1.0);
+    high.push_back(i == 77 ? 7.0 : 1.0);
+  }
+  const Series band = enveloped_band(x, low, high, "95 %", 1, 100);
+  EXPECT_LE(band.x.size(), 101U) << "and one to its end";
+  EXPECT_EQ(band.x.front(), 0.0);
+  EXPECT_EQ(band.x.back(), 9999.0);
+  EXPECT_EQ(*std::ranges::min_element(band.y), -3.0);
+  EXPECT_EQ(*std::ranges::max_element(band.y2), 7.0);
+}
+
+std::vector<std::string> hrefs(const Links& links) {
+  std::vector<std::string> out;
+  for (const auto& [text, href] : links) out.push_back(href);
+  return out;
+}
+
+void touch(const std::filesystem::path& file) {
+  std::filesystem::create_directories(file.parent_path());
+  std::ofstream(file) << "x";
+}
+
+TEST(Neighbours, OfARunAreThePagesThatLieInItsFolder) {
+  const Folder folder;
+  const auto run = folder.path / "runs" / "run-1", other = folder.path / "runs" / "run-2";
+  for (const auto& file :
+       {run / "run.toml", run / "report.html", run / "fv-report.html", run / "d" / "diagnosis-report.html",
+        run / "fv" / "fv-report.html", other / "run.toml", other / "report.html", other / "diagnosis-report.html"})
+    touch(file);
+  using ::testing::ElementsAre;
+  EXPECT_THAT(hrefs(neighbours(run, "report.html", {})),
+              ElementsAre("fv-report.html", "d/diagnosis-report.html", "fv/fv-report.html"))
+      << "nothing of another run's";
+  // A page in a run's folder: the run, and what lies beside it.
+  EXPECT_THAT(hrefs(neighbours(run / "d", "diagnosis-report.html", {})),
+              ElementsAre("../report.html", "../fv-report.html", "../fv/fv-report.html"));
+}
+
+TEST(Neighbours, InACommonFolderAreThoseMadeFromTheSameRecordings) {
+  const Folder folder;
+  const auto out = folder.path / "out", run = folder.path / "runs" / "run-1";
+  const auto recording = out / "recordings" / "rep-1";
+  for (const auto& file : {recording / "recording.toml", out / "fv" / "fv-report.html",
+                           out / "d" / "diagnosis-report.html", out / "i" / "investigation-report.html",
+                           run / "run.toml", run / "report.html", run / "recordings" / "rep-1" / "recording.toml"})
+    touch(file);
+  using ::testing::ElementsAre;
+  EXPECT_THAT(hrefs(neighbours(out / "d", "diagnosis-report.html", {"slse1", recording.string()})),
+              ElementsAre("../fv/fv-report.html", "../i/investigation-report.html"));
+  EXPECT_THAT(hrefs(neighbours(out / "d", "diagnosis-report.html", {"slse1", "/no/such/recording"})), ElementsAre())
+      << "what happens to lie in one folder need not belong together";
+  EXPECT_THAT(hrefs(neighbours(out / "d", "diagnosis-report.html", {(run / "recordings" / "rep-1").string()})),
+              ElementsAre("../../runs/run-1/report.html"))
+      << "the run that a recording was taken out of";
+  EXPECT_EQ(run_folder_above(run / "recordings" / "rep-1").filename(), "run-1");
+  EXPECT_TRUE(run_folder_above(recording).empty());
+}
+
+TEST(Neighbours, NoPageIsCalledAsThatOfAnotherCommand) {
+  EXPECT_TRUE(is_page_of_another("fv-report.html", "report.html"));
+  EXPECT_FALSE(is_page_of_another("report.html", "report.html"));
+  EXPECT_FALSE(is_page_of_another("mine.html", "report.html"));
+}
+
+TEST(Neighbours, AreLinkedOnceAndOnlyWhereTheyAre) {
+  const Folder folder;
+  const auto write = [&](const char* name) {
+    Page page("Test", name);
+    page.link("mine", "fv-report.html");
+    page.write(folder.path, name);
+    return data_of(read(folder.path / name))["links"];
+  };
+  const auto alone = write("diagnosis-report.html");
+  ASSERT_EQ(alone.size(), 1U) << "the other page is not there yet";
+  touch(folder.path / "fv-report.html");
+  touch(folder.path / "campaign-report.html");
+  const auto later = write("diagnosis-report.html");
+  ASSERT_EQ(later.size(), 2U);
+  EXPECT_EQ(later[0]["text"], "mine");
+  EXPECT_EQ(later[1]["href"], "campaign-report.html");
 }
 
 }  // namespace
