@@ -6,8 +6,8 @@
 
 #include "cli/selftest_checks.hpp"
 #include "model/words.hpp"
+#include "webserver/diagnosis_words.hpp"
 #include "webserver/hub.hpp"
-#include "webserver/number_units.hpp"
 
 /// Hub: what is looked up at the daemon for one page.
 namespace isorig::web {
@@ -83,7 +83,7 @@ void Hub::look_for(const std::string& what) {
     return daemon_.call("GET", "/v1/diagnoses", {}, kPatience, [reply](DaemonAnswer a) {
       if (a.status != 200) return reply(passed_on(a));
       a.body["words"] = words_in(a.body);
-      add_units(a.body);
+      put_in_words(a.body);
       reply({200, dump(a.body)});
     });
   }

@@ -1,8 +1,10 @@
+#include "model/words.hpp"
+
 #include <gtest/gtest.h>
 
 #include "cli/live_verdicts.hpp"
 #include "model/catalogue.hpp"
-#include "webserver/number_units.hpp"
+#include "webserver/diagnosis_words.hpp"
 #include "webserver/verdicts.hpp"
 
 /// What the page says in the words of the terminal and of the catalogue.
@@ -57,10 +59,11 @@ TEST(PageUnits, EachNumberOfEveryEffectHasThatOfItsSheet) {
       for (const auto& p : law.parameters) names.emplace_back(p.name);
       for (const auto& c : law.coefficients) names.emplace_back(c.name);
       auto list = list_of(std::string(physics->name), std::string(law.name), names);
-      add_units(list);
+      put_in_words(list);
       const auto& numbers = list["diagnoses"][0]["missing"][0]["parameters"];
       const auto check = [&](std::string_view name, std::string_view unit) {
-        EXPECT_EQ(numbers[std::string(name)].value("unit", "1"), unit) << physics->name << " " << name;
+        EXPECT_EQ(numbers[std::string(name)].value("unit", ""), model::unit_words(unit))
+            << physics->name << " " << name;
       };
       for (const auto& p : law.parameters) check(p.name, p.sheet.unit);
       for (const auto& c : law.coefficients) check(c.name, c.sheet.unit);
@@ -70,17 +73,36 @@ TEST(PageUnits, EachNumberOfEveryEffectHasThatOfItsSheet) {
 
 TEST(PageUnits, AnUnknownEffectOrNumberHasNone) {
   auto list = list_of("pressure_coupling", "force", {"force_N_psi", "force_N_psi_2", "other"});
-  add_units(list);
+  put_in_words(list);
   const auto& numbers = list["diagnoses"][0]["missing"][0]["parameters"];
   EXPECT_EQ(numbers["force_N_psi"]["unit"], "N/psi");
   EXPECT_EQ(numbers["force_N_psi_2"]["unit"], "N/psi") << "of the second part of its kind";
   EXPECT_FALSE(numbers["other"].contains("unit"));
+  EXPECT_EQ(numbers["force_N_psi_2"]["words"], "force 2");
+  EXPECT_FALSE(numbers["other"].contains("words"));
   for (auto strange : {json::object(), json{{"diagnoses", 3}}, json{{"diagnoses", {{{"missing", {3}}}}}},
                        list_of("no_such_effect", "", {"force_N"})}) {
     const auto before = strange;
-    add_units(strange);
+    put_in_words(strange);
     EXPECT_EQ(strange, before);
   }
+}
+
+TEST(PageWords, WhatIsSaidOfADiagnosisNamesEffectsAsPeopleDo) {
+  json list{{"diagnoses",
+             {{{"notes", {"cannot tell coulomb_friction from slack", 3}},
+               {"warnings", {"force_N of coulomb_friction"}},
+               {"cannot_judge", {{"why", "something speaks for coulomb_friction+slack"}, {"record", "more"}}},
+               {"not_modelled", {{"names", {"coulomb_friction"}}, {"why", "it errs"}}},
+               {"inseparable", {{{"text", "If coulomb_friction is true"}}}}}}}};
+  put_in_words(list);
+  const auto& d = list["diagnoses"][0];
+  EXPECT_EQ(d["notes"][0], "cannot tell dry friction from slack");
+  EXPECT_EQ(d["notes"][1], 3);
+  EXPECT_EQ(d["warnings"][0], "force of dry friction");
+  EXPECT_EQ(d["cannot_judge"]["why"], "something speaks for dry friction and slack");
+  EXPECT_EQ(d["not_modelled"]["names"][0], "coulomb_friction") << "a name, for which the page has words";
+  EXPECT_EQ(d["inseparable"][0]["text"], "If dry friction is true");
 }
 
 }  // namespace

@@ -120,5 +120,6 @@ test("what is left of a run that has ended otherwise may go on", () => {
 
 test("a number of an effect has its unit behind its interval, a ratio has none", () => {
   assert.equal(parameterText("force_N_psi", { value: 4.2, ci95: [4.0, 4.4], unit: "N/psi" }), "force_N_psi 4.2 [4, 4.4]\u202fN/psi");
+  assert.equal(parameterText("force_N_psi", { value: 4.2, ci95: [4.0, 4.4], unit: "N/psi", words: "force" }), "force 4.2 [4, 4.4]\u202fN/psi");
   assert.equal(parameterText("share", { value: 0.5, ci95: [0.4, 0.6] }), "share 0.5 [0.4, 0.6]");
 });

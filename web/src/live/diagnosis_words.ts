@@ -5,13 +5,14 @@ export interface Parameter {
   value: number;
   ci95: [number, number];
   unit?: string;
+  words?: string;
 }
 
 export interface Missing {
   effect: string;
   probability: number;
   size_N?: number;
-  /** `unit` as the effect's sheet has it, put there by isorig-web; none for a ratio. */
+  /** `unit` and the name in `words` as the effect's sheet has them, put there by isorig-web; no unit for a ratio. */
   parameters?: Record<string, Parameter>;
   discernible?: { seen_from_N: number | null; nearest: string | null; told_from_N: number | null };
 }
@@ -70,9 +71,9 @@ export function verdictOf(d: Told): { words: string; sign: string; mood: string 
   return d.outcome === undefined ? v : { ...v, words: `${OUTCOMES[d.outcome] ?? d.outcome}; ${v.words}` };
 }
 
-/** "force_N_psi 0.013 [0.011, 0.015] N/psi": the name as the files have it, and the unit in words. */
+/** "force 0.013 [0.011, 0.015] N/psi"; by the name that the files have where no sheet has another. */
 export function parameterText(name: string, p: Parameter): string {
-  return `${name} ${interval(p.value, p.ci95[0], p.ci95[1])}${p.unit ? `\u202f${p.unit}` : ""}`;
+  return `${p.words ?? name} ${interval(p.value, p.ci95[0], p.ci95[1])}${p.unit ? `\u202f${p.unit}` : ""}`;
 }
 
 /** What stands beside the number of one effect. */
