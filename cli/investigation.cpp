@@ -8,6 +8,7 @@
 #include "base/json_words.hpp"
 #include "cli/protocol_input.hpp"
 #include "identify/report/page.hpp"
+#include "model/catalogue.hpp"
 #include "model/process.hpp"
 #include "model/words.hpp"
 
@@ -60,6 +61,15 @@ Round round_of(const ordered_json& json) {
   return out;
 }
 
+/// "force 0.5 [0.4, 0.6] N"
+std::string number_text_of(const identify::MissingEffect& missing, const identify::NamedValue& value) {
+  const model::Law* law = model::find_law(*missing.effect, missing.law);
+  const std::string_view unit = law == nullptr ? std::string_view() : model::unit_of(*law, value.name);
+  const std::string words = model::unit_words(unit);
+  return model::number_words(value.key(), unit) + " " +
+         identify::report::interval_text(value.value, value.low, value.high) + (words.empty() ? "" : " " + words);
+}
+
 std::string percent(double probability) {
   return number_text(probability, probability > 0.99 ? 3 : 2);
 }
@@ -93,8 +103,7 @@ void take_in(Round& round, const identify::Study& study) {
   round.found.clear();
   for (const auto& missing : d.missing) {
     std::string text = std::string(missing.effect->name) + " (p = " + percent(missing.probability) + ")";
-    for (const auto& value : missing.parameters)
-      text += ", " + value.key() + " " + identify::report::interval_text(value.value, value.low, value.high);
+    for (const auto& value : missing.parameters) text += ", " + number_text_of(missing, value);
     round.found.push_back(std::move(text));
   }
   if (d.unjudged) round.found.push_back(d.unjudged->why + "; record " + d.unjudged->record);
@@ -197,16 +206,16 @@ void write_report(const Investigation& all, const identify::report::Made& made) 
   page.made(made);
   switch (all.outcome) {
     case Outcome::kConsistent:
-      page.lead(Mood::kGood, "nothing missing", all.text);
+      page.lead(Mood::kGood, "nothing missing", model::in_words(all.text));
       break;
     case Outcome::kSettled:
-      page.lead(Mood::kInfo, "settled", all.text);
+      page.lead(Mood::kInfo, "settled", model::in_words(all.text));
       break;
     case Outcome::kUnknown:
-      page.lead(Mood::kWarning, "unknown physics", all.text);
+      page.lead(Mood::kWarning, "unknown physics", model::in_words(all.text));
       break;
     default:
-      page.lead(Mood::kWarning, "not settled", all.text);
+      page.lead(Mood::kWarning, "not settled", model::in_words(all.text));
   }
   const std::string last = "round-" + std::to_string(all.rounds.back().number) + "/diagnosis/diagnosis-report.html";
   page.link("Diagnosis of all recordings together", last);
@@ -222,8 +231,10 @@ void write_report(const Investigation& all, const identify::report::Made& made) 
     page.table({"explanation", "probability"}, rows,
                "After " + std::to_string(round.number) +
                    (round.number == 1 ? " recording" : " rounds, all recordings together"));
-    if (!round.found.empty()) page.list(round.found);
-    for (const std::string& pair : round.inseparable) page.note(pair);
+    std::vector<std::string> found;
+    for (const std::string& each : round.found) found.push_back(model::in_words(each));
+    page.list(found);
+    for (const std::string& pair : round.inseparable) page.note(model::in_words(pair));
     if (round.experiment.is_null()) continue;
     const auto& e = round.experiment;
     page.subheading("What would settle it");
@@ -232,7 +243,9 @@ void write_report(const Investigation& all, const identify::report::Made& made) 
                    " experiments within the limits. A pair counts as separated from " + number_text(e.at("enough"), 3) +
                    " on (squares over the noise).");
     rows.clear();
-    for (const auto& x : e.at("expected")) rows.push_back({x.at("if"), x.at("then"), number_text(x.at("leaves"), 3)});
+    for (const auto& x : e.at("expected"))
+      rows.push_back({explanation_words(x.at("if").get<std::string>()),
+                      explanation_words(x.at("then").get<std::string>()), number_text(x.at("leaves"), 3)});
     page.table({"if this is true", "this, refitted to everything", "leaves"}, rows);
     rows.clear();
     for (const auto& o : e.at("others"))

@@ -69,8 +69,8 @@ void add_lead(Page& page, const Study& study, const Stretch& stretch) {
       return;
     case Verdict::kCannotJudge:
       page.lead(Mood::kWarning, "cannot be judged",
-                "Whether the model is right cannot be told from these recordings: " + d.unjudged->why +
-                    ". A recording that would allow it: " + d.unjudged->record + ".");
+                "Whether the model is right cannot be told from these recordings: " + model::in_words(d.unjudged->why) +
+                    ". A recording that would allow it: " + model::in_words(d.unjudged->record) + ".");
       return;
   }
 }
@@ -116,7 +116,7 @@ void write_diagnosis_report(const Study& study, const std::filesystem::path& fol
   page.link("nominal.toml", "nominal.toml");
   if (d.design.experiment) page.link("next_experiment.toml", "next_experiment.toml");
   add_lead(page, study, a.stretch);
-  for (const std::string& warning : d.warnings) page.note(warning);
+  for (const std::string& warning : d.warnings) page.note(model::in_words(warning));
   add_parting(page, a);
   if (d.verdict == Verdict::kConsistent)
     add_reassurance(page, study);

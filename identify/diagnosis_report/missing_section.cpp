@@ -28,11 +28,6 @@ const model::NumberSheet* sheet_of(const model::Law& law, const std::string& nam
   return nullptr;
 }
 
-std::string unit_text(const model::NumberSheet* sheet) {
-  if (sheet == nullptr || sheet->unit.empty() || sheet->unit == "1") return {};
-  return std::string(sheet->unit);
-}
-
 /// "At its lower bound: ..." where a number stands there.
 std::string bound_text(const model::Law& law, const NamedValue& value) {
   for (const auto& p : law.parameters) {
@@ -129,8 +124,9 @@ void numbers_table(Page& page, const model::Law& law, const std::vector<NamedVal
   std::vector<std::vector<std::string>> rows;
   for (const NamedValue& value : numbers) {
     const auto* sheet = sheet_of(law, value.name);
-    rows.push_back({value.key(), report::interval_text(value.value, value.low, value.high), unit_text(sheet),
-                    sheet == nullptr ? std::string() : std::string(sheet->what),
+    const std::string_view unit = model::unit_of(law, value.name);
+    rows.push_back({model::number_words(value.key(), unit), report::interval_text(value.value, value.low, value.high),
+                    model::unit_words(unit), sheet == nullptr ? std::string() : std::string(sheet->what),
                     bound_text(law, value) + (sheet == nullptr ? std::string() : std::string(sheet->errors))});
   }
   page.table({"number", "value [95 %]", "unit", "what it is", "what makes it wrong"}, rows);
@@ -170,7 +166,7 @@ void add_effect(Page& page, const Argument& a, const MissingEffect& missing, std
   if (law != nullptr) numbers_table(page, *law, missing.parameters);
   page.note("What would show it, and what it is mistaken for: " + std::string(missing.effect->reveals),
             report::Mood::kInfo);
-  if (!modelled) page.note(d.not_modelled.text());
+  if (!modelled) page.note(model::in_words(d.not_modelled.text()));
 }
 
 }  // namespace

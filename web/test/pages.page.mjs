@@ -111,9 +111,21 @@ try {
     const of = await look(browser, join(out, "diagnosis-report.html"));
     assert.equal(of.figures[0].name, "parting", "first where they part");
     expectSections(of, ["What was left out of the fit, predicted", "Rivals", "What these recordings cannot tell", "Data"]);
-    assert.equal(of.figures.reduce((n, f) => n + f.points, 0), 0, "no rows of dots");
+    // Of signals none is drawn as dots; a number with its interval is one.
+    assert.equal(of.figures.filter((f) => f.name !== "moved").reduce((n, f) => n + f.points, 0), 0, "no rows of dots");
+    assert.ok(of.figure("moved").points >= 2);
     assert.ok(of.figure("residual-0").bands >= 2, "the noise is a band");
     assert.match(of.text, /noise, ± 2 σ/);
+    for (const name of ["left-out-worst", "left-out-median"]) {
+      const motion = of.figures.find((f) => f.name === name);
+      assert.equal(motion?.panels, 2, name);
+      assert.ok(motion.bands >= 2 && motion.lines >= 4 && motion.points === 0, `${name}: the band, and measured over predicted`);
+    }
+    assert.match(of.text, /The worst of \d+ (moves|strokes|stretches of time), [\d.]+ to [\d.]+ s/);
+    assert.match(of.text, /nominal model errs by [\d.]+ N rms/);
+    assert.ok(of.figure("rivals_left").bars > 1);
+    // In one folder: each page that was there before it is a neighbour.
+    assert.ok(of.links.includes("fv-report.html"), of.links.join(" "));
     assert.doesNotMatch(of.text.slice(0, of.text.indexOf("How this page was made")), /coulomb_friction (and|,|\()/);
     for (const href of of.links) assert.ok(existsSync(join(out, href)), href);
 
@@ -123,6 +135,7 @@ try {
     assert.ok(!again.sections.includes("What was left out"));
 
     const campaign = await look(browser, join(out, "campaign-report.html"));
+    for (const href of ["fv-report.html", "diagnosis-report.html"]) assert.ok(campaign.links.includes(href), href);
     assert.match(campaign.text, /Rig and specimen are simulated/);
     assert.ok(campaign.figure("parameter_sweeps").panels > 3);
   });
