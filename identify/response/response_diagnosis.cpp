@@ -111,8 +111,19 @@ void leave_out(const std::vector<Data>& data, const ResponseFit& nominal, const 
       const auto n = data[r].t_s.size();
       const auto from = (stretch * n + kStretches - 1) / kStretches,
                  to = ((stretch + 1) * n + kStretches - 1) / kStretches;
-      LeftOutPart part{data[r].t_s[from], data[r].t_s[std::min(to, n) - 1], data[r].name,
-                       rms_within(without, r, stretch), rms_within(with, r, stretch)};
+      LeftOutPart part{data[r].t_s[from],
+                       data[r].t_s[std::min(to, n) - 1],
+                       data[r].name,
+                       rms_within(without, r, stretch),
+                       rms_within(with, r, stretch),
+                       r,
+                       from,
+                       {},
+                       {}};
+      for (std::size_t k = from; k < to; ++k) {
+        part.nominal_residual.push_back(without.residual[r][static_cast<Eigen::Index>(k)]);
+        part.model_residual.push_back(with.residual[r][static_cast<Eigen::Index>(k)]);
+      }
       const auto count = static_cast<double>(to - from);
       nominal_squares += count * part.nominal_rms * part.nominal_rms;
       model_squares += count * part.model_rms * part.model_rms;

@@ -20,6 +20,9 @@ struct LeftOutPart {
   double from_s = 0.0, to_s = 0.0;
   std::string recording;
   double nominal_rms = 0.0, model_rms = 0.0;
+  std::size_t data = 0;                                  ///< index into ResponseDiagnosis::data
+  std::size_t first_row = 0;                             ///< of it
+  std::vector<double> nominal_residual, model_residual;  ///< measured minus predicted, from that row on
 };
 
 struct ResponseDiagnosis {

@@ -154,46 +154,46 @@ VectorXd half_widths(const Linearised& at, double rows_of_all, double inflation)
 void name_numbers(const std::vector<Data>& data, const VectorXd& u, const VectorXd& x, const VectorXd& half_width,
                   ResponseFit& fit) {
   const Index n = u.size(), m = x.size();
-  const auto add = [&](std::string name, double value, double by) {
-    fit.numbers.push_back({std::move(name), value, value - by, value + by});
+  const auto add = [&](std::string name, double value, double by, std::string of = {}) {
+    fit.numbers.push_back({std::move(name), value, value - by, value + by, std::move(of)});
   };
-  const auto add_log = [&](std::string name, Index i) {
+  const auto add_log = [&](std::string name, Index i, std::string of) {
     const double value = std::exp(u[i]), factor = std::exp(half_width[i]);
-    fit.numbers.push_back({std::move(name), value, value / factor, value * factor});
+    fit.numbers.push_back({std::move(name), value, value / factor, value * factor, std::move(of)});
   };
   const std::string_view unit = unit_of(data[0].output);
   std::vector<Index> order(fit.structure.times);
   std::iota(order.begin(), order.end(), Index{0});
   std::ranges::sort(order, {}, [&](Index i) { return u[i]; });
-  for (std::size_t i = 0; i < order.size(); ++i) add_log("time_" + std::to_string(i + 1) + "_s", order[i]);
+  for (std::size_t i = 0; i < order.size(); ++i) add_log("time_" + std::to_string(i + 1) + "_s", order[i], "s");
   const std::size_t inputs = data[0].inputs.size();
   const Index first = m - static_cast<Index>(inputs * (1 + fit.structure.times + (fit.structure.play ? 1 : 0))) -
                       (fit.structure.drift ? 1 : 0) - (inputs == 0 && !fit.structure.exponent ? 1 : 0);
   Index column = first;
   for (std::size_t j = 0; j < inputs; ++j) {
     const auto name = data[0].inputs[j].column;
-    add(number_name("immediate", unit, name), x[column], half_width[n + column]);
+    const std::string input_unit(name.substr(name.rfind('_') + 1)), ratio = std::string(unit) + "/" + input_unit;
+    add(number_name("immediate", unit, name), x[column], half_width[n + column], ratio);
     for (std::size_t i = 0; i < order.size(); ++i) {
       const Index c = column + 1 + order[i];
-      add(number_name("retarded_" + std::to_string(i + 1), unit, name), x[c], half_width[n + c]);
+      add(number_name("retarded_" + std::to_string(i + 1), unit, name), x[c], half_width[n + c], ratio);
     }
     column += 1 + static_cast<Index>(order.size());
     if (fit.structure.play) {
-      add_log("play_width_" + std::string(name.substr(name.rfind('_') + 1)),
-              static_cast<Index>(fit.structure.times + j));
-      add(number_name("play_gain", unit, name), x[column], half_width[n + column]);
+      add_log("play_width_" + input_unit, static_cast<Index>(fit.structure.times + j), input_unit);
+      add(number_name("play_gain", unit, name), x[column], half_width[n + column], ratio);
       ++column;
     }
   }
   if (fit.structure.drift) {
-    add("drift_" + std::string(unit) + "_per_h", x[column], half_width[n + column]);
+    add("drift_" + std::string(unit) + "_per_h", x[column], half_width[n + column], std::string(unit) + "/h");
     ++column;
   }
   if (fit.structure.exponent) {
     add("exponent", u[1], half_width[1]);
-    add("rest_" + std::string(unit), u[2], half_width[2]);
+    add("rest_" + std::string(unit), u[2], half_width[2], std::string(unit));
   } else if (inputs == 0) {
-    add("rest_" + std::string(unit), x[m - 1], half_width[n + m - 1]);
+    add("rest_" + std::string(unit), x[m - 1], half_width[n + m - 1], std::string(unit));
   }
 }
 

@@ -19,6 +19,7 @@ struct Structure {
 struct FittedNumber {
   std::string name;  ///< with its unit
   double value = 0.0, low95 = 0.0, high95 = 0.0;
+  std::string unit{};  ///< for people: "mm/psi"; empty of a ratio
 };
 
 struct ResponseFit {

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <filesystem>
 #include <fstream>
 #include <functional>
 #include <nlohmann/json.hpp>
@@ -11,6 +12,7 @@
 
 #include "base/toml_reader.hpp"
 #include "identify/response/response_diagnosis.hpp"
+#include "identify/response/response_report.hpp"
 
 namespace isorig::identify::response {
 namespace {
@@ -167,6 +169,51 @@ TEST(Response, AHysteresisThatDoesNotDependOnTheRateIsFriction) {
   EXPECT_EQ(d.missing[0].effect, "coulomb_friction");
   expect_near(number(d.missing[0].numbers, "play_width_psi"), 1.5);
   expect_near(number(d.missing[0].numbers, "play_gain_mm_per_psi"), -0.1);
+}
+
+TEST(Response, WhatWasLeftOutIsDrawnWithItsBandAndInWords) {
+  const Muscle truth{.creep = {{-0.15, 2.0}, {-0.1, 25.0}}};
+  const ResponseDiagnosis d = diagnose_response({isotonic(truth)}, {"one"}, "slse1");
+  ASSERT_FALSE(d.missing.empty());
+  const auto folder = std::filesystem::path(::testing::TempDir()) / "response-page";
+  std::filesystem::remove_all(folder);
+  write_response_report(d, folder, {"isorig diagnose one", "isorig 1", "", {}, {}});
+  std::ifstream in(folder / "diagnosis-report.html", std::ios::binary);
+  const std::string html{std::istreambuf_iterator<char>(in), {}};
+  std::filesystem::remove_all(folder);
+  const std::string begin = R"(<script type="application/json" id="data">)";
+  const auto from = html.find(begin) + begin.size();
+  const auto page = nlohmann::json::parse(html.substr(from, html.find("</script>", from) - from));
+  std::size_t drawn = 0, moved = 0;
+  for (const auto& block : page["blocks"]) {
+    EXPECT_THAT(block.dump(), ::testing::Not(HasSubstr("second_relaxation"))) << "an effect by its words";
+    if (block["type"] == "table" && block["columns"].size() == 5 && block["columns"][0]["name"] == "number") {
+      for (const auto& row : block["rows"]) {
+        if (row[0] != "time 1") continue;
+        ++moved;
+        EXPECT_EQ(row[1], "s");
+        EXPECT_THAT(row[3].get<std::string>(), HasSubstr("["));
+      }
+    }
+    if (block["type"] != "figure" || !block["figure"]["name"].get<std::string>().starts_with("left-out-")) continue;
+    ++drawn;
+    const std::string caption = block["figure"]["caption"];
+    EXPECT_THAT(caption, ::testing::ContainsRegex("errs by [0-9.]+ mm rms, with what it lacked by [0-9.]+ mm"));
+    for (const auto& panel : block["figure"]["panels"])
+      for (const auto& series : panel["series"]) {
+        EXPECT_LE(series["x"].size(), 301u);
+        EXPECT_TRUE(series["mark"] == "line" || series["mark"] == "band");
+      }
+  }
+  EXPECT_EQ(drawn, 2u);
+  EXPECT_EQ(moved, 1u);
+  // What is drawn is what the numbers are about, and the model that has the second time is near the noise.
+  for (const LeftOutPart& part : d.left_out) {
+    double squares = 0.0;
+    for (const double error : part.model_residual) squares += error * error;
+    EXPECT_NEAR(std::sqrt(squares / static_cast<double>(part.model_residual.size())), part.model_rms, 1e-12);
+    EXPECT_LT(part.model_rms, 2.0 * truth.noise_mm);
+  }
 }
 
 TEST(Response, ADriftIsFoundBesideTheCreep) {
