@@ -1,9 +1,10 @@
 // The reports' template in a browser, with a document that has everything: node web/test/report.page.mjs TEMPLATE
 import assert from "node:assert/strict";
 import { mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { createServer } from "node:http";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
-import { checkPage, open, settled, withBrowser } from "./browser.mjs";
+import { checkAccessible, checkPage, open, settled, withBrowser } from "./browser.mjs";
 
 const template = readFileSync(process.argv[2], "utf8");
 const folder = mkdtempSync(join(tmpdir(), "isorig-report-"));
@@ -99,6 +100,18 @@ try {
     assert.ok(!of("image/svg+xml")[2].includes("var(--"), "colours are written out");
     assert.ok(of("image/png")[1] > 5000 && of("image/png")[2].slice(1, 4) === "PNG");
     await page.close();
+
+    // From a server the page stands by itself: no link that would lead nowhere, but what there is.
+    const server = createServer((_, answer) => answer.writeHead(200, { "content-type": "text/html; charset=utf-8" }).end(readFileSync(file)));
+    await new Promise((ready) => server.listen(0, "127.0.0.1", ready));
+    const served = await browser.newPage();
+    await served.goto(`http://127.0.0.1:${server.address().port}/report/x`);
+    await served.waitForSelector("h1");
+    assert.equal(await served.$$eval(".links a", (all) => all.length), 0);
+    assert.match(await served.$eval("p.links", (e) => e.textContent), /where it lies on the disk: Neighbour\b/);
+    await checkAccessible(served, "served");
+    await served.close();
+    server.close();
 
     for (const [name, value, words] of [["broken.html", "{", "cannot be read"], ["other.html", { format: "x", blocks: [] }, "isorig-report-data/1"]]) {
       const broken = await browser.newPage();

@@ -12,11 +12,7 @@ export function Page({ document: d }: { document: Document }): JSX.Element {
         <p class="kind">{d.kind}</p>
         <h1>{d.title}</h1>
         {d.subtitle && <p class="subtitle">{d.subtitle}</p>}
-        {d.links && d.links.length > 0 && (
-          <nav class="links" aria-label="Neighbours of this report">
-            {d.links.map((l) => <a key={l.href} href={l.href}>{l.text}</a>)}
-          </nav>
-        )}
+        {d.links && d.links.length > 0 && <Neighbours links={d.links} />}
       </header>
       <main id="content">
         {d.lead && (
@@ -33,6 +29,23 @@ export function Page({ document: d }: { document: Document }): JSX.Element {
       </main>
       <Made document={d} />
     </>
+  );
+}
+
+/** Links lead from file to file. A server (isorig-web) shows this page by itself: there they would lead nowhere. */
+function Neighbours({ links }: { links: { text: string; href: string }[] }): JSX.Element {
+  if (location.protocol.startsWith("http")) {
+    return (
+      <p class="links">
+        Beside this page, where it lies on the disk: {links.map((l) => l.text).join(", ")}. Pages of runs and diagnoses are under
+        “Runs” and “Diagnosis”.
+      </p>
+    );
+  }
+  return (
+    <nav class="links" aria-label="Neighbours of this report">
+      {links.map((l) => <a key={l.href} href={l.href}>{l.text}</a>)}
+    </nav>
   );
 }
 
