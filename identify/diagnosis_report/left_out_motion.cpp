@@ -66,6 +66,7 @@ std::string what_text(const Study& study, const LeftOutStretch& stretch, const P
     text += " kinds of motion (velocities, amplitudes, waveforms, recordings), " + stretch.by + " " + stretch.value +
             ": left out of the fits altogether, here " + span_text(all) + recording + ". ";
   if (drawn.t_s.size() < all.t_s.size()) text += "Drawn where most of the error is. ";
+  text += "Below, measured minus predicted. ";
   return text;
 }
 
@@ -187,7 +188,7 @@ report::Figure left_out_motion(const Study& study, const LeftOutStretch& stretch
         report::enveloped(shown.t_s, shown.model_N, "with what it lacked", kModel, stretches).back());
   force.aspect = 0.32;
   force.y_range = ordinate({&shown.force_N, &shown.nominal_N, &shown.model_N}, shown.low95_N, shown.high95_N);
-  Panel error{.x_label = "time (s)", .y_label = "measured minus predicted (N)"};
+  Panel error{.x_label = "time (s)", .y_label = "prediction error (N)"};
   const std::vector<double> nominal_error = minus(shown.force_N, shown.nominal_N),
                             model_error = minus(shown.force_N, shown.model_N),
                             low = minus(shown.low95_N, shown.model_N), high = minus(shown.high95_N, shown.model_N);

@@ -124,7 +124,7 @@ void draw_left_out(const ResponseDiagnosis& d, const LeftOutPart& part, bool wor
   answer.series.push_back(report::enveloped(t_s, nominal, "nominal model", 0, kStretches).back());
   if (found) answer.series.push_back(report::enveloped(t_s, model, "with what it lacked", 1, kStretches).back());
   answer.aspect = 0.32;
-  report::Panel left{.x_label = "time (s)", .y_label = "read minus predicted (" + unit + ")"};
+  report::Panel left{.x_label = "time (s)", .y_label = "prediction error (" + unit + ")"};
   left.series.push_back(report::enveloped_band(t_s, std::vector<double>(t_s.size(), -half),
                                                std::vector<double>(t_s.size(), half), kBand, color, kStretches));
   for (auto& s : report::enveloped(t_s, part.nominal_residual, "nominal model", 0, kStretches))
@@ -138,8 +138,8 @@ void draw_left_out(const ResponseDiagnosis& d, const LeftOutPart& part, bool wor
       worst ? "left-out-worst" : "left-out-median",
       std::string(worst ? "The worst" : "The median") + " of " + std::to_string(d.left_out.size()) +
           " stretches that were left out of the fits: " + base::number_text(t_s.front(), 5) + " to " +
-          base::number_text(t_s.back(), 5) + " s of " + part.recording + ". The nominal model errs by " +
-          number(part.nominal_rms) + " " + unit + " rms" +
+          base::number_text(t_s.back(), 5) + " s of " + part.recording +
+          ". Below, read minus predicted. The nominal model errs by " + number(part.nominal_rms) + " " + unit + " rms" +
           (found ? ", with what it lacked by " + number(part.model_rms) + " " + unit : std::string()) + "; " +
           number(100.0 * inside / static_cast<double>(read.size())) + " % of " + std::to_string(read.size()) +
           " readings lie in the band that was stated for 95 %.",
