@@ -2,7 +2,7 @@
 // With KEEP, an empty folder, everything stays there, with pictures and PDFs of each page.
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
-import { existsSync, mkdirSync, mkdtempSync, readdirSync, rmSync, writeFileSync } from "node:fs";
+import { existsSync, mkdirSync, mkdtempSync, readFileSync, readdirSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { checkPage, open, papers, checkPrint, withBrowser } from "./browser.mjs";
@@ -82,6 +82,15 @@ try {
   call("campaign", ...recordings, "--out", out, "--simulated", "Rig and specimen are simulated.");
   for (const name of mine) assert.ok(existsSync(join(out, name)), name);
   assert.ok(!existsSync(join(out, "report.html")));
+  const before = readFileSync(join(out, "fv-report.html"));
+  assert.throws(() => execFileSync(isorig, ["report", run.directory, "--out", join(out, "fv-report.html")], { stdio: "ignore" }),
+    (e) => e.status > 0, "a run's page under another command's name");
+  assert.ok(before.equals(readFileSync(join(out, "fv-report.html"))));
+  // Made again after a diagnosis lies in the run's folder, its page knows of it.
+  call("diagnose", recordings[0], "--model", "slse1", "--out", join(run.directory, "diagnosis"));
+  call("report", run.directory, "--out", join(run.directory, "remade.html"));
+  assert.match(readFileSync(join(run.directory, "remade.html"), "utf8"), /"href":"diagnosis\/diagnosis-report\.html"/);
+  assert.match(readFileSync(join(run.directory, "diagnosis/diagnosis-report.html"), "utf8"), /"href":"\.\.\/report\.html"/);
 
   // A specimen that is what the model says, by a simulation of its own: the page that reassures.
   writeStandardLinearSolid(join(folder, "solid"));
