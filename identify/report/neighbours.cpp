@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <set>
 #include <system_error>
 
@@ -55,6 +56,20 @@ fs::path whole(const fs::path& path) {
   return out.has_filename() ? out : out.parent_path();
 }
 
+/// A path as a link: '#', '?', '%' and spaces of a folder's name mean something else in one.
+std::string as_link(const std::string& path) {
+  constexpr std::string_view kHex = "0123456789ABCDEF", kPlain = "/-._~";
+  std::string out;
+  for (const char c : path) {
+    const auto byte = static_cast<unsigned char>(c);
+    if (std::isalnum(byte) != 0 || kPlain.find(c) != std::string_view::npos)
+      out += c;
+    else
+      out.append("%").append(1, kHex[byte >> 4U]).append(1, kHex[byte & 15U]);
+  }
+  return out;
+}
+
 class Finder {
  public:
   Finder(fs::path folder, std::string_view own) : folder_(std::move(folder)), own_(own) {}
@@ -64,7 +79,7 @@ class Finder {
       if (links_.size() >= kMost || (page.file == kRunPage && !runs_too)) continue;
       const fs::path file = where / page.file;
       if ((where == folder_ && page.file == own_) || !is_file(file) || !seen_.insert(file).second) continue;
-      const std::string href = file.lexically_relative(folder_).generic_string();
+      const std::string href = as_link(file.lexically_relative(folder_).generic_string());
       const bool elsewhere = where != folder_;
       links_.emplace_back(std::string(page.text) + (elsewhere ? " (" + where.filename().string() + ")" : ""), href);
     }

@@ -246,6 +246,13 @@ TEST(Neighbours, InACommonFolderAreThoseMadeFromTheSameRecordings) {
   EXPECT_TRUE(run_folder_above(recording).empty());
 }
 
+TEST(Neighbours, AreReachedThroughFoldersOfAnyName) {
+  const Folder folder;
+  touch(folder.path / "50% #3?" / "fv-report.html");
+  EXPECT_THAT(hrefs(neighbours(folder.path, "report.html", {})),
+              ::testing::ElementsAre("50%25%20%233%3F/fv-report.html"));
+}
+
 TEST(Neighbours, NoPageIsCalledAsThatOfAnotherCommand) {
   EXPECT_TRUE(is_page_of_another("fv-report.html", "report.html"));
   EXPECT_FALSE(is_page_of_another("report.html", "report.html"));
