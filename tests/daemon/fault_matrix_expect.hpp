@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "fault_matrix_faults.hpp"
+#include "fault_matrix_rig.hpp"
 
 /// What each fault has to lead to in each situation: the table that docs/faults.md shows and that fault_matrix_test
 /// holds the rig to.

@@ -3,7 +3,7 @@
 namespace isorig::daemon::test {
 namespace {
 
-using R = MatrixRig;
+using R = StruckRig;
 using Verb = Request::Verb;
 
 sim::FrameFaults& frame(R& r) {

@@ -4,7 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "fault_matrix_rig.hpp"
+#include "daemon/core/core.hpp"
+#include "struck_rig.hpp"
 
 namespace isorig::daemon::test {
 
@@ -13,7 +14,7 @@ struct Fault {
   const char* group;  ///< as the page heads its part of the table
   const char* name;   ///< a test's name, too
   const char* words;
-  void (*set)(MatrixRig& rig, bool on);
+  void (*set)(StruckRig& rig, bool on);
   double lasts_s = 0.0;                    ///< then it is over; 0: until it is repaired
   std::optional<Request::Verb> then = {};  ///< what brings it to light, 20 ms later
 };

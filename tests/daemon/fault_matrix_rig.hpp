@@ -9,6 +9,7 @@
 #include "daemon/rig/virtual_rig.hpp"
 #include "protocol/compile.hpp"
 #include "recording_rig.hpp"
+#include "struck_rig.hpp"
 
 /// The rig that the fault matrix plays its cells on: the daemon's core, services and recorder on the simulated plant,
 /// brought to a kind of step or a state, and measured by what the plant truly does.
@@ -65,7 +66,7 @@ struct Seen {
   RunState state = RunState::kIdle;
 };
 
-class MatrixRig {
+class MatrixRig final : public StruckRig {
  public:
   static constexpr double kMoving_mm_s = 0.05;  ///< less is the crosshead's regulation
   static constexpr double kVented_psi = 1.0;
@@ -90,8 +91,7 @@ class MatrixRig {
   /// The greatest that the protocol asks for from the strike on.
   [[nodiscard]] double setpoint_psi() const noexcept;
   [[nodiscard]] const std::string& trouble() const noexcept { return trouble_; }
-  [[nodiscard]] VirtualRig& rig() noexcept { return *rig_; }
-  [[nodiscard]] sim::Rig& plant() noexcept { return rig_->rig(); }
+  [[nodiscard]] VirtualRig& rig() noexcept override { return *rig_; }
   [[nodiscard]] Core& core() noexcept { return rig_->core(); }
   /// Of the recording that is open.
   [[nodiscard]] std::filesystem::path run_folder() const { return folder_->path() / "run"; }
@@ -107,10 +107,6 @@ class MatrixRig {
     }
     return true;
   }
-
-  bool disk_full = false;    ///< less free than is kept free
-  bool disk_hangs = false;   ///< the recorder's thread does not come back
-  std::int64_t late_ns = 0;  ///< of the next tick
 
  private:
   void tick();

@@ -10,7 +10,7 @@
 #include <sstream>
 
 #include "cli/show_trips.hpp"
-#include "fault_matrix_faults.hpp"
+#include "fault_matrix_rig.hpp"
 #include "recording_rig.hpp"
 
 static std::function<void(const std::string&)> on_fsync;  // with the name of the file
