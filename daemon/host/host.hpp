@@ -70,6 +70,8 @@ class Host {
     std::int64_t epoch_unix_us = 0;  ///< Unix time at mono_ns = 0
     std::int64_t seed = 0;
     std::string revision;  ///< of the source this was built from
+    /// Free bytes where a run is recorded; statvfs unless a test says otherwise.
+    std::function<std::uint64_t(const std::filesystem::path&)> free_bytes;
     /// Waits for the loop's answer to a verb; the virtual runner lets the rig tick here. Whoever sets it has one
     /// thread.
     std::function<void()> breathe;

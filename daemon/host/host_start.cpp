@@ -180,6 +180,7 @@ std::optional<Host::Result> Host::prepare(const StartOptions& options, Prepared&
   p.recording.min_free_bytes = rig_.recording.min_free_bytes;
   p.recording.reserve_bytes = rig_.recording.reserve_bytes;
   p.recording.max_segment_bytes = rig_.recording.max_segment_bytes;
+  p.recording.free_bytes = options_.free_bytes;
   const double full_s = run.plan->full_rate_s;
   const auto needed = estimate_bytes(full_s, run.plan->nominal_s - full_s, p.recording.average_interval_s);
   std::filesystem::create_directories(options_.runs_root);
