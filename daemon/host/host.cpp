@@ -6,7 +6,6 @@
 
 #include "daemon/host/host_prepared.hpp"
 #include "daemon/host/host_run.hpp"
-#include "daemon/recording/trip_evidence.hpp"
 #include "daemon/rig/calibrations.hpp"
 
 /// Host: the recorder's turns, the verbs, the end of a run.

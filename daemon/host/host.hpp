@@ -19,6 +19,7 @@
 #include "daemon/host/verb_desk.hpp"
 #include "daemon/recording/catalogue.hpp"
 #include "daemon/recording/recorder.hpp"
+#include "daemon/recording/trip_evidence.hpp"
 #include "daemon/rig/config.hpp"
 #include "daemon/rig/rig_acceptance.hpp"
 #include "protocol/plan.hpp"
@@ -90,8 +91,9 @@ class Host {
     std::string run;
   };
 
-  /// A run that a fault has ended is recorded for so long after it.
-  static constexpr std::int64_t kAfterFaultNs = 5'000'000'000;
+  /// A run that a fault has ended is recorded for so long after it: the evidence's time, and a second in which its last
+  /// samples arrive (a poll, the recorder's lag and a slice of it, a turn of ours: below 0.5 s).
+  static constexpr std::int64_t kAfterFaultNs = TripEvidence::kAfterNs + 1'000'000'000;
 
   Host(const RigConfig& rig, Core& core, Streams& recording, Options options);
   ~Host();

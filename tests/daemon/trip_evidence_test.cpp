@@ -10,6 +10,7 @@
 #include <sstream>
 
 #include "cli/show_trips.hpp"
+#include "daemon/host/virtual_run.hpp"
 #include "fault_matrix_rig.hpp"
 #include "recording_rig.hpp"
 
@@ -286,6 +287,43 @@ TEST(TripStory, SaysWhenTheCrossheadStoodAndWhenTheRigWasVented) {
   EXPECT_THAT(story, HasSubstr("trip 1: stale.pressure, safe state"));
   EXPECT_THAT(story, HasSubstr("no pressure reading came after it"));
   EXPECT_THAT(story, HasSubstr("the crosshead stood after "));
+}
+
+/// A run that a fault has ended is closed by the host, at a turn of its own: not before the last sample of the evidence
+/// has come.
+TEST(TripStory, TheEvidenceOfATripThatEndedItsRunIsWholeToItsEnd) {
+  const auto rig = load_rig(std::string(ISORIG_SOURCE_DIR) + "/config/rigs/sim.toml");
+  for (const std::int64_t moment_ms : {8'000, 8'007, 8'013, 8'021, 8'026, 8'034, 8'042, 8'049}) {
+    SCOPED_TRACE(moment_ms);
+    const TemporaryDirectory runs("trip-end");
+    VirtualRunOptions options;
+    options.start.protocol_name = "hold.toml";
+    options.start.protocol_text =
+        "format = \"isorig-protocol/1\"\nname = \"hold\"\nrecording.policy = \"averaged\"\n"
+        "steps = [{ do = \"pressurize\", pressure_psi = 5, rate_psi_s = 5, settled_for_s = 1, timeout_s = 20 },\n"
+        "{ do = \"hold\", duration_s = 60 }]\n";
+    options.runs_root = runs.path();
+    options.on_tick = [&](sim::Rig& plant, Core&, std::int64_t now_ns) {
+      if (now_ns == moment_ms * kMs) plant.interlock().estop_closed = false;
+    };
+    const auto result = run_virtual(rig, options);
+    ASSERT_EQ(result.outcome, "failed");
+    ASSERT_TRUE(std::filesystem::exists(result.directory / "trip-1.json"));
+    for (const auto* const file : {"trip-1-frame.csv", "trip-1-pressure.csv"}) {
+      std::istringstream in(file_text(result.directory / file));
+      std::int64_t after = 0;
+      double last_s = 0.0;
+      for (std::string line; std::getline(in, line);) {
+        const double t_s = std::strtod(line.c_str(), nullptr);
+        after += t_s > 0.0 ? 1 : 0;
+        last_s = std::max(last_s, t_s);
+      }
+      const double wanted_s = static_cast<double>(TripEvidence::kAfterNs) * 1e-9;
+      // At 1 kHz, by the device's clock, which is off by 18 ppm: none or one less.
+      EXPECT_GE(after, static_cast<std::int64_t>(wanted_s * 1000.0) - 2) << file;
+      EXPECT_GT(last_s, wanted_s - 0.002) << file;
+    }
+  }
 }
 
 }  // namespace
