@@ -31,6 +31,7 @@ TEST(VirtualCampaign, ThePapersProtocolWhole) {
               static_cast<unsigned long long>(result["ticks"].get<std::uint64_t>()), wall_s, program.cpu_s(),
               result["written_bytes"].get<double>() * 1e-6);
   EXPECT_EQ(result["outcome"], "done");
+  EXPECT_EQ(result["fault"], "") << "what the rig does by itself, venting included, lies inside of its limits";
   EXPECT_EQ(result["missing_samples"], 0);
   const auto page = slurp(result["report"].get<std::string>());
   EXPECT_NE(page.find("20 of 20 planned repetitions complete"), std::string::npos);
