@@ -95,6 +95,12 @@ std::string what_the_plant_did(const Json& reaction) {
   return line + ", at most " + words_of(most_psi) + " psi";
 }
 
+/// " by ann (uid 1000) after 4.35 s, at 2026-11-23T16:40:00Z", as far as it is known.
+std::string who_and_when(const Json& event, double t_s) {
+  const auto by = text_of(event, "by"), utc = text_of(event, "utc");
+  return (by.empty() ? "" : " by " + by) + " after " + span(t_s) + (utc.empty() ? "" : ", at " + utc);
+}
+
 std::string how_it_ended(const Json& events) {
   std::string line;
   for (const auto& e : events) {
@@ -110,7 +116,7 @@ std::string how_it_ended(const Json& events) {
                         : code == "zero.confirmed" ? "the zero was confirmed"
                         : code == "run.aborted"    ? "the run was aborted"
                                                    : text_of(e, "text")) +
-            " after " + span(t_s);
+            who_and_when(e, t_s);
   }
   return line.empty() ? "it was still latched when the recording ended (a reset after that is in isorigd's log)" : line;
 }

@@ -72,6 +72,7 @@ struct Request {
   double target_mm = 0.0;   ///< of kJog: calibrated, or by how much when `relative`
   bool relative = false;
   double velocity_mm_s = 0.0;  ///< of kJog; 0: as fast as a jog may be
+  char by[kByBytes] = {};      ///< who asks, for the events: "ann (uid 1000)"; empty: not known
 };
 
 /// What the host has to say in the events, and so in the recording.
@@ -232,6 +233,7 @@ class Core {
     if (publisher_ != nullptr) (publisher_->*queue).push(record);
   }
 
+  const char* by_ = "";  ///< whose request is carried out, while it is
   CoreConfig config_;
   FrameLink& frame_;
   PressureLink& pressure_;

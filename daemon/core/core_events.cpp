@@ -3,6 +3,16 @@
 
 /// Core: transitions and steps as events, to the recorder, the publisher and the host.
 namespace isorig::daemon {
+namespace {
+
+/// Into the text as well, which is what the recording keeps.
+void tell_who(EventRecord& event, std::string_view text, const char* by) noexcept {
+  if (by[0] == '\0') return copy_text(event.text, text);
+  copy_text(event.by, by);
+  FixedText(event.text) << text << ", by " << std::string_view(by);
+}
+
+}  // namespace
 
 void Core::transition(std::int64_t now_ns, RunState to, Severity severity, const char* code, const char* text,
                       double value, double threshold) noexcept {
@@ -14,7 +24,7 @@ void Core::transition(std::int64_t now_ns, RunState to, Severity severity, const
   event.from = state_;
   event.to = to;
   copy_text(event.code, code);
-  copy_text(event.text, text);
+  tell_who(event, text, by_);
   event.value = value;
   event.threshold = threshold;
   state_ = to;
@@ -35,7 +45,7 @@ void Core::emit_of(std::uint32_t step, std::int64_t now_ns, Severity severity, c
   event.severity = severity;
   event.from = event.to = state_;
   copy_text(event.code, code);
-  copy_text(event.text, text);
+  tell_who(event, text, by_);
   event.value = value;
   event.threshold = threshold;
   emit(event);

@@ -23,7 +23,9 @@ void Core::take_requests(std::int64_t now_ns) noexcept {
 }
 
 Reply Core::answer(std::int64_t now_ns, const Request& request) noexcept {
+  by_ = request.by;
   const char* refusal = carry_out(now_ns, request);
+  by_ = "";
   Reply reply;
   reply.id = request.id;
   reply.accepted = refusal == nullptr;

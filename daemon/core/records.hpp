@@ -118,6 +118,9 @@ constexpr const char* to_text(Severity severity) noexcept {
   return "unknown";
 }
 
+/// Of who asked for what happened.
+inline constexpr std::size_t kByBytes = 96;
+
 /// Something happened: a transition with its cause, a step, a mark, a fault, a lost sample.
 struct EventRecord {
   std::int64_t mono_ns = 0;
@@ -129,6 +132,7 @@ struct EventRecord {
   char text[400] = {};     ///< for people: what happened, the value, the threshold, what to do
   double value = 0.0;      ///< what was measured, where that makes sense
   double threshold = 0.0;  ///< what it was compared with
+  char by[kByBytes] = {};  ///< who asked for it, by his socket's credentials; in the text, too. Empty: nobody
 };
 
 enum class DeviceId : std::uint8_t { kFrame, kPressure };

@@ -12,6 +12,7 @@
 
 #include "base/printable.hpp"
 #include "base/toml_reader.hpp"
+#include "daemon/core/fixed_text.hpp"
 #include "daemon/core/live_window.hpp"
 #include "daemon/host/api_calls.hpp"
 #include "daemon/host/api_requests.hpp"
@@ -167,7 +168,7 @@ void Api::handle(HttpServer& server, const HttpRequest& q, HttpServer::Reply raw
   const auto entered = gate_.enter(q, needs_of(q), std::move(raw_reply));
   const auto& reply = entered.reply;
   if (entered.status != 0) return reply(refusal(entered.status, entered.refused));
-  if (answer_at_once(server, q, reply)) return;
+  if (answer_at_once(server, entered.pass, reply)) return;
   if (q.method == "POST" && q.path == "/v1/control") {
     return reply(answered([&] { return gate_.change_control(*entered.pass); }));
   }
@@ -192,8 +193,9 @@ bool Api::answer_later(const Pass& pass, const HttpServer::Reply& reply) {
     later(pass, reply,
           [this, pass] { return answered([&] { return answer(host_.amend(correction(pass->request.body))); }); });
   } else if (post && q.path == "/v1/go") {
-    later(pass, reply,
-          [this, pass] { return answered([&] { return with_control(pass, [&] { return answer(host_.go()); }); }); });
+    later(pass, reply, [this, pass] {
+      return answered([&] { return with_control(pass, [&] { return answer(host_.go(gate_.who(pass->caller))); }); });
+    });
   } else if (post && q.path == "/v1/accept-rig") {
     later(pass, reply, [this, pass] {
       return answered([&] {
@@ -250,7 +252,8 @@ HttpAnswer Api::with_control(const Pass& pass, const std::function<HttpAnswer()>
 }
 
 /// What needs no disk, in the thread of the connections. False: it is not one of these.
-bool Api::answer_at_once(HttpServer& server, const HttpRequest& q, const HttpServer::Reply& reply) {
+bool Api::answer_at_once(HttpServer& server, const Pass& pass, const HttpServer::Reply& reply) {
+  const auto& q = pass->request;
   if (q.method == "POST" && q.path == "/v1/parted") {  // what pauses the run comes next: no disk may be in its way
     return reply(answered([&] { return answer(host_.parted(parting(q.body))); })), true;
   }
@@ -262,6 +265,7 @@ bool Api::answer_at_once(HttpServer& server, const HttpRequest& q, const HttpSer
       return reply(refusal(400, e.what())), true;
     }
     if (!request) return false;
+    copy_text(request->by, gate_.who(pass->caller));
     const auto number = host_.submit(*request);
     if (number == 0) {
       reply(refusal(409, "the loop does not take requests; is it running?"));

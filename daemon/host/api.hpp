@@ -47,7 +47,7 @@ class Api {
  private:
   using Pass = std::shared_ptr<ApiGate::Pass>;
   void handle(HttpServer& server, const HttpRequest& request, HttpServer::Reply reply);
-  bool answer_at_once(HttpServer& server, const HttpRequest& request, const HttpServer::Reply& reply);
+  bool answer_at_once(HttpServer& server, const Pass& pass, const HttpServer::Reply& reply);
   bool answer_later(const Pass& pass, const HttpServer::Reply& reply);
   HttpAnswer with_control(const Pass& pass, const std::function<HttpAnswer()>& call);
   struct Wait {

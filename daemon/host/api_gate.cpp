@@ -207,6 +207,17 @@ Seat ApiGate::seat_of(const Caller& caller) {
   return {uid, std::move(name), {}, uid};
 }
 
+std::string ApiGate::who(const Caller& caller) {
+  const auto number = [](uid_t uid) { return "uid " + std::to_string(uid); };
+  if (caller.for_whom)
+    return caller.for_name + " (" + number(caller.for_whom->uid) + ") at a page of " + number(caller.peer.uid);
+  const auto uid = caller.peer.uid;
+  const std::lock_guard lock(names_mutex_);
+  const auto known = names_.find(uid);
+  // Without a name of its own a user is called by the number.
+  return known == names_.end() || known->second == number(uid) ? number(uid) : known->second + " (" + number(uid) + ")";
+}
+
 void ApiGate::note(const Pass& pass, const HttpAnswer& answer) {
   const auto& q = pass.request;
   const auto& who = pass.caller;

@@ -62,6 +62,10 @@ class ApiGate {
   /// turn: meanwhile somebody else may have taken control over.
   [[nodiscard]] std::string take_control(Pass& pass);
 
+  /// Who asks, for events: "ann (uid 1000)". Asks no name service: a stop may not wait for it; whoever has been given
+  /// control was asked for before.
+  [[nodiscard]] std::string who(const Caller& caller);
+
   /// POST /v1/control.
   [[nodiscard]] HttpAnswer change_control(const Pass& pass);
   /// Who has it, or null.

@@ -154,7 +154,7 @@ std::shared_ptr<Host::Run> Host::take_events() {
   for (const auto& record : told) options_.on_event(record);
   if (reset && !closed.empty()) {
     try {
-      append_to_last_trip(closed, *reset);
+      append_to_last_trip(closed, *reset, options_.epoch_unix_us);
     } catch (const std::exception& e) {
       trouble(e.what());
     }

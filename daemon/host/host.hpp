@@ -108,7 +108,8 @@ class Host {
   /// What `start` would do, without doing it: specimen, rig, duration at worst, warnings. Throws as start() does.
   [[nodiscard]] nlohmann::json preview(const StartOptions& options);
   /// The second act: the armed run is opened, or the paused one goes on, after a countdown.
-  Result go();
+  /// `by`: who asks, for the events.
+  Result go(const std::string& by = {});
   /// The rig file's limits are as they should be, says this operator.
   Result accept_rig(const std::string& operator_name, uid_t uid);
   /// What has changed in the rig file since it was accepted, for a log; empty when nothing has.

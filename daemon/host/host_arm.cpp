@@ -14,7 +14,7 @@ constexpr std::size_t kChangesNoted = 16;
 
 }  // namespace
 
-Host::Result Host::go() {
+Host::Result Host::go(const std::string& by) {
   const std::lock_guard one_at_a_time(start_mutex_);
   const auto now = core_.status();
   if (now.control.state != RunState::kArmed) {
@@ -25,6 +25,7 @@ Host::Result Host::go() {
   if (now.run_loaded) {  // a paused run that goes on
     Request request;
     request.verb = Request::Verb::kGo;
+    copy_text(request.by, by);
     return ask(request);
   }
   const auto prepared = std::exchange(armed_, nullptr);

@@ -67,7 +67,7 @@ struct Recorder::Impl {
       : options(checked(o)),
         info(std::move(i)),
         log(options, info, [this](isorig_msgs::session_mark_t& m) { fill(m); }),
-        evidence(options.run_dir, info.step_words),
+        evidence(options.run_dir, info.step_words, info.virtual_time ? 0 : info.epoch_unix_us),
         frame_sink(*this),
         pressure_sink(*this),
         frame(keep_options(options), frame_sink),

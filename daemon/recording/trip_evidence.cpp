@@ -9,6 +9,7 @@
 #include <cstdarg>
 #include <cstdio>
 #include <cstring>
+#include <ctime>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
@@ -43,15 +44,27 @@ ordered_json number(double value) {
   return std::isfinite(value) ? ordered_json(value) : ordered_json(nullptr);
 }
 
-ordered_json to_json(const EventRecord& e, std::int64_t trip_ns) {
-  return {{"t_s", seconds(e.mono_ns - trip_ns)},
-          {"code", e.code},
-          {"severity", to_text(e.severity)},
-          {"from", to_text(e.from)},
-          {"to", to_text(e.to)},
-          {"text", e.text},
-          {"value", number(e.value)},
-          {"threshold", number(e.threshold)}};
+std::string utc_text(std::int64_t unix_us) {
+  const auto seconds_now = static_cast<std::time_t>(unix_us / 1'000'000);
+  std::tm tm{};
+  gmtime_r(&seconds_now, &tm);
+  char text[32];
+  return {text, std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &tm)};
+}
+
+ordered_json to_json(const EventRecord& e, std::int64_t trip_ns, std::int64_t epoch_unix_us) {
+  ordered_json out{{"t_s", seconds(e.mono_ns - trip_ns)},
+                   {"code", e.code},
+                   {"severity", to_text(e.severity)},
+                   {"from", to_text(e.from)},
+                   {"to", to_text(e.to)},
+                   {"text", e.text},
+                   {"value", number(e.value)},
+                   {"threshold", number(e.threshold)}};
+  if (e.by[0] == '\0') return out;
+  out["by"] = e.by;
+  if (epoch_unix_us != 0) out["utc"] = utc_text(epoch_unix_us + e.mono_ns / 1000);
+  return out;
 }
 
 std::string file_of(int number, const char* what) {
@@ -120,8 +133,9 @@ auto first_from(const std::deque<Record>& records, std::int64_t ns) {
 
 }  // namespace
 
-TripEvidence::TripEvidence(std::filesystem::path run_dir, std::vector<std::string> step_words)
-    : run_dir_(std::move(run_dir)), step_words_(std::move(step_words)) {}
+TripEvidence::TripEvidence(std::filesystem::path run_dir, std::vector<std::string> step_words,
+                           std::int64_t epoch_unix_us)
+    : run_dir_(std::move(run_dir)), step_words_(std::move(step_words)), epoch_unix_us_(epoch_unix_us) {}
 
 void TripEvidence::take(const FrameRecord& record) {
   frame_.push_back(record);
@@ -355,7 +369,7 @@ void TripEvidence::write_story(const Trip& t) {
   }
   out["reaction"] = ordered_json::parse(t.reaction);
   out["events"] = ordered_json::array();
-  for (const auto& e : t.chain) out["events"].push_back(to_json(e, trip_ns));
+  for (const auto& e : t.chain) out["events"].push_back(to_json(e, trip_ns, epoch_unix_us_));
   out["files"] = t.files;
   write_file(file_of(t.number, ".json"), text_of(out));
   sync_directory(run_dir_);
@@ -371,7 +385,7 @@ bool TripEvidence::write_file(const std::string& file, const std::string& text) 
   }
 }
 
-void append_to_last_trip(const std::filesystem::path& run_dir, const EventRecord& event) {
+void append_to_last_trip(const std::filesystem::path& run_dir, const EventRecord& event, std::int64_t epoch_unix_us) {
   std::error_code ignored;
   int last = 0;
   while (std::filesystem::exists(run_dir / file_of(last + 1, ".json"), ignored)) ++last;
@@ -388,7 +402,7 @@ void append_to_last_trip(const std::filesystem::path& run_dir, const EventRecord
       const bool ends = e.at("code") == "reset" || e.at("code") == "run.aborted";
       if (ends && e.at("t_s").get<double>() > 0.0) return;
     }
-    trip.at("events").push_back(to_json(event, trip_ns));
+    trip.at("events").push_back(to_json(event, trip_ns, epoch_unix_us));
     replace_file(run_dir, file, text_of(trip));
     sync_directory(run_dir);
   } catch (const ordered_json::exception& e) {

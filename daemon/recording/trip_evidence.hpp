@@ -24,8 +24,9 @@ class TripEvidence {
   static constexpr std::int64_t kAfterNs = 5'000'000'000;
   static constexpr int kMostTrips = 99;  ///< of a run; later ones are in the recording alone
 
-  /// `step_words`: what each step of the plan does, for the story; may be empty.
-  TripEvidence(std::filesystem::path run_dir, std::vector<std::string> step_words);
+  /// `step_words`: what each step of the plan does, for the story; may be empty. `epoch_unix_us`: Unix time at
+  /// mono_ns = 0, for when somebody did something; 0: not known.
+  TripEvidence(std::filesystem::path run_dir, std::vector<std::string> step_words, std::int64_t epoch_unix_us = 0);
 
   void take(const FrameRecord& record);
   void take(const PressureRecord& record);
@@ -74,6 +75,7 @@ class TripEvidence {
 
   std::filesystem::path run_dir_;
   std::vector<std::string> step_words_;
+  std::int64_t epoch_unix_us_;
   std::deque<FrameRecord> frame_;
   std::deque<PressureRecord> pressure_;
   std::deque<ControlRecord> control_;
@@ -85,6 +87,7 @@ class TripEvidence {
 /// What came after the run was closed: the reset of a fault that had ended it. For the daemon that wrote the evidence,
 /// whose time still runs. Nothing when the run had no trip, or when its last one has ended already. Throws
 /// std::runtime_error when it cannot be written.
-void append_to_last_trip(const std::filesystem::path& run_dir, const EventRecord& event);
+void append_to_last_trip(const std::filesystem::path& run_dir, const EventRecord& event,
+                         std::int64_t epoch_unix_us = 0);
 
 }  // namespace isorig::daemon

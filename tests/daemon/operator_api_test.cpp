@@ -47,6 +47,38 @@ class OperatorApiTest : public ServedRig {
   }
 };
 
+/// By the credentials of their sockets; the story of `isorig show` reads it from there.
+TEST_F(OperatorApiTest, TheTripsStoryNamesWhoResetAndWhoWentOn) {
+  config_.core.operating.arming_required = false;
+  serve();
+  const auto started = post("/v1/start", {{"protocol", kLongProtocol}});
+  ASSERT_EQ(started.status, 200) << started.body;
+  ASSERT_TRUE(reach("running"));
+  rig_->core().set_recorder_fault("the disk takes nothing");
+  ASSERT_TRUE(reach("faulted"));
+  rig_->core().set_recorder_fault("");
+  ASSERT_TRUE(wait_until(10.0, [&] { return post("/v1/reset").status == 200; }));
+  ASSERT_TRUE(wait_until(10.0, [&] { return post("/v1/resume").status == 200; }));
+  const auto file = runs_ / started.body.value("run", "") / "trip-1.json";
+  const auto event_of = [&](const char* code) -> nlohmann::json {
+    if (!std::filesystem::exists(file)) return {};
+    const auto trip = nlohmann::json::parse(daemon::testing::file_text(file), nullptr, false);
+    if (!trip.is_object()) return {};
+    for (const auto& e : trip["events"])
+      if (e["code"] == code) return e;
+    return {};
+  };
+  ASSERT_TRUE(wait_until(60.0, [&] { return event_of("resume").is_object(); }));
+  const auto number = "uid " + std::to_string(::getuid());
+  const auto name = user_name(::getuid());
+  const auto me = name == number ? number : name + " (" + number + ")";
+  EXPECT_EQ(event_of("reset").value("by", ""), me);
+  EXPECT_EQ(event_of("resume").value("by", ""), me);
+  EXPECT_FALSE(event_of("recorder").contains("by")) << "nobody asked for it";
+  EXPECT_THAT(event("reset")["text"].get<std::string>(), ::testing::EndsWith(", by " + me))
+      << "the recording has it, too";
+}
+
 TEST_F(OperatorApiTest, NothingIsWrittenBeforeTheSecondAct) {
   config_.core.operating.arm_window_s = 2.0;
   serve();

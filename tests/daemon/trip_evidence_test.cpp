@@ -142,6 +142,38 @@ TEST_F(TripEvidenceTest, WhatEndsItIsAddedAndASecondTripHasFilesOfItsOwn) {
   EXPECT_GE(lines("trip-2-frame.csv").size(), 1U + 15'000U);
 }
 
+EventRecord by(const char* who, EventRecord event) {
+  std::snprintf(event.by, sizeof event.by, "%s", who);
+  return event;
+}
+
+TEST_F(TripEvidenceTest, WhoResetAndWhoWentOnIsKeptWithTheTime) {
+  record(
+      30'000, 30'000,
+      {stop, by("ann (uid 1000)", transition(25'000, "reset", RunState::kFaulted, RunState::kPaused, Severity::kInfo)),
+       by("ben (uid 1001) at a page of uid 990",
+          transition(26'000, "resume", RunState::kPaused, RunState::kRunning, Severity::kInfo))});
+  const auto events = trip(1)["events"];
+  ASSERT_EQ(events.size(), 3U);
+  EXPECT_FALSE(events[0].contains("by")) << "nobody asked for the trip";
+  EXPECT_EQ(events[1]["by"], "ann (uid 1000)");
+  EXPECT_FALSE(events[1].contains("utc")) << "in virtual time a date says nothing";
+  EXPECT_THAT(
+      cli::tell_trip(trip(1)),
+      HasSubstr("reset by ann (uid 1000) after 10.00 s, then resumed by ben (uid 1001) at a page of uid 990 after "
+                "11.00 s\n"));
+}
+
+TEST_F(TripEvidenceTest, WhoResetARunThatWasClosedIsKeptWithTheDate) {
+  record(21'000, 21'000, {stop});
+  // The epoch of run_info(): 2000-01-01T00:00:00Z at mono_ns = 0.
+  append_to_last_trip(
+      folder.path(),
+      by("ann (uid 1000)", transition(75'000, "reset", RunState::kFaulted, RunState::kStopping, Severity::kInfo)),
+      run_info().epoch_unix_us);
+  EXPECT_THAT(cli::tell_trip(trip(1)), HasSubstr("reset by ann (uid 1000) after 60.00 s, at 2000-01-01T00:01:15Z\n"));
+}
+
 TEST_F(TripEvidenceTest, AResetAfterTheRunWasClosedIsAddedOnce) {
   record(21'000, 21'000, {stop});
   EXPECT_THAT(cli::tell_trip(trip(1)), HasSubstr("still latched when the recording ended"));
