@@ -1,0 +1,72 @@
+#include <gtest/gtest.h>
+
+#include "../daemon/recording_rig.hpp"
+#include "base/text_file.hpp"
+#include "base/toml_reader.hpp"
+#include "growth.hpp"
+#include "play.hpp"
+#include "schedule.hpp"
+
+/// What judges a soak has to be able to find something, and to find the same again.
+namespace isorig::soak {
+namespace {
+
+std::string source(const std::string& path) {
+  return std::string(ISORIG_SOURCE_DIR) + "/" + path;
+}
+
+TEST(Soak, ASeedIsTheSameRunAgain) {
+  const auto once = [] {
+    const daemon::testing::TemporaryDirectory folder("soak", "/tmp");
+    PlayOptions options;
+    options.rig = source("config/rigs/sim.toml");
+    options.protocol = source("config/protocols/vma-smoke.toml");
+    options.runs_root = folder.path();
+    options.faults = 3;
+    auto result = play(5, options);
+    result.erase("begin");  // memory and descriptors of this process
+    result.erase("end");
+    return result;
+  };
+  const auto first = once(), second = once();
+  EXPECT_EQ(first, second);
+  EXPECT_EQ(first["findings"], nlohmann::ordered_json::array());
+  EXPECT_EQ(first["outcome"], "done");
+  EXPECT_GE(first["strikes"].size(), 1U);
+}
+
+TEST(Soak, EveryKindOfStepAndEveryFaultIsDrawn) {
+  const auto config = daemon::load_rig(source("config/rigs/sim.toml"));
+  const auto plan = protocol::compile(
+      base::TomlDocument::parse_text(base::read_config_file(source("config/protocols/vma-short.toml")), "short.toml"),
+      config.limits);
+  std::vector<int> faults(daemon::test::faults().size()), at(daemon::test::kSituations);
+  for (std::uint64_t seed = 1; seed <= 200; ++seed) {
+    for (const auto& s : draw(plan, seed, 12)) {
+      ++faults[s.fault];
+      ++at[static_cast<unsigned>(situation_of(plan, s.step))];
+    }
+  }
+  // 2400 draws of 70 faults: 34 each; none at all has a probability of exp(-34).
+  for (std::size_t i = 0; i < faults.size(); ++i) EXPECT_GT(faults[i], 0) << daemon::test::faults()[i].name;
+  using daemon::test::At;
+  for (const auto each : {At::kFill, At::kSettle, At::kHold, At::kFast, At::kTriangle, At::kSine})
+    EXPECT_GT(at[static_cast<unsigned>(each)], 100);
+}
+
+TEST(Growth, TellsALeakFromWavering) {
+  std::vector<double> time, steady, leaking;
+  for (int i = 0; i < 300; ++i) {
+    time.push_back(2.0 * i);
+    const double waver = 0.2 * std::sin(0.7 * i);
+    steady.push_back(90.0 + waver);
+    leaking.push_back(90.0 + waver + 0.002 * 2.0 * i);  // 7 MB/h
+  }
+  const double most = 64.0 / 86'400.0;
+  EXPECT_FALSE(growth_of(time, steady).surely_above(most));
+  EXPECT_TRUE(growth_of(time, leaking).surely_above(most));
+  EXPECT_NEAR(growth_of(time, leaking).slope, 0.002, 2e-4);
+}
+
+}  // namespace
+}  // namespace isorig::soak
