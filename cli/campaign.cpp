@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 
+#include "base/formatted.hpp"
 #include "cli/command.hpp"
 #include "cli/progress.hpp"
 #include "cli/provenance.hpp"
@@ -64,8 +65,12 @@ int campaign(const Options& options) {
       found, options.out, options.simulated,
       made_by_this_call({{"Recordings", std::to_string(options.recordings.size()) + " folders"},
                          {"In", common_folder(options.recordings)}}));
-  std::printf("%zu fits, R2 %.3f +- %.3f (mean, SD)\n", found.fits, found.r_squared_mean, found.r_squared_sd);
-  for (const auto& t : found.trends) std::printf("%3d of %3d  %s\n", t.holds, t.of, t.claim.c_str());
+  std::printf("%zu fits, R² %.3f ± %.3f (mean and standard deviation)\n", found.fits, found.r_squared_mean,
+              found.r_squared_sd);
+  if (!found.trends.empty()) std::printf("trends of the paper, and in how many cases they hold here:\n");
+  for (const auto& t : found.trends)
+    std::printf("  %s  %s\n", t.of == 0 ? "no case   " : base::formatted("%3d of %3d", t.holds, t.of).c_str(),
+                t.claim.c_str());
   std::printf("written to %s\n", options.out.c_str());
   return found.fits > 0 ? kOk : kFailure;
 }

@@ -31,13 +31,17 @@ void print_curve(const identify::Curve& curve) {
     return;
   }
   if (std::isfinite(curve.result.fit->r_squared)) {
-    std::printf(", R2 %s\n", identify::report::r_squared_text(curve.result.fit->r_squared).c_str());
+    std::printf(", R² %s\n", identify::report::r_squared_text(curve.result.fit->r_squared).c_str());
   } else {
-    std::printf(", R2 - (the points have no spread)\n");
+    std::printf(", no R²: the points have no spread\n");
   }
-  for (const auto& p : curve.result.fit->parameters)
-    std::printf("  %-12s %s%s\n", p.name.c_str(), identify::value_text(p).c_str(),
-                p.identifiable ? "" : "  NOT identifiable");
+  for (const auto& p : curve.result.fit->parameters) {
+    const auto words = identify::words_of(p.name);
+    const std::string unit = words.unit.empty() ? "" : " " + std::string(words.unit);
+    const bool bounded = std::isfinite(p.low) || std::isfinite(p.high);
+    std::printf("  %s%s%s: %s [%s]\n", identify::value_text(p).c_str(), bounded ? unit.c_str() : "",
+                p.identifiable ? "" : " (not identifiable)", std::string(words.words).c_str(), p.name.c_str());
+  }
   for (const auto& s : curve.result.fit->statements) std::printf("  %s\n", s.c_str());
 }
 
@@ -98,7 +102,7 @@ int fv(const Options& options) {
     print_curve(curve);
     fitted = fitted || curve.result.fit.has_value();
   }
-  std::printf("written to %s\n", options.out.c_str());
+  std::printf("In square brackets behind a number: its 95 %% interval.\nwritten to %s\n", options.out.c_str());
   return fitted ? kOk : kFailure;
 }
 

@@ -114,8 +114,8 @@ void add_trends_with_pressure(const CurveMap& curves, std::vector<Trend>& out) {
                         return mean_response(*lower, 0) - mean_response(curve, 0) <
                                mean_response(*lowest, 0) - mean_response(*lower, 0);
                       }));
-  out.push_back(count("kappa_c falls with pressure (controls)", curves, is_control,
-                      [&](const std::string& s, double p, const Curve& curve) -> std::optional<bool> {
+  out.push_back(count("The arm's stiffness over the spring's, kappa, falls with pressure (controls)", curves,
+                      is_control, [&](const std::string& s, double p, const Curve& curve) -> std::optional<bool> {
                         const Curve* lower = lower_pressure(curves, s, p, 1);
                         if (lower == nullptr || !lower->result.fit || !curve.result.fit) return std::nullopt;
                         return curve.result.fit->parameter("kappa").value < lower->result.fit->parameter("kappa").value;

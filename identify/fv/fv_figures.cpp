@@ -16,10 +16,8 @@ using report::Series;
 
 /// "kappa" as it is written in formulas, with its unit.
 std::string symbol_of(std::string_view parameter) {
-  if (parameter == "kappa") return "κ";
-  if (parameter == "gamma_per_s") return "γ (1/s)";
-  if (parameter == "beta") return "β";
-  return std::string(parameter);
+  const ParameterWords words = words_of(parameter);
+  return std::string(words.symbol) + (words.unit.empty() ? "" : " (" + std::string(words.unit) + ")");
 }
 
 }  // namespace

@@ -107,9 +107,10 @@ Profile profile(const FvProblem& problem, const std::array<double, 3>& best, dou
 
 /// Why a side of the interval is open, in terms of where the tested speeds lie on the curve.
 std::string explain(const FittedParameter& p, const FvFit& fit, std::span<const FvPoint> points, bool sheath) {
+  const std::string subject = "The " + std::string(words_of(p.name).words) + " [" + p.name + "]";
   if (p.identifiable) {
     if (p.high > 10.0 * p.low)
-      return formatted("%s is known only to a factor of %.0f from these velocities.", p.name.c_str(), p.high / p.low);
+      return formatted("%s is known only to a factor of %.0f from these velocities.", subject.c_str(), p.high / p.low);
     return {};
   }
   const auto speeds = speeds_of(points);
@@ -118,6 +119,7 @@ std::string explain(const FittedParameter& p, const FvFit& fit, std::span<const 
   const double slow = model::maxwell_ramp_share(u_slow);
   const double fast = model::maxwell_ramp_share(e.gamma_per_s * points.front().strain_step / speeds.back());
   const bool low = std::isfinite(p.low), high = std::isfinite(p.high);
+  const std::string unit = words_of(p.name).unit.empty() ? "" : " " + std::string(words_of(p.name).unit);
   const std::string range = low && high ? formatted("only that it lies between %.2g and %.2g", p.low, p.high)
                             : high      ? formatted("only that it is below %.3g", p.high)
                             : low       ? formatted("only that it is above %.3g", p.low)
@@ -140,7 +142,8 @@ std::string explain(const FittedParameter& p, const FvFit& fit, std::span<const 
     why = "the sheath's share of the curve cannot be told from a change of its other parameters";
   else
     why = "the scatter of the points is as large as the curve";
-  return p.name + " is not identifiable from these velocities: " + range + " can be said (95 %), because " + why + ".";
+  return subject + " is not identifiable from these velocities: " + range + (low || high ? unit : "") +
+         " can be said (95 %), because " + why + ".";
 }
 
 FvFitResult fit(std::span<const FvPoint> points, std::optional<model::FvElement> control) {
@@ -227,6 +230,13 @@ FvFitResult fit(std::span<const FvPoint> points, std::optional<model::FvElement>
 }
 
 }  // namespace
+
+ParameterWords words_of(std::string_view parameter) {
+  if (parameter == "kappa") return {"κ", "", "stiffness of the Maxwell arm over the spring's"};
+  if (parameter == "gamma_per_s") return {"γ", "1/s", "relaxation rate of the Maxwell arm"};
+  if (parameter == "beta") return {"β", "", "stiffness of the sheath's spring over the control's"};
+  return {parameter, "", parameter};
+}
 
 const FittedParameter& FvFit::parameter(std::string_view name) const {
   for (const auto& p : parameters)

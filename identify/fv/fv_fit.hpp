@@ -2,6 +2,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "identify/fv/ramps.hpp"
@@ -51,6 +52,15 @@ struct FittedParameter {
   std::string statement;              ///< empty when there is nothing to say
   std::vector<ProfilePoint> profile;  ///< increasing value
 };
+
+/// How a parameter is called in front of people.
+struct ParameterWords {
+  std::string_view symbol;  ///< "κ"
+  std::string_view unit;    ///< "" of a ratio
+  std::string_view words;   ///< "stiffness of the Maxwell arm over the spring's"
+};
+/// By FittedParameter::name.
+[[nodiscard]] ParameterWords words_of(std::string_view parameter);
 
 struct FvFit {
   std::vector<FittedParameter> parameters;
