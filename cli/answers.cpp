@@ -5,9 +5,12 @@
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
+#include "base/number_text.hpp"
 #include "cli/command.hpp"
+#include "cli/diagnosis_files.hpp"
 #include "cli/progress.hpp"
 #include "cli/provenance.hpp"
+#include "identify/diagnose/verdict.hpp"
 #include "identify/response/response_report.hpp"
 #include "messages/csv.hpp"
 
@@ -19,16 +22,19 @@ namespace response = identify::response;
 void print_answer(const response::ResponseDiagnosis& d, const std::filesystem::path& out) {
   const std::string unit(response::unit_of(d.output));
   for (const std::string& warning : d.warnings) std::printf("warning: %s\n", warning.c_str());
-  std::printf("%s\n", d.verdict.c_str());
+  std::printf("%s\n", std::string(identify::verdict_words(d.verdict)).c_str());
   if (!d.why.empty()) std::printf("  %s\n  to judge it, record: %s\n", d.why.c_str(), d.record.c_str());
   for (const auto& missing : d.missing)
-    std::printf("  %-20s p = %.2f   %s\n", missing.effect.c_str(), missing.probability, missing.formula.c_str());
+    std::printf("  %s, probability %.2f\n      %s\n", words_and_name(missing.effect).c_str(), missing.probability,
+                missing.formula.c_str());
   for (const std::string& note : d.notes) std::printf("  %s\n", note.c_str());
   if (!d.not_modelled.empty()) std::printf("  model.toml is the nominal model: %s\n", d.not_modelled.c_str());
-  std::printf("  left out of the fit and predicted: rms %.4g %s nominal, %.4g %s with it\n", *d.nominal_heldout,
-              unit.c_str(), *d.model_heldout, unit.c_str());
-  std::printf("  rms %.4g %s nominal, %.4g %s with it; noise %.4g %s; %s/\n", d.nominal.rms, unit.c_str(), d.model.rms,
-              unit.c_str(), d.noise, unit.c_str(), out.c_str());
+  const auto text = [&](double value) { return base::number_text(value, 4) + " " + unit; };
+  std::printf("  parts left out of the fit and then predicted: the given model is off by %s rms, model.toml by %s\n",
+              text(*d.nominal_heldout).c_str(), text(*d.model_heldout).c_str());
+  std::printf("  all that was fitted: the given model is off by %s rms, model.toml by %s; noise of a reading %s\n",
+              text(d.nominal.rms).c_str(), text(d.model.rms).c_str(), text(d.noise).c_str());
+  std::printf("written to %s\n", out.c_str());
 }
 
 }  // namespace

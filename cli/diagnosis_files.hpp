@@ -4,6 +4,7 @@
 
 #include "identify/diagnose/diagnosis.hpp"
 #include "identify/report/page.hpp"
+#include "model/number_sheet.hpp"
 
 namespace isorig::cli {
 
@@ -15,6 +16,14 @@ namespace isorig::cli {
 /// said on stderr. Throws std::runtime_error when a file cannot be written.
 void write_diagnosis(const identify::Study& study, const std::filesystem::path& folder,
                      const identify::report::Made* made);
+
+/// What people call an explanation, and behind it what files and options have: "dry friction [coulomb_friction]". Words
+/// alone where they are the name.
+[[nodiscard]] std::string words_and_name(const std::string& key);
+
+/// "0.51 [0.49, 0.53] N: friction force at steady sliding [force_N]"; without a sheet "force_N: 0.51 [0.49, 0.53]".
+[[nodiscard]] std::string number_line(double value, double low, double high, const model::NumberSheet* sheet,
+                                      const std::string& name);
 
 /// Verdict, effects with their numbers, ties, data faults and errors, for a terminal.
 void print_diagnosis(const identify::Diagnosis& diagnosis, const std::filesystem::path& folder);

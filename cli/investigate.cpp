@@ -19,6 +19,7 @@
 #include "identify/diagnose/design/candidates.hpp"
 #include "identify/report/page.hpp"
 #include "messages/recording.hpp"
+#include "model/words.hpp"
 #include "protocol/compile.hpp"
 
 /// isorig investigate: run, diagnose, design the experiment that separates what is tied, run it, and so on until
@@ -73,8 +74,8 @@ class Loop {
                    {"pressure_psi", pressure_psi_},
                    {"seed", seed()}};
     load(all_);
-    std::printf("%s, %s, at most %d rounds; %s/\n", rig_.name.c_str(), nominal_.name.c_str(), options_.rounds,
-                options_.out.c_str());
+    std::printf("rig %s, model %s, at most %d rounds; into %s/\n", rig_.name.c_str(), nominal_.name.c_str(),
+                options_.rounds, options_.out.c_str());
     for (int number = 1;; ++number) {
       Round* round = have(number);
       const bool was_run = round != nullptr;
@@ -243,21 +244,24 @@ class Loop {
   }
 
   static void say(const Round& round) {
-    for (const auto& e : round.explanations) std::printf("  %6.3f  %s\n", e.probability, e.key.c_str());
+    std::printf("  explanations, by probability:\n");
+    for (const auto& e : round.explanations) std::printf("  %6.3f  %s\n", e.probability, words_and_name(e.key).c_str());
     for (const std::string& pair : round.inseparable) std::printf("  %s\n", pair.c_str());
     if (round.experiment.is_null()) return;
     const auto& e = round.experiment;
     const bool enough = e.at("reaches_it");
-    std::printf("  Tied. Of %d experiments within the limits, the %s: %s (%s).\n", e.at("considered").get<int>(),
+    std::printf("  None stands out. Of %d experiments within the limits, the %s: %s (%s).\n",
+                e.at("considered").get<int>(),
                 enough ? "shortest that tells them apart" : "one that comes nearest to telling them apart",
                 e.at("text").get<std::string>().c_str(), duration_text(e.at("duration_s")).c_str());
     for (const auto& x : e.at("expected"))
-      std::printf("    if %s is true, %s leaves %.3g\n", x.at("if").get<std::string>().c_str(),
-                  x.at("then").get<std::string>().c_str(), x.at("leaves").get<double>());
-    std::printf("    (squares over the noise; %.0f are asked for)\n", e.at("enough").get<double>());
+      std::printf("    if the truth is %s, %s misses it by %.3g\n",
+                  model::explanation_words(x.at("if").get<std::string>()).c_str(),
+                  model::explanation_words(x.at("then").get<std::string>()).c_str(), x.at("leaves").get<double>());
+    std::printf("    (sum of squares over the noise's; %.0f tell two apart)\n", e.at("enough").get<double>());
     if (!e.at("others").empty()) {
       const auto& again = e.at("others").back();
-      std::printf("    for comparison, %s, %s: %.3g\n", again.at("text").get<std::string>().c_str(),
+      std::printf("    for comparison, %s (%s) would miss by %.3g\n", again.at("text").get<std::string>().c_str(),
                   duration_text(again.at("duration_s")).c_str(), again.at("distance").get<double>());
     }
     std::fflush(stdout);

@@ -6,10 +6,10 @@
 #include <fstream>
 
 #include "base/json_words.hpp"
+#include "cli/diagnosis_files.hpp"
 #include "cli/protocol_input.hpp"
 #include "identify/report/page.hpp"
 #include "model/catalogue.hpp"
-#include "model/process.hpp"
 #include "model/words.hpp"
 
 namespace isorig::cli {
@@ -61,15 +61,6 @@ Round round_of(const ordered_json& json) {
   return out;
 }
 
-/// "force 0.5 [0.4, 0.6] N"
-std::string number_text_of(const identify::MissingEffect& missing, const identify::NamedValue& value) {
-  const model::Law* law = model::find_law(*missing.effect, missing.law);
-  const std::string_view unit = law == nullptr ? std::string_view() : model::unit_of(*law, value.name);
-  const std::string words = model::unit_words(unit);
-  return model::number_words(value.key(), unit) + " " +
-         identify::report::interval_text(value.value, value.low, value.high) + (words.empty() ? "" : " " + words);
-}
-
 std::string percent(double probability) {
   return number_text(probability, probability > 0.99 ? 3 : 2);
 }
@@ -102,8 +93,12 @@ void take_in(Round& round, const identify::Study& study) {
   }
   round.found.clear();
   for (const auto& missing : d.missing) {
-    std::string text = std::string(missing.effect->name) + " (p = " + percent(missing.probability) + ")";
-    for (const auto& value : missing.parameters) text += ", " + number_text_of(missing, value);
+    std::string text =
+        words_and_name(std::string(missing.effect->name)) + ", probability " + percent(missing.probability);
+    const model::Law* law = model::find_law(*missing.effect, missing.law);
+    for (const auto& value : missing.parameters)
+      text += "; " + number_line(value.value, value.low, value.high,
+                                 law == nullptr ? nullptr : model::sheet_of(*law, value.name), value.key());
     round.found.push_back(std::move(text));
   }
   if (d.unjudged) round.found.push_back(d.unjudged->why + "; record " + d.unjudged->record);
@@ -125,10 +120,11 @@ std::optional<Outcome> settled_by(const Round& round) {
 std::string answer_text(const Investigation& all) {
   const Round& last = all.rounds.back();
   std::string found;
-  for (const std::string& f : last.found) found += (found.empty() ? "" : "; ") + f;
+  for (const std::string& f : last.found) found += (found.empty() ? "" : ". Beside it: ") + f;
   std::string tied;
   for (std::size_t i = 0; i < std::min<std::size_t>(last.explanations.size(), 4); ++i)
-    tied += (i == 0 ? "" : ", ") + last.explanations[i].key + " (" + percent(last.explanations[i].probability) + ")";
+    tied += (i == 0 ? "" : ", ") + explanation_words(last.explanations[i].key) + " (probability " +
+            percent(last.explanations[i].probability) + ")";
   const Round& first = all.rounds.front();
   std::string before;
   if (all.rounds.size() > 1) {

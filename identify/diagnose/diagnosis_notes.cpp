@@ -5,6 +5,7 @@
 
 #include "base/formatted.hpp"
 #include "identify/diagnose/guard/plausible.hpp"
+#include "model/words.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -34,7 +35,8 @@ void note_what_cannot_be_told(Diagnosis& out) {
   for (const MissingEffect& missing : out.missing) {
     const auto able = std::ranges::find(out.discernible, missing.effect, &Discernible::effect);
     if (able == out.discernible.end() || able->nearest == nullptr || missing.size_N >= able->told_from_N) continue;
-    const std::string name(missing.effect->name), nearest(able->nearest->name);
+    const std::string name = model::effect_words(missing.effect->name);
+    const std::string nearest = model::effect_words(able->nearest->name);
     if (std::isfinite(able->told_from_N))
       out.notes.push_back(base::formatted(
           "At its size of %.3g N these recordings cannot tell %s from %s for certain: with their motion and "
@@ -60,7 +62,7 @@ void note_states(Diagnosis& out) {
 
 std::string NotModelled::text() const {
   std::string list;
-  for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
+  for (const std::string& name : names) list += (list.empty() ? "" : ", ") + model::effect_words(name);
   return "Located, not modelled: " + list + ". model.toml is without it. The reason: " + why + ".";
 }
 

@@ -9,6 +9,8 @@
 #include "identify/diagnose/fit/many_starts.hpp"
 #include "identify/diagnose/search/empirical.hpp"
 #include "model/catalogue.hpp"
+#include "model/number_sheet.hpp"
+#include "model/words.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -117,8 +119,11 @@ std::string unphysical(const model::ModelSpec& spec, std::span<const Series> ser
     for (std::size_t i = 0; i < part.parameters.size(); ++i) {
       const model::Parameter& parameter = part.law->parameters[i];
       if (!at_wrong_bound(parameter, part.parameters[i])) continue;
-      return base::formatted("%s of %s stands at the end of its range (%.4g)", parameter.name.data(),
-                             part.physics->name.data(), part.parameters[i]);
+      std::string what = model::meaning_of(&parameter.sheet);
+      if (what.empty()) what = "a number";
+      return base::formatted("%s of %s stands at the end of its range, %.4g%s", what.c_str(),
+                             model::effect_words(part.physics->name).c_str(), part.parameters[i],
+                             model::unit_behind(&parameter.sheet).c_str());
     }
   }
   if (const auto loop = active_loop(spec, series, noise_N))

@@ -19,6 +19,27 @@ std::string_view name_of(Verdict verdict) {
   return "";
 }
 
+std::string_view words_of(Verdict verdict) {
+  switch (verdict) {
+    case Verdict::kConsistent:
+      return "nothing is missing";
+    case Verdict::kMissingPhysics:
+      return "physics is missing";
+    case Verdict::kUnknownPhysics:
+      return "unknown physics";
+    case Verdict::kCannotJudge:
+      return "cannot be judged";
+  }
+  return "";
+}
+
+std::string_view verdict_words(std::string_view name) {
+  for (const Verdict one :
+       {Verdict::kConsistent, Verdict::kMissingPhysics, Verdict::kUnknownPhysics, Verdict::kCannotJudge})
+    if (name_of(one) == name) return words_of(one);
+  return name;
+}
+
 double unexplained_share(const Explained& explained) {
   if (explained.excess_before <= 0.0) return 0.0;
   const double chance = explained.noise_from_rests ? 0.0 : 2.0 * std::sqrt(2.0 * static_cast<double>(explained.rows));

@@ -8,6 +8,10 @@ namespace isorig::identify {
 /// (judgeable.hpp).
 enum class Verdict { kConsistent, kMissingPhysics, kUnknownPhysics, kCannotJudge };
 [[nodiscard]] std::string_view name_of(Verdict verdict);
+/// For people: "physics is missing".
+[[nodiscard]] std::string_view words_of(Verdict verdict);
+/// The same from the name that diagnosis.json has; any other name as it is.
+[[nodiscard]] std::string_view verdict_words(std::string_view name);
 
 /// Unexplained share of the nominal model's excess above which the verdict is unknown physics.
 inline constexpr double kMuchUnexplained = 0.12;

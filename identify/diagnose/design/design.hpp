@@ -68,7 +68,7 @@ struct Design {
   std::size_t considered = 0;
   double enough = 0.0;
 
-  /// "force_delay from force_lag"
+  /// In words: "a force reading that comes late from a force reading that lags".
   [[nodiscard]] std::string separates() const;
 };
 

@@ -4,16 +4,18 @@
 
 #include "base/number_text.hpp"
 #include "identify/diagnose/design/design.hpp"
+#include "model/words.hpp"
 
 namespace isorig::identify {
 
 using base::number_text;
+using model::explanation_words;
 using nlohmann::ordered_json;
 
 std::string Design::separates() const {
   std::string out;
   for (std::size_t i = 0; i < tied.size(); ++i)
-    out += (i == 0 ? "" : i + 1 < tied.size() ? ", " : " from ") + tied[i].key;
+    out += (i == 0 ? "" : i + 1 < tied.size() ? ", " : " from ") + explanation_words(tied[i].key);
   return out;
 }
 
@@ -22,7 +24,8 @@ void describe_inseparable(Design& design) {
   for (const Inseparable& one : design.inseparable) {
     const auto other = std::ranges::find_if(
         joined, [&](const Inseparable& j) { return j.first == one.second && j.second == one.first; });
-    const std::string &truth = design.tied[one.first].key, &rival = design.tied[one.second].key;
+    const std::string truth = explanation_words(design.tied[one.first].key);
+    const std::string rival = explanation_words(design.tied[one.second].key);
     if (other != joined.end()) {
       other->distance = std::max(other->distance, one.distance);
       other->text = "No candidate experiment within the limits separates ";
@@ -32,11 +35,8 @@ void describe_inseparable(Design& design) {
       other->text += " are required. They are to be taken as one explanation.";
     } else {
       joined.push_back(one);
-      std::string& text = joined.back().text = "If ";
-      text.append(truth)
-          .append(" is true, ")
-          .append(rival)
-          .append(" predicts every candidate experiment nearly as well: ");
+      std::string& text = joined.back().text = "If the truth is ";
+      text.append(truth).append(", ").append(rival).append(" predicts every candidate experiment nearly as well: ");
       text.append("the best of them separates the two by ").append(number_text(one.distance, 2));
       text.append(" whitened squares, and ").append(number_text(design.enough, 3)).append(" are required.");
     }

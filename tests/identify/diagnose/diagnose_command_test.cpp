@@ -112,6 +112,37 @@ class DiagnoseCommand : public testing::Test {
            out_ = folder_ / "out";
 };
 
+/// `text` without what stands in square brackets.
+std::string outside_brackets(const std::string& text) {
+  std::string out;
+  int depth = 0;
+  for (const char c : text) {
+    depth += c == '[' ? 1 : 0;
+    if (depth == 0) out += c;
+    depth -= c == ']' ? 1 : 0;
+  }
+  return out;
+}
+
+TEST_F(DiagnoseCommand, SaysWhatIsMissingInWordsAndUnits) {
+  messages::write_recording(recording_, test::record({.friction_N = 0.8}));
+  const Outcome outcome = diagnose();
+  ASSERT_EQ(outcome.code, 0) << outcome.text;
+  EXPECT_THAT(outcome.text,
+              ::testing::StartsWith("physics is missing\n  dry friction [coulomb_friction], probability "));
+  EXPECT_THAT(outcome.text, HasSubstr(" N: friction force at steady sliding [force_N]\n"));
+  EXPECT_THAT(outcome.text, HasSubstr("the given model is off by "));
+  // Names of files stand in brackets alone: no word outside of them has an underscore but a file's.
+  std::string words = outside_brackets(outcome.text);
+  for (const std::string& file : {out_.string(), recording_.string(), std::string("next_experiment.toml")})
+    for (std::size_t at = words.find(file); at != std::string::npos; at = words.find(file))
+      words.erase(at, file.size());
+  EXPECT_THAT(words, Not(HasSubstr("_"))) << outcome.text;
+  const auto json = nlohmann::json::parse(read(out_ / "diagnosis.json"));
+  EXPECT_EQ(json["verdict"], "missing_physics");
+  EXPECT_EQ(json["missing"][0]["effect"], "coulomb_friction");
+}
+
 TEST_F(DiagnoseCommand, RefusesABrokenFrameFile) {
   const std::string whole = read(frame_);
   const auto broken = [&](int line, const std::function<std::string(std::string)>& edit, const char* advice) {

@@ -178,7 +178,7 @@ TEST(Diagnose, DesignsAnExperimentThatTellsALagFromADelay) {
   EXPECT_TRUE(experiment.enough);
   EXPECT_GE(experiment.distance, design.enough);
   EXPECT_EQ(design.tied.size(), 2u);
-  EXPECT_EQ(design.separates(), "force_lag from force_delay");
+  EXPECT_EQ(design.separates(), "a force reading that lags from a force reading that comes late");
   EXPECT_EQ(experiment.distances.size(), 2u);
   EXPECT_TRUE(design.inseparable.empty());
   // Without a rig, within what the recording has shown: 2 mm and 10 mm/s, give or take what noise adds.
@@ -211,7 +211,7 @@ TEST(Diagnose, SaysThatNoExperimentSeparatesOneModelUnderTwoNames) {
   EXPECT_FALSE(design.experiment.has_value());
   ASSERT_EQ(design.inseparable.size(), 1u);
   EXPECT_LT(design.inseparable[0].distance, 20.0);
-  EXPECT_NE(design.inseparable[0].text.find("second_relaxation"), std::string::npos);
+  EXPECT_NE(design.inseparable[0].text.find("a second relaxation"), std::string::npos);
 }
 
 TEST(Diagnose, RefusesWhatCannotBeJudged) {

@@ -4,11 +4,13 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 
 #include "concealed_specimen.hpp"
 #include "identify/diagnosis_report/simulated_force.hpp"
 #include "model/catalogue.hpp"
+#include "model/number_sheet.hpp"
 #include "model/words.hpp"
 
 namespace isorig::identify {
@@ -115,6 +117,29 @@ TEST(DiagnosisReport, EveryEffectHasANameThatPeopleUse) {
   EXPECT_EQ(model::explanation_words("coulomb_friction+slack"), "dry friction and slack");
   EXPECT_EQ(model::explanation_words("coulomb_friction+slack+table of position"),
             "dry friction, slack and table of position");
+}
+
+TEST(DiagnosisReport, EveryNumberOfAnEffectHasWordsForASentence) {
+  for (const model::Physics* effect : model::effects())
+    for (const model::Law& law : effect->laws) {
+      std::vector<std::string_view> names;
+      for (const auto& p : law.parameters) names.push_back(p.name);
+      for (const auto& c : law.coefficients) names.push_back(c.name);
+      for (const std::string_view name : names) {
+        SCOPED_TRACE(std::string(effect->name) + "." + std::string(name));
+        const auto* sheet = model::sheet_of(law, name);
+        ASSERT_NE(sheet, nullptr);
+        const std::string words = model::meaning_of(sheet);
+        EXPECT_GE(words.size(), 8u);
+        EXPECT_FALSE(std::isupper(static_cast<unsigned char>(words.at(0)))) << words;
+        EXPECT_THAT(words, ::testing::Not(::testing::AnyOf(::testing::HasSubstr("_"), ::testing::EndsWith("."),
+                                                           ::testing::HasSubstr(";"))));
+        EXPECT_NE(model::unit_behind(sheet), " 1");
+      }
+      EXPECT_EQ(model::sheet_of(law, "no_such_number"), nullptr);
+    }
+  EXPECT_EQ(model::meaning_of(nullptr), "");
+  EXPECT_EQ(model::unit_behind(nullptr), "");
 }
 
 }  // namespace
