@@ -1,4 +1,7 @@
+#include <signal.h>
+
 #include <algorithm>
+#include <csignal>
 #include <cstdio>
 #include <filesystem>
 #include <iostream>
@@ -165,13 +168,32 @@ Told told_by(const Options& o) {
   return told;
 }
 
+volatile std::sig_atomic_t interrupted = 0;
+
+/// While one of these lives, Ctrl-C ends the reading of an answer and not the program, so that the answers before it
+/// can be kept. Without SA_RESTART, which std::signal() sets: the read has to return.
+class AnswersUntilCtrlC {
+ public:
+  AnswersUntilCtrlC() {
+    struct sigaction action {};
+    action.sa_handler = [](int) { interrupted = 1; };
+    ::sigaction(SIGINT, &action, &former_);
+  }
+  ~AnswersUntilCtrlC() { ::sigaction(SIGINT, &former_, nullptr); }
+  AnswersUntilCtrlC(const AnswersUntilCtrlC&) = delete;
+  AnswersUntilCtrlC& operator=(const AnswersUntilCtrlC&) = delete;
+
+ private:
+  struct sigaction former_ {};
+};
+
 /// Asks at the terminal until `take` takes an answer. False when nobody answers any more.
 bool asked(const ImportQuestion& question, Mapping& mapping) {
   std::cout << base::printable_lines(question.file) << ": " << base::printable_lines(question.question.text) << '\n';
   for (int attempt = 0; attempt < 3; ++attempt) {
     std::cout << "> " << std::flush;
     std::string answer;
-    if (!std::getline(std::cin, answer)) return false;
+    if (interrupted != 0 || !std::getline(std::cin, answer)) return false;
     if (question.question.take(answer, mapping)) return true;
     std::cout << "that is none of them\n";
   }
@@ -186,9 +208,10 @@ std::optional<ImportPlan> settled(const std::vector<std::string>& files, Told& t
   for (const auto& file : files) read.push_back(read_import_file(file, told.mapping.dialect));
   for (const auto& note : check_named_columns(read, told.named))
     std::printf("note: %s\n", base::printable_lines(note).c_str());
+  const AnswersUntilCtrlC until;
   while (true) {
     ImportPlan plan = understand_files(read, told.mapping);
-    if (plan.questions.empty()) return plan;
+    if (interrupted == 0 && plan.questions.empty()) return plan;
     if (!someone) {
       for (const auto& q : plan.questions)
         std::cerr << base::printable_lines(q.file + ": " + q.question.text)
@@ -196,7 +219,8 @@ std::optional<ImportPlan> settled(const std::vector<std::string>& files, Told& t
       return std::nullopt;
     }
     if (!asked(plan.questions.front(), told.mapping)) {
-      std::cerr << "isorig import: not answered; no recording was made\n";
+      std::cerr << (interrupted != 0 ? "\nisorig import: interrupted; no recording was made\n"
+                                     : "isorig import: not answered; no recording was made\n");
       return std::nullopt;
     }
     ++answers;
@@ -229,7 +253,7 @@ void keep_answers(const Options& o, const Mapping& mapping) {
   }
   std::string again = "--mapping " + one_word(file.string());
   if (mapping.specimen) again += " --specimen " + one_word(*mapping.specimen);
-  std::printf("the answers are kept; with them the questions are not asked again: %s\n",
+  std::printf("the answers are kept; give the same command and this, and their questions are not asked again: %s\n",
               base::printable_lines(again).c_str());
 }
 
@@ -272,6 +296,10 @@ int import_or_refuse(const Options& o) {
     throw;
   }
   if (answers > 0) keep_answers(o, told.mapping);
+  if (interrupted != 0) {
+    std::fflush(stdout);
+    std::raise(SIGINT);  // a shell's loop over files ends with it
+  }
   return kBadInput;
 }
 

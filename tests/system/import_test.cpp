@@ -222,6 +222,37 @@ TEST_F(Import, AnswersOutliveARefusal) {
   EXPECT_EQ(slurp(mapping), of_made);
 }
 
+TEST_F(Import, AnswersOutliveCtrlC) {
+  const auto path = file("a.csv", table(strokes(), "Time,Extension,Load\r\n(s),,(N)\r\n"));
+  Terminal terminal({bin("isorig"), "import", path, "--out", (dir_ / "out").string()});
+  ASSERT_TRUE(terminal.shows("in which unit is the position"));
+  terminal.type("mm\n");
+  ASSERT_TRUE(terminal.shows("what is the specimen called?"));
+  terminal.type("A 1\n");
+  ASSERT_TRUE(terminal.shows("how long is the specimen"));
+  terminal.type(Terminal::kCtrlC);
+  ASSERT_TRUE(terminal.shows("interrupted; no recording was made"));
+  const std::string mapping = (dir_ / "out/mapping.toml").string();
+  ASSERT_TRUE(terminal.shows("--mapping '" + mapping + "' --specimen 'A 1'"));
+  EXPECT_EQ(terminal.wait(), -SIGINT);
+  EXPECT_FALSE(std::filesystem::exists(dir_ / "out/recording.toml"));
+  // What is left to say is the question that Ctrl-C answered.
+  const auto open = import({path, "--mapping", mapping, "--specimen", "A 1"});
+  EXPECT_EQ(open.code, kBadInput);
+  EXPECT_THAT(open.text, AllOf(HasSubstr("how long is the specimen"), Not(HasSubstr("in which unit"))));
+  EXPECT_EQ(import({path, "--mapping", mapping, "--specimen", "A 1", "--rest-length-mm", "94.3"}).code, 0);
+}
+
+TEST_F(Import, CtrlCAtTheFirstQuestionLeavesNothing) {
+  const auto path = file("a.csv", table(strokes(), "Time,Extension,Load\r\n(s),,(N)\r\n"));
+  Terminal terminal({bin("isorig"), "import", path, "--out", (dir_ / "out").string()});
+  ASSERT_TRUE(terminal.shows("in which unit is the position"));
+  terminal.type(Terminal::kCtrlC);
+  EXPECT_EQ(terminal.wait(), -SIGINT);
+  EXPECT_THAT(terminal.shown(), Not(HasSubstr("the answers are kept")));
+  EXPECT_FALSE(std::filesystem::exists(dir_ / "out"));
+}
+
 TEST_F(Import, AnswersOutliveAQuestionThatIsNotAnswered) {
   const auto path = file("a.csv", table(strokes(), "Time,Extension,Load\r\n(s),,(N)\r\n"));
   Terminal terminal({bin("isorig"), "import", path, "--out", (dir_ / "out").string()});
