@@ -6,8 +6,10 @@
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "cli/command.hpp"
+#include "cli/progress.hpp"
 #include "identify/report/page.hpp"
 #include "messages/further_columns.hpp"
 
@@ -47,12 +49,15 @@ int align(const Options& options) {
   messages::FrameSamples frame;
   messages::PressureSamples pressure;
   messages::FurtherColumns further;
+  std::optional<Progress> progress(std::in_place, "align");
   try {
+    progress->at(0.0, "reading");
     frame = messages::read_frame_csv(options.frame);
     pressure = messages::read_pressure_csv(options.pressure);
     further = {messages::read_further_columns(options.frame, messages::kFrameColumns),
                messages::read_further_columns(options.pressure, messages::kPressureColumns)};
   } catch (const messages::RecordingError& e) {
+    progress.reset();
     std::cerr << e.what() << '\n';
     return kBadInput;
   }
@@ -61,14 +66,23 @@ int align(const Options& options) {
     try {
       recording.metadata = messages::read_recording_toml(options.toml);
     } catch (const messages::RecordingError& e) {
+      progress.reset();
       std::cerr << e.what() << '\n';
       return kBadInput;
     }
   }
-  const auto result = identify::align(frame, pressure);
+  // Shares of the time that long streams take.
+  constexpr double kRead = 0.2, kSearched = 0.95;
+  identify::AlignOptions how;
+  how.on_progress = [&](double done) {
+    progress->at(kRead + (kSearched - kRead) * done, "finding the strokes in both");
+  };
+  const auto result = identify::align(frame, pressure, how);
+  progress->at(kSearched, "writing");
   std::filesystem::create_directories(options.out);
   identify::report::write_text_file(std::filesystem::path(options.out) / "align.json", json_of(result));
   if (!result.aligned) {
+    progress.reset();
     std::printf("%s\n", result.refusal.c_str());
     return kFailure;
   }
@@ -91,6 +105,7 @@ int align(const Options& options) {
   } else {
     messages::write_recording(options.out, recording, further);
   }
+  progress.reset();
   std::printf("aligned by %zu strokes: offset %.4f +- %.4f s at t = %.1f s, skew ", a.events.size(), a.offset_s.value,
               a.offset_s.standard_error, a.reference_s);
   if (a.skew_known)

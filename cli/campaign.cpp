@@ -39,11 +39,18 @@ int campaign(const Options& options) {
   identify::FvOptions analysis;
   analysis.whole_series = analysis.history = false;  // hundreds of recordings; `isorig fv` does it for any one of them
   bool bad = false;
-  std::optional<Progress> progress(std::in_place, "campaign");
-  for (const auto& path : options.recordings) {
-    progress->at(static_cast<double>(results.size()) / static_cast<double>(options.recordings.size()), path);
+  std::vector<std::filesystem::path> files;
+  for (const auto& path : options.recordings) files.push_back(std::filesystem::path(path) / "frame.csv");
+  std::optional<FilesProgress> progress(std::in_place, "campaign", files);
+  for (std::size_t i = 0; i < options.recordings.size(); ++i) {
+    const std::string& path = options.recordings[i];
+    progress->at(i, 0.0, path);
     try {
-      results.push_back(identify::analyse_recording(messages::read_recording(path), path, analysis));
+      const auto recording = messages::read_recording(path);
+      constexpr double kReadShare = 0.6;  // of the time that a long recording takes
+      analysis.on_progress = [&](double done) { progress->at(i, kReadShare + (1.0 - kReadShare) * done, path); };
+      progress->at(i, kReadShare, path);
+      results.push_back(identify::analyse_recording(recording, path, analysis));
     } catch (const messages::RecordingError& e) {
       std::cerr << e.what() << '\n';
       bad = true;

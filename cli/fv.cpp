@@ -45,6 +45,9 @@ void print_curve(const identify::Curve& curve) {
   for (const auto& s : curve.result.fit->statements) std::printf("  %s\n", s.c_str());
 }
 
+/// Of the time that a long recording takes.
+constexpr double kReadShare = 0.3;
+
 int fv(const Options& options) {
   const bool two = options.model == "slse2";
   std::vector<identify::ControlFit> controls;
@@ -63,14 +66,20 @@ int fv(const Options& options) {
   // Every recording is read before anything is written: all that is wrong is said at once.
   std::vector<identify::RecordingResult> results;
   bool bad = false;
-  std::optional<Progress> progress(std::in_place, "fv");
-  for (const auto& path : options.recordings) {
-    progress->at(static_cast<double>(results.size()) / static_cast<double>(options.recordings.size()), path);
+  std::vector<std::filesystem::path> files;
+  for (const auto& path : options.recordings) files.push_back(std::filesystem::path(path) / "frame.csv");
+  std::optional<FilesProgress> progress(std::in_place, "fv", files);
+  for (std::size_t i = 0; i < options.recordings.size(); ++i) {
+    const std::string& path = options.recordings[i];
+    progress->at(i, 0.0, path);
     try {
       const auto recording = messages::read_recording(path);
+      progress->at(i, kReadShare, path);
       identify::refuse_implausible(recording, path, model::nominal_model("slse1"),
                                    identify::channel_quality(recording.frame.t_s, recording.frame.position_mm));
-      results.push_back(identify::analyse_recording(recording, path));
+      identify::FvOptions analysis;
+      analysis.on_progress = [&](double done) { progress->at(i, kReadShare + (1.0 - kReadShare) * done, path); };
+      results.push_back(identify::analyse_recording(recording, path, analysis));
     } catch (const std::invalid_argument& e) {
       std::cerr << base::printable_lines(e.what()) << '\n';
       bad = true;

@@ -14,6 +14,7 @@
 #include "cli/acts.hpp"
 #include "cli/command.hpp"
 #include "cli/import_files.hpp"
+#include "cli/progress.hpp"
 #include "identify/report/page.hpp"
 
 /// isorig import: files of other programs become recordings; what they do not say is asked, and remembered.
@@ -205,7 +206,13 @@ bool asked(const ImportQuestion& question, Mapping& mapping) {
 std::optional<ImportPlan> settled(const std::vector<std::string>& files, Told& told, std::size_t& answers) {
   const bool someone = someone_is_there();
   std::vector<ImportFile> read;
-  for (const auto& file : files) read.push_back(read_import_file(file, told.mapping.dialect));
+  {
+    FilesProgress progress("import, reading", {files.begin(), files.end()});
+    for (std::size_t i = 0; i < files.size(); ++i) {
+      progress.at(i, 0.0, files[i]);
+      read.push_back(read_import_file(files[i], told.mapping.dialect));
+    }
+  }
   for (const auto& note : check_named_columns(read, told.named))
     std::printf("note: %s\n", base::printable_lines(note).c_str());
   const AnswersUntilCtrlC until;
@@ -269,12 +276,16 @@ bool import_files(const Options& o, Told& told, std::size_t& answers) {
   std::string facts;
   for (const auto& line : told.lines(plan->framed)) facts += (facts.empty() ? "" : ", ") + line;
   std::printf("%s\n", base::printable_lines(facts).c_str());
-  const auto made = make_recordings(*plan, told.mapping,
-                                    {.out = o.out,
-                                     .told = told.lines(plan->framed),
-                                     .one_clock = o.one_clock,
-                                     .as_stated = o.as_stated,
-                                     .replace = o.replace});
+  std::optional<Progress> progress(std::in_place, "import");
+  const auto made =
+      make_recordings(*plan, told.mapping,
+                      {.out = o.out,
+                       .told = told.lines(plan->framed),
+                       .one_clock = o.one_clock,
+                       .as_stated = o.as_stated,
+                       .replace = o.replace,
+                       .on_progress = [&](double done, const char* doing) { progress->at(done, doing); }});
+  progress.reset();
   for (const auto& line : made.said) std::printf("%s\n", base::printable_lines(line).c_str());
   const auto mapping = std::filesystem::path(o.out) / "mapping.toml";
   identify::report::write_text_file(mapping, foreign::mapping_text(told.mapping));

@@ -169,9 +169,16 @@ messages::RecordingMetadata metadata_of(const Mapping& mapping) {
   return metadata;
 }
 
+/// Shares of the time that making a recording of long files takes.
+constexpr double kConverted = 0.1, kAligned = 0.7, kChecked = 0.8;
+void tell(const ImportOptions& options, double fraction, const char* doing) {
+  if (options.on_progress) options.on_progress(fraction, doing);
+}
+
 /// Puts the pressure's time on the frame's clock; says how, for people and for the recording.
-std::string put_on_one_clock(const messages::FrameSamples& frame, messages::PressureSamples& pressure, bool one_clock) {
-  if (one_clock) {
+std::string put_on_one_clock(const messages::FrameSamples& frame, messages::PressureSamples& pressure,
+                             const ImportOptions& options) {
+  if (options.one_clock) {
     if (pressure.t_s.front() > frame.t_s.back() || pressure.t_s.back() < frame.t_s.front())
       throw ImportRefused("the two files have no moment in common: the frame goes from " +
                           base::number_text(frame.t_s.front(), 9) + " to " + base::number_text(frame.t_s.back(), 9) +
@@ -180,7 +187,11 @@ std::string put_on_one_clock(const messages::FrameSamples& frame, messages::Pres
                           " s; are their clocks not one? Without --one-clock they are aligned by their strokes");
     return "one, as told (--one-clock)";
   }
-  const auto result = identify::align(frame, pressure);
+  identify::AlignOptions how;
+  how.on_progress = [&](double done) {
+    tell(options, kConverted + (kAligned - kConverted) * done, "aligning the clocks");
+  };
+  const auto result = identify::align(frame, pressure, how);
   if (!result.aligned)
     throw ImportRefused("the two files have clocks of their own, and cannot be aligned: " + result.refusal +
                         "\n  if they count from the same moment, say so: --one-clock");
@@ -207,7 +218,7 @@ Ready ready_of(std::filesystem::path folder, const std::vector<Origin>& origins,
     if (!origin.test->pressure) continue;
     ready.recording.pressure = origin.test->pressure;
     if (!origin.test->frame && origins.size() > 1)
-      clock = put_on_one_clock(ready.recording.frame, *ready.recording.pressure, options.one_clock);
+      clock = put_on_one_clock(ready.recording.frame, *ready.recording.pressure, options);
   }
   ready.recording.metadata.further_toml = provenance(origins, mapping, options, clock, notes);
   const auto& frame = ready.recording.frame;
@@ -375,6 +386,7 @@ Imported make_recordings(const ImportPlan& plan, const Mapping& mapping, const I
   };
   std::vector<File> frames, gauges;
   Imported out;
+  tell(options, 0.0, "taking over the numbers");
   for (const auto& of : plan.files) {
     File file{&of, {}};
     for (const auto& [table, understood] : of.tests) {
@@ -432,6 +444,7 @@ Imported make_recordings(const ImportPlan& plan, const Mapping& mapping, const I
       }
     }
   }
+  tell(options, kAligned, "checking the numbers");
   for (std::size_t i = 0; i < ready.size(); ++i) {
     refuse_odd(ready[i], options);
     for (std::size_t k = 0; k < i; ++k)
@@ -442,6 +455,7 @@ Imported make_recordings(const ImportPlan& plan, const Mapping& mapping, const I
       throw ImportRefused(ready[i].folder.string() +
                           ": a recording is there already; name another folder with --out, or --replace it");
   }
+  tell(options, kChecked, "writing");
   for (const auto& each : ready) {
     messages::write_recording(each.folder, each.recording, each.further);
     out.said.insert(out.said.end(), each.said.begin(), each.said.end());

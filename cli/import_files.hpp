@@ -1,5 +1,6 @@
 #pragma once
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -63,6 +64,8 @@ struct ImportOptions {
   std::vector<std::string>
       told;  ///< what no column says and where it is from: "rest length 94.3 mm (--rest-length-mm)"
   bool one_clock = false, as_stated = false, replace = false;
+  /// Told which part is done, by the time that its stages take of long files, and what comes now.
+  std::function<void(double fraction, const char* doing)> on_progress{};
 };
 struct Imported {
   std::vector<std::string> said;

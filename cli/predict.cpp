@@ -4,11 +4,13 @@
 #include <filesystem>
 #include <iostream>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <vector>
 
 #include "cli/answers.hpp"
 #include "cli/command.hpp"
+#include "cli/progress.hpp"
 #include "identify/diagnose/forecast.hpp"
 #include "identify/diagnose/motion/reconstruction.hpp"
 #include "identify/response/response_model.hpp"
@@ -73,36 +75,49 @@ int predict(const Options& options) {
     std::cerr << options.model << ": " << why << '\n';
     return kBadInput;
   }
+  // Shares of the time that a recording of hours takes.
+  constexpr double kRead = 0.03, kMotion = 0.85, kSimulated = 0.97;
+  std::optional<Progress> progress(std::in_place, "predict");
+  progress->at(0.0, "reading");
   messages::Recording recording;
   try {
     recording = messages::read_recording_of_any_output(options.recording);
   } catch (const messages::RecordingError& e) {
+    progress.reset();
     std::cerr << e.what() << '\n';
     return kBadInput;
   }
   if (recording.metadata.output != messages::Output::kForce) {
     try {
-      return write_whole(options.out, predicted_answer(recording, options.recording, options.model)) ? kOk : kFailure;
+      const std::string text = predicted_answer(recording, options.recording, options.model);
+      progress.reset();
+      return write_whole(options.out, text) ? kOk : kFailure;
     } catch (const std::invalid_argument& e) {
+      progress.reset();
       std::cerr << e.what() << '\n';
       return kBadInput;
     }
   }
   if (answers) {
+    progress.reset();
     std::cerr << options.model << ": describes a position or a pressure, and the output of " << options.recording
               << " is the force; give model.toml of a diagnosis of forces\n";
     return kBadInput;
   }
   // What was measured is out of reach from here on: a prediction that had seen it would prove nothing.
   std::fill(recording.frame.force_N.begin(), recording.frame.force_N.end(), 0.0);
+  progress->at(kRead, "finding the motion");
   const identify::Excitation excitation = identify::reconstruct_excitation(recording);
-  const identify::Forecast forecast = identify::forecast(spec, excitation);
-  for (const std::string& note : forecast.notes) std::cerr << "note: " << note << '\n';
+  const identify::Forecast forecast = identify::forecast(
+      spec, excitation, [&](double done) { progress->at(kMotion + (kSimulated - kMotion) * done, "simulating"); });
+  progress->at(kSimulated, "writing");
   std::vector<messages::CsvColumnView> columns{{"t_s", recording.frame.t_s}, {"force_N", forecast.force_N}};
   if (spec.seen)
     columns.insert(columns.end(),
                    {{"low95_N", forecast.low95_N}, {"high95_N", forecast.high95_N}, {"outside", forecast.outside}});
   const std::string text = messages::number_csv_text(columns);
+  progress.reset();
+  for (const std::string& note : forecast.notes) std::cerr << "note: " << note << '\n';
   return write_whole(options.out, text) ? kOk : kFailure;
 }
 

@@ -67,6 +67,23 @@ double Progress::so_far_s() const {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - began_).count();
 }
 
+FilesProgress::FilesProgress(std::string what, const std::vector<std::filesystem::path>& files)
+    : progress_(std::move(what)) {
+  double all = 0.0;
+  for (const auto& file : files) {
+    until_.push_back(all);
+    std::error_code none;
+    const auto bytes = std::filesystem::file_size(file, none);
+    if (!none) all += static_cast<double>(bytes);
+  }
+  until_.push_back(all);
+  for (double& part : until_) part = all > 0.0 ? part / all : 0.0;
+}
+
+void FilesProgress::at(std::size_t file, double fraction, std::string doing) {
+  progress_.at(until_.at(file) + fraction * (until_.at(file + 1) - until_.at(file)), std::move(doing));
+}
+
 void Progress::redraw() {
   // Never into the last column: some terminals wrap there.
   const auto text =

@@ -1,9 +1,11 @@
 #pragma once
 #include <chrono>
 #include <condition_variable>
+#include <filesystem>
 #include <mutex>
 #include <string>
 #include <thread>
+#include <vector>
 
 /// What a command shows while somebody waits for it.
 namespace isorig::cli {
@@ -37,6 +39,19 @@ class Progress {
   std::mutex mutex_;
   std::condition_variable wake_;
   std::thread thread_;  // none where nothing is shown
+};
+
+/// Work on one file after the other, each with a share of the bar by its size.
+class FilesProgress {
+ public:
+  /// `files`: of each what is read of it; one that is not there has no share.
+  FilesProgress(std::string what, const std::vector<std::filesystem::path>& files);
+  /// Of the file with this number, which part is done.
+  void at(std::size_t file, double fraction, std::string doing = {});
+
+ private:
+  std::vector<double> until_;  ///< share of all files before this one, and 1 behind the last
+  Progress progress_;
 };
 
 }  // namespace isorig::cli

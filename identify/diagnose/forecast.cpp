@@ -9,13 +9,17 @@ std::vector<double> lower_triangle(const Eigen::MatrixXd& matrix) {
   return out;
 }
 
-Forecast forecast(const model::ModelSpec& spec, const Excitation& excitation) {
+Forecast forecast(const model::ModelSpec& spec, const Excitation& excitation,
+                  const std::function<void(double fraction)>& on_progress) {
   Forecast out;
   RunningForecast running(spec, excitation.reference, noise_of(excitation));
   running.reset(excitation.instants.front());
   for (const model::Instant& now : excitation.instants) {
     const auto row = running.step(now);
     out.force_N.push_back(row.force_N);
+    constexpr std::size_t kBetween = 100'000;  // rows
+    if (on_progress && out.force_N.size() % kBetween == 0)
+      on_progress(static_cast<double>(out.force_N.size()) / static_cast<double>(excitation.instants.size()));
     if (!spec.seen) continue;
     out.low95_N.push_back(row.force_N - row.half_N);
     out.high95_N.push_back(row.force_N + row.half_N);

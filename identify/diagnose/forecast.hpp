@@ -1,4 +1,5 @@
 #pragma once
+#include <functional>
 #include <span>
 #include <string>
 #include <vector>
@@ -24,7 +25,9 @@ struct Forecast {
 ///
 /// with s the rms of readings left out of the fit, noise included, C the covariance of the fitted numbers
 /// (intervals.hpp) and J the change of F by them. s grows with d by a convention, not by a law.
-[[nodiscard]] Forecast forecast(const model::ModelSpec& spec, const Excitation& excitation);
+/// `on_progress`, where there is one, is told now and then which part of the rows is done.
+[[nodiscard]] Forecast forecast(const model::ModelSpec& spec, const Excitation& excitation,
+                                const std::function<void(double fraction)>& on_progress = {});
 
 /// The row by row lower triangle of a symmetric matrix.
 [[nodiscard]] std::vector<double> lower_triangle(const Eigen::MatrixXd& matrix);

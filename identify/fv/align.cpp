@@ -266,7 +266,11 @@ AlignResult align(const messages::FrameSamples& frame, const messages::PressureS
   if (moves.empty()) return refuse("nothing moves in the frame's stream, so there is no event to look for.");
   if (std::min(frame.t_s.back() - frame.t_s.front(), pressure.t_s.back() - pressure.t_s.front()) < 5.0)
     return refuse("the streams are shorter than 5 s.");
-  const auto coarse = find_coarse_alignment(frame, pressure, options.largest_skew);
+  constexpr double kSearch = 0.5;  // of the time, about: the fit to the strokes takes the rest
+  const auto coarse = find_coarse_alignment(frame, pressure, options.largest_skew, [&](double done) {
+    if (options.on_progress) options.on_progress(kSearch * done);
+  });
+  if (options.on_progress) options.on_progress(kSearch);
   if (const auto why = objection_to(coarse); !why.empty()) return refuse(why);
 
   const CoarseMap map{pressure.t_s.front(), frame.t_s.front() + coarse.lag_s, coarse.skew};

@@ -1,4 +1,5 @@
 #pragma once
+#include <functional>
 #include <span>
 #include <string>
 #include <vector>
@@ -28,6 +29,8 @@ namespace isorig::identify {
 struct AlignOptions {
   double largest_skew = 300e-6;   ///< crystals are within 100 ppm, and 300 ppm is a broken one
   double largest_error_s = 0.25;  ///< of the mapping anywhere in the record (1 sigma); more is no alignment
+  /// Told now and then which part is done, by the time that the search and the fit take of long streams.
+  std::function<void(double fraction)> on_progress{};
 };
 
 struct AlignedEvent {

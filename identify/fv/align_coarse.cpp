@@ -114,7 +114,7 @@ double interpolate(std::span<const double> t, std::span<const double> y, double 
 }
 
 CoarseAlignment find_coarse_alignment(const messages::FrameSamples& frame, const messages::PressureSamples& pressure,
-                                      double largest_skew) {
+                                      double largest_skew, const std::function<void(double)>& on_progress) {
   constexpr std::array kGammas_per_s{0.1, 0.4, 1.5, 6.0, 25.0};
   const double span_s = std::min(frame.t_s.back() - frame.t_s.front(), pressure.t_s.back() - pressure.t_s.front());
   const int skew_steps = static_cast<int>(std::ceil(largest_skew * span_s / 0.5));
@@ -124,6 +124,7 @@ CoarseAlignment find_coarse_alignment(const messages::FrameSamples& frame, const
   templates.reserve(kGammas_per_s.size());
   for (double gamma : kGammas_per_s) templates.push_back(gridded(frame.t_s, response_to_motion(frame, gamma), 1.0));
   for (int k = -skew_steps; k <= skew_steps; ++k) {
+    if (on_progress) on_progress(static_cast<double>(k + skew_steps) / (2 * skew_steps + 1));
     const double skew = skew_steps > 0 ? largest_skew * k / skew_steps : 0.0;
     const Vector p = gridded(pressure.t_s, pressure.pressure_psi, 1.0 + skew);
     std::size_t size = 1;

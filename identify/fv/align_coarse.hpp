@@ -1,4 +1,5 @@
 #pragma once
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -18,9 +19,11 @@ struct CoarseAlignment {
   double second = 0.0;  ///< the same more than a stroke's length away
 };
 
-/// Every lag, a few recoveries, skews so close together that the strokes stay within half a second.
+/// Every lag, a few recoveries, skews so close together that the strokes stay within half a second. `on_progress`,
+/// where there is one, is told before each skew which part is done.
 [[nodiscard]] CoarseAlignment find_coarse_alignment(const messages::FrameSamples& frame,
-                                                    const messages::PressureSamples& pressure, double largest_skew);
+                                                    const messages::PressureSamples& pressure, double largest_skew,
+                                                    const std::function<void(double)>& on_progress);
 
 /// s(t) at the frame's own samples.
 [[nodiscard]] std::vector<double> response_to_motion(const messages::FrameSamples& frame, double gamma_per_s);

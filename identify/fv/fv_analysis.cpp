@@ -37,7 +37,8 @@ RampTrace trace_of(const messages::Recording& recording, const Ramp& ramp) {
   return trace;
 }
 
-void fit_whole_series(const messages::Recording& recording, RecordingResult& result) {
+void fit_whole_series(const messages::Recording& recording, RecordingResult& result,
+                      const std::function<void(double)>& done) {
   if (result.ramps.moves.empty()) {
     result.series_refusal = "No fit to the whole record: nothing moves in it.";
   } else if (result.ramps.clipped_samples > 0) {
@@ -47,7 +48,10 @@ void fit_whole_series(const messages::Recording& recording, RecordingResult& res
   } else {
     const auto& f = recording.frame;
     try {
-      for (int arms : {1, 2}) result.series.push_back(fit_series(f.t_s, f.position_mm, f.force_N, arms));
+      for (int arms : {1, 2}) {
+        result.series.push_back(fit_series(f.t_s, f.position_mm, f.force_N, arms));
+        done(arms == 1 ? 0.4 : 0.95);
+      }
     } catch (const std::domain_error& e) {
       result.series.clear();
       result.series_refusal = std::string("No fit to the whole record: ") + e.what() + ".";
@@ -182,6 +186,9 @@ void state_pressure(const messages::Recording& recording, RecordingResult& out) 
 }  // namespace
 
 RecordingResult analyse_recording(const messages::Recording& recording, std::string path, const FvOptions& options) {
+  const auto done = [&](double fraction) {
+    if (options.on_progress) options.on_progress(fraction);
+  };
   RecordingResult out;
   out.path = std::move(path);
   out.specimen = recording.metadata.specimen;
@@ -194,7 +201,8 @@ RecordingResult analyse_recording(const messages::Recording& recording, std::str
   for (const Ramp& ramp : out.ramps.ramps)
     if (ramp.normalized_force && std::isfinite(ramp.move.velocity_mm_s.value))
       out.traces.push_back(trace_of(recording, ramp));
-  if (options.whole_series) fit_whole_series(recording, out);
+  done(options.whole_series ? 0.2 : 0.9);
+  if (options.whole_series) fit_whole_series(recording, out, done);
   if (options.history) out.history = history_of(recording);
   return out;
 }

@@ -1,5 +1,6 @@
 #pragma once
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <span>
 #include <string>
@@ -46,6 +47,8 @@ struct RecordingResult {
 
 struct FvOptions {
   RampOptions ramps{};
+  /// Told which part of a recording's analysis is done, by the time that its stages take of a long one.
+  std::function<void(double fraction)> on_progress{};
   bool whole_series = true;
   bool history = true;  ///< of use where there are few recordings
 };
