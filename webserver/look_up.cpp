@@ -27,6 +27,17 @@ Hub::Answer passed_on(DaemonAnswer& a) {
   return {a.status == 0 ? 502 : a.status, a.status == 0 ? dump(a.body) : std::move(a.text)};
 }
 
+/// Made of what the daemon has answered. One of another version is told, and ends nothing.
+template <typename Make>
+Hub::Answer made(Make make) {
+  try {
+    return {200, dump(make())};
+  } catch (const json::exception& e) {
+    return refusal(502,
+                   std::string("isorigd's answer is not what this page knows; are both of one version? ") + e.what());
+  }
+}
+
 /// It stands in a path.
 bool is_run_id(const std::string& id) {
   return !id.empty() && id.size() <= 200 && id.front() != '.' && std::all_of(id.begin(), id.end(), [](unsigned char c) {
@@ -82,9 +93,11 @@ void Hub::look_for(const std::string& what) {
   if (what == "diagnoses") {
     return daemon_.call("GET", "/v1/diagnoses", {}, kPatience, [reply](DaemonAnswer a) {
       if (a.status != 200) return reply(passed_on(a));
-      a.body["words"] = words_in(a.body);
-      put_in_words(a.body);
-      reply({200, dump(a.body)});
+      reply(made([&] {
+        a.body["words"] = words_in(a.body);
+        put_in_words(a.body);
+        return std::move(a.body);
+      }));
     });
   }
   if (what != "selftest") {
@@ -98,11 +111,12 @@ void Hub::look_for(const std::string& what) {
     std::array<json, 4> answers;
     void ask(const std::shared_ptr<Asking>& self, std::size_t i) {
       if (i == kAsked.size()) {
-        json out{{"rig", answers[1].value("rig", "")},
-                 {"simulated", answers[1].value("simulated", false)},
-                 {"state", answers[0].value("state", "")},
-                 {"lines", cli::to_json(cli::judge({answers[0], answers[1], answers[2], answers[3]}))}};
-        return reply({200, dump(out)});
+        return reply(made([&] {
+          return json{{"rig", answers[1].value("rig", "")},
+                      {"simulated", answers[1].value("simulated", false)},
+                      {"state", answers[0].value("state", "")},
+                      {"lines", cli::to_json(cli::judge({answers[0], answers[1], answers[2], answers[3]}))}};
+        }));
       }
       hub->daemon_.call("GET", std::string("/v1/") + kAsked[i], {}, kPatience, [self, i](DaemonAnswer a) {
         if (a.status != 200) return self->reply(passed_on(a));
