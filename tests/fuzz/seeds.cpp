@@ -2,6 +2,7 @@
 // (a run in virtual time, frames of the wire protocols), and requests.
 //
 //   fuzz_seeds OUT
+#include <algorithm>
 #include <cstdio>
 #include <cstring>
 #include <fstream>
@@ -292,6 +293,66 @@ void calls() {
        std::string(1, '\0') + "POST /v1/jog HTTP/1.1\r\nExpect: 100-continue\r\nContent-Length: 2\r\n\r\n{}");
 }
 
+/// As the page sends them, and as other sites might.
+void pages() {
+  const std::string mark(fuzz::kPartMark);
+  constexpr char kOwn = 1 | 16, kForeign = kOwn | 4, kNobody = 16;
+  for (const std::string path : {"/",
+                                 "/live.js",
+                                 "/live.css",
+                                 "/enter?token=@TOKEN@",
+                                 "/enter?token=00",
+                                 "/api/library",
+                                 "/api/runs",
+                                 "/api/calibrations",
+                                 "/api/diagnoses",
+                                 "/api/selftest",
+                                 "/api/zoom?from=0&to=1000000&stretches=100",
+                                 "/api/protocol?from=shipped&name=p.toml",
+                                 "/api/protocol?from=saved&name=link.toml",
+                                 "/api/protocol?from=saved&name=../outside.toml",
+                                 "/api/experiment?id=0123456789abcdef",
+                                 "/report/20261123-r",
+                                 "/report/../outside.toml",
+                                 "/diagnosis/0123456789abcdef",
+                                 "/live",
+                                 "/nothing"}) {
+    auto name = "get" + path.substr(0, path.find('?'));
+    std::replace(name.begin(), name.end(), '/', '-');
+    name += std::to_string(path.size());
+    for (const char how : {kOwn, kNobody, static_cast<char>(kOwn | 8)})
+      seed("web", name + "-" + std::to_string(how), how + ("GET " + path) + mark);
+  }
+  const auto protocol = slurp(ISORIG_SOURCE_DIR "/config/protocols/vma-smoke.toml");
+  const std::map<std::string, json> bodies{
+      {"abort", json::object()},
+      {"pause", json::object()},
+      {"lease", {{"action", "take"}}},
+      {"leave", json::object()},
+      {"reset", json::object()},
+      {"check", {{"protocol", protocol}, {"protocol_name", "p.toml"}}},
+      {"save", {{"name", "mine.toml"}, {"protocol", protocol}, {"replaces", ""}}},
+      {"note", {{"run", "latest"}, {"text", "wrong label"}, {"specimen_file", "s.toml"}}},
+      {"twin", {{"model_file", "m.toml"}, {"on_parting", "mark"}}},
+      {"start", {{"operator", "A"}, {"protocol", protocol}, {"specimen_file", ""}}},
+      {"preview",
+       {{"operator", "A"}, {"protocol_file", "p.toml"}, {"protocol_from", "shipped"}, {"specimen_file", "s.toml"}}}};
+  for (const auto& [verb, body] : bodies) {
+    for (const char how : {kOwn, kForeign, kNobody})
+      seed("web", verb + "-" + std::to_string(how), how + ("POST /api/" + verb) + mark + body.dump());
+  }
+  const std::string ping("\x89\x04ping", 6), close("\x88\x02\x03\xe8", 4), words("\x81\x05hello", 7);
+  for (const char how : {static_cast<char>(32), static_cast<char>(33), static_cast<char>(36), static_cast<char>(40)})
+    seed("web", "live-" + std::to_string(how), how + ping + words + close);
+  seed("web", "frames", std::string(1, 33) + "\xff\x82\xfe\x04\x01" + std::string(1100, 'x'));
+  seed("web", "bytes",
+       std::string(1, 64) + "GET / HTTP/1.1\r\nHost: localhost\r\n\r\nHEAD / HTTP/1.1\r\nHost: [::1]\r\n\r\n");
+  seed("web", "chunks",
+       std::string(1, 64) +
+           "POST /api/abort HTTP/1.1\r\nHost: localhost\r\nOrigin: http://localhost\r\n"
+           "Content-Type: application/json\r\nTransfer-Encoding: chunked\r\n\r\n2\r\n{}\r\n0\r\n\r\n");
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -308,5 +369,6 @@ int main(int argc, char** argv) {
   run_logs();
   samples();
   calls();
+  pages();
   return 0;
 }
