@@ -210,18 +210,30 @@ def bare(bench: Bench) -> list[Figure]:
 
 
 ROWS = [
-    Row("paper", "the paper's protocol of one actuator in virtual time", "real time", paper),
-    Row("stepping", "bare stepping of a sheathed actuator", "a plain C++ loop, scipy lsim and solve_ivp", stepping),
+    Row("paper", "the paper's protocol of one actuator in virtual time", "real time", paper,
+        limit="The limit: a flat profile. No function takes more than 6 % of the time; the pressure loop and its guard take 11, the device clocks 13,"
+              " the plant 19, the supervisor 5 (perf over the first 3 h). They are what the real rig runs, tick by tick, and none may be left out."),
+    Row("stepping", "bare stepping of a sheathed actuator", "a plain C++ loop, scipy lsim and solve_ivp", stepping,
+        limit="The limit: the plain loop keeps its state in registers and may assume that nothing changes; the actuator asks at each step whether"
+              " pressure or step changed and keeps its state in memory. A new pressure at each step costs its table, a power and two relaxations."),
     Row("tick", "body of the real-time loop", "its budget", tick),
-    Row("wakeup", "wake-ups of the real loop under CPU and disk load", "cyclictest at the same time", live.wakeup),
-    Row("lcm", "age of a sample at an LCM subscriber", "a bare LCM pair", live.lcm),
+    Row("wakeup", "wake-ups of the real loop under CPU and disk load", "cyclictest at the same time", live.wakeup,
+        limit="Both threads sleep until a time on the same clock, at the same priority."),
+    Row("lcm", "age of a sample at an LCM subscriber", "a bare LCM pair", live.lcm,
+        limit="The limit: a sample passes three threads of their own periods (frame 1 ms, loop 1 ms, publisher `[lcm] period_ms`, 10), and shares a"
+              " message with those of its period; the pair sends each sample at once."),
     Row("clock", "device clocks mapped to the host's", "Klipper, LSL, two-sided hull", clock),
-    Row("fv-fits", "48 force-velocity fits", "scipy, Octave", fv_fits),
-    Row("series-fit", "two standard linear solids to a whole record", "numpy, scipy", series_fit),
+    Row("fv-fits", "48 force-velocity fits", "scipy, Octave", fv_fits,
+        limit="The limit: 39 µs a fit, each a Ceres problem of its own. The intervals, which the peers do not make, cost 40 times that."),
+    Row("series-fit", "two standard linear solids to a whole record", "numpy, scipy", series_fit,
+        limit="The limit: QR of all samples at each of five passes (docs/force-velocity.md says why not normal equations)."),
     Row("diagnosis", "isorig diagnose", "", diagnosis),
     Row("export", "isorig export and fv on a whole run", "", export),
-    Row("recorder", "the recorder", "lcm-logger", recorder),
-    Row("rest", "the daemon at rest, 1 kHz, simulated rig", "", live.rest),
+    Row("recorder", "the recorder", "lcm-logger", recorder,
+        limit="The limit: raw values beside calibrated ones, both clocks and the bound of each stamp (docs/data.md), 42 bytes of a frame sample."),
+    Row("rest", "the daemon at rest, 1 kHz, simulated rig", "", live.rest,
+        limit="The limit: 1 kHz in four threads at 15 µs a wake-up; of the memory 22 MB are queues for a disk that stands still for a minute, 14 MB the"
+              " program, 13 MB the locked stacks of its threads."),
     Row("bare", "./run on a bare machine", "", bare, slow=True),
     Row("suite", "the whole test suite", "", suite, slow=True),
 ]
