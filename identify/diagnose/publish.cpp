@@ -121,8 +121,8 @@ std::string unphysical(const model::ModelSpec& spec, std::span<const Series> ser
       if (!at_wrong_bound(parameter, part.parameters[i])) continue;
       std::string what = model::meaning_of(&parameter.sheet);
       if (what.empty()) what = "a number";
-      return base::formatted("%s of %s stands at the end of its range, %.4g%s", what.c_str(),
-                             model::effect_words(part.physics->name).c_str(), part.parameters[i],
+      return base::formatted("%s [%s] of %s stands at the end of its range, %.4g%s", what.c_str(),
+                             parameter.name.data(), model::effect_words(part.physics->name).c_str(), part.parameters[i],
                              model::unit_behind(&parameter.sheet).c_str());
     }
   }

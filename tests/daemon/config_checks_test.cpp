@@ -109,7 +109,7 @@ const Dangerous kDangerous[] = {
     {"limits", "force_max_N", "1e-6", "from 0.01"},
     {"limits", "force_min_N", "-1e9", "beyond any load cell"},
     {"limits", "force_rate_max_N_s", "1e9", "the force limits trip first"},
-    {"limits", "force_rate_max_N_s", "1e4", "the force limits trip first"},
+    {"limits", "force_rate_max_N_s", "1.1e4", "the force limits trip first"},
     {"limits", "force_rate_max_N_s", "1e-9", "from 0.001"},
     {"limits", "segment_interval_min_s", "1e-6", "poll_period_ms"},
     {"limits", "segment_interval_min_s", "1e6", "from 0.005 to 10"},

@@ -20,9 +20,9 @@ TEST(Soak, ASeedIsTheSameRunAgain) {
     const daemon::testing::TemporaryDirectory folder("soak", "/tmp");
     PlayOptions options;
     options.rig = source("config/rigs/sim.toml");
-    options.protocol = source("config/protocols/vma-smoke.toml");
+    options.protocol = source("config/protocols/vma-short.toml");
     options.runs_root = folder.path();
-    options.faults = 3;
+    options.faults = 6;
     auto result = play(5, options);
     result.erase("begin");  // memory and descriptors of this process
     result.erase("end");

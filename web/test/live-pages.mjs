@@ -209,7 +209,7 @@ try {
     await shown(page, "diagnosis");
     await until("the diagnosis", async () => /settle it/.test(await text(page, "main.page")));
     const diagnosis = await text(page, "section.diagnosis");
-    for (const words of [/physics is missing/, /dry friction/, /0\.72/, /force_N 0\.0130? \[0\.011[^\]]*\]\sN/, /not settled: less than 0\.9/, /told from play in the crosshead from 0\.03 N on/,
+    for (const words of [/physics is missing/, /dry friction/, /0\.72/, /force 0\.0130? \[0\.011[^\]]*\]\sN/, /not settled: less than 0\.9/, /told from play in the crosshead from 0\.03 N on/,
       /Other explanations: play in the crosshead \(p = 0\.24\)/, /recordings at several pressures/, /A lag and a dead time/, /1 fault in the data/, /triangles of 2 mm at 10 mm\/s/]) {
       assert.match(diagnosis, words);
     }

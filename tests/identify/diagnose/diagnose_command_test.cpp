@@ -380,7 +380,7 @@ TEST_F(DiagnoseCommand, AnswersForAPositionAsForAForce) {
   ASSERT_EQ(outcome.code, 0) << outcome.text;
   for (const char* name : {"diagnosis.json", "nominal.toml", "model.toml", "diagnosis-report.html"})
     EXPECT_GT(fs::file_size(out_ / name), 100U) << name;
-  EXPECT_THAT(outcome.text, HasSubstr(" mm nominal"));
+  EXPECT_THAT(outcome.text, HasSubstr(" mm rms, model.toml by"));
   const auto json = nlohmann::json::parse(read(out_ / "diagnosis.json"));
   EXPECT_EQ(json["output"], "position");
   ASSERT_EQ(diagnose().code, 0);
