@@ -89,7 +89,8 @@ void Callout::watch_duration(const Status& status, const std::string& run, doubl
   if (config_.command.empty() || !status.run_loaded || !(longest_s > 0.0)) return;
   const auto now_ns = status.control.mono_ns;
   if (began_ns_ < 0) {
-    if (status.control.state != RunState::kRunning) return;  // armed: it waits for somebody
+    // Armed it waits for somebody; a pause may come before this has seen it running.
+    if (status.control.state != RunState::kRunning && status.control.state != RunState::kPaused) return;
     began_ns_ = now_ns;
   }
   const double taken_s = static_cast<double>(now_ns - began_ns_) * 1e-9;

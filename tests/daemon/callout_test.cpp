@@ -194,12 +194,16 @@ TEST_F(CalloutTest, ARunThatTakesLongerThanItCanIsOverdueOnce) {
   s.runs_started = 2;  // the next one, seen without a look in between, counts from its own begin
   until("b", RunState::kRunning, 9001, 9160, 100.0);  // 159 s: a minute more than 100 s is 160 s
   until("b", RunState::kRunning, 9161, 9400, 100.0);
+  s.runs_started = 3;  // paused before it was seen running
+  until("c", RunState::kPaused, 9401, 9560, 100.0);
+  until("c", RunState::kPaused, 9561, 9600, 100.0);
   s.run_loaded = false;
-  until("", RunState::kReady, 9401, 20000, 0.0);
+  until("", RunState::kReady, 9601, 20000, 0.0);
   stop();
   EXPECT_EQ(text("calls"),
             "overdue a paused the run has taken 22.0 min, and its plan takes 20.0 min at the longest\n"
-            "overdue b running the run has taken 2.7 min, and its plan takes 1.7 min at the longest\n");
+            "overdue b running the run has taken 2.7 min, and its plan takes 1.7 min at the longest\n"
+            "overdue c paused the run has taken 2.7 min, and its plan takes 1.7 min at the longest\n");
 }
 
 TEST_F(CalloutTest, APartingIsToldAndIsTheCauseOfThePauseThatItAsksFor) {
