@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <stdexcept>
 
 #include "base/formatted.hpp"
 #include "cli/live_verdicts.hpp"
@@ -44,6 +45,15 @@ class Sheet {
 double number(const json& j, const char* key, double fallback = 0.0) {
   const auto found = j.find(key);
   return found != j.end() && found->is_number() ? found->get<double>() : fallback;
+}
+
+/// Of an answer of isorigd. Throws std::runtime_error where there is none: operator[] of a const value would read
+/// beyond it.
+const json& part(const json& answer, const char* key) {
+  const auto found = answer.find(key);
+  if (found == answer.end())
+    throw std::runtime_error(std::string("isorigd's answer has no `") + key + "`; is isorigd of another version?");
+  return *found;
 }
 
 void judge_state(Sheet& s, const json& status) {
@@ -108,10 +118,10 @@ void judge_frozen(Sheet& s, const char* check, const json& reading, const char* 
 }
 
 void judge_channels(Sheet& s, const Answers& a, bool frame, bool pressure) {
-  const auto& limits = a.selftest["limits"];
-  const auto& force = a.readings["force"];
-  const auto& position = a.readings["position"];
-  const auto& air = a.readings["pressure"];
+  const auto& limits = part(a.selftest, "limits");
+  const auto& force = part(a.readings, "force");
+  const auto& position = part(a.readings, "position");
+  const auto& air = part(a.readings, "pressure");
   if (frame) {
     s.below("force.noise", number(force, "sd"), kForceNoise_N, formatted("%.4f N rms", number(force, "sd")),
             "shield and earth of the load cell, vibration, a motor nearby");
@@ -139,14 +149,14 @@ void judge_channels(Sheet& s, const Answers& a, bool frame, bool pressure) {
     s.below("pressure.zero", std::abs(number(air, "calibrated")), kZeroPressure_psi,
             formatted("%+.4f psi, vented", number(air, "calibrated")),
             "is the dump valve open? then isorig calibrate pressure --mode zero --point 0");
-    const double t_C = number(a.readings["temperature"], "raw");
+    const double t_C = number(part(a.readings, "temperature"), "raw");
     s.add("pressure.temperature", t_C < 0.0 || t_C > 50.0 ? Verdict::kWarn : Verdict::kOk, formatted("%.1f C", t_C),
           "outside 0..50 C the sensor's error band doubles; -50 C: the firmware reads two bytes only");
   }
 }
 
 void judge_limits(Sheet& s, const json& self) {
-  const auto& limits = self["limits"];
+  const auto& limits = part(self, "limits");
   const double max_psi = number(limits, "pressure_max_psi");
   s.add("limits.pressure", max_psi > kSensorRange_psi ? Verdict::kFail : Verdict::kOk,
         formatted("pressure_max_psi %.1f of the sensor's 30", max_psi),
@@ -156,7 +166,7 @@ void judge_limits(Sheet& s, const json& self) {
           "read them on its panel: they have to lie outside [limits], and be set");
     return;
   }
-  const auto& own = self["frame_limits"];
+  const auto& own = part(self, "frame_limits");
   std::string inside;
   const auto wider = [&](const char* key, bool high) {
     const double frame = number(own, key), rig = number(limits, key);
@@ -174,9 +184,9 @@ void judge_limits(Sheet& s, const json& self) {
 }
 
 void judge_machine(Sheet& s, const json& self) {
-  const auto& rt = self["realtime"];
+  const auto& rt = part(self, "realtime");
   bool loop_fifo = false;
-  for (const auto& t : self["threads"]) {
+  for (const auto& t : part(self, "threads")) {
     if (t.value("name", "") == "isorig-loop") loop_fifo = t.value("fifo", false);
   }
   const bool enforced = rt.value("enforced", false);
@@ -267,18 +277,18 @@ const char* name_of(Verdict verdict) noexcept {
 std::vector<Line> judge(const Answers& a) {
   Sheet s;
   judge_state(s, a.status);
-  const bool frame =
-      judge_link(s,
-                 {"frame.link", "frame.identity", "frame.rate", "frame.age", "frame.losses", "frame.clock",
-                  "the frame's power, its cable, the gateway's address in [frame]"},
-                 a.status, a.selftest["frame"], a.readings["position"], number(a.status, "frame_age_s", -1.0));
-  const bool pressure =
-      judge_link(s,
-                 {"sensor.link", "sensor.identity", "sensor.rate", "sensor.age", "sensor.losses", "sensor.clock",
-                  "the Teensy's USB cable, [pressure] port and serial; the sensor's supply and SPI wires"},
-                 a.status, a.selftest["pressure"], a.readings["pressure"], number(a.status, "pressure_age_s", -1.0));
+  const bool frame = judge_link(s,
+                                {"frame.link", "frame.identity", "frame.rate", "frame.age", "frame.losses",
+                                 "frame.clock", "the frame's power, its cable, the gateway's address in [frame]"},
+                                a.status, part(a.selftest, "frame"), part(a.readings, "position"),
+                                number(a.status, "frame_age_s", -1.0));
+  const bool pressure = judge_link(
+      s,
+      {"sensor.link", "sensor.identity", "sensor.rate", "sensor.age", "sensor.losses", "sensor.clock",
+       "the Teensy's USB cable, [pressure] port and serial; the sensor's supply and SPI wires"},
+      a.status, part(a.selftest, "pressure"), part(a.readings, "pressure"), number(a.status, "pressure_age_s", -1.0));
   judge_channels(s, a, frame, pressure);
-  const auto& interlock = a.status["interlock"];
+  const auto& interlock = part(a.status, "interlock");
   const bool estop = interlock.value("estop_closed", false), guard = interlock.value("guard_closed", false);
   const bool watched = interlock.value("watched", true);
   if (!watched) {
@@ -293,17 +303,17 @@ std::vector<Line> judge(const Answers& a) {
           "close the guard; its contact and wire");
   judge_limits(s, a.selftest);
   judge_machine(s, a.selftest);
-  judge_calibrations(s, a.calibrations["in_force"]);
+  judge_calibrations(s, part(a.calibrations, "in_force"));
   return s.lines;
 }
 
 Line judge_lcm(const json& self, int messages, double seconds) {
   Sheet s;
-  if (!self["lcm"].value("enabled", false)) {
+  if (!part(self, "lcm").value("enabled", false)) {
     s.add("lcm", Verdict::kSkipped, "switched off in the rig's file",
           "[lcm] enabled = true, if somebody wants to listen");
   } else if (messages < 0) {
-    s.add("lcm", Verdict::kFail, "no receiver could be set up on " + self["lcm"].value("url", ""),
+    s.add("lcm", Verdict::kFail, "no receiver could be set up on " + part(self, "lcm").value("url", ""),
           "a multicast route: ip route add 239.255.76.67/32 dev lo");
   } else {
     s.add("lcm", messages > 0 ? Verdict::kOk : Verdict::kFail,

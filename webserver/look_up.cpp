@@ -32,7 +32,7 @@ template <typename Make>
 Hub::Answer made(Make make) {
   try {
     return {200, dump(make())};
-  } catch (const json::exception& e) {
+  } catch (const std::exception& e) {
     return refusal(502,
                    std::string("isorigd's answer is not what this page knows; are both of one version? ") + e.what());
   }

@@ -16,6 +16,16 @@ using cli::Line;
 using cli::Verdict;
 using ::testing::HasSubstr;
 
+TEST(SelfTestOfAnotherVersion, AnAnswerThatLacksAPartIsSaid) {
+  const auto nothing = nlohmann::json::object();
+  try {
+    (void)cli::judge({nothing, nothing, nothing, nothing});
+    ADD_FAILURE() << "judged by nothing";
+  } catch (const std::runtime_error& e) {
+    EXPECT_THAT(e.what(), HasSubstr("isorigd's answer has no `"));
+  }
+}
+
 class SelfTest : public ::testing::Test {
  protected:
   /// `seconds` after the start, with what `arrange` did to the rig.
