@@ -26,6 +26,22 @@ class MaxwellState {
   double z_mm_ = 0.0;
 };
 
+/// First-order lag y of an input u, tau dy/dt = u - y, over a step in which the input runs straight: exact.
+class StraightLag {
+ public:
+  /// `dt_s` > 0.
+  StraightLag(double dt_s, double time_constant_s) noexcept
+      : decay_(-std::expm1(-dt_s / time_constant_s)), fresh_(1.0 - decay_ / (dt_s / time_constant_s)) {}
+  /// The output at the step's end, from the output and the input at its begin and the input at its end.
+  [[nodiscard]] double next(double output, double input_before, double input) const noexcept {
+    return output + (decay_ * (input_before - output) + fresh_ * (input - input_before));
+  }
+
+ private:
+  double decay_;
+  double fresh_;  // weight of the newest input under a straight line
+};
+
 inline double sign_of(double value) noexcept {
   return value > 0.0 ? 1.0 : value < 0.0 ? -1.0 : 0.0;
 }

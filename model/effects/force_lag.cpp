@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "model/effects/effects.hpp"
+#include "model/stepping.hpp"
 
 namespace isorig::model::effect {
 namespace {
@@ -18,11 +19,9 @@ class Lag : public Process {
       started_ = true;
       return;
     }
-    const double x = now.dt_s / tau_s_;
-    const double decay = -std::expm1(-x);
-    const double fresh = 1.0 - decay / x;  // weight of the newest input under a straight line
+    const StraightLag lag(now.dt_s, tau_s_);
     for (std::size_t i = 0; i < count; ++i) {
-      output_[i] += decay * (input_[i] - output_[i]) + fresh * (columns[i] - input_[i]);
+      output_[i] = lag.next(output_[i], input_[i], columns[i]);
       input_[i] = columns[i];
       columns[i] = output_[i];
     }
@@ -82,8 +81,7 @@ const Physics& force_lag() {
       Stage::kSensorLag,
       "Lag of the force channel: its amplifier's filter.",
       "Filter in the load cell's amplifier, of first order (Doebelin 1990, first-order instruments) or with two equal "
-      "poles "
-      "(the same, second-order instruments, damping ratio 1).",
+      "poles (the same, second-order instruments, damping ratio 1).",
       "Sines of 1 mm at 0.5 to 4 Hz, or a tap: a lag rounds the corner of a ramp, a dead time moves it. On "
       "ramps "
       "alone it is nearly a dead time, nearly a parallel dashpot of negative sign, nearly a fast relaxation.",

@@ -1,6 +1,5 @@
-#include <cmath>
-
 #include "model/effects/effects.hpp"
+#include "model/stepping.hpp"
 
 namespace isorig::model::effect {
 namespace {
@@ -27,10 +26,7 @@ class BehindTube : public Process {
   void reset(const Instant& first) noexcept override { inside_psi_ = measured_psi_ = first.excess_pressure_psi; }
   void force(const Instant& now, double* columns) noexcept override {
     if (now.dt_s > 0.0) {
-      const double x = now.dt_s / tau_s_;
-      const double decay = -std::expm1(-x);
-      const double fresh = 1.0 - decay / x;  // weight of the newest reading under a straight line
-      inside_psi_ += decay * (measured_psi_ - inside_psi_) + fresh * (now.excess_pressure_psi - measured_psi_);
+      inside_psi_ = StraightLag(now.dt_s, tau_s_).next(inside_psi_, measured_psi_, now.excess_pressure_psi);
       measured_psi_ = now.excess_pressure_psi;
     }
     *columns = inside_psi_;
