@@ -215,12 +215,12 @@ ROWS = [
               " the plant 19, the supervisor 5 (perf over the first 3 h). They are what the real rig runs, tick by tick, and none may be left out."),
     Row("stepping", "bare stepping of a sheathed actuator", "a plain C++ loop, scipy lsim and solve_ivp", stepping,
         limit="The limit: the plain loop keeps its state in registers and may assume that nothing changes; the actuator asks at each step whether"
-              " pressure or step changed and keeps its state in memory. A new pressure at each step costs its table, a power and two relaxations."),
+              " pressure or step changed and keeps its state in memory. A new pressure at each step costs its table, a power and two relaxations. (Read from the code, not profiled.)"),
     Row("tick", "body of the real-time loop", "its budget", tick),
     Row("wakeup", "wake-ups of the real loop under CPU and disk load", "cyclictest at the same time", live.wakeup,
         limit="Both threads sleep until a time on the same clock, at the same priority."),
     Row("lcm", "age of a sample at an LCM subscriber", "a bare LCM pair", live.lcm,
-        limit="The limit: a sample passes three threads of their own periods (frame 1 ms, loop 1 ms, publisher `[lcm] period_ms`, 10), and shares a"
+        limit="The limit: a sample passes three threads of their own periods (the frame is asked every 5 ms, the loop ticks every 1 ms, publisher `[lcm] period_ms`), and shares a"
               " message with those of its period; the pair sends each sample at once."),
     Row("clock", "device clocks mapped to the host's", "Klipper, LSL, two-sided hull", clock),
     Row("fv-fits", "48 force-velocity fits", "scipy, Octave", fv_fits,
