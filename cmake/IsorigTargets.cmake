@@ -1,7 +1,8 @@
 # Every folder is a room: a library target whose headers are seen only by those who link it.
-# The include root of a room is a directory that holds one symbolic link, <room> -> <source>/<room>,
-# so that `#include "model/slse.hpp"` compiles only for targets that link isorig_model, and `#include
-# "daemon/io/frame_service.hpp"` only for those that link isorig_io: a room in a room has a root of its own.
+# The include root of a room is a directory that holds one link, <room> -> <source>/<room>, so that
+# `#include "model/slse.hpp"` compiles only for targets that link isorig_model. A folder in it with a CMakeLists.txt of
+# its own is a room of its own and is left out: `#include "daemon/io/frame_service.hpp"` compiles only for those that link
+# isorig_io.
 
 add_library(isorig_options INTERFACE)
 target_compile_options(isorig_options INTERFACE
@@ -28,24 +29,55 @@ endif()
 # Every symbol is bound at start: in the loop the first call of a function must cost what every other costs.
 add_link_options(-Wl,-z,relro -Wl,-z,now)
 
+# isorig_include_root(<room> <variable> [WHOLE]): WHOLE takes the rooms inside along.
 function(isorig_include_root room out)
+  set(source ${PROJECT_SOURCE_DIR}/${room})
   string(REPLACE / _ name ${room})
-  set(root ${PROJECT_BINARY_DIR}/include/${name})
+  if("WHOLE" IN_LIST ARGN)
+    set(root ${PROJECT_BINARY_DIR}/include/${name}_whole)
+  else()
+    set(root ${PROJECT_BINARY_DIR}/include/${name})
+    file(GLOB_RECURSE rooms_inside CONFIGURE_DEPENDS RELATIVE ${source} ${source}/*/CMakeLists.txt)
+  endif()
+  set(${out} ${root} PARENT_SCOPE)
   get_filename_component(above ${root}/${room} DIRECTORY)
   file(MAKE_DIRECTORY ${above})
-  file(CREATE_LINK ${PROJECT_SOURCE_DIR}/${room} ${root}/${room} SYMBOLIC)
-  set(${out} ${root} PARENT_SCOPE)
+  if(NOT rooms_inside)
+    if(IS_DIRECTORY ${root}/${room} AND NOT IS_SYMLINK ${root}/${room})
+      file(REMOVE_RECURSE ${root}/${room})  # of a time when it had rooms inside
+    endif()
+    file(CREATE_LINK ${source} ${root}/${room} SYMBOLIC)
+    return()
+  endif()
+  # A link for each entry that is no room. Removed first, for those that have gone.
+  file(REMOVE_RECURSE ${root}/${room})
+  file(MAKE_DIRECTORY ${root}/${room})
+  file(GLOB entries CONFIGURE_DEPENDS LIST_DIRECTORIES true RELATIVE ${source} ${source}/*)
+  foreach(entry IN LISTS entries)
+    if("${entry}/CMakeLists.txt" IN_LIST rooms_inside)
+      continue()
+    endif()
+    if(rooms_inside MATCHES "(^|;)${entry}/")
+      message(FATAL_ERROR "${room}/${entry} holds a room and is none itself; give it a CMakeLists.txt")
+    endif()
+    file(CREATE_LINK ${source}/${entry} ${root}/${room}/${entry} SYMBOLIC)
+  endforeach()
 endfunction()
 
-# isorig_room(<room> [TARGET name] SOURCES ... [LINKS public...] [PRIVATE private...])
+# isorig_room(<room> [TARGET name] [OBJECT] SOURCES ... [LINKS public...] [PRIVATE private...])
+# OBJECT: all of it is linked, for what only registers itself.
 function(isorig_room room)
-  cmake_parse_arguments(arg "" "TARGET" "SOURCES;LINKS;PRIVATE" ${ARGN})
+  cmake_parse_arguments(arg "OBJECT" "TARGET" "SOURCES;LINKS;PRIVATE" ${ARGN})
   if(NOT arg_TARGET)
     set(arg_TARGET isorig_${room})
   endif()
   isorig_include_root(${room} root)
   if(arg_SOURCES)
-    add_library(${arg_TARGET} STATIC ${arg_SOURCES})
+    set(kind STATIC)
+    if(arg_OBJECT)
+      set(kind OBJECT)
+    endif()
+    add_library(${arg_TARGET} ${kind} ${arg_SOURCES})
     target_include_directories(${arg_TARGET} PUBLIC ${root})
     target_link_libraries(${arg_TARGET} PUBLIC ${arg_LINKS} PRIVATE ${arg_PRIVATE} isorig_options)
   else()
