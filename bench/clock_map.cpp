@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "bench/clock_scenario.hpp"
-#include "drivers/clock/mapping.hpp"
-#include "drivers/clock/remap.hpp"
+#include "drivers/clock_map/mapping.hpp"
+#include "drivers/clock_map/remap.hpp"
 
 namespace isorig::bench {
 namespace {

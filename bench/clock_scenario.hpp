@@ -4,7 +4,7 @@
 #include <random>
 #include <vector>
 
-#include "drivers/clock/clock.hpp"
+#include "drivers/api/clock.hpp"
 
 namespace isorig::bench {
 

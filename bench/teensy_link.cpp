@@ -15,6 +15,7 @@
 
 #include "base/quantile.hpp"
 #include "bench/teensy_backend.hpp"
+#include "drivers/clock/real_clock.hpp"
 #include "drivers/pressure/teensy.hpp"
 #include "drivers/pressure/tty_stream.hpp"
 #include "sim/pressure/teensy_pty.hpp"

@@ -24,6 +24,7 @@
 
 #include "base/quantile.hpp"
 #include "bench/teensy_backend.hpp"
+#include "drivers/clock/real_clock.hpp"
 #include "drivers/pressure/teensy.hpp"
 #include "drivers/pressure/tty_stream.hpp"
 #include "drivers/pressure/usb_stream.hpp"

@@ -31,6 +31,7 @@
 #include "daemon/rig/calibrations.hpp"
 #include "daemon/rig/devices.hpp"
 #include "daemon/threads.hpp"
+#include "drivers/clock/real_clock.hpp"
 
 namespace isorig::daemon {
 namespace {

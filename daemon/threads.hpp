@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "daemon/core/realtime.hpp"
-#include "drivers/clock/clock.hpp"
+#include "drivers/api/clock.hpp"
 
 /// How the daemon's threads start, take turns and complain (docs/threads.md).
 namespace isorig::daemon {

@@ -2,7 +2,7 @@
 #include <cstdint>
 #include <string>
 
-#include "drivers/clock/clock.hpp"
+#include "drivers/api/clock.hpp"
 #include "sim/sync_line.hpp"
 #include "sim/wire_rig.hpp"
 

@@ -5,7 +5,7 @@
 #include <mutex>
 #include <vector>
 
-#include "drivers/clock/clock.hpp"
+#include "drivers/api/clock.hpp"
 #include "model/actuator.hpp"
 #include "sim/config.hpp"
 #include "sim/frame/frame.hpp"

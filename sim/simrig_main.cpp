@@ -10,6 +10,7 @@
 
 #include "base/overloaded.hpp"
 #include "base/toml_reader.hpp"
+#include "drivers/clock/real_clock.hpp"
 #include "sim/control_socket.hpp"
 #include "sim/gpio_lines.hpp"
 #include "sim/wire_control.hpp"

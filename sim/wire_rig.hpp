@@ -7,10 +7,10 @@
 #include <string>
 #include <variant>
 
-#include "drivers/clock/clock.hpp"
-#include "drivers/frame/instron8800_config.hpp"
-#include "drivers/modbus/modbus_config.hpp"
-#include "drivers/pressure/regulator_config.hpp"
+#include "drivers/api/clock.hpp"
+#include "drivers/config/instron8800_config.hpp"
+#include "drivers/config/modbus_config.hpp"
+#include "drivers/config/regulator_config.hpp"
 #include "sim/faults.hpp"
 #include "sim/frame/instron8800_server.hpp"
 #include "sim/frame/modbus_server.hpp"

@@ -4,11 +4,11 @@
 #include <cstdint>
 
 #include "base/spsc_queue.hpp"
-#include "drivers/clock/sync_check.hpp"
-#include "drivers/frame/frame.hpp"
-#include "drivers/interlock/interlock.hpp"
-#include "drivers/pressure/pressure.hpp"
-#include "drivers/pressure/regulator.hpp"
+#include "drivers/api/frame.hpp"
+#include "drivers/api/interlock.hpp"
+#include "drivers/api/pressure.hpp"
+#include "drivers/api/regulator.hpp"
+#include "drivers/clock_map/sync_check.hpp"
 
 /// What crosses between the real-time loop and the threads that own a device. Each link has one I/O thread on
 /// one side and the loop on the other; nothing in it blocks.

@@ -3,7 +3,7 @@
 #include <cstdint>
 
 #include "daemon/core/pressure_loop.hpp"
-#include "drivers/pressure/pressure.hpp"
+#include "drivers/api/pressure.hpp"
 
 namespace isorig::daemon {
 

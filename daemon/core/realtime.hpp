@@ -6,7 +6,7 @@
 #include <string>
 
 #include "daemon/core/core.hpp"
-#include "drivers/clock/clock.hpp"
+#include "drivers/api/clock.hpp"
 
 namespace isorig::base {
 class TomlTable;

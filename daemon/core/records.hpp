@@ -1,8 +1,8 @@
 #pragma once
 #include <cstdint>
 
-#include "drivers/clock/clock.hpp"
-#include "drivers/clock/sync_check.hpp"
+#include "drivers/api/clock.hpp"
+#include "drivers/clock_map/sync_check.hpp"
 #include "protocol/plan.hpp"
 
 /// What the real-time core hands to the recorder and the publisher: plain values, each through its own

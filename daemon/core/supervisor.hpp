@@ -5,9 +5,9 @@
 #include "daemon/core/links.hpp"
 #include "daemon/core/records.hpp"
 #include "daemon/core/trips.hpp"
-#include "drivers/frame/frame.hpp"
-#include "drivers/interlock/interlock.hpp"
-#include "drivers/pressure/pressure.hpp"
+#include "drivers/api/frame.hpp"
+#include "drivers/api/interlock.hpp"
+#include "drivers/api/pressure.hpp"
 #include "protocol/limits.hpp"
 
 namespace isorig::base {

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "base/quantile.hpp"
-#include "drivers/clock/remap.hpp"
+#include "drivers/clock_map/remap.hpp"
 
 namespace isorig::daemon {
 namespace {

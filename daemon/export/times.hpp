@@ -3,7 +3,7 @@
 #include <span>
 #include <vector>
 
-#include "drivers/clock/clock.hpp"
+#include "drivers/api/clock.hpp"
 
 /// The times of an export's rows: mapped again from the recorded exchanges where that is better than what the daemon
 /// stamped when the samples came.

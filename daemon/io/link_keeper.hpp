@@ -6,8 +6,8 @@
 
 #include "base/spsc_queue.hpp"
 #include "daemon/core/links.hpp"
-#include "drivers/backoff.hpp"
-#include "drivers/error.hpp"
+#include "drivers/api/backoff.hpp"
+#include "drivers/api/error.hpp"
 
 namespace isorig::daemon {
 

@@ -4,7 +4,7 @@
 
 #include "daemon/core/links.hpp"
 #include "daemon/io/sampled_link.hpp"
-#include "drivers/clock/sync_line.hpp"
+#include "drivers/clock_map/sync_line.hpp"
 
 namespace isorig::daemon {
 

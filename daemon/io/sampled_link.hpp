@@ -5,7 +5,7 @@
 
 #include "daemon/io/link_keeper.hpp"
 #include "daemon/io/service_config.hpp"
-#include "drivers/clock/mapping.hpp"
+#include "drivers/clock_map/mapping.hpp"
 
 namespace isorig::daemon {
 

@@ -1,7 +1,7 @@
 #pragma once
 #include <cstdint>
 
-#include "drivers/pressure/pressure.hpp"
+#include "drivers/api/pressure.hpp"
 
 namespace isorig::daemon {
 

@@ -4,11 +4,11 @@
 
 #include "daemon/rig/config.hpp"
 #include "daemon/rig/device_claim.hpp"
-#include "drivers/clock/clock.hpp"
-#include "drivers/frame/frame.hpp"
-#include "drivers/interlock/interlock.hpp"
-#include "drivers/pressure/pressure.hpp"
-#include "drivers/pressure/regulator.hpp"
+#include "drivers/api/clock.hpp"
+#include "drivers/api/frame.hpp"
+#include "drivers/api/interlock.hpp"
+#include "drivers/api/pressure.hpp"
+#include "drivers/api/regulator.hpp"
 #include "sim/rig.hpp"
 
 namespace isorig::daemon {

@@ -8,7 +8,7 @@
 #include "daemon/io/interlock_service.hpp"
 #include "daemon/io/pressure_service.hpp"
 #include "daemon/rig/config.hpp"
-#include "drivers/clock/clock.hpp"
+#include "drivers/api/clock.hpp"
 #include "sim/rig.hpp"
 
 namespace isorig::daemon {

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include "drivers/error.hpp"
+#include "drivers/api/error.hpp"
 #include "drivers/frame/instron8800_status.hpp"
 
 namespace isorig::frame {

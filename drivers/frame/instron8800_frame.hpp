@@ -4,9 +4,9 @@
 #include <string>
 #include <vector>
 
-#include "drivers/clock/clock.hpp"
-#include "drivers/frame/frame.hpp"
-#include "drivers/frame/instron8800_config.hpp"
+#include "drivers/api/clock.hpp"
+#include "drivers/api/frame.hpp"
+#include "drivers/config/instron8800_config.hpp"
 #include "drivers/frame/instron8800_link.hpp"
 
 namespace isorig::frame {

@@ -5,7 +5,7 @@
 #include <charconv>
 #include <cmath>
 
-#include "drivers/error.hpp"
+#include "drivers/api/error.hpp"
 
 namespace isorig::frame {
 namespace {

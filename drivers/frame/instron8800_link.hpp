@@ -6,8 +6,8 @@
 #include <string_view>
 #include <vector>
 
-#include "drivers/clock/clock.hpp"
-#include "drivers/frame/instron8800_config.hpp"
+#include "drivers/api/clock.hpp"
+#include "drivers/config/instron8800_config.hpp"
 #include "drivers/frame/line_stream.hpp"
 
 namespace isorig::frame {

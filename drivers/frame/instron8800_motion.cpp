@@ -2,7 +2,7 @@
 #include <cmath>
 #include <cstdio>
 
-#include "drivers/error.hpp"
+#include "drivers/api/error.hpp"
 #include "drivers/frame/instron8800_frame.hpp"
 
 namespace isorig::frame {

@@ -4,7 +4,7 @@
 #include <string>
 #include <string_view>
 
-#include "drivers/clock/clock.hpp"
+#include "drivers/api/clock.hpp"
 
 namespace isorig::frame {
 

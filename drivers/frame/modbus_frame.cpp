@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "drivers/clock/real_clock.hpp"
+
 namespace isorig::frame {
 namespace {
 

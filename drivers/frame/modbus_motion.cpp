@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "base/number_text.hpp"
+#include "drivers/clock/real_clock.hpp"
 #include "drivers/frame/modbus_frame.hpp"
 
 namespace isorig::frame {

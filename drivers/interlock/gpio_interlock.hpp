@@ -5,10 +5,10 @@
 #include <string>
 #include <vector>
 
-#include "drivers/clock/clock.hpp"
+#include "drivers/api/clock.hpp"
+#include "drivers/api/interlock.hpp"
 #include "drivers/interlock/contact.hpp"
 #include "drivers/interlock/gpio_port.hpp"
-#include "drivers/interlock/interlock.hpp"
 #include "drivers/interlock/stamp_clock.hpp"
 
 namespace isorig::interlock {

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "drivers/error.hpp"
+#include "drivers/api/error.hpp"
 
 /// GPIO lines as the driver needs them, over libgpiod 1.6 (gpio_port_v1.cpp) or 2.x (gpio_port_v2.cpp), whichever
 /// the distribution has. Levels and edges are logical: active_low is taken care of below this interface.

@@ -9,9 +9,9 @@
 #include <cerrno>
 #include <cstring>
 
-#include "drivers/error.hpp"
-#include "drivers/serial_port.hpp"
-#include "drivers/tcp_connect.hpp"
+#include "drivers/api/error.hpp"
+#include "drivers/transport/serial_port.hpp"
+#include "drivers/transport/tcp_connect.hpp"
 
 namespace isorig::modbus {
 namespace {

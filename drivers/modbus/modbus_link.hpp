@@ -5,9 +5,9 @@
 #include <span>
 #include <string>
 
-#include "drivers/clock/clock.hpp"
+#include "drivers/clock/real_clock.hpp"
+#include "drivers/config/modbus_config.hpp"
 #include "drivers/modbus/modbus_adu.hpp"
-#include "drivers/modbus/modbus_config.hpp"
 
 namespace isorig::modbus {
 

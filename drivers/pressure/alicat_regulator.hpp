@@ -1,9 +1,9 @@
 #pragma once
 #include <string>
 
+#include "drivers/api/regulator.hpp"
+#include "drivers/config/regulator_config.hpp"
 #include "drivers/modbus/modbus_link.hpp"
-#include "drivers/pressure/regulator.hpp"
-#include "drivers/pressure/regulator_config.hpp"
 
 namespace isorig::pressure {
 

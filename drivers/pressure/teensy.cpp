@@ -4,7 +4,7 @@
 #include <cmath>
 #include <utility>
 
-#include "drivers/error.hpp"
+#include "drivers/api/error.hpp"
 #include "messages/elvh.hpp"
 
 namespace isorig::pressure {

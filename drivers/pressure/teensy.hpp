@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "drivers/api/pressure.hpp"
 #include "drivers/pressure/byte_stream.hpp"
-#include "drivers/pressure/pressure.hpp"
 #include "messages/teensy/decoder.hpp"
 #include "messages/teensy/wire.hpp"
 

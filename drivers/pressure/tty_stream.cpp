@@ -14,7 +14,7 @@
 #include <system_error>
 #include <thread>
 
-#include "drivers/error.hpp"
+#include "drivers/api/error.hpp"
 
 namespace isorig::pressure {
 namespace {

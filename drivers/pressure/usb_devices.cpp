@@ -10,7 +10,7 @@
 #include <optional>
 #include <system_error>
 
-#include "drivers/error.hpp"
+#include "drivers/api/error.hpp"
 
 namespace isorig::pressure {
 namespace {

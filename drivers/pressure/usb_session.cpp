@@ -11,8 +11,8 @@
 #include <system_error>
 #include <utility>
 
-#include "drivers/clock/clock.hpp"
-#include "drivers/error.hpp"
+#include "drivers/api/error.hpp"
+#include "drivers/clock/real_clock.hpp"
 
 namespace isorig::pressure {
 namespace {

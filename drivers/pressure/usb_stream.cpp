@@ -13,8 +13,8 @@
 #include <thread>
 #include <utility>
 
-#include "drivers/clock/clock.hpp"
-#include "drivers/error.hpp"
+#include "drivers/api/error.hpp"
+#include "drivers/clock/real_clock.hpp"
 
 namespace isorig::pressure {
 namespace {

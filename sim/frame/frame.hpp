@@ -1,7 +1,7 @@
 #pragma once
 #include <vector>
 
-#include "drivers/frame/frame.hpp"
+#include "drivers/api/frame.hpp"
 #include "sim/device_clock.hpp"
 #include "sim/frame/crosshead.hpp"
 #include "sim/host.hpp"

@@ -5,8 +5,8 @@
 #include <utility>
 #include <vector>
 
-#include "drivers/frame/frame.hpp"
-#include "drivers/modbus/register_map.hpp"
+#include "drivers/api/frame.hpp"
+#include "drivers/config/register_map.hpp"
 #include "sim/faults.hpp"
 #include "sim/frame/register_image.hpp"
 

@@ -6,7 +6,7 @@
 #include <string_view>
 #include <vector>
 
-#include "drivers/frame/frame.hpp"
+#include "drivers/api/frame.hpp"
 #include "sim/faults.hpp"
 #include "sim/frame/instron8800_server.hpp"
 

@@ -3,7 +3,7 @@
 #include <memory>
 #include <string>
 
-#include "drivers/frame/frame.hpp"
+#include "drivers/api/frame.hpp"
 #include "sim/faults.hpp"
 
 namespace isorig::sim {

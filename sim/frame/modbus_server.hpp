@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "drivers/frame/frame.hpp"
-#include "drivers/modbus/register_map.hpp"
+#include "drivers/api/frame.hpp"
+#include "drivers/config/register_map.hpp"
 #include "sim/faults.hpp"
 
 namespace isorig::sim {

@@ -4,8 +4,8 @@
 #include <span>
 #include <vector>
 
-#include "drivers/frame/frame.hpp"
-#include "drivers/modbus/register_map.hpp"
+#include "drivers/api/frame.hpp"
+#include "drivers/config/register_map.hpp"
 
 namespace isorig::sim {
 

@@ -1,7 +1,7 @@
 #pragma once
 #include <atomic>
 
-#include "drivers/interlock/interlock.hpp"
+#include "drivers/api/interlock.hpp"
 #include "sim/host.hpp"
 #include "sim/sync_line.hpp"
 

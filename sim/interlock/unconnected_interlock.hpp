@@ -1,7 +1,7 @@
 #pragma once
 #include <atomic>
 
-#include "drivers/interlock/interlock.hpp"
+#include "drivers/api/interlock.hpp"
 
 namespace isorig::sim {
 

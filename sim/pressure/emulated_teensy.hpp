@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "drivers/clock/clock.hpp"
-#include "drivers/pressure/pressure.hpp"
+#include "drivers/api/clock.hpp"
+#include "drivers/api/pressure.hpp"
 #include "messages/teensy/device.hpp"
 
 namespace isorig::sim {

@@ -2,7 +2,7 @@
 #include <array>
 #include <vector>
 
-#include "drivers/pressure/pressure.hpp"
+#include "drivers/api/pressure.hpp"
 #include "messages/teensy/fill_guard.hpp"
 #include "sim/device_clock.hpp"
 #include "sim/host.hpp"

@@ -4,6 +4,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "drivers/clock/real_clock.hpp"
 #include "edited_rig.hpp"
 #include "rig_fixture.hpp"
 

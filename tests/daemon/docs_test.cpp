@@ -40,7 +40,7 @@ std::vector<std::string> alternatives(const std::string& path) {
   return all;
 }
 
-/// A file, a folder, a file without its extension ("model/slse"), or a beginning ("sim/frame/instron8800_*").
+/// A file, a folder, a file without its extension ("model/slse"), or a beginning ("sim/wire/frame/instron8800_*").
 bool exists(const std::string& path) {
   if (fs::exists(kRoot / path)) return true;
   const fs::path whole = kRoot / path;
@@ -90,7 +90,7 @@ TEST(Docs, APathIsFoundAndAMissingOneIsMissed) {
   EXPECT_THAT(paths_in("/usr/share/docs/a.md, build/docs/b"), ::testing::IsEmpty());
   EXPECT_TRUE(exists("docs/drivers.md"));
   EXPECT_TRUE(exists("docs/drivers"));
-  EXPECT_TRUE(exists("drivers/frame/frame.h*"));
+  EXPECT_TRUE(exists("drivers/api/frame.h*"));
   EXPECT_FALSE(exists("docs/driver"));
   EXPECT_FALSE(exists("drivers/frame/no_such_*"));
   EXPECT_FALSE(exists("drivers/no_such/frame.hpp"));

@@ -3,6 +3,7 @@
 #include <fstream>
 
 #include "daemon/rig/devices.hpp"
+#include "drivers/clock/real_clock.hpp"
 #include "edited_rig.hpp"
 #include "rig_fixture.hpp"
 

@@ -1,4 +1,4 @@
-#include "drivers/backoff.hpp"
+#include "drivers/api/backoff.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -7,9 +7,9 @@
 #include <random>
 
 #include "bench/clock_scenario.hpp"
-#include "drivers/clock/mapping.hpp"
-#include "drivers/clock/remap.hpp"
-#include "drivers/clock/wrap.hpp"
+#include "drivers/clock_map/mapping.hpp"
+#include "drivers/clock_map/remap.hpp"
+#include "drivers/clock_map/wrap.hpp"
 
 namespace isorig::clock {
 namespace {

@@ -3,7 +3,7 @@
 
 #include <utility>
 
-#include "drivers/error.hpp"
+#include "drivers/api/error.hpp"
 
 namespace isorig::test {
 

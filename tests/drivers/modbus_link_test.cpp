@@ -14,7 +14,7 @@
 #include <mutex>
 #include <thread>
 
-#include "drivers/error.hpp"
+#include "drivers/api/error.hpp"
 
 namespace isorig::modbus {
 namespace {

@@ -1,4 +1,4 @@
-#include "drivers/modbus/register_codec.hpp"
+#include "drivers/config/register_codec.hpp"
 
 #include <gtest/gtest.h>
 

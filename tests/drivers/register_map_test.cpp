@@ -1,4 +1,4 @@
-#include "drivers/modbus/register_map.hpp"
+#include "drivers/config/register_map.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -9,7 +9,7 @@
 #include <string>
 #include <string_view>
 
-#include "drivers/modbus/modbus_config.hpp"
+#include "drivers/config/modbus_config.hpp"
 
 namespace isorig::modbus {
 namespace {

@@ -1,4 +1,4 @@
-#include "drivers/clock/sync_line.hpp"
+#include "drivers/clock_map/sync_line.hpp"
 
 #include <gtest/gtest.h>
 

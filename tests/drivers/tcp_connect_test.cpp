@@ -1,4 +1,4 @@
-#include "drivers/tcp_connect.hpp"
+#include "drivers/transport/tcp_connect.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -6,7 +6,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "drivers/error.hpp"
+#include "drivers/api/error.hpp"
 
 namespace isorig::drivers {
 namespace {

@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "bench/teensy_backend.hpp"
-#include "drivers/backoff.hpp"
-#include "drivers/error.hpp"
+#include "drivers/api/backoff.hpp"
+#include "drivers/api/error.hpp"
 #include "drivers/pressure/teensy.hpp"
 #include "drivers/pressure/tty_stream.hpp"
 #include "sim/pressure/teensy_pty.hpp"

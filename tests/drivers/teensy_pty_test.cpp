@@ -9,7 +9,8 @@
 #include <cmath>
 #include <thread>
 
-#include "drivers/clock/mapping.hpp"
+#include "drivers/clock/real_clock.hpp"
+#include "drivers/clock_map/mapping.hpp"
 #include "teensy_on_pty.hpp"
 
 namespace isorig::pressure {

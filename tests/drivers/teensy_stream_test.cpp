@@ -8,7 +8,7 @@
 #include <memory>
 #include <vector>
 
-#include "drivers/error.hpp"
+#include "drivers/api/error.hpp"
 #include "drivers/pressure/teensy.hpp"
 #include "drivers/pressure/tty_stream.hpp"
 #include "error_of.hpp"

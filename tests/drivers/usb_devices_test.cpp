@@ -7,7 +7,7 @@
 
 #include <fstream>
 
-#include "drivers/error.hpp"
+#include "drivers/api/error.hpp"
 
 namespace isorig::pressure {
 namespace {

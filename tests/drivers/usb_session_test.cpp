@@ -15,8 +15,8 @@
 #include <thread>
 #include <vector>
 
-#include "drivers/clock/clock.hpp"
-#include "drivers/error.hpp"
+#include "drivers/api/error.hpp"
+#include "drivers/clock/real_clock.hpp"
 #include "drivers/pressure/usb_stream.hpp"
 #include "error_of.hpp"
 #include "fake_libusb.hpp"

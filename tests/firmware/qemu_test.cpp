@@ -9,7 +9,8 @@
 #include <memory>
 #include <optional>
 
-#include "drivers/clock/clock.hpp"
+#include "drivers/api/clock.hpp"
+#include "drivers/clock/real_clock.hpp"
 #include "drivers/pressure/teensy.hpp"
 #include "drivers/pressure/tty_stream.hpp"
 #include "messages/elvh.hpp"

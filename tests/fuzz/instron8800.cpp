@@ -4,7 +4,7 @@
 #include <string>
 #include <utility>
 
-#include "drivers/error.hpp"
+#include "drivers/api/error.hpp"
 #include "drivers/frame/instron8800_frame.hpp"
 #include "wire.hpp"
 

@@ -5,7 +5,8 @@
 #include <utility>
 #include <vector>
 
-#include "drivers/error.hpp"
+#include "drivers/api/error.hpp"
+#include "drivers/clock/real_clock.hpp"
 #include "drivers/frame/modbus_frame.hpp"
 #include "drivers/modbus/modbus_adu.hpp"
 #include "wire.hpp"

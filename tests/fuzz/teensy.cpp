@@ -6,7 +6,7 @@
 #include <cstring>
 #include <memory>
 
-#include "drivers/error.hpp"
+#include "drivers/api/error.hpp"
 #include "messages/teensy/cobs.hpp"
 #include "messages/teensy/device.hpp"
 #include "target.hpp"

@@ -8,9 +8,10 @@
 #include <algorithm>
 #include <array>
 
-#include "drivers/error.hpp"
-#include "drivers/serial_port.hpp"
-#include "drivers/tcp_connect.hpp"
+#include "drivers/api/error.hpp"
+#include "drivers/clock/real_clock.hpp"
+#include "drivers/transport/serial_port.hpp"
+#include "drivers/transport/tcp_connect.hpp"
 
 namespace isorig::fuzz {
 namespace {

@@ -4,8 +4,8 @@
 #include <span>
 #include <string>
 
-#include "drivers/clock/clock.hpp"
-#include "drivers/frame/frame.hpp"
+#include "drivers/api/frame.hpp"
+#include "drivers/clock/real_clock.hpp"
 #include "target.hpp"
 
 /// A device on the wire without a wire. The drivers' connect_tcp(), open_serial(), ppoll() and RealClock are those of

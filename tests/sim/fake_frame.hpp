@@ -7,8 +7,8 @@
 #include <utility>
 #include <vector>
 
-#include "drivers/clock/clock.hpp"
-#include "drivers/frame/frame.hpp"
+#include "drivers/api/clock.hpp"
+#include "drivers/api/frame.hpp"
 
 namespace isorig::sim {
 

@@ -10,7 +10,8 @@
 #include <stdexcept>
 #include <thread>
 
-#include "drivers/error.hpp"
+#include "drivers/api/error.hpp"
+#include "drivers/clock/real_clock.hpp"
 #include "drivers/frame/instron8800_frame.hpp"
 #include "sim/frame/instron8800_controller.hpp"
 #include "sim/frame/instron8800_server.hpp"

@@ -11,6 +11,7 @@
 #include <functional>
 #include <thread>
 
+#include "drivers/clock/real_clock.hpp"
 #include "drivers/pressure/alicat_regulator.hpp"
 #include "sim/pressure/regulator_server.hpp"
 

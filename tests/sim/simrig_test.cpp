@@ -12,7 +12,8 @@
 #include <fstream>
 #include <sstream>
 
-#include "drivers/clock/clock.hpp"
+#include "drivers/api/clock.hpp"
+#include "drivers/clock/real_clock.hpp"
 #include "drivers/frame/modbus_frame.hpp"
 #include "drivers/pressure/teensy.hpp"
 #include "drivers/pressure/tty_stream.hpp"

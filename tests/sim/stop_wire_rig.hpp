@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "daemon/io/frame_service.hpp"
+#include "drivers/clock/real_clock.hpp"
 #include "drivers/frame/instron8800_frame.hpp"
 #include "drivers/frame/modbus_frame.hpp"
 #include "sim/frame/instron8800_server.hpp"

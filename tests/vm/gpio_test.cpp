@@ -8,6 +8,7 @@
 #include <csignal>
 #include <memory>
 
+#include "drivers/clock/real_clock.hpp"
 #include "drivers/interlock/gpio_interlock.hpp"
 #include "tests/vm/gpio_sim.hpp"
 

@@ -18,7 +18,8 @@
 #include <vector>
 
 #include "bench/teensy_backend.hpp"
-#include "drivers/error.hpp"
+#include "drivers/api/error.hpp"
+#include "drivers/clock/real_clock.hpp"
 #include "drivers/pressure/teensy.hpp"
 #include "drivers/pressure/usb_stream.hpp"
 #include "sim/pressure/teensy_usbip.hpp"
