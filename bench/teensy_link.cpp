@@ -18,7 +18,7 @@
 #include "drivers/clock/real_clock.hpp"
 #include "drivers/pressure/teensy.hpp"
 #include "drivers/pressure/tty_stream.hpp"
-#include "sim/pressure/teensy_pty.hpp"
+#include "sim/wire/pressure/teensy_pty.hpp"
 
 namespace {
 

@@ -28,7 +28,7 @@
 #include "drivers/pressure/teensy.hpp"
 #include "drivers/pressure/tty_stream.hpp"
 #include "drivers/pressure/usb_stream.hpp"
-#include "sim/pressure/teensy_usbip.hpp"
+#include "sim/wire/pressure/teensy_usbip.hpp"
 
 namespace {
 

@@ -10,7 +10,8 @@
 ///
 /// Written here because libmodbus 3.1.6 accepts as an answer what is none: over TCP it ignores the MBAP header's
 /// protocol and length, and the unit; what follows is then out of step. The emulators do not use this file: libmodbus
-/// answers there, and sim/modbus_requests.hpp cuts the requests, so that no error here is repeated where it is judged.
+/// answers there, and sim/wire/modbus_requests.hpp cuts the requests, so that no error here is repeated where it is
+/// judged.
 namespace isorig::modbus {
 
 using Bytes = std::vector<std::uint8_t>;

@@ -15,7 +15,7 @@
 #include "drivers/api/error.hpp"
 #include "drivers/pressure/teensy.hpp"
 #include "drivers/pressure/tty_stream.hpp"
-#include "sim/pressure/teensy_pty.hpp"
+#include "sim/wire/pressure/teensy_pty.hpp"
 
 namespace isorig::pressure {
 

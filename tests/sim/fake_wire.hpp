@@ -6,7 +6,7 @@
 
 #include "drivers/frame/modbus_frame.hpp"
 #include "fake_frame.hpp"
-#include "sim/frame/modbus_server.hpp"
+#include "sim/wire/frame/modbus_server.hpp"
 
 namespace isorig::sim {
 

@@ -13,9 +13,9 @@
 #include "drivers/api/error.hpp"
 #include "drivers/clock/real_clock.hpp"
 #include "drivers/frame/instron8800_frame.hpp"
-#include "sim/frame/instron8800_controller.hpp"
-#include "sim/frame/instron8800_server.hpp"
 #include "sim/rig.hpp"
+#include "sim/wire/frame/instron8800_controller.hpp"
+#include "sim/wire/frame/instron8800_server.hpp"
 
 namespace isorig::sim {
 

@@ -13,7 +13,7 @@
 
 #include "drivers/clock/real_clock.hpp"
 #include "drivers/pressure/alicat_regulator.hpp"
-#include "sim/pressure/regulator_server.hpp"
+#include "sim/wire/pressure/regulator_server.hpp"
 
 namespace isorig::sim {
 namespace {

@@ -18,8 +18,8 @@
 #include "drivers/pressure/teensy.hpp"
 #include "drivers/pressure/tty_stream.hpp"
 #include "messages/elvh.hpp"
-#include "sim/control_socket.hpp"
-#include "sim/wire_rig.hpp"
+#include "sim/wire/control_socket.hpp"
+#include "sim/wire/wire_rig.hpp"
 
 namespace isorig::sim {
 namespace {

@@ -18,9 +18,9 @@
 #include "drivers/clock/real_clock.hpp"
 #include "drivers/frame/instron8800_frame.hpp"
 #include "drivers/frame/modbus_frame.hpp"
-#include "sim/frame/instron8800_server.hpp"
-#include "sim/frame/modbus_server.hpp"
 #include "sim/rig.hpp"
+#include "sim/wire/frame/instron8800_server.hpp"
+#include "sim/wire/frame/modbus_server.hpp"
 
 namespace isorig::sim {
 

@@ -1,4 +1,4 @@
-#include "sim/wire_ends.hpp"
+#include "sim/wire/wire_ends.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

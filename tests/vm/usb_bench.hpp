@@ -22,7 +22,7 @@
 #include "drivers/clock/real_clock.hpp"
 #include "drivers/pressure/teensy.hpp"
 #include "drivers/pressure/usb_stream.hpp"
-#include "sim/pressure/teensy_usbip.hpp"
+#include "sim/wire/pressure/teensy_usbip.hpp"
 
 namespace isorig::pressure {
 

@@ -1,4 +1,4 @@
-#include "sim/pressure/teensy_usbip.hpp"
+#include "sim/wire/pressure/teensy_usbip.hpp"
 
 #include <sys/socket.h>
 #include <unistd.h>
@@ -12,7 +12,7 @@
 #include <system_error>
 #include <utility>
 
-#include "sim/pressure/teensy_descriptors.hpp"
+#include "sim/wire/pressure/teensy_descriptors.hpp"
 
 namespace isorig::sim {
 namespace {

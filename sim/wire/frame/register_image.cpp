@@ -1,4 +1,4 @@
-#include "sim/frame/register_image.hpp"
+#include "sim/wire/frame/register_image.hpp"
 
 #include <algorithm>
 #include <bit>

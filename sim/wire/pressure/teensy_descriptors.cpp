@@ -1,4 +1,4 @@
-#include "sim/pressure/teensy_descriptors.hpp"
+#include "sim/wire/pressure/teensy_descriptors.hpp"
 
 #include <array>
 #include <cstdio>

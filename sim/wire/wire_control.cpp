@@ -1,4 +1,4 @@
-#include "sim/wire_control.hpp"
+#include "sim/wire/wire_control.hpp"
 
 #include <charconv>
 #include <optional>

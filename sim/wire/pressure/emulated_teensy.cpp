@@ -1,4 +1,4 @@
-#include "sim/pressure/emulated_teensy.hpp"
+#include "sim/wire/pressure/emulated_teensy.hpp"
 
 #include <algorithm>
 

@@ -1,4 +1,4 @@
-#include "sim/gpio_lines.hpp"
+#include "sim/wire/gpio_lines.hpp"
 
 #include <fcntl.h>
 #include <unistd.h>

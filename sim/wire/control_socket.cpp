@@ -1,4 +1,4 @@
-#include "sim/control_socket.hpp"
+#include "sim/wire/control_socket.hpp"
 
 #include <sys/socket.h>
 #include <sys/stat.h>

@@ -1,4 +1,4 @@
-#include "sim/pressure/teensy_pty.hpp"
+#include "sim/wire/pressure/teensy_pty.hpp"
 
 #include <poll.h>
 #include <unistd.h>
@@ -9,7 +9,7 @@
 #include <system_error>
 #include <utility>
 
-#include "sim/wire_ends.hpp"
+#include "sim/wire/wire_ends.hpp"
 
 namespace isorig::sim {
 TeensyPty::TeensyPty(std::string link_path, const Options& options, pressure::Device& backend, std::int64_t now_ns)

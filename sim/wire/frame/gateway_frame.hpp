@@ -7,8 +7,8 @@
 
 #include "drivers/api/frame.hpp"
 #include "drivers/config/register_map.hpp"
-#include "sim/faults.hpp"
-#include "sim/frame/register_image.hpp"
+#include "sim/wire/faults.hpp"
+#include "sim/wire/frame/register_image.hpp"
 
 namespace isorig::sim {
 

@@ -4,7 +4,7 @@
 #include <string>
 
 #include "drivers/api/frame.hpp"
-#include "sim/faults.hpp"
+#include "sim/wire/faults.hpp"
 
 namespace isorig::sim {
 

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "drivers/api/frame.hpp"
-#include "sim/faults.hpp"
-#include "sim/frame/instron8800_server.hpp"
+#include "sim/wire/faults.hpp"
+#include "sim/wire/frame/instron8800_server.hpp"
 
 namespace isorig::sim {
 

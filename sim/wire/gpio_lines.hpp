@@ -4,7 +4,7 @@
 
 #include "drivers/api/clock.hpp"
 #include "sim/sync_line.hpp"
-#include "sim/wire_rig.hpp"
+#include "sim/wire/wire_rig.hpp"
 
 namespace isorig::sim {
 

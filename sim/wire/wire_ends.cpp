@@ -1,4 +1,4 @@
-#include "sim/wire_ends.hpp"
+#include "sim/wire/wire_ends.hpp"
 
 #include <arpa/inet.h>
 #include <fcntl.h>

@@ -1,4 +1,4 @@
-#include "sim/wire_rig.hpp"
+#include "sim/wire/wire_rig.hpp"
 
 #include <poll.h>
 
@@ -6,9 +6,9 @@
 #include <ctime>
 
 #include "base/overloaded.hpp"
-#include "sim/pressure/teensy_pty.hpp"
-#include "sim/pressure/teensy_usbip.hpp"
 #include "sim/specimen.hpp"
+#include "sim/wire/pressure/teensy_pty.hpp"
+#include "sim/wire/pressure/teensy_usbip.hpp"
 
 namespace isorig::sim {
 namespace {

@@ -11,10 +11,10 @@
 #include "base/overloaded.hpp"
 #include "base/toml_reader.hpp"
 #include "drivers/clock/real_clock.hpp"
-#include "sim/control_socket.hpp"
-#include "sim/gpio_lines.hpp"
-#include "sim/wire_control.hpp"
-#include "sim/wire_rig.hpp"
+#include "sim/wire/control_socket.hpp"
+#include "sim/wire/gpio_lines.hpp"
+#include "sim/wire/wire_control.hpp"
+#include "sim/wire/wire_rig.hpp"
 
 namespace {
 

@@ -1,4 +1,4 @@
-#include "sim/frame/gateway_frame.hpp"
+#include "sim/wire/frame/gateway_frame.hpp"
 
 #include <modbus/modbus.h>
 

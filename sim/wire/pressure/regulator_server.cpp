@@ -1,4 +1,4 @@
-#include "sim/pressure/regulator_server.hpp"
+#include "sim/wire/pressure/regulator_server.hpp"
 
 #include <poll.h>
 #include <unistd.h>
@@ -14,8 +14,8 @@
 #include <utility>
 #include <vector>
 
-#include "sim/modbus_requests.hpp"
-#include "sim/wire_ends.hpp"
+#include "sim/wire/modbus_requests.hpp"
+#include "sim/wire/wire_ends.hpp"
 
 namespace isorig::sim {
 namespace {

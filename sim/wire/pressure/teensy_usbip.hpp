@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "sim/pressure/emulated_teensy.hpp"
-#include "sim/pressure/teensy_descriptors.hpp"
+#include "sim/wire/pressure/emulated_teensy.hpp"
+#include "sim/wire/pressure/teensy_descriptors.hpp"
 
 namespace isorig::sim {
 

@@ -1,4 +1,4 @@
-#include "sim/modbus_requests.hpp"
+#include "sim/wire/modbus_requests.hpp"
 
 #include <algorithm>
 

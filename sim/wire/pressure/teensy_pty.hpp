@@ -1,7 +1,7 @@
 #pragma once
 #include <string>
 
-#include "sim/pressure/emulated_teensy.hpp"
+#include "sim/wire/pressure/emulated_teensy.hpp"
 
 namespace isorig::sim {
 

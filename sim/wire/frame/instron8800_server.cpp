@@ -1,4 +1,4 @@
-#include "sim/frame/instron8800_server.hpp"
+#include "sim/wire/frame/instron8800_server.hpp"
 
 #include <poll.h>
 #include <unistd.h>
@@ -15,8 +15,8 @@
 #include <thread>
 #include <utility>
 
-#include "sim/frame/instron8800_controller.hpp"
-#include "sim/wire_ends.hpp"
+#include "sim/wire/frame/instron8800_controller.hpp"
+#include "sim/wire/wire_ends.hpp"
 
 namespace isorig::sim {
 namespace {

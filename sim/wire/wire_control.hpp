@@ -4,7 +4,7 @@
 #include <string_view>
 #include <vector>
 
-#include "sim/wire_rig.hpp"
+#include "sim/wire/wire_rig.hpp"
 
 namespace isorig::sim {
 

@@ -1,4 +1,4 @@
-#include "sim/frame/modbus_server.hpp"
+#include "sim/wire/frame/modbus_server.hpp"
 
 #include <modbus/modbus.h>
 #include <netinet/in.h>
@@ -17,9 +17,9 @@
 #include <thread>
 #include <utility>
 
-#include "sim/frame/gateway_frame.hpp"
-#include "sim/modbus_requests.hpp"
-#include "sim/wire_ends.hpp"
+#include "sim/wire/frame/gateway_frame.hpp"
+#include "sim/wire/modbus_requests.hpp"
+#include "sim/wire/wire_ends.hpp"
 
 namespace isorig::sim {
 namespace {

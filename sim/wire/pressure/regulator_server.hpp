@@ -3,8 +3,8 @@
 #include <memory>
 #include <string>
 
-#include "sim/faults.hpp"
 #include "sim/rig.hpp"
+#include "sim/wire/faults.hpp"
 
 namespace isorig::sim {
 

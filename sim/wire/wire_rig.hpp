@@ -11,12 +11,12 @@
 #include "drivers/config/instron8800_config.hpp"
 #include "drivers/config/modbus_config.hpp"
 #include "drivers/config/regulator_config.hpp"
-#include "sim/faults.hpp"
-#include "sim/frame/instron8800_server.hpp"
-#include "sim/frame/modbus_server.hpp"
-#include "sim/pressure/emulated_teensy.hpp"
-#include "sim/pressure/regulator_server.hpp"
 #include "sim/rig.hpp"
+#include "sim/wire/faults.hpp"
+#include "sim/wire/frame/instron8800_server.hpp"
+#include "sim/wire/frame/modbus_server.hpp"
+#include "sim/wire/pressure/emulated_teensy.hpp"
+#include "sim/wire/pressure/regulator_server.hpp"
 
 namespace isorig::sim {
 

@@ -7,7 +7,7 @@
 
 #include "drivers/api/frame.hpp"
 #include "drivers/config/register_map.hpp"
-#include "sim/faults.hpp"
+#include "sim/wire/faults.hpp"
 
 namespace isorig::sim {
 

@@ -1,4 +1,4 @@
-#include "sim/frame/instron8800_controller.hpp"
+#include "sim/wire/frame/instron8800_controller.hpp"
 
 #include <algorithm>
 #include <cmath>
