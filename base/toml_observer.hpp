@@ -7,7 +7,7 @@
 namespace isorig::base {
 
 /// Hears what readers ask of the documents that they read: which keys there are, of which kind. The JSON Schemas
-/// (cli/schema_of_readers.hpp) are made of it, so that they cannot differ from what is read.
+/// (cli/protocols/schema_of_readers.hpp) are made of it, so that they cannot differ from what is read.
 class TomlObserver {
  public:
   enum class Kind { kAny, kNumber, kInteger, kBoolean, kString, kNumbers, kStrings, kTable, kTables };

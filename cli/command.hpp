@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "cli/exit_codes.hpp"
+#include "cli/screen/exit_codes.hpp"
 
 /// One file per subcommand, each with a Registration at its end; main() knows none of them by name:
 ///

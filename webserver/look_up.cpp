@@ -4,7 +4,7 @@
 #include <memory>
 #include <utility>
 
-#include "cli/selftest_checks.hpp"
+#include "cli/selftest/selftest_checks.hpp"
 #include "model/words.hpp"
 #include "webserver/diagnosis_words.hpp"
 #include "webserver/hub.hpp"

@@ -1,6 +1,6 @@
 #include "webserver/verdicts.hpp"
 
-#include "cli/live_verdicts.hpp"
+#include "cli/screen/live_verdicts.hpp"
 
 namespace isorig::web {
 namespace {

@@ -10,7 +10,7 @@
 namespace isorig::daemon {
 
 /// What a recording says about its run, counted while it is read once. `isorig show` prints it; a run's page adds the
-/// signals over time (cli/run_evidence.hpp).
+/// signals over time (cli/runs/run_evidence.hpp).
 struct RunTally : messages::RunVisitor {
   struct Stream {
     std::uint64_t full = 0;       ///< samples recorded each by itself

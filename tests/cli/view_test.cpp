@@ -1,5 +1,5 @@
 // What `isorig watch` draws for a status, a clock and a size: widths, heights, colours, verdicts.
-#include "cli/view.hpp"
+#include "cli/screen/view.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -7,10 +7,10 @@
 #include <cmath>
 #include <cstdlib>
 
-#include "cli/exit_codes.hpp"
-#include "cli/live_verdicts.hpp"
-#include "cli/progress.hpp"
-#include "cli/screen.hpp"
+#include "cli/screen/exit_codes.hpp"
+#include "cli/screen/live_verdicts.hpp"
+#include "cli/screen/progress.hpp"
+#include "cli/screen/screen.hpp"
 
 namespace isorig::cli {
 namespace {

@@ -3,7 +3,7 @@
 
 #include "calibration/date.hpp"
 #include "calibration/record.hpp"
-#include "cli/selftest_checks.hpp"
+#include "cli/selftest/selftest_checks.hpp"
 #include "daemon/host/host.hpp"
 #include "recording_rig.hpp"
 #include "rig_fixture.hpp"

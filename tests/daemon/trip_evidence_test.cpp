@@ -9,7 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "cli/show_trips.hpp"
+#include "cli/screen/show_trips.hpp"
 #include "daemon/host/virtual_run.hpp"
 #include "fault_matrix_rig.hpp"
 #include "recording_rig.hpp"

@@ -73,7 +73,7 @@ export interface Twin {
   parting?: { mono_ns: number; found_mono_ns: number; step: number; text: string; residual_N: number };
 }
 
-/** A verdict with its words, as the terminal has them (cli/live_verdicts.hpp). */
+/** A verdict with its words, as the terminal has them (cli/screen/live_verdicts.hpp). */
 export interface Said {
   tone: "good" | "warn" | "bad";
   text: string;

@@ -1,0 +1,105 @@
+#include <unistd.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <iostream>
+#include <memory>
+#include <optional>
+#include <stdexcept>
+
+#include "cli/analysis/answers.hpp"
+#include "cli/analysis/diagnosis_files.hpp"
+#include "cli/command.hpp"
+#include "cli/protocols/protocol_input.hpp"
+#include "cli/provenance.hpp"
+#include "cli/screen/progress.hpp"
+#include "messages/recording.hpp"
+
+namespace isorig::cli {
+namespace {
+
+struct Options {
+  std::vector<std::string> recordings;
+  std::string model;
+  std::string out, rig;
+  unsigned threads = 2;
+  bool report = true;
+};
+
+/// Before minutes of work, not after: "" when `out` is a folder that can be written, or can be made.
+std::string unwritable(const std::filesystem::path& out) {
+  std::error_code error;
+  std::filesystem::path there = std::filesystem::absolute(out);
+  while (!std::filesystem::exists(there, error) && there.has_relative_path()) there = there.parent_path();
+  if (!std::filesystem::is_directory(there, error))
+    return there.string() + " is a file; name a folder for the diagnosis with --out";
+  if (::access(there.c_str(), W_OK | X_OK) != 0)
+    return there.string() + " may not be written; name another folder with --out";
+  if (std::filesystem::exists(out / "investigation.json", error))
+    return "holds an investigation, whose model.toml this would replace; name another folder with --out";
+  return {};
+}
+
+int diagnose(const Options& options) {
+  if (const std::string why = unwritable(options.out); !why.empty()) {
+    std::cerr << options.out << ": " << why << '\n';
+    return kFailure;
+  }
+  std::vector<messages::Recording> recordings;
+  for (const std::string& folder : options.recordings) {
+    try {
+      recordings.push_back(messages::read_recording_of_any_output(folder));
+    } catch (const messages::RecordingError& e) {
+      std::cerr << e.what() << '\n';
+      return kBadInput;
+    }
+  }
+  if (std::ranges::any_of(recordings, [](const auto& r) { return r.metadata.output != messages::Output::kForce; }))
+    return diagnose_answer(recordings, options.recordings, options.model, options.out, options.report);
+  const model::ModelSpec nominal = read_nominal(options.model);
+  identify::DiagnosisOptions settings;
+  if (!options.rig.empty()) settings.design.rig = read_rig_limits(options.rig);
+  settings.threads = options.threads;
+  std::optional<Progress> progress(std::in_place, "diagnose");
+  settings.on_progress = [&](double fraction, const char* doing) { progress->at(fraction, doing); };
+  std::optional<identify::Study> made;
+  try {
+    made = identify::diagnose(std::move(recordings), options.recordings, nominal, settings);
+  } catch (const std::invalid_argument& e) {
+    progress.reset();
+    std::cerr << e.what() << '\n';
+    return kBadInput;
+  }
+  progress.reset();
+  std::error_code error;
+  std::filesystem::create_directories(options.out, error);
+  if (error) {
+    std::cerr << options.out << ": " << error.message() << '\n';
+    return kFailure;
+  }
+  std::vector<std::pair<std::string, std::string>> inputs{{"Nominal model", options.model}};
+  for (const std::string& folder : options.recordings) inputs.emplace_back("Recording", folder);
+  const auto provenance = made_by_this_call(std::move(inputs));
+  write_diagnosis(*made, options.out, options.report ? &provenance : nullptr);
+  print_diagnosis(made->diagnosis, options.out);
+  return kOk;
+}
+
+Command add_diagnose(CLI::App& app) {
+  auto options = std::make_shared<Options>();
+  auto* sub = app.add_subcommand(
+      "diagnose", "Where a model and recordings differ, what physics is missing, and a model that has it");
+  sub->add_option("RECORDING", options->recordings, "Folders of recordings, fitted jointly")->required();
+  sub->add_option("--model", options->model, "Nominal model: slse1, slse2 or a TOML file")->required();
+  sub->add_option("--out", options->out, "Folder for diagnosis.json, the models and diagnosis-report.html")->required();
+  sub->add_option("--rig", options->rig,
+                  "Rig whose limits a further experiment keeps (config/rigs/); else those of the recordings");
+  sub->add_option("--threads", options->threads, "Threads to use")->capture_default_str()->check(CLI::Range(1, 64));
+  sub->add_flag("!--no-report", options->report, "Leave out diagnosis-report.html");
+  return {sub, [options] { return diagnose(*options); }};
+}
+
+const Registration kDiagnose(30, add_diagnose);
+
+}  // namespace
+}  // namespace isorig::cli

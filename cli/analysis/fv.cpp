@@ -1,0 +1,136 @@
+#include <cmath>
+#include <cstdio>
+#include <iostream>
+#include <memory>
+#include <optional>
+
+#include "base/printable.hpp"
+#include "cli/command.hpp"
+#include "cli/provenance.hpp"
+#include "cli/screen/progress.hpp"
+#include "identify/diagnose/guard/plausible.hpp"
+#include "identify/fv/fv_report.hpp"
+#include "model/composed.hpp"
+
+namespace isorig::cli {
+namespace {
+
+struct Options {
+  std::vector<std::string> recordings;
+  std::string out;
+  std::string model = "slse1";
+  std::string control;
+  std::string control_specimen;
+  bool no_report = false;
+};
+
+void print_curve(const identify::Curve& curve) {
+  std::printf("%s: %zu points", base::printable(identify::title_of(curve)).c_str(), curve.points.size());
+  if (!curve.result.fit) {
+    std::printf("\n  %s\n", curve.result.refusal.c_str());
+    return;
+  }
+  if (std::isfinite(curve.result.fit->r_squared)) {
+    std::printf(", R² %s\n", identify::report::r_squared_text(curve.result.fit->r_squared).c_str());
+  } else {
+    std::printf(", no R²: the points have no spread\n");
+  }
+  for (const auto& p : curve.result.fit->parameters) {
+    const auto words = identify::words_of(p.name);
+    const std::string unit = words.unit.empty() ? "" : " " + std::string(words.unit);
+    const bool bounded = std::isfinite(p.low) || std::isfinite(p.high);
+    std::printf("  %s%s%s: %s [%s]\n", identify::value_text(p).c_str(), bounded ? unit.c_str() : "",
+                p.identifiable ? "" : " (not identifiable)", std::string(words.words).c_str(), p.name.c_str());
+  }
+  for (const auto& s : curve.result.fit->statements) std::printf("  %s\n", s.c_str());
+}
+
+/// Of the time that a long recording takes.
+constexpr double kReadShare = 0.3;
+
+int fv(const Options& options) {
+  const bool two = options.model == "slse2";
+  std::vector<identify::ControlFit> controls;
+  if (two && options.control.empty()) {
+    std::cerr << "isorig fv: --model slse2 needs --control FV.json, the 1-SLSE analysis of the control actuator\n";
+    return kUsage;
+  }
+  if (two) {
+    try {
+      controls = identify::read_controls(options.control, options.control_specimen);
+    } catch (const std::exception& e) {
+      std::cerr << e.what() << '\n';
+      return kBadInput;
+    }
+  }
+  // Every recording is read before anything is written: all that is wrong is said at once.
+  std::vector<identify::RecordingResult> results;
+  bool bad = false;
+  std::vector<std::filesystem::path> files;
+  for (const auto& path : options.recordings) files.push_back(std::filesystem::path(path) / "frame.csv");
+  std::optional<FilesProgress> progress(std::in_place, "fv", files);
+  for (std::size_t i = 0; i < options.recordings.size(); ++i) {
+    const std::string& path = options.recordings[i];
+    progress->at(i, 0.0, path);
+    try {
+      const auto recording = messages::read_recording(path);
+      progress->at(i, kReadShare, path);
+      identify::refuse_implausible(recording, path, model::nominal_model("slse1"),
+                                   identify::channel_quality(recording.frame.t_s, recording.frame.position_mm));
+      identify::FvOptions analysis;
+      analysis.on_progress = [&](double done) { progress->at(i, kReadShare + (1.0 - kReadShare) * done, path); };
+      results.push_back(identify::analyse_recording(recording, path, analysis));
+    } catch (const std::invalid_argument& e) {
+      std::cerr << base::printable_lines(e.what()) << '\n';
+      bad = true;
+    } catch (const messages::RecordingError& e) {
+      std::cerr << e.what() << '\n';
+      bad = true;
+    }
+  }
+  progress.reset();
+  if (bad) return kBadInput;
+  const auto repeated = identify::repeated_recordings(results);
+  for (const auto& line : repeated) std::cerr << "isorig fv: " << line << '\n';
+  if (!repeated.empty()) return kUsage;
+  const auto analysis = identify::analyse_curves(std::move(results),
+                                                 two ? identify::FvModel::kSlse2 : identify::FvModel::kSlse1, controls);
+  identify::write_fv_tables(analysis, options.out);
+  // That of an earlier analysis would be taken for this one's.
+  std::filesystem::remove(std::filesystem::path(options.out) / "fv-report.html");
+  if (!options.no_report) {
+    std::vector<std::pair<std::string, std::string>> inputs;
+    for (const auto& r : analysis.recordings) inputs.emplace_back("Recording", r.path);
+    if (two) inputs.emplace_back("Control", options.control);
+    identify::write_fv_report(analysis, options.out, made_by_this_call(std::move(inputs)));
+  }
+  bool fitted = false;
+  for (const auto& r : analysis.recordings)
+    for (const auto& s : r.ramps.statements) std::printf("%s: %s\n", r.path.c_str(), s.c_str());
+  for (const auto& curve : analysis.curves) {
+    print_curve(curve);
+    fitted = fitted || curve.result.fit.has_value();
+  }
+  std::printf("In square brackets behind a number: its 95 %% interval.\nwritten to %s\n", options.out.c_str());
+  return fitted ? kOk : kFailure;
+}
+
+Command add_fv(CLI::App& app) {
+  auto options = std::make_shared<Options>();
+  auto* sub = app.add_subcommand("fv", "Ramps, force-velocity points and their fits, from recordings");
+  sub->add_option("RECORDING", options->recordings,
+                  "Recording folders; those of one specimen and pressure are repetitions")
+      ->required();
+  sub->add_option("--out", options->out, "Folder for fv.json, tables and fv-report.html")->required();
+  sub->add_option("--model", options->model, "slse1: a control; slse2: a sheath on a control whose parameters are held")
+      ->check(CLI::IsMember({"slse1", "slse2"}));
+  sub->add_option("--control", options->control, "fv.json of the control actuator (for slse2)");
+  sub->add_option("--control-specimen", options->control_specimen, "which specimen of that file, if it has several");
+  sub->add_flag("--no-report", options->no_report, "Tables only");
+  return {sub, [options] { return fv(*options); }};
+}
+
+const Registration kFv(30, add_fv);
+
+}  // namespace
+}  // namespace isorig::cli
