@@ -7,7 +7,7 @@
 #include <string>
 
 #include "daemon/recording/sample_stream.hpp"
-#include "webserver/access.hpp"
+#include "webserver/rules/access.hpp"
 
 /// isorigd as this process sees it, over its sockets: the sample stream, and the control API. Nothing here waits; what
 /// does not answer is asked again for as long as it takes.

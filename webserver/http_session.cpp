@@ -8,7 +8,7 @@
 
 #include "base/printable.hpp"
 #include "webserver/assets.hpp"
-#include "webserver/requests.hpp"
+#include "webserver/rules/requests.hpp"
 #include "webserver/server_impl.hpp"
 
 namespace isorig::web {

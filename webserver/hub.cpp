@@ -6,8 +6,8 @@
 #include <chrono>
 #include <utility>
 
-#include "webserver/files.hpp"
-#include "webserver/verdicts.hpp"
+#include "webserver/rules/files.hpp"
+#include "webserver/words/verdicts.hpp"
 
 namespace isorig::web {
 namespace {

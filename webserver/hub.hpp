@@ -11,12 +11,12 @@
 #include <string>
 #include <vector>
 
-#include "webserver/access.hpp"
-#include "webserver/asked_once.hpp"
 #include "webserver/daemon_link.hpp"
-#include "webserver/history.hpp"
-#include "webserver/saved_protocols.hpp"
-#include "webserver/twin_desk.hpp"
+#include "webserver/rules/access.hpp"
+#include "webserver/rules/asked_once.hpp"
+#include "webserver/rules/history.hpp"
+#include "webserver/rules/saved_protocols.hpp"
+#include "webserver/twin/twin_desk.hpp"
 
 namespace isorig::web {
 

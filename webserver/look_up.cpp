@@ -6,8 +6,8 @@
 
 #include "cli/selftest/selftest_checks.hpp"
 #include "model/words.hpp"
-#include "webserver/diagnosis_words.hpp"
 #include "webserver/hub.hpp"
+#include "webserver/words/diagnosis_words.hpp"
 
 /// Hub: what is looked up at the daemon for one page.
 namespace isorig::web {

@@ -5,7 +5,7 @@
 
 #include "daemon/host/http_server.hpp"
 #include "daemon/host/unix_listener.hpp"
-#include "webserver/access.hpp"
+#include "webserver/rules/access.hpp"
 
 namespace isorig::web {
 

@@ -5,9 +5,9 @@
 
 #include "base/fingerprint.hpp"
 #include "base/printable.hpp"
-#include "webserver/files.hpp"
 #include "webserver/hub.hpp"
-#include "webserver/requests.hpp"
+#include "webserver/rules/files.hpp"
+#include "webserver/rules/requests.hpp"
 
 /// Hub: protocols that are edited on the page.
 namespace isorig::web {

@@ -2,9 +2,9 @@
 
 #include "base/printable.hpp"
 #include "base/toml_reader.hpp"
-#include "webserver/files.hpp"
 #include "webserver/hub.hpp"
-#include "webserver/requests.hpp"
+#include "webserver/rules/files.hpp"
+#include "webserver/rules/requests.hpp"
 
 /// Hub: the live twin.
 namespace isorig::web {

@@ -8,9 +8,9 @@
 
 #include "base/fingerprint.hpp"
 #include "base/printable.hpp"
-#include "webserver/files.hpp"
 #include "webserver/hub.hpp"
-#include "webserver/requests.hpp"
+#include "webserver/rules/files.hpp"
+#include "webserver/rules/requests.hpp"
 
 /// Hub: what a page asks for.
 namespace isorig::web {

@@ -1,4 +1,4 @@
-#include "webserver/asked_once.hpp"
+#include "webserver/rules/asked_once.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // What a page names by its file: read whole, or nothing, and never waited for.
-#include "webserver/files.hpp"
+#include "webserver/rules/files.hpp"
 
 #include <gtest/gtest.h>
 #include <sys/stat.h>

@@ -1,4 +1,4 @@
-#include "webserver/history.hpp"
+#include "webserver/rules/history.hpp"
 
 #include <gtest/gtest.h>
 

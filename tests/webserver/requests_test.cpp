@@ -1,4 +1,4 @@
-#include "webserver/requests.hpp"
+#include "webserver/rules/requests.hpp"
 
 #include <gtest/gtest.h>
 

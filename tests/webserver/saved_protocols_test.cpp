@@ -1,4 +1,4 @@
-#include "webserver/saved_protocols.hpp"
+#include "webserver/rules/saved_protocols.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

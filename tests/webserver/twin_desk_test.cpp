@@ -1,4 +1,4 @@
-#include "webserver/twin_desk.hpp"
+#include "webserver/twin/twin_desk.hpp"
 
 #include <gtest/gtest.h>
 

@@ -2,10 +2,10 @@
 
 #include <gtest/gtest.h>
 
-#include "cli/live_verdicts.hpp"
+#include "cli/screen/live_verdicts.hpp"
 #include "model/catalogue.hpp"
-#include "webserver/diagnosis_words.hpp"
-#include "webserver/verdicts.hpp"
+#include "webserver/words/diagnosis_words.hpp"
+#include "webserver/words/verdicts.hpp"
 
 /// What the page says in the words of the terminal and of the catalogue.
 namespace isorig::web {

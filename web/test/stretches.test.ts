@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { blocks, grid, StretchRing } from "../src/live/stretches.ts";
 
-/** As isorig-web writes it (webserver/history.cpp, block()). */
+/** As isorig-web writes it (webserver/rules/history.cpp, block()). */
 function written(stream: number, tier: number, origin: number, width: number, offsets: number[], columns: number[][]): ArrayBuffer {
   const buffer = new ArrayBuffer(24 + 4 * offsets.length * (1 + columns.length));
   const view = new DataView(buffer);

@@ -1,4 +1,4 @@
-#include "webserver/access.hpp"
+#include "webserver/rules/access.hpp"
 
 #include <sys/random.h>
 

@@ -9,7 +9,7 @@
 
 #include "daemon/core/records.hpp"
 #include "identify/twin/twin.hpp"
-#include "webserver/history.hpp"
+#include "webserver/rules/history.hpp"
 
 namespace isorig::web {
 

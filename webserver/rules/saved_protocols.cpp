@@ -1,4 +1,4 @@
-#include "webserver/saved_protocols.hpp"
+#include "webserver/rules/saved_protocols.hpp"
 
 #include <fcntl.h>
 #include <unistd.h>
@@ -13,7 +13,7 @@
 #include "base/beneath.hpp"
 #include "base/fingerprint.hpp"
 #include "base/printable.hpp"
-#include "webserver/requests.hpp"
+#include "webserver/rules/requests.hpp"
 
 namespace isorig::web {
 namespace {

@@ -1,4 +1,4 @@
-#include "webserver/verdicts.hpp"
+#include "webserver/words/verdicts.hpp"
 
 #include "cli/screen/live_verdicts.hpp"
 

@@ -1,4 +1,4 @@
-#include "webserver/diagnosis_words.hpp"
+#include "webserver/words/diagnosis_words.hpp"
 
 #include <string>
 #include <string_view>

@@ -1,10 +1,10 @@
-#include "webserver/twin_desk.hpp"
+#include "webserver/twin/twin_desk.hpp"
 
 #include <cmath>
 #include <utility>
 
 #include "base/formatted.hpp"
-#include "webserver/files.hpp"
+#include "webserver/rules/files.hpp"
 
 namespace isorig::web {
 namespace {

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "webserver/access.hpp"
+#include "webserver/rules/access.hpp"
 
 namespace isorig::web {
 
