@@ -2,7 +2,7 @@
 # The include root of a room is a directory that holds one link, <room> -> <source>/<room>, so that
 # `#include "model/slse.hpp"` compiles only for targets that link isorig_model. A folder in it with a CMakeLists.txt of
 # its own is a room of its own and is left out: `#include "daemon/io/frame_service.hpp"` compiles only for those that link
-# isorig_io.
+# isorig_io. Two targets never share a folder: each would see the headers of both.
 
 add_library(isorig_options INTERFACE)
 target_compile_options(isorig_options INTERFACE
@@ -71,6 +71,13 @@ function(isorig_room room)
   if(NOT arg_TARGET)
     set(arg_TARGET isorig_${room})
   endif()
+  get_property(other GLOBAL PROPERTY isorig_room_${room})
+  if(other)
+    message(FATAL_ERROR "${arg_TARGET} and ${other} share the folder ${room}/: an include against their direction would "
+                        "compile. Give ${arg_TARGET} a folder with a CMakeLists.txt of its own")
+  endif()
+  set_property(GLOBAL PROPERTY isorig_room_${room} ${arg_TARGET})
+  set_property(GLOBAL APPEND_STRING PROPERTY isorig_rooms "${room}\t${arg_TARGET}\t${arg_LINKS};${arg_PRIVATE}\n")
   isorig_include_root(${room} root)
   if(arg_SOURCES)
     set(kind STATIC)
@@ -85,6 +92,12 @@ function(isorig_room room)
     target_include_directories(${arg_TARGET} INTERFACE ${root})
     target_link_libraries(${arg_TARGET} INTERFACE ${arg_LINKS})
   endif()
+endfunction()
+
+# isorig_write_rooms(): what tests/style/rooms reads.
+function(isorig_write_rooms)
+  get_property(rooms GLOBAL PROPERTY isorig_rooms)
+  file(WRITE ${PROJECT_BINARY_DIR}/rooms.tsv "${rooms}")
 endfunction()
 
 # isorig_program(<name> SOURCES ... LINKS ...)
