@@ -1,7 +1,7 @@
-#include <array>
 #include <cmath>
 #include <numbers>
 
+#include "model/column_filter.hpp"
 #include "model/elements.hpp"
 #include "model/stepping.hpp"
 
@@ -80,43 +80,24 @@ class Wave : public Process {
 ///
 ///     d  <- (c + a s) d + s d'
 ///     d' <- -w^2 s d + (c - a s) d'
-class Response : public Process {
- public:
-  Response(double period_s, double damping) noexcept
-      : omega_1_s_(2.0 * std::numbers::pi / period_s), damping_(damping) {}
-  void reset(const Instant&) noexcept override { started_ = false; }
-  void shape(const Instant& now, std::span<double> columns, std::span<const double>) noexcept override {
-    const std::size_t count = std::min(columns.size(), kMost);
-    if (!started_ || now.dt_s <= 0.0) {
-      for (std::size_t i = 0; i < count; ++i) {
-        input_[i] = output_[i] = columns[i];
-        rate_[i] = 0.0;
-      }
-      started_ = true;
-      return;
-    }
-    const double h = now.dt_s, decay = damping_ * omega_1_s_;
-    const double ringing = omega_1_s_ * std::sqrt(1.0 - damping_ * damping_);
-    const double e = std::exp(-decay * h), c = e * std::cos(ringing * h), s = e * std::sin(ringing * h) / ringing;
-    const double lag_s = 2.0 * damping_ / omega_1_s_;
-    for (std::size_t i = 0; i < count; ++i) {
+struct Response {
+  double period_s, damping;
+  [[nodiscard]] auto over(double dt_s) const noexcept {
+    const double omega_1_s = 2.0 * std::numbers::pi / period_s;
+    const double decay = damping * omega_1_s, ringing = omega_1_s * std::sqrt(1.0 - damping * damping);
+    const double e = std::exp(-decay * dt_s);
+    const double c = e * std::cos(ringing * dt_s), s = e * std::sin(ringing * dt_s) / ringing;
+    const double lag_s = 2.0 * damping / omega_1_s;
+    return [=](FilteredColumn& column, double input) noexcept {
       // About the straight line that it would follow, late by lag_s, once settled.
-      const double slope = (columns[i] - input_[i]) / h;
-      const double away = output_[i] - (input_[i] - lag_s * slope), away_rate = rate_[i] - slope;
+      const double slope = (input - column.input) / dt_s;
+      const double away = column.output - (column.input - lag_s * slope), away_rate = column.rate - slope;
       const double next = (c + decay * s) * away + s * away_rate;
-      const double next_rate = -omega_1_s_ * omega_1_s_ * s * away + (c - decay * s) * away_rate;
-      input_[i] = columns[i];
-      output_[i] = columns[i] - lag_s * slope + next;
-      rate_[i] = slope + next_rate;
-      columns[i] = output_[i];
-    }
+      const double next_rate = -omega_1_s * omega_1_s * s * away + (c - decay * s) * away_rate;
+      column.output = input - lag_s * slope + next;
+      column.rate = slope + next_rate;
+    };
   }
-
- private:
-  static constexpr std::size_t kMost = 32;
-  double omega_1_s_, damping_;
-  bool started_ = false;
-  std::array<double, kMost> input_{}, output_{}, rate_{};
 };
 
 }  // namespace
@@ -165,7 +146,9 @@ const Physics& empirical_response() {
         {{.name = "period_s", .lower = 2e-3, .upper = 2.0, .starts = {0.1, 0.03}, .logarithmic = true},
          {.name = "damping", .lower = 5e-3, .upper = 0.95, .starts = {0.08, 0.4}, .logarithmic = true}},
         {},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Response>(p[0], p[1]); }}}};
+        [](std::span<const double> p, const Reference&) {
+          return std::make_unique<ColumnFilter<Response>>(Response{p[0], p[1]});
+        }}}};
   return physics;
 }
 

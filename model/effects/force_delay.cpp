@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <memory>
 
+#include "model/column_filter.hpp"
 #include "model/effects/effects.hpp"
 
 namespace isorig::model::effect {
@@ -14,7 +15,7 @@ class Delay : public Process {
   explicit Delay(double delay_s) : delay_s_(delay_s), ring_(new double[kNumbers]) {}
   void reset(const Instant&) noexcept override { newest_ = read_ = 0; }
   void shape(const Instant& now, std::span<double> columns, std::span<const double>) noexcept override {
-    const std::size_t width = std::min(columns.size(), kMost);
+    const std::size_t width = std::min(columns.size(), kMostColumns);
     depth_ = kNumbers / (width + 1);
     double* const entry = at(newest_, width);
     entry[0] = now.t_s;
@@ -35,7 +36,6 @@ class Delay : public Process {
   }
 
  private:
-  static constexpr std::size_t kMost = 32;
   static constexpr std::size_t kNumbers = 65536;
   [[nodiscard]] double* at(std::size_t number, std::size_t width) noexcept {
     return ring_.get() + number % depth_ * (width + 1);

@@ -1,6 +1,6 @@
-#include <array>
 #include <cmath>
 
+#include "model/column_filter.hpp"
 #include "model/effects/effects.hpp"
 #include "model/stepping.hpp"
 
@@ -8,69 +8,29 @@ namespace isorig::model::effect {
 namespace {
 
 /// dF_read/dt = (F - F_read) / tau for every column; exact when the force runs straight between instants.
-class Lag : public Process {
- public:
-  explicit Lag(double time_constant_s) noexcept : tau_s_(time_constant_s) {}
-  void reset(const Instant&) noexcept override { started_ = false; }
-  void shape(const Instant& now, std::span<double> columns, std::span<const double>) noexcept override {
-    const std::size_t count = std::min(columns.size(), kMost);
-    if (!started_ || now.dt_s <= 0.0) {
-      for (std::size_t i = 0; i < count; ++i) input_[i] = output_[i] = columns[i];
-      started_ = true;
-      return;
-    }
-    const StraightLag lag(now.dt_s, tau_s_);
-    for (std::size_t i = 0; i < count; ++i) {
-      output_[i] = lag.next(output_[i], input_[i], columns[i]);
-      input_[i] = columns[i];
-      columns[i] = output_[i];
-    }
+struct Lag {
+  double tau_s;
+  [[nodiscard]] auto over(double dt_s) const noexcept {
+    return [lag = StraightLag(dt_s, tau_s)](FilteredColumn& column, double input) noexcept {
+      column.output = lag.next(column.output, column.input, input);
+    };
   }
-
- private:
-  static constexpr std::size_t kMost = 32;
-  double tau_s_;
-  bool started_ = false;
-  std::array<double, kMost> input_{};
-  std::array<double, kMost> output_{};
 };
 
 /// (1 + tau d/dt)^2 F_read = F for every column. Exact when the force runs straight between instants, F = a + s t: then
 /// F_read = a + s (t - 2 tau) + (b + c t) e^(-t / tau), with b and c from value and slope at the instant before.
-class TwoPoles : public Process {
- public:
-  explicit TwoPoles(double time_constant_s) noexcept : tau_s_(time_constant_s) {}
-  void reset(const Instant&) noexcept override { started_ = false; }
-  void shape(const Instant& now, std::span<double> columns, std::span<const double>) noexcept override {
-    const std::size_t count = std::min(columns.size(), kMost);
-    if (!started_ || now.dt_s <= 0.0) {
-      for (std::size_t i = 0; i < count; ++i) {
-        input_[i] = output_[i] = columns[i];
-        slope_[i] = 0.0;
-      }
-      started_ = true;
-      return;
-    }
-    const double decay = std::exp(-now.dt_s / tau_s_);
-    for (std::size_t i = 0; i < count; ++i) {
-      const double rise = (columns[i] - input_[i]) / now.dt_s;
-      const double b = output_[i] - input_[i] + 2.0 * rise * tau_s_;
-      const double c = slope_[i] - rise + b / tau_s_;
-      const double transient = (b + c * now.dt_s) * decay;
-      output_[i] = columns[i] - 2.0 * rise * tau_s_ + transient;
-      slope_[i] = rise + c * decay - transient / tau_s_;
-      input_[i] = columns[i];
-      columns[i] = output_[i];
-    }
+struct TwoPoles {
+  double tau_s;
+  [[nodiscard]] auto over(double dt_s) const noexcept {
+    return [dt_s, tau = tau_s, decay = std::exp(-dt_s / tau_s)](FilteredColumn& column, double input) noexcept {
+      const double rise = (input - column.input) / dt_s;
+      const double b = column.output - column.input + 2.0 * rise * tau;
+      const double c = column.rate - rise + b / tau;
+      const double transient = (b + c * dt_s) * decay;
+      column.output = input - 2.0 * rise * tau + transient;
+      column.rate = rise + c * decay - transient / tau;
+    };
   }
-
- private:
-  static constexpr std::size_t kMost = 32;
-  double tau_s_;
-  bool started_ = false;
-  std::array<double, kMost> input_{};
-  std::array<double, kMost> output_{};
-  std::array<double, kMost> slope_{};
 };
 
 }  // namespace
@@ -101,7 +61,7 @@ const Physics& force_lag() {
                     .errors = "Less than a tenth of a sample interval is not claimed. Mistaken for a dead time, for a "
                               "fast relaxation, and for a dashpot of negative sign."}}},
         {},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<Lag>(p[0]); }},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<ColumnFilter<Lag>>(Lag{p[0]}); }},
        {"two_poles",
         "(1 + tau d/dt)^2 F' = F",
         {{.name = "time_constant_s",
@@ -119,7 +79,9 @@ const Physics& force_lag() {
                     .errors = "Less than a tenth of a sample interval is not claimed. Nearer to a dead time of two "
                               "time constants than a first-order lag is, and mistaken for it."}}},
         {},
-        [](std::span<const double> p, const Reference&) { return std::make_unique<TwoPoles>(p[0]); }}},
+        [](std::span<const double> p, const Reference&) {
+          return std::make_unique<ColumnFilter<TwoPoles>>(TwoPoles{p[0]});
+        }}},
       {.acts_on = "force channel",
        .depends_on = {"onset"},
        .shape_of = ShapeOf::kStep,
