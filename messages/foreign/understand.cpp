@@ -1,153 +1,14 @@
 #include <algorithm>
 #include <cmath>
 #include <set>
-#include <span>
 #include <utility>
 
 #include "base/printable.hpp"
+#include "messages/foreign/column_names.hpp"
 #include "messages/foreign/mapping.hpp"
 
 namespace isorig::foreign {
 namespace {
-
-/// How sure a name is. What may mean something else too counts where no other column is meant.
-enum class Sure { kYes, kUnlessAnother, kWholeLength };
-
-/// Words that a column's name has, in small letters; ASCII only is made small.
-struct Word {
-  std::string_view text;
-  Field field;
-  Sure sure = Sure::kYes;
-};
-constexpr Word kWords[] = {
-    {"time", Field::kTime},
-    {"zeit", Field::kTime},
-    {"temps", Field::kTime},
-    {"tiempo", Field::kTime},
-    {"tempo", Field::kTime},
-    {"t_s", Field::kTime},
-    {"millis", Field::kTime},
-    {"micros", Field::kTime},
-    {"extension", Field::kPosition},
-    {"displacement", Field::kPosition},
-    {"position", Field::kPosition},
-    {"crosshead", Field::kPosition},
-    {"weg", Field::kPosition},
-    {"verl\xC3\xA4ngerung", Field::kPosition},
-    {"d\xC3\xA9placement", Field::kPosition},
-    {"allongement", Field::kPosition},
-    {"extensi\xC3\xB3n", Field::kPosition},
-    {"desplazamiento", Field::kPosition},
-    {"spostamento", Field::kPosition},
-    {"estensione", Field::kPosition},
-    {"elongation", Field::kPosition, Sure::kUnlessAnother},
-    {"stroke", Field::kPosition, Sure::kUnlessAnother},
-    {"travel", Field::kPosition, Sure::kUnlessAnother},
-    {"deflection", Field::kPosition, Sure::kUnlessAnother},
-    {"hub", Field::kPosition, Sure::kUnlessAnother},
-    {"traverse", Field::kPosition, Sure::kUnlessAnother},
-    {"auslenkung", Field::kPosition, Sure::kUnlessAnother},
-    {"l\xC3\xA4ngen\xC3\xA4nderung", Field::kPosition, Sure::kUnlessAnother},
-    {"course", Field::kPosition, Sure::kUnlessAnother},
-    {"carrera", Field::kPosition, Sure::kUnlessAnother},
-    {"alargamiento", Field::kPosition, Sure::kUnlessAnother},
-    {"corsa", Field::kPosition, Sure::kUnlessAnother},
-    {"allungamento", Field::kPosition, Sure::kUnlessAnother},
-    {"length", Field::kPosition, Sure::kWholeLength},
-    {"l\xC3\xA4nge", Field::kPosition, Sure::kWholeLength},
-    {"longueur", Field::kPosition, Sure::kWholeLength},
-    {"longitud", Field::kPosition, Sure::kWholeLength},
-    {"lunghezza", Field::kPosition, Sure::kWholeLength},
-    {"load", Field::kForce},
-    {"force", Field::kForce},
-    {"kraft", Field::kForce},
-    {"last", Field::kForce},
-    {"charge", Field::kForce},
-    {"carga", Field::kForce},
-    {"fuerza", Field::kForce},
-    {"forza", Field::kForce},
-    {"carico", Field::kForce},
-    {"pressure", Field::kPressure},
-    {"druck", Field::kPressure},
-    {"pression", Field::kPressure},
-    {"presi\xC3\xB3n", Field::kPressure},
-    {"pressione", Field::kPressure},
-    {"psi", Field::kPressure},
-};
-/// What has the unit of a field and is none, where such a word begins; the German ones in compounds too.
-constexpr std::string_view kOthers[] = {"stress",    "contrainte",    "strain",    "esfuerzo", "sforzo",
-                                        "modulus",   "rate",          "velocity",  "speed",    "width",
-                                        "thickness", "elapsed cycle", "wavelength"};
-constexpr std::string_view kOthersInside[] = {"spannung", "dehnung"};
-/// Which makes a length that of the specimen before the test: the same in every row.
-constexpr std::string_view kUnloaded[] = {"rest",    "gauge",  "gage",     "initial", "original", "free",
-                                          "nominal", "mess",   "ruhe",     "anfangs", "ausgangs", "repos",
-                                          "reposo",  "riposo", "iniziale", "inicial"};
-/// A pressure above vacuum: "Absolute", "absolu", "assoluta"; "abs" as a word of its own.
-constexpr std::string_view kAbsolute[] = {"absolu", "assolut"};
-/// "Compressive load": counts compression as positive.
-constexpr std::string_view kCompressive[] = {"compress", "druckkraft", "stauchung"};
-
-std::string small(std::string_view text) {
-  std::string out(text);
-  for (char& c : out)
-    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
-  return out;
-}
-
-bool has_any(const std::string& name, std::span<const std::string_view> words) {
-  return std::ranges::any_of(words, [&](auto word) { return name.find(word) != std::string::npos; });
-}
-
-bool is_letter(char c) {
-  return (c >= 'a' && c <= 'z') || static_cast<unsigned char>(c) >= 0x80;
-}
-
-bool begins_word(const std::string& name, std::string_view word) {
-  for (auto at = name.find(word); at != std::string::npos; at = name.find(word, at + 1))
-    if (at == 0 || !is_letter(name[at - 1])) return true;
-  return false;
-}
-
-/// "calibrated" has no rate in it, "Druckspannung" a stress.
-bool is_other(const std::string& name) {
-  return has_any(name, kOthersInside) ||
-         std::ranges::any_of(kOthers, [&](auto word) { return begins_word(name, word); });
-}
-
-/// By the column's name or its unit: "Absolute pressure", "p_abs", "bar abs", "psia". A recording has gauge pressure.
-bool is_absolute(const Column& column) {
-  for (const std::string& text : {small(column.name), small(column.unit)}) {
-    if (has_any(text, kAbsolute)) return true;
-    for (auto at = text.find("abs"); at != std::string::npos; at = text.find("abs", at + 1))
-      if ((at == 0 || !is_letter(text[at - 1])) && (at + 3 == text.size() || !is_letter(text[at + 3]))) return true;
-  }
-  if (!column.unit.ends_with('a')) return false;
-  const auto gauge = find_unit(std::string_view(column.unit).substr(0, column.unit.size() - 1));
-  return gauge && gauge->field == Field::kPressure;
-}
-
-/// Without the unit at its end: "weg_mm".
-std::string stem(const std::string& name) {
-  const auto at = name.rfind('_');
-  return at != std::string::npos && at > 0 && find_unit(name.substr(at + 1)) ? name.substr(0, at) : name;
-}
-
-std::optional<Word> named(const std::string& column) {
-  const std::string name = small(column), bare = small(stem(column));
-  if (name.find("druckkraft") != std::string::npos) return Word{"druckkraft", Field::kForce};
-  // "Standardkraft" ends with its word, "Load (Filtered)" begins with it; "elastic" only has the German "Last" inside.
-  for (const Word& word : kWords) {
-    if (word.sure == Sure::kWholeLength && has_any(name, kUnloaded)) continue;
-    if (name == word.text || bare == word.text) return word;
-    if (word.text.size() < 4) continue;
-    const auto at = name.find(word.text);
-    if (at == std::string::npos) continue;
-    if (at == 0 || bare.ends_with(word.text) || !is_letter(name[at - 1])) return word;
-  }
-  if (bare.ends_with("weg")) return Word{"weg", Field::kPosition};
-  return name.starts_with("t_") && name.size() <= 4 ? std::optional(Word{"t_", Field::kTime}) : std::nullopt;
-}
 
 std::string key_of(const Table& table, std::size_t column) {
   const auto& name = table.columns[column].name;
@@ -231,6 +92,144 @@ Question ask_load() {
       [](std::string_view answer, Mapping& mapping) { return take_load(answer, mapping); }};
 }
 
+/// Columns by what their names and units say they are.
+struct Candidates {
+  std::map<Field, std::vector<std::size_t>> of;
+  std::vector<std::size_t> absolute_pressure;
+};
+
+Candidates candidates_by_name(const Table& table, const Mapping& mapping) {
+  Candidates found;
+  std::vector<std::size_t> in_counts, less_sure, whole_length;
+  for (std::size_t c = 0; c < table.columns.size(); ++c) {
+    if (is_other(table.columns[c].name)) continue;
+    const auto word = named(table.columns[c].name);
+    const bool pressure = word && word->field == Field::kPressure;
+    if (pressure && is_absolute(table.columns[c])) {
+      found.absolute_pressure.push_back(c);
+      continue;
+    }
+    const std::string text = unit_text(table, mapping, c);
+    const auto unit = find_unit(text);
+    // A unit of something else says that the name is not meant so: "Extension (%)".
+    if (word && (unit ? unit->field == word->field : text.empty()))
+      (word->sure == Sure::kYes             ? found.of[word->field]
+       : word->sure == Sure::kUnlessAnother ? less_sure
+                                            : whole_length)
+          .push_back(c);
+    if (pressure && small(text) == "counts") in_counts.push_back(c);
+  }
+  // Of which sensor they are only a person knows; left out without a question the pressure would be lost.
+  if (found.of[Field::kPressure].empty()) found.of[Field::kPressure] = in_counts;
+  for (const auto* others : {&less_sure, &whole_length})
+    if (found.of[Field::kPosition].empty()) found.of[Field::kPosition] = *others;
+  return found;
+}
+
+/// What is understood so far, and what a person was asked.
+class Understanding {
+ public:
+  Understanding(const Table& table, const Mapping& mapping)
+      : table_(table), mapping_(mapping), candidates_(candidates_by_name(table, mapping)) {}
+
+  /// The column that is the field, its unit and its sign, or a question about them.
+  void assign(Field field) {
+    // A pressure answers to a position, and to no force.
+    if (field == Field::kForce && mapping_.output == messages::Output::kPressure && !known(Field::kPosition)) return;
+    const std::optional<std::size_t> column = column_of(field);
+    if (!column) return;
+    if (field == Field::kPressure && is_absolute(table_.columns[*column])) {
+      found_.refusal = "column " + shown(table_, *column) +
+                       " is absolute, and a recording has gauge pressure: take the atmospheric pressure off the "
+                       "column and name it so, or name another with --column pressure=NAME";
+      return;
+    }
+    taken_.insert(*column);
+    const std::string text = unit_text(table_, mapping_, *column);
+    const auto unit = find_unit(text);
+    if (!unit || unit->field != field) {
+      ask(field, ask_unit(table_, field, *column, text));
+      return;
+    }
+    Source source{field, *column, *unit};
+    if (field == Field::kPosition || field == Field::kForce) source.sign = sign_of(field, *column);
+    const auto word = named(table_.columns[*column].name);
+    if (field == Field::kPosition && word && word->sure == Sure::kWholeSpecimen) found_.whole_length = *column;
+    found_.sources.push_back(source);
+  }
+
+  /// Asks for what a recording cannot do without and no column was found to be.
+  Understood with_questions() {
+    found_.timed = known(Field::kTime);
+    const bool bare = std::ranges::all_of(table_.columns, [](const Column& c) { return c.name.empty(); });
+    const bool position = known(Field::kPosition), force = known(Field::kForce), pressure = known(Field::kPressure);
+    if (!bare && !position && !force && !found_.timed && !pressure) return std::move(found_);
+    if (!found_.timed) ask(Field::kTime, ask_column(table_, Field::kTime, {}, taken_));
+    if (force && !position) {
+      ask(Field::kPosition, ask_column(table_, Field::kPosition, {}, taken_));
+    } else if (position && !force) {
+      ask_what_answers(pressure);
+    } else if (bare && !position && !pressure) {
+      const auto field = mapping_.output == messages::Output::kPosition ? Field::kPosition : Field::kPressure;
+      ask(field, ask_column(table_, field, {}, taken_));
+    }
+    found_.framed = known(Field::kPosition) || known(Field::kForce);
+    found_.gauged = known(Field::kPressure);
+    return std::move(found_);
+  }
+
+ private:
+  void ask(Field field, Question question) {
+    open_.insert(field);
+    found_.questions.push_back(std::move(question));
+  }
+  [[nodiscard]] bool known(Field field) const {
+    return open_.contains(field) || std::ranges::find(found_.sources, field, &Source::field) != found_.sources.end();
+  }
+
+  /// As the mapping tells, else the only candidate; of several a person is asked.
+  std::optional<std::size_t> column_of(Field field) {
+    // A column that is not in this table is of another file.
+    if (const auto told = mapping_.column.find(field); told != mapping_.column.end())
+      if (const auto column = column_called(table_, told->second)) return column;
+    const auto& candidates = candidates_.of[field];
+    if (candidates.size() == 1) return candidates.front();
+    if (candidates.size() > 1) ask(field, ask_column(table_, field, candidates, {}));
+    const auto& absolute = candidates_.absolute_pressure;
+    if (field == Field::kPressure && candidates.empty() && !absolute.empty()) return absolute.front();
+    return std::nullopt;
+  }
+
+  /// -1 where the column counts compression as positive; noted where only its name says so.
+  double sign_of(Field field, std::size_t column) {
+    const bool by_name = says_compressive(table_.columns[column].name);
+    if (const auto told = mapping_.compression_positive.find(field); told != mapping_.compression_positive.end())
+      return told->second ? -1.0 : 1.0;
+    if (!by_name) return 1.0;
+    const std::string name(name_of(field));
+    found_.notes.push_back("column " + shown(table_, column) + " counts compression as positive, by its name: the " +
+                           name + " is turned round (--positive " + name + "=tension if not)");
+    return -1.0;
+  }
+
+  /// There is a position and no force: either a column is the force after all, or the position is the output.
+  void ask_what_answers(bool pressure) {
+    if (!mapping_.output)
+      ask(Field::kForce, ask_force_or_output(table_, taken_, pressure));
+    else if (mapping_.output == messages::Output::kForce)
+      ask(Field::kForce, ask_column(table_, Field::kForce, {}, taken_));
+    else if (found_.loaded = true; !mapping_.load_N)
+      ask(Field::kForce, ask_load());
+  }
+
+  const Table& table_;
+  const Mapping& mapping_;
+  Candidates candidates_;
+  Understood found_;
+  std::set<Field> open_;  ///< of which a question is open
+  std::set<std::size_t> taken_;
+};
+
 }  // namespace
 
 bool take_load(std::string_view text, Mapping& mapping) {
@@ -264,104 +263,9 @@ std::string shown(const Table& table, std::size_t column) {
 }
 
 Understood understand(const Table& table, const Mapping& mapping) {
-  Understood found;
-  std::map<Field, std::vector<std::size_t>> candidates;
-  std::vector<std::size_t> absolute, in_counts, less_sure, whole_length;
-  for (std::size_t c = 0; c < table.columns.size(); ++c) {
-    const std::string name = small(table.columns[c].name);
-    if (is_other(name)) continue;
-    const auto word = named(table.columns[c].name);
-    const bool pressure = word && word->field == Field::kPressure;
-    if (pressure && is_absolute(table.columns[c])) {
-      absolute.push_back(c);
-      continue;
-    }
-    const std::string text = unit_text(table, mapping, c);
-    const auto unit = find_unit(text);
-    // A unit of something else says that the name is not meant so: "Extension (%)".
-    if (word && (unit ? unit->field == word->field : text.empty()))
-      (word->sure == Sure::kYes             ? candidates[word->field]
-       : word->sure == Sure::kUnlessAnother ? less_sure
-                                            : whole_length)
-          .push_back(c);
-    if (pressure && small(text) == "counts") in_counts.push_back(c);
-  }
-  // Of which sensor they are only a person knows; left out without a question the pressure would be lost.
-  if (candidates[Field::kPressure].empty()) candidates[Field::kPressure] = in_counts;
-  for (const auto* others : {&less_sure, &whole_length})
-    if (candidates[Field::kPosition].empty()) candidates[Field::kPosition] = *others;
-  const bool bare = std::ranges::all_of(table.columns, [](const Column& c) { return c.name.empty(); });
-  std::set<Field> open;
-  std::set<std::size_t> taken;
-  const auto ask = [&](Field field, Question question) {
-    open.insert(field);
-    found.questions.push_back(std::move(question));
-  };
-  const auto known = [&](Field field) {
-    return open.contains(field) || std::ranges::find(found.sources, field, &Source::field) != found.sources.end();
-  };
-  for (const Field field : kFields) {
-    // A pressure answers to a position, and to no force.
-    if (field == Field::kForce && mapping.output == messages::Output::kPressure && !known(Field::kPosition)) continue;
-    std::optional<std::size_t> column;
-    // A column that is not in this table is of another file.
-    if (const auto told = mapping.column.find(field); told != mapping.column.end())
-      column = column_called(table, told->second);
-    if (!column && candidates[field].size() == 1) column = candidates[field].front();
-    if (!column && candidates[field].size() > 1) ask(field, ask_column(table, field, candidates[field], {}));
-    if (field == Field::kPressure) {
-      if (!column && candidates[field].empty() && !absolute.empty()) column = absolute.front();
-      if (column && is_absolute(table.columns[*column])) {
-        found.refusal = "column " + shown(table, *column) +
-                        " is absolute, and a recording has gauge pressure: take the atmospheric pressure off the "
-                        "column and name it so, or name another with --column pressure=NAME";
-        continue;
-      }
-    }
-    if (!column) continue;
-    taken.insert(*column);
-    const std::string text = unit_text(table, mapping, *column);
-    const auto unit = find_unit(text);
-    if (!unit || unit->field != field) {
-      ask(field, ask_unit(table, field, *column, text));
-      continue;
-    }
-    Source source{field, *column, *unit};
-    if (field == Field::kPosition || field == Field::kForce) {
-      const bool by_name = has_any(small(table.columns[*column].name), kCompressive);
-      const auto told = mapping.compression_positive.find(field);
-      const bool compression = told == mapping.compression_positive.end() ? by_name : told->second;
-      source.sign = compression ? -1.0 : 1.0;
-      if (by_name && told == mapping.compression_positive.end())
-        found.notes.push_back("column " + shown(table, *column) + " counts compression as positive, by its name: the " +
-                              std::string(name_of(field)) + " is turned round (--positive " +
-                              std::string(name_of(field)) + "=tension if not)");
-    }
-    const auto word = named(table.columns[*column].name);
-    if (field == Field::kPosition && word && word->sure == Sure::kWholeLength) found.whole_length = *column;
-    found.sources.push_back(source);
-  }
-  found.timed = known(Field::kTime);
-  const bool position = known(Field::kPosition), force = known(Field::kForce), pressure = known(Field::kPressure);
-  if (!bare && !position && !force && !found.timed && !pressure) return found;
-  if (!found.timed) ask(Field::kTime, ask_column(table, Field::kTime, {}, taken));
-  if (force && !position) {
-    ask(Field::kPosition, ask_column(table, Field::kPosition, {}, taken));
-  } else if (position && !force) {
-    if (!mapping.output)
-      ask(Field::kForce, ask_force_or_output(table, taken, pressure));
-    else if (mapping.output == messages::Output::kForce)
-      ask(Field::kForce, ask_column(table, Field::kForce, {}, taken));
-    else if (found.loaded = true; !mapping.load_N)
-      ask(Field::kForce, ask_load());
-  } else if (bare && !position && !pressure) {
-    const bool moves = mapping.output == messages::Output::kPosition;
-    ask(moves ? Field::kPosition : Field::kPressure,
-        ask_column(table, moves ? Field::kPosition : Field::kPressure, {}, taken));
-  }
-  found.framed = known(Field::kPosition) || known(Field::kForce);
-  found.gauged = known(Field::kPressure);
-  return found;
+  Understanding understanding(table, mapping);
+  for (const Field field : kFields) understanding.assign(field);
+  return understanding.with_questions();
 }
 
 }  // namespace isorig::foreign
