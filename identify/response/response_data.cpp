@@ -5,7 +5,6 @@
 
 #include "base/number_text.hpp"
 #include "base/quantile.hpp"
-#include "identify/diagnose/signal/noise_level.hpp"
 
 namespace isorig::identify::response {
 namespace {
@@ -30,13 +29,13 @@ std::vector<double> on_rows(const std::vector<double>& t_s, const std::vector<do
 
 /// From the lowest hundredth to the highest, against the noise: single spikes move nothing. A few steps of the reading
 /// that come and go all the time are noise; a set-point of two values, held between them, is none.
-bool varies(const std::vector<double>& t_s, const std::vector<double>& value) {
+bool varies(const std::vector<double>& value, const ChannelQuality& quality) {
   constexpr double kNoises = 10.0, kSeldom = 0.05;
   const double span = base::quantile(value, 0.99) - base::quantile(value, 0.01);
   double changes = 0.0;
   for (std::size_t k = 1; k < value.size(); ++k) changes += value[k] != value[k - 1];
   const bool seldom = changes < kSeldom * static_cast<double>(value.size());
-  return span > kNoises * std::max(white_noise(t_s, value), seldom ? 0.0 : quantisation(value));
+  return span > kNoises * std::max(quality.noise, seldom ? 0.0 : quality.step);
 }
 
 struct Readings {
@@ -78,10 +77,10 @@ Data data_of(const messages::Recording& recording, std::string name) {
   Data out = output_of(recording, std::move(name));
   for (const std::string_view column : possible_inputs(out.output)) {
     const Readings of = readings_of(recording, column);
-    if (of.t_s == nullptr || of.t_s->size() < 4 || !varies(*of.t_s, *of.value)) continue;
+    if (of.t_s == nullptr || of.t_s->size() < 4 || !varies(*of.value, channel_quality(*of.t_s, *of.value))) continue;
     std::vector<double> value = on_rows(*of.t_s, *of.value, out.t_s);
     // What changes only where the output was not read drives nothing here.
-    if (varies(out.t_s, value)) out.inputs.push_back({column, std::move(value)});
+    if (varies(value, channel_quality(out.t_s, value))) out.inputs.push_back({column, std::move(value)});
   }
   return out;
 }
@@ -96,6 +95,10 @@ Data data_of(const messages::Recording& recording, std::string name, std::span<c
     out.inputs.push_back({column, on_rows(*of.t_s, *of.value, out.t_s)});
   }
   return out;
+}
+
+void measure_outputs(std::span<Data> data) {
+  for (Data& each : data) each.output_quality = channel_quality(each.t_s, each.output_value);
 }
 
 void require_one_question(std::span<const Data> data) {
@@ -114,7 +117,7 @@ void require_one_question(std::span<const Data> data) {
     if (each.t_s.size() < kFewest)
       throw std::invalid_argument(each.name + ": " + std::to_string(each.t_s.size()) +
                                   " rows are too few to judge a model by (at least " + std::to_string(kFewest) + ")");
-    if (!varies(each.t_s, each.output_value))
+    if (!varies(each.output_value, each.output_quality))
       throw std::invalid_argument(each.name + ": the " + std::string(messages::name_of(each.output)) +
                                   ", which is the output, does not change by ten times its noise");
     if (columns(each) != columns(data[0]))

@@ -4,6 +4,7 @@
 #include <string_view>
 #include <vector>
 
+#include "identify/diagnose/signal/channel_quality.hpp"
 #include "messages/recording.hpp"
 
 namespace isorig::identify::response {
@@ -15,6 +16,7 @@ struct Data {
   messages::Output output = messages::Output::kPosition;
   std::vector<double> t_s;
   std::vector<double> output_value;  ///< mm or psi
+  ChannelQuality output_quality;     ///< zeros before measure_outputs()
   struct Input {
     std::string_view column;  ///< "pressure_psi", "force_N", "position_mm"
     std::vector<double> value;
@@ -37,8 +39,11 @@ struct Data {
 [[nodiscard]] Data data_of(const messages::Recording& recording, std::string name,
                            std::span<const std::string_view> inputs);
 
-/// Throws std::invalid_argument for what cannot be diagnosed together, or at all: fewer than 20 rows, an output that
-/// stands still, outputs or inputs that are not the same columns in all recordings.
+/// How well each output was read. Once, for all who judge by it: a prediction does not look at the output at all.
+void measure_outputs(std::span<Data> data);
+
+/// Of outputs that were measured. Throws std::invalid_argument for what cannot be diagnosed together, or at all: fewer
+/// than 20 rows, an output that stands still, outputs or inputs that are not the same columns in all recordings.
 void require_one_question(std::span<const Data> data);
 
 }  // namespace isorig::identify::response

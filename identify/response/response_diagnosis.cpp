@@ -10,7 +10,6 @@
 #include "base/number_text.hpp"
 #include "identify/diagnose/guard/plausible.hpp"
 #include "identify/diagnose/search/calibration.hpp"
-#include "identify/diagnose/signal/noise_level.hpp"
 #include "model/catalogue.hpp"
 
 namespace isorig::identify::response {
@@ -149,9 +148,8 @@ double variance_of(const std::vector<Data>& data) {
 double noise_of(const std::vector<Data>& data) {
   double squares = 0.0;
   for (const Data& each : data) {
-    const double white = white_noise(each.t_s, each.output_value);
-    const double step = quantisation(each.output_value) / std::sqrt(12.0);
-    squares += std::max(white * white, step * step) / static_cast<double>(data.size());
+    const double worst = std::max(each.output_quality.noise, each.output_quality.rounding());
+    squares += worst * worst / static_cast<double>(data.size());
   }
   // Numbers of a simulation have none: what a search leaves by its tolerance is no structure.
   constexpr double kTolerance = 1e-6;
@@ -280,6 +278,7 @@ ResponseDiagnosis diagnose_response(const std::vector<messages::Recording>& reco
     out.data.push_back(data_of(recordings[i], names[i]));
     specimens.push_back(recordings[i].metadata.specimen);
   }
+  measure_outputs(out.data);
   require_one_question(out.data);
   if (auto text = several_specimens(specimens); !text.empty()) out.warnings.push_back(std::move(text));
   out.output = out.data[0].output;

@@ -39,7 +39,7 @@ struct ResponseFit {
 /// with inputs, what each unit still had to go at its first row are free and belong to it.
 /// `from`: a fit of the same structure, from which the search goes on, or of one time fewer; without it all fits with
 /// fewer times are made first. Searches see at most 5000 rows of a recording, evenly spread. Throws std::domain_error
-/// where no start gives finite numbers.
+/// where no start gives finite numbers. The outputs were measured (measure_outputs()).
 [[nodiscard]] ResponseFit fit_response(const std::vector<Data>& data, const Structure& structure,
                                        const std::vector<std::vector<bool>>& used = {},
                                        const ResponseFit* from = nullptr);

@@ -8,7 +8,6 @@
 
 #include "base/quantile.hpp"
 #include "identify/diagnose/fit/signed_least_squares.hpp"
-#include "identify/diagnose/signal/noise_level.hpp"
 #include "identify/response/response_data.hpp"
 #include "identify/response/response_fit.hpp"
 #include "model/stepping.hpp"
@@ -40,7 +39,7 @@ class Separable {
     for (const Data& each : data) {
       longest_s = std::max(longest_s, each.t_s.back() - each.t_s.front());
       for (std::size_t k = 1; k < each.t_s.size(); ++k) steps_s.push_back(each.t_s[k] - each.t_s[k - 1]);
-      noise_ = std::max(noise_, white_noise(each.t_s, each.output_value));
+      noise_ = std::max(noise_, each.output_quality.noise);
       span_ = std::max(span_, span_of(each.output_value));
       rows_ += each.t_s.size();
       begins_.push_back(begin_of(each));
