@@ -14,6 +14,7 @@
 #include <string>
 #include <vector>
 
+#include "bench/series_case.hpp"
 #include "identify/fv/fv_fit.hpp"
 #include "identify/fv/fv_problem.hpp"
 #include "identify/fv/series_fit.hpp"
@@ -79,29 +80,10 @@ void fit_points(const std::filesystem::path& folder) {
   write_doubles(folder / "points.sums.f64", sums);
 }
 
-/// The case of docs/force-velocity.md: arms (1.5 N/mm, 6 s) and (0.8 N/mm, 0.5 s), noise 0.05 N, 1 kHz.
 void fit_series_case(const std::filesystem::path& folder) {
-  constexpr std::size_t kSamples = 400'000;
   std::mt19937 random(2);
-  std::normal_distribution<double> unit;
+  const auto [t_s, x_mm, force_N] = isorig::bench::series_case(400'000, 0.05, random);
   std::uniform_real_distribution<double> even;
-  std::vector<double> t_s(kSamples), x_mm(kSamples), force_N(kSamples);
-  double x = 0.0, slow = 0.0, fast = 0.0;
-  for (std::size_t i = 0; i < kSamples; ++i) {
-    const double t = 0.001 * static_cast<double>(i), phase = std::fmod(t, 80.0);
-    const double speed = phase > 10 && phase < 10.4   ? 5.0
-                         : phase > 40 && phase < 60   ? -0.1
-                         : phase > 65 && phase < 65.2 ? -10.0
-                         : phase > 70 && phase < 72   ? 1.0
-                                                      : 0.0;
-    const double step_mm = i == 0 ? 0.0 : speed * 0.001;
-    x += step_mm;
-    slow = slow * std::exp(-0.001 / 6.0) + step_mm * isorig::model::maxwell_ramp_share(0.001 / 6.0);
-    fast = fast * std::exp(-0.001 / 0.5) + step_mm * isorig::model::maxwell_ramp_share(0.001 / 0.5);
-    t_s[i] = t;
-    x_mm[i] = x;
-    force_N[i] = 20.0 + 2.5 * x + 1.5 * slow + 0.8 * fast + 0.05 * unit(random);
-  }
   write_doubles(folder / "series.t.f64", t_s);
   write_doubles(folder / "series.x.f64", x_mm);
   write_doubles(folder / "series.F.f64", force_N);

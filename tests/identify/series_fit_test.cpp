@@ -6,43 +6,21 @@
 #include <chrono>
 #include <random>
 
+#include "bench/series_case.hpp"
 #include "iso_velocity_recording.hpp"
 
 namespace isorig::identify {
 namespace {
 
-struct Series {
-  std::vector<double> t_s, x_mm, force_N;
-};
+using Series = bench::SeriesCase;
 
-/// The bench case of docs/force-velocity.md: 400 s at 1 kHz, a = 20 N, k = 2.5 N/mm, arms (1.5 N/mm, 6 s) and
-/// (0.8 N/mm, 0.5 s), noise 0.05 N.
-Series bench(std::size_t samples, double noise_N, unsigned seed, bool second_arm = true) {
+Series series(std::size_t samples, double noise_N, unsigned seed, bool second_arm = true) {
   std::mt19937 random(seed);
-  std::normal_distribution<double> unit;
-  Series out;
-  double x = 0, s1 = 0, s2 = 0;
-  for (std::size_t i = 0; i < samples; ++i) {
-    const double t = 0.001 * static_cast<double>(i);
-    const double phase = std::fmod(t, 80.0);
-    const double speed = phase > 10 && phase < 10.4   ? 5.0
-                         : phase > 40 && phase < 60   ? -0.1
-                         : phase > 65 && phase < 65.2 ? -10.0
-                         : phase > 70 && phase < 72   ? 1.0
-                                                      : 0.0;
-    const double dx = i == 0 ? 0.0 : speed * 0.001;
-    x += dx;
-    s1 = s1 * std::exp(-0.001 / 6.0) + dx * model::maxwell_ramp_share(0.001 / 6.0);
-    s2 = s2 * std::exp(-0.001 / 0.5) + dx * model::maxwell_ramp_share(0.001 / 0.5);
-    out.t_s.push_back(t);
-    out.x_mm.push_back(x);
-    out.force_N.push_back(20 + 2.5 * x + 1.5 * s1 + (second_arm ? 0.8 * s2 : 0.0) + noise_N * unit(random));
-  }
-  return out;
+  return bench::series_case(samples, noise_N, random, second_arm);
 }
 
 TEST(SeriesFit, NoiseFreeIsExact) {
-  const Series s = bench(100000, 0.0, 1);
+  const Series s = series(100000, 0.0, 1);
   const SeriesFit fit = fit_series(s.t_s, s.x_mm, s.force_N, 2);
   ASSERT_EQ(fit.arms.size(), 2U);
   EXPECT_NEAR(fit.arms[0].gamma_per_s.value, 2.0, 1e-6);
@@ -56,7 +34,7 @@ TEST(SeriesFit, FindsBothArmsWithinTheirErrorsAndTheErrorsAreRight) {
   // standard deviation of sqrt(2/12) = 0.41, so 2.6 is 4 of them away and 0.2 is 2.
   double square_gamma = 0, square_stiffness = 0;
   for (unsigned seed = 1; seed <= 12; ++seed) {
-    const Series s = bench(60000, 0.05, seed);
+    const Series s = series(60000, 0.05, seed);
     const SeriesFit fit = fit_series(s.t_s, s.x_mm, s.force_N, 2);
     ASSERT_EQ(fit.stop, SeriesStop::kConverged);
     EXPECT_NEAR(fit.arms[0].gamma_per_s.value, 2.0, 5 * fit.arms[0].gamma_per_s.standard_error);
@@ -73,7 +51,7 @@ TEST(SeriesFit, FindsBothArmsWithinTheirErrorsAndTheErrorsAreRight) {
 }
 
 TEST(SeriesFit, EveryStartEndsAtTheSameOptimum) {
-  const Series s = bench(60000, 0.05, 1);
+  const Series s = series(60000, 0.05, 1);
   const SeriesFit best = fit_series(s.t_s, s.x_mm, s.force_N, 2);
   std::mt19937 random(12);
   std::uniform_real_distribution<double> unit;
@@ -90,13 +68,13 @@ TEST(SeriesFit, EveryStartEndsAtTheSameOptimum) {
 }
 
 TEST(SeriesFit, OrderIsToldByBic) {
-  const Series two = bench(60000, 0.05, 3), one = bench(60000, 0.05, 4, false);
+  const Series two = series(60000, 0.05, 3), one = series(60000, 0.05, 4, false);
   EXPECT_LT(fit_series(two.t_s, two.x_mm, two.force_N, 2).bic, fit_series(two.t_s, two.x_mm, two.force_N, 1).bic - 10);
   EXPECT_LT(fit_series(one.t_s, one.x_mm, one.force_N, 1).bic, fit_series(one.t_s, one.x_mm, one.force_N, 2).bic);
 }
 
 TEST(SeriesFit, LongRecordIsQuick) {
-  const Series s = bench(400000, 0.05, 2);
+  const Series s = series(400000, 0.05, 2);
   const auto begin = std::chrono::steady_clock::now();
   const SeriesFit fit = fit_series(s.t_s, s.x_mm, s.force_N, 2);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
@@ -118,7 +96,7 @@ TEST(SeriesFit, NonUniformRecordingGivesTheElementBack) {
 }
 
 TEST(SeriesFit, AnArmThatTheRecordCannotShowIsNotClaimed) {
-  const Series s = bench(60000, 0.05, 6, false);
+  const Series s = series(60000, 0.05, 6, false);
   const SeriesFit fit = fit_series(s.t_s, s.x_mm, s.force_N, 2);
   EXPECT_FALSE(fit.statements.empty());
 }
@@ -167,7 +145,7 @@ TEST(SeriesFit, SaysWhyItStopped) {
 }
 
 TEST(SeriesFit, RefusesWhatItCannotRead) {
-  const Series s = bench(100, 0.05, 6);
+  const Series s = series(100, 0.05, 6);
   EXPECT_THROW((void)fit_series(s.t_s, s.x_mm, s.force_N, 3), std::invalid_argument);
   EXPECT_THROW((void)fit_series(std::span(s.t_s).first(10), s.x_mm, s.force_N, 1), std::invalid_argument);
 }
