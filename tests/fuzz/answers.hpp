@@ -6,6 +6,7 @@
 #include <charconv>
 #include <chrono>
 #include <functional>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <string_view>
@@ -14,6 +15,20 @@
 
 /// A client of an HTTP server that is fuzzed.
 namespace isorig::fuzz {
+
+/// One server for many inputs, since its start takes longer than an input: made anew before every `interval`-th one
+/// where it is used up.
+template <class Served, class UsedUp>
+Served& server_for_next_input(unsigned interval, const UsedUp& used_up) {
+  (void)scratch();  // outlives what works in it
+  static auto served = std::make_unique<Served>();
+  static unsigned inputs = 0;
+  if (++inputs % interval == 0 && used_up(*served)) {
+    served.reset();
+    served = std::make_unique<Served>();
+  }
+  return *served;
+}
 
 /// Sends, says that nothing more comes, and reads to the end; `meanwhile` is called while nothing is there. A server
 /// that neither answers nor closes within 15 s is a finding: its own limits are 10 s.

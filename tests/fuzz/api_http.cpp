@@ -89,13 +89,7 @@ class Served {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace isorig::fuzz;
-  (void)scratch();  // outlives what works in it
-  static auto served = std::make_unique<Served>();
-  static unsigned inputs = 0;
-  if (++inputs % 512 == 0 && served->worn()) {
-    served.reset();
-    served = std::make_unique<Served>();
-  }
+  Served& served = server_for_next_input<Served>(512, [](const Served& used) { return used.worn(); });
   Input in(data, size);
   const auto how = in.byte();
   std::string request;
@@ -106,6 +100,6 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   } else {
     request = text(in.rest());
   }
-  served->exchange(request, (how & 1U) != 0);
+  served.exchange(request, (how & 1U) != 0);
   return 0;
 }

@@ -254,15 +254,10 @@ class Served {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace isorig::fuzz;
-  (void)scratch();  // outlives what works in it
-  static auto served = std::make_unique<Served>();
-  static unsigned inputs = 0;
-  if (++inputs % 50 == 0) {  // sessions and links are bounded, and used up
-    served.reset();
-    served = std::make_unique<Served>();
-  }
+  // Sessions and links are bounded, and used up.
+  Served& served = server_for_next_input<Served>(50, [](const Served&) { return true; });
   Input in(data, size);
   const How how(in.byte());
-  served->exchange(how, in);
+  served.exchange(how, in);
   return 0;
 }
