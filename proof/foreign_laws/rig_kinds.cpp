@@ -5,67 +5,48 @@ namespace {
 
 using Strings = std::vector<std::string>;
 
+/// A filter of the force channel: its strength is its mean delay.
+Kind filter_kind(std::string_view law, std::string_view effect, std::string_view nearly, std::string_view source,
+                 decltype(Kind::draw) draw, decltype(Kind::conceal) conceal) {
+  return {.law = law,
+          .effect = effect,
+          .accepted = {std::string(nearly)},
+          .acts_on = "sensor",
+          .depends_on = {"onset", "rate"},
+          .source = source,
+          .strength_is = "mean delay in s",
+          .start = 0.01,
+          .most = 0.06,
+          .draw = draw,
+          .conceal = conceal};
+}
+
 std::vector<Kind> channel_kinds() {
-  const Strings onset{"onset", "rate"};
   const auto none = [](Random&, const Rig&, const Path&) { return Shape{}; };
   return {
       // A few poles are a lag and a delay at once: below their corner only the mean delay is seen.
-      {"two_pole",
-       "force_lag",
-       {"force_delay"},
-       "sensor",
-       onset,
-       "Zverev 1967",
-       "mean delay in s",
-       0.01,
-       0.06,
-       none,
-       [](double s, const Shape&, Rig& rig) {
-         rig.sensor.push_back([s](const Drive& d, const Signal& f) { return two_pole(d, f, s); });
-       }},
-      {"four_pole",
-       "force_lag",
-       {"force_delay"},
-       "sensor",
-       onset,
-       "Zverev 1967",
-       "mean delay in s",
-       0.01,
-       0.06,
-       none,
-       [](double s, const Shape&, Rig& rig) {
-         rig.sensor.push_back([s](const Drive& d, const Signal& f) { return four_pole(d, f, s); });
-       }},
-      {"hann_filter",
-       "force_delay",
-       {"force_lag"},
-       "sensor",
-       onset,
-       "Blackman & Tukey 1958",
-       "mean delay in s",
-       0.01,
-       0.06,
-       none,
-       [](double s, const Shape&, Rig& rig) {
-         rig.sensor.push_back([s](const Drive& d, const Signal& f) { return hann_filter(d.t_s, f, s); });
-       }},
-      {"beating_delay",
-       "force_delay",
-       {"force_lag"},
-       "sensor",
-       onset,
-       "Nilsson 1998",
-       "mean delay in s",
-       0.01,
-       0.06,
-       [](Random& random, const Rig&, const Path&) {
-         return Shape{{"depth", random.uniform(0.2, 0.6)}, {"period_s", random.log_uniform(0.3, 10.0)}};
-       },
-       [](double s, const Shape& q, Rig& rig) {
-         rig.sensor.push_back([s, q](const Drive& d, const Signal& f) {
-           return beating_delay(d.t_s, f, s, q.at("depth"), q.at("period_s"));
-         });
-       }},
+      filter_kind("two_pole", "force_lag", "force_delay", "Zverev 1967", none,
+                  [](double s, const Shape&, Rig& rig) {
+                    rig.sensor.push_back([s](const Drive& d, const Signal& f) { return two_pole(d, f, s); });
+                  }),
+      filter_kind("four_pole", "force_lag", "force_delay", "Zverev 1967", none,
+                  [](double s, const Shape&, Rig& rig) {
+                    rig.sensor.push_back([s](const Drive& d, const Signal& f) { return four_pole(d, f, s); });
+                  }),
+      filter_kind("hann_filter", "force_delay", "force_lag", "Blackman & Tukey 1958", none,
+                  [](double s, const Shape&, Rig& rig) {
+                    rig.sensor.push_back([s](const Drive& d, const Signal& f) { return hann_filter(d.t_s, f, s); });
+                  }),
+      filter_kind(
+          "beating_delay", "force_delay", "force_lag", "Nilsson 1998",
+          [](Random& random, const Rig&, const Path&) {
+            return Shape{{"depth", random.uniform(0.2, 0.6)}, {"period_s", random.log_uniform(0.3, 10.0)}};
+          },
+          [](double s, const Shape& q, Rig& rig) {
+            rig.sensor.push_back([s, q](const Drive& d, const Signal& f) {
+              return beating_delay(d.t_s, f, s, q.at("depth"), q.at("period_s"));
+            });
+          }),
   };
 }
 
