@@ -4,8 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <sstream>
+
+#include "base/formatted.hpp"
 
 namespace isorig::daemon {
 namespace {
@@ -66,12 +67,9 @@ void flatten(Attributes& to, const toml::table& from, const std::string& before)
 
 std::string padded_name(const isorig_msgs::session_t& s, int repetition_digits, int pressure_digits) {
   if (s.repetition <= 0 || !std::isfinite(s.pressure_psi)) return "session-" + std::to_string(s.session);
-  char text[80], pressure[32];
-  std::snprintf(pressure, sizeof pressure, "%g", s.pressure_psi);
   const int missing = std::max(0, pressure_digits - digits_of(s.pressure_psi));
-  std::snprintf(text, sizeof text, "rep-%0*d_%s%s-psi", repetition_digits, s.repetition,
-                std::string(static_cast<std::size_t>(missing), '0').c_str(), pressure);
-  return text;
+  const std::string zeros(static_cast<std::size_t>(missing), '0');
+  return base::formatted("rep-%0*d_%s%g-psi", repetition_digits, s.repetition, zeros.c_str(), s.pressure_psi);
 }
 
 std::string told_apart(const std::string& name, std::int32_t session) {

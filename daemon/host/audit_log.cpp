@@ -8,7 +8,6 @@
 #include <array>
 #include <cerrno>
 #include <chrono>
-#include <cstdio>
 #include <cstring>
 #include <ctime>
 #include <map>
@@ -16,6 +15,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "base/formatted.hpp"
 #include "base/text_file.hpp"
 
 namespace isorig::daemon {
@@ -36,8 +36,7 @@ std::string utc_text(std::int64_t unix_ms) {
   gmtime_r(&seconds, &tm);
   std::array<char, 32> text{};
   const std::string day_and_time{text.data(), std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%S", &tm)};
-  std::snprintf(text.data(), text.size(), ".%03dZ", static_cast<int>(unix_ms % 1000));
-  return day_and_time + text.data();
+  return day_and_time + base::formatted(".%03dZ", static_cast<int>(unix_ms % 1000));
 }
 
 json who_json(const Peer& peer) {
@@ -60,9 +59,7 @@ std::map<std::uint64_t, std::string> numbered_files(const std::filesystem::path&
 }
 
 std::string numbered(std::uint64_t number) {
-  std::array<char, 48> name{};
-  std::snprintf(name.data(), name.size(), "%s%06llu%s", kNumbered, static_cast<unsigned long long>(number), kEnding);
-  return name.data();
+  return base::formatted("%s%06llu%s", kNumbered, static_cast<unsigned long long>(number), kEnding);
 }
 
 /// The number of the last whole line in `text`; 0: there is none.

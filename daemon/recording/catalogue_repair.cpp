@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "base/formatted.hpp"
 #include "daemon/recording/catalogue.hpp"
 #include "daemon/recording/recording_summary.hpp"
 #include "daemon/recording/run_directory.hpp"
@@ -87,12 +88,11 @@ void Catalogue::adopt_recordings() {
                 std::string_view(state == "done" ? "" : kInterruptedFault))
           .run();
       for (const auto& s : h.sessions) {
-        char label[64];
-        std::snprintf(label, sizeof label, "repetition %d, %g psi", s.repetition, s.pressure_psi);
+        const std::string label = base::formatted("repetition %d, %g psi", s.repetition, s.pressure_psi);
         Statement(db_,
                   "INSERT INTO sessions (run, session, repetition, pressure_psi, label, state) "
                   "VALUES (?1, ?2, ?3, ?4, ?5, 'planned') ON CONFLICT DO NOTHING")
-            .bind(id, s.session, s.repetition, s.pressure_psi, std::string_view(label))
+            .bind(id, s.session, s.repetition, s.pressure_psi, label)
             .run();
       }
       note_sessions(db_, id, recording);

@@ -1,12 +1,13 @@
 #include "daemon/recording/publisher.hpp"
 
 #include <array>
-#include <cstdio>
 #include <isorig_msgs/progress_t.hpp>
 #include <lcm/lcm-cpp.hpp>
 #include <limits>
 #include <stdexcept>
 
+#include "base/formatted.hpp"
+#include "daemon/core/fixed_text.hpp"
 #include "daemon/recording/batches.hpp"
 #include "messages/channels.hpp"
 
@@ -70,10 +71,9 @@ struct Publisher::Impl {
     r.severity = Severity::kWarning;
     r.from = r.to = newest.state;
     r.value = static_cast<double>(now_dropped - dropped);
-    std::snprintf(r.code, sizeof r.code, "publisher.dropped");
-    std::snprintf(r.text, sizeof r.text,
-                  "%zu records were not published: the publisher was late; the recording has them",
-                  now_dropped - dropped);
+    copy_text(r.code, "publisher.dropped");
+    copy_text(r.text, base::formatted("%zu records were not published: the publisher was late; the recording has them",
+                                      now_dropped - dropped));
     dropped = now_dropped;
     write_event(r);
   }

@@ -2,12 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <mutex>
 #include <stdexcept>
 #include <utility>
 
+#include "base/formatted.hpp"
+#include "daemon/core/fixed_text.hpp"
 #include "daemon/recording/batches.hpp"
 #include "daemon/recording/keep_policy.hpp"
 #include "daemon/recording/peeked_queue.hpp"
@@ -160,10 +161,11 @@ struct Recorder::Impl {
     r.step = last_step;
     r.severity = Severity::kProgramStop;
     r.value = static_cast<double>(now_dropped - dropped);
-    std::snprintf(r.code, sizeof r.code, "recorder.dropped");
-    std::snprintf(r.text, sizeof r.text,
-                  "%zu records lost before the recorder, which was not scheduled in time or waited for its disk",
-                  now_dropped - dropped);
+    copy_text(r.code, "recorder.dropped");
+    copy_text(
+        r.text,
+        base::formatted("%zu records lost before the recorder, which was not scheduled in time or waited for its disk",
+                        now_dropped - dropped));
     dropped = now_dropped;
     write_event(r);
   }
@@ -203,8 +205,8 @@ struct Recorder::Impl {
     r.mono_ns = slice_end_ns;
     r.step = last_step;
     r.severity = Severity::kProgramStop;
-    std::snprintf(r.code, sizeof r.code, "recorder.disk");
-    std::snprintf(r.text, sizeof r.text, "%s", log.fault().c_str());
+    copy_text(r.code, "recorder.disk");
+    copy_text(r.text, log.fault());
     write_event(r);
   }
 
@@ -236,8 +238,8 @@ struct Recorder::Impl {
     r.mono_ns = at_ns;
     r.step = last_step;
     r.severity = Severity::kWarning;
-    std::snprintf(r.code, sizeof r.code, "recorder.evidence");
-    std::snprintf(r.text, sizeof r.text, "%s", evidence_said.c_str());
+    copy_text(r.code, "recorder.evidence");
+    copy_text(r.text, evidence_said);
     write_event(r);
   }
 

@@ -5,6 +5,7 @@
 #include <sstream>
 #include <string>
 
+#include "base/formatted.hpp"
 #include "base/number_text.hpp"
 #include "daemon/core/valve_flow.hpp"
 #include "daemon/rig/config.hpp"
@@ -239,16 +240,15 @@ void check_lcm(const RigConfig& rig, const TomlTable& root) {
 void check_api(const RigConfig& rig, const TomlTable& root) {
   const auto table = root.table_if("api");
   if (!table || !table->has("mode")) return;
-  char mode[16];
-  std::snprintf(mode, sizeof mode, "%04o", rig.api.mode);
+  const std::string mode = base::formatted("%04o", rig.api.mode);
   if ((rig.api.mode & 0007U) != 0) {
-    table->error("mode", "`mode` = \"" + std::string(mode) +
+    table->error("mode", "`mode` = \"" + mode +
                              "\"; it has to end in 0, such as \"0660\": who may open the socket may move the rig, and "
                              "others are everybody on this machine");
   } else if ((rig.api.mode & 0600U) != 0600U || (rig.api.mode & 0111U) != 0) {
     table->error(
         "mode",
-        "`mode` = \"" + std::string(mode) +
+        "`mode` = \"" + mode +
             "\"; it has to be \"0600\" or \"0660\": a client needs reading and writing, and nobody runs a socket");
   }
 }

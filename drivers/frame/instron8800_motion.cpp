@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
+#include "base/formatted.hpp"
 #include "drivers/api/error.hpp"
 #include "drivers/frame/instron8800_frame.hpp"
 
@@ -22,9 +22,7 @@ constexpr double kTimeTolerance = 5e-4;  // likewise, of the velocity
 
 /// Without an exponent, which the command set may not know.
 std::string fixed(double value, int decimals) {
-  char out[64];
-  std::snprintf(out, sizeof out, "%.*f", decimals, value);
-  return out;
+  return base::formatted("%.*f", decimals, value);
 }
 
 }  // namespace

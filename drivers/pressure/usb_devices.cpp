@@ -3,13 +3,12 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <charconv>
-#include <cstdio>
 #include <fstream>
 #include <optional>
 #include <system_error>
 
+#include "base/formatted.hpp"
 #include "drivers/api/error.hpp"
 
 namespace isorig::pressure {
@@ -64,9 +63,7 @@ UsbKind kind_of(std::uint16_t vendor, std::uint16_t product) {
 }
 
 std::string ids_of(const UsbDevice& device) {
-  std::string text(9, ' ');
-  std::snprintf(text.data(), text.size() + 1, "%04x:%04x", device.vendor_id, device.product_id);
-  return text;
+  return base::formatted("%04x:%04x", device.vendor_id, device.product_id);
 }
 
 /// The boot loader shows the number of the fuses in hexadecimal and does not multiply it.
@@ -96,9 +93,7 @@ std::optional<UsbDevice> read_device(const fs::path& folder) {
   if (!vendor || !product || !bus || !address) return std::nullopt;  // an interface, or gone meanwhile
   UsbDevice device;
   device.name = folder.filename();
-  std::array<char, 32> node{};
-  std::snprintf(node.data(), node.size(), "/dev/bus/usb/%03u/%03u", *bus, *address);
-  device.node = node.data();
+  device.node = base::formatted("/dev/bus/usb/%03u/%03u", *bus, *address);
   device.vendor_id = *vendor;
   device.product_id = *product;
   device.kind = kind_of(*vendor, *product);
