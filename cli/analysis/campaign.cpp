@@ -7,9 +7,9 @@
 #include <optional>
 
 #include "base/formatted.hpp"
+#include "cli/analysis/analyse_recordings.hpp"
 #include "cli/command.hpp"
 #include "cli/provenance.hpp"
-#include "cli/screen/progress.hpp"
 
 namespace isorig::cli {
 namespace {
@@ -35,32 +35,11 @@ std::string common_folder(const std::vector<std::string>& recordings) {
 }
 
 int campaign(const Options& options) {
-  std::vector<identify::RecordingResult> results;
-  identify::FvOptions analysis;
-  analysis.whole_series = analysis.history = false;  // hundreds of recordings; `isorig fv` does it for any one of them
-  bool bad = false;
-  std::vector<std::filesystem::path> files;
-  for (const auto& path : options.recordings) files.push_back(std::filesystem::path(path) / "frame.csv");
-  std::optional<FilesProgress> progress(std::in_place, "campaign", files);
-  for (std::size_t i = 0; i < options.recordings.size(); ++i) {
-    const std::string& path = options.recordings[i];
-    progress->at(i, 0.0, path);
-    try {
-      const auto recording = messages::read_recording(path);
-      constexpr double kReadShare = 0.6;  // of the time that a long recording takes
-      analysis.on_progress = [&](double done) { progress->at(i, kReadShare + (1.0 - kReadShare) * done, path); };
-      progress->at(i, kReadShare, path);
-      results.push_back(identify::analyse_recording(recording, path, analysis));
-    } catch (const messages::RecordingError& e) {
-      std::cerr << e.what() << '\n';
-      bad = true;
-    }
-  }
-  progress.reset();
-  if (bad) return kBadInput;
-  const auto repeated = identify::repeated_recordings(results);
-  for (const auto& line : repeated) std::cerr << "isorig campaign: " << line << '\n';
-  if (!repeated.empty()) return kUsage;
+  identify::FvOptions of_each;
+  of_each.whole_series = of_each.history = false;  // hundreds of recordings; `isorig fv` does it for any one of them
+  constexpr double kReadShare = 0.6;
+  auto [results, exit_code] = analyse_recordings("campaign", options.recordings, kReadShare, of_each);
+  if (exit_code != kOk) return exit_code;
   identify::Campaign found;
   try {
     found = identify::analyse_campaign(std::move(results));

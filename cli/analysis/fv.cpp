@@ -5,9 +5,9 @@
 #include <optional>
 
 #include "base/printable.hpp"
+#include "cli/analysis/analyse_recordings.hpp"
 #include "cli/command.hpp"
 #include "cli/provenance.hpp"
-#include "cli/screen/progress.hpp"
 #include "identify/diagnose/guard/plausible.hpp"
 #include "identify/fv/fv_report.hpp"
 #include "model/composed.hpp"
@@ -45,9 +45,6 @@ void print_curve(const identify::Curve& curve) {
   for (const auto& s : curve.result.fit->statements) std::printf("  %s\n", s.c_str());
 }
 
-/// Of the time that a long recording takes.
-constexpr double kReadShare = 0.3;
-
 int fv(const Options& options) {
   const bool two = options.model == "slse2";
   std::vector<identify::ControlFit> controls;
@@ -63,36 +60,14 @@ int fv(const Options& options) {
       return kBadInput;
     }
   }
-  // Every recording is read before anything is written: all that is wrong is said at once.
-  std::vector<identify::RecordingResult> results;
-  bool bad = false;
-  std::vector<std::filesystem::path> files;
-  for (const auto& path : options.recordings) files.push_back(std::filesystem::path(path) / "frame.csv");
-  std::optional<FilesProgress> progress(std::in_place, "fv", files);
-  for (std::size_t i = 0; i < options.recordings.size(); ++i) {
-    const std::string& path = options.recordings[i];
-    progress->at(i, 0.0, path);
-    try {
-      const auto recording = messages::read_recording(path);
-      progress->at(i, kReadShare, path);
-      identify::refuse_implausible(recording, path, model::nominal_model("slse1"),
-                                   identify::channel_quality(recording.frame.t_s, recording.frame.position_mm));
-      identify::FvOptions analysis;
-      analysis.on_progress = [&](double done) { progress->at(i, kReadShare + (1.0 - kReadShare) * done, path); };
-      results.push_back(identify::analyse_recording(recording, path, analysis));
-    } catch (const std::invalid_argument& e) {
-      std::cerr << base::printable_lines(e.what()) << '\n';
-      bad = true;
-    } catch (const messages::RecordingError& e) {
-      std::cerr << e.what() << '\n';
-      bad = true;
-    }
-  }
-  progress.reset();
-  if (bad) return kBadInput;
-  const auto repeated = identify::repeated_recordings(results);
-  for (const auto& line : repeated) std::cerr << "isorig fv: " << line << '\n';
-  if (!repeated.empty()) return kUsage;
+  const auto plausible = [nominal = model::nominal_model("slse1")](const messages::Recording& recording,
+                                                                   const std::string& path) {
+    identify::refuse_implausible(recording, path, nominal,
+                                 identify::channel_quality(recording.frame.t_s, recording.frame.position_mm));
+  };
+  constexpr double kReadShare = 0.3;
+  auto [results, exit_code] = analyse_recordings("fv", options.recordings, kReadShare, {}, plausible);
+  if (exit_code != kOk) return exit_code;
   const auto analysis = identify::analyse_curves(std::move(results),
                                                  two ? identify::FvModel::kSlse2 : identify::FvModel::kSlse1, controls);
   identify::write_fv_tables(analysis, options.out);
