@@ -16,6 +16,7 @@ AnalysedRecordings analyse_recordings(const std::string& command, const std::vec
                                       double read_share, identify::FvOptions options, const CheckRecording& check) {
   AnalysedRecordings out;
   std::vector<std::filesystem::path> files;
+  files.reserve(paths.size());
   for (const auto& path : paths) files.push_back(std::filesystem::path(path) / "frame.csv");
   std::optional<FilesProgress> progress(std::in_place, command, files);
   for (std::size_t i = 0; i < paths.size(); ++i) {

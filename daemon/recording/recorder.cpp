@@ -323,7 +323,8 @@ struct Recorder::Impl {
   RecorderStatus status;
 };
 
-Recorder::Recorder(RecorderOptions options, RunInfo info) : impl_(std::make_unique<Impl>(options, std::move(info))) {
+Recorder::Recorder(const RecorderOptions& options, RunInfo info)
+    : impl_(std::make_unique<Impl>(options, std::move(info))) {
   impl_->publish_status();
   disk_ = impl_->log.condition();
 }

@@ -20,7 +20,7 @@ class Recorder {
   /// Creates run_dir if needed, takes its lock, opens the next segment. In a directory that has segments, it
   /// is a further attempt at the same run (resume). Throws std::runtime_error with what to do: the directory
   /// is locked by a live daemon, or cannot be written, or has less than min_free_bytes.
-  Recorder(RecorderOptions options, RunInfo info);
+  Recorder(const RecorderOptions& options, RunInfo info);
   ~Recorder();
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
