@@ -19,20 +19,6 @@ bool possible(const Exchange& e, double resolution_us) noexcept {
 
 }  // namespace
 
-double MapSnapshot::bound_ns(double device_us) const noexcept {
-  const double s = std::abs(device_us - device_reference_us) * 1e-6;
-  return 1e3 * (bound_us + bound_slope_ppm * s + bound_wander_us_per_s15 * s * std::sqrt(s));
-}
-
-MappedTime MapSnapshot::map(double device_us) const noexcept {
-  const double ahead_us = device_us - device_reference_us;
-  const double s = ahead_us * 1e-6;
-  const double variance = variance_us2 + s * (variance_slope_us2_per_s + s * variance_curvature_ppm2) +
-                          variance_wander_us2_per_s3 * std::abs(s) * s * s;
-  return {host_reference_ns + std::llround(ahead_us * 1e3 + s * rate_ppm * 1e3), bound_ns(device_us),
-          1e3 * std::sqrt(std::max(variance, 0.0))};
-}
-
 DeviceClockMap::DeviceClockMap(const MapOptions& options) : options_(options), filter_(options.wander) {}
 
 ExchangeVerdict DeviceClockMap::add(const Exchange& exchange) {
@@ -230,7 +216,9 @@ bool StreamMapper::has_stepped(double device_us, std::int64_t advance) noexcept 
       (steady_ < kLearnt ? kMost_us : std::clamp(20.0 * jitter_us_, kLeast_us, kMost_us)) + 1e-3 * expected_us;
   if (off_us > allowed_us_) return true;
   steady_ = std::min(steady_ + 1, kLearnt);
-  jitter_us_ += (off_us - jitter_us_) / static_cast<double>(steady_);
+  const double departure_us = off_us - jitter_us_;
+  // kLearnt is a power of two: the product is the quotient, to the last bit.
+  jitter_us_ += steady_ < kLearnt ? departure_us / static_cast<double>(steady_) : departure_us * (1.0 / kLearnt);
   return false;
 }
 
@@ -272,7 +260,7 @@ MappedTime StreamMapper::map_alone(double device_us, std::int64_t arrival_ns, do
 MappedTime StreamMapper::map(double device_us, std::int64_t arrival_ns, std::uint32_t sequence, bool counted) noexcept {
   renew();
   MappedTime out = snapshot_.map(device_us);
-  if (snapshot_.epoch == 0) {
+  if (snapshot_.epoch == 0) [[unlikely]] {
     // No exchange yet: all that is known is that the sample is not from the future.
     out = {std::max(arrival_ns == kNoArrival ? 0 : arrival_ns, last_mono_ns_), MappedTime::kUnknown,
            MappedTime::kUnknown};
@@ -282,8 +270,7 @@ MappedTime StreamMapper::map(double device_us, std::int64_t arrival_ns, std::uin
   const std::int64_t advance = counted ? std::int64_t{static_cast<std::int32_t>(sequence - last_sequence_)} : 0;
   const bool follows = counted && started_ && advance > 0;
   if (counted) last_sequence_ = sequence;
-  const bool future =
-      arrival_ns != kNoArrival && static_cast<double>(out.mono_ns - arrival_ns) > snapshot_.bound_ns(device_us);
+  const bool future = arrival_ns != kNoArrival && static_cast<double>(out.mono_ns - arrival_ns) > out.bound_ns;
   const bool past = started_ && device_us < last_device_us_ - kOutOfOrder_us;
   const bool stepped = follows && has_stepped(device_us, advance);
   if (started_ && (alone_ || future || past || stepped)) {
@@ -303,7 +290,7 @@ MappedTime StreamMapper::map(double device_us, std::int64_t arrival_ns, std::uin
     lead_ns -= std::clamp(wanted, -0.5 * passed_ns, 0.5 * passed_ns);
     if (std::abs(lead_ns) < 0.5) lead_ns = 0.0;
   }
-  std::int64_t mono_ns = out.mono_ns + std::llround(lead_ns);
+  std::int64_t mono_ns = out.mono_ns + base::rounded(lead_ns);
   if (newer) {
     mono_ns = std::max(std::min(mono_ns, arrival_ns), last_mono_ns_ + 1);
     last_mono_ns_ = mono_ns;
@@ -316,7 +303,8 @@ MappedTime StreamMapper::map(double device_us, std::int64_t arrival_ns, std::uin
   out.mono_ns = mono_ns;
   if (moved_ns != 0.0) {
     out.bound_ns += std::abs(moved_ns);
-    out.repeatability_ns = std::hypot(out.repeatability_ns, moved_ns);
+    // Neither is so large or so small that std::hypot's care would be needed.
+    out.repeatability_ns = std::sqrt(out.repeatability_ns * out.repeatability_ns + moved_ns * moved_ns);
   }
   if (newer) last_bound_ns_ = out.bound_ns;
   return out;

@@ -1,10 +1,13 @@
 #pragma once
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <deque>
 #include <limits>
 #include <optional>
 
+#include "base/rounding.hpp"
 #include "drivers/api/clock.hpp"
 #include "drivers/clock_map/envelope.hpp"
 #include "drivers/clock_map/filter.hpp"
@@ -51,9 +54,20 @@ struct MapSnapshot {
   std::uint64_t in_doubt = 0;   ///< 1: the last exchange contradicts; the bound covers both possibilities
 
   [[nodiscard]] bool known() const noexcept { return bound_us < MappedTime::kUnknown; }
-  [[nodiscard]] MappedTime map(double device_us) const noexcept;
+  /// Here, since it is asked once for every sample.
+  [[nodiscard]] MappedTime map(double device_us) const noexcept {
+    const double ahead_us = device_us - device_reference_us;
+    const double s = ahead_us * 1e-6;
+    const double variance = variance_us2 + s * (variance_slope_us2_per_s + s * variance_curvature_ppm2) +
+                            variance_wander_us2_per_s3 * std::abs(s) * s * s;
+    return {host_reference_ns + base::rounded(ahead_us * 1e3 + s * rate_ppm * 1e3), bound_ns(device_us),
+            1e3 * std::sqrt(std::max(variance, 0.0))};
+  }
   /// Half-width of the bound at a device time; grows honestly when exchanges stop coming.
-  [[nodiscard]] double bound_ns(double device_us) const noexcept;
+  [[nodiscard]] double bound_ns(double device_us) const noexcept {
+    const double s = std::abs(device_us - device_reference_us) * 1e-6;
+    return 1e3 * (bound_us + bound_slope_ppm * s + bound_wander_us_per_s15 * s * std::sqrt(s));
+  }
 };
 
 enum class ExchangeVerdict {
