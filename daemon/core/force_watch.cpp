@@ -5,20 +5,37 @@
 
 namespace isorig::daemon {
 
+/// The newest sample that is at least a window old, counted back from the present one, which is 1; 0: there is none.
+std::size_t ForceWatch::find_window(std::int64_t mono_ns, bool in_order) noexcept {
+  const auto is_old = [&](std::size_t back) {
+    return mono_ns - history_[(count_ - back) % kHistory].mono_ns >= window_ns_;
+  };
+  const std::size_t reach = std::min(count_, kHistory);
+  ordered_ = in_order ? std::min(ordered_ + 1, kHistory) : 1;
+  // As long as stamps only grow, what was old for the sample before is old now, and the place moves on by a step or
+  // two.
+  if (back_ > 0 && back_ < reach && ordered_ >= back_ + 1) {
+    std::size_t back = back_ + 1;
+    while (back > 2 && is_old(back - 1)) --back;
+    return back;
+  }
+  for (std::size_t back = 2; back <= reach; ++back) {
+    if (is_old(back)) return back;
+  }
+  return 0;
+}
+
 ForceWatch::Finding ForceWatch::add(std::int64_t mono_ns, float raw_N, double force_N, bool moving) noexcept {
   Finding found;
+  const bool in_order = count_ > 0 && mono_ns >= history_[(count_ - 1) % kHistory].mono_ns;
   history_[count_ % kHistory] = {mono_ns, force_N};
   ++count_;
-  // Against the newest sample that is at least a window old.
-  const std::size_t reach = std::min(count_, kHistory);
-  for (std::size_t back = 2; back <= reach; ++back) {
-    const auto& old = history_[(count_ - back) % kHistory];
-    const std::int64_t span_ns = mono_ns - old.mono_ns;
-    if (span_ns < window_ns_) continue;
-    found.rate_N_s = std::abs(force_N - old.force_N) / (static_cast<double>(span_ns) * 1e-9);
+  back_ = find_window(mono_ns, in_order);
+  if (back_ > 0) {
+    const auto& old = history_[(count_ - back_) % kHistory];
+    found.rate_N_s = std::abs(force_N - old.force_N) / (static_cast<double>(mono_ns - old.mono_ns) * 1e-9);
     found.before_N = old.force_N;
     found.has_window = true;
-    break;
   }
 
   const bool same = raw_N == same_N_ && same_since_ns_ >= 0;

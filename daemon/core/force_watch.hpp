@@ -22,7 +22,7 @@ class ForceWatch {
   Finding add(std::int64_t mono_ns, float raw_N, double force_N, bool moving) noexcept;
   /// After a gap or another calibration: the window starts afresh. What is known of the cell's noise stays.
   void restart() noexcept {
-    count_ = 0;
+    count_ = back_ = 0;
     same_since_ns_ = -1;
     run_ = 0;
   }
@@ -40,10 +40,14 @@ class ForceWatch {
     std::int64_t mono_ns = 0;
     double force_N = 0.0;
   };
+  [[nodiscard]] std::size_t find_window(std::int64_t mono_ns, bool in_order) noexcept;
+
   std::int64_t window_ns_;
   double frozen_max_s_;
   std::array<Sample, kHistory> history_{};
   std::size_t count_ = 0;
+  std::size_t back_ = 0;     ///< what find_window() said of the last sample
+  std::size_t ordered_ = 0;  ///< so many of the newest samples have stamps that do not decrease
   float same_N_ = 0.0F;
   std::int64_t same_since_ns_ = -1;
   std::int64_t still_since_ns_ = -1;      ///< likewise, while the crosshead moves
