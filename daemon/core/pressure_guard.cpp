@@ -22,14 +22,9 @@ PressureGuard::PressureGuard(const PressureLoopConfig& loop, double pressure_max
     : config_(loop),
       dead_duty_(std::max(PressureLoopConfig::kDeadDuty, loop.minimum_duty)),
       leak_psi_s_(loop.leak_bound_psi_s()),
+      motion_psi_mm_(loop.motion_bound_psi_mm()),
+      free_duty_(loop.fill_allowance()),
       fill_time_max_s_(loop.fill_time_bound_s(pressure_max_psi)) {}
-
-void PressureGuard::Duties::take(const Duties& other) noexcept {
-  fill_min = std::min(fill_min, other.fill_min);
-  fill_max = std::max(fill_max, other.fill_max);
-  vent_min = std::min(vent_min, other.vent_min);
-  vent_max = std::max(vent_max, other.vent_max);
-}
 
 void PressureGuard::on_command(std::int64_t mono_ns, const pressure::Command& command) noexcept {
   const Duties now{command.fill_permille, command.fill_permille, command.vent_permille, command.vent_permille};
@@ -48,18 +43,29 @@ PressureGuard::Duties PressureGuard::duties_before(std::int64_t mono_ns) noexcep
   // Virtual time begins at 0: there is no slot before.
   const std::int64_t first = std::max({(mono_ns - kDelayNs) / kSlotNs, newest_slot_ - kSlots + 1, std::int64_t{0}});
   if (newest_slot_ < 0 || first > last) return newest_;  // nothing was commanded since
-  // Several readings fall into a slot, and only the newest slot still changes: the others are taken together once.
-  if (first != taken_first_ || last != taken_last_ || newest_slot_ != taken_newest_) {
-    taken_first_ = first;
-    taken_last_ = last;
-    taken_newest_ = newest_slot_;
-    taken_ = slots_[static_cast<std::size_t>(first % kSlots)];
-    for (std::int64_t slot = first + 1; slot <= last; ++slot)
-      taken_.take(slots_[static_cast<std::size_t>(slot % kSlots)]);
-  } else if (last == newest_slot_) {
-    taken_.take(slots_[static_cast<std::size_t>(last % kSlots)]);
+  const auto at = [this](std::int64_t slot) -> const Duties& {
+    return slots_[static_cast<std::size_t>(slot % kSlots)];
+  };
+  // The range only moves on, and of its slots only the newest changes, by taking more. So those from split_ on are
+  // taken together as they come, and for those before it there is a table: a range that is moved costs two steps.
+  const bool goes_on = split_ >= 0 && first >= taken_first_ && first <= split_ && last >= taken_last_ &&
+                       taken_first_ > newest_slot_ - kSlots;
+  std::int64_t slot = taken_last_;  // it may have taken more since
+  if (!goes_on) {
+    split_ = slot = last;
+    taken_ = at(last);
+    for (std::int64_t i = last - 1; i >= first; --i) {
+      auto& from = taken_from_[static_cast<std::size_t>(i % kSlots)];
+      from = at(i);
+      if (i + 1 < last) from.take(taken_from_[static_cast<std::size_t>((i + 1) % kSlots)]);
+    }
   }
-  return taken_;
+  for (; slot <= last; ++slot) taken_.take(at(slot));
+  taken_first_ = first;
+  taken_last_ = last;
+  Duties all = taken_;
+  if (first < split_) all.take(taken_from_[static_cast<std::size_t>(first % kSlots)]);
+  return all;
 }
 
 void PressureGuard::restart() noexcept {
@@ -104,7 +110,7 @@ void PressureGuard::on_reading(std::int64_t mono_ns, double pressure_psi, double
     return 1e-3 * permille * full / config_.response_min;
   };
   const double thermal_psi_s = kThermalShare * std::abs(behind_psi) / kThermalTimeS;
-  const double motion_psi_s = config_.motion_bound_psi_mm() * std::abs(crosshead_velocity_mm_s);
+  const double motion_psi_s = motion_psi_mm_ * std::abs(crosshead_velocity_mm_s);
   const double slack_psi_s = leak_psi_s_ + motion_psi_s;
   // After a filling the air cools and the reading falls; after a venting it rises.
   const double low = sure(duties.fill_min, full_fill) - possible(duties.vent_max, full_vent) - slack_psi_s -
@@ -164,7 +170,7 @@ void PressureGuard::judge_hold(double fed_psi_s, double drained_psi_s, double th
   const auto add = [&](double& sum_psi, double& from_mm, double more_psi) {
     sum_psi = std::max(0.0, sum_psi + more_psi);
     if (sum_psi == 0.0) from_mm = displacement_mm_;
-    return config_.hold_allowance_psi() + config_.motion_bound_psi_mm() * std::abs(displacement_mm_ - from_mm);
+    return config_.hold_allowance_psi() + motion_psi_mm_ * std::abs(displacement_mm_ - from_mm);
   };
   const double fed_bound_psi = add(fed_in_vain_psi_, fed_from_mm_, (fed_psi_s - free_psi_s) * dt_s - change_psi);
   const double drained_bound_psi =
@@ -182,9 +188,8 @@ void PressureGuard::judge_hold(double fed_psi_s, double drained_psi_s, double th
 }
 
 void PressureGuard::judge_fill_time(const Duties& duties, double dt_s) noexcept {
-  const double free = config_.fill_allowance();
   const double fill = 1e-3 * duties.fill_min;
-  fill_used_s_ = std::max(0.0, fill_used_s_ + (fill - free - 1e-3 * duties.vent_min) * dt_s);
+  fill_used_s_ = std::max(0.0, fill_used_s_ + (fill - free_duty_ - 1e-3 * duties.vent_min) * dt_s);
   if (fill_used_s_ > fill_time_max_s_) {
     raise("pressure.fill_time",
           "the fill valve was open for longer than any filling takes; check supply, hoses and the sensor's tube",

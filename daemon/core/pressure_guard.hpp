@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <array>
 #include <cstdint>
 
@@ -77,7 +78,12 @@ class PressureGuard {
  private:
   struct Duties {
     std::uint16_t fill_min = 0, fill_max = 0, vent_min = 0, vent_max = 0;
-    void take(const Duties& other) noexcept;
+    void take(const Duties& other) noexcept {
+      fill_min = std::min(fill_min, other.fill_min);
+      fill_max = std::max(fill_max, other.fill_max);
+      vent_min = std::min(vent_min, other.vent_min);
+      vent_max = std::max(vent_max, other.vent_max);
+    }
   };
   static constexpr std::int64_t kSlotNs = 4'000'000;
   static constexpr std::int64_t kSlots = 256;  // a second: how late a reading may come in
@@ -89,13 +95,14 @@ class PressureGuard {
   void judge_fill_time(const Duties& duties, double dt_s) noexcept;
 
   PressureLoopConfig config_;
-  double dead_duty_, leak_psi_s_, fill_time_max_s_;
+  double dead_duty_, leak_psi_s_, motion_psi_mm_, free_duty_, fill_time_max_s_;
 
   std::array<Duties, kSlots> slots_{};
   std::int64_t newest_slot_ = -1;
-  Duties newest_;  // the last command alone
-  Duties taken_;   // of the slots from taken_first_ to taken_last_, as they were when taken_newest_ was the newest
-  std::int64_t taken_first_ = -1, taken_last_ = -1, taken_newest_ = -1;
+  Duties newest_;                            // the last command alone
+  Duties taken_;                             // of the slots from split_ to taken_last_
+  std::array<Duties, kSlots> taken_from_{};  // of the slots from its own to the one before split_
+  std::int64_t split_ = -1, taken_first_ = -1, taken_last_ = -1;
 
   std::int64_t last_ns_ = -1;
   double last_psi_ = 0.0;
