@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "base/rounding.hpp"
 #include "base/toml_reader.hpp"
 #include "daemon/core/valve_flow.hpp"
 
@@ -53,6 +54,11 @@ double PressureLoopConfig::fill_allowance() const noexcept {
 double PressureLoopConfig::fill_time_bound_s(double pressure_max_psi) const noexcept {
   return kFillings * fill_time_s(fill_gain_per_s, supply_psi, pressure_max_psi);
 }
+
+PressureLoop::PressureLoop(const PressureLoopConfig& config) noexcept
+    : config_(config),
+      integral_most_psi_s_(PressureLoopConfig::kIntegralShare * config.fill_gain_per_s *
+                           (config.supply_psi + kAtmospherePsi) * config.integral_time_s / config.proportional_per_s) {}
 
 void PressureLoop::set_target(double target_psi, double rate_psi_s, std::int64_t mono_ns) noexcept {
   if (mode_ != Mode::kControl) {
@@ -124,9 +130,6 @@ pressure::Command PressureLoop::update(std::int64_t mono_ns, double pressure_psi
       saturated_since_ns_ = mono_ns;
     }
   } else {
-    const double fill_full = fill_rate_psi_s(config_.fill_gain_per_s, config_.supply_psi, pressure_psi);
-    const double vent_full = vent_rate_psi_s(config_.vent_gain_per_s, pressure_psi);
-
     double error = reference_psi_ - pressure_psi;
     smooth_error_psi_ += (error - smooth_error_psi_) * std::min(1.0, dt_s / PressureLoopConfig::kErrorSmoothing_s);
     const bool at_target = std::abs(target_psi_ - reference_psi_) < 1e-9;
@@ -140,18 +143,18 @@ pressure::Command PressureLoop::update(std::int64_t mono_ns, double pressure_psi
     const double rate = reference_rate + config_.feedforward_psi_per_mm * crosshead_velocity_mm_s +
                         config_.proportional_per_s * (error + integral_psi_s_ / config_.integral_time_s);
     // Close to the supply (or to the atmosphere) a valve gives next to nothing: a floor keeps the duty finite.
-    const double full = rate >= 0.0 ? std::max(fill_full, 1e-3) : std::max(vent_full, 1e-3);
+    const double full =
+        std::max(rate >= 0.0 ? fill_rate_psi_s(config_.fill_gain_per_s, config_.supply_psi, pressure_psi)
+                             : vent_rate_psi_s(config_.vent_gain_per_s, pressure_psi),
+                 1e-3);
     const double wanted = rate / full;
     const double duty = std::clamp(wanted, -1.0, 1.0);
     const bool saturated = std::abs(wanted) >= 1.0;
     if (!saturated || wanted * error < 0.0) integral_psi_s_ += error * dt_s;
-    const double most_psi_s = PressureLoopConfig::kIntegralShare * config_.fill_gain_per_s *
-                              (config_.supply_psi + kAtmospherePsi) * config_.integral_time_s /
-                              config_.proportional_per_s;
-    integral_psi_s_ = std::clamp(integral_psi_s_, -most_psi_s, most_psi_s);
+    integral_psi_s_ = std::clamp(integral_psi_s_, -integral_most_psi_s_, integral_most_psi_s_);
 
     const double size = std::abs(duty) < config_.minimum_duty ? 0.0 : std::abs(duty);
-    const auto permille = static_cast<std::uint16_t>(std::lround(1000.0 * size));
+    const auto permille = static_cast<std::uint16_t>(base::rounded(1000.0 * size));
     command_ = duty >= 0.0 ? pressure::Command{permille, 0, static_cast<float>(reference_psi_)}
                            : pressure::Command{0, permille, static_cast<float>(reference_psi_)};
     const bool short_of_it = saturated && std::abs(target_psi_ - pressure_psi) > config_.unreachable_error_psi &&

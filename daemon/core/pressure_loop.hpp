@@ -77,7 +77,7 @@ struct PressureLoopConfig {
 /// Pure: no clock, no I/O, no allocation. Call update() once per pressure sample (100 Hz or more).
 class PressureLoop {
  public:
-  explicit PressureLoop(const PressureLoopConfig& config) noexcept : config_(config) {}
+  explicit PressureLoop(const PressureLoopConfig& config) noexcept;
 
   /// A new set-point; `rate_psi_s` <= 0 takes the configured limit.
   void set_target(double target_psi, double rate_psi_s, std::int64_t mono_ns) noexcept;
@@ -103,6 +103,7 @@ class PressureLoop {
   enum class Mode : std::uint8_t { kShut, kControl, kVent };
 
   PressureLoopConfig config_;
+  double integral_most_psi_s_;  ///< either way: kIntegralShare
   Mode mode_ = Mode::kShut;
   double target_psi_ = 0.0;
   double rate_psi_s_ = 0.0;
