@@ -103,8 +103,8 @@ void Core::read_frame() noexcept {
   while (frame_.exchanges.pop(exchange)) {
     fan_out(&Streams::exchanges, ExchangeRecord{DeviceId::kFrame, exchange});
   }
-  LinkHealth health;
-  while (frame_.health.pop(health)) frame_health_ = health;
+  while (frame_.health.pop(now_.frame)) {
+  }
 }
 
 void Core::read_pressure() noexcept {
@@ -139,15 +139,18 @@ void Core::read_pressure() noexcept {
   while (pressure_.exchanges.pop(exchange)) {
     fan_out(&Streams::exchanges, ExchangeRecord{DeviceId::kPressure, exchange});
   }
-  SyncReport sync;
-  while (pressure_.sync.pop(sync)) take_sync(sync);
+  if (pressure_.sync.size() > 0) {
+    SyncReport sync;
+    while (pressure_.sync.pop(sync)) take_sync(sync);
+  }
   pressure::State state;
   while (pressure_.states.pop(state)) {
     supervisor_.on_device_vented(state.vented_by_itself, state.cause);
   }
-  LinkHealth health;
-  while (pressure_.health.pop(health)) pressure_health_ = health;
-  while (pressure_.regulator_health.pop(health)) now_.regulator = health;
+  while (pressure_.health.pop(now_.pressure)) {
+  }
+  while (pressure_.regulator_health.pop(now_.regulator)) {
+  }
   RegulatorReport report;
   while (pressure_.regulator_reports.pop(report)) {
     supervisor_.on_regulator(report.mono_ns, double{report.state.pressure_psi}, pressure_psi_, report.state.faulty);
@@ -174,16 +177,18 @@ void Core::read_interlock() noexcept {
     now_.estop_closed = state.estop_closed;
     now_.guard_closed = state.guard_closed;
   }
-  LinkHealth health;
-  while (interlock_.health.pop(health)) now_.interlock = health;
+  while (interlock_.health.pop(now_.interlock)) {
+  }
 }
 
 void Core::supervise(std::int64_t now_ns) noexcept {
   watch_itself(now_ns);
   if (take_trips(now_ns, supervisor_.check(now_ns))) return;
 
-  const char* why = why_not_ready(now_ns);
-  now_.healthy = why == nullptr;
+  // Only the status asks for it while a plan runs.
+  const bool is_asked = state_ != RunState::kRunning || now_ns >= next_control_ns_;
+  const char* why = is_asked ? why_not_ready(now_ns) : nullptr;
+  if (is_asked) now_.healthy = why == nullptr;
   if (state_ == RunState::kIdle || state_ == RunState::kReady) {
     const char* text = why == nullptr ? "" : why;
     if (std::strncmp(now_.not_ready, text, sizeof now_.not_ready) != 0) copy_text(now_.not_ready, text);
@@ -329,8 +334,6 @@ void Core::hand_off(std::int64_t now_ns) noexcept {
   now_.zero_confirmed = zero_epoch_ != 0 && zero_epoch_ == confirmed_zero_;
   now_.frame_age_s = supervisor_.frame_age_s(now_ns);
   now_.pressure_age_s = supervisor_.pressure_age_s(now_ns);
-  now_.frame = frame_health_;
-  now_.pressure = pressure_health_;
   now_.records_dropped = drops;
   now_.publish_dropped = publisher_ == nullptr ? 0 : publisher_->dropped();
   now_.worst_wakeup_ns = std::max(now_.worst_wakeup_ns, c.worst_wakeup_ns);

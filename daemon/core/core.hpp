@@ -131,6 +131,8 @@ class Core {
     const auto rest = status_.load();
     return {rest, faults_.load()};
   }
+  /// Without the faults, which are most of a status: for who asks often.
+  [[nodiscard]] LoopStatus loop_status() const noexcept { return status_.load(); }
   /// For the thread that ticks.
   [[nodiscard]] RunState state() const noexcept { return state_; }
   [[nodiscard]] Outcome outcome() const noexcept { return outcome_; }
@@ -289,8 +291,6 @@ class Core {
   LinkSeen frame_seen_, pressure_seen_, interlock_seen_, regulator_seen_;
   ClockSeen frame_clock_, pressure_clock_;
   std::uint64_t reported_drops_ = 0;
-  LinkHealth frame_health_;
-  LinkHealth pressure_health_;
   LoopStatus now_;
   FaultList listed_;
   bool list_changed_ = false;

@@ -5,11 +5,16 @@
 namespace isorig::daemon {
 
 void Core::take_requests(std::int64_t now_ns) noexcept {
-  HostNote note;
-  while (notes.pop(note)) emit(now_ns, note.severity, note.code, note.text, 0.0, 0.0);
-  Request request;
-  while (requests.pop(request)) replies.push(answer(now_ns, request));
-  const bool is_wanted = abort_wanted_.exchange(false, std::memory_order_acq_rel);
+  if (notes.size() > 0) {  // else no 200 bytes are made ready for nothing, each tick
+    HostNote note;
+    while (notes.pop(note)) emit(now_ns, note.severity, note.code, note.text, 0.0, 0.0);
+  }
+  if (requests.size() > 0) {
+    Request request;
+    while (requests.pop(request)) replies.push(answer(now_ns, request));
+  }
+  const bool is_wanted =
+      abort_wanted_.load(std::memory_order_relaxed) && abort_wanted_.exchange(false, std::memory_order_acq_rel);
   if (is_wanted && state_ == RunState::kFaulted && !run_open_) {
     stop_and_vent(now_ns);  // the cause stays latched: it would only trip again
     vented_fault_ = true;
@@ -138,7 +143,7 @@ const char* Core::set_up(std::int64_t now_ns) noexcept {
 const char* Core::confirm_zero(std::int64_t now_ns) noexcept {
   if (state_ != RunState::kIdle && state_ != RunState::kReady && (state_ != RunState::kFaulted || run_open_))
     return "the zero is confirmed between runs";
-  if (zero_epoch_ == 0 || !frame_health_.connected) return "the frame has not said anything yet";
+  if (zero_epoch_ == 0 || !now_.frame.connected) return "the frame has not said anything yet";
   confirmed_zero_ = zero_epoch_;
   emit(now_ns, Severity::kInfo, "zero.confirmed", "the operator confirms the frame's zero; position as it reads now",
        seen_.position_mm, 0.0);

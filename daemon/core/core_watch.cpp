@@ -69,6 +69,7 @@ void Core::watch_zero(const FrameReport& report) noexcept {
 }
 
 bool Core::take_trips(std::int64_t now_ns, const TripList& found) noexcept {
+  if (found.begin() == found.end()) return false;
   bool fresh = false;
   // What the devices did while the loop was away follows from that: it is the cause, whatever is worse follows below.
   const Trip late = found.of("loop.late");
@@ -154,8 +155,8 @@ void Core::list_fault(std::int64_t now_ns, const Trip& trip, std::string_view te
 
 void Core::describe(std::int64_t now_ns, const Trip& trip, FixedText<400>& text) const noexcept {
   text << trip.what;
-  const LinkHealth* link = begins(trip.code, "frame.") || std::strcmp(trip.code, "stale.frame") == 0 ? &frame_health_
-                           : std::strcmp(trip.code, "stale.pressure") == 0                           ? &pressure_health_
+  const LinkHealth* link = begins(trip.code, "frame.") || std::strcmp(trip.code, "stale.frame") == 0 ? &now_.frame
+                           : std::strcmp(trip.code, "stale.pressure") == 0                           ? &now_.pressure
                            : std::strcmp(trip.code, "stale.regulator") == 0                          ? &now_.regulator
                            : begins(trip.code, "interlock.l") || std::strcmp(trip.code, "stale.interlock") == 0
                                ? &now_.interlock
@@ -169,7 +170,7 @@ const char* Core::why_not_ready(std::int64_t now_ns) const noexcept {
   if (!supervisor_.healthy(now_ns, &why)) return why;
   if (zero_epoch_ != confirmed_zero_)
     return "the frame's zero is not confirmed since it was started (isorig confirm-zero)";
-  if (!frame_health_.clock_ready || !pressure_health_.clock_ready) return "the device clocks are being measured";
+  if (!now_.frame.clock_ready || !now_.pressure.clock_ready) return "the device clocks are being measured";
   if (pressure_psi_ >= config_.vented_psi) return "the actuator is under pressure (isorig abort vents)";
   return nullptr;
 }
@@ -214,32 +215,31 @@ void Core::note_clock(std::int64_t now_ns, const LinkHealth& health, ClockSeen& 
 }
 
 void Core::follow_links(std::int64_t now_ns, bool tell_losses) noexcept {
-  follow_link(now_ns, "error.frame", "reconnect.frame", frame_health_, frame_seen_);
-  follow_link(now_ns, "error.pressure", "reconnect.pressure", pressure_health_, pressure_seen_);
+  follow_link(now_ns, "error.frame", "reconnect.frame", now_.frame, frame_seen_);
+  follow_link(now_ns, "error.pressure", "reconnect.pressure", now_.pressure, pressure_seen_);
   follow_link(now_ns, "error.interlock", "reconnect.interlock", now_.interlock, interlock_seen_);
   follow_link(now_ns, "error.regulator", "reconnect.regulator", now_.regulator, regulator_seen_);
-  note_clock(now_ns, frame_health_, frame_clock_,
-             "a time exchange with the frame contradicts its clock and was left out",
+  note_clock(now_ns, now_.frame, frame_clock_, "a time exchange with the frame contradicts its clock and was left out",
              "the frame's clock was set or restarted; its stamps begin anew");
-  note_clock(now_ns, pressure_health_, pressure_clock_,
+  note_clock(now_ns, now_.pressure, pressure_clock_,
              "a time exchange with the Teensy contradicts its clock and was left out",
              "the Teensy's clock was set or restarted; its stamps begin anew");
   if (!tell_losses) return;
-  if (frame_health_.lost > frame_seen_.lost) {
+  if (now_.frame.lost > frame_seen_.lost) {
     emit(now_ns, Severity::kWarning, "lost.frame", "samples of the frame were overwritten before we read them",
-         static_cast<double>(frame_health_.lost - frame_seen_.lost), 0.0);
-    frame_seen_.lost = frame_health_.lost;
+         static_cast<double>(now_.frame.lost - frame_seen_.lost), 0.0);
+    frame_seen_.lost = now_.frame.lost;
   }
-  if (pressure_health_.lost > pressure_seen_.lost) {
+  if (now_.pressure.lost > pressure_seen_.lost) {
     // Whether the line spoils them or they never come are two different faults.
     char buffer[160];
     FixedText text(buffer);
-    text << (pressure_health_.lost - pressure_seen_.lost) << " pressure samples are missing from the sequence; "
-         << (pressure_health_.corrupt - pressure_seen_.corrupt) << " frames came corrupt";
+    text << (now_.pressure.lost - pressure_seen_.lost) << " pressure samples are missing from the sequence; "
+         << (now_.pressure.corrupt - pressure_seen_.corrupt) << " frames came corrupt";
     emit(now_ns, Severity::kWarning, "lost.pressure", buffer,
-         static_cast<double>(pressure_health_.lost - pressure_seen_.lost), 0.0);
-    pressure_seen_.lost = pressure_health_.lost;
-    pressure_seen_.corrupt = pressure_health_.corrupt;
+         static_cast<double>(now_.pressure.lost - pressure_seen_.lost), 0.0);
+    pressure_seen_.lost = now_.pressure.lost;
+    pressure_seen_.corrupt = now_.pressure.corrupt;
   }
 }
 

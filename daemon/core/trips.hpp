@@ -53,6 +53,15 @@ struct Trip {
 /// What was found in one tick, each code once (with its worst severity), in the order in which it was found.
 class TripList {
  public:
+  TripList() = default;
+  TripList(const TripList& other) noexcept { *this = other; }
+  /// Copies what is held, not the room for more: it is done once a tick, nearly always of nothing.
+  TripList& operator=(const TripList& other) noexcept {
+    count_ = other.count_;
+    for (std::size_t i = 0; i < count_; ++i) items_[i] = other.items_[i];
+    return *this;
+  }
+
   void note(const Trip& trip) noexcept;
   void clear() noexcept { count_ = 0; }
   [[nodiscard]] const Trip* begin() const noexcept { return items_.data(); }

@@ -192,7 +192,7 @@ void Host::tell_core(const std::string& recorder_fault) {
 }
 
 void Host::close_when_over(Run& run, std::int64_t now_ns) {
-  const auto now = core_.status();
+  const auto now = core_.loop_status();
   if (now.runs_started != run.run_number || now.run_loaded || now.outcome == Outcome::kNone ||
       now.control.state == RunState::kStopping) {
     return;
