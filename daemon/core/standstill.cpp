@@ -37,23 +37,27 @@ bool Standstill::fit(double window_s) noexcept {
   while (n < held && newest_ns - back(n - 1).mono_ns < window_ns) ++n;
   if (n < kLeastSamples || newest_ns - back(n - 1).mono_ns < window_ns) return false;
 
+  // Side by side and newest first: the ring's arithmetic once for each sample.
+  std::array<double, kCapacity> t_s, x_mm;
   double mean_t_s = 0.0, mean_mm = 0.0;
   for (std::size_t i = 0; i < n; ++i) {
-    mean_t_s += static_cast<double>(back(i).mono_ns - newest_ns) * 1e-9;
-    mean_mm += back(i).position_mm;
+    const Point& point = back(i);
+    t_s[i] = static_cast<double>(point.mono_ns - newest_ns) * 1e-9;
+    x_mm[i] = point.position_mm;
+    mean_t_s += t_s[i];
+    mean_mm += x_mm[i];
   }
   const auto count = static_cast<double>(n);
   mean_t_s /= count;
   mean_mm /= count;
   double tt = 0.0, tx = 0.0, xx = 0.0, second = 0.0;
   for (std::size_t i = 0; i < n; ++i) {
-    const double t_s = static_cast<double>(back(i).mono_ns - newest_ns) * 1e-9 - mean_t_s;
-    tt += t_s * t_s;
-    const double x_mm = back(i).position_mm - mean_mm;
-    tx += t_s * x_mm;
-    xx += x_mm * x_mm;
+    const double t = t_s[i] - mean_t_s, x = x_mm[i] - mean_mm;
+    tt += t * t;
+    tx += t * x;
+    xx += x * x;
     if (i >= 2) {
-      const double d = back(i).position_mm - 2.0 * back(i - 1).position_mm + back(i - 2).position_mm;
+      const double d = x_mm[i] - 2.0 * x_mm[i - 1] + x_mm[i - 2];
       second += d * d;
     }
   }
