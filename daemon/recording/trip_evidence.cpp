@@ -139,12 +139,12 @@ TripEvidence::TripEvidence(std::filesystem::path run_dir, std::vector<std::strin
 
 void TripEvidence::take(const FrameRecord& record) {
   frame_.push_back(record);
-  trim(frame_, kept_from(record.mono_ns));
+  if (++frames_taken_ % kTrimEvery == 0) trim(frame_, kept_from(record.mono_ns));
 }
 
 void TripEvidence::take(const PressureRecord& record) {
   pressure_.push_back(record);
-  trim(pressure_, kept_from(record.mono_ns));
+  if (++pressures_taken_ % kTrimEvery == 0) trim(pressure_, kept_from(record.mono_ns));
 }
 
 void TripEvidence::take(const ControlRecord& record) {

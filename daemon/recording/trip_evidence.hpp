@@ -73,11 +73,15 @@ class TripEvidence {
   /// The first moment of which samples are still needed, at `now_ns`.
   [[nodiscard]] std::int64_t kept_from(std::int64_t now_ns) const noexcept;
 
+  /// Samples beyond what has to be kept; which files they go into is decided by their stamps.
+  static constexpr std::uint32_t kTrimEvery = 64;
+
   std::filesystem::path run_dir_;
   std::vector<std::string> step_words_;
   std::int64_t epoch_unix_us_;
   std::deque<FrameRecord> frame_;
   std::deque<PressureRecord> pressure_;
+  std::uint32_t frames_taken_ = 0, pressures_taken_ = 0;
   std::deque<ControlRecord> control_;
   std::deque<EventRecord> events_;
   std::deque<Trip> trips_;  ///< the last may still be added to; those before it have to be written, no more
