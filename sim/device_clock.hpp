@@ -41,6 +41,13 @@ class DeviceClock {
   [[nodiscard]] double host_since(std::int64_t origin_ns, double device_us) const noexcept {
     return static_cast<double>(host_ns_ - origin_ns) + 1e3 * (device_us - device_us_) / rate_;
   }
+  /// host_since() is later than `length_ns`, told by products alone where it is by far: what a sampler asks each step
+  /// of a sample that is not due yet. False: host_since() has to tell.
+  [[nodiscard]] bool is_far_after(std::int64_t origin_ns, double length_ns, double device_us) const noexcept {
+    constexpr double kFar_ns = 1e3;
+    const double left_ns = length_ns + kFar_ns - static_cast<double>(host_ns_ - origin_ns);
+    return 1e3 * (device_us - device_us_) > left_ns * rate_;
+  }
   /// It is set: shows so much more from now on.
   void jump(double by_us) noexcept { device_us_ += by_us; }
   [[nodiscard]] double rate() const noexcept { return rate_; }

@@ -102,10 +102,13 @@ frame::Poll SimFrame::poll(std::span<frame::Sample> out) {
   } else {
     state_.fault_bits &= static_cast<std::uint16_t>(~frame::kSampleBufferOverrun);
   }
+  const std::uint32_t waiting = sequence_ - read_;
+  std::size_t slot = write_slot_ >= waiting ? write_slot_ - waiting : write_slot_ + capacity - waiting;
   while (read_ != sequence_ && poll.samples < out.size()) {
-    const frame::Sample& sample = ring_[read_ % capacity];
+    const frame::Sample& sample = ring_[slot];
     if (static_cast<double>(sample.device_us) > until_us) break;
     out[poll.samples++] = sample;
+    slot = slot + 1 == capacity ? 0 : slot + 1;
     ++read_;
   }
   if (!faults.frozen_registers) said_ = state_;
@@ -285,11 +288,12 @@ void SimFrame::after_step(const StepView& step) noexcept {
   if (!crosshead_.resting() || moving_) supervise_motion(step);
   clock_.advance_to(step.begin_ns);
   const double length_ns = static_cast<double>(step.length_ns);
-  for (;;) {
+  while (!clock_.is_far_after(step.begin_ns, length_ns, next_sample_us_)) {
     const double at_ns = clock_.host_since(step.begin_ns, next_sample_us_);
     if (at_ns > length_ns) break;
     if (!faults.frozen_samples && !faults.frozen_registers) {
-      ring_[sequence_ % ring_.size()] = sample(step, at_ns / length_ns, next_sample_us_);
+      ring_[write_slot_] = sample(step, at_ns / length_ns, next_sample_us_);
+      write_slot_ = write_slot_ + 1 == ring_.size() ? 0 : write_slot_ + 1;
       ++sequence_;
     }
     next_sample_us_ += sample_period_us_;

@@ -98,6 +98,7 @@ class SimFrame final : public frame::Device {
   double next_sample_us_;
   std::int64_t start_ns_;
   std::uint32_t sequence_ = 0;  // of the next sample
+  std::size_t write_slot_ = 0;  // where it goes
   std::uint32_t read_ = 0;      // of the next one to hand out
   float last_force_N_ = 0.0F;
 

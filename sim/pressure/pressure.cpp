@@ -250,7 +250,7 @@ void SimPressure::after_step(const StepView& step) noexcept {
         p_.temperature_C + p_.temperature_swing_C * std::sin(2.0 * std::numbers::pi * t_s / kTemperaturePeriod_s);
   }
   const double length_ns = static_cast<double>(step.length_ns);
-  for (;;) {
+  while (!clock_.is_far_after(step.begin_ns, length_ns, next_sample_us_)) {
     const double at_ns = clock_.host_since(step.begin_ns, next_sample_us_);
     if (at_ns > length_ns) break;
     if (!faults.frozen_samples) {
