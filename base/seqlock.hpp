@@ -1,5 +1,4 @@
 #pragma once
-#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cstddef>
@@ -18,17 +17,25 @@ template <typename T>
 class SeqLock {
   static_assert(std::is_trivially_copyable_v<T>);
   static constexpr std::size_t kWordBytes = sizeof(std::uint64_t);
-  static constexpr std::size_t kWords = (sizeof(T) + kWordBytes - 1) / kWordBytes;
+  static constexpr std::size_t kWhole = sizeof(T) / kWordBytes;
+  static constexpr std::size_t kRest = sizeof(T) % kWordBytes;  ///< bytes of the last word, which may be a part of one
+  static constexpr std::size_t kWords = kWhole + (kRest > 0 ? 1 : 0);
 
  public:
   void store(const T& value) noexcept {
     const auto* bytes = reinterpret_cast<const std::byte*>(std::addressof(value));
     const auto sequence = sequence_.load(std::memory_order_relaxed);
     sequence_.store(sequence + 1, std::memory_order_relaxed);  // odd: a store is under way
-    for (std::size_t i = 0; i < kWords; ++i) {
+#pragma GCC unroll 8
+    for (std::size_t i = 0; i < kWhole; ++i) {
       std::uint64_t word = 0;
-      std::memcpy(&word, bytes + i * kWordBytes, size_of(i));
+      std::memcpy(&word, bytes + i * kWordBytes, kWordBytes);
       words_[i].store(word, std::memory_order_release);
+    }
+    if constexpr (kRest > 0) {
+      std::uint64_t word = 0;
+      std::memcpy(&word, bytes + kWhole * kWordBytes, kRest);
+      words_[kWhole].store(word, std::memory_order_release);
     }
     sequence_.store(sequence + 2, std::memory_order_release);
   }
@@ -39,20 +46,20 @@ class SeqLock {
     auto* bytes = reinterpret_cast<std::byte*>(std::addressof(value));
     for (;;) {
       const auto before = sequence_.load(std::memory_order_acquire);
-      for (std::size_t i = 0; i < kWords; ++i) {
+#pragma GCC unroll 8
+      for (std::size_t i = 0; i < kWhole; ++i) {
         const std::uint64_t word = words_[i].load(std::memory_order_acquire);
-        std::memcpy(bytes + i * kWordBytes, &word, size_of(i));
+        std::memcpy(bytes + i * kWordBytes, &word, kWordBytes);
+      }
+      if constexpr (kRest > 0) {
+        const std::uint64_t word = words_[kWhole].load(std::memory_order_acquire);
+        std::memcpy(bytes + kWhole * kWordBytes, &word, kRest);
       }
       if ((before & 1U) == 0 && sequence_.load(std::memory_order_relaxed) == before) return value;
     }
   }
 
  private:
-  /// Of a word: the last may be a part of one.
-  [[nodiscard]] static constexpr std::size_t size_of(std::size_t word) noexcept {
-    return std::min(kWordBytes, sizeof(T) - word * kWordBytes);
-  }
-
   std::atomic<std::uint64_t> sequence_{0};
   std::array<std::atomic<std::uint64_t>, kWords> words_{};
 };
