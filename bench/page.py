@@ -43,6 +43,8 @@ def write_page(path: Path, results: Path, rows: list[Row]) -> None:
         text.append(f"\n## {row.what[0].upper()}{row.what[1:]}\n")
         if not file.is_file():
             text.append(f"Not measured yet: `bench/run {row.name}`.\n")
+            if row.limit:
+                text.append(row.limit + "\n")
             continue
         told = json.loads(file.read_text())
         at = told["machine"]
