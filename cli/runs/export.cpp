@@ -89,6 +89,7 @@ int run_export(const Options& options) {
   how.specimen = options.specimen;
   how.rest_length_mm = options.rest_length_mm;
   how.run_id = found.id;
+  how.run_directory = std::filesystem::weakly_canonical(found.directory);
   how.still_written = found.still_written;
   if (found.row) {
     how.operator_name = found.row->operator_name;

@@ -21,6 +21,7 @@ struct ExportOptions {
   bool remap = false;
   /// Provenance only: `run` in recording.toml.
   std::string run_id{};
+  std::filesystem::path run_directory{};  ///< likewise
   /// What the catalogue says, where there is one.
   std::string operator_name{};
   std::string outcome{};

@@ -33,6 +33,7 @@ toml::table provenance_table(const Provenance& from) {
   toml::array complaints;
   for (const auto& line : from.complaints) complaints.push_back(line);
   if (!complaints.empty()) out.insert_or_assign("recording_complaints", complaints);
+  if (!options.run_directory.empty()) out.insert_or_assign("run_directory", options.run_directory.string());
   if (!options.outcome.empty()) out.insert_or_assign("outcome", options.outcome);
   if (!options.operator_name.empty()) out.insert_or_assign("operator", options.operator_name);
   for (const auto& t : header.texts) {

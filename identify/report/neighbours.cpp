@@ -6,6 +6,9 @@
 #include <set>
 #include <system_error>
 
+#include "base/report_pages.hpp"
+#include "base/toml_reader.hpp"
+
 namespace isorig::identify::report {
 namespace {
 
@@ -14,11 +17,10 @@ namespace fs = std::filesystem;
 struct Known {
   std::string_view file, text;
 };
-/// What each command calls its page (docs/reports.md).
-constexpr std::string_view kRunPage = "report.html";
-constexpr std::array kPages{Known{kRunPage, "Run"}, Known{"fv-report.html", "Force-velocity analysis"},
-                            Known{"campaign-report.html", "Campaign"}, Known{"diagnosis-report.html", "Diagnosis"},
-                            Known{"investigation-report.html", "Investigation"}};
+using base::kReportPages, base::kRunPage;
+constexpr std::array kPages{Known{kReportPages[0], "Run"}, Known{kReportPages[1], "Force-velocity analysis"},
+                            Known{kReportPages[2], "Campaign"}, Known{kReportPages[3], "Diagnosis"},
+                            Known{kReportPages[4], "Investigation"}};
 constexpr std::size_t kMost = 12;
 constexpr std::size_t kMostFolders = 1000;  // of one folder that are looked into: a folder of runs grows for years
 
@@ -96,7 +98,7 @@ class Finder {
 }  // namespace
 
 bool is_page_of_another(std::string_view file_name, std::string_view own_name) {
-  return file_name != own_name && std::ranges::find(kPages, file_name, &Known::file) != kPages.end();
+  return file_name != own_name && base::is_report_page(file_name);
 }
 
 fs::path run_folder_above(const fs::path& inside) {
@@ -107,6 +109,21 @@ fs::path run_folder_above(const fs::path& inside) {
     if (!at.has_relative_path()) break;
   }
   return {};
+}
+
+std::vector<RunOf> runs_of(const std::vector<std::string>& inputs) {
+  std::vector<RunOf> out;
+  for (const std::string& input : inputs) {
+    if (out.size() >= kMost || input.size() >= 4096 || !is_file(fs::path(input) / "recording.toml")) continue;
+    try {
+      const auto document = base::TomlDocument::parse_file(fs::path(input) / "recording.toml");
+      const auto said = document.root();
+      RunOf run{said.string_or("run", ""), said.string_or("run_directory", "")};
+      if (!run.id.empty() && std::ranges::find(out, run.id, &RunOf::id) == out.end()) out.push_back(std::move(run));
+    } catch (const base::ConfigError&) {  // who reads the recording says what is wrong with it
+    }
+  }
+  return out;
 }
 
 Links neighbours(const fs::path& folder, std::string_view file_name, const std::vector<std::string>& inputs) {
@@ -131,6 +148,8 @@ Links neighbours(const fs::path& folder, std::string_view file_name, const std::
   made_from.push_back(here);
   for (const fs::path& inside : made_from)
     if (const fs::path run = run_folder_above(inside); !run.empty()) finder.look_in(run, true);
+  for (const RunOf& run : runs_of(inputs))
+    if (run.folder.is_absolute() && is_run(run.folder)) finder.look_in(whole(run.folder), true);
   return finder.take();
 }
 

@@ -182,6 +182,10 @@ void Page::write(const std::filesystem::path& folder, std::string_view file_name
   std::vector<std::string> inputs;
   if (const auto made_from = whole["made"].find("inputs"); made_from != whole["made"].end())
     for (const auto& input : *made_from) inputs.push_back(input.at("what"));
+  for (const RunOf& run : runs_of(inputs)) {
+    const std::string where = run.folder.empty() ? "" : " (" + run.folder.string() + ")";
+    whole["made"]["inputs"].push_back({{"name", "Recorded in run"}, {"what", run.id + where}});
+  }
   for (const auto& [text, href] : neighbours(folder, file_name, inputs)) {
     const bool there =
         whole.contains("links") &&

@@ -64,8 +64,8 @@ class Page {
 
   /// isorig-report-data/1 (web/src/report/document.ts).
   [[nodiscard]] nlohmann::ordered_json json() const;
-  /// With links to its neighbours that are there (neighbours.hpp). Through a temporary name. Throws
-  /// std::filesystem::filesystem_error or std::runtime_error when it cannot write.
+  /// With links to its neighbours that are there (neighbours.hpp), and the runs that its inputs were recorded in.
+  /// Through a temporary name. Throws std::filesystem::filesystem_error or std::runtime_error when it cannot write.
   void write(const std::filesystem::path& folder, std::string_view file_name) const;
 
  private:

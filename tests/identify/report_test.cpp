@@ -246,6 +246,35 @@ TEST(Neighbours, InACommonFolderAreThoseMadeFromTheSameRecordings) {
   EXPECT_TRUE(run_folder_above(recording).empty());
 }
 
+TEST(Neighbours, OfARecordingThatWasExportedElsewhereIsItsRun) {
+  const Folder folder;
+  const auto run = folder.path / "runs" / "run-1";
+  touch(run / "run.toml");
+  touch(run / "report.html");
+  const auto recording = [&](const char* name, const std::string& text) {
+    touch(folder.path / "home" / name / "recording.toml");
+    std::ofstream(folder.path / "home" / name / "recording.toml") << text;
+    return (folder.path / "home" / name).string();
+  };
+  const std::string said = "run = \"run-1\"\nrun_directory = \"" + run.string() + "\"\n";
+  const auto one = recording("one", said), two = recording("two", said), old = recording("old", "run = \"run-0\"\n"),
+             gone = recording("gone", "run = \"run-9\"\nrun_directory = \"/no/such/run-9\"\n"),
+             wrong = recording("wrong", "run = [");
+  const auto there = folder.path / "home" / "fv";
+  EXPECT_THAT(hrefs(neighbours(there, "fv-report.html", {one, two, old, gone, wrong})),
+              ::testing::ElementsAre("../../runs/run-1/report.html"));
+  Page page("Force-velocity analysis", "x");
+  page.made(
+      {"isorig fv", "1", "", {{"Recording", one}, {"Recording", two}, {"Recording", old}, {"Recording", gone}}, {}});
+  page.write(there, "fv-report.html");
+  std::ifstream in(there / "fv-report.html");
+  const std::string html{std::istreambuf_iterator<char>(in), {}};
+  for (const std::string& what :
+       {"run-1 (" + run.string() + ")", std::string("\"run-0\""), std::string("run-9 (/no/such/run-9)")})
+    EXPECT_NE(html.find(what), std::string::npos) << what;
+  EXPECT_EQ(html.find("run-1 (", html.find("run-1 (") + 1), std::string::npos) << "each run once";
+}
+
 TEST(Neighbours, AreReachedThroughFoldersOfAnyName) {
   const Folder folder;
   touch(folder.path / "50% #3?" / "fv-report.html");
