@@ -32,8 +32,18 @@ std::string json_text(const std::string& text) {
   return nlohmann::json{{"ok", false}, {"text", text}}.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
-/// Of a run's own page, whose script and style stand in it (web/build.mjs), which draws PNG and SVG from data: and
-/// blob:, saves them as files, and has no fonts, popups or connections.
+/// What a refusal of the daemon says in words.
+std::string said_in(const std::string& refusal) {
+  const auto body = nlohmann::json::parse(refusal, nullptr, false);
+  const auto text = body.is_object() ? body.find("text") : body.end();
+  return body.is_object() && text != body.end() && text->is_string() ? text->get<std::string>() : refusal;
+}
+
+/// Before the path of a report on the disk: so its links, which are relative, lead to its neighbours.
+constexpr std::string_view kReports = "/page/";
+
+/// Of a report, whose script and style stand in it (web/build.mjs), which draws PNG and SVG from data: and
+/// blob:, saves them as files, and has no fonts, popups, frames or connections.
 constexpr const char* kReportPolicy =
     "sandbox allow-scripts allow-downloads; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
     "img-src data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
@@ -75,8 +85,8 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     if (request_.method() != http::verb::get && request_.method() != http::verb::head) {
       return refuse(http::status::method_not_allowed, "the method has to be GET");
     }
-    if (path_.starts_with("/report/") || path_.starts_with("/diagnosis/"))
-      return has_session() ? report() : refuse(http::status::forbidden, kNoSession);
+    if (path_.starts_with("/report/")) return has_session() ? report() : refuse(http::status::forbidden, kNoSession);
+    if (path_.starts_with(kReports)) return has_session() ? report() : by_way_of_the_page();
     if (path_ == "/enter") return enter(target);
     if (path_ == "/") return answer(http::status::ok, "text/html; charset=utf-8", std::string(kPageHtml));
     if (path_ == "/live.js")
@@ -165,21 +175,32 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     answer(static_cast<http::status>(found.status), "application/json", std::move(found.text));
   }
 
-  /// The page of a run or a diagnosis, which stands by itself: it is given an origin of its own, without this page's
-  /// cookie and calls.
+  /// A report: it is given an origin of its own, without this page's cookie and calls.
   void report() {
-    const bool of_run = path_.starts_with("/report/");
-    const auto name = path_.substr(path_.find('/', 1) + 1);
     const auto send = [self = shared_from_this()](Hub::Answer a) {
       const bool there = a.status == 200;
       self->place_ = std::move(a.place);
       if (a.status == 503) self->retry_after_ = true;
       if (there) self->policy_ = kReportPolicy;
+      if (!there && self->path_.starts_with(kReports))
+        return self->refuse(static_cast<http::status>(a.status), said_in(a.text));
       self->answer(static_cast<http::status>(a.status), there ? "text/html; charset=utf-8" : "application/json",
                    std::move(a.text));
     };
-    if (of_run) return server_->hub.report(name, send);
-    server_->hub.diagnosis(name, send);
+    if (path_.starts_with(kReports)) return server_->hub.page(path_.substr(kReports.size() - 1), send);
+    server_->hub.report(path_.substr(path_.find('/', 1) + 1), send);
+  }
+
+  /// A link in a report, in a chat, on another site: a browser sends no SameSite=Strict cookie with it. The page, which
+  /// needs none, opens the report again as of its own site, whose cookie is sent (web/src/live/report_link.ts). Who has
+  /// no session is told there. What is no navigation could read the answer, and gets none.
+  void by_way_of_the_page() {
+    const auto mode = view(request_["Sec-Fetch-Mode"]);
+    if (!mode.empty() && mode != "navigate") return refuse(http::status::forbidden, kNoSession);
+    if (!is_path_of_a_report(path_.substr(kReports.size() - 1)))
+      return refuse(http::status::bad_request, "this is no path of a report");
+    location_ = "/#" + path_;
+    answer(http::status::see_other, "text/plain; charset=utf-8", "");
   }
 
   void zoom(const std::string& target) {
@@ -193,7 +214,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   }
 
   void refuse(http::status status, const std::string& why) {
-    const bool page = path_ == "/enter";
+    const bool page = path_ == "/enter" || path_.starts_with(kReports);  // people read it
     answer(status, page ? "text/plain; charset=utf-8" : "application/json", page ? why : json_text(why));
   }
 

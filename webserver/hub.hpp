@@ -69,8 +69,8 @@ class Hub {
   /// A run's own page; its text, or JSON with what is wrong. One at a time: until its answer's `place` is given back,
   /// others are refused with 503.
   void report(const std::string& run, const Reply& reply);
-  /// The page of a diagnosis, by the name that the list of diagnoses gives it; shares the place of a run's.
-  void diagnosis(const std::string& id, const Reply& reply);
+  /// A report by its path on the disk, percent-coded; shares the place of a run's.
+  void page(const std::string& path, const Reply& reply);
   /// The protocol that a diagnosis proposes to run next; one question at a time, others are refused with 503.
   void experiment(const std::string& id, const Reply& reply);
   /// A protocol's text with its version: `from` is saved or shipped.

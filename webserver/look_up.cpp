@@ -7,6 +7,7 @@
 #include "cli/selftest/selftest_checks.hpp"
 #include "model/words.hpp"
 #include "webserver/hub.hpp"
+#include "webserver/rules/requests.hpp"
 #include "webserver/words/diagnosis_words.hpp"
 
 /// Hub: what is looked up at the daemon for one page.
@@ -147,9 +148,9 @@ void Hub::report(const std::string& run, const Reply& reply) {
   send_page("/v1/report?run=" + run, reply);
 }
 
-void Hub::diagnosis(const std::string& id, const Reply& reply) {
-  if (!is_fingerprint(id)) return reply(refusal(400, "this is no name of a diagnosis' page"));
-  send_page("/v1/diagnosis?id=" + id, reply);
+void Hub::page(const std::string& path, const Reply& reply) {
+  if (!is_path_of_a_report(path)) return reply(refusal(400, "this is no path of a report"));
+  send_page("/v1/page?path=" + path, reply);
 }
 
 void Hub::experiment(const std::string& id, const Reply& reply) {

@@ -229,14 +229,18 @@ bool Api::answer_later(const Pass& pass, const HttpServer::Reply& reply) {
     });
   } else if (get && q.path == "/v1/diagnoses") {
     later(pass, reply, [this] { return answered([&] { return answer(200, host_.diagnoses().list()); }); });
-  } else if (get && (q.path == "/v1/diagnosis" || q.path == "/v1/experiment")) {
+  } else if (get && q.path == "/v1/page") {
+    const auto path = q.query.find("path");
+    if (path == q.query.end())
+      return reply(refusal(400, "`path` has to be that of a report: /v1/page?path=PATH")), true;
+    later(pass, reply,
+          [this, path = path->second] { return answered([&] { return answer(200, host_.diagnoses().page(path)); }); });
+  } else if (get && q.path == "/v1/experiment") {
     const auto id = q.query.find("id");
     if (id == q.query.end())
-      return reply(refusal(400, "`id` has to name one of GET /v1/diagnoses: " + q.path + "?id=ID")), true;
-    later(pass, reply, [this, page = q.path == "/v1/diagnosis", id = id->second] {
-      return answered(
-          [&] { return answer(200, page ? host_.diagnoses().page(id) : host_.diagnoses().experiment(id)); });
-    });
+      return reply(refusal(400, "`id` has to name one of GET /v1/diagnoses: /v1/experiment?id=ID")), true;
+    later(pass, reply,
+          [this, id = id->second] { return answered([&] { return answer(200, host_.diagnoses().experiment(id)); }); });
   } else if (get && q.path == "/v1/selftest") {
     later(pass, reply, [this] { return answer(200, host_.selftest_json()); });
   } else {

@@ -43,7 +43,7 @@ constexpr std::array kCalls{Call{"GET", "/v1/status", kLook},
                             Call{"GET", "/v1/report", kLook},
                             Call{"POST", "/v1/check", kLook},
                             Call{"GET", "/v1/diagnoses", kLook},
-                            Call{"GET", "/v1/diagnosis", kLook},
+                            Call{"GET", "/v1/page", kLook},
                             Call{"GET", "/v1/experiment", kLook},
                             Call{"POST", "/v1/control", kNote}};
 
@@ -69,11 +69,12 @@ bool is_of_the_stop_socket(const HttpRequest& q) {
 
 std::string why_not_the_query(const HttpRequest& q) {
   if (is_stop(q)) return {};
-  const std::string known = q.path == "/v1/events"                                    ? "after"
-                            : q.path == "/v1/readings"                                ? "window_s"
-                            : q.path == "/v1/report"                                  ? "run"
-                            : q.path == "/v1/diagnosis" || q.path == "/v1/experiment" ? "id"
-                                                                                      : "";
+  const std::string known = q.path == "/v1/events"       ? "after"
+                            : q.path == "/v1/readings"   ? "window_s"
+                            : q.path == "/v1/report"     ? "run"
+                            : q.path == "/v1/page"       ? "path"
+                            : q.path == "/v1/experiment" ? "id"
+                                                         : "";
   for (const auto& [key, value] : q.query) {
     if (key == known) continue;
     return q.path + " takes " + (known.empty() ? "no query" : "`" + known + "` only") + ", and not `" +

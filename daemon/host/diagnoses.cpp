@@ -3,12 +3,14 @@
 #include <algorithm>
 #include <chrono>
 #include <ctime>
+#include <iterator>
 #include <stdexcept>
 #include <utility>
 
 #include "base/beneath.hpp"
 #include "base/fingerprint.hpp"
 #include "base/json_words.hpp"
+#include "base/report_pages.hpp"
 
 namespace isorig::daemon {
 namespace {
@@ -21,6 +23,9 @@ constexpr std::size_t kProtocolBytes = std::size_t{1} << 20U;
 /// Of isorig's own documents some ten. Copying and writing JSON recurse, and who may write the folder may nest it
 /// deeper than a stack is.
 constexpr int kDeepest = 64;
+constexpr std::size_t kLongestPath = 4096;
+/// The pages of an investigation's rounds lie up to three folders below it.
+constexpr std::ptrdiff_t kPageDepth = kDepth + 3;
 
 std::string utc_text(std::filesystem::file_time_type time) {
   const auto system = std::chrono::file_clock::to_sys(time);
@@ -83,6 +88,18 @@ json summary_of(const json& diagnosis) {
 bool is_file(const std::filesystem::path& path) {
   std::error_code ignored;
   return std::filesystem::symlink_status(path, ignored).type() == std::filesystem::file_type::regular;
+}
+
+std::filesystem::path without_links(const std::filesystem::path& place) {
+  std::error_code error;
+  auto out = std::filesystem::canonical(place, error);
+  return error ? place : out;
+}
+
+/// Of a path relative to a place: nothing in it leads out, is hidden, or is too deep.
+bool leads_in(const std::filesystem::path& relative) {
+  return !relative.empty() && std::distance(relative.begin(), relative.end()) <= kPageDepth + 1 &&
+         std::ranges::none_of(relative, [](const auto& part) { return part.empty() || part.string().front() == '.'; });
 }
 
 struct Page {
@@ -192,7 +209,7 @@ json Diagnoses::list() const {
         entry["experiment"] = is_file(f.folder / "next_experiment.toml");
       }
       for (const auto& page : pages_of(f.folder, f.investigation, rounds)) {
-        entry["pages"].push_back({{"title", page.title}, {"id", base::fingerprint(page.file.string())}});
+        entry["pages"].push_back({{"title", page.title}, {"path", page.file.string()}});
       }
       if (is_file(f.folder / "diagnosis.json")) {
         entry.update(summary_of(document_of(f.place, f.folder / "diagnosis.json", "isorig-diagnosis/1")));
@@ -209,21 +226,26 @@ json Diagnoses::list() const {
   return {{"diagnoses", std::move(out)}, {"all", all}, {"places", std::move(places)}, {"cut", looked.cut}};
 }
 
-json Diagnoses::page(const std::string& id) const {
-  for (const Found& f : look().found) {
-    std::size_t rounds = 0;
-    if (f.investigation) {
-      try {
-        rounds = document_of(f.place, f.document(), "isorig-investigation/1").at("rounds").size();
-      } catch (const std::exception&) {  // the list says what is wrong with it
+json Diagnoses::page(const std::string& path) const {
+  const std::filesystem::path file = path;
+  if (path.size() < kLongestPath && path.find('\0') == std::string::npos && file.is_absolute() &&
+      file.lexically_normal() == file && base::is_report_page(file.filename().string())) {
+    for (const auto& place : places_) {
+      for (const auto& root : {place, without_links(place)}) {  // reports link to each other by canonical paths
+        const auto relative = file.lexically_relative(root);
+        if (!leads_in(relative)) continue;
+        try {
+          return {{"page", bounded_text(root, root / relative, kPageBytes)}};
+        } catch (const base::FileError& e) {
+          if (!e.missing()) throw;
+        }
       }
     }
-    for (const auto& page : pages_of(f.folder, f.investigation, rounds)) {
-      if (base::fingerprint(page.file.string()) != id) continue;
-      return {{"page", bounded_text(f.place, page.file, kPageBytes)}};
-    }
   }
-  throw std::runtime_error("there is no such page any more; look at the list of diagnoses again");
+  throw std::runtime_error(
+      "there is no such page among the runs and the diagnoses (any more); look at their lists again. A report that "
+      "lies "
+      "elsewhere is opened where it lies");
 }
 
 json Diagnoses::experiment(const std::string& id) const {

@@ -24,8 +24,10 @@ class Diagnoses {
 
   /// {diagnoses: [...], all, places, cut}: newest first, docs/api.md. What cannot be read is there with `wrong`.
   [[nodiscard]] nlohmann::json list() const;
-  /// The text of a page named in the list. Throws std::runtime_error.
-  [[nodiscard]] nlohmann::json page(const std::string& id) const;
+  /// The text of a report that lies in one of the places, up to six folders deep: of a path in the list's `pages`, or
+  /// of what one of these links to. Its file is called as a command calls its page, and nothing on the way to it is
+  /// hidden or a link. Throws std::runtime_error.
+  [[nodiscard]] nlohmann::json page(const std::string& path) const;
   /// The protocol that the diagnosis proposes to run next. Throws std::runtime_error.
   [[nodiscard]] nlohmann::json experiment(const std::string& id) const;
 

@@ -45,8 +45,9 @@ json Host::runs_json() const {
   for (const auto& r : rows) {
     std::error_code error;
     json row = row_json(r);
-    row["report"] =
-        std::filesystem::symlink_status(r.directory / kPage, error).type() == std::filesystem::file_type::regular;
+    const auto page = std::filesystem::absolute(r.directory / kPage, error).lexically_normal();
+    row["report"] = std::filesystem::symlink_status(page, error).type() == std::filesystem::file_type::regular;
+    row["page"] = page.string();
     row["notes"] = why_not_a_folder(r).empty() ? notes_of(r.directory) : json::array();
     list.push_back(std::move(row));
   }

@@ -172,12 +172,19 @@ TEST_F(ApiPathsTest, ACalibrationIsKeptUnderTheNameOfItsTimeAndChannel) {
   EXPECT_FALSE(std::filesystem::exists("/tmp/x.toml"));
 }
 
-TEST_F(ApiPathsTest, NoNameOfADiagnosisLeadsOut) {
+TEST_F(ApiPathsTest, NoNameOfADiagnosisOrItsPageLeadsOut) {
   serve();
-  for (const char* id : {"..%2f..%2foutside%2freport.html", "%2fetc%2fpasswd", "", "0123456789abcdef"}) {
-    for (const char* path : {"/v1/diagnosis", "/v1/experiment"}) {
-      const auto answer = call(std::string("GET ") + path + "?id=" + id);
-      EXPECT_EQ(answer.status, 409) << path << id << answer.body;
+  std::ofstream(outside_ / "report.html") << kSecret;
+  std::string out;
+  for (const char c : std::filesystem::absolute(outside_ / "report.html").string())
+    out += c == '/' ? std::string("%2f") : std::string(1, c);
+  const auto runs = std::filesystem::absolute(runs_).string();
+  for (const std::string& id : {std::string("..%2f..%2foutside%2freport.html"), std::string("%2fetc%2fpasswd"),
+                                std::string(""), std::string("0123456789abcdef"), out, runs + "/../outside/report.html",
+                                runs + "%2f..%2foutside%2freport.html"}) {
+    for (const char* call_of : {"/v1/page?path=", "/v1/experiment?id="}) {
+      const auto answer = call(std::string("GET ") + call_of + id);
+      EXPECT_EQ(answer.status, 409) << call_of << id << answer.body;
       EXPECT_THAT(answer.body.dump(), Not(HasSubstr(kSecret)));
     }
   }

@@ -61,7 +61,7 @@ TEST_F(DiagnosesTest, ADiagnosisBesideARunIsListedWithoutItsCurves) {
   EXPECT_FALSE(e.contains("tried"));
   EXPECT_EQ(e["experiment"], true);
   ASSERT_EQ(e["pages"].size(), 1U);
-  EXPECT_EQ(looked_.page(e["pages"][0]["id"])["page"], "<html>the page</html>");
+  EXPECT_EQ(looked_.page(e["pages"][0]["path"])["page"], "<html>the page</html>");
   EXPECT_EQ(looked_.experiment(e["id"])["protocol"], kExperiment);
 }
 
@@ -85,7 +85,7 @@ TEST_F(DiagnosesTest, AnInvestigationIsOneEntryWithItsLastRound) {
   EXPECT_EQ(e["outcome"], "rounds");
   EXPECT_EQ(e["verdict"], "missing");
   ASSERT_EQ(e["pages"].size(), 2U);
-  EXPECT_EQ(looked_.page(e["pages"][1]["id"])["page"], "the last");
+  EXPECT_EQ(looked_.page(e["pages"][1]["path"])["page"], "the last");
   EXPECT_EQ(looked_.experiment(e["id"])["protocol"], kExperiment);
 }
 
@@ -104,7 +104,52 @@ TEST_F(DiagnosesTest, OnlyWhatALookFindsIsRead) {
   EXPECT_EQ(e["experiment"], false);
   EXPECT_TRUE(e["pages"].empty());
   EXPECT_THROW((void)looked_.experiment(e["id"]), std::runtime_error);
-  EXPECT_THROW((void)looked_.page("../../secret.toml"), std::runtime_error);
+}
+
+TEST_F(DiagnosesTest, OnlyReportsThatLieInAPlaceAreGivenOut) {
+  write("run/report.html", "of the run");
+  write("run/out/fv/fv-report.html", "curves");
+  write("run/other.html", "secret");
+  write("run/.hidden/report.html", "secret");
+  write("1/2/3/4/5/6/report.html", "six folders down");
+  write("1/2/3/4/5/6/7/report.html", "secret");
+  const auto outside = folder_.path() / "elsewhere";
+  std::filesystem::create_directories(outside);
+  std::ofstream(outside / "report.html") << "secret";
+  std::ofstream(root_ / "1" / "fv-report.html") << std::string(Diagnoses::kPageBytes + 1, 'x');
+  std::filesystem::create_directory_symlink(outside, root_ / "link");
+  std::filesystem::create_symlink(outside / "report.html", root_ / "run" / "diagnosis-report.html");
+  std::filesystem::create_directory(root_ / "run" / "campaign-report.html");
+  ASSERT_EQ(::mkfifo((root_ / "run" / "investigation-report.html").c_str(), 0600), 0);  // it would be waited for
+  const auto given = [this](const std::filesystem::path& path) -> std::string {
+    try {
+      return looked_.page(path.string())["page"];
+    } catch (const std::runtime_error& e) {
+      return std::string("refused: ") + e.what();
+    }
+  };
+  EXPECT_EQ(given(root_ / "run/report.html"), "of the run");
+  EXPECT_EQ(given(root_ / "run/out/fv/fv-report.html"), "curves");
+  EXPECT_EQ(given(root_ / "1/2/3/4/5/6/report.html"), "six folders down");
+  for (const std::filesystem::path& path :
+       {root_ / "run/other.html", root_ / "run/.hidden/report.html", root_ / "1/2/3/4/5/6/7/report.html",
+        outside / "report.html", root_ / "../elsewhere/report.html", root_ / "run/../../elsewhere/report.html",
+        root_ / "run/./report.html", root_ / "link/report.html", root_ / "run/diagnosis-report.html",
+        root_ / "run/campaign-report.html", root_ / "run/investigation-report.html", root_ / "1/fv-report.html",
+        std::filesystem::path("run/report.html"), std::filesystem::path("report.html"), std::filesystem::path(""),
+        std::filesystem::path(root_.string() + "/run" + std::string(1, '\0') + "/report.html"),
+        root_ / std::string(5000, 'x') / "report.html"}) {
+    EXPECT_THAT(given(path), ::testing::StartsWith("refused: ")) << path;
+  }
+}
+
+TEST_F(DiagnosesTest, APlaceThatIsALinkIsKnownByBothNames) {
+  write("run/report.html", "of the run");
+  const auto link = folder_.path() / "link";
+  std::filesystem::create_directory_symlink(root_, link);
+  const Diagnoses looked({link});
+  EXPECT_EQ(looked.page((link / "run/report.html").string())["page"], "of the run");
+  EXPECT_EQ(looked.page((std::filesystem::canonical(root_) / "run/report.html").string())["page"], "of the run");
 }
 
 TEST_F(DiagnosesTest, WhatCannotBeReadIsThereWithTheReason) {

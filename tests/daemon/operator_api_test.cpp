@@ -265,10 +265,10 @@ TEST_F(OperatorApiTest, DiagnosesAmongTheRunsAreListedAndGivenOut) {
   ASSERT_EQ(list.body["diagnoses"].size(), 1U);
   const auto& one = list.body["diagnoses"][0];
   EXPECT_EQ(one["folder"], "one/diagnosis");
-  EXPECT_EQ(call("GET /v1/diagnosis?id=" + one["pages"][0]["id"].get<std::string>()).body["page"], "<p>argues</p>");
+  EXPECT_EQ(call("GET /v1/page?path=" + one["pages"][0]["path"].get<std::string>()).body["page"], "<p>argues</p>");
   EXPECT_EQ(call("GET /v1/experiment?id=" + one["id"].get<std::string>()).status, 409);
-  EXPECT_EQ(call("GET /v1/diagnosis").status, 400);
-  EXPECT_EQ(call("GET /v1/diagnosis?path=x").status, 400);
+  EXPECT_EQ(call("GET /v1/page").status, 400);
+  EXPECT_EQ(call("GET /v1/page?id=x").status, 400);
 }
 
 TEST_F(OperatorApiTest, WhatWasDroppedBeforeARunIsNotTheRunsLoss) {

@@ -280,7 +280,7 @@ void calls() {
   seed("api_http", "accept", "\2POST /v1/accept-rig" + mark + bodies.at("accept-rig"));
   for (const std::string call :
        {"status", "plan", "events?after=3", "readings?window_s=0.5", "calibrations", "runs", "report?run=latest",
-        "diagnoses", "diagnosis?id=x", "experiment?id=x", "selftest", "nothing"})
+        "diagnoses", "page?path=%2Fruns%2Fr%2Freport.html", "experiment?id=x", "selftest", "nothing"})
     seed("api_http", "get-" + call.substr(0, call.find('?')), "\2GET /v1/" + call + mark);
   for (const std::string verb : {"go", "confirm-zero", "seal", "pause", "resume", "abort", "reset"})
     seed("api_http", "verb-" + verb, "\2POST /v1/" + verb + mark);
@@ -314,7 +314,8 @@ void pages() {
                                  "/api/experiment?id=0123456789abcdef",
                                  "/report/20261123-r",
                                  "/report/../outside.toml",
-                                 "/diagnosis/0123456789abcdef",
+                                 "/page/runs/r/report.html",
+                                 "/page/../outside/report.html",
                                  "/live",
                                  "/nothing"}) {
     auto name = "get" + path.substr(0, path.find('?'));

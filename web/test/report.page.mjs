@@ -18,7 +18,7 @@ const data = {
   format: "isorig-report-data/1", kind: "Test", title: "Everything & <nothing>", subtitle: "below the title",
   lead: { word: "half", text: "Half of it.", mood: "warning" },
   made: { command: "isorig fv 'a b'", version: "isorig 1", at_utc: "2026-01-02 03:04 UTC", inputs: [{ name: "Recording", what: "r".repeat(300) }] },
-  links: [{ text: "Neighbour", href: "neighbour.html" }],
+  links: [{ text: "Run", href: "../report.html" }, { text: "model.toml", href: "model.toml" }],
   blocks: [
     { type: "heading", level: 2, text: "Section" }, { type: "paragraph", text: "1 < 2 </script>" },
     { type: "note", text: "bad", mood: "bad" }, { type: "note", text: "good", mood: "good" },
@@ -56,7 +56,7 @@ try {
     for (const part of ["Everything & <nothing>", "1 < 2 </script>", "Half of it.", "isorig fv 'a b'", "2026-01-02 03:04 UTC", "Figure 2."]) {
       assert.ok(text.includes(part), part);
     }
-    assert.equal(await page.$eval("nav.links a", (a) => a.getAttribute("href")), "neighbour.html");
+    assert.deepEqual(await page.$$eval("nav.links a", (all) => all.map((a) => a.getAttribute("href"))), ["../report.html", "model.toml"]);
     assert.equal(await page.$$eval("th.number", (all) => all.filter((e) => e.textContent === "value").length), 1);
     assert.equal(await page.$$eval("#linked .legend li", (all) => all.length), 1, "one name, one entry");
 
@@ -101,14 +101,15 @@ try {
     assert.ok(of("image/png")[1] > 5000 && of("image/png")[2].slice(1, 4) === "PNG");
     await page.close();
 
-    // From a server the page stands by itself: no link that would lead nowhere, but what there is.
+    // From isorig-web: its neighbours, and the way back to the lists, which are not printed.
     const server = createServer((_, answer) => answer.writeHead(200, { "content-type": "text/html; charset=utf-8" }).end(readFileSync(file)));
     await new Promise((ready) => server.listen(0, "127.0.0.1", ready));
     const served = await browser.newPage();
-    await served.goto(`http://127.0.0.1:${server.address().port}/report/x`);
+    await served.goto(`http://127.0.0.1:${server.address().port}/page/runs/r/fv/fv-report.html`);
     await served.waitForSelector("h1");
-    assert.equal(await served.$$eval(".links a", (all) => all.length), 0);
-    assert.match(await served.$eval("p.links", (e) => e.textContent), /where it lies on the disk: Neighbour\b/);
+    assert.deepEqual(await served.$$eval(".links a", (all) => all.map((a) => [a.textContent, new URL(a.href).pathname, new URL(a.href).hash])),
+      [["Run", "/page/runs/r/report.html", ""], ["All runs", "/", "#runs"], ["All diagnoses", "/", "#diagnosis"]]);
+    assert.match(await served.$eval("p.links", (e) => e.textContent), /on the disk: model\.toml\./);
     await checkAccessible(served, "served");
     await served.close();
     server.close();

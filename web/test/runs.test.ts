@@ -5,7 +5,7 @@ import type { Run } from "../src/live/runs.tsx";
 
 const run: Run = {
   id: "20261123-010251-vma-smoke-Control2", started_utc: "2026-11-23T01:02:51Z", state: "aborted", fault: "e-stop", specimen: "Control2",
-  rig: "sim", protocol: "vma-smoke.toml", operator: "Ann", attempts: 1, sessions: 2, sessions_done: 1, recorded_s: 754, report: true,
+  rig: "sim", protocol: "vma-smoke.toml", operator: "Ann", attempts: 1, sessions: 2, sessions_done: 1, recorded_s: 754, report: true, page: "/runs/r/report.html",
   notes: [{ text: "the grip was loose", by: "Bob" }],
 };
 

@@ -66,6 +66,15 @@ std::optional<std::int64_t> whole_number(std::string_view text) {
   return value;
 }
 
+bool is_path_of_a_report(std::string_view path) {
+  const auto plain = [](unsigned char c) {
+    return std::isalnum(c) != 0 || std::string_view("/-._~%").find(static_cast<char>(c)) != std::string_view::npos;
+  };
+  return path.starts_with('/') && path.ends_with(".html") && path.size() <= 4096 &&
+         std::all_of(path.begin(), path.end(), plain) && path.find("//") == std::string_view::npos &&
+         path.find("/.") == std::string_view::npos;
+}
+
 bool is_plain_toml_name(std::string_view name) {
   const auto plain = [](unsigned char c) { return std::isalnum(c) != 0 || c == '-' || c == '_' || c == '.'; };
   return name.size() > 5 && name.size() <= 128 && name.front() != '.' && name.ends_with(".toml") &&

@@ -6,6 +6,7 @@ import { isDirty, keepDraft, loadDraft, type Draft } from "./draft.ts";
 import { getJson, useFetched } from "./fetched.ts";
 import { HoldButton } from "./hold.tsx";
 import type { Model } from "./model.ts";
+import { reportAt } from "./report_link.ts";
 import { Moment, Zone } from "./moment.tsx";
 import { NeedsSession } from "./needs_session.tsx";
 
@@ -102,7 +103,7 @@ function One({ d, words, queue }: { d: Diagnosed; words: Record<string, string>;
         </>
       )}
       <div class="bar">
-        {d.pages.map((p) => <a key={p.id} href={`/diagnosis/${p.id}`} target="_blank" rel="noopener">{p.title}: the whole page</a>)}
+        {d.pages.map((p) => <a key={p.path} href={reportAt(p.path)} target="_blank" rel="noopener">{p.title}: the whole page</a>)}
         {d.experiment && <button type="button" onClick={queue}>Queue this experiment</button>}
       </div>
     </section>

@@ -22,7 +22,7 @@ interface Told {
   folder: string;
   kind: "diagnosis" | "investigation";
   made_utc: string;
-  pages: { title: string; id: string }[];
+  pages: { title: string; path: string }[];
   experiment: boolean;
   wrong?: string;
   /** Of an investigation. */

@@ -9,6 +9,8 @@ import { STREAMS } from "./stretches.ts";
 import { CalibrationPage } from "./calibration.tsx";
 import { LogPage } from "./log.tsx";
 import { ProtocolPage } from "./protocol.tsx";
+import { NeedsSession } from "./needs_session.tsx";
+import { reportIn } from "./report_link.ts";
 import { Check, Judged, Reading, value } from "./readings.tsx";
 import { RigPage } from "./rig.tsx";
 import { RunsPage } from "./runs.tsx";
@@ -240,12 +242,19 @@ function Theme() {
   return <button type="button" class="theme" title="Light, dark, or as the system has it" onClick={() => set(next)}>{theme === "" ? "◐ auto" : theme === "dark" ? "● dark" : "○ light"}</button>;
 }
 
+/** What a link in a report led to, of who has no session (report_link.ts). */
+function ReportPage({ model }: { model: Model }) {
+  const report = reportIn(location.hash);
+  if (!model.hello?.may_control || report === null) return <NeedsSession name="Report" what="this report" model={model} />;
+  return <main class="page"><section class="panel" aria-label="Report"><h2>Report</h2><p><a href={report}>Open the report</a></p></section></main>;
+}
+
 const PAGES = ["live", "protocol", "runs", "diagnosis", "log", "rig", "calibration"] as const;
-type Shown = (typeof PAGES)[number];
+type Shown = (typeof PAGES)[number] | "report";
 
 /** Which page is open: what stands behind the # of the address, so that back, forward and a reload find it again. */
 function useShown(): Shown {
-  const read = () => PAGES.find((p) => location.hash === `#${p}`) ?? "live";
+  const read = (): Shown => PAGES.find((p) => location.hash === `#${p}`) ?? (reportIn(location.hash) === null ? "live" : "report");
   const [shown, set] = useState<Shown>(read);
   useEffect(() => {
     const changed = () => set(read());
@@ -318,6 +327,7 @@ export function Page({ model }: { model: Model }) {
       {shownPage === "runs" && <RunsPage model={model} say={setSaid} />}
       {shownPage === "protocol" && <ProtocolPage model={model} say={setSaid} />}
       {shownPage === "diagnosis" && <DiagnosisPage model={model} say={setSaid} />}
+      {shownPage === "report" && <ReportPage model={model} />}
       {shownPage === "log" && <LogPage model={model} />}
       {shownPage === "rig" && <RigPage model={model} />}
       {shownPage === "calibration" && <CalibrationPage model={model} />}

@@ -3,6 +3,7 @@ import { Chart, Legend, useWidth } from "../shared/chart.tsx";
 import type { Panel } from "../shared/figure.ts";
 import { NoteDialog, type Say } from "./controls.tsx";
 import { StartDialog } from "./start.tsx";
+import { reportAt } from "./report_link.ts";
 import { getReport, useFetched } from "./fetched.ts";
 import { Moment, Zone } from "./moment.tsx";
 import { NeedsSession } from "./needs_session.tsx";
@@ -26,6 +27,8 @@ export interface Run {
   /** Of all attempts together. */
   recorded_s: number;
   report: boolean;
+  /** Where its report lies. */
+  page: string;
   notes: { at_utc?: string; by?: string; specimen?: string; operator?: string; text?: string }[];
 }
 
@@ -110,7 +113,7 @@ function RunList({ model, say }: { model: Model; say: Say }) {
                 <tr key={r.id}>
                   <td><input type="checkbox" aria-label={`Curves of ${r.id}`} checked={chosen.includes(r.id)} disabled={!r.report}
                     onChange={(e) => choose(r.id, e.currentTarget.checked)} /></td>
-                  <th scope="row">{r.report ? <a href={`/report/${r.id}`} target="_blank" rel="noopener">{r.id}</a> : r.id}</th>
+                  <th scope="row">{r.report ? <a href={reportAt(r.page)} target="_blank" rel="noopener">{r.id}</a> : r.id}</th>
                   <td><Moment utc={r.started_utc} /></td>
                   <td class="number">{recordedText(r.recorded_s)}</td>
                   <td class={r.state === "done" || r.state === "running" ? "" : "bad"}>{SIGNS[r.state] ?? "?"} {r.state}{r.fault ? <small> {r.fault}</small> : null}</td>

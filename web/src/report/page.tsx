@@ -12,7 +12,7 @@ export function Page({ document: d }: { document: Document }): JSX.Element {
         <p class="kind">{d.kind}</p>
         <h1>{d.title}</h1>
         {d.subtitle && <p class="subtitle">{d.subtitle}</p>}
-        {d.links && d.links.length > 0 && <Neighbours links={d.links} />}
+        <Neighbours links={d.links ?? []} />
       </header>
       <main id="content">
         {d.lead && (
@@ -32,20 +32,25 @@ export function Page({ document: d }: { document: Document }): JSX.Element {
   );
 }
 
-/** Links lead from file to file. A server (isorig-web) shows this page by itself: there they would lead nowhere. */
-function Neighbours({ links }: { links: { text: string; href: string }[] }): JSX.Element {
-  if (location.protocol.startsWith("http")) {
-    return (
-      <p class="links">
-        Beside this page, where it lies on the disk: {links.map((l) => l.text).join(", ")}. Pages of runs and diagnoses are under
-        “Runs” and “Diagnosis”.
-      </p>
-    );
-  }
+/** What a server of isorig gives out (base/report_pages.hpp). */
+const REPORT = /(^|\/)(report|(fv|campaign|diagnosis|investigation)-report)\.html$/;
+
+/** Links lead from file to file. isorig-web has a report at /page and its path, so that they lead to other reports there, too;
+ *  data beside it are for who is at the disk. */
+function Neighbours({ links }: { links: { text: string; href: string }[] }): JSX.Element | null {
+  const served = location.protocol.startsWith("http") && location.pathname.startsWith("/page/");
+  const there = served ? links.filter((l) => REPORT.test(l.href)) : links, rest = links.filter((l) => !there.includes(l));
+  if (links.length === 0 && !served) return null;
   return (
-    <nav class="links" aria-label="Neighbours of this report">
-      {links.map((l) => <a key={l.href} href={l.href}>{l.text}</a>)}
-    </nav>
+    <>
+      {(served || there.length > 0) && (
+        <nav class={there.length === 0 ? "links screen-only" : "links"} aria-label="Neighbours of this report">
+          {there.map((l) => <a key={l.href} href={l.href}>{l.text}</a>)}
+          {served && <><a class="screen-only" href="/#runs">All runs</a><a class="screen-only" href="/#diagnosis">All diagnoses</a></>}
+        </nav>
+      )}
+      {rest.length > 0 && <p class="links screen-only">Beside it on the disk: {rest.map((l) => l.text).join(", ")}.</p>}
+    </>
   );
 }
 
