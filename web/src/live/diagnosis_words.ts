@@ -106,7 +106,7 @@ export function told(d: Told, word: (key: string) => string): Diagnosed {
       ...(d.not_modelled ? [`not in the model: ${d.not_modelled.names.map(word).join(", ")}: ${d.not_modelled.why}`] : []),
       ...(d.described ? [`described as a function of ${d.described.function_of}, not explained`] : []),
       ...(d.inseparable ?? []).map((i) => i.text),
-      ...(faults > 0 ? [`${faults} ${faults === 1 ? "fault" : "faults"} in the data; the page lists them`] : []),
+      ...(faults > 0 ? [faults === 1 ? "1 fault in the data; the page names it" : `${faults} faults in the data; the page lists them`] : []),
       ...(d.notes ?? []),
     ],
   };

@@ -1,5 +1,6 @@
 import uPlot from "uplot";
 import { paletteColor } from "../shared/strip.ts";
+import { labelBaselines } from "./limit_labels.ts";
 import type { Event, Model } from "./model.ts";
 import { grid, STREAMS, type Grid, type StretchRing } from "./stretches.ts";
 
@@ -124,9 +125,11 @@ function drawLimits(u: uPlot, limits: { at: number; text: string }[]): void {
   ctx.strokeStyle = ctx.fillStyle = ink("bad");
   ctx.textAlign = "left";
   ctx.font = `${11 * dpr}px ${ink("sans")}`;
-  for (const { at, text } of limits) {
-    const left = bbox.left + 4 * dpr;
-    if (at >= low && at <= high) {
+  const inside = limits.filter(({ at }) => at >= low && at <= high);
+  const words_y = labelBaselines(inside.map(({ at }) => u.valToPos(at, "y", true)), bbox.top, 12 * dpr);
+  for (const limit of limits) {
+    const { at, text } = limit, left = bbox.left + 4 * dpr, k = inside.indexOf(limit);
+    if (k >= 0) {
       const y = u.valToPos(at, "y", true);
       ctx.lineWidth = 2 * dpr;
       ctx.setLineDash([8 * dpr, 4 * dpr]);
@@ -134,7 +137,7 @@ function drawLimits(u: uPlot, limits: { at: number; text: string }[]): void {
       ctx.moveTo(bbox.left, y);
       ctx.lineTo(bbox.left + bbox.width, y);
       ctx.stroke();
-      ctx.fillText(`${text} ${at}`, left, y - 4 * dpr);
+      ctx.fillText(`${text} ${at}`, left, words_y[k] as number);
     } else {
       // Off the scale: said at the edge towards which it lies, on a ground of its own over what is drawn there.
       const words = `${at > high ? "↑" : "↓"} ${text} ${at}`, y = at > high ? bbox.top + 12 * dpr : bbox.top + bbox.height - 5 * dpr;

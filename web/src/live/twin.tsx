@@ -67,7 +67,7 @@ export function TwinPanel({ model, choose }: { model: Model; choose: () => void 
       {twin.outside && <p class="warning">! Outside of what the model has seen; the band is wider.</p>}
       {judged > 0 && (
         <>
-          <p>In the band: <b>{(100 * (twin.covered ?? 0) / judged).toFixed(1)} %</b> of {number(judged / 1000, 3)} thousand samples (95 % expected);
+          <p>In the band: <b>{(100 * (twin.covered ?? 0) / judged).toFixed(1)} %</b> of {judged.toLocaleString("en-GB")} samples (95 % expected);
             now {signed(twin.residual ?? 0, 2)} standard errors</p>
           <Sum name="CUSUM +" value={twin.high ?? 0} h={twin.h ?? 1} />
           <Sum name="CUSUM −" value={twin.low ?? 0} h={twin.h ?? 1} />
