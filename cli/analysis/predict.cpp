@@ -76,7 +76,7 @@ int predict(const Options& options) {
     return kBadInput;
   }
   // Shares of the time that a recording of hours takes.
-  constexpr double kRead = 0.03, kMotion = 0.85, kSimulated = 0.97;
+  constexpr double kRead = 0.08, kMotion = 0.85, kSimulated = 0.97;
   std::optional<Progress> progress(std::in_place, "predict");
   progress->at(0.0, "reading");
   messages::Recording recording;
@@ -106,8 +106,9 @@ int predict(const Options& options) {
   }
   // What was measured is out of reach from here on: a prediction that had seen it would prove nothing.
   std::fill(recording.frame.force_N.begin(), recording.frame.force_N.end(), 0.0);
-  progress->at(kRead, "finding the motion");
-  const identify::Excitation excitation = identify::reconstruct_excitation(recording);
+  const auto finding = [&](double done) { progress->at(kRead + (kMotion - kRead) * done, "finding the motion"); };
+  finding(0.0);
+  const identify::Excitation excitation = identify::reconstruct_excitation(recording, finding);
   const identify::Forecast forecast = identify::forecast(
       spec, excitation, [&](double done) { progress->at(kMotion + (kSimulated - kMotion) * done, "simulating"); });
   progress->at(kSimulated, "writing");

@@ -80,8 +80,11 @@ FilesProgress::FilesProgress(std::string what, const std::vector<std::filesystem
   for (double& part : until_) part = all > 0.0 ? part / all : 0.0;
 }
 
+double FilesProgress::part_of_all(std::size_t file, double fraction) const {
+  return until_.at(file) + std::clamp(fraction, 0.0, 1.0) * (until_.at(file + 1) - until_.at(file));
+}
 void FilesProgress::at(std::size_t file, double fraction, std::string doing) {
-  progress_.at(until_.at(file) + fraction * (until_.at(file + 1) - until_.at(file)), std::move(doing));
+  progress_.at(part_of_all(file, fraction), std::move(doing));
 }
 
 void Progress::redraw() {

@@ -48,6 +48,8 @@ class FilesProgress {
   FilesProgress(std::string what, const std::vector<std::filesystem::path>& files);
   /// Of the file with this number, which part is done.
   void at(std::size_t file, double fraction, std::string doing = {});
+  /// Which part of all that is, 0 to 1. Throws std::out_of_range: there is no such file.
+  [[nodiscard]] double part_of_all(std::size_t file, double fraction) const;
 
  private:
   std::vector<double> until_;  ///< share of all files before this one, and 1 behind the last

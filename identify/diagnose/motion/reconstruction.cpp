@@ -81,14 +81,15 @@ double busy_share(std::span<const double> t_s, std::span<const double> since) {
 
 }  // namespace
 
-Excitation reconstruct_excitation(const messages::Recording& recording, const RecordingQuality& quality) {
+Excitation reconstruct_excitation(const messages::Recording& recording, const RecordingQuality& quality,
+                                  const MotionProgress& on_progress) {
   Excitation excitation;
   const auto& frame = recording.frame;
   const std::size_t n = frame.size();
   auto [reading_mm, spikes, reading_quality] = without_spikes(frame.t_s, frame.position_mm, quality.position);
   if (bridge_flat_runs(frame.t_s, reading_mm, reading_quality))
     reading_quality = channel_quality(frame.t_s, reading_mm);
-  excitation.motion = smooth_motion(frame.t_s, reading_mm, reading_quality);
+  excitation.motion = smooth_motion(frame.t_s, reading_mm, reading_quality, on_progress);
   excitation.since_corner_s = since_corner(frame.t_s, excitation.motion);
   constexpr double kBusy = 0.5;
   if (busy_share(frame.t_s, excitation.since_corner_s) > kBusy) {
@@ -140,8 +141,8 @@ Excitation reconstruct_excitation(const messages::Recording& recording, const Re
   return excitation;
 }
 
-Excitation reconstruct_excitation(const messages::Recording& recording) {
-  return reconstruct_excitation(recording, recording_quality(recording));
+Excitation reconstruct_excitation(const messages::Recording& recording, const MotionProgress& on_progress) {
+  return reconstruct_excitation(recording, recording_quality(recording), on_progress);
 }
 
 }  // namespace isorig::identify

@@ -1,4 +1,5 @@
 #pragma once
+#include <functional>
 #include <span>
 #include <string>
 #include <vector>
@@ -8,6 +9,8 @@
 #include "model/process.hpp"
 
 namespace isorig::identify {
+
+using MotionProgress = std::function<void(double done)>;
 
 /// The motion that a noisy, unevenly sampled position reading most likely shows.
 struct Motion {
@@ -23,8 +26,9 @@ struct Motion {
 /// Where the crosshead holds or runs at constant velocity the variance dies out and hundreds of readings
 /// average into a straight line; at a corner it survives and the readings are followed. Play, friction and
 /// lag operators must be driven by this, never by the reading: every micrometre of noise reverses them.
+/// `on_progress` is told which part of the work is done, 0 to 1: of a recording of hours it takes minutes.
 [[nodiscard]] Motion smooth_motion(std::span<const double> t_s, std::span<const double> reading_mm,
-                                   const ChannelQuality& quality);
+                                   const ChannelQuality& quality, const MotionProgress& on_progress = {});
 
 /// A recording's input: what drives a model, one instant per row of frame.csv.
 struct Excitation {
@@ -42,7 +46,9 @@ struct Excitation {
   std::size_t width = 1;
 };
 /// The second one measures the quality itself.
-[[nodiscard]] Excitation reconstruct_excitation(const messages::Recording& recording, const RecordingQuality& quality);
-[[nodiscard]] Excitation reconstruct_excitation(const messages::Recording& recording);
+[[nodiscard]] Excitation reconstruct_excitation(const messages::Recording& recording, const RecordingQuality& quality,
+                                                const MotionProgress& on_progress = {});
+[[nodiscard]] Excitation reconstruct_excitation(const messages::Recording& recording,
+                                                const MotionProgress& on_progress = {});
 
 }  // namespace isorig::identify

@@ -117,10 +117,12 @@ class AccelerationSmoother {
 /// The search for the accelerations that the readings demand, in stages: refine, prune, open again.
 class SparseMotion {
  public:
-  SparseMotion(std::span<const double> t_s, std::span<const double> reading_mm, double noise_mm)
+  SparseMotion(std::span<const double> t_s, std::span<const double> reading_mm, double noise_mm,
+               const MotionProgress& on_progress)
       : t_s_(t_s),
         reading_mm_(reading_mm),
         noise_mm_(noise_mm),
+        on_progress_(on_progress),
         smoother_(t_s, reading_mm),
         spread_(t_s.size() - 1),
         mean_(t_s.size() - 1),
@@ -137,12 +139,12 @@ class SparseMotion {
   }
 
   [[nodiscard]] const std::vector<AccelerationSmoother::State>& search() {
-    refine(30);
+    refine(kFirst);
     // Runs of accelerations that nearly touch are judged as one at first, then apart.
     prune(3);
     prune(3);
-    for (int round = 0; round < 3 && open_again(); ++round) {
-      refine(20);
+    for (int round = 0; round < kRounds && open_again(); ++round) {
+      refine(kAgain);
       prune(3);
     }
     for (double& value : spread_)
@@ -154,7 +156,15 @@ class SparseMotion {
  private:
   static constexpr double kStill = 1e-14, kAlive = 1e-7;  // (mm/s^2)^2
 
-  void smooth() { smoother_.run(spread_, noise_mm_ * noise_mm_, mean_, variance_); }
+  static constexpr int kFirst = 30, kRounds = 3, kAgain = 20, kPruned = 6;  // passes of the smoother
+  /// All there may be: the last rounds are not always needed, and what is left then goes by in a jump.
+  static constexpr int kMost = kFirst + 2 * kPruned + kRounds * (1 + kAgain + kPruned) + 2;
+
+  void smooth() {
+    smoother_.run(spread_, noise_mm_ * noise_mm_, mean_, variance_);
+    ++passes_;
+    if (on_progress_) on_progress_(static_cast<double>(passes_) / kMost);
+  }
 
   /// MacKay's fixed point: the variance s of an acceleration becomes mean^2 / (1 - variance / s), where both are those
   /// that the smoother gives it (MacKay 1992; Tipping 2001). Accelerations of a machine last some 10 ms: neighbours
@@ -220,7 +230,7 @@ class SparseMotion {
         for (std::size_t k = runs[r].first; k <= runs[r].last; ++k) spread_[k] = kStill;
       }
     }
-    refine(6);
+    refine(kPruned);
   }
 
   /// Where pruning went too far the readings leave the line together, by five standard deviations of their mean: those
@@ -249,6 +259,8 @@ class SparseMotion {
   std::span<const double> t_s_;
   std::span<const double> reading_mm_;
   double noise_mm_;
+  const MotionProgress& on_progress_;
+  int passes_ = 0;
   AccelerationSmoother smoother_;
   std::vector<double> spread_, mean_, variance_, next_;  ///< of the acceleration, one per interval
   std::vector<double> with_, without_;                   ///< log-likelihood of every reading
@@ -256,7 +268,8 @@ class SparseMotion {
 
 }  // namespace
 
-Motion smooth_motion(std::span<const double> t_s, std::span<const double> reading_mm, const ChannelQuality& quality) {
+Motion smooth_motion(std::span<const double> t_s, std::span<const double> reading_mm, const ChannelQuality& quality,
+                     const MotionProgress& on_progress) {
   const std::size_t n = t_s.size();
   Motion motion;
   if (n < 3) {
@@ -269,7 +282,7 @@ Motion smooth_motion(std::span<const double> t_s, std::span<const double> readin
   motion.quantisation_mm = quality.step;
   // A staircase wider than the noise hides it; its error is uniform within a step.
   const double noise_mm = std::max({quality.noise, quality.rounding(), 1e-7 * (*high - *low), 1e-12});
-  SparseMotion sparse(t_s, reading_mm, noise_mm);
+  SparseMotion sparse(t_s, reading_mm, noise_mm, on_progress);
   const auto& states = sparse.search();
   motion.position_mm.resize(n);
   motion.velocity_mm_s.resize(n);

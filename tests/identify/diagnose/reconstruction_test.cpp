@@ -95,7 +95,14 @@ TEST(SmoothCorners, FollowsAnAccelerationBelowTheNoiseOfItsReadings) {
     x += 1e-3 * v + 0.5e-6 * a;
     v += 1e-3 * a;
   }
-  Motion motion = smooth_motion(t_s, reading, channel_quality(t_s, reading));
+  std::vector<double> told;
+  Motion motion =
+      smooth_motion(t_s, reading, channel_quality(t_s, reading), [&](double done) { told.push_back(done); });
+  // At each pass of the smoother, of which there are 44 at least: the shares are even, and never stand or go back.
+  ASSERT_GE(told.size(), 44U);
+  for (std::size_t k = 0; k < told.size(); ++k) EXPECT_NEAR(told[k], static_cast<double>(k + 1) * told[0], 1e-12) << k;
+  EXPECT_GT(told.back(), 0.3);
+  EXPECT_LE(told.back(), 1.0);
   smooth_corners(t_s, reading, motion);
   double squares = 0.0;
   int count = 0;
