@@ -36,12 +36,12 @@ Said judge_loop(const nlohmann::json& loop) {
   const double wakeup_us = number(loop, "worst_wakeup_us"), run_us = number(loop, "worst_run_us");
   const Tone share = tone_of(skipped / std::max(1.0, ticks), kLateShare);
   const Tone tone = std::max({tone_of(wakeup_us, kLate_us), tone_of(run_us, kLate_us), share});
-  std::string text = formatted("worst wake-up %s", microseconds_text(wakeup_us).c_str());
-  if (skipped > 0.0) text += formatted(", %.0f of %.0f ticks skipped", skipped, ticks);
-  // The tick's own time is worth a word only where it is what is late.
-  if (run_us > kLate_us[0]) text += formatted(", worst tick took %s", microseconds_text(run_us).c_str());
-  text += formatted(": %s", word_of(tone));
+  // The verdict and where to read on stand before what a terminal of 80 columns cuts off.
+  std::string text = formatted("worst wake-up %s: %s", microseconds_text(wakeup_us).c_str(), word_of(tone));
   if (tone != Tone::kGood) text += ", see docs/threads.md";
+  if (skipped > 0.0) text += formatted("; %.0f of %.0f ticks skipped", skipped, ticks);
+  // The tick's own time is worth a word only where it is what is late.
+  if (run_us > kLate_us[0]) text += formatted("; worst tick took %s", microseconds_text(run_us).c_str());
   return {text, tone};
 }
 

@@ -6,6 +6,8 @@
 
 #include <cmath>
 #include <cstdlib>
+#include <filesystem>
+#include <fstream>
 
 #include "cli/screen/exit_codes.hpp"
 #include "cli/screen/live_verdicts.hpp"
@@ -113,6 +115,14 @@ TEST_F(ViewTest, SaysVerdictsAndTheClockOfTheEnd) {
   EXPECT_THAT(view_lines(v).front(), AllOf(HasSubstr("bench 3: running"), HasSubstr("Mon 07:33:20")));
 }
 
+TEST_F(ViewTest, AVerdictIsNotCutOffAt80Columns) {
+  auto status = running();
+  status["loop"]["ticks"] = 86'400'000;
+  status["loop"]["overruns"] = 12'345;
+  EXPECT_THAT(joined(view_lines(view_of(status, 80, 24))),
+              HasSubstr("worst wake-up 31.9 ms: bad, see docs/threads.md; 12345 of 8"));
+}
+
 TEST_F(ViewTest, ColoursByStateAndOnlyWhereWanted) {
   auto v = view_of(running(), 80, 24);
   EXPECT_THAT(view_lines(v).front(), StartsWith("\x1b[1;30;42m"));
@@ -184,6 +194,28 @@ TEST(ExitCode, IsThatOfTheRunAndNotOfAllThatTheDaemonHasSeen) {
   EXPECT_EQ(exit_code_of({{"outcome", "done"}, {"dropped_records", 3}}), kDataLost);
   EXPECT_EQ(exit_code_of({{"outcome", "failed"}, {"dropped_records", 3}}), kTripped);
   EXPECT_EQ(exit_code_of({{"outcome", "aborted"}}), kFailure);
+}
+
+TEST(FilesProgress, AFileHasTheShareOfItsSize) {
+  const auto folder = std::filesystem::path(testing::TempDir()) / "isorig_files_progress";
+  std::filesystem::create_directories(folder);
+  const auto file = [&](const char* name, std::size_t bytes) {
+    std::ofstream(folder / name) << std::string(bytes, 'x');
+    return folder / name;
+  };
+  const FilesProgress all("fv", {file("a", 1000), folder / "is not there", file("b", 3000), file("empty", 0)});
+  EXPECT_DOUBLE_EQ(all.part_of_all(0, 0.0), 0.0);
+  EXPECT_DOUBLE_EQ(all.part_of_all(0, 0.5), 0.125);
+  EXPECT_DOUBLE_EQ(all.part_of_all(0, 1.0), 0.25);
+  EXPECT_DOUBLE_EQ(all.part_of_all(1, 0.7), 0.25);
+  EXPECT_DOUBLE_EQ(all.part_of_all(2, 0.5), 0.625);
+  EXPECT_DOUBLE_EQ(all.part_of_all(3, 0.0), 1.0);
+  EXPECT_DOUBLE_EQ(all.part_of_all(2, 7.0), 1.0);  // what a command counts too far
+  EXPECT_DOUBLE_EQ(all.part_of_all(2, -1.0), 0.25);
+  EXPECT_THROW((void)all.part_of_all(4, 0.5), std::out_of_range);
+  const FilesProgress none("fv", {folder / "is not there"});
+  EXPECT_DOUBLE_EQ(none.part_of_all(0, 1.0), 0.0);
+  std::filesystem::remove_all(folder);
 }
 
 }  // namespace
