@@ -100,4 +100,10 @@ std::string unknown_word(const CLI::App& app, int argc, const char* const* argv,
   return {};
 }
 
+std::string why_not_the_command(const CLI::App& app, const CLI::ParseError& error) {
+  if (error.get_exit_code() == 0 || app.get_subcommands().empty()) return {};
+  const std::string name = app.get_subcommands().front()->get_name();
+  return name + ": " + error.what() + "; `isorig " + name + " --help` says what it takes";
+}
+
 }  // namespace isorig::cli

@@ -33,6 +33,9 @@ struct Registration {
 /// The whole program: name, description, version and every command that registered, in order.
 [[nodiscard]] std::vector<Command> build(CLI::App& app);
 
+/// What a command misses or cannot take, with its name; empty before a command was named, and of --help.
+[[nodiscard]] std::string why_not_the_command(const CLI::App& app, const CLI::ParseError& error);
+
 /// What a word on the command line that is no command, or no option of its command, was most likely meant to be; empty
 /// when `error` is about something else.
 [[nodiscard]] std::string unknown_word(const CLI::App& app, int argc, const char* const* argv,

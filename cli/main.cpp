@@ -23,6 +23,10 @@ int main(int argc, char** argv) {
       std::cerr << "isorig: " << unknown << '\n';
       return cli::kUsage;
     }
+    if (const auto why = cli::why_not_the_command(app, e); !why.empty()) {
+      std::cerr << "isorig: " << base::printable_lines(why) << '\n';
+      return cli::kUsage;
+    }
     return app.exit(e) == 0 ? cli::kOk : cli::kUsage;
   }
   try {

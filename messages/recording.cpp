@@ -263,6 +263,12 @@ Recording read_recording_of_any_output(const std::filesystem::path& folder) {
                              inside.front().filename().string() + (inside.size() > 1 ? ", ..." : "") +
                              "); name the ones that are meant: " + (folder / "*").string() + " for all");
   }
+  if (std::filesystem::is_regular_file(folder / "run.toml", ignored) &&
+      !std::filesystem::exists(std::filesystem::symlink_status(folder / "recording.toml", ignored))) {
+    throw RecordingError(Fault::kMissingFile, folder, 0,
+                         "a run, and not a recording: `isorig export " + folder.string() +
+                             " --out DIR` writes its recordings; then name DIR/*");
+  }
   Recording recording;
   recording.metadata = read_recording_toml(folder / "recording.toml");
   const bool frame_there = recording.metadata.output != Output::kPressure ||

@@ -207,6 +207,20 @@ TEST_F(RecordingTest, AFolderOfRecordingsIsNamedAsSuch) {
   fs::remove_all(parent);
 }
 
+TEST_F(RecordingTest, ARunIsNamedAsSuch) {
+  const auto run = folder_.parent_path() / "a-run";
+  fs::create_directories(run / "recordings");
+  std::ofstream(run / "run.toml") << "format = \"isorig-run/1\"\n";
+  try {
+    static_cast<void>(read_recording(run));
+    FAIL() << "was read";
+  } catch (const RecordingError& e) {
+    EXPECT_EQ(e.fault(), Fault::kMissingFile);
+    EXPECT_THAT(e.what(), HasSubstr("a run, and not a recording: `isorig export " + run.string() + " --out DIR`"));
+  }
+  fs::remove_all(run);
+}
+
 TEST_F(RecordingTest, Headers) {
   expect_frame_fault("", Fault::kEmpty, 1, HasSubstr("t_s,position_mm,force_N"));
   expect_frame_fault("\n0,0,0\n", Fault::kHeader, 1, HasSubstr("expected `t_s,position_mm,force_N`"));

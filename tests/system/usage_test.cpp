@@ -41,6 +41,12 @@ TEST(Usage, AMistypedOptionIsNamedWithWhatWasMeant) {
               "isorig: start: there is no option `--rigg`; `isorig start --help` lists all");
 }
 
+TEST(Usage, WhatACommandMissesIsSaidWithItsName) {
+  expect_said({"fv", "rec"}, "isorig: fv: --out is required; `isorig fv --help` says what it takes");
+  expect_said({"start", "p.toml", "--operator"},
+              "isorig: start: --operator: 1 required TEXT missing; `isorig start --help` says what it takes");
+}
+
 TEST(Usage, ADamagedJsonFileIsNamedWithoutTheLibrarysNames) {
   const TempDir dir;
   std::filesystem::create_directories(dir / "r");
