@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { Moment } from "../src/live/moment.tsx";
+import { worstFirst, type Line } from "../src/live/rig.tsx";
 import { Judged, Reading } from "../src/live/readings.tsx";
 import { ageText, localDay, localTime, readingAge_s, zone } from "../src/live/words.ts";
 
@@ -40,4 +41,11 @@ test("a reading that is not of now is greyed with its age in words; one that nev
 test("a verdict has its sign's kind and the terminal's words", () => {
   assert.match(JSON.stringify(Judged({ name: "loop", said: { tone: "warn", text: "worst wake-up 1.2 ms: fair" } }).props), /"kind":"warn".*worst wake-up 1\.2 ms: fair/);
   assert.match(JSON.stringify(Judged({ name: "loop", said: undefined }).props), /"kind":"unknown".*no verdict/);
+});
+
+test("of a self-test what is to be looked at comes first", () => {
+  const line = (check: string, verdict: Line["verdict"]) => ({ check, verdict, found: "", to_do: "" });
+  const lines = [line("a", "ok"), line("b", "warn"), line("c", "skipped"), line("d", "ok"), line("e", "fail"), line("f", "warn")];
+  assert.deepEqual(worstFirst(lines).map((l) => l.check), ["e", "b", "f", "c", "a", "d"]);
+  assert.equal(lines[0]?.check, "a", "what came is left as it is");
 });

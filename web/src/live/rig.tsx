@@ -4,7 +4,7 @@ import { NeedsSession } from "./needs_session.tsx";
 
 /** The rig judged at rest, as `isorig selftest` judges it. */
 
-interface Line {
+export interface Line {
   check: string;
   verdict: "ok" | "skipped" | "warn" | "fail";
   found: string;
@@ -13,6 +13,12 @@ interface Line {
 
 const SIGNS: Record<Line["verdict"], string> = { ok: "✓", skipped: "–", warn: "!", fail: "✕" };
 
+/** What is to be looked at comes first; else in the order of the test. */
+export function worstFirst(lines: Line[]): Line[] {
+  const rank = ["fail", "warn", "skipped", "ok"];
+  return [...lines].sort((a, b) => rank.indexOf(a.verdict) - rank.indexOf(b.verdict));
+}
+
 export function RigPage({ model }: { model: Model }) {
   if (!model.hello?.may_control) return <NeedsSession name="Rig" what="the self-test" model={model} />;
   return <SelfTest model={model} />;
@@ -20,7 +26,7 @@ export function RigPage({ model }: { model: Model }) {
 
 function SelfTest({ model }: { model: Model }) {
   const test = useFetched<{ rig: string; simulated: boolean; state: string; lines: Line[] }>("/api/selftest");
-  const lines = test.value?.lines ?? [];
+  const lines = worstFirst(test.value?.lines ?? []);
   const count = (v: Line["verdict"]) => lines.filter((l) => l.verdict === v).length;
   const verdict = count("fail") > 0 ? `✕ ${count("fail")} failed` : count("warn") > 0 ? `! ${count("warn")} to look at` : "✓ all is well";
   return (
