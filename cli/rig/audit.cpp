@@ -1,9 +1,11 @@
 #include <iostream>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "base/printable.hpp"
 #include "cli/command.hpp"
+#include "cli/screen/progress.hpp"
 #include "daemon/host/audit_log.hpp"
 #include "daemon/host/paths.hpp"
 
@@ -37,7 +39,10 @@ void print(const nlohmann::json& line) {
 }
 
 int audit(const Options& o) {
-  const auto lines = daemon::read_audit(o.runs, o.all ? std::string::npos : o.last);
+  std::optional<Progress> progress(std::in_place, "audit");
+  const auto lines = daemon::read_audit(o.runs, o.all ? std::string::npos : o.last,
+                                        [&](double done) { progress->at(done, "reading"); });
+  progress.reset();
   if (o.json) {
     std::cout << nlohmann::json(lines).dump(2, ' ', false, nlohmann::json::error_handler_t::replace) << '\n';
     return kOk;

@@ -292,13 +292,15 @@ bool AuditLog::write_lines(const std::deque<Queued>& batch) {
   return true;
 }
 
-std::vector<json> read_audit(const std::filesystem::path& runs_root, std::size_t most) {
+std::vector<json> read_audit(const std::filesystem::path& runs_root, std::size_t most,
+                             const std::function<void(double)>& on_progress) {
   const auto folder = audit_folder_of(runs_root);
   std::vector<std::string> names;
   for (const auto& [number, name] : numbered_files(folder)) names.push_back(name);
   names.emplace_back(kFile);
   std::vector<json> newest_first;
   for (auto name = names.rbegin(); name != names.rend() && newest_first.size() < most; ++name) {
+    if (on_progress) on_progress(static_cast<double>(name - names.rbegin()) / static_cast<double>(names.size()));
     std::string text;
     try {
       text = base::read_text_file(folder / *name);

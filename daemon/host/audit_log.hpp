@@ -94,7 +94,9 @@ class AuditLog {
 [[nodiscard]] std::filesystem::path audit_folder_of(const std::filesystem::path& runs_root);
 
 /// The newest `most` lines, oldest first. Lines that a power cut left in halves are not among them. Throws
-/// std::runtime_error when there is no such log, or the caller may not read it.
-[[nodiscard]] std::vector<nlohmann::json> read_audit(const std::filesystem::path& runs_root, std::size_t most);
+/// std::runtime_error when there is no such log, or the caller may not read it. `on_progress` is told which part of the
+/// files is read, 0 to 1.
+[[nodiscard]] std::vector<nlohmann::json> read_audit(const std::filesystem::path& runs_root, std::size_t most,
+                                                     const std::function<void(double)>& on_progress = {});
 
 }  // namespace isorig::daemon

@@ -153,7 +153,9 @@ TEST_F(AuditLogTest, FullFilesGetANumberAndTheOldestGo) {
   }
   EXPECT_EQ(files, 4U);
   EXPECT_LT(bytes, 4U * 1400U);
-  const auto kept = read_audit(root_.path(), 1000);
+  std::vector<double> told;
+  const auto kept = read_audit(root_.path(), 1000, [&](double done) { told.push_back(done); });
+  EXPECT_EQ(told, (std::vector<double>{0.0, 0.25, 0.5, 0.75}));
   ASSERT_GT(kept.size(), 8U);
   EXPECT_EQ(kept.back()["verb"], "verb59");
   for (std::size_t i = 1; i < kept.size(); ++i) EXPECT_EQ(kept[i]["number"], kept[i - 1]["number"].get<int>() + 1);
