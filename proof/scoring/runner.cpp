@@ -33,7 +33,10 @@ ProcessResult run_process(const std::vector<std::string>& command, const std::fi
   pid_t child = 0;
   const int error = posix_spawnp(&child, arguments[0], &actions, nullptr, arguments.data(), environ);
   posix_spawn_file_actions_destroy(&actions);
-  if (error != 0) throw std::runtime_error(command[0] + ": " + std::strerror(error));
+  if (error != 0) {
+    throw std::runtime_error("cannot start " + command[0] + ": " + std::strerror(error) +
+                             "; --isorig PATH names the program to judge");
+  }
   int status = 0;
   rusage usage{};
   while (wait4(child, &status, 0, &usage) < 0)
