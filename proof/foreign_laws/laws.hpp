@@ -7,7 +7,8 @@
 #include "proof/foreign_laws/drive.hpp"
 
 /// The physics of the second generator. Nothing here uses model/, and most formulas are written nowhere in it; the
-/// exceptions are Ogden-Roxburgh, the set with a yield, the one-way dashpot and the braid near its end (docs/proof.md).
+/// exceptions are Ogden-Roxburgh, the set with a yield, the one-way dashpot, the braid near its end, two poles and the
+/// bladder behind a tube (docs/proof.md).
 /// Forces in N (tension positive), lengths in mm, times in s, pressures in psi. Each law's valid range is that of its
 /// arguments; each is tested against a closed form or a second writing in tests/proof/foreign_specimen_test.cpp and
 /// foreign_rig_test.cpp.
