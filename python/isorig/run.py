@@ -201,9 +201,9 @@ class Run:
     def _about(self, header: Any) -> "dict[str, Any]":
         """Of a session with this header: what is the run's in recording.toml."""
         about: "dict[str, Any]" = {
-            "run": self.path.resolve().name, "rig": header.rig, "virtual_time": header.virtual_time != 0,
-            "seed": header.seed, "plan": header.plan_summary, "time_mapping": "online",
-            "average_interval_s": header.average_interval_s,
+            "run": self.path.resolve().name, "run_directory": str(self.path.resolve()), "rig": header.rig,
+            "virtual_time": header.virtual_time != 0, "seed": header.seed, "plan": header.plan_summary,
+            "time_mapping": "online", "average_interval_s": header.average_interval_s,
             "versions": {each.name: each.text for each in header.versions}, "recording_state": self.state}
         if self.complaints:
             about["recording_complaints"] = list(self.complaints)
