@@ -61,6 +61,7 @@ OnTheWire::~OnTheWire() {
 
 void use(Input& in, frame::Device& device, std::span<frame::Sample> samples, const Use& how) {
   for (int turn = 0; turn < 4 && !(turn > 0 && in.empty()); ++turn) {
+    driver_fd = -1;
     try {
       (void)device.connect();
       for (int i = 0; i < how.acts && !in.empty(); ++i) {
@@ -83,6 +84,7 @@ void use(Input& in, frame::Device& device, std::span<frame::Sample> samples, con
     } catch (const drivers::DeviceError& error) {
       refused(error.what());
     }
+    require(driver_fd >= 0, "the driver did not ask for the connection of this file: the linker took another");
     device.disconnect();
   }
 }
