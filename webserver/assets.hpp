@@ -1,7 +1,7 @@
 #pragma once
 #include <string_view>
 
-/// The page, bundled at build time (web/build-live.mjs).
+/// The page, bundled at build time (web/build.mjs).
 namespace isorig::web {
 
 extern const std::string_view kPageHtml;

@@ -6,7 +6,7 @@ const TRIED = "report-tried";
 /** Within so long the same report is not asked for again: the server led here twice, since there is no session. */
 const SOON_MS = 10_000;
 
-/** The address of a report on this server, as the server takes them (webserver/requests.cpp); null of anything else. */
+/** The address of a report on this server, as the server takes them (webserver/rules/requests.cpp); null of anything else. */
 export function reportIn(hash: string): string | null {
   if (!hash.startsWith(PREFIX)) return null;
   const path = hash.slice(1);
