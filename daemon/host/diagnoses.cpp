@@ -243,9 +243,8 @@ json Diagnoses::page(const std::string& path) const {
     }
   }
   throw std::runtime_error(
-      "there is no such page among the runs and the diagnoses (any more); look at their lists again. A report that "
-      "lies "
-      "elsewhere is opened where it lies");
+      "there is no such page among the runs and the diagnoses (any more); look at their lists again. "
+      "A report that lies elsewhere is opened where it lies");
 }
 
 json Diagnoses::experiment(const std::string& id) const {
