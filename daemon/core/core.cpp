@@ -234,6 +234,10 @@ Trip Core::judge_recorder(std::int64_t now_ns) noexcept {
     return {Severity::kProgramStop, "recorder.stalled", "the recorder stands still; check the disk", age_s,
             config_.recorder_age_max_s};
   }
+  if (const double held = recorder_.fullest(); turn_ns > 0 && held > CoreConfig::kRecorderQueueMax) {
+    return {Severity::kProgramStop, "recorder.stalled",
+            "the recorder falls behind; check the disk (share of its queue)", held, CoreConfig::kRecorderQueueMax};
+  }
   return {};
 }
 

@@ -44,8 +44,11 @@ struct CoreConfig {
   double pressure_filter_s = 0.02;              ///< of the reading by which "settled" is judged
   double vented_psi = 0.5;                      ///< below this a stopping rig counts as vented
   FrameZero frame_zero = FrameZero::kFirstHolds;
-  double vent_time_max_s = 20.0;    ///< stopping takes no longer, vented or not
-  double recorder_age_max_s = 2.0;  ///< a recorder that has not come round for longer: program stop
+  double vent_time_max_s = 20.0;     ///< stopping takes no longer, vented or not
+  double recorder_age_max_s = 10.0;  ///< a recorder that has not come round for longer: program stop
+  /// A queue of the recorder that is fuller: program stop, while there is room for what the stop itself measures. At 1
+  /// kHz half of it is 33 s, so that a sync of some seconds on a busy disk stops nothing; at 10 kHz, 3.3 s.
+  static constexpr double kRecorderQueueMax = 0.5;
 };
 
 /// A verb from the operator. The plan has to live until its run has ended.

@@ -228,7 +228,7 @@ std::vector<Rule> rules() {
   for (const char* f : {"DiskFull", "DiskHangs", "DiskSlow"}) add(f, kBetween | kSetup | kJog, impossible(kNoRecord));
   add("DiskFull", kRecorded, trips(1.5, {"recorder"}));
   add("DiskFull", kStopping, unseen("the run is over; what is left of it goes to the reserve"));
-  add("DiskHangs", kRecorded, trips(2.0 + 0.05, {"recorder.stalled"}));
+  add("DiskHangs", kRecorded, trips(10.0 + 0.05, {"recorder.stalled"}));
   add("DiskHangs", kStopping, unseen("the run is over, and is not called done before its end is written"));
   add("DiskSlow", kAll, rides());
   return all;

@@ -123,7 +123,7 @@ const Fault kFaults[] = {
      }, 1.0},
     {kHost, "DiskFull", "the disk is full", [](R& r, bool on) { r.disk_full = on; }},
     {kHost, "DiskHangs", "the disk hangs", [](R& r, bool on) { r.disk_hangs = on; }},
-    {kHost, "DiskSlow", "the disk takes 1 s for a write", [](R& r, bool on) { r.disk_hangs = on; }, 1.0},
+    {kHost, "DiskSlow", "the disk takes 5 s for a write", [](R& r, bool on) { r.disk_hangs = on; }, 5.0},
 };
 
 }  // namespace

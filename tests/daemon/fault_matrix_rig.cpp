@@ -134,6 +134,7 @@ void MatrixRig::look() {
   const auto t = plant().truth();
   if (state == RunState::kFaulted && last_state_ != RunState::kFaulted && trip_ns_ < 0) {
     trip_ns_ = now_ns;
+    seen_.tripped_psi = t.pressure_psi;
     seen_.moved_at_trip = std::abs(t.velocity_mm_s) > kMoving_mm_s;
   }
   last_state_ = state;
@@ -311,7 +312,6 @@ void MatrixRig::strike(double rest_psi) {
   const auto t = plant().truth();
   last_state_ = core().state();
   seen_.position_min_mm = seen_.position_max_mm = seen_.began_mm = t.position_mm;
-  seen_.began_psi = t.pressure_psi;
   seen_.force_min_N = seen_.force_max_N = t.force_N;
   seen_.pressure_max_psi = t.pressure_psi;
 }

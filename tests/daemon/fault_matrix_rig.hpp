@@ -53,7 +53,8 @@ struct Seen {
   double trip_s = -1.0;   ///< until the rig was faulted; negative: it was not
   double stood_s = 0.0;   ///< the crosshead stood from then on
   double vented_s = 0.0;  ///< and the true pressure was below strike()'s; the whole time watched: it was not
-  double began_mm = 0.0, began_psi = 0.0;
+  double began_mm = 0.0;
+  double tripped_psi = 0.0;  ///< the true pressure when the rig was faulted
   bool moved_at_trip = false;
   double position_min_mm = 0.0, position_max_mm = 0.0;
   double force_min_N = 0.0, force_max_N = 0.0;

@@ -159,7 +159,7 @@ class FaultMatrix : public ::testing::TestWithParam<std::size_t> {
       EXPECT_LE(seen.vented_s, seen.trip_s + b.vents_s);
       worst_vent_s = std::max(worst_vent_s, seen.vented_s);
     } else if (where.has_pressure) {
-      EXPECT_GE(rig.plant().truth().pressure_psi, kHeldShare * seen.began_psi);
+      EXPECT_GE(rig.plant().truth().pressure_psi, kHeldShare * seen.tripped_psi);
     }
   }
 

@@ -326,7 +326,7 @@ TEST_F(RecorderPaceTest, ARecorderThatStandsStillIsAProgramStop) {
   }
   ASSERT_EQ(virtual_rig->core().state(), RunState::kRunning);
   const auto stopped_ns = virtual_rig->now_ns();
-  ASSERT_TRUE(reach(RunState::kFaulted, 5.0));
+  ASSERT_TRUE(reach(RunState::kFaulted, config.core.recorder_age_max_s + 1.0));
   ASSERT_NE(event("recorder.stalled"), nullptr);
   EXPECT_NEAR(static_cast<double>(virtual_rig->now_ns() - stopped_ns) * 1e-9, config.core.recorder_age_max_s, 0.05);
   EXPECT_FALSE(ask(Request::Verb::kReset).accepted);
@@ -336,6 +336,20 @@ TEST_F(RecorderPaceTest, ARecorderThatStandsStillIsAProgramStop) {
   }
   const auto reset = ask(Request::Verb::kReset);
   EXPECT_TRUE(reset.accepted) << reset.text;
+}
+
+TEST_F(RecorderPaceTest, AQueueThatIsHalfFullIsAProgramStopBeforeAnythingIsLost) {
+  start(kHold);
+  run_for(1.0);
+  const auto until = virtual_rig->now_ns() + 60'000'000'000;
+  while (virtual_rig->core().state() == RunState::kRunning && virtual_rig->now_ns() < until) {
+    virtual_rig->core().recorder_turn(virtual_rig->now_ns());  // it comes round, and takes nothing
+    virtual_rig->tick();
+  }
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kFaulted);
+  run_for(1.0);
+  EXPECT_THAT(std::string(virtual_rig->core().status().fault), HasSubstr("recorder.stalled"));
+  EXPECT_EQ(event("lost.record"), nullptr);
 }
 
 TEST_F(RecorderPaceTest, AQueueThatOverflowsIsAProgramStop) {

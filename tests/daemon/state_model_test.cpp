@@ -44,6 +44,7 @@ class StateModelTest : public RigFixture {
  protected:
   void SetUp() override {
     config.core.vent_time_max_s = 4.0;
+    config.core.recorder_age_max_s = 2.0;
     plan = protocol::compile(base::TomlDocument::parse_text(R"(format = "isorig-protocol/1"
 name = "model"
 recording.policy = "round_ramps"
