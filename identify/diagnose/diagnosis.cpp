@@ -177,8 +177,12 @@ void publish_model(const Search& search, const Study& study, const PublishedNomi
                    unsigned threads, Diagnosis& out) {
   const LeaveOut leave_out(study.series, study.noise.noise.white_N, learn_again(out.nominal, nominal.criterion),
                            threads);
-  Publication publication =
-      publish(search, study.selection, leave_out, whole, {out.nominal, nominal.criterion, {}, {}}, out.noise_N);
+  constexpr double kDoubted = 0.5;
+  std::vector<const model::Physics*> doubted;
+  for (const MissingEffect& missing : out.missing)
+    if (missing.probability < kDoubted) doubted.push_back(missing.effect);
+  Publication publication = publish(search, study.selection, leave_out, whole, {out.nominal, nominal.criterion, {}, {}},
+                                    out.noise_N, doubted);
   out.model = std::move(publication.model.spec);
   if (!publication.why.empty()) place_events(out.model, study.series[0], study.usable[0]);
   out.described_by = std::move(publication.model.described_by);

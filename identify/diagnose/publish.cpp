@@ -66,6 +66,34 @@ std::optional<Candidate> smaller(const Search& search, const Selection& selectio
   return settled(search, selection, search.without(rest, *weakest));
 }
 
+/// The effects of a candidate that are doubted and that no left-out reading tests.
+std::vector<const model::Physics*> untested_of(const Candidate& candidate,
+                                               const std::vector<const model::Physics*>& doubted) {
+  std::vector<const model::Physics*> found;
+  for (const auto* effect : candidate.effects) {
+    const bool has_state = std::ranges::any_of(
+        candidate.spec.parts, [&](const model::Part& part) { return part.physics == effect && is_state(part); });
+    if (has_state && std::ranges::find(doubted, effect) != doubted.end()) found.push_back(effect);
+  }
+  return found;
+}
+
+/// Without those effects, and without the table or memory that was found beside them. Nothing where no effect is left.
+std::optional<Candidate> tested(const Search& search, const Selection& selection, Candidate from,
+                                const std::vector<const model::Physics*>& untested) {
+  while (!from.described_by.empty()) {
+    auto without_table = smaller(search, selection, from);
+    if (!without_table) return std::nullopt;
+    from = std::move(*without_table);
+  }
+  Hypothesis rest;
+  rest.effects = from.effects;
+  rest.fit.spec = from.spec;
+  for (const auto* effect : untested) rest = search.without(rest, *effect);
+  if (rest.effects.empty()) return std::nullopt;
+  return settled(search, selection, std::move(rest));
+}
+
 /// rms of a single reading, over all of them (Prediction::rmse_N).
 double rms_of_all_N(const Problem& problem, const model::ModelSpec& spec, double white_N) {
   const Eigen::VectorXd error_N = problem.target() - problem.predict(spec);
@@ -135,10 +163,17 @@ std::string unphysical(const model::ModelSpec& spec, std::span<const Series> ser
 }
 
 Publication publish(const Search& search, const Selection& selection, const LeaveOut& leave_out, const Candidate& whole,
-                    const Candidate& nominal, double noise_N) {
+                    const Candidate& nominal, double noise_N, const std::vector<const model::Physics*>& doubted) {
   Publication out;
   std::optional<Candidate> candidate;
   if (!whole.effects.empty() || !whole.described_by.empty()) candidate = whole;
+  if (candidate) {
+    if (const auto untested = untested_of(*candidate, doubted); !untested.empty()) {
+      out.why = base::formatted("no reading that is left out tests %s, and it is stated with less than 0.5",
+                                model::effect_words(untested.front()->name).c_str());
+      candidate = tested(search, selection, std::move(*candidate), untested);
+    }
+  }
   const Problem& problem = search.instrument_problem();
   const double white_N = search.instrument().white_N;
   const double nominal_N = rms_of_all_N(problem, nominal.spec, white_N);

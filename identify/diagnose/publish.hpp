@@ -38,7 +38,12 @@ struct Publication {
 
 /// The largest of `whole` and what is left of it that is physical and never worse: without the table or memory, then
 /// without its weakest effect, and so on. The nominal model if none is.
+///
+/// A state (is_state, left_out.hpp), such as a zero that wanders without law, is learnt from the readings that are left
+/// out as well: they cannot speak against it, and another recording has another. It needs its evidence alone: an effect
+/// of `doubted` that has one is not handed out.
 [[nodiscard]] Publication publish(const Search& search, const Selection& selection, const LeaveOut& leave_out,
-                                  const Candidate& whole, const Candidate& nominal, double noise_N);
+                                  const Candidate& whole, const Candidate& nominal, double noise_N,
+                                  const std::vector<const model::Physics*>& doubted);
 
 }  // namespace isorig::identify

@@ -1,5 +1,6 @@
 #include "identify/diagnose/publish.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -150,7 +151,7 @@ class Publish : public testing::Test {
   }
   [[nodiscard]] Publication published(Candidate whole) const {
     const LeaveOut leave_out(series_, kNoise_N, learn_again(nominal_.spec, nominal_.criterion), 2);
-    return publish(search_, selection_, leave_out, std::move(whole), nominal_, kNoise_N);
+    return publish(search_, selection_, leave_out, whole, nominal_, kNoise_N, doubted_);
   }
 
   static std::vector<Series> series_of(const std::vector<test::ConcealedSpecimen>& specimens) {
@@ -164,7 +165,39 @@ class Publish : public testing::Test {
   Search search_;
   Selection selection_;
   Candidate nominal_, whole_;
+  std::vector<const model::Physics*> doubted_;
 };
+
+/// A zero that wanders beside the friction: it is learnt from the readings that are left out, too.
+TEST_F(Publish, AWanderingZeroIsHandedOutOnlyWhereItIsBelieved) {
+  const model::Physics& drift = *model::find_physics("zero_drift");
+  const auto wander = std::ranges::find(drift.laws, "wander", &model::Law::name);
+  ASSERT_NE(wander, drift.laws.end());
+  Hypothesis both = selection_.chosen();
+  both.effects.push_back(&drift);
+  both.fit.spec.parts.push_back(model::make_part(drift, *wander));
+  both.fit = search_.fit_from(both.fit.spec, 30);
+  search_.settle(both, false);
+  selection_.pool.push_back(both);
+  selection_.weight = {0.0, 0.0, 1.0};
+  selection_.best = 2;
+  const Candidate whole{both.fit.spec, {kWhite, false}, both.effects, {}};
+
+  Publication out = published(whole);
+  EXPECT_EQ(out.why, "") << "believed";
+  EXPECT_TRUE(out.model.spec.has("zero_drift"));
+
+  doubted_ = {both.effects.front()};
+  out = published(whole);
+  EXPECT_EQ(out.why, "") << "friction is tested by what is left out, however doubtful";
+
+  doubted_ = {&drift};
+  out = published(whole);
+  EXPECT_THAT(out.why, testing::HasSubstr("no reading that is left out tests"));
+  EXPECT_THAT(out.located_only, testing::ElementsAre("zero_drift"));
+  EXPECT_TRUE(out.model.spec.has("coulomb_friction"));
+  EXPECT_FALSE(out.model.spec.has("zero_drift"));
+}
 
 TEST_F(Publish, AModelThatPredictsIsHandedOutWhole) {
   const Publication out = published(whole_);
