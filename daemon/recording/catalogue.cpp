@@ -83,9 +83,15 @@ Catalogue::Catalogue(const std::filesystem::path& runs_root, Access access) : ro
       if (!entry.is_symlink()) remove_stale_reserve(entry.path());  // what lies elsewhere is somebody else's
     }
   } catch (...) {
-    sqlite3_close(db_);
+    close();
     throw;
   }
+}
+
+void Catalogue::close() noexcept {
+  sqlite3_close(std::exchange(db_, nullptr));
+  std::error_code none;
+  if (!copy_.empty()) std::filesystem::remove_all(copy_, none);
 }
 
 void Catalogue::open(Access access) {
@@ -165,9 +171,7 @@ void Catalogue::open_copy(const std::string& why) {
 }
 
 Catalogue::~Catalogue() {
-  sqlite3_close(db_);
-  std::error_code none;
-  if (!copy_.empty()) std::filesystem::remove_all(copy_, none);
+  close();
 }
 
 std::string Catalogue::new_run_id(const std::string& wanted) const {

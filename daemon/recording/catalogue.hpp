@@ -97,6 +97,8 @@ class Catalogue {
   [[nodiscard]] RunRow settle_state(RunRow row) const;
   void open(Access access);
   void open_copy(const std::string& why);
+  /// The database, and the copy if one was opened.
+  void close() noexcept;
   void renew_if_gone();
   void settle_interrupted();
   void adopt_recordings();

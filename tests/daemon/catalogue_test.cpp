@@ -223,6 +223,8 @@ void record_run(const std::filesystem::path& root, const std::string& id, bool c
 
 TEST(Catalogue, AReaderWithoutTheRightToWriteListsRuns) {
   const TemporaryDirectory root("catalogue");
+  const TemporaryDirectory copies("copies");
+  std::filesystem::permissions(copies.path(), std::filesystem::perms(0777));
   record_run(root.path(), "a-run", true);
   std::filesystem::permissions(root.path(), std::filesystem::perms(0555));
   std::filesystem::permissions(root.path() / "catalogue.sqlite", std::filesystem::perms(0444));
@@ -243,18 +245,21 @@ TEST(Catalogue, AReaderWithoutTheRightToWriteListsRuns) {
     ASSERT_GE(child, 0);
     if (child == 0) {
       if (::geteuid() == 0 && (::setgid(65534) != 0 || ::setuid(65534) != 0)) ::_exit(9);
+      ::setenv("TMPDIR", copies.path().c_str(), 1);
+      int code = 2;
       try {
         const Catalogue watching(root.path(), Catalogue::Access::kReadOnly);
         const auto run = watching.find_run("latest");
-        ::_exit(run && run->sessions_done == 2 && run->state == (with_log ? "failed" : "done") ? 0 : 1);
+        code = run && run->sessions_done == 2 && run->state == (with_log ? "failed" : "done") ? 0 : 1;
       } catch (const std::exception& e) {
         std::fprintf(stderr, "%s\n", e.what());
-        ::_exit(2);
       }
+      ::_exit(code);
     }
     int state = 0;
     ASSERT_EQ(::waitpid(child, &state, 0), child);
     EXPECT_EQ(WEXITSTATUS(state), 0) << (with_log ? "with" : "without") << " a write-ahead log";
+    EXPECT_TRUE(std::filesystem::is_empty(copies.path())) << "the reader's copy is left";
   }
   std::filesystem::permissions(root.path(), std::filesystem::perms(0755));
 }
