@@ -10,6 +10,7 @@
 #include "base/toml_reader.hpp"
 #include "cli/screen/duration.hpp"
 #include "identify/diagnosis_report/diagnosis_report.hpp"
+#include "identify/pooling/read_diagnosis.hpp"
 #include "identify/report/page.hpp"
 #include "model/catalogue.hpp"
 #include "model/words.hpp"
@@ -43,7 +44,11 @@ void write_diagnosis(const identify::Study& study, const std::filesystem::path& 
   using identify::report::write_text_file;
   const identify::Diagnosis& d = study.diagnosis;
   std::filesystem::create_directories(folder);
-  write_text_file(folder / "diagnosis.json", identify::diagnosis_json(d).dump(2) + "\n");
+  nlohmann::ordered_json json = identify::diagnosis_json(d);
+  std::vector<messages::RecordingMetadata> recordings;
+  for (const identify::Series& one : study.series) recordings.push_back(one.recording.metadata);
+  json["recordings"] = identify::pooling::recordings_json(recordings);
+  write_text_file(folder / "diagnosis.json", json.dump(2) + "\n");
   write_text_file(folder / "nominal.toml", model::model_text(d.nominal, "The given model, refitted."));
   const std::string comment = d.not_modelled.why.empty() ? "The model with what it lacked."
                                                          : "The model with what it lacked, as far as it predicts no "

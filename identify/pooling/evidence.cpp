@@ -12,6 +12,12 @@ double log_odds(double probability) {
   return std::log(probability) - std::log1p(-probability);
 }
 
+/// What n that are misread alike count as.
+double counted(std::size_t n) {
+  const auto all = static_cast<double>(n);
+  return n == 0 ? 0.0 : all / (1.0 + (all - 1.0) * kAlike);
+}
+
 /// ln(share exp(log_ratio) + 1 - share) of a share given as ln(share) and ln(1 - share).
 double log_mixed(double log_share, double log_rest, double log_ratio) {
   const double a = log_share + log_ratio, most = std::max(a, log_rest);
@@ -75,6 +81,16 @@ std::size_t Presence::judged() const {
 
 Presence pool_presence(std::span<const EffectEvidence> evidence, std::size_t actuators, const EffectPriors& priors) {
   const double most = log_odds(kSurest) - priors.log_odds, least = std::log(1.0 - kSurest);
+  const auto ratio_of = [&](const EffectEvidence& one) {
+    if (one.says == Says::kNotNamed) return std::log(kMissed);
+    return std::clamp(log_odds(std::clamp(one.probability, 1e-9, kSurest)) - priors.log_odds, least, most);
+  };
+  const auto is_weak = [&](const EffectEvidence& one) {
+    return one.says == Says::kProbable && one.probability <= 0.5 && ratio_of(one) > 0.0;
+  };
+  const auto weak = static_cast<std::size_t>(std::ranges::count_if(evidence, is_weak));
+  const double power = weak == 0 ? 1.0 : counted(weak) / static_cast<double>(weak);
+
   Presence out;
   out.actuators.resize(actuators);
   std::vector<std::vector<double>> ratios(actuators);
@@ -87,18 +103,19 @@ Presence pool_presence(std::span<const EffectEvidence> evidence, std::size_t act
     }
     ++actuator.judged;
     if (one.probability > 0.5) ++actuator.named;
-    const double stated = std::clamp(one.probability, 1e-9, kSurest);
-    const double ratio =
-        one.says == Says::kNotNamed ? std::log(kMissed) : std::clamp(log_odds(stated) - priors.log_odds, least, most);
     // The law is wrong in all of them alike: they count once.
     if (one.says == Says::kRefused)
-      refused[one.actuator] = std::max(refused[one.actuator], ratio);
+      refused[one.actuator] = std::max(refused[one.actuator], ratio_of(one));
     else
-      ratios[one.actuator].push_back(ratio);
+      ratios[one.actuator].push_back(ratio_of(one) * (is_weak(one) ? power : 1.0));
   }
   for (std::size_t i = 0; i < actuators; ++i) {
     if (std::isfinite(refused[i])) ratios[i].push_back(refused[i]);
-    out.actuators[i].log_likelihood_ratio = std::clamp(log_ratio_of_actuator(ratios[i], priors.event), least, most);
+    auto& actuator = out.actuators[i];
+    const std::size_t against = actuator.judged - actuator.named;
+    actuator.log_likelihood_ratio =
+        std::clamp(log_ratio_of_actuator(ratios[i], priors.event), least * std::max(counted(against), 1.0),
+                   most * std::max(counted(actuator.named), 1.0));
   }
 
   const ShareGrid grid(1.0 / (1.0 + std::exp(-priors.log_odds)));

@@ -42,8 +42,12 @@ struct Presence {
 };
 
 /// The surest that a diagnosis is of any name (search/calibration.hpp): the rest of the cases were wrong at full
-/// weight. An actuator's recordings can be misread alike, and so can a campaign's, so that no number of them is surer.
+/// weight. A campaign's recordings can be misread alike, so that no number of them is surer.
 inline constexpr double kSurest = 0.985;
+/// Correlation of what recordings of one actuator are misread by: its cause, the actuator's own mechanics, is the same
+/// in all, the noise is not. n of them count as n / (1 + (n - 1) / 2), less than two (design effect, Kish 1965). A
+/// convention: no study has yet diagnosed one actuator many times.
+inline constexpr double kAlike = 0.5;
 /// Share of effects that are there, could have shown, and are not named: 6 of 72 single ones and about every fourth of
 /// a pair, foreign seeds of docs/proof.md.
 inline constexpr double kMissed = 0.15;
@@ -53,11 +57,13 @@ inline constexpr double kMissed = 0.15;
 ///
 ///     theta ~ Beta(2 m, 2 (1 - m)), m the prior probability of the diagnoses;   z_i ~ Bernoulli(theta)
 ///     q_i ~ Beta(2, 1), of events Beta(1, 1)
-///     L_i = integral over q of  product over recordings r of (q LR_r + 1 - q),   bounded on both sides by what kSurest
-///           allows: 1 - kSurest <= L_i <= odds(kSurest) / prior odds
+///     L_i = integral over q of  product over recordings r of (q LR_r + 1 - q)
 ///
-/// LR_r is the odds of the stated probability over the prior odds, kMissed where it is not named. The probabilities
-/// come out times kSurest.
+/// LR_r is the odds of the stated probability over the prior odds, kMissed where it is not named. L_i is bounded on
+/// both sides, by 1 - kSurest and odds(kSurest) / prior odds to the power that the recordings count (kAlike).
+/// Probabilities below one half are no claims and were not calibrated, and a misfit that all recordings share looks
+/// like weak evidence in each: those of the whole campaign together count as n / (1 + (n - 1) / 2), too. The
+/// probabilities come out times kSurest.
 [[nodiscard]] Presence pool_presence(std::span<const EffectEvidence> evidence, std::size_t actuators,
                                      const EffectPriors& priors);
 

@@ -58,20 +58,6 @@ fs::path whole(const fs::path& path) {
   return out.has_filename() ? out : out.parent_path();
 }
 
-/// A path as a link: '#', '?', '%' and spaces of a folder's name mean something else in one.
-std::string as_link(const std::string& path) {
-  constexpr std::string_view kHex = "0123456789ABCDEF", kPlain = "/-._~";
-  std::string out;
-  for (const char c : path) {
-    const auto byte = static_cast<unsigned char>(c);
-    if (std::isalnum(byte) != 0 || kPlain.find(c) != std::string_view::npos)
-      out += c;
-    else
-      out.append("%").append(1, kHex[byte >> 4U]).append(1, kHex[byte & 15U]);
-  }
-  return out;
-}
-
 class Finder {
  public:
   Finder(fs::path folder, std::string_view own) : folder_(std::move(folder)), own_(own) {}
@@ -96,6 +82,19 @@ class Finder {
 };
 
 }  // namespace
+
+std::string as_link(const std::string& path) {
+  constexpr std::string_view kHex = "0123456789ABCDEF", kPlain = "/-._~";
+  std::string out;
+  for (const char c : path) {
+    const auto byte = static_cast<unsigned char>(c);
+    if (std::isalnum(byte) != 0 || kPlain.find(c) != std::string_view::npos)
+      out += c;
+    else
+      out.append("%").append(1, kHex[byte >> 4U]).append(1, kHex[byte & 15U]);
+  }
+  return out;
+}
 
 bool is_page_of_another(std::string_view file_name, std::string_view own_name) {
   return file_name != own_name && base::is_report_page(file_name);

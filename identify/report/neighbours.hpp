@@ -19,6 +19,9 @@ using Links = std::vector<std::pair<std::string, std::string>>;
 [[nodiscard]] Links neighbours(const std::filesystem::path& folder, std::string_view file_name,
                                const std::vector<std::string>& inputs);
 
+/// A path as a link: '#', '?', '%' and spaces of a folder's name mean something else in one.
+[[nodiscard]] std::string as_link(const std::string& path);
+
 /// Another command calls its own page so: a page of `own_name` is not to be written over it.
 [[nodiscard]] bool is_page_of_another(std::string_view file_name, std::string_view own_name);
 

@@ -153,6 +153,30 @@ void Page::table(const std::vector<std::string>& header, const std::vector<std::
   add({{"type", "table"}, {"caption", caption}, {"columns", std::move(columns)}, {"rows", rows}});
 }
 
+void Page::grid(const Grid& grid) {
+  const auto cell_json = [](const GridCell& cell) {
+    ordered_json out{{"text", cell.text}, {"title", cell.title}};
+    if (cell.color >= 0) out["color"] = cell.color;
+    if (!cell.href.empty()) out["href"] = as_link(cell.href);
+    return out;
+  };
+  ordered_json rows = ordered_json::array(), key = ordered_json::array();
+  for (const Grid::Row& row : grid.rows) {
+    ordered_json cells = ordered_json::array();
+    for (const auto& place : row.cells) {
+      cells.push_back(ordered_json::array());
+      for (const GridCell& cell : place) cells.back().push_back(cell_json(cell));
+    }
+    rows.push_back({{"name", row.name}, {"cells", std::move(cells)}});
+  }
+  for (const GridCell& cell : grid.key) key.push_back(cell_json(cell));
+  add({{"type", "grid"},
+       {"caption", grid.caption},
+       {"columns", grid.columns},
+       {"rows", std::move(rows)},
+       {"key", std::move(key)}});
+}
+
 void Page::figure(const Figure& figure) {
   add({{"type", "figure"}, {"figure", figure_json(figure)}});
 }

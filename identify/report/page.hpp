@@ -28,6 +28,27 @@ struct Fact {
   std::optional<Mood> mood{};
 };
 
+/// A cell of a Grid: a letter or a word, a colour of the palette (0 to 7; -1: none), where it leads, and what it says
+/// in full.
+struct GridCell {
+  std::string text;
+  int color = -1;
+  std::string href{};
+  std::string title{};
+};
+
+/// Many small answers on one page: rows by columns, several in a place, and the key of their letters.
+struct Grid {
+  std::string caption{};
+  std::vector<std::string> columns{};
+  struct Row {
+    std::string name;
+    std::vector<std::vector<GridCell>> cells;  ///< one list for each column
+  };
+  std::vector<Row> rows{};
+  std::vector<GridCell> key{};
+};
+
 /// A page for people that needs nothing but itself: the template of web/ with the content as JSON in it. One file, no
 /// network, printable. Text given to it is plain.
 class Page {
@@ -56,6 +77,7 @@ class Page {
   /// A column whose cells all read as numbers is set flush right, its head too. Rows may be shorter than the header.
   void table(const std::vector<std::string>& header, const std::vector<std::vector<std::string>>& rows,
              std::string_view caption = {});
+  void grid(const Grid& grid);        ///< links are paths relative to the page
   void figure(const Figure& figure);  ///< throws what figure_json() throws
 
   /// What follows is folded away behind `summary` until end_more(): for those who want all of it.

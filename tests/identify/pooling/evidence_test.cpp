@@ -26,7 +26,7 @@ TEST(Presence, ElevenOfTwelve) {
   EXPECT_GT(p.anywhere, 0.95);
   // Eleven of twelve after Beta(0.095, 1.905): the mean of Beta(11.095, 2.905) and its 2.5 % point.
   EXPECT_NEAR(p.share.value, 11.095 / 14.0, 0.01);
-  EXPECT_NEAR(p.share.low95, 0.558, 0.02);
+  EXPECT_NEAR(p.share.low95, 0.554, 0.02);
   EXPECT_LT(p.share.high95, 1.0);
 }
 
@@ -57,11 +57,24 @@ TEST(Presence, RecordingsThatLearntNothingDoNotAddUp) {
 }
 
 /// Recordings that each leave it open say together what none says alone.
-TEST(Presence, WeakEvidenceAddsUp) {
+TEST(Presence, EvidenceAddsUp) {
   const Presence one = pool_presence(of(0, 1, Says::kProbable, 0.4), 1, {});
   const Presence five = pool_presence(of(0, 5, Says::kProbable, 0.4), 1, {});
   EXPECT_LT(one.actuators[0].probability, 0.5);
-  EXPECT_GT(five.actuators[0].probability, 0.9);
+  EXPECT_GT(five.actuators[0].probability, 0.6);
+  const Presence claim = pool_presence(of(0, 1, Says::kProbable, 0.6), 1, {});
+  const Presence claims = pool_presence(of(0, 5, Says::kProbable, 0.6), 1, {});
+  EXPECT_LT(claim.actuators[0].probability, 0.6);
+  EXPECT_GT(claims.actuators[0].probability, 0.95);
+}
+
+/// A misfit that all recordings share gives each a little evidence for the same effect: three to one in 240 of them is
+/// no certainty.
+TEST(Presence, AMisfitOfAllRecordingsDoesNotAddUpToAName) {
+  std::vector<EffectEvidence> all;
+  const double odds = 3.0 * std::exp(-3.0);
+  for (std::size_t i = 0; i < 12; ++i) add(all, of(i, 20, Says::kProbable, odds / (1.0 + odds)));
+  EXPECT_EQ(pool_presence(all, 12, {}).present(), 0U);
 }
 
 /// No number of recordings is surer than the calibration of the diagnosis, whatever each states.

@@ -16,6 +16,22 @@ export interface Fact {
   mood?: Mood;
 }
 
+/** A letter, a colour of the palette, where it leads, and what it says in full. */
+export interface GridCell {
+  text: string;
+  title: string;
+  color?: number;
+  href?: string;
+}
+
+export interface Grid {
+  caption: string;
+  columns: string[];
+  /** Of each row a list of cells for each column. */
+  rows: { name: string; cells: GridCell[][] }[];
+  key: GridCell[];
+}
+
 export type Block =
   | { type: "heading"; text: string; level: 2 | 3 }
   | { type: "paragraph"; text: string }
@@ -25,6 +41,7 @@ export type Block =
   | { type: "list"; items: string[] }
   | { type: "facts"; items: Fact[] }
   | { type: "table"; caption: string; columns: Column[]; rows: string[][] }
+  | ({ type: "grid" } & Grid)
   | { type: "figure"; figure: Figure }
   | { type: "more"; summary: string; blocks: Block[] };
 

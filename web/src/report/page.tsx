@@ -1,6 +1,7 @@
 import type { ComponentChildren, JSX } from "preact";
 import type { Block, Document, Fact } from "./document.ts";
 import { Figure } from "./figure.tsx";
+import { Answers } from "./grid.tsx";
 
 /** A report as a page: the sentence it comes to, what it rests on, how it was made. */
 export function Page({ document: d }: { document: Document }): JSX.Element {
@@ -107,6 +108,8 @@ function One({ block: b, count }: { block: Block; count: { figures: number } }):
           </table>
         </Frame>
       );
+    case "grid":
+      return <Answers grid={b} />;
     case "figure":
       count.figures += 1;
       return <Figure figure={b.figure} index={count.figures} />;

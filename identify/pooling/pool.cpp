@@ -1,0 +1,179 @@
+#include "identify/pooling/pool.hpp"
+
+#include <algorithm>
+#include <cctype>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <set>
+
+#include "base/formatted.hpp"
+#include "base/parallel.hpp"
+#include "identify/diagnose/search/repeated_evidence.hpp"
+#include "model/catalogue.hpp"
+#include "model/words.hpp"
+
+namespace isorig::identify::pooling {
+namespace {
+
+/// "Actuator10" after "Actuator9": stretches of digits count as numbers.
+bool counts_before(const std::string& a, const std::string& b) {
+  std::size_t i = 0, j = 0;
+  const auto digit = [](char c) { return std::isdigit(static_cast<unsigned char>(c)) != 0; };
+  while (i < a.size() && j < b.size()) {
+    if (digit(a[i]) && digit(b[j])) {
+      std::size_t k = i, l = j;
+      while (k < a.size() && digit(a[k])) ++k;
+      while (l < b.size() && digit(b[l])) ++l;
+      while (i + 1 < k && a[i] == '0') ++i;
+      while (j + 1 < l && b[j] == '0') ++j;
+      if (k - i != l - j) return k - i < l - j;
+      if (const int order = a.compare(i, k - i, b, j, l - j); order != 0) return order < 0;
+      i = k;
+      j = l;
+    } else if (a[i] != b[j]) {
+      return a[i] < b[j];
+    } else {
+      ++i;
+      ++j;
+    }
+  }
+  return a.size() - i < b.size() - j;
+}
+
+/// Numbers of two models share names and no meaning: the stiffness of a spring beside one arm is not that beside two.
+void check_same_model(const std::vector<ReadDiagnosis>& recordings) {
+  const auto names = [](const ReadDiagnosis& of) {
+    std::string out;
+    for (const ReadNumber& number : of.nominal) out += (out.empty() ? "" : ", ") + number.name;
+    return out;
+  };
+  const std::string first = names(recordings.front());
+  for (const ReadDiagnosis& one : recordings)
+    if (names(one) != first)
+      throw PoolError((one.folder / "diagnosis.json").string() + ": its nominal model has the numbers " + names(one) +
+                      ", that of " + recordings.front().folder.string() + " has " + first +
+                      "; pool diagnoses of one nominal model (--model)");
+}
+
+EffectEvidence evidence_in(const ReadDiagnosis& of, std::size_t actuator, const std::string& effect,
+                           double prior_probability) {
+  EffectEvidence out{actuator, Says::kNothing, std::numeric_limits<double>::quiet_NaN()};
+  if (of.verdict == "cannot_judge") return out;
+  if (const auto named = std::ranges::find(of.missing, effect, &ReadEffect::name); named != of.missing.end()) {
+    out.probability = named->probability;
+    out.says = named->refused ? Says::kRefused : Says::kProbable;
+    return out;
+  }
+  bool tried = false;
+  double weight = 0.0;
+  for (const auto& set : of.tried)
+    if (std::ranges::find(set.effects, effect) != set.effects.end()) {
+      tried = true;
+      weight += set.weight;
+    }
+  // What is unknown may be this effect in another form.
+  if (!tried || of.verdict == "unknown_physics" || std::ranges::find(of.invisible, effect) != of.invisible.end())
+    return out;
+  out.probability = kSurest * std::min(weight, 1.0);
+  out.says = out.probability > prior_probability ? Says::kProbable : Says::kNotNamed;
+  return out;
+}
+
+EffectPool pool_effect(const PooledCampaign& campaign, const model::Physics& physics) {
+  EffectPool out{std::string(physics.name), model::effect_words(physics.name), false, {}, {}};
+  for (const model::Law& law : physics.laws) out.event = out.event || model::is_event(law);
+  const double cost = prior_cost(physics, SelectionOptions{});
+  // Two names of one weight are tied by rounding alone: a tenth above the prior is the least that counts as a gain.
+  const double prior = 1.1 / (1.0 + std::exp(cost));
+  std::vector<EffectEvidence> evidence;
+  for (std::size_t r = 0; r < campaign.recordings.size(); ++r) {
+    evidence.push_back(evidence_in(campaign.recordings[r], campaign.actuator_of[r], out.name, prior));
+    out.probability.push_back(evidence.back().probability);
+  }
+  out.presence = pool_presence(evidence, campaign.actuators.size(), {-cost, out.event});
+  return out;
+}
+
+void place_all(PooledCampaign& out) {
+  std::set<std::string> specimens;
+  std::set<double> pressures;
+  for (const ReadDiagnosis& one : out.recordings) {
+    specimens.insert(one.place.specimen);
+    pressures.insert(one.place.pressure_psi);
+  }
+  out.actuators.assign(specimens.begin(), specimens.end());
+  std::ranges::stable_sort(out.actuators, counts_before);
+  out.pressures_psi.assign(pressures.begin(), pressures.end());
+  std::map<std::string, std::size_t> number;
+  for (std::size_t i = 0; i < out.actuators.size(); ++i) number[out.actuators[i]] = i;
+  std::ranges::stable_sort(out.recordings, [&](const ReadDiagnosis& a, const ReadDiagnosis& b) {
+    return std::tuple(number[a.place.specimen], a.place.pressure_psi, a.place.repetition) <
+           std::tuple(number[b.place.specimen], b.place.pressure_psi, b.place.repetition);
+  });
+  for (const ReadDiagnosis& one : out.recordings) out.actuator_of.push_back(number[one.place.specimen]);
+}
+
+void check_twice(const std::vector<Source>& sources) {
+  std::set<std::filesystem::path> seen;
+  for (const Source& source : sources) {
+    std::error_code error;
+    auto whole = std::filesystem::weakly_canonical(source.diagnosis, error);
+    if (error) whole = std::filesystem::absolute(source.diagnosis).lexically_normal();
+    if (!seen.insert(whole.has_filename() ? whole : whole.parent_path()).second)
+      throw PoolError(source.diagnosis.string() + ": is given twice; its numbers would count twice");
+  }
+}
+
+}  // namespace
+
+PooledCampaign pool(const std::vector<Source>& sources, unsigned threads) {
+  if (sources.size() < 2) throw PoolError("one diagnosis is nothing to pool; name the folders of a whole campaign");
+  check_twice(sources);
+  PooledCampaign out;
+  out.recordings.resize(sources.size());
+  base::parallel_for(sources.size(), threads, [&](std::size_t i) { out.recordings[i] = read_diagnosis(sources[i]); });
+  check_same_model(out.recordings);
+  place_all(out);
+
+  for (const model::Physics* physics : model::effects()) {
+    EffectPool effect = pool_effect(out, *physics);
+    if (effect.presence.judged() > 0) out.effects.push_back(std::move(effect));
+  }
+  std::ranges::stable_sort(out.effects, [](const EffectPool& a, const EffectPool& b) {
+    return std::pair(a.presence.present(), a.presence.anywhere) > std::pair(b.presence.present(), b.presence.anywhere);
+  });
+
+  out.quantities = choose_quantities(out, out.not_compared);
+  std::size_t actuator_looks = 0, recording_looks = 0;
+  for (const Quantity& one : out.quantities) {
+    actuator_looks += out.actuators.size();
+    recording_looks += one.measurements.size();
+  }
+  base::parallel_for(out.quantities.size(), threads, [&](std::size_t i) {
+    constexpr double kThreeToOne = 1.0986;
+    Quantity& one = out.quantities[i];
+    one.pooled = pool_quantity(one.measurements, out.actuators.size());
+    one.outliers = find_outliers(one.measurements, one.pooled, {actuator_looks, recording_looks});
+    one.grows = one.pooled.slope && one.pooled.slope->low95 * one.pooled.slope->high95 > 0.0 &&
+                *one.pooled.log_evidence_of_slope > kThreeToOne;
+  });
+  out.findings = findings_of(out);
+  return out;
+}
+
+std::string name_of(const ReadDiagnosis& recording) {
+  const Place& at = recording.place;
+  return at.specimen + base::formatted(", %g psi", at.pressure_psi) +
+         (at.repetition > 0 ? ", repetition " + std::to_string(at.repetition) : std::string());
+}
+
+std::string plus_minus(double value, double half_width) {
+  if (!(half_width > 0.0) || !std::isfinite(half_width)) return base::formatted("%.3g", value);
+  // One digit of the half width, two where the first is a one.
+  const double tens = std::floor(std::log10(half_width));
+  const int decimals = std::max(0, static_cast<int>(-tens) + (half_width / std::pow(10.0, tens) < 1.95 ? 1 : 0));
+  return base::formatted("%.*f ± %.*f", decimals, value, decimals, half_width);
+}
+
+}  // namespace isorig::identify::pooling
