@@ -92,12 +92,22 @@ std::string off(const Quantity& one, const Outlier& of) {
          (of.slope ? " per psi" : "") + formatted("; probability %.2f)", of.probability);
 }
 
+/// A number of another law may be another number: of the recording's law, where most of the others have a different
+/// one.
+std::string other_law(const Quantity& one, std::size_t measurement) {
+  std::map<std::string, std::size_t> count;
+  for (const std::string& law : one.law) ++count[law];
+  const auto most = std::ranges::max_element(count, {}, [](const auto& of) { return of.second; });
+  const std::string& own = one.law[measurement];
+  return own == most->first ? "" : ", where its law is " + own + " and that of most is " + most->first;
+}
+
 void add_outliers(const PooledCampaign& c, std::vector<std::string>& out) {
   std::map<std::size_t, std::vector<std::string>> of_actuator, of_recording;
   for (const Quantity& one : c.quantities) {
     for (const Outlier& actuator : one.outliers.actuators) of_actuator[actuator.index].push_back(off(one, actuator));
     for (const Outlier& recording : one.outliers.recordings)
-      of_recording[one.recording[recording.index]].push_back(off(one, recording));
+      of_recording[one.recording[recording.index]].push_back(off(one, recording) + other_law(one, recording.index));
   }
   for (const auto& [i, what] : of_actuator)
     out.push_back(c.actuators[i] + " does not belong to the others: " + listed(what, 4) + ".");

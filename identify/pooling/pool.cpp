@@ -9,6 +9,7 @@
 
 #include "base/formatted.hpp"
 #include "base/parallel.hpp"
+#include "base/quantile.hpp"
 #include "identify/diagnose/search/repeated_evidence.hpp"
 #include "model/catalogue.hpp"
 #include "model/words.hpp"
@@ -154,12 +155,39 @@ PooledCampaign pool(const std::vector<Source>& sources, unsigned threads) {
     constexpr double kThreeToOne = 1.0986;
     Quantity& one = out.quantities[i];
     one.pooled = pool_quantity(one.measurements, out.actuators.size());
+    widen_by_law_error(one);
     one.outliers = find_outliers(one.measurements, one.pooled, {actuator_looks, recording_looks});
     one.grows = one.pooled.slope && one.pooled.slope->low95 * one.pooled.slope->high95 > 0.0 &&
                 *one.pooled.log_evidence_of_slope > kThreeToOne;
   });
   out.findings = findings_of(out);
   return out;
+}
+
+void widen_by_law_error(Quantity& quantity) {
+  // Six of seven lie within 1.465 standard deviations: 1.96 / 1.465 = 1.338, and 1.338^2 - 1 = 0.89^2.
+  constexpr double kShare = 0.89, kZ95 = 1.959964;
+  std::map<double, std::vector<double>> errors;
+  std::vector<double> all;
+  for (const Measurement& m : quantity.measurements) {
+    errors[m.pressure_psi].push_back(m.standard_error);
+    all.push_back(m.standard_error);
+  }
+  const auto widen = [&](Estimate& estimate, double sd) {
+    estimate.standard_error = std::hypot(estimate.standard_error, sd);
+    estimate.low95 = estimate.value - std::hypot(estimate.value - estimate.low95, kZ95 * sd);
+    estimate.high95 = estimate.value + std::hypot(estimate.high95 - estimate.value, kZ95 * sd);
+  };
+  widen(quantity.pooled.level, kShare * base::median(all));
+  if (!quantity.pooled.slope) return;
+  double mean = 0.0, squares = 0.0, variance = 0.0;
+  for (const auto& [pressure, of] : errors) mean += pressure / static_cast<double>(errors.size());
+  for (const auto& [pressure, of] : errors) {
+    const double away = pressure - mean;
+    squares += away * away;
+    variance += std::pow(away * kShare * base::median(of), 2);
+  }
+  widen(*quantity.pooled.slope, std::sqrt(variance) / squares);
 }
 
 std::string name_of(const ReadDiagnosis& recording) {

@@ -122,9 +122,8 @@ Series forest_series(const std::string& label, Mark mark, int colour) {
 Panel forest(const PooledCampaign& c, const Quantity& q) {
   Panel out;
   const std::string unit = q.unit.empty() ? "" : " (" + q.unit + ")";
-  out.title = q.words;
-  out.y_label = (q.effect.empty() ? "value" : "size") + unit +
-                (q.pooled.slope ? formatted(" at %.3g psi", q.pooled.mean_pressure_psi) : "");
+  out.title = "each actuator";
+  out.y_label = "value" + unit + (q.pooled.slope ? formatted(" at %.3g psi", q.pooled.mean_pressure_psi) : "");
   Series alone = forest_series("from its own recordings", Mark::kPoints, 7);
   Series pooled = forest_series("pooled", Mark::kPoints, 0), off = forest_series("does not belong", Mark::kPoints, 1);
   const bool named = c.actuators.size() <= 24;
@@ -154,7 +153,7 @@ Panel over_pressure(const PooledCampaign& c, const Quantity& q) {
   Panel out;
   out.title = "over the pressure";
   out.x_label = "nominal pressure (psi)";
-  out.y_label = (q.effect.empty() ? "value" : "size") + (q.unit.empty() ? std::string() : " (" + q.unit + ")");
+  out.y_label = q.unit.empty() ? std::string("value") : "value (" + q.unit + ")";
   Series points = forest_series("recordings", Mark::kPoints, 7), line = forest_series("pooled", Mark::kLine, 0);
   const double width = c.pressures_psi.back() - c.pressures_psi.front();
   for (const Measurement& m : q.measurements) {
@@ -205,7 +204,8 @@ void add_effects(report::Page& page, const PooledCampaign& c) {
       "Evidence is added over the recordings of an actuator: the prior that each diagnosis has used is divided "
       "out, recordings that could not be judged or could not show the effect are counted apart, and no number "
       "of recordings makes a name surer than the calibration of the diagnosis allows (0.985).");
-  std::vector<std::vector<std::string>> rows;
+  constexpr double kUnlikely = 0.05;
+  std::vector<std::vector<std::string>> likely, others;
   for (const EffectPool& effect : c.effects) {
     const Presence& p = effect.presence;
     std::size_t named = 0, judged = 0, nothing = 0;
@@ -214,11 +214,17 @@ void add_effects(report::Page& page, const PooledCampaign& c) {
       judged += one.judged;
       nothing += one.unjudged;
     }
-    rows.push_back({effect.words, formatted("%zu of %zu", p.present(), p.judged()), formatted("%.2f", p.anywhere),
+    (named > 0 || p.anywhere > kUnlikely ? likely : others)
+        .push_back({effect.words, formatted("%zu of %zu", p.present(), p.judged()), formatted("%.2f", p.anywhere),
                     formatted("%zu of %zu", named, judged), formatted("%zu", nothing)});
   }
-  page.table({"effect", "in actuators", "in any: probability", "named in recordings", "recordings that say nothing"},
-             rows);
+  const std::vector<std::string> header{"effect", "in actuators", "in any: probability", "named in recordings",
+                                        "recordings that say nothing"};
+  if (!likely.empty()) page.table(header, likely);
+  if (others.empty()) return;
+  page.begin_more(formatted("%zu effects that no recording names", others.size()));
+  page.table(header, others);
+  page.end_more();
 }
 
 }  // namespace
@@ -231,7 +237,10 @@ void add_pooled_sections(report::Page& page, const PooledCampaign& c, const std:
   add_effects(page, c);
   if (!c.quantities.empty()) {
     page.heading("Numbers, pooled");
-    for (const Quantity& one : c.quantities) page.figure(figure_of(c, one));
+    for (const Quantity& one : c.quantities) {
+      page.subheading(one.words);
+      page.figure(figure_of(c, one));
+    }
   }
   if (!c.not_compared.empty()) {
     page.heading("What is in no pool");

@@ -88,7 +88,7 @@ class Chooser {
       const auto [at, fresh] = meaning_.try_emplace(key, meaning);
       const bool same = fresh || at->second == meaning;
       add(r, same ? key : key + "." + effect.law, effect.name, words + ": " + (meaning.empty() ? number.name : meaning),
-          unit_of(sheet), number);
+          unit_of(sheet), number, effect.law);
     }
   }
 
@@ -108,7 +108,7 @@ class Chooser {
   }
 
   void add(std::size_t r, const std::string& key, const std::string& effect, const std::string& words,
-           const std::string& unit, const ReadNumber& number) {
+           const std::string& unit, const ReadNumber& number, const std::string& law = {}) {
     const auto [at, fresh] = found_.try_emplace(key);
     if (fresh) {
       order_.push_back(key);
@@ -124,6 +124,7 @@ class Chooser {
     at->second.measurements.push_back(
         {campaign_.actuator_of[r], campaign_.recordings[r].place.pressure_psi, number.value, number.standard_error});
     at->second.recording.push_back(r);
+    at->second.law.push_back(law);
   }
 
   void say_once(const std::string& text) {

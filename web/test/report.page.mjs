@@ -29,6 +29,8 @@ const data = {
     { type: "figure", figure: { name: "linked", caption: "two panels", columns: 1, linked: true, panels: [0, 1].map((k) => ({
       x: { name: "time (s)" }, y: { name: "force (N)" }, aspect: 0.25, verticals: [{ at: 12, label: "here" }], shaded: [{ from: 3, to: 5 }],
       series: [{ mark: "band", color: k, label: "measured", x, y: low, y2: high }, { mark: "line", color: k, label: "measured", x, y: mean }] })) } },
+    { type: "grid", caption: "every recording", columns: ["5 psi", "10 psi"], key: [{ text: "A", title: "dry friction", color: 0 }, { text: "·", title: "nothing missing" }],
+      rows: [{ name: "Actuator1", cells: [[{ text: "A", title: "Actuator1, 5 psi: dry friction 0.98", color: 0, href: "../a/diagnosis-report.html" }], [{ text: "·", title: "Actuator1, 10 psi: nothing missing", href: "../b/diagnosis-report.html" }]] }] },
     { type: "heading", level: 2, text: "Second" },
     { type: "figure", figure: { name: "others", caption: "marks", columns: 2, panels: [
       { title: "points", x: { name: "x", log: true }, y: { name: "y" }, series: [{ mark: "points", color: 0, label: "p", x: [1, 10, 100], y: [1, 2, 3], error: [0.1, 0.2, null] }] },
@@ -57,6 +59,8 @@ try {
       assert.ok(text.includes(part), part);
     }
     assert.deepEqual(await page.$$eval("nav.links a", (all) => all.map((a) => a.getAttribute("href"))), ["../report.html", "model.toml"]);
+    assert.deepEqual(await page.$$eval("table.grid a.mark", (all) => all.map((a) => [a.textContent, a.getAttribute("href"), a.getAttribute("aria-label")])),
+      [["A", "../a/diagnosis-report.html", "Actuator1, 5 psi: dry friction 0.98"], ["·", "../b/diagnosis-report.html", "Actuator1, 10 psi: nothing missing"]]);
     assert.equal(await page.$$eval("th.number", (all) => all.filter((e) => e.textContent === "value").length), 1);
     assert.equal(await page.$$eval("#linked .legend li", (all) => all.length), 1, "one name, one entry");
 

@@ -1,0 +1,156 @@
+// `isorig pool` from outside: what is wrong with a folder is said with the file and the cure, and a small campaign
+// gives a page whose cells lead to the recordings.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+namespace isorig {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+using ::testing::HasSubstr;
+
+struct Said {
+  int code = 0;
+  std::string text;
+};
+
+Said isorig_pool(const std::string& arguments) {
+  Said out;
+  FILE* pipe = ::popen((std::string(ISORIG_BIN_DIR) + "/isorig pool " + arguments + " 2>&1").c_str(), "r");
+  std::array<char, 4096> buffer{};
+  for (std::size_t n = 0; (n = std::fread(buffer.data(), 1, buffer.size(), pipe)) > 0;)
+    out.text.append(buffer.data(), n);
+  out.code = ::pclose(pipe) >> 8;
+  return out;
+}
+
+json number(double value, double error) {
+  return {{"value", value}, {"ci95", {value - 1.96 * error, value + 1.96 * error}}};
+}
+
+json part(const char* name, const char* number_name, double value) {
+  json out = number(value, 0.01);
+  out["part"] = name;
+  out["number"] = number_name;
+  return out;
+}
+
+/// The keys that a pool reads, as `isorig diagnose` writes them.
+json diagnosis(const std::string& specimen, double pressure_psi, int repetition, bool friction) {
+  json out{
+      {"format", "isorig-diagnosis/1"},
+      {"verdict", friction ? "missing_physics" : "consistent"},
+      {"cannot_judge", nullptr},
+      {"missing", json::array()},
+      {"not_modelled", nullptr},
+      {"tried",
+       {{{"explanation", "nominal"}, {"weight", friction ? 0.0 : 0.9}},
+        {{"explanation", "coulomb_friction"}, {"weight", friction ? 0.99 : 0.03}}}},
+      {"discernible", json::array()},
+      {"recordings", {{{"specimen", specimen}, {"nominal_pressure_psi", pressure_psi}, {"repetition", repetition}}}}};
+  if (friction)
+    out["missing"].push_back({{"effect", "coulomb_friction"},
+                              {"law", "jenkins"},
+                              {"probability", 0.97},
+                              {"parameters", {{"force_N", number(0.2 + 0.03 * pressure_psi, 0.01)}}}});
+  out["fit"]["model"]["numbers"] = {part("spring", "stiffness_N_mm", 2.0), part("maxwell", "stiffness_N_mm", 1.0),
+                                    part("maxwell", "time_constant_s", 0.5)};
+  return out;
+}
+
+class PoolCommand : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    fs::remove_all(folder_);
+    for (int actuator = 1; actuator <= 10; ++actuator)
+      for (const int pressure : {5, 10, 20}) {
+        const std::string name = "a" + std::to_string(actuator) + "_" + std::to_string(pressure);
+        put(name, diagnosis("Actuator" + std::to_string(actuator), pressure, 1, actuator != 2));
+        all_ += " " + (folder_ / name).string();
+      }
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+  void put(const std::string& name, const json& content) const {
+    fs::create_directories(folder_ / name);
+    std::ofstream(folder_ / name / "diagnosis.json") << content.dump();
+  }
+  [[nodiscard]] Said with(const std::string& more) const {
+    return isorig_pool(all_ + " " + more + " --out " + (folder_ / "out").string());
+  }
+  fs::path folder_ = fs::path(::testing::TempDir()) /
+                     ("isorig_pool_" + std::string(::testing::UnitTest::GetInstance()->current_test_info()->name()));
+  std::string all_;
+};
+
+TEST_F(PoolCommand, SaysWhatTheActuatorsShare) {
+  const Said said = with("");
+  EXPECT_EQ(said.code, 0) << said.text;
+  EXPECT_THAT(said.text, HasSubstr("Dry friction is in 9 of 10 actuators, not in Actuator2"));
+  EXPECT_THAT(said.text, HasSubstr("grows with the pressure by 0.03"));
+  const auto pooled = json::parse(std::ifstream(folder_ / "out" / "pooled.json"));
+  EXPECT_EQ(pooled["format"], "isorig-pooled/1");
+  EXPECT_EQ(pooled["actuators"][9], "Actuator10");
+  std::ifstream in(folder_ / "out" / "campaign-report.html");
+  const std::string page(std::istreambuf_iterator<char>(in), {});
+  EXPECT_THAT(page, HasSubstr("../a10_20/diagnosis.json"));
+}
+
+TEST_F(PoolCommand, AFolderWithoutADiagnosisIsNamed) {
+  fs::create_directories(folder_ / "empty");
+  const Said said = with((folder_ / "empty").string());
+  EXPECT_EQ(said.code, 3);
+  EXPECT_THAT(said.text, HasSubstr("empty/diagnosis.json: no such file; name folders that"));
+  EXPECT_FALSE(fs::exists(folder_ / "out"));
+}
+
+TEST_F(PoolCommand, ADiagnosisThatNamesNoRecordingIsRefused) {
+  json old = diagnosis("Actuator1", 10, 2, true);
+  old.erase("recordings");
+  put("old", old);
+  EXPECT_THAT(with((folder_ / "old").string()).text, HasSubstr("does not say of which recording it is"));
+  json nameless = diagnosis("", 10, 2, true);
+  put("old", nameless);
+  EXPECT_THAT(with((folder_ / "old").string()).text, HasSubstr("names no specimen; add `specimen`"));
+  json everywhere = diagnosis("Actuator1", 10, 2, true);
+  everywhere["recordings"][0].erase("nominal_pressure_psi");
+  put("old", everywhere);
+  EXPECT_THAT(with((folder_ / "old").string()).text, HasSubstr("names no pressure; add `nominal_pressure_psi`"));
+}
+
+TEST_F(PoolCommand, AnotherNominalModelIsRefused) {
+  json other = diagnosis("Actuator1", 10, 2, true);
+  other["fit"]["model"]["numbers"].push_back(part("maxwell", "stiffness_N_mm", 0.5));
+  put("other", other);
+  const Said said = with((folder_ / "other").string());
+  EXPECT_EQ(said.code, 3);
+  EXPECT_THAT(said.text, HasSubstr("pool diagnoses of one nominal model"));
+}
+
+TEST_F(PoolCommand, WhatIsNoWholeDiagnosisIsRefused) {
+  json cut = diagnosis("Actuator1", 10, 2, true);
+  cut.erase("tried");
+  put("cut", cut);
+  EXPECT_THAT(with((folder_ / "cut").string()).text, HasSubstr("is no whole diagnosis"));
+  json position = diagnosis("Actuator1", 10, 2, true);
+  position["output"] = "position";
+  put("cut", position);
+  EXPECT_THAT(with((folder_ / "cut").string()).text, HasSubstr("is of the position; only diagnoses of forces"));
+  std::ofstream(folder_ / "cut" / "diagnosis.json") << "{\"format\": ";
+  EXPECT_THAT(with((folder_ / "cut").string()).text, HasSubstr("cannot be read"));
+}
+
+TEST_F(PoolCommand, AFolderThatIsGivenTwiceIsRefused) {
+  EXPECT_THAT(with((folder_ / "a1_5" / "").string()).text, HasSubstr("is given twice"));
+  EXPECT_THAT(isorig_pool((folder_ / "a1_5").string() + " --out " + (folder_ / "out").string()).text,
+              HasSubstr("one diagnosis is nothing to pool"));
+}
+
+}  // namespace
+}  // namespace isorig
