@@ -58,7 +58,9 @@ std::string effect_sentence(const PooledCampaign& c, const EffectPool& effect) {
   }
   std::string out = capital(effect.words) + " is in ";
   if (without.empty())
-    out += with.size() == 1 ? with.front() : formatted("all %zu actuators", with.size());
+    out += with.size() == 1   ? with.front()
+           : with.size() == 2 ? std::string("both actuators")
+                              : formatted("all %zu actuators", with.size());
   else if (with.size() == 1)
     out += with.front() + formatted(" alone of %zu actuators", p.judged());
   else if (with.size() <= without.size() && with.size() <= 6)
