@@ -104,6 +104,7 @@ struct LogAxis {
 double robust_spread(const std::vector<double>& values) {
   const double middle = base::median(values);
   std::vector<double> off;
+  off.reserve(values.size());
   for (const double v : values) off.push_back(std::abs(v - middle));
   return base::median(off) / base::kNormalQuartile;
 }

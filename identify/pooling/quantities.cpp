@@ -144,7 +144,7 @@ class Chooser {
 std::vector<Quantity> choose_quantities(const PooledCampaign& campaign, std::vector<std::string>& not_compared) {
   auto out = Chooser(campaign, not_compared).run();
   // Those of effects first: they are what the nominal model lacks.
-  std::ranges::stable_partition(out, [](const Quantity& q) { return !q.effect.empty(); });
+  std::stable_partition(out.begin(), out.end(), [](const Quantity& q) { return !q.effect.empty(); });
   return out;
 }
 

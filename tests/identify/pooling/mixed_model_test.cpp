@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <ostream>
 #include <stdexcept>
 
 #include "simulated_campaign.hpp"
@@ -55,6 +56,10 @@ struct Case {
   Layout layout;
   std::size_t campaigns;
 };
+
+void PrintTo(const Case& of, std::ostream* out) {
+  *out << of.name;
+}
 
 std::vector<Case> cases() {
   Truth usual, alike, apart;

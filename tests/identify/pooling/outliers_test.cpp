@@ -16,7 +16,6 @@ using ::testing::IsEmpty;
 using testing::Layout;
 using testing::simulate_campaign;
 using testing::Simulated;
-using ::testing::SizeIs;
 using ::testing::UnorderedElementsAre;
 
 constexpr std::size_t kActuators = 12;
@@ -29,6 +28,7 @@ Outliers look(const Simulated& made, std::size_t actuators = kActuators) {
 
 std::vector<std::size_t> indices(const std::vector<Outlier>& of) {
   std::vector<std::size_t> out;
+  out.reserve(of.size());
   for (const Outlier& one : of) out.push_back(one.index);
   return out;
 }
