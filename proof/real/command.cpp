@@ -1,6 +1,7 @@
 #include <cstdio>
 #include <memory>
 
+#include "base/process.hpp"
 #include "proof/commands.hpp"
 #include "proof/real/convert.hpp"
 #include "proof/scoring/runner.hpp"
@@ -25,7 +26,7 @@ void tell(const RealCase& real, const Options& options) {
   std::vector<std::string> command{options.isorig, "diagnose"};
   for (std::size_t i = 0; i < real.files.size(); ++i) command.push_back(folder / recording_name(real, i));
   command.insert(command.end(), {"--model", folder / "nominal.toml", "--out", folder / "diagnosis"});
-  const ProcessResult result = run_process(command, folder / "log.txt");
+  const base::ProcessResult result = base::run_process(command, folder / "log.txt");
   if (result.exit_code != 0) {
     std::printf("  failed:   exit code %d, %s\n", result.exit_code, (folder / "log.txt").c_str());
     return;

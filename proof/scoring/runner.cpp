@@ -1,65 +1,26 @@
 #include "proof/scoring/runner.hpp"
 
-#include <fcntl.h>
-#include <spawn.h>
-#include <sys/resource.h>
-#include <sys/wait.h>
-
 #include <algorithm>
-#include <cerrno>
-#include <chrono>
-#include <cstring>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
 #include "base/parallel.hpp"
+#include "base/process.hpp"
 #include "base/text_file.hpp"
 #include "messages/recording.hpp"
 #include "proof/sealed.hpp"
 
-extern char** environ;
-
 namespace isorig::proof {
-
-ProcessResult run_process(const std::vector<std::string>& command, const std::filesystem::path& log) {
-  std::vector<char*> arguments;
-  for (const std::string& word : command) arguments.push_back(const_cast<char*>(word.c_str()));
-  arguments.push_back(nullptr);
-  posix_spawn_file_actions_t actions;
-  posix_spawn_file_actions_init(&actions);
-  posix_spawn_file_actions_addopen(&actions, 1, log.c_str(), O_WRONLY | O_CREAT | O_APPEND, 0644);
-  posix_spawn_file_actions_adddup2(&actions, 1, 2);
-  const auto start = std::chrono::steady_clock::now();
-  pid_t child = 0;
-  const int error = posix_spawnp(&child, arguments[0], &actions, nullptr, arguments.data(), environ);
-  posix_spawn_file_actions_destroy(&actions);
-  if (error != 0) {
-    throw std::runtime_error("cannot start " + command[0] + ": " + std::strerror(error) +
-                             "; --isorig PATH names the program to judge");
-  }
-  int status = 0;
-  rusage usage{};
-  while (wait4(child, &status, 0, &usage) < 0)
-    if (errno != EINTR) throw std::runtime_error(command[0] + ": " + std::strerror(errno));
-  const auto seconds = [](const timeval& t) {
-    return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
-  };
-  ProcessResult result;
-  result.wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  result.cpu_s = seconds(usage.ru_utime) + seconds(usage.ru_stime);
-  result.exit_code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
-  return result;
-}
-
 namespace {
 
 void run_case(const CaseToRun& one, const std::filesystem::path& folder, const RunOptions& options) {
   std::filesystem::remove_all(folder);
   std::filesystem::create_directories(folder);
   const std::filesystem::path log = folder / "log.txt";
-  const ProcessResult diagnosed = run_process({options.isorig, "diagnose", one.train, "--model", one.nominal, "--out",
-                                               folder, "--threads", std::to_string(options.threads)},
-                                              log);
+  const base::ProcessResult diagnosed =
+      base::run_process({options.isorig, "diagnose", one.train, "--model", one.nominal, "--out", folder, "--threads",
+                         std::to_string(options.threads)},
+                        log);
   nlohmann::ordered_json json{
       {"exit_code", diagnosed.exit_code}, {"wall_s", diagnosed.wall_s}, {"cpu_s", diagnosed.cpu_s}};
   if (diagnosed.exit_code == 0) {
@@ -68,10 +29,10 @@ void run_case(const CaseToRun& one, const std::filesystem::path& folder, const R
     std::ranges::fill(heldout.frame.force_N, 0.0);
     messages::write_recording(folder / "heldout-without-force", heldout);
     for (const char* model : {"nominal", "model"}) {
-      const ProcessResult predicted =
-          run_process({options.isorig, "predict", folder / "heldout-without-force", "--model",
-                       folder / (std::string(model) + ".toml"), "--out", folder / (std::string(model) + ".csv")},
-                      log);
+      const base::ProcessResult predicted =
+          base::run_process({options.isorig, "predict", folder / "heldout-without-force", "--model",
+                             folder / (std::string(model) + ".toml"), "--out", folder / (std::string(model) + ".csv")},
+                            log);
       json["predict_" + std::string(model)] = predicted.exit_code;
     }
     std::filesystem::remove_all(folder / "heldout-without-force");

@@ -7,15 +7,6 @@
 
 namespace isorig::proof {
 
-struct ProcessResult {
-  int exit_code = -1;
-  double wall_s = 0.0;
-  double cpu_s = 0.0;  ///< user and system, of the process and its threads
-};
-
-/// Runs a program with its output appended to `log`. Throws std::runtime_error when it cannot be started.
-[[nodiscard]] ProcessResult run_process(const std::vector<std::string>& command, const std::filesystem::path& log);
-
 struct RunOptions {
   std::filesystem::path isorig = "isorig";
   unsigned jobs = 1;

@@ -182,17 +182,6 @@ TEST(ProofLabels, OfOthersAreReadInTheirOwnForms) {
               testing::ThrowsMessage<std::runtime_error>(testing::HasSubstr("what")));
 }
 
-TEST(ProofRunner, MeasuresAProcessAndKeepsItsOutput) {
-  const fs::path log = fs::temp_directory_path() / ("isorig-proof-log-" + std::to_string(getpid()));
-  const ProcessResult result = run_process({"sh", "-c", "echo said; exit 3"}, log);
-  EXPECT_EQ(result.exit_code, 3);
-  EXPECT_GE(result.wall_s, 0.0);
-  EXPECT_EQ(base::read_text_file(log), "said\n");
-  fs::remove(log);
-  EXPECT_THROW((void)run_process({"/no/such/program"}, log), std::runtime_error);
-  fs::remove(log);
-}
-
 TEST(ProofRunner, CollectsADiagnosisWithItsPredictions) {
   const fs::path folder = fs::temp_directory_path() / ("isorig-proof-collect-" + std::to_string(getpid()));
   write_text(folder / "run.json", R"({"exit_code": 0, "wall_s": 1.5, "cpu_s": 2.5})");
