@@ -98,6 +98,11 @@ void Processes::end(int signal) {
   for (const pid_t group : groups_) ::kill(-group, signal);
 }
 
+bool Processes::ending() const {
+  const std::lock_guard lock(mutex_);
+  return ending_ != 0;
+}
+
 ProcessResult run_process(const std::vector<std::string>& command, const std::filesystem::path& log,
                           const ProcessOptions& options) {
   const auto start = std::chrono::steady_clock::now();

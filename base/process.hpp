@@ -22,10 +22,11 @@ class Processes {
  public:
   /// Sends it to all and their own children; one that begins later gets it as soon as it has begun.
   void end(int signal);
+  [[nodiscard]] bool ending() const;  ///< end() was called
 
  private:
   friend class RunningProcess;
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
   std::set<pid_t> groups_;
   int ending_ = 0;
 };
