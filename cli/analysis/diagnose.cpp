@@ -96,6 +96,8 @@ Command add_diagnose(CLI::App& app) {
                   "Rig whose limits a further experiment keeps (config/rigs/); else those of the recordings");
   sub->add_option("--threads", options->threads, "Threads to use")->capture_default_str()->check(CLI::Range(1, 64));
   sub->add_flag("!--no-report", options->report, "Leave out diagnosis-report.html");
+  sub->add_flag_callback("--undated", leave_the_time_out,
+                         "No time on the page: the same recordings give the same bytes");
   return {sub, [options] { return diagnose(*options); }};
 }
 

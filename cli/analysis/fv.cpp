@@ -102,6 +102,8 @@ Command add_fv(CLI::App& app) {
   sub->add_option("--control", options->control, "fv.json of the control actuator (for slse2)");
   sub->add_option("--control-specimen", options->control_specimen, "which specimen of that file, if it has several");
   sub->add_flag("--no-report", options->no_report, "Tables only");
+  sub->add_flag_callback("--undated", leave_the_time_out,
+                         "No time on the page: the same recordings give the same bytes");
   return {sub, [options] { return fv(*options); }};
 }
 

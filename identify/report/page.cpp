@@ -96,7 +96,7 @@ void Page::made(const Made& made) {
   ordered_json out = ordered_json::object();
   if (!made.command.empty()) out["command"] = made.command;
   if (!made.version.empty()) out["version"] = made.version;
-  out["at_utc"] = made.at_utc.empty() ? now_utc() : made.at_utc;
+  if (!made.undated) out["at_utc"] = made.at_utc.empty() ? now_utc() : made.at_utc;
   out["inputs"] = ordered_json::array();
   for (const auto& [name, what] : made.inputs) out["inputs"].push_back({{"name", name}, {"what", what}});
   content_->top["made"] = std::move(out);
@@ -138,7 +138,7 @@ void Page::facts(const std::vector<Fact>& items) {
 }
 
 void Page::table(const std::vector<std::string>& header, const std::vector<std::vector<std::string>>& rows,
-                 std::string_view caption) {
+                 std::string_view caption, const std::vector<std::vector<std::string>>& hrefs) {
   ordered_json columns = ordered_json::array();
   for (std::size_t i = 0; i < header.size(); ++i) {
     bool any = false, numeric = true;
@@ -151,6 +151,7 @@ void Page::table(const std::vector<std::string>& header, const std::vector<std::
     if (any && numeric) columns.back()["numeric"] = true;
   }
   add({{"type", "table"}, {"caption", caption}, {"columns", std::move(columns)}, {"rows", rows}});
+  if (!hrefs.empty()) content_->open.back().back()["hrefs"] = hrefs;
 }
 
 void Page::grid(const Grid& grid) {

@@ -17,9 +17,10 @@ enum class Mood { kGood, kInfo, kWarning, kBad };
 struct Made {
   std::string command;  ///< as it was typed
   std::string version;
-  std::string at_utc;
+  std::string at_utc;                                         ///< empty: now
   std::vector<std::pair<std::string, std::string>> inputs{};  ///< what, and which
   std::vector<std::pair<std::string, std::string>> links{};   ///< neighbours: text, path relative to the page
+  bool undated = false;  ///< no time on the page: the same content gives the same bytes
 };
 
 struct Fact {
@@ -75,8 +76,10 @@ class Page {
   void list(const std::vector<std::string>& items);
   void facts(const std::vector<Fact>& items);
   /// A column whose cells all read as numbers is set flush right, its head too. Rows may be shorter than the header.
+  /// `hrefs`: of each cell where it leads, as a path relative to the page (as_link() of neighbours.hpp); may be
+  /// shorter.
   void table(const std::vector<std::string>& header, const std::vector<std::vector<std::string>>& rows,
-             std::string_view caption = {});
+             std::string_view caption = {}, const std::vector<std::vector<std::string>>& hrefs = {});
   void grid(const Grid& grid);        ///< links are paths relative to the page
   void figure(const Figure& figure);  ///< throws what figure_json() throws
 

@@ -40,8 +40,8 @@ export type Block =
   | { type: "code"; name: string; text: string }
   | { type: "list"; items: string[] }
   | { type: "facts"; items: Fact[] }
-  | { type: "table"; caption: string; columns: Column[]; rows: string[][] }
   | ({ type: "grid" } & Grid)
+  | { type: "table"; caption: string; columns: Column[]; rows: string[][]; hrefs?: string[][] }
   | { type: "figure"; figure: Figure }
   | { type: "more"; summary: string; blocks: Block[] };
 

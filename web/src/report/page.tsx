@@ -99,7 +99,8 @@ function One({ block: b, count }: { block: Block; count: { figures: number } }):
               {b.rows.map((row, r) => (
                 <tr key={r}>
                   {b.columns.map((c, i) => {
-                    const text = row[i] ?? "", kind = c.numeric ? "number" : undefined;
+                    const href = b.hrefs?.[r]?.[i], kind = c.numeric ? "number" : undefined;
+                    const text = href ? <a href={href}>{row[i] ?? ""}</a> : row[i] ?? "";
                     return i === 0 && !c.numeric ? <th key={i} scope="row">{text}</th> : <td key={i} class={kind}>{text}</td>;
                   })}
                 </tr>
