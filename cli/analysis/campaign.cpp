@@ -8,6 +8,7 @@
 
 #include "base/formatted.hpp"
 #include "cli/analysis/analyse_recordings.hpp"
+#include "cli/analysis/campaign_pieces.hpp"
 #include "cli/command.hpp"
 #include "cli/provenance.hpp"
 
@@ -15,8 +16,7 @@ namespace isorig::cli {
 namespace {
 
 struct Options {
-  std::vector<std::string> recordings;
-  std::string out;
+  PiecesOptions pieces;  ///< recordings and folder of the paper's figures too
   std::string simulated;
 };
 
@@ -34,7 +34,16 @@ std::string common_folder(const std::vector<std::string>& recordings) {
   return common.string();
 }
 
-int campaign(const Options& options) {
+int paper_figures(const PiecesOptions& options, const std::string& simulated) {
+  if (options.recordings.empty()) {
+    std::cerr << "isorig campaign: name the recordings; --list goes with --ask alone\n";
+    return kUsage;
+  }
+  if (std::filesystem::exists(std::filesystem::path(options.out) / "plan.json")) {
+    std::cerr << options.out << ": holds a campaign of --ask, whose campaign.json this would replace; name another "
+              << "folder with --out\n";
+    return kUsage;
+  }
   identify::FvOptions of_each;
   of_each.whole_series = of_each.history = false;  // hundreds of recordings; `isorig fv` does it for any one of them
   constexpr double kReadShare = 0.6;
@@ -48,7 +57,7 @@ int campaign(const Options& options) {
     return kBadInput;
   }
   identify::write_campaign_report(
-      found, options.out, options.simulated,
+      found, options.out, simulated,
       made_by_this_call({{"Recordings", std::to_string(options.recordings.size()) + " folders"},
                          {"In", common_folder(options.recordings)}}));
   std::printf("%zu fits, R² %.3f ± %.3f (mean and standard deviation)\n", found.fits, found.r_squared_mean,
@@ -63,14 +72,39 @@ int campaign(const Options& options) {
 
 Command add_campaign(CLI::App& app) {
   auto options = std::make_shared<Options>();
-  auto* sub = app.add_subcommand(
-      "campaign", "The paper's figures, tables and trends from the recordings of a whole campaign (proof/campaign)");
-  sub->add_option("RECORDING", options->recordings, "Recordings of Control<n> and <material><n>, all pressures")
-      ->required();
-  sub->add_option("--out", options->out, "Folder for campaign-report.html, campaign.json and tables")->required();
+  auto* sub = app.add_subcommand("campaign",
+                                 "The paper's figures, tables and trends from the recordings of a whole campaign; with "
+                                 "--ask, a diagnosis or analysis of each of very many recordings");
+  auto& pieces = options->pieces;
+  sub->add_option("RECORDING", pieces.recordings, "Folders of recordings, all specimens and pressures");
+  sub->add_option("--out", pieces.out, "Folder for campaign-report.html, campaign.json and tables")->required();
   sub->add_option("--simulated", options->simulated,
                   "What is simulated in these recordings, for the top of the report");
-  return {sub, [options] { return campaign(*options); }};
+  auto* ask = sub->add_option("--ask", pieces.ask, "Run this command on each recording by itself, as a piece");
+  ask->check(CLI::IsMember({"diagnose", "fv"}));
+  const auto with_ask = [&](CLI::Option* option) { return option->needs(ask); };
+  with_ask(sub->add_option("--list", pieces.list, "File with the path of a recording on each line; -: standard input"));
+  with_ask(sub->add_option("--model", pieces.model, "Nominal model: slse1, slse2 or a TOML file"))
+      ->capture_default_str();
+  with_ask(sub->add_option("-j,--jobs", pieces.jobs, "Pieces at a time (default: one per processor)"))
+      ->check(CLI::Range(1, 1024));
+  with_ask(sub->add_option("--threads", pieces.threads, "Threads of each diagnosis"))
+      ->capture_default_str()
+      ->check(CLI::Range(1, 64));
+  with_ask(sub->add_option("--retries", pieces.retries, "How often a piece that failed is repeated"))
+      ->capture_default_str()
+      ->check(CLI::Range(0, 100));
+  with_ask(sub->add_option("--on", pieces.on, "Where the pieces are made"))
+      ->capture_default_str()
+      ->check(CLI::IsMember({"local", "slurm"}));
+  with_ask(sub->add_option("--slurm-options", pieces.slurm.more, "Further options of sbatch, in quotes"));
+  with_ask(sub->add_option("--per-task", pieces.slurm.per_task, "Recordings of one Slurm task, at least"))
+      ->capture_default_str()
+      ->check(CLI::PositiveNumber);
+  return {sub, [options] {
+            return options->pieces.ask.empty() ? paper_figures(options->pieces, options->simulated)
+                                               : campaign_of_pieces(options->pieces);
+          }};
 }
 
 const Registration kCampaign(31, add_campaign);

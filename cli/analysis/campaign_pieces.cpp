@@ -1,0 +1,118 @@
+#include "cli/analysis/campaign_pieces.hpp"
+
+#include <cstdio>
+#include <filesystem>
+#include <iostream>
+#include <memory>
+#include <thread>
+
+#include "base/printable.hpp"
+#include "cli/analysis/diagnosis_files.hpp"
+#include "cli/campaign/piece.hpp"
+#include "cli/command.hpp"
+#include "cli/provenance.hpp"
+
+namespace isorig::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+fs::path this_program() {
+  return fs::read_symlink("/proc/self/exe");
+}
+
+/// Where the logs of those that failed lie; of many, the first ones.
+void print_failed(const pieces::Plan& plan) {
+  constexpr std::size_t kShown = 10;
+  std::size_t shown = 0;
+  pieces::for_each_line(pieces::recordings_of(plan), [&](const std::string& recording) {
+    const fs::path folder = pieces::failed_folder(plan, recording);
+    if (shown >= kShown || fs::exists(pieces::piece_folder(plan, recording) / "piece.json") ||
+        !fs::exists(folder / "failure.json"))
+      return;
+    ++shown;
+    std::cerr << "failed: " << recording << ": see " << folder.string() << '\n';
+  });
+}
+
+int ended(const pieces::CampaignCall& call, const pieces::CampaignEnd& end) {
+  const pieces::Standing& s = end.standing;
+  if (s.failed > 0) print_failed(call.plan);
+  std::printf("%zu of %zu recordings answered", s.made, s.recordings);
+  if (s.bad > 0) std::printf(", %zu of them unreadable", s.bad);
+  if (s.failed > 0) std::printf("; %zu failed", s.failed);
+  if (s.waiting() > 0) std::printf("; %zu not made yet", s.waiting());
+  std::printf("\n");
+  for (const auto& [verdict, count] : s.verdicts) std::printf("  %zu %s\n", count, verdict.c_str());
+  std::printf("written to %s\n", call.plan.folder.c_str());
+  std::fflush(stdout);
+  if (!end.stopped.empty()) std::cerr << "isorig campaign: " << end.stopped << '\n';
+  if (end.stopped_by != 0) {
+    if (end.stopped.empty()) std::cerr << "isorig campaign: interrupted; the same command goes on with what is left\n";
+    pieces::die_of(end.stopped_by);
+  }
+  if (s.failed > 0 || s.waiting() > 0) return kFailure;
+  return s.bad > 0 ? kBadInput : kOk;
+}
+
+struct TaskOptions {
+  std::string folder, list;
+  pieces::Share share;
+};
+
+int task(const TaskOptions& options) {
+  const pieces::Done done =
+      pieces::run_task(options.folder, options.list, options.share, this_program(), version_and_revision(), std::cout);
+  if (!done.no_room.empty()) std::cerr << done.no_room << '\n';
+  if (done.stopped_by != 0) pieces::die_of(done.stopped_by);
+  return done.no_room.empty() ? kOk : kFailure;
+}
+
+Command add_task(CLI::App& app) {
+  auto options = std::make_shared<TaskOptions>();
+  auto* sub = app.add_subcommand("campaign-pieces", "One task of a campaign's job array (isorig campaign --on slurm)");
+  sub->group("");
+  sub->add_option("DIR", options->folder, "The campaign's folder")->required();
+  sub->add_option("--list", options->list, "Recordings of the array")->required();
+  sub->add_option("--task", options->share.task, "Which task this is")->required();
+  sub->add_option("--of", options->share.of, "How many there are")->required()->check(CLI::PositiveNumber);
+  return {sub, [options] { return task(*options); }};
+}
+
+const Registration kTask(32, add_task);
+
+}  // namespace
+
+int campaign_of_pieces(const PiecesOptions& options) {
+  pieces::CampaignCall call;
+  const bool is_file = options.model != "slse1" && options.model != "slse2";
+  if (options.ask == "fv" && options.model != "slse1") {
+    std::cerr
+        << "isorig campaign: --ask fv fits each recording by itself and takes --model slse1 alone; a sheath needs "
+           "its control: isorig fv --model slse2 --control FV.json\n";
+    return kUsage;
+  }
+  if (options.ask == "diagnose") (void)read_nominal(options.model);  // what is wrong with it is said once, and now
+  call.plan = {fs::path(pieces::plan_path(options.out)),
+               {options.ask, is_file ? pieces::plan_path(options.model) : options.model, options.threads},
+               version_and_revision()};
+  call.named = {options.recordings, options.list};
+  call.program = this_program();
+  call.jobs = options.jobs > 0 ? options.jobs : std::max(1U, std::thread::hardware_concurrency());
+  call.retries = options.retries;
+  if (options.on == "slurm") call.slurm = options.slurm;
+  call.made = made_by_this_call(
+      {{"Recordings", options.list.empty() ? std::to_string(options.recordings.size()) + " folders" : options.list},
+       {"Model", call.plan.ask.model}});
+  try {
+    return ended(call, pieces::run_campaign(call, std::cin));
+  } catch (const pieces::PlanError& e) {
+    std::cerr << "isorig campaign: " << base::printable_lines(e.what()) << '\n';
+    return kUsage;
+  } catch (const pieces::SlurmError& e) {
+    std::cerr << "isorig campaign: " << base::printable_lines(e.what()) << '\n';
+    return kFailure;
+  }
+}
+
+}  // namespace isorig::cli

@@ -1,0 +1,26 @@
+#pragma once
+#include <cstddef>
+#include <map>
+#include <string>
+
+#include "cli/campaign/plan.hpp"
+#include "identify/report/page.hpp"
+
+namespace isorig::cli::pieces {
+
+/// How the recordings of a plan stand.
+struct Standing {
+  std::size_t recordings = 0;
+  std::size_t made = 0;    ///< with an answer, of whichever kind
+  std::size_t bad = 0;     ///< of those: the recording could not be read
+  std::size_t failed = 0;  ///< an attempt failed, none succeeded
+  std::map<std::string, std::size_t> verdicts{};
+  [[nodiscard]] std::size_t waiting() const { return recordings - made - failed; }
+};
+
+/// DIR/campaign.csv and campaign.json, a row a recording in the plan's order, of the pieces that are there, and
+/// DIR/campaign-report.html, whose table leads to their pages. Read and written piece by piece. `made`: nothing where
+/// the page is not wanted.
+Standing merge(const Plan& plan, const identify::report::Made* made);
+
+}  // namespace isorig::cli::pieces

@@ -1,0 +1,304 @@
+#include "cli/campaign/piece.hpp"
+
+#include <openssl/evp.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <ctime>
+#include <memory>
+
+#include "base/formatted.hpp"
+#include "base/text_file.hpp"
+#include "base/toml_reader.hpp"
+#include "identify/report/page.hpp"
+
+namespace isorig::cli::pieces {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+constexpr const char* kFormat = "isorig-piece/1";
+constexpr std::uintmax_t kRoom_bytes = 64 << 20;  // a diagnosis with its page needs 1 to 5 MB
+constexpr int kNothingFitted = 1;                 // what `isorig fv` returns then; its files say why
+constexpr int kBadRecording = 3;
+
+std::string host_name() {
+  std::array<char, 256> name{};
+  return ::gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "host";
+}
+
+std::string utc_now() {
+  const std::time_t now = std::time(nullptr);
+  std::tm utc{};
+  gmtime_r(&now, &utc);
+  std::array<char, 32> text{};
+  std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%SZ", &utc);
+  return text.data();
+}
+
+ordered_json read_json(const fs::path& file) {
+  return ordered_json::parse(base::read_text_file(file), nullptr, false);
+}
+
+/// On the disk before the rename that makes the piece appear: after a power cut it is whole or not there.
+void write_synced(const fs::path& file, const std::string& text) {
+  identify::report::write_text_file(file, text);
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> opened(std::fopen(file.c_str(), "r+"), std::fclose);
+  if (!opened || ::fsync(::fileno(opened.get())) != 0)
+    throw std::runtime_error(file.string() + ": " + std::strerror(errno));
+}
+
+ordered_json stamp_json(const Workshop& shop, const std::string& recording, const std::vector<FileStamp>& files) {
+  ordered_json list = ordered_json::array();
+  for (const FileStamp& one : files) list.push_back({{"name", one.name}, {"bytes", one.bytes}, {"sha256", one.sha256}});
+  return {
+      {"recording", recording}, {"files", std::move(list)}, {"ask", shop.ask_stamp}, {"program", shop.plan.program}};
+}
+
+/// Specimen, pressure and repetition as far as recording.toml says them.
+ordered_json subject_of(const std::string& recording) {
+  ordered_json out{{"specimen", nullptr}, {"pressure_psi", nullptr}, {"repetition", nullptr}};
+  try {
+    const auto document = base::TomlDocument::parse_file(fs::path(recording) / "recording.toml");
+    const auto said = document.root();
+    if (said.has("specimen")) out["specimen"] = said.string("specimen");
+    if (said.has("nominal_pressure_psi")) out["pressure_psi"] = said.number("nominal_pressure_psi");
+    if (said.has("repetition")) out["repetition"] = said.integer("repetition");
+  } catch (const base::ConfigError&) {  // the command has said what is wrong with it
+  }
+  return out;
+}
+
+/// What a table of many recordings has of this one.
+ordered_json row_of(const Ask& ask, const fs::path& made, const std::string& recording, int exit_code) {
+  ordered_json row = subject_of(recording);
+  row["verdict"] = exit_code == kBadRecording ? "bad_recording" : "";
+  row["missing"] = ordered_json::array();
+  row["page"] = fs::exists(made / page_file(ask)) ? ordered_json(page_file(ask)) : ordered_json(nullptr);
+  const fs::path numbers = made / numbers_file(ask);
+  if (exit_code == kBadRecording || !fs::exists(numbers)) return row;
+  const ordered_json json = ordered_json::parse(base::read_text_file(numbers));
+  if (ask.command == "fv") {
+    row["verdict"] = exit_code == 0 ? "fitted" : "nothing_fitted";
+    return row;
+  }
+  row["verdict"] = json.at("verdict");
+  for (const auto& one : json.at("missing"))
+    row["missing"].push_back({{"effect", one.at("effect")}, {"probability", one.at("probability")}});
+  return row;
+}
+
+/// A folder of one attempt, beside the place where its piece belongs; gone unless it was moved there.
+class Attempted {
+ public:
+  explicit Attempted(const fs::path& final)
+      : folder_(final.parent_path() /
+                ("." + final.filename().string() + "." + host_name() + "." + std::to_string(::getpid()) + ".part")) {
+    fs::remove_all(folder_);
+    fs::create_directories(folder_);
+  }
+  ~Attempted() {
+    std::error_code ignored;
+    fs::remove_all(folder_, ignored);
+  }
+  Attempted(const Attempted&) = delete;
+  Attempted& operator=(const Attempted&) = delete;
+  [[nodiscard]] const fs::path& folder() const { return folder_; }
+
+  void become(const fs::path& place) const {
+    fs::create_directories(place.parent_path());
+    fs::remove_all(place);
+    fs::rename(folder_, place);
+  }
+
+ private:
+  fs::path folder_;
+};
+
+Attempt failed(const Workshop& shop, const std::string& recording, const Attempted* attempt, const std::string& why) {
+  const fs::path place = failed_folder(shop.plan, recording);
+  const ordered_json json{{"recording", recording},
+                          {"failures", failures_of(shop.plan, recording) + 1},
+                          {"why", why},
+                          {"host", host_name()},
+                          {"at_utc", utc_now()}};
+  try {
+    if (attempt != nullptr) {
+      // A log tells why; half of an answer would only be taken for one.
+      for (const auto& entry : fs::directory_iterator(attempt->folder()))
+        if (entry.path().filename() != "log.txt") fs::remove_all(entry.path());
+      attempt->become(place);
+    }
+    fs::create_directories(place);
+    identify::report::write_text_file(place / "failure.json",
+                                      json.dump(2, ' ', false, ordered_json::error_handler_t::replace) + "\n");
+  } catch (const std::exception& e) {
+    return {Ended::kFailed, why + "; that could not be noted: " + e.what()};
+  }
+  return {Ended::kFailed, why};
+}
+
+bool same_files(const std::vector<FileStamp>& a, const std::vector<FileStamp>& b) {
+  return std::ranges::equal(a, b, [](const FileStamp& x, const FileStamp& y) {
+    return x.name == y.name && x.bytes == y.bytes && x.written_ns == y.written_ns;
+  });
+}
+
+Attempt attempt_piece(const Workshop& shop, const std::string& recording, const Attempted& attempt,
+                      std::vector<FileStamp> files) {
+  const fs::path& here = attempt.folder();
+  for (FileStamp& one : files) one.sha256 = sha256_of_file(fs::path(recording) / one.name);
+  const std::string began = utc_now();
+  const base::ProcessResult result =
+      base::run_process(words_of(shop.plan.ask, shop.program, recording), here / "log.txt",
+                        {.working_directory = here, .among = shop.among});
+  if (shop.among != nullptr && shop.among->ending()) return {Ended::kInterrupted, "interrupted"};
+  const bool answered = result.exit_code == 0 || result.exit_code == kBadRecording ||
+                        (result.exit_code == kNothingFitted && shop.plan.ask.command == "fv" &&
+                         fs::exists(here / numbers_file(shop.plan.ask)));
+  if (!answered)
+    return failed(shop, recording, &attempt,
+                  result.signal != 0
+                      ? base::formatted("ended by signal %d (%s)", result.signal, ::strsignal(result.signal))
+                      : base::formatted("exit code %d", result.exit_code));
+  if (!same_files(files, files_of(recording)))
+    return failed(shop, recording, &attempt, "the recording was written to while it was read");
+  const ordered_json piece{{"format", kFormat},
+                           {"stamp", stamp_json(shop, recording, files)},
+                           {"exit_code", result.exit_code},
+                           {"row", row_of(shop.plan.ask, here, recording, result.exit_code)}};
+  ordered_json times{{"began_utc", began},        {"wall_s", result.wall_s}, {"cpu_s", result.cpu_s},
+                     {"peak_MB", result.peak_MB}, {"host", host_name()},     {"written_ns", ordered_json::object()}};
+  for (const FileStamp& one : files) times["written_ns"][one.name] = one.written_ns;
+  identify::report::write_text_file(here / "times.json", times.dump(2) + "\n");
+  write_synced(here / "piece.json", piece.dump(2) + "\n");
+  const fs::path final = piece_folder(shop.plan, recording);
+  try {
+    attempt.become(final);
+  } catch (const fs::filesystem_error&) {
+    // Another process may have been first, with the same.
+    if (!is_done(shop, recording)) throw;
+  }
+  std::error_code ignored;
+  fs::remove_all(failed_folder(shop.plan, recording), ignored);
+  return {Ended::kMade, base::formatted("exit %d, %.1f s", result.exit_code, result.wall_s)};
+}
+
+}  // namespace
+
+std::string sha256_of_file(const fs::path& file) {
+  const std::unique_ptr<EVP_MD_CTX, void (*)(EVP_MD_CTX*)> context(EVP_MD_CTX_new(), EVP_MD_CTX_free);
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> in(
+      base::why_not_a_file(file).empty() ? std::fopen(file.c_str(), "rbe") : nullptr, std::fclose);
+  if (!in) throw base::FileError(file, std::string("cannot be read: ") + std::strerror(errno), errno == ENOENT);
+  std::array<unsigned char, 1 << 16> part{};
+  bool good = context && EVP_DigestInit_ex(context.get(), EVP_sha256(), nullptr) == 1;
+  for (std::size_t size = part.size(); good && size == part.size();) {
+    size = std::fread(part.data(), 1, part.size(), in.get());
+    good = std::ferror(in.get()) == 0 && EVP_DigestUpdate(context.get(), part.data(), size) == 1;
+  }
+  std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
+  unsigned length = 0;
+  if (!good || EVP_DigestFinal_ex(context.get(), digest.data(), &length) != 1)
+    throw base::FileError(file, "cannot be read to its end", false);
+  std::string text;
+  for (unsigned i = 0; i < length; ++i) text += base::formatted("%02x", digest[i]);
+  return text;
+}
+
+std::vector<FileStamp> files_of(const std::string& recording) {
+  std::vector<FileStamp> out;
+  for (const char* name : {"recording.toml", "frame.csv", "pressure.csv"}) {
+    const fs::path file = fs::path(recording) / name;
+    struct stat found {};
+    if (::stat(file.c_str(), &found) == 0) {
+      out.push_back({name, static_cast<std::uintmax_t>(found.st_size),
+                     std::int64_t{found.st_mtim.tv_sec} * 1'000'000'000 + found.st_mtim.tv_nsec});
+    } else if (errno != ENOENT && errno != ENOTDIR) {
+      throw base::FileError(file, std::strerror(errno), false);
+    }
+  }
+  if (out.empty() || out.front().name != "recording.toml")
+    throw base::FileError(recording, "no recording there (no recording.toml)", true);
+  return out;
+}
+
+fs::path piece_folder(const Plan& plan, const std::string& recording) {
+  return plan.folder / "pieces" / piece_name(recording);
+}
+
+fs::path failed_folder(const Plan& plan, const std::string& recording) {
+  return plan.folder / "failed" / piece_name(recording);
+}
+
+bool is_done(const Workshop& shop, const std::string& recording) {
+  const fs::path folder = piece_folder(shop.plan, recording);
+  if (!fs::exists(folder / "piece.json")) return false;
+  try {
+    const ordered_json piece = read_json(folder / "piece.json"), times = read_json(folder / "times.json");
+    if (piece.at("format") != kFormat) return false;
+    const ordered_json& stamp = piece.at("stamp");
+    std::vector<FileStamp> files = files_of(recording);
+    if (stamp.at("files").size() != files.size()) return false;
+    for (std::size_t i = 0; i < files.size(); ++i) {
+      const ordered_json& then = stamp.at("files").at(i);
+      FileStamp& now = files[i];
+      if (then.at("name") != now.name || then.at("bytes") != now.bytes) return false;
+      now.sha256 = times.at("written_ns").value(now.name, std::int64_t{-1}) == now.written_ns
+                       ? then.at("sha256").get<std::string>()
+                       : sha256_of_file(fs::path(recording) / now.name);
+    }
+    return stamp == stamp_json(shop, recording, files);
+  } catch (const base::FileError&) {
+    return false;
+  } catch (const nlohmann::json::exception&) {
+    return false;
+  }
+}
+
+unsigned failures_of(const Plan& plan, const std::string& recording) {
+  const fs::path file = failed_folder(plan, recording) / "failure.json";
+  if (!fs::exists(file)) return 0;
+  try {
+    return read_json(file).at("failures").get<unsigned>();
+  } catch (const std::exception&) {
+    return 1;
+  }
+}
+
+Attempt make_piece(const Workshop& shop, const std::string& recording) {
+  std::error_code unknown;
+  const auto space = fs::space(shop.plan.folder, unknown);
+  if (!unknown && space.available < kRoom_bytes)
+    throw NoRoom(shop.plan.folder.string() +
+                 ": less than 64 MB of room left; make room, then give the same command again");
+  std::unique_ptr<Attempted> attempt;
+  try {
+    if (is_done(shop, recording)) return {Ended::kDoneBefore, "done before"};
+    std::vector<FileStamp> files = files_of(recording);
+    const fs::path final = piece_folder(shop.plan, recording);
+    fs::remove_all(final);  // of what the recording was: not to be taken for what it is
+    attempt = std::make_unique<Attempted>(final);
+    return attempt_piece(shop, recording, *attempt, std::move(files));
+  } catch (const std::exception& e) {
+    return failed(shop, recording, attempt.get(), e.what());
+  }
+}
+
+void sweep(const Plan& plan) {
+  std::error_code none;
+  for (fs::directory_iterator shard(plan.folder / "pieces", none), end; !none && shard != end; shard.increment(none)) {
+    std::vector<fs::path> left;
+    std::error_code error;
+    for (fs::directory_iterator at(shard->path(), error), last; !error && at != last; at.increment(error))
+      if (at->path().filename().string().starts_with(".")) left.push_back(at->path());
+    for (const fs::path& folder : left) fs::remove_all(folder, error);
+  }
+}
+
+}  // namespace isorig::cli::pieces

@@ -1,0 +1,74 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "base/process.hpp"
+#include "cli/campaign/plan.hpp"
+
+/// A piece is what one command makes of one recording: DIR/pieces/SHARD/NAME/ with the command's own files, log.txt,
+/// piece.json (of what it was made and what came out: the same bytes wherever it ran) and times.json (when, where, how
+/// long). It appears at once, by a rename, or not at all.
+namespace isorig::cli::pieces {
+
+/// SHA-256 of a file in hexadecimal digits, read in parts. Throws base::FileError.
+[[nodiscard]] std::string sha256_of_file(const std::filesystem::path& file);
+
+/// A file of a recording: what it holds, and when it was last written.
+struct FileStamp {
+  std::string name;
+  std::uintmax_t bytes = 0;
+  std::int64_t written_ns = 0;
+  std::string sha256{};  ///< empty: not looked into yet
+};
+
+/// Those of a recording's files that are there. Throws base::FileError when there is no recording.toml.
+[[nodiscard]] std::vector<FileStamp> files_of(const std::string& recording);
+
+/// What all pieces of a campaign have in common.
+struct Workshop {
+  Plan plan;
+  nlohmann::ordered_json ask_stamp;  ///< stamp_of(plan.ask)
+  std::filesystem::path program;     ///< isorig
+  base::Processes* among = nullptr;
+};
+
+[[nodiscard]] std::filesystem::path piece_folder(const Plan& plan, const std::string& recording);
+/// Where the log of an attempt that failed lies, with failure.json.
+[[nodiscard]] std::filesystem::path failed_folder(const Plan& plan, const std::string& recording);
+
+/// The piece is there, made of what the recording and the options are now. A file is read again only when its time has
+/// changed.
+[[nodiscard]] bool is_done(const Workshop& shop, const std::string& recording);
+
+/// How often in a row it has failed.
+[[nodiscard]] unsigned failures_of(const Plan& plan, const std::string& recording);
+
+enum class Ended {
+  kDoneBefore,
+  kMade,
+  kFailed,       ///< as failed_folder() says
+  kInterrupted,  ///< by Processes::end(); nothing is left of it
+};
+
+struct Attempt {
+  Ended ended = Ended::kFailed;
+  std::string words{};  ///< "exit 0, 2.1 s", why it failed
+};
+
+/// The file system has less room left than a piece may need. what() says where.
+class NoRoom : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
+/// Makes the piece of a recording unless it is done. Two processes may do it at the same time; one of the two results,
+/// which are equal, stays. Throws NoRoom before it begins; whatever else goes wrong is a failed attempt.
+[[nodiscard]] Attempt make_piece(const Workshop& shop, const std::string& recording);
+
+/// Removes what was left by processes that were killed. Only where no other process makes pieces in this folder.
+void sweep(const Plan& plan);
+
+}  // namespace isorig::cli::pieces

@@ -1,0 +1,192 @@
+#include "cli/campaign/plan.hpp"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <charconv>
+#include <cstdint>
+#include <cstring>
+#include <iostream>
+#include <nlohmann/json.hpp>
+
+#include "base/fingerprint.hpp"
+#include "base/printable.hpp"
+#include "base/text_file.hpp"
+#include "identify/report/page.hpp"
+
+namespace isorig::cli::pieces {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+constexpr const char* kFormat = "isorig-campaign-plan/1";
+
+std::string host_name() {
+  std::array<char, 256> name{};
+  return ::gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "?";
+}
+
+/// A folder that something else was written into is not to be mixed with.
+void refuse_other_campaign(const Plan& plan) {
+  if (!fs::exists(plan.folder / "plan.json")) {
+    if (fs::exists(plan.folder / "campaign.json"))
+      throw PlanError(plan.folder.string() +
+                      ": holds the paper's figures (`isorig campaign` without --ask); name another folder with --out");
+    return;
+  }
+  const Plan there = read_plan(plan.folder);
+  if (const std::string differs = difference(there.ask, plan.ask); !differs.empty())
+    throw PlanError(plan.folder.string() + ": holds a campaign of other options (" + differs +
+                    "); give the same ones to go on with it, or name another folder with --out");
+}
+
+/// Takes in paths and writes them, and remembers 8 bytes of each to find one that is there twice.
+class Writer {
+ public:
+  explicit Writer(const fs::path& file) : file_(file), out_(file, std::ios::binary) {}
+
+  void add(const std::string& named, const std::string& where) {
+    std::string path;
+    try {
+      path = plan_path(named);
+    } catch (const PlanError& e) {
+      throw PlanError(where + e.what());
+    }
+    std::uint64_t hash = 0;
+    const std::string digits = base::fingerprint(path);
+    std::from_chars(digits.data(), digits.data() + digits.size(), hash, 16);
+    seen_.push_back(hash);
+    out_ << path << '\n';
+  }
+
+  std::size_t finish() {
+    out_.close();
+    if (!out_) throw PlanError(file_.string() + ": cannot be written; is there room, and may you write there?");
+    if (seen_.empty()) throw PlanError("no recording is named: name some, or a file that lists them with --list");
+    std::ranges::sort(seen_);
+    const auto twice = std::ranges::adjacent_find(seen_);
+    if (twice != seen_.end()) {
+      std::string which;
+      std::array<char, 17> digits{};
+      std::snprintf(digits.data(), digits.size(), "%016llx", static_cast<unsigned long long>(*twice));
+      for_each_line(file_, [&](const std::string& line) {
+        if (base::fingerprint(line) == digits.data()) which = line;
+      });
+      throw PlanError(which + ": named twice; name every recording once");
+    }
+    return seen_.size();
+  }
+
+ private:
+  fs::path file_;
+  std::ofstream out_;
+  std::vector<std::uint64_t> seen_;
+};
+
+void add_list(Writer& writer, std::istream& in, const std::string& name) {
+  std::string line;
+  for (std::size_t number = 1; std::getline(in, line); ++number) {
+    if (!line.empty() && line.back() == '\r') line.pop_back();
+    if (!line.empty()) writer.add(line, name + ":" + std::to_string(number) + ": ");
+  }
+}
+
+}  // namespace
+
+fs::path piece_name(const std::string& recording) {
+  const std::string digits = base::fingerprint(recording);
+  std::string name = fs::path(recording).filename().string().substr(0, 60);
+  for (char& c : name)
+    if (std::isalnum(static_cast<unsigned char>(c)) == 0 && std::strchr("-_.", c) == nullptr) c = '_';
+  if (name.empty() || name.front() == '.' || name.front() == '-') name.insert(0, "_");
+  // FNV-1a mixes its low digits, not its high ones.
+  return fs::path(digits.substr(digits.size() - 3)) / (name + "-" + digits);
+}
+
+std::string plan_path(const std::string& recording) {
+  if (base::printable(recording) != recording)
+    throw PlanError(base::printable(recording) +
+                    ": a folder's name with control characters, or not in UTF-8; rename the folder");
+  fs::path path = fs::absolute(recording).lexically_normal();
+  if (!path.has_filename()) path = path.parent_path();
+  return path.string();
+}
+
+std::size_t write_plan(const Plan& plan, const Named& named, std::istream& standard_input) {
+  refuse_other_campaign(plan);
+  const fs::path aside = plan.folder / "plan.txt.part";
+  Writer writer(aside);
+  for (const std::string& recording : named.recordings) writer.add(recording, "");
+  if (named.list == "-") {
+    add_list(writer, standard_input, "standard input");
+  } else if (!named.list.empty()) {
+    std::ifstream in(named.list);
+    if (!in || fs::is_directory(named.list))
+      throw PlanError(named.list + ": cannot be read; --list names a file with the path of a recording on each line");
+    add_list(writer, in, named.list);
+  }
+  std::size_t count = 0;
+  try {
+    count = writer.finish();
+  } catch (const PlanError&) {
+    fs::remove(aside);
+    throw;
+  }
+  const ordered_json json{{"format", kFormat}, {"ask", to_json(plan.ask)}, {"program", plan.program}};
+  identify::report::write_text_file(plan.folder / "plan.json", json.dump(2) + "\n");
+  fs::rename(aside, recordings_of(plan));
+  return count;
+}
+
+Plan read_plan(const fs::path& folder) {
+  const fs::path file = folder / "plan.json";
+  try {
+    const auto json = ordered_json::parse(base::read_text_file(file));
+    if (json.at("format") != kFormat)
+      throw PlanError(file.string() + ": of another version of isorig (" + json.at("format").get<std::string>() +
+                      "); name another folder with --out");
+    return {fs::absolute(folder).lexically_normal(), ask_from_json(json.at("ask")), json.at("program")};
+  } catch (const base::FileError& e) {
+    throw PlanError(e.what());
+  } catch (const nlohmann::json::exception& e) {
+    throw PlanError(file.string() + ": damaged (" + e.what() + "); remove it, what is done stays");
+  }
+}
+
+void for_each_line(const fs::path& file, const std::function<void(const std::string&)>& each) {
+  std::ifstream in(file);
+  if (!in) throw PlanError(file.string() + ": cannot be read; give the whole command again");
+  std::string line;
+  while (std::getline(in, line)) each(line);
+}
+
+FolderLock::FolderLock(const fs::path& folder) {
+  const fs::path file = folder / "campaign.lock";
+  fd_ = ::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
+  if (fd_ < 0) throw PlanError(file.string() + ": " + std::strerror(errno) + "; name a folder that you may write");
+  if (::flock(fd_, LOCK_EX | LOCK_NB) != 0) {
+    const int error = errno;
+    std::array<char, 300> who{};
+    (void)!::read(fd_, who.data(), who.size() - 1);
+    ::close(fd_);
+    if (error == EWOULDBLOCK)
+      throw PlanError(folder.string() + ": another `isorig campaign` works there (" +
+                      base::printable(std::string(who.data())) + "); wait for it or end it");
+    throw PlanError(file.string() + ": cannot be locked (" + std::strerror(error) +
+                    "); mount the file system with locks, or name a folder elsewhere");
+  }
+  const std::string us = "process " + std::to_string(::getpid()) + " on " + host_name();
+  (void)!::ftruncate(fd_, 0);
+  (void)!::write(fd_, us.data(), us.size());
+}
+
+FolderLock::~FolderLock() {
+  ::close(fd_);
+}
+
+}  // namespace isorig::cli::pieces

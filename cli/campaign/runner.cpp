@@ -1,0 +1,225 @@
+#include "cli/campaign/runner.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <fstream>
+#include <iostream>
+#include <ostream>
+
+#include "cli/campaign/local.hpp"
+#include "cli/campaign/piece.hpp"
+#include "cli/campaign/signals.hpp"
+#include "cli/screen/progress.hpp"
+
+namespace isorig::cli::pieces {
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+
+double seconds_since(Clock::time_point then) {
+  return std::chrono::duration<double>(Clock::now() - then).count();
+}
+
+/// Merging reads every piece: not more often than each half minute, nor for more than a twentieth of the time.
+class Merges {
+ public:
+  explicit Merges(const Plan& plan) : plan_(plan) {}
+  void maybe() {
+    if (seconds_since(ended_) < std::max(30.0, 20.0 * took_s_)) return;
+    const auto began = Clock::now();
+    (void)merge(plan_, nullptr);
+    ended_ = Clock::now();
+    took_s_ = std::chrono::duration<double>(ended_ - began).count();
+  }
+
+ private:
+  const Plan& plan_;
+  Clock::time_point ended_ = Clock::now();
+  double took_s_ = 0.0;
+};
+
+class Runner {
+ public:
+  Runner(const CampaignCall& call, const Signals& signals) : call_(call), signals_(signals), merges_(call.plan) {
+    shop_ = {call.plan, stamp_of(call.plan.ask), call.program, nullptr};
+    if (call.slurm) slurm_.emplace(call.plan, call.program, *call.slurm);
+  }
+
+  /// "" when all that can be made is made; else why not.
+  std::string run(std::size_t recordings) {
+    fs::path from = recordings_of(call_.plan);
+    bool fresh = true;
+    if (slurm_) {
+      if (const auto array = slurm_->under_way()) {
+        std::cerr << "isorig campaign: job array " << array->job
+                  << " of an earlier call is under way; waiting for it\n";
+        if (const std::string why = wait_for(*array, 0); stopped_by != 0 || !why.empty()) return why;
+        fresh = false;
+      }
+    }
+    sweep(call_.plan);
+    unsigned fruitless = 0;
+    std::size_t before = 0;  // what was to be done in the round before
+    for (std::size_t known = recordings;; known = before) {
+      const std::size_t number = slurm_ ? slurm_->next_number() : 0;
+      const fs::path list = slurm_ ? slurm_->list_of(number) : call_.plan.folder / "todo.txt";
+      const std::size_t left = scan(from, list, fresh, known);
+      if (stopped_by != 0) return "";
+      if (left == 0) {
+        fs::remove(list);
+        return "";
+      }
+      if (before != 0 && !progress_made(before, left)) ++fruitless;
+      if (fruitless > call_.retries) return gave_up();
+      if (slurm_) {
+        const Array array = slurm_->submit(number, left);
+        std::cerr << "isorig campaign: submitted as job array " << array.job << ", " << left << " recordings\n";
+        if (const std::string why = wait_for(array, left); stopped_by != 0 || !why.empty()) return why;
+      } else if (const std::string why = here(list, left); stopped_by != 0 || !why.empty()) {
+        return why;
+      }
+      // Later rounds look at what was left alone.
+      if (slurm_) {
+        from = list;
+      } else {
+        from = call_.plan.folder / "todo-before.txt";
+        fs::rename(list, from);
+      }
+      fresh = false;
+      before = left;
+    }
+  }
+
+  int stopped_by = 0;
+
+ private:
+  /// Writes the recordings that are to be made into `to`; of those that failed, only while they may be repeated.
+  /// `fresh`: failures of an earlier call do not count.
+  std::size_t scan(const fs::path& from, const fs::path& to, bool fresh, std::size_t lines) {
+    Progress progress("campaign");
+    std::ofstream out(to.string() + ".part", std::ios::binary);
+    std::size_t left = 0, seen = 0, failures = 0;
+    for_each_line(from, [&](const std::string& recording) {
+      if (stopped_by != 0) return;
+      if (++seen % 256 == 0) {
+        stopped_by = signals_.wait(0.0);
+        progress.at(static_cast<double>(seen) / static_cast<double>(lines), "looking what is done");
+      }
+      if (is_done(shop_, recording)) return;
+      unsigned failed = failures_of(call_.plan, recording);
+      if (fresh && failed > 0) {
+        fs::remove_all(failed_folder(call_.plan, recording));
+        failed = 0;
+      }
+      if (failed > call_.retries) return;
+      ++left;
+      failures += failed;
+      out << recording << '\n';
+    });
+    out.close();
+    if (!out) throw PlanError(to.string() + ": cannot be written; is there room?");
+    fs::rename(to.string() + ".part", to);
+    failures_before_ = failures_;
+    failures_ = failures;
+    return left;
+  }
+
+  /// A piece was made, or one has failed once more than before.
+  [[nodiscard]] bool progress_made(std::size_t before, std::size_t left) const {
+    return left < before || failures_ > failures_before_;
+  }
+
+  [[nodiscard]] std::string gave_up() const {
+    return slurm_ ? "the last " + std::to_string(call_.retries + 1) + " job arrays made nothing: is " +
+                        call_.plan.folder.string() + " on a file system that all nodes share, and isorig at " +
+                        call_.program.string() + " on each? Their logs are in " + (call_.plan.folder / "slurm").string()
+                  : "nothing more could be made";
+  }
+
+  std::string here(const fs::path& list, std::size_t left) {
+    Progress progress("campaign");
+    const Done done = make_pieces(shop_, list, {}, call_.jobs, signals_, {}, [&](const Done& now) {
+      progress.at(static_cast<double>(now.ended) / static_cast<double>(left),
+                  doing(now, left, fs::path(now.last).filename().string()));
+      if (now.stopped_by == 0) merges_.maybe();
+    });
+    stopped_by = done.stopped_by;
+    return done.no_room;
+  }
+
+  static std::string doing(const Done& now, std::size_t left, const std::string& more) {
+    return std::to_string(now.ended) + " of " + std::to_string(left) +
+           (now.failed > 0 ? ", " + std::to_string(now.failed) + " failed" : "") + (more.empty() ? "" : ", " + more);
+  }
+
+  /// Until the array is gone. `left`: recordings in it; 0: count them.
+  std::string wait_for(const Array& array, std::size_t left) {
+    if (left == 0) for_each_line(slurm_->list_of(array.number), [&](const std::string&) { ++left; });
+    Progress progress("campaign");
+    bool said = false;
+    for (const auto began = Clock::now();;) {
+      const ArrayState state = slurm_->state_of(array);
+      const Done now = slurm_->tally_of(array);
+      progress.at(static_cast<double>(now.ended) / static_cast<double>(std::max<std::size_t>(1, left)),
+                  doing(now, left, state.at == ArrayState::kNoAnswer ? "Slurm does not answer" : state.words));
+      if (state.at == ArrayState::kGone) return "";
+      if (state.at == ArrayState::kNoAnswer && !said)
+        std::cerr << "isorig campaign: " << state.words << "; asking again until it answers\n";
+      said = state.at == ArrayState::kNoAnswer;
+      merges_.maybe();
+      // A short array is seen to end soon, a long one does not bother slurmctld.
+      stopped_by = signals_.wait(std::clamp(0.05 * seconds_since(began), 0.5, 15.0));
+      if (stopped_by != 0)
+        return "job array " + array.job +
+               " goes on without this command: the same command waits for it again, `scancel " + array.job +
+               "` ends it";
+    }
+  }
+
+  const CampaignCall& call_;
+  const Signals& signals_;
+  Merges merges_;
+  Workshop shop_;
+  std::optional<Slurm> slurm_;
+  std::size_t failures_ = 0, failures_before_ = 0;
+};
+
+}  // namespace
+
+CampaignEnd run_campaign(const CampaignCall& call, std::istream& standard_input) {
+  fs::create_directories(call.plan.folder);
+  const FolderLock lock(call.plan.folder);
+  const std::size_t recordings = write_plan(call.plan, call.named, standard_input);
+  const Signals signals;
+  Runner runner(call, signals);
+  CampaignEnd end;
+  end.stopped = runner.run(recordings);
+  end.stopped_by = runner.stopped_by;
+  for (const char* list : {"todo.txt", "todo-before.txt"}) fs::remove(call.plan.folder / list);
+  end.standing = merge(call.plan, &call.made);
+  return end;
+}
+
+Done run_task(const fs::path& folder, const fs::path& list, Share share, const fs::path& program,
+              const std::string& version, std::ostream& out) {
+  const Plan plan = read_plan(folder);
+  if (plan.program != version)
+    throw PlanError(folder.string() + ": a campaign of " + plan.program + ", and this is " + version +
+                    "; install the same on every node, or on the shared file system");
+  const Signals signals;
+  const Workshop shop{plan, stamp_of(plan.ask), program, nullptr};
+  Done tally;
+  write_tally(list, share, tally);
+  return make_pieces(shop, list, share, 1, signals,
+                     [&](const std::string& recording, const Attempt& attempt) {
+                       ++tally.ended;
+                       if (attempt.ended == Ended::kFailed) ++tally.failed;
+                       out << recording << ": " << (attempt.ended == Ended::kFailed ? "failed: " : "") << attempt.words
+                           << std::endl;
+                       write_tally(list, share, tally);
+                     },
+                     {});
+}
+
+}  // namespace isorig::cli::pieces

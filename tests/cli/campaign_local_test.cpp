@@ -1,0 +1,120 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "pieces_of_test.hpp"
+
+/// `isorig campaign --ask` as a user runs it on this machine.
+namespace isorig {
+namespace {
+
+namespace fs = std::filesystem;
+using pieces_test::different_files;
+using pieces_test::make_recordings;
+using pieces_test::pieces_in;
+using system_test::bin;
+using system_test::isorig;
+using system_test::Process;
+using system_test::slurp;
+using system_test::spit;
+using system_test::TempDir;
+using system_test::wait_until;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+std::vector<std::string> campaign(const std::vector<std::string>& recordings, const fs::path& out,
+                                  const std::vector<std::string>& more) {
+  std::vector<std::string> words{"campaign", "--ask", "diagnose", "--out", out.string()};
+  words.insert(words.end(), recordings.begin(), recordings.end());
+  words.insert(words.end(), more.begin(), more.end());
+  return words;
+}
+
+/// Processes whose command line holds this text, without threads' or our own.
+std::vector<pid_t> processes_with(const std::string& text) {
+  std::vector<pid_t> out;
+  for (const auto& entry : fs::directory_iterator("/proc")) {
+    const std::string name = entry.path().filename();
+    if (name.find_first_not_of("0123456789") != std::string::npos) continue;
+    std::string line = slurp(entry.path() / "cmdline");
+    for (char& c : line)
+      if (c == '\0') c = ' ';
+    if (line.find(text) != std::string::npos) out.push_back(std::stoi(name));
+  }
+  return out;
+}
+
+TEST(CampaignLocal, InterruptedAndGoneOnWithGivesTheBytesOfAnUninterruptedRun) {
+  const TempDir dir;
+  const auto recordings = make_recordings(dir / "recordings", 4);
+  const auto whole = isorig(dir, campaign(recordings, dir / "whole", {"-j", "2"}), 240.0);
+  ASSERT_EQ(whole.code, 0) << whole.text;
+  EXPECT_THAT(whole.text, HasSubstr("4 of 4 recordings answered"));
+  EXPECT_EQ(pieces_in(dir / "whole").size(), 4U);
+
+  auto words = campaign(recordings, dir / "again", {"-j", "1"});
+  words.insert(words.begin(), bin("isorig"));
+  {
+    Process first(words, dir / "first.txt");
+    ASSERT_TRUE(wait_until(120.0, [&] { return !pieces_in(dir / "again").empty(); })) << first.output();
+    EXPECT_THAT(isorig(dir, campaign(recordings, dir / "again", {})).text,
+                HasSubstr("another `isorig campaign` works there"));
+    EXPECT_EQ(first.stop(SIGINT), -SIGINT) << first.output();
+    EXPECT_THAT(first.output(), HasSubstr("the same command goes on"));
+  }
+  EXPECT_THAT(processes_with("diagnose " + recordings.back()), IsEmpty()) << "a child outlived it";
+  const auto before = pieces_in(dir / "again");
+  ASSERT_LT(before.size(), 4U);
+  std::map<fs::path, fs::file_time_type> written;
+  for (const auto& piece : before) written[piece] = fs::last_write_time(piece / "piece.json");
+  const auto second = isorig(dir, campaign(recordings, dir / "again", {"-j", "2"}), 240.0);
+  ASSERT_EQ(second.code, 0) << second.text;
+  for (const auto& [piece, time] : written) EXPECT_EQ(fs::last_write_time(piece / "piece.json"), time) << "made again";
+  EXPECT_THAT(different_files(dir / "whole", dir / "again"), IsEmpty());
+  for (const auto& entry : fs::recursive_directory_iterator(dir / "again/pieces"))
+    EXPECT_FALSE(entry.path().filename().string().starts_with(".")) << entry.path() << " was left";
+}
+
+TEST(CampaignLocal, AKilledPieceIsRepeatedAndCostsThatPieceAlone) {
+  const TempDir dir;
+  const auto recordings = make_recordings(dir / "recordings", 2);
+  auto words = campaign(recordings, dir / "out", {"-j", "2"});
+  words.insert(words.begin(), bin("isorig"));
+  Process process(words, dir / "out.txt");
+  std::vector<pid_t> victim;
+  ASSERT_TRUE(wait_until(60.0, [&] {
+    victim = processes_with("diagnose " + recordings[0]);
+    return !victim.empty();
+  }));
+  ::kill(victim.front(), SIGKILL);
+  EXPECT_EQ(process.wait(240.0), 0) << process.output();
+  EXPECT_EQ(pieces_in(dir / "out").size(), 2U);
+  const auto whole = isorig(dir, campaign(recordings, dir / "whole", {}), 240.0);
+  EXPECT_THAT(different_files(dir / "whole", dir / "out"), IsEmpty());
+}
+
+TEST(CampaignLocal, AListWithWhatIsMissingAndWhatIsBadSaysWhereTheLogsAre) {
+  const TempDir dir;
+  const auto recordings = make_recordings(dir / "recordings", 2);
+  spit(fs::path(recordings[1]) / "frame.csv", "t_s,position_mm,force_N\n0,0,zero\n");
+  spit(dir / "list.txt", recordings[0] + "\n" + recordings[1] + "\n" + (dir / "gone").string() + "\n");
+  const std::vector<std::string> words{
+      "campaign", "--ask", "fv", "--list", (dir / "list.txt").string(), "--out", (dir / "out").string()};
+  const auto first = isorig(dir, words, 120.0);
+  EXPECT_EQ(first.code, 1) << first.text;
+  EXPECT_THAT(first.text, HasSubstr("2 of 3 recordings answered, 1 of them unreadable; 1 failed"));
+  EXPECT_THAT(first.text, HasSubstr("failed: " + (dir / "gone").string() + ": see " + (dir / "out/failed").string()));
+  fs::create_directories(dir / "gone");
+  fs::copy(recordings[0], dir / "gone", fs::copy_options::recursive);
+  const auto second = isorig(dir, words, 120.0);
+  EXPECT_EQ(second.code, 3) << "one cannot be read: " << second.text;
+  const auto json = nlohmann::json::parse(slurp(dir / "out/campaign.json"));
+  EXPECT_EQ(json["recordings"][0]["verdict"], "fitted");
+  EXPECT_EQ(json["recordings"][1]["verdict"], "bad_recording");
+  EXPECT_EQ(json["recordings"][2]["verdict"], "fitted");
+  EXPECT_THAT(slurp(dir / "out" / json["recordings"][1]["folder"].get<std::string>() / "log.txt"),
+              HasSubstr("frame.csv:2"));
+  EXPECT_TRUE(fs::exists(dir / "out" / json["recordings"][0]["page"].get<std::string>()));
+}
+
+}  // namespace
+}  // namespace isorig

@@ -1,0 +1,106 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "pieces_of_test.hpp"
+#include "slurm_cluster.hpp"
+
+/// `isorig campaign --on slurm` on a private cluster of Debian's own Slurm. Needs root, as slurmd does.
+namespace isorig {
+namespace {
+
+namespace fs = std::filesystem;
+using pieces_test::different_files;
+using pieces_test::make_recordings;
+using pieces_test::pieces_in;
+using pieces_test::SlurmCluster;
+using system_test::bin;
+using system_test::isorig;
+using system_test::Process;
+using system_test::slurp;
+using system_test::TempDir;
+using system_test::wait_until;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+std::vector<std::string> campaign(const std::vector<std::string>& recordings, const fs::path& out,
+                                  const std::vector<std::string>& more) {
+  std::vector<std::string> words{"campaign", "--ask", "diagnose", "--out", out.string()};
+  words.insert(words.end(), recordings.begin(), recordings.end());
+  words.insert(words.end(), more.begin(), more.end());
+  return words;
+}
+
+TEST(CampaignSlurm, ANodeKilledInMidJobAnInterruptedCallAndACancelledTaskGiveTheBytesOfALocalRun) {
+  if (::geteuid() != 0) GTEST_SKIP() << "slurmd needs root";
+  const TempDir dir;
+  const auto recordings = make_recordings(dir / "recordings", 5);
+  const auto local = isorig(dir, campaign(recordings, dir / "local", {"-j", "2"}), 240.0);
+  ASSERT_EQ(local.code, 0) << local.text;
+
+  SlurmCluster cluster;
+  ASSERT_TRUE(cluster.ready()) << cluster.log();
+  // MaxArraySize=4 of this cluster: three tasks at most, with two recordings each or one.
+  auto words = campaign(recordings, dir / "cluster", {"--on", "slurm"});
+  words.insert(words.begin(), bin("isorig"));
+  std::string job;
+  {
+    Process first(words, dir / "first.txt");
+    ASSERT_TRUE(wait_until(60.0, [&] { return !cluster.on_node(0).empty() && !cluster.on_node(1).empty(); }))
+        << first.output() << cluster.log();
+    EXPECT_THAT(first.output(), HasSubstr("5 recordings"));
+    cluster.kill_node(0);
+    EXPECT_TRUE(wait_until(5.0, [&] { return cluster.on_node(0).empty(); }));
+    EXPECT_LT(pieces_in(dir / "cluster").size(), recordings.size()) << "it was not in mid-job";
+    // Ctrl-C leaves the jobs running and says how to go on.
+    EXPECT_EQ(first.stop(SIGINT), -SIGINT) << first.output();
+    EXPECT_THAT(first.output(), HasSubstr("`scancel "));
+  }
+  Process second(words, dir / "second.txt");
+  // Slurm finds the node dead and puts its task back, but for two minutes: "BeginTime". An administrator need not wait.
+  ASSERT_TRUE(
+      wait_until(60.0,
+                 [&] {
+                   std::istringstream lines(cluster.ask({"squeue", "-h", "-r", "-t", "PENDING", "-o", "%A %r"}));
+                   for (std::string id, reason; lines >> id >> reason;)
+                     if (reason == "BeginTime") job = id;
+                   return !job.empty();
+                 }))
+      << cluster.ask({"squeue"}) << cluster.log();
+  EXPECT_THAT(cluster.ask({"sinfo", "-h", "-N", "-n", "n1", "-o", "%T"}), HasSubstr("down"));
+  cluster.ask({"scontrol", "update", "JobId=" + job, "StartTime=now"});
+  EXPECT_EQ(second.wait(120.0), 0) << second.output() << cluster.log();
+  EXPECT_THAT(second.output(), HasSubstr("of an earlier call is under way"));
+  EXPECT_THAT(second.output(), HasSubstr("5 of 5 recordings answered"));
+  EXPECT_THAT(different_files(dir / "local", dir / "cluster"), IsEmpty());
+  EXPECT_FALSE(fs::exists(dir / "cluster/slurm/array-2.txt")) << "Slurm repeated the task; no second array was needed";
+}
+
+TEST(CampaignSlurm, ACancelledTaskIsSubmittedAgainAndARefusalIsSaidInSlurmsWords) {
+  if (::geteuid() != 0) GTEST_SKIP() << "slurmd needs root";
+  const TempDir dir;
+  const auto recordings = make_recordings(dir / "recordings", 2);
+  const auto none = isorig(dir, campaign(recordings, dir / "none", {"--on", "slurm"}), 60.0);
+  EXPECT_EQ(none.code, 1);
+  EXPECT_THAT(none.text, HasSubstr("is slurmctld up"));
+
+  SlurmCluster cluster;
+  ASSERT_TRUE(cluster.ready()) << cluster.log();
+  const auto refused = isorig(
+      dir, campaign(recordings, dir / "refused", {"--on", "slurm", "--slurm-options", "--partition=nowhere"}), 60.0);
+  EXPECT_EQ(refused.code, 1);
+  EXPECT_THAT(refused.text, HasSubstr("sbatch refused: "));
+  EXPECT_THAT(refused.text, HasSubstr("nvalid partition"));
+
+  auto words = campaign(recordings, dir / "out", {"--on", "slurm"});
+  words.insert(words.begin(), bin("isorig"));
+  Process process(words, dir / "out.txt");
+  ASSERT_TRUE(wait_until(60.0, [&] { return !cluster.on_node(0).empty(); })) << process.output() << cluster.log();
+  cluster.ask({"scancel", "--me"});
+  EXPECT_EQ(process.wait(120.0), 0) << process.output() << cluster.log();
+  EXPECT_TRUE(fs::exists(dir / "out/slurm/array-2.txt"));
+  EXPECT_THAT(slurp(dir / "out/slurm/array-2.txt"), HasSubstr(recordings[0]));
+  EXPECT_EQ(pieces_in(dir / "out").size(), 2U);
+}
+
+}  // namespace
+}  // namespace isorig
