@@ -44,6 +44,7 @@ int ended(const pieces::CampaignCall& call, const pieces::CampaignEnd& end) {
   if (s.waiting() > 0) std::printf("; %zu not made yet", s.waiting());
   std::printf("\n");
   for (const auto& [verdict, count] : s.verdicts) std::printf("  %zu %s\n", count, verdict.c_str());
+  for (const std::string& finding : s.findings) std::printf("%s\n", finding.c_str());
   std::printf("written to %s\n", call.plan.folder.c_str());
   std::fflush(stdout);
   if (!end.stopped.empty()) std::cerr << "isorig campaign: " << end.stopped << '\n';

@@ -2,6 +2,7 @@
 
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <stdexcept>
 #include <tuple>
 #include <vector>
@@ -10,6 +11,7 @@
 #include "base/number_text.hpp"
 #include "base/text_file.hpp"
 #include "cli/campaign/piece.hpp"
+#include "identify/pooling/pool.hpp"
 #include "identify/report/neighbours.hpp"
 
 namespace isorig::cli::pieces {
@@ -18,9 +20,10 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::ordered_json;
 
-constexpr std::size_t kMostRows = 2000;  // of the page: a browser lays them out in a second
-constexpr std::size_t kMostCells = 400;  // specimens and pressures of the page's first table
-constexpr std::size_t kMostInCell = 24;  // repetitions in one of its cells
+constexpr std::size_t kMostRows = 2000;      // of the page: a browser lays them out in a second
+constexpr std::size_t kMostCells = 400;      // specimens and pressures of the page's first table
+constexpr std::size_t kMostInCell = 24;      // repetitions in one of its cells
+constexpr std::size_t kMostPooled = 10'000;  // diagnoses in memory at once, some kB each
 
 std::string text_of(const ordered_json& value) {
   if (value.is_null()) return "";
@@ -131,23 +134,49 @@ struct PageRows {
   }
 };
 
+/// What the diagnoses say together, or why they cannot be put together.
+struct Together {
+  std::optional<identify::pooling::PooledCampaign> pooled;
+  std::string why;
+};
+
+Together pooled_of(const std::vector<identify::pooling::Source>& diagnoses, bool all) {
+  if (!all)
+    return {{},
+            base::formatted("There are more than %zu diagnoses, too many to pool at once: `isorig pool` takes the "
+                            "folders of one kind of actuator",
+                            kMostPooled)};
+  try {
+    return {identify::pooling::pool(diagnoses), ""};
+  } catch (const identify::pooling::PoolError& e) {
+    return {{}, std::string("The diagnoses were not pooled: ") + e.what()};
+  }
+}
+
 std::string counted(const Standing& s) {
   return base::formatted("%zu of %zu recordings answered, %zu of them unreadable; %zu failed, %zu waiting", s.made,
                          s.recordings, s.bad, s.failed, s.waiting());
 }
 
-void write_page(const Plan& plan, const Standing& s, const PageRows& shown, const identify::report::Made& made) {
+void write_page(const Plan& plan, const Standing& s, const PageRows& shown, const Together& together,
+                const identify::report::Made& made) {
   identify::report::Page page("Campaign", "Campaign: " + plan.folder.filename().string());
   page.subtitle("isorig " + plan.ask.command + " --model " + plan.ask.model + " of each recording");
   const bool whole = s.failed == 0 && s.waiting() == 0;
   page.lead(!whole ? identify::report::Mood::kWarning : identify::report::Mood::kInfo,
             whole ? "complete" : "incomplete", counted(s) + ".");
   page.made(made);
+  if (together.pooled) {
+    page.link("pooled.json", "pooled.json");
+    identify::pooling::add_pooled_sections(page, *together.pooled, plan.folder);
+  } else if (!together.why.empty()) {
+    page.note(together.why);
+  }
   std::vector<std::vector<std::string>> verdicts;
   for (const auto& [verdict, count] : s.verdicts) verdicts.push_back({verdict, std::to_string(count)});
   page.heading("Verdicts");
   page.table({"verdict", "recordings"}, verdicts);
-  if (!shown.cells.empty()) {
+  if (!together.pooled && !shown.cells.empty()) {
     page.heading("Specimens and pressures");
     std::vector<std::vector<std::string>> rows;
     for (const auto& [key, found] : shown.cells) {
@@ -162,7 +191,7 @@ void write_page(const Plan& plan, const Standing& s, const PageRows& shown, cons
     if (!shown.all_cells)
       page.note("There are more specimens and pressures than this page holds: campaign.csv has all.");
   }
-  page.heading("Recordings");
+  page.heading(together.pooled ? "All answers" : "Recordings");
   page.paragraph("Each name leads to the recording's own page, or to the log of what went wrong.");
   page.table({"recording", "specimen", "pressure (psi)", "repetition", "verdict", "missing, with probability"},
              shown.rows, {}, shown.hrefs);
@@ -176,6 +205,8 @@ void write_page(const Plan& plan, const Standing& s, const PageRows& shown, cons
 Standing merge(const Plan& plan, const identify::report::Made* made) {
   Standing s;
   PageRows shown;
+  std::vector<identify::pooling::Source> diagnoses;
+  bool all_diagnoses = true;
   Appearing csv(plan.folder / "campaign.csv"), json(plan.folder / "campaign.json");
   const ordered_json head{
       {"format", "isorig-campaign-pieces/1"}, {"ask", stamp_of(plan.ask)}, {"program", plan.program}};
@@ -199,12 +230,26 @@ Standing merge(const Plan& plan, const identify::report::Made* made) {
     csv.out() << line << '\n';
     json.out() << (s.recordings == 1 ? "\n    " : ",\n    ")
                << row.dump(-1, ' ', false, ordered_json::error_handler_t::replace);
-    if (made != nullptr) shown.add(row);
+    if (made == nullptr) return;
+    shown.add(row);
+    if (plan.ask.command != "diagnose" || state != "made") return;
+    all_diagnoses = all_diagnoses && diagnoses.size() < kMostPooled;
+    if (all_diagnoses) diagnoses.push_back({piece_folder(plan, recording)});
   });
   json.out() << "\n  ]\n}\n";
   csv.finish();
   json.finish();
-  if (made != nullptr) write_page(plan, s, shown, *made);
+  fs::remove(plan.folder / "pooled.json");
+  if (made == nullptr) return s;
+  Together together;
+  if (diagnoses.size() > 1) together = pooled_of(diagnoses, all_diagnoses);
+  if (together.pooled) {
+    s.findings = together.pooled->findings;
+    Appearing pooled(plan.folder / "pooled.json");
+    pooled.out() << identify::pooling::pooled_json(*together.pooled).dump(1) << '\n';
+    pooled.finish();
+  }
+  write_page(plan, s, shown, together, *made);
   return s;
 }
 

@@ -2,6 +2,7 @@
 #include <cstddef>
 #include <map>
 #include <string>
+#include <vector>
 
 #include "cli/campaign/plan.hpp"
 #include "identify/report/page.hpp"
@@ -15,12 +16,15 @@ struct Standing {
   std::size_t bad = 0;     ///< of those: the recording could not be read
   std::size_t failed = 0;  ///< an attempt failed, none succeeded
   std::map<std::string, std::size_t> verdicts{};
+  std::vector<std::string>
+      findings{};  ///< what the diagnoses say together (docs/pooling.md); empty where they are not pooled
   [[nodiscard]] std::size_t waiting() const { return recordings - made - failed; }
 };
 
 /// DIR/campaign.csv and campaign.json, a row a recording in the plan's order, of the pieces that are there, and
-/// DIR/campaign-report.html, whose table leads to their pages. Read and written piece by piece. `made`: nothing where
-/// the page is not wanted.
+/// DIR/campaign-report.html, whose table leads to their pages. Read and written piece by piece. Up to 10,000 diagnoses
+/// are pooled: pooled.json, and the page begins with what they say together. `made`: nothing where the page is not
+/// wanted.
 Standing merge(const Plan& plan, const identify::report::Made* made);
 
 }  // namespace isorig::cli::pieces

@@ -50,6 +50,8 @@ TEST(CampaignLocal, InterruptedAndGoneOnWithGivesTheBytesOfAnUninterruptedRun) {
   ASSERT_EQ(whole.code, 0) << whole.text;
   EXPECT_THAT(whole.text, HasSubstr("4 of 4 recordings answered"));
   EXPECT_EQ(pieces_in(dir / "whole").size(), 4U);
+  EXPECT_THAT(slurp(dir / "whole/pooled.json"), HasSubstr("isorig-pooled/1")) << whole.text;
+  EXPECT_THAT(slurp(dir / "whole/campaign-report.html"), HasSubstr("What the campaign says"));
 
   auto words = campaign(recordings, dir / "again", {"-j", "1"});
   words.insert(words.begin(), bin("isorig"));
