@@ -46,7 +46,7 @@ bool counts_before(const std::string& a, const std::string& b) {
 void check_same_model(const std::vector<ReadDiagnosis>& recordings) {
   const auto names = [](const ReadDiagnosis& of) {
     std::string out;
-    for (const ReadNumber& number : of.nominal) out += (out.empty() ? "" : ", ") + number.name;
+    for (const std::string& name : of.asked) out += (out.empty() ? "" : ", ") + name;
     return out;
   };
   const std::string first = names(recordings.front());

@@ -159,6 +159,8 @@ ReadDiagnosis read_checked(const Source& source, const fs::path& file, const ord
   for (const auto& one : json.at("discernible"))
     if (!one.at("seen_from_N").is_number()) out.invisible.push_back(one.at("effect"));
   out.nominal = nominal_numbers(json.at("fit").at("model").at("numbers"));
+  for (const ReadNumber& number : nominal_numbers(json.at("fit").at("nominal").at("numbers")))
+    out.asked.push_back(number.name);
   for (const char* page : {"diagnosis-report.html", "report.html", "diagnosis.json"})
     if (out.page.empty() && fs::exists(source.diagnosis / page)) out.page = page;
   return out;

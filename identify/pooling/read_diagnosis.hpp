@@ -62,7 +62,8 @@ struct ReadDiagnosis {
   };
   std::vector<Tried> tried;
   std::vector<std::string> invisible;  ///< effects that the recording could not have shown
-  std::vector<ReadNumber> nominal;     ///< as the completed model has them
+  std::vector<ReadNumber> nominal;     ///< as the completed model has them: a law in an arm's place has no arm
+  std::vector<std::string> asked;      ///< names of the numbers of the nominal model that the diagnosis was asked about
   std::string page;                    ///< diagnosis-report.html, or diagnosis.json where there is no page
 };
 

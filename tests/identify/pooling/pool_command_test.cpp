@@ -62,6 +62,7 @@ json diagnosis(const std::string& specimen, double pressure_psi, int repetition,
                               {"parameters", {{"force_N", number(0.2 + 0.03 * pressure_psi, 0.01)}}}});
   out["fit"]["model"]["numbers"] = {part("spring", "stiffness_N_mm", 2.0), part("maxwell", "stiffness_N_mm", 1.0),
                                     part("maxwell", "time_constant_s", 0.5)};
+  out["fit"]["nominal"]["numbers"] = out["fit"]["model"]["numbers"];
   return out;
 }
 
@@ -126,11 +127,22 @@ TEST_F(PoolCommand, ADiagnosisThatNamesNoRecordingIsRefused) {
 
 TEST_F(PoolCommand, AnotherNominalModelIsRefused) {
   json other = diagnosis("Actuator1", 10, 2, true);
-  other["fit"]["model"]["numbers"].push_back(part("maxwell", "stiffness_N_mm", 0.5));
+  other["fit"]["nominal"]["numbers"].push_back(part("maxwell", "stiffness_N_mm", 0.5));
   put("other", other);
   const Said said = with((folder_ / "other").string());
   EXPECT_EQ(said.code, 3);
   EXPECT_THAT(said.text, HasSubstr("pool diagnoses of one nominal model"));
+}
+
+/// A dashpot that thins with shear stands in the arm's place: the same question, and another answer.
+TEST_F(PoolCommand, AnActuatorWhoseArmIsReplacedIsPooledWithTheOthers) {
+  json thinning = diagnosis("Actuator1", 10, 2, true);
+  thinning["fit"]["model"]["numbers"] = {part("spring", "stiffness_N_mm", 2.0)};
+  put("thinning", thinning);
+  const Said said = with((folder_ / "thinning").string());
+  EXPECT_EQ(said.code, 0) << said.text;
+  const auto pooled = json::parse(std::ifstream(folder_ / "out" / "pooled.json"));
+  EXPECT_EQ(pooled["recordings"].size(), 31U);
 }
 
 TEST_F(PoolCommand, WhatIsNoWholeDiagnosisIsRefused) {
