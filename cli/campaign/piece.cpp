@@ -27,11 +27,6 @@ constexpr std::uintmax_t kRoom_bytes = 64 << 20;  // a diagnosis with its page n
 constexpr int kNothingFitted = 1;                 // what `isorig fv` returns then; its files say why
 constexpr int kBadRecording = 3;
 
-std::string host_name() {
-  std::array<char, 256> name{};
-  return ::gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "host";
-}
-
 std::string utc_now() {
   const std::time_t now = std::time(nullptr);
   std::tm utc{};

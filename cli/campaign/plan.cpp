@@ -14,6 +14,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/fingerprint.hpp"
+#include "base/formatted.hpp"
 #include "base/printable.hpp"
 #include "base/text_file.hpp"
 #include "identify/report/page.hpp"
@@ -25,11 +26,6 @@ namespace fs = std::filesystem;
 using nlohmann::ordered_json;
 
 constexpr const char* kFormat = "isorig-campaign-plan/1";
-
-std::string host_name() {
-  std::array<char, 256> name{};
-  return ::gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "?";
-}
 
 /// A folder that something else was written into is not to be mixed with.
 void refuse_other_campaign(const Plan& plan) {
@@ -72,10 +68,9 @@ class Writer {
     const auto twice = std::ranges::adjacent_find(seen_);
     if (twice != seen_.end()) {
       std::string which;
-      std::array<char, 17> digits{};
-      std::snprintf(digits.data(), digits.size(), "%016llx", static_cast<unsigned long long>(*twice));
+      const std::string digits = base::formatted("%016llx", static_cast<unsigned long long>(*twice));
       for_each_line(file_, [&](const std::string& line) {
-        if (base::fingerprint(line) == digits.data()) which = line;
+        if (base::fingerprint(line) == digits) which = line;
       });
       throw PlanError(which + ": named twice; name every recording once");
     }
@@ -97,6 +92,11 @@ void add_list(Writer& writer, std::istream& in, const std::string& name) {
 }
 
 }  // namespace
+
+std::string host_name() {
+  std::array<char, 256> name{};
+  return ::gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "host";
+}
 
 fs::path piece_name(const std::string& recording) {
   const std::string digits = base::fingerprint(recording);

@@ -55,6 +55,9 @@ std::size_t write_plan(const Plan& plan, const Named& named, std::istream& stand
 /// For each line of a file that write_plan or Runner wrote.
 void for_each_line(const std::filesystem::path& file, const std::function<void(const std::string&)>& each);
 
+/// Of this machine, for whoever looks where a lock or a piece comes from.
+[[nodiscard]] std::string host_name();
+
 /// One campaign in a folder at a time, on whichever machine of a shared file system; free when this ends, also by
 /// SIGKILL. Throws PlanError and says who has it.
 class FolderLock {

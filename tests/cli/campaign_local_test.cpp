@@ -8,6 +8,7 @@ namespace isorig {
 namespace {
 
 namespace fs = std::filesystem;
+using pieces_test::campaign;
 using pieces_test::different_files;
 using pieces_test::make_recordings;
 using pieces_test::pieces_in;
@@ -20,14 +21,6 @@ using system_test::TempDir;
 using system_test::wait_until;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
-
-std::vector<std::string> campaign(const std::vector<std::string>& recordings, const fs::path& out,
-                                  const std::vector<std::string>& more) {
-  std::vector<std::string> words{"campaign", "--ask", "diagnose", "--out", out.string()};
-  words.insert(words.end(), recordings.begin(), recordings.end());
-  words.insert(words.end(), more.begin(), more.end());
-  return words;
-}
 
 /// Processes whose command line holds this text, without threads' or our own.
 std::vector<pid_t> processes_with(const std::string& text) {

@@ -9,6 +9,7 @@ namespace isorig {
 namespace {
 
 namespace fs = std::filesystem;
+using pieces_test::campaign;
 using pieces_test::different_files;
 using pieces_test::make_recordings;
 using pieces_test::pieces_in;
@@ -21,14 +22,6 @@ using system_test::TempDir;
 using system_test::wait_until;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
-
-std::vector<std::string> campaign(const std::vector<std::string>& recordings, const fs::path& out,
-                                  const std::vector<std::string>& more) {
-  std::vector<std::string> words{"campaign", "--ask", "diagnose", "--out", out.string()};
-  words.insert(words.end(), recordings.begin(), recordings.end());
-  words.insert(words.end(), more.begin(), more.end());
-  return words;
-}
 
 TEST(CampaignSlurm, ANodeKilledInMidJobAnInterruptedCallAndACancelledTaskGiveTheBytesOfALocalRun) {
   if (::geteuid() != 0) GTEST_SKIP() << "slurmd needs root";

@@ -46,6 +46,15 @@ inline std::vector<std::string> make_recordings(const fs::path& folder, unsigned
   return out;
 }
 
+/// The words of `isorig campaign --ask diagnose` behind the program's name.
+inline std::vector<std::string> campaign(const std::vector<std::string>& recordings, const fs::path& out,
+                                         const std::vector<std::string>& more) {
+  std::vector<std::string> words{"campaign", "--ask", "diagnose", "--out", out.string()};
+  words.insert(words.end(), recordings.begin(), recordings.end());
+  words.insert(words.end(), more.begin(), more.end());
+  return words;
+}
+
 /// Bytes of all files of a campaign by path, but for the times, the page (which has its own call at its foot) and what
 /// belongs to one place of running.
 inline std::map<std::string, std::string> results_in(const fs::path& campaign) {
