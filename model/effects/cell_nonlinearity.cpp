@@ -23,20 +23,23 @@ class Curved : public Process {
 /// F_read = F / (1 + (|F| / c)^n)^(1 / n): linear below the ceiling c, which no reading passes.
 class Ceiling : public Process {
  public:
-  Ceiling(double ceiling_N, double sharpness) noexcept : ceiling_N_(ceiling_N), sharpness_(sharpness) {}
+  Ceiling(double ceiling_N, double sharpness) noexcept
+      : ceiling_N_(ceiling_N), sharpness_(sharpness), linear_share_(std::exp(std::log(kLinear) / sharpness)) {}
   void reset(const Instant&) noexcept override {}
   void shape(const Instant&, std::span<double> columns, std::span<const double> coefficients) noexcept override {
     double force_N = 0.0;
     for (std::size_t i = 0; i < columns.size(); ++i) force_N += columns[i] * coefficients[i];
     const double share = std::fabs(force_N) / ceiling_N_;
+    if (share <= linear_share_) return;
     // Above the ceiling with the power taken out, so that share^n does not overflow.
-    const double read = share <= 1.0 ? std::pow(1.0 + std::pow(share, sharpness_), -1.0 / sharpness_)
-                                     : std::pow(1.0 + std::pow(share, -sharpness_), -1.0 / sharpness_) / share;
+    const double power = std::exp(-sharpness_ * std::fabs(std::log(share)));
+    const double read = std::exp(-std::log1p(power) / sharpness_) / std::fmax(share, 1.0);
     for (double& column : columns) column *= read;
   }
 
  private:
-  double ceiling_N_, sharpness_;
+  static constexpr double kLinear = 1e-13;  ///< share^n that the reading is linear for
+  double ceiling_N_, sharpness_, linear_share_;
 };
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "concealed_specimen.hpp"
 #include "identify/diagnose/fit/fit.hpp"
@@ -55,6 +56,39 @@ TEST(Evaluator, KeepsNothingThatMoved) {
         }
       }
     }
+  }
+}
+
+/// A ceiling bends the force by the very coefficients that are solved for. Solving has settled when the model that it
+/// returns predicts the residual that it returns.
+TEST(Evaluator, SettlesAtTheCornerOfACeiling) {
+  constexpr double kSharpness = 12.0;
+  const model::Physics& cell = model::effect::cell_nonlinearity();
+  for (const double share : {0.85, 0.9, 0.95}) {
+    messages::Recording recording = test::record_other({.friction_N = 0.3});
+    double largest_N = 0.0;
+    for (const double force_N : recording.frame.force_N) largest_N = std::max(largest_N, std::fabs(force_N));
+    const double ceiling_N = share * largest_N;
+    for (double& force_N : recording.frame.force_N)
+      force_N /= std::pow(1.0 + std::pow(std::fabs(force_N) / ceiling_N, kSharpness), 1.0 / kSharpness);
+    std::vector<bool> usable(recording.frame.size(), true);
+    const std::vector<Series> series{prepare_series("bench", std::move(recording), usable)};
+    const NoiseModel noise{0.02, 0.0, 1.0};
+    const Whitener whitener(series, noise);
+    const Problem problem(series, noise);
+    RowMatrix target = problem.target();
+    whitener.apply(target);
+    const Eigen::VectorXd whitened = target.col(0);
+
+    model::ModelSpec spec = problem.fit(model::nominal_model("slse1"), 10).spec;
+    spec.parts.push_back(model::make_part(cell, *model::find_law(cell, "ceiling")));
+    spec.parts.back().parameters = {1.1 * ceiling_N, kSharpness};
+    Evaluator evaluator(series, whitener, whitened);
+    Eigen::VectorXd residual;
+    const double squares = evaluator.solve(spec, residual);
+    RowMatrix left = problem.target() - problem.predict(spec);
+    whitener.apply(left);
+    EXPECT_NEAR(squares, left.squaredNorm(), 1e-8 * left.squaredNorm()) << share;
   }
 }
 
