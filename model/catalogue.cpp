@@ -19,7 +19,8 @@ std::span<const Physics* const> elements() {
                               &element::empirical_force(),
                               &element::empirical_motion(),
                               &element::empirical_memory(),
-                              &element::empirical_response()};
+                              &element::empirical_response(),
+                              &element::discovered()};
   return all;
 }
 
@@ -52,7 +53,8 @@ bool is_effect(const Physics& physics) {
 
 bool is_empirical(const Physics& physics) {
   return &physics == &element::empirical_force() || &physics == &element::empirical_motion() ||
-         &physics == &element::empirical_memory() || &physics == &element::empirical_response();
+         &physics == &element::empirical_memory() || &physics == &element::empirical_response() ||
+         &physics == &element::discovered();
 }
 
 std::string_view side_of(Stage stage) noexcept {

@@ -16,7 +16,7 @@ namespace isorig::model {
 [[nodiscard]] const Physics* find_physics(std::string_view name);
 [[nodiscard]] const Law* find_law(const Physics& physics, std::string_view law);
 [[nodiscard]] bool is_effect(const Physics& physics);
-/// Has no law: tables and memories that were fitted to a recording.
+/// Has no name: tables, memories and products that were fitted to a recording.
 [[nodiscard]] bool is_empirical(const Physics& physics);
 
 }  // namespace isorig::model

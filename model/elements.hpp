@@ -20,5 +20,8 @@ const Physics& empirical_motion();
 /// The same with memory, in few numbers: of the specimen and of the force channel.
 const Physics& empirical_memory();
 const Physics& empirical_response();
+/// A law without a name, as a product (identify/diagnose/search/discovery.hpp). Its laws are called CARRIER_FACTOR:
+/// "arm_position" pulls with c z x. Carriers are elastic, arm, dashpot and friction.
+const Physics& discovered();
 
 }  // namespace isorig::model::element

@@ -157,8 +157,9 @@ TEST_F(Forecasts, AFaultInSeenIsNamed) {
 std::vector<model::Part> all_parts() {
   std::vector<model::Part> out;
   std::vector<const model::Physics*> physics(model::effects().begin(), model::effects().end());
-  for (const auto* one : {&model::element::empirical_force(), &model::element::empirical_motion(),
-                          &model::element::empirical_memory(), &model::element::empirical_response()})
+  for (const auto* one :
+       {&model::element::empirical_force(), &model::element::empirical_motion(), &model::element::empirical_memory(),
+        &model::element::empirical_response(), &model::element::discovered()})
     physics.push_back(one);
   for (const auto* one : physics) {
     for (const model::Law& law : one->laws) {

@@ -1,14 +1,33 @@
 #include <algorithm>
+#include <iterator>
 #include <ostream>
 
 #include "judge.hpp"
 
 namespace isorig::test {
 
+namespace {
+
+/// Products of a state and a factor: those that know nothing of the past have no error at any step.
+std::vector<Case> products() {
+  std::vector<Case> out;
+  for (const model::Law& law : model::find_physics("discovered")->laws) {
+    const auto has = [&](std::string_view word) { return law.name.find(word) != std::string_view::npos; };
+    std::vector<std::vector<double>> numbers{{}};
+    if (has("arm_")) numbers = {{0.8}, {0.02}, {300.0}};
+    if (has("friction_")) numbers = {{0.02}, {0.3}};
+    const bool remembers = !numbers.front().empty() || has("_travel") || has("_farthest");
+    out.push_back({"discovered", law.name, numbers, {0.4}, remembers ? 1e-6 : 1e-12, remembers ? 2.0 : 0.0});
+  }
+  return out;
+}
+
+}  // namespace
+
 const std::vector<Case>& cases() {
   // A table of one direction jumps at a reversal and is wrong for one instant: the rms goes with the root of
   // the step. Memoryless laws have no error at any step; friction, play and softening know nothing of time.
-  static const std::vector<Case> all{
+  static const std::vector<Case> named{
       {"spring", "linear", {{}}, {2.5}, 1e-12, 0, true},
       {"maxwell", "linear", {{0.8}, {0.02}, {300.0}}, {2.0}, 1e-6, 2, false, true},
       {"arm_start", "relaxing", {{2.0, 1.0, 0.0, 0.0}, {20.0, 1.0, 0.0, 0.7}}, {0.5}, 1e-12, 0},
@@ -92,6 +111,11 @@ const std::vector<Case>& cases() {
       {"permanent_set", "saturating", {{0.4}, {5.0}}, {-0.3}, 1e-9, 2, true},
       {"friction_with_load", "capstan", {{0.02, 0.1}, {0.3, 0.6}}, {}, 1e-6, 2},
   };
+  static const std::vector<Case> all = [] {
+    std::vector<Case> both = named;
+    std::ranges::copy(products(), std::back_inserter(both));
+    return both;
+  }();
   return all;
 }
 

@@ -494,6 +494,54 @@ void add_rig_and_sensor(std::map<std::string, Judge>& of) {
   of["zero_drift/wander"] = several(waves);
 }
 
+/// Every product of docs/effects.md, "A law without a name".
+void add_products(std::map<std::string, Judge>& of) {
+  using Of = std::function<Curve(Numbers, const Track&)>;
+  const std::map<std::string, Of> states{
+      {"elastic",
+       [](Numbers, const Track& t) { return pointwise(t, [&](std::size_t i) { return elongation(t, i); })[0]; }},
+      {"arm", [](Numbers p, const Track& t) { return arm(t, p[0]); }},
+      {"dashpot", [](Numbers, const Track& t) { return t.velocity_mm_s; }},
+      {"friction", [](Numbers p, const Track& t) { return bristle(t, p[0]); }}};
+  const auto farthest = [](const Track& t) {
+    Curve out;
+    for (const double x : t.position_mm)
+      out.push_back(std::max(out.empty() ? 0.0 : out.back(), std::fabs(x - t.position_mm[0])));
+    return out;
+  };
+  const std::map<std::string, std::function<Curve(const Track&, const Curve&)>> factors{
+      {"alone", [](const Track& t, const Curve&) { return Curve(t.size(), 1.0); }},
+      {"position", [](const Track& t, const Curve&) { return t.position_mm; }},
+      {"position_squared",
+       [](const Track& t, const Curve&) {
+         Curve out = t.position_mm;
+         for (double& x : out) x *= x;
+         return out;
+       }},
+      {"magnitude",
+       [](const Track&, Curve state) {
+         for (double& s : state) s = std::fabs(s);
+         return state;
+       }},
+      {"rate",
+       [](const Track& t, const Curve&) {
+         Curve out = t.velocity_mm_s;
+         for (double& v : out) v = std::fabs(v);
+         return out;
+       }},
+      {"pressure", [](const Track& t, const Curve&) { return t.excess_psi; }},
+      {"travel", [](const Track& t, const Curve&) { return travel(t); }},
+      {"farthest", [=](const Track& t, const Curve&) { return farthest(t); }}};
+  for (const auto& [state_name, state] : states)
+    for (const auto& [factor_name, factor] : factors)
+      of["discovered/" + state_name + "_" + factor_name] = {.force = [state, factor](Numbers p, const Track& t) {
+        Curve out = state(p, t);
+        const Curve by = factor(t, out);
+        for (std::size_t i = 0; i < out.size(); ++i) out[i] *= by[i];
+        return Columns{out};
+      }};
+}
+
 const std::map<std::string, Judge>& judges() {
   static const std::map<std::string, Judge> all = [] {
     std::map<std::string, Judge> of = make_elements();
@@ -501,6 +549,7 @@ const std::map<std::string, Judge>& judges() {
     add_specimen(of);
     add_rig_and_sensor(of);
     add_mckibben(of);
+    add_products(of);
     return of;
   }();
   return all;
