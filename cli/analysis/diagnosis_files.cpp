@@ -143,6 +143,9 @@ void print_diagnosis(const identify::Diagnosis& d, const std::filesystem::path& 
   if (!d.described_by.empty())
     std::printf("  something that the catalogue does not know, described as a function of %s\n",
                 d.described_by.c_str());
+  for (const auto& law : d.discovered)
+    std::printf("    %s\n      %s; inclusion probability %s\n", law.in_words.c_str(), law.formula.c_str(),
+                number_text(law.inclusion_probability, 3).c_str());
   print_tied(d.design);
   print_faults(d.faults);
   print_notes(d);

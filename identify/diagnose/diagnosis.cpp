@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <map>
 #include <stdexcept>
 
 #include "identify/diagnose/diagnosis_notes.hpp"
@@ -122,20 +123,23 @@ void decide_verdict(const Study& study, bool noise_from_rests, Diagnosis& out) {
   out.verdict = verdict_of(explained);
 }
 
-/// Elements with memory in place of what a table describes, where much is left. If the table already explains more
-/// than 88 % of the excess, keep it: the elements fit so small a remainder well and do not generalise (development seed
-/// 20261121: gap closed on heldout motions fell from 72 % to 6 %).
-void describe_what_is_left(const Search& search, const Study& study, unsigned threads, const Diagnosis& out,
-                           Candidate& whole) {
-  if (out.verdict != Verdict::kUnknownPhysics || out.unexplained <= kMuchUnexplained) return;
-  if (auto memory = describe_hysteresis(search, study.selection, threads)) {
-    whole.spec = std::move(memory->spec);
-    whole.described_by = memory->function_of;
-    whole.criterion = {memory->noise, false};
-    whole.effects.clear();
-    for (const auto* effect : study.selection.chosen().effects)
-      if (whole.spec.has(effect->name)) whole.effects.push_back(effect);
-  }
+/// Products or an element with memory in place of what a table describes. If the table already explains more than 88 %
+/// of the excess, only products may replace it: memories fit so small a remainder well and do not generalise
+/// (development seed 20261121: gap closed on heldout motions fell from 72 % to 6 %). Returns what speaks for each
+/// product that was weighed.
+std::map<std::string, double> describe_what_is_left(const Search& search, const Study& study, unsigned threads,
+                                                    const Diagnosis& out, Candidate& whole) {
+  if (out.verdict != Verdict::kUnknownPhysics) return {};
+  const DescribeBy by = out.unexplained > kMuchUnexplained ? DescribeBy::kProductsAndMemory : DescribeBy::kProducts;
+  auto described = describe_hysteresis(search, study.selection, threads, by);
+  if (!described) return {};
+  whole.spec = std::move(described->spec);
+  whole.described_by = described->function_of;
+  whole.criterion = {described->noise, false};
+  whole.effects.clear();
+  for (const auto* effect : study.selection.chosen().effects)
+    if (whole.spec.has(effect->name)) whole.effects.push_back(effect);
+  return std::move(described->inclusion);
 }
 
 /// [seen] of a model that was fitted to `series`, for predictions (forecast.hpp).
@@ -287,11 +291,12 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
       out.model, study.selection.best == 0 ? nominal_published.criterion : criterion_of_chosen(search, study.selection),
       chosen.effects, chosen.empirical};
   now(0.9, "what is left");
-  describe_what_is_left(search, study, options.threads, out, whole);
+  const std::map<std::string, double> inclusion = describe_what_is_left(search, study, options.threads, out, whole);
   for (MissingEffect& missing : out.missing)
     missing.probability = calibrated(missing.probability, out.unexplained, out.verdict == Verdict::kUnknownPhysics);
   now(0.93, "predicting what was left out");
   publish_model(search, study, nominal_published, std::move(whole), options.threads, out);
+  out.discovered = discovered_laws(out.model, out.model_numbers, inclusion);
   for (MissingEffect& missing : out.missing)
     if (std::ranges::find(out.not_modelled.names, missing.effect->name) != out.not_modelled.names.end())
       missing.probability = stated_if_refused(missing.probability);

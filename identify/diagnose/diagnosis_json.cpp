@@ -35,6 +35,23 @@ ordered_json missing_json(const std::vector<MissingEffect>& missing) {
   return list;
 }
 
+ordered_json discovered_json(const std::vector<DiscoveredLaw>& discovered) {
+  ordered_json list = ordered_json::array();
+  for (const DiscoveredLaw& one : discovered) {
+    ordered_json entry{{"law", one.law},
+                       {"acts_on", one.acts_on},
+                       {"depends_on", one.depends_on},
+                       {"formula", one.formula},
+                       {"in_words", one.in_words},
+                       {"inclusion_probability", one.inclusion_probability},
+                       {"parameters", ordered_json::object()}};
+    for (const NamedValue& value : one.parameters)
+      entry["parameters"][value.key()] = {{"value", value.value}, {"ci95", {value.low, value.high}}};
+    list.push_back(std::move(entry));
+  }
+  return list;
+}
+
 ordered_json places_json(const std::vector<Place>& where) {
   ordered_json list = ordered_json::array();
   for (const Place& place : where) {
@@ -183,6 +200,7 @@ ordered_json diagnosis_json(const Diagnosis& d) {
     json["described"] = {
         {"function_of", d.described_by},
         {"text", "structure that no effect of the catalogue explains, in few numbers or as a table in model.toml"}};
+  json["discovered"] = discovered_json(d.discovered);
   json["unexplained_share"] = d.unexplained;
   json["bins"] = d.rows;
   json["noise_scale"] = d.noise_scale;

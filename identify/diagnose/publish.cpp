@@ -212,9 +212,10 @@ Publication publish(const Search& search, const Selection& selection, const Leav
     if (std::ranges::find(candidate->effects, effect) == candidate->effects.end())
       out.located_only.emplace_back(effect->name);
   if (candidate->described_by != whole.described_by) out.located_only.push_back(whole.described_by);
-  // A memory that was found beside the nominal model and not beside the effects: they are named and not modelled.
+  // A memory or product that was found beside the nominal model and not beside the effects: they are named and not
+  // modelled.
   if (out.why.empty() && !out.located_only.empty())
-    out.why = "a memory of the recording (" + candidate->described_by + ") stands in their place";
+    out.why = "what has no name (" + candidate->described_by + ") stands in their place";
   out.model = std::move(*candidate);
   return out;
 }

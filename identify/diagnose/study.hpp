@@ -5,6 +5,7 @@
 
 #include "identify/diagnose/design/design.hpp"
 #include "identify/diagnose/explain/discernible.hpp"
+#include "identify/diagnose/explain/discovered.hpp"
 #include "identify/diagnose/explain/heldout.hpp"
 #include "identify/diagnose/explain/locate.hpp"
 #include "identify/diagnose/explain/shape.hpp"
@@ -84,10 +85,11 @@ struct Diagnosis {
   /// Their numbers with 95 % intervals, of every part in the order of the model.
   std::vector<std::vector<NamedValue>> nominal_numbers, model_numbers;
   NotModelled not_modelled;
-  std::optional<Unjudged> unjudged;  ///< of the verdict cannot_judge
-  Design design;                     ///< what would settle it, when explanations are tied
-  std::string described_by;          ///< variable of the table that stands for unknown physics
-  double unexplained = 0.0;          ///< share of the nominal model's excess that is left
+  std::optional<Unjudged> unjudged;       ///< of the verdict cannot_judge
+  Design design;                          ///< what would settle it, when explanations are tied
+  std::string described_by;               ///< variable of the table that stands for unknown physics
+  std::vector<DiscoveredLaw> discovered;  ///< products of the model, which stand for it instead of a table
+  double unexplained = 0.0;               ///< share of the nominal model's excess that is left
 };
 
 /// A diagnosis with what it rests on, for the report.

@@ -3,9 +3,11 @@
 #include <cmath>
 #include <utility>
 
+#include "base/number_text.hpp"
 #include "identify/diagnose/fit/free_parameters.hpp"
 #include "identify/diagnosis_report/argument.hpp"
 #include "model/catalogue.hpp"
+#include "model/elements.hpp"
 #include "model/length_scale.hpp"
 #include "model/words.hpp"
 
@@ -169,6 +171,13 @@ void add_effect(Page& page, const Argument& a, const MissingEffect& missing, std
   if (!modelled) page.note(model::in_words(d.not_modelled.text()));
 }
 
+void add_law(Page& page, const DiscoveredLaw& law) {
+  page.paragraph(law.in_words + ".");
+  page.paragraph(law.formula + ". Inclusion probability " + base::number_text(law.inclusion_probability, 3) +
+                 ": the weight of all sets of at most three products that hold it.");
+  numbers_table(page, *model::find_law(model::element::discovered(), law.law), law.parameters);
+}
+
 }  // namespace
 
 void add_missing(Page& page, const Argument& a) {
@@ -179,8 +188,10 @@ void add_missing(Page& page, const Argument& a) {
   for (const MissingEffect& missing : d.missing) add_effect(page, a, missing, drawn);
   if (d.described_by.empty()) return;
   page.subheading("what the catalogue does not know");
-  page.paragraph("It is described, not explained, as a function of " + d.described_by +
-                 ": a table in model.toml. A description predicts only what is like what it was learnt from.");
+  if (d.discovered.empty())
+    page.paragraph("It is described, not explained, as a function of " + d.described_by +
+                   ": a table in model.toml. A description predicts only what is like what it was learnt from.");
+  for (const DiscoveredLaw& law : d.discovered) add_law(page, law);
   for (std::size_t i = 0; i < d.model.parts.size(); ++i) {
     const auto& part = d.model.parts[i];
     const bool in_nominal =

@@ -7,9 +7,11 @@
 #include "base/parallel.hpp"
 #include "identify/diagnose/fit/basis.hpp"
 #include "identify/diagnose/fit/left_out.hpp"
+#include "identify/diagnose/search/discovery.hpp"
 #include "identify/diagnose/search/empirical.hpp"
 #include "identify/diagnose/search/published.hpp"
 #include "model/catalogue.hpp"
+#include "model/discovered.hpp"
 #include "model/elements.hpp"
 #include "model/length_scale.hpp"
 
@@ -21,8 +23,9 @@ using model::Part;
 
 struct Candidate {
   ModelSpec spec;
-  std::string_view function_of;
+  std::string function_of;
   double squares = 0.0;
+  std::map<std::string, double> inclusion = {};
 };
 
 bool is_relay(const Part& part) {
@@ -34,7 +37,7 @@ std::vector<Candidate> starts(const ModelSpec& base, double duration_s) {
   std::vector<Candidate> out;
   const auto add = [&](const model::Physics& physics, std::string_view law, std::vector<double> parameters,
                        std::string_view function_of) {
-    Candidate candidate{base, function_of, 0.0};
+    Candidate candidate{base, std::string(function_of), 0.0};
     candidate.spec.parts.push_back(
         model::make_part(physics, model::law_at(*model::find_law(physics, law), base.length_scale)));
     candidate.spec.parts.back().parameters = std::move(parameters);
@@ -56,6 +59,43 @@ std::vector<Candidate> starts(const ModelSpec& base, double duration_s) {
     add(model::element::empirical_response(), "second_order", {period_s, 0.1},
         "force before (a second-order response)");
   return out;
+}
+
+/// "the force of an arm with the position, friction with the speed".
+std::string words_of(const std::vector<std::string_view>& laws) {
+  std::string out;
+  for (const std::string_view law : laws) {
+    const model::ProductWords words = model::product_words(law);
+    out += (out.empty() ? "" : ", ") + words.force + (words.by.empty() ? "" : " with ") + words.by;
+  }
+  return out;
+}
+
+/// Products beside each base, refitted.
+std::vector<Candidate> products(const Problem& problem, const std::vector<const ModelSpec*>& bases, unsigned threads) {
+  std::vector<std::vector<DiscoveredModel>> found(bases.size());
+  base::parallel_for(bases.size(), threads, [&](std::size_t i) { found[i] = discover(problem, *bases[i]); });
+  std::vector<Candidate> out;
+  for (auto& of_base : found)
+    for (DiscoveredModel& one : of_base)
+      out.push_back({std::move(one.spec), words_of(one.laws), 0.0, std::move(one.inclusion)});
+  return out;
+}
+
+/// Whitened squares that a candidate saves on the left-out blocks, with the standard error of that sum.
+struct Gain {
+  const Candidate* candidate = nullptr;
+  double sum = 0.0, error = 0.0;
+};
+
+/// The greatest gain, or the first product model that is less than a standard error below: `gains` are in the order of
+/// the candidates, products last and the fewest of them first.
+std::optional<Gain> simplest_of_the_best(const std::vector<Gain>& gains) {
+  const auto best = std::ranges::max_element(gains, {}, &Gain::sum);
+  if (best == gains.end()) return std::nullopt;
+  for (const Gain& one : gains)
+    if (!one.candidate->inclusion.empty() && one.sum >= best->sum - best->error) return one;
+  return *best;
 }
 
 }  // namespace
@@ -127,7 +167,7 @@ void scan_relay(const Problem& problem, ModelSpec& spec) {
 }
 
 std::optional<HysteresisDescription> describe_hysteresis(const Search& search, const Selection& selection,
-                                                         unsigned threads) {
+                                                         unsigned threads, DescribeBy by) {
   NoiseModel white = search.instrument();
   white.white_N = std::hypot(white.white_N, white.coloured_N);
   white.coloured_N = 0.0;
@@ -141,11 +181,15 @@ std::optional<HysteresisDescription> describe_hysteresis(const Search& search, c
   for (std::size_t i = 0; i < selection.pool.size(); ++i)
     if (selection.pool[i].empirical.empty() && selection.weight[i] > selection.weight[best_named]) best_named = i;
   if (best_named != 0) named = &selection.pool[best_named];
+  std::vector<const ModelSpec*> bases{&selection.nominal().fit.spec};
+  if (named != nullptr) bases.push_back(&named->fit.spec);
+  std::erase_if(bases, [](const ModelSpec* base) { return has_table(*base); });
   std::vector<Candidate> all;
-  for (const ModelSpec* base : {&selection.nominal().fit.spec, named != nullptr ? &named->fit.spec : nullptr}) {
-    if (base == nullptr || has_table(*base)) continue;
-    const std::vector<Candidate> more = starts(*base, duration_s);
-    all.insert(all.end(), more.begin(), more.end());
+  if (by == DescribeBy::kProductsAndMemory) {
+    for (const ModelSpec* base : bases) {
+      const std::vector<Candidate> more = starts(*base, duration_s);
+      all.insert(all.end(), more.begin(), more.end());
+    }
   }
   base::parallel_for(all.size(), threads, [&](std::size_t i) {
     if (has_relay(all[i].spec)) scan_relay(problem, all[i].spec);
@@ -174,6 +218,9 @@ std::optional<HysteresisDescription> describe_hysteresis(const Search& search, c
     finalists[i].spec = fit.spec;
   });
 
+  const std::vector<Candidate> laws = products(problem, bases, threads);
+  finalists.insert(finalists.end(), laws.begin(), laws.end());
+
   // Squares of every block in units of the noise.
   const Blocks parted = blocks_of(problem.series());
   const auto squares_by_block = [&](const ModelSpec& spec, const Criterion& criterion) {
@@ -188,23 +235,25 @@ std::optional<HysteresisDescription> describe_hysteresis(const Search& search, c
   for (const Series& each : problem.series())
     for (const double count : each.count) rows += count > 0.0 ? 1.0 : 0.0;
   lacking = std::max(lacking - selection.noise_scale * rows, 0.0);
-  std::optional<HysteresisDescription> out;
-  double least = 0.0;
+  std::vector<Gain> gains;
   for (const Candidate& one : finalists) {
     const std::vector<double> then = squares_by_block(one.spec, {white, false});
-    double sum = 0.0, squares = 0.0;
+    Gain gain{&one};
+    double squares = 0.0;
     const auto blocks = static_cast<double>(now.size());
     for (std::size_t b = 0; b < now.size(); ++b) {
-      sum += now[b] - then[b];
+      gain.sum += now[b] - then[b];
       squares += (now[b] - then[b]) * (now[b] - then[b]);
     }
-    const double error = std::sqrt(std::max(squares - sum * sum / blocks, 0.0) * blocks / std::max(blocks - 1.0, 1.0));
+    gain.error =
+        std::sqrt(std::max(squares - gain.sum * gain.sum / blocks, 0.0) * blocks / std::max(blocks - 1.0, 1.0));
     constexpr double kWorth = 0.1;
-    if (sum <= error || sum < kWorth * lacking || sum <= least) continue;
-    least = sum;
-    out = HysteresisDescription{one.spec, std::string(one.function_of), white};
+    if (gain.sum > gain.error && gain.sum >= kWorth * lacking && gain.sum > 0.0) gains.push_back(gain);
   }
-  return out;
+  const auto best = simplest_of_the_best(gains);
+  if (!best) return std::nullopt;
+  const Candidate& taken = *best->candidate;
+  return HysteresisDescription{taken.spec, taken.function_of, white, taken.inclusion};
 }
 
 }  // namespace isorig::identify

@@ -87,6 +87,8 @@ messages::Recording run(const ConcealedSpecimen& b, Script script, bool noise) {
     f += b.quadratic_N_mm2 * seen * seen + b.coupling_N_mm_psi * pressure[i] * e;
     f -= b.softening_N_mm * e * (1.0 - std::exp(-travel / b.softening_travel_mm));
     f += b.ripple_N * std::sin(2.0 * M_PI * seen / b.ripple_mm);
+    f += b.drag_N_s_mm2 * seen * dx / kStep_s + b.friction_N_mm2 * seen * seen * bristle;
+    f += (b.arm_N_mm3 * seen * seen + b.arm_N_s_mm2 * std::fabs(dx) / kStep_s) * arm;
     f += (dx > 0.0 ? b.lengthening_N_s_mm : b.shortening_N_s_mm) * dx / kStep_s;
     f += b.lock_N_mm * seen * seen / (b.lock_mm - seen);
     largest_mm = std::max(largest_mm, seen);

@@ -37,9 +37,14 @@ struct ConcealedSpecimen {
   double lengthening_N_s_mm = 0.0, shortening_N_s_mm = 0.0;  ///< dashpots in parallel
   double mullins_N_mm = 0.0, mullins_mm = 12.0;              ///< Ogden and Roxburgh: k / r and sqrt(2 m / k)
   double set_N_mm = 0.0;                                     ///< force lost per mm of the largest position
-  double load_share = 0.0;                 ///< of the specimen's force, on the bristle of `presliding_mm`
-  double lock_N_mm = 0.0, lock_mm = 6.0;   ///< k x^2 / (L - x)
-  double ripple_N = 0.0, ripple_mm = 0.4;  ///< in no catalogue
+  double load_share = 0.0;                ///< of the specimen's force, on the bristle of `presliding_mm`
+  double lock_N_mm = 0.0, lock_mm = 6.0;  ///< k x^2 / (L - x)
+  // In no catalogue.
+  double ripple_N = 0.0, ripple_mm = 0.4;
+  double drag_N_s_mm2 = 0.0;    ///< of a dashpot, for each mm of the position
+  double friction_N_mm2 = 0.0;  ///< of the bristle, for each mm of the position squared
+  double arm_N_mm3 = 0.0;       ///< of the arm, for each mm of the position squared
+  double arm_N_s_mm2 = 0.0;     ///< of the arm, for each mm/s of the speed
   // Instruments.
   double force_noise_N = 0.02;
   double coloured_N = 0.0, coloured_s = 2.0;
