@@ -141,10 +141,10 @@ void print_diagnosis(const identify::Diagnosis& d, const std::filesystem::path& 
   if (d.unjudged) std::printf("  %s\n  to judge it, record: %s\n", d.unjudged->why.c_str(), d.unjudged->record.c_str());
   for (const auto& missing : d.missing) print_missing(d, missing);
   if (!d.described_by.empty())
-    std::printf("  something that the catalogue does not know, described as a function of %s\n",
-                d.described_by.c_str());
+    std::printf("  something that the catalogue does not know; %s\n",
+                identify::described_in_words(d.discovered, d.described_by).c_str());
   for (const auto& law : d.discovered)
-    std::printf("    %s\n      %s; inclusion probability %s\n", law.in_words.c_str(), law.formula.c_str(),
+    std::printf("    %s (inclusion probability %s)\n", law.formula.c_str(),
                 number_text(law.inclusion_probability, 3).c_str());
   print_tied(d.design);
   print_faults(d.faults);

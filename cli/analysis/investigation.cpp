@@ -102,7 +102,8 @@ void take_in(Round& round, const identify::Study& study) {
     round.found.push_back(std::move(text));
   }
   if (d.unjudged) round.found.push_back(d.unjudged->why + "; record " + d.unjudged->record);
-  if (!d.described_by.empty()) round.found.push_back("something that depends on " + d.described_by);
+  if (!d.described_by.empty())
+    round.found.push_back("something without a name; " + identify::described_in_words(d.discovered, d.described_by));
   round.tied = !d.design.tied.empty();
   round.experiment = identify::experiment_json(d.design);
   round.experiment_protocol = d.design.experiment ? d.design.experiment->protocol : "";

@@ -47,6 +47,7 @@ void add_lead(Page& page, const Study& study, const Stretch& stretch) {
           ? std::string()
           : (d.unexplained < 0.01 ? std::string("Less than 1") : number_text(100.0 * d.unexplained, 2)) +
                 " % of what the nominal model misses stays unexplained.";
+  const std::string described = described_in_words(d.discovered, d.described_by);
   switch (d.verdict) {
     case Verdict::kConsistent:
       page.lead(Mood::kGood, "nothing is missing",
@@ -63,9 +64,8 @@ void add_lead(Page& page, const Study& study, const Stretch& stretch) {
           Mood::kWarning, "unknown physics",
           (d.missing.empty() ? "Something is left that no effect of the catalogue explains"
                              : "The model lacks " + names_of(d) + ", and something that the catalogue does not know") +
-              (d.described_by.empty() ? std::string(". ")
-                                      : "; it is described as a function of " + d.described_by + ". ") +
-              where + residuals_text(d) + " " + left);
+              (described.empty() ? std::string(". ") : "; " + described + ". ") + where + residuals_text(d) + " " +
+              left);
       return;
     case Verdict::kCannotJudge:
       page.lead(Mood::kWarning, "cannot be judged",

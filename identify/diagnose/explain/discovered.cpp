@@ -53,6 +53,13 @@ std::string words_of(const model::ModelSpec& spec, const Part& part) {
 
 }  // namespace
 
+std::string described_in_words(const std::vector<DiscoveredLaw>& laws, const std::string& function_of) {
+  if (laws.empty()) return function_of.empty() ? "" : "it is described as a function of " + function_of;
+  std::string out;
+  for (const DiscoveredLaw& law : laws) out += (out.empty() ? "a law was found for it: " : "; ") + law.in_words;
+  return out;
+}
+
 std::vector<DiscoveredLaw> discovered_laws(const model::ModelSpec& spec,
                                            const std::vector<std::vector<NamedValue>>& numbers,
                                            const std::map<std::string, double>& inclusion) {

@@ -27,4 +27,8 @@ struct DiscoveredLaw {
                                                          const std::vector<std::vector<NamedValue>>& numbers,
                                                          const std::map<std::string, double>& inclusion);
 
+/// How unknown physics is described, for people: "a law was found for it: friction grows with the position: times
+/// (1 + 0.1 x)", without a law "it is described as a function of the rate". "" for neither.
+[[nodiscard]] std::string described_in_words(const std::vector<DiscoveredLaw>& laws, const std::string& function_of);
+
 }  // namespace isorig::identify
