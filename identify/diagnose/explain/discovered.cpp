@@ -43,7 +43,8 @@ std::string words_of(const model::ModelSpec& spec, const Part& part) {
   std::string which;
   if (words.carrier == "arm") which = base::formatted(" of %.3g s", part.parameters[0]);
   const std::string force = words.force + which;
-  if (words.by.empty()) return force + " is missing";
+  // Not the name of an effect: the search has weighed those, and none of them was credible.
+  if (words.by.empty()) return "a force like " + force + " is missing";
   const double alone = coefficient_alone(spec, part, words.carrier);
   if (alone != 0.0 && std::isfinite(c / alone))
     return base::formatted("%s %s with %s: times (1 %c %.3g %s)", force.c_str(), c / alone > 0.0 ? "grows" : "falls",
