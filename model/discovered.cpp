@@ -142,24 +142,16 @@ class Product : public Process {
   double first_mm_ = 0.0, travelled_mm_ = 0.0, farthest_mm_ = 0.0;
 };
 
-/// "N_s_mm2" of N s / mm^2 (`for_name`), or that itself.
+/// "N s/mm2" and, as it stands in a name, "N_s_mm2".
 std::string unit_of(const Units& factor, bool for_name) {
-  std::string above = "N", below;
-  const auto add = [&](std::string& to, int power, const char* unit) {
-    if (power <= 0) return;
-    if (!to.empty()) to += for_name ? "_" : " ";
-    to += unit;
-    if (power > 1) to += std::to_string(power);
+  std::string unit = "N";
+  const auto add = [&](const char* before, int power, const char* of) {
+    if (power > 0) unit += std::string(for_name ? "_" : before) + of + (power > 1 ? std::to_string(power) : "");
   };
-  add(above, -factor.s, "s");
-  add(below, factor.mm, "mm");
-  add(below, factor.psi, "psi");
-  if (below.empty()) return above;
-  return above +
-         (for_name                               ? "_"
-          : below.find(' ') != std::string::npos ? "/("
-                                                 : "/") +
-         below + (!for_name && below.find(' ') != std::string::npos ? ")" : "");
+  add(" ", -factor.s, "s");
+  add("/", factor.mm, "mm");
+  add("/", factor.psi, "psi");
+  return unit;
 }
 
 std::vector<Parameter> parameters_of(Carrier carrier) {

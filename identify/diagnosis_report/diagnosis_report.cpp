@@ -45,8 +45,9 @@ void add_lead(Page& page, const Study& study, const Stretch& stretch) {
   const std::string left =
       d.noise_N > d.nominal_errors.train_rmse_N
           ? std::string()
-          : (d.unexplained < 0.01 ? std::string("Less than 1") : number_text(100.0 * d.unexplained, 2)) +
-                " % of what the nominal model misses stays unexplained.";
+          : (d.unexplained < 0.01 ? std::string("Less than 1") : number_text(std::round(100.0 * d.unexplained), 3)) +
+                " % of what the nominal model misses stays " +
+                (d.discovered.empty() ? "unexplained." : "unexplained by effects of the catalogue.");
   const std::string described = described_in_words(d.discovered, d.described_by);
   switch (d.verdict) {
     case Verdict::kConsistent:

@@ -112,14 +112,17 @@ Figure shape_figure(const Argument& a, std::size_t part, const MissingEffect& mi
   Panel over_time{.x_label = "time (s)", .y_label = "force it adds (N)"};
   over_time.series = {band, line};
   over_time.shaded = {{a.stretch.from_s, a.stretch.to_s}};
-  return {
-      "shape-" + std::to_string(part),
-      "What " + words +
-          " does to the force, by the fitted law: the model's force minus that without it. Left round the stretch "
-          "above, with the band that its numbers' 95 % intervals give (one at a time, added in squares); right in a "
-          "motion through the recorded range, over what it depends on, with the band of all fitted numbers.",
-      {over_time, shape_panel(missing.shape, words)},
-      2};
+  const std::string caption = "What " + words +
+                              " does to the force, by the fitted law: the model's force minus that without it, round "
+                              "the stretch above, with the "
+                              "band that its numbers' 95 % intervals give (one at a time, added in squares)";
+  if (missing.shape.x.empty()) return {"shape-" + std::to_string(part), caption + ".", {over_time}};
+  return {"shape-" + std::to_string(part),
+          caption +
+              "; right in a motion through the recorded range, over what it depends on, with the band of all fitted "
+              "numbers.",
+          {over_time, shape_panel(missing.shape, words)},
+          2};
 }
 
 void numbers_table(Page& page, const model::Law& law, const std::vector<NamedValue>& numbers) {
@@ -198,7 +201,7 @@ void add_missing(Page& page, const Argument& a) {
         std::ranges::any_of(d.nominal.parts, [&](const auto& n) { return n.physics == part.physics; });
     if (drawn[i] || in_nominal || model::is_effect(*part.physics)) continue;
     drawn[i] = true;
-    page.figure(shape_figure(a, i, {}, "what is described"));
+    page.figure(shape_figure(a, i, {}, "the part without a name"));
   }
 }
 
