@@ -6,7 +6,7 @@
 
 #include <random>
 
-#include "recorded_rows.hpp"
+#include "cut_judge.hpp"
 #include "write_trace.hpp"
 
 namespace isorig::system_test {
@@ -20,15 +20,15 @@ class PowerCut : public ::testing::Test {
  protected:
   void SetUp() override {
     spit(dir_ / "three.toml", kThreeRepetitions);
-    rig_ = crash_rig(dir_);
-    Process whole({bin("kill_victim"), (dir_ / "three.toml").string(), rig_.string(), (dir_ / "whole").string(),
+    judge_.rig = crash_rig(dir_);
+    Process whole({bin("kill_victim"), (dir_ / "three.toml").string(), judge_.rig.string(), (dir_ / "whole").string(),
                    (dir_ / "clock").string(), (dir_ / "trace").string()},
                   dir_ / "whole.log");
     ASSERT_EQ(whole.wait(120.0), 0) << whole.output();
     const auto run = settled_run(dir_ / "whole");
     ASSERT_TRUE(run);
     whole_ = run->directory;
-    ASSERT_EQ(messages::read_run(whole_, due_).state(), RecordingState::kWhole);
+    ASSERT_EQ(messages::read_run(whole_, judge_.due).state(), RecordingState::kWhole);
     trace_bytes_ = slurp(dir_ / "trace");
     trace_ = read_trace(trace_bytes_);
     std::map<int, std::string> written;
@@ -51,58 +51,11 @@ class PowerCut : public ::testing::Test {
     return folder;
   }
 
-  /// What is there is right and not called more than it is, nothing older than `safe_ns` is gone, and it can be gone
-  /// on with.
-  void expect_told(int n, const std::filesystem::path& folder, std::int64_t safe_ns) {
-    Rows is;
-    messages::ReadReport report;
-    ASSERT_NO_THROW(report = messages::read_run(folder, is)) << n;
-    EXPECT_TRUE(rows_are_right(due_, is)) << n;
-    EXPECT_EQ(rows_lost(due_, is, safe_ns), 0U) << n;
-    if (report.state() == RecordingState::kWhole) {
-      EXPECT_TRUE(is.of == due_.of) << n << ": called whole";
-      ++whole_left_;
-      return;
-    }
-    EXPECT_FALSE(report.complaints().empty()) << n;
-    if (!report.has_header) {  // the run had not begun: its header is synced before anything else is done
-      EXPECT_TRUE(is.of.empty()) << n;
-      const auto refused = isorig(dir_, {"run", "--resume", folder.filename().string(), "--rig", rig_.string(),
-                                         "--runs", (dir_ / "runs").string(), "--quiet"});
-      EXPECT_NE(refused.code, 0) << n;
-      EXPECT_FALSE(refused.text.empty()) << n;
-      ++not_begun_;
-      return;
-    }
-    EXPECT_NE(report.state(), RecordingState::kIncomplete) << n << testing::PrintToString(report.complaints());
-    const bool damaged = report.state() == RecordingState::kDamaged;
-    ++(damaged ? damaged_ : interrupted_);
-    const auto row = settled_run(dir_ / "runs");
-    ASSERT_TRUE(row) << n;
-    EXPECT_NE(row->state, "done") << n;
-    // What was altered stays so, and is said for as long as the recording is there.
-    if (damaged) {
-      expect_resumed(dir_, dir_ / "runs", rig_, row->id, due_, is, {RecordingState::kDamaged});
-    } else {
-      expect_resumed(dir_, dir_ / "runs", rig_, row->id, due_, is, {RecordingState::kWhole});
-    }
-    ++resumed_;
-  }
-
-  void tell(const char* what, int count) const {
-    std::printf(
-        "  %d %s: %d told interrupted, %d told damaged, %d of both gone on with to the end; %d behind the end, %d "
-        "before "
-        "the run had begun\n",
-        count, what, interrupted_, damaged_, resumed_, whole_left_, not_begun_);
-  }
-
   const TempDir dir_;
-  std::filesystem::path rig_, whole_;
-  Rows due_;
+  std::filesystem::path whole_;
+  CutJudge judge_{dir_, {}, {}};
   std::string trace_bytes_;
   std::vector<Traced> trace_;
-  int interrupted_ = 0, damaged_ = 0, resumed_ = 0, whole_left_ = 0, not_begun_ = 0;
 };
 
 TEST_F(PowerCut, AtAnyMomentCostsNoMoreThanStated) {
@@ -137,10 +90,10 @@ TEST_F(PowerCut, AtAnyMomentCostsNoMoreThanStated) {
       }
     }
     const auto cut_ns = trace_[at - 1].entry.rig_ns;
-    expect_told(n, folder_with(left), cut_ns - static_cast<std::int64_t>(kBound_s * 1e9));
+    judge_.expect_told(n, folder_with(left), cut_ns - static_cast<std::int64_t>(kBound_s * 1e9));
   }
-  tell("power cuts", cuts);
-  EXPECT_GT(interrupted_ + damaged_, 0);
+  judge_.tell("power cuts", cuts);
+  EXPECT_GT(judge_.interrupted + judge_.damaged, 0);
 }
 
 TEST_F(PowerCut, FilesThatEndAnywhereAreToldShort) {
@@ -153,10 +106,10 @@ TEST_F(PowerCut, FilesThatEndAnywhereAreToldShort) {
     std::map<int, std::string> left;
     for (int segment = 1; segment <= last; ++segment) left[segment] = whole.at(segment);
     left[last].resize(std::uniform_int_distribution<std::size_t>(1, left[last].size() - 1)(random));
-    expect_told(n, folder_with(left), std::numeric_limits<std::int64_t>::min());
+    judge_.expect_told(n, folder_with(left), std::numeric_limits<std::int64_t>::min());
   }
-  tell("files cut at any byte", cuts);
-  EXPECT_EQ(interrupted_ + not_begun_, cuts);
+  judge_.tell("files cut at any byte", cuts);
+  EXPECT_EQ(judge_.interrupted + judge_.not_begun, cuts);
 }
 
 }  // namespace
