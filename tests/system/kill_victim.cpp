@@ -3,7 +3,9 @@
 //   kill_victim PROTOCOL RIG RUNS CLOCK [TRACE]
 //
 // CLOCK, mapped, holds the rig's time and outlives a SIGKILL; TRACE gets what is done to segments on its way to the
-// disk: every write with its bytes, every sync that has succeeded, in their order (write_trace.hpp).
+// disk: every write with its bytes, every sync that has succeeded, in their order (write_trace.hpp). A CLOCK that is a
+// block device gets the rig's time into its last sector, past all caches, so that it is in the order of the disk's
+// writes.
 #include <dlfcn.h>
 #include <fcntl.h>
 #include <sys/mman.h>
@@ -52,6 +54,28 @@ void note(TraceEntry::Kind kind, int segment, std::uint64_t offset, const void* 
   }
 }
 
+/// The last sector of a disk, written in order with what a file system on it writes: a write is done before the run
+/// goes on.
+class DiskClock {
+ public:
+  explicit DiskClock(int fd) : fd_(fd), at_(::lseek(fd, 0, SEEK_END) - static_cast<off_t>(sizeof sector_)) {}
+  void set(std::int64_t now_ns) {
+    if (now_ns - written_ns_ < kEvery_ns) return;
+    written_ns_ = now_ns;
+    std::memcpy(sector_, &now_ns, sizeof now_ns);
+    if (::pwrite(fd_, sector_, sizeof sector_, at_) == static_cast<ssize_t>(sizeof sector_)) return;
+    std::perror("kill_victim: the clock's sector");
+    ::_exit(3);
+  }
+
+ private:
+  static constexpr std::int64_t kEvery_ns = 100'000'000;
+  int fd_;
+  off_t at_;
+  std::int64_t written_ns_ = -kEvery_ns;
+  alignas(4096) char sector_[512] = {};  // O_DIRECT takes aligned memory alone
+};
+
 }  // namespace
 
 // In place of libc's: messages/log_writer.cpp is linked into this program.
@@ -92,8 +116,11 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "usage: %s PROTOCOL RIG RUNS CLOCK [TRACE]\n", argv[0]);
     return 2;
   }
-  const int clock = ::open(argv[4], O_CREAT | O_RDWR | O_CLOEXEC, 0600);
-  void* const at = clock >= 0 && ::ftruncate(clock, sizeof(std::int64_t)) == 0
+  const bool on_disk = std::filesystem::is_block_file(argv[4]);
+  const int clock = ::open(argv[4], on_disk ? O_WRONLY | O_DIRECT | O_CLOEXEC : O_CREAT | O_RDWR | O_CLOEXEC, 0600);
+  std::int64_t own_ns = 0;
+  void* const at = on_disk ? (clock >= 0 ? &own_ns : MAP_FAILED)
+                   : clock >= 0 && ::ftruncate(clock, sizeof(std::int64_t)) == 0
                        ? ::mmap(nullptr, sizeof(std::int64_t), PROT_READ | PROT_WRITE, MAP_SHARED, clock, 0)
                        : MAP_FAILED;
   if (at == MAP_FAILED) {
@@ -102,13 +129,17 @@ int main(int argc, char** argv) {
   }
   rig_ns = static_cast<std::int64_t*>(at);
   if (argc == 6) trace_fd = ::open(argv[5], O_CREAT | O_WRONLY | O_TRUNC | O_CLOEXEC, 0600);
+  DiskClock disk_clock(on_disk ? clock : -1);
   try {
     daemon::VirtualRunOptions options;
     options.start.protocol_text = base::read_config_file(argv[1]);
     options.start.protocol_name = "three.toml";
     options.runs_root = argv[3];
     options.seed = 7;
-    options.on_tick = [](sim::Rig&, daemon::Core&, std::int64_t now_ns) { *rig_ns = now_ns; };
+    options.on_tick = [&](sim::Rig&, daemon::Core&, std::int64_t now_ns) {
+      *rig_ns = now_ns;
+      if (on_disk) disk_clock.set(now_ns);
+    };
     const auto result = daemon::run_virtual(daemon::load_rig(argv[2]), options);
     if (result.outcome != "done") std::fprintf(stderr, "%s: %s\n", result.outcome.c_str(), result.fault.c_str());
     return result.outcome == "done" ? 0 : 1;
