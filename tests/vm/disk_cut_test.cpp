@@ -124,11 +124,15 @@ TEST_F(DiskCut, AtAnyWriteCostsNoMoreThanStated) {
   ASSERT_EQ(judge_.due.complete.size(), 3U);
 
   constexpr std::uint64_t kClockSector = kDiskBytes / kSector - 1;
+  // Nine tenths of the entries are marks of the clock: a cut behind one meets the same file system as the one before.
+  std::vector<std::size_t> behind;
+  for (std::size_t i = 0; i < log.size(); ++i)
+    if (log[i].sector != kClockSector || log[i].bytes.empty()) behind.push_back(i + 1);
   const int cuts = crashes_asked(12);
   std::mt19937_64 random(crash_seed());
   int no_run = 0;
   for (int n = 0; n < cuts && !HasFailure(); ++n) {
-    const auto at = std::uniform_int_distribution<std::size_t>(1, log.size())(random);
+    const auto at = behind[std::uniform_int_distribution<std::size_t>(0, behind.size() - 1)(random)];
     std::int64_t rig_ns = 0;  // the cut was no earlier
     std::size_t flushed = 0;
     for (std::size_t i = 0; i < at; ++i) {
