@@ -21,19 +21,25 @@ bool alike(const Part& a, const Part& b) {
   return std::fabs(std::log(a.parameters[0] / b.parameters[0])) < kAlike;
 }
 
+/// Whether the part exerts the force of the product's state in proportion to one coefficient, with no other factor: an
+/// element, the product library's law without a factor, or an effect on the same element with a law of that form.
+bool is_alone(const Part& part, const Part& product, const model::ProductWords& words) {
+  if (part.physics == product.physics)
+    return part.law->name == std::string(words.carrier) + "_alone" && alike(part, product);
+  if (words.carrier == "elastic") return part.physics == &model::element::spring();
+  if (words.carrier == "arm") return part.physics == &model::element::maxwell() && alike(part, product);
+  if (words.carrier == "dashpot" && part.physics == &model::element::dashpot()) return true;
+  const auto& depends_on = part.physics->traits.depends_on;
+  const bool same_state = part.physics->traits.acts_on == words.acts_on && !depends_on.empty() &&
+                          !words.depends_on.empty() && depends_on[0] == words.depends_on[0];
+  return same_state && part.law == &part.physics->laws[0] && part.coefficients.size() == 1 && alike(part, product);
+}
+
 /// Coefficient of the force that the product's state exerts without the factor; 0 where the model has none.
-double coefficient_alone(const model::ModelSpec& spec, const Part& product, std::string_view carrier) {
-  const auto is_alone = [&](const Part& part) {
-    if (carrier == "elastic") return part.physics == &model::element::spring();
-    if (part.physics == product.physics)
-      return part.law->name == std::string(carrier) + "_alone" && alike(part, product);
-    if (carrier == "arm") return part.physics == &model::element::maxwell() && alike(part, product);
-    if (carrier == "dashpot") return part.physics == &model::element::dashpot() || part.physics->name == "viscous_drag";
-    return part.physics->name == "coulomb_friction" && part.law->name == "dahl" && alike(part, product);
-  };
+double coefficient_alone(const model::ModelSpec& spec, const Part& product, const model::ProductWords& words) {
   double sum = 0.0;
   for (const Part& part : spec.parts)
-    if (is_alone(part)) sum += part.coefficients[0];
+    if (is_alone(part, product, words)) sum += part.coefficients[0];
   return sum;
 }
 
@@ -45,7 +51,7 @@ std::string words_of(const model::ModelSpec& spec, const Part& part) {
   const std::string force = words.force + which;
   // Not the name of an effect: the search has weighed those, and none of them was credible.
   if (words.by.empty()) return "a force like " + force + " is missing";
-  const double alone = coefficient_alone(spec, part, words.carrier);
+  const double alone = coefficient_alone(spec, part, words);
   if (alone != 0.0 && std::isfinite(c / alone))
     return base::formatted("%s %s with %s: times (1 %c %.3g %s)", force.c_str(), c / alone > 0.0 ? "grows" : "falls",
                            words.by.c_str(), c / alone > 0.0 ? '+' : '-', std::fabs(c / alone), words.symbol.c_str());
