@@ -1,10 +1,9 @@
 #pragma once
 #include <array>
-#include <span>
 #include <string>
 #include <vector>
 
-#include "identify/diagnose/fit/moves.hpp"
+#include "identify/diagnose/fit/covariates.hpp"
 
 namespace isorig::identify {
 
@@ -16,15 +15,6 @@ struct Cells {
   int per_group = 0;
   std::vector<double> edges;  // of a group's cells, both ends included; empty: the groups say all
 };
-
-/// What may carry the excess: one value per bin of all series in a row.
-struct Covariates {
-  std::vector<double> time_s, position_mm, strain_percent, rate_mm_s, since_s, travel_mm, pressure_psi, readings;
-  std::vector<int> direction;       ///< of the velocity: 0 shortening, 1 at rest, 2 lengthening
-  std::vector<int> last_direction;  ///< of the motion last made; 1 before the first
-  MoveNumbers moves;
-};
-[[nodiscard]] Covariates covariates_of(std::span<const Series> series);
 
 /// A covariate cut into cells, with the words for them.
 struct Axis {
