@@ -42,6 +42,20 @@ if(ISORIG_PCH)
   configure_file(${PROJECT_BINARY_DIR}/precompiled.cpp.in ${PROJECT_BINARY_DIR}/precompiled.cpp COPYONLY)
 endif()
 
+# GCC writes other bytes of the same headers in every tree. With CCACHE_PCH_EXTSUM, ccache knows them by this sum instead,
+# of their text: what one tree has compiled, another finds.
+function(isorig_precompiled_sum owner headers)
+  list(TRANSFORM headers PREPEND "#include ")
+  list(JOIN headers "\n" text)
+  file(WRITE ${PROJECT_BINARY_DIR}/${owner}.hpp "${text}\n")
+  get_target_property(eigen Eigen3::Eigen INTERFACE_INCLUDE_DIRECTORIES)
+  list(TRANSFORM eigen PREPEND -I)
+  execute_process(COMMAND ${CMAKE_CXX_COMPILER} -std=c++20 ${eigen} -x c++ -E -P ${PROJECT_BINARY_DIR}/${owner}.hpp
+    OUTPUT_VARIABLE read COMMAND_ERROR_IS_FATAL ANY)
+  string(SHA256 sum "${read}")
+  file(WRITE ${CMAKE_CURRENT_BINARY_DIR}/CMakeFiles/${owner}.dir/cmake_pch.hxx.gch.sum ${sum})
+endfunction()
+
 # isorig_precompiled(<target> [TEST])
 function(isorig_precompiled target)
   if(NOT ISORIG_PCH)
@@ -61,6 +75,7 @@ function(isorig_precompiled target)
     add_library(${owner} OBJECT ${PROJECT_BINARY_DIR}/precompiled.cpp)
     target_link_libraries(${owner} PRIVATE ${links} isorig_options)
     target_precompile_headers(${owner} PRIVATE ${headers})
+    isorig_precompiled_sum(${owner} "${headers}")
   endif()
   target_precompile_headers(${target} REUSE_FROM ${owner})
 endfunction()
