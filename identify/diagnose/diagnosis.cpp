@@ -6,6 +6,7 @@
 #include <map>
 #include <stdexcept>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/diagnosis_notes.hpp"
 #include "identify/diagnose/forecast.hpp"
 #include "identify/diagnose/guard/plausible.hpp"
@@ -38,9 +39,8 @@ double rmse_N(const model::ModelSpec& spec, const Study& study) {
 
 /// Bounds on the scale of the noise, by its source.
 SelectionOptions options_for(const InstrumentNoise& noise, SelectionOptions options) {
-  constexpr double kMostWrong = 2.0;
   const bool from_rests = noise.source == NoiseSource::kRests;
-  if (noise.measured()) options.most_noise_scale = kMostWrong;
+  if (noise.measured()) options.most_noise_scale = deciding().most_noise_scale;
   // A level measured in motion is a mean over fast and slow stretches. The quiet half of a residual is below it, and a
   // scale taken from that half would count the rest as excess: the scale stays at one or above.
   if (noise.measured() && !from_rests) options.least_noise_scale = 1.0;
@@ -130,7 +130,8 @@ void decide_verdict(const Study& study, bool noise_from_rests, Diagnosis& out) {
 std::map<std::string, double> describe_what_is_left(const Search& search, const Study& study, unsigned threads,
                                                     const Diagnosis& out, Candidate& whole) {
   if (out.verdict != Verdict::kUnknownPhysics) return {};
-  const DescribeBy by = out.unexplained > kMuchUnexplained ? DescribeBy::kProductsAndMemory : DescribeBy::kProducts;
+  const DescribeBy by =
+      out.unexplained > deciding().much_unexplained_share ? DescribeBy::kProductsAndMemory : DescribeBy::kProducts;
   auto described = describe_hysteresis(search, study.selection, threads, by);
   if (!described) return {};
   whole.spec = std::move(described->spec);
@@ -181,10 +182,9 @@ void publish_model(const Search& search, const Study& study, const PublishedNomi
                    unsigned threads, Diagnosis& out) {
   const LeaveOut leave_out(study.series, study.noise.noise.white_N, learn_again(out.nominal, nominal.criterion),
                            threads);
-  constexpr double kDoubted = 0.5;
   std::vector<const model::Physics*> doubted;
   for (const MissingEffect& missing : out.missing)
-    if (missing.probability < kDoubted) doubted.push_back(missing.effect);
+    if (missing.probability < deciding().doubted_probability) doubted.push_back(missing.effect);
   Publication publication = publish(search, study.selection, leave_out, whole, {out.nominal, nominal.criterion, {}, {}},
                                     out.noise_N, doubted);
   out.model = std::move(publication.model.spec);
@@ -209,20 +209,18 @@ void publish_model(const Search& search, const Study& study, const PublishedNomi
                          plain_nominal, out.model);
 }
 
-/// With fewer rows no effect is named, because too few remain to leave some out and check the name. From thirty rows of
-/// pure noise zero_drift was once named with 0.92, at half the smallest size that they could show.
-constexpr std::size_t kFewestToName = 100;
-
-/// Takes the nominal model back where rows are too few; why, if something spoke for more than that model.
+/// Takes the nominal model back where rows are too few to leave some out and check a name by them; why, if something
+/// spoke for more than that model. From thirty rows of pure noise zero_drift was once named with 0.92, at half the
+/// smallest size that they could show.
 std::optional<Unjudged> nothing_named_of_few_rows(Study& study) {
   std::size_t rows = 0;
   for (const Series& each : study.series) rows += each.recording.frame.size();
-  if (rows >= kFewestToName || study.selection.best == 0) return std::nullopt;
+  if (rows >= deciding().fewest_rows_to_name || study.selection.best == 0) return std::nullopt;
   const std::string found = study.selection.chosen().key();
   study.selection.best = 0;
   return Unjudged{
       "something speaks for " + found + ", and " + std::to_string(rows) + " rows leave nothing to check it by",
-      "the same motion with at least " + std::to_string(kFewestToName) + " rows, or a few of them"};
+      "the same motion with at least " + std::to_string(deciding().fewest_rows_to_name) + " rows, or a few of them"};
 }
 
 /// A verdict that rests on numbers that are not finite is an error.
@@ -270,6 +268,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
 
   Diagnosis& out = study.diagnosis;
   out.faults = study.faults;
+  out.decided = decided();
   out.instrument = study.noise.noise;
   out.noise_source = study.noise.source;
   out.noise_N = std::hypot(study.noise.noise.white_N, study.noise.noise.coloured_N);

@@ -3,6 +3,7 @@
 #include <functional>
 #include <nlohmann/json.hpp>
 
+#include "identify/diagnose/deciding/deciding_table.hpp"
 #include "identify/diagnose/diagnosis.hpp"
 
 namespace isorig::identify {
@@ -205,6 +206,7 @@ ordered_json diagnosis_json(const Diagnosis& d) {
   json["bins"] = d.rows;
   json["noise_scale"] = d.noise_scale;
   json["tried"] = tried_json(d.tried);
+  if (!d.decided.empty()) json["deciding"] = changed_json(d.decided);
   json["warnings"] = d.warnings;
   json["notes"] = d.notes;
   return json;

@@ -67,6 +67,7 @@ std::string NotModelled::text() const {
 }
 
 void add_notes(const Study& study, const Fit& nominal_fit, Diagnosis& out) {
+  if (!out.decided.empty()) out.warnings.push_back(decided_text(out.decided));
   for (const Inseparable& pair : out.design.inseparable) out.notes.push_back(pair.text);
   note_what_cannot_be_told(out);
   note_unfinished_fit(study, nominal_fit, "nominal model", out);

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "base/formatted.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -25,10 +26,9 @@ double force_sd_N(const Study& study) {
 }  // namespace
 
 std::optional<Unjudged> unjudged(const Study& study, double nominal_rmse_N) {
-  constexpr double kLeastNoises = 3.0, kMostVariance = 0.1, kMostNoiseScale = 2.0;
   const Diagnosis& d = study.diagnosis;
   const double sd_N = force_sd_N(study);
-  if (sd_N <= kLeastNoises * d.noise_N) {
+  if (sd_N <= deciding().excitation_noises * d.noise_N) {
     return Unjudged{
         base::formatted(
             "the force varies by %.3g N rms, and its noise is %.3g N: any model would fit (too little excitation)",
@@ -36,7 +36,7 @@ std::optional<Unjudged> unjudged(const Study& study, double nominal_rmse_N) {
         "the same motion wide or fast enough to change the force by at least ten times its noise"};
   }
   const double share = nominal_rmse_N * nominal_rmse_N / (sd_N * sd_N);
-  if (share > kMostVariance) {
+  if (share > deciding().most_variance_left_share) {
     return Unjudged{
         base::formatted(
             "the nominal model leaves %.0f %% of the force's variance unexplained, and nothing that was tried "
@@ -46,7 +46,7 @@ std::optional<Unjudged> unjudged(const Study& study, double nominal_rmse_N) {
         "between them, the same one at least twice, and whatever else drives the specimen as a column of "
         "its own"};
   }
-  if (!study.noise.measured() && d.noise_scale > kMostNoiseScale) {
+  if (!study.noise.measured() && d.noise_scale > deciding().guessed_noise_scale) {
     return Unjudged{
         base::formatted(
             "the noise of the force could not be measured, and what the model leaves has %.3g times the power "

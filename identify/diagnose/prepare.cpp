@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include "base/formatted.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/row_weights.hpp"
 #include "identify/diagnose/guard/missed_motion.hpp"
 #include "identify/diagnose/guard/plausible.hpp"
@@ -28,14 +29,14 @@ bool position_moves(const messages::Recording& recording, const RecordingQuality
   const auto& frame = recording.frame;
   if (frame.size() < 2) return false;
   const auto [low, high] = std::ranges::minmax_element(frame.position_mm);
-  return *high - *low > 20.0 * quality.position.noise;
+  return *high - *low > deciding().moves_noises * quality.position.noise;
 }
 
 bool pressure_moves(const messages::Recording& recording, const RecordingQuality& quality) {
   if (!recording.pressure || recording.pressure->size() < 20) return false;
   const auto& gauge = *recording.pressure;
   const auto [low, high] = std::ranges::minmax_element(gauge.pressure_psi);
-  return *high - *low > 20.0 * quality.pressure.noise;
+  return *high - *low > deciding().moves_noises * quality.pressure.noise;
 }
 
 /// Filling stretches the specimen, and its arms still hold some of that force when the rows of the filling have been
@@ -56,7 +57,7 @@ void add_unknown_state(model::ModelSpec& spec, double recording_id, double start
 /// Cuts the session's own filling off and refuses what no model can be judged by.
 Admitted admit(messages::Recording& recording, const std::string& name, model::ModelSpec& nominal,
                std::vector<DataFault>& faults) {
-  constexpr std::size_t kFewest = 20;
+  const std::size_t fewest = deciding().fewest_rows;
   const auto& t_s = recording.frame.t_s;
   Admitted admitted{t_s.empty() ? 0.0 : t_s.back() - t_s.front(), messages::recording_id(recording),
                     recording_quality(recording)};
@@ -71,9 +72,9 @@ Admitted admit(messages::Recording& recording, const std::string& name, model::M
   }
   for (const double again_s : missed_motion(recording.frame, admitted.quality.position))
     add_unknown_state(nominal, admitted.id, again_s);
-  if (recording.frame.size() < kFewest)
+  if (recording.frame.size() < fewest)
     throw std::invalid_argument(name + ": " + std::to_string(recording.frame.size()) +
-                                " rows are too few to judge a model by (at least " + std::to_string(kFewest) + ")");
+                                " rows are too few to judge a model by (at least " + std::to_string(fewest) + ")");
   if (!position_moves(recording, admitted.quality) &&
       !(nominal.driven_by_pressure() && pressure_moves(recording, admitted.quality)))
     throw std::invalid_argument(
@@ -87,11 +88,11 @@ Admitted admit(messages::Recording& recording, const std::string& name, model::M
 /// physics of the specimen: it is taken out of the force.
 void take_hum_out(messages::FrameSamples& frame, ChannelQuality& quality, const std::vector<bool>& usable,
                   std::vector<DataFault>& faults) {
-  constexpr double kOne = 1.5;  // readings: a row that stands for more is a mean, without hum
+  // A row that stands for more readings is a mean, without hum.
   const RowWeights readings = row_weights(frame, quality);
   std::vector<bool> single(frame.size());
   for (std::size_t k = 0; k < single.size(); ++k)
-    single[k] = (usable.empty() || usable[k]) && readings.per_row[k] < kOne;
+    single[k] = (usable.empty() || usable[k]) && readings.per_row[k] < deciding().single_reading_most;
   const auto hum = find_mains_hum(frame.t_s, frame.force_N, single);
   if (!hum) return;
   for (std::size_t k = 0; k < frame.size(); ++k) frame.force_N[k] -= hum->reading[k];

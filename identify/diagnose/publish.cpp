@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/formatted.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/explain/passivity.hpp"
 #include "identify/diagnose/fit/free_parameters.hpp"
 #include "identify/diagnose/fit/many_starts.hpp"
@@ -15,18 +16,17 @@
 namespace isorig::identify {
 namespace {
 
-/// Within a thousandth of the range, as it is searched. The bound may be the law's own limit, documented as such; and
+/// Within a small share of the range, as it is searched. The bound may be the law's own limit, documented as such; and
 /// zero of a number that is searched on a linear scale means that the law is the simpler one.
 bool at_wrong_bound(const model::Parameter& parameter, double value) {
-  constexpr double kNear = 1e-3;
   if (parameter.traits.event_time || parameter.traits.initial_state ||
       parameter.traits.filled_by != model::FilledBy::kNothing)
     return false;
   const double low = to_search(parameter, parameter.lower), high = to_search(parameter, parameter.upper);
   const double share = (to_search(parameter, value) - low) / (high - low);
   const bool zero = !parameter.logarithmic && parameter.lower == 0.0;
-  if (share < kNear) return parameter.traits.lower_limit_law.empty() && !zero;
-  return share > 1.0 - kNear && parameter.traits.upper_limit_law.empty();
+  if (share < deciding().at_bound_share) return parameter.traits.lower_limit_law.empty() && !zero;
+  return share > 1.0 - deciding().at_bound_share && parameter.traits.upper_limit_law.empty();
 }
 
 /// `whole` without one effect or without its table, refitted as the chosen explanation was.
@@ -113,8 +113,8 @@ double rms_of_all_N(const Problem& problem, const model::ModelSpec& spec, double
 /// The candidate errs more than the nominal model over what it was fitted to: a fit under coloured noise gives up the
 /// force for its differences, and where no part of the recording shows the effect alone nothing left out tells.
 std::string worse_where_fitted(double model_N, double nominal_N, double noise_N) {
-  constexpr double kNoises = 0.3;
-  if (model_N * model_N <= nominal_N * nominal_N + kNoises * kNoises * noise_N * noise_N) return {};
+  const double noises = deciding().worse_noises;
+  if (model_N * model_N <= nominal_N * nominal_N + noises * noises * noise_N * noise_N) return {};
   return base::formatted("over all that it was fitted to it errs by %.3g N rms, the nominal model by %.3g N", model_N,
                          nominal_N);
 }
@@ -128,17 +128,16 @@ std::string text_of(const LeftOut& row) {
 }  // namespace
 
 bool worse(const LeftOut& row, double noise_N) {
-  constexpr double kNoises = 0.3, kErrors = 2.0, kFewRatio = 1.1, kAnyRatio = 2.0;
-  constexpr std::size_t kFewestStrokes = 4;
-  if (row.more_N2 <= kNoises * kNoises * noise_N * noise_N * row.readings) return false;
-  if (row.model_rmse_N > kAnyRatio * row.nominal_rmse_N) return true;
+  const double noises = deciding().worse_noises;
+  if (row.more_N2 <= noises * noises * noise_N * noise_N * row.readings) return false;
+  if (row.model_rmse_N > deciding().worse_ratio_at_any_rate * row.nominal_rmse_N) return true;
   // The numbers are noisy, and all strokes that are left out share them: how the strokes disagree does not show it. A
   // quadratic form of normal deviates with the mean T exceeds 3.84 T in at most 5 % of all cases, whatever its weights:
   // the largest tail is that of a single one (Szekely & Bakirov 2003, Probab. Theory Relat. Fields 126, 184).
-  constexpr double kQuantile95 = 3.84;
-  if (row.more_N2 <= kQuantile95 * row.learning_N2) return false;
-  if (row.strokes < kFewestStrokes) return row.model_rmse_N > kFewRatio * row.nominal_rmse_N;
-  return row.more_N2 > kErrors * row.more_error_N2;
+  if (row.more_N2 <= deciding().learning_noise_quantile * row.learning_N2) return false;
+  if (row.strokes < deciding().fewest_strokes_to_compare)
+    return row.model_rmse_N > deciding().worse_ratio_of_few_strokes * row.nominal_rmse_N;
+  return row.more_N2 > deciding().worse_standard_errors * row.more_error_N2;
 }
 
 std::string unphysical(const model::ModelSpec& spec, std::span<const Series> series, double noise_N) {
@@ -189,8 +188,7 @@ Publication publish(const Search& search, const Selection& selection, const Leav
       std::vector<LeftOut> rows = study.left_out;
       if (study.all) rows.push_back(*study.all);
       // A covariance that takes up an error of the model says nothing about noise in its numbers.
-      constexpr double kOnlyNoise = 1.5;
-      if (model_N > kOnlyNoise * noise_N)
+      if (model_N > deciding().only_noise_ratio * noise_N)
         for (LeftOut& row : rows) row.learning_N2 = 0.0;
       const auto found = std::ranges::find_if(rows, [&](const LeftOut& row) { return worse(row, noise_N); });
       if (found == rows.end()) {

@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/design/design.hpp"
 #include "identify/diagnose/explain/discernible.hpp"
 #include "identify/diagnose/explain/discovered.hpp"
@@ -71,6 +72,7 @@ struct Diagnosis {
   std::size_t rows = 0;            ///< independent readings (bins) that the fits rest on
   std::vector<Place> where;
   std::vector<DataFault> faults;
+  std::vector<Decided> decided;       ///< by other numbers than the stated ones
   std::vector<std::string> warnings;  ///< what changes the meaning of all of it; stands first, everywhere
   std::vector<std::string> notes;     ///< equivalences, limits of what was shown, what stays unexplained
   double noise_N = 0.0;

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "identify/diagnose/deciding/deciding.hpp"
+
 namespace isorig::identify {
 
 std::string_view name_of(Verdict verdict) {
@@ -42,16 +44,19 @@ std::string_view verdict_words(std::string_view name) {
 
 double unexplained_share(const Explained& explained) {
   if (explained.excess_before <= 0.0) return 0.0;
-  const double chance = explained.noise_from_rests ? 0.0 : 2.0 * std::sqrt(2.0 * static_cast<double>(explained.rows));
+  const double chance = explained.noise_from_rests
+                            ? 0.0
+                            : deciding().chance_deviations * std::sqrt(2.0 * static_cast<double>(explained.rows));
   return std::max(explained.excess_left - chance, 0.0) / explained.excess_before;
 }
 
 Verdict verdict_of(const Explained& explained) {
-  constexpr double kStructureShare = 0.2, kStructureSquares = 400.0;
   const double left = explained.excess_left;
-  const bool structure_left = left > kStructureShare * static_cast<double>(explained.rows) && left > kStructureSquares;
+  const bool structure_left =
+      left > deciding().structure_share * static_cast<double>(explained.rows) && left > deciding().structure_squares;
   if (explained.is_described) return Verdict::kUnknownPhysics;
-  if (structure_left && (!explained.has_named_effect || unexplained_share(explained) > kMuchUnexplained))
+  if (structure_left &&
+      (!explained.has_named_effect || unexplained_share(explained) > deciding().much_unexplained_share))
     return Verdict::kUnknownPhysics;
   return explained.has_named_effect ? Verdict::kMissingPhysics : Verdict::kConsistent;
 }

@@ -13,9 +13,6 @@ enum class Verdict { kConsistent, kMissingPhysics, kUnknownPhysics, kCannotJudge
 /// The same from the name that diagnosis.json has; any other name as it is.
 [[nodiscard]] std::string_view verdict_words(std::string_view name);
 
-/// Unexplained share of the nominal model's excess above which the verdict is unknown physics.
-inline constexpr double kMuchUnexplained = 0.12;
-
 /// What the verdict rests on.
 struct Explained {
   double excess_before = 0.0;  ///< of the nominal model: whitened squares beyond those of noise
@@ -32,7 +29,7 @@ struct Explained {
 [[nodiscard]] double unexplained_share(const Explained& explained);
 
 /// Unknown physics: a table describes the residual; or the excess left is above 400 and above a fifth of the rows (a
-/// force of two noises in 100 bins), and nothing is named or more than kMuchUnexplained stays unexplained. Missing
+/// force of two noises in 100 bins), and nothing is named or more than 12 % stays unexplained. Missing
 /// physics: an effect is named otherwise.
 [[nodiscard]] Verdict verdict_of(const Explained& explained);
 

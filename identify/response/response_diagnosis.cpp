@@ -8,6 +8,8 @@
 #include <stdexcept>
 
 #include "base/number_text.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
+#include "identify/diagnose/deciding/deciding_table.hpp"
 #include "identify/diagnose/guard/plausible.hpp"
 #include "identify/diagnose/search/calibration.hpp"
 #include "model/catalogue.hpp"
@@ -158,12 +160,11 @@ double noise_of(const std::vector<Data>& data) {
 
 /// The same bars as where the force is the output (diagnosis.cpp, judgeable.cpp).
 void decide_verdict(ResponseDiagnosis& out) {
-  constexpr double kStructureShare = 0.2, kMuchUnexplained = 0.12, kMostVariance = 0.1;
   const double noise2 = out.noise * out.noise;
   const double before = out.nominal.rms * out.nominal.rms - noise2, left = out.model.rms * out.model.rms - noise2;
   out.unexplained = before > 0.0 ? std::clamp(left / before, 0.0, 1.0) : 0.0;
-  const bool structure_left = left > kStructureShare * noise2;
-  if (out.model.rms * out.model.rms > kMostVariance * variance_of(out.data)) {
+  const bool structure_left = left > deciding().structure_share * noise2;
+  if (out.model.rms * out.model.rms > deciding().most_variance_left_share * variance_of(out.data)) {
     out.verdict = "cannot_judge";
     out.why = "no model that was tried explains more than " +
               base::number_text(100.0 * (1.0 - out.model.rms * out.model.rms / variance_of(out.data)), 2) +
@@ -171,7 +172,7 @@ void decide_verdict(ResponseDiagnosis& out) {
     out.record = "what else drives the output as a column of its own, with steps that are held until nothing changes";
     out.missing.clear();
     out.model = out.nominal;
-  } else if (structure_left && (out.missing.empty() || out.unexplained > kMuchUnexplained)) {
+  } else if (structure_left && (out.missing.empty() || out.unexplained > deciding().much_unexplained_share)) {
     out.verdict = "unknown_physics";
   } else {
     out.verdict = out.missing.empty() ? "consistent" : "missing_physics";
@@ -280,6 +281,7 @@ ResponseDiagnosis diagnose_response(const std::vector<messages::Recording>& reco
   }
   measure_outputs(out.data);
   require_one_question(out.data);
+  if (const auto changed = decided(); !changed.empty()) out.warnings.push_back(decided_text(changed));
   if (auto text = several_specimens(specimens); !text.empty()) out.warnings.push_back(std::move(text));
   out.output = out.data[0].output;
   out.noise = noise_of(out.data);
@@ -375,6 +377,7 @@ ordered_json response_json(const ResponseDiagnosis& d) {
     for (const MissingPart& one : d.missing) json["not_modelled"]["names"].push_back(one.effect);
   }
   json["unexplained_share"] = d.unexplained;
+  if (const auto changed = decided(); !changed.empty()) json["deciding"] = changed_json(changed);
   json["warnings"] = d.warnings;
   json["notes"] = d.notes;
   return json;

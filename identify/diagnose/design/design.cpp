@@ -6,16 +6,12 @@
 #include <optional>
 
 #include "base/parallel.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/design/candidates.hpp"
 #include "identify/diagnose/design/designer.hpp"
 
 namespace isorig::identify {
 namespace {
-
-constexpr std::size_t kMostRivals = 4;
-/// A pair with a smaller distance in every candidate experiment counts as one explanation under two names, for this
-/// rig.
-constexpr double kHopeless = 20.0;
 
 /// Explanations that remain possible. One that holds all effects of the best and some more is a rival only if it is
 /// nearly as probable, because a further effect that is too small to be excluded can always be added.
@@ -26,13 +22,13 @@ std::vector<std::size_t> tied_of(const Selection& selection, const DesignOptions
     const Hypothesis& other = selection.pool[i];
     const double weight = selection.weight[i];
     if (i == selection.best || !other.empirical.empty()) continue;
-    if (holds_all(other, selection.chosen()) && weight < 0.2) continue;
+    if (holds_all(other, selection.chosen()) && weight < deciding().larger_rival_probability) continue;
     rivals += weight;
     if (weight >= options.least_weight) tied.push_back(i);
   }
   if (tied.size() < 2 || rivals < options.least_rivals || !selection.chosen().empirical.empty()) return {};
   std::ranges::stable_sort(tied, std::greater<>(), [&](std::size_t i) { return selection.weight[i]; });
-  if (tied.size() > kMostRivals) tied.resize(kMostRivals);
+  if (tied.size() > deciding().most_rivals) tied.resize(deciding().most_rivals);
   return tied;
 }
 
@@ -117,9 +113,9 @@ void Chooser::set_aside_inseparable() {
     if (best != rated_.end()) {
       distance = best->score.distance[p];
       // Signs and bounds, which the first order ignores, can still separate them.
-      if (distance < kHopeless) distance = std::min(proven(best->item, p), 1e12);
+      if (distance < deciding().hopeless_squares) distance = std::min(proven(best->item, p), 1e12);
     }
-    if (distance < kHopeless) set_aside(p, distance);
+    if (distance < deciding().hopeless_squares) set_aside(p, distance);
   }
 }
 
@@ -150,9 +146,9 @@ void Chooser::prove_singles() {
     std::size_t worst = 0;
     for (std::size_t p = 0; p < pairs_.size(); ++p)
       if (counts_[p] && (!counts_[worst] || choice_.proof.distance[p] < choice_.proof.distance[worst])) worst = p;
-    if (choice_.proof.distance[worst] >= kHopeless) return;
+    if (choice_.proof.distance[worst] >= deciding().hopeless_squares) return;
     const double distance = std::max(proven(best_for(worst)->item, worst), choice_.proof.distance[worst]);
-    if (distance >= kHopeless) return;
+    if (distance >= deciding().hopeless_squares) return;
     set_aside(worst, distance);
   }
 }

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/search/select.hpp"
 #include "protocol/limits.hpp"
 
@@ -17,11 +18,11 @@ struct DesignOptions {
   /// The whitened squared distance that separates two explanations. It corresponds to a likelihood ratio of e^50: a
   /// margin for laws that are only approximately right, for noise that is not quite as assumed, and for model error,
   /// which reduces the distance (docs/investigate.md).
-  double enough = 100.0;
+  double enough = deciding().separating_squares;
   /// An explanation takes part in a tie when its probability is at least this.
-  double least_weight = 0.03;
+  double least_weight = deciding().tied_probability;
   /// Nothing is tied when all rivals together have less than this.
-  double least_rivals = 0.1;
+  double least_rivals = deciding().rivals_probability;
 };
 
 /// By how much the whitened sum of squares of one explanation grows when another is true, after it was refitted freely

@@ -6,6 +6,7 @@
 
 #include "base/parallel.hpp"
 #include "base/quantile.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/free_parameters.hpp"
 #include "identify/diagnose/fit/intervals.hpp"
 #include "model/catalogue.hpp"
@@ -15,10 +16,7 @@
 namespace isorig::identify {
 namespace {
 
-constexpr double kDeviations = 4.0;
 constexpr double kNothing = 1e-6;
-/// A law that acts in less than a hundredth of the bins has no size by its 99th percentile.
-constexpr double kRare = 0.02;
 
 /// What one law adds: a column a start, off the span of the nominal model, scaled to 1 N.
 struct Signature {
@@ -91,8 +89,10 @@ Signature signature_of(const Problem& problem, const Hypothesis& base, const Eig
       const Eigen::VectorXd change = problem.predict(spec) - before;
       std::vector<double> sizes(change.data(), change.data() + change.size());
       for (double& size : sizes) size = std::fabs(size);
-      const double most_N = *std::ranges::max_element(sizes), size_N = base::quantile(std::move(sizes), 0.99);
-      if (size_N > kRare * most_N && change.allFinite()) added.push_back(change / size_N);
+      const double most_N = *std::ranges::max_element(sizes),
+                   size_N = base::quantile(std::move(sizes), deciding().size_quantile);
+      // A law that acts in less than a hundredth of the bins has no size by its 99th percentile.
+      if (size_N > deciding().rare_law_share * most_N && change.allFinite()) added.push_back(change / size_N);
     }
   }
   Signature out{&effect, &law, Eigen::MatrixXd(before.size(), static_cast<Eigen::Index>(added.size())), {}};
@@ -131,8 +131,8 @@ std::vector<Discernible> discernible(const Search& search, const Hypothesis& bas
       if (one.law == nullptr) one.law = signature.law;
       for (Eigen::Index c = 0; c < signature.columns.cols(); ++c) {
         const double length = signature.columns.col(c).norm();
-        if (length <= kNothing * signature.whole[c] || kDeviations / length >= one.seen_from_N) continue;
-        one.seen_from_N = kDeviations / length;
+        if (length <= kNothing * signature.whole[c] || deciding().seen_deviations / length >= one.seen_from_N) continue;
+        one.seen_from_N = deciding().seen_deviations / length;
         one.law = signature.law;
         shown = signature.columns.col(c);
         whole = signature.whole[c];
@@ -143,7 +143,8 @@ std::vector<Discernible> discernible(const Search& search, const Hypothesis& bas
     for (std::size_t r = 0; r < signatures.size() && shown.size() > 0; ++r) {
       if (signatures[r].effect == effect || spans[r].cols() == 0) continue;
       const double left = off(spans[r], shown).norm();
-      const double told_N = left <= kNothing * whole ? std::numeric_limits<double>::infinity() : kDeviations / left;
+      const double told_N =
+          left <= kNothing * whole ? std::numeric_limits<double>::infinity() : deciding().seen_deviations / left;
       if (one.nearest != nullptr && told_N <= one.told_from_N) continue;
       one.nearest = signatures[r].effect;
       one.told_from_N = told_N;

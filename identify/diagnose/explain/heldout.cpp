@@ -8,6 +8,7 @@
 
 #include "base/formatted.hpp"
 #include "base/parallel.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/moves.hpp"
 
 namespace isorig::identify {
@@ -60,7 +61,7 @@ std::string text_of(double value, const char* unit) {
   return base::formatted("%.3g %s", value, unit);
 }
 
-/// Values within a tenth of each other are one.
+/// Values within a small share of each other are one.
 std::vector<std::string> grouped(const std::vector<double>& values, const char* unit) {
   std::vector<double> centres;
   std::vector<std::string> names;
@@ -69,8 +70,9 @@ std::vector<std::string> grouped(const std::vector<double>& values, const char* 
       names.emplace_back();
       continue;
     }
-    const auto found = std::ranges::find_if(
-        centres, [&](double c) { return std::fabs(value - c) <= 0.1 * std::max(std::fabs(c), 1e-6); });
+    const auto found = std::ranges::find_if(centres, [&](double c) {
+      return std::fabs(value - c) <= deciding().alike_share * std::max(std::fabs(c), 1e-6);
+    });
     const double centre = found == centres.end() ? centres.emplace_back(value) : *found;
     names.push_back(text_of(centre, unit));
   }
@@ -84,12 +86,10 @@ struct Kind {
   std::vector<bool> out;
 };
 
-/// The kinds that can be left out, at most five: those with enough readings to judge a prediction by, and few enough
+/// The kinds that can be left out, the first few: those with enough readings to judge a prediction by, and few enough
 /// that the model can be fitted to the rest.
 std::vector<Kind> kinds_of(std::span<const Series> series, const char* by,
                            const std::vector<std::string>& label_of_bin) {
-  constexpr std::size_t kMost = 5;
-  constexpr double kFewestReadings = 50.0, kMostShare = 0.8;
   std::map<std::string, double> readings;
   double all = 0.0;
   std::size_t row = 0;
@@ -102,9 +102,10 @@ std::vector<Kind> kinds_of(std::span<const Series> series, const char* by,
   if (readings.size() - readings.count("") < 2) return {};
   std::vector<std::pair<double, std::string>> order;
   for (const auto& [name, count] : readings)
-    if (!name.empty() && count >= kFewestReadings && count < kMostShare * all) order.emplace_back(count, name);
+    if (!name.empty() && count >= deciding().fewest_readings_of_a_kind && count < deciding().most_share_of_a_kind * all)
+      order.emplace_back(count, name);
   std::ranges::sort(order, std::greater<>());
-  if (order.size() > kMost) order.resize(kMost);
+  if (order.size() > deciding().most_kinds_left_out) order.resize(deciding().most_kinds_left_out);
   // In the order people look for them: "2 mm/s" before "10 mm/s".
   std::ranges::sort(order, [](const auto& a, const auto& b) {
     const double x = std::atof(a.second.c_str()), y = std::atof(b.second.c_str());
@@ -131,12 +132,11 @@ std::vector<Kind> all_kinds(std::span<const Series> series) {
   const Moves found = find_moves(series);
   std::vector<double> velocity, amplitude;
   std::vector<std::string> waveform;
-  constexpr double kLeastMove = 0.02;
   double widest_mm = 0.0;
   for (const Move& move : found.moves) widest_mm = std::max(widest_mm, move.high_mm - move.low_mm);
   for (const Move& move : found.moves) {
     // Before the first motion, and what only creeps below the noise: never left out.
-    const bool moves = move.high_mm - move.low_mm >= kLeastMove * widest_mm;
+    const bool moves = move.high_mm - move.low_mm >= deciding().least_move_share * widest_mm;
     velocity.push_back(moves ? move.fastest_mm_s : 0.0);
     amplitude.push_back(moves ? move.high_mm - move.low_mm : 0.0);
     waveform.emplace_back(!moves                                 ? ""

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/moves.hpp"
 
 namespace isorig::identify {
@@ -62,7 +63,7 @@ Work work_of(const model::ModelSpec& spec, const model::Reference& reference, do
 }  // namespace
 
 std::optional<ActiveLoop> active_loop(const model::ModelSpec& spec, std::span<const Series> series, double noise_N) {
-  constexpr double kNoises = 0.3, kRounding = 1e-3;
+  constexpr double kRounding = 1e-3;
   double low_mm = 1e300, high_mm = -1e300, fastest_mm_s = 0.0, most_still_mm = 0.0;
   for (const Series& each : series) {
     most_still_mm = std::max(most_still_mm, still_mm(each));
@@ -84,7 +85,8 @@ std::optional<ActiveLoop> active_loop(const model::ModelSpec& spec, std::span<co
       const double centre_mm = low_mm + amplitude_mm * (1 + place);
       for (const double slower : {1.0, 0.1, 0.01}) {
         const Work work = work_of(parts, reference, centre_mm, amplitude_mm, slower * fastest_mm_s);
-        const double allowed_N_mm = kNoises * noise_N * work.path_mm + kRounding * work.passed_N_mm;
+        const double allowed_N_mm =
+            deciding().active_loop_noises * noise_N * work.path_mm + kRounding * work.passed_N_mm;
         if (work.last_N_mm < -allowed_N_mm)
           return ActiveLoop{centre_mm, amplitude_mm, slower * fastest_mm_s, work.last_N_mm};
       }

@@ -3,13 +3,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/moves.hpp"
 
 namespace isorig::identify {
 namespace {
-
-constexpr double kLeastTurn = 0.05;  // of the range
-constexpr double kLeastNoises = 10.0;
 
 struct Range {
   double low = 1e300, high = -1e300;
@@ -79,7 +77,6 @@ void append(Blocks& blocks, const Series& series, std::span<const std::size_t> f
 }
 
 std::size_t moves_that_move(std::span<const Series> series, const MoveNumbers& moves) {
-  constexpr double kLeastMove = 0.02;  // of the widest: less is creep below the noise, or the rest before the first
   std::vector<Range> ranges(moves.count);
   std::size_t row = 0;
   double most_still_mm = 0.0;
@@ -90,7 +87,7 @@ std::size_t moves_that_move(std::span<const Series> series, const MoveNumbers& m
   double widest = 0.0;
   for (const Range& range : ranges) widest = std::max(widest, range.width());
   return static_cast<std::size_t>(std::ranges::count_if(ranges, [&](const Range& range) {
-    return range.width() > most_still_mm && range.width() >= kLeastMove * widest;
+    return range.width() > most_still_mm && range.width() >= deciding().least_move_share * widest;
   }));
 }
 
@@ -131,16 +128,21 @@ Blocks strokes_of(std::span<const Series> series) {
   for (const Series& each : series) {
     if (each.nodes.empty()) continue;
     const double noise = still ? each.excitation.pressure_noise_psi : each.excitation.motion.noise_mm;
-    append(out, each, turns(each, std::max(kLeastTurn * range_of(each, value).width(), kLeastNoises * noise), value));
+    append(out, each,
+           turns(each,
+                 std::max(deciding().least_turn_share * range_of(each, value).width(),
+                          deciding().least_turn_noises * noise),
+                 value));
   }
   return out;
 }
 
 Blocks blocks_of(std::span<const Series> series) {
-  constexpr std::size_t kFewestMoves = 4, kFewestStrokes = 8, kStretchCount = 8, kFewestBins = 5;
+  const std::size_t stretch_count = deciding().stretches_to_leave_out;
   MoveNumbers moves = number_moves(series);
-  if (moves_that_move(series, moves) >= kFewestMoves) return {BlockKind::kMoves, std::move(moves.of_bin), moves.count};
-  if (Blocks strokes = strokes_of(series); strokes.count >= kFewestStrokes) return strokes;
+  if (moves_that_move(series, moves) >= deciding().fewest_moves_to_leave_out)
+    return {BlockKind::kMoves, std::move(moves.of_bin), moves.count};
+  if (Blocks strokes = strokes_of(series); strokes.count >= deciding().fewest_strokes_to_leave_out) return strokes;
   Blocks out;
   double all_s = 0.0;
   std::size_t bins = 0;
@@ -150,10 +152,10 @@ Blocks blocks_of(std::span<const Series> series) {
   }
   for (const Series& each : series) {
     const double share = (each.nodes.back().t_s - each.nodes.front().t_s) / std::max(all_s, 1e-300);
-    const auto wanted = static_cast<std::size_t>(std::max(1.0, std::round(share * kStretchCount)));
+    const auto wanted = static_cast<std::size_t>(std::max(1.0, std::round(share * static_cast<double>(stretch_count))));
     append(out, each, stretches(each, wanted));
   }
-  if (bins >= kStretchCount * kFewestBins && out.count >= 2) {
+  if (bins >= stretch_count * deciding().fewest_bins_of_a_stretch && out.count >= 2) {
     out.kind = BlockKind::kStretches;
   } else {
     out = {};

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "identify/diagnose/deciding/deciding.hpp"
+
 namespace isorig::identify {
 namespace {
 
@@ -10,12 +12,11 @@ namespace {
 /// noises of the reading, and there the reconstructed velocity varies by more than that of a slow return: only a
 /// displacement of a thousandth of the whole stroke or more counts as a turn.
 std::vector<int> last_directions(std::span<const Series> series, const std::vector<double>& position_mm) {
-  constexpr double kTurnShare = 1e-3, kTurnNoises = 10.0;
   const auto [lowest_mm, highest_mm] = std::ranges::minmax(position_mm);
   std::vector<int> out;
   for (const Series& each : series) {
-    const double turn_mm =
-        std::max(kTurnShare * (highest_mm - lowest_mm), kTurnNoises * each.excitation.motion.noise_mm);
+    const double turn_mm = std::max(deciding().direction_turn_share * (highest_mm - lowest_mm),
+                                    deciding().direction_turn_noises * each.excitation.motion.noise_mm);
     double follower_mm = each.nodes.front().position_mm;
     int last = 1;
     for (const auto& node : each.nodes) {
@@ -50,7 +51,7 @@ Covariates covariates_of(std::span<const Series> series) {
     }
     start_s += each.nodes.back().t_s + 1.0;
   }
-  const double still_mm_s = 3e-4 * fastest_mm_s;
+  const double still_mm_s = deciding().direction_still_share * fastest_mm_s;
   for (const double rate : out.rate_mm_s) out.direction.push_back(rate > still_mm_s ? 2 : rate < -still_mm_s ? 0 : 1);
   out.last_direction = last_directions(series, out.position_mm);
   out.moves = number_moves(series);

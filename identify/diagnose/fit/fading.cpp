@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "base/formatted.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "model/catalogue.hpp"
 
 namespace isorig::identify {
@@ -74,19 +75,19 @@ ReadingNoise noise_of(const Excitation& excitation) {
 
 Fading::Fading(const ModelSpec& spec, double nominal_pressure_psi, const ReadingNoise& noise)
     : watched_{}, nominal_psi_(nominal_pressure_psi) {
-  constexpr double kNoises = 5.0, kRate = 0.05, kSum = 0.01;
-  constexpr double kLawHolds = 1.5, kLawGone = 4.0, kTableGone = 0.5;
+  const double noises = deciding().outside_noises, sum = deciding().outside_sum_share;
   const model::Seen& seen = *spec.seen;
   const bool pressure = reads_pressure(spec) && noise.has_pressure;
   watched_ = {
-      Watched{"the position", "mm", seen.lowest_mm, seen.highest_mm, kNoises * noise.position_mm, true},
-      Watched{"the velocity", "mm/s", -seen.fastest_mm_s, seen.fastest_mm_s, kRate * seen.fastest_mm_s, true},
-      Watched{"the pressure", "psi", seen.lowest_psi, seen.highest_psi, kNoises * noise.pressure_psi, pressure},
-      Watched{"the travel", "mm", 0.0, seen.travel_mm, kSum * seen.travel_mm, counts(spec, model::Counts::kTravel)},
-      Watched{"the time since the start", "s", 0.0, seen.duration_s, kSum * seen.duration_s,
+      Watched{"the position", "mm", seen.lowest_mm, seen.highest_mm, noises * noise.position_mm, true},
+      Watched{"the velocity", "mm/s", -seen.fastest_mm_s, seen.fastest_mm_s,
+              deciding().outside_rate_share * seen.fastest_mm_s, true},
+      Watched{"the pressure", "psi", seen.lowest_psi, seen.highest_psi, noises * noise.pressure_psi, pressure},
+      Watched{"the travel", "mm", 0.0, seen.travel_mm, sum * seen.travel_mm, counts(spec, model::Counts::kTravel)},
+      Watched{"the time since the start", "s", 0.0, seen.duration_s, sum * seen.duration_s,
               counts(spec, model::Counts::kTime)}};
-  holds_ = has_empirical(spec) ? 0.0 : kLawHolds;
-  gone_ = has_empirical(spec) ? kTableGone : kLawGone;
+  holds_ = has_empirical(spec) ? 0.0 : deciding().law_holds_ranges;
+  gone_ = has_empirical(spec) ? deciding().table_gone_ranges : deciding().law_gone_ranges;
 }
 
 Fading::Belief Fading::next(const model::Instant& now) {

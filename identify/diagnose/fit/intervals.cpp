@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/moves.hpp"
 
 namespace isorig::identify {
@@ -37,7 +38,7 @@ Eigen::VectorXd residual_of(const Problem& problem, const model::ModelSpec& spec
 /// Correlations are those of C. kNoise: var = s2 diag(C), the inverse curvature of the likelihood (Seber & Wild
 /// 1989, 5.1). kMoves: with g_m the gradient summed over move m of M, var = M/(M-1) diag(C (sum_m g_m g_m') C) where
 /// that is more: the sandwich of Liang & Zeger (1986), clustered by move. Moves that disagree by more than noise allows
-/// show a law of nearly the right form, or an unsteady rig. Fewer than kFewestMoves say nothing about their own spread.
+/// show a law of nearly the right form, or an unsteady rig. Too few say nothing about their own spread.
 Eigen::MatrixXd covariance_of(const Problem& problem, const model::ModelSpec& spec,
                               const std::vector<FreeNumber>& numbers, Spread spread) {
   const Eigen::VectorXd at = residual_of(problem, spec);
@@ -49,7 +50,7 @@ Eigen::MatrixXd covariance_of(const Problem& problem, const model::ModelSpec& sp
   // A number that the recording does not determine has no curvature, and a pseudo-inverse would give it zero variance.
   // Eigenvalues are therefore held at kFlat or more: its standard error is then up to 1e5 times what it would be if it
   // alone were unknown, and a parameter's interval ends at its bounds.
-  constexpr double kFlat = 1e-10, kFewestMoves = 8.0;
+  constexpr double kFlat = 1e-10;
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> curvature(jacobian.transpose() * jacobian);
   const Eigen::VectorXd widths = curvature.eigenvalues().cwiseMax(kFlat).cwiseInverse();
   const Eigen::MatrixXd inverse = curvature.eigenvectors() * widths.asDiagonal() * curvature.eigenvectors().transpose();
@@ -57,7 +58,8 @@ Eigen::MatrixXd covariance_of(const Problem& problem, const model::ModelSpec& sp
   if (spread == Spread::kMoves) {
     const Eigen::MatrixXd shifts = inverse * scores_by_move(problem.series(), jacobian, at);
     const auto moves = static_cast<double>(shifts.cols());
-    if (moves >= kFewestMoves) variance = variance.cwiseMax(moves / (moves - 1.0) * shifts.rowwise().squaredNorm());
+    if (moves >= deciding().fewest_moves_for_spread)
+      variance = variance.cwiseMax(moves / (moves - 1.0) * shifts.rowwise().squaredNorm());
   }
   Eigen::VectorXd errors(variance.size());
   for (Eigen::Index i = 0; i < errors.size(); ++i)
@@ -70,14 +72,13 @@ Eigen::MatrixXd covariance_of(const Problem& problem, const model::ModelSpec& sp
 /// 95 % (3.84, chi-square of one degree).
 void set_event_interval(const Problem& problem, const model::ModelSpec& spec, std::size_t part, std::size_t index,
                         NamedValue& named) {
-  constexpr double kRatio = 3.84;
   const auto& nodes = problem.series()[0].nodes;
   const double least = residual_of(problem, spec).squaredNorm();
   const double scale = std::max(least / static_cast<double>(problem.target().size()), 1.0);
   model::ModelSpec moved = spec;
   const auto allowed = [&](double time_s) {
     moved.parts[part].parameters[index] = time_s;
-    return residual_of(problem, moved).squaredNorm() - least < kRatio * scale;
+    return residual_of(problem, moved).squaredNorm() - least < deciding().event_time_squares * scale;
   };
   const auto after = std::ranges::lower_bound(nodes, named.value, {}, &model::Instant::t_s) - nodes.begin();
   const auto last = std::ssize(nodes) - 1;

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/parallel.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/fading.hpp"
 #include "identify/diagnose/fit/intervals.hpp"
 #include "model/elements.hpp"
@@ -58,8 +59,7 @@ Relearnt learn_without(std::span<const Series> series, const Learner& learner, c
 }
 
 std::size_t folds_of(const Blocks& blocks) {
-  constexpr std::size_t kFolds = 4;
-  return std::min(kFolds, blocks.count);
+  return std::min(deciding().left_out_folds, blocks.count);
 }
 
 std::size_t fold_of(const Blocks& blocks, std::size_t block) {

@@ -3,16 +3,14 @@
 #include <span>
 #include <vector>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/series.hpp"
 
 namespace isorig::identify {
 
-/// A position that stays within so many times its noise stands still. 10 000 to 100 000 readings of Gaussian noise
-/// alone span 7.7 to 8.8 standard deviations; a little more than twice that leaves room for a held crosshead's slow
-/// wander.
-inline constexpr double kStillNoises = 20.0;
+/// A position that stays within this, so many times its noise, stands still.
 [[nodiscard]] inline double still_mm(const Series& series) {
-  return kStillNoises * series.excitation.motion.noise_mm;
+  return deciding().still_noises * series.excitation.motion.noise_mm;
 }
 
 /// A move begins where a rest ends: the velocity changes at this bin and had not changed for longer than a rest.

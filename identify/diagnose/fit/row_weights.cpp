@@ -5,6 +5,7 @@
 #include <map>
 
 #include "base/quantile.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -19,13 +20,12 @@ struct Bend {
 ///     g    = sum (t - t_mean)(l - l_mean) / sum (t - t_mean)^2
 ///     se^2 = sum (l - a - g t)^2 / ((G - 2) sum (t - t_mean)^2)
 ///
-/// and 0 where no trend is certain: |g| <= 6 se, or a change of less than a fifth from end to end.
+/// and 0 where no trend is certain: |g| within some se, or little change from end to end.
 double noise_growth(const std::vector<Bend>& bends, double floor_N) {
-  constexpr std::size_t kGroup = 100, kMostGroups = 40, kFewestGroups = 6;
-  constexpr double kStandardErrors = 6.0;
-  const double kLeastChange = std::log(1.2);
-  const std::size_t groups = std::min(bends.size() / kGroup, kMostGroups);
-  if (groups < kFewestGroups) return 0.0;
+  constexpr std::size_t kMostGroups = 40;
+  const double least_change = std::log(deciding().noise_growth_ratio);
+  const std::size_t groups = std::min(bends.size() / deciding().noise_growth_rows, kMostGroups);
+  if (groups < deciding().noise_growth_groups) return 0.0;
   std::vector<double> t_s, level;
   for (std::size_t g = 0; g < groups; ++g) {
     const std::size_t from = g * bends.size() / groups, to = (g + 1) * bends.size() / groups;
@@ -52,8 +52,8 @@ double noise_growth(const std::vector<Bend>& bends, double floor_N) {
   double left = 0.0;
   for (std::size_t g = 0; g < groups; ++g) left += std::pow(level[g] - mean - slope * (t_s[g] - mean_s), 2);
   const double error = std::sqrt(left / (n - 2.0) / tt);
-  const bool certain = std::fabs(slope) > kStandardErrors * error &&
-                       std::fabs(slope) * (bends.back().t_s - bends.front().t_s) > kLeastChange;
+  const bool certain = std::fabs(slope) > deciding().noise_growth_standard_errors * error &&
+                       std::fabs(slope) * (bends.back().t_s - bends.front().t_s) > least_change;
   return certain ? slope : 0.0;
 }
 
@@ -87,7 +87,7 @@ RowWeights row_weights(const messages::FrameSamples& frame, const ChannelQuality
     std::vector<Bend> bends;
     double noise_N = 0.0;
   };
-  const double width = std::log(2.5);
+  const double width = std::log(deciding().spacing_ratio);
   std::vector<int> spacing_of(n, 0);
   std::map<int, Spacing> spacings;
   for (std::size_t k = 0; k < n; ++k) {
@@ -108,11 +108,9 @@ RowWeights row_weights(const messages::FrameSamples& frame, const ChannelQuality
     spacings[spacing_of[k]].bends.push_back({t_s[k], std::fabs(bend) / scale});
   }
   // The finest spacing with rows enough to judge by is what one reading is.
-  constexpr std::size_t kEnough = 150;
-  constexpr double kClearly = 4.0;
   const Spacing* one = nullptr;
   for (auto& [number, spacing] : spacings) {
-    if (spacing.bends.size() < kEnough) continue;
+    if (spacing.bends.size() < deciding().fewest_rows_of_a_spacing) continue;
     std::vector<double> sizes_N;
     for (const Bend& bend : spacing.bends) sizes_N.push_back(bend.size_N);
     spacing.noise_N = std::max(base::quantile_in_place(sizes_N, 0.5) / base::kNormalQuartile, floor_N);
@@ -128,7 +126,7 @@ RowWeights row_weights(const messages::FrameSamples& frame, const ChannelQuality
         (spacing.sum_s / static_cast<double>(spacing.rows)) / (one->sum_s / static_cast<double>(one->rows));
     const double ratio = one->noise_N / spacing.noise_N;
     const double readings = std::min(ratio * ratio, fit);
-    if (readings >= kClearly) out.per_row[k] = readings;
+    if (readings >= deciding().averaged_readings) out.per_row[k] = readings;
   }
   out.precision = precision_of(out.per_row, t_s, noise_growth(one->bends, floor_N));
   return out;

@@ -5,6 +5,7 @@
 #include <numeric>
 #include <span>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/row_weights.hpp"
 #include "identify/diagnose/motion/band_limited_motion.hpp"
 
@@ -59,16 +60,17 @@ class BinLimits {
       : rows_(series.excitation.instants),
         since_s_(series.excitation.since_corner_s),
         force_N_(series.recording.frame.force_N),
-        longest_s_(std::max(kUsual_s, kShareOfDuration * (rows_.back().t_s - rows_.front().t_s))),
+        longest_s_(std::max(deciding().bin_longest_s,
+                            deciding().bin_share_of_duration * (rows_.back().t_s - rows_.front().t_s))),
         noise_N_(std::max(force.noise, force.step)) {
     const auto [lowest, highest] = std::ranges::minmax_element(rows_, {}, &model::Instant::position_mm);
-    furthest_mm_ = kShareOfStroke * (highest->position_mm - lowest->position_mm);
+    furthest_mm_ = deciding().bin_share_of_stroke * (highest->position_mm - lowest->position_mm);
   }
 
   /// The first row after a bin that begins with row `first`.
   [[nodiscard]] std::size_t end_of(std::size_t first) const {
     // The first row stays alone: laws that count from the start begin where `predict` begins.
-    const double span_s = first == 0 ? 0.0 : std::min(longest_s_, kShareOfElapsed * since_s_[first]);
+    const double span_s = first == 0 ? 0.0 : std::min(longest_s_, deciding().bin_share_of_elapsed * since_s_[first]);
     std::size_t end = first + 1;
     while (end < rows_.size() && since_s_[end] > 0.0 && rows_[end].t_s - rows_[first].t_s <= span_s &&
            in_reach(rows_[first], rows_[end]))
@@ -78,11 +80,9 @@ class BinLimits {
   }
 
  private:
-  static constexpr double kUsual_s = 2.0, kShareOfElapsed = 0.05, kShareOfDuration = 1.0 / 2000.0,
-                          kShareOfStroke = 0.01;
-
   [[nodiscard]] bool in_reach(const model::Instant& from, const model::Instant& to) const {
-    return to.t_s - from.t_s <= kUsual_s || std::fabs(to.position_mm - from.position_mm) <= furthest_mm_;
+    return to.t_s - from.t_s <= deciding().bin_longest_s ||
+           std::fabs(to.position_mm - from.position_mm) <= furthest_mm_;
   }
   /// A bin in which the force jumps (a grip that slips) would hide the jump: its halves must agree.
   [[nodiscard]] bool jumps(std::size_t from, std::size_t end) const {
@@ -92,7 +92,7 @@ class BinLimits {
       a += force_N_[j];
       b += force_N_[end - 1 - (j - from)];
     }
-    return std::fabs(a - b) > 5.0 * noise_N_ * std::sqrt(2.0 * static_cast<double>(half));
+    return std::fabs(a - b) > deciding().bin_jump_deviations * noise_N_ * std::sqrt(2.0 * static_cast<double>(half));
   }
 
   std::span<const model::Instant> rows_;
@@ -170,18 +170,19 @@ void bin_by_corners(Series& series, const std::vector<bool>& usable, const Chann
   series.first_row.push_back(rows);
 }
 
-/// Readings from which the noise could be measured if a rest were kRest_s (noise/noise.cpp).
+/// Readings from which the noise could be measured if a rest were deciding().rest_s (noise/noise.cpp).
 std::size_t settled_readings(const Series& series) {
-  constexpr double kFrom_s = kSettled_rests * kRest_s, kTo_s = kFrom_s + kShortest_rests * kRest_s;
+  const double from_s = deciding().settled_rests * deciding().rest_s,
+               to_s = from_s + deciding().shortest_rests * deciding().rest_s;
   const double still = still_mm_s(series);
   std::size_t all = 0, in_rest = 0;
   double since_s = 0.0;
   const auto close = [&] {
-    if (since_s > kTo_s) all += in_rest;
+    if (since_s > to_s) all += in_rest;
     in_rest = 0;
   };
   for (std::size_t k = 0; k < series.nodes.size(); ++k) {
-    if (std::fabs(series.nodes[k].velocity_mm_s) >= still || series.since_corner_s[k] < kFrom_s) {
+    if (std::fabs(series.nodes[k].velocity_mm_s) >= still || series.since_corner_s[k] < from_s) {
       close();
       continue;
     }
@@ -192,17 +193,17 @@ std::size_t settled_readings(const Series& series) {
   return all;
 }
 
-/// kRest_s where the noise can be measured by it, else less as the motion is faster.
+/// deciding().rest_s where the noise can be measured by it, else less as the motion is faster.
 double rest_of(const Series& series) {
-  if (settled_readings(series) >= kFewestSettled) return kRest_s;
+  if (settled_readings(series) >= deciding().fewest_settled_readings) return deciding().rest_s;
   double lowest_mm = series.nodes.front().position_mm, highest_mm = lowest_mm, fastest_mm_s = 0.0;
   for (const auto& node : series.nodes) {
     lowest_mm = std::min(lowest_mm, node.position_mm);
     highest_mm = std::max(highest_mm, node.position_mm);
     fastest_mm_s = std::max(fastest_mm_s, std::fabs(node.velocity_mm_s));
   }
-  if (fastest_mm_s <= 0.0) return kRest_s;
-  return std::min(kRest_s, kRest_strokes * (highest_mm - lowest_mm) / fastest_mm_s);
+  if (fastest_mm_s <= 0.0) return deciding().rest_s;
+  return std::min(deciding().rest_s, deciding().rest_strokes * (highest_mm - lowest_mm) / fastest_mm_s);
 }
 
 }  // namespace
@@ -236,7 +237,7 @@ Series prepare_series(std::string name, messages::Recording recording, const std
 double still_mm_s(const Series& series) {
   double fastest_mm_s = 0.0;
   for (const auto& node : series.nodes) fastest_mm_s = std::max(fastest_mm_s, std::fabs(node.velocity_mm_s));
-  return 2e-4 * fastest_mm_s;
+  return deciding().still_speed_share * fastest_mm_s;
 }
 
 double stroke_mm(std::span<const Series> series) {
@@ -265,11 +266,10 @@ Series by_rows(const Series& series, const std::vector<bool>& usable) {
 }
 
 void share_noise(std::span<Series> series) {
-  constexpr double kClearly = 1.5;
   double most_N = 0.0;
   for (const Series& each : series) most_N = std::max(most_N, each.reading_noise_N);
   for (Series& each : series) {
-    if (each.reading_noise_N <= 0.0 || most_N < kClearly * each.reading_noise_N) continue;
+    if (each.reading_noise_N <= 0.0 || most_N < deciding().other_noise_ratio * each.reading_noise_N) continue;
     const double ratio = most_N / each.reading_noise_N;
     for (double& count : each.count) count *= ratio * ratio;
     for (double& readings : each.readings) readings *= ratio * ratio;

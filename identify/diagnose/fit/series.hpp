@@ -3,23 +3,11 @@
 #include <string>
 #include <vector>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/motion/reconstruction.hpp"
 #include "messages/recording.hpp"
 
 namespace isorig::identify {
-
-/// A rest is a stretch without a change of velocity for longer than this; what follows it is a new move. The paper's
-/// protocol rests for 30 s between ramps and turns within 0.3 s, so that any value between would part it alike.
-inline constexpr double kRest_s = 5.0;
-/// The same in strokes, from end to end at the recording's fastest, where nothing stands still long enough for the
-/// noise to be measured by kRest_s: a specimen that is moved ten times as fast rests for a tenth of the time. The
-/// paper's fastest stroke takes 0.8 s.
-inline constexpr double kRest_strokes = kRest_s / 0.8;
-/// In rests: the time after a motion from which readings tell of the noise, and the shortest and longest stretch of
-/// them (noise/noise.cpp).
-inline constexpr double kSettled_rests = 2.0, kShortest_rests = 1.6, kLongest_rests = 8.0;
-/// Fewer settled readings than this tell no noise.
-inline constexpr std::size_t kFewestSettled = 200;
 
 /// A recording prepared for fitting: neighbouring readings are averaged into bins that widen with the time since the
 /// last corner (a hold, a slow return), so that 30 000 rows become some 5000 and no bin is wider than the features of
@@ -37,7 +25,7 @@ struct Series {
   double reading_noise_N = 0.0;        ///< rms of a row that stands for one
   std::vector<std::size_t> first_row;  ///< bin i holds rows first_row[i] .. first_row[i + 1]; one past the end last
   std::vector<double> since_corner_s;  ///< time since the last corner of the motion, per bin
-  double rest_s = kRest_s;             ///< without a change of velocity, from which a rest is a rest
+  double rest_s = deciding().rest_s;   ///< without a change of velocity, from which a rest is a rest
 };
 
 /// `usable` marks the rows of frame.csv that the guard left in; empty means all.

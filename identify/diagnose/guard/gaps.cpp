@@ -3,12 +3,10 @@
 #include <algorithm>
 
 #include "base/quantile.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 
 namespace isorig::identify {
 namespace {
-
-constexpr std::size_t kNeighbours = 5;
-constexpr double kGap = 8.0;
 
 double median_spacing(std::span<const double> t_s) {
   std::vector<double> steps;
@@ -20,10 +18,11 @@ double median_spacing(std::span<const double> t_s) {
 
 bool is_gap(std::span<const double> t_s, std::size_t k) {
   const double length_s = t_s[k + 1] - t_s[k];
-  const std::size_t before = std::min(kNeighbours, k), after = std::min(kNeighbours, t_s.size() - k - 2);
+  const std::size_t beside = deciding().gap_neighbours;
+  const std::size_t before = std::min(beside, k), after = std::min(beside, t_s.size() - k - 2);
   if (before + after == 0) return false;
-  return (before == 0 || length_s > kGap * median_spacing(t_s.subspan(k - before, before + 1))) &&
-         (after == 0 || length_s > kGap * median_spacing(t_s.subspan(k + 1, after + 1)));
+  return (before == 0 || length_s > deciding().gap_ratio * median_spacing(t_s.subspan(k - before, before + 1))) &&
+         (after == 0 || length_s > deciding().gap_ratio * median_spacing(t_s.subspan(k + 1, after + 1)));
 }
 
 }  // namespace isorig::identify

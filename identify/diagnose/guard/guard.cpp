@@ -6,6 +6,7 @@
 
 #include "base/number_text.hpp"
 #include "base/quantile.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/guard/gaps.hpp"
 #include "identify/diagnose/signal/flat_line.hpp"
 #include "identify/diagnose/signal/spikes.hpp"
@@ -36,9 +37,9 @@ void find_outliers(const messages::FrameSamples& frame, const ChannelQuality& qu
     if (!out.usable[k]) continue;
     for (std::size_t j = 0; j < near.size(); ++j) near[j] = f[k - kHalf + j];
     const double median = base::quantile_in_place(near, 0.5), away = std::fabs(f[k] - median);
-    if (away < 8.0 * noise) continue;
+    if (away < deciding().outlier_noises * noise) continue;
     for (std::size_t j = 0; j < near.size(); ++j) near[j] = std::fabs(f[k - kHalf + j] - median);
-    if (away < 9.0 * base::quantile_in_place(near, 0.5)) continue;
+    if (away < deciding().outlier_ratio * base::quantile_in_place(near, 0.5)) continue;
     out.usable[k] = false;
     first = count == 0 ? t[k] : std::min(first, t[k]);
     last = std::max(last, t[k]);
@@ -97,7 +98,7 @@ void find_gaps(const messages::FrameSamples& frame, Guarded& out) {
   std::ranges::sort(sorted);
   const double longest_usual = sorted[sorted.size() * 99 / 100];
   for (std::size_t k = 0; k < steps.size(); ++k) {
-    if (steps[k] > 8.0 * longest_usual && is_gap(t, k))
+    if (steps[k] > deciding().gap_ratio * longest_usual && is_gap(t, k))
       out.faults.push_back({"gap", t[k], t[k + 1], 0, "no readings for " + number(steps[k]) + " s"});
   }
 }
@@ -114,7 +115,7 @@ Guarded guard_recording(const messages::Recording& recording, const RecordingQua
   find_outliers(frame, quality.force, out);
   find_position_outliers(frame, quality.position, out);
   const auto& [noise, step] = quality.force;
-  if (step > 1.5 * noise && step > 0.0)
+  if (step > deciding().coarse_step_noises * noise && step > 0.0)
     out.faults.push_back({"quantisation", frame.t_s.front(), frame.t_s.back(), frame.size(),
                           "force is read in steps of " + number(step) + " N, coarser than its noise"});
   return out;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/guard/gaps.hpp"
 
 namespace isorig::identify {
@@ -12,11 +13,11 @@ constexpr std::size_t kNeighbours = 5;
 
 /// Fastest mean velocity over five readings that goes beyond what the noise of the position can feign.
 double fastest(const messages::FrameSamples& frame, double noise_mm) {
-  constexpr double kNoises = 8.0;
   double most = 0.0;
   for (std::size_t k = 0; k + kNeighbours < frame.size(); ++k) {
     const double way_mm = std::fabs(frame.position_mm[k + kNeighbours] - frame.position_mm[k]);
-    if (way_mm > kNoises * noise_mm) most = std::max(most, way_mm / (frame.t_s[k + kNeighbours] - frame.t_s[k]));
+    if (way_mm > deciding().missed_motion_noises * noise_mm)
+      most = std::max(most, way_mm / (frame.t_s[k + kNeighbours] - frame.t_s[k]));
   }
   return most;
 }
@@ -24,12 +25,11 @@ double fastest(const messages::FrameSamples& frame, double noise_mm) {
 }  // namespace
 
 std::vector<double> missed_motion(const messages::FrameSamples& frame, const ChannelQuality& position_quality) {
-  constexpr double kLeastShare = 0.02;
-  constexpr std::size_t kMost = 12;
   const auto& t_s = frame.t_s;
   if (t_s.size() < 4 * kNeighbours) return {};
   const auto [low, high] = std::ranges::minmax_element(frame.position_mm);
-  const double fastest_mm_s = fastest(frame, position_quality.noise), least_mm = kLeastShare * (*high - *low);
+  const double fastest_mm_s = fastest(frame, position_quality.noise),
+               least_mm = deciding().missed_motion_share * (*high - *low);
   struct Gap {
     double length_s, end_s;
   };
@@ -39,7 +39,7 @@ std::vector<double> missed_motion(const messages::FrameSamples& frame, const Cha
     if (length_s * fastest_mm_s > least_mm && is_gap(t_s, k)) gaps.push_back({length_s, t_s[k + 1]});
   }
   std::ranges::sort(gaps, std::greater<>(), &Gap::length_s);
-  if (gaps.size() > kMost) gaps.resize(kMost);
+  if (gaps.size() > deciding().most_missed_motions) gaps.resize(deciding().most_missed_motions);
   std::vector<double> ends;
   ends.reserve(gaps.size());
   for (const Gap& gap : gaps) ends.push_back(gap.end_s);

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "base/number_text.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -41,17 +42,18 @@ Trend trend_of(const std::vector<double>& x, const std::vector<double>& y) {
 std::size_t strokes_between_readings(const messages::FrameSamples& frame, double noise_mm) {
   const auto& t = frame.t_s;
   const auto& x = frame.position_mm;
-  constexpr double kSlow_s = 0.5, kClearly = 10.0;
   std::vector<double> steps_s;
   for (std::size_t k = 1; k < t.size(); ++k) steps_s.push_back(t[k] - t[k - 1]);
   std::ranges::sort(steps_s);
-  const double longest_usual_s = steps_s[steps_s.size() * 99 / 100];  // beyond eight of that it is a gap
+  const double longest_usual_s = steps_s[steps_s.size() * 99 / 100];  // far beyond that it is a gap
   std::size_t count = 0;
   for (std::size_t k = 1; k + 2 < x.size(); ++k) {
     const double step_s = t[k + 1] - t[k];
-    if (step_s < kSlow_s || step_s > 8.0 * longest_usual_s) continue;
+    if (step_s < deciding().missed_stroke_s || step_s > deciding().gap_ratio * longest_usual_s) continue;
     const double beside_mm = std::max(std::fabs(x[k] - x[k - 1]), std::fabs(x[k + 2] - x[k + 1]));
-    if (std::fabs(x[k + 1] - x[k]) > kClearly * (beside_mm + 3.0 * noise_mm)) ++count;
+    if (std::fabs(x[k + 1] - x[k]) >
+        deciding().missed_stroke_ratio * (beside_mm + deciding().missed_stroke_noises * noise_mm))
+      ++count;
   }
   return count;
 }
@@ -67,16 +69,15 @@ void refuse_implausible(const messages::Recording& recording, const std::string&
     throw std::invalid_argument(name + ": the position moves by " + number(high - low) +
                                 " mm, more than the specimen is long (pressurized_rest_length_mm = " +
                                 number(*length_mm) + " in recording.toml); is one of the two in another unit?");
-  if (nominal.has("spring") && high - low > 20.0 * position_quality.noise) {
+  if (nominal.has("spring") && high - low > deciding().moves_noises * position_quality.noise) {
     const Trend trend = trend_of(frame.position_mm, frame.force_N);
-    constexpr double kBeyondDoubt = -0.8;
-    if (trend.correlation < kBeyondDoubt)
+    if (trend.correlation < deciding().turned_sign_correlation)
       throw std::invalid_argument(name + ": the force falls by " + number(-trend.slope) +
                                   " N per mm of extension, which no spring of the model can; extension and tension "
                                   "are positive: is the sign of force_N or of position_mm turned round?");
   }
-  constexpr std::size_t kFew = 3;
-  if (const std::size_t strokes = strokes_between_readings(frame, position_quality.noise); strokes >= kFew)
+  if (const std::size_t strokes = strokes_between_readings(frame, position_quality.noise);
+      strokes >= deciding().missed_strokes)
     throw std::invalid_argument(name + ": " + std::to_string(strokes) +
                                 " strokes begin and end between two readings; its samples are too far apart to follow "
                                 "the motion: record ramps with ten readings or more");
@@ -100,14 +101,13 @@ void refuse_repeated(std::span<const messages::Recording> recordings, std::span<
 
 void refuse_several_pressures(std::span<const messages::Recording> recordings, std::span<const std::string> names,
                               const model::ModelSpec& nominal) {
-  constexpr double kOnePressure = 0.05;
   if (nominal.driven_by_pressure()) return;
   std::map<double, std::string> at_psi;
   for (std::size_t i = 0; i < recordings.size(); ++i)
     at_psi[recordings[i].metadata.nominal_pressure_psi.value_or(0.0)] += ' ' + names[i];
   if (at_psi.size() < 2) return;
   const double lowest = at_psi.begin()->first, highest = at_psi.rbegin()->first;
-  const double one_psi = kOnePressure * std::max(std::fabs(lowest), std::fabs(highest));
+  const double one_psi = deciding().one_pressure_share * std::max(std::fabs(lowest), std::fabs(highest));
   if (highest - lowest <= one_psi) return;
   std::string text = "recordings at several nominal pressures, " + number(lowest) + " to " + number(highest) +
                      " psi, are not one question: stiffness, relaxation and tare of an actuator follow its pressure, "
@@ -140,7 +140,8 @@ std::optional<DataFault> odd_pressure(const messages::Recording& recording) {
   if (!recording.pressure || recording.pressure->size() == 0 || !nominal || *nominal <= 0.0) return std::nullopt;
   const auto& gauge = *recording.pressure;
   const auto [low, high] = std::ranges::minmax(gauge.pressure_psi);
-  if (low < 2.0 * *nominal && high > 0.5 * *nominal) return std::nullopt;
+  const double far = deciding().odd_pressure_ratio;
+  if (low < far * *nominal && high > *nominal / far) return std::nullopt;
   return DataFault{"pressure", gauge.t_s.front(), gauge.t_s.back(), gauge.size(),
                    "pressure stands at " + number(low) + " to " + number(high) + " psi where " + number(*nominal) +
                        " psi is nominal; is pressure.csv in another unit?"};

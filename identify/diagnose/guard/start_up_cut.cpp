@@ -4,14 +4,10 @@
 #include <cmath>
 
 #include "base/formatted.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 
 namespace isorig::identify {
 namespace {
-
-constexpr double kBegun = 0.7;  ///< of the nominal pressure: below it the specimen is not filled
-constexpr double kNear = 0.05;  ///< of the nominal pressure, at least kNear_psi
-constexpr double kNear_psi = 0.3;
-constexpr double kStays_s = 1.0;
 
 void keep(std::vector<double>& values, std::size_t from, std::size_t end) {
   values.erase(values.begin() + static_cast<std::ptrdiff_t>(end), values.end());
@@ -29,26 +25,27 @@ std::optional<DataFault> cut_start_up(messages::Recording& recording) {
   const double nominal_psi = recording.metadata.nominal_pressure_psi.value_or(0.0);
   if (!recording.pressure || recording.pressure->size() < 2 || nominal_psi <= 0.0) return std::nullopt;
   auto& [t_s, pressure_psi] = *recording.pressure;
-  const double near_psi = std::max(kNear * nominal_psi, kNear_psi);
+  const double near_psi = std::max(deciding().filled_near_share * nominal_psi, deciding().filled_near_psi);
   const auto near = [&](double psi) { return std::fabs(psi - nominal_psi) <= near_psi; };
   double from_s = t_s.front(), to_s = t_s.back();
-  if (pressure_psi.front() < kBegun * nominal_psi) {
+  if (pressure_psi.front() < deciding().filled_share * nominal_psi) {
     double since_s = t_s.front();
     bool found = false;
     for (std::size_t k = 0; k < t_s.size() && !found; ++k) {
       if (!near(pressure_psi[k]))
         since_s = t_s[k];
-      else if (t_s[k] - since_s >= kStays_s) {
+      else if (t_s[k] - since_s >= deciding().filled_stays_s) {
         from_s = t_s[k];
         found = true;
       }
     }
     if (!found) return std::nullopt;  // never there: not a filling, and not ours to judge
   }
-  if (pressure_psi.back() < kBegun * nominal_psi) {
+  if (pressure_psi.back() < deciding().filled_share * nominal_psi) {
     // By the time the pressure has left its band, it has been falling for a while.
     const auto last = std::ranges::find_if(pressure_psi.rbegin(), pressure_psi.rend(), near);
-    if (last != pressure_psi.rend()) to_s = t_s[static_cast<std::size_t>(pressure_psi.rend() - last) - 1] - kStays_s;
+    if (last != pressure_psi.rend())
+      to_s = t_s[static_cast<std::size_t>(pressure_psi.rend() - last) - 1] - deciding().filled_stays_s;
   }
   if (from_s == t_s.front() && to_s == t_s.back()) return std::nullopt;
   auto& frame = recording.frame;

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "base/quantile.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -43,7 +44,6 @@ std::optional<BandLimitedMotion> band_limited_motion(std::span<const double> t_s
                                                      const ChannelQuality& quality) {
   const std::size_t n = t_s.size();
   constexpr std::size_t kFewest = 200;
-  constexpr double kMostNoise = 2e-3;
   if (n < kFewest) return std::nullopt;
   const double dt_s = (t_s.back() - t_s.front()) / static_cast<double>(n - 1);
   std::size_t uneven = 0;
@@ -74,7 +74,7 @@ std::optional<BandLimitedMotion> band_limited_motion(std::span<const double> t_s
     const double span_s = static_cast<double>(width) * dt_s;
     const double noise = 6.0 * noise_mm * noise_mm / static_cast<double>(width) / std::pow(span_s, 4);
     out.width = width;
-    if (noise > kMostNoise * power) continue;
+    if (noise > deciding().acceleration_noise_share * power) continue;
     // Sum of squares of the weights of three means in a row: 11/20 over the width (a quadratic B-spline's).
     motion.noise_mm = noise_mm / std::sqrt(1.8 * static_cast<double>(width));
     motion.quantisation_mm = 0.0;

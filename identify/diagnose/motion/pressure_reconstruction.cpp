@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "base/quantile.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "model/stepping.hpp"
 
 namespace isorig::identify {
@@ -150,9 +151,8 @@ ReconstructedPressure reconstruct_pressure(const messages::PressureSamples& gaug
   SlowSignal slow = smooth_slow(gauge.t_s, rest, quality);
   constexpr std::size_t kFewest = 50;
   // A gauge read as often as the frame needs no help, and is on the same clock.
-  const bool sparse = usual_interval_s(gauge.t_s) > 3.0 * usual_interval_s(t_s);
-  // Three numbers more (size, time, clock) on thousands of readings: by chance one gains 15 at the most.
-  constexpr double kWorth = 25.0, kWorthClock = 12.0, kLargestClock_s = 0.6;
+  const bool sparse = usual_interval_s(gauge.t_s) > deciding().sparse_gauge_ratio * usual_interval_s(t_s);
+  const double worth = deciding().pressure_response_nats, largest_clock_s = deciding().largest_pressure_clock_s;
   if (sparse && gauge.size() >= kFewest && t_s.size() >= kFewest) {
     Response response(gauge, t_s, position_mm);
     double recovery_s = 1.0, clock_s = 0.0;
@@ -177,15 +177,15 @@ ReconstructedPressure reconstruct_pressure(const messages::PressureSamples& gaug
         const double tau = recovery_s, clock = clock_s;
         for (const double move : {-1.0, 1.0}) try_at(tau * std::exp(0.7 * move * width), clock);
         for (const double move : {-0.5, -0.25, 0.25, 0.5})
-          try_at(recovery_s, std::clamp(clock + move * width, -kLargestClock_s, kLargestClock_s));
+          try_at(recovery_s, std::clamp(clock + move * width, -largest_clock_s, largest_clock_s));
       }
-      if (best.gain < kWorth) break;
+      if (best.gain < worth) break;
       Line line(t_s, response.column(recovery_s));
       for (std::size_t k = 0; k < rest.size(); ++k)
         rest[k] = gauge.pressure_psi[k] - best.droop_psi_mm * line(gauge.t_s[k] - clock_s);
       slow = smooth_slow(gauge.t_s, rest, channel_quality(gauge.t_s, rest));
     }
-    if (best.gain >= kWorth) {
+    if (best.gain >= worth) {
       out.droop_psi_mm = best.droop_psi_mm;
       out.recovery_s = recovery_s;
       const double noise = std::max(slow.noise, 1e-12);
@@ -196,7 +196,7 @@ ReconstructedPressure reconstruct_pressure(const messages::PressureSamples& gaug
                           response.score(recovery_s, clock_s + kStep_s, noise, slow.walk).gain;
       // Curvature of ln L by the clock: -(L(c + d) - 2 L(c) + L(c - d)) / d^2 is one over the variance.
       if (bend > 0.0) out.clock_error_s = 1.96 * kStep_s / std::sqrt(bend);
-      if (at - without >= kWorthClock && out.clock_error_s > 0.0) {
+      if (at - without >= deciding().pressure_clock_nats && out.clock_error_s > 0.0) {
         out.clock_s = clock_s;
       } else {
         // The clocks agree as far as can be told: then they do.

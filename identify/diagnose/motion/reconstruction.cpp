@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/motion/band_limited_motion.hpp"
 #include "identify/diagnose/motion/corner_motion.hpp"
 #include "identify/diagnose/motion/pressure_reconstruction.hpp"
@@ -65,7 +66,7 @@ std::vector<double> since_corner(std::span<const double> t_s, const Motion& moti
     for (std::size_t j = std::max<std::size_t>(from, 1); j <= to; ++j)
       change += std::fabs(motion.acceleration_mm_s2[j]) * (t_s[j] - t_s[j - 1]);
     const double reach = change * (t_s[to] - t_s[from]);
-    if (reach > 4.0 * noise) last_s = t_s[k];
+    if (reach > deciding().corner_noises * noise) last_s = t_s[k];
     since[k] = t_s[k] - last_s;
   }
   return since;
@@ -91,8 +92,7 @@ Excitation reconstruct_excitation(const messages::Recording& recording, const Re
     reading_quality = channel_quality(frame.t_s, reading_mm);
   excitation.motion = smooth_motion(frame.t_s, reading_mm, reading_quality, on_progress);
   excitation.since_corner_s = since_corner(frame.t_s, excitation.motion);
-  constexpr double kBusy = 0.5;
-  if (busy_share(frame.t_s, excitation.since_corner_s) > kBusy) {
+  if (busy_share(frame.t_s, excitation.since_corner_s) > deciding().busy_share) {
     if (auto busy = band_limited_motion(frame.t_s, reading_mm, reading_quality)) {
       excitation.motion = std::move(busy->motion);
       excitation.width = busy->width;
@@ -123,7 +123,8 @@ Excitation reconstruct_excitation(const messages::Recording& recording, const Re
 
   excitation.instants.resize(n);
   excitation.slid_mm = without_small_reversals(
-      excitation.motion.position_mm, 5.0 * std::max(excitation.motion.noise_mm, excitation.motion.quantisation_mm));
+      excitation.motion.position_mm,
+      deciding().reversal_noises * std::max(excitation.motion.noise_mm, excitation.motion.quantisation_mm));
   for (std::size_t k = 0; k < n; ++k) {
     model::Instant& now = excitation.instants[k];
     now.t_s = frame.t_s[k];

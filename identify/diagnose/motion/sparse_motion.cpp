@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/motion/reconstruction.hpp"
 
 namespace isorig::identify {
@@ -171,7 +172,6 @@ class SparseMotion {
   /// within that time share their variance, so that a corner that was sampled densely is found as a whole and one
   /// lucky reading is not.
   void refine(int passes) {
-    constexpr double kTogether_s = 0.012;
     const std::size_t n = t_s_.size();
     for (int pass = 0; pass < passes; ++pass) {
       smooth();
@@ -183,7 +183,7 @@ class SparseMotion {
         double energy = 0.0, known = 0.0;
         const std::size_t from = k >= 2 ? k - 2 : 0, to = std::min(k + 2, n - 2);
         for (std::size_t j = from; j <= to; ++j) {
-          if (std::fabs(t_s_[j] - t_s_[k]) > kTogether_s) continue;
+          if (std::fabs(t_s_[j] - t_s_[k]) > deciding().accelerates_together_s) continue;
           const double weight = j == k ? 1.0 : 0.6;
           energy += weight * mean_[j] * mean_[j];
           known += weight * std::max(1.0 - variance_[j] / spread_[j], 1e-3);
@@ -210,10 +210,9 @@ class SparseMotion {
   }
 
   /// Among 30 000 readings evidence alone accepts some accelerations by chance. A run of accelerations is kept only if
-  /// it raises the log-likelihood of the readings after it by kWorth (a factor of 8000): about one false run in a long
+  /// it raises the log-likelihood of the readings after it by enough (a factor of 8000): about one false run in a long
   /// session.
   void prune(std::size_t apart) {
-    constexpr double kWorth = 9.0;
     const std::vector<Run> runs = alive(apart);
     smoother_.score(spread_, noise_mm_ * noise_mm_, with_);
     // Every other run at a time: what is taken out must not spoil what follows its neighbour.
@@ -226,7 +225,7 @@ class SparseMotion {
         const std::size_t end = r + 1 < runs.size() ? runs[r + 1].first + 1 : t_s_.size();
         double gain = 0.0;
         for (std::size_t k = runs[r].first + 1; k < end; ++k) gain += with_[k] - without_[k];
-        if (gain >= kWorth) continue;
+        if (gain >= deciding().acceleration_worth_nats) continue;
         for (std::size_t k = runs[r].first; k <= runs[r].last; ++k) spread_[k] = kStill;
       }
     }
@@ -236,7 +235,6 @@ class SparseMotion {
   /// Where pruning went too far the readings leave the line together, by five standard deviations of their mean: those
   /// stretches may accelerate again. False when there are none.
   bool open_again() {
-    constexpr double kLeaves = 5.0;
     const std::size_t n = t_s_.size();
     smooth();
     std::vector<double> sum(n + 1, 0.0);
@@ -244,7 +242,9 @@ class SparseMotion {
     bool opened = false;
     for (const std::size_t width : {4u, 8u, 16u, 48u}) {
       for (std::size_t k = 0; k + width <= n; ++k) {
-        if (std::fabs(sum[k + width] - sum[k]) < kLeaves * std::sqrt(static_cast<double>(width))) continue;
+        if (std::fabs(sum[k + width] - sum[k]) <
+            deciding().leaves_line_deviations * std::sqrt(static_cast<double>(width)))
+          continue;
         const std::size_t from = k > width / 2 + 2 ? k - width / 2 - 2 : 0;
         for (std::size_t j = from; j < std::min(k + width + width / 2 + 2, n - 1); ++j) {
           const double h = t_s_[j + 1] - t_s_[j];

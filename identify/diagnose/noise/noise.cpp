@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/noise/noise_likelihood.hpp"
 #include "identify/diagnose/noise/repetitions.hpp"
 
@@ -18,12 +19,15 @@ namespace {
 /// of 5 s (Series::rest_s), and shorter where rests are.
 std::vector<NoiseSample> find_rests(const Series& series, const std::vector<bool>& usable) {
   // Longer rests are cut: a line and two decays cannot follow an hour of relaxation.
-  const double settled_s = kSettled_rests * series.rest_s, shortest_s = kShortest_rests * series.rest_s,
-               longest_s = kLongest_rests * series.rest_s, fast_s = 0.8 * series.rest_s, slow_s = 2.4 * series.rest_s;
+  const double settled_s = deciding().settled_rests * series.rest_s,
+               shortest_s = deciding().shortest_rests * series.rest_s,
+               longest_s = deciding().longest_rests * series.rest_s,
+               fast_s = deciding().rest_fast_decay_rests * series.rest_s,
+               slow_s = deciding().rest_slow_decay_rests * series.rest_s;
   std::vector<NoiseSample> rests;
   NoiseSample rest;
   const auto close = [&] {
-    if (rest.size() >= 20 && rest.t_s.back() - rest.t_s.front() >= shortest_s) {
+    if (rest.size() >= deciding().fewest_readings_of_a_rest && rest.t_s.back() - rest.t_s.front() >= shortest_s) {
       const double middle_s = 0.5 * (rest.t_s.front() + rest.t_s.back());
       for (const double t_s : rest.t_s) {
         const double since_s = t_s - rest.t_s.front();
@@ -72,7 +76,7 @@ std::string_view name_of(NoiseSource source) noexcept {
 InstrumentNoise instrument_noise(std::span<const Series> series, std::span<const std::vector<bool>> usable) {
   // Longer than that, a rest cannot tell a correlation from its own relaxation.
   double longest_s = 0.0;
-  for (const Series& each : series) longest_s = std::max(longest_s, kShortest_rests * each.rest_s);
+  for (const Series& each : series) longest_s = std::max(longest_s, deciding().shortest_rests * each.rest_s);
   InstrumentNoise out;
   std::vector<NoiseSample> rests;
   std::size_t rows = 0;
@@ -87,14 +91,13 @@ InstrumentNoise instrument_noise(std::span<const Series> series, std::span<const
     white = std::max({white, series[i].reading_noise_N, force.noise, force.rounding()});
   }
   out.noise = {std::max(white, 1e-9), 0.0, 1.0};
-  if (rows >= kFewestSettled) {
+  if (rows >= deciding().fewest_settled_readings) {
     out.source = NoiseSource::kRests;
     out.noise = fit_noise(rests, out.noise.white_N, longest_s);
     // A coarse reading may stand on one step for a whole rest. It shows no noise there, but is wrong by up to half a
     // step, step / sqrt(12) rms, in all readings alike; in motion that error changes from reading to reading. So the
     // rest measures too little noise, and a step's error is added to both parts.
-    constexpr double kUndithered = 0.5;
-    if (out.noise.white_N < kUndithered * step) {
+    if (out.noise.white_N < deciding().undithered_steps * step) {
       out.noise.white_N = std::hypot(out.noise.white_N, step / std::sqrt(12.0));
       out.noise.coloured_N = std::hypot(out.noise.coloured_N, step / std::sqrt(12.0));
       out.noise.correlation_s = 1.0;  // between a slow return's sawtooth and a rest

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/noise_search.hpp"
 
 namespace isorig::identify {
@@ -84,7 +85,8 @@ NoiseModel fit_noise(std::span<const NoiseSample> samples, double start_N, doubl
   climb(best, best_score, {.width = {0.1, 0.5, 0.6}, .passes = 12, .shortest_s = 0.01, .longest_s = longest_s},
         [&](const NoiseModel& noise) { return noise_likelihood(samples, noise); });
   // Two numbers more than white noise, half a log of the rows each (Schwarz 1978).
-  if (best_score - white_only < std::log(static_cast<double>(rows))) best = {all, 0.0, 1.0};
+  const double price = deciding().coloured_noise_numbers * deciding().numbers_cost_log_rows;
+  if (best_score - white_only < price * std::log(static_cast<double>(rows))) best = {all, 0.0, 1.0};
   return best;
 }
 

@@ -5,13 +5,10 @@
 #include <cmath>
 
 #include "base/quantile.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 
 namespace isorig::identify {
 namespace {
-
-constexpr double kTurn_share = 0.1;   // of a stroke, after its turning point
-constexpr double kSpeed_share = 0.1;  // of the fastest: velocities that are nearly equal
-constexpr std::size_t kFewestReadings = 12;
 
 struct Stroke {
   std::size_t first = 0, end = 0;
@@ -98,8 +95,8 @@ NoiseSample difference(const Track& track, const Stroke& stroke, const Stroke& e
   NoiseSample sample;
   const auto& slid_mm = track.slid_mm;
   const double sign = stroke.direction;
-  const double after_mm =
-      sign * slid_mm[stroke.first] + kTurn_share * std::fabs(slid_mm[stroke.end - 1] - slid_mm[stroke.first]);
+  const double after_mm = sign * slid_mm[stroke.first] +
+                          deciding().repeated_turn_share * std::fabs(slid_mm[stroke.end - 1] - slid_mm[stroke.first]);
   std::size_t j = earlier.first;
   for (std::size_t k = stroke.first; k < stroke.end; ++k) {
     const double at_mm = sign * slid_mm[k];
@@ -113,7 +110,7 @@ NoiseSample difference(const Track& track, const Stroke& stroke, const Stroke& e
       return track.at[k].*value - ((1.0 - w) * track.at[j].*value + w * track.at[j + 1].*value);
     };
     const double faster_mm_s = more(&model::Instant::velocity_mm_s);
-    if (std::fabs(faster_mm_s) > kSpeed_share * fastest_mm_s) continue;
+    if (std::fabs(faster_mm_s) > deciding().repeated_speed_share * fastest_mm_s) continue;
     sample.t_s.push_back(track.at[k].t_s);
     sample.force_N.push_back(std::sqrt(0.5) *
                              (track.force_N[k] - ((1.0 - w) * track.force_N[j] + w * track.force_N[j + 1])));
@@ -145,7 +142,7 @@ std::vector<NoiseSample> repetitions(const Series& series) {
       NoiseSample one = difference(track, strokes[s], strokes[s - back], fastest_mm_s);
       if (one.size() > best.size() + best.size() / 4) best = std::move(one);
     }
-    if (best.size() < kFewestReadings) continue;
+    if (best.size() < deciding().fewest_repeated_readings) continue;
     const double middle_s = 0.5 * (best.t_s.front() + best.t_s.back());
     for (auto& row : best.columns) row[1] -= middle_s;
     orthogonalise(best);
@@ -155,7 +152,6 @@ std::vector<NoiseSample> repetitions(const Series& series) {
 }
 
 std::optional<NoiseModel> noise_of_repetitions(std::span<const Series> series, double start_N) {
-  constexpr std::size_t kFewestRows = 150, kFewestStrokes = 4;
   std::vector<NoiseSample> samples;
   std::vector<double> lasts_s;
   std::size_t rows = 0;
@@ -166,8 +162,10 @@ std::optional<NoiseModel> noise_of_repetitions(std::span<const Series> series, d
       samples.push_back(std::move(sample));
     }
   }
-  if (rows < kFewestRows || samples.size() < kFewestStrokes) return std::nullopt;
-  const double longest_s = std::clamp(0.25 * base::quantile_in_place(lasts_s, 0.5), 0.02, 8.0);
+  if (rows < deciding().fewest_readings_in_motion || samples.size() < deciding().fewest_repeated_strokes)
+    return std::nullopt;
+  const double longest_s =
+      std::clamp(deciding().repeated_correlation_share * base::quantile_in_place(lasts_s, 0.5), 0.02, 8.0);
   NoiseModel noise = fit_noise(samples, start_N, longest_s);
   // Amplitude and correlation time trade against each other: along that ridge, too.
   double best = noise_likelihood(samples, noise);
@@ -212,7 +210,6 @@ NoiseModel noise_of_bins(std::span<const Series> series, const NoiseModel& noise
 }
 
 std::optional<NoiseModel> noise_within_strokes(std::span<const Series> series, double start_N) {
-  constexpr std::size_t kPiece = 24, kFewest = 12, kFewestRows = 150;
   std::vector<NoiseSample> samples;
   std::size_t rows = 0;
   for (const Series& each : series) {
@@ -220,7 +217,7 @@ std::optional<NoiseModel> noise_within_strokes(std::span<const Series> series, d
     for (const Stroke& stroke : strokes_of(track_of(each))) {
       NoiseSample piece;
       const auto close = [&] {
-        if (piece.size() >= kFewest) {
+        if (piece.size() >= deciding().fewest_bins_of_a_piece) {
           const double first_s = piece.t_s.front(), span_s = piece.t_s.back() - first_s;
           for (const double t_s : piece.t_s) {
             const double u = 2.0 * (t_s - first_s) / span_s - 1.0;
@@ -239,7 +236,7 @@ std::optional<NoiseModel> noise_within_strokes(std::span<const Series> series, d
       };
       // The bins at the turning points went through the filter together with the other side.
       for (std::size_t k = stroke.first + 2; k + 2 < stroke.end; ++k) {
-        if (each.count[k] == 0.0 || piece.size() == kPiece) close();
+        if (each.count[k] == 0.0 || piece.size() == deciding().stroke_piece_bins) close();
         if (each.count[k] == 0.0) continue;
         piece.t_s.push_back(each.nodes[k].t_s);
         piece.force_N.push_back(each.force_N[k]);
@@ -248,7 +245,7 @@ std::optional<NoiseModel> noise_within_strokes(std::span<const Series> series, d
       close();
     }
   }
-  if (rows < kFewestRows) return std::nullopt;
+  if (rows < deciding().fewest_readings_in_motion) return std::nullopt;
   NoiseModel noise = fit_white_noise(samples, start_N);
   noise.white_N = std::max(noise.white_N, floor_of(series));
   return noise;

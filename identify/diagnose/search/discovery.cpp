@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/basis.hpp"
 #include "identify/diagnose/fit/free_parameters.hpp"
 #include "identify/diagnose/noise/effective_dof.hpp"
@@ -17,7 +18,7 @@ namespace {
 using model::ModelSpec;
 using model::Part;
 
-constexpr std::size_t kMostProducts = 3;
+constexpr std::size_t kMostProducts = 3;  // that there is room for; deciding().most_products are taken
 
 /// Every product at every value of its grid.
 std::vector<Part> screened_parts(const ModelSpec& base, bool has_pressure) {
@@ -79,16 +80,13 @@ struct Screen {
   [[nodiscard]] Eigen::VectorXd coefficients(const Set& set) const { return gram(set, set).ldlt().solve(right(set)); }
   /// Of the residual's squares; 0 for a set whose products can hardly be told apart.
   [[nodiscard]] double explained(const Set& set) const {
-    constexpr double kLeastPivot = 1e-3;
     const Eigen::LDLT<Eigen::MatrixXd> solver(gram(set, set));
-    if (solver.vectorD().minCoeff() < kLeastPivot) return 0.0;
+    if (solver.vectorD().minCoeff() < deciding().product_pivot) return 0.0;
     return std::clamp(right(set).dot(solver.solve(right(set))) / squares, 0.0, 1.0 - 1e-12);
   }
 };
 
 Screen screen(const Problem& problem, const ModelSpec& base) {
-  // Of a product's own length what must be left once the model's columns are taken out.
-  constexpr double kLeastShare = 1e-2;
   const auto series = problem.series();
   const bool has_pressure =
       std::ranges::any_of(series, [](const Series& s) { return !s.excitation.pressure_psi.empty(); });
@@ -117,7 +115,7 @@ Screen screen(const Problem& problem, const ModelSpec& base) {
     Eigen::VectorXd column = weight.cwiseProduct(columns.col(own + static_cast<Eigen::Index>(i)));
     const double length = column.norm();
     column -= q * (q.transpose() * column);
-    if (!(column.norm() > kLeastShare * length)) continue;
+    if (!(column.norm() > deciding().product_own_share * length)) continue;
     out.columns.col(used++) = column.normalized();
     out.parts.push_back(std::move(parts[i]));
   }
@@ -159,7 +157,7 @@ Weighed weigh(const Screen& screened, std::span<const Series> series) {
   };
   std::vector<One> sets;
   std::array<double, kMostProducts + 1> number{1.0}, most{};
-  for (std::size_t size = 1; size <= kMostProducts; ++size) {
+  for (std::size_t size = 1; size <= deciding().most_products; ++size) {
     Set set;
     every_set(screened, size, set, [&](const Set& one) {
       const double explained = screened.explained(one);
@@ -171,7 +169,7 @@ Weighed weigh(const Screen& screened, std::span<const Series> series) {
       }
     });
   }
-  const Set& largest = out.best[kMostProducts].empty() ? out.best[1] : out.best[kMostProducts];
+  const Set& largest = out.best[deciding().most_products].empty() ? out.best[1] : out.best[deciding().most_products];
   if (largest.empty()) return out;
   Eigen::VectorXd left = screened.residual - screened.columns(Eigen::all, largest) * screened.coefficients(largest);
   const double n = std::max(effective_degrees_of_freedom(series, left), 2.0 * kMostProducts + 2.0);
@@ -201,8 +199,8 @@ std::vector<DiscoveredModel> discover(const Problem& problem, const ModelSpec& b
   const Screen screened = screen(problem, base);
   if (!(screened.squares > 0.0) || screened.parts.empty()) return out;
   const Weighed weighed = weigh(screened, problem.series());
-  if (weighed.nothing > 0.5) return out;
-  for (std::size_t size = 1; size <= kMostProducts; ++size) {
+  if (weighed.nothing > deciding().nothing_probability) return out;
+  for (std::size_t size = 1; size <= deciding().most_products; ++size) {
     if (weighed.best[size].empty()) continue;
     DiscoveredModel one{base, weighed.inclusion, {}};
     for (const std::size_t i : weighed.best[size]) {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/moves.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
@@ -251,7 +252,8 @@ std::optional<Hypothesis> describe_unknown(const Search& search, const Hypothesi
   std::size_t best = 0;
   for (std::size_t c = 1; c < all.size(); ++c)
     if (fits[c].gain > fits[best].gain) best = c;
-  if (fits[best].gain < std::max(60.0, 0.02 * before)) return std::nullopt;
+  if (fits[best].gain < std::max(deciding().table_least_squares, deciding().table_least_share * before))
+    return std::nullopt;
 
   ModelSpec spec = base.fit.spec;
   spec.parts.push_back(table_part(model::element::empirical_force(), all[best].law, fits[best].table));
@@ -277,7 +279,7 @@ std::optional<Hypothesis> describe_unknown(const Search& search, const Hypothesi
   const NoiseModel left = problem.estimate_noise(out.fit.spec);
   out.fit.noise = left;
   out.fit.log_likelihood = problem.log_likelihood(out.fit.spec, left);
-  const double cost = 0.5 * std::log(static_cast<double>(base.fit.rows));
+  const double cost = deciding().numbers_cost_log_rows * std::log(static_cast<double>(base.fit.rows));
   out.evidence =
       out.fit.log_likelihood - cost * (fits[best].freedom + 2.0 * static_cast<double>(base.effects.size() + 3));
   return out;

@@ -5,6 +5,7 @@
 #include <functional>
 #include <optional>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/basis.hpp"
 
 namespace isorig::identify {
@@ -13,7 +14,6 @@ using model::ModelSpec;
 
 std::vector<double> event_times(const Problem& problem, const ModelSpec& spec, const NoiseModel& noise,
                                 double force_step, std::size_t count) {
-  constexpr double kApart_s = 1.0;
   RowMatrix a;
   problem.columns(spec, a);
   a.conservativeResize(Eigen::NoChange, a.cols() + 1);
@@ -43,7 +43,8 @@ std::vector<double> event_times(const Problem& problem, const ModelSpec& spec, c
   std::vector<double> times;
   for (const auto& [gain, time] : gains) {
     if (times.size() >= count) break;
-    if (std::ranges::all_of(times, [t = time](double other) { return std::fabs(other - t) > kApart_s; }))
+    if (std::ranges::all_of(times,
+                            [t = time](double other) { return std::fabs(other - t) > deciding().events_apart_s; }))
       times.push_back(time);
   }
   return times;
@@ -82,18 +83,18 @@ namespace {
 /// Squares that one more event has to take off (with_further_events), in units of what `fit` leaves.
 double price_of_event(const Fit& fit) {
   const double rows = static_cast<double>(fit.rows);
-  return 4.0 * std::log(rows) * std::max(1.0, fit.chi2 / rows);
+  return deciding().event_price_log_rows * std::log(rows) * std::max(1.0, fit.chi2 / rows);
 }
 
 }  // namespace
 
 Fit with_further_events(const Problem& problem, const Fit& from,
                         const std::function<bool(const ModelSpec&)>& may_stay) {
-  constexpr std::size_t kMost = 8, kTimes = 2;
+  constexpr std::size_t kTimes = 2;
   Fit best = from;
   const model::Law& law = *from.spec.parts.back().law;
   const std::size_t time = model::event_parameter(law);
-  for (std::size_t count = 1; count < kMost; ++count) {
+  for (std::size_t count = 1; count < deciding().most_events; ++count) {
     std::optional<Fit> more;
     for (const double time_s : event_times(problem, best.spec, problem.noise(), law.traits.event_force_step, kTimes)) {
       ModelSpec spec = best.spec;

@@ -6,6 +6,7 @@
 #include <map>
 
 #include "base/parallel.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/free_parameters.hpp"
 #include "identify/diagnose/search/events.hpp"
 #include "identify/diagnose/search/resolution.hpp"
@@ -28,7 +29,7 @@ bool pressure_varies(std::span<const Series> series) {
       high = std::max(high, p);
     }
   }
-  return high - low > 0.2 * std::max(std::fabs(high), std::fabs(low));
+  return high - low > deciding().pressure_varies_share * std::max(std::fabs(high), std::fabs(low));
 }
 
 }  // namespace
@@ -271,8 +272,8 @@ void Search::settle(Hypothesis& hypothesis, bool restart_arms) const {
   hypothesis.fit.noise = noise;
   hypothesis.fit.log_likelihood = problem.log_likelihood(hypothesis.fit.spec, noise);
   const double numbers = static_cast<double>(counted_numbers(hypothesis.fit.spec));
-  hypothesis.evidence =
-      hypothesis.fit.log_likelihood - 0.5 * numbers * std::log(static_cast<double>(hypothesis.fit.rows));
+  hypothesis.evidence = hypothesis.fit.log_likelihood -
+                        deciding().numbers_cost_log_rows * numbers * std::log(static_cast<double>(hypothesis.fit.rows));
 }
 
 }  // namespace isorig::identify

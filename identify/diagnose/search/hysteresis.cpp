@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "base/parallel.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/basis.hpp"
 #include "identify/diagnose/fit/left_out.hpp"
 #include "identify/diagnose/search/discovery.hpp"
@@ -94,7 +95,8 @@ std::optional<Gain> simplest_of_the_best(const std::vector<Gain>& gains) {
   const auto best = std::ranges::max_element(gains, {}, &Gain::sum);
   if (best == gains.end()) return std::nullopt;
   for (const Gain& one : gains)
-    if (!one.candidate->inclusion.empty() && one.sum >= best->sum - best->error) return one;
+    if (!one.candidate->inclusion.empty() && one.sum >= best->sum - deciding().simpler_standard_errors * best->error)
+      return one;
   return *best;
 }
 
@@ -247,8 +249,9 @@ std::optional<HysteresisDescription> describe_hysteresis(const Search& search, c
     }
     gain.error =
         std::sqrt(std::max(squares - gain.sum * gain.sum / blocks, 0.0) * blocks / std::max(blocks - 1.0, 1.0));
-    constexpr double kWorth = 0.1;
-    if (gain.sum > gain.error && gain.sum >= kWorth * lacking && gain.sum > 0.0) gains.push_back(gain);
+    if (gain.sum > deciding().memory_standard_errors * gain.error &&
+        gain.sum >= deciding().memory_least_share * lacking && gain.sum > 0.0)
+      gains.push_back(gain);
   }
   const auto best = simplest_of_the_best(gains);
   if (!best) return std::nullopt;

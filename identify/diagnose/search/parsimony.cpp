@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/intervals.hpp"
 #include "identify/diagnose/fit/many_starts.hpp"
 #include "identify/diagnose/search/practical_significance.hpp"
@@ -12,8 +13,6 @@
 
 namespace isorig::identify {
 namespace {
-
-constexpr std::size_t kDescription = 5;
 
 std::size_t numbers(const model::Law& law) {
   std::size_t count = law.coefficients.size();
@@ -50,7 +49,7 @@ void prefer_simpler_laws(Selection& selection, const Search& search) {
       const auto at = std::ranges::find(chosen.fit.spec.parts, effect, &model::Part::physics);
       if (at == chosen.fit.spec.parts.end()) break;
       const auto index = static_cast<std::size_t>(at - chosen.fit.spec.parts.begin());
-      const bool description = at->coefficients.size() >= kDescription;
+      const bool description = at->coefficients.size() >= deciding().description_coefficients;
       const Problem problem(search.instrument_problem().series(), chosen.fit.noise);
       const bool gives_way = !description && idle(*at, intervals(problem, chosen.fit.spec, Spread::kNoise)[index]);
       if (!gives_way && !description) break;
@@ -80,8 +79,7 @@ void prefer_simpler_laws(Selection& selection, const Search& search) {
         }
       }
       if (!found) break;
-      constexpr double kSame = 2.0;  // noises of a reading
-      if (description && size_N(search, chosen, best) > kSame * noise_N) break;
+      if (description && size_N(search, chosen, best) > deciding().same_force_noises * noise_N) break;
       selection.pool[selection.best] = std::move(best);
     }
   }

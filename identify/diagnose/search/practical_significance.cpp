@@ -5,6 +5,7 @@
 #include <set>
 
 #include "base/quantile.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/search/without_effect.hpp"
 
 namespace isorig::identify {
@@ -13,7 +14,7 @@ double size_N(const Search& search, const Hypothesis& with, const Hypothesis& wi
   const Eigen::VectorXd change = problem.predict(with.fit.spec) - problem.predict(without.fit.spec);
   std::vector<double> sizes(change.data(), change.data() + change.size());
   for (double& size : sizes) size = std::fabs(size);
-  return base::quantile(std::move(sizes), 0.99);
+  return base::quantile(std::move(sizes), deciding().size_quantile);
 }
 
 namespace {
@@ -59,7 +60,7 @@ void discount_insignificant_effects(Selection& selection, const Search& search, 
     const double error_N =
         std::hypot(options.model_error_noises * noise_left_N(search, selection.pool[chosen], options),
                    options.model_error_share * largest);
-    const double odds = std::pow(sizes[smallest] / error_N, 4.0);
+    const double odds = std::pow(sizes[smallest] / error_N, deciding().significance_exponent);
     move_weight(selection, search, *smallest, odds / (1.0 + odds), false);
     count_weights(selection);
   }

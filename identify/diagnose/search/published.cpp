@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/fading.hpp"
 #include "identify/diagnose/fit/free_parameters.hpp"
 #include "identify/diagnose/fit/many_starts.hpp"
@@ -35,7 +36,6 @@ model::ModelSpec learn_from(std::span<const Series> kept, const model::ModelSpec
 /// effect. If it is negative, a search of these bins would not have found the effects.
 double shown_by(std::span<const Series> kept, const model::ModelSpec& with, const model::ModelSpec& nominal,
                 const NoiseModel& noise) {
-  constexpr double kFloor = 40.0;  // squares that chance may leave (weigh)
   const SelectionOptions options;
   const Problem problem(kept, noise);
   const Fit without = problem.fit(nominal, kIterations);
@@ -43,8 +43,9 @@ double shown_by(std::span<const Series> kept, const model::ModelSpec& with, cons
   const double gain = without.chi2 - left;
   if (gain <= 0.0) return gain;
   const double more = static_cast<double>(counted_numbers(with)) - static_cast<double>(counted_numbers(without.spec));
-  const double likelihood = 0.5 * gain - 0.5 * std::max(more, 1.0) * std::log(n);
-  const double variance = 0.5 * options.error_degrees * std::log1p(gain / (std::max(left - n, 0.0) + kFloor));
+  const double likelihood = 0.5 * gain - deciding().numbers_cost_log_rows * std::max(more, 1.0) * std::log(n);
+  const double variance =
+      0.5 * options.error_degrees * std::log1p(gain / (std::max(left - n, 0.0) + deciding().chance_squares));
   return std::min(likelihood, variance) - options.prior_cost;
 }
 
@@ -52,7 +53,6 @@ double shown_by(std::span<const Series> kept, const model::ModelSpec& with, cons
 
 PublishedNominal published_nominal(const Search& search, const Selection& selection,
                                    std::span<const std::vector<bool>> usable, unsigned threads) {
-  constexpr double kSame = 1.005;  // of the squares: a quarter of a percent of the rms
   const Fit& weighed = selection.nominal().fit;
   const auto series = search.instrument_problem().series();
   const NoiseModel noise = plain(search.instrument());
@@ -63,7 +63,8 @@ PublishedNominal published_nominal(const Search& search, const Selection& select
     rows.push_back(by_rows(series[i], i < usable.size() ? usable[i] : std::vector<bool>{}));
   const Problem by_row(rows, noise);
   const Fit least = by_row.fit(near.spec, kIterations);
-  if (squares_of(by_row, weighed.spec) <= kSame * least.chi2) return {weighed, {weighed.noise, false}};
+  if (squares_of(by_row, weighed.spec) <= deciding().plain_fit_squares_ratio * least.chi2)
+    return {weighed, {weighed.noise, false}};
   PublishedNominal out{near, {noise, true}};
   out.fit.spec = least.spec;
   out.fit.stop = least.stop;
@@ -71,12 +72,12 @@ PublishedNominal published_nominal(const Search& search, const Selection& select
 }
 
 bool errs_more_than_noise(const Hypothesis& hypothesis) {
-  return hypothesis.ls_chi2 > kErrorRules * static_cast<double>(hypothesis.fit.rows);
+  return hypothesis.ls_chi2 > deciding().error_rules_squares * static_cast<double>(hypothesis.fit.rows);
 }
 
 bool least_squares_decide(const Selection& selection) {
-  constexpr double kFarAbove = 30.0;
-  return selection.error_rules || selection.noise_scale > kFarAbove || errs_more_than_noise(selection.chosen());
+  return selection.error_rules || selection.noise_scale > deciding().least_squares_noise_scale ||
+         errs_more_than_noise(selection.chosen());
 }
 
 Criterion criterion_of_chosen(const Search& search, const Selection& selection) {

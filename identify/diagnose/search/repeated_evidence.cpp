@@ -6,6 +6,7 @@
 #include <cmath>
 #include <set>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/blocks.hpp"
 #include "identify/diagnose/fit/many_starts.hpp"
 #include "identify/diagnose/fit/moves.hpp"
@@ -16,8 +17,6 @@
 namespace isorig::identify {
 namespace {
 
-constexpr std::size_t kFewestBlocks = 8;
-
 struct Statistic {
   double t = 0.0;
   double degrees_of_freedom = 0.0;
@@ -25,7 +24,7 @@ struct Statistic {
 
 std::optional<Statistic> t_of(const Eigen::VectorXd& change, const Eigen::VectorXd& left,
                               const std::vector<std::size_t>& block_of_bin, std::size_t count) {
-  if (count < kFewestBlocks) return std::nullopt;
+  if (count < deciding().fewest_blocks_to_agree) return std::nullopt;
   const double power = change.squaredNorm(), beyond = change.dot(left) / power;
   std::vector<double> wanted(count, 0.0);
   for (std::size_t bin = 0; bin < block_of_bin.size(); ++bin) {
@@ -78,8 +77,6 @@ double prior_cost(const model::Physics& effect, const SelectionOptions& options)
 }
 
 void discount_unrepeated_effects(Selection& selection, const Search& search, const SelectionOptions& options) {
-  // An effect that keeps all but one in ten thousand of its weight is left alone.
-  constexpr double kSureLogOdds = 9.2;
   constexpr int kRounds = 4;
   const double looks = std::log(static_cast<double>(model::effects().size()));
   std::set<const model::Physics*> done;
@@ -95,7 +92,7 @@ void discount_unrepeated_effects(Selection& selection, const Search& search, con
       const std::optional<double> z = agreement(search, selection.pool[chosen], selection.pool[rest], noise);
       if (!z) continue;
       const double log_odds = 0.5 * *z * *z - prior_cost(*effect, options) - looks;
-      if (log_odds > kSureLogOdds) continue;
+      if (log_odds > deciding().sure_log_odds_nats) continue;
       moved = move_weight(selection, search, *effect, 1.0 / (1.0 + std::exp(-log_odds)), true) || moved;
     }
     if (!moved) break;

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "base/quantile.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "model/catalogue.hpp"
 
 namespace isorig::identify {
@@ -27,10 +28,11 @@ namespace {
 
 /// The effect that a law is at the bound where this number stands; "" anywhere else.
 std::string_view name_at_bound(const model::Parameter& parameter, double value) {
-  constexpr double kAtBound = 1.001, kAtUpperBound = 0.99;
   const model::ParameterTraits& traits = parameter.traits;
-  if (!traits.lower_bound_is.empty() && value <= kAtBound * parameter.lower) return traits.lower_bound_is;
-  if (!traits.upper_bound_is.empty() && value >= kAtUpperBound * parameter.upper) return traits.upper_bound_is;
+  if (!traits.lower_bound_is.empty() && value <= deciding().at_lower_bound_ratio * parameter.lower)
+    return traits.lower_bound_is;
+  if (!traits.upper_bound_is.empty() && value >= deciding().at_upper_bound_ratio * parameter.upper)
+    return traits.upper_bound_is;
   return {};
 }
 

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/quantile.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/noise/effective_dof.hpp"
 #include "identify/diagnose/search/empirical.hpp"
 #include "identify/diagnose/search/practical_significance.hpp"
@@ -39,10 +40,10 @@ std::size_t events(const Hypothesis& hypothesis, const model::Physics& effect) {
 }
 
 double block_median(const Eigen::VectorXd& residual) {
-  constexpr Eigen::Index kBlocks = 80;
+  const auto blocks = static_cast<Eigen::Index>(deciding().noise_scale_blocks);
   std::vector<double> means;
-  for (Eigen::Index b = 0; b < kBlocks; ++b) {
-    const Eigen::Index from = residual.size() * b / kBlocks, to = residual.size() * (b + 1) / kBlocks;
+  for (Eigen::Index b = 0; b < blocks; ++b) {
+    const Eigen::Index from = residual.size() * b / blocks, to = residual.size() * (b + 1) / blocks;
     if (to > from) means.push_back(residual.segment(from, to - from).squaredNorm() / static_cast<double>(to - from));
   }
   return base::quantile(std::move(means), 0.5);
@@ -71,8 +72,9 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
   std::size_t least = 0;
   for (std::size_t i = 1; i < pool.size(); ++i)
     if (error(i) < error(least)) least = i;
-  selection.error_rules = options.count_independent_errors && std::isfinite(options.most_noise_scale) &&
-                          pool[least].ls_chi2 > kErrorRules * static_cast<double>(pool[least].fit.rows);
+  selection.error_rules =
+      options.count_independent_errors && std::isfinite(options.most_noise_scale) &&
+      pool[least].ls_chi2 > deciding().error_rules_squares * static_cast<double>(pool[least].fit.rows);
   if (selection.error_rules) top = least;
 
   // The excess of each explanation: its whitened squares minus those of noise alone. The scale of that noise is the
@@ -90,14 +92,13 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
   double degrees = options.error_degrees;
   if (options.count_independent_errors)
     degrees = std::max(degrees, effective_degrees_of_freedom(search.instrument_problem().series(), residual));
-  constexpr double kFloor = 40.0;
   std::vector<double> log_weight(pool.size());
   for (std::size_t i = 0; i < pool.size(); ++i) {
     const double likelihood = std::max(pool[top].evidence - pool[i].evidence, 0.0);
     // Not the clipped excesses: below the noise, too, less left is better.
     const double more = (pool[i].ls_chi2 - pool[top].ls_chi2) / selection.noise_scale;
     const double left = selection.error_rules ? more : std::max(more, 0.0);
-    const double variance = 0.5 * degrees * std::log1p(left / (selection.excess[top] + kFloor));
+    const double variance = 0.5 * degrees * std::log1p(left / (selection.excess[top] + deciding().chance_squares));
     log_weight[i] = -(selection.error_rules ? variance : std::min(likelihood, variance)) - cost[i];
   }
   const double most = *std::ranges::max_element(log_weight);
@@ -136,7 +137,7 @@ Selection select_effects(const Search& search, const model::ModelSpec& nominal, 
     if (larger.empty() || pool[larger.front()].evidence < best + options.least_gain) break;
     // If the first effect explains all but 2 % of the nominal model's squares, every explanation has it. Else the next
     // best single effects are extended, too: the best pair need not contain the best single.
-    if (size == 1 && pool[order.front()].ls_chi2 < 0.02 * pool.front().ls_chi2) continue;
+    if (size == 1 && pool[order.front()].ls_chi2 < deciding().single_settles_share * pool.front().ls_chi2) continue;
     for (std::size_t b = 1; b < std::min<std::size_t>(order.size(), size == 1 ? 4 : 2); ++b) {
       const Hypothesis base = pool[order[b]];
       add(pool, search.extend(base, 2, false));
@@ -149,7 +150,8 @@ Selection select_effects(const Search& search, const model::ModelSpec& nominal, 
   // Where the best set has a large excess, a table of one variable is tried, beside the nominal model and beside that
   // set; then all are weighed again.
   const double rows = static_cast<double>(selection.nominal().fit.rows);
-  if (selection.excess[selection.best] > std::max(0.05 * rows, 150.0)) {
+  if (selection.excess[selection.best] >
+      std::max(deciding().table_excess_share * rows, deciding().table_excess_squares)) {
     std::vector<Hypothesis> described;
     if (auto plain = describe_unknown(search, selection.nominal())) described.push_back(std::move(*plain));
     if (selection.best != 0)

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/search/hypothesis.hpp"
 
 namespace isorig::identify {
@@ -27,23 +28,24 @@ struct Selection {
   [[nodiscard]] const Hypothesis& chosen() const { return pool[best]; }
 };
 
+/// At what the table of deciding numbers has (deciding/numbers.inc).
 struct SelectionOptions {
-  std::size_t most_effects = 3;
+  std::size_t most_effects = deciding().most_effects;
   /// What an effect must gain in log evidence to be looked at further.
-  double least_gain = 8.0;
+  double least_gain = deciding().least_gain_nats;
   /// Prior log odds against each effect: most rigs lack none of a given one.
-  double prior_cost = 3.0;
+  double prior_cost = deciding().prior_cost_nats;
   /// Further against effects beyond the recording format's list (PhysicsTraits::unusual).
-  double unusual_cost = 2.0;
+  double unusual_cost = deciding().unusual_cost_nats;
   /// Further against effects that contain another as a special case (PhysicsTraits::contains): half the log of some
   /// thousands of rows, what the information criterion asks for a number.
-  double contains_cost = 4.0;
+  double contains_cost = deciding().containing_cost_nats;
   /// Against physics that the catalogue lacks, beyond what its table costs in degrees of freedom.
-  double unknown_cost = 6.0;
+  double unknown_cost = deciding().unknown_cost_nats;
   /// Degrees of freedom of the model error in a recording. When the best explanation leaves more than noise,
   /// likelihoods overstate, because they count every bin as independent: two explanations are then compared by their
-  /// residual variances with this many degrees of freedom (calibrated on simulated cases, docs/diagnosis.md).
-  double error_degrees = 12.0;
+  /// residual variances with this many degrees of freedom.
+  double error_degrees = deciding().error_degrees;
   /// Take the degrees of freedom that the residual of the best explanation shows, where they are more
   /// (effective_dof.hpp).
   bool count_independent_errors = false;
@@ -55,14 +57,11 @@ struct SelectionOptions {
   double reading_noise_N = std::numeric_limits<double>::infinity();
   /// What a model errs by that lacks nothing worth a name: in noises of a reading, and as a share of the
   /// largest effect in it (practical_significance.hpp).
-  double model_error_noises = 2.0;
-  double model_error_share = 0.08;
+  double model_error_noises = deciding().model_error_noises;
+  double model_error_share = deciding().model_error_share;
   /// Called as the selection goes on, with the part of its usual time that has gone.
   std::function<void(double fraction)> on_progress{};
 };
-
-/// Whitened squares per reading beyond which the laws' own error decides, not the noise: three noises.
-inline constexpr double kErrorRules = 9.0;
 
 /// Singles, pairs, threes by beam; every set refitted as a whole; sets that do not need all their members
 /// lose them again.

@@ -8,6 +8,7 @@
 #include <numbers>
 
 #include "base/quantile.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -142,11 +143,12 @@ void refine(Peak& steady, const Channel& channel, double searched_step_Hz, doubl
 Peaks search(const Channel& channel, double mains_Hz) {
   // No mains keep their phase for longer than ten minutes: finer steps would only cost time, hours of it in a recording
   // of a day.
-  constexpr double kBeyond_Hz = 0.3, kSteps = 4.0, kCoherent_s = 600.0;
+  constexpr double kSteps = 4.0, kCoherent_s = 600.0;
+  const double beyond_Hz = deciding().hum_beyond_Hz;
   const double duration_s = channel.t_s.back() - channel.t_s.front();
   const double step_Hz = 1.0 / (kSteps * std::clamp(duration_s, kWindow_s, kCoherent_s));
-  const auto count = static_cast<std::size_t>(2.0 * kBeyond_Hz / step_Hz) + 1;
-  const double first_Hz = mains_Hz - kBeyond_Hz;
+  const auto count = static_cast<std::size_t>(2.0 * beyond_Hz / step_Hz) + 1;
+  const double first_Hz = mains_Hz - beyond_Hz;
   // Each of the three phasors of a difference turns on by the same angle from one frequency to the next.
   struct Turning {
     std::array<Phasor, 3> now, step;
@@ -192,15 +194,14 @@ Peaks search(const Channel& channel, double mains_Hz) {
 
 /// Power of noise is exponential with the median ln 2 of its mean.
 bool stands_out(const Peak& peak, std::size_t trials) {
-  constexpr double kRare = 1e5;
-  return peak.power > peak.typical / std::numbers::ln2 * std::log(kRare * static_cast<double>(trials));
+  return peak.power >
+         peak.typical / std::numbers::ln2 * std::log(deciding().hum_by_chance * static_cast<double>(trials));
 }
 
 bool stands_out(const Peak& peak, const Channel& channel) {
-  constexpr double kDeviations = 8.0;
-  constexpr std::size_t kFewestWindows = 5;
-  return channel.windows >= kFewestWindows &&
-         peak.power > peak.typical * (1.0 + kDeviations / std::sqrt(static_cast<double>(channel.windows)));
+  return channel.windows >= deciding().hum_windows &&
+         peak.power >
+             peak.typical * (1.0 + deciding().hum_deviations / std::sqrt(static_cast<double>(channel.windows)));
 }
 
 /// Amplitude at a time, between the middles of the windows that have one.
@@ -265,11 +266,9 @@ void follow_phase(Turns& turns, const Channel& channel) {
 
 std::optional<MainsHum> find_mains_hum(std::span<const double> t_s, std::span<const double> reading,
                                        const std::vector<bool>& single) {
-  constexpr std::size_t kFewest = 200;
-  constexpr double kHarmonicRare = 1e4;
   const Channel channel = differences_of(t_s, reading, single);
   const auto count = static_cast<double>(channel.differences.size());
-  if (channel.differences.size() < kFewest) return std::nullopt;
+  if (channel.differences.size() < deciding().hum_fewest_rows) return std::nullopt;
 
   std::optional<MainsHum> found;
   double least = 0.0;
@@ -307,7 +306,8 @@ std::optional<MainsHum> find_mains_hum(std::span<const double> t_s, std::span<co
       explained += window.power();
     }
     const double steps = found->steady ? 1.0 : static_cast<double>(windows.size());
-    const double noise = squares / count * 2.0 * (steps + std::sqrt(steps) * std::log(kHarmonicRare));
+    const double noise =
+        squares / count * 2.0 * (steps + std::sqrt(steps) * std::log(deciding().hum_harmonic_by_chance));
     if (harmonic > 1.0 && (found->steady ? all.power() : explained) < noise) continue;
     const Amplitudes amplitudes(windows, found->steady);
     for (std::size_t k = 0; k < t_s.size(); ++k) {

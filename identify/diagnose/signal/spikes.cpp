@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "identify/diagnose/deciding/deciding.hpp"
+
 namespace isorig::identify {
 
 Spikes find_spikes(std::span<const double> t, std::span<const double> f, double noise, std::vector<bool>& usable) {
@@ -31,7 +33,7 @@ Spikes find_spikes(std::span<const double> t, std::span<const double> f, double 
       // Neighbours must agree with each other: a corner of a ramp bends them too.
       const double left = std::fabs(f[k - 1] - line(t[k - 1], k - 2, k + run));
       const double right = std::fabs(f[k + run] - line(t[k + run], k - 1, k + run + 1));
-      if (size < 8.0 * noise || size < 4.0 * std::max(left, right)) continue;
+      if (size < deciding().spike_noises * noise || size < deciding().spike_ratio * std::max(left, right)) continue;
       for (std::size_t j = k; j < k + run; ++j) {
         usable[j] = false;
         out.rows.push_back(j);

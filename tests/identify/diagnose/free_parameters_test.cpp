@@ -97,7 +97,7 @@ TEST_F(OnTheBench, AMoveBeginsWhereARestEndsAndARecordingBeginsOne) {
   EXPECT_GT(moves.of_bin[bins], 2u) << "the bench's session has several moves";
   for (std::size_t k = 1; k < bins; ++k) {
     if (moves.of_bin[k] == moves.of_bin[k - 1]) continue;
-    EXPECT_GT(series_[0].since_corner_s[k - 1], kRest_s);
+    EXPECT_GT(series_[0].since_corner_s[k - 1], deciding().rest_s);
     EXPECT_EQ(series_[0].since_corner_s[k], 0.0);
   }
 }
