@@ -4,15 +4,19 @@
 #include <filesystem>
 #include <iostream>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <stdexcept>
 
+#include "base/printable.hpp"
 #include "cli/analysis/answers.hpp"
 #include "cli/analysis/diagnosis_files.hpp"
 #include "cli/command.hpp"
 #include "cli/protocols/protocol_input.hpp"
 #include "cli/provenance.hpp"
 #include "cli/screen/progress.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
+#include "identify/diagnose/deciding/deciding_table.hpp"
 #include "messages/recording.hpp"
 
 namespace isorig::cli {
@@ -22,8 +26,10 @@ struct Options {
   std::vector<std::string> recordings;
   std::string model;
   std::string out, rig;
+  std::vector<std::string> decide;
   unsigned threads = 2;
   bool report = true;
+  bool json = false;
 };
 
 /// Before minutes of work, not after: "" when `out` is a folder that can be written, or can be made.
@@ -40,7 +46,30 @@ std::string unwritable(const std::filesystem::path& out) {
   return {};
 }
 
+/// False, and why on stderr, where a number cannot be decided so.
+bool decide_otherwise(const std::vector<std::string>& assignments) {
+  for (const std::string& assignment : assignments) {
+    try {
+      identify::decide(assignment);
+    } catch (const std::invalid_argument& e) {
+      std::cerr << "isorig diagnose --decide: " << base::printable(e.what()) << '\n';
+      return false;
+    }
+  }
+  return true;
+}
+
+/// In place of a diagnosis, which needs more than this asks for.
+void print_deciding(bool as_json) {
+  if (as_json)
+    std::cout << identify::deciding_json().dump(2) << '\n';
+  else
+    std::cout << identify::deciding_table();
+  throw CLI::Success();
+}
+
 int diagnose(const Options& options) {
+  if (!decide_otherwise(options.decide)) return kUsage;
   if (const std::string why = unwritable(options.out); !why.empty()) {
     std::cerr << options.out << ": " << why << '\n';
     return kFailure;
@@ -96,6 +125,13 @@ Command add_diagnose(CLI::App& app) {
                   "Rig whose limits a further experiment keeps (config/rigs/); else those of the recordings");
   sub->add_option("--threads", options->threads, "Threads to use")->capture_default_str()->check(CLI::Range(1, 64));
   sub->add_flag("!--no-report", options->report, "Leave out diagnosis-report.html");
+  sub->add_option("--decide", options->decide,
+                  "NAME=VALUE: decide by another value than the stated one, and say so in the result")
+      ->allow_extra_args(false);
+  auto* json = sub->add_flag("--json", options->json, "With --deciding: as JSON");
+  json->needs(sub->add_flag_callback(
+      "--deciding", [options] { print_deciding(options->json); },
+      "The numbers that decide, each with what it decides and where it comes from"));
   sub->add_flag_callback("--undated", leave_the_time_out,
                          "No time on the page: the same recordings give the same bytes");
   return {sub, [options] { return diagnose(*options); }};

@@ -22,7 +22,7 @@ namespace fs = std::filesystem;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-constexpr int kFailure = 1, kBadInput = 3;
+constexpr int kFailure = 1, kUsage = 2, kBadInput = 3;
 
 struct Outcome {
   int code = 0;
@@ -141,6 +141,41 @@ TEST_F(DiagnoseCommand, SaysWhatIsMissingInWordsAndUnits) {
   const auto json = nlohmann::json::parse(read(out_ / "diagnosis.json"));
   EXPECT_EQ(json["verdict"], "missing_physics");
   EXPECT_EQ(json["missing"][0]["effect"], "coulomb_friction");
+  EXPECT_FALSE(json.contains("deciding")) << "all as stated";
+}
+
+TEST_F(DiagnoseCommand, ListsTheNumbersThatDecideWithoutARecording) {
+  const Outcome text = isorig("diagnose --deciding");
+  EXPECT_EQ(text.code, 0) << text.text;
+  EXPECT_THAT(text.text, HasSubstr("prior_cost_nats = 3 nat  (0 to 1e+06)\n"));
+  const Outcome listed = isorig("diagnose --deciding --json");
+  EXPECT_EQ(listed.code, 0) << listed.text;
+  const auto json = nlohmann::json::parse(listed.text);
+  ASSERT_GT(json.size(), 100U);
+  EXPECT_EQ(json[0]["name"], "prior_cost_nats");
+  for (const auto& one : json) EXPECT_FALSE(one["derivation"].get<std::string>().empty()) << one["name"];
+}
+
+TEST_F(DiagnoseCommand, DecidesByAnotherNumberAndSaysSo) {
+  messages::write_recording(recording_, test::record({.friction_N = 0.8}));
+  const std::string command = "diagnose " + recording_.string() + " --model slse1 --no-report --threads 1 --out " +
+                              out_.string() + " --decide ";
+  for (const auto& [wrong, advice] :
+       {std::pair("prior_cost=3", "near it: prior_cost_nats"), std::pair("prior_cost_nats=nan", "no finite number"),
+        std::pair("surest_probability=1.5", "is not within 0 to 1")}) {
+    const Outcome refused = isorig(command + wrong);
+    EXPECT_EQ(refused.code, kUsage) << refused.text;
+    EXPECT_THAT(refused.text, HasSubstr(advice));
+    EXPECT_FALSE(fs::exists(out_));
+  }
+  // No evidence is worth as much as an effect costs now.
+  const Outcome outcome = isorig(command + "prior_cost_nats=1e6 --decide unknown_cost_nats=1e6");
+  ASSERT_EQ(outcome.code, 0) << outcome.text;
+  EXPECT_THAT(outcome.text, ::testing::StartsWith("warning: Decided by other numbers than the stated ones: "
+                                                  "[prior_cost_nats = 1e+06 (stated: 3), unknown_cost_nats"));
+  const auto json = nlohmann::json::parse(read(out_ / "diagnosis.json"));
+  EXPECT_TRUE(json["missing"].empty()) << json["missing"].dump(1);
+  EXPECT_EQ(json["deciding"], nlohmann::json::parse(R"({"prior_cost_nats": 1e6, "unknown_cost_nats": 1e6})"));
 }
 
 TEST_F(DiagnoseCommand, RefusesABrokenFrameFile) {
