@@ -7,6 +7,7 @@ void add_generate(CLI::App& app);
 void add_run(CLI::App& app);
 void add_score(CLI::App& app);
 void add_score_practice(CLI::App& app);
+void add_sensitivity(CLI::App& app);
 void add_real(CLI::App& app);
 
 }  // namespace isorig::proof

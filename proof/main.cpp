@@ -10,6 +10,7 @@ int main(int argc, char** argv) {
   isorig::proof::add_run(app);
   isorig::proof::add_score(app);
   isorig::proof::add_score_practice(app);
+  isorig::proof::add_sensitivity(app);
   isorig::proof::add_real(app);
   try {
     app.parse(argc, argv);

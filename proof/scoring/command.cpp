@@ -4,11 +4,11 @@
 
 #include "base/parallel.hpp"
 #include "base/text_file.hpp"
-#include "messages/csv.hpp"
 #include "messages/recording.hpp"
 #include "proof/baselines/baseline.hpp"
 #include "proof/commands.hpp"
 #include "proof/scoring/runner.hpp"
+#include "proof/scoring/sensitivity.hpp"
 #include "proof/scoring/table.hpp"
 #include "proof/sealed.hpp"
 
@@ -41,26 +41,12 @@ void tell(const std::vector<Score>& scores, const std::vector<std::vector<std::s
 }
 
 void run_study(const StudyPaths& paths) {
-  const auto listed = nlohmann::json::parse(base::read_text_file(paths.study / "cases.json"));
-  std::vector<CaseToRun> cases;
-  for (const auto& one : listed.at("cases")) {
-    const std::string name = one.at("case");
-    cases.push_back({name, one.at("nominal"), paths.study / name / "train", paths.study / name / "heldout"});
-  }
+  const std::vector<CaseToRun> cases = cases_of(paths.study);
   // Kept with the results: these labels, and no later ones, are what they will be scored with.
   const std::string hash = published_hash(paths.study / "labels.sha256");
   write_text(paths.results_or_default() / "labels.sha256", hash + "  labels.json\n");
   std::printf("labels sealed as %s\n", hash.c_str());
   run_cases(cases, paths.results_or_default(), paths.run);
-}
-
-std::vector<double> true_force_N(const fs::path& file, const std::string& sealed_hash) {
-  if (sha256(base::read_text_file(file)) != sealed_hash)
-    throw std::runtime_error(file.string() + " was changed after it was sealed");
-  std::vector<double> t_s, force_N;
-  const messages::CsvColumn columns[] = {{"t_s", &t_s}, {"force_N", &force_N}};
-  messages::read_number_csv(file, columns);
-  return force_N;
 }
 
 /// The tool's own score comes first. Returned under the name of the laws that were concealed, to stand beside others.
@@ -72,7 +58,7 @@ Score score_study(const StudyPaths& paths) {
   std::vector<Outcome> outcomes(labels.size());
   std::vector<std::vector<double>> truth(labels.size());
   for (std::size_t i = 0; i < labels.size(); ++i) {
-    truth[i] = true_force_N(labels_file.parent_path() / "truth" / (labels[i].name + ".csv"), labels[i].truth_sha256);
+    truth[i] = true_force_N(labels_file, labels[i]);
     outcomes[i] = collect(results / labels[i].name, truth[i]);
   }
   std::vector<Score> scores{score("isorig", labels, outcomes)};
@@ -123,10 +109,10 @@ void score_practice(const StudyPaths& paths) {
        "Practice cases: what was found", "");
 }
 
-void add_run_options(CLI::App* sub, StudyPaths& paths) {
-  sub->add_option("--isorig", paths.run.isorig, "The program to judge")->capture_default_str();
-  sub->add_option("-j,--jobs", paths.run.jobs, "Cases at a time")->capture_default_str()->check(CLI::Range(1, 64));
-  sub->add_option("--threads", paths.run.threads, "Threads of each diagnosis")->capture_default_str();
+void add_run_options(CLI::App* sub, RunOptions& run) {
+  sub->add_option("--isorig", run.isorig, "The program to judge")->capture_default_str();
+  sub->add_option("-j,--jobs", run.jobs, "Cases at a time")->capture_default_str()->check(CLI::Range(1, 64));
+  sub->add_option("--threads", run.threads, "Threads of each diagnosis")->capture_default_str();
 }
 
 }  // namespace
@@ -136,7 +122,7 @@ void add_run(CLI::App& app) {
   auto* sub = app.add_subcommand("run", "Run `isorig diagnose` and `isorig predict` on every case of a study");
   sub->add_option("STUDY", paths->study, "Folder that generate wrote")->required();
   sub->add_option("--results", paths->results, "Folder for what the tool says (default: STUDY/results)");
-  add_run_options(sub, *paths);
+  add_run_options(sub, paths->run);
   sub->callback([paths] { run_study(*paths); });
 }
 
@@ -158,8 +144,27 @@ void add_score_practice(CLI::App& app) {
   sub->add_option("--cases", paths->study, "Folder with case-*/train and case-*/heldout")->required();
   sub->add_option("--labels", paths->labels, "Their labels")->required();
   sub->add_option("--out", paths->results, "Folder for results, score.json and report.html")->required();
-  add_run_options(sub, *paths);
+  add_run_options(sub, paths->run);
   sub->callback([paths] { score_practice(*paths); });
+}
+
+void add_sensitivity(CLI::App& app) {
+  auto options = std::make_shared<SensitivityOptions>();
+  options->run.threads = 1;
+  auto* sub = app.add_subcommand(
+      "sensitivity", "What changes when each deciding number is halved and doubled; what is finished is not run again");
+  sub->add_option("STUDY", options->study, "Folder that generate wrote")->required();
+  sub->add_option("--only", options->only, "These numbers (`isorig diagnose --deciding` lists all)");
+  sub->add_option("--labels", options->labels, "The sealed labels (default: STUDY/sealed/labels.json)");
+  add_run_options(sub, options->run);
+  sub->callback([options] {
+    const Sensitivity found = measure_sensitivity(*options);
+    std::printf("%s", sensitivity_text(found).c_str());
+    write_text(options->study / "sensitivity.json", sensitivity_json(found).dump(2) + "\n");
+    write_text(options->study / "sensitivity.md", sensitivity_text(found));
+    std::printf("\n%s, %s\n", (options->study / "sensitivity.json").c_str(),
+                (options->study / "sensitivity.md").c_str());
+  });
 }
 
 }  // namespace isorig::proof

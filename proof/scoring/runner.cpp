@@ -7,20 +7,21 @@
 #include "base/parallel.hpp"
 #include "base/process.hpp"
 #include "base/text_file.hpp"
+#include "messages/csv.hpp"
 #include "messages/recording.hpp"
 #include "proof/sealed.hpp"
 
 namespace isorig::proof {
-namespace {
 
 void run_case(const CaseToRun& one, const std::filesystem::path& folder, const RunOptions& options) {
   std::filesystem::remove_all(folder);
   std::filesystem::create_directories(folder);
   const std::filesystem::path log = folder / "log.txt";
-  const base::ProcessResult diagnosed =
-      base::run_process({options.isorig, "diagnose", one.train, "--model", one.nominal, "--out", folder, "--threads",
-                         std::to_string(options.threads)},
-                        log);
+  std::vector<std::string> command{options.isorig, "diagnose",  one.train,
+                                   "--model",      one.nominal, "--out",
+                                   folder,         "--threads", std::to_string(options.threads)};
+  command.insert(command.end(), options.also.begin(), options.also.end());
+  const base::ProcessResult diagnosed = base::run_process(command, log);
   nlohmann::ordered_json json{
       {"exit_code", diagnosed.exit_code}, {"wall_s", diagnosed.wall_s}, {"cpu_s", diagnosed.cpu_s}};
   if (diagnosed.exit_code == 0) {
@@ -40,11 +41,29 @@ void run_case(const CaseToRun& one, const std::filesystem::path& folder, const R
   write_text(folder / "run.json", json.dump(2) + "\n");
 }
 
-}  // namespace
-
 void run_cases(const std::vector<CaseToRun>& cases, const std::filesystem::path& results, const RunOptions& options) {
   base::parallel_for(cases.size(), options.jobs,
                      [&](std::size_t i) { run_case(cases[i], results / cases[i].name, options); });
+}
+
+std::vector<CaseToRun> cases_of(const std::filesystem::path& study) {
+  const auto listed = nlohmann::json::parse(base::read_text_file(study / "cases.json"));
+  std::vector<CaseToRun> cases;
+  for (const auto& one : listed.at("cases")) {
+    const std::string name = one.at("case");
+    cases.push_back({name, one.at("nominal"), study / name / "train", study / name / "heldout"});
+  }
+  return cases;
+}
+
+std::vector<double> true_force_N(const std::filesystem::path& labels_file, const Label& label) {
+  const std::filesystem::path file = labels_file.parent_path() / "truth" / (label.name + ".csv");
+  if (sha256(base::read_text_file(file)) != label.truth_sha256)
+    throw std::runtime_error(file.string() + " was changed after it was sealed");
+  std::vector<double> t_s, force_N;
+  const messages::CsvColumn columns[] = {{"t_s", &t_s}, {"force_N", &force_N}};
+  messages::read_number_csv(file, columns);
+  return force_N;
 }
 
 Outcome collect(const std::filesystem::path& folder, const std::vector<double>& reference_N) {

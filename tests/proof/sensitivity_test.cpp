@@ -1,0 +1,172 @@
+// Half and double of each deciding number, by a program that stands in for isorig.
+#include "proof/scoring/sensitivity.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "base/text_file.hpp"
+#include "messages/recording.hpp"
+#include "proof/sealed.hpp"
+
+namespace isorig::proof {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+
+TEST(Sensitivity, ANumberMovesWithinWhatItMayBe) {
+  EXPECT_EQ(moved({"cost", "nat", 3.0, 0.0, 1e6, false}, 2.0), 6.0);
+  EXPECT_EQ(moved({"surest", "1", 0.985, 0.0, 1.0, false}, 2.0), 1.0) << "its end";
+  EXPECT_EQ(moved({"correlation", "1", -0.8, -1.0, 0.0, false}, 0.5), -0.4);
+  EXPECT_EQ(moved({"effects", "1", 3.0, 1.0, 6.0, true}, 0.5), 2.0) << "a whole number";
+  EXPECT_EQ(moved({"products", "1", 3.0, 1.0, 3.0, true}, 2.0), std::nullopt) << "it cannot be more";
+}
+
+Outcome said(std::string verdict, std::vector<Claim> missing) {
+  Outcome o;
+  o.verdict = std::move(verdict);
+  o.missing = std::move(missing);
+  o.nominal_rmse_N = 1.0;
+  o.model_rmse_N = 0.5;
+  return o;
+}
+
+TEST(Sensitivity, CountsVerdictsNamesAndSureClaims) {
+  Label null, one;
+  null.category = "null";
+  one.category = "single";
+  one.effects = {"slack"};
+  const std::vector<Label> labels{null, one};
+  const std::vector<Outcome> stated{said("consistent", {}), said("missing_physics", {{"slack", 0.95}})};
+  const Shift same = shift_of(1.0, labels, stated, stated);
+  EXPECT_EQ(same.verdicts_changed, 0U);
+  EXPECT_EQ(same.names_changed, 0U);
+  EXPECT_EQ(same.tally.right, 1U);
+  const Shift other = shift_of(1.0, labels, stated,
+                               {said("missing_physics", {{"zero_drift", 0.97}}),
+                                said("missing_physics", {{"slack", 0.8}, {"zero_drift", 0.92}})});
+  EXPECT_EQ(other.verdicts_changed, 1U);
+  EXPECT_EQ(other.names_changed, 2U);
+  EXPECT_EQ(other.tally.right, 0U);
+  EXPECT_EQ(other.tally.wrong, 2U);
+}
+
+class SensitivityOfAStudy : public testing::Test {
+ protected:
+  void SetUp() override {
+    messages::Recording recording;
+    for (int k = 0; k < 3; ++k) {
+      recording.frame.t_s.push_back(0.1 * k);
+      recording.frame.position_mm.push_back(k);
+      recording.frame.force_N.push_back(2.0 * k);
+    }
+    nlohmann::json cases = nlohmann::json::array(), labels = nlohmann::json::array();
+    const std::string truth = "t_s,force_N\n0,0\n0.1,2\n0.2,4\n";
+    for (const std::string name : {"case-000", "case-001"}) {
+      for (const char* part : {"train", "heldout"}) messages::write_recording(study_ / name / part, recording);
+      cases.push_back({{"case", name}, {"nominal", "slse1"}});
+      labels.push_back({{"case", name},
+                        {"category", "single"},
+                        {"nominal", "slse1"},
+                        {"trap", "none"},
+                        {"noise_N", 0.01},
+                        {"residual_over_noise", 20.0},
+                        {"truth_sha256", sha256(truth)},
+                        {"effects", {{{"effect", "slack"}, {"size", 1.0}}}}});
+      write_text(study_ / "sealed" / "truth" / (name + ".csv"), truth);
+    }
+    write_text(study_ / "cases.json", nlohmann::json{{"cases", cases}}.dump());
+    seal(study_ / "sealed" / "labels.json", study_ / "labels.sha256", nlohmann::json{{"cases", labels}}.dump());
+    write_program("0.95");
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+
+  /// Names slack with `probability`, and nothing where the cost is double; counts how often it diagnosed.
+  void write_program(const std::string& probability) {
+    write_text(program_, R"(#!/bin/sh
+if [ "$2" = --deciding ]; then
+  echo '[{"name": "cost_nats", "unit": "nat", "value": 3.0, "least": 0.0, "most": 9.0, "whole": false},
+         {"name": "most_rows", "unit": "row", "value": 4.0, "least": 4.0, "most": 8.0, "whole": true}]'
+  exit
+fi
+while [ $# -gt 0 ]; do
+  case $1 in
+    diagnose|predict) act=$1 ;;
+    --out) out=$2 ;;
+    --decide) decide=$2 ;;
+  esac
+  shift
+done
+if [ $act = predict ]; then printf 't_s,force_N\n0,0\n0.1,2\n0.2,3\n' >"$out"; exit; fi
+echo x >>)" + (folder_ / "diagnosed").string() +
+                             R"(
+if [ "$decide" = cost_nats=6 ]; then echo '{"verdict": "consistent", "missing": []}' >"$out/diagnosis.json"; exit; fi
+echo '{"verdict": "missing_physics", "missing": [{"effect": "slack", "probability": )" +
+                             probability +
+                             R"(}]}' >"$out/diagnosis.json"
+)");
+    fs::permissions(program_, fs::perms::owner_all);
+  }
+  [[nodiscard]] SensitivityOptions options(std::vector<std::string> only = {}) const {
+    SensitivityOptions out;
+    out.study = study_;
+    out.only = std::move(only);
+    out.run.isorig = program_;
+    return out;
+  }
+  /// Diagnoses so far: a line of two bytes each.
+  [[nodiscard]] std::size_t diagnosed() const { return fs::file_size(folder_ / "diagnosed") / 2; }
+
+  fs::path folder_ = fs::temp_directory_path() / ("sensitivity-" + std::to_string(::getpid()));
+  fs::path study_ = folder_ / "study", program_ = folder_ / "isorig";
+};
+
+TEST_F(SensitivityOfAStudy, RunsEveryCaseAtHalfAndDoubleAndNoPieceTwice) {
+  Sensitivity found = measure_sensitivity(options({"cost_nats"}));
+  EXPECT_EQ(diagnosed(), 6U) << "two cases as stated, at half and at double";
+  ASSERT_EQ(found.numbers.size(), 1U);
+  EXPECT_EQ(found.stated.right, 2U);
+  const auto& [half, twice] = found.numbers[0].shifts;
+  ASSERT_TRUE(half && twice);
+  EXPECT_EQ(half->value, 1.5);
+  EXPECT_EQ(half->verdicts_changed, 0U);
+  EXPECT_EQ(twice->value, 6.0);
+  EXPECT_EQ(twice->verdicts_changed, 2U);
+  EXPECT_EQ(twice->names_changed, 2U);
+  EXPECT_EQ(twice->tally.right, 0U);
+
+  fs::remove(study_ / "sensitivity" / "cost_nats=6" / "case-001.json");
+  found = measure_sensitivity(options());
+  EXPECT_EQ(diagnosed(), 9U) << "the piece that was taken away, and the other number, which has no half";
+  ASSERT_EQ(found.numbers.size(), 2U);
+  EXPECT_FALSE(found.numbers[1].shifts[0]);
+  EXPECT_THAT(sensitivity_text(found), HasSubstr("| `cost_nats`, 3 nat | 6 | 2/2 | 2/2 | 0 | 0 |"));
+  const auto json = sensitivity_json(found);
+  EXPECT_EQ(json["stated"]["right_above_0.9"], 2);
+  EXPECT_EQ(json["numbers"][0]["double"]["verdicts_changed"], 2);
+  EXPECT_TRUE(json["numbers"][1]["half"].is_null());
+}
+
+TEST_F(SensitivityOfAStudy, MixesNoTwoProgramsAndNamesWhatIsUnknown) {
+  try {
+    (void)measure_sensitivity(options({"cost_nat"}));
+    FAIL();
+  } catch (const std::runtime_error& e) {
+    EXPECT_THAT(e.what(), HasSubstr("did you mean cost_nats?"));
+  }
+  (void)measure_sensitivity(options({"cost_nats"}));
+  write_program("0.5");
+  try {
+    (void)measure_sensitivity(options({"cost_nats"}));
+    FAIL();
+  } catch (const std::runtime_error& e) {
+    EXPECT_THAT(e.what(), HasSubstr("holds what another program made"));
+  }
+}
+
+}  // namespace
+}  // namespace isorig::proof
