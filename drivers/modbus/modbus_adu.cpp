@@ -5,7 +5,7 @@
 namespace isorig::modbus {
 namespace {
 
-void append(Bytes& bytes, std::uint16_t word) {
+void append(Message& bytes, std::uint16_t word) {
   bytes.push_back(static_cast<std::uint8_t>(word >> 8U));
   bytes.push_back(static_cast<std::uint8_t>(word & 0xFFU));
 }
@@ -21,15 +21,17 @@ std::uint16_t crc16(std::span<const std::uint8_t> bytes) noexcept {
   return static_cast<std::uint16_t>(crc);
 }
 
-Bytes read_request(std::uint8_t function, std::uint16_t address, std::uint16_t count) {
-  Bytes pdu{function};
+Message read_request(std::uint8_t function, std::uint16_t address, std::uint16_t count) {
+  Message pdu;
+  pdu.push_back(function);
   append(pdu, address);
   append(pdu, count);
   return pdu;
 }
 
-Bytes write_request(std::uint8_t function, std::uint16_t address, std::span<const std::uint16_t> words) {
-  Bytes pdu{function};
+Message write_request(std::uint8_t function, std::uint16_t address, std::span<const std::uint16_t> words) {
+  Message pdu;
+  pdu.push_back(function);
   append(pdu, address);
   if (function == 16) {
     append(pdu, static_cast<std::uint16_t>(words.size()));
@@ -39,19 +41,20 @@ Bytes write_request(std::uint8_t function, std::uint16_t address, std::span<cons
   return pdu;
 }
 
-Bytes tcp_frame(std::uint16_t transaction, std::uint8_t unit, std::span<const std::uint8_t> pdu) {
-  Bytes frame;
+Message tcp_frame(std::uint16_t transaction, std::uint8_t unit, std::span<const std::uint8_t> pdu) {
+  Message frame;
   append(frame, transaction);
   append(frame, 0);
   append(frame, static_cast<std::uint16_t>(pdu.size() + 1));
   frame.push_back(unit);
-  frame.insert(frame.end(), pdu.begin(), pdu.end());
+  frame.append(pdu);
   return frame;
 }
 
-Bytes rtu_frame(std::uint8_t unit, std::span<const std::uint8_t> pdu) {
-  Bytes frame{unit};
-  frame.insert(frame.end(), pdu.begin(), pdu.end());
+Message rtu_frame(std::uint8_t unit, std::span<const std::uint8_t> pdu) {
+  Message frame;
+  frame.push_back(unit);
+  frame.append(pdu);
   const auto crc = crc16(frame);
   frame.push_back(static_cast<std::uint8_t>(crc & 0xFFU));
   frame.push_back(static_cast<std::uint8_t>(crc >> 8U));

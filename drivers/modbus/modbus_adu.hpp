@@ -3,7 +3,8 @@
 #include <optional>
 #include <span>
 #include <string>
-#include <vector>
+
+#include "drivers/modbus/fixed_bytes.hpp"
 
 /// Modbus requests and what may answer them (MODBUS Application Protocol V1.1b3; Messaging on TCP/IP V1.0b; over serial
 /// line V1.02). No I/O.
@@ -14,10 +15,10 @@
 /// judged.
 namespace isorig::modbus {
 
-using Bytes = std::vector<std::uint8_t>;
-
 inline constexpr std::size_t kHeader = 7;  ///< MBAP: transaction, protocol, length, unit
 inline constexpr std::size_t kLongestPdu = 253;
+/// A request or an answer, with what a line puts round it: what counts the bytes in one is a byte itself.
+using Message = FixedBytes<kHeader + 6 + 255>;
 inline constexpr std::uint8_t kExceptionBit = 0x80;
 
 [[nodiscard]] std::uint16_t crc16(std::span<const std::uint8_t> bytes) noexcept;
@@ -26,11 +27,11 @@ inline constexpr std::uint8_t kExceptionBit = 0x80;
 }
 
 /// Functions 3 and 4; 6 (one word) and 16.
-[[nodiscard]] Bytes read_request(std::uint8_t function, std::uint16_t address, std::uint16_t count);
-[[nodiscard]] Bytes write_request(std::uint8_t function, std::uint16_t address, std::span<const std::uint16_t> words);
+[[nodiscard]] Message read_request(std::uint8_t function, std::uint16_t address, std::uint16_t count);
+[[nodiscard]] Message write_request(std::uint8_t function, std::uint16_t address, std::span<const std::uint16_t> words);
 
-[[nodiscard]] Bytes tcp_frame(std::uint16_t transaction, std::uint8_t unit, std::span<const std::uint8_t> pdu);
-[[nodiscard]] Bytes rtu_frame(std::uint8_t unit, std::span<const std::uint8_t> pdu);
+[[nodiscard]] Message tcp_frame(std::uint16_t transaction, std::uint8_t unit, std::span<const std::uint8_t> pdu);
+[[nodiscard]] Message rtu_frame(std::uint8_t unit, std::span<const std::uint8_t> pdu);
 
 /// What is wrong with an answer; empty when nothing is, or when it is an exception.
 [[nodiscard]] std::string fault_in_answer(std::span<const std::uint8_t> request, std::span<const std::uint8_t> answer);

@@ -21,16 +21,13 @@ using drivers::Fault;
 
 /// More answers than these are not waited for: a gateway that is so far behind is disconnected from.
 constexpr std::size_t kMostLate = 64;
+constexpr std::size_t kMostAtOnce = 512;
 
 bool wait_for(int fd, short events, std::int64_t timeout_ns) {
   pollfd waiting{fd, events, 0};
   const std::int64_t wait_ns = std::max<std::int64_t>(timeout_ns, 0);
   const timespec timeout{static_cast<time_t>(wait_ns / 1'000'000'000), static_cast<long>(wait_ns % 1'000'000'000)};
   return ::ppoll(&waiting, 1, &timeout, nullptr) > 0;
-}
-
-std::string registers(const char* doing, std::uint16_t address, std::size_t count) {
-  return std::string(doing) + " registers " + std::to_string(address) + "-" + std::to_string(address + count - 1);
 }
 
 }  // namespace
@@ -49,6 +46,11 @@ ModbusLink::ModbusLink(const ModbusConfig& config, ReadBlock probe, std::string 
 
 ModbusLink::~ModbusLink() {
   close();
+}
+
+std::string ModbusLink::Purpose::words() const {
+  if (registers == 0) return doing;
+  return std::string(doing) + " registers " + std::to_string(address) + "-" + std::to_string(address + registers - 1);
 }
 
 std::string ModbusLink::at() const {
@@ -135,8 +137,8 @@ void ModbusLink::get_in_step() {
 void ModbusLink::probe() {
   for (std::uint16_t length = 1; length <= probe_block_.registers; ++length) {
     if (unanswered_[length]) continue;
-    (void)ask(read_request(probe_block_.function, probe_block_.address, length), "getting back in step after an error",
-              length);
+    (void)ask(read_request(probe_block_.function, probe_block_.address, length),
+              {.doing = "getting back in step after an error"}, length);
     unanswered_.fill(false);
     return;
   }
@@ -150,9 +152,9 @@ void ModbusLink::probe() {
 // ---- bytes
 // ----------------------------------------------------------------------------------------------------
 
-void ModbusLink::send(const Bytes& request, const std::string& what) {
+void ModbusLink::send(const Message& request, const Purpose& what) {
   const auto unit = config_.map.unit_id;
-  const Bytes frame = rtu() ? rtu_frame(unit, request) : tcp_frame(++transaction_, unit, request);
+  const Message frame = rtu() ? rtu_frame(unit, request) : tcp_frame(++transaction_, unit, request);
   std::span<const std::uint8_t> left(frame);
   while (!left.empty()) {
     const auto sent =
@@ -168,17 +170,17 @@ void ModbusLink::send(const Bytes& request, const std::string& what) {
 }
 
 /// False when nothing came by `until_ns`.
-bool ModbusLink::fill(std::int64_t until_ns, const std::string& what) {
+bool ModbusLink::fill(std::int64_t until_ns, const Purpose& what) {
   if (!wait_for(fd_, POLLIN, until_ns - clock_.now_ns())) return false;
-  std::array<std::uint8_t, 512> bytes{};
-  const auto size = ::read(fd_, bytes.data(), bytes.size());
+  const auto room = received_.room();
+  const auto size = ::read(fd_, room.data(), std::min(room.size(), kMostAtOnce));
   if (size == 0) fail_disconnected(what, "closed by the other side");
   if (size < 0 && errno != EAGAIN && errno != EINTR) fail_disconnected(what, std::strerror(errno));
-  if (size > 0) received_.insert(received_.end(), bytes.begin(), bytes.begin() + size);
+  if (size > 0) received_.grow(static_cast<std::size_t>(size));
   return true;
 }
 
-bool ModbusLink::take_tcp(Frame& frame, const std::string& what) {
+bool ModbusLink::take_tcp(Frame& frame, const Purpose& what) {
   if (received_.size() < kHeader) return false;
   const std::size_t length = word_at(received_, 4);
   const auto protocol = word_at(received_, 2);
@@ -187,14 +189,14 @@ bool ModbusLink::take_tcp(Frame& frame, const std::string& what) {
         what, "protocol " + std::to_string(protocol) + " and length " + std::to_string(length) + ", which is no Modbus",
         0);
   }
-  const auto size = static_cast<std::ptrdiff_t>(6 + length);
-  if (received_.size() < static_cast<std::size_t>(size)) return false;
-  frame = {word_at(received_, 0), received_[6], Bytes(received_.begin() + kHeader, received_.begin() + size)};
-  received_.erase(received_.begin(), received_.begin() + size);
+  const std::size_t size = 6 + length;
+  if (received_.size() < size) return false;
+  frame = {word_at(received_, 0), received_[6], Message(std::span(received_).subspan(kHeader, size - kHeader))};
+  received_.drop_front(size);
   return true;
 }
 
-bool ModbusLink::take_rtu(Frame& frame, const std::string& what, std::size_t read_length) {
+bool ModbusLink::take_rtu(Frame& frame, const Purpose& what, std::size_t read_length) {
   const auto size = rtu_answer_size(received_);
   if (size == 0U)
     fail_protocol(what, "function " + std::to_string(received_[1]) + " that nobody asked for", read_length);
@@ -202,15 +204,15 @@ bool ModbusLink::take_rtu(Frame& frame, const std::string& what, std::size_t rea
   const std::span<const std::uint8_t> bytes(received_.data(), *size);
   const auto crc = static_cast<std::uint16_t>(bytes[*size - 2] | (bytes[*size - 1] << 8U));
   if (crc != crc16(bytes.first(*size - 2))) fail_protocol(what, "a wrong CRC", read_length);
-  frame = {0, bytes[0], Bytes(bytes.begin() + 1, bytes.end() - 2)};
-  received_.erase(received_.begin(), received_.begin() + static_cast<std::ptrdiff_t>(*size));
+  frame = {0, bytes[0], Message(bytes.subspan(1, *size - 3))};
+  received_.drop_front(*size);
   return true;
 }
 
 // ---- requests
 // -------------------------------------------------------------------------------------------------
 
-void ModbusLink::check(const Bytes& request, const Frame& frame, const std::string& what, std::size_t read_length) {
+void ModbusLink::check(const Message& request, const Frame& frame, const Purpose& what, std::size_t read_length) {
   if (frame.unit != config_.map.unit_id) {
     fail_protocol(what, "unit " + std::to_string(frame.unit) + " instead of " + std::to_string(config_.map.unit_id),
                   read_length);
@@ -220,14 +222,14 @@ void ModbusLink::check(const Bytes& request, const Frame& frame, const std::stri
   if (const auto exception = exception_in(frame.pdu)) fail_exception(what, *exception);
 }
 
-Bytes ModbusLink::await(const Bytes& request, std::int64_t until_ns, const std::string& what, std::size_t read_length) {
+Message ModbusLink::await(const Message& request, std::int64_t until_ns, const Purpose& what, std::size_t read_length) {
   const std::int64_t since_ns = clock_.now_ns();
   for (;;) {
     Frame frame;
     while (rtu() ? take_rtu(frame, what, read_length) : take_tcp(frame, what)) {
       if (rtu() || frame.transaction == transaction_) {
         check(request, frame, what, read_length);
-        return std::move(frame.pdu);
+        return frame.pdu;
       }
       const auto late = std::find(late_.begin(), late_.end(), frame.transaction);
       if (late == late_.end()) {
@@ -242,7 +244,7 @@ Bytes ModbusLink::await(const Bytes& request, std::int64_t until_ns, const std::
   }
 }
 
-Bytes ModbusLink::ask(const Bytes& request, const std::string& what, std::size_t read_length) {
+Message ModbusLink::ask(const Message& request, const Purpose& what, std::size_t read_length) {
   wait_for_gap();
   if (rtu()) flush();  // noise
   send(request, what);
@@ -254,18 +256,18 @@ Bytes ModbusLink::ask(const Bytes& request, const std::string& what, std::size_t
 void ModbusLink::read(std::uint8_t function, std::uint16_t address, std::span<std::uint16_t> words) {
   get_in_step();
   const auto answer = ask(read_request(function, address, static_cast<std::uint16_t>(words.size())),
-                          registers("reading", address, words.size()), words.size());
+                          {"reading", address, words.size()}, words.size());
   for (std::size_t i = 0; i < words.size(); ++i) words[i] = word_at(answer, 2 + 2 * i);
 }
 
 void ModbusLink::write(std::uint8_t function, std::uint16_t address, std::span<const std::uint16_t> words) {
   get_in_step();
-  (void)ask(write_request(function, address, words), registers("writing", address, words.size()), 0);
+  (void)ask(write_request(function, address, words), {"writing", address, words.size()}, 0);
 }
 
 void ModbusLink::write_at_once(std::uint8_t function, std::uint16_t address, std::span<const std::uint16_t> words) {
   const auto request = write_request(function, address, words);
-  const auto what = registers("writing", address, words.size());
+  const Purpose what{"writing", address, words.size()};
   if (!open_ || (!rtu() && in_doubt_)) get_in_step();
   const std::int64_t now_ns = clock_.now_ns(), until_ns = now_ns + timeout_ns();
   if (!rtu()) {
@@ -305,7 +307,7 @@ void ModbusLink::write_at_once(std::uint8_t function, std::uint16_t address, std
 // ---- what goes wrong
 // ------------------------------------------------------------------------------------------
 
-void ModbusLink::fail_no_answer(const std::string& what, std::int64_t since_ns, std::size_t read_length) {
+void ModbusLink::fail_no_answer(const Purpose& what, std::int64_t since_ns, std::size_t read_length) {
   const auto waited = std::to_string((clock_.now_ns() - since_ns) / 1'000'000);
   const bool something = !received_.empty();
   if (rtu() || something || late_.size() >= kMostLate) {
@@ -313,21 +315,21 @@ void ModbusLink::fail_no_answer(const std::string& what, std::int64_t since_ns, 
   } else {
     late_.push_back(transaction_);
   }
-  throw DeviceError(Fault::kTimeout, at() + what + ": " + (something ? "half an answer" : "no answer") + " within " +
-                                         waited + " ms; check the cable and unit_id " +
+  throw DeviceError(Fault::kTimeout, at() + what.words() + ": " + (something ? "half an answer" : "no answer") +
+                                         " within " + waited + " ms; check the cable and unit_id " +
                                          std::to_string(config_.map.unit_id) +
                                          ", or raise response_timeout_ms for a slow gateway");
 }
 
-void ModbusLink::fail_protocol(const std::string& what, const std::string& why, std::size_t read_length) {
+void ModbusLink::fail_protocol(const Purpose& what, const std::string& why, std::size_t read_length) {
   doubt(read_length);
   throw DeviceError(Fault::kProtocol,
-                    at() + what + ": an answer that is not one (" + why + "); " +
+                    at() + what.words() + ": an answer that is not one (" + why + "); " +
                         (rtu() ? "check baud, parity and shielding" : "check what listens on this port"));
 }
 
-void ModbusLink::fail_exception(const std::string& what, std::uint8_t code) const {
-  const auto text = at() + what + ": ";
+void ModbusLink::fail_exception(const Purpose& what, std::uint8_t code) const {
+  const auto text = at() + what.words() + ": ";
   const auto said = "exception " + std::to_string(code) + ", " + exception_text(code);
   if (code == 10 || code == 11) {
     throw DeviceError(Fault::kTimeout, text + "the gateway answers but cannot reach the frame behind it (" + said +
@@ -338,9 +340,9 @@ void ModbusLink::fail_exception(const std::string& what, std::uint8_t code) cons
                                                                  : "; look at the frame's state and faults"));
 }
 
-void ModbusLink::fail_disconnected(const std::string& what, const std::string& why) {
+void ModbusLink::fail_disconnected(const Purpose& what, const std::string& why) {
   close();
-  throw DeviceError(Fault::kDisconnected, at() + what + ": connection lost (" + why + ")");
+  throw DeviceError(Fault::kDisconnected, at() + what.words() + ": connection lost (" + why + ")");
 }
 
 }  // namespace isorig::modbus

@@ -57,26 +57,33 @@ class ModbusLink {
   struct Frame {
     std::uint16_t transaction = 0;
     std::uint8_t unit = 0;
-    Bytes pdu;
+    Message pdu;
+  };
+  /// What a request is for. Made into words when it fails: each poll has several, in a thread that allocates nothing.
+  struct Purpose {
+    const char* doing = "";
+    std::uint16_t address = 0;
+    std::size_t registers = 0;  ///< 0: `doing` says all
+    [[nodiscard]] std::string words() const;
   };
 
   void open_line();
   void get_in_step();
   void probe();
   void wait_for_gap();
-  Bytes ask(const Bytes& request, const std::string& what, std::size_t read_length);
-  Bytes await(const Bytes& request, std::int64_t until_ns, const std::string& what, std::size_t read_length);
-  void check(const Bytes& request, const Frame& frame, const std::string& what, std::size_t read_length);
-  void send(const Bytes& request, const std::string& what);
-  bool fill(std::int64_t until_ns, const std::string& what);
-  bool take_tcp(Frame& frame, const std::string& what);
-  bool take_rtu(Frame& frame, const std::string& what, std::size_t read_length);
+  Message ask(const Message& request, const Purpose& what, std::size_t read_length);
+  Message await(const Message& request, std::int64_t until_ns, const Purpose& what, std::size_t read_length);
+  void check(const Message& request, const Frame& frame, const Purpose& what, std::size_t read_length);
+  void send(const Message& request, const Purpose& what);
+  bool fill(std::int64_t until_ns, const Purpose& what);
+  bool take_tcp(Frame& frame, const Purpose& what);
+  bool take_rtu(Frame& frame, const Purpose& what, std::size_t read_length);
   void doubt(std::size_t read_length) noexcept;
   void flush() noexcept;
-  [[noreturn]] void fail_no_answer(const std::string& what, std::int64_t since_ns, std::size_t read_length);
-  [[noreturn]] void fail_protocol(const std::string& what, const std::string& why, std::size_t read_length);
-  [[noreturn]] void fail_exception(const std::string& what, std::uint8_t code) const;
-  [[noreturn]] void fail_disconnected(const std::string& what, const std::string& why);
+  [[noreturn]] void fail_no_answer(const Purpose& what, std::int64_t since_ns, std::size_t read_length);
+  [[noreturn]] void fail_protocol(const Purpose& what, const std::string& why, std::size_t read_length);
+  [[noreturn]] void fail_exception(const Purpose& what, std::uint8_t code) const;
+  [[noreturn]] void fail_disconnected(const Purpose& what, const std::string& why);
   [[nodiscard]] std::int64_t timeout_ns() const noexcept {
     return std::int64_t{config_.response_timeout_ms} * 1'000'000;
   }
@@ -94,7 +101,7 @@ class ModbusLink {
   std::int64_t last_byte_ns_ = 0;
   std::int64_t gap_ns_ = 0;
   std::int64_t limit_ns_ = 0;
-  Bytes received_;
+  FixedBytes<1024> received_;  // at most one answer that is not whole, and what one read brings
   std::uint16_t transaction_ = 0;
   std::deque<std::uint16_t> late_;      // TCP: transactions that may still be answered
   std::array<bool, 126> unanswered_{};  // RTU: lengths of reads that may still be answered

@@ -22,6 +22,7 @@ namespace {
 using drivers::DeviceError;
 using drivers::Fault;
 using ::testing::HasSubstr;
+using Bytes = std::vector<std::uint8_t>;
 
 constexpr std::uint8_t kUnit = 7;
 

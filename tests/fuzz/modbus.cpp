@@ -66,7 +66,7 @@ class Gateway final : public Peer {
   }
 
   /// The right answer, with registers that the input has changed.
-  modbus::Bytes right(Bytes pdu, unsigned changes) {
+  std::vector<std::uint8_t> right(Bytes pdu, unsigned changes) {
     const auto address = modbus::word_at(pdu, 1), word = modbus::word_at(pdu, 3);
     if (pdu[0] == 6) registers_[address] = word;
     if (pdu[0] == 16) {
@@ -78,7 +78,7 @@ class Gateway final : public Peer {
       const auto at = in_.byte();
       registers_[(address + at % std::max<unsigned>(word, 1)) % registers_.size()] = in_.word();
     }
-    modbus::Bytes out{pdu[0], static_cast<std::uint8_t>(2 * word)};
+    std::vector<std::uint8_t> out{pdu[0], static_cast<std::uint8_t>(2 * word)};
     for (std::size_t i = 0; i < word; ++i) {
       const auto value = registers_[(address + i) % registers_.size()];
       out.push_back(static_cast<std::uint8_t>(value >> 8U));
