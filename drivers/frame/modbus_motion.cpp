@@ -14,12 +14,13 @@ using modbus::Quantity;
 
 void ModbusFrame::write_setpoints(const Segment& segment) {
   struct Setpoint {
-    Quantity quantity;
-    double value;
+    Quantity quantity{};
+    double value = 0.0;
     modbus::Register reg;
-    std::array<std::uint16_t, 2> words;
+    std::array<std::uint16_t, 2> words{};
   };
-  std::vector<Setpoint> setpoints;
+  std::array<Setpoint, 3> setpoints;
+  std::size_t count = 0;
   for (const auto& [quantity, value] : {std::pair{Quantity::kTargetSetpoint_mm, double{segment.target_mm}},
                                         std::pair{Quantity::kVelocitySetpoint_mm_s, double{segment.velocity_mm_s}},
                                         std::pair{Quantity::kSegmentIdSetpoint, static_cast<double>(segment.id)}}) {
@@ -32,35 +33,35 @@ void ModbusFrame::write_setpoints(const Segment& segment) {
                                              number_text(range.min * reg.format.scale + reg.format.offset) + " to " +
                                              number_text(range.max * reg.format.scale + reg.format.offset));
     }
-    setpoints.push_back({quantity, value, reg, *words});
+    setpoints[count++] = {quantity, value, reg, *words};
   }
   std::sort(setpoints.begin(), setpoints.end(),
             [](const Setpoint& a, const Setpoint& b) { return a.reg.address < b.reg.address; });
 
   // Neighbours go out in one request, as far as function 16 reaches.
-  std::vector<std::uint16_t> words, back;
+  std::array<std::uint16_t, 6> words_of_all{}, back_of_all{};
   for (std::size_t i = 0; i < setpoints.size();) {
-    words.clear();
-    std::size_t j = i;
+    std::size_t size = 0, j = i;
     do {
       const auto& setpoint = setpoints[j];
-      words.insert(words.end(), setpoint.words.begin(),
-                   setpoint.words.begin() + static_cast<std::ptrdiff_t>(setpoint.reg.format.registers()));
+      std::copy_n(setpoint.words.begin(), setpoint.reg.format.registers(),
+                  words_of_all.begin() + static_cast<std::ptrdiff_t>(size));
+      size += setpoint.reg.format.registers();
       ++j;
     } while (j < setpoints.size() && setpoints[i].reg.function == 16 && setpoints[j].reg.function == 16 &&
-             setpoints[j].reg.address == setpoints[i].reg.address + words.size());
+             setpoints[j].reg.address == setpoints[i].reg.address + size);
     const std::uint16_t address = setpoints[i].reg.address;
+    const auto words = std::span(words_of_all).first(size), back = std::span(back_of_all).first(size);
     link_.write(setpoints[i].reg.function, address, words);
     // The answer to a write echoes what was sent, not what the frame made of it.
-    back.resize(words.size());
     link_.read(3, address, back);
-    if (back != words) {
+    if (!std::equal(words.begin(), words.end(), back.begin())) {
       std::string text = at() + "the frame changed the set-points it was given:";
       for (; i < j; ++i) {
         const auto from = static_cast<std::size_t>(setpoints[i].reg.address - address);
         text += " " + std::string(modbus::quantity_name(setpoints[i].quantity)) + " " +
                 number_text(setpoints[i].value) + " -> " +
-                number_text(setpoints[i].reg.format.decode(std::span(back).subspan(from)));
+                number_text(setpoints[i].reg.format.decode(back.subspan(from)));
       }
       throw DeviceError(Fault::kRefused, text + "; nothing was started. Check the frame's own limits");
     }
