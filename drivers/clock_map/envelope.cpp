@@ -8,40 +8,37 @@
 namespace isorig::clock {
 namespace {
 
-struct Point {
-  double x;
-  double y;
-};
+using Point = EnvelopeRoom::Point;
 
-/// Lower hull (monotone chain, Andrew 1979): the points that are least in y - r x for some r.
-std::vector<Point> lower_hull(std::vector<Point> points) {
+/// Leaves the lower hull (monotone chain, Andrew 1979): the points that are least in y - r x for some r.
+void keep_lower_hull(std::vector<Point>& points) {
   const auto before = [](const Point& a, const Point& b) { return a.x < b.x || (a.x == b.x && a.y < b.y); };
   if (!std::is_sorted(points.begin(), points.end(), before)) std::sort(points.begin(), points.end(), before);
-  std::vector<Point> hull;
-  for (const auto& p : points) {
-    while (hull.size() >= 2) {
-      const auto& a = hull[hull.size() - 2];
-      const auto& b = hull.back();
+  std::size_t kept = 0;  // in place: no more are kept than were looked at
+  for (const auto p : points) {
+    while (kept >= 2) {
+      const auto& a = points[kept - 2];
+      const auto& b = points[kept - 1];
       if ((b.x - a.x) * (p.y - a.y) - (b.y - a.y) * (p.x - a.x) > 0.0) break;
-      hull.pop_back();
+      --kept;
     }
-    hull.push_back(p);
+    points[kept++] = p;
   }
-  return hull;
+  points.resize(kept);
 }
 
 class Hulls {
  public:
-  Hulls(std::span<const Interval> exchanges, const Wander& wander, double sigmas) {
-    std::vector<Point> high, low;
-    high.reserve(exchanges.size());
-    low.reserve(exchanges.size());
+  Hulls(std::span<const Interval> exchanges, const Wander& wander, double sigmas, EnvelopeRoom& room)
+      : high_(room.high), negated_low_(room.low) {
+    high_.clear();
+    negated_low_.clear();
     for (const auto& e : exchanges) {
-      high.push_back({e.high_seconds, e.high_us + sigmas * wander.departure_us(e.high_seconds)});
-      low.push_back({e.low_seconds, sigmas * wander.departure_us(e.low_seconds) - e.low_us});
+      high_.push_back({e.high_seconds, e.high_us + sigmas * wander.departure_us(e.high_seconds)});
+      negated_low_.push_back({e.low_seconds, sigmas * wander.departure_us(e.low_seconds) - e.low_us});
     }
-    high_ = lower_hull(std::move(high));
-    negated_low_ = lower_hull(std::move(low));
+    keep_lower_hull(high_);
+    keep_lower_hull(negated_low_);
   }
 
   double upper(double rate) const {
@@ -56,8 +53,8 @@ class Hulls {
   }
 
  private:
-  std::vector<Point> high_;
-  std::vector<Point> negated_low_;
+  std::vector<Point>& high_;
+  std::vector<Point>& negated_low_;
 };
 
 /// The greatest value of a concave function on [a, b] and where it is (golden section; flat tops are fine).
@@ -106,9 +103,15 @@ double edge(double inside, double outside, const F& f) {
 }  // namespace
 
 Envelope envelope(std::span<const Interval> exchanges, const Wander& wander, double sigmas, double rate_limit_ppm) {
+  EnvelopeRoom room(exchanges.size());
+  return envelope(exchanges, wander, sigmas, rate_limit_ppm, room);
+}
+
+Envelope envelope(std::span<const Interval> exchanges, const Wander& wander, double sigmas, double rate_limit_ppm,
+                  EnvelopeRoom& room) {
   Envelope out;
   if (exchanges.empty()) return out;
-  const Hulls hulls(exchanges, wander, sigmas);
+  const Hulls hulls(exchanges, wander, sigmas, room);
   const auto gap = [&](double rate) { return hulls.upper(rate) - hulls.lower(rate); };
   const auto safest = greatest(-rate_limit_ppm, rate_limit_ppm, gap);
   out.consistent = safest.value >= 0.0;

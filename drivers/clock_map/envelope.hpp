@@ -1,5 +1,7 @@
 #pragma once
+#include <cstddef>
 #include <span>
+#include <vector>
 
 #include "drivers/clock_map/wander.hpp"
 
@@ -24,6 +26,17 @@ struct Envelope {
   bool consistent = false;  ///< false: no clock within the assumptions fits (a step, a restart, a wrong stamp)
 };
 
+/// Room for the hulls below, so that one who asks often allocates once.
+struct EnvelopeRoom {
+  struct Point {
+    double x;
+    double y;
+  };
+  EnvelopeRoom() = default;
+  explicit EnvelopeRoom(std::size_t exchanges) { high.reserve(exchanges), low.reserve(exchanges); }
+  std::vector<Point> high, low;
+};
+
 /// Bound from causality alone: nothing is assumed of the delays, so it holds however asymmetric they are.
 ///
 /// Law. For a rate r the difference at 0 is confined to [l(r), u(r)], l(r) = max(low_i - r s_i), u(r) =
@@ -34,5 +47,8 @@ struct Envelope {
 /// Without noise in the delays the half-width is half the round trip; with it, more.
 [[nodiscard]] Envelope envelope(std::span<const Interval> exchanges, const Wander& wander, double sigmas,
                                 double rate_limit_ppm);
+/// The same, without an allocation for as many exchanges as `room` is for.
+[[nodiscard]] Envelope envelope(std::span<const Interval> exchanges, const Wander& wander, double sigmas,
+                                double rate_limit_ppm, EnvelopeRoom& room);
 
 }  // namespace isorig::clock

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <vector>
 
 namespace isorig::clock {
 namespace {
@@ -17,9 +16,22 @@ bool possible(const Exchange& e, double resolution_us) noexcept {
   return host_us > 0.0 && device_us >= 0.0 && device_us <= host_us * 1.001 + resolution_us + 2.0;
 }
 
+/// A bin of the window each, and one at either end.
+std::size_t most_remembered(const MapOptions& options) {
+  const double bins = std::clamp(options.window_s / options.bin_s, 0.0, 1e5);
+  return std::max(options.window_least, static_cast<std::size_t>(bins)) + 2;
+}
+
 }  // namespace
 
-DeviceClockMap::DeviceClockMap(const MapOptions& options) : options_(options), filter_(options.wander) {}
+DeviceClockMap::DeviceClockMap(const MapOptions& options)
+    : options_(options),
+      filter_(options.wander),
+      most_remembered_(most_remembered(options)),
+      room_(most_remembered_ + 1) {
+  window_.reserve(most_remembered_);
+  relative_.reserve(most_remembered_ + 1);
+}
 
 ExchangeVerdict DeviceClockMap::add(const Exchange& exchange) {
   if (!possible(exchange, options_.device_resolution_us)) {
@@ -55,7 +67,7 @@ ExchangeVerdict DeviceClockMap::add(const Exchange& exchange) {
   return ExchangeVerdict::kRestarted;
 }
 
-bool DeviceClockMap::agree(const Exchange& first, const Exchange& second) const {
+bool DeviceClockMap::agree(const Exchange& first, const Exchange& second) {
   const auto interval = [&](const Exchange& e) {
     const auto us = [&](std::int64_t ns) { return static_cast<double>(ns - second.host_recv_ns) * 1e-3; };
     const double rx_us = e.device_rx_us - second.device_tx_us, tx_us = e.device_tx_us - second.device_tx_us;
@@ -64,7 +76,7 @@ bool DeviceClockMap::agree(const Exchange& first, const Exchange& second) const 
   };
   const std::array<Interval, 2> both{interval(first), interval(second)};
   return second.device_tx_us >= first.device_tx_us &&
-         envelope(both, options_.wander, options_.bound_sigmas, options_.rate_limit_ppm).consistent;
+         envelope(both, options_.wander, options_.bound_sigmas, options_.rate_limit_ppm, room_).consistent;
 }
 
 bool DeviceClockMap::agrees(const Exchange& exchange) const noexcept {
@@ -136,12 +148,15 @@ void DeviceClockMap::remember(const Interval& now) {
       last.high_seconds = now.high_seconds;
     }
   } else {
+    if (window_.size() == most_remembered_) window_.erase(window_.begin());
     window_.push_back(now);
   }
-  while (window_.size() > options_.window_least &&
-         now.high_seconds - window_.front().high_seconds > options_.window_s) {
-    window_.pop_front();
+  std::size_t old = 0;
+  while (window_.size() - old > options_.window_least &&
+         now.high_seconds - window_[old].high_seconds > options_.window_s) {
+    ++old;
   }
+  window_.erase(window_.begin(), window_.begin() + static_cast<std::ptrdiff_t>(old));
 }
 
 bool DeviceClockMap::take(const Exchange& exchange) {
@@ -150,13 +165,13 @@ bool DeviceClockMap::take(const Exchange& exchange) {
   if (filter_.started() && now.low_seconds < filter_.state().device_s - options_.device_resolution_us * 1e-6) {
     return false;
   }
-  std::vector<Interval> relative(window_.begin(), window_.end());
-  relative.push_back(now);
-  for (auto& i : relative) {
+  relative_.assign(window_.begin(), window_.end());
+  relative_.push_back(now);
+  for (auto& i : relative_) {
     i.low_seconds -= now.high_seconds;
     i.high_seconds -= now.high_seconds;
   }
-  const auto allowed = envelope(relative, options_.wander, options_.bound_sigmas, options_.rate_limit_ppm);
+  const auto allowed = envelope(relative_, options_.wander, options_.bound_sigmas, options_.rate_limit_ppm, room_);
   if (!allowed.consistent) return false;
 
   filter_.add(now);

@@ -3,9 +3,9 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <deque>
 #include <limits>
 #include <optional>
+#include <vector>
 
 #include "base/rounding.hpp"
 #include "drivers/api/clock.hpp"
@@ -80,7 +80,7 @@ enum class ExchangeVerdict {
 };
 
 /// Maps one device's clock to CLOCK_MONOTONIC, online. For one thread, the I/O thread that owns the device: it add()s
-/// exchanges (some 50 us each, may allocate) and dates the samples that came with them (StreamMapper).
+/// exchanges (some 50 us each, without an allocation) and dates the samples that came with them (StreamMapper).
 ///
 /// Estimate and standard deviation come from DelayFilter, the bound from envelope(). Probe in a burst (50
 /// exchanges) before the first motion, then once a second.
@@ -106,7 +106,7 @@ class DeviceClockMap {
   void begin(const Exchange& first);
   bool take(const Exchange& exchange);
   void hold(const Exchange& exchange);
-  [[nodiscard]] bool agree(const Exchange& first, const Exchange& second) const;
+  [[nodiscard]] bool agree(const Exchange& first, const Exchange& second);
   [[nodiscard]] Interval absolute(const Exchange& exchange) const noexcept;
   void remember(const Interval& interval);
 
@@ -116,7 +116,10 @@ class DeviceClockMap {
   std::int64_t host_origin_ns_ = 0;
   double device_origin_us_ = 0.0;
   DelayFilter filter_;
-  std::deque<Interval> window_;  // absolute: seconds and us from the origins
+  std::size_t most_remembered_;
+  std::vector<Interval> window_;    // absolute: seconds and us from the origins
+  std::vector<Interval> relative_;  // the same and one more, from that one
+  EnvelopeRoom room_;
   std::optional<Exchange> held_;
   int held_in_a_row_ = 0;
   double settled_bound_us_ = MappedTime::kUnknown;  // of current_, without the doubt

@@ -12,8 +12,13 @@ constexpr int kInvertedAfter = 3;
 
 }  // namespace
 
+SyncLine::SyncLine(const Options& options) : options_(options) {
+  line_.reserve(kMostWaiting);
+  device_.reserve(kMostWaiting);
+}
+
 void SyncLine::line_edge(std::int64_t mono_ns, bool rising) {
-  if (line_.size() == kMostWaiting) line_.pop_front(), ++counts_.unannounced;
+  if (line_.size() == kMostWaiting) line_.erase(line_.begin()), ++counts_.unannounced;
   line_.push_back({mono_ns, rising});
 }
 
@@ -22,7 +27,7 @@ void SyncLine::device_edge(double device_us, bool rising, const MappedTime& mapp
     ++counts_.unmapped;
     return;
   }
-  if (device_.size() == kMostWaiting) device_.pop_front(), ++counts_.ambiguous;
+  if (device_.size() == kMostWaiting) device_.erase(device_.begin()), ++counts_.ambiguous;
   device_.push_back({device_us, rising, mapped});
   if (!has_begun_) {
     const std::int64_t from_ns = mapped.mono_ns - options_.window_ns;
@@ -35,7 +40,7 @@ std::optional<SyncCheck> SyncLine::next(std::int64_t now_ns) {
   const std::int64_t due_ns = now_ns - options_.window_ns - options_.settle_ns;
   while (!device_.empty() && device_.front().mapped.mono_ns <= due_ns) {
     const DeviceEdge edge = device_.front();
-    device_.pop_front();
+    device_.erase(device_.begin());
     const auto check = decide(edge);
     decided_ = edge;
     if (check) return check;
@@ -48,10 +53,10 @@ std::optional<SyncCheck> SyncLine::next(std::int64_t now_ns) {
 }
 
 void SyncLine::drop_unannounced(std::int64_t before_ns) noexcept {
-  while (!line_.empty() && line_.front().mono_ns < before_ns) {
-    if (has_begun_) ++counts_.unannounced;
-    line_.pop_front();
-  }
+  const auto claimable =
+      std::find_if(line_.begin(), line_.end(), [&](const LineEdge& e) { return e.mono_ns >= before_ns; });
+  if (has_begun_) counts_.unannounced += static_cast<std::uint32_t>(claimable - line_.begin());
+  line_.erase(line_.begin(), claimable);
 }
 
 bool SyncLine::is_crowded(const DeviceEdge& edge) const noexcept {

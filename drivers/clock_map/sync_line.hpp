@@ -1,7 +1,7 @@
 #pragma once
 #include <cstdint>
-#include <deque>
 #include <optional>
+#include <vector>
 
 #include "drivers/clock_map/mapping.hpp"
 #include "drivers/clock_map/sync_check.hpp"
@@ -21,8 +21,8 @@ class SyncLine {
     std::int64_t settle_ns = 250'000'000;  ///< by then an edge has come from either side, or will not
   };
 
-  SyncLine() = default;
-  explicit SyncLine(const Options& options) : options_(options) {}
+  SyncLine() : SyncLine(Options()) {}
+  explicit SyncLine(const Options& options);
 
   void line_edge(std::int64_t mono_ns, bool rising);
   /// `mapped`: where the mapping put this edge when it was announced.
@@ -51,8 +51,8 @@ class SyncLine {
   SyncCheck pair(const DeviceEdge& edge, std::int64_t mono_ns) noexcept;
 
   Options options_;
-  std::deque<LineEdge> line_;
-  std::deque<DeviceEdge> device_;
+  std::vector<LineEdge> line_;  // a few, or as many as may wait: without an allocation
+  std::vector<DeviceEdge> device_;
   std::optional<DeviceEdge> decided_;  // the last one
   bool has_begun_ = false;             // edges of the line before the device's first are nobody's
   int opposite_in_a_row_ = 0;

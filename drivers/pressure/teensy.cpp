@@ -37,9 +37,9 @@ std::size_t Teensy::Pending<T>::take(std::span<T> out) noexcept {
 
 Teensy::Teensy(Options options, std::unique_ptr<ByteStream> stream, const clock::Clock& clock)
     : options_(std::move(options)), stream_(std::move(stream)), clock_(clock) {
-  samples_.items.reserve(buffer_.size() / wire::kSampleSize);
+  samples_.items.reserve((buffer_.size() + wire::kMaxFrame) / wire::kSampleSize);
   exchanges_.items.reserve(outstanding_.size());
-  sync_edges_.items.reserve(outstanding_.size());
+  sync_edges_.items.reserve(kMaxSyncEdges);
 }
 
 void Teensy::fail(Fault fault, const std::string& what) const {
