@@ -26,6 +26,9 @@ class WireRig : public testing::Test {
     return replaced(text, "ring_samples = 256", "ring_samples = 2048");
   }
 
+  /// In the child, before it becomes the daemon.
+  virtual void in_daemon() const {}
+
   void start(bool rtu) {
     auto text = rig_text();
     if (rtu) {
@@ -55,7 +58,7 @@ class WireRig : public testing::Test {
 
   /// Also once more, after the first was killed.
   void start_daemon() {
-    daemon_.emplace(dir_, dir_ / "rig.toml");
+    daemon_.emplace(dir_, dir_ / "rig.toml", [this] { in_daemon(); });
     ASSERT_TRUE(daemon_->reach("ready")) << daemon_->log() << daemon_->status().dump(2);
   }
 
