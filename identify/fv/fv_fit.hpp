@@ -11,7 +11,7 @@
 namespace isorig::identify {
 
 /// Fits of the closed forms in model/force_velocity.hpp to force-velocity points, as in the section
-/// "Analysis" of the paper, with Ceres: kappa_c and gamma_c of a control actuator; kappa_s, gamma_s and
+/// "Analysis" of the paper: kappa_c and gamma_c of a control actuator; kappa_s, gamma_s and
 /// beta_s of a sheath with the control's parameters held.
 ///
 /// Least squares with equal weights: every point's own eps0 and deps enter. Parameters are positive and are

@@ -6,6 +6,7 @@
 #include <Eigen/Dense>
 #include <random>
 
+#include "identify/fv/fv_problem.hpp"
 #include "identify/fv/statistics.hpp"
 #include "iso_velocity_recording.hpp"
 
@@ -101,6 +102,68 @@ TEST(FvFit, RecoversTheControlOrProvesThatItCannot) {
   EXPECT_GE(refused, 15);
   // Both of two 95 % intervals: at least 0.9 expected; 81 trials put 3 standard deviations at 0.80.
   EXPECT_GE(covered, static_cast<int>(0.80 * total)) << "of " << total;
+}
+
+/// Least sum of squares over a fine grid of gamma, kappa by linear least squares within its bounds: no search that
+/// could stop early.
+double least_on_grid(const FvProblem& problem, const std::vector<FvPoint>& points) {
+  double least = std::numeric_limits<double>::infinity();
+  constexpr int kSteps = 4000;
+  for (int i = 0; i <= kSteps; ++i) {
+    const LogBounds& g = problem.bounds(1);
+    const double log_gamma = g.low + (g.high - g.low) * i / kSteps;
+    double with = 0.0, own = 0.0;
+    for (const FvPoint& p : points) {
+      const double jump = std::copysign(p.strain_step / p.initial_strain, p.strain_rate_per_s);
+      const double u = std::exp(log_gamma) * p.strain_step / std::abs(p.strain_rate_per_s);
+      const double column = jump * model::maxwell_ramp_share(u);
+      with += column * (p.normalized_force - 1.0 - jump);
+      own += column * column;
+    }
+    const double log_kappa = std::log(std::max(with / own, 1e-300));
+    std::array<double, 3> at{std::clamp(log_kappa, problem.bounds(0).low, problem.bounds(0).high), log_gamma, 0.0};
+    least = std::min(least, problem.sum_of_squares(at));
+  }
+  return least;
+}
+
+TEST(FvProblem, EndsAtTheLeastSumOfSquaresFromOneStart) {
+  for (double kappa : {0.1, 0.4, 1.5})
+    for (double gamma : {0.03, 0.3, 3.0, 30.0})
+      for (unsigned seed : {1U, 2U, 3U}) {
+        SCOPED_TRACE(::testing::Message() << "kappa " << kappa << " gamma " << gamma << " seed " << seed);
+        const std::vector<model::FvElement> truth{{kappa, gamma, 1.0}};
+        const auto points = curve(truth, kPaperSpeeds, 0.005, 1, seed);
+        const FvProblem problem(points, std::nullopt);
+        std::array<double, 3> logs{std::log(0.5), std::log(0.2), 0.0};
+        const double found = problem.solve(logs);
+        EXPECT_EQ(found, problem.sum_of_squares(logs));
+        EXPECT_LE(found, least_on_grid(problem, points) * (1.0 + 1e-9));
+      }
+}
+
+TEST(FvProblem, HoldsWhatIsHeldAndNoNeighbourIsBetter) {
+  const model::FvElement control{0.4, 0.5, 1.0};
+  const std::vector<model::FvElement> truth{control, {0.8, 2.0, 0.6}};
+  const auto points = curve(truth, kWideSpeeds, 0.002, 3, 5);
+  const FvProblem problem(points, control);
+  for (const int held : {-1, 0, 1, 2}) {
+    std::array<double, 3> logs{std::log(0.5), std::log(0.9), 0.3};
+    const std::array<double, 3> start = logs;
+    const double found = problem.solve(logs, held);
+    for (int k = 0; k < 3; ++k) {
+      const auto at = static_cast<std::size_t>(k);
+      if (k == held) {
+        EXPECT_EQ(logs[at], start[at]);
+        continue;
+      }
+      for (const double by : {-1e-3, 1e-3}) {
+        auto beside = logs;
+        beside[at] = std::clamp(beside[at] + by, problem.bounds(at).low, problem.bounds(at).high);
+        EXPECT_GE(problem.sum_of_squares(beside), found) << "held " << held << ", parameter " << k << ", " << by;
+      }
+    }
+  }
 }
 
 TEST(FvFit, SaysWhichRampsAreMissing) {
