@@ -93,9 +93,11 @@ void fit_series_case(const std::filesystem::path& folder) {
       options.start_gamma_per_s = {1.0 / std::pow(20.0, even(random)), 1.0 / (0.05 * std::pow(20.0, even(random)))};
     const auto begin = Clock::now();
     const SeriesFit fit = fit_series(t_s, x_mm, force_N, 2, options);
-    std::printf("{\"own_start\": %s, \"ms\": %.4g, \"gamma_per_s\": [%.6g, %.6g], \"rms_N\": %.9g, \"stop\": \"%s\"}\n",
-                start > 0 ? "false" : "true", ms_since(begin), fit.arms[0].gamma_per_s.value,
-                fit.arms[1].gamma_per_s.value, fit.rms_N, std::string(name_of(fit.stop)).c_str());
+    std::printf(
+        "{\"own_start\": %s, \"ms\": %.4g, \"gamma_per_s\": [%.6g, %.6g], \"rms_N\": %.9g, \"stop\": \"%s\", "
+        "\"passes\": %d}\n",
+        start > 0 ? "false" : "true", ms_since(begin), fit.arms[0].gamma_per_s.value, fit.arms[1].gamma_per_s.value,
+        fit.rms_N, std::string(name_of(fit.stop)).c_str(), fit.evaluations);
   }
 }
 

@@ -55,9 +55,9 @@ struct SeriesFit {
 };
 
 struct SeriesOptions {
-  /// Starts are searched on at most this many samples; the best go on with all.
+  /// Starts are tried on about this many samples; the best goes on with all.
   std::size_t search_samples = 6000;
-  /// One start of one's own instead (one gamma per arm), straight on all samples.
+  /// One start of one's own instead (one gamma per arm), likewise.
   std::vector<double> start_gamma_per_s{};
 };
 
