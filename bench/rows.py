@@ -62,14 +62,16 @@ def stepping(bench: Bench) -> list[Figure]:
     ours = [t["actuator_per_s"] / 1e6 for t in told]
     plain = [t["plain_per_s"] / 1e6 for t in told]
     ratios = sorted(a / b for a, b in zip(ours, plain))
+    single = [t["actuator_single_per_s"] / 1e6 for t in told]
     pressed = [t["actuator_moving_pressure_per_s"] / 1e6 for t in told]
-    return [Figure("two solids, constant pressure", "million steps/s", ours, "a plain C++ loop", plain,
+    return [Figure("two solids, constant pressure, a record at once", "million steps/s", ours, "a plain C++ loop", plain,
                    "at least half the plain loop", ratios[len(ratios) // 2] >= 0.5,
                    f"forces differ by {max(t['largest_difference_N'] for t in told):.1g} N at most"),
-            Figure("the same, another pressure at every step", "million steps/s", pressed, "the same plain loop", plain),
-            Figure("the same", "million steps/s", ours[:bench.repeat], "scipy lsim",
+            Figure("the same, a step at a time", "million steps/s", single, "the same plain loop", plain),
+            Figure("the same at once, another pressure at every step", "million steps/s", pressed, "the same plain loop", plain),
+            Figure("constant pressure, a record at once", "million steps/s", ours[:bench.repeat], "scipy lsim",
                    [p["lsim_per_s"] / 1e6 for p in peers]),
-            Figure("the same", "million steps/s", ours[:bench.repeat], "scipy solve_ivp",
+            Figure("constant pressure, a record at once", "million steps/s", ours[:bench.repeat], "scipy solve_ivp",
                    [p["solve_ivp_per_s"] / 1e6 for p in peers])]
 
 
@@ -220,8 +222,9 @@ ROWS = [
               " while a tick was 7,400 instructions. The recordings of the two are the same, event by event, but for the source's"
               " revision in the header and the check sums that follow from it."),
     Row("stepping", "bare stepping of a sheathed actuator", "a plain C++ loop, scipy lsim and solve_ivp", stepping,
-        limit="The limit: the plain loop keeps its state in registers and may assume that nothing changes; the actuator asks at each step whether"
-              " pressure or step changed and keeps its state in memory. A new pressure at each step costs its table, a power and two relaxations. (Read from the code, not profiled.)"),
+        limit="The limit: the pressure of every step is read and compared, which the plain loop may leave out. A step by itself also asks"
+              " whether the step changed, and its state goes through memory from one to the next. A new pressure at every step costs, by"
+              " perf, the elements' parameters (31 %), a power for the rest length (28 %), two relaxations (24 %) and the table (17 %)."),
     Row("tick", "body of the real-time loop", "its budget", tick),
     Row("wakeup", "wake-ups of the real loop under CPU and disk load", "cyclictest at the same time", live.wakeup,
         limit="Both threads sleep until a time on the same clock, at the same priority."),
@@ -230,9 +233,9 @@ ROWS = [
               " message with those of its period; the pair sends each sample at once."),
     Row("clock", "device clocks mapped to the host's", "Klipper, LSL, two-sided hull", clock),
     Row("fv-fits", "48 force-velocity fits", "scipy, Octave", fv_fits,
-        limit="The limit: 39 µs a fit, each a Ceres problem of its own. The intervals, which the peers do not make, cost 40 times that."),
+        limit="The intervals, which the peers do not make, refit a curve some 90 times and cost 50 times its fit."),
     Row("series-fit", "two standard linear solids to a whole record", "numpy, scipy", series_fit,
-        limit="The limit: QR of all samples at each of five passes (docs/force-velocity.md says why not normal equations)."),
+        limit="Three passes over all samples, QR in each (docs/force-velocity.md says why not normal equations)."),
     Row("diagnosis", "isorig diagnose", "", diagnosis),
     Row("export", "isorig export and fv on a whole run", "", export),
     Row("recorder", "the recorder", "lcm-logger", recorder,

@@ -1,10 +1,12 @@
 #include "model/actuator.hpp"
 
+#include <algorithm>
 #include <stdexcept>
 
 namespace isorig::model {
 namespace {
-constexpr double kLawEnd = 1.25;  // of the pressure at which ML was measured; above it L0 stays (actuator.hpp)
+constexpr std::size_t kAtOnce = 512;  // steps whose pressures are compared before: they are still in the nearest cache
+constexpr double kLawEnd = 1.25;      // of the pressure at which ML was measured; above it L0 stays (actuator.hpp)
 }  // namespace
 
 Actuator::Actuator(const ActuatorParameters& p)
@@ -53,6 +55,37 @@ void Actuator::prepare(double pressure_psi, double dt_s) noexcept {
   for (std::size_t i = 0; i < stack_.size(); ++i) relaxations_[i] = relaxation(stack_[i].parameters.gamma_1_s * dt_s);
   prepared_psi_ = pressure_psi;
   prepared_dt_s_ = dt_s;
+}
+
+void Actuator::step_held(std::span<const double> position_mm, double* force_N) noexcept {
+  // Copies: a force that is written could otherwise be any of these, and all would be read again at every step.
+  const double free_mm = initial_length_mm_, rest_mm = rest_mm_;
+  const auto relaxations = relaxations_;
+  Slse mckibben = stack_[0], sheath = stack_[1];
+  if (has_sheath()) {
+    for (const double position : position_mm) {
+      const double strain = (free_mm + position - rest_mm) / rest_mm;
+      const double mckibben_N = mckibben.step(strain, relaxations[0]);
+      *force_N++ = mckibben_N + sheath.step(strain, relaxations[1]);
+    }
+    stack_[1] = sheath;
+  } else {
+    for (const double position : position_mm)
+      *force_N++ = mckibben.step((free_mm + position - rest_mm) / rest_mm, relaxations[0]);
+  }
+  stack_[0] = mckibben;
+  force_N_ = force_N[-1];
+}
+
+void Actuator::step_all(std::span<const double> position_mm, std::span<const double> pressure_psi, double dt_s,
+                        std::span<double> force_N) noexcept {
+  for (std::size_t begin = 0, end = 0; begin < position_mm.size(); begin = end) {
+    const double pressure = pressure_psi[begin];
+    const std::size_t last = std::min(position_mm.size(), begin + kAtOnce);
+    for (end = begin + 1; end < last && pressure_psi[end] == pressure;) ++end;
+    if (pressure != prepared_psi_ || dt_s != prepared_dt_s_) prepare(pressure, dt_s);
+    step_held(position_mm.subspan(begin, end - begin), force_N.data() + begin);
+  }
 }
 
 double Actuator::settle(double position_mm, double pressure_psi) noexcept {

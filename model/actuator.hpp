@@ -2,6 +2,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <span>
 #include <vector>
 
 #include "model/braid.hpp"
@@ -60,6 +61,11 @@ class Actuator {
     return force_N_;
   }
 
+  /// step() to each position and pressure in turn, the forces into `force_N`; all three as long. For a record that is
+  /// there whole: where a pressure stays, the state does not leave the registers.
+  void step_all(std::span<const double> position_mm, std::span<const double> pressure_psi, double dt_s,
+                std::span<double> force_N) noexcept;
+
   [[nodiscard]] double rest_length_mm(double pressure_psi) const noexcept {
     if (!(pressure_psi > 0.0)) return initial_length_mm_;
     if (pressure_psi > law_end_psi_) pressure_psi = law_end_psi_;
@@ -82,6 +88,8 @@ class Actuator {
 
  private:
   void set_parameters(double pressure_psi) noexcept;
+  /// step_all() at the pressure and step that are prepared.
+  void step_held(std::span<const double> position_mm, double* force_N) noexcept;
   /// All that depends on pressure and step alone, for the next steps that have the same.
   void prepare(double pressure_psi, double dt_s) noexcept;
   /// Of k1, against the table's constant end.

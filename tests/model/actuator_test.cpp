@@ -92,6 +92,30 @@ TEST(Actuator, RampAtConstantPressureIsTheTwoElementClosedForm) {
   EXPECT_NEAR(force_N, mckibben_N + sheath_N, 1e-9);
 }
 
+TEST(Actuator, ARecordAtOnceIsItsStepsOneByOne) {
+  for (const bool sheath : {true, false}) {
+    ActuatorParameters p = parameters();
+    if (!sheath) p.sheath = {};
+    Actuator one_by_one(p), at_once(p);
+    std::vector<double> position_mm, pressure_psi, expected_N;
+    for (int i = 0; i < 200; ++i) {
+      position_mm.push_back(0.05 * (i % 37));
+      pressure_psi.push_back(i < 100 ? 10.0 : i < 150 ? 10.0 + 0.01 * i : 20.0);  // held, moving, held
+      expected_N.push_back(one_by_one.step(position_mm.back(), pressure_psi.back(), 1e-3));
+    }
+    // In two pieces: what is left behind is the state that the next step needs.
+    std::vector<double> force_N(200);
+    const std::span all(force_N);
+    at_once.step_all(std::span(position_mm).first(120), std::span(pressure_psi).first(120), 1e-3, all.first(120));
+    EXPECT_EQ(at_once.force_N(), expected_N[119]);
+    at_once.step_all(std::span(position_mm).subspan(120), std::span(pressure_psi).subspan(120), 1e-3, all.subspan(120));
+    EXPECT_EQ(force_N, expected_N);
+    EXPECT_EQ(at_once.step(1.0, 20.0, 2e-3), one_by_one.step(1.0, 20.0, 2e-3));
+    at_once.step_all({}, {}, 1e-3, {});
+    EXPECT_EQ(at_once.force_N(), one_by_one.force_N());
+  }
+}
+
 TEST(Actuator, FillingStretchesTheElementsRoundAShorterRestLength) {
   Actuator actuator(parameters());
   actuator.settle(0.0, 0.0);
