@@ -178,7 +178,7 @@ void remember_what_the_others_showed(const Study& study, const Criterion& nomina
 }
 
 /// Settles which model is handed out (publish.hpp), and what the two are wrong by.
-void publish_model(const Search& search, const Study& study, const PublishedNominal& nominal, Candidate whole,
+void publish_model(const Search& search, const Study& study, const PublishedNominal& nominal, const Candidate& whole,
                    unsigned threads, Diagnosis& out) {
   const LeaveOut leave_out(study.series, study.noise.noise.white_N, learn_again(out.nominal, nominal.criterion),
                            threads);
@@ -294,7 +294,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   for (MissingEffect& missing : out.missing)
     missing.probability = calibrated(missing.probability, out.unexplained, out.verdict == Verdict::kUnknownPhysics);
   now(0.93, "predicting what was left out");
-  publish_model(search, study, nominal_published, std::move(whole), options.threads, out);
+  publish_model(search, study, nominal_published, whole, options.threads, out);
   out.discovered = discovered_laws(out.model, out.model_numbers, inclusion);
   for (MissingEffect& missing : out.missing)
     if (std::ranges::find(out.not_modelled.names, missing.effect->name) != out.not_modelled.names.end())

@@ -53,6 +53,7 @@ std::vector<std::array<double, 3>> starts(std::span<const FvPoint> points) {
   if (alpha > 0.0 && alpha < 1.0) gammas.push_back(2.0 * (1.0 - alpha) * probe / step);
   for (double u : {0.03, 0.3, 3.0, 30.0}) gammas.push_back(u * std::sqrt(speeds.front() * speeds.back()) / step);
   std::vector<std::array<double, 3>> out;
+  out.reserve(gammas.size());
   for (double gamma : gammas) out.push_back({std::log(kappa), std::log(gamma), 0.0});
   return out;
 }
