@@ -36,11 +36,25 @@ def line(figure: Figure) -> str:
     return text + (f"; target {figure.target}: {'met' if figure.met else 'missed'}" if figure.target else "")
 
 
+def sections(page: Path) -> dict[str, str]:
+    """The sections of a page as it stands, by their headings."""
+    if not page.is_file():
+        return {}
+    parts = page.read_text().split("\n## ")[1:]
+    return {heading: body.strip("\n") for heading, _, body in (part.partition("\n") for part in parts)}
+
+
 def write_page(path: Path, results: Path, rows: list[Row]) -> None:
+    """Writes the rows measured in this build folder; a row that was measured elsewhere keeps the section it has on the page."""
     text = [HEAD]
+    before = sections(path)
     for row in rows:
         file = results / f"{row.name}.json"
-        text.append(f"\n## {row.what[0].upper()}{row.what[1:]}\n")
+        heading = f"{row.what[0].upper()}{row.what[1:]}"
+        text.append(f"\n## {heading}\n")
+        if not file.is_file() and heading in before:
+            text.append(before[heading] + "\n")
+            continue
         if not file.is_file():
             text.append(f"Not measured yet: `bench/run {row.name}`.\n")
             if row.limit:
