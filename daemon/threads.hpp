@@ -28,9 +28,10 @@ class Complaint {
   std::chrono::steady_clock::time_point next_{};
 };
 
-/// Stacks are locked into memory whole (lock_memory()), so the usual 8 MiB each were two thirds of the daemon's memory.
-/// A real-time thread needs what enter_realtime() touches and a few frames; the others read TOML, which recurses for
-/// each of its 256 levels of nesting at most, and write pages. A sanitizer's frames are several times as large.
+/// A stack is resident as far as it was touched (lock_memory()), and counts against LimitMEMLOCK whole: the usual 8 MiB
+/// each would be 100 MiB of that limit. A real-time thread needs what enter_realtime() touches and a few frames; the
+/// others read TOML, which recurses for each of its 256 levels of nesting at most, and write pages. A sanitizer's
+/// frames are several times as large.
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 inline constexpr std::size_t kStackFactor = 8;
 #else

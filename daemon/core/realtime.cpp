@@ -37,7 +37,10 @@ void lock_memory(const RealtimeConfig& config) {
   // Freed memory stays ours and large blocks come from the heap: no page goes back to be faulted in again.
   mallopt(M_TRIM_THRESHOLD, -1);
   mallopt(M_MMAP_MAX, 0);
-  if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0) {
+  // What is there now is made resident: programs and libraries, queues, everything that the loop walks over. What comes
+  // later is locked page by page as it is touched: a real-time thread touches its stack before it starts, and nobody
+  // waits for the stacks and heaps of the other threads.
+  if (mlockall(MCL_CURRENT) != 0 || mlockall(MCL_FUTURE | MCL_ONFAULT) != 0) {
     const int error = errno;
     if (config.enforce) {
       throw RealtimeError(std::string("memory cannot be locked (") + std::strerror(error) +

@@ -30,8 +30,9 @@ class RealtimeError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// Locks all memory, present and future, and touches stack and heap so that no page fault is left for the loop.
-/// Process-wide; call before the threads start. Throws RealtimeError if `enforce` and it is refused.
+/// Locks all memory: what is there is made resident, and what comes stays resident once it was touched. Stack and heap
+/// are touched, so that no page fault is left for the loop. Process-wide; call before the threads start. Throws
+/// RealtimeError if `enforce` and it is refused.
 void lock_memory(const RealtimeConfig& config);
 
 /// Of its stack a real-time thread touches so much before it starts.

@@ -6,6 +6,9 @@
 
 #include <algorithm>
 #include <cstring>
+#include <filesystem>
+#include <iterator>
+#include <map>
 #include <set>
 #include <sstream>
 
@@ -138,6 +141,20 @@ class RealtimeCalls : public WireRig {
   }
   void in_daemon() const override { watch_.preload(); }
 
+  /// Of each thread by name: how often it touched memory that was not resident (proc(5): minflt and majflt of stat).
+  std::map<std::string, long> page_faults() {
+    std::map<std::string, long> out;
+    const auto tasks = std::filesystem::path("/proc") / std::to_string(daemon_->process().pid()) / "task";
+    for (const auto& task : std::filesystem::directory_iterator(tasks)) {
+      const std::string stat = slurp(task.path() / "stat");
+      const auto open = stat.find('('), close = stat.rfind(')');
+      std::istringstream rest(stat.substr(close + 2));  // from field 3 on
+      std::vector<std::string> fields{std::istream_iterator<std::string>(rest), {}};
+      out[stat.substr(open + 1, close - open - 1)] = std::stol(fields.at(7)) + std::stol(fields.at(9));
+    }
+    return out;
+  }
+
   /// A protocol of some seconds under the watch. False when a device did not answer meanwhile: that is not the steady
   /// state that this is about.
   bool run_watched() {
@@ -162,9 +179,15 @@ steps = [
     watch_.forget_calls();
     const auto id = started_run(daemon_->call({"start", (dir_ / "watched.toml").string()}));
     EXPECT_TRUE(daemon_->reach("running")) << daemon_->status().dump(2);
+    const auto faults_before = page_faults();
     watch_->is_on = 1;
     const auto watched = daemon_->call({"watch", "--until-done", "--interval-s", "1"}, 150.0);
     watch_->is_on = 0;
+    const auto faults = page_faults();
+    for (const auto& thread : threads_) {
+      EXPECT_TRUE(faults_before.contains(thread)) << thread;
+      EXPECT_EQ(faults.at(thread), faults_before.at(thread)) << thread << " waited for pages of memory";
+    }
     EXPECT_EQ(watched.code, 0) << watched.text << daemon_->status().dump(2) << daemon_->log();
     return errors() == errors_before;
   }
