@@ -8,16 +8,22 @@
 #include <optional>
 #include <stdexcept>
 
+#include "base/fingerprint.hpp"
+#include "base/number_text.hpp"
 #include "base/printable.hpp"
+#include "base/text_file.hpp"
 #include "cli/analysis/answers.hpp"
 #include "cli/analysis/diagnosis_files.hpp"
 #include "cli/command.hpp"
 #include "cli/protocols/protocol_input.hpp"
 #include "cli/provenance.hpp"
 #include "cli/screen/progress.hpp"
+#include "identify/diagnose/claims_json.hpp"
 #include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/deciding/deciding_table.hpp"
+#include "identify/diagnose/reliability/reliability.hpp"
 #include "messages/recording.hpp"
+#include "messages/recording_id.hpp"
 
 namespace isorig::cli {
 namespace {
@@ -27,6 +33,7 @@ struct Options {
   std::string model;
   std::string out, rig;
   std::vector<std::string> decide;
+  std::size_t check_names = 0;
   unsigned threads = 2;
   bool report = true;
   bool json = false;
@@ -68,6 +75,35 @@ void print_deciding(bool as_json) {
   throw CLI::Success();
 }
 
+/// What simulated recordings belong to: the same text, the same simulations.
+std::string what_is_checked(const std::vector<messages::Recording>& recordings, const model::ModelSpec& nominal) {
+  std::string of = version_and_revision() + "; model " + base::fingerprint(model::model_text(nominal, "")) + ";";
+  for (const messages::Recording& recording : recordings) of += " " + std::to_string(messages::fingerprint(recording));
+  for (const identify::Decided& one : identify::decided())
+    of += "; " + std::string(one.name) + " = " + base::number_text(one.value);
+  return of;
+}
+
+/// States the probabilities by simulations of these recordings. Those that `file` holds of them are not made again.
+void check_names(identify::Study& study, const std::vector<messages::Recording>& recordings,
+                 const model::ModelSpec& nominal, const Options& options, const std::filesystem::path& file) {
+  const std::string of = what_is_checked(recordings, nominal);
+  identify::ReliabilityOptions settings;
+  settings.rehearsals = options.check_names;
+  settings.threads = options.threads;
+  if (std::filesystem::exists(file))
+    settings.known =
+        identify::rehearsals_of(base::read_text_file(file), of).value_or(std::vector<identify::Rehearsal>());
+  Progress progress("check names");
+  settings.on_progress = [&](double fraction) { progress.at(fraction, "diagnosing simulated recordings"); };
+  identify::Reliability reliability =
+      identify::measure_reliability(study, recordings, options.recordings, nominal, settings);
+  // More of them from an earlier call stay in the file.
+  if (settings.known.size() < reliability.rehearsals.size())
+    identify::report::write_text_file(file, identify::name_check_json(reliability.rehearsals, of).dump(1) + "\n");
+  identify::restate(study.diagnosis, std::move(reliability));
+}
+
 int diagnose(const Options& options) {
   if (!decide_otherwise(options.decide)) return kUsage;
   if (const std::string why = unwritable(options.out); !why.empty()) {
@@ -92,6 +128,7 @@ int diagnose(const Options& options) {
   std::optional<Progress> progress(std::in_place, "diagnose");
   settings.on_progress = [&](double fraction, const char* doing) { progress->at(fraction, doing); };
   std::optional<identify::Study> made;
+  const std::vector<messages::Recording> as_read = options.check_names > 0 ? recordings : decltype(recordings)();
   try {
     made = identify::diagnose(std::move(recordings), options.recordings, nominal, settings);
   } catch (const std::invalid_argument& e) {
@@ -106,6 +143,11 @@ int diagnose(const Options& options) {
     std::cerr << options.out << ": " << error.message() << '\n';
     return kFailure;
   }
+  const std::filesystem::path checked = std::filesystem::path(options.out) / "name-check.json";
+  if (options.check_names > 0)
+    check_names(*made, as_read, nominal, options, checked);
+  else
+    std::filesystem::remove(checked);  // of an earlier diagnosis
   std::vector<std::pair<std::string, std::string>> inputs{{"Nominal model", options.model}};
   for (const std::string& folder : options.recordings) inputs.emplace_back("Recording", folder);
   const auto provenance = made_by_this_call(std::move(inputs));
@@ -128,6 +170,10 @@ Command add_diagnose(CLI::App& app) {
   sub->add_option("--decide", options->decide,
                   "NAME=VALUE: decide by another value than the stated one, and say so in the result")
       ->allow_extra_args(false);
+  sub->add_option("--check-names", options->check_names,
+                  "Simulate so many recordings from the explanations that were weighed, diagnose them, and state "
+                  "probabilities by how many of their names are right; each takes as long as the diagnosis")
+      ->check(CLI::Range(0, 100'000));
   auto* json = sub->add_flag("--json", options->json, "With --deciding: as JSON");
   json->needs(sub->add_flag_callback(
       "--deciding", [options] { print_deciding(options->json); },

@@ -9,6 +9,7 @@
 
 #include "base/toml_reader.hpp"
 #include "cli/screen/duration.hpp"
+#include "identify/diagnose/reliability/reliability.hpp"
 #include "identify/diagnosis_report/diagnosis_report.hpp"
 #include "identify/pooling/read_diagnosis.hpp"
 #include "identify/report/page.hpp"
@@ -146,6 +147,9 @@ void print_diagnosis(const identify::Diagnosis& d, const std::filesystem::path& 
   for (const auto& law : d.discovered)
     std::printf("    %s (inclusion probability %s)\n", law.formula.c_str(),
                 number_text(law.inclusion_probability, 3).c_str());
+  if (d.reliability)
+    for (const std::string& text : identify::reliability_text(*d.reliability))
+      std::printf("  simulated from these explanations: %s\n", text.c_str());
   print_tied(d.design);
   print_faults(d.faults);
   print_notes(d);

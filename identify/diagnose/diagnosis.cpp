@@ -68,7 +68,7 @@ void name_missing_effects(Study& study) {
   for (const auto* effect : selection.chosen().effects) {
     MissingEffect missing;
     missing.effect = effect;
-    missing.probability = selection.probability.at(effect);
+    missing.weight = missing.probability = selection.probability.at(effect);
     missing.size_N = selection.size_N.at(effect);
     int parts = 0;
     for (std::size_t p = 0; p < out.model.parts.size(); ++p) {
@@ -256,7 +256,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   model::ModelSpec nominal = given;
   prepare(study, std::move(recordings), std::move(names), nominal);
   model::set_length_scale_if_in_range(nominal, model::length_scale_of_stroke(stroke_mm(study.series)));
-  const Search search(study.series, study.noise.weighing, options.threads);
+  const Search search(study.series, study.noise.weighing, options.threads, options.withheld);
   constexpr const char* kWeighing = "weighing what may be missing";
   now(0.03, kWeighing);
   SelectionOptions selecting = options_for(study.noise, options.selection);

@@ -12,6 +12,8 @@ struct DiagnosisOptions {
   unsigned threads = 2;
   SelectionOptions selection;
   DesignOptions design;
+  /// Effects that the search does not try (search/hypothesis.hpp).
+  std::vector<const model::Physics*> withheld{};
   /// Called as the work goes on: the part that is done, by the time that its stages take of a usual diagnosis, and what
   /// comes now.
   std::function<void(double fraction, const char* doing)> on_progress{};

@@ -3,6 +3,7 @@
 #include <functional>
 #include <nlohmann/json.hpp>
 
+#include "identify/diagnose/claims_json.hpp"
 #include "identify/diagnose/deciding/deciding_table.hpp"
 #include "identify/diagnose/diagnosis.hpp"
 
@@ -17,6 +18,7 @@ ordered_json missing_json(const std::vector<MissingEffect>& missing) {
     ordered_json entry;
     entry["effect"] = one.effect->name;
     entry["probability"] = one.probability;
+    entry["weight"] = one.weight;
     entry["size_N"] = one.size_N;
     entry["law"] = one.law;
     entry["side"] = model::side_of(one.effect->stage);
@@ -206,6 +208,7 @@ ordered_json diagnosis_json(const Diagnosis& d) {
   json["bins"] = d.rows;
   json["noise_scale"] = d.noise_scale;
   json["tried"] = tried_json(d.tried);
+  if (d.reliability) json["name_check"] = reliability_json(*d.reliability);
   if (!d.decided.empty()) json["deciding"] = changed_json(d.decided);
   json["warnings"] = d.warnings;
   json["notes"] = d.notes;

@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "identify/diagnose/claims.hpp"
 #include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/design/design.hpp"
 #include "identify/diagnose/explain/discernible.hpp"
@@ -21,8 +22,9 @@ namespace isorig::identify {
 struct MissingEffect {
   const model::Physics* effect = nullptr;
   std::string law;
-  double probability = 0.0;
-  double size_N = 0.0;  ///< of the force that it stands for (practical_significance.hpp)
+  double weight = 0.0;       ///< of the explanations that have it, among all that were weighed
+  double probability = 0.0;  ///< as stated (search/calibration.hpp)
+  double size_N = 0.0;       ///< of the force that it stands for (practical_significance.hpp)
   std::vector<NamedValue> parameters;
   std::string formula;  ///< of the law, with its numbers
   Shape shape;
@@ -87,11 +89,12 @@ struct Diagnosis {
   /// Their numbers with 95 % intervals, of every part in the order of the model.
   std::vector<std::vector<NamedValue>> nominal_numbers, model_numbers;
   NotModelled not_modelled;
-  std::optional<Unjudged> unjudged;       ///< of the verdict cannot_judge
-  Design design;                          ///< what would settle it, when explanations are tied
-  std::string described_by;               ///< variable of the table that stands for unknown physics
-  std::vector<DiscoveredLaw> discovered;  ///< products of the model, which stand for it instead of a table
-  double unexplained = 0.0;               ///< share of the nominal model's excess that is left
+  std::optional<Unjudged> unjudged;        ///< of the verdict cannot_judge
+  Design design;                           ///< what would settle it, when explanations are tied
+  std::string described_by;                ///< variable of the table that stands for unknown physics
+  std::vector<DiscoveredLaw> discovered;   ///< products of the model, which stand for it instead of a table
+  double unexplained = 0.0;                ///< share of the nominal model's excess that is left
+  std::optional<Reliability> reliability;  ///< where it was asked for
 };
 
 /// A diagnosis with what it rests on, for the report.

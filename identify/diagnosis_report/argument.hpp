@@ -24,6 +24,8 @@ void add_residuals(report::Page& page, const Argument& a);
 void add_predictions(report::Page& page, const Argument& a);
 /// What each rival leaves, what cannot be told, what to run next.
 void add_rivals(report::Page& page, const Argument& a);
+/// How often names were right on recordings simulated from these explanations, where that was asked for.
+void add_reliability(report::Page& page, const Argument& a);
 /// Where the nominal model misses, by variables and stretches; faults of the data; the noise.
 void add_evidence(report::Page& page, const Argument& a);
 

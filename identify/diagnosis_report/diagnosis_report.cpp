@@ -126,6 +126,7 @@ void write_diagnosis_report(const Study& study, const std::filesystem::path& fol
   add_residuals(page, a);
   add_predictions(page, a);
   add_rivals(page, a);
+  add_reliability(page, a);
   add_evidence(page, a);
   page.write(folder, "diagnosis-report.html");
 }

@@ -79,8 +79,9 @@ std::string Hypothesis::key() const {
   return key.empty() ? "nominal" : key;
 }
 
-Search::Search(std::span<const Series> series, const NoiseModel& instrument, unsigned threads)
-    : series_(series), instrument_problem_(series, instrument), threads_(threads) {}
+Search::Search(std::span<const Series> series, const NoiseModel& instrument, unsigned threads,
+               std::vector<const model::Physics*> withheld)
+    : series_(series), instrument_problem_(series, instrument), threads_(threads), withheld_(std::move(withheld)) {}
 
 Fit Search::fit_from(const ModelSpec& spec, int iterations) const {
   return instrument_problem_.fit(spec, iterations);
@@ -119,7 +120,7 @@ std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
   const ModelSpec& spec = base.fit.spec;
   const model::Reference& recording = series_[0].excitation.reference;
   for (const model::Physics* effect : model::effects()) {
-    if (!may_be_tried(*effect, base, series_)) continue;
+    if (!may_be_tried(*effect, base, series_) || std::ranges::find(withheld_, effect) != withheld_.end()) continue;
     for (const model::Law& known : effect->laws) {
       const model::Law& law = model::law_at(known, spec.length_scale);
       if (model::is_event(law)) {

@@ -30,8 +30,10 @@ struct Hypothesis {
 
 class Search {
  public:
-  /// `instrument`: the force channel's own noise, as its rests show it.
-  Search(std::span<const Series> series, const NoiseModel& instrument, unsigned threads);
+  /// `instrument`: the force channel's own noise, as its rests show it. `withheld`: effects that it does not try, so
+  /// that a recording can be simulated whose physics the catalogue lacks (reliability/).
+  Search(std::span<const Series> series, const NoiseModel& instrument, unsigned threads,
+         std::vector<const model::Physics*> withheld = {});
 
   /// Nominal model from many starts of its time constants.
   [[nodiscard]] Hypothesis nominal(const model::ModelSpec& nominal) const;
@@ -69,6 +71,7 @@ class Search {
   std::span<const Series> series_;
   Problem instrument_problem_;
   unsigned threads_;
+  std::vector<const model::Physics*> withheld_;
 };
 
 }  // namespace isorig::identify

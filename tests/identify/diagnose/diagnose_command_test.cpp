@@ -440,5 +440,38 @@ TEST_F(DiagnoseCommand, AnswersForAPositionAsForAForce) {
   EXPECT_EQ(read(folder_ / "q.csv"), predicted);
 }
 
+// Probabilities by simulation: kept beside the diagnosis, made again for other recordings, gone with a diagnosis that
+// did not ask for them.
+TEST_F(DiagnoseCommand, ChecksItsNamesOnSimulatedRecordings) {
+  const fs::path kept = out_ / "name-check.json";
+  const std::string checked = " --check-names 2 --threads 2 --out " + out_.string() + " --model slse1 --no-report";
+  const Outcome first = isorig("diagnose " + recording_.string() + checked);
+  ASSERT_EQ(first.code, 0) << first.text;
+  EXPECT_THAT(first.text, HasSubstr("  simulated from these explanations: names where nothing unknown was told: fewer "
+                                    "than 10, so that a name with all of the weight is stated with 0.985"));
+  const auto diagnosis = nlohmann::json::parse(read(out_ / "diagnosis.json"));
+  ASSERT_EQ(diagnosis["name_check"]["simulated"].size(), 2U);
+  EXPECT_EQ(diagnosis["name_check"]["sureness"], nullptr);
+  EXPECT_EQ(nlohmann::json::parse(read(kept))["format"], "isorig-name-check/1");
+
+  // What is there is used: a name that no diagnosis gives shows it.
+  std::string text = read(kept);
+  const std::string nothing = "\"claims\": []";
+  ASSERT_NE(text.find(nothing), std::string::npos) << text;
+  text.replace(text.find(nothing), nothing.size(),
+               "\"claims\": [{\"effect\": \"planted\", \"promised\": 0.9, \"right\": false, \"refused\": false}]");
+  write(kept, text);
+  ASSERT_EQ(isorig("diagnose " + recording_.string() + checked).code, 0);
+  EXPECT_THAT(read(out_ / "diagnosis.json"), HasSubstr("planted"));
+
+  messages::write_recording(recording_, test::record({.seed = 2}));
+  ASSERT_EQ(isorig("diagnose " + recording_.string() + checked).code, 0);
+  EXPECT_THAT(read(out_ / "diagnosis.json"), Not(HasSubstr("planted"))) << "those of other readings";
+
+  ASSERT_EQ(diagnose().code, 0);
+  EXPECT_FALSE(fs::exists(kept));
+  EXPECT_THAT(read(out_ / "diagnosis.json"), Not(HasSubstr("name_check")));
+}
+
 }  // namespace
 }  // namespace isorig
