@@ -5,6 +5,7 @@
 #include <ctime>
 
 #include "base/formatted.hpp"
+#include "base/utc_text.hpp"
 
 namespace isorig::calibration {
 
@@ -32,12 +33,7 @@ std::string date_of(std::int64_t days) {
 }
 
 std::string now_utc() {
-  const std::time_t now = std::chrono::system_clock::to_time_t(std::chrono::system_clock::now());
-  std::tm tm{};
-  gmtime_r(&now, &tm);
-  char text[32];
-  std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &tm);
-  return text;
+  return base::utc_text(std::time(nullptr));
 }
 
 std::string today() {

@@ -1,7 +1,6 @@
 #include "identify/report/page.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cctype>
 #include <cmath>
 #include <ctime>
@@ -11,6 +10,7 @@
 
 #include "base/formatted.hpp"
 #include "base/number_text.hpp"
+#include "base/utc_text.hpp"
 #include "identify/report/neighbours.hpp"
 #include "identify/report/template.hpp"
 
@@ -235,12 +235,7 @@ void Page::write(const std::filesystem::path& folder, std::string_view file_name
 }
 
 std::string now_utc() {
-  const std::time_t now = std::time(nullptr);
-  std::tm utc{};
-  gmtime_r(&now, &utc);
-  char text[32];
-  std::strftime(text, sizeof text, "%Y-%m-%d %H:%M UTC", &utc);
-  return text;
+  return base::utc_text(std::time(nullptr), "%Y-%m-%d %H:%M UTC");
 }
 
 std::string escaped(std::string_view text) {
