@@ -9,7 +9,7 @@
 namespace isorig::daemon {
 namespace {
 
-constexpr double kForceMarginShare = 0.02;  // of the force range: beyond the jog's limit it may still be moved back
+constexpr double kJogForceMarginShare = 0.02;  // of the force range: beyond the jog's limit it may still be moved back
 constexpr double kJogLeast_mm = 0.001;
 
 std::int64_t after(std::int64_t now_ns, double seconds) noexcept {
@@ -161,7 +161,7 @@ const char* Core::jog(std::int64_t now_ns, const Request& request) noexcept {
   if (force_N < -o.jog_force_max_N && way_mm < 0.0) {
     return "the compression is above [operator] jog_force_max_N: only a motion that takes it back is let through";
   }
-  const double margin_N = kForceMarginShare * (l.force_max_N - l.force_min_N);
+  const double margin_N = kJogForceMarginShare * (l.force_max_N - l.force_min_N);
   jog_force_high_N_ = force_N > o.jog_force_max_N ? force_N + margin_N : o.jog_force_max_N;
   jog_force_low_N_ = force_N < -o.jog_force_max_N ? force_N - margin_N : -o.jog_force_max_N;
   jog_velocity_mm_s_ = velocity_mm_s;

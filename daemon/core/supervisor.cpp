@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "base/toml_reader.hpp"
+#include "daemon/core/seconds.hpp"
 
 namespace isorig::daemon {
 namespace {
@@ -11,9 +12,6 @@ constexpr std::int64_t kExcuseNs = 200'000'000;
 // In that time the frame's thread has taken up a request, and says what it makes of it.
 constexpr double kRenewedMax_s = 0.1;
 
-constexpr double seconds(std::int64_t ns) {
-  return static_cast<double>(ns) * 1e-9;
-}
 }  // namespace
 
 SupervisorConfig SupervisorConfig::read(const base::TomlTable& table, const protocol::Limits& limits) {

@@ -1,15 +1,12 @@
 #include <algorithm>
 #include <cmath>
 
+#include "daemon/core/seconds.hpp"
 #include "daemon/core/supervisor.hpp"
 
 /// Supervisor: what the frame's samples and reports say.
 namespace isorig::daemon {
 namespace {
-
-constexpr double seconds(std::int64_t ns) {
-  return static_cast<double>(ns) * 1e-9;
-}
 
 // Beyond a limit that has tripped already the crosshead comes to rest, and may go back; further than this it trips
 // anew.

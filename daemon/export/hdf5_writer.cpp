@@ -12,8 +12,6 @@
 namespace isorig::daemon {
 namespace {
 
-constexpr const char* kFormat = "isorig-export/1";
-
 using Closer = herr_t (*)(hid_t);
 
 /// An identifier of HDF5's.
@@ -249,7 +247,7 @@ class Hdf5Writer : public ExportWriter {
              const std::vector<std::pair<std::string, std::string>>& texts) override {
     file_->guarded([&] {
       const hid_t root = *file_->handle;
-      put_attribute(root, "format", std::string(kFormat));
+      put_attribute(root, "format", std::string(kExportFormat));
       put_attributes(root, run);
       put_table(root, sessions);
       const auto inputs = group(root, "inputs");

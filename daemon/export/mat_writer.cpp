@@ -17,7 +17,6 @@
 namespace isorig::daemon {
 namespace {
 
-constexpr const char* kFormat = "isorig-export/1";
 /// A variable of a level 5 file; MATLAB itself writes none that is larger.
 constexpr std::size_t kMostBytes = std::numeric_limits<std::int32_t>::max();
 
@@ -224,7 +223,7 @@ class MatSession : public SessionWriter {
       ++variables;
     };
     std::vector<std::pair<std::string, Variable>> recording, info;
-    recording.emplace_back("format", text_variable("format", kFormat));
+    recording.emplace_back("format", text_variable("format", kExportFormat));
     add(recording, tail.attributes);
     put(struct_variable("recording", std::move(recording)));
     for (std::size_t i = 0; i < kStreams; ++i) {

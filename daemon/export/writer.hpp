@@ -14,6 +14,9 @@ namespace isorig::daemon {
 
 enum class ExportFormat : std::uint8_t { kCsv, kHdf5, kMat };
 
+/// What a file that holds a whole export calls itself.
+inline constexpr const char* kExportFormat = "isorig-export/1";
+
 /// Rows that a writer gets at once, at most. HDF5's chunks are of this size.
 inline constexpr std::size_t kBlockRows = 16'384;
 

@@ -18,6 +18,7 @@
 #include "daemon/host/api_requests.hpp"
 #include "daemon/host/host.hpp"
 #include "daemon/host/paths.hpp"
+#include "daemon/host/verb_desk.hpp"
 
 namespace isorig::daemon {
 namespace {
@@ -25,7 +26,6 @@ namespace {
 using nlohmann::json;
 
 constexpr std::size_t kTasksQueued = 8;
-constexpr auto kVerbPatience = std::chrono::seconds(2);
 constexpr auto kAnswerPoll = std::chrono::milliseconds(1);
 
 struct Verb {

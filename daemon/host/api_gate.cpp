@@ -7,10 +7,10 @@
 #include <array>
 #include <cctype>
 #include <chrono>
-#include <ctime>
 #include <utility>
 
 #include "base/printable.hpp"
+#include "base/utc_text.hpp"
 #include "daemon/host/api_calls.hpp"
 #include "daemon/host/api_requests.hpp"
 
@@ -20,9 +20,8 @@ namespace {
 using nlohmann::json;
 
 constexpr std::size_t kNameBytes = 64;
-constexpr std::size_t kPageBytes = 64;
+constexpr std::size_t kPageNameBytes = 64;
 constexpr std::size_t kOutcomeBytes = 300;
-constexpr std::size_t kNamesKept = 1000;
 constexpr std::size_t kLooksKept = 10'000;
 /// A page that polls is refused several times a second, for as long as it is open.
 constexpr auto kRefusedLookAgain = std::chrono::minutes(1);
@@ -32,14 +31,6 @@ constexpr const char* kWebUser = "isorig-web";
 std::int64_t unix_ms() {
   return std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::system_clock::now().time_since_epoch())
       .count();
-}
-
-std::string utc_text(std::int64_t unix_s) {
-  const auto seconds = static_cast<std::time_t>(unix_s);
-  std::tm tm{};
-  gmtime_r(&seconds, &tm);
-  char text[32];
-  return {text, std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &tm)};
 }
 
 std::string first_line(const HttpAnswer& answer) {
@@ -84,7 +75,7 @@ Caller caller_of(const HttpRequest& request) {
       peer.groups = value.get<std::vector<gid_t>>();
     } else if (key == "name" && is_text && value.get<std::string>().size() <= kNameBytes) {
       caller.for_name = value.get<std::string>();
-    } else if (key == "page" && is_text && value.get<std::string>().size() <= kPageBytes) {
+    } else if (key == "page" && is_text && value.get<std::string>().size() <= kPageNameBytes) {
       caller.page = value.get<std::string>();
     } else {
       wrong("`" + base::printable(key) + "` is unknown, or not what it has to be");
@@ -185,7 +176,7 @@ json ApiGate::control_json() {
           {"uid", seat.uid},
           {"where", seat.page.empty() ? "terminal" : "page"},
           {"text", where_text(seat)},
-          {"since_utc", utc_text(holder->since_unix_s)},
+          {"since_utc", base::utc_text(holder->since_unix_s)},
           {"term", holder->term}};
 }
 
@@ -202,7 +193,7 @@ Seat ApiGate::seat_of(const Caller& caller) {
   }
   auto name = user_name(uid);
   const std::lock_guard lock(names_mutex_);
-  if (names_.size() >= kNamesKept) names_.clear();
+  if (names_.size() >= kUserNamesKept) names_.clear();
   names_[uid] = name;
   return {uid, std::move(name), {}, uid};
 }

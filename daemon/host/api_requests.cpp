@@ -20,7 +20,7 @@ constexpr std::size_t kLongestLine = 1024;  // a file's path may stand in one
 // What is read in the thread of the connections has no file in it.
 constexpr std::size_t kShortBody = 4096;
 constexpr std::size_t kAnyBody = std::numeric_limits<std::size_t>::max();  // the connection has its bound
-constexpr std::size_t kDeepest = 8;
+constexpr std::size_t kDeepestBody = 8;
 constexpr std::size_t kShownBytes = 200;  // of a value in a line of the audit log
 
 /// Counted before anything is made of it.
@@ -35,7 +35,7 @@ bool is_too_deep(std::string_view text) {
     } else if (c == '"') {
       in_string = true;
     } else if (c == '[' || c == '{') {
-      if (++depth > kDeepest) return true;
+      if (++depth > kDeepestBody) return true;
     } else if ((c == ']' || c == '}') && depth > 0) {
       --depth;
     }
@@ -51,8 +51,8 @@ class Body {
       : call_(call) {
     if (text.size() > most_bytes)
       fail("the body has " + std::to_string(text.size()) + " bytes; at most " + std::to_string(most_bytes));
-    if (is_too_deep(text)) fail("the body is nested deeper than " + std::to_string(kDeepest) + " levels");
-    std::vector<std::set<std::string>> seen(kDeepest + 2);  // keys of the objects that are open, by depth
+    if (is_too_deep(text)) fail("the body is nested deeper than " + std::to_string(kDeepestBody) + " levels");
+    std::vector<std::set<std::string>> seen(kDeepestBody + 2);  // keys of the objects that are open, by depth
     std::string twice;
     const auto watch = [&](int depth, json::parse_event_t event, json& value) {
       const auto at = static_cast<std::size_t>(depth);
@@ -200,7 +200,7 @@ std::string short_arguments(const std::string& body, bool may_read_long) {
   const auto bytes = std::to_string(body.size()) + " bytes";
   if (body.empty()) return {};
   if (body.size() > kShortBody && !may_read_long) return "(" + bytes + ")";
-  if (is_too_deep(body)) return "(" + bytes + ", nested deeper than " + std::to_string(kDeepest) + " levels)";
+  if (is_too_deep(body)) return "(" + bytes + ", nested deeper than " + std::to_string(kDeepestBody) + " levels)";
   const auto given = json::parse(body, nullptr, false);
   if (!given.is_object()) return "(" + bytes + ", no JSON object)";
   std::string out;

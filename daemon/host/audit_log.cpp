@@ -5,11 +5,9 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <chrono>
 #include <cstring>
-#include <ctime>
 #include <map>
 #include <sstream>
 #include <stdexcept>
@@ -17,6 +15,7 @@
 
 #include "base/formatted.hpp"
 #include "base/text_file.hpp"
+#include "base/utc_text.hpp"
 
 namespace isorig::daemon {
 namespace {
@@ -27,16 +26,11 @@ constexpr const char* kFile = "commands.jsonl";
 constexpr const char* kNumbered = "commands-";
 constexpr const char* kEnding = ".jsonl";
 constexpr auto kTryAgain = std::chrono::seconds(1);
-constexpr std::size_t kNamesKept = 1000;
 constexpr std::size_t kTailBytes = std::size_t{64} << 10U;  // longer than any line
 
-std::string utc_text(std::int64_t unix_ms) {
-  const auto seconds = static_cast<std::time_t>(unix_ms / 1000);
-  std::tm tm{};
-  gmtime_r(&seconds, &tm);
-  std::array<char, 32> text{};
-  const std::string day_and_time{text.data(), std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%S", &tm)};
-  return day_and_time + base::formatted(".%03dZ", static_cast<int>(unix_ms % 1000));
+std::string utc_with_ms(std::int64_t unix_ms) {
+  return base::utc_text(unix_ms / 1000, "%Y-%m-%dT%H:%M:%S") +
+         base::formatted(".%03dZ", static_cast<int>(unix_ms % 1000));
 }
 
 json who_json(const Peer& peer) {
@@ -254,7 +248,7 @@ bool AuditLog::write(const std::deque<Queued>& batch) {
 /// Asked for once: the name service may be a server elsewhere.
 std::string AuditLog::name_of(uid_t uid) {
   if (const auto known = names_.find(uid); known != names_.end()) return known->second;
-  if (names_.size() >= kNamesKept) names_.clear();
+  if (names_.size() >= kUserNamesKept) names_.clear();
   return names_[uid] = user_name(uid);
 }
 
@@ -263,9 +257,15 @@ bool AuditLog::write_lines(const std::deque<Queued>& batch) {
   std::string text;
   auto number = number_;
   for (const auto& [e, lost_before, count] : batch) {
-    json line{{"number", ++number},       {"utc", utc_text(e.unix_ms)},  {"verb", e.verb},
-              {"arguments", e.arguments}, {"user", name_of(e.peer.uid)}, {"pid", e.peer.pid},
-              {"ok", e.status == 200},    {"status", e.status},          {"outcome", e.outcome}};
+    json line{{"number", ++number},
+              {"utc", utc_with_ms(e.unix_ms)},
+              {"verb", e.verb},
+              {"arguments", e.arguments},
+              {"user", name_of(e.peer.uid)},
+              {"pid", e.peer.pid},
+              {"ok", e.status == 200},
+              {"status", e.status},
+              {"outcome", e.outcome}};
     line.update(who_json(e.peer));
     if (e.for_whom) {
       line["for"] = who_json(*e.for_whom);

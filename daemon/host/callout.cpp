@@ -19,10 +19,9 @@ namespace {
 
 using steady_clock = std::chrono::steady_clock;
 
-constexpr auto kLook = std::chrono::milliseconds(20);
-constexpr auto kGrace = std::chrono::seconds(1);  // between SIGTERM and SIGKILL
+constexpr auto kCommandLook = std::chrono::milliseconds(20);
 
-std::chrono::nanoseconds seconds(double s) {
+std::chrono::nanoseconds nanoseconds_of(double s) {
   return std::chrono::nanoseconds(static_cast<std::int64_t>(s * 1e9));
 }
 
@@ -156,7 +155,7 @@ void Callout::run() {
       calls_.pop_front();
       dropped = std::exchange(dropped_, 0);
     }
-    next = steady_clock::now() + seconds(config_.interval_s);
+    next = steady_clock::now() + nanoseconds_of(config_.interval_s);
     if (dropped > 0)
       note("notify: " + std::to_string(dropped) +
            " calls are given up: they came faster than [notify] interval_s lets them go");
@@ -175,9 +174,9 @@ void Callout::call(const Call& due) {
     return;
   }
   int status = 0;
-  if (!wait_for(pid, steady_clock::now() + seconds(config_.timeout_s), status)) {
+  if (!wait_for(pid, steady_clock::now() + nanoseconds_of(config_.timeout_s), status)) {
     ::kill(-pid, SIGTERM);
-    if (!wait_for(pid, steady_clock::now() + kGrace, status)) {
+    if (!wait_for(pid, steady_clock::now() + kTermGrace, status)) {
       ::kill(-pid, SIGKILL);
       ::waitpid(pid, &status, 0);
     }
@@ -201,7 +200,7 @@ bool Callout::wait_for(int pid, steady_clock::time_point deadline, int& status) 
     }
     std::unique_lock lock(mutex_);
     if (steady_clock::now() >= std::min(deadline, give_up_)) return false;
-    more_.wait_for(lock, kLook);
+    more_.wait_for(lock, kCommandLook);
   }
 }
 

@@ -1,12 +1,16 @@
 #pragma once
 #include <sys/types.h>
 
+#include <chrono>
 #include <string>
 #include <string_view>
 #include <vector>
 
 /// Commands that the daemon starts beside itself: [notify], the page of a run.
 namespace isorig::daemon {
+
+/// Between SIGTERM and SIGKILL.
+inline constexpr auto kTermGrace = std::chrono::seconds(1);
 
 /// What a command needs of ours to find itself, and nothing else: no socket of the service manager, no library path.
 [[nodiscard]] std::vector<std::string> child_environment();

@@ -1,20 +1,12 @@
 #include "daemon/host/control.hpp"
 
 #include <algorithm>
-#include <array>
-#include <ctime>
 #include <utility>
+
+#include "base/utc_text.hpp"
 
 namespace isorig::daemon {
 namespace {
-
-std::string utc_text(std::int64_t unix_s) {
-  const auto seconds = static_cast<std::time_t>(unix_s);
-  std::tm tm{};
-  gmtime_r(&seconds, &tm);
-  std::array<char, 32> text{};
-  return {text.data(), std::strftime(text.data(), text.size(), "%H:%M UTC", &tm)};
-}
 
 /// A terminal of the holder's own user: whoever has typed that password is taken for him.
 bool is_holder(const Seat& holder, const Seat& seat) {
@@ -55,7 +47,7 @@ void Control::end_what_is_over(Time now) {
 std::string Control::held_text() const {
   const auto& seat = holder_->seat;
   return seat.name + " has control (" + (seat.page.empty() ? "at a terminal" : "on the live page") + ", since " +
-         utc_text(holder_->since_unix_s) +
+         base::utc_text(holder_->since_unix_s, "%H:%M UTC") +
          "); take it over if that is agreed: isorig control --take-over, or Take over on the live page";
 }
 

@@ -11,6 +11,7 @@
 #include "base/fingerprint.hpp"
 #include "base/json_words.hpp"
 #include "base/report_pages.hpp"
+#include "base/utc_text.hpp"
 
 namespace isorig::daemon {
 namespace {
@@ -22,19 +23,14 @@ constexpr std::size_t kDocumentBytes = std::size_t{8} << 20U;
 constexpr std::size_t kProtocolBytes = std::size_t{1} << 20U;
 /// Of isorig's own documents some ten. Copying and writing JSON recurse, and who may write the folder may nest it
 /// deeper than a stack is.
-constexpr int kDeepest = 64;
+constexpr int kDeepestDocument = 64;
 constexpr std::size_t kLongestPath = 4096;
 /// The pages of an investigation's rounds lie up to three folders below it.
 constexpr std::ptrdiff_t kPageDepth = kDepth + 3;
 
-std::string utc_text(std::filesystem::file_time_type time) {
+std::int64_t unix_s(std::filesystem::file_time_type time) {
   const auto system = std::chrono::file_clock::to_sys(time);
-  const std::time_t seconds = std::chrono::duration_cast<std::chrono::seconds>(system.time_since_epoch()).count();
-  std::tm tm{};
-  gmtime_r(&seconds, &tm);
-  char text[32];
-  (void)std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &tm);
-  return text;
+  return std::chrono::duration_cast<std::chrono::seconds>(system.time_since_epoch()).count();
 }
 
 /// Throws std::runtime_error with the file's name. Operators may write there, and this process may read what they may
@@ -52,8 +48,9 @@ std::string bounded_text(const std::filesystem::path& place, const std::filesyst
 json document_of(const std::filesystem::path& place, const std::filesystem::path& file, const char* format) {
   try {
     auto out = json::parse(bounded_text(place, file, kDocumentBytes), [&](int depth, json::parse_event_t, const json&) {
-      if (depth > kDeepest) {
-        throw std::runtime_error(file.string() + " is nested deeper than " + std::to_string(kDeepest) + " levels");
+      if (depth > kDeepestDocument) {
+        throw std::runtime_error(file.string() + " is nested deeper than " + std::to_string(kDeepestDocument) +
+                                 " levels");
       }
       return true;
     });
@@ -189,7 +186,7 @@ json Diagnoses::list() const {
                {"folder", f.folder.lexically_relative(f.place).generic_string()},
                {"path", f.folder.string()},
                {"kind", f.investigation ? "investigation" : "diagnosis"},
-               {"made_utc", utc_text(f.made)},
+               {"made_utc", base::utc_text(unix_s(f.made))},
                {"pages", json::array()},
                {"experiment", false}};
     try {

@@ -6,6 +6,7 @@
 
 #include "daemon/host/host_prepared.hpp"
 #include "daemon/host/host_run.hpp"
+#include "daemon/host/verb_desk.hpp"
 #include "daemon/rig/calibrations.hpp"
 
 /// Host: the recorder's turns, the verbs, the end of a run.
@@ -14,7 +15,6 @@ namespace {
 
 constexpr std::size_t kEventsKept = 2000;
 constexpr std::int64_t kTryAgainNs = 1'000'000'000;
-constexpr auto kVerbPatience = std::chrono::seconds(2);
 
 /// Why a run must not go on; empty while everything is kept.
 std::string trouble_of(const RecorderStatus& s) {

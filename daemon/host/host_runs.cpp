@@ -2,6 +2,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/beneath.hpp"
+#include "base/report_pages.hpp"
 #include "daemon/host/host.hpp"
 #include "daemon/recording/amendments.hpp"
 #include "daemon/recording/run_row_json.hpp"
@@ -16,8 +17,7 @@ using nlohmann::json;
 /// Newest first; older ones are listed by `isorig runs`.
 constexpr std::size_t kRunsListed = 500;
 /// A page of a run of days has a few MB.
-constexpr std::size_t kPageBytes = std::size_t{24} << 20U;
-constexpr const char* kPage = "report.html";
+constexpr std::size_t kRunPageBytes = std::size_t{24} << 20U;
 
 json notes_of(const std::filesystem::path& run) {
   json out = json::array();
@@ -45,7 +45,7 @@ json Host::runs_json() const {
   for (const auto& r : rows) {
     std::error_code error;
     json row = row_json(r);
-    const auto page = std::filesystem::absolute(r.directory / kPage, error).lexically_normal();
+    const auto page = std::filesystem::absolute(r.directory / base::kRunPage, error).lexically_normal();
     row["report"] = std::filesystem::symlink_status(page, error).type() == std::filesystem::file_type::regular;
     row["page"] = page.string();
     row["notes"] = why_not_a_folder(r).empty() ? notes_of(r.directory) : json::array();
@@ -58,10 +58,11 @@ json Host::report_json(const std::string& id) const {
   const auto run = catalogue_.find_run(id);
   if (!run || run->id != id) throw std::runtime_error("there is no run \"" + id + "\" in the catalogue");
   try {
-    auto page = base::read_text_beneath(options_.runs_root, std::filesystem::path(id) / kPage, kPageBytes + 1);
-    if (page.size() > kPageBytes) {
+    auto page =
+        base::read_text_beneath(options_.runs_root, std::filesystem::path(id) / base::kRunPage, kRunPageBytes + 1);
+    if (page.size() > kRunPageBytes) {
       throw std::runtime_error("the page of run " + id + " is too large to be sent: open " +
-                               (run->directory / kPage).string());
+                               (run->directory / base::kRunPage).string());
     }
     return {{"run", id}, {"page", std::move(page)}};
   } catch (const base::FileError& e) {

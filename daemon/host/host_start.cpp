@@ -1,11 +1,9 @@
 #include <algorithm>
 #include <cctype>
 #include <chrono>
-#include <ctime>
-#include <iomanip>
-#include <sstream>
 
 #include "base/toml_reader.hpp"
+#include "base/utc_text.hpp"
 #include "daemon/host/corrections.hpp"
 #include "daemon/host/host_prepared.hpp"
 #include "daemon/host/host_run.hpp"
@@ -17,15 +15,6 @@ namespace isorig::daemon {
 namespace {
 
 constexpr auto kClosePatience = std::chrono::seconds(5);
-
-std::string utc_text(std::int64_t unix_us, const char* format) {
-  const auto seconds = static_cast<std::time_t>(unix_us / 1'000'000);
-  std::tm tm{};
-  gmtime_r(&seconds, &tm);
-  std::ostringstream out;
-  out << std::put_time(&tm, format);
-  return out.str();
-}
 
 std::int64_t unix_now_us() {
   return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
@@ -260,7 +249,8 @@ std::optional<Host::Result> Host::take_saved_run(const StartOptions& options, Pr
 void Host::reserve_folder(Prepared& p) {
   auto& run = *p.run;
   if (run.id.empty()) {
-    const auto wanted = utc_text(p.wall_us, "%Y%m%d-%H%M%S") + "-" + stem_of(p.protocol_name) + "-" + p.specimen.name;
+    const auto wanted =
+        base::utc_text(p.wall_us / 1'000'000, "%Y%m%d-%H%M%S") + "-" + stem_of(p.protocol_name) + "-" + p.specimen.name;
     do {
       run.id = catalogue_.new_run_id(wanted);
       run.directory = options_.runs_root / run.id;
@@ -336,7 +326,7 @@ void Host::describe_run(const Status& now, Prepared& p) {
   }
   info.first_session = static_cast<std::int32_t>(run.first_session);
   info.run_id = run.id;
-  info.started_utc = utc_text(p.wall_us, "%Y-%m-%dT%H:%M:%SZ");
+  info.started_utc = base::utc_text(p.wall_us / 1'000'000);
 }
 
 }  // namespace isorig::daemon

@@ -1,6 +1,7 @@
 #pragma once
 #include <sys/types.h>
 
+#include <cstddef>
 #include <string>
 #include <vector>
 
@@ -22,5 +23,7 @@ struct Peer {
 
 /// "ann", or "uid 1000" when the machine has no name for it. Asks the name service, which may be a server elsewhere.
 [[nodiscard]] std::string user_name(uid_t uid);
+/// So many names are remembered, then all are forgotten: who calls under ever other users must not fill the memory.
+inline constexpr std::size_t kUserNamesKept = 1000;
 
 }  // namespace isorig::daemon

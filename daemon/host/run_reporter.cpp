@@ -9,6 +9,7 @@
 #include <cstring>
 
 #include "base/printable.hpp"
+#include "base/report_pages.hpp"
 #include "daemon/host/child_process.hpp"
 
 namespace isorig::daemon {
@@ -16,10 +17,8 @@ namespace {
 
 using steady_clock = std::chrono::steady_clock;
 
-constexpr auto kLook = std::chrono::milliseconds(50);
-constexpr auto kGrace = std::chrono::seconds(1);     // between SIGTERM and SIGKILL
+constexpr auto kPageLook = std::chrono::milliseconds(50);
 constexpr auto kLongest = std::chrono::minutes(30);  // a page of a day's run takes seconds
-constexpr const char* kPage = "report.html";
 
 }  // namespace
 
@@ -50,7 +49,7 @@ void RunReporter::catch_up(const std::filesystem::path& runs_root) {
         std::filesystem::exists(entry.path() / "run.toml", ignored))
       newest = entry.path();
   }
-  if (!newest.empty() && !std::filesystem::exists(newest / kPage, error)) on_closed(newest);
+  if (!newest.empty() && !std::filesystem::exists(newest / base::kRunPage, error)) on_closed(newest);
 }
 
 void RunReporter::stop() {
@@ -100,7 +99,7 @@ void RunReporter::write(const std::filesystem::path& run) {
         ended = true;
         break;
       }
-      more_.wait_for(lock, kLook);
+      more_.wait_for(lock, kPageLook);
     }
   }
   if (ended) {
@@ -111,7 +110,7 @@ void RunReporter::write(const std::filesystem::path& run) {
   }
   if (::waitpid(pid, &status, WNOHANG) == pid) return;  // between the last look and the wish to end
   ::kill(-pid, SIGTERM);
-  const auto killed = steady_clock::now() + kGrace;
+  const auto killed = steady_clock::now() + kTermGrace;
   while (::waitpid(pid, &status, WNOHANG) == 0) {
     if (steady_clock::now() > killed) {
       ::kill(-pid, SIGKILL);

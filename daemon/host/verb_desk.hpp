@@ -1,4 +1,5 @@
 #pragma once
+#include <chrono>
 #include <cstdint>
 #include <deque>
 #include <mutex>
@@ -7,6 +8,9 @@
 #include "daemon/core/core.hpp"
 
 namespace isorig::daemon {
+
+/// The loop answers within some milliseconds; after this long whoever waits for it is told that it does not.
+inline constexpr auto kVerbPatience = std::chrono::seconds(2);
 
 /// Where several threads hand requests to the loop and fetch its answers: the loop's queues have one producer and one
 /// consumer. Nothing here waits for anything but another caller's push or pop.

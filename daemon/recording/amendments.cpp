@@ -13,12 +13,13 @@
 
 #include "base/beneath.hpp"
 #include "base/toml_reader.hpp"
+#include "base/utc_text.hpp"
 #include "daemon/recording/run_directory.hpp"
 
 namespace isorig::daemon {
 namespace {
 
-constexpr const char* kFormat = "isorig-amendments/1";
+constexpr const char* kAmendmentsFormat = "isorig-amendments/1";
 
 std::filesystem::path file_of(const std::filesystem::path& run_dir) {
   return run_dir / "amendments.toml";
@@ -35,7 +36,7 @@ void append_amendment(const std::filesystem::path& run_dir, const Amendment& a) 
     if (!text.empty()) entry.insert_or_assign(key, text);
   }
   std::ostringstream out;
-  if (!std::filesystem::exists(file_of(run_dir))) out << "format = \"" << kFormat << "\"\n\n";
+  if (!std::filesystem::exists(file_of(run_dir))) out << "format = \"" << kAmendmentsFormat << "\"\n\n";
   out << "[[amendment]]\n" << entry << "\n\n";
   const auto text = out.str();
   const auto path = file_of(run_dir);
@@ -55,7 +56,7 @@ std::vector<Amendment> read_amendments(const std::filesystem::path& run_dir) {
   const auto document =
       base::TomlDocument::parse_text(base::read_text_beneath(run_dir, file_of({})), file_of(run_dir).string());
   const auto root = document.root();
-  if (root.has("format")) (void)root.choice("format", {kFormat});  // files of before have none
+  if (root.has("format")) (void)root.choice("format", {kAmendmentsFormat});  // files of before have none
   for (const auto& t : root.tables("amendment")) {
     all.push_back({t.string("at_utc"), t.string_or("by", ""), t.string_or("specimen", ""), t.string_or("operator", ""),
                    t.string_or("text", "")});
@@ -65,12 +66,7 @@ std::vector<Amendment> read_amendments(const std::filesystem::path& run_dir) {
 }
 
 std::string utc_now() {
-  const std::time_t now = std::time(nullptr);
-  std::tm tm{};
-  gmtime_r(&now, &tm);
-  char text[32];
-  std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &tm);
-  return text;
+  return base::utc_text(std::time(nullptr));
 }
 
 }  // namespace isorig::daemon

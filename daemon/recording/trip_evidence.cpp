@@ -9,7 +9,6 @@
 #include <cstdarg>
 #include <cstdio>
 #include <cstring>
-#include <ctime>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
@@ -17,6 +16,8 @@
 #include <utility>
 
 #include "base/text_file.hpp"
+#include "base/utc_text.hpp"
+#include "daemon/core/seconds.hpp"
 #include "daemon/recording/run_directory.hpp"
 
 namespace isorig::daemon {
@@ -24,15 +25,11 @@ namespace {
 
 using nlohmann::ordered_json;
 
-constexpr const char* kFormat = "isorig-trip/1";
+constexpr const char* kTripFormat = "isorig-trip/1";
 constexpr std::size_t kMostEvents = 400;       // of a chain: a fault that comes and goes must not fill the disk
 constexpr std::int64_t kSlopeNs = 60'000'000;  // as the daemon's own standstill (daemon/core/standstill.hpp)
 constexpr double kStands_mm_s = 0.05;
 constexpr double kVented_psi = 1.0;
-
-double seconds(std::int64_t ns) {
-  return static_cast<double>(ns) * 1e-9;
-}
 
 template <typename Record>
 void trim(std::deque<Record>& records, std::int64_t before_ns) {
@@ -42,14 +39,6 @@ void trim(std::deque<Record>& records, std::int64_t before_ns) {
 /// A number that is none has no JSON.
 ordered_json number(double value) {
   return std::isfinite(value) ? ordered_json(value) : ordered_json(nullptr);
-}
-
-std::string utc_text(std::int64_t unix_us) {
-  const auto seconds_now = static_cast<std::time_t>(unix_us / 1'000'000);
-  std::tm tm{};
-  gmtime_r(&seconds_now, &tm);
-  char text[32];
-  return {text, std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &tm)};
 }
 
 ordered_json to_json(const EventRecord& e, std::int64_t trip_ns, std::int64_t epoch_unix_us) {
@@ -63,7 +52,7 @@ ordered_json to_json(const EventRecord& e, std::int64_t trip_ns, std::int64_t ep
                    {"threshold", number(e.threshold)}};
   if (e.by[0] == '\0') return out;
   out["by"] = e.by;
-  if (epoch_unix_us != 0) out["utc"] = utc_text(epoch_unix_us + e.mono_ns / 1000);
+  if (epoch_unix_us != 0) out["utc"] = base::utc_text((epoch_unix_us + e.mono_ns / 1000) / 1'000'000);
   return out;
 }
 
@@ -350,7 +339,7 @@ std::string TripEvidence::reaction(const Trip& trip) const {
 
 void TripEvidence::write_story(const Trip& t) {
   const std::int64_t trip_ns = t.cause.mono_ns;
-  ordered_json out{{"format", kFormat},
+  ordered_json out{{"format", kTripFormat},
                    {"number", t.number},
                    {"mono_ns", trip_ns},
                    {"code", t.cause.code},
@@ -393,9 +382,9 @@ void append_to_last_trip(const std::filesystem::path& run_dir, const EventRecord
   const std::string file = file_of(last, ".json");
   try {
     auto trip = ordered_json::parse(base::read_text_file(run_dir / file));
-    if (const auto format = trip.at("format").get<std::string>(); format != kFormat) {
+    if (const auto format = trip.at("format").get<std::string>(); format != kTripFormat) {
       throw std::runtime_error((run_dir / file).string() + " is left as it is: its format is \"" + format +
-                               "\", and this program knows \"" + kFormat + "\"");
+                               "\", and this program knows \"" + kTripFormat + "\"");
     }
     const auto trip_ns = trip.at("mono_ns").get<std::int64_t>();
     for (const auto& e : trip.at("events")) {

@@ -16,8 +16,6 @@
 namespace isorig::daemon {
 namespace {
 
-constexpr double kMiB = 1024.0 * 1024.0;
-
 Calibration read_calibration(const base::TomlTable& table) {
   Calibration c;
   const auto scale = [&](const char* key) {

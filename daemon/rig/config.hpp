@@ -20,6 +20,8 @@
 
 namespace isorig::daemon {
 
+inline constexpr double kMiB = 1024.0 * 1024.0;
+
 /// A rig's file, whole (docs/config.md has every key). Paths in it are relative to the file.
 struct RigConfig {
   std::filesystem::path path;

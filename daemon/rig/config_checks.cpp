@@ -7,6 +7,7 @@
 
 #include "base/formatted.hpp"
 #include "base/number_text.hpp"
+#include "daemon/core/seconds.hpp"
 #include "daemon/core/valve_flow.hpp"
 #include "daemon/rig/config.hpp"
 #include "daemon/rig/config_checks_frame.hpp"
@@ -199,7 +200,6 @@ void check_regulator(const RigConfig& rig, const Keys& k) {
 }
 
 void check_recorder(const RigConfig& rig, const Keys& k) {
-  constexpr double kMiB = 1024.0 * 1024.0;
   const auto& r = rig.recording;
   k.range("sync_interval_s", r.sync_interval_s, 0.1, 10.0, "s", "what is younger is lost with the power");
   k.range("min_free_MiB", static_cast<double>(r.min_free_bytes) / kMiB, 8.0, 1e6, "MiB",

@@ -4,6 +4,7 @@
 #include <variant>
 
 #include "base/overloaded.hpp"
+#include "daemon/core/seconds.hpp"
 #include "daemon/rig/config.hpp"
 
 /// What of a rig's file depends on the kind of its frame.

@@ -8,10 +8,6 @@
 
 namespace isorig::daemon {
 
-[[nodiscard]] constexpr double seconds(std::int64_t ns) {
-  return static_cast<double>(ns) * 1e-9;
-}
-
 /// One table of the rig; faults of a table that is not there stand at the document's begin, since its defaults count.
 class Keys {
  public:

@@ -9,13 +9,13 @@
 #include <cctype>
 #include <cerrno>
 #include <cstring>
-#include <ctime>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <stdexcept>
 
 #include "base/number_text.hpp"
+#include "base/utc_text.hpp"
 #include "daemon/version.hpp"
 
 namespace isorig::daemon {
@@ -43,14 +43,6 @@ std::string file_name_of(std::string name) {
   std::replace_if(
       name.begin(), name.end(), [](unsigned char c) { return std::isalnum(c) == 0 && c != '-' && c != '_'; }, '-');
   return name + ".jsonl";
-}
-
-std::string utc_text(std::int64_t unix_s) {
-  const auto seconds = static_cast<std::time_t>(unix_s);
-  std::tm tm{};
-  gmtime_r(&seconds, &tm);
-  std::array<char, 32> text{};
-  return {text.data(), std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%SZ", &tm)};
 }
 
 [[noreturn]] void fail(const std::filesystem::path& path, int error) {
@@ -123,8 +115,9 @@ void RigAcceptance::accept(const std::string& operator_name, uid_t uid, std::int
   json keys = json::object(), changes = json::array();
   for (const auto& [key, value] : keys_) keys[key] = value;
   for (const auto& change : changes_) changes.push_back(change.text());
-  const json entry{{"rig", rig_},        {"operator", operator_name}, {"uid", uid},  {"accepted_utc", utc_text(unix_s)},
-                   {"isorig", kVersion}, {"changes", changes},        {"keys", keys}};
+  const json entry{
+      {"rig", rig_},        {"operator", operator_name}, {"uid", uid},  {"accepted_utc", base::utc_text(unix_s)},
+      {"isorig", kVersion}, {"changes", changes},        {"keys", keys}};
   // A line of its own, whatever a power cut has left of the one before.
   const std::string line = "\n" + entry.dump(-1, ' ', false, json::error_handler_t::replace) + "\n";
   std::error_code error;
@@ -139,7 +132,7 @@ void RigAcceptance::accept(const std::string& operator_name, uid_t uid, std::int
   sync_directory(path_.parent_path());
   operator_ = operator_name;
   uid_ = uid;
-  when_utc_ = utc_text(unix_s);
+  when_utc_ = base::utc_text(unix_s);
   changes_.clear();
 }
 
