@@ -2,6 +2,8 @@
 #include <cstdint>
 #include <mutex>
 
+#include "sim/random.hpp"
+
 namespace isorig::sim {
 
 /// What the physics did in one step; linear in between. Shared by the devices, which sample it on clocks of
@@ -40,5 +42,9 @@ enum class Stream : std::uint64_t {
   kSensorRequest,
   kSensorReply,
 };
+
+[[nodiscard]] inline Random random_of(std::uint64_t seed, Stream stream) noexcept {
+  return Random(seed, static_cast<std::uint64_t>(stream));
+}
 
 }  // namespace isorig::sim

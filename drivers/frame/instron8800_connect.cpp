@@ -4,6 +4,7 @@
 #include "base/number_text.hpp"
 #include "drivers/api/error.hpp"
 #include "drivers/frame/instron8800_frame.hpp"
+#include "drivers/frame/instron8800_words.hpp"
 
 namespace isorig::frame {
 
@@ -14,12 +15,8 @@ namespace {
 
 using base::number_text;
 
-constexpr double kAbsoluteRamp = 3.0, kMoving = 1.0;
+constexpr double kAbsoluteRamp = 3.0;
 constexpr std::string_view kTwoNumbers = "C904,1,0", kOneNumber = "C904,1";
-
-std::string in_quotes(std::string_view text) {
-  return "\"" + std::string(text.substr(0, 60)) + "\"";
-}
 
 }  // namespace
 
@@ -146,7 +143,7 @@ Identity Instron8800Frame::connect() {
     early_.clear();
     forget_round();
     // What runs from before is not ours to judge: a stop has to be seen to work on it.
-    motion_ = ask_number("Q1", in_ms(2 * config_.response_timeout_ms)) == kMoving ? Motion::kMoving : Motion::kIdle;
+    motion_ = ask_number("Q1", in_ms(2 * config_.response_timeout_ms)) == kQ1Moving ? Motion::kMoving : Motion::kIdle;
     segment_ = {};
     not_before_ns_ = ramp_ns_ = 0;
     segment_.target_mm = std::nanf("");

@@ -6,6 +6,7 @@
 
 #include "drivers/api/error.hpp"
 #include "drivers/frame/instron8800_status.hpp"
+#include "drivers/frame/instron8800_words.hpp"
 
 namespace isorig::frame {
 
@@ -14,16 +15,13 @@ using drivers::Fault;
 
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kSlice_ns = 20 * kMs;
 /// Longer than this, and a tenth of the ramp, before its time a ramp is early.
 constexpr std::int64_t kEarly_ns = 500 * kMs;
-constexpr std::int64_t kStandstill_ns = 20 * kMs;
 /// Positions further apart than this are not interpolated between: a hang lay there.
 constexpr std::int64_t kFarApart_ns = 250 * kMs;
 /// A loss of control this soon after a silence is the watchdog's doing, not the operator's.
 constexpr std::int64_t kWatchdogSuspected_ns = 3'000 * kMs;
-constexpr double kMoving = 1.0;  // of Q1
 
 /// Status, actuator, movement, control; the watchdog is asked about before it is fed.
 constexpr std::array<std::int64_t, 4> kPeriods_ns{100 * kMs, 250 * kMs, 100 * kMs, 250 * kMs};
@@ -205,7 +203,7 @@ void Instron8800Frame::take_condition(Ask ask, double value) {
       actuator_on_ = value != 0.0;
       break;
     case Ask::kMovement:
-      take_movement(value == kMoving);
+      take_movement(value == kQ1Moving);
       break;
     case Ask::kControl:
       has_control_ = value == 1.0;

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "drivers/api/error.hpp"
+#include "drivers/frame/instron8800_words.hpp"
 
 namespace isorig::frame {
 namespace {
@@ -13,7 +14,6 @@ namespace {
 using drivers::DeviceError;
 using drivers::Fault;
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr std::int64_t kSilence_ns = 1000 * kMs;
 /// The second number of Q307, for the position and for the force channel.
 constexpr std::array<std::string_view, 2> kTypes{"3", "2"};
@@ -23,10 +23,6 @@ constexpr std::size_t kSuspects = 3;
 
 LineStream::Options stream_options(const Instron8800Config& c) {
   return {c.tcp, c.host, c.port, c.connect_timeout_ms, c.tty, c.baud, c.parity, c.stop_bits, "frame at " + c.where()};
-}
-
-std::string in_quotes(std::string_view text) {
-  return "\"" + std::string(text.substr(0, 60)) + "\"";
 }
 
 /// What stands behind the comma of "0,3"; empty for anything that is not of this form.

@@ -4,6 +4,7 @@
 #include "base/formatted.hpp"
 #include "drivers/api/error.hpp"
 #include "drivers/frame/instron8800_frame.hpp"
+#include "drivers/frame/instron8800_words.hpp"
 
 namespace isorig::frame {
 
@@ -12,12 +13,9 @@ using drivers::Fault;
 
 namespace {
 
-constexpr std::int64_t kMs = 1'000'000;
 constexpr double kShortestRamp_s = 0.001;
 constexpr double kTargetTolerance_mm = 5e-4;  // half of what the supervisor takes for another target
 constexpr std::int64_t kStopAgain_ns = 100 * kMs;
-constexpr double kMoving = 1.0;  // of Q1; what else it says is some way of standing
-constexpr std::int64_t kStandstill_ns = 20 * kMs;
 constexpr double kTimeTolerance = 5e-4;  // likewise, of the velocity
 
 /// Without an exponent, which the command set may not know.
@@ -79,7 +77,7 @@ void Instron8800Frame::write_ramp(const Segment& segment, double from_mm, std::i
 
 void Instron8800Frame::confirm_start(std::int64_t until_ns) {
   do {
-    if (ask_number("Q1", until_ns) == kMoving) return;
+    if (ask_number("Q1", until_ns) == kQ1Moving) return;
     // The shortest ramps are over before they can be seen.
     if (std::abs(ask_position(until_ns).value - double{segment_.target_mm}) <= config_.in_position_mm) return;
   } while (clock_.now_ns() < until_ns);
@@ -153,7 +151,7 @@ void Instron8800Frame::stop() {
   std::string why;
   do {
     try {
-      if (ask_number("Q1", until_ns) == kMoving) {
+      if (ask_number("Q1", until_ns) == kQ1Moving) {
         moves_after_stop_ = true;
         why = "Q1 says that it still moves";
       } else if (!moves_after_stop_ || stands_still(until_ns)) {

@@ -28,10 +28,6 @@ constexpr std::uint16_t kDtr = 1;
 constexpr unsigned kControlTimeout_ms = 300;
 constexpr std::int64_t kIdle_ns = 100'000'000;
 
-std::int64_t now() noexcept {
-  return clock::RealClock{}.now_ns();
-}
-
 }  // namespace
 
 struct UsbSession::Transfer {
@@ -129,7 +125,7 @@ bool UsbSession::submit(Pipe& pipe, Transfer& transfer) noexcept {
   } else if (error == LIBUSB_ERROR_NO_DEVICE) {
     lose("the device is gone");
   } else {
-    judge(pipe, LIBUSB_TRANSFER_ERROR, now());
+    judge(pipe, LIBUSB_TRANSFER_ERROR, clock::RealClock{}.now_ns());
   }
   return error == 0;
 }
@@ -143,7 +139,7 @@ bool UsbSession::set_line_state(bool has_terminal) noexcept {
 }
 
 void UsbSession::completed(libusb_transfer* usb) noexcept {
-  const std::int64_t now_ns = now();
+  const std::int64_t now_ns = clock::RealClock{}.now_ns();
   auto& transfer = *static_cast<Transfer*>(usb->user_data);
   UsbSession& session = transfer.owner;
   const Lock lock(session.mutex_);
@@ -226,7 +222,7 @@ void UsbSession::lose(const char* why) noexcept {
 
 std::int64_t UsbSession::service() noexcept {
   Lock lock(mutex_);
-  const std::int64_t now_ns = now();
+  const std::int64_t now_ns = clock::RealClock{}.now_ns();
   if (!is_closing_) {
     std::int64_t next_ns = now_ns + kIdle_ns;
     for (Pipe* pipe : {&in_, &out_}) {
@@ -265,7 +261,7 @@ void UsbSession::recover(Lock& lock, Pipe& pipe, std::int64_t now_ns) noexcept {
     lock.lock();
     if (error == LIBUSB_ERROR_NO_DEVICE) return lose("the device is gone (unplugged, or reset)");
     if (error != 0) {
-      pipe.retry_ns = now() + options_.error_pause_ns;
+      pipe.retry_ns = clock::RealClock{}.now_ns() + options_.error_pause_ns;
       return;
     }
   }

@@ -32,10 +32,6 @@ constexpr std::int64_t kLook_ns = 250'000'000;
 constexpr int kIdleTurns = 3;
 constexpr std::int64_t kIdlePause_ns = 1'000'000;
 
-std::int64_t now() noexcept {
-  return clock::RealClock{}.now_ns();
-}
-
 }  // namespace
 
 /// A libusb context and the thread that handles its events. Shared with that thread: should the kernel never give a
@@ -125,17 +121,17 @@ class UsbStream::Events {
       std::int64_t wait_ns = 1'000'000'000;
       const auto attended = session();
       if (attended) {
-        wait_ns = attended->service() - now();
+        wait_ns = attended->service() - clock::RealClock{}.now_ns();
         if (attended->is_closed()) forget_session();
       }
       if (stop_ && session() == nullptr) return;
       const std::int64_t wait_us = wait_ns > 0 ? wait_ns / 1000 + 1 : 0;
       timeval timeout{static_cast<time_t>(wait_us / 1'000'000), static_cast<suseconds_t>(wait_us % 1'000'000)};
-      const std::int64_t begin_ns = now();
+      const std::int64_t begin_ns = clock::RealClock{}.now_ns();
       const std::uint64_t completed = attended ? attended->completed_transfers() : 0;
       const int error = libusb_handle_events_timeout_completed(context_, &timeout, nullptr);
       const bool was_idle = error != 0 || ((!attended || attended->completed_transfers() == completed) &&
-                                           now() - begin_ns < kIdlePause_ns);
+                                           clock::RealClock{}.now_ns() - begin_ns < kIdlePause_ns);
       idle_turns = was_idle ? idle_turns + 1 : 0;
       if (idle_turns > kIdleTurns) std::this_thread::sleep_for(std::chrono::nanoseconds(kIdlePause_ns));
     }
@@ -196,8 +192,8 @@ bool UsbStream::has_reappeared() noexcept {
   if (is_open()) return false;
   if (events_ && events_->has_hotplug()) return events_->take_arrival();
   try {
-    if (now() < next_look_ns_) return false;
-    next_look_ns_ = now() + kLook_ns;
+    if (clock::RealClock{}.now_ns() < next_look_ns_) return false;
+    next_look_ns_ = clock::RealClock{}.now_ns() + kLook_ns;
     for (const auto& device : list_usb_devices()) {
       if (device.kind != UsbKind::kTeensy || (!options_.serial.empty() && device.serial != options_.serial)) continue;
       return std::exchange(last_node_, device.node.string()) != device.node.string();

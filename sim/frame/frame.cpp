@@ -7,23 +7,20 @@
 
 namespace isorig::sim {
 namespace {
-constexpr std::int64_t kCheckInterval_ns = 10'000'000;  // heartbeat supervision: 10 ms resolution
+constexpr std::int64_t kHeartbeatCheck_ns = 10'000'000;  // heartbeat supervision: 10 ms resolution
 constexpr std::int64_t kInPositionTime_ns = 20'000'000;
 
-Random stream(std::uint64_t seed, Stream s) {
-  return Random(seed, static_cast<std::uint64_t>(s));
-}
 }  // namespace
 
 SimFrame::SimFrame(const FrameParameters& p, Host& host, std::uint64_t seed, std::int64_t start_ns, double dt_s)
     : p_(p),
       host_(host),
       crosshead_(p, dt_s),
-      clock_(p.clock, stream(seed, Stream::kFrameClock), start_ns),
-      force_noise_(stream(seed, Stream::kFrameForce)),
-      position_noise_(stream(seed, Stream::kFramePosition)),
-      request_(p.request, stream(seed, Stream::kFrameRequest)),
-      reply_(p.reply, stream(seed, Stream::kFrameReply)),
+      clock_(p.clock, random_of(seed, Stream::kFrameClock), start_ns),
+      force_noise_(random_of(seed, Stream::kFrameForce)),
+      position_noise_(random_of(seed, Stream::kFramePosition)),
+      request_(p.request, random_of(seed, Stream::kFrameRequest)),
+      reply_(p.reply, random_of(seed, Stream::kFrameReply)),
       inverse_force_quantum_(1.0 / p.force_quantum_N),
       inverse_position_quantum_(1.0 / p.position_quantum_mm),
       sample_period_us_(1e6 / p.sample_rate_hz),
@@ -198,7 +195,7 @@ void SimFrame::halt(frame::Motion motion, std::uint16_t fault) noexcept {
 }
 
 void SimFrame::check(std::int64_t now_ns, bool drive_enabled) noexcept {
-  next_check_ns_ = now_ns + kCheckInterval_ns;
+  next_check_ns_ = now_ns + kHeartbeatCheck_ns;
   const bool powered = drive_enabled && !faults.drive_fault;
   if (!powered) {
     if (!crosshead_.braking()) crosshead_.brake();

@@ -9,7 +9,7 @@
 
 namespace isorig::sim {
 namespace {
-constexpr std::int64_t kCheckInterval_ns = 10'000'000;  // watchdog resolution
+constexpr std::int64_t kWatchdogCheck_ns = 10'000'000;  // watchdog resolution
 constexpr std::int64_t kTemperatureInterval_ns = 1'000'000'000;
 constexpr double kTemperaturePeriod_s = 7200.0;
 
@@ -20,9 +20,6 @@ bool take_fault(int& left) noexcept {
   return strikes;
 }
 
-Random stream(std::uint64_t seed, Stream s) {
-  return Random(seed, static_cast<std::uint64_t>(s));
-}
 }  // namespace
 
 SimPressure::SimPressure(const SensorParameters& p, const PneumaticParameters& valves, Host& host, std::uint64_t seed,
@@ -33,10 +30,10 @@ SimPressure::SimPressure(const SensorParameters& p, const PneumaticParameters& v
       duty_step_(valves.duty_step_permille),
       command_delay_ns_(static_cast<std::int64_t>((p.command_delay_ms + valves.valve_delay_ms) * 1e6)),
       start_ns_(start_ns),
-      clock_(p.clock, stream(seed, Stream::kSensorClock), start_ns),
-      noise_(stream(seed, Stream::kSensorNoise)),
-      request_(p.request, stream(seed, Stream::kSensorRequest)),
-      reply_(p.reply, stream(seed, Stream::kSensorReply)),
+      clock_(p.clock, random_of(seed, Stream::kSensorClock), start_ns),
+      noise_(random_of(seed, Stream::kSensorNoise)),
+      request_(p.request, random_of(seed, Stream::kSensorRequest)),
+      reply_(p.reply, random_of(seed, Stream::kSensorReply)),
       sample_period_us_(1e6 / p.sample_rate_hz),
       next_sample_us_((std::floor(p.clock.offset_us / sample_period_us_) + 1.0) * sample_period_us_),
       next_temperature_ns_(start_ns),
@@ -181,7 +178,7 @@ double SimPressure::opening(std::uint16_t permille) const noexcept {
 }
 
 void SimPressure::check(std::int64_t now_ns) noexcept {
-  if (now_ns >= next_check_ns_) next_check_ns_ = now_ns + kCheckInterval_ns;
+  if (now_ns >= next_check_ns_) next_check_ns_ = now_ns + kWatchdogCheck_ns;
   const bool alive = heartbeat_seen_ && static_cast<double>(now_ns - heartbeat_ns_) <= p_.watchdog_s * 1e9;
   if (!alive) {
     if (heartbeat_seen_) vent_itself(messages::teensy::VentCause::kHeartbeat, now_ns);

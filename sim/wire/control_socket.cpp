@@ -7,14 +7,11 @@
 
 #include <array>
 #include <cerrno>
-#include <system_error>
+
+#include "sim/wire/wire_ends.hpp"
 
 namespace isorig::sim {
 namespace {
-
-[[noreturn]] void throw_errno(const std::string& what) {
-  throw std::system_error(errno, std::generic_category(), what);
-}
 
 sockaddr_un address_of(const std::string& path) {
   sockaddr_un address{};

@@ -13,17 +13,14 @@
 #include <cerrno>
 #include <cstdio>
 #include <cstdlib>
-#include <cstring>
 #include <stdexcept>
+#include <system_error>
 
 namespace isorig::sim {
-namespace {
 
-[[noreturn]] void throw_errno(const std::string& what) {
-  throw std::runtime_error(what + ": " + std::strerror(errno));
+void throw_errno(const std::string& what) {
+  throw std::system_error(errno, std::generic_category(), what);
 }
-
-}  // namespace
 
 void Fd::reset() noexcept {
   if (fd_ >= 0) ::close(fd_);

@@ -6,6 +6,9 @@
 
 namespace isorig::sim {
 
+/// std::system_error of errno.
+[[noreturn]] void throw_errno(const std::string& what);
+
 /// A file descriptor that is closed with its owner.
 class Fd {
  public:

@@ -12,8 +12,6 @@
 #include <cerrno>
 #include <chrono>
 #include <cstdlib>
-#include <cstring>
-#include <stdexcept>
 #include <thread>
 #include <utility>
 
@@ -25,10 +23,6 @@ namespace isorig::sim {
 namespace {
 
 constexpr int kIdlePoll_ms = 5;
-
-[[noreturn]] void throw_errno(const std::string& what) {
-  throw std::runtime_error("frame emulator: " + what + ": " + std::strerror(errno));
-}
 
 struct FreeContext {
   void operator()(modbus_t* context) const noexcept { modbus_free(context); }
@@ -54,7 +48,8 @@ class ModbusServer::Impl {
   Impl(Options options, frame::Device& backend, FrameWireFaults& faults)
       : options_(std::move(options)), faults_(faults), frame_(options_.map, backend, faults) {
     int pair[2];
-    if (::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, pair) != 0) throw_errno("no descriptors");
+    if (::socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, pair) != 0)
+      throw_errno("frame emulator: no descriptors");
     reply_in_ = Fd(pair[0]);
     reply_out_ = Fd(pair[1]);
     if (options_.tcp) add_tcp();
@@ -80,7 +75,8 @@ class ModbusServer::Impl {
 
   void configure(modbus_t* context) {
     if (context == nullptr || modbus_set_slave(context, options_.map.unit_id) != 0) {
-      throw_errno("libmodbus refuses unit_id " + std::to_string(options_.map.unit_id) + " or the line's settings");
+      throw_errno("frame emulator: libmodbus refuses unit_id " + std::to_string(options_.map.unit_id) +
+                  " or the line's settings");
     }
   }
 
@@ -110,7 +106,7 @@ class ModbusServer::Impl {
     Endpoint end(true);
     end.context.reset(modbus_new_rtu(options_.tty.c_str(), options_.tty_baud, options_.tty_parity, 8, 1));
     configure(end.context.get());
-    if (modbus_connect(end.context.get()) != 0) throw_errno("cannot open " + options_.tty);
+    if (modbus_connect(end.context.get()) != 0) throw_errno("frame emulator: cannot open " + options_.tty);
     end.line = Fd(modbus_get_socket(end.context.get()));
     if (tty_.empty()) tty_ = options_.tty;
     endpoints_.push_back(std::move(end));

@@ -18,9 +18,9 @@ namespace isorig::sim {
 namespace {
 
 constexpr const char* kVhci = "/sys/devices/platform/vhci_hcd.0/";
-constexpr unsigned kFullSpeed = 2;   // enum usb_device_speed
-constexpr unsigned kFreePort = 4;    // VDEV_ST_NULL
-constexpr std::size_t kHeader = 48;  // every message begins with it
+constexpr unsigned kFullSpeed = 2;        // enum usb_device_speed
+constexpr unsigned kFreePort = 4;         // VDEV_ST_NULL
+constexpr std::size_t kUsbipHeader = 48;  // every message begins with it
 constexpr std::uint32_t kSubmit = 1, kUnlink = 2, kSubmitReply = 3, kUnlinkReply = 4;
 constexpr std::size_t kPacket = 64;
 constexpr std::int64_t kRebootDelay_ns = 15'000'000;  // usb_dev.c: 15 start-of-frames after 134 baud
@@ -122,21 +122,21 @@ void TeensyUsbip::receive() noexcept {
     from_kernel_.insert(from_kernel_.end(), buffer.begin(), buffer.begin() + size);
   }
   std::size_t used = 0;
-  while (from_kernel_.size() - used >= kHeader) {
+  while (from_kernel_.size() - used >= kUsbipHeader) {
     const std::uint8_t* at = from_kernel_.data() + used;
     Request request;
     request.sequence = load_be(at + 4);
     request.is_in = load_be(at + 12) != 0;
     request.endpoint = load_be(at + 16);
-    std::size_t size = kHeader;
+    std::size_t size = kUsbipHeader;
     if (load_be(at) == kSubmit) {
       request.length = std::min(load_be(at + 24), kMaxTransfer);
       if (!request.is_in) size += request.length;
       if (from_kernel_.size() - used < size) break;
-      if (!request.is_in) request.data.assign(at + kHeader, at + size);
+      if (!request.is_in) request.data.assign(at + kUsbipHeader, at + size);
     }
-    std::array<std::uint8_t, kHeader> header{};
-    std::copy_n(at, kHeader, header.begin());
+    std::array<std::uint8_t, kUsbipHeader> header{};
+    std::copy_n(at, kUsbipHeader, header.begin());
     used += size;
     handle(header.data(), std::move(request));
   }
@@ -169,7 +169,7 @@ void TeensyUsbip::unlink(std::uint32_t sequence, std::uint32_t victim) {
   append_be(to_kernel_, sequence);
   for (int i = 0; i < 3; ++i) append_be(to_kernel_, 0);
   append_be(to_kernel_, was_pending ? static_cast<std::uint32_t>(-ECONNRESET) : 0);
-  to_kernel_.resize(to_kernel_.size() + kHeader - 24);
+  to_kernel_.resize(to_kernel_.size() + kUsbipHeader - 24);
 }
 
 void TeensyUsbip::control(const std::uint8_t* setup, Request& request) {
@@ -254,7 +254,7 @@ void TeensyUsbip::reply(const Request& request, std::int32_t status) {
   for (int i = 0; i < 3; ++i) append_be(to_kernel_, 0);
   append_be(to_kernel_, static_cast<std::uint32_t>(status));
   append_be(to_kernel_, static_cast<std::uint32_t>(request.is_in ? request.data.size() : request.length));
-  to_kernel_.resize(to_kernel_.size() + kHeader - 28);
+  to_kernel_.resize(to_kernel_.size() + kUsbipHeader - 28);
   if (request.is_in) to_kernel_.insert(to_kernel_.end(), request.data.begin(), request.data.end());
 }
 
