@@ -36,12 +36,12 @@ bool decode(const LogEvent& event, Message& message) {
 /// The format stands in front of everything else in the header of any version (docs/formats/run-log.md), so that it can
 /// be read where the rest cannot; empty where no text stands there.
 std::string_view format_of(const LogEvent& header) {
-  constexpr std::size_t kLength = 8, kText = 12;  // behind the type's fingerprint; the length counts a final zero
+  constexpr std::size_t kLengthAt = 8, kTextAt = 12;  // behind the type's fingerprint; the length counts a final zero
   const auto data = header.data;
-  if (data.size() < kText) return {};
-  const auto length = big_endian(data.data() + kLength, kText - kLength);
-  if (length == 0 || length > data.size() - kText) return {};
-  return {reinterpret_cast<const char*>(data.data()) + kText, static_cast<std::size_t>(length - 1)};
+  if (data.size() < kTextAt) return {};
+  const auto length = big_endian(data.data() + kLengthAt, kTextAt - kLengthAt);
+  if (length == 0 || length > data.size() - kTextAt) return {};
+  return {reinterpret_cast<const char*>(data.data()) + kTextAt, static_cast<std::size_t>(length - 1)};
 }
 
 /// Without a checksum a version that is not known may as well be a damaged one that is.

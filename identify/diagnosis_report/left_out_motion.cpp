@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "identify/diagnose/forecast.hpp"
+#include "identify/diagnosis_report/colors.hpp"
 #include "identify/report/page.hpp"
 
 namespace isorig::identify {
@@ -14,7 +15,6 @@ namespace {
 using report::number_text;
 using report::Panel;
 
-constexpr int kMeasured = 7, kNominal = 0, kModel = 1;
 constexpr const char* kBand = "95 % band";
 
 void add(Panel& panel, std::vector<report::Series> all) {

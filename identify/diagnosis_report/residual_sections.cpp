@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "identify/diagnosis_report/argument.hpp"
+#include "identify/diagnosis_report/colors.hpp"
 #include "model/catalogue.hpp"
 
 namespace isorig::identify {
@@ -11,8 +12,6 @@ using report::Figure;
 using report::Mark;
 using report::Page;
 using report::Panel;
-
-constexpr int kMeasured = 7, kNominal = 0, kModel = 1, kNoise = 2;
 
 bool found_something(const Diagnosis& d) {
   return d.model.parts.size() != d.nominal.parts.size() || !d.missing.empty();

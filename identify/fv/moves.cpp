@@ -1,14 +1,11 @@
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "base/quantile.hpp"
 #include "identify/fv/ramps.hpp"
 
 namespace isorig::identify {
 namespace {
-
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 /// Between two holds: samples [first, last]; the hold before ends at `first`, the one after begins at `last`.
 struct Episode {

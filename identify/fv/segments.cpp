@@ -8,9 +8,6 @@
 #include "base/quantile.hpp"
 
 namespace isorig::identify {
-namespace {
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-}  // namespace
 
 SignalNoise estimate_noise(std::span<const double> t_s, std::span<const double> values) {
   SignalNoise noise;

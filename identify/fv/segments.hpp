@@ -1,9 +1,13 @@
 #pragma once
 #include <cstddef>
+#include <limits>
 #include <span>
 #include <vector>
 
 namespace isorig::identify {
+
+/// What a measure is that nothing could be read off for.
+inline constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 /// What a position signal says about its own noise. Sampling need not be uniform.
 struct SignalNoise {

@@ -11,8 +11,6 @@
 namespace isorig::identify::pooling {
 namespace {
 
-constexpr double kZ95 = 1.959964;
-
 /// A mixture of normal distributions, one for each node of the grid.
 class Mixture {
  public:

@@ -7,6 +7,9 @@
 
 namespace isorig::identify::pooling {
 
+/// 97.5 % point of the normal distribution.
+inline constexpr double kZ95 = 1.959964;
+
 struct Estimate {
   double value = 0.0;
   double standard_error = 0.0;

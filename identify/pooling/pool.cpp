@@ -166,7 +166,7 @@ PooledCampaign pool(const std::vector<Source>& sources, unsigned threads) {
 
 void widen_by_law_error(Quantity& quantity) {
   // Six of seven lie within 1.465 standard deviations: 1.96 / 1.465 = 1.338, and 1.338^2 - 1 = 0.89^2.
-  constexpr double kShare = 0.89, kZ95 = 1.959964;
+  constexpr double kShare = 0.89;
   std::map<double, std::vector<double>> errors;
   std::vector<double> all;
   for (const Measurement& m : quantity.measurements) {

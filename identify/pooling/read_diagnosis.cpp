@@ -9,6 +9,7 @@
 #include <sstream>
 
 #include "base/toml_reader.hpp"
+#include "identify/pooling/mixed_model.hpp"
 #include "model/catalogue.hpp"
 
 namespace isorig::identify::pooling {
@@ -16,8 +17,6 @@ namespace {
 
 using nlohmann::ordered_json;
 namespace fs = std::filesystem;
-
-constexpr double kZ95 = 1.959964;
 
 int repetition_in(const std::string& further_toml) {
   try {

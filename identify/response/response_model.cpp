@@ -51,7 +51,6 @@ void add_answer(const ResponseModel& model, const ResponseModel::Input& to, cons
 }  // namespace
 
 std::vector<double> simulate(const ResponseModel& model, const Data& of, double y0) {
-  constexpr double kHour_s = 3600.0;
   std::vector<double> out(of.t_s.size(), y0);
   for (std::size_t k = 0; k < out.size(); ++k) {
     const double t_s = of.t_s[k] - of.t_s[0];

@@ -7,6 +7,8 @@
 
 namespace isorig::identify::response {
 
+inline constexpr double kHour_s = 3600.0;
+
 /// How one column answers to others, as a compliance with retardation times (Kelvin-Voigt units in series with a
 /// spring; Findley, Lai & Onaran 1976, ch. 5; Ferry 1980, ch. 3). With inputs u_j that vary (pressure, load):
 ///

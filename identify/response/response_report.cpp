@@ -97,7 +97,7 @@ void add_moved(const ResponseDiagnosis& d, report::Page& page) {
 
 /// A stretch that no fit had seen, as both models predict it.
 void draw_left_out(const ResponseDiagnosis& d, const LeftOutPart& part, bool worst, report::Page& page) {
-  constexpr std::size_t kStretches = 300;
+  constexpr std::size_t kStretchesDrawn = 300;
   constexpr double kTwoSided95 = 1.96;
   constexpr const char* kBand = "95 % band";
   const Data& data = d.data[part.data];
@@ -119,18 +119,18 @@ void draw_left_out(const ResponseDiagnosis& d, const LeftOutPart& part, bool wor
   }
   const int color = found ? 1 : 0;
   report::Panel answer{.y_label = output + " (" + unit + ")"};
-  answer.series.push_back(report::enveloped_band(t_s, low, high, kBand, color, kStretches));
-  for (auto& s : report::enveloped(t_s, read, "read", 7, kStretches)) answer.series.push_back(std::move(s));
-  answer.series.push_back(report::enveloped(t_s, nominal, "nominal model", 0, kStretches).back());
-  if (found) answer.series.push_back(report::enveloped(t_s, model, "with what it lacked", 1, kStretches).back());
+  answer.series.push_back(report::enveloped_band(t_s, low, high, kBand, color, kStretchesDrawn));
+  for (auto& s : report::enveloped(t_s, read, "read", 7, kStretchesDrawn)) answer.series.push_back(std::move(s));
+  answer.series.push_back(report::enveloped(t_s, nominal, "nominal model", 0, kStretchesDrawn).back());
+  if (found) answer.series.push_back(report::enveloped(t_s, model, "with what it lacked", 1, kStretchesDrawn).back());
   answer.aspect = 0.32;
   report::Panel left{.x_label = "time (s)", .y_label = "prediction error (" + unit + ")"};
   left.series.push_back(report::enveloped_band(t_s, std::vector<double>(t_s.size(), -half),
-                                               std::vector<double>(t_s.size(), half), kBand, color, kStretches));
-  for (auto& s : report::enveloped(t_s, part.nominal_residual, "nominal model", 0, kStretches))
+                                               std::vector<double>(t_s.size(), half), kBand, color, kStretchesDrawn));
+  for (auto& s : report::enveloped(t_s, part.nominal_residual, "nominal model", 0, kStretchesDrawn))
     left.series.push_back(std::move(s));
   if (found)
-    for (auto& s : report::enveloped(t_s, part.model_residual, "with what it lacked", 1, kStretches))
+    for (auto& s : report::enveloped(t_s, part.model_residual, "with what it lacked", 1, kStretchesDrawn))
       left.series.push_back(std::move(s));
   left.aspect = 0.25;
   const auto number = [](double value) { return base::number_text(value, 3); };

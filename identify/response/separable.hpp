@@ -18,7 +18,6 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-inline constexpr double kHour_s = 3600.0;
 /// Of a recording that a search sees; the residual is that of all.
 inline constexpr std::size_t kMostRows = 5000;
 

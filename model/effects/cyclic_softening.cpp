@@ -42,12 +42,13 @@ const Parameter kTravel{
                  "m is 300 strokes over the whole travel of 10 mm, and the loss hardly bends within a recording.",
         .errors = "Starting on a specimen that was cycled before lengthens it. Mistaken for the time constant of a "
                   "drift when the motion is steady."}};
-constexpr NumberSheet kLost{.what = "Stiffness that is lost in the end; negative: the specimen becomes softer.",
-                            .unit = "N/mm",
-                            .range = "Physics: damage does not heal under load, so it is not positive.",
-                            .errors =
-                                "A drift of the force zero, or a slow relaxation that was not at rest at the start. "
-                                "Mistaken for zero_drift, which goes on when the motion stops."};
+constexpr NumberSheet kLostSheet{
+    .what = "Stiffness that is lost in the end; negative: the specimen becomes softer.",
+    .unit = "N/mm",
+    .range = "Physics: damage does not heal under load, so it is not positive.",
+    .errors =
+        "A drift of the force zero, or a slow relaxation that was not at rest at the start. "
+        "Mistaken for zero_drift, which goes on when the motion stops."};
 
 }  // namespace
 
@@ -62,7 +63,7 @@ const Physics& cyclic_softening() {
       {{"elastic",
         "F = dk e (1 - exp(-s / s0)), s travelled",
         {kTravel},
-        {{.name = "lost_N_mm", .symbol = "dk", .sign = Sign::kNonPositive, .sheet = kLost}},
+        {{.name = "lost_N_mm", .symbol = "dk", .sign = Sign::kNonPositive, .sheet = kLostSheet}},
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Softening>(Softening::Of::kElongation, p[0], 0.0);
         },
@@ -70,7 +71,7 @@ const Physics& cyclic_softening() {
        {"tangent",
         "F = dk x (1 - exp(-s / s0))",
         {kTravel},
-        {{.name = "lost_N_mm", .symbol = "dk", .sign = Sign::kNonPositive, .sheet = kLost}},
+        {{.name = "lost_N_mm", .symbol = "dk", .sign = Sign::kNonPositive, .sheet = kLostSheet}},
         [](std::span<const double> p, const Reference&) {
           return std::make_unique<Softening>(Softening::Of::kPosition, p[0], 0.0);
         },

@@ -25,14 +25,14 @@ class Asymmetric : public Process {
   DahlBristle bristle_;
 };
 
-const Parameter kPresliding{.name = "presliding_mm",
-                            .symbol = "delta",
-                            .lower = 2e-4,
-                            .upper = 1.0,
-                            .starts = {0.02},
-                            .logarithmic = true,
-                            .traits = {.lower_limit_law = "ideal dry friction"},
-                            .sheet = kPreslidingSheet};
+const Parameter kAsymmetryPresliding{.name = "presliding_mm",
+                                     .symbol = "delta",
+                                     .lower = 2e-4,
+                                     .upper = 1.0,
+                                     .starts = {0.02},
+                                     .logarithmic = true,
+                                     .traits = {.lower_limit_law = "ideal dry friction"},
+                                     .sheet = kPreslidingSheet};
 const Coefficient kSlidingHalf{
     .name = "force_half_difference_N",
     .symbol = "d",
@@ -73,12 +73,12 @@ const Physics& friction_asymmetry() {
         [](auto, const Reference&) { return std::make_unique<Asymmetric>(false, true, 1.0); }},
        {"sliding",
         "F = d |z|, dz/dx = (1 - z sign(dx)) / delta; beside friction F+ = Fc + d, F- = Fc - d",
-        {kPresliding},
+        {kAsymmetryPresliding},
         {kSlidingHalf},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Asymmetric>(true, false, p[0]); }},
        {"both",
         "F = d |z| + e |v|, dz/dx = (1 - z sign(dx)) / delta",
-        {kPresliding},
+        {kAsymmetryPresliding},
         {kSlidingHalf, kViscousHalf},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Asymmetric>(true, true, p[0]); }}},
       {.unusual = true,

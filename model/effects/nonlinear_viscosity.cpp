@@ -131,7 +131,7 @@ class PowerDashpot : public Process {
   double exponent_;
 };
 
-const Coefficient kStiffness{
+const Coefficient kArmStiffness{
     .name = "stiffness_N_mm",
     .symbol = "k",
     .sign = Sign::kNonNegative,
@@ -184,7 +184,7 @@ const Physics& nonlinear_viscosity() {
                    "ends at 0.4; above 6 a doubled speed adds less than 12 % of force, and the arm is one that yields.",
                .errors =
                    "One amplitude cannot separate it from the time constant. Mistaken for a second relaxation time."}}},
-        {kStiffness},
+        {kArmStiffness},
         [](std::span<const double> p, const Reference&) { return std::make_unique<PowerArm>(p[0], p[1]); },
         {.replaces_arm = true}},
        {"yield_arm",
@@ -215,7 +215,7 @@ const Physics& nonlinear_viscosity() {
                              "the rig's travel to either side, and the arm never yields.",
                     .errors = "A slow relaxation that a hold did not show to its end adds to it. Mistaken for "
                               "coulomb_friction with presliding."}}},
-        {kStiffness},
+        {kArmStiffness},
         [](std::span<const double> p, const Reference&) { return std::make_unique<YieldArm>(p[0], p[1]); },
         {.replaces_arm = true}},
        {"power_dashpot",

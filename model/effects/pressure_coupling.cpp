@@ -38,7 +38,7 @@ class BehindTube : public Process {
   double measured_psi_ = 0.0;
 };
 
-const Coefficient kForce{
+const Coefficient kForcePerPsi{
     .name = "force_N_psi",
     .symbol = "f'",
     .sign = Sign::kFree,
@@ -49,7 +49,7 @@ const Coefficient kForce{
                        "54.7 degrees (the neutral angle) from the axis and push beyond, so either sign can be.",
               .errors = "A pressure that varies only with the motion cannot separate it from viscosity; "
                         "a late pressure channel biases it. Mistaken for viscous drag."}};
-const Coefficient kStiffness{
+const Coefficient kStiffnessPerPsi{
     .name = "stiffness_N_mm_psi",
     .symbol = "k'",
     .sign = Sign::kFree,
@@ -75,17 +75,17 @@ const Physics& pressure_coupling() {
       {{"stiffness",
         "F = k' (p - p0) e",
         {},
-        {kStiffness},
+        {kStiffnessPerPsi},
         [](auto, const Reference&) { return std::make_unique<Coupling>(false, true); }},
        {"force",
         "F = f' (p - p0)",
         {},
-        {kForce},
+        {kForcePerPsi},
         [](auto, const Reference&) { return std::make_unique<Coupling>(true, false); }},
        {"both",
         "F = (f' + k' e) (p - p0)",
         {},
-        {kForce, kStiffness},
+        {kForcePerPsi, kStiffnessPerPsi},
         [](auto, const Reference&) { return std::make_unique<Coupling>(true, true); }},
        {"tube",
         "F = f' q, tau dq/dt = (p - p0) - q",
@@ -103,7 +103,7 @@ const Physics& pressure_coupling() {
                         "wide tube to a needle valve; below 10 ms the pressures are the same on every regulator.",
                .errors = "The regulator's droop lasts as long as the ramp, so a slow tube resembles a relaxation. "
                          "Mistaken for a lag of the force channel."}}},
-        {kForce},
+        {kForcePerPsi},
         [](std::span<const double> p, const Reference&) { return std::make_unique<BehindTube>(p[0]); }}},
       {.pressure = PressureNeed::kMeasured,
        .driven_by_pressure = true,

@@ -123,7 +123,7 @@ const Parameter kTimeConstant{
                   "longest hold, where it is a spring.",
               .errors = "A hold shorter than it cannot separate it from the stiffness. Mistaken for the linear arm's "
                         "time constant."}};
-const Coefficient kStiffness{
+const Coefficient kStiffnessAtZero{
     .name = "stiffness_N_mm",
     .symbol = "k",
     .sign = Sign::kNonNegative,
@@ -170,13 +170,13 @@ const Physics& quasi_linear_viscoelasticity() {
       {{"fung_arm",
         "F = k z, dz/dt = exp(b x) v - z / tau",
         {kTimeConstant, kStrainExponent},
-        {kStiffness},
+        {kStiffnessAtZero},
         [](std::span<const double> p, const Reference&) { return std::make_unique<FungArm>(p[0], p[1]); },
         {.replaces_arm = true}},
        {"relaxation_time",
         "F = k z, dz/dt = v - z / (tau exp(b x))",
         {kTimeConstant, kStrainExponent},
-        {kStiffness},
+        {kStiffnessAtZero},
         [](std::span<const double> p, const Reference&) { return std::make_unique<StrainTimedArm>(p[0], p[1]); },
         {.replaces_arm = true}}},
       {.unusual = true,

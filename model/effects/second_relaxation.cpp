@@ -79,7 +79,7 @@ constexpr NumberSheet kTime{
         "A hold shorter than it cannot separate it from the stiffness. A short one is mistaken for force_lag, a long "
         "one for "
         "friction or zero_drift."};
-constexpr NumberSheet kStiffness{
+constexpr NumberSheet kStiffnessSheet{
     .what = "Stiffness of the arms: the force per mm that a step adds at once and that a hold takes away.",
     .unit = "N/mm",
     .range = "Physics: a spring pushes back, so it is not negative; no upper bound.",
@@ -108,7 +108,7 @@ const Physics& second_relaxation() {
           .logarithmic = true,
           .traits = {.lower_limit_law = "a dashpot", .upper_limit_law = "a spring"},
           .sheet = kTime}},
-        {{.name = "stiffness_N_mm", .symbol = "k", .sign = Sign::kNonNegative, .sheet = kStiffness}},
+        {{.name = "stiffness_N_mm", .symbol = "k", .sign = Sign::kNonNegative, .sheet = kStiffnessSheet}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Arm>(p[0]); },
         {.relaxation_times_s = times_of_arms_s}},
        {"two_arms",
@@ -129,8 +129,8 @@ const Physics& second_relaxation() {
           .logarithmic = true,
           .traits = {.lower_limit_law = "a dashpot", .upper_limit_law = "a spring"},
           .sheet = kTime}},
-        {{.name = "stiffness_N_mm", .symbol = "k", .sign = Sign::kNonNegative, .sheet = kStiffness},
-         {.name = "slow_stiffness_N_mm", .symbol = "k'", .sign = Sign::kNonNegative, .sheet = kStiffness}},
+        {{.name = "stiffness_N_mm", .symbol = "k", .sign = Sign::kNonNegative, .sheet = kStiffnessSheet},
+         {.name = "slow_stiffness_N_mm", .symbol = "k'", .sign = Sign::kNonNegative, .sheet = kStiffnessSheet}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<TwoArms>(p[0], p[1]); },
         {.relaxation_times_s = times_of_arms_s}},
        {"spectrum",
@@ -157,7 +157,7 @@ const Physics& second_relaxation() {
                     .range = "Numerics: the law has eight arms, over more than 5 decades fewer than two a decade, "
                              "whose steps show; less than half a decade is a single arm.",
                     .errors = "A hold that ends before the slowest time shortens it. Mistaken for two arms."}}},
-        {{.name = "stiffness_N_mm", .symbol = "k", .sign = Sign::kNonNegative, .sheet = kStiffness}},
+        {{.name = "stiffness_N_mm", .symbol = "k", .sign = Sign::kNonNegative, .sheet = kStiffnessSheet}},
         [](std::span<const double> p, const Reference&) { return std::make_unique<Spectrum>(p[0], p[1]); },
         {.relaxation_times_s = times_of_spectrum_s}}},
       // What has no elastic part has nothing that could relax.

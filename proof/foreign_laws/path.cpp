@@ -124,7 +124,7 @@ std::vector<Path::Window> Path::fast_windows(double before_s, double after_s) co
 }
 
 std::vector<double> Path::grid_s() const {
-  constexpr double kFine_s = 1e-3, kSettling_s = 2e-3, kCoarse_s = 1e-2, kSettles_s = 0.6;
+  constexpr double kFine_s = 1e-3, kSettlingStep_s = 2e-3, kCoarse_s = 1e-2, kSettles_s = 0.6;
   std::vector<double> grid{0.0};
   const auto fill = [&grid](double from_s, double to_s, double step_s) {
     const auto count = static_cast<int>(std::ceil((to_s - from_s) / step_s - 1e-9));
@@ -138,7 +138,7 @@ std::vector<double> Path::grid_s() const {
       fill(piece.t_s, to_s, kFine_s);
     } else {
       const double settled_s = was_fast ? std::min(to_s, piece.t_s + kSettles_s) : piece.t_s;
-      fill(piece.t_s, settled_s, kSettling_s);
+      fill(piece.t_s, settled_s, kSettlingStep_s);
       fill(settled_s, to_s, kCoarse_s);
     }
     was_fast = piece.fast;

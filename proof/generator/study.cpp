@@ -10,24 +10,24 @@
 namespace isorig::proof {
 namespace {
 
-using Json = nlohmann::ordered_json;
+using OrderedJson = nlohmann::ordered_json;
 
 std::string truth_text(const MadeRecording& made) {
   const messages::CsvColumnView columns[] = {{"t_s", made.recording.frame.t_s}, {"force_N", made.truth_N}};
   return messages::number_csv_text(columns);
 }
 
-Json label_of(const Case& c) {
-  Json label;
+OrderedJson label_of(const Case& c) {
+  OrderedJson label;
   label["category"] = name_of(c.plan.category);
   label["nominal"] = c.nominal;
   label["trap"] = name_of(c.plan.trap);
-  label["effects"] = Json::array();
+  label["effects"] = OrderedJson::array();
   for (const ConcealedEffect& effect : c.effects) {
-    Json one{{"effect", effect.name},
-             {"size", effect.size},
-             {"strength", effect.strength},
-             {"strength_is", effect_kind(effect.name).strength}};
+    OrderedJson one{{"effect", effect.name},
+                    {"size", effect.size},
+                    {"strength", effect.strength},
+                    {"strength_is", effect_kind(effect.name).strength}};
     one["shape"] = effect.shape;
     label["effects"].push_back(std::move(one));
   }
@@ -47,7 +47,7 @@ struct MadeCase {
   std::string nominal;
   MadeRecording train;
   MadeRecording heldout;
-  Json label;
+  OrderedJson label;
 };
 
 MadeCase make_case(const StudyOptions& options, std::size_t number, const CasePlan& plan) {
@@ -68,8 +68,8 @@ std::string_view name_of(Laws laws) {
 std::string generate_study(const StudyOptions& options) {
   const std::vector<CasePlan> plans = options.laws == Laws::kForeign ? foreign::plan_study(options.seed, options.cases)
                                                                      : plan_study(options.seed, options.cases);
-  std::vector<Json> labels(plans.size());
-  std::vector<Json> listed(plans.size());
+  std::vector<OrderedJson> labels(plans.size());
+  std::vector<OrderedJson> listed(plans.size());
   base::parallel_for(plans.size(), options.threads, [&](std::size_t i) {
     MadeCase made = make_case(options, i, plans[i]);
     messages::write_recording(options.out / made.name / "train", made.train.recording);
@@ -81,9 +81,9 @@ std::string generate_study(const StudyOptions& options) {
     labels[i]["case"] = made.name;
     listed[i] = {{"case", made.name}, {"nominal", made.nominal}};
   });
-  const Json cases{{"format", "isorig-proof-cases/1"}, {"cases", listed}};
+  const OrderedJson cases{{"format", "isorig-proof-cases/1"}, {"cases", listed}};
   write_text(options.out / "cases.json", cases.dump(2) + "\n");
-  Json sealed{{"format", "isorig-proof-labels/1"}, {"seed", options.seed}};
+  OrderedJson sealed{{"format", "isorig-proof-labels/1"}, {"seed", options.seed}};
   if (options.laws != Laws::kCatalogue) sealed["laws"] = name_of(options.laws);
   sealed["cases"] = labels;
   const std::string text = sealed.dump(2) + "\n";

@@ -14,7 +14,7 @@
 namespace isorig::identify {
 namespace {
 
-std::string number(double value) {
+std::string in_four_digits(double value) {
   return base::number_text(value, 4);
 }
 
@@ -49,8 +49,8 @@ void find_outliers(const messages::FrameSamples& frame, const ChannelQuality& qu
   if (count > 0)
     out.faults.push_back({"outliers", first, last, count,
                           std::to_string(count) +
-                              " force readings jump away from their neighbours and back, by up to " + number(largest) +
-                              " N; left out"});
+                              " force readings jump away from their neighbours and back, by up to " +
+                              in_four_digits(largest) + " N; left out"});
 }
 
 /// The motion is reconstructed without them (motion/reconstruction.cpp); the force there is as good as elsewhere.
@@ -60,7 +60,7 @@ void find_position_outliers(const messages::FrameSamples& frame, const ChannelQu
   out.faults.push_back({"outliers", frame.t_s[spikes.rows.front()], frame.t_s[spikes.rows.back()], spikes.rows.size(),
                         std::to_string(spikes.rows.size()) +
                             " position readings jump away from their neighbours and back, by up to " +
-                            number(spikes.largest) + " mm; bridged"});
+                            in_four_digits(spikes.largest) + " mm; bridged"});
 }
 
 void find_frozen(const messages::Recording& recording, const RecordingQuality& quality, Guarded& out) {
@@ -72,7 +72,7 @@ void find_frozen(const messages::Recording& recording, const RecordingQuality& q
     for (std::size_t j = k; j < end; ++j) out.usable[j] = false;
     out.faults.push_back({edge ? "saturation" : "frozen", t[k], t[end - 1], end - k,
                           edge
-                              ? "force stands at the end of its range, " + number(f[k]) + " N; left out"
+                              ? "force stands at the end of its range, " + in_four_digits(f[k]) + " N; left out"
                               : "force does not change at all for " + std::to_string(end - k) + " readings; left out"});
   }
   for (const auto& [k, end] : flat_runs(recording.frame.position_mm, quality.position)) {
@@ -99,7 +99,7 @@ void find_gaps(const messages::FrameSamples& frame, Guarded& out) {
   const double longest_usual = sorted[sorted.size() * 99 / 100];
   for (std::size_t k = 0; k < steps.size(); ++k) {
     if (steps[k] > deciding().gap_ratio * longest_usual && is_gap(t, k))
-      out.faults.push_back({"gap", t[k], t[k + 1], 0, "no readings for " + number(steps[k]) + " s"});
+      out.faults.push_back({"gap", t[k], t[k + 1], 0, "no readings for " + in_four_digits(steps[k]) + " s"});
   }
 }
 
@@ -117,7 +117,7 @@ Guarded guard_recording(const messages::Recording& recording, const RecordingQua
   const auto& [noise, step] = quality.force;
   if (step > deciding().coarse_step_noises * noise && step > 0.0)
     out.faults.push_back({"quantisation", frame.t_s.front(), frame.t_s.back(), frame.size(),
-                          "force is read in steps of " + number(step) + " N, coarser than its noise"});
+                          "force is read in steps of " + in_four_digits(step) + " N, coarser than its noise"});
   return out;
 }
 

@@ -13,7 +13,7 @@
 namespace isorig::identify {
 namespace {
 
-std::string number(double value) {
+std::string in_three_digits(double value) {
   return base::number_text(value, 3);
 }
 
@@ -66,13 +66,14 @@ void refuse_implausible(const messages::Recording& recording, const std::string&
   const auto [low, high] = std::ranges::minmax(frame.position_mm);
   const auto& length_mm = recording.metadata.pressurized_rest_length_mm;
   if (length_mm && high - low > *length_mm)
-    throw std::invalid_argument(name + ": the position moves by " + number(high - low) +
-                                " mm, more than the specimen is long (pressurized_rest_length_mm = " +
-                                number(*length_mm) + " in recording.toml); is one of the two in another unit?");
+    throw std::invalid_argument(
+        name + ": the position moves by " + in_three_digits(high - low) +
+        " mm, more than the specimen is long (pressurized_rest_length_mm = " + in_three_digits(*length_mm) +
+        " in recording.toml); is one of the two in another unit?");
   if (nominal.has("spring") && high - low > deciding().moves_noises * position_quality.noise) {
     const Trend trend = trend_of(frame.position_mm, frame.force_N);
     if (trend.correlation < deciding().turned_sign_correlation)
-      throw std::invalid_argument(name + ": the force falls by " + number(-trend.slope) +
+      throw std::invalid_argument(name + ": the force falls by " + in_three_digits(-trend.slope) +
                                   " N per mm of extension, which no spring of the model can; extension and tension "
                                   "are positive: is the sign of force_N or of position_mm turned round?");
   }
@@ -109,7 +110,8 @@ void refuse_several_pressures(std::span<const messages::Recording> recordings, s
   const double lowest = at_psi.begin()->first, highest = at_psi.rbegin()->first;
   const double one_psi = deciding().one_pressure_share * std::max(std::fabs(lowest), std::fabs(highest));
   if (highest - lowest <= one_psi) return;
-  std::string text = "recordings at several nominal pressures, " + number(lowest) + " to " + number(highest) +
+  std::string text = "recordings at several nominal pressures, " + in_three_digits(lowest) + " to " +
+                     in_three_digits(highest) +
                      " psi, are not one question: stiffness, relaxation and tare of an actuator follow its pressure, "
                      "and one material for all of them would be short of effects that are not there. Diagnose each "
                      "pressure by itself:";
@@ -121,7 +123,7 @@ void refuse_several_pressures(std::span<const messages::Recording> recordings, s
       groups.emplace_back(psi, list);
   }
   for (const auto& [psi, list] : groups)
-    text += "\n  " + (psi == 0.0 ? std::string("no pressure stated") : number(psi) + " psi") + ':' + list;
+    text += "\n  " + (psi == 0.0 ? std::string("no pressure stated") : in_three_digits(psi) + " psi") + ':' + list;
   throw std::invalid_argument(text);
 }
 
@@ -143,8 +145,8 @@ std::optional<DataFault> odd_pressure(const messages::Recording& recording) {
   const double far = deciding().odd_pressure_ratio;
   if (low < far * *nominal && high > *nominal / far) return std::nullopt;
   return DataFault{"pressure", gauge.t_s.front(), gauge.t_s.back(), gauge.size(),
-                   "pressure stands at " + number(low) + " to " + number(high) + " psi where " + number(*nominal) +
-                       " psi is nominal; is pressure.csv in another unit?"};
+                   "pressure stands at " + in_three_digits(low) + " to " + in_three_digits(high) + " psi where " +
+                       in_three_digits(*nominal) + " psi is nominal; is pressure.csv in another unit?"};
 }
 
 }  // namespace isorig::identify
