@@ -6,6 +6,7 @@
 
 #include "cli/selftest/selftest_checks.hpp"
 #include "model/words.hpp"
+#include "webserver/answers.hpp"
 #include "webserver/hub.hpp"
 #include "webserver/rules/requests.hpp"
 #include "webserver/words/diagnosis_words.hpp"
@@ -16,14 +17,8 @@ namespace {
 
 using nlohmann::json;
 
-constexpr auto kPatience = std::chrono::seconds(20);
+constexpr auto kLookUpPatience = std::chrono::seconds(20);
 
-std::string dump(const json& body) {
-  return body.dump(-1, ' ', false, json::error_handler_t::replace);
-}
-Hub::Answer refusal(int status, const std::string& text) {
-  return {status, dump({{"ok", false}, {"text", text}})};
-}
 Hub::Answer passed_on(DaemonAnswer& a) {
   return {a.status == 0 ? 502 : a.status, a.status == 0 ? dump(a.body) : std::move(a.text)};
 }
@@ -34,8 +29,8 @@ Hub::Answer made(Make make) {
   try {
     return {200, dump(make())};
   } catch (const std::exception& e) {
-    return refusal(502,
-                   std::string("isorigd's answer is not what this page knows; are both of one version? ") + e.what());
+    return answer(502,
+                  std::string("isorigd's answer is not what this page knows; are both of one version? ") + e.what());
   }
 }
 
@@ -85,14 +80,14 @@ json words_in(const json& list) {
 
 void Hub::look_up(const std::string& what, const Reply& reply) {
   if (what != "runs" && what != "calibrations" && what != "diagnoses" && what != "selftest")
-    return reply(refusal(404, "there is no such call"));
+    return reply(answer(404, "there is no such call"));
   looked_up_.get(what, std::chrono::steady_clock::now(), reply);
 }
 
 void Hub::look_for(const std::string& what) {
   const auto reply = [this, what](const Answer& a) { looked_up_.answered(what, a, std::chrono::steady_clock::now()); };
   if (what == "diagnoses") {
-    return daemon_.call("GET", "/v1/diagnoses", {}, kPatience, [reply](DaemonAnswer a) {
+    return daemon_.call("GET", "/v1/diagnoses", {}, kLookUpPatience, [reply](DaemonAnswer a) {
       if (a.status != 200) return reply(passed_on(a));
       reply(made([&] {
         a.body["words"] = words_in(a.body);
@@ -102,7 +97,7 @@ void Hub::look_for(const std::string& what) {
     });
   }
   if (what != "selftest") {
-    return daemon_.call("GET", "/v1/" + what, {}, kPatience, [reply](DaemonAnswer a) { reply(passed_on(a)); });
+    return daemon_.call("GET", "/v1/" + what, {}, kLookUpPatience, [reply](DaemonAnswer a) { reply(passed_on(a)); });
   }
   // The four answers that it is judged by, one after the other.
   static constexpr std::array kAsked{"status", "selftest", "readings", "calibrations"};
@@ -119,7 +114,7 @@ void Hub::look_for(const std::string& what) {
                       {"lines", cli::to_json(cli::judge({answers[0], answers[1], answers[2], answers[3]}))}};
         }));
       }
-      hub->daemon_.call("GET", std::string("/v1/") + kAsked[i], {}, kPatience, [self, i](DaemonAnswer a) {
+      hub->daemon_.call("GET", std::string("/v1/") + kAsked[i], {}, kLookUpPatience, [self, i](DaemonAnswer a) {
         if (a.status != 200) return self->reply(passed_on(a));
         self->answers[i] = std::move(a.body);
         self->ask(self, i + 1);
@@ -132,35 +127,35 @@ void Hub::look_for(const std::string& what) {
 
 /// A page that stands by itself, in the answer's `page`.
 void Hub::send_page(const std::string& path, const Reply& reply) {
-  if (!report_.expired()) return reply(refusal(503, "another page is being sent; try again in a moment"));
+  if (!report_.expired()) return reply(answer(503, "another page is being sent; try again in a moment"));
   const auto place = std::make_shared<const char>();
   report_ = place;
-  daemon_.call("GET", path, {}, kPatience, [reply, place](DaemonAnswer a) {
+  daemon_.call("GET", path, {}, kLookUpPatience, [reply, place](DaemonAnswer a) {
     if (a.status != 200) return reply(passed_on(a));
     const auto page = a.body.find("page");
-    if (page == a.body.end() || !page->is_string()) return reply(refusal(502, "isorigd's answer has no page"));
+    if (page == a.body.end() || !page->is_string()) return reply(answer(502, "isorigd's answer has no page"));
     reply({200, std::move(page->get_ref<std::string&>()), place});
   });
 }
 
 void Hub::report(const std::string& run, const Reply& reply) {
-  if (!is_run_id(run)) return reply(refusal(400, "this is no name of a run"));
+  if (!is_run_id(run)) return reply(answer(400, "this is no name of a run"));
   send_page("/v1/report?run=" + run, reply);
 }
 
 void Hub::page(const std::string& path, const Reply& reply) {
-  if (!is_path_of_a_report(path)) return reply(refusal(400, "this is no path of a report"));
+  if (!is_path_of_a_report(path)) return reply(answer(400, "this is no path of a report"));
   send_page("/v1/page?path=" + path, reply);
 }
 
 void Hub::experiment(const std::string& id, const Reply& reply) {
-  if (!is_fingerprint(id)) return reply(refusal(400, "this is no name of a diagnosis"));
+  if (!is_fingerprint(id)) return reply(answer(400, "this is no name of a diagnosis"));
   // Each looks through folders on the worker that a start waits for.
   if (!experiment_.expired())
-    return reply(refusal(503, "another experiment is being looked for; try again in a moment"));
+    return reply(answer(503, "another experiment is being looked for; try again in a moment"));
   const auto place = std::make_shared<const char>();
   experiment_ = place;
-  daemon_.call("GET", "/v1/experiment?id=" + id, {}, kPatience, [reply, place](DaemonAnswer a) {
+  daemon_.call("GET", "/v1/experiment?id=" + id, {}, kLookUpPatience, [reply, place](DaemonAnswer a) {
     auto answer = passed_on(a);
     answer.place = place;
     reply(std::move(answer));

@@ -5,6 +5,7 @@
 
 #include "base/fingerprint.hpp"
 #include "base/printable.hpp"
+#include "webserver/answers.hpp"
 #include "webserver/hub.hpp"
 #include "webserver/rules/files.hpp"
 #include "webserver/rules/requests.hpp"
@@ -16,13 +17,6 @@ namespace {
 using nlohmann::json;
 
 constexpr auto kCheckPatience = std::chrono::seconds(60);  // a long protocol is compiled
-
-std::string dump(const json& body) {
-  return body.dump(-1, ' ', false, json::error_handler_t::replace);
-}
-Hub::Answer refusal(int status, const std::string& text) {
-  return {status, dump({{"ok", false}, {"text", text}})};
-}
 
 }  // namespace
 
@@ -36,7 +30,7 @@ std::optional<std::string> Hub::protocol_text(const std::string& from, const std
 
 Hub::Answer Hub::protocol(const std::string& from, const std::string& name) const {
   const auto text = protocol_text(from, name);
-  if (!text) return refusal(404, "no protocol " + base::printable(name) + " in the library");
+  if (!text) return answer(404, "no protocol " + base::printable(name) + " in the library");
   // A shipped one is not replaced: what is saved under its name is new.
   return {200, dump({{"ok", true},
                      {"name", name},
@@ -46,7 +40,7 @@ Hub::Answer Hub::protocol(const std::string& from, const std::string& name) cons
 
 /// By the daemon, whose worker a start waits for, too: one at a time for all pages.
 void Hub::check_protocol(const json& given, const Reply& reply) {
-  if (!check_.expired()) return reply(refusal(503, "another protocol is being checked; try again in a moment"));
+  if (!check_.expired()) return reply(answer(503, "another protocol is being checked; try again in a moment"));
   const auto place = std::make_shared<const char>();
   check_ = place;
   const auto name = text_at(given, "protocol_name");
@@ -58,7 +52,7 @@ void Hub::check_protocol(const json& given, const Reply& reply) {
 
 void Hub::save_protocol(const Who& who, const json& given, const Reply& reply) {
   auto name = text_at(given, "name"), text = text_at(given, "protocol"), replaces = text_at(given, "replaces");
-  if (text.empty()) return reply(refusal(400, "there is nothing to save"));
+  if (text.empty()) return reply(answer(400, "there is nothing to save"));
   // The reply is moved on: a session that ends with its last copy must not end on the disk's thread.
   boost::asio::post(disk_, [this, who = Who(who), name = std::move(name), text = std::move(text),
                             replaces = std::move(replaces), reply = Reply(reply)]() mutable {

@@ -2,6 +2,7 @@
 
 #include "base/printable.hpp"
 #include "base/toml_reader.hpp"
+#include "webserver/answers.hpp"
 #include "webserver/hub.hpp"
 #include "webserver/rules/files.hpp"
 #include "webserver/rules/requests.hpp"
@@ -12,13 +13,8 @@ namespace {
 
 using nlohmann::json;
 
-constexpr auto kPatience = std::chrono::seconds(5);
+constexpr auto kTwinPatience = std::chrono::seconds(5);
 constexpr auto kTellPatience = std::chrono::seconds(1);
-
-Hub::Answer answer(int status, const std::string& text) {
-  return {status,
-          json{{"ok", status == 200}, {"text", text}}.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace)};
-}
 
 }  // namespace
 
@@ -111,11 +107,10 @@ void Hub::look_at_twin() {
              {"text", found->text},
              {"count", 1}});
   const auto call = [this](const std::string& path, const json& body, const std::string& what) {
-    daemon_.call("POST", path, body.dump(-1, ' ', false, json::error_handler_t::replace), kPatience,
-                 [this, what](const DaemonAnswer& a) {
-                   looked_up_.forget();  // a note is part of the list of runs
-                   spdlog::info("{}: {}", what, base::printable(a.body.value("text", std::string())));
-                 });
+    daemon_.call("POST", path, dump(body), kTwinPatience, [this, what](const DaemonAnswer& a) {
+      looked_up_.forget();  // a note is part of the list of runs
+      spdlog::info("{}: {}", what, base::printable(a.body.value("text", std::string())));
+    });
   };
   const std::string then = to_text(found->on_parting);
   const auto act = [call, then, marks = found->on_parting == TwinDesk::OnParting::kMark] {
@@ -125,10 +120,8 @@ void Hub::look_at_twin() {
     act();
   } else {
     // First why, so that whoever is told of the pause is told its cause; the pause itself waits no longer than this.
-    daemon_.call(
-        "POST", "/v1/parted",
-        json{{"run", run_}, {"text", found->text}, {"then", then}}.dump(-1, ' ', false, json::error_handler_t::replace),
-        kTellPatience, [act](const DaemonAnswer&) { act(); });
+    daemon_.call("POST", "/v1/parted", dump({{"run", run_}, {"text", found->text}, {"then", then}}), kTellPatience,
+                 [act](const DaemonAnswer&) { act(); });
   }
   if (!run_.empty()) {
     call("/v1/notes", {{"run", run_}, {"by", "isorig-web"}, {"text", found->text}}, "note to the run by the twin");

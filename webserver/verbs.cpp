@@ -8,6 +8,7 @@
 
 #include "base/fingerprint.hpp"
 #include "base/printable.hpp"
+#include "webserver/answers.hpp"
 #include "webserver/hub.hpp"
 #include "webserver/rules/files.hpp"
 #include "webserver/rules/requests.hpp"
@@ -29,13 +30,6 @@ struct Verb {
 };
 constexpr std::array kVerbs{Verb{"pause", false}, Verb{"abort", false},       Verb{"resume", true},
                             Verb{"reset", true},  Verb{"confirm-zero", true}, Verb{"go", true}};
-
-std::string dump(const json& body) {
-  return body.dump(-1, ' ', false, json::error_handler_t::replace);
-}
-Hub::Answer answer(int status, const std::string& text) {
-  return {status, dump({{"ok", status == 200}, {"text", text}})};
-}
 
 }  // namespace
 
