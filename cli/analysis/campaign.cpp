@@ -15,7 +15,7 @@
 namespace isorig::cli {
 namespace {
 
-struct Options {
+struct CampaignOptions {
   PiecesOptions pieces;  ///< recordings and folder of the paper's figures too
   std::string simulated;
 };
@@ -71,7 +71,7 @@ int paper_figures(const PiecesOptions& options, const std::string& simulated) {
 }
 
 Command add_campaign(CLI::App& app) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<CampaignOptions>();
   auto* sub = app.add_subcommand("campaign",
                                  "The paper's figures, tables and trends from the recordings of a whole campaign; with "
                                  "--ask, a diagnosis or analysis of each of very many recordings");

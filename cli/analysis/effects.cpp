@@ -14,7 +14,7 @@ namespace {
 
 using nlohmann::ordered_json;
 
-struct Options {
+struct EffectsOptions {
   std::vector<std::string> names;
   bool json = false;
   bool markdown = false;
@@ -49,7 +49,7 @@ ordered_json physics_json(const model::Physics& physics) {
           {"reveals", physics.reveals}, {"laws", laws}};
 }
 
-int effects(const Options& options) {
+int effects(const EffectsOptions& options) {
   std::vector<const model::Physics*> chosen;
   for (const std::string& name : options.names) {
     const model::Physics* physics = model::find_physics(name);
@@ -74,7 +74,7 @@ int effects(const Options& options) {
 }
 
 Command add_effects(CLI::App& app) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<EffectsOptions>();
   auto* sub =
       app.add_subcommand("effects", "What a model may lack: each effect with its laws, numbers, ranges and sources");
   sub->add_option("NAME", options->names, "Effects whose sheets to print; none: a line for each effect");

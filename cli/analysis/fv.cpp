@@ -15,7 +15,7 @@
 namespace isorig::cli {
 namespace {
 
-struct Options {
+struct FvCommandOptions {
   std::vector<std::string> recordings;
   std::string out;
   std::string model = "slse1";
@@ -45,7 +45,7 @@ void print_curve(const identify::Curve& curve) {
   for (const auto& s : curve.result.fit->statements) std::printf("  %s\n", s.c_str());
 }
 
-int fv(const Options& options) {
+int fv(const FvCommandOptions& options) {
   const bool two = options.model == "slse2";
   std::vector<identify::ControlFit> controls;
   if (two && options.control.empty()) {
@@ -91,7 +91,7 @@ int fv(const Options& options) {
 }
 
 Command add_fv(CLI::App& app) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<FvCommandOptions>();
   auto* sub = app.add_subcommand("fv", "Ramps, force-velocity points and their fits, from recordings");
   sub->add_option("RECORDING", options->recordings,
                   "Recording folders; those of one specimen and pressure are repetitions")

@@ -27,7 +27,7 @@
 namespace isorig::cli {
 namespace {
 
-struct Options {
+struct InvestigateOptions {
   std::string rig, protocol, out;
   std::string model = "slse1";
   int rounds = 4;
@@ -56,7 +56,7 @@ std::string first_look(const daemon::RigConfig& rig, double pressure_psi) {
 
 class Loop {
  public:
-  explicit Loop(const Options& options) : options_(options), rig_(daemon::load_rig(options.rig)) {}
+  explicit Loop(const InvestigateOptions& options) : options_(options), rig_(daemon::load_rig(options.rig)) {}
 
   int run() {
     if (!rig_.simulated()) return refuse_real();
@@ -284,7 +284,7 @@ class Loop {
     return outcome == Outcome::kRounds || outcome == Outcome::kBudget ? kFailure : kOk;
   }
 
-  const Options& options_;
+  const InvestigateOptions& options_;
   daemon::RigConfig rig_;
   model::ModelSpec nominal_;
   std::string first_protocol_;
@@ -293,7 +293,7 @@ class Loop {
 };
 
 Command add_investigate(CLI::App& app) {
-  auto o = std::make_shared<Options>();
+  auto o = std::make_shared<InvestigateOptions>();
   auto* sub = app.add_subcommand(
       "investigate",
       "On a simulated rig: run, diagnose, design what separates the tied explanations, run it, until one is left");

@@ -13,13 +13,13 @@ namespace {
 
 namespace pooling = identify::pooling;
 
-struct Options {
+struct PoolOptions {
   std::vector<std::string> diagnoses;
   std::string out;
   unsigned threads = 2;
 };
 
-int pool(const Options& options) {
+int pool(const PoolOptions& options) {
   std::vector<pooling::Source> sources;
   for (const std::string& folder : options.diagnoses) sources.push_back({folder});
   try {
@@ -39,7 +39,7 @@ int pool(const Options& options) {
 }
 
 Command add_pool(CLI::App& app) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<PoolOptions>();
   auto* sub = app.add_subcommand(
       "pool",
       "Diagnoses of a whole campaign as one: what all actuators share, what grows with pressure, who does not belong");

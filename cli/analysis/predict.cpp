@@ -21,7 +21,7 @@
 namespace isorig::cli {
 namespace {
 
-struct Options {
+struct PredictOptions {
   std::string recording;
   std::string model;
   std::string out;
@@ -64,7 +64,7 @@ bool write_whole(const std::filesystem::path& out, const std::string& text) {
   return error ? complain(error.message()) : true;
 }
 
-int predict(const Options& options) {
+int predict(const PredictOptions& options) {
   if (is_of_recording(options.out, options.recording)) {
     std::cerr << options.out << ": is of the recording itself; name another file with --out\n";
     return kFailure;
@@ -123,7 +123,7 @@ int predict(const Options& options) {
 }
 
 Command add_predict(CLI::App& app) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<PredictOptions>();
   auto* sub = app.add_subcommand(
       "predict", "Simulate a model on a recording's position and pressure; its measured force is not looked at");
   sub->add_option("RECORDING", options->recording, "Folder of the recording")->required();

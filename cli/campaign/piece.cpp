@@ -14,6 +14,7 @@
 #include "base/formatted.hpp"
 #include "base/text_file.hpp"
 #include "base/toml_reader.hpp"
+#include "base/utc_text.hpp"
 #include "identify/report/page.hpp"
 
 namespace isorig::cli::pieces {
@@ -22,19 +23,10 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::ordered_json;
 
-constexpr const char* kFormat = "isorig-piece/1";
+constexpr const char* kPieceFormat = "isorig-piece/1";
 constexpr std::uintmax_t kRoom_bytes = 64 << 20;  // a diagnosis with its page needs 1 to 5 MB
 constexpr int kNothingFitted = 1;                 // what `isorig fv` returns then; its files say why
 constexpr int kBadRecording = 3;
-
-std::string utc_now() {
-  const std::time_t now = std::time(nullptr);
-  std::tm utc{};
-  gmtime_r(&now, &utc);
-  std::array<char, 32> text{};
-  std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%SZ", &utc);
-  return text.data();
-}
 
 ordered_json read_json(const fs::path& file) {
   return ordered_json::parse(base::read_text_file(file), nullptr, false);
@@ -121,7 +113,7 @@ Attempt failed(const Workshop& shop, const std::string& recording, const Attempt
                           {"failures", failures_of(shop.plan, recording) + 1},
                           {"why", why},
                           {"host", host_name()},
-                          {"at_utc", utc_now()}};
+                          {"at_utc", base::utc_text(std::time(nullptr))}};
   try {
     if (attempt != nullptr) {
       // A log tells why; half of an answer would only be taken for one.
@@ -148,7 +140,7 @@ Attempt attempt_piece(const Workshop& shop, const std::string& recording, const 
                       std::vector<FileStamp> files) {
   const fs::path& here = attempt.folder();
   for (FileStamp& one : files) one.sha256 = sha256_of_file(fs::path(recording) / one.name);
-  const std::string began = utc_now();
+  const std::string began = base::utc_text(std::time(nullptr));
   const base::ProcessResult result =
       base::run_process(words_of(shop.plan.ask, shop.program, recording), here / "log.txt",
                         {.working_directory = here, .among = shop.among});
@@ -163,7 +155,7 @@ Attempt attempt_piece(const Workshop& shop, const std::string& recording, const 
                       : base::formatted("exit code %d", result.exit_code));
   if (!same_files(files, files_of(recording)))
     return failed(shop, recording, &attempt, "the recording was written to while it was read");
-  const ordered_json piece{{"format", kFormat},
+  const ordered_json piece{{"format", kPieceFormat},
                            {"stamp", stamp_json(shop, recording, files)},
                            {"exit_code", result.exit_code},
                            {"row", row_of(shop.plan.ask, here, recording, result.exit_code)}};
@@ -236,7 +228,7 @@ bool is_done(const Workshop& shop, const std::string& recording) {
   if (!fs::exists(folder / "piece.json")) return false;
   try {
     const ordered_json piece = read_json(folder / "piece.json"), times = read_json(folder / "times.json");
-    if (piece.at("format") != kFormat) return false;
+    if (piece.at("format") != kPieceFormat) return false;
     const ordered_json& stamp = piece.at("stamp");
     std::vector<FileStamp> files = files_of(recording);
     if (stamp.at("files").size() != files.size()) return false;

@@ -25,7 +25,7 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::ordered_json;
 
-constexpr const char* kFormat = "isorig-campaign-plan/1";
+constexpr const char* kPlanFormat = "isorig-campaign-plan/1";
 
 /// A folder that something else was written into is not to be mixed with.
 void refuse_other_campaign(const Plan& plan) {
@@ -137,7 +137,7 @@ std::size_t write_plan(const Plan& plan, const Named& named, std::istream& stand
     fs::remove(aside);
     throw;
   }
-  const ordered_json json{{"format", kFormat}, {"ask", to_json(plan.ask)}, {"program", plan.program}};
+  const ordered_json json{{"format", kPlanFormat}, {"ask", to_json(plan.ask)}, {"program", plan.program}};
   identify::report::write_text_file(plan.folder / "plan.json", json.dump(2) + "\n");
   fs::rename(aside, recordings_of(plan));
   return count;
@@ -147,7 +147,7 @@ Plan read_plan(const fs::path& folder) {
   const fs::path file = folder / "plan.json";
   try {
     const auto json = ordered_json::parse(base::read_text_file(file));
-    if (json.at("format") != kFormat)
+    if (json.at("format") != kPlanFormat)
       throw PlanError(file.string() + ": of another version of isorig (" + json.at("format").get<std::string>() +
                       "); name another folder with --out");
     return {fs::absolute(folder).lexically_normal(), ask_from_json(json.at("ask")), json.at("program")};

@@ -13,7 +13,7 @@
 namespace isorig::cli {
 namespace {
 
-struct Options {
+struct CheckOptions {
   std::string protocol_path;
   std::string rig_path;
   std::string runs = daemon::default_runs().string();
@@ -33,7 +33,7 @@ void print_steps(const protocol::Plan& plan) {
 }
 
 /// False when the rig would refuse to start.
-bool print_calibration(const Options& options) {
+bool print_calibration(const CheckOptions& options) {
   std::optional<daemon::RigConfig> rig;
   try {
     rig = daemon::load_rig(options.rig_path);
@@ -55,7 +55,7 @@ bool print_calibration(const Options& options) {
   return overdue.empty() || !rig->calibration.refuse_overdue;
 }
 
-int check(const Options& options) {
+int check(const CheckOptions& options) {
   const auto plan = read_plan(options.protocol_path, options.rig_path);
   std::printf("%s is well: %s\n", options.protocol_path.c_str(), base::printable(plan.name).c_str());
   if (!plan.description.empty()) std::printf("  %s\n", base::printable(plan.description).c_str());
@@ -80,7 +80,7 @@ int check(const Options& options) {
 }
 
 Command add_check(CLI::App& app) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<CheckOptions>();
   auto* sub = app.add_subcommand("check", "Compile a protocol; show what it would do, or everything wrong with it");
   sub->add_option("FILE", options->protocol_path, "Protocol (config/protocols/*.toml)")->required();
   sub->add_option("--rig", options->rig_path, "Rig whose limits it has to keep (config/rigs/*.toml)");

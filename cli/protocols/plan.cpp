@@ -11,7 +11,7 @@
 namespace isorig::cli {
 namespace {
 
-struct Options {
+struct PlanOptions {
   std::string protocol_path;
   std::string rig_path;
   bool json = false;
@@ -126,7 +126,7 @@ nlohmann::ordered_json to_json(const protocol::Plan& plan) {
   return out;
 }
 
-int show_plan(const Options& options) {
+int show_plan(const PlanOptions& options) {
   const auto plan = read_plan(options.protocol_path, options.rig_path);
   if (options.json) {
     std::cout << to_json(plan).dump(1) << '\n';
@@ -137,7 +137,7 @@ int show_plan(const Options& options) {
 }
 
 Command add_plan(CLI::App& app) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<PlanOptions>();
   auto* sub = app.add_subcommand("plan", "List a protocol's steps with their expected start times");
   sub->add_option("FILE", options->protocol_path, "Protocol (config/protocols/*.toml)")->required();
   sub->add_option("--rig", options->rig_path, "Rig whose limits it has to keep (config/rigs/*.toml)");

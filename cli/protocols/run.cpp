@@ -21,7 +21,7 @@ namespace {
 
 volatile std::sig_atomic_t stop_requested = 0;
 
-struct Options {
+struct RunOptions {
   std::string protocol, rig, specimen, resume;
   std::string runs = daemon::default_runs().string();
   std::uint64_t seed = 0;
@@ -32,7 +32,7 @@ struct Options {
   bool report = true;
 };
 
-void print_result(const daemon::VirtualRunResult& r) {
+void print_run_result(const daemon::VirtualRunResult& r) {
   const auto& rec = r.recorder;
   const auto missing = rec.frame_missing + rec.pressure_missing + rec.dropped_records;
   std::printf("run %s: %s%s%s\n", r.run_id.c_str(), r.outcome.c_str(), r.fault.empty() ? "" : ": ", r.fault.c_str());
@@ -54,7 +54,7 @@ int exit_code(const daemon::VirtualRunResult& r) {
 }
 
 /// The run stands without its page: what goes wrong with that is said, and changes nothing. "" then.
-std::string write_page(const Options& o, const daemon::VirtualRunResult& result) {
+std::string write_page(const RunOptions& o, const daemon::VirtualRunResult& result) {
   const auto file = result.directory / kRunReport;
   try {
     RunArgument which;
@@ -74,7 +74,7 @@ std::string write_page(const Options& o, const daemon::VirtualRunResult& result)
   }
 }
 
-int run(const Options& o) {
+int run(const RunOptions& o) {
   auto rig = daemon::load_rig(o.rig);
   daemon::VirtualRunOptions options;
   options.runs_root = o.runs;
@@ -123,7 +123,7 @@ int run(const Options& o) {
                      .dump(2)
               << '\n';
   } else {
-    print_result(result);
+    print_run_result(result);
     if (!page.empty()) std::printf("  to look at: %s\n", page.c_str());
   }
   return exit_code(result);
@@ -131,7 +131,7 @@ int run(const Options& o) {
 
 Command add_run(CLI::App& app) {
   auto* sub = app.add_subcommand("run", "Run a protocol on a simulated rig, in this process and in virtual time");
-  auto o = std::make_shared<Options>();
+  auto o = std::make_shared<RunOptions>();
   auto* protocol = sub->add_option("protocol", o->protocol, "Protocol file (TOML)");
   sub->add_option("--rig", o->rig, "The rig's file (config/rigs/)")->required();
   sub->add_option("--specimen", o->specimen, "Specimen file, if not the rig's own");

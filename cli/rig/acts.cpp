@@ -41,12 +41,12 @@ Command add_go(CLI::App& app) {
 }
 
 Command add_setup(CLI::App& app) {
-  struct Options : Common {
+  struct SetupOptions : Common {
     bool off = false;
   };
   auto* sub =
       app.add_subcommand("setup", "Between runs, vented: allow the crosshead to be jogged, at reduced speed and force");
-  auto o = std::make_shared<Options>();
+  auto o = std::make_shared<SetupOptions>();
   sub->add_flag("--off", o->off, "Leave it");
   add_common(*sub, *o);
   return {sub, [o] {
@@ -55,12 +55,12 @@ Command add_setup(CLI::App& app) {
 }
 
 Command add_jog(CLI::App& app) {
-  struct Options : Common {
+  struct JogOptions : Common {
     double to_mm = 0.0, by_mm = 0.0, velocity_mm_s = 0.0;
   };
   auto* sub =
       app.add_subcommand("jog", "In setup: move the crosshead; beyond a limit only back. isorig pause stops it");
-  auto o = std::make_shared<Options>();
+  auto o = std::make_shared<JogOptions>();
   auto* to = sub->add_option("--to", o->to_mm, "Position, mm");
   auto* by = sub->add_option("--by", o->by_mm, "From where it is, mm");
   auto* velocity = sub->add_option("--velocity", o->velocity_mm_s, "mm/s; else as fast as a jog may be");
@@ -81,13 +81,13 @@ Command add_jog(CLI::App& app) {
 }
 
 Command add_accept_rig(CLI::App& app) {
-  struct Options : Common {
+  struct AcceptRigOptions : Common {
     std::string operator_name;
   };
   auto* sub = app.add_subcommand(
       "accept-rig",
       "Sign off the rig file as the daemon has read it, after looking at what has changed (isorig status)");
-  auto o = std::make_shared<Options>();
+  auto o = std::make_shared<AcceptRigOptions>();
   sub->add_option("--operator", o->operator_name, "Who accepts it; kept with the time and the user")->required();
   add_common(*sub, *o);
   return {sub, [o] {

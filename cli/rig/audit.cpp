@@ -13,7 +13,7 @@
 namespace isorig::cli {
 namespace {
 
-struct Options {
+struct AuditOptions {
   std::string runs = daemon::default_catalogue().string();
   std::size_t last = 50;
   bool all = false, json = false;
@@ -38,7 +38,7 @@ void print(const nlohmann::json& line) {
             << '\n';
 }
 
-int audit(const Options& o) {
+int audit(const AuditOptions& o) {
   std::optional<Progress> progress(std::in_place, "audit");
   const auto lines = daemon::read_audit(o.runs, o.all ? std::string::npos : o.last,
                                         [&](double done) { progress->at(done, "reading"); });
@@ -59,7 +59,7 @@ int audit(const Options& o) {
 }
 
 Command add_audit(CLI::App& app) {
-  auto o = std::make_shared<Options>();
+  auto o = std::make_shared<AuditOptions>();
   auto* sub = app.add_subcommand("audit", "Which commands the daemon was given, by whom, and what came of them");
   sub->add_option("--runs", o->runs, "Where runs are kept; the log lies beside them")->capture_default_str();
   auto* last = sub->add_option("--last", o->last, "How many of the newest")->capture_default_str();

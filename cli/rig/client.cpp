@@ -26,7 +26,7 @@ namespace http = beast::http;
 using boost::system::error_code;
 using Message = http::request<http::string_body>;
 
-constexpr auto kPause = std::chrono::milliseconds(20);
+constexpr auto kBeforeNextAttempt = std::chrono::milliseconds(20);
 constexpr int kAttempts = 5;
 constexpr std::array<std::string_view, 3> kStopCalls{"/v1/status", "/v1/abort", "/v1/pause"};
 
@@ -116,9 +116,15 @@ Answer Client::ask(const std::string& method, const std::string& path, std::stri
     const bool crowded = error == boost::system::errc::resource_unavailable_try_again ||
                          error == boost::system::errc::connection_reset || error == http::error::end_of_stream;
     if (!crowded) break;
-    std::this_thread::sleep_for(kPause);
+    std::this_thread::sleep_for(kBeforeNextAttempt);
   }
   explain(socket_.string(), error, connected);
+}
+
+nlohmann::json Client::get_or_throw(const std::string& path) const {
+  auto answer = get(path);
+  if (!answer.ok()) throw std::runtime_error(answer.text());
+  return std::move(answer.body);
 }
 
 Answer Client::get(const std::string& path) const {

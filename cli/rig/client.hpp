@@ -37,8 +37,10 @@ class Client {
       : socket_(std::move(socket)), patience_(patience) {}
   /// The same, for whoever cannot wait so long.
   [[nodiscard]] Client with(std::chrono::milliseconds patience) const { return Client(socket_, patience); }
-  /// Both throw NoDaemon.
+  /// All throw NoDaemon.
   [[nodiscard]] Answer get(const std::string& path) const;
+  /// The body; of a refusal std::runtime_error with its text.
+  [[nodiscard]] nlohmann::json get_or_throw(const std::string& path) const;
   [[nodiscard]] Answer post(const std::string& path, const nlohmann::json& body = nlohmann::json::object()) const;
 
  private:

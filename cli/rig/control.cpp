@@ -11,11 +11,11 @@ namespace isorig::cli {
 namespace {
 
 Command add_control(CLI::App& app) {
-  struct Options : Common {
+  struct ControlOptions : Common {
     bool take = false, take_over = false, give_back = false;
   };
   auto* sub = app.add_subcommand("control", "Who has control of the rig; without an option it is only said");
-  auto o = std::make_shared<Options>();
+  auto o = std::make_shared<ControlOptions>();
   auto* take = sub->add_flag("--take", o->take, "Take it, if nobody else has it; the first command does so by itself");
   auto* over = sub->add_flag("--take-over", o->take_over, "Take it from whoever has it, after agreeing with them");
   auto* give = sub->add_flag("--give-back", o->give_back, "Give it back");

@@ -58,12 +58,12 @@ bool confirmed(const Client& client, nlohmann::json body, bool yes) {
 }
 
 Command add_start(CLI::App& app) {
-  struct Options : Common {
+  struct StartOptions : Common {
     std::string protocol, specimen, operator_name;
     bool watch = false, until_done = false, yes = false, go = false;
   };
   auto* sub = app.add_subcommand("start", "Start a protocol on the daemon's rig");
-  auto o = std::make_shared<Options>();
+  auto o = std::make_shared<StartOptions>();
   sub->add_option("protocol", o->protocol, "Protocol file (TOML)")->required();
   sub->add_option("--specimen", o->specimen, "Specimen file, if not the rig's own");
   sub->add_option("--operator", o->operator_name, "Who runs it; kept in the catalogue");
@@ -106,13 +106,13 @@ Command add_start(CLI::App& app) {
 }
 
 Command add_resume(CLI::App& app) {
-  struct Options : Common {
+  struct ResumeOptions : Common {
     std::string run, specimen, operator_name;
     bool aborted = false, on_another_rig = false, another_specimen = false, yes = false;
   };
   auto* sub = app.add_subcommand(
       "resume", "Go on: a paused run, or with RUN one that was interrupted, from its interrupted repetition");
-  auto o = std::make_shared<Options>();
+  auto o = std::make_shared<ResumeOptions>();
   sub->add_option("run", o->run, "An interrupted run (isorig runs)");
   sub->add_option("--specimen", o->specimen, "File of the specimen that is mounted, if not the rig's own");
   sub->add_option("--operator", o->operator_name, "Who goes on with it");
@@ -180,13 +180,13 @@ Command add_status(CLI::App& app) {
 }
 
 Command add_watch(CLI::App& app) {
-  struct Options : Common {
+  struct WatchCommandOptions : Common {
     double interval_s = 0.5;
     bool until_done = false;
     std::string run;
   };
   auto* sub = app.add_subcommand("watch", "Follow a run live: step, progress, time left, force, position, pressure");
-  auto o = std::make_shared<Options>();
+  auto o = std::make_shared<WatchCommandOptions>();
   sub->add_option("--interval-s", o->interval_s, "Between two looks")->check(CLI::Range(0.05, 3600.0));
   auto* until =
       sub->add_flag("--until-done", o->until_done,

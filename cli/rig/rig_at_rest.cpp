@@ -28,12 +28,6 @@ void stop_if_interrupted() {
   if (interrupted != 0) throw Interrupted();
 }
 
-nlohmann::json get(const Client& client, const std::string& path) {
-  auto answer = client.get(path);
-  if (!answer.ok()) throw std::runtime_error(answer.text());
-  return std::move(answer.body);
-}
-
 void post(const Client& client, const std::string& path) {
   const auto answer = client.post(path);
   if (!answer.ok()) throw std::runtime_error(answer.text());
@@ -79,7 +73,7 @@ std::string output_of(const std::string& command) {
 
 SettledReading settled_reading(const Client& client, const std::string& channel, const Settling& s) {
   const auto begin = steady_clock::now();
-  const std::int64_t since_ns = get(client, "/v1/status").value("mono_ns", std::int64_t{0});
+  const std::int64_t since_ns = client.get_or_throw("/v1/status").value("mono_ns", std::int64_t{0});
   const std::string path = base::formatted("/v1/readings?window_s=%.3f", s.window_s);
   double drift = 0.0;
   for (bool first = true;; first = false) {
@@ -87,7 +81,7 @@ SettledReading settled_reading(const Client& client, const std::string& channel,
     std::this_thread::sleep_for(
         first ? std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::duration<double>(s.window_s))
               : kLook);
-    const auto all = get(client, path);
+    const auto all = client.get_or_throw(path);
     const auto& r = all[channel];
     const double waited_s = std::chrono::duration<double>(steady_clock::now() - begin).count();
     const auto from_ns = r.value("from_mono_ns", std::int64_t{0});
@@ -174,7 +168,7 @@ void HeldPressure::go_to(std::size_t index) {
   const auto deadline = steady_clock::now() + std::chrono::seconds(120);
   for (;;) {
     stop_if_interrupted();
-    const auto s = get(client_, "/v1/status");
+    const auto s = client_.get_or_throw("/v1/status");
     const auto state = s.value("state", "");
     if (state == "faulted" || !s.contains("run")) {
       throw std::runtime_error(
@@ -195,7 +189,7 @@ void HeldPressure::go_to(std::size_t index) {
 void wait_for_rest(const Client& client, double seconds) {
   const auto deadline = steady_clock::now() + std::chrono::duration<double>(seconds);
   while (steady_clock::now() < deadline) {
-    const auto state = get(client, "/v1/status");
+    const auto state = client.get_or_throw("/v1/status");
     const auto text = state.value("state", "");
     // The run's files are closed a moment after the rig is at rest.
     if ((text == "idle" || text == "ready") && !state.contains("run")) return;

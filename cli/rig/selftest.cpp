@@ -15,17 +15,11 @@
 namespace isorig::cli {
 namespace {
 
-struct Options {
+struct SelftestOptions {
   bool with_pressure = false, non_interactive = false, yes = false, json = false, strict = false;
   double pressure_psi = 5.0, leak_s = 20.0, window_s = 5.0, lcm_s = 2.0;
   std::string socket = daemon::default_socket().string();
 };
-
-nlohmann::json get(const Client& client, const std::string& path) {
-  auto answer = client.get(path);
-  if (!answer.ok()) throw std::runtime_error(answer.text());
-  return std::move(answer.body);
-}
 
 /// Messages that come in over LCM; negative when there is no receiver.
 int listen(const std::string& url, double seconds) {
@@ -42,7 +36,7 @@ int listen(const std::string& url, double seconds) {
 }
 
 bool closed(const Client& client, const char* key) {
-  return get(client, "/v1/status")["interlock"].value(key, false);
+  return client.get_or_throw("/v1/status")["interlock"].value(key, false);
 }
 
 /// The operator opens and closes a contact; the daemon has to see both.
@@ -70,11 +64,12 @@ std::vector<Line> walk_interlock(const Client& client) {
           walk_contact(client, "interlock.guard.walk", "guard_closed", "Open the guard", "Close it")};
 }
 
-std::vector<Line> test_air(const Client& client, const Options& o) {
+std::vector<Line> test_air(const Client& client, const SelftestOptions& o) {
   AirTest t;
   t.wanted_psi = o.pressure_psi;
   const auto shown = [&](double window_s) {
-    return get(client, "/v1/readings?window_s=" + std::to_string(window_s))["pressure"].value("calibrated", 0.0);
+    return client.get_or_throw("/v1/readings?window_s=" + std::to_string(window_s))["pressure"].value("calibrated",
+                                                                                                      0.0);
   };
   try {
     HeldPressure held(client, {o.pressure_psi}, "selftest");
@@ -100,7 +95,7 @@ std::vector<Line> test_air(const Client& client, const Options& o) {
   return judge_air(t);
 }
 
-int selftest(const Options& o) {
+int selftest(const SelftestOptions& o) {
   const bool somebody = !o.non_interactive && ::isatty(STDIN_FILENO) != 0;
   if (o.with_pressure && !o.yes && !somebody) {
     std::cerr << "isorig selftest: nobody to ask whether the rig may be pressurized; add --yes\n";
@@ -108,21 +103,21 @@ int selftest(const Options& o) {
   }
   const Client client(o.socket);
   Answers a;
-  a.status = get(client, "/v1/status");
+  a.status = client.get_or_throw("/v1/status");
   const auto state = a.status.value("state", "");
   if (a.status.contains("run") || state == "running" || state == "paused" || state == "stopping") {
     std::cerr << "isorig selftest: the rig is " << state << "; a self-test wants it at rest\n";
     return kRefused;
   }
-  a.selftest = get(client, "/v1/selftest");
+  a.selftest = client.get_or_throw("/v1/selftest");
   int messages = 0;
   const bool lcm = a.selftest["lcm"].value("enabled", false);
   if (lcm) messages = listen(a.selftest["lcm"].value("url", ""), o.lcm_s);
   std::this_thread::sleep_for(std::chrono::duration<double>(std::max(0.0, o.window_s - (lcm ? o.lcm_s : 0.0))));
-  a.readings = get(client, "/v1/readings?window_s=" + std::to_string(o.window_s));
-  a.status = get(client, "/v1/status");
-  a.selftest = get(client, "/v1/selftest");
-  a.calibrations = get(client, "/v1/calibrations");
+  a.readings = client.get_or_throw("/v1/readings?window_s=" + std::to_string(o.window_s));
+  a.status = client.get_or_throw("/v1/status");
+  a.selftest = client.get_or_throw("/v1/selftest");
+  a.calibrations = client.get_or_throw("/v1/calibrations");
   auto lines = judge(a);
   lines.push_back(judge_lcm(a.selftest, messages, o.lcm_s));
 
@@ -167,7 +162,7 @@ int selftest(const Options& o) {
 Command add_selftest(CLI::App& app) {
   auto* sub = app.add_subcommand("selftest",
                                  "Walk every device, interlock and limit with the rig at rest, and say what to check");
-  auto o = std::make_shared<Options>();
+  auto o = std::make_shared<SelftestOptions>();
   sub->add_flag("--with-pressure", o->with_pressure, "Fill a little, seal, measure the leak, vent");
   sub->add_option("--pressure-psi", o->pressure_psi, "For that")->check(CLI::Range(1.0, 30.0))->capture_default_str();
   sub->add_option("--leak-s", o->leak_s, "How long the leak is watched")

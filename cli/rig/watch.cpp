@@ -29,10 +29,10 @@ constexpr std::size_t kEventsKept = 200;
 constexpr std::size_t kForcesKept = 400;
 /// Keys and signals are answered between two calls: an isorigd that hangs keeps nobody here for longer. An answer takes
 /// milliseconds.
-constexpr auto kPatience = std::chrono::seconds(2);
+constexpr auto kAnswerPatience = std::chrono::seconds(2);
 /// For a script an isorigd that is silent for so long is not there.
 constexpr auto kGivenUp = Client::kPatience;
-volatile std::sig_atomic_t interrupted = 0;
+volatile std::sig_atomic_t watch_interrupted = 0;
 
 /// Says when the run that is waited for has ended, and how. It is the one of --run, else the one that is open at the
 /// first look, else the next: the outcome of a run that was over before is nobody's answer.
@@ -114,7 +114,7 @@ Tone tone_of(const std::string& severity) {
 class Watcher {
  public:
   Watcher(const Client& client, const WatchOptions& options)
-      : client_(client.with(kPatience)), options_(options), awaited_(client_, options.run) {}
+      : client_(client.with(kAnswerPatience)), options_(options), awaited_(client_, options.run) {}
 
   /// On a terminal.
   int on_screen() {
@@ -153,7 +153,7 @@ class Watcher {
 
   /// Into a file or a pipe: a line for each look.
   int line_by_line() {
-    while (interrupted == 0) {
+    while (watch_interrupted == 0) {
       const auto code = next();
       if (view_.silent_s > 0.0) {
         if (Clock::now() - unanswered_ > kGivenUp) throw NoAnswer(silence_);
@@ -174,7 +174,7 @@ class Watcher {
       }
       // In short pieces: sleep_for goes on when a signal has come.
       const auto until = Clock::now() + std::chrono::duration<double>(options_.interval_s);
-      while (interrupted == 0 && Clock::now() < until) {
+      while (watch_interrupted == 0 && Clock::now() < until) {
         std::this_thread::sleep_for(
             std::min<std::chrono::duration<double>>(until - Clock::now(), std::chrono::milliseconds(50)));
       }
@@ -268,8 +268,8 @@ int watch(const Client& client, const WatchOptions& options) {
   const char* term = std::getenv("TERM");
   const bool dumb = term != nullptr && std::string_view(term) == "dumb";
   if (::isatty(STDOUT_FILENO) != 0 && !options.json && !dumb) return watcher.on_screen();
-  interrupted = 0;
-  const auto previous = std::signal(SIGINT, [](int) { interrupted = 1; });
+  watch_interrupted = 0;
+  const auto previous = std::signal(SIGINT, [](int) { watch_interrupted = 1; });
   const int code = watcher.line_by_line();
   std::signal(SIGINT, previous);
   return code;

@@ -12,12 +12,12 @@ namespace isorig::cli {
 namespace {
 
 Command add_web(CLI::App& app) {
-  struct Options : Common {
+  struct WebOptions : Common {
     std::string web_socket, name;
     int port = 0;
   };
   auto* sub = app.add_subcommand("web", "A link to the live page (isorig-web) that may control the rig; for one use");
-  auto o = std::make_shared<Options>();
+  auto o = std::make_shared<WebOptions>();
   sub->add_option("--name", o->name, "Who controls, as the page and the log say; without it, the user's name");
   sub->add_option("--port", o->port, "This end of an ssh -L, if it is not isorig-web's own port")
       ->check(CLI::Range(1, 65535));

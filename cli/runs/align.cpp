@@ -16,7 +16,7 @@
 namespace isorig::cli {
 namespace {
 
-struct Options {
+struct AlignCommandOptions {
   std::string frame;
   std::string pressure;
   std::string out;
@@ -24,28 +24,28 @@ struct Options {
 };
 
 std::string json_of(const identify::AlignResult& result) {
-  nlohmann::ordered_json json = {{"format", "isorig-align/1"}, {"aligned", result.aligned}};
+  nlohmann::ordered_json document = {{"format", "isorig-align/1"}, {"aligned", result.aligned}};
   if (!result.aligned) {
-    json["refusal"] = result.refusal;
-    return json.dump(1) + "\n";
+    document["refusal"] = result.refusal;
+    return document.dump(1) + "\n";
   }
   const auto& a = result.alignment;
   auto events = nlohmann::ordered_json::array();
   for (const auto& e : a.events)
     events.push_back({{"t_frame_s", e.t_frame_s}, {"shift_s", e.shift_s.value}, {"se", e.shift_s.standard_error}});
-  json["mapping"] = "t_frame = reference + offset + (1 + skew) * (t_pressure - reference)";
-  json["reference_s"] = a.reference_s;
-  json["offset_s"] = {{"value", a.offset_s.value}, {"se", a.offset_s.standard_error}};
-  json["skew"] = {{"value", a.skew.value}, {"se", a.skew.standard_error}, {"known", a.skew_known}};
-  json["worst_error_s"] = a.worst_error_s;
-  json["response_psi_mm"] = a.response;
-  json["recovery_per_s"] = a.recovery_per_s;
-  json["significance"] = a.significance;
-  json["events"] = events;
-  return json.dump(1) + "\n";
+  document["mapping"] = "t_frame = reference + offset + (1 + skew) * (t_pressure - reference)";
+  document["reference_s"] = a.reference_s;
+  document["offset_s"] = {{"value", a.offset_s.value}, {"se", a.offset_s.standard_error}};
+  document["skew"] = {{"value", a.skew.value}, {"se", a.skew.standard_error}, {"known", a.skew_known}};
+  document["worst_error_s"] = a.worst_error_s;
+  document["response_psi_mm"] = a.response;
+  document["recovery_per_s"] = a.recovery_per_s;
+  document["significance"] = a.significance;
+  document["events"] = events;
+  return document.dump(1) + "\n";
 }
 
-int align(const Options& options) {
+int align(const AlignCommandOptions& options) {
   messages::FrameSamples frame;
   messages::PressureSamples pressure;
   messages::FurtherColumns further;
@@ -117,7 +117,7 @@ int align(const Options& options) {
 }
 
 Command add_align(CLI::App& app) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<AlignCommandOptions>();
   auto* sub = app.add_subcommand("align", "Put two separately recorded streams on one clock by the strokes in both");
   sub->add_option("FRAME", options->frame, "CSV: t_s,position_mm,force_N")->required();
   sub->add_option("PRESSURE", options->pressure, "CSV: t_s,pressure_psi, on a clock of its own")->required();

@@ -15,7 +15,7 @@
 namespace isorig::cli {
 namespace {
 
-struct Options {
+struct ExportCommandOptions {
   RunArgument run;
   std::string out;
   std::string format = "csv";
@@ -73,7 +73,7 @@ void print_text(const daemon::ExportReport& report, bool remap) {
   }
 }
 
-int run_export(const Options& options) {
+int run_export(const ExportCommandOptions& options) {
   if (options.format == "parquet") {
     std::cerr
         << "isorig export: this isorig writes no Parquet (Debian 12 has no Arrow to build it with); --format hdf5 "
@@ -129,7 +129,7 @@ int run_export(const Options& options) {
 }
 
 Command add_export(CLI::App& app) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<ExportCommandOptions>();
   auto* sub = app.add_subcommand("export", "Write a run for other tools: in the recording format, as HDF5 or as MAT");
   options->run.add_to(*sub);
   sub->add_option("--out", options->out, "Folder that it goes to; made if needed")->required();

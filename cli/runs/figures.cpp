@@ -32,24 +32,24 @@ namespace isorig::cli {
 namespace {
 
 namespace fs = std::filesystem;
-constexpr auto kPatience = std::chrono::seconds(90);
+constexpr auto kBrowserPatience = std::chrono::seconds(90);
 constexpr int kScale = 3;  ///< of a PNG: 288 dots an inch, as the page's button has it
 
-struct Options {
+struct FiguresOptions {
   std::string page, out, browser;
   int width = 1100;
   bool png = false;
 };
 
-volatile std::sig_atomic_t interrupted = 0;
+volatile std::sig_atomic_t figures_interrupted = 0;
 
 /// Whoever ends it, with Ctrl-C, a time limit or by closing the terminal: the browser and its folder go with it.
 class Signals {
  public:
   Signals() {
-    interrupted = 0;
+    figures_interrupted = 0;
     for (std::size_t i = 0; i < kEnding.size(); ++i) {
-      former_[i] = std::signal(kEnding[i], [](int) { interrupted = 1; });
+      former_[i] = std::signal(kEnding[i], [](int) { figures_interrupted = 1; });
       if (former_[i] == SIG_IGN) std::signal(kEnding[i], SIG_IGN);  // nohup, a job in the background
     }
   }
@@ -164,10 +164,10 @@ std::string run_browser(const std::string& browser, const Scratch& scratch, std:
   ::posix_spawn_file_actions_destroy(&files);
   if (error != 0) throw std::runtime_error(browser + " cannot be started: " + std::strerror(error));
   Group group(pid);
-  const auto until = std::chrono::steady_clock::now() + kPatience;
+  const auto until = std::chrono::steady_clock::now() + kBrowserPatience;
   std::optional<int> status;
   while (!(status = group.ended())) {
-    if (interrupted != 0) throw std::runtime_error("ended by a signal while the browser drew");
+    if (figures_interrupted != 0) throw std::runtime_error("ended by a signal while the browser drew");
     if (std::chrono::steady_clock::now() > until) {
       throw std::runtime_error(browser + " did not draw the page within 90 s");
     }
@@ -214,7 +214,7 @@ nlohmann::json figures_of(const fs::path& page, int width, const std::string& br
   return nlohmann::json::parse(unescaped(dom.substr(begin + kBegin.size(), end - begin - kBegin.size())));
 }
 
-int figures(const Options& options) {
+int figures(const FiguresOptions& options) {
   if (!fs::is_regular_file(options.page)) {
     throw base::ConfigError({{options.page, 0, 0, "no such file; a page is a report.html, or another report's"}});
   }
@@ -250,7 +250,7 @@ int figures(const Options& options) {
 }
 
 Command add_figures(CLI::App& app) {
-  auto o = std::make_shared<Options>();
+  auto o = std::make_shared<FiguresOptions>();
   auto* sub = app.add_subcommand("figures", "The figures of a report's page as files, SVG or PNG; needs Chromium");
   sub->add_option("PAGE", o->page, "report.html, fv-report.html, diagnosis-report.html, ...")->required();
   sub->add_option("--out", o->out, "Folder for them; made if needed")->required();

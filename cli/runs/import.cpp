@@ -24,7 +24,7 @@ namespace {
 using foreign::Field;
 using foreign::Mapping;
 
-struct Options {
+struct ImportCommandOptions {
   std::vector<std::string> files, column, unit, positive;
   std::string out, mapping, delimiter, decimal, specimen;
   std::string rest_length_mm, zero_mm;
@@ -99,7 +99,7 @@ struct Told {
 };
 
 /// A mapping file, and over it what the command line says.
-Told told_by(const Options& o) {
+Told told_by(const ImportCommandOptions& o) {
   Told told;
   auto& [mapping, named, where] = told;
   if (!o.mapping.empty()) mapping = foreign::read_mapping(o.mapping);
@@ -169,7 +169,7 @@ Told told_by(const Options& o) {
   return told;
 }
 
-volatile std::sig_atomic_t interrupted = 0;
+volatile std::sig_atomic_t import_interrupted = 0;
 
 /// While one of these lives, Ctrl-C ends the reading of an answer and not the program, so that the answers before it
 /// can be kept. Without SA_RESTART, which std::signal() sets: the read has to return.
@@ -177,7 +177,7 @@ class AnswersUntilCtrlC {
  public:
   AnswersUntilCtrlC() {
     struct sigaction action {};
-    action.sa_handler = [](int) { interrupted = 1; };
+    action.sa_handler = [](int) { import_interrupted = 1; };
     ::sigaction(SIGINT, &action, &former_);
   }
   ~AnswersUntilCtrlC() { ::sigaction(SIGINT, &former_, nullptr); }
@@ -194,7 +194,7 @@ bool asked(const ImportQuestion& question, Mapping& mapping) {
   for (int attempt = 0; attempt < 3; ++attempt) {
     std::cout << "> " << std::flush;
     std::string answer;
-    if (interrupted != 0 || !std::getline(std::cin, answer)) return false;
+    if (import_interrupted != 0 || !std::getline(std::cin, answer)) return false;
     if (question.question.take(answer, mapping)) return true;
     std::cout << "that is none of them\n";
   }
@@ -218,7 +218,7 @@ std::optional<ImportPlan> settled(const std::vector<std::string>& files, Told& t
   const AnswersUntilCtrlC until;
   while (true) {
     ImportPlan plan = understand_files(read, told.mapping);
-    if (interrupted == 0 && plan.questions.empty()) return plan;
+    if (import_interrupted == 0 && plan.questions.empty()) return plan;
     if (!someone) {
       for (const auto& q : plan.questions)
         std::cerr << base::printable_lines(q.file + ": " + q.question.text)
@@ -226,8 +226,8 @@ std::optional<ImportPlan> settled(const std::vector<std::string>& files, Told& t
       return std::nullopt;
     }
     if (!asked(plan.questions.front(), told.mapping)) {
-      std::cerr << (interrupted != 0 ? "\nisorig import: interrupted; no recording was made\n"
-                                     : "isorig import: not answered; no recording was made\n");
+      std::cerr << (import_interrupted != 0 ? "\nisorig import: interrupted; no recording was made\n"
+                                            : "isorig import: not answered; no recording was made\n");
       return std::nullopt;
     }
     ++answers;
@@ -243,7 +243,7 @@ std::string one_word(std::string_view text) {
 }
 
 /// Of an import that was not made: nobody has to give the answers again.
-void keep_answers(const Options& o, const Mapping& mapping) {
+void keep_answers(const ImportCommandOptions& o, const Mapping& mapping) {
   const std::filesystem::path folder = o.out;
   std::error_code error;
   // A mapping that is there is of recordings that were made with it.
@@ -265,7 +265,7 @@ void keep_answers(const Options& o, const Mapping& mapping) {
 }
 
 /// Throws what read_import_file(), understand_files() and make_recordings() throw.
-bool import_files(const Options& o, Told& told, std::size_t& answers) {
+bool import_files(const ImportCommandOptions& o, Told& told, std::size_t& answers) {
   const auto plan = settled(o.files, told, answers);
   if (!plan) return false;
   if ((o.load_N || o.load_kg) && !plan->loaded)
@@ -293,7 +293,7 @@ bool import_files(const Options& o, Told& told, std::size_t& answers) {
   return true;
 }
 
-int import_or_refuse(const Options& o) {
+int import_or_refuse(const ImportCommandOptions& o) {
   Told told = told_by(o);
   std::size_t answers = 0;
   try {
@@ -307,7 +307,7 @@ int import_or_refuse(const Options& o) {
     throw;
   }
   if (answers > 0) keep_answers(o, told.mapping);
-  if (interrupted != 0) {
+  if (import_interrupted != 0) {
     std::fflush(stdout);
     std::raise(SIGINT);  // a shell's loop over files ends with it
   }
@@ -315,7 +315,7 @@ int import_or_refuse(const Options& o) {
 }
 
 Command add_import(CLI::App& app) {
-  auto o = std::make_shared<Options>();
+  auto o = std::make_shared<ImportCommandOptions>();
   auto* sub = app.add_subcommand(
       "import", "Make recordings of other programs' files: Bluehill CSV, a microcontroller's log, any table");
   sub->add_option("FILE", o->files,

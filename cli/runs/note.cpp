@@ -14,14 +14,14 @@
 namespace isorig::cli {
 namespace {
 
-struct Options {
+struct NoteOptions {
   daemon::Correction correction;
   std::string specimen_file;
   std::string runs;
   std::string socket = daemon::default_socket().string();
 };
 
-int note(Options o) {
+int note(NoteOptions o) {
   auto& c = o.correction;
   if (!o.specimen_file.empty()) {
     c.specimen_text = base::read_config_file(o.specimen_file);
@@ -50,7 +50,7 @@ int note(Options o) {
 }
 
 Command add_note(CLI::App& app) {
-  auto o = std::make_shared<Options>();
+  auto o = std::make_shared<NoteOptions>();
   auto* sub = app.add_subcommand("note", "Put right what is known of a run: its specimen, its operator, a remark");
   sub->add_option("RUN", o->correction.run, "Name of a run, the beginning of it, or \"latest\"")->required();
   sub->add_option("--specimen", o->specimen_file, "File of the specimen that it was");

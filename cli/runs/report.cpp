@@ -21,7 +21,7 @@
 namespace isorig::cli {
 namespace {
 
-struct Options {
+struct ReportOptions {
   RunArgument run;
   std::string out;
   bool background = false;
@@ -37,7 +37,7 @@ void step_back() {
   ::prctl(PR_SET_PDEATHSIG, SIGTERM);
 }
 
-int report(const Options& options) {
+int report(const ReportOptions& options) {
   if (options.background) step_back();
   const auto found = find_run(options.run);
   const auto directory =
@@ -56,7 +56,7 @@ int report(const Options& options) {
 }
 
 Command add_report(CLI::App& app) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<ReportOptions>();
   auto* sub = app.add_subcommand("report", "Write a run's page: who, what, how well, what happened, its curves");
   options->run.add_to(*sub);
   sub->add_option("--out", options->out, "The page's file; without it, report.html in the run's folder");

@@ -48,7 +48,7 @@ FoundRun find_run(const RunArgument& argument) {
 
 namespace {
 
-struct Options {
+struct RunsOptions {
   std::string runs = daemon::default_catalogue().string();
   bool json = false;
 };
@@ -83,7 +83,7 @@ void print_table(const std::vector<daemon::RunRow>& rows) {
   }
 }
 
-int list(const Options& options) {
+int list(const RunsOptions& options) {
   const daemon::Catalogue catalogue(options.runs, daemon::Catalogue::Access::kReadOnly);
   const auto rows = catalogue.runs();
   if (options.json) {
@@ -101,7 +101,7 @@ int list(const Options& options) {
 }
 
 Command add_runs(CLI::App& app) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<RunsOptions>();
   auto* sub = app.add_subcommand("runs", "List the runs of the catalogue, newest first");
   sub->add_option("--runs", options->runs, "Where runs and their catalogue are kept")->capture_default_str();
   sub->add_flag("--json", options->json, "For scripts: everything, as JSON");

@@ -1,11 +1,11 @@
 #include <cstdio>
-#include <ctime>
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 
 #include "base/printable.hpp"
+#include "base/utc_text.hpp"
 #include "cli/command.hpp"
 #include "cli/protocols/protocol_input.hpp"
 #include "cli/runs/run_argument.hpp"
@@ -20,7 +20,7 @@
 namespace isorig::cli {
 namespace {
 
-struct Options {
+struct ShowOptions {
   RunArgument run;
   bool events = false;
   bool json = false;
@@ -40,12 +40,7 @@ bool worth_reading(const isorig_msgs::event_t& e) {
 }
 
 std::string utc_of(const daemon::RunTally& s) {
-  const auto seconds = static_cast<std::time_t>((s.last_header.epoch_unix_us + s.first_sample_ns / 1000) / 1'000'000);
-  std::tm tm{};
-  gmtime_r(&seconds, &tm);
-  char text[32];
-  std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &tm);
-  return text;
+  return base::utc_text((s.last_header.epoch_unix_us + s.first_sample_ns / 1000) / 1'000'000);
 }
 
 std::string started_of(const FoundRun& found, const daemon::RunTally& s) {
@@ -239,7 +234,7 @@ void print_amendments(const FoundRun& found) {
   }
 }
 
-int show(const Options& options) {
+int show(const ShowOptions& options) {
   const auto found = find_run(options.run);
   daemon::RunTally summary;
   std::optional<Progress> progress(std::in_place, "show");
@@ -266,7 +261,7 @@ int show(const Options& options) {
 }
 
 Command add_show(CLI::App& app) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<ShowOptions>();
   auto* sub = app.add_subcommand("show", "What a run's recording holds: sessions, samples, events, losses");
   options->run.add_to(*sub);
   sub->add_flag("--events", options->events, "All events, also those without consequence");
