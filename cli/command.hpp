@@ -14,7 +14,7 @@
 ///     sub->add_option(...);
 ///     return {sub, [options] { return run(*options); }};
 ///   }
-///   const Registration kCheck(10, add_check);
+///   const Registration kCheck(1, add_check);
 namespace isorig::cli {
 
 struct Command {
@@ -24,8 +24,8 @@ struct Command {
 
 using AddCommand = Command (*)(CLI::App&);
 
-/// Adds a subcommand to the list at start-up; `order` sorts the help: 10 protocol, 20 runs on the rig, 30
-/// recordings and diagnosis.
+/// Adds a subcommand to the list at start-up; `order` sorts the help: from 1 protocols, from 10 runs on the rig, from
+/// 30 recordings and diagnosis. Each has a number of its own: which file registers first differs from build to build.
 struct Registration {
   Registration(int order, AddCommand add);
 };

@@ -107,7 +107,7 @@ Command add_campaign(CLI::App& app) {
           }};
 }
 
-const Registration kCampaign(31, add_campaign);
+const Registration kCampaign(40, add_campaign);
 
 }  // namespace
 }  // namespace isorig::cli

@@ -80,7 +80,7 @@ Command add_task(CLI::App& app) {
   return {sub, [options] { return task(*options); }};
 }
 
-const Registration kTask(32, add_task);
+const Registration kTask(46, add_task);
 
 }  // namespace
 

@@ -83,7 +83,7 @@ Command add_effects(CLI::App& app) {
   return {sub, [options] { return effects(*options); }};
 }
 
-const Registration kEffects(30, add_effects);
+const Registration kEffects(31, add_effects);
 
 }  // namespace
 }  // namespace isorig::cli

@@ -107,7 +107,7 @@ Command add_fv(CLI::App& app) {
   return {sub, [options] { return fv(*options); }};
 }
 
-const Registration kFv(30, add_fv);
+const Registration kFv(32, add_fv);
 
 }  // namespace
 }  // namespace isorig::cli

@@ -317,7 +317,7 @@ Command add_investigate(CLI::App& app) {
   return {sub, [o] { return Loop(*o).run(); }};
 }
 
-const Registration kInvestigate(31, add_investigate);
+const Registration kInvestigate(41, add_investigate);
 
 }  // namespace
 }  // namespace isorig::cli

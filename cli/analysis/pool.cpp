@@ -50,7 +50,7 @@ Command add_pool(CLI::App& app) {
   return {sub, [options] { return pool(*options); }};
 }
 
-const Registration kPool(31, add_pool);
+const Registration kPool(42, add_pool);
 
 }  // namespace
 }  // namespace isorig::cli

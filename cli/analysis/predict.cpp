@@ -133,7 +133,7 @@ Command add_predict(CLI::App& app) {
   return {sub, [options] { return predict(*options); }};
 }
 
-const Registration kPredict(30, add_predict);
+const Registration kPredict(33, add_predict);
 
 }  // namespace
 }  // namespace isorig::cli

@@ -88,7 +88,7 @@ Command add_check(CLI::App& app) {
   return {sub, [options] { return check(*options); }};
 }
 
-const Registration kCheck(10, add_check);
+const Registration kCheck(1, add_check);
 
 }  // namespace
 }  // namespace isorig::cli

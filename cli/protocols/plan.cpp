@@ -145,7 +145,7 @@ Command add_plan(CLI::App& app) {
   return {sub, [options] { return show_plan(*options); }};
 }
 
-const Registration kPlan(10, add_plan);
+const Registration kPlan(2, add_plan);
 
 }  // namespace
 }  // namespace isorig::cli

@@ -156,7 +156,7 @@ Command add_run(CLI::App& app) {
           }};
 }
 
-const Registration kRun(19, add_run);
+const Registration kRun(4, add_run);
 
 }  // namespace
 }  // namespace isorig::cli

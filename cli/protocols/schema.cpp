@@ -82,7 +82,7 @@ Command add_schema(CLI::App& app) {
   return {sub, [kind] { return print(*kind); }};
 }
 
-const Registration kSchema(12, add_schema);
+const Registration kSchema(3, add_schema);
 
 }  // namespace
 }  // namespace isorig::cli

@@ -97,10 +97,10 @@ Command add_accept_rig(CLI::App& app) {
           }};
 }
 
-const Registration kGo(21, add_go);
-const Registration kSetup(27, add_setup);
-const Registration kJog(27, add_jog);
-const Registration kAcceptRig(29, add_accept_rig);
+const Registration kGo(12, add_go);
+const Registration kSetup(19, add_setup);
+const Registration kJog(20, add_jog);
+const Registration kAcceptRig(26, add_accept_rig);
 
 }  // namespace
 }  // namespace isorig::cli

@@ -68,7 +68,7 @@ Command add_audit(CLI::App& app) {
   return {sub, [o] { return audit(*o); }};
 }
 
-const Registration kAudit(31, add_audit);
+const Registration kAudit(43, add_audit);
 
 }  // namespace
 }  // namespace isorig::cli

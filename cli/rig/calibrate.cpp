@@ -221,7 +221,7 @@ Command add_calibrate(CLI::App& app) {
           }};
 }
 
-const Registration kCalibrate(27, add_calibrate);
+const Registration kCalibrate(21, add_calibrate);
 
 }  // namespace
 }  // namespace isorig::cli

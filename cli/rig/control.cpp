@@ -44,7 +44,7 @@ Command add_control(CLI::App& app) {
       }};
 }
 
-const Registration kControl(28, add_control);
+const Registration kControl(23, add_control);
 
 }  // namespace
 }  // namespace isorig::cli

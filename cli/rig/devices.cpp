@@ -34,7 +34,7 @@ Command add_devices(CLI::App& app) {
   return {sub, [] { return devices(); }};
 }
 
-const Registration kDevices(20, add_devices);
+const Registration kDevices(10, add_devices);
 
 }  // namespace
 }  // namespace isorig::cli

@@ -200,14 +200,14 @@ Command add_watch(CLI::App& app) {
       }};
 }
 
-const Registration kStart(20, add_start);
-const Registration kWatch(21, add_watch);
-const Registration kStatus(22, add_status);
-const Registration kPause(23, add_pause);
-const Registration kResume(24, add_resume);
-const Registration kAbort(25, add_abort);
-const Registration kReset(26, add_reset);
-const Registration kConfirmZero(27, add_confirm_zero);
+const Registration kStart(11, add_start);
+const Registration kWatch(13, add_watch);
+const Registration kStatus(14, add_status);
+const Registration kPause(15, add_pause);
+const Registration kResume(16, add_resume);
+const Registration kAbort(17, add_abort);
+const Registration kReset(18, add_reset);
+const Registration kConfirmZero(22, add_confirm_zero);
 
 }  // namespace
 }  // namespace isorig::cli

@@ -186,7 +186,7 @@ Command add_selftest(CLI::App& app) {
           }};
 }
 
-const Registration kSelftest(28, add_selftest);
+const Registration kSelftest(24, add_selftest);
 
 }  // namespace
 }  // namespace isorig::cli

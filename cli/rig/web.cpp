@@ -43,7 +43,7 @@ Command add_web(CLI::App& app) {
           }};
 }
 
-const Registration kWeb(28, add_web);
+const Registration kWeb(25, add_web);
 
 }  // namespace
 }  // namespace isorig::cli

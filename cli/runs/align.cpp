@@ -127,7 +127,7 @@ Command add_align(CLI::App& app) {
   return {sub, [options] { return align(*options); }};
 }
 
-const Registration kAlign(30, add_align);
+const Registration kAlign(34, add_align);
 
 }  // namespace
 }  // namespace isorig::cli

@@ -147,7 +147,7 @@ Command add_export(CLI::App& app) {
   return {sub, [options] { return run_export(*options); }};
 }
 
-const Registration kExport(30, add_export);
+const Registration kExport(35, add_export);
 
 }  // namespace
 }  // namespace isorig::cli

@@ -262,7 +262,7 @@ Command add_figures(CLI::App& app) {
   return {sub, [o] { return figures(*o); }};
 }
 
-const Registration kFigures(31, add_figures);
+const Registration kFigures(44, add_figures);
 
 }  // namespace
 }  // namespace isorig::cli

@@ -361,7 +361,7 @@ Command add_import(CLI::App& app) {
   return {sub, [o] { return import_or_refuse(*o); }};
 }
 
-const Registration kImport(30, add_import);
+const Registration kImport(36, add_import);
 
 }  // namespace
 }  // namespace isorig::cli

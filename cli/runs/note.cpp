@@ -62,7 +62,7 @@ Command add_note(CLI::App& app) {
   return {sub, [o] { return note(*o); }};
 }
 
-const Registration kNote(31, add_note);
+const Registration kNote(45, add_note);
 
 }  // namespace
 }  // namespace isorig::cli

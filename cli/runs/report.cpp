@@ -65,7 +65,7 @@ Command add_report(CLI::App& app) {
   return {sub, [options] { return report(*options); }};
 }
 
-const Registration kReport(30, add_report);
+const Registration kReport(37, add_report);
 
 }  // namespace
 }  // namespace isorig::cli

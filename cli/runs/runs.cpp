@@ -108,7 +108,7 @@ Command add_runs(CLI::App& app) {
   return {sub, [options] { return list(*options); }};
 }
 
-const Registration kRuns(30, add_runs);
+const Registration kRuns(38, add_runs);
 
 }  // namespace
 }  // namespace isorig::cli

@@ -269,7 +269,7 @@ Command add_show(CLI::App& app) {
   return {sub, [options] { return show(*options); }};
 }
 
-const Registration kShow(30, add_show);
+const Registration kShow(39, add_show);
 
 }  // namespace
 }  // namespace isorig::cli
