@@ -80,6 +80,25 @@ function(isorig_precompiled target)
   target_precompile_headers(${target} REUSE_FROM ${owner})
 endfunction()
 
+# Several files of a target as one: what they all include is parsed once. isorig_recording, 18 files, needs 35 s of
+# processor time one by one, 17 s by eights, 16 s by sixteens, 14 s as one; 20 s by eights without the precompiled headers.
+# Eight: beyond, little is gained, and the second processor waits for the last file. For whoever compiles everything once
+# (the preset `run`): after a change of one file the other seven are compiled too.
+option(ISORIG_UNITY "Compile several files of a target at once" OFF)
+
+# isorig_unity(<target>)
+function(isorig_unity target)
+  if(NOT ISORIG_UNITY)
+    return()
+  endif()
+  set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 8)
+  if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+    # GCC takes a .cpp that is included for a header, where a class with a member of an anonymous namespace's type is a
+    # fault.
+    target_compile_options(${target} PRIVATE -Wno-subobject-linkage)
+  endif()
+endfunction()
+
 # Every symbol is bound at start: in the loop the first call of a function must cost what every other costs.
 add_link_options(-Wl,-z,relro -Wl,-z,now)
 
@@ -142,6 +161,7 @@ function(isorig_room room)
     target_include_directories(${arg_TARGET} PUBLIC ${root})
     target_link_libraries(${arg_TARGET} PUBLIC ${arg_LINKS} PRIVATE ${arg_PRIVATE} isorig_options)
     isorig_precompiled(${arg_TARGET})
+    isorig_unity(${arg_TARGET})
   else()
     add_library(${arg_TARGET} INTERFACE)
     target_include_directories(${arg_TARGET} INTERFACE ${root})
@@ -161,6 +181,7 @@ function(isorig_program name)
   add_executable(${name} ${arg_SOURCES})
   target_link_libraries(${name} PRIVATE ${arg_LINKS} isorig_options)
   isorig_precompiled(${name})
+  isorig_unity(${name})
 endfunction()
 
 # isorig_test(<name> SOURCES ... LINKS ... [REAL_TIME] [LABELS ...] [TIMEOUT s])
