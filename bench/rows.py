@@ -247,8 +247,8 @@ ROWS = [
     Row("recorder", "the recorder", "lcm-logger", recorder,
         limit="The limit: raw values beside calibrated ones, both clocks and the bound of each stamp (docs/data.md), 42 bytes of a frame sample."),
     Row("rest", "the daemon at rest, 1 kHz, simulated rig", "", live.rest,
-        limit="The limit: 1 kHz in four threads at 15 µs a wake-up; of the memory 22 MB are queues for a disk that stands still for a minute, 14 MB the"
-              " program, 13 MB the locked stacks of its threads."),
+        limit="Of the memory 20 MB are queues for a disk that stands still for a minute, 17 MB programs and libraries, which are"
+              " made resident for the loop, 4 MB the recorder's buffer."),
     Row("bare", "./run on a bare machine", "", bare, slow=True),
     Row("suite", "the whole test suite", "", suite, slow=True),
 ]
