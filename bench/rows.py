@@ -247,7 +247,7 @@ ROWS = [
     Row("recorder", "the recorder", "lcm-logger", recorder,
         limit="The limit: raw values beside calibrated ones, both clocks and the bound of each stamp (docs/data.md), 42 bytes of a frame sample."),
     Row("rest", "the daemon at rest, 1 kHz, simulated rig", "", live.rest,
-        limit="Of the memory 20 MB are queues for a disk that stands still for a minute, 17 MB programs and libraries, which are"
+        limit="Of the memory 20 MB are queues for a disk that stands still for a minute, 14 MB program and libraries, which are"
               " made resident for the loop, 4 MB the recorder's buffer."),
     Row("bare", "./run on a bare machine", "", bare, slow=True,
         limit="The limit: the last 1.5 min are the paper's protocol, whole (the first row of this page); before, packages are installed and"
