@@ -47,6 +47,7 @@ void add_reliability(report::Page& page, const Argument& a) {
     for (const Claim& claim : one.claims) ++(claim.right ? row.right : row.wrong)[claim.effect];
   }
   std::vector<std::vector<std::string>> table;
+  table.reserve(rows.size());
   for (const auto& [of, row] : rows)
     table.push_back({explanation_words(of.first), of.second.empty() ? "-" : effect_words(of.second),
                      std::to_string(row.simulated), counted(row.right), counted(row.wrong),

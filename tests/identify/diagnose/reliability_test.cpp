@@ -69,7 +69,7 @@ TEST(Sureness, ItsIntervalsHoldTheTruth) {
 
 /// A study as far as replicates need it: prepared, and the pool that `with` names, all as probable.
 struct Studied {
-  explicit Studied(const test::ConcealedSpecimen& bench, std::vector<const char*> with = {})
+  explicit Studied(const test::ConcealedSpecimen& bench, const std::vector<const char*>& with = {})
       : originals{test::record(bench)}, given(model::nominal_model("slse1")) {
     model::ModelSpec nominal = given;
     prepare(study, originals, names, nominal);
