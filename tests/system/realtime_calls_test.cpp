@@ -184,7 +184,11 @@ steps = [
     const auto watched = daemon_->call({"watch", "--until-done", "--interval-s", "1"}, 150.0);
     watch_->is_on = 0;
     const auto faults = page_faults();
+    const std::string status = slurp("/proc/" + std::to_string(daemon_->process().pid()) + "/status");
+    const bool locked = status.find("VmLck:\t       0 kB") == std::string::npos;
+    if (!locked) std::printf("  this machine locks no memory for us: page faults are not judged\n");
     for (const auto& thread : threads_) {
+      if (!locked) break;
       EXPECT_TRUE(faults_before.contains(thread)) << thread;
       EXPECT_EQ(faults.at(thread), faults_before.at(thread)) << thread << " waited for pages of memory";
     }
