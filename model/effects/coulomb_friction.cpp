@@ -110,14 +110,7 @@ class Regularised : public Process {
   double velocity_mm_s_;
 };
 
-const Parameter kPresliding{.name = "presliding_mm",
-                            .symbol = "delta",
-                            .lower = 2e-4,
-                            .upper = 1.0,
-                            .starts = {0.02, 0.2},
-                            .logarithmic = true,
-                            .traits = {.lower_limit_law = "ideal dry friction"},
-                            .sheet = kPreslidingSheet};
+const Parameter kPresliding = presliding({0.02, 0.2});
 const Parameter kStribeckVelocity{.name = "stribeck_velocity_mm_s",
                                   .symbol = "vs",
                                   .lower = 0.02,

@@ -25,14 +25,7 @@ class Asymmetric : public Process {
   DahlBristle bristle_;
 };
 
-const Parameter kAsymmetryPresliding{.name = "presliding_mm",
-                                     .symbol = "delta",
-                                     .lower = 2e-4,
-                                     .upper = 1.0,
-                                     .starts = {0.02},
-                                     .logarithmic = true,
-                                     .traits = {.lower_limit_law = "ideal dry friction"},
-                                     .sheet = kPreslidingSheet};
+const Parameter kAsymmetryPresliding = presliding({0.02});
 const Coefficient kSlidingHalf{
     .name = "force_half_difference_N",
     .symbol = "d",

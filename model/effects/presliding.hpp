@@ -1,5 +1,7 @@
 #pragma once
 #include <cmath>
+#include <utility>
+#include <vector>
 
 #include "model/process.hpp"
 #include "model/stepping.hpp"
@@ -17,6 +19,18 @@ inline constexpr NumberSheet kPreslidingSheet{
         "Noise of the position makes reversals that were not there and shortens it; if all reversals are larger than "
         "it, it "
         "is undetermined. Mistaken for play."};
+
+/// As a number of an effect, searched from `starts`.
+[[nodiscard]] inline Parameter presliding(std::vector<double> starts) {
+  return {.name = "presliding_mm",
+          .symbol = "delta",
+          .lower = 2e-4,
+          .upper = 1.0,
+          .starts = std::move(starts),
+          .logarithmic = true,
+          .traits = {.lower_limit_law = "ideal dry friction"},
+          .sheet = kPreslidingSheet};
+}
 
 /// Dahl's bristle z in [-1, 1], dz/dx = (1 - z sign(dx)) / delta: rate-independent, with presliding. Exact on
 /// any monotone step, so the size of the step does not matter (Dahl 1968).
