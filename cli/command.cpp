@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <map>
+#include <stdexcept>
 
 #include "base/nearest.hpp"
 #include "base/printable.hpp"
@@ -28,7 +29,11 @@ std::vector<Command> build(CLI::App& app) {
   app.set_version_flag("--version", std::string("isorig ") + daemon::kVersion);
   app.footer("Exit codes: 0 ok, 1 failure, 2 usage, 3 bad input, 4 no daemon, 5 refused, 6 tripped, 7 data lost.");
   std::vector<Command> all;
-  for (const auto& [order, add] : registry()) all.push_back(add(app));
+  const auto& commands = registry();
+  if (std::adjacent_find(commands.begin(), commands.end(),
+                         [](const auto& a, const auto& b) { return a.first == b.first; }) != commands.end())
+    throw std::logic_error("two commands have the same number; give the new one another (cli/command.hpp)");
+  for (const auto& [order, add] : commands) all.push_back(add(app));
   return all;
 }
 
