@@ -28,7 +28,7 @@
 namespace isorig::cli {
 namespace {
 
-struct Options {
+struct DiagnoseOptions {
   std::vector<std::string> recordings;
   std::string model;
   std::string out, rig;
@@ -84,27 +84,35 @@ std::string what_is_checked(const std::vector<messages::Recording>& recordings, 
   return of;
 }
 
-/// States the probabilities by simulations of these recordings. Those that `file` holds of them are not made again.
+/// States the probabilities by simulations of these recordings. `file` keeps them as they come: those that it holds of
+/// these recordings are not made again, and a call that is ended loses the last few.
 void check_names(identify::Study& study, const std::vector<messages::Recording>& recordings,
-                 const model::ModelSpec& nominal, const Options& options, const std::filesystem::path& file) {
+                 const model::ModelSpec& nominal, const DiagnoseOptions& options, const std::filesystem::path& file) {
   const std::string of = what_is_checked(recordings, nominal);
   identify::ReliabilityOptions settings;
-  settings.rehearsals = options.check_names;
   settings.threads = options.threads;
   if (std::filesystem::exists(file))
     settings.known =
         identify::rehearsals_of(base::read_text_file(file), of).value_or(std::vector<identify::Rehearsal>());
+  const std::size_t wanted = options.check_names, between_writes = std::size_t{4} * options.threads;
   Progress progress("check names");
-  settings.on_progress = [&](double fraction) { progress.at(fraction, "diagnosing simulated recordings"); };
-  identify::Reliability reliability =
-      identify::measure_reliability(study, recordings, options.recordings, nominal, settings);
-  // More of them from an earlier call stay in the file.
-  if (settings.known.size() < reliability.rehearsals.size())
-    identify::report::write_text_file(file, identify::name_check_json(reliability.rehearsals, of).dump(1) + "\n");
+  identify::Reliability reliability;
+  do {
+    settings.rehearsals = std::min(wanted, settings.known.size() + between_writes);
+    settings.on_progress = [&](double fraction) {
+      progress.at(fraction * static_cast<double>(settings.rehearsals) / static_cast<double>(wanted),
+                  "diagnosing simulated recordings");
+    };
+    reliability = identify::measure_reliability(study, recordings, options.recordings, nominal, settings);
+    // More of them from an earlier call stay in the file.
+    if (settings.known.size() >= settings.rehearsals) break;
+    settings.known = reliability.rehearsals;
+    identify::report::write_text_file(file, identify::name_check_json(settings.known, of).dump(1) + "\n");
+  } while (settings.known.size() < wanted);
   identify::restate(study.diagnosis, std::move(reliability));
 }
 
-int diagnose(const Options& options) {
+int diagnose(const DiagnoseOptions& options) {
   if (!decide_otherwise(options.decide)) return kUsage;
   if (const std::string why = unwritable(options.out); !why.empty()) {
     std::cerr << options.out << ": " << why << '\n';
@@ -119,8 +127,13 @@ int diagnose(const Options& options) {
       return kBadInput;
     }
   }
-  if (std::ranges::any_of(recordings, [](const auto& r) { return r.metadata.output != messages::Output::kForce; }))
+  if (std::ranges::any_of(recordings, [](const auto& r) { return r.metadata.output != messages::Output::kForce; })) {
+    if (options.check_names > 0) {
+      std::cerr << "isorig diagnose --check-names: only of recordings that ask for the force; leave it out\n";
+      return kUsage;
+    }
     return diagnose_answer(recordings, options.recordings, options.model, options.out, options.report);
+  }
   const model::ModelSpec nominal = read_nominal(options.model);
   identify::DiagnosisOptions settings;
   if (!options.rig.empty()) settings.design.rig = read_rig_limits(options.rig);
@@ -143,21 +156,25 @@ int diagnose(const Options& options) {
     std::cerr << options.out << ": " << error.message() << '\n';
     return kFailure;
   }
-  const std::filesystem::path checked = std::filesystem::path(options.out) / "name-check.json";
-  if (options.check_names > 0)
-    check_names(*made, as_read, nominal, options, checked);
-  else
-    std::filesystem::remove(checked);  // of an earlier diagnosis
   std::vector<std::pair<std::string, std::string>> inputs{{"Nominal model", options.model}};
   for (const std::string& folder : options.recordings) inputs.emplace_back("Recording", folder);
   const auto provenance = made_by_this_call(std::move(inputs));
-  write_diagnosis(*made, options.out, options.report ? &provenance : nullptr);
+  const auto write = [&] { write_diagnosis(*made, options.out, options.report ? &provenance : nullptr); };
+  write();
+  // The diagnosis stands before minutes of simulations, and whatever becomes of them.
+  const std::filesystem::path checked = std::filesystem::path(options.out) / "name-check.json";
+  if (options.check_names > 0) {
+    check_names(*made, as_read, nominal, options, checked);
+    write();
+  } else {
+    std::filesystem::remove(checked);  // of an earlier diagnosis
+  }
   print_diagnosis(made->diagnosis, options.out);
   return kOk;
 }
 
 Command add_diagnose(CLI::App& app) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<DiagnoseOptions>();
   auto* sub = app.add_subcommand(
       "diagnose", "Where a model and recordings differ, what physics is missing, and a model that has it");
   sub->add_option("RECORDING", options->recordings, "Folders of recordings, fitted jointly")->required();
@@ -172,7 +189,7 @@ Command add_diagnose(CLI::App& app) {
       ->allow_extra_args(false);
   sub->add_option("--check-names", options->check_names,
                   "Simulate so many recordings from the explanations that were weighed, diagnose them, and state "
-                  "probabilities by how many of their names are right; each takes as long as the diagnosis")
+                  "probabilities by how many of their names are right; each takes some seconds, like the diagnosis")
       ->check(CLI::Range(0, 100'000));
   auto* json = sub->add_flag("--json", options->json, "With --deciding: as JSON");
   json->needs(sub->add_flag_callback(

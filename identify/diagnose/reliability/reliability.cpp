@@ -5,6 +5,7 @@
 #include <mutex>
 #include <numeric>
 #include <random>
+#include <stdexcept>
 
 #include "base/formatted.hpp"
 #include "base/parallel.hpp"
@@ -103,7 +104,9 @@ Reliability measure_reliability(const Study& study, std::span<const messages::Re
           diagnose(replicator.draw(at, random), std::vector<std::string>(names.begin(), names.end()), given, again);
       one.verdict = result.diagnosis.verdict;
       one.claims = claims_of(result.diagnosis, truth);
-    } catch (const std::logic_error& e) {  // as diagnose() refuses a recording
+    } catch (const std::invalid_argument& e) {  // what diagnose() refuses a recording by
+      one.failed = e.what();
+    } catch (const std::domain_error& e) {
       one.failed = e.what();
     }
     const std::lock_guard lock(mutex);

@@ -25,8 +25,8 @@ struct ReliabilityOptions {
 ///     as the explanation that won.
 ///   - Of withheld_share of the recordings, the search is not given one of the effects: it meets physics outside of
 ///     its catalogue, and what it then names for that effect is wrong.
-///   - Every name that comes out is a claim; Sureness says by how much weights overstate. Claims with an effect
-///     withheld count so much that they make up outside_catalogue_share.
+///   - Every name that comes out is a claim; Sureness says by how much weights overstate. Recordings
+///     with an effect withheld count so much that they are outside_catalogue_share of all.
 ///
 /// Physics whose law none of the explanations has is not simulated: the result holds for recordings that resemble one
 /// of them. A replicate that cannot be diagnosed says why and counts nothing. The same study gives the same result,

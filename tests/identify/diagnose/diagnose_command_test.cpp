@@ -3,9 +3,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/wait.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
+#include <csignal>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
@@ -418,6 +420,11 @@ TEST_F(DiagnoseCommand, AnswersForAPositionAsForAForce) {
   EXPECT_THAT(outcome.text, HasSubstr(" mm rms, model.toml by"));
   const auto json = nlohmann::json::parse(read(out_ / "diagnosis.json"));
   EXPECT_EQ(json["output"], "position");
+  const Outcome checked =
+      isorig("diagnose " + recording_.string() + " --model slse1 --check-names 2 --out " + (folder_ / "none").string());
+  EXPECT_EQ(checked.code, kUsage) << checked.text;
+  EXPECT_THAT(checked.text, HasSubstr("--check-names: only of recordings that ask for the force"));
+  EXPECT_FALSE(fs::exists(folder_ / "none"));
   ASSERT_EQ(diagnose().code, 0);
   EXPECT_FALSE(fs::exists(out_ / "diagnosis-report.html")) << "the page of an earlier diagnosis";
   EXPECT_LT(json["fit"]["model"]["train_rmse_mm"].get<double>(), 0.2);
@@ -471,6 +478,38 @@ TEST_F(DiagnoseCommand, ChecksItsNamesOnSimulatedRecordings) {
   ASSERT_EQ(diagnose().code, 0);
   EXPECT_FALSE(fs::exists(kept));
   EXPECT_THAT(read(out_ / "diagnosis.json"), Not(HasSubstr("name_check")));
+}
+
+// Ctrl-C among the simulations costs the last few of them: the diagnosis stands, and the next call goes on.
+TEST_F(DiagnoseCommand, AnInterruptedNameCheckKeepsTheDiagnosisAndWhatWasSimulated) {
+  const fs::path kept = out_ / "name-check.json";
+  const std::string command = std::string("exec " ISORIG_BIN_DIR "/isorig diagnose ") + recording_.string() +
+                              " --model slse1 --no-report --threads 1 --out " + out_.string() +
+                              " --check-names 100000 >" + (folder_ / "log").string() + " 2>&1";
+  const pid_t pid = ::fork();
+  if (pid == 0) {
+    ::execl("/bin/sh", "sh", "-c", command.c_str(), nullptr);
+    ::_exit(127);
+  }
+  for (int tries = 0; tries < 1200 && !fs::exists(kept); ++tries) ::usleep(100'000);
+  ::kill(pid, SIGINT);
+  int status = 0;
+  ASSERT_EQ(::waitpid(pid, &status, 0), pid);
+  ASSERT_TRUE(fs::exists(kept)) << read(folder_ / "log");
+  EXPECT_FALSE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << read(folder_ / "log");
+  EXPECT_EQ(nlohmann::json::parse(read(out_ / "diagnosis.json"))["format"], "isorig-diagnosis/1");
+  const auto before = nlohmann::json::parse(read(kept))["rehearsals"];
+  ASSERT_GE(before.size(), 4U);
+
+  const std::size_t more = before.size() + 1;
+  ASSERT_EQ(isorig("diagnose " + recording_.string() + " --model slse1 --no-report --threads 1 --out " + out_.string() +
+                   " --check-names " + std::to_string(more))
+                .code,
+            0);
+  auto after = nlohmann::json::parse(read(kept))["rehearsals"];
+  ASSERT_EQ(after.size(), more);
+  after.erase(more - 1);
+  EXPECT_EQ(after, before);
 }
 
 }  // namespace
