@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <optional>
 
 #include "identify/diagnose/deciding/deciding.hpp"
@@ -148,6 +149,26 @@ RowErrors row_errors(const ModelSpec& spec, const Series& series, const std::vec
   return out;
 }
 
+namespace {
+
+/// Least value of n, and where. A row on the wrong side of an event errs by the event's whole force, so the squares
+/// rise on both sides of it by the force squared for each row: a valley, whose floor is as rough as the noise of some
+/// rows. Every n^(2/3)-th place is looked at, then every n^(1/3)-th beside the least of them, then every one: 65 of
+/// 2,000.
+std::pair<double, std::size_t> least_of_valley(std::size_t n, const std::function<double(std::size_t)>& value) {
+  std::pair<double, std::size_t> best{std::numeric_limits<double>::infinity(), 0};
+  std::size_t from = 0, to = n;
+  for (const double power : {2.0 / 3.0, 1.0 / 3.0, 0.0}) {
+    const auto stride = static_cast<std::size_t>(std::max(std::pow(static_cast<double>(n), power), 1.0));
+    for (std::size_t k = from; k < to; k += stride) best = std::min(best, {value(k), k});
+    from = best.second - std::min(best.second, stride);
+    to = std::min(best.second + stride + 1, n);
+  }
+  return best;
+}
+
+}  // namespace
+
 void place_events(ModelSpec& spec, const Series& series, const std::vector<bool>& usable) {
   for (auto& part : spec.parts) {
     const std::size_t time = model::event_parameter(*part.law);
@@ -162,16 +183,16 @@ void place_events(ModelSpec& spec, const Series& series, const std::vector<bool>
         break;
       }
     }
-    double best_s = at_s, best = row_errors(spec, series, usable).squares_N2;
-    for (const auto& row : series.excitation.instants) {
-      if (row.t_s < before - 1.0 || row.t_s > after + 1.0) continue;
-      at_s = row.t_s - 0.5 * row.dt_s;
-      if (const double value = row_errors(spec, series, usable).squares_N2; value < best) {
-        best = value;
-        best_s = at_s;
-      }
-    }
-    at_s = best_s;
+    std::vector<double> times_s;
+    for (const auto& row : series.excitation.instants)
+      if (row.t_s >= before - 1.0 && row.t_s <= after + 1.0) times_s.push_back(row.t_s - 0.5 * row.dt_s);
+    const double given_s = at_s, given = row_errors(spec, series, usable).squares_N2;
+    const auto squares = [&](std::size_t k) {
+      at_s = times_s[k];
+      return row_errors(spec, series, usable).squares_N2;
+    };
+    const auto [best, k] = least_of_valley(times_s.size(), squares);
+    at_s = best < given ? times_s[k] : given_s;
   }
 }
 
