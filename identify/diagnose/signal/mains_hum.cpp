@@ -1,7 +1,7 @@
 #include "identify/diagnose/signal/mains_hum.hpp"
 
+#include <Eigen/Core>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <complex>
 #include <cstddef>
@@ -149,19 +149,16 @@ Peaks search(const Channel& channel, double mains_Hz) {
   const double step_Hz = 1.0 / (kSteps * std::clamp(duration_s, kWindow_s, kCoherent_s));
   const auto count = static_cast<std::size_t>(2.0 * beyond_Hz / step_Hz) + 1;
   const double first_Hz = mains_Hz - beyond_Hz;
-  // Each of the three phasors of a difference turns on by the same angle from one frequency to the next.
-  struct Turning {
-    std::array<Phasor, 3> now, step;
-  };
-  std::vector<Turning> turning;
-  for (const Difference& d : channel.differences) {
-    Turning& t = turning.emplace_back();
-    const std::array weight{-d.before * d.scale, d.scale, -d.after * d.scale};
-    for (std::size_t i = 0; i < 3; ++i) {
-      const double since_s = channel.t_s[d.row + i - 1] - channel.t_s[0];
-      t.now[i] = weight[i] * phasor(first_Hz * since_s);
-      t.step[i] = phasor(step_Hz * since_s);
-    }
+  // Every row's phasor turns on by the same angle from one frequency to the next.
+  const auto rows = static_cast<Eigen::Index>(channel.t_s.size());
+  Eigen::ArrayXd real(rows), imag(rows), step_real(rows), step_imag(rows), before(rows);
+  for (Eigen::Index row = 0; row < rows; ++row) {
+    const double since_s = channel.t_s[static_cast<std::size_t>(row)] - channel.t_s[0];
+    const Phasor now = phasor(first_Hz * since_s), step = phasor(step_Hz * since_s);
+    real[row] = now.real();
+    imag[row] = now.imag();
+    step_real[row] = step.real();
+    step_imag[row] = step.imag();
   }
   Peaks out;
   out.trials = count;
@@ -169,11 +166,15 @@ Peaks search(const Channel& channel, double mains_Hz) {
   std::vector<Sums> windows(channel.windows);
   for (std::size_t f = 0; f < count; ++f) {
     std::ranges::fill(windows, Sums{});
-    for (std::size_t k = 0; k < turning.size(); ++k) {
-      Turning& t = turning[k];
-      windows[channel.differences[k].window].add(t.now[0] + t.now[1] + t.now[2], channel.differences[k].value);
-      for (std::size_t i = 0; i < 3; ++i) t.now[i] *= t.step[i];
+    for (const Difference& d : channel.differences) {
+      const auto row = static_cast<Eigen::Index>(d.row);
+      windows[d.window].add({d.scale * (real[row] - d.before * real[row - 1] - d.after * real[row + 1]),
+                             d.scale * (imag[row] - d.before * imag[row - 1] - d.after * imag[row + 1])},
+                            d.value);
     }
+    before = real;
+    real = real * step_real - imag * step_imag;
+    imag = before * step_imag + imag * step_real;
     Sums all;
     double each = 0.0;
     for (const Sums& window : windows) {
