@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "model/process.hpp"
+#include "model/slse.hpp"
 
 /// Steps shared by elements and effects.
 namespace isorig::model {
@@ -15,9 +16,8 @@ class MaxwellState {
   void reset(double z_mm = 0.0) noexcept { z_mm_ = z_mm; }
   double step(double step_mm, double dt_s) noexcept {
     if (dt_s <= 0.0) return z_mm_ += step_mm;
-    const double x = dt_s / tau_s_;
-    const double decay = -std::expm1(-x);  // 1 - exp(-x), exact for short steps too
-    z_mm_ += decay * (step_mm / x - z_mm_);
+    const Relaxation step = relaxation(dt_s / tau_s_);
+    z_mm_ = z_mm_ * step.decay + step_mm * step.gain;
     return z_mm_;
   }
 
