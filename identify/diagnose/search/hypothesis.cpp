@@ -117,7 +117,7 @@ Hypothesis Search::nominal(const ModelSpec& nominal) const {
 
 std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
   std::vector<Trial> out;
-  const ModelSpec& spec = base.fit.spec;
+  const ModelSpec& spec = base.ls_spec;
   const model::Reference& recording = series_[0].excitation.reference;
   for (const model::Physics* effect : model::effects()) {
     if (!may_be_tried(*effect, base, series_) || std::ranges::find(withheld_, effect) != withheld_.end()) continue;
@@ -156,9 +156,9 @@ std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
 void Search::add_events(const model::Physics& effect, const model::Law& law, const Hypothesis& base,
                         std::vector<Trial>& out) const {
   constexpr std::size_t kTimes = 3;
-  for (const double time_s : event_times(instrument_problem_, base.fit.spec, instrument_problem_.noise(),
+  for (const double time_s : event_times(instrument_problem_, base.ls_spec, instrument_problem_.noise(),
                                          law.traits.event_force_step, kTimes)) {
-    Trial trial{&effect, &law, base.fit.spec, {}};
+    Trial trial{&effect, &law, base.ls_spec, {}};
     trial.spec.parts.push_back(started_part(effect, law, 0, series_[0].excitation.reference));
     trial.spec.parts.back().parameters[model::event_parameter(law)] = time_s;
     out.push_back(std::move(trial));
@@ -261,6 +261,7 @@ void Search::settle(Hypothesis& hypothesis, bool restart_arms) const {
     hypothesis.fit = std::move(best);
   }
   hypothesis.ls_chi2 = hypothesis.fit.chi2;
+  hypothesis.ls_spec = hypothesis.fit.spec;
   NoiseModel noise = instrument_problem_.estimate_noise(hypothesis.fit.spec);
   for (int round = 0; round < 2; ++round) {
     if (noise.coloured_N == 0.0 && round > 0) break;
