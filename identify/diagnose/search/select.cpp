@@ -89,6 +89,14 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
   for (std::size_t i = 0; i < pool.size(); ++i)
     selection.excess[i] = std::max(pool[i].ls_chi2 - noise, 0.0) / selection.noise_scale;
 
+  // Variances are compared with the explanation that leaves least: beside the most likely one, which may leave much and
+  // err smoothly, all that leave less would look alike.
+  std::size_t nearest = top;
+  const bool chance = !selection.error_rules && selection.excess[top] <= deciding().chance_squares;
+  if (!selection.error_rules && !chance)
+    for (std::size_t i = 0; i < pool.size(); ++i)
+      if (pool[i].ls_chi2 < pool[nearest].ls_chi2) nearest = i;
+
   double degrees = options.error_degrees;
   if (options.count_independent_errors)
     degrees = std::max(degrees, effective_degrees_of_freedom(search.instrument_problem().series(), residual));
@@ -96,10 +104,13 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
   for (std::size_t i = 0; i < pool.size(); ++i) {
     const double likelihood = std::max(pool[top].evidence - pool[i].evidence, 0.0);
     // Not the clipped excesses: below the noise, too, less left is better.
-    const double more = (pool[i].ls_chi2 - pool[top].ls_chi2) / selection.noise_scale;
+    const double more = (pool[i].ls_chi2 - pool[nearest].ls_chi2) / selection.noise_scale;
     const double left = selection.error_rules ? more : std::max(more, 0.0);
-    const double variance = 0.5 * degrees * std::log1p(left / (selection.excess[top] + deciding().chance_squares));
-    log_weight[i] = -(selection.error_rules ? variance : std::min(likelihood, variance)) - cost[i];
+    const double variance = 0.5 * degrees * std::log1p(left / (selection.excess[nearest] + deciding().chance_squares));
+    // Where the most likely explanation leaves no more than chance, one that leaves less is not better for that.
+    const bool by_chance = chance && more < 0.0;
+    const double worse = selection.error_rules ? variance : by_chance ? likelihood : std::min(likelihood, variance);
+    log_weight[i] = -worse - cost[i];
   }
   const double most = *std::ranges::max_element(log_weight);
   double sum = 0.0;
@@ -125,20 +136,33 @@ Selection select_effects(const Search& search, const model::ModelSpec& nominal, 
   pool.push_back(search.nominal(nominal));
   now(0.05);
   add(pool, search.extend(pool.front(), 5, true));
-  double best = pool.front().evidence;
+  double best = pool.front().evidence, least = pool.front().ls_chi2;
+  // Of as many effects, the explanation that leaves least. Where the laws err by far more than the noise, the most
+  // likely one may leave ten times as much: it errs more smoothly.
+  const auto nearest = [&](const std::vector<std::size_t>& of) {
+    return *std::ranges::min_element(of, {}, [&](std::size_t i) { return pool[i].ls_chi2; });
+  };
+  const auto explains_more = [&](const std::vector<std::size_t>& of) {
+    return !of.empty() && (pool[of.front()].evidence >= best + options.least_gain ||
+                           pool[nearest(of)].ls_chi2 < deciding().leaves_less_share * least);
+  };
   for (std::size_t size = 1; size < options.most_effects; ++size) {
     now(size == 1 ? 0.35 : 0.7);
     const auto order = ranked(pool, size);
-    if (order.empty() || pool[order.front()].evidence < best + options.least_gain) break;
-    best = pool[order.front()].evidence;
-    add(pool, search.extend(pool[order[0]], 3, false));
-    const auto larger = ranked(pool, size + 1);
+    if (!explains_more(order)) break;
+    const std::size_t near = nearest(order);
+    const bool nearer = pool[near].ls_chi2 < deciding().leaves_less_share * pool[order[0]].ls_chi2;
+    best = std::max(best, pool[order.front()].evidence);
+    least = std::min(least, pool[near].ls_chi2);
+    add(pool, search.extend(Hypothesis(pool[order[0]]), 3, false));
+    if (nearer) add(pool, search.extend(Hypothesis(pool[near]), 3, false));
     // More of the beam only where one more effect explains more at all.
-    if (larger.empty() || pool[larger.front()].evidence < best + options.least_gain) break;
+    if (!explains_more(ranked(pool, size + 1))) break;
     // If the first effect explains all but 2 % of the nominal model's squares, every explanation has it. Else the next
     // best single effects are extended, too: the best pair need not contain the best single.
     if (size == 1 && pool[order.front()].ls_chi2 < deciding().single_settles_share * pool.front().ls_chi2) continue;
     for (std::size_t b = 1; b < std::min<std::size_t>(order.size(), size == 1 ? 4 : 2); ++b) {
+      if (nearer && order[b] == near) continue;
       const Hypothesis base = pool[order[b]];
       add(pool, search.extend(base, 2, false));
       now((size == 1 ? 0.45 : 0.7) + 0.08 * static_cast<double>(b));
