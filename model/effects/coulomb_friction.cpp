@@ -1,6 +1,7 @@
 #include <array>
 #include <cmath>
 
+#include "model/effects/bouc_wen.hpp"
 #include "model/effects/effects.hpp"
 #include "model/effects/presliding.hpp"
 #include "model/stepping.hpp"
@@ -97,6 +98,17 @@ class WeakenedIwan : public Iwan {
   double excess_;
 };
 
+class BoucWen : public Process {
+ public:
+  BoucWen(double presliding_mm, double exponent, double beta_share) noexcept
+      : bristle_(presliding_mm, exponent, beta_share) {}
+  void reset(const Instant&) noexcept override { bristle_.reset(); }
+  void force(const Instant& now, double* columns) noexcept override { columns[0] = bristle_.slide(now.slide_mm); }
+
+ private:
+  BoucWenBristle bristle_;
+};
+
 /// sign(v) made smooth over a small velocity: no memory, so nothing is left of it in a hold.
 class Regularised : public Process {
  public:
@@ -136,6 +148,37 @@ const Parameter kStaticExcess{
                  "times the sliding friction, beyond what dry or greased contacts show.",
         .errors = "A presliding distance that is too short exaggerates it. Mistaken for a fast relaxation right after "
                   "each reversal."}};
+const Parameter kBoucWenPresliding = presliding({0.05});
+const Parameter kBoucWenExponent{
+    .name = "exponent",
+    .symbol = "n",
+    .lower = 1.0,
+    .upper = 10.0,
+    .starts = {2.0},
+    .logarithmic = true,
+    .traits = {.lower_limit_law = "a bristle that bends as Dahl's", .upper_limit_law = "a spring that slips at once"},
+    .sheet = {.what = "How sharply the presliding turns into sliding: 1 bends from the start, 10 has a knee.",
+              .unit = "1",
+              .range = "Physics: below 1 the law has no unique course where the bristle is slack (Ikhouane & Rodellar "
+                       "2005); Numerics: at 10 the knee is a tenth of the presliding distance wide, and a spring that "
+                       "slips at once fits as well.",
+              .errors = "Reversals that are all longer than the presliding distance cannot separate it from that "
+                        "distance. Mistaken for a spread of slip distances (iwan)."}};
+const Parameter kBetaShare{
+    .name = "beta_share",
+    .symbol = "sigma",
+    .lower = 0.5,
+    .upper = 2.0,
+    .starts = {0.8},
+    .logarithmic = true,
+    .traits = {.lower_limit_law = "bouc_wen_equal"},
+    .sheet = {
+        .what = "Wen's beta over beta + gamma: an unloading begins twice that times as steep as the first loading.",
+        .unit = "1",
+        .range = "Physics: below 1/2 a loop gives back more work than it took (Erlicher & Point 2004); Numerics: "
+                 "at 2 the unloading is four times as steep, which a shorter presliding distance does as well.",
+        .errors = "Only the first half of an unloading shows it, which noise of the position hides first; what is left "
+                  "then is its product with the presliding distance. Mistaken for the exponent."}};
 const Coefficient kForce{
     .name = "force_N",
     .symbol = "Fc",
@@ -154,7 +197,9 @@ const Physics& coulomb_friction() {
       Stage::kSpecimen,
       "Rate-independent friction between mesh, bladder and sheath, with presliding.",
       "Coulomb 1785; Dahl 1968 (bristle); Jenkins 1962; Iwan 1966 (spread slip distances); Stribeck weakening as "
-      "in LuGre (Canudas de Wit et al. 1995); for McKibben muscles Chou & Hannaford 1996, Tondu & Lopez 2000.",
+      "in LuGre (Canudas de Wit et al. 1995); Bouc 1967, Wen 1976, normalised and bounded as in Ikhouane & Rodellar "
+      "2005, Erlicher & Point 2004 (survey: Ismail, Ikhouane & Rodellar 2009); for McKibben muscles Chou & Hannaford "
+      "1996, Tondu & Lopez 2000.",
       "Slow triangles: the loop keeps its height at every velocity. Reversals of 1 to 100 um show the "
       "presliding. "
       "Mistaken for play (which scales with stiffness and delays every relaxation) and for a slow "
@@ -191,6 +236,16 @@ const Physics& coulomb_friction() {
         {kPresliding, kStribeckVelocity, kStaticExcess},
         {kForce},
         [](std::span<const double> p, const Reference&) { return std::make_unique<WeakenedIwan>(p[0], p[1], p[2]); }},
+       {"bouc_wen_equal",
+        "F = Fc z, dz/dx = (1 - |z|^n (sign(z dx) + 1) / 2) / delta",
+        {kBoucWenPresliding, kBoucWenExponent},
+        {kForce},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<BoucWen>(p[0], p[1], 0.5); }},
+       {"bouc_wen",
+        "F = Fc z, dz/dx = (1 - |z|^n (sigma sign(z dx) + 1 - sigma)) / delta",
+        {kBoucWenPresliding, kBoucWenExponent, kBetaShare},
+        {kForce},
+        [](std::span<const double> p, const Reference&) { return std::make_unique<BoucWen>(p[0], p[1], p[2]); }},
        {"regularised",
         "F = Fc tanh(v / v0)",
         {{.name = "velocity_mm_s",

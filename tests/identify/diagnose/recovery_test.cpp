@@ -246,6 +246,8 @@ const std::vector<Truth>& truths() {
       {"coulomb_friction", "stribeck", {0.04, 1.5, 0.5}, {0.8}, 20.0, 0.25, 0.04},
       {"coulomb_friction", "stribeck_exponential", {0.04, 1.5, 0.5}, {0.8}, 20.0, 0.25, 0.04},
       {"coulomb_friction", "iwan_stribeck", {0.08, 1.5, 0.5}, {0.8}, 20.0, 0.25, 0.04},
+      {"coulomb_friction", "bouc_wen_equal", {0.05, 2.0}, {0.8}},
+      {"coulomb_friction", "bouc_wen", {0.05, 2.0, 0.8}, {0.8}},
       {"coulomb_friction", "regularised", {0.3}, {0.8}, 20.0, 0.25, 0.03},
       {"strain_stiffening", "quadratic", {}, {0.06}},
       {"strain_stiffening", "cubic", {}, {0.02}},

@@ -70,7 +70,7 @@ TEST(Friction, WorksAgainstTheMotionWithItsFullForce) {
         const Curve force = all_rows(spec, track);
         double expected = each.coefficients[0];
         if (each.physics == "friction_with_pressure") expected *= track.nominal_pressure_psi;
-        if (parameters.size() == 3) {
+        if (each.law.find("stribeck") != std::string_view::npos) {
           const double u = speed_mm_s / parameters[1];
           expected *= 1.0 + parameters[2] * std::exp(each.law == "stribeck" ? -u * u : -u);
         }
@@ -81,6 +81,21 @@ TEST(Friction, WorksAgainstTheMotionWithItsFullForce) {
       }
     }
   }
+}
+
+TEST(BoucWen, WithExponentOneAndNoGammaIsDahlsBristle) {
+  const Track track = closed_track(6);
+  const Curve dahl = all_rows({"", {part("coulomb_friction", "dahl", {0.05}, {0.8})}}, track);
+  const Curve bouc_wen = all_rows({"", {part("coulomb_friction", "bouc_wen", {0.05, 1.0, 1.0}, {0.8})}}, track);
+  for (std::size_t i = 0; i < dahl.size(); ++i) ASSERT_NEAR(bouc_wen[i], dahl[i], 1e-6) << i;
+}
+
+TEST(BoucWen, WithEqualBetaAndGammaUnloadsAlongAStraightLine) {
+  const double delta_mm = 0.2;
+  const Curve force = all_rows({"", {part("coulomb_friction", "bouc_wen_equal", {delta_mm, 3.0}, {0.8})}},
+                               go(1e-2, {{5.0, 1.0}, {5.0 - delta_mm, 1.0}}));
+  for (std::size_t i = 100; i < force.size(); ++i)
+    EXPECT_NEAR(force[i], 0.8 * (1.0 - static_cast<double>(i - 100) / 100.0), 1e-6);
 }
 
 TEST(FrictionAsymmetry, AddsOneWayWhatItTakesTheOther) {

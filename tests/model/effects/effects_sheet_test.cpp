@@ -34,9 +34,9 @@ bool has_unit(std::string_view name) {
 
 /// Ratios, and numbers of decades or of an arm; any other name without a unit is a mistake.
 bool is_a_ratio(std::string_view name) {
-  constexpr std::array<std::string_view, 12> ratios{
-      "exponent",     "static_excess", "decades",          "share",    "start", "scale", "arm", "damping",
-      "recording_id", "load_share",    "shortening_ratio", "sharpness"};
+  constexpr std::array<std::string_view, 13> ratios{
+      "exponent",     "static_excess", "decades",          "share",     "start",     "scale", "arm", "damping",
+      "recording_id", "load_share",    "shortening_ratio", "sharpness", "beta_share"};
   return std::ranges::find(ratios, name) != ratios.end();
 }
 

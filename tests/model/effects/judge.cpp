@@ -113,6 +113,21 @@ Curve stribeck(const Track& track, double delta_mm, double vs, double r, double 
       [=](double, double v) { return std::fabs(v) / delta_mm; });
 }
 
+/// Wen's own writing, dz = A dx - (beta |dx| |z|^(n-1) z + gamma dx |z|^n) in lengths, with A = 1 and the limit
+/// (A / (beta + gamma))^(1/n) = delta; returned as a share of the limit.
+Curve bouc_wen(const Track& track, double delta_mm, double n, double sigma) {
+  const double sum = std::pow(delta_mm, -n), beta = sigma * sum, gamma = sum - beta;
+  Curve out = integrate(
+      track,
+      [=](double z, double v) {
+        const double most = std::pow(std::fabs(z), n - 1.0);
+        return v - (beta * std::fabs(v) * most * z + gamma * v * most * std::fabs(z));
+      },
+      [=](double, double v) { return n * std::fabs(v) / delta_mm; });
+  for (double& z : out) z /= delta_mm;
+  return out;
+}
+
 /// Any force that follows the grid point alone.
 template <class Of>
 Columns pointwise(const Track& track, const Of& of) {
@@ -339,6 +354,10 @@ void add_friction(std::map<std::string, Judge>& of) {
       out[0][i] += out[0][i] * p[2] / std::exp(std::fabs(t.velocity_mm_s[i]) / p[1]);
     return out;
   }};
+  of["coulomb_friction/bouc_wen_equal"] = {
+      .force = [](Numbers p, const Track& t) { return Columns{bouc_wen(t, p[0], p[1], 0.5)}; }};
+  of["coulomb_friction/bouc_wen"] = {
+      .force = [](Numbers p, const Track& t) { return Columns{bouc_wen(t, p[0], p[1], p[2])}; }};
   of["coulomb_friction/regularised"] = at_point([](Numbers p, const Track& t, std::size_t i) {
     const double u = t.velocity_mm_s[i] / p[0];
     return u > 300.0 ? 1.0 : u < -300.0 ? -1.0 : (1.0 - std::exp(-2.0 * u)) / (1.0 + std::exp(-2.0 * u));
