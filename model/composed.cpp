@@ -51,6 +51,9 @@ void fill_from_recording(Part& part, const Reference& reference) {
       case FilledBy::kRecordingId:
         part.parameters[i] = reference.recording_id;
         break;
+      case FilledBy::kRestLength:
+        if (reference.rest_length_mm > 0.0) part.parameters[i] = reference.rest_length_mm;
+        break;
     }
   }
 }

@@ -13,6 +13,8 @@ inline constexpr double kLargestRecordingId = 9007199254740991.0;  // 2^53 - 1
 /// Of a recording that was not made yet: no event of another is in it.
 inline constexpr double kPlannedRecordingId = 1.0;
 
+inline constexpr double kAtmosphere_psi = 14.696;  ///< what a gauge counts from
+
 /// Where a recording's numbers are counted from. Sign and frame, once for the whole project: extension and
 /// tension positive, position relative to the unpressurized rest length, pressure gauge.
 struct Reference {
@@ -23,6 +25,7 @@ struct Reference {
   /// Which recording: a whole number made from its readings (messages::recording_id). 0: not known (a running rig).
   double recording_id = 0.0;
   double largest_force_N = 0.0;  ///< that was read, as a magnitude; 0 when it is not known (a running rig)
+  double rest_length_mm = 0.0;   ///< at position 0, without pressure; 0 when it is not known
 };
 
 /// One instant of the drive. Between two instants the specimen moves at constant velocity; steps are exact
@@ -65,7 +68,7 @@ enum class Stage { kKinematics, kSpecimen, kSpecimenShape, kRig, kSensorLag, kSe
 enum class Sign { kFree, kNonNegative, kNonPositive };
 
 /// What fills in a parameter that belongs to a recording and not to a specimen.
-enum class FilledBy { kNothing, kRecordingDuration, kRecordingId };
+enum class FilledBy { kNothing, kRecordingDuration, kRecordingId, kRestLength };
 
 /// The instrument's limit that a value must exceed to be claimed. A smaller value would only describe the instrument's
 /// own error.
@@ -178,6 +181,7 @@ struct Law {
 enum class PressureNeed {
   kNone,
   kMeasured,
+  kStill,   ///< measured, and still: where the gauge sees what the motion does to the pressure, nothing of it is hidden
   kVaries,  ///< by a fifth: else what grows with the pressure cannot be told from what is there at any pressure
 };
 

@@ -102,6 +102,7 @@ Excitation reconstruct_excitation(const messages::Recording& recording, const Re
   const auto& metadata = recording.metadata;
   excitation.reference.elongation_at_zero_mm = metadata.elongation_at_zero_mm();
   excitation.reference.duration_s = n > 0 ? frame.t_s.back() - frame.t_s.front() : 0.0;
+  excitation.reference.rest_length_mm = metadata.rest_length_mm.value_or(0.0);
   excitation.reference.recording_id = messages::recording_id(recording);
   for (const double force_N : frame.force_N)
     if (std::isfinite(force_N))

@@ -20,16 +20,36 @@ namespace {
 using model::ModelSpec;
 using model::Part;
 
-/// The pressure varies by enough to tell a force that grows with it from a force that is the same at every pressure.
-bool pressure_varies(std::span<const Series> series) {
+bool takes_rest_length(const model::Law& law) {
+  return std::ranges::any_of(law.parameters, [](const model::Parameter& parameter) {
+    return parameter.traits.filled_by == model::FilledBy::kRestLength;
+  });
+}
+
+struct Range {
   double low = 1e300, high = -1e300;
+};
+
+Range pressure_range(std::span<const Series> series) {
+  Range out;
   for (const Series& each : series) {
     for (const double p : each.excitation.pressure_psi) {
-      low = std::min(low, p);
-      high = std::max(high, p);
+      out.low = std::min(out.low, p);
+      out.high = std::max(out.high, p);
     }
   }
+  return out;
+}
+
+/// The pressure varies by enough to tell a force that grows with it from a force that is the same at every pressure.
+bool pressure_varies(std::span<const Series> series) {
+  const auto [low, high] = pressure_range(series);
   return high - low > deciding().pressure_varies_share * std::max(std::fabs(high), std::fabs(low));
+}
+
+bool pressure_is_still(std::span<const Series> series) {
+  const auto [low, high] = pressure_range(series);
+  return low <= high && high - low < deciding().pressure_still_share * (high + model::kAtmosphere_psi);
 }
 
 }  // namespace
@@ -42,11 +62,17 @@ bool may_be_tried(const model::Physics& effect, const Hypothesis& base, std::spa
   if (spec.has(effect.name) && !traits.repeatable) return false;
   if (!traits.refines.empty() && !spec.has(traits.refines)) return false;
   if (!traits.needs_any_of.empty() && std::ranges::none_of(traits.needs_any_of, there)) return false;
+  // A recording may leave its specimen's length unsaid.
+  if (!(series.front().excitation.reference.rest_length_mm > 0.0) &&
+      std::ranges::any_of(effect.laws, takes_rest_length))
+    return false;
   switch (traits.pressure) {
     case model::PressureNeed::kNone:
       return true;
     case model::PressureNeed::kMeasured:
       return std::ranges::any_of(series, [](const Series& s) { return !s.excitation.pressure_psi.empty(); });
+    case model::PressureNeed::kStill:
+      return pressure_is_still(series);
     case model::PressureNeed::kVaries:
       return pressure_varies(series);
   }
