@@ -74,6 +74,43 @@ Judge set_by(std::function<double(Numbers, double beyond_mm)> lost) {
   }};
 }
 
+/// Pressure of the gas in a braid behind a valve, over the measured one, times the muscle's pull for a psi. Angles
+/// instead of lengths: a thread b at the angle a to the axis makes a cylinder b cos(a) long and sin(a) / n wide.
+Curve gas(const Track& track, double tau_s, double angle_deg, double kappa, double rest_mm) {
+  constexpr double kAtmosphere_psi = 14.696;
+  const double thread_mm = rest_mm / std::cos(angle_deg * std::numbers::pi / 180.0);
+  const auto angle = [=](double x) { return std::acos((rest_mm + x) / thread_mm); };
+  // dV/V and dV for a millimetre: dx = -b sin(a) da.
+  const auto share = [=](double x) {
+    const double a = angle(x);
+    return (std::tan(a) - 2.0 / std::tan(a)) / (thread_mm * std::sin(a));
+  };
+  const auto lever = [=](double x) { return std::pow(std::sin(angle(x)), 2.0) * std::cos(angle(x)) * share(x); };
+  const double nominal_psi = track.nominal_pressure_psi + kAtmosphere_psi, lever_at_rest = lever(0.0);
+  double inside_psi = nominal_psi + track.excess_psi.front();
+  Curve out;
+  for (std::size_t i = 0; i < track.size(); ++i) {
+    if (i > 0) {
+      const double from_mm = track.position_mm[i - 1], v = (track.position_mm[i] - from_mm) / track.step_s;
+      const double from_psi = nominal_psi + track.excess_psi[i - 1];
+      const double rise = (track.excess_psi[i] - track.excess_psi[i - 1]) / track.step_s;
+      const auto slope = [&](double s, double p) {
+        return -kappa * p * share(from_mm + v * s) * v + (from_psi + rise * s - p) / tau_s;
+      };
+      const auto parts = std::max(1L, std::lround(std::ceil(track.step_s / (0.05 * tau_s))));
+      const double h = track.step_s / static_cast<double>(parts);
+      for (long k = 0; k < parts; ++k) {
+        const double s = h * static_cast<double>(k), p = inside_psi;
+        const double k1 = slope(s, p), k2 = slope(s + 0.5 * h, p + 0.5 * h * k1);
+        const double k3 = slope(s + 0.5 * h, p + 0.5 * h * k2), k4 = slope(s + h, p + h * k3);
+        inside_psi += h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4);
+      }
+    }
+    out.push_back(lever(track.position_mm[i]) / lever_at_rest * (inside_psi - nominal_psi - track.excess_psi[i]));
+  }
+  return out;
+}
+
 }  // namespace
 
 void add_mckibben(std::map<std::string, Judge>& of) {
@@ -120,6 +157,8 @@ void add_mckibben(std::map<std::string, Judge>& of) {
       set_by([](Numbers p, double beyond_mm) { return beyond_mm > p[0] ? beyond_mm - p[0] : 0.0; });
   of["permanent_set/saturating"] =
       set_by([](Numbers p, double beyond_mm) { return 1.0 - 1.0 / std::exp(beyond_mm / p[0]); });
+  of["trapped_gas/polytropic"] = {
+      .force = [](Numbers p, const Track& t) { return Columns{gas(t, p[0], p[1], p[2], p[3])}; }};
   of["friction_with_load/capstan"] = {.shape = [](Numbers p, const Track& t, const Curve& force) {
     const double delta_mm = p[0];
     const Curve bristle = integrate_along(

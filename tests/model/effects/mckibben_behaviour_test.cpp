@@ -141,5 +141,60 @@ TEST(FrictionWithLoad, MakesALoopAsHighAsItsShareOfTheForce) {
   }
 }
 
+constexpr double kRest_mm = 90.0, kAngle_deg = 28.0, kAbsolute_psi = 15.0 + 14.696;
+
+model::Part gas(double valve_s, double exponent = 1.2) {
+  return part("trapped_gas", "polytropic", {valve_s, kAngle_deg, exponent, kRest_mm}, {0.7});
+}
+
+/// Of a braid, as a share of that at rest.
+double volume(double x_mm) {
+  const double thread_mm = kRest_mm / std::cos(kAngle_deg * M_PI / 180.0), length_mm = kRest_mm + x_mm;
+  return length_mm * (thread_mm * thread_mm - length_mm * length_mm) /
+         (kRest_mm * (thread_mm * thread_mm - kRest_mm * kRest_mm));
+}
+double lever(double x_mm) {
+  return (volume(x_mm + 1e-4) - volume(x_mm - 1e-4)) / (volume(1e-4) - volume(-1e-4));
+}
+
+TEST(TrappedGas, BehindAShutValveFollowsThePolytrope) {
+  for (const double exponent : {1.0, 1.2, 1.4}) {
+    const Curve force = alone(gas(1000.0, exponent), go(1e-2, {{3.0, 0.1}, {-3.0, 0.2}}));
+    EXPECT_NEAR(force[10] / (0.7 * lever(3.0) * kAbsolute_psi * (std::pow(volume(3.0), -exponent) - 1.0)), 1.0, 1e-3);
+    EXPECT_NEAR(force[30] / (0.7 * lever(-3.0) * kAbsolute_psi * (std::pow(volume(-3.0), -exponent) - 1.0)), 1.0, 1e-3);
+  }
+}
+
+/// F = kappa p0 V'^2 / V z, by the force for each psi f = -V'.
+TEST(TrappedGas, InAShortStrokeIsAMaxwellArm) {
+  const double size_mm = 1e-3, share_1_mm = (volume(-1e-4) - volume(1e-4)) / 2e-4, valve_s = 0.5;
+  const Track track = go(1e-2, {{size_mm, 0.2}, {size_mm, 1.0}, {-size_mm, 0.2}, {0.0, 1.0}});
+  const Curve force = alone(gas(valve_s), track);
+  const Curve arm = alone(part("maxwell", "linear", {valve_s}, {0.7 * 1.2 * kAbsolute_psi * share_1_mm}), track);
+  for (std::size_t i = 0; i < force.size(); ++i) ASSERT_NEAR(force[i], arm[i], 2e-4 * 0.7 * size_mm * kAbsolute_psi);
+}
+
+/// The pressure inside is late by the valve's time constant, and the gauge shows the rest.
+TEST(TrappedGas, AddsWhatTheGaugeDoesNotShow) {
+  Track track = go(1e-2, {{0.0, 2.0}});
+  for (std::size_t i = 0; i < track.size(); ++i) track.excess_psi[i] = 0.1 * track.t_s(i);
+  EXPECT_NEAR(alone(gas(0.01), track).back(), -0.7 * 0.1 * 0.01, 1e-9);
+}
+
+/// No step is too long for a straight motion, a whole stroke of 6 mm included.
+TEST(TrappedGas, DoesNotDependOnTheSamplingRate) {
+  for (const double valve_s : {0.05, 0.5, 50.0}) {
+    const Curve fine = alone(gas(valve_s), go(1e-3, {{3.0, 0.5}, {-3.0, 1.0}, {0.0, 0.5}}));
+    const Curve coarse = alone(gas(valve_s), go(0.5, {{3.0, 0.5}, {-3.0, 1.0}, {0.0, 0.5}}));
+    for (std::size_t i = 0; i < coarse.size(); ++i) EXPECT_NEAR(coarse[i], fine[500 * i], 1e-6 * kAbsolute_psi);
+  }
+}
+
+/// Where the threads end the gas is still there; far beyond nothing overflows.
+TEST(TrappedGas, StaysFiniteFarOutsideOfItsRange) {
+  for (const double f : alone(gas(0.5), go(10.0, {{400.0, 100.0}, {-400.0, 100.0}, {0.0, 100.0}})))
+    ASSERT_TRUE(std::isfinite(f));
+}
+
 }  // namespace
 }  // namespace isorig::test
