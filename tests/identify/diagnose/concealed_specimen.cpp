@@ -8,6 +8,7 @@ namespace isorig::test {
 namespace {
 
 constexpr double kStep_s = 1e-3;
+constexpr double kRestLength_mm = 90.0, kNominal_psi = 15.0, kAbsolute_psi = kNominal_psi + 14.696;
 
 struct Script {
   std::vector<double> position_mm{0.0};  // per millisecond, before the corners are rounded
@@ -45,6 +46,11 @@ struct Script {
   }
 };
 
+/// Volume of a braid of unit threads that is `length` long, but for a factor.
+double volume(double length) {
+  return length * (1.0 - length * length);
+}
+
 messages::Recording run(const ConcealedSpecimen& b, Script script, bool noise) {
   script.round_corners();
   const auto& x = script.position_mm;
@@ -59,6 +65,9 @@ messages::Recording run(const ConcealedSpecimen& b, Script script, bool noise) {
     pressure[i] = wander;
   }
   double arm = 0.0, second = 0.0, bristle = 0.0, seen = x[0], travel = 0.0, lagged = 0.0, entering = 0.0, colour = 0.0;
+  const double thread_mm = kRestLength_mm / std::cos(b.braid_angle_deg * M_PI / 180.0);
+  const auto length = [&](double at_mm) { return (kRestLength_mm + at_mm) / thread_mm; };
+  double content = kAbsolute_psi * std::pow(volume(length(x[0])), b.gas_exponent);
   double largest_mm = x[0], largest_elongation_mm = std::fabs(x[0] + b.elongation_at_zero_mm);
   for (std::size_t i = 0; i < n; ++i) {
     const double t = static_cast<double>(i) * kStep_s;
@@ -80,8 +89,14 @@ messages::Recording run(const ConcealedSpecimen& b, Script script, bool noise) {
     const double middle2 = second + 0.5 * (dx - kStep_s * second / b.second_arm_s);
     second += dx - kStep_s * middle2 / b.second_arm_s;
     constexpr int kFine = 50;  // a bristle bends over less than what passes in a millisecond
-    for (int j = 0; j < kFine; ++j)
-      bristle += dx / kFine / b.presliding_mm * (1.0 - bristle * (dx > 0.0 ? 1.0 : dx < 0.0 ? -1.0 : 0.0));
+    const bool wen = b.wen_exponent != 1.0 || b.wen_sigma != 1.0;
+    for (int j = 0; j < kFine && dx != 0.0; ++j) {
+      const double along = bristle * (dx > 0.0 ? 1.0 : -1.0);
+      const double held = !wen          ? along
+                          : along > 0.0 ? std::pow(along, b.wen_exponent)
+                                        : std::pow(-along, b.wen_exponent) * (1.0 - 2.0 * b.wen_sigma);
+      bristle += dx / kFine / b.presliding_mm * (1.0 - held);
+    }
     const double e = seen + b.elongation_at_zero_mm;
     double f = b.stiffness_N_mm * e + b.arm_N_mm * arm + b.second_arm_N_mm * second + b.friction_N * bristle;
     f += b.quadratic_N_mm2 * seen * seen + b.coupling_N_mm_psi * pressure[i] * e;
@@ -91,6 +106,16 @@ messages::Recording run(const ConcealedSpecimen& b, Script script, bool noise) {
     f += (b.arm_N_mm3 * seen * seen + b.arm_N_s_mm2 * std::fabs(dx) / kStep_s) * arm;
     f += (dx > 0.0 ? b.lengthening_N_s_mm : b.shortening_N_s_mm) * dx / kStep_s;
     f += b.lock_N_mm * seen * seen / (b.lock_mm - seen);
+    if (b.gas_N_psi > 0.0) {
+      // What is in the chamber changes by the valve alone; the mean of both ends of the step drives it.
+      const double earlier = std::pow(volume(length(seen - dx)), b.gas_exponent);
+      const double power = std::pow(volume(length(seen)), b.gas_exponent), out_psi = kAbsolute_psi + pressure[i];
+      const double entering_psi = 0.5 * (earlier + power) * out_psi;
+      const double half = i == 0 ? 0.0 : 0.5 * kStep_s / b.gas_s;
+      content = (content * (1.0 - half) + 2.0 * half * entering_psi) / (1.0 + half);
+      const double lever = (1.0 - 3.0 * length(seen) * length(seen)) / (1.0 - 3.0 * length(0.0) * length(0.0));
+      f += b.gas_N_psi * lever * (content / power - out_psi);
+    }
     largest_mm = std::max(largest_mm, seen);
     largest_elongation_mm = std::max(largest_elongation_mm, std::fabs(e));
     const double unloaded_mm2 = largest_elongation_mm * largest_elongation_mm - e * e;
@@ -117,9 +142,9 @@ messages::Recording run(const ConcealedSpecimen& b, Script script, bool noise) {
   }
   messages::Recording out;
   out.metadata.specimen = "bench";
-  out.metadata.rest_length_mm = 90.0;
-  out.metadata.pressurized_rest_length_mm = 90.0 - b.elongation_at_zero_mm;
-  out.metadata.nominal_pressure_psi = 15.0;
+  out.metadata.rest_length_mm = kRestLength_mm;
+  out.metadata.pressurized_rest_length_mm = kRestLength_mm - b.elongation_at_zero_mm;
+  out.metadata.nominal_pressure_psi = kNominal_psi;
   out.pressure.emplace();
   double next_s = 0.0, next_pressure_s = 0.003, last_s = 0.0;
   std::uniform_real_distribution<double> jitter(-2e-4, 2e-4);
@@ -145,7 +170,7 @@ messages::Recording run(const ConcealedSpecimen& b, Script script, bool noise) {
     if (next_s >= next_pressure_s) {
       const auto k = std::min(n - 1, static_cast<std::size_t>(next_pressure_s / kStep_s));
       out.pressure->t_s.push_back(next_pressure_s);
-      out.pressure->pressure_psi.push_back(15.0 + pressure[k] + 0.005 * normal(random));
+      out.pressure->pressure_psi.push_back(kNominal_psi + pressure[k] + 0.005 * normal(random));
       next_pressure_s += 0.2;
     }
   }

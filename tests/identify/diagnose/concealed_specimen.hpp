@@ -18,6 +18,7 @@ struct ConcealedSpecimen {
   double elongation_at_zero_mm = 20.0;
   // Concealed; zero or empty: not there.
   double friction_N = 0.0, presliding_mm = 0.03;
+  double wen_exponent = 1.0, wen_sigma = 1.0;  ///< of the bristle (Bouc-Wen); both 1: Dahl's
   double quadratic_N_mm2 = 0.0;
   double second_arm_N_mm = 0.0, second_arm_s = 8.0;
   double power = 1.0;  ///< of the arm's dashpot: dz/dt = v - sign(z) |z|^power / arm_s
@@ -39,6 +40,7 @@ struct ConcealedSpecimen {
   double set_N_mm = 0.0;                                     ///< force lost per mm of the largest position
   double load_share = 0.0;                ///< of the specimen's force, on the bristle of `presliding_mm`
   double lock_N_mm = 0.0, lock_mm = 6.0;  ///< k x^2 / (L - x)
+  double gas_N_psi = 0.0, gas_s = 0.8, braid_angle_deg = 25.0, gas_exponent = 1.2;  ///< trapped in a braid
   // In no catalogue.
   double ripple_N = 0.0, ripple_mm = 0.4;
   double drag_N_s_mm2 = 0.0;    ///< of a dashpot, for each mm of the position

@@ -17,8 +17,9 @@ namespace {
 
 using test::ConcealedSpecimen;
 
-constexpr std::array<std::string_view, 5> kNames{"quasi_linear_viscoelasticity", "directional_damping",
-                                                 "mullins_softening", "permanent_set", "friction_with_load"};
+constexpr std::array<std::string_view, 6> kNames{
+    "quasi_linear_viscoelasticity", "directional_damping", "mullins_softening", "permanent_set",
+    "friction_with_load",           "trapped_gas"};
 
 Diagnosis diagnose_bench(const ConcealedSpecimen& bench) {
   std::vector<messages::Recording> recordings{test::record(bench)};
@@ -106,6 +107,16 @@ const Hidden kHidden[] = {
      "permanent_set",
      "proportional",
      {{"lost_N_mm", -0.5}}},
+    {"BoucWenFrictionThatUnloadsStraight",
+     {.friction_N = 0.8, .presliding_mm = 0.1, .wen_exponent = 3.0, .wen_sigma = 0.5, .seed = 10},
+     "coulomb_friction",
+     "bouc_wen_equal",
+     {{"presliding_mm", 0.1}, {"exponent", 3.0}, {"force_N", 0.8}}},
+    {"GasBehindAValve",
+     {.gas_N_psi = 1.0, .seed = 11},
+     "trapped_gas",
+     "polytropic",
+     {{"time_constant_s", 0.8}, {"braid_angle_deg", 25.0}, {"force_N_psi", 1.0}}},
     {"ABraidThatLocks", {.lock_N_mm = 0.2, .seed = 9}, "strain_stiffening", "lock", {{"lock_mm", 6.0}}},
 };
 INSTANTIATE_TEST_SUITE_P(Mckibben, Found, testing::ValuesIn(kHidden),
