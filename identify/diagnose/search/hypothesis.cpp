@@ -208,12 +208,15 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
   std::ranges::stable_sort(all, {}, [](const Trial& t) { return t.fit.chi2; });
   std::vector<Trial> chosen;
   std::map<const model::Physics*, int> per_effect;
+  std::size_t places = 0;
   for (Trial& trial : all) {
-    int& taken = per_effect[trial.effect];
+    const auto [taken, first] = per_effect.try_emplace(trial.effect, 0);
+    // An effect that contains another fits wherever that one does: it takes no place from the others.
+    if (first && trial.effect->traits.contains.empty()) ++places;
     // Three trials (a law from one of its starts) of each of the most promising effects, a single trial of the others.
-    const int most = per_effect.size() <= keep ? 3 : thorough ? 1 : 0;
-    if (taken >= most) continue;
-    ++taken;
+    const int most = places <= keep ? 3 : thorough ? 1 : 0;
+    if (taken->second >= most) continue;
+    ++taken->second;
     chosen.push_back(std::move(trial));
   }
   base::parallel_for(chosen.size(), threads_, [&](std::size_t i) {
