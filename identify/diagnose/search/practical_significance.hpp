@@ -8,7 +8,7 @@ namespace isorig::identify {
 [[nodiscard]] double size_N(const Search& search, const Hypothesis& with, const Hypothesis& without);
 
 /// Statistical significance is not enough to name a second effect. The law found for the first is never exactly right:
-/// its error is about two noises of a reading and 8 % of the largest effect. With 30 000 readings, the effect that fits
+/// its error is about a noise of a reading and 8 % of the largest effect. With 30 000 readings, the effect that fits
 /// such an error best is statistically significant. An effect beside a larger one is therefore believed
 ///
 ///     with odds (size / e)^4,   e = hypot(2 noise, 0.08 largest)
