@@ -34,8 +34,12 @@ class Hulls {
     high_.clear();
     negated_low_.clear();
     for (const auto& e : exchanges) {
-      high_.push_back({e.high_seconds, e.high_us + sigmas * wander.departure_us(e.high_seconds)});
-      negated_low_.push_back({e.low_seconds, sigmas * wander.departure_us(e.low_seconds) - e.low_us});
+      const double strays_us = sigmas * wander.departure_us(e.high_seconds);
+      high_.push_back({e.high_seconds, e.high_us + strays_us});
+      // A device that stamps once has both ends at one time, and the exponential in it is most of the work here.
+      negated_low_.push_back(
+          {e.low_seconds,
+           (e.low_seconds == e.high_seconds ? strays_us : sigmas * wander.departure_us(e.low_seconds)) - e.low_us});
     }
     keep_lower_hull(high_);
     keep_lower_hull(negated_low_);

@@ -201,9 +201,7 @@ bool DeviceClockMap::take(const Exchange& exchange) {
 }
 
 void StreamMapper::renew() noexcept {
-  const auto version = map_->version();
-  if (version == version_) return;
-  version_ = version;
+  version_ = map_->version();
   const MapSnapshot& fresh = map_->current();
   const bool same_clock = fresh.epoch == snapshot_.epoch;
   const bool told = fresh.in_doubt == 0 && fresh.host_reference_ns > alone_since_ns_;
@@ -273,7 +271,7 @@ MappedTime StreamMapper::map_alone(double device_us, std::int64_t arrival_ns, do
 }
 
 MappedTime StreamMapper::map(double device_us, std::int64_t arrival_ns, std::uint32_t sequence, bool counted) noexcept {
-  renew();
+  if (map_->version() != version_) renew();
   MappedTime out = snapshot_.map(device_us);
   if (snapshot_.epoch == 0) [[unlikely]] {
     // No exchange yet: all that is known is that the sample is not from the future.

@@ -48,7 +48,7 @@ std::optional<SyncCheck> SyncLine::next(std::int64_t now_ns) {
   // What no edge of the device, waiting or yet to be announced, can claim.
   std::int64_t before_ns = due_ns - options_.window_ns;
   if (!device_.empty()) before_ns = std::min(before_ns, device_.front().mapped.mono_ns - options_.window_ns);
-  drop_unannounced(before_ns);
+  if (!line_.empty() && line_.front().mono_ns < before_ns) drop_unannounced(before_ns);
   return std::nullopt;
 }
 
