@@ -43,14 +43,17 @@ PressureTable::PressureTable(std::span<const double> pressure_psi, const std::ve
 }
 
 void PressureTable::evaluate(double pressure_psi, Values& out) const noexcept {
-  std::size_t i = 0;
-  while (i + 1 < pieces_.size() && pressure_psi >= pieces_[i + 1].start_psi) ++i;
-  const Piece& piece = pieces_[i];
+  auto at = pieces_.begin();
+  for (const auto last = pieces_.end() - 1; at != last && pressure_psi >= at[1].start_psi;) ++at;
+  const Piece& piece = *at;
   const double d = pressure_psi > first_psi_ ? pressure_psi - piece.start_psi : 0.0;
+  // Not into `out`, which may be a part of the table as far as the compiler can tell: so it takes two channels at once.
+  Values values;
   for (std::size_t c = 0; c < kMaxChannels; ++c) {
-    out[c] = piece.coefficients[0][c] +
-             d * (piece.coefficients[1][c] + d * (piece.coefficients[2][c] + d * piece.coefficients[3][c]));
+    values[c] = piece.coefficients[0][c] +
+                d * (piece.coefficients[1][c] + d * (piece.coefficients[2][c] + d * piece.coefficients[3][c]));
   }
+  out = values;
 }
 
 }  // namespace isorig::model
