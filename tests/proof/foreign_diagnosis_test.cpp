@@ -28,5 +28,16 @@ TEST(ForeignDiagnosis, ATripleIsNamedWholeWhoseLikeliestPairLeavesMost) {
   EXPECT_EQ(named, (std::vector<std::string>{"fixture_inertia", "second_relaxation", "zero_drift"}));
 }
 
+// Heat that diffuses into the load cell is neither a line nor an exponential of time, but nearly the sum of both.
+TEST(ForeignDiagnosis, ADriftOfAnotherFormulaIsOneName) {
+  const Case drawn = draw_case(20261131, 43, {Category::kSingle, Trap::kNone, {"diffusing_heat"}, 0.5});
+  std::vector recordings{record(drawn, Part::kTrain, 20261131).recording};
+  const identify::Diagnosis diagnosis =
+      identify::diagnose(std::move(recordings), {"train"}, model::nominal_model(drawn.nominal), {}).diagnosis;
+  ASSERT_EQ(diagnosis.missing.size(), 1U);
+  EXPECT_EQ(diagnosis.missing[0].effect->name, "zero_drift");
+  EXPECT_GT(diagnosis.missing[0].probability, 0.9);
+}
+
 }  // namespace
 }  // namespace isorig::proof::foreign

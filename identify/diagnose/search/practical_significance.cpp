@@ -27,6 +27,18 @@ double noise_left_N(const Search& search, const Hypothesis& chosen, const Select
   return std::min(weighed_N * std::sqrt(std::min(left, 1.0)), options.reading_noise_N);
 }
 
+/// The largest size of the other effects that depend on one thing alone, the same as `effect`; 0 for an effect that the
+/// recording format lists. Of two functions of one thing, one may be the error of the other's formula.
+double size_of_alike_N(const model::Physics& effect, const std::map<const model::Physics*, double>& sizes) {
+  const model::PhysicsTraits& traits = effect.traits;
+  double largest = 0.0;
+  if (!traits.unusual || traits.depends_on.size() != 1 || !traits.refines.empty()) return largest;
+  for (const auto& [other, size] : sizes)
+    if (other != &effect && other->traits.event_name.empty() && other->traits.depends_on == traits.depends_on)
+      largest = std::max(largest, size);
+  return largest;
+}
+
 }  // namespace
 
 void discount_insignificant_effects(Selection& selection, const Search& search, const SelectionOptions& options) {
@@ -52,14 +64,14 @@ void discount_insignificant_effects(Selection& selection, const Search& search, 
     // is judged with the other in the model; discounting both at once would remove the one that is needed.
     const model::Physics* smallest = nullptr;
     for (const auto* effect : effects)
-      if (sizes[effect] < first && !done.contains(effect) && !is_refined(selection.pool[chosen], *effect) &&
-          (smallest == nullptr || sizes[effect] < sizes[smallest]))
+      if ((sizes[effect] < first || size_of_alike_N(*effect, sizes) > 0.0) && !done.contains(effect) &&
+          !is_refined(selection.pool[chosen], *effect) && (smallest == nullptr || sizes[effect] < sizes[smallest]))
         smallest = effect;
     if (smallest == nullptr) break;
     done.insert(smallest);
     const double error_N =
         std::hypot(options.model_error_noises * noise_left_N(search, selection.pool[chosen], options),
-                   options.model_error_share * largest);
+                   options.model_error_share * largest, size_of_alike_N(*smallest, sizes));
     const double odds = std::pow(sizes[smallest] / error_N, deciding().significance_exponent);
     move_weight(selection, search, *smallest, odds / (1.0 + odds), false);
     count_weights(selection);

@@ -11,9 +11,11 @@ namespace isorig::identify {
 /// its error is about a noise of a reading and 8 % of the largest effect. With 30 000 readings, the effect that fits
 /// such an error best is statistically significant. An effect beside a larger one is therefore believed
 ///
-///     with odds (size / e)^4,   e = hypot(2 noise, 0.08 largest)
+///     with odds (size / e)^4,   e = hypot(noise, 0.08 largest, alike)
 ///
 /// and the rest of its weight goes to the explanation without it, which becomes the answer if it then has more weight.
+/// `alike` is for an effect beyond the recording format's thirteen that depends on a single thing: the size of another
+/// effect that depends on that thing alone, since of two functions of time one may be the error of the other's formula.
 /// The smallest effect is judged first, then the others again. The noise is as measured, or the residual of the
 /// explanation if that is smaller. The fourth power is fitted: it takes an effect of half the error's size to 6 % and
 /// of twice its size to 94 %.
