@@ -51,7 +51,7 @@ ElvhReading ElvhMonitor::update(uint32_t raw_word, int64_t device_us, double sur
     stale_run_ = 0;
     if (has_last_) {
       const int64_t gap_us = device_us - last_us_;
-      if (sure_rate_psi_s == 0.0 || raw != last_pressure_raw_) {
+      if (raw != last_pressure_raw_ || sure_rate_psi_s == 0.0) {
         expected_change_psi_ = 0.0;
       } else if (gap_us > 0 && gap_us <= kMaxRateGap_us) {
         expected_change_psi_ += sure_rate_psi_s * 1e-6 * static_cast<double>(gap_us);
@@ -61,7 +61,7 @@ ElvhReading ElvhMonitor::update(uint32_t raw_word, int64_t device_us, double sur
         const double step_psi = static_cast<double>(raw - last_pressure_raw_) * kElvhPsiPerCount;
         const double allowed_psi =
             options_.rate_allowance_psi + options_.max_rate_psi_s * 1e-6 * static_cast<double>(gap_us);
-        flag(__builtin_fabs(step_psi) > allowed_psi, kElvhTooFast);
+        flag(step_psi > allowed_psi || -step_psi > allowed_psi, kElvhTooFast);
       }
     }
     // A run that never ends must not come round to 0 and look healthy.
