@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <functional>
 #include <random>
 
 #include "concealed_specimen.hpp"
@@ -341,6 +342,30 @@ TEST(Table, DescribesAForceOfThePositionThatNoEffectIs) {
 TEST(Table, IsNotMadeOfNoise) {
   const Searched on(test::record_other({.seed = 8}));
   EXPECT_FALSE(describe_unknown(on.search, on.search.nominal(model::nominal_model("slse1"))).has_value());
+}
+
+// --- may_be_tried ----------------------------------------------------------------------------------------------------
+
+TEST(MayBeTried, TrappedGasNeedsALengthAndAGaugeThatStandsStill) {
+  const Searched on(test::record({}));
+  const Hypothesis nominal = on.search.nominal(model::nominal_model("slse1"));
+  const auto tried = [&](const std::function<void(Excitation&)>& change) {
+    std::vector<Series> series = on.series;
+    change(series[0].excitation);
+    return may_be_tried(effect("trapped_gas"), nominal, series);
+  };
+  EXPECT_TRUE(tried([](Excitation&) {}));
+  EXPECT_FALSE(tried([](Excitation& e) { e.reference.rest_length_mm = 0.0; }));
+  EXPECT_FALSE(tried([](Excitation& e) { e.pressure_psi.clear(); }));
+  // A hundredth of 15 psi and an atmosphere is 0.297 psi.
+  const auto moved = [](double psi) {
+    return [=](Excitation& e) {
+      std::ranges::fill(e.pressure_psi, 15.0);
+      e.pressure_psi.back() -= psi;
+    };
+  };
+  EXPECT_TRUE(tried(moved(0.29)));
+  EXPECT_FALSE(tried(moved(0.30)));
 }
 
 // --- below_resolution ------------------------------------------------------------------------------------------------
