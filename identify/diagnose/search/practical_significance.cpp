@@ -69,9 +69,9 @@ void discount_insignificant_effects(Selection& selection, const Search& search, 
         smallest = effect;
     if (smallest == nullptr) break;
     done.insert(smallest);
-    const double error_N =
-        std::hypot(options.model_error_noises * noise_left_N(search, selection.pool[chosen], options),
-                   options.model_error_share * largest, size_of_alike_N(*smallest, sizes));
+    const double error_N = std::hypot(
+        options.model_error_noises * noise_left_N(search, selection.pool[chosen], options),
+        options.model_error_share * largest, deciding().alike_error_share * size_of_alike_N(*smallest, sizes));
     const double odds = std::pow(sizes[smallest] / error_N, deciding().significance_exponent);
     move_weight(selection, search, *smallest, odds / (1.0 + odds), false);
     count_weights(selection);
