@@ -154,7 +154,8 @@ namespace {
 /// Least value of n, and where. A row on the wrong side of an event errs by the event's whole force, so the squares
 /// rise on both sides of it by the force squared for each row: a valley, whose floor is as rough as the noise of some
 /// rows. Every n^(2/3)-th place is looked at, then every n^(1/3)-th beside the least of them, then every one: 65 of
-/// 2,000.
+/// 2,000. Of 28 slips of six recordings 27 got the row that a scan of all rows finds; the other, known to 0.85 s, got
+/// another row of its interval.
 std::pair<double, std::size_t> least_of_valley(std::size_t n, const std::function<double(std::size_t)>& value) {
   std::pair<double, std::size_t> best{std::numeric_limits<double>::infinity(), 0};
   std::size_t from = 0, to = n;

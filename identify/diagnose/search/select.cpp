@@ -154,8 +154,8 @@ Selection select_effects(const Search& search, const model::ModelSpec& nominal, 
     const bool nearer = pool[near].ls_chi2 < deciding().leaves_less_share * pool[order[0]].ls_chi2;
     best = std::max(best, pool[order.front()].evidence);
     least = std::min(least, pool[near].ls_chi2);
-    add(pool, search.extend(Hypothesis(pool[order[0]]), 3, false));
-    if (nearer) add(pool, search.extend(Hypothesis(pool[near]), 3, false));
+    add(pool, search.extend(pool[order[0]], 3, false));
+    if (nearer) add(pool, search.extend(pool[near], 3, false));
     // More of the beam only where one more effect explains more at all.
     if (!explains_more(ranked(pool, size + 1))) break;
     // If the first effect explains all but 2 % of the nominal model's squares, every explanation has it. Else the next
