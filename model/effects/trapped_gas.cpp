@@ -114,8 +114,8 @@ class Chamber : public Process {
 ///   tau = 0           a valve that lets everything through: no force; while it still adds some, viscous_drag
 ///   tau without end   a valve that is shut: an elastic force that is curved as the gas is, strain_stiffening
 /// Units: tau s, theta degrees, f N/psi. kappa is 1 where the walls keep the gas at their temperature (isothermal) and
-/// 1.4 where they have no time to (adiabatic). It is told from f and theta where the stroke is long enough for the volume
-/// to curve: at 4 mm of 90 mm it is recovered, at 4 mm of 9 m its interval is its whole range (recovery_test).
+/// 1.4 where they have no time to (adiabatic). It is told from f and theta where the stroke is long enough for the
+/// volume to curve: at 4 mm of 90 mm it is recovered, at 4 mm of 9 m its interval is its whole range (recovery_test).
 /// Errors: exact for straight motion and pressure to 1e-6. The air of the tube and of the end caps is not in V: it
 /// makes f smaller by its share of the volume, and the angle larger. Flow is in proportion to the difference of
 /// pressure, as through a narrow tube; an orifice chokes. Passive at a constant measured pressure.
