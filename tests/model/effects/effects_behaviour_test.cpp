@@ -174,6 +174,29 @@ TEST(Backlash, BeginsWhereItIsSaidTo) {
   }
 }
 
+/// At a steady speed the crosshead hangs back by half the gap and by what the drag costs, and catches up with the
+/// latter.
+TEST(Backlash, HangsBackBehindACompliantContact) {
+  const double gap = 0.2, tau_s = 0.05, speed = 2.0;
+  const model::ModelSpec spec{"", {part("crosshead_backlash", "compliant", {gap, tau_s, 0.0}, {}), spring(3.0)}};
+  const Track track = go(1e-3, {{4.0, 2.0}, {4.0, 0.5}});
+  const Curve force = all_rows(spec, track);
+  EXPECT_NEAR(force[1999], 3.0 * (track.position_mm[1999] - 0.5 * gap - speed * tau_s), 1e-9);
+  EXPECT_NEAR(force[2000 + 100], 3.0 * (4.0 - 0.5 * gap - speed * tau_s * std::exp(-0.1 / tau_s)), 1e-9);
+}
+
+/// A step that leaves a flank, crosses the gap and meets the other flank is as good as a hundred small ones.
+TEST(Backlash, StepsAcrossItsGapExactly) {
+  for (const double tau_s : {0.002, 0.03, 0.4}) {
+    const model::ModelSpec spec{"", {part("crosshead_backlash", "compliant", {0.3, tau_s, -0.4}, {}), spring(1.0)}};
+    const Track track = go(1e-3, {{2.0, 0.4}, {1.5, 0.1}, {1.9, 0.1}, {1.9, 0.2}, {-1.0, 0.5}, {0.0, 0.2}});
+    const auto coarse = every(track, 100), fine = every(track, 1);
+    const Curve by_hundreds = model_force(spec, track, coarse), one_by_one = model_force(spec, track, fine);
+    for (std::size_t k = 0; k < coarse.size(); ++k)
+      EXPECT_NEAR(by_hundreds[k], one_by_one[coarse[k]], 1e-12) << tau_s << " s, at " << track.t_s(coarse[k]) << " s";
+  }
+}
+
 TEST(Slack, NeverPushesWhateverTheSpecimenIs) {
   std::mt19937 random(4);
   std::uniform_real_distribution<double> share(0.2, 2.0);

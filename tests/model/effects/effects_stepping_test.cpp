@@ -45,7 +45,8 @@ class EveryLaw : public testing::TestWithParam<Named> {
   const Case* case_ = nullptr;
 };
 
-TEST_P(EveryLaw, IsExactOnStraightStrokes) {
+class LawOfStrokes : public EveryLaw {};
+TEST_P(LawOfStrokes, IsExactOnStraightStrokes) {
   const Strokes path = strokes();
   const auto stride = static_cast<std::size_t>(std::lround(path.corner_s / path.track.step_s));
   for (const auto& parameters : case_->parameters) {
@@ -130,6 +131,7 @@ std::vector<Named> laws_that(bool Case::*claim) {
 
 constexpr auto kName = [](const auto& law) { return test_name(law.param); };
 INSTANTIATE_TEST_SUITE_P(Catalogue, EveryLaw, testing::ValuesIn(every_law()), kName);
+INSTANTIATE_TEST_SUITE_P(Catalogue, LawOfStrokes, testing::ValuesIn(laws_that(&Case::knows_corners)), kName);
 INSTANTIATE_TEST_SUITE_P(Catalogue, RateIndependentLaw, testing::ValuesIn(laws_that(&Case::rate_independent)), kName);
 INSTANTIATE_TEST_SUITE_P(Catalogue, PassiveLaw, testing::ValuesIn(laws_that(&Case::passive)), kName);
 

@@ -11,11 +11,11 @@
 namespace isorig::test {
 namespace {
 
-/// dz/dt = slope(z, velocity), z(0) = 0, by classical Runge-Kutta; `rate(z, velocity)` is how fast z may
+/// dz/dt = slope(z, velocity), z(0) = `first`, by classical Runge-Kutta; `rate(z, velocity)` is how fast z may
 /// turn.
 template <class Slope, class Rate>
-Curve integrate(const Track& track, const Slope& slope, const Rate& rate) {
-  Curve z{0.0};
+Curve integrate_from(double first, const Track& track, const Slope& slope, const Rate& rate) {
+  Curve z{first};
   for (std::size_t i = 1; i < track.size(); ++i) {
     const double v = (track.position_mm[i] - track.position_mm[i - 1]) / track.step_s;
     double y = z.back(), left_s = track.step_s;
@@ -30,6 +30,11 @@ Curve integrate(const Track& track, const Slope& slope, const Rate& rate) {
     z.push_back(y);
   }
   return z;
+}
+
+template <class Slope, class Rate>
+Curve integrate(const Track& track, const Slope& slope, const Rate& rate) {
+  return integrate_from(0.0, track, slope, rate);
 }
 
 Curve arm(const Track& track, double tau_s) {
@@ -475,8 +480,45 @@ void add_rig_and_sensor(std::map<std::string, Judge>& of) {
     for (double& x : t.position_mm) x = x - stop.at(x) - (zero - first);
     reckon_velocity(t);
   }};
+  of["crosshead_backlash/compliant"] = {.move = [](Numbers p, Track& t) {
+    // What is pushed beyond a flank is a spring's length against a drag: small Runge-Kutta steps of the distance
+    // between reading and crosshead.
+    const double half = 0.5 * p[0];
+    const Curve apart = integrate_from(
+        -p[2] * half, t,
+        [=](double a, double v) {
+          return v - (a > half ? a - half : a < -half ? a + half : 0.0) / p[1];
+        },
+        [=](double, double v) { return 1.0 / p[1] + std::fabs(v) / std::fmax(half, 1e-3); });
+    for (std::size_t i = 0; i < t.size(); ++i) t.position_mm[i] -= apart[i] - apart.front();
+    reckon_velocity(t);
+  }};
   of["fixture_inertia/rigid"] =
       at_point([](Numbers, const Track& t, std::size_t i) { return t.acceleration_mm_s2(i) / 1000.0; });
+  of["fixture_inertia/sprung"] = {.force = [](Numbers p, const Track& t) {
+    // How far the mass hangs behind its support, r, and how fast: r'' = a - w^2 r - 2 z w r', and its spring pulls with
+    // w^2 r.
+    const double w = 2.0 * std::numbers::pi / p[0], damping = 2.0 * p[1] * w;
+    double r = t.acceleration_mm_s2(0) / (w * w), rate = 0.0;
+    Curve out{t.acceleration_mm_s2(0) / 1000.0};
+    for (std::size_t i = 1; i < t.size(); ++i) {
+      const double before = t.acceleration_mm_s2(i - 1), after = t.acceleration_mm_s2(i);
+      const auto pieces = static_cast<int>(std::ceil(w * t.step_s / 0.05));
+      const double h = t.step_s / pieces;
+      for (int k = 0; k < pieces; ++k) {
+        const auto a = [&](double part) { return before + (after - before) * (k + part) / pieces; };
+        const auto turn = [&](double x, double v, double part) { return a(part) - w * w * x - damping * v; };
+        const double v1 = rate, a1 = turn(r, v1, 0.0);
+        const double v2 = rate + 0.5 * h * a1, a2 = turn(r + 0.5 * h * v1, v2, 0.5);
+        const double v3 = rate + 0.5 * h * a2, a3 = turn(r + 0.5 * h * v2, v3, 0.5);
+        const double v4 = rate + h * a3, a4 = turn(r + h * v3, v4, 1.0);
+        r += h / 6.0 * (v1 + 2.0 * v2 + 2.0 * v3 + v4);
+        rate += h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4);
+      }
+      out.push_back(w * w * r / 1000.0);
+    }
+    return Columns{out};
+  }};
   of["force_lag/first_order"] = {
       .shape = [](Numbers p, const Track& t, const Curve& force) { return behind_poles<1>(p[0], t.step_s, force); }};
   of["force_lag/two_poles"] = {

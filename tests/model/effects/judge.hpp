@@ -36,6 +36,8 @@ struct Case {
   double order = 2;
   bool rate_independent = false;  ///< the same places at twice the speed give the same force
   bool passive = false;           ///< never gives back more work than it was given
+  /// False: the law is driven by an acceleration that runs straight between instants, which at a corner it does not.
+  bool knows_corners = true;
 };
 
 /// Null when nobody wrote one: the tests then fail for that law.

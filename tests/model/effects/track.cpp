@@ -1,5 +1,6 @@
 #include "track.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <random>
@@ -31,7 +32,7 @@ void press(Track& track) {
 }  // namespace
 
 double Track::acceleration_mm_s2(std::size_t i) const {
-  if (i == 0 || i + 1 >= size()) return 0.0;
+  i = std::clamp<std::size_t>(i, 1, size() - 2);
   return (position_mm[i + 1] - 2.0 * position_mm[i] + position_mm[i - 1]) / (step_s * step_s);
 }
 
