@@ -16,6 +16,18 @@ Signal spread_play(const Signal& position_mm, double play_mm) {
   return grip;
 }
 
+Signal worn_play(const Signal& position_mm, double play_mm, double worn_mm) {
+  Signal grip(position_mm.size());
+  double at_mm = position_mm.front();
+  for (std::size_t i = 0; i < position_mm.size(); ++i) {
+    const double x = position_mm[i], u = x / worn_mm;
+    const double half_mm = play_mm * (1.0 + 2.0 * std::exp(-u * u)) / 6.0;
+    at_mm = std::clamp(at_mm, x - half_mm, x + half_mm);
+    grip[i] = at_mm;
+  }
+  return grip;
+}
+
 Signal compliant_play(const Drive& drive, double play_mm, double time_s) {
   const double half_mm = 0.5 * play_mm;
   Signal grip(drive.size());

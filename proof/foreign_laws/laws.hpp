@@ -7,8 +7,8 @@
 #include "proof/foreign_laws/drive.hpp"
 
 /// The physics of the second generator. Nothing here uses model/, and most formulas are written nowhere in it; the
-/// exceptions are Ogden-Roxburgh, the set with a yield, the one-way dashpot, the braid near its end, two poles and the
-/// bladder behind a tube (docs/proof.md).
+/// exceptions are Ogden-Roxburgh, the set with a yield, the one-way dashpot, the braid near its end, two poles, the
+/// bladder behind a tube, Bouc-Wen friction, the compliant play and the mass on a spring (docs/proof.md).
 /// Forces in N (tension positive), lengths in mm, times in s, pressures in psi. Each law's valid range is that of its
 /// arguments; each is tested against a closed form or a second writing in tests/proof/foreign_specimen_test.cpp and
 /// foreign_rig_test.cpp.
@@ -102,6 +102,9 @@ using Flow = std::function<double(double force_N)>;
 /// Dead zone with a compliant, damped contact against a viscous guide: y' = D(x - y) / tau, D the dead zone of width
 /// `play_mm` (Nordin & Gutman 2002). tau > 0.
 [[nodiscard]] Signal compliant_play(const Drive& drive, double play_mm, double time_s);
+/// Generalised play (Krasnosel'skii & Pokrovskii 1989): flanks x -+ w(x) / 2 that stand farther apart where a screw is
+/// worn, w = play (1 + 2 exp(-(x / worn)^2)) / 3. Both flanks rise with x for play < 1.7 worn.
+[[nodiscard]] Signal worn_play(const Signal& position_mm, double play_mm, double worn_mm);
 struct SlipEvent {
   double at_s = 0.0;
   double share = 1.0;
@@ -125,6 +128,9 @@ struct SlipEvent {
                                    double period_s);
 /// A mass on its own spring and damper: F = m a filtered by the resonance at `frequency_Hz` with `damping`.
 [[nodiscard]] Signal sprung_mass(const Drive& drive, double mass_kg, double frequency_Hz, double damping);
+/// Half of the mass rigid, the other half on it with a spring and a damper of its own (Den Hartog 1934, the vibration
+/// absorber): F = m (a + y) / 2, y the acceleration of `sprung_mass`.
+[[nodiscard]] Signal two_masses(const Drive& drive, double mass_kg, double frequency_Hz, double damping);
 /// Momentum of a chain being lifted: d(m v)/dt with m = mass (1 + x / length) (Cayley 1857; Wong & Yasui 2006).
 [[nodiscard]] Signal growing_mass(const Drive& drive, double mass_kg, double length_mm);
 /// A specimen that lets go over a width: (F + sqrt(F^2 + w^2)) / 2 (a catenary near its sag; Irvine 1981).

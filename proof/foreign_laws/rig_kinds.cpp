@@ -77,6 +77,25 @@ std::vector<Kind> fixture_kinds() {
            return sprung_mass(d, m, q.at("frequency_Hz"), q.at("damping"));
          });
        }},
+      {"two_masses",
+       "fixture_inertia",
+       {},
+       "fixture",
+       acceleration,
+       "Den Hartog 1934",
+       "share of the peak force at the highest acceleration",
+       0.02,
+       0.5,
+       [](Random& random, const Rig&, const Path& path) {
+         return Shape{{"acceleration_mm_s2", path.acceleration_mm_s2()},
+                      {"frequency_Hz", random.uniform(10.0, 25.0)},
+                      {"damping", random.uniform(0.1, 0.4)}};
+       },
+       [](double s, const Shape& q, Rig& rig) {
+         rig.fixture.push_back([m = mass_kg(s, q, rig), q](const Drive& d) {
+           return two_masses(d, m, q.at("frequency_Hz"), q.at("damping"));
+         });
+       }},
       {"growing_mass",
        "fixture_inertia",
        {},
@@ -250,6 +269,23 @@ std::vector<Kind> kinematic_kinds() {
        [](double s, const Shape&, Rig& rig) {
          rig.kinematics.push_back(
              [play = s * rig.stroke_mm](const Drive& d) { return spread_play(d.position_mm, play); });
+       }},
+      {"worn_play",
+       "crosshead_backlash",
+       {},
+       "kinematics",
+       {"direction", "position", "history"},
+       "Krasnosel'skii & Pokrovskii 1989",
+       "share of the stroke",
+       0.01,
+       0.2,
+       [](Random& random, const Rig& rig, const Path&) {
+         return Shape{{"worn_mm", rig.stroke_mm * random.uniform(0.2, 0.6)}};
+       },
+       [](double s, const Shape& q, Rig& rig) {
+         rig.kinematics.push_back([play = s * rig.stroke_mm, worn = q.at("worn_mm")](const Drive& d) {
+           return worn_play(d.position_mm, play, worn);
+         });
        }},
       {"compliant_play",
        "crosshead_backlash",

@@ -93,6 +93,12 @@ Signal sprung_mass(const Drive& drive, double mass_kg, double frequency_Hz, doub
   return force;
 }
 
+Signal two_masses(const Drive& drive, double mass_kg, double frequency_Hz, double damping) {
+  Signal force = sprung_mass(drive, 0.5 * mass_kg, frequency_Hz, damping);
+  for (std::size_t i = 0; i < force.size(); ++i) force[i] += 1e-3 * 0.5 * mass_kg * drive.acceleration_mm_s2[i];
+  return force;
+}
+
 Signal growing_mass(const Drive& drive, double mass_kg, double length_mm) {
   Signal force(drive.size());
   for (std::size_t i = 0; i < force.size(); ++i) {

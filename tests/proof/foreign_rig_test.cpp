@@ -25,6 +25,18 @@ TEST(ForeignKinematics, PlayIsHalfItsWidthBehindAndComplianceMore) {
   for (const double y : compliant_play(inside, 0.15, 0.02)) ASSERT_NEAR(y, 0.0, 1e-12);  // never in contact
 }
 
+/// Along a ramp the grip lies on the upper flank, wherever the screw is worn, and a turn crosses the gap of that place.
+TEST(ForeignKinematics, AWornScrewHasItsPlayWhereItIsWorn) {
+  Signal x;
+  for (int i = 0; i <= 4000; ++i) x.push_back(-2.0 + 1e-3 * i);
+  for (int i = 0; i <= 300; ++i) x.push_back(2.0 - 1e-3 * i);
+  const Signal grip = worn_play(x, 0.3, 0.5);
+  const auto width = [](double at_mm) { return 0.1 * (1.0 + 2.0 * std::exp(-4.0 * at_mm * at_mm)); };
+  for (std::size_t i = 1000; i <= 4000; i += 7) ASSERT_NEAR(x[i] - grip[i], 0.5 * width(x[i]), 1e-12);
+  EXPECT_NEAR(grip[4001 + 90], grip[4000], 1e-12);  // 0.09 mm back: still within the gap of 0.1 mm
+  EXPECT_NEAR(grip.back() - x.back(), 0.5 * width(x.back()), 1e-12);
+}
+
 TEST(ForeignKinematics, SlipsAreSettledDisplacements) {
   const Signal t_s = ramp(1.0, 4.0).t_s;
   const SlipEvent events[] = {{0.5, 1.0}, {1.5, 0.4}};
@@ -79,6 +91,9 @@ TEST(ForeignFixture, MassesFollowNewton) {
   const double omega = 2.0 * std::numbers::pi * 6.0, peak = 2.0 * 1e-3 * omega * omega;
   for (std::size_t i = 3000; i < f.size(); i += 7)  // straight between nodes: (w h)^2 / 8, 0.02 %
     ASSERT_NEAR(f[i], -peak * gain * std::sin(omega * s.t_s[i] - phase), 5e-4 * peak);
+  const Signal both = two_masses(s, 4.0, 30.0, 0.5);
+  for (std::size_t i = 0; i < both.size(); i += 7)
+    ASSERT_NEAR(both[i], f[i] + 2e-3 * s.acceleration_mm_s2[i], 1e-12 * peak);
   const Signal chain = growing_mass(s, 2.0, 10.0);
   for (std::size_t i = 1; i + 1 < s.size(); i += 11) {
     const auto momentum = [&s](std::size_t n) { return 2e-3 * (1.0 + s.position_mm[n] / 10.0) * s.velocity_mm_s[n]; };
