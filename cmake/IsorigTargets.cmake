@@ -184,12 +184,14 @@ function(isorig_program name)
   isorig_unity(${name})
 endfunction()
 
-# isorig_test(<name> SOURCES ... LINKS ... [REAL_TIME] [LABELS ...] [TIMEOUT s])
+# isorig_test(<name> SOURCES ... LINKS ... [REAL_TIME] [WHOLE] [LABELS ...] [TIMEOUT s])
 # Labels: `asan`, `tsan` name the sanitizers a test makes sense for; `slow` keeps it out of sanitizer runs.
 # REAL_TIME: a daemon and an emulated rig run in real time, both in other processes. With a compiler, a browser or a
 # diagnosis beside them two processors would be too few, and the emulated rig would miss its own deadlines.
+# WHOLE: the program is a single test of ctest. Its tests share what takes longest, a diagnosis that each process of its own
+# would make again.
 function(isorig_test name)
-  cmake_parse_arguments(arg "REAL_TIME" "TIMEOUT" "SOURCES;LINKS;LABELS" ${ARGN})
+  cmake_parse_arguments(arg "REAL_TIME;WHOLE" "TIMEOUT" "SOURCES;LINKS;LABELS" ${ARGN})
   if(NOT arg_TIMEOUT)
     set(arg_TIMEOUT 300)  # a hang, not a slow machine: sanitizers take ten times as long
   endif()
@@ -213,8 +215,13 @@ function(isorig_test name)
   if(arg_REAL_TIME)
     set(processors 2)
   endif()
-  gtest_discover_tests(${name} DISCOVERY_TIMEOUT 60
-    PROPERTIES TIMEOUT ${arg_TIMEOUT} LABELS "${labels}" PROCESSORS ${processors})
+  if(arg_WHOLE)
+    add_test(NAME ${name} COMMAND ${name})
+    set_tests_properties(${name} PROPERTIES TIMEOUT ${arg_TIMEOUT} LABELS "${labels}" PROCESSORS ${processors})
+  else()
+    gtest_discover_tests(${name} DISCOVERY_TIMEOUT 60
+      PROPERTIES TIMEOUT ${arg_TIMEOUT} LABELS "${labels}" PROCESSORS ${processors})
+  endif()
 endfunction()
 
 # isorig_vm_test(<name> COMMAND ... [MODULES ...] [QEMU arguments...] [TIMEOUT s] [ENVIRONMENT ...])
