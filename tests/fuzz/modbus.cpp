@@ -16,10 +16,29 @@ namespace {
 
 using modbus::Quantity;
 
+/// All of a gateway, zeros at first. Those that were written are kept in mind, so that no input clears 128 KiB.
+class Registers {
+ public:
+  void put(std::size_t address, std::uint16_t word) {
+    words_[address % words_.size()] = word;
+    written_.push_back(address % words_.size());
+  }
+  [[nodiscard]] std::uint16_t at(std::size_t address) const { return words_[address % words_.size()]; }
+  void clear() {
+    for (const auto address : written_) words_[address] = 0;
+    written_.clear();
+  }
+
+ private:
+  std::vector<std::uint16_t> words_ = std::vector<std::uint16_t>(65536);
+  std::vector<std::size_t> written_;
+};
+
 /// Registers as a gateway holds them, and answers as the input wants them.
 class Gateway final : public Peer {
  public:
-  Gateway(Input& in, const modbus::ModbusConfig& config) : in_(in), config_(config), registers_(65536) {
+  Gateway(Input& in, const modbus::ModbusConfig& config) : in_(in), config_(config) {
+    registers_.clear();
     set(Quantity::kIdentityWord, config.map.expected_identity_word);
     set(Quantity::kSampleRate_Hz, 1000.0);
   }
@@ -44,7 +63,7 @@ class Gateway final : public Peer {
     const auto& at = config_.map.at(quantity);
     if (!at) return;
     const auto words = at->format.encode(value);
-    for (std::size_t i = 0; words && i < at->format.registers(); ++i) registers_[at->address + i] = (*words)[i];
+    for (std::size_t i = 0; words && i < at->format.registers(); ++i) registers_.put(at->address + i, (*words)[i]);
   }
 
   /// Of the request that stands in front, once it is whole.
@@ -68,19 +87,19 @@ class Gateway final : public Peer {
   /// The right answer, with registers that the input has changed.
   std::vector<std::uint8_t> right(Bytes pdu, unsigned changes) {
     const auto address = modbus::word_at(pdu, 1), word = modbus::word_at(pdu, 3);
-    if (pdu[0] == 6) registers_[address] = word;
+    if (pdu[0] == 6) registers_.put(address, word);
     if (pdu[0] == 16) {
       for (std::size_t i = 0; i < word && 7 + 2 * i < pdu.size(); ++i)
-        registers_[(address + i) % registers_.size()] = modbus::word_at(pdu, 6 + 2 * i);
+        registers_.put(address + i, modbus::word_at(pdu, 6 + 2 * i));
     }
     if (pdu[0] == 6 || pdu[0] == 16) return {pdu.begin(), pdu.begin() + 5};
     for (unsigned i = 0; i < changes; ++i) {
       const auto at = in_.byte();
-      registers_[(address + at % std::max<unsigned>(word, 1)) % registers_.size()] = in_.word();
+      registers_.put(address + at % std::max<unsigned>(word, 1), in_.word());
     }
     std::vector<std::uint8_t> out{pdu[0], static_cast<std::uint8_t>(2 * word)};
     for (std::size_t i = 0; i < word; ++i) {
-      const auto value = registers_[(address + i) % registers_.size()];
+      const auto value = registers_.at(address + i);
       out.push_back(static_cast<std::uint8_t>(value >> 8U));
       out.push_back(static_cast<std::uint8_t>(value));
     }
@@ -121,7 +140,7 @@ class Gateway final : public Peer {
 
   Input& in_;
   const modbus::ModbusConfig& config_;
-  std::vector<std::uint16_t> registers_;
+  static inline Registers registers_;
   std::string unfinished_;
   bool closes_ = false;
 };

@@ -8,9 +8,10 @@
 #include "drivers/clock/real_clock.hpp"
 #include "target.hpp"
 
-/// A device on the wire without a wire. The drivers' connect_tcp(), open_serial(), ppoll() and RealClock are those of
-/// wire.cpp: a connection is a pair of sockets within this process, whenever the driver waits for an answer the peer is
-/// asked for one, and time is what was waited for. One thread, no real time, the same input does the same again.
+/// A device on the wire without a wire. The drivers' connect_tcp(), open_serial() and RealClock are those of wire.cpp,
+/// and so are read(), write(), ppoll() and the like for its descriptor: a connection is two strings in this process,
+/// whenever the driver waits for an answer the peer is asked for one, and time is what was waited for. One thread, no
+/// call of the kernel, no real time, the same input does the same again.
 namespace isorig::fuzz {
 
 class Peer {
