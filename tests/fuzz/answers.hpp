@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 #include <string_view>
+#include <thread>
 
 #include "target.hpp"
 
@@ -36,7 +37,7 @@ inline std::string talk(int fd, std::string_view request, const std::function<vo
   using Clock = std::chrono::steady_clock;
   const auto until = Clock::now() + std::chrono::seconds(15);
   std::string got;
-  std::array<char, 65536> bytes{};
+  static std::array<char, 65536> bytes;
   bool said_all = false;
   for (;;) {
     if (!said_all && request.empty()) {
@@ -61,6 +62,7 @@ inline std::string talk(int fd, std::string_view request, const std::function<vo
       continue;
     }
     meanwhile();
+    std::this_thread::yield();  // to the threads that answer
     require(Clock::now() < until, "a connection is neither answered nor closed");
   }
 }

@@ -9,18 +9,18 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <atomic>
 #include <boost/asio/io_context.hpp>
-#include <cctype>
+#include <boost/asio/local/stream_protocol.hpp>
+#include <boost/beast/core/flat_buffer.hpp>
+#include <boost/beast/http.hpp>
+#include <chrono>
 #include <memory>
+#include <optional>
 #include <set>
 #include <string>
-#include <thread>
 
 #include "answers.hpp"
-#include "daemon/host/http_server.hpp"
 #include "daemon/host/paths.hpp"
-#include "daemon/host/unix_listener.hpp"
 #include "target.hpp"
 #include "webserver/server.hpp"
 
@@ -32,44 +32,66 @@ constexpr const char* kOutside = "what lies outside is shown to nobody";
 /// In the answers of the daemon that are for people with a session.
 constexpr const char* kInside = "a run's page is for people with a session";
 
-/// As isorigd to isorig-web, on both of its sockets: takes every call, and counts them.
+/// As isorigd to isorig-web, on both of its sockets: takes every call, and counts them. In the page's own thread: a
+/// call that goes from one thread to another waits for the scheduler, longer than for all else.
 class PlayedDaemon {
  public:
-  explicit PlayedDaemon(const std::filesystem::path& socket)
-      : main_(socket, [this](const auto& q, const auto& reply) { take(q, reply); }),
-        stops_(daemon::stop_socket_of(socket), [this](const auto& q, const auto& reply) { take(q, reply); }) {}
+  PlayedDaemon(boost::asio::io_context& io, const std::filesystem::path& socket)
+      : main_(io, Local::endpoint(socket.string())),
+        stops_(io, Local::endpoint(daemon::stop_socket_of(socket).string())) {
+    accept(main_);
+    accept(stops_);
+  }
 
   [[nodiscard]] unsigned commands() const { return commands_; }
   [[nodiscard]] unsigned looks() const { return looks_; }
 
  private:
-  struct Door {
-    Door(const std::filesystem::path& socket, daemon::HttpServer::Handler handler)
-        : listener(socket, 0600),
-          server(listener.fd(), {}, std::move(handler),
-                 [](int status, const std::string& why) {
-                   return daemon::HttpAnswer{status, nlohmann::json{{"ok", false}, {"text", why}}.dump()};
-                 }),
-          thread([this] { server.run(); }) {}
-    ~Door() {
-      server.stop();
-      thread.join();
-    }
-    Door(const Door&) = delete;
-    Door& operator=(const Door&) = delete;
+  using Local = boost::asio::local::stream_protocol;
+  using Body = boost::beast::http::string_body;
 
-    daemon::UnixListener listener;
-    daemon::HttpServer server;
-    std::thread thread;
+  struct Call {
+    explicit Call(Local::socket s) : socket(std::move(s)) {}
+    Local::socket socket;
+    boost::beast::flat_buffer buffer;
+    boost::beast::http::request<Body> request;
+    boost::beast::http::response<Body> answer;
   };
 
-  void take(const daemon::HttpRequest& q, const daemon::HttpServer::Reply& reply) {
-    ++(q.method == "POST" ? commands_ : looks_);
-    reply({200, nlohmann::json{{"ok", true}, {"text", "done"}, {"page", kInside}, {"term", 1}}.dump()});
+  void accept(Local::acceptor& door) {
+    door.async_accept([this, &door](boost::system::error_code error, Local::socket socket) {
+      if (error) return;
+      auto call = std::make_shared<Call>(std::move(socket));
+      boost::beast::http::async_read(call->socket, call->buffer, call->request,
+                                     [this, call](boost::system::error_code failed, std::size_t) {
+                                       if (failed == boost::beast::http::error::header_limit) return refuse(call);
+                                       require(!failed, "a call that is no HTTP reaches the daemon");
+                                       take(call);
+                                     });
+      accept(door);
+    });
   }
 
-  std::atomic<unsigned> commands_{0}, looks_{0};
-  Door main_, stops_;
+  void take(const std::shared_ptr<Call>& call) {
+    ++(call->request.method() == boost::beast::http::verb::post ? commands_ : looks_);
+    answer(call, {{"ok", true}, {"text", "done"}, {"page", kInside}, {"term", 1}});
+  }
+
+  /// As isorigd does: a path of a report may be longer in the call than it was in the page's request.
+  static void refuse(const std::shared_ptr<Call>& call) {
+    call->answer.result(boost::beast::http::status::request_header_fields_too_large);
+    answer(call, {{"ok", false}, {"text", "the request's header is too long"}});
+  }
+
+  static void answer(const std::shared_ptr<Call>& call, const nlohmann::json& body) {
+    call->answer.body() = body.dump();
+    call->answer.keep_alive(false);
+    call->answer.prepare_payload();
+    boost::beast::http::async_write(call->socket, call->answer, [call](boost::system::error_code, std::size_t) {});
+  }
+
+  unsigned commands_ = 0, looks_ = 0;
+  Local::acceptor main_, stops_;
 };
 
 struct How {
@@ -92,13 +114,12 @@ class Served {
   Served() : folder_(scratch() / "web") {
     spdlog::set_level(spdlog::level::off);
     std::filesystem::remove_all(folder_);
-    for (const char* name : {"protocols", "saved", "specimens", "models"})
-      std::filesystem::create_directories(folder_ / name);
+    for (const char* name : {"protocols", "specimens", "models"}) std::filesystem::create_directories(folder_ / name);
     put(folder_ / "outside.toml", kOutside);
     put(folder_ / "protocols/p.toml", "format = \"isorig-protocol/1\"\n");
     put(folder_ / "specimens/s.toml", "format = \"isorig-specimen/1\"\n");
-    std::filesystem::create_symlink("../outside.toml", folder_ / "saved/link.toml");
-    played_ = std::make_unique<PlayedDaemon>(folder_ / "s");
+    put_saved();
+    played_ = std::make_unique<PlayedDaemon>(io_, folder_ / "s");
     web::HubSettings settings;
     settings.socket = (folder_ / "s").string();
     settings.protocols = folder_ / "protocols";
@@ -114,6 +135,13 @@ class Served {
     Input abort(reinterpret_cast<const std::uint8_t*>(kAbort.data()), kAbort.size());
     exchange(How(1U | 16U), abort);
     require(played_->commands() == 1, "a command of the own page does not reach the daemon");
+  }
+
+  /// Sessions, links and saved protocols are bounded, and used up.
+  void refresh() {
+    hub_->access().expire(std::chrono::steady_clock::now() + std::chrono::hours(24));
+    (void)hub_->access().control_is(std::nullopt);
+    put_saved();
   }
 
   void exchange(const How& how, Input& in) {
@@ -145,6 +173,16 @@ class Served {
   }
 
  private:
+  /// The link alone; a protocol may be on its way into the folder.
+  void put_saved() const {
+    const auto saved = folder_ / "saved";
+    std::error_code ignored;
+    std::filesystem::create_directories(saved, ignored);
+    for (const auto& entry : std::filesystem::directory_iterator(saved, ignored))
+      std::filesystem::remove_all(entry.path(), ignored);
+    std::filesystem::create_symlink("../outside.toml", saved / "link.toml", ignored);
+  }
+
   [[nodiscard]] std::set<std::string> entries() const {
     std::set<std::string> names;
     for (const char* under : {"", "protocols", "specimens", "models"})
@@ -254,8 +292,10 @@ class Served {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace isorig::fuzz;
-  // Sessions and links are bounded, and used up.
-  Served& served = server_for_next_input<Served>(50, [](const Served&) { return true; });
+  // Anew seldom: the room for the history of a hub's samples is 60 MB.
+  Served& served = server_for_next_input<Served>(20'000, [](const Served&) { return true; });
+  static unsigned inputs = 0;
+  if (++inputs % 50 == 0) served.refresh();
   Input in(data, size);
   const How how(in.byte());
   served.exchange(how, in);
