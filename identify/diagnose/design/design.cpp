@@ -87,6 +87,13 @@ class Chooser {
     only[pair] = true;
     return designer_.prove(item, only).distance[pair];
   }
+  /// Of the pairs that count, the one that the chosen experiment separates least.
+  [[nodiscard]] std::size_t worst_pair() const {
+    std::size_t worst = 0;
+    for (std::size_t p = 0; p < choice_.proof.distance.size(); ++p)
+      if (counts_[p] && (!counts_[worst] || choice_.proof.distance[p] < choice_.proof.distance[worst])) worst = p;
+    return worst;
+  }
   void set_aside(std::size_t pair, double distance) {
     counts_[pair] = false;
     out_.inseparable.push_back({pairs_[pair].truth, pairs_[pair].rival, distance, {}});
@@ -128,7 +135,7 @@ void Chooser::prove_some(const std::vector<Rated>& rated) {
   std::ranges::stable_sort(order, {}, [](const Rated* r) { return r->item.duration_s; });
   if (order.size() > kProofs) order.resize(kProofs);
   for (const Rated* each : order) {
-    Choice trial{each, designer_.prove(each->item, counts_), 0.0};
+    Choice trial{each, designer_.prove(each->item, counts_, {choice_.least, worst_pair()}), 0.0};
     trial.least = trial.proof.least(counts_);
     if (trial.least > choice_.least) choice_ = std::move(trial);
     if (choice_.least >= options_.enough) return;
@@ -143,9 +150,7 @@ void Chooser::prove_singles() {
     // To first order every pair was separated; refitted, the rival's other numbers make up for it in the worst one. If
     // the experiment that is best for that pair alone does no better, no experiment separates it: set it aside and
     // choose for the others.
-    std::size_t worst = 0;
-    for (std::size_t p = 0; p < pairs_.size(); ++p)
-      if (counts_[p] && (!counts_[worst] || choice_.proof.distance[p] < choice_.proof.distance[worst])) worst = p;
+    const std::size_t worst = worst_pair();
     if (choice_.proof.distance[worst] >= deciding().hopeless_squares) return;
     const double distance = std::max(proven(best_for(worst)->item, worst), choice_.proof.distance[worst]);
     if (distance >= deciding().hopeless_squares) return;

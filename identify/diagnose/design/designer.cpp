@@ -1,6 +1,8 @@
 #include "identify/diagnose/design/designer.hpp"
 
 #include <algorithm>
+#include <atomic>
+#include <numeric>
 
 #include "base/parallel.hpp"
 #include "base/quantile.hpp"
@@ -118,12 +120,18 @@ std::optional<Score> Designer::score(const CandidateExperiment& item) const {
   return out;
 }
 
-Score Designer::prove(const CandidateExperiment& item, const std::vector<bool>& counts) const {
+Score Designer::prove(const CandidateExperiment& item, const std::vector<bool>& counts, const ToBeat& to_beat) const {
   const Series fresh = rehearse(item.plan, reference_, sampling_);
   Score out;
   out.distance.assign(pairs_.size(), 0.0);
-  base::parallel_for(pairs_.size(), threads_, [&](std::size_t p) {
-    if (!counts[p]) return;
+  // The pair that is the other experiment's worst is likely to be this one's: it comes first.
+  std::vector<std::size_t> order(pairs_.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  if (to_beat.pair < order.size()) std::swap(order.front(), order[to_beat.pair]);
+  std::atomic<bool> beaten = false;
+  base::parallel_for(order.size(), threads_, [&](std::size_t at) {
+    const std::size_t p = order[at];
+    if (!counts[p] || beaten) return;
     std::vector<Series> run{fresh};
     const Eigen::VectorXd force = Problem(run, noise_).predict(rivals_[pairs_[p].truth].spec);
     run[0].force_N.assign(force.data(), force.data() + force.size());
@@ -133,7 +141,11 @@ Score Designer::prove(const CandidateExperiment& item, const std::vector<bool>& 
     const Rival& rival = rivals_[pairs_[p].rival];
     double least = HUGE_VAL;
     // Laws of one effect can replace each other: another may fit the new data better.
-    for (const model::ModelSpec& start : starts_of(rival)) least = std::min(least, joint.fit(start, 10).chi2);
+    for (const model::ModelSpec& start : starts_of(rival)) {
+      least = std::min(least, joint.fit(start, 10).chi2);
+      if (std::max(least - rival.chi2, 0.0) <= to_beat.least) beaten = true;
+      if (beaten) break;
+    }
     out.distance[p] = std::max(least - rival.chi2, 0.0);
   });
   return out;

@@ -37,6 +37,12 @@ struct Pair {
   std::size_t truth, rival;
 };
 
+/// What an experiment has to beat to be of use: another one's least distance, and of which pair that is.
+struct ToBeat {
+  double least = -1.0;  ///< below 0: nothing
+  std::size_t pair = 0;
+};
+
 /// What the tied explanations expect of an experiment, to first order and by refits.
 class Designer {
  public:
@@ -52,8 +58,10 @@ class Designer {
   /// To first order. Empty when a tied explanation expects forces beyond the limits.
   [[nodiscard]] std::optional<Score> score(const CandidateExperiment& item) const;
 
-  /// Without approximation: each rival refitted to the recordings and what the truth says of the new one.
-  [[nodiscard]] Score prove(const CandidateExperiment& item, const std::vector<bool>& counts) const;
+  /// Without approximation: each rival refitted to the recordings and what the truth says of the new one. Given up
+  /// where a pair is no farther apart than what is to be beaten: the distances that are not known then stand as 0.
+  [[nodiscard]] Score prove(const CandidateExperiment& item, const std::vector<bool>& counts,
+                            const ToBeat& to_beat = {}) const;
 
  private:
   void read_limits();
