@@ -23,8 +23,10 @@ using system_test::wait_until;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
+constexpr const char* kNeedsRoot = "slurmd needs root: run it as root (sudo ctest ...)";
+
 TEST(CampaignSlurm, ANodeKilledInMidJobAnInterruptedCallAndACancelledTaskGiveTheBytesOfALocalRun) {
-  if (::geteuid() != 0) GTEST_SKIP() << "slurmd needs root";
+  if (::geteuid() != 0) GTEST_SKIP() << kNeedsRoot;
   const TempDir dir;
   const auto recordings = make_recordings(dir / "recordings", 5);
   const auto local = isorig(dir, campaign(recordings, dir / "local", {"-j", "2"}), 240.0);
@@ -69,7 +71,7 @@ TEST(CampaignSlurm, ANodeKilledInMidJobAnInterruptedCallAndACancelledTaskGiveThe
 }
 
 TEST(CampaignSlurm, ACancelledTaskIsSubmittedAgainAndARefusalIsSaidInSlurmsWords) {
-  if (::geteuid() != 0) GTEST_SKIP() << "slurmd needs root";
+  if (::geteuid() != 0) GTEST_SKIP() << kNeedsRoot;
   const TempDir dir;
   const auto recordings = make_recordings(dir / "recordings", 2);
   const auto none = isorig(dir, campaign(recordings, dir / "none", {"--on", "slurm"}), 60.0);
