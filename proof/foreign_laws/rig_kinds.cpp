@@ -55,64 +55,58 @@ double mass_kg(double share, const Shape& q, const Rig& rig) {
   return share * rig.peak_N / (1e-3 * q.at("acceleration_mm_s2"));
 }
 
+/// A mass between specimen and load cell.
+Kind fixture_kind(std::string_view law, Strings depends_on, std::string_view source, decltype(Kind::draw) draw,
+                  decltype(Kind::conceal) conceal) {
+  return {.law = law,
+          .effect = "fixture_inertia",
+          .accepted = {},
+          .acts_on = "fixture",
+          .depends_on = std::move(depends_on),
+          .source = source,
+          .strength_is = "share of the peak force at the highest acceleration",
+          .start = 0.02,
+          .most = 0.5,
+          .draw = draw,
+          .conceal = conceal};
+}
+
+Shape ringing(const Path& path, double frequency_Hz, double damping) {
+  return {{"acceleration_mm_s2", path.acceleration_mm_s2()}, {"frequency_Hz", frequency_Hz}, {"damping", damping}};
+}
+
+void add_ringing(Rig& rig, double share, const Shape& q, Signal (*law)(const Drive&, double, double, double)) {
+  rig.fixture.push_back([m = mass_kg(share, q, rig), q, law](const Drive& d) {
+    return law(d, m, q.at("frequency_Hz"), q.at("damping"));
+  });
+}
+
 std::vector<Kind> fixture_kinds() {
-  const Strings acceleration{"onset", "rate"};
   return {
-      {"sprung_mass",
-       "fixture_inertia",
-       {},
-       "fixture",
-       acceleration,
-       "Den Hartog 1934",
-       "share of the peak force at the highest acceleration",
-       0.02,
-       0.5,
-       [](Random& random, const Rig&, const Path& path) {
-         return Shape{{"acceleration_mm_s2", path.acceleration_mm_s2()},
-                      {"frequency_Hz", random.uniform(25.0, 60.0)},
-                      {"damping", random.uniform(0.3, 0.8)}};
-       },
-       [](double s, const Shape& q, Rig& rig) {
-         rig.fixture.push_back([m = mass_kg(s, q, rig), q](const Drive& d) {
-           return sprung_mass(d, m, q.at("frequency_Hz"), q.at("damping"));
-         });
-       }},
-      {"two_masses",
-       "fixture_inertia",
-       {},
-       "fixture",
-       acceleration,
-       "Den Hartog 1934",
-       "share of the peak force at the highest acceleration",
-       0.02,
-       0.5,
-       [](Random& random, const Rig&, const Path& path) {
-         return Shape{{"acceleration_mm_s2", path.acceleration_mm_s2()},
-                      {"frequency_Hz", random.uniform(10.0, 25.0)},
-                      {"damping", random.uniform(0.1, 0.4)}};
-       },
-       [](double s, const Shape& q, Rig& rig) {
-         rig.fixture.push_back([m = mass_kg(s, q, rig), q](const Drive& d) {
-           return two_masses(d, m, q.at("frequency_Hz"), q.at("damping"));
-         });
-       }},
-      {"growing_mass",
-       "fixture_inertia",
-       {},
-       "fixture",
-       {"onset", "rate", "position"},
-       "Cayley 1857; Wong & Yasui 2006",
-       "share of the peak force at the highest acceleration",
-       0.02,
-       0.5,
-       [](Random& random, const Rig& rig, const Path& path) {
-         return Shape{{"acceleration_mm_s2", path.acceleration_mm_s2()},
-                      {"length_mm", rig.stroke_mm * random.uniform(2.0, 5.0)}};
-       },
-       [](double s, const Shape& q, Rig& rig) {
-         rig.fixture.push_back(
-             [m = mass_kg(s, q, rig), l = q.at("length_mm")](const Drive& d) { return growing_mass(d, m, l); });
-       }},
+      fixture_kind(
+          "sprung_mass", {"onset", "rate"}, "Den Hartog 1934",
+          [](Random& random, const Rig&, const Path& path) {
+            const double frequency_Hz = random.uniform(25.0, 60.0);
+            return ringing(path, frequency_Hz, random.uniform(0.3, 0.8));
+          },
+          [](double s, const Shape& q, Rig& rig) { add_ringing(rig, s, q, sprung_mass); }),
+      fixture_kind(
+          "two_masses", {"onset", "rate"}, "Den Hartog 1934",
+          [](Random& random, const Rig&, const Path& path) {
+            const double frequency_Hz = random.uniform(10.0, 25.0);
+            return ringing(path, frequency_Hz, random.uniform(0.1, 0.4));
+          },
+          [](double s, const Shape& q, Rig& rig) { add_ringing(rig, s, q, two_masses); }),
+      fixture_kind(
+          "growing_mass", {"onset", "rate", "position"}, "Cayley 1857; Wong & Yasui 2006",
+          [](Random& random, const Rig& rig, const Path& path) {
+            return Shape{{"acceleration_mm_s2", path.acceleration_mm_s2()},
+                         {"length_mm", rig.stroke_mm * random.uniform(2.0, 5.0)}};
+          },
+          [](double s, const Shape& q, Rig& rig) {
+            rig.fixture.push_back(
+                [m = mass_kg(s, q, rig), l = q.at("length_mm")](const Drive& d) { return growing_mass(d, m, l); });
+          }),
   };
 }
 
