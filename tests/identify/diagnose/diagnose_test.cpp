@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "concealed_specimen.hpp"
+#include "identify/diagnose/design/designer.hpp"
 #include "identify/diagnose/diagnosis.hpp"
 #include "model/catalogue.hpp"
 #include "protocol/compile.hpp"
@@ -188,6 +189,28 @@ TEST(Diagnose, DesignsAnExperimentThatTellsALagFromADelay) {
   EXPECT_LE(plan.position_max_mm, 2.05);
   EXPECT_GE(plan.position_min_mm, -2.05);
   EXPECT_NEAR(plan.nominal_s, experiment.duration_s, 0.2 * experiment.duration_s);
+
+  // An experiment that is beaten is given up, and one that is better is proved as if nothing were to be beaten.
+  std::vector<std::size_t> tied;
+  for (std::size_t i = 0; i < selection.pool.size(); ++i)
+    if (selection.weight[i] > 0.0) tied.push_back(i);
+  const DesignOptions options;
+  const Designer designer(search, selection, tied, options, 2);
+  const std::vector<bool> counts(designer.pairs().size(), true);
+  const auto items = candidate_experiments(designer.limits());
+  const auto item = std::ranges::find_if(items, [&](const CandidateExperiment& each) {
+    const auto score = designer.score(each);
+    return score && score->least(counts) >= options.enough;
+  });
+  ASSERT_NE(item, items.end());
+  const Score whole = designer.prove(*item, counts);
+  const double least = whole.least(counts);
+  ASSERT_GT(least, 0.0);
+  for (std::size_t pair = 0; pair < counts.size(); ++pair) {
+    EXPECT_EQ(designer.prove(*item, counts, {0.999 * least, pair}).distance, whole.distance);
+    EXPECT_LE(designer.prove(*item, counts, {least, pair}).least(counts), least);
+  }
+  EXPECT_EQ(Designer(search, selection, tied, options, 1).prove(*item, counts, {1e12, 1}).distance.front(), 0.0);
 }
 
 TEST(Diagnose, SaysThatNoExperimentSeparatesOneModelUnderTwoNames) {
