@@ -143,12 +143,14 @@ const Parameter kContactTime{
 /// elongation at the start are those of the reading, wherever in the gap the crosshead stood.
 /// `compliant`: the flanks are springs and what lies beyond them is dragged (grips on guides, a damped load train),
 ///   tau dx'/dt = d(x - x'),   d(a) = a - min(max(a, -g / 2), g / 2),
-/// the dead zone of a shaft with backlash (Nordin & Gutman 2002, 2.2) with tau = drag / stiffness of the contact. For
-/// tau to 0 it is the play. In contact p = x - x' -+ g / 2 obeys dp/dt = v - p / tau. Units: g mm, start 1 (-1 to 1: at
-/// +1 the crosshead follows a shortening at once), tau s. Range: g up to 3 mm, tau 1 ms to 1 s. Errors: exact for
-/// readings without noise that run straight between instants; noise of the position opens a gap of its own size. The
-/// pull of the specimen does not bend the contact: with it tau would change with the specimen's stiffness. Sources:
-/// Krasnosel'skii & Pokrovskii 1989; Nordin & Gutman 2002, Automatica 38:1633 (gears and screws).
+/// a dead zone (Nordin & Gutman 2002) with tau = drag / stiffness of the contact. For tau to 0 x' is that of the play.
+/// In contact p = x - x' -+ g / 2 obeys dp/dt = v - p / tau. Later stages get velocity and acceleration of x'; behind
+/// the play, whose x' has no acceleration at a flank, they get the reading's.
+/// Units: g mm, start 1 (-1 to 1: at +1 the crosshead follows a shortening at once), tau s.
+/// Range: g up to 3 mm, tau 1 ms to 1 s.
+/// Errors: exact for readings without noise that run straight between instants; noise of the position opens a gap of
+/// its own size. The specimen's pull does not bend the contact: with it tau would change with its stiffness.
+/// Sources: Krasnosel'skii & Pokrovskii 1989; Nordin & Gutman 2002, Automatica 38:1633 (gears and screws).
 const Physics& crosshead_backlash() {
   static const Physics physics{
       "crosshead_backlash",

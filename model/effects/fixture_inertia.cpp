@@ -67,10 +67,10 @@ const Coefficient kMass{
 
 /// Mass m between specimen and load cell, which moves with the crosshead's acceleration a.
 /// `rigid`: F = m a.
-/// `sprung`: the mass hangs on a spring (grips, a coupling, the cell itself), with w = 2 pi f and the share z of
+/// `sprung`: the mass hangs on a spring (grips, a coupling, the cell itself), with w = 2 pi / T and the share z of
 /// critical damping,
 ///   F = m y,   y'' + 2 z w y' + w^2 y = w^2 a,   y(0) = a(0), y'(0) = 0
-/// (one degree of freedom, Den Hartog 1934, ch. 2). For T to 0 it is the rigid mass; slow changes come late by
+/// (one degree of freedom, Den Hartog 1934). For T to 0 it is the rigid mass; slow changes come late by
 /// 2 z / w.
 /// Units: m kg, a mm/s^2, F N (m a / 1000), T s, z 1. Range: m >= 0, T 2 ms to 0.5 s, z 0.02 to 1.
 /// Errors: exact where a runs straight between instants; a is the position differentiated twice, over the interval that

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
+#include <numbers>
 #include <random>
 
 #include "judge.hpp"
@@ -185,6 +187,18 @@ TEST(Backlash, HangsBackBehindACompliantContact) {
   EXPECT_NEAR(force[2000 + 100], 3.0 * (4.0 - 0.5 * gap - speed * tau_s * std::exp(-0.1 / tau_s)), 1e-9);
 }
 
+/// What is fixed to the crosshead feels the acceleration of x': from a standing start v e^(-t / tau) / tau.
+TEST(Backlash, ACompliantContactSoftensTheAccelerationToo) {
+  const double tau_s = 0.05, speed = 2.0, mass_kg = 3.0;
+  const model::ModelSpec spec{"",
+                              {part("crosshead_backlash", "compliant", {0.0, tau_s, 0.0}, {}),
+                               part("fixture_inertia", "rigid", {}, {mass_kg})}};
+  const Track track = go(1e-3, {{1.0, 0.5}});
+  const Curve force = all_rows(spec, track);
+  for (std::size_t i = 1; i < 500; i += 7)  // the corner at the start belongs to the first millisecond
+    ASSERT_NEAR(force[i], 1e-3 * mass_kg * speed / tau_s * std::exp(-track.t_s(i) / tau_s), 1e-9);
+}
+
 /// A step that leaves a flank, crosses the gap and meets the other flank is as good as a hundred small ones.
 TEST(Backlash, StepsAcrossItsGapExactly) {
   for (const double tau_s : {0.002, 0.03, 0.4}) {
@@ -195,6 +209,46 @@ TEST(Backlash, StepsAcrossItsGapExactly) {
     for (std::size_t k = 0; k < coarse.size(); ++k)
       EXPECT_NEAR(by_hundreds[k], one_by_one[coarse[k]], 1e-12) << tau_s << " s, at " << track.t_s(coarse[k]) << " s";
   }
+}
+
+Track accelerated(const std::function<double(double)>& position_mm, double seconds) {
+  Track track;
+  for (int i = 0; i <= std::lround(seconds / track.step_s); ++i) {
+    track.position_mm.push_back(position_mm(track.step_s * i));
+    track.velocity_mm_s.push_back(0.0);
+    track.excess_psi.push_back(0.0);
+  }
+  return track;
+}
+
+/// Behind an acceleration that rises straight the mass is late by 2 z / w, whatever the distance of the instants.
+TEST(Fixture, OnASpringComesLate) {
+  const double period_s = 0.05, damping = 0.5, mass_kg = 2.0, jerk_mm_s3 = 300.0;
+  const model::ModelSpec spec{"", {part("fixture_inertia", "sprung", {period_s, damping}, {mass_kg})}};
+  const Track track = accelerated([=](double t) { return jerk_mm_s3 * t * t * t / 6.0; }, 2.0);
+  const double late_s = 2.0 * damping * period_s / (2.0 * std::numbers::pi);
+  for (const std::size_t stride : {1U, 7U, 50U}) {
+    const auto rows = every(track, stride);
+    const Curve force = model_force(spec, track, rows);
+    for (std::size_t k = 0; k < rows.size(); ++k) {  // the start has died away by e^-60 after 1 s
+      const double t = track.t_s(rows[k]);
+      if (t > 1.0 && t < 1.99) {
+        ASSERT_NEAR(force[k], 1e-3 * mass_kg * jerk_mm_s3 * (t - late_s), 1e-6) << stride;
+      }
+    }
+  }
+}
+
+/// After a jump of the acceleration it overshoots by exp(-pi z / sqrt(1 - z^2)).
+TEST(Fixture, OnASpringRings) {
+  const double damping = 0.1, mass_kg = 2.0, acceleration_mm_s2 = 40.0;
+  const model::ModelSpec spec{"", {part("fixture_inertia", "sprung", {0.5, damping}, {mass_kg})}};
+  const Track track =
+      accelerated([=](double t) { return t < 0.2 ? 0.0 : 0.5 * acceleration_mm_s2 * (t - 0.2) * (t - 0.2); }, 2.0);
+  const Curve force = model_force(spec, track, every(track, 1));
+  const double most = *std::ranges::max_element(force) / (1e-3 * mass_kg * acceleration_mm_s2);
+  // The jump takes a millisecond on either side, (w h)^2 / 6 of an overshoot, and the peak falls between instants.
+  EXPECT_NEAR(most - 1.0, std::exp(-std::numbers::pi * damping / std::sqrt(1.0 - damping * damping)), 1e-4);
 }
 
 TEST(Slack, NeverPushesWhateverTheSpecimenIs) {
