@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <chrono>
+#include <fstream>
 #include <semaphore>
 #include <thread>
 #include <vector>
@@ -64,6 +65,14 @@ void raise_descriptor_limit() {
   if (::getrlimit(RLIMIT_NOFILE, &files) != 0) return;
   files.rlim_cur = std::min<rlim_t>(files.rlim_max, kDescriptors);
   ::setrlimit(RLIMIT_NOFILE, &files);
+}
+
+/// Whether compaction may unmap locked pages for a moment (Documentation/admin-guide/sysctl/vm.rst); kernels with
+/// PREEMPT_RT forbid it unless told otherwise.
+bool locked_pages_may_move() {
+  std::ifstream setting("/proc/sys/vm/compact_unevictable_allowed");
+  int allowed = 0;
+  return setting >> allowed && allowed != 0;
 }
 
 }  // namespace
@@ -336,6 +345,11 @@ bool Daemon::run() {
   spdlog::info("rig \"{}\" up{}", d.rig.name,
                d.rig.realtime.enforce ? "" : " without real-time rights (--no-realtime)");
   d.notifier.ready(d.status_text());
+  if (d.rig.realtime.enforce && locked_pages_may_move()) {
+    spdlog::warn(
+        "vm.compact_unevictable_allowed is 1: the kernel may move locked pages, and the loop waits when it touches one "
+        "meanwhile; sysctl vm.compact_unevictable_allowed=0 forbids it");
+  }
   if (const auto& why = d.rig.unwatched_chain; !why.empty()) {
     spdlog::warn("the emergency-stop chain is NOT WATCHED by this daemon: {}", base::printable(why));
   }

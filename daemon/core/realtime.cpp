@@ -4,6 +4,7 @@
 #include <pthread.h>
 #include <sched.h>
 #include <sys/mman.h>
+#include <sys/prctl.h>
 
 #include <cerrno>
 #include <cstring>
@@ -37,6 +38,12 @@ void lock_memory(const RealtimeConfig& config) {
   // Freed memory stays ours and large blocks come from the heap: no page goes back to be faulted in again.
   mallopt(M_TRIM_THRESHOLD, -1);
   mallopt(M_MMAP_MAX, 0);
+  // The kernel does not put our pages together into huge ones: it unmaps locked pages meanwhile, and a thread that
+  // touches such a page waits (Documentation/admin-guide/mm/transhuge.rst, khugepaged).
+  if (prctl(PR_SET_THP_DISABLE, 1, 0, 0, 0) != 0 && config.enforce) {
+    throw RealtimeError(std::string("huge pages cannot be turned off for this process (") + std::strerror(errno) +
+                        "); start with --no-realtime");
+  }
   // What is there now is made resident: programs and libraries, queues, everything that the loop walks over. What comes
   // later is locked page by page as it is touched: a real-time thread touches its stack before it starts, and nobody
   // waits for the stacks and heaps of the other threads.

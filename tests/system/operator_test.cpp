@@ -267,6 +267,22 @@ TEST(Daemon, WithoutRealTimeRightsItRefusesAndSaysWhatToGrant) {
   EXPECT_EQ(allowed.stop(SIGTERM), 0) << allowed.output();
 }
 
+TEST(Daemon, SaysWhereTheKernelMayMoveItsPages) {
+  const TempDir dir;
+  if (const auto has_rights = run(dir, {"chrt", "-f", "90", "true"}); has_rights.code != 0)
+    GTEST_SKIP() << "this machine grants no real-time priority: " << has_rights.text;
+  Process daemon({bin("isorigd"), "--rig", patient_rig(dir).string(), "--runs", (dir / "runs").string(), "--socket",
+                  (dir / "s.sock").string()},
+                 dir / "isorigd.log");
+  ASSERT_TRUE(wait_until(30.0, [&] {
+    return isorig(dir, {"status", "--socket", (dir / "s.sock").string()}).code == 0;
+  })) << daemon.output();
+  EXPECT_EQ(daemon.stop(SIGTERM), 0) << daemon.output();
+  const auto setting = slurp("/proc/sys/vm/compact_unevictable_allowed");
+  EXPECT_EQ(daemon.output().find("vm.compact_unevictable_allowed is 1") != std::string::npos, setting.starts_with("1"))
+      << setting << daemon.output();
+}
+
 TEST(Daemon, AFullDiskStopsTheRunBeforeDataIsLost) {
   const TempDir dir;
   const auto runs = dir / "runs";
