@@ -224,11 +224,8 @@ ROWS = [
         limit="The limit: 5,840 instructions a tick (callgrind over 532,000 ticks of holds and a slow wave): the core 2,230, of which"
               " the pressure's samples take 990 and the frame's 520; the plant and the simulated devices 1,340; the two services"
               " 1,430, of which the stamps take 530 and the clock maps 220; host and recorder 620. No function takes more than 5 % by"
-              " itself. They are what the real rig runs, tick by tick, and none may be left out. 8 s would be 0.1 µs a tick, some 550"
-              " instructions at the pace of the run below: less than half of what the plant and its devices alone take. A single run,"
-              " at a load of 13 on two cores of 2.6 GHz, took 86.9 s of CPU time (2.1 instructions a cycle); 105.8 s, at a load of 5,"
-              " while a tick was 7,400 instructions. The recordings of the two are the same, event by event, but for the source's"
-              " revision in the header and the check sums that follow from it."),
+              " itself. They are what the real rig runs, tick by tick, and none may be left out. 8 s would be 0.1 µs a tick, some 600"
+              " instructions at the pace measured here: less than half of what the plant and its devices alone take."),
     Row("stepping", "bare stepping of a sheathed actuator", "a plain C++ loop, scipy lsim and solve_ivp", stepping,
         limit="The limit: the pressure of every step is read and compared, which the plain loop may leave out. A step by itself also asks"
               " whether the step changed, and its state goes through memory from one to the next. A new pressure at every step costs, by"
@@ -251,7 +248,9 @@ ROWS = [
     Row("recorder", "the recorder", "lcm-logger", recorder,
         limit="The limit: raw values beside calibrated ones, both clocks and the bound of each stamp (docs/data.md), 42 bytes of a frame sample."),
     Row("rest", "the daemon at rest, 1 kHz, simulated rig", "", live.rest,
-        limit="Of the memory 20 MB are queues for a disk that stands still for a minute, 14 MB program and libraries, which are"
+        limit="The limit: by perf, 58 % of the processor time is the kernel's, in putting threads to sleep and waking them: the loop, the"
+              " pressure device and the chain each sleep once or more in 1 to 5 ms, and 84 % is theirs. What a wake-up costs is the"
+              " machine's: on another the same took 3.6 %. Of the memory 20 MB are queues for a disk that stands still for a minute, 14 MB program and libraries, which are"
               " made resident for the loop, 4 MB the recorder's buffer."),
     Row("bare", "./run on a bare machine", "", bare, slow=True,
         limit="The limit: the last 1.5 min are the paper's protocol, whole (the first row of this page); before, packages are installed and"
