@@ -1,6 +1,7 @@
 #include "identify/diagnose/fit/evaluator.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 
 #include "identify/diagnose/fit/signed_least_squares.hpp"
@@ -51,6 +52,13 @@ class FixedPoint {
   std::vector<double> last_to_, last_step_;
 };
 
+std::unique_ptr<model::Process> started(const model::Part& part, const Series& series) {
+  auto process = part.law->make_table ? part.law->make_table(part.table, series.excitation.reference)
+                                      : part.law->make(part.parameters, series.excitation.reference);
+  process->reset(series.nodes.front());
+  return process;
+}
+
 }  // namespace
 
 Evaluator::Evaluator(std::span<const Series> series, const Whitener& whitener, const Eigen::VectorXd& whitened_force)
@@ -83,33 +91,47 @@ void Evaluator::lay_out(const ModelSpec& spec) {
   }
 }
 
-void Evaluator::simulate(const ModelSpec& spec, const std::vector<bool>& parts, Eigen::MatrixXd& raw) const {
-  ModelSpec some;
-  std::vector<Eigen::Index> target;
-  for (std::size_t p = 0; p < spec.parts.size(); ++p) {
-    const bool moves = model::stage_of(spec.parts[p]) == Stage::kKinematics;
-    if (!moves && (!parts[p] || acts_on_columns(model::stage_of(spec.parts[p])))) continue;
-    some.parts.push_back(spec.parts[p]);
-    for (std::size_t c = 0; c < columns_.size(); ++c)
-      if (columns_[c].part == p) target.push_back(static_cast<Eigen::Index>(c));
-  }
-  std::vector<double> values(target.size());
-  Eigen::Index row = 0;
+std::vector<model::Instant> Evaluator::moved_nodes(const ModelSpec& spec) const {
+  std::vector<model::Instant> out;
+  out.reserve(static_cast<std::size_t>(force_.size()));
   for (const Series& each : series_) {
-    model::RunningModel running(some, each.excitation.reference);
-    running.reset(each.nodes.front());
-    for (const model::Instant& node : each.nodes) {
-      running.step_columns(node, values);
-      for (std::size_t i = 0; i < target.size(); ++i) raw(row, target[i]) = values[i];
-      ++row;
+    std::vector<std::unique_ptr<model::Process>> movers;
+    for (const auto& part : spec.parts)
+      if (model::stage_of(part) == Stage::kKinematics) movers.push_back(started(part, each));
+    for (model::Instant node : each.nodes) {
+      if (std::isnan(node.slide_mm)) node.slide_mm = node.step_mm;
+      for (const auto& mover : movers) mover->move(node);
+      out.push_back(node);
+    }
+  }
+  return out;
+}
+
+void Evaluator::simulate(const ModelSpec& spec, const std::vector<bool>& parts, State& state) const {
+  Eigen::Index column = 0;
+  std::vector<double> values;
+  for (std::size_t p = 0; p < spec.parts.size(); ++p) {
+    const Stage stage = model::stage_of(spec.parts[p]);
+    const Eigen::Index first = column;
+    column += static_cast<Eigen::Index>(spec.parts[p].law->coefficients.size());
+    if (!parts[p] || column == first || stage == Stage::kKinematics || acts_on_columns(stage)) continue;
+    values.resize(static_cast<std::size_t>(column - first));
+    Eigen::Index row = 0;
+    for (const Series& each : series_) {
+      const auto process = started(spec.parts[p], each);
+      for (std::size_t k = 0; k < each.nodes.size(); ++k, ++row) {
+        std::ranges::fill(values, 0.0);
+        process->force((*state.nodes)[static_cast<std::size_t>(row)], values.data());
+        for (std::size_t i = 0; i < values.size(); ++i)
+          state.raw(row, first + static_cast<Eigen::Index>(i)) = values[i];
+      }
     }
   }
 }
 
-RowMatrix Evaluator::seen(const ModelSpec& spec, const Eigen::MatrixXd& raw,
-                          const std::vector<Eigen::Index>& which) const {
-  RowMatrix out(raw.rows(), static_cast<Eigen::Index>(which.size()));
-  for (std::size_t i = 0; i < which.size(); ++i) out.col(static_cast<Eigen::Index>(i)) = raw.col(which[i]);
+RowMatrix Evaluator::seen(const ModelSpec& spec, const State& state, const std::vector<Eigen::Index>& which) const {
+  RowMatrix out(state.raw.rows(), static_cast<Eigen::Index>(which.size()));
+  for (std::size_t i = 0; i < which.size(); ++i) out.col(static_cast<Eigen::Index>(i)) = state.raw.col(which[i]);
   if (!shapes_.empty()) {
     const std::vector<double> all = spec.coefficients();
     std::vector<double> coefficients;
@@ -121,18 +143,10 @@ RowMatrix Evaluator::seen(const ModelSpec& spec, const Eigen::MatrixXd& raw,
           which, [&](Eigen::Index c) { return columns_[static_cast<std::size_t>(c)].stage_position < before; })));
     Eigen::Index row = 0;
     for (const Series& each : series_) {
-      std::vector<std::unique_ptr<model::Process>> movers, shapers;
-      const auto start = [&](const model::Part& part) {
-        auto process = part.law->make_table ? part.law->make_table(part.table, each.excitation.reference)
-                                            : part.law->make(part.parameters, each.excitation.reference);
-        process->reset(each.nodes.front());
-        return process;
-      };
-      for (const auto& part : spec.parts)
-        if (model::stage_of(part) == Stage::kKinematics) movers.push_back(start(part));
-      for (const std::size_t p : shapes_) shapers.push_back(start(spec.parts[p]));
-      for (model::Instant node : each.nodes) {
-        for (const auto& mover : movers) mover->move(node);
+      std::vector<std::unique_ptr<model::Process>> shapers;
+      for (const std::size_t p : shapes_) shapers.push_back(started(spec.parts[p], each));
+      for (std::size_t k = 0; k < each.nodes.size(); ++k) {
+        const model::Instant& node = (*state.nodes)[static_cast<std::size_t>(row)];
         double* values = out.data() + row * out.cols();
         for (std::size_t s = 0; s < shapers.size(); ++s)
           shapers[s]->shape(node, {values, reach[s]}, {coefficients.data(), reach[s]});
@@ -170,7 +184,7 @@ void Evaluator::solve_coefficients(ModelSpec& spec, const State& state) const {
 double Evaluator::solve(ModelSpec& spec, Eigen::VectorXd& residual) {
   model::follow_arms(spec);
   if (!laid_out_) lay_out(spec);
-  last_ = kept_;
+  go_back();
   State& state = last_;
   std::vector<bool> moved(spec.parts.size(), false);
   bool all = state.parameters.empty();
@@ -190,12 +204,14 @@ double Evaluator::solve(ModelSpec& spec, Eigen::VectorXd& residual) {
     reshaped = reshaped || acts_on_columns(stage);
   }
   if (all) moved.assign(moved.size(), true);
-  if (std::ranges::find(moved, true) != moved.end()) simulate(spec, moved, state.raw);
+  if (all) state.nodes = std::make_shared<const std::vector<model::Instant>>(moved_nodes(spec));
+  simulate(spec, moved, state);
   state.parameters.clear();
   for (const auto& part : spec.parts) state.parameters.push_back(part.parameters);
   std::vector<Eigen::Index> which;
   for (const Eigen::Index c : by_stage_)
     if (reshaped || moved[columns_[static_cast<std::size_t>(c)].part]) which.push_back(c);
+  touched_ = which;
 
   // The columns of a law with `uses_coefficients` depend on the coefficients of the pass before, so the solution is
   // iterated. For slack a single pass removes the error; at the corner of a ceiling each pass halves it.
@@ -205,7 +221,7 @@ double Evaluator::solve(ModelSpec& spec, Eigen::VectorXd& residual) {
   for (int pass = 0;; ++pass) {
     const std::vector<double> before = spec.coefficients();
     if (!which.empty()) {
-      const RowMatrix fresh = seen(spec, state.raw, which);
+      const RowMatrix fresh = seen(spec, state, which);
       for (std::size_t i = 0; i < which.size(); ++i)
         state.white.col(which[i]) = fresh.col(static_cast<Eigen::Index>(i));
       if (static_cast<Eigen::Index>(which.size()) == state.white.cols()) {
@@ -236,8 +252,36 @@ double Evaluator::solve(ModelSpec& spec, Eigen::VectorXd& residual) {
   return residual.squaredNorm();
 }
 
+void Evaluator::go_back() {
+  if (kept_.parameters.empty()) {
+    last_.parameters.clear();
+    return;
+  }
+  for (const Eigen::Index c : touched_) {
+    last_.raw.col(c) = kept_.raw.col(c);
+    last_.white.col(c) = kept_.white.col(c);
+  }
+  touched_.clear();
+  last_.parameters = kept_.parameters;
+  last_.nodes = kept_.nodes;
+  last_.gram = kept_.gram;
+  last_.right = kept_.right;
+}
+
 void Evaluator::keep() {
-  kept_ = last_;
+  if (kept_.parameters.empty()) {
+    kept_ = last_;
+  } else {
+    for (const Eigen::Index c : touched_) {
+      kept_.raw.col(c) = last_.raw.col(c);
+      kept_.white.col(c) = last_.white.col(c);
+    }
+    kept_.parameters = last_.parameters;
+    kept_.nodes = last_.nodes;
+    kept_.gram = last_.gram;
+    kept_.right = last_.right;
+  }
+  touched_.clear();
 }
 
 }  // namespace isorig::identify

@@ -29,16 +29,21 @@ class Evaluator {
     std::size_t stage_position = 0;  ///< among all columns in the order of the stages
   };
   struct State {
-    std::vector<std::vector<double>> parameters;  ///< per part; empty: nothing computed yet
-    Eigen::MatrixXd raw;                          ///< per column of the spec, before slack, lag and delay
+    std::vector<std::vector<double>> parameters;               ///< per part; empty: nothing computed yet
+    std::shared_ptr<const std::vector<model::Instant>> nodes;  ///< of all series, after play and slip
+    Eigen::MatrixXd raw;                                       ///< per column of the spec, before slack, lag and delay
     Eigen::MatrixXd white;
     Eigen::MatrixXd gram;
     Eigen::VectorXd right;
   };
   void lay_out(const model::ModelSpec& spec);
-  void simulate(const model::ModelSpec& spec, const std::vector<bool>& parts, Eigen::MatrixXd& raw) const;
+  /// `last_` as `kept_`: only the columns that differ are copied.
+  void go_back();
+  /// What the specimen sees under the spec's play and slip.
+  [[nodiscard]] std::vector<model::Instant> moved_nodes(const model::ModelSpec& spec) const;
+  void simulate(const model::ModelSpec& spec, const std::vector<bool>& parts, State& state) const;
   /// Slack, lag and delay act on the columns `which`, then they are whitened.
-  [[nodiscard]] RowMatrix seen(const model::ModelSpec& spec, const Eigen::MatrixXd& raw,
+  [[nodiscard]] RowMatrix seen(const model::ModelSpec& spec, const State& state,
                                const std::vector<Eigen::Index>& which) const;
   void solve_coefficients(model::ModelSpec& spec, const State& state) const;
 
@@ -54,6 +59,7 @@ class Evaluator {
   bool piecewise_ = false;
   bool laid_out_ = false;
   State kept_, last_;
+  std::vector<Eigen::Index> touched_;  ///< columns in which the two differ
 };
 
 }  // namespace isorig::identify
