@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <map>
+#include <optional>
 
 #include "base/parallel.hpp"
 #include "identify/diagnose/deciding/deciding.hpp"
@@ -279,13 +280,18 @@ void Search::settle(Hypothesis& hypothesis, bool restart_arms) const {
     if (best.chi2 <= 0.0 && best.rows == 0) best = instrument_problem_.fit(hypothesis.fit.spec, 10);
     const std::array pairs{std::array{0.08, 0.8}, std::array{0.5, 5.0}, std::array{0.15, 15.0}};
     if (arms.size() >= 2) {
+      // A few steps tell which start is the best; the rest of the steps are its own.
+      constexpr int kToCompare = 4, kToTheEnd = 16;
+      std::optional<Fit> started;
       for (const auto& start : pairs) {
         ModelSpec spec = hypothesis.fit.spec;
         spec.parts[arms[0]].parameters[0] = start[0];
         spec.parts[arms[1]].parameters[0] = start[1];
-        Fit fit = instrument_problem_.fit(spec, 20);
-        if (fit.chi2 < best.chi2) best = std::move(fit);
+        Fit fit = instrument_problem_.fit(spec, kToCompare);
+        if (!started || fit.chi2 < started->chi2) started = std::move(fit);
       }
+      Fit fit = instrument_problem_.fit(started->spec, kToTheEnd);
+      if (fit.chi2 < best.chi2) best = std::move(fit);
     }
     hypothesis.fit = std::move(best);
   }
