@@ -52,9 +52,8 @@ class PowerArm : public Process {
     return std::fmin(std::pow(std::fmax(std::fabs(z), 1e-6), exponent_ - 1.0) / tau_s_, 1e6);
   }
   static double advance(double z, double v, double h, double r) noexcept {
-    const double x = h * r;
-    if (x < 1e-9) return z + v * h;
-    return z - std::expm1(-x) * (v / r - z);
+    const Relaxation step = relaxation(h * r);
+    return z * step.decay + v * h * step.gain;
   }
   /// `r`: the rate at z.
   [[nodiscard]] double midpoint(double z, double v, double h, double r) const noexcept {
