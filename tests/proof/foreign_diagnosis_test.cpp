@@ -34,7 +34,8 @@ TEST(ForeignDiagnosis, ADriftOfAnotherFormulaIsOneName) {
   std::vector recordings{record(drawn, Part::kTrain, 20261131).recording};
   const identify::Diagnosis diagnosis =
       identify::diagnose(std::move(recordings), {"train"}, model::nominal_model(drawn.nominal), {}).diagnosis;
-  ASSERT_EQ(diagnosis.missing.size(), 1U);
+  ASSERT_EQ(diagnosis.missing.size(), 1U)
+      << diagnosis.missing.front().formula << ", " << diagnosis.missing.back().formula;
   EXPECT_EQ(diagnosis.missing[0].effect->name, "zero_drift");
   EXPECT_GT(diagnosis.missing[0].probability, 0.9);
 }

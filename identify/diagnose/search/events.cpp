@@ -8,6 +8,7 @@
 
 #include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/basis.hpp"
+#include "model/length_scale.hpp"
 
 namespace isorig::identify {
 
@@ -81,10 +82,15 @@ Fit refine_event(const Problem& problem, const Fit& from) {
 
 namespace {
 
-/// Squares that one more event has to take off (with_further_events), in units of what `fit` leaves.
-double price_of_event(const Fit& fit) {
+/// Squares that one more event has to take off (with_further_events), in units of what `fit` leaves. What a law of it
+/// has beyond its time and its size costs as any number of a model does.
+double price_of_event(const Fit& fit, const model::Law& law) {
+  constexpr double kTimeAndSize = 2.0;
+  const auto numbers = static_cast<double>(
+      std::ranges::count_if(law.parameters, [](const model::Parameter& parameter) { return !parameter.fixed; }));
   const double rows = static_cast<double>(fit.rows);
-  return deciding().event_price_log_rows * std::log(rows) * std::max(1.0, fit.chi2 / rows);
+  return (deciding().event_price_log_rows + 2.0 * deciding().numbers_cost_log_rows * (numbers - kTimeAndSize)) *
+         std::log(rows) * std::max(1.0, fit.chi2 / rows);
 }
 
 }  // namespace
@@ -93,20 +99,29 @@ Fit with_further_events(const Problem& problem, const Fit& from,
                         const std::function<bool(const ModelSpec&)>& may_stay) {
   constexpr std::size_t kTimes = 2;
   Fit best = from;
-  const model::Law& law = *from.spec.parts.back().law;
-  const std::size_t time = model::event_parameter(law);
+  const model::Physics& effect = *from.spec.parts.back().physics;
+  const double force_step = from.spec.parts.back().law->traits.event_force_step;
   for (std::size_t count = 1; count < deciding().most_events; ++count) {
     std::optional<Fit> more;
-    for (const double time_s : event_times(problem, best.spec, problem.noise(), law.traits.event_force_step, kTimes)) {
-      ModelSpec spec = best.spec;
-      spec.parts.push_back(spec.parts.back());
-      spec.parts.back().parameters[time] = time_s;
-      Fit fit = problem.fit(spec, 6);
-      if (!more || fit.chi2 < more->chi2) more = std::move(fit);
+    double least = 0.0;
+    for (const double time_s : event_times(problem, best.spec, problem.noise(), force_step, kTimes)) {
+      for (const model::Law& known : effect.laws) {
+        if (!model::is_event(known)) continue;
+        const model::Law& law = model::law_at(known, best.spec.length_scale);
+        ModelSpec spec = best.spec;
+        spec.parts.push_back(model::make_part(effect, law));
+        model::fill_from_recording(spec.parts.back(), problem.series()[0].excitation.reference);
+        spec.parts.back().parameters[model::event_parameter(law)] = time_s;
+        Fit fit = problem.fit(spec, 6);
+        const double cost = fit.chi2 + price_of_event(fit, law);
+        if ((more && cost >= least) || !may_stay(fit.spec)) continue;
+        least = cost;
+        more = std::move(fit);
+      }
     }
     if (!more) break;
     more = refine_event(problem, *more);
-    if (best.chi2 - more->chi2 < price_of_event(*more) || !may_stay(more->spec)) break;
+    if (best.chi2 - more->chi2 < price_of_event(*more, *more->spec.parts.back().law) || !may_stay(more->spec)) break;
     best = std::move(*more);
   }
   return without_idle_events(problem, best);
@@ -118,20 +133,23 @@ Fit without_idle_events(const Problem& problem, const Fit& from) {
   for (;;) {
     // The event that is missed least with the other numbers as they are; then all of them are fitted without it.
     std::optional<ModelSpec> least;
-    double least_chi2 = 0.0;
+    const model::Law* law = nullptr;
+    double least_cost = 0.0;
     const auto& parts = best.spec.parts;
     for (std::size_t i = 0; i < parts.size(); ++i) {
-      if (!model::is_event(*parts[i].law) || std::ranges::count(parts, parts[i].law, &model::Part::law) < 2) continue;
+      if (!model::is_event(*parts[i].law) || std::ranges::count(parts, parts[i].physics, &model::Part::physics) < 2)
+        continue;
       ModelSpec rest = best.spec;
       rest.parts.erase(rest.parts.begin() + static_cast<std::ptrdiff_t>(i));
-      const double chi2 = problem.solve(rest, ignored);
-      if (least && chi2 >= least_chi2) continue;
-      least_chi2 = chi2;
+      const double cost = problem.solve(rest, ignored) - price_of_event(best, *parts[i].law);
+      if (least && cost >= least_cost) continue;
+      least_cost = cost;
+      law = parts[i].law;
       least = std::move(rest);
     }
     if (!least) return best;
     Fit without = problem.fit(*least, 8);
-    if (without.chi2 - best.chi2 >= price_of_event(best)) return best;
+    if (without.chi2 - best.chi2 >= price_of_event(best, *law)) return best;
     best = std::move(without);
   }
 }

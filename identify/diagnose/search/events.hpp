@@ -21,15 +21,15 @@ namespace isorig::identify {
 /// A fit whose last part is an event: its time by a pattern search, all else refitted at each step.
 [[nodiscard]] Fit refine_event(const Problem& problem, const Fit& from);
 
-/// A fit whose last part is an event, with further events of the same law, each where the residual shows it best, as
-/// long as each gains 2 log n in the log-likelihood, half a log n more than the modified BIC for change points asks for
-/// (Zhang & Siegmund 2007), and `may_stay` accepts it. Squares are counted in units of
-/// what the fit leaves, if that is more than the noise.
+/// A fit whose last part is an event, with further events of the same effect, each where the residual shows it best and
+/// by the law that is worth its price most, as long as each gains 2 log n in the log-likelihood, half a log n more than
+/// the modified BIC for change points asks for (Zhang & Siegmund 2007), and `may_stay` accepts it. Squares are counted
+/// in units of what the fit leaves, if that is more than the noise.
 [[nodiscard]] Fit with_further_events(const Problem& problem, const Fit& from,
                                       const std::function<bool(const model::ModelSpec&)>& may_stay);
 
-/// Without those of several events of a law that are not worth that price any more, now that other physics stands
-/// beside them: steps imitate whatever makes the force fall. At least one of each law stays.
+/// Without those of several events of an effect that are not worth that price any more, now that other physics stands
+/// beside them: steps imitate whatever makes the force fall. At least one of each effect stays.
 [[nodiscard]] Fit without_idle_events(const Problem& problem, const Fit& from);
 
 /// The times of events to the row: bins only say between which of them they were. By the rms over the rows of the

@@ -80,6 +80,12 @@ bool may_be_tried(const model::Physics& effect, const Hypothesis& base, std::spa
   return true;
 }
 
+/// The simplest of an effect's events stands first.
+bool is_first_event(const model::Physics& effect, const model::Law& law) {
+  return std::ranges::find_if(effect.laws, [](const model::Law& known) { return model::is_event(known); })->name ==
+         law.name;
+}
+
 Part started_part(const model::Physics& effect, const model::Law& law, std::size_t k,
                   const model::Reference& recording) {
   Part part = model::make_part(effect, law);
@@ -182,9 +188,11 @@ std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
 
 void Search::add_events(const model::Physics& effect, const model::Law& law, const Hypothesis& base,
                         std::vector<Trial>& out) const {
+  // A gradual event moves to its time by itself; what steps is scanned for.
   constexpr std::size_t kTimes = 3;
+  const std::size_t times = is_first_event(effect, law) ? kTimes : 1;
   for (const double time_s : event_times(instrument_problem_, base.ls_spec, instrument_problem_.noise(),
-                                         law.traits.event_force_step, kTimes)) {
+                                         law.traits.event_force_step, times)) {
     Trial trial{&effect, &law, base.ls_spec, {}};
     trial.spec.parts.push_back(started_part(effect, law, 0, series_[0].excitation.reference));
     trial.spec.parts.back().parameters[model::event_parameter(law)] = time_s;
@@ -194,8 +202,11 @@ void Search::add_events(const model::Physics& effect, const model::Law& law, con
 
 void Search::add_further_events(std::vector<Trial>& trials, const InstrumentResolution& resolution) const {
   Trial* best = nullptr;
+  // Further events follow a sudden one: a gradual one that fits best may be several sudden ones.
   for (Trial& trial : trials)
-    if (model::is_event(*trial.law) && (best == nullptr || trial.fit.chi2 < best->fit.chi2)) best = &trial;
+    if (model::is_event(*trial.law) && is_first_event(*trial.effect, *trial.law) &&
+        (best == nullptr || trial.fit.chi2 < best->fit.chi2))
+      best = &trial;
   if (best == nullptr || below_resolution(best->fit.spec, resolution)) return;
   best->fit = with_further_events(instrument_problem_, best->fit,
                                   [&](const ModelSpec& spec) { return !below_resolution(spec, resolution); });

@@ -11,7 +11,7 @@
 namespace isorig::identify {
 
 InstrumentResolution resolution_of(std::span<const Series> series) {
-  InstrumentResolution out{0.0, std::numeric_limits<double>::infinity()};
+  InstrumentResolution out{.position_mm = 0.0, .interval_s = std::numeric_limits<double>::infinity()};
   for (const Series& each : series) {
     const Motion& motion = each.excitation.motion;
     out.position_mm = std::max({out.position_mm, motion.noise_mm, motion.quantisation_mm});
@@ -21,6 +21,7 @@ InstrumentResolution resolution_of(std::span<const Series> series) {
     if (!steps_s.empty()) out.interval_s = std::min(out.interval_s, base::quantile(std::move(steps_s), 0.1));
   }
   if (!std::isfinite(out.interval_s)) out.interval_s = 0.0;
+  if (!series.empty() && !series.front().nodes.empty()) out.first_s = series.front().nodes.front().t_s;
   return out;
 }
 
@@ -67,6 +68,8 @@ bool below_resolution(const model::ModelSpec& spec, const InstrumentResolution& 
       }
       if (traits.resolution != model::Resolution::kNone && value < least) return true;
       if (!name_at_bound(parameter, value).empty()) return true;
+      if (traits.event_duration && value > part.parameters[model::event_parameter(*part.law)] - resolution.first_s)
+        return true;
     }
   }
   return false;

@@ -1,4 +1,5 @@
 #pragma once
+#include <limits>
 #include <span>
 
 #include "identify/diagnose/fit/series.hpp"
@@ -10,13 +11,14 @@ namespace isorig::identify {
 struct InstrumentResolution {
   double position_mm = 0.0;  ///< noise or step of the position reading, whichever is more
   double interval_s = 0.0;   ///< a tenth of the readings follow each other faster than this
+  double first_s = -std::numeric_limits<double>::infinity();  ///< begin of the first recording, which events are in
 };
 [[nodiscard]] InstrumentResolution resolution_of(std::span<const Series> series);
 
 /// A part of the model is smaller than the instruments could show (ParameterTraits::resolution): such a play or slip
 /// stands in for noise of the position reading, such a lag for jitter of the time stamps, whatever the likelihood
 /// says. Or it stands at the bound where it is another effect (ParameterTraits::lower_bound_is and upper_bound_is;
-/// within 1 % of an upper one).
+/// within 1 % of an upper one). Or it is an event that began with the recording (ParameterTraits::event_duration).
 [[nodiscard]] bool below_resolution(const model::ModelSpec& spec, const InstrumentResolution& resolution);
 
 /// The effect named by ParameterTraits::lower_bound_is or upper_bound_is if a parameter of this effect's law is at that

@@ -74,7 +74,8 @@ messages::Recording run(const ConcealedSpecimen& b, Script script, bool noise) {
     const double before = seen;
     seen = std::clamp(seen, x[i] - 0.5 * b.gap_mm, x[i] + 0.5 * b.gap_mm);
     if (b.slip_mm > 0.0) {
-      seen = x[i] - (t >= b.slip_s ? b.slip_mm : 0.0);
+      const double inside = b.slip_creep_s > 0.0 ? std::exp2(-(t - b.slip_s) / b.slip_creep_s) : 0.0;
+      seen = x[i] - (t >= b.slip_s ? b.slip_mm * (1.0 - inside) : 0.0);
       for (const auto& [slip_s, slip_mm] : b.further_slips) seen -= t >= slip_s ? slip_mm : 0.0;
     }
     const double dx = i == 0 ? 0.0 : seen - before;

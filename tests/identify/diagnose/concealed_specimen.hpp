@@ -29,6 +29,7 @@ struct ConcealedSpecimen {
   double mass_kg = 0.0;
   double drift_N_h = 0.0;
   double slip_mm = 0.0, slip_s = 0.0;
+  double slip_creep_s = 0.0;                                  ///< half life of what is still to slip; 0: all at once
   std::vector<std::pair<double, double>> further_slips = {};  ///< time (s), slip (mm)
   double gap_mm = 0.0;
   bool slack = false;

@@ -391,6 +391,16 @@ TEST(Resolution, APlayASlipALagAndADelayMustStandClearOfTheInstruments) {
   EXPECT_FALSE(below("zero_drift", "rate_N_h", 0.0));
 }
 
+TEST(Resolution, AnEventThatGoesOnNeedsAsLongATimeBeforeIt) {
+  const model::Law* creep = model::find_law(effect("grip_slip"), "creep");
+  ASSERT_NE(creep, nullptr);
+  model::ModelSpec spec = model::nominal_model("slse1");
+  spec.parts.push_back(model::make_part(effect("grip_slip"), *creep));
+  spec.parts.back().parameters = {150.0, 0.1, 20.0, 0.0};
+  EXPECT_TRUE(below_resolution(spec, {.position_mm = 0.001, .interval_s = 0.01, .first_s = 131.0}));
+  EXPECT_FALSE(below_resolution(spec, {.position_mm = 0.001, .interval_s = 0.01, .first_s = 129.0}));
+}
+
 TEST(Resolution, AFlowThatHardlyDependsOnTheRateStandsUnderFrictionsName) {
   const model::Physics& viscosity = effect("nonlinear_viscosity");
   model::ModelSpec spec = model::nominal_model("slse1");

@@ -278,6 +278,7 @@ const std::vector<Truth>& truths() {
       {"zero_drift", "settling", {150.0}, {0.6}},
       {"zero_drift", "wander", {0.0}, {0.2, -0.1, 0.05, 0.1, -0.05, 0.02}},
       {"grip_slip", "event", {170.3, 0.1, 0.0}, {}},
+      {"grip_slip", "creep", {170.3, 0.1, 6.0, 0.0}, {}},
       {"crosshead_backlash", "play", {0.08, 0.5}, {}},
       {"crosshead_backlash", "compliant", {0.2, 0.03, 0.5}, {}},
       {"slack", "unilateral", {}, {}, 1.5},

@@ -1,8 +1,10 @@
-// A grip may slip more than once in a recording: as many slips are named as there are, each with its time and size, and
-// steps are not taken for what makes the force fall gradually.
+// A grip may slip more than once in a recording: as many slips are named as there are, each with its time and size, a
+// slip that creeps with its time constant, and steps are not taken for what makes the force fall gradually.
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <numbers>
 #include <set>
 #include <string>
 #include <vector>
@@ -83,6 +85,45 @@ TEST(SeveralSlips, LeaveAnotherEffectItsShare) {
   ASSERT_NE(slip, nullptr);
   EXPECT_NE(named(d, "cyclic_softening"), nullptr);
   EXPECT_EQ(slips_of(*slip).size(), 3U);
+}
+
+TEST(CreepingSlip, IsFoundWithItsTimeConstant) {
+  const double half_life_s = 5.0;
+  const Diagnosis d = diagnose_bench({.slip_mm = 0.1, .slip_s = 300.0, .slip_creep_s = half_life_s, .seed = 8});
+  ASSERT_EQ(d.missing.size(), 1U);
+  ASSERT_EQ(d.missing[0].effect->name, "grip_slip");
+  EXPECT_EQ(d.missing[0].law, "creep");
+  EXPECT_GT(d.missing[0].probability, 0.9);
+  for (const NamedValue& value : d.missing[0].parameters) {
+    const double truth = value.name == "slip_mm"           ? 0.1
+                         : value.name == "time_constant_s" ? half_life_s / std::numbers::ln2
+                                                           : 300.0;
+    // Twice the half width of the 95 % interval is four standard deviations; readings in a hold come every 0.2 s.
+    EXPECT_NEAR(value.value, truth, value.high - value.low + (value.name == "time_s" ? 0.2 : 0.0)) << value.name;
+    EXPECT_LT(value.high - value.low, value.name == "time_s" ? 2.0 : 0.2 * truth) << value.name;
+  }
+}
+
+TEST(CreepingSlip, IsNotSeenInASuddenOne) {
+  const Diagnosis d = diagnose_bench({.slip_mm = 0.1, .slip_s = 300.0, .seed = 9});
+  ASSERT_EQ(d.missing.size(), 1U);
+  EXPECT_EQ(d.missing[0].law, "event");
+}
+
+TEST(CreepingSlip, StandsBesideASuddenOne) {
+  const Diagnosis d = diagnose_bench(
+      {.slip_mm = 0.1, .slip_s = 300.0, .slip_creep_s = 5.0, .further_slips = {{520.0, 0.08}}, .seed = 10});
+  ASSERT_EQ(d.missing.size(), 1U);
+  ASSERT_EQ(d.missing[0].effect->name, "grip_slip");
+  const std::vector<Slip> slips = slips_of(d.missing[0]);
+  ASSERT_EQ(slips.size(), 2U) << d.missing[0].formula;
+  EXPECT_NEAR(slips[0].slip_mm, 0.1, slips[0].high_mm - slips[0].low_mm);
+  EXPECT_NEAR(slips[1].slip_mm, 0.08, slips[1].high_mm - slips[1].low_mm);
+  EXPECT_NEAR(slips[1].time_s, 520.0, 0.3);
+  std::multiset<std::string> laws;
+  for (const auto& part : d.model.parts)
+    if (part.physics->name == "grip_slip") laws.insert(std::string(part.law->name));
+  EXPECT_EQ(laws, (std::multiset<std::string>{"creep", "event"}));
 }
 
 TEST(SeveralSlips, AreNotTakenForWhatFallsGradually) {

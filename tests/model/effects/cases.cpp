@@ -99,6 +99,7 @@ const std::vector<Case>& cases() {
       {"zero_drift", "settling", {{600.0}}, {0.4}, 1e-9, 0},
       {"zero_drift", "wander", {{9.0}}, {0.1, -0.2, 0.05, 0.3, 0.0, 0.07}, 1e-12, 0},
       {"grip_slip", "event", {{4.0, 0.2, 0.0}}, {}, 2e-2, 1},
+      {"grip_slip", "creep", {{4.0, 0.2, 3.0, 0.0}, {2.0, 0.4, 0.5, 0.0}}, {}, 2e-2, 2},
       {"crosshead_backlash", "play", {{0.08, 0.0}, {0.6, 1.0}, {0.3, -1.0}, {0.04, 0.35}}, {}, 2e-2, 2},
       // Behind it the motion is curved within a step, which the arm of the model sees as a chord, as behind a play.
       {"crosshead_backlash",

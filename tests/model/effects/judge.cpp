@@ -471,6 +471,11 @@ void add_rig_and_sensor(std::map<std::string, Judge>& of) {
     for (std::size_t i = 0; i < t.size(); ++i)
       if (t.t_s(i) > p[0] - 1e-9) t.position_mm[i] -= p[1];
   }};
+  of["grip_slip/creep"] = {.move = [](Numbers p, Track& t) {
+    for (std::size_t i = 0; i < t.size(); ++i)
+      if (t.t_s(i) > p[0]) t.position_mm[i] -= p[1] - p[1] * std::exp((p[0] - t.t_s(i)) / p[2]);
+    reckon_velocity(t);
+  }};
   of["crosshead_backlash/play"] = {.move = [](Numbers p, Track& t) {
     // Play is what a stop leaves of the motion, and a stop slides by Masing's rules. Its origin is where the
     // crosshead stands in the gap.
