@@ -79,7 +79,7 @@ def needs(program: str, package: str) -> str:
         path = Path(folder) / program
         if os.access(path, os.X_OK):
             return str(path)
-    raise NotMeasured(f"no {program} on the PATH: apt install {package}")
+    raise NotMeasured(f"no {program} on the PATH: scripts/setup bench, or apt install {package}")
 
 
 def steal_share() -> tuple[float, float]:
