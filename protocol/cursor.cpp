@@ -243,7 +243,10 @@ void Cursor::tick_wave(std::int64_t now_ns, const Observation& seen) noexcept {
   const Step& step = plan_->steps[action_.step];
   if (reissue_pending_) {
     reissue_pending_ = false;
-    send_segment(wave::target_mm(step, stroke_), wave::chord_speed_mm_s(step, stroke_, chord_));
+    // The way may be longer than it was: the crosshead that was stopped beyond its target has to come back.
+    const auto deadline_ns = deadline_ns_;
+    begin_motion(now_ns, seen, wave::target_mm(step, stroke_), wave::chord_speed_mm_s(step, stroke_, chord_));
+    deadline_ns_ = std::max(deadline_ns_, deadline_ns);
   } else if (reached(seen)) {
     if (++stroke_ == wave::strokes(step)) {
       end_step(now_ns, seen);

@@ -251,6 +251,28 @@ TEST(Cursor, ResumeGoesOnWithAWave) {
   EXPECT_NEAR(plant.travel_mm, 4 * 2.0 * 2, 1e-6);
 }
 
+TEST(Cursor, ResumeGivesAWaveTheTimeForItsWayBack) {
+  const Plan plan =
+      plan_of(std::string(kPressurize) +
+              "{ do = \"wave\", shape = \"triangle\", amplitude_mm = 2, velocity_mm_s = 0.02, cycles = 1 },\n");
+  Cursor cursor(plan);
+  Plant plant(kTick_ns);
+  cursor.start(plant.now_ns);
+  run(cursor, plant, [&](const Action& action) { return action.step == 1 && plant.position_mm >= 1.99; });
+  // A frame that ran on beyond its target, found when the stroke's time is nearly over: 100 s, 5 s and a twentieth.
+  plant.frame_stuck = true;
+  for (int i = 0; i < 9'000; ++i) plant.step(cursor.advance(plant.now_ns, plant.see()));
+  ASSERT_EQ(cursor.action().state, CursorState::kRunning);
+  cursor.pause(plant.now_ns);
+  plant.frame_stuck = false;
+  plant.frame_stopped = true;
+  plant.position_mm = 2.3;
+  for (int i = 0; i < 1'000; ++i) plant.step(cursor.advance(plant.now_ns, plant.see()));
+  cursor.resume(plant.now_ns);
+  run(cursor, plant);
+  EXPECT_EQ(cursor.action().state, CursorState::kFinished);
+}
+
 TEST(Cursor, IgnoresTheEndOfAnOlderSegment) {
   const Plan plan = plan_of(std::string(kPressurize) + "{ do = \"ramp\", to_mm = 2, velocity_mm_s = 1 },\n");
   Cursor cursor(plan);
