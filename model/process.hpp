@@ -78,9 +78,6 @@ enum class Resolution { kNone, kPositionNoise, kSampleInterval };
 struct ParameterTraits {
   /// The time of an event: no gradient leads to it, so it is scanned for; its interval runs from reading to reading.
   bool event_time = false;
-  /// How long an event goes on. Claimed only where the recording shows as long a time before it: what begins with the
-  /// recording is a state of the start, or a drift.
-  bool event_duration = false;
   /// Where the process stood when the recording began. Any value is as good a law as any other.
   bool initial_state = false;
   FilledBy filled_by = FilledBy::kNothing;

@@ -153,7 +153,7 @@ const Physics& grip_slip() {
           .upper = 100.0,
           .starts = {5.0},
           .logarithmic = true,
-          .traits = {.event_duration = true, .lower_limit_law = "a sudden slip"},
+          .traits = {.lower_limit_law = "a sudden slip"},
           .sheet = {.what = "Time in which 63 % of the slip has happened.",
                     .unit = "s",
                     .range = "Numerics: below 0.5 s the slip is sudden, beyond 100 s it cannot be told from a drift of "

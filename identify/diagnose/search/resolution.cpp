@@ -37,6 +37,11 @@ std::string_view name_at_bound(const model::Parameter& parameter, double value) 
   return {};
 }
 
+/// A time that an event's law has besides the event's own.
+bool is_duration_of_event(const model::Law& law, const model::Parameter& parameter) {
+  return model::is_event(law) && !parameter.traits.event_time && parameter.sheet.unit == "s";
+}
+
 }  // namespace
 
 const model::Physics& effect_at_bound(const model::ModelSpec& spec, const model::Physics& effect) {
@@ -68,7 +73,8 @@ bool below_resolution(const model::ModelSpec& spec, const InstrumentResolution& 
       }
       if (traits.resolution != model::Resolution::kNone && value < least) return true;
       if (!name_at_bound(parameter, value).empty()) return true;
-      if (traits.event_duration && value > part.parameters[model::event_parameter(*part.law)] - resolution.first_s)
+      if (is_duration_of_event(*part.law, parameter) &&
+          value > part.parameters[model::event_parameter(*part.law)] - resolution.first_s)
         return true;
     }
   }

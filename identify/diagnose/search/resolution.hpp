@@ -18,7 +18,8 @@ struct InstrumentResolution {
 /// A part of the model is smaller than the instruments could show (ParameterTraits::resolution): such a play or slip
 /// stands in for noise of the position reading, such a lag for jitter of the time stamps, whatever the likelihood
 /// says. Or it stands at the bound where it is another effect (ParameterTraits::lower_bound_is and upper_bound_is;
-/// within 1 % of an upper one). Or it is an event that began with the recording (ParameterTraits::event_duration).
+/// within 1 % of an upper one). Or it is an event that goes on for longer than the recording shows before it: what
+/// begins with the recording is a state of the start, or a drift.
 [[nodiscard]] bool below_resolution(const model::ModelSpec& spec, const InstrumentResolution& resolution);
 
 /// The effect named by ParameterTraits::lower_bound_is or upper_bound_is if a parameter of this effect's law is at that
