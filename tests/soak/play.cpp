@@ -50,6 +50,17 @@ std::set<std::string> codes_of(const Fault& fault) {
   return all;
 }
 
+/// The codes under which a segment that a fault has spoilt may end, for as long as the segment lasts: those of all
+/// faults of the frame's motion. How a spoilt segment shows depends on its length and its speed.
+std::set<std::string> late_codes_of(const Fault& fault) {
+  constexpr std::string_view kMotion = "The frame's motion";
+  std::set<std::string> all;
+  if (fault.group != kMotion) return all;
+  for (const Fault& each : daemon::test::faults())
+    if (each.group == kMotion) all.merge(codes_of(each));
+  return all;
+}
+
 /// What is found by an age or a word of a device, and so within the same time at every pressure and speed. What a
 /// motion or the air has to show takes as long as the motion.
 bool has_its_time(const Fault& fault) {
@@ -114,7 +125,7 @@ class Play {
     }
     // What is left of it, undisturbed.
     double most_MB = 0.0;
-    while (!rig.is_done() && rig.state() == RunState::kRunning) {
+    while (!rig.is_done() && (rig.state() == RunState::kRunning || recovered_late(rig))) {
       rig.run_for(10.0);
       most_MB = std::max(most_MB, resident_MB());
     }
@@ -133,6 +144,7 @@ class Play {
     const double until_s = rig.now_s() + kMostStep_s;
     while (step() != strike.step) {
       if (step() > strike.step && rig.state() == RunState::kRunning) return true;  // a strike before took its time
+      if (recovered_late(rig)) continue;
       if (rig.now_s() > until_s || rig.state() != RunState::kRunning) {
         if (!rig.is_done())
           find(base::formatted("waiting for step %u: %s, %s", strike.step, to_text(rig.state()), rig.status().fault));
@@ -142,6 +154,24 @@ class Play {
       rig.run_for(step() + 1 >= strike.step ? 0.01 : 0.2);
     }
     rig.run_for(strike.after_s);
+    return rig.state() == RunState::kRunning || recovered_late(rig);
+  }
+
+  /// A segment that was commanded under a fault is not as it ought to be when the fault has been repaired: a slow ramp
+  /// that the frame ignores is found when the crosshead should have gone some millimetres, minutes later. Once for each
+  /// strike, under a code of its own and before a next segment could have gone right, the operator comes again.
+  bool recovered_late(SoakedRig& rig) {
+    if (rig.state() != RunState::kFaulted || late_codes_.empty()) return false;
+    const auto now = rig.status();
+    std::string cause;
+    for (std::uint32_t i = 0; i < now.fault_count && cause.empty(); ++i)
+      if (static_cast<double>(now.faults[i].mono_ns) * 1e-9 >= repaired_s_) cause = now.faults[i].code;
+    const bool follows = late_codes_.contains(cause) && now.control.step <= late_until_step_;
+    late_codes_.clear();
+    if (!follows) return false;
+    out_["strikes"].back()["late"] = cause;
+    out_["strikes"].back()["late_s"] = rig.now_s() - repaired_s_;
+    if (!rig.come_back(kMostRecovery_s)) find("late " + cause + " did not come back: " + rig.refusal());
     return rig.state() == RunState::kRunning;
   }
 
@@ -203,7 +233,8 @@ class Play {
     fault.set(rig, false);
     if (second != nullptr) second->set(rig, false);
     rig.late_ns = 0;
-    const double repaired_s = rig.now_s();
+    const double repaired_s = repaired_s_ = rig.now_s();
+    const auto stepped = rig.status().control.step;
     const auto silent_s = [&](bool (*silences)(const Fault&)) {
       return silences(fault) || (second != nullptr && silences(*second)) ? repaired_s - struck_s + 1.0 : 0.0;
     };
@@ -213,6 +244,9 @@ class Play {
     s["back_s"] = rig.now_s() - repaired_s;
     for (const auto& each : witness.take_breaches()) find(where(fault, second, at) + each);
     witness.set_reading_lies(false);
+    late_codes_ = late_codes_of(fault);
+    if (second != nullptr) late_codes_.merge(late_codes_of(*second));
+    late_until_step_ = stepped + 1;
     out_["strikes"].push_back(std::move(s));
   }
 
@@ -346,6 +380,9 @@ class Play {
 
   const PlayOptions options_;
   double frame_silent_s_ = 0.0, pressure_silent_s_ = 0.0;
+  std::set<std::string> late_codes_;  ///< of the last strike, until it is used
+  std::uint32_t late_until_step_ = 0;
+  double repaired_s_ = 0.0;
   daemon::RigConfig config_;
   std::string protocol_;
   protocol::Plan plan_;

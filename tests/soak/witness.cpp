@@ -70,10 +70,13 @@ void Witness::look(daemon::VirtualRig& rig) {
 /// docs/faults.md gives it beyond. The segment before counts until the next: its frame may still be about to take the
 /// new one.
 void Witness::follow_segment(daemon::VirtualRig& rig, const sim::Truth& truth) {
-  const auto c = rig.core().status().control;
+  const auto status = rig.core().status();
+  const auto& c = status.control;
   const bool regulates = c.state == RunState::kRunning || c.state == RunState::kPaused;
   const double wanted_psi = regulates || c.state == RunState::kFaulted ? double{c.setpoint_psi} : 0.0;
-  ceiling_psi_ = std::max(wanted_psi, ceiling_psi_ - kCeilingFalls_psi_s * 1e-9 * kLookAtDaemonNs);
+  // A program stop shuts both valves: what it holds may be far above a set-point that had just fallen.
+  const double falls_psi_s = c.state == RunState::kFaulted && !status.vented_fault ? 0.0 : kCeilingFalls_psi_s;
+  ceiling_psi_ = std::max(wanted_psi, ceiling_psi_ - falls_psi_s * 1e-9 * kLookAtDaemonNs);
   const double target_mm = double{c.target_mm}, speed_mm_s = double{c.velocity_mm_s};
   if (target_mm == target_mm_ && speed_mm_s == speed_mm_s_) return;
   target_mm_ = target_mm;
