@@ -1,5 +1,8 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <fstream>
+
 #include "../daemon/recording_rig.hpp"
 #include "base/text_file.hpp"
 #include "base/toml_reader.hpp"
@@ -33,6 +36,32 @@ TEST(Soak, ASeedIsTheSameRunAgain) {
   EXPECT_EQ(first["findings"], nlohmann::ordered_json::array());
   EXPECT_EQ(first["outcome"], "done");
   EXPECT_GE(first["strikes"].size(), 1U);
+}
+
+// A slow stroke that is commanded under a fault of the frame trips long after the repair.
+TEST(Soak, ASegmentThatAFaultHasSpoiltIsGoneOnWithWhenItShows) {
+  const daemon::testing::TemporaryDirectory folder("soak", "/tmp");
+  PlayOptions options;
+  options.rig = source("config/rigs/sim.toml");
+  options.protocol = (folder.path() / "slow.toml").string();
+  std::ofstream(options.protocol) << R"(format = "isorig-protocol/1"
+name = "slow strokes"
+recording.policy = "round_ramps"
+steps = [
+  { do = "pressurize", pressure_psi = 10, rate_psi_s = 8, settled_for_s = 0.2, timeout_s = 20 },
+  { do = "hold", duration_s = 20 },
+  { do = "wave", shape = "triangle", amplitude_mm = 2, velocity_mm_s = 0.05, cycles = 2 },
+  { do = "hold", duration_s = 20 },
+]
+)";
+  options.runs_root = folder.path();
+  options.faults = 3;
+  const auto result = play(5, options);
+  EXPECT_EQ(result["findings"], nlohmann::ordered_json::array());
+  EXPECT_EQ(result["outcome"], "done");
+  const auto late = std::ranges::find_if(result["strikes"], [](const auto& strike) { return strike.contains("late"); });
+  ASSERT_NE(late, result["strikes"].end());
+  EXPECT_GT((*late)["late_s"], 3.0);  // as long as the operator stays by himself
 }
 
 TEST(Soak, EveryKindOfStepAndEveryFaultIsDrawn) {

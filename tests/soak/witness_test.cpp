@@ -39,6 +39,30 @@ TEST_F(WitnessTest, SeesACrossheadThatIsMovedThoughTheDaemonStopsIt) {
   EXPECT_NE(breaches.front().find("off its path"), std::string::npos) << breaches.front();
 }
 
+TEST_F(WitnessTest, LetsAProgramStopHoldWhatWasBeingLowered) {
+  start(
+      "{ do = \"pressurize\", pressure_psi = 15, rate_psi_s = 8, settled_for_s = 0.2, timeout_s = 20 },\n"
+      "{ do = \"pressurize\", pressure_psi = 5, rate_psi_s = 8, settled_for_s = 0.2, timeout_s = 20 },\n"
+      "{ do = \"hold\", duration_s = 100 }");
+  const auto psi = [&] { return virtual_rig->rig().truth().pressure_psi; };
+  for (int i = 0; i < 20'000 && virtual_rig->core().status().control.step == 0; ++i) watch(0.001);
+  for (int i = 0; i < 20'000 && psi() > 12.0; ++i) watch(0.001);
+  ASSERT_EQ(virtual_rig->core().state(), daemon::RunState::kRunning);
+  witness.strike(*virtual_rig);
+  virtual_rig->core().tick(virtual_rig->now_ns() + 1, 400'000'000, 0);  // a loop that came late
+  // The set-point is 5 psi: 3 psi above it is the bound, 20 s later at the latest.
+  watch(40.0);
+  ASSERT_EQ(virtual_rig->core().state(), daemon::RunState::kFaulted);
+  ASSERT_FALSE(virtual_rig->core().status().vented_fault);
+  ASSERT_GT(psi(), 8.5);
+  EXPECT_TRUE(witness.take_breaches().empty());
+  // And no more than that.
+  virtual_rig->rig().pressure().faults.tube_blocked = true;
+  virtual_rig->rig().pneumatics().fill_stuck_open = true;
+  watch(5.0);
+  EXPECT_FALSE(witness.take_breaches().empty());
+}
+
 TEST_F(WitnessTest, SeesAPressureThatNoSensorShows) {
   hold();
   virtual_rig->rig().pressure().faults.tube_blocked = true;
