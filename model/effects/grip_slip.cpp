@@ -61,6 +61,34 @@ bool happened_in(double recording_id, const Reference& reference) noexcept {
   return recording_id == 0.0 || reference.recording_id == 0.0 || recording_id == reference.recording_id;
 }
 
+Parameter begin(std::string_view what, std::string_view errors) {
+  return {
+      .name = "time_s",
+      .symbol = "t0",
+      .lower = -1e9,
+      .upper = 1e9,
+      .traits = {.event_time = true},
+      .sheet = {.what = what,
+                .unit = "s",
+                .range = "Numerics: any time that a recording can hold; it is scanned for, from reading to reading.",
+                .errors = errors}};
+}
+
+Parameter length(std::string_view what, std::string_view errors) {
+  return {
+      .name = "slip_mm",
+      .symbol = "s",
+      .lower = 0.0,
+      .upper = 50.0,
+      .starts = {0.05},
+      .traits = {.resolution = Resolution::kPositionNoise, .resolution_factor = 4.0},
+      .sheet = {.what = what,
+                .unit = "mm",
+                .range = "Physics: under tension nothing slides in, so it is not negative. Instrument: 50 mm is the "
+                         "full scale of the position channel.",
+                .errors = errors}};
+}
+
 /// An event is no property of the rig: another recording does not hold it. 0: every recording does.
 Parameter recording_id() {
   return {.name = "recording_id",
@@ -83,37 +111,20 @@ const Physics& grip_slip() {
       Stage::kKinematics,
       "Irreversible slip in a grip, sudden or creeping: an event, with its time.",
       "Grips shall hold without slip (ISO 527-1:2019). A specimen under tension can only become longer between them, "
-      "so the slip is positive. What follows an event slips on at a falling rate (Marone, Scholz & Bilham 1991).",
+      "so the slip is positive. What follows an event slips on at a falling rate (afterslip of faults: Marone, Scholz "
+      "& Bilham 1991, with the logarithm of time; the exponential of `creep` has a single number and an end).",
       "It is in the recording or not; marks on the specimen at the grips. A slip of the force zero would not "
       "relax.",
       {{"event",
         "x' = x - s for t >= t0",
-        {{.name = "time_s",
-          .symbol = "t0",
-          .lower = -1e9,
-          .upper = 1e9,
-          .traits = {.event_time = true},
-          .sheet = {.what = "When the grip slipped, on the clock of the recording.",
-                    .unit = "s",
-                    .range =
-                        "Numerics: any time that a recording can hold; it is scanned for, from reading to reading.",
-                    .errors = "Known to one sample interval. A slip that takes several intervals has no single time. "
-                              "Mistaken for a jump of the force zero."}},
-         {.name = "slip_mm",
-          .symbol = "s",
-          .lower = 0.0,
-          .upper = 50.0,
-          .starts = {0.05},
-          .traits = {.resolution = Resolution::kPositionNoise, .resolution_factor = 4.0},
-          .sheet =
-              {.what = "Length of specimen that came out of the grips; positive: longer between them, so less force.",
-               .unit = "mm",
-               .range = "Physics: under tension nothing slides in, so it is not negative. Instrument: 50 mm is the "
-                        "full scale of the position channel.",
-               .errors =
-                   "Only its product with the stiffness is measured, so a relative error of the stiffness is the same "
-                   "relative error of the slip. Less than four times the position noise is not claimed. Mistaken for "
-                   "damage of the specimen."}},
+        {begin("When the grip slipped, on the clock of the recording.",
+               "Known to one sample interval. A slip that takes several intervals has no single time. Mistaken for a "
+               "jump "
+               "of the force zero."),
+         length("Length of specimen that came out of the grips; positive: longer between them, so less force.",
+                "Only its product with the stiffness is measured, so a relative error of the stiffness is the same "
+                "relative error of the slip. Less than four times the position noise is not claimed. Mistaken for "
+                "damage of the specimen."),
          recording_id()},
         {},
         [](std::span<const double> p, const Reference& reference) {
@@ -123,30 +134,12 @@ const Physics& grip_slip() {
         {.event_force_step = -1.0}},
        {"creep",
         "x' = x - s (1 - exp(-(t - t0) / T)) for t >= t0",
-        {{.name = "time_s",
-          .symbol = "t0",
-          .lower = -1e9,
-          .upper = 1e9,
-          .traits = {.event_time = true},
-          .sheet = {.what = "When the grip began to let go, on the clock of the recording.",
-                    .unit = "s",
-                    .range =
-                        "Numerics: any time that a recording can hold; it is scanned for, from reading to reading.",
-                    .errors = "Known to a share of T that falls with the noise. Mistaken for the begin of a drift."}},
-         {.name = "slip_mm",
-          .symbol = "s",
-          .lower = 0.0,
-          .upper = 50.0,
-          .starts = {0.05},
-          .traits = {.resolution = Resolution::kPositionNoise, .resolution_factor = 4.0},
-          .sheet = {.what = "Length of specimen that has come out of the grips in the end; positive: longer between "
-                            "them, so less force.",
-                    .unit = "mm",
-                    .range =
-                        "Physics: under tension nothing slides in, so it is not negative. Instrument: 50 mm is the "
-                        "full scale of the position channel.",
-                    .errors = "Only its product with the stiffness is measured. Where the recording ends within T it "
-                              "hangs together with T. Less than four times the position noise is not claimed."}},
+        {begin("When the grip began to let go, on the clock of the recording.",
+               "Known to a share of T that falls with the noise. Mistaken for the begin of a drift."),
+         length("Length of specimen that has come out of the grips in the end; positive: longer between them, so less "
+                "force.",
+                "Only its product with the stiffness is measured. Where the recording ends within T it hangs together "
+                "with T. Less than four times the position noise is not claimed."),
          {.name = "time_constant_s",
           .symbol = "T",
           .lower = 0.5,
