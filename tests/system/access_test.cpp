@@ -11,17 +11,18 @@
 #include <map>
 #include <set>
 
+#include "../daemon/as_user.hpp"
 #include "processes.hpp"
 
 namespace isorig::system_test {
 namespace {
 
+using daemon::test::kNeedsRoot;
 using testing::AllOf;
 using testing::HasSubstr;
 using testing::Not;
 
 constexpr uid_t kAnn = 21'001, kBob = 21'002, kNobody = 65'534;
-constexpr const char* kNeedsRoot = "only root may become other users: run it as root (sudo ctest ...)";
 
 /// A run that does not end by itself, and moves nothing.
 constexpr const char* kLongProtocol = R"(format = "isorig-protocol/1"
