@@ -92,9 +92,8 @@ void print_discernible(const identify::Diagnosis& d, const identify::MissingEffe
 void print_missing(const identify::Diagnosis& d, const identify::MissingEffect& missing) {
   std::printf("  %s, probability %.2f%s\n", words_and_name(std::string(missing.effect->name)).c_str(),
               missing.probability, missing.parameters.empty() ? "" : "; its numbers [95 % interval]:");
-  const model::Law* law = model::find_law(*missing.effect, missing.law);
   for (const auto& value : missing.parameters) {
-    const auto* sheet = law == nullptr ? nullptr : model::sheet_of(*law, value.name);
+    const auto* sheet = model::sheet_of(*value.law, value.name);
     std::printf("      %s\n", number_line(value.value, value.low, value.high, sheet, value.key()).c_str());
   }
   print_discernible(d, missing);

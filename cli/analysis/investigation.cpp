@@ -95,10 +95,9 @@ void take_in(Round& round, const identify::Study& study) {
   for (const auto& missing : d.missing) {
     std::string text =
         words_and_name(std::string(missing.effect->name)) + ", probability " + percent(missing.probability);
-    const model::Law* law = model::find_law(*missing.effect, missing.law);
     for (const auto& value : missing.parameters)
-      text += "; " + number_line(value.value, value.low, value.high,
-                                 law == nullptr ? nullptr : model::sheet_of(*law, value.name), value.key());
+      text +=
+          "; " + number_line(value.value, value.low, value.high, model::sheet_of(*value.law, value.name), value.key());
     round.found.push_back(std::move(text));
   }
   if (d.unjudged) round.found.push_back(d.unjudged->why + "; record " + d.unjudged->record);

@@ -71,11 +71,15 @@ void name_missing_effects(Study& study) {
     missing.weight = missing.probability = selection.probability.at(effect);
     missing.size_N = selection.size_N.at(effect);
     int parts = 0;
+    std::vector<std::string_view> laws;
     for (std::size_t p = 0; p < out.model.parts.size(); ++p) {
       if (out.model.parts[p].physics != effect) continue;
       const model::Law& law = *out.model.parts[p].law;
-      missing.law = law.name;
       ++parts;
+      if (std::ranges::find(laws, law.name) == laws.end()) {
+        laws.push_back(law.name);
+        missing.law += (missing.law.empty() ? "" : " + ") + std::string(law.name);
+      }
       for (NamedValue value : values[p]) {
         value.part = parts;
         missing.parameters.push_back(std::move(value));

@@ -14,10 +14,7 @@
 #include "model/words.hpp"
 
 namespace isorig::identify {
-namespace {
 
-/// Within a small share of the range, as it is searched. The bound may be the law's own limit, documented as such; and
-/// zero of a number that is searched on a linear scale means that the law is the simpler one.
 bool at_wrong_bound(const model::Parameter& parameter, double value) {
   if (parameter.traits.event_time || parameter.traits.initial_state ||
       parameter.traits.filled_by != model::FilledBy::kNothing)
@@ -28,6 +25,8 @@ bool at_wrong_bound(const model::Parameter& parameter, double value) {
   if (share < deciding().at_bound_share) return parameter.traits.lower_limit_law.empty() && !zero;
   return share > 1.0 - deciding().at_bound_share && parameter.traits.upper_limit_law.empty();
 }
+
+namespace {
 
 /// `whole` without one effect or without its table, refitted as the chosen explanation was.
 Candidate settled(const Search& search, const Selection& selection, Hypothesis smaller) {

@@ -21,7 +21,7 @@ namespace isorig::identify {
 
 struct MissingEffect {
   const model::Physics* effect = nullptr;
-  std::string law;
+  std::string law;           ///< of its parts; "event + creep" where they have several
   double weight = 0.0;       ///< of the explanations that have it, among all that were weighed
   double probability = 0.0;  ///< as stated (search/calibration.hpp)
   double size_N = 0.0;       ///< of the force that it stands for (practical_significance.hpp)

@@ -5,10 +5,11 @@
 
 #include "base/number_text.hpp"
 #include "identify/diagnose/fit/free_parameters.hpp"
+#include "identify/diagnose/publish.hpp"
 #include "identify/diagnosis_report/argument.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
-#include "model/length_scale.hpp"
+#include "model/number_sheet.hpp"
 #include "model/words.hpp"
 
 namespace isorig::identify {
@@ -21,24 +22,13 @@ using report::number_text;
 using report::Page;
 using report::Panel;
 
-/// Unit and meaning of a number of a law; null when the law has none of that name.
-const model::NumberSheet* sheet_of(const model::Law& law, const std::string& name) {
-  for (const auto& p : law.parameters)
-    if (p.name == name) return &p.sheet;
-  for (const auto& c : law.coefficients)
-    if (c.name == name) return &c.sheet;
-  return nullptr;
-}
-
-/// "At its lower bound: ..." where a number stands there.
-std::string bound_text(const model::Law& law, const NamedValue& value) {
-  for (const auto& p : law.parameters) {
-    if (p.name != value.name || p.fixed) continue;
-    // As it is searched: a number over decades stands at its bound within a thousandth of the decades.
-    const double low = to_search(p, p.lower), high = to_search(p, p.upper);
-    const double share = (to_search(p, value.value) - low) / (high - low);
-    if (share <= 1e-3) return "It stands at the lower end of its range: the law may be another one. ";
-    if (share >= 1.0 - 1e-3) return "It stands at the upper end of its range: the law may be another one. ";
+/// "It stands at ..." where that speaks against the law, by the rule that withholds such a model.
+std::string bound_text(const NamedValue& value) {
+  for (const auto& p : value.law->parameters) {
+    if (p.name != value.name || p.fixed || !at_wrong_bound(p, value.value)) continue;
+    const bool low = to_search(p, value.value) < 0.5 * (to_search(p, p.lower) + to_search(p, p.upper));
+    return std::string("It stands at the ") + (low ? "lower" : "upper") +
+           " end of its range: the law may be another one. ";
   }
   return {};
 }
@@ -125,14 +115,14 @@ Figure shape_figure(const Argument& a, std::size_t part, const MissingEffect& mi
           2};
 }
 
-void numbers_table(Page& page, const model::Law& law, const std::vector<NamedValue>& numbers) {
+void numbers_table(Page& page, const std::vector<NamedValue>& numbers) {
   std::vector<std::vector<std::string>> rows;
   for (const NamedValue& value : numbers) {
-    const auto* sheet = sheet_of(law, value.name);
-    const std::string_view unit = model::unit_of(law, value.name);
+    const auto* sheet = model::sheet_of(*value.law, value.name);
+    const std::string_view unit = model::unit_of(*value.law, value.name);
     rows.push_back({model::number_words(value.key(), unit), report::interval_text(value.value, value.low, value.high),
                     model::unit_words(unit), sheet == nullptr ? std::string() : std::string(sheet->what),
-                    bound_text(law, value) + (sheet == nullptr ? std::string() : std::string(sheet->errors))});
+                    bound_text(value) + (sheet == nullptr ? std::string() : std::string(sheet->errors))});
   }
   page.table({"number", "value [95 %]", "unit", "what it is", "what makes it wrong"}, rows);
 }
@@ -149,8 +139,6 @@ void add_effect(Page& page, const Argument& a, const MissingEffect& missing, std
   const std::string words = effect_words(missing.effect->name);
   page.subheading(words);
   page.paragraph(std::string(missing.effect->what));
-  const model::Law* law = model::find_law(*missing.effect, missing.law);
-  if (law != nullptr) law = &model::law_at(*law, d.model.length_scale);
   page.equation(missing.formula);
   page.facts(
       {{"How sure", sure_text(missing.probability), "probability " + number_text(missing.probability, 3)},
@@ -168,7 +156,7 @@ void add_effect(Page& page, const Argument& a, const MissingEffect& missing, std
     drawn[part] = true;
     page.figure(shape_figure(a, part, missing, words));
   }
-  if (law != nullptr) numbers_table(page, *law, missing.parameters);
+  numbers_table(page, missing.parameters);
   page.note("What would show it, and what it is mistaken for: " + std::string(missing.effect->reveals),
             report::Mood::kInfo);
   if (!modelled) page.note(model::in_words(d.not_modelled.text()));
@@ -178,7 +166,7 @@ void add_law(Page& page, const DiscoveredLaw& law) {
   page.paragraph(law.in_words + ".");
   page.paragraph(law.formula + ". Inclusion probability " + base::number_text(law.inclusion_probability, 3) +
                  ": the weight of all sets of at most three products that hold it.");
-  numbers_table(page, *model::find_law(model::element::discovered(), law.law), law.parameters);
+  numbers_table(page, law.parameters);
 }
 
 }  // namespace

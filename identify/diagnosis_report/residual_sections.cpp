@@ -52,11 +52,9 @@ void shade_places(Panel& panel, const Study& study, const Series& series) {
 
 void name_events(Panel& panel, const Diagnosis& d) {
   for (const MissingEffect& missing : d.missing) {
-    const model::Law* law = model::find_law(*missing.effect, missing.law);
-    if (law == nullptr || !model::is_event(*law)) continue;
-    const std::string_view time = law->parameters[model::event_parameter(*law)].name;
     for (const NamedValue& value : missing.parameters)
-      if (value.name == time) panel.verticals.emplace_back(value.value, missing.effect->traits.event_name);
+      if (model::is_event(*value.law) && value.name == value.law->parameters[model::event_parameter(*value.law)].name)
+        panel.verticals.emplace_back(value.value, missing.effect->traits.event_name);
   }
 }
 

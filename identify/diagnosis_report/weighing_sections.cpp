@@ -62,9 +62,8 @@ Figure rivals_figure(const Diagnosis& d) {
       {panel}};
 }
 
-std::string number_words_of(const MissingEffect& missing, const NamedValue& value) {
-  const model::Law* law = model::find_law(*missing.effect, missing.law);
-  return model::number_words(value.key(), law == nullptr ? std::string_view() : model::unit_of(*law, value.name));
+std::string number_words_of(const NamedValue& value) {
+  return model::number_words(value.key(), model::unit_of(*value.law, value.name));
 }
 
 void add_untellable(Page& page, const Diagnosis& d) {
@@ -72,7 +71,7 @@ void add_untellable(Page& page, const Diagnosis& d) {
   for (const MissingEffect& missing : d.missing)
     for (const NamedValue& value : missing.parameters)
       if (!std::isfinite(value.low) || !std::isfinite(value.high))
-        items.push_back(effect_words(missing.effect->name) + ": " + number_words_of(missing, value) +
+        items.push_back(effect_words(missing.effect->name) + ": " + number_words_of(value) +
                         " is known to one side only, or not at all.");
   for (const std::string& note : d.notes) items.push_back(in_words(note));
   if (!d.heldout.all)

@@ -137,6 +137,7 @@ std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const mod
       if (parameter.traits.event_time && !part.fixed) set_event_interval(problem, spec, p, i, named);
       values.push_back(std::move(named));
     }
+    for (NamedValue& value : values) value.law = part.law;
   }
   return out;
 }

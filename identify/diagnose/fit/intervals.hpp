@@ -12,7 +12,8 @@ struct NamedValue {
   double value = 0.0;
   double low = 0.0;  ///< 95 % interval
   double high = 0.0;
-  int part = 1;  ///< of which part, where an effect has several (slips): counted from 1
+  int part = 1;                     ///< of which part, where an effect has several (slips): counted from 1
+  const model::Law* law = nullptr;  ///< of that part
 
   /// The name, and from the second part on its number: "slip_mm", "slip_mm_2".
   [[nodiscard]] std::string key() const { return part == 1 ? name : name + "_" + std::to_string(part); }

@@ -283,5 +283,15 @@ TEST_F(Publish, TheNominalModelWhereNothingIsBetter) {
   EXPECT_EQ(out.heldout.all->nominal_rmse_N, out.heldout.all->model_rmse_N);
 }
 
+// The report says of a number that it stands at a bound by the same rule that withholds its model.
+TEST(Bounds, ASmallSlipStandsAtNoneAndTheLargestDoes) {
+  const model::Law* event = model::find_law(*model::find_physics("grip_slip"), "event");
+  ASSERT_NE(event, nullptr);
+  const auto slip = std::ranges::find(event->parameters, "slip_mm", &model::Parameter::name);
+  ASSERT_NE(slip, event->parameters.end());
+  EXPECT_FALSE(at_wrong_bound(*slip, 0.04));  // a thousandth of 50 mm is 0.05
+  EXPECT_TRUE(at_wrong_bound(*slip, 50.0));
+}
+
 }  // namespace
 }  // namespace isorig::identify

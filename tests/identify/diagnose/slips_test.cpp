@@ -11,6 +11,7 @@
 
 #include "concealed_specimen.hpp"
 #include "identify/diagnose/diagnosis.hpp"
+#include "model/number_sheet.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -120,6 +121,11 @@ TEST(CreepingSlip, StandsBesideASuddenOne) {
   EXPECT_NEAR(slips[0].slip_mm, 0.1, slips[0].high_mm - slips[0].low_mm);
   EXPECT_NEAR(slips[1].slip_mm, 0.08, slips[1].high_mm - slips[1].low_mm);
   EXPECT_NEAR(slips[1].time_s, 520.0, 0.3);
+  EXPECT_EQ(d.missing[0].law, "event + creep");
+  for (const NamedValue& value : d.missing[0].parameters) {
+    EXPECT_NE(model::sheet_of(*value.law, value.name), nullptr) << value.key();
+    EXPECT_EQ(value.law->name, value.part == 1 ? "event" : "creep") << value.key();
+  }
   std::multiset<std::string> laws;
   for (const auto& part : d.model.parts)
     if (part.physics->name == "grip_slip") laws.insert(std::string(part.law->name));
