@@ -3,6 +3,7 @@
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/http.hpp>
 #include <boost/beast/websocket/rfc6455.hpp>
+#include <chrono>
 #include <optional>
 #include <utility>
 
@@ -64,6 +65,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
 
  private:
   void on_request(error_code error) {
+    unread_ = error == http::error::header_limit || error == http::error::body_limit;
     if (error == http::error::header_limit)
       return refuse(http::status::request_header_fields_too_large, "the header is too long");
     if (error == http::error::body_limit)
@@ -253,10 +255,28 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
       self->serializer_.reset();
       self->response_ = {};  // a run's page is large
       self->place_.reset();
+      if (!error && self->unread_) return self->outlast();
       if (error || !self->keep_alive_) return self->close();
       self->path_.clear();
       self->read();
     });
+  }
+
+  /// Of a request that was too long the rest is taken and thrown away, for a while. To close on it would reset the
+  /// connection, and the answer that says why would be lost on the way or never be read (RFC 9112, 9.6).
+  void outlast() {
+    error_code ignored;
+    stream_.socket().shutdown(boost::asio::ip::tcp::socket::shutdown_send, ignored);
+    buffer_.clear();
+    stream_.expires_after(kOutlasting);
+    throw_away(0);
+  }
+  void throw_away(std::size_t so_far) {
+    stream_.async_read_some(buffer_.prepare(kPiece),
+                            [self = shared_from_this(), so_far](error_code error, std::size_t n) {
+                              if (error || so_far + n > kMostThrownAway) return self->close();
+                              self->throw_away(so_far + n);
+                            });
   }
 
   void close() {
@@ -275,6 +295,10 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   std::string host_, path_, session_, set_cookie_, location_;
   std::string policy_;                 // of this answer, in place of the page's own
   std::shared_ptr<const void> place_;  // of this answer (Hub::report)
+  static constexpr auto kOutlasting = std::chrono::seconds(5);
+  static constexpr std::size_t kPiece = std::size_t{64} << 10U, kMostThrownAway = std::size_t{16} << 20U;
+
+  bool unread_ = false;  // its request is longer than is taken
   bool retry_after_ = false;
   bool keep_alive_ = false;
 };

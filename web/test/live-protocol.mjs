@@ -144,7 +144,12 @@ try {
   assert.equal((await ask("GET", "/", { headers: { Host: "evil.example" } })).status, 421, "a name that DNS may lead here");
   assert.equal((await ask("GET", "/", { headers: { Host: "localhost:9999" } })).status, 200, "the near end of ssh -L");
   assert.equal((await ask("GET", "/", { headers: { "X-Long": "x".repeat(9000) } })).status, 431);
-  assert.equal((await post("start", { protocol: "x".repeat(1 << 20) })).status, 413);
+  // An answer before the request is at its end is read all the same, whatever the kernel's buffers hold.
+  for (const MiB of [1, 12]) {
+    const long = await post("start", { protocol: "x".repeat(MiB << 20) });
+    assert.equal(long.status, 413, `${MiB} MiB`);
+    assert.match(said(long), /longer than 1 MiB/);
+  }
 
   // Nobody without a session does anything; a page of somebody else does not even with one.
   for (const call of ["pause", "abort", "start", "resume", "lease", "note", "leave", "preview", "twin"]) assert.equal((await post(call, {})).status, 403, call);
