@@ -182,8 +182,10 @@ void Supervisor::on_frame_report(const FrameReport& report) noexcept {
         0.0, double{segment_.target_mm});
     segment_active_ = segment_moving_ = false;
   }
-  // A connection that is started afresh stops the frame, and knows of no segment. One that has arrived loses nothing.
-  if (segment_active_ && segment_acknowledged_ && !segment_arrived_ && report.taken_segment != segment_number_) {
+  // A connection that is started afresh stops the frame. A segment that has arrived loses nothing; one that waits to be
+  // taken, as the next chord of a wave, would go on from where the stop happened to end.
+  connection_ = report.connection;
+  if (segment_active_ && !segment_arrived_ && connection_ != segment_connection_) {
     note("frame.stopped",
          "the connection to the frame was lost and started afresh, which stopped it short of its target; check the "
          "line, then reset and resume",
@@ -213,6 +215,7 @@ void Supervisor::on_frame_report(const FrameReport& report) noexcept {
 void Supervisor::on_segment(const frame::Segment& segment, std::uint32_t number, double from_mm,
                             std::int64_t mono_ns) noexcept {
   segment_number_ = number;
+  segment_connection_ = connection_;
   segment_active_ = told_to_move_ = true;
   segment_acknowledged_ = segment_arrived_ = lag_warned_ = false;
   segment_ = segment;
