@@ -38,6 +38,9 @@ void Core::tick(std::int64_t now_ns, std::int64_t late_ns, std::int64_t last_run
   supervisor_.set_state(state_, run_open_);
   supervisor_.on_tick_lateness(now_ns, late_ns);
 
+  if (run_open_ || (recorded_ && state_ == RunState::kStopping)) recorded_until_ns_ = now_ns + kRecordedAfterNs;
+  recorded_ = now_ns < recorded_until_ns_;
+
   read_interlock();
   read_frame();
   read_pressure();

@@ -99,6 +99,10 @@ class Core {
   };
 
  public:
+  /// So long after the end of a run the recorder still gets what comes. A disk that hangs then fills no queue with what
+  /// belongs to no run.
+  static constexpr std::int64_t kRecordedAfterNs = 7'000'000'000;
+
   Core(const CoreConfig& config, FrameLink& frame, PressureLink& pressure, InterlockLink& interlock, Streams& recorder,
        Streams* publisher) noexcept;
 
@@ -234,7 +238,7 @@ class Core {
   void emit_step(std::int64_t now_ns, const protocol::Action& action) noexcept;
   template <typename T>
   void fan_out(base::SpscQueue<T> Streams::*queue, const T& record) noexcept {
-    (recorder_.*queue).push(record);
+    if (run_open_ || recorded_) (recorder_.*queue).push(record);
     if (publisher_ != nullptr) (publisher_->*queue).push(record);
   }
 
@@ -294,6 +298,8 @@ class Core {
   LinkSeen frame_seen_, pressure_seen_, interlock_seen_, regulator_seen_;
   ClockSeen frame_clock_, pressure_clock_;
   std::uint64_t reported_drops_ = 0;
+  bool recorded_ = false;  ///< the recorder gets what comes: a run is open, or was until kRecordedAfterNs ago
+  std::int64_t recorded_until_ns_ = 0;
   LoopStatus now_;
   FaultList listed_;
   bool list_changed_ = false;

@@ -94,6 +94,7 @@ class Host {
   /// A run that a fault has ended is recorded for so long after it: the evidence's time, and a second in which its last
   /// samples arrive (a poll, the recorder's lag and a slice of it, a turn of ours: below 0.5 s).
   static constexpr std::int64_t kAfterFaultNs = TripEvidence::kAfterNs + 1'000'000'000;
+  static_assert(kAfterFaultNs < Core::kRecordedAfterNs);
 
   Host(const RigConfig& rig, Core& core, Streams& recording, Options options);
   ~Host();

@@ -220,7 +220,7 @@ TEST(ClockEvents, AClockThatWasSetAndAWrongExchangeAreSaid) {
     for (int i = 0; i < 200; ++i) core.tick(now_ns += 1'000'000, 0, 0);
     std::string all;
     EventRecord e;
-    while (streams.events.pop(e)) {
+    while (core.host_events.pop(e)) {
       if (std::string_view(e.code).starts_with("clock.")) all += std::string(e.code) + ": " + e.text + "\n";
     }
     return all;

@@ -94,6 +94,30 @@ TEST_F(CoreTest, WhatEndsWithAStepIsAnEventOfThatStep) {
                                      Pair("session.start", 2U), Pair("settle.timeout", 3U), Pair("session.end", 3U)));
 }
 
+/// While a disk hangs nobody empties the recorder's queues: what is of no run must not fill them.
+TEST_F(CoreTest, TheRecorderGetsARunAndTheSecondsAfterIt) {
+  ASSERT_TRUE(reach(RunState::kReady, 2.0));
+  auto& queue = virtual_rig->streams.frame;
+  run_for(1.0);
+  EXPECT_EQ(frame_count, 0U) << "no run was open";
+  start(R"(  { do = "pressurize", pressure_psi = 0, rate_psi_s = 8, settled_for_s = 0.2, timeout_s = 20 },
+  { do = "hold", duration_s = 1 },)");
+  ASSERT_TRUE(run_until(20.0, [&] { return virtual_rig->core().outcome() == Outcome::kDone; }));
+  const auto ticks = [&](double seconds) {
+    for (int i = 0; i < static_cast<int>(1000.0 * seconds); ++i) virtual_rig->tick();
+  };
+  ticks(6.0);
+  const auto held = queue.size();
+  EXPECT_GT(held, 5000U) << "a trip's evidence, and the last samples of a device";
+  ticks(5.0);
+  const auto most = queue.size();
+  EXPECT_GT(most, held);
+  ticks(60.0);
+  EXPECT_EQ(queue.size(), most);
+  EXPECT_EQ(virtual_rig->streams.dropped(), 0U);
+  EXPECT_EQ(event("lost.record"), nullptr);
+}
+
 class TripTest : public RigFixture {
  protected:
   /// `or_code`: where the Teensy's own guard may come first.
@@ -342,7 +366,8 @@ TEST_F(TripTest, ALoopThatHangsIsStoppedByTheDevices) {
 }
 
 TEST_F(CoreTest, TheSyncLineMeasuresTheClockMapping) {
-  ASSERT_TRUE(reach(RunState::kReady, 5.0));
+  start(R"(  { do = "pressurize", pressure_psi = 0, rate_psi_s = 8, settled_for_s = 0.2, timeout_s = 20 },
+  { do = "hold", duration_s = 40 },)");
   run_for(30.0);
   ASSERT_GT(sync.size(), 50U);
   for (const auto& r : sync) {

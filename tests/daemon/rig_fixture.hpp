@@ -100,9 +100,9 @@ class RigFixture : public ::testing::Test {
     while (virtual_rig->streams.control.pop(c)) control = c;
     while (virtual_rig->streams.exchanges.pop(x)) ++exchange_count;
     while (virtual_rig->streams.sync.pop(s)) sync.push_back(s);
-    while (virtual_rig->streams.events.pop(e)) events.push_back(e);
-    while (virtual_rig->core().host_events.pop(e)) {
+    while (virtual_rig->streams.events.pop(e)) {
     }
+    while (virtual_rig->core().host_events.pop(e)) events.push_back(e);
   }
 
   [[nodiscard]] const EventRecord* event(const char* code) const {

@@ -38,7 +38,10 @@ void SoakedRig::tick() {
   rig_->tick();
   witness_.look(*rig_);
   const auto sequence = rig_->rig().frame().sequence();
-  if (was_open_) {
+  const auto loop = rig_->core().loop_status();
+  if (loop.run_loaded || loop.control.state == daemon::RunState::kStopping)
+    recorded_until_ns_ = rig_->now_ns() + daemon::Core::kRecordedAfterNs;
+  if (was_open_ && rig_->now_ns() < recorded_until_ns_) {
     // A frame that was restarted counts from 0.
     frame.made += sequence >= sequence_ ? sequence - sequence_ : sequence;
     ++pressure.made;

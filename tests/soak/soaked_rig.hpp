@@ -14,7 +14,7 @@ namespace isorig::soak {
 
 /// Samples of one stream, as the plant made them and as the recorder counted them.
 struct Counted {
-  std::uint64_t made = 0;  ///< while a run was open
+  std::uint64_t made = 0;  ///< while it was recorded
   std::uint64_t full = 0, averaged = 0, missing = 0;
 };
 
@@ -71,6 +71,7 @@ class SoakedRig final : public daemon::test::StruckRig {
   Witness witness_;
   std::string refusal_;
   bool was_open_ = false;
+  std::int64_t recorded_until_ns_ = 0;  ///< of a run that is over and not closed, as while the disk hangs
   std::uint32_t sequence_ = 0;
 };
 
