@@ -33,11 +33,20 @@ class Ceiling : public Process {
     if (share <= linear_share_) return;
     // Above the ceiling with the power taken out, so that share^n does not overflow.
     const double power = std::exp(-sharpness_ * std::fabs(std::log(share)));
-    const double read = std::exp(-std::log1p(power) / sharpness_) / std::fmax(share, 1.0);
+    const double read = corner(power) / std::fmax(share, 1.0);
     for (double& column : columns) column *= read;
   }
 
  private:
+  /// (1 + p)^(-1 / n); by series where p is small, which it is for nearly all readings. Relative error below 2e-16.
+  [[nodiscard]] double corner(double power) const noexcept {
+    constexpr double kSmall = 1e-3;
+    if (power > kSmall) return std::exp(-std::log1p(power) / sharpness_);
+    const double p = power, log_1p = p * (1.0 - p * (1.0 / 2 - p * (1.0 / 3 - p * (1.0 / 4 - p * (1.0 / 5)))));
+    const double x = log_1p / sharpness_;
+    return 1.0 - x * (1.0 - x * (1.0 / 2 - x * (1.0 / 6 - x * (1.0 / 24 - x * (1.0 / 120)))));
+  }
+
   static constexpr double kLinear = 1e-13;  ///< share^n that the reading is linear for
   double ceiling_N_, sharpness_, linear_share_;
 };

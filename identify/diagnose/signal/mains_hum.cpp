@@ -140,6 +140,49 @@ void refine(Peak& steady, const Channel& channel, double searched_step_Hz, doubl
   }
 }
 
+/// The differences of one window as columns over its rows, with weights of zero where a row has no difference, and the
+/// phasor of every row, which turns on by the same angle from one frequency to the next.
+class TurningWindow {
+ public:
+  TurningWindow(const Channel& channel, std::span<const Difference> differences, double first_Hz, double step_Hz) {
+    const std::size_t first = differences.front().row - 1;
+    const auto inner = static_cast<Eigen::Index>(differences.back().row - first);
+    for (Eigen::ArrayXd* each : {&here_, &before_, &after_, &value_}) *each = Eigen::ArrayXd::Zero(inner);
+    for (const Difference& d : differences) {
+      const auto k = static_cast<Eigen::Index>(d.row - first) - 1;
+      here_[k] = d.scale;
+      before_[k] = d.scale * d.before;
+      after_[k] = d.scale * d.after;
+      value_[k] = d.value;
+    }
+    for (Eigen::ArrayXd* each : {&real_, &imag_, &step_real_, &step_imag_}) each->resize(inner + 2);
+    for (Eigen::Index k = 0; k < inner + 2; ++k) {
+      const double since_s = channel.t_s[first + static_cast<std::size_t>(k)] - channel.t_s[0];
+      const Phasor now = phasor(first_Hz * since_s), step = phasor(step_Hz * since_s);
+      real_[k] = now.real();
+      imag_[k] = now.imag();
+      step_real_[k] = step.real();
+      step_imag_[k] = step.imag();
+    }
+  }
+
+  /// At the present frequency; then the next is the present one.
+  [[nodiscard]] Sums next() {
+    const Eigen::Index n = value_.size();
+    cos_ = here_ * real_.segment(1, n) - before_ * real_.head(n) - after_ * real_.tail(n);
+    sin_ = here_ * imag_.segment(1, n) - before_ * imag_.head(n) - after_ * imag_.tail(n);
+    const Sums sums{cos_.square().sum(), (cos_ * sin_).sum(), sin_.square().sum(), (cos_ * value_).sum(),
+                    (sin_ * value_).sum()};
+    turned_ = real_ * step_real_ - imag_ * step_imag_;
+    imag_ = real_ * step_imag_ + imag_ * step_real_;
+    real_.swap(turned_);
+    return sums;
+  }
+
+ private:
+  Eigen::ArrayXd here_, before_, after_, value_, real_, imag_, step_real_, step_imag_, cos_, sin_, turned_;
+};
+
 Peaks search(const Channel& channel, double mains_Hz) {
   // No mains keep their phase for longer than ten minutes: finer steps would only cost time, hours of it in a recording
   // of a day.
@@ -149,43 +192,29 @@ Peaks search(const Channel& channel, double mains_Hz) {
   const double step_Hz = 1.0 / (kSteps * std::clamp(duration_s, kWindow_s, kCoherent_s));
   const auto count = static_cast<std::size_t>(2.0 * beyond_Hz / step_Hz) + 1;
   const double first_Hz = mains_Hz - beyond_Hz;
-  // Every row's phasor turns on by the same angle from one frequency to the next.
-  const auto rows = static_cast<Eigen::Index>(channel.t_s.size());
-  Eigen::ArrayXd real(rows), imag(rows), step_real(rows), step_imag(rows), before(rows);
-  for (Eigen::Index row = 0; row < rows; ++row) {
-    const double since_s = channel.t_s[static_cast<std::size_t>(row)] - channel.t_s[0];
-    const Phasor now = phasor(first_Hz * since_s), step = phasor(step_Hz * since_s);
-    real[row] = now.real();
-    imag[row] = now.imag();
-    step_real[row] = step.real();
-    step_imag[row] = step.imag();
+  // Window by window, so that its columns stay in the processor's cache for all frequencies.
+  std::vector<Sums> all(count);
+  std::vector<double> wandering(count);
+  const std::span<const Difference> differences(channel.differences);
+  for (auto begin = differences.begin(); begin != differences.end();) {
+    const auto end =
+        std::find_if(begin, differences.end(), [&](const Difference& d) { return d.window != begin->window; });
+    TurningWindow window(channel, {begin, end}, first_Hz, step_Hz);
+    for (std::size_t f = 0; f < count; ++f) {
+      const Sums sums = window.next();
+      all[f] += sums;
+      wandering[f] += sums.power();
+    }
+    begin = end;
   }
   Peaks out;
   out.trials = count;
-  std::vector<double> steady, wandering;
-  std::vector<Sums> windows(channel.windows);
+  std::vector<double> steady;
   for (std::size_t f = 0; f < count; ++f) {
-    std::ranges::fill(windows, Sums{});
-    for (const Difference& d : channel.differences) {
-      const auto row = static_cast<Eigen::Index>(d.row);
-      windows[d.window].add({d.scale * (real[row] - d.before * real[row - 1] - d.after * real[row + 1]),
-                             d.scale * (imag[row] - d.before * imag[row - 1] - d.after * imag[row + 1])},
-                            d.value);
-    }
-    before = real;
-    real = real * step_real - imag * step_imag;
-    imag = before * step_imag + imag * step_real;
-    Sums all;
-    double each = 0.0;
-    for (const Sums& window : windows) {
-      all += window;
-      each += window.power();
-    }
     const double frequency_Hz = first_Hz + step_Hz * static_cast<double>(f);
-    steady.push_back(all.power());
-    wandering.push_back(each);
-    if (steady.back() > out.steady.power) out.steady = {frequency_Hz, steady.back(), 0.0};
-    if (each > out.wandering.power) out.wandering = {frequency_Hz, each, 0.0};
+    steady.push_back(all[f].power());
+    if (steady[f] > out.steady.power) out.steady = {frequency_Hz, steady[f], 0.0};
+    if (wandering[f] > out.wandering.power) out.wandering = {frequency_Hz, wandering[f], 0.0};
   }
   out.steady.typical = base::quantile(std::move(steady), 0.5);
   out.wandering.typical = base::quantile(std::move(wandering), 0.5);
