@@ -9,6 +9,7 @@
 #include "base/parallel.hpp"
 #include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/free_parameters.hpp"
+#include "identify/diagnose/fit/many_starts.hpp"
 #include "identify/diagnose/search/events.hpp"
 #include "identify/diagnose/search/resolution.hpp"
 #include "model/catalogue.hpp"
@@ -20,6 +21,8 @@ namespace {
 
 using model::ModelSpec;
 using model::Part;
+
+constexpr int kScreenSteps = 2;
 
 bool takes_rest_length(const model::Law& law) {
   return std::ranges::any_of(law.parameters, [](const model::Parameter& parameter) {
@@ -212,11 +215,38 @@ void Search::add_further_events(std::vector<Trial>& trials, const InstrumentReso
                                   [&](const ModelSpec& spec) { return !below_resolution(spec, resolution); });
 }
 
+/// Of each effect, by what its trials leave so far.
+void Search::keep_better_half(std::vector<Trial>& trials) {
+  std::ranges::stable_sort(trials, {}, [](const Trial& t) { return t.fit.chi2; });
+  std::map<const model::Physics*, std::size_t> count, seen;
+  for (const Trial& trial : trials) ++count[trial.effect];
+  std::erase_if(trials, [&](const Trial& t) { return 2 * seen[t.effect]++ >= count[t.effect] + 1; });
+}
+
+/// Of one effect, laws that arrived at the same optimum from another start, and laws that leave far more than another.
+void Search::drop_repeated(std::vector<Trial>& fitted) {
+  constexpr double kSame = 1e-5;
+  std::vector<Trial> kept;
+  for (Trial& trial : fitted) {
+    const bool needed = std::ranges::none_of(fitted, [&](const Trial& other) {
+      return other.effect == trial.effect && trial.fit.chi2 > deciding().law_leaves_ratio * other.fit.chi2;
+    });
+    const bool known = std::ranges::any_of(kept, [&](const Trial& other) {
+      return other.law == trial.law && std::fabs(other.fit.chi2 - trial.fit.chi2) < kSame * other.fit.chi2;
+    });
+    if (needed && !known) kept.push_back(std::move(trial));
+  }
+  fitted = std::move(kept);
+}
+
 std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep, bool thorough) const {
   std::vector<Trial> all = trials(base);
-  // A few steps from every start, then all the way from the best of each effect.
+  // Two steps from every start, two more from the better half of each effect's, then all the way from the best.
   base::parallel_for(all.size(), threads_,
-                     [&](std::size_t i) { all[i].fit = instrument_problem_.fit(all[i].spec, 4); });
+                     [&](std::size_t i) { all[i].fit = instrument_problem_.fit(all[i].spec, kScreenSteps); });
+  keep_better_half(all);
+  base::parallel_for(all.size(), threads_,
+                     [&](std::size_t i) { all[i].fit = instrument_problem_.fit(all[i].fit.spec, kScreenSteps); });
   std::ranges::stable_sort(all, {}, [](const Trial& t) { return t.fit.chi2; });
   std::vector<Trial> chosen;
   std::map<const model::Physics*, int> per_effect;
@@ -226,7 +256,8 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
     // An effect that contains another fits wherever that one does: it takes no place from the others.
     if (first && trial.effect->traits.contains.empty()) ++places;
     // Three trials (a law from one of its starts) of each of the most promising effects, a single trial of the others.
-    const int most = places <= keep ? 3 : thorough ? 1 : 0;
+    trial.promising = places <= keep;
+    const int most = trial.promising ? 3 : thorough ? 1 : 0;
     if (taken->second >= most) continue;
     ++taken->second;
     chosen.push_back(std::move(trial));
@@ -239,6 +270,8 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
   });
   const InstrumentResolution resolution = resolution_of(series_);
   add_further_events(chosen, resolution);
+  std::erase_if(chosen, [&](const Trial& trial) { return below_resolution(trial.fit.spec, resolution); });
+  drop_repeated(chosen);
   std::vector<Hypothesis> out(chosen.size());
   base::parallel_for(chosen.size(), threads_, [&](std::size_t i) {
     Hypothesis& hypothesis = out[i];
@@ -248,7 +281,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
       return std::ranges::find(model::effects(), p) - model::effects().begin();
     });
     hypothesis.fit = std::move(chosen[i].fit);
-    settle(hypothesis, i < 3 * keep);
+    settle(hypothesis, chosen[i].promising);
   });
   // Of each effect the law with the best evidence.
   std::ranges::stable_sort(out, std::greater<>(), &Hypothesis::evidence);
@@ -315,6 +348,14 @@ void Search::settle(Hypothesis& hypothesis, bool restart_arms) const {
     Fit fit = problem.fit(hypothesis.fit.spec, 8);
     noise = problem.estimate_noise(fit.spec);
     hypothesis.fit = std::move(fit);
+  }
+  // Under the noise of its own residual a fit may leave a poor optimum, where the first one stayed.
+  constexpr double kBetter = 0.9;
+  constexpr int kSteps = 20;
+  if (squares_of(instrument_problem_, hypothesis.fit.spec) < kBetter * hypothesis.ls_chi2) {
+    Fit better = instrument_problem_.fit(hypothesis.fit.spec, kSteps);
+    hypothesis.ls_chi2 = better.chi2;
+    hypothesis.ls_spec = std::move(better.spec);
   }
   const Problem problem(series_, noise);
   hypothesis.fit.noise = noise;
