@@ -18,6 +18,7 @@
 #include "identify/diagnose/search/hysteresis.hpp"
 #include "identify/diagnose/search/parsimony.hpp"
 #include "identify/diagnose/search/published.hpp"
+#include "identify/diagnose/search/substitutes.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
 #include "model/length_scale.hpp"
@@ -68,7 +69,8 @@ void name_missing_effects(Study& study) {
   for (const auto* effect : selection.chosen().effects) {
     MissingEffect missing;
     missing.effect = effect;
-    missing.weight = missing.probability = selection.probability.at(effect);
+    missing.weight = selection.probability.at(effect);
+    missing.probability = std::min(missing.weight, share_beside_substitute(selection, *effect));
     missing.size_N = selection.size_N.at(effect);
     int parts = 0;
     std::vector<std::string_view> laws;

@@ -118,8 +118,9 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
   for (std::size_t i = 0; i < pool.size(); ++i) sum += selection.weight[i] = std::exp(log_weight[i] - most);
   selection.best = 0;
   selection.probability.clear();
+  for (double& weight : selection.weight) weight /= sum;
+  selection.weighed = selection.weight;
   for (std::size_t i = 0; i < pool.size(); ++i) {
-    selection.weight[i] /= sum;
     if (selection.weight[i] > selection.weight[selection.best]) selection.best = i;
     for (const auto* effect : pool[i].effects) selection.probability[effect] += selection.weight[i];
   }

@@ -14,6 +14,7 @@ namespace isorig::identify {
 struct Selection {
   std::vector<Hypothesis> pool;  ///< one per set of effects; pool[0] is the nominal model
   std::vector<double> weight;    ///< posterior weight of each, sums to 1
+  std::vector<double> weighed;   ///< ... before any was discounted; sets that a discount made have none
   std::size_t best = 0;
   double noise_scale = 1.0;                             ///< whitened variance where nothing is left to explain
   std::vector<double> excess;                           ///< per hypothesis: sum of squares beyond the noise

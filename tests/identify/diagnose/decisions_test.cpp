@@ -16,6 +16,7 @@
 #include "identify/diagnose/search/repeated_evidence.hpp"
 #include "identify/diagnose/search/resolution.hpp"
 #include "identify/diagnose/search/select.hpp"
+#include "identify/diagnose/search/substitutes.hpp"
 #include "identify/diagnose/search/without_effect.hpp"
 #include "model/catalogue.hpp"
 
@@ -50,6 +51,50 @@ struct Searched {
   std::vector<Series> series;
   Search search;
 };
+
+// --- substitutes -----------------------------------------------------------------------------------------------
+
+/// Eight further effects were tried beside the leader and none beside its rival: together they have 0.93 of the weight,
+/// and the two sets that differ in one name are five to one.
+TEST(Substitutes, WhatWasTriedBesideTheLeaderMakesItNoSurerThanTheComparison) {
+  Selection s;
+  const auto add = [&](std::vector<const model::Physics*> effects, double weight) {
+    Hypothesis h;
+    h.effects = std::move(effects);
+    s.pool.push_back(std::move(h));
+    s.weight.push_back(weight);
+  };
+  const auto &set = effect("permanent_set"), &softening = effect("mullins_softening"), &lag = effect("force_lag");
+  add({}, 0.0);
+  add({&set, &lag}, 0.35);
+  add({&softening, &lag}, 0.07);
+  for (const char* more : {"zero_drift", "grip_slip", "slack", "coulomb_friction", "fixture_inertia", "viscous_drag",
+                           "force_delay", "second_relaxation"})
+    add({&set, &lag, &effect(more)}, 0.58 / 8.0);
+  s.best = 1;
+  s.weighed = s.weight;
+  count_weights(s);
+  ASSERT_NEAR(s.probability.at(&set), 0.93, 1e-9);
+  EXPECT_NEAR(share_beside_substitute(s, set), 0.35 / 0.42, 1e-12);
+  // Discounted, all that was tried beside the leader is the leader's own weight.
+  s.weight = {0.0, 0.93, 0.07};
+  s.weight.resize(s.pool.size());
+  EXPECT_NEAR(share_beside_substitute(s, set), 0.35 / 0.42, 1e-12);
+  EXPECT_EQ(share_beside_substitute(s, lag), 1.0) << "nothing was tried in its place";
+}
+
+/// A rival is the same explanation but for one name: no larger or smaller set, no other table.
+TEST(Substitutes, AnotherNumberOfEffectsOrATableIsNoSubstitute) {
+  Selection s;
+  s.pool.resize(4);
+  s.pool[1].effects = {&effect("permanent_set")};
+  s.pool[2].effects = {&effect("mullins_softening"), &effect("force_lag")};
+  s.pool[3].effects = {&effect("mullins_softening")};
+  s.pool[3].empirical = "position";
+  s.weight = s.weighed = {0.1, 0.4, 0.3, 0.2};
+  s.best = 1;
+  EXPECT_EQ(share_beside_substitute(s, effect("permanent_set")), 1.0);
+}
 
 // --- weigh -----------------------------------------------------------------------------------------------------
 
