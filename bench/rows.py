@@ -242,7 +242,7 @@ ROWS = [
     Row("series-fit", "two standard linear solids to a whole record", "numpy, scipy", series_fit,
         limit="Three passes over all samples, QR in each (docs/force-velocity.md says why not normal equations)."),
     Row("diagnosis", "isorig diagnose", "", diagnosis,
-        limit="The limit: four to six larger sets of effects, each with some 80 trials of four steps; where explanations tie, the proof of an experiment by refits."),
+        limit="The limit: four to six larger sets of effects, each with some 80 trials of two steps and 40 of two more; where explanations tie, the proof of an experiment by refits."),
     Row("export", "isorig export and fv on a whole run", "", export,
         limit="The limit of MAT files is zlib in libmatio, whose level cannot be set: more than half of the time. HDF5 is compressed at level 1 and spends its time in no single place."),
     Row("recorder", "the recorder", "lcm-logger", recorder,
