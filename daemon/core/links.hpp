@@ -61,7 +61,7 @@ struct FrameReport {
   float velocity_bound_mm_s = 0.0F;   ///< what the noise explains
   float position_mm = 0.0F;           ///< mean over the window of the slope, as the frame counts
   std::uint32_t reference_epoch = 0;  ///< frame::Identity's of this connection
-  std::uint32_t connection = 0;       ///< counts the connections; each begins with a stop
+  std::uint32_t reconnects = 0;       ///< LinkHealth's; each connection begins with a stop
   std::uint32_t taken_segment =
       0;  ///< FrameCommand::number of the last that the frame took in this connection; 0: none
   std::uint32_t refused_segment = 0;  ///< ... and of the last that it did not take; LinkHealth::detail says why

@@ -168,8 +168,8 @@ class Supervisor {
   frame::Segment arrived_;
   frame::Segment segment_;
   std::uint32_t segment_number_ = 0;
-  std::uint32_t connection_ = 0;          ///< FrameReport's of the newest report
-  std::uint32_t segment_connection_ = 0;  ///< ... and of the newest when the segment was commanded
+  std::uint32_t reconnects_ = 0;          ///< FrameReport's of the newest report
+  std::uint32_t segment_reconnects_ = 0;  ///< ... and of the newest when the segment was commanded
   double segment_from_mm_ = 0.0;
   std::int64_t segment_start_ns_ = 0;
 };

@@ -184,8 +184,8 @@ void Supervisor::on_frame_report(const FrameReport& report) noexcept {
   }
   // A connection that is started afresh stops the frame. A segment that has arrived loses nothing; one that waits to be
   // taken, as the next chord of a wave, would go on from where the stop happened to end.
-  connection_ = report.connection;
-  if (segment_active_ && !segment_arrived_ && connection_ != segment_connection_) {
+  reconnects_ = report.reconnects;
+  if (segment_active_ && !segment_arrived_ && reconnects_ != segment_reconnects_) {
     note("frame.stopped",
          "the connection to the frame was lost and started afresh, which stopped it short of its target; check the "
          "line, then reset and resume",
@@ -215,7 +215,7 @@ void Supervisor::on_frame_report(const FrameReport& report) noexcept {
 void Supervisor::on_segment(const frame::Segment& segment, std::uint32_t number, double from_mm,
                             std::int64_t mono_ns) noexcept {
   segment_number_ = number;
-  segment_connection_ = connection_;
+  segment_reconnects_ = reconnects_;
   segment_active_ = told_to_move_ = true;
   segment_acknowledged_ = segment_arrived_ = lag_warned_ = false;
   segment_ = segment;

@@ -31,7 +31,6 @@ void FrameService::turn(std::int64_t now_ns) {
     note_connected(words({identity.maker, identity.model, identity.serial, identity.firmware}),
                    identity.sample_rate_hz);
     reference_epoch_ = identity.reference_epoch;
-    ++connection_;
     taken_segment_ = 0;
     speed_mm_s_ = 0.0;
     begin_stop();  // whatever it was doing
@@ -145,7 +144,7 @@ void FrameService::judge_stop(const frame::State& state) noexcept {
   report.velocity_bound_mm_s = static_cast<float>(standstill_.bound_mm_s());
   report.position_mm = static_cast<float>(standstill_.position_mm());
   report.reference_epoch = reference_epoch_;
-  report.connection = connection_;
+  report.reconnects = health_.reconnects;
   report.taken_segment = taken_segment_;
   report.refused_segment = refused_segment_;
   link_.reports.push(report);

@@ -59,7 +59,6 @@ class FrameService : private SampledLink {
   bool stood_before_ = false;           ///< ... and stood when it was requested: its samples of before count
   bool told_to_move_ = false;           ///< a segment was sent since it was last seen to stand
   std::uint32_t reference_epoch_ = 0;
-  std::uint32_t connection_ = 0;       ///< counts connect()
   double speed_mm_s_ = 0.0;            ///< of the last segment sent
   std::uint32_t taken_segment_ = 0;    ///< number of the last that the frame took; 0: none since it was connected
   std::uint32_t refused_segment_ = 0;  ///< of the last that it did not take

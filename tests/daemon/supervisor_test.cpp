@@ -186,25 +186,23 @@ TEST_F(SupervisorTest, EveryCauseHasTheSeverityOfItsRuleInEveryPhase) {
 /// The next chord of a wave is commanded while the line is down and taken when it is back: the crosshead has been
 /// stopped all the same, and would go on from there.
 TEST_F(SupervisorTest, AConnectionStartedAfreshIsFoundWhicheverSegmentItTakes) {
-  report.connection = 1;
   segment(0.0F, 1.0F);
   ASSERT_EQ(severity(run(5), "frame.stopped"), Severity::kInfo);
   const std::uint32_t taken = report.taken_segment;
   segment(0.0F, 2.0F);
   report.taken_segment = taken;  // waits in the queue
   ASSERT_EQ(severity(run(5), "frame.stopped"), Severity::kInfo);
-  report.connection = 2;
+  report.reconnects = 1;
   report.taken_segment = number;
   EXPECT_EQ(severity(run(1), "frame.stopped"), Severity::kProgramStop);
 }
 
 TEST_F(SupervisorTest, ASegmentThatHasArrivedLosesNothingByANewConnection) {
-  report.connection = 1;
   segment(0.0F, 1.0F);
   (void)run(5);
   report.state.motion = frame::Motion::kReached;
   (void)run(5);
-  report.connection = 2;
+  report.reconnects = 1;
   report.taken_segment = 0;
   EXPECT_EQ(severity(run(100), "frame.stopped"), Severity::kInfo);
 }
