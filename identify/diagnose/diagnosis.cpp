@@ -69,8 +69,8 @@ void name_missing_effects(Study& study) {
   for (const auto* effect : selection.chosen().effects) {
     MissingEffect missing;
     missing.effect = effect;
-    missing.weight = selection.probability.at(effect);
-    missing.probability = std::min(missing.weight, share_beside_substitute(selection, *effect));
+    missing.weight = std::min(selection.probability.at(effect), share_beside_substitute(selection, *effect));
+    missing.probability = missing.weight;
     missing.size_N = selection.size_N.at(effect);
     int parts = 0;
     std::vector<std::string_view> laws;

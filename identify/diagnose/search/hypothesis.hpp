@@ -65,9 +65,9 @@ class Search {
     bool promising = false;  ///< its effect is one of those that leave least
   };
   [[nodiscard]] std::vector<Trial> trials(const Hypothesis& base) const;
-  /// To the best trial with an event.
   static void keep_better_half(std::vector<Trial>& trials);
   static void drop_repeated(std::vector<Trial>& fitted);
+  /// To the best trial with an event.
   void add_further_events(std::vector<Trial>& trials, const InstrumentResolution& resolution) const;
   void add_events(const model::Physics& effect, const model::Law& law, const Hypothesis& base,
                   std::vector<Trial>& out) const;

@@ -15,12 +15,13 @@ bool substitutes(const Hypothesis& other, const Hypothesis& chosen, const model:
 }  // namespace
 
 double share_beside_substitute(const Selection& selection, const model::Physics& effect) {
-  const std::vector<double>& weighed = selection.weighed;
-  if (selection.best >= weighed.size()) return 1.0;
+  const std::size_t compared = selection.weighed.size();
+  if (selection.best >= compared) return 1.0;
+  const auto own = [&](std::size_t i) { return std::min(selection.weighed[i], selection.weight[i]); };
   double most = 0.0;
-  for (std::size_t i = 0; i < weighed.size(); ++i)
-    if (substitutes(selection.pool[i], selection.chosen(), effect)) most = std::max(most, weighed[i]);
-  const double chosen = weighed[selection.best];
+  for (std::size_t i = 0; i < compared; ++i)
+    if (substitutes(selection.pool[i], selection.chosen(), effect)) most = std::max(most, own(i));
+  const double chosen = own(selection.best);
   return chosen + most > 0.0 ? chosen / (chosen + most) : 1.0;
 }
 

@@ -7,6 +7,7 @@
 #include <random>
 
 #include "concealed_specimen.hpp"
+#include "identify/diagnose/fit/many_starts.hpp"
 #include "identify/diagnose/noise/effective_dof.hpp"
 #include "identify/diagnose/noise/noise.hpp"
 #include "identify/diagnose/search/calibration.hpp"
@@ -52,6 +53,25 @@ struct Searched {
   Search search;
 };
 
+// --- settle ----------------------------------------------------------------------------------------------------
+
+/// A fit that stopped far from its optimum, which the fits under the noise of its residual then find: its squares are
+/// those of the optimum, since explanations are compared by them.
+TEST(Settle, ComparesByTheSquaresOfTheBetterOfTwoPlaces) {
+  const Searched s(test::record(ConcealedSpecimen{}));
+  Hypothesis stopped;
+  model::ModelSpec spec = model::nominal_model("slse1");
+  for (model::Part& part : spec.parts)
+    if (part.physics->name == "maxwell") part.parameters[0] = 60.0;  // s; 0.8 s is concealed
+  stopped.fit = s.search.fit_from(spec, 0);
+  const double far = stopped.fit.chi2, near = s.search.fit_from(spec, 30).chi2;
+  ASSERT_GT(far, 2.0 * near) << "the start is no poor place";
+  s.search.settle(stopped, false);
+  EXPECT_LT(stopped.ls_chi2, 1.01 * near);
+  // What is compared is what these numbers leave.
+  EXPECT_NEAR(squares_of(s.search.instrument_problem(), stopped.ls_spec), stopped.ls_chi2, 1e-6 * stopped.ls_chi2);
+}
+
 // --- substitutes -----------------------------------------------------------------------------------------------
 
 /// Eight further effects were tried beside the leader and none beside its rival: together they have 0.93 of the weight,
@@ -78,9 +98,21 @@ TEST(Substitutes, WhatWasTriedBesideTheLeaderMakesItNoSurerThanTheComparison) {
   EXPECT_NEAR(share_beside_substitute(s, set), 0.35 / 0.42, 1e-12);
   // Discounted, all that was tried beside the leader is the leader's own weight.
   s.weight = {0.0, 0.93, 0.07};
-  s.weight.resize(s.pool.size());
+  s.weight.resize(s.pool.size(), 0.0);
   EXPECT_NEAR(share_beside_substitute(s, set), 0.35 / 0.42, 1e-12);
   EXPECT_EQ(share_beside_substitute(s, lag), 1.0) << "nothing was tried in its place";
+}
+
+/// A rival that the strokes disagree about, or that is too small, is none any more, though it was the likelier one.
+TEST(Substitutes, WhatADiscountTookFromARivalDoesNotCountForIt) {
+  Selection s;
+  s.pool.resize(3);
+  s.pool[1].effects = {&effect("permanent_set")};
+  s.pool[2].effects = {&effect("zero_drift")};
+  s.weighed = {0.0, 0.3, 0.7};
+  s.weight = {0.699, 0.3, 0.001};
+  s.best = 1;
+  EXPECT_NEAR(share_beside_substitute(s, effect("permanent_set")), 0.3 / 0.301, 1e-12);
 }
 
 /// A rival is the same explanation but for one name: no larger or smaller set, no other table.
