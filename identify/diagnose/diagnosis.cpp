@@ -69,8 +69,10 @@ void name_missing_effects(Study& study) {
   for (const auto* effect : selection.chosen().effects) {
     MissingEffect missing;
     missing.effect = effect;
-    missing.weight = std::min(selection.probability.at(effect), share_beside_substitute(selection, *effect));
-    missing.probability = missing.weight;
+    const Substitute substitute = best_substitute(selection, *effect);
+    missing.weight = missing.probability = std::min(selection.probability.at(effect), substitute.share);
+    if (missing.weight == substitute.share && substitute.share < deciding().tied_share)
+      missing.substitute = substitute.effect;
     missing.size_N = selection.size_N.at(effect);
     int parts = 0;
     std::vector<std::string_view> laws;

@@ -49,6 +49,17 @@ void note_what_cannot_be_told(Diagnosis& out) {
   }
 }
 
+void note_substitutes(Diagnosis& out) {
+  for (const MissingEffect& missing : out.missing) {
+    if (missing.substitute == nullptr) continue;
+    out.notes.push_back(base::formatted(
+        "These recordings are explained nearly as well with %s in the place of %s, all else the same: of the two, the "
+        "one that is named has %.2f of the weight, and is not called surer than that.",
+        model::effect_words(missing.substitute->name).c_str(), model::effect_words(missing.effect->name).c_str(),
+        missing.weight));
+  }
+}
+
 /// What belongs to its recording cannot be left out of it (left_out.hpp).
 void note_states(Diagnosis& out) {
   if (std::ranges::any_of(out.model.parts, [](const model::Part& part) { return model::is_event(*part.law); }))
@@ -70,6 +81,7 @@ void add_notes(const Study& study, const Fit& nominal_fit, Diagnosis& out) {
   if (!out.decided.empty()) out.warnings.push_back(decided_text(out.decided));
   for (const Inseparable& pair : out.design.inseparable) out.notes.push_back(pair.text);
   note_what_cannot_be_told(out);
+  note_substitutes(out);
   note_unfinished_fit(study, nominal_fit, "nominal model", out);
   if (study.selection.best != 0)
     note_unfinished_fit(study, study.selection.chosen().fit, "model with what it lacked", out);

@@ -21,8 +21,10 @@ namespace isorig::identify {
 
 struct MissingEffect {
   const model::Physics* effect = nullptr;
-  std::string law;           ///< of its parts; "event + creep" where they have several
-  double weight = 0.0;       ///< of the explanations that have it, among all that were weighed
+  std::string law;      ///< of its parts; "event + creep" where they have several
+  double weight = 0.0;  ///< of the explanations that have it, and no more than search/substitutes.hpp allows
+  /// The effect that explains nearly as much in its place and limits the weight; null: none does.
+  const model::Physics* substitute = nullptr;
   double probability = 0.0;  ///< as stated (search/calibration.hpp)
   double size_N = 0.0;       ///< of the force that it stands for (practical_significance.hpp)
   std::vector<NamedValue> parameters;

@@ -18,8 +18,10 @@ using report::Page;
 
 std::string names_of(const Diagnosis& d) {
   std::string out;
-  for (std::size_t i = 0; i < d.missing.size(); ++i)
+  for (std::size_t i = 0; i < d.missing.size(); ++i) {
     out += (i == 0 ? "" : i + 1 < d.missing.size() ? ", " : " and ") + effect_words(d.missing[i].effect->name);
+    if (d.missing[i].substitute != nullptr) out += " (or else " + effect_words(d.missing[i].substitute->name) + ")";
+  }
   return out;
 }
 

@@ -5,24 +5,36 @@
 namespace isorig::identify {
 namespace {
 
-/// `other` is `chosen` with a single effect in the place of `effect`.
-bool substitutes(const Hypothesis& other, const Hypothesis& chosen, const model::Physics& effect) {
+/// What `other` has in the place of `effect`, all else as in `chosen`; null where it is not such an explanation.
+const model::Physics* in_place_of(const model::Physics& effect, const Hypothesis& chosen, const Hypothesis& other) {
   if (other.effects.size() != chosen.effects.size() || other.empirical != chosen.empirical || other.has(effect))
-    return false;
-  return std::ranges::count_if(chosen.effects, [&](const model::Physics* each) { return !other.has(*each); }) == 1;
+    return nullptr;
+  const model::Physics* found = nullptr;
+  for (const model::Physics* each : other.effects) {
+    if (chosen.has(*each)) continue;
+    if (found != nullptr) return nullptr;
+    found = each;
+  }
+  return found;
 }
 
 }  // namespace
 
-double share_beside_substitute(const Selection& selection, const model::Physics& effect) {
+Substitute best_substitute(const Selection& selection, const model::Physics& effect) {
   const std::size_t compared = selection.weighed.size();
-  if (selection.best >= compared) return 1.0;
+  if (selection.best >= compared) return {};
   const auto own = [&](std::size_t i) { return std::min(selection.weighed[i], selection.weight[i]); };
+  Substitute best;
   double most = 0.0;
-  for (std::size_t i = 0; i < compared; ++i)
-    if (substitutes(selection.pool[i], selection.chosen(), effect)) most = std::max(most, own(i));
+  for (std::size_t i = 0; i < compared; ++i) {
+    const model::Physics* other = in_place_of(effect, selection.chosen(), selection.pool[i]);
+    if (other == nullptr || own(i) <= most) continue;
+    most = own(i);
+    best.effect = other;
+  }
   const double chosen = own(selection.best);
-  return chosen + most > 0.0 ? chosen / (chosen + most) : 1.0;
+  if (best.effect != nullptr) best.share = chosen / (chosen + most);
+  return best;
 }
 
 }  // namespace isorig::identify

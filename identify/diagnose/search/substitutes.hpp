@@ -13,6 +13,10 @@ namespace isorig::identify {
 /// (MissingEffect::weight). The sum of the weights of all explanations that hold an effect cannot tell
 /// this: a search tries further effects beside the leading set and not beside its rival, and each of these explanations
 /// adds to the leader's sum, or to the leader itself when its further effect is discounted.
-[[nodiscard]] double share_beside_substitute(const Selection& selection, const model::Physics& effect);
+struct Substitute {
+  const model::Physics* effect = nullptr;  ///< null: no such explanation was tried
+  double share = 1.0;                      ///< of the chosen explanation beside that one
+};
+[[nodiscard]] Substitute best_substitute(const Selection& selection, const model::Physics& effect);
 
 }  // namespace isorig::identify

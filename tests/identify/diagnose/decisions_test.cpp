@@ -95,12 +95,13 @@ TEST(Substitutes, WhatWasTriedBesideTheLeaderMakesItNoSurerThanTheComparison) {
   s.weighed = s.weight;
   count_weights(s);
   ASSERT_NEAR(s.probability.at(&set), 0.93, 1e-9);
-  EXPECT_NEAR(share_beside_substitute(s, set), 0.35 / 0.42, 1e-12);
+  EXPECT_NEAR(best_substitute(s, set).share, 0.35 / 0.42, 1e-12);
+  EXPECT_EQ(best_substitute(s, set).effect, &softening);
   // Discounted, all that was tried beside the leader is the leader's own weight.
   s.weight = {0.0, 0.93, 0.07};
   s.weight.resize(s.pool.size(), 0.0);
-  EXPECT_NEAR(share_beside_substitute(s, set), 0.35 / 0.42, 1e-12);
-  EXPECT_EQ(share_beside_substitute(s, lag), 1.0) << "nothing was tried in its place";
+  EXPECT_NEAR(best_substitute(s, set).share, 0.35 / 0.42, 1e-12);
+  EXPECT_EQ(best_substitute(s, lag).effect, nullptr) << "nothing was tried in its place";
 }
 
 /// A rival that the strokes disagree about, or that is too small, is none any more, though it was the likelier one.
@@ -112,7 +113,7 @@ TEST(Substitutes, WhatADiscountTookFromARivalDoesNotCountForIt) {
   s.weighed = {0.0, 0.3, 0.7};
   s.weight = {0.699, 0.3, 0.001};
   s.best = 1;
-  EXPECT_NEAR(share_beside_substitute(s, effect("permanent_set")), 0.3 / 0.301, 1e-12);
+  EXPECT_NEAR(best_substitute(s, effect("permanent_set")).share, 0.3 / 0.301, 1e-12);
 }
 
 /// A rival is the same explanation but for one name: no larger or smaller set, no other table.
@@ -125,7 +126,8 @@ TEST(Substitutes, AnotherNumberOfEffectsOrATableIsNoSubstitute) {
   s.pool[3].empirical = "position";
   s.weight = s.weighed = {0.1, 0.4, 0.3, 0.2};
   s.best = 1;
-  EXPECT_EQ(share_beside_substitute(s, effect("permanent_set")), 1.0);
+  EXPECT_EQ(best_substitute(s, effect("permanent_set")).effect, nullptr);
+  EXPECT_EQ(best_substitute(s, effect("permanent_set")).share, 1.0);
 }
 
 // --- weigh -----------------------------------------------------------------------------------------------------

@@ -2,7 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <string>
 #include <vector>
+
+#include "identify/diagnose/diagnosis_notes.hpp"
+#include "model/catalogue.hpp"
+#include "model/words.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -63,6 +68,24 @@ TEST(Verdict, ALevelThatIsNotFromRestsAllowsForChance) {
   EXPECT_EQ(verdict_of(explained), Verdict::kMissingPhysics);
   explained.excess_left = 100.0;
   EXPECT_EQ(unexplained_share(explained), 0.0);
+}
+
+TEST(Notes, ANameThatItsSubstituteLimitsIsSaidWithIt) {
+  Diagnosis d;
+  d.missing.resize(2);
+  d.missing[0].effect = model::find_physics("permanent_set");
+  d.missing[0].weight = 0.54;
+  d.missing[0].substitute = model::find_physics("mullins_softening");
+  d.missing[1].effect = model::find_physics("force_lag");
+  Fit nominal;
+  nominal.stop = Stop::kConverged;
+  add_notes({}, nominal, d);
+  ASSERT_EQ(d.notes.size(), 1U);
+  EXPECT_NE(d.notes[0].find(model::effect_words("mullins_softening") + " in the place of " +
+                            model::effect_words("permanent_set")),
+            std::string::npos)
+      << d.notes[0];
+  EXPECT_NE(d.notes[0].find("0.54"), std::string::npos) << d.notes[0];
 }
 
 }  // namespace
