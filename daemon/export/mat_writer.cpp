@@ -4,13 +4,12 @@
 #include <array>
 #include <cstdint>
 #include <cstring>
-#include <fstream>
 #include <limits>
-#include <optional>
 #include <stdexcept>
 #include <system_error>
 
 #include "daemon/export/column_spool.hpp"
+#include "daemon/export/mat_file.hpp"
 #include "daemon/export/writer.hpp"
 
 /// MATLAB's level 5, compressed: every MATLAB since 7 and Octave read it, which is not so for 7.3.
@@ -136,28 +135,6 @@ Variable cells_variable(const Column& column, const Cells& cells, std::size_t ro
   return made(column.name.c_str(), MAT_C_CELL, MAT_T_CELL, {rows, 1}, each.data());
 }
 
-/// Whether a closed level 5 file holds `variables` compressed elements, each whole, and nothing behind them.
-/// matio 1.5.23 reports no failed write of a compressed struct (its zlib output goes through fwrite unchecked,
-/// Mat_Close ignores fclose): on a full disk the element's length stays 0 or reaches beyond the file.
-bool is_whole(const std::filesystem::path& file, std::size_t variables) {
-  constexpr std::uintmax_t kHeaderBytes = 128;
-  constexpr std::uint32_t kCompressed = 15;  // miCOMPRESSED, MathWorks, MAT-File Format, table 1-1
-  std::error_code failed;
-  const auto size = std::filesystem::file_size(file, failed);
-  if (failed) return false;
-  std::ifstream in(file, std::ios::binary);
-  std::uintmax_t at = kHeaderBytes;
-  std::size_t found = 0;
-  for (; at < size; ++found) {
-    std::array<std::uint32_t, 2> tag{};  // type and bytes, in the byte order of the machine that writes
-    in.seekg(static_cast<std::streamoff>(at));
-    in.read(reinterpret_cast<char*>(tag.data()), sizeof tag);
-    if (!in || tag[0] != kCompressed || tag[1] == 0) return false;
-    at += sizeof tag + tag[1];  // compressed elements have no padding behind them
-  }
-  return at == size && found == variables;
-}
-
 class MatSession : public SessionWriter {
  public:
   MatSession(const std::filesystem::path& out, const SessionHead& head) : path_(out / (head.name + ".mat")) {
@@ -201,27 +178,18 @@ class MatSession : public SessionWriter {
     try {
       write(aside, tail);
       std::filesystem::rename(aside, path_);
-    } catch (...) {
+    } catch (const std::exception& e) {
       std::error_code ignored;
       std::filesystem::remove(aside, ignored);
-      throw;
+      throw std::runtime_error(path_.string() + ": cannot be written (" + e.what() +
+                               "); check the disk's space and permissions");
     }
   }
 
  private:
   void write(const std::filesystem::path& aside, const SessionTail& tail) {
-    const auto fail = [&] {
-      throw std::runtime_error(path_.string() + ": cannot be written; check the disk's space and permissions");
-    };
-    // MATLAB wants the first words. A date would make two exports of a run differ.
-    mat_t* file = Mat_CreateVer(aside.c_str(), "MATLAB 5.0 MAT-file, isorig-export/1", MAT_FT_MAT5);
-    if (file == nullptr) fail();
-    std::unique_ptr<mat_t, int (*)(mat_t*)> closer(file, Mat_Close);
-    std::size_t variables = 0;
-    const auto put = [&](const Variable& v) {
-      if (Mat_VarWrite(file, v.get(), MAT_COMPRESSION_ZLIB) != 0) fail();
-      ++variables;
-    };
+    MatFile file(aside);
+    const auto put = [&](const Variable& v) { file.put(v.get()); };
     std::vector<std::pair<std::string, Variable>> recording, info;
     recording.emplace_back("format", text_variable("format", kExportFormat));
     add(recording, tail.attributes);
@@ -247,7 +215,7 @@ class MatSession : public SessionWriter {
       info.emplace_back(table.schema().name, info_variable(table.schema()));
     }
     put(struct_variable("info", std::move(info)));
-    if (Mat_Close(closer.release()) != 0 || !is_whole(aside, variables)) fail();
+    file.close();
   }
 
   std::filesystem::path path_;

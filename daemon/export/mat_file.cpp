@@ -1,0 +1,103 @@
+#include "daemon/export/mat_file.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <stdexcept>
+#include <system_error>
+#include <vector>
+
+namespace isorig::daemon {
+namespace {
+
+constexpr std::size_t kHeaderBytes = 128;
+constexpr std::uint32_t kMatrix = 14, kCompressed = 15;  // miMATRIX, miCOMPRESSED; MAT-File Format, table 1-1
+constexpr std::size_t kPieceBytes = std::size_t{1} << 20U;
+
+struct Close {
+  void operator()(std::FILE* f) const noexcept { std::fclose(f); }
+};
+using File = std::unique_ptr<std::FILE, Close>;
+
+[[noreturn]] void fail(const char* what) {
+  throw std::runtime_error(what);
+}
+
+struct Remove {
+  ~Remove() {
+    std::error_code ignored;
+    std::filesystem::remove(path, ignored);
+  }
+  const std::filesystem::path& path;
+};
+
+}  // namespace
+
+MatFile::MatFile(const std::filesystem::path& path) : plain_(path), out_(std::fopen(path.c_str(), "wbe")) {
+  if (out_ == nullptr) fail("a MAT file cannot be made");
+  plain_ += ".plain";
+}
+
+MatFile::~MatFile() {
+  if (out_ != nullptr) std::fclose(out_);
+}
+
+void MatFile::write(const void* data, std::size_t bytes) {
+  if (std::fwrite(data, 1, bytes, out_) != bytes) fail("a MAT file cannot be written");
+}
+
+void MatFile::put(matvar_t* variable) {
+  const Remove last{plain_};
+  // MATLAB wants the first words. A date would make two exports of a run differ.
+  mat_t* file = Mat_CreateVer(plain_.c_str(), "MATLAB 5.0 MAT-file, isorig-export/1", MAT_FT_MAT5);
+  if (file == nullptr) fail("a MAT variable cannot be kept");
+  const bool written = Mat_VarWrite(file, variable, MAT_COMPRESSION_NONE) == 0;
+  if ((Mat_Close(file) != 0) || !written) fail("a MAT variable cannot be written");
+
+  const File plain(std::fopen(plain_.c_str(), "rbe"));
+  std::array<std::uint8_t, kHeaderBytes> header{};
+  std::array<std::uint32_t, 2> tag{};  // type and bytes, in the byte order of the machine that writes
+  if (!plain || std::fread(header.data(), 1, header.size(), plain.get()) != header.size() ||
+      std::fread(tag.data(), sizeof tag, 1, plain.get()) != 1 || tag[0] != kMatrix) {
+    fail("a MAT variable cannot be read back");
+  }
+  std::error_code unknown;
+  const std::uint64_t element_bytes = sizeof tag + std::uint64_t{tag[1]};
+  // On a full disk libmatio says nothing, and the file ends early.
+  if (std::filesystem::file_size(plain_, unknown) != kHeaderBytes + element_bytes || unknown) {
+    fail("a MAT variable is not whole");
+  }
+  if (!begun_) write(header.data(), header.size());
+  begun_ = true;
+  std::fseek(plain.get(), kHeaderBytes, SEEK_SET);
+  append(plain.get(), element_bytes);
+}
+
+void MatFile::append(std::FILE* plain, std::uint64_t element_bytes) {
+  const long tag_at = std::ftell(out_);
+  std::array<std::uint32_t, 2> tag{kCompressed, 0};
+  write(tag.data(), sizeof tag);
+  std::uint64_t compressed_bytes = 0;
+  std::vector<std::uint8_t> piece(std::min<std::uint64_t>(element_bytes, kPieceBytes));
+  for (std::uint64_t left = element_bytes; left > 0;) {
+    const auto size = static_cast<std::size_t>(std::min<std::uint64_t>(left, piece.size()));
+    if (std::fread(piece.data(), 1, size, plain) != size) fail("a MAT variable cannot be read back");
+    left -= size;
+    compressed_.add({piece.data(), size}, left == 0, [&](std::span<const std::uint8_t> bytes) {
+      write(bytes.data(), bytes.size());
+      compressed_bytes += bytes.size();
+    });
+  }
+  if (compressed_bytes > std::numeric_limits<std::uint32_t>::max()) fail("a MAT variable is too large");
+  tag[1] = static_cast<std::uint32_t>(compressed_bytes);
+  if (tag_at < 0 || std::fseek(out_, tag_at, SEEK_SET) != 0) fail("a MAT file cannot be written");
+  write(tag.data(), sizeof tag);
+  if (std::fseek(out_, 0, SEEK_END) != 0) fail("a MAT file cannot be written");
+}
+
+void MatFile::close() {
+  if (std::fclose(std::exchange(out_, nullptr)) != 0) fail("a MAT file cannot be written");
+}
+
+}  // namespace isorig::daemon
