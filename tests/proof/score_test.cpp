@@ -8,7 +8,6 @@
 #include "base/text_file.hpp"
 #include "proof/baselines/baseline.hpp"
 #include "proof/generator/case.hpp"
-#include "proof/real/convert.hpp"
 #include "proof/scoring/runner.hpp"
 #include "proof/scoring/table.hpp"
 #include "proof/sealed.hpp"
@@ -200,23 +199,6 @@ TEST(ProofRunner, CollectsADiagnosisWithItsPredictions) {
   EXPECT_TRUE(collect(folder, {3.0}).failed);  // a prediction of another length is no prediction
   fs::remove_all(folder);
   EXPECT_TRUE(collect(folder, {3.0, 3.0}).failed);
-}
-
-TEST(ProofReal, ConvertsColumnsAndUnitsAndSkipsARepeatedTime) {
-  const fs::path folder = fs::temp_directory_path() / ("isorig-proof-real-" + std::to_string(getpid()));
-  write_text(folder / "emps/emps_estimation.csv",
-             "time_s,reference_position_m,position_m,motor_command_V,drive_force_N\n"
-             "0,0,0.001,0,5\n0.001,0,0.002,0,6\n0.001,0,0.009,0,9\n0.002,0,0.003,0,7\n");
-  write_real_case(real_cases().front(), folder, folder / "out");
-  const messages::Recording r = messages::read_recording(folder / "out/recording");
-  EXPECT_THAT(r.frame.t_s, testing::ElementsAre(0.0, 0.001, 0.002));
-  EXPECT_THAT(r.frame.position_mm, testing::ElementsAre(1.0, 2.0, 3.0));
-  EXPECT_THAT(r.frame.force_N, testing::ElementsAre(5.0, 6.0, 7.0));
-  EXPECT_FALSE(r.pressure.has_value());
-  write_text(folder / "emps/emps_estimation.csv", "time_s,position_m\n0,1\n");
-  EXPECT_THAT([&] { write_real_case(real_cases().front(), folder, folder / "out"); },
-              testing::ThrowsMessage<std::runtime_error>(testing::HasSubstr("drive_force_N")));
-  fs::remove_all(folder);
 }
 
 /// A short session with friction: the simple methods see it. (What greedy BIC piles on it need not predict.)

@@ -1,13 +1,11 @@
-#include "proof/real/convert.hpp"
+#include "proof/real/conversions.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <sstream>
 #include <stdexcept>
 
 #include "base/text_file.hpp"
-#include "proof/sealed.hpp"
 
 namespace isorig::proof {
 
@@ -82,7 +80,26 @@ void thin(messages::FrameSamples& frame, Keep&& keep) {
   frame = std::move(kept);
 }
 
-Recording emps(const std::filesystem::path& file) {
+Recording with_pressure(Recording r, const std::vector<double>& pressure_psi) {
+  double mean = 0.0;
+  for (const double p : pressure_psi) mean += p / static_cast<double>(pressure_psi.size());
+  r.metadata.nominal_pressure_psi = mean;
+  r.pressure = messages::PressureSamples{r.frame.t_s, pressure_psi};
+  return r;
+}
+
+/// Nothing but pressures, of which one reading answers to the next.
+Recording closed_volume(std::string specimen, std::vector<double> t_s, std::vector<double> pressure_psi) {
+  Recording r;
+  r.metadata.specimen = std::move(specimen);
+  r.metadata.output = messages::Output::kPressure;
+  r.pressure = messages::PressureSamples{std::move(t_s), std::move(pressure_psi)};
+  return r;
+}
+
+}  // namespace
+
+Recording emps_axis(const std::filesystem::path& file) {
   constexpr std::string_view kNames[] = {"time_s", "position_m", "drive_force_N"};
   auto c = read_columns(file, kNames);
   return recording_of("EMPS linear axis", 250.0, std::move(c[0]), scaled(std::move(c[1]), 1e3), std::move(c[2]));
@@ -128,17 +145,17 @@ Recording elastomer(const std::filesystem::path& file) {
   return r;
 }
 
+Recording elastomer_cycle(const std::filesystem::path& file) {
+  constexpr std::string_view kNames[] = {"time_s", "displacement_m", "force_N"};
+  auto c = read_columns(file, kNames);
+  return recording_of("VHB 4910", 80.0, std::move(c[0]), scaled(std::move(c[1]), 1e3), std::move(c[2]));
+}
+
 Recording silicone(const std::filesystem::path& file) {
   constexpr std::string_view kNames[] = {"time_s", "extension_m", "force_N"};
   auto c = read_columns(file, kNames);
-  return recording_of("silicone", 33.0, std::move(c[0]), scaled(std::move(c[1]), 1e3), std::move(c[2]));
-}
-
-Recording with_pressure(Recording r, const std::vector<double>& pressure_psi) {
-  double mean = 0.0;
-  for (const double p : pressure_psi) mean += p / static_cast<double>(pressure_psi.size());
-  r.metadata.nominal_pressure_psi = mean;
-  r.pressure = messages::PressureSamples{r.frame.t_s, pressure_psi};
+  Recording r = recording_of("silicone", 33.0, std::move(c[0]), scaled(std::move(c[1]), 1e3), std::move(c[2]));
+  r.metadata.units_stated = true;  // pulled to more than ten times its length
   return r;
 }
 
@@ -165,123 +182,45 @@ Recording festo(const std::filesystem::path& file) {
                        pressure_psi);
 }
 
-constexpr std::string_view kAxis = R"(format = "isorig-model/1"
-name = "mass and damper"
-[[part]]
-physics = "mass"
-[[part]]
-physics = "dashpot"
-[[part]]
-physics = "constant"
-)";
-constexpr std::string_view kSwing = R"(format = "isorig-model/1"
-name = "pendulum with a viscous joint"
-[[part]]
-physics = "gravity"
-length_mm = 100.0
-weight_N = 11.37
-[[part]]
-physics = "dashpot"
-[[part]]
-physics = "constant"
-)";
-constexpr std::string_view kOneTime = R"(format = "isorig-model/1"
-name = "one relaxation time"
-[[part]]
-physics = "spring"
-[[part]]
-physics = "maxwell"
-time_constant_s = 10.0
-[[part]]
-physics = "constant"
-)";
-constexpr std::string_view kSpring = R"(format = "isorig-model/1"
-name = "linear spring"
-[[part]]
-physics = "spring"
-[[part]]
-physics = "constant"
-)";
-constexpr std::string_view kPiston = R"(format = "isorig-model/1"
-name = "pressure times area"
-[[part]]
-physics = "pressure_coupling"
-law = "force"
-force_N_psi = 3.385
-fixed = true
-[[part]]
-physics = "constant"
-)";
-constexpr std::string_view kMuscle = R"(format = "isorig-model/1"
-name = "force in proportion to the pressure"
-[[part]]
-physics = "pressure_coupling"
-law = "force"
-[[part]]
-physics = "constant"
-)";
-
-const std::array kCases{
-    RealCase{"emps",
-             {"emps/emps_estimation.csv"},
-             "coulomb_friction, then friction_asymmetry",
-             "M 95.11 kg, Fv 203.5 N s/m, Fc 20.39 N, offset -3.16 N (Janot, Gautier and Brunot 2019)",
-             kAxis,
-             emps},
-    RealCase{"pendulum",
-             {"pbj-pendulum/no_damper_trial_01.csv"},
-             "coulomb_friction",
-             "mass 1 kg by construction; friction 0.28 to 0.32 N per kg at 100 mm; no viscosity",
-             kSwing,
-             pendulum},
-    RealCase{"elastomer",
-             {"vhb4910-tape/relax_stretch2.0.csv"},
-             "second_relaxation",
-             "three times in the hold: 3.5, 28 and 341 s",
-             kOneTime,
-             elastomer},
-    RealCase{"silicone",
-             {"elastomer-tensile/dragon_skin_30.csv"},
-             "strain_stiffening",
-             "residual of a line 9.7 %",
-             kSpring,
-             silicone},
-    RealCase{"festo",
-             {"festo-bpa-10mm-isometric/len20cm_short50_test9.csv"},
-             "pressure_threshold",
-             "about 380 kPa (55 psi); residual of a line 44.5 %, with a threshold 10.0 %; load cell clipped at "
-             "-8.735 N",
-             kMuscle,
-             festo},
-    RealCase{"cylinder",
-             {"pneumatic-cylinder-friction/o-ring_3bar.csv"},
-             "coulomb_friction",
-             "5.5 N at 3 bar, area 490.9 mm^2 (3.385 N/psi, given)",
-             kPiston,
-             cylinder},
-    RealCase{"cylinder-pressures",
-             {"pneumatic-cylinder-friction/o-ring_1bar.csv", "pneumatic-cylinder-friction/o-ring_3bar.csv",
-              "pneumatic-cylinder-friction/o-ring_5bar.csv", "pneumatic-cylinder-friction/o-ring_7bar.csv"},
-             "coulomb_friction, then friction_with_pressure",
-             "3.9, 5.5, 7.0, 7.9 N at 1, 3, 5, 7 bar: about 0.046 N/psi",
-             kPiston,
-             cylinder},
-};
-
-}  // namespace
-
-std::span<const RealCase> real_cases() {
-  return kCases;
+Recording filling(const std::filesystem::path& file) {
+  constexpr std::string_view kNames[] = {"time_s", "pressure_kPa"};
+  auto c = read_columns(file, kNames);
+  return closed_volume("Festo muscle", std::move(c[0]), scaled(std::move(c[1]), 1e3 / kPascal_per_psi));
 }
 
-std::string recording_name(const RealCase& real, std::size_t i) {
-  return real.files.size() == 1 ? "recording" : "recording-" + std::to_string(i + 1);
+/// By the conversion of a later script of the same laboratory, kPa = 0.7654 counts - 18.609: near, and perhaps not this
+/// sensor's. A relaxation time does not depend on it.
+Recording leak(const std::filesystem::path& file) {
+  constexpr std::string_view kNames[] = {"time_s", "pressure_sensor_counts"};
+  auto c = read_columns(file, kNames);
+  for (double& counts : c[1]) counts = (0.7654 * counts - 18.609) * 1e3 / kPascal_per_psi;
+  return closed_volume("Festo muscle", std::move(c[0]), std::move(c[1]));
 }
 
-void write_real_case(const RealCase& real, const std::filesystem::path& source, const std::filesystem::path& out) {
-  for (std::size_t i = 0; i < real.files.size(); ++i)
-    messages::write_recording(out / recording_name(real, i), real.convert(source / real.files[i]));
-  write_text(out / "nominal.toml", real.nominal_toml);
+/// A muscle that lifts a weight: its position answers to the pressure.
+Recording lifting_muscle(const std::filesystem::path& file) {
+  constexpr std::string_view kNames[] = {"time_s", "displacement_mm", "pressure_kPa"};
+  auto c = read_columns(file, kNames);
+  const auto pressure_psi = scaled(c[2], 1e3 / kPascal_per_psi);
+  Recording r;
+  r.metadata.specimen = "cavatappi muscle";
+  r.metadata.output = messages::Output::kPosition;
+  r.frame = {c[0], std::move(c[1]), std::vector<double>(c[0].size(), 0.0)};
+  r.pressure = messages::PressureSamples{std::move(c[0]), pressure_psi};
+  return r;
+}
+
+/// Two tanks in series as a specimen: the force is the level, and the position the volume pumped so far. A tank that
+/// drains in proportion to its level is then a Maxwell element, one that drains with its square root has a power-law
+/// dashpot.
+Recording tanks(const std::filesystem::path& file) {
+  constexpr std::string_view kNames[] = {"time_s", "pump_V", "level_sensor_V"};
+  auto c = read_columns(file, kNames);
+  constexpr double kSample_s = 4.0, kVolume_per_mm = 100.0;  // V s of the pump
+  std::vector<double> pumped_mm(c[1].size(), 0.0);
+  for (std::size_t i = 1; i < pumped_mm.size(); ++i)
+    pumped_mm[i] = pumped_mm[i - 1] + c[1][i - 1] * kSample_s / kVolume_per_mm;  // held between samples
+  return recording_of("cascaded tanks", 500.0, std::move(c[0]), std::move(pumped_mm), std::move(c[2]));
 }
 
 }  // namespace isorig::proof

@@ -1,0 +1,155 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+#include <numbers>
+#include <random>
+#include <set>
+
+#include "proof/real/cases.hpp"
+#include "proof/real/conversions.hpp"
+#include "proof/real/study.hpp"
+#include "proof/sealed.hpp"
+
+namespace isorig::proof {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::Each;
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+class ProofReal : public testing::Test {
+ protected:
+  ProofReal() { fs::create_directories(folder_); }
+  ~ProofReal() override { fs::remove_all(folder_); }
+  const fs::path folder_ = fs::temp_directory_path() / ("isorig-proof-real-" + std::to_string(getpid()));
+};
+
+/// A motor-driven axis of 95 kg with 0.2 N s/mm and 20 N of dry friction, in the columns of the EMPS files: a sweep by
+/// two sines, 0.5 N of white noise, positions to a nanometre.
+std::string axis_csv(double slow_Hz, double fast_Hz, unsigned seed) {
+  std::mt19937_64 random(seed);
+  std::normal_distribution<double> noise_N(0.0, 0.5);
+  std::string text = "time_s,reference_position_m,position_m,motor_command_V,drive_force_N\n";
+  for (int i = 0; i < 6000; ++i) {
+    const double t_s = 0.002 * i, a = 2.0 * std::numbers::pi * slow_Hz, b = 2.0 * std::numbers::pi * fast_Hz;
+    const double x_m = 0.1 * std::sin(a * t_s) + 0.01 * std::sin(b * t_s);
+    const double v = 0.1 * a * std::cos(a * t_s) + 0.01 * b * std::cos(b * t_s);
+    const double acceleration = -0.1 * a * a * std::sin(a * t_s) - 0.01 * b * b * std::sin(b * t_s);
+    const double force_N = 95.0 * acceleration + 200.0 * v + 20.0 * std::copysign(1.0, v) + noise_N(random);
+    char line[96];
+    std::snprintf(line, sizeof line, "%.3f,0,%.9f,0,%.4f\n", t_s, x_m, force_N);
+    text += line;
+  }
+  return text;
+}
+
+TEST_F(ProofReal, ConvertsColumnsAndUnitsAndSkipsARepeatedTime) {
+  write_text(folder_ / "emps.csv",
+             "time_s,reference_position_m,position_m,motor_command_V,drive_force_N\n"
+             "0,0,0.001,0,5\n0.001,0,0.002,0,6\n0.001,0,0.009,0,9\n0.002,0,0.003,0,7\n");
+  const messages::Recording r = emps_axis(folder_ / "emps.csv");
+  EXPECT_THAT(r.frame.t_s, ElementsAre(0.0, 0.001, 0.002));
+  EXPECT_THAT(r.frame.position_mm, ElementsAre(1.0, 2.0, 3.0));
+  EXPECT_THAT(r.frame.force_N, ElementsAre(5.0, 6.0, 7.0));
+  EXPECT_FALSE(r.pressure.has_value());
+  write_text(folder_ / "emps.csv", "time_s,position_m\n0,1\n");
+  EXPECT_THAT([&] { (void)emps_axis(folder_ / "emps.csv"); },
+              testing::ThrowsMessage<std::runtime_error>(HasSubstr("drive_force_N")));
+}
+
+TEST_F(ProofReal, ALeakIsOfThePressureAloneAndAPumpFillsATank) {
+  write_text(folder_ / "leak.csv", "time_s,pressure_sensor_counts\n1,673\n1.5,668\n");
+  const messages::Recording r = leak(folder_ / "leak.csv");
+  EXPECT_EQ(r.metadata.output, messages::Output::kPressure);
+  EXPECT_EQ(r.frame.size(), 0U);
+  EXPECT_NEAR(r.pressure->pressure_psi.at(0), (0.7654 * 673 - 18.609) / 6.894757, 1e-9);
+  write_text(folder_ / "tanks.csv", "time_s,pump_V,level_sensor_V\n0,3,5\n4,1,5.5\n8,0,6\n");
+  const messages::Recording filled = tanks(folder_ / "tanks.csv");
+  EXPECT_THAT(filled.frame.position_mm, ElementsAre(0.0, 0.12, 0.16)) << "3 V and 1 V for 4 s each";
+  EXPECT_THAT(filled.frame.force_N, ElementsAre(5.0, 5.5, 6.0));
+}
+
+TEST_F(ProofReal, WhoPredictsDoesNotSeeTheAnswers) {
+  messages::Recording r;
+  r.frame = {{0, 1}, {1, 2}, {3, 4}};
+  EXPECT_THAT(without_answers(r).frame.force_N, Each(0.0));
+  EXPECT_THAT(without_answers(r).frame.position_mm, ElementsAre(1.0, 2.0)) << "the input stays";
+  r.metadata.output = messages::Output::kPressure;
+  r.pressure.emplace();
+  for (int i = 0; i < 12; ++i) {
+    r.pressure->t_s.push_back(i);
+    r.pressure->pressure_psi.push_back(i);
+  }
+  EXPECT_THAT(without_answers(r).pressure->pressure_psi, ElementsAre(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9));
+}
+
+/// Nine sets, names that are no two cases', and every set with a file to learn from.
+TEST_F(ProofReal, TheCasesAreOfNineSets) {
+  std::set<std::string_view> sets, names;
+  for (const RealCase& real : real_cases()) {
+    sets.insert(real.set);
+    EXPECT_TRUE(names.insert(real.name).second) << real.name;
+    EXPECT_FALSE(real.train.empty()) << real.name;
+    for (const auto file : real.heldout) EXPECT_EQ(std::ranges::count(real.train, file), 0) << file;
+  }
+  EXPECT_EQ(sets.size(), 9U);
+}
+
+TEST_F(ProofReal, FindsTheFrictionOfAnAxisAndItsNumbersAndPredictsAnotherMotion) {
+  const RealCase* emps = nullptr;
+  for (const RealCase& real : real_cases())
+    if (real.name == "emps") emps = &real;
+  ASSERT_NE(emps, nullptr);
+  write_text(folder_ / "emps/emps_estimation.csv", axis_csv(0.25, 1.1, 1));
+  write_text(folder_ / "emps/emps_validation_pulses.csv", axis_csv(0.35, 1.7, 2));
+  RealOptions options;
+  options.isorig = fs::path(ISORIG_BIN_DIR) / "isorig";
+  const RealCase cases[] = {*emps};
+  const auto outcomes = run_real_cases(cases, folder_, folder_ / "out", options);
+  const RealOutcome& o = outcomes.at(0);
+  ASSERT_FALSE(o.said.failed) << o.said.why;
+  ASSERT_FALSE(o.said.missing.empty());
+  EXPECT_EQ(o.said.missing.front().effect, "coulomb_friction");
+  ASSERT_EQ(o.numbers.size(), 4U);
+  // 6000 readings with 0.5 N of noise: the standard error of a force is some 0.01 N, of a mass of 2.4 m/s^2 rms 0.01
+  // kg. What is left is the friction's presliding, which the axis does not have.
+  EXPECT_NEAR(o.numbers[0].value, 95.0, 0.5);
+  EXPECT_NEAR(o.numbers[1].value, 0.2, 0.01);
+  EXPECT_NEAR(o.numbers[2].value, 20.0, 0.5);
+  EXPECT_LT(o.numbers[2].low95, o.numbers[2].value);
+  EXPECT_TRUE(std::isnan(o.numbers[3].value)) << "both directions are alike";
+  ASSERT_EQ(o.heldout.size(), 1U);
+  EXPECT_LT(o.heldout[0].model_rms, 0.5 * o.heldout[0].nominal_rms);
+  EXPECT_FALSE(o.heldout[0].worse(o.noise));
+  EXPECT_GT(o.heldout[0].in_band, 0.8);
+  EXPECT_FALSE(fs::exists(folder_ / "out/emps/asked"));
+
+  const std::string text = real_markdown(cases, outcomes);
+  EXPECT_THAT(text, HasSubstr("| emps | coulomb_friction, then friction_asymmetry | missing_physics | "
+                              "`coulomb_friction`"));
+  EXPECT_THAT(text, HasSubstr("0 of 1 held-out recordings"));
+  const auto json = real_json(cases, outcomes);
+  EXPECT_EQ(json["cases"][0]["numbers"][3]["found"], nullptr);
+}
+
+TEST_F(ProofReal, ADiagnosisThatFailsIsAnOutcome) {
+  const RealCase* silicone = nullptr;
+  for (const RealCase& real : real_cases())
+    if (real.name == "dragon-skin-30") silicone = &real;
+  ASSERT_NE(silicone, nullptr);
+  write_text(folder_ / "elastomer-tensile/dragon_skin_30.csv", "time_s,extension_m,force_N\n0,0,0\n0.1,0.001,1\n");
+  RealOptions options;
+  options.isorig = fs::path(ISORIG_BIN_DIR) / "isorig";
+  const RealOutcome o = run_real_case(*silicone, folder_, folder_ / "out", options);
+  EXPECT_TRUE(o.said.failed || o.said.verdict == "cannot_judge") << o.said.verdict;
+  EXPECT_THAT([&] { (void)run_real_case(*silicone, folder_ / "nowhere", folder_ / "out", options); },
+              testing::Throws<std::runtime_error>());
+}
+
+}  // namespace
+}  // namespace isorig::proof
