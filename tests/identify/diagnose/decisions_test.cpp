@@ -117,6 +117,26 @@ TEST(Substitutes, WhatADiscountTookFromARivalDoesNotCountForIt) {
 }
 
 /// A rival is the same explanation but for one name: no larger or smaller set, no other table.
+/// The recordings prefer a set of three by nine nats, and two of the three were too small to count: how the remaining
+/// one and its substitute compare where both leave much says nothing.
+TEST(Substitutes, TheLargerSetThatHandedOverItsWeightIsCompared) {
+  Selection s;
+  s.pool.resize(5);
+  const auto &slack = effect("slack"), &drift = effect("zero_drift"), &lag = effect("force_lag");
+  s.pool[1].effects = {&slack};
+  s.pool[2].effects = {&effect("cyclic_softening")};
+  s.pool[3].effects = {&slack, &drift, &lag};
+  s.pool[4].effects = {&effect("cyclic_softening"), &drift, &lag};
+  s.weighed = {0.0, 1e-4, 9e-3, 0.8, 0.19};
+  s.weight = {0.0, 0.8001, 9e-3, 0.0, 0.19};
+  s.best = 1;
+  EXPECT_NEAR(best_substitute(s, slack).share, 0.8 / 0.99, 1e-12);
+  EXPECT_EQ(best_substitute(s, slack).effect, &effect("cyclic_softening"));
+  // Preferred by less than an effect costs (3 nats): the chosen set stands for itself.
+  s.weighed[1] = 0.05;
+  EXPECT_NEAR(best_substitute(s, slack).share, 0.05 / 0.059, 1e-12);
+}
+
 TEST(Substitutes, AnotherNumberOfEffectsOrATableIsNoSubstitute) {
   Selection s;
   s.pool.resize(4);
