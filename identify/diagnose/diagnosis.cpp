@@ -61,11 +61,12 @@ NoiseModel stated_noise(const Study& study) {
   return stated;
 }
 
-void name_missing_effects(Study& study) {
+void name_missing_effects(const Search& search, Study& study) {
   const Selection& selection = study.selection;
   Diagnosis& out = study.diagnosis;
   const Problem stated(study.series, stated_noise(study));
-  const auto values = intervals(stated, out.model, Spread::kMoves);
+  const NoiseModel fitted_under = criterion_of_chosen(search, selection).noise;
+  const auto values = intervals(stated, out.model, Spread::kMoves, fitted_under);
   for (const auto* effect : selection.chosen().effects) {
     MissingEffect missing;
     missing.effect = effect;
@@ -90,7 +91,7 @@ void name_missing_effects(Study& study) {
       }
       missing.formula += (parts > 1 ? "; " : "") + formula_text(law, values[p]);
     }
-    missing.shape = shape_of(stated, out.model, *effect);
+    missing.shape = shape_of(stated, out.model, *effect, fitted_under);
     out.missing.push_back(std::move(missing));
   }
   std::ranges::stable_sort(out.missing, std::greater<>(), &MissingEffect::size_N);
@@ -208,7 +209,8 @@ void publish_model(const Search& search, const Study& study, const PublishedNomi
     out.model_errors.heldout_rmse_N = out.heldout.all->model_rmse_N;
   }
   out.nominal_numbers = intervals(Problem(study.series, nominal.criterion.noise), out.nominal, Spread::kMoves);
-  out.model_numbers = intervals(Problem(study.series, stated_noise(study)), out.model, Spread::kMoves);
+  out.model_numbers = intervals(Problem(study.series, stated_noise(study)), out.model, Spread::kMoves,
+                                publication.model.criterion.noise);
   remember_what_the_others_showed(study, nominal.criterion, publication.model.criterion, out.heldout);
   const model::ModelSpec plain_nominal = out.nominal;
   remember_what_was_seen(study.series, nominal.criterion, error_of_a_reading_N(out.nominal_errors), plain_nominal,
@@ -284,7 +286,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   out.nominal = nominal_published.fit.spec;
   out.model = study.selection.best == 0 ? out.nominal : study.selection.chosen().fit.spec;
   place_events(out.model, study.series[0], study.usable[0]);
-  name_missing_effects(study);
+  name_missing_effects(search, study);
   list_alternatives(study.selection, out);
   now(0.87, "what these recordings can show");
   out.discernible = discernible(search, study.selection.nominal(), options.threads);

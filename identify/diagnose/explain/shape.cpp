@@ -257,7 +257,8 @@ Eigen::VectorXd force(const Probe& probe, const ModelSpec& spec, const model::Re
 
 }  // namespace
 
-Shape shape_of(const Problem& problem, const ModelSpec& spec, const model::Physics& effect) {
+Shape shape_of(const Problem& problem, const ModelSpec& spec, const model::Physics& effect,
+               const std::optional<NoiseModel>& fitted_under) {
   constexpr double k95 = 1.96;
   Shape out;
   const Ranges ranges = ranges_of_all(problem.series());
@@ -277,8 +278,8 @@ Shape shape_of(const Problem& problem, const ModelSpec& spec, const model::Physi
     out.x.assign(load.data(), load.data() + load.size());
   }
   const std::vector<FreeNumber> numbers = fitted_numbers(spec);
-  const Eigen::VectorXd variance_N2 = variance_by_numbers(spec, numbers, covariance(problem, spec, Spread::kMoves),
-                                                          differences(spec, numbers, y, added));
+  const Eigen::VectorXd variance_N2 = variance_by_numbers(
+      spec, numbers, covariance(problem, spec, Spread::kMoves, fitted_under), differences(spec, numbers, y, added));
   for (Eigen::Index i = 0; i < y.size(); ++i) {
     const double half_N = k95 * std::sqrt(std::max(variance_N2[i], 0.0));
     out.y.push_back(y[i]);

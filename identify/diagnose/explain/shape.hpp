@@ -41,7 +41,8 @@ struct Shape {
 ///
 /// A law that stands in the place of an arm (LawTraits::replaces_arm) is drawn whole. Of recordings in which nothing
 /// moves the motions have no length: x and y are then empty.
-[[nodiscard]] Shape shape_of(const Problem& problem, const model::ModelSpec& spec, const model::Physics& effect);
+[[nodiscard]] Shape shape_of(const Problem& problem, const model::ModelSpec& spec, const model::Physics& effect,
+                             const std::optional<NoiseModel>& fitted_under = {});
 
 /// The law's equation with its numbers: "F = Fc tanh(v / v0), Fc = 0.81 N, v0 = 0.5 mm/s". A number without a symbol in
 /// the equation (the recording of an event) is left out.

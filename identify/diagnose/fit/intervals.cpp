@@ -4,20 +4,33 @@
 #include <cmath>
 
 #include "identify/diagnose/deciding/deciding.hpp"
+#include "identify/diagnose/fit/blocks.hpp"
 #include "identify/diagnose/fit/moves.hpp"
 
 namespace isorig::identify {
 
 namespace {
 
-/// Gradient of half the sum of squares, summed over every move with the rest after it: one column a move.
-Eigen::MatrixXd scores_by_move(std::span<const Series> series, const Eigen::MatrixXd& jacobian,
+/// What may disagree within the recordings: moves, each with the rest after it; where there are too few, strokes; else
+/// stretches of time (blocks.hpp).
+MoveNumbers disagreeing_parts(std::span<const Series> series) {
+  const auto enough = [](std::size_t count) {
+    return static_cast<double>(count) >= deciding().fewest_moves_for_spread;
+  };
+  MoveNumbers moves = number_moves(series);
+  if (enough(moves.count)) return moves;
+  Blocks blocks = strokes_of(series);
+  if (!enough(blocks.count)) blocks = blocks_of(series);
+  return {std::move(blocks.of_bin), blocks.count};
+}
+
+/// Gradient of half the sum of squares, summed over every part: one column each.
+Eigen::MatrixXd scores_by_part(const MoveNumbers& parts, const Eigen::MatrixXd& jacobian,
                                const Eigen::VectorXd& residual) {
-  const MoveNumbers moves = number_moves(series);
-  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(jacobian.cols(), static_cast<Eigen::Index>(moves.count));
-  for (std::size_t bin = 0; bin < moves.of_bin.size(); ++bin) {
+  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(jacobian.cols(), static_cast<Eigen::Index>(parts.count));
+  for (std::size_t bin = 0; bin < parts.of_bin.size(); ++bin) {
     const auto row = static_cast<Eigen::Index>(bin);
-    out.col(static_cast<Eigen::Index>(moves.of_bin[bin])) += jacobian.row(row).transpose() * residual[row];
+    out.col(static_cast<Eigen::Index>(parts.of_bin[bin])) += jacobian.row(row).transpose() * residual[row];
   }
   return out;
 }
@@ -29,43 +42,66 @@ Eigen::VectorXd residual_of(const Problem& problem, const model::ModelSpec& spec
   return r.col(0);
 }
 
-/// Covariance of the numbers.
+/// How the squares bend around a fit.
 ///
 ///     J    whitened residual by the numbers, columns scaled to length one
-///     s2   mean square of what is left, at least 1: model error widens the interval
 ///     C    (J'J)^-1 with eigenvalues of J'J held above kFlat
-///
-/// Correlations are those of C. kNoise: var = s2 diag(C), the inverse curvature of the likelihood (Seber & Wild
-/// 1989, 5.1). kMoves: with g_m the gradient summed over move m of M, var = M/(M-1) diag(C (sum_m g_m g_m') C) where
-/// that is more: the sandwich of Liang & Zeger (1986), clustered by move. Moves that disagree by more than noise allows
-/// show a law of nearly the right form, or an unsteady rig. Too few say nothing about their own spread.
+struct Curvature {
+  Eigen::VectorXd residual;
+  Eigen::MatrixXd jacobian, inverse;
+  Eigen::VectorXd unit;  ///< of each number, by which its scaled column is multiplied
+
+  Curvature(const Problem& problem, const model::ModelSpec& spec, const std::vector<FreeNumber>& numbers)
+      : residual(residual_of(problem, spec)) {
+    jacobian = differences(spec, numbers, residual,
+                           [&](const model::ModelSpec& moved) { return residual_of(problem, moved); });
+    const Eigen::VectorXd length = jacobian.colwise().norm().transpose().cwiseMax(1e-300);
+    jacobian.array().rowwise() /= length.transpose().array();
+    // A number that the recording does not determine has no curvature, and a pseudo-inverse would give it zero
+    // variance. Eigenvalues are therefore held at kFlat or more: its standard error is then up to 1e5 times what it
+    // would be if it alone were unknown, and a parameter's interval ends at its bounds.
+    constexpr double kFlat = 1e-10;
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> curvature(jacobian.transpose() * jacobian);
+    const Eigen::VectorXd widths = curvature.eigenvalues().cwiseMax(kFlat).cwiseInverse();
+    inverse = curvature.eigenvectors() * widths.asDiagonal() * curvature.eigenvectors().transpose();
+    unit.resize(length.size());
+    for (Eigen::Index i = 0; i < unit.size(); ++i)
+      unit[i] = difference_step(spec, numbers[static_cast<std::size_t>(i)]) / length[i];
+  }
+};
+
+/// Variances of the numbers that the parts of the recordings disagree by; zero where they are too few.
+Eigen::VectorXd disagreement(const Curvature& at, std::span<const Series> series) {
+  const MoveNumbers parts = disagreeing_parts(series);
+  const auto count = static_cast<double>(parts.count);
+  if (count < deciding().fewest_moves_for_spread) return Eigen::VectorXd::Zero(at.unit.size());
+  const Eigen::MatrixXd shifts = at.inverse * scores_by_part(parts, at.jacobian, at.residual);
+  return count / (count - 1.0) * shifts.rowwise().squaredNorm().cwiseProduct(at.unit.cwiseAbs2());
+}
+
+/// Covariance of the numbers. Correlations are those of C under the problem's noise. kNoise: var = s2 diag(C), the
+/// inverse curvature of the likelihood (Seber & Wild 1989, 5.1), s2 the mean square of what is left and at least 1,
+/// since model error widens the interval. kMoves: with g_m the gradient summed over move m of M, var = M/(M-1) diag(C
+/// (sum_m g_m g_m') C) where that is more: the sandwich of Liang & Zeger (1986), clustered by move (by stroke or
+/// stretch of time where there are too few moves). Moves that disagree by more than noise allows show a law of nearly
+/// the right form, an unsteady rig, or two recordings that are not alike. Too few say nothing about their own spread.
 Eigen::MatrixXd covariance_of(const Problem& problem, const model::ModelSpec& spec,
-                              const std::vector<FreeNumber>& numbers, Spread spread) {
-  const Eigen::VectorXd at = residual_of(problem, spec);
-  Eigen::MatrixXd jacobian =
-      differences(spec, numbers, at, [&](const model::ModelSpec& moved) { return residual_of(problem, moved); });
-  const Eigen::VectorXd length = jacobian.colwise().norm().transpose().cwiseMax(1e-300);
-  jacobian.array().rowwise() /= length.transpose().array();
-  const double scale = std::max(at.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(at.size(), 1)), 1.0);
-  // A number that the recording does not determine has no curvature, and a pseudo-inverse would give it zero variance.
-  // Eigenvalues are therefore held at kFlat or more: its standard error is then up to 1e5 times what it would be if it
-  // alone were unknown, and a parameter's interval ends at its bounds.
-  constexpr double kFlat = 1e-10;
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> curvature(jacobian.transpose() * jacobian);
-  const Eigen::VectorXd widths = curvature.eigenvalues().cwiseMax(kFlat).cwiseInverse();
-  const Eigen::MatrixXd inverse = curvature.eigenvectors() * widths.asDiagonal() * curvature.eigenvectors().transpose();
-  Eigen::VectorXd variance = scale * inverse.diagonal();
+                              const std::vector<FreeNumber>& numbers, Spread spread, const NoiseModel& fitted_under) {
+  const Curvature at(problem, spec, numbers);
+  const double scale =
+      std::max(at.residual.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(at.residual.size(), 1)), 1.0);
+  Eigen::VectorXd variance = scale * at.inverse.diagonal().cwiseProduct(at.unit.cwiseAbs2());
   if (spread == Spread::kMoves) {
-    const Eigen::MatrixXd shifts = inverse * scores_by_move(problem.series(), jacobian, at);
-    const auto moves = static_cast<double>(shifts.cols());
-    if (moves >= deciding().fewest_moves_for_spread)
-      variance = variance.cwiseMax(moves / (moves - 1.0) * shifts.rowwise().squaredNorm());
+    // The gradients add up to zero only under the noise that the numbers minimise the squares of.
+    variance = variance.cwiseMax(
+        fitted_under == problem.noise()
+            ? disagreement(at, problem.series())
+            : disagreement(Curvature(Problem(problem.series(), fitted_under), spec, numbers), problem.series()));
   }
   Eigen::VectorXd errors(variance.size());
   for (Eigen::Index i = 0; i < errors.size(); ++i)
-    errors[i] = difference_step(spec, numbers[static_cast<std::size_t>(i)]) / length[i] *
-                std::sqrt(std::max(variance[i] / std::max(inverse(i, i), 1e-300), 0.0));
-  return errors.asDiagonal() * inverse * errors.asDiagonal();
+    errors[i] = std::sqrt(std::max(variance[i] / std::max(at.inverse(i, i), 1e-300), 0.0));
+  return errors.asDiagonal() * at.inverse * errors.asDiagonal();
 }
 
 /// The time of an event lies between two bins; further ones are allowed while the likelihood ratio stays within its
@@ -98,8 +134,9 @@ std::vector<FreeNumber> fitted_numbers(const model::ModelSpec& spec) {
   return numbers;
 }
 
-Eigen::MatrixXd covariance(const Problem& problem, const model::ModelSpec& spec, Spread spread) {
-  return covariance_of(problem, spec, fitted_numbers(spec), spread);
+Eigen::MatrixXd covariance(const Problem& problem, const model::ModelSpec& spec, Spread spread,
+                           const std::optional<NoiseModel>& fitted_under) {
+  return covariance_of(problem, spec, fitted_numbers(spec), spread, fitted_under.value_or(problem.noise()));
 }
 
 Eigen::VectorXd variance_by_numbers(const model::ModelSpec& spec, const std::vector<FreeNumber>& numbers,
@@ -111,10 +148,12 @@ Eigen::VectorXd variance_by_numbers(const model::ModelSpec& spec, const std::vec
   return (jacobian * bounded).cwiseProduct(jacobian).rowwise().sum();
 }
 
-std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const model::ModelSpec& spec, Spread spread) {
+std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const model::ModelSpec& spec, Spread spread,
+                                               const std::optional<NoiseModel>& fitted_under) {
   constexpr double k95 = 1.96;
   const std::vector<FreeNumber> numbers = fitted_numbers(spec);
-  const Eigen::VectorXd errors = covariance_of(problem, spec, numbers, spread).diagonal().cwiseSqrt();
+  const Eigen::VectorXd errors =
+      covariance_of(problem, spec, numbers, spread, fitted_under.value_or(problem.noise())).diagonal().cwiseSqrt();
   const auto half_width = [&](const FreeNumber& of) {
     for (std::size_t i = 0; i < numbers.size(); ++i)
       if (numbers[i] == of) return k95 * errors[static_cast<Eigen::Index>(i)];

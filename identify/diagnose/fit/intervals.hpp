@@ -1,4 +1,5 @@
 #pragma once
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -22,7 +23,7 @@ struct NamedValue {
 /// What an interval counts as uncertain.
 enum class Spread {
   kNoise,  ///< the curvature of the likelihood under the problem's noise, no less than what is left
-  kMoves,  ///< and what the moves of a recording disagree by (cluster-robust), when that is more
+  kMoves,  ///< and what the moves or strokes of a recording disagree by (cluster-robust), when that is more
 };
 
 /// The numbers of a model that were fitted: free parameters of every part in the order of the file, then coefficients
@@ -30,7 +31,9 @@ enum class Spread {
 [[nodiscard]] std::vector<FreeNumber> fitted_numbers(const model::ModelSpec& spec);
 
 /// Their covariance: the correlations of the curvature of the likelihood, with the standard errors that `spread` says.
-[[nodiscard]] Eigen::MatrixXd covariance(const Problem& problem, const model::ModelSpec& spec, Spread spread);
+/// `fitted_under`: the noise whose squares the numbers minimise, where it is not the problem's (plain least squares).
+[[nodiscard]] Eigen::MatrixXd covariance(const Problem& problem, const model::ModelSpec& spec, Spread spread,
+                                         const std::optional<NoiseModel>& fitted_under = {});
 
 /// Variance of a value that depends on the fitted numbers, row by row, to first order: (J C J')_ii. `differences` is
 /// what free_parameters.hpp calls so: each column is J times the difference_step of its number. A number that moves
@@ -44,6 +47,7 @@ enum class Spread {
 /// problem's noise, which takes up model error: the intervals grow with the residual. They do not cover an error of
 /// the model that is the same in every move: such an error shifts the number without any two moves disagreeing.
 [[nodiscard]] std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const model::ModelSpec& spec,
-                                                             Spread spread);
+                                                             Spread spread,
+                                                             const std::optional<NoiseModel>& fitted_under = {});
 
 }  // namespace isorig::identify

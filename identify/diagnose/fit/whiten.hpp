@@ -13,6 +13,8 @@ struct NoiseModel {
   double white_N = 0.01;    ///< rms per reading
   double coloured_N = 0.0;  ///< stationary rms
   double correlation_s = 1.0;
+
+  bool operator==(const NoiseModel&) const = default;
 };
 
 using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;

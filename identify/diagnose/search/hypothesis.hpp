@@ -16,6 +16,7 @@ struct Hypothesis {
   Fit fit;                                     ///< under the noise that it was left with itself
   double ls_chi2 = 0.0;                        ///< sum of squares over the instrument's own noise: what it leaves
   model::ModelSpec ls_spec;                    ///< the numbers that leave it: where a larger model's search begins
+  bool plain_numbers = false;                  ///< the fit under its noise is far from least squares (parsimony.cpp)
   double evidence = 0.0;                       ///< log-likelihood minus half log(rows) per free number
 
   [[nodiscard]] bool has(const model::Physics& effect) const;

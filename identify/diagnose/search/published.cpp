@@ -77,7 +77,7 @@ bool errs_more_than_noise(const Hypothesis& hypothesis) {
 
 bool least_squares_decide(const Selection& selection) {
   return selection.error_rules || selection.noise_scale > deciding().least_squares_noise_scale ||
-         errs_more_than_noise(selection.chosen());
+         errs_more_than_noise(selection.chosen()) || selection.chosen().plain_numbers;
 }
 
 Criterion criterion_of_chosen(const Search& search, const Selection& selection) {

@@ -28,7 +28,7 @@ struct PublishedNominal {
 [[nodiscard]] bool errs_more_than_noise(const Hypothesis& hypothesis);
 
 /// Numbers of the chosen explanation by plain least squares instead of under its noise: its laws err by far more than
-/// noise (prefer_simpler_laws).
+/// noise, or its fit under that noise leaves far more than least squares (prefer_simpler_laws).
 [[nodiscard]] bool least_squares_decide(const Selection& selection);
 
 /// What the chosen explanation's numbers minimise. A table is learnt under the instrument's noise (describe_unknown).
