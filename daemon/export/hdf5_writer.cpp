@@ -137,7 +137,7 @@ class TableGroup {
     const Handle space(H5Screate_simple(1, &size, nullptr), H5Sclose);
     for (const auto& column : schema.columns) {
       const Handle how(H5Pcreate(H5P_DATASET_CREATE), H5Pclose);
-      check(H5Pset_obj_track_times(how, false));  // no dates: the same run gives the same bytes
+      check(H5Pset_obj_track_times(how, false));  // no dates, so that two exports do not differ
       if (rows > 0) {
         const hsize_t chunk = chunk_;
         check(H5Pset_chunk(how, 1, &chunk));

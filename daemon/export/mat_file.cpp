@@ -24,6 +24,26 @@ using File = std::unique_ptr<std::FILE, Close>;
   throw std::runtime_error(what);
 }
 
+/// Whether the data elements from `at` on end exactly at `end`, and so do those inside of each (MAT-File Format, "Data
+/// Element Format"). libmatio takes an element's length from where it has come to: of a variable that a full disk cut
+/// in its last column that length is right, and the length of the numbers in it, written before them, is not.
+bool whole(std::FILE* plain, std::uint64_t at, std::uint64_t end) {
+  while (at < end) {
+    std::array<std::uint32_t, 2> tag{};
+    if (end - at < sizeof tag || std::fseek(plain, static_cast<long>(at), SEEK_SET) != 0 ||
+        std::fread(tag.data(), sizeof tag, 1, plain) != 1) {
+      return false;
+    }
+    at += sizeof tag;
+    if (tag[0] >> 16U != 0) continue;  // up to four bytes, in the tag itself
+    const std::uint64_t inside = at, bytes = (std::uint64_t{tag[1]} + 7U) / 8U * 8U;
+    if (bytes > end - at) return false;
+    at += bytes;
+    if (tag[0] == kMatrix && !whole(plain, inside, at)) return false;
+  }
+  return true;
+}
+
 struct Remove {
   ~Remove() {
     std::error_code ignored;
@@ -65,7 +85,8 @@ void MatFile::put(matvar_t* variable) {
   std::error_code unknown;
   const std::uint64_t element_bytes = sizeof tag + std::uint64_t{tag[1]};
   // On a full disk libmatio says nothing, and the file ends early.
-  if (std::filesystem::file_size(plain_, unknown) != kHeaderBytes + element_bytes || unknown) {
+  if (std::filesystem::file_size(plain_, unknown) != kHeaderBytes + element_bytes || unknown ||
+      !whole(plain.get(), kHeaderBytes, kHeaderBytes + element_bytes)) {
     fail("a MAT variable is not whole");
   }
   if (!begun_) write(header.data(), header.size());
