@@ -37,7 +37,7 @@ struct RealCase {
 [[nodiscard]] std::string train_name(const RealCase& real, std::size_t i);
 [[nodiscard]] std::string heldout_name(const RealCase& real, std::size_t i);
 
-/// The recordings, and nominal.toml where the nominal model has no name.
+/// The recordings, and nominal-given.toml where the nominal model has no name.
 void write_real_case(const RealCase& real, const std::filesystem::path& source, const std::filesystem::path& out);
 
 }  // namespace isorig::proof

@@ -18,16 +18,17 @@ struct Paths {
 };
 
 std::vector<RealCase> chosen(const std::vector<std::string>& only) {
-  std::vector<RealCase> out;
-  for (const RealCase& real : real_cases()) {
-    const auto named = [&](const std::string& name) { return name == real.name || name == real.set; };
-    if (only.empty() || std::ranges::any_of(only, named)) out.push_back(real);
-  }
-  if (out.empty()) {
+  const auto is = [](const RealCase& real, const std::string& name) { return name == real.name || name == real.set; };
+  for (const std::string& name : only) {
+    if (std::ranges::any_of(real_cases(), [&](const RealCase& real) { return is(real, name); })) continue;
     std::string names;
     for (const RealCase& real : real_cases()) names += " " + std::string(real.name);
-    throw std::runtime_error("--only names no case; there are the folders of the recordings and" + names);
+    throw std::runtime_error("--only " + name + ": no case; there are the folders of the recordings and" + names);
   }
+  std::vector<RealCase> out;
+  for (const RealCase& real : real_cases())
+    if (only.empty() || std::ranges::any_of(only, [&](const std::string& name) { return is(real, name); }))
+      out.push_back(real);
   return out;
 }
 
@@ -46,6 +47,9 @@ void add_real(CLI::App& app) {
   sub->add_flag("--run,!--convert-only", paths->diagnose, "Diagnose what was converted");
   sub->callback([paths] {
     const auto cases = chosen(paths->only);
+    std::error_code none;
+    if (std::filesystem::equivalent(paths->source, paths->out, none))
+      throw std::runtime_error("--out is the folder of the recordings themselves; name another one");
     if (!paths->diagnose) {
       for (const RealCase& real : cases) write_real_case(real, paths->source, paths->out / real.name);
       return;
@@ -55,6 +59,8 @@ void add_real(CLI::App& app) {
     write_text(paths->out / "real.md", text);
     write_text(paths->out / "real.json", real_json(cases, outcomes).dump(2) + "\n");
     std::printf("%s\n%s\n", text.c_str(), (paths->out / "real.md").c_str());
+    if (std::ranges::any_of(outcomes, [](const RealOutcome& o) { return o.said.failed; }))
+      throw std::runtime_error("not every case could be diagnosed and predicted; OUT/CASE/log.txt says why");
   });
 }
 

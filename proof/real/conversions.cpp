@@ -162,7 +162,9 @@ Recording silicone(const std::filesystem::path& file) {
 Recording cylinder(const std::filesystem::path& file) {
   constexpr std::string_view kNames[] = {"time_s", "displacement_m", "pressure_Pa", "force_N"};
   auto c = read_columns(file, kNames);
-  for (auto& column : c) column.erase(column.begin(), column.begin() + 15);  // as the author does
+  constexpr std::ptrdiff_t kDeviating = 15;  // the author leaves them out as well
+  if (std::ssize(c[0]) <= kDeviating) throw std::runtime_error(file.string() + ": no more than 15 rows");
+  for (auto& column : c) column.erase(column.begin(), column.begin() + kDeviating);
   const auto pressure_psi = scaled(c[2], 1.0 / kPascal_per_psi);
   Recording r = with_pressure(
       recording_of("pneumatic cylinder", 100.0, std::move(c[0]), scaled(std::move(c[1]), 1e3), std::move(c[3])),
@@ -216,10 +218,10 @@ Recording lifting_muscle(const std::filesystem::path& file) {
 Recording tanks(const std::filesystem::path& file) {
   constexpr std::string_view kNames[] = {"time_s", "pump_V", "level_sensor_V"};
   auto c = read_columns(file, kNames);
-  constexpr double kSample_s = 4.0, kVolume_per_mm = 100.0;  // V s of the pump
+  constexpr double kVolume_per_mm = 100.0;  // V s of the pump
   std::vector<double> pumped_mm(c[1].size(), 0.0);
   for (std::size_t i = 1; i < pumped_mm.size(); ++i)
-    pumped_mm[i] = pumped_mm[i - 1] + c[1][i - 1] * kSample_s / kVolume_per_mm;  // held between samples
+    pumped_mm[i] = pumped_mm[i - 1] + c[1][i - 1] * (c[0][i] - c[0][i - 1]) / kVolume_per_mm;  // held between samples
   return recording_of("cascaded tanks", 500.0, std::move(c[0]), std::move(pumped_mm), std::move(c[2]));
 }
 

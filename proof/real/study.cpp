@@ -18,6 +18,25 @@ namespace {
 namespace fs = std::filesystem;
 using messages::Output;
 
+/// What a case is written into, and nothing else: the folder may be anybody's.
+void clear(const fs::path& folder) {
+  std::error_code none;
+  std::vector<fs::path> own{folder / "diagnosis", folder / "asked", folder / "nominal-given.toml", folder / "log.txt"};
+  for (const auto& entry : fs::directory_iterator(folder, none)) {
+    const auto name = entry.path().filename().string();
+    if (name.starts_with("train") || name.starts_with("heldout")) own.push_back(entry.path());
+  }
+  for (const auto& path : own) fs::remove_all(path);
+}
+
+struct Removed {
+  ~Removed() {
+    std::error_code ignored;
+    fs::remove_all(path, ignored);
+  }
+  fs::path path;
+};
+
 std::vector<double>& answers_of(messages::Recording& recording) {
   if (recording.metadata.output == Output::kForce) return recording.frame.force_N;
   if (recording.metadata.output == Output::kPosition) return recording.frame.position_mm;
@@ -67,6 +86,7 @@ HeldoutPrediction predict(const RealCase& real, std::size_t i, const fs::path& f
   const std::string value = recording.metadata.output == Output::kForce      ? "force_N"
                             : recording.metadata.output == Output::kPosition ? "position_mm"
                                                                              : "pressure_psi";
+  const Removed at_the_end{folder / "asked"};
   messages::write_recording(folder / "asked", without_answers(std::move(recording)));
   for (const char* model : {"nominal", "model"}) {
     const auto file = folder / (name + "-" + model + ".csv");
@@ -85,7 +105,6 @@ HeldoutPrediction predict(const RealCase& real, std::size_t i, const fs::path& f
       if (measured[k] >= lows[k] && measured[k] <= highs[k]) ++inside;
     out.in_band = static_cast<double>(inside) / static_cast<double>(measured.size());
   }
-  fs::remove_all(folder / "asked");
   return out;
 }
 
@@ -135,11 +154,9 @@ std::string names_of(const Outcome& said) {
 messages::Recording without_answers(messages::Recording recording) {
   constexpr std::size_t kFirst = 10;
   auto& answers = answers_of(recording);
-  if (recording.metadata.output == Output::kForce) {
-    std::ranges::fill(answers, 0.0);
-  } else if (answers.size() > kFirst) {
+  if (recording.metadata.output != Output::kForce && answers.size() > kFirst)
     std::fill(answers.begin() + kFirst, answers.end(), answers[kFirst - 1]);
-  }
+  std::ranges::fill(recording.frame.force_N, 0.0);
   recording.metadata.units_stated = true;  // a column that stands still looks like one in another unit
   return recording;
 }
@@ -147,7 +164,7 @@ messages::Recording without_answers(messages::Recording recording) {
 RealOutcome run_real_case(const RealCase& real, const fs::path& source, const fs::path& out,
                           const RealOptions& options) {
   const fs::path folder = out / real.name, log = folder / "log.txt";
-  fs::remove_all(folder);
+  clear(folder);
   write_real_case(real, source, folder);
   std::vector<std::string> command{options.isorig, "diagnose"};
   for (std::size_t i = 0; i < real.train.size(); ++i) command.push_back(folder / train_name(real, i));
@@ -190,13 +207,14 @@ std::string real_markdown(std::span<const RealCase> cases, std::span<const RealO
   std::string predicted =
       "| held out | spread | nominal model errs by | model with what was missing | in its band "
       "|\n|---|---|---|---|---|\n";
-  std::string numbers = "| number | published | found | 95 % |\n|---|---|---|---|\n";
-  std::size_t predictions = 0, worse = 0;
+  std::string numbers = "| number | known | found | 95 % |\n|---|---|---|---|\n";
+  std::size_t asked = 0, predictions = 0, worse = 0;
   for (std::size_t i = 0; i < outcomes.size(); ++i) {
     const auto& o = outcomes[i];
     found += "| " + o.name + " | " + std::string(cases[i].left_out) + " | " +
              (o.said.failed ? "failed: " + o.said.why : o.said.verdict) + " | " + names_of(o.said) + " | " +
              number(o.said.cpu_s) + " |\n";
+    asked += cases[i].heldout.size();
     for (const auto& h : o.heldout) {
       ++predictions;
       if (h.worse(o.noise)) ++worse;
@@ -211,7 +229,9 @@ std::string real_markdown(std::span<const RealCase> cases, std::span<const RealO
                  (std::isnan(n.low95) ? "-" : number(n.low95) + " to " + number(n.high95)) + " |\n";
   }
   return found + "\n" + predicted + "\n" + std::to_string(worse) + " of " + std::to_string(predictions) +
-         " held-out recordings are predicted worse than by the nominal model.\n\n" + numbers;
+         " held-out recordings are predicted worse than by the nominal model" +
+         (asked > predictions ? ", " + std::to_string(asked - predictions) + " were not predicted" : "") + ".\n\n" +
+         numbers;
 }
 
 nlohmann::ordered_json real_json(std::span<const RealCase> cases, std::span<const RealOutcome> outcomes) {
@@ -244,7 +264,7 @@ nlohmann::ordered_json real_json(std::span<const RealCase> cases, std::span<cons
     for (const auto& n : o.numbers)
       numbers.push_back({{"physics", n.known.physics},
                          {"key", n.known.key},
-                         {"published", n.known.value},
+                         {"known", n.known.value},
                          {"found", or_null(n.value)},
                          {"low95", or_null(n.low95)},
                          {"high95", or_null(n.high95)}});

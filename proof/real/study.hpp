@@ -16,12 +16,12 @@ struct HeldoutPrediction {
   std::string name;  ///< the file's
   std::string unit;
   double spread = NAN;       ///< standard deviation of the readings: what a constant would err by
-  double nominal_rms = NAN;  ///< error of nominal.toml, fitted to the same recordings by the same criterion
+  double nominal_rms = NAN;  ///< error of nominal.toml, fitted to the same recordings
   double model_rms = NAN;    ///< ... of model.toml
   double in_band = NAN;      ///< share of the readings within model.toml's 95 % band; NaN where it states none
 
-  /// By more than a twentieth of the noise, as in the study of concealed effects.
-  [[nodiscard]] bool worse(double noise) const noexcept { return model_rms > nominal_rms + 0.05 * noise; }
+  /// By more than a twentieth of the noise, as in the study of concealed effects. What is not finite is worse.
+  [[nodiscard]] bool worse(double noise) const noexcept { return !(model_rms <= nominal_rms + 0.05 * noise); }
 };
 
 struct FoundNumber {
@@ -34,7 +34,7 @@ struct RealOutcome {
   std::string name;
   Outcome said;  ///< of `isorig diagnose`; its errors are not filled in
   double noise = NAN;
-  std::vector<HeldoutPrediction> heldout;
+  std::vector<HeldoutPrediction> heldout;  ///< fewer than the case has where it failed
   std::vector<FoundNumber> numbers;
 };
 
@@ -45,11 +45,11 @@ struct RealOptions {
 };
 
 /// A recording as whoever predicts it may see it: the output's readings after the first ten, from which a prediction of
-/// a position or a pressure begins, are all the tenth; forces are zero.
+/// a position or a pressure begins, are all the tenth. Forces are zero, whatever it asks for.
 [[nodiscard]] messages::Recording without_answers(messages::Recording recording);
 
-/// Converts the case into OUT/name, diagnoses it and predicts what was held out. A diagnosis that fails is an outcome
-/// that says so; files that cannot be read or written throw.
+/// Converts the case into OUT/name, diagnoses it and predicts what was held out. What an earlier call left there is
+/// replaced. A diagnosis that fails is an outcome that says so; files that cannot be read or written throw.
 [[nodiscard]] RealOutcome run_real_case(const RealCase& real, const std::filesystem::path& source,
                                         const std::filesystem::path& out, const RealOptions& options);
 /// All of them, in the order of `cases`.
