@@ -11,8 +11,9 @@ namespace isorig::identify {
 
 namespace {
 
-/// What may disagree within the recordings: moves, each with the rest after it; where there are too few, strokes; else
-/// stretches of time (blocks.hpp).
+/// What may disagree within the recordings: moves, each with the rest after it; where there are too few, strokes; where
+/// these are too few, what is left out together (blocks.hpp: four to seven moves, which say nothing, or stretches of
+/// time).
 MoveNumbers disagreeing_parts(std::span<const Series> series) {
   const auto enough = [](std::size_t count) {
     return static_cast<double>(count) >= deciding().fewest_moves_for_spread;

@@ -48,15 +48,15 @@ constexpr int kLeastSquaresSteps = 30;
 /// Were the noise right, its p numbers would leave about p / n more squares than least squares do, n the residual's
 /// independent values; several times as much is not chance.
 bool follows_differences(const Search& search, const Hypothesis& chosen) {
-  const Problem& problem = search.instrument_problem();
-  if (chosen.ls_spec.parts.empty() || chosen.ls_chi2 <= 0.0) return false;
+  if (chosen.ls_spec.parts.empty()) return false;
+  const Problem problem(search.instrument_problem().series(), plain(search.instrument()));
   Eigen::VectorXd left;
   model::ModelSpec least = chosen.ls_spec;
   (void)problem.solve(least, left);
   const double independent =
       std::max(effective_degrees_of_freedom(problem.series(), left), SelectionOptions{}.error_degrees);
   const double chance = static_cast<double>(counted_numbers(chosen.fit.spec)) / independent;
-  return squares_of(problem, chosen.fit.spec) > chosen.ls_chi2 * (1.0 + deciding().plain_fit_chances * chance);
+  return squares_of(problem, chosen.fit.spec) > left.squaredNorm() * (1.0 + deciding().plain_fit_chances * chance);
 }
 
 }  // namespace

@@ -27,6 +27,7 @@ std::size_t compared_with_others(const Selection& selection) {
   for (std::size_t i = 0; i < selection.weighed.size(); ++i) {
     const Hypothesis& other = selection.pool[i];
     if (other.empirical != chosen.empirical || selection.weighed[i] <= selection.weighed[most]) continue;
+    if (selection.weight[i] >= selection.weighed[i]) continue;  // it has handed nothing on
     if (std::ranges::all_of(chosen.effects, [&](const auto* effect) { return other.has(*effect); })) most = i;
   }
   const double times = std::exp(SelectionOptions{}.prior_cost);

@@ -116,7 +116,6 @@ TEST(Substitutes, WhatADiscountTookFromARivalDoesNotCountForIt) {
   EXPECT_NEAR(best_substitute(s, effect("permanent_set")).share, 0.3 / 0.301, 1e-12);
 }
 
-/// A rival is the same explanation but for one name: no larger or smaller set, no other table.
 /// The recordings prefer a set of three by nine nats, and two of the three were too small to count: how the remaining
 /// one and its substitute compare where both leave much says nothing.
 TEST(Substitutes, TheLargerSetThatHandedOverItsWeightIsCompared) {
@@ -137,6 +136,7 @@ TEST(Substitutes, TheLargerSetThatHandedOverItsWeightIsCompared) {
   EXPECT_NEAR(best_substitute(s, slack).share, 0.05 / 0.059, 1e-12);
 }
 
+/// A rival is the same explanation but for one name: no larger or smaller set, no other table.
 TEST(Substitutes, AnotherNumberOfEffectsOrATableIsNoSubstitute) {
   Selection s;
   s.pool.resize(4);

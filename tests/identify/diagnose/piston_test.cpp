@@ -76,10 +76,31 @@ TEST(Piston, ItsFrictionIsThatOfLeastSquaresThoughTheLaserJumps) {
   const auto& numbers = d.missing.front().parameters;
   const auto force = std::ranges::find(numbers, "force_N", &NamedValue::name);
   ASSERT_NE(force, numbers.end());
-  // The wander has a mean of up to 0.1 N over a stroke of 41 mm, of which 35 are whole periods.
-  EXPECT_NEAR(force->value, kFriction_N, 0.15);
-  // Left are the wander (0.71 N rms), noise (0.34 N) and the turning points where the laser jumps.
+  // The wander has a mean of up to 0.14 N over a stroke of 41 mm, of which 35 are whole periods; the coloured noise,
+  // 0.3 N for 0.6 s, one of 0.04 N (standard error) over 64 s, and three of these may add.
+  EXPECT_NEAR(force->value, kFriction_N, 0.14 + 3.0 * 0.04);
+  // Left are the wander (0.71 N rms) and noise (0.34 N). A tenth more for the 120 of 6400 readings that jump: the
+  // bristle of the law, with its 0.3 mm, follows some of them.
   EXPECT_LT(d.model_errors.train_rmse_N, 1.1 * std::hypot(0.71, std::hypot(0.3, 0.15)));
+}
+
+/// At numbers of least squares the gradients under another noise do not add up to zero. What all strokes have in
+/// common, the error of the law at the turning points where the laser jumps, then looks like strokes that disagree.
+TEST(Piston, StrokesDisagreeAboutTheSquaresThatWereMinimised) {
+  const std::vector<Series> series{
+      prepare_series("piston", record({.wander_N = 1.0, .coloured_N = 0.3, .jumps = 120, .seed = 7}), {})};
+  model::ModelSpec spec = rod();
+  const model::Physics& friction = *model::find_physics("coulomb_friction");
+  spec.parts.push_back(model::make_part(friction, *model::find_law(friction, "dahl")));
+  const NoiseModel plain{0.15, 0.0, 1.0};
+  spec = Problem(series, plain).fit(spec).spec;
+  const Problem wandering(series, {0.15, 3.0, 10.0});
+  const auto width = [&](const std::optional<NoiseModel>& fitted_under) {
+    const auto values = intervals(wandering, spec, Spread::kMoves, fitted_under).back();
+    const NamedValue& force = *std::ranges::find(values, "force_N", &NamedValue::name);
+    return force.high - force.low;
+  };
+  EXPECT_GT(width({}), 3.0 * width(plain));
 }
 
 /// Friction that differs from stroke to stroke by 0.5 N: its mean over some 18 strokes is known to 0.12 N, which no
@@ -107,7 +128,7 @@ TEST(Piston, AnIntervalIsAsWideAsTheStrokesDisagree) {
     const Problem coloured(series, {0.15, 0.5, 1.0});
     const NamedValue other_noise = force_of(intervals(coloured, spec, Spread::kMoves, problem.noise()));
     EXPECT_GE(other_noise.high - other_noise.low, 0.999 * (stated.high - stated.low));
-    EXPECT_LE(other_noise.high - other_noise.low, 3.0 * (stated.high - stated.low));
+    EXPECT_LE(other_noise.high - other_noise.low, 1.5 * (stated.high - stated.low));
   }
   // 0.1 % and 99.9 % of chi squared with 20 degrees of freedom.
   EXPECT_GT(squares, 5.92);
