@@ -15,19 +15,19 @@ constexpr std::size_t kHeaderBytes = 128;
 constexpr std::uint32_t kMatrix = 14, kCompressed = 15;  // miMATRIX, miCOMPRESSED; MAT-File Format, table 1-1
 constexpr std::size_t kPieceBytes = std::size_t{1} << 20U;
 
-struct Close {
+struct ClosePlain {
   void operator()(std::FILE* f) const noexcept { std::fclose(f); }
 };
-using File = std::unique_ptr<std::FILE, Close>;
+using PlainFile = std::unique_ptr<std::FILE, ClosePlain>;
 
-[[noreturn]] void fail(const char* what) {
+[[noreturn]] void fail_mat(const char* what) {
   throw std::runtime_error(what);
 }
 
 /// Whether the data elements from `at` on end exactly at `end`, and so do those inside of each (MAT-File Format, "Data
 /// Element Format"). libmatio takes an element's length from where it has come to: of a variable that a full disk cut
 /// in its last column that length is right, and the length of the numbers in it, written before them, is not.
-bool whole(std::FILE* plain, std::uint64_t at, std::uint64_t end) {
+bool elements_are_whole(std::FILE* plain, std::uint64_t at, std::uint64_t end) {
   while (at < end) {
     std::array<std::uint32_t, 2> tag{};
     if (end - at < sizeof tag || std::fseek(plain, static_cast<long>(at), SEEK_SET) != 0 ||
@@ -39,13 +39,13 @@ bool whole(std::FILE* plain, std::uint64_t at, std::uint64_t end) {
     const std::uint64_t inside = at, bytes = (std::uint64_t{tag[1]} + 7U) / 8U * 8U;
     if (bytes > end - at) return false;
     at += bytes;
-    if (tag[0] == kMatrix && !whole(plain, inside, at)) return false;
+    if (tag[0] == kMatrix && !elements_are_whole(plain, inside, at)) return false;
   }
   return true;
 }
 
-struct Remove {
-  ~Remove() {
+struct RemovePlain {
+  ~RemovePlain() {
     std::error_code ignored;
     std::filesystem::remove(path, ignored);
   }
@@ -55,7 +55,7 @@ struct Remove {
 }  // namespace
 
 MatFile::MatFile(const std::filesystem::path& path) : plain_(path), out_(std::fopen(path.c_str(), "wbe")) {
-  if (out_ == nullptr) fail("a MAT file cannot be made");
+  if (out_ == nullptr) fail_mat("a MAT file cannot be made");
   plain_ += ".plain";
 }
 
@@ -64,30 +64,30 @@ MatFile::~MatFile() {
 }
 
 void MatFile::write(const void* data, std::size_t bytes) {
-  if (std::fwrite(data, 1, bytes, out_) != bytes) fail("a MAT file cannot be written");
+  if (std::fwrite(data, 1, bytes, out_) != bytes) fail_mat("a MAT file cannot be written");
 }
 
 void MatFile::put(matvar_t* variable) {
-  const Remove last{plain_};
+  const RemovePlain last{plain_};
   // MATLAB wants the first words. A date would make two exports of a run differ.
   mat_t* file = Mat_CreateVer(plain_.c_str(), "MATLAB 5.0 MAT-file, isorig-export/1", MAT_FT_MAT5);
-  if (file == nullptr) fail("a MAT variable cannot be kept");
+  if (file == nullptr) fail_mat("a MAT variable cannot be kept");
   const bool written = Mat_VarWrite(file, variable, MAT_COMPRESSION_NONE) == 0;
-  if ((Mat_Close(file) != 0) || !written) fail("a MAT variable cannot be written");
+  if ((Mat_Close(file) != 0) || !written) fail_mat("a MAT variable cannot be written");
 
-  const File plain(std::fopen(plain_.c_str(), "rbe"));
+  const PlainFile plain(std::fopen(plain_.c_str(), "rbe"));
   std::array<std::uint8_t, kHeaderBytes> header{};
   std::array<std::uint32_t, 2> tag{};  // type and bytes, in the byte order of the machine that writes
   if (!plain || std::fread(header.data(), 1, header.size(), plain.get()) != header.size() ||
       std::fread(tag.data(), sizeof tag, 1, plain.get()) != 1 || tag[0] != kMatrix) {
-    fail("a MAT variable cannot be read back");
+    fail_mat("a MAT variable cannot be read back");
   }
   std::error_code unknown;
   const std::uint64_t element_bytes = sizeof tag + std::uint64_t{tag[1]};
   // On a full disk libmatio says nothing, and the file ends early.
   if (std::filesystem::file_size(plain_, unknown) != kHeaderBytes + element_bytes || unknown ||
-      !whole(plain.get(), kHeaderBytes, kHeaderBytes + element_bytes)) {
-    fail("a MAT variable is not whole");
+      !elements_are_whole(plain.get(), kHeaderBytes, kHeaderBytes + element_bytes)) {
+    fail_mat("a MAT variable is not whole");
   }
   if (!begun_) write(header.data(), header.size());
   begun_ = true;
@@ -103,22 +103,22 @@ void MatFile::append(std::FILE* plain, std::uint64_t element_bytes) {
   std::vector<std::uint8_t> piece(std::min<std::uint64_t>(element_bytes, kPieceBytes));
   for (std::uint64_t left = element_bytes; left > 0;) {
     const auto size = static_cast<std::size_t>(std::min<std::uint64_t>(left, piece.size()));
-    if (std::fread(piece.data(), 1, size, plain) != size) fail("a MAT variable cannot be read back");
+    if (std::fread(piece.data(), 1, size, plain) != size) fail_mat("a MAT variable cannot be read back");
     left -= size;
     compressed_.add({piece.data(), size}, left == 0, [&](std::span<const std::uint8_t> bytes) {
       write(bytes.data(), bytes.size());
       compressed_bytes += bytes.size();
     });
   }
-  if (compressed_bytes > std::numeric_limits<std::uint32_t>::max()) fail("a MAT variable is too large");
+  if (compressed_bytes > std::numeric_limits<std::uint32_t>::max()) fail_mat("a MAT variable is too large");
   tag[1] = static_cast<std::uint32_t>(compressed_bytes);
-  if (tag_at < 0 || std::fseek(out_, tag_at, SEEK_SET) != 0) fail("a MAT file cannot be written");
+  if (tag_at < 0 || std::fseek(out_, tag_at, SEEK_SET) != 0) fail_mat("a MAT file cannot be written");
   write(tag.data(), sizeof tag);
-  if (std::fseek(out_, 0, SEEK_END) != 0) fail("a MAT file cannot be written");
+  if (std::fseek(out_, 0, SEEK_END) != 0) fail_mat("a MAT file cannot be written");
 }
 
 void MatFile::close() {
-  if (std::fclose(std::exchange(out_, nullptr)) != 0) fail("a MAT file cannot be written");
+  if (std::fclose(std::exchange(out_, nullptr)) != 0) fail_mat("a MAT file cannot be written");
 }
 
 }  // namespace isorig::daemon
