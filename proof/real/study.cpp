@@ -139,7 +139,7 @@ std::string number(double value) {
   return text;
 }
 
-std::string names_of(const Outcome& said) {
+std::string claims_text(const Outcome& said) {
   std::string out;
   for (const Claim& claim : said.missing) {
     char probability[16];
@@ -212,7 +212,7 @@ std::string real_markdown(std::span<const RealCase> cases, std::span<const RealO
   for (std::size_t i = 0; i < outcomes.size(); ++i) {
     const auto& o = outcomes[i];
     found += "| " + o.name + " | " + std::string(cases[i].left_out) + " | " +
-             (o.said.failed ? "failed: " + o.said.why : o.said.verdict) + " | " + names_of(o.said) + " | " +
+             (o.said.failed ? "failed: " + o.said.why : o.said.verdict) + " | " + claims_text(o.said) + " | " +
              number(o.said.cpu_s) + " |\n";
     asked += cases[i].heldout.size();
     for (const auto& h : o.heldout) {
