@@ -77,6 +77,7 @@ Variable attribute_variable(const char* name, const Attribute& value) {
 
 Variable struct_variable(const char* name, std::vector<std::pair<std::string, Variable>> fields) {
   std::vector<const char*> names;
+  names.reserve(fields.size());
   for (const auto& [field, value] : fields) names.push_back(field.c_str());
   std::size_t dims[2] = {1, 1};
   Variable out(Mat_VarCreateStruct(name, 2, dims, names.data(), static_cast<unsigned>(names.size())));

@@ -21,9 +21,9 @@ std::vector<RealCase> chosen(const std::vector<std::string>& only) {
   const auto is = [](const RealCase& real, const std::string& name) { return name == real.name || name == real.set; };
   for (const std::string& name : only) {
     if (std::ranges::any_of(real_cases(), [&](const RealCase& real) { return is(real, name); })) continue;
-    std::string names;
-    for (const RealCase& real : real_cases()) names += " " + std::string(real.name);
-    throw std::runtime_error("--only " + name + ": no case; there are the folders of the recordings and" + names);
+    std::string said = "--only " + name + ": no case; there are the folders of the recordings and";
+    for (const RealCase& real : real_cases()) said.append(" ").append(real.name);
+    throw std::runtime_error(said);
   }
   std::vector<RealCase> out;
   for (const RealCase& real : real_cases())
