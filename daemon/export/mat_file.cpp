@@ -25,10 +25,17 @@ using PlainFile = std::unique_ptr<std::FILE, ClosePlain>;
   throw std::runtime_error(what);
 }
 
-/// Whether the data elements from `at` on end exactly at `end`, and so do those inside of each (MAT-File Format, "Data
-/// Element Format"). libmatio takes an element's length from where it has come to: of a variable that a full disk cut
-/// in its last column that length is right, and the length of the numbers in it, written before them, is not.
-bool elements_are_whole(std::FILE* plain, std::uint64_t at, std::uint64_t end) {
+/// Whether the element of `variable` whose content lies from `at` to `end` holds all of it (MAT-File Format, "Data
+/// Element Format"). libmatio takes an element's length from where it has come to, so that of a variable that a full
+/// disk cut the length is that of the file. The length of a column's numbers, written before them, is not, and a column
+/// or its numbers that are not there at all are missed by counting.
+bool is_whole(std::FILE* plain, std::uint64_t at, std::uint64_t end, const matvar_t& variable) {
+  constexpr std::size_t kOwn = 4;  // of numbers and characters: flags, dimensions, name, data
+  const bool nests = variable.class_type == MAT_C_STRUCT || variable.class_type == MAT_C_CELL;
+  const std::size_t children =
+      nests && variable.data_size > 0 ? variable.nbytes / static_cast<std::size_t>(variable.data_size) : std::size_t{0};
+  const auto* const* child = static_cast<const matvar_t* const*>(variable.data);
+  std::size_t own = 0, nested = 0;
   while (at < end) {
     std::array<std::uint32_t, 2> tag{};
     if (end - at < sizeof tag || std::fseek(plain, static_cast<long>(at), SEEK_SET) != 0 ||
@@ -36,13 +43,16 @@ bool elements_are_whole(std::FILE* plain, std::uint64_t at, std::uint64_t end) {
       return false;
     }
     at += sizeof tag;
+    ++own;
     if (tag[0] >> 16U != 0) continue;  // up to four bytes, in the tag itself
     const std::uint64_t inside = at, bytes = (std::uint64_t{tag[1]} + 7U) / 8U * 8U;
     if (bytes > end - at) return false;
     at += bytes;
-    if (tag[0] == kMatrix && !elements_are_whole(plain, inside, at)) return false;
+    if (tag[0] != kMatrix) continue;
+    if (nested == children || child[nested] == nullptr || !is_whole(plain, inside, at, *child[nested])) return false;
+    ++nested;
   }
-  return true;
+  return nested == children && (nests || variable.nbytes == 0 || own >= kOwn);
 }
 
 struct RemovePlain {
@@ -87,7 +97,7 @@ void MatFile::put(matvar_t* variable) {
   const std::uint64_t element_bytes = sizeof tag + std::uint64_t{tag[1]};
   // On a full disk libmatio says nothing, and the file ends early.
   if (std::filesystem::file_size(plain_, unknown) != kHeaderBytes + element_bytes || unknown ||
-      !elements_are_whole(plain.get(), kHeaderBytes, kHeaderBytes + element_bytes)) {
+      !is_whole(plain.get(), kHeaderBytes + sizeof tag, kHeaderBytes + element_bytes, *variable)) {
     fail_mat("a MAT variable is not whole");
   }
   if (!begun_) write(header.data(), header.size());

@@ -75,12 +75,25 @@ TEST(MatFile, IsReadBackByLibmatio) {
   EXPECT_LT(std::filesystem::file_size(path), kColumns * kRows * sizeof(double)) << "compressed";
 }
 
-/// libmatio reports no failed write. Of a variable that is cut within its last column (from 200,560 bytes on) even the
-/// length that it states is that of the file.
+/// libmatio reports no failed write. Of a variable that is cut within its last column even the length that it states is
+/// that of the file, and one that is cut between two columns is a struct with fewer.
 TEST(MatFile, AVariableThatTheDiskCutIsAnErrorWhereverItIsCut) {
+  constexpr rlim_t kWhole = 240'560, kBefore = 224, kColumn = 56 + kRows * sizeof(double);  // tags, flags, dimensions
+  static_assert(kBefore + kColumns * kColumn == kWhole);
   const TemporaryDirectory dir("mat");
   const Variable variable = columns();
-  for (rlim_t limit = 4'096; limit < 240'000; limit += 7'919) {
+  {
+    const auto path = dir.path() / "plain.mat";
+    const std::unique_ptr<mat_t, int (*)(mat_t*)> plain(Mat_CreateVer(path.c_str(), nullptr, MAT_FT_MAT5), Mat_Close);
+    ASSERT_EQ(Mat_VarWrite(plain.get(), variable.get(), MAT_COMPRESSION_NONE), 0);
+  }
+  ASSERT_EQ(std::filesystem::file_size(dir.path() / "plain.mat"), kWhole);
+  std::vector<rlim_t> limits;
+  for (rlim_t bytes = 4'096; bytes < kWhole; bytes += 7'919) limits.push_back(bytes);
+  for (std::size_t c = 0; c < kColumns; ++c)
+    for (rlim_t after = 0; after <= 64; after += 8) limits.push_back(kBefore + c * kColumn + after);
+  limits.push_back(kWhole - 8);
+  for (const rlim_t limit : limits) {
     MatFile file(dir.path() / "cut.mat");
     const FileLimit full(limit);
     EXPECT_THROW(file.put(variable.get()), std::runtime_error) << limit << " bytes";
