@@ -1,6 +1,7 @@
 #include "proof/real/cases.hpp"
 
 #include <array>
+#include <string>
 
 #include "proof/real/conversions.hpp"
 #include "proof/sealed.hpp"
@@ -8,7 +9,7 @@
 namespace isorig::proof {
 namespace {
 
-constexpr std::string_view kAxis = R"(format = "isorig-model/1"
+constexpr const char* kAxis = R"(format = "isorig-model/1"
 name = "mass and damper"
 [[part]]
 physics = "mass"
@@ -17,7 +18,7 @@ physics = "dashpot"
 [[part]]
 physics = "constant"
 )";
-constexpr std::string_view kSwing = R"(format = "isorig-model/1"
+constexpr const char* kSwing = R"(format = "isorig-model/1"
 name = "pendulum with a viscous joint"
 [[part]]
 physics = "gravity"
@@ -28,7 +29,7 @@ physics = "dashpot"
 [[part]]
 physics = "constant"
 )";
-constexpr std::string_view kOneTime = R"(format = "isorig-model/1"
+constexpr const char* kOneTime = R"(format = "isorig-model/1"
 name = "one relaxation time"
 [[part]]
 physics = "spring"
@@ -38,34 +39,14 @@ time_constant_s = 10.0
 [[part]]
 physics = "constant"
 )";
-constexpr std::string_view kSpring = R"(format = "isorig-model/1"
+constexpr const char* kSpring = R"(format = "isorig-model/1"
 name = "linear spring"
 [[part]]
 physics = "spring"
 [[part]]
 physics = "constant"
 )";
-constexpr std::string_view kPiston = R"(format = "isorig-model/1"
-name = "pressure times area"
-[[part]]
-physics = "pressure_coupling"
-law = "force"
-force_N_psi = 3.385
-fixed = true
-[[part]]
-physics = "constant"
-)";
-constexpr std::string_view kWiderPiston = R"(format = "isorig-model/1"
-name = "pressure times area"
-[[part]]
-physics = "pressure_coupling"
-law = "force"
-force_N_psi = 3.576
-fixed = true
-[[part]]
-physics = "constant"
-)";
-constexpr std::string_view kMuscle = R"(format = "isorig-model/1"
+constexpr const char* kMuscle = R"(format = "isorig-model/1"
 name = "force in proportion to the pressure"
 [[part]]
 physics = "pressure_coupling"
@@ -73,7 +54,7 @@ law = "force"
 [[part]]
 physics = "constant"
 )";
-constexpr std::string_view kTank = R"(format = "isorig-model/1"
+constexpr const char* kTank = R"(format = "isorig-model/1"
 name = "one tank that drains in proportion to its level"
 [[part]]
 physics = "maxwell"
@@ -81,8 +62,23 @@ time_constant_s = 100.0
 [[part]]
 physics = "constant"
 )";
+/// Of a cylinder whose piston is known.
+std::string piston(std::string_view force_N_psi) {
+  return R"(format = "isorig-model/1"
+name = "pressure times area"
+[[part]]
+physics = "pressure_coupling"
+law = "force"
+force_N_psi = )" +
+         std::string(force_N_psi) + R"(
+fixed = true
+[[part]]
+physics = "constant"
+)";
+}
+constexpr std::string_view kBore25mm_N_psi = "3.385", kBore25_7mm_N_psi = "3.576";
 /// A compliance with one retardation time (identify/response).
-constexpr std::string_view kCompliance = "slse1";
+constexpr const char* kCompliance = "slse1";
 
 /// Learnt from test 9; test 10 is filled in the same way, test 8 faster. The known threshold is that of the same
 /// formula, F = c + a p + b max(0, p - pt), by plain least squares on a grid of pt; without the line the thresholds are
@@ -101,14 +97,14 @@ RealCase isometric(std::string_view name, std::string_view test9, std::string_vi
 }
 
 RealCase seal(std::string_view name, std::vector<std::string_view> train, std::string_view heldout,
-              std::string_view known, std::string_view nominal, double force_N_psi) {
+              std::string_view known, std::string_view piston_N_psi, double force_N_psi) {
   return {name,
           "pneumatic-cylinder-friction",
           std::move(train),
           {heldout},
           "coulomb_friction, then friction_with_pressure",
           known,
-          nominal,
+          piston(piston_N_psi),
           cylinder,
           {{"friction_with_pressure", "force_N_psi", force_N_psi}}};
 }
@@ -204,7 +200,7 @@ const std::array kCases{
              {},
              "coulomb_friction",
              "5.5 N at 3 bar, area 490.9 mm^2 (3.385 N/psi, given)",
-             kPiston,
+             piston(kBore25mm_N_psi),
              cylinder,
              {{"coulomb_friction", "force_N", 5.5}}},
     RealCase{"x-ring-3bar",
@@ -213,15 +209,16 @@ const std::array kCases{
              {},
              "coulomb_friction",
              "6.5 N at 3 bar, half of the range; area 518.7 mm^2 (3.576 N/psi, given)",
-             kWiderPiston,
+             piston(kBore25_7mm_N_psi),
              cylinder,
              {{"coulomb_friction", "force_N", 6.5}}},
     seal("o-ring", {"o-ring_1bar.csv", "o-ring_3bar.csv", "o-ring_7bar.csv"}, "o-ring_5bar.csv",
-         "3.9, 5.5, 7.0, 7.9 N at 1, 3, 5, 7 bar; a line through 1, 3 and 7 bar: 0.045 N/psi", kPiston, 0.0453),
+         "3.9, 5.5, 7.0, 7.9 N at 1, 3, 5, 7 bar; a line through 1, 3 and 7 bar: 0.045 N/psi", kBore25mm_N_psi, 0.0453),
     seal("kdn", {"kdn_1bar.csv", "kdn_3bar.csv", "kdn_7bar.csv"}, "kdn_5bar.csv",
-         "5.7, 5.7, 6.2, 6.8 N at 1, 3, 5, 7 bar; a line through 1, 3 and 7 bar: 0.014 N/psi", kPiston, 0.0136),
+         "5.7, 5.7, 6.2, 6.8 N at 1, 3, 5, 7 bar; a line through 1, 3 and 7 bar: 0.014 N/psi", kBore25mm_N_psi, 0.0136),
     seal("x-ring", {"x-ring257_1bar.csv", "x-ring257_3bar.csv", "x-ring257_7bar.csv"}, "x-ring257_5bar.csv",
-         "4.5, 6.5, 8.6, 15.0 N at 1, 3, 5, 7 bar; a line through 1, 3 and 7 bar: 0.124 N/psi", kWiderPiston, 0.1244),
+         "4.5, 6.5, 8.6, 15.0 N at 1, 3, 5, 7 bar; a line through 1, 3 and 7 bar: 0.124 N/psi", kBore25_7mm_N_psi,
+         0.1244),
     RealCase{"tanks",
              "cascaded-tanks",
              {"tanks_estimation.csv"},
@@ -262,6 +259,10 @@ std::span<const RealCase> real_cases() {
   return kCases;
 }
 
+bool nominal_is_text(const RealCase& real) {
+  return real.nominal.find('\n') != std::string::npos;
+}
+
 std::string train_name(const RealCase& real, std::size_t i) {
   return numbered("train", real.train.size(), i);
 }
@@ -276,7 +277,7 @@ void write_real_case(const RealCase& real, const std::filesystem::path& source, 
     messages::write_recording(out / train_name(real, i), real.convert(folder / real.train[i]));
   for (std::size_t i = 0; i < real.heldout.size(); ++i)
     messages::write_recording(out / heldout_name(real, i), real.convert(folder / real.heldout[i]));
-  if (real.nominal.find('\n') != std::string_view::npos) write_text(out / "nominal-given.toml", real.nominal);
+  if (nominal_is_text(real)) write_text(out / "nominal-given.toml", real.nominal);
 }
 
 }  // namespace isorig::proof

@@ -26,12 +26,15 @@ struct RealCase {
   std::vector<std::string_view> heldout;  ///< predicted by the nominal model and by the one with what was missing
   std::string_view left_out;              ///< what the nominal model lacks, as known from the source
   std::string_view known;                 ///< published or checked values, in the units of the model
-  std::string_view nominal;               ///< a name that `--model` knows, or the text of a model.toml
+  std::string nominal;                    ///< a name that `--model` knows, or the text of a model.toml
   messages::Recording (*convert)(const std::filesystem::path& file);
   std::vector<KnownNumber> numbers{};
 };
 
 [[nodiscard]] std::span<const RealCase> real_cases();
+
+/// Else `nominal` is a name.
+[[nodiscard]] bool nominal_is_text(const RealCase& real);
 
 /// Where write_real_case() puts the i-th recording to learn from, or to predict, below its folder.
 [[nodiscard]] std::string train_name(const RealCase& real, std::size_t i);

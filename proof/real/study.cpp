@@ -168,9 +168,8 @@ RealOutcome run_real_case(const RealCase& real, const fs::path& source, const fs
   write_real_case(real, source, folder);
   std::vector<std::string> command{options.isorig, "diagnose"};
   for (std::size_t i = 0; i < real.train.size(); ++i) command.push_back(folder / train_name(real, i));
-  const bool named = real.nominal.find('\n') == std::string_view::npos;
   command.insert(command.end(),
-                 {"--model", named ? std::string(real.nominal) : (folder / "nominal-given.toml").string(), "--out",
+                 {"--model", nominal_is_text(real) ? (folder / "nominal-given.toml").string() : real.nominal, "--out",
                   folder / "diagnosis", "--threads", std::to_string(options.threads)});
   const base::ProcessResult ran = base::run_process(command, log);
   RealOutcome outcome;
