@@ -5,6 +5,7 @@
 #include <string>
 
 #include "identify/diagnosis_report/argument.hpp"
+#include "identify/diagnosis_report/lead.hpp"
 #include "model/words.hpp"
 
 namespace isorig::identify {
@@ -16,41 +17,15 @@ using report::Mood;
 using report::number_text;
 using report::Page;
 
-std::string names_of(const Diagnosis& d) {
-  std::string out;
-  for (std::size_t i = 0; i < d.missing.size(); ++i) {
-    out += (i == 0 ? "" : i + 1 < d.missing.size() ? ", " : " and ") + effect_words(d.missing[i].effect->name);
-    if (d.missing[i].substitute != nullptr) out += " (or else " + effect_words(d.missing[i].substitute->name) + ")";
-  }
-  return out;
-}
-
 /// "between 12.1 and 14.9 s"
 std::string where_text(const Study& study, const Stretch& stretch) {
   return "between " + number_text(stretch.from_s, 4) + " and " + number_text(stretch.to_s, 4) + " s" +
          (study.series.size() > 1 ? " of " + study.series[stretch.series].name : std::string());
 }
 
-std::string residuals_text(const Diagnosis& d) {
-  const bool upper_limit = d.noise_source != NoiseSource::kRests && d.noise_N > d.model_errors.train_rmse_N;
-  return "The residual of the nominal model is " + number_text(d.nominal_errors.train_rmse_N, 3) + " N rms, with it " +
-         number_text(d.model_errors.train_rmse_N, 3) + " N; " +
-         (upper_limit ? "without rests the force channel's noise is only known to be at most "
-                      : "the force channel's own noise is ") +
-         number_text(d.noise_N, 3) + " N.";
-}
-
 void add_lead(Page& page, const Study& study, const Stretch& stretch) {
   const Diagnosis& d = study.diagnosis;
   const std::string where = "Model and muscle part most " + where_text(study, stretch) + ". ";
-  // The share has no meaning where the limit of the noise exceeds every residual.
-  const std::string left =
-      d.noise_N > d.nominal_errors.train_rmse_N
-          ? std::string()
-          : (d.unexplained < 0.01 ? std::string("Less than 1") : number_text(std::round(100.0 * d.unexplained), 3)) +
-                " % of what the nominal model misses stays " +
-                (d.discovered.empty() ? "unexplained." : "unexplained by effects of the catalogue.");
-  const std::string described = described_in_words(d.discovered, d.described_by);
   switch (d.verdict) {
     case Verdict::kConsistent:
       page.lead(Mood::kGood, "nothing is missing",
@@ -59,16 +34,10 @@ void add_lead(Page& page, const Study& study, const Stretch& stretch) {
                     number_text(d.noise_N, 3) + " N). No effect that was tried beside it is credible.");
       return;
     case Verdict::kMissingPhysics:
-      page.lead(Mood::kInfo, "physics is missing",
-                "The model lacks " + names_of(d) + ". " + where + residuals_text(d) + " " + left);
+      page.lead(Mood::kInfo, "physics is missing", lead_text(d, where));
       return;
     case Verdict::kUnknownPhysics:
-      page.lead(
-          Mood::kWarning, "unknown physics",
-          (d.missing.empty() ? "Something is left that no effect of the catalogue explains"
-                             : "The model lacks " + names_of(d) + ", and something that the catalogue does not know") +
-              (described.empty() ? std::string(". ") : "; " + described + ". ") + where + residuals_text(d) + " " +
-              left);
+      page.lead(Mood::kWarning, "unknown physics", lead_text(d, where));
       return;
     case Verdict::kCannotJudge:
       page.lead(Mood::kWarning, "cannot be judged",

@@ -8,6 +8,7 @@
 #include <cmath>
 
 #include "concealed_specimen.hpp"
+#include "identify/diagnosis_report/lead.hpp"
 #include "identify/diagnosis_report/simulated_force.hpp"
 #include "model/catalogue.hpp"
 #include "model/number_sheet.hpp"
@@ -99,6 +100,54 @@ TEST(DiagnosisReport, APathIsOfMeansInTheOrderOfTime) {
   EXPECT_FALSE(std::is_sorted(line.x.begin(), line.x.end())) << "there and back";
   // A hundred readings of +-1 in each stretch, one more or less at its ends.
   for (std::size_t i = 0; i + 1 < line.y.size(); ++i) EXPECT_NEAR(line.y[i], 0.0, 0.02);
+}
+
+class Lead : public testing::Test {
+ protected:
+  Lead() {
+    d_.noise_source = NoiseSource::kRests;
+    d_.noise_N = 0.01;
+    d_.nominal_errors.train_rmse_N = 0.5;
+    d_.model_errors.train_rmse_N = 0.02;
+    d_.unexplained = 0.03;
+  }
+  void add(std::string_view effect, double probability) {
+    MissingEffect& one = d_.missing.emplace_back();
+    one.effect = model::find_physics(effect);
+    one.probability = probability;
+  }
+  Diagnosis d_;
+};
+
+TEST_F(Lead, ANameThatIsLikelierThanNotIsLackingAndAnotherOnePerhaps) {
+  d_.verdict = Verdict::kMissingPhysics;
+  add("coulomb_friction", 0.93);
+  add("force_lag", 0.31);
+  EXPECT_EQ(
+      lead_text(d_, "Here. "),
+      "The model lacks dry friction; perhaps a force reading that lags (0.31) as well. Here. The residual of the "
+      "nominal model is 0.5 N rms, with what it lacks 0.02 N; the force channel's own noise is 0.01 N. 3 % of what "
+      "the nominal model misses stays unexplained.");
+  d_.missing.front().probability = 0.45;
+  EXPECT_THAT(lead_text(d_, ""),
+              testing::StartsWith("The model lacks something, and no name for it is likelier than not; "
+                                  "the nearest is dry friction (0.45) and a force reading that lags"));
+}
+
+TEST_F(Lead, UnknownPhysicsLacksNoNameThatIsNotLikelier) {
+  d_.verdict = Verdict::kUnknownPhysics;
+  add("slack", 0.21);
+  d_.not_modelled.why = "it predicts worse";
+  d_.model_errors = d_.nominal_errors;
+  d_.unexplained = 1.33;
+  EXPECT_EQ(
+      lead_text(d_, ""),
+      "Something is left that no effect of the catalogue explains; the nearest is slack (0.21). The residual of the "
+      "nominal model is 0.5 N rms, and nothing of what it lacks is modelled; the force channel's own noise is 0.01 "
+      "N. Nothing of what the nominal model misses is explained.");
+  d_.missing.front().probability = 0.8;
+  EXPECT_THAT(lead_text(d_, ""),
+              testing::StartsWith("The model lacks slack, and something that the catalogue does not know. "));
 }
 
 TEST(DiagnosisReport, EveryEffectHasANameThatPeopleUse) {
