@@ -4,8 +4,10 @@
 #include <cmath>
 
 #include "identify/diagnose/fit/free_parameters.hpp"
+#include "identify/diagnose/fit/many_starts.hpp"
 #include "identify/diagnose/fit/moves.hpp"
 #include "identify/diagnose/forecast.hpp"
+#include "identify/diagnose/search/published.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -114,7 +116,11 @@ Replicator::Replicator(const Study& study, std::span<const messages::Recording> 
 model::ModelSpec Replicator::draw_numbers(std::size_t hypothesis, std::mt19937_64& random) const {
   const Fit& fit = study_.selection.pool[hypothesis].fit;
   const std::vector<FreeNumber> numbers = fitted_numbers(fit.spec);
-  Eigen::MatrixXd spread = covariance(Problem(study_.series, fit.noise), fit.spec, Spread::kMoves);
+  // The chosen explanation's numbers may be those of least squares instead (prefer_simpler_laws).
+  const bool least_squares =
+      hypothesis == study_.selection.best && hypothesis != 0 && least_squares_decide(study_.selection);
+  Eigen::MatrixXd spread = covariance(Problem(study_.series, fit.noise), fit.spec, Spread::kMoves,
+                                      least_squares ? plain(study_.noise.weighing) : fit.noise);
   // A number that no force depends on has a variance without bound: it stays where it is.
   for (Eigen::Index i = 0; i < spread.rows(); ++i) {
     if (std::isfinite(spread(i, i))) continue;

@@ -10,6 +10,7 @@
 #include "identify/diagnose/noise/effective_dof.hpp"
 #include "identify/diagnose/search/practical_significance.hpp"
 #include "identify/diagnose/search/published.hpp"
+#include "identify/diagnose/search/without_effect.hpp"
 #include "model/catalogue.hpp"
 #include "model/length_scale.hpp"
 
@@ -57,6 +58,16 @@ bool follows_differences(const Search& search, const Hypothesis& chosen) {
       std::max(effective_degrees_of_freedom(problem.series(), left), SelectionOptions{}.error_degrees);
   const double chance = static_cast<double>(counted_numbers(chosen.fit.spec)) / independent;
   return squares_of(problem, chosen.fit.spec) > left.squaredNorm() * (1.0 + deciding().plain_fit_chances * chance);
+}
+
+/// The sizes that are stated are those of the numbers that are stated.
+void size_by_least_squares(Selection& selection, const Search& search) {
+  const auto effects = selection.chosen().effects;
+  for (const auto* effect : effects) {
+    Hypothesis rest = selection.pool[without_effect(selection, search, selection.best, *effect)];
+    if (!rest.ls_spec.parts.empty()) rest.fit.spec = rest.ls_spec;
+    selection.size_N[effect] = size_N(search, selection.chosen(), rest);
+  }
 }
 
 }  // namespace
@@ -118,6 +129,7 @@ void prefer_simpler_laws(Selection& selection, const Search& search) {
   }
   chosen.fit = std::move(least);
   chosen.fit.noise = noise;
+  size_by_least_squares(selection, search);
 }
 
 }  // namespace isorig::identify
