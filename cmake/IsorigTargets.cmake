@@ -195,7 +195,9 @@ endfunction()
 # isorig_test(<name> SOURCES ... LINKS ... [REAL_TIME] [WHOLE] [LABELS ...] [TIMEOUT s])
 # Labels: `asan`, `tsan` name the sanitizers a test makes sense for; `slow` keeps it out of sanitizer runs.
 # REAL_TIME: a daemon and an emulated rig run in real time, both in other processes. With a compiler, a browser or a
-# diagnosis beside them two processors would be too few, and the emulated rig would miss its own deadlines.
+# diagnosis beside them two processors would be too few, and the emulated rig would miss its own deadlines; hence the two
+# processors that each asks of ctest. Beside each other they are harmless, since they wait most of the time: the label
+# real_time is for ./test, which runs them last, three at once.
 # WHOLE: the program is a single test of ctest. Its tests share what takes longest, a diagnosis that each process of its own
 # would make again.
 function(isorig_test name)
@@ -217,6 +219,9 @@ function(isorig_test name)
     endif()
   endforeach()
   include(GoogleTest)
+  if(arg_REAL_TIME)
+    list(APPEND arg_LABELS real_time)
+  endif()
   # gtest_discover_tests() flattens a list, and only its first label arrives. `ctest -L` matches within a label.
   string(REPLACE ";" "," labels "${arg_LABELS}")
   set(processors 1)

@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <array>
 #include <cstdlib>
 #include <filesystem>
@@ -57,8 +58,7 @@ class SlurmCluster {
   /// As by a pulled plug: slurmd, the steps' keepers and what they run, at once.
   void kill_node(int node) {
     nodes_.at(static_cast<std::size_t>(node)).reset();  // SIGKILL
-    const std::string name = "SLURMD_NODENAME=n" + std::to_string(node + 1);
-    std::vector<pid_t> all = with_environment(name);
+    std::vector<pid_t> all = on_node(node);
     const std::vector<pid_t> jobs = all;
     for (const pid_t job : jobs)
       if (const pid_t above = parent_of(job);
@@ -77,7 +77,11 @@ class SlurmCluster {
   }
   /// Jobs' processes on that node.
   [[nodiscard]] std::vector<pid_t> on_node(int node) const {
-    return with_environment("SLURMD_NODENAME=n" + std::to_string(node + 1));
+    // Of this cluster: that of another test beside it has a node of the same name.
+    std::vector<pid_t> out = with_environment("SLURMD_NODENAME=n" + std::to_string(node + 1));
+    const std::vector<pid_t> ours = with_environment("SLURM_CONF=" + path("slurm.conf"));
+    std::erase_if(out, [&](pid_t pid) { return std::find(ours.begin(), ours.end(), pid) == ours.end(); });
+    return out;
   }
 
  private:
