@@ -206,9 +206,7 @@ function(isorig_test name)
     set(arg_TIMEOUT 300)  # a hang, not a slow machine: sanitizers take ten times as long
   endif()
   add_executable(${name} ${arg_SOURCES})
-  target_link_libraries(${name} PRIVATE ${arg_LINKS} isorig_options GTest::gmock GTest::gtest_main)
-  target_compile_definitions(${name} PRIVATE
-    ISORIG_SOURCE_DIR="${PROJECT_SOURCE_DIR}" ISORIG_BIN_DIR="${CMAKE_RUNTIME_OUTPUT_DIRECTORY}")
+  target_link_libraries(${name} PRIVATE ${arg_LINKS} isorig_test_tree isorig_options GTest::gmock GTest::gtest_main)
   isorig_precompiled(${name} TEST)
   foreach(label IN ITEMS asan tsan)  # what ./test builds with that sanitizer
     if(label IN_LIST arg_LABELS)

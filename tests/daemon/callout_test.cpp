@@ -18,6 +18,7 @@
 #include "daemon/core/fixed_text.hpp"
 #include "daemon/rig/config.hpp"
 #include "recording_rig.hpp"
+#include "tree.hpp"
 #include "wait_until.hpp"
 
 namespace isorig::daemon::test {
@@ -240,7 +241,7 @@ TEST_F(CalloutTest, PartingsThatRepeatThemselvesTakeOnePlace) {
 }
 
 TEST(NotifyConfigTest, TheCommandIsCheckedBeforeTheRigIsUp) {
-  std::ifstream in(std::string(ISORIG_SOURCE_DIR) + "/config/rigs/sim.toml");
+  std::ifstream in(isorig::test::source_path() + "/config/rigs/sim.toml");
   std::ostringstream text;
   text << in.rdbuf();
   testing::TemporaryDirectory folder{"notify"};
@@ -248,7 +249,7 @@ TEST(NotifyConfigTest, TheCommandIsCheckedBeforeTheRigIsUp) {
     const auto path = folder.path() / "rig.toml";
     auto whole = text.str();
     for (auto at = whole.find("\"../"); at != std::string::npos; at = whole.find("\"../")) {
-      whole.replace(at, 4, "\"" + std::string(ISORIG_SOURCE_DIR) + "/config/");
+      whole.replace(at, 4, "\"" + isorig::test::source_path() + "/config/");
     }
     std::ofstream(path) << whole << "\n[notify]\ncommand = \"" << command << "\"\n";
     try {

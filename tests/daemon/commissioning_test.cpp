@@ -10,6 +10,7 @@
 #include <string>
 
 #include "daemon/core/trips.hpp"
+#include "tree.hpp"
 
 /// The tables that people act upon in a fault, against the code that raises the faults.
 namespace isorig::daemon::test {
@@ -31,7 +32,7 @@ std::set<std::string> all(const std::string& text, const std::string& pattern) {
 
 std::string sources() {
   std::string text;
-  for (const auto& entry : std::filesystem::recursive_directory_iterator(std::string(ISORIG_SOURCE_DIR) + "/daemon")) {
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(isorig::test::source_path() + "/daemon")) {
     if (entry.path().extension() == ".cpp" || entry.path().extension() == ".hpp") text += slurp(entry.path());
   }
   return text;
@@ -59,7 +60,7 @@ std::set<std::string> faults_in_code() {
 }
 
 std::string fault_table() {
-  return section(slurp(std::string(ISORIG_SOURCE_DIR) + "/docs/commissioning.md"),
+  return section(slurp(isorig::test::source_path() + "/docs/commissioning.md"),
                  "## What the daemon does at every fault");
 }
 
@@ -84,13 +85,13 @@ TEST(Commissioning, ItSaysTheSeverityThatTheCodeHas) {
 }
 
 TEST(Safety, EveryFaultOfTheCodeStandsInTheHazardAnalysis) {
-  const auto listed = all(slurp(std::string(ISORIG_SOURCE_DIR) + "/docs/safety.md"), "`([a-z_]+(?:\\.[a-z_]+)?)`");
+  const auto listed = all(slurp(isorig::test::source_path() + "/docs/safety.md"), "`([a-z_]+(?:\\.[a-z_]+)?)`");
   for (const auto& rule : trip_rules()) EXPECT_THAT(listed, ::testing::Contains(rule.code));
 }
 
 TEST(Safety, EveryTestThatTheHazardAnalysisNamesExists) {
   std::set<std::string> tests;
-  for (const auto& entry : std::filesystem::recursive_directory_iterator(std::string(ISORIG_SOURCE_DIR) + "/tests")) {
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(isorig::test::source_path() + "/tests")) {
     if (entry.path().extension() != ".cpp") continue;
     const auto text = slurp(entry.path());
     const std::regex regex(R"re(TEST(?:_F|_P)?\(([A-Za-z0-9]+), ([A-Za-z0-9]+)\))re");
@@ -99,7 +100,7 @@ TEST(Safety, EveryTestThatTheHazardAnalysisNamesExists) {
     }
   }
   const auto named =
-      all(slurp(std::string(ISORIG_SOURCE_DIR) + "/docs/safety.md"), "`([A-Z][A-Za-z0-9]+\\.[A-Z][A-Za-z0-9]+)`");
+      all(slurp(isorig::test::source_path() + "/docs/safety.md"), "`([A-Z][A-Za-z0-9]+\\.[A-Z][A-Za-z0-9]+)`");
   EXPECT_GT(named.size(), 25U);
   for (const auto& name : named) EXPECT_THAT(tests, ::testing::Contains(name));
 }
@@ -118,7 +119,7 @@ TEST(Faults, EveryTextFitsWhereItGoes) {
 }
 
 TEST(States, EveryFaultOfTheCodeStandsThere) {
-  const auto listed = all(slurp(std::string(ISORIG_SOURCE_DIR) + "/docs/states.md"), "`([a-z_]+(?:\\.[a-z_]+)?)`");
+  const auto listed = all(slurp(isorig::test::source_path() + "/docs/states.md"), "`([a-z_]+(?:\\.[a-z_]+)?)`");
   for (const auto& code : faults_in_code()) EXPECT_THAT(listed, ::testing::Contains(code));
 }
 

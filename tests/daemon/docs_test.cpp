@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "base/text_file.hpp"
+#include "tree.hpp"
 
 /// Pages of docs/ against the tree: what they name has to be there.
 namespace isorig::test {
@@ -17,7 +18,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-const fs::path kRoot = ISORIG_SOURCE_DIR;
+const fs::path kRoot = isorig::test::source_path();
 
 std::vector<fs::path> pages() {
   std::vector<fs::path> all{kRoot / "README.md", kRoot / "CONTRIBUTING.md"};

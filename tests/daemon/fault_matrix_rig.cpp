@@ -5,6 +5,8 @@
 #include <cstring>
 #include <filesystem>
 
+#include "tree.hpp"
+
 namespace isorig::daemon::test {
 namespace {
 
@@ -102,7 +104,7 @@ const Situation& situation(At at) {
 }
 
 MatrixRig::MatrixRig(At at)
-    : where_(situation(at)), config_(load_rig(std::string(ISORIG_SOURCE_DIR) + "/config/rigs/sim.toml")) {
+    : where_(situation(at)), config_(load_rig(isorig::test::source_path() + "/config/rigs/sim.toml")) {
   config_.core.operating.arming_required = at == At::kArmed || at == At::kCountdown;
   config_.core.operating.countdown_s = 30.0;
   config_.core.operating.arm_window_s = 30.0;

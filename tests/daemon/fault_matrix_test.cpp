@@ -9,6 +9,7 @@
 #include "base/text_file.hpp"
 #include "daemon/core/trips.hpp"
 #include "fault_matrix_expect.hpp"
+#include "tree.hpp"
 
 /// Every fault in every kind of step: docs/faults.md, cell by cell, against the plant's truth.
 namespace isorig::daemon::test {
@@ -182,7 +183,7 @@ INSTANTIATE_TEST_SUITE_P(All, FaultMatrix, ::testing::Range(std::size_t{0}, faul
                          [](const auto& row) { return std::string(faults()[row.param].name); });
 
 TEST(FaultMatrixPage, IsUpToDate) {
-  EXPECT_EQ(base::read_text_file(std::string(ISORIG_SOURCE_DIR) + "/docs/faults.md"), faults_page())
+  EXPECT_EQ(base::read_text_file(isorig::test::source_path() + "/docs/faults.md"), faults_page())
       << "build/bin/fault_matrix_page > docs/faults.md";
 }
 

@@ -9,11 +9,12 @@
 #include "base/toml_reader.hpp"
 #include "daemon/rig/virtual_rig.hpp"
 #include "protocol/compile.hpp"
+#include "tree.hpp"
 
 namespace isorig::daemon::test {
 
 inline std::string source(const std::string& path) {
-  return std::string(ISORIG_SOURCE_DIR) + "/" + path;
+  return isorig::test::source_path() + "/" + path;
 }
 
 /// A virtual rig with its queues drained into vectors, and the verbs as calls.

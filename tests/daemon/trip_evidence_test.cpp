@@ -13,6 +13,7 @@
 #include "daemon/host/virtual_run.hpp"
 #include "fault_matrix_rig.hpp"
 #include "recording_rig.hpp"
+#include "tree.hpp"
 
 static std::function<void(const std::string&)> on_fsync;  // with the name of the file
 
@@ -324,7 +325,7 @@ TEST(TripStory, SaysWhenTheCrossheadStoodAndWhenTheRigWasVented) {
 /// A run that a fault has ended is closed by the host, at a turn of its own: not before the last sample of the evidence
 /// has come.
 TEST(TripStory, TheEvidenceOfATripThatEndedItsRunIsWholeToItsEnd) {
-  const auto rig = load_rig(std::string(ISORIG_SOURCE_DIR) + "/config/rigs/sim.toml");
+  const auto rig = load_rig(isorig::test::source_path() + "/config/rigs/sim.toml");
   for (const std::int64_t moment_ms : {8'000, 8'007, 8'013, 8'021, 8'026, 8'034, 8'042, 8'049}) {
     SCOPED_TRACE(moment_ms);
     const TemporaryDirectory runs("trip-end");

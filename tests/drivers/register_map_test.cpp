@@ -10,13 +10,14 @@
 #include <string_view>
 
 #include "drivers/config/modbus_config.hpp"
+#include "tree.hpp"
 
 namespace isorig::modbus {
 namespace {
 
 using testing::HasSubstr;
 
-const std::filesystem::path kFrames = std::filesystem::path(ISORIG_SOURCE_DIR) / "config/frames";
+const std::filesystem::path kFrames = std::filesystem::path(test::source_path()) / "config/frames";
 
 std::string text_of(const std::string& file) {
   std::ifstream in(kFrames / file);

@@ -17,6 +17,7 @@
 #include "model/composed.hpp"
 #include "protocol/compile.hpp"
 #include "sim/specimen.hpp"
+#include "tree.hpp"
 
 namespace isorig {
 namespace {
@@ -24,7 +25,7 @@ namespace {
 using ::testing::HasSubstr;
 
 std::filesystem::path sample(const std::string& name) {
-  return std::filesystem::path(ISORIG_SOURCE_DIR) / "tests/formats/samples" / name;
+  return std::filesystem::path(test::source_path()) / "tests/formats/samples" / name;
 }
 
 TEST(OldFiles, FirstConfiguration) {

@@ -12,6 +12,7 @@
 #include "daemon/recording/recording_summary.hpp"
 #include "messages/recording.hpp"
 #include "messages/run_log.hpp"
+#include "tree.hpp"
 
 namespace isorig {
 namespace {
@@ -155,7 +156,7 @@ TEST_F(OldLog, ARunTomlOfBeforeItNamedItsFormatIsRead) {
   mark(2, 1);
   save();
   EXPECT_EQ(daemon::summarize_recording(folder_ / "run").started_utc, "");
-  std::filesystem::copy(std::filesystem::path(ISORIG_SOURCE_DIR) / "tests/formats/samples/2026-11-23/run/run.toml",
+  std::filesystem::copy(std::filesystem::path(test::source_path()) / "tests/formats/samples/2026-11-23/run/run.toml",
                         folder_ / "run" / "run.toml");
   const auto run = daemon::summarize_recording(folder_ / "run");
   EXPECT_EQ(run.started_utc, "2026-11-23T05:17:35Z");

@@ -19,6 +19,7 @@
 #include "daemon/host/host.hpp"
 #include "daemon/rig/virtual_rig.hpp"
 #include "target.hpp"
+#include "tree.hpp"
 
 namespace isorig::fuzz {
 namespace {
@@ -26,7 +27,7 @@ namespace {
 /// The rig ticks while an answer is waited for, and in no other moment.
 class Served {
  public:
-  Served() : folder_(scratch() / "served"), config_(daemon::load_rig(ISORIG_SOURCE_DIR "/config/rigs/sim.toml")) {
+  Served() : folder_(scratch() / "served"), config_(daemon::load_rig(test::source_path("/config/rigs/sim.toml"))) {
     std::filesystem::remove_all(folder_);
     std::filesystem::create_directories(folder_);
     config_.core.recorder_age_max_s = 1e6;  // virtual time does not wait for a disk

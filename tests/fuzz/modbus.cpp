@@ -9,6 +9,7 @@
 #include "drivers/clock/real_clock.hpp"
 #include "drivers/frame/modbus_frame.hpp"
 #include "drivers/modbus/modbus_adu.hpp"
+#include "tree.hpp"
 #include "wire.hpp"
 
 namespace isorig::fuzz {
@@ -146,8 +147,8 @@ class Gateway final : public Peer {
 };
 
 modbus::ModbusConfig config_of(std::uint8_t choice) {
-  static const std::array maps{modbus::read_register_map(ISORIG_SOURCE_DIR "/config/frames/isorig-gateway.toml"),
-                               modbus::read_register_map(ISORIG_SOURCE_DIR "/config/frames/int32-scaled.toml")};
+  static const std::array maps{modbus::read_register_map(test::source_path("/config/frames/isorig-gateway.toml")),
+                               modbus::read_register_map(test::source_path("/config/frames/int32-scaled.toml"))};
   modbus::ModbusConfig config;
   config.map = maps[choice / 2 % 2];
   config.transport = choice % 2 == 1 ? modbus::ModbusTransport::kRtu : modbus::ModbusTransport::kTcp;

@@ -4,10 +4,11 @@
 #include "daemon/rig/config.hpp"
 #include "protocol/compile.hpp"
 #include "target.hpp"
+#include "tree.hpp"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace isorig;
-  static const auto limits = daemon::load_rig(ISORIG_SOURCE_DIR "/config/rigs/sim.toml").limits;
+  static const auto limits = daemon::load_rig(test::source_path("/config/rigs/sim.toml")).limits;
   for (const auto& within : {limits, protocol::Limits{}}) {
     try {
       const auto document = base::TomlDocument::parse_text(fuzz::text({data, size}), "protocol.toml");

@@ -1,6 +1,7 @@
 // A rig's file, whole, as the daemon reads it. What it names is looked for beside it, in the shipped configuration.
 #include "daemon/rig/config.hpp"
 #include "target.hpp"
+#include "tree.hpp"
 
 namespace {
 
@@ -8,7 +9,7 @@ std::filesystem::path rig_file() {
   const auto folder = isorig::fuzz::scratch() / "rigs";
   std::filesystem::create_directories(folder);
   for (const char* beside : {"frames", "specimens", "regulators", "protocols"})
-    std::filesystem::create_directory_symlink(std::string(ISORIG_SOURCE_DIR "/config/") + beside,
+    std::filesystem::create_directory_symlink(isorig::test::source_path("/config/") + beside,
                                               folder.parent_path() / beside);
   return folder / "rig.toml";
 }

@@ -20,6 +20,7 @@
 #include "model/catalogue.hpp"
 #include "model/composed.hpp"
 #include "target.hpp"
+#include "tree.hpp"
 
 namespace {
 
@@ -46,10 +47,10 @@ std::string slurp(const fs::path& path) {
 std::map<std::string, std::string> files(std::initializer_list<const char*> folders, const std::string& ending) {
   std::map<std::string, std::string> found;
   for (const char* folder : folders) {
-    const auto root = fs::path(ISORIG_SOURCE_DIR) / folder;
+    const auto root = fs::path(test::source_path()) / folder;
     for (const auto& entry : fs::recursive_directory_iterator(root)) {
       if (!entry.is_regular_file() || entry.path().extension() != ending) continue;
-      auto name = entry.path().lexically_relative(ISORIG_SOURCE_DIR).string();
+      auto name = entry.path().lexically_relative(test::source_path()).string();
       for (char& c : name)
         if (c == '/') c = '_';
       found[name] = slurp(entry.path());
@@ -70,7 +71,7 @@ void repository() {
   seed("tables_toml", "mapping.toml",
        "format = \"isorig-mapping/1\"\ndelimiter = \";\"\ndecimal = \",\"\nspecimen = \"Control2\"\n"
        "rest_length_mm = 94.3\nzero_mm = 1.5\n[column]\ntime = \"Zeit\"\nforce = \"#3\"\n[unit]\nZeit = \"ms\"\n");
-  const fs::path samples = ISORIG_SOURCE_DIR "/tests/formats/samples";
+  const fs::path samples = test::source_path("/tests/formats/samples");
   const std::string mark(fuzz::kPartMark);
   const auto folder = samples / "2026-11-23/rep-1_5-psi";
   seed("recording", "whole",
@@ -80,7 +81,7 @@ void repository() {
 }
 
 void models() {
-  const fs::path samples = ISORIG_SOURCE_DIR "/tests/formats/samples/2026-11-23";
+  const fs::path samples = test::source_path("/tests/formats/samples/2026-11-23");
   seed("model_toml", "model", slurp(samples / "model.toml"));
   seed("model_toml", "nominal", slurp(samples / "nominal.toml"));
   for (const auto* effect : model::effects()) {
@@ -110,7 +111,7 @@ void other_programs() {
   seed("foreign", "log", "12034,5.03\n12044,5.04\n12054,5.05\n");
   seed("foreign", "micros", "4294967200 1638\n4294967290 1700\n84 1750\n");
   seed("foreign", "tabs", "Time (ms)\tPosition (in)\tForce [lbf]\tPressure (kPa)\n0\t1\t1\t1\n1\t2\t2\t2\n");
-  seed("foreign", "recording", slurp(ISORIG_SOURCE_DIR "/tests/formats/samples/2026-11-23/rep-1_5-psi/frame.csv"));
+  seed("foreign", "recording", slurp(test::source_path("/tests/formats/samples/2026-11-23/rep-1_5-psi/frame.csv")));
 }
 
 template <class... Messages>
@@ -227,7 +228,7 @@ void run_logs() {
   options.start.protocol_name = "short.toml";
   options.runs_root = folder;
   options.seed = 1;
-  auto rig = daemon::load_rig(ISORIG_SOURCE_DIR "/config/rigs/sim.toml");
+  auto rig = daemon::load_rig(test::source_path("/config/rigs/sim.toml"));
   rig.recording.min_free_bytes = rig.recording.reserve_bytes = std::uint64_t{1} << 20U;
   const auto result = daemon::run_virtual(rig, options);
   fuzz::require(result.outcome == "done", "the run for the seeds was not done: " + result.fault);
@@ -257,9 +258,9 @@ void samples() {
 }
 
 void calls() {
-  const auto protocol = slurp(ISORIG_SOURCE_DIR "/config/protocols/vma-smoke.toml");
-  const auto specimen = slurp(ISORIG_SOURCE_DIR "/config/specimens/control2.toml");
-  const auto record = slurp(ISORIG_SOURCE_DIR "/tests/formats/samples/2026-11-23/20261121-071500-pressure.toml");
+  const auto protocol = slurp(test::source_path("/config/protocols/vma-smoke.toml"));
+  const auto specimen = slurp(test::source_path("/config/specimens/control2.toml"));
+  const auto record = slurp(test::source_path("/tests/formats/samples/2026-11-23/20261121-071500-pressure.toml"));
   const std::map<std::string, std::string> bodies{
       {"start", json{{"protocol", protocol}, {"operator", "A. Lovelace"}, {"dry_run", true}}.dump()},
       {"start-specimen", json{{"protocol", "x"}, {"specimen", specimen}, {"specimen_name", "s.toml"}}.dump()},
@@ -324,7 +325,7 @@ void pages() {
     for (const char how : {kOwn, kNobody, static_cast<char>(kOwn | 8)})
       seed("web", name + "-" + std::to_string(how), how + ("GET " + path) + mark);
   }
-  const auto protocol = slurp(ISORIG_SOURCE_DIR "/config/protocols/vma-smoke.toml");
+  const auto protocol = slurp(test::source_path("/config/protocols/vma-smoke.toml"));
   const std::map<std::string, json> bodies{
       {"abort", json::object()},
       {"pause", json::object()},

@@ -6,6 +6,8 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "tree.hpp"
+
 /// proof/campaign/run.sh --reduced: specimens through the daemon in virtual time, with physics that the
 /// fitted model lacks, exported and analysed. The bounds are those of the paper's text.
 namespace isorig {
@@ -14,9 +16,9 @@ namespace {
 TEST(CampaignOnTheSimulatedRig, ReportsWhatThePaperReports) {
   const auto out = std::filesystem::path(::testing::TempDir()) / "isorig-campaign";
   std::filesystem::remove_all(out);
-  const std::string command = "ISORIG=" ISORIG_BIN_DIR "/isorig " ISORIG_SOURCE_DIR
-                              "/proof/campaign/run.sh --reduced " +
-                              out.string() + " > " + out.string() + ".log 2>&1";
+  const std::string command = "ISORIG=" + test::program_path("/isorig ") +
+                              test::source_path("/proof/campaign/run.sh --reduced ") + out.string() + " > " +
+                              out.string() + ".log 2>&1";
   ASSERT_EQ(std::system(command.c_str()), 0) << std::ifstream(out.string() + ".log").rdbuf();
   std::ifstream file(out / "campaign.json");
   const auto campaign = nlohmann::json::parse(file);

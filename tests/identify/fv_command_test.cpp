@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "iso_velocity_recording.hpp"
+#include "tree.hpp"
 
 /// `isorig fv` as a user runs it: files in, files and words out.
 namespace isorig {
@@ -25,7 +26,7 @@ struct Outcome {
 };
 
 Outcome isorig(const std::string& arguments) {
-  const std::string command = std::string(ISORIG_BIN_DIR "/isorig ") + arguments + " 2>&1";
+  const std::string command = test::program_path("/isorig ") + arguments + " 2>&1";
   FILE* pipe = popen(command.c_str(), "r");
   Outcome out;
   char buffer[4096];

@@ -8,6 +8,7 @@
 #include <sstream>
 
 #include "iso_velocity_recording.hpp"
+#include "tree.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -333,7 +334,7 @@ messages::Recording foreign(const std::filesystem::path& file, const char* posit
 }
 
 TEST(Ramps, MeasurementsByOthersGiveTheSpeedsTheyWereMadeAt) {
-  const auto root = std::filesystem::path(ISORIG_SOURCE_DIR).parent_path() / "shared/recordings";
+  const auto root = std::filesystem::path(test::source_path()).parent_path() / "shared/recordings";
   if (!std::filesystem::exists(root)) GTEST_SKIP() << "no recordings beside the source tree";
   // Load and unload without a hold: legs of a cycle, at 0.01, 0.03 and 0.05 of 80 mm a second.
   for (const auto& [name, speed] : {std::pair{"cycle_rate0.01_stretch3.0.csv", 0.8},
@@ -364,7 +365,7 @@ TEST(Ramps, MeasurementsByOthersGiveTheSpeedsTheyWereMadeAt) {
 
 /// Practice recordings of an independent rig, where they lie beside the source tree.
 TEST(Ramps, FindsTheTenRampsOfEveryIndependentRecording) {
-  const auto root = std::filesystem::path(ISORIG_SOURCE_DIR).parent_path() / "shared/concealed/practice";
+  const auto root = std::filesystem::path(test::source_path()).parent_path() / "shared/concealed/practice";
   if (!std::filesystem::exists(root)) GTEST_SKIP() << "no independent recordings beside the source tree";
   const double speeds[] = {2, -2, 4, -4, 6, -6, 8, -8, 10, -10};
   for (const auto& folder : std::filesystem::directory_iterator(root)) {

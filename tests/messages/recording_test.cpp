@@ -14,6 +14,7 @@
 #include <sstream>
 
 #include "messages/further_columns.hpp"
+#include "tree.hpp"
 
 namespace isorig::messages {
 namespace {
@@ -467,7 +468,7 @@ TEST_F(RecordingTest, ReadsThirtyThousandRowsInMilliseconds) {
 /// ../shared beside the sources, has to be read and to survive being written again.
 TEST_F(RecordingTest, RecordingsBesideTheSourcesAreRead) {
   const char* set = std::getenv("ISORIG_SHARED");
-  const fs::path shared = set != nullptr ? fs::path(set) : fs::path(ISORIG_SOURCE_DIR) / ".." / "shared";
+  const fs::path shared = set != nullptr ? fs::path(set) : fs::path(test::source_path()) / ".." / "shared";
   std::vector<fs::path> folders{folder_};  // never nothing to read
   if (fs::is_directory(shared)) {
     for (const auto& entry : fs::recursive_directory_iterator(shared)) {

@@ -12,6 +12,7 @@
 #include <tuple>
 
 #include "messages/log_writer.hpp"
+#include "tree.hpp"
 
 namespace isorig::messages {
 namespace {
@@ -180,7 +181,7 @@ TEST_F(HostileLog, ANumberHasOneName) {
 }
 
 TEST(GapCounter, CountsByTheCasesThatPythonCountsByToo) {
-  std::ifstream file(ISORIG_SOURCE_DIR "/tests/messages/gap_cases.txt");
+  std::ifstream file(test::source_path("/tests/messages/gap_cases.txt"));
   int cases = 0;
   for (std::string line; std::getline(file, line);) {
     if (line.starts_with('#')) continue;

@@ -14,6 +14,7 @@
 #include "messages/teensy/crc32c.hpp"
 #include "messages/teensy/decoder.hpp"
 #include "messages/teensy/wire.hpp"
+#include "tree.hpp"
 
 namespace isorig::messages::teensy {
 namespace {
@@ -281,7 +282,7 @@ TEST(TeensyMessages, ExampleFrameOfTheDocumentation) {
                           0x88, 0x1C, 0x00}));
   std::ostringstream hex;
   for (const int byte : frame) hex << ' ' << std::hex << std::uppercase << std::setw(2) << std::setfill('0') << byte;
-  std::ifstream file(ISORIG_SOURCE_DIR "/docs/wire-teensy.md");
+  std::ifstream file(test::source_path("/docs/wire-teensy.md"));
   const std::string text{std::istreambuf_iterator<char>(file), {}};
   EXPECT_NE(text.find("frame   " + hex.str() + "\n"), std::string::npos) << hex.str();
 }

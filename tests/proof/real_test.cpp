@@ -13,6 +13,7 @@
 #include "proof/real/conversions.hpp"
 #include "proof/real/study.hpp"
 #include "proof/sealed.hpp"
+#include "tree.hpp"
 
 namespace isorig::proof {
 namespace {
@@ -142,7 +143,7 @@ TEST_F(ProofReal, FindsTheFrictionOfAnAxisAndItsNumbersAndPredictsAnotherMotion)
   write_text(folder_ / "emps/emps_estimation.csv", axis_csv(0.25, 1.1, 1));
   write_text(folder_ / "emps/emps_validation_pulses.csv", axis_csv(0.35, 1.7, 2));
   RealOptions options;
-  options.isorig = fs::path(ISORIG_BIN_DIR) / "isorig";
+  options.isorig = fs::path(test::program_path()) / "isorig";
   const RealCase cases[] = {*emps};
   const auto outcomes = run_real_cases(cases, folder_, folder_ / "out", options);
   const RealOutcome& o = outcomes.at(0);
@@ -178,7 +179,7 @@ TEST_F(ProofReal, ADiagnosisThatFailsIsAnOutcome) {
   ASSERT_NE(silicone, nullptr);
   write_text(folder_ / "elastomer-tensile/dragon_skin_30.csv", "time_s,extension_m,force_N\n0,0,0\n0.1,0.001,1\n");
   RealOptions options;
-  options.isorig = fs::path(ISORIG_BIN_DIR) / "isorig";
+  options.isorig = fs::path(test::program_path()) / "isorig";
   const RealOutcome o = run_real_case(*silicone, folder_, folder_ / "out", options);
   EXPECT_TRUE(o.said.failed);
   EXPECT_THAT(o.said.why, HasSubstr("diagnose ended with exit code 3"));

@@ -8,6 +8,7 @@
 #include "plant.hpp"
 #include "protocol/compile.hpp"
 #include "protocol/cursor.hpp"
+#include "tree.hpp"
 
 namespace {
 thread_local bool guarded = false;
@@ -51,7 +52,7 @@ TEST(Allocation, TheGuardSeesOne) {
 }
 
 TEST(Allocation, AdvanceNeverAllocates) {
-  const Plan plan = compile_file(std::string(ISORIG_SOURCE_DIR) + "/config/protocols/vma-short.toml");
+  const Plan plan = compile_file(isorig::test::source_path() + "/config/protocols/vma-short.toml");
   Cursor cursor(plan);
   test::Plant plant(1'000'000);
   plant.position_mm = 0.5;

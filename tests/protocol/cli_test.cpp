@@ -8,6 +8,8 @@
 #include <fstream>
 #include <sstream>
 
+#include "tree.hpp"
+
 namespace {
 
 using testing::HasSubstr;
@@ -18,7 +20,8 @@ struct Outcome {
 };
 
 Outcome isorig(const std::string& arguments) {
-  const std::string command = "cd " ISORIG_SOURCE_DIR " && " ISORIG_BIN_DIR "/isorig " + arguments + " 2>&1";
+  const std::string command =
+      "cd " + isorig::test::source_path() + " && " + isorig::test::program_path("/isorig ") + arguments + " 2>&1";
   Outcome outcome;
   FILE* pipe = popen(command.c_str(), "r");
   if (pipe == nullptr) return outcome;
@@ -55,7 +58,7 @@ class CliFiles : public testing::Test {
 TEST(Cli, PlanOfTheShortProtocolIsAsItWas) {
   const auto plan = isorig("plan config/protocols/vma-short.toml");
   EXPECT_EQ(plan.code, 0);
-  EXPECT_EQ(plan.out, file_text(ISORIG_SOURCE_DIR "/tests/protocol/vma-short.plan.txt"))
+  EXPECT_EQ(plan.out, file_text(isorig::test::source_path("/tests/protocol/vma-short.plan.txt")))
       << "If the change is meant: build/bin/isorig plan config/protocols/vma-short.toml > "
          "tests/protocol/vma-short.plan.txt";
 }
@@ -125,7 +128,7 @@ TEST_F(CliFiles, LimitsComeFromTheRigsFileAndTheRestOfItIsNotLookedAt) {
 }
 
 TEST(Cli, ShippedProtocolsKeepTheSimulatedRigsLimits) {
-  for (const auto& entry : std::filesystem::directory_iterator(ISORIG_SOURCE_DIR "/config/protocols")) {
+  for (const auto& entry : std::filesystem::directory_iterator(isorig::test::source_path("/config/protocols"))) {
     const auto check = isorig("check " + entry.path().string() + " --rig config/rigs/sim.toml");
     EXPECT_EQ(check.code, 0) << check.out;
     EXPECT_THAT(check.out, HasSubstr("within those of config/rigs/sim.toml"));

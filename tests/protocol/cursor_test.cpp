@@ -8,6 +8,7 @@
 
 #include "plant.hpp"
 #include "protocol/compile.hpp"
+#include "tree.hpp"
 
 namespace isorig::protocol {
 namespace {
@@ -25,7 +26,7 @@ constexpr const char* kPressurize =
     "{ do = \"pressurize\", pressure_psi = 5, rate_psi_s = 5, settled_for_s = 0.5, timeout_s = 10 },\n";
 
 std::string shipped(const std::string& name) {
-  return std::string(ISORIG_SOURCE_DIR) + "/config/protocols/" + name + ".toml";
+  return isorig::test::source_path() + "/config/protocols/" + name + ".toml";
 }
 
 /// Everything that happened, by tick.

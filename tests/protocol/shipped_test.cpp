@@ -8,12 +8,13 @@
 #include <sstream>
 
 #include "protocol/compile.hpp"
+#include "tree.hpp"
 
 namespace isorig::protocol {
 namespace {
 
 std::string shipped(const std::string& name) {
-  return std::string(ISORIG_SOURCE_DIR) + "/config/protocols/" + name + ".toml";
+  return isorig::test::source_path() + "/config/protocols/" + name + ".toml";
 }
 
 /// An Instron 5969 of 600 mm/min with an actuator of 90 mm and an ELVH of 30 psi.
@@ -145,7 +146,7 @@ TEST(Shipped, AllKeepAnInstronsLimits) {
 
 TEST(Shipped, TheExampleOfTheDocumentationCompiles) {
   std::ostringstream page;
-  page << std::ifstream(ISORIG_SOURCE_DIR "/docs/protocol.md").rdbuf();
+  page << std::ifstream(isorig::test::source_path("/docs/protocol.md")).rdbuf();
   const std::string text = page.str(), fence = "```toml\n";
   const auto begin = text.find(fence);
   ASSERT_NE(begin, std::string::npos);

@@ -5,11 +5,12 @@
 #include <vector>
 
 #include "sim/rig.hpp"
+#include "tree.hpp"
 
 namespace isorig::sim::testing {
 
 inline std::filesystem::path config_path(const char* name) {
-  return std::filesystem::path(ISORIG_SOURCE_DIR) / "config" / name;
+  return std::filesystem::path(test::source_path()) / "config" / name;
 }
 
 /// Runs a rig as a daemon would, 1 ms at a time: heartbeats, polls, and a simple loop on the true pressure.

@@ -7,6 +7,7 @@
 #include "drivers/frame/modbus_frame.hpp"
 #include "fake_frame.hpp"
 #include "sim/wire/frame/modbus_server.hpp"
+#include "tree.hpp"
 
 namespace isorig::sim {
 
@@ -18,8 +19,7 @@ struct FakeWire {
   static constexpr int kPatience_ms = 10'000;
 
   explicit FakeWire(Line line, const std::string& map_file = "isorig-gateway.toml", int timeout_ms = kPatience_ms)
-      : FakeWire(line, modbus::read_register_map(std::string(ISORIG_SOURCE_DIR "/config/frames/") + map_file),
-                 timeout_ms) {}
+      : FakeWire(line, modbus::read_register_map(test::source_path("/config/frames/") + map_file), timeout_ms) {}
 
   FakeWire(Line line, const modbus::RegisterMap& map, int timeout_ms = kPatience_ms) : fake(map.sample_rate_Hz) {
     ModbusServer::Options options;

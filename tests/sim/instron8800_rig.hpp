@@ -16,6 +16,7 @@
 #include "sim/rig.hpp"
 #include "sim/wire/frame/instron8800_controller.hpp"
 #include "sim/wire/frame/instron8800_server.hpp"
+#include "tree.hpp"
 
 namespace isorig::sim {
 
@@ -48,7 +49,7 @@ class Instron8800Rig : public ::testing::Test {
     server_.reset();
     faults_.panel = faults_.watchdog_off = true;  // a controller that was just switched on
     truth_.clear();
-    auto sim = load_sim(ISORIG_SOURCE_DIR "/config/rigs/sim-8800.toml");
+    auto sim = load_sim(test::source_path("/config/rigs/sim-8800.toml"));
     sim.frame.request = sim.frame.reply = {0.0, 0.0, 0.0, 0.0};
     sim.frame.heartbeat_timeout_s = kPatience_s;  // the crosshead's, behind the controller: not what is tested
     RigOptions live;

@@ -9,6 +9,7 @@
 #include <sstream>
 
 #include "fake_wire.hpp"
+#include "tree.hpp"
 
 namespace isorig::sim {
 namespace {
@@ -225,7 +226,7 @@ TEST_P(ModbusWire, HeartbeatReachesTheFrameAndComesBack) {
 }
 
 TEST(ModbusWireMaps, NarrowCounterIsExtended) {
-  std::ifstream in(ISORIG_SOURCE_DIR "/config/frames/isorig-gateway.toml");
+  std::ifstream in(test::source_path("/config/frames/isorig-gateway.toml"));
   std::ostringstream file;
   file << in.rdbuf();
   auto text = file.str();

@@ -14,6 +14,7 @@
 #include "drivers/clock/real_clock.hpp"
 #include "drivers/pressure/alicat_regulator.hpp"
 #include "sim/wire/pressure/regulator_server.hpp"
+#include "tree.hpp"
 
 namespace isorig::sim {
 namespace {
@@ -22,12 +23,12 @@ using drivers::DeviceError;
 using drivers::Fault;
 using ::testing::HasSubstr;
 
-const std::string kMap = ISORIG_SOURCE_DIR "/config/regulators/alicat.toml";
+const std::string kMap = test::source_path("/config/regulators/alicat.toml");
 
 class Regulator : public ::testing::TestWithParam<bool> {
  protected:
   void SetUp() override {
-    auto sim = load_sim(ISORIG_SOURCE_DIR "/config/rigs/sim-8800-regulator.toml");
+    auto sim = load_sim(test::source_path("/config/rigs/sim-8800-regulator.toml"));
     sim.pressure.watchdog_s = 60.0;
     RigOptions live;
     live.start_ns = clock_.now_ns();

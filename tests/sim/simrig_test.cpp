@@ -20,13 +20,14 @@
 #include "messages/elvh.hpp"
 #include "sim/wire/control_socket.hpp"
 #include "sim/wire/wire_rig.hpp"
+#include "tree.hpp"
 
 namespace isorig::sim {
 namespace {
 
 using testing::HasSubstr;
 
-const std::string kRig = ISORIG_SOURCE_DIR "/config/rigs/sim-wire.toml";
+const std::string kRig = test::source_path("/config/rigs/sim-wire.toml");
 
 /// The program as a child, its output read until it is ready.
 class Simrig {
@@ -42,10 +43,10 @@ class Simrig {
       for (auto i = rig.find(from); i != std::string::npos; i = rig.find(from, i + to.size()))
         rig.replace(i, from.size(), to);
     };
-    replace("\"../", "\"" ISORIG_SOURCE_DIR "/config/");
+    replace("\"../", "\"" + test::source_path("/config/"));
     replace("ring_samples = 256", "ring_samples = " + ring_samples);
     std::ofstream(file("rig.toml")) << rig;
-    std::vector<std::string> words{ISORIG_BIN_DIR "/isorig-simrig",
+    std::vector<std::string> words{test::program_path("/isorig-simrig"),
                                    "--rig",
                                    file("rig.toml"),
                                    "--port",
@@ -313,8 +314,8 @@ TEST(Simrig, TheHeartbeatStopsTheFrameByItself) {
 
 TEST(Simrig, ARigFileForAnotherDriverIsRefusedWithItsPlace) {
   std::array<char, 512> line{};
-  std::FILE* out =
-      ::popen((ISORIG_BIN_DIR "/isorig-simrig --rig " ISORIG_SOURCE_DIR "/config/rigs/sim.toml 2>&1"), "r");
+  std::FILE* out = ::popen(
+      (test::program_path("/isorig-simrig --rig ") + test::source_path("/config/rigs/sim.toml 2>&1")).c_str(), "r");
   std::string text;
   while (std::fgets(line.data(), line.size(), out) != nullptr) text += line.data();
   EXPECT_EQ(WEXITSTATUS(::pclose(out)), 3);

@@ -21,6 +21,7 @@
 #include "sim/rig.hpp"
 #include "sim/wire/frame/instron8800_server.hpp"
 #include "sim/wire/frame/modbus_server.hpp"
+#include "tree.hpp"
 
 namespace isorig::sim {
 
@@ -93,7 +94,7 @@ class StopWireRig {
   };
 
   StopWireRig(Wire wire, const Times& times) : wire_(wire) {
-    auto sim = load_sim(ISORIG_SOURCE_DIR "/config/rigs/sim-wire.toml");
+    auto sim = load_sim(test::source_path("/config/rigs/sim-wire.toml"));
     sim.frame.request = sim.frame.reply = {0.0, 0.0, 0.0, 0.0};
     sim.frame.exchange_interval_ms = 0.0;
     sim.frame.ring_samples = 4096;
@@ -197,7 +198,7 @@ class StopWireRig {
 
   std::unique_ptr<frame::Device> make_modbus(const Times& times) {
     ModbusServer::Options options;
-    options.map = modbus::read_register_map(ISORIG_SOURCE_DIR "/config/frames/isorig-gateway.toml");
+    options.map = modbus::read_register_map(test::source_path("/config/frames/isorig-gateway.toml"));
     options.tcp = wire_ == Wire::kModbusTcp;
     options.pty = !options.tcp;
     modbus_ = std::make_unique<ModbusServer>(options, rig_->frame(), gateway_faults_);

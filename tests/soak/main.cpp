@@ -11,6 +11,7 @@
 #include "base/text_file.hpp"
 #include "play.hpp"
 #include "real.hpp"
+#include "tree.hpp"
 
 /// soak: a protocol with random faults in virtual time, seed by seed; or the daemon in real time under load
 /// (docs/soak.md).
@@ -149,8 +150,8 @@ int main(int argc, char** argv) {
   using namespace isorig::soak;
   CLI::App app{"A protocol with random faults in virtual time, seed by seed"};
   Options o;
-  o.play.rig = std::string(ISORIG_SOURCE_DIR) + "/config/rigs/sim.toml";
-  o.play.protocol = std::string(ISORIG_SOURCE_DIR) + "/config/protocols/vma-isovelocity.toml";
+  o.play.rig = isorig::test::source_path() + "/config/rigs/sim.toml";
+  o.play.protocol = isorig::test::source_path() + "/config/protocols/vma-isovelocity.toml";
   app.add_option("--seeds", o.seeds, "FIRST..LAST, or one")->capture_default_str();
   app.add_option("--protocol", o.play.protocol, "Protocol file")->capture_default_str();
   app.add_option("--rig", o.play.rig, "Rig file, simulated")->capture_default_str();

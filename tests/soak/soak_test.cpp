@@ -9,13 +9,14 @@
 #include "growth.hpp"
 #include "play.hpp"
 #include "schedule.hpp"
+#include "tree.hpp"
 
 /// What judges a soak has to be able to find something, and to find the same again.
 namespace isorig::soak {
 namespace {
 
 std::string source(const std::string& path) {
-  return std::string(ISORIG_SOURCE_DIR) + "/" + path;
+  return isorig::test::source_path() + "/" + path;
 }
 
 TEST(Soak, ASeedIsTheSameRunAgain) {

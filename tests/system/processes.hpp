@@ -17,15 +17,17 @@
 #include <thread>
 #include <vector>
 
+#include "tree.hpp"
+
 /// What a test needs to look at the programs from outside: a folder of its own, children that never outlive it, time
 /// limits everywhere.
 namespace isorig::system_test {
 
 inline std::string bin(const std::string& program) {
-  return std::string(ISORIG_BIN_DIR) + "/" + program;
+  return test::program_path() + "/" + program;
 }
 inline std::string source(const std::string& path) {
-  return std::string(ISORIG_SOURCE_DIR) + "/" + path;
+  return test::source_path() + "/" + path;
 }
 
 inline std::string slurp(const std::filesystem::path& path) {

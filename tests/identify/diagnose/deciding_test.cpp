@@ -10,6 +10,7 @@
 #include <set>
 
 #include "identify/diagnose/deciding/deciding_table.hpp"
+#include "tree.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -60,7 +61,7 @@ TEST_F(Deciding, EveryNumberHasANameOfItsOwnAndADerivation) {
 
 TEST_F(Deciding, EveryNumberIsReadWhereItDecides) {
   std::string code;
-  for (const auto& entry : fs::recursive_directory_iterator(ISORIG_SOURCE_DIR "/identify"))
+  for (const auto& entry : fs::recursive_directory_iterator(test::source_path("/identify")))
     if (entry.path().extension() == ".cpp" || entry.path().extension() == ".hpp") code += read(entry.path());
   for (const DecidingNumber& one : deciding_numbers())
     EXPECT_THAT(code.find("deciding()." + std::string(one.name)), testing::Ne(std::string::npos))
@@ -68,7 +69,7 @@ TEST_F(Deciding, EveryNumberIsReadWhereItDecides) {
 }
 
 TEST_F(Deciding, TheTableIsDocumentedByItsCommand) {
-  EXPECT_THAT(read(ISORIG_SOURCE_DIR "/docs/diagnosis.md"), HasSubstr("isorig diagnose --deciding"));
+  EXPECT_THAT(read(test::source_path("/docs/diagnosis.md")), HasSubstr("isorig diagnose --deciding"));
   const std::string table = deciding_table();
   const auto json = deciding_json();
   ASSERT_EQ(json.size(), deciding_numbers().size());

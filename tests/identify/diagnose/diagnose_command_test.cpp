@@ -16,6 +16,7 @@
 #include <sstream>
 
 #include "concealed_specimen.hpp"
+#include "tree.hpp"
 
 namespace isorig {
 namespace {
@@ -32,7 +33,7 @@ struct Outcome {
 };
 
 Outcome isorig(const std::string& arguments) {
-  FILE* pipe = popen((std::string(ISORIG_BIN_DIR "/isorig ") + arguments + " 2>&1").c_str(), "r");
+  FILE* pipe = popen((test::program_path("/isorig ") + arguments + " 2>&1").c_str(), "r");
   Outcome out;
   char buffer[4096];
   while (std::fgets(buffer, sizeof buffer, pipe) != nullptr) out.text += buffer;
@@ -483,7 +484,7 @@ TEST_F(DiagnoseCommand, ChecksItsNamesOnSimulatedRecordings) {
 // Ctrl-C among the simulations costs the last few of them: the diagnosis stands, and the next call goes on.
 TEST_F(DiagnoseCommand, AnInterruptedNameCheckKeepsTheDiagnosisAndWhatWasSimulated) {
   const fs::path kept = out_ / "name-check.json";
-  const std::string command = std::string("exec " ISORIG_BIN_DIR "/isorig diagnose ") + recording_.string() +
+  const std::string command = "exec " + test::program_path("/isorig diagnose ") + recording_.string() +
                               " --model slse1 --no-report --threads 1 --out " + out_.string() +
                               " --check-names 100000 >" + (folder_ / "log").string() + " 2>&1";
   const pid_t pid = ::fork();

@@ -10,6 +10,7 @@
 #include <string>
 
 #include "model/catalogue.hpp"
+#include "tree.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -29,7 +30,7 @@ bool is_response(const std::filesystem::path& file) {
 
 std::vector<std::filesystem::path> sources(const char* room) {
   std::vector<std::filesystem::path> out;
-  for (const auto& entry : std::filesystem::recursive_directory_iterator(std::string(ISORIG_SOURCE_DIR) + room))
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(test::source_path() + room))
     if (!is_response(entry.path()) && (entry.path().extension() == ".cpp" || entry.path().extension() == ".hpp"))
       out.push_back(entry.path());
   return out;

@@ -9,6 +9,8 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "tree.hpp"
+
 namespace isorig {
 namespace {
 
@@ -23,7 +25,7 @@ struct Said {
 
 Said isorig_pool(const std::string& arguments) {
   Said out;
-  FILE* pipe = ::popen((std::string(ISORIG_BIN_DIR) + "/isorig pool " + arguments + " 2>&1").c_str(), "r");
+  FILE* pipe = ::popen((test::program_path() + "/isorig pool " + arguments + " 2>&1").c_str(), "r");
   std::array<char, 4096> buffer{};
   for (std::size_t n = 0; (n = std::fread(buffer.data(), 1, buffer.size(), pipe)) > 0;)
     out.text.append(buffer.data(), n);

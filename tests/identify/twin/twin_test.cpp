@@ -14,6 +14,7 @@
 #include "identify/diagnose/forecast.hpp"
 #include "messages/recording.hpp"
 #include "model/catalogue.hpp"
+#include "tree.hpp"
 
 namespace isorig::identify::twin {
 namespace {
@@ -81,7 +82,7 @@ messages::Recording recorded(int strokes, std::uint64_t seed, const model::Model
   fs::remove_all(dir);
   fs::create_directories(dir);
   std::ofstream(dir / "strokes.toml") << protocol(strokes);
-  auto rig = daemon::load_rig(fs::path(ISORIG_SOURCE_DIR) / "config/rigs/sim.toml");
+  auto rig = daemon::load_rig(fs::path(test::source_path()) / "config/rigs/sim.toml");
   if (effects != nullptr) rig.sim->physics = sim::PhysicsConfig{*effects, false, 5.0};
   daemon::VirtualRunOptions options;
   options.start.protocol_text = protocol(strokes);

@@ -14,6 +14,7 @@
 #include "base/toml_reader.hpp"
 #include "judge.hpp"
 #include "model/effect_sheets.hpp"
+#include "tree.hpp"
 
 namespace isorig::test {
 
@@ -283,7 +284,7 @@ INSTANTIATE_TEST_SUITE_P(Catalogue, EffectSheet, testing::ValuesIn(every_law_of_
                          [](const auto& law) { return test_name(law.param); });
 
 TEST(EffectSheets, TheDocumentIsWhatTheCommandPrints) {
-  const std::string file = base::read_text_file(std::string(ISORIG_SOURCE_DIR) + "/docs/effect-sheets.md");
+  const std::string file = base::read_text_file(test::source_path() + "/docs/effect-sheets.md");
   EXPECT_TRUE(file == model::effect_sheets_document())
       << "write it again: build/bin/isorig effects --markdown > docs/effect-sheets.md";
 }
