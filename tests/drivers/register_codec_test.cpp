@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <limits>
+#include <ostream>
 
 namespace isorig::modbus {
 namespace {
@@ -23,6 +24,10 @@ constexpr OrderCase kCases[] = {
     {WordOrder::kBADC, {0x4940, 0xDB0F}, {0xFFFF, 0xFEFF}, 0x3412},
     {WordOrder::kDCBA, {0xDB0F, 0x4940}, {0xFEFF, 0xFFFF}, 0x3412},
 };
+
+void PrintTo(const OrderCase& c, std::ostream* out) {
+  for (const std::uint16_t word : c.pi) *out << std::hex << word;
+}
 
 class EveryOrder : public testing::TestWithParam<OrderCase> {};
 

@@ -4,7 +4,9 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cctype>
 #include <fstream>
+#include <ostream>
 #include <sstream>
 #include <string>
 #include <string_view>
@@ -111,6 +113,11 @@ struct BadMap {
   const char* to;
   const char* says;
 };
+
+/// Its reason, as a test can be called.
+void PrintTo(const BadMap& map, std::ostream* out) {
+  for (const char c : std::string_view(map.says)) *out << (std::isalnum(static_cast<unsigned char>(c)) != 0 ? c : '_');
+}
 
 class BadMaps : public testing::TestWithParam<BadMap> {};
 

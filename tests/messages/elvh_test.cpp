@@ -2,6 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <iomanip>
+#include <ostream>
+
 namespace isorig::messages {
 namespace {
 
@@ -71,6 +74,10 @@ struct SingleWord {
   uint32_t raw_word;
   uint16_t issues;
 };
+
+void PrintTo(const SingleWord& word, std::ostream* out) {
+  *out << std::hex << std::setw(8) << std::setfill('0') << word.raw_word;
+}
 
 class ElvhSingleWord : public testing::TestWithParam<SingleWord> {};
 

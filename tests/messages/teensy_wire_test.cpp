@@ -78,6 +78,10 @@ struct CobsVector {
   Bytes frame;
 };
 
+void PrintTo(const CobsVector& vector, std::ostream* out) {
+  *out << vector.name;
+}
+
 class Cobs : public testing::TestWithParam<CobsVector> {};
 
 TEST_P(Cobs, Vector) {

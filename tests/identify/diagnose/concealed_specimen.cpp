@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <ostream>
 #include <random>
+#include <utility>
 
 namespace isorig::test {
 namespace {
@@ -214,6 +216,71 @@ messages::Recording record_other(const ConcealedSpecimen& specimen) {
   s.sine(0.75, 0.5, 4);
   s.hold(5.0);
   return run(specimen, s, false);
+}
+
+void PrintTo(const ConcealedSpecimen& specimen, std::ostream* out) {
+  static constexpr std::pair<const char*, double ConcealedSpecimen::*> kNumbers[] = {
+      {"stiffness_N_mm", &ConcealedSpecimen::stiffness_N_mm},
+      {"arm_N_mm", &ConcealedSpecimen::arm_N_mm},
+      {"arm_s", &ConcealedSpecimen::arm_s},
+      {"elongation_at_zero_mm", &ConcealedSpecimen::elongation_at_zero_mm},
+      {"friction_N", &ConcealedSpecimen::friction_N},
+      {"presliding_mm", &ConcealedSpecimen::presliding_mm},
+      {"wen_exponent", &ConcealedSpecimen::wen_exponent},
+      {"wen_sigma", &ConcealedSpecimen::wen_sigma},
+      {"quadratic_N_mm2", &ConcealedSpecimen::quadratic_N_mm2},
+      {"second_arm_N_mm", &ConcealedSpecimen::second_arm_N_mm},
+      {"second_arm_s", &ConcealedSpecimen::second_arm_s},
+      {"power", &ConcealedSpecimen::power},
+      {"coupling_N_mm_psi", &ConcealedSpecimen::coupling_N_mm_psi},
+      {"softening_N_mm", &ConcealedSpecimen::softening_N_mm},
+      {"softening_travel_mm", &ConcealedSpecimen::softening_travel_mm},
+      {"lag_s", &ConcealedSpecimen::lag_s},
+      {"delay_s", &ConcealedSpecimen::delay_s},
+      {"mass_kg", &ConcealedSpecimen::mass_kg},
+      {"drift_N_h", &ConcealedSpecimen::drift_N_h},
+      {"slip_mm", &ConcealedSpecimen::slip_mm},
+      {"slip_s", &ConcealedSpecimen::slip_s},
+      {"slip_creep_s", &ConcealedSpecimen::slip_creep_s},
+      {"gap_mm", &ConcealedSpecimen::gap_mm},
+      {"fung_1_mm", &ConcealedSpecimen::fung_1_mm},
+      {"relaxation_1_mm", &ConcealedSpecimen::relaxation_1_mm},
+      {"shortening_ratio", &ConcealedSpecimen::shortening_ratio},
+      {"lengthening_N_s_mm", &ConcealedSpecimen::lengthening_N_s_mm},
+      {"shortening_N_s_mm", &ConcealedSpecimen::shortening_N_s_mm},
+      {"mullins_N_mm", &ConcealedSpecimen::mullins_N_mm},
+      {"mullins_mm", &ConcealedSpecimen::mullins_mm},
+      {"set_N_mm", &ConcealedSpecimen::set_N_mm},
+      {"load_share", &ConcealedSpecimen::load_share},
+      {"lock_N_mm", &ConcealedSpecimen::lock_N_mm},
+      {"lock_mm", &ConcealedSpecimen::lock_mm},
+      {"gas_N_psi", &ConcealedSpecimen::gas_N_psi},
+      {"gas_s", &ConcealedSpecimen::gas_s},
+      {"braid_angle_deg", &ConcealedSpecimen::braid_angle_deg},
+      {"gas_exponent", &ConcealedSpecimen::gas_exponent},
+      {"ripple_N", &ConcealedSpecimen::ripple_N},
+      {"ripple_mm", &ConcealedSpecimen::ripple_mm},
+      {"drag_N_s_mm2", &ConcealedSpecimen::drag_N_s_mm2},
+      {"friction_N_mm2", &ConcealedSpecimen::friction_N_mm2},
+      {"arm_N_mm3", &ConcealedSpecimen::arm_N_mm3},
+      {"arm_N_s_mm2", &ConcealedSpecimen::arm_N_s_mm2},
+      {"force_noise_N", &ConcealedSpecimen::force_noise_N},
+      {"coloured_N", &ConcealedSpecimen::coloured_N},
+      {"coloured_s", &ConcealedSpecimen::coloured_s},
+      {"position_noise_mm", &ConcealedSpecimen::position_noise_mm},
+      {"force_step_N", &ConcealedSpecimen::force_step_N},
+      {"pressure_wander_psi", &ConcealedSpecimen::pressure_wander_psi}};
+  const ConcealedSpecimen usual;
+  const char* between = "";
+  const auto say = [&](const char* name, auto value, auto usual_value) {
+    if (value != usual_value) *out << std::exchange(between, ",") << name << '=' << value;
+  };
+  for (const auto& [name, number] : kNumbers) say(name, specimen.*number, usual.*number);
+  say("slack", specimen.slack, usual.slack);
+  say("further_slips", specimen.further_slips.size(), usual.further_slips.size());
+  say("spikes", specimen.spikes, usual.spikes);
+  say("seed", specimen.seed, usual.seed);
+  if (*between == '\0') *out << "usual";
 }
 
 }  // namespace isorig::test

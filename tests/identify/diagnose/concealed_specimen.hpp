@@ -1,5 +1,6 @@
 #pragma once
 #include <functional>
+#include <iosfwd>
 #include <string>
 #include <utility>
 #include <vector>
@@ -57,6 +58,9 @@ struct ConcealedSpecimen {
   double pressure_wander_psi = 0.02;
   unsigned seed = 1;
 };
+
+/// What is not as it is by default: "friction_N=0.8,seed=3".
+void PrintTo(const ConcealedSpecimen& specimen, std::ostream* out);
 
 /// One shortened session: triangle, then +-2 mm at five velocities with holds and slow returns; 200 Hz round
 /// the ramps, 5 Hz else, stamps jittered. `slow` scales how long it takes.
