@@ -247,6 +247,6 @@ function(isorig_vm_test name)
   math(EXPR limit "${arg_TIMEOUT} + 30")  # the machine's own limit comes first, and says what it saw
   add_test(NAME vm.${name} COMMAND ${PROJECT_SOURCE_DIR}/virtual-bench/run
     --modules "${modules}" --qemu "${qemu}" --timeout ${arg_TIMEOUT} -- ${arg_COMMAND})
-  set_tests_properties(vm.${name} PROPERTIES LABELS vm RESOURCE_LOCK virtual_machine
+  set_tests_properties(vm.${name} PROPERTIES LABELS vm RESOURCE_LOCK virtual_machine COST 1000
     FIXTURES_REQUIRED virtual_bench TIMEOUT ${limit} ENVIRONMENT "${arg_ENVIRONMENT}")
 endfunction()
