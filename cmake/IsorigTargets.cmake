@@ -90,8 +90,8 @@ endfunction()
 
 # Several files of a target as one: what they all include is parsed once. isorig_recording, 18 files, needs 35 s of
 # processor time one by one, 17 s by eights, 16 s by sixteens, 14 s as one; 20 s by eights without the precompiled headers.
-# Eight: beyond, little is gained, and the second processor waits for the last file. For whoever compiles everything once
-# (the presets `run`, `asan`, `tsan`): after a change of one file the other seven are compiled too.
+# Eight: beyond, little is gained, and the second processor waits for the last file. After a change of one file the other
+# seven are compiled too: the preset `dev` is without.
 option(ISORIG_UNITY "Compile several files of a target at once" OFF)
 
 # isorig_unity(<target>)
