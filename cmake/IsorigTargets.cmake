@@ -197,7 +197,8 @@ endfunction()
 # REAL_TIME: a daemon and an emulated rig run in real time, both in other processes. With a compiler, a browser or a
 # diagnosis beside them two processors would be too few, and the emulated rig would miss its own deadlines; hence the two
 # processors that each asks of ctest. Beside each other they are harmless, since they wait most of the time: the label
-# real_time is for ./test, which runs them last, three at once.
+# real_time is for ./test, which runs them last, three at once (two where a browser or a compiler of documents works beside
+# the rig: PROCESSORS 3).
 # WHOLE: the program is a single test of ctest. Its tests share what takes longest, a diagnosis that each process of its own
 # would make again.
 function(isorig_test name)
@@ -230,8 +231,11 @@ function(isorig_test name)
     add_test(NAME ${name} COMMAND ${name})
     set_tests_properties(${name} PROPERTIES TIMEOUT ${arg_TIMEOUT} LABELS "${labels}" PROCESSORS ${processors})
   else()
-    gtest_discover_tests(${name} DISCOVERY_TIMEOUT 60
-      PROPERTIES TIMEOUT ${arg_TIMEOUT} LABELS "${labels}" PROCESSORS ${processors})
+    set(properties TIMEOUT ${arg_TIMEOUT} PROCESSORS ${processors})
+    if(labels)  # flattened, an empty one would make a label of the next word
+      list(APPEND properties LABELS "${labels}")
+    endif()
+    gtest_discover_tests(${name} DISCOVERY_TIMEOUT 60 PROPERTIES ${properties})
   endif()
 endfunction()
 

@@ -1,5 +1,6 @@
 #pragma once
 #include <memory>
+#include <ostream>
 #include <string>
 #include <utility>
 #include <vector>
@@ -12,6 +13,10 @@
 namespace isorig::sim {
 
 enum class Line { kTcp, kRtu };
+
+inline void PrintTo(Line line, std::ostream* out) {
+  *out << (line == Line::kTcp ? "TCP" : "RTU");
+}
 
 /// A fake frame, the emulator round it, and the driver at the other end of a real socket or pseudo-terminal.
 struct FakeWire {

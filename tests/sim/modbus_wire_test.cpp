@@ -24,6 +24,11 @@ struct Way {
   const char* map;
 };
 
+void PrintTo(const Way& way, std::ostream* out) {
+  PrintTo(way.line, out);
+  *out << ", " << way.map;
+}
+
 class ModbusWire : public testing::TestWithParam<Way> {
  protected:
   FakeWire rig{GetParam().line, GetParam().map};

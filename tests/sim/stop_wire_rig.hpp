@@ -10,6 +10,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <ostream>
 #include <string>
 #include <thread>
 #include <vector>
@@ -29,6 +30,10 @@ enum class Wire { kModbusTcp, kModbusRtu, kInstron8800 };
 
 inline std::string name_of(Wire wire) {
   return wire == Wire::kModbusTcp ? "ModbusTcp" : wire == Wire::kModbusRtu ? "ModbusRtu" : "Instron8800";
+}
+
+inline void PrintTo(Wire wire, std::ostream* out) {
+  *out << name_of(wire);
 }
 
 /// How long this machine let a thread that only sleeps wait beyond its time: what a limit in real time has to allow.

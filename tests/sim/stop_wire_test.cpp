@@ -11,6 +11,10 @@ struct Failure {
   bool by_itself;  ///< it passes, and the stop is confirmed then, without the frame's own watchdog
 };
 
+void PrintTo(const Failure& failure, std::ostream* out) {
+  *out << failure.name;
+}
+
 const Failure kFailures[] = {
     {"None", [](StopWireRig&) {}, true},
     {"BusyOnce", [](StopWireRig& r) { r.faults().busy = 1; }, true},

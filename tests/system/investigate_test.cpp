@@ -90,6 +90,10 @@ struct Case {
   const char* rival;  ///< tied with it after the first recording
 };
 
+void PrintTo(const Case& c, std::ostream* out) {
+  *out << c.name;
+}
+
 class Confusable : public testing::TestWithParam<Case> {};
 
 TEST_P(Confusable, IsTiedAtFirstAndSettledByTheDesignedExperiment) {

@@ -1,6 +1,7 @@
 #pragma once
 #include <functional>
 #include <iosfwd>
+#include <ostream>
 #include <span>
 #include <string>
 #include <string_view>
@@ -39,6 +40,10 @@ struct Case {
   /// False: the law is driven by an acceleration that runs straight between instants, which at a corner it does not.
   bool knows_corners = true;
 };
+
+inline void PrintTo(const Case& c, std::ostream* out) {
+  *out << c.physics << ", " << c.law;
+}
 
 /// Null when nobody wrote one: the tests then fail for that law.
 [[nodiscard]] const Judge* judge_of(std::string_view physics, std::string_view law);
