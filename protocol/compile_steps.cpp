@@ -29,6 +29,10 @@ void Compiler::pressurize(const Node& node, Step& out) {
     note(node.table, "pressure_psi",
          said(node, "pressure_psi", out.pressure_psi) + "; the rig allows at most " +
              number_text(limits_.pressure_max_psi) + " (limits.pressure_max_psi)");
+  } else if (out.pressure_psi > limits_.regulator_max_psi && all_well(node, {"pressure_psi"})) {
+    note(node.table, "pressure_psi",
+         said(node, "pressure_psi", out.pressure_psi) + "; the rig's regulator takes at most " +
+             number_text(limits_.regulator_max_psi) + " (regulator.max_psi)");
   }
   if (out.rate_psi_s > limits_.pressure_rate_max_psi_s && all_well(node, {"rate_psi_s"})) {
     note(node.table, "rate_psi_s",

@@ -25,6 +25,7 @@ struct Limits {
   double force_max_N = kNone;
   double force_rate_max_N_s = kNone;
   double pressure_max_psi = kNone;         ///< gauge
+  double regulator_max_psi = kNone;        ///< of the set-point: [regulator] max_psi, where there is one
   double pressure_rate_max_psi_s = kNone;  ///< of the set-point
   /// Shortest time between two segments that the frame's link sustains; bounds how finely a sine is cut. A
   /// rig file that does not say has 0.05 s.

@@ -122,7 +122,7 @@ pressure::Command PressureLoop::update(std::int64_t mono_ns, double pressure_psi
     const double trim = std::clamp(integral_psi_s_ / config_.integral_time_s, -1.0, 1.0);
     integral_psi_s_ = trim * config_.integral_time_s;
     // The fill valve, where there is one, is the regulator's supply: shut when nobody regulates.
-    command_ = {1000, 0, static_cast<float>(std::max(0.0, reference_psi_ + trim))};
+    command_ = {1000, 0, static_cast<float>(std::clamp(reference_psi_ + trim, 0.0, config_.regulator_max_psi))};
     const bool there = std::abs(target_psi_ - reference_psi_) < 1e-9;
     if (!there || std::abs(target_psi_ - pressure_psi) <= config_.unreachable_error_psi) {
       saturated_since_ns_ = -1;

@@ -1,5 +1,6 @@
 #pragma once
 #include <cstdint>
+#include <limits>
 
 #include "drivers/api/pressure.hpp"
 
@@ -35,7 +36,8 @@ namespace isorig::daemon {
 
 struct PressureLoopConfig {
   enum class Actuator : std::uint8_t { kValves, kRegulator } actuator = Actuator::kValves;
-  double supply_psi = 45.0;      ///< gauge
+  double supply_psi = 45.0;                                            ///< gauge
+  double regulator_max_psi = std::numeric_limits<double>::infinity();  ///< it refuses a larger set-point, trim included
   double fill_gain_per_s = 0.4;  ///< full-duty rate over absolute upstream pressure, nominal volume
   double vent_gain_per_s = 0.4;
   double proportional_per_s = 25.0;

@@ -166,7 +166,8 @@ class Host {
   [[nodiscard]] nlohmann::json check_json(const std::string& protocol_text, const std::string& protocol_name) const;
   /// Those among the runs and in Options::diagnoses.
   [[nodiscard]] const Diagnoses& diagnoses() const noexcept { return diagnoses_; }
-  /// Keeps a record and puts it in force at once. Throws base::ConfigError when the record is wrong.
+  /// Keeps a record and puts it in force at once. When the loop does not take it, it is put in force before the next
+  /// run starts. Throws base::ConfigError when the record is wrong.
   Result add_calibration(const std::string& record_toml);
   /// Calibrations whose date is over, a line each.
   [[nodiscard]] std::vector<std::string> overdue() const;
@@ -189,6 +190,7 @@ class Host {
   void reserve_folder(Prepared& prepared);
   void describe_run(const Status& now, Prepared& prepared);
   Result begin(const Status& now, Prepared& prepared, Request::Verb verb);
+  Result put_in_force();
   void note_rig_changes();
   [[nodiscard]] static std::string outcome_text(const Run& run, Outcome outcome);
 
@@ -227,8 +229,9 @@ class Host {
   std::string last_fault_;
   RecorderStatus recorder_status_;
   EventHistory events_;
-  std::optional<RigAcceptance> acceptance_;  // none in virtual time
-  calibration::Store records_;
+  std::optional<RigAcceptance> acceptance_;    // none in virtual time
+  calibration::Store records_;                 ///< those in force
+  std::optional<calibration::Store> waiting_;  ///< ... and those that are kept, when the loop has not taken them yet
   LiveStreams live_;
   LiveWindow window_;
 };

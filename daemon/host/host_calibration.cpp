@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <fstream>
+#include <utility>
 
 #include "base/toml_reader.hpp"
 #include "calibration/date.hpp"
@@ -88,7 +89,7 @@ json Host::readings_json(double window_s) const {
 json Host::calibrations_json() const {
   std::lock_guard lock(mutex_);
   json all = json::array();
-  for (const auto& r : records_.records()) {
+  for (const auto& r : (waiting_ ? *waiting_ : records_).records()) {
     all.push_back({{"id", r.id},
                    {"channel", name_of(r.channel)},
                    {"mode", name_of(r.mode)},
@@ -177,26 +178,42 @@ Host::Result Host::add_calibration(const std::string& record_toml) {
   if (state != RunState::kIdle && state != RunState::kReady) {
     return {false, std::string("the rig is ") + to_text(state) + ": a calibration is put in force between runs", {}};
   }
+  if (const auto why = why_not_in_force(rig_, record); !why.empty()) {
+    return {false, "the record " + record.id + " is not kept: " + why, {}};
+  }
   // A copy is written, so that nobody who looks waits for the disk.
   auto records = [this] {
     const std::lock_guard lock(mutex_);
-    return records_;
+    return waiting_ ? *waiting_ : records_;
   }();
   records.add(record);
-  Request request;
-  request.verb = Request::Verb::kCalibrate;
-  request.calibration = corrections_of(records);
   {
     const std::lock_guard lock(mutex_);
-    records_ = std::move(records);
+    waiting_ = std::move(records);
   }
-  const auto taken = ask(request);
+  const auto taken = put_in_force();
   if (!taken.ok) {
     return {false,
-            "the record " + record.id + " is kept, but not in force before the daemon starts again: " + taken.text,
+            "the record " + record.id + " is kept, and put in force before the next run starts; not now: " + taken.text,
             {}};
   }
   return {true, "calibration " + record.id + " is in force, due on " + record.due, {}};
+}
+
+/// What waits. With start_mutex_ held. The loop decides: it may have left ready meanwhile, or not answer.
+Host::Result Host::put_in_force() {
+  Request request;
+  request.verb = Request::Verb::kCalibrate;
+  {
+    const std::lock_guard lock(mutex_);
+    if (!waiting_) return {true, {}, {}};
+    request.calibration = corrections_of(*waiting_);
+  }
+  auto taken = ask(request);
+  if (!taken.ok) return taken;
+  const std::lock_guard lock(mutex_);
+  records_ = *std::exchange(waiting_, std::nullopt);
+  return taken;
 }
 
 /// What a recording was made with. Nothing of it may differ between two machines in virtual time, where recordings are

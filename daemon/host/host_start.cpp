@@ -43,6 +43,11 @@ Host::Result Host::start(const StartOptions& options) {
                 "; a protocol starts from ready (isorig status)",
             {}};
   }
+  armed_.reset();
+  // What corrects the samples has to be what the run's header says.
+  if (auto taken = put_in_force(); !taken.ok) {
+    return {false, "a calibration that is kept cannot be put in force: " + taken.text, {}};
+  }
   auto p = std::make_unique<Prepared>();
   if (auto refused = prepare(options, *p)) return *refused;
   if (!rig_.core.operating.arming_required) return begin(now, *p, Request::Verb::kStart);
@@ -202,9 +207,10 @@ std::optional<Host::Result> Host::take_saved_run(const StartOptions& options, Pr
   p.protocol_text = saved.protocol_text;
   p.protocol_name = saved.protocol_name;
   if (known->state == "aborted" && !options.resume_aborted) {
+    const std::string command = options_.virtual_time ? "isorig run --resume " : "isorig resume ";
     return Result{false,
-                  "run " + run.id + " was aborted by an operator; to go on with it all the same: isorig resume " +
-                      run.id + " --aborted",
+                  "run " + run.id + " was aborted by an operator; to go on with it all the same: " + command + run.id +
+                      " --aborted" + (options_.virtual_time ? " --rig " + rig_.path.string() : ""),
                   run.id};
   }
   if (known->rig != rig_.name) {

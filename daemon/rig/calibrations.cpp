@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cctype>
 
+#include "base/toml_reader.hpp"
 #include "calibration/date.hpp"
+#include "daemon/rig/config_checks.hpp"
 
 namespace isorig::daemon {
 
@@ -33,8 +35,29 @@ Calibration corrections_of(const calibration::Store& store) {
 }
 
 RigConfig with_calibration(RigConfig rig, const std::filesystem::path& runs_root) {
-  rig.core.calibration = corrections_of(open_records(rig, runs_root));
+  const auto records = open_records(rig, runs_root);
+  rig.core.calibration = corrections_of(records);
+  if (const auto why = why_no_calibration(rig); !why.empty()) {
+    throw base::ConfigError({{records.directory().string(), 0, 0, "the records in force: " + why}});
+  }
+  rig.services.fill_limits = fill_limits(rig);
   return rig;
+}
+
+std::string why_not_in_force(RigConfig rig, const calibration::Record& record) {
+  const auto& [scale, offset] = record.result.correction;
+  auto& c = rig.core.calibration;
+  if (record.channel == Channel::kPressure) {
+    c.pressure_scale = scale;
+    c.pressure_offset_psi = offset;
+  } else if (record.channel == Channel::kForce) {
+    c.force_scale = scale;
+    c.force_offset_N = offset;
+  } else {
+    c.position_scale = scale;
+    c.position_offset_mm = offset;
+  }
+  return why_no_calibration(rig);
 }
 
 nlohmann::json to_json(const calibration::Store& store) {

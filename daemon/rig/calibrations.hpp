@@ -17,8 +17,12 @@ namespace isorig::daemon {
 /// What the loop corrects with, when `store` is in force.
 [[nodiscard]] Calibration corrections_of(const calibration::Store& store);
 
-/// The rig with what its records put in force.
+/// The rig with what its records put in force, and what follows from that. Throws base::ConfigError when a record
+/// cannot be read or has a correction that no rig file may have.
 [[nodiscard]] RigConfig with_calibration(RigConfig rig, const std::filesystem::path& runs_root);
+
+/// Why `record` cannot be put in force on the rig, by the ranges of [calibration]; empty: it can.
+[[nodiscard]] std::string why_not_in_force(RigConfig rig, const calibration::Record& record);
 
 /// Per channel: correction, record, whether it is overdue.
 [[nodiscard]] nlohmann::json to_json(const calibration::Store& store);

@@ -190,6 +190,7 @@ void read_sides(const base::TomlTable& frame, const base::TomlTable& pressure, c
 
 void read_regulator(const base::TomlTable& t, const std::filesystem::path& directory, RigConfig& rig) {
   rig.regulator = pressure::read_regulator_config(t, directory);
+  rig.limits.regulator_max_psi = rig.core.pressure_loop.regulator_max_psi = rig.regulator->max_psi;
   auto& s = rig.core.supervisor;
   s.regulator_age_max_s = t.number_or("age_max_s", 0.5, base::kPositive);
   s.regulator_error_max_psi = t.number_or("error_max_psi", s.regulator_error_max_psi, base::kPositive);
@@ -258,7 +259,8 @@ void check_specimen(const base::TomlTable& root, const RigConfig& rig) {
   }
 }
 
-/// What the Teensy keeps to by itself. Half a psi above the limit: the daemon is to act first and to say why.
+}  // namespace
+
 pressure::FillLimits fill_limits(const RigConfig& rig) {
   constexpr double kMarginPsi = 0.5;
   const auto& loop = rig.core.pressure_loop;
@@ -275,8 +277,6 @@ pressure::FillLimits fill_limits(const RigConfig& rig) {
   }
   return limits;
 }
-
-}  // namespace
 
 RigConfig load_rig(const std::filesystem::path& path) {
   const auto document = base::TomlDocument::parse_file(path);

@@ -86,6 +86,10 @@ struct RigConfig {
   [[nodiscard]] bool simulated() const noexcept { return std::holds_alternative<SimulatedFrame>(frame) && !teensy; }
 };
 
+/// What the Teensy keeps to by itself. Half a psi above the limit: the daemon is to act first and to say why. They
+/// follow the calibration in `rig`, since the device knows the sensor's own pressure alone.
+[[nodiscard]] pressure::FillLimits fill_limits(const RigConfig& rig);
+
 /// Reads and validates. Throws base::ConfigError with everything that is wrong.
 [[nodiscard]] RigConfig load_rig(const std::filesystem::path& path);
 

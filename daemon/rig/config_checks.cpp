@@ -4,6 +4,7 @@
 #include <cmath>
 #include <sstream>
 #include <string>
+#include <vector>
 
 #include "base/formatted.hpp"
 #include "base/number_text.hpp"
@@ -46,12 +47,17 @@ void check_travel_and_force(const RigConfig& rig, const Keys& k) {
           10.0, "s", "a segment takes at least one turn of poll_period_ms");
 }
 
+// Three times the sensor's total error band of 0.3 psi, and noise: below that a reading at the end of its range does
+// not exceed the limit for certain.
+constexpr double kHeadRoom_psi = 1.0;
+
+/// What the sensor reads at the end of its range.
+double top_pressure_psi(const Calibration& c) {
+  return c.pressure_scale * messages::kElvhSpanPsi + c.pressure_offset_psi;
+}
+
 void check_pressure_limits(const RigConfig& rig, const Keys& k) {
-  // Three times the sensor's total error band of 0.3 psi, and noise: below that a reading at the end of its range does
-  // not exceed the limit for certain.
-  constexpr double kHeadRoom_psi = 1.0;
-  const auto& c = rig.core.calibration;
-  const double top_psi = c.pressure_scale * messages::kElvhSpanPsi + c.pressure_offset_psi;
+  const double top_psi = top_pressure_psi(rig.core.calibration);
   k.range("pressure_max_psi", rig.limits.pressure_max_psi, 0.1, top_psi - kHeadRoom_psi, "psi",
           "the sensor's range ends at " + number_text(top_psi) +
               " psi as [calibration] has it, and limit.pressure has to trip before");
@@ -59,24 +65,38 @@ void check_pressure_limits(const RigConfig& rig, const Keys& k) {
           "no valve of this kind fills faster, so the limit would be none");
 }
 
-void check_calibration(const RigConfig& rig, const Keys& k) {
+struct CalibrationRange {
+  const char* key;
+  double value, low, high;
+  const char* unit;
+  std::string why;
+};
+
+std::vector<CalibrationRange> calibration_ranges(const RigConfig& rig) {
   const auto& c = rig.core.calibration;
-  const auto scale = [&](const char* key, double value, const char* negative) {
-    k.range(key, value, 0.5, 2.0, "",
-            std::string("a channel that is off by more is wired, mapped or read wrong; ") + negative);
+  const auto scale = [](const char* key, double value, const char* negative) {
+    return CalibrationRange{
+        key, value, 0.5,
+        2.0, "",    std::string("a channel that is off by more is wired, mapped or read wrong; ") + negative};
   };
-  scale("position_scale", c.position_scale,
-        "a negative scale turns every motion round: correct the sign in the frame's register map");
-  scale("force_scale", c.force_scale,
-        "a negative scale turns tension into compression, and force_max_N no longer protects: correct the sign in the "
-        "frame");
-  scale("pressure_scale", c.pressure_scale, "a negative scale makes the loop fill when it has to vent");
-  k.range("position_offset_mm", c.position_offset_mm, -2000.0, 2000.0, "mm", "no frame of this kind travels further");
   const double force_N = rig.limits.force_max_N - rig.limits.force_min_N;
-  k.range("force_offset_N", c.force_offset_N, -force_N, force_N, "N",
-          "a larger one leaves no force within force_min_N to force_max_N");
-  k.range("pressure_offset_psi", c.pressure_offset_psi, -2.0, 2.0, "psi",
-          "the sensor's total error band is 0.3 psi; one that is off by more is broken");
+  return {
+      scale("position_scale", c.position_scale,
+            "a negative scale turns every motion round: correct the sign in the frame's register map"),
+      scale("force_scale", c.force_scale,
+            "a negative scale turns tension into compression, and force_max_N no longer protects: correct the sign in "
+            "the frame"),
+      scale("pressure_scale", c.pressure_scale, "a negative scale makes the loop fill when it has to vent"),
+      {"position_offset_mm", c.position_offset_mm, -2000.0, 2000.0, "mm", "no frame of this kind travels further"},
+      {"force_offset_N", c.force_offset_N, -force_N, force_N, "N",
+       "a larger one leaves no force within force_min_N to force_max_N"},
+      {"pressure_offset_psi", c.pressure_offset_psi, -2.0, 2.0, "psi",
+       "the sensor's total error band is 0.3 psi; one that is off by more is broken"},
+  };
+}
+
+void check_calibration(const RigConfig& rig, const Keys& k) {
+  for (const auto& r : calibration_ranges(rig)) k.range(r.key, r.value, r.low, r.high, r.unit, r.why);
 }
 
 void check_supervisor(const RigConfig& rig, const Keys& k, const Watchdogs& dogs) {
@@ -260,6 +280,20 @@ void check_interlock(const RigConfig& rig, const Keys& k) {
 }
 
 }  // namespace
+
+std::string why_no_calibration(const RigConfig& rig) {
+  for (const auto& r : calibration_ranges(rig)) {
+    if (r.value >= r.low && r.value <= r.high) continue;
+    const auto unit = r.unit[0] == '\0' ? std::string() : std::string(" ") + r.unit;
+    return std::string(r.key) + " = " + number_text(r.value) + unit + "; it has to be from " + number_text(r.low) +
+           " to " + number_text(r.high) + unit + ": " + r.why;
+  }
+  const double top_psi = top_pressure_psi(rig.core.calibration);
+  if (rig.limits.pressure_max_psi <= top_psi - kHeadRoom_psi) return {};
+  return "the sensor's range ends at " + number_text(top_psi) +
+         " psi by it, and [limits] pressure_max_psi = " + number_text(rig.limits.pressure_max_psi) + " has to lie " +
+         number_text(kHeadRoom_psi) + " psi below, or limit.pressure cannot trip";
+}
 
 void check_rig(const RigConfig& rig, const TomlTable& root) {
   const auto dogs = watchdogs_of(rig, root);

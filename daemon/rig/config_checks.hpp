@@ -1,4 +1,6 @@
 #pragma once
+#include <string>
+
 #include "base/toml_reader.hpp"
 
 namespace isorig::daemon {
@@ -12,6 +14,10 @@ struct RigConfig;
 ///
 /// `root` is the rig's whole document; of its tables only those keys are looked at whose reader accepted them.
 void check_rig(const RigConfig& rig, const base::TomlTable& root);
+
+/// Why the rig's calibration cannot be in force, by the ranges that its file is held to; empty: it can. For corrections
+/// that come from elsewhere, the records.
+[[nodiscard]] std::string why_no_calibration(const RigConfig& rig);
 
 /// The watchdogs of the rig's devices: without a heartbeat for so long they stop by themselves. Of an emulated or
 /// simulated rig as its [sim] has them; of a real one the longest that the wire protocols' documents allow.

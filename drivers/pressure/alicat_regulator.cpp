@@ -94,7 +94,7 @@ void AlicatRegulator::valve(std::uint16_t argument) {
 }
 
 void AlicatRegulator::regulate(float setpoint_psi) {
-  if (!(setpoint_psi >= 0.0F && double{setpoint_psi} <= config_.max_psi)) {
+  if (!(setpoint_psi >= 0.0F && setpoint_psi <= static_cast<float>(config_.max_psi))) {
     throw DeviceError(Fault::kRefused, at() + "a set-point of " + number_text(double{setpoint_psi}) +
                                            " psi is outside 0 to max_psi = " + number_text(config_.max_psi));
   }

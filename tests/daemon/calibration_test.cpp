@@ -228,6 +228,63 @@ TEST_F(CalibratedRig, EveryRecordingSaysWhatCorrectedIt) {
   EXPECT_NEAR(again.core.calibration.pressure_offset_psi, -0.18, 1e-3);
 }
 
+/// The Teensy knows the sensor's own pressure: its limit lies half a psi above the calibrated one.
+TEST_F(CalibratedRig, TheDevicesOwnLimitFollowsTheRecords) {
+  open();
+  keep(record_of(Channel::kPressure, points_of_a_run(pressurize({5, 10, 15}), 3, Channel::kPressure)));
+  host_.reset();
+  const auto again = with_calibration(config_, folder_.path() / "runs");
+  const auto& c = again.core.calibration;
+  EXPECT_NEAR(c.pressure_scale, 1.0 / 1.012, 1e-3);
+  EXPECT_NEAR(again.services.fill_limits.pressure_max_psi * c.pressure_scale + c.pressure_offset_psi,
+              config_.limits.pressure_max_psi + 0.5, 1e-6);
+}
+
+TEST_F(CalibratedRig, ACorrectionThatNoRigFileMayHaveIsNotKept) {
+  open();
+  const auto force = record_of(Channel::kForce, {{0.0, 5000.0, 0.01, 0.0}}, Mode::kZero);
+  const auto refused = host_->add_calibration(to_toml(force));
+  EXPECT_FALSE(refused.ok);
+  EXPECT_THAT(refused.text, HasSubstr("is not kept: force_offset_N = -5000 N; it has to be from"));
+  EXPECT_TRUE(host_->calibrations_json()["records"].empty());
+  // One that was put among the records by other means stops a daemon before it corrects with it.
+  auto records = open_records(config_, folder_.path() / "runs");
+  records.add(force);
+  EXPECT_THROW((void)with_calibration(config_, folder_.path() / "runs"), base::ConfigError);
+}
+
+/// Somebody enters setup while the record is being written: it is in force before a run's header says so.
+TEST_F(CalibratedRig, ARecordThatTheLoopDidNotTakeComesIntoForceWithTheNextRun) {
+  open();
+  const auto record = record_of(Channel::kPressure, {point(Channel::kPressure)}, Mode::kZero);
+  Request setup;
+  setup.verb = Request::Verb::kSetup;
+  rig_->core().requests.push(setup);
+  const auto kept = host_->add_calibration(to_toml(record));
+  EXPECT_FALSE(kept.ok);
+  EXPECT_THAT(kept.text, HasSubstr("put in force before the next run starts"));
+  auto shown = host_->calibrations_json();
+  EXPECT_EQ(shown["records"].size(), 1U);
+  EXPECT_EQ(shown["in_force"]["pressure"]["id"], "");
+  EXPECT_NEAR(host_->readings_json(0.1)["pressure"]["calibrated"], host_->readings_json(0.1)["pressure"]["raw"], 1e-12);
+
+  ASSERT_TRUE(host_->verb(Request::Verb::kLeaveSetup).ok);
+  run_until([&] { return rig_->core().state() == RunState::kReady; });
+  const auto started = host_->start(protocol(pressurize({5})));
+  ASSERT_TRUE(started.ok) << started.text;
+  EXPECT_EQ(host_->calibrations_json()["in_force"]["pressure"]["id"], record.id);
+  run_until([&] { return !host_->run_open(); });
+  ExportOptions options;
+  options.run_id = host_->run_id();
+  (void)export_run(host_->run_directory(), folder_.path() / "out", options);
+  const auto exported = messages::read_recording(folder_.path() / "out" / "rep-1_5-psi");
+  EXPECT_EQ(toml::parse(exported.metadata.further_toml)["calibration"]["pressure"]["id"].value_or(std::string()),
+            record.id);
+  EXPECT_NEAR(host_->readings_json(0.1)["pressure"]["calibrated"].get<double>() -
+                  host_->readings_json(0.1)["pressure"]["raw"].get<double>(),
+              record.result.correction.offset, 1e-12);
+}
+
 TEST_F(CalibratedRig, AnOverdueOneWarnsOrRefuses) {
   open();
   auto record = record_of(Channel::kPressure, {point(Channel::kPressure)}, Mode::kCheck);

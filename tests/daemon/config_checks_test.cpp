@@ -4,9 +4,12 @@
 
 #include <filesystem>
 #include <fstream>
+#include <memory>
 #include <sstream>
 
+#include "daemon/core/pressure_loop.hpp"
 #include "daemon/rig/config.hpp"
+#include "protocol/compile.hpp"
 #include "rig_fixture.hpp"
 
 /// Settings that read well and are dangerous: each is refused with its key, its value, what is allowed and why.
@@ -63,17 +66,21 @@ std::string with(std::string text, const std::string& table, const std::string& 
   return text.insert(begin, key + " = " + value + "\n");
 }
 
-std::string faults_of(const std::string& text) {
+RigConfig load_text(const std::string& text) {
   const auto path = std::filesystem::temp_directory_path() / ("config-checks-" + std::to_string(::getpid()) + ".toml");
   std::ofstream(path) << text;
-  std::string faults;
+  const std::unique_ptr<const std::filesystem::path, void (*)(const std::filesystem::path*)> gone(
+      &path, [](const std::filesystem::path* p) { std::filesystem::remove(*p); });
+  return load_rig(path);
+}
+
+std::string faults_of(const std::string& text) {
   try {
-    (void)load_rig(path);
+    (void)load_text(text);
   } catch (const base::ConfigError& e) {
-    faults = e.what();
+    return e.what();
   }
-  std::filesystem::remove(path);
-  return faults;
+  return {};
 }
 
 struct Dangerous {
@@ -236,6 +243,35 @@ TEST(ConfigChecks, EveryDangerousValueIsRefusedWithItsReason) {
     EXPECT_THAT(faults, AllOf(HasSubstr("`" + std::string(d.key) + "`"), HasSubstr(d.why)));
     EXPECT_NE(faults.find_first_of("0123456789"), std::string::npos);
   }
+}
+
+/// Set-point and trim together are no more than the regulator takes, and a protocol that asks for more is refused.
+TEST(ConfigChecks, ARegulatorsOwnLimitIsThatOfItsSetPoints) {
+  const auto rig = load_text(with(real("sim-8800-regulator"), "regulator", "max_psi", "10.1"));
+  const auto faults_of_setpoint = [&](const std::string& psi) {
+    try {
+      (void)protocol::compile(
+          base::TomlDocument::parse_text("format = \"isorig-protocol/1\"\nname = \"p\"\nsteps = [ { do = "
+                                         "\"pressurize\", pressure_psi = " +
+                                             psi + ", rate_psi_s = 1, settled_for_s = 0.5, timeout_s = 60 } ]\n",
+                                         "p.toml"),
+          rig.limits);
+    } catch (const base::ConfigError& e) {
+      return std::string(e.what());
+    }
+    return std::string();
+  };
+  EXPECT_EQ(faults_of_setpoint("10.1"), "");
+  EXPECT_THAT(faults_of_setpoint("10.2"), HasSubstr("the rig's regulator takes at most 10.1 (regulator.max_psi)"));
+
+  PressureLoop loop(rig.core.pressure_loop);
+  loop.set_target(10.1, 5.0, 0);
+  double most_psi = 0.0;
+  for (int i = 0; i < 60'000; ++i) {  // the ELVH sees a little less, for a minute
+    (void)loop.update(std::int64_t{i} * 1'000'000, 10.05, 0.0);
+    most_psi = std::max(most_psi, double{loop.command().regulator_psi});
+  }
+  EXPECT_EQ(most_psi, double{10.1F});
 }
 
 TEST(ConfigChecks, WhatIsShippedIsValidAndSoIsAReal) {
