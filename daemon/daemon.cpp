@@ -10,6 +10,7 @@
 #include <thread>
 #include <vector>
 
+#include "base/formatted.hpp"
 #include "base/printable.hpp"
 #include "daemon/core/core.hpp"
 #include "daemon/core/realtime.hpp"
@@ -75,6 +76,18 @@ bool locked_pages_may_move() {
   return setting >> allowed && allowed != 0;
 }
 
+bool is_between_runs(const Status& s) {
+  return s.control.state == RunState::kIdle || s.control.state == RunState::kReady;
+}
+
+/// No pressure is stated that was not read.
+std::string why_not_at_rest(const Status& s) {
+  const std::string pressure = s.pressure_age_s < 0.0
+                                   ? "no pressure was ever read"
+                                   : base::formatted("%.2f psi left", double{s.control.pressure_psi});
+  return is_between_runs(s) && s.not_ready[0] != '\0' ? s.not_ready + ("; " + pressure) : pressure;
+}
+
 }  // namespace
 
 struct Daemon::Impl {
@@ -132,6 +145,7 @@ struct Daemon::Impl {
   void end();
   void leave_without_writing();
   [[nodiscard]] bool at_rest() const;
+  [[nodiscard]] std::chrono::duration<double> rest_patience() const;
   [[nodiscard]] std::string status_text() const { return status_line(core.status(), host.run_id()); }
 
   const StopSignals& signals;
@@ -275,13 +289,21 @@ bool Daemon::Impl::at_rest() const {
   return devices_down || core.status().stopped;
 }
 
+/// Between runs nothing is on its way to rest: what is not seen then, such as a frame that is switched off, is not
+/// waited for.
+std::chrono::duration<double> Daemon::Impl::rest_patience() const {
+  constexpr double kAnswer_s = 2.0;
+  return std::chrono::duration<double>(is_between_runs(core.status()) ? kAnswer_s
+                                                                      : rig.core.vent_time_max_s + kAnswer_s);
+}
+
 /// The orderly way out, on a thread of its own: signals are listened to meanwhile.
 void Daemon::Impl::end() {
   if (devices_down) return;
-  const auto patience = std::chrono::duration<double>(rig.core.vent_time_max_s + 2.0);
-  const auto deadline = std::chrono::steady_clock::now() + patience;
   // One control record later the status shows the abort; until then "ready" is of before.
   std::this_thread::sleep_for(2 * std::chrono::nanoseconds(rig.core.control_period_ns));
+  const auto patience = rest_patience();
+  const auto deadline = std::chrono::steady_clock::now() + patience;
   while (!at_rest() && std::chrono::steady_clock::now() < deadline)
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
   // For whoever reads the journal: the API answers nobody from here on, and writing may take as long as the disk likes.
@@ -290,9 +312,8 @@ void Daemon::Impl::end() {
     spdlog::info("at rest: the crosshead stands, {:.2f} psi left; writing what was measured",
                  last.control.pressure_psi);
   } else {
-    spdlog::error(
-        "not seen at rest within {} s ({:.2f} psi left): the devices' own watchdogs have to act. Look at the rig",
-        patience.count(), last.control.pressure_psi);
+    spdlog::error("not seen at rest within {} s ({}): the devices' own watchdogs have to act. Look at the rig",
+                  patience.count(), why_not_at_rest(last));
   }
   all_written = stop_threads();
   ended = true;
@@ -300,8 +321,7 @@ void Daemon::Impl::end() {
 
 /// The second signal: the rig comes to rest, then we are gone, whatever the disk does. The run stands as interrupted.
 void Daemon::Impl::leave_without_writing() {
-  const auto deadline =
-      std::chrono::steady_clock::now() + std::chrono::duration<double>(rig.core.vent_time_max_s + 2.0);
+  const auto deadline = std::chrono::steady_clock::now() + rest_patience();
   while (!at_rest() && !ended && std::chrono::steady_clock::now() < deadline) {
     if (signals.wait(kSignalPoll) != 0) break;  // the third: the devices' watchdogs see to the rest
   }

@@ -201,7 +201,7 @@ class Core {
   void end_jog(std::int64_t now_ns, Severity severity, const char* code, const char* why, double value,
                double threshold) noexcept;
   void end_run(std::int64_t now_ns, Outcome outcome, const char* why) noexcept;
-  void abort(std::int64_t now_ns) noexcept;
+  void abort(std::int64_t now_ns, const char* why) noexcept;
   void stop_and_vent(std::int64_t now_ns) noexcept;
   /// What the loop itself finds, beside the supervisor: recorder, pressure loop, time in which nothing went on.
   void watch_itself(std::int64_t now_ns) noexcept;

@@ -110,6 +110,7 @@ void Core::enter_setup(std::int64_t now_ns, const char* text) noexcept {
   setup_wanted_ = false;
   operator_until_ns_ = after(now_ns, config_.operating.setup_max_s);
   supervisor_.rearm(now_ns);
+  guard_.restart();       // a doubt from between the runs, where it trips nothing, may be hours old
   stop_and_vent(now_ns);  // stands and is vented already: from here on it is watched that it stays so
   transition(now_ns, RunState::kSetup, Severity::kInfo, "setup", text, seen_.position_mm, 0.0);
 }

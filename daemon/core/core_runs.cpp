@@ -39,23 +39,22 @@ void Core::set_off(std::int64_t now_ns) noexcept {
 }
 
 /// Stops the frame and vents, whatever the state: nobody who asks for that is told that there is nothing to abort.
-void Core::abort(std::int64_t now_ns) noexcept {
-  constexpr const char* kWhat = "aborted by the operator: frame stops, pressure vents";
+void Core::abort(std::int64_t now_ns, const char* why) noexcept {
   if (run_open_) {
-    end_run(now_ns, run_begun_ ? Outcome::kAborted : Outcome::kNotStarted, kWhat);
+    end_run(now_ns, run_begun_ ? Outcome::kAborted : Outcome::kNotStarted, why);
     return;
   }
   const std::int64_t since_ns = stopping_since_ns_;
   stop_and_vent(now_ns);
   if (state_ == RunState::kFaulted) {
     vented_fault_ = true;  // the cause stays latched
-    emit(now_ns, Severity::kInfo, "abort", kWhat, pressure_psi_, 0.0);
+    emit(now_ns, Severity::kInfo, "abort", why, pressure_psi_, 0.0);
   } else if (state_ == RunState::kStopping || state_ == RunState::kIdle || state_ == RunState::kReady) {
     // Between runs nothing is left to end: whether the rig stays ready is what its streams say.
     if (state_ == RunState::kStopping) stopping_since_ns_ = since_ns;
-    emit(now_ns, Severity::kInfo, "abort", kWhat, pressure_psi_, 0.0);
+    emit(now_ns, Severity::kInfo, "abort", why, pressure_psi_, 0.0);
   } else {
-    transition(now_ns, RunState::kStopping, Severity::kInfo, "abort", kWhat, pressure_psi_, 0.0);
+    transition(now_ns, RunState::kStopping, Severity::kInfo, "abort", why, pressure_psi_, 0.0);
   }
 }
 
@@ -78,11 +77,17 @@ void Core::request_stop(std::int64_t now_ns) noexcept {
 }
 
 /// For whoever waits to leave. A fault may stay latched then, and a crosshead that does not stand is stopped by the
-/// frame's own watchdog by now: it gets no heartbeat.
+/// frame's own watchdog by now: it gets no heartbeat. Between runs only what is seen now counts: a rig is idle, too,
+/// when no device answers.
 bool Core::is_stopped(std::int64_t now_ns) const noexcept {
   constexpr std::int64_t kStopPatienceNs = 2'000'000'000;
   if (run_open_ || state_ == RunState::kSetup) return false;
-  if (state_ == RunState::kIdle || state_ == RunState::kReady) return true;
+  if (state_ == RunState::kIdle || state_ == RunState::kReady) {
+    const double frame_age_s = supervisor_.frame_age_s(now_ns), pressure_age_s = supervisor_.pressure_age_s(now_ns);
+    const bool is_seen = frame_age_s >= 0.0 && frame_age_s <= config_.supervisor.frame_age_max_s &&
+                         pressure_age_s >= 0.0 && pressure_age_s <= config_.supervisor.pressure_age_max_s;
+    return is_seen && pressure_psi_ < config_.vented_psi && supervisor_.stands();
+  }
   if (state_ != RunState::kFaulted) return false;  // it becomes idle by itself, or faulted
   const bool vented = filter_last_ns_ > stopping_since_ns_ && pressure_psi_ < config_.vented_psi;
   return vented && (supervisor_.stands() || now_ns - stopping_since_ns_ > kStopPatienceNs);

@@ -19,11 +19,7 @@ void Core::take_requests(std::int64_t now_ns) noexcept {
     stop_and_vent(now_ns);  // the cause stays latched: it would only trip again
     vented_fault_ = true;
   } else if (is_wanted && state_ != RunState::kIdle && state_ != RunState::kReady && state_ != RunState::kStopping) {
-    end_run(now_ns,
-            !run_open_   ? outcome_
-            : run_begun_ ? Outcome::kAborted
-                         : Outcome::kNotStarted,
-            "aborted from outside: frame stops, pressure vents");
+    abort(now_ns, "aborted from outside: frame stops, pressure vents");
   }
 }
 
@@ -68,7 +64,7 @@ const char* Core::carry_out(std::int64_t now_ns, const Request& request) noexcep
     case Request::Verb::kJog:
       return jog(now_ns, request);
     case Request::Verb::kAbort:
-      abort(now_ns);
+      abort(now_ns, "aborted by the operator: frame stops, pressure vents");
       return nullptr;
     case Request::Verb::kSeal:
       if (state_ != RunState::kPaused) return "only a paused run can be sealed";
@@ -80,6 +76,7 @@ const char* Core::carry_out(std::int64_t now_ns, const Request& request) noexcep
       if (state_ != RunState::kIdle && state_ != RunState::kReady) return "a calibration is put in force between runs";
       config_.calibration = request.calibration;
       supervisor_.on_calibration();
+      guard_.restart();
       emit(now_ns, Severity::kInfo, "calibration", "another calibration is in force", 0.0, 0.0);
       return nullptr;
     case Request::Verb::kConfirmZero:

@@ -46,9 +46,10 @@ struct LoopStatus {
   std::uint64_t runs_started = 0;
   bool run_loaded = false;  ///< a run is open: it can still go on
   Outcome outcome = Outcome::kNone;
-  bool stopped = false;         ///< no run is open, the crosshead stands (or was given 2 s to), the actuator is vented
-  bool vented_fault = false;    ///< the fault's reaction was the safe state
-  bool zero_confirmed = false;  ///< the frame's zero, since the frame was started
+  bool stopped =
+      false;  ///< no run is open, crosshead (or it was given 2 s to) and vented actuator are seen to be at rest
+  bool vented_fault = false;      ///< the fault's reaction was the safe state
+  bool zero_confirmed = false;    ///< the frame's zero, since the frame was started
   float operator_left_s = -1.0F;  ///< armed: for the second act; countdown: to the motion; setup: until it is left
   LinkHealth frame;
   LinkHealth pressure;

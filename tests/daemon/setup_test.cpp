@@ -156,6 +156,18 @@ TEST_F(SetupTest, ATripEndsSetup) {
   EXPECT_TRUE(reach(RunState::kReady, 5.0));  // no limit is passed: not to setup
 }
 
+/// Between runs the pressure guard trips nothing; what it doubted then is no cause in setup.
+TEST_F(SetupTest, ADoubtOfTheGuardFromBeforeTripsNothing) {
+  ASSERT_TRUE(reach(RunState::kReady, 5.0));
+  run_for(1.0);
+  virtual_rig->rig().pressure().faults.drift_psi_s = 1.0;  // above vented air a reading that rises is doubted
+  run_for(0.4);
+  virtual_rig->rig().pressure().faults.drift_psi_s = 0.0;
+  run_for(3.0);
+  enter();
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kSetup) << virtual_rig->core().status().fault;
+}
+
 TEST_F(SetupTest, WithTheGuardOpenHalfTheSpeedWhereTheRigAllowsIt) {
   config.core.operating.jog_with_guard_open = config.core.supervisor.guard_open_in_setup = true;
   rebuild();

@@ -133,6 +133,37 @@ TEST_F(StopTest, WithALatchedFaultTheRigCountsAsStoppedOnceItStandsAndIsVented) 
   }
 }
 
+/// Idle is also the state of a rig whose devices say nothing, and of one under pressure.
+TEST_F(StopTest, BetweenRunsOnlyWhatIsSeenCountsAsStopped) {
+  ASSERT_TRUE(reach(RunState::kReady, 5.0));
+  run_for(0.05);
+  EXPECT_TRUE(virtual_rig->core().status().stopped);
+  faults().silent = true;
+  ASSERT_TRUE(reach(RunState::kIdle, 5.0));
+  run_for(0.05);
+  EXPECT_FALSE(virtual_rig->core().status().stopped) << "no frame";
+  config.sim->pressure.offset_psi = 1.0;
+  rebuild();
+  run_for(5.0);
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kIdle);
+  EXPECT_FALSE(virtual_rig->core().status().stopped) << "under pressure, as far as is seen";
+}
+
+/// As a signal does.
+TEST_F(StopTest, AnAbortFromOutsideBetweenRunsEndsNoRunAgain) {
+  start("  { do = \"pressurize\", pressure_psi = 1, rate_psi_s = 8, settled_for_s = 0.1, timeout_s = 20 },");
+  ASSERT_TRUE(run_until(30.0, [&] { return virtual_rig->core().outcome() == Outcome::kDone; }));
+  ASSERT_TRUE(reach(RunState::kReady, 10.0));
+  ASSERT_TRUE(ask(Verb::kSetup).accepted);
+  run_for(0.5);
+  events.clear();
+  virtual_rig->core().request_abort();
+  ASSERT_TRUE(reach(RunState::kReady, 10.0));
+  EXPECT_EQ(event("run.done"), nullptr);
+  ASSERT_NE(event("abort"), nullptr);
+  EXPECT_EQ(event("abort")->to, RunState::kStopping);
+}
+
 /// Somebody leans on the abort button.
 TEST_F(StopTest, AnAbortThatIsRepeatedAtRestLeavesTheRigReady) {
   for (const int every_ms : {1, 20, 50}) {
