@@ -269,7 +269,7 @@ void write_run_report(const FoundRun& run, const std::filesystem::path& file, co
   all.operator_name = all.evidence.text("operator");
   if (all.operator_name.empty() && run.row) all.operator_name = run.row->operator_name;
   all.started = run.row ? run.row->started_utc : std::string();
-  const auto amendments = daemon::read_amendments(run.directory);
+  const auto amendments = daemon::shown_amendments(run.directory);
   for (const auto& a : amendments) {
     if (!a.specimen.empty()) all.specimen = a.specimen;
     if (!a.operator_name.empty()) all.operator_name = a.operator_name;

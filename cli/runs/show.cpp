@@ -101,7 +101,7 @@ int print_json(const FoundRun& found, const daemon::RunTally& s, const messages:
                              {"dropped_records", m.dropped_records}});
   }
   out["amendments"] = nlohmann::ordered_json::array();
-  for (const auto& a : daemon::read_amendments(found.directory)) {
+  for (const auto& a : daemon::shown_amendments(found.directory)) {
     out["amendments"].push_back({{"at_utc", a.at_utc},
                                  {"by", a.by},
                                  {"specimen", a.specimen},
@@ -226,8 +226,9 @@ void print_text(const FoundRun& found, const daemon::RunTally& s, const messages
 
 /// What was put right afterwards: it counts more than what the recording says.
 void print_amendments(const FoundRun& found) {
-  for (const auto& a : daemon::read_amendments(found.directory)) {
-    std::printf("noted %s%s%s:", a.at_utc.c_str(), a.by.empty() ? "" : " by ", base::printable(a.by).c_str());
+  for (const auto& a : daemon::shown_amendments(found.directory)) {
+    std::printf("noted%s%s%s%s:", a.at_utc.empty() ? "" : " ", a.at_utc.c_str(), a.by.empty() ? "" : " by ",
+                base::printable(a.by).c_str());
     if (!a.specimen.empty()) std::printf(" specimen %s;", base::printable(a.specimen).c_str());
     if (!a.operator_name.empty()) std::printf(" operator %s;", base::printable(a.operator_name).c_str());
     std::printf(" %s\n", base::printable(a.text).c_str());

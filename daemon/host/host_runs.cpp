@@ -21,16 +21,12 @@ constexpr std::size_t kRunPageBytes = std::size_t{24} << 20U;
 
 json notes_of(const std::filesystem::path& run) {
   json out = json::array();
-  try {
-    for (const auto& a : read_amendments(run)) {
-      out.push_back({{"at_utc", a.at_utc},
-                     {"by", a.by},
-                     {"specimen", a.specimen},
-                     {"operator", a.operator_name},
-                     {"text", a.text}});
-    }
-  } catch (const std::exception& e) {
-    out.push_back({{"text", std::string("the notes cannot be read: ") + e.what()}});
+  for (const auto& a : shown_amendments(run)) {
+    out.push_back({{"at_utc", a.at_utc},
+                   {"by", a.by},
+                   {"specimen", a.specimen},
+                   {"operator", a.operator_name},
+                   {"text", a.text}});
   }
   return out;
 }

@@ -1,6 +1,7 @@
 #include "daemon/recording/amendments.hpp"
 
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <toml++/toml.h>
 #include <unistd.h>
 
@@ -25,9 +26,14 @@ std::filesystem::path file_of(const std::filesystem::path& run_dir) {
   return run_dir / "amendments.toml";
 }
 
+std::runtime_error cannot_write(const std::filesystem::path& path, int error) {
+  return std::runtime_error("cannot write " + path.string() + ": " + std::strerror(error));
+}
+
 }  // namespace
 
 void append_amendment(const std::filesystem::path& run_dir, const Amendment& a) {
+  (void)read_amendments(run_dir);  // behind a broken entry nothing could be read either
   toml::table entry{{"at_utc", a.at_utc}};
   for (const auto& [key, text] : {std::pair<const char*, const std::string&>{"by", a.by},
                                   {"specimen", a.specimen},
@@ -42,11 +48,19 @@ void append_amendment(const std::filesystem::path& run_dir, const Amendment& a) 
   const auto path = file_of(run_dir);
   // One write at the end of the file: what is there already is not touched.
   const int fd = ::open(path.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_NOFOLLOW | O_CLOEXEC, 0644);
-  const bool written =
-      fd >= 0 && ::write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size()) && ::fsync(fd) == 0;
-  const int error = errno;
-  if (fd >= 0) ::close(fd);
-  if (!written) throw std::runtime_error("cannot write " + path.string() + ": " + std::strerror(error));
+  if (fd < 0) throw cannot_write(path, errno);
+  struct stat before {};
+  int error = ::fstat(fd, &before) == 0 ? 0 : errno;
+  if (error == 0) {
+    const auto written = ::write(fd, text.data(), text.size());
+    // Fewer bytes than were given is a full disk, and sets no errno.
+    if (written != static_cast<ssize_t>(text.size())) error = written < 0 ? errno : ENOSPC;
+    if (error == 0 && ::fsync(fd) != 0) error = errno;
+    // Half of an entry would make the notes before it unreadable, and those after it.
+    if (error != 0 && ::ftruncate(fd, before.st_size) != 0) error = errno;
+  }
+  ::close(fd);
+  if (error != 0) throw cannot_write(path, error);
   sync_directory(run_dir);
 }
 
@@ -63,6 +77,16 @@ std::vector<Amendment> read_amendments(const std::filesystem::path& run_dir) {
   }
   document.finish();
   return all;
+}
+
+std::vector<Amendment> shown_amendments(const std::filesystem::path& run_dir) {
+  try {
+    return read_amendments(run_dir);
+  } catch (const std::exception& e) {
+    Amendment unreadable;
+    unreadable.text = std::string("the notes cannot be read: ") + e.what();
+    return {unreadable};
+  }
 }
 
 std::string utc_now() {

@@ -15,11 +15,15 @@ struct Amendment {
   std::string text;
 };
 
-/// Throws std::runtime_error when it cannot be written; it is on the disk when this returns.
+/// It is on the disk when this returns. Throws std::runtime_error when it cannot be written, base::ConfigError when
+/// what is there cannot be read; then nothing has changed.
 void append_amendment(const std::filesystem::path& run_dir, const Amendment& amendment);
 
 /// Nothing when there is no such file. Throws base::ConfigError when it cannot be read.
 [[nodiscard]] std::vector<Amendment> read_amendments(const std::filesystem::path& run_dir);
+
+/// The same for whoever shows a run: a file that cannot be read is a note that says so and why.
+[[nodiscard]] std::vector<Amendment> shown_amendments(const std::filesystem::path& run_dir);
 
 /// Now, as in "2026-11-22T07:15:00Z".
 [[nodiscard]] std::string utc_now();

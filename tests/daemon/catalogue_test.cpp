@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sqlite3.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -12,6 +13,8 @@
 #include <fstream>
 #include <random>
 
+#include "base/toml_reader.hpp"
+#include "daemon/recording/amendments.hpp"
 #include "recording_rig.hpp"
 
 namespace isorig::daemon::testing {
@@ -370,6 +373,41 @@ TEST(Catalogue, SaysWhatIsWrong) {
   ASSERT_EQ(sqlite3_exec(db, "PRAGMA user_version = 99", nullptr, nullptr, nullptr), SQLITE_OK);
   sqlite3_close(db);
   EXPECT_THAT([&] { Catalogue again(root.path()); }, ThrowsMessage<std::runtime_error>(HasSubstr("newer isorig")));
+}
+
+/// A disk that takes a part of a note only: what was noted before can still be read, and so can what comes after.
+TEST(Amendments, ANoteThatDoesNotFitLeavesTheOthersWhole) {
+  const testing::TemporaryDirectory directory("noted");
+  const auto& folder = directory.path();
+  append_amendment(folder, {utc_now(), "Grace", {}, {}, "the first"});
+  const auto size = std::filesystem::file_size(folder / "amendments.toml");
+  const pid_t child = ::fork();  // the limit is of a whole process
+  if (child == 0) {
+    const rlimit limit{size + 50, size + 50};
+    ::signal(SIGXFSZ, SIG_IGN);
+    ::setrlimit(RLIMIT_FSIZE, &limit);
+    try {
+      append_amendment(folder, {utc_now(), "Grace", {}, {}, std::string(300, 'x')});
+    } catch (const std::exception& e) {
+      ::_exit(std::string(e.what()).find("No space left") != std::string::npos ? 7 : 1);
+    }
+    ::_exit(0);
+  }
+  int status = 0;
+  ASSERT_EQ(::waitpid(child, &status, 0), child);
+  EXPECT_EQ(WEXITSTATUS(status), 7);
+  EXPECT_EQ(std::filesystem::file_size(folder / "amendments.toml"), size);
+  append_amendment(folder, {utc_now(), "Grace", {}, {}, "the second"});
+  const auto notes = read_amendments(folder);
+  ASSERT_EQ(notes.size(), 2U);
+  EXPECT_EQ(notes[1].text, "the second");
+
+  // A file that is broken is shown as a note that says so, and gets no further ones.
+  std::ofstream(folder / "amendments.toml", std::ios::app) << "[[amendment]]\nby = 'Gra";
+  EXPECT_THROW(append_amendment(folder, {utc_now(), "Grace", {}, {}, "the third"}), base::ConfigError);
+  const auto shown = shown_amendments(folder);
+  ASSERT_EQ(shown.size(), 1U);
+  EXPECT_THAT(shown[0].text, HasSubstr("the notes cannot be read: "));
 }
 
 }  // namespace
