@@ -54,6 +54,14 @@ RunRow Catalogue::settle_state(RunRow row) const {
   if (row.state == "running" && !RunLock::is_held(row.directory)) {
     row.state = "interrupted";
     row.fault = kInterruptedFault;
+    // Nobody has written down yet how far its last session came.
+    try {
+      double recorded_s = 0.0;
+      for (const auto& [index, s] : summarize_recording(row.directory).sessions)
+        if (s.begin) recorded_s += 1e-9 * static_cast<double>(s.last_mono_ns() - s.begin->mono_ns);
+      row.recorded_s = std::max(row.recorded_s, recorded_s);
+    } catch (const std::exception&) {  // nothing that can be read: `isorig show` says why
+    }
   }
   return row;
 }

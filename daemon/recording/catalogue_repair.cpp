@@ -23,14 +23,16 @@ void note_sessions(sqlite3* db, const std::string& id, const RecordingSummary& r
               "UPDATE sessions SET state = ?3, attempt = ?4, first_mono_ns = ?5, last_mono_ns = ?6, segment = ?7"
               " WHERE run = ?1 AND session = ?2 AND state != 'done'")
         .bind(id, index, std::string_view(s.complete ? "done" : "interrupted"), s.begin ? s.begin->attempt : 0,
-              s.begin ? s.begin->mono_ns : 0,
-              s.end     ? s.end->mono_ns
-              : s.begin ? s.begin->mono_ns
-                        : 0,
-              s.segment)
+              s.begin ? s.begin->mono_ns : 0, s.last_mono_ns(), s.segment)
         .run();
   }
   Statement(db, "UPDATE sessions SET state = 'interrupted' WHERE run = ?1 AND state = 'running'").bind(id).run();
+}
+
+/// The protocol's own name, with which the plan's summary begins; its file's name is in no recording.
+std::string protocol_of(const isorig_msgs::run_header_t& header) {
+  const auto name = header.plan_summary.substr(0, header.plan_summary.find(": "));
+  return (name.empty() ? "protocol" : name) + ".toml";
 }
 
 }  // namespace
@@ -81,10 +83,10 @@ void Catalogue::adopt_recordings() {
           .bind(h.specimen, h.rest_length_mm)
           .run();
       Statement(db_,
-                "INSERT INTO runs VALUES (?1, ?2, ?3, 'protocol.toml', ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11) "
+                "INSERT INTO runs VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12) "
                 "ON CONFLICT DO NOTHING")
-          .bind(id, h.specimen, h.rig, h.plan_summary, recording.operator_name, recording.started_utc, h.seed,
-                h.virtual_time != 0 ? 1 : 0, h.attempt, state,
+          .bind(id, h.specimen, h.rig, protocol_of(h), h.plan_summary, recording.operator_name, recording.started_utc,
+                h.seed, h.virtual_time != 0 ? 1 : 0, h.attempt, state,
                 std::string_view(state == "done" ? "" : kInterruptedFault))
           .run();
       for (const auto& s : h.sessions) {

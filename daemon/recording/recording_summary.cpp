@@ -17,11 +17,24 @@ struct Reader : messages::RunVisitor {
     auto& s = to.sessions[m.session.session];
     if (m.kind == isorig_msgs::session_mark_t::BEGIN) {
       s.begin = m;
+      s.end.reset();
+      s.newest_mono_ns = 0;
       s.segment = file;
     } else if (m.kind == isorig_msgs::session_mark_t::END) {
       s.end = m;
       s.complete = s.complete || m.complete != 0;
     }
+  }
+  void frame(const isorig_msgs::frame_batch_t& m) override {
+    if (m.count > 0) measured(m.session, m.mono_ns + m.mono_offset_ns.back());
+  }
+  void frame_average(const isorig_msgs::frame_average_batch_t& m) override {
+    if (m.count > 0) measured(m.session, m.last_mono_ns.back());
+  }
+  void measured(std::int32_t session, std::int64_t mono_ns) {
+    if (session < 0) return;
+    auto& newest_ns = to.sessions[session].newest_mono_ns;
+    newest_ns = std::max(newest_ns, mono_ns);
   }
   RecordingSummary& to;
   std::string file;

@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <cstdint>
 #include <filesystem>
 #include <isorig_msgs/run_header_t.hpp>
@@ -20,6 +21,13 @@ struct RecordingSummary {
     std::optional<isorig_msgs::session_mark_t> begin, end;  ///< the last of each
     bool complete = false;                                  ///< in any attempt
     std::string segment;
+    std::int64_t newest_mono_ns = 0;  ///< of what was measured since it began
+
+    /// Its end, or what was measured last where it has none; 0 before it began.
+    [[nodiscard]] std::int64_t last_mono_ns() const noexcept {
+      if (end) return end->mono_ns;
+      return begin ? std::max(begin->mono_ns, newest_mono_ns) : 0;
+    }
   };
   std::map<std::int32_t, Session> sessions;
   messages::ReadReport report;

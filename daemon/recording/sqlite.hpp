@@ -26,7 +26,14 @@ struct Error : std::runtime_error {
                     "from the recordings beside it",
                 code);
   }
-  throw Error("catalogue: " + what + ": " + sqlite3_errmsg(db), code);
+  const char* file = sqlite3_db_filename(db, "main");
+  const std::string of = file == nullptr || *file == '\0' ? "" : std::string(" ") + file;
+  std::string cure;
+  if ((code & 0xff) == SQLITE_READONLY || (code & 0xff) == SQLITE_PERM)
+    cure = "; you may not write there: name another place (--runs), or have its owner give you the right";
+  if ((code & 0xff) == SQLITE_CANTOPEN)
+    cure = "; you may not read or write there: name another place (--runs), or have its owner give you the right";
+  throw Error("catalogue" + of + ": " + what + ": " + sqlite3_errmsg(db) + cure, code);
 }
 
 inline void execute(sqlite3* db, const char* sql) {

@@ -163,6 +163,22 @@ TEST(VirtualRun, KilledInTheSecondRepetitionGoesOnFromItsStart) {
   const int done_before = rows[0]["sessions_done"];
   ASSERT_LT(done_before, 3);
   const std::string id = rows[0]["id"];
+  // How far it came: by the catalogue of the killed process, by one that the next writer has corrected, and by one that
+  // is made anew from the recording.
+  const double recorded_s = rows[0]["recorded_s"];
+  EXPECT_GT(recorded_s, 4990.0 * done_before);
+  EXPECT_LT(recorded_s, 5100.0 * (done_before + 1));
+  for (const bool anew : {false, true}) {
+    if (anew)
+      for (const auto* file : {"catalogue.sqlite", "catalogue.sqlite-wal", "catalogue.sqlite-shm"})
+        std::filesystem::remove(dir / "runs" / file);
+    const daemon::Catalogue writer(runs);
+    const auto row = writer.find_run(id);
+    ASSERT_TRUE(row);
+    EXPECT_EQ(row->state, "interrupted");
+    EXPECT_NEAR(row->recorded_s, recorded_s, 0.1) << anew;
+    EXPECT_EQ(std::filesystem::path(row->protocol).filename(), "three.toml");  // the recording has its name alone
+  }
 
   // Readable as it is: whole, or with a torn end that is named.
   const auto shown = isorig(dir, {"show", id, "--runs", runs, "--json"});
