@@ -6,6 +6,7 @@
 #include <stdexcept>
 
 #include "base/number_text.hpp"
+#include "base/whole_file.hpp"
 #include "cli/analysis/diagnosis_files.hpp"
 #include "cli/command.hpp"
 #include "cli/provenance.hpp"
@@ -41,7 +42,6 @@ void print_answer(const response::ResponseDiagnosis& d, const std::filesystem::p
 
 int diagnose_answer(const std::vector<messages::Recording>& recordings, const std::vector<std::string>& names,
                     const std::string& nominal, const std::filesystem::path& out, bool report) {
-  using identify::report::write_text_file;
   response::ResponseDiagnosis d;
   try {
     Progress progress("diagnose");
@@ -52,11 +52,12 @@ int diagnose_answer(const std::vector<messages::Recording>& recordings, const st
     return kBadInput;
   }
   std::filesystem::create_directories(out);
-  write_text_file(out / "diagnosis.json", response::response_json(d).dump(2) + "\n");
-  write_text_file(out / "nominal.toml", response::response_model_text(d.nominal.model, "The nominal model, fitted."));
-  write_text_file(out / "model.toml",
-                  response::response_model_text(d.model.model, d.not_modelled.empty()
-                                                                   ? "The model with what it lacked."
+  base::write_whole_file(out / "diagnosis.json", response::response_json(d).dump(2) + "\n");
+  base::write_whole_file(out / "nominal.toml",
+                         response::response_model_text(d.nominal.model, "The nominal model, fitted."));
+  base::write_whole_file(out / "model.toml",
+                         response::response_model_text(
+                             d.model.model, d.not_modelled.empty() ? "The model with what it lacked."
                                                                    : "The nominal model: " + d.not_modelled + "."));
   // Of an earlier diagnosis.
   std::filesystem::remove(out / "next_experiment.toml");

@@ -107,6 +107,9 @@ int campaign_of_pieces(const PiecesOptions& options) {
        {"Model", call.plan.ask.model}});
   try {
     return ended(call, pieces::run_campaign(call, std::cin));
+  } catch (const pieces::PlanUnwritable& e) {
+    std::cerr << "isorig campaign: " << base::printable_lines(e.what()) << '\n';
+    return kFailure;
   } catch (const pieces::PlanError& e) {
     std::cerr << "isorig campaign: " << base::printable_lines(e.what()) << '\n';
     return kUsage;

@@ -12,6 +12,7 @@
 #include "base/number_text.hpp"
 #include "base/printable.hpp"
 #include "base/text_file.hpp"
+#include "base/whole_file.hpp"
 #include "cli/analysis/answers.hpp"
 #include "cli/analysis/diagnosis_files.hpp"
 #include "cli/command.hpp"
@@ -107,7 +108,7 @@ void check_names(identify::Study& study, const std::vector<messages::Recording>&
     // More of them from an earlier call stay in the file.
     if (settings.known.size() >= settings.rehearsals) break;
     settings.known = reliability.rehearsals;
-    identify::report::write_text_file(file, identify::name_check_json(settings.known, of).dump(1) + "\n");
+    base::write_whole_file(file, identify::name_check_json(settings.known, of).dump(1) + "\n");
   } while (settings.known.size() < wanted);
   identify::restate(study.diagnosis, std::move(reliability));
 }
@@ -159,18 +160,18 @@ int diagnose(const DiagnoseOptions& options) {
   std::vector<std::pair<std::string, std::string>> inputs{{"Nominal model", options.model}};
   for (const std::string& folder : options.recordings) inputs.emplace_back("Recording", folder);
   const auto provenance = made_by_this_call(std::move(inputs));
-  const auto write = [&] { write_diagnosis(*made, options.out, options.report ? &provenance : nullptr); };
-  write();
+  const auto write = [&] { return write_diagnosis(*made, options.out, options.report ? &provenance : nullptr); };
+  bool whole = write();
   // The diagnosis stands before minutes of simulations, and whatever becomes of them.
   const std::filesystem::path checked = std::filesystem::path(options.out) / "name-check.json";
   if (options.check_names > 0) {
     check_names(*made, as_read, nominal, options, checked);
-    write();
+    whole = write();
   } else {
     std::filesystem::remove(checked);  // of an earlier diagnosis
   }
   print_diagnosis(made->diagnosis, options.out);
-  return kOk;
+  return whole ? kOk : kFailure;
 }
 
 Command add_diagnose(CLI::App& app) {

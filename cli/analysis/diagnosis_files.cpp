@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/toml_reader.hpp"
+#include "base/whole_file.hpp"
 #include "cli/screen/duration.hpp"
 #include "identify/diagnose/reliability/reliability.hpp"
 #include "identify/diagnosis_report/diagnosis_report.hpp"
@@ -40,31 +41,32 @@ std::string number_line(double value, double low, double high, const model::Numb
   return out + ": " + words + " [" + name + "]";
 }
 
-void write_diagnosis(const identify::Study& study, const std::filesystem::path& folder,
+bool write_diagnosis(const identify::Study& study, const std::filesystem::path& folder,
                      const identify::report::Made* made) {
-  using identify::report::write_text_file;
   const identify::Diagnosis& d = study.diagnosis;
   std::filesystem::create_directories(folder);
   nlohmann::ordered_json json = identify::diagnosis_json(d);
   std::vector<messages::RecordingMetadata> recordings;
   for (const identify::Series& one : study.series) recordings.push_back(one.recording.metadata);
   json["recordings"] = identify::pooling::recordings_json(recordings);
-  write_text_file(folder / "diagnosis.json", json.dump(2) + "\n");
-  write_text_file(folder / "nominal.toml", model::model_text(d.nominal, "The given model, refitted."));
+  base::write_whole_file(folder / "diagnosis.json", json.dump(2) + "\n");
+  base::write_whole_file(folder / "nominal.toml", model::model_text(d.nominal, "The given model, refitted."));
   const std::string comment = d.not_modelled.why.empty() ? "The model with what it lacked."
                                                          : "The model with what it lacked, as far as it predicts no "
                                                            "worse for it.\n" +
                                                                d.not_modelled.text();
-  write_text_file(folder / "model.toml", model::model_text(d.model, comment));
+  base::write_whole_file(folder / "model.toml", model::model_text(d.model, comment));
   // Those of an earlier diagnosis would be taken for this one's.
   std::filesystem::remove(folder / "next_experiment.toml");
   std::filesystem::remove(folder / "diagnosis-report.html");
-  if (d.design.experiment) write_text_file(folder / "next_experiment.toml", d.design.experiment->protocol);
-  if (made == nullptr) return;
+  if (d.design.experiment) base::write_whole_file(folder / "next_experiment.toml", d.design.experiment->protocol);
+  if (made == nullptr) return true;
   try {
     identify::write_diagnosis_report(study, folder, *made);
+    return true;
   } catch (const std::exception& e) {
     std::cerr << "diagnosis-report.html: not written; the other files are: " << e.what() << '\n';
+    return false;
   }
 }
 

@@ -13,8 +13,8 @@ namespace isorig::cli {
 
 /// diagnosis.json, nominal.toml, model.toml, next_experiment.toml if there is one (else none is left there),
 /// and diagnosis-report.html unless `made` is null. The diagnosis stands without its report: what goes wrong with it is
-/// said on stderr. Throws std::runtime_error when a file cannot be written.
-void write_diagnosis(const identify::Study& study, const std::filesystem::path& folder,
+/// said on stderr, and false is returned. Throws std::runtime_error when another file cannot be written.
+bool write_diagnosis(const identify::Study& study, const std::filesystem::path& folder,
                      const identify::report::Made* made);
 
 /// What people call an explanation, and behind it what files and options have: "dry friction [coulomb_friction]". Words

@@ -8,6 +8,7 @@
 
 #include "base/fingerprint.hpp"
 #include "base/text_file.hpp"
+#include "base/whole_file.hpp"
 #include "cli/analysis/diagnosis_files.hpp"
 #include "cli/analysis/investigation.hpp"
 #include "cli/command.hpp"
@@ -160,7 +161,7 @@ class Loop {
             ? (options_.protocol.empty() ? "first look" : std::filesystem::path(options_.protocol).filename().string())
             : all_.rounds.back().experiment.at("text").get<std::string>();
     round.protocol = relative(folder / "protocol.toml");
-    identify::report::write_text_file(folder / "protocol.toml", text);
+    base::write_whole_file(folder / "protocol.toml", text);
     daemon::VirtualRunOptions run;
     run.runs_root = folder / "runs";
     run.start.protocol_text = text;
@@ -227,7 +228,7 @@ class Loop {
       const auto folder = all_.round_folder(round.number) / "diagnosis";
       auto made = provenance();
       made.links.emplace_back("The investigation", "../../investigation-report.html");
-      write_diagnosis(study, folder, options_.report && last ? &made : nullptr);
+      (void)write_diagnosis(study, folder, options_.report && last ? &made : nullptr);  // said; the record goes on
       // The last word lies on top: `isorig predict --model OUT/model.toml`.
       for (const char* file : {"diagnosis.json", "model.toml", "nominal.toml"})
         std::filesystem::copy_file(folder / file, all_.folder / file,

@@ -6,6 +6,7 @@
 #include <fstream>
 
 #include "base/json_words.hpp"
+#include "base/whole_file.hpp"
 #include "cli/analysis/diagnosis_files.hpp"
 #include "cli/protocols/protocol_input.hpp"
 #include "identify/report/page.hpp"
@@ -165,7 +166,7 @@ void save(const Investigation& all) {
                    {"inputs", all.inputs}};
   out["rounds"] = ordered_json::array();
   for (const Round& round : all.rounds) out["rounds"].push_back(json_of(round));
-  identify::report::write_text_file(all.folder / "investigation.json", out.dump(2) + "\n");
+  base::write_whole_file(all.folder / "investigation.json", out.dump(2) + "\n");
 }
 
 void load(Investigation& all) {

@@ -15,6 +15,7 @@
 #include "base/text_file.hpp"
 #include "base/toml_reader.hpp"
 #include "base/utc_text.hpp"
+#include "base/whole_file.hpp"
 #include "identify/report/page.hpp"
 
 namespace isorig::cli::pieces {
@@ -34,7 +35,7 @@ ordered_json read_json(const fs::path& file) {
 
 /// On the disk before the rename that makes the piece appear: after a power cut it is whole or not there.
 void write_synced(const fs::path& file, const std::string& text) {
-  identify::report::write_text_file(file, text);
+  base::write_whole_file(file, text);
   const std::unique_ptr<std::FILE, int (*)(std::FILE*)> opened(std::fopen(file.c_str(), "r+"), std::fclose);
   if (!opened || ::fsync(::fileno(opened.get())) != 0)
     throw std::runtime_error(file.string() + ": " + std::strerror(errno));
@@ -122,8 +123,8 @@ Attempt failed(const Workshop& shop, const std::string& recording, const Attempt
       attempt->become(place);
     }
     fs::create_directories(place);
-    identify::report::write_text_file(place / "failure.json",
-                                      json.dump(2, ' ', false, ordered_json::error_handler_t::replace) + "\n");
+    base::write_whole_file(place / "failure.json",
+                           json.dump(2, ' ', false, ordered_json::error_handler_t::replace) + "\n");
   } catch (const std::exception& e) {
     return {Ended::kFailed, why + "; that could not be noted: " + e.what()};
   }
@@ -162,7 +163,7 @@ Attempt attempt_piece(const Workshop& shop, const std::string& recording, const 
   ordered_json times{{"began_utc", began},        {"wall_s", result.wall_s}, {"cpu_s", result.cpu_s},
                      {"peak_MB", result.peak_MB}, {"host", host_name()},     {"written_ns", ordered_json::object()}};
   for (const FileStamp& one : files) times["written_ns"][one.name] = one.written_ns;
-  identify::report::write_text_file(here / "times.json", times.dump(2) + "\n");
+  base::write_whole_file(here / "times.json", times.dump(2) + "\n");
   write_synced(here / "piece.json", piece.dump(2) + "\n");
   const fs::path final = piece_folder(shop.plan, recording);
   try {

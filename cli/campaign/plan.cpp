@@ -17,6 +17,7 @@
 #include "base/formatted.hpp"
 #include "base/printable.hpp"
 #include "base/text_file.hpp"
+#include "base/whole_file.hpp"
 #include "identify/report/page.hpp"
 
 namespace isorig::cli::pieces {
@@ -62,7 +63,7 @@ class Writer {
 
   std::size_t finish() {
     out_.close();
-    if (!out_) throw PlanError(file_.string() + ": cannot be written; is there room, and may you write there?");
+    if (!out_) throw PlanUnwritable(file_.string() + ": cannot be written; is there room, and may you write there?");
     if (seen_.empty()) throw PlanError("no recording is named: name some, or a file that lists them with --list");
     std::ranges::sort(seen_);
     const auto twice = std::ranges::adjacent_find(seen_);
@@ -138,7 +139,7 @@ std::size_t write_plan(const Plan& plan, const Named& named, std::istream& stand
     throw;
   }
   const ordered_json json{{"format", kPlanFormat}, {"ask", to_json(plan.ask)}, {"program", plan.program}};
-  identify::report::write_text_file(plan.folder / "plan.json", json.dump(2) + "\n");
+  base::write_whole_file(plan.folder / "plan.json", json.dump(2) + "\n");
   fs::rename(aside, recordings_of(plan));
   return count;
 }
@@ -168,7 +169,7 @@ void for_each_line(const fs::path& file, const std::function<void(const std::str
 FolderLock::FolderLock(const fs::path& folder) {
   const fs::path file = folder / "campaign.lock";
   fd_ = ::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
-  if (fd_ < 0) throw PlanError(file.string() + ": " + std::strerror(errno) + "; name a folder that you may write");
+  if (fd_ < 0) throw PlanUnwritable(file.string() + ": " + std::strerror(errno) + "; name a folder that you may write");
   if (::flock(fd_, LOCK_EX | LOCK_NB) != 0) {
     const int error = errno;
     std::array<char, 300> who{};

@@ -17,6 +17,11 @@ class PlanError : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
+/// Nothing is wrong with the call; its folder cannot be written.
+class PlanUnwritable : public PlanError {
+ public:
+  using PlanError::PlanError;
+};
 
 /// Of one recording: its folder in DIR/pieces and DIR/failed, "607/rep-1_10-psi-a3f09c12d4e5f607", from its absolute
 /// path alone. The shard before the slash (4096 of them) keeps every folder small; the digits tell recordings of one

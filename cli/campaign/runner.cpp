@@ -118,7 +118,7 @@ class Runner {
       out << recording << '\n';
     });
     out.close();
-    if (!out) throw PlanError(to.string() + ": cannot be written; is there room?");
+    if (!out) throw PlanUnwritable(to.string() + ": cannot be written; is there room?");
     fs::rename(to.string() + ".part", to);
     failures_before_ = failures_;
     failures_ = failures;

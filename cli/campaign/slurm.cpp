@@ -14,6 +14,7 @@
 #include "base/printable.hpp"
 #include "base/process.hpp"
 #include "base/text_file.hpp"
+#include "base/whole_file.hpp"
 #include "identify/report/page.hpp"
 
 namespace isorig::cli::pieces {
@@ -119,10 +120,9 @@ Array Slurm::submit(std::size_t number, std::size_t lines) const {
   const fs::path list = list_of(number);
   const fs::path script = fs::path(list).replace_extension(".sh"), logs = fs::path(list).replace_extension();
   fs::create_directories(logs);
-  identify::report::write_text_file(script, "#!/bin/sh\nexec " + quoted(program_.string()) + " campaign-pieces " +
-                                                quoted(plan_.folder.string()) + " --list " + quoted(list.string()) +
-                                                " --task \"$SLURM_ARRAY_TASK_ID\" --of " + std::to_string(tasks) +
-                                                "\n");
+  base::write_whole_file(script, "#!/bin/sh\nexec " + quoted(program_.string()) + " campaign-pieces " +
+                                     quoted(plan_.folder.string()) + " --list " + quoted(list.string()) +
+                                     " --task \"$SLURM_ARRAY_TASK_ID\" --of " + std::to_string(tasks) + "\n");
   std::vector<std::string> words{"sbatch", "--parsable", "--requeue", "--open-mode=append",
                                  "--cpus-per-task=" + std::to_string(plan_.ask.threads)};
   for (const std::string& word : split(options_.more)) words.push_back(word);
@@ -180,8 +180,8 @@ Done Slurm::tally_of(const Array& array) const {
 void write_tally(const fs::path& list, const Share& share, const Done& done) {
   const fs::path folder = fs::path(list).replace_extension();
   if (!fs::is_directory(folder)) return;
-  identify::report::write_text_file(folder / ("task-" + std::to_string(share.task) + ".tally"),
-                                    std::to_string(done.ended) + " " + std::to_string(done.failed) + "\n");
+  base::write_whole_file(folder / ("task-" + std::to_string(share.task) + ".tally"),
+                         std::to_string(done.ended) + " " + std::to_string(done.failed) + "\n");
 }
 
 }  // namespace isorig::cli::pieces

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "base/whole_file.hpp"
 #include "cli/command.hpp"
 #include "cli/screen/progress.hpp"
 #include "identify/report/page.hpp"
@@ -80,7 +81,7 @@ int align(const AlignCommandOptions& options) {
   const auto result = identify::align(frame, pressure, how);
   progress->at(kSearched, "writing");
   std::filesystem::create_directories(options.out);
-  identify::report::write_text_file(std::filesystem::path(options.out) / "align.json", json_of(result));
+  base::write_whole_file(std::filesystem::path(options.out) / "align.json", json_of(result));
   if (!result.aligned) {
     progress.reset();
     std::printf("%s\n", result.refusal.c_str());
@@ -100,8 +101,8 @@ int align(const AlignCommandOptions& options) {
       std::snprintf(line, sizeof line, "%.6f,%.9g\n", recording.pressure->t_s[i], recording.pressure->pressure_psi[i]);
       text += line;
     }
-    identify::report::write_text_file(std::filesystem::path(options.out) / "pressure.csv",
-                                      messages::with_further_columns(text, further.pressure));
+    base::write_whole_file(std::filesystem::path(options.out) / "pressure.csv",
+                           messages::with_further_columns(text, further.pressure));
   } else {
     messages::write_recording(options.out, recording, further);
   }

@@ -11,6 +11,7 @@
 #include "base/number_text.hpp"
 #include "base/printable.hpp"
 #include "base/toml_reader.hpp"
+#include "base/whole_file.hpp"
 #include "cli/command.hpp"
 #include "cli/rig/acts.hpp"
 #include "cli/runs/import_files.hpp"
@@ -252,7 +253,7 @@ void keep_answers(const ImportCommandOptions& o, const Mapping& mapping) {
   const std::string text = foreign::mapping_text(mapping);
   try {
     std::filesystem::create_directories(folder);
-    identify::report::write_text_file(file, text);
+    base::write_whole_file(file, text);
   } catch (const std::exception& e) {
     std::printf("the answers could not be kept (%s); as a mapping.toml they are:\n%s",
                 base::printable_lines(e.what()).c_str(), base::printable_lines(text).c_str());
@@ -288,7 +289,7 @@ bool import_files(const ImportCommandOptions& o, Told& told, std::size_t& answer
   progress.reset();
   for (const auto& line : made.said) std::printf("%s\n", base::printable_lines(line).c_str());
   const auto mapping = std::filesystem::path(o.out) / "mapping.toml";
-  identify::report::write_text_file(mapping, foreign::mapping_text(told.mapping));
+  base::write_whole_file(mapping, foreign::mapping_text(told.mapping));
   std::printf("what was asked and told is in %s: --mapping uses it again, for another specimen too\n", mapping.c_str());
   return true;
 }

@@ -1,8 +1,12 @@
 #include "daemon/export/export.hpp"
 
+#include <fcntl.h>
+#include <sys/file.h>
 #include <toml++/toml.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
 #include <memory>
 #include <optional>
@@ -331,6 +335,32 @@ std::unique_ptr<ExportWriter> make_writer(const std::filesystem::path& out, cons
   return make_background_writer(make_csv_writer(out, options.lean), 1);
 }
 
+/// Two that write the same files leave one that is of both. While this is there, no other writes into the folder.
+class OneExporter {
+ public:
+  explicit OneExporter(const std::filesystem::path& folder) : folder_(folder) {
+    made_ = std::filesystem::create_directories(folder);
+    fd_ = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    // A file system without locks leaves it to the people.
+    if (fd_ < 0 || ::flock(fd_, LOCK_EX | LOCK_NB) == 0 || errno != EWOULDBLOCK) return;
+    ::close(fd_);
+    throw std::runtime_error(folder.string() +
+                             ": another isorig writes its recordings there; wait for it, or name another folder");
+  }
+  ~OneExporter() {
+    std::error_code ignored;
+    if (made_) std::filesystem::remove(folder_, ignored);  // where nothing was written
+    if (fd_ >= 0) ::close(fd_);
+  }
+  OneExporter(const OneExporter&) = delete;
+  OneExporter& operator=(const OneExporter&) = delete;
+
+ private:
+  std::filesystem::path folder_;
+  bool made_ = false;
+  int fd_ = -1;
+};
+
 }  // namespace
 
 ExportReport export_run(const std::filesystem::path& run_dir, const std::filesystem::path& out,
@@ -365,6 +395,7 @@ ExportReport export_run(const std::filesystem::path& run_dir, const std::filesys
   if (header.specimen.empty()) header.specimen = options.specimen;
   if (of_live_channels) header.rest_length_mm = options.rest_length_mm;
   const Provenance provenance{&options, &header, report.read.state(), report.read.complaints()};
+  const OneExporter alone(out);
   const auto writer = make_writer(out, options);
   Exporter exporter(*writer, options, *scan, provenance, of_live_channels ? &live : nullptr);
   (void)messages::read_run(run_dir, exporter, part(of_live_channels ? 0.75 : 0.5, 1.0));

@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/formatted.hpp"
+#include "base/whole_file.hpp"
 #include "identify/fv/campaign.hpp"
 #include "identify/fv/fv_report.hpp"
 
@@ -306,7 +307,7 @@ void write_campaign_report(const Campaign& campaign, const std::filesystem::path
              "brackets: "
              "not identifiable from these velocities, and this is all that is known (95 %).");
   page.write(folder, "campaign-report.html");
-  report::write_text_file(folder / "campaign.json", json_of(campaign, simulated).dump(1) + "\n");
+  base::write_whole_file(folder / "campaign.json", json_of(campaign, simulated).dump(1) + "\n");
   write_fv_tables(campaign.controls, folder / "fv-controls");
   if (!campaign.sheaths.recordings.empty()) write_fv_tables(campaign.sheaths, folder / "fv-sheaths");
 }

@@ -7,6 +7,7 @@
 #include "base/formatted.hpp"
 #include "base/json_words.hpp"
 #include "base/text_file.hpp"
+#include "base/whole_file.hpp"
 #include "identify/fv/fv_analysis.hpp"
 #include "identify/report/page.hpp"
 
@@ -162,7 +163,7 @@ std::string fv_json(const FvAnalysis& analysis) {
 
 void write_fv_tables(const FvAnalysis& analysis, const std::filesystem::path& folder) {
   std::filesystem::create_directories(folder);
-  report::write_text_file(folder / "fv.json", fv_json(analysis));
+  base::write_whole_file(folder / "fv.json", fv_json(analysis));
 
   std::ostringstream ramps, moves;
   ramps << "recording,specimen,nominal_pressure_psi,t_start_s,t_end_s,from_mm,to_mm,velocity_mm_s,velocity_se,"
@@ -186,8 +187,8 @@ void write_fv_tables(const FvAnalysis& analysis, const std::filesystem::path& fo
       moves << cell(r.path) << ',' << name(m.kind) << ',' << cell(m.t_start_s) << ',' << cell(m.t_end_s) << ','
             << cell(m.from_mm) << ',' << cell(m.to_mm) << ',' << cells(m.velocity_mm_s) << '\n';
   }
-  report::write_text_file(folder / "ramps.csv", ramps.str());
-  report::write_text_file(folder / "moves.csv", moves.str());
+  base::write_whole_file(folder / "ramps.csv", ramps.str());
+  base::write_whole_file(folder / "moves.csv", moves.str());
 
   std::ostringstream curves, parameters;
   curves << "specimen,nominal_pressure_psi,strain_rate_per_s,strain_rate_sd,normalized_force,normalized_"
@@ -212,8 +213,8 @@ void write_fv_tables(const FvAnalysis& analysis, const std::filesystem::path& fo
                  << ',' << cell(p.low) << ',' << cell(p.high) << ',' << (p.identifiable ? "yes" : "no") << ','
                  << cell(c.result.fit->r_squared) << ',' << c.result.fit->points << ',' << cell(p.statement) << '\n';
   }
-  report::write_text_file(folder / "curves.csv", curves.str());
-  report::write_text_file(folder / "parameters.csv", parameters.str());
+  base::write_whole_file(folder / "curves.csv", curves.str());
+  base::write_whole_file(folder / "parameters.csv", parameters.str());
 }
 
 std::vector<ControlFit> read_controls(const std::filesystem::path& fv_json_file, const std::string& specimen) {

@@ -4,6 +4,7 @@
 #include <nlohmann/json.hpp>
 
 #include "base/formatted.hpp"
+#include "base/whole_file.hpp"
 #include "identify/pooling/pool.hpp"
 
 namespace isorig::identify::pooling {
@@ -250,7 +251,7 @@ void add_pooled_sections(report::Page& page, const PooledCampaign& c, const std:
 
 void write_pooled(const PooledCampaign& c, const std::filesystem::path& folder, const report::Made& made) {
   std::filesystem::create_directories(folder);
-  report::write_text_file(folder / "pooled.json", pooled_json(c).dump(1) + "\n");
+  base::write_whole_file(folder / "pooled.json", pooled_json(c).dump(1) + "\n");
   report::Page page("Campaign", "One diagnosis of all recordings");
   page.made(made);
   page.subtitle(formatted("%zu recordings of %zu actuators at %zu %s", c.recordings.size(), c.actuators.size(),

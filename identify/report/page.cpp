@@ -11,6 +11,7 @@
 #include "base/formatted.hpp"
 #include "base/number_text.hpp"
 #include "base/utc_text.hpp"
+#include "base/whole_file.hpp"
 #include "identify/report/neighbours.hpp"
 #include "identify/report/template.hpp"
 
@@ -231,7 +232,7 @@ void Page::write(const std::filesystem::path& folder, std::string_view file_name
       html += c;
   }
   html += kTemplateTail;
-  write_text_file(folder / file_name, html);
+  base::write_whole_file(folder / file_name, html);
 }
 
 std::string now_utc() {
@@ -280,15 +281,6 @@ std::string r_squared_text(double value) {
   if (missing < 1e-6) return "> 0.999999";
   const int decimals = std::clamp(static_cast<int>(std::ceil(-std::log10(missing))) + 1, 3, 7);
   return base::formatted("%.*f", decimals, value);
-}
-
-void write_text_file(const std::filesystem::path& file, std::string_view text) {
-  const std::filesystem::path aside = file.string() + ".part";
-  std::ofstream out(aside, std::ios::binary);
-  out.write(text.data(), static_cast<std::streamsize>(text.size()));
-  out.close();
-  if (!out) throw std::runtime_error("cannot write " + aside.string());
-  std::filesystem::rename(aside, file);
 }
 
 }  // namespace isorig::identify::report

@@ -114,7 +114,4 @@ class Page {
 /// R² with the digits that mean something: as many as tell it from 1, "0.99987", at most "> 0.999999".
 [[nodiscard]] std::string r_squared_text(double value);
 
-/// Writes text through a temporary name in the same folder, so that a reader never sees half of it.
-void write_text_file(const std::filesystem::path& file, std::string_view text);
-
 }  // namespace isorig::identify::report

@@ -1,6 +1,9 @@
 // `isorig export` in every format, read by what laboratories read with: pandas, numpy, h5py, h5dump, Octave.
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/file.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <map>
@@ -23,6 +26,7 @@ std::string record(const TempDir& dir) {
 
 std::map<std::string, std::string> files_in(const std::filesystem::path& folder) {
   std::map<std::string, std::string> all;
+  if (!std::filesystem::exists(folder)) return all;  // nothing was written
   for (const auto& entry : std::filesystem::recursive_directory_iterator(folder)) {
     if (entry.is_regular_file()) all.emplace(entry.path().string(), slurp(entry.path()));
   }
@@ -46,6 +50,26 @@ TEST(ExportFormats, SayTheSameToEveryReader) {
                    (dir / "hdf5" / (name + ".h5")).string(), (dir / "mat" / name).string()},
                   dir / "readers.log");
   EXPECT_EQ(readers.wait(240.0), 0) << readers.output();
+}
+
+/// Two into one folder: each file would be of both.
+TEST(ExportFormats, AFolderTakesOneExportAtATime) {
+  const TempDir dir;
+  const auto runs = record(dir);
+  const auto out = (dir / "out").string();
+  std::filesystem::create_directories(out);
+  const int held = ::open(out.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  ASSERT_EQ(::flock(held, LOCK_EX), 0);  // as an export that is under way has it
+  for (const std::string format : {"csv", "hdf5", "mat"}) {
+    Process second({bin("isorig"), "export", "latest", "--runs", runs, "--format", format, "--out", out},
+                   dir / (format + ".log"));
+    EXPECT_EQ(second.wait(60.0), 1) << second.output();
+    EXPECT_THAT(second.output(), HasSubstr("out: another isorig writes its recordings there")) << format;
+  }
+  EXPECT_TRUE(files_in(out).empty());
+  ::close(held);
+  Process alone({bin("isorig"), "export", "latest", "--runs", runs, "--out", out}, dir / "alone.log");
+  EXPECT_EQ(alone.wait(60.0), 0) << alone.output();
 }
 
 /// A file that cannot grow beyond 700 kB: above the 282 kB of a MAT session's columns, below the 1.1 MB of the least
