@@ -63,8 +63,9 @@ std::string no_such_option(const CLI::App& sub, std::string word) {
     for (const auto& name : option->get_lnames()) known.push_back(name);
   }
   if (word.starts_with("--") && std::find(known.begin(), known.end(), word.substr(2)) != known.end()) return {};
-  return sub.get_name() + ": there is no option `" + base::printable(word) + "`" + guess(word, known, "--") +
-         " `isorig " + sub.get_name() + " --help` lists all";
+  const std::string name = sub.get_parent() == nullptr ? "" : sub.get_name();
+  return (name.empty() ? "" : name + ": ") + "there is no option `" + base::printable(word) + "`" +
+         guess(word, known, "--") + " `isorig " + (name.empty() ? "" : name + " ") + "--help` lists all";
 }
 
 }  // namespace
@@ -95,7 +96,9 @@ std::string unknown_word(const CLI::App& app, int argc, const char* const* argv,
   if (error.get_exit_code() == 0) return {};  // --help, --version
   if (argc == 1) return "name a command: `isorig --help` lists all, `isorig COMMAND --help` explains one";
   if (app.get_subcommands().empty()) {
-    return argc > 1 && argv[1][0] != '-' ? no_such_command(app, argv[1]) : std::string();
+    const std::string_view word = argv[1];
+    if (!word.starts_with('-')) return no_such_command(app, argv[1]);
+    return word.starts_with("--") ? no_such_option(app, argv[1]) : std::string();
   }
   if (dynamic_cast<const CLI::ExtrasError*>(&error) == nullptr) return {};
   const auto& sub = *app.get_subcommands().front();

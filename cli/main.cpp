@@ -1,3 +1,6 @@
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
 #include <exception>
 #include <filesystem>
 #include <iostream>
@@ -6,6 +9,21 @@
 #include "base/toml_reader.hpp"
 #include "cli/command.hpp"
 #include "messages/run_log.hpp"
+
+namespace {
+
+/// What was printed is all on its way, or it is said: a full disk behind a redirection must not look like a result.
+int written(int code) {
+  using namespace isorig;
+  errno = 0;
+  std::cout.flush();
+  const bool flushed = std::fflush(stdout) == 0;
+  if (std::cout.good() && flushed && std::ferror(stdout) == 0) return code;
+  std::cerr << "isorig: not everything could be printed: " << std::strerror(errno != 0 ? errno : EIO) << '\n';
+  return code == cli::kOk ? static_cast<int>(cli::kFailure) : code;
+}
+
+}  // namespace
 
 int main(int argc, char** argv) {
   using namespace isorig;
@@ -27,12 +45,15 @@ int main(int argc, char** argv) {
       std::cerr << "isorig: " << base::printable_lines(why) << '\n';
       return cli::kUsage;
     }
-    return app.exit(e) == 0 ? cli::kOk : cli::kUsage;
+    return written(app.exit(e) == 0 ? cli::kOk : cli::kUsage);
   }
   try {
     for (const auto& command : commands) {
-      if (command.app->parsed()) return command.run();
+      if (command.app->parsed()) return written(command.run());
     }
+  } catch (const CLI::ParseError& e) {  // what only the command itself could judge
+    std::cerr << "isorig: " << base::printable_lines(e.what()) << '\n';
+    return cli::kUsage;
   } catch (const base::ConfigError& e) {
     std::cerr << e.what() << '\n';
     return cli::kBadInput;

@@ -1,6 +1,8 @@
 #include "webserver/server.hpp"
 
 #include <boost/asio/ip/address_v4.hpp>
+#include <stdexcept>
+#include <string>
 #include <utility>
 
 #include "webserver/server_impl.hpp"
@@ -17,11 +19,24 @@ constexpr int kSendBuffer = 128 * 1024;
 
 }  // namespace
 
+namespace {
+
+net::ip::tcp::acceptor listen_on(net::io_context& context, std::uint16_t port) {
+  try {
+    return {context, net::ip::tcp::endpoint(net::ip::address_v4::loopback(), port), true};
+  } catch (const boost::system::system_error& e) {
+    throw std::runtime_error("cannot listen on localhost:" + std::to_string(port) + ": " + e.code().message() +
+                             "; is another isorig-web there? --port takes another port, 0 any free one");
+  }
+}
+
+}  // namespace
+
 Server::Impl::Impl(net::io_context& context, Hub& h, std::uint16_t port, const ServerLimits& l)
     : io(context),
       hub(h),
       limits(l),
-      acceptor(context, net::ip::tcp::endpoint(net::ip::address_v4::loopback(), port), true),
+      acceptor(listen_on(context, port)),
       pause(context),
       cookie_name("isorig-" + std::to_string(acceptor.local_endpoint().port())) {}
 

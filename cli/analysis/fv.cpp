@@ -65,6 +65,10 @@ int fv(const FvCommandOptions& options) {
     identify::refuse_implausible(recording, path, nominal,
                                  identify::channel_quality(recording.frame.t_s, recording.frame.position_mm));
   };
+  if (std::error_code error; std::filesystem::exists(std::filesystem::path(options.out) / "recording.toml", error)) {
+    std::cerr << options.out << ": is a recording, whose own ramps.csv would be lost; name another folder with --out\n";
+    return kFailure;
+  }
   constexpr double kReadShare = 0.3;
   auto [results, exit_code] = analyse_recordings("fv", options.recordings, kReadShare, {}, plausible);
   if (exit_code != kOk) return exit_code;

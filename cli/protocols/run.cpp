@@ -1,9 +1,12 @@
+#include <charconv>
 #include <csignal>
 #include <cstdio>
 #include <iostream>
+#include <limits>
 #include <memory>
 #include <optional>
 
+#include "base/printable.hpp"
 #include "base/text_file.hpp"
 #include "cli/command.hpp"
 #include "cli/protocols/protocol_input.hpp"
@@ -129,6 +132,15 @@ int run(const RunOptions& o) {
   return exit_code(result);
 }
 
+/// What the recording can hold: a signed number of 64 bits, not negative.
+std::string why_not_a_seed(const std::string& text) {
+  std::int64_t seed = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), seed);
+  if (error == std::errc() && end == text.data() + text.size() && seed >= 0) return {};
+  return "\"" + base::printable(text) + "\" is no seed: a whole number from 0 to " +
+         std::to_string(std::numeric_limits<std::int64_t>::max());
+}
+
 Command add_run(CLI::App& app) {
   auto* sub = app.add_subcommand("run", "Run a protocol on a simulated rig, in this process and in virtual time");
   auto o = std::make_shared<RunOptions>();
@@ -137,6 +149,7 @@ Command add_run(CLI::App& app) {
   sub->add_option("--specimen", o->specimen, "Specimen file, if not the rig's own");
   sub->add_option("--runs", o->runs, "Where runs and their catalogue are kept")->capture_default_str();
   sub->add_option("--seed", o->seed, "Of the simulated rig's noise, instead of the rig file's")
+      ->check([](const std::string& text) { return why_not_a_seed(text); })
       ->each([o](const std::string&) { o->has_seed = true; });
   sub->add_option("--resume", o->resume, "Go on with this interrupted run instead of starting a protocol")
       ->excludes(protocol);

@@ -148,7 +148,7 @@ class Watcher {
                 << " goes on: " << ends_text(std::time(nullptr), view_.status.value("remaining_s", 0.0), view_.worst_s)
                 << " (isorig watch, isorig pause, isorig abort)\n";
     }
-    return code.value_or(kOk);
+    return code.value_or(left());
   }
 
   /// Into a file or a pipe: a line for each look.
@@ -179,11 +179,18 @@ class Watcher {
             std::min<std::chrono::duration<double>>(until - Clock::now(), std::chrono::milliseconds(50)));
       }
     }
-    return kOk;
+    return left();
   }
 
  private:
   using Clock = std::chrono::steady_clock;
+
+  /// The exit code of a view that was left: a script must not take it for that of the run that it waits for.
+  int left() const {
+    if (!options_.until_done) return kOk;
+    std::cerr << "isorig: left before the run has ended; it goes on (isorig watch, isorig pause, isorig abort)\n";
+    return kFailure;
+  }
 
   /// A look, and the exit code if it is the last one. When isorigd does not answer, what was seen before stays, and the
   /// view says how old it is.

@@ -6,6 +6,7 @@
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <filesystem>
 
 #include "base/number_text.hpp"
 #include "base/printable.hpp"
@@ -379,6 +380,29 @@ std::optional<double> rest_length_of(std::string_view text) {
   return value && *value >= kShortest_mm && *value <= kLongest_mm ? value : std::nullopt;
 }
 
+namespace {
+
+/// What the files were read from stays, whatever is to be replaced; what is of another recording stays unless it is.
+void refuse_to_overwrite(const ImportPlan& plan, const std::filesystem::path& folder, bool replace) {
+  std::error_code error;
+  for (const char* name : {"recording.toml", "frame.csv", "pressure.csv", "mapping.toml"}) {
+    const auto file = folder / name;
+    if (!std::filesystem::exists(file, error)) continue;
+    for (const auto& of : plan.files)
+      if (std::filesystem::equivalent(file, of.file.path, error))
+        throw ImportRefused(file.string() +
+                            ": is what the numbers are read from, and the recording would take its place; name another "
+                            "folder with --out");
+    if (!replace && std::string_view(name) != "mapping.toml")
+      throw ImportRefused((std::string_view(name) == "recording.toml"
+                               ? folder.string() + ": a recording is there already"
+                               : file.string() + ": is there already") +
+                          "; name another folder with --out, or --replace it");
+  }
+}
+
+}  // namespace
+
 Imported make_recordings(const ImportPlan& plan, const Mapping& mapping, const ImportOptions& options) {
   struct File {
     const ImportPlan::Of* of;
@@ -450,10 +474,7 @@ Imported make_recordings(const ImportPlan& plan, const Mapping& mapping, const I
     for (std::size_t k = 0; k < i; ++k)
       if (ready[k].folder == ready[i].folder)
         throw ImportRefused("two files are called " + ready[i].folder.filename().string() + "; import them one by one");
-    std::error_code ignored;
-    if (!options.replace && std::filesystem::exists(ready[i].folder / "recording.toml", ignored))
-      throw ImportRefused(ready[i].folder.string() +
-                          ": a recording is there already; name another folder with --out, or --replace it");
+    refuse_to_overwrite(plan, ready[i].folder, options.replace);
   }
   tell(options, kChecked, "writing");
   for (const auto& each : ready) {

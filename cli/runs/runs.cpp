@@ -4,8 +4,11 @@
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <string_view>
 
 #include "base/printable.hpp"
+#include "base/text_file.hpp"
+#include "base/toml_reader.hpp"
 #include "cli/command.hpp"
 #include "cli/runs/run_argument.hpp"
 #include "cli/screen/duration.hpp"
@@ -18,8 +21,26 @@
 /// isorig runs: what there is.
 namespace isorig::cli {
 
+namespace {
+
+/// A person may name any file. One that is empty, or cut, is a log that was lost; one that has none of a log's marks
+/// never was one.
+void refuse_what_is_no_log(const std::filesystem::path& file) {
+  constexpr std::string_view kSyncWord("\xED\xA1\xDA\x01", 4);  // messages::kLogSyncWord, as it stands in a file
+  constexpr std::size_t kLookedAt = std::size_t{1} << 20U;
+  if (!std::filesystem::is_regular_file(file)) return;
+  const auto begin = base::read_text_file(file, kLookedAt);
+  if (begin.empty() || kSyncWord.starts_with(begin) || begin.find(kSyncWord) != std::string::npos) return;
+  throw base::ConfigError({{file.string(), 0, 0,
+                            "is no LCM log: none of its first bytes begins a message; name a run (`isorig runs`), its "
+                            "folder, or a log"}});
+}
+
+}  // namespace
+
 FoundRun find_run(const RunArgument& argument) {
   const std::filesystem::path as_path(argument.run);
+  refuse_what_is_no_log(as_path);
   if (!messages::list_segments(as_path).empty()) {
     const auto whole = std::filesystem::weakly_canonical(as_path);
     FoundRun found{whole.filename().string(), whole, {}, daemon::RunLock::is_held(whole)};

@@ -186,6 +186,28 @@ TEST_F(FvCommand, SheathNeedsItsControl) {
   EXPECT_THAT(wrong.text, HasSubstr("isorig-fv/1"));
 }
 
+/// A recording that the rig has exported has a ramps.csv of its own.
+TEST_F(FvCommand, ARecordingIsNoFolderForItsResults) {
+  const auto r = save(recording({}, "Control"), "r");
+  std::ofstream(r / "ramps.csv") << "step,t_start_s\n";
+  const auto refused = isorig("fv " + r.string() + " --out " + r.string());
+  EXPECT_EQ(refused.code, 1);
+  EXPECT_THAT(refused.text, HasSubstr("is a recording, whose own ramps.csv would be lost"));
+  EXPECT_EQ(read(r / "ramps.csv"), "step,t_start_s\n");
+}
+
+TEST_F(FvCommand, AFewRowsAreTooFewWhateverTheirNumber) {
+  for (const std::size_t rows : {1U, 2U, 3U}) {
+    auto r = recording({}, "Control");
+    r.pressure.reset();
+    for (auto* column : {&r.frame.t_s, &r.frame.position_mm, &r.frame.force_N}) column->resize(rows);
+    const auto said = isorig("fv " + save(r, "few-" + std::to_string(rows)).string() + out());
+    EXPECT_NE(said.code, 0) << rows;
+    EXPECT_NE(said.code, -1) << rows << ": a signal";
+    EXPECT_THAT(said.text, HasSubstr("only " + std::to_string(rows) + " sample")) << said.text;
+  }
+}
+
 TEST_F(FvCommand, NoRampsIsSaid) {
   auto r = recording({}, "still");
   for (double& x : r.frame.position_mm) x = 0.0;

@@ -592,6 +592,25 @@ TEST_F(Import, ANameThatNoColumnHasIsNotIgnored) {
   EXPECT_THAT(done.text, HasSubstr("mapping.toml: no column is called \"Force2\"; it was left aside"));
 }
 
+/// The numbers' only copy may be called what a recording's files are called.
+TEST_F(Import, WhatItReadsIsNotReplacedByWhatItWrites) {
+  const auto raw = file("frame.csv", table(strokes(), kBluehill));
+  for (const bool replace : {false, true}) {
+    const auto refused =
+        import_of_specimen(replace ? std::vector<std::string>{raw, "--replace"} : std::vector<std::string>{raw}, ".");
+    EXPECT_EQ(refused.code, 3);
+    EXPECT_THAT(refused.text, HasSubstr("frame.csv: is what the numbers are read from"));
+    EXPECT_EQ(slurp(raw), table(strokes(), kBluehill));
+    EXPECT_FALSE(std::filesystem::exists(dir_ / "recording.toml"));
+  }
+  // Another's file of that name needs --replace as well.
+  std::filesystem::create_directories(dir_ / "other");
+  file("other/frame.csv", "somebody's\n");
+  EXPECT_THAT(import_of_specimen({raw}, "other").text, HasSubstr("frame.csv: is there already"));
+  EXPECT_EQ(slurp(dir_ / "other/frame.csv"), "somebody's\n");
+  EXPECT_EQ(import_of_specimen({raw, "--replace"}, "other").code, 0);
+}
+
 TEST_F(Import, WrongOptionsAreNamed) {
   const auto path = file("a.csv", table(strokes(), kBluehill));
   EXPECT_THAT(import_of_specimen({path, "--unit", "Load=pound"}).text,

@@ -41,6 +41,11 @@ TEST(Usage, AMistypedOptionIsNamedWithWhatWasMeant) {
               "isorig: start: there is no option `--rigg`; `isorig start --help` lists all");
 }
 
+TEST(Usage, AnOptionBeforeAnyCommandIsNamedToo) {
+  expect_said({"--versio"},
+              "isorig: there is no option `--versio`; did you mean `--version`? `isorig --help` lists all");
+}
+
 TEST(Usage, WhatACommandMissesIsSaidWithItsName) {
   expect_said({"fv", "rec"}, "isorig: fv: --out is required; `isorig fv --help` says what it takes");
   expect_said({"start", "p.toml", "--operator"},
@@ -59,6 +64,47 @@ TEST(Usage, ADamagedJsonFileIsNamedWithoutTheLibrarysNames) {
     EXPECT_THAT(fv.text, HasSubstr("valid JSON"));
     EXPECT_THAT(fv.text, Not(HasSubstr("json.exception"))) << fv.text;
   }
+}
+
+/// A script that keeps what is printed must not take half of it for all of it.
+TEST(Usage, WhatCannotBePrintedIsAnError) {
+  for (const auto& words : std::vector<std::vector<std::string>>{{"schema", "rig"}, {"effects"}, {"--help"}}) {
+    std::string command = bin("isorig");
+    for (const auto& word : words) command += " " + word;
+    for (const auto* to : {" >/dev/full", " >&-"}) {
+      const TempDir dir;
+      const auto answer = run(dir, {"/bin/sh", "-c", command + to + " 2>" + (dir / "said").string()});
+      EXPECT_EQ(answer.code, 1) << command << to;
+      EXPECT_THAT(slurp(dir / "said"), HasSubstr("isorig: not everything could be printed: ")) << command << to;
+    }
+  }
+}
+
+TEST(Usage, AFileThatIsNoLogIsNoRecording) {
+  const TempDir dir;
+  spit(dir / "README.md", "# Read me\n");
+  for (const auto& words : std::vector<std::vector<std::string>>{
+           {"show", (dir / "README.md").string()},
+           {"report", (dir / "README.md").string(), "--out", (dir / "page.html").string()},
+           {"export", (dir / "README.md").string(), "--out", (dir / "out").string()}}) {
+    const auto answer = isorig(dir, words);
+    EXPECT_EQ(answer.code, 3) << answer.text;
+    EXPECT_THAT(answer.text, HasSubstr("README.md: is no LCM log"));
+  }
+  EXPECT_FALSE(std::filesystem::exists(dir / "page.html"));
+  EXPECT_FALSE(std::filesystem::exists(dir / "out"));
+}
+
+TEST(Usage, ASeedThatNoRecordingCanHoldIsRefused) {
+  const TempDir dir;
+  for (const auto* seed : {"-1", "18446744073709551615", "99999999999999999999999", "1.5", "x"}) {
+    const auto answer =
+        isorig(dir, {"run", source("config/protocols/vma-smoke.toml"), "--rig", source("config/rigs/sim.toml"),
+                     "--runs", (dir / "runs").string(), "--seed", seed});
+    EXPECT_EQ(answer.code, kUsage) << seed << ": " << answer.text;
+    EXPECT_THAT(answer.text, HasSubstr("is no seed: a whole number from 0 to 9223372036854775807")) << seed;
+  }
+  EXPECT_FALSE(std::filesystem::exists(dir / "runs"));
 }
 
 TEST(Usage, WhatIsNoTypingErrorIsLeftToTheParser) {

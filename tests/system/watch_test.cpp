@@ -149,6 +149,11 @@ TEST_F(Watch, UntilDoneWaitsForARunOfItsOwn) {
       << waiting.output();
   std::this_thread::sleep_for(std::chrono::seconds(1));
   EXPECT_TRUE(waiting.running()) << waiting.output();
+  // Whoever is interrupted has not seen the end, and says so to the script that called it.
+  Process interrupted(words({"--until-done"}), dir_ / "interrupted.txt");
+  ASSERT_TRUE(wait_until(10.0, [&] { return interrupted.output().find("waiting") != std::string::npos; }));
+  EXPECT_EQ(interrupted.stop(SIGINT, 10.0), 1) << interrupted.output();
+  EXPECT_THAT(interrupted.output(), HasSubstr("left before the run has ended"));
   const auto own = daemon_->call({"start", kSmoke, "--until-done"}, 120.0);
   EXPECT_EQ(own.code, 0) << own.text;
   EXPECT_EQ(waiting.wait(20.0), 0);

@@ -42,6 +42,7 @@ Trend trend_of(const std::vector<double>& x, const std::vector<double>& y) {
 std::size_t strokes_between_readings(const messages::FrameSamples& frame, double noise_mm) {
   const auto& t = frame.t_s;
   const auto& x = frame.position_mm;
+  if (t.size() < 4) return 0;  // one before a move, one after, and one beside each
   std::vector<double> steps_s;
   for (std::size_t k = 1; k < t.size(); ++k) steps_s.push_back(t[k] - t[k - 1]);
   std::ranges::sort(steps_s);
@@ -85,12 +86,16 @@ void refuse_implausible(const messages::Recording& recording, const std::string&
 }
 
 void refuse_repeated(std::span<const messages::Recording> recordings, std::span<const std::string> names) {
+  // A copy may have lost its pressure. Two pressures that differ are two recordings, whatever a frame that stood still
+  // read meanwhile.
   const auto same = [](const messages::Recording& a, const messages::Recording& b) {
-    if (!a.frame.t_s.empty() || !b.frame.t_s.empty())
-      return a.frame.t_s == b.frame.t_s && a.frame.position_mm == b.frame.position_mm &&
-             a.frame.force_N == b.frame.force_N;
-    return a.pressure && b.pressure && a.pressure->t_s == b.pressure->t_s &&
-           a.pressure->pressure_psi == b.pressure->pressure_psi;
+    const bool has_frame = !a.frame.t_s.empty() || !b.frame.t_s.empty();
+    const bool has_pressure = a.pressure && b.pressure;
+    const bool same_frame =
+        a.frame.t_s == b.frame.t_s && a.frame.position_mm == b.frame.position_mm && a.frame.force_N == b.frame.force_N;
+    const bool same_pressure =
+        has_pressure && a.pressure->t_s == b.pressure->t_s && a.pressure->pressure_psi == b.pressure->pressure_psi;
+    return same_frame && (has_pressure ? same_pressure : has_frame);
   };
   for (std::size_t i = 0; i < recordings.size(); ++i)
     for (std::size_t k = i + 1; k < recordings.size(); ++k)
