@@ -58,6 +58,13 @@ void fill_from_recording(Part& part, const Reference& reference) {
   }
 }
 
+bool ModelSpec::reads_pressure() const noexcept {
+  return std::ranges::any_of(parts, [](const Part& part) {
+    return part.physics->traits.pressure != PressureNeed::kNone || part.physics->traits.driven_by_pressure ||
+           (part.law->make_table && part.law->name == "pressure");
+  });
+}
+
 bool ModelSpec::driven_by_pressure() const noexcept {
   return std::ranges::any_of(parts, [](const Part& part) { return part.physics->traits.driven_by_pressure; });
 }

@@ -41,11 +41,16 @@ struct ModelSpec {
   std::vector<Part> parts;
   std::optional<Seen> seen = {};  ///< of a model that was fitted
   double length_scale = 1.0;      ///< of its laws' ranges (length_scale.hpp)
+  /// What its parts count a pressure from (Reference::nominal_pressure_psi). Not said: each recording's own nominal
+  /// one.
+  std::optional<double> pressure_from_psi = {};
 
   [[nodiscard]] std::size_t coefficient_count() const noexcept;
   [[nodiscard]] std::vector<double> coefficients() const;
   void set_coefficients(std::span<const double> values) noexcept;
   [[nodiscard]] bool has(std::string_view physics) const noexcept;
+  /// Some part reads the pressure.
+  [[nodiscard]] bool reads_pressure() const noexcept;
   /// Some part pulls when the pressure changes and nothing moves.
   [[nodiscard]] bool driven_by_pressure() const noexcept;
 };

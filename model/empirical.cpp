@@ -18,12 +18,11 @@ class TableForce : public Process {
   }
   void force(const Instant& now, double* columns) noexcept override {
     travelled_mm_ += std::fabs(now.step_mm);
-    if (std::fabs(now.step_mm) > kMoved_mm) direction_ = now.step_mm;
+    if (now.slide_mm != 0.0) direction_ = now.slide_mm;
     columns[0] = value(now);
   }
 
  private:
-  static constexpr double kMoved_mm = 2e-5;
   [[nodiscard]] double value(const Instant& now) const noexcept {
     switch (of_) {
       case Of::kPosition:

@@ -13,6 +13,7 @@ namespace {
 
 /// What the number is multiplied by when lengths are; by the unit in its name.
 double factor_of(const Parameter& parameter, double length_scale) {
+  if (parameter.traits.starts_are_shares_of_travel) return 1.0;
   if (parameter.name.ends_with("_1_mm")) return 1.0 / length_scale;
   if (parameter.name.ends_with("_mm") || parameter.name.ends_with("_mm_s")) return length_scale;
   return 1.0;

@@ -119,6 +119,7 @@ ModelSpec read_document(const base::TomlDocument& document) {
     root.error("format", "format is \"" + format + "\", this program reads \"" + std::string(kFormat) + "\"");
   spec.name = root.string_or("name", "");
   spec.length_scale = root.number_or("length_scale", 1.0, {1e-6, 1e6});
+  if (root.has("pressure_from_psi")) spec.pressure_from_psi = root.number("pressure_from_psi", {-14.7, 1e4});
   const auto parts = root.tables("part");
   if (parts.empty()) root.error("part", "a model needs at least one [[part]]");
   for (const base::TomlTable& part : parts) read_part(part, spec);
@@ -186,6 +187,8 @@ std::string model_text(const ModelSpec& spec, std::string_view comment) {
   out += "format = " + toml_string(kFormat) + "\nname = " + toml_string(spec.name) + "\n";
   if (spec.length_scale != 1.0)
     out += "length_scale = " + number(spec.length_scale) + "  # of the ranges that lengths may have\n";
+  if (spec.pressure_from_psi && spec.reads_pressure())
+    out += "pressure_from_psi = " + number(*spec.pressure_from_psi) + "  # what its parts count the pressure from\n";
   out += parts_text(spec.parts, "part");
   if (spec.seen) out += seen_text(*spec.seen);
   return out;

@@ -26,6 +26,7 @@ struct Reference {
   double recording_id = 0.0;
   double largest_force_N = 0.0;  ///< that was read, as a magnitude; 0 when it is not known (a running rig)
   double rest_length_mm = 0.0;   ///< at position 0, without pressure; 0 when it is not known
+  double lowest_position_mm = 0.0, highest_position_mm = 0.0;  ///< that were read; equal when not known (a running rig)
 };
 
 /// One instant of the drive. Between two instants the specimen moves at constant velocity; steps are exact
@@ -85,6 +86,9 @@ struct ParameterTraits {
   double resolution_factor = 0.0;  ///< times that, in the parameter's unit
   /// `starts` are multiplied by Reference::largest_force_N: for a force whose scale depends on the rig.
   bool starts_are_shares_of_largest_force = false;
+  /// A place on the frame's own scale, whose zero may be anywhere: `starts` are shares of the way from the lowest to
+  /// the highest position of the recording, and the bounds do not follow the specimen's size.
+  bool starts_are_shares_of_travel = false;
   /// The effect that the law turns into at its lower bound. A fit that ends there is reported under that effect's name.
   std::string_view lower_bound_is = {};
   std::string_view upper_bound_is = {};  ///< the same of its upper bound

@@ -22,10 +22,11 @@ class ActuatorProcess final : public model::Process {
 SpecimenPhysics::SpecimenPhysics(const model::ActuatorParameters& actuator, const std::optional<PhysicsConfig>& physics)
     : actuator_(actuator) {
   if (!physics) return;
-  nominal_pressure_psi_ = physics->nominal_pressure_psi;
   model::Reference reference;
-  reference.elongation_at_zero_mm = actuator_.initial_length_mm() - actuator_.rest_length_mm(nominal_pressure_psi_);
-  reference.nominal_pressure_psi = nominal_pressure_psi_;
+  reference.elongation_at_zero_mm =
+      actuator_.initial_length_mm() - actuator_.rest_length_mm(physics->nominal_pressure_psi);
+  pressure_from_psi_ = physics->spec.pressure_from_psi.value_or(physics->nominal_pressure_psi);
+  reference.nominal_pressure_psi = pressure_from_psi_;
 
   model::ModelSpec spec = physics->spec;
   if (!physics->replaces_actuator) {
@@ -41,7 +42,7 @@ SpecimenPhysics::SpecimenPhysics(const model::ActuatorParameters& actuator, cons
     spec.parts.insert(spec.parts.begin(), {&actuator_part_, &actuator_part_.laws.front(), {}, {1.0}, true});
   }
   running_ = std::make_unique<model::RunningModel>(spec, reference);
-  now_.excess_pressure_psi = -nominal_pressure_psi_;
+  now_.excess_pressure_psi = -pressure_from_psi_;
   running_->reset(now_);
   force_N_ = running_->step(now_);
 }
@@ -58,7 +59,7 @@ double SpecimenPhysics::step_composed(double position_mm, double velocity_mm_s, 
   now_.elongation_mm = position_mm + actuator_.initial_length_mm() - actuator_.rest_length_mm(pressure_psi);
   now_.acceleration_mm_s2 = (velocity_mm_s - now_.velocity_mm_s) / dt_s;
   now_.velocity_mm_s = velocity_mm_s;
-  now_.excess_pressure_psi = pressure_psi - nominal_pressure_psi_;
+  now_.excess_pressure_psi = pressure_psi - pressure_from_psi_;
   return running_->step(now_);
 }
 

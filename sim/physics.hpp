@@ -35,7 +35,7 @@ class SpecimenPhysics {
   std::unique_ptr<model::RunningModel> running_;
   model::Instant now_;
   double pressure_psi_ = 0.0;
-  double nominal_pressure_psi_ = 0.0;
+  double pressure_from_psi_ = 0.0;  ///< what the model counts from
   double force_N_ = 0.0;
 };
 

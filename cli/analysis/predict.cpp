@@ -8,11 +8,13 @@
 #include <stdexcept>
 #include <vector>
 
+#include "base/whole_file.hpp"
 #include "cli/analysis/answers.hpp"
 #include "cli/command.hpp"
 #include "cli/screen/progress.hpp"
 #include "identify/diagnose/forecast.hpp"
 #include "identify/diagnose/motion/reconstruction.hpp"
+#include "identify/diagnose/prepare.hpp"
 #include "identify/response/response_model.hpp"
 #include "messages/csv.hpp"
 #include "messages/recording.hpp"
@@ -48,25 +50,28 @@ bool write_whole(const std::filesystem::path& out, const std::string& text) {
   if (std::filesystem::is_directory(out, error)) return complain("it is a folder; name a file with --out");
   // A pipe or a terminal has no place to be renamed to, and a link (/dev/stdout) is not to be replaced.
   const auto kind = std::filesystem::symlink_status(out, error).type();
-  const bool aside = kind == std::filesystem::file_type::not_found || kind == std::filesystem::file_type::regular;
-  std::filesystem::path to = out;
-  if (aside) to += ".part";
-  std::FILE* file = std::fopen(to.c_str(), "wb");
+  if (kind == std::filesystem::file_type::not_found || kind == std::filesystem::file_type::regular) {
+    try {
+      base::write_whole_file(out, text);
+      return true;
+    } catch (const std::runtime_error& e) {
+      std::cerr << e.what() << '\n';
+      return false;
+    }
+  }
+  std::FILE* file = std::fopen(out.c_str(), "wb");
   if (file == nullptr) return complain(std::strerror(errno));
   const bool written = std::fwrite(text.data(), 1, text.size(), file) == text.size();
-  if (std::fclose(file) != 0 || !written) {
-    const std::string why = std::strerror(errno);
-    if (aside) std::filesystem::remove(to, error);
-    return complain(why);
-  }
-  if (!aside) return true;
-  std::filesystem::rename(to, out, error);
-  return error ? complain(error.message()) : true;
+  return std::fclose(file) != 0 || !written ? complain(std::strerror(errno)) : true;
 }
 
 int predict(const PredictOptions& options) {
   if (is_of_recording(options.out, options.recording)) {
     std::cerr << options.out << ": is of the recording itself; name another file with --out\n";
+    return kFailure;
+  }
+  if (std::error_code error; std::filesystem::equivalent(options.out, options.model, error)) {
+    std::cerr << options.out << ": is the model itself; name another file with --out\n";
     return kFailure;
   }
   const bool answers = identify::response::is_response_model(options.model);
@@ -108,7 +113,9 @@ int predict(const PredictOptions& options) {
   std::fill(recording.frame.force_N.begin(), recording.frame.force_N.end(), 0.0);
   const auto finding = [&](double done) { progress->at(kRead + (kMotion - kRead) * done, "finding the motion"); };
   finding(0.0);
-  const identify::Excitation excitation = identify::reconstruct_excitation(recording, finding);
+  const identify::RecordingQuality quality = identify::recording_quality(recording);
+  identify::Excitation excitation = identify::reconstruct_excitation(recording, quality, finding);
+  identify::count_as_fitted(excitation, recording, quality, spec);
   const identify::Forecast forecast = identify::forecast(
       spec, excitation, [&](double done) { progress->at(kMotion + (kSimulated - kMotion) * done, "simulating"); });
   progress->at(kSimulated, "writing");

@@ -197,7 +197,7 @@ void publish_model(const Search& search, const Study& study, const PublishedNomi
   Publication publication = publish(search, study.selection, leave_out, whole, {out.nominal, nominal.criterion, {}, {}},
                                     out.noise_N, doubted);
   out.model = std::move(publication.model.spec);
-  if (!publication.why.empty()) place_events(out.model, study.series[0], study.usable[0]);
+  if (!publication.why.empty()) place_events(out.model, study.series, study.usable);
   out.described_by = std::move(publication.model.described_by);
   out.heldout = std::move(publication.heldout);
   out.not_modelled = {std::move(publication.located_only), std::move(publication.why),
@@ -285,7 +285,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   const PublishedNominal nominal_published = published_nominal(search, study.selection, study.usable, options.threads);
   out.nominal = nominal_published.fit.spec;
   out.model = study.selection.best == 0 ? out.nominal : study.selection.chosen().fit.spec;
-  place_events(out.model, study.series[0], study.usable[0]);
+  place_events(out.model, study.series, study.usable);
   name_missing_effects(search, study);
   list_alternatives(study.selection, out);
   now(0.87, "what these recordings can show");
@@ -310,6 +310,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     if (std::ranges::find(out.not_modelled.names, missing.effect->name) != out.not_modelled.names.end())
       missing.probability = stated_if_refused(missing.probability);
   out.nominal.name = out.model.name = nominal.name;
+  out.nominal.pressure_from_psi = out.model.pressure_from_psi = nominal.pressure_from_psi;
   if (out.verdict == Verdict::kConsistent && (out.unjudged = unjudged(study, out.nominal_errors.train_rmse_N)))
     out.verdict = Verdict::kCannotJudge;
   if (out.verdict != Verdict::kConsistent)

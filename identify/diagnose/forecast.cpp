@@ -14,7 +14,11 @@ Forecast forecast(const model::ModelSpec& spec, const Excitation& excitation,
   Forecast out;
   RunningForecast running(spec, excitation.reference, noise_of(excitation));
   running.reset(excitation.instants.front());
-  for (const model::Instant& now : excitation.instants) {
+  for (model::Instant now : excitation.instants) {
+    if (!out.force_N.empty() && out.force_N.size() == excitation.begin_row) {
+      now.dt_s = now.step_mm = now.slide_mm = 0.0;
+      running.reset(now);
+    }
     const auto row = running.step(now);
     out.force_N.push_back(row.force_N);
     constexpr std::size_t kBetween = 100'000;  // rows

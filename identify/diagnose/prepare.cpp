@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <stdexcept>
 
 #include "base/formatted.hpp"
@@ -54,6 +55,11 @@ void add_unknown_state(model::ModelSpec& spec, double recording_id, double start
   }
 }
 
+/// An isometric recording is driven by its pressure alone: its filling is the experiment.
+bool may_be_cut(const messages::Recording& recording, const RecordingQuality& quality, const model::ModelSpec& model) {
+  return position_moves(recording, quality) || !model.driven_by_pressure();
+}
+
 /// Cuts the session's own filling off and refuses what no model can be judged by.
 Admitted admit(messages::Recording& recording, const std::string& name, model::ModelSpec& nominal,
                std::vector<DataFault>& faults) {
@@ -61,8 +67,7 @@ Admitted admit(messages::Recording& recording, const std::string& name, model::M
   const auto& t_s = recording.frame.t_s;
   Admitted admitted{t_s.empty() ? 0.0 : t_s.back() - t_s.front(), messages::recording_id(recording),
                     recording_quality(recording)};
-  // An isometric recording is driven by its pressure alone: its filling is the experiment.
-  if (position_moves(recording, admitted.quality) || !nominal.driven_by_pressure()) {
+  if (may_be_cut(recording, admitted.quality, nominal)) {
     const double start_s = t_s.empty() ? 0.0 : t_s.front();
     if (auto cut = cut_start_up(recording)) {
       faults.push_back(std::move(*cut));
@@ -112,7 +117,45 @@ void report_pressure_clock(const Excitation& excitation, std::vector<DataFault>&
   faults.push_back({"clock", excitation.instants.front().t_s, excitation.instants.back().t_s, 0, text});
 }
 
+/// Recordings that are explained together count their pressure from one zero: the least of their nominal pressures, so
+/// that their order does not matter, unless the model says from where. Nothing where no recording says anything of its
+/// pressure.
+std::optional<double> count_from_one_pressure(std::vector<Series>& series, std::optional<double> given_psi) {
+  const auto says = [](const Excitation& e) {
+    return !e.pressure_psi.empty() || e.reference.nominal_pressure_psi != 0.0;
+  };
+  std::optional<double> from_psi = given_psi;
+  for (const Series& each : series)
+    if (!given_psi && says(each.excitation))
+      from_psi = std::min(from_psi.value_or(HUGE_VAL), each.excitation.reference.nominal_pressure_psi);
+  if (!from_psi) return from_psi;
+  for (Series& each : series) {
+    if (!says(each.excitation)) continue;
+    const double shift_psi = each.excitation.reference.nominal_pressure_psi - *from_psi;
+    count_pressure_from(each.excitation, *from_psi);
+    for (model::Instant& node : each.nodes) node.excess_pressure_psi += shift_psi;
+  }
+  return from_psi;
+}
+
+/// The row of frame.csv at which a session begins whose filling is in its recording: 0 where a diagnosis with `model`
+/// would cut nothing off before it.
+std::size_t session_begin(const messages::Recording& recording, const RecordingQuality& quality,
+                          const model::ModelSpec& model) {
+  if (!may_be_cut(recording, quality, model)) return 0;
+  messages::Recording session = recording;
+  if (!cut_start_up(session) || session.frame.t_s.empty()) return 0;
+  return static_cast<std::size_t>(std::ranges::lower_bound(recording.frame.t_s, session.frame.t_s.front()) -
+                                  recording.frame.t_s.begin());
+}
+
 }  // namespace
+
+void count_as_fitted(Excitation& excitation, const messages::Recording& recording, const RecordingQuality& quality,
+                     const model::ModelSpec& model) {
+  excitation.begin_row = session_begin(recording, quality, model);
+  if (model.pressure_from_psi) count_pressure_from(excitation, *model.pressure_from_psi);
+}
 
 void prepare(Study& study, std::vector<messages::Recording> recordings, std::vector<std::string> names,
              model::ModelSpec& nominal) {
@@ -131,6 +174,7 @@ void prepare(Study& study, std::vector<messages::Recording> recordings, std::vec
     study.usable.push_back(std::move(guarded.usable));
     report_pressure_clock(excitation, study.faults);
   }
+  nominal.pressure_from_psi = count_from_one_pressure(study.series, nominal.pressure_from_psi);
   share_noise(study.series);
   study.noise = instrument_noise(study.series, study.usable);
 }

@@ -65,10 +65,19 @@ StartState::Share StartState::at(double since_s) const {
   return {share.dot(root_.col(n)), share.norm()};
 }
 
+namespace {
+
+model::Reference counted_as(const model::ModelSpec& spec, model::Reference reference) {
+  reference.nominal_pressure_psi = spec.pressure_from_psi.value_or(reference.nominal_pressure_psi);
+  return reference;
+}
+
+}  // namespace
+
 Twin::Twin(const model::ModelSpec& spec, const model::Reference& reference)
     : spec_(spec),
-      reference_(reference),
-      motion_(reference),
+      reference_(counted_as(spec, reference)),
+      motion_(reference_),
       start_(spec),
       has_band_(spec.seen.has_value()),
       cusum_(cusum_design(std::exp(-kBlock_s / kLongest_s))) {

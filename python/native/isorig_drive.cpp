@@ -2,17 +2,21 @@
 #include <limits>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "base/number_text.hpp"
 #include "c_abi.hpp"
 #include "identify/diagnose/forecast.hpp"
 #include "identify/diagnose/motion/reconstruction.hpp"
+#include "identify/diagnose/prepare.hpp"
 #include "isorig_model.h"
 #include "messages/recording.hpp"
 #include "rows.hpp"
 
 struct isorig_drive {
+  isorig::messages::Recording recording;
+  isorig::identify::RecordingQuality quality;
   isorig::identify::Excitation excitation;
 };
 
@@ -113,8 +117,10 @@ isorig_drive* isorig_drive_new(const isorig_specimen* specimen, size_t rows, con
         require(specimen, "the specimen");
         require(t_s, "t_s");
         require(position_mm, "position_mm");
-        return new isorig_drive{identify::reconstruct_excitation(
-            recording_of(*specimen, rows, t_s, position_mm, pressure_rows, pressure_t_s, pressure_psi))};
+        auto recording = recording_of(*specimen, rows, t_s, position_mm, pressure_rows, pressure_t_s, pressure_psi);
+        const auto quality = identify::recording_quality(recording);
+        auto excitation = identify::reconstruct_excitation(recording, quality);
+        return new isorig_drive{std::move(recording), quality, std::move(excitation)};
       },
       nullptr);
 }
@@ -130,7 +136,9 @@ int isorig_model_predict(const isorig_model* model, const isorig_drive* drive, d
         require(model, "the model");
         require(drive, "the drive");
         require(force_N, "the place for force_N");
-        const auto forecast = identify::forecast(model->spec, drive->excitation);
+        identify::Excitation excitation = drive->excitation;
+        identify::count_as_fitted(excitation, drive->recording, drive->quality, model->spec);
+        const auto forecast = identify::forecast(model->spec, excitation);
         const std::size_t rows = forecast.force_N.size();
         copy_or_nan(forecast.force_N, rows, force_N);
         copy_or_nan(forecast.low95_N, rows, low95_N);
@@ -164,7 +172,8 @@ isorig_stepper* isorig_stepper_new(const isorig_model* model, const isorig_speci
         require(specimen, "the specimen");
         const auto metadata = metadata_of(*specimen);
         const model::Reference reference{.elongation_at_zero_mm = metadata.elongation_at_zero_mm(),
-                                         .nominal_pressure_psi = metadata.nominal_pressure_psi.value_or(0.0)};
+                                         .nominal_pressure_psi = model->spec.pressure_from_psi.value_or(
+                                             metadata.nominal_pressure_psi.value_or(0.0))};
         return new isorig_stepper{model::RunningModel(model->spec, reference), reference, {}, false};
       },
       nullptr);

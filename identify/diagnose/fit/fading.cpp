@@ -17,13 +17,6 @@ bool counts(const ModelSpec& spec, model::Counts what) {
   return std::ranges::any_of(spec.parts, [what](const model::Part& p) { return p.law->traits.counts == what; });
 }
 
-bool reads_pressure(const ModelSpec& spec) {
-  return std::ranges::any_of(spec.parts, [](const model::Part& p) {
-    return p.physics->traits.pressure != model::PressureNeed::kNone || p.physics->traits.driven_by_pressure ||
-           (p.law->make_table && p.law->name == "pressure");
-  });
-}
-
 bool has_empirical(const ModelSpec& spec) {
   return std::ranges::any_of(spec.parts, [](const model::Part& p) { return model::is_empirical(*p.physics); });
 }
@@ -77,7 +70,7 @@ Fading::Fading(const ModelSpec& spec, double nominal_pressure_psi, const Reading
     : watched_{}, nominal_psi_(nominal_pressure_psi) {
   const double noises = deciding().outside_noises, sum = deciding().outside_sum_share;
   const model::Seen& seen = *spec.seen;
-  const bool pressure = reads_pressure(spec) && noise.has_pressure;
+  const bool pressure = spec.reads_pressure() && noise.has_pressure;
   watched_ = {
       Watched{"the position", "mm", seen.lowest_mm, seen.highest_mm, noises * noise.position_mm, true},
       Watched{"the velocity", "mm/s", -seen.fastest_mm_s, seen.fastest_mm_s,

@@ -42,6 +42,11 @@ class Fading {
     double weight = 1.0;
   };
   [[nodiscard]] Belief next(const model::Instant& now);
+  /// Travel and time are counted from here.
+  void begin(const model::Instant& first) noexcept {
+    start_s_ = first.t_s;
+    travelled_mm_ = 0.0;
+  }
 
   /// What left its range so far, by how much, with the range; for people.
   [[nodiscard]] std::vector<std::string> notes() const;

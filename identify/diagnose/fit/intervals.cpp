@@ -105,11 +105,30 @@ Eigen::MatrixXd covariance_of(const Problem& problem, const model::ModelSpec& sp
   return errors.asDiagonal() * at.inverse * errors.asDiagonal();
 }
 
+/// How far from zero a coefficient may be that its sign holds there. Without the sign the squares would be least at c0,
+/// as a rule on the side that is not allowed (there it is negative here); c is allowed while the likelihood ratio to
+/// zero stays within its 95 %:
+///
+///     (c - c0)^2 - c0^2 = 3.84 var(c),   c = c0 + sqrt(c0^2 + 3.84 var(c))
+///
+/// var(c) as of any other number (covariance_of).
+double reach_from_zero(const Problem& problem, const model::ModelSpec& spec, std::vector<FreeNumber> numbers,
+                       const FreeNumber& held, Spread spread, const NoiseModel& fitted_under) {
+  numbers.push_back(held);
+  const Curvature at(problem, spec, numbers);
+  const Eigen::Index last = at.unit.size() - 1;
+  const double unsigned_c = -at.unit[last] * at.inverse.row(last).dot(at.jacobian.transpose() * at.residual);
+  const model::Sign sign = spec.parts[held.part].law->coefficients[held.index].sign;
+  const double c0 = sign == model::Sign::kNonNegative ? unsigned_c : -unsigned_c;
+  const double variance = covariance_of(problem, spec, numbers, spread, fitted_under)(last, last);
+  return c0 + std::sqrt(c0 * c0 + 3.84 * variance);
+}
+
 /// The time of an event lies between two bins; further ones are allowed while the likelihood ratio stays within its
 /// 95 % (3.84, chi-square of one degree).
 void set_event_interval(const Problem& problem, const model::ModelSpec& spec, std::size_t part, std::size_t index,
                         NamedValue& named) {
-  const auto& nodes = problem.series()[0].nodes;
+  const auto& nodes = problem.series()[series_of(spec.parts[part], problem.series())].nodes;
   const double least = residual_of(problem, spec).squaredNorm();
   const double scale = std::max(least / static_cast<double>(problem.target().size()), 1.0);
   model::ModelSpec moved = spec;
@@ -166,7 +185,15 @@ std::vector<std::vector<NamedValue>> intervals(const Problem& problem, const mod
     auto& values = out.emplace_back();
     for (std::size_t i = 0; i < part.coefficients.size(); ++i) {
       const double value = part.coefficients[i], half = half_width({p, i, true});
-      values.push_back({std::string(part.law->coefficients[i].name), value, value - half, value + half});
+      NamedValue named{std::string(part.law->coefficients[i].name), value, value - half, value + half};
+      if (const model::Sign sign = part.law->coefficients[i].sign;
+          value == 0.0 && sign != model::Sign::kFree && !part.fixed) {
+        const double reach =
+            reach_from_zero(problem, spec, numbers, {p, i, true}, spread, fitted_under.value_or(problem.noise()));
+        (sign == model::Sign::kNonNegative ? named.high : named.low) =
+            sign == model::Sign::kNonNegative ? reach : -reach;
+      }
+      values.push_back(std::move(named));
     }
     for (std::size_t i = 0; i < part.parameters.size(); ++i) {
       const model::Parameter& parameter = part.law->parameters[i];

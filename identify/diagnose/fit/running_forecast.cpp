@@ -50,6 +50,7 @@ void RunningForecast::reset(const model::Instant& first) noexcept {
   model_.reset(first);
   for (model::RunningModel& each : nominal_) each.reset(first);
   for (model::RunningModel& each : moved_) each.reset(first);
+  for (Fading& fading : fading_) fading.begin(first);
 }
 
 RunningForecast::Row RunningForecast::step(const model::Instant& now) {

@@ -234,6 +234,16 @@ Series prepare_series(std::string name, messages::Recording recording, const std
   return prepare_series(std::move(name), std::move(recording), usable, quality);
 }
 
+std::size_t series_of(const model::Part& event, std::span<const Series> series) {
+  for (std::size_t i = 0; i < event.parameters.size(); ++i) {
+    if (event.law->parameters[i].traits.filled_by != model::FilledBy::kRecordingId) continue;
+    const auto found = std::ranges::find(series, event.parameters[i],
+                                         [](const Series& s) { return s.excitation.reference.recording_id; });
+    if (found != series.end()) return static_cast<std::size_t>(found - series.begin());
+  }
+  return 0;
+}
+
 double still_mm_s(const Series& series) {
   double fastest_mm_s = 0.0;
   for (const auto& node : series.nodes) fastest_mm_s = std::max(fastest_mm_s, std::fabs(node.velocity_mm_s));

@@ -6,6 +6,7 @@
 #include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/motion/reconstruction.hpp"
 #include "messages/recording.hpp"
+#include "model/composed.hpp"
 
 namespace isorig::identify {
 
@@ -33,6 +34,9 @@ struct Series {
 [[nodiscard]] Series prepare_series(std::string name, messages::Recording recording, const std::vector<bool>& usable,
                                     const RecordingQuality& quality);
 [[nodiscard]] Series prepare_series(std::string name, messages::Recording recording, const std::vector<bool>& usable);
+
+/// The recording that an event happened in (its recording_id); the first where it is not said.
+[[nodiscard]] std::size_t series_of(const model::Part& event, std::span<const Series> series);
 
 /// Slower than this a bin stands still: a small share of the recording's fastest.
 [[nodiscard]] double still_mm_s(const Series& series);

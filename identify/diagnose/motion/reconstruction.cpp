@@ -82,6 +82,13 @@ double busy_share(std::span<const double> t_s, std::span<const double> since) {
 
 }  // namespace
 
+void count_pressure_from(Excitation& excitation, double psi) {
+  double& from_psi = excitation.reference.nominal_pressure_psi;
+  if (excitation.pressure_psi.empty() && from_psi == 0.0) return;
+  for (model::Instant& now : excitation.instants) now.excess_pressure_psi += from_psi - psi;
+  from_psi = psi;
+}
+
 Excitation reconstruct_excitation(const messages::Recording& recording, const RecordingQuality& quality,
                                   const MotionProgress& on_progress) {
   Excitation excitation;
@@ -104,6 +111,11 @@ Excitation reconstruct_excitation(const messages::Recording& recording, const Re
   excitation.reference.duration_s = n > 0 ? frame.t_s.back() - frame.t_s.front() : 0.0;
   excitation.reference.rest_length_mm = metadata.rest_length_mm.value_or(0.0);
   excitation.reference.recording_id = messages::recording_id(recording);
+  if (n > 0) {
+    const auto [lowest, highest] = std::ranges::minmax(excitation.motion.position_mm);
+    excitation.reference.lowest_position_mm = lowest;
+    excitation.reference.highest_position_mm = highest;
+  }
   for (const double force_N : frame.force_N)
     if (std::isfinite(force_N))
       excitation.reference.largest_force_N = std::max(excitation.reference.largest_force_N, std::fabs(force_N));

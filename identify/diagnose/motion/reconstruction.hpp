@@ -44,7 +44,14 @@ struct Excitation {
   /// Rows that position and force are averaged over, three times, in a recording whose motion changes its
   /// velocity most of the time (band_limited_motion.hpp); 1 otherwise.
   std::size_t width = 1;
+  /// Row at which the session begins, where the recording holds its filling as well (count_as_fitted): a fit has
+  /// nothing of what is before, so travel, time and arms count from here in a prediction, too.
+  std::size_t begin_row = 0;
 };
+/// Counts the pressure of all instants from `psi` instead of the recording's own nominal pressure. Without effect where
+/// neither a gauge nor the recording says what the pressure was.
+void count_pressure_from(Excitation& excitation, double psi);
+
 /// The second one measures the quality itself.
 [[nodiscard]] Excitation reconstruct_excitation(const messages::Recording& recording, const RecordingQuality& quality,
                                                 const MotionProgress& on_progress = {});

@@ -33,7 +33,7 @@ std::vector<Covariate> covariates(std::span<const Series> series) {
     double travelled = 0.0, direction = 0.0;
     for (const auto& node : each.nodes) {
       travelled += std::fabs(node.step_mm);
-      if (std::fabs(node.step_mm) > 2e-5) direction = node.step_mm;
+      if (node.slide_mm != 0.0) direction = node.slide_mm;
       for (Covariate& c : all) {
         if (c.law == "position")
           c.value.push_back(node.position_mm);

@@ -5,6 +5,7 @@
 #include <functional>
 #include <limits>
 #include <optional>
+#include <tuple>
 
 #include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/basis.hpp"
@@ -14,8 +15,8 @@ namespace isorig::identify {
 
 using model::ModelSpec;
 
-std::vector<double> event_times(const Problem& problem, const ModelSpec& spec, const NoiseModel& noise,
-                                double force_step, std::size_t count) {
+std::vector<EventPlace> event_places(const Problem& problem, const ModelSpec& spec, const NoiseModel& noise,
+                                     double force_step, std::size_t count) {
   RowMatrix a;
   problem.columns(spec, a);
   a.conservativeResize(Eigen::NoChange, a.cols() + 1);
@@ -27,29 +28,36 @@ std::vector<double> event_times(const Problem& problem, const ModelSpec& spec, c
   const Eigen::MatrixXd q = orthonormal_basis(a.leftCols(m));
   Eigen::VectorXd r = a.col(m);
   r -= q * (q.transpose() * r);
-  std::vector<std::pair<double, double>> gains;  // gain, time
-  const Series& series = problem.series()[0];
-  Eigen::VectorXd qs = Eigen::VectorXd::Zero(q.cols());
-  double rs = 0.0, ss = 0.0;
-  for (std::size_t k = series.nodes.size(); k-- > 1;) {
-    const auto row = static_cast<Eigen::Index>(k);
-    const double w = std::sqrt(series.count[k]) / white.white_N;
-    rs += w * r[row];
-    ss += w * w;
-    qs += w * q.row(row).transpose();
-    const double rest = ss - qs.squaredNorm();
-    if (rest > 1e-6 * ss && rs * force_step > 0.0)
-      gains.emplace_back(rs * rs / rest, 0.5 * (series.nodes[k].t_s + series.nodes[k - 1].t_s));
+  std::vector<std::pair<double, EventPlace>> gains;
+  Eigen::Index first_row = 0;
+  for (std::size_t i = 0; i < problem.series().size(); ++i) {
+    const Series& series = problem.series()[i];
+    Eigen::VectorXd qs = Eigen::VectorXd::Zero(q.cols());
+    double rs = 0.0, ss = 0.0;
+    for (std::size_t k = series.nodes.size(); k-- > 1;) {
+      const auto row = first_row + static_cast<Eigen::Index>(k);
+      const double w = std::sqrt(series.count[k]) / white.white_N;
+      rs += w * r[row];
+      ss += w * w;
+      qs += w * q.row(row).transpose();
+      const double rest = ss - qs.squaredNorm();
+      if (rest > 1e-6 * ss && rs * force_step > 0.0)
+        gains.emplace_back(rs * rs / rest, EventPlace{i, 0.5 * (series.nodes[k].t_s + series.nodes[k - 1].t_s)});
+    }
+    first_row += static_cast<Eigen::Index>(series.nodes.size());
   }
-  std::ranges::sort(gains, std::greater<>());
-  std::vector<double> times;
-  for (const auto& [gain, time] : gains) {
-    if (times.size() >= count) break;
-    if (std::ranges::all_of(times,
-                            [t = time](double other) { return std::fabs(other - t) > deciding().events_apart_s; }))
-      times.push_back(time);
+  std::ranges::sort(gains, {}, [](const std::pair<double, EventPlace>& one) {
+    return std::make_tuple(-one.first, one.second.series, one.second.time_s);
+  });
+  std::vector<EventPlace> places;
+  for (const auto& [gain, place] : gains) {
+    if (places.size() >= count) break;
+    const bool apart = std::ranges::all_of(places, [&, at = place](const EventPlace& other) {
+      return other.series != at.series || std::fabs(other.time_s - at.time_s) > deciding().events_apart_s;
+    });
+    if (apart) places.push_back(place);
   }
-  return times;
+  return places;
 }
 
 Fit refine_event(const Problem& problem, const Fit& from) {
@@ -58,6 +66,7 @@ Fit refine_event(const Problem& problem, const Fit& from) {
   // fit through the whole recording.
   constexpr double kHopeless = 10.0, kWorth = 0.05;
   const std::size_t time = model::event_parameter(*from.spec.parts.back().law);
+  const auto& nodes = problem.series()[series_of(from.spec.parts.back(), problem.series())].nodes;
   double step_s = 4.0;
   Fit best = from;
   Eigen::VectorXd ignored;
@@ -65,7 +74,9 @@ Fit refine_event(const Problem& problem, const Fit& from) {
     bool moved = false;
     for (const double sign : {1.0, -1.0}) {
       ModelSpec spec = best.spec;
-      spec.parts.back().parameters[time] += sign * step_s;
+      double& time_s = spec.parts.back().parameters[time];
+      time_s += sign * step_s;
+      if (time_s <= nodes.front().t_s || time_s > nodes.back().t_s) continue;
       ModelSpec moved_alone = spec;
       if (problem.solve(moved_alone, ignored) > best.chi2 + kHopeless) continue;
       Fit fit = problem.fit(spec, 3);
@@ -104,14 +115,14 @@ Fit with_further_events(const Problem& problem, const Fit& from,
   for (std::size_t count = 1; count < deciding().most_events; ++count) {
     std::optional<Fit> more;
     double least = 0.0;
-    for (const double time_s : event_times(problem, best.spec, problem.noise(), force_step, kTimes)) {
+    for (const EventPlace& place : event_places(problem, best.spec, problem.noise(), force_step, kTimes)) {
       for (const model::Law& known : effect.laws) {
         if (!model::is_event(known)) continue;
         const model::Law& law = model::law_at(known, best.spec.length_scale);
         ModelSpec spec = best.spec;
         spec.parts.push_back(model::make_part(effect, law));
-        model::fill_from_recording(spec.parts.back(), problem.series()[0].excitation.reference);
-        spec.parts.back().parameters[model::event_parameter(law)] = time_s;
+        model::fill_from_recording(spec.parts.back(), problem.series()[place.series].excitation.reference);
+        spec.parts.back().parameters[model::event_parameter(law)] = place.time_s;
         Fit fit = problem.fit(spec, 6);
         const double cost = fit.chi2 + price_of_event(fit, law);
         if ((more && cost >= least) || !may_stay(fit.spec)) continue;
@@ -188,10 +199,13 @@ std::pair<double, std::size_t> least_of_valley(std::size_t n, const std::functio
 
 }  // namespace
 
-void place_events(ModelSpec& spec, const Series& series, const std::vector<bool>& usable) {
+void place_events(ModelSpec& spec, std::span<const Series> all, const std::vector<std::vector<bool>>& usable_rows) {
   for (auto& part : spec.parts) {
     const std::size_t time = model::event_parameter(*part.law);
     if (time == part.parameters.size()) continue;
+    const std::size_t own = series_of(part, all);
+    const Series& series = all[own];
+    const std::vector<bool>& usable = usable_rows[own];
     double& at_s = part.parameters[time];
     double before = series.nodes.front().t_s, after = series.nodes.back().t_s;
     for (const auto& node : series.nodes) {

@@ -1,24 +1,32 @@
 #pragma once
 #include <functional>
+#include <span>
 #include <vector>
 
 #include "identify/diagnose/fit/fit.hpp"
 
 namespace isorig::identify {
 
-/// Candidate times of an event in the first recording of `problem`, best first, at least a second apart. The force
+struct EventPlace {
+  std::size_t series = 0;
+  double time_s = 0.0;
+};
+
+/// Candidate places of an event in the recordings of `problem`, best first, at least a second apart. The force
 /// makes a step there whose sign the law knows. With r the whitened residual after all columns of `spec`, Q their
-/// orthonormal basis and s_k the whitened step from bin k on, the step takes
+/// orthonormal basis and s_k the whitened step from bin k on to the end of its recording, the step takes
 ///
 ///     gain(k) = (r . s_k)^2 / (s_k . s_k - |Q' s_k|^2)
 ///
 /// off the sum of squares: exact for the step and the model's coefficients together (added-variable regression, Seber &
 /// Lee 2003, 3.7). All sums run from the end, so that every bin is tried. What relaxes after the step is left to the
 /// fit.
-[[nodiscard]] std::vector<double> event_times(const Problem& problem, const model::ModelSpec& spec,
-                                              const NoiseModel& noise, double force_step, std::size_t count);
+[[nodiscard]] std::vector<EventPlace> event_places(const Problem& problem, const model::ModelSpec& spec,
+                                                   const NoiseModel& noise, double force_step, std::size_t count);
 
-/// A fit whose last part is an event: its time by a pattern search, all else refitted at each step.
+/// A fit whose last part is an event: its time by a pattern search, all else refitted at each step. It stays between
+/// the first reading of its recording and the last: what happened before the first is nothing but another zero of the
+/// force.
 [[nodiscard]] Fit refine_event(const Problem& problem, const Fit& from);
 
 /// A fit whose last part is an event, with further events of the same effect, each where the residual shows it best and
@@ -32,9 +40,9 @@ namespace isorig::identify {
 /// beside them: steps imitate whatever makes the force fall. At least one of each effect stays.
 [[nodiscard]] Fit without_idle_events(const Problem& problem, const Fit& from);
 
-/// The times of events to the row: bins only say between which of them they were. By the rms over the rows of the
-/// first recording that `usable` marks.
-void place_events(model::ModelSpec& spec, const Series& series, const std::vector<bool>& usable);
+/// The times of events to the row: bins only say between which of them they were. By the rms over the rows of each
+/// event's own recording that `usable`, one list a recording, marks.
+void place_events(model::ModelSpec& spec, std::span<const Series> series, const std::vector<std::vector<bool>>& usable);
 
 /// rms of measured minus simulated force over the usable rows of one recording; with their number.
 struct RowErrors {

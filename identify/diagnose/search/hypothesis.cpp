@@ -56,6 +56,19 @@ bool pressure_is_still(std::span<const Series> series) {
   return low <= high && high - low < deciding().pressure_still_share * (high + model::kAtmosphere_psi);
 }
 
+/// What a law that acts in all recordings starts from, whatever their order.
+model::Reference reference_of_all(std::span<const Series> series) {
+  model::Reference all = series.front().excitation.reference;
+  for (const Series& each : series) {
+    const model::Reference& one = each.excitation.reference;
+    all.duration_s = std::max(all.duration_s, one.duration_s);
+    all.largest_force_N = std::max(all.largest_force_N, one.largest_force_N);
+    all.lowest_position_mm = std::min(all.lowest_position_mm, one.lowest_position_mm);
+    all.highest_position_mm = std::max(all.highest_position_mm, one.highest_position_mm);
+  }
+  return all;
+}
+
 }  // namespace
 
 bool may_be_tried(const model::Physics& effect, const Hypothesis& base, std::span<const Series> series) {
@@ -67,9 +80,8 @@ bool may_be_tried(const model::Physics& effect, const Hypothesis& base, std::spa
   if (!traits.refines.empty() && !spec.has(traits.refines)) return false;
   if (!traits.needs_any_of.empty() && std::ranges::none_of(traits.needs_any_of, there)) return false;
   // A recording may leave its specimen's length unsaid.
-  if (!(series.front().excitation.reference.rest_length_mm > 0.0) &&
-      std::ranges::any_of(effect.laws, takes_rest_length))
-    return false;
+  const auto says_length = [](const Series& s) { return s.excitation.reference.rest_length_mm > 0.0; };
+  if (!std::ranges::all_of(series, says_length) && std::ranges::any_of(effect.laws, takes_rest_length)) return false;
   switch (traits.pressure) {
     case model::PressureNeed::kNone:
       return true;
@@ -96,6 +108,9 @@ Part started_part(const model::Physics& effect, const model::Law& law, std::size
     const auto& starts = law.parameters[i].starts;
     if (starts.empty()) continue;
     part.parameters[i] = starts[std::min(k, starts.size() - 1)];
+    if (law.parameters[i].traits.starts_are_shares_of_travel)
+      part.parameters[i] = recording.lowest_position_mm +
+                           part.parameters[i] * (recording.highest_position_mm - recording.lowest_position_mm);
     if (law.parameters[i].traits.starts_are_shares_of_largest_force)
       part.parameters[i] =
           std::clamp(part.parameters[i] * recording.largest_force_N, law.parameters[i].lower, law.parameters[i].upper);
@@ -154,7 +169,7 @@ Hypothesis Search::nominal(const ModelSpec& nominal) const {
 std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
   std::vector<Trial> out;
   const ModelSpec& spec = base.ls_spec;
-  const model::Reference& recording = series_[0].excitation.reference;
+  const model::Reference recording = reference_of_all(series_);
   for (const model::Physics* effect : model::effects()) {
     if (!may_be_tried(*effect, base, series_) || std::ranges::find(withheld_, effect) != withheld_.end()) continue;
     for (const model::Law& known : effect->laws) {
@@ -194,11 +209,11 @@ void Search::add_events(const model::Physics& effect, const model::Law& law, con
   // A gradual event moves to its time by itself; what steps is scanned for.
   constexpr std::size_t kTimes = 3;
   const std::size_t times = is_first_event(effect, law) ? kTimes : 1;
-  for (const double time_s : event_times(instrument_problem_, base.ls_spec, instrument_problem_.noise(),
-                                         law.traits.event_force_step, times)) {
+  for (const EventPlace& place : event_places(instrument_problem_, base.ls_spec, instrument_problem_.noise(),
+                                              law.traits.event_force_step, times)) {
     Trial trial{&effect, &law, base.ls_spec, {}};
-    trial.spec.parts.push_back(started_part(effect, law, 0, series_[0].excitation.reference));
-    trial.spec.parts.back().parameters[model::event_parameter(law)] = time_s;
+    trial.spec.parts.push_back(started_part(effect, law, 0, series_[place.series].excitation.reference));
+    trial.spec.parts.back().parameters[model::event_parameter(law)] = place.time_s;
     out.push_back(std::move(trial));
   }
 }

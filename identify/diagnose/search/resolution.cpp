@@ -11,7 +11,7 @@
 namespace isorig::identify {
 
 InstrumentResolution resolution_of(std::span<const Series> series) {
-  InstrumentResolution out{.position_mm = 0.0, .interval_s = std::numeric_limits<double>::infinity()};
+  InstrumentResolution out{0.0, std::numeric_limits<double>::infinity(), {}};
   for (const Series& each : series) {
     const Motion& motion = each.excitation.motion;
     out.position_mm = std::max({out.position_mm, motion.noise_mm, motion.quantisation_mm});
@@ -21,7 +21,8 @@ InstrumentResolution resolution_of(std::span<const Series> series) {
     if (!steps_s.empty()) out.interval_s = std::min(out.interval_s, base::quantile(std::move(steps_s), 0.1));
   }
   if (!std::isfinite(out.interval_s)) out.interval_s = 0.0;
-  if (!series.empty() && !series.front().nodes.empty()) out.first_s = series.front().nodes.front().t_s;
+  for (const Series& each : series)
+    if (!each.nodes.empty()) out.first_s[each.excitation.reference.recording_id] = each.nodes.front().t_s;
   return out;
 }
 
@@ -40,6 +41,16 @@ std::string_view name_at_bound(const model::Parameter& parameter, double value) 
 /// A time that an event's law has besides the event's own.
 bool is_duration_of_event(const model::Law& law, const model::Parameter& parameter) {
   return model::is_event(law) && !parameter.traits.event_time && parameter.sheet.unit == "s";
+}
+
+/// Time from the first reading of an event's recording to the event.
+double shown_before(const model::Part& event, const InstrumentResolution& resolution) {
+  for (std::size_t i = 0; i < event.parameters.size(); ++i) {
+    if (event.law->parameters[i].traits.filled_by != model::FilledBy::kRecordingId) continue;
+    if (const auto first = resolution.first_s.find(event.parameters[i]); first != resolution.first_s.end())
+      return event.parameters[model::event_parameter(*event.law)] - first->second;
+  }
+  return std::numeric_limits<double>::infinity();
 }
 
 }  // namespace
@@ -73,9 +84,7 @@ bool below_resolution(const model::ModelSpec& spec, const InstrumentResolution& 
       }
       if (traits.resolution != model::Resolution::kNone && value < least) return true;
       if (!name_at_bound(parameter, value).empty()) return true;
-      if (is_duration_of_event(*part.law, parameter) &&
-          value > part.parameters[model::event_parameter(*part.law)] - resolution.first_s)
-        return true;
+      if (is_duration_of_event(*part.law, parameter) && value > shown_before(part, resolution)) return true;
     }
   }
   return false;

@@ -1,5 +1,5 @@
 #pragma once
-#include <limits>
+#include <map>
 #include <span>
 
 #include "identify/diagnose/fit/series.hpp"
@@ -9,9 +9,9 @@ namespace isorig::identify {
 
 /// What the instruments of all recordings together can show.
 struct InstrumentResolution {
-  double position_mm = 0.0;  ///< noise or step of the position reading, whichever is more
-  double interval_s = 0.0;   ///< a tenth of the readings follow each other faster than this
-  double first_s = -std::numeric_limits<double>::infinity();  ///< begin of the first recording, which events are in
+  double position_mm = 0.0;          ///< noise or step of the position reading, whichever is more
+  double interval_s = 0.0;           ///< a tenth of the readings follow each other faster than this
+  std::map<double, double> first_s;  ///< of each recording, by its recording_id: its first reading
 };
 [[nodiscard]] InstrumentResolution resolution_of(std::span<const Series> series);
 
@@ -19,7 +19,8 @@ struct InstrumentResolution {
 /// stands in for noise of the position reading, such a lag for jitter of the time stamps, whatever the likelihood
 /// says. Or it stands at the bound where it is another effect (ParameterTraits::lower_bound_is and upper_bound_is;
 /// within 1 % of an upper one). Or it is an event that goes on for longer than the recording shows before it: what
-/// begins with the recording is a state of the start, or a drift.
+/// begins with the recording is a state of the start, or a drift. Of an event whose recording is not among these
+/// nothing is asked.
 [[nodiscard]] bool below_resolution(const model::ModelSpec& spec, const InstrumentResolution& resolution);
 
 /// The effect named by ParameterTraits::lower_bound_is or upper_bound_is if a parameter of this effect's law is at that

@@ -470,7 +470,7 @@ TEST(MayBeTried, TrappedGasNeedsALengthAndAGaugeThatStandsStill) {
 // --- below_resolution ------------------------------------------------------------------------------------------------
 
 TEST(Resolution, APlayASlipALagAndADelayMustStandClearOfTheInstruments) {
-  const InstrumentResolution instruments{0.001, 0.01};
+  const InstrumentResolution instruments{0.001, 0.01, {}};
   const auto below = [&](std::string_view name, std::string_view parameter, double value) {
     model::ModelSpec spec = model::nominal_model("slse1");
     const model::Law& law = effect(name).laws.front();
@@ -495,9 +495,10 @@ TEST(Resolution, AnEventThatGoesOnNeedsAsLongATimeBeforeIt) {
   ASSERT_NE(creep, nullptr);
   model::ModelSpec spec = model::nominal_model("slse1");
   spec.parts.push_back(model::make_part(effect("grip_slip"), *creep));
-  spec.parts.back().parameters = {150.0, 0.1, 20.0, 0.0};
-  EXPECT_TRUE(below_resolution(spec, {.position_mm = 0.001, .interval_s = 0.01, .first_s = 131.0}));
-  EXPECT_FALSE(below_resolution(spec, {.position_mm = 0.001, .interval_s = 0.01, .first_s = 129.0}));
+  spec.parts.back().parameters = {150.0, 0.1, 20.0, 7.0};  // of the recording 7
+  EXPECT_TRUE(below_resolution(spec, {.position_mm = 0.001, .interval_s = 0.01, .first_s = {{7.0, 131.0}}}));
+  EXPECT_FALSE(below_resolution(spec, {.position_mm = 0.001, .interval_s = 0.01, .first_s = {{7.0, 129.0}}}));
+  EXPECT_FALSE(below_resolution(spec, {.position_mm = 0.001, .interval_s = 0.01, .first_s = {{8.0, 131.0}}}));
 }
 
 TEST(Resolution, AFlowThatHardlyDependsOnTheRateStandsUnderFrictionsName) {

@@ -329,6 +329,16 @@ TEST_F(DiagnoseCommand, PredictNeverWritesOverTheRecordingNorHalfAFile) {
   const Outcome folder = predict(recording_);
   EXPECT_EQ(folder.code, kFailure);
   EXPECT_THAT(folder.text, HasSubstr("is a folder; name a file"));
+  const fs::path model = folder_ / "m.toml";
+  write(model,
+        "format = \"isorig-model/1\"\nname = \"m\"\n[[part]]\nphysics = \"spring\"\nlaw = \"linear\"\nstiffness_N_mm = "
+        "2.0\n");
+  const std::string was = read(model);
+  const Outcome itself =
+      isorig("predict " + recording_.string() + " --model " + model.string() + " --out " + model.string());
+  EXPECT_EQ(itself.code, kFailure);
+  EXPECT_THAT(itself.text, HasSubstr("is the model itself"));
+  EXPECT_EQ(read(model), was);
   // A recording that breaks later than the model is read leaves an earlier prediction as it was.
   write(folder_ / "p.csv", "earlier");
   edit_line(frame_, 900, [](const std::string&) { return "x"; });

@@ -111,6 +111,23 @@ TEST_F(Forecasts, BeyondWhatWasSeenFadeToTheNominalModelAndSayItsRange) {
   EXPECT_GT(widest, 5.0 * narrowest);
 }
 
+/// A session whose recording begins with its filling: a fit has the rows after it alone.
+TEST_F(Forecasts, CountTimeAndTravelFromTheSessionsBegin) {
+  const model::Physics& drift = *model::find_physics("zero_drift");
+  model::ModelSpec spec = model::nominal_model("slse1");
+  spec.parts.push_back(model::make_part(drift, *model::find_law(drift, "linear")));
+  spec.parts.back().coefficients = {3600.0};  // 1 N/s
+  Excitation whole = stretched(1.0);
+  Excitation session = whole;
+  const auto begin = whole.instants.size() / 3;
+  session.instants.erase(session.instants.begin(), session.instants.begin() + static_cast<std::ptrdiff_t>(begin));
+  session.instants.front().dt_s = session.instants.front().step_mm = session.instants.front().slide_mm = 0.0;
+  whole.begin_row = begin;
+  const auto of_whole = forecast(spec, whole).force_N, of_session = forecast(spec, session).force_N;
+  ASSERT_EQ(of_whole.size(), whole.instants.size());
+  for (std::size_t k = 0; k < of_session.size(); ++k) ASSERT_NEAR(of_whole[begin + k], of_session[k], 1e-9) << k;
+}
+
 TEST_F(Forecasts, WithoutARecordOfWhatWasSeenHaveNoBand) {
   model::ModelSpec spec = learnt();
   spec.seen.reset();

@@ -111,6 +111,33 @@ void expect_honest(const ConcealedSpecimen& concealed, std::string_view name, st
   }
 }
 
+/// Half of the time noise alone makes friction that is not there come out below zero, where its sign does not let it.
+TEST(Intervals, OfACoefficientThatItsSignHoldsAtZeroSayHowFarItMayBe) {
+  const std::vector<Truth> truths{{"coulomb_friction", "force_N", 0.0}};
+  const model::Physics& friction = *model::find_physics("coulomb_friction");
+  std::vector<double> free_sd, held_reach;
+  for (unsigned seed = 1; seed <= 16; ++seed) {
+    const auto fitted = estimates(test::record({.force_noise_N = kForceNoise_N, .seed = seed}), friction,
+                                  {kForceNoise_N, 0.0, 1.0}, false, truths);
+    ASSERT_EQ(fitted.size(), 1U);
+    if (fitted[0].error > 0.0)
+      free_sd.push_back(fitted[0].stated_sd);
+    else
+      held_reach.push_back(1.96 * fitted[0].stated_sd);
+  }
+  ASSERT_GE(held_reach.size(), 3U);
+  ASSERT_GE(free_sd.size(), 3U);
+  std::ranges::sort(free_sd);
+  const double sd = free_sd[free_sd.size() / 2];
+  // The further below zero it would be, the less is allowed above: at most what one at zero has, and at three standard
+  // deviations below still sqrt(9 + 3.84) - 3 = 0.58. Presliding differs from fit to fit, and the error with it: half
+  // as much.
+  for (const double reach : held_reach) {
+    EXPECT_GT(reach, 0.5 * 0.58 * sd);
+    EXPECT_LT(reach, 1.5 * 1.96 * sd);
+  }
+}
+
 TEST(Intervals, OfALagHoldTheTruthAsOftenAsStated) {
   expect_honest({.lag_s = 0.03}, "force_lag", "time_constant_s", 0.03);
 }

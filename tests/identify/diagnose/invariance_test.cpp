@@ -2,6 +2,7 @@
 // force and positions, or on the order of its files (metamorphic relations, Chen et al. 1998).
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <functional>
 #include <string>
 #include <vector>
@@ -107,6 +108,41 @@ INSTANTIATE_TEST_SUITE_P(
                              r.frame = std::move(half);
                            }}),
     [](const auto& of) { return std::string(of.param.name); });
+
+/// A knee in the elastic force, the position counted from elsewhere.
+TEST(InvarianceOfAPlace, TheKneeIsFoundWhereverThePositionBegins) {
+  for (const double zero_mm : {0.0, 20.0, 300.0}) {
+    messages::Recording r = test::record({.seed = 33});
+    for (std::size_t k = 0; k < r.frame.size(); ++k) {
+      r.frame.force_N[k] += 1.5 * std::max(r.frame.position_mm[k] - 0.7, 0.0);
+      r.frame.position_mm[k] += zero_mm;
+    }
+    const Found found = found_in({std::move(r)});
+    EXPECT_EQ(found.verdict, Verdict::kMissingPhysics) << zero_mm;
+    EXPECT_EQ(found.names, std::vector<std::string>{"strain_stiffening"}) << zero_mm;
+  }
+}
+
+/// An event is in one recording, whichever is named first.
+TEST(InvarianceOfSeveral, TheOrderOfARecordingWithASlip) {
+  const auto without = test::record({.seed = 31}), with = test::record({.slip_mm = 0.2, .slip_s = 400.0, .seed = 32});
+  const Found one = found_in({with, without}), other = found_in({without, with});
+  EXPECT_EQ(one.names, std::vector<std::string>{"grip_slip"});
+  EXPECT_EQ(other.names, one.names);
+  EXPECT_EQ(other.verdict, one.verdict);
+  EXPECT_NEAR(other.closed, one.closed, 1e-3);
+}
+
+/// What happened before the first reading is another zero of the force, and no event that was seen.
+TEST(InvarianceOfSeveral, AnotherZeroOfTheForceIsNoSlip) {
+  const auto first = test::record({.seed = 31});
+  auto second = test::record({.seed = 32});
+  for (double& force_N : second.frame.force_N) force_N -= 0.3;
+  const Found one = found_in({second, first}), other = found_in({first, second});
+  for (const Found& found : {one, other}) EXPECT_EQ(std::ranges::count(found.names, "grip_slip"), 0);
+  EXPECT_EQ(one.verdict, other.verdict);
+  EXPECT_EQ(one.names, other.names);
+}
 
 TEST(InvarianceOfSeveral, TheOrderOfTheRecordings) {
   const Found one = found_in({with_friction(31), with_friction(32)});

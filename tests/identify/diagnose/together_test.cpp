@@ -2,10 +2,15 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <optional>
+
 #include "concealed_specimen.hpp"
 #include "identify/diagnose/diagnosis.hpp"
+#include "identify/diagnose/forecast.hpp"
 #include "identify/diagnose/guard/plausible.hpp"
 #include "model/catalogue.hpp"
+#include "model/composed.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -50,6 +55,56 @@ TEST(Together, OnePressureIsOneQuestion) {
   EXPECT_EQ(refusal({at(10.0), at(10.2)}, {"a", "b"}, slse1), "");
   EXPECT_EQ(refusal({at(-5.0)}, {"a"}, slse1), "");
   EXPECT_EQ(refusal({at(std::nullopt), at(std::nullopt)}, {"a", "b"}, slse1), "");
+}
+
+/// Two pressures that a frame stood still in are two recordings.
+TEST(Together, RecordingsOfOneFrameAndTwoPressuresAreTwo) {
+  messages::Recording one = at(10.0), other = at(10.0);
+  one.pressure.emplace(messages::PressureSamples{{0.0, 1.0}, {10.0, 9.0}});
+  other.pressure.emplace(messages::PressureSamples{{0.0, 1.0}, {10.0, 11.0}});
+  const std::vector<std::string> names{"a", "b"};
+  EXPECT_NO_THROW(refuse_repeated(std::vector{one, other}, names));
+  EXPECT_THROW(refuse_repeated(std::vector{one, one}, names), std::invalid_argument);
+  other.pressure.reset();  // a copy that has lost its pressure
+  EXPECT_THROW(refuse_repeated(std::vector{one, other}, names), std::invalid_argument);
+}
+
+/// One zero of the pressure for all, the model says which, and a prediction counts from it too.
+TEST(Together, PressuresOfSeveralRecordingsCountFromOneZero) {
+  const auto pressed = [](double nominal_psi, bool says, unsigned seed) {
+    messages::Recording r = test::record({.coupling_N_mm_psi = 0.0, .seed = seed});
+    messages::PressureSamples gauge;
+    for (double t_s = r.frame.t_s.front(); t_s < r.frame.t_s.back(); t_s += 0.2) {
+      gauge.t_s.push_back(t_s);
+      gauge.pressure_psi.push_back(nominal_psi + 2.0 * std::sin(t_s / 7.0));
+    }
+    for (std::size_t k = 0; k < r.frame.size(); ++k)
+      r.frame.force_N[k] += 0.2 * (nominal_psi + 2.0 * std::sin(r.frame.t_s[k] / 7.0));
+    r.pressure = std::move(gauge);
+    r.metadata.nominal_pressure_psi = says ? std::optional(nominal_psi) : std::nullopt;
+    return r;
+  };
+  model::ModelSpec nominal = model::nominal_model("slse1");
+  const model::Physics& coupling = *model::find_physics("pressure_coupling");
+  nominal.parts.push_back(model::make_part(coupling, *model::find_law(coupling, "force")));
+  for (const bool says : {true, false}) {
+    const Diagnosis d = diagnose({pressed(15.0, says, 41), pressed(10.0, says, 42)}, {"a", "b"}, nominal, {}).diagnosis;
+    EXPECT_TRUE(d.missing.empty()) << (says ? "stated" : "not stated")
+                                   << (d.missing.empty() ? "" : d.missing[0].effect->name);
+    ASSERT_TRUE(d.model.pressure_from_psi);
+    // The mean of the gauge where nothing is stated: a sine of 2 psi over a number of periods that is not whole.
+    EXPECT_NEAR(*d.model.pressure_from_psi, 10.0, says ? 1e-12 : 0.5);
+    EXPECT_EQ(model::parse_model(model::model_text(d.model, ""), "m").pressure_from_psi, d.model.pressure_from_psi);
+    // Of a third pressure, which this model has not seen, and whose own mean is another.
+    messages::Recording third = pressed(13.0, says, 43);
+    Excitation excitation = reconstruct_excitation(third);
+    count_pressure_from(excitation, *d.model.pressure_from_psi);
+    const Forecast predicted = forecast(d.model, excitation);
+    double mean_N = 0.0;
+    for (std::size_t k = 0; k < third.frame.size(); ++k)
+      mean_N += (third.frame.force_N[k] - predicted.force_N[k]) / static_cast<double>(third.frame.size());
+    EXPECT_NEAR(mean_N, 0.0, 0.02) << (says ? "stated" : "not stated");
+  }
 }
 
 TEST(Together, TheSameRecordingTwiceIsRefusedByName) {
