@@ -93,14 +93,15 @@ Figure moved_figure(const std::vector<Moved>& moved) {
     panel.categories = {"alone", "with it"};
     for (const bool alone : {true, false}) {
       const NamedValue& value = alone ? m.nominal : m.model;
-      const double half = 0.5 * (value.high - value.low);
+      const auto bar = [](double length) { return std::isfinite(length) ? length : std::nan(""); };
       report::Series point;
       point.label = alone ? "nominal model alone" : "with what it lacked";
       point.mark = Mark::kPoints;
       point.color = alone ? 0 : 1;
       point.x = {alone ? 0.0 : 1.0};
       point.y = {value.value};
-      point.error = {std::isfinite(half) ? half : std::nan("")};
+      point.error = {bar(value.high - value.value)};
+      point.error_below = {bar(value.value - value.low)};
       panel.series.push_back(std::move(point));
     }
     figure.panels.push_back(std::move(panel));

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <functional>
 #include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -39,15 +40,17 @@ ordered_json parsed(const fs::path& file) {
   }
 }
 
-double error_of(const ordered_json& interval) {
-  if (!interval.is_array() || interval.size() != 2 || !interval[0].is_number() || !interval[1].is_number())
-    return std::numeric_limits<double>::quiet_NaN();
-  const double width = interval[1].get<double>() - interval[0].get<double>();
-  return width > 0.0 && std::isfinite(width) ? width / (2.0 * kZ95) : std::numeric_limits<double>::quiet_NaN();
-}
-
 double number_or_nan(const ordered_json& value) {
   return value.is_number() ? value.get<double>() : std::numeric_limits<double>::quiet_NaN();
+}
+
+/// Standard error. An interval that ends at a bound, or at the zero of a sign, is short on that side: the other counts.
+double error_of(const ordered_json& value, const ordered_json& interval) {
+  constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+  if (!interval.is_array() || interval.size() != 2) return kUnknown;
+  const double at = number_or_nan(value), low = number_or_nan(interval[0]), high = number_or_nan(interval[1]);
+  const double half = std::max(at - low, high - at);
+  return half > 0.0 && std::isfinite(low) && std::isfinite(high) ? half / kZ95 : kUnknown;
 }
 
 std::vector<std::string> split(const std::string& key) {
@@ -66,7 +69,8 @@ std::vector<ReadEffect> missing_in(const ordered_json& json) {
     ReadEffect effect{entry.at("effect"), entry.at("law"), entry.at("probability"), false, {}};
     effect.refused = std::ranges::find(refused, effect.name) != refused.end();
     for (const auto& [name, number] : entry.at("parameters").items())
-      effect.numbers.push_back({name, number_or_nan(number.at("value")), error_of(number.at("ci95"))});
+      effect.numbers.push_back(
+          {name, number_or_nan(number.at("value")), error_of(number.at("value"), number.at("ci95"))});
     out.push_back(std::move(effect));
   }
   return out;
@@ -88,7 +92,8 @@ std::vector<Part> parts_in(const ordered_json& numbers) {
     const bool same = !out.empty() && out.back().name == part &&
                       std::ranges::find(out.back().numbers, number, &ReadNumber::name) == out.back().numbers.end();
     if (!same) out.push_back({part, {}});
-    out.back().numbers.push_back({number, number_or_nan(entry.at("value")), error_of(entry.at("ci95"))});
+    out.back().numbers.push_back(
+        {number, number_or_nan(entry.at("value")), error_of(entry.at("value"), entry.at("ci95"))});
   }
   return out;
 }
@@ -101,8 +106,14 @@ double time_constant(const Part& part) {
 /// Arms stand in any order: which is the second depends on how the search went, and is settled by the time constant.
 std::vector<ReadNumber> nominal_numbers(const ordered_json& numbers) {
   std::vector<Part> parts = parts_in(numbers);
-  std::ranges::stable_sort(
-      parts, [](const Part& a, const Part& b) { return a.name == b.name && time_constant(a) > time_constant(b); });
+  std::map<std::string, std::vector<std::size_t>> of_name;
+  for (std::size_t i = 0; i < parts.size(); ++i) of_name[parts[i].name].push_back(i);
+  for (const auto& [name, places] : of_name) {
+    std::vector<Part> alike;
+    for (const std::size_t i : places) alike.push_back(parts[i]);
+    std::ranges::stable_sort(alike, std::greater<>(), time_constant);
+    for (std::size_t k = 0; k < places.size(); ++k) parts[places[k]] = alike[k];
+  }
   std::map<std::string, int> count;
   std::vector<ReadNumber> out;
   for (const Part& part : parts) {

@@ -24,6 +24,8 @@ void check(const Figure& figure) {
     for (const Series& s : panel.series) {
       if (s.x.size() != s.y.size()) refuse("x and y have different lengths");
       if (!s.error.empty() && s.error.size() != s.x.size()) refuse("error and x have different lengths");
+      if (!s.error_below.empty() && s.error_below.size() != s.error.size())
+        refuse("error_below and error have different lengths");
       if (s.mark == Mark::kBand && s.y2.size() != s.x.size()) refuse("y2 and x have different lengths");
     }
 }
@@ -112,6 +114,7 @@ ordered_json panel_json(const Panel& panel) {
     one["y"] = numbers(s.y);
     if (s.mark == Mark::kBand) one["y2"] = numbers(s.y2);
     if (!s.error.empty()) one["error"] = numbers(s.error);
+    if (!s.error_below.empty()) one["error_below"] = numbers(s.error_below);
     out["series"].push_back(std::move(one));
   }
   if (!panel.verticals.empty()) out["verticals"] = lines(panel.verticals);

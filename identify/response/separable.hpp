@@ -173,8 +173,11 @@ class Separable {
     }
     // Every recording has shares of its own; the model's are those of all of them together.
     VectorXd sum = VectorXd::Zero(static_cast<Index>(s_.times));
-    for (std::size_t r = 0; r < data_.size(); ++r)
-      sum += x.segment(static_cast<Index>(r * per_recording()), static_cast<Index>(s_.times));
+    // One that falls counts as one that rises: the shares of both would take each other away.
+    for (std::size_t r = 0; r < data_.size(); ++r) {
+      const auto amplitudes = x.segment(static_cast<Index>(r * per_recording()), static_cast<Index>(s_.times));
+      sum += amplitudes.sum() < 0.0 ? VectorXd(-amplitudes) : VectorXd(amplitudes);
+    }
     for (const std::size_t i : order)
       out.shares.push_back(sum.sum() != 0.0 ? sum[static_cast<Index>(i)] / sum.sum()
                                             : 1.0 / static_cast<double>(s_.times));

@@ -250,6 +250,37 @@ TEST(Response, ALeakInProportionIsConsistentAndOneThatIsNotHasItsExponent) {
   for (std::size_t k = 0; k < predicted.size(); ++k) EXPECT_NEAR(predicted[k], other.output_value[k], 5.0 * 0.02 * 1.8);
 }
 
+/// One falls to the rest and one rises to it: their shares must not take each other away.
+TEST(Response, WhatFallsAndWhatRisesToOneRestHaveOneModel) {
+  const auto settling = [](double from_psi, unsigned seed) {
+    Recording out;
+    out.metadata.specimen = "hose";
+    out.metadata.output = Output::kPressure;
+    out.pressure.emplace();
+    std::mt19937 random(seed);
+    std::normal_distribution<double> normal;
+    for (std::size_t i = 0; i < 800; ++i) {
+      const double t_s = 0.3 * static_cast<double>(i);
+      const double left = 0.6 * std::exp(-t_s / 3.0) + 0.4 * std::exp(-t_s / 60.0);
+      out.pressure->t_s.push_back(t_s);
+      out.pressure->pressure_psi.push_back(50.0 + (from_psi - 50.0) * left + 0.01 * normal(random));
+    }
+    return out;
+  };
+  const auto d = diagnose_response({settling(90.0, 1), settling(10.0, 2)}, {"falls", "rises"}, "slse2");
+  const ResponseModel& model = d.model.model;
+  ASSERT_EQ(model.shares.size(), 2U) << response_json(d).dump(1);
+  // 0.01 psi on 40 psi, some hundred readings for each: a thousandth.
+  EXPECT_NEAR(model.shares[0], 0.6, 0.005);
+  EXPECT_NEAR(model.shares[1], 0.4, 0.005);
+  for (const double from_psi : {90.0, 10.0}) {
+    const Data other = data_of(settling(from_psi, 3), "other");
+    const auto predicted = simulate(model, other, begin_of(other));
+    // Begun on the line through four readings, 0.9 s of a curve that bends by 24 psi / (3 s)^2: up to 1 psi beside it.
+    for (std::size_t k = 0; k < predicted.size(); ++k) ASSERT_NEAR(predicted[k], other.output_value[k], 1.0) << k;
+  }
+}
+
 TEST(Response, ShortRecordingsAreJudged) {
   EXPECT_EQ(diagnose_response({leak(1.0, 10.0, 50.0, 99)}, {"r"}, "slse1").verdict, "consistent");
   EXPECT_THROW(static_cast<void>(diagnose_response({leak(1.0, 10.0, 50.0, 19)}, {"r"}, "slse1")),

@@ -40,7 +40,7 @@ test("data of another format are refused by name", () => {
 
 test("a figure's numbers as CSV, gaps empty, quotes doubled", () => {
   const csv = valuesCsv({ name: "f", caption: "", columns: 1, panels: [panel({ title: 'a "b"', series: [{ mark: "line", color: 0, label: "s", x: [0, 1], y: [2, null] }] })] });
-  assert.equal(csv, 'panel,series,x,y,y2,error\n"a ""b""","s",0,2,,\n"a ""b""","s",1,,,\n');
+  assert.equal(csv, 'panel,series,x,y,y2,error,error_below\n"a ""b""","s",0,2,,,\n"a ""b""","s",1,,,,\n');
 });
 
 test("names of categories break between words", () => {

@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "tree.hpp"
@@ -158,6 +159,30 @@ TEST_F(PoolCommand, WhatIsNoWholeDiagnosisIsRefused) {
   EXPECT_THAT(with((folder_ / "cut").string()).text, HasSubstr("is of the position; only diagnoses of forces"));
   std::ofstream(folder_ / "cut" / "diagnosis.json") << "{\"format\": ";
   EXPECT_THAT(with((folder_ / "cut").string()).text, HasSubstr("cannot be read"));
+}
+
+/// Arms stand in the order of the search, and other parts between them.
+TEST_F(PoolCommand, TheSlowerArmIsTheFirstWhateverStandsBetween) {
+  const auto arms = [](double first_s, double second_s) {
+    return json{part("spring", "stiffness_N_mm", 2.0),       part("maxwell", "stiffness_N_mm", first_s),
+                part("maxwell", "time_constant_s", first_s), part("constant", "force_N", 0.1),
+                part("maxwell", "stiffness_N_mm", second_s), part("maxwell", "time_constant_s", second_s)};
+  };
+  for (int actuator = 1; actuator <= 10; ++actuator)
+    for (const int pressure : {5, 10, 20}) {
+      json one = diagnosis("Actuator" + std::to_string(actuator), pressure, 1, false);
+      one["fit"]["model"]["numbers"] = one["fit"]["nominal"]["numbers"] =
+          actuator % 2 == 0 ? arms(0.96, 0.13) : arms(0.13, 0.96);
+      put("a" + std::to_string(actuator) + "_" + std::to_string(pressure), one);
+    }
+  const Said said = with("");
+  ASSERT_EQ(said.code, 0) << said.text;
+  const json pooled = json::parse(std::ifstream(folder_ / "out/pooled.json"));
+  std::map<std::string, double> means;
+  for (const json& quantity : pooled.at("quantities"))
+    means[quantity.at("quantity")] = quantity.at("value").at("value");
+  EXPECT_NEAR(means.at("maxwell.time_constant_s"), 0.96, 0.01) << pooled.at("quantities").dump(1);
+  EXPECT_NEAR(means.at("maxwell_2.time_constant_s"), 0.13, 0.01);
 }
 
 TEST_F(PoolCommand, AFolderThatIsGivenTwiceIsRefused) {

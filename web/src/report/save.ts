@@ -83,14 +83,14 @@ export function listFigures(): void {
   }, 500);
 }
 
-/** One row a point: panel, series, x, y, other edge of a band, error. */
+/** One row a point: panel, series, x, y, other edge of a band, what its bar reaches above and below it. */
 export function valuesCsv(figure: Figure): string {
   const quoted = (text: string) => `"${text.replace(/"/g, '""')}"`;
-  const lines = ["panel,series,x,y,y2,error"];
+  const lines = ["panel,series,x,y,y2,error,error_below"];
   figure.panels.forEach((panel, k) => {
     for (const s of panel.series)
       s.x.forEach((x, i) => {
-        const cells = [x, s.y[i], s.y2?.[i], s.error?.[i]].map((v) => (v === null || v === undefined ? "" : String(v)));
+        const cells = [x, s.y[i], s.y2?.[i], s.error?.[i], s.error_below?.[i] ?? s.error?.[i]].map((v) => (v === null || v === undefined ? "" : String(v)));
         lines.push([quoted(panel.title ?? String(k + 1)), quoted(s.label ?? ""), ...cells].join(","));
       });
   });

@@ -204,10 +204,10 @@ function Marks({ series: s, x, y, of }: { series: Series; x: Scale; y: Scale; of
     return made(index) ?? "";
   };
   const bars = s.error && index.filter(defined).map((i) => {
-    const e = s.error?.[i];
-    if (!good(e ?? null) || !e) return null;
-    const v = s.y[i] as number, low = log ? Math.max(v - e, (y.domain()[0] as number) / 10) : v - e;
-    return <path key={i} d={`M${px(i)} ${y(low)}V${y(v + e)}M${px(i) - 3} ${y(low)}h6M${px(i) - 3} ${y(v + e)}h6`} stroke={stroke} fill="none" />;
+    const e = s.error?.[i], below = s.error_below?.[i] ?? e;
+    if (!good(e ?? null) || !good(below ?? null) || !(e || below)) return null;
+    const v = s.y[i] as number, end = v - (below as number), low = log ? Math.max(end, (y.domain()[0] as number) / 10) : end;
+    return <path key={i} d={`M${px(i)} ${y(low)}V${y(v + (e as number))}M${px(i) - 3} ${y(low)}h6M${px(i) - 3} ${y(v + (e as number))}h6`} stroke={stroke} fill="none" />;
   });
   const points = () => index.filter(defined).map((i) => <circle key={i} cx={px(i)} cy={py(i)} r={s.width ?? 2.6} fill={stroke} />);
   const width = s.width ?? 1.6;

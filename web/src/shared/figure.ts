@@ -12,6 +12,7 @@ export interface Series {
   y2?: (number | null)[];
   /** Bars of ± so much. */
   error?: (number | null)[];
+  error_below?: (number | null)[];
   /** Of the palette, 0 to 7. */
   color: number;
   width?: number;
@@ -69,10 +70,10 @@ export function extent(panel: Panel, axis: "x" | "y", within?: Range): Range {
         take(x);
         continue;
       }
-      const y = s.y[i], error = s.error?.[i] ?? 0;
+      const y = s.y[i], error = s.error?.[i] ?? 0, below = s.error_below?.[i] ?? error;
       if (y === null || y === undefined) continue;
-      take(y - (error ?? 0));
-      take(y + (error ?? 0));
+      take(y - below);
+      take(y + error);
       take(s.y2?.[i]);
       if (bars) take(0);
     }
