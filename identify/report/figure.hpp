@@ -27,10 +27,10 @@ struct Series {
   std::string label{};  ///< in the key; empty: not in it
   Mark mark = Mark::kLine;
   std::vector<double> error{};        ///< +- bars, empty: none
-  std::vector<double> error_below{};  ///< what they reach below the point by; empty: as above
   std::vector<double> y2{};           ///< for kBand
   int color = -1;                     ///< of the palette (0..7, colour-blind safe, Okabe and Ito); -1: next
   double width = 0.0;                 ///< of a line, or radius of a point, in CSS pixels; 0: the mark's own
+  std::vector<double> error_below{};  ///< what the bars of `error` reach below the point by; empty: as above it
 };
 
 struct Panel {
