@@ -103,7 +103,7 @@ const Parameter kKneePosition{
     .symbol = "x0",
     .lower = -1e3,
     .upper = 1e3,
-    .starts = {0.375, 0.625},
+    .starts = {0.25, 0.75},
     .traits = {.starts_are_shares_of_travel = true},
     .sheet = {.what = "Position at which the stiffness changes; positive: in extension.",
               .unit = "mm",
