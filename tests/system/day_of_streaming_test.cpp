@@ -148,6 +148,15 @@ class Witness {
     address.sun_family = AF_UNIX;
     std::strncpy(address.sun_path, path.c_str(), sizeof address.sun_path - 1);
     if (::connect(fd_, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) ADD_FAILURE() << path;
+    // It gets, or is told of, what comes after it was taken in: a busy machine's thread may need a while for that.
+    char bytes[4096];
+    daemon::samples::Record record;
+    const auto greeted = [&] {
+      const auto n = ::read(fd_, bytes, sizeof bytes);
+      if (n > 0) reader_.feed({bytes, static_cast<std::size_t>(n)});
+      return reader_.next(record) && std::holds_alternative<daemon::samples::Hello>(record);
+    };
+    if (!wait_until(60, greeted)) ADD_FAILURE() << "not taken in";
   }
   ~Witness() { ::close(fd_); }
   Witness(const Witness&) = delete;
