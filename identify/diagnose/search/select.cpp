@@ -83,7 +83,10 @@ void weigh(Selection& selection, const Search& search, const SelectionOptions& o
   Eigen::VectorXd residual;
   model::ModelSpec spec = pool[top].fit.spec;
   (void)search.instrument_problem().solve(spec, residual);
-  selection.noise_scale = std::clamp(block_median(residual), options.least_noise_scale, options.most_noise_scale);
+  // An explanation with a number for every row leaves nothing, and no scale: squares are compared with rounding then.
+  constexpr double kRounding = 1e-12;
+  selection.noise_scale =
+      std::clamp(std::max(block_median(residual), kRounding), options.least_noise_scale, options.most_noise_scale);
   const double noise = selection.noise_scale * static_cast<double>(pool[top].fit.rows);
   selection.excess.assign(pool.size(), 0.0);
   for (std::size_t i = 0; i < pool.size(); ++i)
