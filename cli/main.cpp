@@ -4,6 +4,7 @@
 #include <exception>
 #include <filesystem>
 #include <iostream>
+#include <string>
 
 #include "base/printable.hpp"
 #include "base/toml_reader.hpp"
@@ -19,7 +20,10 @@ int written(int code) {
   std::cout.flush();
   const bool flushed = std::fflush(stdout) == 0;
   if (std::cout.good() && flushed && std::ferror(stdout) == 0) return code;
-  std::cerr << "isorig: not everything could be printed: " << std::strerror(errno != 0 ? errno : EIO) << '\n';
+  // Where an earlier write has failed, its reason is gone.
+  std::cerr << "isorig: not everything could be printed"
+            << (errno != 0 ? std::string(": ") + std::strerror(errno) : "; is the disk full, or the output closed?")
+            << '\n';
   return code == cli::kOk ? static_cast<int>(cli::kFailure) : code;
 }
 

@@ -188,7 +188,7 @@ class Watcher {
   /// The exit code of a view that was left: a script must not take it for that of the run that it waits for.
   int left() const {
     if (!options_.until_done) return kOk;
-    std::cerr << "isorig: left before the run has ended; it goes on (isorig watch, isorig pause, isorig abort)\n";
+    std::cerr << "isorig: left before the awaited run has been seen to end (isorig watch, isorig runs)\n";
     return kFailure;
   }
 

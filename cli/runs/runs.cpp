@@ -4,7 +4,6 @@
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <string_view>
 
 #include "base/printable.hpp"
 #include "base/text_file.hpp"
@@ -16,6 +15,7 @@
 #include "daemon/recording/catalogue.hpp"
 #include "daemon/recording/run_directory.hpp"
 #include "daemon/recording/run_row_json.hpp"
+#include "messages/log_event.hpp"
 #include "messages/run_log.hpp"
 
 /// isorig runs: what there is.
@@ -26,11 +26,12 @@ namespace {
 /// A person may name any file. One that is empty, or cut, is a log that was lost; one that has none of a log's marks
 /// never was one.
 void refuse_what_is_no_log(const std::filesystem::path& file) {
-  constexpr std::string_view kSyncWord("\xED\xA1\xDA\x01", 4);  // messages::kLogSyncWord, as it stands in a file
+  std::string sync_word;
+  for (const int shift : {24, 16, 8, 0}) sync_word += static_cast<char>(messages::kLogSyncWord >> shift);  // big endian
   constexpr std::size_t kLookedAt = std::size_t{1} << 20U;
   if (!std::filesystem::is_regular_file(file)) return;
   const auto begin = base::read_text_file(file, kLookedAt);
-  if (begin.empty() || kSyncWord.starts_with(begin) || begin.find(kSyncWord) != std::string::npos) return;
+  if (begin.empty() || sync_word.starts_with(begin) || begin.find(sync_word) != std::string::npos) return;
   throw base::ConfigError({{file.string(), 0, 0,
                             "is no LCM log: none of its first bytes begins a message; name a run (`isorig runs`), its "
                             "folder, or a log"}});

@@ -153,7 +153,7 @@ TEST_F(Watch, UntilDoneWaitsForARunOfItsOwn) {
   Process interrupted(words({"--until-done"}), dir_ / "interrupted.txt");
   ASSERT_TRUE(wait_until(10.0, [&] { return interrupted.output().find("waiting") != std::string::npos; }));
   EXPECT_EQ(interrupted.stop(SIGINT, 10.0), 1) << interrupted.output();
-  EXPECT_THAT(interrupted.output(), HasSubstr("left before the run has ended"));
+  EXPECT_THAT(interrupted.output(), HasSubstr("left before the awaited run has been seen to end"));
   const auto own = daemon_->call({"start", kSmoke, "--until-done"}, 120.0);
   EXPECT_EQ(own.code, 0) << own.text;
   EXPECT_EQ(waiting.wait(20.0), 0);
