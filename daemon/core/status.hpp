@@ -46,8 +46,9 @@ struct LoopStatus {
   std::uint64_t runs_started = 0;
   bool run_loaded = false;  ///< a run is open: it can still go on
   Outcome outcome = Outcome::kNone;
-  bool stopped =
-      false;  ///< no run is open, crosshead (or it was given 2 s to) and vented actuator are seen to be at rest
+  /// No run is open, and crosshead and vented actuator are seen to be at rest; with a latched fault the crosshead was
+  /// given 2 s to.
+  bool stopped = false;
   bool vented_fault = false;      ///< the fault's reaction was the safe state
   bool zero_confirmed = false;    ///< the frame's zero, since the frame was started
   float operator_left_s = -1.0F;  ///< armed: for the second act; countdown: to the motion; setup: until it is left

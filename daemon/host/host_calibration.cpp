@@ -178,6 +178,10 @@ Host::Result Host::add_calibration(const std::string& record_toml) {
   if (state != RunState::kIdle && state != RunState::kReady) {
     return {false, std::string("the rig is ") + to_text(state) + ": a calibration is put in force between runs", {}};
   }
+  // A record that waits is followed by this one: who made it has to have seen it in force.
+  if (const auto waited = put_in_force(); !waited.ok) {
+    return {false, "a record before this one cannot be put in force: " + waited.text, {}};
+  }
   if (const auto why = why_not_in_force(rig_, record); !why.empty()) {
     return {false, "the record " + record.id + " is not kept: " + why, {}};
   }

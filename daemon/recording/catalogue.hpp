@@ -1,6 +1,7 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -95,6 +96,7 @@ class Catalogue {
 
  private:
   [[nodiscard]] RunRow settle_state(RunRow row) const;
+  [[nodiscard]] double recorded_by_killed(const RunRow& row) const;
   void open(Access access);
   void open_copy(const std::string& why);
   /// The database, and the copy if one was opened.
@@ -106,6 +108,7 @@ class Catalogue {
   std::filesystem::path root_;
   std::filesystem::path copy_;  // of a reader that may not write where the catalogue is
   mutable std::mutex mutex_;
+  mutable std::map<std::string, double> killed_recorded_s_;  ///< of runs whose writer was killed; guarded by it
   sqlite3* db_ = nullptr;
 };
 

@@ -50,18 +50,30 @@ std::string read_input(const std::filesystem::path& run, const char* name) {
 
 }  // namespace
 
+/// Nobody has written down how far its last session came. The whole recording is read for it, once: its end does not
+/// move any more.
+double Catalogue::recorded_by_killed(const RunRow& row) const {
+  const auto key = row.id + " " + std::to_string(row.attempts);
+  {
+    const std::lock_guard hold(mutex_);
+    if (const auto known = killed_recorded_s_.find(key); known != killed_recorded_s_.end()) return known->second;
+  }
+  double recorded_s = 0.0;
+  try {
+    for (const auto& [index, s] : summarize_recording(row.directory).sessions)
+      if (s.begin) recorded_s += 1e-9 * static_cast<double>(s.last_mono_ns() - s.begin->mono_ns);
+  } catch (const std::exception&) {  // nothing that can be read: `isorig show` says why
+  }
+  const std::lock_guard hold(mutex_);
+  killed_recorded_s_[key] = recorded_s;
+  return recorded_s;
+}
+
 RunRow Catalogue::settle_state(RunRow row) const {
   if (row.state == "running" && !RunLock::is_held(row.directory)) {
     row.state = "interrupted";
     row.fault = kInterruptedFault;
-    // Nobody has written down yet how far its last session came.
-    try {
-      double recorded_s = 0.0;
-      for (const auto& [index, s] : summarize_recording(row.directory).sessions)
-        if (s.begin) recorded_s += 1e-9 * static_cast<double>(s.last_mono_ns() - s.begin->mono_ns);
-      row.recorded_s = std::max(row.recorded_s, recorded_s);
-    } catch (const std::exception&) {  // nothing that can be read: `isorig show` says why
-    }
+    row.recorded_s = std::max(row.recorded_s, recorded_by_killed(row));
   }
   return row;
 }

@@ -75,9 +75,8 @@ struct CalibrationRange {
 std::vector<CalibrationRange> calibration_ranges(const RigConfig& rig) {
   const auto& c = rig.core.calibration;
   const auto scale = [](const char* key, double value, const char* negative) {
-    return CalibrationRange{
-        key, value, 0.5,
-        2.0, "",    std::string("a channel that is off by more is wired, mapped or read wrong; ") + negative};
+    const std::string why = std::string("a channel that is off by more is wired, mapped or read wrong; ") + negative;
+    return CalibrationRange{key, value, 0.5, 2.0, "", why};
   };
   const double force_N = rig.limits.force_max_N - rig.limits.force_min_N;
   return {

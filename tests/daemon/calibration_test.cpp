@@ -285,6 +285,26 @@ TEST_F(CalibratedRig, ARecordThatTheLoopDidNotTakeComesIntoForceWithTheNextRun) 
               record.result.correction.offset, 1e-12);
 }
 
+/// Whoever calibrates again instead of starting a run: the record that waits comes into force first, and one that was
+/// made without having seen it is refused; made anew, it follows.
+TEST_F(CalibratedRig, ARecordThatWaitsIsNotInTheWayOfTheNext) {
+  open();
+  const auto first = record_of(Channel::kPressure, {point(Channel::kPressure)}, Mode::kZero);
+  Request setup;
+  setup.verb = Request::Verb::kSetup;
+  rig_->core().requests.push(setup);
+  ASSERT_FALSE(host_->add_calibration(to_toml(first)).ok);
+  ASSERT_TRUE(host_->verb(Request::Verb::kLeaveSetup).ok);
+  run_until([&] { return rig_->core().state() == RunState::kReady; });
+  const std::string later = "2026-11-21T08:15:00Z";
+  const auto blind = record_of(Channel::kPressure, {point(Channel::kPressure)}, Mode::kZero, later);
+  EXPECT_THROW((void)host_->add_calibration(to_toml(blind)), std::runtime_error);
+  EXPECT_EQ(host_->calibrations_json()["in_force"]["pressure"]["id"], first.id);
+  const auto again = record_of(Channel::kPressure, {point(Channel::kPressure)}, Mode::kZero, later);
+  EXPECT_TRUE(host_->add_calibration(to_toml(again)).ok);
+  EXPECT_EQ(host_->calibrations_json()["in_force"]["pressure"]["id"], again.id);
+}
+
 TEST_F(CalibratedRig, AnOverdueOneWarnsOrRefuses) {
   open();
   auto record = record_of(Channel::kPressure, {point(Channel::kPressure)}, Mode::kCheck);
