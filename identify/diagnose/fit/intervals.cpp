@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/blocks.hpp"
@@ -109,9 +110,10 @@ Eigen::MatrixXd covariance_of(const Problem& problem, const model::ModelSpec& sp
 /// as a rule on the side that is not allowed (there it is negative here); c is allowed while the likelihood ratio to
 /// zero stays within its 95 %:
 ///
-///     (c - c0)^2 - c0^2 = 3.84 var(c),   c = c0 + sqrt(c0^2 + 3.84 var(c))
+///     (c - c0)^2 - c0^2 = 3.84 var(c),   c = 3.84 var(c) / (sqrt(c0^2 + 3.84 var(c)) - c0)
 ///
-/// var(c) as of any other number (covariance_of).
+/// (the root c0 + sqrt(...), without a difference of two large numbers). var(c) as of any other number (covariance_of).
+/// Without end where the recording does not determine the coefficient, since nothing moves what it multiplies.
 double reach_from_zero(const Problem& problem, const model::ModelSpec& spec, std::vector<FreeNumber> numbers,
                        const FreeNumber& held, Spread spread, const NoiseModel& fitted_under) {
   numbers.push_back(held);
@@ -121,7 +123,9 @@ double reach_from_zero(const Problem& problem, const model::ModelSpec& spec, std
   const model::Sign sign = spec.parts[held.part].law->coefficients[held.index].sign;
   const double c0 = sign == model::Sign::kNonNegative ? unsigned_c : -unsigned_c;
   const double variance = covariance_of(problem, spec, numbers, spread, fitted_under)(last, last);
-  return c0 + std::sqrt(c0 * c0 + 3.84 * variance);
+  const double allowed = 3.84 * variance;
+  const double reach = allowed / (std::sqrt(c0 * c0 + allowed) - c0);
+  return std::isfinite(reach) ? reach : std::numeric_limits<double>::infinity();
 }
 
 /// The time of an event lies between two bins; further ones are allowed while the likelihood ratio stays within its
