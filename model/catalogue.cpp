@@ -15,6 +15,7 @@ std::span<const Physics* const> elements() {
                               &element::dashpot(),
                               &element::mass(),
                               &element::constant(),
+                              &element::force_zero(),
                               &element::gravity(),
                               &element::empirical_force(),
                               &element::empirical_motion(),

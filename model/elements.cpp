@@ -44,6 +44,16 @@ class ArmStart : public Process {
   bool here_;
 };
 
+class ForceZero : public Process {
+ public:
+  explicit ForceZero(bool here) noexcept : force_(here ? 1.0 : 0.0) {}
+  void reset(const Instant&) noexcept override {}
+  void force(const Instant&, double* columns) noexcept override { columns[0] = force_; }
+
+ private:
+  double force_;
+};
+
 class Gravity : public Process {
  public:
   explicit Gravity(double length_mm) noexcept : length_mm_(length_mm) {}
@@ -83,6 +93,9 @@ constexpr NumberSheet kMass{"Mass that moves with the position.", "kg", kNotNega
                             "Accelerations from noisy positions make it small."};
 constexpr NumberSheet kTare{"Force where the model has none.", "N", "Physics: a tare may have either sign.",
                             "A friction that has one direction, a drift."};
+constexpr NumberSheet kForceZero{"The force's zero in this recording, less that of the recordings without one.", "N",
+                                 "Physics: a tare may have either sign.",
+                                 "It takes up whatever the recordings differ by on average."};
 constexpr NumberSheet kWeight{"Weight of the pendulum.", "N", kNotNegative, "A spring beside it."};
 
 }  // namespace
@@ -179,6 +192,24 @@ const Physics& constant() {
                                {memoryless("linear", "F = F0", {.name = "force_N", .sign = Sign::kFree, .sheet = kTare},
                                            [](const Instant&) { return 1.0; })},
                                {.words = "force tare"}};
+  return physics;
+}
+
+const Physics& force_zero() {
+  static const Physics physics{
+      "force_zero",
+      Stage::kSensor,
+      "Force by which the zero of one recording differs from that of the others.",
+      "None needed.",
+      "None: it is a state, not a property.",
+      {{"recording",
+        "F = F0 in its recording, else 0",
+        {{.name = "recording_id", .lower = 0.0, .upper = kLargestRecordingId, .starts = {0.0}, .fixed = true}},
+        {{.name = "force_N", .sign = Sign::kFree, .sheet = kForceZero}},
+        [](std::span<const double> p, const Reference& reference) {
+          return std::make_unique<ForceZero>(p[0] == 0.0 || p[0] == reference.recording_id);
+        }}},
+      {.words = "force zero of a recording"}};
   return physics;
 }
 

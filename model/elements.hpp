@@ -12,6 +12,8 @@ const Physics& arm_start();
 const Physics& dashpot();
 const Physics& mass();
 const Physics& constant();
+/// What the constant is larger by in one of several recordings: every session takes its own tare.
+const Physics& force_zero();
 const Physics& gravity();
 
 /// What was measured and has no law yet: tables of one variable, in force or in motion.

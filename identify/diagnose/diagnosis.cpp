@@ -8,6 +8,7 @@
 
 #include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/diagnosis_notes.hpp"
+#include "identify/diagnose/force_zeros.hpp"
 #include "identify/diagnose/forecast.hpp"
 #include "identify/diagnose/guard/plausible.hpp"
 #include "identify/diagnose/judgeable.hpp"
@@ -305,6 +306,8 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     missing.probability = calibrated(missing.probability, out.unexplained, out.verdict == Verdict::kUnknownPhysics);
   now(0.93, "predicting what was left out");
   publish_model(search, study, nominal_published, whole, options.threads, out);
+  for (DataFault& zero : different_zeros(study.series, out.model, out.model_numbers, out.noise_N))
+    out.faults.push_back(std::move(zero));
   out.discovered = discovered_laws(out.model, out.model_numbers, inclusion);
   for (MissingEffect& missing : out.missing)
     if (std::ranges::find(out.not_modelled.names, missing.effect->name) != out.not_modelled.names.end())

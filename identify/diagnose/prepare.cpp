@@ -8,6 +8,7 @@
 #include "base/formatted.hpp"
 #include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/row_weights.hpp"
+#include "identify/diagnose/force_zeros.hpp"
 #include "identify/diagnose/guard/missed_motion.hpp"
 #include "identify/diagnose/guard/plausible.hpp"
 #include "identify/diagnose/guard/start_up_cut.hpp"
@@ -174,6 +175,7 @@ void prepare(Study& study, std::vector<messages::Recording> recordings, std::vec
     study.usable.push_back(std::move(guarded.usable));
     report_pressure_clock(excitation, study.faults);
   }
+  give_each_its_zero(study.series, nominal);
   nominal.pressure_from_psi = count_from_one_pressure(study.series, nominal.pressure_from_psi);
   share_noise(study.series);
   study.noise = instrument_noise(study.series, study.usable);

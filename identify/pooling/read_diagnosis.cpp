@@ -117,7 +117,7 @@ std::vector<ReadNumber> nominal_numbers(const ordered_json& numbers) {
   std::map<std::string, int> count;
   std::vector<ReadNumber> out;
   for (const Part& part : parts) {
-    if (part.name == "arm_start") continue;  // a state of one recording
+    if (part.name == "arm_start" || part.name == "force_zero") continue;  // states of one recording
     const int n = ++count[part.name];
     const std::string name = part.name + (n > 1 ? "_" + std::to_string(n) : "");
     for (const ReadNumber& number : part.numbers)

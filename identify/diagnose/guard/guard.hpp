@@ -9,7 +9,7 @@ namespace isorig::identify {
 
 /// Something wrong with the data rather than with the physics.
 struct DataFault {
-  std::string kind;  ///< outliers, saturation, frozen, dropout, gap, quantisation, clock
+  std::string kind;  ///< outliers, saturation, frozen, dropout, gap, quantisation, clock, hum, tare, ...
   double t_start_s = 0.0;
   double t_end_s = 0.0;
   std::size_t rows = 0;

@@ -3,12 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <map>
 #include <optional>
 
 #include "concealed_specimen.hpp"
 #include "identify/diagnose/diagnosis.hpp"
 #include "identify/diagnose/forecast.hpp"
 #include "identify/diagnose/guard/plausible.hpp"
+#include "messages/recording_id.hpp"
 #include "model/catalogue.hpp"
 #include "model/composed.hpp"
 
@@ -105,6 +107,91 @@ TEST(Together, PressuresOfSeveralRecordingsCountFromOneZero) {
       mean_N += (third.frame.force_N[k] - predicted.force_N[k]) / static_cast<double>(third.frame.size());
     EXPECT_NEAR(mean_N, 0.0, 0.02) << (says ? "stated" : "not stated");
   }
+}
+
+/// Every session is tared anew: which zero each recording has is no physics that the model lacks.
+class Tares : public ::testing::Test {
+ protected:
+  static constexpr double kApart_N = 0.4;  // twenty noises of a reading
+
+  static messages::Recording tared(double zero_N, double friction_N, unsigned seed) {
+    messages::Recording r = test::record({.friction_N = friction_N, .seed = seed});
+    for (double& force_N : r.frame.force_N) force_N += zero_N;
+    return r;
+  }
+  static Diagnosis found(std::vector<messages::Recording> recordings) {
+    const std::vector<std::string> names{"a", "b"};
+    return diagnose(std::move(recordings), names, model::nominal_model("slse1"), {}).diagnosis;
+  }
+  static std::vector<std::string> names_of(const Diagnosis& d) {
+    std::vector<std::string> out;
+    for (const MissingEffect& missing : d.missing) out.emplace_back(missing.effect->name);
+    return out;
+  }
+  /// Zeros of model.toml with their intervals, by recording.
+  static std::map<double, NamedValue> zeros_of(const Diagnosis& d) {
+    std::map<double, NamedValue> out;
+    for (std::size_t p = 0; p < d.model.parts.size(); ++p)
+      if (d.model.parts[p].physics->name == "force_zero") out[d.model.parts[p].parameters[0]] = d.model_numbers[p][0];
+    return out;
+  }
+  static std::vector<std::string> tares_listed(const Diagnosis& d) {
+    std::vector<std::string> out;
+    for (const DataFault& fault : d.faults)
+      if (fault.kind == "tare") out.push_back(fault.text);
+    return out;
+  }
+};
+
+TEST_F(Tares, ThatDifferAreNoPhysicsWhateverTheOrder) {
+  for (const bool reversed : {false, true}) {
+    std::vector<messages::Recording> two{tared(0.0, 0.0, 11), tared(kApart_N, 0.0, 12)};
+    if (reversed) std::swap(two[0], two[1]);
+    const double id[] = {messages::recording_id(two[0]), messages::recording_id(two[1])};
+    const Diagnosis d = found(two);
+    EXPECT_EQ(d.verdict, Verdict::kConsistent) << reversed;
+    const auto zeros = zeros_of(d);
+    ASSERT_EQ(zeros.size(), 1u);
+    const bool of_second = zeros.begin()->first == id[1];
+    ASSERT_TRUE(of_second || zeros.begin()->first == id[0]);
+    const double expected_N = of_second == !reversed ? kApart_N : -kApart_N;
+    EXPECT_LE(zeros.begin()->second.low, expected_N);
+    EXPECT_GE(zeros.begin()->second.high, expected_N);
+    EXPECT_LT(zeros.begin()->second.high - zeros.begin()->second.low, 0.05 * kApart_N);
+    EXPECT_THAT(tares_listed(d), ElementsAre(AllOf(HasSubstr(of_second ? "b: " : "a: "), HasSubstr("0.4 N"),
+                                                   HasSubstr(expected_N > 0.0 ? "above" : "below"))));
+    // The file keeps the zero with its recording, and another recording is predicted without.
+    const model::ModelSpec read = model::parse_model(model::model_text(d.model, ""), "m");
+    const auto force_N = [&](double recording_id) {
+      model::RunningModel running(read, {.elongation_at_zero_mm = 20.0, .recording_id = recording_id});
+      running.reset({.elongation_mm = 20.0});
+      return running.step({.elongation_mm = 20.0});
+    };
+    EXPECT_NEAR(force_N(id[of_second ? 1 : 0]) - force_N(12345.0), zeros.begin()->second.value, 1e-9);
+    EXPECT_EQ(force_N(id[of_second ? 0 : 1]), force_N(12345.0));
+  }
+}
+
+TEST_F(Tares, ThatDifferLeaveTheNameOfWhatIsMissing) {
+  const Diagnosis d = found({tared(0.0, 0.8, 13), tared(-kApart_N, 0.8, 14)});
+  EXPECT_EQ(d.verdict, Verdict::kMissingPhysics);
+  EXPECT_THAT(names_of(d), ElementsAre("coulomb_friction"));
+  EXPECT_EQ(zeros_of(d).size(), 1u);
+  EXPECT_TRUE(d.not_modelled.why.empty()) << d.not_modelled.why;
+  // A recording that is left out is predicted with its own zero: its error is that of its noise, 0.02 N of a reading.
+  int recordings = 0;
+  for (const LeftOut& row : d.heldout.left_out) {
+    if (row.by != "recording") continue;
+    ++recordings;
+    EXPECT_LT(row.model_rmse_N, 0.03) << row.value;
+  }
+  EXPECT_EQ(recordings, 2);
+}
+
+TEST_F(Tares, ThatAreAlikeAreNotListed) {
+  const Diagnosis d = found({tared(0.1, 0.0, 16), tared(0.1, 0.0, 17)});
+  EXPECT_EQ(d.verdict, Verdict::kConsistent);
+  EXPECT_THAT(tares_listed(d), IsEmpty());
 }
 
 TEST(Together, TheSameRecordingTwiceIsRefusedByName) {

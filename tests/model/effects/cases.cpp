@@ -34,6 +34,7 @@ const std::vector<Case>& cases() {
       {"dashpot", "linear", {{}}, {0.4}, 1e-12, 0, false, true},
       {"mass", "linear", {{}}, {3.0}, 1e-12, 0},
       {"constant", "linear", {{}}, {-0.7}, 1e-12, 0, true},
+      {"force_zero", "recording", {{0.0}}, {0.3}, 1e-12, 0, true},
       {"gravity", "pendulum", {{1.5}, {400.0}}, {6.0}, 1e-12, 0, true},
       {"empirical_force", "position", {{}}, {1.3}, 1e-9, 0, true},
       {"empirical_force", "rate", {{}}, {1.3}, 1e-9, 0},

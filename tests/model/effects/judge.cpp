@@ -264,6 +264,7 @@ std::map<std::string, Judge> make_elements() {
   of["dashpot/linear"] = at_point([](Numbers, const Track& t, std::size_t i) { return t.velocity_mm_s[i]; });
   of["mass/linear"] = at_point([](Numbers, const Track& t, std::size_t i) { return t.acceleration_mm_s2(i) / 1000.0; });
   of["constant/linear"] = at_point([](Numbers, const Track&, std::size_t) { return 1.0; });
+  of["force_zero/recording"] = at_point([](Numbers, const Track&, std::size_t) { return 1.0; });
   of["gravity/pendulum"] =
       at_point([](Numbers p, const Track& t, std::size_t i) { return std::sin(t.position_mm[i] / p[0]); });
   of["empirical_force/position"] =
@@ -634,7 +635,8 @@ int place_of(std::string_view physics) {
                                                      {"empirical_response", 4},
                                                      {"force_delay", 5},
                                                      {"zero_drift", 6},
-                                                     {"constant", 6}};
+                                                     {"constant", 6},
+                                                     {"force_zero", 6}};
   const auto found = other.find(physics);
   return found == other.end() ? 1 : found->second;
 }
