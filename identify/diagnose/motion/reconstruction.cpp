@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/motion/band_limited_motion.hpp"
@@ -14,10 +15,12 @@
 namespace isorig::identify {
 namespace {
 
-/// The same path with every reversal smaller than `least_mm` taken out: monotone from one true turning point
-/// to the next, which keep their place.
+/// The same path with every reversal smaller than `least_mm` taken out: monotone from one true turning point to the
+/// next. It stands at a turning point until the path has left it by `least_mm`, at the mean of the readings until then.
+/// The farthest of them lies beyond a hold by some of their noise: were the way from there to the hold a part of the
+/// next stroke, a bristle would have turned back by that much during the whole hold.
 std::vector<double> without_small_reversals(const std::vector<double>& path, double least_mm) {
-  std::vector<std::size_t> turns{0};
+  std::vector<std::size_t> turns{0}, leaves{0};  // where the path turns, and where it is seen to have left
   std::size_t low = 0, high = 0;
   int direction = 0;
   for (std::size_t k = 1; k < path.size(); ++k) {
@@ -25,11 +28,13 @@ std::vector<double> without_small_reversals(const std::vector<double>& path, dou
     if (path[k] < path[low]) low = k;
     if (direction >= 0 && path[high] - path[k] > least_mm) {
       turns.push_back(high);
+      leaves.push_back(k);
       direction = -1;
       low = k;
       high = k;
     } else if (direction <= 0 && path[k] - path[low] > least_mm) {
       turns.push_back(low);
+      leaves.push_back(k);
       direction = 1;
       low = k;
       high = k;
@@ -39,13 +44,19 @@ std::vector<double> without_small_reversals(const std::vector<double>& path, dou
     if (direction < 0 && low == k) high = k;
   }
   turns.push_back(path.empty() ? 0 : path.size() - 1);
+  const auto level_mm = [&](std::size_t t) {
+    if (t == 0 || t == leaves.size()) return path[turns[t]];  // begin and end are no turning points
+    const auto from = path.begin() + static_cast<std::ptrdiff_t>(turns[t]);
+    const auto to = path.begin() + static_cast<std::ptrdiff_t>(leaves[t]);
+    return std::accumulate(from, to, 0.0) / static_cast<double>(to - from);
+  };
   std::vector<double> out = path;
   for (std::size_t t = 0; t + 1 < turns.size(); ++t) {
-    const double from = path[turns[t]], to = path[turns[t + 1]];
+    const double from = level_mm(t), to = level_mm(t + 1);
     const double least = std::min(from, to), most = std::max(from, to);
     double at = from;
     for (std::size_t k = turns[t]; k <= turns[t + 1]; ++k) {
-      at = std::clamp(to >= from ? std::max(at, path[k]) : std::min(at, path[k]), least, most);
+      if (k >= leaves[t]) at = std::clamp(to >= from ? std::max(at, path[k]) : std::min(at, path[k]), least, most);
       out[k] = at;
     }
   }
