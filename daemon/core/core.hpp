@@ -71,8 +71,9 @@ struct Request {
   std::uint32_t id = 0;
   const protocol::Plan* plan = nullptr;
   std::uint32_t first_session = 0;
-  Calibration calibration;  ///< of kCalibrate
-  double target_mm = 0.0;   ///< of kJog: calibrated, or by how much when `relative`
+  Calibration calibration;           ///< of kCalibrate
+  pressure::FillLimits fill_limits;  ///< of kCalibrate: by that calibration
+  double target_mm = 0.0;            ///< of kJog: calibrated, or by how much when `relative`
   bool relative = false;
   double velocity_mm_s = 0.0;  ///< of kJog; 0: as fast as a jog may be
   char by[kByBytes] = {};      ///< who asks, for the events: "ann (uid 1000)"; empty: not known

@@ -102,6 +102,8 @@ struct PressureLink {
   /// Of the regulator's I/O thread, where there is one; it takes its set-point from `command`, as the Teensy's does.
   base::SpscQueue<RegulatorReport> regulator_reports{64};
   base::SpscQueue<LinkHealth> regulator_health{64};
+  /// To the device, when a calibration is put in force.
+  base::SpscQueue<pressure::FillLimits> limits{8};
   /// The newest command only: an old duty is of no use. fill | vent << 16 | bits of the regulator's set-point << 32.
   std::atomic<std::uint64_t> command{0};
   std::atomic<std::uint32_t> loop_beat{0};

@@ -214,6 +214,7 @@ Host::Result Host::put_in_force() {
     request.calibration = corrections_of(*waiting_);
   }
   auto taken = ask(request);
+    request.fill_limits = fill_limits(corrected(rig_, request.calibration));
   if (!taken.ok) return taken;
   const std::lock_guard lock(mutex_);
   records_ = *std::exchange(waiting_, std::nullopt);

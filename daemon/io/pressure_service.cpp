@@ -11,6 +11,7 @@ void PressureService::run_once(std::int64_t now_ns, std::int64_t wait_ns) noexce
 }
 
 void PressureService::turn(std::int64_t now_ns, std::int64_t wait_ns) {
+  for (pressure::FillLimits limits; link_.limits.pop(limits);) device_.set_limits(limits);
   if (!health_.connected) {
     if (device_.has_reappeared()) connect_now();
     if (!may_connect(now_ns)) return;

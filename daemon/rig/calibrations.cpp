@@ -34,9 +34,14 @@ Calibration corrections_of(const calibration::Store& store) {
   return {position.scale, position.offset, force.scale, force.offset, pressure.scale, pressure.offset};
 }
 
+RigConfig corrected(RigConfig rig, const Calibration& calibration) {
+  rig.core.calibration = calibration;
+  return rig;
+}
+
 RigConfig with_calibration(RigConfig rig, const std::filesystem::path& runs_root) {
   const auto records = open_records(rig, runs_root);
-  rig.core.calibration = corrections_of(records);
+  rig = corrected(std::move(rig), corrections_of(records));
   if (const auto why = why_no_calibration(rig); !why.empty()) {
     throw base::ConfigError({{records.directory().string(), 0, 0, "the records in force: " + why}});
   }

@@ -17,6 +17,9 @@ namespace isorig::daemon {
 /// What the loop corrects with, when `store` is in force.
 [[nodiscard]] Calibration corrections_of(const calibration::Store& store);
 
+/// The rig with these corrections in place of its own.
+[[nodiscard]] RigConfig corrected(RigConfig rig, const Calibration& calibration);
+
 /// The rig with what its records put in force, and what follows from that. Throws base::ConfigError when a record
 /// cannot be read or has a correction that no rig file may have.
 [[nodiscard]] RigConfig with_calibration(RigConfig rig, const std::filesystem::path& runs_root);

@@ -69,8 +69,8 @@ struct SyncEdge {
 class Device {
  public:
   virtual ~Device() = default;
-  /// Before connect(), which gives them to the device and fails if that does not say the same; without limits a device
-  /// does not fill.
+  /// connect() gives them to the device and fails if that does not say the same; without limits a device does not fill.
+  /// A device that is connected gets them at once, and the call fails alike.
   virtual void set_limits(const FillLimits& limits) = 0;
   virtual Identity connect() = 0;
   virtual void disconnect() noexcept = 0;

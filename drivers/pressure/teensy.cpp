@@ -74,6 +74,11 @@ Identity Teensy::connect() {
           .sample_rate_hz = 1e-3 * identity.sample_rate_mhz};
 }
 
+void Teensy::set_limits(const FillLimits& limits) {
+  limits_ = limits;
+  if (is_connected_) agree_on_limits();
+}
+
 bool Teensy::await_identity(wire::Identity& identity) {
   decoder_.resynchronise();
   samples_.clear();

@@ -43,7 +43,7 @@ class Teensy final : public Device {
   Teensy(const Teensy&) = delete;
   Teensy& operator=(const Teensy&) = delete;
 
-  void set_limits(const FillLimits& limits) override { limits_ = limits; }
+  void set_limits(const FillLimits& limits) override;
   /// Throws kTimeout when nothing answers, kIdentity for another model, serial number or protocol version, or for a
   /// device that does not keep the limits.
   Identity connect() override;

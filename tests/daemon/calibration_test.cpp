@@ -240,6 +240,19 @@ TEST_F(CalibratedRig, TheDevicesOwnLimitFollowsTheRecords) {
               config_.limits.pressure_max_psi + 0.5, 1e-6);
 }
 
+/// A sensor that reads 4 % more: 15.78 at 15 psi, where the device of an uncorrected rig vents at 15.5.
+TEST_F(CalibratedRig, TheDevicesOwnLimitFollowsARecordAtOnce) {
+  config_.sim->pressure.gain = 1.04;
+  config_.limits.pressure_max_psi = config_.core.supervisor.limits.pressure_max_psi = 15.0;
+  config_.services.fill_limits = fill_limits(config_);
+  open();
+  keep(record_of(Channel::kPressure, points_of_a_run(pressurize({5, 10, 14}), 3, Channel::kPressure)));
+  const auto started = host_->start(protocol(pressurize({14.9})));
+  ASSERT_TRUE(started.ok) << started.text;
+  run_until([&] { return !host_->run_open() || rig_->core().state() == RunState::kFaulted; });
+  EXPECT_EQ(host_->last_outcome(), "done") << host_->last_fault();
+}
+
 TEST_F(CalibratedRig, ACorrectionThatNoRigFileMayHaveIsNotKept) {
   open();
   const auto force = record_of(Channel::kForce, {{0.0, 5000.0, 0.01, 0.0}}, Mode::kZero);

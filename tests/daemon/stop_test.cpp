@@ -345,9 +345,9 @@ TEST_F(StopTest, AStopOvertakesTheSegmentsThatWait) {
   ASSERT_TRUE(ask(Verb::kPause).accepted);
   run_for(0.3);
   const double second_mm = truth().position_mm;
-  virtual_rig->core().requests.push({.verb = Verb::kResume, .id = 1001, .calibration = {}});
+  virtual_rig->core().requests.push({.verb = Verb::kResume, .id = 1001, .calibration = {}, .fill_limits = {}});
   tick();
-  virtual_rig->core().requests.push({.verb = Verb::kPause, .id = 1002, .calibration = {}});
+  virtual_rig->core().requests.push({.verb = Verb::kPause, .id = 1002, .calibration = {}, .fill_limits = {}});
   run_for(1.0);
   EXPECT_NEAR(truth().position_mm, second_mm, 0.001);
   EXPECT_EQ(virtual_rig->core().state(), RunState::kPaused);
