@@ -24,6 +24,12 @@ void Compiler::run(const syntax::Protocol& protocol, const base::TomlTable& root
     root.error("steps", "the protocol has no steps");
     return;
   }
+  if (outside_ != nullptr && !plan_.sessions.empty()) {
+    note(
+        outside_->table, {},
+        "a step outside of the sessions belongs to none of them: its samples would be recorded into the one beside it, "
+        "and `isorig resume` would leave it out; put it into a session, or into one of its own with a `label`");
+  }
   if (plan_.sessions.empty()) {
     open_session(nullptr);
     for (auto& step : plan_.steps) {
@@ -36,8 +42,31 @@ void Compiler::run(const syntax::Protocol& protocol, const base::TomlTable& root
     root.error("steps", "the whole takes up to " + number_text(plan_.worst_s / kYear_s) +
                             " years; at most one is taken: shorten holds, time-outs or repeats");
   }
-  if (const auto v = plan_.approach_velocity_mm_s; v > limits_.speed_max_mm_s || v < limits_.speed_min_mm_s) {
+  check_approach(root);
+}
+
+/// The crosshead may stand anywhere when a run begins, and a session may be the first of a resumed run.
+void Compiler::check_approach(const base::TomlTable& root) {
+  if (!plan_.approaches) {
+    const auto moves = [](const Step& step) { return step.kind == StepKind::kRamp || step.kind == StepKind::kWave; };
+    if (const auto found = std::ranges::find_if(plan_.steps, moves); found != plan_.steps.end()) {
+      root.error("approach",
+                 "`approach` = false leaves the crosshead where it is, and line " + std::to_string(found->line) +
+                     " moves it to a position that counts from the rest length; leave `approach` out, or that step");
+    }
+    return;
+  }
+  const double v = plan_.approach_velocity_mm_s;
+  if (v > limits_.speed_max_mm_s || v < limits_.speed_min_mm_s) {
     root.error("approach_velocity_mm_s", "`approach_velocity_mm_s` = " + number_text(v) + "; " + speed_range());
+    return;
+  }
+  for (const Session& session : plan_.sessions) {
+    if (!outside_travel(session.position_mm, v)) continue;
+    root.error("approach_velocity_mm_s", "`approach_velocity_mm_s` = " + number_text(v) + ", and \"" + session.label +
+                                             "\" begins at " + number_text(session.position_mm) + " mm; " +
+                                             travel_range(session.position_mm, v));
+    return;
   }
 }
 
@@ -120,7 +149,11 @@ void Compiler::step(const Node& node) {
   begin_step();
   Step out;
   out.index = static_cast<std::uint32_t>(plan_.steps.size());
-  if (in_session_) out.session = static_cast<std::uint32_t>(plan_.sessions.size() - 1);
+  if (in_session_) {
+    out.session = static_cast<std::uint32_t>(plan_.sessions.size() - 1);
+  } else if (outside_ == nullptr) {
+    outside_ = &node;
+  }
   out.kind = node.kind;
   const auto at = node.table.where();
   out.line = at.line;
@@ -170,6 +203,7 @@ Plan compile(const base::TomlDocument& document, const Limits& limits) {
   plan.source = document.name();
   plan.recording = protocol.recording;
   plan.twin = protocol.twin;
+  plan.approaches = protocol.approaches;
   plan.approach_velocity_mm_s = protocol.approach_velocity_mm_s;
   Compiler(protocol, limits, plan).run(protocol, root);
   document.finish();

@@ -38,6 +38,10 @@ void Compiler::pressurize(const Node& node, Step& out) {
     note(node.table, "rate_psi_s",
          said(node, "rate_psi_s", out.rate_psi_s) + "; the rig allows at most " +
              number_text(limits_.pressure_rate_max_psi_s) + " (limits.pressure_rate_max_psi_s)");
+  } else if (out.rate_psi_s > limits_.loop_rate_max_psi_s && all_well(node, {"rate_psi_s"})) {
+    note(node.table, "rate_psi_s",
+         said(node, "rate_psi_s", out.rate_psi_s) + "; the rig's pressure loop follows at most " +
+             number_text(limits_.loop_rate_max_psi_s) + " (pressure_loop.rate_limit_psi_s)");
   }
   out.nominal_s = std::abs(out.pressure_psi - before_psi) / out.rate_psi_s + out.settled_for_s;
   // Resumed, a session starts from a vented actuator.
@@ -110,18 +114,19 @@ void Compiler::wave(const Node& node, Step& out) {
   plan_.travel_mm += 4.0 * out.amplitude_mm * out.cycles;
   if (!all_well(node, {"amplitude_mm", rate_key})) return;
   check_speed(node, rate_key, out.velocity_mm_s);
-  const double turning_mm_s = sine ? 0.0 : out.velocity_mm_s;
+  double turning_mm_s = out.velocity_mm_s;
+  if (sine) {
+    cut_sine(node, out, rate_key);
+    turning_mm_s = wave::quarter_speed_mm_s(out, out.segments_per_quarter - 1);
+  } else {
+    check_interval(node, rate_key, 0.25 / out.frequency_hz, "quarter of a cycle");
+  }
   for (const double end_mm : {position_mm_ - out.amplitude_mm, position_mm_ + out.amplitude_mm}) {
     if (outside_travel(end_mm, turning_mm_s)) {
       note(node.table, "amplitude_mm",
            said(node, "amplitude_mm", out.amplitude_mm) + " about " + number_text(position_mm_) + " mm goes to " +
                number_text(end_mm) + "; " + travel_range(end_mm, turning_mm_s));
     }
-  }
-  if (sine) {
-    cut_sine(node, out, rate_key);
-  } else {
-    check_interval(node, rate_key, 0.25 / out.frequency_hz, "quarter of a cycle");
   }
 }
 

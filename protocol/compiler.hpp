@@ -31,6 +31,7 @@ class Compiler : private Evaluator {
   /// The session's pressure is that of its first pressurize, which has to come before any motion.
   void close_session(const base::TomlTable& table, std::uint32_t first, const std::string& label);
   void step(const syntax::Node& node);
+  void check_approach(const base::TomlTable& root);
 
   // compile_steps.cpp: a step of each kind against the rig's limits.
   void pressurize(const syntax::Node& node, Step& out);
@@ -51,6 +52,7 @@ class Compiler : private Evaluator {
   double position_mm_ = 0.0;
   double setpoint_psi_ = 0.0;
   bool in_session_ = false;
+  const syntax::Node* outside_ = nullptr;  ///< the first step that stands in no session
   std::map<double, std::int32_t> sessions_at_psi_;
   std::set<std::string> session_labels_;
 };

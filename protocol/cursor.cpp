@@ -65,7 +65,7 @@ const Action& Cursor::advance(std::int64_t now_ns, const Observation& seen) noex
   if (begin_pending_) {
     begin_pending_ = false;
     const Step& first = plan_->steps[action_.step];
-    if (std::abs(seen.position_mm - first.position_before_mm) > kAtPosition_mm) {
+    if (plan_->approaches && std::abs(seen.position_mm - first.position_before_mm) > kAtPosition_mm) {
       action_.approaching = true;
       begin_motion(now_ns, seen, first.position_before_mm, plan_->approach_velocity_mm_s);
     } else {

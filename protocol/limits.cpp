@@ -21,4 +21,18 @@ Limits read_limits(const base::TomlTable& table) {
   return out;
 }
 
+Limits read_rig_limits(const base::TomlTable& root) {
+  Limits out = read_limits(root.table("limits"));
+  out.loop_rate_max_psi_s = Limits::kLoopRate_psi_s;
+  if (const auto loop = root.table_if("pressure_loop")) {
+    loop->ignore_rest();
+    out.loop_rate_max_psi_s = loop->number_or("rate_limit_psi_s", out.loop_rate_max_psi_s, base::kPositive);
+  }
+  if (const auto regulator = root.table_if("regulator")) {
+    regulator->ignore_rest();
+    out.regulator_max_psi = regulator->number_or("max_psi", out.regulator_max_psi, base::kPositive);
+  }
+  return out;
+}
+
 }  // namespace isorig::protocol

@@ -16,6 +16,8 @@ struct Limits {
   /// A crosshead runs over its target by up to this time of its speed: 8 ms in the simulated rig
   /// (docs/simulated-rig.md), which the paper's exports do not contradict.
   static constexpr double kOverrun_s = 0.01;
+  /// At which the pressure loop of a rig file that does not say follows a set-point.
+  static constexpr double kLoopRate_psi_s = 10.0;
 
   double travel_min_mm = -kNone;  ///< crosshead relative to the unpressurized rest length, extension positive
   double travel_max_mm = kNone;
@@ -27,6 +29,7 @@ struct Limits {
   double pressure_max_psi = kNone;         ///< gauge
   double regulator_max_psi = kNone;        ///< of the set-point: [regulator] max_psi, where there is one
   double pressure_rate_max_psi_s = kNone;  ///< of the set-point
+  double loop_rate_max_psi_s = kNone;      ///< at which the pressure loop follows it: [pressure_loop] rate_limit_psi_s
   /// Shortest time between two segments that the frame's link sustains; bounds how finely a sine is cut. A
   /// rig file that does not say has 0.05 s.
   double segment_interval_min_s = 0.0;
@@ -41,5 +44,9 @@ struct Limits {
 /// Reads [limits]. Errors are noted in the table's document: call its finish().
 /// travel, speed_max, force and pressure_max are required: a rig without them is not safe to start.
 [[nodiscard]] Limits read_limits(const base::TomlTable& table);
+
+/// All that a rig file says of what a protocol may ask: [limits], [regulator] max_psi and [pressure_loop]
+/// rate_limit_psi_s. Leaves the other keys of the latter two to their own readers.
+[[nodiscard]] Limits read_rig_limits(const base::TomlTable& root);
 
 }  // namespace isorig::protocol

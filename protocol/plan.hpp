@@ -116,6 +116,7 @@ struct Plan {
   std::string source;  ///< file name, for messages
   RecordingPolicy recording;
   TwinWish twin;
+  bool approaches = true;               ///< false: no step moves, and the crosshead is left where it is
   double approach_velocity_mm_s = 0.0;  ///< from wherever the crosshead is to the first step's position
   std::vector<Step> steps;              ///< never empty
   std::vector<Session> sessions;        ///< never empty: a protocol that names none is one session

@@ -352,6 +352,7 @@ Protocol parse(const TomlTable& root) {
   if (root.choice("format", {"isorig-protocol/1"}).empty()) return out;
   out.name = read_protocol_name(root);
   out.description = root.string_or("description", {});
+  out.approaches = root.boolean_or("approach", true);
   out.approach_velocity_mm_s = root.number_or("approach_velocity_mm_s", out.approach_velocity_mm_s, base::kPositive);
   if (const auto table = root.table_if("recording")) out.recording = read_recording(*table);
   if (const auto table = root.table_if("twin")) out.twin = read_twin(*table);

@@ -53,6 +53,7 @@ struct Protocol {
   std::string description;
   RecordingPolicy recording;
   TwinWish twin;
+  bool approaches = true;
   double approach_velocity_mm_s = 1.0;
   Bindings constants;
   std::vector<Node> steps;

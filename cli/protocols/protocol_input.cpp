@@ -8,7 +8,7 @@ protocol::Limits read_rig_limits(const std::filesystem::path& rig_path) {
   const auto rig = base::TomlDocument::parse_file(rig_path);
   const auto root = rig.root();
   root.ignore_rest();
-  const auto limits = protocol::read_limits(root.table("limits"));
+  const auto limits = protocol::read_rig_limits(root);
   rig.finish();
   return limits;
 }

@@ -3,6 +3,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cmath>
@@ -20,6 +21,7 @@ namespace isorig::cli {
 namespace {
 
 using std::chrono::steady_clock;
+constexpr double kRate_psi_s = 4.0;  // where the rig allows it
 constexpr auto kLook = std::chrono::milliseconds(50);
 
 volatile std::sig_atomic_t interrupted = 0;
@@ -107,6 +109,8 @@ SettledReading settled_reading(const Client& client, const std::string& channel,
 
 HeldPressure::HeldPressure(const Client& client, std::vector<double> pressures_psi, const std::string& operator_name)
     : client_(client), pressures_psi_(std::move(pressures_psi)), operator_name_(operator_name) {
+  const auto known = client.get_or_throw("/v1/calibrations");
+  rate_psi_s_ = std::min(kRate_psi_s, known["limits"].value("pressure_rate_max_psi_s", kRate_psi_s));
   interrupted = 0;
   std::signal(SIGINT, [](int) { interrupted = 1; });
   std::signal(SIGTERM, [](int) { interrupted = 1; });
@@ -128,12 +132,12 @@ void HeldPressure::vent() noexcept {
 }
 
 void HeldPressure::start(std::size_t index) {
-  std::string protocol = "format = \"isorig-protocol/1\"\nname = \"held-pressure\"\nsteps = [\n";
+  std::string protocol = "format = \"isorig-protocol/1\"\nname = \"held-pressure\"\napproach = false\nsteps = [\n";
   for (std::size_t i = index; i < pressures_psi_.size() && pressures_psi_[i] > 0.0; ++i) {
     protocol += base::formatted(
-        "  { do = \"pressurize\", pressure_psi = %.4f, rate_psi_s = 4, settled_for_s = 1, timeout_s = 60 },\n"
+        "  { do = \"pressurize\", pressure_psi = %.4f, rate_psi_s = %.4f, settled_for_s = 1, timeout_s = %.0f },\n"
         "  { do = \"hold\", duration_s = 5 },\n",
-        pressures_psi_[i]);
+        pressures_psi_[i], rate_psi_s_, time_out_s(i));
   }
   const auto answer = client_.post(
       "/v1/start",
@@ -143,6 +147,11 @@ void HeldPressure::start(std::size_t index) {
   first_ = index;
   const auto armed = confirm();
   runs_ += (runs_.empty() ? "" : ", ") + (armed ? *armed : answer).body.value("run", "");
+}
+
+/// Twice as long as the set-point's way from empty, and a minute.
+double HeldPressure::time_out_s(std::size_t index) const {
+  return 60.0 + 2.0 * pressures_psi_[index] / rate_psi_s_;
 }
 
 /// On a rig that has to be armed the person at the terminal says go, each time air is let in.
@@ -165,7 +174,7 @@ void HeldPressure::go_to(std::size_t index) {
     (void)confirm();
   }
   const std::size_t hold_step = 2 * (index - first_) + 1;
-  const auto deadline = steady_clock::now() + std::chrono::seconds(120);
+  const auto deadline = steady_clock::now() + std::chrono::duration<double>(60.0 + time_out_s(index));
   for (;;) {
     stop_if_interrupted();
     const auto s = client_.get_or_throw("/v1/status");

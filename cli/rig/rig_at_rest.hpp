@@ -40,8 +40,8 @@ struct SettledReading {
                                              const Settling& settling);
 
 /// Takes the rig from one pressure to the next and holds each until the next is asked for. 0 is the vented rig,
-/// whatever its sensor shows; between two of those the pressures are one run of the daemon's. However it is left, the
-/// rig vents.
+/// whatever its sensor shows; between two of those the pressures are one run of the daemon's. The crosshead stays where
+/// it is. However it is left, the rig vents.
 class HeldPressure {
  public:
   HeldPressure(const Client& client, std::vector<double> pressures_psi, const std::string& operator_name);
@@ -55,6 +55,7 @@ class HeldPressure {
 
  private:
   void start(std::size_t index);
+  [[nodiscard]] double time_out_s(std::size_t index) const;
   std::optional<Answer> confirm();
   void vent() noexcept;
 
@@ -62,6 +63,7 @@ class HeldPressure {
   std::vector<double> pressures_psi_;
   std::string operator_name_;
   std::string runs_;
+  double rate_psi_s_ = 0.0;
   bool open_ = false;
   std::size_t first_ = 0;  // index of the present run's first pressure
 };

@@ -3,6 +3,7 @@
 #include <limits>
 
 #include "drivers/api/pressure.hpp"
+#include "protocol/limits.hpp"
 
 namespace isorig::base {
 class TomlTable;
@@ -42,7 +43,7 @@ struct PressureLoopConfig {
   double vent_gain_per_s = 0.4;
   double proportional_per_s = 25.0;
   double integral_time_s = 0.25;
-  double rate_limit_psi_s = 10.0;       ///< of the reference
+  double rate_limit_psi_s = protocol::Limits::kLoopRate_psi_s;  ///< of the reference
   double feedforward_psi_per_mm = 0.0;  ///< pressure the chamber would lose per mm of extension with both valves shut
   double minimum_duty = 0.0;            ///< below it a valve does not open; smaller commands are shut
   double settled_tolerance_psi = 0.1;

@@ -2,6 +2,7 @@
 #include <sys/utsname.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <utility>
@@ -113,7 +114,8 @@ json Host::calibrations_json() const {
             {"travel_max_mm", l.travel_max_mm},
             {"force_min_N", l.force_min_N},
             {"force_max_N", l.force_max_N},
-            {"pressure_max_psi", l.pressure_max_psi}}}};
+            {"pressure_max_psi", l.pressure_max_psi},
+            {"pressure_rate_max_psi_s", std::min(l.pressure_rate_max_psi_s, l.loop_rate_max_psi_s)}}}};
 }
 
 json Host::selftest_json() const {

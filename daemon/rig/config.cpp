@@ -314,6 +314,7 @@ RigConfig load_rig(const std::filesystem::path& path) {
   table("operator", [&](const auto& t) { rig.core.operating = OperatorConfig::read(t, rig.limits, on_the_wire); });
   rig.core.supervisor.guard_open_in_setup = rig.core.operating.jog_with_guard_open;
   table("pressure_loop", [&](const auto& t) { rig.core.pressure_loop = PressureLoopConfig::read(t); });
+  rig.limits.loop_rate_max_psi_s = rig.core.pressure_loop.rate_limit_psi_s;
   table("regulator", [&](const auto& t) { read_regulator(t, directory, rig); });
   if (rig.regulator.has_value() != (rig.core.pressure_loop.actuator == PressureLoopConfig::Actuator::kRegulator)) {
     pressure.error("", rig.regulator ? "[regulator] is there, and [pressure_loop] has no actuator = \"regulator\""

@@ -55,6 +55,27 @@ class CliFiles : public testing::Test {
   std::filesystem::path folder_;
 };
 
+/// What the daemon would refuse, `check --rig` refuses.
+TEST_F(CliFiles, CheckKnowsTheRegulatorAndThePressureLoop) {
+  std::string rig = file_text(isorig::test::source_path() + "/config/rigs/sim-8800-regulator.toml");
+  const auto with = [&](const std::string& from, const std::string& to) {
+    const auto at = rig.find(from);
+    EXPECT_NE(at, std::string::npos) << from;
+    return write("rig.toml", std::string(rig).replace(at, from.size(), to));
+  };
+  const auto check = [](const std::string& file) {
+    return isorig("check config/protocols/vma-isovelocity.toml --rig " + file);
+  };
+  const auto whole = check(write("rig.toml", rig));
+  EXPECT_EQ(whole.code, 0) << whole.out;
+  const auto weak = check(with("\nmax_psi = ", "\nmax_psi = 12 # "));
+  EXPECT_EQ(weak.code, 3) << weak.out;
+  EXPECT_THAT(weak.out, HasSubstr("the rig's regulator takes at most 12 (regulator.max_psi)"));
+  const auto slow = check(with("\nrate_limit_psi_s = ", "\nrate_limit_psi_s = 0.5 # "));
+  EXPECT_EQ(slow.code, 3) << slow.out;
+  EXPECT_THAT(slow.out, HasSubstr("follows at most 0.5 (pressure_loop.rate_limit_psi_s)"));
+}
+
 TEST(Cli, PlanOfTheShortProtocolIsAsItWas) {
   const auto plan = isorig("plan config/protocols/vma-short.toml");
   EXPECT_EQ(plan.code, 0);

@@ -324,7 +324,11 @@ TEST(CompileErrors, EveryClassWithItsPlace) {
        {"p.toml:5:25: `unit` = \"sesion\"; it has to be one of \"session\""}},
       {"{ do = \"repeat\", unit = \"session\", steps = [ { do = \"ramp\", to_mm = 1, velocity_mm_s = 1 } ] "
        "},",
-       {"p.toml:5:44: a session begins with a pressurize (to 0 psi if it needs none), so that it can be "
+       {"p.toml:4:1: a step outside of the sessions belongs to none of them: its samples would be recorded into the "
+        "one "
+        "beside it, and `isorig resume` would leave it out; put it into a session, or into one of its own with a "
+        "`label`",
+        "p.toml:5:44: a session begins with a pressurize (to 0 psi if it needs none), so that it can be "
         "resumed on its "
         "own from a vented actuator"}},
       {"{ do = \"repeat\", unit = \"session\", steps = [] },", {"p.toml:5:1: a session without steps"}},
@@ -358,6 +362,60 @@ TEST(CompileErrors, ApproachAndConstants) {
                           "(limits.speed_min_mm_s, limits.speed_max_mm_s)"));
   EXPECT_THAT(faults_of(text_of(kBegin, "\nconstants.x = \"a\"")),
               ElementsAre("p.toml:3:15: `x` is a string; a number is needed"));
+}
+
+TEST(CompileErrors, APlanThatDoesNotApproachMovesNothing) {
+  EXPECT_THAT(faults_of(text_of(kBegin, "\napproach = false\napproach_velocity_mm_s = 20"), rig()), IsEmpty());
+  EXPECT_THAT(faults_of(text_of(std::string(kBegin) + "{ do = \"ramp\", to_mm = 1, velocity_mm_s = 1 },\n",
+                                "\napproach = false"),
+                        rig()),
+              ElementsAre(testing::AllOf(testing::HasSubstr("p.toml:3:12: `approach` = false"),
+                                         testing::HasSubstr("line 6 moves it"))));
+}
+
+/// A crosshead that comes from elsewhere at 10 mm/s runs 0.1 mm beyond where it is told to stop, less the 0.02 mm that
+/// a limit lets pass.
+TEST(CompileErrors, TheWayToASessionKeepsToTheTravel) {
+  const auto at = [](const char* to_mm) {
+    return "{ do = \"repeat\", unit = \"session\", times = 1, label = \"a\", steps = [ " +
+           std::string(kBegin).substr(0, std::string(kBegin).size() - 2) + ", { do = \"ramp\", to_mm = " + to_mm +
+           ", velocity_mm_s = 1 } ] },\n{ do = \"repeat\", unit = \"session\", times = 1, label = \"b\", steps = [ " +
+           std::string(kBegin).substr(0, std::string(kBegin).size() - 2) + " ] },\n";
+  };
+  EXPECT_THAT(faults_of(text_of(at("6"), "\napproach_velocity_mm_s = 1"), rig()), IsEmpty());
+  EXPECT_THAT(faults_of(text_of(at("5.92"), "\napproach_velocity_mm_s = 10"), rig()), IsEmpty());
+  EXPECT_THAT(faults_of(text_of(at("6"), "\napproach_velocity_mm_s = 10"), rig()),
+              ElementsAre(testing::AllOf(testing::HasSubstr("`approach_velocity_mm_s` = 10, and \"b\" begins at 6 mm"),
+                                         testing::HasSubstr("stay 0.08 mm inside"))));
+}
+
+TEST(CompileErrors, EveryStepStandsInASession) {
+  const std::string session = "{ do = \"repeat\", unit = \"session\", times = 1, steps = [ " +
+                              std::string(kBegin).substr(0, std::string(kBegin).size() - 2) + " ] },\n";
+  const std::string hold = "{ do = \"hold\", duration_s = 1 },\n";
+  for (const auto& steps : {session + hold, hold + session}) {
+    EXPECT_THAT(faults_of(text_of(steps)),
+                ElementsAre(testing::HasSubstr("a step outside of the sessions belongs to none of them")));
+  }
+}
+
+/// The chords next to a sine's turning points are not at rest: 5 mm at 10 mm/s, cut so coarsely that a quarter has two.
+TEST(CompileErrors, ASineTurnsWithinTheTravel) {
+  const auto sine = [](const char* amplitude_mm, const char* deviation_mm) {
+    return std::string(kBegin) + "{ do = \"wave\", shape = \"sine\", amplitude_mm = " + amplitude_mm +
+           ", velocity_mm_s = 10, cycles = 1, deviation_mm = " + deviation_mm + " },\n";
+  };
+  EXPECT_THAT(faults_of(text_of(sine("6", "0.01")), rig()), IsEmpty());
+  EXPECT_THAT(faults_of(text_of(sine("6", "1.5")), rig()),
+              ::testing::Contains(testing::HasSubstr("runs over its target")));
+}
+
+TEST(CompileErrors, WhatThePressureLoopDoesNotFollowIsRefused) {
+  Limits limits = rig();
+  limits.loop_rate_max_psi_s = 0.5;
+  EXPECT_THAT(faults_of(text_of(kBegin), limits),
+              ElementsAre(testing::HasSubstr("`rate_psi_s` = 1; the rig's pressure loop follows at most 0.5 "
+                                             "(pressure_loop.rate_limit_psi_s)")));
 }
 
 TEST(CompileErrors, ASlipThatNeverEndsIsRefused) {
