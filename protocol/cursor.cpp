@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "protocol/wave.hpp"
 
@@ -40,6 +41,7 @@ void Cursor::start(std::int64_t now_ns, std::uint32_t first_session, std::uint16
   full_until_ns_ = std::numeric_limits<std::int64_t>::min();
   step_begin_ns_ = now_ns;
   quiet_until_ns_ = 0;
+  pressurize_ = kNoStep;
   if (first_session >= plan_->sessions.size()) {
     action_.state = CursorState::kFinished;
     action_.step = static_cast<std::uint32_t>(plan_->steps.size() - 1);
@@ -73,7 +75,7 @@ const Action& Cursor::advance(std::int64_t now_ns, const Observation& seen) noex
     }
   } else if (action_.approaching) {
     tick_approach(now_ns, seen);
-  } else {
+  } else if (!action_.regaining || has_regained(now_ns, seen)) {
     switch (plan_->steps[action_.step].kind) {
       case StepKind::kPressurize:
         tick_pressurize(now_ns, seen);
@@ -108,6 +110,7 @@ void Cursor::begin_step(std::int64_t now_ns, const Observation& seen, std::uint3
   next_chord_ns_ = kNever;
   switch (step.kind) {
     case StepKind::kPressurize:
+      pressurize_ = index;
       action_.setpoint_psi = step.pressure_psi;
       action_.rate_psi_s = step.rate_psi_s;
       deadline_ns_ = now_ns + to_ns(step.timeout_s);
@@ -270,7 +273,7 @@ void Cursor::decide_keep(std::int64_t now_ns) noexcept {
   const bool in_tail = now_ns < full_until_ns_;
   const bool full = in_tail || plan_->recording.mode == RecordingMode::kFull || (at_work && step.keep == Keep::kFull);
   quiet_until_ns_ = 0;
-  if (at_work && step.kind == StepKind::kHold) {
+  if (at_work && step.kind == StepKind::kHold && !action_.regaining) {
     quiet_until_ns_ = in_tail ? std::min(step_end_ns_, full_until_ns_) : step_end_ns_;
   }
   action_.keep = full ? Keep::kFull : Keep::kAveraged;
@@ -279,7 +282,7 @@ void Cursor::decide_keep(std::int64_t now_ns) noexcept {
 void Cursor::pause(std::int64_t now_ns) noexcept {
   if (action_.state != CursorState::kRunning) return;
   action_.state = CursorState::kPaused;
-  pause_ns_ = now_ns;
+  if (!std::exchange(action_.regaining, false)) pause_ns_ = now_ns;  // else it has not gone on since the last pause
   quiet_until_ns_ = 0;
   const Step& step = plan_->steps[action_.step];
   if (step.keep == Keep::kFull && step.full_after_s > 0.0) full_until_ns_ = now_ns + to_ns(step.full_after_s);
@@ -288,6 +291,41 @@ void Cursor::pause(std::int64_t now_ns) noexcept {
 void Cursor::resume(std::int64_t now_ns) noexcept {
   if (action_.state != CursorState::kPaused) return;
   action_.state = CursorState::kRunning;
+  const StepKind kind = plan_->steps[action_.step].kind;
+  const bool under_pressure = pressurize_ != kNoStep && !action_.approaching && !begin_pending_;
+  if (under_pressure && kind != StepKind::kPressurize) {
+    action_.regaining = true;
+    regain_deadline_ns_ = now_ns + to_ns(plan_->steps[pressurize_].timeout_s);
+    good_since_ns_ = kNever;
+    has_strayed_ = false;
+  } else {
+    go_on(now_ns);
+  }
+}
+
+/// The pressure may have leaked, and sealed valves do not make up for it. A motion or a hold at another pressure than
+/// the step's would be recorded as the step's.
+bool Cursor::has_regained(std::int64_t now_ns, const Observation& seen) noexcept {
+  const Step& last = plan_->steps[pressurize_];
+  if (std::abs(seen.pressure_psi - last.pressure_psi) > last.tolerance_psi) {
+    has_strayed_ = true;
+    good_since_ns_ = kNever;
+  } else if (good_since_ns_ == kNever) {
+    good_since_ns_ = now_ns;
+  }
+  if (good_since_ns_ != kNever && (!has_strayed_ || now_ns - good_since_ns_ >= to_ns(last.settled_for_s))) {
+    action_.regaining = false;
+    go_on(now_ns);
+    return true;
+  }
+  if (now_ns >= regain_deadline_ns_) {
+    action_.regaining = false;
+    fail(Failure::kPressurizeTimeout, seen.pressure_psi, last.pressure_psi);
+  }
+  return false;
+}
+
+void Cursor::go_on(std::int64_t now_ns) noexcept {
   const std::int64_t away_ns = now_ns - pause_ns_;
   step_begin_ns_ += away_ns;
   step_end_ns_ += away_ns;
@@ -309,7 +347,8 @@ Progress Cursor::progress(std::int64_t now_ns) const noexcept {
     return out;
   }
   if (!action_.approaching && !begin_pending_ && action_.state != CursorState::kIdle) {
-    out.step_elapsed_s = to_s((action_.state == CursorState::kPaused ? pause_ns_ : now_ns) - step_begin_ns_);
+    out.step_elapsed_s =
+        to_s((action_.state == CursorState::kPaused || action_.regaining ? pause_ns_ : now_ns) - step_begin_ns_);
   }
   const double done_s = step.start_s + std::min(out.step_elapsed_s, step.nominal_s);
   out.fraction = plan_->nominal_s > 0.0 ? std::min(1.0, done_s / plan_->nominal_s) : 0.0;

@@ -48,6 +48,7 @@ struct Action {
   CursorState state = CursorState::kIdle;
   Keep keep = Keep::kAveraged;    ///< for the samples of this tick
   bool approaching = false;       ///< vented, on the way to the position where `step` begins
+  bool regaining = false;         ///< resumed, and the pressure is not yet back at the set-point: `step` waits
   bool start_segment = false;     ///< once: send `segment` to the frame
   bool step_began = false;        ///< once: `step` has begun (at most one step begins per call)
   bool step_ended = false;        ///< once: `ended_step` is over
@@ -96,8 +97,9 @@ class Cursor {
   /// From now on time stands still for the plan: holds and time-outs freeze. The caller stops the frame.
   /// No effect unless running.
   void pause(std::int64_t now_ns) noexcept;
-  /// Goes on: the next advance() commands an interrupted motion again, from wherever the frame stopped;
-  /// settle and pressurize judge afresh. No effect unless paused.
+  /// Goes on once the pressure is back within the last pressurize's tolerance (after a pause that sealed the valves it
+  /// is not), else fails at its time-out. Then the next advance() commands an interrupted motion again, from wherever
+  /// the frame stopped; settle and pressurize judge afresh. No effect unless paused.
   void resume(std::int64_t now_ns) noexcept;
 
   [[nodiscard]] const Action& action() const noexcept { return action_; }
@@ -115,6 +117,10 @@ class Cursor {
   void fail(Failure failure, double value, double threshold) noexcept;
   void decide_keep(std::int64_t now_ns) noexcept;
   void tick_approach(std::int64_t now_ns, const Observation& seen) noexcept;
+  /// Of a resumed run: the pressure is back, and the plan goes on.
+  bool has_regained(std::int64_t now_ns, const Observation& seen) noexcept;
+  /// The plan's time goes on from where the pause stopped it.
+  void go_on(std::int64_t now_ns) noexcept;
   void tick_pressurize(std::int64_t now_ns, const Observation& seen) noexcept;
   void tick_settle(std::int64_t now_ns, const Observation& seen) noexcept;
   void tick_ramp(std::int64_t now_ns, const Observation& seen) noexcept;
@@ -124,6 +130,7 @@ class Cursor {
   }
 
   static constexpr std::int64_t kNever = INT64_MAX;
+  static constexpr std::uint32_t kNoStep = 0xffffffffU;
 
   const Plan* plan_;
   Action action_;
@@ -139,6 +146,9 @@ class Cursor {
   std::int64_t stroke_begin_ns_ = 0;
   std::int64_t next_chord_ns_ = kNever;
   std::int64_t pause_ns_ = 0;
+  std::uint32_t pressurize_ = kNoStep;  ///< the last one that began
+  std::int64_t regain_deadline_ns_ = 0;
+  bool has_strayed_ = false;  ///< the pressure was off its set-point when the run was resumed
   std::uint32_t stroke_ = 0, chord_ = 0;
   std::uint16_t next_id_ = 1;
   ForceSlope slope_;

@@ -282,6 +282,7 @@ class Core {
   double force_sum_N_ = 0.0;
   std::uint32_t force_new_ = 0;
   double setpoint_psi_ = -1.0;
+  bool regaining_ = false;  ///< as the cursor was when it was last asked
   double commanded_velocity_mm_s_ = 0.0;
   bool moving_ = false;
   std::uint32_t stops_requested_ = 0;

@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <numbers>
+#include <optional>
 
 #include "plant.hpp"
 #include "protocol/compile.hpp"
@@ -228,6 +229,80 @@ TEST(Cursor, ResumeCommandsAnInterruptedRampAgain) {
   EXPECT_EQ(plant.sent[1].velocity_mm_s, 0.1);
   EXPECT_NE(plant.sent[1].id, plant.sent[0].id);
   EXPECT_NEAR(plant.position_mm, 2.0, 1e-9);
+}
+
+/// Sealed valves do not make up for a leak.
+class Leaked : public ::testing::Test {
+ protected:
+  void leak_in(const std::string& step, double psi) {
+    plan_ = plan_of(std::string(kPressurize) + step);
+    cursor_.emplace(plan_);
+    cursor_->start(plant_.now_ns);
+    run(*cursor_, plant_, [&](const Action& action) { return action.step == 1; });
+    run(*cursor_, plant_,
+        [&, begin_ns = plant_.now_ns](const Action&) { return plant_.now_ns >= begin_ns + kSecond_ns; });
+    cursor_->pause(plant_.now_ns);
+    plant_.frame_stopped = true;
+    plant_.supply_empty = true;
+    for (int i = 0; i < 60'000; ++i) plant_.step(cursor_->advance(plant_.now_ns, plant_.see()));
+    plant_.pressure_psi -= psi;
+    plant_.supply_empty = false;
+    cursor_->resume(plant_.now_ns);
+  }
+  Plan plan_;
+  std::optional<Cursor> cursor_;
+  Plant plant_{kTick_ns};
+};
+
+TEST_F(Leaked, ARampWaitsForItsPressure) {
+  leak_in("{ do = \"ramp\", to_mm = 2, velocity_mm_s = 0.1 },\n", 2.0);
+  const double stopped_mm = plant_.position_mm;
+  const auto resumed_ns = plant_.now_ns;
+  run(*cursor_, plant_, [](const Action& action) { return action.start_segment; });
+  // 2 psi at 5 psi/s, less the last 0.1 psi, which are within the tolerance, and settled for 0.5 s.
+  EXPECT_NEAR(static_cast<double>(plant_.now_ns - resumed_ns) * 1e-9, 1.9 / 5.0 + 0.5, 0.005);
+  EXPECT_NEAR(plant_.position_mm, stopped_mm, 1e-3);
+  EXPECT_EQ(plant_.pressure_psi, 5.0);
+  run(*cursor_, plant_);
+  EXPECT_EQ(cursor_->action().state, CursorState::kFinished);
+}
+
+TEST_F(Leaked, AHoldHasItsWholeTimeAtPressure) {
+  leak_in("{ do = \"hold\", duration_s = 10 },\n", 2.0);
+  EXPECT_TRUE(cursor_->action().regaining);
+  const auto resumed_ns = plant_.now_ns;
+  // Paused once more before the pressure is back: nothing of the hold has passed.
+  run(*cursor_, plant_, [&](const Action&) { return plant_.now_ns >= resumed_ns + kSecond_ns / 5; });
+  cursor_->pause(plant_.now_ns);
+  for (int i = 0; i < 5'000; ++i) plant_.step(cursor_->advance(plant_.now_ns, plant_.see()));
+  EXPECT_NEAR(cursor_->progress(plant_.now_ns).step_elapsed_s, 1.0, 0.003);
+  cursor_->resume(plant_.now_ns);
+  const auto again_ns = plant_.now_ns;
+  run(*cursor_, plant_);
+  EXPECT_EQ(cursor_->action().state, CursorState::kFinished);
+  EXPECT_NEAR(static_cast<double>(plant_.now_ns - again_ns) * 1e-9, 9.0, 0.01);
+}
+
+TEST_F(Leaked, APressureThatDoesNotComeBackIsATimeOut) {
+  leak_in("{ do = \"hold\", duration_s = 10 },\n", 2.0);
+  plant_.supply_empty = true;
+  const auto resumed_ns = plant_.now_ns;
+  run(*cursor_, plant_);
+  EXPECT_EQ(cursor_->action().state, CursorState::kFailed);
+  EXPECT_EQ(cursor_->action().failure, Failure::kPressurizeTimeout);
+  EXPECT_NEAR(static_cast<double>(plant_.now_ns - resumed_ns) * 1e-9, 10.0, 0.005);
+}
+
+TEST(Cursor, LeavesTheCrossheadWhereItIs) {
+  const Plan plan = plan_of(std::string(kPressurize) + "{ do = \"hold\", duration_s = 1 },\n", "approach = false\n");
+  Cursor cursor(plan);
+  Plant plant(kTick_ns);
+  plant.position_mm = 3.0;
+  cursor.start(plant.now_ns);
+  run(cursor, plant);
+  EXPECT_EQ(cursor.action().state, CursorState::kFinished);
+  EXPECT_TRUE(plant.sent.empty());
+  EXPECT_EQ(plant.position_mm, 3.0);
 }
 
 TEST(Cursor, ResumeGoesOnWithAWave) {
