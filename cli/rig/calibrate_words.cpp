@@ -44,7 +44,13 @@ std::optional<double> References::next(const std::string& what) {
     return factor_ * parse(output_of(options_.reference_command), "the reference command");
   if (!options_.points.empty()) {
     if (used_ == options_.points.size()) return std::nullopt;
-    return factor_ * options_.points[used_++];
+    const double value = options_.points[used_++];
+    // Each has to be put on the rig: read one after the other they would all be the first.
+    if (options_.points.size() > 1 && options_.drive.empty() &&
+        !ask("apply " + base::formatted("%.6g", value) + ' ' + unit_ + ", let it settle, press Enter: ")) {
+      throw std::runtime_error("point " + std::to_string(used_) + " was not applied: the input ended; nothing is kept");
+    }
+    return factor_ * value;
   }
   for (;;) {
     const auto line = ask(what + " [" + unit_ + "]: ");

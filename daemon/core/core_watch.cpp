@@ -171,7 +171,8 @@ const char* Core::why_not_ready(std::int64_t now_ns) const noexcept {
   if (zero_epoch_ != confirmed_zero_)
     return "the frame's zero is not confirmed since it was started (isorig confirm-zero)";
   if (!now_.frame.clock_ready || !now_.pressure.clock_ready) return "the device clocks are being measured";
-  if (pressure_psi_ >= config_.vented_psi) return "the actuator is under pressure (isorig abort vents)";
+  if (pressure_psi_ >= config_.vented_psi)
+    return "the actuator is under pressure (isorig abort vents; a vented sensor that reads this: calibrate its zero)";
   return nullptr;
 }
 

@@ -214,9 +214,9 @@ Host::Result Host::put_in_force() {
     const std::lock_guard lock(mutex_);
     if (!waiting_) return {true, {}, {}};
     request.calibration = corrections_of(*waiting_);
+    request.fill_limits = fill_limits(corrected(rig_, request.calibration));
   }
   auto taken = ask(request);
-    request.fill_limits = fill_limits(corrected(rig_, request.calibration));
   if (!taken.ok) return taken;
   const std::lock_guard lock(mutex_);
   records_ = *std::exchange(waiting_, std::nullopt);

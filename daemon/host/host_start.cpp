@@ -209,8 +209,11 @@ std::optional<Host::Result> Host::take_saved_run(const StartOptions& options, Pr
   if (known->state == "aborted" && !options.resume_aborted) {
     const std::string command = options_.virtual_time ? "isorig run --resume " : "isorig resume ";
     return Result{false,
-                  "run " + run.id + " was aborted by an operator; to go on with it all the same: " + command + run.id +
-                      " --aborted" + (options_.virtual_time ? " --rig " + rig_.path.string() : ""),
+                  "run " + run.id +
+                      " was ended before its end, by `isorig abort`, by a signal or after a stop that nobody cleared; "
+                      "to go on with it "
+                      "all the same: " +
+                      command + run.id + " --aborted" + (options_.virtual_time ? " --rig " + rig_.path.string() : ""),
                   run.id};
   }
   if (known->rig != rig_.name) {
