@@ -28,14 +28,19 @@ void Standstill::add(std::int64_t mono_ns, double position_mm) noexcept {
   ++count_;
 }
 
-bool Standstill::fit(double window_s) noexcept {
+bool Standstill::fit(double window_s, bool stretches) noexcept {
   const std::size_t held = std::min(count_, kCapacity);
   if (held < kLeastSamples) return false;
   const auto window_ns = static_cast<std::int64_t>(window_s * 1e9);
   const std::int64_t newest_ns = back(0).mono_ns;
   std::size_t n = 1;
-  while (n < held && newest_ns - back(n - 1).mono_ns < window_ns) ++n;
-  if (n < kLeastSamples || newest_ns - back(n - 1).mono_ns < window_ns) return false;
+  const auto needs_more = [&] {
+    return newest_ns - back(n - 1).mono_ns < window_ns || (stretches && n < kLeastSamples);
+  };
+  while (n < held && needs_more()) ++n;
+  if (n < kLeastSamples || needs_more()) return false;
+  const double spanned_s = static_cast<double>(newest_ns - back(n - 1).mono_ns) * 1e-9;
+  if (stretches && spanned_s > std::max(window_s, kLongest_s)) return false;
 
   // Side by side and newest first: the ring's arithmetic once for each sample.
   std::array<double, kCapacity> t_s, x_mm;
@@ -76,7 +81,8 @@ bool Standstill::fit(double window_s) noexcept {
 bool Standstill::stands() noexcept {
   bool stands = false;
   for (std::size_t i = 0; i < kWindows_s.size(); ++i) {
-    if (!fit(kWindows_s[i])) continue;  // not yet full, or too few samples: a longer one may have enough
+    if (!fit(kWindows_s[i], i + 1 == kWindows_s.size()))
+      continue;  // not yet full, or too few samples: a longer one may have enough
     const double bound_mm_s = std::max(floor_mm_s_, bound_mm_s_);
     stands = std::abs(velocity_mm_s_) <= (stood_ ? 2.0 : 1.0) * bound_mm_s && (stood_ || !swings_);
     if (bound_mm_s_ <= kGoodBound_mm_s) break;

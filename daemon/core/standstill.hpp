@@ -16,6 +16,9 @@ class Standstill {
   static constexpr double kSpeedShare = 0.005;   ///< ... or than this share of the speed that was left
   static constexpr double kNoiseSigmas = 4.0;
   static constexpr std::size_t kLeastSamples = 4;
+  /// A slow line has not so many in the longest window: they may be as old as this then. An 8800 at 30 ms an answer
+  /// gives one every 0.14 s.
+  static constexpr double kLongest_s = 1.0;
 
   /// Forgets everything: only samples from now on count. `speed_mm_s`: what it moves at, as far as is known.
   void restart(double speed_mm_s) noexcept;
@@ -38,8 +41,9 @@ class Standstill {
   static constexpr std::size_t kCapacity = 512;
 
   [[nodiscard]] const Point& back(std::size_t i) const noexcept { return points_[(count_ - 1 - i) % kCapacity]; }
-  /// True when the window is full; sets velocity, bound, mean and whether it swings.
-  bool fit(double window_s) noexcept;
+  /// True when the window is full; sets velocity, bound, mean and whether it swings. `stretches`: as far as it takes
+  /// to have kLeastSamples, up to kLongest_s.
+  bool fit(double window_s, bool stretches) noexcept;
 
   std::array<Point, kCapacity> points_{};
   std::size_t count_ = 0;

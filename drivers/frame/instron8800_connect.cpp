@@ -149,6 +149,7 @@ Identity Instron8800Frame::connect() {
     segment_.target_mm = std::nanf("");
     takes_sign_ = false;
     stop_since_ns_ = -1;
+    stop_called_ns_ = kNever_ns;
     beat_seen_ = beat_lost_ = false;
     watchdog_seen_on_ = feed_wanted_ = false;
     Identity identity;

@@ -219,12 +219,18 @@ void Instron8800Frame::take_condition(Ask ask, double value) {
 }
 
 void Instron8800Frame::take_movement(bool moves) {
+  if (moves && stop_since_ns_ < 0 && motion_ != Motion::kMoving && stop_is_fresh()) {
+    stop_since_ns_ = clock_.now_ns();  // confirmed and moves all the same
+    moves_after_stop_ = true;
+    stop_unconfirmed_ = "Q1 says that it moves again";
+  }
   if (stop_since_ns_ >= 0) {
     moves_after_stop_ = moves_after_stop_ || moves;
-    const bool stands = !moves && stop_position_.valid && position_.valid &&
-                        std::abs(position_.value - stop_position_.value) <= config_.in_position_mm &&
-                        position_.middle_ns - stop_position_.middle_ns >= kStandstill_ns;
-    stop_position_ = position_;
+    // On a fast line the next round is too soon to compare with: the older position is kept until it is old enough.
+    const bool is_old = stop_position_.valid && position_.middle_ns - stop_position_.middle_ns >= kStandstill_ns;
+    const bool stands = !moves && is_old && position_.valid &&
+                        std::abs(position_.value - stop_position_.value) <= config_.in_position_mm;
+    if (moves || is_old || !stop_position_.valid) stop_position_ = position_;
     if (stands) stopped();
     return;
   }

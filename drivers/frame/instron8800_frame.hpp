@@ -31,8 +31,9 @@ namespace isorig::frame {
 /// given back by a connection that fails. A stop is sent again until it is confirmed, and followed by C23,0 (actuator
 /// off) when it is not within stop_confirm_ms; this driver never switches the actuator on.
 ///
-/// Blocking: poll() some 20 ms, stop() one response time-out, start_segment() two and start_confirm_ms; one thread
-/// only.
+/// Blocking: poll() 20 ms and gap_us, stop() one response time-out, start_segment() two and start_confirm_ms; one
+/// thread only. A stop() that repeats the last one on a line in step does not block: the rounds of poll() look after
+/// it, and it leaves them alone, since on a slow line no sample would come otherwise.
 class Instron8800Frame final : public Device {
  public:
   Instron8800Frame(Instron8800Config config, clock::Clock& clock);
@@ -61,6 +62,7 @@ class Instron8800Frame final : public Device {
   };
   enum class Ask : std::uint8_t { kForce, kPosition, kStatus, kActuator, kMovement, kControl, kWatchdog };
   static constexpr std::size_t kSideQuestions = 5;  // from kStatus on
+  static constexpr std::int64_t kNever_ns = -1;
 
   [[nodiscard]] std::string at() const { return "frame at " + config_.where() + ": "; }
   [[nodiscard]] std::string channel(std::string_view question, int number) const;
@@ -97,6 +99,10 @@ class Instron8800Frame final : public Device {
   void write_ramp(const Segment& segment, double from_mm, std::int64_t until_ns);
   [[noreturn]] void refuse_sign(const std::string& what) const;
   void confirm_start(std::int64_t until_ns);
+  void begin_stop();
+  void repeat_stop();
+  /// The last stop() was a moment ago, and nothing was started since.
+  [[nodiscard]] bool stop_is_fresh() const noexcept;
   [[nodiscard]] bool stands_still(std::int64_t until_ns);
   void stopped() noexcept;
   [[noreturn]] void switch_off(const std::string& why);
@@ -133,7 +139,9 @@ class Instron8800Frame final : public Device {
   std::string early_;                // a ramp that was over long before its time, to be said once
   std::int64_t stop_since_ns_ = -1;  // an unconfirmed stop
   std::int64_t stop_again_ns_ = 0;
+  std::int64_t stop_called_ns_ = kNever_ns;  // when the last stop() was over; kNever_ns: a start came after it
   bool moves_after_stop_ = false;
+  std::string stop_unconfirmed_;  // why, as stop() last found
   Reading stop_position_;
 
   std::uint16_t beat_ = 0;

@@ -16,6 +16,8 @@ namespace {
 constexpr double kShortestRamp_s = 0.001;
 constexpr double kTargetTolerance_mm = 5e-4;  // half of what the supervisor takes for another target
 constexpr std::int64_t kStopAgain_ns = 100 * kMs;
+/// A stop() this soon after the last one repeats it: polls that block for a round's question lie between the two.
+constexpr std::int64_t kStopRepeated_ns = 500 * kMs;
 constexpr double kTimeTolerance = 5e-4;  // likewise, of the velocity
 
 /// Without an exponent, which the command set may not know.
@@ -95,6 +97,7 @@ void Instron8800Frame::start_segment(const Segment& segment) {
   if (motion_ == Motion::kMoving || stop_since_ns_ >= 0) stop();
   forget_round();
   const std::int64_t until_ns = in_ms(2 * config_.response_timeout_ms);
+  stop_called_ns_ = kNever_ns;  // the next one stops this motion
   const auto from = ask_position(until_ns);
   write_ramp(segment, from.value, until_ns);
   try {
@@ -130,6 +133,7 @@ void Instron8800Frame::switch_off(const std::string& why) {
   ++statistics_.actuator_off_sent;
   motion_ = Motion::kDisabled;
   stop_since_ns_ = -1;
+  stop_called_ns_ = kNever_ns;  // the next one has to find out what became of it
   throw DeviceError(Fault::kTimeout,
                     at() + "the stop was not confirmed (" + why + "): the actuator was switched off, C23,0");
 }
@@ -137,13 +141,43 @@ void Instron8800Frame::switch_off(const std::string& why) {
 void Instron8800Frame::stop() {
   if (!link_.is_open()) throw DeviceError(Fault::kDisconnected, at() + "not connected");
   if (!has_control_) return;  // the panel's business now; a command would trip the actuator
+  feed_wanted_ = false;       // a heartbeat from before: the watchdog may be what stops it
+  // In doubt there is no round to be spared, and one call for each response time-out is enough.
+  const bool is_repeated = stop_is_fresh() && link_.in_step() && (stop_since_ns_ >= 0 || motion_ != Motion::kMoving);
+  try {
+    is_repeated ? repeat_stop() : begin_stop();
+  } catch (const DeviceError&) {
+    if (stop_since_ns_ >= 0) stop_called_ns_ = clock_.now_ns();
+    throw;
+  }
+  stop_called_ns_ = clock_.now_ns();
+}
+
+bool Instron8800Frame::stop_is_fresh() const noexcept {
+  return stop_called_ns_ != kNever_ns && clock_.now_ns() - stop_called_ns_ < kStopRepeated_ns;
+}
+
+/// The daemon repeats a stop at every poll until the samples stand still. To ask here each time would leave the round
+/// of samples no time on a slow line, and to forget the round would make it begin afresh for ever.
+void Instron8800Frame::repeat_stop() {
+  const std::int64_t now_ns = clock_.now_ns();
+  if (now_ns >= stop_again_ns_) {
+    stop_again_ns_ = now_ns + kStopAgain_ns;
+    link_.tell("C1,0");
+  }
+  if (stop_since_ns_ < 0) return;
+  throw DeviceError(Fault::kTimeout,
+                    at() + "the stop is not confirmed yet (" + stop_unconfirmed_ + "); it is sent again");
+}
+
+void Instron8800Frame::begin_stop() {
   link_.tell("C1,0");
-  feed_wanted_ = false;  // a heartbeat from before: the watchdog may be what stops it
   forget_round();
   const std::int64_t now_ns = clock_.now_ns();
   if (stop_since_ns_ < 0) {
     stop_since_ns_ = now_ns;
     moves_after_stop_ = motion_ == Motion::kMoving;
+    stop_unconfirmed_ = "no answer";
   }
   stop_again_ns_ = now_ns + kStopAgain_ns;
   const std::int64_t off_ns = stop_since_ns_ + config_.stop_confirm_ms * kMs;
@@ -170,6 +204,7 @@ void Instron8800Frame::stop() {
     }
   } while (clock_.now_ns() < until_ns);
   if (moves_after_stop_ && clock_.now_ns() >= off_ns) switch_off(why);
+  stop_unconfirmed_ = why;
   throw DeviceError(Fault::kTimeout, at() + "the stop is not confirmed yet (" + why + "); it is sent again");
 }
 
@@ -184,6 +219,7 @@ void Instron8800Frame::check_stop() {
   if (now_ns - stop_since_ns_ >= config_.stop_confirm_ms * kMs) {
     if (moves_after_stop_) switch_off("for " + std::to_string(config_.stop_confirm_ms) + " ms");
     stop_since_ns_ = -1;
+    stop_called_ns_ = kNever_ns;  // the next stop() asks again
     throw DeviceError(Fault::kTimeout, at() + "a stop of the resting crosshead was not confirmed");
   }
   // A controller that hangs has it in its input already, and takes many commands at once badly.

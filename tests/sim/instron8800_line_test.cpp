@@ -40,6 +40,7 @@ class Instron8800Line : public Instron8800Rig, public ::testing::WithParamInterf
       } catch (const DeviceError& error) {
         last_what_ = error.what();
         turn();
+        std::this_thread::sleep_for(std::chrono::milliseconds(5));  // the daemon's poll_period_ms
       }
     }
     return false;

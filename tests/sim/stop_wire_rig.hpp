@@ -96,6 +96,9 @@ class StopWireRig {
     int response_timeout_ms = 200;
     int off_ms = 400;  ///< 8800: C23,0 follows a stop that is not confirmed
     bool watchdog_can_be_asked = true;
+    int gap_us = 200;         ///< 8800: between two lines
+    int answer_ms = 0;        ///< 8800: how much later than at once every answer comes
+    int heartbeat_ms = 5000;  ///< 8800: heartbeat_timeout_ms
   };
 
   StopWireRig(Wire wire, const Times& times) : wire_(wire) {
@@ -221,10 +224,11 @@ class StopWireRig {
     options.watchdog_s = times.watchdog_s;
     if (!times.watchdog_can_be_asked) options.watchdog = Instron8800Server::Options::Watchdog::kNotAsked;
     controller_ = std::make_unique<Instron8800Server>(options, rig_->frame(), controller_faults_);
+    controller_faults_.delay_ms = times.answer_ms;
     frame::Instron8800Config config;
     config.port = controller_->port();
     config.response_timeout_ms = times.response_timeout_ms;
-    config.gap_us = 200;
+    config.gap_us = times.gap_us;
     config.quiet_ms = 30;
     config.position_full_scale_mm = options.position_full_scale_mm;
     config.force_full_scale_N = options.force_full_scale_N;
@@ -233,7 +237,7 @@ class StopWireRig {
     config.stop_confirm_ms = times.off_ms;
     config.watchdog_feed_ms = 100;
     config.watchdog_tested = !times.watchdog_can_be_asked;
-    config.heartbeat_timeout_ms = 5000;
+    config.heartbeat_timeout_ms = times.heartbeat_ms;
     return std::make_unique<frame::Instron8800Frame>(config, clock_);
   }
 

@@ -88,6 +88,30 @@ TEST_P(StopWire, EndsInStandstillWithinTheFramesWatchdog) {
   expect_stop(rig, times.watchdog_s + 0.25, failure.by_itself);
 }
 
+/// A line on which a round of questions takes longer than a poll. Standing is judged by samples, so they have to come
+/// while the stop is repeated.
+class StopWireSlowLine : public testing::TestWithParam<int> {};
+
+INSTANTIATE_TEST_SUITE_P(AnswerAfterMs, StopWireSlowLine, testing::Values(0, 30),
+                         [](const auto& ms) { return std::to_string(ms.param); });
+
+TEST_P(StopWireSlowLine, IsReadyAndAStopIsConfirmed) {
+  StopWireRig::Times times;
+  const frame::Instron8800Config defaults;
+  times.gap_us = defaults.gap_us;
+  times.answer_ms = GetParam();
+  times.response_timeout_ms = defaults.response_timeout_ms;
+  times.off_ms = defaults.stop_confirm_ms;
+  times.watchdog_s = 5.0;
+  StopWireRig rig(Wire::kInstron8800, times);
+  ASSERT_TRUE(rig.until(20.0, [&] { return rig.confirmed_ns() >= 0; })) << "never ready: " << rig.detail();
+  ASSERT_TRUE(rig.move_to(11.0F)) << rig.detail();
+  // The crosshead's own 0.15 s, two rounds to the driver and four samples to the service: at 30 ms an answer a round
+  // of four questions takes 0.14 s.
+  expect_stop(rig, GetParam() == 0 ? 0.5 : 1.3, true);
+  EXPECT_NE(rig.report().state.motion, frame::Motion::kDisabled) << "the actuator was switched off: " << rig.detail();
+}
+
 /// With "actuator off" out of the way.
 TEST(StopWireInstron8800, TheWatchdogAloneStopsIt) {
   StopWireRig::Times times;
