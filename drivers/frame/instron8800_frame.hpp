@@ -96,6 +96,7 @@ class Instron8800Frame final : public Device {
   [[nodiscard]] State state() const noexcept;
   [[nodiscard]] std::string ailment() const;
 
+  void start_now(const Segment& segment);
   void write_ramp(const Segment& segment, double from_mm, std::int64_t until_ns);
   [[noreturn]] void refuse_sign(const std::string& what) const;
   void confirm_start(std::int64_t until_ns);

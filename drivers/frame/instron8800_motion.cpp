@@ -87,7 +87,24 @@ void Instron8800Frame::confirm_start(std::int64_t until_ns) {
                     at() + "C1,1 was sent and Q1 says that nothing moves; it was stopped. Look at the panel");
 }
 
+/// A heartbeat cannot come while the thread that brings it waits for a start in here: that time does not count.
 void Instron8800Frame::start_segment(const Segment& segment) {
+  const std::int64_t began_ns = clock_.now_ns();
+  const bool was_fresh = began_ns - beat_ns_ < config_.heartbeat_timeout_ms * kMs;
+  const auto excuse = [&] {
+    const std::int64_t now_ns = clock_.now_ns();
+    if (was_fresh) beat_ns_ = std::min(now_ns, beat_ns_ + now_ns - began_ns);
+  };
+  try {
+    start_now(segment);
+  } catch (const DeviceError&) {
+    excuse();
+    throw;
+  }
+  excuse();
+}
+
+void Instron8800Frame::start_now(const Segment& segment) {
   const auto refuse = [&](const std::string& why) { throw DeviceError(Fault::kRefused, at() + why); };
   if (!std::isfinite(segment.target_mm) || !std::isfinite(segment.velocity_mm_s) || segment.velocity_mm_s <= 0.0F) {
     refuse("a segment needs a finite target and a velocity above 0");
@@ -148,9 +165,10 @@ void Instron8800Frame::stop() {
     is_repeated ? repeat_stop() : begin_stop();
   } catch (const DeviceError&) {
     if (stop_since_ns_ >= 0) stop_called_ns_ = clock_.now_ns();
+    beat_ns_ = clock_.now_ns();
     throw;
   }
-  stop_called_ns_ = clock_.now_ns();
+  stop_called_ns_ = beat_ns_ = clock_.now_ns();  // nobody beats while it stops; what was lost before stays lost
 }
 
 bool Instron8800Frame::stop_is_fresh() const noexcept {
@@ -243,6 +261,8 @@ void Instron8800Frame::feed_watchdog() {
 }
 
 void Instron8800Frame::check_heartbeat() {
+  if (stop_since_ns_ >= 0)
+    beat_ns_ = clock_.now_ns();  // withheld until the stop is confirmed, and nothing is to be lost
   if (!beat_seen_ || beat_lost_ || clock_.now_ns() - beat_ns_ < config_.heartbeat_timeout_ms * kMs) return;
   beat_lost_ = true;
   if (motion_ == Motion::kMoving) stop();

@@ -74,6 +74,34 @@ TEST_P(Instron8800, EverySampleLiesWithinItsBoundOfTheRamp) {
       compared, worst_mm, worst_bound_us, plant_s);
 }
 
+/// In the daemon one thread starts, polls and beats, in this order: a start that takes long withholds the heartbeat.
+TEST_P(Instron8800Condition, ItsOwnBlockingIsNoMissedHeartbeat) {
+  config_.heartbeat_timeout_ms = kShort_ms;
+  start();
+  frame_->connect();
+  faults_.delay_ms = 120;  // of a dozen questions
+  frame_->heartbeat(++beat_);
+  beating_ = false;
+  const auto began_ns = clock_.now_ns();
+  frame_->start_segment({1, 10.0F, 0.5F});
+  ASSERT_GT(clock_.now_ns() - began_ns, kShort_ms * std::int64_t{1'000'000});
+  turn();
+  EXPECT_EQ(state_.fault_bits & frame::kHeartbeatLost, 0);
+  EXPECT_EQ(state_.motion, Motion::kMoving);
+  // Likewise a stop, during which the daemon sends none on purpose.
+  const auto stop_ns = clock_.now_ns();
+  while (clock_.now_ns() - stop_ns < 1'500'000'000) {
+    try {
+      frame_->stop();
+    } catch (const DeviceError&) {  // not confirmed yet
+    }
+    turn();
+    EXPECT_EQ(state_.fault_bits & frame::kHeartbeatLost, 0);
+  }
+  // And then it counts.
+  EXPECT_TRUE(until([&] { return (state_.fault_bits & frame::kHeartbeatLost) != 0; }, 5.0));
+}
+
 TEST_P(Instron8800, AStopStopsAndIsSeen) {
   ASSERT_NO_FATAL_FAILURE(be_moving());
   frame_->stop();

@@ -130,6 +130,8 @@ class StopWireRig {
   FrameFaults& plant_faults() { return rig_->frame().faults; }
   [[nodiscard]] CountedDevice& device() { return *device_; }
   [[nodiscard]] const daemon::FrameReport& report() const { return report_; }
+  /// A report ever said so.
+  [[nodiscard]] bool heartbeat_was_lost() const { return heartbeat_was_lost_; }
   [[nodiscard]] std::int64_t now_ns() const { return clock_.now_ns(); }
   [[nodiscard]] const std::string& detail() const { return detail_; }
 
@@ -148,6 +150,7 @@ class StopWireRig {
     while (link_.health.pop(health)) detail_ = health.detail;
     for (daemon::FrameReport r; link_.reports.pop(r);) {
       report_ = r;
+      heartbeat_was_lost_ = heartbeat_was_lost_ || (r.state.fault_bits & frame::kHeartbeatLost) != 0;
       if (r.stop_request == request_ && r.stop_confirmed && confirmed_ns_ < 0) confirmed_ns_ = r.mono_ns;
     }
     clock_.sleep_until_ns(from_ns + 5'000'000);
@@ -252,6 +255,7 @@ class StopWireRig {
   std::unique_ptr<CountedDevice> device_;
   std::unique_ptr<daemon::FrameService> service_;
   daemon::FrameReport report_;
+  bool heartbeat_was_lost_ = false;
   std::string detail_;
   std::uint32_t request_ = 0;
   std::int64_t request_ns_ = 0, confirmed_ns_ = -1;

@@ -102,6 +102,7 @@ TEST_P(StopWireSlowLine, IsReadyAndAStopIsConfirmed) {
   times.answer_ms = GetParam();
   times.response_timeout_ms = defaults.response_timeout_ms;
   times.off_ms = defaults.stop_confirm_ms;
+  times.heartbeat_ms = defaults.heartbeat_timeout_ms;  // shorter than the stop, during which none is sent
   times.watchdog_s = 5.0;
   StopWireRig rig(Wire::kInstron8800, times);
   ASSERT_TRUE(rig.until(20.0, [&] { return rig.confirmed_ns() >= 0; })) << "never ready: " << rig.detail();
@@ -109,6 +110,7 @@ TEST_P(StopWireSlowLine, IsReadyAndAStopIsConfirmed) {
   // The crosshead's own 0.15 s, two rounds to the driver and four samples to the service: at 30 ms an answer a round
   // of four questions takes 0.14 s.
   expect_stop(rig, GetParam() == 0 ? 0.5 : 1.3, true);
+  EXPECT_FALSE(rig.heartbeat_was_lost());
   EXPECT_NE(rig.report().state.motion, frame::Motion::kDisabled) << "the actuator was switched off: " << rig.detail();
 }
 
