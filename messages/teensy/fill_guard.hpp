@@ -12,15 +12,22 @@ namespace isorig::messages::teensy {
 /// - A reading above the greatest pressure, four conversions in a row, in whatever state: kPressureHigh.
 /// - The fill valve's time, in full-duty time above an allowance that may flow for ever (leaks). Venting gives back
 ///   what it lets out: kFillTime.
-/// - While filling, no conversion to believe for 100 ms (status, range, a line that is low or high): kSensorSilent.
+/// - While filling, no conversion to believe for 100 ms (status, range, a line that is low or high): kSensorSilent. The
+///   sensor is read while the valve is shut too, so an opening gives it no time of its own.
 /// - While filling, one and the same count in fifty conversions or more, though the valve was open for 100 ms of full
-///   duty since it came, which is a change of hundreds of counts: kSensorStuck.
+///   duty since it came, which is a change of hundreds of counts: kSensorStuck. Added up over all openings, however
+///   short, until the count changes or the vent has been fully open for a second.
+///
+/// A host that opens and shuts the valve quickly gets no more from it than one that leaves it open.
 class FillGuard {
  public:
   static constexpr uint16_t kHighRun = 4;
   static constexpr uint32_t kSilent_us = 100'000;
   static constexpr uint32_t kStuck_us = 100'000;  ///< of full duty
   static constexpr uint16_t kStuckRun = 50;       ///< conversions
+  /// Of full vent, after which what was filled before is out. A muscle that was never filled, as without air in the
+  /// supply, is at the same count before and after; its next filling has to begin from nothing.
+  static constexpr uint32_t kVented_us = 1'000'000;
   static constexpr uint16_t kMarginCounts = 262;  ///< beyond the sensor's range; as ElvhMonitor
 
   /// Whether limits are such as a host may set: the greatest pressure within the sensor's range.
@@ -42,10 +49,6 @@ class FillGuard {
   /// The valves as they are driven from now on.
   void apply(uint16_t fill_permille, uint16_t vent_permille, uint64_t now_us) noexcept {
     advance(now_us);
-    if (fill_permille_ == 0 && fill_permille > 0) {
-      open_since_change_ = 0;
-      believed_us_ = now_us;  // a sensor that was silent before has to show itself now
-    }
     fill_permille_ = fill_permille;
     vent_permille_ = vent_permille;
   }
@@ -74,7 +77,7 @@ class FillGuard {
       return VentCause::kPressureHigh;
     }
     const bool is_stuck = same_run_ >= kStuckRun && open_since_change_ > uint64_t{kStuck_us} * kFull;
-    return is_capped() && is_stuck ? VentCause::kSensorStuck : VentCause::kNone;
+    return is_capped() && fill_permille_ > 0 && is_stuck ? VentCause::kSensorStuck : VentCause::kNone;
   }
 
   [[nodiscard]] VentCause tick(uint64_t now_us) noexcept {
@@ -103,6 +106,8 @@ class FillGuard {
     used_ += in;
     used_ = used_ > out ? used_ - out : 0;
     open_since_change_ += in;
+    vented_us_ = vent_permille_ == kFull ? vented_us_ + passed_us : 0;
+    if (vented_us_ >= kVented_us) open_since_change_ = 0;
   }
 
   Limits limits_;
@@ -112,6 +117,7 @@ class FillGuard {
   uint64_t last_us_ = 0;
   uint64_t used_ = 0;               // permille x us
   uint64_t open_since_change_ = 0;  // permille x us
+  uint64_t vented_us_ = 0;          // fully open for so long
   uint64_t believed_us_ = 0;
   uint16_t count_ = 0;
   uint16_t same_run_ = 0;

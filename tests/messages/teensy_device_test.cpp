@@ -1,5 +1,7 @@
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <random>
 #include <string>
 #include <variant>
 #include <vector>
@@ -427,6 +429,97 @@ TEST_F(TeensyLimits, ACountThatStandsWhileTheValveIsOpenVents) {
   open_session();
   stuck_ms(5000, 0);
   EXPECT_FALSE(core.has_vented_itself());
+}
+
+/// Open 90 ms, shut 10 ms, shorter than what is allowed without a reading.
+TEST_F(TeensyLimits, PulsesGiveASensorThatIsSilentOrStuckNoMoreTime) {
+  const auto pulse_ms = [&](bool stuck) {
+    has_sensor = false;
+    int ms = 0;
+    for (; ms < 2000 && !core.has_vented_itself(); ++ms) {
+      if (stuck) core.add_sample(board.time_us, pack_elvh({ElvhStatus::kCurrent, 2000, 700}));
+      const bool is_open = ms % 100 < 90;
+      if (ms % 10 == 0) say(ValveCommand{++sequence, static_cast<uint16_t>(is_open ? 1000 : 0), 0, 100});
+      run_ms(1, true);
+    }
+    has_sensor = true;
+    return ms;
+  };
+  say(IdentityRequest{});
+  say(Heartbeat{});
+  say(Limits{12'124, 0, 0});  // without a cap
+  run_ms(10, true);
+  EXPECT_LE(pulse_ms(false), 110);
+  expect_vented(VentCause::kSensorSilent);
+  say(IdentityRequest{});
+  say(kLimits);
+  run_ms(10, true);
+  EXPECT_LE(pulse_ms(true), 125);
+  expect_vented(VentCause::kSensorStuck);
+}
+
+/// As without air in the supply: the count is that of rest, before and after.
+TEST_F(TeensyLimits, ASecondOfFullVentBeginsAnewOnTheSameCount) {
+  open_session();
+  const auto hold_count_ms = [&](int ms, uint16_t fill, uint16_t vent) {
+    has_sensor = false;
+    for (int i = 0; i < ms; ++i) {
+      core.add_sample(board.time_us, pack_elvh({ElvhStatus::kCurrent, 1638, 700}));
+      if (i % 10 == 0) say(ValveCommand{++sequence, fill, vent, 100});
+      run_ms(1, true);
+    }
+    has_sensor = true;
+  };
+  hold_count_ms(120, 1000, 0);
+  EXPECT_EQ(core.status().self_vents, 1);
+  hold_count_ms(1010, 0, 1000);
+  hold_count_ms(90, 1000, 0);
+  EXPECT_FALSE(core.has_vented_itself());
+  hold_count_ms(500, 0, 1000);
+  hold_count_ms(20, 1000, 0);
+  EXPECT_EQ(core.status().self_vents, 2) << "half a second does not";
+}
+
+/// Rare short refills near a set-point, by a host that goes by the reading: neither a quiet nor a noisy sensor is
+/// taken for a stuck one. Rates in counts/s: 0.6 and 20 psi/s.
+TEST(FillGuard, ShortRefillsOfAHealthySensorAreLeftAlone) {
+  constexpr uint64_t kConversion_us = 461;
+  constexpr double kTarget = 9000.0;
+  std::mt19937 random(1);
+  for (const double full : {262.0, 8740.0}) {
+    for (const double leak_of_full : {0.0003, 0.013, 0.11}) {
+      for (const double noise : {0.0, 1.5}) {
+        FillGuard guard;
+        ASSERT_TRUE(guard.set_limits({12'124, 150, 60'000}));
+        std::normal_distribution<double> counts(0.0, 1.0);
+        double pressure = kTarget;
+        uint16_t fill = 0;
+        uint64_t shut_us = 0;
+        int refills = 0;
+        VentCause cause = VentCause::kNone;
+        uint64_t now_us = 1'000'000;
+        for (; now_us < 601'000'000 && cause == VentCause::kNone; now_us += kConversion_us) {
+          const double passed_s = 1e-6 * static_cast<double>(kConversion_us);
+          pressure += passed_s * full * (1e-3 * fill - leak_of_full);
+          const double read = std::round(pressure + noise * counts(random));
+          cause = guard.sample(pack_elvh({ElvhStatus::kCurrent, static_cast<uint16_t>(read), 700}), now_us);
+          if (cause == VentCause::kNone) cause = guard.tick(now_us);
+          if (fill == 0 && read < kTarget) {  // 3 ms, and looks again
+            fill = 1000;
+            ++refills;
+            shut_us = now_us + 3000;
+            guard.apply(fill, 0, now_us);
+          } else if (fill > 0 && now_us >= shut_us) {
+            fill = 0;
+            guard.apply(fill, 0, now_us);
+          }
+        }
+        EXPECT_EQ(cause, VentCause::kNone) << full << " counts/s, leak " << leak_of_full << ", noise " << noise
+                                           << ", after " << 1e-6 * static_cast<double>(now_us) << " s";
+        EXPECT_GT(refills, 10);
+      }
+    }
+  }
 }
 
 TEST_F(TeensyLimits, AVentedDeviceHasNothingToReport) {
