@@ -330,7 +330,11 @@ void UsbSession::write(std::span<const std::uint8_t> bytes) {
     const std::size_t size = std::min(bytes.size(), transfer.data.size());
     std::memcpy(transfer.data.data(), bytes.data(), size);
     transfer.usb->length = static_cast<int>(size);
-    (void)submit(out_, transfer);
+    if (!submit(out_, transfer)) {
+      ++counters_.lost_writes;
+      if (loss_ != nullptr) fail_lost();
+      throw DeviceError(Fault::kTimeout, name_ + ": the bus takes no write; it is cleared");
+    }
     bytes = bytes.subspan(size);
   }
 }

@@ -271,6 +271,31 @@ TEST_F(UsbSessionTest, AWriteThatFailedIsToldAndWritingGoesOnWhenItIsCleared) {
   EXPECT_THAT(bus().pending_on(kIn), SizeIs(4)) << "reading is not touched";
 }
 
+TEST_F(UsbSessionTest, AWriteThatIsNotTakenIsToldAtOnce) {
+  open();
+  bus().submit_error = LIBUSB_ERROR_IO;
+  const auto error = error_of([&] { write(1); });
+  EXPECT_EQ(error.fault(), Fault::kTimeout);
+  EXPECT_THAT(error.what(), HasSubstr("the bus takes no write"));
+  EXPECT_EQ(counters.lost_writes, 1U);
+  bus().submit_error = 0;
+  bool is_written = false;
+  serve_until([&] {  // once the pause after the error is over
+    try {
+      if (!is_written) write(1);
+      is_written = true;
+    } catch (const DeviceError&) {
+    }
+    return is_written;
+  });
+  EXPECT_THAT(bus().pending_on(kOut), SizeIs(1));
+  EXPECT_EQ(counters.lost_writes, 1U);
+
+  bus().submit_error = LIBUSB_ERROR_NO_DEVICE;
+  EXPECT_THAT(error_of([&] { write(1); }).what(), HasSubstr("the device is gone"));
+  EXPECT_EQ(counters.lost_writes, 2U);
+}
+
 TEST_F(UsbSessionTest, ClosingLetsTheLastWriteGoThenDropsDtrAndGivesBackTheDataInterfaceFirst) {
   open();
   write(1);
