@@ -124,14 +124,15 @@ struct InterlockLink {
   /// mono_ns of the reading with its three lowest bits replaced: bit 0 e-stop chain whole, bit 1 guard closed,
   /// bit 2 the inputs cannot be read.
   std::atomic<std::int64_t> state{0};
-  std::atomic<std::int64_t> opened_ns{0};
+  std::atomic<std::int64_t> estop_opened_ns{0}, guard_opened_ns{0};
   base::SpscQueue<interlock::SyncLineEdge> sync_edges{256};  ///< to the thread that owns the pressure device
   base::SpscQueue<LinkHealth> health{64};
   std::atomic<bool> hold_pressure{false};
   std::atomic<std::uint32_t> loop_beat{0};
 
   void set_state(const interlock::State& s) noexcept {
-    opened_ns.store(s.opened_ns, std::memory_order_relaxed);
+    estop_opened_ns.store(s.estop_opened_ns, std::memory_order_relaxed);
+    guard_opened_ns.store(s.guard_opened_ns, std::memory_order_relaxed);
     state.store((s.mono_ns & ~kBits) | (s.estop_closed ? 1 : 0) | (s.guard_closed ? 2 : 0) | (s.lost ? 4 : 0),
                 std::memory_order_release);
   }
@@ -140,7 +141,8 @@ struct InterlockLink {
     return {.estop_closed = (packed & 1) != 0,
             .guard_closed = (packed & 2) != 0,
             .mono_ns = packed & ~kBits,
-            .opened_ns = opened_ns.load(std::memory_order_relaxed),
+            .estop_opened_ns = estop_opened_ns.load(std::memory_order_relaxed),
+            .guard_opened_ns = guard_opened_ns.load(std::memory_order_relaxed),
             .lost = (packed & 4) != 0};
   }
 

@@ -110,16 +110,30 @@ void Supervisor::on_device_vented(bool is_vented, pressure::VentCause cause) noe
 
 void Supervisor::on_interlock(const interlock::State& state) noexcept {
   if (state.mono_ns <= interlock_seen_ns_) return;
+  // Open by what it is now, or by an opening since the last reading that is over: the kernel's stamp tells of it. What
+  // lies before the first reading is not news.
+  const bool has_seen = interlock_seen_ns_ >= 0;
+  const bool estop_opened = has_seen && state.estop_opened_ns > interlock_.estop_opened_ns;
+  const bool guard_opened = has_seen && state.guard_opened_ns > interlock_.guard_opened_ns;
   interlock_seen_ns_ = state.mono_ns;
   interlock_ = state;
   // How long ago it opened, where the kernel stamped it.
-  const double open_s = state.opened_ns > 0 ? seconds(state.mono_ns - state.opened_ns) : 0.0;
+  const auto ago_s = [&](std::int64_t opened_ns) { return opened_ns > 0 ? seconds(state.mono_ns - opened_ns) : 0.0; };
   if (state.lost) {
     note("interlock.lost", "the interlock inputs cannot be read; check their chip and cable", 0.0, 0.0);
   } else if (!state.estop_closed) {
-    note("interlock.estop", "the emergency-stop chain is open; release it, then reset", open_s, 0.0);
-  } else if (!state.guard_closed && !(state_ == RunState::kSetup && config_.guard_open_in_setup)) {
-    note("interlock.guard", "the guard is open; close it, then reset", open_s, 0.0);
+    note("interlock.estop", "the emergency-stop chain is open; release it, then reset", ago_s(state.estop_opened_ns),
+         0.0);
+  } else if (estop_opened) {
+    note("interlock.estop", "the emergency-stop chain was open for a moment; find out why, then reset",
+         ago_s(state.estop_opened_ns), 0.0);
+  } else if (state_ == RunState::kSetup && config_.guard_open_in_setup) {
+    return;
+  } else if (!state.guard_closed) {
+    note("interlock.guard", "the guard is open; close it, then reset", ago_s(state.guard_opened_ns), 0.0);
+  } else if (guard_opened) {
+    note("interlock.guard", "the guard was open for a moment; find out why, then reset", ago_s(state.guard_opened_ns),
+         0.0);
   }
 }
 

@@ -12,9 +12,12 @@ namespace isorig::interlock {
 struct State {
   bool estop_closed = false;  ///< true: the chain is whole, motion is allowed
   bool guard_closed = false;
-  std::int64_t mono_ns = 0;    ///< when it was read
-  std::int64_t opened_ns = 0;  ///< when one of the two last opened, as the kernel stamped it; 0: not known
-  bool lost = false;           ///< the inputs cannot be read, so nothing is known to be closed
+  std::int64_t mono_ns = 0;  ///< when it was read
+  /// When each last opened, as the kernel stamped it; 0: not known. An opening that was over before this was read is
+  /// seen by it alone.
+  std::int64_t estop_opened_ns = 0;
+  std::int64_t guard_opened_ns = 0;
+  bool lost = false;  ///< the inputs cannot be read, so nothing is known to be closed
 };
 
 /// An edge of the sync line, which the pressure device raises at a known time of its own clock.

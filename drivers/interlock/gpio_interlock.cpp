@@ -68,7 +68,8 @@ State GpioInterlock::read() {
   return {.estop_closed = estop_.closed(now_ns),
           .guard_closed = !options_.guard || guard_.closed(now_ns),
           .mono_ns = now_ns,
-          .opened_ns = std::max(estop_.opened_ns(), guard_.opened_ns())};
+          .estop_opened_ns = estop_.opened_ns(),
+          .guard_opened_ns = guard_.opened_ns()};
 }
 
 void GpioInterlock::take(const GpioEdge& edge, std::int64_t now_ns) {

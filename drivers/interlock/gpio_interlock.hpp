@@ -16,9 +16,10 @@ namespace isorig::interlock {
 /// Emergency-stop chain, guard, vent valve and sync line on the GPIO lines of one chip (docs/gpio.md). Owned by one
 /// I/O thread, which after a DeviceError calls disconnect() and, later, connect().
 ///
-/// Fails safe: a contact counts as open from its first opening edge until it has been closed for `closing_ns`; edges
-/// that the kernel lost are made up for by reading the level; the valve's line is requested de-energised, and what
-/// becomes of it when this process is gone is the chip driver's to say.
+/// Fails safe: a contact counts as open from its first opening edge until it has been closed for `closing_ns`; one
+/// that was over by then is told by its time (State::estop_opened_ns); edges that the kernel lost are made up for by
+/// reading the level; the valve's line is requested de-energised, and what becomes of it when this process is gone is
+/// the chip driver's to say.
 class GpioInterlock final : public Device {
  public:
   struct Options {

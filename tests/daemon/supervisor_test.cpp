@@ -393,6 +393,23 @@ TEST_F(SupervisorTest, ASegmentCountsOnlyOnceTheFrameHasTakenIt) {
   EXPECT_EQ(severity(run(1), "frame.segment"), Severity::kProgramStop) << "at once";
 }
 
+/// A contact that opened and was closed for longer than closing_ms before anybody looked.
+TEST_F(SupervisorTest, AnOpeningThatIsOverIsFoundOnce) {
+  chain.estop_opened_ns = chain.guard_opened_ns = now_ns - kMs;  // before the first reading: no news
+  auto found = run(10);
+  EXPECT_EQ(found.begin(), found.end());
+  chain.estop_opened_ns = now_ns;
+  found = run(1);
+  EXPECT_EQ(severity(found, "interlock.estop"), Severity::kSafeState);
+  EXPECT_EQ(severity(found, "interlock.guard"), Severity::kInfo);
+  found = run(1);
+  EXPECT_EQ(found.begin(), found.end());
+  chain.guard_opened_ns = now_ns;
+  found = run(1);
+  EXPECT_EQ(severity(found, "interlock.guard"), Severity::kSafeState);
+  EXPECT_EQ(severity(found, "interlock.estop"), Severity::kInfo);
+}
+
 TEST_F(SupervisorTest, OneTickCanHaveSeveralCauses) {
   run(10);
   chain.estop_closed = false;

@@ -175,13 +175,33 @@ TEST_F(GpioOnDesk, AStampOfTheFutureDoesNotKeepAContactOpen) {
   EXPECT_TRUE(device.read().estop_closed);
 }
 
+/// This thread was away for longer than the contact takes to count as closed again.
+TEST_F(GpioOnDesk, AnOpeningThatWasOverBeforeItWasReadIsToldByItsTime) {
+  settle();
+  const auto opened_ns = clock.now_ns();
+  chip.edge(0, false, opened_ns);
+  chip.edge(0, true, opened_ns + kMs);
+  pass(60);
+  State state = device.read();
+  EXPECT_TRUE(state.estop_closed);
+  EXPECT_EQ(state.estop_opened_ns, opened_ns);
+  EXPECT_EQ(state.guard_opened_ns, 0) << "the other contact's is its own";
+  chip.edge(1, false, clock.now_ns());
+  chip.edge(1, true, clock.now_ns());
+  pass(60);
+  state = device.read();
+  EXPECT_EQ(state.estop_opened_ns, opened_ns);
+  EXPECT_GT(state.guard_opened_ns, opened_ns);
+}
+
 TEST_F(GpioOnDesk, AForeignClockLeavesTheContactsAndTakesTheSyncLine) {
   settle();
   chip.edge(2, true, 5);
   chip.edge(0, false, 6);
   const State state = device.read();
   EXPECT_FALSE(state.estop_closed);
-  EXPECT_EQ(state.opened_ns, clock.now_ns());
+  EXPECT_EQ(state.estop_opened_ns, clock.now_ns());
+  EXPECT_EQ(state.guard_opened_ns, 0);
   std::array<SyncLineEdge, 4> edges;
   EXPECT_EQ(device.take_sync_edges(edges), 0U);
 }

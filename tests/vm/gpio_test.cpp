@@ -80,8 +80,8 @@ TEST_F(GpioOnKernel, AnOpeningActsAtOnceAndAClosingLate) {
   EXPECT_FALSE(state.estop_closed);
   EXPECT_TRUE(state.guard_closed);
   EXPECT_EQ(device.stamp_clock(), StampClock::Kind::kMonotonic);
-  EXPECT_GT(state.opened_ns, before_ns);
-  EXPECT_LT(state.opened_ns, state.mono_ns);
+  EXPECT_GT(state.estop_opened_ns, before_ns);
+  EXPECT_LT(state.estop_opened_ns, state.mono_ns);
 
   chip->drive(kEstop, true);
   EXPECT_FALSE(device.read().estop_closed);
