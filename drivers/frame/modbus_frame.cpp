@@ -14,9 +14,6 @@ using drivers::Fault;
 using modbus::Quantity;
 
 constexpr int kAttempts = 3;
-/// Beyond twice what time explains a counter has jumped. The slack covers a frame that hands samples on in
-/// bursts; a torn word is 65536 off.
-constexpr double kAdvanceSlack = 256.0;
 
 std::uint32_t counter_mask(const modbus::RegisterMap& map) {
   return map.at(Quantity::kSampleCounter)->format.type == modbus::RegisterType::kUint16 ? 0xFFFFU : 0xFFFFFFFFU;
@@ -88,9 +85,13 @@ void ModbusFrame::limit_to(int response_timeouts) noexcept {
 // ---- counter and clock
 // ----------------------------------------------------------------------------------------
 
+double ModbusFrame::turn_us(const modbus::NumberFormat& format) noexcept {
+  return (format.type == modbus::RegisterType::kUint16 ? 0x1p16 : 0x1p32) * format.scale;
+}
+
 double ModbusFrame::unwrap_us(const modbus::NumberFormat& format, double raw_us, double expected_us) const noexcept {
-  const double turn_us = (format.type == modbus::RegisterType::kUint16 ? 0x1p16 : 0x1p32) * format.scale;
-  return raw_us + turn_us * std::round((expected_us - raw_us) / turn_us);
+  const double turn = turn_us(format);
+  return raw_us + turn * std::round((expected_us - raw_us) / turn);
 }
 
 ModbusFrame::Header ModbusFrame::read_header() {

@@ -61,6 +61,10 @@ class ModbusFrame final : public Device {
     std::int64_t received_ns = 0;
   };
 
+  /// Samples. Beyond twice what time explains and this a counter has jumped: it covers a frame that hands samples on in
+  /// bursts; a torn word is 65536 off.
+  static constexpr double kAdvanceSlack = 256.0;
+
   Header read_header();
   [[nodiscard]] std::uint32_t newer_by(std::uint32_t counter, std::uint32_t than) const noexcept;
   [[nodiscard]] bool explained(std::uint32_t advance, std::int64_t now_ns) const noexcept;
@@ -73,8 +77,11 @@ class ModbusFrame final : public Device {
   std::size_t read_slots(std::uint32_t first_counter, std::size_t count, const Header& header);
   /// How many of them were in their slots, by their stamps; those come first in `out`.
   std::size_t decode_samples(std::uint32_t first_counter, std::span<Sample> out, const Header& header);
+  [[nodiscard]] static double turn_us(const modbus::NumberFormat& format) noexcept;
   [[nodiscard]] double unwrap_us(const modbus::NumberFormat& format, double raw_us, double expected_us) const noexcept;
   void resume_or_restart(const Identity& identity);
+  /// Clock and counter have gone on as those of a frame that never stopped, and are wide enough to tell.
+  [[nodiscard]] bool went_on(const Header& header) const noexcept;
   [[nodiscard]] std::string read_text(const std::optional<modbus::TextRegisters>& text);
   void check_identity(const Identity& identity) const;
   void write_setpoints(const Segment& segment);

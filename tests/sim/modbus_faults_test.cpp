@@ -322,6 +322,45 @@ TEST(ModbusReconnect, ALostConnectionLosesNoSample) {
   EXPECT_EQ(rig.lost, 0U);
 }
 
+/// A break in which nobody saw the frame: clock and counter afterwards, and whether it may be called the same one.
+class ModbusBreak : public ::testing::Test {
+ protected:
+  ModbusBreak() {
+    before_ = rig_.driver->connect().reference_epoch;
+    rig_.fake.advance(10);  // counter 10, clock 10 ms
+    EXPECT_EQ(rig_.drain().size(), 10U);
+    rig_.driver->disconnect();
+  }
+  bool is_the_same(double break_s, std::uint32_t counter, double device_s) {
+    auto& clock = rig_.fake.clock();
+    clock.sleep_until_ns(clock.now_ns() + static_cast<std::int64_t>(1e9 * break_s));
+    rig_.fake.set_next(counter, static_cast<std::int64_t>(1e6 * device_s));
+    rig_.fake.advance(1);
+    return rig_.driver->connect().reference_epoch == before_;
+  }
+  FakeWire rig_{Line::kTcp};
+  std::uint32_t before_ = 0;
+};
+
+TEST_F(ModbusBreak, AFrameWhoseClockIsSomewhatFastIsTheSame) {
+  EXPECT_TRUE(is_the_same(3600.0, 3'601'000, 3601.0));
+}
+
+TEST_F(ModbusBreak, ACounterThatIsTooSlowIsARestart) {
+  EXPECT_FALSE(is_the_same(60.0, 2000, 60.0)) << "the clock agrees; of 60000 samples 2000 were counted";
+}
+
+TEST_F(ModbusBreak, ACounterThatIsTooFastIsARestart) {
+  EXPECT_FALSE(is_the_same(60.0, 90'000, 60.0));
+}
+
+/// 100 h: 84 turns of the clock less 779 s, which 0.1 % of the time, 360 s, is a good part of.
+TEST_F(ModbusBreak, AfterSoLongThatTheClockSaysNothingItIsARestart) {
+  const double turn_s = 0x1p32 * 1e-6;
+  const double device_s = std::fmod(360'000.0, turn_s) + 200.0;
+  EXPECT_FALSE(is_the_same(360'000.0, 360'000'000, device_s));
+}
+
 TEST(ModbusReconnect, ASecondClientWaitsUntilTheFirstIsSilent) {
   FakeWire rig(Line::kTcp);
   rig.driver->connect();
