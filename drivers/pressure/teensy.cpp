@@ -166,6 +166,7 @@ void Teensy::start_from(const wire::Identity& identity) {
     lost_ += identity.next_sequence - next_sequence_;
   } else {
     self_vents_.reset();
+    next_edge_ = 0;
   }
   next_sequence_ = identity.next_sequence;
   device_us_ = device_us;
@@ -214,7 +215,9 @@ void Teensy::handle(const wire::Packet& packet, std::int64_t recv_ns) {
   } else if (wire::LimitsReply limits; parse(packet, limits)) {
     limits_reply_ = limits;
   } else if (wire::SyncEdge edge; parse(packet, edge)) {
-    counters_.sync_edges_lost += next_edge_ == 0 ? 0 : edge.count - next_edge_;
+    const auto ahead = next_edge_ == 0 ? 0 : static_cast<std::int32_t>(edge.count - next_edge_);
+    if (ahead < 0) return;  // repeated, or out of order
+    counters_.sync_edges_lost += static_cast<std::uint32_t>(ahead);
     next_edge_ = edge.count + 1;
     if (sync_edges_.items.size() < kMaxSyncEdges) {
       sync_edges_.items.push_back(edge);

@@ -419,6 +419,34 @@ TEST_F(TeensyOnScript, HandsOverSyncEdgesAndCountsLostOnes) {
   EXPECT_EQ(device->counters().sync_edges_lost, 1U);
 }
 
+TEST_F(TeensyOnScript, NeitherARestartNorARepeatedEdgeCountsAsLostEdges) {
+  device->connect();
+  stream->push(encode(wire::SyncEdge{10'000'000, 7, 1}));
+  stream->push(encode(wire::SyncEdge{10'000'500, 8, 0}));
+  stream->push(encode(wire::SyncEdge{10'000'000, 7, 1}));  // once more
+  poll();
+  EXPECT_TRUE(device->take_sync_edge());
+  EXPECT_TRUE(device->take_sync_edge());
+  EXPECT_FALSE(device->take_sync_edge());
+  EXPECT_EQ(device->counters().sync_edges_lost, 0U);
+
+  stream->on_packet = [&](const wire::Packet& packet) {  // switched off and on: it counts anew
+    wire::IdentityRequest request;
+    ASSERT_TRUE(parse(packet, request));
+    wire::Identity identity = an_identity(request.session);
+    identity.device_us = 300'000;
+    identity.next_sequence = 3;
+    stream->push(encode(identity));
+  };
+  device->connect();
+  stream->push(encode(wire::SyncEdge{400'000, 1, 1}));
+  stream->push(encode(wire::SyncEdge{400'500, 3, 0}));
+  poll();
+  EXPECT_EQ(device->take_sync_edge()->device_us, 400'000);
+  EXPECT_TRUE(device->take_sync_edge());
+  EXPECT_EQ(device->counters().sync_edges_lost, 1U);
+}
+
 TEST_F(TeensyOnScript, PollNeedsAConnection) {
   EXPECT_EQ(error_of([&] { poll(); }).fault(), Fault::kDisconnected);
 }
