@@ -141,6 +141,7 @@ Identity Instron8800Frame::connect() {
     has_control_ = watchdog_on_ = true;
     ailment_.clear();  // what ails it is said by the first poll
     early_.clear();
+    to_be_said_.reset();
     forget_round();
     // What runs from before is not ours to judge: a stop has to be seen to work on it.
     motion_ = ask_number("Q1", in_ms(2 * config_.response_timeout_ms)) == kQ1Moving ? Motion::kMoving : Motion::kIdle;
@@ -152,6 +153,7 @@ Identity Instron8800Frame::connect() {
     stop_called_ns_ = kNever_ns;
     beat_seen_ = beat_lost_ = false;
     watchdog_seen_on_ = feed_wanted_ = false;
+    told_ = state();
     Identity identity;
     identity.maker = "Instron";
     identity.model = "8800-type controller";

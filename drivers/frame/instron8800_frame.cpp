@@ -148,6 +148,7 @@ bool Instron8800Frame::go_on_with_round(std::int64_t until_ns, std::span<Sample>
 
 Poll Instron8800Frame::poll(std::span<Sample> out) {
   Poll poll;
+  say_what_waits();
   try {
     check_heartbeat();
     check_stop();
@@ -160,8 +161,14 @@ Poll Instron8800Frame::poll(std::span<Sample> out) {
     ailment_.clear();  // so that what ails the controller is said again afterwards
     throw;
   }
-  note_condition();
-  poll.state = state();
+  try {
+    note_condition();
+    told_ = state();
+  } catch (const DeviceError& error) {
+    if (poll.samples == 0) throw;
+    to_be_said_ = error;  // first the sample, then why
+  }
+  poll.state = told_;
   if (poll.samples > 0) {
     // The clock that stamps is the host's own.
     const std::int64_t before_ns = clock_.now_ns();
@@ -315,6 +322,13 @@ void Instron8800Frame::note_condition() {
   if (was_moving && has_control_) link_.tell("C1,0");
   if (!watchdog_on_ && has_control_) link_.tell(watchdog_command_);
   throw DeviceError(Fault::kRefused, at() + ailment_);
+}
+
+void Instron8800Frame::say_what_waits() {
+  if (!to_be_said_) return;
+  const DeviceError error = *to_be_said_;
+  to_be_said_.reset();
+  throw error;
 }
 
 State Instron8800Frame::state() const noexcept {

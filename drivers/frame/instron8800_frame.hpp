@@ -1,10 +1,12 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "drivers/api/clock.hpp"
+#include "drivers/api/error.hpp"
 #include "drivers/api/frame.hpp"
 #include "drivers/config/instron8800_config.hpp"
 #include "drivers/frame/instron8800_link.hpp"
@@ -89,6 +91,7 @@ class Instron8800Frame final : public Device {
   void follow_motion(const Reading& position) noexcept;
   void take_status(std::uint16_t word);
   void note_condition();
+  void say_what_waits();
   void check_heartbeat();
   void check_stop();
   void feed_watchdog();
@@ -118,6 +121,9 @@ class Instron8800Frame final : public Device {
   unsigned status_code_ = 0;
   bool actuator_on_ = true, has_control_ = true, watchdog_on_ = true;
   std::string ailment_;  // the last one reported
+  // What the poll after one with a sample throws, and the state that goes with the sample: of before.
+  std::optional<drivers::DeviceError> to_be_said_;
+  State told_;
   std::string watchdog_command_;
   bool watchdog_can_be_asked_ = true;
 

@@ -156,7 +156,10 @@ void Instron8800Frame::switch_off(const std::string& why) {
 }
 
 void Instron8800Frame::stop() {
-  if (!link_.is_open()) throw DeviceError(Fault::kDisconnected, at() + "not connected");
+  if (!link_.is_open()) {
+    say_what_waits();  // why it was closed
+    throw DeviceError(Fault::kDisconnected, at() + "not connected");
+  }
   if (!has_control_) return;  // the panel's business now; a command would trip the actuator
   feed_wanted_ = false;       // a heartbeat from before: the watchdog may be what stops it
   // In doubt there is no round to be spared, and one call for each response time-out is enough.

@@ -102,6 +102,21 @@ TEST_P(Instron8800Condition, ItsOwnBlockingIsNoMissedHeartbeat) {
   EXPECT_TRUE(until([&] { return (state_.fault_bits & frame::kHeartbeatLost) != 0; }, 5.0));
 }
 
+/// What ails the controller is noticed in the round that has brought a sample.
+TEST_P(Instron8800Condition, AFaultCostsNoSample) {
+  ASSERT_NO_FATAL_FAILURE(be_moving());
+  ASSERT_TRUE(takes(20));
+  faults_.limit = true;
+  ASSERT_TRUE(until([&] { return !faults_seen_.empty(); }));
+  EXPECT_EQ(faults_seen_.front(), Fault::kRefused);
+  EXPECT_EQ(state_.fault_bits & frame::kTravelLimit, 0) << "its words come before its bit";
+  turn();
+  EXPECT_NE(state_.fault_bits & frame::kTravelLimit, 0);
+  ASSERT_TRUE(takes(taken_.size() + 20));
+  EXPECT_THAT(faults_seen_, ::testing::SizeIs(1)) << last_what_;
+  for (std::size_t i = 1; i < taken_.size(); ++i) ASSERT_EQ(taken_[i].sequence, taken_[i - 1].sequence + 1);
+}
+
 TEST_P(Instron8800, AStopStopsAndIsSeen) {
   ASSERT_NO_FATAL_FAILURE(be_moving());
   frame_->stop();
