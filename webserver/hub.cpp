@@ -21,16 +21,23 @@ constexpr std::int64_t kStretchesAtOnce = 3000;
 /// Sent first after a reload: what the page opens with.
 constexpr std::int64_t kFirst_ns = 60'000'000'000;
 
+/// For the age of a status alone: a clock that is set makes none old (web/src/live/sent_clock.ts).
+std::int64_t steady_ms() {
+  return std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::steady_clock::now().time_since_epoch())
+      .count();
+}
+
 std::int64_t unix_ms() {
   return std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::system_clock::now().time_since_epoch())
       .count();
 }
 
-std::shared_ptr<const Message> text_message(std::string text) {
-  return std::make_shared<const Message>(Message{std::move(text), false});
+using Kind = Message::Kind;
+std::shared_ptr<const Message> message(Kind kind, std::string bytes) {
+  return std::make_shared<const Message>(Message{std::move(bytes), kind});
 }
-std::shared_ptr<const Message> text_message(const json& body) {
-  return text_message(body.dump(-1, ' ', false, json::error_handler_t::replace));
+std::shared_ptr<const Message> message(Kind kind, const json& body) {
+  return message(kind, body.dump(-1, ' ', false, json::error_handler_t::replace));
 }
 
 constexpr std::array kAllStreams{Stream::kFrame, Stream::kPressure, Stream::kControl, Stream::kBand, Stream::kTwin};
@@ -86,6 +93,7 @@ void Hub::on_record(const daemon::samples::Record& record) {
 
 void Hub::on_status(const DaemonAnswer& answer) {
   const json web{{"unix_ms", unix_ms()},
+                 {"sent_ms", steady_ms()},
                  {"lost", lost_.frame + lost_.pressure + lost_.control + lost_.events},
                  {"lost_before_the_socket", lost_.before_the_socket},
                  {"lost_earlier", lost_before_},
@@ -106,10 +114,10 @@ void Hub::on_status(const DaemonAnswer& answer) {
     if (last.is_object()) now += " " + text_at(last, "id") + " " + text_at(last, "outcome");
     if (now != runs_now_) looked_up_.forget();
     runs_now_ = std::move(now);
-    status_ = text_message("{\"kind\":\"status\",\"web\":" + web.dump() + ",\"status\":" + answer.text + "}");
+    status_ = message(Kind::kStatus, "{\"kind\":\"status\",\"web\":" + web.dump() + ",\"status\":" + answer.text + "}");
   } else {
-    status_ =
-        text_message({{"kind", "status"}, {"web", web}, {"status", json()}, {"why", answer.body.value("text", "")}});
+    status_ = message(Kind::kStatus,
+                      {{"kind", "status"}, {"web", web}, {"status", json()}, {"why", answer.body.value("text", "")}});
     plan_.reset();
     if (const auto session = access_.present_holder()) holder_before_ = *session;
     take_note_of_control(json());
@@ -121,12 +129,12 @@ void Hub::on_status(const DaemonAnswer& answer) {
 
 void Hub::on_events(const DaemonAnswer& answer) {
   for (const auto& e : answer.body["events"]) keep_event(e);
-  broadcast(text_message("{\"kind\":\"events\",\"events\":" + answer.body["events"].dump() + "}"));
+  broadcast(message(Kind::kEvents, "{\"kind\":\"events\",\"events\":" + answer.body["events"].dump() + "}"));
 }
 
 void Hub::add_event(const json& event) {
   keep_event(event);
-  broadcast(text_message({{"kind", "events"}, {"events", json::array({event})}}));
+  broadcast(message(Kind::kEvents, {{"kind", "events"}, {"events", json::array({event})}}));
 }
 
 void Hub::keep_event(const json& event) {
@@ -165,21 +173,21 @@ void Hub::send_live() {
       restarts_[n] = series.restarts();
       sent_until_[n] = open;
       coarse_until_[n] = series.coarse_open();
-      if (series.restarts() > 0) broadcast(text_message(json{{"kind", "another-clock"}}));
+      if (series.restarts() > 0) broadcast(message(Kind::kAnotherClock, json{{"kind", "another-clock"}}));
       continue;
     }
     if (open > sent_until_[n]) {
       const auto fresh = series.stretches(kFineWidth_ns, sent_until_[n], open);
       sent_until_[n] = open;
       if (!viewers_.empty() && !fresh.empty()) {
-        broadcast(std::make_shared<const Message>(Message{block(stream, 0, kFineWidth_ns, fresh), true}));
+        broadcast(message(Kind::kSamples, block(stream, 0, kFineWidth_ns, fresh)));
       }
     }
     if (series.coarse_open() > coarse_until_[n]) {
       const auto fresh = series.coarse(coarse_until_[n]);
       coarse_until_[n] = series.coarse_open();
       if (!viewers_.empty() && !fresh.empty()) {
-        broadcast(std::make_shared<const Message>(Message{block(stream, 1, kCoarseWidth_ns, fresh), true}));
+        broadcast(message(Kind::kSamples, block(stream, 1, kCoarseWidth_ns, fresh)));
       }
     }
   }
@@ -195,7 +203,7 @@ void Hub::enter(const std::shared_ptr<Viewer>& viewer) {
     for (auto at = from; at < to; at += kStretchesAtOnce) {
       const auto part = history_.series(stream).stretches(kFineWidth_ns, at, std::min(to, at + kStretchesAtOnce));
       if (part.empty()) continue;
-      viewer->send(std::make_shared<const Message>(Message{block(stream, 0, kFineWidth_ns, part), true}));
+      viewer->send(message(Kind::kSamples, block(stream, 0, kFineWidth_ns, part)));
     }
   };
   constexpr auto kFirst = kFirst_ns / kFineWidth_ns;
@@ -203,14 +211,14 @@ void Hub::enter(const std::shared_ptr<Viewer>& viewer) {
     const auto until = sent_until_[number_of(stream)];
     backfill(stream, until - kFirst, until);
   }
-  viewer->send(text_message({{"kind", "events"}, {"events", events_}}));
+  viewer->send(message(Kind::kEvents, {{"kind", "events"}, {"events", events_}}));
   for (const auto stream : kAllStreams) {
     const auto& series = history_.series(stream);
     const auto until = sent_until_[number_of(stream)];
     backfill(stream, until - kFineKept_ns / kFineWidth_ns, until - kFirst);
     const auto day = series.coarse(INT64_MIN);
     if (!day.empty()) {
-      viewer->send(std::make_shared<const Message>(Message{block(stream, 1, kCoarseWidth_ns, day), true}));
+      viewer->send(message(Kind::kSamples, block(stream, 1, kCoarseWidth_ns, day)));
     }
   }
 }
@@ -235,21 +243,21 @@ void Hub::tell_lease() {
 
 std::shared_ptr<const Message> Hub::hello_for(const Viewer& viewer) {
   const auto who = access_.who(viewer.session(), std::chrono::steady_clock::now());
-  return text_message({{"kind", "hello"},
-                       {"rig", hello_.rig},
-                       {"epoch_unix_us", hello_.epoch_unix_us},
-                       {"fine_ns", kFineWidth_ns},
-                       {"fine_kept_ns", kFineKept_ns},
-                       {"coarse_ns", kCoarseWidth_ns},
-                       {"may_control", who.has_value()},
-                       {"name", who ? who->name : ""}});
+  return message(Kind::kHello, {{"kind", "hello"},
+                                {"rig", hello_.rig},
+                                {"epoch_unix_us", hello_.epoch_unix_us},
+                                {"fine_ns", kFineWidth_ns},
+                                {"fine_kept_ns", kFineKept_ns},
+                                {"coarse_ns", kCoarseWidth_ns},
+                                {"may_control", who.has_value()},
+                                {"name", who ? who->name : ""}});
 }
 
 std::shared_ptr<const Message> Hub::lease_for(const Viewer& viewer) const {
   const auto control = access_.control();
-  return text_message({{"kind", "lease"},
-                       {"holder", control ? json(control->holder) : json()},
-                       {"mine", access_.has_control(viewer.session())}});
+  return message(Kind::kLease, {{"kind", "lease"},
+                                {"holder", control ? json(control->holder) : json()},
+                                {"mine", access_.has_control(viewer.session())}});
 }
 
 std::string Hub::zoom(std::int64_t from_ns, std::int64_t to_ns, std::int64_t stretches) const {

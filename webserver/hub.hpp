@@ -15,16 +15,11 @@
 #include "webserver/rules/access.hpp"
 #include "webserver/rules/asked_once.hpp"
 #include "webserver/rules/history.hpp"
+#include "webserver/rules/outbox.hpp"
 #include "webserver/rules/saved_protocols.hpp"
 #include "webserver/twin/twin_desk.hpp"
 
 namespace isorig::web {
-
-/// What is sent over a WebSocket; shared by all who get it.
-struct Message {
-  std::string bytes;
-  bool binary = false;
-};
 
 /// One page that looks on.
 class Viewer {

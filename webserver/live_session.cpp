@@ -1,7 +1,6 @@
 #include <boost/asio/buffer.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/websocket.hpp>
-#include <deque>
 #include <utility>
 
 #include "webserver/server_impl.hpp"
@@ -21,7 +20,10 @@ constexpr std::size_t kIncomingBytes = 1024;
 class LiveSession final : public Viewer, public std::enable_shared_from_this<LiveSession> {
  public:
   LiveSession(TcpStream stream, OpenConnection server, std::string session)
-      : socket_(std::move(stream)), server_(std::move(server)), session_(std::move(session)) {}
+      : socket_(std::move(stream)),
+        server_(std::move(server)),
+        session_(std::move(session)),
+        outbox_(server_->limits.queue_bytes) {}
 
   void begin(const Request& request) {
     auto timeout = websocket::stream_base::timeout::suggested(beast::role_type::server);
@@ -43,42 +45,27 @@ class LiveSession final : public Viewer, public std::enable_shared_from_this<Liv
 
   void send(const std::shared_ptr<const Message>& message) override {
     if (!open_) return;
-    if (queued_bytes_ + message->bytes.size() > server_->limits.queue_bytes) {
-      ++left_out_;
-      return;
-    }
-    if (left_out_ > 0) {
-      const auto told = std::exchange(left_out_, 0);
-      total_left_out_ += told;
-      push(std::make_shared<const Message>(
-          Message{"{\"kind\":\"left-out\",\"messages\":" + std::to_string(total_left_out_) + "}", false}));
-    }
-    push(message);
+    if (!outbox_.put(message)) return close();
+    if (!sending_) write();
   }
 
   void look_after(Time now) override {
     const auto written = beast::get_lowest_layer(socket_).rate_policy().bytes();
     if (std::exchange(written_, written) != written) moved_ = now;
-    if (!queue_.empty() && now - moved_ > server_->limits.stalled) close();
+    if (sending_ && now - moved_ > server_->limits.stalled) close();
   }
 
   [[nodiscard]] const std::string& session() const override { return session_; }
 
  private:
-  void push(std::shared_ptr<const Message> message) {
-    queued_bytes_ += message->bytes.size();
-    queue_.push_back(std::move(message));
-    if (queue_.size() == 1) write();
-  }
-
   void write() {
+    sending_ = outbox_.take();
+    if (!sending_) return;
     moved_ = std::chrono::steady_clock::now();
-    socket_.binary(queue_.front()->binary);
-    socket_.async_write(net::buffer(queue_.front()->bytes), [self = shared_from_this()](error_code error, std::size_t) {
+    socket_.binary(sending_->binary());
+    socket_.async_write(net::buffer(sending_->bytes), [self = shared_from_this()](error_code error, std::size_t) {
       if (error) return self->close();
-      self->queued_bytes_ -= self->queue_.front()->bytes.size();
-      self->queue_.pop_front();
-      if (!self->queue_.empty()) self->write();
+      self->write();
     });
   }
 
@@ -102,9 +89,8 @@ class LiveSession final : public Viewer, public std::enable_shared_from_this<Liv
   OpenConnection server_;
   const std::string session_;
   beast::flat_buffer incoming_;
-  std::deque<std::shared_ptr<const Message>> queue_;  // the front one is being written
-  std::size_t queued_bytes_ = 0;
-  std::uint64_t left_out_ = 0, total_left_out_ = 0;
+  Outbox outbox_;
+  std::shared_ptr<const Message> sending_;
   std::uint64_t written_ = 0;  // bytes, when it was last looked at
   Time moved_{};               // when the page took something last, or was first asked to
   bool open_ = false;

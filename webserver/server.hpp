@@ -16,7 +16,7 @@ struct ServerLimits {
   std::size_t header_bytes = 8 * 1024;
   std::size_t body_bytes = std::size_t{1} << 20U;  ///< a protocol's text
   std::chrono::seconds request{10};                ///< for a request to be there
-  /// Of each page; what finds it full is left out and counted. A plan of 50,000 steps takes 10 MiB, once for all pages.
+  /// Samples that wait for each page; what finds it full is left out and counted (Outbox). Shared by the pages.
   std::size_t queue_bytes = std::size_t{24} << 20U;
   std::chrono::seconds stalled{10};  ///< who takes nothing of an answer or a message for so long is cut off
   /// A page that sends nothing, not even the answer to a ping, for so long is cut off. The ping goes out after half of

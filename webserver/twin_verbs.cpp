@@ -61,7 +61,8 @@ void Hub::change_twin(const Who& who, const json& given, const Reply& reply) {
 }
 
 void Hub::on_plan(const DaemonAnswer& answer) {
-  plan_ = std::make_shared<const Message>(Message{"{\"kind\":\"plan\",\"plan\":" + answer.text + "}", false});
+  plan_ = std::make_shared<const Message>(
+      Message{"{\"kind\":\"plan\",\"plan\":" + answer.text + "}", Message::Kind::kPlan});
   broadcast(plan_);
   run_ = text_at(answer.body, "run");
   if (!twin_.plan(answer.body) || twin_.overruled()) return;

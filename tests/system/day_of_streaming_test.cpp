@@ -114,14 +114,13 @@ class Page {
     const auto kind = message.value("kind", "");
     if (kind == "left-out") left_out = message["messages"].get<std::uint64_t>();
     if (kind == "status") web = message["web"];
-    told = kind == "left-out" || kind == "hello" || kind == "lease";
     return true;
   }
-  /// Everything that goes to all pages.
-  [[nodiscard]] bool to_all() const { return binary || !told; }
+  /// What goes to all pages, unless it is counted as left out: of a status the newest alone is sent.
+  [[nodiscard]] bool to_all() const { return binary; }
 
   std::string text;
-  bool binary = false, told = false;
+  bool binary = false;
   std::uint64_t left_out = 0;
   json web;
 

@@ -1,4 +1,5 @@
 /** What the page knows: the daemon's answers as they come, the samples in rings. */
+import { SentClock } from "./sent_clock.ts";
 import { blocks, CHANNELS, COARSE, StretchRing } from "./stretches.ts";
 
 export interface Link {
@@ -14,6 +15,7 @@ export interface Link {
 }
 
 export interface Status {
+  pid: number;
   rig: string;
   state: string;
   not_ready: string;
@@ -81,6 +83,8 @@ export interface Said {
 
 export interface Web {
   unix_ms: number;
+  /** When this was sent, by a clock of isorig-web's that nobody sets. */
+  sent_ms: number;
   lost: number;
   lost_before_the_socket: number;
   lost_earlier: number;
@@ -148,8 +152,9 @@ export class Model {
   /** Messages that this page was too slow for. */
   left_out = 0;
   connected = false;
-  /** When the last status came, by this page's own clock. */
-  heard_ms = 0;
+  /** When the last status was sent, by this page's own clock. */
+  status_ms = 0;
+  private clock = new SentClock();
   fine: StretchRing[] = [];
   coarse: StretchRing[] = [];
 
@@ -168,7 +173,7 @@ export class Model {
     for (const block of blocks(buffer)) (block.tier === COARSE ? this.coarse : this.fine)[block.stream]?.put(block);
   }
 
-  text(message: string): void {
+  text(message: string, now_ms = performance.now()): void {
     const m = JSON.parse(message);
     switch (m.kind) {
       case "hello": {
@@ -178,14 +183,15 @@ export class Model {
         break;
       }
       case "status":
+        // The daemon tells its own events again. On a slow link the status that says that it has gone may be left out.
+        if (m.status === null || (this.status !== null && this.status.pid !== m.status.pid)) {
+          this.events = this.events.filter((e) => e.code === "twin");
+        }
         this.status = m.status;
         this.why = m.why ?? "";
         this.web = m.web;
-        this.heard_ms = performance.now();
-        if (m.status === null) {
-          this.plan = null;
-          this.events = this.events.filter((e) => e.code === "twin");  // the daemon tells its own again
-        }
+        this.status_ms = this.clock.sentAt_ms(m.web.sent_ms, now_ms);
+        if (m.status === null) this.plan = null;
         break;
       case "plan":
         this.plan = m.plan;
@@ -204,6 +210,14 @@ export class Model {
         break;
     }
     this.changed();
+  }
+
+  /** A connection begins, perhaps to another process, which sends all again. */
+  connecting(): void {
+    this.clock = new SentClock();
+    this.events = [];
+    this.left_out = 0;
+    this.empty();
   }
 
   /** Before the history is sent again. */
@@ -239,9 +253,7 @@ export function connect(model: Model): void {
   socket.binaryType = "arraybuffer";
   socket.onopen = () => {
     model.connected = true;
-    model.events = [];
-    model.left_out = 0;
-    model.empty();
+    model.connecting();
     model.changed();
   };
   socket.onmessage = (message: MessageEvent<string | ArrayBuffer>) => {

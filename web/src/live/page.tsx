@@ -38,7 +38,7 @@ const MESSAGE_MS = 8000;
 function Values({ model }: { model: Model }) {
   const s = model.status;
   if (!s) return null;
-  const status_age_ms = performance.now() - model.heard_ms, frame_age_s = readingAge_s(s.frame_age_s, status_age_ms);
+  const status_age_ms = performance.now() - model.status_ms, frame_age_s = readingAge_s(s.frame_age_s, status_age_ms);
   return (
     <div class="values">
       <Reading name="force" unit="N" value={value(s.force_N, 2)} age_s={frame_age_s}>
@@ -300,10 +300,10 @@ export function Page({ model }: { model: Model }) {
     return () => removeEventListener("keydown", keys);
   }, []);
   const s = model.status;
-  const shown = look(s, model.plan, model.connected, performance.now() - model.heard_ms);
+  const status_age_ms = performance.now() - model.status_ms, shown = look(s, model.plan, model.connected, status_age_ms);
   document.title = `${shown.sign} ${shown.word}${s?.run ? ` ${Math.round(s.progress * 100)} %` : ""} · ${s?.rig ?? "isorig"}`;
   const why = !model.connected ? "The connection to isorig-web is gone; the rig goes on. Tried again every second." : s === null ? model.why
-    : shown.word === "NO NEWS" ? "No status for more than two seconds." : s.state === "idle" ? s.not_ready : "";
+    : shown.word === "NO NEWS" ? `The newest status is ${Math.round(status_age_ms / 1000)} s old.` : s.state === "idle" ? s.not_ready : "";
   return (
     <div class="frame" data-look={shown.look}>
       <header>
