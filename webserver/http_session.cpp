@@ -4,6 +4,7 @@
 #include <boost/beast/http.hpp>
 #include <boost/beast/websocket/rfc6455.hpp>
 #include <chrono>
+#include <list>
 #include <optional>
 #include <utility>
 
@@ -50,11 +51,16 @@ constexpr const char* kReportPolicy =
     "img-src data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
 /// One connection. Owned by the operation that is under way on it.
-class HttpSession : public std::enable_shared_from_this<HttpSession> {
+class HttpSession final : public Waiting, public std::enable_shared_from_this<HttpSession> {
  public:
   HttpSession(TcpStream stream, OpenConnection server) : stream_(std::move(stream)), server_(std::move(server)) {}
+  ~HttpSession() override { leave_queue(); }
+  HttpSession(const HttpSession&) = delete;
+  HttpSession& operator=(const HttpSession&) = delete;
 
   void read() {
+    join_queue();
+    reading_ = true;
     parser_.emplace();
     parser_->header_limit(static_cast<std::uint32_t>(server_->limits.header_bytes));
     parser_->body_limit(server_->limits.body_bytes);
@@ -63,8 +69,19 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
                      [self = shared_from_this()](error_code error, std::size_t) { self->on_request(error); });
   }
 
+  void give_up() override {
+    const auto self = shared_from_this();
+    if (!reading_) return close();
+    given_up_ = true;
+    keep_alive_ = false;
+    refuse(http::status::service_unavailable, "there are too many connections; try again");
+  }
+
  private:
   void on_request(error_code error) {
+    if (given_up_) return;
+    reading_ = false;
+    leave_queue();
     unread_ = error == http::error::header_limit || error == http::error::body_limit;
     if (error == http::error::header_limit)
       return refuse(http::status::request_header_fields_too_large, "the header is too long");
@@ -244,6 +261,8 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     if (request_.method() != http::verb::head) response_.body() = std::move(body);
     response_.content_length(length);
     serializer_.emplace(response_);
+    reading_ = false;
+    join_queue();
     write();
   }
 
@@ -269,6 +288,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     stream_.socket().shutdown(boost::asio::ip::tcp::socket::shutdown_send, ignored);
     buffer_.clear();
     stream_.expires_after(kOutlasting);
+    join_queue();
     throw_away(0);
   }
   void throw_away(std::size_t so_far) {
@@ -280,9 +300,20 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   }
 
   void close() {
+    given_up_ = true;
+    leave_queue();
     error_code ignored;
     stream_.socket().shutdown(boost::asio::ip::tcp::socket::shutdown_send, ignored);
     stream_.close();
+  }
+
+  void join_queue() {
+    leave_queue();
+    place_in_queue_ = server_->waiting.insert(server_->waiting.end(), this);
+  }
+  void leave_queue() {
+    if (place_in_queue_) server_->waiting.erase(*place_in_queue_);
+    place_in_queue_.reset();
   }
 
   TcpStream stream_;
@@ -298,7 +329,10 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   static constexpr auto kOutlasting = std::chrono::seconds(5);
   static constexpr std::size_t kPiece = std::size_t{64} << 10U, kMostThrownAway = std::size_t{16} << 20U;
 
-  bool unread_ = false;  // its request is longer than is taken
+  std::optional<std::list<Waiting*>::iterator> place_in_queue_;
+  bool reading_ = false;   // a request, nothing of which is answered yet
+  bool given_up_ = false;  // the answer that is being written is the last
+  bool unread_ = false;    // its request is longer than is taken
   bool retry_after_ = false;
   bool keep_alive_ = false;
 };

@@ -11,8 +11,8 @@
 namespace isorig::web {
 
 struct ServerLimits {
-  std::size_t connections = 128;
-  std::size_t viewers = 16;  ///< pages without a token; as many again with one
+  std::size_t connections = 128;  ///< with more, the one that has kept the server waiting longest is closed
+  std::size_t viewers = 16;       ///< pages without a token; as many again with one
   std::size_t header_bytes = 8 * 1024;
   std::size_t body_bytes = std::size_t{1} << 20U;  ///< a protocol's text
   std::chrono::seconds request{10};                ///< for a request to be there

@@ -6,6 +6,7 @@
 #include <boost/beast/http.hpp>
 #include <cstdint>
 #include <limits>
+#include <list>
 #include <memory>
 #include <string>
 
@@ -32,9 +33,18 @@ class CountedWrites {
 };
 using TcpStream = boost::beast::basic_stream<boost::asio::ip::tcp, boost::asio::any_io_executor, CountedWrites>;
 
+/// A connection that waits for its client, to ask or to take an answer.
+class Waiting {
+ public:
+  virtual ~Waiting() = default;
+  /// There are too many: says so if it can, and closes.
+  virtual void give_up() = 0;
+};
+
 struct Server::Impl : std::enable_shared_from_this<Server::Impl> {
   Impl(boost::asio::io_context& context, Hub& h, std::uint16_t port, const ServerLimits& l);
   void accept();
+  void take(boost::asio::ip::tcp::socket socket);
 
   boost::asio::io_context& io;
   Hub& hub;
@@ -43,6 +53,7 @@ struct Server::Impl : std::enable_shared_from_this<Server::Impl> {
   boost::asio::steady_timer pause;
   std::string cookie_name;  ///< a browser sends cookies to every port of a host: each server has a name of its own
   std::size_t open = 0;
+  std::list<Waiting*> waiting;  ///< the one that began to first in front
 };
 
 /// Counts a connection for as long as it lives.

@@ -172,6 +172,17 @@ try {
   const mine = () => ({ ...own(), Cookie: ann });
   const look = (path) => ask("GET", path, { headers: { Cookie: ann } });
 
+  // Connections that ask nothing, of anybody on this machine, keep no pause waiting: there is room for 128.
+  const idle = Array.from({ length: 300 }, () => connect(rig.port, "127.0.0.1"));
+  let heard = "", connected = 0;
+  for (const socket of idle) socket.on("connect", () => ++connected).on("data", (d) => (heard += d)).on("error", () => {});
+  await until("all of them", () => connected === idle.length, 20);
+  for (const call of ["pause", "abort"]) assert.notEqual((await post(call, {}, mine())).status, 403, call);
+  await until("those who waited longest, sent away", () => idle.filter((s) => s.readableEnded || s.destroyed).length > 170, 20);
+  assert.match(heard, /503 Service Unavailable[^]*there are too many connections/);
+  for (const socket of idle) socket.destroy();
+  await rig.reach("ready");
+
   // Many who ask at once are one question for the daemon, and all get its answer.
   for (const answer of await Promise.all(Array.from({ length: 60 }, () => look("/api/runs")))) {
     assert.equal(answer.status, 200);
