@@ -67,7 +67,7 @@ void Hub::start() {
 void Hub::on_record(const daemon::samples::Record& record) {
   if (const auto* hello = std::get_if<daemon::samples::Hello>(&record)) {
     hello_ = *hello;
-    lost_before_ += lost_.frame + lost_.pressure + lost_.control + lost_.events + lost_.before_the_socket;
+    losses_.connected();
     lost_ = {};
     for (const auto& v : viewers_) v->send(hello_for(*v));
   } else if (const auto* frame = std::get_if<daemon::FrameRecord>(&record)) {
@@ -88,16 +88,17 @@ void Hub::on_record(const daemon::samples::Record& record) {
                    lost->frame, lost->pressure);
     }
     lost_ = *lost;
+    losses_.told({lost->frame + lost->pressure, lost->control + lost->events, lost->before_the_socket});
+    return;
   }
+  if (!std::holds_alternative<daemon::samples::Hello>(record)) losses_.record();
 }
 
 void Hub::on_status(const DaemonAnswer& answer) {
   const json web{{"unix_ms", unix_ms()},
                  {"sent_ms", steady_ms()},
-                 {"lost", lost_.frame + lost_.pressure + lost_.control + lost_.events},
-                 {"lost_before_the_socket", lost_.before_the_socket},
-                 {"lost_earlier", lost_before_},
-                 {"gaps", history_.gaps()},
+                 {"lost", losses_.all(history_.gaps())},
+                 {"lost_on_the_way", losses_.on_the_way()},
                  {"lateness", history_.lateness().counts()},
                  {"verdicts", answer.status == 200 ? verdicts_of(answer.body) : json::object()},
                  {"twin", twin_.state()},

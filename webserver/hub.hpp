@@ -15,6 +15,7 @@
 #include "webserver/rules/access.hpp"
 #include "webserver/rules/asked_once.hpp"
 #include "webserver/rules/history.hpp"
+#include "webserver/rules/losses.hpp"
 #include "webserver/rules/outbox.hpp"
 #include "webserver/rules/saved_protocols.hpp"
 #include "webserver/twin/twin_desk.hpp"
@@ -118,8 +119,8 @@ class Hub {
   std::array<std::int64_t, kStreams> coarse_until_{};
   std::array<std::uint32_t, kStreams> restarts_{};
   daemon::samples::Hello hello_;
-  daemon::samples::Lost lost_;     // of this connection to the daemon
-  std::uint64_t lost_before_ = 0;  // of those that ended
+  daemon::samples::Lost lost_;  // of this connection to the daemon
+  Losses losses_;
   std::shared_ptr<const Message> status_, plan_;
   std::deque<nlohmann::json> events_;
   AskedOnce looked_up_;

@@ -308,7 +308,7 @@ try {
     assert.ok(numbers.length > 500 && missing <= numbers.length * 0.02, `${name}: ${missing} of ${numbers.length} stretches are missing`);
   }
   const web = looking.last("status").web;
-  assert.equal(web.lost + web.lost_before_the_socket + web.lost_earlier, 0);
+  assert.equal(web.lost_on_the_way, 0);
   assert.equal(looking.last("left-out"), undefined);
 
   // Raw samples of two seconds, 2 ms each.

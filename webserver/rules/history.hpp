@@ -125,7 +125,7 @@ class History {
   void add_twin(std::int64_t mono_ns, double predicted_N, double half_N, double residual);
 
   [[nodiscard]] const Series& series(Stream stream) const { return series_[static_cast<std::size_t>(stream)]; }
-  /// Samples that the devices numbered and that never came.
+  /// Samples that the devices numbered and that never came; what was lost on the way from the daemon is among them.
   [[nodiscard]] std::uint64_t gaps() const { return gaps_; }
   [[nodiscard]] const Lateness& lateness() const { return lateness_; }
   [[nodiscard]] std::size_t bytes() const;

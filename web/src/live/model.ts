@@ -85,10 +85,10 @@ export interface Web {
   unix_ms: number;
   /** When this was sent, by a clock of isorig-web's that nobody sets. */
   sent_ms: number;
+  /** Samples and other records that isorig-web never got, each counted once. */
   lost: number;
-  lost_before_the_socket: number;
-  lost_earlier: number;
-  gaps: number;
+  /** Of these what the daemon counted between itself and isorig-web. */
+  lost_on_the_way: number;
   /** Of the worst tick of each hundredth of a second in ten minutes, how many were late by 2^(k-1) to 2^k µs. */
   lateness: number[];
   /** Of the loop and the devices; one that the status has no numbers for is not there. */

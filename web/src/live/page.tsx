@@ -90,7 +90,7 @@ function Lateness({ bins }: { bins: number[] }) {
 function Health({ model }: { model: Model }) {
   const { status: s, web } = model;
   if (!s || !web) return null;
-  const lost = web.lost + web.lost_before_the_socket + web.lost_earlier + web.gaps;
+  const { lost } = web;
   const recorded = (s.recorder?.lost_messages ?? 0) + (s.recorder?.dropped_records ?? 0) + (s.recorder?.missing_samples ?? 0);
   return (
     <section class="panel health">
