@@ -7,6 +7,7 @@ import { Zone } from "./moment.tsx";
 import { LoopPlot, PANELS, TimePlot, windowOf, type Window } from "./plots.ts";
 import { STREAMS } from "./stretches.ts";
 import { CalibrationPage } from "./calibration.tsx";
+import { Lateness } from "./lateness.tsx";
 import { LogPage } from "./log.tsx";
 import { ProtocolPage } from "./protocol.tsx";
 import { NeedsSession } from "./needs_session.tsx";
@@ -52,38 +53,6 @@ function Values({ model }: { model: Model }) {
         <p>set {value(s.setpoint_psi, 2)} · fill {s.fill_permille} ‰ · vent {s.vent_permille} ‰</p>
       </Reading>
     </div>
-  );
-}
-
-/** Late by less than so many ms in `part` of all; and the worst, as far as the bins tell. */
-function lateBy(bins: number[], part: number): string {
-  const all = bins.reduce((a, b) => a + b, 0);
-  let sum = 0;
-  for (let k = 0; k < bins.length; ++k) {
-    sum += bins[k] as number;
-    if (sum >= part * all) return k === bins.length - 1 ? `over ${lateText(2 ** (k - 1))}` : `below ${lateText(2 ** k)}`;
-  }
-  return "–";
-}
-const lateText = (us: number) => (us < 1000 ? `${us} µs` : `${number(us / 1024, 3)} ms`);
-
-/** How late the loop's ticks were: a histogram by powers of two, on a logarithmic height so that one late tick is seen. */
-function Lateness({ bins }: { bins: number[] }) {
-  const all = bins.reduce((a, b) => a + b, 0);
-  if (all === 0) return null;
-  const width = 100 / bins.length, top = Math.log1p(all);
-  const text = `ticks of 10 min: 99 % ${lateBy(bins, 0.99)} late, all ${lateBy(bins, 1)}`;
-  return (
-    <figure class="lateness">
-      <svg viewBox="0 0 100 24" preserveAspectRatio="none" role="img" aria-label={text}>
-        {bins.map((n, k) => n > 0 && (
-          <rect key={k} class={k > 10 ? "late" : ""} x={k * width + 0.4} width={width - 0.8} y={24 - (22 * Math.log1p(n)) / top} height={(22 * Math.log1p(n)) / top}>
-            <title>{`${n} ${k === bins.length - 1 ? `over ${lateText(2 ** (k - 1))}` : `below ${lateText(2 ** k)}`}`}</title>
-          </rect>
-        ))}
-      </svg>
-      <figcaption>{text}</figcaption>
-    </figure>
   );
 }
 
