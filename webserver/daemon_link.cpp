@@ -72,18 +72,21 @@ class Call : public std::enable_shared_from_this<Call> {
     answer.status = static_cast<int>(parser_.get().result_int());
     answer.text = std::move(parser_.get().body());
     answer.body = nlohmann::json::parse(answer.text, nullptr, false);
-    if (!answer.body.is_object()) return finish({0, {{"text", "isorigd's answer is not JSON"}}, {}});
+    if (!answer.body.is_object()) return finish({0, {{"text", "isorigd's answer is not JSON"}}, {}, "silent"});
     finish(std::move(answer));
   }
 
   void fail(error_code error) {
+    const char* none = "silent";
     std::string why = "isorigd on " + socket_ + " does not answer: " + error.message();
     if (error == boost::system::errc::no_such_file_or_directory || error == boost::system::errc::connection_refused) {
       why = "isorigd does not run: nothing answers on " + socket_;
+      none = "gone";
     } else if (error == boost::system::errc::permission_denied) {
       why = "isorig-web may not open " + socket_ + "; its user has to be in the group of that file";
+      none = "refused";
     }
-    finish({0, {{"ok", false}, {"text", why}}, {}});
+    finish({0, {{"ok", false}, {"text", why}}, {}, none});
   }
 
   void finish(DaemonAnswer answer) {

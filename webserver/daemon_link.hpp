@@ -17,6 +17,8 @@ struct DaemonAnswer {
   int status = 0;  ///< 0: there was none, and `body` says why
   nlohmann::json body;
   std::string text;  ///< the body as it came
+  /// Why there was none: "gone", nothing listens on the socket; "refused", it may not be opened; "silent".
+  const char* none = "silent";
 };
 
 /// The header by which the daemon judges a call by that user's rights, besides those of isorig-web.

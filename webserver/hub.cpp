@@ -117,8 +117,11 @@ void Hub::on_status(const DaemonAnswer& answer) {
     runs_now_ = std::move(now);
     status_ = message(Kind::kStatus, "{\"kind\":\"status\",\"web\":" + web.dump() + ",\"status\":" + answer.text + "}");
   } else {
-    status_ = message(Kind::kStatus,
-                      {{"kind", "status"}, {"web", web}, {"status", json()}, {"why", answer.body.value("text", "")}});
+    status_ = message(Kind::kStatus, {{"kind", "status"},
+                                      {"web", web},
+                                      {"status", json()},
+                                      {"why", text_at(answer.body, "text")},
+                                      {"none", answer.status == 0 ? answer.none : "refused"}});
     plan_.reset();
     if (const auto session = access_.present_holder()) holder_before_ = *session;
     take_note_of_control(json());

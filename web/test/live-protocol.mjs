@@ -122,6 +122,7 @@ try {
   await rig.startWeb();
   const early = new Page();
   await until("why there is nothing", () => /isorigd does not run/.test(early.last("status")?.why ?? ""), 10);
+  assert.equal(early.last("status").none, "gone");
   rig.startDaemon();
   await until("the daemon", () => early.last("status")?.status?.state === "ready", 60);
   await until("its samples", () => early.last("hello").rig === "sim", 10);

@@ -5,7 +5,7 @@ import { SentClock } from "../src/live/sent_clock.ts";
 import { look } from "../src/live/words.ts";
 
 const status = (sent_ms: number, pid = 7) => JSON.stringify({ kind: "status", web: { sent_ms }, status: { pid, state: "running" } });
-const word = (model: Model, now_ms: number) => look(model.status, null, true, now_ms - model.status_ms).word;
+const word = (model: Model, now_ms: number) => look(model.status, null, true, now_ms - model.status_ms, model.none).word;
 
 test("a status that has waited on a slow link is as old as it is, not as new as its arrival", () => {
   const model = new Model();

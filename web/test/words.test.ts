@@ -1,9 +1,11 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
+import { Verbs } from "../src/live/controls.tsx";
+import { Model } from "../src/live/model.ts";
 import { Moment } from "../src/live/moment.tsx";
 import { worstFirst, type Line } from "../src/live/rig.tsx";
 import { Judged, Reading } from "../src/live/readings.tsx";
-import { ageText, localDay, localTime, readingAge_s, zone } from "../src/live/words.ts";
+import { ageText, localDay, localTime, look, readingAge_s, zone } from "../src/live/words.ts";
 
 test("a reading older than a second says its age, a device that never sent says so", () => {
   assert.equal(ageText(0.02), "");
@@ -48,4 +50,25 @@ test("of a self-test what is to be looked at comes first", () => {
   const lines = [line("a", "ok"), line("b", "warn"), line("c", "skipped"), line("d", "ok"), line("e", "fail"), line("f", "warn")];
   assert.deepEqual(worstFirst(lines).map((l) => l.check), ["e", "b", "f", "c", "a", "d"]);
   assert.equal(lines[0]?.check, "a", "what came is left as it is");
+});
+
+test("no daemon is said where nothing listens, and nowhere else", () => {
+  const word = (none: Parameters<typeof look>[4], age_ms = 0) => look(null, null, true, age_ms, none).word;
+  assert.equal(word("not yet", 60_000), "NO STATUS YET");
+  assert.equal(word("gone"), "NO DAEMON");
+  assert.equal(word("silent"), "NO ANSWER");
+  assert.equal(word("refused"), "REFUSED");
+  assert.equal(word("gone", 5000), "NO NEWS", "it may be there again by now");
+});
+
+test("a session can pause and abort, whatever the page knows of the rig", () => {
+  const model = new Model();
+  const verbs = () => JSON.stringify(Verbs({ model, say: () => {}, onStart: () => {}, onNote: () => {} }));
+  assert.doesNotMatch(verbs(), /Pause/, "it is view only");
+  model.text(JSON.stringify({ kind: "hello", rig: "r", epoch_unix_us: 0, fine_ns: 20e6, fine_kept_ns: 600e9, coarse_ns: 5e9, may_control: true, name: "Ann" }));
+  assert.match(verbs(), /Pause.*Abort/);
+  for (const status of [null, { pid: 1, state: "ready" }, { pid: 1, state: "paused" }, { pid: 1, state: "of another release" }]) {
+    model.text(JSON.stringify({ kind: "status", web: { sent_ms: 0 }, status, none: "silent" }));
+    assert.match(verbs(), /Pause.*Abort/, JSON.stringify(status));
+  }
 });

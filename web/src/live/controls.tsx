@@ -31,10 +31,9 @@ export function Control({ model, say }: { model: Model; say: Say }) {
 
 export function Verbs({ model, say, onStart, onNote }: { model: Model; say: Say; onStart: () => void; onNote: () => void }) {
   const { status, hello, lease } = model;
-  if (!hello?.may_control || !status) return null;
+  if (!hello?.may_control) return null;
   const verb = (name: string) => () => void post(name).then(say);
-  const s = status.state, mine = lease.mine;
-  const open = status.run !== undefined;
+  const s = status?.state, mine = lease.mine;
   const first = mine ? undefined : "Take control first";
   return (
     <div class="verbs" role="group" aria-label="Run">
@@ -42,11 +41,11 @@ export function Verbs({ model, say, onStart, onNote }: { model: Model; say: Say;
       {s === "armed" && <HoldButton class="start" disabled={!mine} title={first} act={verb("go")}>Go</HoldButton>}
       {s === "paused" && <HoldButton class="start" disabled={!mine} title={first} act={verb("resume")}>Resume</HoldButton>}
       {s === "faulted" && <HoldButton disabled={!mine} title={first} act={verb("reset")}>Reset</HoldButton>}
-      {!status.zero_confirmed && <HoldButton disabled={!mine} title={first} act={verb("confirm-zero")}>Zero is right</HoldButton>}
-      {["running", "countdown", "armed", "setup"].includes(s) &&
-        <button type="button" class="pause" title="At once (key p)" onClick={verb("pause")}>❚❚ Pause</button>}
+      {status?.zero_confirmed === false && <HoldButton disabled={!mine} title={first} act={verb("confirm-zero")}>Zero is right</HoldButton>}
+      {/* Whatever the page knows of the state: it may be old or missing while the rig moves. */}
+      <button type="button" class="pause" title="At once (key p)" onClick={verb("pause")}>❚❚ Pause</button>
       <HoldButton class="abort" title="Hold: the frame stops, the pressure vents" act={verb("abort")}>Abort</HoldButton>
-      {(open || status.last_run?.id) && <button type="button" onClick={onNote}>Note…</button>}
+      {(status?.run !== undefined || status?.last_run?.id) && <button type="button" onClick={onNote}>Note…</button>}
     </div>
   );
 }

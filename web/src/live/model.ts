@@ -81,6 +81,9 @@ export interface Said {
   text: string;
 }
 
+/** Why there is no status: none came yet, nothing listens on the daemon's socket, it does not answer, or it refuses to. */
+export type NoStatus = "not yet" | "gone" | "silent" | "refused";
+
 export interface Web {
   unix_ms: number;
   /** When this was sent, by a clock of isorig-web's that nobody sets. */
@@ -145,6 +148,7 @@ export class Model {
   status: Status | null = null;
   /** Why there is no status. */
   why = "";
+  none: NoStatus = "not yet";
   web: Web | null = null;
   plan: Plan | null = null;
   events: Event[] = [];
@@ -189,6 +193,7 @@ export class Model {
         }
         this.status = m.status;
         this.why = m.why ?? "";
+        this.none = m.none ?? "not yet";
         this.web = m.web;
         this.status_ms = this.clock.sentAt_ms(m.web.sent_ms, now_ms);
         if (m.status === null) this.plan = null;

@@ -269,10 +269,10 @@ export function Page({ model }: { model: Model }) {
     return () => removeEventListener("keydown", keys);
   }, []);
   const s = model.status;
-  const status_age_ms = performance.now() - model.status_ms, shown = look(s, model.plan, model.connected, status_age_ms);
+  const status_age_ms = performance.now() - model.status_ms, shown = look(s, model.plan, model.connected, status_age_ms, model.none);
   document.title = `${shown.sign} ${shown.word}${s?.run ? ` ${Math.round(s.progress * 100)} %` : ""} · ${s?.rig ?? "isorig"}`;
-  const why = !model.connected ? "The connection to isorig-web is gone; the rig goes on. Tried again every second." : s === null ? model.why
-    : shown.word === "NO NEWS" ? `The newest status is ${Math.round(status_age_ms / 1000)} s old.` : s.state === "idle" ? s.not_ready : "";
+  const why = !model.connected ? "The connection to isorig-web is gone; the rig goes on. Tried again every second."
+    : shown.word === "NO NEWS" ? `The newest status is ${Math.round(status_age_ms / 1000)} s old.` : s === null ? model.why : s.state === "idle" ? s.not_ready : "";
   return (
     <div class="frame" data-look={shown.look}>
       <header>

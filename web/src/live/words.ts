@@ -1,4 +1,4 @@
-import type { Plan, Status } from "./model.ts";
+import type { NoStatus, Plan, Status } from "./model.ts";
 
 /** How a state is shown: never by colour alone. */
 export interface Look {
@@ -43,9 +43,12 @@ export function moves(status: Status, plan: Plan | null): boolean {
   return status.state === "running" && (step?.do === "ramp" || step?.do === "wave");
 }
 
-export function look(status: Status | null, plan: Plan | null, connected: boolean, age_ms: number): Look {
+/** Why there is no status, in a word: only where nothing listens on the daemon's socket there is no daemon. */
+const NO_STATUS: Record<NoStatus, string> = { "not yet": "NO STATUS YET", gone: "NO DAEMON", silent: "NO ANSWER", refused: "REFUSED" };
+
+export function look(status: Status | null, plan: Plan | null, connected: boolean, age_ms: number, none: NoStatus): Look {
   if (!connected) return { look: "away", sign: "?", word: "PAGE CUT OFF" };
-  if (status === null) return { look: "away", sign: "?", word: "NO DAEMON" };
+  if (status === null) return { look: "away", sign: "?", word: age_ms > STALE_MS && none !== "not yet" ? "NO NEWS" : NO_STATUS[none] };
   if (age_ms > STALE_MS) return { look: "away", sign: "?", word: "NO NEWS" };
   const known = LOOKS[status.state] ?? { look: "away", sign: "?", word: status.state.toUpperCase() };
   return moves(status, plan) ? { ...known, word: `${known.word} · MOVING` } : known;
