@@ -3,13 +3,16 @@
 #include <algorithm>
 #include <chrono>
 #include <ctime>
+#include <functional>
 #include <iterator>
+#include <map>
 #include <stdexcept>
 #include <utility>
 
 #include "base/beneath.hpp"
 #include "base/fingerprint.hpp"
 #include "base/json_words.hpp"
+#include "base/printable.hpp"
 #include "base/report_pages.hpp"
 #include "base/utc_text.hpp"
 
@@ -63,8 +66,98 @@ json document_of(const std::filesystem::path& place, const std::filesystem::path
   }
 }
 
+/// The shapes that whoever shows a list relies on: one wrong file among a hundred, by hand or of another program, must
+/// not take the others away. A number may be null, which JSON has for one that is not finite. Throws
+/// std::runtime_error.
+class Shape {
+ public:
+  using Check = std::function<void(const json&, const std::string& where)>;
+
+  static void text(const json& value, const std::string& where) { require(value.is_string(), where, "a text"); }
+  static void number(const json& value, const std::string& where) {
+    require(value.is_number() || value.is_null(), where, "a number");
+  }
+  static void flag(const json& value, const std::string& where) { require(value.is_boolean(), where, "true or false"); }
+  static void interval(const json& value, const std::string& where) {
+    require(value.is_array() && value.size() == 2, where, "two numbers");
+    each(number)(value, where);
+  }
+  static Check each(Check check) {
+    return [check = std::move(check)](const json& value, const std::string& where) {
+      require(value.is_array(), where, "a list");
+      for (std::size_t i = 0; i < value.size(); ++i) check(value[i], where + "[" + std::to_string(i) + "]");
+    };
+  }
+  static Check named(Check check) {
+    return [check = std::move(check)](const json& value, const std::string& where) {
+      require(value.is_object(), where, "an object");
+      for (const auto& [name, one] : value.items()) check(one, where + "." + name);
+    };
+  }
+  static Check or_null(Check check) {
+    return [check = std::move(check)](const json& value, const std::string& where) {
+      if (!value.is_null()) check(value, where);
+    };
+  }
+  /// Keys of which the ones in `optional` may be missing; others are not looked at.
+  static Check object(std::map<std::string, Check> needed, std::map<std::string, Check> optional = {}) {
+    return [needed = std::move(needed), optional = std::move(optional)](const json& value, const std::string& where) {
+      require(value.is_object(), where, "an object");
+      const auto inside = [&](const std::string& key) { return where.empty() ? key : where + "." + key; };
+      for (const auto& [key, check] : needed) {
+        require(value.contains(key), inside(key), "there");
+        check(value[key], inside(key));
+      }
+      for (const auto& [key, check] : optional)
+        if (value.contains(key)) check(value[key], inside(key));
+    };
+  }
+
+ private:
+  static void require(bool is_so, const std::string& where, const char* what) {
+    if (!is_so) throw std::runtime_error("`" + base::printable(where) + "` has to be " + what);
+  }
+};
+
+const Shape::Check& shape_of_diagnosis() {
+  static const auto parameter = Shape::object({{"value", Shape::number}, {"ci95", Shape::interval}});
+  static const Shape::Check shape = Shape::object(
+      {},
+      {{"verdict", Shape::text},
+       {"cannot_judge", Shape::or_null(Shape::object({{"why", Shape::text}, {"record", Shape::text}}))},
+       {"missing", Shape::each(Shape::object(
+                       {{"effect", Shape::text}, {"probability", Shape::number}},
+                       {{"law", Shape::text}, {"size_N", Shape::number}, {"parameters", Shape::named(parameter)}}))},
+       {"discernible", Shape::each(Shape::object({{"effect", Shape::text}}, {{"seen_from_N", Shape::number},
+                                                                             {"nearest", Shape::or_null(Shape::text)},
+                                                                             {"told_from_N", Shape::number}}))},
+       {"alternatives",
+        Shape::each(Shape::object({{"effects", Shape::each(Shape::text)}, {"probability", Shape::number}}))},
+       {"inseparable", Shape::each(Shape::object({{"text", Shape::text}}))},
+       {"not_modelled", Shape::or_null(Shape::object({{"names", Shape::each(Shape::text)}, {"why", Shape::text}}))},
+       {"described", Shape::or_null(Shape::object({{"function_of", Shape::text}}))},
+       {"warnings", Shape::each(Shape::text)},
+       {"notes", Shape::each(Shape::text)},
+       {"data_faults", Shape::each([](const json&, const std::string&) {})},
+       {"next_experiment",
+        Shape::or_null(Shape::object(
+            {{"text", Shape::text}, {"duration_s", Shape::number}},
+            {{"name", Shape::text}, {"reaches_it", Shape::flag}, {"separates", Shape::each(Shape::text)}}))}});
+  return shape;
+}
+
+const Shape::Check& shape_of_investigation() {
+  static const auto explanation = Shape::object({{"effects", Shape::text}, {"probability", Shape::number}});
+  static const Shape::Check shape =
+      Shape::object({{"outcome", Shape::text},
+                     {"text", Shape::text},
+                     {"rounds", Shape::each(Shape::object({}, {{"explanations", Shape::each(explanation)}}))}});
+  return shape;
+}
+
 /// Of a diagnosis what a list shows: everything but curves and the table of what was tried.
 json summary_of(const json& diagnosis) {
+  shape_of_diagnosis()(diagnosis, "");
   json out;
   for (const char* key : {"verdict", "cannot_judge", "alternatives", "inseparable", "not_modelled", "described",
                           "unexplained_share", "fit", "warnings", "notes", "next_experiment"}) {
@@ -80,6 +173,16 @@ json summary_of(const json& diagnosis) {
   }
   out["data_faults"] = diagnosis.value("data_faults", json::array()).size();
   return out;
+}
+
+/// Whose shape is wrong is said by the file's name.
+template <typename Check>
+void with_its_name(const std::filesystem::path& file, Check check) {
+  try {
+    check();
+  } catch (const std::runtime_error& e) {
+    throw std::runtime_error(file.string() + ": " + e.what());
+  }
 }
 
 bool is_file(const std::filesystem::path& path) {
@@ -193,6 +296,7 @@ json Diagnoses::list() const {
       std::size_t rounds = 0;
       if (f.investigation) {
         const auto whole = document_of(f.place, f.document(), "isorig-investigation/1");
+        with_its_name(f.document(), [&] { shape_of_investigation()(whole, ""); });
         const auto& list = whole.at("rounds");
         rounds = list.size();
         for (const char* key : {"outcome", "text", "rig_s"}) entry[key] = whole.at(key);
@@ -208,8 +312,9 @@ json Diagnoses::list() const {
       for (const auto& page : pages_of(f.folder, f.investigation, rounds)) {
         entry["pages"].push_back({{"title", page.title}, {"path", page.file.string()}});
       }
-      if (is_file(f.folder / "diagnosis.json")) {
-        entry.update(summary_of(document_of(f.place, f.folder / "diagnosis.json", "isorig-diagnosis/1")));
+      if (const auto file = f.folder / "diagnosis.json"; is_file(file)) {
+        const auto whole = document_of(f.place, file, "isorig-diagnosis/1");
+        with_its_name(file, [&] { entry.update(summary_of(whole)); });
       }
     } catch (const json::exception& e) {
       entry["wrong"] = f.document().string() + ": " + base::json_words(e);

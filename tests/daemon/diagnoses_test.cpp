@@ -72,7 +72,9 @@ TEST_F(DiagnosesTest, AnInvestigationIsOneEntryWithItsLastRound) {
                    {"rig_s", 12.5},
                    {"rounds",
                     {{{"round", 1}, {"next_protocol", "of the first"}},
-                     {{"round", 2}, {"next_protocol", kExperiment}, {"explanations", {{{"effects", "slack"}}}}}}}};
+                     {{"round", 2},
+                      {"next_protocol", kExperiment},
+                      {"explanations", {{{"effects", "slack"}, {"probability", 0.9}}}}}}}};
   write("inv/investigation.json", whole.dump());
   write("inv/investigation-report.html", "all rounds");
   write("inv/diagnosis.json", diagnosis().dump());
@@ -158,11 +160,49 @@ TEST_F(DiagnosesTest, WhatCannotBeReadIsThereWithTheReason) {
   write("empty/investigation.json", R"({"format": "isorig-investigation/1"})");
   EXPECT_THAT(entry("cut").value("wrong", ""), HasSubstr("not valid JSON"));
   EXPECT_THAT(entry("other").value("wrong", ""), HasSubstr("it is no isorig-diagnosis/1"));
-  EXPECT_THAT(entry("empty").value("wrong", ""), HasSubstr("rounds"));
+  EXPECT_THAT(entry("empty").value("wrong", ""), HasSubstr("`outcome` has to be there"));
   // A FIFO would be waited for.
   std::filesystem::create_directories(root_ / "pipe");
   ASSERT_EQ(::mkfifo((root_ / "pipe" / "diagnosis.json").c_str(), 0600), 0);
   EXPECT_TRUE(entry("pipe").is_null());
+}
+
+TEST_F(DiagnosesTest, WhatHasAnotherShapeIsThereWithTheReasonAndInNobodysWay) {
+  const std::vector<std::pair<const char*, json>> wrong{
+      {"verdict", 5},
+      {"cannot_judge", {{"why", "no motion"}}},
+      {"missing", "much"},
+      {"missing", {{{"effect", "slack"}}}},
+      {"missing", {{{"effect", "slack"}, {"probability", 0.9}, {"parameters", {{"k", 1}}}}}},
+      {"missing", {{{"effect", "slack"}, {"probability", 1}, {"parameters", {{"k", {{"value", 1}, {"ci95", {1}}}}}}}}},
+      {"discernible", {{{"effect", "slack"}, {"nearest", 1}}}},
+      {"alternatives", {{{"effects", "slack"}, {"probability", 0.1}}}},
+      {"inseparable", {"pair"}},
+      {"not_modelled", {{"names", "slack"}, {"why", "worse"}}},
+      {"described", {"position"}},
+      {"warnings", {1}},
+      {"notes", "one"},
+      {"data_faults", 3},
+      {"next_experiment", {{"text", "triangles"}, {"duration_s", "long"}}}};
+  for (std::size_t i = 0; i < wrong.size(); ++i) {
+    auto one = diagnosis();
+    one[wrong[i].first] = wrong[i].second;
+    write("d" + std::to_string(i) + "/diagnosis.json", one.dump());
+  }
+  for (std::size_t i = 0; i < wrong.size(); ++i) {
+    const auto e = entry("d" + std::to_string(i));
+    EXPECT_THAT(e.value("wrong", ""), HasSubstr("diagnosis.json: `" + std::string(wrong[i].first))) << wrong[i].second;
+    EXPECT_FALSE(e.contains("missing"));
+  }
+  EXPECT_THAT(entry("d4").value("wrong", ""), HasSubstr("`missing[0].parameters.k` has to be an object"));
+  write("i/investigation.json",
+        R"({"format":"isorig-investigation/1","outcome":"settled","text":"","rig_s":1,"rounds":[{"explanations":5}]})");
+  EXPECT_THAT(entry("i").value("wrong", ""), HasSubstr("`rounds[0].explanations` has to be a list"));
+  // What is not finite is null in JSON, and shown as such.
+  auto whole = diagnosis();
+  whole["missing"][0]["parameters"] = {{"k", {{"value", 1}, {"ci95", {0, nullptr}}}}};
+  write("whole/diagnosis.json", whole.dump());
+  EXPECT_FALSE(entry("whole").contains("wrong")) << entry("whole")["wrong"];
 }
 
 TEST_F(DiagnosesTest, NestingDeeperThanAStackIsRefused) {
@@ -172,7 +212,7 @@ TEST_F(DiagnosesTest, NestingDeeperThanAStackIsRefused) {
   write("closed/diagnosis.json",
         R"({"format":"isorig-diagnosis/1","verdict":)" + std::string(deep / 2, '[') + std::string(deep / 2, ']') + "}");
   auto whole = diagnosis();
-  whole["verdict"] = json::parse(std::string(60, '[') + std::string(60, ']'));
+  whole["fit"] = json::parse(std::string(60, '[') + std::string(60, ']'));
   write("flat/diagnosis.json", whole.dump());
   EXPECT_THAT(entry("brackets").value("wrong", ""), HasSubstr("nested deeper than 64 levels"));
   EXPECT_THAT(entry("closed").value("wrong", ""), HasSubstr("nested deeper than 64 levels"));

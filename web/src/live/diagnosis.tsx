@@ -1,7 +1,8 @@
 import { useMemo, useState } from "preact/hooks";
 import { duration, number } from "../shared/format.ts";
+import { Boundary } from "./boundary.tsx";
 import { Dialog, type Say } from "./controls.tsx";
-import { caveatsOf, experimentOf, parameterText, told, verdictOf, type Diagnosed, type Diagnoses } from "./diagnosis_words.ts";
+import { caveatsOf, experimentOf, parameterText, toldOrWrong, verdictOf, type Diagnosed, type Diagnoses } from "./diagnosis_words.ts";
 import { isDirty, keepDraft, loadDraft, type Draft } from "./draft.ts";
 import { getJson, useFetched } from "./fetched.ts";
 import { HoldButton } from "./hold.tsx";
@@ -38,7 +39,7 @@ function List({ say }: { say: Say }) {
   };
   const all = useMemo(() => {
     const v = list.value, word = (key: string) => v?.words[key] ?? key;
-    return v === null ? null : { ...v, diagnoses: v.diagnoses.map((d) => told(d, word)) };
+    return v === null ? null : { ...v, diagnoses: v.diagnoses.map((d) => toldOrWrong(d, word)) };
   }, [list.value]);
   return (
     <main class="page diagnoses">
@@ -53,7 +54,7 @@ function List({ say }: { say: Say }) {
         {all && all.all > all.diagnoses.length && <p class="note">The newest {all.diagnoses.length} of {all.all}.</p>}
         {all?.cut && <p class="warning">! There are too many folders to look through all of them.</p>}
       </section>
-      {all?.diagnoses.map((d) => <One key={d.id} d={d} words={all.words} queue={() => void queue(d)} />)}
+      {all?.diagnoses.map((d) => <Boundary key={d.id} name={d.folder}><One d={d} words={all.words} queue={() => void queue(d)} /></Boundary>)}
       {replaced && (
         <Dialog title="The editor has a protocol that is not saved" close={() => setReplaced(null)}>
           <p>What was changed in it is lost when {replaced.name} takes its place.</p>

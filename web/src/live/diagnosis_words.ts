@@ -112,6 +112,16 @@ export function told(d: Told, word: (key: string) => string): Diagnosed {
   };
 }
 
+/** Of a daemon of another release, one of whose files this page does not know. */
+export function toldOrWrong(d: Told, word: (key: string) => string): Diagnosed {
+  try {
+    return told(d, word);
+  } catch (error) {
+    const { id, folder, kind, made_utc, pages, experiment } = d;
+    return { id, folder, kind, made_utc, pages, experiment, rivals: [], caveats: [], wrong: `it is not what this page knows: ${(error as Error).message}` };
+  }
+}
+
 /** The draft of what a diagnosis proposes: named after the experiment, in letters that a file may have. */
 export function experimentOf(d: Told, text: string): { name: string; text: string } {
   const stem = (d.next_experiment?.name ?? "next-experiment").replace(/[^A-Za-z0-9_-]+/g, "-").replace(/^-+|-+$/g, "").slice(0, 100);

@@ -1,6 +1,7 @@
 import { useEffect, useReducer, useRef, useState } from "preact/hooks";
 import { number } from "../shared/format.ts";
 import { Control, NoteDialog, Verbs } from "./controls.tsx";
+import { Boundary } from "./boundary.tsx";
 import { DiagnosisPage } from "./diagnosis.tsx";
 import { post, type Model, type Reply } from "./model.ts";
 import { Zone } from "./moment.tsx";
@@ -220,6 +221,7 @@ function ReportPage({ model }: { model: Model }) {
 
 const PAGES = ["live", "protocol", "runs", "diagnosis", "log", "rig", "calibration"] as const;
 type Shown = (typeof PAGES)[number] | "report";
+const nameOf = (p: Shown) => p.charAt(0).toUpperCase() + p.slice(1);
 
 /** Which page is open: what stands behind the # of the address, so that back, forward and a reload find it again. */
 function useShown(): Shown {
@@ -236,7 +238,7 @@ function useShown(): Shown {
 function Pages({ shown }: { shown: Shown }) {
   return (
     <nav aria-label="Pages">
-      {PAGES.map((p) => <a key={p} href={`#${p}`} aria-current={p === shown ? "page" : undefined}>{p[0]?.toUpperCase()}{p.slice(1)}</a>)}
+      {PAGES.map((p) => <a key={p} href={`#${p}`} aria-current={p === shown ? "page" : undefined}>{nameOf(p)}</a>)}
     </nav>
   );
 }
@@ -292,17 +294,19 @@ export function Page({ model }: { model: Model }) {
           <ul>{s.faults.map((f) => <li key={`${f.mono_ns}${f.code}`}><time>{clockTime(model.unix_s(f.mono_ns), (model.web?.unix_ms ?? 0) / 1000)}</time> <b>{f.severity} · {f.code}</b> {f.text}</li>)}</ul>
         </section>
       )}
-      {(shownPage === "live" || s?.run) && <Timeline model={model} />}
-      {shownPage === "runs" && <RunsPage model={model} say={setSaid} />}
-      {shownPage === "protocol" && <ProtocolPage model={model} say={setSaid} />}
-      {shownPage === "diagnosis" && <DiagnosisPage model={model} say={setSaid} />}
-      {shownPage === "report" && <ReportPage model={model} />}
-      {shownPage === "log" && <LogPage model={model} />}
-      {shownPage === "rig" && <RigPage model={model} />}
-      {shownPage === "calibration" && <CalibrationPage model={model} />}
-      {shownPage === "live" && <main>
-        <Plots model={model} say={setSaid} below={<Events model={model} />} beside={(loop) => <><Values model={model} /><TwinPanel model={model} choose={() => setDialog("twin")} />{loop}<Health model={model} /></>} />
-      </main>}
+      {(shownPage === "live" || s?.run) && <Boundary key={`protocol of ${s?.run?.id}`} name="The run"><Timeline model={model} /></Boundary>}
+      <Boundary key={shownPage} name={nameOf(shownPage)}>
+        {shownPage === "runs" && <RunsPage model={model} say={setSaid} />}
+        {shownPage === "protocol" && <ProtocolPage model={model} say={setSaid} />}
+        {shownPage === "diagnosis" && <DiagnosisPage model={model} say={setSaid} />}
+        {shownPage === "report" && <ReportPage model={model} />}
+        {shownPage === "log" && <LogPage model={model} />}
+        {shownPage === "rig" && <RigPage model={model} />}
+        {shownPage === "calibration" && <CalibrationPage model={model} />}
+        {shownPage === "live" && <main>
+          <Plots model={model} say={setSaid} below={<Events model={model} />} beside={(loop) => <><Values model={model} /><TwinPanel model={model} choose={() => setDialog("twin")} />{loop}<Health model={model} /></>} />
+        </main>}
+      </Boundary>
       <footer>
         {model.hello?.may_control ? "Keys: p pauses at once; 1 to 6 choose the time shown; Tab, then Enter or Space held, for the rest. " : "View only: isorig web, in a terminal on the rig's machine, gives a link that may control. "}
         Times: {zone()}. The emergency stop is the wired one at the rig.
