@@ -72,7 +72,7 @@ bool is_path_of_a_report(std::string_view path) {
   };
   return path.starts_with('/') && path.ends_with(".html") && path.size() <= 4096 &&
          std::all_of(path.begin(), path.end(), plain) && path.find("//") == std::string_view::npos &&
-         path.find("/.") == std::string_view::npos;
+         path.find("/./") == std::string_view::npos && path.find("/../") == std::string_view::npos;
 }
 
 bool is_plain_toml_name(std::string_view name) {

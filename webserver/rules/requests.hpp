@@ -23,7 +23,8 @@ namespace isorig::web {
 [[nodiscard]] std::optional<std::int64_t> whole_number(std::string_view text);
 
 /// The path of a file as it stands in an address: it goes on to the daemon as it is, which judges where it leads. From
-/// the root, percent-coded, without "//" or a part that begins with a dot.
+/// the root, percent-coded, without "//" and the parts "." and "..". Runs may lie below a hidden folder, as those of
+/// ~/.local/share do: which one may be opened only the daemon knows.
 [[nodiscard]] bool is_path_of_a_report(std::string_view path);
 
 /// A file's name without any way to leave its folder: letters, digits, `-`, `_`, `.`, not first a dot, ends in `.toml`.

@@ -10,7 +10,7 @@ const SOON_MS = 10_000;
 export function reportIn(hash: string): string | null {
   if (!hash.startsWith(PREFIX)) return null;
   const path = hash.slice(1);
-  return /^[A-Za-z0-9/._~%-]+\.html$/.test(path) && !path.includes("//") && !path.includes("/.") ? path : null;
+  return /^[A-Za-z0-9/._~%-]+\.html$/.test(path) && !path.includes("//") && !/\/\.\.?\//.test(path) ? path : null;
 }
 
 /** The address of the report whose file is `path`. */
