@@ -104,8 +104,10 @@ class HttpSession final : public Waiting, public std::enable_shared_from_this<Ht
     if (request_.method() != http::verb::get && request_.method() != http::verb::head) {
       return refuse(http::status::method_not_allowed, "the method has to be GET");
     }
-    if (path_.starts_with("/report/")) return has_session() ? report() : refuse(http::status::forbidden, kNoSession);
-    if (path_.starts_with(kReports)) return has_session() ? report() : by_way_of_the_page();
+    if (path_.starts_with("/report/") || path_.starts_with(kReports)) {
+      if (const auto asking = who()) return report(*asking);
+      return path_.starts_with(kReports) ? by_way_of_the_page() : refuse(http::status::forbidden, kNoSession);
+    }
     if (path_ == "/enter") return enter(target);
     if (path_ == "/") return answer(http::status::ok, "text/html; charset=utf-8", std::string(kPageHtml));
     if (path_ == "/live.js")
@@ -116,14 +118,14 @@ class HttpSession final : public Waiting, public std::enable_shared_from_this<Ht
 
   [[nodiscard]] bool own_origin() const { return is_own_origin(view(request_[http::field::origin]), host_); }
 
-  [[nodiscard]] bool has_session() const {
-    return server_->hub.access().who(session_, std::chrono::steady_clock::now()).has_value();
+  [[nodiscard]] std::optional<Who> who() const {
+    return server_->hub.access().who(session_, std::chrono::steady_clock::now());
   }
 
   void live() {
     if (!beast::websocket::is_upgrade(request_)) return refuse(http::status::upgrade_required, "this is a WebSocket");
     if (!own_origin()) return refuse(http::status::forbidden, "this WebSocket is for the server's own page");
-    if (!server_->hub.access().who(session_, std::chrono::steady_clock::now())) session_.clear();
+    if (!who()) session_.clear();
     if (server_->hub.viewers(!session_.empty()) >= server_->limits.viewers) {
       return refuse(http::status::service_unavailable, "there are too many pages open; close one");
     }
@@ -156,16 +158,18 @@ class HttpSession final : public Waiting, public std::enable_shared_from_this<Ht
       if (path_ == "/api/zoom") return zoom(target);
       const auto what = path_.substr(5);
       if (what == "runs" || what == "calibrations" || what == "diagnoses" || what == "selftest") {
-        if (!has_session()) return refuse(http::status::forbidden, kNoSession);
-        return server_->hub.look_up(what, [self = shared_from_this()](Hub::Answer a) {
+        const auto asking = who();
+        if (!asking) return refuse(http::status::forbidden, kNoSession);
+        return server_->hub.look_up(what, *asking, [self = shared_from_this()](Hub::Answer a) {
           self->answer(static_cast<http::status>(a.status), "application/json", std::move(a.text));
         });
       }
       if (what == "protocol" || what == "experiment") {
-        return has_session() ? text_of_a_protocol(what, target) : refuse(http::status::forbidden, kNoSession);
+        const auto asking = who();
+        return asking ? text_of_a_protocol(what, *asking, target) : refuse(http::status::forbidden, kNoSession);
       }
       if (what != "library") return refuse(http::status::not_found, "there is no such call");
-      if (!has_session()) return refuse(http::status::forbidden, kViewOnly);
+      if (!who()) return refuse(http::status::forbidden, kViewOnly);
       return answer(http::status::ok, "application/json", server_->hub.library());
     }
     if (request_.method() != http::verb::post) return refuse(http::status::method_not_allowed, "GET or POST");
@@ -182,9 +186,9 @@ class HttpSession final : public Waiting, public std::enable_shared_from_this<Ht
   }
 
   /// One of the library, or what a diagnosis proposes.
-  void text_of_a_protocol(const std::string& what, const std::string& target) {
+  void text_of_a_protocol(const std::string& what, const Who& asking, const std::string& target) {
     if (what == "experiment") {
-      return server_->hub.experiment(query_value(target, "id"), [self = shared_from_this()](Hub::Answer a) {
+      return server_->hub.experiment(query_value(target, "id"), asking, [self = shared_from_this()](Hub::Answer a) {
         self->place_ = std::move(a.place);
         if (a.status == 503) self->retry_after_ = true;
         self->answer(static_cast<http::status>(a.status), "application/json", std::move(a.text));
@@ -195,7 +199,7 @@ class HttpSession final : public Waiting, public std::enable_shared_from_this<Ht
   }
 
   /// A report: it is given an origin of its own, without this page's cookie and calls.
-  void report() {
+  void report(const Who& asking) {
     const auto send = [self = shared_from_this()](Hub::Answer a) {
       const bool there = a.status == 200;
       self->place_ = std::move(a.place);
@@ -206,8 +210,8 @@ class HttpSession final : public Waiting, public std::enable_shared_from_this<Ht
       self->answer(static_cast<http::status>(a.status), there ? "text/html; charset=utf-8" : "application/json",
                    std::move(a.text));
     };
-    if (path_.starts_with(kReports)) return server_->hub.page(path_.substr(kReports.size() - 1), send);
-    server_->hub.report(path_.substr(path_.find('/', 1) + 1), send);
+    if (path_.starts_with(kReports)) return server_->hub.page(path_.substr(kReports.size() - 1), asking, send);
+    server_->hub.report(path_.substr(path_.find('/', 1) + 1), asking, send);
   }
 
   /// A link in a report, in a chat, on another site: a browser sends no SameSite=Strict cookie with it. The page, which

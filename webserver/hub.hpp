@@ -60,15 +60,16 @@ class Hub {
   void perform(const std::string& verb, const std::string& session, const std::string& body, const Reply& reply);
   /// Files a run can be started from.
   [[nodiscard]] std::string library() const;
-  /// What the daemon answers to a GET of the page: runs, calibrations; self-test judged as by `isorig selftest`.
-  void look_up(const std::string& what, const Reply& reply);
+  /// What the daemon answers to a GET of the page: runs, calibrations; self-test judged as by `isorig selftest`. Here
+  /// and below by the rights of `who`, which the daemon judges.
+  void look_up(const std::string& what, const Who& who, const Reply& reply);
   /// A run's own page; its text, or JSON with what is wrong. One at a time: until its answer's `place` is given back,
   /// others are refused with 503.
-  void report(const std::string& run, const Reply& reply);
+  void report(const std::string& run, const Who& who, const Reply& reply);
   /// A report by its path on the disk, percent-coded; shares the place of a run's.
-  void page(const std::string& path, const Reply& reply);
+  void page(const std::string& path, const Who& who, const Reply& reply);
   /// The protocol that a diagnosis proposes to run next; one question at a time, others are refused with 503.
-  void experiment(const std::string& id, const Reply& reply);
+  void experiment(const std::string& id, const Who& who, const Reply& reply);
   /// A protocol's text with its version: `from` is saved or shipped.
   [[nodiscard]] Answer protocol(const std::string& from, const std::string& name) const;
   /// Stretches of the raw samples between two times, of all streams, one block behind the other.
@@ -100,9 +101,9 @@ class Hub {
   void regain_control();
   void start_run(const Who& who, const nlohmann::json& given, bool preview, const Reply& reply);
   void forward(const std::string& verb, const Who& who, std::string body, const Reply& reply);
-  void check_protocol(const nlohmann::json& given, const Reply& reply);
+  void check_protocol(const Who& who, const nlohmann::json& given, const Reply& reply);
   void save_protocol(const Who& who, const nlohmann::json& given, const Reply& reply);
-  void send_page(const std::string& path, const Reply& reply);
+  void send_page(const std::string& path, const Who& who, const Reply& reply);
   [[nodiscard]] std::optional<std::string> protocol_text(const std::string& from, const std::string& name) const;
 
   boost::asio::io_context& io_;

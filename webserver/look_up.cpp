@@ -2,6 +2,8 @@
 #include <array>
 #include <cctype>
 #include <memory>
+#include <string>
+#include <string_view>
 #include <utility>
 
 #include "cli/selftest/selftest_checks.hpp"
@@ -18,6 +20,8 @@ namespace {
 using nlohmann::json;
 
 constexpr auto kLookUpPatience = std::chrono::seconds(20);
+/// Of a question to the daemon that ends with for whom it is asked.
+constexpr std::string_view kMaySee = "may see ";
 
 Hub::Answer passed_on(DaemonAnswer& a) {
   return {a.status == 0 ? 502 : a.status, a.status == 0 ? dump(a.body) : std::move(a.text)};
@@ -78,14 +82,25 @@ json words_in(const json& list) {
 
 }  // namespace
 
-void Hub::look_up(const std::string& what, const Reply& reply) {
+/// One answer serves all who ask; whether it may be given to this one is asked for each session.
+void Hub::look_up(const std::string& what, const Who& who, const Reply& reply) {
   if (what != "runs" && what != "calibrations" && what != "diagnoses" && what != "selftest")
     return reply(answer(404, "there is no such call"));
-  looked_up_.get(what, std::chrono::steady_clock::now(), reply);
+  looked_up_.get(std::string(kMaySee) + on_behalf_of(who), std::chrono::steady_clock::now(),
+                 [this, what, reply](const Answer& a) {
+                   if (a.status != 200) return reply(a);
+                   looked_up_.get(what, std::chrono::steady_clock::now(), reply);
+                 });
 }
 
 void Hub::look_for(const std::string& what) {
   const auto reply = [this, what](const Answer& a) { looked_up_.answered(what, a, std::chrono::steady_clock::now()); };
+  if (what.starts_with(kMaySee)) {  // a call that needs that right alone, and no disk
+    return daemon_.call(
+        "GET", "/v1/status", {}, kLookUpPatience,
+        [reply](DaemonAnswer a) { reply(a.status == 200 ? answer(200, "") : passed_on(a)); },
+        what.substr(kMaySee.size()));
+  }
   if (what == "diagnoses") {
     return daemon_.call("GET", "/v1/diagnoses", {}, kLookUpPatience, [reply](DaemonAnswer a) {
       if (a.status != 200) return reply(passed_on(a));
@@ -126,40 +141,46 @@ void Hub::look_for(const std::string& what) {
 }
 
 /// A page that stands by itself, in the answer's `page`.
-void Hub::send_page(const std::string& path, const Reply& reply) {
+void Hub::send_page(const std::string& path, const Who& who, const Reply& reply) {
   if (!report_.expired()) return reply(answer(503, "another page is being sent; try again in a moment"));
   const auto place = std::make_shared<const char>();
   report_ = place;
-  daemon_.call("GET", path, {}, kLookUpPatience, [reply, place](DaemonAnswer a) {
-    if (a.status != 200) return reply(passed_on(a));
-    const auto page = a.body.find("page");
-    if (page == a.body.end() || !page->is_string()) return reply(answer(502, "isorigd's answer has no page"));
-    reply({200, std::move(page->get_ref<std::string&>()), place});
-  });
+  daemon_.call(
+      "GET", path, {}, kLookUpPatience,
+      [reply, place](DaemonAnswer a) {
+        if (a.status != 200) return reply(passed_on(a));
+        const auto page = a.body.find("page");
+        if (page == a.body.end() || !page->is_string()) return reply(answer(502, "isorigd's answer has no page"));
+        reply({200, std::move(page->get_ref<std::string&>()), place});
+      },
+      on_behalf_of(who));
 }
 
-void Hub::report(const std::string& run, const Reply& reply) {
+void Hub::report(const std::string& run, const Who& who, const Reply& reply) {
   if (!is_run_id(run)) return reply(answer(400, "this is no name of a run"));
-  send_page("/v1/report?run=" + run, reply);
+  send_page("/v1/report?run=" + run, who, reply);
 }
 
-void Hub::page(const std::string& path, const Reply& reply) {
+void Hub::page(const std::string& path, const Who& who, const Reply& reply) {
   if (!is_path_of_a_report(path)) return reply(answer(400, "this is no path of a report"));
-  send_page("/v1/page?path=" + path, reply);
+  send_page("/v1/page?path=" + path, who, reply);
 }
 
-void Hub::experiment(const std::string& id, const Reply& reply) {
+void Hub::experiment(const std::string& id, const Who& who, const Reply& reply) {
   if (!is_fingerprint(id)) return reply(answer(400, "this is no name of a diagnosis"));
   // Each looks through folders on the worker that a start waits for.
   if (!experiment_.expired())
     return reply(answer(503, "another experiment is being looked for; try again in a moment"));
   const auto place = std::make_shared<const char>();
   experiment_ = place;
-  daemon_.call("GET", "/v1/experiment?id=" + id, {}, kLookUpPatience, [reply, place](DaemonAnswer a) {
-    auto answer = passed_on(a);
-    answer.place = place;
-    reply(std::move(answer));
-  });
+  daemon_.call(
+      "GET", "/v1/experiment?id=" + id, {}, kLookUpPatience,
+      [reply, place](DaemonAnswer a) {
+        auto answer = passed_on(a);
+        answer.place = place;
+        reply(std::move(answer));
+      },
+      on_behalf_of(who));
 }
 
 }  // namespace isorig::web

@@ -39,15 +39,18 @@ Hub::Answer Hub::protocol(const std::string& from, const std::string& name) cons
 }
 
 /// By the daemon, whose worker a start waits for, too: one at a time for all pages.
-void Hub::check_protocol(const json& given, const Reply& reply) {
+void Hub::check_protocol(const Who& who, const json& given, const Reply& reply) {
   if (!check_.expired()) return reply(answer(503, "another protocol is being checked; try again in a moment"));
   const auto place = std::make_shared<const char>();
   check_ = place;
   const auto name = text_at(given, "protocol_name");
   const json body{{"protocol", text_at(given, "protocol")}, {"protocol_name", name.empty() ? "protocol.toml" : name}};
-  daemon_.call("POST", "/v1/check", dump(body), kCheckPatience, [reply, place](DaemonAnswer a) {
-    reply({a.status == 0 ? 502 : a.status, a.status == 0 ? dump(a.body) : std::move(a.text), place});
-  });
+  daemon_.call(
+      "POST", "/v1/check", dump(body), kCheckPatience,
+      [reply, place](DaemonAnswer a) {
+        reply({a.status == 0 ? 502 : a.status, a.status == 0 ? dump(a.body) : std::move(a.text), place});
+      },
+      on_behalf_of(who));
 }
 
 void Hub::save_protocol(const Who& who, const json& given, const Reply& reply) {

@@ -54,7 +54,7 @@ void Hub::perform(const std::string& verb, const std::string& session, const std
     tell_lease();
     return reply(answer(200, "view only from now on"));
   }
-  if (verb == "check") return check_protocol(given, reply);
+  if (verb == "check") return check_protocol(*who, given, reply);
   if (verb == "save") return save_protocol(*who, given, reply);
   if (verb == "preview") return start_run(*who, given, true, reply);
   const auto found = std::find_if(kVerbs.begin(), kVerbs.end(), [&](const Verb& v) { return v.name == verb; });

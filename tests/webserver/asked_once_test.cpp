@@ -50,6 +50,15 @@ TEST_F(AskedOnceTest, AnAnswerIsGoodForTwoSeconds) {
   EXPECT_EQ(got.back(), "200 new");
 }
 
+TEST_F(AskedOnceTest, QuestionsOfThoseWhoHaveGoneAreNotKept) {
+  for (int i = 0; i < 100; ++i) {
+    get("may see " + std::to_string(i));
+    answer("may see " + std::to_string(i), "yes");
+    now += seconds(1);
+  }
+  EXPECT_LE(once.kept(), 2U);
+}
+
 TEST_F(AskedOnceTest, ARefusalIsNotKept) {
   get("runs");
   answer("runs", "busy", 503);

@@ -16,7 +16,9 @@ export async function until(what, look, seconds = 60) {
 }
 
 export class Rig {
-  constructor(bin, source) {
+  /** `api`: lines for the table [api] of the rig's file. */
+  constructor(bin, source, { api = "" } = {}) {
+    this.api = api;
     this.bin = resolve(bin);
     this.source = resolve(source);
     this.dir = mkdtempSync(join(tmpdir(), "isorig-live-"));
@@ -50,7 +52,7 @@ export class Rig {
       .replace("ring_samples = 256", "ring_samples = 2048")
       .replace("[sim.pressure]\n", "[sim.pressure]\nring_samples = 2048\n");
     const path = join(this.dir, "rig.toml");
-    writeFileSync(path, text);
+    writeFileSync(path, this.api ? `${text}\n[api]\n${this.api}\n` : text);
     return path;
   }
 

@@ -5,6 +5,8 @@
 namespace isorig::web {
 
 void AskedOnce::get(const std::string& what, Time now, const PageReply& reply) {
+  // Who may see is a question for each session: those of sessions that have gone are not kept.
+  std::erase_if(questions_, [&](const auto& q) { return !q.second.under_way && now >= q.second.until; });
   Question& question = questions_[what];
   if (question.under_way) return (question.stale ? question.next : question.waiting).push_back(reply);
   if (now < question.until) return reply(question.answer);

@@ -1,5 +1,6 @@
 #pragma once
 #include <chrono>
+#include <cstddef>
 #include <functional>
 #include <map>
 #include <memory>
@@ -32,6 +33,7 @@ class AskedOnce {
   void answered(const std::string& what, const PageAnswer& answer, Time now);
   /// Something has changed: who asks from now on gets no answer to a question of before.
   void forget();
+  [[nodiscard]] std::size_t kept() const { return questions_.size(); }
 
  private:
   struct Question {
@@ -42,7 +44,7 @@ class AskedOnce {
     Time until{};  // before which `answer` is good
   };
   Ask ask_;
-  std::map<std::string, Question> questions_;  // as many as there are calls
+  std::map<std::string, Question> questions_;  // under way, or answered within kKept
 };
 
 }  // namespace isorig::web
