@@ -145,9 +145,10 @@ class HttpSession final : public Waiting, public std::enable_shared_from_this<Ht
       spdlog::warn("a link was refused: {}", why);
       return refuse(http::status::forbidden, why);
     }
-    if (const auto who = server_->hub.access().who(*session, std::chrono::steady_clock::now())) {
-      spdlog::info("session of {} (uid {}) begins", base::printable(who->name), who->uid);
+    if (const auto entering = server_->hub.access().who(*session, std::chrono::steady_clock::now())) {
+      spdlog::info("session of {} (uid {}) begins", base::printable(entering->name), entering->uid);
     }
+    server_->hub.end_session(session_);  // nobody could use or leave the one whose cookie is replaced here
     set_cookie_ = server_->cookie_name + "=" + *session + "; Path=/; HttpOnly; SameSite=Strict";
     location_ = "/";
     answer(http::status::see_other, "text/plain; charset=utf-8", "");

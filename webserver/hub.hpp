@@ -31,6 +31,8 @@ class Viewer {
   virtual void look_after(Time now) = 0;
   /// Empty: without a token, view only.
   [[nodiscard]] virtual const std::string& session() const = 0;
+  /// Its page comes back with the cookie that the browser has by then.
+  virtual void cut_off() = 0;
 };
 
 struct HubSettings {
@@ -53,6 +55,8 @@ class Hub {
   void enter(const std::shared_ptr<Viewer>& viewer);
   void leave(const Viewer* viewer);
   [[nodiscard]] std::size_t viewers(bool with_token) const;
+  /// Its control is given back, and its pages are cut off.
+  void end_session(const std::string& session);
 
   using Answer = PageAnswer;
   using Reply = PageReply;

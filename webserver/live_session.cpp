@@ -56,6 +56,7 @@ class LiveSession final : public Viewer, public std::enable_shared_from_this<Liv
   }
 
   [[nodiscard]] const std::string& session() const override { return session_; }
+  void cut_off() override { close(); }
 
  private:
   void write() {

@@ -48,10 +48,7 @@ void Hub::perform(const std::string& verb, const std::string& session, const std
   if (!given.is_object()) return reply(answer(400, "the body has to be a JSON object"));
   if (verb == "lease") return change_lease(session, *who, text_at(given, "action"), reply);
   if (verb == "leave") {
-    if (access_.has_control(session)) change_lease(session, *who, "give-back", [](const Answer&) {});
-    access_.leave(session);
-    spdlog::info("session of {} (uid {}) ended", base::printable(who->name), who->uid);
-    tell_lease();
+    end_session(session);
     return reply(answer(200, "view only from now on"));
   }
   if (verb == "check") return check_protocol(*who, given, reply);
@@ -82,6 +79,19 @@ void Hub::perform(const std::string& verb, const std::string& session, const std
     return forward("notes", *who, dump(correction), reply);
   }
   forward(verb, *who, "{}", reply);
+}
+
+void Hub::end_session(const std::string& session) {
+  const auto who = access_.who(session, std::chrono::steady_clock::now());
+  if (!who) return;
+  if (access_.has_control(session)) change_lease(session, *who, "give-back", [](const Answer&) {});
+  access_.leave(session);
+  spdlog::info("session of {} (uid {}) ended", base::printable(who->name), who->uid);
+  tell_lease();
+  const auto all = viewers_;
+  for (const auto& v : all) {
+    if (v->session() == session) v->cut_off();
+  }
 }
 
 void Hub::change_lease(const std::string& session, const Who& who, const std::string& action, const Reply& reply) {

@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <vector>
+
 /// Links, sessions and what the daemon says of control, in virtual time.
 namespace isorig::web {
 namespace {
@@ -44,16 +46,36 @@ TEST(Access, LinksThatNobodyOpensAreBoundedAndExpire) {
   (void)access.mint({"Ann", 1000, 1000, {}, {}}, kNow + 120s);
 }
 
-TEST(Access, SessionsAreBoundedAndEndWhenNobodyUsesThem) {
+TEST(Access, WhereEverySessionHasAPageAnotherIsRefusedAndItsLinkStaysGood) {
   Access access;
   std::string first;
-  for (int i = 0; i < 64; ++i) first = session_of(access, "Ann");
-  EXPECT_THROW(session_of(access, "Ann"), Access::TooMany);
+  for (int i = 0; i < 64; ++i) {
+    first = session_of(access, "Ann");
+    access.connected(first, true, kNow);
+  }
+  const auto token = access.mint({"Ann", 1000, 1000, {}, {}}, kNow);
+  EXPECT_THROW((void)access.redeem(token, kNow), Access::TooMany);
+  access.connected(first, false, kNow);
+  EXPECT_TRUE(access.redeem(token, kNow)) << "the link was not used up by the refusal";
+  EXPECT_FALSE(access.who(first, kNow)) << "the one without a page made room";
+}
+
+TEST(Access, TheSessionThatNobodyHasUsedForTheLongestMakesRoom) {
+  Access access;
+  std::vector<std::string> sessions;
+  for (int i = 0; i < 64; ++i) sessions.push_back(session_of(access, "Ann"));
+  for (int i = 0; i < 64; ++i) EXPECT_TRUE(access.who(sessions[i], kNow + (i == 5 ? 1s : 2s)));
+  EXPECT_NO_THROW(session_of(access, "Bob"));
+  EXPECT_FALSE(access.who(sessions[5], kNow + 3s));
+  for (int i = 0; i < 64; ++i) EXPECT_EQ(access.who(sessions[i], kNow + 3s).has_value(), i != 5) << i;
+}
+
+TEST(Access, SessionsEndWhenNobodyUsesThem) {
+  Access access;
+  const auto first = session_of(access, "Ann");
   EXPECT_TRUE(access.who(first, kNow + 11h));
   EXPECT_TRUE(access.who(first, kNow + 22h)) << "it was used in between";
   EXPECT_FALSE(access.who(first, kNow + 35h));
-  access.expire(kNow + 35h);
-  EXPECT_NO_THROW(session_of(access, "Ann"));
 }
 
 TEST(Access, ASessionWithAnOpenPageLastsAsLongAsThePage) {

@@ -162,6 +162,20 @@ try {
   assert.equal(await new Page({ host: "evil.example", origin: "http://evil.example" }).answered, 421);
 
   // A link: once, and its cookie is not for scripts nor for other sites.
+  // A second link in the same browser ends the session before it, whose page comes back as one of the new session.
+  const before = (await session("Ann before")).split(";")[0];
+  const paged_before = new Page({ cookie: before });
+  await until("its page", () => paged_before.last("hello")?.name === "Ann before", 10);
+  assert.equal((await post("lease", { action: "take" }, { ...own(), Cookie: before })).status, 200);
+  const second = new URL(rig.call("web", "--name", "Ann after"));
+  const after = (await ask("GET", second.pathname + second.search, { headers: { Cookie: before } })).headers["set-cookie"][0].split(";")[0];
+  assert.ok(await paged_before.closed);
+  assert.equal((await post("pause", {}, { ...own(), Cookie: before })).status, 403);
+  await until("control that was given back", async () => (await post("lease", { action: "take" }, { ...own(), Cookie: after })).status === 200, 5);
+  const left = await post("leave", {}, { ...own(), Cookie: after });
+  assert.match(left.headers["set-cookie"][0], /Max-Age=0/);
+  assert.equal((await post("pause", {}, { ...own(), Cookie: after })).status, 403);
+
   const link = new URL(rig.call("web", "--name", "Ann"));
   const entered = await ask("GET", link.pathname + link.search);
   assert.equal(entered.status, 303);

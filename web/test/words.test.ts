@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { Verbs } from "../src/live/controls.tsx";
+import { Control, Verbs } from "../src/live/controls.tsx";
 import { Model } from "../src/live/model.ts";
 import { Moment } from "../src/live/moment.tsx";
 import { worstFirst, type Line } from "../src/live/rig.tsx";
@@ -59,6 +59,17 @@ test("no daemon is said where nothing listens, and nowhere else", () => {
   assert.equal(word("silent"), "NO ANSWER");
   assert.equal(word("refused"), "REFUSED");
   assert.equal(word("gone", 5000), "NO NEWS", "it may be there again by now");
+});
+
+test("whoever has a session can leave it, whoever has control", () => {
+  const model = new Model();
+  const control = () => JSON.stringify(Control({ model, say: () => {} }).props);
+  assert.doesNotMatch(control(), /Leave/);
+  model.text(JSON.stringify({ kind: "hello", rig: "r", epoch_unix_us: 0, fine_ns: 20e6, fine_kept_ns: 600e9, coarse_ns: 5e9, may_control: true, name: "Ann" }));
+  for (const lease of [{ holder: "Ann", mine: true }, { holder: null, mine: false }, { holder: "Bob", mine: false }]) {
+    model.text(JSON.stringify({ kind: "lease", ...lease }));
+    assert.match(control(), /Leave/, JSON.stringify(lease));
+  }
 });
 
 test("a session can pause and abort, whatever the page knows of the rig", () => {

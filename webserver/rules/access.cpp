@@ -41,17 +41,32 @@ std::optional<std::string> Access::redeem(const std::string& token, Time now) {
   const std::lock_guard lock(mutex_);
   const auto found = tokens_.find(token);
   if (found == tokens_.end()) return std::nullopt;
+  if (found->second.until <= now) {
+    tokens_.erase(found);
+    return std::nullopt;
+  }
+  make_room(now);
   const auto given = found->second;
   tokens_.erase(found);
-  if (given.until <= now) return std::nullopt;
-  if (sessions_.size() >= limits_.sessions) {
-    throw TooMany("there are " + std::to_string(sessions_.size()) + " sessions; leave one first");
-  }
   auto session = random_secret();
   auto who = given.who;
   who.page = random_secret().substr(0, 16);
   sessions_[session] = {std::move(who), now, 0, 0};
   return session;
+}
+
+void Access::make_room(Time now) {
+  std::erase_if(sessions_, [&](const auto& s) { return has_ended(s.second, now); });
+  if (sessions_.size() < limits_.sessions) return;
+  auto longest = sessions_.end();
+  for (auto at = sessions_.begin(); at != sessions_.end(); ++at) {
+    if (at->second.pages == 0 && (longest == sessions_.end() || at->second.used < longest->second.used)) longest = at;
+  }
+  if (longest == sessions_.end()) {
+    throw TooMany("there are " + std::to_string(sessions_.size()) +
+                  " sessions, and a page of each is open; leave one first");
+  }
+  sessions_.erase(longest);
 }
 
 std::optional<Who> Access::who(const std::string& session, Time now) {
@@ -97,6 +112,12 @@ std::optional<std::string> Access::present_holder() const {
     if (session.term == control_->term && session.pages > 0) return secret;
   }
   return std::nullopt;
+}
+
+bool Access::is_present(const std::string& session) const {
+  const std::lock_guard lock(mutex_);
+  const auto found = sessions_.find(session);
+  return found != sessions_.end() && found->second.pages > 0;
 }
 
 void Access::connected(const std::string& session, bool there, Time now) {

@@ -47,7 +47,8 @@ class Access {
 
   /// A token for one use. Throws TooMany.
   [[nodiscard]] std::string mint(const Who& who, Time now);
-  /// A session for a token that is valid; the token is void then. Throws TooMany.
+  /// A session for a token that is valid; the token is void then. Where there are too many sessions, the one that was
+  /// not used for the longest ends, of those that no page is open of. Throws TooMany, and the token is good still.
   [[nodiscard]] std::optional<std::string> redeem(const std::string& token, Time now);
   /// Whose session it is, and that it is used.
   [[nodiscard]] std::optional<Who> who(const std::string& session, Time now);
@@ -68,6 +69,8 @@ class Access {
   [[nodiscard]] bool has_control(const std::string& session) const;
   /// The session that has control, if somebody looks at a page of it: the daemon is to be told that somebody is there.
   [[nodiscard]] std::optional<std::string> present_holder() const;
+  /// Somebody looks at a page of this session.
+  [[nodiscard]] bool is_present(const std::string& session) const;
 
   /// A page of this session is there, or gone.
   void connected(const std::string& session, bool there, Time now);
@@ -85,6 +88,7 @@ class Access {
     int pages = 0;
     std::uint64_t term = 0;  // of its control, now or once
   };
+  void make_room(Time now);
   /// An open page is use: who looks on at a run of a day may pause it on the second morning.
   [[nodiscard]] bool has_ended(const Session& session, Time now) const;
 

@@ -16,15 +16,17 @@ export function Control({ model, say }: { model: Model; say: Say }) {
     );
   }
   const act = (action: string) => post("lease", { action }).then(say);
+  const leave = <button type="button" class="leave" title="This browser looks on alone from then; control that it has is given back" onClick={() => post("leave").then(say)}>Leave</button>;
   if (lease.mine) {
-    return <span class="who"><b>{hello.name}</b> · control is here <button type="button" onClick={() => act("give-back")}>Give back</button></span>;
+    return <span class="who"><b>{hello.name}</b> · control is here <button type="button" onClick={() => act("give-back")}>Give back</button> {leave}</span>;
   }
   if (lease.holder === null) {
-    return <span class="who">{hello.name} · nobody has control <button type="button" class="take" onClick={() => act("take")}>Take control</button></span>;
+    return <span class="who">{hello.name} · nobody has control <button type="button" class="take" onClick={() => act("take")}>Take control</button> {leave}</span>;
   }
   return (
     <span class="who">{hello.name} · <b>{lease.holder}</b> has control{" "}
-      <HoldButton act={() => act("take-over")} title="Hold: is that agreed with who has it? It is logged">Take over</HoldButton>
+      <HoldButton act={() => act("take-over")} title="Hold: is that agreed with who has it? It is logged">Take over</HoldButton>{" "}
+      {leave}
     </span>
   );
 }
