@@ -137,7 +137,10 @@ TEST(Access, OnlyAHolderWhoLooksAtAPageIsSaidToBeThere) {
   EXPECT_EQ(*access.present_holder(), ann);
   access.connected(ann, false, kNow);
   EXPECT_TRUE(access.present_holder()) << "another page of the same session is there";
+  EXPECT_TRUE(access.is_present(ann));
   access.connected(ann, false, kNow);
+  EXPECT_FALSE(access.is_present(ann));
+  EXPECT_FALSE(access.is_present("of nobody"));
   EXPECT_FALSE(access.present_holder());
 }
 

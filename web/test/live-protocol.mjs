@@ -364,9 +364,17 @@ steps = [ { do = "pressurize", pressure_psi = 5, rate_psi_s = 8, settled_for_s =
 
   // The daemon dies: the page lives, and says so.
   assert.equal((await post("abort", {}, mine())).status, 200);
+  const his_page = new Page({ cookie: bob });
+  await until("Bob's page", () => his_page.last("lease")?.mine, 10);
   rig.daemon.kill("SIGKILL");
   await until("why there is nothing", () => /isorigd does not run/.test(looking.last("status")?.why ?? ""), 10);
   assert.equal((await post("abort", {}, mine())).status, 502);
+  // Who had control and has closed his page does not get it from the next daemon, where he would keep others from theirs.
+  his_page.end();
+  await until("the end of Bob's page", () => looking.last("status").web.viewers === 1, 10);
+  rig.startDaemon();
+  await until("the next daemon", () => looking.last("status")?.status, 60);
+  assert.equal((await post("lease", { action: "take" }, mine())).status, 200);
   assert.equal((await post("leave", {}, mine())).status, 200);
   assert.equal((await post("abort", {}, mine())).status, 403);
   looking.end();
