@@ -143,7 +143,8 @@ void Hub::regain_control() {
   const auto session = std::exchange(holder_before_, {});
   const auto who = session.empty() ? std::nullopt : access_.who(session, std::chrono::steady_clock::now());
   // Who has closed his page meanwhile is not there: control would be his for a minute, and keep others from theirs.
-  if (who && access_.is_present(session) && !access_.control()) change_lease(session, *who, "take", [](const Answer&) {});
+  if (who && access_.is_present(session) && !access_.control())
+    change_lease(session, *who, "take", [](const Answer&) {});
 }
 
 /// The daemon ends the control of a page that nobody looks at any more: that somebody does is said here.

@@ -17,6 +17,7 @@
 #include "daemon/host/api_calls.hpp"
 #include "daemon/host/api_requests.hpp"
 #include "daemon/host/host.hpp"
+#include "daemon/host/not_there.hpp"
 #include "daemon/host/paths.hpp"
 #include "daemon/host/verb_desk.hpp"
 
@@ -72,7 +73,7 @@ std::optional<Request> verb_of(const HttpRequest& q) {
   return request;
 }
 
-/// What a wrong request, protocol or record throws is 400, what disk or catalogue refuse is 409.
+/// What a wrong request, protocol or record throws is 400, what is not there 404, what disk or catalogue refuse 409.
 template <typename Call>
 HttpAnswer answered(Call&& call) {
   try {
@@ -86,6 +87,8 @@ HttpAnswer answered(Call&& call) {
     return answer(400, {{"ok", false}, {"text", e.what()}, {"diagnostics", std::move(places)}});
   } catch (const BadRequest& e) {
     return refusal(400, e.what());
+  } catch (const NotThere& e) {
+    return refusal(404, e.what());
   } catch (const std::exception& e) {
     return refusal(409, e.what());
   }

@@ -69,6 +69,7 @@ bool is_of_the_stop_socket(const HttpRequest& q) {
 
 std::string why_not_the_query(const HttpRequest& q) {
   if (is_stop(q)) return {};
+  if (q.twice) return "`" + base::printable(*q.twice) + "` stands in the query twice";
   const std::string known = q.path == "/v1/events"       ? "after"
                             : q.path == "/v1/readings"   ? "window_s"
                             : q.path == "/v1/report"     ? "run"

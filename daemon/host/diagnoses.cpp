@@ -15,6 +15,7 @@
 #include "base/printable.hpp"
 #include "base/report_pages.hpp"
 #include "base/utc_text.hpp"
+#include "daemon/host/not_there.hpp"
 
 namespace isorig::daemon {
 namespace {
@@ -344,7 +345,7 @@ json Diagnoses::page(const std::string& path) const {
       }
     }
   }
-  throw std::runtime_error(
+  throw NotThere(
       "there is no such page among the runs and the diagnoses (any more); look at their lists again. "
       "A report that lies elsewhere is opened where it lies");
 }
@@ -362,7 +363,7 @@ json Diagnoses::experiment(const std::string& id) const {
     if (rounds.empty() || !rounds.back().contains("next_protocol")) break;
     return {{"protocol", rounds.back().at("next_protocol").get<std::string>()}, {"folder", f.folder.string()}};
   }
-  throw std::runtime_error("this diagnosis proposes no experiment (any more); look at the list of diagnoses again");
+  throw NotThere("this diagnosis proposes no experiment (any more); look at the list of diagnoses again");
 }
 
 }  // namespace isorig::daemon

@@ -26,9 +26,9 @@ class Diagnoses {
   [[nodiscard]] nlohmann::json list() const;
   /// The text of a report that lies in one of the places, up to six folders deep: of a path in the list's `pages`, or
   /// of what one of these links to. Its file is called as a command calls its page, and nothing on the way to it is
-  /// hidden or a link. Throws std::runtime_error.
+  /// hidden or a link. Throws NotThere, and std::runtime_error for one that cannot be read.
   [[nodiscard]] nlohmann::json page(const std::string& path) const;
-  /// The protocol that the diagnosis proposes to run next. Throws std::runtime_error.
+  /// The protocol that the diagnosis proposes to run next. Throws as page() does.
   [[nodiscard]] nlohmann::json experiment(const std::string& id) const;
 
  private:

@@ -4,6 +4,7 @@
 #include "base/beneath.hpp"
 #include "base/report_pages.hpp"
 #include "daemon/host/host.hpp"
+#include "daemon/host/not_there.hpp"
 #include "daemon/recording/amendments.hpp"
 #include "daemon/recording/run_row_json.hpp"
 #include "messages/run_log.hpp"
@@ -52,7 +53,7 @@ json Host::runs_json() const {
 
 json Host::report_json(const std::string& id) const {
   const auto run = catalogue_.find_run(id);
-  if (!run || run->id != id) throw std::runtime_error("there is no run \"" + id + "\" in the catalogue");
+  if (!run || run->id != id) throw NotThere("there is no run \"" + id + "\" in the catalogue");
   try {
     auto page =
         base::read_text_beneath(options_.runs_root, std::filesystem::path(id) / base::kRunPage, kRunPageBytes + 1);
@@ -63,8 +64,8 @@ json Host::report_json(const std::string& id) const {
     return {{"run", id}, {"page", std::move(page)}};
   } catch (const base::FileError& e) {
     if (!e.missing()) throw;
-    throw std::runtime_error(
-        "run " + id + " has no page yet: it is written when the run has ended, or by `isorig report " + id + "`");
+    throw NotThere("run " + id + " has no page yet: it is written when the run has ended, or by `isorig report " + id +
+                   "`");
   }
 }
 

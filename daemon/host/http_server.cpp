@@ -61,8 +61,9 @@ void split_target(const std::string& target, HttpRequest& request) {
     const auto pair = target.substr(from, to - from);
     const auto equals = pair.find('=');
     if (!pair.empty()) {
-      request.query[decoded(pair.substr(0, equals))] =
-          equals == std::string::npos ? "" : decoded(pair.substr(equals + 1));
+      const auto key = decoded(pair.substr(0, equals));
+      auto value = equals == std::string::npos ? std::string() : decoded(pair.substr(equals + 1));
+      if (!request.query.emplace(key, std::move(value)).second) request.twice = key;
     }
     from = to + 1;
   }

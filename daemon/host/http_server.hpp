@@ -5,6 +5,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "daemon/host/peer.hpp"
@@ -15,6 +16,7 @@ struct HttpRequest {
   std::string method;
   std::string path;  ///< without the query
   std::map<std::string, std::string> query;
+  std::optional<std::string> twice;  ///< a key that stands more than once in the query
   std::string body;
   Peer peer;              ///< the process that opened the connection
   std::string on_behalf;  ///< the header Isorig-For: of whom the sender says that he asks (api_gate.hpp)

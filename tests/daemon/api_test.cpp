@@ -185,6 +185,12 @@ TEST_F(ApiTest, WordsThatNobodyReadsAreRefused) {
 }
 
 TEST_F(ApiTest, AKeyThatStandsTwiceOrAQueryThatNobodyReadsIsRefused) {
+  // Of two values nobody knows which one was meant; a stop is taken with any.
+  const auto again = request("GET /v1/readings?window_s=1&window_s=2");
+  EXPECT_EQ(again.status, 400);
+  EXPECT_THAT(again.text(), HasSubstr("`window_s` stands in the query twice"));
+  EXPECT_EQ(request("GET /v1/readings?window_s=1&window%5Fs=1").status, 400) << "as it is decoded";
+  EXPECT_NE(request("POST /v1/abort?a=1&a=2", "{}").status, 400);
   const auto twice = request("POST /v1/setup", R"({"off":true,"off":false})");
   EXPECT_EQ(twice.status, 400);
   EXPECT_THAT(twice.text(), HasSubstr("`off` stands there twice"));

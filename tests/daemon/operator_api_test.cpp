@@ -266,7 +266,10 @@ TEST_F(OperatorApiTest, DiagnosesAmongTheRunsAreListedAndGivenOut) {
   const auto& one = list.body["diagnoses"][0];
   EXPECT_EQ(one["folder"], "one/diagnosis");
   EXPECT_EQ(call("GET /v1/page?path=" + one["pages"][0]["path"].get<std::string>()).body["page"], "<p>argues</p>");
-  EXPECT_EQ(call("GET /v1/experiment?id=" + one["id"].get<std::string>()).status, 409);
+  EXPECT_EQ(call("GET /v1/experiment?id=" + one["id"].get<std::string>()).status, 404);
+  EXPECT_EQ(call("GET /v1/page?path=" + (runs_ / "two/diagnosis-report.html").string()).status, 404);
+  EXPECT_EQ(call("GET /v1/experiment?id=0123456789abcdef").status, 404);
+  EXPECT_EQ(call("GET /v1/report?run=20261127-none").status, 404);
   EXPECT_EQ(call("GET /v1/page").status, 400);
   EXPECT_EQ(call("GET /v1/page?id=x").status, 400);
 }

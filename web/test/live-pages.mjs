@@ -181,7 +181,7 @@ try {
     await (await button(page, "Save")).click();
     await until("the conflict", async () => /was changed by somebody else/.test((await page.$(".conflict")) ? await text(page, ".conflict") : ""));
     assert.equal(readFileSync(join(rig.saved, "page.toml"), "utf8"), theirs);
-    errors.splice(0, errors.length, ...errors.filter((e) => !/status of (409|400)/.test(e)));  // told on the console
+    errors.splice(0, errors.length, ...errors.filter((e) => !/status of (404|409|400)/.test(e)));  // told on the console
     await hold(page, await button(page, "Replace page.toml"));
     await until("that it is replaced", () => readFileSync(join(rig.saved, "page.toml"), "utf8").includes("# mine"));
     assert.equal(readFileSync(join(rig.saved, "page.toml~"), "utf8"), theirs);
@@ -258,7 +258,7 @@ try {
     await until("its end", () => JSON.parse(rig.isorig("runs", "--json", "--runs", join(rig.dir, "runs")))[0].state === "done", 120);
     const whole = JSON.parse(rig.isorig("runs", "--json", "--runs", join(rig.dir, "runs")))[0];
     assert.deepEqual([whole.sessions_done, whole.attempts], [2, 2]);
-    errors.splice(0, errors.length, ...errors.filter((e) => !/status of (400|409|502)|WebSocket/.test(e)));
+    errors.splice(0, errors.length, ...errors.filter((e) => !/status of (400|404|409|502)|WebSocket/.test(e)));
     assert.deepEqual(errors, []);
   });
 } catch (error) {

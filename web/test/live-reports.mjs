@@ -177,7 +177,7 @@ try {
     assert.equal(await heading(report), of_run);
     // What is not there is said in words.
     const gone = await report.goto(own.replace("report.html", "fv-report.html"), { waitUntil: "load" });
-    assert.equal(gone.status(), 409);
+    assert.equal(gone.status(), 404);
     assert.match(await report.evaluate(() => document.body.innerText), /^there is no such page among the runs and the diagnoses/);
     assert.equal((await report.goto(`${base}/page/etc/passwd`)).status(), 400);
 
