@@ -132,8 +132,16 @@ class HttpSession final : public Waiting, public std::enable_shared_from_this<Ht
     serve_live(std::move(stream_), std::move(server_), request_, session_);
   }
 
-  /// The first use of a link that `isorig web` gave.
+  /// The first use of a link that `isorig web` gave. The one address that does something when it is opened: so not for
+  /// HEAD, by which programs look at an address, nor for another site, which would put a session of its own in the
+  /// place of this browser's.
   void enter(const std::string& target) {
+    if (request_.method() != http::verb::get)
+      return refuse(http::status::method_not_allowed, "a link is opened, not looked at: the method has to be GET");
+    if (!is_opened_by_its_user(view(request_["Sec-Fetch-Site"]))) {
+      return refuse(http::status::forbidden,
+                    "A page of another site led here. Copy the link that `isorig web` printed into the address bar.");
+    }
     std::optional<std::string> session;
     std::string why = "This link was used already, or is older than two minutes. `isorig web` makes another one.";
     try {

@@ -25,6 +25,11 @@ TEST(Requests, AnOriginIsOwnOnlyAsAWhole) {
   EXPECT_FALSE(is_own_origin("http://evil.example", "evil.example"));
 }
 
+TEST(Requests, AnotherSiteOpensNothingInItsUsersName) {
+  for (const char* site : {"", "none", "same-origin"}) EXPECT_TRUE(is_opened_by_its_user(site)) << site;
+  for (const char* site : {"cross-site", "same-site", "of a later browser"}) EXPECT_FALSE(is_opened_by_its_user(site));
+}
+
 TEST(Requests, CookiesAndQueries) {
   EXPECT_EQ(cookie("a=1; isorig-8730=abc;b=2", "isorig-8730"), "abc");
   EXPECT_EQ(cookie("xisorig-8730=abc", "isorig-8730"), "");

@@ -177,7 +177,15 @@ try {
   assert.equal((await post("pause", {}, { ...own(), Cookie: after })).status, 403);
 
   const link = new URL(rig.call("web", "--name", "Ann"));
-  const entered = await ask("GET", link.pathname + link.search);
+  // Looking at a link does not use it up, nor does a page of another site, or of another port of this host.
+  assert.equal((await ask("HEAD", link.pathname + link.search)).status, 405);
+  for (const site of ["cross-site", "same-site"]) {
+    const led = await ask("GET", link.pathname + link.search, { headers: { "Sec-Fetch-Site": site } });
+    assert.equal(led.status, 403);
+    assert.match(led.body.toString(), /into the address bar/);
+    assert.equal(led.headers["set-cookie"], undefined);
+  }
+  const entered = await ask("GET", link.pathname + link.search, { headers: { "Sec-Fetch-Site": "none" } });
   assert.equal(entered.status, 303);
   assert.match(entered.headers["set-cookie"][0], /^isorig-\d+=[0-9a-f]{64}; Path=\/; HttpOnly; SameSite=Strict$/);
   assert.equal((await ask("GET", link.pathname + link.search)).status, 403);

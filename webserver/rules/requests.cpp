@@ -34,6 +34,10 @@ bool is_own_origin(std::string_view origin, std::string_view host) {
   return origin.starts_with(kScheme) && is_loopback_host(host) && origin.substr(kScheme.size()) == host;
 }
 
+bool is_opened_by_its_user(std::string_view site) {
+  return site.empty() || site == "none" || site == "same-origin";
+}
+
 std::string cookie(std::string_view header, std::string_view name) {
   while (!header.empty()) {
     const auto end = std::min(header.find(';'), header.size());

@@ -14,6 +14,10 @@ namespace isorig::web {
 /// origin with every POST and every WebSocket; a request without one is no browser's page.
 [[nodiscard]] bool is_own_origin(std::string_view origin, std::string_view host);
 
+/// A browser says by itself where an address was opened from (Sec-Fetch-Site): typed, or handed over by another program
+/// (`none`), or a link of this very page. An empty `site` is of what is no browser, or of one from before 2023.
+[[nodiscard]] bool is_opened_by_its_user(std::string_view site);
+
 /// The value of a cookie in a Cookie header; empty when there is none.
 [[nodiscard]] std::string cookie(std::string_view header, std::string_view name);
 
