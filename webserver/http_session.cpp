@@ -179,7 +179,9 @@ class HttpSession final : public Waiting, public std::enable_shared_from_this<Ht
       }
       if (what != "library") return refuse(http::status::not_found, "there is no such call");
       if (!who()) return refuse(http::status::forbidden, kViewOnly);
-      return answer(http::status::ok, "application/json", server_->hub.library());
+      return server_->hub.library([self = shared_from_this()](Hub::Answer a) {
+        self->answer(static_cast<http::status>(a.status), "application/json", std::move(a.text));
+      });
     }
     if (request_.method() != http::verb::post) return refuse(http::status::method_not_allowed, "GET or POST");
     if (!own_origin()) return refuse(http::status::forbidden, "this call is for the server's own page");
@@ -203,8 +205,10 @@ class HttpSession final : public Waiting, public std::enable_shared_from_this<Ht
         self->answer(static_cast<http::status>(a.status), "application/json", std::move(a.text));
       });
     }
-    auto found = server_->hub.protocol(query_value(target, "from"), query_value(target, "name"));
-    answer(static_cast<http::status>(found.status), "application/json", std::move(found.text));
+    server_->hub.protocol(query_value(target, "from"), query_value(target, "name"),
+                          [self = shared_from_this()](Hub::Answer a) {
+                            self->answer(static_cast<http::status>(a.status), "application/json", std::move(a.text));
+                          });
   }
 
   /// A report: it is given an origin of its own, without this page's cookie and calls.

@@ -1,6 +1,7 @@
 #pragma once
 #include <array>
 #include <boost/asio/io_context.hpp>
+#include <boost/asio/post.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <cstdint>
@@ -8,7 +9,9 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "webserver/daemon_link.hpp"
@@ -63,7 +66,7 @@ class Hub {
   /// A verb of the page: what its session may do is done by the daemon, and logged.
   void perform(const std::string& verb, const std::string& session, const std::string& body, const Reply& reply);
   /// Files a run can be started from.
-  [[nodiscard]] std::string library() const;
+  void library(const Reply& reply);
   /// What the daemon answers to a GET of the page: runs, calibrations; self-test judged as by `isorig selftest`. Here
   /// and below by the rights of `who`, which the daemon judges.
   void look_up(const std::string& what, const Who& who, const Reply& reply);
@@ -75,7 +78,7 @@ class Hub {
   /// The protocol that a diagnosis proposes to run next; one question at a time, others are refused with 503.
   void experiment(const std::string& id, const Who& who, const Reply& reply);
   /// A protocol's text with its version: `from` is saved or shipped.
-  [[nodiscard]] Answer protocol(const std::string& from, const std::string& name) const;
+  void protocol(const std::string& from, const std::string& name, const Reply& reply);
   /// Stretches of the raw samples between two times, of all streams, one block behind the other.
   [[nodiscard]] std::string zoom(std::int64_t from_ns, std::int64_t to_ns, std::int64_t stretches) const;
 
@@ -103,12 +106,33 @@ class Hub {
   void take_note_of_control(const nlohmann::json& control);
   void keep_control(Time now);
   void regain_control();
+  /// Texts of the files that a call names; nothing where there is no such file.
+  struct Read {
+    std::optional<std::string> protocol, specimen;
+  };
   void start_run(const Who& who, const nlohmann::json& given, bool preview, const Reply& reply);
+  void start_with(const Who& who, const nlohmann::json& given, const Read& read, bool preview, const Reply& reply);
+  void note(const Who& who, const nlohmann::json& given, const Reply& reply);
+  void twin_of_protocol(const std::string& name, const std::optional<std::string>& text, TwinDesk::OnParting then);
+  void take_twin(const Who& who, TwinDesk::Choice choice, const std::string& text, const Reply& reply);
   void forward(const std::string& verb, const Who& who, std::string body, const Reply& reply);
   void check_protocol(const Who& who, const nlohmann::json& given, const Reply& reply);
   void save_protocol(const Who& who, const nlohmann::json& given, const Reply& reply);
   void send_page(const std::string& path, const Who& who, const Reply& reply);
   [[nodiscard]] std::optional<std::string> protocol_text(const std::string& from, const std::string& name) const;
+  [[nodiscard]] std::optional<std::string> specimen_text(const std::string& name) const;
+  [[nodiscard]] std::optional<std::string> model_text(const std::string& name) const;
+
+  /// Calls `read` in the disk's thread, then `then` with what it gives in that of the io_context, which serves abort: a
+  /// disk that hangs keeps nobody from it. `then` is moved on, since a session that ends with its last hold must not
+  /// end in the disk's thread.
+  template <typename Reading, typename Then>
+  void from_disk(Reading read, Then then) {
+    boost::asio::post(disk_, [this, read = std::move(read), then = std::move(then)]() mutable {
+      auto found = read();
+      boost::asio::post(io_, [found = std::move(found), then = std::move(then)]() mutable { then(std::move(found)); });
+    });
+  }
 
   boost::asio::io_context& io_;
   const HubSettings settings_;

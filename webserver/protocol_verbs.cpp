@@ -1,6 +1,5 @@
 #include <spdlog/spdlog.h>
 
-#include <boost/asio/post.hpp>
 #include <utility>
 
 #include "base/fingerprint.hpp"
@@ -28,14 +27,16 @@ std::optional<std::string> Hub::protocol_text(const std::string& from, const std
   return std::move(saved->text);
 }
 
-Hub::Answer Hub::protocol(const std::string& from, const std::string& name) const {
-  const auto text = protocol_text(from, name);
-  if (!text) return answer(404, "no protocol " + base::printable(name) + " in the library");
-  // A shipped one is not replaced: what is saved under its name is new.
-  return {200, dump({{"ok", true},
-                     {"name", name},
-                     {"protocol", *text},
-                     {"version", from == "saved" ? base::fingerprint(*text) : std::string()}})};
+void Hub::protocol(const std::string& from, const std::string& name, const Reply& reply) {
+  from_disk([this, from, name] { return protocol_text(from, name); },
+            [from, name, reply = Reply(reply)](const std::optional<std::string>& text) {
+              if (!text) return reply(answer(404, "no protocol " + base::printable(name) + " in the library"));
+              // A shipped one is not replaced: what is saved under its name is new.
+              reply({200, dump({{"ok", true},
+                                {"name", name},
+                                {"protocol", *text},
+                                {"version", from == "saved" ? base::fingerprint(*text) : std::string()}})});
+            });
 }
 
 /// By the daemon, whose worker a start waits for, too: one at a time for all pages.
@@ -56,23 +57,21 @@ void Hub::check_protocol(const Who& who, const json& given, const Reply& reply) 
 void Hub::save_protocol(const Who& who, const json& given, const Reply& reply) {
   auto name = text_at(given, "name"), text = text_at(given, "protocol"), replaces = text_at(given, "replaces");
   if (text.empty()) return reply(answer(400, "there is nothing to save"));
-  // The reply is moved on: a session that ends with its last copy must not end on the disk's thread.
-  boost::asio::post(disk_, [this, who = Who(who), name = std::move(name), text = std::move(text),
-                            replaces = std::move(replaces), reply = Reply(reply)]() mutable {
-    using Is = SavedProtocols::Saved::Is;
-    auto saved = saved_.save(name, text, replaces);
-    boost::asio::post(io_, [who = std::move(who), saved = std::move(saved), reply = std::move(reply)] {
-      if (saved.is == Is::kDone) spdlog::info("{}, by {} (uid {})", saved.text, base::printable(who.name), who.uid);
-      const int status = saved.is == Is::kDone           ? 200
-                         : saved.is == Is::kThereAlready ? 409
-                         : saved.is == Is::kFailed       ? 500
-                                                         : 400;
-      reply({status, dump({{"ok", saved.is == Is::kDone},
-                           {"text", saved.text},
-                           {"there_already", saved.is == Is::kThereAlready},
-                           {"version", saved.version}})});
-    });
-  });
+  from_disk([this, name = std::move(name), text = std::move(text),
+             replaces = std::move(replaces)] { return saved_.save(name, text, replaces); },
+            [who = Who(who), reply = Reply(reply)](const SavedProtocols::Saved& saved) {
+              using Is = SavedProtocols::Saved::Is;
+              if (saved.is == Is::kDone)
+                spdlog::info("{}, by {} (uid {})", saved.text, base::printable(who.name), who.uid);
+              const int status = saved.is == Is::kDone           ? 200
+                                 : saved.is == Is::kThereAlready ? 409
+                                 : saved.is == Is::kFailed       ? 500
+                                                                 : 400;
+              reply({status, dump({{"ok", saved.is == Is::kDone},
+                                   {"text", saved.text},
+                                   {"there_already", saved.is == Is::kThereAlready},
+                                   {"version", saved.version}})});
+            });
 }
 
 }  // namespace isorig::web

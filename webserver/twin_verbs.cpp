@@ -44,17 +44,26 @@ void Hub::change_twin(const Who& who, const json& given, const Reply& reply) {
   if (!on_parting) return reply(answer(400, "`on_parting` has to be mark, pause or abort"));
   TwinDesk::Choice choice{own.empty() ? file : text_at(given, "model_name"), {}, *on_parting, false};
   if (!is_plain_toml_name(choice.name)) choice.name = "model.toml";
-  std::string text = own;
-  if (text.empty()) {
-    const auto found = is_plain_toml_name(file) ? text_of(settings_.models / file) : std::nullopt;
-    if (!found) return reply(answer(400, "no model " + base::printable(file) + " in the library"));
-    text = *found;
-  }
+  if (!own.empty()) return take_twin(who, std::move(choice), own, reply);
+  from_disk([this, file] { return model_text(file); },
+            [this, who = Who(who), file, choice = std::move(choice),
+             reply = Reply(reply)](const std::optional<std::string>& text) mutable {
+              if (!text) return reply(answer(400, "no model " + base::printable(file) + " in the library"));
+              take_twin(who, std::move(choice), *text, reply);
+            });
+}
+
+std::optional<std::string> Hub::model_text(const std::string& name) const {
+  return is_plain_toml_name(name) ? text_of(settings_.models / name) : std::nullopt;
+}
+
+void Hub::take_twin(const Who& who, TwinDesk::Choice choice, const std::string& text, const Reply& reply) {
+  const auto on_parting = choice.on_parting;
   const auto name = choice.name;
   if (const auto why = choose_twin(text, std::move(choice)); !why.empty()) return reply(answer(400, why));
   twin_.overrule();
   spdlog::info("twin {} chosen by {} (uid {}), on parting: {}", base::printable(name), base::printable(who.name),
-               who.uid, to_text(*on_parting));
+               who.uid, to_text(on_parting));
   const bool band = twin_.choice()->spec.seen.has_value();
   reply(answer(200, name + " is stepped beside the rig" +
                         (band ? "" : "; it does not say what it has seen ([seen]), so that it has no band")));
@@ -67,19 +76,24 @@ void Hub::on_plan(const DaemonAnswer& answer) {
   run_ = text_at(answer.body, "run");
   if (!twin_.plan(answer.body) || twin_.overruled()) return;
   const auto wish = answer.body.find("twin");
-  if (wish == answer.body.end() || !wish->is_object()) {
-    if (twin_.choice() && twin_.choice()->by_protocol) twin_.put_away();  // that of the run before
-    return;
-  }
+  if (twin_.choice() && twin_.choice()->by_protocol) twin_.put_away();  // that of the run before
+  if (wish == answer.body.end() || !wish->is_object()) return;
   const auto name = text_at(*wish, "model");
-  const auto text = is_plain_toml_name(name) ? text_of(settings_.models / name) : std::nullopt;
+  const auto then = on_parting_of(text_at(*wish, "on_parting")).value_or(TwinDesk::OnParting::kMark);
+  from_disk([this, name] { return model_text(name); },
+            [this, name, then, run = run_](const std::optional<std::string>& text) {
+              if (run != run_ || twin_.overruled()) return;  // another run, or somebody's choice, meanwhile
+              twin_of_protocol(name, text, then);
+            });
+}
+
+void Hub::twin_of_protocol(const std::string& name, const std::optional<std::string>& text, TwinDesk::OnParting then) {
   std::string why;
   if (!text) {
     why = "the protocol asks for the model " + base::printable(name) + ", which is not in " +
           settings_.models.string() + " (isorig-web --models)";
   } else {
-    why = choose_twin(
-        *text, {name, {}, on_parting_of(text_at(*wish, "on_parting")).value_or(TwinDesk::OnParting::kMark), true});
+    why = choose_twin(*text, {name, {}, then, true});
   }
   if (why.empty()) {
     spdlog::info("twin {} of the protocol, on parting: {}", name, to_text(twin_.choice()->on_parting));

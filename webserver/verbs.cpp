@@ -33,11 +33,21 @@ constexpr std::array kVerbs{Verb{"pause", false}, Verb{"abort", false},       Ve
 
 }  // namespace
 
-std::string Hub::library() const {
-  return dump({{"protocols", toml_files(settings_.protocols, true)},
-               {"saved", toml_files(saved_.folder(), false)},
-               {"specimens", toml_files(settings_.specimens, true)},
-               {"models", toml_files(settings_.models, true)}});
+void Hub::library(const Reply& reply) {
+  from_disk(
+      [this] {
+        return dump({{"protocols", toml_files(settings_.protocols, true)},
+                     {"saved", toml_files(saved_.folder(), false)},
+                     {"specimens", toml_files(settings_.specimens, true)},
+                     {"models", toml_files(settings_.models, true)}});
+      },
+      [reply = Reply(reply)](std::string text) {
+        reply({200, std::move(text)});
+      });
+}
+
+std::optional<std::string> Hub::specimen_text(const std::string& name) const {
+  return is_plain_toml_name(name) ? text_of(settings_.specimens / name) : std::nullopt;
 }
 
 void Hub::perform(const std::string& verb, const std::string& session, const std::string& body, const Reply& reply) {
@@ -55,8 +65,8 @@ void Hub::perform(const std::string& verb, const std::string& session, const std
   if (verb == "save") return save_protocol(*who, given, reply);
   if (verb == "preview") return start_run(*who, given, true, reply);
   const auto found = std::find_if(kVerbs.begin(), kVerbs.end(), [&](const Verb& v) { return v.name == verb; });
-  const bool note = verb == "note", start = verb == "start", twin = verb == "twin";
-  if (found == kVerbs.end() && !note && !start && !twin)
+  const bool is_note = verb == "note", start = verb == "start", twin = verb == "twin";
+  if (found == kVerbs.end() && !is_note && !start && !twin)
     return reply(answer(404, "no such call: " + base::printable(verb)));
   if ((start || twin || (found != kVerbs.end() && found->needs_control)) && !access_.has_control(session)) {
     const auto control = access_.control();
@@ -65,20 +75,25 @@ void Hub::perform(const std::string& verb, const std::string& session, const std
   }
   if (start) return start_run(*who, given, false, reply);
   if (twin) return change_twin(*who, given, reply);
-  if (note) {
-    json correction{{"by", who->name}};
-    for (const char* key : {"run", "operator", "text", "specimen_name"}) {
-      if (const auto text = text_at(given, key); !text.empty()) correction[key] = text;
-    }
-    if (const auto name = text_at(given, "specimen_file"); !name.empty()) {
-      const auto text = is_plain_toml_name(name) ? text_of(settings_.specimens / name) : std::nullopt;
-      if (!text) return reply(answer(400, "no specimen " + base::printable(name) + " in the library"));
-      correction["specimen"] = *text;
-      correction["specimen_name"] = name;
-    }
-    return forward("notes", *who, dump(correction), reply);
-  }
+  if (is_note) return note(*who, given, reply);
   forward(verb, *who, "{}", reply);
+}
+
+void Hub::note(const Who& who, const json& given, const Reply& reply) {
+  json correction{{"by", who.name}};
+  for (const char* key : {"run", "operator", "text", "specimen_name"}) {
+    if (const auto text = text_at(given, key); !text.empty()) correction[key] = text;
+  }
+  const auto name = text_at(given, "specimen_file");
+  if (name.empty()) return forward("notes", who, dump(correction), reply);
+  from_disk([this, name] { return specimen_text(name); },
+            [this, who = Who(who), correction = std::move(correction), name,
+             reply = Reply(reply)](const std::optional<std::string>& text) mutable {
+              if (!text) return reply(answer(400, "no specimen " + base::printable(name) + " in the library"));
+              correction["specimen"] = *text;
+              correction["specimen_name"] = name;
+              forward("notes", who, dump(correction), reply);
+            });
 }
 
 void Hub::end_session(const std::string& session) {
@@ -159,6 +174,20 @@ void Hub::keep_control(Time now) {
 }
 
 void Hub::start_run(const Who& who, const json& given, bool preview, const Reply& reply) {
+  const bool own_text = !text_at(given, "resume_run").empty() || !text_at(given, "protocol").empty();
+  const auto protocol = own_text ? std::string() : text_at(given, "protocol_file");
+  const auto specimen = text_at(given, "specimen_file");
+  from_disk(
+      [this, from = text_at(given, "protocol_from"), protocol, specimen] {
+        return Read{protocol_text(from, protocol), specimen_text(specimen)};
+      },
+      [this, who = Who(who), given = json(given), preview, reply = Reply(reply)](const Read& read) {
+        start_with(who, given, read, preview, reply);
+      });
+}
+
+/// What starts has to be what was checked, so that the very text that was read is compared and sent.
+void Hub::start_with(const Who& who, const json& given, const Read& read, bool preview, const Reply& reply) {
   const auto who_runs = text_at(given, "operator");
   if (who_runs.empty()) return reply(answer(400, "who runs it? name the operator"));
   json body{{"operator", who_runs}};
@@ -175,7 +204,7 @@ void Hub::start_run(const Who& who, const json& given, bool preview, const Reply
     body["protocol_name"] = name.empty() ? "protocol.toml" : name;
   } else {
     const auto name = text_at(given, "protocol_file");
-    const auto file = protocol_text(text_at(given, "protocol_from"), name);
+    const auto& file = read.protocol;
     if (!file) return reply(answer(400, "no protocol " + base::printable(name) + " in the library"));
     // Every session may write saved files: what starts has to be what was checked.
     if (const auto checked = text_at(given, "protocol_version");
@@ -187,7 +216,7 @@ void Hub::start_run(const Who& who, const json& given, bool preview, const Reply
   }
   // An empty name is the rig's own specimen, said by choosing it.
   if (const auto name = text_at(given, "specimen_file"); !name.empty()) {
-    const auto file = is_plain_toml_name(name) ? text_of(settings_.specimens / name) : std::nullopt;
+    const auto& file = read.specimen;
     if (!file) return reply(answer(400, "no specimen " + base::printable(name) + " in the library"));
     if (const auto checked = text_at(given, "specimen_version");
         !checked.empty() && checked != base::fingerprint(*file)) {
