@@ -160,8 +160,9 @@ void Instron8800Frame::stop() {
     say_what_waits();  // why it was closed
     throw DeviceError(Fault::kDisconnected, at() + "not connected");
   }
-  if (!has_control_) return;  // the panel's business now; a command would trip the actuator
-  feed_wanted_ = false;       // a heartbeat from before: the watchdog may be what stops it
+  beat_ns_ = clock_.now_ns();  // nobody beats while it stops; what was lost before stays lost
+  if (!has_control_) return;   // the panel's business now; a command would trip the actuator
+  feed_wanted_ = false;        // a heartbeat from before: the watchdog may be what stops it
   // In doubt there is no round to be spared, and one call for each response time-out is enough.
   const bool is_repeated = stop_is_fresh() && link_.in_step() && (stop_since_ns_ >= 0 || motion_ != Motion::kMoving);
   try {
@@ -171,7 +172,7 @@ void Instron8800Frame::stop() {
     beat_ns_ = clock_.now_ns();
     throw;
   }
-  stop_called_ns_ = beat_ns_ = clock_.now_ns();  // nobody beats while it stops; what was lost before stays lost
+  stop_called_ns_ = beat_ns_ = clock_.now_ns();
 }
 
 bool Instron8800Frame::stop_is_fresh() const noexcept {
