@@ -66,6 +66,11 @@ constexpr std::string_view kOthers[] = {"stress",    "contrainte",    "strain", 
                                         "modulus",   "rate",          "velocity",  "speed",    "width",
                                         "thickness", "elapsed cycle", "wavelength"};
 constexpr std::string_view kOthersInside[] = {"spannung", "dehnung"};
+/// In a name they make of it what a machine is told, or something of the machine's own. The first wherever they stand,
+/// the others as words of their own: "settled load" and "zeroed force" are measured.
+constexpr std::string_view kNotMeasured[] = {"setpoint", "set-point", "set point", "command",  "target",  "demand",
+                                             "limit",    "offset",    "supply",    "sollwert", "consigne"};
+constexpr std::string_view kNotMeasuredWords[] = {"set", "cmd", "sp", "zero", "error", "tank", "soll"};
 /// Which makes a length that of the specimen before the test: the same in every row.
 constexpr std::string_view kUnloaded[] = {"rest",    "gauge",  "gage",     "initial", "original", "free",
                                           "nominal", "mess",   "ruhe",     "anfangs", "ausgangs", "repos",
@@ -85,6 +90,14 @@ bool is_letter(char c) {
 bool begins_word(const std::string& name, std::string_view word) {
   for (auto at = name.find(word); at != std::string::npos; at = name.find(word, at + 1))
     if (at == 0 || !is_letter(name[at - 1])) return true;
+  return false;
+}
+
+bool has_word(const std::string& name, std::string_view word) {
+  for (auto at = name.find(word); at != std::string::npos; at = name.find(word, at + 1)) {
+    const auto end = at + word.size();
+    if ((at == 0 || !is_letter(name[at - 1])) && (end == name.size() || !is_letter(name[end]))) return true;
+  }
   return false;
 }
 
@@ -109,12 +122,15 @@ bool is_other(const std::string& column) {
          std::ranges::any_of(kOthers, [&](auto word) { return begins_word(name, word); });
 }
 
+bool is_not_measured(const std::string& column) {
+  const std::string name = small(column);
+  return has_any(name, kNotMeasured) ||
+         std::ranges::any_of(kNotMeasuredWords, [&](auto word) { return has_word(name, word); });
+}
+
 bool is_absolute(const Column& column) {
-  for (const std::string& text : {small(column.name), small(column.unit)}) {
-    if (has_any(text, kAbsolute)) return true;
-    for (auto at = text.find("abs"); at != std::string::npos; at = text.find("abs", at + 1))
-      if ((at == 0 || !is_letter(text[at - 1])) && (at + 3 == text.size() || !is_letter(text[at + 3]))) return true;
-  }
+  for (const std::string& text : {small(column.name), small(column.unit)})
+    if (has_any(text, kAbsolute) || has_word(text, "abs")) return true;
   if (!column.unit.ends_with('a')) return false;
   const auto gauge = find_unit(std::string_view(column.unit).substr(0, column.unit.size() - 1));
   return gauge && gauge->field == Field::kPressure;

@@ -26,6 +26,9 @@ struct Word {
 /// stress.
 [[nodiscard]] bool is_other(const std::string& column);
 
+/// What is told to a machine, or belongs to it, and not measured at the specimen: a command, a limit, a zero, a supply.
+[[nodiscard]] bool is_not_measured(const std::string& column);
+
 /// By the column's name or its unit: "Absolute pressure", "p_abs", "bar abs", "psia". A recording has gauge pressure.
 [[nodiscard]] bool is_absolute(const Column& column);
 

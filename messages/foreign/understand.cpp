@@ -96,11 +96,17 @@ Question ask_load() {
 struct Candidates {
   std::map<Field, std::vector<std::size_t>> of;
   std::vector<std::size_t> absolute_pressure;
+  std::map<Field, std::vector<std::size_t>> not_measured;  ///< named as the field, and as what is told to a machine
 };
+
+/// Of a signal that a person has to turn into a pressure, and who asks for its unit gets no answer.
+bool is_electrical(std::string_view unit) {
+  return unit == "V" || unit == "mV" || unit == "mA" || unit == "A" || unit == "%";
+}
 
 Candidates candidates_by_name(const Table& table, const Mapping& mapping) {
   Candidates found;
-  std::vector<std::size_t> in_counts, less_sure, whole_length;
+  std::vector<std::size_t> in_other_units, less_sure, whole_length;
   for (std::size_t c = 0; c < table.columns.size(); ++c) {
     if (is_other(table.columns[c].name)) continue;
     const auto word = named(table.columns[c].name);
@@ -111,16 +117,21 @@ Candidates candidates_by_name(const Table& table, const Mapping& mapping) {
     }
     const std::string text = unit_text(table, mapping, c);
     const auto unit = find_unit(text);
+    if (word && word->field != Field::kTime && is_not_measured(table.columns[c].name)) {
+      found.not_measured[word->field].push_back(c);
+      continue;
+    }
     // A unit of something else says that the name is not meant so: "Extension (%)".
     if (word && (unit ? unit->field == word->field : text.empty()))
       (word->sure == Sure::kYes             ? found.of[word->field]
        : word->sure == Sure::kUnlessAnother ? less_sure
                                             : whole_length)
           .push_back(c);
-    if (pressure && small(text) == "counts") in_counts.push_back(c);
+    if (pressure && !text.empty() && !unit && !is_electrical(text)) in_other_units.push_back(c);
   }
-  // Of which sensor they are only a person knows; left out without a question the pressure would be lost.
-  if (found.of[Field::kPressure].empty()) found.of[Field::kPressure] = in_counts;
+  // Counts of a sensor, "kgf/cm2": what they are only a person knows; left out without a question the pressure would be
+  // lost.
+  if (found.of[Field::kPressure].empty()) found.of[Field::kPressure] = in_other_units;
   for (const auto* others : {&less_sure, &whole_length})
     if (found.of[Field::kPosition].empty()) found.of[Field::kPosition] = *others;
   return found;
@@ -197,7 +208,21 @@ class Understanding {
     if (candidates.size() > 1) ask(field, ask_column(table_, field, candidates, {}));
     const auto& absolute = candidates_.absolute_pressure;
     if (field == Field::kPressure && candidates.empty() && !absolute.empty()) return absolute.front();
+    if (candidates.empty()) doubt(field);
     return std::nullopt;
+  }
+
+  /// Nothing is named as the field but what is no measurement. A recording may be without pressure, and not without
+  /// position and force.
+  void doubt(Field field) {
+    const auto doubted = candidates_.not_measured.find(field);
+    if (doubted == candidates_.not_measured.end()) return;
+    if (field != Field::kPressure) return ask(field, ask_column(table_, field, {}, taken_));
+    for (const std::size_t column : doubted->second)
+      found_.notes.push_back("column " + shown(table_, column) +
+                             " is no pressure that was measured, by its name, and stays as in the file (--column "
+                             "pressure='" +
+                             key_of(table_, column) + "' if it is)");
   }
 
   /// -1 where the column counts compression as positive; noted where only its name says so.

@@ -33,16 +33,22 @@ constexpr Unit kUnits[] = {
     {"MPa", Field::kPressure, 1e6 / kPsi_Pa},
     {"mbar", Field::kPressure, 1e2 / kPsi_Pa},
     {"bar", Field::kPressure, 1e5 / kPsi_Pa},
+    {"mmHg", Field::kPressure, 133.322387415 / kPsi_Pa},  // conventional, ISO 80000-4
     {"elvh_counts", Field::kPressure, messages::kElvhPsiPerCount, messages::kElvhOffsetCounts},
 };
 
 /// Other spellings. Case matters in some (mN, MN): only whole words stand here.
 constexpr std::pair<std::string_view, std::string_view> kSpellings[] = {
-    {"sec", "s"},        {"second", "s"},     {"seconds", "s"}, {"sek", "s"},        {"Sek", "s"},
-    {"millis", "ms"},    {"msec", "ms"},      {"micros", "us"}, {"\xC2\xB5s", "us"}, {"\xCE\xBCs", "us"},
-    {"\xC2\xB5m", "um"}, {"\xCE\xBCm", "um"}, {"inch", "in"},   {"inches", "in"},    {"\"", "in"},
-    {"lb", "lbf"},       {"lbs", "lbf"},      {"kg", "kgf"},    {"kp", "kgf"},       {"psig", "psi"},
-    {"PSI", "psi"},      {"Psi", "psi"},      {"Sec", "s"},     {"hPa", "mbar"},
+    {"sec", "s"},        {"second", "s"},         {"seconds", "s"},    {"sek", "s"},
+    {"Sek", "s"},        {"millis", "ms"},        {"msec", "ms"},      {"micros", "us"},
+    {"\xC2\xB5s", "us"}, {"\xCE\xBCs", "us"},     {"\xC2\xB5m", "um"}, {"\xCE\xBCm", "um"},
+    {"inch", "in"},      {"inches", "in"},        {"\"", "in"},        {"lb", "lbf"},
+    {"lbs", "lbf"},      {"kg", "kgf"},           {"kp", "kgf"},       {"psig", "psi"},
+    {"PSI", "psi"},      {"Psi", "psi"},          {"Sec", "s"},        {"hPa", "mbar"},
+    {"PSIG", "psi"},     {"Psig", "psi"},         {"Bar", "bar"},      {"BAR", "bar"},
+    {"barg", "bar"},     {"Barg", "bar"},         {"kpa", "kPa"},      {"KPa", "kPa"},
+    {"KPA", "kPa"},      {"Kpa", "kPa"},          {"kPag", "kPa"},     {"MPag", "MPa"},
+    {"N/mm2", "MPa"},    {"N/mm\xC2\xB2", "MPa"}, {"mBar", "mbar"},
 };
 
 }  // namespace
@@ -70,6 +76,12 @@ std::optional<messages::Output> output_of(std::string_view name) {
 }
 
 std::optional<Unit> find_unit(std::string_view text) {
+  // A recording has gauge pressure: "kPa gauge", "psi g", "bar(g)" say no more.
+  for (const std::string_view gauge : {" gauge", " (g)", "(g)", " g"}) {
+    if (!text.ends_with(gauge)) continue;
+    const auto unit = find_unit(text.substr(0, text.size() - gauge.size()));
+    if (unit && unit->field == Field::kPressure) return unit;
+  }
   for (const auto& [other, name] : kSpellings)
     if (text == other) text = name;
   const auto* found = std::ranges::find(kUnits, text, &Unit::name);

@@ -315,6 +315,49 @@ TEST(Foreign, AbsolutePressureIsRefused) {
   EXPECT_EQ(both.sources[1].column, 2U);
 }
 
+TEST(Understand, APressureInAnotherUnitIsNotLostWithoutAWord) {
+  const auto of = [](const std::string& head) {
+    const auto parsed =
+        parse_tables("Time (s),Extension (mm),Load (N)," + head + "\n0.0,1.0,2.0,3.0\n0.1,1.1,2.1,3.1\n", "log", {});
+    return understand(parsed.tables.at(0), {});
+  };
+  for (const char* unit : {"Bar", "barg", "kpa", "KPa", "PSIG", "kPag", "kPa gauge", "psi g", "mmHg", "N/mm2"}) {
+    const auto understood = of(std::string("Pressure (") + unit + ")");
+    EXPECT_TRUE(understood.questions.empty()) << unit;
+    EXPECT_EQ(understood.sources.size(), 4U) << unit;
+  }
+  const auto asked = of("Pressure (kgf/cm2)");
+  ASSERT_EQ(asked.questions.size(), 1U);
+  EXPECT_THAT(asked.questions[0].text, HasSubstr("\"kgf/cm2\", which is no unit of a pressure"));
+  // Volts are no pressure that a factor would give.
+  EXPECT_TRUE(of("Pressure (V)").questions.empty());
+}
+
+/// A command has the unit and the name of what it commands.
+TEST(Understand, WhatIsNoMeasurementIsTakenForNoneUnasked) {
+  const auto of = [](const std::string& head) {
+    const auto parsed = parse_tables("time_s," + head + "\n0.0,1.0,2.0,3.0,4.0\n0.1,1.1,2.1,3.1,4.1\n", "log", {});
+    return understand(parsed.tables.at(0), {});
+  };
+  for (const auto& [head, field] : {std::pair{"position_command_mm,encoder_mm,force_N,pressure_psi", "position"},
+                                    {"Crosshead target (mm),Encoder (mm),force_N,pressure_psi", "position"},
+                                    {"position_mm,Force limit (N),Fz (N),pressure_psi", "force"},
+                                    {"position_mm,load_cell_zero_N,Fz_N,pressure_psi", "force"}}) {
+    const auto understood = of(head);
+    ASSERT_EQ(understood.questions.size(), 1U) << head;
+    EXPECT_THAT(understood.questions[0].text, HasSubstr(std::string("no column is known to be the ") + field));
+    EXPECT_THAT(understood.questions[0].text, HasSubstr(field == std::string("force") ? "Fz" : "ncoder"));
+  }
+  const auto supply = of("position_mm,force_N,supply_pressure_psi,p_muscle_psi");
+  EXPECT_TRUE(supply.questions.empty());
+  ASSERT_EQ(supply.notes.size(), 1U);
+  EXPECT_THAT(supply.notes[0], HasSubstr("\"supply_pressure_psi\" is no pressure that was measured"));
+  // Beside what was measured the command is not in the way, and a zeroed force is one.
+  const auto both = of("position_command_mm,position_mm,Zeroed force (N),pressure_psi");
+  EXPECT_TRUE(both.questions.empty());
+  EXPECT_EQ(both.sources.size(), 4U);
+}
+
 TEST(Foreign, CountsAreOfNoKnownSensor) {
   const auto parsed = parse_tables("Time (s),Pressure (counts)\n0.0,1638\n0.1,14746\n", "log", {});
   const auto understood = understand(parsed.tables[0], {});
