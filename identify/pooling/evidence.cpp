@@ -73,7 +73,7 @@ void add_share(Presence& out, const ShareGrid& grid, const std::vector<double>& 
 
 std::size_t Presence::present() const {
   return static_cast<std::size_t>(
-      std::ranges::count_if(actuators, [](const Actuator& a) { return a.probability > 0.5; }));
+      std::ranges::count_if(actuators, [](const Actuator& a) { return a.judged > 0 && a.probability > 0.5; }));
 }
 std::size_t Presence::judged() const {
   return static_cast<std::size_t>(std::ranges::count_if(actuators, [](const Actuator& a) { return a.judged > 0; }));

@@ -49,10 +49,11 @@ std::string effect_sentence(const PooledCampaign& c, const EffectPool& effect) {
   double least = 1.0;
   for (std::size_t i = 0; i < c.actuators.size(); ++i) {
     const auto& one = p.actuators[i];
+    if (one.judged == 0) continue;  // its probability is what the others say of it
     if (one.probability > 0.5) {
       with.push_back(c.actuators[i]);
       least = std::min(least, one.probability);
-    } else if (one.judged > 0) {
+    } else {
       without.push_back(c.actuators[i]);
     }
   }
@@ -147,13 +148,19 @@ void add_what_says_nothing(const PooledCampaign& c, std::vector<std::string>& ou
                             unjudged, c.recordings.size()));
 }
 
+bool says_something(const PooledCampaign& c) {
+  return std::ranges::any_of(c.recordings, [](const ReadDiagnosis& one) {
+    return one.verdict != "cannot_judge" && one.verdict != "unknown_physics";
+  });
+}
+
 }  // namespace
 
 std::vector<std::string> findings_of(const PooledCampaign& c) {
   std::vector<std::string> out;
   for (const EffectPool& effect : c.effects)
     if (effect.presence.present() > 0) out.push_back(effect_sentence(c, effect));
-  if (out.empty())
+  if (out.empty() && says_something(c))
     out.push_back(formatted("No effect is in any of the %zu actuators, as far as these %zu recordings tell.",
                             c.actuators.size(), c.recordings.size()));
   add_outliers(c, out);

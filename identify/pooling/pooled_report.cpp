@@ -258,7 +258,18 @@ void write_pooled(const PooledCampaign& c, const std::filesystem::path& folder, 
                           c.pressures_psi.size(), c.pressures_psi.size() == 1 ? "pressure" : "pressures"));
   page.link("pooled.json", "pooled.json");
   const bool missing = std::ranges::any_of(c.effects, [](const EffectPool& e) { return e.presence.present() > 0; });
-  page.lead(missing ? report::Mood::kInfo : report::Mood::kGood, missing ? "physics is missing" : "nothing is missing",
+  const auto recordings_with = [&](const char* verdict) {
+    return std::ranges::count(c.recordings, verdict, &ReadDiagnosis::verdict);
+  };
+  const bool unknown = recordings_with("unknown_physics") > 0;
+  const bool unjudged = static_cast<std::size_t>(recordings_with("cannot_judge")) == c.recordings.size();
+  page.lead(missing               ? report::Mood::kInfo
+            : unknown || unjudged ? report::Mood::kWarning
+                                  : report::Mood::kGood,
+            missing    ? "physics is missing"
+            : unknown  ? "unknown physics"
+            : unjudged ? "nothing can be judged"
+                       : "nothing is missing",
             c.findings.front());
   add_pooled_sections(page, c, folder);
   page.write(folder, "campaign-report.html");

@@ -106,6 +106,41 @@ TEST_F(PoolCommand, SaysWhatTheActuatorsShare) {
   EXPECT_THAT(page, HasSubstr("../a10_20/diagnosis.json"));
 }
 
+/// Recordings of which nothing is known are not recordings in which nothing is missing.
+TEST_F(PoolCommand, UnknownAndUnjudgedAreNotNothingMissing) {
+  for (const auto& [verdict, lead] :
+       {std::pair{"unknown_physics", "unknown physics"}, {"cannot_judge", "nothing can be judged"}}) {
+    all_.clear();
+    for (int actuator = 1; actuator <= 4; ++actuator) {
+      json one = diagnosis("Actuator" + std::to_string(actuator), 10, 1, false);
+      one["verdict"] = verdict;
+      if (one["verdict"] == "cannot_judge") one["cannot_judge"] = {{"why", "too little"}, {"record", "more"}};
+      const std::string name = verdict + std::to_string(actuator);
+      put(name, one);
+      all_ += " " + (folder_ / name).string();
+    }
+    const Said said = with("");
+    EXPECT_EQ(said.code, 0) << said.text;
+    EXPECT_THAT(said.text, ::testing::Not(HasSubstr("No effect is in any")));
+    std::ifstream in(folder_ / "out" / "campaign-report.html");
+    const std::string page(std::istreambuf_iterator<char>(in), {});
+    EXPECT_THAT(page, HasSubstr(lead));
+    EXPECT_THAT(page, ::testing::Not(HasSubstr("nothing is missing")));
+  }
+}
+
+TEST_F(PoolCommand, AnActuatorThatSaysNothingHasNoEffect) {
+  for (const int pressure : {5, 10, 20}) {
+    json silent = diagnosis("Actuator10", pressure, 1, false);
+    silent["verdict"] = "cannot_judge";
+    silent["cannot_judge"] = {{"why", "too little"}, {"record", "more"}};
+    put("a10_" + std::to_string(pressure), silent);
+  }
+  const Said said = with("");
+  EXPECT_EQ(said.code, 0) << said.text;
+  EXPECT_THAT(said.text, HasSubstr("Dry friction is in 8 of 9 actuators, not in Actuator2"));
+}
+
 TEST_F(PoolCommand, AFolderWithoutADiagnosisIsNamed) {
   fs::create_directories(folder_ / "empty");
   const Said said = with((folder_ / "empty").string());
