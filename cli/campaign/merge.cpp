@@ -54,16 +54,18 @@ std::string names_of(const ordered_json& missing) {
   return out;
 }
 
-/// What is known of a recording now.
-ordered_json row_of(const Plan& plan, const std::string& recording) {
+/// What is known of a recording now. A piece that another model, question or program made is none of this campaign's: a
+/// call that was interrupted leaves such, and the next one makes them anew.
+ordered_json row_of(const Plan& plan, const ordered_json& ask, const std::string& recording) {
   ordered_json out{{"recording", recording}, {"specimen", nullptr},  {"pressure_psi", nullptr},
                    {"repetition", nullptr},  {"verdict", ""},        {"missing", ordered_json::array()},
                    {"state", "waiting"},     {"exit_code", nullptr}, {"why", nullptr},
                    {"folder", nullptr},      {"page", nullptr}};
   const fs::path piece = piece_folder(plan, recording), failed = failed_folder(plan, recording);
   try {
-    if (fs::exists(piece / "piece.json")) {
-      const auto json = ordered_json::parse(base::read_text_file(piece / "piece.json"));
+    ordered_json json;
+    if (fs::exists(piece / "piece.json")) json = ordered_json::parse(base::read_text_file(piece / "piece.json"));
+    if (!json.is_null() && json.at("stamp").at("ask") == ask && json.at("stamp").at("program") == plan.program) {
       const ordered_json& row = json.at("row");
       for (const char* key : {"specimen", "pressure_psi", "repetition", "verdict", "missing"}) out[key] = row.at(key);
       const int code = json.at("exit_code");
@@ -73,7 +75,7 @@ ordered_json row_of(const Plan& plan, const std::string& recording) {
       if (row.at("page").is_string())
         out["page"] = (piece.lexically_relative(plan.folder) / row.at("page").get<std::string>()).string();
     } else if (fs::exists(failed / "failure.json")) {
-      const auto json = ordered_json::parse(base::read_text_file(failed / "failure.json"));
+      json = ordered_json::parse(base::read_text_file(failed / "failure.json"));
       out["state"] = "failed";
       out["why"] = json.at("why");
       out["folder"] = failed.lexically_relative(plan.folder).string();
@@ -208,14 +210,14 @@ Standing merge(const Plan& plan, const identify::report::Made* made) {
   std::vector<identify::pooling::Source> diagnoses;
   bool all_diagnoses = true;
   Appearing csv(plan.folder / "campaign.csv"), json(plan.folder / "campaign.json");
-  const ordered_json head{
-      {"format", "isorig-campaign-pieces/1"}, {"ask", stamp_of(plan.ask)}, {"program", plan.program}};
+  const ordered_json ask = stamp_of(plan.ask);
+  const ordered_json head{{"format", "isorig-campaign-pieces/1"}, {"ask", ask}, {"program", plan.program}};
   std::string opening = head.dump(2);
   opening.resize(opening.size() - 2);  // the brace and its line
   json.out() << opening << ",\n  \"recordings\": [";
   csv.out() << "recording,specimen,pressure_psi,repetition,verdict,missing,state,exit_code,why,folder,page\n";
   for_each_line(recordings_of(plan), [&](const std::string& recording) {
-    const ordered_json row = row_of(plan, recording);
+    const ordered_json row = row_of(plan, ask, recording);
     const std::string state = row["state"];
     ++s.recordings;
     if (state == "made" || state == "bad_recording") {

@@ -268,9 +268,9 @@ Attempt make_piece(const Workshop& shop, const std::string& recording) {
   std::unique_ptr<Attempted> attempt;
   try {
     if (is_done(shop, recording)) return {Ended::kDoneBefore, "done before"};
-    std::vector<FileStamp> files = files_of(recording);
     const fs::path final = piece_folder(shop.plan, recording);
-    fs::remove_all(final);  // of what the recording was: not to be taken for what it is
+    fs::remove_all(final);  // of what the recording was: not to be taken for what it is, also where it is gone
+    std::vector<FileStamp> files = files_of(recording);
     attempt = std::make_unique<Attempted>(final);
     return attempt_piece(shop, recording, *attempt, std::move(files));
   } catch (const std::exception& e) {

@@ -198,6 +198,25 @@ TEST_F(Campaign, ARecordingThatVanishesOrIsWrittenToFails) {
   EXPECT_THAT(grown.words, HasSubstr("written to while it was read"));
 }
 
+TEST_F(Campaign, WhatWasMadeIsNoAnswerForARecordingThatIsGoneOrForAnotherModel) {
+  const fs::path model = dir_ / "model.toml";
+  spit(model, "a");
+  const Plan of = plan({"diagnose", model.string(), 1});
+  const std::string kept = recording("kept"), moved = recording("moved");
+  for (const std::string& r : {kept, moved}) ASSERT_EQ(make_piece(shop(kAnswers, of), r).ended, Ended::kMade);
+  (void)write_plan(of, {{kept, moved}, ""}, nothing_);
+  EXPECT_EQ(merge(of, nullptr).made, 2U);
+  fs::remove_all(moved);
+  EXPECT_EQ(make_piece(shop(kAnswers, of), moved).ended, Ended::kFailed);
+  const Standing without = merge(of, nullptr);
+  EXPECT_EQ(without.made, 1U);
+  EXPECT_EQ(without.failed, 1U);
+  spit(model, "b");
+  const Standing changed = merge(of, nullptr);
+  EXPECT_EQ(changed.made, 0U);
+  EXPECT_EQ(changed.waiting(), 1U);
+}
+
 TEST_F(Campaign, ABadRecordingIsAnAnswerAndNotRepeated) {
   const std::string r = recording("bad, \"quoted\"");
   const Workshop w = shop("echo frame.csv:2: not a number; exit 3", plan());
