@@ -90,6 +90,7 @@ class Loop {
       if (!round->diagnosed && !diagnose(*round)) return kBadInput;
       say(*round);
       if (const auto outcome = settled_by(*round)) return finish(*outcome);
+      if (have(number + 1) != nullptr) continue;  // it was allowed when it was made, and counts in rig_s() already
       const double next_s = round->experiment.at("duration_s");
       if (number >= options_.rounds) return finish(Outcome::kRounds);
       if (all_.rig_s() + next_s > options_.budget_s) return finish(Outcome::kBudget);

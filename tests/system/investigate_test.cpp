@@ -170,6 +170,10 @@ TEST(Investigate, GoesOnWhereItWasAndRefusesAnotherQuestion) {
   EXPECT_THAT(second.text, HasSubstr("recorded before"));
   EXPECT_EQ(record_of(dir)["outcome"], "settled");
   EXPECT_EQ(std::filesystem::last_write_time(dir / "out/round-1/recordings/rep-1_15-psi/frame.csv"), recorded);
+  // Given once more, also with less than was allowed, an answer that is settled stays.
+  const auto again = investigate(dir, rig, {"--rounds", "1"});
+  EXPECT_EQ(again.code, 0) << again.text;
+  EXPECT_EQ(record_of(dir)["outcome"], "settled");
   const auto other = investigate(dir, rig, {"--seed", "77"});
   EXPECT_EQ(other.code, 1);
   EXPECT_THAT(other.text, HasSubstr("another seed"));
