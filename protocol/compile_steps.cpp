@@ -38,19 +38,20 @@ void Compiler::pressurize(const Node& node, Step& out) {
     note(node.table, "rate_psi_s",
          said(node, "rate_psi_s", out.rate_psi_s) + "; the rig allows at most " +
              number_text(limits_.pressure_rate_max_psi_s) + " (limits.pressure_rate_max_psi_s)");
-  } else if (out.rate_psi_s > limits_.loop_rate_max_psi_s && all_well(node, {"rate_psi_s"})) {
-    note(node.table, "rate_psi_s",
-         said(node, "rate_psi_s", out.rate_psi_s) + "; the rig's pressure loop follows at most " +
-             number_text(limits_.loop_rate_max_psi_s) + " (pressure_loop.rate_limit_psi_s)");
   }
-  out.nominal_s = std::abs(out.pressure_psi - before_psi) / out.rate_psi_s + out.settled_for_s;
+  const double rate_psi_s = std::min(out.rate_psi_s, limits_.loop_rate_max_psi_s);
+  out.nominal_s = std::abs(out.pressure_psi - before_psi) / rate_psi_s + out.settled_for_s;
   // Resumed, a session starts from a vented actuator.
-  const double longest_s = std::max(out.nominal_s, out.pressure_psi / out.rate_psi_s + out.settled_for_s);
+  const double longest_s = std::max(out.nominal_s, out.pressure_psi / rate_psi_s + out.settled_for_s);
   if (all_well(node, {"pressure_psi", "rate_psi_s", "settled_for_s", "timeout_s"}) && out.timeout_s <= longest_s) {
     note(node.table, "timeout_s",
          said(node, "timeout_s", out.timeout_s) + ", but the set-point alone takes " + number_text(longest_s) +
-             " s at rate_psi_s, settled_for_s included; allow "
-             "clearly more");
+             " s at " +
+             (rate_psi_s < out.rate_psi_s
+                  ? number_text(rate_psi_s) + " psi/s, the most that the rig's pressure loop follows "
+                                              "(pressure_loop.rate_limit_psi_s)"
+                  : std::string("rate_psi_s")) +
+             ", settled_for_s included; allow clearly more");
   }
 }
 

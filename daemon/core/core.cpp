@@ -252,9 +252,12 @@ void Core::step_plan(std::int64_t now_ns) noexcept {
   if (action.step_began || action.step_ended) emit_step(now_ns, action);
   if (action.regaining != regaining_) {
     regaining_ = action.regaining;
-    emit(now_ns, Severity::kInfo, "resume.pressure",
-         regaining_ ? "the step waits until the pressure is back at its set-point" : "the step goes on", pressure_psi_,
-         action.setpoint_psi);
+    if (regaining_) {
+      emit(now_ns, Severity::kWarning, "resume.pressure", "the pressure is off its set-point: the step waits for it",
+           pressure_psi_, action.setpoint_psi);
+    } else {
+      emit(now_ns, Severity::kInfo, "resume.pressure", "the step goes on", pressure_psi_, action.setpoint_psi);
+    }
   }
   if (action.start_segment) {
     if (!move_to(now_ns, action.segment.id, action.segment.target_mm, action.segment.velocity_mm_s)) return;

@@ -71,9 +71,9 @@ TEST_F(CliFiles, CheckKnowsTheRegulatorAndThePressureLoop) {
   const auto weak = check(with("\nmax_psi = ", "\nmax_psi = 12 # "));
   EXPECT_EQ(weak.code, 3) << weak.out;
   EXPECT_THAT(weak.out, HasSubstr("the rig's regulator takes at most 12 (regulator.max_psi)"));
-  const auto slow = check(with("\nrate_limit_psi_s = ", "\nrate_limit_psi_s = 0.5 # "));
+  const auto slow = check(with("\nrate_limit_psi_s = ", "\nrate_limit_psi_s = 0.1 # "));
   EXPECT_EQ(slow.code, 3) << slow.out;
-  EXPECT_THAT(slow.out, HasSubstr("follows at most 0.5 (pressure_loop.rate_limit_psi_s)"));
+  EXPECT_THAT(slow.out, HasSubstr("at 0.1 psi/s, the most that the rig's pressure loop follows"));
 }
 
 TEST(Cli, PlanOfTheShortProtocolIsAsItWas) {

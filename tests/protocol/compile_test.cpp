@@ -410,12 +410,19 @@ TEST(CompileErrors, ASineTurnsWithinTheTravel) {
               ::testing::Contains(testing::HasSubstr("runs over its target")));
 }
 
-TEST(CompileErrors, WhatThePressureLoopDoesNotFollowIsRefused) {
+/// A loop that follows 0.5 psi/s needs 10 s for 5 psi, whatever the step asks for.
+TEST(CompileErrors, TheTimeOfAFillingIsThatOfThePressureLoop) {
   Limits limits = rig();
   limits.loop_rate_max_psi_s = 0.5;
-  EXPECT_THAT(faults_of(text_of(kBegin), limits),
-              ElementsAre(testing::HasSubstr("`rate_psi_s` = 1; the rig's pressure loop follows at most 0.5 "
-                                             "(pressure_loop.rate_limit_psi_s)")));
+  const auto step = [](const char* timeout_s) {
+    return std::string("{ do = \"pressurize\", pressure_psi = 5, rate_psi_s = 1, settled_for_s = 1, timeout_s = ") +
+           timeout_s + " },\n";
+  };
+  EXPECT_THAT(faults_of(text_of(step("12")), limits), IsEmpty());
+  EXPECT_THAT(faults_of(text_of(step("8"))), IsEmpty());
+  EXPECT_THAT(faults_of(text_of(step("8")), limits),
+              ElementsAre(testing::HasSubstr("the set-point alone takes 11 s at 0.5 psi/s, the most that the rig's "
+                                             "pressure loop follows (pressure_loop.rate_limit_psi_s)")));
 }
 
 TEST(CompileErrors, ASlipThatNeverEndsIsRefused) {

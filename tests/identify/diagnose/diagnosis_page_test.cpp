@@ -137,8 +137,8 @@ TEST(DiagnosisPage, ABandWithoutBoundHidesNothing) {
   const Study& study = friction();
   LeftOutStretch stretch = study.diagnosis.heldout.to_draw[0];
   const report::Figure before = left_out_motion(study, stretch);
-  // A million times the variance of every number: what a fit gives that was not shown what it would need.
-  for (double& one : stretch.model.seen->covariance) one *= 1e6;
+  // Ten thousand standard errors of every number: what a fit gives that was not shown what it would need.
+  for (double& one : stretch.model.seen->covariance) one *= 1e8;
   const report::Figure after = left_out_motion(study, stretch);
   for (std::size_t p = 0; p < 2; ++p) {
     const auto [low, high] = *after.panels[p].y_range;
