@@ -25,6 +25,9 @@ UNITS = "s, mm, N, psi"
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\Z")
 #: What a cell may hold at most, by the end of its column's name (docs/data.md).
+_WHOLE = re.compile(r"[-+]?[0-9]+\Z")
+#: Further columns of an export that count (docs/formats/recording.md). bound_ns is a real number whose decimals are not written.
+_COUNTS = {"averaged", "samples", "step", "mono_ns"}
 _RANGES = {"t_s": 1e10, "_mm": 1e4, "_N": 1e6, "_psi": 1e3}
 _SHORTEST_STEP_S, _LONGEST_STEP_S = 1e-9, 1e5
 
@@ -58,9 +61,9 @@ class Specimen:
             self.rest_length_mm, self.pressurized_rest_length_mm, self.nominal_pressure_psi)))
 
 
-def read_columns(file: PathLike, required: "tuple[str, ...]") -> "dict[str, FloatArray]":
-    """A CSV whose header begins with ``required``; the first is the time, ``t_s``. Further columns of numbers are read too, an empty cell
-    as NaN; further columns of words are not.
+def read_columns(file: PathLike, required: "tuple[str, ...]") -> "dict[str, npt.NDArray[Any]]":
+    """A CSV whose header begins with ``required``; the first is the time, ``t_s``. Further columns of numbers are read too, an
+    empty cell as NaN: as int64 what an export counts and what doubles would round. Further columns of words are not.
 
     Raises BadInput with file and line for a column that is missing or not in its place, a cell that is no finite number, time that does not
     increase, a number that no machine records, a last line that was cut.
@@ -100,7 +103,7 @@ def read_columns(file: PathLike, required: "tuple[str, ...]") -> "dict[str, Floa
             column.append(cell)
     table = {name: _numbers(file, name, column) for name, column in zip(names, columns) if name in required}
     for name, column in zip(names, columns):
-        if name not in required and (further := _further(column)) is not None:
+        if name not in required and (further := _further(name, column)) is not None:
             table[name] = further
     _check_times(file, table[required[0]])
     if not ended and not _last_is_whole(rows):
@@ -132,9 +135,16 @@ def _most(name: str) -> float:
     return next((most for suffix, most in _RANGES.items() if name.endswith(suffix)), float(np.finfo(float).max))
 
 
-def _further(cells: "list[str]") -> Optional[FloatArray]:
+def _further(name: str, cells: "list[str]") -> "Optional[npt.NDArray[Any]]":
     """An empty cell is a value that does not exist (NaN). None for a column of words."""
     try:
+    # A double holds whole numbers up to 2^53 alone: the `mono_ns` of a computer that is up for 105 days would be rounded.
+    # What would not be is a double whatever its cells look like: a temperature of 20 to 21 takes a 20.5.
+    if all(_WHOLE.match(cell) for cell in cells):
+        whole = [int(cell) for cell in cells]
+        most = max((abs(each) for each in whole), default=0)
+        if most < 2**63 and (name in _COUNTS or most > 2**53):
+            return np.array(whole, dtype=np.int64)
         return np.array([float(cell) if cell else math.nan for cell in cells])
     except ValueError:
         return None
@@ -229,10 +239,10 @@ class Recording:
         specimen = _specimen_of(metadata, folder / "recording.toml")
         of_pressure_alone = metadata.get("output") == "pressure" and not (
             (folder / "frame.csv").exists() or (folder / "frame.csv").is_symlink())
-        frame: "dict[str, FloatArray]" = (
+        frame: "dict[str, npt.NDArray[Any]]" = (
             {name: np.empty(0) for name in ("t_s", "position_mm", "force_N")} if of_pressure_alone
             else read_columns(folder / "frame.csv", ("t_s", "position_mm", "force_N")))
-        gauge: "dict[str, FloatArray]" = {}
+        gauge: "dict[str, npt.NDArray[Any]]" = {}
         if metadata.get("output") == "pressure" or (folder / "pressure.csv").exists() or (folder / "pressure.csv").is_symlink():
             gauge = read_columns(folder / "pressure.csv", ("t_s", "pressure_psi"))
         recording = cls(specimen, frame.pop("t_s"), frame.pop("position_mm"), frame.pop("force_N"),
@@ -325,8 +335,7 @@ def _csv_text(file: Path, own: "dict[str, FloatArray]", further: "dict[str, npt.
 
 def _read_toml(file: Path) -> "dict[str, Any]":
     try:
-        with open(file, "rb") as stream:
-            return tomllib.load(stream)
+        return tomllib.loads(file.read_bytes().decode("utf-8-sig"))  # editors of Windows put a mark before it
     except FileNotFoundError:
         raise located(file, None, "no such file") from None
     except OSError as e:

@@ -99,6 +99,19 @@ class Recordings(unittest.TestCase):
             self.assertIn(text, self.refused(self.folder(frame, toml)))
         self.assertIn("no such folder", self.refused(Path("/nonexistent")))
 
+    def test_a_mark_of_windows_before_recording_toml_is_no_fault(self) -> None:
+        folder = self.folder("t_s,position_mm,force_N\n0,0,0\n1,1,1\n", "\ufeff" + TOML)
+        self.assertEqual(Recording.read(folder).name, "s")
+
+    def test_whole_numbers_are_not_rounded(self) -> None:
+        cells = [("1000000001", "9007199254740993", "1", "", "9223372036854775808"), ("1000000003", "9007199254740995", "2", "3", "1")]
+        folder = self.folder("t_s,position_mm,force_N,mono_ns,a,b,c,d\n" + "".join(
+            f"{k},0,{k}," + ",".join(row) + "\n" for k, row in enumerate(cells)))
+        further = Recording.read(folder).further
+        self.assertEqual(further["a"].tolist(), [2**53 + 1, 2**53 + 3])  # as doubles both would be even
+        self.assertEqual({name: column.dtype.kind for name, column in further.items()},
+                         {"mono_ns": "i", "a": "i", "b": "f", "c": "f", "d": "f"})
+
     def test_what_has_no_length_has_no_strain(self) -> None:
         frame = "t_s,position_mm,force_N\n0,0,0\n1,1,1\n"
         recording = Recording.read(self.folder(frame, TOML.replace("rest_length_mm = 90.0\n", "")))
@@ -231,7 +244,9 @@ class Runs(unittest.TestCase):
             here = session.recording()
             # An export may round times to 1 ns, and readings to a twentieth of the device's smallest step.
             for name in ("t_s", "pressure_t_s"):
+        np.testing.assert_array_equal(again.further["mono_ns"], ns)  # as doubles all would be even
                 np.testing.assert_allclose(getattr(here, name), getattr(exported, name), rtol=0, atol=0.51e-9, err_msg=name)
+        self.assertEqual((folder / "again/frame.csv").read_text(), (folder / "frame.csv").read_text())
             for name in ("position_mm", "force_N", "pressure_psi"):
                 steps = np.abs(np.diff(getattr(here, name)))
                 np.testing.assert_allclose(getattr(here, name), getattr(exported, name), rtol=0,
