@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import math
 import re
@@ -17,17 +18,17 @@ from . import _native
 from ._native import FloatArray
 from ._toml import toml_text
 from .errors import BadInput, located
-from .tables import Tables
+from .tables import NAMES as TABLES, Tables
 
 PathLike = Union[str, Path]
 FORMAT = "isorig-recording/1"
 UNITS = "s, mm, N, psi"
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\Z")
-#: What a cell may hold at most, by the end of its column's name (docs/data.md).
 _WHOLE = re.compile(r"[-+]?[0-9]+\Z")
 #: Further columns of an export that count (docs/formats/recording.md). bound_ns is a real number whose decimals are not written.
 _COUNTS = {"averaged", "samples", "step", "mono_ns"}
+#: What a cell may hold at most, by the end of its column's name (docs/data.md).
 _RANGES = {"t_s": 1e10, "_mm": 1e4, "_N": 1e6, "_psi": 1e3}
 _SHORTEST_STEP_S, _LONGEST_STEP_S = 1e-9, 1e5
 
@@ -137,7 +138,6 @@ def _most(name: str) -> float:
 
 def _further(name: str, cells: "list[str]") -> "Optional[npt.NDArray[Any]]":
     """An empty cell is a value that does not exist (NaN). None for a column of words."""
-    try:
     # A double holds whole numbers up to 2^53 alone: the `mono_ns` of a computer that is up for 105 days would be rounded.
     # What would not be is a double whatever its cells look like: a temperature of 20 to 21 takes a 20.5.
     if all(_WHOLE.match(cell) for cell in cells):
@@ -145,6 +145,7 @@ def _further(name: str, cells: "list[str]") -> "Optional[npt.NDArray[Any]]":
         most = max((abs(each) for each in whole), default=0)
         if most < 2**63 and (name in _COUNTS or most > 2**53):
             return np.array(whole, dtype=np.int64)
+    try:
         return np.array([float(cell) if cell else math.nan for cell in cells])
     except ValueError:
         return None
@@ -271,8 +272,9 @@ class Recording:
 
     def write(self, folder: PathLike) -> None:
         """Writes the folder; numbers read back as the same doubles, further keys and tables of ``metadata`` as they
-        are. Raises BadInput, and writes nothing, for what could not be read back: a time that does not increase, a
-        force that is no finite number, columns of unequal lengths.
+        are. Of another recording that is there nothing stays: its tables (ramps, events, ...) go; those of a recording
+        that was read from this folder stay. Raises BadInput, and writes nothing, for what could not be read back: a
+        time that does not increase, a force that is no finite number, columns of unequal lengths.
         """
         folder = Path(folder)
         own = self._columns()
@@ -284,15 +286,25 @@ class Recording:
             files["frame.csv"] = _csv_text(folder / "frame.csv", own, self.further)
         if gauge:
             files["pressure.csv"] = _csv_text(folder / "pressure.csv", gauge, self.pressure_further)
+        # recording.toml last: it goes with the numbers that stand beside it.
+        files["recording.toml"] = files.pop("recording.toml")
+        gone = [name for name in ("frame.csv", "pressure.csv") if name not in files]
+        if (folder / "recording.toml").exists() and not self.tables.are_of(folder):
+            gone += [f"{name}.csv" for name in TABLES]
         folder.mkdir(parents=True, exist_ok=True)
-        for name, text in files.items():
-            aside = folder / (name + ".new")
-            aside.write_text(text, encoding="utf-8")
-            aside.replace(folder / name)
-        if "frame.csv" not in files:
-            (folder / "frame.csv").unlink(missing_ok=True)
-        if not gauge:
-            (folder / "pressure.csv").unlink(missing_ok=True)
+        asides = {name: folder / (name + ".new") for name in files}
+        try:
+            for name, text in files.items():
+                asides[name].write_text(text, encoding="utf-8")
+            for name in files:
+                if name == "recording.toml":
+                    for old in gone:
+                        (folder / old).unlink(missing_ok=True)
+                asides[name].replace(folder / name)
+        finally:
+            for aside in asides.values():
+                with contextlib.suppress(OSError):
+                    aside.unlink(missing_ok=True)
 
     def _toml(self, file: Path) -> str:
         specimen = self.specimen

@@ -45,12 +45,19 @@ class Tables(Mapping[str, Table]):
     def __init__(self, names: Iterable[str] = (), read: "Callable[[str], Table] | None" = None, where: str = "") -> None:
         self._names, self._read, self._where = tuple(names), read, where
         self._tables: "dict[str, Table]" = {}
+        self._folder: "Path | None" = None
 
     @classmethod
     def of_folder(cls, folder: Path) -> "Tables":
         """The CSV files beside a recording's own."""
         there = [name for name in NAMES if (folder / f"{name}.csv").exists() or (folder / f"{name}.csv").is_symlink()]
-        return cls(there, lambda name: read_table(folder / f"{name}.csv"), str(folder))
+        tables = cls(there, lambda name: read_table(folder / f"{name}.csv"), str(folder))
+        tables._folder = folder.resolve()
+        return tables
+
+    def are_of(self, folder: Path) -> bool:
+        """Whether they are the files of this folder."""
+        return self._folder == folder.resolve()
 
     def __getitem__(self, name: str) -> Table:
         if name not in self._names or self._read is None:

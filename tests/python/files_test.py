@@ -204,6 +204,31 @@ class Recordings(unittest.TestCase):
         self.made(pressure_t_s=None, pressure_psi=None).write(folder)
         self.assertFalse((folder / "pressure.csv").exists())
 
+    def test_nothing_of_another_recording_stays(self) -> None:
+        folder = Path(self.enterContext(tempfile.TemporaryDirectory()))
+        (folder / "ramps.csv").write_text("step\n1\n")
+        self.made().write(folder)
+        self.assertTrue((folder / "ramps.csv").exists())  # without a recording.toml it was of no recording
+        read = Recording.read(folder)
+        read.force_N = read.force_N + 1.0
+        read.write(folder)
+        self.assertEqual(list(Recording.read(folder).tables), ["ramps"])  # of this very recording
+        for name in ("ramps", "holds", "steps", "setpoints", "events", "sessions"):
+            (folder / f"{name}.csv").write_text("step\n1\n")
+        (folder / "notes.txt").write_text("somebody's\n")
+        self.made().write(folder)
+        self.assertEqual(sorted(file.name for file in folder.iterdir()), ["frame.csv", "notes.txt", "pressure.csv", "recording.toml"])
+
+    def test_a_write_that_fails_leaves_what_was_there(self) -> None:
+        folder = Path(self.enterContext(tempfile.TemporaryDirectory()))
+        self.made().write(folder)
+        before = {file.name: file.read_bytes() for file in folder.iterdir()}
+        (folder / "pressure.csv.new").mkdir()  # it cannot be written aside
+        with self.assertRaises(OSError):
+            self.made(name="other", force_N=[1.0, 2.0, 3.0]).write(folder)
+        (folder / "pressure.csv.new").rmdir()
+        self.assertEqual({file.name: file.read_bytes() for file in folder.iterdir()}, before)
+
     def test_further_values_and_keys_read_back(self) -> None:
         folder = Path(tempfile.mkdtemp())
         self.addCleanup(shutil.rmtree, folder)
@@ -219,7 +244,9 @@ class Recordings(unittest.TestCase):
         (folder / "m.toml").write_text(Model.nominal("slse1").toml)
         isorig("predict", folder, "--model", folder / "m.toml", "--out", folder / "p.csv")  # the terminal reads it too
         again = Recording.read(folder)
+        np.testing.assert_array_equal(again.further["mono_ns"], ns)  # as doubles all would be even
         again.write(folder / "again")
+        self.assertEqual((folder / "again/frame.csv").read_text(), (folder / "frame.csv").read_text())
         self.assertEqual((folder / "again/recording.toml").read_text(), (folder / "recording.toml").read_text())
 
 
@@ -244,9 +271,7 @@ class Runs(unittest.TestCase):
             here = session.recording()
             # An export may round times to 1 ns, and readings to a twentieth of the device's smallest step.
             for name in ("t_s", "pressure_t_s"):
-        np.testing.assert_array_equal(again.further["mono_ns"], ns)  # as doubles all would be even
                 np.testing.assert_allclose(getattr(here, name), getattr(exported, name), rtol=0, atol=0.51e-9, err_msg=name)
-        self.assertEqual((folder / "again/frame.csv").read_text(), (folder / "frame.csv").read_text())
             for name in ("position_mm", "force_N", "pressure_psi"):
                 steps = np.abs(np.diff(getattr(here, name)))
                 np.testing.assert_allclose(getattr(here, name), getattr(exported, name), rtol=0,
