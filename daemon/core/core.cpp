@@ -250,7 +250,8 @@ void Core::step_plan(std::int64_t now_ns) noexcept {
   keep_ = action.keep;
   step_ = action.step;
   if (action.step_began || action.step_ended) emit_step(now_ns, action);
-  if (action.regaining != regaining_) {
+  // One that failed meanwhile does not go on.
+  if (action.state != protocol::CursorState::kFailed && action.regaining != regaining_) {
     regaining_ = action.regaining;
     if (regaining_) {
       emit(now_ns, Severity::kWarning, "resume.pressure", "the pressure is off its set-point: the step waits for it",

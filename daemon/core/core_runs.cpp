@@ -13,7 +13,7 @@ void Core::open_run(std::int64_t now_ns, const Request& request) noexcept {
   cursor_.emplace(*plan_);
   outcome_ = Outcome::kNone;
   run_open_ = true;
-  run_begun_ = false;
+  run_begun_ = regaining_ = false;
   now_.fault[0] = '\0';
   clear_faults();
   ++now_.runs_started;

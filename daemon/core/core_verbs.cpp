@@ -74,8 +74,9 @@ const char* Core::carry_out(std::int64_t now_ns, const Request& request) noexcep
       return nullptr;
     case Request::Verb::kCalibrate:
       if (state_ != RunState::kIdle && state_ != RunState::kReady) return "a calibration is put in force between runs";
+      if (request.fill_limits.pressure_max_psi > 0.0 && !pressure_.limits.push(request.fill_limits))
+        return "the pressure device's thread takes no limits: it hangs";
       config_.calibration = request.calibration;
-      if (request.fill_limits.pressure_max_psi > 0.0) pressure_.limits.push(request.fill_limits);
       supervisor_.on_calibration();
       guard_.restart();
       emit(now_ns, Severity::kInfo, "calibration", "another calibration is in force", 0.0, 0.0);

@@ -344,6 +344,62 @@ TEST_F(PressureFaultsTest, AProgramStopShutsBothValvesAndResumeTakesTheSetPointU
   EXPECT_NEAR(virtual_rig->rig().truth().pressure_psi, 23.0, 0.1);
 }
 
+/// What the events say of a resumed step that waits for its pressure: that it waits, and that it goes on only if it
+/// does.
+class RegainTest : public PressureFaultsTest {
+ protected:
+  void resume_after_a_leak(const char* timeout_s) {
+    start(R"(  { do = "pressurize", pressure_psi = 20, rate_psi_s = 8, settled_for_s = 0.5, timeout_s = )" +
+          std::string(timeout_s) + R"( },
+  { do = "hold", duration_s = 20 },)");
+    ASSERT_TRUE(run_until(20.0, [&] { return virtual_rig->core().status().control.step == 1; }));
+    virtual_rig->core().tick(virtual_rig->now_ns() + 1, 400'000'000, 0);  // a tick that came 0.4 s late
+    virtual_rig->rig().pneumatics().leak_factor = 20.0;
+    run_for(10.0);
+    virtual_rig->rig().pneumatics().leak_factor = 1.0;
+    ASSERT_LT(virtual_rig->rig().truth().pressure_psi, 19.5);
+    ASSERT_TRUE(ask(Request::Verb::kReset).accepted);
+    events.clear();
+  }
+  [[nodiscard]] std::vector<std::string> told() const {
+    std::vector<std::string> out;
+    for (const auto& e : events)
+      if (std::string_view(e.code) == "resume.pressure") out.emplace_back(e.text);
+    return out;
+  }
+};
+
+TEST_F(RegainTest, ItWaitsAndThenGoesOn) {
+  resume_after_a_leak("20");
+  ASSERT_TRUE(ask(Request::Verb::kResume).accepted);
+  ASSERT_TRUE(run_until(40.0, [&] { return virtual_rig->core().outcome() == Outcome::kDone; }));
+  run_for(0.1);
+  EXPECT_THAT(told(), ::testing::ElementsAre(::testing::HasSubstr("waits for it"), "the step goes on"));
+}
+
+TEST_F(RegainTest, ItDoesNotGoOnWhenThePressureDoesNotComeBack) {
+  resume_after_a_leak("6");
+  virtual_rig->rig().pneumatics().fill_stuck_shut = true;
+  ASSERT_TRUE(ask(Request::Verb::kResume).accepted);
+  ASSERT_TRUE(reach(RunState::kFaulted, 20.0));
+  run_for(0.1);
+  EXPECT_THAT(told(), ::testing::ElementsAre(::testing::HasSubstr("waits for it")));
+}
+
+TEST_F(RegainTest, TheNextRunHasNotWaited) {
+  resume_after_a_leak("20");
+  ASSERT_TRUE(ask(Request::Verb::kResume).accepted);
+  run_for(0.05);
+  ASSERT_TRUE(ask(Request::Verb::kAbort).accepted);
+  ASSERT_TRUE(reach(RunState::kReady, 20.0));
+  EXPECT_EQ(told().size(), 1U);
+  events.clear();
+  start(R"(  { do = "pressurize", pressure_psi = 5, rate_psi_s = 8, settled_for_s = 0.2, timeout_s = 20 },)");
+  ASSERT_TRUE(run_until(20.0, [&] { return virtual_rig->core().outcome() == Outcome::kDone; }));
+  run_for(0.1);
+  EXPECT_THAT(told(), ::testing::IsEmpty());
+}
+
 TEST_F(PressureFaultsTest, ASealedPressureIsWatched) {
   hold_at_23();
   virtual_rig->core().tick(virtual_rig->now_ns() + 1, 400'000'000, 0);
