@@ -1,6 +1,7 @@
 #include <algorithm>
 
 #include "messages/elvh.hpp"
+#include "messages/foreign/column_names.hpp"
 #include "messages/foreign/mapping.hpp"
 
 namespace isorig::foreign {
@@ -39,16 +40,11 @@ constexpr Unit kUnits[] = {
 
 /// Other spellings. Case matters in some (mN, MN): only whole words stand here.
 constexpr std::pair<std::string_view, std::string_view> kSpellings[] = {
-    {"sec", "s"},        {"second", "s"},         {"seconds", "s"},    {"sek", "s"},
-    {"Sek", "s"},        {"millis", "ms"},        {"msec", "ms"},      {"micros", "us"},
-    {"\xC2\xB5s", "us"}, {"\xCE\xBCs", "us"},     {"\xC2\xB5m", "um"}, {"\xCE\xBCm", "um"},
-    {"inch", "in"},      {"inches", "in"},        {"\"", "in"},        {"lb", "lbf"},
-    {"lbs", "lbf"},      {"kg", "kgf"},           {"kp", "kgf"},       {"psig", "psi"},
-    {"PSI", "psi"},      {"Psi", "psi"},          {"Sec", "s"},        {"hPa", "mbar"},
-    {"PSIG", "psi"},     {"Psig", "psi"},         {"Bar", "bar"},      {"BAR", "bar"},
-    {"barg", "bar"},     {"Barg", "bar"},         {"kpa", "kPa"},      {"KPa", "kPa"},
-    {"KPA", "kPa"},      {"Kpa", "kPa"},          {"kPag", "kPa"},     {"MPag", "MPa"},
-    {"N/mm2", "MPa"},    {"N/mm\xC2\xB2", "MPa"}, {"mBar", "mbar"},
+    {"sec", "s"},        {"second", "s"},     {"seconds", "s"},        {"sek", "s"},        {"Sek", "s"},
+    {"millis", "ms"},    {"msec", "ms"},      {"micros", "us"},        {"\xC2\xB5s", "us"}, {"\xCE\xBCs", "us"},
+    {"\xC2\xB5m", "um"}, {"\xCE\xBCm", "um"}, {"inch", "in"},          {"inches", "in"},    {"\"", "in"},
+    {"lb", "lbf"},       {"lbs", "lbf"},      {"kg", "kgf"},           {"kp", "kgf"},       {"Sec", "s"},
+    {"hPa", "mbar"},     {"N/mm2", "MPa"},    {"N/mm\xC2\xB2", "MPa"},
 };
 
 }  // namespace
@@ -76,16 +72,21 @@ std::optional<messages::Output> output_of(std::string_view name) {
 }
 
 std::optional<Unit> find_unit(std::string_view text) {
-  // A recording has gauge pressure: "kPa gauge", "psi g", "bar(g)" say no more.
-  for (const std::string_view gauge : {" gauge", " (g)", "(g)", " g"}) {
-    if (!text.ends_with(gauge)) continue;
+  std::string_view exact = text;
+  for (const auto& [other, name] : kSpellings)
+    if (text == other) exact = name;
+  if (const auto* found = std::ranges::find(kUnits, exact, &Unit::name); found != std::end(kUnits)) return *found;
+  // A recording has gauge pressure: "barg", "kPa gauge" and "psi (g)" say no more.
+  for (const std::string_view gauge : {" gauge", " (g)", "(g)", " g", "g"}) {
+    if (!small(text).ends_with(gauge)) continue;
     const auto unit = find_unit(text.substr(0, text.size() - gauge.size()));
     if (unit && unit->field == Field::kPressure) return unit;
   }
-  for (const auto& [other, name] : kSpellings)
-    if (text == other) text = name;
-  const auto* found = std::ranges::find(kUnits, text, &Unit::name);
-  return found == std::end(kUnits) ? std::nullopt : std::optional<Unit>(*found);
+  // "BAR", "KPa": of a pressure the case says nothing, but between mega and milli.
+  const auto* alike = std::ranges::find_if(kUnits, [name = small(text)](const Unit& unit) {
+    return unit.field == Field::kPressure && unit.name != "MPa" && small(unit.name) == name;
+  });
+  return alike == std::end(kUnits) ? std::nullopt : std::optional<Unit>(*alike);
 }
 
 std::string units_of(Field field) {

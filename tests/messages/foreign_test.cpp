@@ -321,7 +321,8 @@ TEST(Understand, APressureInAnotherUnitIsNotLostWithoutAWord) {
         parse_tables("Time (s),Extension (mm),Load (N)," + head + "\n0.0,1.0,2.0,3.0\n0.1,1.1,2.1,3.1\n", "log", {});
     return understand(parsed.tables.at(0), {});
   };
-  for (const char* unit : {"Bar", "barg", "kpa", "KPa", "PSIG", "kPag", "kPa gauge", "psi g", "mmHg", "N/mm2"}) {
+  for (const char* unit :
+       {"Bar", "BAR", "barg", "Barg", "MPag", "kpa", "KPa", "PSIG", "kPag", "kPa gauge", "psi g", "mmHg", "N/mm2"}) {
     const auto understood = of(std::string("Pressure (") + unit + ")");
     EXPECT_TRUE(understood.questions.empty()) << unit;
     EXPECT_EQ(understood.sources.size(), 4U) << unit;
