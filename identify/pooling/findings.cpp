@@ -130,6 +130,12 @@ void add_outliers(const PooledCampaign& c, std::vector<std::string>& out) {
 void add_nominal_growth(const PooledCampaign& c, std::vector<std::string>& out) {
   for (const Quantity& one : c.quantities)
     if (one.effect.empty() && one.grows) out.push_back(capital(one.words) + " " + growth(one) + ".");
+  const bool any_slope =
+      std::ranges::any_of(c.quantities, [](const Quantity& q) { return q.pooled.slope.has_value(); });
+  if (c.pressures_psi.size() > 1 && !c.quantities.empty() && !any_slope)
+    out.emplace_back(
+        "Whether anything grows with the pressure they cannot tell: no actuator was recorded at two pressures, "
+        "and what differs may be the actuators.");
 }
 
 void add_what_says_nothing(const PooledCampaign& c, std::vector<std::string>& out) {

@@ -20,7 +20,7 @@ struct Estimate {
 struct Pooled {
   double mean_pressure_psi = 0.0;
   Estimate level;                 ///< mu: of the mean actuator at the mean pressure
-  std::optional<Estimate> slope;  ///< beta, per psi; none at a single pressure
+  std::optional<Estimate> slope;  ///< beta, per psi; none at a single pressure, or where no actuator was at two
   /// ln of the evidence for a common slope over that for none, the slopes of single actuators allowed in both. The
   /// slope's prior is normal about zero, as wide as would by itself make the whole scatter of the values.
   std::optional<double> log_evidence_of_slope;

@@ -3,7 +3,9 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <numeric>
+#include <set>
 #include <stdexcept>
 
 #include "base/formatted.hpp"
@@ -35,6 +37,21 @@ struct Shrinkage {
     log_determinant = std::log(b.determinant());
   }
 };
+
+/// Whether what a psi changes can be told from what the actuators differ by: by one that was measured at two pressures,
+/// or by enough of them that their scatter about a line, two to spare, says how much they differ. Two actuators at a
+/// pressure each lie on a line whatever they are.
+bool tell_pressure_from_actuator(std::span<const Measurement> measurements) {
+  constexpr std::size_t kToSpare = 2;
+  std::map<std::size_t, std::set<double>> of_actuator;
+  std::set<double> pressures;
+  for (const Measurement& m : measurements) {
+    of_actuator[m.actuator].insert(m.pressure_psi);
+    pressures.insert(m.pressure_psi);
+  }
+  return of_actuator.size() >= pressures.size() + kToSpare ||
+         std::ranges::any_of(of_actuator, [](const auto& of) { return of.second.size() > 1; });
+}
 
 }  // namespace
 
@@ -93,7 +110,9 @@ void VarianceModel::measure_scatter(std::span<const Measurement> measurements) {
     yy += (m.value - y) * (m.value - y);
   }
   pressure_sd_psi_ = std::sqrt(pp / n);
-  if (pressure_sd_psi_ < 1e-9 * std::max(1.0, std::abs(mean_pressure_psi_))) pressure_sd_psi_ = 0.0;
+  if (pressure_sd_psi_ < 1e-9 * std::max(1.0, std::abs(mean_pressure_psi_)) ||
+      !tell_pressure_from_actuator(measurements))
+    pressure_sd_psi_ = 0.0;
   const double left = pressure_sd_psi_ > 0.0 ? std::max(yy - py * py / pp, 0.0) : yy;
   total_scatter_ = std::max(std::sqrt(yy / std::max(1.0, n - 1.0)), least_error);
   scatter_ = std::max(std::sqrt(left / std::max(1.0, n - (pressure_sd_psi_ > 0.0 ? 2.0 : 1.0))), least_error);

@@ -25,7 +25,7 @@ struct Scales {
 /// Which of them the measurements can show; the others are zero.
 struct Shown {
   bool level = false, slope = false, cell = false, repetition = false;
-  bool pressures = false;  ///< at least two of them: a common slope exists
+  bool pressures = false;  ///< at least two, which can be told from the actuators: a common slope exists
 };
 
 /// Further variance of what is taken out of the pool for a trial (outliers.hpp); empty: none.
@@ -81,6 +81,7 @@ class VarianceModel {
 
   [[nodiscard]] const Shown& shown() const noexcept { return shown_; }
   [[nodiscard]] double mean_pressure_psi() const noexcept { return mean_pressure_psi_; }
+  /// 0 where there is no common slope.
   [[nodiscard]] double pressure_sd_psi() const noexcept { return pressure_sd_psi_; }
   /// Scatter about one straight line for all, and about one value for all: what priors are scaled by.
   [[nodiscard]] double scatter() const noexcept { return scatter_; }

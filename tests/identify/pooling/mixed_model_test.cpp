@@ -144,6 +144,36 @@ TEST(MixedModel, ASlopeIsTestedAgainstNone) {
   EXPECT_EQ(found, kCampaigns);
 }
 
+/// Actuators that differ by 0.3, nothing that grows, each at one pressure.
+TEST(MixedModel, ASlopeIsNotWhatTheActuatorsDifferBy) {
+  Truth flat;
+  flat.slope = 0.0;
+  flat.scales = {0.3, 0.0, 0.02, 0.02};
+  const auto at = [&](std::vector<double> pressure_of_actuator, std::uint64_t seed) {
+    std::vector<Measurement> out;
+    for (const Measurement& m :
+         simulate_campaign(flat, {pressure_of_actuator.size(), {5, 10, 15, 20}, 2, 0.0}, seed).measurements)
+      if (m.pressure_psi == pressure_of_actuator[m.actuator]) out.push_back(m);
+    return pool_quantity(out, pressure_of_actuator.size());
+  };
+  for (const std::vector<double>& apart : {std::vector<double>{5, 15}, {5, 10, 15}, {5, 10, 15, 20}, {5, 5, 15}}) {
+    const Pooled p = at(apart, 7);
+    EXPECT_FALSE(p.slope) << apart.size();
+    EXPECT_FALSE(p.log_evidence_of_slope);
+    EXPECT_GT(p.level_sd.value, 0.05) << "what they differ by is theirs";
+  }
+  // Two to a pressure tell. One interval in twenty excludes zero; 3.09 standard deviations above five of a hundred are
+  // 11.7.
+  int wrong = 0;
+  constexpr int kCampaigns = 100;
+  for (std::uint64_t n = 0; n < kCampaigns; ++n) {
+    const Pooled p = at({5, 5, 15, 15}, 900 + n);
+    ASSERT_TRUE(p.slope);
+    if (p.slope->low95 * p.slope->high95 > 0.0 && *p.log_evidence_of_slope > std::log(3.0)) ++wrong;
+  }
+  EXPECT_LE(wrong, 11);
+}
+
 /// What one actuator alone says is drawn towards the others, the more the less it says.
 TEST(MixedModel, ShrinksWhatIsUncertain) {
   auto made = simulate_campaign({}, {12, {5, 10, 15, 20}, 3, 0.0}, 9);
