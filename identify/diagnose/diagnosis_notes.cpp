@@ -49,6 +49,24 @@ void note_what_cannot_be_told(Diagnosis& out) {
   }
 }
 
+/// Friction that is wholly in proportion to the load is friction, of which nothing is constant.
+void note_what_is_all_refinement(Diagnosis& out) {
+  for (const MissingEffect& missing : out.missing) {
+    const auto refinement = std::ranges::find_if(
+        out.missing, [&](const MissingEffect& other) { return other.effect->traits.refines == missing.effect->name; });
+    const auto part = std::ranges::find(out.model.parts, missing.effect, &model::Part::physics);
+    if (refinement == out.missing.end() || part == out.model.parts.end()) continue;
+    for (const model::Coefficient& known : part->law->coefficients) {
+      const auto value = std::ranges::find(missing.parameters, known.name, &NamedValue::name);
+      if (value == missing.parameters.end() || value->low > 0.0 || value->high < 0.0) continue;
+      out.notes.push_back(base::formatted(
+          "All that was found of %s may be %s: its own %.*s is %.3g, and zero lies in its 95 %% interval.",
+          model::effect_words(missing.effect->name).c_str(), model::effect_words(refinement->effect->name).c_str(),
+          static_cast<int>(known.name.size()), known.name.data(), value->value));
+    }
+  }
+}
+
 void note_substitutes(Diagnosis& out) {
   for (const MissingEffect& missing : out.missing) {
     if (missing.substitute == nullptr) continue;
@@ -81,6 +99,7 @@ void add_notes(const Study& study, const Fit& nominal_fit, Diagnosis& out) {
   if (!out.decided.empty()) out.warnings.push_back(decided_text(out.decided));
   for (const Inseparable& pair : out.design.inseparable) out.notes.push_back(pair.text);
   note_what_cannot_be_told(out);
+  note_what_is_all_refinement(out);
   note_substitutes(out);
   note_unfinished_fit(study, nominal_fit, "nominal model", out);
   if (study.selection.best != 0)

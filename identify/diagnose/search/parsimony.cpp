@@ -64,7 +64,7 @@ bool follows_differences(const Search& search, const Hypothesis& chosen) {
 void size_by_least_squares(Selection& selection, const Search& search) {
   const auto effects = selection.chosen().effects;
   for (const auto* effect : effects) {
-    Hypothesis rest = selection.pool[without_effect(selection, search, selection.best, *effect)];
+    Hypothesis rest = selection.pool[without_effect_and_refinements(selection, search, selection.best, *effect)];
     if (!rest.ls_spec.parts.empty()) rest.fit.spec = rest.ls_spec;
     selection.size_N[effect] = size_N(search, selection.chosen(), rest);
   }

@@ -53,7 +53,7 @@ void discount_insignificant_effects(Selection& selection, const Search& search, 
     double first = 0.0;
     std::map<const model::Physics*, double> sizes;
     for (const auto* effect : effects) {
-      const std::size_t rest = without_effect(selection, search, chosen, *effect);
+      const std::size_t rest = without_effect_and_refinements(selection, search, chosen, *effect);
       sizes[effect] = size_N(search, selection.pool[chosen], selection.pool[rest]);
       first = std::max(first, sizes[effect]);
     }
@@ -82,7 +82,7 @@ void discount_insignificant_effects(Selection& selection, const Search& search, 
   const auto effects = selection.pool[chosen].effects;
   for (const auto* effect : effects) {
     if (selection.size_N.contains(effect)) continue;
-    const std::size_t rest = without_effect(selection, search, chosen, *effect);
+    const std::size_t rest = without_effect_and_refinements(selection, search, chosen, *effect);
     selection.size_N[effect] = size_N(search, selection.pool[chosen], selection.pool[rest]);
   }
 }

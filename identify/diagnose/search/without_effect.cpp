@@ -46,6 +46,14 @@ std::size_t without_effect(Selection& selection, const Search& search, std::size
   return selection.pool.size() - 1;
 }
 
+std::size_t without_effect_and_refinements(Selection& selection, const Search& search, std::size_t from,
+                                           const model::Physics& effect) {
+  const auto effects = selection.pool[from].effects;
+  for (const auto* other : effects)
+    if (other->traits.refines == effect.name) from = without_effect(selection, search, from, *other);
+  return without_effect(selection, search, from, effect);
+}
+
 bool move_weight(Selection& selection, const Search& search, const model::Physics& effect, double kept,
                  bool single_too) {
   constexpr double kLeastWeight = 1e-4;

@@ -10,6 +10,11 @@ namespace isorig::identify {
 [[nodiscard]] std::size_t without_effect(Selection& selection, const Search& search, std::size_t from,
                                          const model::Physics& effect);
 
+/// As without_effect(), and without what refines the effect: without dry friction there is nothing that could grow with
+/// the load.
+[[nodiscard]] std::size_t without_effect_and_refinements(Selection& selection, const Search& search, std::size_t from,
+                                                         const model::Physics& effect);
+
 /// Moves the share 1 - `kept` of the weight of every explanation that has `effect` to the same one without it, and says
 /// whether any moved. Explanations of less than 1e-4 stay. `single_too`: those that have nothing else, too.
 bool move_weight(Selection& selection, const Search& search, const model::Physics& effect, double kept,

@@ -135,6 +135,20 @@ TEST(FrictionWithLoad, IsFrictionAndToldFromConstantFrictionWhereTheLoadVaries) 
   }
 }
 
+/// Friction of 1.2 to 1.8 N, none of it constant: its size is that of all friction, and what is constant is not
+/// claimed.
+TEST(FrictionWithLoad, HasTheSizeOfAllFrictionAndNothingConstant) {
+  const Diagnosis d = diagnose_bench({.load_share = 0.03, .seed = 7});
+  const auto dry = std::ranges::find(d.missing, "coulomb_friction", [](const auto& m) { return m.effect->name; });
+  ASSERT_NE(dry, d.missing.end());
+  EXPECT_GT(dry->size_N, 1.2);
+  EXPECT_LT(dry->size_N, 2 * 1.8);
+  EXPECT_EQ(d.missing.front().effect->name, "coulomb_friction");
+  EXPECT_TRUE(std::ranges::any_of(d.notes, [](const std::string& note) {
+    return note.find("All that was found of dry friction may be friction that grows with the load") == 0;
+  })) << diagnosis_json(d)["notes"].dump(1);
+}
+
 /// Where the elongation changes by a fifth, a share of the stiffness that is lost to the largest strain is a force that
 /// is lost to it: the recording cannot tell, and neither may be claimed. That it is one of the two is beyond doubt.
 TEST(SetAndSoftening, AreTiedWhereTheElongationHardlyChanges) {
