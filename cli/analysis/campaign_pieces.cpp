@@ -64,9 +64,9 @@ struct TaskOptions {
 int task(const TaskOptions& options) {
   const pieces::Done done =
       pieces::run_task(options.folder, options.list, options.share, this_program(), version_and_revision(), std::cout);
-  if (!done.no_room.empty()) std::cerr << done.no_room << '\n';
+  if (!done.cannot_go_on.empty()) std::cerr << done.cannot_go_on << '\n';
   if (done.stopped_by != 0) pieces::die_of(done.stopped_by);
-  return done.no_room.empty() ? kOk : kFailure;
+  return done.cannot_go_on.empty() ? kOk : kFailure;
 }
 
 Command add_task(CLI::App& app) {

@@ -50,16 +50,16 @@ Done make_pieces(Workshop shop, const std::filesystem::path& list, Share share, 
         if (stop || !source.next(recording)) break;
       }
       Attempt attempt;
-      std::string no_room;
+      std::string why;
       try {
         attempt = make_piece(shop, recording);
-      } catch (const NoRoom& e) {
-        no_room = e.what();
+      } catch (const CannotGoOn& e) {
+        why = e.what();
       }
       const std::lock_guard lock(mutex);
-      if (!no_room.empty()) {
+      if (!why.empty()) {
         stop = true;
-        done.no_room = no_room;
+        done.cannot_go_on = why;
       } else if (attempt.ended != Ended::kInterrupted) {
         ++done.ended;
         if (attempt.ended == Ended::kFailed) ++done.failed;

@@ -16,9 +16,9 @@ struct Share {
 struct Done {
   std::size_t ended = 0;  ///< pieces looked at, made or failed
   std::size_t failed = 0;
-  std::string last{};     ///< recording that ended last
-  int stopped_by = 0;     ///< a signal; what was under way is not there
-  std::string no_room{};  ///< why it stopped early
+  std::string last{};          ///< recording that ended last
+  int stopped_by = 0;          ///< a signal; what was under way is not there
+  std::string cannot_go_on{};  ///< why it stopped early: no room, or a model that was changed
 };
 
 /// Makes the pieces of the recordings in a list, `jobs` at a time, each in a process of its own. Memory does not grow

@@ -54,6 +54,15 @@ std::string names_of(const ordered_json& missing) {
   return out;
 }
 
+/// What the pieces of this campaign are made with. Where the model is gone nothing that is there is of it.
+ordered_json stamp_now(const Ask& ask) {
+  try {
+    return stamp_of(ask);
+  } catch (const base::FileError&) {
+    return {{"command", ask.command}, {"model", ask.model}, {"model_sha256", nullptr}};
+  }
+}
+
 /// What is known of a recording now. A piece that another model, question or program made is none of this campaign's: a
 /// call that was interrupted leaves such, and the next one makes them anew.
 ordered_json row_of(const Plan& plan, const ordered_json& ask, const std::string& recording) {
@@ -210,7 +219,7 @@ Standing merge(const Plan& plan, const identify::report::Made* made) {
   std::vector<identify::pooling::Source> diagnoses;
   bool all_diagnoses = true;
   Appearing csv(plan.folder / "campaign.csv"), json(plan.folder / "campaign.json");
-  const ordered_json ask = stamp_of(plan.ask);
+  const ordered_json ask = stamp_now(plan.ask);
   const ordered_json head{{"format", "isorig-campaign-pieces/1"}, {"ask", ask}, {"program", plan.program}};
   std::string opening = head.dump(2);
   opening.resize(opening.size() - 2);  // the brace and its line

@@ -29,6 +29,10 @@ constexpr std::uintmax_t kRoom_bytes = 64 << 20;  // a diagnosis with its page n
 constexpr int kNothingFitted = 1;                 // what `isorig fv` returns then; its files say why
 constexpr int kBadRecording = 3;
 
+std::int64_t ns_of(const timespec& time) {
+  return std::int64_t{time.tv_sec} * 1'000'000'000 + time.tv_nsec;
+}
+
 ordered_json read_json(const fs::path& file) {
   return ordered_json::parse(base::read_text_file(file), nullptr, false);
 }
@@ -133,19 +137,39 @@ Attempt failed(const Workshop& shop, const std::string& recording, const Attempt
 
 bool same_files(const std::vector<FileStamp>& a, const std::vector<FileStamp>& b) {
   return std::ranges::equal(a, b, [](const FileStamp& x, const FileStamp& y) {
-    return x.name == y.name && x.bytes == y.bytes && x.written_ns == y.written_ns;
+    return x.name == y.name && x.bytes == y.bytes && x.written_ns == y.written_ns && x.changed_ns == y.changed_ns;
   });
 }
+
+FileState state_of(const fs::path& file) {
+  struct stat found {};
+  if (::stat(file.c_str(), &found) != 0) return {};
+  return {found.st_dev, found.st_ino, static_cast<std::uintmax_t>(found.st_size), ns_of(found.st_mtim),
+          ns_of(found.st_ctim)};
+}
+
+constexpr const char* kWouldMix =
+    "; one table would mix pieces of both. Give the same command again (what was made with the old one is made anew), "
+    "or put the old one back first";
 
 Attempt attempt_piece(const Workshop& shop, const std::string& recording, const Attempted& attempt,
                       std::vector<FileStamp> files) {
   const fs::path& here = attempt.folder();
   for (FileStamp& one : files) one.sha256 = sha256_of_file(fs::path(recording) / one.name);
   const std::string began = base::utc_text(std::time(nullptr));
+  const bool is_file = fs::path(shop.plan.ask.model).is_absolute();
+  const FileState model = is_file ? state_of(shop.plan.ask.model) : FileState();
+  check_inputs(shop);
   const base::ProcessResult result =
       base::run_process(words_of(shop.plan.ask, shop.program, recording), here / "log.txt",
                         {.working_directory = here, .among = shop.among});
   if (shop.among != nullptr && shop.among->ending()) return {Ended::kInterrupted, "interrupted"};
+  // Before anything is made of its answer: which model it read nobody knows. One that was edited and put back has
+  // another time.
+  check_inputs(shop);
+  if (is_file && state_of(shop.plan.ask.model) != model)
+    throw InputsChanged(shop.plan.ask.model +
+                        ": was written to while pieces were made of it; give the same command again");
   const bool answered = result.exit_code == 0 || result.exit_code == kBadRecording ||
                         (result.exit_code == kNothingFitted && shop.plan.ask.command == "fv" &&
                          fs::exists(here / numbers_file(shop.plan.ask)));
@@ -205,8 +229,7 @@ std::vector<FileStamp> files_of(const std::string& recording) {
     const fs::path file = fs::path(recording) / name;
     struct stat found {};
     if (::stat(file.c_str(), &found) == 0) {
-      out.push_back({name, static_cast<std::uintmax_t>(found.st_size),
-                     std::int64_t{found.st_mtim.tv_sec} * 1'000'000'000 + found.st_mtim.tv_nsec});
+      out.push_back({name, static_cast<std::uintmax_t>(found.st_size), ns_of(found.st_mtim), ns_of(found.st_ctim)});
     } else if (errno != ENOENT && errno != ENOTDIR) {
       throw base::FileError(file, std::strerror(errno), false);
     }
@@ -259,7 +282,29 @@ unsigned failures_of(const Plan& plan, const std::string& recording) {
   }
 }
 
+Workshop workshop_of(const Plan& plan, const fs::path& program) {
+  Workshop shop{plan, stamp_of(plan.ask), program, nullptr, state_of(program)};
+  if (!plan.model_sha256.empty() && shop.ask_stamp.value("model_sha256", std::string()) != plan.model_sha256)
+    throw PlanError(plan.ask.model + ": is another model than when the campaign in " + plan.folder.string() + " began" +
+                    kWouldMix);
+  return shop;
+}
+
+void check_inputs(const Workshop& shop) {
+  const auto changed = [](const std::string& what) {
+    throw InputsChanged(what + " after pieces were begun with it" + kWouldMix);
+  };
+  try {
+    if (stamp_of(shop.plan.ask) != shop.ask_stamp) changed(shop.plan.ask.model + ": the model was changed");
+  } catch (const base::FileError& e) {
+    throw InputsChanged(std::string(e.what()) + "; put the model back, then give the same command again");
+  }
+  if (shop.program_state && state_of(shop.program) != *shop.program_state)
+    changed(shop.program.string() + ": the program was replaced");
+}
+
 Attempt make_piece(const Workshop& shop, const std::string& recording) {
+  check_inputs(shop);
   std::error_code unknown;
   const auto space = fs::space(shop.plan.folder, unknown);
   if (!unknown && space.available < kRoom_bytes)
@@ -273,6 +318,8 @@ Attempt make_piece(const Workshop& shop, const std::string& recording) {
     std::vector<FileStamp> files = files_of(recording);
     attempt = std::make_unique<Attempted>(final);
     return attempt_piece(shop, recording, *attempt, std::move(files));
+  } catch (const CannotGoOn&) {
+    throw;
   } catch (const std::exception& e) {
     return failed(shop, recording, attempt.get(), e.what());
   }

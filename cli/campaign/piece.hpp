@@ -2,6 +2,8 @@
 #include <cstdint>
 #include <filesystem>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -21,19 +23,52 @@ struct FileStamp {
   std::string name;
   std::uintmax_t bytes = 0;
   std::int64_t written_ns = 0;
-  std::string sha256{};  ///< empty: not looked into yet
+  std::int64_t changed_ns = 0;  ///< by the kernel's own clock, which nobody sets back
+  std::string sha256{};         ///< empty: not looked into yet
 };
 
 /// Those of a recording's files that are there. Throws base::FileError when there is no recording.toml.
 [[nodiscard]] std::vector<FileStamp> files_of(const std::string& recording);
 
-/// What all pieces of a campaign have in common.
+/// Tells whether a file is still the one that it was, without reading it.
+struct FileState {
+  std::uint64_t device = 0, inode = 0;
+  std::uintmax_t bytes = 0;
+  std::int64_t written_ns = 0, changed_ns = 0;
+  [[nodiscard]] bool operator==(const FileState&) const = default;
+};
+
+/// What all pieces of a campaign have in common, as it was when this process began to make them.
 struct Workshop {
   Plan plan;
   nlohmann::ordered_json ask_stamp;  ///< stamp_of(plan.ask)
   std::filesystem::path program;     ///< isorig
   base::Processes* among = nullptr;
+  std::optional<FileState> program_state{};  ///< without it nobody looks whether the program is replaced
 };
+
+/// As things are now. Throws PlanError where the model file is not the one that plan.model_sha256 names.
+[[nodiscard]] Workshop workshop_of(const Plan& plan, const std::filesystem::path& program);
+
+/// No piece can be made before somebody has done something. what() says what.
+class CannotGoOn : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+/// The file system has less room left than a piece may need.
+class NoRoom : public CannotGoOn {
+ public:
+  using CannotGoOn::CannotGoOn;
+};
+/// The model file or the program is not what the workshop was opened with: pieces of two models would stand in one
+/// table as if they were of one.
+class InputsChanged : public CannotGoOn {
+ public:
+  using CannotGoOn::CannotGoOn;
+};
+
+/// Throws InputsChanged.
+void check_inputs(const Workshop& shop);
 
 [[nodiscard]] std::filesystem::path piece_folder(const Plan& plan, const std::string& recording);
 /// Where the log of an attempt that failed lies, with failure.json.
@@ -58,14 +93,9 @@ struct Attempt {
   std::string words{};  ///< "exit 0, 2.1 s", why it failed
 };
 
-/// The file system has less room left than a piece may need. what() says where.
-class NoRoom : public std::runtime_error {
- public:
-  using std::runtime_error::runtime_error;
-};
-
 /// Makes the piece of a recording unless it is done. Two processes may do it at the same time; one of the two results,
-/// which are equal, stays. Throws NoRoom before it begins; whatever else goes wrong is a failed attempt.
+/// which are equal, stays. Throws CannotGoOn: before it begins, or where the model file or the program was changed
+/// while the piece was made, of which nothing is left then. Whatever else goes wrong is a failed attempt.
 [[nodiscard]] Attempt make_piece(const Workshop& shop, const std::string& recording);
 
 /// Removes what was left by processes that were killed. Only where no other process makes pieces in this folder.

@@ -120,6 +120,7 @@ std::string plan_path(const std::string& recording) {
 
 std::size_t write_plan(const Plan& plan, const Named& named, std::istream& standard_input) {
   refuse_other_campaign(plan);
+  const ordered_json stamp = stamp_of(plan.ask);
   const fs::path aside = plan.folder / "plan.txt.part";
   Writer writer(aside);
   for (const std::string& recording : named.recordings) writer.add(recording, "");
@@ -138,7 +139,8 @@ std::size_t write_plan(const Plan& plan, const Named& named, std::istream& stand
     fs::remove(aside);
     throw;
   }
-  const ordered_json json{{"format", kPlanFormat}, {"ask", to_json(plan.ask)}, {"program", plan.program}};
+  ordered_json json{{"format", kPlanFormat}, {"ask", to_json(plan.ask)}, {"program", plan.program}};
+  if (stamp.contains("model_sha256")) json["model_sha256"] = stamp["model_sha256"];
   base::write_whole_file(plan.folder / "plan.json", json.dump(2) + "\n");
   fs::rename(aside, recordings_of(plan));
   return count;
@@ -151,7 +153,8 @@ Plan read_plan(const fs::path& folder) {
     if (json.at("format") != kPlanFormat)
       throw PlanError(file.string() + ": of another version of isorig (" + json.at("format").get<std::string>() +
                       "); name another folder with --out");
-    return {fs::absolute(folder).lexically_normal(), ask_from_json(json.at("ask")), json.at("program")};
+    return {fs::absolute(folder).lexically_normal(), ask_from_json(json.at("ask")), json.at("program"),
+            json.value("model_sha256", std::string())};
   } catch (const base::FileError& e) {
     throw PlanError(e.what());
   } catch (const nlohmann::json::exception& e) {

@@ -37,7 +37,8 @@ class PlanUnwritable : public PlanError {
 struct Plan {
   std::filesystem::path folder;  ///< absolute
   Ask ask;
-  std::string program;  ///< version and revision
+  std::string program;         ///< version and revision
+  std::string model_sha256{};  ///< as plan.json has it, of a model file; empty: a known name, or read_plan did not say
 };
 
 /// Where a plan's recordings are named.

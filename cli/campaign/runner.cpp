@@ -41,8 +41,12 @@ class Merges {
 
 class Runner {
  public:
-  Runner(const CampaignCall& call, const Signals& signals) : call_(call), signals_(signals), merges_(call.plan) {
-    shop_ = {call.plan, stamp_of(call.plan.ask), call.program, nullptr};
+  Runner(const CampaignCall& call, const Signals& signals)
+      : call_(call),
+        signals_(signals),
+        merges_(call.plan),
+        // As write_plan() read it: the tasks of an array compare with that.
+        shop_(workshop_of(read_plan(call.plan.folder), call.program)) {
     if (call.slurm) slurm_.emplace(call.plan, call.program, *call.slurm);
   }
 
@@ -66,9 +70,9 @@ class Runner {
       const fs::path list = slurm_ ? slurm_->list_of(number) : call_.plan.folder / "todo.txt";
       const std::size_t left = scan(from, list, fresh, known);
       if (stopped_by != 0) return "";
-      if (left == 0) {
+      if (const std::string why = changed(); !why.empty() || left == 0) {
         fs::remove(list);
-        return "";
+        return why;
       }
       if (before != 0 && !progress_made(before, left)) ++fruitless;
       if (fruitless > call_.retries) return gave_up();
@@ -94,6 +98,16 @@ class Runner {
   int stopped_by = 0;
 
  private:
+  /// Why pieces that are made now are of another model or program than those before; "" where they are not.
+  [[nodiscard]] std::string changed() const {
+    try {
+      check_inputs(shop_);
+      return "";
+    } catch (const InputsChanged& e) {
+      return e.what();
+    }
+  }
+
   /// Writes the recordings that are to be made into `to`; of those that failed, only while they may be repeated.
   /// `fresh`: failures of an earlier call do not count.
   std::size_t scan(const fs::path& from, const fs::path& to, bool fresh, std::size_t lines) {
@@ -145,7 +159,7 @@ class Runner {
       if (now.stopped_by == 0) merges_.maybe();
     });
     stopped_by = done.stopped_by;
-    return done.no_room;
+    return done.cannot_go_on;
   }
 
   static std::string doing(const Done& now, std::size_t left, const std::string& more) {
@@ -208,7 +222,7 @@ Done run_task(const fs::path& folder, const fs::path& list, Share share, const f
     throw PlanError(folder.string() + ": a campaign of " + plan.program + ", and this is " + version +
                     "; install the same on every node, or on the shared file system");
   const Signals signals;
-  const Workshop shop{plan, stamp_of(plan.ask), program, nullptr};
+  const Workshop shop = workshop_of(plan, program);
   Done tally;
   write_tally(list, share, tally);
   return make_pieces(shop, list, share, 1, signals,

@@ -87,6 +87,39 @@ TEST(CampaignLocal, AKilledPieceIsRepeatedAndCostsThatPieceAlone) {
   EXPECT_THAT(different_files(dir / "whole", dir / "out"), IsEmpty());
 }
 
+constexpr const char* kModel = R"(format = "isorig-model/1"
+name = "spring and arm"
+[[part]]
+physics = "spring"
+[[part]]
+physics = "maxwell"
+)";
+
+/// A model that is edited while a campaign runs: no table has pieces of both, and the call says so.
+TEST(CampaignLocal, AModelThatIsEditedMeanwhileEndsTheCampaign) {
+  const TempDir dir;
+  const auto recordings = make_recordings(dir / "recordings", 3);
+  const fs::path model = dir / "model.toml";
+  spit(model, kModel);
+  auto words = campaign(recordings, dir / "out", {"-j", "1", "--model", model.string()});
+  words.insert(words.begin(), bin("isorig"));
+  {
+    Process first(words, dir / "first.txt");
+    ASSERT_TRUE(wait_until(120.0, [&] { return !pieces_in(dir / "out").empty(); })) << first.output();
+    spit(model, std::string(kModel) + "[[part]]\nphysics = \"constant\"\n");
+    EXPECT_EQ(first.wait(120.0), 1) << first.output();
+    EXPECT_THAT(first.output(), HasSubstr("model.toml: the model was changed"));
+    EXPECT_THAT(first.output(), HasSubstr("0 of 3 recordings answered; 3 not made yet"));
+  }
+  ASSERT_LT(pieces_in(dir / "out").size(), 3U) << "it had ended before";
+  words.erase(words.begin());
+  const auto second = isorig(dir, words, 240.0);
+  EXPECT_EQ(second.code, 0) << second.text;
+  const auto whole = isorig(dir, campaign(recordings, dir / "whole", {"--model", model.string()}), 240.0);
+  ASSERT_EQ(whole.code, 0) << whole.text;
+  EXPECT_THAT(different_files(dir / "whole", dir / "out"), IsEmpty());
+}
+
 TEST(CampaignLocal, AListWithWhatIsMissingAndWhatIsBadSaysWhereTheLogsAre) {
   const TempDir dir;
   const auto recordings = make_recordings(dir / "recordings", 2);

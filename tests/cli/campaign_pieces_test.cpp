@@ -137,6 +137,45 @@ TEST_F(Campaign, AnotherCampaignInTheFolderIsRefusedAndSaysWhatDiffers) {
               ThrowsMessage<PlanError>(HasSubstr("(process " + std::to_string(::getpid()) + " on ")));
 }
 
+/// `acts` is done while a piece is made of `model`; nothing of the piece is left.
+TEST_F(Campaign, APieceWhoseModelChangesMeanwhileIsNone) {
+  const std::string r = recording("rep-1"), model = (dir_ / "model.toml").string();
+  spit(model, "a");
+  const Plan of = plan({"diagnose", model, 1});
+  const auto refused = [&](const Workshop& w, const char* why) {
+    EXPECT_THAT([&] { (void)make_piece(w, r); }, ThrowsMessage<InputsChanged>(HasSubstr(why)));
+    EXPECT_TRUE(pieces_test::pieces_in(dir_ / "campaign").empty());
+    EXPECT_EQ(failures_of(of, r), 0U) << "the recording has done nothing wrong";
+  };
+  refused(shop("printf b > '" + model + "'\n" + kAnswers, of), "the model was changed after pieces were begun");
+  refused(shop("rm '" + model + "'; exit 1", of), "put the model back");
+  spit(model, "a");
+  refused(shop("printf b > '" + model + "'; printf a > '" + model + "'\n" + kAnswers, of),
+          "was written to while pieces were made of it");
+  const Workshop before = shop(kAnswers, of);
+  const std::size_t called = calls();
+  spit(model, "b");
+  refused(before, "the model was changed after pieces were begun");
+  EXPECT_EQ(calls(), called) << "it is seen before the work";
+  // The tasks of an array begin when they are let: each looks whether it is still the model of the plan.
+  (void)write_plan(of, {{r}, ""}, nothing_);
+  const Plan planned = read_plan(of.folder);
+  EXPECT_EQ(planned.model_sha256, sha256_of_file(model));
+  EXPECT_EQ(make_piece(workshop_of(planned, script(kAnswers)), r).ended, Ended::kMade);
+  spit(model, "c");
+  EXPECT_THAT([&] { (void)workshop_of(planned, script(kAnswers)); },
+              ThrowsMessage<PlanError>(HasSubstr("is another model than when the campaign in ")));
+}
+
+TEST_F(Campaign, AProgramThatIsReplacedMakesNoPiece) {
+  const std::string r = recording("rep-1");
+  const Workshop w = workshop_of(plan(), script(kAnswers));
+  ASSERT_EQ(make_piece(w, r).ended, Ended::kMade);
+  (void)script(std::string(kAnswers) + "\n# of the next version\n");
+  EXPECT_THAT([&] { (void)make_piece(w, recording("rep-2")); },
+              ThrowsMessage<InputsChanged>(HasSubstr("the program was replaced")));
+}
+
 TEST_F(Campaign, PieceIsMadeOnceAndAgainWhenAnythingOfItChanges) {
   const std::string r = recording("lab/rep 1");
   const auto made = [&](const Workshop& w) { return make_piece(w, r).ended == Ended::kMade; };
@@ -196,6 +235,15 @@ TEST_F(Campaign, ARecordingThatVanishesOrIsWrittenToFails) {
   const std::string r = recording("growing");
   const Attempt grown = make_piece(shop("echo 1,1,1 >> \"$2/frame.csv\"\n" + std::string(kAnswers), plan()), r);
   EXPECT_THAT(grown.words, HasSubstr("written to while it was read"));
+  // As long as before, and with the time that it had (`cp -p`, rsync).
+  const std::string put = recording("put");
+  const Attempt replaced =
+      make_piece(shop("touch -r \"$2/frame.csv\" then; printf 't_s,position_mm,force_N\\n0,0,1\\n' > \"$2/frame.csv\"; "
+                      "touch -r then \"$2/frame.csv\"\n" +
+                          std::string(kAnswers),
+                      plan()),
+                 put);
+  EXPECT_THAT(replaced.words, HasSubstr("written to while it was read"));
 }
 
 TEST_F(Campaign, WhatWasMadeIsNoAnswerForARecordingThatIsGoneOrForAnotherModel) {
