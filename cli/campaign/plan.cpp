@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <sys/file.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -42,7 +43,25 @@ void refuse_other_campaign(const Plan& plan) {
                     "); give the same ones to go on with it, or name another folder with --out");
 }
 
-/// Takes in paths and writes them, and remembers 8 bytes of each to find one that is there twice.
+/// Which files a recording is, whatever path leads to them; "" where there are none. The readings tell, since a link to
+/// them beside a recording.toml of its own is the same measurement.
+std::string files_behind(const std::string& recording) {
+  for (const char* name : {"frame.csv", "pressure.csv", "recording.toml"}) {
+    struct stat found {};
+    // Some file systems number no files.
+    if (::stat((fs::path(recording) / name).c_str(), &found) == 0 && found.st_ino != 0)
+      return std::to_string(found.st_dev) + ":" + std::to_string(found.st_ino);
+  }
+  return {};
+}
+
+std::uint64_t number_of(const std::string& digits) {
+  std::uint64_t hash = 0;
+  std::from_chars(digits.data(), digits.data() + digits.size(), hash, 16);
+  return hash;
+}
+
+/// Takes in paths and writes them, and remembers 16 bytes of each to find one that is there twice.
 class Writer {
  public:
   explicit Writer(const fs::path& file) : file_(file), out_(file, std::ios::binary) {}
@@ -54,10 +73,9 @@ class Writer {
     } catch (const PlanError& e) {
       throw PlanError(where + e.what());
     }
-    std::uint64_t hash = 0;
-    const std::string digits = base::fingerprint(path);
-    std::from_chars(digits.data(), digits.data() + digits.size(), hash, 16);
-    seen_.push_back(hash);
+    seen_.push_back(number_of(base::fingerprint(path)));
+    if (const std::string files = files_behind(path); !files.empty())
+      files_.push_back(number_of(base::fingerprint(files)));
     out_ << path << '\n';
   }
 
@@ -75,13 +93,28 @@ class Writer {
       });
       throw PlanError(which + ": named twice; name every recording once");
     }
+    refuse_same_files();
     return seen_.size();
   }
 
  private:
+  void refuse_same_files() {
+    std::ranges::sort(files_);
+    const auto twice = std::ranges::adjacent_find(files_);
+    if (twice == files_.end()) return;
+    std::vector<std::string> same;
+    for_each_line(file_, [&](const std::string& line) {
+      if (number_of(base::fingerprint(files_behind(line))) == *twice) same.push_back(line);
+    });
+    // Fewer: one was moved meanwhile.
+    if (same.size() > 1)
+      throw PlanError(same[1] + ": the same recording as " + same[0] +
+                      ", by a link or another path, and would count twice; name every recording once");
+  }
+
   fs::path file_;
   std::ofstream out_;
-  std::vector<std::uint64_t> seen_;
+  std::vector<std::uint64_t> seen_, files_;
 };
 
 void add_list(Writer& writer, std::istream& in, const std::string& name) {

@@ -47,8 +47,9 @@ struct Named {
   std::string list;                     ///< a file with a path a line, "-" for standard input; empty: none
 };
 
-/// Writes both files, through temporary names. Throws PlanError: no recording, one named twice, a folder that holds a
-/// campaign with other options, or the paper's figures. Returns how many recordings there are.
+/// Writes both files, through temporary names. Throws PlanError: no recording, one named twice (also by another path to
+/// the same files), a folder that holds a campaign with other options, the paper's figures or what `isorig pool` wrote.
+/// Returns how many recordings there are.
 std::size_t write_plan(const Plan& plan, const Named& named, std::istream& standard_input);
 
 /// What write_plan left in the folder. Throws PlanError.

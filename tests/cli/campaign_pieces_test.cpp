@@ -137,6 +137,31 @@ TEST_F(Campaign, AnotherCampaignInTheFolderIsRefusedAndSaysWhatDiffers) {
               ThrowsMessage<PlanError>(HasSubstr("(process " + std::to_string(::getpid()) + " on ")));
 }
 
+TEST_F(Campaign, ARecordingByTwoPathsIsNamedTwice) {
+  const std::string r = recording("lab/rep-1"), other = recording("lab/rep-2");
+  fs::create_directory_symlink(r, dir_ / "link");
+  const auto refused = [&](const std::string& by) {
+    EXPECT_THAT(
+        [&] {
+          (void)write_plan(plan(), {{other, r, by}, ""}, nothing_);
+        },
+        ThrowsMessage<PlanError>(HasSubstr(by + ": the same recording as " + r)));
+    EXPECT_FALSE(fs::exists(dir_ / "campaign/plan.json"));
+    EXPECT_FALSE(fs::exists(dir_ / "campaign/plan.txt.part"));
+  };
+  refused((dir_ / "link").string());
+  fs::create_directories(dir_ / "linked");
+  fs::create_directory_symlink(dir_ / "lab", dir_ / "linked/lab");
+  refused((dir_ / "linked/lab/rep-1").string());
+  // The readings, beside a recording.toml of their own.
+  const std::string hard = recording("hard");
+  fs::remove(fs::path(hard) / "frame.csv");
+  fs::create_hard_link(fs::path(r) / "frame.csv", fs::path(hard) / "frame.csv");
+  refused(hard);
+  EXPECT_EQ(write_plan(plan(), {{r, other, (dir_ / "gone").string(), (dir_ / "gone too").string()}, ""}, nothing_), 4U)
+      << "what is not there is no recording twice";
+}
+
 /// `acts` is done while a piece is made of `model`; nothing of the piece is left.
 TEST_F(Campaign, APieceWhoseModelChangesMeanwhileIsNone) {
   const std::string r = recording("rep-1"), model = (dir_ / "model.toml").string();
