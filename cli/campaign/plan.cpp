@@ -202,22 +202,26 @@ void for_each_line(const fs::path& file, const std::function<void(const std::str
   while (std::getline(in, line)) each(line);
 }
 
-FolderLock::FolderLock(const fs::path& folder) {
-  const fs::path file = folder / "campaign.lock";
+FolderLock::FolderLock(const fs::path& folder, Of of) {
+  const fs::path file = folder / (of == Of::kCampaign ? "campaign.lock" : "pieces.lock");
   fd_ = ::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
   if (fd_ < 0) throw PlanUnwritable(file.string() + ": " + std::strerror(errno) + "; name a folder that you may write");
-  if (::flock(fd_, LOCK_EX | LOCK_NB) != 0) {
+  if (::flock(fd_, (of == Of::kTask ? LOCK_SH : LOCK_EX) | LOCK_NB) != 0) {
     const int error = errno;
     std::array<char, 300> who{};
     (void)!::read(fd_, who.data(), who.size() - 1);
     ::close(fd_);
+    const std::string whose = " (" + base::printable(std::string(who.data())) + ")";
+    if (error == EWOULDBLOCK && of == Of::kMaker)
+      throw PlanError(folder.string() + ": tasks of a job array make its pieces" + whose +
+                      "; wait for them with --on slurm, or end them with scancel");
     if (error == EWOULDBLOCK)
-      throw PlanError(folder.string() + ": another `isorig campaign` works there (" +
-                      base::printable(std::string(who.data())) + "); wait for it or end it");
+      throw PlanError(folder.string() + ": another `isorig campaign` works there" + whose + "; wait for it or end it");
     throw PlanError(file.string() + ": cannot be locked (" + std::strerror(error) +
                     "); mount the file system with locks, or name a folder elsewhere");
   }
   const std::string us = "process " + std::to_string(::getpid()) + " on " + host_name();
+  // Of several tasks the last that began.
   (void)!::ftruncate(fd_, 0);
   (void)!::write(fd_, us.data(), us.size());
 }

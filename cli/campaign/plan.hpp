@@ -65,11 +65,16 @@ void for_each_line(const std::filesystem::path& file, const std::function<void(c
 /// Of this machine, for whoever looks where a lock or a piece comes from.
 [[nodiscard]] std::string host_name();
 
-/// One campaign in a folder at a time, on whichever machine of a shared file system; free when this ends, also by
+/// A lock on a file in a campaign's folder, on whichever machine of a shared file system; free when this ends, also by
 /// SIGKILL. Throws PlanError and says who has it.
 class FolderLock {
  public:
-  explicit FolderLock(const std::filesystem::path& folder);
+  enum class Of {
+    kCampaign,  ///< one call of `isorig campaign` at a time
+    kTask,      ///< shared by the tasks of a job array, which outlive the call that submitted them
+    kMaker,     ///< whoever makes or sweeps pieces without an array: no task at the same time
+  };
+  explicit FolderLock(const std::filesystem::path& folder, Of of = Of::kCampaign);
   ~FolderLock();
   FolderLock(const FolderLock&) = delete;
   FolderLock& operator=(const FolderLock&) = delete;

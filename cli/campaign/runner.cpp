@@ -62,7 +62,16 @@ class Runner {
         fresh = false;
       }
     }
-    sweep(call_.plan);
+    // Tasks outlive the call that submitted them, and Slurm need not be on this machine: they have a lock of their own.
+    std::optional<FolderLock> alone;
+    try {
+      alone.emplace(call_.plan.folder, FolderLock::Of::kMaker);
+      sweep(call_.plan);
+    } catch (const PlanError&) {
+      if (!slurm_) throw;
+      // Slurm knows of no task here: a node that died may keep its lock for as long as its file server likes.
+    }
+    if (slurm_) alone.reset();
     unsigned fruitless = 0;
     std::size_t before = 0;  // what was to be done in the round before
     for (std::size_t known = recordings;; known = before) {
@@ -221,6 +230,7 @@ Done run_task(const fs::path& folder, const fs::path& list, Share share, const f
   if (plan.program != version)
     throw PlanError(folder.string() + ": a campaign of " + plan.program + ", and this is " + version +
                     "; install the same on every node, or on the shared file system");
+  const FolderLock lock(folder, FolderLock::Of::kTask);
   const Signals signals;
   const Workshop shop = workshop_of(plan, program);
   Done tally;

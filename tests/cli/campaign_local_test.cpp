@@ -120,6 +120,43 @@ TEST(CampaignLocal, AModelThatIsEditedMeanwhileEndsTheCampaign) {
   EXPECT_THAT(different_files(dir / "whole", dir / "out"), IsEmpty());
 }
 
+/// A task of a job array outlives the call that submitted it: whoever makes pieces here at the same time would make
+/// the same ones, and sweep away what the task has begun.
+TEST(CampaignLocal, NobodyMakesPiecesBesideATaskOfAnArray) {
+  const TempDir dir;
+  const auto recordings = make_recordings(dir / "recordings", 2);
+  const auto call = campaign(recordings, dir / "out", {"-j", "1"});
+  ASSERT_EQ(isorig(dir, call, 240.0).code, 0);
+  fs::remove_all(dir / "out/pieces");
+  const std::vector<std::string> task{bin("isorig"),
+                                      "campaign-pieces",
+                                      (dir / "out").string(),
+                                      "--list",
+                                      (dir / "out/plan.txt").string(),
+                                      "--task",
+                                      "0",
+                                      "--of",
+                                      "1"};
+  {
+    Process array(task, dir / "task.txt");
+    ASSERT_TRUE(wait_until(60.0, [&] { return !processes_with("diagnose " + recordings[0]).empty(); }));
+    const auto refused = isorig(dir, call, 60.0);
+    EXPECT_EQ(refused.code, 2) << refused.text;
+    EXPECT_THAT(refused.text, HasSubstr("tasks of a job array make its pieces"));
+    EXPECT_EQ(array.wait(240.0), 0) << array.output();
+    EXPECT_EQ(pieces_in(dir / "out").size(), 2U) << "one was swept away";
+  }
+  fs::remove_all(dir / "out/pieces");
+  auto words = call;
+  words.insert(words.begin(), bin("isorig"));
+  Process local(words, dir / "local.txt");
+  ASSERT_TRUE(wait_until(60.0, [&] { return !processes_with("diagnose " + recordings[0]).empty(); }));
+  Process late(task, dir / "task.txt");
+  EXPECT_NE(late.wait(60.0), 0);
+  EXPECT_THAT(late.output(), HasSubstr("another `isorig campaign` works there"));
+  EXPECT_EQ(local.wait(240.0), 0) << local.output();
+}
+
 TEST(CampaignLocal, AListWithWhatIsMissingAndWhatIsBadSaysWhereTheLogsAre) {
   const TempDir dir;
   const auto recordings = make_recordings(dir / "recordings", 2);

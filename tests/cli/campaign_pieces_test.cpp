@@ -162,6 +162,19 @@ TEST_F(Campaign, ARecordingByTwoPathsIsNamedTwice) {
       << "what is not there is no recording twice";
 }
 
+TEST_F(Campaign, TasksShareAFolderWithEachOtherAndWithNobodyElse) {
+  using Of = FolderLock::Of;
+  const fs::path folder = dir_ / "campaign";
+  {
+    const FolderLock one(folder, Of::kTask), two(folder, Of::kTask), waiting(folder, Of::kCampaign);
+    EXPECT_THAT([&] { const FolderLock maker(folder, Of::kMaker); },
+                ThrowsMessage<PlanError>(HasSubstr("tasks of a job array make its pieces (process ")));
+  }
+  const FolderLock maker(folder, Of::kMaker);
+  EXPECT_THAT([&] { const FolderLock task(folder, Of::kTask); },
+              ThrowsMessage<PlanError>(HasSubstr("another `isorig campaign` works there")));
+}
+
 /// `acts` is done while a piece is made of `model`; nothing of the piece is left.
 TEST_F(Campaign, APieceWhoseModelChangesMeanwhileIsNone) {
   const std::string r = recording("rep-1"), model = (dir_ / "model.toml").string();
