@@ -83,7 +83,7 @@ class Runner {
         fs::remove(list);
         return why;
       }
-      if (before != 0 && !progress_made(before, left)) ++fruitless;
+      if (before != 0) fruitless = progress_made(before, left) ? 0 : fruitless + 1;
       if (fruitless > call_.retries) return gave_up();
       if (slurm_) {
         const Array array = slurm_->submit(number, left);

@@ -97,5 +97,34 @@ TEST(CampaignSlurm, ACancelledTaskIsSubmittedAgainAndARefusalIsSaidInSlurmsWords
   EXPECT_EQ(pieces_in(dir / "out").size(), 2U);
 }
 
+/// Two arrays that make nothing end the command only where they come one after the other.
+TEST(CampaignSlurm, AnArrayThatMadeSomethingBetweenTwoThatMadeNothingIsReasonToGoOn) {
+  if (::geteuid() != 0) GTEST_SKIP() << kNeedsRoot;
+  const TempDir dir;
+  const auto recordings = make_recordings(dir / "recordings", 4);
+  SlurmCluster cluster;
+  ASSERT_TRUE(cluster.ready()) << cluster.log();
+  auto words = campaign(recordings, dir / "out", {"--on", "slurm"});
+  words.insert(words.begin(), bin("isorig"));
+  Process process(words, dir / "out.txt");
+  std::size_t made = 0;
+  for (const int array : {1, 2, 3}) {
+    const auto list = dir / ("out/slurm/array-" + std::to_string(array) + ".sh");
+    ASSERT_TRUE(wait_until(60.0,
+                           [&] {
+                             return fs::exists(list) && !cluster.on_node(0).empty() &&
+                                    (array != 2 || !pieces_in(dir / "out").empty());
+                           }))
+        << array << process.output() << cluster.log();
+    cluster.ask({"scancel", "--me"});
+    ASSERT_TRUE(wait_until(30.0, [&] { return cluster.on_node(0).empty() && cluster.on_node(1).empty(); }));
+    const std::size_t now = pieces_in(dir / "out").size();
+    EXPECT_EQ(now > made, array == 2) << "array " << array;
+    made = now;
+  }
+  EXPECT_EQ(process.wait(120.0), 0) << process.output() << cluster.log();
+  EXPECT_TRUE(fs::exists(dir / "out/slurm/array-4.txt"));
+}
+
 }  // namespace
 }  // namespace isorig
