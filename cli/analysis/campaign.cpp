@@ -39,9 +39,11 @@ int paper_figures(const PiecesOptions& options, const std::string& simulated) {
     std::cerr << "isorig campaign: name the recordings; --list goes with --ask alone\n";
     return kUsage;
   }
-  if (std::filesystem::exists(std::filesystem::path(options.out) / "plan.json")) {
-    std::cerr << options.out << ": holds a campaign of --ask, whose campaign.json this would replace; name another "
-              << "folder with --out\n";
+  const std::filesystem::path out = options.out;
+  const bool of_pieces = std::filesystem::exists(out / "plan.json") || std::filesystem::exists(out / "pieces");
+  if (of_pieces || std::filesystem::exists(out / "pooled.json")) {
+    std::cerr << options.out << (of_pieces ? ": holds a campaign of --ask" : ": holds what `isorig pool` wrote")
+              << ", which this would replace; name another folder with --out\n";
     return kUsage;
   }
   identify::FvOptions of_each;

@@ -20,6 +20,12 @@ struct PoolOptions {
 };
 
 int pool(const PoolOptions& options) {
+  for (const char* file : {"plan.json", "campaign.json"})
+    if (std::filesystem::exists(std::filesystem::path(options.out) / file)) {
+      std::cerr << options.out << ": holds what `isorig campaign` wrote, whose page this would replace; name another "
+                << "folder with --out\n";
+      return kUsage;
+    }
   std::vector<pooling::Source> sources;
   for (const std::string& folder : options.diagnoses) sources.push_back({folder});
   try {

@@ -29,12 +29,24 @@ using nlohmann::ordered_json;
 
 constexpr const char* kPlanFormat = "isorig-campaign-plan/1";
 
+/// campaign.json that merge() wrote. It may be as long as the campaign; what it is stands in its first lines.
+bool is_of_pieces(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  std::array<char, 200> head{};
+  in.read(head.data(), head.size() - 1);
+  return std::string_view(head.data()).find("\"isorig-campaign-pieces/") != std::string_view::npos;
+}
+
 /// A folder that something else was written into is not to be mixed with.
 void refuse_other_campaign(const Plan& plan) {
   if (!fs::exists(plan.folder / "plan.json")) {
-    if (fs::exists(plan.folder / "campaign.json"))
+    const bool tables = fs::exists(plan.folder / "campaign.json");
+    if (tables && !is_of_pieces(plan.folder / "campaign.json"))
       throw PlanError(plan.folder.string() +
                       ": holds the paper's figures (`isorig campaign` without --ask); name another folder with --out");
+    if (!tables && fs::exists(plan.folder / "pooled.json"))
+      throw PlanError(plan.folder.string() +
+                      ": holds what `isorig pool` wrote, which this would replace; name another folder with --out");
     return;
   }
   const Plan there = read_plan(plan.folder);

@@ -162,6 +162,22 @@ TEST_F(Campaign, ARecordingByTwoPathsIsNamedTwice) {
       << "what is not there is no recording twice";
 }
 
+TEST_F(Campaign, WhatOthersWroteThereIsLeftAlone) {
+  spit(dir_ / "campaign/pooled.json", "{}");
+  const auto make = [&] { return write_plan(plan(), {{"/lab/x"}, ""}, nothing_); };
+  EXPECT_THAT([&] { (void)make(); }, ThrowsMessage<PlanError>(HasSubstr("holds what `isorig pool` wrote")));
+  fs::remove(dir_ / "campaign/pooled.json");
+  // A plan that was damaged and removed, as its message says: what is done stays.
+  const std::string r = recording("rep-1");
+  ASSERT_EQ(make_piece(shop(kAnswers, plan()), r).ended, Ended::kMade);
+  (void)write_plan(plan(), {{r}, ""}, nothing_);
+  EXPECT_EQ(merge(plan(), nullptr).made, 1U);
+  fs::remove(dir_ / "campaign/plan.json");
+  spit(dir_ / "campaign/pooled.json", "{}");
+  EXPECT_EQ(write_plan(plan(), {{r}, ""}, nothing_), 1U);
+  EXPECT_EQ(merge(plan(), nullptr).made, 1U);
+}
+
 TEST_F(Campaign, TasksShareAFolderWithEachOtherAndWithNobodyElse) {
   using Of = FolderLock::Of;
   const fs::path folder = dir_ / "campaign";

@@ -226,5 +226,20 @@ TEST_F(PoolCommand, AFolderThatIsGivenTwiceIsRefused) {
               HasSubstr("one diagnosis is nothing to pool"));
 }
 
+TEST_F(PoolCommand, TheFolderOfACampaignIsLeftAlone) {
+  for (const char* file : {"plan.json", "campaign.json"}) {
+    fs::remove_all(folder_ / "out");
+    fs::create_directories(folder_ / "out");
+    std::ofstream(folder_ / "out" / file) << "{}";
+    std::ofstream(folder_ / "out/campaign-report.html") << "the campaign's";
+    const Said said = with("");
+    EXPECT_EQ(said.code, 2) << said.text;
+    EXPECT_THAT(said.text, HasSubstr("holds what `isorig campaign` wrote"));
+    std::ifstream in(folder_ / "out/campaign-report.html");
+    EXPECT_EQ(std::string(std::istreambuf_iterator<char>(in), {}), "the campaign's");
+    EXPECT_FALSE(fs::exists(folder_ / "out/pooled.json"));
+  }
+}
+
 }  // namespace
 }  // namespace isorig
