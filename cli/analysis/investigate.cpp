@@ -89,11 +89,7 @@ class Loop {
       std::fflush(stdout);
       if (!round->diagnosed && !diagnose(*round)) return kBadInput;
       say(*round);
-      if (const auto outcome = settled_by(*round)) return finish(*outcome);
-      if (have(number + 1) != nullptr) continue;  // it was allowed when it was made, and counts in rig_s() already
-      const double next_s = round->experiment.at("duration_s");
-      if (number >= options_.rounds) return finish(Outcome::kRounds);
-      if (all_.rig_s() + next_s > options_.budget_s) return finish(Outcome::kBudget);
+      if (const auto outcome = ended_by(*round)) return finish(*outcome);
     }
   }
 
@@ -147,6 +143,16 @@ class Loop {
   [[nodiscard]] Round* have(int number) {
     const auto at = static_cast<std::size_t>(number) - 1;
     return at < all_.rounds.size() ? &all_.rounds[at] : nullptr;
+  }
+
+  /// What ends the investigation with this round; nullopt when a further one is called for and allowed.
+  [[nodiscard]] std::optional<Outcome> ended_by(const Round& round) {
+    if (const auto outcome = settled_by(round)) return outcome;
+    if (have(round.number + 1) != nullptr) return {};  // it was allowed when it was made, and counts in rig_s() already
+    if (round.number >= options_.rounds) return Outcome::kRounds;
+    const double next_s = round.experiment.at("duration_s");
+    if (all_.rig_s() + next_s > options_.budget_s) return Outcome::kBudget;
+    return {};
   }
 
   /// Runs and exports a round that is not there yet.
@@ -225,7 +231,7 @@ class Loop {
       const auto study = identify::diagnose(std::move(recordings), std::move(names), nominal_, settings);
       progress.reset();
       take_in(round, study);
-      const bool last = settled_by(round) || round.number >= options_.rounds;
+      const bool last = ended_by(round).has_value();
       const auto folder = all_.round_folder(round.number) / "diagnosis";
       auto made = provenance();
       made.links.emplace_back("The investigation", "../../investigation-report.html");

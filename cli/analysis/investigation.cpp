@@ -214,8 +214,13 @@ void write_report(const Investigation& all, const identify::report::Made& made) 
     default:
       page.lead(Mood::kWarning, "not settled", model::in_words(all.text));
   }
-  const std::string last = "round-" + std::to_string(all.rounds.back().number) + "/diagnosis/diagnosis-report.html";
-  page.link("Diagnosis of all recordings together", last);
+  // A round that was not the last when it was diagnosed, or was diagnosed with --no-report, has numbers and no page.
+  const std::string last = "round-" + std::to_string(all.rounds.back().number) + "/diagnosis/";
+  for (const char* file : {"diagnosis-report.html", "diagnosis.json"})
+    if (std::filesystem::exists(all.folder / (last + file))) {
+      page.link("Diagnosis of all recordings together", last + file);
+      break;
+    }
   std::vector<std::vector<std::string>> rows;
   for (const Round& round : all.rounds)
     rows.push_back({std::to_string(round.number), round.text, duration_text(round.rig_s),

@@ -115,14 +115,21 @@ class Appearing {
 
 /// What the page shows, of bounded size.
 struct PageRows {
+  fs::path folder;  ///< of the campaign
   std::vector<std::vector<std::string>> rows, hrefs;
   std::map<std::tuple<std::string, double>, std::vector<std::string>> cells;
   bool all_rows = true, all_cells = true;
 
   void add(const ordered_json& row) {
-    const std::string where = !row["page"].is_null()     ? row["page"].get<std::string>()
-                              : !row["folder"].is_null() ? row["folder"].get<std::string>() + "/log.txt"
-                                                         : "";
+    std::string where;
+    if (!row["page"].is_null()) {
+      where = row["page"].get<std::string>();
+    } else if (!row["folder"].is_null()) {
+      // What failed before its command began has no log.
+      for (const char* file : {"/log.txt", "/failure.json"})
+        if (where.empty() && fs::exists(folder / (row["folder"].get<std::string>() + file)))
+          where = row["folder"].get<std::string>() + file;
+    }
     all_rows = all_rows && rows.size() < kMostRows;
     if (all_rows) {
       const std::string state = row["state"];
@@ -216,6 +223,7 @@ void write_page(const Plan& plan, const Standing& s, const PageRows& shown, cons
 Standing merge(const Plan& plan, const identify::report::Made* made) {
   Standing s;
   PageRows shown;
+  shown.folder = plan.folder;
   std::vector<identify::pooling::Source> diagnoses;
   bool all_diagnoses = true;
   Appearing csv(plan.folder / "campaign.csv"), json(plan.folder / "campaign.json");

@@ -351,5 +351,17 @@ TEST_F(Campaign, TheTablesPageLeadsToEachPiecesPage) {
   EXPECT_THAT(page, HasSubstr("slack 0.97"));
 }
 
+/// What failed before its command began has no log to lead to.
+TEST_F(Campaign, ThePageOfARecordingThatIsGoneLeadsToWhatIsThere) {
+  const std::string gone = (dir_ / "gone").string();
+  ASSERT_EQ(make_piece(shop(kAnswers, plan()), gone).ended, Ended::kFailed);
+  (void)write_plan(plan(), {{gone}, ""}, nothing_);
+  const identify::report::Made made;
+  EXPECT_EQ(merge(plan(), &made).failed, 1U);
+  const std::string page = slurp(dir_ / "campaign/campaign-report.html");
+  const std::string folder = failed_folder(plan(), gone).lexically_relative(dir_ / "campaign").string();
+  EXPECT_THAT(page, HasSubstr("\"hrefs\":[[\"" + folder + "/failure.json\"]]"));
+}
+
 }  // namespace
 }  // namespace isorig::cli::pieces

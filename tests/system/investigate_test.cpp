@@ -179,6 +179,52 @@ TEST(Investigate, GoesOnWhereItWasAndRefusesAnotherQuestion) {
   EXPECT_THAT(other.text, HasSubstr("another seed"));
 }
 
+/// Where `href`s of a page lead that are files beside it, and are not there.
+std::vector<std::string> dead_links(const std::filesystem::path& page) {
+  std::vector<std::string> out;
+  const std::string text = slurp(page), key = "\"href\":\"";
+  for (auto at = text.find(key); at != std::string::npos; at = text.find(key, at + 1)) {
+    const auto begin = at + key.size();
+    const std::string href = text.substr(begin, text.find('"', begin) - begin);
+    if (!href.empty() && href.find(':') == std::string::npos && href[0] != '#' &&
+        !std::filesystem::exists(page.parent_path() / href))
+      out.push_back(href);
+  }
+  return out;
+}
+
+/// The page of the last diagnosis is made where the budget ends it, too, and where there is none its numbers are led
+/// to.
+TEST(Investigate, WhenTheBudgetEndsItsPageLeadsToTheLastDiagnosis) {
+  const TempDir dir;
+  const auto rig = rig_with(dir, "[[part]]\nphysics = \"force_delay\"\ndelay_s = 0.02\n", "0.05");
+  spit(dir / "poor.toml", kPoor);
+  spit(dir / "nominal.toml", kNominal);
+  std::vector<std::string> words{"investigate",
+                                 "--rig",
+                                 rig,
+                                 "--protocol",
+                                 (dir / "poor.toml").string(),
+                                 "--model",
+                                 (dir / "nominal.toml").string(),
+                                 "--out",
+                                 (dir / "out").string(),
+                                 "--budget",
+                                 "120"};
+  const auto answer = isorig(dir, words, 200.0);
+  ASSERT_EQ(answer.code, 1) << answer.text;
+  ASSERT_EQ(record_of(dir)["outcome"], "budget");
+  const auto page = dir / "out/investigation-report.html";
+  const auto leads_to = [&](const char* file) { return slurp(page).find(file) != std::string::npos; };
+  EXPECT_TRUE(leads_to("round-1/diagnosis/diagnosis-report.html"));
+  EXPECT_THAT(dead_links(page), testing::IsEmpty());
+  // As a round leaves it that was not the last when it was diagnosed.
+  std::filesystem::remove(dir / "out/round-1/diagnosis/diagnosis-report.html");
+  EXPECT_EQ(isorig(dir, words, 200.0).code, 1);
+  EXPECT_TRUE(leads_to("round-1/diagnosis/diagnosis.json"));
+  EXPECT_THAT(dead_links(page), testing::IsEmpty());
+}
+
 TEST(Investigate, StartsNoRealRig) {
   const TempDir dir;
   const auto answer =
