@@ -47,8 +47,12 @@ bool write_diagnosis(const identify::Study& study, const std::filesystem::path& 
   std::filesystem::create_directories(folder);
   nlohmann::ordered_json json = identify::diagnosis_json(d);
   std::vector<messages::RecordingMetadata> recordings;
-  for (const identify::Series& one : study.series) recordings.push_back(one.recording.metadata);
-  json["recordings"] = identify::pooling::recordings_json(recordings);
+  std::vector<double> ids;
+  for (const identify::Series& one : study.series) {
+    recordings.push_back(one.recording.metadata);
+    ids.push_back(one.excitation.reference.recording_id);
+  }
+  json["recordings"] = identify::pooling::recordings_json(recordings, ids);
   base::write_whole_file(folder / "diagnosis.json", json.dump(2) + "\n");
   base::write_whole_file(folder / "nominal.toml", model::model_text(d.nominal, "The given model, refitted."));
   const std::string comment = d.not_modelled.why.empty() ? "The model with what it lacked."

@@ -115,6 +115,16 @@ void place_all(PooledCampaign& out) {
   for (const ReadDiagnosis& one : out.recordings) out.actuator_of.push_back(number[one.place.specimen]);
 }
 
+/// Diagnoses of one recording, in several folders: of a copy of it, or by a link.
+void check_same_recording(const std::vector<ReadDiagnosis>& recordings) {
+  std::map<double, std::size_t> seen;
+  for (std::size_t i = 0; i < recordings.size(); ++i)
+    for (const double id : recordings[i].recording_ids)
+      if (const auto [first, fresh] = seen.try_emplace(id, i); !fresh && first->second != i)
+        throw PoolError((recordings[i].folder / "diagnosis.json").string() + ": is of the same recording as " +
+                        recordings[first->second].folder.string() + "; its numbers would count twice");
+}
+
 void check_twice(const std::vector<Source>& sources) {
   std::set<std::filesystem::path> seen;
   for (const Source& source : sources) {
@@ -135,6 +145,7 @@ PooledCampaign pool(const std::vector<Source>& sources, unsigned threads) {
   out.recordings.resize(sources.size());
   base::parallel_for(sources.size(), threads, [&](std::size_t i) { out.recordings[i] = read_diagnosis(sources[i]); });
   check_same_model(out.recordings);
+  check_same_recording(out.recordings);
   place_all(out);
 
   for (const model::Physics* physics : model::effects()) {

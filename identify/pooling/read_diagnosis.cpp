@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <fstream>
 #include <functional>
 #include <limits>
@@ -161,6 +162,9 @@ ReadDiagnosis read_checked(const Source& source, const fs::path& file, const ord
       throw PoolError(e.what());
     }
   }
+  if (const auto recordings = json.find("recordings"); recordings != json.end())
+    for (const auto& one : *recordings)
+      if (one.contains("id")) out.recording_ids.push_back(one["id"]);
   out.verdict = json.at("verdict");
   if (json.contains("cannot_judge") && json["cannot_judge"].is_object())
     out.cannot_judge = json["cannot_judge"].at("why");
@@ -185,13 +189,16 @@ Place place_of(const messages::RecordingMetadata& metadata, const std::string& w
   return {metadata.specimen, *metadata.nominal_pressure_psi, repetition_in(metadata.further_toml)};
 }
 
-ordered_json recordings_json(const std::vector<messages::RecordingMetadata>& recordings) {
+ordered_json recordings_json(const std::vector<messages::RecordingMetadata>& recordings,
+                             const std::vector<double>& ids) {
   ordered_json out = ordered_json::array();
-  for (const auto& metadata : recordings) {
+  for (std::size_t i = 0; i < recordings.size(); ++i) {
+    const auto& metadata = recordings[i];
     out.push_back({{"specimen", metadata.specimen}});
     if (metadata.nominal_pressure_psi) out.back()["nominal_pressure_psi"] = *metadata.nominal_pressure_psi;
     if (const int repetition = repetition_in(metadata.further_toml); repetition > 0)
       out.back()["repetition"] = repetition;
+    if (i < ids.size()) out.back()["id"] = static_cast<std::uint64_t>(ids[i]);
   }
   return out;
 }

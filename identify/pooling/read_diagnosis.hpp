@@ -19,9 +19,10 @@ struct Place {
 /// Throws PoolError, with `where` for its message, when the specimen or its nominal pressure is not named.
 [[nodiscard]] Place place_of(const messages::RecordingMetadata& metadata, const std::string& where);
 
-/// The recordings of a diagnosis, for diagnosis.json: "recordings": [{"specimen", "nominal_pressure_psi",
-/// "repetition"}]; what recording.toml does not name is left out.
-[[nodiscard]] nlohmann::ordered_json recordings_json(const std::vector<messages::RecordingMetadata>& recordings);
+/// The recordings of a diagnosis, for diagnosis.json: "recordings": [{"specimen", "nominal_pressure_psi", "repetition",
+/// "id"}]; what recording.toml does not name is left out. `ids`: messages::recording_id of each, or empty.
+[[nodiscard]] nlohmann::ordered_json recordings_json(const std::vector<messages::RecordingMetadata>& recordings,
+                                                     const std::vector<double>& ids = {});
 
 /// What is wrong with a folder, where, and what to do.
 struct PoolError : std::runtime_error {
@@ -65,6 +66,7 @@ struct ReadDiagnosis {
   std::vector<ReadNumber> nominal;     ///< as the completed model has them: a law in an arm's place has no arm
   std::vector<std::string> asked;      ///< names of the numbers of the nominal model that the diagnosis was asked about
   std::string page;                    ///< diagnosis-report.html, or diagnosis.json where there is no page
+  std::vector<double> recording_ids;   ///< messages::recording_id of its recordings; empty of an older version's
 };
 
 /// Throws PoolError.

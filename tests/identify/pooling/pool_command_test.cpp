@@ -226,6 +226,22 @@ TEST_F(PoolCommand, AFolderThatIsGivenTwiceIsRefused) {
               HasSubstr("one diagnosis is nothing to pool"));
 }
 
+/// By a link, or of a copy: its readings are the same.
+TEST_F(PoolCommand, ARecordingThatWasDiagnosedTwiceIsRefused) {
+  json one = diagnosis("Actuator1", 10, 2, true), other = diagnosis("Actuator1", 10, 3, true);
+  one["recordings"][0]["id"] = 123456789;
+  other["recordings"][0]["id"] = 987654321;
+  put("one", one);
+  put("other", other);
+  const std::string both = (folder_ / "one").string() + " " + (folder_ / "other").string();
+  EXPECT_EQ(with(both).code, 0);
+  other["recordings"][0]["id"] = 123456789;
+  put("other", other);
+  const Said said = with(both);
+  EXPECT_EQ(said.code, 3);
+  EXPECT_THAT(said.text, HasSubstr("other/diagnosis.json: is of the same recording as " + (folder_ / "one").string()));
+}
+
 TEST_F(PoolCommand, TheFolderOfACampaignIsLeftAlone) {
   for (const char* file : {"plan.json", "campaign.json"}) {
     fs::remove_all(folder_ / "out");
