@@ -184,12 +184,19 @@ void widen_by_law_error(Quantity& quantity) {
     errors[m.pressure_psi].push_back(m.standard_error);
     all.push_back(m.standard_error);
   }
-  const auto widen = [&](Estimate& estimate, double sd) {
+  const auto widen = [](Estimate& estimate, double sd) {
     estimate.standard_error = std::hypot(estimate.standard_error, sd);
     estimate.low95 = estimate.value - std::hypot(estimate.value - estimate.low95, kZ95 * sd);
     estimate.high95 = estimate.value + std::hypot(estimate.high95 - estimate.value, kZ95 * sd);
   };
-  widen(quantity.pooled.level, kShare * base::median(all));
+  // What all recordings share is in every actuator's number as it is in the mean: however well its own recordings
+  // agree, they agree on a value that is off by that.
+  const double shared = kShare * base::median(all);
+  widen(quantity.pooled.level, shared);
+  for (Pooled::Actuator& one : quantity.pooled.actuators) {
+    widen(one.level, shared);
+    one.unpooled_error = std::hypot(one.unpooled_error, shared);
+  }
   if (!quantity.pooled.slope) return;
   double mean = 0.0, squares = 0.0, variance = 0.0;
   for (const auto& [pressure, of] : errors) mean += pressure / static_cast<double>(errors.size());
@@ -198,7 +205,10 @@ void widen_by_law_error(Quantity& quantity) {
     squares += away * away;
     variance += std::pow(away * kShare * base::median(of), 2);
   }
-  widen(*quantity.pooled.slope, std::sqrt(variance) / squares);
+  const double shared_per_psi = std::sqrt(variance) / squares;
+  widen(*quantity.pooled.slope, shared_per_psi);
+  for (Pooled::Actuator& one : quantity.pooled.actuators)
+    if (one.slope) widen(*one.slope, shared_per_psi);
 }
 
 std::string name_of(const ReadDiagnosis& recording) {

@@ -52,7 +52,8 @@ struct PooledCampaign {
 
 /// An error of the law that is the same in all recordings of a pressure does not average out, and no recording's
 /// interval contains it: such intervals hold the true value for six of seven numbers (docs/proof.md), as if to each
-/// standard error 0.89 of it were added that recordings share. The pooled level and slope are widened by that.
+/// standard error 0.89 of it were added that recordings share. The pooled level and slope are widened by that, and so
+/// are those of every actuator, which it moves as far. Differences between actuators do not have it.
 void widen_by_law_error(Quantity& quantity);
 
 [[nodiscard]] std::vector<std::string> findings_of(const PooledCampaign& campaign);

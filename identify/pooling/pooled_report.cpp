@@ -188,11 +188,11 @@ Figure figure_of(const PooledCampaign& c, const Quantity& q) {
     out.caption += formatted(" at %.3g psi; per psi ", q.pooled.mean_pressure_psi) +
                    report::interval_text(q.pooled.slope->value, q.pooled.slope->low95, q.pooled.slope->high95) + unit +
                    formatted(" (evidence for a change with the pressure: ln %.1f)", *q.pooled.log_evidence_of_slope);
-  out.caption +=
-      ". Actuators spread by " + number_text(q.pooled.level_sd.value, 2) + unit + ", repetitions by " +
-      number_text(q.pooled.repetition_sd.value, 2) + unit +
-      " beyond what their intervals state. Bars are 95 %; pooled values are drawn towards the others, the more "
-      "the less an actuator's own recordings say.";
+  out.caption += ". Actuators spread by " + number_text(q.pooled.level_sd.value, 2) + unit + ", repetitions by " +
+                 number_text(q.pooled.repetition_sd.value, 2) + unit +
+                 " beyond what their intervals state. Bars are 95 %, with an error of the law that would move all of "
+                 "them together; pooled values are drawn towards the others, the more the less an actuator's own "
+                 "recordings say.";
   out.panels.push_back(forest(c, q));
   if (q.pooled.slope) out.panels.push_back(over_pressure(c, q));
   out.columns = static_cast<int>(out.panels.size());
