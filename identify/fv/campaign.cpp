@@ -78,16 +78,23 @@ const Curve* lower_pressure(const CurveMap& curves, const std::string& specimen,
   return at->second;
 }
 
-/// Heights in units of the elastic jump strain_step / initial_strain: actuators differ in length, and so do their
-/// jumps.
-std::optional<bool> above_control(const CurveMap& curves, const std::string& specimen, double pressure,
-                                  const Curve& curve, int direction) {
+/// Whether `less` is less than `more`. Where one of them is no number (a curve without points in that direction)
+/// nothing was compared: such a case neither holds nor speaks against the claim.
+std::optional<bool> below(double less, double more) {
+  if (!std::isfinite(less) || !std::isfinite(more)) return std::nullopt;
+  return less < more;
+}
+
+/// By how much it lies above the control. Heights in units of the elastic jump strain_step / initial_strain: actuators
+/// differ in length, and so do their jumps.
+std::optional<double> height_above_control(const CurveMap& curves, const std::string& specimen, double pressure,
+                                           const Curve& curve, int direction) {
   const Curve* control = control_of(curves, specimen, pressure);
   if (control == nullptr) return std::nullopt;
   const auto height = [&](const Curve& of) {
     return mean_response(of, direction) / (of.strain_step / of.initial_strain);
   };
-  return height(curve) > height(*control);
+  return height(curve) - height(*control);
 }
 
 /// By how much the fitted asymptote FV(v -> inf) lies above the control's.
@@ -105,34 +112,37 @@ void add_trends_with_pressure(const CurveMap& curves, std::vector<Trend>& out) {
                       [&](const std::string& s, double p, const Curve& curve) -> std::optional<bool> {
                         const Curve* lower = lower_pressure(curves, s, p, 1);
                         if (lower == nullptr) return std::nullopt;
-                        return mean_response(curve, 0) < mean_response(*lower, 0);
+                        return below(mean_response(curve, 0), mean_response(*lower, 0));
                       }));
   out.push_back(count("The next pressure step lowers it by less than the step before", curves, any,
                       [&](const std::string& s, double p, const Curve& curve) -> std::optional<bool> {
                         const Curve *lower = lower_pressure(curves, s, p, 1), *lowest = lower_pressure(curves, s, p, 2);
                         if (lowest == nullptr) return std::nullopt;
-                        return mean_response(*lower, 0) - mean_response(curve, 0) <
-                               mean_response(*lowest, 0) - mean_response(*lower, 0);
+                        return below(mean_response(*lower, 0) - mean_response(curve, 0),
+                                     mean_response(*lowest, 0) - mean_response(*lower, 0));
                       }));
   out.push_back(count("The arm's stiffness over the spring's, kappa, falls with pressure (controls)", curves,
                       is_control, [&](const std::string& s, double p, const Curve& curve) -> std::optional<bool> {
                         const Curve* lower = lower_pressure(curves, s, p, 1);
                         if (lower == nullptr || !lower->result.fit || !curve.result.fit) return std::nullopt;
-                        return curve.result.fit->parameter("kappa").value < lower->result.fit->parameter("kappa").value;
+                        return below(curve.result.fit->parameter("kappa").value,
+                                     lower->result.fit->parameter("kappa").value);
                       }));
 }
 
 void add_trends_against_control(const CurveMap& curves, std::vector<Trend>& out) {
-  out.push_back(
-      count("Urethane, 6 and 12 mm: higher than the control at all pressures", curves, is_urethane_of_6_or_12_mm,
-            [&](const std::string& s, double p, const Curve& c2) { return above_control(curves, s, p, c2, 0); }));
+  out.push_back(count("Urethane, 6 and 12 mm: higher than the control at all pressures", curves,
+                      is_urethane_of_6_or_12_mm,
+                      [&](const std::string& s, double p, const Curve& curve) -> std::optional<bool> {
+                        const auto above = height_above_control(curves, s, p, curve, 0);
+                        return above ? below(0.0, *above) : std::nullopt;
+                      }));
   out.push_back(count(
       "Ecoflex: lower than the control in extension, all diameters and pressures", curves,
       [](const std::string& s) { return is(s, "Ecoflex"); },
-      [&](const std::string& s, double p, const Curve& c2) -> std::optional<bool> {
-        const auto above = above_control(curves, s, p, c2, 1);
-        if (!above) return std::nullopt;
-        return !*above;
+      [&](const std::string& s, double p, const Curve& curve) -> std::optional<bool> {
+        const auto above = height_above_control(curves, s, p, curve, 1);
+        return above ? below(*above, 0.0) : std::nullopt;
       }));
   out.push_back(count("Urethane, 6 and 12 mm: its gain in asymptote over the control shrinks with pressure", curves,
                       is_urethane_of_6_or_12_mm,
@@ -140,30 +150,30 @@ void add_trends_against_control(const CurveMap& curves, std::vector<Trend>& out)
                         const Curve* lower = lower_pressure(curves, s, p, 1);
                         if (lower == nullptr) return std::nullopt;
                         const auto here = asymptote_gain(curves, s, p, curve);
-                        const auto below = asymptote_gain(curves, s, lower->nominal_pressure_psi.value_or(0.0), *lower);
-                        if (!here || !below) return std::nullopt;
-                        return *here < *below;
+                        const auto there = asymptote_gain(curves, s, lower->nominal_pressure_psi.value_or(0.0), *lower);
+                        return here && there ? below(*here, *there) : std::nullopt;
                       }));
 }
 
 void add_trends_of_fits(const CurveMap& curves, std::vector<Trend>& out) {
   out.push_back(count("Fits under-predict the extension response", curves, any,
                       [](const std::string&, double, const Curve& curve) -> std::optional<bool> {
-                        if (!curve.result.fit) return std::nullopt;
-                        return curve.result.fit->mean_residual_extension > 0.0;
+                        if (!curve.result.fit || std::isnan(mean_response(curve, 1))) return std::nullopt;
+                        return below(0.0, curve.result.fit->mean_residual_extension);
                       }));
   out.push_back(count("Fits over-predict the shortening response", curves, any,
                       [](const std::string&, double, const Curve& curve) -> std::optional<bool> {
-                        if (!curve.result.fit) return std::nullopt;
-                        return curve.result.fit->mean_residual_shortening > 0.0;
+                        if (!curve.result.fit || std::isnan(mean_response(curve, -1))) return std::nullopt;
+                        return below(0.0, curve.result.fit->mean_residual_shortening);
                       }));
   out.push_back(count("2 mm/s is near the asymptote: the fitted curve is there above 80 % of it (controls)", curves,
                       is_control, [](const std::string&, double, const Curve& curve) -> std::optional<bool> {
                         if (!curve.result.fit || curve.means.empty()) return std::nullopt;
                         double slowest = 1e9;
                         for (const auto& p : curve.means) slowest = std::min(slowest, std::abs(p.strain_rate_per_s));
-                        return model::share_of_asymptote(curve.result.fit->elements,
-                                                         {curve.strain_step, curve.initial_strain}, slowest) > 0.8;
+                        return below(0.8,
+                                     model::share_of_asymptote(curve.result.fit->elements,
+                                                               {curve.strain_step, curve.initial_strain}, slowest));
                       }));
 }
 
@@ -172,7 +182,7 @@ std::vector<Trend> trends_of(const Campaign& c) {
   std::vector<Trend> out;
   out.push_back(count("Larger response in extension than in shortening, for all actuators", curves, any,
                       [](const std::string&, double, const Curve& curve) -> std::optional<bool> {
-                        return mean_response(curve, 1) > mean_response(curve, -1);
+                        return below(mean_response(curve, -1), mean_response(curve, 1));
                       }));
   add_trends_with_pressure(curves, out);
   add_trends_against_control(curves, out);

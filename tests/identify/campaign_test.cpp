@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
@@ -86,6 +87,23 @@ TEST(Campaign, TrendsThatWereNotPutInDoNot) {
   EXPECT_EQ(trend(c, "The arm's stiffness over the spring's, kappa, falls").holds, 0);
   EXPECT_THAT(trend(c, "The arm's stiffness over the spring's, kappa, falls").measured,
               ::testing::HasSubstr("not in Control1 20 psi"));
+}
+
+/// An actuator that was only shortened has no height in extension: that is no case in which it is lower there.
+TEST(Campaign, WhatWasNotMeasuredDoesNotHold) {
+  auto list = recordings();
+  for (RecordingResult& r : list) {
+    if (!r.specimen.starts_with("Urethane")) continue;
+    r.specimen = "Ecoflex1";
+    std::erase_if(r.ramps.ramps, [](const Ramp& ramp) { return ramp.move.velocity_mm_s.value > 0.0; });
+  }
+  const Campaign c = analyse_campaign(std::move(list));
+  ASSERT_FALSE(c.sheaths.curves.front().points.empty());
+  EXPECT_TRUE(std::isnan(mean_response(c.sheaths.curves.front(), 1)));
+  EXPECT_EQ(trend(c, "Ecoflex").holds, 0);
+  EXPECT_EQ(trend(c, "Ecoflex").of, 0) << trend(c, "Ecoflex").measured;
+  EXPECT_EQ(trend(c, "Larger response in extension").of, 2) << "the controls";
+  EXPECT_EQ(trend(c, "More pressure lowers").of, 2) << "both actuators";
 }
 
 TEST(Campaign, NeedsAControl) {
