@@ -14,7 +14,7 @@ namespace isorig::proof {
 
 /// A number that is known from elsewhere, and which number of the model it is.
 struct KnownNumber {
-  std::string_view physics;  ///< of the part; of several such parts the key's value that is nearest counts
+  std::string_view physics;  ///< of the part; of several such parts the one whose number is furthest off counts
   std::string_view key;      ///< ends with the unit
   double value;
 };

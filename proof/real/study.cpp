@@ -108,28 +108,16 @@ HeldoutPrediction predict(const RealCase& real, std::size_t i, const fs::path& f
   return out;
 }
 
+/// Of several the one that is furthest from what is known stays.
 void take(FoundNumber& out, const nlohmann::json& number) {
-  out.value = number.at("value");
+  const double value = number.at("value");
+  if (++out.of > 1 && !(std::abs(value - out.known.value) > std::abs(out.value - out.known.value))) return;
+  out.value = value;
+  out.low95 = out.high95 = NAN;
   const auto& ci95 = number.at("ci95");
   if (!ci95.is_array() || ci95.size() != 2 || !ci95[0].is_number() || !ci95[1].is_number()) return;
   out.low95 = ci95[0];
   out.high95 = ci95[1];
-}
-
-FoundNumber find(const KnownNumber& known, const nlohmann::json& diagnosis) {
-  FoundNumber out{known};
-  for (const auto& one : diagnosis.at("fit").at("model").value("numbers", nlohmann::json::array())) {
-    if (one.at("part") != std::string(known.physics) || one.at("number") != std::string(known.key)) continue;
-    const double value = one.at("value");
-    if (std::isnan(out.value) || std::abs(value - known.value) < std::abs(out.value - known.value)) take(out, one);
-  }
-  if (!std::isnan(out.value)) return out;
-  // Named, and not in the model that is handed out.
-  for (const auto& one : diagnosis.at("missing")) {
-    const auto number = one.at("parameters").find(std::string(known.key));
-    if (one.at("effect") == std::string(known.physics) && number != one.at("parameters").end()) take(out, *number);
-  }
-  return out;
 }
 
 std::string number(double value) {
@@ -161,6 +149,19 @@ messages::Recording without_answers(messages::Recording recording) {
   return recording;
 }
 
+FoundNumber found_number(const KnownNumber& known, const nlohmann::json& diagnosis) {
+  FoundNumber out{known};
+  for (const auto& one : diagnosis.at("fit").at("model").value("numbers", nlohmann::json::array()))
+    if (one.at("part") == std::string(known.physics) && one.at("number") == std::string(known.key)) take(out, one);
+  if (out.of > 0) return out;
+  // Named, and not in the model that is handed out.
+  for (const auto& one : diagnosis.at("missing")) {
+    const auto number = one.at("parameters").find(std::string(known.key));
+    if (one.at("effect") == std::string(known.physics) && number != one.at("parameters").end()) take(out, *number);
+  }
+  return out;
+}
+
 RealOutcome run_real_case(const RealCase& real, const fs::path& source, const fs::path& out,
                           const RealOptions& options) {
   const fs::path folder = out / real.name, log = folder / "log.txt";
@@ -181,12 +182,15 @@ RealOutcome run_real_case(const RealCase& real, const fs::path& source, const fs
     const auto diagnosis = nlohmann::json::parse(base::read_text_file(file));
     for (const auto& [key, value] : diagnosis.at("fit").items())
       if (key.starts_with("noise_") && value.is_number()) outcome.noise = value;
-    for (const KnownNumber& known : real.numbers) outcome.numbers.push_back(find(known, diagnosis));
+    for (const KnownNumber& known : real.numbers) outcome.numbers.push_back(found_number(known, diagnosis));
     for (std::size_t i = 0; i < real.heldout.size(); ++i)
       outcome.heldout.push_back(predict(real, i, folder, log, options.isorig));
   } catch (const std::exception& error) {
     outcome.said.failed = true;
     outcome.said.why = error.what();
+    // Asked for, and not found: their rows stay.
+    for (std::size_t i = outcome.numbers.size(); i < real.numbers.size(); ++i)
+      outcome.numbers.push_back({real.numbers[i]});
   }
   outcome.said.wall_s = ran.wall_s;
   outcome.said.cpu_s = ran.cpu_s;
@@ -207,15 +211,16 @@ std::string real_markdown(std::span<const RealCase> cases, std::span<const RealO
       "| held out | spread | nominal model errs by | model with what was missing | in its band "
       "|\n|---|---|---|---|---|\n";
   std::string numbers = "| number | known | found | 95 % |\n|---|---|---|---|\n";
-  std::size_t asked = 0, predictions = 0, worse = 0;
+  std::size_t asked = 0, unpredicted = 0, worse = 0;
   for (std::size_t i = 0; i < outcomes.size(); ++i) {
     const auto& o = outcomes[i];
     found += "| " + o.name + " | " + std::string(cases[i].left_out) + " | " +
              (o.said.failed ? "failed: " + o.said.why : o.said.verdict) + " | " + claims_text(o.said) + " | " +
              number(o.said.cpu_s) + " |\n";
     asked += cases[i].heldout.size();
+    // What was to be predicted and was not is worse than any prediction.
+    unpredicted += cases[i].heldout.size() - o.heldout.size();
     for (const auto& h : o.heldout) {
-      ++predictions;
       if (h.worse(o.noise)) ++worse;
       predicted += "| " + o.name + ", " + h.name + " | " + number(h.spread) + " " + h.unit + " | " +
                    number(h.nominal_rms) + " | " + (h.worse(o.noise) ? "**" : "") + number(h.model_rms) +
@@ -224,13 +229,13 @@ std::string real_markdown(std::span<const RealCase> cases, std::span<const RealO
     }
     for (const auto& n : o.numbers)
       numbers += "| " + o.name + ", `" + std::string(n.known.physics) + "." + std::string(n.known.key) + "` | " +
-                 number(n.known.value) + " | " + number(n.value) + " | " +
+                 number(n.known.value) + " | " + number(n.value) +
+                 (n.of > 1 ? ", the furthest of " + std::to_string(n.of) : "") + " | " +
                  (std::isnan(n.low95) ? "-" : number(n.low95) + " to " + number(n.high95)) + " |\n";
   }
-  return found + "\n" + predicted + "\n" + std::to_string(worse) + " of " + std::to_string(predictions) +
+  return found + "\n" + predicted + "\n" + std::to_string(worse + unpredicted) + " of " + std::to_string(asked) +
          " held-out recordings are predicted worse than by the nominal model" +
-         (asked > predictions ? ", " + std::to_string(asked - predictions) + " were not predicted" : "") + ".\n\n" +
-         numbers;
+         (unpredicted > 0 ? ", " + std::to_string(unpredicted) + " of them not at all" : "") + ".\n\n" + numbers;
 }
 
 nlohmann::ordered_json real_json(std::span<const RealCase> cases, std::span<const RealOutcome> outcomes) {
@@ -265,6 +270,7 @@ nlohmann::ordered_json real_json(std::span<const RealCase> cases, std::span<cons
                          {"key", n.known.key},
                          {"known", n.known.value},
                          {"found", or_null(n.value)},
+                         {"of", n.of},
                          {"low95", or_null(n.low95)},
                          {"high95", or_null(n.high95)}});
     all.push_back(std::move(one));

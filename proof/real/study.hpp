@@ -28,7 +28,12 @@ struct FoundNumber {
   KnownNumber known;
   double value = NAN;  ///< NaN: the model has no such part
   double low95 = NAN, high95 = NAN;
+  std::size_t of = 0;  ///< parts that have such a number; of several `value` is the one furthest from what is known
 };
+
+/// A number of the model in a diagnosis.json, or of an effect that it names and did not model. Which of several alike
+/// parts is meant nothing says, and the nearest would flatter: the furthest counts.
+[[nodiscard]] FoundNumber found_number(const KnownNumber& known, const nlohmann::json& diagnosis);
 
 struct RealOutcome {
   std::string name;

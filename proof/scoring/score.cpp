@@ -31,9 +31,10 @@ bool sure_of_another(const Outcome& outcome, const Label& label) {
   });
 }
 
-/// Worse than the nominal model by more than a recording with this noise could show in its rms: a twentieth of it.
+/// Worse than the nominal model by more than a recording with this noise could show in its rms: a twentieth of it. Who
+/// gives no prediction, or none that is a number, is worse.
 bool predicts_worse(const Outcome& outcome, const Label& label) {
-  return outcome.model_rmse_N > outcome.nominal_rmse_N + 0.05 * label.noise_N;
+  return outcome.failed || !(outcome.model_rmse_N <= outcome.nominal_rmse_N + 0.05 * label.noise_N);
 }
 
 void count_case(Score& s, const Label& label, const Outcome& outcome) {
@@ -45,9 +46,9 @@ void count_case(Score& s, const Label& label, const Outcome& outcome) {
   s.unjudged.count(abstained);
   for (const Claim& claim : outcome.missing)
     if (claim.probability > kSure) s.sure_right.count(right_name(label, claim.effect));
-  if (!outcome.failed) s.worse.count(predicts_worse(outcome, label));
-  const bool first =
-      !outcome.missing.empty() && !label.effects.empty() && names_effect(label, 0, outcome.missing.front().effect);
+  s.worse.count(predicts_worse(outcome, label));
+  const bool first = !outcome.failed && !outcome.missing.empty() && !label.effects.empty() &&
+                     names_effect(label, 0, outcome.missing.front().effect);
   const bool all = !outcome.failed && complete(outcome, label);
   const bool exact = all && outcome.missing.size() == label.effects.size();
   if (label.category == "null") {
@@ -141,13 +142,14 @@ Score score(std::string method, const std::vector<Label>& labels, const std::vec
     wall_s.push_back(outcomes[i].wall_s);
     cpu_s.push_back(outcomes[i].cpu_s);
     if (labels[i].category == "null") continue;
-    // A method that gave no prediction closed nothing.
+    // A method that gave no prediction closed nothing. One that errs where the nominal model does not, or without
+    // bound, has opened a gap of any size: minus infinity has its place in the median.
     const double gap = gap_closed(outcomes[i], against_recorded_force ? labels[i].noise_N : 0.0);
-    s.gaps.push_back(std::isfinite(gap) ? gap : 0.0);
+    s.gaps.push_back(std::isnan(gap) ? 0.0 : gap);
     if (labels[i].category != "out_of_catalogue") named.push_back(s.gaps.back());
   }
-  s.median_gap = finite_median(s.gaps);
-  s.median_gap_named = finite_median(named);
+  s.median_gap = base::median(s.gaps);
+  s.median_gap_named = base::median(named);
   s.median_wall_s = finite_median(wall_s);
   s.median_cpu_s = finite_median(cpu_s);
   const auto most = [](std::vector<double>& values) {

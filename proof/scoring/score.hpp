@@ -56,8 +56,8 @@ struct Score {
   Share unknown_wrong_sure;  ///< ... with a catalogue name claimed above 0.9
   Share wrong_sure;          ///< over all cases: a name claimed above 0.9 that was not concealed
   Share sure_right;          ///< of all claims above 0.9
-  Share worse;               ///< heldout recordings that the model predicts worse than the nominal one
-  std::vector<double> gaps;  ///< closed, per case with something concealed
+  Share worse;               ///< heldout recordings that the model predicts worse than the nominal one, or not at all
+  std::vector<double> gaps;  ///< closed, per case with something concealed; down to minus infinity
   double median_gap = NAN;
   double median_gap_named = NAN;  ///< without out-of-catalogue cases
   std::vector<ReliabilityBin> reliability;

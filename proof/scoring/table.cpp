@@ -11,7 +11,8 @@ namespace isorig::proof {
 namespace {
 
 std::string text(int digits, double value) {
-  if (!std::isfinite(value)) return "-";
+  if (std::isinf(value)) return value < 0.0 ? "-inf" : "inf";  // "-" would say that there is no such number
+  if (std::isnan(value)) return "-";
   return base::formatted("%.*f", digits, value);
 }
 

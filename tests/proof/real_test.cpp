@@ -172,6 +172,25 @@ TEST_F(ProofReal, FindsTheFrictionOfAnAxisAndItsNumbersAndPredictsAnotherMotion)
   EXPECT_EQ(json["cases"][0]["numbers"][3]["found"], nullptr);
 }
 
+/// Two arms have a time constant each, and nothing says which of them the known one is.
+TEST_F(ProofReal, OfSeveralNumbersTheFurthestFromWhatIsKnownCounts) {
+  const auto diagnosis = nlohmann::json::parse(
+      R"({"fit": {"model": {"numbers": [
+            {"part": "maxwell", "number": "time_constant_s", "value": 1.1, "ci95": [1.0, 1.2]},
+            {"part": "maxwell", "number": "time_constant_s", "value": 9.0, "ci95": [null, null]},
+            {"part": "maxwell", "number": "time_constant_s", "value": 0.5, "ci95": [0.4, 0.6]}]}},
+          "missing": [{"effect": "slack", "parameters": {"slack_mm": {"value": 2.0, "ci95": [1.0, 3.0]}}}]})");
+  const FoundNumber arm = found_number({"maxwell", "time_constant_s", 1.0}, diagnosis);
+  EXPECT_EQ(arm.value, 9.0);
+  EXPECT_EQ(arm.of, 3U);
+  EXPECT_TRUE(std::isnan(arm.low95)) << "not the interval of another part";
+  EXPECT_EQ(found_number({"slack", "slack_mm", 1.0}, diagnosis).value, 2.0);
+  EXPECT_EQ(found_number({"mass", "mass_kg", 1.0}, diagnosis).of, 0U);
+  RealOutcome o;
+  o.numbers = {arm};
+  EXPECT_THAT(real_markdown(std::vector<RealCase>(1), std::vector{o}), HasSubstr("9, the furthest of 3"));
+}
+
 TEST_F(ProofReal, ADiagnosisThatFailsIsAnOutcome) {
   const RealCase* silicone = nullptr;
   for (const RealCase& real : real_cases())
@@ -180,11 +199,21 @@ TEST_F(ProofReal, ADiagnosisThatFailsIsAnOutcome) {
   write_text(folder_ / "elastomer-tensile/dragon_skin_30.csv", "time_s,extension_m,force_N\n0,0,0\n0.1,0.001,1\n");
   RealOptions options;
   options.isorig = fs::path(test::program_path()) / "isorig";
-  const RealOutcome o = run_real_case(*silicone, folder_, folder_ / "out", options);
+  RealCase asked = *silicone;
+  asked.numbers = {{"mass", "mass_kg", 1.0}};
+  const RealOutcome o = run_real_case(asked, folder_, folder_ / "out", options);
   EXPECT_TRUE(o.said.failed);
+  ASSERT_EQ(o.numbers.size(), 1U) << "the row of what was asked for stays";
+  EXPECT_TRUE(std::isnan(o.numbers[0].value));
   EXPECT_THAT(o.said.why, HasSubstr("diagnose ended with exit code 3"));
   const RealCase cases[] = {*silicone};
   EXPECT_THAT(real_markdown(cases, std::vector{o}), HasSubstr("failed: diagnose ended with exit code 3"));
+  RealCase with_heldout = *silicone;
+  with_heldout.heldout = {"one.csv", "another.csv"};
+  EXPECT_THAT(
+      real_markdown(std::vector{with_heldout}, std::vector{o}),
+      HasSubstr("2 of 2 held-out recordings are predicted worse than by the nominal model, 2 of them not at all"))
+      << "what was to be predicted and was not counts against the tool";
   EXPECT_THAT([&] { (void)run_real_case(*silicone, folder_ / "nowhere", folder_ / "out", options); },
               testing::Throws<std::runtime_error>());
 }

@@ -2,7 +2,9 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <cmath>
 #include <filesystem>
+#include <limits>
 #include <nlohmann/json.hpp>
 
 #include "base/text_file.hpp"
@@ -181,6 +183,27 @@ TEST(ProofLabels, OfOthersAreReadInTheirOwnForms) {
               testing::ThrowsMessage<std::runtime_error>(testing::HasSubstr("what")));
 }
 
+/// Who fails is no better off than who predicts badly.
+TEST(ProofScore, AFailureCountsAgainstTheTool) {
+  Outcome failed = said("missing_physics", {{"slack", 0.95}}, 1.0, NAN);
+  failed.failed = true;
+  const std::vector<Label> labels(4, label("single", {"slack"}));
+  const std::vector<Outcome> outcomes{failed, said("missing_physics", {{"slack", 0.95}}, 1.0, NAN),
+                                      said("missing_physics", {{"slack", 0.95}}, 1.0, 1.0),
+                                      said("missing_physics", {{"slack", 0.95}}, 1.0, 0.5)};
+  const Score s = score("tool", labels, outcomes);
+  EXPECT_THAT(s.worse, Is(2, 4)) << "one that failed, one that predicted no number";
+  EXPECT_THAT(s.first_all, Is(3, 4)) << "a name beside a prediction that failed";
+  // Perfect by the nominal model, and not by the tool's: no finite gap, and below any other.
+  const Score opened = score(
+      "tool", std::vector<Label>(3, label("single", {"slack"})),
+      {said("", {}, 0.0, 0.5), said("", {}, 1.0, std::numeric_limits<double>::infinity()), said("", {}, 1.0, 0.1)});
+  ASSERT_EQ(opened.gaps.size(), 3U);
+  EXPECT_EQ(opened.gaps[0], -std::numeric_limits<double>::infinity());
+  EXPECT_EQ(opened.median_gap, -std::numeric_limits<double>::infinity());
+  EXPECT_THAT(table_text(std::vector{opened}), testing::HasSubstr("-inf"));
+}
+
 TEST(ProofRunner, CollectsADiagnosisWithItsPredictions) {
   const fs::path folder = fs::temp_directory_path() / ("isorig-proof-collect-" + std::to_string(getpid()));
   write_text(folder / "run.json", R"({"exit_code": 0, "wall_s": 1.5, "cpu_s": 2.5})");
@@ -197,6 +220,9 @@ TEST(ProofRunner, CollectsADiagnosisWithItsPredictions) {
   EXPECT_NEAR(outcome.model_rmse_N, std::sqrt(0.5), 1e-12);
   EXPECT_EQ(outcome.cpu_s, 2.5);
   EXPECT_TRUE(collect(folder, {3.0}).failed);  // a prediction of another length is no prediction
+  write_text(folder / "run.json", R"({"exit_code": 9, "wall_s": 1.5, "cpu_s": 2.5})");
+  EXPECT_TRUE(collect(folder, {3.0, 3.0}).failed);
+  EXPECT_EQ(collect(folder, {3.0, 3.0}).cpu_s, 2.5) << "what it took before it failed";
   fs::remove_all(folder);
   EXPECT_TRUE(collect(folder, {3.0, 3.0}).failed);
 }
