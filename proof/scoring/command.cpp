@@ -44,6 +44,10 @@ void run_study(const StudyPaths& paths) {
   const std::vector<CaseToRun> cases = cases_of(paths.study);
   // Kept with the results: these labels, and no later ones, are what they will be scored with.
   const std::string hash = published_hash(paths.study / "labels.sha256");
+  const fs::path kept = paths.results_or_default() / "labels.sha256";
+  if (fs::exists(kept) && published_hash(kept) != hash)
+    throw std::runtime_error(paths.results_or_default().string() + " holds the results of another study than " +
+                             paths.study.string() + "; move them away, or name another folder with --results");
   write_text(paths.results_or_default() / "labels.sha256", hash + "  labels.json\n");
   std::printf("labels sealed as %s\n", hash.c_str());
   run_cases(cases, paths.results_or_default(), paths.run);

@@ -42,6 +42,8 @@ void run_case(const CaseToRun& one, const std::filesystem::path& folder, const R
 }
 
 void run_cases(const std::vector<CaseToRun>& cases, const std::filesystem::path& results, const RunOptions& options) {
+  // Without it a case has failed: one of an earlier call is none of this one's, should this one be interrupted.
+  for (const CaseToRun& one : cases) std::filesystem::remove(results / one.name / "run.json");
   base::parallel_for(cases.size(), options.jobs,
                      [&](std::size_t i) { run_case(cases[i], results / cases[i].name, options); });
 }

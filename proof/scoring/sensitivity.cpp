@@ -99,9 +99,14 @@ class Pieces {
       labels_.push_back(*found);
       truth_.push_back(true_force_N(labels_file, *found));
     }
-    fs::create_directories(folder_);
     program_ = path_of(options.run.isorig);
-    require_one_program();
+    fs::create_directories(folder_);
+    // What may not be mixed, before any file is written.
+    require_one("study.sha256", sha256_, "labels.json",
+                "holds what was measured of another study than " + options.study.string() + "; move it away");
+    require_one("program.sha256", sha256(base::read_text_file(program_)), program_.filename().string(),
+                "holds what another program made than " + program_.string() +
+                    "; move it away, or name that program with --isorig");
     numbers_ = numbers_of(program_, folder_);
   }
 
@@ -153,14 +158,16 @@ class Pieces {
     fs::remove_all(work);
   }
 
-  void require_one_program() const {
-    const std::string hash = sha256(base::read_text_file(program_));
-    const fs::path file = folder_ / "program.sha256";
-    if (!fs::exists(file)) {
-      write_text(file, hash + "  " + program_.filename().string() + "\n");
-    } else if (published_hash(file) != hash) {
-      throw std::runtime_error(folder_.string() + " holds what another program made than " + program_.string() +
-                               "; remove it, or name that program with --isorig");
+  /// The hash that the first call left in `file` is this one's, and pieces without one are of nobody knows what.
+  void require_one(const char* file, const std::string& hash, const std::string& of, const std::string& differs) const {
+    if (!fs::exists(folder_ / file)) {
+      for (const auto& entry : fs::directory_iterator(folder_))
+        if (entry.is_directory())
+          throw std::runtime_error(folder_.string() + " does not say of which study and program its pieces are (no " +
+                                   file + "); move it away");
+      write_text(folder_ / file, hash + "  " + of + "\n");
+    } else if (published_hash(folder_ / file) != hash) {
+      throw std::runtime_error(folder_.string() + " " + differs);
     }
   }
 

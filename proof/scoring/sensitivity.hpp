@@ -59,8 +59,9 @@ struct Sensitivity {
                              const std::vector<Outcome>& now);
 
 /// Runs every case at the stated values, and at half and at double of each number. A piece is one case with one number
-/// at one value, kept as STUDY/sensitivity/NAME=VALUE/CASE.json; those that are there are not run again, unless another
-/// program made them: then std::runtime_error. Tabulated are all numbers whose pieces are there, of earlier calls, too.
+/// at one value, kept as STUDY/sensitivity/NAME=VALUE/CASE.json; those that are there are not run again. Where another
+/// program made them, or of other labels (the folder was generated into once more), nothing is run or written:
+/// std::runtime_error. Tabulated are all numbers whose pieces are there, of earlier calls, too.
 [[nodiscard]] Sensitivity measure_sensitivity(const SensitivityOptions& options);
 
 /// Markdown, for the terminal as well.

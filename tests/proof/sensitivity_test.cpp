@@ -8,9 +8,11 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "base/process.hpp"
 #include "base/text_file.hpp"
 #include "messages/recording.hpp"
 #include "proof/sealed.hpp"
+#include "tree.hpp"
 
 namespace isorig::proof {
 namespace {
@@ -166,6 +168,43 @@ TEST_F(SensitivityOfAStudy, MixesNoTwoProgramsAndNamesWhatIsUnknown) {
   } catch (const std::runtime_error& e) {
     EXPECT_THAT(e.what(), HasSubstr("holds what another program made"));
   }
+}
+
+/// A folder that another study was generated into: its pieces have the names of the old ones.
+TEST_F(SensitivityOfAStudy, MixesNoTwoStudies) {
+  (void)measure_sensitivity(options({"cost_nats"}));
+  const auto before = diagnosed();
+  const std::string piece = base::read_text_file(study_ / "sensitivity" / "stated" / "case-000.json");
+  auto labels = nlohmann::json::parse(base::read_text_file(study_ / "sealed" / "labels.json"));
+  labels["cases"][0]["effects"][0]["effect"] = "zero_drift";
+  seal(study_ / "sealed" / "labels.json", study_ / "labels.sha256", labels.dump());
+  const auto refused = [&](const char* why) {
+    EXPECT_THAT([&] { (void)measure_sensitivity(options({"cost_nats"})); },
+                testing::ThrowsMessage<std::runtime_error>(HasSubstr(why)));
+  };
+  refused("holds what was measured of another study than");
+  EXPECT_EQ(diagnosed(), before);
+  EXPECT_EQ(base::read_text_file(study_ / "sensitivity" / "stated" / "case-000.json"), piece);
+  fs::remove(study_ / "sensitivity" / "study.sha256");
+  refused("does not say of which study");
+  fs::remove_all(study_ / "sensitivity");
+  EXPECT_EQ(measure_sensitivity(options({"cost_nats"})).stated.right, 1U) << "moved away, it is measured anew";
+}
+
+/// `isorig-proof run` into the results of a study that was there before.
+TEST_F(SensitivityOfAStudy, RunLeavesTheResultsOfAnotherStudyAlone) {
+  const auto run = [&] {
+    return base::run_process({test::program_path() + "/isorig-proof", "run", study_, "--isorig", program_},
+                             folder_ / "run.txt")
+        .exit_code;
+  };
+  ASSERT_EQ(run(), 0) << base::read_text_file(folder_ / "run.txt");
+  const std::string kept = base::read_text_file(study_ / "results" / "labels.sha256");
+  seal(study_ / "sealed" / "labels.json", study_ / "labels.sha256", R"({"cases": []})");
+  EXPECT_EQ(run(), 1);
+  EXPECT_THAT(base::read_text_file(folder_ / "run.txt"), HasSubstr("holds the results of another study"));
+  EXPECT_EQ(base::read_text_file(study_ / "results" / "labels.sha256"), kept);
+  EXPECT_EQ(diagnosed(), 2U);
 }
 
 }  // namespace
