@@ -31,6 +31,7 @@ const data = {
       series: [{ mark: "band", color: k, label: "measured", x, y: low, y2: high }, { mark: "line", color: k, label: "measured", x, y: mean }] })) } },
     { type: "grid", caption: "every recording", columns: ["5 psi", "10 psi"], key: [{ text: "A", title: "dry friction", color: 0 }, { text: "·", title: "nothing missing" }],
       rows: [{ name: "Actuator1", cells: [[{ text: "A", title: "Actuator1, 5 psi: dry friction 0.98", color: 0, href: "../a/diagnosis-report.html" }], [{ text: "·", title: "Actuator1, 10 psi: nothing missing", href: "../b/diagnosis-report.html" }]] }] },
+    { type: "table", caption: "narrow: " + "words that explain what stands in it, ".repeat(4), columns: [{ name: "" }, { name: "N", numeric: true }], rows: [["a", "1"]] },
     { type: "heading", level: 2, text: "Second" },
     { type: "figure", figure: { name: "others", caption: "marks", columns: 2, panels: [
       { title: "points", x: { name: "x", log: true }, y: { name: "y" }, series: [{ mark: "points", color: 0, label: "p", x: [1, 10, 100], y: [1, 2, 3], error: [0.1, 0.2, null] }] },
@@ -63,6 +64,22 @@ try {
       [["A", "../a/diagnosis-report.html", "Actuator1, 5 psi: dry friction 0.98"], ["·", "../b/diagnosis-report.html", "Actuator1, 10 psi: nothing missing"]]);
     assert.equal(await page.$$eval("th.number", (all) => all.filter((e) => e.textContent === "value").length), 1);
     assert.equal(await page.$$eval("#linked .legend li", (all) => all.length), 1, "one name, one entry");
+
+    // A caption takes the page's width, whatever its table takes; and the table keeps its own.
+    for (const width of [1280, 390]) {
+      await page.setViewport({ width, height: 900 });
+      await settled(page);
+      const [lines, columns, beyond] = await page.$$eval(".table-frame", (all) => all.filter((f) => /^narrow/.test(f.textContent)).map((f) => {
+        const table = f.querySelector("table"), c = f.querySelector("caption") ?? document.getElementById(table.getAttribute("aria-labelledby"));
+        return [c.getBoundingClientRect().height / parseFloat(getComputedStyle(c).lineHeight), table.tBodies[0].getBoundingClientRect().width,
+          document.documentElement.scrollWidth - innerWidth];
+      })[0]);
+      assert.ok(lines < (width > 600 ? 4 : 7), `the caption has ${lines} lines at ${width}`);
+      assert.ok(columns < 100, `two short columns take ${columns} pixels`);
+      assert.ok(beyond <= 0, `wider than the page by ${beyond}`);
+    }
+    await page.setViewport({ width: 1280, height: 900 });
+    await settled(page);
 
     // Zoom by dragging in one panel: both show the same stretch; a double click shows all again.
     const ticks = () => page.$$eval("#linked svg.chart", (all) => all.map((svg) =>

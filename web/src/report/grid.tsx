@@ -1,17 +1,18 @@
 import type { JSX } from "preact";
+import { useId } from "preact/hooks";
 import { colour } from "../shared/chart.tsx";
 import type { Grid, GridCell } from "./document.ts";
 
 /** Many small answers on one page. What a colour says its letter says as well. */
 export function Answers({ grid }: { grid: Grid }): JSX.Element {
+  const caption = useId();
   return (
     <div class="answers">
       <p class="answers-key">
         {grid.key.map((k) => <span key={k.text}><Mark cell={{ ...k, title: "" }} /> {k.title}</span>)}
       </p>
       <div class="table-frame" tabIndex={0} role="group" aria-label="all recordings">
-        <table class="grid">
-          <caption>{grid.caption}</caption>
+        <table class="grid" aria-labelledby={caption}>
           <thead>
             <tr><td />{grid.columns.map((c) => <th key={c} scope="col">{c}</th>)}</tr>
           </thead>
@@ -26,6 +27,7 @@ export function Answers({ grid }: { grid: Grid }): JSX.Element {
             ))}
           </tbody>
         </table>
+        <p class="caption" id={caption}>{grid.caption}</p>
       </div>
     </div>
   );

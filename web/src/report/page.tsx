@@ -1,4 +1,5 @@
 import type { ComponentChildren, JSX } from "preact";
+import { useId } from "preact/hooks";
 import type { Block, Document, Fact } from "./document.ts";
 import { Figure } from "./figure.tsx";
 import { Answers } from "./grid.tsx";
@@ -70,6 +71,7 @@ function Blocks({ blocks, count }: { blocks: Block[]; count: { figures: number }
 }
 
 function One({ block: b, count }: { block: Block; count: { figures: number } }): JSX.Element {
+  const caption = useId();
   switch (b.type) {
     case "heading":
       return b.level === 2 ? <h2 id={slug(b.text)}>{b.text}</h2> : <h3>{b.text}</h3>;
@@ -88,8 +90,8 @@ function One({ block: b, count }: { block: Block; count: { figures: number } }):
     case "table":
       return (
         <Frame label={b.caption || "table"}>
-          <table>
-            {b.caption && <caption>{b.caption}</caption>}
+          {b.caption && <p class="caption" id={caption}>{b.caption}</p>}
+          <table aria-labelledby={b.caption ? caption : undefined}>
             <thead>
               <tr>
                 {b.columns.map((c, i) => (c.name === "" ? <td key={i} /> : <th key={i} scope="col" class={c.numeric ? "number" : undefined}>{c.name}</th>))}
