@@ -115,6 +115,7 @@ std::string how_it_ended(const Json& events) {
                         : code == "abort"          ? "vented by an abort"
                         : code == "zero.confirmed" ? "the zero was confirmed"
                         : code == "run.aborted"    ? "the run was aborted"
+                        : code == "run.failed"     ? "the run was given up, with nobody there to clear it"
                                                    : text_of(e, "text")) +
             who_and_when(e, t_s);
   }

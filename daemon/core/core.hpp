@@ -66,7 +66,8 @@ struct Request {
     kGo,
     kSetup,
     kLeaveSetup,
-    kJog
+    kJog,
+    kGiveUp  ///< of the virtual runner: a fault holds the run, and nobody is there to clear it
   } verb = Verb::kAbort;
   std::uint32_t id = 0;
   const protocol::Plan* plan = nullptr;

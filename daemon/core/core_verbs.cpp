@@ -66,6 +66,11 @@ const char* Core::carry_out(std::int64_t now_ns, const Request& request) noexcep
     case Request::Verb::kAbort:
       abort(now_ns, "aborted by the operator: frame stops, pressure vents");
       return nullptr;
+    case Request::Verb::kGiveUp:
+      if (state_ != RunState::kFaulted || !run_open_) return "no fault holds a run";
+      end_run(now_ns, run_begun_ ? Outcome::kFailed : Outcome::kNotStarted,
+              "stopped by a fault that nobody is there to clear: frame stops, pressure vents");
+      return nullptr;
     case Request::Verb::kSeal:
       if (state_ != RunState::kPaused) return "only a paused run can be sealed";
       seal();

@@ -62,7 +62,7 @@ VirtualRunResult run_virtual(const RigConfig& rig, const VirtualRunOptions& opti
   const auto started = host.start(options.start);
   if (!started.ok) throw std::runtime_error(started.text);
 
-  bool aborted = false;
+  bool ended = false;  // from here
   double next_progress_s = 0.0;
   const std::int64_t start_ns = virtual_rig->now_ns();
   for (std::uint64_t turn = 0; host.run_open(); ++turn) {
@@ -72,23 +72,20 @@ VirtualRunResult run_virtual(const RigConfig& rig, const VirtualRunOptions& opti
       options.on_progress(virtual_rig->core().status(), wall_s());
       next_progress_s = wall_s() + 0.1;
     }
-    if (!aborted && options.interrupted && options.interrupted()) {
-      aborted = host.verb(Request::Verb::kAbort).ok;
+    if (!ended && options.interrupted && options.interrupted()) {
+      ended = host.verb(Request::Verb::kAbort).ok;
     }
     // A run that faulted but could go on waits for an operator: there is none here.
-    if (virtual_rig->core().state() == RunState::kFaulted && virtual_rig->core().status().run_loaded && !aborted) {
+    if (virtual_rig->core().state() == RunState::kFaulted && virtual_rig->core().status().run_loaded && !ended) {
       const auto fault_ns = virtual_rig->now_ns();
       while (virtual_rig->now_ns() < fault_ns + Host::kAfterFaultNs) tick();
-      aborted = host.verb(Request::Verb::kAbort).ok;
+      ended = host.verb(Request::Verb::kGiveUp).ok;
     }
   }
 
   VirtualRunResult result;
   result.outcome = host.last_outcome();
   result.fault = host.last_fault();
-  if (!result.fault.empty() && result.outcome == "aborted" && !(options.interrupted && options.interrupted())) {
-    result.outcome = "failed";
-  }
   result.run_id = host.run_id();
   result.directory = host.run_directory();
   result.status = virtual_rig->core().status();

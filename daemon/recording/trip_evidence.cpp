@@ -388,7 +388,8 @@ void append_to_last_trip(const std::filesystem::path& run_dir, const EventRecord
     }
     const auto trip_ns = trip.at("mono_ns").get<std::int64_t>();
     for (const auto& e : trip.at("events")) {
-      const bool ends = e.at("code") == "reset" || e.at("code") == "run.aborted";
+      const auto& code = e.at("code");
+      const bool ends = code == "reset" || code == "run.aborted" || code == "run.failed";
       if (ends && e.at("t_s").get<double>() > 0.0) return;
     }
     trip.at("events").push_back(to_json(event, trip_ns, epoch_unix_us));

@@ -11,6 +11,7 @@
 
 #include "cli/screen/show_trips.hpp"
 #include "daemon/host/virtual_run.hpp"
+#include "daemon/recording/catalogue.hpp"
 #include "fault_matrix_rig.hpp"
 #include "recording_rig.hpp"
 #include "tree.hpp"
@@ -357,6 +358,31 @@ TEST(TripStory, TheEvidenceOfATripThatEndedItsRunIsWholeToItsEnd) {
       EXPECT_GT(last_s, wanted_s - 0.002) << file;
     }
   }
+}
+
+/// A program stop holds the run for somebody to clear it; in virtual time there is nobody, nor one who has aborted it.
+TEST(TripStory, ARunThatAFaultHoldsInVirtualTimeEndsAsFailedInTheCatalogueToo) {
+  const auto rig = load_rig(isorig::test::source_path() + "/config/rigs/sim.toml");
+  const TemporaryDirectory runs("trip-held");
+  VirtualRunOptions options;
+  options.start.protocol_name = "ramp.toml";
+  options.start.protocol_text =
+      "format = \"isorig-protocol/1\"\nname = \"ramp\"\nsteps = [\n"
+      "{ do = \"pressurize\", pressure_psi = 1, rate_psi_s = 5, settled_for_s = 0.1, timeout_s = 20 },\n"
+      "{ do = \"ramp\", to_mm = 1, velocity_mm_s = 1 }]\n";
+  options.runs_root = runs.path();
+  options.prepare = [](sim::Rig& plant) { plant.frame().faults.ignores_segments = true; };
+  const auto result = run_virtual(rig, options);
+  EXPECT_EQ(result.outcome, "failed");
+  EXPECT_THAT(result.fault, HasSubstr("frame.following"));
+  const Catalogue catalogue(runs.path(), Catalogue::Access::kReadOnly);
+  const auto row = catalogue.find_run(result.run_id);
+  ASSERT_TRUE(row);
+  EXPECT_EQ(row->state, "failed");
+  EXPECT_EQ(row->fault, result.fault);
+  const auto story = cli::tell_trip(json::parse(file_text(result.directory / "trip-1.json")));
+  EXPECT_THAT(story, HasSubstr("the run was given up, with nobody there to clear it after "));
+  EXPECT_THAT(story, ::testing::Not(HasSubstr("aborted")));
 }
 
 }  // namespace
