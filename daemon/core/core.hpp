@@ -1,4 +1,6 @@
 #pragma once
+#include <array>
+#include <atomic>
 #include <cstdint>
 #include <optional>
 #include <string_view>
@@ -80,6 +82,13 @@ struct Request {
   char by[kByBytes] = {};      ///< who asks, for the events: "ann (uid 1000)"; empty: not known
 };
 
+/// What such a request asks for is done however late the loop comes to it.
+[[nodiscard]] constexpr bool merely_stops(Request::Verb verb) noexcept {
+  using Verb = Request::Verb;
+  return verb == Verb::kAbort || verb == Verb::kPause || verb == Verb::kSeal || verb == Verb::kLeaveSetup ||
+         verb == Verb::kGiveUp;
+}
+
 /// What the host has to say in the events, and so in the recording.
 struct HostNote {
   Severity severity = Severity::kInfo;
@@ -116,6 +125,9 @@ class Core {
   /// Ends the run and vents, with the next tick and after the requests queued before it. Waits for nothing: any
   /// thread, at any time.
   void request_abort() noexcept { abort_wanted_.store(true, std::memory_order_release); }
+  /// Whoever sent this request was told that it has no answer: what it would begin does not begin any more. What stops
+  /// is carried out however late. Any thread.
+  void withdraw(std::uint32_t request) noexcept;
   /// From the recorder: why it cannot keep what it is given (full disk, write error): program stop; reset is refused
   /// until it can again, which an empty text says. One thread at a time.
   void set_recorder_fault(std::string_view why) noexcept {
@@ -157,6 +169,7 @@ class Core {
   /// core_verbs.cpp. What may be refused says why, else nullptr.
   void take_requests(std::int64_t now_ns) noexcept;
   Reply answer(std::int64_t now_ns, const Request& request) noexcept;
+  [[nodiscard]] bool take_withdrawal(const Request& request) noexcept;
   const char* carry_out(std::int64_t now_ns, const Request& request) noexcept;
   const char* start(std::int64_t now_ns, const Request& request) noexcept;
   const char* pause(std::int64_t now_ns) noexcept;
@@ -319,6 +332,8 @@ class Core {
   std::uint64_t drops_before_run_ = 0;
   std::int64_t next_loss_ns_ = 0;
   std::atomic<bool> abort_wanted_{false};
+  std::array<std::atomic<std::uint32_t>, 64> withdrawn_{};  ///< requests; more than can wait at once
+  std::atomic<std::uint32_t> withdrawals_{0};
 };
 
 }  // namespace isorig::daemon

@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include "daemon/core/core.hpp"
 #include "daemon/core/fixed_text.hpp"
 
@@ -23,9 +25,29 @@ void Core::take_requests(std::int64_t now_ns) noexcept {
   }
 }
 
+void Core::withdraw(std::uint32_t request) noexcept {
+  const auto place = withdrawals_.fetch_add(1, std::memory_order_relaxed) % withdrawn_.size();
+  withdrawn_[place].store(request, std::memory_order_release);
+}
+
+bool Core::take_withdrawal(const Request& request) noexcept {
+  if (merely_stops(request.verb) || request.id == 0) return false;
+  return std::any_of(withdrawn_.begin(), withdrawn_.end(), [&](std::atomic<std::uint32_t>& withdrawn) {
+    auto number = request.id;
+    return withdrawn.compare_exchange_strong(number, 0, std::memory_order_acq_rel);
+  });
+}
+
 Reply Core::answer(std::int64_t now_ns, const Request& request) noexcept {
   by_ = request.by;
-  const char* refusal = carry_out(now_ns, request);
+  const char* refusal = nullptr;
+  if (take_withdrawal(request)) {
+    refusal = "the loop came to it too late: whoever asked was told that there is no answer";
+    emit(now_ns, Severity::kWarning, "request.late",
+         "what an operator asked for was not begun: the loop came to it after its time", 0.0, 0.0);
+  } else {
+    refusal = carry_out(now_ns, request);
+  }
   by_ = "";
   Reply reply;
   reply.id = request.id;

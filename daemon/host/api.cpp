@@ -277,7 +277,8 @@ bool Api::answer_at_once(HttpServer& server, const Pass& pass, const HttpServer:
     if (number == 0) {
       reply(refusal(409, "the loop does not take requests; is it running?"));
     } else {
-      await(server, std::make_shared<Wait>(Wait{number, reply, std::chrono::steady_clock::now() + kVerbPatience}));
+      await(server, std::make_shared<Wait>(
+                        Wait{number, request->verb, reply, std::chrono::steady_clock::now() + kVerbPatience}));
     }
     return true;
   }
@@ -299,7 +300,7 @@ void Api::await(HttpServer& server, const std::shared_ptr<Wait>& wait) {
   if (std::chrono::steady_clock::now() < wait->deadline) {
     return server.after(kAnswerPoll, [this, &server, wait] { await(server, wait); });
   }
-  wait->reply(refusal(409, "the real-time loop did not answer within 2 s; see isorig status"));
+  wait->reply(answer(host_.without_answer(wait->number, wait->verb)));
 }
 
 void Api::later(const Pass& pass, const HttpServer::Reply& reply, std::function<HttpAnswer()> task) {

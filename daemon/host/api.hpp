@@ -9,6 +9,7 @@
 #include <mutex>
 #include <string>
 
+#include "daemon/core/core.hpp"
 #include "daemon/host/api_gate.hpp"
 #include "daemon/host/http_server.hpp"
 #include "daemon/host/unix_listener.hpp"
@@ -52,6 +53,7 @@ class Api {
   HttpAnswer with_control(const Pass& pass, const std::function<HttpAnswer()>& call);
   struct Wait {
     std::uint32_t number = 0;
+    Request::Verb verb = Request::Verb::kAbort;
     HttpServer::Reply reply;
     std::chrono::steady_clock::time_point deadline;
   };

@@ -69,6 +69,13 @@ std::optional<Host::Result> Host::answer_to(std::uint32_t number) {
   return Result{reply->accepted, reply->text, run_ ? run_->id : std::string()};
 }
 
+Host::Result Host::without_answer(std::uint32_t number, Request::Verb verb) {
+  desk_.withdraw(number);
+  if (auto result = answer_to(number)) return *result;
+  const char* then = merely_stops(verb) ? "it does this as soon as it goes on" : "if it goes on, it will not begin";
+  return {false, std::string("the real-time loop did not answer within 2 s; ") + then + "; see isorig status", {}};
+}
+
 Host::Result Host::verb(Request::Verb verb) {
   Request request;
   request.verb = verb;
@@ -86,7 +93,7 @@ Host::Result Host::ask(Request request) {
     if (const auto reply = desk_.reply_to(number)) return {reply->accepted, reply->text, {}};
     breathe();
   } while (std::chrono::steady_clock::now() < deadline);
-  return {false, "the real-time loop did not answer within 2 s; see isorig status", {}};
+  return without_answer(number, request.verb);
 }
 
 void Host::breathe() const {

@@ -125,6 +125,9 @@ class Host {
   [[nodiscard]] std::uint32_t submit(Request::Verb verb);
   [[nodiscard]] std::uint32_t submit(const Request& request);
   [[nodiscard]] std::optional<Result> answer_to(std::uint32_t number);
+  /// Waits no longer: what has not begun by now does not begin, what only stops is done all the same. An answer that
+  /// has just come counts.
+  [[nodiscard]] Result without_answer(std::uint32_t number, Request::Verb verb);
 
   /// The recorder thread's turn: drains the queues, follows the events, closes a run that has ended. Never throws: what
   /// disk or catalogue refuse is a program stop, and is tried again in the next turn.

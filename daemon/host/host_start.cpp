@@ -43,7 +43,7 @@ Host::Result Host::start(const StartOptions& options) {
                 "; a protocol starts from ready (isorig status)",
             {}};
   }
-  armed_.reset();  // of a start before this one, which the loop may still arm late: its protocol is not to run
+  armed_.reset();  // of a start before this one: if this one fails, and the rig is armed all the same, nothing runs
   // What corrects the samples has to be what the run's header says.
   if (auto taken = put_in_force(); !taken.ok) {
     return {false, "a calibration that is kept cannot be put in force: " + taken.text, {}};

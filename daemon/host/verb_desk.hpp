@@ -48,6 +48,9 @@ class VerbDesk {
     return std::nullopt;
   }
 
+  /// Nobody waits for the answer any more: an operator who was told so does not expect a motion.
+  void withdraw(std::uint32_t id) noexcept { core_.withdraw(id); }
+
  private:
   void keep(const Reply& reply) {
     arrived_.push_back(reply);

@@ -1,3 +1,10 @@
+#include <chrono>
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "daemon/host/host.hpp"
+#include "recording_rig.hpp"
 #include "rig_fixture.hpp"
 
 /// Two acts and a countdown before anything moves or fills (docs/states.md).
@@ -162,6 +169,95 @@ TEST_F(ArmingTest, AnAbortFromOutsideReachesEveryNewState) {
     ASSERT_TRUE(reach(RunState::kReady, 5.0));
   }
   EXPECT_EQ(virtual_rig->core().outcome(), Outcome::kNotStarted);
+}
+
+/// The host beside a loop that hangs when the test says so. One thread.
+class LateLoopTest : public RigFixture {
+ protected:
+  LateLoopTest() { config.core.operating.arming_required = true; }
+
+  void SetUp() override {
+    RigFixture::SetUp();
+    Host::Options options;
+    options.runs_root = folder.path();
+    options.breathe = [this] {
+      if (!hangs) tick();
+    };
+    host = std::make_unique<Host>(config, virtual_rig->core(), virtual_rig->streams, options);
+    ASSERT_TRUE(reach(RunState::kReady, 5.0)) << virtual_rig->core().status().not_ready;
+  }
+  static StartOptions protocol(const std::string& steps) {
+    StartOptions o;
+    o.protocol_text = "format = \"isorig-protocol/1\"\nname = \"p\"\nsteps = [\n" + steps + "\n]\n";
+    return o;
+  }
+  Host::Result while_it_hangs(const std::function<Host::Result()>& call) {
+    hangs = true;
+    auto result = call();
+    hangs = false;
+    run_for(0.5);
+    return result;
+  }
+
+  daemon::testing::TemporaryDirectory folder{"late-loop"};
+  bool hangs = false;
+  std::unique_ptr<Host> host;
+};
+
+/// Whoever was told that there is no answer does not stand back from a rig that is armed, or begins to move, after all.
+TEST_F(LateLoopTest, WhatIsAskedOfALoopThatHangsDoesNotBeginAfterItsTime) {
+  const auto late = while_it_hangs([&] { return host->start(protocol(kHold)); });
+  EXPECT_FALSE(late.ok);
+  EXPECT_NE(late.text.find("did not answer within 2 s; if it goes on, it will not begin"), std::string::npos)
+      << late.text;
+  EXPECT_EQ(virtual_rig->core().state(), RunState::kReady) << "armed after its time";
+  EXPECT_EQ(event("armed"), nullptr);
+  ASSERT_NE(event("request.late"), nullptr);
+
+  ASSERT_TRUE(host->start(protocol(kHold)).ok);
+  EXPECT_FALSE(while_it_hangs([&] { return host->go(); }).ok);
+  EXPECT_EQ(event("countdown.begin"), nullptr);
+  EXPECT_EQ(virtual_rig->core().status().runs_started, 0U);
+
+  ASSERT_TRUE(run_until(20.0, [&] { return virtual_rig->core().state() == RunState::kReady; }));
+  ASSERT_TRUE(host->verb(Request::Verb::kSetup).ok);
+  const double from_mm = double{virtual_rig->core().status().control.position_mm};
+  EXPECT_FALSE(while_it_hangs([&] {
+                 Request jog;
+                 jog.verb = Request::Verb::kJog;
+                 jog.relative = true;
+                 jog.target_mm = 0.5;
+                 const auto number = host->submit(jog);
+                 const auto deadline = std::chrono::steady_clock::now() + kVerbPatience;
+                 while (std::chrono::steady_clock::now() < deadline) EXPECT_FALSE(host->answer_to(number));
+                 return host->without_answer(number, jog.verb);
+               }).ok);
+  EXPECT_NEAR(double{virtual_rig->core().status().control.position_mm}, from_mm, 0.01);
+  EXPECT_EQ(event("jog"), nullptr);
+}
+
+/// To stop is never too late.
+TEST_F(LateLoopTest, APauseThatCameTooLateStopsAllTheSame) {
+  ASSERT_TRUE(host->start(protocol(kHold)).ok);
+  const auto late = while_it_hangs([&] { return host->verb(Request::Verb::kPause); });
+  EXPECT_FALSE(late.ok);
+  EXPECT_NE(late.text.find("it does this as soon as it goes on"), std::string::npos) << late.text;
+  ASSERT_NE(event("disarmed"), nullptr);
+  EXPECT_EQ(event("disarmed")->text, std::string("taken back by the operator"));
+}
+
+/// The loop may be armed without a start that was answered: what `go` opens is never what an earlier one has left.
+TEST_F(LateLoopTest, GoOpensNothingThatAnEarlierStartHasLeft) {
+  ASSERT_TRUE(host->start(protocol(kHold)).ok);
+  ASSERT_TRUE(host->verb(Request::Verb::kPause).ok);
+  ASSERT_TRUE(run_until(20.0, [&] { return virtual_rig->core().state() == RunState::kReady; }));
+  EXPECT_THROW((void)host->start(protocol("{ do = \"no such step\" }")), base::ConfigError);
+  ASSERT_TRUE(host->verb(Request::Verb::kArm).ok);  // as of a start whose answer was lost on its way
+  ASSERT_EQ(virtual_rig->core().state(), RunState::kArmed);
+  const auto went = host->go();
+  EXPECT_FALSE(went.ok);
+  EXPECT_NE(went.text.find("nothing is armed any more"), std::string::npos) << went.text;
+  EXPECT_EQ(virtual_rig->core().status().runs_started, 0U);
 }
 
 }  // namespace
