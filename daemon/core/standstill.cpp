@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace isorig::daemon {
 namespace {
@@ -12,6 +13,16 @@ constexpr std::int64_t kLeastSpacingNs = 1'000'000;
 constexpr double kGoodBound_mm_s = 0.03;
 
 }  // namespace
+
+double Standstill::tells_after_s(double spacing_s) noexcept {
+  constexpr double kLeastSteps = kLeastSamples - 1;
+  for (const double window_s : kWindows_s) {
+    // A window ends at the first sample beyond it.
+    if (window_s > (kLeastSteps - 1.0) * spacing_s) return window_s + spacing_s;
+  }
+  const double stretched_s = kLeastSteps * spacing_s;
+  return stretched_s > kLongest_s ? std::numeric_limits<double>::infinity() : stretched_s;
+}
 
 void Standstill::restart(double speed_mm_s) noexcept {
   count_ = 0;

@@ -20,6 +20,10 @@ class Standstill {
   /// gives one every 0.14 s.
   static constexpr double kLongest_s = 1.0;
 
+  /// From the first sample that counts to the one that tells, where samples come this often: while their noise is small
+  /// enough for the shortest window that holds enough of them. Infinite: never.
+  [[nodiscard]] static double tells_after_s(double spacing_s) noexcept;
+
   /// Forgets everything: only samples from now on count. `speed_mm_s`: what it moves at, as far as is known.
   void restart(double speed_mm_s) noexcept;
   void add(std::int64_t mono_ns, double position_mm) noexcept;

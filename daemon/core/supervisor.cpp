@@ -22,7 +22,7 @@ SupervisorConfig SupervisorConfig::read(const base::TomlTable& table, const prot
   c.interlock_age_max_s = table.number_or("interlock_age_max_s", c.interlock_age_max_s, base::kPositive);
   c.late_tick_max_s = table.number_or("late_tick_max_s", c.late_tick_max_s, base::kPositive);
   c.following_error_max_mm = table.number_or("following_error_max_mm", c.following_error_max_mm, base::kPositive);
-  c.stop_confirm_max_s = table.number_or("stop_confirm_max_s", c.stop_confirm_max_s, {0.1, 2.0});
+  c.stop_confirm_max_s = table.number_or("stop_confirm_max_s", c.stop_confirm_max_s, {0.1, kLongestStopConfirm_s});
   c.standstill_max_mm = table.number_or("standstill_max_mm", c.standstill_max_mm, base::kPositive);
   c.segment_ack_max_s = table.number_or("segment_ack_max_s", c.segment_ack_max_s, base::kPositive);
   c.frozen_force_max_s = table.number_or("frozen_force_max_s", c.frozen_force_max_s, base::kPositive);

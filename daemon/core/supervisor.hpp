@@ -16,6 +16,8 @@ class TomlTable;
 
 namespace isorig::daemon {
 
+inline constexpr double kLongestStopConfirm_s = 2.0;  ///< stop_confirm_max_s is no longer
+
 /// What may not happen while the rig is live, beyond the travel, force and pressure limits of [limits].
 struct SupervisorConfig {
   protocol::Limits limits;

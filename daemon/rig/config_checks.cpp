@@ -301,7 +301,7 @@ void check_rig(const RigConfig& rig, const TomlTable& root) {
   check_pressure_limits(rig, {root, "limits"});
   check_calibration(rig, {root, "calibration"});
   check_supervisor(rig, {root, "supervisor"}, dogs);
-  check_frame(rig, {root, "frame"}, dogs);
+  check_frame(rig, {root, "frame"}, {root, "supervisor"}, dogs);
   check_services(rig, {root, "services"}, dogs);
   check_teensy(rig, {root, "pressure"}, dogs);
   check_loop(rig, {root, "pressure_loop"});

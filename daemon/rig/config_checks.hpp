@@ -24,6 +24,7 @@ void check_rig(const RigConfig& rig, const base::TomlTable& root);
 struct Watchdogs {
   double frame_s = 0.5;
   double pressure_s = 0.5;
+  double frame_answer_s = 0.0;  ///< what an emulated 8800 takes for an answer
 };
 [[nodiscard]] Watchdogs watchdogs_of(const RigConfig& rig, const base::TomlTable& root);
 

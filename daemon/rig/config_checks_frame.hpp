@@ -5,6 +5,7 @@
 #include "base/number_text.hpp"
 #include "base/toml_reader.hpp"
 #include "daemon/rig/config_checks.hpp"
+#include "drivers/frame/instron8800_times.hpp"
 
 namespace isorig::daemon {
 
@@ -28,6 +29,9 @@ class Keys {
   void at_least(const char* key, double value, double low, const char* unit, const std::string& why) const {
     if (!(value >= low)) fault(key, value, "at least " + base::number_text(low) + " " + unit, why);
   }
+  void wrong(const char* key, const std::string& why) const {
+    table_.error(present_ ? key : "", "`" + std::string(key) + "`: " + why);
+  }
 
  private:
   void fault(const char* key, double value, const std::string& allowed, const std::string& why) const {
@@ -39,9 +43,14 @@ class Keys {
   bool present_;
 };
 
+/// From the request of a stop in mid-ramp until the samples have said that the crosshead stands, at most: by what the
+/// driver asks on this line, and the samples that the daemon then waits for. Infinite: never.
+[[nodiscard]] double stop_confirmed_s(const frame::Instron8800Times& line) noexcept;
+
 /// Limits beyond the frame's own could not trip.
 void check_full_scale(const RigConfig& rig, const Keys& limits);
-/// Time-outs of the frame's driver against the supervisor's ages and the frame's watchdog.
-void check_frame(const RigConfig& rig, const Keys& frame, const Watchdogs& dogs);
+/// Time-outs of the frame's driver against the supervisor's ages, what its line takes for a stop, and the frame's
+/// watchdog.
+void check_frame(const RigConfig& rig, const Keys& frame, const Keys& supervisor, const Watchdogs& dogs);
 
 }  // namespace isorig::daemon

@@ -26,6 +26,7 @@ Instron8800Config read_instron8800_config(const base::TomlTable& t) {
   integer("response_timeout_ms", c.response_timeout_ms, {5.0, 60'000.0});
   integer("give_up_ms", c.give_up_ms, {100.0, 600'000.0});
   integer("gap_us", c.gap_us, {0.0, 1'000'000.0});
+  c.answer_ms = t.number_or("answer_ms", c.answer_ms, {0.0, 1000.0});
   integer("quiet_ms", c.quiet_ms, {1.0, 5'000.0});
   integer("position_channel", c.position_channel, {1.0, 8.0});
   integer("force_channel", c.force_channel, {1.0, 8.0});

@@ -26,6 +26,8 @@ struct Instron8800Config {
   /// Silence between an answer or a command and the next line: these controllers are known to fall into an invalid
   /// state when they are sent commands too quickly.
   int gap_us = 5'000;
+  /// What this controller takes for an answer, for what `isorig check` reckons of the line; measured at every connect.
+  double answer_ms = 0.0;
   /// After a doubt: so long nothing may come before the line counts as quiet.
   int quiet_ms = 50;
 

@@ -4,6 +4,7 @@
 #include "base/number_text.hpp"
 #include "drivers/api/error.hpp"
 #include "drivers/frame/instron8800_frame.hpp"
+#include "drivers/frame/instron8800_times.hpp"
 #include "drivers/frame/instron8800_words.hpp"
 
 namespace isorig::frame {
@@ -117,14 +118,14 @@ void Instron8800Frame::give_control_back() noexcept {
   }
 }
 
-/// Of a round of three questions, from the fastest of a few: what the line gives when nothing disturbs it.
-double Instron8800Frame::measured_rate_hz() {
+/// From a question to its answer, the fastest of a few: what the line gives when nothing disturbs it.
+double Instron8800Frame::measured_question_s() {
   std::int64_t best_ns = 1'000'000'000;
   for (int i = 0; i < 5; ++i) {
     const auto answer = link_.ask({text_of(Ask::kPosition)}, in_ms(2 * config_.response_timeout_ms)).front();
     best_ns = std::min(best_ns, answer.received_ns - answer.sent_ns);
   }
-  return 1e9 / (3.0 * static_cast<double>(best_ns + std::int64_t{config_.gap_us} * 1000));
+  return 1e-9 * static_cast<double>(std::max<std::int64_t>(best_ns, 1));
 }
 
 Identity Instron8800Frame::connect() {
@@ -159,7 +160,10 @@ Identity Instron8800Frame::connect() {
     identity.model = "8800-type controller";
     identity.firmware =
         "watchdog " + watchdog_command_ + (watchdog_can_be_asked_ ? " (read back)" : " (cannot be read back)");
-    identity.sample_rate_hz = measured_rate_hz();
+    const double question_s = measured_question_s(), gap_s = 1e-6 * config_.gap_us;
+    const double characters_s = times_of(config_, 0.0).value_s - gap_s;  // the controller's part is beside them
+    identity.firmware += ", answers in " + number_text(1e3 * std::max(0.0, question_s - characters_s), 2) + " ms";
+    identity.sample_rate_hz = 1.0 / (3.0 * (question_s + gap_s));
     // Nothing in the command set tells a controller that was switched off meanwhile from one that was not.
     identity.reference_epoch = ++reference_epoch_;
     return identity;

@@ -15,11 +15,8 @@ using drivers::Fault;
 
 namespace {
 
-constexpr std::int64_t kSlice_ns = 20 * kMs;
 /// Longer than this, and a tenth of the ramp, before its time a ramp is early.
 constexpr std::int64_t kEarly_ns = 500 * kMs;
-/// Positions further apart than this are not interpolated between: a hang lay there.
-constexpr std::int64_t kFarApart_ns = 250 * kMs;
 /// A loss of control this soon after a silence is the watchdog's doing, not the operator's.
 constexpr std::int64_t kWatchdogSuspected_ns = 3'000 * kMs;
 

@@ -79,7 +79,7 @@ class Instron8800Frame final : public Device {
   void give_control_back() noexcept;
   /// A command at rest, of a controller that may answer what it does not know.
   void tell_known(std::string_view command);
-  [[nodiscard]] double measured_rate_hz();
+  [[nodiscard]] double measured_question_s();
 
   [[nodiscard]] std::string text_of(Ask ask) const;
   void begin_round(std::int64_t now_ns) noexcept;

@@ -15,7 +15,6 @@ namespace {
 
 constexpr double kShortestRamp_s = 0.001;
 constexpr double kTargetTolerance_mm = 5e-4;  // half of what the supervisor takes for another target
-constexpr std::int64_t kStopAgain_ns = 100 * kMs;
 /// A stop() this soon after the last one repeats it: polls that block for a round's question lie between the two.
 constexpr std::int64_t kStopRepeated_ns = 500 * kMs;
 constexpr double kTimeTolerance = 5e-4;  // likewise, of the velocity

@@ -11,6 +11,12 @@ inline constexpr std::int64_t kMs = 1'000'000;
 inline constexpr double kQ1Moving = 1.0;
 /// Two positions that say whether the crosshead stands are read at least this far apart.
 inline constexpr std::int64_t kStandstill_ns = 20 * kMs;
+/// Positions further apart than this are not interpolated between: a hang lay there.
+inline constexpr std::int64_t kFarApart_ns = 250 * kMs;
+/// A stop that is not confirmed is sent again so often.
+inline constexpr std::int64_t kStopAgain_ns = 100 * kMs;
+/// A poll() that finds no sample returns after this.
+inline constexpr std::int64_t kSlice_ns = 20 * kMs;
 
 /// The begin of a line, for a sentence.
 [[nodiscard]] inline std::string in_quotes(std::string_view line) {

@@ -245,6 +245,40 @@ TEST(ConfigChecks, EveryDangerousValueIsRefusedWithItsReason) {
   }
 }
 
+/// What the driver asks on a slow line before a stop is confirmed takes its time. The number that is named is the least
+/// that is taken.
+TEST(ConfigChecks, ALineThatCannotConfirmAStopInTimeIsRefusedWithTheNumberToWrite) {
+  const auto patient = with(real("sim-8800"), "frame", "response_timeout_ms", "600");
+  const auto slow = with(with(patient, "frame", "gap_us", "5000"), "frame", "answer_ms", "30");
+  auto serial = with(with(patient, "frame", "transport", "\"tty\""), "frame", "tty", "\"/dev/ttyS0\"");
+  for (const std::string key : {"host = ", "port = 1503"}) {
+    const auto at = serial.find("\n" + key) + 1;
+    serial.erase(at, serial.find('\n', at) + 1 - at);
+  }
+  serial = with(with(serial, "frame", "baud", "9600"), "frame", "gap_us", "5000");
+  const auto emulated =
+      with(with(shipped("sim-8800"), "frame", "response_timeout_ms", "600"), "sim.controller", "answer_us", "30000");
+  for (const auto& text : {slow, serial, emulated}) {
+    const auto faults = faults_of(text);
+    const std::string begin = "`stop_confirm_max_s` = 0.3 (by default); it has to be at least ";
+    ASSERT_THAT(faults, AllOf(HasSubstr(begin), HasSubstr("ms a value"), HasSubstr("frame.stop")));
+    const double least_s = std::strtod(faults.c_str() + faults.find(begin) + begin.size(), nullptr);
+    EXPECT_GT(least_s, 0.8);
+    EXPECT_LT(least_s, 2.0);
+    const auto written = [&](double s) { return with(text, "supervisor", "stop_confirm_max_s", std::to_string(s)); };
+    EXPECT_EQ(faults_of(written(least_s)), "");
+    EXPECT_THAT(faults_of(written(least_s - 0.02)), HasSubstr("`stop_confirm_max_s`"));
+  }
+  EXPECT_THAT(faults_of(with(slow, "frame", "stop_confirm_ms", "300")),
+              AllOf(HasSubstr("`stop_confirm_ms`"), HasSubstr("would switch the actuator off")));
+  EXPECT_THAT(
+      faults_of(with(slow, "frame", "response_timeout_ms", "400")),
+      AllOf(HasSubstr("`response_timeout_ms` = 400; it has to be at least 525 ms"), HasSubstr("never come to an end")));
+  EXPECT_THAT(faults_of(with(patient, "frame", "gap_us", "55000")),
+              AllOf(HasSubstr("`gap_us`"), HasSubstr("2 s at most")));
+  EXPECT_THAT(faults_of(with(slow, "frame", "answer_ms", "70")), HasSubstr("samples are too far apart"));
+}
+
 /// Set-point and trim together are no more than the regulator takes, and a protocol that asks for more is refused.
 TEST(ConfigChecks, ARegulatorsOwnLimitIsThatOfItsSetPoints) {
   const auto rig = load_text(with(real("sim-8800-regulator"), "regulator", "max_psi", "10.1"));

@@ -129,6 +129,7 @@ class StopWireRig {
   }
   FrameFaults& plant_faults() { return rig_->frame().faults; }
   [[nodiscard]] CountedDevice& device() { return *device_; }
+  [[nodiscard]] const frame::Instron8800Config& config_8800() const { return config_8800_; }
   [[nodiscard]] const daemon::FrameReport& report() const { return report_; }
   /// A report ever said so.
   [[nodiscard]] bool heartbeat_was_lost() const { return heartbeat_was_lost_; }
@@ -228,7 +229,7 @@ class StopWireRig {
     if (!times.watchdog_can_be_asked) options.watchdog = Instron8800Server::Options::Watchdog::kNotAsked;
     controller_ = std::make_unique<Instron8800Server>(options, rig_->frame(), controller_faults_);
     controller_faults_.delay_ms = times.answer_ms;
-    frame::Instron8800Config config;
+    auto& config = config_8800_;
     config.port = controller_->port();
     config.response_timeout_ms = times.response_timeout_ms;
     config.gap_us = times.gap_us;
@@ -245,6 +246,7 @@ class StopWireRig {
   }
 
   Wire wire_;
+  frame::Instron8800Config config_8800_;
   clock::RealClock clock_;
   FrameWireFaults gateway_faults_;
   Instron8800Faults controller_faults_;
