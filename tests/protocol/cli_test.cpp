@@ -55,9 +55,35 @@ class CliFiles : public testing::Test {
   std::filesystem::path folder_;
 };
 
+/// A shipped rig, to be written anywhere.
+std::string whole_rig(const std::string& name) {
+  const auto config = isorig::test::source_path() + "/config";
+  auto text = file_text(config + "/rigs/" + name + ".toml");
+  for (auto up = text.find("\"../"); up != std::string::npos; up = text.find("\"../")) text.replace(up + 1, 2, config);
+  return text;
+}
+
+/// An 8800 whose line is too slow for a stop to be seen in time would be a rig on which every stop is a fault.
+TEST_F(CliFiles, CheckRefusesARigThatTheDaemonWouldRefuseWithTheNumberToWrite) {
+  auto rig = whole_rig("sim-8800");
+  const auto check = [&] { return isorig("check config/protocols/vma-smoke.toml --rig " + write("rig.toml", rig)); };
+  EXPECT_EQ(check().code, 0) << check().out;
+  const std::string time_out = "response_timeout_ms = 400";
+  rig.replace(rig.find(time_out), time_out.size(), "response_timeout_ms = 600");
+  const std::string answers = "[sim.controller]\n";
+  rig.insert(rig.find(answers) + answers.size(), "answer_us = 30000\n");
+  const auto slow = check();
+  EXPECT_EQ(slow.code, 3) << slow.out;
+  EXPECT_THAT(slow.out,
+              testing::ContainsRegex("`stop_confirm_max_s` = 0.3 \\(by default\\); it has to be at least [0-9.]+ s"));
+  const std::string supervisor = "[supervisor]\n";
+  rig.insert(rig.find(supervisor) + supervisor.size(), "stop_confirm_max_s = 1.9\n");
+  EXPECT_EQ(check().code, 0) << check().out;
+}
+
 /// What the daemon would refuse, `check --rig` refuses.
 TEST_F(CliFiles, CheckKnowsTheRegulatorAndThePressureLoop) {
-  std::string rig = file_text(isorig::test::source_path() + "/config/rigs/sim-8800-regulator.toml");
+  const std::string rig = whole_rig("sim-8800-regulator");
   const auto with = [&](const std::string& from, const std::string& to) {
     const auto at = rig.find(from);
     EXPECT_NE(at, std::string::npos) << from;
