@@ -3,6 +3,7 @@
 #include <cstring>
 #include <numbers>
 
+#include "base/number_text.hpp"
 #include "protocol/compiler.hpp"
 #include "protocol/force_slope.hpp"
 #include "protocol/wave.hpp"
@@ -13,6 +14,8 @@ namespace {
 
 /// Limits are decimal numbers, positions are sums of them.
 constexpr double kEpsilon = 1e-9;
+/// A wave whose frequency is off by more than this share is named, unless the protocol says what it bears.
+constexpr double kFrequencyShare = 0.05;
 
 }  // namespace
 
@@ -112,6 +115,7 @@ void Compiler::wave(const Node& node, Step& out) {
     out.velocity_mm_s = out.frequency_hz * speed_per_hz;
   }
   out.nominal_s = out.cycles / out.frequency_hz;
+  out.reached_hz = out.frequency_hz;
   plan_.travel_mm += 4.0 * out.amplitude_mm * out.cycles;
   if (!all_well(node, {"amplitude_mm", rate_key})) return;
   check_speed(node, rate_key, out.velocity_mm_s);
@@ -122,6 +126,10 @@ void Compiler::wave(const Node& node, Step& out) {
   } else {
     check_interval(node, rate_key, 0.25 / out.frequency_hz, "quarter of a cycle");
   }
+  const double turning_s = limits_.turn_s(turning_mm_s);
+  out.nominal_s += wave::strokes(out) * turning_s;
+  out.reached_hz = out.cycles / out.nominal_s;
+  if (!by_velocity) check_frequency(node, out, turning_s);
   for (const double end_mm : {position_mm_ - out.amplitude_mm, position_mm_ + out.amplitude_mm}) {
     if (outside_travel(end_mm, turning_mm_s)) {
       note(node.table, "amplitude_mm",
@@ -146,6 +154,25 @@ void Compiler::cut_sine(const Node& node, Step& out, const char* rate_key) {
              " mm/s at the turning points; the rig's slowest is " + number_text(limits_.speed_min_mm_s) +
              " (limits.speed_min_mm_s): be faster or allow a larger deviation_mm");
   }
+}
+
+/// The frame comes to rest at each turning point, and that takes its time however short the stroke is.
+void Compiler::check_frequency(const Node& node, const Step& wave, double turning_s) {
+  const bool demanded = node.table.has("frequency_tolerance");
+  const double share = value(node, "frequency_tolerance", {0.0, 1.0}, kFrequencyShare);
+  if (1.0 - wave.reached_hz / wave.frequency_hz <= share || !all_well(node, {"cycles", "frequency_tolerance"})) return;
+  const std::string what = said(node, "frequency_hz", wave.frequency_hz) + "; the rig will run it at about " +
+                           base::number_text(wave.reached_hz, 3) + " Hz, since its frame stands for some " +
+                           base::number_text(turning_s, 2) +
+                           " s at each turning point (limits.turning_time_s): be slower";
+  if (demanded) {
+    note(node.table, "frequency_hz", what + ", or allow a larger frequency_tolerance");
+    return;
+  }
+  auto warning = node.table.where("frequency_hz");
+  if (!warned_.insert({warning.line, warning.column}).second) return;
+  warning.message = what + ", or say by frequency_tolerance how far off it may be";
+  plan_.warnings.push_back(warning.text());
 }
 
 void Compiler::mark(const Node& node, Step& out) {

@@ -4,6 +4,7 @@
 #include <set>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "protocol/evaluator.hpp"
@@ -40,6 +41,7 @@ class Compiler : private Evaluator {
   void wave(const syntax::Node& node, Step& out);
   /// As few chords as keep the sine within deviation_mm.
   void cut_sine(const syntax::Node& node, Step& out, const char* rate_key);
+  void check_frequency(const syntax::Node& node, const Step& wave, double turning_s);
   void mark(const syntax::Node& node, Step& out);
   void check_speed(const syntax::Node& node, std::string_view key, double speed_mm_s);
   void check_interval(const syntax::Node& node, std::string_view key, double interval_s, const std::string& what);
@@ -55,6 +57,7 @@ class Compiler : private Evaluator {
   const syntax::Node* outside_ = nullptr;  ///< the first step that stands in no session
   std::map<double, std::int32_t> sessions_at_psi_;
   std::set<std::string> session_labels_;
+  std::set<std::pair<std::uint32_t, std::uint32_t>> warned_;  ///< places: a step in a repeat warns once
 };
 
 }  // namespace isorig::protocol

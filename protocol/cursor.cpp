@@ -138,7 +138,11 @@ void Cursor::end_step(std::int64_t now_ns, const Observation& seen) noexcept {
   const Step& step = plan_->steps[action_.step];
   action_.step_ended = has_flags_ = true;
   action_.ended_step = action_.step;
-  if (step.kind != StepKind::kSettle) action_.end_value = 0.0;
+  if (step.kind == StepKind::kWave) {
+    action_.end_value = step.cycles / to_s(std::max<std::int64_t>(now_ns - step_begin_ns_, 1));
+  } else if (step.kind != StepKind::kSettle) {
+    action_.end_value = 0.0;
+  }
   if (step.full_after_s > 0.0) full_until_ns_ = now_ns + to_ns(step.full_after_s);
   const bool last = action_.step + 1 == plan_->steps.size();
   action_.session_ended =

@@ -56,7 +56,7 @@ struct Action {
   bool session_ended = false;     ///< once, with step_ended: it was its session's last
   std::uint32_t step = 0;         ///< index into Plan::steps; a mark's label is there
   std::uint32_t ended_step = 0;
-  double end_value = 0.0;     ///< of a settle: |slope| when it ended, N/s; else 0
+  double end_value = 0.0;     ///< of a settle: |slope| when it ended, N/s; of a wave: cycles per second; else 0
   double setpoint_psi = 0.0;  ///< gauge
   double rate_psi_s = 0.0;    ///< slope to take the set-point there, > 0 from the first pressurize on
   MotionCommand segment;      ///< the last one sent

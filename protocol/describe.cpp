@@ -11,6 +11,12 @@ std::string position(double value_mm) {
   return value_mm == 0.0 ? "0 mm" : base::formatted("%+.6g mm", value_mm);
 }
 
+/// Where the turning points make more of a difference than anybody would round away.
+std::string reached_text(const Step& step) {
+  if (step.reached_hz > 0.95 * step.frequency_hz) return {};
+  return ", of which the turning points leave about " + base::number_text(step.reached_hz, 3) + " Hz";
+}
+
 }  // namespace
 
 const char* name_of(StepKind kind) noexcept {
@@ -47,8 +53,8 @@ std::string describe(const Step& step) {
     case StepKind::kWave: {
       std::string text = step.shape == WaveShape::kSine ? "sine" : "triangle";
       text += " of +-" + base::number_text(step.amplitude_mm) + " mm at " + base::number_text(step.frequency_hz) +
-              " Hz (peak " + base::number_text(step.velocity_mm_s) + " mm/s), " + std::to_string(step.cycles) +
-              (step.cycles == 1 ? " cycle" : " cycles");
+              " Hz" + reached_text(step) + " (peak " + base::number_text(step.velocity_mm_s) + " mm/s), " +
+              std::to_string(step.cycles) + (step.cycles == 1 ? " cycle" : " cycles");
       if (step.shape == WaveShape::kSine) {
         text += ", " + std::to_string(4 * step.segments_per_quarter) + " segments per cycle, within " +
                 base::number_text(step.deviation_mm) + " mm";

@@ -1,6 +1,14 @@
 #include "protocol/limits.hpp"
 
+#include <algorithm>
+#include <cmath>
+
 namespace isorig::protocol {
+
+double Limits::turn_s(double arrival_mm_s) const noexcept {
+  if (!(arrival_mm_s > 0.0)) return 0.0;
+  return turning_time_s * std::max(0.0, 1.0 + kTurningShare * std::log(arrival_mm_s));
+}
 
 Limits read_limits(const base::TomlTable& table) {
   Limits out;
@@ -15,6 +23,7 @@ Limits read_limits(const base::TomlTable& table) {
   out.pressure_rate_max_psi_s =
       table.number_or("pressure_rate_max_psi_s", out.pressure_rate_max_psi_s, base::kPositive);
   out.segment_interval_min_s = table.number_or("segment_interval_min_s", 0.05, base::kPositive);
+  out.turning_time_s = table.number_or("turning_time_s", Limits::kTurningTime_s, {0.0, 10.0});
   if (out.speed_min_mm_s > out.speed_max_mm_s) {
     table.error("speed_min_mm_s", "`speed_min_mm_s` is above `speed_max_mm_s`; swap or correct them");
   }

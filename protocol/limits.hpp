@@ -19,6 +19,10 @@ struct Limits {
   /// At which the pressure loop of a rig file that does not say follows a set-point.
   static constexpr double kLoopRate_psi_s = 10.0;
 
+  /// Of the simulated rig, from waves in virtual time: 0.12 s at 0.4, 0.18 s at 2, 0.22 s at 8 mm/s.
+  static constexpr double kTurningTime_s = 0.15;
+  static constexpr double kTurningShare = 0.22;
+
   double travel_min_mm = -kNone;  ///< crosshead relative to the unpressurized rest length, extension positive
   double travel_max_mm = kNone;
   double speed_min_mm_s = 0.0;  ///< slowest segment the frame executes evenly
@@ -33,6 +37,13 @@ struct Limits {
   /// Shortest time between two segments that the frame's link sustains; bounds how finely a sine is cut. A
   /// rig file that does not say has 0.05 s.
   double segment_interval_min_s = 0.0;
+  /// From the end of a ramp of 1 mm/s until the frame has said that it is there; see turn_s(). A rig file that does not
+  /// say has kTurningTime_s.
+  double turning_time_s = 0.0;
+
+  /// How long a stroke that arrives at this speed lasts beyond its own time. What is left of the motion rings out, so
+  /// that each e-fold of the speed costs as much more: 0.22 of the time at 1 mm/s in the simulated rig.
+  [[nodiscard]] double turn_s(double arrival_mm_s) const noexcept;
 
   /// How far inside a travel limit a target has to lie for the overshoot at this speed not to trip it.
   [[nodiscard]] static constexpr double travel_room_mm(double velocity_mm_s) noexcept {

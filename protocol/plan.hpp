@@ -66,6 +66,7 @@ struct Step {
   double amplitude_mm = 0.0;  ///< half of peak to peak, > 0
   double frequency_hz = 0.0;
   double deviation_mm = 0.0;
+  double reached_hz = 0.0;  ///< what the rig's turning points are expected to leave of frequency_hz
   std::uint32_t cycles = 0;
   std::uint32_t segments_per_quarter = 0;
 
@@ -130,6 +131,9 @@ struct Plan {
   double position_min_mm = 0.0;
   double position_max_mm = 0.0;
   double pressure_max_psi = 0.0;
+
+  /// What is no error, and not what a reader of the protocol expects; each with its place.
+  std::vector<std::string> warnings;
 };
 
 /// "ramp to +2 mm at 10 mm/s": a step in words, for plans, events and screens.

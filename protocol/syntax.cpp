@@ -247,10 +247,12 @@ void read_step(Node& node, const Names& scope) {
         read_values(node, Need::kOptional, scope, {"deviation_mm"});
       }
       read_values(node, Need::kRequired, scope, {"amplitude_mm", "cycles"});
-      read_values(node, Need::kOptional, scope, {"frequency_hz", "velocity_mm_s"});
+      read_values(node, Need::kOptional, scope, {"frequency_hz", "velocity_mm_s", "frequency_tolerance"});
       if (table.has("frequency_hz") == table.has("velocity_mm_s")) {
         table.error({}, "a wave needs either `frequency_hz` or `velocity_mm_s`");
         node.broken.insert("frequency_hz");
+      } else if (table.has("frequency_tolerance") && !table.has("frequency_hz")) {
+        table.error("frequency_tolerance", "`frequency_tolerance` is of `frequency_hz`, and this wave has none");
       }
       break;
     case StepKind::kMark:

@@ -83,6 +83,7 @@ int check(const CheckOptions& options) {
     std::printf("  limits      NOT checked; add --rig config/rigs/....toml\n");
   } else {
     std::printf("  limits      within those of %s\n", options.rig_path.c_str());
+    for (const auto& text : plan.warnings) std::printf("  WARNING     %s\n", base::printable(text).c_str());
     if (!print_calibration(options, rig)) return kRefused;
   }
   return kOk;

@@ -80,6 +80,7 @@ nlohmann::ordered_json to_json(const protocol::Step& step) {
       out.update({{"shape", step.shape == protocol::WaveShape::kSine ? "sine" : "triangle"},
                   {"amplitude_mm", step.amplitude_mm},
                   {"frequency_hz", step.frequency_hz},
+                  {"reached_hz", step.reached_hz},
                   {"peak_velocity_mm_s", step.velocity_mm_s},
                   {"cycles", step.cycles}});
       if (step.shape == protocol::WaveShape::kSine) {

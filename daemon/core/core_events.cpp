@@ -64,6 +64,13 @@ void Core::emit_step(std::int64_t now_ns, const protocol::Action& action) noexce
       emit_of(action.ended_step, now_ns, Severity::kWarning, "settle.timeout",
               "force still moving when the settle step timed out", action.end_value, ended.force_slope_N_s);
     }
+    if (ended.kind == protocol::StepKind::kWave) {
+      char buffer[96];
+      FixedText<96> text(buffer);
+      text << "a wave of " << ended.frequency_hz << " Hz ran at " << action.end_value
+           << " Hz, its turning points and way back included";
+      emit_of(action.ended_step, now_ns, Severity::kInfo, "wave.done", buffer, action.end_value, ended.frequency_hz);
+    }
     if (action.session_ended) {
       emit_of(action.ended_step, now_ns, Severity::kInfo, "session.end", plan_->sessions[ended.session].label,
               double(ended.session), 0.0);

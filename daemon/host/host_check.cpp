@@ -56,6 +56,7 @@ json Host::check_json(const std::string& protocol_text, const std::string& proto
     warnings.push_back("calibration " + std::string(rig_.calibration.refuse_overdue ? "REFUSED" : "WARNING") + ": " +
                        std::move(text));
   }
+  for (const auto& text : plan.warnings) warnings.push_back("WARNING: " + text);
   return {{"ok", true},
           {"text", protocol_name + " is well: " + plan.name},
           {"rig", rig_.name},

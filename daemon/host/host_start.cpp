@@ -161,6 +161,7 @@ std::optional<Host::Result> Host::prepare(const StartOptions& options, Prepared&
   }
   run.plan = std::make_shared<const protocol::Plan>(
       protocol::compile(base::TomlDocument::parse_text(p.protocol_text, p.protocol_name), rig_.limits));
+  for (const auto& text : run.plan->warnings) p.warnings += "\nwarning: " + text;
   if (run.first_session >= run.plan->sessions.size()) {
     return Result{false, "run " + run.id + " has every repetition; nothing is left to resume", run.id};
   }

@@ -124,6 +124,51 @@ TEST(Compile, WavesHaveTheirSpeedsAndDurations) {
   EXPECT_EQ(plan.position_min_mm, -2.0);
 }
 
+/// The frame comes to rest at each of the 2 n + 1 ends of a wave's strokes, which the frequency asked for knows nothing
+/// of.
+TEST(Compile, AWavesTurningPointsAreInItsTimeAndNamedWhereTheyChangeItsFrequency) {
+  auto limits = rig();
+  limits.turning_time_s = 0.15;
+  const auto wave = [](const std::string& rest) {
+    return text_of(std::string(kBegin) + "{ do = \"wave\", shape = \"triangle\", amplitude_mm = 0.1, " + rest +
+                   " },\n");
+  };
+  const Plan fast = plan_of(wave("frequency_hz = 5, cycles = 10"), limits);
+  const double turn_s = 0.15 * (1.0 + 0.22 * std::log(2.0));  // it arrives at 2 mm/s
+  EXPECT_NEAR(fast.steps[1].nominal_s, 2.0 + 21 * turn_s, 1e-9);
+  EXPECT_NEAR(fast.steps[1].reached_hz, 10.0 / fast.steps[1].nominal_s, 1e-9);
+  EXPECT_NEAR(fast.nominal_s, 6.0 + fast.steps[1].nominal_s, 1e-9);
+  EXPECT_THAT(describe(fast.steps[1]), testing::HasSubstr("at 5 Hz, of which the turning points leave about 1.78 Hz"));
+  EXPECT_THAT(
+      fast.warnings,
+      ElementsAre("p.toml:5:71: `frequency_hz` = 5; the rig will run it at about 1.78 Hz, since its frame stands "
+                  "for some 0.17 s at each turning point (limits.turning_time_s): be slower, or say by "
+                  "frequency_tolerance how far off it may be"));
+
+  // A protocol that says what it bears is taken at its word, both ways.
+  EXPECT_THAT(plan_of(wave("frequency_hz = 5, cycles = 10, frequency_tolerance = 0.7"), limits).warnings,
+              ElementsAre());
+  EXPECT_THAT(
+      faults_of(wave("frequency_hz = 5, cycles = 10, frequency_tolerance = 0.6"), limits),
+      ElementsAre(testing::AllOf(testing::StartsWith("p.toml:5:71: `frequency_hz` = 5; the rig will run it at about "
+                                                     "1.78 Hz"),
+                                 testing::EndsWith("be slower, or allow a larger frequency_tolerance"))));
+  // Slow enough, or asked for by its speed, which is kept.
+  EXPECT_THAT(plan_of(wave("frequency_hz = 0.05, cycles = 10"), limits).warnings, ElementsAre());
+  EXPECT_THAT(plan_of(wave("velocity_mm_s = 2, cycles = 10"), limits).warnings, ElementsAre());
+  EXPECT_THAT(faults_of(wave("velocity_mm_s = 2, cycles = 10, frequency_tolerance = 0.1"), limits),
+              ElementsAre(testing::HasSubstr("`frequency_tolerance` is of `frequency_hz`")));
+  // Without a rig nothing is known of its turning points.
+  EXPECT_THAT(plan_of(wave("frequency_hz = 5, cycles = 10"), rig()).warnings, ElementsAre());
+  // Said once, however often a repeat comes by.
+  const Plan often =
+      plan_of(text_of(std::string(kBegin) +
+                      "{ do = \"repeat\", for = { f = [2, 3] }, steps = [ { do = \"wave\", shape = \"triangle\", "
+                      "amplitude_mm = 0.1, frequency_hz = \"f\", cycles = 2 } ] },\n"),
+              limits);
+  EXPECT_EQ(often.warnings.size(), 1U);
+}
+
 TEST(Compile, RecordsAsThePolicyAndTheStepsSay) {
   const std::string steps = std::string(kBegin) +
                             "{ do = \"hold\", duration_s = 1 },\n{ do = \"mark\", label = \"now\" },\n"
