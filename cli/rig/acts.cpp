@@ -4,6 +4,7 @@
 
 #include <memory>
 #include <optional>
+#include <string>
 
 #include "cli/rig/daemon_call.hpp"
 #include "cli/rig/rig_at_rest.hpp"
@@ -22,12 +23,18 @@ std::optional<Answer> second_act(const Client& client) {
     const auto line = ask("Is everybody clear of the rig? Type go and press Enter: ");
     if (line && *line == "go") return client.post("/v1/go");
   }
-  (void)client.post("/v1/pause");
-  return Answer{
-      409,
-      {{"text", someone_is_there() ? "not confirmed: the rig is not armed any more"
-                                   : "this rig has to be armed, and nobody is at a terminal to say that everybody is "
-                                     "clear: isorig start, then isorig go"}}};
+  const auto paused = client.post("/v1/pause");
+  const auto state = client.get("/v1/status").body.value("state", "");
+  std::string text = someone_is_there() ? "not confirmed"
+                                        : "this rig has to be armed, and nobody is at a terminal to say that everybody "
+                                          "is clear: isorig start, then isorig go";
+  const bool is_armed = state != "ready" && state != "idle" && state != "paused";
+  if (is_armed) {
+    text += "; the rig was not seen to be taken back, it is " + state + ": " + paused.text();
+  } else if (someone_is_there()) {
+    text += ": the rig is not armed any more";
+  }
+  return Answer{409, {{"text", text}}};
 }
 
 namespace {

@@ -58,6 +58,9 @@ Reply Core::answer(std::int64_t now_ns, const Request& request) noexcept {
   } else {
     text << "the rig is " << to_text(state_) << ": " << std::string_view(refusal);
   }
+  if (refusal == nullptr && state_ == RunState::kPaused && !supervisor_.stands())
+    text << ": the crosshead is told to stop, and has not been seen to stand yet; if it does not, that is the fault "
+            "frame.stop";
   if (state_ == RunState::kArmed)
     text << ": isorig go within " << static_cast<std::int64_t>(config_.operating.arm_window_s)
          << " s begins the countdown";
@@ -143,8 +146,8 @@ const char* Core::pause(std::int64_t now_ns) noexcept {
   if (state_ != RunState::kRunning) return "only a running protocol, a countdown or a jog can be paused";
   cursor_->pause(now_ns);
   request_stop(now_ns);
-  transition(now_ns, RunState::kPaused, Severity::kInfo, "pause", "paused by the operator: frame and pressure hold",
-             0.0, 0.0);
+  transition(now_ns, RunState::kPaused, Severity::kInfo, "pause",
+             "paused by the operator: the frame is to stop and hold, the pressure is held", 0.0, 0.0);
   return nullptr;
 }
 

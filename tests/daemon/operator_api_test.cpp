@@ -1,11 +1,15 @@
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <cstring>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <vector>
 
+#include "cli/rig/acts.hpp"
+#include "cli/rig/client.hpp"
 #include "daemon/recording/catalogue.hpp"
 #include "protocol/compile.hpp"
 #include "served_rig.hpp"
@@ -119,6 +123,33 @@ TEST_F(OperatorApiTest, TwoActsACountdownAndARun) {
   ASSERT_EQ(runs().size(), 1U);
   EXPECT_EQ(runs()[0].state, "aborted");
   EXPECT_EQ(runs()[0].operator_name, "somebody");
+}
+
+/// Who has not confirmed is told that the rig is not armed any more when it has been seen so, and not before.
+TEST_F(OperatorApiTest, AStartThatNobodyConfirmedIsTakenBackOrSaidToBeArmed) {
+  config_.core.operating.arm_window_s = 3600.0;
+  serve();
+  const int terminal = ::dup(STDIN_FILENO), nobody = ::open("/dev/null", O_RDONLY | O_CLOEXEC);
+  ::dup2(nobody, STDIN_FILENO);
+  const cli::Client client(socket_);
+  ASSERT_EQ(post("/v1/start", {{"protocol", kLongProtocol}}).status, 200);
+  auto answer = cli::second_act(client);
+  ASSERT_TRUE(answer);
+  EXPECT_FALSE(answer->ok());
+  EXPECT_THAT(answer->text(), ::testing::Not(HasSubstr("it is armed")));
+  ASSERT_TRUE(reach("ready"));
+
+  ASSERT_EQ(post("/v1/start", {{"protocol", kLongProtocol}}).status, 200);
+  loop_waits_ = true;
+  answer = cli::second_act(client);
+  ASSERT_TRUE(answer);
+  EXPECT_FALSE(answer->ok());
+  EXPECT_THAT(answer->text(), ::testing::AllOf(HasSubstr("it is armed"), HasSubstr("did not answer within 2 s")));
+  loop_waits_ = false;
+  ASSERT_TRUE(reach("ready")) << "what stops is done when the loop comes round";
+  ::dup2(terminal, STDIN_FILENO);
+  ::close(terminal);
+  ::close(nobody);
 }
 
 TEST_F(OperatorApiTest, ACountdownThatIsTakenBackIsNoRunAndARunThatWasStaysResumable) {

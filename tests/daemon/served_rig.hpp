@@ -57,7 +57,7 @@ class ServedRig : public ::testing::Test {
     done_ = false;
     threads_.emplace_back([this] {
       while (!done_) {
-        rig_->tick();
+        if (!loop_waits_) rig_->tick();
         std::this_thread::sleep_for(std::chrono::microseconds(100));
       }
     });
@@ -138,6 +138,7 @@ class ServedRig : public ::testing::Test {
   std::vector<std::thread> threads_;
   std::atomic<bool> done_{false};
   std::atomic<bool> recorder_waits_{false};
+  std::atomic<bool> loop_waits_{false};
 };
 
 }  // namespace isorig::daemon::test

@@ -84,6 +84,16 @@ TEST_F(StopTest, APauseIsRepeatedUntilTheFrameStands) {
   }
 }
 
+/// "Paused" is what the plan is; that the crosshead stands is said when it was seen to.
+TEST_F(StopTest, APauseDoesNotSayThatTheCrossheadStandsBeforeItWasSeenTo) {
+  move();
+  const auto paused = ask(Verb::kPause);
+  ASSERT_TRUE(paused.accepted);
+  EXPECT_STREQ(paused.text,
+               "now paused: the crosshead is told to stop, and has not been seen to stand yet; if it does not, that is "
+               "the fault frame.stop");
+}
+
 TEST_F(StopTest, AnAbortIsRepeatedUntilTheFrameStands) {
   for (const auto& failure : kFailures) {
     rebuild();
