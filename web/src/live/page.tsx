@@ -19,7 +19,7 @@ import { RunsPage } from "./runs.tsx";
 import { StartDialog } from "./start.tsx";
 import { Timeline } from "./timeline.tsx";
 import { TwinDialog, TwinPanel, TwinValue } from "./twin.tsx";
-import { clockTime, look, moves, readingAge_s, zone } from "./words.ts";
+import { ageText, clockTime, look, moves, readingAge_s, zone } from "./words.ts";
 import { zoomed } from "./zoom.ts";
 
 const WINDOWS = [
@@ -61,9 +61,11 @@ function Health({ model }: { model: Model }) {
   const { status: s, web } = model;
   if (!s || !web) return null;
   const { lost } = web;
+  const age = ageText((performance.now() - model.status_ms) / 1000);
   const recorded = (s.recorder?.lost_messages ?? 0) + (s.recorder?.dropped_records ?? 0) + (s.recorder?.missing_samples ?? 0);
   return (
-    <section class="panel health">
+    <section class={`panel health ${age ? "stale" : ""}`}>
+      {age && <p class="age">{age}: what follows was so then</p>}
       <h2>Interlocks</h2>
       <ul class="checks">
         {s.interlock.watched ? <>

@@ -2,7 +2,7 @@ import { useState } from "preact/hooks";
 import { number } from "../shared/format.ts";
 import { Dialog, useLibrary, type Say } from "./controls.tsx";
 import { post, type Model, type Twin } from "./model.ts";
-import { clockTime } from "./words.ts";
+import { ageText, clockTime } from "./words.ts";
 
 /** The live twin: a model stepped beside the rig on the measured position and pressure (docs/web.md). */
 
@@ -54,9 +54,11 @@ export function TwinPanel({ model, choose }: { model: Model; choose: () => void 
   }
   const judged = twin.judged ?? 0;
   const p = twin.parting;
+  const age = ageText((performance.now() - model.status_ms) / 1000);
   return (
-    <section class={`panel twin ${p ? "parted" : ""}`} aria-label="Twin">
+    <section class={`panel twin ${p ? "parted" : ""} ${age ? "stale" : ""}`} aria-label="Twin">
       <h2>Twin {button}</h2>
+      {age && <p class="age">{age}</p>}
       <p><b>{twin.model}</b> {phase(twin)}{twin.by_protocol ? " (the protocol's)" : ""}.
         {twin.on_parting === "mark" ? "" : ` A parting will ${twin.on_parting} the run.`}</p>
       {p && (
