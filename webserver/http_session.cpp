@@ -23,6 +23,8 @@ using boost::system::error_code;
 constexpr std::int64_t kLongestZoom_ns = 3'600'000'000'000;
 constexpr std::int64_t kZoomStretches = 4000;
 constexpr const char* kViewOnly = "this page is view only: isorig web gives a link that may control";
+/// Of the page that a link leads to. Without scripts its button does the same.
+constexpr const char* kEnterScript = "document.forms[0].submit();\n";
 constexpr const char* kNoSession =
     "open the link of `isorig web` to see the runs: what is on disk, and what makes the daemon work, is not for "
     "everybody";
@@ -101,6 +103,7 @@ class HttpSession final : public Waiting, public std::enable_shared_from_this<Ht
     path_ = target.substr(0, target.find('?'));
     if (path_ == "/live") return live();
     if (path_.starts_with("/api/")) return api(target);
+    if (path_ == "/enter" && request_.method() == http::verb::post) return enter();
     if (request_.method() != http::verb::get && request_.method() != http::verb::head) {
       return refuse(http::status::method_not_allowed, "the method has to be GET");
     }
@@ -108,7 +111,8 @@ class HttpSession final : public Waiting, public std::enable_shared_from_this<Ht
       if (const auto asking = who()) return report(*asking);
       return path_.starts_with(kReports) ? by_way_of_the_page() : refuse(http::status::forbidden, kNoSession);
     }
-    if (path_ == "/enter") return enter(target);
+    if (path_ == "/enter") return offer_to_enter(target);
+    if (path_ == "/enter.js") return answer(http::status::ok, "text/javascript; charset=utf-8", kEnterScript);
     if (path_ == "/") return answer(http::status::ok, "text/html; charset=utf-8", std::string(kPageHtml));
     if (path_ == "/live.js")
       return answer(http::status::ok, "text/javascript; charset=utf-8", std::string(kPageScript));
@@ -132,20 +136,34 @@ class HttpSession final : public Waiting, public std::enable_shared_from_this<Ht
     serve_live(std::move(stream_), std::move(server_), request_, session_);
   }
 
-  /// The first use of a link that `isorig web` gave. The one address that does something when it is opened: so not for
-  /// HEAD, by which programs look at an address, nor for another site, which would put a session of its own in the
-  /// place of this browser's.
-  void enter(const std::string& target) {
-    if (request_.method() != http::verb::get)
-      return refuse(http::status::method_not_allowed, "a link is opened, not looked at: the method has to be GET");
+  /// The link that `isorig web` gave, opened: a page that enters by itself. To look at the address, as programs do that
+  /// fetch what was typed or sent ahead of people, does nothing. Not for another site, which would put a session of its
+  /// own in the place of this browser's.
+  void offer_to_enter(const std::string& target) {
     if (!is_opened_by_its_user(view(request_["Sec-Fetch-Site"]))) {
       return refuse(http::status::forbidden,
                     "A page of another site led here. Copy the link that `isorig web` printed into the address bar.");
     }
+    const auto token = query_value(target, "token");
+    if (!is_token(token))
+      return refuse(http::status::bad_request, "This is no link of `isorig web`; it makes another one.");
+    has_form_ = true;
+    answer(http::status::ok, "text/html; charset=utf-8",
+           "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>isorig</title>"
+           "<meta name=\"viewport\" content=\"width=device-width\"><link rel=\"stylesheet\" href=\"/live.css\">"
+           "<main><form method=\"post\" action=\"/enter\"><input type=\"hidden\" name=\"token\" value=\"" +
+               token +
+               "\"><button>Open the rig's page</button></form></main><script src=\"/enter.js\"></script></html>");
+  }
+
+  /// The first use of a link.
+  void enter() {
+    if (!own_origin()) return refuse(http::status::forbidden, "this form is for the server's own page");
     std::optional<std::string> session;
     std::string why = "This link was used already, or is older than two minutes. `isorig web` makes another one.";
     try {
-      session = server_->hub.access().redeem(query_value(target, "token"), std::chrono::steady_clock::now());
+      session =
+          server_->hub.access().redeem(query_value("?" + request_.body(), "token"), std::chrono::steady_clock::now());
     } catch (const Access::TooMany& e) {
       why = e.what();
     }
@@ -262,13 +280,14 @@ class HttpSession final : public Waiting, public std::enable_shared_from_this<Ht
     response_.set(http::field::cache_control, "no-store");
     const std::string own =
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self' ws://" +
-        (is_loopback_host(host_) ? host_ : std::string("localhost")) +
-        "; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+        (is_loopback_host(host_) ? host_ : std::string("localhost")) + "; base-uri 'none'; form-action " +
+        (has_form_ ? "'self'" : "'none'") + "; frame-ancestors 'none'";
     // A sandboxed page has no origin to be isolated with: browsers refuse it beside another opener policy than none.
     response_.set("Cross-Origin-Opener-Policy", policy_.empty() ? "same-origin" : "unsafe-none");
     response_.set("Content-Security-Policy", policy_.empty() ? own : std::exchange(policy_, {}));
     response_.set("X-Content-Type-Options", "nosniff");
-    response_.set("Referrer-Policy", "no-referrer");
+    // Without a referrer a browser does not say either of which origin a form is.
+    response_.set("Referrer-Policy", std::exchange(has_form_, false) ? "strict-origin" : "no-referrer");
     response_.set("Cross-Origin-Resource-Policy", "same-origin");
     if (!set_cookie_.empty()) response_.set(http::field::set_cookie, std::exchange(set_cookie_, {}));
     if (std::exchange(retry_after_, false)) response_.set(http::field::retry_after, "1");
@@ -351,6 +370,7 @@ class HttpSession final : public Waiting, public std::enable_shared_from_this<Ht
   bool given_up_ = false;  // the answer that is being written is the last
   bool unread_ = false;    // its request is longer than is taken
   bool retry_after_ = false;
+  bool has_form_ = false;  // this answer has one, and it is for this server
   bool keep_alive_ = false;
 };
 

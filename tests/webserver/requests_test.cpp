@@ -39,6 +39,11 @@ TEST(Requests, CookiesAndQueries) {
   EXPECT_EQ(query_value("/enter?x=1&token=12ab&y", "token"), "12ab");
   EXPECT_EQ(query_value("/enter?nottoken=12ab", "token"), "");
   EXPECT_EQ(query_value("/enter", "token"), "");
+  EXPECT_TRUE(is_token(std::string(63, '0') + "f"));
+  for (const auto& text : {std::string(), std::string(63, '0'), std::string(65, '0'), std::string(63, '0') + "\"",
+                           std::string(63, '0') + "F"}) {
+    EXPECT_FALSE(is_token(text)) << text;
+  }
   EXPECT_EQ(whole_number("-12"), -12);
   for (const char* text : {"", "1.5", "1e3", "99999999999999999999", " 1"}) EXPECT_FALSE(whole_number(text)) << text;
 }

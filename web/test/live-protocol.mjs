@@ -110,9 +110,11 @@ const own = () => ({ Origin: rig.base, "Content-Type": "application/json" });
 const post = (call, body, headers = own()) => ask("POST", `/api/${call}`, { headers, body: JSON.stringify(body) });
 const said = (answer) => JSON.parse(answer.body.toString()).text;
 
+/** As the form of the page that the link leads to. */
+const enter = (link, headers = {}) => ask("POST", link.pathname, { body: link.search.slice(1),
+  headers: { Origin: rig.base, "Content-Type": "application/x-www-form-urlencoded", ...headers } });
 async function session(name) {
-  const link = new URL(rig.call("web", "--name", name));
-  const answer = await ask("GET", link.pathname + link.search);
+  const answer = await enter(new URL(rig.call("web", "--name", name)));
   assert.equal(answer.status, 303);
   return answer.headers["set-cookie"][0];
 }
@@ -168,7 +170,7 @@ try {
   await until("its page", () => paged_before.last("hello")?.name === "Ann before", 10);
   assert.equal((await post("lease", { action: "take" }, { ...own(), Cookie: before })).status, 200);
   const second = new URL(rig.call("web", "--name", "Ann after"));
-  const after = (await ask("GET", second.pathname + second.search, { headers: { Cookie: before } })).headers["set-cookie"][0].split(";")[0];
+  const after = (await enter(second, { Cookie: before })).headers["set-cookie"][0].split(";")[0];
   assert.ok(await paged_before.closed);
   assert.equal((await post("pause", {}, { ...own(), Cookie: before })).status, 403);
   await until("control that was given back", async () => (await post("lease", { action: "take" }, { ...own(), Cookie: after })).status === 200, 5);
@@ -177,19 +179,32 @@ try {
   assert.equal((await post("pause", {}, { ...own(), Cookie: after })).status, 403);
 
   const link = new URL(rig.call("web", "--name", "Ann"));
-  // Looking at a link does not use it up, nor does a page of another site, or of another port of this host.
-  assert.equal((await ask("HEAD", link.pathname + link.search)).status, 405);
+  // Looking at a link does not use it up, nor does a page of another site, or of another port of this host, led to or by a form of its own.
+  for (const method of ["HEAD", "GET", "GET"]) {
+    const offered = await ask(method, link.pathname + link.search, { headers: { "Sec-Fetch-Site": "none" } });
+    assert.equal(offered.status, 200);
+    assert.equal(offered.headers["set-cookie"], undefined);
+    assert.match(offered.headers["content-security-policy"], /script-src 'self';.*form-action 'self'/);
+    assert.equal(offered.headers["referrer-policy"], "strict-origin");
+  }
+  assert.match((await ask("GET", "/")).headers["content-security-policy"], /form-action 'none'/);
+  assert.equal((await ask("GET", "/enter?token=%22%3E%3Cscript%3E")).status, 400);
+  for (const origin of ["http://evil.example", "null", `http://localhost:${rig.port + 1}`]) {
+    const forged = await enter(link, { Origin: origin });
+    assert.equal(forged.status, 403);
+    assert.equal(forged.headers["set-cookie"], undefined);
+  }
   for (const site of ["cross-site", "same-site"]) {
     const led = await ask("GET", link.pathname + link.search, { headers: { "Sec-Fetch-Site": site } });
     assert.equal(led.status, 403);
     assert.match(led.body.toString(), /into the address bar/);
     assert.equal(led.headers["set-cookie"], undefined);
   }
-  const entered = await ask("GET", link.pathname + link.search, { headers: { "Sec-Fetch-Site": "none" } });
+  const entered = await enter(link);
   assert.equal(entered.status, 303);
   assert.match(entered.headers["set-cookie"][0], /^isorig-\d+=[0-9a-f]{64}; Path=\/; HttpOnly; SameSite=Strict$/);
-  assert.equal((await ask("GET", link.pathname + link.search)).status, 403);
-  assert.equal((await ask("GET", "/enter?token=" + "0".repeat(64))).status, 403);
+  assert.equal((await enter(link)).status, 403);
+  assert.equal((await enter(new URL("/enter?token=" + "0".repeat(64), link))).status, 403);
   const ann = entered.headers["set-cookie"][0].split(";")[0];
   assert.match(rig.call("web", "--name", "x", "--port", "9000"), /^http:\/\/localhost:9000\/enter/);
   const mine = () => ({ ...own(), Cookie: ann });

@@ -145,6 +145,7 @@ try {
 
     // From the list of runs through all neighbours, and back.
     await page.goto(rig.call("web", "--name", "Ann"), { waitUntil: "load" });
+    await page.waitForSelector(".frame");  // the link's own page leads there
     await page.evaluate(() => { location.hash = "runs"; });
     const link = await page.waitForSelector("main.page tbody th a");
     const opened = new Promise((done) => browser.on("targetcreated", async (t) => t.type() === "page" && done(await t.page())));

@@ -5,7 +5,7 @@ import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
 import { chmodSync } from "node:fs";
 import { join } from "node:path";
-import { Rig, until } from "./rig.mjs";
+import { enter, Rig, until } from "./rig.mjs";
 
 if (process.getuid() !== 0) {
   console.log("skipped: it takes root to ask for a link as another user");
@@ -20,7 +20,7 @@ const [NOBODY, GAMES] = [65534, 60];
 async function session(...groups) {
   const words = ["--reuid", NOBODY, "--regid", 0, ...(groups.length ? ["--groups", groups.join(",")] : ["--clear-groups"])].map(String);
   const link = execFileSync("setpriv", [...words, join(rig.bin, "isorig"), "web", "--socket", rig.socket], { encoding: "utf8" }).trim();
-  const answer = await fetch(link, { redirect: "manual" });
+  const answer = await enter(link);
   assert.equal(answer.status, 303);
   return answer.headers.get("set-cookie").split(";")[0];
 }

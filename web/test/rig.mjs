@@ -15,6 +15,10 @@ export async function until(what, look, seconds = 60) {
   }
 }
 
+/** The answer to the form of the page that a link of `isorig web` leads to. */
+export const enter = (link, headers = {}) => fetch(new URL("/enter", link), { method: "POST", redirect: "manual", body: new URL(link).search.slice(1),
+  headers: { Origin: new URL(link).origin, "Content-Type": "application/x-www-form-urlencoded", ...headers } });
+
 export class Rig {
   /** `api`: lines for the table [api] of the rig's file. */
   constructor(bin, source, { api = "" } = {}) {

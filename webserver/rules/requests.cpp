@@ -49,6 +49,10 @@ std::string cookie(std::string_view header, std::string_view name) {
   return {};
 }
 
+bool is_token(std::string_view text) {
+  return text.size() == 64 && text.find_first_not_of("0123456789abcdef") == std::string_view::npos;
+}
+
 std::string query_value(std::string_view target, std::string_view key) {
   const auto mark = target.find('?');
   if (mark == std::string_view::npos) return {};

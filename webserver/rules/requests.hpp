@@ -23,6 +23,8 @@ namespace isorig::web {
 
 /// The value of `key` in the query of a target, for the numbers and hexadecimal digits used here; nothing is decoded.
 [[nodiscard]] std::string query_value(std::string_view target, std::string_view key);
+/// Such as `isorig web` puts into a link: 64 hexadecimal digits.
+[[nodiscard]] bool is_token(std::string_view text);
 /// A whole number, or nothing.
 [[nodiscard]] std::optional<std::int64_t> whole_number(std::string_view text);
 
