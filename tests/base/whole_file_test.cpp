@@ -70,6 +70,30 @@ TEST_F(WholeFile, LeavesWhatWasThereWhenTheDiskIsFull) {
   EXPECT_EQ(entries(), 1);
 }
 
+TEST_F(WholeFile, SeveralTakeTheirPlacesTogetherOrNotAtAll) {
+  write_whole_file(file_, "first");
+  std::filesystem::create_directory(folder_ / "b.txt");
+  try {
+    WholeFiles files;
+    files.add(file_, "second");
+    files.add(folder_ / "b.txt", "beside");
+    FAIL() << "a folder was written";
+  } catch (const WriteError& e) {
+    EXPECT_EQ(e.file(), folder_ / "b.txt");
+    EXPECT_EQ(e.reason(), "it is a folder");
+  }
+  EXPECT_EQ(text(), "first");
+  EXPECT_EQ(entries(), 2);
+  std::filesystem::remove(folder_ / "b.txt");
+  WholeFiles files;
+  files.add(file_, "second");
+  files.add(folder_ / "b.txt", "beside");
+  EXPECT_EQ(text(), "first");
+  files.put();
+  EXPECT_EQ(text(), "second");
+  EXPECT_EQ(entries(), 2);
+}
+
 TEST_F(WholeFile, SaysWhyThereIsNoPlaceForIt) {
   const auto said = [](const std::filesystem::path& file) {
     try {
