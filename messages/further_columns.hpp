@@ -1,5 +1,6 @@
 #pragma once
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -27,7 +28,8 @@ struct FurtherColumns {
 
 /// As write_recording() without them. Each has as many cells as its file has rows, a name of its own, and no comma,
 /// quote or line end.
-void write_recording(const std::filesystem::path& folder, const Recording& recording, const FurtherColumns& further);
+std::optional<Replaced> write_recording(const std::filesystem::path& folder, const Recording& recording,
+                                        const FurtherColumns& further);
 
 /// The text of a CSV with cells put behind its rows.
 [[nodiscard]] std::string with_further_columns(const std::string& csv, std::span<const FurtherColumn> further);

@@ -6,8 +6,6 @@
 #include <array>
 #include <charconv>
 #include <cmath>
-#include <cstdio>
-#include <fstream>
 #include <sstream>
 #include <system_error>
 
@@ -15,6 +13,7 @@
 #include "base/printable.hpp"
 #include "base/quantile.hpp"
 #include "base/toml_reader.hpp"
+#include "base/whole_file.hpp"
 #include "messages/csv.hpp"
 #include "messages/further_columns.hpp"
 
@@ -124,24 +123,6 @@ std::string metadata_text(const RecordingMetadata& metadata) {
   text += metadata.further_toml;
   if (!text.ends_with('\n')) text += '\n';
   return text;
-}
-
-void replace_file(const std::filesystem::path& file, const std::string& text) {
-  auto aside = file;
-  aside += ".new";
-  {
-    std::ofstream out(aside, std::ios::binary | std::ios::trunc);
-    out.write(text.data(), static_cast<std::streamsize>(text.size()));
-    out.close();
-    if (!out) {
-      std::error_code ignored;
-      std::filesystem::remove(aside, ignored);
-      throw RecordingError(Fault::kUnreadable, file, 0, "cannot be written; check the disk's space and permissions");
-    }
-  }
-  std::error_code failed;
-  std::filesystem::rename(aside, file, failed);
-  if (failed) throw RecordingError(Fault::kUnreadable, file, 0, "cannot be replaced: " + failed.message());
 }
 
 }  // namespace
@@ -321,17 +302,72 @@ void check_further(const std::filesystem::path& file, std::span<const CsvColumnV
   }
 }
 
+[[noreturn]] void refuse_to_write(const base::WriteError& e) {
+  throw RecordingError(Fault::kUnreadable, e.file(), 0,
+                       "cannot be written: " + e.reason() + "; check the disk's space and permissions");
+}
+
+void remove_old(const std::filesystem::path& file) {
+  std::error_code failed;
+  std::filesystem::remove(file, failed);
+  if (failed)
+    throw RecordingError(Fault::kUnreadable, file, 0,
+                         "of the recording that is to be replaced, cannot be removed: " + failed.message());
+}
+
+bool is_stream(std::string_view name) {
+  return name == "frame.csv" || name == "pressure.csv";
+}
+
+/// Of the folder's recording, if it has one, all goes but the streams that are to be replaced; so do `streams`,
+/// whatever they are of. Its tables go while it still is a recording: without recording.toml nothing says whose they
+/// are.
+std::optional<Replaced> take_apart(const std::filesystem::path& folder, const std::vector<std::string>& streams) {
+  std::error_code ignored;
+  const auto there = [&](const std::string& name) {
+    return std::filesystem::exists(std::filesystem::symlink_status(folder / name, ignored));
+  };
+  const bool was_recording = there("recording.toml");
+  Replaced replaced;
+  for (const auto table : kRecordingTables) {
+    const std::string name = std::string(table) + ".csv";
+    if (was_recording && there(name) && !std::filesystem::is_directory(folder / name, ignored))
+      replaced.removed.push_back(name);
+  }
+  for (const auto& name : replaced.removed) remove_old(folder / name);
+  if (was_recording) remove_old(folder / "recording.toml");
+  for (const auto& name : streams) {
+    if (!there(name)) continue;
+    remove_old(folder / name);
+    replaced.removed.push_back(name);
+  }
+  if (!was_recording) return std::nullopt;
+  for (const auto& entry : std::filesystem::directory_iterator(folder, ignored)) {
+    const std::string name = entry.path().filename().string();
+    const std::string stem = name.substr(0, name.find(".part-"));  // what is to come is written aside
+    if (!is_stream(stem) && stem != "recording.toml") replaced.left.push_back(name);
+  }
+  std::ranges::sort(replaced.left);
+  return replaced;
+}
+
 }  // namespace
 
 void write_recording_toml(const std::filesystem::path& file, const RecordingMetadata& metadata) {
-  replace_file(file, checked_metadata_text(metadata, file));
+  const std::string text = checked_metadata_text(metadata, file);
+  try {
+    base::write_whole_file(file, text);
+  } catch (const base::WriteError& e) {
+    refuse_to_write(e);
+  }
 }
 
-void write_recording(const std::filesystem::path& folder, const Recording& recording) {
-  write_recording(folder, recording, {});
+std::optional<Replaced> write_recording(const std::filesystem::path& folder, const Recording& recording) {
+  return write_recording(folder, recording, {});
 }
 
-void write_recording(const std::filesystem::path& folder, const Recording& recording, const FurtherColumns& further) {
+std::optional<Replaced> write_recording(const std::filesystem::path& folder, const Recording& recording,
+                                        const FurtherColumns& further) {
   const std::string metadata = checked_metadata_text(recording.metadata, folder / "recording.toml");
   if (recording.metadata.output == Output::kPressure && !recording.pressure)
     throw RecordingError(Fault::kInconsistent, folder / "pressure.csv", 0,
@@ -350,18 +386,28 @@ void write_recording(const std::filesystem::path& folder, const Recording& recor
   std::error_code failed;
   std::filesystem::create_directories(folder, failed);
   if (failed) throw RecordingError(Fault::kUnreadable, folder, 0, "cannot be made: " + failed.message());
-  replace_file(folder / "recording.toml", metadata);
-  if (of_pressure_alone) {
-    std::filesystem::remove(folder / "frame.csv", failed);
-  } else {
-    replace_file(folder / "frame.csv",
-                 with_further_columns(number_csv_text(columns_of(recording.frame)), further.frame));
-  }
-  if (recording.pressure) {
-    replace_file(folder / "pressure.csv",
-                 with_further_columns(number_csv_text(columns_of(*recording.pressure)), further.pressure));
-  } else {
-    std::filesystem::remove(folder / "pressure.csv", failed);
+  std::vector<std::string> gone;
+  if (of_pressure_alone) gone.emplace_back("frame.csv");
+  if (!recording.pressure) gone.emplace_back("pressure.csv");
+  for (const auto& name : gone)
+    if (std::filesystem::is_directory(folder / name, failed))
+      throw RecordingError(Fault::kUnreadable, folder / name, 0,
+                           "is a folder where the recording has no file; move it");
+  try {
+    base::WholeFiles streams, head;
+    if (!of_pressure_alone)
+      streams.add(folder / "frame.csv",
+                  with_further_columns(number_csv_text(columns_of(recording.frame)), further.frame));
+    if (recording.pressure)
+      streams.add(folder / "pressure.csv",
+                  with_further_columns(number_csv_text(columns_of(*recording.pressure)), further.pressure));
+    head.add(folder / "recording.toml", metadata);
+    auto replaced = take_apart(folder, gone);
+    streams.put();
+    head.put();
+    return replaced;
+  } catch (const base::WriteError& e) {
+    refuse_to_write(e);
   }
 }
 

@@ -130,10 +130,20 @@ struct Recording {
 /// recording.toml alone, for who writes the CSV files in parts (messages/csv.hpp). As write_recording().
 void write_recording_toml(const std::filesystem::path& file, const RecordingMetadata& metadata);
 
-/// Makes the folder if needed and replaces its three files, each at once (written aside, then renamed). A
-/// pressure.csv of an earlier recording goes when this one has none. Numbers are written in the shortest form
-/// that reads back as the same double. Throws RecordingError before touching anything if the content breaks
-/// a rule of the format.
-void write_recording(const std::filesystem::path& folder, const Recording& recording);
+/// Tables of the export beside the recording's own files, each `<name>.csv` (docs/formats/recording.md).
+inline constexpr std::string_view kRecordingTables[] = {"setpoints", "steps", "ramps", "holds", "events", "sessions"};
+
+/// What became of the files beside a recording that was replaced, by their names in the folder.
+struct Replaced {
+  std::vector<std::string> removed;  ///< its tables, and a stream that the new one has not
+  std::vector<std::string> left;     ///< of nobody here
+};
+
+/// Makes the folder if needed and writes the recording's files; numbers in the shortest form that reads back as the
+/// same double. Of a recording that was there nothing stays; what is no part of a recording does, and both are told.
+/// Nothing is replaced before everything is written aside, and from then on the folder is no recording (it has no
+/// recording.toml) until it is the new one. Throws RecordingError before touching anything if the content breaks a rule
+/// of the format.
+std::optional<Replaced> write_recording(const std::filesystem::path& folder, const Recording& recording);
 
 }  // namespace isorig::messages

@@ -2,10 +2,14 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/inotify.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <cmath>
+#include <csignal>
 #include <cstdlib>
 #include <ctime>
 #include <fstream>
@@ -48,6 +52,12 @@ class RecordingTest : public ::testing::Test {
     std::ostringstream text;
     text << std::ifstream(folder_ / name, std::ios::binary).rdbuf();
     return text.str();
+  }
+
+  std::vector<std::string> names() const {
+    std::vector<std::string> out;
+    for (const auto& entry : fs::directory_iterator(folder_)) out.push_back(entry.path().filename().string());
+    return out;
   }
 
   /// The whole recording has to be refused with this fault, naming file and line.
@@ -413,6 +423,84 @@ TEST_F(RecordingTest, AnOldPressureFileDoesNotSurviveARewriteWithoutOne) {
   r.pressure.reset();
   write_recording(folder_, r);
   EXPECT_FALSE(read_recording(folder_).pressure);
+}
+
+TEST_F(RecordingTest, NothingOfAnotherRecordingStays) {
+  fs::remove(folder_ / "recording.toml");
+  put("ramps.csv", "step\n1\n");
+  // Without a recording.toml it was of no recording.
+  EXPECT_FALSE(write_recording(folder_, made_up(5, 2)));
+  EXPECT_EQ(get("ramps.csv"), "step\n1\n");
+  for (const auto table : kRecordingTables) put((std::string(table) + ".csv").c_str(), "step\n1\n");
+  put("notes.txt", "somebody's\n");
+  fs::create_directory(folder_ / "diagnosis");
+  auto r = made_up(5, 3);
+  r.pressure.reset();
+  const auto replaced = write_recording(folder_, r);
+  ASSERT_TRUE(replaced);
+  EXPECT_THAT(replaced->removed, ::testing::ElementsAre("setpoints.csv", "steps.csv", "ramps.csv", "holds.csv",
+                                                        "events.csv", "sessions.csv", "pressure.csv"));
+  EXPECT_THAT(replaced->left, ::testing::ElementsAre("diagnosis", "notes.txt"));
+  EXPECT_THAT(names(), ::testing::UnorderedElementsAre("diagnosis", "notes.txt", "frame.csv", "recording.toml"));
+}
+
+/// A writer that is killed in the middle of frame.csv: recording.toml is small, and would be through.
+TEST_F(RecordingTest, AWriterThatIsKilledLeavesTheRecordingThatWasThere) {
+  put("ramps.csv", "step\n1\n");
+  const auto big = made_up(20'000, 4);
+  const pid_t child = ::fork();
+  if (child == 0) {
+    const rlimit limit{100'000, 100'000};
+    ::setrlimit(RLIMIT_FSIZE, &limit);  // SIGXFSZ kills it
+    write_recording(folder_, big);
+    ::_exit(0);
+  }
+  int status = 0;
+  ASSERT_EQ(::waitpid(child, &status, 0), child);
+  ASSERT_TRUE(WIFSIGNALED(status) && WTERMSIG(status) == SIGXFSZ) << status;
+  EXPECT_EQ(get("recording.toml"), kToml);
+  EXPECT_EQ(get("frame.csv"), kFrame);
+  EXPECT_EQ(get("pressure.csv"), kPressure);
+  EXPECT_EQ(get("ramps.csv"), "step\n1\n");
+}
+
+TEST_F(RecordingTest, AWriteThatFailsLeavesTheRecordingThatWasThere) {
+  fs::remove(folder_ / "pressure.csv");
+  fs::create_directories(folder_ / "pressure.csv" / "in");  // neither to be replaced nor to be removed
+  auto r = made_up(5, 5);
+  for (int k = 0; k < 2; ++k) {
+    try {
+      write_recording(folder_, r);
+      ADD_FAILURE() << "was written";
+    } catch (const RecordingError& e) {
+      EXPECT_EQ(e.fault(), Fault::kUnreadable);
+      EXPECT_THAT(e.what(), AllOf(HasSubstr("pressure.csv: "), HasSubstr("is a folder")));
+    }
+    EXPECT_EQ(get("recording.toml"), kToml);
+    EXPECT_EQ(get("frame.csv"), kFrame);
+    EXPECT_THAT(names(), ::testing::UnorderedElementsAre("frame.csv", "pressure.csv", "recording.toml"));
+    r.pressure.reset();
+  }
+}
+
+/// Whoever is killed in between, or reads meanwhile: while streams and tables are replaced there is no recording.toml.
+TEST_F(RecordingTest, BetweenTwoRecordingsThereIsNone) {
+  put("ramps.csv", "step\n1\n");
+  const int watch = ::inotify_init1(IN_NONBLOCK | IN_CLOEXEC);
+  ASSERT_GE(watch, 0);
+  ASSERT_GE(::inotify_add_watch(watch, folder_.c_str(), IN_DELETE | IN_MOVED_TO), 0);
+  write_recording(folder_, made_up(5, 6));
+  alignas(inotify_event) char buffer[4096];
+  const auto got = ::read(watch, buffer, sizeof buffer);
+  ::close(watch);
+  std::vector<std::string> seen;
+  for (::ssize_t at = 0; at < got;) {
+    const auto* event = reinterpret_cast<const inotify_event*>(buffer + at);
+    seen.push_back((event->mask & IN_DELETE ? "-" : "+") + std::string(event->name));
+    at += static_cast<::ssize_t>(sizeof(inotify_event) + event->len);
+  }
+  EXPECT_THAT(
+      seen, ::testing::ElementsAre("-ramps.csv", "-recording.toml", "+frame.csv", "+pressure.csv", "+recording.toml"));
 }
 
 TEST_F(RecordingTest, RefusesToWriteWhatCouldNotBeRead) {
