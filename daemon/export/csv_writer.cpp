@@ -121,6 +121,9 @@ class NewFile {
   }
   /// Nothing can be missing after it: what remains for keep() is the new name.
   void close() {
+    std::error_code ignored;
+    if (std::filesystem::is_directory(path_, ignored))
+      throw std::runtime_error(path_.string() + ": cannot be replaced: it is a folder");
     if (!out_.is_open()) return;
     out_.close();
     check();
@@ -180,8 +183,8 @@ class CsvSession : public SessionWriter {
   }
 
   void finish(const SessionTail& tail) override {
-    // All of it is on the disk before anything of an earlier export is replaced, recording.toml after all else: a
-    // folder without it is no recording.
+    // All of it is on the disk before anything of an earlier export is replaced. The old recording.toml goes before all
+    // else and the new one comes last: a folder without it is no recording.
     std::deque<NewFile> tables;
     for (const auto& table : tail.tables) {
       if (lean_) break;
@@ -196,8 +199,14 @@ class CsvSession : public SessionWriter {
     }
     NewFile metadata(folder_.path / "recording.toml");
     metadata.fill([&](const std::filesystem::path& aside) { messages::write_recording_toml(aside, tail.metadata); });
+    metadata.close();
+    std::error_code ignored;
+    const bool earlier = std::filesystem::remove(folder_.path / "recording.toml", ignored);
+    for (const auto table : messages::kRecordingTables) {
+      const auto file = folder_.path / (std::string(table) + ".csv");
+      if (earlier && !std::filesystem::is_directory(file, ignored)) std::filesystem::remove(file, ignored);
+    }
     for (std::size_t i = 0; i < kStreams; ++i) {
-      std::error_code ignored;
       if (files_[i]) {
         files_[i]->keep();
       } else {
@@ -264,7 +273,7 @@ class CsvWriter : public ExportWriter {
     };
     remove("recording.toml");
     for (const char* file : kFiles) remove(file);
-    for (const char* table : {"sessions", "steps", "ramps", "holds", "events"}) remove(std::string(table) + ".csv");
+    for (const auto table : messages::kRecordingTables) remove(std::string(table) + ".csv");
     std::filesystem::remove(folder, failed);  // fails when something is in it
     return true;
   }

@@ -1,6 +1,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/inotify.h>
 #include <toml++/toml.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <fstream>
@@ -103,6 +105,13 @@ TEST(ExportFormats, LeanIsTheRecordingFormatAlone) {
   EXPECT_EQ(lines_of(folder / "frame.csv")[0], "t_s,position_mm,force_N");
   EXPECT_EQ(lines_of(folder / "pressure.csv")[0], "t_s,pressure_psi");
   EXPECT_FALSE(std::filesystem::exists(folder / "steps.csv"));
+  // Nor does a table of an earlier export stay beside it.
+  (void)export_run(dir.path() / "run", dir.path() / "out", {});
+  EXPECT_TRUE(std::filesystem::exists(folder / "steps.csv"));
+  (void)export_run(dir.path() / "run", dir.path() / "out", {.lean = true});
+  std::vector<std::string> names;
+  for (const auto& entry : std::filesystem::directory_iterator(folder)) names.push_back(entry.path().filename());
+  EXPECT_THAT(names, ::testing::UnorderedElementsAre("frame.csv", "pressure.csv", "recording.toml"));
 }
 
 TEST(ExportFormats, RecordingTomlComesLastAndAFailureLeavesNothingNew) {
@@ -115,9 +124,37 @@ TEST(ExportFormats, RecordingTomlComesLastAndAFailureLeavesNothingNew) {
   // A folder in the place of the last table.
   std::filesystem::remove(folder / "events.csv");
   std::filesystem::create_directories(folder / "events.csv" / "x");
+  std::ofstream(folder / "frame.csv") << "earlier\n";
   EXPECT_THROW((void)export_run(dir.path() / "run", out, {.run_id = "r"}), std::runtime_error);
   EXPECT_EQ(file_text(folder / "recording.toml"), earlier);
+  EXPECT_EQ(file_text(folder / "frame.csv"), "earlier\n");
   for (const auto& entry : std::filesystem::directory_iterator(folder)) EXPECT_NE(entry.path().extension(), ".new");
+}
+
+/// Whoever is killed in between, or reads meanwhile: while streams and tables are replaced there is no recording.toml.
+TEST(ExportFormats, BetweenTwoExportsThereIsNoRecording) {
+  const TemporaryDirectory dir("formats");
+  record(dir.path() / "run");
+  const auto folder = dir.path() / "out" / "rep-1_5-psi";
+  (void)export_run(dir.path() / "run", dir.path() / "out", {.run_id = "r"});
+  const int watch = ::inotify_init1(IN_NONBLOCK | IN_CLOEXEC);
+  ASSERT_GE(::inotify_add_watch(watch, folder.c_str(), IN_DELETE | IN_MOVED_TO), 0);
+  (void)export_run(dir.path() / "run", dir.path() / "out", {.run_id = "r"});
+  alignas(inotify_event) char buffer[8192];
+  const auto got = ::read(watch, buffer, sizeof buffer);
+  ::close(watch);
+  std::vector<std::string> seen;
+  for (::ssize_t at = 0; at < got;) {
+    const auto* event = reinterpret_cast<const inotify_event*>(buffer + at);
+    const std::string name = event->name;
+    // recording.toml is written aside twice over: messages::write_recording_toml() does so too.
+    if (name.find(".new") == std::string::npos) seen.push_back((event->mask & IN_DELETE ? "-" : "+") + name);
+    at += static_cast<::ssize_t>(sizeof(inotify_event) + event->len);
+  }
+  ASSERT_GE(seen.size(), 4U);
+  EXPECT_EQ(seen.front(), "-recording.toml");
+  EXPECT_EQ(seen.back(), "+recording.toml");
+  EXPECT_THAT(seen, ::testing::Contains("+frame.csv"));
 }
 
 TEST(ExportFormats, MeansHaveADecimalMoreThanReadings) {
