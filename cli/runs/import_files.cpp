@@ -11,6 +11,7 @@
 #include "base/number_text.hpp"
 #include "base/printable.hpp"
 #include "cli/command.hpp"
+#include "cli/runs/overwriting.hpp"
 #include "daemon/version.hpp"
 #include "identify/diagnose/guard/plausible.hpp"
 #include "identify/fv/align.hpp"
@@ -382,23 +383,34 @@ std::optional<double> rest_length_of(std::string_view text) {
 
 namespace {
 
-/// What the files were read from stays, whatever is to be replaced; what is of another recording stays unless it is.
 void refuse_to_overwrite(const ImportPlan& plan, const std::filesystem::path& folder, bool replace) {
+  constexpr std::string_view kNames[] = {"recording.toml", "frame.csv", "pressure.csv"};
+  std::vector<std::string> tables;
+  for (const auto table : messages::kRecordingTables) tables.push_back(std::string(table) + ".csv");
+  std::vector<std::string_view> also(tables.begin(), tables.end());
+  also.emplace_back("mapping.toml");
+  std::vector<std::filesystem::path> read;
+  for (const auto& of : plan.files) read.push_back(of.file.path);
+  const auto why = why_not_to_overwrite(folder, {.names = kNames, .also = also, .read = read, .replace = replace});
+  if (!why.empty()) throw ImportRefused(why);
+}
+
+/// An earlier import had more tests, or one alone: what is left of it is taken for this one's by who names all.
+void say_others(const std::filesystem::path& out, const std::vector<Ready>& ready, std::vector<std::string>& said) {
+  const auto is_new = [&](const std::filesystem::path& folder) {
+    std::error_code error;
+    return std::ranges::any_of(
+        ready, [&](const Ready& each) { return std::filesystem::equivalent(each.folder, folder, error); });
+  };
+  std::vector<std::filesystem::path> folders{out};
   std::error_code error;
-  for (const char* name : {"recording.toml", "frame.csv", "pressure.csv", "mapping.toml"}) {
-    const auto file = folder / name;
-    if (!std::filesystem::exists(file, error)) continue;
-    for (const auto& of : plan.files)
-      if (std::filesystem::equivalent(file, of.file.path, error))
-        throw ImportRefused(file.string() +
-                            ": is what the numbers are read from, and the recording would take its place; name another "
-                            "folder with --out");
-    if (!replace && std::string_view(name) != "mapping.toml")
-      throw ImportRefused((std::string_view(name) == "recording.toml"
-                               ? folder.string() + ": a recording is there already"
-                               : file.string() + ": is there already") +
-                          "; name another folder with --out, or --replace it");
-  }
+  for (const auto& entry : std::filesystem::directory_iterator(out, error)) folders.push_back(entry.path());
+  std::ranges::sort(folders);
+  for (const auto& folder : folders)
+    if (std::filesystem::is_regular_file(folder / "recording.toml", error) && !is_new(folder))
+      said.push_back("note: " + folder.string() +
+                     " is a recording that was there before, and none of this import; remove it if it is of a former "
+                     "one");
 }
 
 }  // namespace
@@ -478,9 +490,12 @@ Imported make_recordings(const ImportPlan& plan, const Mapping& mapping, const I
   }
   tell(options, kChecked, "writing");
   for (const auto& each : ready) {
-    messages::write_recording(each.folder, each.recording, each.further);
+    const auto replaced = messages::write_recording(each.folder, each.recording, each.further);
     out.said.insert(out.said.end(), each.said.begin(), each.said.end());
+    if (!replaced) continue;
+    for (const auto& line : said_of(*replaced)) out.said.push_back("  " + line);
   }
+  if (options.replace || ready.size() > 1) say_others(options.out, ready, out.said);
   return out;
 }
 

@@ -509,6 +509,30 @@ TEST_F(Import, AlignKeepsFurtherColumns) {
   EXPECT_EQ(messages::read_recording(dir_ / "whole").pressure->size(), made.t_s.size() - 1);
 }
 
+TEST_F(Import, OfARecordingThatIsReplacedNothingStays) {
+  const auto path = file("a.csv", table(strokes(), kBluehill));
+  ASSERT_EQ(import_of_specimen({path}).code, 0);
+  file("out/ramps.csv", "step\n1\n");
+  file("out/notes.txt", "somebody's\n");
+  const auto done = import_of_specimen({path, "--replace"});
+  ASSERT_EQ(done.code, 0) << done.text;
+  EXPECT_THAT(done.text, AllOf(HasSubstr("removed with the recording that was there: ramps.csv\n"),
+                               HasSubstr("left alone, as no part of a recording: notes.txt\n")));
+  EXPECT_FALSE(std::filesystem::exists(dir_ / "out/ramps.csv"));
+  EXPECT_EQ(slurp(dir_ / "out/notes.txt"), "somebody's\n");
+  // A table of the recording may be what is read.
+  const auto ramps = file("out/ramps.csv", table(strokes(), kBluehill));
+  EXPECT_THAT(import_of_specimen({ramps, "--replace"}).text, HasSubstr("ramps.csv: is what the numbers are read from"));
+  EXPECT_TRUE(std::filesystem::exists(ramps));
+  std::filesystem::remove(ramps);
+  // Of an import with more tests, or of one alone, recordings stay beside the new ones.
+  const auto two =
+      table(strokes(), kBluehill) + "\r\n" + table(strokes(12.0), "Time,Extension,Load\r\n(s),(mm),(N)\r\n");
+  const auto several = import_of_specimen({file("two.csv", two), "--replace"});
+  ASSERT_EQ(several.code, 0) << several.text;
+  EXPECT_THAT(several.text, HasSubstr("note: " + (dir_ / "out").string() + " is a recording that was there before"));
+}
+
 TEST_F(Import, MetresThatAreCalledMillimetresAreRefused) {
   const auto path = file("m.csv", table(strokes(), kBluehill, 1e-3));
   const auto refused = import_of_specimen({path});
