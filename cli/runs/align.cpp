@@ -1,17 +1,21 @@
 #include "identify/fv/align.hpp"
 
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
+#include <functional>
 #include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "base/printable.hpp"
 #include "base/whole_file.hpp"
 #include "cli/command.hpp"
+#include "cli/runs/overwriting.hpp"
 #include "cli/screen/progress.hpp"
-#include "identify/report/page.hpp"
+#include "messages/csv.hpp"
 #include "messages/further_columns.hpp"
 
 namespace isorig::cli {
@@ -22,6 +26,7 @@ struct AlignCommandOptions {
   std::string pressure;
   std::string out;
   std::string toml;
+  bool replace = false;
 };
 
 std::string json_of(const identify::AlignResult& result) {
@@ -46,7 +51,59 @@ std::string json_of(const identify::AlignResult& result) {
   return document.dump(1) + "\n";
 }
 
+bool is_there(const std::filesystem::path& file) {
+  std::error_code error;
+  return std::filesystem::exists(std::filesystem::symlink_status(file, error));
+}
+
+/// Before the minutes that long streams take, not after. "" where the folder may be written.
+std::string why_not_to_write(const AlignCommandOptions& options) {
+  constexpr std::array<std::string_view, 4> kNames{"recording.toml", "frame.csv", "pressure.csv", "align.json"};
+  const std::filesystem::path out = options.out;
+  std::vector<std::string> tables;
+  for (const auto table : messages::kRecordingTables) tables.push_back(std::string(table) + ".csv");
+  const std::vector<std::string_view> also(tables.begin(), tables.end());
+  std::vector<std::filesystem::path> read{options.frame, options.pressure};
+  if (!options.toml.empty()) read.emplace_back(options.toml);
+  Overwriting what{.names = kNames, .also = also, .read = read, .replace = true};
+  if (auto why = why_not_to_overwrite(out, what); !why.empty()) return why;
+  // Whatever is said of replacing: its specimen and its run would stand beside the streams of another.
+  if (options.toml.empty() && is_there(out / "recording.toml"))
+    return options.out +
+           ": a recording is there already, and its recording.toml would be taken for that of these streams; name "
+           "another folder with --out, or say with --toml what they are of";
+  what.replace = options.replace;
+  return why_not_to_overwrite(out, what);
+}
+
+/// align.json says that the rest is aligned: the old one goes before, the new one comes last.
+void put_alignment_round(const std::filesystem::path& out, const std::string& alignment,
+                         const std::function<void()>& put_rest) {
+  base::WholeFiles file;
+  file.add(out / "align.json", alignment);
+  std::error_code ignored;
+  std::filesystem::remove(out / "align.json", ignored);
+  put_rest();
+  file.put();
+}
+
+/// The streams alone: a recording needs a specimen, which only --toml can say.
+void write_streams(const AlignCommandOptions& options, const messages::PressureSamples& pressure,
+                   const messages::FurtherColumns& further, const std::string& alignment) {
+  const std::filesystem::path out = options.out;
+  const std::array<messages::CsvColumnView, 2> columns{
+      {{"t_s", pressure.t_s}, {"pressure_psi", pressure.pressure_psi}}};
+  base::WholeFiles files;
+  files.add(out / "frame.csv", messages::read_whole_file(options.frame));
+  files.add(out / "pressure.csv", messages::with_further_columns(messages::number_csv_text(columns), further.pressure));
+  put_alignment_round(out, alignment, [&] { files.put(); });
+}
+
 int align(const AlignCommandOptions& options) {
+  if (const auto why = why_not_to_write(options); !why.empty()) {
+    std::cerr << base::printable_lines(why) << '\n';
+    return kBadInput;
+  }
   messages::FrameSamples frame;
   messages::PressureSamples pressure;
   messages::FurtherColumns further;
@@ -80,31 +137,27 @@ int align(const AlignCommandOptions& options) {
   };
   const auto result = identify::align(frame, pressure, how);
   progress->at(kSearched, "writing");
-  std::filesystem::create_directories(options.out);
-  base::write_whole_file(std::filesystem::path(options.out) / "align.json", json_of(result));
+  const std::filesystem::path out = options.out;
+  std::filesystem::create_directories(out);
   if (!result.aligned) {
     progress.reset();
     std::printf("%s\n", result.refusal.c_str());
+    // Beside streams that an earlier call aligned it would say of them that they are not.
+    if (is_there(out / "frame.csv") || is_there(out / "pressure.csv"))
+      std::printf("nothing in %s was replaced\n", options.out.c_str());
+    else
+      base::write_whole_file(out / "align.json", json_of(result));
     return kFailure;
   }
   const auto& a = result.alignment;
   for (double& t : pressure.t_s) t = a.frame_time_s(t);
-  recording.frame = std::move(frame);
-  recording.pressure = std::move(pressure);
+  std::optional<messages::Replaced> replaced;
   if (options.toml.empty()) {
-    // The streams alone: a recording needs a specimen and a rest length, which only --toml can say.
-    std::filesystem::copy_file(options.frame, std::filesystem::path(options.out) / "frame.csv",
-                               std::filesystem::copy_options::overwrite_existing);
-    std::string text = "t_s,pressure_psi\n";
-    char line[80];
-    for (std::size_t i = 0; i < recording.pressure->size(); ++i) {
-      std::snprintf(line, sizeof line, "%.6f,%.9g\n", recording.pressure->t_s[i], recording.pressure->pressure_psi[i]);
-      text += line;
-    }
-    base::write_whole_file(std::filesystem::path(options.out) / "pressure.csv",
-                           messages::with_further_columns(text, further.pressure));
+    write_streams(options, pressure, further, json_of(result));
   } else {
-    messages::write_recording(options.out, recording, further);
+    recording.frame = std::move(frame);
+    recording.pressure = std::move(pressure);
+    put_alignment_round(out, json_of(result), [&] { replaced = messages::write_recording(out, recording, further); });
   }
   progress.reset();
   std::printf("aligned by %zu strokes: offset %.4f +- %.4f s at t = %.1f s, skew ", a.events.size(), a.offset_s.value,
@@ -114,6 +167,8 @@ int align(const AlignCommandOptions& options) {
   else
     std::printf("not known (taken as 0 +- %.0f ppm: too few strokes)", 1e6 * a.skew.standard_error);
   std::printf("; worst error in the record %.4f s (1 sigma)\nwritten to %s\n", a.worst_error_s, options.out.c_str());
+  if (replaced)
+    for (const auto& line : said_of(*replaced)) std::printf("%s\n", base::printable_lines(line).c_str());
   return kOk;
 }
 
@@ -125,6 +180,7 @@ Command add_align(CLI::App& app) {
   sub->add_option("--out", options->out, "Folder for frame.csv, pressure.csv (on the frame's clock) and align.json")
       ->required();
   sub->add_option("--toml", options->toml, "recording.toml to make a whole recording of them");
+  sub->add_flag("--replace", options->replace, "Replace what is there already");
   return {sub, [options] { return align(*options); }};
 }
 

@@ -509,6 +509,103 @@ TEST_F(Import, AlignKeepsFurtherColumns) {
   EXPECT_EQ(messages::read_recording(dir_ / "whole").pressure->size(), made.t_s.size() - 1);
 }
 
+/// The same test on two clocks, in times of nanoseconds.
+std::pair<std::string, std::string> streams_on_two_clocks() {
+  const auto made = strokes(60.0);
+  std::string frame = "t_s,position_mm,force_N\n", log = "t_s,pressure_psi,mono_ns\n";
+  std::mt19937 random(7);
+  std::normal_distribution<double> noise_psi(0.0, 0.002);
+  double response_mm = 0.0;
+  char row[96];
+  for (std::size_t i = 1; i < made.t_s.size(); ++i) {
+    response_mm = response_mm * std::exp(-1.5 * 0.02) + made.position_mm[i] - made.position_mm[i - 1];
+    std::snprintf(row, sizeof row, "%.3f,%.6f,%.4f\n", made.t_s[i], made.position_mm[i], made.force_N[i]);
+    frame += row;
+    std::snprintf(row, sizeof row, "%.9f,%.4f,%zu\n", made.t_s[i] + 12.0 + 1e-9 * static_cast<double>(i % 7),
+                  10.0 + 0.05 * response_mm + noise_psi(random), 1'000'000'000 + i);
+    log += row;
+  }
+  return {frame, log};
+}
+
+TEST_F(Import, AlignDestroysNothing) {
+  const auto [frame, log] = streams_on_two_clocks();
+  for (const char* folder : {"in", "linked", "hard", "other", "recording"})
+    std::filesystem::create_directories(dir_ / folder);
+  const auto frame_file = file("in/frame.csv", frame), log_file = file("in/pressure.csv", log);
+  const auto align = [&](const char* out, std::vector<std::string> more = {}) {
+    std::vector<std::string> words{"align", frame_file, log_file, "--out", (dir_ / out).string()};
+    words.insert(words.end(), more.begin(), more.end());
+    return isorig(dir_, words);
+  };
+  std::filesystem::create_symlink("../in/pressure.csv", dir_ / "linked/pressure.csv");
+  std::filesystem::create_hard_link(log_file, dir_ / "hard/pressure.csv");
+  for (const char* out : {"in", "linked", "hard"}) {
+    for (const auto& more : {std::vector<std::string>{}, {"--replace"}}) {
+      const auto refused = align(out, more);
+      EXPECT_EQ(refused.code, kBadInput) << out;
+      EXPECT_THAT(refused.text, HasSubstr(".csv: is what the numbers are read from")) << out;
+    }
+    EXPECT_FALSE(std::filesystem::exists(dir_ / out / "align.json"));
+  }
+  const auto toml =
+      file("recording/recording.toml", "format = \"isorig-recording/1\"\nspecimen = \"A 1\"\nrest_length_mm = 94.3\n");
+  EXPECT_THAT(align("recording", {"--toml", toml, "--replace"}).text,
+              HasSubstr("recording.toml: is what the numbers are read from"));
+  // The streams of one test below the specimen of another.
+  for (const auto& more : {std::vector<std::string>{}, {"--replace"}})
+    EXPECT_THAT(align("recording", more).text,
+                HasSubstr("its recording.toml would be taken for that of these streams"));
+  file("other/frame.csv", "somebody's\n");
+  const auto refused = align("other");
+  EXPECT_EQ(refused.code, kBadInput);
+  EXPECT_THAT(refused.text, HasSubstr("frame.csv: is there already; name another folder with --out, or --replace it"));
+  EXPECT_EQ(slurp(dir_ / "other/frame.csv"), "somebody's\n");
+  EXPECT_EQ(slurp(frame_file), frame);
+  EXPECT_EQ(slurp(log_file), log);
+  const auto done = align("other", {"--replace"});
+  ASSERT_EQ(done.code, 0) << done.text;
+  EXPECT_EQ(slurp(dir_ / "other/frame.csv"), frame);
+}
+
+TEST_F(Import, AlignKeepsNanoseconds) {
+  const auto [frame, log] = streams_on_two_clocks();
+  const std::vector<std::string> words{"align", file("f.csv", frame), file("p.csv", log), "--out",
+                                       (dir_ / "out").string()};
+  const auto done = isorig(dir_, words);
+  ASSERT_EQ(done.code, 0) << done.text;
+  const auto before = messages::read_pressure_csv(dir_ / "p.csv");
+  const auto after = messages::read_pressure_csv(dir_ / "out/pressure.csv");
+  ASSERT_EQ(after.size(), before.size());
+  // The mapping is a straight line: what a time is off the one between two others is as it was.
+  for (std::size_t i = 1; i + 1 < before.size(); ++i) {
+    const auto bent = [i](const std::vector<double>& t) { return t[i] - 0.5 * (t[i - 1] + t[i + 1]); };
+    ASSERT_NEAR(bent(after.t_s), bent(before.t_s), 1e-11) << i;
+  }
+  EXPECT_EQ(after.pressure_psi, before.pressure_psi);
+  EXPECT_THAT(slurp(dir_ / "out/pressure.csv"), HasSubstr(",1000000001\n"));
+}
+
+/// A log without a stroke in it: what an earlier call aligned stays, and no align.json says that it is not.
+TEST_F(Import, AnAlignmentThatFailsReplacesNothing) {
+  const auto [frame, log] = streams_on_two_clocks();
+  const auto frame_file = file("f.csv", frame);
+  std::string flat = "t_s,pressure_psi\n";
+  for (int i = 0; i < 3000; ++i) flat += std::to_string(0.02 * i) + ",10.0" + std::to_string(i * 7919 % 97) + "\n";
+  const auto flat_file = file("flat.csv", flat), log_file = file("p.csv", log);
+  const auto align = [&](const std::string& pressure, std::vector<std::string> more) {
+    more.insert(more.begin(), {"align", frame_file, pressure, "--out", (dir_ / "out").string()});
+    return isorig(dir_, more).code;
+  };
+  EXPECT_EQ(align(flat_file, {}), 1);
+  EXPECT_THAT(slurp(dir_ / "out/align.json"), HasSubstr("\"aligned\": false"));
+  ASSERT_EQ(align(log_file, {"--replace"}), 0);
+  const auto made = slurp(dir_ / "out/align.json");
+  EXPECT_THAT(made, HasSubstr("\"aligned\": true"));
+  EXPECT_EQ(align(flat_file, {"--replace"}), 1);
+  EXPECT_EQ(slurp(dir_ / "out/align.json"), made);
+}
+
 TEST_F(Import, OfARecordingThatIsReplacedNothingStays) {
   const auto path = file("a.csv", table(strokes(), kBluehill));
   ASSERT_EQ(import_of_specimen({path}).code, 0);
