@@ -11,6 +11,7 @@
 #include "base/number_text.hpp"
 #include "base/printable.hpp"
 #include "cli/command.hpp"
+#include "cli/runs/import_constant.hpp"
 #include "cli/runs/overwriting.hpp"
 #include "daemon/version.hpp"
 #include "identify/diagnose/guard/plausible.hpp"
@@ -215,6 +216,9 @@ Ready ready_of(std::filesystem::path folder, const std::vector<Origin>& origins,
   for (const Origin& origin : origins) {
     if (origin.test->frame) ready.recording.frame = *origin.test->frame;
     notes.insert(notes.end(), origin.test->notes.begin(), origin.test->notes.end());
+    const auto constant =
+        check_constant_columns(origin.file->path, *origin.test, ready.recording.metadata.output, options.as_stated);
+    notes.insert(notes.end(), constant.begin(), constant.end());
   }
   for (const Origin& origin : origins) {
     if (!origin.test->pressure) continue;

@@ -606,6 +606,32 @@ TEST_F(Import, AnAlignmentThatFailsReplacesNothing) {
   EXPECT_EQ(slurp(dir_ / "out/align.json"), made);
 }
 
+/// What never changes was told, or is dead.
+TEST_F(Import, AForceThatNeverChangesIsNoMeasurement) {
+  auto dead = strokes();
+  std::ranges::fill(dead.force_N, 12.5);
+  const auto path = file("dead.csv", table(dead, kBluehill));
+  const auto refused = import_of_specimen({path});
+  EXPECT_EQ(refused.code, kBadInput);
+  const std::string rows = " in all " + std::to_string(dead.t_s.size()) + " rows";
+  EXPECT_THAT(
+      refused.text,
+      AllOf(HasSubstr("dead.csv:3: column \"Load\" (N) never changes: 12.5 N" + rows + ", so no force was measured"),
+            HasSubstr("--column force=NAME"), HasSubstr("--output position"), HasSubstr("--as-stated")));
+  EXPECT_FALSE(std::filesystem::exists(dir_ / "out"));
+  const auto stated = import_of_specimen({path, "--as-stated"}, "stated");
+  ASSERT_EQ(stated.code, 0) << stated.text;
+  EXPECT_THAT(stated.text, HasSubstr("note: column \"Load\" (N) never changes: 12.5 N"));
+  EXPECT_THAT(slurp(dir_ / "stated/recording.toml"), HasSubstr("never changes"));
+  // As a load it may be constant, and a crosshead may stand still; that is said.
+  EXPECT_EQ(import_of_specimen({path, "--output", "position"}, "load").code, 0);
+  auto still = strokes();
+  std::ranges::fill(still.position_mm, 1.0);
+  const auto isometric = import_of_specimen({file("still.csv", table(still, kBluehill))}, "still");
+  ASSERT_EQ(isometric.code, 0) << isometric.text;
+  EXPECT_THAT(isometric.text, HasSubstr("note: column \"Extension\" (mm) never changes: 1 mm" + rows));
+}
+
 TEST_F(Import, OfARecordingThatIsReplacedNothingStays) {
   const auto path = file("a.csv", table(strokes(), kBluehill));
   ASSERT_EQ(import_of_specimen({path}).code, 0);
