@@ -4,6 +4,7 @@
 #include <string_view>
 
 #include "base/printable.hpp"
+#include "messages/foreign/heads.hpp"
 #include "messages/recording.hpp"
 
 namespace isorig::foreign {
@@ -11,16 +12,6 @@ namespace {
 
 using Fault = messages::RecordingFault;
 using messages::RecordingError;
-
-std::string_view trimmed(std::string_view text) {
-  while (!text.empty() && (text.front() == ' ' || text.front() == '\t')) text.remove_prefix(1);
-  while (!text.empty() && (text.back() == ' ' || text.back() == '\t')) text.remove_suffix(1);
-  return text;
-}
-
-bool is_blank(const Line& line) {
-  return std::ranges::all_of(line.cells, [](const auto& cell) { return trimmed(cell).empty(); });
-}
 
 std::string shown_cell(std::string_view cell) {
   return "\"" + base::printable(cell.substr(0, 40)) + (cell.size() > 40 ? "...\"" : "\"");
@@ -70,10 +61,6 @@ std::vector<Line> split(const std::string& text, char delimiter, const std::file
   return lines;
 }
 
-std::size_t numeric_cells(const Line& line) {
-  return static_cast<std::size_t>(std::ranges::count_if(line.cells, looks_numeric));
-}
-
 /// How many cells of numbers stand in lines that have as many cells as the line before.
 std::size_t tabular_cells(const std::vector<Line>& lines) {
   std::size_t count = 0;
@@ -84,55 +71,6 @@ std::size_t tabular_cells(const std::vector<Line>& lines) {
   return count;
 }
 
-/// "(mm)" or "[mm]", without its brackets; nothing for another cell.
-std::optional<std::string> bracketed(std::string_view cell) {
-  cell = trimmed(cell);
-  if (cell.size() < 2) return std::nullopt;
-  const bool round = cell.front() == '(' && cell.back() == ')', square = cell.front() == '[' && cell.back() == ']';
-  if (!round && !square) return std::nullopt;
-  return std::string(trimmed(cell.substr(1, cell.size() - 2)));
-}
-
-/// "Time (s)" and "Kraft [N]" have their unit with them.
-Column column_of(std::string_view cell) {
-  cell = trimmed(cell);
-  for (const auto& [open, close] : {std::pair{'(', ')'}, std::pair{'[', ']'}}) {
-    const auto at = cell.rfind(open);
-    if (at != std::string_view::npos && at > 0 && cell.back() == close)
-      return {std::string(trimmed(cell.substr(0, at))),
-              std::string(trimmed(cell.substr(at + 1, cell.size() - at - 2)))};
-  }
-  return {std::string(cell), {}};
-}
-
-/// Cells up to the last that is not empty: some programs end every line with a delimiter.
-std::size_t used_cells(const Line& line) {
-  std::size_t used = line.cells.size();
-  while (used > 0 && line.cells[used - 1].empty()) --used;
-  return used;
-}
-
-bool is_row(const Line& line, std::size_t cells) {
-  return line.cells.size() >= cells && used_cells(line) <= cells &&
-         numeric_cells(line) >= std::min<std::size_t>(cells, 2);
-}
-
-/// Names, none of them a number.
-bool is_header(const Line& line) {
-  return line.cells.size() >= 2 && numeric_cells(line) == 0 &&
-         std::ranges::count_if(line.cells, [](const auto& c) { return !trimmed(c).empty(); }) >= 2;
-}
-
-bool is_units(const Line& line) {
-  bool any = false;
-  for (const auto& cell : line.cells) {
-    if (trimmed(cell).empty()) continue;
-    if (!bracketed(cell)) return false;
-    any = true;
-  }
-  return any;
-}
-
 class Finder {
  public:
   Finder(std::vector<Line>& lines, const std::filesystem::path& file) : lines_(lines), file_(file) {}
@@ -140,13 +78,11 @@ class Finder {
   void run(Parsed& parsed) {
     while (at_ < lines_.size()) {
       const Line& line = lines_[at_];
-      const std::size_t units = at_ + 1 < lines_.size() && is_units(lines_[at_ + 1]) ? 1 : 0;
-      const bool begins = at_ + 1 + units < lines_.size();
-      if (is_header(line) && !is_units(line) && begins && is_row(lines_[at_ + 1 + units], used_cells(line))) {
-        parsed.tables.push_back(headed(units));
-      } else if (is_header(line) && !is_units(line) && units == 1) {
+      if (const auto head = head_at(lines_, at_)) {
+        parsed.tables.push_back(headed(*head));
+      } else if (lacks_rows()) {
         throw RecordingError(
-            Fault::kTruncated, file_, line.number + 1 + units,
+            Fault::kTruncated, file_, line.number + 2,
             "a table of " + std::to_string(used_cells(line)) + " columns has no row of as many numbers");
       } else if (used_cells(line) >= 2 && numeric_cells(line) == used_cells(line)) {
         if (!parsed.tables.empty())
@@ -154,9 +90,9 @@ class Finder {
                                "rows without a header behind an empty line: is something missing here? Take the empty "
                                "line out if they belong together, or put each test into a file of its own");
         parsed.tables.push_back(bare());
-      } else if (begins && is_header(line) && !is_units(line) && numeric_cells(lines_[at_ + 1]) >= used_cells(line)) {
-        refuse_rows(lines_[at_ + 1], used_cells(line));
-      } else if (!parsed.tables.empty() && numeric_cells(line) >= 2) {
+      } else if (const auto wider = wider_row_below(lines_, at_)) {
+        refuse_rows(lines_[*wider], used_cells(line));
+      } else if (!parsed.tables.empty() && is_row(line, std::max<std::size_t>(used_cells(line), 2))) {
         refuse_rows(line, parsed.tables.back().columns.size());
       } else {
         if (!is_blank(line)) parsed.header.push_back(said(line));
@@ -176,34 +112,44 @@ class Finder {
                              "measurement");
   }
 
-  Table headed(std::size_t units) {
+  /// Names and units, and below them no row.
+  [[nodiscard]] bool lacks_rows() const {
+    const Line& names = lines_[at_];
+    return is_names(names) && !is_bracketed_units(names) && at_ + 1 < lines_.size() &&
+           is_bracketed_units(lines_[at_ + 1]);
+  }
+
+  Table headed(const Head& head) {
     const Line& names = lines_[at_];
     Table table{.line = names.number, .columns = {}, .rows = {}};
     for (std::size_t c = 0; c < used_cells(names); ++c) table.columns.push_back(column_of(names.cells[c]));
-    if (units == 1) {
-      const Line& line = lines_[at_ + 1];
-      if (line.cells.size() < table.columns.size() || used_cells(line) > table.columns.size())
-        throw RecordingError(
-            Fault::kColumns, file_, line.number,
-            std::to_string(used_cells(line)) + " units for " + std::to_string(table.columns.size()) + " columns");
-      for (std::size_t c = 0; c < table.columns.size(); ++c)
-        if (const auto unit = bracketed(line.cells[c])) table.columns[c].unit = *unit;
-    }
-    at_ += 1 + units;
-    take_rows(table, &names);
+    if (head.units == 1) take_units(table, lines_[at_ + 1]);
+    at_ += 1 + head.units;
+    take_rows(table, &names, head.first);
     return table;
+  }
+
+  void take_units(Table& table, const Line& line) const {
+    if (line.cells.size() < table.columns.size() || used_cells(line) > table.columns.size())
+      throw RecordingError(
+          Fault::kColumns, file_, line.number,
+          std::to_string(used_cells(line)) + " units for " + std::to_string(table.columns.size()) + " columns");
+    for (std::size_t c = 0; c < table.columns.size(); ++c)
+      if (const auto unit = bracketed(line.cells[c])) table.columns[c].unit = *unit;
   }
 
   Table bare() {
     Table table{.line = lines_[at_].number, .columns = std::vector<Column>(used_cells(lines_[at_])), .rows = {}};
-    take_rows(table, nullptr);
+    take_rows(table, nullptr, at_);
     return table;
   }
 
-  void take_rows(Table& table, const Line* names) {
+  /// Empty cells alone end a table, and before its first sure row say nothing.
+  void take_rows(Table& table, const Line* names, std::size_t first) {
     const std::size_t cells = table.columns.size();
-    for (; at_ < lines_.size() && !is_blank(lines_[at_]); ++at_) {
+    for (; at_ < lines_.size() && (at_ < first || !is_blank(lines_[at_])); ++at_) {
       Line& line = lines_[at_];
+      if (is_blank(line)) continue;
       if (names != nullptr && line.cells == names->cells) return;  // the next test, without an empty line before it
       if (line.cells.size() < cells || used_cells(line) > cells)
         throw RecordingError(Fault::kColumns, file_, line.number,

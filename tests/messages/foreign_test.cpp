@@ -17,6 +17,7 @@ namespace isorig::foreign {
 namespace {
 
 using messages::RecordingError;
+using testing::AnyOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
@@ -357,6 +358,55 @@ TEST(Understand, WhatIsNoMeasurementIsTakenForNoneUnasked) {
   const auto both = of("position_command_mm,position_mm,Zeroed force (N),pressure_psi");
   EXPECT_TRUE(both.questions.empty());
   EXPECT_EQ(both.sources.size(), 4U);
+}
+
+/// A sensor that is not there yet, a cell that a program left empty, an amplifier that was overloaded.
+TEST(Foreign, AHeaderIsFoundWhateverTheFirstRowsHold) {
+  const std::string rest = "0.1,1.0,2.0\n0.2,1.1,2.1\n";
+  for (const std::string names :
+       {"Time (s),Position (mm),Force (N)\n", "time,position,force\n(s),(mm),(N)\n"}) {
+    for (const std::string first : {"0.00,NaN,NaN\n", "NaN,NaN,NaN\n", "0.00,,\n", ",,2.0\n", "0.00,-,-----\n",
+                                    "0.00,#N/A,#NV\n", "0.00,-nan(ind),1.#INF\n", "0.00,overload,2.0\n"}) {
+      const auto parsed = parse_tables(names + first + first + rest, "file", {});
+      ASSERT_EQ(parsed.tables.size(), 1U) << names << first;
+      EXPECT_EQ(parsed.tables[0].rows.size(), 4U) << names << first;
+      EXPECT_EQ(parsed.tables[0].columns.at(1).unit, "mm");
+      EXPECT_THAT(said([&] { static_cast<void>(imported(names + first + rest)); }),
+                  AnyOf(HasSubstr("file:2: \""), HasSubstr("file:3: \"")))
+          << first;
+    }
+    // Cells that are all empty say nothing; below other rows they end the table.
+    EXPECT_THAT(imported(names + ",,\n,,\n" + rest), ElementsAre(ElementsAre(0.1, 1.0, 2.0, 0.2, 1.1, 2.1)));
+  }
+  EXPECT_THAT(said([&] { static_cast<void>(imported("Time (s),Position (mm),Force (N)\n0.0,NaN,NaN\n" + rest)); }),
+              HasSubstr("file:2: \"Position\" (mm) is \"NaN\"; a number is needed"));
+  // A column of words is one from its first row on.
+  const auto parsed = parse_tables("t,x,f,state\n0.0,NaN,NaN,idle\n0.1,1.0,2.0,moving\n", "file", {});
+  ASSERT_EQ(parsed.tables.size(), 1U);
+  EXPECT_EQ(parsed.tables[0].columns.at(3).name, "state");
+}
+
+TEST(Foreign, LinesAboveATableAreNotItsHeader) {
+  const std::string rows = "0.1,1.0,2.0\n0.2,1.1,2.1\n";
+  const auto names = [](const std::string& text) {
+    std::vector<std::string> out;
+    const auto parsed = parse_tables(text, "file", {});
+    for (const auto& column : parsed.tables.at(0).columns) out.push_back(column.name);
+    return out;
+  };
+  const std::string above = "Operator,Sample,Remark\nJo,A1,new\nRate 1,600.0,mm/min\n";
+  EXPECT_THAT(names(above + "t,x,f\n0.0,NaN,NaN\n" + rows), ElementsAre("t", "x", "f"));
+  EXPECT_THAT(names("Operator,Sample,Remark\nt,s,F\n" + rows), ElementsAre("t", "s", "F"));
+  EXPECT_THAT(names(above + rows), ElementsAre("", "", ""));
+}
+
+/// Of a second test nothing is lost, whatever its first rows hold.
+TEST(Foreign, ATestThatBeginsWithoutNumbersIsNotLost) {
+  const std::string head = "Time (s),Extension (mm),Load (N)\n", good = head + "0.0,1.0,2.0\n0.1,1.1,2.1\n\n";
+  const auto why = [](const std::string& text) { return said([&] { static_cast<void>(imported(text)); }); };
+  EXPECT_THAT(why(good + head + "0.0,NaN,NaN\n0.1,NaN,NaN\n"), HasSubstr("file:6: \"Extension\" (mm) is \"NaN\""));
+  EXPECT_THAT(why(good + "0.0,NaN,NaN\n0.1,NaN,NaN\n"), HasSubstr("file:5: 3 cells with 1 numbers"));
+  EXPECT_THAT(why(head + "0.0,NaN,NaN,ok\n0.1,1.0,2.0,ok\n\n" + good), HasSubstr("file:2: 4 cells with 1 numbers"));
 }
 
 TEST(Foreign, CountsAreOfNoKnownSensor) {
