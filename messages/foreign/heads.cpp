@@ -19,7 +19,7 @@ bool is_no_number(std::string_view cell) {
   return text == "inf" || text == "infinity" || text.starts_with("1.#") || says_no_value(cell);
 }
 
-/// "-", "-----": likewise.
+/// "-", "-----": likewise, or below a name that it has no unit.
 bool is_dashes(std::string_view cell) {
   cell = trimmed(cell);
   return !cell.empty() && cell.find_first_not_of('-') == std::string_view::npos;
@@ -122,11 +122,36 @@ bool is_bracketed_units(const Line& line) {
   return any;
 }
 
+bool is_units(const Line& names, const Line& line) {
+  if (is_bracketed_units(line)) return true;
+  std::size_t all = 0, known = 0, dashes = 0;
+  bool asked_for = false;
+  for (std::size_t c = 0; c < line.cells.size(); ++c) {
+    const std::string_view cell = trimmed(line.cells[c]);
+    if (cell.empty()) continue;
+    ++all;
+    if (is_dashes(cell)) {
+      ++dashes;
+      continue;
+    }
+    const auto text = bracketed(cell);
+    const auto unit = find_unit(text ? std::string_view(*text) : cell);
+    if (unit || text) {
+      ++known;
+      const auto word = c < names.cells.size() ? named(column_of(names.cells[c]).name) : std::nullopt;
+      asked_for = asked_for || (unit && word && word->field == unit->field);
+    } else if (looks_numeric(cell) || is_no_number(cell) || named(std::string(cell))) {
+      return false;
+    }
+  }
+  return known > 0 && (asked_for || 2 * (known + dashes) > all);
+}
+
 std::optional<Head> head_at(const std::vector<Line>& lines, std::size_t at) {
   const Line& names = lines[at];
   if (!is_names(names) || is_bracketed_units(names)) return std::nullopt;
   Head head;
-  if (at + 1 < lines.size() && is_bracketed_units(lines[at + 1])) head.units = 1;
+  if (at + 1 < lines.size() && is_units(names, lines[at + 1])) head.units = 1;
   const std::size_t below = at + 1 + head.units, cells = used_cells(names);
   for (head.first = below; head.first < lines.size(); ++head.first) {
     const Line& line = lines[head.first];
@@ -144,7 +169,7 @@ std::optional<std::size_t> wider_row_below(const std::vector<Line>& lines, std::
   const Line& names = lines[at];
   if (!is_names(names) || is_bracketed_units(names)) return std::nullopt;
   const std::size_t cells = used_cells(names);
-  const std::size_t below = at + 1 + (at + 1 < lines.size() && is_bracketed_units(lines[at + 1]) ? 1 : 0);
+  const std::size_t below = at + 1 + (at + 1 < lines.size() && is_units(names, lines[at + 1]) ? 1 : 0);
   std::size_t row = below;
   while (row < lines.size() && used_cells(lines[row]) > cells && !is_names(lines[row]) &&
          numeric_cells(lines[row]) < cells)

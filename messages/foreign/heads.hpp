@@ -38,6 +38,10 @@ namespace isorig::foreign {
 /// Whether every cell of the line is a unit in brackets.
 [[nodiscard]] bool is_bracketed_units(const Line& line);
 
+/// Whether the line below a table's names has their units: all in brackets, or more than half of them known units, or
+/// one that a name asks for ("s" below "Time"). A dash stands for none.
+[[nodiscard]] bool is_units(const Line& names, const Line& line);
+
 /// Names of a table, and what stands below them.
 struct Head {
   std::size_t units = 0;  ///< lines of units: one or none

@@ -5,6 +5,7 @@
 
 #include "base/printable.hpp"
 #include "messages/foreign/heads.hpp"
+#include "messages/foreign/mapping.hpp"
 #include "messages/recording.hpp"
 
 namespace isorig::foreign {
@@ -112,11 +113,12 @@ class Finder {
                              "measurement");
   }
 
-  /// Names and units, and below them no row.
+  /// Names and units below which the file ends, or, where the units are in brackets, something else stands.
   [[nodiscard]] bool lacks_rows() const {
     const Line& names = lines_[at_];
-    return is_names(names) && !is_bracketed_units(names) && at_ + 1 < lines_.size() &&
-           is_bracketed_units(lines_[at_ + 1]);
+    if (!is_names(names) || is_bracketed_units(names) || at_ + 1 == lines_.size()) return false;
+    const auto below = lines_.begin() + static_cast<std::ptrdiff_t>(at_ + 1);
+    return is_bracketed_units(*below) || (is_units(names, *below) && std::all_of(below + 1, lines_.end(), is_blank));
   }
 
   Table headed(const Head& head) {
@@ -134,8 +136,30 @@ class Finder {
       throw RecordingError(
           Fault::kColumns, file_, line.number,
           std::to_string(used_cells(line)) + " units for " + std::to_string(table.columns.size()) + " columns");
-    for (std::size_t c = 0; c < table.columns.size(); ++c)
-      if (const auto unit = bracketed(line.cells[c])) table.columns[c].unit = *unit;
+    for (std::size_t c = 0; c < table.columns.size(); ++c) {
+      const std::string_view cell = trimmed(line.cells[c]);
+      if (cell.find_first_not_of('-') == std::string_view::npos) continue;
+      Column& column = table.columns[c];
+      const std::string unit = bracketed(cell).value_or(std::string(cell));
+      refuse_two_units(column, c, unit, line.number);
+      column.unit = unit;
+      column.unit_line = line.number;
+    }
+  }
+
+  /// "Load (kN)" or "load_kN" above "N": whichever is taken may be wrong by a factor. Behind a low line some units may
+  /// mean something else ("position_in", "F_N").
+  void refuse_two_units(const Column& column, std::size_t index, const std::string& unit, std::size_t line) const {
+    std::string by_name = column.unit;
+    const auto low_line = column.name.rfind('_');
+    if (by_name.empty() && low_line != std::string::npos) by_name = column.name.substr(low_line + 1);
+    if (column.unit.empty() && (by_name.size() < 2 || by_name == "in")) return;
+    const auto one = find_unit(by_name), other = find_unit(unit);
+    if (!one || !other || one->field != other->field || one->name == other->name) return;
+    throw RecordingError(Fault::kUnits, file_, line,
+                         "column " + std::to_string(index + 1) + " (" + shown_cell(column.name) + ") is in " +
+                             shown_cell(by_name) + " by its name and in " + shown_cell(unit) +
+                             " by this row of units; take the wrong one out");
   }
 
   Table bare() {

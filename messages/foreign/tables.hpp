@@ -16,8 +16,9 @@ struct Line {
 };
 
 struct Column {
-  std::string name;  ///< without its unit; "" in a table without a header
-  std::string unit;  ///< as the file has it, without brackets; "" where it says none
+  std::string name;           ///< without its unit; "" in a table without a header
+  std::string unit;           ///< as the file has it, without brackets; "" where it says none
+  std::size_t unit_line = 0;  ///< of the row of units that says it; 0: it stands with the name
 };
 
 /// Rows of numbers below a header, or without one. Cells are as they stand in the file.

@@ -52,9 +52,11 @@ Question ask_column(const Table& table, Field field, const std::vector<std::size
 
 Question ask_unit(const Table& table, Field field, std::size_t column, const std::string& stated) {
   const std::string key = key_of(table, column);
-  const std::string what = stated.empty() ? " has no unit"
-                                          : " is in \"" + base::printable(stated) + "\", which is no unit of a " +
-                                                std::string(name_of(field));
+  std::string what = stated.empty() ? " has no unit"
+                                    : " is in \"" + base::printable(stated) + "\", which is no unit of a " +
+                                          std::string(name_of(field));
+  if (const Column& c = table.columns[column]; c.unit_line > 0 && stated == c.unit)
+    what += " (line " + std::to_string(c.unit_line) + ", column " + std::to_string(column + 1) + ")";
   return {"column " + shown(table, column) + what + "; in which unit is the " + std::string(name_of(field)) + ": " +
               units_of(field),
           "--unit '" + key + "=" + std::string(unit_of(field)) + "'",
@@ -99,14 +101,25 @@ struct Candidates {
   std::map<Field, std::vector<std::size_t>> not_measured;  ///< named as the field, and as what is told to a machine
 };
 
-/// Of a signal that a person has to turn into a pressure, and who asks for its unit gets no answer.
+/// Of a signal that a person has to turn into the quantity, and who asks for its unit gets no answer.
 bool is_electrical(std::string_view unit) {
   return unit == "V" || unit == "mV" || unit == "mA" || unit == "A" || unit == "%";
 }
 
+/// Whether what is in a unit that is not known ("klbf", "Newton", "kgf/cm2") may be the field all the same. But of a
+/// pressure a quotient says that the name is not meant so ("mm/mm"), as do an angle and a time of day.
+bool may_be_of(Field field, const std::string& unit) {
+  if (is_electrical(unit)) return false;
+  if (field == Field::kPressure) return true;
+  const std::string text = small(unit);
+  return text.find_first_of("/:%") == std::string::npos && text.find("\xC2\xB0") == std::string::npos &&
+         !text.starts_with("deg") && !text.starts_with("rad");
+}
+
 Candidates candidates_by_name(const Table& table, const Mapping& mapping) {
   Candidates found;
-  std::vector<std::size_t> in_other_units, less_sure, whole_length;
+  std::map<Field, std::vector<std::size_t>> in_other_units;
+  std::vector<std::size_t> less_sure, whole_length;
   for (std::size_t c = 0; c < table.columns.size(); ++c) {
     if (is_other(table.columns[c].name)) continue;
     const auto word = named(table.columns[c].name);
@@ -127,13 +140,15 @@ Candidates candidates_by_name(const Table& table, const Mapping& mapping) {
        : word->sure == Sure::kUnlessAnother ? less_sure
                                             : whole_length)
           .push_back(c);
-    if (pressure && !text.empty() && !unit && !is_electrical(text)) in_other_units.push_back(c);
+    if (word && word->sure == Sure::kYes && !text.empty() && !unit && may_be_of(word->field, text))
+      in_other_units[word->field].push_back(c);
   }
-  // Counts of a sensor, "kgf/cm2": what they are only a person knows; left out without a question the pressure would be
-  // lost.
-  if (found.of[Field::kPressure].empty()) found.of[Field::kPressure] = in_other_units;
   for (const auto* others : {&less_sure, &whole_length})
     if (found.of[Field::kPosition].empty()) found.of[Field::kPosition] = *others;
+  // Counts of a sensor, "kgf/cm2": what they are only a person knows; left out without a question the column would be
+  // lost.
+  for (const auto& [field, columns] : in_other_units)
+    if (found.of[field].empty()) found.of[field] = columns;
   return found;
 }
 

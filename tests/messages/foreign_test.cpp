@@ -364,7 +364,7 @@ TEST(Understand, WhatIsNoMeasurementIsTakenForNoneUnasked) {
 TEST(Foreign, AHeaderIsFoundWhateverTheFirstRowsHold) {
   const std::string rest = "0.1,1.0,2.0\n0.2,1.1,2.1\n";
   for (const std::string names :
-       {"Time (s),Position (mm),Force (N)\n", "time,position,force\n(s),(mm),(N)\n"}) {
+       {"Time (s),Position (mm),Force (N)\n", "time,position,force\n(s),(mm),(N)\n", "Zeit,Weg,Kraft\ns,mm,N\n"}) {
     for (const std::string first : {"0.00,NaN,NaN\n", "NaN,NaN,NaN\n", "0.00,,\n", ",,2.0\n", "0.00,-,-----\n",
                                     "0.00,#N/A,#NV\n", "0.00,-nan(ind),1.#INF\n", "0.00,overload,2.0\n"}) {
       const auto parsed = parse_tables(names + first + first + rest, "file", {});
@@ -407,6 +407,52 @@ TEST(Foreign, ATestThatBeginsWithoutNumbersIsNotLost) {
   EXPECT_THAT(why(good + head + "0.0,NaN,NaN\n0.1,NaN,NaN\n"), HasSubstr("file:6: \"Extension\" (mm) is \"NaN\""));
   EXPECT_THAT(why(good + "0.0,NaN,NaN\n0.1,NaN,NaN\n"), HasSubstr("file:5: 3 cells with 1 numbers"));
   EXPECT_THAT(why(head + "0.0,NaN,NaN,ok\n0.1,1.0,2.0,ok\n\n" + good), HasSubstr("file:2: 4 cells with 1 numbers"));
+  EXPECT_THAT(why(good + "time,position,force\ns,mm,N\n"), HasSubstr("file:7: a table of 3 columns has no row"));
+}
+
+/// As LabVIEW and MATLAB write them.
+TEST(Foreign, ARowOfUnitsNeedsNoBrackets) {
+  const auto expected = ElementsAre(ElementsAre(0.0, 10.0, 250.0, 0.5, 20.0, 500.0));
+  const std::string rows = "0,1.0,0.25\n500,2.0,0.5\n";
+  for (const std::string units : {"ms,cm,kN", "(ms),(cm),(kN)", "ms,[cm],(kN)", "\"ms\",\"cm\",\"kN\"", "ms,cm,kN,"})
+    EXPECT_THAT(imported("time,position,force\n" + units + "\n" + rows), expected) << units;
+  EXPECT_THAT(imported("Zeit;Weg;Kraft\nms;cm;kN\n0;1,0;0,25\n500;2,0;0,5\n"), expected);
+  EXPECT_THAT(imported("time position force\nms cm kN\n0 1.0 0.25\n500 2.0 0.5\n"), expected);
+  // What is further in a row has units of its own, or none.
+  const auto parsed = parse_tables(
+      "time,position,force,temperature,speed,voltage,state\nms,cm,kN,\xC2\xB0"
+      "C,1/min,V,-\n0,1,1,20,5,3,7\n1,2,2,21,5,3,7\n",
+      "file", {});
+  std::vector<std::string> units;
+  for (const auto& column : parsed.tables.at(0).columns) units.push_back(column.unit);
+  EXPECT_THAT(units, ElementsAre("ms", "cm", "kN",
+                                 "\xC2\xB0"
+                                 "C",
+                                 "1/min", "V", ""));
+  EXPECT_EQ(parsed.tables[0].columns[0].name, "time");
+  // Names that nobody knows have units all the same.
+  EXPECT_EQ(parse_tables("a,b,c\ns,mm,N\n0,1,2\n1,2,3\n", "file", {}).tables.at(0).columns.at(1).unit, "mm");
+}
+
+TEST(Foreign, AUnitThatIsNotKnownIsSaidWithItsPlace) {
+  const auto why = [](const std::string& text) { return said([&] { static_cast<void>(imported(text)); }); };
+  const std::string rows = "0.0,1.0,2.0\n0.1,1.1,2.1\n";
+  for (const std::string units : {"s,mm,klbf", "(s),(mm),(klbf)"})
+    EXPECT_THAT(why("# a line\ntime,position,force\n" + units + "\n" + rows),
+                HasSubstr("column \"force\" (klbf) is in \"klbf\", which is no unit of a force (line 3, column 3)"));
+  EXPECT_THAT(
+      why("time,position,force\nSekunden,mm,N\n" + rows),
+      HasSubstr("column \"time\" (Sekunden) is in \"Sekunden\", which is no unit of a time (line 2, column 1)"));
+  Mapping mapping;
+  mapping.unit = {{"force", "kN"}};
+  EXPECT_THAT(imported("time,position,force\ns,mm,Kilonewton\n" + rows, mapping),
+              ElementsAre(ElementsAre(0.0, 1.0, 2000.0, 0.1, 1.1, 2100.0)));
+  EXPECT_THAT(why("time,position,force\ns,mm\n" + rows), HasSubstr("file:2: 2 units for 3 columns"));
+  // A name and a row that say two things: one of them is wrong by a factor.
+  for (const std::string name : {"force (kN)", "force_kN"})
+    EXPECT_THAT(why("time,position," + name + "\ns,mm,N\n" + rows),
+                HasSubstr("is in \"kN\" by its name and in \"N\" by this row of units"));
+  EXPECT_EQ(imported("time (s),position_in,Force (filtered)\n(s),(mm),(N)\n" + rows).at(0).size(), 6U);
 }
 
 TEST(Foreign, CountsAreOfNoKnownSensor) {

@@ -632,6 +632,21 @@ TEST_F(Import, AForceThatNeverChangesIsNoMeasurement) {
   EXPECT_THAT(isometric.text, HasSubstr("note: column \"Extension\" (mm) never changes: 1 mm" + rows));
 }
 
+TEST_F(Import, ARowOfUnitsWithoutBracketsIsTaken) {
+  const auto text = [](const std::string& names, const std::string& units) {
+    return table(strokes(), names + "\r\n" + units + "\r\n", 1.0, 1e-3);
+  };
+  const auto done = import_of_specimen({file("bare.csv", text("time,position,force", "s,mm,kN"))});
+  ASSERT_EQ(done.code, 0) << done.text;
+  EXPECT_NEAR(messages::read_recording(dir_ / "out").frame.force_N.at(0), 17.0, 1e-9);
+  const auto unknown = import_of_specimen({file("odd.csv", text("time,position,force", "s,mm,klbf"))}, "odd");
+  EXPECT_EQ(unknown.code, kBadInput);
+  EXPECT_THAT(unknown.text,
+              AllOf(HasSubstr("odd.csv:1: column \"force\" (klbf) is in \"klbf\", which is no unit of a force (line 2, "
+                              "column 3)"),
+                    HasSubstr("--unit 'force=N'")));
+}
+
 TEST_F(Import, OfARecordingThatIsReplacedNothingStays) {
   const auto path = file("a.csv", table(strokes(), kBluehill));
   ASSERT_EQ(import_of_specimen({path}).code, 0);
