@@ -7,6 +7,7 @@
 #include "base/number_text.hpp"
 #include "base/printable.hpp"
 #include "messages/csv.hpp"
+#include "messages/foreign/heads.hpp"
 
 namespace isorig::foreign {
 namespace {
@@ -78,14 +79,14 @@ std::string further_name(const Column& column, std::size_t index, std::map<std::
   return free;
 }
 
-/// Cells of numbers, empty where the file's are; nothing where one is neither, or all are empty.
+/// Cells of numbers, empty where the file has none ("", "NaN"); nothing where one is neither, or all are empty.
 std::optional<std::vector<std::string>> number_cells(const Table& table, std::size_t index, char decimal) {
   std::vector<std::string> cells;
   bool any = false;
   for (const Line& row : table.rows) {
     const std::string& cell = row.cells[index];
     const auto value = number_of(cell, decimal);
-    if (!value && cell.find_first_not_of(" \t") != std::string::npos) return std::nullopt;
+    if (!value && !trimmed(cell).empty() && !says_no_value(cell)) return std::nullopt;
     if (value && !std::isfinite(*value)) return std::nullopt;
     cells.push_back(value ? base::exact_number_text(*value) : std::string());
     any = any || value;

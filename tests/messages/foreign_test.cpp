@@ -292,6 +292,14 @@ TEST(Foreign, FurtherColumnsOfNumbersAreKeptByNamesOfTheirOwn) {
   EXPECT_THAT(test.not_kept, ElementsAre(7U, 9U));
 }
 
+TEST(Foreign, ANumberThatIsMissingInAFurtherColumnIsEmpty) {
+  const auto parsed =
+      parse_tables("Time (s),Position (mm),Force (N),Temperature (C)\n0,1,2,NaN\n1,1,2,21.5\n2,1,2,N/A\n", "log", {});
+  const auto test = convert(parsed.tables.at(0), understand(parsed.tables[0], {}).sources, '.', 0.0, "log");
+  ASSERT_EQ(test.kept.size(), 1U);
+  EXPECT_THAT(test.kept[0].column.cells, ElementsAre("", "21.5", ""));
+}
+
 TEST(Foreign, AbsolutePressureIsRefused) {
   const auto of = [](const std::string& column, const Mapping& mapping = {}) {
     const auto parsed = parse_tables("Time (s)," + column + "\n0.0,101.3\n0.1,101.4\n", "log", {});
