@@ -281,9 +281,9 @@ std::vector<std::string> check_named_columns(const std::vector<ImportFile>& file
       return std::ranges::any_of(file.parsed.tables, [&](const auto& t) { return foreign::has_column(t, each.key); });
     });
     if (there) continue;
-    const std::string said = each.where + ": no column is called \"" + each.key + "\"";
-    if (!each.optional) throw ImportRefused(said + "; there are " + listed);
-    notes.push_back(said + "; it was left aside");
+    std::string said = each.where + ": no column is called \"" + each.key + "\"";
+    if (!each.optional) throw ImportRefused(said.append("; there are ").append(listed));
+    notes.push_back(said.append("; it was left aside"));
   }
   return notes;
 }
