@@ -28,6 +28,8 @@ struct Seen {
   double lowest_psi = 0.0, highest_psi = 0.0;  ///< gauge; both zero where there was no pressure
   double duration_s = 0.0;                     ///< of the longest recording
   double error_N = 0.0;                        ///< rms of a reading that was left out of the fit
+  /// Of what the model has beyond the nominal one, this share is predicted: what left-out readings bear (publish.hpp).
+  double share = 1.0;
   /// Of the numbers that were fitted, in the order of fitted_numbers() (identify/diagnose/fit/intervals.hpp): row by
   /// row of the lower triangle.
   std::vector<double> covariance;

@@ -155,10 +155,11 @@ std::map<std::string, double> describe_what_is_left(const Search& search, const 
 
 /// [seen] of a model that was fitted to `series`, for predictions (forecast.hpp).
 void remember_what_was_seen(std::span<const Series> series, const Criterion& criterion, double error_N,
-                            const model::ModelSpec& nominal, model::ModelSpec& spec) {
+                            const model::ModelSpec& nominal, model::ModelSpec& spec, double share = 1.0) {
   const Problem problem(series, criterion.noise);
   model::Seen seen = ranges_of(series);
   seen.error_N = error_N;
+  seen.share = share;
   // The time constant of an arm without stiffness has no influence on the force: its variance is unbounded, and no
   // prediction depends on it.
   seen.covariance = lower_triangle(
@@ -182,7 +183,8 @@ void remember_what_the_others_showed(const Study& study, const Criterion& nomina
     const bool has_effects = stretch.model.seen.has_value();
     const model::ModelSpec fades_to =
         has_effects ? model::ModelSpec{plain.name, stretch.model.seen->nominal, {}, plain.length_scale} : plain;
-    remember_what_was_seen(kept, has_effects ? model : nominal, stretch.model_error_N, fades_to, stretch.model);
+    remember_what_was_seen(kept, has_effects ? model : nominal, stretch.model_error_N, fades_to, stretch.model,
+                           has_effects ? stretch.model.seen->share : 1.0);
     remember_what_was_seen(kept, nominal, stretch.nominal_error_N, plain, stretch.nominal);
   }
 }
@@ -200,6 +202,8 @@ void publish_model(const Search& search, const Study& study, const PublishedNomi
   out.model = std::move(publication.model.spec);
   if (!publication.why.empty()) place_events(out.model, study.series, study.usable);
   out.described_by = std::move(publication.model.described_by);
+  out.model_share = publication.share;
+  out.why_share = std::move(publication.why_share);
   out.heldout = std::move(publication.heldout);
   out.not_modelled = {std::move(publication.located_only), std::move(publication.why),
                       std::move(publication.decided_by)};
@@ -217,7 +221,7 @@ void publish_model(const Search& search, const Study& study, const PublishedNomi
   remember_what_was_seen(study.series, nominal.criterion, error_of_a_reading_N(out.nominal_errors), plain_nominal,
                          out.nominal);
   remember_what_was_seen(study.series, publication.model.criterion, error_of_a_reading_N(out.model_errors),
-                         plain_nominal, out.model);
+                         plain_nominal, out.model, out.model_share);
 }
 
 /// Takes the nominal model back where rows are too few to leave some out and check a name by them; why, if something

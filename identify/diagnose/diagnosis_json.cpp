@@ -120,6 +120,7 @@ void add_heldout(ordered_json& json, const Diagnosis& d) {
   json["heldout"] = ordered_json::array();
   for (const LeftOut& one : d.heldout.left_out) json["heldout"].push_back(left_out_json(one));
   json["heldout_each"] = blocks_json(d.heldout.each_block);
+  json["model_share"] = d.model_share;
   json["not_modelled"] = nullptr;
   if (!d.not_modelled.why.empty()) {
     json["not_modelled"] = {{"names", d.not_modelled.names}, {"why", d.not_modelled.why}, {"decided_by", nullptr}};

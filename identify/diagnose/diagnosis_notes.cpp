@@ -106,6 +106,10 @@ void add_notes(const Study& study, const Fit& nominal_fit, Diagnosis& out) {
     note_unfinished_fit(study, study.selection.chosen().fit, "model with what it lacked", out);
   note_states(out);
   if (!out.not_modelled.why.empty()) out.notes.push_back(out.not_modelled.text());
+  if (!out.why_share.empty())
+    out.notes.push_back(
+        base::formatted("Of what model.toml has beyond the nominal model it predicts %.0f %%. With all of it, %s.",
+                        100.0 * out.model_share, out.why_share.c_str()));
   if (out.nominal.has("spring") && out.nominal.has("maxwell"))
     out.notes.emplace_back(
         "A spring in series with the specimen (grips, load cell, frame) turns this model into another of the same "

@@ -160,6 +160,45 @@ std::string unphysical(const model::ModelSpec& spec, std::span<const Series> ser
   return {};
 }
 
+/// A model that passed, at the largest share at which it does.
+struct Passed {
+  Candidate candidate;
+  HeldoutStudy study;
+  double share = 1.0;
+  std::string why_share;
+
+  /// Squares that the model leaves more than the nominal one, over everything that was left out.
+  [[nodiscard]] double more_N2() const {
+    double sum = study.all ? study.all->more_N2 : 0.0;
+    for (const LeftOut& row : study.left_out) sum += row.more_N2;
+    return sum;
+  }
+};
+
+/// The candidate at the largest share at which nothing left out is predicted worse; nothing below the least share.
+/// `against`: the row that spoke against all of it.
+std::optional<Passed> at_largest_share(const LeaveOut& leave_out, const Candidate& candidate, const Candidate& nominal,
+                                       bool only_noise, double noise_N, std::optional<LeftOut>& against) {
+  constexpr int kSteps = 10;
+  const LeaveOut::Predictions predictions =
+      leave_out.predict(learn_again_if_shown(candidate.spec, candidate.criterion, nominal.spec, nominal.criterion),
+                        candidate.criterion.noise);
+  for (int step = kSteps; step > 0; --step) {
+    const double share = static_cast<double>(step) / kSteps;
+    if (share < deciding().least_share) return std::nullopt;
+    HeldoutStudy study = leave_out.study(candidate.spec, predictions, share);
+    std::vector<LeftOut> rows = study.left_out;
+    if (study.all) rows.push_back(*study.all);
+    // A covariance that takes up an error of the model says nothing about noise in its numbers.
+    if (!only_noise)
+      for (LeftOut& row : rows) row.learning_N2 = 0.0;
+    const auto found = std::ranges::find_if(rows, [&](const LeftOut& row) { return worse(row, noise_N); });
+    if (found == rows.end()) return Passed{candidate, std::move(study), share, against ? text_of(*against) : ""};
+    if (!against) against = *found;
+  }
+  return std::nullopt;
+}
+
 Publication publish(const Search& search, const Selection& selection, const LeaveOut& leave_out, const Candidate& whole,
                     const Candidate& nominal, double noise_N, const std::vector<const model::Physics*>& doubted) {
   Publication out;
@@ -175,40 +214,39 @@ Publication publish(const Search& search, const Selection& selection, const Leav
   const Problem& problem = search.instrument_problem();
   const double white_N = search.instrument().white_N;
   const double nominal_N = rms_of_all_N(problem, nominal.spec, white_N);
+  std::optional<Passed> passed;
   for (; candidate; candidate = smaller(search, selection, *candidate)) {
     std::string why = unphysical(candidate->spec, problem.series(), noise_N);
     std::optional<LeftOut> decided_by;
     const double model_N = rms_of_all_N(problem, candidate->spec, white_N);
     if (why.empty()) why = worse_where_fitted(model_N, nominal_N, noise_N);
     if (why.empty()) {
-      HeldoutStudy study = leave_out.study(
-          candidate->spec, learn_again_if_shown(candidate->spec, candidate->criterion, nominal.spec, nominal.criterion),
-          candidate->criterion.noise);
-      std::vector<LeftOut> rows = study.left_out;
-      if (study.all) rows.push_back(*study.all);
-      // A covariance that takes up an error of the model says nothing about noise in its numbers.
-      if (model_N > deciding().only_noise_ratio * noise_N)
-        for (LeftOut& row : rows) row.learning_N2 = 0.0;
-      const auto found = std::ranges::find_if(rows, [&](const LeftOut& row) { return worse(row, noise_N); });
-      if (found == rows.end()) {
-        out.heldout = std::move(study);
-        break;
-      }
-      decided_by = *found;
-      why = text_of(*found);
+      auto found = at_largest_share(leave_out, *candidate, nominal, model_N <= deciding().only_noise_ratio * noise_N,
+                                    noise_N, decided_by);
+      const bool all_of_it = found && found->share == 1.0;
+      if (found && (!passed || found->more_N2() < passed->more_N2())) passed = std::move(found);
+      if (all_of_it) break;
+      why = text_of(*decided_by);
     }
     if (!out.why.empty()) continue;
     out.why = std::move(why);
     out.decided_by = std::move(decided_by);
   }
-  if (!candidate) {
-    candidate = nominal;
-    out.heldout = leave_out.study_of_nominal(nominal.spec);
+  candidate = passed ? std::move(passed->candidate) : nominal;
+  out.heldout = passed ? std::move(passed->study) : leave_out.study_of_nominal(nominal.spec);
+  if (passed) {
+    out.share = passed->share;
+    out.why_share = std::move(passed->why_share);
   }
   for (const auto* effect : selection.chosen().effects)
     if (std::ranges::find(candidate->effects, effect) == candidate->effects.end())
       out.located_only.emplace_back(effect->name);
   if (candidate->described_by != whole.described_by) out.located_only.push_back(whole.described_by);
+  // A share of everything that was found: nothing is without a model, and what spoke against all of it is why_share.
+  if (out.located_only.empty()) {
+    out.why.clear();
+    out.decided_by.reset();
+  }
   // A memory or product that was found beside the nominal model and not beside the effects: they are named and not
   // modelled.
   if (out.why.empty() && !out.located_only.empty())

@@ -91,6 +91,8 @@ struct Diagnosis {
   /// Their numbers with 95 % intervals, of every part in the order of the model.
   std::vector<std::vector<NamedValue>> nominal_numbers, model_numbers;
   NotModelled not_modelled;
+  double model_share = 1.0;                ///< of what `model` has beyond `nominal`, what it predicts (publish.hpp)
+  std::string why_share;                   ///< what speaks against all of it; "" at 1
   std::optional<Unjudged> unjudged;        ///< of the verdict cannot_judge
   Design design;                           ///< what would settle it, when explanations are tied
   std::string described_by;                ///< variable of the table that stands for unknown physics

@@ -252,13 +252,27 @@ HeldoutStudy LeaveOut::compared(const model::ModelSpec& model, const std::vector
   return study;
 }
 
-HeldoutStudy LeaveOut::study(const model::ModelSpec& model, const Learner& learner, const NoiseModel& noise) const {
-  const std::vector<Prediction> kinds = predict_kinds(learner);
-  HeldoutStudy study = compared(model, predict_blocks(series_, learner, cached_->blocks, threads_), kinds);
-  base::parallel_for(kinds.size(), threads_, [&](std::size_t i) {
-    LeftOut& row = study.left_out[i];
-    if (row.more_N2 > 0.0) row.learning_N2 = learning_error_N2(series_, kinds[i].spec, noise, cached_->kinds[i].out);
+LeaveOut::Predictions LeaveOut::predict(const Learner& learner, const NoiseModel& noise) const {
+  Predictions out{predict_blocks(series_, learner, cached_->blocks, threads_), predict_kinds(learner), {}};
+  out.learning_N2.assign(out.kinds.size(), 0.0);
+  base::parallel_for(out.kinds.size(), threads_, [&](std::size_t i) {
+    if (out.kinds[i].squares_N2 > cached_->nominal_kinds[i].squares_N2)
+      out.learning_N2[i] = learning_error_N2(series_, out.kinds[i].spec, noise, cached_->kinds[i].out);
   });
+  return out;
+}
+
+HeldoutStudy LeaveOut::study(const model::ModelSpec& model, const Predictions& predictions, double share) const {
+  const auto shared = [&](const std::vector<Prediction>& nominal, std::vector<Prediction> with) {
+    if (share < 1.0)
+      for (std::size_t i = 0; i < with.size(); ++i) with[i] = mixed(nominal[i], with[i], share);
+    return with;
+  };
+  HeldoutStudy study = compared(model, shared(cached_->nominal_blocks, predictions.blocks),
+                                shared(cached_->nominal_kinds, predictions.kinds));
+  // Noise in the numbers moves the force of the model, and of that a share is predicted.
+  for (std::size_t i = 0; i < study.left_out.size(); ++i)
+    study.left_out[i].learning_N2 = share * share * predictions.learning_N2[i];
   return study;
 }
 

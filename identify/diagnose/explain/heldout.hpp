@@ -53,9 +53,21 @@ class LeaveOut {
   LeaveOut(const LeaveOut&) = delete;
   LeaveOut& operator=(const LeaveOut&) = delete;
 
-  /// `model` with the numbers that it has from everything, `noise` that it is learnt under.
+  /// What is left out, as a model predicts it.
+  struct Predictions {
+    std::vector<Prediction> blocks, kinds;
+    std::vector<double> learning_N2;  ///< of each kind (LeftOut)
+  };
+  /// `noise` that the model is learnt under.
+  [[nodiscard]] Predictions predict(const Learner& learner, const NoiseModel& noise) const;
+  /// `model` with the numbers that it has from everything; `share` of what it has beyond the nominal model is
+  /// predicted.
+  [[nodiscard]] HeldoutStudy study(const model::ModelSpec& model, const Predictions& predictions,
+                                   double share = 1.0) const;
   [[nodiscard]] HeldoutStudy study(const model::ModelSpec& model, const Learner& learner,
-                                   const NoiseModel& noise) const;
+                                   const NoiseModel& noise) const {
+    return study(model, predict(learner, noise));
+  }
   /// The nominal model against itself.
   [[nodiscard]] HeldoutStudy study_of_nominal(const model::ModelSpec& nominal) const;
 

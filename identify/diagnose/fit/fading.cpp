@@ -67,7 +67,7 @@ ReadingNoise noise_of(const Excitation& excitation) {
 }
 
 Fading::Fading(const ModelSpec& spec, double nominal_pressure_psi, const ReadingNoise& noise)
-    : watched_{}, nominal_psi_(nominal_pressure_psi) {
+    : watched_{}, share_(spec.seen->share), nominal_psi_(nominal_pressure_psi) {
   const double noises = deciding().outside_noises, sum = deciding().outside_sum_share;
   const model::Seen& seen = *spec.seen;
   const bool pressure = spec.reads_pressure() && noise.has_pressure;
@@ -91,7 +91,7 @@ Fading::Belief Fading::next(const model::Instant& now) {
                              watched_[3].distance(travelled_mm_), watched_[4].distance(now.t_s - start_s_)});
   // From `gone_` on only the nominal model predicts, and d is held there, so that its band stops growing. A range of no
   // width (constant pressure, no motion) would otherwise give a d in the hundreds.
-  return {std::min(d, gone_), std::clamp((gone_ - d) / (gone_ - holds_), 0.0, 1.0)};
+  return {std::min(d, gone_), share_ * std::clamp((gone_ - d) / (gone_ - holds_), 0.0, 1.0)};
 }
 
 std::vector<std::string> Fading::notes() const {

@@ -25,9 +25,11 @@ struct ReadingNoise {
 /// the largest over position, velocity, pressure (where a part reads it), travel and duration (where a part counts
 /// them, model::Counts), and F0 the nominal model's force,
 ///
-///     F_predicted = F0 + w (F - F0)
+///     F_predicted = F0 + s w (F - F0)
 ///     w = 1 up to d = 1.5, 0 from d = 4 on, straight between them    laws
 ///     w = 1 at d = 0, 0 from d = 0.5 on                              with a table or a memory, which is no law
+///
+/// with s the share that left-out readings bear (model::Seen::share, mostly 1). The weight here is s w.
 ///
 /// Laws may be extrapolated further than tables: friction at twice the velocity is still friction. Less than five
 /// noises of position and pressure, 5 % of the velocity (what two reconstructions of one motion differ by at its
@@ -63,6 +65,7 @@ class Fading {
     [[nodiscard]] double distance(double value);
   };
   std::array<Watched, 5> watched_;
+  double share_;
   double holds_, gone_;  ///< distances up to which the weight is one, and from which it is zero
   double nominal_psi_, start_s_ = 0.0, travelled_mm_ = 0.0;
   std::size_t rows_ = 0;

@@ -75,10 +75,16 @@ std::vector<bool> bins_of_fold(const Blocks& blocks, std::size_t fold) {
   return out;
 }
 
-void add_bin(Prediction& to, double readings, double error_N) {
-  to.squares_N2 += readings * error_N * error_N;
-  to.readings += readings;
-  to.bins += readings > 0.0 ? 1.0 : 0.0;
+/// Bins of one stroke follow each other.
+void add_bin(Prediction& to, const LeftOutBin& bin) {
+  if (bin.readings <= 0.0) return;
+  const double squares_N2 = bin.readings * bin.error_N * bin.error_N;
+  to.squares_N2 += squares_N2;
+  to.readings += bin.readings;
+  to.bins += 1.0;
+  if (to.each_bin.empty() || to.each_bin.back().stroke != bin.stroke) to.squares_of_stroke.push_back(0.0);
+  to.squares_of_stroke.back() += squares_N2;
+  to.each_bin.push_back(bin);
 }
 
 }  // namespace
@@ -98,16 +104,10 @@ Prediction predict_left_out(std::span<const Series> series, const Learner& learn
                             const Blocks& strokes) {
   Relearnt relearnt = learn_without(series, learner, out);
   Prediction prediction;
-  std::size_t row = 0, stroke = strokes.count;
+  std::size_t row = 0;
   for (const Series& each : series) {
     for (const double count : each.count) {
-      if (out[row] && count > 0.0) {
-        if (strokes.of_bin[row] != stroke) prediction.squares_of_stroke.push_back(0.0);
-        stroke = strokes.of_bin[row];
-        const double before_N2 = prediction.squares_N2;
-        add_bin(prediction, count, relearnt.error_N[static_cast<Eigen::Index>(row)]);
-        prediction.squares_of_stroke.back() += prediction.squares_N2 - before_N2;
-      }
+      if (out[row]) add_bin(prediction, {count, relearnt.error_N[static_cast<Eigen::Index>(row)], strokes.of_bin[row]});
       ++row;
     }
   }
@@ -136,6 +136,18 @@ double learning_error_N2(std::span<const Series> series, const model::ModelSpec&
   return std::max(sum, 0.0);
 }
 
+Prediction mixed(const Prediction& nominal, const Prediction& model, double share) {
+  Prediction out;
+  out.spec = model.spec;
+  if (out.spec.seen) out.spec.seen->share = share;
+  for (std::size_t i = 0; i < model.each_bin.size(); ++i) {
+    LeftOutBin bin = model.each_bin[i];
+    bin.error_N = share * bin.error_N + (1.0 - share) * nominal.each_bin[i].error_N;
+    add_bin(out, bin);
+  }
+  return out;
+}
+
 std::vector<bool> left_out_with(const Blocks& blocks, std::size_t block) {
   return bins_of_fold(blocks, fold_of(blocks, block));
 }
@@ -150,7 +162,9 @@ std::vector<Prediction> predict_blocks(std::span<const Series> series, const Lea
     std::size_t row = 0;
     for (const Series& each : series) {
       for (const double count : each.count) {
-        if (out[row]) add_bin(predictions[blocks.of_bin[row]], count, relearnt.error_N[static_cast<Eigen::Index>(row)]);
+        if (out[row])
+          add_bin(predictions[blocks.of_bin[row]],
+                  {count, relearnt.error_N[static_cast<Eigen::Index>(row)], blocks.of_bin[row]});
         ++row;
       }
     }

@@ -25,6 +25,13 @@ using Learner = std::function<model::ModelSpec(std::span<const Series> kept)>;
 /// The same recordings; bins marked in `out` have no readings. All series in a row.
 [[nodiscard]] std::vector<Series> without(std::span<const Series> series, const std::vector<bool>& out);
 
+/// A bin that was left out and has readings.
+struct LeftOutBin {
+  double readings = 0.0;
+  double error_N = 0.0;  ///< measured minus predicted
+  std::size_t stroke = 0;
+};
+
 /// The error of a model in bins that it was not fitted to.
 struct Prediction {
   model::ModelSpec spec;    ///< as learnt without them
@@ -32,6 +39,7 @@ struct Prediction {
   double readings = 0.0;
   double bins = 0.0;                      ///< left out, with readings in them
   std::vector<double> squares_of_stroke;  ///< the same squares by stroke, for those that are left out
+  std::vector<LeftOutBin> each_bin;       ///< in the order of time
 
   /// rms of a single reading. The mean of n readings carries 1/n of their white variance, so that the squares of B
   /// bins of R readings lack white^2 (R - B): it is added back. 0 when nothing was left out.
@@ -42,6 +50,10 @@ struct Prediction {
 /// `strokes` numbers the bins for `squares_of_stroke`.
 [[nodiscard]] Prediction predict_left_out(std::span<const Series> series, const Learner& learner,
                                           const std::vector<bool>& out, const Blocks& strokes);
+
+/// What `share` of the model and the rest of the nominal model predict together, of the same bins: the errors add up as
+/// the forces do.
+[[nodiscard]] Prediction mixed(const Prediction& nominal, const Prediction& model, double share);
 
 /// The squares, summed over the readings marked in `out`, by which a prediction is expected to err merely because the
 /// numbers of `learnt` come from noisy readings, those that are kept:

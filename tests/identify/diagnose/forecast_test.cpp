@@ -111,6 +111,28 @@ TEST_F(Forecasts, BeyondWhatWasSeenFadeToTheNominalModelAndSayItsRange) {
   EXPECT_GT(widest, 5.0 * narrowest);
 }
 
+/// Of a model that left-out readings do not bear whole, its share is predicted, and the band holds the rest.
+TEST_F(Forecasts, PredictTheShareThatTheModelSays) {
+  model::ModelSpec spec = learnt();
+  spec.seen->share = 0.7;
+  spec = model::parse_model(model::model_text(spec), "here");
+  ASSERT_DOUBLE_EQ(spec.seen->share, 0.7);
+  const Excitation excitation = stretched(1.0);
+  const Forecast out = forecast(spec, excitation), whole = forecast(learnt(), excitation);
+  const std::vector<double> nominal_N = simulated({"nominal", learnt().seen->nominal}, excitation);
+  double largest_N = 0.0;
+  for (std::size_t k = 0; k < nominal_N.size(); ++k) {
+    const double beyond_N = whole.force_N[k] - nominal_N[k];
+    EXPECT_NEAR(out.force_N[k], nominal_N[k] + 0.7 * beyond_N, 1e-9);
+    EXPECT_NEAR(out.high95_N[k] - out.low95_N[k], whole.high95_N[k] - whole.low95_N[k] + 0.6 * std::fabs(beyond_N),
+                1e-9);
+    largest_N = std::max(largest_N, std::fabs(beyond_N));
+  }
+  EXPECT_GT(largest_N, 0.1);
+  spec.seen->share = 1.0;
+  EXPECT_EQ(model::model_text(spec).find("share = "), std::string::npos) << "a model that is whole does not say so";
+}
+
 /// A session whose recording begins with its filling: a fit has the rows after it alone.
 TEST_F(Forecasts, CountTimeAndTravelFromTheSessionsBegin) {
   const model::Physics& drift = *model::find_physics("zero_drift");
@@ -209,7 +231,7 @@ TEST(EveryModelOfASearch, IsWrittenReadPredictedAndRunByTheSimulatedRig) {
     const std::vector<model::Part> nominal = spec.parts;
     spec.parts.push_back(part);
     model::fill_from_recording(spec.parts.back(), excitation.reference);
-    spec.seen = model::Seen{-5.0, 5.0, 100.0, 1e4, 0.0, 40.0, 1e4, 0.03, {}, nominal};
+    spec.seen = model::Seen{-5.0, 5.0, 100.0, 1e4, 0.0, 40.0, 1e4, 0.03, 1.0, {}, nominal};
     const std::size_t n = fitted_numbers(spec).size();
     spec.seen->covariance.assign(n * (n + 1) / 2, 0.0);
     const std::string text = model::model_text(spec, "written");

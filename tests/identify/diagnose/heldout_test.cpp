@@ -11,6 +11,7 @@
 #include <set>
 
 #include "concealed_specimen.hpp"
+#include "identify/diagnose/fit/fading.hpp"
 #include "identify/diagnose/fit/left_out.hpp"
 #include "identify/diagnose/fit/moves.hpp"
 #include "identify/diagnose/search/published.hpp"
@@ -130,6 +131,38 @@ TEST_F(Heldout, AMoveIsPredictedByAFitThatDidNotSeeIt) {
   for (std::size_t k = 0; k < out.size(); ++k)
     if (out[k]) readings += changed[0].count[k];
   EXPECT_DOUBLE_EQ(missed.readings, readings);
+}
+
+/// The mixture of two predictions, once by their errors and once by a model that says its share.
+TEST_F(Heldout, AShareOfAModelErrsAsTheModelThatPredictsIt) {
+  const MoveNumbers moves = number_moves(series_);
+  std::vector<bool> out;
+  for (const std::size_t move : moves.of_bin) out.push_back(move % 4 == 2);
+  const Blocks strokes = strokes_of(series_);
+  const Learner learn_nominal = refit(nominal_, kWhite), learn_model = refit(model_, kWhite);
+  const auto at = [&](double share) {
+    return [&, share](std::span<const Series> kept) {
+      model::ModelSpec spec = learn_model(kept);
+      spec.seen = ranges_of(kept);
+      spec.seen->nominal = learn_nominal(kept).parts;
+      spec.seen->share = share;
+      return spec;
+    };
+  };
+  const Prediction nominal = predict_left_out(series_, learn_nominal, out, strokes);
+  const Prediction whole = predict_left_out(series_, at(1.0), out, strokes);
+  const Prediction direct = predict_left_out(series_, at(0.6), out, strokes);
+  const Prediction by_errors = mixed(nominal, whole, 0.6);
+  EXPECT_GT(nominal.squares_N2, 2.0 * direct.squares_N2);
+  EXPECT_GT(direct.squares_N2, 2.0 * whole.squares_N2);
+  EXPECT_NEAR(by_errors.squares_N2, direct.squares_N2, 1e-9 * direct.squares_N2);
+  EXPECT_EQ(by_errors.readings, direct.readings);
+  EXPECT_EQ(by_errors.bins, direct.bins);
+  EXPECT_EQ(by_errors.spec.seen->share, 0.6);
+  ASSERT_EQ(by_errors.squares_of_stroke.size(), direct.squares_of_stroke.size());
+  ASSERT_GT(direct.squares_of_stroke.size(), 1U);
+  for (std::size_t i = 0; i < direct.squares_of_stroke.size(); ++i)
+    EXPECT_NEAR(by_errors.squares_of_stroke[i], direct.squares_of_stroke[i], 1e-9 * direct.squares_N2);
 }
 
 TEST_F(Heldout, WhatNoiseInTheNumbersCostsIsForeseen) {

@@ -202,6 +202,8 @@ TEST_F(Publish, AWanderingZeroIsHandedOutOnlyWhereItIsBelieved) {
 TEST_F(Publish, AModelThatPredictsIsHandedOutWhole) {
   const Publication out = published(whole_);
   EXPECT_EQ(out.why, "");
+  EXPECT_EQ(out.share, 1.0);
+  EXPECT_EQ(out.why_share, "");
   EXPECT_TRUE(out.located_only.empty());
   EXPECT_TRUE(out.model.spec.has("coulomb_friction"));
   for (const LeftOut& one : out.heldout.left_out) EXPECT_FALSE(worse(one, kNoise_N)) << one.by << ' ' << one.value;
@@ -248,6 +250,43 @@ TEST_F(PublishOfTwo, WithoutTheEffectThatPredictsTheOtherRecordingWorse) {
   EXPECT_EQ(out.located_only, std::vector<std::string>{"coulomb_friction"});
   EXPECT_FALSE(out.model.spec.has("coulomb_friction"));
   EXPECT_TRUE(out.model.spec.has("strain_stiffening"));
+}
+
+/// The friction of the second session is a third of the first's. Learnt in the first it errs by 0.53 N in the second,
+/// the nominal model by 0.27 N: a share s of it errs by |0.27 - 0.8 s|, which is no more up to s = 0.675.
+class PublishAShare : public Publish {
+ protected:
+  PublishAShare() : Publish({{.friction_N = 0.8, .seed = 12}, {.friction_N = 0.27, .seed = 13}}) {}
+};
+
+TEST_F(PublishAShare, OfWhatErrsTooMuchInOneRecording) {
+  const Publication out = published(whole_);
+  EXPECT_EQ(out.why, "");
+  EXPECT_TRUE(out.located_only.empty());
+  EXPECT_TRUE(out.model.spec.has("coulomb_friction"));
+  // The largest share in steps of a tenth that is nowhere worse.
+  const LeaveOut leave_out(series_, kNoise_N, learn_again(nominal_.spec, nominal_.criterion), 2);
+  const auto predictions =
+      leave_out.predict(learn_again_if_shown(whole_.spec, whole_.criterion, nominal_.spec, nominal_.criterion), kWhite);
+  const auto any_worse = [&](double share) {
+    return std::ranges::any_of(leave_out.study(whole_.spec, predictions, share).left_out,
+                               [](const LeftOut& row) { return worse(row, kNoise_N); });
+  };
+  EXPECT_LT(out.share, 0.95);
+  EXPECT_GE(out.share, 0.5);
+  EXPECT_FALSE(any_worse(out.share));
+  EXPECT_TRUE(any_worse(out.share + 0.1));
+  EXPECT_NE(out.why_share.find(" is left out it errs by "), std::string::npos) << out.why_share;
+  double more_N2 = 0.0;
+  for (const LeftOut& one : out.heldout.left_out) {
+    EXPECT_FALSE(worse(one, kNoise_N)) << one.by << ' ' << one.value;
+    more_N2 += one.more_N2;
+  }
+  EXPECT_LT(more_N2, 0.0) << "it helps";
+  for (const LeftOutStretch& drawn : out.heldout.to_draw) {
+    if (!drawn.model.seen) continue;
+    EXPECT_DOUBLE_EQ(drawn.model.seen->share, out.share);
+  }
 }
 
 TEST_F(Publish, WithoutTheMemoryThatIsNotPhysical) {
