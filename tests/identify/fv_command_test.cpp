@@ -317,8 +317,8 @@ TEST_F(FvCommand, AlignMakesARecordingOfTwoStreams) {
 
   for (double& v : separate.pressure->pressure_psi) v = 10.0 + 0.01 * std::sin(1e5 * v);
   const auto flat = save(separate, "flat");
-  const Outcome refused =
-      isorig("align " + (flat / "frame.csv").string() + " " + (flat / "pressure.csv").string() + out());
+  const Outcome refused = isorig("align " + (flat / "frame.csv").string() + " " + (flat / "pressure.csv").string() +
+                                 " --out " + (folder_ / "flat-out").string());
   EXPECT_EQ(refused.code, 1);
   EXPECT_THAT(refused.text, HasSubstr("Not aligned"));
 }
