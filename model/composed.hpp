@@ -36,6 +36,11 @@ struct Seen {
   std::vector<Part> nominal;  ///< the nominal model, which it fades to
 };
 
+/// What is predicted where the nominal model gives `nominal_N` and the whole model `model_N`, inside of what was seen.
+[[nodiscard]] constexpr double predicted_N(const Seen& seen, double nominal_N, double model_N) noexcept {
+  return nominal_N + seen.share * (model_N - nominal_N);
+}
+
 /// A whole model: which parts, with which numbers. Order of the parts within a stage is kept; the stages
 /// order themselves.
 struct ModelSpec {

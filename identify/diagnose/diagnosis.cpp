@@ -208,7 +208,12 @@ void publish_model(const Search& search, const Study& study, const PublishedNomi
   out.not_modelled = {std::move(publication.located_only), std::move(publication.why),
                       std::move(publication.decided_by)};
   out.nominal_errors = {rmse_N(out.nominal, study), {}};
-  out.model_errors = {rmse_N(out.model, study), {}};
+  model::ModelSpec predicts = out.model;
+  if (out.model_share < 1.0) {
+    predicts.seen.emplace().share = out.model_share;
+    predicts.seen->nominal = out.nominal.parts;
+  }
+  out.model_errors = {rmse_N(predicts, study), {}};
   if (out.heldout.all) {
     out.nominal_errors.heldout_rmse_N = out.heldout.all->nominal_rmse_N;
     out.model_errors.heldout_rmse_N = out.heldout.all->model_rmse_N;

@@ -82,7 +82,7 @@ SimulatedForce simulate(const Series& series, const std::vector<bool>& usable, c
     out.velocity_mm_s.push_back(instant.velocity_mm_s);
     out.force_N.push_back(series.recording.frame.force_N[k]);
     out.nominal_N.push_back(nominal[k]);
-    out.model_N.push_back(model[k]);
+    out.model_N.push_back(d.model.seen ? predicted_N(*d.model.seen, nominal[k], model[k]) : model[k]);
   }
   return out;
 }

@@ -134,7 +134,8 @@ void add_nominal_growth(const PooledCampaign& c, std::vector<std::string>& out) 
       std::ranges::any_of(c.quantities, [](const Quantity& q) { return q.pooled.slope.has_value(); });
   if (c.pressures_psi.size() > 1 && !c.quantities.empty() && !any_slope)
     out.emplace_back(
-        "Whether anything grows with the pressure they cannot tell: no actuator was recorded at two pressures, "
+        "Whether anything grows with the pressure they cannot tell: no number is known of one actuator at two "
+        "pressures, "
         "and what differs may be the actuators.");
 }
 

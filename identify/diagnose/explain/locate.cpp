@@ -241,7 +241,10 @@ std::vector<Place> locate(const Problem& problem, const model::ModelSpec& nomina
   const auto series = problem.series();
   const Covariates covariates = covariates_of(series);
   const Eigen::VectorXd nominal_N = problem.target() - problem.predict(nominal);
-  const Eigen::VectorXd model_N = problem.target() - problem.predict(model);
+  Eigen::VectorXd model_N = problem.target() - problem.predict(model);
+  if (model.seen)
+    for (Eigen::Index i = 0; i < model_N.size(); ++i)
+      model_N[i] = predicted_N(*model.seen, nominal_N[i], model_N[i]);  // errors add up as the forces do
   std::vector<Error> errors;
   for (Eigen::Index i = 0; i < residual.size(); ++i)
     errors.push_back({nominal_N[i], model_N[i], covariates.readings[static_cast<std::size_t>(i)]});

@@ -169,8 +169,14 @@ RowErrors row_errors(const ModelSpec& spec, const Series& series, const std::vec
   RowErrors out;
   model::RunningModel running(spec, series.excitation.reference);
   running.reset(series.excitation.instants.front());
+  std::optional<model::RunningModel> nominal;
+  if (spec.seen && spec.seen->share < 1.0)
+    nominal.emplace(ModelSpec{spec.name, spec.seen->nominal}, series.excitation.reference);
+  if (nominal) nominal->reset(series.excitation.instants.front());
   for (std::size_t k = 0; k < series.excitation.instants.size(); ++k) {
-    const double e = series.recording.frame.force_N[k] - running.step(series.excitation.instants[k]);
+    double force_N = running.step(series.excitation.instants[k]);
+    if (nominal) force_N = predicted_N(*spec.seen, nominal->step(series.excitation.instants[k]), force_N);
+    const double e = series.recording.frame.force_N[k] - force_N;
     if (!usable.empty() && !usable[k]) continue;
     out.squares_N2 += e * e;
     ++out.rows;

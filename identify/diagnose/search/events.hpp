@@ -44,7 +44,8 @@ struct EventPlace {
 /// event's own recording that `usable`, one list a recording, marks.
 void place_events(model::ModelSpec& spec, std::span<const Series> series, const std::vector<std::vector<bool>>& usable);
 
-/// rms of measured minus simulated force over the usable rows of one recording; with their number.
+/// Squares of measured minus predicted force (a model's share of it, model::Seen) over the usable rows of one
+/// recording; with their number.
 struct RowErrors {
   double squares_N2 = 0.0;
   std::size_t rows = 0;

@@ -11,9 +11,11 @@
 #include <set>
 
 #include "concealed_specimen.hpp"
+#include "identify/diagnose/explain/locate.hpp"
 #include "identify/diagnose/fit/fading.hpp"
 #include "identify/diagnose/fit/left_out.hpp"
 #include "identify/diagnose/fit/moves.hpp"
+#include "identify/diagnose/search/events.hpp"
 #include "identify/diagnose/search/published.hpp"
 #include "model/catalogue.hpp"
 
@@ -163,6 +165,30 @@ TEST_F(Heldout, AShareOfAModelErrsAsTheModelThatPredictsIt) {
   ASSERT_GT(direct.squares_of_stroke.size(), 1U);
   for (std::size_t i = 0; i < direct.squares_of_stroke.size(); ++i)
     EXPECT_NEAR(by_errors.squares_of_stroke[i], direct.squares_of_stroke[i], 1e-9 * direct.squares_N2);
+}
+
+/// What is stated of the readings that were fitted is of the force that is predicted, not of the whole model's.
+TEST_F(Heldout, TheErrorOfAShareIsThatOfItsPrediction) {
+  model::ModelSpec shared = model_;
+  shared.seen.emplace().share = 0.6;
+  shared.seen->nominal = nominal_.parts;
+  const Excitation& excitation = series_[0].excitation;
+  model::RunningModel model(model_, excitation.reference), nominal(nominal_, excitation.reference);
+  model.reset(excitation.instants.front());
+  nominal.reset(excitation.instants.front());
+  double squares_N2 = 0.0;
+  for (std::size_t k = 0; k < excitation.instants.size(); ++k) {
+    const double with_N = model.step(excitation.instants[k]), without_N = nominal.step(excitation.instants[k]);
+    squares_N2 += std::pow(series_[0].recording.frame.force_N[k] - 0.6 * with_N - 0.4 * without_N, 2);
+  }
+  const double whole_N2 = row_errors(model_, series_[0], {}).squares_N2;
+  EXPECT_NEAR(row_errors(shared, series_[0], {}).squares_N2, squares_N2, 1e-9 * squares_N2);
+  EXPECT_GT(squares_N2, 2.0 * whole_N2);
+
+  const auto error_in_first_place = [&](const model::ModelSpec& spec) {
+    return locate(problem_, nominal_, spec, 1.0).at(0).model_rmse_N;
+  };
+  EXPECT_GT(error_in_first_place(shared), 1.5 * error_in_first_place(model_));
 }
 
 TEST_F(Heldout, WhatNoiseInTheNumbersCostsIsForeseen) {

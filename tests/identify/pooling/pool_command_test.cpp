@@ -106,6 +106,18 @@ TEST_F(PoolCommand, SaysWhatTheActuatorsShare) {
   EXPECT_THAT(page, HasSubstr("../a10_20/diagnosis.json"));
 }
 
+/// Two actuators, each at a pressure of its own: the sentence is there, a growth is not.
+TEST_F(PoolCommand, SaysThatPressureAndActuatorCannotBeToldApart) {
+  constexpr const char* kCannot = "Whether anything grows with the pressure they cannot tell";
+  put("a1_again", diagnosis("Actuator1", 5, 2, true));
+  const Said apart = isorig_pool((folder_ / "a1_5").string() + " " + (folder_ / "a1_again").string() + " " +
+                                 (folder_ / "a3_20").string() + " --out " + (folder_ / "out").string());
+  EXPECT_EQ(apart.code, 0) << apart.text;
+  EXPECT_THAT(apart.text, HasSubstr(kCannot));
+  EXPECT_THAT(apart.text, testing::Not(HasSubstr("grows with the pressure by")));
+  EXPECT_THAT(with("").text, testing::Not(HasSubstr(kCannot)));
+}
+
 /// Recordings of which nothing is known are not recordings in which nothing is missing.
 TEST_F(PoolCommand, UnknownAndUnjudgedAreNotNothingMissing) {
   for (const auto& [verdict, lead] :
