@@ -45,9 +45,12 @@ std::string possible(const Diagnosis& d) {
 std::string residuals(const Diagnosis& d) {
   const double nominal_N = d.nominal_errors.train_rmse_N, model_N = d.model_errors.train_rmse_N;
   const bool upper_limit = d.noise_source != NoiseSource::kRests && d.noise_N > model_N;
+  // Left-out readings bear a part of it (publish.hpp); the note of the page says which of them speaks against the rest.
+  const std::string share = d.model_share < 1.0 ? number_text(100.0 * d.model_share, 2) + " % of " : "";
   return "The residual of the nominal model is " + number_text(nominal_N, 3) + " N rms, " +
-         (d.not_modelled.why.empty() || model_N != nominal_N ? "with what it lacks " + number_text(model_N, 3) + " N; "
-                                                             : "and nothing of what it lacks is modelled; ") +
+         (d.not_modelled.why.empty() || model_N != nominal_N
+              ? "with " + share + "what it lacks " + number_text(model_N, 3) + " N; "
+              : "and nothing of what it lacks is modelled; ") +
          (upper_limit ? "without rests the force channel's noise is only known to be at most "
                       : "the force channel's own noise is ") +
          number_text(d.noise_N, 3) + " N.";

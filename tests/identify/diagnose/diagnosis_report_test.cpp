@@ -129,6 +129,9 @@ TEST_F(Lead, ANameThatIsLikelierThanNotIsLackingAndAnotherOnePerhaps) {
       "nominal model is 0.5 N rms, with what it lacks 0.02 N; the force channel's own noise is 0.01 N. 3 % of what "
       "the nominal model misses stays unexplained.");
   d_.missing.front().probability = 0.45;
+  d_.model_share = 0.9;
+  EXPECT_THAT(lead_text(d_, ""), testing::HasSubstr("0.5 N rms, with 90 % of what it lacks 0.02 N; "));
+  d_.model_share = 1.0;
   EXPECT_THAT(lead_text(d_, ""),
               testing::StartsWith("The model lacks something, and no name for it is likelier than not; "
                                   "the nearest is dry friction (0.45) and a force reading that lags"));
