@@ -46,6 +46,19 @@ Strokes strokes(double seconds = 20.0) {
   return out;
 }
 
+/// Of a regulator that brings the pressure back at 1.5 per second after each stroke; a reading beside every position.
+std::vector<double> pressure_beside(const Strokes& made) {
+  std::mt19937 random(7);
+  std::normal_distribution<double> noise_psi(0.0, 0.002);
+  std::vector<double> pressure_psi(made.t_s.size(), 10.0);
+  double response_mm = 0.0;
+  for (std::size_t i = 1; i < made.t_s.size(); ++i) {
+    response_mm = response_mm * std::exp(-1.5 * 0.02) + made.position_mm[i] - made.position_mm[i - 1];
+    pressure_psi[i] = 10.0 + 0.05 * response_mm + noise_psi(random);
+  }
+  return pressure_psi;
+}
+
 std::string table(const Strokes& s, const std::string& header, double length_factor = 1.0, double force_factor = 1.0) {
   std::string text = header;
   char row[96];
@@ -477,17 +490,12 @@ TEST_F(Import, FurtherColumnsOfNumbersAreKeptAndWordsAreNamed) {
 TEST_F(Import, AlignKeepsFurtherColumns) {
   const auto made = strokes(60.0);
   std::string frame = "t_s,position_mm,force_N,temperature_C,averaged\n", log = "t_s,pressure_psi,current_A\n";
-  std::mt19937 random(7);
-  std::normal_distribution<double> noise_psi(0.0, 0.002);
-  double response_mm = 0.0;
+  const std::vector<double> pressure_psi = pressure_beside(made);
   char row[96];
   for (std::size_t i = 1; i < made.t_s.size(); ++i) {
-    // As above: the regulator brings the pressure back at 1.5 per second.
-    response_mm = response_mm * std::exp(-1.5 * 0.02) + made.position_mm[i] - made.position_mm[i - 1];
     std::snprintf(row, sizeof row, "%.3f,%.6f,%.4f,21.50,\n", made.t_s[i], made.position_mm[i], made.force_N[i]);
     frame += row;
-    std::snprintf(row, sizeof row, "%.3f,%.4f,0.250\n", made.t_s[i] + 12.0,
-                  10.0 + 0.05 * response_mm + noise_psi(random));
+    std::snprintf(row, sizeof row, "%.3f,%.4f,0.250\n", made.t_s[i] + 12.0, pressure_psi[i]);
     log += row;
   }
   const std::vector<std::string> words{"align", file("frame.csv", frame), file("log.csv", log)};
@@ -513,16 +521,13 @@ TEST_F(Import, AlignKeepsFurtherColumns) {
 std::pair<std::string, std::string> streams_on_two_clocks() {
   const auto made = strokes(60.0);
   std::string frame = "t_s,position_mm,force_N\n", log = "t_s,pressure_psi,mono_ns\n";
-  std::mt19937 random(7);
-  std::normal_distribution<double> noise_psi(0.0, 0.002);
-  double response_mm = 0.0;
+  const std::vector<double> pressure_psi = pressure_beside(made);
   char row[96];
   for (std::size_t i = 1; i < made.t_s.size(); ++i) {
-    response_mm = response_mm * std::exp(-1.5 * 0.02) + made.position_mm[i] - made.position_mm[i - 1];
     std::snprintf(row, sizeof row, "%.3f,%.6f,%.4f\n", made.t_s[i], made.position_mm[i], made.force_N[i]);
     frame += row;
     std::snprintf(row, sizeof row, "%.9f,%.4f,%zu\n", made.t_s[i] + 12.0 + 1e-9 * static_cast<double>(i % 7),
-                  10.0 + 0.05 * response_mm + noise_psi(random), 1'000'000'000 + i);
+                  pressure_psi[i], 1'000'000'000 + i);
     log += row;
   }
   return {frame, log};

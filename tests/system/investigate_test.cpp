@@ -61,7 +61,8 @@ std::string rig_with(const TempDir& dir, const std::string& effect, const std::s
   return (dir / "rig.toml").string();
 }
 
-Answer investigate(const TempDir& dir, const std::string& rig, std::vector<std::string> more = {}) {
+Answer investigate(const TempDir& dir, const std::string& rig, const std::vector<std::string>& more = {},
+                   bool report = false) {
   spit(dir / "poor.toml", kPoor);
   spit(dir / "nominal.toml", kNominal);
   std::vector<std::string> words{"investigate",
@@ -72,8 +73,8 @@ Answer investigate(const TempDir& dir, const std::string& rig, std::vector<std::
                                  "--model",
                                  (dir / "nominal.toml").string(),
                                  "--out",
-                                 (dir / "out").string(),
-                                 "--no-report"};
+                                 (dir / "out").string()};
+  if (!report) words.emplace_back("--no-report");
   words.insert(words.end(), more.begin(), more.end());
   return isorig(dir, std::move(words), 200.0);
 }
@@ -198,20 +199,8 @@ std::vector<std::string> dead_links(const std::filesystem::path& page) {
 TEST(Investigate, WhenTheBudgetEndsItsPageLeadsToTheLastDiagnosis) {
   const TempDir dir;
   const auto rig = rig_with(dir, "[[part]]\nphysics = \"force_delay\"\ndelay_s = 0.02\n", "0.05");
-  spit(dir / "poor.toml", kPoor);
-  spit(dir / "nominal.toml", kNominal);
-  std::vector<std::string> words{"investigate",
-                                 "--rig",
-                                 rig,
-                                 "--protocol",
-                                 (dir / "poor.toml").string(),
-                                 "--model",
-                                 (dir / "nominal.toml").string(),
-                                 "--out",
-                                 (dir / "out").string(),
-                                 "--budget",
-                                 "120"};
-  const auto answer = isorig(dir, words, 200.0);
+  const std::vector<std::string> budget{"--budget", "120"};
+  const auto answer = investigate(dir, rig, budget, true);
   ASSERT_EQ(answer.code, 1) << answer.text;
   ASSERT_EQ(record_of(dir)["outcome"], "budget");
   const auto page = dir / "out/investigation-report.html";
@@ -220,7 +209,7 @@ TEST(Investigate, WhenTheBudgetEndsItsPageLeadsToTheLastDiagnosis) {
   EXPECT_THAT(dead_links(page), testing::IsEmpty());
   // As a round leaves it that was not the last when it was diagnosed.
   std::filesystem::remove(dir / "out/round-1/diagnosis/diagnosis-report.html");
-  EXPECT_EQ(isorig(dir, words, 200.0).code, 1);
+  EXPECT_EQ(investigate(dir, rig, budget, true).code, 1);
   EXPECT_TRUE(leads_to("round-1/diagnosis/diagnosis.json"));
   EXPECT_THAT(dead_links(page), testing::IsEmpty());
 }
