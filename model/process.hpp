@@ -208,7 +208,7 @@ struct PhysicsTraits {
   /// A model that has one may lack another.
   bool repeatable = false;
   PressureNeed pressure = PressureNeed::kNone;
-  /// The pressure alone makes it pull: a recording without motion can be judged by a model that has it.
+  /// Pulls without motion: can judge a recording of none; bounded by the largest force (diagnose/search/physical_size).
   bool driven_by_pressure = false;
   /// What the event of an event law is called in a figure.
   std::string_view event_name = {};

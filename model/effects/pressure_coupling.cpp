@@ -42,22 +42,27 @@ const Coefficient kForcePerPsi{
     .name = "force_N_psi",
     .symbol = "f'",
     .sign = Sign::kFree,
-    .sheet = {.what = "Force that each psi above the nominal pressure adds, at the pressurized "
-                      "rest length; positive: it pulls more.",
-              .unit = "N/psi",
-              .range = "Physics: more pressure makes a McKibben pull where its threads lie less than "
-                       "54.7 degrees (the neutral angle) from the axis and push beyond, so either sign can be.",
-              .errors = "A pressure that varies only with the motion cannot separate it from viscosity; "
-                        "a late pressure channel biases it. Mistaken for viscous drag."}};
+    .sheet = {
+        .what = "Force that each psi above the nominal pressure adds, at the pressurized "
+                "rest length; positive: it pulls more.",
+        .unit = "N/psi",
+        .range =
+            "Physics: more pressure makes a McKibben pull where its threads lie less than "
+            "54.7 degrees (the neutral angle) from the axis and push beyond, so either sign can be. Refused where the "
+            "nominal pressure would add more than 20 times the largest force read.",
+        .errors = "A pressure that varies only with the motion cannot separate it from viscosity; "
+                  "a late pressure channel biases it. Mistaken for viscous drag."}};
 const Coefficient kStiffnessPerPsi{
     .name = "stiffness_N_mm_psi",
     .symbol = "k'",
     .sign = Sign::kFree,
-    .sheet = {.what = "Stiffness that each psi above the nominal pressure adds; positive: stiffer.",
-              .unit = "N/mm/psi",
-              .range = "Physics: stiffness may grow or fall with pressure, by the braid angle, so it has no sign.",
-              .errors =
-                  "A pressure that varies only with the motion cannot separate it from viscosity; a wrong zero of the "
+    .sheet = {
+        .what = "Stiffness that each psi above the nominal pressure adds; positive: stiffer.",
+        .unit = "N/mm/psi",
+        .range =
+            "Physics: stiffness may grow or fall with pressure, by the braid angle, so it has no sign. Refused where "
+            "the nominal pressure would add more than 20 times the largest force read.",
+        .errors = "A pressure that varies only with the motion cannot separate it from viscosity; a wrong zero of the "
                   "elongation moves part of it into the force per psi. Mistaken for strain stiffening."}};
 
 }  // namespace

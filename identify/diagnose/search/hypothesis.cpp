@@ -11,6 +11,7 @@
 #include "identify/diagnose/fit/free_parameters.hpp"
 #include "identify/diagnose/fit/many_starts.hpp"
 #include "identify/diagnose/search/events.hpp"
+#include "identify/diagnose/search/physical_size.hpp"
 #include "identify/diagnose/search/resolution.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
@@ -285,7 +286,10 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
   });
   const InstrumentResolution resolution = resolution_of(series_);
   add_further_events(chosen, resolution);
-  std::erase_if(chosen, [&](const Trial& trial) { return below_resolution(trial.fit.spec, resolution); });
+  const auto no_law = [&](const ModelSpec& fitted) {
+    return below_resolution(fitted, resolution) || beyond_physical_size(fitted, series_);
+  };
+  std::erase_if(chosen, [&](const Trial& trial) { return no_law(trial.fit.spec); });
   drop_repeated(chosen);
   std::vector<Hypothesis> out(chosen.size());
   base::parallel_for(chosen.size(), threads_, [&](std::size_t i) {
@@ -302,7 +306,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
   std::ranges::stable_sort(out, std::greater<>(), &Hypothesis::evidence);
   std::vector<Hypothesis> best;
   for (Hypothesis& hypothesis : out) {
-    if (below_resolution(hypothesis.fit.spec, resolution)) continue;
+    if (no_law(hypothesis.fit.spec)) continue;
     if (std::ranges::none_of(best, [&](const Hypothesis& other) { return other.effects == hypothesis.effects; }))
       best.push_back(std::move(hypothesis));
   }

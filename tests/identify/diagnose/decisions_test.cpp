@@ -13,6 +13,7 @@
 #include "identify/diagnose/search/calibration.hpp"
 #include "identify/diagnose/search/empirical.hpp"
 #include "identify/diagnose/search/parsimony.hpp"
+#include "identify/diagnose/search/physical_size.hpp"
 #include "identify/diagnose/search/practical_significance.hpp"
 #include "identify/diagnose/search/repeated_evidence.hpp"
 #include "identify/diagnose/search/resolution.hpp"
@@ -465,6 +466,46 @@ TEST(MayBeTried, TrappedGasNeedsALengthAndAGaugeThatStandsStill) {
   };
   EXPECT_TRUE(tried(moved(0.29)));
   EXPECT_FALSE(tried(moved(0.30)));
+}
+
+// --- beyond_physical_size --------------------------------------------------------------------------------------------
+
+TEST(PhysicalSize, AForceThatFollowsThePressureIsHeldAgainstTheLargestForceRead) {
+  Series series;
+  series.excitation.reference = {
+      .elongation_at_zero_mm = 2.0, .nominal_pressure_psi = 10.0, .largest_force_N = 5.0, .highest_position_mm = 4.0};
+  const auto beyond = [&](std::string_view law_name, std::vector<double> coefficients) {
+    model::ModelSpec spec = model::nominal_model("slse1");
+    const model::Physics& coupling = effect("pressure_coupling");
+    const model::Law& law = *std::ranges::find(coupling.laws, law_name, &model::Law::name);
+    spec.parts.push_back(model::make_part(coupling, law));
+    spec.parts.back().coefficients = std::move(coefficients);
+    return beyond_physical_size(spec, std::span(&series, 1));
+  };
+  // Twenty times 5 N for 10 psi more: 10 N/psi, whatever the sign and however late the tube.
+  EXPECT_FALSE(beyond("force", {9.99}));
+  EXPECT_TRUE(beyond("force", {-10.01}));
+  EXPECT_TRUE(beyond("tube", {10.01}));
+  // At an elongation of 6 mm, and between 2 mm and 6 mm.
+  EXPECT_FALSE(beyond("stiffness", {1.66}));
+  EXPECT_TRUE(beyond("stiffness", {1.68}));
+  EXPECT_FALSE(beyond("both", {-4.9, 2.45}));
+  EXPECT_TRUE(beyond("both", {-10.1, 2.55}));
+  // The force at the middle of the travel is none; at its ends, beyond.
+  EXPECT_TRUE(beyond("both", {-21.0, 5.2}));
+  // Where no pressure is named, or no force was read, nothing is known of the size.
+  series.excitation.reference.nominal_pressure_psi = 0.0;
+  EXPECT_FALSE(beyond("force", {1e6}));
+  series.excitation.reference = {.nominal_pressure_psi = 10.0};
+  EXPECT_FALSE(beyond("force", {1e6}));
+}
+
+TEST(PhysicalSize, AskedOfLawsThatFollowThePressureAlone) {
+  Series series;
+  series.excitation.reference = {.nominal_pressure_psi = 10.0, .largest_force_N = 1e-3, .highest_position_mm = 4.0};
+  model::ModelSpec spec = model::nominal_model("slse1");
+  for (model::Part& part : spec.parts) std::ranges::fill(part.coefficients, 1e6);
+  EXPECT_FALSE(beyond_physical_size(spec, std::span(&series, 1)));
 }
 
 // --- below_resolution ------------------------------------------------------------------------------------------------
