@@ -7,6 +7,7 @@
 #include <set>
 
 #include "base/fingerprint.hpp"
+#include "base/lock_file.hpp"
 #include "base/text_file.hpp"
 #include "base/whole_file.hpp"
 #include "cli/analysis/diagnosis_files.hpp"
@@ -65,6 +66,7 @@ class Loop {
     read_first_protocol();
     all_.folder = options_.out;
     std::filesystem::create_directories(all_.folder);
+    const base::LockFile alone(all_.folder / "investigation.lock");  // a second call would begin the same round
     std::string physics;
     if (rig_.sim->physics) physics = model::model_text(rig_.sim->physics->spec);
     all_.inputs = {{"rig", rig_.name},

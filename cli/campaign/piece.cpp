@@ -12,6 +12,7 @@
 #include <memory>
 
 #include "base/formatted.hpp"
+#include "base/lock_file.hpp"
 #include "base/text_file.hpp"
 #include "base/toml_reader.hpp"
 #include "base/utc_text.hpp"
@@ -89,8 +90,8 @@ ordered_json row_of(const Ask& ask, const fs::path& made, const std::string& rec
 class Attempted {
  public:
   explicit Attempted(const fs::path& final)
-      : folder_(final.parent_path() /
-                ("." + final.filename().string() + "." + host_name() + "." + std::to_string(::getpid()) + ".part")) {
+      : folder_(final.parent_path() / ("." + final.filename().string() + "." + base::host_name() + "." +
+                                       std::to_string(::getpid()) + ".part")) {
     fs::remove_all(folder_);
     fs::create_directories(folder_);
   }
@@ -117,7 +118,7 @@ Attempt failed(const Workshop& shop, const std::string& recording, const Attempt
   const ordered_json json{{"recording", recording},
                           {"failures", failures_of(shop.plan, recording) + 1},
                           {"why", why},
-                          {"host", host_name()},
+                          {"host", base::host_name()},
                           {"at_utc", base::utc_text(std::time(nullptr))}};
   try {
     if (attempt != nullptr) {
@@ -184,8 +185,8 @@ Attempt attempt_piece(const Workshop& shop, const std::string& recording, const 
                            {"stamp", stamp_json(shop, recording, files)},
                            {"exit_code", result.exit_code},
                            {"row", row_of(shop.plan.ask, here, recording, result.exit_code)}};
-  ordered_json times{{"began_utc", began},        {"wall_s", result.wall_s}, {"cpu_s", result.cpu_s},
-                     {"peak_MB", result.peak_MB}, {"host", host_name()},     {"written_ns", ordered_json::object()}};
+  ordered_json times{{"began_utc", began},        {"wall_s", result.wall_s},   {"cpu_s", result.cpu_s},
+                     {"peak_MB", result.peak_MB}, {"host", base::host_name()}, {"written_ns", ordered_json::object()}};
   for (const FileStamp& one : files) times["written_ns"][one.name] = one.written_ns;
   base::write_whole_file(here / "times.json", times.dump(2) + "\n");
   write_synced(here / "piece.json", piece.dump(2) + "\n");

@@ -1,13 +1,10 @@
 #include "cli/campaign/plan.hpp"
 
-#include <fcntl.h>
-#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <array>
-#include <cerrno>
 #include <charconv>
 #include <cstdint>
 #include <cstring>
@@ -139,11 +136,6 @@ void add_list(Writer& writer, std::istream& in, const std::string& name) {
 
 }  // namespace
 
-std::string host_name() {
-  std::array<char, 256> name{};
-  return ::gethostname(name.data(), name.size() - 1) == 0 ? name.data() : "host";
-}
-
 fs::path piece_name(const std::string& recording) {
   const std::string digits = base::fingerprint(recording);
   std::string name = fs::path(recording).filename().string().substr(0, 60);
@@ -215,31 +207,20 @@ void for_each_line(const fs::path& file, const std::function<void(const std::str
 }
 
 FolderLock::FolderLock(const fs::path& folder, Of of) {
-  const fs::path file = folder / (of == Of::kCampaign ? "campaign.lock" : "pieces.lock");
-  fd_ = ::open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
-  if (fd_ < 0) throw PlanUnwritable(file.string() + ": " + std::strerror(errno) + "; name a folder that you may write");
-  if (::flock(fd_, (of == Of::kTask ? LOCK_SH : LOCK_EX) | LOCK_NB) != 0) {
-    const int error = errno;
-    std::array<char, 300> who{};
-    (void)!::read(fd_, who.data(), who.size() - 1);
-    ::close(fd_);
-    const std::string whose = " (" + base::printable(std::string(who.data())) + ")";
-    if (error == EWOULDBLOCK && of == Of::kMaker)
-      throw PlanError(folder.string() + ": tasks of a job array make its pieces" + whose +
-                      "; wait for them with --on slurm, or end them with scancel");
-    if (error == EWOULDBLOCK)
-      throw PlanError(folder.string() + ": another `isorig campaign` works there" + whose + "; wait for it or end it");
-    throw PlanError(file.string() + ": cannot be locked (" + std::strerror(error) +
-                    "); mount the file system with locks, or name a folder elsewhere");
+  using base::LockError;
+  using base::LockFile;
+  try {
+    file_.emplace(folder / (of == Of::kCampaign ? "campaign.lock" : "pieces.lock"),
+                  of == Of::kTask ? LockFile::Shared::kYes : LockFile::Shared::kNo);
+  } catch (const LockError& e) {
+    if (e.why() == LockError::Why::kUnwritable) throw PlanUnwritable(e.what());
+    if (e.why() == LockError::Why::kNoLocks) throw PlanError(e.what());
+    if (of == Of::kMaker)
+      throw PlanError(folder.string() + ": tasks of a job array make its pieces (" + e.holder() +
+                      "); wait for them with --on slurm, or end them with scancel");
+    throw PlanError(folder.string() + ": another `isorig campaign` works there (" + e.holder() +
+                    "); wait for it or end it");
   }
-  const std::string us = "process " + std::to_string(::getpid()) + " on " + host_name();
-  // Of several tasks the last that began.
-  (void)!::ftruncate(fd_, 0);
-  (void)!::write(fd_, us.data(), us.size());
-}
-
-FolderLock::~FolderLock() {
-  ::close(fd_);
 }
 
 }  // namespace isorig::cli::pieces

@@ -4,10 +4,12 @@
 #include <fstream>
 #include <functional>
 #include <iosfwd>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
+#include "base/lock_file.hpp"
 #include "cli/campaign/ask.hpp"
 
 namespace isorig::cli::pieces {
@@ -62,11 +64,7 @@ std::size_t write_plan(const Plan& plan, const Named& named, std::istream& stand
 /// For each line of a file that write_plan or Runner wrote.
 void for_each_line(const std::filesystem::path& file, const std::function<void(const std::string&)>& each);
 
-/// Of this machine, for whoever looks where a lock or a piece comes from.
-[[nodiscard]] std::string host_name();
-
-/// A lock on a file in a campaign's folder, on whichever machine of a shared file system; free when this ends, also by
-/// SIGKILL. Throws PlanError and says who has it.
+/// A lock on a file in a campaign's folder. Throws PlanError and says who has it.
 class FolderLock {
  public:
   enum class Of {
@@ -75,12 +73,9 @@ class FolderLock {
     kMaker,     ///< whoever makes or sweeps pieces without an array: no task at the same time
   };
   explicit FolderLock(const std::filesystem::path& folder, Of of = Of::kCampaign);
-  ~FolderLock();
-  FolderLock(const FolderLock&) = delete;
-  FolderLock& operator=(const FolderLock&) = delete;
 
  private:
-  int fd_ = -1;
+  std::optional<base::LockFile> file_;
 };
 
 }  // namespace isorig::cli::pieces

@@ -365,6 +365,8 @@ class OneExporter {
 
 ExportReport export_run(const std::filesystem::path& run_dir, const std::filesystem::path& out,
                         const ExportOptions& options) {
+  const OneExporter alone(
+      out);  // before the folder is looked at: another's recordings may just have been finished there
   // The names of the other formats have the run in them.
   if (options.format == ExportFormat::kCsv) refuse_recordings_of_others(out, options.run_id);
   // The log is read twice, one of the live channels three times.
@@ -395,7 +397,6 @@ ExportReport export_run(const std::filesystem::path& run_dir, const std::filesys
   if (header.specimen.empty()) header.specimen = options.specimen;
   if (of_live_channels) header.rest_length_mm = options.rest_length_mm;
   const Provenance provenance{&options, &header, report.read.state(), report.read.complaints()};
-  const OneExporter alone(out);
   const auto writer = make_writer(out, options);
   Exporter exporter(*writer, options, *scan, provenance, of_live_channels ? &live : nullptr);
   (void)messages::read_run(run_dir, exporter, part(of_live_channels ? 0.75 : 0.5, 1.0));

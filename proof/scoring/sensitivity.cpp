@@ -9,6 +9,7 @@
 #include <stdexcept>
 
 #include "base/formatted.hpp"
+#include "base/lock_file.hpp"
 #include "base/nearest.hpp"
 #include "base/number_text.hpp"
 #include "base/parallel.hpp"
@@ -101,6 +102,7 @@ class Pieces {
     }
     program_ = path_of(options.run.isorig);
     fs::create_directories(folder_);
+    alone_.emplace(folder_ / "sensitivity.lock");  // a second call would make the same pieces in the same folders
     // What may not be mixed, before any file is written.
     require_one("study.sha256", sha256_, "labels.json",
                 "holds what was measured of another study than " + options.study.string() + "; move it away");
@@ -178,6 +180,7 @@ class Pieces {
   std::vector<std::vector<double>> truth_;
   std::string sha256_;
   std::vector<StatedNumber> numbers_;
+  std::optional<base::LockFile> alone_;
 };
 
 Tally tally_of(const std::vector<Label>& labels, const std::vector<Outcome>& outcomes) {

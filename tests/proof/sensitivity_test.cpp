@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "base/lock_file.hpp"
 #include "base/process.hpp"
 #include "base/text_file.hpp"
 #include "messages/recording.hpp"
@@ -168,6 +169,15 @@ TEST_F(SensitivityOfAStudy, MixesNoTwoProgramsAndNamesWhatIsUnknown) {
   } catch (const std::runtime_error& e) {
     EXPECT_THAT(e.what(), HasSubstr("holds what another program made"));
   }
+}
+
+TEST_F(SensitivityOfAStudy, AnotherCallInTheFolderIsRefusedAndRunsNothing) {
+  fs::create_directories(study_ / "sensitivity");
+  const base::LockFile other(study_ / "sensitivity" / "sensitivity.lock");
+  EXPECT_THAT([&] { (void)measure_sensitivity(options({"cost_nats"})); },
+              testing::ThrowsMessage<base::LockError>(
+                  HasSubstr("in use by process " + std::to_string(::getpid()) + " on " + base::host_name())));
+  EXPECT_EQ(diagnosed(), 0U);
 }
 
 /// A folder that another study was generated into: its pieces have the names of the old ones.

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "base/lock_file.hpp"
 #include "processes.hpp"
 
 namespace isorig::system_test {
@@ -196,6 +197,17 @@ std::vector<std::string> dead_links(const std::filesystem::path& page) {
 
 /// The page of the last diagnosis is made where the budget ends it, too, and where there is none its numbers are led
 /// to.
+TEST(Investigate, AnotherCallInTheFolderIsRefusedAndTouchesNothing) {
+  const TempDir dir;
+  std::filesystem::create_directories(dir / "out/round-1");
+  spit(dir / "out/round-1/begun", "by the other");
+  const base::LockFile other(dir / "out/investigation.lock");
+  const auto answer = investigate(dir, rig_with(dir, "", "0.01"));
+  EXPECT_EQ(answer.code, 1);
+  EXPECT_THAT(answer.err, HasSubstr("investigation.lock: in use by process " + std::to_string(::getpid())));
+  EXPECT_EQ(slurp(dir / "out/round-1/begun"), "by the other");
+}
+
 TEST(Investigate, WhenTheBudgetEndsItsPageLeadsToTheLastDiagnosis) {
   const TempDir dir;
   const auto rig = rig_with(dir, "[[part]]\nphysics = \"force_delay\"\ndelay_s = 0.02\n", "0.05");
