@@ -18,6 +18,7 @@
 #include "identify/response/response_model.hpp"
 #include "messages/csv.hpp"
 #include "messages/recording.hpp"
+#include "messages/recording_id.hpp"
 #include "model/composed.hpp"
 
 namespace isorig::cli {
@@ -109,12 +110,15 @@ int predict(const PredictOptions& options) {
               << " is the force; give model.toml of a diagnosis of forces\n";
     return kBadInput;
   }
+  // A slip of this very recording is known by it.
+  const double recording_id = messages::recording_id(recording);
   // What was measured is out of reach from here on: a prediction that had seen it would prove nothing.
   std::fill(recording.frame.force_N.begin(), recording.frame.force_N.end(), 0.0);
   const auto finding = [&](double done) { progress->at(kRead + (kMotion - kRead) * done, "finding the motion"); };
   finding(0.0);
   const identify::RecordingQuality quality = identify::recording_quality(recording);
   identify::Excitation excitation = identify::reconstruct_excitation(recording, quality, finding);
+  excitation.reference.recording_id = recording_id;
   identify::count_as_fitted(excitation, recording, quality, spec);
   const identify::Forecast forecast = identify::forecast(
       spec, excitation, [&](double done) { progress->at(kMotion + (kSimulated - kMotion) * done, "simulating"); });

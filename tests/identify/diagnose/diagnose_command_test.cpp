@@ -391,6 +391,32 @@ TEST_F(DiagnoseCommand, PredictsRecordingsOfAnyLength) {
   EXPECT_THAT(read(folder_ / "one.csv"), Not(HasSubstr("nan")));
 }
 
+/// A slip is a slip of its recording: predict knows the recording again, though it looks at no force.
+TEST_F(DiagnoseCommand, PredictsASlipInItsOwnRecordingAndInNoOther) {
+  const messages::Recording slipped = test::record({.slip_mm = 0.3, .slip_s = 500.3, .seed = 4});
+  messages::write_recording(recording_, slipped);
+  const Outcome outcome = diagnose();
+  ASSERT_EQ(outcome.code, 0) << outcome.text;
+  ASSERT_THAT(read(out_ / "model.toml"), HasSubstr("grip_slip"));
+  model_ = out_ / "model.toml";
+  const auto rms_N = [&] {
+    EXPECT_EQ(predict(folder_ / "p.csv").code, 0);
+    std::istringstream in(read(folder_ / "p.csv"));
+    std::string line;
+    std::getline(in, line);
+    double squares = 0.0;
+    std::size_t rows = 0;
+    while (std::getline(in, line)) squares += std::pow(std::stod(cell(line, 1)) - slipped.frame.force_N[rows++], 2);
+    return std::sqrt(squares / static_cast<double>(rows));
+  };
+  const auto told = nlohmann::json::parse(read(out_ / "diagnosis.json"));
+  EXPECT_NEAR(rms_N(), told["fit"]["model"]["train_rmse_N"].get<double>(), 0.002);
+  messages::Recording other = slipped;
+  other.frame.force_N.front() += 0.001;
+  messages::write_recording(recording_, other);
+  EXPECT_GT(rms_N(), 0.3) << "the stiffness of 2.5 N/mm times 0.3 mm over half of the time";
+}
+
 TEST_F(DiagnoseCommand, WritesItsFilesAndAModelThatPredicts) {
   const Outcome outcome = diagnose();
   ASSERT_EQ(outcome.code, 0) << outcome.text;
