@@ -3,16 +3,16 @@
 
 namespace isorig::proof::foreign {
 
-Signal logarithmic_creep(const Signal& t_s, double time_s) {
+Signal logarithmic_creep(const Signal& t_s, double time_s, double whole_s) {
   Signal drift;
-  const double whole = std::log1p((t_s.back() - t_s.front()) / time_s);
+  const double whole = std::log1p(whole_s / time_s);
   for (const double t : t_s) drift.push_back(std::log1p((t - t_s.front()) / time_s) / whole);
   return drift;
 }
 
-Signal diffusing_heat(const Signal& t_s) {
+Signal diffusing_heat(const Signal& t_s, double whole_s) {
   Signal drift;
-  for (const double t : t_s) drift.push_back(std::sqrt((t - t_s.front()) / (t_s.back() - t_s.front())));
+  for (const double t : t_s) drift.push_back(std::sqrt((t - t_s.front()) / whole_s));
   return drift;
 }
 
@@ -33,13 +33,13 @@ Signal thermostat(const Signal& t_s, double room_s, double amplifier_s) {
   return drift;
 }
 
-Signal random_walk(const Signal& t_s, std::uint64_t seed) {
+Signal random_walk(const Signal& t_s, std::uint64_t seed, double whole_s) {
   constexpr double kKnot_s = 2.0;
-  Random random(seed, "random walk");
-  const double whole_s = t_s.back() - t_s.front();
+  const double lasts_s = t_s.back() - t_s.front();
+  Random random(seed, "random walk over " + std::to_string(lasts_s) + " s");
   const double step = std::sqrt(kKnot_s / whole_s);
   std::vector<double> knots{0.0};
-  while (static_cast<double>(knots.size()) < whole_s / kKnot_s + 2.0)
+  while (static_cast<double>(knots.size()) < lasts_s / kKnot_s + 2.0)
     knots.push_back(knots.back() + step * random.normal());
   Signal drift;
   for (const double t : t_s) {

@@ -143,17 +143,19 @@ struct SlipEvent {
 /// reversibility).
 [[nodiscard]] Signal cell_hysteresis(const Signal& force_N, double share, double span_N);
 
-// --- drift.cpp: zero drifts, functions of time that end near 1; and pressures ----------------------------------------
+// --- drift.cpp: zero drifts, functions of time that are near 1 at T; and pressures -----------------------------------
+// T is where the recording ends that is fitted. In any other recording the drift is the same function of time.
 
-/// ln(1 + t / t0) / ln(1 + T / t0), T the last time: creep of a cell's adhesive (Andrade 1910; Nabarro 2001).
-[[nodiscard]] Signal logarithmic_creep(const Signal& t_s, double time_s);
+/// ln(1 + t / t0) / ln(1 + T / t0): creep of a cell's adhesive (Andrade 1910; Nabarro 2001).
+[[nodiscard]] Signal logarithmic_creep(const Signal& t_s, double time_s, double whole_s);
 /// sqrt(t / T): heat that diffuses into a half space (Carslaw & Jaeger 1959).
-[[nodiscard]] Signal diffusing_heat(const Signal& t_s);
+[[nodiscard]] Signal diffusing_heat(const Signal& t_s, double whole_s);
 /// A room between the two switching points of its thermostat, u' = (heater - u) / room_s, heater 1.5 or -0.5 with the
 /// switching points 0 and 1, and an amplifier that follows it with amplifier_s.
 [[nodiscard]] Signal thermostat(const Signal& t_s, double room_s, double amplifier_s);
-/// Random walk with unit standard deviation at the end, straight between knots 2 s apart (flicker-like wandering).
-[[nodiscard]] Signal random_walk(const Signal& t_s, std::uint64_t seed);
+/// Random walk with unit standard deviation at T, straight between knots 2 s apart (flicker-like wandering). A
+/// recording of another length walks otherwise.
+[[nodiscard]] Signal random_walk(const Signal& t_s, std::uint64_t seed, double whole_s);
 
 /// What a volume of trapped gas does with motion: p' = -gamma p V'/V - (p - p0 V0/V) / heat_s in absolute pressure,
 /// V/V0 = 1 - share (x - x0) / stroke: polytropic between isothermal and adiabatic (Kagawa 1985). Returns gauge psi.

@@ -132,12 +132,12 @@ std::vector<Kind> drift_kinds() {
        share,
        0.02,
        0.3,
-       [](Random& random, const Rig&, const Path&) {
-         return Shape{{"sign", random.sign()}, {"time_s", random.log_uniform(5.0, 60.0)}};
+       [](Random& random, const Rig&, const Path& path) {
+         return Shape{{"sign", random.sign()}, {"time_s", random.log_uniform(5.0, 60.0)}, {"whole_s", path.end_s()}};
        },
        [](double s, const Shape& q, Rig& rig) {
          add_drift(rig, s * q.at("sign") * rig.peak_N,
-                   [tau = q.at("time_s")](const Signal& t) { return logarithmic_creep(t, tau); });
+                   [q](const Signal& t) { return logarithmic_creep(t, q.at("time_s"), q.at("whole_s")); });
        }},
       {"diffusing_heat",
        "zero_drift",
@@ -148,11 +148,12 @@ std::vector<Kind> drift_kinds() {
        share,
        0.02,
        0.3,
-       [](Random& random, const Rig&, const Path&) {
-         return Shape{{"sign", random.sign()}};
+       [](Random& random, const Rig&, const Path& path) {
+         return Shape{{"sign", random.sign()}, {"whole_s", path.end_s()}};
        },
        [](double s, const Shape& q, Rig& rig) {
-         add_drift(rig, s * q.at("sign") * rig.peak_N, [](const Signal& t) { return diffusing_heat(t); });
+         add_drift(rig, s * q.at("sign") * rig.peak_N,
+                   [whole_s = q.at("whole_s")](const Signal& t) { return diffusing_heat(t, whole_s); });
        }},
       {"thermostat",
        "zero_drift",
@@ -181,12 +182,13 @@ std::vector<Kind> drift_kinds() {
        share,
        0.02,
        0.3,
-       [](Random& random, const Rig&, const Path&) {
-         return Shape{{"seed", static_cast<double>(random.index(1U << 30))}};
+       [](Random& random, const Rig&, const Path& path) {
+         return Shape{{"seed", static_cast<double>(random.index(1U << 30))}, {"whole_s", path.end_s()}};
        },
        [](double s, const Shape& q, Rig& rig) {
-         add_drift(rig, s * rig.peak_N,
-                   [seed = static_cast<std::uint64_t>(q.at("seed"))](const Signal& t) { return random_walk(t, seed); });
+         add_drift(rig, s * rig.peak_N, [q](const Signal& t) {
+           return random_walk(t, static_cast<std::uint64_t>(q.at("seed")), q.at("whole_s"));
+         });
        },
        true},
   };

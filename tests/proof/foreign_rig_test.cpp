@@ -119,18 +119,27 @@ TEST(ForeignSensor, ForceMapsAreWhatTheySay) {
 
 TEST(ForeignDrift, ShapesAreTheirFormulas) {
   const Signal t_s = ramp(0.0, 10.0).t_s;
-  EXPECT_NEAR(logarithmic_creep(t_s, 2.0)[4000], std::log(3.0) / std::log(6.0), 1e-12);
-  EXPECT_NEAR(diffusing_heat(t_s)[2500], 0.5, 1e-12);
+  EXPECT_NEAR(logarithmic_creep(t_s, 2.0, 10.0)[4000], std::log(3.0) / std::log(6.0), 1e-12);
+  EXPECT_NEAR(diffusing_heat(t_s, 10.0)[2500], 0.5, 1e-12);
   // Until the room is warm: two first-order stages in a row under a heater of 1.5.
   const Signal warm = thermostat(t_s, 3.0, 1.0);
   const double t = 2.0, closed = 1.5 * (1.0 - (3.0 * std::exp(-t / 3.0) - std::exp(-t)) / 2.0);
   EXPECT_NEAR(warm[2000], closed, 1e-4);
   EXPECT_LE(*std::ranges::max_element(warm), 1.0);
-  EXPECT_EQ(random_walk(t_s, 7), random_walk(t_s, 7));
+  EXPECT_EQ(random_walk(t_s, 7, 10.0), random_walk(t_s, 7, 10.0));
   double squares = 0.0;
   constexpr int kWalks = 400;
-  for (std::uint64_t seed = 0; seed < kWalks; ++seed) squares += std::pow(random_walk(t_s, seed).back(), 2.0);
+  for (std::uint64_t seed = 0; seed < kWalks; ++seed) squares += std::pow(random_walk(t_s, seed, 10.0).back(), 2.0);
   EXPECT_NEAR(squares / kWalks, 1.0, 4.0 * std::sqrt(2.0 / kWalks));  // four deviations of a chi-square
+}
+
+TEST(ForeignDrift, AnotherRecordingSeesTheSameFunctionOfTimeAndAnotherWalk) {
+  const Signal whole = ramp(0.0, 10.0).t_s, half(whole.begin(), whole.begin() + 2501);
+  const Signal creep = logarithmic_creep(whole, 2.0, 10.0), heat = diffusing_heat(whole, 10.0);
+  EXPECT_EQ(logarithmic_creep(half, 2.0, 10.0), Signal(creep.begin(), creep.begin() + 2501));
+  EXPECT_EQ(diffusing_heat(half, 10.0), Signal(heat.begin(), heat.begin() + 2501));
+  const Signal walk = random_walk(whole, 7, 10.0);
+  EXPECT_NE(random_walk(half, 7, 10.0), Signal(walk.begin(), walk.begin() + 2501));
 }
 
 TEST(ForeignPressure, GasIsIsothermalWhenSlowAndAdiabaticWhenFast) {
