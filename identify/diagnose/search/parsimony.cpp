@@ -46,8 +46,9 @@ constexpr int kLeastSquaresSteps = 30;
 
 /// The noise that a fit leaves behind may wander slowly, and a fit weighed by that noise then follows the differences
 /// between readings and leaves the force itself (a friction of 6.5 N fitted as 3.0 N, with 3.5 N rms left and not 0.9).
-/// Were the noise right, its p numbers would leave about p / n more squares than least squares do, n the residual's
-/// independent values; several times as much is not chance.
+/// Were the noise right, its p numbers would leave about p / n more squares beyond those of the instrument than least
+/// squares do, n the residual's independent values; several times as much is not chance. The instrument's own squares,
+/// one a row, hide no such difference: no fit can leave less.
 bool follows_differences(const Search& search, const Hypothesis& chosen) {
   if (chosen.ls_spec.parts.empty()) return false;
   const Problem problem(search.instrument_problem().series(), plain(search.instrument()));
@@ -57,7 +58,10 @@ bool follows_differences(const Search& search, const Hypothesis& chosen) {
   const double independent =
       std::max(effective_degrees_of_freedom(problem.series(), left), SelectionOptions{}.error_degrees);
   const double chance = static_cast<double>(counted_numbers(chosen.fit.spec)) / independent;
-  return squares_of(problem, chosen.fit.spec) > left.squaredNorm() * (1.0 + deciding().plain_fit_chances * chance);
+  const auto instrument = static_cast<double>(left.size());
+  const double least_beyond = std::max(left.squaredNorm() - instrument, deciding().chance_squares);
+  return squares_of(problem, chosen.fit.spec) - instrument >
+         least_beyond * (1.0 + deciding().plain_fit_chances * chance);
 }
 
 /// The sizes that are stated are those of the numbers that are stated.
@@ -81,8 +85,13 @@ void prefer_simpler_laws(Selection& selection, const Search& search) {
       if (at == chosen.fit.spec.parts.end()) break;
       const auto index = static_cast<std::size_t>(at - chosen.fit.spec.parts.begin());
       const bool description = at->coefficients.size() >= deciding().description_coefficients;
-      const Problem problem(search.instrument_problem().series(), chosen.fit.noise);
-      const bool gives_way = !description && idle(*at, intervals(problem, chosen.fit.spec, Spread::kNoise)[index]);
+      // A slow drift is nothing beside a noise that wanders as slowly: where least squares are stated, they judge.
+      const bool plain_numbers = follows_differences(search, chosen);
+      const model::ModelSpec& judged = plain_numbers ? chosen.ls_spec : chosen.fit.spec;
+      const Problem problem(search.instrument_problem().series(),
+                            plain_numbers ? plain(chosen.fit.noise) : chosen.fit.noise);
+      const bool gives_way =
+          !description && idle(judged.parts[index], intervals(problem, judged, Spread::kNoise)[index]);
       if (!gives_way && !description) break;
       Hypothesis best;
       bool found = false;
