@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 
 #include "model/catalogue.hpp"
@@ -98,6 +99,10 @@ Stage stage_of(const Part& part) noexcept {
   return part.law->traits.scales_specimen ? Stage::kSpecimenShape : part.physics->stage;
 }
 
+namespace {
+constexpr double kNoEnd = std::numeric_limits<double>::infinity();
+}
+
 RunningModel::RunningModel(const ModelSpec& given, const Reference& reference) {
   ModelSpec spec = given;
   follow_arms(spec);
@@ -111,11 +116,15 @@ RunningModel::RunningModel(const ModelSpec& given, const Reference& reference) {
   std::iota(by_stage.begin(), by_stage.end(), std::size_t{0});
   std::ranges::stable_sort(by_stage, {}, [&](std::size_t i) { return stage_of(spec.parts[i]); });
 
+  const bool another = spec.seen && !spec.seen->recordings.empty() &&
+                       std::ranges::find(spec.seen->recordings, reference.recording_id) == spec.seen->recordings.end();
   for (const std::size_t i : by_stage) {
     const Part& part = spec.parts[i];
     running_.push_back({part.law->make_table ? part.law->make_table(part.table, reference)
                                              : part.law->make(part.parameters, reference),
-                        stage_of(part), coefficients_.size()});
+                        stage_of(part), coefficients_.size(),
+                        spec.seen && part.law->traits.counts == Counts::kTime ? spec.seen->duration_s : kNoEnd, kNoEnd,
+                        !(another && describes_recording(*part.law))});
     for (std::size_t c = 0; c < part.coefficients.size(); ++c) {
       coefficients_.push_back(part.coefficients[c]);
       order_.push_back(first_of_part[i] + c);
@@ -126,7 +135,10 @@ RunningModel::RunningModel(const ModelSpec& given, const Reference& reference) {
 }
 
 void RunningModel::reset(const Instant& first) noexcept {
-  for (Running& running : running_) running.process->reset(first);
+  for (Running& running : running_) {
+    running.process->reset(first);
+    running.until_s = first.t_s + running.known_s;
+  }
 }
 
 void RunningModel::set_coefficients(std::span<const double> values) noexcept {
@@ -144,7 +156,14 @@ void RunningModel::run(Instant now) noexcept {
       case Stage::kSpecimen:
       case Stage::kRig:
       case Stage::kSensor:
-        running.process->force(now, work_.data() + running.first_column);
+        if (!running.acts) break;
+        if (now.t_s > running.until_s) {
+          Instant held = now;
+          held.t_s = running.until_s;
+          running.process->force(held, work_.data() + running.first_column);
+        } else {
+          running.process->force(now, work_.data() + running.first_column);
+        }
         break;
       case Stage::kSpecimenShape:
       case Stage::kSensorLag:

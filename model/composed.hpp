@@ -27,7 +27,10 @@ struct Seen {
   double travel_mm = 0.0;                      ///< of the longest recording, to and fro
   double lowest_psi = 0.0, highest_psi = 0.0;  ///< gauge; both zero where there was no pressure
   double duration_s = 0.0;                     ///< of the longest recording
-  double error_N = 0.0;                        ///< rms of a reading that was left out of the fit
+  /// Which recordings, by Reference::recording_id: of a model with a part that describes those alone
+  /// (describes_recording). Empty: not said.
+  std::vector<double> recordings;
+  double error_N = 0.0;  ///< rms of a reading that was left out of the fit
   /// Of what the model has beyond the nominal one, this share is predicted: what left-out readings bear (publish.hpp).
   double share = 1.0;
   /// Of the numbers that were fitted, in the order of fitted_numbers() (identify/diagnose/fit/intervals.hpp): row by
@@ -87,6 +90,11 @@ void fill_from_recording(Part& part, const Reference& reference);
 [[nodiscard]] std::string model_text(const ModelSpec& spec, std::string_view comment = {});
 
 /// A model that runs. One instant at a time; real-time safe after construction.
+///
+/// What counts time (a drift) is held at the value that it has where the longest recording that the model was fitted to
+/// ended (Seen::duration_s): whether a drift goes on, settles or turns, no recording has shown. Held it errs by the
+/// further drift alone, which the nominal model lacks whole. What describes recordings and no others (a zero that
+/// wanders) adds nothing in any other (Seen::recordings).
 class RunningModel {
  public:
   RunningModel(const ModelSpec& given, const Reference& reference);
@@ -109,6 +117,9 @@ class RunningModel {
     std::unique_ptr<Process> process;
     Stage stage;
     std::size_t first_column;  // in stage order
+    double known_s;            // since the first instant; of a law that counts time, what the model has seen
+    double until_s;            // by the instants' time
+    bool acts;                 // in this recording
   };
   std::vector<Running> running_;
   std::vector<std::size_t> order_;    // stage order -> order of the spec

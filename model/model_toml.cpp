@@ -101,6 +101,7 @@ Seen read_seen(const base::TomlTable& table, double length_scale) {
   seen.fastest_mm_s = table.number("rate_mm_s", base::kNonNegative);
   seen.travel_mm = table.number("travel_mm", base::kNonNegative);
   seen.duration_s = table.number("duration_s", base::kNonNegative);
+  if (table.has("recordings")) seen.recordings = table.numbers("recordings");
   seen.error_N = table.number("error_N", base::kNonNegative);
   seen.share = table.number_or("share", 1.0, {1e-6, 1.0});
   seen.covariance = table.numbers("covariance");
@@ -161,8 +162,9 @@ std::string seen_text(const Seen& seen) {
   return "\n[seen]  # what the model was fitted to; beyond it predictions fade to the nominal model\nposition_mm = " +
          numbers_text(position_mm) + "\nrate_mm_s = " + number(seen.fastest_mm_s) +
          "\ntravel_mm = " + number(seen.travel_mm) + "\npressure_psi = " + numbers_text(pressure_psi) +
-         "\nduration_s = " + number(seen.duration_s) + "\nerror_N = " + number(seen.error_N) +
-         "  # rms of a reading that was left out of the fit\n" +
+         "\nduration_s = " + number(seen.duration_s) +
+         (seen.recordings.empty() ? "" : "\nrecordings = " + numbers_text(seen.recordings)) +
+         "\nerror_N = " + number(seen.error_N) + "  # rms of a reading that was left out of the fit\n" +
          (seen.share < 1.0 ? "share = " + number(seen.share) + "  # predicted of what is beyond the nominal model\n"
                            : "") +
          "covariance = " + numbers_text(seen.covariance) + "\n" + parts_text(seen.nominal, "seen.nominal");

@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <functional>
 #include <limits>
 #include <memory>
@@ -241,6 +242,13 @@ struct Physics {
 }
 [[nodiscard]] inline bool is_event(const Law& law) {
   return event_parameter(law) < law.parameters.size();
+}
+
+/// The law is a shape over the whole of a recording, such as a zero that wanders: another recording has another.
+[[nodiscard]] inline bool describes_recording(const Law& law) {
+  return std::any_of(law.parameters.begin(), law.parameters.end(), [](const Parameter& parameter) {
+    return parameter.traits.filled_by == FilledBy::kRecordingDuration;
+  });
 }
 
 }  // namespace isorig::model

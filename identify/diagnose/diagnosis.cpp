@@ -158,6 +158,8 @@ void remember_what_was_seen(std::span<const Series> series, const Criterion& cri
                             const model::ModelSpec& nominal, model::ModelSpec& spec, double share = 1.0) {
   const Problem problem(series, criterion.noise);
   model::Seen seen = ranges_of(series);
+  if (std::ranges::any_of(spec.parts, [](const model::Part& part) { return model::describes_recording(*part.law); }))
+    for (const Series& each : series) seen.recordings.push_back(each.excitation.reference.recording_id);
   seen.error_N = error_N;
   seen.share = share;
   // The time constant of an arm without stiffness has no influence on the force: its variance is unbounded, and no

@@ -11,11 +11,8 @@
 
 namespace isorig::identify {
 bool is_state(const model::Part& part) {
-  const auto spans_recording = [](const model::Parameter& parameter) {
-    return parameter.traits.filled_by == model::FilledBy::kRecordingDuration;
-  };
   return part.physics == &model::element::arm_start() || part.physics == &model::element::force_zero() ||
-         model::is_event(*part.law) || std::ranges::any_of(part.law->parameters, spans_recording);
+         model::is_event(*part.law) || model::describes_recording(*part.law);
 }
 
 std::vector<Series> without(std::span<const Series> series, const std::vector<bool>& out) {

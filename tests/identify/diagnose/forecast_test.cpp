@@ -171,6 +171,9 @@ TEST_F(Forecasts, WhatWasSeenSurvivesItsFile) {
   EXPECT_EQ(model::model_text(read), text);
   const Excitation excitation = stretched(3.0);
   EXPECT_EQ(forecast(read, excitation).low95_N, forecast(learnt(), excitation).low95_N);
+  model::ModelSpec of_two = learnt();
+  of_two.seen->recordings = {model::kLargestRecordingId, 2.0};
+  EXPECT_EQ(model::parse_model(model::model_text(of_two), "read").seen->recordings, of_two.seen->recordings);
 }
 
 TEST_F(Forecasts, AFaultInSeenIsNamed) {
@@ -231,7 +234,7 @@ TEST(EveryModelOfASearch, IsWrittenReadPredictedAndRunByTheSimulatedRig) {
     const std::vector<model::Part> nominal = spec.parts;
     spec.parts.push_back(part);
     model::fill_from_recording(spec.parts.back(), excitation.reference);
-    spec.seen = model::Seen{-5.0, 5.0, 100.0, 1e4, 0.0, 40.0, 1e4, 0.03, 1.0, {}, nominal};
+    spec.seen = model::Seen{-5.0, 5.0, 100.0, 1e4, 0.0, 40.0, 1e4, {}, 0.03, 1.0, {}, nominal};
     const std::size_t n = fitted_numbers(spec).size();
     spec.seen->covariance.assign(n * (n + 1) / 2, 0.0);
     const std::string text = model::model_text(spec, "written");

@@ -1,0 +1,86 @@
+#include <gtest/gtest.h>
+
+#include <optional>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "model/catalogue.hpp"
+#include "model/composed.hpp"
+
+namespace isorig::model {
+namespace {
+
+/// The force of a model that consists of one part, t_s after its start at 50 s.
+double force_N(const Part& part, std::optional<double> seen_s, double t_s) {
+  ModelSpec spec{.name = "alone", .parts = {part}};
+  if (seen_s) {
+    spec.seen.emplace();
+    spec.seen->duration_s = *seen_s;
+  }
+  RunningModel running(spec, {});
+  Instant now{.t_s = 50.0, .elongation_mm = 1.0};
+  running.reset(now);
+  now.t_s += t_s;
+  now.dt_s = t_s;
+  return running.step(now);
+}
+
+Part part_of(std::string_view physics, std::size_t law) {
+  Part part = make_part(*find_physics(physics), find_physics(physics)->laws[law]);
+  for (double& coefficient : part.coefficients) coefficient = 3.6;
+  return part;
+}
+
+TEST(RunningModel, ADriftIsHeldWhereTheLongestRecordingEnded) {
+  const Part drift = part_of("zero_drift", 0);  // 3.6 N/h, a millinewton a second
+  EXPECT_NEAR(force_N(drift, 100.0, 99.0), 0.099, 1e-15);
+  EXPECT_NEAR(force_N(drift, 100.0, 101.0), 0.100, 1e-15);
+  EXPECT_NEAR(force_N(drift, 100.0, 1e4), 0.100, 1e-15);
+  EXPECT_NEAR(force_N(drift, std::nullopt, 1e4), 10.0, 1e-12) << "written by hand: nothing says how long it was seen";
+}
+
+TEST(RunningModel, WhatCountsNoTimeGoesOn) {
+  const Part arm = part_of("maxwell", 0);
+  EXPECT_EQ(force_N(arm, 1.0, 30.0), force_N(arm, std::nullopt, 30.0));
+}
+
+TEST(RunningModel, ASecondStartBeginsTheTimeAnew) {
+  ModelSpec spec{.name = "alone", .parts = {part_of("zero_drift", 0)}};
+  spec.seen.emplace();
+  spec.seen->duration_s = 100.0;
+  RunningModel running(spec, {});
+  Instant now{.t_s = 0.0};
+  running.reset(now);
+  now.t_s = now.dt_s = 500.0;
+  EXPECT_NEAR(running.step(now), 0.1, 1e-15);
+  now.dt_s = 0.0;
+  running.reset(now);
+  now.t_s += now.dt_s = 50.0;
+  EXPECT_NEAR(running.step(now), 0.05, 1e-15);
+}
+
+/// Six cosines over the recording of 100 s that they were fitted to, whose id is 7.
+double wander_N(double recording_id, std::vector<double> seen_in) {
+  Part part = part_of("zero_drift", 2);
+  part.parameters[0] = 100.0;
+  ModelSpec spec{.name = "alone", .parts = {part}};
+  spec.seen.emplace();
+  spec.seen->duration_s = 100.0;
+  spec.seen->recordings = std::move(seen_in);
+  RunningModel running(spec, {.recording_id = recording_id});
+  Instant now{};
+  running.reset(now);
+  return running.step(now);
+}
+
+TEST(RunningModel, AZeroThatWandersIsThatOfItsOwnRecordings) {
+  constexpr double kAllCosines_N = 6.0 * 3.6;
+  EXPECT_NEAR(wander_N(7.0, {5.0, 7.0}), kAllCosines_N, 1e-12);
+  EXPECT_EQ(wander_N(8.0, {5.0, 7.0}), 0.0);
+  EXPECT_EQ(wander_N(0.0, {5.0, 7.0}), 0.0) << "a running rig";
+  EXPECT_NEAR(wander_N(8.0, {}), kAllCosines_N, 1e-12) << "written by hand: nothing says whose it is";
+}
+
+}  // namespace
+}  // namespace isorig::model
