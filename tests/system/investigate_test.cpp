@@ -204,7 +204,7 @@ TEST(Investigate, AnotherCallInTheFolderIsRefusedAndTouchesNothing) {
   const base::LockFile other(dir / "out/investigation.lock");
   const auto answer = investigate(dir, rig_with(dir, "", "0.01"));
   EXPECT_EQ(answer.code, 1);
-  EXPECT_THAT(answer.err, HasSubstr("investigation.lock: in use by process " + std::to_string(::getpid())));
+  EXPECT_THAT(answer.text, HasSubstr("investigation.lock: in use by process " + std::to_string(::getpid())));
   EXPECT_EQ(slurp(dir / "out/round-1/begun"), "by the other");
 }
 
