@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
+#include <limits>
 
 #include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/motion/band_limited_motion.hpp"
@@ -15,26 +15,63 @@
 namespace isorig::identify {
 namespace {
 
+/// A turning point at which a path may have stood.
+struct Stand {
+  std::size_t turn;  ///< the farthest reading
+  std::size_t last;  ///< the path stands there up to this reading
+  double level_mm;
+};
+
+/// Of a path whose farthest reading is `turn`, and which is seen to have left it at `leave`: where it stood and until
+/// when. Least squares of a mean up to a reading and of a straight way from there to `leave`; a path that turns and
+/// does not stand has its farthest reading alone on the mean's side.
+Stand stand_at(const std::vector<double>& path, std::size_t turn, std::size_t leave) {
+  // y is counted from the farthest reading, i from the one that has left. What both ways of drawing the path have in
+  // common, the sum of y^2, tells none from the other.
+  const double origin = path[turn], end = path[leave] - origin;
+  double whole = 0.0;
+  for (std::size_t k = turn; k < leave; ++k) whole += path[k] - origin;
+  Stand best{turn, turn, origin};
+  double least = std::numeric_limits<double>::infinity();
+  double way = 0.0, way_i = 0.0;  // sums of y and i y of the readings between `last` and `leave`
+  for (std::size_t last = leave; last-- > turn;) {
+    const auto n = static_cast<double>(last - turn + 1), m = static_cast<double>(leave - last);
+    const double stands = whole - way, level = stands / n;
+    // On the way y = end + (level - end) i / m, i = 1 ... m - 1.
+    const double slope = (level - end) / m;
+    const double i1 = 0.5 * m * (m - 1.0), i2 = m * (m - 1.0) * (2.0 * m - 1.0) / 6.0;
+    const double squares = (m - 1.0) * end * end + 2.0 * end * slope * i1 + slope * slope * i2 -
+                           2.0 * (end * way + slope * way_i) - n * level * level;
+    if (squares < least) {
+      least = squares;
+      best = {turn, last, origin + level};
+    }
+    const double y = path[last] - origin;
+    way += y;
+    way_i += m * y;
+  }
+  return best;
+}
+
 /// The same path with every reversal smaller than `least_mm` taken out: monotone from one true turning point to the
-/// next. It stands at a turning point until the path has left it by `least_mm`, at the mean of the readings until then.
-/// The farthest of them lies beyond a hold by some of their noise: were the way from there to the hold a part of the
-/// next stroke, a bristle would have turned back by that much during the whole hold.
+/// next. Where it stands at one, it stands at the mean of the readings until it leaves: the farthest of them lies
+/// beyond the hold by some of its noise, and were the way from there to the hold a part of the next stroke, a bristle
+/// would have turned back by that much during the whole hold.
 std::vector<double> without_small_reversals(const std::vector<double>& path, double least_mm) {
-  std::vector<std::size_t> turns{0}, leaves{0};  // where the path turns, and where it is seen to have left
+  if (path.empty()) return {};
+  std::vector<Stand> stands{{0, 0, path.front()}};
   std::size_t low = 0, high = 0;
   int direction = 0;
   for (std::size_t k = 1; k < path.size(); ++k) {
     if (path[k] > path[high]) high = k;
     if (path[k] < path[low]) low = k;
     if (direction >= 0 && path[high] - path[k] > least_mm) {
-      turns.push_back(high);
-      leaves.push_back(k);
+      stands.push_back(stand_at(path, high, k));
       direction = -1;
       low = k;
       high = k;
     } else if (direction <= 0 && path[k] - path[low] > least_mm) {
-      turns.push_back(low);
-      leaves.push_back(k);
+      stands.push_back(stand_at(path, low, k));
       direction = 1;
       low = k;
       high = k;
@@ -43,20 +80,14 @@ std::vector<double> without_small_reversals(const std::vector<double>& path, dou
     if (direction > 0 && high == k) low = k;
     if (direction < 0 && low == k) high = k;
   }
-  turns.push_back(path.empty() ? 0 : path.size() - 1);
-  const auto level_mm = [&](std::size_t t) {
-    if (t == 0 || t == leaves.size()) return path[turns[t]];  // begin and end are no turning points
-    const auto from = path.begin() + static_cast<std::ptrdiff_t>(turns[t]);
-    const auto to = path.begin() + static_cast<std::ptrdiff_t>(leaves[t]);
-    return std::accumulate(from, to, 0.0) / static_cast<double>(to - from);
-  };
+  stands.push_back({path.size() - 1, path.size() - 1, path.back()});
   std::vector<double> out = path;
-  for (std::size_t t = 0; t + 1 < turns.size(); ++t) {
-    const double from = level_mm(t), to = level_mm(t + 1);
+  for (std::size_t s = 0; s + 1 < stands.size(); ++s) {
+    const double from = stands[s].level_mm, to = stands[s + 1].level_mm;
     const double least = std::min(from, to), most = std::max(from, to);
     double at = from;
-    for (std::size_t k = turns[t]; k <= turns[t + 1]; ++k) {
-      if (k >= leaves[t]) at = std::clamp(to >= from ? std::max(at, path[k]) : std::min(at, path[k]), least, most);
+    for (std::size_t k = stands[s].turn; k <= stands[s + 1].turn; ++k) {
+      if (k > stands[s].last) at = std::clamp(to >= from ? std::max(at, path[k]) : std::min(at, path[k]), least, most);
       out[k] = at;
     }
   }
