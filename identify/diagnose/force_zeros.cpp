@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <string>
 
 #include "base/formatted.hpp"
@@ -17,8 +18,15 @@ bool has_zero(const model::ModelSpec& spec, double recording_id) {
   });
 }
 
+/// As measured, where it was: what a recording calls its nominal pressure may be what the force is counted from.
+double pressure_psi(const Series& series) {
+  const std::vector<double>& read = series.excitation.pressure_psi;
+  if (read.empty()) return series.excitation.reference.nominal_pressure_psi;
+  return std::accumulate(read.begin(), read.end(), 0.0) / static_cast<double>(read.size());
+}
+
 bool at_one_pressure(const Series& a, const Series& b) {
-  const double psi_a = a.excitation.reference.nominal_pressure_psi, psi_b = b.excitation.reference.nominal_pressure_psi;
+  const double psi_a = pressure_psi(a), psi_b = pressure_psi(b);
   return std::fabs(psi_a - psi_b) <= deciding().one_pressure_share * std::max(std::fabs(psi_a), std::fabs(psi_b));
 }
 

@@ -2,17 +2,20 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 #include <optional>
 
 #include "concealed_specimen.hpp"
 #include "identify/diagnose/diagnosis.hpp"
+#include "identify/diagnose/force_zeros.hpp"
 #include "identify/diagnose/forecast.hpp"
 #include "identify/diagnose/guard/plausible.hpp"
 #include "messages/recording_id.hpp"
 #include "model/catalogue.hpp"
 #include "model/composed.hpp"
+#include "model/elements.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -192,6 +195,26 @@ TEST_F(Tares, ThatAreAlikeAreNotListed) {
   const Diagnosis d = found({tared(0.1, 0.0, 16), tared(0.1, 0.0, 17)});
   EXPECT_EQ(d.verdict, Verdict::kConsistent);
   EXPECT_THAT(tares_listed(d), IsEmpty());
+}
+
+/// What a recording calls its nominal pressure may be what its force is counted from, the same in all: whether two
+/// share a zero is asked of the gauge. Free zeros at 1, 3 and 7 bar had taken up what grows with the pressure.
+TEST(Together, RecordingsThatWereReadAtOtherPressuresShareTheirZero) {
+  const auto zeros = [](double first_psi, double second_psi, bool gauge) {
+    std::vector<Series> series(2);
+    for (std::size_t i = 0; i < 2; ++i) {
+      Excitation& excitation = series[i].excitation;
+      excitation.reference.recording_id = 10.0 + static_cast<double>(i);
+      excitation.reference.duration_s = 100.0 - static_cast<double>(i);
+      if (gauge) excitation.pressure_psi.assign(50, i == 0 ? first_psi : second_psi);
+    }
+    model::ModelSpec nominal = model::nominal_model("slse1");
+    give_each_its_zero(series, nominal);
+    return std::ranges::count(nominal.parts, &model::element::force_zero(), &model::Part::physics);
+  };
+  EXPECT_EQ(zeros(15.0, 15.3, true), 1) << "one pressure";
+  EXPECT_EQ(zeros(15.0, 45.0, true), 0);
+  EXPECT_EQ(zeros(0.0, 0.0, false), 1) << "no gauge: by what they call nominal";
 }
 
 TEST(Together, TheSameRecordingTwiceIsRefusedByName) {
