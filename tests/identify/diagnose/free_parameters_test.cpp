@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
+#include <vector>
 
 #include "concealed_specimen.hpp"
 #include "identify/diagnose/fit/fit.hpp"
@@ -22,9 +24,21 @@ class OnTheBench : public testing::Test {
   std::vector<Series> series_;
 };
 
+/// Of two columns, one's error in shares of the other; without the hundredth of the readings that differ most, rounded
+/// up, if the law bends there.
+double error_of(const Eigen::VectorXd& one, const Eigen::VectorXd& reference, bool bends) {
+  std::vector<double> squares;
+  for (Eigen::Index i = 0; i < one.size(); ++i)
+    if (one[i] != 0.0 || reference[i] != 0.0) squares.push_back(std::pow(one[i] - reference[i], 2));
+  std::ranges::sort(squares);
+  if (bends) squares.resize(squares.size() - (squares.size() + 99) / 100);
+  return std::sqrt(std::accumulate(squares.begin(), squares.end(), 0.0)) / reference.norm();
+}
+
 /// The step that all derivatives use against a far finer reference: central differences of a quarter and a half of it,
-/// extrapolated. Laws that jump or bend in a parameter (a gap, a knee, a threshold) have a slope almost everywhere;
-/// the error is of the column as a whole.
+/// extrapolated. Laws that jump or bend in a parameter (a gap, a knee, a threshold) have a slope almost everywhere, and
+/// nothing to extrapolate by where they bend: their reference is the finer of the two, and what lies within a step of
+/// the bend is left out.
 TEST_F(OnTheBench, TheOneStepIsGoodToHalfAPerCentForEverySmoothLaw) {
   const Problem problem(series_, {0.02, 0.0, 1.0});
   for (const model::Physics* effect : model::effects()) {
@@ -42,13 +56,13 @@ TEST_F(OnTheBench, TheOneStepIsGoodToHalfAPerCentForEverySmoothLaw) {
         const Eigen::VectorXd one = (force(h) - force(0.0)) / h;
         const Eigen::VectorXd half = (force(0.5 * h) - force(-0.5 * h)) / h;
         const Eigen::VectorXd quarter = 2.0 * (force(0.25 * h) - force(-0.25 * h)) / h;
-        const Eigen::VectorXd reference = (4.0 * quarter - half) / 3.0;
-        if (reference.norm() == 0.0) continue;  // a knee beyond the stroke
-        const double error = (one - reference).norm() / reference.norm();
         const std::string_view name = law.parameters[number.index].name;
         const bool bends = name == "gap_mm" || name == "start" || name == "presliding_mm" || name == "yield_mm" ||
                            name == "delay_s" || law.name == "knee";
-        EXPECT_LT(error, bends ? 0.1 : 5e-3) << effect->name << ' ' << law.name << ' ' << name;
+        const Eigen::VectorXd reference = bends ? quarter : (4.0 * quarter - half) / 3.0;
+        if (reference.norm() == 0.0) continue;  // a knee beyond the stroke
+        const double error = error_of(one, reference, bends);
+        EXPECT_LT(error, 5e-3) << effect->name << ' ' << law.name << ' ' << name;
       }
     }
   }
