@@ -175,6 +175,8 @@ std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
     if (!may_be_tried(*effect, base, series_) || std::ranges::find(withheld_, effect) != withheld_.end()) continue;
     for (const model::Law& known : effect->laws) {
       const model::Law& law = model::law_at(known, spec.length_scale);
+      // Of several recordings each has a shape of its own, and one for all is none of them.
+      if (model::describes_recording(law) && series_.size() > 1) continue;
       if (model::is_event(law)) {
         add_events(*effect, law, base, out);
         continue;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include "identify/diagnose/deciding/deciding.hpp"
@@ -25,6 +26,41 @@ double settled_force_N(const model::Part& part, const model::Reference& referenc
   return force_N;
 }
 
+/// The most that it adds, at the ends of the travel or as their difference, were the pressure to rise by so much.
+double pressure_adds_N(const model::Part& part, const model::Reference& reference, double pressure_psi) {
+  const auto added_N = [&](double position_mm) {
+    const double elongation_mm = position_mm + reference.elongation_at_zero_mm;
+    return settled_force_N(part, reference, pressure_psi, elongation_mm) -
+           settled_force_N(part, reference, 0.0, elongation_mm);
+  };
+  const double lowest_N = added_N(reference.lowest_position_mm);
+  const double highest_N = added_N(reference.highest_position_mm);
+  return std::max({std::fabs(lowest_N), std::fabs(highest_N), std::fabs(highest_N - lowest_N)});
+}
+
+/// What a law of the time alone changes by over a recording.
+double drifts_by_N(const model::Part& part, const model::Reference& reference) {
+  constexpr int kPlaces = 100;
+  const auto process = part.law->make(part.parameters, reference);
+  model::Instant now;
+  process->reset(now);
+  std::vector<double> columns(part.coefficients.size());
+  double lowest_N = std::numeric_limits<double>::infinity(), highest_N = -lowest_N;
+  for (int k = 0; k <= kPlaces; ++k) {
+    now.t_s = reference.duration_s * k / kPlaces;
+    process->force(now, columns.data());
+    double force_N = 0.0;
+    for (std::size_t i = 0; i < columns.size(); ++i) force_N += columns[i] * part.coefficients[i];
+    lowest_N = std::min(lowest_N, force_N);
+    highest_N = std::max(highest_N, force_N);
+  }
+  return highest_N - lowest_N;
+}
+
+bool is_drift_of_the_channel(const model::Part& part) {
+  return part.physics->stage == model::Stage::kSensor && part.law->traits.counts == model::Counts::kTime;
+}
+
 }  // namespace
 
 bool beyond_physical_size(const model::ModelSpec& spec, std::span<const Series> series) {
@@ -33,24 +69,16 @@ bool beyond_physical_size(const model::ModelSpec& spec, std::span<const Series> 
     pressure_psi = std::max(pressure_psi, each.excitation.reference.nominal_pressure_psi);
     largest_N = std::max(largest_N, each.excitation.reference.largest_force_N);
   }
-  if (!(pressure_psi > 0.0 && largest_N > 0.0)) return false;
-  const double allowed_N = deciding().pressure_force_ratio * largest_N;
-  for (const model::Part& part : spec.parts) {
-    if (!part.physics->traits.driven_by_pressure || !part.law->make) continue;
-    for (const Series& each : series) {
-      const model::Reference& reference = each.excitation.reference;
-      const auto added_N = [&](double position_mm) {
-        const double elongation_mm = position_mm + reference.elongation_at_zero_mm;
-        return settled_force_N(part, reference, pressure_psi, elongation_mm) -
-               settled_force_N(part, reference, 0.0, elongation_mm);
-      };
-      const double lowest_N = added_N(reference.lowest_position_mm);
-      const double highest_N = added_N(reference.highest_position_mm);
-      if (std::max({std::fabs(lowest_N), std::fabs(highest_N), std::fabs(highest_N - lowest_N)}) > allowed_N)
-        return true;
-    }
-  }
-  return false;
+  if (!(largest_N > 0.0)) return false;
+  const auto beyond = [&](const model::Part& part, const model::Reference& reference) {
+    if (!part.law->make) return false;
+    if (is_drift_of_the_channel(part)) return drifts_by_N(part, reference) > deciding().drift_force_ratio * largest_N;
+    return part.physics->traits.driven_by_pressure && pressure_psi > 0.0 &&
+           pressure_adds_N(part, reference, pressure_psi) > deciding().pressure_force_ratio * largest_N;
+  };
+  return std::ranges::any_of(spec.parts, [&](const model::Part& part) {
+    return std::ranges::any_of(series, [&](const Series& each) { return beyond(part, each.excitation.reference); });
+  });
 }
 
 }  // namespace isorig::identify

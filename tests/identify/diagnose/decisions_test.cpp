@@ -522,7 +522,29 @@ TEST(PhysicalSize, AForceThatFollowsThePressureIsHeldAgainstTheLargestForceRead)
   EXPECT_FALSE(beyond("force", {1e6}));
 }
 
-TEST(PhysicalSize, AskedOfLawsThatFollowThePressureAlone) {
+TEST(PhysicalSize, AForceChannelDriftsByNoMoreThanItReads) {
+  Series series;
+  series.excitation.reference = {.duration_s = 1800.0, .largest_force_N = 10.0};
+  const auto beyond = [&](std::string_view law_name, std::vector<double> parameters, std::vector<double> coefficients) {
+    model::ModelSpec spec = model::nominal_model("slse1");
+    const model::Physics& drift = effect("zero_drift");
+    spec.parts.push_back(model::make_part(drift, *std::ranges::find(drift.laws, law_name, &model::Law::name)));
+    spec.parts.back().parameters = std::move(parameters);
+    spec.parts.back().coefficients = std::move(coefficients);
+    return beyond_physical_size(spec, std::span(&series, 1));
+  };
+  // Half an hour.
+  EXPECT_FALSE(beyond("linear", {}, {-19.9}));
+  EXPECT_TRUE(beyond("linear", {}, {-20.1}));
+  // Two time constants: 1 - exp(-2) is 0.8647.
+  EXPECT_FALSE(beyond("settling", {900.0}, {11.5}));
+  EXPECT_TRUE(beyond("settling", {900.0}, {11.6}));
+  // From one end of a cosine to the other.
+  EXPECT_FALSE(beyond("wander", {1800.0}, {4.99, 0.0, 0.0, 0.0, 0.0, 0.0}));
+  EXPECT_TRUE(beyond("wander", {1800.0}, {5.01, 0.0, 0.0, 0.0, 0.0, 0.0}));
+}
+
+TEST(PhysicalSize, AskedOfNoOtherLaws) {
   Series series;
   series.excitation.reference = {.nominal_pressure_psi = 10.0, .largest_force_N = 1e-3, .highest_position_mm = 4.0};
   model::ModelSpec spec = model::nominal_model("slse1");
