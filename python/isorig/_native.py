@@ -65,6 +65,7 @@ def _load() -> ctypes.CDLL:
         "isorig_drive_new": (c_void_p, [POINTER(SpecimenRecord), c_size_t, _DoublePointer, _DoublePointer, c_size_t,
                                         _DoublePointer, _DoublePointer]),
         "isorig_drive_free": (None, [c_void_p]),
+        "isorig_drive_was_read_with": (c_int, [c_void_p, _DoublePointer]),
         "isorig_model_predict": (c_int, [c_void_p, c_void_p, _DoublePointer, _DoublePointer, _DoublePointer,
                                          _DoublePointer]),
         "isorig_unit_in_doubt": (c_char_p, [POINTER(SpecimenRecord), c_size_t, _DoublePointer]),

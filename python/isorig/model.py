@@ -194,7 +194,8 @@ class Drive:
     """What drives a model: motion and pressure of a recording, reconstructed once from their noisy readings."""
 
     def __init__(self, recording: Recording) -> None:
-        """The recording's force is not looked at; its later changes do not concern this. Raises BadInput for a recording
+        """The recording's force is not looked at but to know the recording again that a model was made from; its later
+        changes do not concern this. Raises BadInput for a recording
         whose output is not the force: the models here pull; `ResponseModel` answers for the others."""
         if recording.output != "force":
             raise BadInput(f"the output of this recording is the {recording.output}, and these models predict forces; "
@@ -210,6 +211,8 @@ class Drive:
         if not handle:
             raise _native.failure()
         self._handle = ctypes.c_void_p(handle)
+        # By its readings a model knows the recording that it was made from, whose slips it predicts.
+        _native.check(_native.library.isorig_drive_was_read_with(self._handle, _native.pointer(columns["force_N"])))
 
     @property
     def t_s(self) -> FloatArray:

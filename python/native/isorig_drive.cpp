@@ -12,6 +12,7 @@
 #include "identify/diagnose/prepare.hpp"
 #include "isorig_model.h"
 #include "messages/recording.hpp"
+#include "messages/recording_id.hpp"
 #include "rows.hpp"
 
 struct isorig_drive {
@@ -127,6 +128,19 @@ isorig_drive* isorig_drive_new(const isorig_specimen* specimen, size_t rows, con
 
 void isorig_drive_free(isorig_drive* drive) {
   delete drive;
+}
+
+int isorig_drive_was_read_with(isorig_drive* drive, const double* force_N) {
+  return guarded(
+      [&] {
+        require(drive, "the drive");
+        require(force_N, "force_N");
+        messages::Recording read = drive->recording;
+        read.frame.force_N.assign(force_N, force_N + read.frame.size());
+        drive->excitation.reference.recording_id = messages::recording_id(read);
+        return 0;
+      },
+      -1);
 }
 
 int isorig_model_predict(const isorig_model* model, const isorig_drive* drive, double* force_N, double* low95_N,

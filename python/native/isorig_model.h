@@ -69,6 +69,9 @@ isorig_drive* isorig_drive_new(const isorig_specimen* specimen, size_t rows, con
                                const double* position_mm, size_t pressure_rows, const double* pressure_t_s,
                                const double* pressure_psi);
 void isorig_drive_free(isorig_drive* drive);
+/* `force_N`: what was read, one for each row. A model knows by it the recording that it was made from, whose slips it
+   then predicts; nothing else is made of it. */
+int isorig_drive_was_read_with(isorig_drive* drive, const double* force_N);
 
 /* What `isorig predict` does to a recording: the model is stepped on its drive, and fades to its nominal model outside of
    what it has seen. `low95_N`, `high95_N` and `outside` (1 where the model leaves what it has seen) may be NULL; without

@@ -122,7 +122,9 @@ echo '{"verdict": "missing_physics", "missing": [{"effect": "slack", "probabilit
     return out;
   }
   /// Diagnoses so far: a line of two bytes each.
-  [[nodiscard]] std::size_t diagnosed() const { return fs::file_size(folder_ / "diagnosed") / 2; }
+  [[nodiscard]] std::size_t diagnosed() const {
+    return fs::exists(folder_ / "diagnosed") ? fs::file_size(folder_ / "diagnosed") / 2 : 0;
+  }
 
   fs::path folder_ = fs::temp_directory_path() / ("sensitivity-" + std::to_string(::getpid()));
   fs::path study_ = folder_ / "study", program_ = folder_ / "isorig";
