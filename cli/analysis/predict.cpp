@@ -110,7 +110,7 @@ int predict(const PredictOptions& options) {
               << " is the force; give model.toml of a diagnosis of forces\n";
     return kBadInput;
   }
-  // A slip of this very recording is known by it.
+  // By this number, made of all readings, a model knows the recording whose slips it holds.
   const double recording_id = messages::recording_id(recording);
   // What was measured is out of reach from here on: a prediction that had seen it would prove nothing.
   std::fill(recording.frame.force_N.begin(), recording.frame.force_N.end(), 0.0);

@@ -365,8 +365,8 @@ class OneExporter {
 
 ExportReport export_run(const std::filesystem::path& run_dir, const std::filesystem::path& out,
                         const ExportOptions& options) {
-  const OneExporter alone(
-      out);  // before the folder is looked at: another's recordings may just have been finished there
+  // Before the folder is looked at: another export may just have finished its recordings there.
+  const OneExporter alone(out);
   // The names of the other formats have the run in them.
   if (options.format == ExportFormat::kCsv) refuse_recordings_of_others(out, options.run_id);
   // The log is read twice, one of the live channels three times.

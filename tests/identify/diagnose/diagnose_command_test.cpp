@@ -91,6 +91,18 @@ class DiagnoseCommand : public testing::Test {
     return isorig("diagnose " + recording_.string() + " --model " + model + " --out " + out_.string() +
                   " --no-report --threads 1");
   }
+  /// What the model predicts of the recording in the folder, against these forces, rms.
+  double predicted_off_by_N(const messages::Recording& against) {
+    EXPECT_EQ(predict(folder_ / "p.csv").code, 0);
+    std::istringstream in(read(folder_ / "p.csv"));
+    std::string line;
+    std::getline(in, line);
+    double squares = 0.0;
+    std::size_t rows = 0;
+    while (std::getline(in, line)) squares += std::pow(std::stod(cell(line, 1)) - against.frame.force_N.at(rows++), 2);
+    EXPECT_EQ(rows, against.frame.size());
+    return std::sqrt(squares / static_cast<double>(rows));
+  }
   /// Both commands refuse, say `place` and `advice`, and leave nothing behind.
   void expect_both_refuse(const std::string& place, const std::string& advice) {
     for (const Outcome& outcome : {predict(out_), diagnose()}) {
@@ -399,22 +411,12 @@ TEST_F(DiagnoseCommand, PredictsASlipInItsOwnRecordingAndInNoOther) {
   ASSERT_EQ(outcome.code, 0) << outcome.text;
   ASSERT_THAT(read(out_ / "model.toml"), HasSubstr("grip_slip"));
   model_ = out_ / "model.toml";
-  const auto rms_N = [&] {
-    EXPECT_EQ(predict(folder_ / "p.csv").code, 0);
-    std::istringstream in(read(folder_ / "p.csv"));
-    std::string line;
-    std::getline(in, line);
-    double squares = 0.0;
-    std::size_t rows = 0;
-    while (std::getline(in, line)) squares += std::pow(std::stod(cell(line, 1)) - slipped.frame.force_N[rows++], 2);
-    return std::sqrt(squares / static_cast<double>(rows));
-  };
   const auto told = nlohmann::json::parse(read(out_ / "diagnosis.json"));
-  EXPECT_NEAR(rms_N(), told["fit"]["model"]["train_rmse_N"].get<double>(), 0.002);
+  EXPECT_NEAR(predicted_off_by_N(slipped), told["fit"]["model"]["train_rmse_N"].get<double>(), 0.002);
   messages::Recording other = slipped;
   other.frame.force_N.front() += 0.001;
   messages::write_recording(recording_, other);
-  EXPECT_GT(rms_N(), 0.3) << "the stiffness of 2.5 N/mm times 0.3 mm over half of the time";
+  EXPECT_GT(predicted_off_by_N(slipped), 0.3) << "the stiffness of 2.5 N/mm times 0.3 mm over half of the time";
 }
 
 TEST_F(DiagnoseCommand, WritesItsFilesAndAModelThatPredicts) {
@@ -423,15 +425,8 @@ TEST_F(DiagnoseCommand, WritesItsFilesAndAModelThatPredicts) {
   for (const char* name : {"diagnosis.json", "nominal.toml", "model.toml"})
     EXPECT_GT(fs::file_size(out_ / name), 100U) << name;
   model_ = out_ / "model.toml";
-  ASSERT_EQ(predict(folder_ / "p.csv").code, 0);
   // The nominal model is the true one here: its errors are the noise of 0.02 N.
-  std::istringstream in(read(folder_ / "p.csv"));
-  std::string line;
-  std::getline(in, line);
-  double squares = 0.0;
-  std::size_t rows = 0;
-  while (std::getline(in, line)) squares += std::pow(std::stod(cell(line, 1)) - good().frame.force_N[rows++], 2);
-  EXPECT_NEAR(std::sqrt(squares / static_cast<double>(rows)), 0.02, 0.002);
+  EXPECT_NEAR(predicted_off_by_N(good()), 0.02, 0.002);
 }
 
 // A weight that hangs on a muscle while the pressure steps: the position is what the model answers with.
