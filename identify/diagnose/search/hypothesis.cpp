@@ -288,10 +288,14 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
   });
   const InstrumentResolution resolution = resolution_of(series_);
   add_further_events(chosen, resolution);
-  const auto no_law = [&](const ModelSpec& fitted) {
-    return below_resolution(fitted, resolution) || beyond_physical_size(fitted, series_);
+  const auto no_law = [&](const ModelSpec& fitted, std::span<const model::Physics* const> effects) {
+    return below_resolution(fitted, resolution) || beyond_physical_size(fitted, effects, series_);
   };
-  std::erase_if(chosen, [&](const Trial& trial) { return no_law(trial.fit.spec); });
+  std::erase_if(chosen, [&](const Trial& trial) {
+    std::vector<const model::Physics*> effects = base.effects;
+    effects.push_back(trial.effect);
+    return no_law(trial.fit.spec, effects);
+  });
   drop_repeated(chosen);
   std::vector<Hypothesis> out(chosen.size());
   base::parallel_for(chosen.size(), threads_, [&](std::size_t i) {
@@ -308,7 +312,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
   std::ranges::stable_sort(out, std::greater<>(), &Hypothesis::evidence);
   std::vector<Hypothesis> best;
   for (Hypothesis& hypothesis : out) {
-    if (no_law(hypothesis.fit.spec)) continue;
+    if (no_law(hypothesis.fit.spec, hypothesis.effects)) continue;
     if (std::ranges::none_of(best, [&](const Hypothesis& other) { return other.effects == hypothesis.effects; }))
       best.push_back(std::move(hypothesis));
   }

@@ -63,7 +63,8 @@ bool is_drift_of_the_channel(const model::Part& part) {
 
 }  // namespace
 
-bool beyond_physical_size(const model::ModelSpec& spec, std::span<const Series> series) {
+bool beyond_physical_size(const model::ModelSpec& spec, std::span<const model::Physics* const> effects,
+                          std::span<const Series> series) {
   double pressure_psi = 0.0, largest_N = 0.0;
   for (const Series& each : series) {
     pressure_psi = std::max(pressure_psi, each.excitation.reference.nominal_pressure_psi);
@@ -77,6 +78,7 @@ bool beyond_physical_size(const model::ModelSpec& spec, std::span<const Series> 
            pressure_adds_N(part, reference, pressure_psi) > deciding().pressure_force_ratio * largest_N;
   };
   return std::ranges::any_of(spec.parts, [&](const model::Part& part) {
+    if (std::ranges::find(effects, part.physics) == effects.end()) return false;
     return std::ranges::any_of(series, [&](const Series& each) { return beyond(part, each.excitation.reference); });
   });
 }

@@ -502,7 +502,9 @@ TEST(PhysicalSize, AForceThatFollowsThePressureIsHeldAgainstTheLargestForceRead)
     const model::Law& law = *std::ranges::find(coupling.laws, law_name, &model::Law::name);
     spec.parts.push_back(model::make_part(coupling, law));
     spec.parts.back().coefficients = std::move(coefficients);
-    return beyond_physical_size(spec, std::span(&series, 1));
+    const model::Physics* const added[] = {&coupling};
+    EXPECT_FALSE(beyond_physical_size(spec, {}, std::span(&series, 1))) << "of the given model";
+    return beyond_physical_size(spec, added, std::span(&series, 1));
   };
   // Twenty times 5 N for 10 psi more: 10 N/psi, whatever the sign and however late the tube.
   EXPECT_FALSE(beyond("force", {9.99}));
@@ -531,7 +533,9 @@ TEST(PhysicalSize, AForceChannelDriftsByNoMoreThanItReads) {
     spec.parts.push_back(model::make_part(drift, *std::ranges::find(drift.laws, law_name, &model::Law::name)));
     spec.parts.back().parameters = std::move(parameters);
     spec.parts.back().coefficients = std::move(coefficients);
-    return beyond_physical_size(spec, std::span(&series, 1));
+    const model::Physics* const added[] = {&drift};
+    EXPECT_FALSE(beyond_physical_size(spec, {}, std::span(&series, 1))) << "of the given model";
+    return beyond_physical_size(spec, added, std::span(&series, 1));
   };
   // Half an hour.
   EXPECT_FALSE(beyond("linear", {}, {-19.9}));
@@ -548,8 +552,34 @@ TEST(PhysicalSize, AskedOfNoOtherLaws) {
   Series series;
   series.excitation.reference = {.nominal_pressure_psi = 10.0, .largest_force_N = 1e-3, .highest_position_mm = 4.0};
   model::ModelSpec spec = model::nominal_model("slse1");
-  for (model::Part& part : spec.parts) std::ranges::fill(part.coefficients, 1e6);
-  EXPECT_FALSE(beyond_physical_size(spec, std::span(&series, 1)));
+  std::vector<const model::Physics*> all;
+  for (model::Part& part : spec.parts) {
+    std::ranges::fill(part.coefficients, 1e6);
+    all.push_back(part.physics);
+  }
+  EXPECT_FALSE(beyond_physical_size(spec, all, std::span(&series, 1)));
+}
+
+// --- extend ----------------------------------------------------------------------------------------------------------
+
+/// A zero that wanders without law: each of several recordings has another, and no shape is that of all.
+TEST(Extend, AZeroThatWandersIsTriedForOneRecordingAlone) {
+  const auto wandering = [](unsigned seed) {
+    messages::Recording recording = test::record({.seed = seed});
+    for (std::size_t k = 0; k < recording.frame.size(); ++k)
+      recording.frame.force_N[k] += 0.3 * std::sin(2.0 * M_PI * recording.frame.t_s[k] / 300.0);
+    return prepare_series("bench", std::move(recording), {});
+  };
+  const auto named = [](const std::vector<Series>& series) {
+    const Search search(series, {0.02, 0.0, 1.0}, 1);
+    const std::vector<Hypothesis> found = search.extend(search.nominal(model::nominal_model("slse1")), 3, false);
+    return std::ranges::any_of(found, [](const Hypothesis& hypothesis) {
+      return std::ranges::any_of(hypothesis.fit.spec.parts,
+                                 [](const model::Part& part) { return part.law->name == "wander"; });
+    });
+  };
+  EXPECT_TRUE(named({wandering(1)}));
+  EXPECT_FALSE(named({wandering(1), wandering(2)}));
 }
 
 // --- below_resolution ------------------------------------------------------------------------------------------------
