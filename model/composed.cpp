@@ -95,6 +95,13 @@ ModelSpec nominal_model(std::string_view name) {
   return spec;
 }
 
+ModelSpec fades_to(const ModelSpec& spec) {
+  ModelSpec out{spec.name, spec.seen->nominal, Seen{}, spec.length_scale, spec.pressure_from_psi};
+  out.seen->duration_s = spec.seen->duration_s;
+  out.seen->recordings = spec.seen->recordings;
+  return out;
+}
+
 Stage stage_of(const Part& part) noexcept {
   return part.law->traits.scales_specimen ? Stage::kSpecimenShape : part.physics->stage;
 }
@@ -120,8 +127,10 @@ RunningModel::RunningModel(const ModelSpec& given, const Reference& reference) {
                        std::ranges::find(spec.seen->recordings, reference.recording_id) == spec.seen->recordings.end();
   for (const std::size_t i : by_stage) {
     const Part& part = spec.parts[i];
-    running_.push_back({part.law->make_table ? part.law->make_table(part.table, reference)
-                                             : part.law->make(part.parameters, reference),
+    const bool zero_of_others = another && part.physics == &element::force_zero() && part.parameters[0] != 0.0;
+    running_.push_back({zero_of_others         ? element::force_zero_elsewhere(spec.seen->recordings.size())
+                        : part.law->make_table ? part.law->make_table(part.table, reference)
+                                               : part.law->make(part.parameters, reference),
                         stage_of(part), coefficients_.size(),
                         spec.seen && part.law->traits.counts == Counts::kTime ? spec.seen->duration_s : kNoEnd, kNoEnd,
                         !(another && describes_recording(*part.law))});

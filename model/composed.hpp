@@ -28,7 +28,7 @@ struct Seen {
   double lowest_psi = 0.0, highest_psi = 0.0;  ///< gauge; both zero where there was no pressure
   double duration_s = 0.0;                     ///< of the longest recording
   /// Which recordings, by Reference::recording_id: of a model with a part that describes those alone
-  /// (describes_recording). Empty: not said.
+  /// (describes_recording) or the zero of one. Empty: not said.
   std::vector<double> recordings;
   double error_N = 0.0;  ///< rms of a reading that was left out of the fit
   /// Of what the model has beyond the nominal one, this share is predicted: what left-out readings bear (publish.hpp).
@@ -72,6 +72,9 @@ struct ModelSpec {
 /// add up to one); all with a free tare. Numbers are starting values.
 [[nodiscard]] ModelSpec nominal_model(std::string_view name);
 
+/// The nominal model that `spec`, which was fitted, fades to: of the same recordings.
+[[nodiscard]] ModelSpec fades_to(const ModelSpec& spec);
+
 /// Gives every arm_start the time constant of its arm. Where that arm is gone (a law took its place) the
 /// number stays.
 void follow_arms(ModelSpec& spec) noexcept;
@@ -94,7 +97,7 @@ void fill_from_recording(Part& part, const Reference& reference);
 /// What counts time (a drift) is held at the value that it has where the longest recording that the model was fitted to
 /// ended (Seen::duration_s): whether a drift goes on, settles or turns, no recording has shown. Held it errs by the
 /// further drift alone, which the nominal model lacks whole. What describes recordings and no others (a zero that
-/// wanders) adds nothing in any other (Seen::recordings).
+/// wanders) adds nothing in any other (Seen::recordings); of the zeros that each has by itself another gets the mean.
 class RunningModel {
  public:
   RunningModel(const ModelSpec& given, const Reference& reference);

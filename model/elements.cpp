@@ -46,12 +46,12 @@ class ArmStart : public Process {
 
 class ForceZero : public Process {
  public:
-  explicit ForceZero(bool here) noexcept : force_(here ? 1.0 : 0.0) {}
+  explicit ForceZero(double share) noexcept : share_(share) {}
   void reset(const Instant&) noexcept override {}
-  void force(const Instant&, double* columns) noexcept override { columns[0] = force_; }
+  void force(const Instant&, double* columns) noexcept override { columns[0] = share_; }
 
  private:
-  double force_;
+  double share_;
 };
 
 class Gravity : public Process {
@@ -203,14 +203,18 @@ const Physics& force_zero() {
       "None needed.",
       "None: it is a state, not a property.",
       {{"recording",
-        "F = F0 in its recording, else 0",
+        "F = F0 in its recording, 0 in the other n - 1 of the fit, F0 / n in any other",
         {{.name = "recording_id", .lower = 0.0, .upper = kLargestRecordingId, .starts = {0.0}, .fixed = true}},
         {{.name = "force_N", .sign = Sign::kFree, .sheet = kForceZero}},
         [](std::span<const double> p, const Reference& reference) {
-          return std::make_unique<ForceZero>(p[0] == 0.0 || p[0] == reference.recording_id);
+          return std::make_unique<ForceZero>(p[0] == 0.0 || p[0] == reference.recording_id ? 1.0 : 0.0);
         }}},
       {.words = "force zero of a recording"}};
   return physics;
+}
+
+std::unique_ptr<Process> force_zero_elsewhere(std::size_t recordings) {
+  return std::make_unique<ForceZero>(1.0 / static_cast<double>(recordings));
 }
 
 const Physics& gravity() {

@@ -1,4 +1,7 @@
 #pragma once
+#include <cstddef>
+#include <memory>
+
 #include "model/process.hpp"
 
 /// The elements a nominal model is composed of.
@@ -14,6 +17,10 @@ const Physics& mass();
 const Physics& constant();
 /// What the constant is larger by in one of several recordings: every session takes its own tare.
 const Physics& force_zero();
+/// Its part in a recording that is none of the `recordings` of the fit. Whoever tares by the same habit makes zeros
+/// that scatter about one mean, and the mean of those seen is the best guess of the next: its error has the variance (1
+/// + 1/n) of the scatter's, and that of any one of them has 2.
+std::unique_ptr<Process> force_zero_elsewhere(std::size_t recordings);
 const Physics& gravity();
 
 /// What was measured and has no law yet: tables of one variable, in force or in motion.

@@ -158,7 +158,9 @@ void remember_what_was_seen(std::span<const Series> series, const Criterion& cri
                             const model::ModelSpec& nominal, model::ModelSpec& spec, double share = 1.0) {
   const Problem problem(series, criterion.noise);
   model::Seen seen = ranges_of(series);
-  if (std::ranges::any_of(spec.parts, [](const model::Part& part) { return model::describes_recording(*part.law); }))
+  if (std::ranges::any_of(spec.parts, [](const model::Part& part) {
+        return model::describes_recording(*part.law) || part.physics == &model::element::force_zero();
+      }))
     for (const Series& each : series) seen.recordings.push_back(each.excitation.reference.recording_id);
   seen.error_N = error_N;
   seen.share = share;
@@ -212,7 +214,8 @@ void publish_model(const Search& search, const Study& study, const PublishedNomi
   out.nominal_errors = {rmse_N(out.nominal, study), {}};
   model::ModelSpec predicts = out.model;
   if (out.model_share < 1.0) {
-    predicts.seen.emplace().share = out.model_share;
+    predicts.seen = ranges_of(study.series);
+    predicts.seen->share = out.model_share;
     predicts.seen->nominal = out.nominal.parts;
   }
   out.model_errors = {rmse_N(predicts, study), {}};

@@ -1,3 +1,4 @@
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <optional>
@@ -80,6 +81,48 @@ TEST(RunningModel, AZeroThatWandersIsThatOfItsOwnRecordings) {
   EXPECT_EQ(wander_N(8.0, {5.0, 7.0}), 0.0);
   EXPECT_EQ(wander_N(0.0, {5.0, 7.0}), 0.0) << "a running rig";
   EXPECT_NEAR(wander_N(8.0, {}), kAllCosines_N, 1e-12) << "written by hand: nothing says whose it is";
+}
+
+/// A constant of 1 N, and two recordings (7 and 9) whose zeros are 0.3 and 0.6 N above that of the longest (5).
+ModelSpec three_zeros(std::vector<double> seen_in) {
+  ModelSpec spec{.name = "zeros", .parts = {part_of("constant", 0)}};
+  spec.parts[0].coefficients = {1.0};
+  for (const auto& [id, force_N] : {std::pair{7.0, 0.3}, std::pair{9.0, 0.6}}) {
+    Part part = part_of("force_zero", 0);
+    part.parameters[0] = id;
+    part.coefficients = {force_N};
+    spec.parts.push_back(part);
+  }
+  spec.seen.emplace();
+  spec.seen->recordings = std::move(seen_in);
+  spec.seen->nominal = {spec.parts[0], spec.parts[1]};
+  return spec;
+}
+
+double at_rest_N(const ModelSpec& spec, double recording_id) {
+  RunningModel running(spec, {.recording_id = recording_id});
+  running.reset({});
+  return running.step({});
+}
+
+TEST(RunningModel, ARecordingThatWasNotFittedHasTheMeanOfTheZeros) {
+  const ModelSpec spec = three_zeros({5.0, 7.0, 9.0});
+  EXPECT_NEAR(at_rest_N(spec, 5.0), 1.0, 1e-15);
+  EXPECT_NEAR(at_rest_N(spec, 7.0), 1.3, 1e-15);
+  EXPECT_NEAR(at_rest_N(spec, 9.0), 1.6, 1e-15);
+  EXPECT_NEAR(at_rest_N(spec, 8.0), 1.3, 1e-15) << "(0 + 0.3 + 0.6) / 3 above the constant";
+  EXPECT_NEAR(at_rest_N(spec, 0.0), 1.3, 1e-15) << "a running rig";
+  EXPECT_NEAR(at_rest_N(three_zeros({}), 8.0), 1.0, 1e-15) << "written by hand: nothing says how many there were";
+  EXPECT_NEAR(at_rest_N(fades_to(spec), 8.0), 1.1, 1e-15) << "the nominal model's own zeros";
+  EXPECT_NEAR(at_rest_N(fades_to(spec), 7.0), 1.3, 1e-15);
+}
+
+TEST(RunningModel, OfTheMeanOfTheZerosEveryZeroHasItsShareAsColumn) {
+  RunningModel running(three_zeros({5.0, 7.0, 9.0}), {.recording_id = 8.0});
+  running.reset({});
+  std::vector<double> columns(3);
+  running.step_columns({}, columns);
+  EXPECT_THAT(columns, testing::ElementsAre(1.0, testing::DoubleEq(1.0 / 3.0), testing::DoubleEq(1.0 / 3.0)));
 }
 
 }  // namespace

@@ -113,7 +113,7 @@ std::vector<double> faded_force(const ModelSpec& spec, const Series& series) {
   std::vector<double> out;
   for (const model::Instant& now : series.nodes) out.push_back(running.step(now));
   if (!spec.seen) return out;
-  model::RunningModel nominal({spec.name, spec.seen->nominal}, series.excitation.reference);
+  model::RunningModel nominal(fades_to(spec), series.excitation.reference);
   nominal.reset(series.nodes.front());
   Fading fading(spec, series.excitation.reference.nominal_pressure_psi, noise_of(series.excitation));
   for (std::size_t k = 0; k < out.size(); ++k) {

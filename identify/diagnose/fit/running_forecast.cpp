@@ -25,7 +25,7 @@ RunningForecast::RunningForecast(const ModelSpec& spec, const model::Reference& 
   if (const std::string why = unfit_seen(spec); !why.empty()) throw std::invalid_argument(why);
   const model::Seen& seen = *spec.seen;
   error_N_ = seen.error_N;
-  nominal_.emplace_back(ModelSpec{spec.name, seen.nominal}, reference);
+  nominal_.emplace_back(fades_to(spec), reference);
   const std::vector<FreeNumber> numbers = fitted_numbers(spec);
   const auto n = static_cast<Eigen::Index>(numbers.size());
   std::vector<double> steps;

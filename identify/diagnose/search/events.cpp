@@ -170,8 +170,7 @@ RowErrors row_errors(const ModelSpec& spec, const Series& series, const std::vec
   model::RunningModel running(spec, series.excitation.reference);
   running.reset(series.excitation.instants.front());
   std::optional<model::RunningModel> nominal;
-  if (spec.seen && spec.seen->share < 1.0)
-    nominal.emplace(ModelSpec{spec.name, spec.seen->nominal}, series.excitation.reference);
+  if (spec.seen && spec.seen->share < 1.0) nominal.emplace(fades_to(spec), series.excitation.reference);
   if (nominal) nominal->reset(series.excitation.instants.front());
   for (std::size_t k = 0; k < series.excitation.instants.size(); ++k) {
     double force_N = running.step(series.excitation.instants[k]);
