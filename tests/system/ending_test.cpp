@@ -10,6 +10,7 @@
 #include <regex>
 
 #include "daemon/recording/catalogue.hpp"
+#include "last_state.hpp"
 #include "messages/run_log.hpp"
 #include "processes.hpp"
 #include "terminal.hpp"
@@ -34,14 +35,14 @@ std::string state_of(const DaemonProcess& daemon, const std::string& id) {
 /// Under pressure, with a disk that can be made to hang.
 class EndingTest : public testing::Test {
  protected:
-  void start(const std::function<void()>& in_child = {}) {
+  void start(const std::function<void()>& in_child = {}, const std::string& protocol = kSmoke) {
     daemon_ = std::make_unique<DaemonProcess>(dir_, patient_rig(dir_), [this, in_child] {
       ::setenv("LD_PRELOAD", ISORIG_SLOW_SYNC_LIBRARY, 1);
       ::setenv("ISORIG_SLOW_SYNC", gate_.c_str(), 1);
       if (in_child) in_child();
     });
     ASSERT_TRUE(daemon_->reach("ready")) << daemon_->log();
-    id_ = started_run(daemon_->call({"start", kSmoke}));
+    id_ = started_run(daemon_->call({"start", protocol}));
     ASSERT_TRUE(wait_until(30.0, [&] { return daemon_->status().value("pressure_psi", 0.0) > 4.0; }));
   }
   void hang_disk() {
@@ -123,10 +124,30 @@ TEST_F(EndingTest, ASecondSignalLeavesWhenTheRigIsAtRest) {
 
 class EndingSignalTest : public EndingTest, public testing::WithParamInterface<int> {};
 
+/// In motion and under pressure; the recording goes on until the rig is at rest.
 TEST_P(EndingSignalTest, EndsARunOrderly) {
-  start();
+  spit(dir_ / "slow.toml", R"(format = "isorig-protocol/1"
+name = "slow"
+recording.policy = "full"
+steps = [
+  { do = "pressurize", pressure_psi = 5, rate_psi_s = 5, settled_for_s = 0.5, timeout_s = 20 },
+  { do = "ramp", to_mm = 4, velocity_mm_s = 0.2 },
+]
+)");
+  start({}, (dir_ / "slow.toml").string());
+  ASSERT_TRUE(wait_until(30.0, [&] { return daemon_->status().value("position_mm", 0.0) > 0.2; }));
   EXPECT_EQ(daemon_->process().stop(GetParam()), 0) << daemon_->log();
   EXPECT_EQ(state_of(*daemon_, id_), "aborted");
+  LastState last;
+  const auto report = messages::read_run(dir_ / "runs" / id_, last);
+  EXPECT_TRUE(report.whole()) << testing::PrintToString(report.complaints());
+  EXPECT_GT(last.peak_psi(), 4.0);
+  EXPECT_LT(last.last_psi(), 0.6);
+  EXPECT_GT(last.last_mm(), 0.2);
+  EXPECT_LT(last.last_mm(), 3.9) << "the ramp was over";
+  // Six sigma of the position's noise to either side, and what counts as standing for 0.2 s (docs/states.md). The ramp
+  // goes through 0.04 mm.
+  EXPECT_LT(last.travel_mm(0.2), 2 * 6 * 0.0002 + 0.2 * 0.02);
   EXPECT_FALSE(std::filesystem::exists(daemon_->socket()));
   EXPECT_FALSE(std::filesystem::exists(daemon_->socket() + ".stop"));
 }

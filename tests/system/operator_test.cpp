@@ -11,6 +11,7 @@
 #include <set>
 
 #include "daemon/recording/catalogue.hpp"
+#include "last_state.hpp"
 #include "messages/recording.hpp"
 #include "messages/run_log.hpp"
 #include "processes.hpp"
@@ -200,29 +201,11 @@ TEST(Daemon, TerminatedWhileRunningItVentsAndClosesTheRun) {
   const auto row = catalogue.find_run(id);
   ASSERT_TRUE(row);
   EXPECT_EQ(row->state, "aborted");
-  struct LastPressure : messages::RunVisitor {
-    void pressure(const isorig_msgs::pressure_batch_t& m) override {
-      for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
-        take(m.mono_ns + m.mono_offset_ns[i], m.pressure_psi[i], m.pressure_psi[i]);
-      }
-    }
-    void pressure_average(const isorig_msgs::pressure_average_batch_t& m) override {
-      for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
-        take(m.last_mono_ns[i], m.min_pressure_psi[i], m.max_pressure_psi[i]);
-      }
-    }
-    void take(std::int64_t at, double low, double high) {
-      peak_psi = std::max(peak_psi, high);
-      if (at > at_ns) last_psi = low;
-      at_ns = std::max(at_ns, at);
-    }
-    std::int64_t at_ns = 0;
-    double last_psi = 0.0, peak_psi = 0.0;
-  } last;
+  LastState last;
   const auto report = messages::read_run(row->directory, last);
   EXPECT_TRUE(report.whole()) << testing::PrintToString(report.complaints());
-  EXPECT_GT(last.peak_psi, 3.5);
-  EXPECT_LT(last.last_psi, 0.6);
+  EXPECT_GT(last.peak_psi(), 3.5);
+  EXPECT_LT(last.last_psi(), 0.6);
 }
 
 /// For a child: another user, without the capabilities that give real-time rights.
