@@ -1,13 +1,17 @@
 #include "daemon/host/unix_listener.hpp"
 
+#include <fcntl.h>
+#include <sys/file.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/un.h>
 #include <unistd.h>
 
 #include <cerrno>
+#include <chrono>
 #include <cstring>
 #include <stdexcept>
+#include <thread>
 
 namespace isorig::daemon {
 namespace {
@@ -33,11 +37,41 @@ bool somebody_answers(const sockaddr_un& address) {
   return answers;
 }
 
+/// Between the look at what is there and the socket that listens, another daemon would find a dead socket, and take its
+/// place. While this is there, no other isorigd makes a socket in the folder.
+class OneMaker {
+ public:
+  explicit OneMaker(const std::filesystem::path& folder)
+      : fd_(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)) {
+    const auto deadline = std::chrono::steady_clock::now() + kPatience;
+    // A folder that may not be read, or a file system without locks, leaves it to the people.
+    while (fd_ >= 0 && ::flock(fd_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+      if (std::chrono::steady_clock::now() > deadline) {
+        ::close(fd_);
+        throw std::runtime_error("another process has locked " + folder.string() +
+                                 ", as a daemon that makes its socket there does for a moment; end it (fuser " +
+                                 folder.string() + "), or name a folder of your own ([api] socket or --socket)");
+      }
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
+  }
+  ~OneMaker() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+  OneMaker(const OneMaker&) = delete;
+  OneMaker& operator=(const OneMaker&) = delete;
+
+ private:
+  static constexpr auto kPatience = std::chrono::seconds(2);
+  int fd_;
+};
+
 }  // namespace
 
 UnixListener::UnixListener(const std::filesystem::path& path, unsigned mode) : path_(path) {
   const auto address = address_of(path);
   if (path.has_parent_path()) std::filesystem::create_directories(path.parent_path());
+  const OneMaker alone(path.has_parent_path() ? path.parent_path() : ".");
   struct stat there {};
   if (::lstat(path.c_str(), &there) == 0) {
     if (!S_ISSOCK(there.st_mode)) {

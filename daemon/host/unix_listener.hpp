@@ -6,8 +6,9 @@
 namespace isorig::daemon {
 
 /// A Unix socket that listens, made with its mode from the first moment. A socket file that nobody answers on is
-/// replaced; one that answers is another daemon's; a file of any other kind is somebody's work and stays. Throws
-/// std::runtime_error, saying which. Takes its file away with it, if that is still its own.
+/// replaced; one that answers is another daemon's, also of two that begin in the same moment; a file of any other kind
+/// is somebody's work and stays. Throws std::runtime_error, saying which. Takes its file away with it, if that is still
+/// its own.
 class UnixListener {
  public:
   UnixListener(const std::filesystem::path& path, unsigned mode);

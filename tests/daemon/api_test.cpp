@@ -10,7 +10,6 @@
 #include <chrono>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <memory>
 #include <mutex>
 #include <nlohmann/json.hpp>
@@ -321,35 +320,6 @@ TEST_F(ApiTest, EveryCommandIsNotedWithItsSender) {
   const auto who = "by uid " + std::to_string(::getuid()) + " (process " + std::to_string(::getpid()) + "): ";
   EXPECT_THAT(audit_[0], HasSubstr("abort " + who + "now "));
   EXPECT_THAT(audit_[1], HasSubstr("start " + who + "the request is not what"));
-}
-
-TEST(UnixListener, LeavesAFileThatIsNoSocket) {
-  const testing::TemporaryDirectory folder("listener");
-  const auto path = folder.path() / "thesis.txt";
-  std::ofstream(path) << "three years of work";
-  try {
-    const UnixListener listener(path, 0600);
-    ADD_FAILURE() << "it was taken for a socket";
-  } catch (const std::runtime_error& e) {
-    EXPECT_THAT(e.what(), HasSubstr("is no socket; isorigd does not touch it"));
-  }
-  EXPECT_EQ(std::filesystem::file_size(path), 19U);
-  std::filesystem::create_symlink(path, folder.path() / "link");
-  EXPECT_THROW(UnixListener(folder.path() / "link", 0600), std::runtime_error);
-}
-
-TEST(UnixListener, ReplacesADeadSocketAndNotALiveOne) {
-  const testing::TemporaryDirectory folder("listener");
-  const auto path = folder.path() / "s";
-  {
-    const UnixListener first(path, 0600);
-    EXPECT_THROW(UnixListener(path, 0600), std::runtime_error);
-    EXPECT_TRUE(std::filesystem::exists(path));
-    std::filesystem::rename(path, folder.path() / "dead");  // as a killed daemon leaves it, when `first` is gone
-  }
-  ASSERT_TRUE(std::filesystem::exists(folder.path() / "dead"));
-  const UnixListener again(folder.path() / "dead", 0600);
-  EXPECT_TRUE(Connection(folder.path() / "dead").connected());
 }
 
 }  // namespace
