@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <atomic>
+#include <barrier>
 #include <chrono>
 #include <cstring>
 #include <functional>
@@ -31,6 +32,20 @@ steps = [
   { do = "pressurize", pressure_psi = 0, rate_psi_s = 5, settled_for_s = 0.01, timeout_s = 20 },
   { do = "hold", duration_s = 1000 } ]
 )";
+
+/// `call` by so many threads in the same moment.
+template <typename Call>
+void at_once(int clients, Call call) {
+  std::barrier line(clients);
+  std::vector<std::thread> crowd;
+  for (int i = 0; i < clients; ++i) {
+    crowd.emplace_back([&, i] {
+      line.arrive_and_wait();
+      call(i);
+    });
+  }
+  for (auto& t : crowd) t.join();
+}
 
 /// The daemon as its clients see it: host and API on real sockets, over a simulated rig that ticks in a thread of its
 /// own, about as fast as it can.
