@@ -7,6 +7,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <array>
 #include <chrono>
 #include <filesystem>
 #include <fstream>
@@ -135,6 +136,31 @@ class Process {
   pid_t pid_ = -1;
   int status_ = 0;
   rusage usage_{};
+};
+
+/// Programs that were started wait here, until all are let go at once.
+class Gate {
+ public:
+  Gate() { EXPECT_EQ(::pipe2(ends_.data(), O_CLOEXEC), 0); }
+  ~Gate() {
+    open();
+    ::close(ends_[0]);
+  }
+  Gate(const Gate&) = delete;
+  Gate& operator=(const Gate&) = delete;
+  /// In the child: until nobody holds the writing end any more.
+  void wait() const {
+    ::close(ends_[1]);
+    char byte = 0;
+    (void)!::read(ends_[0], &byte, 1);
+  }
+  void open() {
+    if (ends_[1] >= 0) ::close(ends_[1]);
+    ends_[1] = -1;
+  }
+
+ private:
+  std::array<int, 2> ends_{-1, -1};
 };
 
 struct Answer {
