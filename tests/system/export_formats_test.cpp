@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <map>
 
 #include "processes.hpp"
@@ -52,7 +53,59 @@ TEST(ExportFormats, SayTheSameToEveryReader) {
   EXPECT_EQ(readers.wait(240.0), 0) << readers.output();
 }
 
-/// Two into one folder: each file would be of both.
+/// The files of `folder` by their place in it.
+std::map<std::string, std::string> content_of(const std::filesystem::path& folder) {
+  std::map<std::string, std::string> all;
+  for (auto& [path, text] : files_in(folder)) all.emplace(std::filesystem::relative(path, folder), std::move(text));
+  return all;
+}
+
+/// Two real ones, whose rows differ: of the times as they were stamped, and of the times that are mapped again.
+TEST(ExportFormats, OfTwoIntoOneFolderAtOnceNoFileIsOfBoth) {
+  const TempDir dir;
+  const auto runs = record(dir);
+  const auto words = [&](const std::string& format, const std::filesystem::path& out, bool remapped) {
+    std::vector<std::string> all{bin("isorig"), "export", "latest", "--runs",    runs,
+                                 "--format",    format,   "--out",  out.string()};
+    if (remapped) all.emplace_back("--remap");
+    return all;
+  };
+  int refused = 0;
+  for (const std::string format : {"csv", "hdf5", "mat"}) {
+    std::array<std::map<std::string, std::string>, 2> alone;
+    for (const bool remapped : {false, true}) {
+      const auto out = dir / (format + (remapped ? "-remapped" : "-stamped"));
+      ASSERT_EQ(run(dir, words(format, out, remapped)).code, 0);
+      alone[remapped ? 1 : 0] = content_of(out);
+    }
+    ASSERT_NE(alone[0], alone[1]) << format << ": nobody could tell whose a row is";
+    for (int pair = 0; pair < 4; ++pair) {
+      const auto out = dir / (format + std::to_string(pair));
+      Gate gate;
+      const auto wait = [&gate] { gate.wait(); };
+      Process stamped(words(format, out, false), dir / "stamped.log", wait);
+      Process remapped(words(format, out, true), dir / "remapped.log", wait);
+      gate.open();
+      const std::array<int, 2> codes{stamped.wait(60.0), remapped.wait(60.0)};
+      const auto there = content_of(out);
+      bool is_one_of_them = false;
+      for (std::size_t i = 0; i < codes.size(); ++i) {
+        const auto said = (i == 0 ? stamped : remapped).output();
+        if (codes[i] == 0) {
+          is_one_of_them = is_one_of_them || there == alone[i];
+        } else {
+          EXPECT_EQ(codes[i], 1) << said;
+          EXPECT_THAT(said, HasSubstr("another isorig writes its recordings there")) << format;
+          ++refused;
+        }
+      }
+      EXPECT_TRUE(is_one_of_them) << format << ", pair " << pair << ": " << codes[0] << ", " << codes[1];
+    }
+  }
+  EXPECT_GT(refused, 0) << "no two of twelve pairs were there at once";
+}
+
+/// While one is under way, which is held here for as long as the test likes.
 TEST(ExportFormats, AFolderTakesOneExportAtATime) {
   const TempDir dir;
   const auto runs = record(dir);
