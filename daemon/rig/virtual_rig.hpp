@@ -21,9 +21,12 @@ class VirtualRig {
   static constexpr std::int64_t kPressureTurnNs = 2'000'000;  ///< the pace of a Teensy's packets
   static constexpr std::int64_t kInterlockTurnNs = 5'000'000;
 
+  /// Of each stream: more than comes between two looks of whoever drains them.
+  static constexpr std::size_t kQueued = std::size_t{1} << 14U;
+
   /// `config.sim` has to be set; it has to outlive this.
-  explicit VirtualRig(const RigConfig& config)
-      : streams(std::size_t{1} << 14U),
+  explicit VirtualRig(const RigConfig& config, std::size_t queued = kQueued)
+      : streams(queued),
         rig_(*config.sim),
         core_(config.core, frame_link_, pressure_link_, interlock_link_, streams, nullptr),
         frame_(rig_.frame(), frame_link_, config.services, clock_),
