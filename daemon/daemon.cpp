@@ -380,12 +380,17 @@ bool Daemon::run() {
   if (const auto changes = d.host.rig_changes(); !changes.empty()) spdlog::warn("{}", changes);
   int signal_number = 0;
   std::size_t lines_lost = 0;
+  PublishWatch publish_watch;
   while ((signal_number = d.signals.wait(kStatusPeriod)) == 0) {
     if (d.notifier.connected()) d.notifier.status(d.status_text());
     d.callout.watch(d.core.status(), d.host.run_id(), d.host.longest_s());
     if (const auto lost = Logging::lost(); lost > lines_lost) {
       spdlog::warn("{} lines of this log are lost: nobody took them", lost - lines_lost);
       lines_lost = lost;
+    }
+    if (d.publisher) {
+      const auto said = publish_watch.look(d.publisher->failed(), d.publisher->failed_errno());
+      if (!said.empty()) spdlog::warn("{}", said);
     }
   }
   d.host.refuse_starts();

@@ -1,6 +1,8 @@
 #include "daemon/recording/publisher.hpp"
 
 #include <array>
+#include <cerrno>
+#include <cstring>
 #include <isorig_msgs/progress_t.hpp>
 #include <lcm/lcm-cpp.hpp>
 #include <limits>
@@ -24,9 +26,8 @@ constexpr std::int32_t kNoSession = -1;  // sessions are the recording's; live m
 struct Publisher::Impl {
   Impl(const std::string& url, Publisher& p) : publisher(p), lcm(url) {
     if (!lcm.good()) {
-      throw std::runtime_error("LCM cannot open \"" + url +
-                               "\"; multicast needs a route even on one machine: `ip link set lo multicast on; ip "
-                               "route add 224.0.0.0/4 dev lo`, or switch publishing off in the rig's file");
+      throw std::runtime_error("LCM cannot open \"" + url + "\"; multicast needs a route even on one machine: " +
+                               kMulticastRoute + ", or switch publishing off in the rig's file");
     }
     for (std::size_t i = 0; i < names.size(); ++i) names[i] = std::string(messages::kChannelNames[i]);
   }
@@ -37,13 +38,17 @@ struct Publisher::Impl {
     message.number = numbers[i]++;
     const int size = message.getEncodedSize();
     // Batches are smaller by construction and texts have a bound: kMaxMessageBytes is checked by the tests.
-    if (size > static_cast<int>(buffer.size())) return failed();
+    if (size > static_cast<int>(buffer.size())) return failed(EMSGSIZE);
     message.encode(buffer.data(), 0, size);
-    if (lcm.publish(names[i], buffer.data(), static_cast<unsigned>(size)) != 0) return failed();
+    errno = 0;
+    if (lcm.publish(names[i], buffer.data(), static_cast<unsigned>(size)) != 0) return failed(errno);
     publisher.published_.fetch_add(1, std::memory_order_relaxed);
   }
 
-  void failed() { publisher.failed_.fetch_add(1, std::memory_order_relaxed); }
+  void failed(int error) {
+    publisher.failed_errno_.store(error, std::memory_order_relaxed);
+    publisher.failed_.fetch_add(1, std::memory_order_relaxed);
+  }
 
   void write_progress(std::int64_t now_ns) {
     isorig_msgs::progress_t m{};
@@ -128,6 +133,22 @@ void Publisher::end_of_turn(std::size_t dropped, std::int64_t now_ns) {
     m.next_progress_ns = now_ns + kProgressPeriodNs;
     m.write_progress(now_ns);
   }
+}
+
+std::string PublishWatch::look(std::uint64_t failed, int error) {
+  const auto newly = failed - failed_;
+  failed_ = failed;
+  if (newly > 0) {
+    const bool told = quiet_looks_ < kQuietLooks;
+    quiet_looks_ = 0;
+    if (told) return {};
+    before_ = failed - newly;
+    return std::string("LCM: the network takes no messages (") + std::strerror(error) +
+           "): subscribers hear nothing, the recording misses nothing" +
+           (error == ENETUNREACH ? std::string("; multicast needs a route: ") + kMulticastRoute : std::string());
+  }
+  if (quiet_looks_ >= kQuietLooks || ++quiet_looks_ < kQuietLooks) return {};
+  return "LCM: the network takes messages again; " + std::to_string(failed - before_) + " were never sent";
 }
 
 }  // namespace isorig::daemon

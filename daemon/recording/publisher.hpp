@@ -8,6 +8,9 @@
 
 namespace isorig::daemon {
 
+/// What makes multicast go on a machine without a network, for messages.
+inline constexpr const char* kMulticastRoute = "`ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo`";
+
 /// Publishes every sample over LCM, in batches that fit one Ethernet frame (docs/lcm-channels.md). It only
 /// publishes: LCM knows no sender, so nothing that moves the rig is ever taken from it.
 ///
@@ -40,12 +43,30 @@ class Publisher final : public LiveSink {
   [[nodiscard]] std::uint64_t published() const noexcept { return published_.load(std::memory_order_relaxed); }
   /// The kernel refused them (no route, no buffers).
   [[nodiscard]] std::uint64_t failed() const noexcept { return failed_.load(std::memory_order_relaxed); }
+  /// errno of the newest that the kernel refused; 0: none was.
+  [[nodiscard]] int failed_errno() const noexcept { return failed_errno_.load(std::memory_order_relaxed); }
 
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;
   std::atomic<std::uint64_t> published_{0};
   std::atomic<std::uint64_t> failed_{0};
+  std::atomic<int> failed_errno_{0};
+};
+
+/// What the log says of a network that takes no messages. ISORIG_PROGRESS counts them, but is a message too: nobody
+/// hears it before the network is back.
+class PublishWatch {
+ public:
+  /// Asked about once a second: a line when messages begin to fail, and one when none has failed for kQuietLooks looks.
+  [[nodiscard]] std::string look(std::uint64_t failed, int error);
+
+  static constexpr int kQuietLooks = 5;  ///< single datagrams that a busy kernel refuses are told once, not each second
+
+ private:
+  std::uint64_t failed_ = 0;
+  std::uint64_t before_ = 0;  ///< how many had failed before those that are being told of
+  int quiet_looks_ = kQuietLooks;
 };
 
 }  // namespace isorig::daemon

@@ -320,5 +320,22 @@ TEST(Publisher, AUrlThatCannotBeOpenedSaysWhatToDo) {
               ::testing::ThrowsMessage<std::runtime_error>(::testing::HasSubstr("ip route add")));
 }
 
+TEST(PublishWatch, TellsWhenItBeginsAndWhenItIsOverAndNotEachSecond) {
+  PublishWatch watch;
+  EXPECT_EQ(watch.look(0, 0), "");
+  EXPECT_THAT(watch.look(3, ENETUNREACH),
+              ::testing::AllOf(::testing::HasSubstr("Network is unreachable"), ::testing::HasSubstr("ip route add")));
+  EXPECT_EQ(watch.look(300, ENETUNREACH), "");
+  for (int quiet = 1; quiet < PublishWatch::kQuietLooks; ++quiet) EXPECT_EQ(watch.look(300, ENETUNREACH), "");
+  EXPECT_EQ(watch.look(301, ENETUNREACH), "") << "not over yet: the same failure, and told";
+  for (int quiet = 1; quiet < PublishWatch::kQuietLooks; ++quiet) EXPECT_EQ(watch.look(301, ENETUNREACH), "");
+  EXPECT_THAT(watch.look(301, ENETUNREACH), ::testing::HasSubstr("again; 301 were never sent"));
+  EXPECT_EQ(watch.look(301, ENETUNREACH), "");
+  EXPECT_THAT(watch.look(305, ENOBUFS), ::testing::AllOf(::testing::HasSubstr("No buffer space"),
+                                                         ::testing::Not(::testing::HasSubstr("ip route add"))));
+  for (int quiet = 1; quiet < PublishWatch::kQuietLooks; ++quiet) EXPECT_EQ(watch.look(305, ENOBUFS), "");
+  EXPECT_THAT(watch.look(305, ENOBUFS), ::testing::HasSubstr("again; 4 were never sent"));
+}
+
 }  // namespace
 }  // namespace isorig::daemon::testing
