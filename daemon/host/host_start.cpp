@@ -261,10 +261,15 @@ void Host::reserve_folder(Prepared& p) {
   if (run.id.empty()) {
     const auto wanted =
         base::utc_text(p.wall_us / 1'000'000, "%Y%m%d-%H%M%S") + "-" + stem_of(p.protocol_name) + "-" + p.specimen.name;
+    std::error_code error;
     do {
       run.id = catalogue_.new_run_id(wanted);
       run.directory = options_.runs_root / run.id;
-    } while (!std::filesystem::create_directory(run.directory));
+    } while (!std::filesystem::create_directory(run.directory, error) && !error);
+    if (error) {
+      throw std::runtime_error("the run's folder " + run.directory.string() + " cannot be made: " + error.message() +
+                               "; nothing was started. Mend the disk, or name another place (isorigd --runs)");
+    }
     p.new_folder = true;
   }
   p.recording.run_dir = run.directory;

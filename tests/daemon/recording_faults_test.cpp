@@ -1,7 +1,6 @@
 #include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/mount.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
@@ -17,6 +16,7 @@
 #include "daemon/recording/run_directory.hpp"
 #include "messages/log_writer.hpp"
 #include "recording_rig.hpp"
+#include "small_disk.hpp"
 
 /// A disk that fails: a segment's fdatasync gives EIO once for each name that is set here, everything else goes on to
 /// the kernel. (A program's own symbol comes before libc's.)
@@ -45,36 +45,6 @@ using ::testing::HasSubstr;
 using ::testing::ThrowsMessage;
 
 const std::vector<Stretch> kFull{{3'000, 0, Keep::kFull}};
-
-/// A real disk of 2 MiB (tmpfs), and somebody else who fills it.
-class SmallDisk {
- public:
-  explicit SmallDisk(std::filesystem::path at) : path_(std::move(at)) {
-    std::filesystem::create_directory(path_);
-    mounted_ = ::mount("tmpfs", path_.c_str(), "tmpfs", 0, "size=2m") == 0;
-  }
-  ~SmallDisk() {
-    if (mounted_) ::umount2(path_.c_str(), MNT_DETACH);
-  }
-  SmallDisk(const SmallDisk&) = delete;
-  SmallDisk& operator=(const SmallDisk&) = delete;
-
-  [[nodiscard]] bool mounted() const { return mounted_; }  ///< false: errno says why
-  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
-  void fill() const {
-    const int hog = ::open((path_ / "hog").c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600);
-    ASSERT_GE(hog, 0);
-    const std::string block(4096, 'x');
-    while (::write(hog, block.data(), block.size()) > 0) {
-    }
-    ::close(hog);
-  }
-  void make_room() const { std::filesystem::remove(path_ / "hog"); }
-
- private:
-  std::filesystem::path path_;
-  bool mounted_ = false;
-};
 
 void record(const RecorderOptions& options) {
   Streams streams;
