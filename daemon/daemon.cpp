@@ -122,7 +122,7 @@ struct Daemon::Impl {
     h.runs_root = options.runs_root;
     if (!options.diagnoses_root.empty()) h.diagnoses = {options.diagnoses_root};
     h.revision = options.revision;
-    h.epoch_unix_us = epoch_unix_us(clock);
+    h.epoch_unix_us = [this] { return epoch_unix_us(clock); };
     h.on_event = [this](const EventRecord& event) {
       log_event(event);
       callout.on_event(event, host.run_id());

@@ -140,6 +140,7 @@ std::shared_ptr<Host::Run> Host::take_events() {
   std::vector<EventRecord> told;
   std::optional<EventRecord> reset;  // of a fault that ended the run that was closed last
   std::filesystem::path closed;
+  std::int64_t closed_epoch_unix_us = 0;
   std::shared_ptr<Run> run;
   {
     const std::lock_guard lock(mutex_);
@@ -152,6 +153,7 @@ std::shared_ptr<Host::Run> Host::take_events() {
       if (!run_ && std::string_view(record.code) == "reset") {
         reset = record;
         closed = finished_directory_;
+        closed_epoch_unix_us = finished_epoch_unix_us_;
       }
     }
     window_.drain(live_);
@@ -161,7 +163,7 @@ std::shared_ptr<Host::Run> Host::take_events() {
   for (const auto& record : told) options_.on_event(record);
   if (reset && !closed.empty()) {
     try {
-      append_to_last_trip(closed, *reset, options_.epoch_unix_us);
+      append_to_last_trip(closed, *reset, closed_epoch_unix_us);
     } catch (const std::exception& e) {
       trouble(e.what());
     }
@@ -243,6 +245,7 @@ bool Host::close_run(Run& run, const std::string& outcome, bool complete, std::i
     last_fault_ = fault;
     finished_id_ = run.id;
     finished_directory_ = run.directory;
+    finished_epoch_unix_us_ = run.epoch_unix_us;
     run_.reset();
     if (options_.on_closed) options_.on_closed(run.directory);
     return true;

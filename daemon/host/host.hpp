@@ -68,7 +68,8 @@ class Host {
     /// Where diagnoses are looked for, beside those among the runs.
     std::vector<std::filesystem::path> diagnoses;
     bool virtual_time = false;
-    std::int64_t epoch_unix_us = 0;  ///< Unix time at mono_ns = 0
+    /// Unix time at mono_ns = 0, asked when a run is opened: a clock that was set meanwhile dates the next run.
+    std::function<std::int64_t()> epoch_unix_us = [] { return std::int64_t{0}; };
     std::int64_t seed = 0;
     std::string revision;  ///< of the source this was built from
     /// Free bytes where a run is recorded; statvfs unless a test says otherwise.
@@ -228,6 +229,7 @@ class Host {
   std::shared_ptr<Run> run_;
   std::string finished_id_;
   std::filesystem::path finished_directory_;
+  std::int64_t finished_epoch_unix_us_ = 0;
   std::string last_outcome_;
   std::string last_fault_;
   RecorderStatus recorder_status_;

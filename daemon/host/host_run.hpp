@@ -18,6 +18,7 @@ struct Host::Run {
   std::uint32_t first_session = 0;
   std::vector<double> elongation_at_zero_mm;  ///< of each session: rest length minus that at the session's pressure
   bool resumed = false;
+  std::int64_t epoch_unix_us = 0;
   double longest_s = 0.0;        ///< from first_session on, each step with its longest
   std::uint64_t run_number = 0;  ///< of the core: what its status says before is about an earlier run
 

@@ -65,7 +65,8 @@ Host::Result Host::begin(const Status& now, Prepared& p, Request::Verb verb) {
   if (ending_) return {false, "isorigd is ending", {}};
   auto& run = *p.run;
   run.run_number = now.runs_started + 1;
-  p.wall_us = options_.virtual_time ? unix_now_us() : options_.epoch_unix_us + now.control.mono_ns / 1000;
+  run.epoch_unix_us = options_.epoch_unix_us();
+  p.wall_us = options_.virtual_time ? unix_now_us() : run.epoch_unix_us + now.control.mono_ns / 1000;
   reserve_folder(p);
   describe_run(now, p);
   p.recording.dropped_before = recording_.dropped();
@@ -312,7 +313,7 @@ void Host::describe_run(const Status& now, Prepared& p) {
   const auto& run = *p.run;
   auto& info = p.info;
   info.start_mono_ns = now.control.mono_ns;
-  info.epoch_unix_us = options_.epoch_unix_us;
+  info.epoch_unix_us = run.epoch_unix_us;
   info.virtual_time = options_.virtual_time;
   info.seed = options_.seed;
   info.rig = rig_.name;

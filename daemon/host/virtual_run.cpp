@@ -43,7 +43,7 @@ VirtualRunResult run_virtual(const RigConfig& rig, const VirtualRunOptions& opti
   host_options.runs_root = options.runs_root;
   host_options.virtual_time = true;
   host_options.revision = options.revision;
-  host_options.epoch_unix_us = kEpochUnixUs;
+  host_options.epoch_unix_us = [] { return kEpochUnixUs; };
   host_options.seed = static_cast<std::int64_t>(config.sim->seed);
   host_options.breathe = [&] { virtual_rig->tick(); };
   Host host(config, virtual_rig->core(), virtual_rig->streams, host_options);

@@ -89,7 +89,9 @@ class Catalogue {
 
   /// Throws std::runtime_error when the run is unknown, still runs, or its inputs are gone.
   [[nodiscard]] RunInputs inputs_of(const std::string& id) const;
-  [[nodiscard]] std::vector<RunRow> runs() const;  ///< newest first
+  /// Newest first: in the order in which they were entered, whatever date the clock gave them. One that was adopted
+  /// from its folder has its place by its date.
+  [[nodiscard]] std::vector<RunRow> runs() const;
   /// By its id, or by the beginning of one if only one begins so, or "latest". Nothing when none does.
   [[nodiscard]] std::optional<RunRow> find_run(const std::string& id_or_prefix) const;
   [[nodiscard]] std::vector<SessionRow> sessions_of(const std::string& id) const;

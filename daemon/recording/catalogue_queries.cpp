@@ -106,7 +106,7 @@ std::vector<RunRow> Catalogue::runs() const {
   std::vector<RunRow> rows;
   {
     const std::lock_guard hold(mutex_);
-    Statement all(db_, (std::string(kSelectRuns) + " ORDER BY started_utc DESC, runs.rowid DESC").c_str());
+    Statement all(db_, (std::string(kSelectRuns) + " ORDER BY runs.rowid DESC").c_str());
     while (all.step()) rows.push_back(read_run_row(all, root_));
   }
   for (auto& row : rows) row = settle_state(std::move(row));

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <exception>
 #include <filesystem>
 #include <string>
@@ -27,6 +28,19 @@ void note_sessions(sqlite3* db, const std::string& id, const RecordingSummary& r
         .run();
   }
   Statement(db, "UPDATE sessions SET state = 'interrupted' WHERE run = ?1 AND state = 'running'").bind(id).run();
+}
+
+/// A run's row id is its place among all runs, which are entered as they begin. One that is adopted may be older than
+/// those that are here, such as a folder that was copied from another machine: it comes behind the last that began
+/// before it, and those behind that one move on.
+std::int64_t make_place(sqlite3* db, const std::string& started_utc) {
+  Statement last(db, "SELECT coalesce(max(rowid), 0) FROM runs WHERE started_utc <= ?1");
+  last.bind(started_utc).step();
+  const auto place = last.integer(0) + 1;
+  // In two steps, by way of negative numbers: SQLite looks for a number that is taken row by row.
+  Statement(db, "UPDATE runs SET rowid = -rowid WHERE rowid >= ?1").bind(place).run();
+  Statement(db, "UPDATE runs SET rowid = 1 - rowid WHERE rowid < 0").run();
+  return place;
 }
 
 /// The protocol's own name, with which the plan's summary begins; its file's name is in no recording.
@@ -64,7 +78,9 @@ void Catalogue::settle_interrupted() {
 }
 
 void Catalogue::adopt_recordings() {
-  for (const auto& entry : std::filesystem::directory_iterator(root_)) {
+  std::vector<std::filesystem::directory_entry> entries{std::filesystem::directory_iterator(root_), {}};
+  std::sort(entries.begin(), entries.end());  // runs of the same second: by their names
+  for (const auto& entry : entries) {
     const auto id = entry.path().filename().string();
     if (entry.is_symlink() || !entry.is_directory()) continue;  // a link leads to what is another folder's
     {
@@ -82,12 +98,14 @@ void Catalogue::adopt_recordings() {
       Statement(db_, "INSERT INTO specimens VALUES (?1, ?2) ON CONFLICT DO NOTHING")
           .bind(h.specimen, h.rest_length_mm)
           .run();
-      Statement(db_,
-                "INSERT INTO runs VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12) "
-                "ON CONFLICT DO NOTHING")
+      Statement(
+          db_,
+          "INSERT INTO runs (id, specimen, rig, protocol, plan, operator, started_utc, seed, virtual_time, attempts,"
+          " state, fault, rowid) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13) "
+          "ON CONFLICT DO NOTHING")
           .bind(id, h.specimen, h.rig, protocol_of(h), h.plan_summary, recording.operator_name, recording.started_utc,
                 h.seed, h.virtual_time != 0 ? 1 : 0, h.attempt, state,
-                std::string_view(state == "done" ? "" : kInterruptedFault))
+                std::string_view(state == "done" ? "" : kInterruptedFault), make_place(db_, recording.started_utc))
           .run();
       for (const auto& s : h.sessions) {
         const std::string label = base::formatted("repetition %d, %g psi", s.repetition, s.pressure_psi);

@@ -62,6 +62,7 @@ class ServedRig : public ::testing::Test {
     Host::Options options;
     options.runs_root = runs_;
     options.revision = "0123456789ab";
+    options.epoch_unix_us = [this] { return epoch_unix_us_.load(); };
     options.on_parted = [this](const std::string& run, const std::string& text, const std::string& then) {
       const std::lock_guard lock(parted_mutex_);
       parted_.push_back(run + " " + then + ": " + text);
@@ -153,6 +154,7 @@ class ServedRig : public ::testing::Test {
   std::vector<std::thread> threads_;
   std::atomic<bool> done_{false};
   std::atomic<bool> recorder_waits_{false};
+  std::atomic<std::int64_t> epoch_unix_us_{0};  ///< the wall clock at the rig's time 0
   std::atomic<bool> loop_waits_{false};
 };
 

@@ -19,7 +19,7 @@ SoakedRig::SoakedRig(const daemon::RigConfig& config, const std::filesystem::pat
   daemon::Host::Options options;
   options.runs_root = runs_root;
   options.virtual_time = true;
-  options.epoch_unix_us = kEpochUnixUs;
+  options.epoch_unix_us = [] { return kEpochUnixUs; };
   options.seed = static_cast<std::int64_t>(config.sim->seed);
   options.revision = "soak";
   options.breathe = [this] { tick(); };
