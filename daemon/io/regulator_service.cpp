@@ -36,7 +36,9 @@ void RegulatorService::turn(std::int64_t now_ns) {
     sent_psi_ = command.regulator_psi;
   }
   const auto state = device_.read();
-  if (sent_psi_ >= 0.0F && (state.exhausting || std::abs(state.setpoint_psi - sent_psi_) > kSetpointLostPsi)) {
+  // What is no number is not what was sent.
+  const bool is_kept = std::abs(state.setpoint_psi - sent_psi_) <= kSetpointLostPsi;
+  if (sent_psi_ >= 0.0F && (state.exhausting || !is_kept)) {
     report_fault(now_ns);
     device_.exhaust();
     throw drivers::DeviceError(drivers::Fault::kRefused,

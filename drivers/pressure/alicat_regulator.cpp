@@ -121,8 +121,12 @@ RegulatorState AlicatRegulator::read() {
   if (!std::isfinite(pressure) || std::abs(pressure) > 1e4) {
     throw DeviceError(Fault::kProtocol, at() + "its pressure reads " + number_text(pressure) + " psi");
   }
+  const double setpoint = read_float(map.setpoint) * map.psi_per_unit;
+  if (!std::isfinite(setpoint) || std::abs(setpoint) > 1e4) {
+    throw DeviceError(Fault::kProtocol, at() + "its set-point reads " + number_text(setpoint) + " psi");
+  }
   RegulatorState state;
-  state.setpoint_psi = static_cast<float>(read_float(map.setpoint) * map.psi_per_unit);
+  state.setpoint_psi = static_cast<float>(setpoint);
   state.pressure_psi = static_cast<float>(pressure);
   state.exhausting = (flags & map.exhausting_bits) != 0;
   state.faulty = (flags & map.fault_bits) != 0;

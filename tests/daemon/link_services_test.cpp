@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -229,6 +230,16 @@ TEST_F(RegulatorServiceTest, ASetPointThatSomebodyElseChangedIsAFault) {
   const auto said = health();
   EXPECT_THAT(said.detail, HasSubstr("no longer has the set-point"));
   EXPECT_TRUE(said.connected) << "a refusal leaves the connection good";
+}
+
+TEST_F(RegulatorServiceTest, ASetPointThatIsNoNumberIsAFault) {
+  link_.set_command({0, 0, 12.0F});
+  run(10'200);
+  faults();
+  panel_.state.setpoint_psi = std::numeric_limits<float>::quiet_NaN();
+  run(10'250);
+  EXPECT_EQ(faults(), 1);
+  EXPECT_EQ(panel_.script.done.back(), "exhaust");
 }
 
 }  // namespace

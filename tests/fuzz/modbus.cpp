@@ -1,6 +1,10 @@
-// What a Modbus gateway answers, through the link and the frame's driver over the shipped register maps.
+// What a Modbus gateway answers, through the link, the frame's driver over the shipped register maps, and the pressure
+// regulator's driver over its own.
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <functional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -9,6 +13,7 @@
 #include "drivers/clock/real_clock.hpp"
 #include "drivers/frame/modbus_frame.hpp"
 #include "drivers/modbus/modbus_adu.hpp"
+#include "drivers/pressure/alicat_regulator.hpp"
 #include "tree.hpp"
 #include "wire.hpp"
 
@@ -38,11 +43,13 @@ class Registers {
 /// Registers as a gateway holds them, and answers as the input wants them.
 class Gateway final : public Peer {
  public:
-  Gateway(Input& in, const modbus::ModbusConfig& config) : in_(in), config_(config) {
-    registers_.clear();
-    set(Quantity::kIdentityWord, config.map.expected_identity_word);
-    set(Quantity::kSampleRate_Hz, 1000.0);
+  Gateway(Input& in, modbus::ModbusTransport transport) : in_(in), transport_(transport) { registers_.clear(); }
+
+  void put(std::size_t address, std::span<const std::uint16_t> words) {
+    for (std::size_t i = 0; i < words.size(); ++i) registers_.put(address + i, words[i]);
   }
+  [[nodiscard]] std::uint16_t at(std::size_t address) const { return registers_.at(address); }
+  std::function<void(std::size_t address)> on_write;  ///< before it is answered
 
   std::string answer(std::string_view written) override {
     unfinished_ += written;
@@ -58,14 +65,7 @@ class Gateway final : public Peer {
   void waited(std::int64_t) override {}
 
  private:
-  [[nodiscard]] bool rtu() const { return config_.transport == modbus::ModbusTransport::kRtu; }
-
-  void set(Quantity quantity, double value) {
-    const auto& at = config_.map.at(quantity);
-    if (!at) return;
-    const auto words = at->format.encode(value);
-    for (std::size_t i = 0; words && i < at->format.registers(); ++i) registers_.put(at->address + i, (*words)[i]);
-  }
+  [[nodiscard]] bool rtu() const { return transport_ == modbus::ModbusTransport::kRtu; }
 
   /// Of the request that stands in front, once it is whole.
   [[nodiscard]] std::size_t request_size() const {
@@ -93,7 +93,10 @@ class Gateway final : public Peer {
       for (std::size_t i = 0; i < word && 7 + 2 * i < pdu.size(); ++i)
         registers_.put(address + i, modbus::word_at(pdu, 6 + 2 * i));
     }
-    if (pdu[0] == 6 || pdu[0] == 16) return {pdu.begin(), pdu.begin() + 5};
+    if (pdu[0] == 6 || pdu[0] == 16) {
+      if (on_write) on_write(address);
+      return {pdu.begin(), pdu.begin() + 5};
+    }
     for (unsigned i = 0; i < changes; ++i) {
       const auto at = in_.byte();
       registers_.put(address + at % std::max<unsigned>(word, 1), in_.word());
@@ -140,17 +143,14 @@ class Gateway final : public Peer {
   }
 
   Input& in_;
-  const modbus::ModbusConfig& config_;
+  const modbus::ModbusTransport transport_;
   static inline Registers registers_;
   std::string unfinished_;
   bool closes_ = false;
 };
 
-modbus::ModbusConfig config_of(std::uint8_t choice) {
-  static const std::array maps{modbus::read_register_map(test::source_path("/config/frames/isorig-gateway.toml")),
-                               modbus::read_register_map(test::source_path("/config/frames/int32-scaled.toml"))};
+modbus::ModbusConfig line_of(std::uint8_t choice) {
   modbus::ModbusConfig config;
-  config.map = maps[choice / 2 % 2];
   config.transport = choice % 2 == 1 ? modbus::ModbusTransport::kRtu : modbus::ModbusTransport::kTcp;
   config.frame_gap_us = 1;
   config.response_timeout_ms = 20;
@@ -158,14 +158,70 @@ modbus::ModbusConfig config_of(std::uint8_t choice) {
   return config;
 }
 
-void run(Input in) {
-  const auto config = config_of(in.byte());
-  Gateway gateway(in, config);
+void run_frame(Input& in, std::uint8_t choice) {
+  static const std::array maps{modbus::read_register_map(test::source_path("/config/frames/isorig-gateway.toml")),
+                               modbus::read_register_map(test::source_path("/config/frames/int32-scaled.toml"))};
+  auto config = line_of(choice);
+  config.map = maps[choice / 2 % 2];
+  Gateway gateway(in, config.transport);
+  const auto set = [&](Quantity quantity, double value) {
+    const auto& at = config.map.at(quantity);
+    if (!at) return;
+    if (const auto words = at->format.encode(value))
+      gateway.put(at->address, std::span(*words).first(at->format.registers()));
+  };
+  set(Quantity::kIdentityWord, config.map.expected_identity_word);
+  set(Quantity::kSampleRate_Hz, 1000.0);
   const OnTheWire wire(gateway);
   clock::RealClock clock;
   frame::ModbusFrame device(config, clock);
   std::array<frame::Sample, 256> samples{};
   use(in, device, samples, {.acts = 12, .kinds = 8});
+}
+
+/// What the daemon does with it: set-points, exhausts, and readings of which the rig's pressure is judged.
+void run_regulator(Input& in, std::uint8_t choice) {
+  static const auto map = pressure::read_regulator_map(test::source_path("/config/regulators/alicat.toml"));
+  pressure::RegulatorConfig config;
+  config.map = map;
+  config.line = line_of(choice);
+  config.max_psi = 24.0;
+  Gateway gateway(in, config.line.transport);
+  const auto float_at = [&](std::uint16_t address) {
+    const std::array words{gateway.at(address), gateway.at(address + 1U)};
+    return modbus::number_of(modbus::join_words(words, modbus::RegisterType::kFloat32, map.order),
+                             modbus::RegisterType::kFloat32);
+  };
+  const auto known = modbus::bits_of(0.5 * (map.known_min + map.known_max), modbus::RegisterType::kFloat32);
+  gateway.put(map.known, modbus::split_words(known.value(), modbus::RegisterType::kFloat32, map.order));
+  double asked_psi = 0.0;
+  gateway.on_write = [&](std::size_t address) {
+    if (address != map.setpoint) return;
+    const double psi = float_at(map.setpoint) * map.psi_per_unit;
+    require(psi >= 0.0 && psi <= config.max_psi, "a set-point beyond max_psi on the wire");
+    require(psi == 0.0 || std::abs(psi - asked_psi) < 1e-3, "a set-point that nobody asked for");
+  };
+  const OnTheWire wire(gateway);
+  pressure::AlicatRegulator device(config);
+  const auto act = [&](int) {
+    const auto what = in.byte() % 8;
+    if (what == 1) {
+      asked_psi = static_cast<double>(in.byte()) / 8.0;  // up to 31.9: some above max_psi
+      device.regulate(static_cast<float>(asked_psi));
+    } else if (what == 2) {
+      device.exhaust();
+    } else {
+      const auto state = device.read();
+      require(std::isfinite(state.pressure_psi) && std::isfinite(state.setpoint_psi), "a reading that is no number");
+    }
+  };
+  use(in, {[&] { (void)device.connect(); }, [&] { device.disconnect(); }, act}, 12);
+}
+
+void run(Input in) {
+  const auto choice = in.byte();
+  if (choice / 4 % 2 == 0) return run_frame(in, choice);
+  run_regulator(in, choice);
 }
 
 }  // namespace

@@ -163,7 +163,7 @@ void wires() {
        frames('\3', wire::IdentityRequest{7}, wire::Heartbeat{1}, limits.limits, command, wire::TimeSyncRequest{1}));
 
   // Zeros are right answers and polls; docs/fuzzing.md says what the other bytes are.
-  for (int choice = 0; choice < 4; ++choice) {
+  for (int choice = 0; choice < 6; ++choice) {  // from 4 on: the regulator
     std::string bytes(1, static_cast<char>(choice));
     seed("modbus", "right-" + std::to_string(choice), bytes + std::string(200, '\0'));
     for (int i = 0; i < 40; ++i) bytes += std::string("\0\x10\0\0\1\x20\1\0\2\2\0\1\1\x40\0", 15);
@@ -172,6 +172,14 @@ void wires() {
     bad += std::string(24, '\0');
     for (char how = 8; how < 16; ++how) bad += how, bad += "\2\3\4", bad += std::string(16, '\0');
     seed("modbus", "bad-" + std::to_string(choice), bad);
+  }
+  // Connected by eight right answers; then set-points, readings and exhausts.
+  for (int choice = 4; choice < 6; ++choice) {
+    std::string regulates(1, static_cast<char>(choice));
+    regulates += std::string(8, '\0');
+    for (const char psi : {8, 80, '\x7f', '\xf0'})
+      regulates += std::string("\1") + psi + std::string(12, '\0') + '\2' + std::string(8, '\0');
+    seed("modbus", "regulates-" + std::to_string(choice), regulates);
   }
   seed("instron8800", "right", std::string(300, '\0'));
   std::string moves(40, '\0');

@@ -96,22 +96,29 @@ OnTheWire::~OnTheWire() {
 }
 
 void use(Input& in, frame::Device& device, std::span<frame::Sample> samples, const Use& how) {
+  const auto act = [&](int i) {
+    const auto what = in.byte() % how.kinds;
+    if (what == 1) {
+      device.start_segment({static_cast<std::uint16_t>(i + 1), static_cast<float>(in.byte()) / 64.0F, 2.0F});
+    } else if (what == 2) {
+      device.stop();
+    } else if (what == 3) {
+      device.heartbeat(static_cast<std::uint16_t>(i));
+    } else {
+      require(device.poll(samples).samples <= samples.size(), "more samples than room");
+    }
+  };
+  use(in, {[&] { (void)device.connect(); }, [&] { device.disconnect(); }, act}, how.acts);
+}
+
+void use(Input& in, const Device& device, int acts) {
   for (int turn = 0; turn < 4 && !(turn > 0 && in.empty()); ++turn) {
     line().connected = line().used = false;
     try {
-      (void)device.connect();
-      for (int i = 0; i < how.acts && !in.empty(); ++i) {
-        const auto what = in.byte() % how.kinds;
+      device.connect();
+      for (int i = 0; i < acts && !in.empty(); ++i) {
         try {
-          if (what == 1) {
-            device.start_segment({static_cast<std::uint16_t>(i + 1), static_cast<float>(in.byte()) / 64.0F, 2.0F});
-          } else if (what == 2) {
-            device.stop();
-          } else if (what == 3) {
-            device.heartbeat(static_cast<std::uint16_t>(i));
-          } else {
-            require(device.poll(samples).samples <= samples.size(), "more samples than room");
-          }
+          device.act(i);
         } catch (const drivers::DeviceError& error) {
           refused(error.what());
           if (error.fault() == drivers::Fault::kDisconnected) break;

@@ -43,4 +43,11 @@ struct Use {
 /// Connects a frame, does with it what the input says, and disconnects it, until the input ends.
 void use(Input& in, frame::Device& device, std::span<frame::Sample> samples, const Use& how);
 
+/// Likewise for any device: `acts` acts at most in each of its up to four connections.
+struct Device {
+  std::function<void()> connect, disconnect;
+  std::function<void(int number)> act;
+};
+void use(Input& in, const Device& device, int acts);
+
 }  // namespace isorig::fuzz
