@@ -54,6 +54,7 @@ class SimPressure final : public pressure::Device {
 
   /// Off and on again: counts samples and time anew, knows no heartbeat, vents until the next. The connection ends.
   void power_cycle() noexcept;
+  [[nodiscard]] std::uint32_t sequence() const noexcept { return sequence_; }
   /// Its clock is set: from now on it shows so much more (or less).
   void jump_clock(double by_us) noexcept {
     clock_.jump(by_us);

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "base/formatted.hpp"
 #include "fault_matrix_rig.hpp"
 
 /// MatrixRig: what is left to do and to look at once a fault is over.
@@ -58,17 +59,14 @@ bool MatrixRig::start_again() {
   recorder_.reset();
   folder_.reset();
   core().set_recorder_fault("");  // as the host does when it has closed a run
-  if (config_.core.operating.arming_required) {
-    // The second act's window and the countdown are ArmingTest's.
-    if (const auto reply = ask(Verb::kArm); !reply.accepted) return fail(reply.text);
-    return true;
-  }
   const double home_mm = plant().truth().position_mm;
   if (!begin("{ do = \"pressurize\", pressure_psi = 6, rate_psi_s = 8, settled_for_s = 0.2, timeout_s = 20 },\n"
              "{ do = \"ramp\", to_mm = 0.5, velocity_mm_s = 1 },\n"
              "{ do = \"hold\", duration_s = 100 },\n"))
     return false;
-  const bool works = run_until(10.0 + std::abs(home_mm), [&] { return core().status().control.step == 2; });
+  const double countdown_s = config_.core.operating.arming_required ? config_.core.operating.countdown_s : 0.0;
+  const bool works =
+      run_until(10.0 + std::abs(home_mm) + countdown_s, [&] { return core().status().control.step == 2; });
   const auto t = plant().truth();
   if (!works || std::abs(t.position_mm - 0.5) > 0.02 || std::abs(t.pressure_psi - 6.0) > 0.2)
     return fail("a new start does not work");
@@ -108,14 +106,33 @@ bool MatrixRig::evidence_is_kept(const testing::Collected& got, const std::strin
   return kept == recorded || wrong(std::to_string(kept) + " samples for " + std::to_string(recorded));
 }
 
-bool MatrixRig::recording_is_intact(const std::string& cause) {
-  if (!recorder_) return true;
-  run_for(3.0);
-  const auto at = trip_ns_;
+/// What the devices made while the run was open is recorded, or counted as missing, and missing is what the fault
+/// takes.
+std::string MatrixRig::unaccounted(const RecorderStatus& told, const Losses& losses) const {
+  // Read and not made while the run was open, and the other way round: a poll, what is on its way, and the sample of
+  // this millisecond.
+  constexpr double kEdgeOfFrame = 7.0, kEdgeOfPressure = 4.0;
+  const auto judge = [](const char* what, std::uint64_t made, std::uint64_t recorded, std::uint64_t missing,
+                        double edge, const Losses::OfStream& most) -> std::string {
+    const double left = static_cast<double>(made) - static_cast<double>(recorded + missing);
+    if (left >= -edge && left <= edge + most.unheard && static_cast<double>(missing) <= most.missing) return {};
+    return base::formatted(
+        "%s: %llu made, %llu recorded, %llu counted as missing; %.0f may be missing, %.0f unheard of", what,
+        static_cast<unsigned long long>(made), static_cast<unsigned long long>(recorded),
+        static_cast<unsigned long long>(missing), most.missing, most.unheard);
+  };
+  auto what = judge("frame", made_.frame(), told.frame_full + told.frame_averaged, told.frame_missing, kEdgeOfFrame,
+                    losses.frame);
+  if (!what.empty()) return what;
+  return judge("pressure", made_.pressure(), told.pressure_full + told.pressure_averaged, told.pressure_missing,
+               kEdgeOfPressure, losses.pressure);
+}
+
+/// Ends the recording, and reads it into `got`. `before`: what attempts before this one have left there.
+bool MatrixRig::is_ended_in_order(testing::Collected& got, const Losses& losses, const testing::Collected& before) {
   recorder_->finish(rig_->streams, false);
   const auto told = recorder_->status();
   recorder_.reset();
-  testing::Collected got;
   const auto report = messages::read_run(folder_->path() / "run", got);
   const auto wrong = [&](const std::string& what) {
     trouble_ = "recording: " + what;
@@ -124,18 +141,36 @@ bool MatrixRig::recording_is_intact(const std::string& cause) {
   if (report.state() != messages::RecordingState::kIncomplete)
     return wrong(std::string(messages::to_text(report.state())) +
                  (report.complaints().empty() ? "" : ": " + report.complaints().front()));
-  std::uint64_t averaged = 0;
-  for (const auto& i : got.frame_intervals) averaged += static_cast<std::uint64_t>(i.samples);
-  if (got.frames.size() != told.frame_full || averaged != told.frame_averaged)
+  const auto averaged = [](const auto& intervals, std::size_t first) {
+    std::uint64_t samples = 0;
+    for (std::size_t i = first; i < intervals.size(); ++i) samples += static_cast<std::uint64_t>(intervals[i].samples);
+    return samples;
+  };
+  if (got.frames.size() - before.frames.size() != told.frame_full ||
+      averaged(got.frame_intervals, before.frame_intervals.size()) != told.frame_averaged)
     return wrong("other counts of the frame");
-  averaged = 0;
-  for (const auto& i : got.pressure_intervals) averaged += static_cast<std::uint64_t>(i.samples);
-  if (got.pressures.size() != told.pressure_full || averaged != told.pressure_averaged)
+  if (got.pressures.size() - before.pressures.size() != told.pressure_full ||
+      averaged(got.pressure_intervals, before.pressure_intervals.size()) != told.pressure_averaged)
     return wrong("other counts of the pressure");
+  if (told.dropped_records + told.lost_messages != 0) return wrong("records were dropped");
+  if (const auto what = unaccounted(told, losses); !what.empty()) return wrong(what);
   for (std::size_t i = 1; i < got.frames.size(); ++i) {
     if (got.frames[i].mono_ns <= got.frames[i - 1].mono_ns) return wrong("the frame's samples are out of order");
   }
+  return true;
+}
+
+bool MatrixRig::recording_is_intact(const std::string& cause, const Losses& losses) {
+  if (!recorder_) return true;
+  run_for(3.0);
+  testing::Collected got;
+  if (!is_ended_in_order(got, losses, {})) return false;
   if (cause.empty()) return true;
+  const auto at = trip_ns_;
+  const auto wrong = [&](const std::string& what) {
+    trouble_ = "recording: " + what;
+    return false;
+  };
   const auto is_cause = [&](const isorig_msgs::event_t& e) { return e.code == cause; };
   if (std::none_of(got.events.begin(), got.events.end(), is_cause)) return wrong("no event " + cause);
   if (!evidence_is_kept(got, cause)) return false;

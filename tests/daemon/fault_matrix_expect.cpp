@@ -4,6 +4,8 @@
 #include <stdexcept>
 #include <string_view>
 
+#include "daemon/core/seconds.hpp"
+
 namespace isorig::daemon::test {
 namespace {
 
@@ -99,11 +101,14 @@ std::vector<Rule> rules() {
     add(f, kAll, rides());
   }
   // Its motion. The time counts from the strike, so that it has the rest of the stroke in it.
-  for (const char* f : {"SegmentRefused", "SegmentEchoedWrong"}) add(f, kStrokes, trips(1.0, {"frame.segment"}));
+  for (const char* f : {"SegmentRefused", "SegmentEchoedWrong"}) {
+    add(f, kJog | kApproach, trips(0.1, {"frame.segment"}));
+    add(f, kStrokes, trips(1.0, {"frame.segment"}));
+  }
   // The last chord of a sine's quarter is shorter than the permitted error: that it is not reached ends the step.
   add("SegmentIgnored", kSine, trips(8.0, {"protocol"}));
-  add("SegmentIgnored", kStrokes, trips(3.0, {"frame.following"}));
-  for (const char* f : {"Overshoots", "RunsAway"}) add(f, kStrokes, trips(6.0, {"frame.following"}));
+  add("SegmentIgnored", kJog | kApproach | kStrokes, trips(3.0, {"frame.following"}));
+  for (const char* f : {"Overshoots", "RunsAway"}) add(f, kJog | kApproach | kStrokes, trips(6.0, {"frame.following"}));
   for (const char* f : {"SegmentRefused", "SegmentEchoedWrong", "SegmentIgnored", "Overshoots", "RunsAway"})
     add(f, kAll, impossible(kNoSegment));
   add("NeverReached", kApproach | kStrokes, trips(8.0, {"protocol"}));
@@ -250,17 +255,39 @@ const Expected& expected(const Fault& fault, At at) {
 
 Bounds bounds(const Fault& fault, const Expected& e) {
   Bounds b;
-  // A frame that is told and obeys is confirmed to stand 0.28 s after the stop from 10 mm/s; one that is not reached,
-  // or does not obey, stands by its own watchdog of 0.5 s without a heartbeat, and 0.25 s for its brake.
-  const bool by_itself = is_one_of(fault.name, {"FrameSilent", "FrameDisconnected", "FrameHeartbeatRefused",
-                                                "StopRefused", "StopLost", "StopNotDone", "LoopHangs", "Stopped"});
-  b.stands_s = by_itself ? 0.02 + 0.5 + 0.25 + 0.05 : e.within_s + 0.3;
+  b.by_itself = is_one_of(fault.name, {"FrameSilent", "FrameDisconnected", "FrameHeartbeatRefused", "StopRefused",
+                                       "StopLost", "StopNotDone", "LoopHangs", "Stopped"});
   // Through vent and dump valve from 20 psi, 0.8 s; a Teensy that has rebooted or hangs, and its watchdog: 0.5 s more.
   b.vents_s = 2.5;
   if (is_one_of(fault.name, {"InputsLost"})) b.vents_s = 6.0;  // nobody can let go of the dump valve
   if (is_one_of(fault.name, {"FillStuckOpen"})) b.rest_psi = 4.0;
   b.watch_s = std::max(8.0, e.within_s + 3.0);
   return b;
+}
+
+Losses losses(const Fault& fault) {
+  constexpr double kPerSecond = 1000.0;
+  constexpr double kRetry_s = 0.05, kFramePoll_s = 0.005;
+  // A link that is still dead when the recording ends, 7 s after the run, has brought nothing since the fault.
+  constexpr double kNeverHeard_s = kStale_s + seconds(Core::kRecordedAfterNs);
+  // While everything stands the devices keep what their rings hold (sim.toml: 256 and 512).
+  constexpr double kStopped_s = 1.0 + 2.0 * kFramePoll_s;
+  Losses l;
+  if (is_one_of(fault.name, {"SamplesLost", "SamplesCorrupt"})) l.pressure.missing = 20.0;
+  if (is_one_of(fault.name, {"FrameFiveLost"}))
+    l.frame.missing = kPerSecond * (5.0 * kFramePoll_s + kRetry_s + kFramePoll_s);
+  if (is_one_of(fault.name, {"FrameRestarts"})) l.frame.missing = kPerSecond * (kFramePoll_s + kRetry_s + kFramePoll_s);
+  if (is_one_of(fault.name, {"Stopped"})) {
+    l.frame.missing = kPerSecond * kStopped_s - 256.0;
+    l.pressure.missing = kPerSecond * kStopped_s - 512.0;
+  }
+  if (is_one_of(fault.name, {"FrameSilent", "FrameSpoiltForGood", "FrameExceptions", "FrameDisconnected"}))
+    l.frame.unheard = kPerSecond * kNeverHeard_s;
+  if (is_one_of(fault.name, {"TeensySilent", "TeensyCorruptForGood", "TeensyUnplugged"}))
+    l.pressure.unheard = kPerSecond * kNeverHeard_s;
+  // It counts from 0 again: tried after 0.05, 0.15, 0.35 and 0.75 s.
+  if (is_one_of(fault.name, {"TeensyReboots"})) l.pressure.unheard = kPerSecond * 0.76;
+  return l;
 }
 
 }  // namespace isorig::daemon::test

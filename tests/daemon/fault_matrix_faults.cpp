@@ -48,13 +48,13 @@ const Fault kFaults[] = {
     {kLink, "FrameClockJumps", "the frame's clock is set on by 3 s",
      [](R& r, bool on) { if (on) r.plant().frame().jump_clock(3e6); }},
 
-    {kMotion, "SegmentRefused", "segments are refused", [](R& r, bool on) { frame(r).segments_refused = on ? -1 : 0; }},
-    {kMotion, "SegmentEchoedWrong", "a segment is taken with another target", [](R& r, bool on) { frame(r).echoes_wrong = on; }},
-    {kMotion, "SegmentIgnored", "segments are echoed and not done", [](R& r, bool on) { frame(r).ignores_segments = on; }},
+    {kMotion, "SegmentRefused", "segments are refused", [](R& r, bool on) { frame(r).segments_refused = on ? -1 : 0; }, 0.0, {}, true},
+    {kMotion, "SegmentEchoedWrong", "a segment is taken with another target", [](R& r, bool on) { frame(r).echoes_wrong = on; }, 0.0, {}, true},
+    {kMotion, "SegmentIgnored", "segments are echoed and not done", [](R& r, bool on) { frame(r).ignores_segments = on; }, 0.0, {}, true},
     {kMotion, "NeverReached", "arrives and goes on to say \"moving\"", [](R& r, bool on) { frame(r).never_reached = on; }},
     {kMotion, "Overshoots", "stops 0.5 mm beyond the target and says reached",
-     [](R& r, bool on) { frame(r).overshoot_mm = on ? 0.5 : 0.0; }},
-    {kMotion, "RunsAway", "runs on beyond the target", [](R& r, bool on) { frame(r).overshoot_mm = on ? 20.0 : 0.0; }},
+     [](R& r, bool on) { frame(r).overshoot_mm = on ? 0.5 : 0.0; }, 0.0, {}, true},
+    {kMotion, "RunsAway", "runs on beyond the target", [](R& r, bool on) { frame(r).overshoot_mm = on ? 20.0 : 0.0; }, 0.0, {}, true},
     {kMotion, "DriveTrips", "the drive trips", [](R& r, bool on) { frame(r).drive_fault = on; }},
     {kMotion, "FaultState", "the frame's state is \"fault\", no bit says why", [](R& r, bool on) { frame(r).fault_state = on; }},
 

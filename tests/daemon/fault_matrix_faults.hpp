@@ -17,6 +17,7 @@ struct Fault {
   void (*set)(StruckRig& rig, bool on);
   double lasts_s = 0.0;                    ///< then it is over; 0: until it is repaired
   std::optional<Request::Verb> then = {};  ///< what brings it to light, 20 ms later
+  bool of_segment = false;                 ///< a jog, an approach: it strikes just before that is commanded
 };
 
 [[nodiscard]] std::span<const Fault> faults();

@@ -17,7 +17,7 @@ constexpr const char* kHead = R"(# Every fault in every kind of step
 Generated: `build/bin/fault_matrix_page > docs/faults.md`; `FaultMatrixPage.IsUpToDate` compares. Each fault below strikes in each
 situation, on the simulated rig in virtual time: the daemon's own core, services and recorder on the plant of
 [simulated-rig.md](simulated-rig.md) (`config/rigs/sim.toml`, with 10 mL between regulator and fill valve). `FaultMatrix.EveryCellEndsAsThePageSays`
-plays a fault's row; all rows take about 40 s of one core. What the codes mean: [states.md](states.md); what acts when no program does:
+plays a fault's row; all rows take about 50 s of one core. What the codes mean: [states.md](states.md); what acts when no program does:
 [safety.md](safety.md).
 
 A cell is held to this, by the plant's true motion, force and pressure at every millisecond, and never by what the daemon says of them:
@@ -25,17 +25,19 @@ A cell is held to this, by the plant's true motion, force and pressure at every 
 | | bound | from |
 |---|---|---|
 | found | as the row says, from the moment of the fault | age limits of 0.25 s and two polls; the pressure guard's sums; for motions the rest of the stroke is in it |
-| the crosshead stands | 0.3 s after it was found; 0.82 s after the fault where the frame is not reached or does not obey | a stop from 10 mm/s is confirmed within 0.28 s; the frame's watchdog of 0.5 s, its brake of 0.25 s, two polls |
+| the crosshead stands | 0.3 s after it was found, however long that took; 0.82 s after the fault where the frame is not reached or does not obey | a stop from 10 mm/s is confirmed within 0.28 s; the frame's watchdog of 0.5 s, its brake of 0.25 s, two polls |
 | a safe state is vented below 1 psi | 2.5 s after it was found; 6 s where the dump valve cannot be let go of; to 4 psi against a fill valve that stays open | 0.8 s from 20 psi through both valves, 5 s through the vent valve alone; the Teensy's watchdog, 0.5 s |
 | a program stop holds | the pressure stays above 85 % of what it was | the chamber leaks 0.54 psi/min at 20 psi |
 | travel | beyond where the protocol goes by no more than the permitted following error and the way until it stands | [states.md](states.md), following error |
 | force | inside its limits and 5 % of their range | |
-| pressure | at most 3 psi above the set-point in force, and 1.5 psi above its limit | the hold's allowance, 0.6 psi, and what a stroke may explain |
+| pressure | at most 3 psi above the set-point in force, and 1.5 psi above its limit | the hold's allowance, 0.6 psi, and what a stroke may explain. In force is what the loop goes to at that millisecond, by the ramp of the step; a set-point that falls counts with 0.5 psi/s, by which the vent valve alone is quicker, and not while a program stop holds both valves shut |
 | cause | the first fault in the list is one of the codes in the row | |
 | severity | safe state or program stop, as [states.md](states.md) has it for the code and the phase | |
-| recording | opens, ended in order, as many samples in full and in averages as the recorder counted; the cause is an event in it; 0.9 s before and 1.9 s after it nothing is averaged | |
+| recording | opens, ended in order, as many samples in full and in averages as the recorder counted; what the devices made while the run was open, by their own counters, is in it; the cause is an event in it; 0.9 s before and 1.9 s after it nothing is averaged | 7 samples of the frame and 4 of the Teensy may be on their way when the run is opened and closed: a poll |
+| counted as missing | nothing but what the fault takes: the 20 samples that are lost or corrupt; 80 ms of the frame's while five answers are lost and it is connected afresh, 60 ms while it restarts; in a SIGSTOP of 1 s what its ring (256) and the Teensy's (512) do not hold | |
+| not counted | what nobody can count: of a link that is still dead when the recording ends, 7.26 s; of a Teensy that counts from 0 again, 0.76 s | a trip after 0.26 s ends the run, which is recorded for 7 s more; connected anew after 0.75 s |
 | evidence | `trip-N.json` has the cause, and every sample around it | |
-| recovery | the fault repaired: `confirm-zero` where the frame was restarted, `reset`, `resume` of a held run or `abort`, ready, and a new start that fills and moves | |
+| recovery | the fault repaired: `confirm-zero` where the frame was restarted, `reset`, `resume` of a held run or `abort`, ready, and a new start (where arming is required its two acts and its countdown, too) that fills and moves | |
 
 *Goes on* is as strict: no fault, the same state as without it, the same bounds for force, pressure and travel, and a recording that is whole.
 *Not ready* means that the rig says why, in the words of the row, and starts nothing. What is *not seen* goes on likewise, and has its reason.
@@ -57,7 +59,9 @@ What virtual time cannot have: bytes, sockets, processes, disks and a real kerne
 | serial: silent, reboot, plug pulled, wrong version or device | `TeensyOnScript.SilenceIsATimeOut`, `TeensyOnScript.ADeviceThatStartsAnewIsNoticed`, `TeensyOnPty.StartsOverAfterThePlugWasPulled`, `TeensyOnScript.RefusesAnotherSerialNumberModelOrVersion` |
 | a clock that jumps | `WireEvents.EachCutAndRestartWithinTheAgeLimitIsInTheRecording` |
 | the sensor's status bits on the wire | `TeensyOnPty.SensorFaultsArriveAsTheSensorSendsThem` |
-| regulator: late, another unit, set-point clamped, gone | `Regulator.ALateAnswerIsNeverTheNextOne`, `Regulator.SeesAnotherUnit`, `Regulator.ASetpointThatDoesNotArriveIsRefused`, `Regulator.KeepsItsSetpointWhenNobodySpeaksToIt` |
+| regulator, its driver: late, another unit, set-point clamped, gone | `Regulator.ALateAnswerIsNeverTheNextOne`, `Regulator.SeesAnotherUnit`, `Regulator.ASetpointThatDoesNotArriveIsRefused`, `Regulator.KeepsItsSetpointWhenNobodySpeaksToIt`; any bytes: `fuzz.modbus` |
+| regulator, the daemon: silent, another set-point or none, a loop that hangs | `RegulatorServiceTest.OneMissingAnswerIsNoLostConnectionFiveAre`, `RegulatorServiceTest.ASetPointThatSomebodyElseChangedIsAFault`, `RegulatorServiceTest.ASetPointThatIsNoNumberIsAFault`, `RegulatorServiceTest.ALoopThatNoLongerTicksExhausts`; `stale.regulator`, `regulator.fault` and `regulator.disagrees` in every phase: `SupervisorTest.EveryCauseHasTheSeverityOfItsRuleInEveryPhase` |
+| regulator, a rig that ramps: gone, reads another pressure | `RigRegulator.IsASafeStateWhenItIsGone`, `RigRegulator.IsASafeStateWhenItReadsAnotherPressure` |
 | frame or Teensy gone in a run, and back | `Wire.AFrameThatIsGoneIsASafeStateAndItsReturnIsRecovered`, `Wire.ATeensyThatIsGoneIsASafeState`, `Wire.DelayAndCorruptBytesAreCountedAndTheRunGoesOn` |
 | interlock contacts on a kernel: bounce, overflow, chip gone | `GpioOnKernel.ABouncingContactIsOpenUntilItIsQuiet`, `GpioOnKernel.ABurstThatOverflowsTheKernelsQueueEndsOnTheLevel`, `GpioOnKernel.AChipThatVanishesIsFoundAgainUnderAnotherNumber` |
 | disk full, failing, read short, pulled | `RecordingFaults.AFullDiskLosesNothing`, `RecordingFaults.AFailedSyncIsFinalAndTheRecordingGoesOnElsewhere`, `RecordingFaults.AShortWriteLosesAndTearsNothing`, `RecordingFaults.ARemovedFolderIsACondition`, `EndingTest.ARecorderThatHangsIsAProgramStop` |

@@ -13,14 +13,17 @@ namespace {
 using Verb = Request::Verb;
 
 constexpr std::int64_t kDrainNs = 20'000'000;
+constexpr std::int64_t kSetpointNs = 10'000'000;  // the loop's record of it is no newer
 
 const Situation kAll[kSituations] = {
     {At::kReady, "ready", "between runs, vented, at rest", 0.0, false, false},
     {At::kArmed, "armed", "the first of two acts was given", 0.0, false, false},
     {At::kCountdown, "countdown", "both acts were given; nothing moves yet", 0.0, true, false},
     {At::kSetup, "setup", "setup, at rest", 0.0, false, false},
-    {At::kJog, "jog", "setup, jogged at 1 mm/s", 1.0, false, false},
-    {At::kApproach, "approach", "to the first step's position at 1 mm/s, vented", 1.0, true, false},
+    {At::kJog, "jog", "setup, jogged at 1 mm/s; faults of a segment strike just before the jog", 1.0, false, false},
+    {At::kApproach, "approach",
+     "to the first step's position at 1 mm/s, vented; faults of a segment strike just before the start", 1.0, true,
+     false},
     {At::kFill, "fill", "`pressurize` upwards, 1 psi/s, at 5 psi", 0.0, true, true},
     {At::kLower, "lower", "`pressurize` downwards, 0.5 psi/s, at 11 psi", 0.0, true, true},
     {At::kSettle, "settle", "`settle` at 10 psi: rest until the force stands", 0.0, true, true},
@@ -106,7 +109,8 @@ const Situation& situation(At at) {
 MatrixRig::MatrixRig(At at)
     : where_(situation(at)), config_(load_rig(isorig::test::source_path() + "/config/rigs/sim.toml")) {
   config_.core.operating.arming_required = at == At::kArmed || at == At::kCountdown;
-  config_.core.operating.countdown_s = 30.0;
+  // A cell is watched for 13.1 s at most, and has to be in its countdown until then.
+  config_.core.operating.countdown_s = at == At::kCountdown ? 16.0 : 2.0;
   config_.core.operating.arm_window_s = 30.0;
   config_.sim->pneumatics.supply_volume_mL = 10.0;  // a short hose: an empty supply shows within seconds
   rig_ = std::make_unique<VirtualRig>(config_);
@@ -124,8 +128,19 @@ void MatrixRig::tick() {
     late_ns = 0;
   }
   rig_->tick();
+  made_.look(*rig_, recorder_ != nullptr);
+  if (rig_->now_ns() % kSetpointNs == 0) follow_setpoint();
   look();
   if (rig_->now_ns() % kDrainNs == 0) drain();
+}
+
+/// By the ramp that the step in force asks for.
+void MatrixRig::follow_setpoint() {
+  const auto now = core().loop_status();
+  double rises_psi_s = config_.core.pressure_loop.rate_limit_psi_s;
+  if (const auto step = now.control.step; step < plan_.steps.size() && plan_.steps[step].rate_psi_s > 0.0)
+    rises_psi_s = std::min(rises_psi_s, plan_.steps[step].rate_psi_s);
+  ceiling_.follow(now, rises_psi_s, seconds(kSetpointNs));
 }
 
 /// The plant's truth, every millisecond.
@@ -147,6 +162,7 @@ void MatrixRig::look() {
   seen_.force_min_N = std::min(seen_.force_min_N, t.force_N);
   seen_.force_max_N = std::max(seen_.force_max_N, t.force_N);
   seen_.pressure_max_psi = std::max(seen_.pressure_max_psi, t.pressure_psi);
+  seen_.over_setpoint_psi = std::max(seen_.over_setpoint_psi, t.pressure_psi - ceiling_.psi());
 }
 
 void MatrixRig::drain() {
@@ -209,7 +225,9 @@ bool MatrixRig::reach(RunState state, double within_s) {
 }
 
 void MatrixRig::open_recording() {
-  folder_ = std::make_unique<testing::TemporaryDirectory>("matrix", scratch());
+  if (!folder_) {
+    folder_ = std::make_unique<testing::TemporaryDirectory>("matrix", scratch());
+  }
   auto options = testing::recorder_options(folder_->path() / "run");
   options.before_s = plan_.recording.before_s;
   options.dropped_before = rig_->streams.dropped();
@@ -221,23 +239,37 @@ void MatrixRig::open_recording() {
   recorder_ = std::make_unique<Recorder>(options, info);
 }
 
-bool MatrixRig::begin(const std::string& steps) {
-  plan_ = compiled(steps, config_.limits);
+bool MatrixRig::arm(const std::string& steps) {
+  if (!steps.empty()) plan_ = compiled(steps, config_.limits);
   if (!reach(RunState::kReady, 30.0)) return false;
   drain();
+  if (!config_.core.operating.arming_required) return true;
+  const auto reply = ask(Verb::kArm);
+  return reply.accepted || fail(std::string("not armed: ") + reply.text);
+}
+
+bool MatrixRig::begin(const std::string& steps) {
+  folder_.reset();
+  return arm(steps) && give_start();
+}
+
+bool MatrixRig::give_start() {
+  open_recording();
   if (config_.core.operating.arming_required) {
-    if (const auto reply = ask(Verb::kArm); !reply.accepted) return fail(std::string("not armed: ") + reply.text);
-    if (where_.at == At::kArmed) return true;
-    open_recording();
     const auto reply = ask(Verb::kGo);
     return reply.accepted || fail(std::string("no countdown: ") + reply.text);
   }
-  open_recording();
   const auto reply = ask(Verb::kStart);
   return reply.accepted || fail(std::string("did not start: ") + reply.text);
 }
 
-bool MatrixRig::bring() {
+bool MatrixRig::set_off() {
+  if (where_.at == At::kApproach) return begin(steps_of(where_.at));
+  const auto reply = ask(Verb::kJog, 3.0);
+  return reply.accepted || fail(reply.text);
+}
+
+bool MatrixRig::bring(bool before_motion) {
   const auto position_mm = [&] { return plant().truth().position_mm; };
   const auto pressure_psi = [&] { return plant().truth().pressure_psi; };
   const auto in_step = [&](std::uint32_t step) {
@@ -250,21 +282,22 @@ bool MatrixRig::bring() {
       return true;
     case At::kArmed:
     case At::kCountdown:
-      if (!begin(steps_of(where_.at))) return false;
+      if (!(where_.at == At::kArmed ? arm(steps_of(where_.at)) : begin(steps_of(where_.at)))) return false;
       run_for(0.5);
       return true;
     case At::kSetup:
     case At::kJog:
       if (const auto reply = ask(Verb::kSetup); !reply.accepted) return fail(reply.text);
       run_for(0.6);
-      if (where_.at == At::kSetup) return true;
-      if (const auto reply = ask(Verb::kJog, 3.0); !reply.accepted) return fail(reply.text);
+      if (where_.at == At::kSetup || before_motion) return true;
+      if (!set_off()) return false;
       return run_until(5.0, [&] { return position_mm() > 0.5; }) || fail("the jog does not move");
     case At::kApproach:
       plant().frame().start_segment({900, 3.0F, 2.0F});  // at its own panel
       if (!run_until(10.0, [&] { return position_mm() > 2.99; })) return fail("the panel does not move it");
       run_for(1.0);
-      if (!begin(steps_of(where_.at))) return false;
+      if (before_motion) return true;
+      if (!set_off()) return false;
       return run_until(5.0, [&] { return position_mm() < 2.5; }) || fail("no approach");
     default:
       break;
@@ -338,16 +371,6 @@ Seen MatrixRig::seen() const {
   if (!s.faults.empty()) s.cause = s.faults.front();
   for (const auto& e : events_) s.events.emplace_back(e.code);
   return s;
-}
-
-double MatrixRig::setpoint_psi() const noexcept {
-  switch (where_.at) {
-    case At::kFill:
-    case At::kLower:
-      return 12.0;
-    default:
-      return where_.has_run && where_.at != At::kCountdown ? 10.0 : 0.0;
-  }
 }
 
 }  // namespace isorig::daemon::test

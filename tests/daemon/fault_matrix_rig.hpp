@@ -7,6 +7,8 @@
 #include "base/toml_reader.hpp"
 #include "daemon/recording/recorder.hpp"
 #include "daemon/rig/virtual_rig.hpp"
+#include "made_samples.hpp"
+#include "pressure_ceiling.hpp"
 #include "protocol/compile.hpp"
 #include "recording_rig.hpp"
 #include "struck_rig.hpp"
@@ -48,6 +50,15 @@ struct Situation {
 };
 [[nodiscard]] const Situation& situation(At at);
 
+/// Samples that a fault takes out of a recording, at most.
+struct Losses {
+  struct OfStream {
+    double missing = 0.0;  ///< their numbers are: they are counted
+    double unheard = 0.0;  ///< nobody can know how many they were
+  };
+  OfStream frame, pressure;
+};
+
 /// What the plant did, and what the daemon said, from the moment of the fault on.
 struct Seen {
   double trip_s = -1.0;   ///< until the rig was faulted; negative: it was not
@@ -59,6 +70,7 @@ struct Seen {
   double position_min_mm = 0.0, position_max_mm = 0.0;
   double force_min_N = 0.0, force_max_N = 0.0;
   double pressure_max_psi = 0.0;
+  double over_setpoint_psi = 0.0;  ///< over the one in force at that millisecond
   double watched_s = 0.0;
   std::string cause;                ///< code of the first fault after the strike
   std::vector<std::string> faults;  ///< all codes since, in their order
@@ -74,8 +86,10 @@ class MatrixRig final : public StruckRig {
 
   explicit MatrixRig(At at);
 
-  /// To where the fault is to strike. False: it did not get there; trouble() says why.
-  bool bring();
+  /// To where the fault is to strike. False: it did not get there; trouble() says why. `before_motion`: to just before
+  /// the jog or the approach, which set_off() commands.
+  bool bring(bool before_motion = false);
+  bool set_off();
   /// Measures from now on; below `rest_psi` it counts as vented.
   void strike(double rest_psi = kVented_psi);
   void watch(double seconds);
@@ -86,11 +100,9 @@ class MatrixRig final : public StruckRig {
   /// A new start fills and runs. False with trouble().
   bool start_again();
   /// Ends the recording and reads it again. False with trouble(). `cause`: the code of an event that has to be in it,
-  /// with the samples before it in full; empty: none.
-  bool recording_is_intact(const std::string& cause);
+  /// with the samples before it in full; empty: none. Every sample that the devices made is in it, but for `losses`.
+  bool recording_is_intact(const std::string& cause, const Losses& losses);
 
-  /// The greatest that the protocol asks for from the strike on.
-  [[nodiscard]] double setpoint_psi() const noexcept;
   [[nodiscard]] const std::string& trouble() const noexcept { return trouble_; }
   [[nodiscard]] VirtualRig& rig() noexcept override { return *rig_; }
   [[nodiscard]] Core& core() noexcept { return rig_->core(); }
@@ -112,11 +124,16 @@ class MatrixRig final : public StruckRig {
  private:
   void tick();
   void look();
+  void follow_setpoint();
   void drain();
   bool fail(const std::string& what);
+  bool arm(const std::string& steps);  ///< where arming is required; empty: of the plan that there is
   bool begin(const std::string& steps);
+  bool give_start();
   bool reach(RunState state, double seconds);
   void open_recording();
+  bool is_ended_in_order(testing::Collected& got, const Losses& losses, const testing::Collected& before);
+  [[nodiscard]] std::string unaccounted(const RecorderStatus& told, const Losses& losses) const;
   bool evidence_is_kept(const testing::Collected& got, const std::string& cause);
 
   const Situation& where_;
@@ -131,6 +148,8 @@ class MatrixRig final : public StruckRig {
   std::int64_t trip_ns_ = -1, moved_ns_ = -1, pressed_ns_ = -1;
   RunState last_state_ = RunState::kIdle;
   std::vector<EventRecord> events_;
+  PressureCeiling ceiling_;
+  MadeSamples made_;
   Seen seen_;
   std::string trouble_;
 };
