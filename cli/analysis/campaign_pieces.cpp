@@ -8,7 +8,6 @@
 
 #include "base/printable.hpp"
 #include "cli/analysis/diagnosis_files.hpp"
-#include "cli/campaign/piece.hpp"
 #include "cli/command.hpp"
 #include "cli/provenance.hpp"
 
@@ -21,23 +20,9 @@ fs::path this_program() {
   return fs::read_symlink("/proc/self/exe");
 }
 
-/// Where the logs of those that failed lie; of many, the first ones.
-void print_failed(const pieces::Plan& plan) {
-  constexpr std::size_t kShown = 10;
-  std::size_t shown = 0;
-  pieces::for_each_line(pieces::recordings_of(plan), [&](const std::string& recording) {
-    const fs::path folder = pieces::failed_folder(plan, recording);
-    if (shown >= kShown || fs::exists(pieces::piece_folder(plan, recording) / "piece.json") ||
-        !fs::exists(folder / "failure.json"))
-      return;
-    ++shown;
-    std::cerr << "failed: " << recording << ": see " << folder.string() << '\n';
-  });
-}
-
 int ended(const pieces::CampaignCall& call, const pieces::CampaignEnd& end) {
   const pieces::Standing& s = end.standing;
-  if (s.failed > 0) print_failed(call.plan);
+  if (s.failed > 0) pieces::print_failed(call.plan, std::cerr);
   std::printf("%zu of %zu recordings answered", s.made, s.recordings);
   if (s.bad > 0) std::printf(", %zu of them unreadable", s.bad);
   if (s.failed > 0) std::printf("; %zu failed", s.failed);

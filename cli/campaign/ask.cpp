@@ -9,33 +9,68 @@ namespace isorig::cli::pieces {
 using nlohmann::ordered_json;
 
 ordered_json to_json(const Ask& ask) {
-  return {{"command", ask.command}, {"model", ask.model}, {"threads", ask.threads}};
+  ordered_json out{{"command", ask.command}, {"model", ask.model}, {"threads", ask.threads}};
+  if (ask.is_case()) out.update({{"judged", ask.judged}, {"options", ask.options}});
+  return out;
 }
 
 Ask ask_from_json(const ordered_json& json) {
   return {json.at("command").get<std::string>(), json.at("model").get<std::string>(),
-          json.at("threads").get<unsigned>()};
+          json.at("threads").get<unsigned>(), json.value("judged", std::string()),
+          json.value("options", std::vector<std::string>())};
 }
 
 ordered_json stamp_of(const Ask& ask) {
+  const bool is_file = std::filesystem::path(ask.model).is_absolute();
+  return stamp_of(ask, is_file ? sha256_of_file(ask.model) : std::string());
+}
+
+ordered_json stamp_of(const Ask& ask, const std::string& model_sha256) {
   ordered_json out{{"command", ask.command}, {"model", ask.model}};
-  if (std::filesystem::path(ask.model).is_absolute()) out["model_sha256"] = sha256_of_file(ask.model);
+  if (!model_sha256.empty()) out["model_sha256"] = model_sha256;
+  if (ask.is_case()) out["options"] = ask.options;
   return out;
 }
 
 std::vector<std::string> words_of(const Ask& ask, const std::filesystem::path& program, const std::string& recording) {
+  if (ask.is_case()) {
+    std::vector<std::string> words{program.string(),
+                                   ask.command,
+                                   recording,
+                                   "--cases",
+                                   ask.model,
+                                   "--isorig",
+                                   ask.judged,
+                                   "--threads",
+                                   std::to_string(ask.threads),
+                                   "--"};
+    words.insert(words.end(), ask.options.begin(), ask.options.end());
+    return words;
+  }
   std::vector<std::string> words{program.string(), ask.command, recording, "--model", ask.model, "--out", "."};
   if (ask.command == "diagnose") words.insert(words.end(), {"--threads", std::to_string(ask.threads)});
   words.emplace_back("--undated");
   return words;
 }
 
+std::vector<std::string> recordings_in(const Ask& ask) {
+  return ask.is_case() ? std::vector<std::string>{"train", "heldout"} : std::vector<std::string>{""};
+}
+
+std::string caller_of(const Ask& ask) {
+  return ask.is_case() ? "isorig-proof" : "isorig campaign";
+}
+
+std::string subjects_of(const Ask& ask) {
+  return ask.is_case() ? "cases" : "recordings";
+}
+
 std::string numbers_file(const Ask& ask) {
-  return ask.command == "diagnose" ? "diagnosis.json" : "fv.json";
+  return ask.command == "fv" ? "fv.json" : "diagnosis.json";
 }
 
 std::string page_file(const Ask& ask) {
-  return ask.command == "diagnose" ? "diagnosis-report.html" : "fv-report.html";
+  return ask.command == "fv" ? "fv-report.html" : "diagnosis-report.html";
 }
 
 std::string difference(const Ask& there, const Ask& here) {
@@ -44,7 +79,8 @@ std::string difference(const Ask& there, const Ask& here) {
     if (a != b) out += (out.empty() ? "" : "; ") + (what + (": " + a)) + " there, " + b + " here";
   };
   add("--ask", there.command, here.command);
-  add("--model", there.model, here.model);
+  // A study's results are of the study's own folder; what was made with other options is made anew.
+  if (!here.is_case()) add("--model", there.model, here.model);
   return out;
 }
 

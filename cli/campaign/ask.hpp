@@ -6,12 +6,17 @@
 
 namespace isorig::cli::pieces {
 
-/// What is asked of every recording.
+/// What is asked of every recording; or of every case of a study with concealed effects, a folder with the recordings
+/// train/ and heldout/, by isorig-proof (docs/proof.md).
 struct Ask {
-  std::string command = "diagnose";  ///< or "fv"
-  std::string model = "slse1";       ///< slse1, slse2 or the absolute path of a file
-  unsigned threads = 1;              ///< of one diagnosis; changes no result
+  std::string command = "diagnose";  ///< or "fv"; "case" of a study
+  /// slse1, slse2 or the absolute path of a file. Of "case": the list that has each case's nominal model.
+  std::string model = "slse1";
+  unsigned threads = 1;                ///< of one diagnosis; changes no result
+  std::string judged{};                ///< of "case": the absolute path of the isorig that is asked
+  std::vector<std::string> options{};  ///< of "case": further words of its diagnosis
 
+  [[nodiscard]] bool is_case() const { return command == "case"; }
   [[nodiscard]] bool operator==(const Ask&) const = default;
 };
 
@@ -21,10 +26,19 @@ struct Ask {
 
 /// What of it decides the result: the model's text by its SHA-256 where that is a file. Throws base::FileError.
 [[nodiscard]] nlohmann::ordered_json stamp_of(const Ask& ask);
+/// The same of a file that had that SHA-256; nothing is read.
+[[nodiscard]] nlohmann::ordered_json stamp_of(const Ask& ask, const std::string& model_sha256);
 
 /// The command that answers for one recording, to be run in the folder that the answer belongs into.
 [[nodiscard]] std::vector<std::string> words_of(const Ask& ask, const std::filesystem::path& program,
                                                 const std::string& recording);
+
+/// Where in the folder that is asked about the recordings lie: "" for the folder itself.
+[[nodiscard]] std::vector<std::string> recordings_in(const Ask& ask);
+
+/// Who asks and what is asked about, for messages: "isorig campaign" and "recordings".
+[[nodiscard]] std::string caller_of(const Ask& ask);
+[[nodiscard]] std::string subjects_of(const Ask& ask);
 
 /// Of the command's answer: the file with its numbers, and its page.
 [[nodiscard]] std::string numbers_file(const Ask& ask);

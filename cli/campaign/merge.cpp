@@ -171,18 +171,23 @@ Together pooled_of(const std::vector<identify::pooling::Source>& diagnoses, bool
   }
 }
 
-std::string counted(const Standing& s) {
-  return base::formatted("%zu of %zu recordings answered, %zu of them unreadable; %zu failed, %zu waiting", s.made,
-                         s.recordings, s.bad, s.failed, s.waiting());
+std::string counted(const Standing& s, const std::string& subjects) {
+  return base::formatted("%zu of %zu %s answered, %zu of them unreadable; %zu failed, %zu waiting", s.made,
+                         s.recordings, subjects.c_str(), s.bad, s.failed, s.waiting());
+}
+
+std::string subtitle_of(const Ask& ask) {
+  if (ask.is_case()) return "`isorig diagnose` and `isorig predict` of each case of a study";
+  return "isorig " + ask.command + " --model " + ask.model + " of each recording";
 }
 
 void write_page(const Plan& plan, const Standing& s, const PageRows& shown, const Together& together,
                 const identify::report::Made& made) {
   identify::report::Page page("Campaign", "Campaign: " + plan.folder.filename().string());
-  page.subtitle("isorig " + plan.ask.command + " --model " + plan.ask.model + " of each recording");
+  page.subtitle(subtitle_of(plan.ask));
   const bool whole = s.failed == 0 && s.waiting() == 0;
   page.lead(!whole ? identify::report::Mood::kWarning : identify::report::Mood::kInfo,
-            whole ? "complete" : "incomplete", counted(s) + ".");
+            whole ? "complete" : "incomplete", counted(s, subjects_of(plan.ask)) + ".");
   page.made(made);
   if (together.pooled) {
     page.link("pooled.json", "pooled.json");
@@ -194,7 +199,7 @@ void write_page(const Plan& plan, const Standing& s, const PageRows& shown, cons
   for (const auto& [verdict, count] : s.verdicts) verdicts.push_back({verdict, std::to_string(count)});
   page.heading("Verdicts");
   page.table({"verdict", "recordings"}, verdicts);
-  if (!together.pooled && !shown.cells.empty()) {
+  if (!together.pooled && !shown.cells.empty() && !plan.ask.is_case()) {
     page.heading("Specimens and pressures");
     std::vector<std::vector<std::string>> rows;
     for (const auto& [key, found] : shown.cells) {

@@ -29,6 +29,7 @@ constexpr const char* kPieceFormat = "isorig-piece/1";
 constexpr std::uintmax_t kRoom_bytes = 64 << 20;  // a diagnosis with its page needs 1 to 5 MB
 constexpr int kNothingFitted = 1;                 // what `isorig fv` returns then; its files say why
 constexpr int kBadRecording = 3;
+constexpr const char* kRunFile = "run.json";  // what a case took, also where it failed
 
 std::int64_t ns_of(const timespec& time) {
   return std::int64_t{time.tv_sec} * 1'000'000'000 + time.tv_nsec;
@@ -54,10 +55,11 @@ ordered_json stamp_json(const Workshop& shop, const std::string& recording, cons
 }
 
 /// Specimen, pressure and repetition as far as recording.toml says them.
-ordered_json subject_of(const std::string& recording) {
+ordered_json subject_of(const Ask& ask, const std::string& recording) {
   ordered_json out{{"specimen", nullptr}, {"pressure_psi", nullptr}, {"repetition", nullptr}};
   try {
-    const auto document = base::TomlDocument::parse_file(fs::path(recording) / "recording.toml");
+    const auto document =
+        base::TomlDocument::parse_file(fs::path(recording) / recordings_in(ask).front() / "recording.toml");
     const auto said = document.root();
     if (said.has("specimen")) out["specimen"] = said.string("specimen");
     if (said.has("nominal_pressure_psi")) out["pressure_psi"] = said.number("nominal_pressure_psi");
@@ -69,7 +71,7 @@ ordered_json subject_of(const std::string& recording) {
 
 /// What a table of many recordings has of this one.
 ordered_json row_of(const Ask& ask, const fs::path& made, const std::string& recording, int exit_code) {
-  ordered_json row = subject_of(recording);
+  ordered_json row = subject_of(ask, recording);
   row["verdict"] = exit_code == kBadRecording ? "bad_recording" : "";
   row["missing"] = ordered_json::array();
   row["page"] = fs::exists(made / page_file(ask)) ? ordered_json(page_file(ask)) : ordered_json(nullptr);
@@ -124,7 +126,7 @@ Attempt failed(const Workshop& shop, const std::string& recording, const Attempt
     if (attempt != nullptr) {
       // A log tells why; half of an answer would only be taken for one.
       for (const auto& entry : fs::directory_iterator(attempt->folder()))
-        if (entry.path().filename() != "log.txt") fs::remove_all(entry.path());
+        if (entry.path().filename() != "log.txt" && entry.path().filename() != kRunFile) fs::remove_all(entry.path());
       attempt->become(place);
     }
     fs::create_directories(place);
@@ -149,6 +151,14 @@ FileState state_of(const fs::path& file) {
           ns_of(found.st_ctim)};
 }
 
+/// Exit codes that are an answer. A case that cannot be read is an error of whoever made the study.
+bool is_answer(const Ask& ask, int exit_code, const fs::path& made) {
+  if (exit_code == 0) return true;
+  if (ask.is_case()) return false;
+  return exit_code == kBadRecording ||
+         (exit_code == kNothingFitted && ask.command == "fv" && fs::exists(made / numbers_file(ask)));
+}
+
 constexpr const char* kWouldMix =
     "; one table would mix pieces of both. Give the same command again (what was made with the old one is made anew), "
     "or put the old one back first";
@@ -171,15 +181,12 @@ Attempt attempt_piece(const Workshop& shop, const std::string& recording, const 
   if (is_file && state_of(shop.plan.ask.model) != model)
     throw InputsChanged(shop.plan.ask.model +
                         ": was written to while pieces were made of it; give the same command again");
-  const bool answered = result.exit_code == 0 || result.exit_code == kBadRecording ||
-                        (result.exit_code == kNothingFitted && shop.plan.ask.command == "fv" &&
-                         fs::exists(here / numbers_file(shop.plan.ask)));
-  if (!answered)
+  if (!is_answer(shop.plan.ask, result.exit_code, here))
     return failed(shop, recording, &attempt,
                   result.signal != 0
                       ? base::formatted("ended by signal %d (%s)", result.signal, ::strsignal(result.signal))
                       : base::formatted("exit code %d", result.exit_code));
-  if (!same_files(files, files_of(recording)))
+  if (!same_files(files, files_of(shop.plan.ask, recording)))
     return failed(shop, recording, &attempt, "the recording was written to while it was read");
   const ordered_json piece{{"format", kPieceFormat},
                            {"stamp", stamp_json(shop, recording, files)},
@@ -224,28 +231,35 @@ std::string sha256_of_file(const fs::path& file) {
   return text;
 }
 
-std::vector<FileStamp> files_of(const std::string& recording) {
+std::vector<FileStamp> files_of(const Ask& ask, const std::string& recording) {
   std::vector<FileStamp> out;
-  for (const char* name : {"recording.toml", "frame.csv", "pressure.csv"}) {
-    const fs::path file = fs::path(recording) / name;
-    struct stat found {};
-    if (::stat(file.c_str(), &found) == 0) {
-      out.push_back({name, static_cast<std::uintmax_t>(found.st_size), ns_of(found.st_mtim), ns_of(found.st_ctim)});
-    } else if (errno != ENOENT && errno != ENOTDIR) {
-      throw base::FileError(file, std::strerror(errno), false);
+  for (const fs::path part : recordings_in(ask)) {
+    bool described = false;
+    for (const char* file : {"recording.toml", "frame.csv", "pressure.csv"}) {
+      const fs::path name = part / file, path = recording / name;
+      struct stat found {};
+      if (::stat(path.c_str(), &found) == 0) {
+        out.push_back(
+            {name.string(), static_cast<std::uintmax_t>(found.st_size), ns_of(found.st_mtim), ns_of(found.st_ctim)});
+        described = described || name.filename() == "recording.toml";
+      } else if (errno != ENOENT && errno != ENOTDIR) {
+        throw base::FileError(path, std::strerror(errno), false);
+      }
     }
+    if (!described)
+      throw base::FileError(part.empty() ? fs::path(recording) : recording / part,
+                            "no recording there (no recording.toml)", true);
   }
-  if (out.empty() || out.front().name != "recording.toml")
-    throw base::FileError(recording, "no recording there (no recording.toml)", true);
   return out;
 }
 
 fs::path piece_folder(const Plan& plan, const std::string& recording) {
-  return plan.folder / "pieces" / piece_name(recording);
+  return plan.ask.is_case() ? plan.folder / fs::path(recording).filename()
+                            : plan.folder / "pieces" / piece_name(recording);
 }
 
 fs::path failed_folder(const Plan& plan, const std::string& recording) {
-  return plan.folder / "failed" / piece_name(recording);
+  return plan.folder / "failed" / (plan.ask.is_case() ? fs::path(recording).filename() : piece_name(recording));
 }
 
 bool is_done(const Workshop& shop, const std::string& recording) {
@@ -255,7 +269,7 @@ bool is_done(const Workshop& shop, const std::string& recording) {
     const ordered_json piece = read_json(folder / "piece.json"), times = read_json(folder / "times.json");
     if (piece.at("format") != kPieceFormat) return false;
     const ordered_json& stamp = piece.at("stamp");
-    std::vector<FileStamp> files = files_of(recording);
+    std::vector<FileStamp> files = files_of(shop.plan.ask, recording);
     if (stamp.at("files").size() != files.size()) return false;
     for (std::size_t i = 0; i < files.size(); ++i) {
       const ordered_json& then = stamp.at("files").at(i);
@@ -273,6 +287,19 @@ bool is_done(const Workshop& shop, const std::string& recording) {
   }
 }
 
+bool made_as_planned(const Plan& plan, const std::string& recording) {
+  const fs::path file = piece_folder(plan, recording) / "piece.json";
+  if (!fs::exists(file)) return false;
+  try {
+    const ordered_json piece = read_json(file);
+    const ordered_json& stamp = piece.at("stamp");
+    return piece.at("format") == kPieceFormat && stamp.at("ask") == stamp_of(plan.ask, plan.model_sha256) &&
+           stamp.at("program") == plan.program;
+  } catch (const std::exception&) {
+    return false;
+  }
+}
+
 unsigned failures_of(const Plan& plan, const std::string& recording) {
   const fs::path file = failed_folder(plan, recording) / "failure.json";
   if (!fs::exists(file)) return 0;
@@ -284,7 +311,8 @@ unsigned failures_of(const Plan& plan, const std::string& recording) {
 }
 
 Workshop workshop_of(const Plan& plan, const fs::path& program) {
-  Workshop shop{plan, stamp_of(plan.ask), program, nullptr, state_of(program)};
+  Workshop shop{plan, stamp_of(plan.ask), program, nullptr, state_of(program), {}};
+  if (!plan.ask.judged.empty()) shop.judged_state = state_of(plan.ask.judged);
   if (!plan.model_sha256.empty() && shop.ask_stamp.value("model_sha256", std::string()) != plan.model_sha256)
     throw PlanError(plan.ask.model + ": is another model than when the campaign in " + plan.folder.string() + " began" +
                     kWouldMix);
@@ -302,6 +330,8 @@ void check_inputs(const Workshop& shop) {
   }
   if (shop.program_state && state_of(shop.program) != *shop.program_state)
     changed(shop.program.string() + ": the program was replaced");
+  if (shop.judged_state && state_of(shop.plan.ask.judged) != *shop.judged_state)
+    changed(shop.plan.ask.judged + ": the program was replaced");
 }
 
 Attempt make_piece(const Workshop& shop, const std::string& recording) {
@@ -316,7 +346,7 @@ Attempt make_piece(const Workshop& shop, const std::string& recording) {
     if (is_done(shop, recording)) return {Ended::kDoneBefore, "done before"};
     const fs::path final = piece_folder(shop.plan, recording);
     fs::remove_all(final);  // of what the recording was: not to be taken for what it is, also where it is gone
-    std::vector<FileStamp> files = files_of(recording);
+    std::vector<FileStamp> files = files_of(shop.plan.ask, recording);
     attempt = std::make_unique<Attempted>(final);
     return attempt_piece(shop, recording, *attempt, std::move(files));
   } catch (const CannotGoOn&) {
@@ -327,14 +357,19 @@ Attempt make_piece(const Workshop& shop, const std::string& recording) {
 }
 
 void sweep(const Plan& plan) {
-  std::error_code none;
-  for (fs::directory_iterator shard(plan.folder / "pieces", none), end; !none && shard != end; shard.increment(none)) {
+  const auto sweep_folder = [](const fs::path& folder) {
     std::vector<fs::path> left;
     std::error_code error;
-    for (fs::directory_iterator at(shard->path(), error), last; !error && at != last; at.increment(error))
-      if (at->path().filename().string().starts_with(".")) left.push_back(at->path());
-    for (const fs::path& folder : left) fs::remove_all(folder, error);
-  }
+    for (fs::directory_iterator at(folder, error), last; !error && at != last; at.increment(error)) {
+      const fs::path name = at->path().filename();
+      if (name.string().starts_with(".") && name.extension() == ".part") left.push_back(at->path());
+    }
+    for (const fs::path& one : left) fs::remove_all(one, error);
+  };
+  if (plan.ask.is_case()) return sweep_folder(plan.folder);
+  std::error_code none;
+  for (fs::directory_iterator shard(plan.folder / "pieces", none), end; !none && shard != end; shard.increment(none))
+    sweep_folder(shard->path());
 }
 
 }  // namespace isorig::cli::pieces

@@ -12,7 +12,8 @@
 
 /// A piece is what one command makes of one recording: DIR/pieces/SHARD/NAME/ with the command's own files, log.txt,
 /// piece.json (of what it was made and what came out: the same bytes wherever it ran) and times.json (when, where, how
-/// long). It appears at once, by a rename, or not at all.
+/// long). It appears at once, by a rename, or not at all. What is made of a case of a study lies in DIR/NAME/, since
+/// the names of a study's cases differ, and a study may be moved. Where "recording" stands here, a case is meant, too.
 namespace isorig::cli::pieces {
 
 /// SHA-256 of a file in hexadecimal digits, read in parts. Throws base::FileError.
@@ -27,8 +28,9 @@ struct FileStamp {
   std::string sha256{};         ///< empty: not looked into yet
 };
 
-/// Those of a recording's files that are there. Throws base::FileError when there is no recording.toml.
-[[nodiscard]] std::vector<FileStamp> files_of(const std::string& recording);
+/// Those of a recording's files that are there, or of a case's two recordings. Throws base::FileError when there is no
+/// recording.toml.
+[[nodiscard]] std::vector<FileStamp> files_of(const Ask& ask, const std::string& recording);
 
 /// Tells whether a file is still the one that it was, without reading it.
 struct FileState {
@@ -42,9 +44,10 @@ struct FileState {
 struct Workshop {
   Plan plan;
   nlohmann::ordered_json ask_stamp;  ///< stamp_of(plan.ask)
-  std::filesystem::path program;     ///< isorig
+  std::filesystem::path program;     ///< isorig, or isorig-proof
   base::Processes* among = nullptr;
   std::optional<FileState> program_state{};  ///< without it nobody looks whether the program is replaced
+  std::optional<FileState> judged_state{};   ///< the same of plan.ask.judged
 };
 
 /// As things are now. Throws PlanError where the model file is not the one that plan.model_sha256 names.
@@ -77,6 +80,10 @@ void check_inputs(const Workshop& shop);
 /// The piece is there, made of what the recording and the options are now. A file is read again only when its time has
 /// changed.
 [[nodiscard]] bool is_done(const Workshop& shop, const std::string& recording);
+
+/// The piece that lies there was made as the plan says, whatever became of the recording since. Where it was not, or is
+/// not there, the plan waits for it.
+[[nodiscard]] bool made_as_planned(const Plan& plan, const std::string& recording);
 
 /// How often in a row it has failed.
 [[nodiscard]] unsigned failures_of(const Plan& plan, const std::string& recording);

@@ -206,7 +206,7 @@ void for_each_line(const fs::path& file, const std::function<void(const std::str
   while (std::getline(in, line)) each(line);
 }
 
-FolderLock::FolderLock(const fs::path& folder, Of of) {
+FolderLock::FolderLock(const fs::path& folder, Of of, const std::string& caller) {
   using base::LockError;
   using base::LockFile;
   try {
@@ -218,7 +218,7 @@ FolderLock::FolderLock(const fs::path& folder, Of of) {
     if (of == Of::kMaker)
       throw PlanError(folder.string() + ": tasks of a job array make its pieces (" + e.holder() +
                       "); wait for them with --on slurm, or end them with scancel");
-    throw PlanError(folder.string() + ": another `isorig campaign` works there (" + e.holder() +
+    throw PlanError(folder.string() + ": another `" + caller + "` works there (" + e.holder() +
                     "); wait for it or end it");
   }
 }

@@ -72,7 +72,9 @@ class FolderLock {
     kTask,      ///< shared by the tasks of a job array, which outlive the call that submitted them
     kMaker,     ///< whoever makes or sweeps pieces without an array: no task at the same time
   };
-  explicit FolderLock(const std::filesystem::path& folder, Of of = Of::kCampaign);
+  /// `caller`: who works there when it is taken, for the message.
+  explicit FolderLock(const std::filesystem::path& folder, Of of = Of::kCampaign,
+                      const std::string& caller = caller_of({}));
 
  private:
   std::optional<base::LockFile> file_;

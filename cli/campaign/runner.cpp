@@ -44,6 +44,7 @@ class Runner {
   Runner(const CampaignCall& call, const Signals& signals)
       : call_(call),
         signals_(signals),
+        title_(call.plan.ask.is_case() ? "cases" : "campaign"),
         merges_(call.plan),
         // As write_plan() read it: the tasks of an array compare with that.
         shop_(workshop_of(read_plan(call.plan.folder), call.program)) {
@@ -56,7 +57,7 @@ class Runner {
     bool fresh = true;
     if (slurm_) {
       if (const auto array = slurm_->under_way()) {
-        std::cerr << "isorig campaign: job array " << array->job
+        std::cerr << caller_of(call_.plan.ask) << ": job array " << array->job
                   << " of an earlier call is under way; waiting for it\n";
         if (const std::string why = wait_for(*array, 0); stopped_by != 0 || !why.empty()) return why;
         fresh = false;
@@ -87,7 +88,8 @@ class Runner {
       if (fruitless > call_.retries) return gave_up();
       if (slurm_) {
         const Array array = slurm_->submit(number, left);
-        std::cerr << "isorig campaign: submitted as job array " << array.job << ", " << left << " recordings\n";
+        std::cerr << caller_of(call_.plan.ask) << ": submitted as job array " << array.job << ", " << left << ' '
+                  << subjects_of(call_.plan.ask) << '\n';
         if (const std::string why = wait_for(array, left); stopped_by != 0 || !why.empty()) return why;
       } else if (const std::string why = here(list, left); stopped_by != 0 || !why.empty()) {
         return why;
@@ -120,7 +122,7 @@ class Runner {
   /// Writes the recordings that are to be made into `to`; of those that failed, only while they may be repeated.
   /// `fresh`: failures of an earlier call do not count.
   std::size_t scan(const fs::path& from, const fs::path& to, bool fresh, std::size_t lines) {
-    Progress progress("campaign");
+    Progress progress(title_);
     std::ofstream out(to.string() + ".part", std::ios::binary);
     std::size_t left = 0, seen = 0, failures = 0;
     for_each_line(from, [&](const std::string& recording) {
@@ -161,7 +163,7 @@ class Runner {
   }
 
   std::string here(const fs::path& list, std::size_t left) {
-    Progress progress("campaign");
+    Progress progress(title_);
     const Done done = make_pieces(shop_, list, {}, call_.jobs, signals_, {}, [&](const Done& now) {
       progress.at(static_cast<double>(now.ended) / static_cast<double>(left),
                   doing(now, left, fs::path(now.last).filename().string()));
@@ -179,7 +181,7 @@ class Runner {
   /// Until the array is gone. `left`: recordings in it; 0: count them.
   std::string wait_for(const Array& array, std::size_t left) {
     if (left == 0) for_each_line(slurm_->list_of(array.number), [&](const std::string&) { ++left; });
-    Progress progress("campaign");
+    Progress progress(title_);
     bool said = false;
     for (const auto began = Clock::now();;) {
       const ArrayState state = slurm_->state_of(array);
@@ -188,7 +190,7 @@ class Runner {
                   doing(now, left, state.at == ArrayState::kNoAnswer ? "Slurm does not answer" : state.words));
       if (state.at == ArrayState::kGone) return "";
       if (state.at == ArrayState::kNoAnswer && !said)
-        std::cerr << "isorig campaign: " << state.words << "; asking again until it answers\n";
+        std::cerr << caller_of(call_.plan.ask) << ": " << state.words << "; asking again until it answers\n";
       said = state.at == ArrayState::kNoAnswer;
       merges_.maybe();
       // A short array is seen to end soon, a long one does not bother slurmctld.
@@ -202,6 +204,7 @@ class Runner {
 
   const CampaignCall& call_;
   const Signals& signals_;
+  const std::string title_;
   Merges merges_;
   Workshop shop_;
   std::optional<Slurm> slurm_;
@@ -212,7 +215,7 @@ class Runner {
 
 CampaignEnd run_campaign(const CampaignCall& call, std::istream& standard_input) {
   fs::create_directories(call.plan.folder);
-  const FolderLock lock(call.plan.folder);
+  const FolderLock lock(call.plan.folder, FolderLock::Of::kCampaign, caller_of(call.plan.ask));
   const std::size_t recordings = write_plan(call.plan, call.named, standard_input);
   const Signals signals;
   Runner runner(call, signals);
@@ -224,13 +227,26 @@ CampaignEnd run_campaign(const CampaignCall& call, std::istream& standard_input)
   return end;
 }
 
+void print_failed(const Plan& plan, std::ostream& out) {
+  constexpr std::size_t kShown = 10;
+  std::size_t shown = 0;
+  for_each_line(recordings_of(plan), [&](const std::string& recording) {
+    const fs::path folder = failed_folder(plan, recording);
+    if (shown >= kShown || fs::exists(piece_folder(plan, recording) / "piece.json") ||
+        !fs::exists(folder / "failure.json"))
+      return;
+    ++shown;
+    out << "failed: " << recording << ": see " << folder.string() << '\n';
+  });
+}
+
 Done run_task(const fs::path& folder, const fs::path& list, Share share, const fs::path& program,
               const std::string& version, std::ostream& out) {
   const Plan plan = read_plan(folder);
   if (plan.program != version)
     throw PlanError(folder.string() + ": a campaign of " + plan.program + ", and this is " + version +
                     "; install the same on every node, or on the shared file system");
-  const FolderLock lock(folder, FolderLock::Of::kTask);
+  const FolderLock lock(folder, FolderLock::Of::kTask, caller_of(plan.ask));
   const Signals signals;
   const Workshop shop = workshop_of(plan, program);
   Done tally;

@@ -30,6 +30,9 @@ struct CampaignEnd {
 /// Makes all pieces that are not there, merging as they come. Throws PlanError and SlurmError.
 [[nodiscard]] CampaignEnd run_campaign(const CampaignCall& call, std::istream& standard_input);
 
+/// A line for each that failed, with where its log lies; of many, the first ones.
+void print_failed(const Plan& plan, std::ostream& out);
+
 /// One task of an array: its share of a list, a line on `out` for each recording. The plan is that of the folder.
 /// Throws PlanError: another program than the campaign's.
 [[nodiscard]] Done run_task(const std::filesystem::path& folder, const std::filesystem::path& list, Share share,

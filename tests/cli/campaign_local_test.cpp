@@ -1,6 +1,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "../system/processes_with.hpp"
 #include "pieces_of_test.hpp"
 
 /// `isorig campaign --ask` as a user runs it on this machine.
@@ -15,26 +16,13 @@ using pieces_test::pieces_in;
 using system_test::bin;
 using system_test::isorig;
 using system_test::Process;
+using system_test::processes_with;
 using system_test::slurp;
 using system_test::spit;
 using system_test::TempDir;
 using system_test::wait_until;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
-
-/// Processes whose command line holds this text, without threads' or our own.
-std::vector<pid_t> processes_with(const std::string& text) {
-  std::vector<pid_t> out;
-  for (const auto& entry : fs::directory_iterator("/proc")) {
-    const std::string name = entry.path().filename();
-    if (name.find_first_not_of("0123456789") != std::string::npos) continue;
-    std::string line = slurp(entry.path() / "cmdline");
-    for (char& c : line)
-      if (c == '\0') c = ' ';
-    if (line.find(text) != std::string::npos) out.push_back(std::stoi(name));
-  }
-  return out;
-}
 
 TEST(CampaignLocal, InterruptedAndGoneOnWithGivesTheBytesOfAnUninterruptedRun) {
   const TempDir dir;
