@@ -10,6 +10,8 @@ int main(int argc, char** argv) {
   isorig::proof::add_run(app);
   isorig::proof::add_score(app);
   isorig::proof::add_score_practice(app);
+  isorig::proof::add_case(app);
+  isorig::proof::add_task(app);
   isorig::proof::add_sensitivity(app);
   isorig::proof::add_real(app);
   try {

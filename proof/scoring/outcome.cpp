@@ -1,6 +1,7 @@
 #include "proof/scoring/outcome.hpp"
 
 #include <algorithm>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
@@ -41,14 +42,30 @@ Outcome read_diagnosis(const std::filesystem::path& file) {
   }
 }
 
+namespace {
+
+/// A text whose root has a list of objects under "cases": each is given to `take` and forgotten. Returns the rest, so
+/// that ten thousand labels are never there as JSON at once.
+Json parse_case_by_case(const std::string& text, const std::function<void(const Json&)>& take) {
+  constexpr int kDepthOfACase = 2;  // the root, its list
+  Json rest = Json::parse(text, [&](int depth, Json::parse_event_t event, Json& parsed) {
+    if (depth != kDepthOfACase || event != Json::parse_event_t::object_end) return true;
+    take(parsed);
+    return false;
+  });
+  (void)rest.at("cases");  // throws where there is none
+  return rest;
+}
+
+}  // namespace
+
 std::string laws_of_labels(const std::string& text) {
-  return Json::parse(text).value("laws", "catalogue");
+  return parse_case_by_case(text, [](const Json&) {}).value("laws", "catalogue");
 }
 
 std::vector<Label> parse_labels(const std::string& text) {
-  const Json json = Json::parse(text);
   std::vector<Label> labels;
-  for (const Json& one : json.at("cases")) {
+  parse_case_by_case(text, [&labels](const Json& one) {
     Label label;
     label.name = one.at("case");
     label.category = one.at("category");
@@ -69,7 +86,7 @@ std::vector<Label> parse_labels(const std::string& text) {
       for (const Json& name : faint.at("accepted")) label.background.push_back(name);
     }
     labels.push_back(std::move(label));
-  }
+  });
   return labels;
 }
 

@@ -1,10 +1,10 @@
 #include "proof/scoring/runner.hpp"
 
 #include <algorithm>
+#include <cstdlib>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 
-#include "base/parallel.hpp"
 #include "base/process.hpp"
 #include "base/text_file.hpp"
 #include "messages/csv.hpp"
@@ -13,15 +13,38 @@
 
 namespace isorig::proof {
 
-void run_case(const CaseToRun& one, const std::filesystem::path& folder, const RunOptions& options) {
-  std::filesystem::remove_all(folder);
-  std::filesystem::create_directories(folder);
-  const std::filesystem::path log = folder / "log.txt";
+namespace fs = std::filesystem;
+
+fs::path path_of(const fs::path& program) {
+  if (program.has_parent_path()) return fs::absolute(program);
+  const char* variable = std::getenv("PATH");
+  std::string folders = variable == nullptr ? "" : variable;
+  for (std::size_t from = 0; from < folders.size();) {
+    const std::size_t to = std::min(folders.find(':', from), folders.size());
+    if (const fs::path file = fs::path(folders.substr(from, to - from)) / program; fs::exists(file))
+      return fs::absolute(file);
+    from = to + 1;
+  }
+  throw std::runtime_error(program.string() + " is not found; name it with --isorig");
+}
+
+std::string run_case(const CaseToRun& one, const fs::path& folder, const RunOptions& options) {
+  fs::create_directories(folder);
+  const fs::path log = folder / "log.txt";
   std::vector<std::string> command{options.isorig, "diagnose",  one.train,
                                    "--model",      one.nominal, "--out",
                                    folder,         "--threads", std::to_string(options.threads)};
   command.insert(command.end(), options.also.begin(), options.also.end());
-  const base::ProcessResult diagnosed = base::run_process(command, log);
+  base::Processes children;
+  const auto run = [&](const std::vector<std::string>& words) {
+    return base::run_process(words, log, {.working_directory = {}, .among = &children});
+  };
+  std::string failed;
+  const auto fails = [&](const std::string& what, int code) {
+    if (code != 0 && failed.empty()) failed = what + " ended with exit code " + std::to_string(code);
+  };
+  const base::ProcessResult diagnosed = run(command);
+  fails("diagnose", diagnosed.exit_code);
   nlohmann::ordered_json json{
       {"exit_code", diagnosed.exit_code}, {"wall_s", diagnosed.wall_s}, {"cpu_s", diagnosed.cpu_s}};
   if (diagnosed.exit_code == 0) {
@@ -31,24 +54,18 @@ void run_case(const CaseToRun& one, const std::filesystem::path& folder, const R
     messages::write_recording(folder / "heldout-without-force", heldout);
     for (const char* model : {"nominal", "model"}) {
       const base::ProcessResult predicted =
-          base::run_process({options.isorig, "predict", folder / "heldout-without-force", "--model",
-                             folder / (std::string(model) + ".toml"), "--out", folder / (std::string(model) + ".csv")},
-                            log);
+          run({options.isorig, "predict", folder / "heldout-without-force", "--model",
+               folder / (std::string(model) + ".toml"), "--out", folder / (std::string(model) + ".csv")});
       json["predict_" + std::string(model)] = predicted.exit_code;
+      fails("predict with " + std::string(model) + ".toml", predicted.exit_code);
     }
-    std::filesystem::remove_all(folder / "heldout-without-force");
+    fs::remove_all(folder / "heldout-without-force");
   }
   write_text(folder / "run.json", json.dump(2) + "\n");
+  return failed;
 }
 
-void run_cases(const std::vector<CaseToRun>& cases, const std::filesystem::path& results, const RunOptions& options) {
-  // Without it a case has failed: one of an earlier call is none of this one's, should this one be interrupted.
-  for (const CaseToRun& one : cases) std::filesystem::remove(results / one.name / "run.json");
-  base::parallel_for(cases.size(), options.jobs,
-                     [&](std::size_t i) { run_case(cases[i], results / cases[i].name, options); });
-}
-
-std::vector<CaseToRun> cases_of(const std::filesystem::path& study) {
+std::vector<CaseToRun> cases_of(const fs::path& study) {
   const auto listed = nlohmann::json::parse(base::read_text_file(study / "cases.json"));
   std::vector<CaseToRun> cases;
   for (const auto& one : listed.at("cases")) {
@@ -56,6 +73,14 @@ std::vector<CaseToRun> cases_of(const std::filesystem::path& study) {
     cases.push_back({name, one.at("nominal"), study / name / "train", study / name / "heldout"});
   }
   return cases;
+}
+
+CaseToRun case_in(const fs::path& folder, const fs::path& list) {
+  const std::string name = folder.filename();
+  const auto listed = nlohmann::json::parse(base::read_text_file(list));
+  for (const auto& one : listed.at("cases"))
+    if (one.at("case") == name) return {name, one.at("nominal"), folder / "train", folder / "heldout"};
+  throw std::runtime_error(list.string() + ": has no " + name);
 }
 
 std::vector<double> true_force_N(const std::filesystem::path& labels_file, const Label& label) {

@@ -1,9 +1,9 @@
 #include "proof/scoring/sensitivity.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstdio>
-#include <cstdlib>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <stdexcept>
@@ -15,6 +15,7 @@
 #include "base/parallel.hpp"
 #include "base/process.hpp"
 #include "base/text_file.hpp"
+#include "cli/screen/progress.hpp"
 #include "proof/scoring/score.hpp"
 #include "proof/sealed.hpp"
 
@@ -26,19 +27,6 @@ using nlohmann::ordered_json;
 
 constexpr std::array kFactors{0.5, 2.0};
 constexpr const char* kStated = "stated";
-
-/// Where a program named without a folder is found.
-fs::path path_of(const fs::path& program) {
-  if (program.has_parent_path()) return program;
-  const char* variable = std::getenv("PATH");
-  std::string folders = variable == nullptr ? "" : variable;
-  for (std::size_t from = 0; from < folders.size();) {
-    const std::size_t to = std::min(folders.find(':', from), folders.size());
-    if (const fs::path file = fs::path(folders.substr(from, to - from)) / program; fs::exists(file)) return file;
-    from = to + 1;
-  }
-  throw std::runtime_error(program.string() + " is not found; name it with --isorig");
-}
 
 std::vector<StatedNumber> numbers_of(const fs::path& program, const fs::path& folder) {
   const fs::path file = folder / "deciding.json";
@@ -91,14 +79,13 @@ class Pieces {
  public:
   explicit Pieces(const SensitivityOptions& options)
       : options_(options), folder_(options.study / "sensitivity"), cases_(cases_of(options.study)) {
-    const fs::path labels_file = options.labels.empty() ? options.study / "sealed" / "labels.json" : options.labels;
+    labels_file_ = options.labels.empty() ? options.study / "sealed" / "labels.json" : options.labels;
     sha256_ = published_hash(options.study / "labels.sha256");
-    const std::vector<Label> all = parse_labels(unseal(labels_file, options.study / "labels.sha256"));
+    const std::vector<Label> all = parse_labels(unseal(labels_file_, options.study / "labels.sha256"));
     for (const CaseToRun& one : cases_) {
       const auto found = std::ranges::find(all, one.name, &Label::name);
-      if (found == all.end()) throw std::runtime_error(one.name + " has no label in " + labels_file.string());
+      if (found == all.end()) throw std::runtime_error(one.name + " has no label in " + labels_file_.string());
       labels_.push_back(*found);
-      truth_.push_back(true_force_N(labels_file, *found));
     }
     program_ = path_of(options.run.isorig);
     fs::create_directories(folder_);
@@ -128,7 +115,14 @@ class Pieces {
         if (!fs::exists(file_of(set, i))) wanted.push_back({set, i});
     std::printf("%zu pieces to run, %zu are there\n", wanted.size(), sets.size() * cases_.size() - wanted.size());
     std::fflush(stdout);
-    base::parallel_for(wanted.size(), options_.run.jobs, [&](std::size_t i) { make(wanted[i].set, wanted[i].at); });
+    cli::Progress progress("sensitivity");
+    std::atomic<std::size_t> ended = 0;
+    base::parallel_for(wanted.size(), options_.run.jobs, [&](std::size_t i) {
+      make(wanted[i].set, wanted[i].at);
+      const std::size_t now = ++ended;
+      progress.at(static_cast<double>(now) / static_cast<double>(wanted.size()),
+                  std::to_string(now) + " of " + std::to_string(wanted.size()) + ", " + wanted[i].set);
+    });
   }
 
   [[nodiscard]] bool has(const std::string& set) const {
@@ -153,9 +147,11 @@ class Pieces {
     run.isorig = program_;
     run.also = {"--no-report"};
     if (set != kStated) run.also.insert(run.also.end(), {"--decide", set});
-    run_case(cases_[at], work, run);
+    fs::remove_all(work);  // of a call that was interrupted
+    (void)run_case(cases_[at], work, run);
     // Whole or not there: a piece that was cut off is run again.
-    write_text(fs::path(file) += ".part", json_of(collect(work, truth_[at])).dump(2) + "\n");
+    write_text(fs::path(file) += ".part",
+               json_of(collect(work, true_force_N(labels_file_, labels_[at]))).dump(2) + "\n");
     fs::rename(fs::path(file) += ".part", file);
     fs::remove_all(work);
   }
@@ -174,10 +170,9 @@ class Pieces {
   }
 
   const SensitivityOptions& options_;
-  fs::path folder_, program_;
+  fs::path folder_, program_, labels_file_;
   std::vector<CaseToRun> cases_;
   std::vector<Label> labels_;
-  std::vector<std::vector<double>> truth_;
   std::string sha256_;
   std::vector<StatedNumber> numbers_;
   std::optional<base::LockFile> alone_;

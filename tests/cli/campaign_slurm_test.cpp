@@ -1,6 +1,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "../proof/tiny_study.hpp"
 #include "pieces_of_test.hpp"
 #include "slurm_cluster.hpp"
 
@@ -95,6 +96,33 @@ TEST(CampaignSlurm, ACancelledTaskIsSubmittedAgainAndARefusalIsSaidInSlurmsWords
   EXPECT_TRUE(fs::exists(dir / "out/slurm/array-2.txt"));
   EXPECT_THAT(slurp(dir / "out/slurm/array-2.txt"), HasSubstr(recordings[0]));
   EXPECT_EQ(pieces_in(dir / "out").size(), 2U);
+}
+
+/// A study with concealed effects: the same engine, with isorig-proof as the program of its tasks.
+TEST(CampaignSlurm, AStudyOfConcealedCasesGivesTheTablesOfALocalRun) {
+  if (::geteuid() != 0) GTEST_SKIP() << kNeedsRoot;
+  const TempDir dir;
+  const fs::path study = dir / "study", program = dir / "isorig";
+  proof_test::write_study(study, 5);
+  proof_test::write_program(program, "0.95");
+  const auto run = [&](const std::string& results, const std::string& on) {
+    return system_test::run(dir,
+                            {bin("isorig-proof"), "run", study.string(), "--results", (dir / results).string(),
+                             "--isorig", program.string(), "--threads", "1", "--on", on},
+                            120.0);
+  };
+  ASSERT_EQ(run("local", "local").code, 0);
+  SlurmCluster cluster;
+  ASSERT_TRUE(cluster.ready()) << cluster.log();
+  const auto on_cluster = run("cluster", "slurm");
+  EXPECT_EQ(on_cluster.code, 0) << on_cluster.text << cluster.log();
+  EXPECT_THAT(on_cluster.text, HasSubstr("isorig-proof: submitted as job array "));
+  EXPECT_THAT(on_cluster.text, HasSubstr("5 of 5 cases answered\n"));
+  EXPECT_THAT(proof_test::lines_of(dir / "diagnosed"), ::testing::SizeIs(10)) << "each case once in each";
+  for (const char* file : {"campaign.csv", "campaign.json", "plan.json", "case-004/piece.json", "case-004/model.csv"})
+    EXPECT_EQ(slurp(dir / "local" / file), slurp(dir / "cluster" / file)) << file;
+  EXPECT_EQ(run("cluster", "slurm").code, 0);
+  EXPECT_FALSE(fs::exists(dir / "cluster/slurm/array-2.txt")) << "nothing was left to run";
 }
 
 /// Two arrays that make nothing end the command only where they come one after the other.

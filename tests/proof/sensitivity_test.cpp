@@ -11,8 +11,8 @@
 #include "base/lock_file.hpp"
 #include "base/process.hpp"
 #include "base/text_file.hpp"
-#include "messages/recording.hpp"
 #include "proof/sealed.hpp"
+#include "tiny_study.hpp"
 #include "tree.hpp"
 
 namespace isorig::proof {
@@ -61,58 +61,15 @@ TEST(Sensitivity, CountsVerdictsNamesAndSureClaims) {
 class SensitivityOfAStudy : public testing::Test {
  protected:
   void SetUp() override {
-    messages::Recording recording;
-    for (int k = 0; k < 3; ++k) {
-      recording.frame.t_s.push_back(0.1 * k);
-      recording.frame.position_mm.push_back(k);
-      recording.frame.force_N.push_back(2.0 * k);
-    }
-    nlohmann::json cases = nlohmann::json::array(), labels = nlohmann::json::array();
-    const std::string truth = "t_s,force_N\n0,0\n0.1,2\n0.2,4\n";
-    for (const std::string name : {"case-000", "case-001"}) {
-      for (const char* part : {"train", "heldout"}) messages::write_recording(study_ / name / part, recording);
-      cases.push_back({{"case", name}, {"nominal", "slse1"}});
-      labels.push_back({{"case", name},
-                        {"category", "single"},
-                        {"nominal", "slse1"},
-                        {"trap", "none"},
-                        {"noise_N", 0.01},
-                        {"residual_over_noise", 20.0},
-                        {"truth_sha256", sha256(truth)},
-                        {"effects", {{{"effect", "slack"}, {"size", 1.0}}}}});
-      write_text(study_ / "sealed" / "truth" / (name + ".csv"), truth);
-    }
-    write_text(study_ / "cases.json", nlohmann::json{{"cases", cases}}.dump());
-    seal(study_ / "sealed" / "labels.json", study_ / "labels.sha256", nlohmann::json{{"cases", labels}}.dump());
+    proof_test::write_study(study_, 2);
     write_program("0.95");
   }
   void TearDown() override { fs::remove_all(folder_); }
 
-  /// Names slack with `probability`, and nothing where the cost is double; counts how often it diagnosed.
+  /// Names slack with `probability`, and nothing where the cost is double.
   void write_program(const std::string& probability) {
-    write_text(program_, R"(#!/bin/sh
-if [ "$2" = --deciding ]; then
-  echo '[{"name": "cost_nats", "unit": "nat", "value": 3.0, "least": 0.0, "most": 9.0, "whole": false},
-         {"name": "most_rows", "unit": "row", "value": 4.0, "least": 4.0, "most": 8.0, "whole": true}]'
-  exit
-fi
-while [ $# -gt 0 ]; do
-  case $1 in
-    diagnose|predict) act=$1 ;;
-    --out) out=$2 ;;
-    --decide) decide=$2 ;;
-  esac
-  shift
-done
-if [ $act = predict ]; then printf 't_s,force_N\n0,0\n0.1,2\n0.2,3\n' >"$out"; exit; fi
-echo x >>)" + (folder_ / "diagnosed").string() +
-                             R"(
-if [ "$decide" = cost_nats=6 ]; then echo '{"verdict": "consistent", "missing": []}' >"$out/diagnosis.json"; exit; fi
-echo '{"verdict": "missing_physics", "missing": [{"effect": "slack", "probability": )" +
-                             probability +
-                             R"(}]}' >"$out/diagnosis.json"
-)");
-    fs::permissions(program_, fs::perms::owner_all);
+    proof_test::write_program(program_, probability, R"(
+if [ "$decide" = cost_nats=6 ]; then echo '{"verdict": "consistent", "missing": []}' >"$out/diagnosis.json"; exit; fi)");
   }
   [[nodiscard]] SensitivityOptions options(std::vector<std::string> only = {}) const {
     SensitivityOptions out;
@@ -121,10 +78,8 @@ echo '{"verdict": "missing_physics", "missing": [{"effect": "slack", "probabilit
     out.run.isorig = program_;
     return out;
   }
-  /// Diagnoses so far: a line of two bytes each.
-  [[nodiscard]] std::size_t diagnosed() const {
-    return fs::exists(folder_ / "diagnosed") ? fs::file_size(folder_ / "diagnosed") / 2 : 0;
-  }
+  /// Diagnoses so far.
+  [[nodiscard]] std::size_t diagnosed() const { return proof_test::lines_of(folder_ / "diagnosed").size(); }
 
   fs::path folder_ = fs::temp_directory_path() / ("sensitivity-" + std::to_string(::getpid()));
   fs::path study_ = folder_ / "study", program_ = folder_ / "isorig";
