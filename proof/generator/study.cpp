@@ -1,10 +1,13 @@
 #include "proof/generator/study.hpp"
 
+#include <atomic>
 #include <nlohmann/json.hpp>
 
 #include "base/parallel.hpp"
+#include "cli/screen/progress.hpp"
 #include "messages/csv.hpp"
 #include "proof/foreign_laws/case.hpp"
+#include "proof/generator/unfinished.hpp"
 #include "proof/sealed.hpp"
 
 namespace isorig::proof {
@@ -50,6 +53,17 @@ struct MadeCase {
   OrderedJson label;
 };
 
+/// Of `of` cases one more has ended, however it did.
+struct Counted {
+  cli::Progress& progress;
+  std::atomic<std::size_t>& ended;
+  std::size_t of;
+  ~Counted() {
+    const std::size_t now = ++ended;
+    progress.at(static_cast<double>(now) / static_cast<double>(of), std::to_string(now) + " of " + std::to_string(of));
+  }
+};
+
 MadeCase make_case(const StudyOptions& options, std::size_t number, const CasePlan& plan) {
   const auto made = [&](const auto& drawn) {
     return MadeCase{drawn.name, drawn.nominal, record(drawn, Part::kTrain, options.seed),
@@ -68,9 +82,17 @@ std::string_view name_of(Laws laws) {
 std::string generate_study(const StudyOptions& options) {
   const std::vector<CasePlan> plans = options.laws == Laws::kForeign ? foreign::plan_study(options.seed, options.cases)
                                                                      : plan_study(options.seed, options.cases);
+  std::filesystem::remove(options.out / "cases.json");  // a study that is half another one is none to be run
+  const Unfinished unfinished(options);
   std::vector<OrderedJson> labels(plans.size());
-  std::vector<OrderedJson> listed(plans.size());
+  cli::Progress progress("generate");
+  std::atomic<std::size_t> ended = 0;
   base::parallel_for(plans.size(), options.threads, [&](std::size_t i) {
+    const Counted counted{progress, ended, plans.size()};
+    if (auto kept = unfinished.kept(i)) {
+      labels[i] = std::move(*kept);
+      return;
+    }
     MadeCase made = make_case(options, i, plans[i]);
     messages::write_recording(options.out / made.name / "train", made.train.recording);
     messages::write_recording(options.out / made.name / "heldout", made.heldout.recording);
@@ -79,15 +101,18 @@ std::string generate_study(const StudyOptions& options) {
     labels[i] = std::move(made.label);
     labels[i]["truth_sha256"] = sha256(truth);
     labels[i]["case"] = made.name;
-    listed[i] = {{"case", made.name}, {"nominal", made.nominal}};
+    unfinished.keep(i, labels[i]);
   });
-  const OrderedJson cases{{"format", "isorig-proof-cases/1"}, {"cases", listed}};
+  OrderedJson cases{{"format", "isorig-proof-cases/1"}, {"cases", OrderedJson::array()}};
+  for (const OrderedJson& label : labels)
+    cases["cases"].push_back({{"case", label.at("case")}, {"nominal", label.at("nominal")}});
   write_text(options.out / "cases.json", cases.dump(2) + "\n");
   OrderedJson sealed{{"format", "isorig-proof-labels/1"}, {"seed", options.seed}};
   if (options.laws != Laws::kCatalogue) sealed["laws"] = name_of(options.laws);
   sealed["cases"] = labels;
   const std::string text = sealed.dump(2) + "\n";
   seal(options.out / "sealed" / "labels.json", options.out / "labels.sha256", text);
+  unfinished.finish();
   return sha256(text);
 }
 

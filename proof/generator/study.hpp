@@ -20,7 +20,8 @@ struct StudyOptions {
 
 /// Writes OUT/cases.json (names and nominal models), OUT/case-NNN/{train,heldout}, OUT/labels.sha256, and
 /// what is to be kept from the tool: OUT/sealed/labels.json and OUT/sealed/truth/case-NNN.csv. The labels
-/// hold the hashes of the truth, so the one published hash seals all of it. Returns that hash.
+/// hold the hashes of the truth, so the one published hash seals all of it. Returns that hash. Goes on from where a
+/// call with the same seed, cases and laws was interrupted.
 std::string generate_study(const StudyOptions& options);
 
 }  // namespace isorig::proof

@@ -9,7 +9,7 @@
 #include "base/text_file.hpp"
 #include "proof/fit/nominal.hpp"
 #include "proof/generator/case.hpp"
-#include "proof/generator/study.hpp"
+#include "proof/generator/unfinished.hpp"
 #include "proof/sealed.hpp"
 
 namespace isorig::proof {
@@ -152,6 +152,33 @@ TEST_F(Scratch, EqualSeedsGiveEqualStudiesWhateverTheThreads) {
   EXPECT_EQ(generate_study(one), generate_study(two));
   for (const char* file : {"case-000/train/frame.csv", "case-001/heldout/pressure.csv", "sealed/truth/case-001.csv"})
     EXPECT_EQ(sha256(base::read_text_file(one.out / file)), sha256(base::read_text_file(two.out / file))) << file;
+}
+
+/// What is kept of an unfinished study is of that study alone.
+TEST_F(Scratch, AnUnfinishedStudyIsGoneOnWithUnlessItIsAnother) {
+  const StudyOptions study{11, 2, folder_, 1};
+  const nlohmann::ordered_json label{{"case", "case-001"}, {"noise_N", 0.1}};
+  EXPECT_EQ(unfinished_seed(study), std::nullopt);
+  Unfinished(study).keep(1, label);
+  EXPECT_EQ(Unfinished(study).kept(1), label);
+  EXPECT_EQ(Unfinished(study).kept(0), std::nullopt);
+  StudyOptions unseeded = study;
+  unseeded.seed = 0;
+  EXPECT_EQ(unfinished_seed(unseeded), 11U);
+  write_text(folder_ / "sealed/unfinished/0.json", "{\"case\": \"ca");
+  EXPECT_EQ(Unfinished(study).kept(0), std::nullopt) << "half a label";
+  for (const auto& change : {+[](StudyOptions& o) { o.seed = 12; }, +[](StudyOptions& o) { o.cases = 3; },
+                             +[](StudyOptions& o) { o.laws = Laws::kForeign; }}) {
+    Unfinished(study).keep(1, label);
+    StudyOptions other = study;
+    change(other);
+    if (other.seed == study.seed) {
+      EXPECT_EQ(unfinished_seed(other), std::nullopt);
+    }
+    EXPECT_EQ(Unfinished(other).kept(1), std::nullopt);
+  }
+  Unfinished(study).finish();
+  EXPECT_FALSE(fs::exists(folder_ / "sealed/unfinished"));
 }
 
 TEST_F(Scratch, SealBreaksWhenLabelsChange) {

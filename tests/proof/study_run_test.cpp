@@ -283,6 +283,38 @@ TEST_F(StudyRun, PracticeCasesGoOnAsWell) {
   EXPECT_EQ(diagnosed(), 4U) << "the list of the nominal models is another one";
 }
 
+TEST(StudyGenerate, InterruptedAndGoneOnWithGivesTheBytesOfAnUninterruptedCall) {
+  const system_test::TempDir dir;
+  const auto words = [&](const std::string& out, const std::vector<std::string>& more) {
+    std::vector<std::string> all{bin("isorig-proof"),  "generate", "--cases", "2", "--out",
+                                 (dir / out).string(), "-j",       "1"};
+    all.insert(all.end(), more.begin(), more.end());
+    return all;
+  };
+  {
+    Process first(words("part", {}), dir / "first.txt");
+    ASSERT_TRUE(wait_until(120.0, [&] { return fs::exists(dir / "part/sealed/unfinished/0.json"); })) << first.output();
+    first.stop(SIGKILL);
+  }
+  ASSERT_FALSE(fs::exists(dir / "part/cases.json")) << "it had ended before";
+  const auto written = fs::last_write_time(dir / "part/case-000/train/frame.csv");
+  const auto second = system_test::run(dir, words("part", {}), 120.0);
+  ASSERT_EQ(second.code, 0) << second.text;
+  EXPECT_EQ(fs::last_write_time(dir / "part/case-000/train/frame.csv"), written) << "made again";
+  EXPECT_FALSE(fs::exists(dir / "part/sealed/unfinished"));
+
+  const auto seed = nlohmann::json::parse(slurp(dir / "part/sealed/labels.json"))["seed"].get<std::uint64_t>();
+  ASSERT_EQ(system_test::run(dir, words("whole", {"--seed", std::to_string(seed)}), 120.0).code, 0);
+  std::size_t files = 0;
+  for (const auto& entry : fs::recursive_directory_iterator(dir / "whole")) {
+    if (!entry.is_regular_file()) continue;
+    const auto name = entry.path().lexically_relative(dir / "whole");
+    EXPECT_EQ(slurp(entry.path()), slurp(dir / "part" / name.string())) << name;
+    ++files;
+  }
+  EXPECT_GE(files, 3U + 2U + 2U * 2U * 2U) << "lists, truth, recordings";
+}
+
 /// `score` holds a case's series only while it counts that case. Each noise-free force here is 0.4 MB of numbers: 72
 /// cases more would be 28.8 MB more, were they kept; labels and outcomes of 72 cases are some 0.2 MB.
 TEST(StudyScore, MemoryDoesNotGrowWithTheSeriesOfTheStudy) {
