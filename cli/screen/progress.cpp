@@ -23,11 +23,12 @@ constexpr double kSure_s = 5.0;
 }  // namespace
 
 std::string progress_text(const std::string& what, double fraction, double at_s, double so_far_s,
-                          const std::string& doing, int columns) {
+                          const std::string& doing, int columns, double from) {
   const int bar = std::clamp(columns - 70, 10, 30);
   std::string text = what + "  " + progress_bar(fraction, bar) + ", " + duration_text(so_far_s) + " so far";
-  const double left_s = fraction > 0.0 ? at_s / fraction - so_far_s : 0.0;
-  if (fraction >= kSure && so_far_s >= kSure_s && left_s > 0.0) {
+  const double own = from < 1.0 ? std::max(0.0, (fraction - from) / (1.0 - from)) : 0.0;  // of what was left then
+  const double left_s = own > 0.0 ? at_s / own - so_far_s : 0.0;
+  if (own >= kSure && so_far_s >= kSure_s && left_s > 0.0) {
     text += ", about " + duration_text(left_s) + " left";
   }
   if (!doing.empty()) text += ": " + doing;
@@ -63,6 +64,16 @@ void Progress::at(double fraction, std::string doing) {
   doing_ = std::move(doing);
 }
 
+void Progress::says(std::string doing) {
+  const std::lock_guard lock(mutex_);
+  doing_ = std::move(doing);
+}
+
+void Progress::begins_at(double fraction) {
+  const std::lock_guard lock(mutex_);
+  from_ = std::clamp(fraction, 0.0, 1.0);
+}
+
 double Progress::so_far_s() const {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - began_).count();
 }
@@ -90,7 +101,7 @@ void FilesProgress::at(std::size_t file, double fraction, std::string doing) {
 void Progress::redraw() {
   // Never into the last column: some terminals wrap there.
   const auto text =
-      progress_text(what_, fraction_, at_s_, so_far_s(), doing_, terminal_size(STDERR_FILENO).columns - 1);
+      progress_text(what_, fraction_, at_s_, so_far_s(), doing_, terminal_size(STDERR_FILENO).columns - 1, from_);
   std::fprintf(stderr, "\r\x1b[K%s", text.c_str());
   std::fflush(stderr);
   drawn_ = true;

@@ -12,9 +12,9 @@ namespace isorig::cli {
 
 /// "diagnose  [####......]  41.0 %, 12.5 s so far, about 18 s left: weighing effects", cut to `columns`. The time left
 /// is what `fraction` promises with the time `at_s` when it was reached; said from 5 % and 5 s on, until it has gone
-/// by.
+/// by. `from`: the fraction that was done before the time began, of which nobody knows how long it took.
 [[nodiscard]] std::string progress_text(const std::string& what, double fraction, double at_s, double so_far_s,
-                                        const std::string& doing, int columns);
+                                        const std::string& doing, int columns, double from = 0.0);
 
 /// One line on standard error from the third second on, and only where that is a terminal; gone without a trace when
 /// this ends. Elsewhere it does nothing. A thread of its own keeps the time running through long stages.
@@ -27,13 +27,17 @@ class Progress {
 
   /// How much of the work is done, 0 to 1, and what is being done. From any thread.
   void at(double fraction, std::string doing = {});
+  /// What is being done, where nobody knows how much of it.
+  void says(std::string doing);
+  /// So much was done by others before this began to watch.
+  void begins_at(double fraction);
 
  private:
   void redraw();
   [[nodiscard]] double so_far_s() const;
 
   std::string what_, doing_;
-  double fraction_ = 0.0, at_s_ = 0.0;
+  double fraction_ = 0.0, at_s_ = 0.0, from_ = 0.0;
   bool drawn_ = false, over_ = false;
   std::chrono::steady_clock::time_point began_;
   std::mutex mutex_;

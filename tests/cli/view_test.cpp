@@ -182,6 +182,12 @@ TEST(ProgressText, SaysTheTimeLeftOnceItCanBeKnownAndFits) {
   EXPECT_THAT(progress_text("run", 0.5, 2.0, 2.0, "", 120), Not(HasSubstr("left")));
   // A stage that takes longer than was promised: nothing is promised any more.
   EXPECT_THAT(progress_text("run", 0.5, 30.0, 61.0, "", 120), Not(HasSubstr("left")));
+  // What was done before it began to watch took nobody knows how long: half of the rest in 30 s.
+  EXPECT_THAT(progress_text("run", 0.95, 30.0, 30.0, "", 120, 0.9),
+              HasSubstr("95.0 %, 30.0 s so far, about 30.0 s left"));
+  EXPECT_THAT(progress_text("run", 0.9, 30.0, 30.0, "", 120, 0.9), Not(HasSubstr("left")));
+  EXPECT_THAT(progress_text("run", 0.904, 30.0, 30.0, "", 120, 0.9), Not(HasSubstr("left")));  // 4 % of the rest
+  EXPECT_THAT(progress_text("run", 1.0, 30.0, 30.0, "", 120, 1.0), Not(HasSubstr("left")));
   for (const int columns : {1, 20, 60, 79, 200}) {
     EXPECT_LE(
         width_of(progress_text("round 3, diagnosis", 0.5, 3600.0, 3600.0, "weighing \n what may be missing", columns)),
