@@ -13,7 +13,7 @@
 namespace isorig::identify::pooling {
 namespace {
 
-constexpr double kSpreads = 5.0;         // how far off an outlier is taken to be, in spreads of the others
+constexpr double kSpreads = 5.0;         // how far off an outlier is taken to be, in spreads of the others, at least
 constexpr std::size_t kCandidates = 24;  // the furthest, by robust measures; nothing nearer can stand out
 constexpr std::size_t kPairsAmong = 6;
 
@@ -109,6 +109,12 @@ double robust_spread(const std::vector<double>& values) {
   return base::median(off) / base::kNormalQuartile;
 }
 
+/// How far off an outlier is taken to be. One that is much further off would be even less likely with five spreads than
+/// with a scatter of all that is as wide as its own distance: a slip of the decimal point would belong to the others.
+double outlier_sd(double spread, double off) {
+  return std::max(kSpreads * spread, std::abs(off));
+}
+
 class Judge {
  public:
   Judge(std::span<const Measurement> measurements, const Pooled& pooled, const OutlierOptions& options)
@@ -125,11 +131,10 @@ class Judge {
     const auto candidates = furthest(measurements_.size(), [&](std::size_t k) {
       return std::abs(off[k]) / std::hypot(spread, measurements_[k].standard_error);
     });
-    const double variance = kSpreads * kSpreads * spread * spread;
     const LogAxis repetition(model_.shown().repetition, model_.scatter()), cell(model_.shown().cell, model_.scatter());
     const auto evidence = [&](const Set& set) {
       Inflation with = inflation_;
-      for (const std::size_t k : set) with.measurement[k] = variance;
+      for (const std::size_t k : set) with.measurement[k] = std::pow(outlier_sd(spread, off[k]), 2);
       std::vector<double> parts;
       for (std::size_t r = 0; r < repetition.sd.size(); ++r) {
         const auto cells = model_.cells(repetition.sd[r], with);
@@ -144,7 +149,8 @@ class Judge {
     std::vector<Outlier> out;
     for (const auto& [k, probability] : found) {
       if (probability <= 0.5) continue;
-      inflation_.measurement[k] = 1e6 * variance;  // out of the pool, for the actuators as well
+      inflation_.measurement[k] =
+          1e6 * std::pow(outlier_sd(spread, off[k]), 2);  // out of the pool, for the actuators as well
       out.push_back({k, probability, false, 0.0, 0.0, 0.0});
     }
     for (Outlier& one : out) measure_recording(one);
@@ -165,8 +171,11 @@ class Judge {
     const double middle = base::median(levels);
     level_spread_ = std::max(robust_spread(levels), base::median(errors));
     std::vector<double> far(2 * pooled_.actuators.size(), -1.0);
-    for (const std::size_t i : present)
-      far[2 * i] = std::abs(own(i).level - middle) / std::hypot(level_spread_, own(i).level_error);
+    off_.assign(far.size(), 0.0);
+    for (const std::size_t i : present) {
+      off_[2 * i] = own(i).level - middle;
+      far[2 * i] = std::abs(off_[2 * i]) / std::hypot(level_spread_, own(i).level_error);
+    }
     if (model_.shown().slope) measure_slopes(present, far);
     auto candidates = furthest(far.size(), [&](std::size_t one) { return far[one]; });
     std::erase_if(candidates, [&](std::size_t one) { return far[one] < 0.0; });
@@ -246,8 +255,10 @@ class Judge {
     if (slopes.size() < 4) return;
     slope_spread_ = std::max(robust_spread(slopes), base::median(errors));
     for (const std::size_t i : present)
-      if (own(i).slope_error > 0.0)
-        far[2 * i + 1] = std::abs(own(i).slope - base::median(slopes)) / std::hypot(slope_spread_, own(i).slope_error);
+      if (own(i).slope_error > 0.0) {
+        off_[2 * i + 1] = own(i).slope - base::median(slopes);
+        far[2 * i + 1] = std::abs(off_[2 * i + 1]) / std::hypot(slope_spread_, own(i).slope_error);
+      }
   }
 
   /// ln of the evidence at each node of the spreads between actuators; `visit` sees the nodes. `set`: twice the
@@ -259,7 +270,7 @@ class Judge {
     with.slope.assign(pooled_.actuators.size(), 0.0);
     for (const std::size_t one : set)
       (one % 2 == 0 ? with.level : with.slope)[one / 2] =
-          std::pow(kSpreads * (one % 2 == 0 ? level_spread_ : slope_spread_), 2);
+          std::pow(outlier_sd(one % 2 == 0 ? level_spread_ : slope_spread_, off_[one]), 2);
     const LogAxis level(model_.shown().level, model_.scatter());
     const LogAxis slope(model_.shown().slope,
                         model_.pressure_sd_psi() > 0.0 ? model_.scatter() / model_.pressure_sd_psi() : 0.0);
@@ -333,6 +344,7 @@ class Judge {
   Inflation inflation_;
   std::vector<VarianceModel::ActuatorSums> sums_;
   double level_spread_ = 0.0, slope_spread_ = 0.0;
+  std::vector<double> off_;  ///< of each actuator's level and slope from the middle of all
 };
 
 }  // namespace

@@ -83,6 +83,23 @@ TEST(Outliers, ASingleRecordingIsNamedAndItsActuatorIsNot) {
   EXPECT_THAT(found.actuators, IsEmpty());
 }
 
+/// A slip of the decimal point, or of a unit: the further off, the surer.
+TEST(Outliers, WhoIsOffByAnyAmountIsNamed) {
+  for (const double spreads : {10.0, 100.0, 1000.0}) {
+    auto actuator = simulate_campaign({}, kLayout, 27);
+    shift(actuator, 6, 0.4 * spreads);
+    EXPECT_THAT(indices(look(actuator).actuators), ElementsAre(6)) << spreads;
+    auto slope = simulate_campaign({}, kLayout, 27);
+    shift(slope, 6, 0.0, 0.02 * spreads);
+    EXPECT_THAT(indices(look(slope).actuators), ElementsAre(6)) << spreads;
+    auto recording = simulate_campaign({}, kLayout, 27);
+    recording.measurements[40].value += 0.13 * spreads;
+    const Outliers found = look(recording);
+    EXPECT_THAT(indices(found.recordings), ElementsAre(40)) << spreads;
+    EXPECT_THAT(found.actuators, IsEmpty()) << spreads;
+  }
+}
+
 TEST(Outliers, TwoRecordingsOfOneCellAreNamed) {
   auto made = simulate_campaign({}, {kActuators, {5, 10, 15, 20}, 5, 0.0}, 26);
   made.measurements[100].value += 2.0;
