@@ -29,7 +29,7 @@ int pool(const PoolOptions& options) {
   std::vector<pooling::Source> sources;
   for (const std::string& folder : options.diagnoses) sources.push_back({folder});
   try {
-    const auto pooled = pooling::pool(sources, options.threads);
+    const auto pooled = pooling::pool(sources, {.threads = options.threads});
     pooling::write_pooled(pooled, options.out,
                           made_by_this_call({{"Diagnoses", std::to_string(options.diagnoses.size()) + " folders"}}));
     for (const std::string& finding : pooled.findings) std::printf("%s\n", finding.c_str());

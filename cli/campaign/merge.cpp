@@ -270,7 +270,7 @@ Standing merge(const Plan& plan, const identify::report::Made* made) {
   if (together.pooled) {
     s.findings = together.pooled->findings;
     Appearing pooled(plan.folder / "pooled.json");
-    pooled.out() << identify::pooling::pooled_json(*together.pooled).dump(1) << '\n';
+    pooled.out() << identify::pooling::pooled_json(*together.pooled, plan.folder).dump(1) << '\n';
     pooled.finish();
   }
   write_page(plan, s, shown, together, *made);

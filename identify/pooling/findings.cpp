@@ -155,6 +155,15 @@ void add_what_says_nothing(const PooledCampaign& c, std::vector<std::string>& ou
                             unjudged, c.recordings.size()));
 }
 
+void add_left_out(const PooledCampaign& c, std::vector<std::string>& out) {
+  if (c.left_out.empty()) return;
+  const LeftOut& first = c.left_out.front();
+  const std::size_t n = c.left_out.size();
+  out.push_back(n == 1 ? "In no pool: " + first.name + " " + first.why + "."
+                       : formatted("In no pool: %zu recordings; the first, ", n) + first.name + ", " + first.why +
+                             ". pooled.json lists them.");
+}
+
 bool says_something(const PooledCampaign& c) {
   return std::ranges::any_of(c.recordings, [](const ReadDiagnosis& one) {
     return one.verdict != "cannot_judge" && one.verdict != "unknown_physics";
@@ -174,6 +183,7 @@ std::vector<std::string> findings_of(const PooledCampaign& c) {
   for (const EffectPool& effect : c.effects) add_single_recordings(c, effect, out);
   add_nominal_growth(c, out);
   add_what_says_nothing(c, out);
+  add_left_out(c, out);
   return out;
 }
 

@@ -1,7 +1,7 @@
 #include "identify/pooling/pool.hpp"
 
 #include <algorithm>
-#include <cctype>
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <map>
@@ -11,36 +11,14 @@
 #include "base/parallel.hpp"
 #include "base/quantile.hpp"
 #include "identify/diagnose/search/repeated_evidence.hpp"
+#include "identify/pooling/campaign_grid.hpp"
 #include "model/catalogue.hpp"
 #include "model/words.hpp"
 
 namespace isorig::identify::pooling {
 namespace {
 
-/// "Actuator10" after "Actuator9": stretches of digits count as numbers.
-bool counts_before(const std::string& a, const std::string& b) {
-  std::size_t i = 0, j = 0;
-  const auto digit = [](char c) { return std::isdigit(static_cast<unsigned char>(c)) != 0; };
-  while (i < a.size() && j < b.size()) {
-    if (digit(a[i]) && digit(b[j])) {
-      std::size_t k = i, l = j;
-      while (k < a.size() && digit(a[k])) ++k;
-      while (l < b.size() && digit(b[l])) ++l;
-      while (i + 1 < k && a[i] == '0') ++i;
-      while (j + 1 < l && b[j] == '0') ++j;
-      if (k - i != l - j) return k - i < l - j;
-      if (const int order = a.compare(i, k - i, b, j, l - j); order != 0) return order < 0;
-      i = k;
-      j = l;
-    } else if (a[i] != b[j]) {
-      return a[i] < b[j];
-    } else {
-      ++i;
-      ++j;
-    }
-  }
-  return a.size() - i < b.size() - j;
-}
+constexpr double kReadShare = 0.5;  // of the time that a pool takes; the rest is its quantities
 
 /// Numbers of two models share names and no meaning: the stiffness of a spring beside one arm is not that beside two.
 void check_same_model(const std::vector<ReadDiagnosis>& recordings) {
@@ -52,9 +30,10 @@ void check_same_model(const std::vector<ReadDiagnosis>& recordings) {
   const std::string first = names(recordings.front());
   for (const ReadDiagnosis& one : recordings)
     if (names(one) != first)
-      throw PoolError((one.folder / "diagnosis.json").string() + ": its nominal model has the numbers " + names(one) +
-                      ", that of " + recordings.front().folder.string() + " has " + first +
-                      "; pool diagnoses of one nominal model (--model)");
+      throw PoolError((one.folder / "diagnosis.json").string(), "its nominal model has the numbers " + names(one) +
+                                                                    ", that of " + recordings.front().folder.string() +
+                                                                    " has " + first +
+                                                                    "; pool diagnoses of one nominal model (--model)");
 }
 
 EffectEvidence evidence_in(const ReadDiagnosis& of, std::size_t actuator, const std::string& effect,
@@ -115,14 +94,99 @@ void place_all(PooledCampaign& out) {
   for (const ReadDiagnosis& one : out.recordings) out.actuator_of.push_back(number[one.place.specimen]);
 }
 
-/// Diagnoses of one recording, in several folders: of a copy of it, or by a link.
-void check_same_recording(const std::vector<ReadDiagnosis>& recordings) {
-  std::map<double, std::size_t> seen;
-  for (std::size_t i = 0; i < recordings.size(); ++i)
-    for (const double id : recordings[i].recording_ids)
-      if (const auto [first, fresh] = seen.try_emplace(id, i); !fresh && first->second != i)
-        throw PoolError((recordings[i].folder / "diagnosis.json").string() + ": is of the same recording as " +
-                        recordings[first->second].folder.string() + "; its numbers would count twice");
+/// The diagnoses that are read, and those that cannot be pooled.
+struct Taken {
+  std::vector<ReadDiagnosis> diagnoses;
+  std::vector<std::string> names;  ///< of each, for people
+  std::vector<LeftOut> left_out;
+};
+
+std::string shown_name(const Source& source) {
+  return source.name.empty() ? source.diagnosis.string() : source.name;
+}
+
+/// Diagnoses of one recording, in several folders: of a copy of it, or by a link. For each but the first why its
+/// numbers do not count; where the copies name different places, for all of them.
+std::map<std::size_t, std::string> repeated_in(const Taken& taken) {
+  std::map<double, std::vector<std::size_t>> of_recording;
+  for (std::size_t i = 0; i < taken.diagnoses.size(); ++i)
+    for (const double id : taken.diagnoses[i].recording_ids)
+      if (auto& with = of_recording[id]; with.empty() || with.back() != i) with.push_back(i);
+  std::map<std::size_t, std::string> out;
+  for (const auto& [id, alike] : of_recording) {
+    if (alike.size() < 2) continue;
+    const auto place = [&](std::size_t i) {
+      return std::pair(taken.diagnoses[i].place.specimen, taken.diagnoses[i].place.pressure_psi);
+    };
+    const bool same_place = std::ranges::all_of(alike, [&](std::size_t i) { return place(i) == place(alike.front()); });
+    for (const std::size_t i : alike) {
+      const std::string& other = taken.names[i == alike.front() ? alike[1] : alike.front()];
+      if (!same_place)
+        out.try_emplace(i,
+                        "is of the same recording as " + other +
+                            ", and they name different specimens or pressures: which of them is right it does not say");
+      else if (i != alike.front())
+        out.try_emplace(i, "is of the same recording as " + other + "; its numbers would count twice");
+    }
+  }
+  return out;
+}
+
+/// Reads all; of those that cannot be pooled it says why, or throws.
+Taken take(const std::vector<Source>& sources, const PoolOptions& options) {
+  std::vector<ReadDiagnosis> read(sources.size());
+  std::vector<std::string> why(sources.size());
+  const bool leave_out = options.unpoolable == Unpoolable::kLeaveOut;
+  std::atomic<std::size_t> done{0};
+  base::parallel_for(sources.size(), options.threads, [&](std::size_t i) {
+    if (options.on_progress)
+      options.on_progress(kReadShare * static_cast<double>(done++) / static_cast<double>(sources.size()));
+    try {
+      read[i] = read_diagnosis(sources[i]);
+    } catch (const PoolError& e) {
+      if (!leave_out) throw;
+      why[i] = e.why();
+    }
+  });
+  Taken out;
+  const auto leave = [&](const Source& source, const std::string& reason, std::optional<Place> place) {
+    out.left_out.push_back({source.diagnosis, shown_name(source), page_in(source.diagnosis), reason, std::move(place)});
+  };
+  std::vector<const Source*> of;
+  for (std::size_t i = 0; i < sources.size(); ++i) {
+    if (why[i].empty()) {
+      out.diagnoses.push_back(std::move(read[i]));
+      out.names.push_back(leave_out ? shown_name(sources[i]) : sources[i].diagnosis.string());
+      of.push_back(&sources[i]);
+    } else {
+      leave(sources[i], why[i], {});
+    }
+  }
+  const std::map<std::size_t, std::string> repeated = repeated_in(out);
+  if (repeated.empty()) return out;
+  if (!leave_out) {
+    const auto& [i, reason] = *repeated.rbegin();
+    throw PoolError((out.diagnoses[i].folder / "diagnosis.json").string(), reason);
+  }
+  std::vector<ReadDiagnosis> kept;
+  for (std::size_t i = 0; i < out.diagnoses.size(); ++i) {
+    if (const auto found = repeated.find(i); found != repeated.end())
+      leave(*of[i], found->second, out.diagnoses[i].place);
+    else
+      kept.push_back(std::move(out.diagnoses[i]));
+  }
+  out.diagnoses = std::move(kept);
+  return out;
+}
+
+PoolError too_few(const Taken& taken, std::size_t all) {
+  constexpr std::size_t kNamed = 3;
+  std::string which;
+  for (std::size_t i = 0; i < std::min(kNamed, taken.left_out.size()); ++i)
+    which += (i == 0 ? "" : "; ") + taken.left_out[i].name + " " + taken.left_out[i].why;
+  return PoolError(base::formatted("of %zu diagnoses %zu can be pooled, and a pool needs two. Left out: ", all,
+                                   taken.diagnoses.size()) +
+                   which + (taken.left_out.size() > kNamed ? "; ..." : ""));
 }
 
 void check_twice(const std::vector<Source>& sources) {
@@ -132,20 +196,21 @@ void check_twice(const std::vector<Source>& sources) {
     auto whole = std::filesystem::weakly_canonical(source.diagnosis, error);
     if (error) whole = std::filesystem::absolute(source.diagnosis).lexically_normal();
     if (!seen.insert(whole.has_filename() ? whole : whole.parent_path()).second)
-      throw PoolError(source.diagnosis.string() + ": is given twice; its numbers would count twice");
+      throw PoolError(source.diagnosis.string(), "is given twice; its numbers would count twice");
   }
 }
 
 }  // namespace
 
-PooledCampaign pool(const std::vector<Source>& sources, unsigned threads) {
+PooledCampaign pool(const std::vector<Source>& sources, const PoolOptions& options) {
   if (sources.size() < 2) throw PoolError("one diagnosis is nothing to pool; name the folders of a whole campaign");
   check_twice(sources);
   PooledCampaign out;
-  out.recordings.resize(sources.size());
-  base::parallel_for(sources.size(), threads, [&](std::size_t i) { out.recordings[i] = read_diagnosis(sources[i]); });
+  Taken taken = take(sources, options);
+  if (taken.diagnoses.size() < 2) throw too_few(taken, sources.size());
+  out.recordings = std::move(taken.diagnoses);
+  out.left_out = std::move(taken.left_out);
   check_same_model(out.recordings);
-  check_same_recording(out.recordings);
   place_all(out);
 
   for (const model::Physics* physics : model::effects()) {
@@ -162,8 +227,12 @@ PooledCampaign pool(const std::vector<Source>& sources, unsigned threads) {
     actuator_looks += out.actuators.size();
     recording_looks += one.measurements.size();
   }
-  base::parallel_for(out.quantities.size(), threads, [&](std::size_t i) {
+  std::atomic<std::size_t> pooled{0};
+  base::parallel_for(out.quantities.size(), options.threads, [&](std::size_t i) {
     constexpr double kThreeToOne = 1.0986;
+    if (options.on_progress)
+      options.on_progress(kReadShare + (1.0 - kReadShare) * static_cast<double>(pooled++) /
+                                           static_cast<double>(out.quantities.size()));
     Quantity& one = out.quantities[i];
     one.pooled = pool_quantity(one.measurements, out.actuators.size());
     widen_by_law_error(one);
@@ -209,6 +278,14 @@ void widen_by_law_error(Quantity& quantity) {
   widen(*quantity.pooled.slope, shared_per_psi);
   for (Pooled::Actuator& one : quantity.pooled.actuators)
     if (one.slope) widen(*one.slope, shared_per_psi);
+}
+
+std::string relative_to(const std::filesystem::path& folder, const std::filesystem::path& path) {
+  std::error_code error;
+  return std::filesystem::absolute(path, error)
+      .lexically_normal()
+      .lexically_relative(std::filesystem::absolute(folder, error).lexically_normal())
+      .generic_string();
 }
 
 std::string name_of(const ReadDiagnosis& recording) {

@@ -1,8 +1,11 @@
 #pragma once
+#include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "identify/pooling/campaign_grid.hpp"
 #include "identify/pooling/evidence.hpp"
 #include "identify/pooling/outliers.hpp"
 #include "identify/pooling/read_diagnosis.hpp"
@@ -32,6 +35,15 @@ struct EffectPool {
   Presence presence;
 };
 
+/// A diagnosis that cannot be pooled.
+struct LeftOut {
+  std::filesystem::path folder;
+  std::string name;              ///< of its recording, for people
+  std::string page;              ///< as ReadDiagnosis has it
+  std::string why;               ///< without a path, and what to do
+  std::optional<Place> place{};  ///< of a copy, which has one
+};
+
 struct PooledCampaign {
   std::vector<ReadDiagnosis> recordings;  ///< by actuator, pressure, repetition
   std::vector<std::size_t> actuator_of;   ///< of each recording
@@ -41,10 +53,24 @@ struct PooledCampaign {
   std::vector<Quantity> quantities;
   std::vector<std::string> not_compared;  ///< which numbers are in no pool, and why
   std::vector<std::string> findings;      ///< in plain English, most important first
+  std::vector<LeftOut> left_out;
+};
+
+/// What becomes of a diagnosis that names no specimen or pressure, of a copy, of a damaged one.
+enum class Unpoolable {
+  kRefuse,    ///< nothing is pooled: whoever named the folders takes it out
+  kLeaveOut,  ///< it is left out by name, with the reason; of copies the first one stays, where they agree on the place
+};
+
+struct PoolOptions {
+  unsigned threads = 2;
+  Unpoolable unpoolable = Unpoolable::kRefuse;
+  /// Told which part is done, from any of the threads. What it throws ends the pool and comes out.
+  std::function<void(double fraction)> on_progress{};
 };
 
 /// Throws PoolError: a folder that is no diagnosis, nominal models that differ, fewer than two recordings.
-[[nodiscard]] PooledCampaign pool(const std::vector<Source>& sources, unsigned threads = 2);
+[[nodiscard]] PooledCampaign pool(const std::vector<Source>& sources, const PoolOptions& options = {});
 
 /// Chooses the numbers that several recordings have and that mean the same in all; not pooled yet.
 [[nodiscard]] std::vector<Quantity> choose_quantities(const PooledCampaign& campaign,
@@ -64,11 +90,17 @@ void widen_by_law_error(Quantity& quantity);
 /// "0.12 ± 0.02": the digits that half of a 95 % interval leaves.
 [[nodiscard]] std::string plus_minus(double value, double half_width);
 
-[[nodiscard]] nlohmann::ordered_json pooled_json(const PooledCampaign& campaign);
+/// `path` as seen from `folder`, by their names alone.
+[[nodiscard]] std::string relative_to(const std::filesystem::path& folder, const std::filesystem::path& path);
+
+/// `folder`: where pooled.json will lie, which its folders are relative to: the same bytes wherever a campaign stands.
+[[nodiscard]] nlohmann::ordered_json pooled_json(const PooledCampaign& campaign, const std::filesystem::path& folder);
 
 /// The findings, the campaign as a grid whose cells lead to the recordings' pages, and a forest of each quantity.
-/// `folder`: where the page will lie, which links are relative to.
-void add_pooled_sections(report::Page& page, const PooledCampaign& campaign, const std::filesystem::path& folder);
+/// `folder`: where the page will lie, which links are relative to. `others`: recordings of the campaign that have no
+/// diagnosis, for their cells.
+void add_pooled_sections(report::Page& page, const PooledCampaign& campaign, const std::filesystem::path& folder,
+                         const std::vector<NotPooled>& others = {});
 
 /// pooled.json and campaign-report.html.
 void write_pooled(const PooledCampaign& campaign, const std::filesystem::path& folder, const report::Made& made);

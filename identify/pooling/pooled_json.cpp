@@ -92,7 +92,7 @@ ordered_json quantity_json(const PooledCampaign& c, const Quantity& q) {
 
 }  // namespace
 
-ordered_json pooled_json(const PooledCampaign& c) {
+ordered_json pooled_json(const PooledCampaign& c, const std::filesystem::path& folder) {
   ordered_json out{{"format", "isorig-pooled/1"},
                    {"findings", c.findings},
                    {"actuators", c.actuators},
@@ -100,10 +100,11 @@ ordered_json pooled_json(const PooledCampaign& c) {
                    {"recordings", ordered_json::array()},
                    {"effects", ordered_json::array()},
                    {"quantities", ordered_json::array()},
-                   {"not_compared", c.not_compared}};
+                   {"not_compared", c.not_compared},
+                   {"left_out", ordered_json::array()}};
   for (const ReadDiagnosis& one : c.recordings) {
     ordered_json entry = place_json(one);
-    entry["folder"] = one.folder.generic_string();
+    entry["folder"] = relative_to(folder, one.folder);
     entry["verdict"] = one.verdict;
     entry["missing"] = ordered_json::array();
     for (const ReadEffect& effect : one.missing)
@@ -112,6 +113,8 @@ ordered_json pooled_json(const PooledCampaign& c) {
   }
   for (const EffectPool& effect : c.effects) out["effects"].push_back(effect_json(c, effect));
   for (const Quantity& one : c.quantities) out["quantities"].push_back(quantity_json(c, one));
+  for (const LeftOut& one : c.left_out)
+    out["left_out"].push_back({{"recording", one.name}, {"folder", relative_to(folder, one.folder)}, {"why", one.why}});
   return out;
 }
 

@@ -5,7 +5,9 @@
 
 #include "base/formatted.hpp"
 #include "base/whole_file.hpp"
+#include "identify/pooling/campaign_grid.hpp"
 #include "identify/pooling/pool.hpp"
+#include "identify/report/neighbours.hpp"
 
 namespace isorig::identify::pooling {
 namespace {
@@ -85,30 +87,25 @@ GridCell cell_of(const ReadDiagnosis& one, const Key& key, const std::filesystem
     names = "nothing missing";
   }
   out.title = name_of(one) + ": " + names;
-  std::error_code error;
-  const auto file = std::filesystem::absolute(one.folder, error) / one.page;
-  out.href = file.lexically_normal()
-                 .lexically_relative(std::filesystem::absolute(folder, error).lexically_normal())
-                 .generic_string();
+  out.href = relative_to(folder, one.folder / one.page);
   return out;
 }
 
-report::Grid grid_of(const PooledCampaign& c, const std::filesystem::path& folder) {
+report::Grid grid_of(const PooledCampaign& c, const std::filesystem::path& folder,
+                     const std::vector<NotPooled>& others) {
   const Key key(c);
-  report::Grid out;
-  out.caption =
-      "Each letter is a recording and leads to its diagnosis. A letter is an effect that the recording names "
-      "with a probability above one half; several stand in the order of their importance.";
-  out.key = key.key();
-  for (const double pressure : c.pressures_psi) out.columns.push_back(formatted("%g psi", pressure));
-  for (const std::string& name : c.actuators)
-    out.rows.push_back({name, std::vector<std::vector<GridCell>>(c.pressures_psi.size())});
-  for (std::size_t r = 0; r < c.recordings.size(); ++r) {
-    const auto column = std::ranges::find(c.pressures_psi, c.recordings[r].place.pressure_psi);
-    out.rows[c.actuator_of[r]].cells[static_cast<std::size_t>(column - c.pressures_psi.begin())].push_back(
-        cell_of(c.recordings[r], key, folder));
-  }
-  return out;
+  CampaignGrid out(
+      "Each letter is a recording and leads to its diagnosis, or to the log of what went wrong. A letter is an effect "
+      "that the recording names with a probability above one half; several stand in the order of their importance.");
+  for (const GridCell& mark : key.key()) out.key(mark);
+  for (const ReadDiagnosis& one : c.recordings)
+    out.add(one.place.specimen, one.place.pressure_psi, cell_of(one, key, folder));
+  for (const LeftOut& one : c.left_out)
+    if (one.place)
+      out.add({one.place->specimen, one.place->pressure_psi, NoAnswer::kLeftOut, one.name + ": " + one.why,
+               relative_to(folder, one.folder / one.page)});
+  for (const NotPooled& one : others) out.add(one);
+  return out.grid();
 }
 
 Series forest_series(const std::string& label, Mark mark, int colour) {
@@ -228,13 +225,28 @@ void add_effects(report::Page& page, const PooledCampaign& c) {
   page.end_more();
 }
 
+/// Recordings that are answered and cannot be pooled.
+void add_left_out(report::Page& page, const PooledCampaign& c, const std::filesystem::path& folder) {
+  constexpr std::size_t kMost = 200;
+  std::vector<std::vector<std::string>> rows, hrefs;
+  for (const LeftOut& one : c.left_out) {
+    if (rows.size() == kMost) break;
+    rows.push_back({one.name, one.why});
+    hrefs.push_back({one.page.empty() ? "" : report::as_link(relative_to(folder, one.folder / one.page))});
+  }
+  page.table({"recording that is left out", "why"}, rows, {}, hrefs);
+  if (rows.size() < c.left_out.size())
+    page.paragraph(formatted("The first %zu of %zu; pooled.json lists all.", rows.size(), c.left_out.size()));
+}
+
 }  // namespace
 
-void add_pooled_sections(report::Page& page, const PooledCampaign& c, const std::filesystem::path& folder) {
+void add_pooled_sections(report::Page& page, const PooledCampaign& c, const std::filesystem::path& folder,
+                         const std::vector<NotPooled>& others) {
   page.heading("What the campaign says");
   page.list(c.findings);
   page.heading("Every recording");
-  page.grid(grid_of(c, folder));
+  page.grid(grid_of(c, folder, others));
   add_effects(page, c);
   if (!c.quantities.empty()) {
     page.heading("Numbers, pooled");
@@ -243,15 +255,14 @@ void add_pooled_sections(report::Page& page, const PooledCampaign& c, const std:
       page.figure(figure_of(c, one));
     }
   }
-  if (!c.not_compared.empty()) {
-    page.heading("What is in no pool");
-    page.list(c.not_compared);
-  }
+  if (!c.not_compared.empty() || !c.left_out.empty()) page.heading("What is in no pool");
+  if (!c.not_compared.empty()) page.list(c.not_compared);
+  if (!c.left_out.empty()) add_left_out(page, c, folder);
 }
 
 void write_pooled(const PooledCampaign& c, const std::filesystem::path& folder, const report::Made& made) {
   std::filesystem::create_directories(folder);
-  base::write_whole_file(folder / "pooled.json", pooled_json(c).dump(1) + "\n");
+  base::write_whole_file(folder / "pooled.json", pooled_json(c, folder).dump(1) + "\n");
   report::Page page("Campaign", "One diagnosis of all recordings");
   page.made(made);
   page.subtitle(formatted("%zu recordings of %zu actuators at %zu %s", c.recordings.size(), c.actuators.size(),

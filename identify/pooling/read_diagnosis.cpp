@@ -33,11 +33,11 @@ int repetition_in(const std::string& further_toml) {
 ordered_json parsed(const fs::path& file) {
   std::ifstream in(file);
   if (!in)
-    throw PoolError(file.string() + ": no such file; name folders that `isorig diagnose RECORDING --out FOLDER` wrote");
+    throw PoolError(file.string(), "no such file; name folders that `isorig diagnose RECORDING --out FOLDER` wrote");
   try {
     return ordered_json::parse(in);
   } catch (const ordered_json::parse_error& e) {
-    throw PoolError(file.string() + ": cannot be read (" + e.what() + "); diagnose its recording again");
+    throw PoolError(file.string(), std::string("cannot be read (") + e.what() + "); diagnose its recording again");
   }
 }
 
@@ -130,20 +130,19 @@ std::vector<ReadNumber> nominal_numbers(const ordered_json& numbers) {
 Place place_in(const ordered_json& json, const fs::path& file) {
   const auto recordings = json.find("recordings");
   if (recordings == json.end() || recordings->empty())
-    throw PoolError(
-        file.string() +
-        ": does not say of which recording it is; diagnose the recording again, older versions did not say");
+    throw PoolError(file.string(),
+                    "does not say of which recording it is; diagnose the recording again, older versions did not say");
   Place out;
   for (const auto& one : *recordings) {
     const std::string specimen = one.value("specimen", std::string());
     if (specimen.empty())
-      throw PoolError(file.string() + ": its recording names no specimen; add `specimen` to its recording.toml");
+      throw PoolError(file.string(), "its recording names no specimen; add `specimen` to its recording.toml");
     if (!one.contains("nominal_pressure_psi"))
-      throw PoolError(file.string() +
-                      ": its recording names no pressure; add `nominal_pressure_psi` to its recording.toml");
+      throw PoolError(file.string(),
+                      "its recording names no pressure; add `nominal_pressure_psi` to its recording.toml");
     const double pressure_psi = one["nominal_pressure_psi"];
     if (!out.specimen.empty() && (specimen != out.specimen || pressure_psi != out.pressure_psi))
-      throw PoolError(file.string() + ": is of several specimens or pressures; diagnose each of its recordings alone");
+      throw PoolError(file.string(), "is of several specimens or pressures; diagnose each of its recordings alone");
     out = {specimen, pressure_psi, recordings->size() == 1 ? one.value("repetition", 0) : 0};
   }
   return out;
@@ -175,17 +174,16 @@ ReadDiagnosis read_checked(const Source& source, const fs::path& file, const ord
   out.nominal = nominal_numbers(json.at("fit").at("model").at("numbers"));
   for (const ReadNumber& number : nominal_numbers(json.at("fit").at("nominal").at("numbers")))
     out.asked.push_back(number.name);
-  for (const char* page : {"diagnosis-report.html", "report.html", "diagnosis.json"})
-    if (out.page.empty() && fs::exists(source.diagnosis / page)) out.page = page;
+  out.page = page_in(source.diagnosis);
   return out;
 }
 
 }  // namespace
 
 Place place_of(const messages::RecordingMetadata& metadata, const std::string& where) {
-  if (metadata.specimen.empty()) throw PoolError(where + ": names no specimen; add `specimen`");
+  if (metadata.specimen.empty()) throw PoolError(where, "names no specimen; add `specimen`");
   if (!metadata.nominal_pressure_psi)
-    throw PoolError(where + ": names no pressure; add `nominal_pressure_psi`, which the pool is ordered by");
+    throw PoolError(where, "names no pressure; add `nominal_pressure_psi`, which the pool is ordered by");
   return {metadata.specimen, *metadata.nominal_pressure_psi, repetition_in(metadata.further_toml)};
 }
 
@@ -203,19 +201,26 @@ ordered_json recordings_json(const std::vector<messages::RecordingMetadata>& rec
   return out;
 }
 
+std::string page_in(const fs::path& diagnosis) {
+  for (const char* page : {"diagnosis-report.html", "report.html", "diagnosis.json"})
+    if (fs::exists(diagnosis / page)) return page;
+  return {};
+}
+
 ReadDiagnosis read_diagnosis(const Source& source) {
   const fs::path file = source.diagnosis / "diagnosis.json";
   const ordered_json json = parsed(file);
   try {
     if (json.at("format") != "isorig-diagnosis/1")
-      throw PoolError(file.string() + ": format is " + json.at("format").dump() +
-                      ", not \"isorig-diagnosis/1\"; diagnose its recording with this version");
+      throw PoolError(file.string(), "format is " + json.at("format").dump() +
+                                         ", not \"isorig-diagnosis/1\"; diagnose its recording with this version");
     if (json.contains("output") && json["output"] != "force")
-      throw PoolError(file.string() + ": is of the " + json["output"].get<std::string>() +
-                      "; only diagnoses of forces have numbers that can be pooled");
+      throw PoolError(file.string(), "is of the " + json["output"].get<std::string>() +
+                                         "; only diagnoses of forces have numbers that can be pooled");
     return read_checked(source, file, json);
   } catch (const ordered_json::exception& e) {
-    throw PoolError(file.string() + ": is no whole diagnosis (" + e.what() + "); diagnose its recording again");
+    throw PoolError(file.string(),
+                    std::string("is no whole diagnosis (") + e.what() + "); diagnose its recording again");
   }
 }
 

@@ -25,14 +25,22 @@ struct Place {
                                                      const std::vector<double>& ids = {});
 
 /// What is wrong with a folder, where, and what to do.
-struct PoolError : std::runtime_error {
-  using std::runtime_error::runtime_error;
+class PoolError : public std::runtime_error {
+ public:
+  explicit PoolError(const std::string& why) : std::runtime_error(why), why_(why) {}
+  PoolError(const std::string& where, const std::string& why) : std::runtime_error(where + ": " + why), why_(why) {}
+  /// what() without the place: the same wherever the folder lies.
+  [[nodiscard]] const std::string& why() const noexcept { return why_; }
+
+ private:
+  std::string why_;
 };
 
 /// A diagnosis to be pooled.
 struct Source {
   std::filesystem::path diagnosis;    ///< folder of diagnosis.json
   std::filesystem::path recording{};  ///< folder of recording.toml; empty: diagnosis.json says of which recording it is
+  std::string name{};                 ///< of the recording, for people; empty: the folder's
 };
 
 /// A number with its standard error, as its 95 % interval states it.
@@ -68,6 +76,9 @@ struct ReadDiagnosis {
   std::string page;                    ///< diagnosis-report.html, or diagnosis.json where there is no page
   std::vector<double> recording_ids;   ///< messages::recording_id of its recordings; empty of an older version's
 };
+
+/// What leads to a diagnosis: the name of its page, of diagnosis.json where there is no page; empty without either.
+[[nodiscard]] std::string page_in(const std::filesystem::path& diagnosis);
 
 /// Throws PoolError.
 [[nodiscard]] ReadDiagnosis read_diagnosis(const Source& source);

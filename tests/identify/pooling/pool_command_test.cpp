@@ -9,7 +9,9 @@
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <random>
 
+#include "../../cli/page_links.hpp"
 #include "tree.hpp"
 
 namespace isorig {
@@ -151,6 +153,52 @@ TEST_F(PoolCommand, AnActuatorThatSaysNothingHasNoEffect) {
   const Said said = with("");
   EXPECT_EQ(said.code, 0) << said.text;
   EXPECT_THAT(said.text, HasSubstr("Dry friction is in 8 of 9 actuators, not in Actuator2"));
+}
+
+/// Each cell of the grid leads to a file that is there, also out of a folder with a name of another world; pooled.json
+/// names the folders as seen from its own, so that both can be moved together.
+TEST_F(PoolCommand, LinksAndFoldersLeadToWhatIsThere) {
+  put("a 1 #2%", diagnosis("Actuator1", 10, 2, true));
+  ASSERT_EQ(with("'" + (folder_ / "a 1 #2%").string() + "'").code, 0);
+  const json page = pieces_test::page_data(folder_ / "out/campaign-report.html");
+  const json grid = pieces_test::block_of(page, "grid");
+  ASSERT_FALSE(grid.is_null());
+  EXPECT_EQ(pieces_test::links_in(grid).size(), 31U);
+  EXPECT_THAT(pieces_test::broken_links(folder_ / "out/campaign-report.html"), ::testing::IsEmpty());
+  const json pooled = json::parse(std::ifstream(folder_ / "out/pooled.json"));
+  for (const json& one : pooled["recordings"]) {
+    const fs::path folder = one["folder"].get<std::string>();
+    EXPECT_TRUE(folder.is_relative()) << folder;
+    EXPECT_TRUE(fs::exists(folder_ / "out" / folder / "diagnosis.json")) << folder;
+  }
+}
+
+/// One actuator of ten has a spring half as stiff again, and one recording of another is off: both are named, with the
+/// number that gives them away.
+TEST_F(PoolCommand, WhoDoesNotBelongIsSaid) {
+  EXPECT_THAT(with("").text, ::testing::Not(HasSubstr("does not belong")));
+  const auto with_spring = [](json one, double stiffness_N_mm) {
+    one["fit"]["model"]["numbers"][0] = part("spring", "stiffness_N_mm", stiffness_N_mm);
+    return one;
+  };
+  // The others scatter by their stated errors of 0.01 N/mm.
+  std::mt19937 random(20261128);
+  std::normal_distribution<double> error(0.0, 0.01);
+  for (int actuator = 1; actuator <= 10; ++actuator)
+    for (const int pressure : {5, 10, 20}) {
+      const bool off = actuator == 7 || (actuator == 4 && pressure == 10);
+      put("a" + std::to_string(actuator) + "_" + std::to_string(pressure),
+          with_spring(diagnosis("Actuator" + std::to_string(actuator), pressure, 1, actuator != 2),
+                      (off ? 3.0 : 2.0) + error(random)));
+    }
+  const Said said = with("");
+  ASSERT_EQ(said.code, 0) << said.text;
+  EXPECT_THAT(said.text, HasSubstr("Actuator7 does not belong to the others: spring: "));
+  EXPECT_THAT(said.text,
+              HasSubstr("The recording Actuator4, 10 psi, repetition 1 does not belong to its actuator: spring: "));
+  EXPECT_THAT(said.text, HasSubstr("standard deviations above what the others let one expect (3"));
+  for (const char* other : {"Actuator1 ", "Actuator3 ", "Actuator4 ", "Actuator10 "})
+    EXPECT_THAT(said.text, ::testing::Not(HasSubstr(std::string(other) + "does not belong")));
 }
 
 TEST_F(PoolCommand, AFolderWithoutADiagnosisIsNamed) {
