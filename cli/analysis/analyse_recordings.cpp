@@ -13,8 +13,13 @@
 namespace isorig::cli {
 
 AnalysedRecordings analyse_recordings(const std::string& command, const std::vector<std::string>& paths,
-                                      double read_share, identify::FvOptions options, const CheckRecording& check) {
+                                      double read_share, identify::FvOptions options, const CheckRecording& check,
+                                      Unreadable unreadable) {
   AnalysedRecordings out;
+  const auto cannot_be_read = [&](const std::string& path, const std::string& why) {
+    std::cerr << why << '\n';
+    out.left_out.push_back({path, why});
+  };
   std::vector<std::filesystem::path> files;
   files.reserve(paths.size());
   for (const auto& path : paths) files.push_back(std::filesystem::path(path) / "frame.csv");
@@ -29,15 +34,16 @@ AnalysedRecordings analyse_recordings(const std::string& command, const std::vec
       options.on_progress = [&](double done) { progress->at(i, read_share + (1.0 - read_share) * done, path); };
       out.results.push_back(identify::analyse_recording(recording, path, options));
     } catch (const std::invalid_argument& e) {
-      std::cerr << base::printable_lines(e.what()) << '\n';
-      out.exit_code = kBadInput;
+      cannot_be_read(path, base::printable_lines(e.what()));
     } catch (const messages::RecordingError& e) {
-      std::cerr << e.what() << '\n';
-      out.exit_code = kBadInput;
+      cannot_be_read(path, e.what());
     }
   }
   progress.reset();
-  if (out.exit_code != kOk) return out;
+  if (!out.left_out.empty() && (unreadable == Unreadable::kRefuse || out.results.empty())) {
+    out.exit_code = kBadInput;
+    return out;
+  }
   for (const auto& line : identify::repeated_recordings(out.results)) {
     std::cerr << "isorig " << command << ": " << line << '\n';
     out.exit_code = kUsage;

@@ -49,7 +49,8 @@ int paper_figures(const PiecesOptions& options, const std::string& simulated) {
   identify::FvOptions of_each;
   of_each.whole_series = of_each.history = false;  // hundreds of recordings; `isorig fv` does it for any one of them
   constexpr double kReadShare = 0.6;
-  auto [results, exit_code] = analyse_recordings("campaign", options.recordings, kReadShare, of_each);
+  auto [results, exit_code, left_out] =
+      analyse_recordings("campaign", options.recordings, kReadShare, of_each, {}, Unreadable::kLeaveOut);
   if (exit_code != kOk) return exit_code;
   identify::Campaign found;
   try {
@@ -58,6 +59,7 @@ int paper_figures(const PiecesOptions& options, const std::string& simulated) {
     std::cerr << "isorig campaign: " << e.what() << '\n';
     return kBadInput;
   }
+  found.left_out = std::move(left_out);
   identify::write_campaign_report(
       found, options.out, simulated,
       made_by_this_call({{"Recordings", std::to_string(options.recordings.size()) + " folders"},
@@ -69,7 +71,11 @@ int paper_figures(const PiecesOptions& options, const std::string& simulated) {
     std::printf("  %s  %s\n", t.of == 0 ? "no case   " : base::formatted("%3d of %3d", t.holds, t.of).c_str(),
                 t.claim.c_str());
   std::printf("written to %s\n", options.out.c_str());
-  return found.fits > 0 ? kOk : kFailure;
+  if (!found.left_out.empty())
+    std::cerr << base::formatted("isorig campaign: %zu of %zu recordings cannot be read, and are left out\n",
+                                 found.left_out.size(), options.recordings.size());
+  if (found.fits == 0) return kFailure;
+  return found.left_out.empty() ? kOk : kBadInput;
 }
 
 Command add_campaign(CLI::App& app) {

@@ -70,7 +70,7 @@ int fv(const FvCommandOptions& options) {
     return kFailure;
   }
   constexpr double kReadShare = 0.3;
-  auto [results, exit_code] = analyse_recordings("fv", options.recordings, kReadShare, {}, plausible);
+  auto [results, exit_code, left_out] = analyse_recordings("fv", options.recordings, kReadShare, {}, plausible);
   if (exit_code != kOk) return exit_code;
   const auto analysis = identify::analyse_curves(std::move(results),
                                                  two ? identify::FvModel::kSlse2 : identify::FvModel::kSlse1, controls);

@@ -21,6 +21,12 @@ struct Trend {
   int of = 0;            ///< of so many comparisons; 0: not testable with what there is
 };
 
+/// A recording that could not be read.
+struct LeftOutRecording {
+  std::string path;
+  std::string why;  ///< with the path and the line
+};
+
 struct Campaign {
   FvAnalysis controls;  ///< 1-SLSE
   FvAnalysis sheaths;   ///< 2-SLSE, each with its own control held
@@ -28,6 +34,7 @@ struct Campaign {
   double r_squared_sd = 0.0;
   std::size_t fits = 0;
   std::vector<Trend> trends;
+  std::vector<LeftOutRecording> left_out;  ///< for the page and campaign.json to say
 };
 
 /// "Urethane1" -> material "Urethane", number "1".

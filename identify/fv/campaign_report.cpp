@@ -181,11 +181,14 @@ nlohmann::ordered_json json_of(const Campaign& c, const std::string& simulated) 
   nlohmann::ordered_json trends = nlohmann::ordered_json::array();
   for (const Trend& t : c.trends)
     trends.push_back({{"claim", t.claim}, {"holds", t.holds}, {"of", t.of}, {"measured", t.measured}});
+  nlohmann::ordered_json left_out = nlohmann::ordered_json::array();
+  for (const LeftOutRecording& one : c.left_out) left_out.push_back({{"recording", one.path}, {"why", one.why}});
   return {{"format", "isorig-campaign/1"},
           {"simulated", simulated},
           {"fits", c.fits},
           {"r_squared", {{"mean", c.r_squared_mean}, {"sd", c.r_squared_sd}}},
-          {"trends", trends}};
+          {"trends", trends},
+          {"left_out", left_out}};
 }
 
 }  // namespace
@@ -273,6 +276,14 @@ void write_campaign_report(const Campaign& campaign, const std::filesystem::path
       formatted("%zu recordings, %zu iso-velocity ramps, %zu fits. R² of the fits: %.3f ± %.3f (mean ± SD); the "
                 "paper reports 0.94 ± 0.05 for its measurements.",
                 recordings, ramps, campaign.fits, campaign.r_squared_mean, campaign.r_squared_sd));
+  if (!campaign.left_out.empty()) {
+    page.note(formatted("%zu %s cannot be read and %s in none of this:", campaign.left_out.size(),
+                        campaign.left_out.size() == 1 ? "recording" : "recordings",
+                        campaign.left_out.size() == 1 ? "is" : "are"));
+    std::vector<std::string> which;
+    for (const LeftOutRecording& one : campaign.left_out) which.push_back(one.why);
+    page.list(which);
+  }
   page.heading("What the paper's text reports, and what is found here");
   std::vector<std::vector<std::string>> rows;
   for (const Trend& t : campaign.trends)
