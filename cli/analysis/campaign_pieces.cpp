@@ -22,6 +22,12 @@ fs::path this_program() {
 
 int ended(const pieces::CampaignCall& call, const pieces::CampaignEnd& end) {
   const pieces::Standing& s = end.standing;
+  if (s.stopped) {
+    std::cerr << "isorig campaign: interrupted while the tables were written; what is made stays, and the same command "
+                 "writes them\n";
+    if (!end.stopped.empty()) std::cerr << "isorig campaign: " << end.stopped << '\n';
+    pieces::die_of(end.stopped_by);
+  }
   if (s.failed > 0) pieces::print_failed(call.plan, std::cerr);
   std::printf("%zu of %zu recordings answered", s.made, s.recordings);
   if (s.bad > 0) std::printf(", %zu of them unreadable", s.bad);

@@ -14,9 +14,9 @@
 #include "base/formatted.hpp"
 #include "base/lock_file.hpp"
 #include "base/text_file.hpp"
-#include "base/toml_reader.hpp"
 #include "base/utc_text.hpp"
 #include "base/whole_file.hpp"
+#include "cli/campaign/row.hpp"
 #include "identify/report/page.hpp"
 
 namespace isorig::cli::pieces {
@@ -28,8 +28,7 @@ using nlohmann::ordered_json;
 constexpr const char* kPieceFormat = "isorig-piece/1";
 constexpr std::uintmax_t kRoom_bytes = 64 << 20;  // a diagnosis with its page needs 1 to 5 MB
 constexpr int kNothingFitted = 1;                 // what `isorig fv` returns then; its files say why
-constexpr int kBadRecording = 3;
-constexpr const char* kRunFile = "run.json";  // what a case took, also where it failed
+constexpr const char* kRunFile = "run.json";      // what a case took, also where it failed
 
 std::int64_t ns_of(const timespec& time) {
   return std::int64_t{time.tv_sec} * 1'000'000'000 + time.tv_nsec;
@@ -52,40 +51,6 @@ ordered_json stamp_json(const Workshop& shop, const std::string& recording, cons
   for (const FileStamp& one : files) list.push_back({{"name", one.name}, {"bytes", one.bytes}, {"sha256", one.sha256}});
   return {
       {"recording", recording}, {"files", std::move(list)}, {"ask", shop.ask_stamp}, {"program", shop.plan.program}};
-}
-
-/// Specimen, pressure and repetition as far as recording.toml says them.
-ordered_json subject_of(const Ask& ask, const std::string& recording) {
-  ordered_json out{{"specimen", nullptr}, {"pressure_psi", nullptr}, {"repetition", nullptr}};
-  try {
-    const auto document =
-        base::TomlDocument::parse_file(fs::path(recording) / recordings_in(ask).front() / "recording.toml");
-    const auto said = document.root();
-    if (said.has("specimen")) out["specimen"] = said.string("specimen");
-    if (said.has("nominal_pressure_psi")) out["pressure_psi"] = said.number("nominal_pressure_psi");
-    if (said.has("repetition")) out["repetition"] = said.integer("repetition");
-  } catch (const base::ConfigError&) {  // the command has said what is wrong with it
-  }
-  return out;
-}
-
-/// What a table of many recordings has of this one.
-ordered_json row_of(const Ask& ask, const fs::path& made, const std::string& recording, int exit_code) {
-  ordered_json row = subject_of(ask, recording);
-  row["verdict"] = exit_code == kBadRecording ? "bad_recording" : "";
-  row["missing"] = ordered_json::array();
-  row["page"] = fs::exists(made / page_file(ask)) ? ordered_json(page_file(ask)) : ordered_json(nullptr);
-  const fs::path numbers = made / numbers_file(ask);
-  if (exit_code == kBadRecording || !fs::exists(numbers)) return row;
-  const ordered_json json = ordered_json::parse(base::read_text_file(numbers));
-  if (ask.command == "fv") {
-    row["verdict"] = exit_code == 0 ? "fitted" : "nothing_fitted";
-    return row;
-  }
-  row["verdict"] = json.at("verdict");
-  for (const auto& one : json.at("missing"))
-    row["missing"].push_back({{"effect", one.at("effect")}, {"probability", one.at("probability")}});
-  return row;
 }
 
 /// A folder of one attempt, beside the place where its piece belongs; gone unless it was moved there.
@@ -191,7 +156,7 @@ Attempt attempt_piece(const Workshop& shop, const std::string& recording, const 
   const ordered_json piece{{"format", kPieceFormat},
                            {"stamp", stamp_json(shop, recording, files)},
                            {"exit_code", result.exit_code},
-                           {"row", row_of(shop.plan.ask, here, recording, result.exit_code)}};
+                           {"row", row_of_answer(shop.plan.ask, here, recording, result.exit_code)}};
   ordered_json times{{"began_utc", began},        {"wall_s", result.wall_s},   {"cpu_s", result.cpu_s},
                      {"peak_MB", result.peak_MB}, {"host", base::host_name()}, {"written_ns", ordered_json::object()}};
   for (const FileStamp& one : files) times["written_ns"][one.name] = one.written_ns;

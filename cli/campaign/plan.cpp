@@ -73,9 +73,12 @@ std::uint64_t number_of(const std::string& digits) {
 /// Takes in paths and writes them, and remembers 16 bytes of each to find one that is there twice.
 class Writer {
  public:
-  explicit Writer(const fs::path& file) : file_(file), out_(file, std::ios::binary) {}
+  Writer(const fs::path& file, const ReadSoFar& at) : file_(file), out_(file, std::ios::binary), at_(at) {}
 
-  void add(const std::string& named, const std::string& where) {
+  /// `fraction`: of what names recordings, read before this one.
+  void add(const std::string& named, const std::string& where, double fraction) {
+    constexpr std::size_t kEach = 256;  // each is a look at three files
+    if (at_ && seen_.size() % kEach == 0) at_(fraction, "reading the list: " + std::to_string(seen_.size()));
     std::string path;
     try {
       path = plan_path(named);
@@ -123,14 +126,19 @@ class Writer {
 
   fs::path file_;
   std::ofstream out_;
+  const ReadSoFar& at_;
   std::vector<std::uint64_t> seen_, files_;
 };
 
-void add_list(Writer& writer, std::istream& in, const std::string& name) {
+/// `bytes`: of the list; 0: not known, and nothing is said of how much is read.
+void add_list(Writer& writer, std::istream& in, const std::string& name, std::uintmax_t bytes) {
   std::string line;
+  std::uintmax_t before = 0;
   for (std::size_t number = 1; std::getline(in, line); ++number) {
+    const double fraction = bytes > 0 ? static_cast<double>(before) / static_cast<double>(bytes) : 0.0;
+    before += line.size() + 1;
     if (!line.empty() && line.back() == '\r') line.pop_back();
-    if (!line.empty()) writer.add(line, name + ":" + std::to_string(number) + ": ");
+    if (!line.empty()) writer.add(line, name + ":" + std::to_string(number) + ": ", fraction);
   }
 }
 
@@ -155,19 +163,21 @@ std::string plan_path(const std::string& recording) {
   return path.string();
 }
 
-std::size_t write_plan(const Plan& plan, const Named& named, std::istream& standard_input) {
+std::size_t write_plan(const Plan& plan, const Named& named, std::istream& standard_input, const ReadSoFar& at) {
   refuse_other_campaign(plan);
   const ordered_json stamp = stamp_of(plan.ask);
   const fs::path aside = plan.folder / "plan.txt.part";
-  Writer writer(aside);
-  for (const std::string& recording : named.recordings) writer.add(recording, "");
+  Writer writer(aside, at);
+  for (const std::string& recording : named.recordings) writer.add(recording, "", 0.0);
   if (named.list == "-") {
-    add_list(writer, standard_input, "standard input");
+    add_list(writer, standard_input, "standard input", 0);
   } else if (!named.list.empty()) {
     std::ifstream in(named.list);
     if (!in || fs::is_directory(named.list))
       throw PlanError(named.list + ": cannot be read; --list names a file with the path of a recording on each line");
-    add_list(writer, in, named.list);
+    std::error_code unknown;
+    const std::uintmax_t bytes = fs::file_size(named.list, unknown);
+    add_list(writer, in, named.list, unknown ? 0 : bytes);
   }
   std::size_t count = 0;
   try {

@@ -49,10 +49,13 @@ struct Named {
   std::string list;                     ///< a file with a path a line, "-" for standard input; empty: none
 };
 
+/// Told how much of a list is read, 0 to 1.
+using ReadSoFar = std::function<void(double fraction, const std::string& doing)>;
+
 /// Writes both files, through temporary names. Throws PlanError: no recording, one named twice (also by another path to
 /// the same files), a folder that holds a campaign with other options, the paper's figures or what `isorig pool` wrote.
 /// Returns how many recordings there are.
-std::size_t write_plan(const Plan& plan, const Named& named, std::istream& standard_input);
+std::size_t write_plan(const Plan& plan, const Named& named, std::istream& standard_input, const ReadSoFar& at = {});
 
 /// What write_plan left in the folder. Throws PlanError.
 [[nodiscard]] Plan read_plan(const std::filesystem::path& folder);

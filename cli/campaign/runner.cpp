@@ -5,7 +5,9 @@
 #include <fstream>
 #include <iostream>
 #include <ostream>
+#include <utility>
 
+#include "base/formatted.hpp"
 #include "cli/campaign/local.hpp"
 #include "cli/campaign/piece.hpp"
 #include "cli/campaign/signals.hpp"
@@ -21,31 +23,43 @@ double seconds_since(Clock::time_point then) {
   return std::chrono::duration<double>(Clock::now() - then).count();
 }
 
-/// Merging reads every piece: not more often than each half minute, nor for more than a twentieth of the time.
+/// Merging reads every piece: not more often than each half minute, nor for more than a twentieth of the time. A signal
+/// ends it at once, and is left to whoever waits for signals.
 class Merges {
  public:
-  explicit Merges(const Plan& plan) : plan_(plan) {}
-  void maybe() {
+  Merges(const Plan& plan, const Signals& signals) : plan_(plan), signals_(signals) {}
+  /// `words`: what else is going on.
+  void maybe(Progress& progress, const std::string& words) {
     if (seconds_since(ended_) < std::max(30.0, 20.0 * took_s_)) return;
     const auto began = Clock::now();
-    (void)merge(plan_, nullptr);
+    (void)merge(plan_, nullptr,
+                {[this] { return signals_.came(); },
+                 [&](double fraction, const std::string& doing) {
+                   progress.says(words + ", " + doing + base::formatted(" (%.0f %%)", 100.0 * fraction));
+                 }});
     ended_ = Clock::now();
     took_s_ = std::chrono::duration<double>(ended_ - began).count();
   }
 
  private:
   const Plan& plan_;
+  const Signals& signals_;
   Clock::time_point ended_ = Clock::now();
   double took_s_ = 0.0;
 };
+
+/// Of the line that shows how far it is.
+std::string title_of(const Ask& ask) {
+  return ask.is_case() ? "cases" : "campaign";
+}
 
 class Runner {
  public:
   Runner(const CampaignCall& call, const Signals& signals)
       : call_(call),
         signals_(signals),
-        title_(call.plan.ask.is_case() ? "cases" : "campaign"),
-        merges_(call.plan),
+        title_(title_of(call.plan.ask)),
+        merges_(call.plan, signals),
         // As write_plan() read it: the tasks of an array compare with that.
         shop_(workshop_of(read_plan(call.plan.folder), call.program)) {
     if (call.slurm) slurm_.emplace(call.plan, call.program, *call.slurm);
@@ -165,9 +179,9 @@ class Runner {
   std::string here(const fs::path& list, std::size_t left) {
     Progress progress(title_);
     const Done done = make_pieces(shop_, list, {}, call_.jobs, signals_, {}, [&](const Done& now) {
-      progress.at(static_cast<double>(now.ended) / static_cast<double>(left),
-                  doing(now, left, fs::path(now.last).filename().string()));
-      if (now.stopped_by == 0) merges_.maybe();
+      const std::string words = doing(now, left, fs::path(now.last).filename().string());
+      progress.at(static_cast<double>(now.ended) / static_cast<double>(left), words);
+      if (now.stopped_by == 0) merges_.maybe(progress, words);
     });
     stopped_by = done.stopped_by;
     return done.cannot_go_on;
@@ -182,17 +196,21 @@ class Runner {
   std::string wait_for(const Array& array, std::size_t left) {
     if (left == 0) for_each_line(slurm_->list_of(array.number), [&](const std::string&) { ++left; });
     Progress progress(title_);
-    bool said = false;
+    bool said = false, first = true;
     for (const auto began = Clock::now();;) {
       const ArrayState state = slurm_->state_of(array);
       const Done now = slurm_->tally_of(array);
-      progress.at(static_cast<double>(now.ended) / static_cast<double>(std::max<std::size_t>(1, left)),
-                  doing(now, left, state.at == ArrayState::kNoAnswer ? "Slurm does not answer" : state.words));
+      const double fraction = static_cast<double>(now.ended) / static_cast<double>(std::max<std::size_t>(1, left));
+      const std::string words =
+          doing(now, left, state.at == ArrayState::kNoAnswer ? "Slurm does not answer" : state.words);
+      // An array of an earlier call: how long its tasks took for what is there nobody has watched.
+      if (std::exchange(first, false)) progress.begins_at(fraction);
+      progress.at(fraction, words);
       if (state.at == ArrayState::kGone) return "";
       if (state.at == ArrayState::kNoAnswer && !said)
         std::cerr << caller_of(call_.plan.ask) << ": " << state.words << "; asking again until it answers\n";
       said = state.at == ArrayState::kNoAnswer;
-      merges_.maybe();
+      merges_.maybe(progress, words);
       // A short array is seen to end soon, a long one does not bother slurmctld.
       stopped_by = signals_.wait(std::clamp(0.05 * seconds_since(began), 0.5, 15.0));
       if (stopped_by != 0)
@@ -216,14 +234,25 @@ class Runner {
 CampaignEnd run_campaign(const CampaignCall& call, std::istream& standard_input) {
   fs::create_directories(call.plan.folder);
   const FolderLock lock(call.plan.folder, FolderLock::Of::kCampaign, caller_of(call.plan.ask));
-  const std::size_t recordings = write_plan(call.plan, call.named, standard_input);
+  std::optional<Progress> reading(std::in_place, title_of(call.plan.ask));
+  const std::size_t recordings =
+      write_plan(call.plan, call.named, standard_input,
+                 [&](double fraction, const std::string& doing) { reading->at(fraction, doing); });
+  reading.reset();
   const Signals signals;
   Runner runner(call, signals);
   CampaignEnd end;
   end.stopped = runner.run(recordings);
   end.stopped_by = runner.stopped_by;
   for (const char* list : {"todo.txt", "todo-before.txt"}) fs::remove(call.plan.folder / list);
-  end.standing = merge(call.plan, &call.made);
+  Progress progress(title_of(call.plan.ask));
+  end.standing = merge(call.plan, &call.made,
+                       {[&] { return signals.came(); },
+                        [&](double fraction, const std::string& doing) { progress.at(fraction, doing); }});
+  if (end.standing.stopped) {
+    const int number = signals.wait(0.0);
+    if (end.stopped_by == 0) end.stopped_by = number;
+  }
   return end;
 }
 

@@ -3,15 +3,21 @@
 #include <pthread.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdlib>
-#include <initializer_list>
 
 namespace isorig::cli::pieces {
+namespace {
+
+constexpr std::array kNumbers{SIGINT, SIGTERM, SIGHUP};
+
+}  // namespace
 
 Signals::Signals() {
   sigemptyset(&set_);
-  for (const int number : {SIGINT, SIGTERM, SIGHUP}) sigaddset(&set_, number);
+  for (const int number : kNumbers) sigaddset(&set_, number);
   ::pthread_sigmask(SIG_BLOCK, &set_, &before_);
 }
 
@@ -24,6 +30,12 @@ int Signals::wait(double seconds) const {
   const timespec limit{static_cast<time_t>(whole), static_cast<long>(1e9 * (seconds - whole))};
   const int number = ::sigtimedwait(&set_, nullptr, &limit);
   return number > 0 ? number : 0;
+}
+
+bool Signals::came() const {
+  sigset_t pending;
+  ::sigpending(&pending);
+  return std::ranges::any_of(kNumbers, [&](int number) { return ::sigismember(&pending, number) == 1; });
 }
 
 void die_of(int signal_number) {

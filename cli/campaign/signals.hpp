@@ -13,6 +13,8 @@ class Signals {
 
   /// SIGINT, SIGTERM or SIGHUP, or 0 when none came within that time.
   [[nodiscard]] int wait(double seconds) const;
+  /// One of them has come and nobody has waited for it yet. It is left to wait(). From any thread.
+  [[nodiscard]] bool came() const;
 
  private:
   sigset_t set_, before_;

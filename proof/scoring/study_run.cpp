@@ -45,6 +45,12 @@ void run_cases(const std::vector<CaseToRun>& cases, const fs::path& list, const 
   std::istringstream nothing;
   const pieces::CampaignEnd end = pieces::run_campaign(campaign, nothing);
   const pieces::Standing& s = end.standing;
+  if (s.stopped) {
+    std::cerr << "isorig-proof: interrupted while the tables were written; what is run stays, and the same command "
+                 "writes them\n";
+    if (!end.stopped.empty()) std::cerr << "isorig-proof: " << end.stopped << '\n';
+    pieces::die_of(end.stopped_by);
+  }
   if (s.failed > 0) pieces::print_failed(campaign.plan, std::cerr);
   std::printf("%zu of %zu cases answered", s.made, s.recordings);
   if (s.failed > 0) std::printf("; %zu failed", s.failed);

@@ -1,7 +1,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+
 #include "../system/processes_with.hpp"
+#include "../system/terminal.hpp"
+#include "page_links.hpp"
 #include "pieces_of_test.hpp"
 
 /// `isorig campaign --ask` as a user runs it on this machine.
@@ -13,6 +19,7 @@ using pieces_test::campaign;
 using pieces_test::different_files;
 using pieces_test::make_recordings;
 using pieces_test::pieces_in;
+using pieces_test::processes_with;
 using system_test::bin;
 using system_test::isorig;
 using system_test::Process;
@@ -33,6 +40,9 @@ TEST(CampaignLocal, InterruptedAndGoneOnWithGivesTheBytesOfAnUninterruptedRun) {
   EXPECT_EQ(pieces_in(dir / "whole").size(), 4U);
   EXPECT_THAT(slurp(dir / "whole/pooled.json"), HasSubstr("isorig-pooled/1")) << whole.text;
   EXPECT_THAT(slurp(dir / "whole/campaign-report.html"), HasSubstr("What the campaign says"));
+  const auto page = pieces_test::page_data(dir / "whole/campaign-report.html");
+  EXPECT_EQ(pieces_test::links_in(pieces_test::block_of(page, "grid")).size(), 4U);
+  EXPECT_THAT(pieces_test::broken_links(dir / "whole/campaign-report.html"), IsEmpty());
 
   auto words = campaign(recordings, dir / "again", {"-j", "1"});
   words.insert(words.begin(), bin("isorig"));
@@ -143,6 +153,85 @@ TEST(CampaignLocal, NobodyMakesPiecesBesideATaskOfAnArray) {
   EXPECT_NE(late.wait(60.0), 0);
   EXPECT_THAT(late.output(), HasSubstr("another `isorig campaign` works there"));
   EXPECT_EQ(local.wait(240.0), 0) << local.output();
+}
+
+/// Commands of Slurm that know one array, which runs for ever: what it is called is what sbatch was told.
+class ArrayThatRuns {
+ public:
+  explicit ArrayThatRuns(const fs::path& folder) : before_(std::getenv("PATH")) {
+    fs::create_directories(folder);
+    const std::string name = (folder / "name").string();
+    put(folder / "sbatch",
+        "for word; do case $word in --job-name=*) echo \"${word#*=}\" > '" + name + "';; esac; done; echo 77");
+    put(folder / "squeue", "case \"$*\" in *--me*) test -e '" + name + "' && echo 77 \"$(cat '" + name +
+                               "')\" || true;; *) echo RUNNING None;; esac");
+    put(folder / "scontrol", "echo MaxArraySize = 1001");
+    ::setenv("PATH", (folder.string() + ":" + before_).c_str(), 1);
+  }
+  ~ArrayThatRuns() { ::setenv("PATH", before_.c_str(), 1); }
+  ArrayThatRuns(const ArrayThatRuns&) = delete;
+  ArrayThatRuns& operator=(const ArrayThatRuns&) = delete;
+
+ private:
+  static void put(const fs::path& file, const std::string& acts) {
+    spit(file, "#!/bin/sh\n" + acts + "\n");
+    fs::permissions(file, fs::perms::owner_all);
+  }
+  std::string before_;
+};
+
+/// Nine tenths were there when this call began to wait: they say nothing of how long the last one takes.
+TEST(CampaignLocal, AnArrayOfAnEarlierCallPromisesNoTimeLeft) {
+  const TempDir dir;
+  const ArrayThatRuns slurm(dir / "slurm");
+  std::vector<std::string> words{bin("isorig"), "campaign", "--ask", "diagnose",
+                                 "--on",        "slurm",    "--out", (dir / "out").string()};
+  for (int i = 0; i < 10; ++i) words.push_back((dir / ("r" + std::to_string(i))).string());
+  {
+    Process first(words, dir / "first.txt");
+    ASSERT_TRUE(wait_until(60.0, [&] { return first.output().find("submitted as job array 77") != std::string::npos; }))
+        << first.output();
+    EXPECT_EQ(first.stop(SIGINT), -SIGINT) << first.output();
+  }
+  spit(dir / "out/slurm/array-1/task-0.tally", "9 0\n");
+  system_test::Terminal second(words, {.columns = 160});
+  ASSERT_TRUE(second.shows("of an earlier call is under way")) << second.shown();
+  ASSERT_TRUE(second.shows("90.0 %, 6.")) << second.shown();
+  ASSERT_TRUE(second.shows("9 of 10, 1 running")) << second.shown();
+  EXPECT_THAT(second.shown(), ::testing::Not(HasSubstr(" left")));
+  second.signal(SIGINT);
+  EXPECT_EQ(second.wait(), -SIGINT) << second.shown();
+  EXPECT_THAT(second.shown(), HasSubstr("`scancel 77` ends it"));
+}
+
+/// What a runner remembers of a piece is a line of its page, of which there are at most 2000: recording, four numbers,
+/// verdict and link as text (300 bytes), as JSON (7 values of 16 bytes, their strings of 32 and what they hold again),
+/// twice more while the page is put together, and a cell of the grid with title and link (400 bytes, thrice): some 3
+/// kB. A log that is kept, or a process that is not forgotten, is more. The allocator takes memory by the megabyte.
+TEST(CampaignLocal, MemoryDoesNotGrowWithThePieces) {
+  const TempDir dir;
+  constexpr std::size_t kFew = 50, kMany = 500;
+  constexpr double kEach_MB = 0.003, kAllocator_MB = 2.0;
+  std::string list;
+  const auto peak_of = [&](std::size_t count, const std::string& out) {
+    while (static_cast<std::size_t>(std::ranges::count(list, '\n')) < count) {
+      const fs::path r = dir / ("bad-" + std::to_string(std::ranges::count(list, '\n')));
+      fs::create_directories(r);
+      spit(r / "recording.toml", "specimen = \"s\"\nnominal_pressure_psi = 10\n");
+      spit(r / "frame.csv", "t_s,position_mm,force_N\n0,0,zero\n");
+      list += r.string() + "\n";
+    }
+    spit(dir / "list.txt", list);
+    Process process({bin("isorig"), "campaign", "--ask", "diagnose", "--list", (dir / "list.txt").string(), "--out",
+                     (dir / out).string(), "-j", "2"},
+                    dir / (out + ".txt"));
+    EXPECT_EQ(process.wait(500.0), 3) << process.output();
+    EXPECT_THAT(process.output(), HasSubstr(std::to_string(count) + " of them unreadable"));
+    return process.peak_MB();
+  };
+  const double few_MB = peak_of(kFew, "few"), many_MB = peak_of(kMany, "many");
+  std::printf("%zu pieces: %.1f MB; %zu pieces: %.1f MB\n", kFew, few_MB, kMany, many_MB);
+  EXPECT_LT(many_MB - few_MB, kAllocator_MB + kEach_MB * static_cast<double>(kMany - kFew));
 }
 
 TEST(CampaignLocal, AListWithWhatIsMissingAndWhatIsBadSaysWhereTheLogsAre) {

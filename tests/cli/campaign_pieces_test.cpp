@@ -5,58 +5,22 @@
 #include <fstream>
 #include <sstream>
 
+#include "campaign_of_scripts.hpp"
 #include "cli/campaign/merge.hpp"
 #include "cli/campaign/piece.hpp"
 #include "cli/campaign/plan.hpp"
-#include "pieces_of_test.hpp"
 
-/// Plan and pieces. The program that is called here is a script, so that what it answers, and how often it was called,
-/// is the test's; campaign_local_test and campaign_slurm_test call isorig itself.
+/// Plan and pieces. The program that is called here is a script; campaign_local_test and campaign_slurm_test call
+/// isorig itself.
 namespace isorig::cli::pieces {
 namespace {
 
 namespace fs = std::filesystem;
 using system_test::slurp;
 using system_test::spit;
-using system_test::TempDir;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::ThrowsMessage;
-
-class Campaign : public ::testing::Test {
- protected:
-  TempDir dir_;
-  std::istringstream nothing_;
-
-  [[nodiscard]] Plan plan(Ask ask = {}, const std::string& program = "isorig 1") const {
-    return {dir_ / "campaign", std::move(ask), program};
-  }
-  void SetUp() override { fs::create_directories(dir_ / "campaign"); }
-
-  /// Counts its calls in CALLS; does `acts` in the piece's folder.
-  [[nodiscard]] fs::path script(const std::string& acts) const {
-    const fs::path file = dir_ / "program";
-    spit(file, "#!/bin/sh\necho called \"$2\" >> '" + (dir_ / "calls").string() + "'\n" + acts + "\n");
-    fs::permissions(file, fs::perms::owner_all);
-    return file;
-  }
-  [[nodiscard]] std::size_t calls() const {
-    const std::string text = slurp(dir_ / "calls");
-    return static_cast<std::size_t>(std::ranges::count(text, '\n'));
-  }
-  [[nodiscard]] Workshop shop(const std::string& acts, const Plan& of) const {
-    return {of, stamp_of(of.ask), script(acts), nullptr};
-  }
-  [[nodiscard]] std::string recording(const std::string& name) const {
-    const fs::path folder = dir_ / name;
-    fs::create_directories(folder);
-    spit(folder / "recording.toml", "specimen = \"s\"\nnominal_pressure_psi = 15\nrepetition = 3\n");
-    spit(folder / "frame.csv", "t_s,position_mm,force_N\n0,0,0\n");
-    return folder.string();
-  }
-  static constexpr const char* kAnswers =
-      R"(echo '{"verdict": "missing_physics", "missing": [{"effect": "slack", "probability": 0.97}]}' > diagnosis.json)";
-};
 
 TEST_F(Campaign, NamesOfPiecesTellRecordingsApartAndAreSafe) {
   const fs::path one = piece_name("/lab/control/rep-1"), other = piece_name("/lab/sheath/rep-1");

@@ -14,6 +14,7 @@ using pieces_test::campaign;
 using pieces_test::different_files;
 using pieces_test::make_recordings;
 using pieces_test::pieces_in;
+using pieces_test::processes_with;
 using pieces_test::SlurmCluster;
 using system_test::bin;
 using system_test::isorig;
@@ -123,6 +124,38 @@ TEST(CampaignSlurm, AStudyOfConcealedCasesGivesTheTablesOfALocalRun) {
     EXPECT_EQ(slurp(dir / "local" / file), slurp(dir / "cluster" / file)) << file;
   EXPECT_EQ(run("cluster", "slurm").code, 0);
   EXPECT_FALSE(fs::exists(dir / "cluster/slurm/array-2.txt")) << "nothing was left to run";
+}
+
+/// A piece that fails costs neither the others of its task nor the campaign: the next array is of that one alone.
+TEST(CampaignSlurm, APieceThatFailsInsideATaskIsRepeatedByAFurtherArray) {
+  if (::geteuid() != 0) GTEST_SKIP() << kNeedsRoot;
+  const TempDir dir;
+  const auto recordings = make_recordings(dir / "recordings", 3);
+  const auto local = isorig(dir, campaign(recordings, dir / "local", {"-j", "2"}), 240.0);
+  ASSERT_EQ(local.code, 0) << local.text;
+
+  SlurmCluster cluster;
+  ASSERT_TRUE(cluster.ready()) << cluster.log();
+  auto words = campaign(recordings, dir / "cluster", {"--on", "slurm", "--per-task", "3"});  // one task
+  words.insert(words.begin(), bin("isorig"));
+  Process process(words, dir / "out.txt");
+  std::vector<pid_t> victim;
+  ASSERT_TRUE(wait_until(60.0,
+                         [&] {
+                           victim = processes_with("diagnose " + recordings[0]);
+                           return !victim.empty();
+                         }))
+      << process.output() << cluster.log();
+  ::kill(victim.front(), SIGKILL);
+  EXPECT_EQ(process.wait(200.0), 0) << process.output() << cluster.log();
+  EXPECT_EQ(slurp(dir / "cluster/slurm/array-2.txt"), recordings[0] + "\n") << "the others were made";
+  EXPECT_FALSE(fs::exists(dir / "cluster/slurm/array-3.txt"));
+  EXPECT_EQ(slurp(dir / "cluster/slurm/array-1/task-0.tally"), "3 1\n");
+  EXPECT_EQ(slurp(dir / "cluster/slurm/array-2/task-0.tally"), "1 0\n");
+  EXPECT_THAT(slurp(dir / "cluster/slurm/array-1/task-0.txt"),
+              HasSubstr(recordings[0] + ": failed: ended by signal 9 (Killed)"));
+  EXPECT_THAT(different_files(dir / "local", dir / "cluster"), IsEmpty());
+  EXPECT_TRUE(fs::exists(dir / "cluster/pooled.json"));
 }
 
 /// Two arrays that make nothing end the command only where they come one after the other.

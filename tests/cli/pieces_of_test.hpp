@@ -59,7 +59,7 @@ inline std::vector<std::string> campaign(const std::vector<std::string>& recordi
 /// belongs to one place of running.
 inline std::map<std::string, std::string> results_in(const fs::path& campaign) {
   std::map<std::string, std::string> out;
-  for (const char* file : {"campaign.csv", "campaign.json", "plan.txt", "plan.json"})
+  for (const char* file : {"campaign.csv", "campaign.json", "pooled.json", "plan.txt", "plan.json"})
     out[file] = system_test::slurp(campaign / file);
   for (const auto& entry : fs::recursive_directory_iterator(campaign / "pieces"))
     if (entry.is_regular_file() && entry.path().filename() != "times.json")
@@ -85,6 +85,20 @@ inline std::vector<fs::path> pieces_in(const fs::path& campaign) {
   for (fs::recursive_directory_iterator at(campaign / "pieces", none), end; !none && at != end; at.increment(none))
     if (at->path().filename() == "piece.json" && !at->path().parent_path().filename().string().starts_with("."))
       out.push_back(at->path().parent_path());
+  return out;
+}
+
+/// Processes whose command line holds this text, without threads' or our own.
+inline std::vector<pid_t> processes_with(const std::string& text) {
+  std::vector<pid_t> out;
+  for (const auto& entry : fs::directory_iterator("/proc")) {
+    const std::string name = entry.path().filename();
+    if (name.find_first_not_of("0123456789") != std::string::npos) continue;
+    std::string line = system_test::slurp(entry.path() / "cmdline");
+    for (char& c : line)
+      if (c == '\0') c = ' ';
+    if (line.find(text) != std::string::npos) out.push_back(std::stoi(name));
+  }
   return out;
 }
 
