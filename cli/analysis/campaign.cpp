@@ -94,6 +94,9 @@ Command add_campaign(CLI::App& app) {
   with_ask(sub->add_option("--list", pieces.list, "File with the path of a recording on each line; -: standard input"));
   with_ask(sub->add_option("--model", pieces.model, "Nominal model: slse1, slse2 or a TOML file"))
       ->capture_default_str();
+  with_ask(sub->add_option("--control", pieces.control,
+                           "fv.json of the control actuators: with --model slse2, sheaths are fitted on their control, "
+                           "Ecoflex1 on Control1"));
   with_ask(sub->add_option("-j,--jobs", pieces.jobs, "Pieces at a time (default: one per processor)"))
       ->check(CLI::Range(1, 1024));
   with_ask(sub->add_option("--threads", pieces.threads, "Threads of each diagnosis"))

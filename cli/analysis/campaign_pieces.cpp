@@ -8,6 +8,7 @@
 
 #include "base/printable.hpp"
 #include "cli/analysis/diagnosis_files.hpp"
+#include "cli/campaign/control.hpp"
 #include "cli/command.hpp"
 #include "cli/provenance.hpp"
 
@@ -47,6 +48,17 @@ int ended(const pieces::CampaignCall& call, const pieces::CampaignEnd& end) {
   return s.bad > 0 ? kBadInput : kOk;
 }
 
+/// Why this question cannot be asked with this model; empty where it can.
+std::string wrong_with_model(const PiecesOptions& options) {
+  const bool sheaths = options.ask == "fv" && options.model == "slse2";
+  if (options.ask == "fv" && options.model != "slse1" && !sheaths)
+    return "--ask fv fits slse1, or slse2 with --control FV.json";
+  if (sheaths && options.control.empty())
+    return "--ask fv --model slse2 needs --control FV.json: what `isorig fv` made of the control actuators";
+  if (!sheaths && !options.control.empty()) return "--control goes with --ask fv --model slse2 alone";
+  return "";
+}
+
 struct TaskOptions {
   std::string folder, list;
   pieces::Share share;
@@ -78,16 +90,21 @@ const Registration kTask(46, add_task);
 int campaign_of_pieces(const PiecesOptions& options) {
   pieces::CampaignCall call;
   const bool is_file = options.model != "slse1" && options.model != "slse2";
-  if (options.ask == "fv" && options.model != "slse1") {
-    std::cerr
-        << "isorig campaign: --ask fv fits each recording by itself and takes --model slse1 alone; a sheath needs "
-           "its control: isorig fv --model slse2 --control FV.json\n";
+  if (const std::string wrong = wrong_with_model(options); !wrong.empty()) {
+    std::cerr << "isorig campaign: " << wrong << '\n';
     return kUsage;
   }
   if (options.ask == "diagnose") (void)read_nominal(options.model);  // what is wrong with it is said once, and now
   call.plan = {fs::path(pieces::plan_path(options.out)),
-               {options.ask, is_file ? pieces::plan_path(options.model) : options.model, options.threads},
+               {options.ask, is_file ? pieces::plan_path(options.model) : options.model, options.threads,
+                options.control.empty() ? "" : pieces::plan_path(options.control)},
                version_and_revision()};
+  try {
+    (void)pieces::controls_of(call.plan.ask);
+  } catch (const std::runtime_error& e) {
+    std::cerr << base::printable_lines(e.what()) << '\n';
+    return kBadInput;
+  }
   call.named = {options.recordings, options.list};
   call.program = this_program();
   call.jobs = options.jobs > 0 ? options.jobs : std::max(1U, std::thread::hardware_concurrency());

@@ -9,7 +9,7 @@ namespace isorig::cli {
 /// What `isorig campaign --ask` is called with.
 struct PiecesOptions {
   std::vector<std::string> recordings;
-  std::string list, out, ask, model = "slse1", on = "local";
+  std::string list, out, ask, model = "slse1", control, on = "local";
   unsigned jobs = 0;  ///< 0: one per processor
   unsigned threads = 1, retries = 1;
   pieces::SlurmOptions slurm;

@@ -15,6 +15,7 @@ struct Ask {
   unsigned threads = 1;                ///< of one diagnosis; changes no result
   std::string judged{};                ///< of "case": the absolute path of the isorig that is asked
   std::vector<std::string> options{};  ///< of "case": further words of its diagnosis
+  std::string control{};               ///< absolute path of the fv.json with the controls of sheaths; empty: none
 
   [[nodiscard]] bool is_case() const { return command == "case"; }
   [[nodiscard]] bool operator==(const Ask&) const = default;
@@ -24,14 +25,19 @@ struct Ask {
 [[nodiscard]] nlohmann::ordered_json to_json(const Ask& ask);
 [[nodiscard]] Ask ask_from_json(const nlohmann::ordered_json& json);
 
-/// What of it decides the result: the model's text by its SHA-256 where that is a file. Throws base::FileError.
-[[nodiscard]] nlohmann::ordered_json stamp_of(const Ask& ask);
-/// The same of a file that had that SHA-256; nothing is read.
-[[nodiscard]] nlohmann::ordered_json stamp_of(const Ask& ask, const std::string& model_sha256);
+/// The files that decide the result beside the recording: of the model, of the controls.
+[[nodiscard]] std::vector<std::string> input_files(const Ask& ask);
 
-/// The command that answers for one recording, to be run in the folder that the answer belongs into.
+/// What of it decides the result: the texts of input_files() by their SHA-256. Throws base::FileError.
+[[nodiscard]] nlohmann::ordered_json stamp_of(const Ask& ask);
+/// The same of files that had these SHA-256; nothing is read.
+[[nodiscard]] nlohmann::ordered_json stamp_of(const Ask& ask, const std::string& model_sha256,
+                                              const std::string& control_sha256);
+
+/// The command that answers for one recording, to be run in the folder that the answer belongs into. `model`: the words
+/// that name its model (control.hpp).
 [[nodiscard]] std::vector<std::string> words_of(const Ask& ask, const std::filesystem::path& program,
-                                                const std::string& recording);
+                                                const std::string& recording, const std::vector<std::string>& model);
 
 /// Where in the folder that is asked about the recordings lie: "" for the folder itself.
 [[nodiscard]] std::vector<std::string> recordings_in(const Ask& ask);

@@ -1,7 +1,11 @@
 #include "cli/campaign/campaign_page.hpp"
 
+#include <cmath>
+#include <limits>
+
 #include "base/formatted.hpp"
 #include "cli/campaign/row.hpp"
+#include "identify/fv/fv_report.hpp"
 #include "identify/report/neighbours.hpp"
 
 namespace isorig::cli::pieces {
@@ -20,8 +24,36 @@ constexpr std::size_t kMostNotAnswered = 2000;  // of the grid; each is a look a
 
 /// Marks of a grid without a pool, each with its meaning; an effect's own letter is the pool's.
 const GridCell kMissing{"M", 0, {}, "physics is missing"}, kNothing{"·", -1, {}, "nothing missing"},
-    kUnknown{"?", 7, {}, "unknown physics"}, kUnjudged{"–", -1, {}, "cannot be judged"}, kFitted{"+", -1, {}, "fitted"},
+    kUnknown{"?", 7, {}, "unknown physics"}, kUnjudged{"–", -1, {}, "cannot be judged"},
+    kFitted{"0.9", -1, {}, "fitted, with the R² of the fit, cut to three decimals"},
     kNotFitted{"∅", 7, {}, "nothing could be fitted"};
+
+/// The fit's R², or empty.
+std::string r_squared_of(const ordered_json& row) {
+  if (!row.contains("fit") || !row.at("fit").is_object()) return "";
+  const ordered_json& fit = row.at("fit").at("fit");
+  return fit.is_object() && fit.at("r_squared").is_number()
+             ? identify::report::r_squared_text(fit.at("r_squared").get<double>())
+             : "";
+}
+
+/// "0.8 [0.7, 0.9]"; what is known of it where it is not identifiable; empty where the fit has no such parameter.
+std::string parameter_text(const ordered_json& row, const char* name) {
+  if (!row.at("fit").is_object() || !row.at("fit").at("fit").is_object()) return "";
+  const ordered_json& all = row.at("fit").at("fit").at("parameters");
+  if (!all.contains(name)) return "";
+  const ordered_json& one = all.at(name);
+  const auto end = [&](std::size_t i, double open) {
+    return one.at("ci95").at(i).is_number() ? one.at("ci95").at(i).get<double>() : open;
+  };
+  identify::FittedParameter parameter;
+  parameter.name = name;
+  parameter.value = one.at("value").is_number() ? one.at("value").get<double>() : std::nan("");
+  parameter.low = end(0, -std::numeric_limits<double>::infinity());
+  parameter.high = end(1, std::numeric_limits<double>::infinity());
+  parameter.identifiable = one.at("identifiable");
+  return identify::value_text(parameter);
+}
 
 /// How a recording of this kind of campaign stands in a grid; null of a state that has a mark of the pool's.
 const GridCell& mark_of(const ordered_json& row) {
@@ -33,11 +65,19 @@ const GridCell& mark_of(const ordered_json& row) {
   return row.at("missing").empty() ? kNothing : kMissing;
 }
 
+/// Three decimals, cut: 0.9996 is not 1.
+std::string cut_r_squared(const ordered_json& row) {
+  const ordered_json& value = row.at("fit").at("fit").at("r_squared");
+  return value.is_number() ? base::formatted("%.3f", std::floor(1000.0 * value.get<double>()) / 1000.0) : "·";
+}
+
 std::string in_full(const ordered_json& row) {
   std::string out = short_name(row.at("recording").get<std::string>()) + ": ";
   if (!row.at("why").is_null()) return out + text_of(row.at("state")) + ": " + text_of(row.at("why"));
   if (!row.at("missing").empty()) return out + names_of_missing(row.at("missing"));
-  return out + (text_of(row.at("verdict")).empty() ? text_of(row.at("state")) : text_of(row.at("verdict")));
+  const std::string r_squared = r_squared_of(row);
+  return out + (text_of(row.at("verdict")).empty() ? text_of(row.at("state")) : text_of(row.at("verdict"))) +
+         (r_squared.empty() ? "" : ", R² " + r_squared);
 }
 
 std::string counted(const Standing& s, const std::string& subjects) {
@@ -47,7 +87,8 @@ std::string counted(const Standing& s, const std::string& subjects) {
 
 std::string subtitle_of(const Ask& ask) {
   if (ask.is_case()) return "`isorig diagnose` and `isorig predict` of each case of a study";
-  return "isorig " + ask.command + " --model " + ask.model + " of each recording";
+  return "isorig " + ask.command + " --model " + ask.model + (ask.control.empty() ? "" : " --control " + ask.control) +
+         " of each recording";
 }
 
 }  // namespace
@@ -70,17 +111,28 @@ void CampaignPage::add(const ordered_json& row) {
   const std::string where = page_of(row);
   add_row(row, where);
   add_cell(row, where);
+  if (row.contains("fit")) curves_.add(row);
 }
 
 void CampaignPage::add_row(const ordered_json& row, const std::string& where) {
   all_rows_ = all_rows_ && rows_.size() < kMostRows;
   if (!all_rows_) return;
   const std::string state = row.at("state");
-  rows_.push_back({short_name(row.at("recording").get<std::string>()), text_of(row.at("specimen")),
-                   text_of(row.at("pressure_psi")), text_of(row.at("repetition")),
-                   state == "made" ? text_of(row.at("verdict"))
-                                   : state + (row.at("why").is_null() ? "" : ": " + text_of(row.at("why"))),
-                   names_of_missing(row.at("missing"))});
+  std::vector<std::string> cells{short_name(row.at("recording").get<std::string>()), text_of(row.at("specimen")),
+                                 text_of(row.at("pressure_psi")), text_of(row.at("repetition")),
+                                 state == "made"
+                                     ? text_of(row.at("verdict"))
+                                     : state + (row.at("why").is_null() ? "" : ": " + text_of(row.at("why")))};
+  if (row.contains("fit")) {
+    const bool there = row.at("fit").is_object();
+    if (there && row.at("fit").at("refusal").is_string()) cells.back() += ": " + text_of(row.at("fit").at("refusal"));
+    cells.push_back(there ? text_of(row.at("fit").at("model")) : "");
+    cells.push_back(r_squared_of(row));
+    for (const char* name : {"kappa", "gamma_per_s", "beta"}) cells.push_back(parameter_text(row, name));
+  } else {
+    cells.push_back(names_of_missing(row.at("missing")));
+  }
+  rows_.push_back(std::move(cells));
   hrefs_.push_back({where.empty() ? "" : identify::report::as_link(where)});
 }
 
@@ -109,6 +161,7 @@ void CampaignPage::add_cell(const ordered_json& row, const std::string& where) {
     return;
   }
   GridCell cell = mark_of(row);
+  if (cell.text == kFitted.text) cell.text = cut_r_squared(row);
   cell.title = in_full(row);
   cell.href = where;
   cells_[key].push_back(std::move(cell));
@@ -132,8 +185,17 @@ void CampaignPage::write_grid(Page& page) const {
 void CampaignPage::write_rows(Page& page, const Standing& standing, bool pooled) const {
   page.heading(pooled ? "All answers" : "Recordings");
   page.paragraph("Each name leads to the recording's own page, or to the log of what went wrong.");
-  page.table({"recording", "specimen", "pressure (psi)", "repetition", "verdict", "missing, with probability"}, rows_,
-             {}, hrefs_);
+  std::vector<std::string> header{"recording", "specimen", "pressure (psi)", "repetition", "verdict"};
+  std::string caption;
+  if (plan_.ask.command == "fv") {
+    for (const char* name : {"model", "R²", "κ [95 %]", "γ (1/s) [95 %]", "β [95 %]"}) header.emplace_back(name);
+    caption =
+        "Controls: κ_c, γ_c. Sheaths: κ_s, γ_s, β_s with the control's held. Without brackets: not identifiable from "
+        "these velocities, and this is all that is known (95 %).";
+  } else {
+    header.emplace_back("missing, with probability");
+  }
+  page.table(header, rows_, caption, hrefs_);
   if (!all_rows_)
     page.note(
         base::formatted("The first %zu of %zu recordings; campaign.csv has all.", kMostRows, standing.recordings));
@@ -152,11 +214,16 @@ void CampaignPage::write(const Standing& s, const Together& together, const iden
   } else if (!together.why.empty()) {
     page.note(together.why);
   }
+  if (!together.pooled && !s.findings.empty()) page.list(s.findings);
   std::vector<std::vector<std::string>> verdicts;
   for (const auto& [verdict, count] : s.verdicts) verdicts.push_back({verdict, std::to_string(count)});
   page.heading("Verdicts");
   page.table({"verdict", "recordings"}, verdicts);
   if (!together.pooled && !plan_.ask.is_case()) write_grid(page);
+  if (const auto figure = curves_.figure()) {
+    page.heading("Force-velocity curves");
+    page.figure(*figure);
+  }
   write_rows(page, s, together.pooled.has_value());
   page.write(plan_.folder, "campaign-report.html");
 }

@@ -7,6 +7,7 @@
 #include <tuple>
 #include <vector>
 
+#include "cli/campaign/curves.hpp"
 #include "cli/campaign/merge.hpp"
 #include "identify/pooling/pool.hpp"
 #include "identify/report/page.hpp"
@@ -27,6 +28,7 @@ class CampaignPage {
  public:
   explicit CampaignPage(const Plan& plan) : plan_(plan) {}
   void add(const nlohmann::ordered_json& row);
+  [[nodiscard]] const Curves& curves() const { return curves_; }
   void write(const Standing& standing, const Together& together, const identify::report::Made& made) const;
 
  private:
@@ -41,6 +43,7 @@ class CampaignPage {
   std::vector<std::vector<std::string>> rows_, hrefs_;
   std::map<std::tuple<std::string, double>, Cells> cells_;  ///< of what is answered
   std::vector<identify::pooling::NotPooled> not_answered_;  ///< unreadable, failed, waiting
+  Curves curves_;
   bool all_rows_ = true, all_cells_ = true;
 };
 

@@ -88,6 +88,14 @@ void count(Standing& s, const ordered_json& row) {
   if (state == "failed") ++s.failed;
 }
 
+/// What the fits say together.
+std::vector<std::string> findings_of(const Curves& curves) {
+  if (curves.fits() == 0) return {};
+  return {
+      base::formatted("%zu %s, R² %.3f", curves.fits(), curves.fits() == 1 ? "fit" : "fits", curves.r_squared_mean()) +
+      (curves.fits() > 1 ? base::formatted(" ± %.3f (mean and standard deviation)", curves.r_squared_sd()) : "")};
+}
+
 /// `s` is filled as the rows come.
 void merge_into(Standing& s, const Plan& plan, const identify::report::Made* made, const Watching& watching) {
   CampaignPage page(plan);
@@ -99,7 +107,7 @@ void merge_into(Standing& s, const Plan& plan, const identify::report::Made* mad
   std::string opening = head.dump(2);
   opening.resize(opening.size() - 2);  // the brace and its line
   json.out() << opening << ",\n  \"recordings\": [";
-  csv.out() << csv_header() << '\n';
+  csv.out() << csv_header(plan.ask) << '\n';
   const bool to_pool = made != nullptr && plan.ask.command == "diagnose";
   const double rows_share = to_pool ? 0.5 : 1.0;
   const auto bytes = static_cast<double>(fs::file_size(recordings_of(plan)));
@@ -109,7 +117,7 @@ void merge_into(Standing& s, const Plan& plan, const identify::report::Made* mad
     read += static_cast<double>(recording.size() + 1);
     const ordered_json row = row_now(plan, ask, recording);
     count(s, row);
-    csv.out() << csv_line(row) << '\n';
+    csv.out() << csv_line(plan.ask, row) << '\n';
     json.out() << (s.recordings == 1 ? "\n    " : ",\n    ")
                << row.dump(-1, ' ', false, ordered_json::error_handler_t::replace);
     if (made == nullptr) return;
@@ -132,6 +140,8 @@ void merge_into(Standing& s, const Plan& plan, const identify::report::Made* mad
     Appearing pooled(plan.folder / "pooled.json");
     pooled.out() << identify::pooling::pooled_json(*together.pooled, plan.folder).dump(1) << '\n';
     pooled.finish();
+  } else if (plan.ask.command == "fv") {
+    s.findings = findings_of(page.curves());
   }
   page.write(s, together, *made);
   // After the page that links to it.

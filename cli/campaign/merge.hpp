@@ -18,7 +18,7 @@ struct Standing {
   std::size_t failed = 0;  ///< an attempt failed, none succeeded
   std::map<std::string, std::size_t> verdicts{};
   std::vector<std::string>
-      findings{};        ///< what the diagnoses say together (docs/pooling.md); empty where they are not pooled
+      findings{};  ///< what the diagnoses say together (docs/pooling.md), or the fits; empty where they say nothing
   bool stopped = false;  ///< the merge was: tables or page are those of before, the counts of what was looked at
   [[nodiscard]] std::size_t waiting() const { return recordings - made - failed; }
 };

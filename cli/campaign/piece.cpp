@@ -14,8 +14,10 @@
 #include "base/formatted.hpp"
 #include "base/lock_file.hpp"
 #include "base/text_file.hpp"
+#include "base/toml_reader.hpp"
 #include "base/utc_text.hpp"
 #include "base/whole_file.hpp"
+#include "cli/campaign/control.hpp"
 #include "cli/campaign/row.hpp"
 #include "identify/report/page.hpp"
 
@@ -124,6 +126,27 @@ bool is_answer(const Ask& ask, int exit_code, const fs::path& made) {
          (exit_code == kNothingFitted && ask.command == "fv" && fs::exists(made / numbers_file(ask)));
 }
 
+/// How the files that decide the result stand, in the order of input_files().
+std::vector<FileState> states_of(const std::vector<std::string>& files) {
+  std::vector<FileState> out;
+  for (const std::string& file : files) out.push_back(state_of(file));
+  return out;
+}
+
+/// The words for this recording's model; they name its control where it has one.
+std::vector<std::string> model_of(const Workshop& shop, const std::string& recording) {
+  const Ask& ask = shop.plan.ask;
+  if (ask.control.empty()) return model_words(ask, {}, "");
+  std::string specimen;
+  try {
+    const auto document = base::TomlDocument::parse_file(fs::path(recording) / "recording.toml");
+    specimen = document.root().string("specimen");
+  } catch (const base::ConfigError&) {
+    return {"--model", "slse1"};  // which says what is wrong with that file
+  }
+  return model_words(ask, shop.controls, specimen);
+}
+
 constexpr const char* kWouldMix =
     "; one table would mix pieces of both. Give the same command again (what was made with the old one is made anew), "
     "or put the old one back first";
@@ -133,19 +156,19 @@ Attempt attempt_piece(const Workshop& shop, const std::string& recording, const 
   const fs::path& here = attempt.folder();
   for (FileStamp& one : files) one.sha256 = sha256_of_file(fs::path(recording) / one.name);
   const std::string began = base::utc_text(std::time(nullptr));
-  const bool is_file = fs::path(shop.plan.ask.model).is_absolute();
-  const FileState model = is_file ? state_of(shop.plan.ask.model) : FileState();
+  const std::vector<std::string> inputs = input_files(shop.plan.ask);
+  const std::vector<FileState> before = states_of(inputs);
   check_inputs(shop);
   const base::ProcessResult result =
-      base::run_process(words_of(shop.plan.ask, shop.program, recording), here / "log.txt",
+      base::run_process(words_of(shop.plan.ask, shop.program, recording, model_of(shop, recording)), here / "log.txt",
                         {.working_directory = here, .among = shop.among});
   if (shop.among != nullptr && shop.among->ending()) return {Ended::kInterrupted, "interrupted"};
   // Before anything is made of its answer: which model it read nobody knows. One that was edited and put back has
   // another time.
   check_inputs(shop);
-  if (is_file && state_of(shop.plan.ask.model) != model)
-    throw InputsChanged(shop.plan.ask.model +
-                        ": was written to while pieces were made of it; give the same command again");
+  for (std::size_t i = 0; i < inputs.size(); ++i)
+    if (state_of(inputs[i]) != before[i])
+      throw InputsChanged(inputs[i] + ": was written to while pieces were made of it; give the same command again");
   if (!is_answer(shop.plan.ask, result.exit_code, here))
     return failed(shop, recording, &attempt,
                   result.signal != 0
@@ -258,7 +281,8 @@ bool made_as_planned(const Plan& plan, const std::string& recording) {
   try {
     const ordered_json piece = read_json(file);
     const ordered_json& stamp = piece.at("stamp");
-    return piece.at("format") == kPieceFormat && stamp.at("ask") == stamp_of(plan.ask, plan.model_sha256) &&
+    return piece.at("format") == kPieceFormat &&
+           stamp.at("ask") == stamp_of(plan.ask, plan.model_sha256, plan.control_sha256) &&
            stamp.at("program") == plan.program;
   } catch (const std::exception&) {
     return false;
@@ -276,11 +300,20 @@ unsigned failures_of(const Plan& plan, const std::string& recording) {
 }
 
 Workshop workshop_of(const Plan& plan, const fs::path& program) {
-  Workshop shop{plan, stamp_of(plan.ask), program, nullptr, state_of(program), {}};
+  Workshop shop{plan, stamp_of(plan.ask), program, nullptr, state_of(program), {}, {}};
   if (!plan.ask.judged.empty()) shop.judged_state = state_of(plan.ask.judged);
-  if (!plan.model_sha256.empty() && shop.ask_stamp.value("model_sha256", std::string()) != plan.model_sha256)
-    throw PlanError(plan.ask.model + ": is another model than when the campaign in " + plan.folder.string() + " began" +
-                    kWouldMix);
+  const auto check = [&](const std::string& planned, const char* key, const std::string& file, const char* what) {
+    if (!planned.empty() && shop.ask_stamp.value(key, std::string()) != planned)
+      throw PlanError(file + ": is another " + what + " than when the campaign in " + plan.folder.string() + " began" +
+                      kWouldMix);
+  };
+  check(plan.model_sha256, "model_sha256", plan.ask.model, "model");
+  check(plan.control_sha256, "control_sha256", plan.ask.control, "analysis of controls");
+  try {
+    shop.controls = controls_of(plan.ask);
+  } catch (const std::runtime_error& e) {
+    throw PlanError(e.what());
+  }
   return shop;
 }
 
@@ -289,9 +322,14 @@ void check_inputs(const Workshop& shop) {
     throw InputsChanged(what + " after pieces were begun with it" + kWouldMix);
   };
   try {
-    if (stamp_of(shop.plan.ask) != shop.ask_stamp) changed(shop.plan.ask.model + ": the model was changed");
+    const ordered_json now = stamp_of(shop.plan.ask);
+    if (now.value("control_sha256", std::string()) != shop.ask_stamp.value("control_sha256", std::string()))
+      changed(shop.plan.ask.control + ": the analysis of the controls was changed");
+    if (now != shop.ask_stamp) changed(shop.plan.ask.model + ": the model was changed");
   } catch (const base::FileError& e) {
-    throw InputsChanged(std::string(e.what()) + "; put the model back, then give the same command again");
+    throw InputsChanged(std::string(e.what()) + "; put the " +
+                        (shop.plan.ask.control.empty() ? "model" : "analysis of the controls") +
+                        " back, then give the same command again");
   }
   if (shop.program_state && state_of(shop.program) != *shop.program_state)
     changed(shop.program.string() + ": the program was replaced");

@@ -48,9 +48,10 @@ struct Workshop {
   base::Processes* among = nullptr;
   std::optional<FileState> program_state{};  ///< without it nobody looks whether the program is replaced
   std::optional<FileState> judged_state{};   ///< the same of plan.ask.judged
+  std::vector<std::string> controls{};       ///< controls_of(plan.ask)
 };
 
-/// As things are now. Throws PlanError where the model file is not the one that plan.model_sha256 names.
+/// As things are now. Throws PlanError where the model file or the controls are not those that the plan names.
 [[nodiscard]] Workshop workshop_of(const Plan& plan, const std::filesystem::path& program);
 
 /// No piece can be made before somebody has done something. what() says what.
@@ -63,8 +64,8 @@ class NoRoom : public CannotGoOn {
  public:
   using CannotGoOn::CannotGoOn;
 };
-/// The model file or the program is not what the workshop was opened with: pieces of two models would stand in one
-/// table as if they were of one.
+/// The model file, the controls or the program are not what the workshop was opened with: pieces of two models would
+/// stand in one table as if they were of one.
 class InputsChanged : public CannotGoOn {
  public:
   using CannotGoOn::CannotGoOn;
@@ -101,8 +102,8 @@ struct Attempt {
 };
 
 /// Makes the piece of a recording unless it is done. Two processes may do it at the same time; one of the two results,
-/// which are equal, stays. Throws CannotGoOn: before it begins, or where the model file or the program was changed
-/// while the piece was made, of which nothing is left then. Whatever else goes wrong is a failed attempt.
+/// which are equal, stays. Throws CannotGoOn: before it begins, or where the model file, the controls or the program
+/// were changed while the piece was made, of which nothing is left then. Whatever else goes wrong is a failed attempt.
 [[nodiscard]] Attempt make_piece(const Workshop& shop, const std::string& recording);
 
 /// Removes what was left by processes that were killed. Only where no other process makes pieces in this folder.

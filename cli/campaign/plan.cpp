@@ -187,7 +187,8 @@ std::size_t write_plan(const Plan& plan, const Named& named, std::istream& stand
     throw;
   }
   ordered_json json{{"format", kPlanFormat}, {"ask", to_json(plan.ask)}, {"program", plan.program}};
-  if (stamp.contains("model_sha256")) json["model_sha256"] = stamp["model_sha256"];
+  for (const char* key : {"model_sha256", "control_sha256"})
+    if (stamp.contains(key)) json[key] = stamp[key];
   base::write_whole_file(plan.folder / "plan.json", json.dump(2) + "\n");
   fs::rename(aside, recordings_of(plan));
   return count;
@@ -201,7 +202,7 @@ Plan read_plan(const fs::path& folder) {
       throw PlanError(file.string() + ": of another version of isorig (" + json.at("format").get<std::string>() +
                       "); name another folder with --out");
     return {fs::absolute(folder).lexically_normal(), ask_from_json(json.at("ask")), json.at("program"),
-            json.value("model_sha256", std::string())};
+            json.value("model_sha256", std::string()), json.value("control_sha256", std::string())};
   } catch (const base::FileError& e) {
     throw PlanError(e.what());
   } catch (const nlohmann::json::exception& e) {

@@ -41,6 +41,7 @@ struct Plan {
   Ask ask;
   std::string program;         ///< version and revision
   std::string model_sha256{};  ///< as plan.json has it, of a model file; empty: a known name, or read_plan did not say
+  std::string control_sha256{};  ///< likewise of the controls' fv.json
 };
 
 /// Where a plan's recordings are named.

@@ -14,8 +14,8 @@ inline constexpr int kBadRecording = 3;
 /// {"specimen", "pressure_psi", "repetition"} as far as recording.toml says them; null what it does not say.
 [[nodiscard]] nlohmann::ordered_json subject_of(const Ask& ask, const std::string& recording);
 
-/// What came out, from the files that the command left in `made`: subject, verdict, missing physics, page. Throws where
-/// they are no whole answer.
+/// What came out, from the files that the command left in `made`: subject, verdict, missing physics, page; of
+/// `isorig fv` also "fit": the curve with its fit as fv.json has them. Throws where they are no whole answer.
 [[nodiscard]] nlohmann::ordered_json row_of_answer(const Ask& ask, const std::filesystem::path& made,
                                                    const std::string& recording, int exit_code);
 
@@ -26,8 +26,8 @@ inline constexpr int kBadRecording = 3;
                                              const std::string& recording);
 
 /// The same as a line of campaign.csv (RFC 4180), without its end.
-[[nodiscard]] std::string csv_header();
-[[nodiscard]] std::string csv_line(const nlohmann::ordered_json& row);
+[[nodiscard]] std::string csv_header(const Ask& ask);
+[[nodiscard]] std::string csv_line(const Ask& ask, const nlohmann::ordered_json& row);
 
 /// "coulomb_friction 0.98; slack 0.91"
 [[nodiscard]] std::string names_of_missing(const nlohmann::ordered_json& missing);

@@ -95,6 +95,9 @@ struct ControlFit {
 [[nodiscard]] std::vector<ControlFit> read_controls(const std::filesystem::path& fv_json,
                                                     const std::string& specimen = {});
 
+/// The specimens that an fv.json has a 1-SLSE fit of, each once. Throws as read_controls() does.
+[[nodiscard]] std::vector<std::string> control_specimens(const std::filesystem::path& fv_json);
+
 struct FvAnalysis {
   FvModel model = FvModel::kSlse1;
   std::vector<RecordingResult> recordings;

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -217,41 +218,62 @@ void write_fv_tables(const FvAnalysis& analysis, const std::filesystem::path& fo
   base::write_whole_file(folder / "parameters.csv", parameters.str());
 }
 
-std::vector<ControlFit> read_controls(const std::filesystem::path& fv_json_file, const std::string& specimen) {
+namespace {
+
+/// Every fitted curve of a 1-SLSE analysis. Throws without the file's name.
+std::vector<ControlFit> fits_in(std::istream& in) {
+  std::vector<ControlFit> out;
+  const auto json = nlohmann::json::parse(in);
+  if (json.at("format") != kFormat) throw std::runtime_error("its format is not " + std::string(kFormat));
+  if (json.at("model") != "slse1")
+    throw std::runtime_error("it is not a 1-SLSE analysis; the control is analysed with --model slse1");
+  for (const auto& curve : json.at("curves")) {
+    if (curve.at("fit").is_null()) continue;
+    const auto& p = curve.at("fit").at("parameters");
+    ControlFit c;
+    c.specimen = curve.at("specimen");
+    if (!curve.at("nominal_pressure_psi").is_null())
+      c.nominal_pressure_psi = curve.at("nominal_pressure_psi").get<double>();
+    c.element = {p.at("kappa").at("value"), p.at("gamma_per_s").at("value"), 1.0};
+    out.push_back(c);
+  }
+  return out;
+}
+
+std::vector<ControlFit> all_controls(const std::filesystem::path& fv_json_file) {
   if (const auto why = base::why_not_a_file(fv_json_file); !why.empty())
     throw std::runtime_error(fv_json_file.string() + " " + why);
   std::ifstream in(fv_json_file);
   if (!in) throw std::runtime_error(fv_json_file.string() + ": cannot be opened");
-  std::vector<ControlFit> out;
   try {
-    const auto json = nlohmann::json::parse(in);
-    if (json.at("format") != kFormat) throw std::runtime_error("its format is not " + std::string(kFormat));
-    if (json.at("model") != "slse1")
-      throw std::runtime_error("it is not a 1-SLSE analysis; the control is analysed with --model slse1");
-    std::string found;
-    for (const auto& curve : json.at("curves")) {
-      const std::string name = curve.at("specimen");
-      if (!specimen.empty() && name != specimen) continue;
-      if (curve.at("fit").is_null()) continue;
-      if (!found.empty() && found != name)
-        throw std::runtime_error(
-            base::formatted("it holds several specimens ('%s', '%s', ...); say which with --control-specimen",
-                            found.c_str(), name.c_str()));
-      found = name;
-      const auto& p = curve.at("fit").at("parameters");
-      ControlFit c;
-      c.specimen = name;
-      if (!curve.at("nominal_pressure_psi").is_null())
-        c.nominal_pressure_psi = curve.at("nominal_pressure_psi").get<double>();
-      c.element = {p.at("kappa").at("value"), p.at("gamma_per_s").at("value"), 1.0};
-      out.push_back(c);
-    }
+    return fits_in(in);
   } catch (const std::exception& e) {
     throw std::runtime_error(fv_json_file.string() + ": " + base::json_words(e));
   }
+}
+
+}  // namespace
+
+std::vector<ControlFit> read_controls(const std::filesystem::path& fv_json_file, const std::string& specimen) {
+  std::vector<ControlFit> out = all_controls(fv_json_file);
+  if (!specimen.empty()) std::erase_if(out, [&](const ControlFit& c) { return c.specimen != specimen; });
   if (out.empty())
     throw std::runtime_error(fv_json_file.string() + ": no fitted control" +
                              (specimen.empty() ? std::string() : " '" + specimen + "'") + " in it");
+  for (const ControlFit& c : out)
+    if (c.specimen != out.front().specimen)
+      throw std::runtime_error(
+          fv_json_file.string() +
+          base::formatted(": it holds several specimens ('%s', '%s', ...); say which with --control-specimen",
+                          out.front().specimen.c_str(), c.specimen.c_str()));
+  return out;
+}
+
+std::vector<std::string> control_specimens(const std::filesystem::path& fv_json_file) {
+  std::vector<std::string> out;
+  for (const ControlFit& c : all_controls(fv_json_file))
+    if (std::ranges::find(out, c.specimen) == out.end()) out.push_back(c.specimen);
+  if (out.empty()) throw std::runtime_error(fv_json_file.string() + ": no fitted control in it");
   return out;
 }
 
