@@ -1,6 +1,8 @@
 #pragma once
 #include <cstdint>
 #include <functional>
+#include <memory>
+#include <utility>
 
 #include "daemon/core/core.hpp"
 #include "daemon/core/streams.hpp"
@@ -26,19 +28,17 @@ class VirtualRig {
 
   /// `config.sim` has to be set; it has to outlive this.
   explicit VirtualRig(const RigConfig& config, std::size_t queued = kQueued)
-      : streams(queued),
-        rig_(*config.sim),
-        core_(config.core, frame_link_, pressure_link_, interlock_link_, streams, nullptr),
-        frame_(rig_.frame(), frame_link_, config.services, clock_),
-        pressure_(rig_.pressure(), pressure_link_, interlock_link_, config.services, clock_),
-        interlock_(rig_.interlock(), interlock_link_),
-        poll_ns_(config.services.poll_period_ns) {}
+      : VirtualRig(config, std::make_unique<sim::Rig>(*config.sim), 0, queued) {}
+  /// Another daemon on the plant of one that is gone, and on the same clock: killed, or shut down. Nothing is told to
+  /// the devices in between. `gone` is not ticked any more.
+  VirtualRig(const RigConfig& config, VirtualRig&& gone)
+      : VirtualRig(config, std::move(gone.rig_), gone.now_ns_, kQueued) {}
 
   /// One millisecond: plant, device threads' turns, then the core.
   void tick() {
     now_ns_ += kTickNs;
     clock_.sleep_until_ns(now_ns_);
-    rig_.advance(now_ns_);
+    rig_->advance(now_ns_);
     if (hang_all) return;
     if (now_ns_ % kInterlockTurnNs == 0) interlock_.run_once(now_ns_);
     if (now_ns_ % poll_ns_ == 0) frame_.run_once(now_ns_);
@@ -63,7 +63,7 @@ class VirtualRig {
   }
 
   [[nodiscard]] std::int64_t now_ns() const noexcept { return now_ns_; }
-  [[nodiscard]] sim::Rig& rig() noexcept { return rig_; }
+  [[nodiscard]] sim::Rig& rig() noexcept { return *rig_; }
   [[nodiscard]] Core& core() noexcept { return core_; }
   /// What the loop wants of the valves at this moment.
   [[nodiscard]] pressure::Command pressure_command() const noexcept { return pressure_link_.get_command(); }
@@ -75,9 +75,21 @@ class VirtualRig {
   bool hang_all = false;                                        ///< nothing of the daemon comes back (SIGSTOP)
 
  private:
-  std::int64_t now_ns_ = 0;
+  VirtualRig(const RigConfig& config, std::unique_ptr<sim::Rig> plant, std::int64_t now_ns, std::size_t queued)
+      : streams(queued),
+        now_ns_(now_ns),
+        rig_(std::move(plant)),
+        core_(config.core, frame_link_, pressure_link_, interlock_link_, streams, nullptr),
+        frame_(rig_->frame(), frame_link_, config.services, clock_),
+        pressure_(rig_->pressure(), pressure_link_, interlock_link_, config.services, clock_),
+        interlock_(rig_->interlock(), interlock_link_),
+        poll_ns_(config.services.poll_period_ns) {
+    clock_.sleep_until_ns(now_ns_);
+  }
+
+  std::int64_t now_ns_;
   clock::VirtualClock clock_;
-  sim::Rig rig_;
+  std::unique_ptr<sim::Rig> rig_;
   FrameLink frame_link_;
   PressureLink pressure_link_;
   InterlockLink interlock_link_;

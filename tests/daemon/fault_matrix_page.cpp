@@ -44,6 +44,23 @@ A cell is held to this, by the plant's true motion, force and pressure at every 
 
 )";
 
+constexpr const char* kEnds = R"(
+## The end of isorigd
+
+`FaultMatrixEnds` ends isorigd in each of the situations, and starts another on the same plant. The bounds above hold, from the signal on.
+
+| | the plant | what is left | the next isorigd |
+|---|---|---|---|
+| SIGKILL, and another 3 s later | the crosshead stands within 0.82 s by the frame's watchdog, vented within 2.5 s by the Teensy's and by the dump valve, whose line the kernel lets go of | the recording is *interrupted*, and its newest sample no older than [data.md](data.md#what-a-crash-costs) has it | nothing is latched; *idle*, "zero is not confirmed" with the zero of a frame that counts from its start; after `confirm-zero` *ready*; an open run goes on as a further attempt, with what was recorded before as it was; a new start fills and moves |
+| SIGKILL with a dump valve that stays shut, and another 7 s later | likewise, vented within 6 s: by the Teensy's watchdog through the vent valve alone | likewise | likewise |
+| SIGKILL, and another 0.1 s later, before a watchdog has acted | the crosshead stands 0.31 s after that, vented within 2.5 s of the kill: a new connection stops the frame and vents | likewise | likewise |
+| SIGTERM | the crosshead stands within 0.3 s, vented within 2.5 s; so it stays when nobody is there | the recording is ended in order and whole as far as the run came, with `run.aborted` or `run.not_started` | likewise; the run was ended by an operator, and goes on with `--aborted` alone |
+
+What this is not: a process. The recording that a kill leaves is a copy of the files at that millisecond, so that nothing which was still in the
+recorder's memory is in it, but the connections of the dead one are not closed by a kernel, and the catalogue is not played. `Kill`, `EndingSignalTest` and
+`WireEvents` below have real signals, `isorig runs` and `isorig resume`.
+)";
+
 constexpr const char* kWires = R"(
 ## Over the wires
 
@@ -187,7 +204,7 @@ std::string faults_page() {
     }
     page += rows_of(f);
   }
-  return page + kWires;
+  return page + kEnds + kWires;
 }
 
 }  // namespace isorig::daemon::test

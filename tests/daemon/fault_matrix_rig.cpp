@@ -227,6 +227,7 @@ bool MatrixRig::reach(RunState state, double within_s) {
 void MatrixRig::open_recording() {
   if (!folder_) {
     folder_ = std::make_unique<testing::TemporaryDirectory>("matrix", scratch());
+    opened_s_ = now_s();
   }
   auto options = testing::recorder_options(folder_->path() / "run");
   options.before_s = plan_.recording.before_s;
@@ -251,6 +252,10 @@ bool MatrixRig::arm(const std::string& steps) {
 bool MatrixRig::begin(const std::string& steps) {
   folder_.reset();
   return arm(steps) && give_start();
+}
+
+bool MatrixRig::begin_again() {
+  return arm({}) && give_start();
 }
 
 bool MatrixRig::give_start() {

@@ -103,6 +103,17 @@ class MatrixRig final : public StruckRig {
   /// with the samples before it in full; empty: none. Every sample that the devices made is in it, but for `losses`.
   bool recording_is_intact(const std::string& cause, const Losses& losses);
 
+  /// isorigd is gone: by SIGKILL; or by SIGTERM, with the rig at rest and its recording ended. Then nobody is there.
+  void kill();
+  bool terminate();
+  /// Another is started on the same plant. seen() goes on from the strike.
+  void start_daemon();
+  /// What a run's recording looks like after kill(), at `kill_s`.
+  bool is_left_interrupted(double kill_s);
+  /// The run that was open goes on, and is ended. False with trouble().
+  bool go_on();
+
+  [[nodiscard]] double now_s() const noexcept { return static_cast<double>(rig_->now_ns()) * 1e-9; }
   [[nodiscard]] const std::string& trouble() const noexcept { return trouble_; }
   [[nodiscard]] VirtualRig& rig() noexcept override { return *rig_; }
   [[nodiscard]] Core& core() noexcept { return rig_->core(); }
@@ -129,6 +140,7 @@ class MatrixRig final : public StruckRig {
   bool fail(const std::string& what);
   bool arm(const std::string& steps);  ///< where arming is required; empty: of the plan that there is
   bool begin(const std::string& steps);
+  bool begin_again();  ///< the same steps, into the recording that there is
   bool give_start();
   bool reach(RunState state, double seconds);
   void open_recording();
@@ -143,6 +155,7 @@ class MatrixRig final : public StruckRig {
   std::unique_ptr<testing::TemporaryDirectory> folder_;
   std::unique_ptr<Recorder> recorder_;
   std::uint32_t last_id_ = 0;
+  double opened_s_ = 0.0;  ///< the recording, first
   std::int64_t strike_ns_ = -1;
   double rest_psi_ = kVented_psi;
   std::int64_t trip_ns_ = -1, moved_ns_ = -1, pressed_ns_ = -1;
