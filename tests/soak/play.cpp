@@ -352,9 +352,8 @@ class Play {
     };
     compare("frame", rig.frame, read.frame_full, read.frame_averaged);
     compare("pressure", rig.pressure, read.pressure_full, read.pressure_averaged);
-    const auto& clock = config_.sim->pressure.clock;
-    account("frame", rig.frame, 0.0, 0.0, frame_silent_s_, rig);
-    account("pressure", rig.pressure, clock.skew_ppm, clock.wander_ppm, pressure_silent_s_, rig);
+    account("frame", rig.frame, frame_silent_s_, rig);
+    account("pressure", rig.pressure, pressure_silent_s_, rig);
     const daemon::Catalogue catalogue(options_.runs_root, daemon::Catalogue::Access::kReadOnly);
     const auto row = catalogue.find_run(rig.run_id);
     if (!row || row->state != "done" || row->sessions_done != static_cast<int>(plan_.sessions.size()))
@@ -364,12 +363,11 @@ class Play {
   /// Recorded or counted as missing is what the plant made while a run was open. A run is opened, and closed, at a turn
   /// of the host, 50 ms apart. What a device whose link was dead when the run was closed held back is bounded by how
   /// long it was.
-  void account(const char* what, const Counted& c, double skew_ppm, double wander_ppm, double silent_s,
-               const SoakedRig& rig) {
+  void account(const char* what, const Counted& c, double silent_s, const SoakedRig& rig) {
     constexpr double kEdge = 60.0;
-    const double made = static_cast<double>(c.made) * (1.0 + 1e-6 * skew_ppm);
-    const double edges = kEdge * rig.attempts + 3e-6 * wander_ppm * made;
-    const double left = made - static_cast<double>(c.full + c.averaged + c.missing + rig.dropped + rig.lost_messages);
+    const double edges = kEdge * rig.attempts;
+    const double left = static_cast<double>(c.made) -
+                        static_cast<double>(c.full + c.averaged + c.missing + rig.dropped + rig.lost_messages);
     out_[std::string(what) + "_not_arrived"] = left;
     if (left < -edges || left > edges + 1000.0 * silent_s)
       find(

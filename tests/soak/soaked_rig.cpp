@@ -37,16 +37,9 @@ void SoakedRig::tick() {
   }
   rig_->tick();
   witness_.look(*rig_);
-  const auto sequence = rig_->rig().frame().sequence();
-  const auto loop = rig_->core().loop_status();
-  if (loop.run_loaded || loop.control.state == daemon::RunState::kStopping)
-    recorded_until_ns_ = rig_->now_ns() + daemon::Core::kRecordedAfterNs;
-  if (was_open_ && rig_->now_ns() < recorded_until_ns_) {
-    // A frame that was restarted counts from 0.
-    frame.made += sequence >= sequence_ ? sequence - sequence_ : sequence;
-    ++pressure.made;
-  }
-  sequence_ = sequence;
+  made_.look(*rig_, was_open_);
+  frame.made = made_.frame();
+  pressure.made = made_.pressure();
   if (rig_->now_ns() % kHostTurnNs != 0 || disk_hangs) return;
   host_->turn(rig_->now_ns());
   follow_run();

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "../daemon/made_samples.hpp"
 #include "../daemon/struck_rig.hpp"
 #include "daemon/host/host.hpp"
 #include "witness.hpp"
@@ -71,8 +72,7 @@ class SoakedRig final : public daemon::test::StruckRig {
   Witness witness_;
   std::string refusal_;
   bool was_open_ = false;
-  std::int64_t recorded_until_ns_ = 0;  ///< of a run that is over and not closed, as while the disk hangs
-  std::uint32_t sequence_ = 0;
+  daemon::test::MadeSamples made_;
 };
 
 }  // namespace isorig::soak

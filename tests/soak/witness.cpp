@@ -19,9 +19,6 @@ constexpr double kMoving_mm_s = 0.05;  // less is the crosshead's regulation; th
 constexpr double kStill_mm = 0.02;
 constexpr double kVented_psi = 0.7;  // CoreConfig::vented_psi and the sensor's error
 constexpr double kStop_s = 0.82;     // the frame's watchdog, its brake, two polls
-// A set-point that falls faster than the air can leave is no ceiling at once: through the vent valve alone 20 psi take
-// 5 s, the slowest at the end.
-constexpr double kCeilingFalls_psi_s = 0.5;
 constexpr std::int64_t kLookAtDaemonNs = 10'000'000;
 
 }  // namespace
@@ -45,11 +42,11 @@ void Witness::look(daemon::VirtualRig& rig) {
 
   const auto& limits = config_.limits;
   extremes_.pressure_psi = std::max(extremes_.pressure_psi, truth.pressure_psi);
-  extremes_.over_setpoint_psi = std::max(extremes_.over_setpoint_psi, truth.pressure_psi - ceiling_psi_);
+  extremes_.over_setpoint_psi = std::max(extremes_.over_setpoint_psi, truth.pressure_psi - ceiling_.psi());
   extremes_.force_min_N = std::min(extremes_.force_min_N, truth.force_N);
   extremes_.force_max_N = std::max(extremes_.force_max_N, truth.force_N);
-  if (truth.pressure_psi > ceiling_psi_ + kOverSetpoint_psi)
-    breach("pressure over its set-point", truth.pressure_psi, ceiling_psi_ + kOverSetpoint_psi);
+  if (truth.pressure_psi > ceiling_.psi() + kOverSetpoint_psi)
+    breach("pressure over its set-point", truth.pressure_psi, ceiling_.psi() + kOverSetpoint_psi);
   if (truth.pressure_psi > limits.pressure_max_psi + kOverLimit_psi)
     breach("pressure over its limit", truth.pressure_psi, limits.pressure_max_psi + kOverLimit_psi);
   const double margin_N = kForceShare * (limits.force_max_N - limits.force_min_N);
@@ -70,13 +67,9 @@ void Witness::look(daemon::VirtualRig& rig) {
 /// docs/faults.md gives it beyond. The segment before counts until the next: its frame may still be about to take the
 /// new one.
 void Witness::follow_segment(daemon::VirtualRig& rig, const sim::Truth& truth) {
-  const auto status = rig.core().status();
+  const auto status = rig.core().loop_status();
   const auto& c = status.control;
-  const bool regulates = c.state == RunState::kRunning || c.state == RunState::kPaused;
-  const double wanted_psi = regulates || c.state == RunState::kFaulted ? double{c.setpoint_psi} : 0.0;
-  // A program stop shuts both valves: what it holds may be far above a set-point that had just fallen.
-  const double falls_psi_s = c.state == RunState::kFaulted && !status.vented_fault ? 0.0 : kCeilingFalls_psi_s;
-  ceiling_psi_ = std::max(wanted_psi, ceiling_psi_ - falls_psi_s * 1e-9 * kLookAtDaemonNs);
+  ceiling_.follow(status, config_.core.pressure_loop.rate_limit_psi_s, 1e-9 * kLookAtDaemonNs);
   const double target_mm = double{c.target_mm}, speed_mm_s = double{c.velocity_mm_s};
   if (target_mm == target_mm_ && speed_mm_s == speed_mm_s_) return;
   target_mm_ = target_mm;

@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "../daemon/pressure_ceiling.hpp"
 #include "daemon/rig/virtual_rig.hpp"
 
 namespace isorig::soak {
@@ -52,7 +53,7 @@ class Witness {
   daemon::RunState last_state_ = daemon::RunState::kIdle;
   bool reading_lies_ = false, moved_at_trip_ = false;
   double began_psi_ = 0.0, began_mm_s_ = 0.0;
-  double ceiling_psi_ = 0.0;
+  daemon::test::PressureCeiling ceiling_;
   double low_mm_ = 0.0, high_mm_ = 0.0, over_mm_ = 0.02, target_mm_ = 0.0, speed_mm_s_ = 0.0;  // it stands at 0
   double old_low_mm_ = 0.0, old_high_mm_ = 0.0, old_over_mm_ = 0.02;
   Extremes extremes_;
