@@ -1,13 +1,9 @@
 #pragma once
 #include <gtest/gtest.h>
-#include <sys/socket.h>
-#include <sys/un.h>
-#include <unistd.h>
 
 #include <atomic>
 #include <barrier>
 #include <chrono>
-#include <cstring>
 #include <functional>
 #include <memory>
 #include <mutex>
@@ -16,6 +12,7 @@
 #include <thread>
 #include <vector>
 
+#include "api_client.hpp"
 #include "daemon/host/api.hpp"
 #include "daemon/host/audit_log.hpp"
 #include "daemon/host/host.hpp"
@@ -108,29 +105,11 @@ class ServedRig : public ::testing::Test {
     return wait_until(60.0, [&] { return state() == wanted; });
   }
 
-  struct Answer {
-    int status = 0;
-    nlohmann::json body;
-    [[nodiscard]] std::string text() const { return body.value("text", ""); }
-  };
+  using Answer = ApiAnswer;
   /// `line`: "GET /v1/status". `stops`: over the second socket. `headers`: each with its end of line.
   [[nodiscard]] Answer call(const std::string& line, const std::string& body = {}, bool stops = false,
                             const std::string& headers = {}) const {
-    const int fd = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    sockaddr_un address{};
-    address.sun_family = AF_UNIX;
-    std::strcpy(address.sun_path, (socket_ + (stops ? ".stop" : "")).c_str());
-    EXPECT_EQ(::connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
-    const std::string all = line + " HTTP/1.1\r\nHost: x\r\nConnection: close\r\n" + headers +
-                            "Content-Length: " + std::to_string(body.size()) + "\r\n\r\n" + body;
-    EXPECT_EQ(::send(fd, all.data(), all.size(), MSG_NOSIGNAL), static_cast<ssize_t>(all.size()));
-    std::string got;
-    char buffer[4096];
-    for (ssize_t n = 0; (n = ::read(fd, buffer, sizeof buffer)) > 0;) got.append(buffer, static_cast<std::size_t>(n));
-    ::close(fd);
-    const auto end = got.find("\r\n\r\n");
-    if (end == std::string::npos) return {};
-    return {std::stoi(got.substr(9, 3)), nlohmann::json::parse(got.substr(end + 4), nullptr, false)};
+    return call_api(socket_ + (stops ? ".stop" : ""), line, body, headers);
   }
 
   /// What was to be told of partings.

@@ -57,7 +57,7 @@ class WireRig : public testing::Test {
   }
 
   /// Also once more, after the first was killed.
-  void start_daemon() {
+  virtual void start_daemon() {
     daemon_.emplace(dir_, dir_ / "rig.toml", [this] { in_daemon(); });
     ASSERT_TRUE(daemon_->reach("ready")) << daemon_->log() << daemon_->status().dump(2);
   }
