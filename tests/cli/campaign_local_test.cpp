@@ -19,7 +19,6 @@ using pieces_test::campaign;
 using pieces_test::different_files;
 using pieces_test::make_recordings;
 using pieces_test::pieces_in;
-using pieces_test::processes_with;
 using system_test::bin;
 using system_test::isorig;
 using system_test::Process;

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include "../proof/tiny_study.hpp"
+#include "../system/processes_with.hpp"
 #include "pieces_of_test.hpp"
 #include "slurm_cluster.hpp"
 
@@ -14,11 +15,11 @@ using pieces_test::campaign;
 using pieces_test::different_files;
 using pieces_test::make_recordings;
 using pieces_test::pieces_in;
-using pieces_test::processes_with;
 using pieces_test::SlurmCluster;
 using system_test::bin;
 using system_test::isorig;
 using system_test::Process;
+using system_test::processes_with;
 using system_test::slurp;
 using system_test::TempDir;
 using system_test::wait_until;

@@ -88,18 +88,4 @@ inline std::vector<fs::path> pieces_in(const fs::path& campaign) {
   return out;
 }
 
-/// Processes whose command line holds this text, without threads' or our own.
-inline std::vector<pid_t> processes_with(const std::string& text) {
-  std::vector<pid_t> out;
-  for (const auto& entry : fs::directory_iterator("/proc")) {
-    const std::string name = entry.path().filename();
-    if (name.find_first_not_of("0123456789") != std::string::npos) continue;
-    std::string line = system_test::slurp(entry.path() / "cmdline");
-    for (char& c : line)
-      if (c == '\0') c = ' ';
-    if (line.find(text) != std::string::npos) out.push_back(std::stoi(name));
-  }
-  return out;
-}
-
 }  // namespace isorig::pieces_test

@@ -237,5 +237,72 @@ TEST_F(RigRegulator, IsASafeStateWhenItReadsAnotherPressure) {
   EXPECT_TRUE(vents());
 }
 
+struct RegulatorFault {
+  const char* name;
+  const char* on;
+  const char* off;
+  const char* keeps_from_ready;  ///< empty: between runs nothing is asked of the regulator that would show it
+  const char* code;              ///< the beginning of what a run ends with
+};
+
+class RigRegulatorFault : public RigRegulator, public testing::WithParamInterface<RegulatorFault> {
+ protected:
+  void hold_5_psi() {
+    spit(dir_ / "hold.toml", R"(format = "isorig-protocol/1"
+name = "hold"
+recording.policy = "round_ramps"
+steps = [
+  { do = "pressurize", pressure_psi = 5, rate_psi_s = 5, settled_for_s = 0.3, timeout_s = 30 },
+  { do = "hold", duration_s = 300 },
+]
+)");
+    started_run(daemon_->call({"start", (dir_ / "hold.toml").string()}));
+    const auto holds = [&] {
+      const auto status = daemon_->status();
+      return status.contains("run") && status["run"].is_object() && status["run"].value("step", 0) == 1;
+    };
+    ASSERT_TRUE(wait_until(40.0, holds)) << daemon_->status().dump(2);
+  }
+
+  void is_a_safe_state_until_it_is_repaired() {
+    const auto& f = GetParam();
+    EXPECT_EQ(say(f.on), "ok\n");
+    ASSERT_TRUE(daemon_->reach("faulted", 20.0)) << daemon_->status().dump(2);
+    EXPECT_THAT(daemon_->status().value("fault", ""), HasSubstr(f.code));
+    EXPECT_TRUE(vents());
+    EXPECT_NEAR(velocity_now_mm_s(), 0.0, 0.005);
+    EXPECT_EQ(say(f.off), "ok\n");
+    EXPECT_TRUE(wait_until(30.0, [&] { return daemon_->call({"reset"}).code == 0; })) << daemon_->status().dump(2);
+    ASSERT_TRUE(daemon_->reach("ready", 20.0)) << daemon_->status().dump(2);
+  }
+};
+
+TEST_P(RigRegulatorFault, KeepsFromReadyAndIsASafeStateInHoldAndRamp) {
+  const auto& f = GetParam();
+  ASSERT_NO_FATAL_FAILURE(start(true));
+  if (*f.keeps_from_ready != '\0') {
+    EXPECT_EQ(say(f.on), "ok\n");
+    EXPECT_TRUE(daemon_->reach("idle", 20.0)) << daemon_->status().dump(2);
+    EXPECT_THAT(daemon_->status().value("not_ready", ""), HasSubstr(f.keeps_from_ready));
+    EXPECT_EQ(say(f.off), "ok\n");
+    ASSERT_TRUE(daemon_->reach("ready", 30.0)) << daemon_->status().dump(2);
+  }
+  ASSERT_NO_FATAL_FAILURE(hold_5_psi());
+  ASSERT_NO_FATAL_FAILURE(is_a_safe_state_until_it_is_repaired());
+  ASSERT_NO_FATAL_FAILURE(be_busy());
+  ASSERT_NO_FATAL_FAILURE(is_a_safe_state_until_it_is_repaired());
+}
+
+// What a float with its words the wrong way round reads as is no reading at one pressure, and near 0 at another: the
+// set-point that is not the one sent is found first, or five readings that are none.
+INSTANTIATE_TEST_SUITE_P(All, RigRegulatorFault,
+                         testing::Values(RegulatorFault{"Silent", "fault regulator drop -1", "fault regulator drop 0",
+                                                        "does not answer", "stale.regulator"},
+                                         RegulatorFault{"Nonsense", "fault regulator swap-words on",
+                                                        "fault regulator swap-words off", "", "regulator"},
+                                         RegulatorFault{"AnotherPressure", "fault regulator sensor-off on",
+                                                        "fault regulator sensor-off off", "", "regulator.disagrees"}),
+                         [](const auto& row) { return std::string(row.param.name); });
+
 }  // namespace
 }  // namespace isorig::system_test
