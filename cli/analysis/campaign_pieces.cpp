@@ -96,8 +96,10 @@ int campaign_of_pieces(const PiecesOptions& options) {
   }
   if (options.ask == "diagnose") (void)read_nominal(options.model);  // what is wrong with it is said once, and now
   call.plan = {fs::path(pieces::plan_path(options.out)),
-               {options.ask, is_file ? pieces::plan_path(options.model) : options.model, options.threads,
-                options.control.empty() ? "" : pieces::plan_path(options.control)},
+               {.command = options.ask,
+                .model = is_file ? pieces::plan_path(options.model) : options.model,
+                .threads = options.threads,
+                .control = options.control.empty() ? "" : pieces::plan_path(options.control)},
                version_and_revision()};
   try {
     (void)pieces::controls_of(call.plan.ask);

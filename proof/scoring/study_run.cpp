@@ -33,7 +33,11 @@ void run_cases(const std::vector<CaseToRun>& cases, const fs::path& list, const 
   pieces::CampaignCall campaign;
   const fs::path judged = path_of(call.each.isorig);
   campaign.plan.folder = pieces::plan_path(results);
-  campaign.plan.ask = {"case", pieces::plan_path(list), call.each.threads, judged.string(), call.each.also};
+  campaign.plan.ask = {.command = "case",
+                       .model = pieces::plan_path(list),
+                       .threads = call.each.threads,
+                       .judged = judged.string(),
+                       .options = call.each.also};
   campaign.plan.program = judged_program(judged);
   for (const CaseToRun& one : cases) campaign.named.recordings.push_back(one.train.parent_path());
   campaign.program = this_program();
