@@ -166,24 +166,30 @@ TEST(CampaignSlurm, AnArrayThatMadeSomethingBetweenTwoThatMadeNothingIsReasonToG
   const auto recordings = make_recordings(dir / "recordings", 4);
   SlurmCluster cluster;
   ASSERT_TRUE(cluster.ready()) << cluster.log();
+  cluster.take_tasks(false);  // the first array and the third wait until they are cancelled
   auto words = campaign(recordings, dir / "out", {"--on", "slurm"});
   words.insert(words.begin(), bin("isorig"));
   Process process(words, dir / "out.txt");
   std::size_t made = 0;
   for (const int array : {1, 2, 3}) {
     const auto list = dir / ("out/slurm/array-" + std::to_string(array) + ".sh");
+    const auto waits = [&] { return !cluster.ask({"squeue", "-h", "-t", "PENDING", "-o", "%A"}).empty(); };
     ASSERT_TRUE(wait_until(60.0,
                            [&] {
-                             return fs::exists(list) && !cluster.on_node(0).empty() &&
-                                    (array != 2 || !pieces_in(dir / "out").empty());
+                             if (!fs::exists(list)) return false;
+                             return array == 2 ? !cluster.on_node(0).empty() && !pieces_in(dir / "out").empty()
+                                               : waits();
                            }))
         << array << process.output() << cluster.log();
+    if (array == 2) cluster.take_tasks(false);
     cluster.ask({"scancel", "--me"});
+    if (array == 1) cluster.take_tasks(true);
     ASSERT_TRUE(wait_until(30.0, [&] { return cluster.on_node(0).empty() && cluster.on_node(1).empty(); }));
     const std::size_t now = pieces_in(dir / "out").size();
     EXPECT_EQ(now > made, array == 2) << "array " << array;
     made = now;
   }
+  cluster.take_tasks(true);
   EXPECT_EQ(process.wait(120.0), 0) << process.output() << cluster.log();
   EXPECT_TRUE(fs::exists(dir / "out/slurm/array-4.txt"));
 }

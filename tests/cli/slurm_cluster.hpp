@@ -68,6 +68,11 @@ class SlurmCluster {
   }
   std::string ask(std::vector<std::string> words) { return system_test::run(dir_, std::move(words), 20.0).text; }
 
+  /// Whether tasks that were submitted begin; those that run go on.
+  void take_tasks(bool take) {
+    ask({"scontrol", "update", "PartitionName=all", std::string("State=") + (take ? "UP" : "DOWN")});
+  }
+
   /// What the daemons said, for a test that fails.
   [[nodiscard]] std::string log() const {
     std::string all;

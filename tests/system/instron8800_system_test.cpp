@@ -245,6 +245,10 @@ struct RegulatorFault {
   const char* code;              ///< the beginning of what a run ends with
 };
 
+void PrintTo(const RegulatorFault& fault, std::ostream* out) {
+  *out << fault.name;
+}
+
 class RigRegulatorFault : public RigRegulator, public testing::WithParamInterface<RegulatorFault> {
  protected:
   void hold_5_psi() {
@@ -296,8 +300,8 @@ TEST_P(RigRegulatorFault, KeepsFromReadyAndIsASafeStateInHoldAndRamp) {
 // What a float with its words the wrong way round reads as is no reading at one pressure, and near 0 at another: the
 // set-point that is not the one sent is found first, or five readings that are none.
 INSTANTIATE_TEST_SUITE_P(All, RigRegulatorFault,
-                         testing::Values(RegulatorFault{"Silent", "fault regulator drop -1", "fault regulator drop 0",
-                                                        "does not answer", "stale.regulator"},
+                         testing::Values(RegulatorFault{"Silent", "fault regulator drop 1000000",
+                                                        "fault regulator drop 0", "does not answer", "stale.regulator"},
                                          RegulatorFault{"Nonsense", "fault regulator swap-words on",
                                                         "fault regulator swap-words off", "", "regulator"},
                                          RegulatorFault{"AnotherPressure", "fault regulator sensor-off on",
