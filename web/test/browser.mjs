@@ -49,6 +49,57 @@ export async function open(browser, file, { width = 1280, height = 900, dark = f
   return page;
 }
 
+/** The button whose label holds `name`, as soon as there is one. */
+export async function button(page, name, within = "body") {
+  const find = (n, w) => [...document.querySelectorAll(`${w} button`)].find((b) => b.textContent.includes(n));
+  return (await page.waitForFunction(find, { timeout: 20_000 }, name, within)).asElement();
+}
+
+/** Its middle, once it may be pressed and stands still: what comes in above it moves it down. */
+async function aim(page, element) {
+  await element.scrollIntoView();
+  const at = await page.waitForFunction((e) => {
+    const { x, y, width, height } = e.getBoundingClientRect();
+    const still = e.lastSeen?.x === x && e.lastSeen?.y === y;
+    e.lastSeen = { x, y };
+    return still && !e.disabled && { x: x + width / 2, y: y + height / 2 };
+  }, { timeout: 10_000, polling: "raf" }, element);
+  const { x, y } = await at.jsonValue();
+  await page.mouse.move(x, y);
+}
+
+/** Presses a button that has to be held, and lets go too early. */
+export async function pressShortly(page, element) {
+  await aim(page, element);
+  await page.mouse.down();
+  await new Promise((r) => setTimeout(r, 200));
+  await page.mouse.up();
+}
+
+/** Holds a button until it has acted, by the mouse or by the keyboard alone. Looked at and not timed: on a busy machine the page's
+ * own timer is late, too. Once it has acted it is gone or no longer filled. */
+export async function hold(page, element, { key } = {}) {
+  await aim(page, element);
+  if (key) await element.focus();
+  await page.evaluate((e) => {
+    let began = false;
+    globalThis.acted = new Promise((done, failed) => {
+      const observer = new MutationObserver(() => {
+        began ||= e.classList.contains("held");
+        if (e.isConnected && (!began || e.classList.contains("held"))) return;
+        observer.disconnect();
+        done();
+      });
+      observer.observe(document.body, { subtree: true, childList: true, attributes: true, attributeFilter: ["class"] });
+      setTimeout(() => failed(new Error(`"${e.textContent}" ${began ? "was held for 20 s and did not act" : "was pressed and was not held"}`)), 20_000);
+    });
+    globalThis.acted.catch(() => {});  // told below
+  }, element);
+  await (key ? page.keyboard.down(key) : page.mouse.down());
+  await page.evaluate(() => globalThis.acted);
+  await (key ? page.keyboard.up(key) : page.mouse.up());
+}
+
 /** Two frames later: sizes were measured and drawn to. */
 export function settled(page) {
   return page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));

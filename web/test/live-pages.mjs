@@ -4,7 +4,7 @@
 import assert from "node:assert/strict";
 import { existsSync, mkdirSync, readFileSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
-import { withBrowser, checkAccessible, settled } from "./browser.mjs";
+import { button, checkAccessible, hold, settled, withBrowser } from "./browser.mjs";
 import { Rig, until } from "./rig.mjs";
 
 const [bin, source, shots] = process.argv.slice(2);
@@ -41,30 +41,6 @@ const DIAGNOSIS = {
 
 const shown = (page, name) => page.evaluate((n) => { location.hash = n; }, name);
 const text = (page, selector) => page.$eval(selector, (e) => e.textContent);
-async function button(page, name, within = "body") {
-  const handle = await page.evaluateHandle((n, w) => [...document.querySelectorAll(`${w} button`)].find((b) => b.textContent.includes(n)), name, within);
-  const element = handle.asElement();
-  assert.ok(element, `no button ${name}`);
-  return element;
-}
-async function hold(page, element) {
-  await element.scrollIntoView();
-  const box = await element.boundingBox();
-  await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
-  // Held until it has acted: then it is gone or no longer filled, however late its timer is.
-  await page.evaluate((e) => {
-    let began = false;
-    globalThis.acted = new Promise((done) => new MutationObserver((_, observer) => {
-      began ||= e.classList.contains("held");
-      if (e.isConnected && (!began || e.classList.contains("held"))) return;
-      observer.disconnect();
-      done();
-    }).observe(document.body, { subtree: true, childList: true, attributes: true, attributeFilter: ["class"] }));
-  }, element);
-  await page.mouse.down();
-  await page.evaluate(() => globalThis.acted);
-  await page.mouse.up();
-}
 /** Types over all that stands in the editor. */
 async function write(page, what) {
   await page.focus(".editor textarea");

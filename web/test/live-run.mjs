@@ -4,46 +4,25 @@
 // Usage: node web/test/live-run.mjs BIN_FOLDER SOURCE_FOLDER [FOLDER_FOR_SCREENSHOTS]
 import assert from "node:assert/strict";
 import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
-import { createRequire } from "node:module";
 import { join } from "node:path";
-import puppeteer from "puppeteer-core";
+import { button, checkAccessible, hold, pressShortly, withBrowser } from "./browser.mjs";
 import { Rig, until } from "./rig.mjs";
 
 const [bin, source, shots] = process.argv.slice(2);
 const rig = new Rig(bin, source);
-let browser;
 
 const text = (page, selector) => page.$eval(selector, (e) => e.textContent);
 const state = (page) => text(page, ".state");
-async function button(page, name) {
-  const handle = await page.evaluateHandle((n) => [...document.querySelectorAll("button")].find((b) => b.textContent.includes(n)), name);
-  const element = handle.asElement();
-  assert.ok(element, `no button ${name}`);
-  return element;
-}
-async function hold(page, element, ms) {
-  await element.scrollIntoView();
-  const box = await element.boundingBox();
-  await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
-  await page.mouse.down();
-  await new Promise((r) => setTimeout(r, ms));
-  await page.mouse.up();
-}
 async function shot(page, name) {
   if (!shots) return;
   mkdirSync(shots, { recursive: true });
   await page.screenshot({ path: join(shots, `${name}.png`) });
 }
 
-/** What axe finds, in both colours. */
 async function axeClean(page, where) {
-  const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
   for (const scheme of ["dark", "light"]) {
     await page.emulateMediaFeatures([{ name: "prefers-color-scheme", value: scheme }]);
-    await page.evaluate(axe);
-    const found = await page.evaluate(async () => (await window.axe.run(document, { resultTypes: ["violations"] })).violations
-      .map((v) => `${v.id}: ${v.nodes.map((n) => n.target.join(" ")).join(", ")}`));
-    assert.deepEqual(found, [], `axe, ${where}, ${scheme}`);
+    await checkAccessible(page, `${where}, ${scheme}`);
   }
 }
 
@@ -78,7 +57,7 @@ nominal = [{ physics = "spring", law = "linear", stiffness_N_mm = 5.0 }]
 async function checkAndStart(page) {
   await (await button(page, "Check")).click();
   await page.waitForSelector("dialog .seen");
-  await hold(page, await page.$("dialog button.start"), 1100);
+  await hold(page, await page.$("dialog button.start"));
   await page.waitForFunction(() => document.querySelector(".state")?.textContent.includes("RUNNING"), { timeout: 20_000 });
 }
 
@@ -90,16 +69,7 @@ async function newPage(context, errors, width = 1440, height = 1000) {
   return page;
 }
 
-try {
-  rig.startDaemon();
-  const base = await rig.startWeb();
-  await rig.reach("ready");
-
-  browser = await puppeteer.launch({
-    executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", headless: true, userDataDir: join(rig.dir, "profile"),
-    args: ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
-      "--disable-component-update", "--disable-sync"],
-  });
+async function live(browser, base) {
   const errors = [];
 
   // A page that may look on, and the time until something is painted.
@@ -149,20 +119,20 @@ try {
   assert.equal((await viewer.$$(".verbs")).length, 0);
   await shot(page, "1-fault");
   const reset = await button(page, "Reset");
-  await hold(page, reset, 200);
+  await pressShortly(page, reset);
   assert.match(await state(page), /FAULT/, "a short press reset the fault");
   // The rig has to be vented and to stand: until then the daemon says what it waits for.
   await until("the reset", async () => {
     if (!/FAULT/.test(await state(page))) return true;
     // Between the look and the button the state may have changed.
     const again = await button(page, "Reset").catch(() => null);
-    if (again) await hold(page, again, 1100).catch(() => {});
+    if (again) await hold(page, again).catch(() => {});
     await new Promise((r) => setTimeout(r, 700));
     return false;
   }, 40);
   // A stop of the program can be gone on from; this run is given up, by holding.
   await until("paused", async () => /PAUSED/.test(await state(page)), 10);
-  await hold(page, await button(page, "Abort"), 1100);
+  await hold(page, await button(page, "Abort"));
   await page.waitForSelector(".frame[data-look=ready]", { timeout: 30_000 });
   assert.equal((await viewer.$$(".faults")).length, 0, "a fault that was reset is shown on");
 
@@ -188,12 +158,12 @@ try {
   await check.click();
   await page.waitForSelector("dialog .seen");
   await shot(page, "2-start");
-  await hold(page, await button(page, "Start"), 200);  // Start… lies behind the dialog
+  await pressShortly(page, await button(page, "Start"));  // Start… lies behind the dialog
   assert.ok(await page.$("dialog[open]"), "a short press started the run");
   const start = await page.$("dialog button.start");
-  await hold(page, start, 200);
+  await pressShortly(page, start);
   assert.ok(await page.$("dialog[open]"), "a short press started the run");
-  await hold(page, start, 1100);
+  await hold(page, start);
   await page.waitForFunction(() => document.querySelector(".state")?.textContent.includes("RUNNING"), { timeout: 20_000 });
 
   // The first ramp moves the crosshead; every sample comes.
@@ -218,7 +188,7 @@ try {
   await other.goto(rig.call("web", "--name", "Bob"), { waitUntil: "load" });
   await other.waitForSelector(".frame");  // the link's own page leads there
   await until("who has control", async () => /Ann has control/.test(await text(other, ".who")));
-  await hold(other, await button(other, "Take over"), 1100);
+  await hold(other, await button(other, "Take over"));
   await until("taken over", async () => /Bob has control/.test(await text(page, ".who")), 10);
   assert.match(rig.web.logged(), /control taken over by Bob \(uid \d+\) from Ann/);
   assert.ok(await (await button(page, "Resume")).evaluate((b) => b.disabled));
@@ -227,17 +197,13 @@ try {
   await other.waitForSelector("dialog[open]");
   await (await button(other, "Put away")).click();
   await until("no twin", async () => /No model is stepped/.test(await text(other, ".twin")), 10);
-  const resume = await button(other, "Resume");
-  await resume.focus();  // by keyboard alone
-  await other.keyboard.down("Enter");
-  await new Promise((r) => setTimeout(r, 1100));
-  await other.keyboard.up("Enter");
+  await hold(other, await button(other, "Resume"), { key: "Enter" });
   await until("running again", async () => /RUNNING/.test(await state(page)), 15);
 
   // Pause at once, from the keyboard, by who has no control; let go again by who has.
   await page.keyboard.press("p");
   await until("paused", async () => /PAUSED/.test(await state(page)), 10);
-  await hold(other, await button(other, "Resume"), 1100);
+  await hold(other, await button(other, "Resume"));
   await until("running once more", async () => /RUNNING/.test(await state(page)), 15);
 
   // A reload has the history again.
@@ -314,11 +280,17 @@ try {
   console.log(`first paint ${Math.round(paint)} ms; isorig-web ${Math.round(memory / 1024)} MiB; ${health.match(/this page: [^◦]*/)[0].trim()}`);
   rig.web.kill("SIGTERM");
   assert.equal(await rig.web.ended, 0);
+}
+
+try {
+  rig.startDaemon();
+  const base = await rig.startWeb();
+  await rig.reach("ready");
+  await withBrowser((browser) => live(browser, base));
 } catch (error) {
   console.error(rig.logs());
   console.error(error);
   process.exitCode = 1;
 } finally {
-  await browser?.close();
   rig.end();
 }
