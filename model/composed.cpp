@@ -95,6 +95,23 @@ ModelSpec nominal_model(std::string_view name) {
   return spec;
 }
 
+bool is_of_others(const ModelSpec& spec, const Reference& reference) {
+  return spec.seen && !spec.seen->recordings.empty() &&
+         std::ranges::find(spec.seen->recordings, reference.recording_id) == spec.seen->recordings.end();
+}
+
+double variance_of_further_zero_N2(const ModelSpec& spec) {
+  if (!spec.seen || spec.seen->recordings.size() < 2) return 0.0;
+  const auto n = static_cast<double>(spec.seen->recordings.size());
+  double sum_N = 0.0, squares_N2 = 0.0;  // recordings without a zero of their own are the constant's: 0
+  for (const Part& part : spec.parts) {
+    if (part.physics != &element::force_zero()) continue;
+    sum_N += part.coefficients[0];
+    squares_N2 += part.coefficients[0] * part.coefficients[0];
+  }
+  return (1.0 + 1.0 / n) * std::max(squares_N2 - sum_N * sum_N / n, 0.0) / (n - 1.0);
+}
+
 ModelSpec fades_to(const ModelSpec& spec) {
   ModelSpec out{spec.name, spec.seen->nominal, Seen{}, spec.length_scale, spec.pressure_from_psi};
   out.seen->duration_s = spec.seen->duration_s;
@@ -123,8 +140,7 @@ RunningModel::RunningModel(const ModelSpec& given, const Reference& reference) {
   std::iota(by_stage.begin(), by_stage.end(), std::size_t{0});
   std::ranges::stable_sort(by_stage, {}, [&](std::size_t i) { return stage_of(spec.parts[i]); });
 
-  const bool another = spec.seen && !spec.seen->recordings.empty() &&
-                       std::ranges::find(spec.seen->recordings, reference.recording_id) == spec.seen->recordings.end();
+  const bool another = is_of_others(spec, reference);
   for (const std::size_t i : by_stage) {
     const Part& part = spec.parts[i];
     const bool zero_of_others = another && part.physics == &element::force_zero() && part.parameters[0] != 0.0;

@@ -72,6 +72,14 @@ struct ModelSpec {
 /// add up to one); all with a free tare. Numbers are starting values.
 [[nodiscard]] ModelSpec nominal_model(std::string_view name);
 
+/// The model says which recordings it was fitted to, and this is none of them.
+[[nodiscard]] bool is_of_others(const ModelSpec& spec, const Reference& reference);
+
+/// Of the force's zeros of single recordings (force_zero), the variance with which their mean predicts the zero of a
+/// further one, N^2: (1 + 1/n) s^2, with s^2 = sum (z - mean)^2 / (n - 1) over the n recordings of the fit. 0 where
+/// fewer than two are known, or none has a zero of its own.
+[[nodiscard]] double variance_of_further_zero_N2(const ModelSpec& spec);
+
 /// The nominal model that `spec`, which was fitted, fades to: of the same recordings.
 [[nodiscard]] ModelSpec fades_to(const ModelSpec& spec);
 

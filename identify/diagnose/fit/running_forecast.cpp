@@ -25,6 +25,7 @@ RunningForecast::RunningForecast(const ModelSpec& spec, const model::Reference& 
   if (const std::string why = unfit_seen(spec); !why.empty()) throw std::invalid_argument(why);
   const model::Seen& seen = *spec.seen;
   error_N_ = seen.error_N;
+  if (is_of_others(spec, reference)) zero_variance_N2_ = variance_of_further_zero_N2(spec);
   nominal_.emplace_back(fades_to(spec), reference);
   const std::vector<FreeNumber> numbers = fitted_numbers(spec);
   const auto n = static_cast<Eigen::Index>(numbers.size());
@@ -63,8 +64,8 @@ RunningForecast::Row RunningForecast::step(const model::Instant& now) {
   const double variance_N2 = moved_.empty() ? 0.0 : std::max(0.0, change_N_.dot(covariance_ * change_N_));
   const auto [d, w] = fading_.front().next(now);
   const double beyond_N = force_N - nominal_N;
-  const double half_N =
-      k95 * std::sqrt((1.0 + d) * (1.0 + d) * error_N_ * error_N_ + variance_N2) + (1.0 - w) * std::fabs(beyond_N);
+  const double half_N = k95 * std::sqrt((1.0 + d) * (1.0 + d) * error_N_ * error_N_ + variance_N2 + zero_variance_N2_) +
+                        (1.0 - w) * std::fabs(beyond_N);
   return {nominal_N + w * beyond_N, half_N, d > 0.0};
 }
 

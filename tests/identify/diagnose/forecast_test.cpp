@@ -176,6 +176,32 @@ TEST_F(Forecasts, WhatWasSeenSurvivesItsFile) {
   EXPECT_EQ(model::parse_model(model::model_text(of_two), "read").seen->recordings, of_two.seen->recordings);
 }
 
+/// Zeros of 0, 0.3 and 0.6 N: s = 0.3 N, and a further one is known to s sqrt(1 + 1/3).
+TEST(RunningForecast, OfARecordingThatWasNotFittedHoldsTheScatterOfTheZerosInItsBand) {
+  model::ModelSpec spec{.name = "zeros", .parts = {}};
+  const auto add = [&](const char* physics, double force_N) -> model::Part& {
+    model::Part part = model::make_part(*model::find_physics(physics), model::find_physics(physics)->laws.front());
+    part.coefficients = {force_N};
+    return spec.parts.emplace_back(std::move(part));
+  };
+  add("constant", 1.0);
+  add("force_zero", 0.3).parameters[0] = 7.0;
+  add("force_zero", 0.6).parameters[0] = 9.0;
+  spec.seen.emplace();
+  spec.seen->recordings = {5.0, 7.0, 9.0};
+  spec.seen->nominal = spec.parts;
+  spec.seen->covariance.assign(6, 0.0);
+  const auto row = [&](double recording_id) {
+    RunningForecast running(spec, {.recording_id = recording_id}, {});
+    running.reset({});
+    return running.step({});
+  };
+  EXPECT_NEAR(row(8.0).force_N, 1.3, 1e-12);
+  EXPECT_NEAR(row(8.0).half_N, 1.96 * 0.3 * std::sqrt(4.0 / 3.0), 1e-12);
+  EXPECT_NEAR(row(7.0).half_N, 0.0, 1e-12) << "its own zero is known";
+  EXPECT_NEAR(row(5.0).half_N, 0.0, 1e-12) << "the longest: its zero is the constant";
+}
+
 TEST_F(Forecasts, AFaultInSeenIsNamed) {
   const std::string text = model::model_text(learnt());
   const auto refused = [&](const std::string& from, const std::string& to) {
