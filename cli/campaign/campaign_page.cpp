@@ -55,7 +55,7 @@ std::string parameter_text(const ordered_json& row, const char* name) {
   return identify::value_text(parameter);
 }
 
-/// How a recording of this kind of campaign stands in a grid; null of a state that has a mark of the pool's.
+/// The mark of a recording that was answered.
 const GridCell& mark_of(const ordered_json& row) {
   const std::string verdict = row.at("verdict");
   if (verdict == "fitted") return kFitted;

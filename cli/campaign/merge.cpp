@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "base/formatted.hpp"
+#include "base/number_text.hpp"
 #include "base/text_file.hpp"
 #include "cli/campaign/campaign_page.hpp"
 #include "cli/campaign/piece.hpp"
@@ -91,9 +92,10 @@ void count(Standing& s, const ordered_json& row) {
 /// What the fits say together.
 std::vector<std::string> findings_of(const Curves& curves) {
   if (curves.fits() == 0) return {};
-  return {
-      base::formatted("%zu %s, R² %.3f", curves.fits(), curves.fits() == 1 ? "fit" : "fits", curves.r_squared_mean()) +
-      (curves.fits() > 1 ? base::formatted(" ± %.3f (mean and standard deviation)", curves.r_squared_sd()) : "")};
+  std::string text = std::to_string(curves.fits()) + (curves.fits() == 1 ? " fit, R² " : " fits, R² ") +
+                     identify::report::r_squared_text(curves.r_squared_mean());
+  if (curves.fits() > 1) text += " ± " + base::number_text(curves.r_squared_sd(), 2) + " (mean and standard deviation)";
+  return {text};
 }
 
 /// `s` is filled as the rows come.
