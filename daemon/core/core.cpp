@@ -186,6 +186,8 @@ void Core::read_interlock() noexcept {
 
 void Core::supervise(std::int64_t now_ns) noexcept {
   watch_itself(now_ns);
+  while (storage_words_.pop(storage_)) {
+  }
   if (take_trips(now_ns, supervisor_.check(now_ns))) return;
 
   // Only the status asks for it while a plan runs.

@@ -136,6 +136,13 @@ class Core {
     if (!why.empty()) recorder_faults_.push(fault);
     recorder_fault_.store(!why.empty(), std::memory_order_release);
   }
+  /// From the recorder, between runs: why a run could not be recorded, empty when it could; the rig is not ready
+  /// meanwhile. False: the loop has not taken what was said before, say it again. One thread at a time.
+  [[nodiscard]] bool set_storage(std::string_view why_not) noexcept {
+    RecorderFault words;
+    copy_text(words.text, why_not);
+    return storage_words_.push(words);
+  }
   /// From the recorder, after each turn. Without it for too long the recorder counts as hung: program stop.
   void recorder_turn(std::int64_t now_ns) noexcept { recorder_turn_ns_.store(now_ns, std::memory_order_release); }
   /// A further consumer of the samples, for readings. Before the first tick.
@@ -327,6 +334,8 @@ class Core {
   [[nodiscard]] Trip judge_recorder(std::int64_t now_ns) noexcept;
   base::SpscQueue<RecorderFault> recorder_faults_{8};
   RecorderFault recorder_trouble_;  ///< what it said last
+  base::SpscQueue<RecorderFault> storage_words_{8};
+  RecorderFault storage_;  ///< why a run could not be recorded, or empty
   std::atomic<bool> recorder_fault_{false};
   std::atomic<std::int64_t> recorder_turn_ns_{0};  ///< 0: nothing records
   std::uint64_t drops_before_run_ = 0;

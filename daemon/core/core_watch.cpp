@@ -173,6 +173,7 @@ const char* Core::why_not_ready(std::int64_t now_ns) const noexcept {
   if (!now_.frame.clock_ready || !now_.pressure.clock_ready) return "the device clocks are being measured";
   if (pressure_psi_ >= config_.vented_psi)
     return "the actuator is under pressure (isorig abort vents; a vented sensor that reads this: calibrate its zero)";
+  if (storage_.text[0] != '\0') return storage_.text;
   return nullptr;
 }
 

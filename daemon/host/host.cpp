@@ -7,6 +7,7 @@
 #include "daemon/host/host_prepared.hpp"
 #include "daemon/host/host_run.hpp"
 #include "daemon/host/verb_desk.hpp"
+#include "daemon/recording/run_directory.hpp"
 #include "daemon/rig/calibrations.hpp"
 
 /// Host: the recorder's turns, the verbs, the end of a run.
@@ -15,6 +16,10 @@ namespace {
 
 constexpr std::size_t kEventsKept = 2000;
 constexpr std::int64_t kTryAgainNs = 1'000'000'000;
+// Between runs the disk is tried by a write and a sync: seldom while it takes them, so that it may rest and does not
+// wear; soon again when it does not.
+constexpr std::int64_t kStorageGoodNs = 30'000'000'000;
+constexpr std::int64_t kStorageBadNs = 2'000'000'000;
 
 /// Why a run must not go on; empty while everything is kept.
 std::string trouble_of(const RecorderStatus& s) {
@@ -47,6 +52,7 @@ Host::Host(const RigConfig& rig, Core& core, Streams& recording, Options options
   if (!options_.virtual_time) {
     core_.set_observer(&live_);
     acceptance_.emplace(rig.name, rig.text, options_.runs_root);
+    look_at_storage(0, false);  // before the first tick: never ready on a disk that nobody has tried
   }
 }
 
@@ -122,6 +128,7 @@ void Host::turn(std::int64_t now_ns) noexcept {
 
 void Host::turn_or_throw(std::int64_t now_ns) {
   const auto run = take_events();
+  if (!options_.virtual_time) look_at_storage(now_ns, run != nullptr);  // a virtual run starts at once, or is refused
   if (!run) return;
   const std::lock_guard recording(run->recording);
   if (run->closed) return;
@@ -198,6 +205,29 @@ void Host::tell_core(const std::string& recorder_fault) {
   if (!recorder_fault.empty()) trouble(recorder_fault);
   told_ = recorder_fault;
   core_.set_recorder_fault(recorder_fault);
+}
+
+/// The rig is ready only where a run could be recorded. A run that is open says by itself what its disk does.
+void Host::look_at_storage(std::int64_t now_ns, bool run_open) {
+  std::string why;
+  if (run_open) {
+    next_storage_look_ns_ = 0;
+  } else {
+    if (now_ns < next_storage_look_ns_) return;
+    const auto free = options_.free_bytes ? options_.free_bytes : free_bytes;
+    why = why_not_writable(options_.runs_root);
+    if (why.empty()) {
+      const auto least = rig_.recording.min_free_bytes;
+      const auto bytes = free(options_.runs_root);
+      if (bytes < least)
+        why = std::to_string(bytes >> 20U) + " MiB free, " + std::to_string(least >> 20U) + " MiB are kept free";
+    }
+    next_storage_look_ns_ = now_ns + (why.empty() ? kStorageGoodNs : kStorageBadNs);
+  }
+  if (why == storage_told_) return;
+  if (!core_.set_storage(why.empty() ? why : "no run could be recorded: " + why)) return;  // in the next look
+  if (!why.empty()) trouble("no run could be recorded in " + options_.runs_root.string() + ": " + why);
+  storage_told_ = why;
 }
 
 void Host::close_when_over(Run& run, std::int64_t now_ns) {

@@ -201,6 +201,7 @@ class Host {
   void turn_or_throw(std::int64_t now_ns);
   std::shared_ptr<Run> take_events();
   void drop_queued();
+  void look_at_storage(std::int64_t now_ns, bool run_open);
   void tell_core(const std::string& recorder_fault);
   void close_when_over(Run& run, std::int64_t now_ns);
   bool close_run(Run& run, const std::string& outcome, bool complete, std::int64_t now_ns);
@@ -221,6 +222,9 @@ class Host {
   std::vector<std::shared_ptr<const protocol::Plan>> lent_;  // guarded by it: what the loop may look at
 
   std::unique_ptr<Prepared> armed_;  // guarded by it: what go() opens
+
+  std::int64_t next_storage_look_ns_ = 0;  // the recorder thread's, as is what it told the loop last
+  std::string storage_told_;
 
   std::mutex tell_mutex_;  // the core's queue of recorder faults has one producer
   std::string told_;       // guarded by it

@@ -9,6 +9,7 @@
 #include <cstring>
 #include <sstream>
 #include <stdexcept>
+#include <string_view>
 #include <system_error>
 #include <utility>
 
@@ -40,6 +41,27 @@ void write_file(const std::filesystem::path& path, const std::string& text) {
 }
 
 }  // namespace
+
+std::string why_not_writable(const std::filesystem::path& directory) {
+  std::error_code failed;
+  std::filesystem::create_directories(directory, failed);
+  if (failed) return failed.message();
+  // Without a name where the file system can do that: then nobody ever sees it, whatever kills us.
+  int fd = ::open(directory.c_str(), O_WRONLY | O_TMPFILE | O_CLOEXEC, 0600);
+  if (fd < 0 && (errno == EOPNOTSUPP || errno == EISDIR)) {
+    std::string name = (directory / ".write-test-XXXXXX").string();
+    fd = ::mkostemp(name.data(), O_CLOEXEC);
+    if (fd >= 0) ::unlink(name.c_str());
+  }
+  if (fd < 0) return std::strerror(errno);
+  constexpr std::string_view kSome = "isorig";
+  const auto written = ::write(fd, kSome.data(), kSome.size());
+  const bool whole = written == static_cast<ssize_t>(kSome.size()) && ::fsync(fd) == 0;
+  std::string why;
+  if (!whole) why = written >= 0 && written < static_cast<ssize_t>(kSome.size()) ? "no room" : std::strerror(errno);
+  ::close(fd);
+  return why;
+}
 
 std::uint64_t free_bytes(const std::filesystem::path& path) {
   struct statvfs s {};

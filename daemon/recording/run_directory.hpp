@@ -11,6 +11,10 @@ namespace isorig::daemon {
 
 [[nodiscard]] std::uint64_t free_bytes(const std::filesystem::path& path);
 
+/// Why nothing could be recorded in this folder now, in words: a few bytes are written and synced, in a file that is
+/// gone afterwards. Empty: they could be. A folder that is not there is made, as a start makes it.
+[[nodiscard]] std::string why_not_writable(const std::filesystem::path& directory);
+
 /// The entry itself (a new file's name) survives a power cut only after this.
 void sync_directory(const std::filesystem::path& directory);
 

@@ -86,6 +86,19 @@ TEST_F(HostTest, OfManyStartsAtOnceOneWinsAndGoesOn) {
   }
 }
 
+TEST_F(HostTest, IsReadyOnlyWhereARunCouldBeRecorded) {
+  disk_is_nearly_full_ = true;
+  ASSERT_TRUE(reach(RunState::kIdle));
+  EXPECT_STREQ(rig_->core().status().not_ready, "no run could be recorded: 0 MiB free, 1 MiB are kept free");
+  const auto refused = host_->start(protocol());
+  EXPECT_FALSE(refused.ok);
+  EXPECT_THAT(refused.text, HasSubstr("0 MiB free"));
+  EXPECT_EQ(rig_->core().status().fault_count, 0U) << "nothing is wrong with the rig";
+  disk_is_nearly_full_ = false;
+  ASSERT_TRUE(reach(RunState::kReady));
+  EXPECT_TRUE(host_->start(protocol()).ok);
+}
+
 TEST_F(HostTest, EveryVerbByManyAtOnce) {
   const auto start = nlohmann::json{{"protocol", kLongProtocol}}.dump();
   for (const int clients : {2, 4}) {

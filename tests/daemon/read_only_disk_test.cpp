@@ -7,8 +7,10 @@
 #include <cerrno>
 #include <cstdarg>
 #include <cstring>
+#include <fstream>
 #include <string_view>
 
+#include "daemon/recording/run_directory.hpp"
 #include "recording_rig.hpp"
 #include "small_disk.hpp"
 
@@ -65,6 +67,26 @@ TEST(RecordingOnReadOnlyDisk, BeforeARunItsRecordingIsNotBegun) {
   EXPECT_THAT([&] { Recorder recorder(options, run_info()); },
               ThrowsMessage<std::runtime_error>(HasSubstr("Read-only file system")));
   EXPECT_FALSE(std::filesystem::exists(disk.path() / "run"));
+}
+
+TEST(WhyNotWritable, SaysWhatTheDiskSaysAndLeavesNothingBehind) {
+  const TemporaryDirectory dir("writable");
+  const auto runs = dir.path() / "data" / "runs";
+  EXPECT_EQ(why_not_writable(runs), "") << "a folder that is not there is made, as a start makes it";
+  EXPECT_TRUE(std::filesystem::is_directory(runs));
+  EXPECT_TRUE(std::filesystem::is_empty(runs));
+  std::ofstream(dir.path() / "file") << "no folder";
+  EXPECT_THAT(why_not_writable(dir.path() / "file" / "runs"), HasSubstr("Not a directory"));
+  SmallDisk disk(dir.path() / "disk");
+  if (!disk.mounted()) GTEST_SKIP() << kNeedsRoot << std::strerror(errno);
+  EXPECT_EQ(why_not_writable(disk.path()), "");
+  disk.fill();
+  EXPECT_THAT(why_not_writable(disk.path()), HasSubstr("No space left on device"));
+  disk.make_room();
+  EXPECT_EQ(why_not_writable(disk.path()), "");
+  ASSERT_TRUE(disk.remount_read_only()) << std::strerror(errno);
+  EXPECT_THAT(why_not_writable(disk.path()), HasSubstr("Read-only file system"));
+  EXPECT_TRUE(std::filesystem::is_empty(disk.path()));
 }
 
 /// An operator's `mount -o remount,ro`: the kernel refuses it while a segment is open for writing.

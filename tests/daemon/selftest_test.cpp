@@ -157,7 +157,7 @@ TEST_F(SelfTest, TheMachine) {
   });
   expect(late, "realtime.lateness", Verdict::kFail, "later than 512 us");
   config_.recording.min_free_bytes = std::uint64_t{1} << 60U;
-  expect(judge(), "disk", Verdict::kFail, "MiB free");
+  expect(judge(), "disk", Verdict::kFail, "MiB free", {"state"});
 }
 
 TEST_F(SelfTest, AnOverdueCalibration) {

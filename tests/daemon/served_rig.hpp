@@ -16,6 +16,7 @@
 #include "daemon/host/api.hpp"
 #include "daemon/host/audit_log.hpp"
 #include "daemon/host/host.hpp"
+#include "daemon/recording/run_directory.hpp"
 #include "recording_rig.hpp"
 #include "rig_fixture.hpp"
 #include "wait_until.hpp"
@@ -60,6 +61,9 @@ class ServedRig : public ::testing::Test {
     options.runs_root = runs_;
     options.revision = "0123456789ab";
     options.epoch_unix_us = [this] { return epoch_unix_us_.load(); };
+    options.free_bytes = [this](const std::filesystem::path& path) {
+      return disk_is_nearly_full_ ? std::uint64_t{1} << 19U : free_bytes(path);
+    };
     options.on_parted = [this](const std::string& run, const std::string& text, const std::string& then) {
       const std::lock_guard lock(parted_mutex_);
       parted_.push_back(run + " " + then + ": " + text);
@@ -135,6 +139,7 @@ class ServedRig : public ::testing::Test {
   std::atomic<bool> recorder_waits_{false};
   std::atomic<std::int64_t> epoch_unix_us_{0};  ///< the wall clock at the rig's time 0
   std::atomic<bool> loop_waits_{false};
+  std::atomic<bool> disk_is_nearly_full_{false};
 };
 
 }  // namespace isorig::daemon::test

@@ -91,18 +91,28 @@ steps = [
 constexpr const char* kNoTrigger =
     "this kernel has no /sys/fs/ext4/DEVICE/trigger_fs_error, or does not let us write it";
 
-TEST_F(ReadOnlyDisk, BeforeAStartRefusesItInWords) {
+TEST_F(ReadOnlyDisk, BeforeAStartRefusesItInWordsAndIsNotReady) {
   if (!disk_->fail()) GTEST_SKIP() << kNoTrigger;
   for (const bool began_on_it : {false, true}) {  // the daemon, too
     if (began_on_it) {
       EXPECT_EQ(daemon_->process().stop(SIGTERM), 0) << daemon_->log();
       daemon_.emplace(dir_, rig_);
-      ASSERT_TRUE(daemon_->reach("ready")) << daemon_->log();
+    } else {
+      // Before the daemon has looked.
+      const auto answer = daemon_->call({"start", (dir_ / "slow.toml").string()});
+      EXPECT_NE(answer.code, 0);
+      EXPECT_THAT(answer.text, AllOf(HasSubstr(kReadOnly), HasSubstr("nothing was started")));
     }
+    // Looked at every 30 s.
+    ASSERT_TRUE(wait_until(60.0, [&] {
+      const auto status = daemon_->status();  // nothing, until the daemon answers
+      return status.is_object() && status.value("not_ready", "").find(kReadOnly) != std::string::npos;
+    })) << daemon_->log();
+    EXPECT_EQ(daemon_->state(), "idle") << daemon_->log();
+    EXPECT_THAT(daemon_->log(), HasSubstr("no run could be recorded in " + (dir_ / "runs").string()));
     const auto answer = daemon_->call({"start", (dir_ / "slow.toml").string()});
     EXPECT_NE(answer.code, 0);
-    EXPECT_THAT(answer.text, AllOf(HasSubstr(kReadOnly), HasSubstr("nothing was started")));
-    EXPECT_EQ(daemon_->state(), "ready") << daemon_->log();
+    EXPECT_THAT(answer.text, AllOf(HasSubstr(kReadOnly), HasSubstr("the rig is idle")));
     EXPECT_EQ(daemon_->catalogue().size(), 0U);
   }
 }
