@@ -84,6 +84,7 @@ What virtual time cannot have: bytes, sockets, processes, disks and a real kerne
 | disk full, failing, read short, pulled | `RecordingFaults.AFullDiskLosesNothing`, `RecordingFaults.AFailedSyncIsFinalAndTheRecordingGoesOnElsewhere`, `RecordingFaults.AShortWriteLosesAndTearsNothing`, `RecordingFaults.ARemovedFolderIsACondition`, `EndingTest.ARecorderThatHangsIsAProgramStop` |
 | disk that becomes read-only: in mid-run, before a start | `ReadOnlyDisk.InMidRunIsAProgramStopAndTheRunGoesOnWhenTheDiskIsMended`, `RecordingOnReadOnlyDisk.InMidRunIsHeldInMemoryAndWrittenWhenItIsWritableAgain`, `ReadOnlyDisk.BeforeAStartRefusesItInWordsAndIsNotReady` |
 | LCM: no route, one that goes in mid-run, a subscriber that is slow | `LcmRoute.ADaemonWithoutOneDoesNotStartAndSaysWhatHelps`, `LcmRoute.OneThatGoesInMidRunIsToldAndCostsTheRecordingNothing`, `Publisher.ASubscriberWithTheDefaultQueueCountsWhatItMissed` |
+| memory pressure | `MemoryPressure.CostsNeitherSamplesNorTheRun` |
 | a wall clock that is set | `WallClock.SetBackBetweenTwoRunsDatesEachByItselfAndTheSecondIsTheLatest`, `OrderOfRuns.TheLatestIsTheOneThatBeganLastWhateverTheClockSaid` |
 | clients killed, slow, in crowds | `EndingTest.NoCrowdOfClientsDelaysAnAbort`, `EndingTest.AnOutputThatNobodyTakesHoldsUpNothing` |
 | SIGTERM, SIGINT, SIGHUP; signals that mean nothing | `EndingSignalTest.EndsARunOrderly`, `EndingTest.ASignalStopsTheRigWhileTheDiskHangsAndTheRunIsWrittenLater`, `EndingTest.SignalsThatMeanNothingHereEndNothing` |
@@ -102,12 +103,10 @@ one clock). What a wrong date does:
 - A kernel before 5.7 stamps the edges of GPIO lines with the wall clock. A step between an edge and its reading, 5 ms at most while the thread runs,
   moves the stamp of that edge.
 
-Memory pressure is in neither table and in no test: the loop's memory is locked, and it allocates nothing ([threads.md](threads.md)). Measured once, by
-hand (2026-11-28; Linux 6.18, a memory cgroup of version 1, no swap; two processors that also compiled): isorigd with `config/rigs/sim.toml`, 34 MB of
-it unevictable, ran a ramp of 20 s in a cgroup of 72 MiB beside a process that wrote and read a file of 200 MB and touched 8 MiB over and over. The
-cgroup reached its limit 85,286 times. Of 21,654 samples of the frame none was lost, the recording is whole, the daemon had no major page fault.
-2702 ticks were late, by 33 ms at most. In a cgroup of 2000 MiB, whose limit was never reached, 2620 were, by 34 ms at most: the same process took the
-processors there. A limit below what is locked (24 MiB) killed the daemon as it began; what follows from that is the row SIGKILL.
+Memory pressure is in the second table: the daemon in a memory cgroup of 24 MiB more than it holds, beside a process that writes and reads a file of 200 MB
+and touches 8 MiB over and over. In 13 s the cgroup reaches its limit some 11,000 times (2026-11-28, Linux 6.18, cgroups of version 1, no swap). No sample
+is lost, the recording is whole, and the daemon reads no page from a disk: its memory is locked ([threads.md](threads.md)). A limit below what is locked
+(24 MiB) killed the daemon as it began; what follows from that is the row SIGKILL.
 )";
 
 std::string number(double value) {
