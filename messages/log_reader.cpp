@@ -24,7 +24,7 @@ constexpr int kFirstEvents = 64;            // that are asked for checksums
 
 }  // namespace
 
-LogReader::LogReader(const std::filesystem::path& path) : path_(path) {
+LogReader::LogReader(const std::filesystem::path& path, Checksums checksums) : path_(path) {
   if (const auto why = base::why_not_a_file(path); !why.empty()) throw std::runtime_error(path.string() + " " + why);
   const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
   if (fd < 0) throw std::system_error(errno, std::generic_category(), "cannot open " + path.string());
@@ -43,7 +43,7 @@ LogReader::LogReader(const std::filesystem::path& path) : path_(path) {
   }
   ::madvise(at, static_cast<std::size_t>(s.st_size), MADV_SEQUENTIAL);
   file_ = {static_cast<const std::uint8_t*>(at), static_cast<std::size_t>(s.st_size)};
-  has_checksums_ = find_checksums();
+  has_checksums_ = checksums == Checksums::kAlways || find_checksums();
 }
 
 LogReader::~LogReader() {
@@ -121,8 +121,8 @@ std::optional<LogEvent> LogReader::next() {
   return {};
 }
 
-LogTally tally_of(const std::filesystem::path& log) {
-  LogReader reader(log);
+LogTally tally_of(const std::filesystem::path& log, Checksums checksums) {
+  LogReader reader(log, checksums);
   while (reader.next()) {
   }
   return reader.tally();

@@ -31,15 +31,19 @@ struct LogDamage {
   bool begun = false;
 };
 
+/// `kAsFound`: a log in which any of the first events has a right checksum is one with checksums. `kAlways`: this log
+/// has them, also where all of its first events are damaged; of a recording in which an earlier segment has checksums.
+enum class Checksums { kAsFound, kAlways };
+
 /// Reads an LCM event log. liblcm's reader stops at the first event that is not whole and says nothing; after
 /// a crash one wants everything up to there, how much was cut, and, should a disk have lost a block in the
 /// middle, what comes after it. The whole file is mapped.
 ///
-/// A log in which any of the first events has a right checksum is one with checksums: an event whose checksum is wrong
-/// is damage there, and is not given out.
+/// In a log with checksums an event whose checksum is wrong is damage, and is not given out.
 class LogReader {
  public:
-  explicit LogReader(const std::filesystem::path& path);  ///< throws std::runtime_error, std::system_error
+  /// Throws std::runtime_error, std::system_error.
+  explicit LogReader(const std::filesystem::path& path, Checksums checksums = Checksums::kAsFound);
   ~LogReader();
   LogReader(const LogReader&) = delete;
   LogReader& operator=(const LogReader&) = delete;
@@ -74,6 +78,6 @@ class LogReader {
 };
 
 /// Of a whole file.
-[[nodiscard]] LogTally tally_of(const std::filesystem::path& log);
+[[nodiscard]] LogTally tally_of(const std::filesystem::path& log, Checksums checksums = Checksums::kAsFound);
 
 }  // namespace isorig::messages

@@ -78,12 +78,13 @@ class Reading {
     }
     number_ = number;
     file_ = path;
-    LogReader reader(path);
+    LogReader reader(path, checksums_);
     visitor_.segment(path);
     continues_ = false;
     events_due_ = 0;
     bool jumped = false;
     checked_ = reader.has_checksums();
+    if (checked_) checksums_ = Checksums::kAlways;
     std::uint64_t told = 0;
     while (const auto event = reader.next()) {
       if (read && reader.read_bytes() >= told + kToldBytes) read(told = reader.read_bytes());
@@ -297,7 +298,8 @@ class Reading {
   ReadReport report_;
   std::filesystem::path file_;
   int number_ = 0;
-  bool checked_ = false;
+  bool checked_ = false;  // the present segment has checksums
+  Checksums checksums_ = Checksums::kAsFound;
   bool continues_ = false;  // the present segment was closed, the recording goes on in the next
   std::int64_t events_due_ = 0;
   std::optional<SegmentBefore> before_;
@@ -328,8 +330,12 @@ UnknownLogVersion::UnknownLogVersion(const std::filesystem::path& segment, std::
     : std::runtime_error(segment.string() + ": format \"" + base::printable(format) +
                          "\", this program reads 1 and 2; read it with the isorig that recorded it, or a newer one") {}
 
-std::optional<isorig_msgs::run_header_t> read_header(const std::filesystem::path& segment) {
-  LogReader reader(segment);
+Checksums checksums_behind(const std::filesystem::path& segment, Checksums its) {
+  return LogReader(segment, its).has_checksums() ? Checksums::kAlways : Checksums::kAsFound;
+}
+
+std::optional<isorig_msgs::run_header_t> read_header(const std::filesystem::path& segment, Checksums checksums) {
+  LogReader reader(segment, checksums);
   const auto event = reader.next();
   isorig_msgs::run_header_t header;
   if (!event || event->channel != name_of(Channel::kHeader)) return {};

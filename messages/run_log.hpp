@@ -40,7 +40,13 @@ class UnknownLogVersion : public std::runtime_error {
 };
 
 /// What a segment says about its run; nothing when it was cut before that. Throws UnknownLogVersion.
-[[nodiscard]] std::optional<isorig_msgs::run_header_t> read_header(const std::filesystem::path& segment);
+[[nodiscard]] std::optional<isorig_msgs::run_header_t> read_header(const std::filesystem::path& segment,
+                                                                   Checksums checksums = Checksums::kAsFound);
+
+/// How the segment behind this one is to be read, which was to be read by `its`. A power cut may leave a segment of
+/// which no message is whole: by itself it looks like one of a time without checksums, and zeros would be read as what
+/// was measured.
+[[nodiscard]] Checksums checksums_behind(const std::filesystem::path& segment, Checksums its);
 
 /// Gets what a run holds, in the order it was written. Override what is of interest; the rest is not decoded
 /// in vain, but counted.

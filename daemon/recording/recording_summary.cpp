@@ -65,10 +65,12 @@ RecordingSummary summarize_recording(const std::filesystem::path& run_dir) {
 
 std::map<std::string, std::string> recorded_texts(const std::filesystem::path& run_dir) {
   std::map<std::string, std::string> texts;
+  auto checksums = messages::Checksums::kAsFound;
   for (const auto& segment : messages::list_segments(run_dir)) {
     try {
-      const auto header =
-          messages::read_header(segment);  // of every one: a newer program may have gone on with the run
+      // Of every one: a newer program may have gone on with the run.
+      const auto header = messages::read_header(segment, checksums);
+      checksums = messages::checksums_behind(segment, checksums);
       if (!header || !texts.empty()) continue;
       for (const auto& t : header->texts) texts[t.name] = t.text;
     } catch (const messages::UnknownLogVersion&) {

@@ -49,12 +49,14 @@ SegmentedLog::SegmentedLog(RecorderOptions options, const RunInfo& info,
   }
   std::int32_t attempt = 1;
   const auto earlier = earlier_segments(options_.run_dir);
+  auto of_last = messages::Checksums::kAsFound, checksums = of_last;
   for (const auto& file : earlier) {
     segment_ = messages::segment_number(file);
-    if (const auto header = messages::read_header(file)) attempt = std::max(attempt, header->attempt + 1);
+    if (const auto header = messages::read_header(file, checksums)) attempt = std::max(attempt, header->attempt + 1);
+    of_last = std::exchange(checksums, messages::checksums_behind(file, checksums));
   }
   if (!earlier.empty()) {
-    before_ = messages::tally_of(earlier.back());
+    before_ = messages::tally_of(earlier.back(), of_last);
     before_path_ = earlier.back();
   }
   if (earlier.empty()) write_inputs(options_.run_dir, info);
