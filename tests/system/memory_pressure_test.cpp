@@ -29,14 +29,17 @@ class MemoryCgroup {
     v2_ = ::statfs(root.c_str(), &s) == 0 && s.f_type == CGROUP2_SUPER_MAGIC;
     if (v2_) (void)put(root / "cgroup.subtree_control", "+memory");
     path_ = (v2_ ? root : root / "memory") / ("isorig-test-" + std::to_string(::getpid()));
-    made_ = ::mkdir(path_.c_str(), 0755) == 0 && std::filesystem::exists(limit_file());
-    if (!made_) why_not_ = path_.string() + ": " + std::strerror(errno);
+    if (::mkdir(path_.c_str(), 0755) != 0) {
+      why_not_ = path_.string() + ": " + std::strerror(errno);
+    } else if (!std::filesystem::exists(limit_file())) {
+      why_not_ = limit_file().string() + " is not there: no memory controller";
+    }
   }
   ~MemoryCgroup() { ::rmdir(path_.c_str()); }
   MemoryCgroup(const MemoryCgroup&) = delete;
   MemoryCgroup& operator=(const MemoryCgroup&) = delete;
 
-  [[nodiscard]] bool made() const { return made_; }
+  [[nodiscard]] bool made() const { return why_not_.empty(); }
   [[nodiscard]] const std::string& why_not() const { return why_not_; }
   /// In a child: it, and all that it will hold.
   void join() const {
@@ -61,7 +64,7 @@ class MemoryCgroup {
 
   std::filesystem::path path_;
   std::string why_not_;
-  bool v2_ = false, made_ = false;
+  bool v2_ = false;
 };
 
 /// Writes and reads a file that is larger than the group, and touches what it holds. Never returns.
