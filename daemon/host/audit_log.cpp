@@ -192,7 +192,8 @@ bool AuditLog::open_file() {
   std::error_code error;
   std::filesystem::create_directories(folder_, error);
   folder_fd_ = ::open(folder_.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
-  if (folder_fd_ < 0) return failed("cannot be made", errno);
+  // Why the folder could not be made, not that it is not there.
+  if (folder_fd_ < 0) return failed("cannot be made", errno == ENOENT && error ? error.value() : errno);
   fd_ = ::openat(folder_fd_, kFile, O_RDWR | O_APPEND | O_CREAT | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC, 0644);
   struct stat status {};
   if (fd_ < 0 || ::fstat(fd_, &status) != 0) return failed("cannot be opened", errno);

@@ -14,6 +14,7 @@ namespace {
 
 using testing::AllOf;
 using testing::HasSubstr;
+using testing::Not;
 
 constexpr const char* kReadOnly = "Read-only file system";
 
@@ -110,6 +111,7 @@ TEST_F(ReadOnlyDisk, BeforeAStartRefusesItInWordsAndIsNotReady) {
     })) << daemon_->log();
     EXPECT_EQ(daemon_->state(), "idle") << daemon_->log();
     EXPECT_THAT(daemon_->log(), HasSubstr("no run could be recorded in " + (dir_ / "runs").string()));
+    EXPECT_THAT(daemon_->log(), Not(HasSubstr("No such file or directory")));
     const auto answer = daemon_->call({"start", (dir_ / "slow.toml").string()});
     EXPECT_NE(answer.code, 0);
     EXPECT_THAT(answer.text, AllOf(HasSubstr(kReadOnly), HasSubstr("the rig is idle")));
