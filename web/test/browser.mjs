@@ -88,7 +88,9 @@ export async function hold(page, element, { key } = {}) {
         began ||= e.classList.contains("held");
         if (e.isConnected && (!began || e.classList.contains("held"))) return;
         observer.disconnect();
-        done();
+        // What the button says when it was let go too early, as by moving away under the pointer.
+        if (e.isConnected && e.textContent.includes("hold longer")) failed(new Error("the button was let go before it acted"));
+        else done();
       });
       observer.observe(document.body, { subtree: true, childList: true, attributes: true, attributeFilter: ["class"] });
       setTimeout(() => failed(new Error(`"${e.textContent}" ${began ? "was held for 20 s and did not act" : "was pressed and was not held"}`)), 20_000);

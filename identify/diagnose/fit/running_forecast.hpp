@@ -30,8 +30,8 @@ class RunningForecast {
  private:
   model::RunningModel model_;
   double error_N_ = 0.0;
-  double zero_variance_N2_ =
-      0.0;  ///< of a recording that was not fitted, where those that were have zeros of their own
+  /// Of a recording that was not fitted, where those that were have zeros of their own; else 0.
+  double zero_variance_N2_ = 0.0;
   std::vector<model::RunningModel> nominal_;  ///< one, or none without [seen]
   std::vector<model::RunningModel> moved_;    ///< one for every fitted number, moved by its difference_step
   Eigen::MatrixXd covariance_;                ///< in units of those steps
