@@ -55,8 +55,13 @@ class StudyRun : public testing::Test {
   }
   /// While this file is there a diagnosis of that case does not end.
   [[nodiscard]] fs::path hold(unsigned number) const { return dir_ / ("hold-" + proof_test::case_name(number)); }
-  static constexpr const char* kHolds =
-      R"sh(while [ -e "$(dirname "$0")/hold-$(basename "$(dirname "$recording")")" ]; do sleep 0.02; done)sh";
+  static constexpr const char* kHolds = R"sh(hold=$(dirname "$0")/hold-$(basename "$(dirname "$recording")")
+while [ -e "$hold" ]; do
+  touch "$hold-begun"
+  sleep 0.02
+done)sh";
+  /// It has begun, and has told `diagnosed` that it has.
+  [[nodiscard]] bool is_held(unsigned number) const { return fs::exists(hold(number).string() + "-begun"); }
   [[nodiscard]] std::vector<pid_t> at_work(unsigned number) const {
     return processes_with("diagnose " + (study_ / proof_test::case_name(number) / "train").string());
   }
@@ -94,8 +99,7 @@ TEST_F(StudyRun, InterruptedAndGoneOnWithGivesTheTablesOfAnUninterruptedRun) {
   {
     spit(hold(1), "");
     Process first(words("again", {"-j", "1"}), dir_ / "first.txt");
-    ASSERT_TRUE(wait_until(60.0, [&] { return fs::exists(piece("again", 0)) && !at_work(1).empty(); }))
-        << first.output();
+    ASSERT_TRUE(wait_until(60.0, [&] { return fs::exists(piece("again", 0)) && is_held(1); })) << first.output();
     EXPECT_THAT(run("again").text, HasSubstr("another `isorig-proof` works there"));
     EXPECT_EQ(first.stop(SIGINT), -SIGINT) << first.output();
     EXPECT_THAT(first.output(), HasSubstr("1 of 4 cases answered; 3 not run yet"));
@@ -123,7 +127,7 @@ TEST_F(StudyRun, AKilledCaseIsRepeatedAndCostsThatCaseAlone) {
   proof_test::write_program(program_, "0.95", kHolds);
   spit(hold(1), "");
   Process process(words("out", {"-j", "2"}), dir_ / "out.txt");
-  ASSERT_TRUE(wait_until(60.0, [&] { return !at_work(1).empty(); })) << process.output();
+  ASSERT_TRUE(wait_until(60.0, [&] { return is_held(1); })) << process.output();
   const auto diagnosis = at_work(1);
   const auto victim = processes_with("isorig-proof case " + (study_ / "case-001").string());
   ASSERT_THAT(victim, SizeIs(1));
@@ -199,7 +203,7 @@ TEST_F(StudyRun, ScoreTakesNoAnswerOfAnotherProgram) {
   proof_test::write_program(program_, "0.5", kHolds);
   spit(hold(1), "");
   Process second(words("out", {"-j", "1"}), dir_ / "second.txt");
-  ASSERT_TRUE(wait_until(60.0, [&] { return !at_work(1).empty(); })) << second.output();
+  ASSERT_TRUE(wait_until(60.0, [&] { return is_held(1); })) << second.output();
   EXPECT_EQ(second.stop(SIGINT), -SIGINT);
   const auto scored = score("out");
   EXPECT_THAT(scored.text, HasSubstr("3 of 4 cases were not run yet, and count as failed"));
@@ -213,7 +217,7 @@ TEST_F(StudyRun, AProgramThatIsReplacedMeanwhileEndsTheRun) {
   proof_test::write_program(program_, "0.95", kHolds);
   spit(hold(1), "");
   Process process(words("out", {"-j", "1"}), dir_ / "out.txt");
-  ASSERT_TRUE(wait_until(60.0, [&] { return !at_work(1).empty(); })) << process.output();
+  ASSERT_TRUE(wait_until(60.0, [&] { return is_held(1); })) << process.output();
   proof_test::write_program(dir_ / "new", "0.5");
   fs::rename(dir_ / "new", program_);
   fs::remove(hold(1));
