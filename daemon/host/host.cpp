@@ -4,6 +4,7 @@
 #include <exception>
 #include <thread>
 
+#include "base/number_text.hpp"
 #include "daemon/host/host_prepared.hpp"
 #include "daemon/host/host_run.hpp"
 #include "daemon/host/verb_desk.hpp"
@@ -52,7 +53,8 @@ Host::Host(const RigConfig& rig, Core& core, Streams& recording, Options options
   if (!options_.virtual_time) {
     core_.set_observer(&live_);
     acceptance_.emplace(rig.name, rig.text, options_.runs_root);
-    look_at_storage(0, false);  // before the first tick: never ready on a disk that nobody has tried
+    storage_.emplace([this] { return why_no_run_could_be_recorded(); });
+    tell_core_of_storage(storage_->look_here());  // before the first tick: never ready on a disk that nobody has tried
   }
 }
 
@@ -128,7 +130,7 @@ void Host::turn(std::int64_t now_ns) noexcept {
 
 void Host::turn_or_throw(std::int64_t now_ns) {
   const auto run = take_events();
-  if (!options_.virtual_time) look_at_storage(now_ns, run != nullptr);  // a virtual run starts at once, or is refused
+  if (storage_) look_at_storage(now_ns, run != nullptr);  // a virtual run starts at once, or is refused
   if (!run) return;
   const std::lock_guard recording(run->recording);
   if (run->closed) return;
@@ -207,23 +209,35 @@ void Host::tell_core(const std::string& recorder_fault) {
   core_.set_recorder_fault(recorder_fault);
 }
 
+std::string Host::why_no_run_could_be_recorded() const {
+  auto why = why_not_writable(options_.runs_root);
+  if (!why.empty()) return why;
+  const auto least = rig_.recording.min_free_bytes;
+  const auto bytes = options_.free_bytes ? options_.free_bytes(options_.runs_root) : free_bytes(options_.runs_root);
+  if (bytes >= least) return {};
+  return std::to_string(bytes >> 20U) + " MiB free, " + std::to_string(least >> 20U) + " MiB are kept free";
+}
+
 /// The rig is ready only where a run could be recorded. A run that is open says by itself what its disk does.
 void Host::look_at_storage(std::int64_t now_ns, bool run_open) {
-  std::string why;
+  const auto answer = storage_->take();
   if (run_open) {
     next_storage_look_ns_ = 0;
-  } else {
-    if (now_ns < next_storage_look_ns_) return;
-    const auto free = options_.free_bytes ? options_.free_bytes : free_bytes;
-    why = why_not_writable(options_.runs_root);
-    if (why.empty()) {
-      const auto least = rig_.recording.min_free_bytes;
-      const auto bytes = free(options_.runs_root);
-      if (bytes < least)
-        why = std::to_string(bytes >> 20U) + " MiB free, " + std::to_string(least >> 20U) + " MiB are kept free";
-    }
-    next_storage_look_ns_ = now_ns + (why.empty() ? kStorageGoodNs : kStorageBadNs);
+    return tell_core_of_storage({});
   }
+  if (answer) {
+    next_storage_look_ns_ = now_ns + (answer->empty() ? kStorageGoodNs : kStorageBadNs);
+    return tell_core_of_storage(*answer);
+  }
+  if (now_ns >= next_storage_look_ns_) storage_->ask(now_ns);
+  const auto asked_ns = storage_->asked_ns();
+  // In a run this would be a recorder that has not come round: a program stop.
+  if (const double limit_s = rig_.core.recorder_age_max_s;
+      asked_ns && 1e-9 * static_cast<double>(now_ns - *asked_ns) > limit_s)
+    return tell_core_of_storage("the disk has not answered for " + base::number_text(limit_s) + " s");
+}
+
+void Host::tell_core_of_storage(const std::string& why) {
   if (why == storage_told_) return;
   if (!core_.set_storage(why.empty() ? why : "no run could be recorded: " + why)) return;  // in the next look
   if (!why.empty()) trouble("no run could be recorded in " + options_.runs_root.string() + ": " + why);

@@ -16,6 +16,7 @@
 #include "daemon/core/live_window.hpp"
 #include "daemon/host/diagnoses.hpp"
 #include "daemon/host/event_history.hpp"
+#include "daemon/host/storage_watch.hpp"
 #include "daemon/host/verb_desk.hpp"
 #include "daemon/recording/catalogue.hpp"
 #include "daemon/recording/recorder.hpp"
@@ -201,7 +202,9 @@ class Host {
   void turn_or_throw(std::int64_t now_ns);
   std::shared_ptr<Run> take_events();
   void drop_queued();
+  [[nodiscard]] std::string why_no_run_could_be_recorded() const;
   void look_at_storage(std::int64_t now_ns, bool run_open);
+  void tell_core_of_storage(const std::string& why);
   void tell_core(const std::string& recorder_fault);
   void close_when_over(Run& run, std::int64_t now_ns);
   bool close_run(Run& run, const std::string& outcome, bool complete, std::int64_t now_ns);
@@ -225,6 +228,7 @@ class Host {
 
   std::int64_t next_storage_look_ns_ = 0;  // the recorder thread's, as is what it told the loop last
   std::string storage_told_;
+  std::optional<StorageWatch> storage_;  // none in virtual time
 
   std::mutex tell_mutex_;  // the core's queue of recorder faults has one producer
   std::string told_;       // guarded by it

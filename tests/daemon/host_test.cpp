@@ -49,6 +49,11 @@ class HostTest : public ServedRig {
   }
 };
 
+class HostOnADiskThatHangs : public HostTest {
+ protected:
+  HostOnADiskThatHangs() { config_.core.recorder_age_max_s = 30.0; }
+};
+
 TEST_F(HostTest, OfManyStartsAtOnceOneWinsAndGoesOn) {
   const auto body = nlohmann::json{{"protocol", kLongProtocol}}.dump();
   for (const int clients : {2, 4}) {
@@ -95,6 +100,24 @@ TEST_F(HostTest, IsReadyOnlyWhereARunCouldBeRecorded) {
   EXPECT_THAT(refused.text, HasSubstr("0 MiB free"));
   EXPECT_EQ(rig_->core().status().fault_count, 0U) << "nothing is wrong with the rig";
   disk_is_nearly_full_ = false;
+  ASSERT_TRUE(reach(RunState::kReady));
+  EXPECT_TRUE(host_->start(protocol()).ok);
+}
+
+/// Nobody who looks after the rig waits for such a disk: events are told, commands answered, the recorder has its
+/// turns.
+TEST_F(HostOnADiskThatHangs, IsIdleAndSaysSo) {
+  disk_hangs_ = true;
+  ASSERT_TRUE(reach(RunState::kIdle));
+  EXPECT_STREQ(rig_->core().status().not_ready, "no run could be recorded: the disk has not answered for 30 s");
+  const auto since_ns = rig_->core().status().control.mono_ns;
+  const auto events = host_->events_json(0)["events"].size();
+  EXPECT_EQ(post("/v1/abort", {}, true).status, 200);
+  EXPECT_TRUE(wait_until(60.0, [&] { return host_->events_json(0)["events"].size() > events; }));
+  ASSERT_TRUE(wait_until(60.0, [&] { return rig_->core().status().control.mono_ns - since_ns > 40'000'000'000; }));
+  EXPECT_EQ(rig_->core().status().fault_count, 0U) << "a recorder without turns is a program stop";
+  EXPECT_STREQ(rig_->core().status().not_ready, "no run could be recorded: the disk has not answered for 30 s");
+  disk_hangs_ = false;
   ASSERT_TRUE(reach(RunState::kReady));
   EXPECT_TRUE(host_->start(protocol()).ok);
 }

@@ -16,7 +16,7 @@
 
 /// A disk that has become read-only under open files, as ext4 does after an error (errors=remount-ro): while this is
 /// set, segments are neither made nor written nor synced, each with EROFS. (A program's own symbol comes before
-/// libc's.) tests/system/read_only_disk_test.cpp has a real one, which cannot be made writable again under the process.
+/// libc's.) tests/system/failing_disk_test.cpp has a real one, which cannot be made writable again under the process.
 static bool segments_read_only = false;
 
 static bool refused(std::string_view path) {

@@ -62,6 +62,7 @@ class ServedRig : public ::testing::Test {
     options.revision = "0123456789ab";
     options.epoch_unix_us = [this] { return epoch_unix_us_.load(); };
     options.free_bytes = [this](const std::filesystem::path& path) {
+      while (disk_hangs_) std::this_thread::sleep_for(std::chrono::milliseconds(1));
       return disk_is_nearly_full_ ? std::uint64_t{1} << 19U : free_bytes(path);
     };
     options.on_parted = [this](const std::string& run, const std::string& text, const std::string& then) {
@@ -95,6 +96,7 @@ class ServedRig : public ::testing::Test {
     api_->stop();
     audit_->stop();
     done_ = true;
+    disk_hangs_ = false;
     for (auto& t : threads_) t.join();
     threads_.clear();
     host_->shut_down();
@@ -139,7 +141,7 @@ class ServedRig : public ::testing::Test {
   std::atomic<bool> recorder_waits_{false};
   std::atomic<std::int64_t> epoch_unix_us_{0};  ///< the wall clock at the rig's time 0
   std::atomic<bool> loop_waits_{false};
-  std::atomic<bool> disk_is_nearly_full_{false};
+  std::atomic<bool> disk_is_nearly_full_{false}, disk_hangs_{false};
 };
 
 }  // namespace isorig::daemon::test

@@ -1,8 +1,12 @@
-// The daemon on a disk that becomes read-only: ext4 on a loop device, which its own error handling makes read-only
-// under open files (errors=remount-ro), as a failing disk does.
+// The daemon on a disk that becomes read-only, and on a disk that hangs: ext4 on a loop device, which its own error
+// handling makes read-only under open files (errors=remount-ro), as a failing disk does, or which is frozen (FIFREEZE).
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <linux/fs.h>
+#include <sys/ioctl.h>
 #include <sys/mount.h>
+#include <unistd.h>
 
 #include <cstdlib>
 
@@ -25,7 +29,10 @@ class LoopDisk {
     // Sparse, and larger than what a start wants to find free.
     mounted_ = shell("truncate -s 1G " + image_.string() + " && mkfs.ext4 -q " + image_.string()) && mount();
   }
-  ~LoopDisk() { unmount(); }
+  ~LoopDisk() {
+    (void)hang(false);
+    unmount();
+  }
   LoopDisk(const LoopDisk&) = delete;
   LoopDisk& operator=(const LoopDisk&) = delete;
 
@@ -42,6 +49,13 @@ class LoopDisk {
       return static_cast<bool>(trigger << "1" << std::flush);
     }
     return false;
+  }
+  /// Whoever writes waits, without an answer and without an error, until this is called with false.
+  [[nodiscard]] bool hang(bool yes) const {
+    const int fd = ::open(at_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    const bool done = fd >= 0 && ::ioctl(fd, yes ? FIFREEZE : FITHAW, 0) == 0;
+    if (fd >= 0) ::close(fd);
+    return done;
   }
   /// Taken off, checked and mounted again, as an operator does it.
   [[nodiscard]] bool mend() {
@@ -63,7 +77,7 @@ class LoopDisk {
   bool mounted_ = false;
 };
 
-class ReadOnlyDisk : public testing::Test {
+class FailingDisk : public testing::Test {
  protected:
   void SetUp() override {
     disk_.emplace(dir_);
@@ -92,7 +106,7 @@ steps = [
 constexpr const char* kNoTrigger =
     "this kernel has no /sys/fs/ext4/DEVICE/trigger_fs_error, or does not let us write it";
 
-TEST_F(ReadOnlyDisk, BeforeAStartRefusesItInWordsAndIsNotReady) {
+TEST_F(FailingDisk, ReadOnlyBeforeAStartRefusesItInWordsAndIsNotReady) {
   if (!disk_->fail()) GTEST_SKIP() << kNoTrigger;
   for (const bool began_on_it : {false, true}) {  // the daemon, too
     if (began_on_it) {
@@ -128,7 +142,29 @@ struct Frames : messages::RunVisitor {
   }
 };
 
-TEST_F(ReadOnlyDisk, InMidRunIsAProgramStopAndTheRunGoesOnWhenTheDiskIsMended) {
+/// A write waits for ever in the kernel; status, events and verbs do not, and the loop ticks.
+TEST_F(FailingDisk, HangingBeforeAStartIsNotReadyAndHoldsUpNobody) {
+  ASSERT_TRUE(disk_->hang(true));
+  ASSERT_TRUE(daemon_->reach("idle", 90.0)) << daemon_->log();  // looked at every 30 s, with 10 s for an answer
+  EXPECT_EQ(daemon_->status().value("not_ready", ""), "no run could be recorded: the disk has not answered for 10 s");
+  EXPECT_THAT(daemon_->log(), HasSubstr("no run could be recorded in " + (dir_ / "runs").string()));
+  const auto refused = daemon_->call({"start", (dir_ / "slow.toml").string()}, 20.0);
+  EXPECT_NE(refused.code, 0) << refused.text;
+  EXPECT_THAT(refused.text, HasSubstr("the disk has not answered for 10 s"));
+  const auto ticks = daemon_->status()["loop"].value("ticks", 0);
+  ASSERT_TRUE(wait_until(60.0, [&] { return daemon_->status()["loop"].value("ticks", 0) > ticks + 12'000; }));
+  EXPECT_EQ(daemon_->state(), "idle") << "a recorder without turns would be a program stop";
+
+  ASSERT_TRUE(disk_->hang(false));
+  ASSERT_TRUE(daemon_->reach("ready", 30.0)) << daemon_->log();
+  const auto id = started_run(daemon_->call({"start", (dir_ / "slow.toml").string()}));
+  EXPECT_EQ(daemon_->call({"watch", "--until-done", "--interval-s", "1"}, 120.0).code, 0) << daemon_->log();
+  EXPECT_EQ(daemon_->process().stop(SIGTERM), 0) << daemon_->log();
+  Frames frames;
+  EXPECT_TRUE(messages::read_run(dir_ / "runs" / id, frames).whole());
+}
+
+TEST_F(FailingDisk, ReadOnlyInMidRunIsAProgramStopAndTheRunGoesOnWhenTheDiskIsMended) {
   const auto id = started_run(daemon_->call({"start", (dir_ / "slow.toml").string()}));
   ASSERT_TRUE(wait_until(60.0, [&] { return daemon_->status().value("position_mm", 0.0) > 0.2; })) << daemon_->log();
   const auto before = daemon_->status();
