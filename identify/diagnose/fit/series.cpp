@@ -62,7 +62,9 @@ class BinLimits {
         force_N_(series.recording.frame.force_N),
         longest_s_(std::max(deciding().bin_longest_s,
                             deciding().bin_share_of_duration * (rows_.back().t_s - rows_.front().t_s))),
-        noise_N_(std::max(force.noise, force.step)) {
+        noise_N_(std::max(force.noise, force.step)),
+        bend_mm_(deciding().bin_bend_noises *
+                 std::max(series.excitation.motion.noise_mm, series.excitation.motion.quantisation_mm)) {
     const auto [lowest, highest] = std::ranges::minmax_element(rows_, {}, &model::Instant::position_mm);
     furthest_mm_ = deciding().bin_share_of_stroke * (highest->position_mm - lowest->position_mm);
   }
@@ -75,7 +77,7 @@ class BinLimits {
     while (end < rows_.size() && since_s_[end] > 0.0 && rows_[end].t_s - rows_[first].t_s <= span_s &&
            in_reach(rows_[first], rows_[end]))
       ++end;
-    while (end - first >= 2 && jumps(first, end)) end = first + (end - first) / 2;
+    while (end - first >= 2 && (jumps(first, end) || bends(first, end))) end = first + (end - first) / 2;
     return end;
   }
 
@@ -95,9 +97,18 @@ class BinLimits {
     return std::fabs(a - b) > deciding().bin_jump_deviations * noise_N_ * std::sqrt(2.0 * static_cast<double>(half));
   }
 
+  /// What relaxes is driven straight from bin to bin: within a bin the motion must stay near the line between its ends.
+  [[nodiscard]] bool bends(std::size_t from, std::size_t end) const {
+    const model::Instant &a = rows_[from], &b = rows_[end - 1];
+    const double speed_mm_s = (b.position_mm - a.position_mm) / (b.t_s - a.t_s);
+    for (std::size_t k = from + 1; k + 1 < end; ++k)
+      if (std::fabs(rows_[k].position_mm - a.position_mm - speed_mm_s * (rows_[k].t_s - a.t_s)) > bend_mm_) return true;
+    return false;
+  }
+
   std::span<const model::Instant> rows_;
   std::span<const double> since_s_, force_N_;
-  double longest_s_, noise_N_, furthest_mm_ = 0.0;
+  double longest_s_, noise_N_, bend_mm_, furthest_mm_ = 0.0;
 };
 
 /// What the rows of a bin show in the mean, each with the weight of its readings.

@@ -28,14 +28,15 @@ void smooth_corners(std::span<const double> t_s, std::span<const double> reading
   constexpr std::size_t kFewest = 6;
   if (n < kFewest) return;
   std::vector<bool> moves(n, false), near(n, false);
+  const auto curves = [&](std::size_t k) { return !motion.curves.empty() && motion.curves[k]; };
   for (std::size_t k = 1; k + 1 < n; ++k) {
-    moves[k] = std::fabs(motion.acceleration_mm_s2[k]) * 0.5 * (t_s[k + 1] - t_s[k - 1]) > kStill_mm_s;
+    moves[k] = !curves(k) && std::fabs(motion.acceleration_mm_s2[k]) * 0.5 * (t_s[k + 1] - t_s[k - 1]) > kStill_mm_s;
     if (!moves[k]) continue;
-    for (std::size_t j = k; t_s[k] - t_s[j] <= kMargin_s; --j) {
+    for (std::size_t j = k; t_s[k] - t_s[j] <= kMargin_s && !curves(j); --j) {
       near[j] = true;
       if (j == 0) break;
     }
-    for (std::size_t j = k; j < n && t_s[j] - t_s[k] <= kMargin_s; ++j) near[j] = true;
+    for (std::size_t j = k; j < n && t_s[j] - t_s[k] <= kMargin_s && !curves(j); ++j) near[j] = true;
   }
   const double noise_mm = std::max(motion.noise_mm, 1e-9);
   for (std::size_t first = 0; first < n; ++first) {

@@ -7,6 +7,7 @@
 #include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/motion/band_limited_motion.hpp"
 #include "identify/diagnose/motion/corner_motion.hpp"
+#include "identify/diagnose/motion/curved_motion.hpp"
 #include "identify/diagnose/motion/pressure_reconstruction.hpp"
 #include "identify/diagnose/signal/flat_line.hpp"
 #include "identify/diagnose/signal/spikes.hpp"
@@ -94,21 +95,67 @@ std::vector<double> without_small_reversals(const std::vector<double>& path, dou
   return out;
 }
 
-/// Seconds since the motion last changed its velocity by more than its noise allows; 0 while it does. A change counts
-/// where, kept up over the five readings about it, it shifts the position by more than four noises: sum |a_j| dt_j
-/// times their length.
-std::vector<double> since_corner(std::span<const double> t_s, const Motion& motion) {
-  const std::size_t n = t_s.size();
-  std::vector<double> since(n, 0.0);
-  const double noise = std::max(motion.noise_mm, motion.quantisation_mm);
-  double last_s = n > 0 ? t_s[0] - 10.0 : 0.0;
-  for (std::size_t k = 0; k < n; ++k) {
-    const std::size_t from = k >= 2 ? k - 2 : 0, to = std::min(k + 2, n - 1);
-    double change = 0.0;
-    for (std::size_t j = std::max<std::size_t>(from, 1); j <= to; ++j)
-      change += std::fabs(motion.acceleration_mm_s2[j]) * (t_s[j] - t_s[j - 1]);
-    const double reach = change * (t_s[to] - t_s[from]);
-    if (reach > deciding().corner_noises * noise) last_s = t_s[k];
+/// Sum of |a_j| dt_j over windows of readings.
+class VelocityChanges {
+ public:
+  VelocityChanges(std::span<const double> t_s, const Motion& motion) : t_s_(t_s), up_to_mm_s_(t_s.size(), 0.0) {
+    for (std::size_t j = 1; j < t_s.size(); ++j)
+      up_to_mm_s_[j] = up_to_mm_s_[j - 1] + std::fabs(motion.acceleration_mm_s2[j]) * (t_s[j] - t_s[j - 1]);
+  }
+  [[nodiscard]] std::size_t first(std::size_t k, std::size_t half) const { return k >= half ? k - half : 0; }
+  [[nodiscard]] std::size_t last(std::size_t k, std::size_t half) const { return std::min(k + half, t_s_.size() - 1); }
+  [[nodiscard]] double in_mm_s(std::size_t k, std::size_t half) const {
+    const std::size_t from = first(k, half);
+    return up_to_mm_s_[last(k, half)] - (from > 0 ? up_to_mm_s_[from - 1] : 0.0);
+  }
+  /// What the change, kept up over the window, shifts the position by.
+  [[nodiscard]] double reach_mm(std::size_t k, std::size_t half) const {
+    return in_mm_s(k, half) * (t_s_[last(k, half)] - t_s_[first(k, half)]);
+  }
+
+ private:
+  std::span<const double> t_s_;
+  std::vector<double> up_to_mm_s_;
+};
+
+double least_reach_mm(const Motion& motion) {
+  return deciding().corner_noises * std::max(motion.noise_mm, motion.quantisation_mm);
+}
+
+/// Readings at which the motion changes its velocity by more than its noise allows: kept up over the five readings
+/// about it, the change shifts the position by more than four noises.
+std::vector<bool> corners(std::span<const double> t_s, const Motion& motion) {
+  const VelocityChanges changes(t_s, motion);
+  std::vector<bool> out(t_s.size(), false);
+  for (std::size_t k = 0; k < out.size(); ++k) out[k] = changes.reach_mm(k, 2) > least_reach_mm(motion);
+  return out;
+}
+
+/// Noise hides a corner from five readings, and rounds it: windows that double up to 129 readings show it. Such a
+/// window holds most of what changes in twice its length, in which a shorter window has found no corner; half of it is
+/// a curve.
+void add_rounded_corners(std::span<const double> t_s, const Motion& motion, std::vector<bool>& corner) {
+  constexpr double kMost = 0.75;
+  const VelocityChanges changes(t_s, motion);
+  for (std::size_t half = 4; half <= 64; half *= 2) {
+    std::vector<std::size_t> found(corner.size() + 1, 0);  // corners before a reading
+    for (std::size_t k = 0; k < corner.size(); ++k) found[k + 1] = found[k] + (corner[k] ? 1 : 0);
+    // Of a window that hangs over an end nobody knows what the motion was before it.
+    for (std::size_t k = 2 * half; k + 2 * half < corner.size(); ++k) {
+      if (motion.curves[k] || found[changes.last(k, 2 * half) + 1] > found[changes.first(k, 2 * half)]) continue;
+      if (changes.reach_mm(k, half) > least_reach_mm(motion) &&
+          changes.in_mm_s(k, half) > kMost * changes.in_mm_s(k, 2 * half))
+        corner[k] = true;
+    }
+  }
+}
+
+/// Seconds since the last corner; 0 in a corner.
+std::vector<double> since_corner(std::span<const double> t_s, const std::vector<bool>& corner) {
+  std::vector<double> since(t_s.size(), 0.0);
+  double last_s = t_s.empty() ? 0.0 : t_s[0] - 10.0;
+  for (std::size_t k = 0; k < t_s.size(); ++k) {
+    if (corner[k]) last_s = t_s[k];
     since[k] = t_s[k] - last_s;
   }
   return since;
@@ -140,14 +187,20 @@ Excitation reconstruct_excitation(const messages::Recording& recording, const Re
   if (bridge_flat_runs(frame.t_s, reading_mm, reading_quality))
     reading_quality = channel_quality(frame.t_s, reading_mm);
   excitation.motion = smooth_motion(frame.t_s, reading_mm, reading_quality, on_progress);
-  excitation.since_corner_s = since_corner(frame.t_s, excitation.motion);
+  std::vector<bool> corner = corners(frame.t_s, excitation.motion);
+  excitation.since_corner_s = since_corner(frame.t_s, corner);
   if (busy_share(frame.t_s, excitation.since_corner_s) > deciding().busy_share) {
     if (auto busy = band_limited_motion(frame.t_s, reading_mm, reading_quality)) {
       excitation.motion = std::move(busy->motion);
       excitation.width = busy->width;
     }
   }
-  if (excitation.width == 1) smooth_corners(frame.t_s, reading_mm, excitation.motion);
+  if (excitation.width == 1) {
+    smooth_curves(frame.t_s, reading_mm, excitation.motion);
+    add_rounded_corners(frame.t_s, excitation.motion, corner);
+    excitation.since_corner_s = since_corner(frame.t_s, corner);
+    smooth_corners(frame.t_s, reading_mm, excitation.motion);
+  }
   const auto& metadata = recording.metadata;
   excitation.reference.elongation_at_zero_mm = metadata.elongation_at_zero_mm();
   excitation.reference.duration_s = n > 0 ? frame.t_s.back() - frame.t_s.front() : 0.0;

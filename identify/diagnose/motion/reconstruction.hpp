@@ -17,8 +17,13 @@ struct Motion {
   std::vector<double> position_mm;
   std::vector<double> velocity_mm_s;
   std::vector<double> acceleration_mm_s2;
-  double noise_mm = 0.0;         ///< rms of the reading about it
-  double quantisation_mm = 0.0;  ///< smallest step of the reading, 0 when it is finer than the noise
+  std::vector<double> position_variance_mm2;  ///< of position_mm, given the readings and their noise
+  std::vector<double> log_likelihood;         ///< of each reading given those before it, as straight lines
+  std::vector<bool> turns;                    ///< the lines before and after a reading are not the same
+  std::vector<bool> curves;                   ///< not of straight lines (smooth_curves())
+  double assumed_noise_mm = 0.0;              ///< rms of a reading that it was made with
+  double noise_mm = 0.0;                      ///< rms of the reading about it
+  double quantisation_mm = 0.0;               ///< smallest step of the reading, 0 when it is finer than the noise
 };
 
 /// Sparse Bayesian smoothing: straight between readings, with a change of velocity at each that is Gaussian

@@ -153,6 +153,12 @@ class SparseMotion {
     smooth();
     return smoother_.states();
   }
+  /// After search(): of each reading given those before it.
+  [[nodiscard]] const std::vector<double>& log_likelihood() {
+    smoother_.score(spread_, noise_mm_ * noise_mm_, with_);
+    return with_;
+  }
+  [[nodiscard]] bool turns(std::size_t interval) const { return spread_[interval] > kStill; }
 
  private:
   static constexpr double kStill = 1e-14, kAlive = 1e-7;  // (mm/s^2)^2
@@ -276,20 +282,27 @@ Motion smooth_motion(std::span<const double> t_s, std::span<const double> readin
     motion.position_mm.assign(reading_mm.begin(), reading_mm.end());
     motion.velocity_mm_s.assign(n, 0.0);
     motion.acceleration_mm_s2.assign(n, 0.0);
+    motion.position_variance_mm2.assign(n, quality.noise * quality.noise);
     return motion;
   }
   const auto [low, high] = std::minmax_element(reading_mm.begin(), reading_mm.end());
   motion.quantisation_mm = quality.step;
   // A staircase wider than the noise hides it; its error is uniform within a step.
   const double noise_mm = std::max({quality.noise, quality.rounding(), 1e-7 * (*high - *low), 1e-12});
+  motion.assumed_noise_mm = noise_mm;
   SparseMotion sparse(t_s, reading_mm, noise_mm, on_progress);
   const auto& states = sparse.search();
   motion.position_mm.resize(n);
   motion.velocity_mm_s.resize(n);
   motion.acceleration_mm_s2.resize(n);
+  motion.position_variance_mm2.resize(n);
+  motion.log_likelihood = sparse.log_likelihood();
+  motion.turns.assign(n, false);
+  for (std::size_t k = 1; k + 1 < n; ++k) motion.turns[k] = sparse.turns(k - 1);
   double squares = 0.0;
   for (std::size_t k = 0; k < n; ++k) {
     motion.position_mm[k] = states[k].x;
+    motion.position_variance_mm2[k] = std::clamp(states[k].pxx, 0.0, noise_mm * noise_mm);
     // At a reading: the mean of what was before and what comes after.
     const double after = states[k].v, before = k > 0 ? states[k - 1].v : after;
     motion.velocity_mm_s[k] = 0.5 * (before + after);

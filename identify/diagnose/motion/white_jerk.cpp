@@ -5,6 +5,9 @@
 namespace isorig::identify {
 namespace {
 
+/// A machine gets to its velocity within some 20 ms, a curve takes some 500 times as long: of q that is the square.
+constexpr double kCorner = 2.5e5;
+
 Eigen::Matrix3d transition(double h) {
   Eigen::Matrix3d f;
   f << 1.0, h, 0.5 * h * h, 0.0, 1.0, h, 0.0, 0.0, 1.0;
@@ -43,7 +46,8 @@ double WhiteJerkSmoother::filter(double jerk2) {
       const double h = t_s_[k] - t_s_[k - 1];
       const Eigen::Matrix3d f = transition(h);
       s.mean = f * s.mean;
-      s.cov = f * s.cov * f.transpose() + growth(h, jerk2);
+      const bool corner = k < before_.corner_rows || k + after_.corner_rows >= n;
+      s.cov = f * s.cov * f.transpose() + growth(h, corner ? kCorner * jerk2 : jerk2);
     }
     predicted_[k] = s;
     log_likelihood += observe(s, 0, y_[k], noise2_);
@@ -67,6 +71,24 @@ double WhiteJerkSmoother::filter_likeliest() {
     }
   }
   return filter(best_jerk2);
+}
+
+double WhiteJerkSmoother::filter_likeliest_from(double jerk2) {
+  constexpr int kMostSteps = 40;
+  double best = filter(jerk2);
+  for (const double factor : {16.0, 4.0}) {
+    bool rose = false;
+    for (const double by : {factor, 1.0 / factor}) {
+      for (int step = 0; step < kMostSteps && !(rose && by < 1.0); ++step) {
+        const double value = filter(jerk2 * by);
+        if (value <= best) break;
+        best = value;
+        jerk2 *= by;
+        rose = by > 1.0;
+      }
+    }
+  }
+  return filter(jerk2);
 }
 
 std::vector<WhiteJerkSmoother::Smoothed> WhiteJerkSmoother::smooth() const {

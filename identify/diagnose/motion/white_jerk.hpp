@@ -10,6 +10,7 @@ struct MotionEnd {
   double position_mm = 0.0, position_variance_mm2 = 0.0;
   double velocity_mm_s = 0.0, velocity_variance_mm2_s2 = 0.0;
   double acceleration_variance_mm2_s4 = 0.0;  ///< about none
+  std::size_t corner_rows = 0;                ///< so many readings at this end may be a corner, with a jerk beyond q
 };
 
 /// A motion whose acceleration is a random walk (white jerk), from readings of its position. State (position, velocity,
@@ -32,6 +33,8 @@ class WhiteJerkSmoother {
   double filter(double jerk2);
   /// filter() with the q of the largest ln L, of 10 mm^2/s^5 and every fourfold of it below 10^12; returns that ln L.
   double filter_likeliest();
+  /// The same for stretches of any length and unit: uphill from this q by factors of 16, then of 4.
+  double filter_likeliest_from(double jerk2);
 
   struct Smoothed {
     Eigen::Vector3d mean;
