@@ -137,13 +137,16 @@ std::vector<bool> corners(std::span<const double> t_s, const Motion& motion) {
 void add_rounded_corners(std::span<const double> t_s, const Motion& motion, std::vector<bool>& corner) {
   constexpr double kMost = 0.75;
   const VelocityChanges changes(t_s, motion);
+  double fastest_mm_s = 0.0;
+  for (const double v : motion.velocity_mm_s) fastest_mm_s = std::max(fastest_mm_s, std::fabs(v));
+  const double least_mm_s = deciding().rounded_corner_share * fastest_mm_s;
   for (std::size_t half = 4; half <= 64; half *= 2) {
     std::vector<std::size_t> found(corner.size() + 1, 0);  // corners before a reading
     for (std::size_t k = 0; k < corner.size(); ++k) found[k + 1] = found[k] + (corner[k] ? 1 : 0);
     // Of a window that hangs over an end nobody knows what the motion was before it.
     for (std::size_t k = 2 * half; k + 2 * half < corner.size(); ++k) {
       if (motion.curves[k] || found[changes.last(k, 2 * half) + 1] > found[changes.first(k, 2 * half)]) continue;
-      if (changes.reach_mm(k, half) > least_reach_mm(motion) &&
+      if (changes.reach_mm(k, half) > least_reach_mm(motion) && changes.in_mm_s(k, half) > least_mm_s &&
           changes.in_mm_s(k, half) > kMost * changes.in_mm_s(k, 2 * half))
         corner[k] = true;
     }
