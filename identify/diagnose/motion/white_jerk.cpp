@@ -5,7 +5,8 @@
 namespace isorig::identify {
 namespace {
 
-/// A machine gets to its velocity within some 20 ms, a curve takes some 500 times as long: of q that is the square.
+/// A corner that a machine rounds in 20 ms has some 500 times the jerk of a sine of 0.5 Hz with the same velocity; q
+/// goes with the square of the jerk.
 constexpr double kCorner = 2.5e5;
 
 Eigen::Matrix3d transition(double h) {
