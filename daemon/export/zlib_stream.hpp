@@ -8,7 +8,7 @@
 namespace isorig::daemon {
 
 /// A zlib stream (RFC 1950) that ISA-L writes, at its level 1: `docs/performance.md` says what zlib itself would cost.
-/// Its bytes depend on what the processor can do: two kinds of machine may write different ones, which say the same.
+/// The same bytes in every process of one machine. Two kinds of processor may write different ones, which say the same.
 class ZlibStream {
  public:
   using Sink = std::function<void(std::span<const std::uint8_t>)>;
