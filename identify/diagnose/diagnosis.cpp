@@ -118,19 +118,24 @@ void list_alternatives(const Selection& selection, Diagnosis& out) {
   std::ranges::stable_sort(out.tried, std::greater<>(), &Explanation::weight);
 }
 
-void decide_verdict(const Study& study, bool noise_from_rests, Diagnosis& out) {
+void decide_verdict(const Study& study, Diagnosis& out) {
   const Selection& selection = study.selection;
   out.rows = selection.chosen().fit.rows;
   out.noise_scale = selection.noise_scale;
   out.described_by = selection.chosen().empirical;
-  const Explained explained{.excess_before = selection.excess[0],
-                            .excess_left = selection.excess[selection.best],
-                            .rows = out.rows,
-                            .noise_from_rests = noise_from_rests,
-                            .has_named_effect = !out.missing.empty(),
-                            .is_described = !out.described_by.empty()};
+  Explained explained{.excess_before = selection.excess[0],
+                      .excess_left = selection.excess[selection.best],
+                      .rows = out.rows,
+                      .noise_from_rests = study.noise.source == NoiseSource::kRests,
+                      .has_named_effect = !out.missing.empty(),
+                      .is_described = !out.described_by.empty()};
   out.unexplained = unexplained_share(explained);
   out.verdict = verdict_of(explained);
+  if (out.verdict != Verdict::kUnknownPhysics || explained.has_named_effect || explained.is_described) return;
+  if ((out.unjudged = noise_beyond_the_rests(study))) {
+    explained.is_noise_for_all_that_rests_say = true;
+    out.verdict = verdict_of(explained);
+  }
 }
 
 /// Products or an element with memory in place of what a table describes. If the table already explains more than 88 %
@@ -305,7 +310,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   list_alternatives(study.selection, out);
   now(0.87, "what these recordings can show");
   out.discernible = discernible(search, study.selection.nominal(), options.threads);
-  decide_verdict(study, study.noise.source == NoiseSource::kRests, out);
+  decide_verdict(study, out);
   if (few) {
     out.verdict = Verdict::kCannotJudge;
     out.unjudged = few;

@@ -57,4 +57,16 @@ std::optional<Unjudged> unjudged(const Study& study, double nominal_rmse_N) {
   return std::nullopt;
 }
 
+std::optional<Unjudged> noise_beyond_the_rests(const Study& study) {
+  if (study.noise.source != NoiseSource::kRests) return std::nullopt;
+  const NoiseModel& left = study.selection.chosen().fit.noise;
+  const RestsOnNoise rests = rests_on(left, study.series, study.usable);
+  if (!rests.allow) return std::nullopt;
+  return Unjudged{
+      base::formatted("what the model leaves looks like a noise of %.3g N that is correlated over %.2g s, and the %zu "
+                      "readings of the rests neither show such a noise nor rule it out",
+                      left.coloured_N, left.correlation_s, rests.readings),
+      "the same motion with more rests and longer ones, read as often as the strokes"};
+}
+
 }  // namespace isorig::identify

@@ -14,4 +14,8 @@ namespace isorig::identify {
 ///   residual is noise or missing physics.
 [[nodiscard]] std::optional<Unjudged> unjudged(const Study& study, double nominal_rmse_N);
 
+/// Why what the chosen model leaves need not be physics: it looks like a noise that the rests, from which the noise was
+/// measured, are too few to rule out (`rests_on`). Nothing where they do rule it out.
+[[nodiscard]] std::optional<Unjudged> noise_beyond_the_rests(const Study& study);
+
 }  // namespace isorig::identify

@@ -55,8 +55,9 @@ Verdict verdict_of(const Explained& explained) {
   const bool structure_left =
       left > deciding().structure_share * static_cast<double>(explained.rows) && left > deciding().structure_squares;
   if (explained.is_described) return Verdict::kUnknownPhysics;
-  if (structure_left &&
-      (!explained.has_named_effect || unexplained_share(explained) > deciding().much_unexplained_share))
+  if (structure_left && !explained.has_named_effect)
+    return explained.is_noise_for_all_that_rests_say ? Verdict::kCannotJudge : Verdict::kUnknownPhysics;
+  if (structure_left && unexplained_share(explained) > deciding().much_unexplained_share)
     return Verdict::kUnknownPhysics;
   return explained.has_named_effect ? Verdict::kMissingPhysics : Verdict::kConsistent;
 }

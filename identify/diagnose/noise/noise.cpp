@@ -57,6 +57,28 @@ std::vector<NoiseSample> find_rests(const Series& series, const std::vector<bool
   return rests;
 }
 
+std::vector<NoiseSample> find_rests(std::span<const Series> series, std::span<const std::vector<bool>> usable) {
+  std::vector<NoiseSample> all;
+  for (std::size_t i = 0; i < series.size(); ++i) {
+    for (NoiseSample& rest : find_rests(series[i], i < usable.size() ? usable[i] : std::vector<bool>{}))
+      all.push_back(std::move(rest));
+  }
+  return all;
+}
+
+std::size_t readings_of(std::span<const NoiseSample> rests) {
+  std::size_t sum = 0;
+  for (const NoiseSample& rest : rests) sum += rest.size();
+  return sum;
+}
+
+/// Longer than that, a rest cannot tell a correlation from its own relaxation.
+double longest_correlation_s(std::span<const Series> series) {
+  double longest_s = 0.0;
+  for (const Series& each : series) longest_s = std::max(longest_s, deciding().shortest_rests * each.rest_s);
+  return longest_s;
+}
+
 }  // namespace
 
 std::string_view name_of(NoiseSource source) noexcept {
@@ -74,26 +96,18 @@ std::string_view name_of(NoiseSource source) noexcept {
 }
 
 InstrumentNoise instrument_noise(std::span<const Series> series, std::span<const std::vector<bool>> usable) {
-  // Longer than that, a rest cannot tell a correlation from its own relaxation.
-  double longest_s = 0.0;
-  for (const Series& each : series) longest_s = std::max(longest_s, deciding().shortest_rests * each.rest_s);
   InstrumentNoise out;
-  std::vector<NoiseSample> rests;
-  std::size_t rows = 0;
+  const std::vector<NoiseSample> rests = find_rests(series, usable);
   double white = 0.0, step = 0.0;
-  for (std::size_t i = 0; i < series.size(); ++i) {
-    for (NoiseSample& rest : find_rests(series[i], i < usable.size() ? usable[i] : std::vector<bool>{})) {
-      rows += rest.size();
-      rests.push_back(std::move(rest));
-    }
-    const ChannelQuality& force = series[i].force_quality;
+  for (const Series& each : series) {
+    const ChannelQuality& force = each.force_quality;
     step = std::max(step, force.step);
-    white = std::max({white, series[i].reading_noise_N, force.noise, force.rounding()});
+    white = std::max({white, each.reading_noise_N, force.noise, force.rounding()});
   }
   out.noise = {std::max(white, 1e-9), 0.0, 1.0};
-  if (rows >= deciding().fewest_settled_readings) {
+  if (readings_of(rests) >= deciding().fewest_settled_readings) {
     out.source = NoiseSource::kRests;
-    out.noise = fit_noise(rests, out.noise.white_N, longest_s);
+    out.noise = fit_noise(rests, out.noise.white_N, longest_correlation_s(series));
     // A coarse reading may stand on one step for a whole rest. It shows no noise there, but is wrong by up to half a
     // step, step / sqrt(12) rms, in all readings alike; in motion that error changes from reading to reading. So the
     // rest measures too little noise, and a step's error is added to both parts.
@@ -113,6 +127,16 @@ InstrumentNoise instrument_noise(std::span<const Series> series, std::span<const
     out.noise = *smooth;
   }
   out.weighing = noise_of_bins(series, out.noise);
+  return out;
+}
+
+RestsOnNoise rests_on(const NoiseModel& noise, std::span<const Series> series,
+                      std::span<const std::vector<bool>> usable) {
+  const std::vector<NoiseSample> rests = find_rests(series, usable);
+  const double longest_s = longest_correlation_s(series);
+  RestsOnNoise out{.readings = readings_of(rests)};
+  out.allow =
+      noise.correlation_s <= longest_s && log_likelihood_lost(rests, noise, longest_s) <= deciding().allowed_noise_log;
   return out;
 }
 

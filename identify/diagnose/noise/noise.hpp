@@ -24,4 +24,15 @@ struct InstrumentNoise {
 [[nodiscard]] InstrumentNoise instrument_noise(std::span<const Series> series,
                                                std::span<const std::vector<bool>> usable);
 
+/// What the rests say of a noise that was found in motion.
+struct RestsOnNoise {
+  std::size_t readings = 0;  ///< of the rests, once the relaxation has settled
+  bool allow = false;        ///< too few to rule the noise out
+};
+/// `allow`: the readings of the rests are less likely under `noise` than under the noise that suits them best by no
+/// more than chance (`allowed_noise_log`; Wilks 1938). Never where the noise is correlated over longer than a rest can
+/// tell from its own relaxation.
+[[nodiscard]] RestsOnNoise rests_on(const NoiseModel& noise, std::span<const Series> series,
+                                    std::span<const std::vector<bool>> usable);
+
 }  // namespace isorig::identify

@@ -67,27 +67,48 @@ NoiseModel fit_white_noise(std::span<const NoiseSample> samples, double start_N)
   return best;
 }
 
-NoiseModel fit_noise(std::span<const NoiseSample> samples, double start_N, double longest_s) {
-  std::size_t rows = 0;
-  for (const NoiseSample& sample : samples) rows += sample.size();
-  NoiseModel best = fit_white_noise(samples, start_N);
-  const double all = best.white_N, white_only = noise_likelihood(samples, best);
-  double best_score = white_only;
+namespace {
+
+struct BestNoise {
+  NoiseModel white, either;  ///< `either`: with a coloured part, where any is likelier than none
+  double log_likelihood_white = 0.0, log_likelihood = 0.0;
+};
+
+BestNoise best_noise(std::span<const NoiseSample> samples, double start_N, double longest_s) {
+  BestNoise out;
+  out.white = out.either = fit_white_noise(samples, start_N);
+  out.log_likelihood_white = out.log_likelihood = noise_likelihood(samples, out.white);
+  const double all = out.white.white_N;
   for (const double correlation : {0.05, 0.3, 1.0, 3.0, 8.0}) {
     for (const double share : {0.15, 0.4, 0.8}) {
       const NoiseModel trial{all * std::sqrt(1.0 - share * share), share * all, std::min(correlation, longest_s)};
-      if (const double s = noise_likelihood(samples, trial); s > best_score) {
-        best_score = s;
-        best = trial;
+      if (const double s = noise_likelihood(samples, trial); s > out.log_likelihood) {
+        out.log_likelihood = s;
+        out.either = trial;
       }
     }
   }
-  climb(best, best_score, {.width = {0.1, 0.5, 0.6}, .passes = 12, .shortest_s = 0.01, .longest_s = longest_s},
+  climb(out.either, out.log_likelihood,
+        {.width = {0.1, 0.5, 0.6}, .passes = 12, .shortest_s = 0.01, .longest_s = longest_s},
         [&](const NoiseModel& noise) { return noise_likelihood(samples, noise); });
+  return out;
+}
+
+}  // namespace
+
+NoiseModel fit_noise(std::span<const NoiseSample> samples, double start_N, double longest_s) {
+  std::size_t rows = 0;
+  for (const NoiseSample& sample : samples) rows += sample.size();
+  const BestNoise best = best_noise(samples, start_N, longest_s);
   // Two numbers more than white noise, half a log of the rows each (Schwarz 1978).
   const double price = deciding().coloured_noise_numbers * deciding().numbers_cost_log_rows;
-  if (best_score - white_only < price * std::log(static_cast<double>(rows))) best = {all, 0.0, 1.0};
-  return best;
+  const bool earned = best.log_likelihood - best.log_likelihood_white >= price * std::log(static_cast<double>(rows));
+  return earned ? best.either : NoiseModel{best.white.white_N, 0.0, 1.0};
+}
+
+double log_likelihood_lost(std::span<const NoiseSample> samples, const NoiseModel& noise, double longest_s) {
+  const BestNoise best = best_noise(samples, noise.white_N, longest_s);
+  return std::max(best.log_likelihood - noise_likelihood(samples, noise), 0.0);
 }
 
 }  // namespace isorig::identify

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <ostream>
 #include <random>
+#include <tuple>
 #include <utility>
 
 namespace isorig::test {
@@ -169,7 +170,7 @@ messages::Recording run(const ConcealedSpecimen& b, Script script, bool noise) {
     out.frame.force_N.push_back(f);
     const bool dense =
         std::ranges::any_of(script.dense, [&](const auto& d) { return next_s >= d.first && next_s <= d.second; });
-    next_s += dense ? 0.005 : 0.2;
+    next_s += dense ? b.fast_interval_s : 0.2;
     if (next_s >= next_pressure_s) {
       const auto k = std::min(n - 1, static_cast<std::size_t>(next_pressure_s / kStep_s));
       out.pressure->t_s.push_back(next_pressure_s);
@@ -216,6 +217,24 @@ messages::Recording record_other(const ConcealedSpecimen& specimen) {
   s.sine(0.75, 0.5, 4);
   s.hold(5.0);
   return run(specimen, s, false);
+}
+
+messages::Recording seldom_read_at_rest(const messages::Recording& recording, double interval_s) {
+  constexpr double kStill_mm = 3e-3;  // the slowest motion has 10 um between readings, and their noise is 0.4 um
+  messages::Recording out = recording;
+  out.frame = {};
+  const auto& [t_s, x_mm, f_N] = std::tie(recording.frame.t_s, recording.frame.position_mm, recording.frame.force_N);
+  double last_s = t_s.front() - interval_s;
+  for (std::size_t i = 0; i < t_s.size(); ++i) {
+    const bool rests = i > 0 && i + 1 < t_s.size() && std::fabs(x_mm[i] - x_mm[i - 1]) < kStill_mm &&
+                       std::fabs(x_mm[i + 1] - x_mm[i]) < kStill_mm;
+    if (rests && t_s[i] < last_s + interval_s) continue;
+    last_s = t_s[i];
+    out.frame.t_s.push_back(t_s[i]);
+    out.frame.position_mm.push_back(x_mm[i]);
+    out.frame.force_N.push_back(f_N[i]);
+  }
+  return out;
 }
 
 void PrintTo(const ConcealedSpecimen& specimen, std::ostream* out) {
@@ -269,6 +288,7 @@ void PrintTo(const ConcealedSpecimen& specimen, std::ostream* out) {
       {"coloured_s", &ConcealedSpecimen::coloured_s},
       {"position_noise_mm", &ConcealedSpecimen::position_noise_mm},
       {"force_step_N", &ConcealedSpecimen::force_step_N},
+      {"fast_interval_s", &ConcealedSpecimen::fast_interval_s},
       {"pressure_wander_psi", &ConcealedSpecimen::pressure_wander_psi}};
   const ConcealedSpecimen usual;
   const char* between = "";

@@ -54,6 +54,7 @@ struct ConcealedSpecimen {
   double coloured_N = 0.0, coloured_s = 2.0;
   double position_noise_mm = 4e-4;
   double force_step_N = 0.001;
+  double fast_interval_s = 0.005;  ///< of readings round the ramps
   int spikes = 0;
   double pressure_wander_psi = 0.02;
   unsigned seed = 1;
@@ -67,5 +68,8 @@ void PrintTo(const ConcealedSpecimen& specimen, std::ostream* out);
 [[nodiscard]] messages::Recording record(const ConcealedSpecimen& bench);
 /// Other velocities and a sine, noise-free force for measuring predictions.
 [[nodiscard]] messages::Recording record_other(const ConcealedSpecimen& bench);
+
+/// With the readings of the resting crosshead no closer than `interval_s`, and all others.
+[[nodiscard]] messages::Recording seldom_read_at_rest(const messages::Recording& recording, double interval_s);
 
 }  // namespace isorig::test

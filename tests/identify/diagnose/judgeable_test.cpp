@@ -64,6 +64,29 @@ TEST(Judgeable, TheVerdictStandsInTheDiagnosisWithWhatToRecord) {
   EXPECT_TRUE(json.at("missing").empty());
 }
 
+/// Coloured noise beside white noise of 20 mN. The strokes are read a thousand times a second, so that a bin of theirs
+/// shows 15 mN of the one beside 3 mN of the other; rests that are read every 0.6 s do not.
+TEST(Judgeable, NotWhereWhatIsLeftMayBeNoiseThatTheRestsDoNotShow) {
+  const messages::Recording coloured =
+      test::record({.coloured_N = 0.015, .coloured_s = 3.0, .fast_interval_s = 0.001, .seed = 2});
+  const auto diagnosed = [](const messages::Recording& recording) {
+    return diagnose({recording}, {"bench"}, model::nominal_model("slse1"), {}).diagnosis;
+  };
+  const Diagnosis seldom = diagnosed(test::seldom_read_at_rest(coloured, 0.5));
+  EXPECT_EQ(seldom.verdict, Verdict::kCannotJudge);
+  ASSERT_TRUE(seldom.unjudged.has_value());
+  EXPECT_NE(seldom.unjudged->why.find("readings of the rests"), std::string::npos) << seldom.unjudged->why;
+  EXPECT_NE(seldom.unjudged->record.find("rests"), std::string::npos) << seldom.unjudged->record;
+  EXPECT_TRUE(seldom.missing.empty());
+
+  EXPECT_EQ(diagnosed(coloured).verdict, Verdict::kConsistent) << "rests read five times a second show the noise";
+
+  // Friction that grows with the square of the position is in no catalogue, and its residual lasts longer than rests
+  // do.
+  const Diagnosis unknown = diagnosed(test::record({.friction_N_mm2 = 0.02, .fast_interval_s = 0.001}));
+  EXPECT_EQ(unknown.verdict, Verdict::kUnknownPhysics);
+}
+
 // One ramp of a clean specimen, or one with much friction: whatever fits so few rows well is no finding.
 TEST(Judgeable, FewRowsNameNothing) {
   int unjudged_ones = 0;

@@ -59,6 +59,45 @@ TEST(NoiseFromRests, TakesNoPhysicsForNoise) {
   }
 }
 
+RestsOnNoise rests_of(const messages::Recording& recording, const NoiseModel& noise) {
+  const std::vector<Series> series{prepare_series("bench", recording, {})};
+  return rests_on(noise, series, {});
+}
+
+/// Twice the log-likelihood that the truth loses is distributed as chi-square with three degrees: above 7.8 in one of
+/// twenty. More than three of twenty would be chance in 2 of 100.
+TEST(NoiseFromRests, AllowTheNoiseThatTheyHave) {
+  int refused = 0;
+  for (unsigned seed = 20; seed < 40; ++seed) {
+    const test::ConcealedSpecimen bench{
+        .force_noise_N = 0.02, .coloured_N = 0.01, .coloured_s = 0.5, .force_step_N = 1e-4, .seed = seed};
+    refused += rests_of(test::record(bench), {.white_N = 0.02, .coloured_N = 0.01, .correlation_s = 0.5}).allow ? 0 : 1;
+  }
+  EXPECT_LE(refused, 3);
+}
+
+/// 2250 readings of white noise.
+TEST(NoiseFromRests, RuleOutWhatTheyWouldShow) {
+  const messages::Recording recording = test::record({.force_noise_N = 0.02, .force_step_N = 1e-4, .seed = 11});
+  const RestsOnNoise white = rests_of(recording, {.white_N = 0.02});
+  EXPECT_TRUE(white.allow);
+  EXPECT_NEAR(static_cast<double>(white.readings), 2250.0, 10.0);
+  EXPECT_FALSE(rests_of(recording, {.white_N = 0.023}).allow) << "fifteen per cent, of which 1.5 are one deviation";
+  EXPECT_TRUE(rests_of(recording, {.white_N = 0.02, .coloured_N = 0.003, .correlation_s = 0.5}).allow);
+  EXPECT_FALSE(rests_of(recording, {.white_N = 0.02, .coloured_N = 0.01, .correlation_s = 0.5}).allow);
+  EXPECT_FALSE(rests_of(recording, {.white_N = 0.02, .coloured_N = 0.003, .correlation_s = 60.0}).allow)
+      << "longer than a rest";
+}
+
+/// White and coloured noise of the same sum. Readings at 5 Hz would be correlated by r = 0.13, and n of them lose n r^2
+/// / 2 of their log-likelihood: 18 of 2250. Those of every 0.6 s would be correlated by 0.03: 0.2 of 385.
+TEST(NoiseFromRests, RuleOutLessWhereTheyAreReadSeldom) {
+  const NoiseModel mixed{.white_N = 0.0173, .coloured_N = 0.01, .correlation_s = 0.3};
+  const messages::Recording recording = test::record({.force_noise_N = 0.02, .force_step_N = 1e-4, .seed = 11});
+  EXPECT_FALSE(rests_of(recording, mixed).allow);
+  EXPECT_TRUE(rests_of(test::seldom_read_at_rest(recording, 0.5), mixed).allow);
+}
+
 TEST(NoiseFromRests, LeavesOutWhatTheGuardLeftOut) {
   const test::ConcealedSpecimen bench{.seed = 14};
   messages::Recording recording = test::record(bench);

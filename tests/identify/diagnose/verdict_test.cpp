@@ -22,7 +22,7 @@ TEST(Verdict, ChangesAtEachOfItsLimits) {
     Verdict verdict;
   };
   constexpr auto kConsistent = Verdict::kConsistent, kMissing = Verdict::kMissingPhysics,
-                 kUnknown = Verdict::kUnknownPhysics;
+                 kUnknown = Verdict::kUnknownPhysics, kCannotJudge = Verdict::kCannotJudge;
   const std::vector<Case> cases{
       {"noise alone", {.excess_before = 0.0, .excess_left = 0.0, .rows = 3000}, 0.0, kConsistent},
       {"less than noise", {.excess_before = -50.0, .excess_left = -50.0, .rows = 3000}, 0.0, kConsistent},
@@ -49,6 +49,22 @@ TEST(Verdict, ChangesAtEachOfItsLimits) {
        {.excess_before = 1000.0, .excess_left = 500.0, .rows = 3000, .has_named_effect = true},
        0.5,
        kMissing},
+      {"nothing named, structure that may be noise",
+       {.excess_before = 1e5, .excess_left = 601.0, .rows = 3000, .is_noise_for_all_that_rests_say = true},
+       0.00601,
+       kCannotJudge},
+      {"nothing named, less than structure",
+       {.excess_before = 1e5, .excess_left = 600.0, .rows = 3000, .is_noise_for_all_that_rests_say = true},
+       0.006,
+       kConsistent},
+      {"named, what is left may be noise",
+       {.excess_before = 1e4,
+        .excess_left = 1201.0,
+        .rows = 3000,
+        .has_named_effect = true,
+        .is_noise_for_all_that_rests_say = true},
+       0.1201,
+       kUnknown},
       {"described by a table",
        {.excess_before = 1e5, .excess_left = 0.0, .rows = 3000, .has_named_effect = true, .is_described = true},
        0.0,
