@@ -95,7 +95,8 @@ class Reading {
     }
     ++report_.segments;
     report_.bytes += reader.size_bytes();
-    report_.has_checksums = report_.has_checksums && (checked_ || reader.size_bytes() == 0);
+    // What holds no whole message does not show whether it has any.
+    report_.has_checksums = report_.has_checksums && (checked_ || reader.tally().events == 0);
     settle_torn();
     const bool altered =
         std::any_of(reader.damage().begin(), reader.damage().end(), [](const auto& d) { return !d.at_end; });

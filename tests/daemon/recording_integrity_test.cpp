@@ -179,6 +179,18 @@ TEST_F(Integrity, ASegmentWithoutAWholeMessageGivesNothing) {
   EXPECT_TRUE(report_.has_checksums);
 }
 
+/// As a power cut in the first moment leaves it: no recording of an older isorig, of which nothing else has no
+/// checksums.
+TEST_F(Integrity, OneThatIsCutWithinItsFirstMessageIsNoOlderRecording) {
+  for (std::size_t i = 1; i < segments_.size(); ++i) std::filesystem::remove(segments_[i]);
+  for (const std::size_t size : {1U, 30U, 60U}) {
+    write(0, bytes_[0].substr(0, size));
+    expect_told("cut at " + std::to_string(size));
+    EXPECT_TRUE(report_.has_checksums) << size;
+    EXPECT_EQ(report_.events, 0U);
+  }
+}
+
 TEST_F(Integrity, EveryTruncationIsTold) {
   std::mt19937_64 random(1);
   for (int n = 0; n < 300; ++n) {
