@@ -65,7 +65,7 @@ RestsOnNoise rests_of(const messages::Recording& recording, const NoiseModel& no
 }
 
 /// Twice the log-likelihood that the truth loses is distributed as chi-square with three degrees: above 7.8 in one of
-/// twenty. More than three of twenty would be chance in 2 of 100.
+/// twenty (six of seeds 20 to 119). More than three of twenty would be chance in 2 of 100.
 TEST(NoiseFromRests, AllowTheNoiseThatTheyHave) {
   int refused = 0;
   for (unsigned seed = 20; seed < 40; ++seed) {
