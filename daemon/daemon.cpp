@@ -144,6 +144,7 @@ struct Daemon::Impl {
   void await_first_tick();
   void end();
   void leave_without_writing();
+  [[noreturn]] void leave(int code);
   [[nodiscard]] bool at_rest() const;
   [[nodiscard]] std::chrono::duration<double> rest_patience() const;
   [[nodiscard]] std::string status_text() const { return status_line(core.status(), host.run_id()); }
@@ -325,10 +326,13 @@ void Daemon::Impl::leave_without_writing() {
   while (!at_rest() && !ended && std::chrono::steady_clock::now() < deadline) {
     if (signals.wait(kSignalPoll) != 0) break;  // the third: the devices' watchdogs see to the rest
   }
-  if (ended) return;
+  if (!ended) leave(1);
+}
+
+void Daemon::Impl::leave(int code) {
   api.unlink();
   sample_server.unlink();
-  ::_exit(1);
+  ::_exit(code);
 }
 
 void Daemon::Impl::await_first_tick() {
@@ -403,6 +407,8 @@ bool Daemon::run() {
   }
   for (auto& t : d.ending) t.join();
   d.ending.clear();
+  // What is left is to close the catalogue, which writes nothing that is needed, and waits for a disk that hangs.
+  if (!d.host.disk_answers()) d.leave(d.all_written ? 0 : 1);
   return d.all_written;
 }
 

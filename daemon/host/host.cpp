@@ -38,6 +38,15 @@ std::vector<std::filesystem::path> places_of(const Host::Options& options) {
   return out;
 }
 
+std::string why_no_run_could_be_recorded(const std::filesystem::path& root, std::uint64_t least,
+                                         const decltype(Host::Options::free_bytes)& free_bytes_of) {
+  auto why = why_not_writable(root);
+  if (!why.empty()) return why;
+  const auto bytes = free_bytes_of ? free_bytes_of(root) : free_bytes(root);
+  if (bytes >= least) return {};
+  return std::to_string(bytes >> 20U) + " MiB free, " + std::to_string(least >> 20U) + " MiB are kept free";
+}
+
 }  // namespace
 
 Host::Host(const RigConfig& rig, Core& core, Streams& recording, Options options)
@@ -53,7 +62,10 @@ Host::Host(const RigConfig& rig, Core& core, Streams& recording, Options options
   if (!options_.virtual_time) {
     core_.set_observer(&live_);
     acceptance_.emplace(rig.name, rig.text, options_.runs_root);
-    storage_.emplace([this] { return why_no_run_could_be_recorded(); });
+    storage_.emplace(
+        [root = options_.runs_root, least = rig.recording.min_free_bytes, free_bytes_of = options_.free_bytes] {
+          return why_no_run_could_be_recorded(root, least, free_bytes_of);
+        });
     tell_core_of_storage(storage_->look_here());  // before the first tick: never ready on a disk that nobody has tried
   }
 }
@@ -209,15 +221,6 @@ void Host::tell_core(const std::string& recorder_fault) {
   core_.set_recorder_fault(recorder_fault);
 }
 
-std::string Host::why_no_run_could_be_recorded() const {
-  auto why = why_not_writable(options_.runs_root);
-  if (!why.empty()) return why;
-  const auto least = rig_.recording.min_free_bytes;
-  const auto bytes = options_.free_bytes ? options_.free_bytes(options_.runs_root) : free_bytes(options_.runs_root);
-  if (bytes >= least) return {};
-  return std::to_string(bytes >> 20U) + " MiB free, " + std::to_string(least >> 20U) + " MiB are kept free";
-}
-
 /// The rig is ready only where a run could be recorded. A run that is open says by itself what its disk does.
 void Host::look_at_storage(std::int64_t now_ns, bool run_open) {
   const auto answer = storage_->take();
@@ -325,6 +328,10 @@ bool Host::is_between_runs() const {
 bool Host::run_open() const {
   const std::lock_guard lock(mutex_);
   return run_ != nullptr;
+}
+
+bool Host::disk_answers() const {
+  return !storage_ || storage_->answers();
 }
 
 std::string Host::run_id() const {

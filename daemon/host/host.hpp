@@ -139,6 +139,8 @@ class Host {
   bool shut_down(const std::function<bool()>& give_up = {});
 
   [[nodiscard]] bool run_open() const;
+  /// False: it was asked between runs, and hangs. May take a second.
+  [[nodiscard]] bool disk_answers() const;
   /// No run is open, armed or about to be, and the rig is not being set up.
   [[nodiscard]] bool is_between_runs() const;
   [[nodiscard]] std::string run_id() const;
@@ -202,7 +204,6 @@ class Host {
   void turn_or_throw(std::int64_t now_ns);
   std::shared_ptr<Run> take_events();
   void drop_queued();
-  [[nodiscard]] std::string why_no_run_could_be_recorded() const;
   void look_at_storage(std::int64_t now_ns, bool run_open);
   void tell_core_of_storage(const std::string& why);
   void tell_core(const std::string& recorder_fault);

@@ -1,8 +1,7 @@
 #pragma once
-#include <condition_variable>
 #include <cstdint>
 #include <functional>
-#include <mutex>
+#include <memory>
 #include <optional>
 #include <string>
 #include <thread>
@@ -13,11 +12,12 @@ namespace isorig::daemon {
 /// with success nor with an error, and whoever waits for it does nothing else.
 class StorageWatch {
  public:
-  /// Why a run could not be recorded; empty when it could. May hang, may throw.
+  /// Why a run could not be recorded; empty when it could. May hang, may throw. Uses nothing that may go before it
+  /// ends: one that hangs outlives the watch.
   using Look = std::function<std::string()>;
 
   explicit StorageWatch(Look look);
-  /// Waits for a look that is under way.
+  /// A look that is under way has a second to end, and is left to itself then.
   ~StorageWatch();
   StorageWatch(const StorageWatch&) = delete;
   StorageWatch& operator=(const StorageWatch&) = delete;
@@ -28,18 +28,14 @@ class StorageWatch {
   void ask(std::int64_t now_ns);
   /// The answer to what was asked, once.
   [[nodiscard]] std::optional<std::string> take();
+  /// False where a look that is under way does not end within a second either.
+  [[nodiscard]] bool answers() const;
   /// Since when an answer is awaited.
   [[nodiscard]] std::optional<std::int64_t> asked_ns() const;
 
  private:
-  void run();
-
-  const Look look_;
-  mutable std::mutex mutex_;  // guards all below but the thread
-  std::condition_variable wake_;
-  bool stop_ = false;
-  std::optional<std::int64_t> asked_ns_;
-  std::optional<std::string> answer_;
+  struct Shared;
+  const std::shared_ptr<Shared> shared_;
   std::thread thread_;
 };
 

@@ -97,6 +97,9 @@ steps = [
     ASSERT_TRUE(daemon_->reach("ready")) << daemon_->log();
   }
 
+  /// Whoever waits for the disk cannot be killed before it answers.
+  void TearDown() override { (void)disk_->hang(false); }
+
   TempDir dir_;
   std::optional<LoopDisk> disk_;
   std::filesystem::path rig_;
@@ -162,6 +165,47 @@ TEST_F(FailingDisk, HangingBeforeAStartIsNotReadyAndHoldsUpNobody) {
   EXPECT_EQ(daemon_->process().stop(SIGTERM), 0) << daemon_->log();
   Frames frames;
   EXPECT_TRUE(messages::read_run(dir_ / "runs" / id, frames).whole());
+}
+
+/// A thread of it may still wait in the kernel, until the disk answers.
+bool has_left(pid_t pid) {
+  std::ifstream status("/proc/" + std::to_string(pid) + "/status");
+  std::stringstream text;
+  text << status.rdbuf();
+  return !status || text.str().find("State:\tZ") != std::string::npos;
+}
+
+/// Nothing was left to write: no answer is awaited.
+TEST_F(FailingDisk, HangingBetweenRunsKeepsNobodyFromLeaving) {
+  ASSERT_TRUE(disk_->hang(true));
+  ASSERT_TRUE(daemon_->reach("idle", 90.0)) << daemon_->log();
+  const pid_t pid = daemon_->process().pid();
+  ASSERT_EQ(::kill(pid, SIGTERM), 0);
+  EXPECT_TRUE(wait_until(20.0, [&] { return has_left(pid); })) << daemon_->log();
+  EXPECT_THAT(daemon_->log(), HasSubstr("at rest"));
+  ASSERT_TRUE(disk_->hang(false));
+  EXPECT_EQ(daemon_->process().wait(20.0), 0) << daemon_->log();
+}
+
+/// The end of a run is written before the daemon leaves; a second signal does without.
+TEST_F(FailingDisk, HangingInMidRunIsWaitedForAfterOneSignalAndNotAfterTwo) {
+  const auto id = started_run(daemon_->call({"start", (dir_ / "slow.toml").string()}));
+  ASSERT_TRUE(wait_until(60.0, [&] { return daemon_->status().value("position_mm", 0.0) > 0.1; })) << daemon_->log();
+  ASSERT_TRUE(disk_->hang(true));
+  const pid_t pid = daemon_->process().pid();
+  ASSERT_EQ(::kill(pid, SIGTERM), 0);
+  ASSERT_TRUE(wait_until(60.0, [&] { return daemon_->log().find("at rest") != std::string::npos; })) << daemon_->log();
+  EXPECT_FALSE(wait_until(3.0, [&] { return has_left(pid); })) << "the disk might still answer";
+  ASSERT_EQ(::kill(pid, SIGTERM), 0);
+  EXPECT_TRUE(wait_until(20.0, [&] { return has_left(pid); })) << daemon_->log();
+  ASSERT_TRUE(disk_->hang(false));
+  EXPECT_EQ(daemon_->process().wait(20.0), 1) << "not everything was written";
+  daemon_.reset();
+
+  daemon_.emplace(dir_, rig_);
+  ASSERT_TRUE(daemon_->reach("ready")) << daemon_->log();
+  EXPECT_EQ(daemon_->catalogue()[0].value("state", ""), "interrupted");
+  EXPECT_EQ(daemon_->catalogue()[0].value("id", ""), id);
 }
 
 TEST_F(FailingDisk, ReadOnlyInMidRunIsAProgramStopAndTheRunGoesOnWhenTheDiskIsMended) {
