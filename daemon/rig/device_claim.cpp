@@ -6,16 +6,21 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <chrono>
 #include <cstddef>
 #include <cstring>
 #include <fstream>
 #include <stdexcept>
+#include <thread>
 #include <utility>
 
 #include "base/printable.hpp"
 
 namespace isorig::daemon {
 namespace {
+
+/// For a program that has taken the name and does not listen yet.
+constexpr std::chrono::milliseconds kListenPatience{500}, kListenPoll{5};
 
 struct Address {
   sockaddr_un name{};
@@ -41,6 +46,15 @@ std::string name_of_user(uid_t uid) {
   return known ? entry.pw_name : "uid " + std::to_string(uid);
 }
 
+bool connected(int fd, const Address& address) {
+  const auto deadline = std::chrono::steady_clock::now() + kListenPatience;
+  while (::connect(fd, reinterpret_cast<const sockaddr*>(&address.name), address.length) != 0) {
+    if (std::chrono::steady_clock::now() > deadline) return false;
+    std::this_thread::sleep_for(kListenPoll);
+  }
+  return true;
+}
+
 /// Who listens there, as the kernel has it: nobody can give somebody else's name. Empty: it does not say.
 std::string holder_of(const Address& address) {
   const int fd = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
@@ -48,8 +62,7 @@ std::string holder_of(const Address& address) {
   std::string who;
   ucred peer{};
   socklen_t length = sizeof peer;
-  if (::connect(fd, reinterpret_cast<const sockaddr*>(&address.name), address.length) == 0 &&
-      ::getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &peer, &length) == 0) {
+  if (connected(fd, address) && ::getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &peer, &length) == 0) {
     std::string program;
     std::getline(std::ifstream("/proc/" + std::to_string(peer.pid) + "/comm"), program);
     who = "process " + std::to_string(peer.pid) + (program.empty() ? "" : " (" + base::printable(program) + ")") +

@@ -1,8 +1,15 @@
 #include "daemon/rig/devices.hpp"
 
 #include <gmock/gmock.h>
+#include <sys/socket.h>
+#include <sys/un.h>
 #include <sys/wait.h>
 #include <unistd.h>
+
+#include <chrono>
+#include <cstddef>
+#include <cstring>
+#include <thread>
 
 #include "drivers/clock/real_clock.hpp"
 #include "edited_rig.hpp"
@@ -66,6 +73,27 @@ TEST(Devices, WhoHoldsADeviceIsNamed) {
   ::waitpid(child, nullptr, 0);
   for (const int fd : {ready[0], ready[1], leave[0]}) ::close(fd);
   EXPECT_NO_THROW(DeviceClaim{device});
+}
+
+/// Another that has bound the name and has not come to listen: of two that start at once.
+TEST(Devices, WhoIsAboutToHoldADeviceIsNamed) {
+  const std::string device = "frame at claim-begun-" + std::to_string(::getpid());
+  const std::string name = "isorig " + device;
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  std::memcpy(address.sun_path + 1, name.data(), name.size());
+  const int fd = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  ASSERT_EQ(::bind(fd, reinterpret_cast<const sockaddr*>(&address),
+                   static_cast<socklen_t>(offsetof(sockaddr_un, sun_path) + 1 + name.size())),
+            0);
+  std::thread late([fd] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    EXPECT_EQ(::listen(fd, 8), 0);
+  });
+  EXPECT_THAT([&] { const DeviceClaim again(device); },
+              ThrowsMessage<std::runtime_error>(HasSubstr("process " + std::to_string(::getpid()))));
+  late.join();
+  ::close(fd);
 }
 
 TEST(Devices, PathsOfAnyLengthAreClaimed) {
