@@ -408,7 +408,7 @@ bool Daemon::run() {
   for (auto& t : d.ending) t.join();
   d.ending.clear();
   // What is left is to close the catalogue, which writes nothing that is needed, and waits for a disk that hangs.
-  if (!d.host.disk_answers()) d.leave(d.all_written ? 0 : 1);
+  if (!d.host.disk_answers(d.clock.now_ns())) d.leave(d.all_written ? 0 : 1);
   return d.all_written;
 }
 

@@ -330,8 +330,8 @@ bool Host::run_open() const {
   return run_ != nullptr;
 }
 
-bool Host::disk_answers() const {
-  return !storage_ || storage_->answers();
+bool Host::disk_answers(std::int64_t now_ns) {
+  return !storage_ || storage_->answers(now_ns);
 }
 
 std::string Host::run_id() const {

@@ -139,8 +139,8 @@ class Host {
   bool shut_down(const std::function<bool()>& give_up = {});
 
   [[nodiscard]] bool run_open() const;
-  /// False: it was asked between runs, and hangs. May take a second.
-  [[nodiscard]] bool disk_answers() const;
+  /// The disk of the runs is written to, whether it was found to hang or not. False when that takes more than a second.
+  [[nodiscard]] bool disk_answers(std::int64_t now_ns);
   /// No run is open, armed or about to be, and the rig is not being set up.
   [[nodiscard]] bool is_between_runs() const;
   [[nodiscard]] std::string run_id() const;

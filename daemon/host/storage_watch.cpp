@@ -90,7 +90,8 @@ std::optional<std::string> StorageWatch::take() {
   return std::exchange(shared_->answer, std::nullopt);
 }
 
-bool StorageWatch::answers() const {
+bool StorageWatch::answers(std::int64_t now_ns) {
+  ask(now_ns);
   std::unique_lock lock(shared_->mutex);
   return shared_->rested.wait_for(lock, kPatience, [this] { return !shared_->asked_ns; });
 }

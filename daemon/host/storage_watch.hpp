@@ -28,8 +28,8 @@ class StorageWatch {
   void ask(std::int64_t now_ns);
   /// The answer to what was asked, once.
   [[nodiscard]] std::optional<std::string> take();
-  /// False where a look that is under way does not end within a second either.
-  [[nodiscard]] bool answers() const;
+  /// Has a look taken, unless one is under way. False where that does not end within a second.
+  [[nodiscard]] bool answers(std::int64_t now_ns);
   /// Since when an answer is awaited.
   [[nodiscard]] std::optional<std::int64_t> asked_ns() const;
 

@@ -175,16 +175,24 @@ bool has_left(pid_t pid) {
   return !status || text.str().find("State:\tZ") != std::string::npos;
 }
 
-/// Nothing was left to write: no answer is awaited.
+/// Nothing was left to write: no answer is awaited, whether the daemon had noticed before or not.
 TEST_F(FailingDisk, HangingBetweenRunsKeepsNobodyFromLeaving) {
-  ASSERT_TRUE(disk_->hang(true));
-  ASSERT_TRUE(daemon_->reach("idle", 90.0)) << daemon_->log();
-  const pid_t pid = daemon_->process().pid();
-  ASSERT_EQ(::kill(pid, SIGTERM), 0);
-  EXPECT_TRUE(wait_until(20.0, [&] { return has_left(pid); })) << daemon_->log();
-  EXPECT_THAT(daemon_->log(), HasSubstr("at rest"));
-  ASSERT_TRUE(disk_->hang(false));
-  EXPECT_EQ(daemon_->process().wait(20.0), 0) << daemon_->log();
+  for (const bool noticed : {false, true}) {
+    if (noticed) {
+      daemon_.emplace(dir_, rig_);
+      ASSERT_TRUE(daemon_->reach("ready")) << daemon_->log();
+    }
+    ASSERT_TRUE(disk_->hang(true));
+    if (noticed) {
+      ASSERT_TRUE(daemon_->reach("idle", 90.0)) << daemon_->log();
+    }
+    const pid_t pid = daemon_->process().pid();
+    ASSERT_EQ(::kill(pid, SIGTERM), 0);
+    EXPECT_TRUE(wait_until(20.0, [&] { return has_left(pid); })) << daemon_->log();
+    EXPECT_THAT(daemon_->log(), HasSubstr("at rest"));
+    ASSERT_TRUE(disk_->hang(false));
+    EXPECT_EQ(daemon_->process().wait(20.0), 0) << daemon_->log();
+  }
 }
 
 /// The end of a run is written before the daemon leaves; a second signal does without.
