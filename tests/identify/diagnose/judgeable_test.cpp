@@ -64,6 +64,27 @@ TEST(Judgeable, TheVerdictStandsInTheDiagnosisWithWhatToRecord) {
   EXPECT_TRUE(json.at("missing").empty());
 }
 
+/// The rests know a white noise of 20 mN by 2 %, and 1 % more is chance.
+TEST(Judgeable, WhatTheRestsAllowIsSaidAsWhatItIs) {
+  const auto left_with = [](const NoiseModel& noise, NoiseSource source) {
+    Study study = study_of(source, 0.02, 1.0);
+    study.series = {
+        prepare_series("bench", test::record({.force_noise_N = 0.02, .force_step_N = 1e-4, .seed = 11}), {})};
+    study.selection.pool.emplace_back();
+    study.selection.pool[0].fit.noise = noise;
+    return noise_beyond_the_rests(study);
+  };
+  const auto white = left_with({.white_N = 0.0202}, NoiseSource::kRests);
+  ASSERT_TRUE(white.has_value());
+  EXPECT_NE(white->why.find("a white noise of 0.0202 N, and the 2250 readings"), std::string::npos) << white->why;
+  const NoiseModel mixed{.white_N = 0.02, .coloured_N = 0.003, .correlation_s = 0.5};
+  const auto coloured = left_with(mixed, NoiseSource::kRests);
+  ASSERT_TRUE(coloured.has_value());
+  EXPECT_NE(coloured->why.find("a noise of 0.003 N that is correlated over 0.5 s"), std::string::npos) << coloured->why;
+  EXPECT_FALSE(left_with({.white_N = 0.023}, NoiseSource::kRests).has_value());
+  EXPECT_FALSE(left_with(mixed, NoiseSource::kRepetitions).has_value()) << "no rests, nothing to hold it against";
+}
+
 /// Coloured noise beside white noise of 20 mN. The strokes are read a thousand times a second, so that a bin of theirs
 /// shows 15 mN of the one beside 3 mN of the other; rests that are read every 0.6 s do not.
 TEST(Judgeable, NotWhereWhatIsLeftMayBeNoiseThatTheRestsDoNotShow) {
