@@ -12,7 +12,7 @@ namespace {
 
 /// ISA-L 2.30 treats the first byte of a stream apart, in two routines. That of long inputs
 /// (`write_first_byte` of `igzip_icf_body_h1_gr_bt.asm`) should hash the four bytes from the third on and hashes bits
-/// 16 to 47 of the stream's address instead. The two hashes agree in about one of 8,192 streams, and then another match
+/// 16 to 47 of the stream's address instead. Once in some thousand streams the two hashes agree, and then another match
 /// is found: the output depended on where the memory lay. The routine of short inputs has no such fault; a flush behind
 /// the first four bytes, which are the fewest that it hashes, begins each stream with it.
 constexpr std::size_t kFlushedBytes = 4;

@@ -179,8 +179,8 @@ TEST_F(Integrity, ASegmentWithoutAWholeMessageGivesNothing) {
   EXPECT_TRUE(report_.has_checksums);
 }
 
-/// As a power cut in the first moment leaves it: no recording of an older isorig, of which nothing else has no
-/// checksums.
+/// As a power cut in the first moment of a run leaves it. Only recordings of older versions have no checksums, and this
+/// is none.
 TEST_F(Integrity, OneThatIsCutWithinItsFirstMessageIsNoOlderRecording) {
   for (std::size_t i = 1; i < segments_.size(); ++i) std::filesystem::remove(segments_[i]);
   for (const std::size_t size : {1U, 30U, 60U}) {
