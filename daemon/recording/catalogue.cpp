@@ -1,6 +1,8 @@
 #include "daemon/recording/catalogue.hpp"
 
+#include <chrono>
 #include <stdexcept>
+#include <thread>
 #include <utility>
 
 #include "daemon/recording/run_directory.hpp"
@@ -51,6 +53,20 @@ std::int64_t schema_version(sqlite3* db) {
   Statement version(db, "PRAGMA user_version");
   version.step();
   return version.integer(0);
+}
+
+/// Of connections that make a new file's log at once SQLite turns all but one away without asking its time-out, since
+/// two that hold a read lock would wait for each other.
+void use_write_ahead_log(sqlite3* db) {
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::milliseconds(kPatienceMs);
+  while (true) {
+    try {
+      return execute(db, "PRAGMA journal_mode = WAL");
+    } catch (const sqlite::Error& e) {
+      if (e.code != SQLITE_BUSY || std::chrono::steady_clock::now() > deadline) throw;
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
 }
 
 /// The recorder's thread does not wait for a catalogue that somebody else has locked: it comes again.
@@ -124,7 +140,7 @@ void Catalogue::open(Access access) {
                              " is empty, or another program's; move it aside: the next isorigd, or isorig run, makes "
                              "it anew from the recordings beside it");
   }
-  execute(db_, "PRAGMA journal_mode = WAL");
+  use_write_ahead_log(db_);
   execute(db_, "PRAGMA synchronous = FULL");
   execute(db_, "PRAGMA foreign_keys = ON");
   Transaction all(db_);

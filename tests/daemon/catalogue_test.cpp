@@ -7,11 +7,14 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <array>
+#include <barrier>
 #include <chrono>
 #include <csignal>
 #include <cstdio>
 #include <fstream>
 #include <random>
+#include <thread>
 
 #include "base/toml_reader.hpp"
 #include "daemon/recording/amendments.hpp"
@@ -291,6 +294,29 @@ TEST(Catalogue, OneThatIsLockedHoldsNobodyUpAndIsWrittenLater) {
   EXPECT_TRUE(recorder.settle());
   EXPECT_EQ(recorder.status().catalogue_error, "");
   for (const auto& s : catalogue.sessions_of("a-run")) EXPECT_EQ(s.state, "done");
+}
+
+/// As the README's first command does: a run in virtual time and a daemon, in a folder that was not there.
+TEST(Catalogue, OfManyThatMakeOneAtOnceNobodyIsTurnedAway) {
+  for (int round = 0; round < 50; ++round) {
+    const TemporaryDirectory dir("catalogue");
+    constexpr int kAtOnce = 4;
+    std::barrier together(kAtOnce);
+    std::array<std::string, kAtOnce> refused;
+    std::vector<std::thread> all;
+    for (auto& why : refused) {
+      all.emplace_back([&] {
+        together.arrive_and_wait();
+        try {
+          const Catalogue catalogue(dir.path());
+        } catch (const std::exception& e) {
+          why = e.what();
+        }
+      });
+    }
+    for (auto& thread : all) thread.join();
+    for (const auto& why : refused) ASSERT_EQ(why, "") << "round " << round;
+  }
 }
 
 TEST(Catalogue, RecordingsThatAreInNoneAreEntered) {
