@@ -177,7 +177,7 @@ void wires() {
   for (int choice = 4; choice < 6; ++choice) {
     std::string regulates(1, static_cast<char>(choice));
     regulates += std::string(8, '\0');
-    for (const char psi : {8, 80, '\x7f', '\xf0'})
+    for (const char psi : {'\x08', '\x50', '\x7f', '\xf0'})
       regulates += std::string("\1") + psi + std::string(12, '\0') + '\2' + std::string(8, '\0');
     seed("modbus", "regulates-" + std::to_string(choice), regulates);
   }
