@@ -1,6 +1,7 @@
 #pragma once
 #include <cstddef>
 #include <iterator>
+#include <stdexcept>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -33,19 +34,24 @@ inline const FaultKind kFaults[] = {
     {"tube off", [](sim::Rig& r, bool on) { r.pressure().faults.tube_off = on; }},
     {"tube blocked", [](sim::Rig& r, bool on) { r.pressure().faults.tube_blocked = on; }},
     {"valves ignore commands", [](sim::Rig& r, bool on) { r.pressure().faults.ignores_commands = on; }},
+    {"fill valve open", [](sim::Rig& r, bool on) { r.pneumatics().fill_stuck_open = on; }},
+    {"vent valve shut", [](sim::Rig& r, bool on) { r.pneumatics().vent_stuck_shut = on; }},
+    {"dump valve shut", [](sim::Rig& r, bool on) { r.pneumatics().dump_stuck_shut = on; }},
     {"emergency stop", [](sim::Rig& r, bool on) { r.interlock().estop_closed = !on; }},
     {"guard open", [](sim::Rig& r, bool on) { r.interlock().guard_closed = !on; }},
 };
 inline constexpr int kFaultCount = static_cast<int>(std::size(kFaults));
 
+inline bool is_among(unsigned faults, std::string_view name) {
+  for (int i = 0; i < kFaultCount; ++i) {
+    if (kFaults[i].name == name) return (faults >> i & 1U) != 0;
+  }
+  throw std::invalid_argument("no fault \"" + std::string(name) + "\"");
+}
+
 /// Of these the reading does not follow the pressure.
 inline bool reading_lies(unsigned faults) {
-  unsigned lies = 0;
-  for (int i = 0; i < kFaultCount; ++i) {
-    const std::string_view name = kFaults[i].name;
-    if (name == "count stuck" || name == "tube off" || name == "tube blocked") lies |= 1U << i;
-  }
-  return (faults & lies) != 0;
+  return is_among(faults, "count stuck") || is_among(faults, "tube off") || is_among(faults, "tube blocked");
 }
 
 struct VerbKind {
@@ -96,8 +102,9 @@ inline constexpr int kDiskFails = kRepair + 1;
 inline constexpr int kLoopLate = kRepair + 2;
 inline constexpr int kRecorderHangs = kRepair + 3;
 inline constexpr int kMoment = kRepair + 4;
-inline constexpr int kWhile = kRepair + 5;
-inline constexpr int kFirstPair = kRepair + 6;
+inline constexpr int kSecond = kRepair + 5;
+inline constexpr int kWhile = kRepair + 6;
+inline constexpr int kFirstPair = kRepair + 7;
 inline constexpr int kActs = kFirstPair + kPairCount;
 
 inline std::string name_of(int act) {
@@ -115,6 +122,8 @@ inline std::string name_of(int act) {
       return "recorder stands still";
     case kMoment:
       return "0.1 s";
+    case kSecond:
+      return "1 s";
     default:
       return "3 s";
   }
