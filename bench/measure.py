@@ -13,6 +13,7 @@ from typing import Any
 
 TREE = Path(__file__).resolve().parent.parent
 PEERS = TREE / "bench" / "peers"
+PLOTS = TREE / "bench" / "plots"
 
 
 class NotMeasured(Exception):
@@ -65,12 +66,12 @@ def objects(text: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in text.splitlines() if line.startswith("{")]
 
 
-def python() -> str:
-    """A Python that has numpy and scipy (Debian's own, where another is first on the PATH)."""
+def python(modules: str = "numpy, scipy", package: str = "python3-scipy") -> str:
+    """A Python that has these modules (Debian's own, where another is first on the PATH)."""
     for each in ("/usr/bin/python3", "python3"):
-        if subprocess.run([each, "-c", "import numpy, scipy"], capture_output=True, check=False).returncode == 0:
+        if subprocess.run([each, "-c", f"import {modules}"], capture_output=True, check=False).returncode == 0:
             return each
-    raise NotMeasured("no Python with numpy and scipy: apt install python3-scipy")
+    raise NotMeasured(f"no Python with {modules.replace(', ', ' and ')}: scripts/setup bench, or apt install {package}")
 
 
 def needs(program: str, package: str) -> str:

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -73,6 +74,10 @@ def write_page(path: Path, results: Path, rows: list[Row]) -> None:
                 text.append(f"| {f.what}{'; ' + f.note if f.note else ''} | {cell(f.ours)} {f.unit} | {beside} | "
                             f"{cell(f.ratio()) if f.beside else ''} | {target} |")
             text.append("")
+            if row.picture:
+                if results.resolve() != path.parent.resolve():
+                    shutil.copy(results / row.picture, path.parent)
+                text.append(f"![{heading}]({row.picture})\n")
         if row.limit:
             text.append(row.limit + "\n")
         text.append(f"{told['date']}, {at['commit']}, {at['cores']} cores of {at['cpu']}, Linux {at['kernel']}; load "
