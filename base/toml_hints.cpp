@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <span>
 
 namespace isorig::base {
 namespace {
@@ -11,21 +12,16 @@ struct Unit {
 };
 
 /// As keys write them. 1 psi = 6.894757293168 kPa and 1 lbf = 4.4482216152605 N (NIST SP 811, 2008, appendix B.8).
-constexpr std::array<Unit, 22> kUnits{{{"kPa", "psi", "0.1450377"},
+constexpr std::array<Unit, 17> kUnits{{{"kPa", "psi", "0.1450377"},
                                        {"Pa", "psi", "0.0001450377"},
                                        {"hPa", "psi", "0.01450377"},
                                        {"MPa", "psi", "145.0377"},
                                        {"bar", "psi", "14.50377"},
                                        {"mbar", "psi", "0.01450377"},
-                                       {"kPa_s", "psi_s", "0.1450377"},
-                                       {"bar_s", "psi_s", "14.50377"},
                                        {"um", "mm", "0.001"},
                                        {"cm", "mm", "10"},
                                        {"m", "mm", "1000"},
                                        {"in", "mm", "25.4"},
-                                       {"m_s", "mm_s", "1000"},
-                                       {"cm_s", "mm_s", "10"},
-                                       {"mm_min", "mm_s", "0.01666667"},
                                        {"in_min", "mm_s", "0.4233333"},
                                        {"ms", "s", "0.001"},
                                        {"min", "s", "60"},
@@ -33,6 +29,15 @@ constexpr std::array<Unit, 22> kUnits{{{"kPa", "psi", "0.1450377"},
                                        {"kN", "N", "1000"},
                                        {"mN", "N", "0.001"},
                                        {"lbf", "N", "4.448222"}}};
+/// What a value is counted per: 60 mm/min are 1 mm/s.
+constexpr std::array<Unit, 3> kPer{{{"ms", "s", "1000"}, {"min", "s", "0.01666667"}, {"h", "s", "0.0002777778"}}};
+/// In front of a time they make it what the value is counted per: `velocity_mm_min` beside `timeout_min`.
+constexpr std::array<std::string_view, 5> kCounted{{"mm", "psi", "N", "L", "per"}};
+
+std::string_view factor_in(std::span<const Unit> table, std::string_view from, std::string_view to) {
+  const auto unit = std::ranges::find_if(table, [&](const Unit& u) { return u.from == from && u.to == to; });
+  return unit == table.end() ? std::string_view() : unit->factor;
+}
 
 /// Longer lines are no numbers that somebody typed.
 constexpr std::size_t kLongestLine = 1000;
@@ -77,9 +82,15 @@ std::string unit_hint(std::string_view key, std::string_view meant) {
   const auto stem = key.substr(0, same).rfind('_');
   if (stem == std::string_view::npos) return {};
   const auto from = key.substr(stem + 1), to = meant.substr(stem + 1);
-  const auto* unit = std::ranges::find_if(kUnits, [&](const Unit& u) { return u.from == from && u.to == to; });
-  if (unit == kUnits.end()) return {};
-  return " Its unit is another: multiply the number by " + std::string(unit->factor);
+  const auto before = key.substr(0, stem);
+  const bool is_per = std::ranges::find(kCounted, before.substr(before.rfind('_') + 1)) != kCounted.end();
+  auto factor = factor_in(is_per ? std::span<const Unit>(kPer) : std::span<const Unit>(kUnits), from, to);
+  // kPa_s for psi_s: both are counted per the same.
+  const auto per_from = from.find('_'), per_to = to.find('_');
+  if (factor.empty() && per_from != from.npos && per_to != to.npos && from.substr(per_from) == to.substr(per_to))
+    factor = factor_in(kUnits, from.substr(0, per_from), to.substr(0, per_to));
+  if (factor.empty()) return {};
+  return " Its unit is another: multiply the number by " + std::string(factor);
 }
 
 }  // namespace isorig::base

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <array>
 #include <fstream>
 
 namespace isorig::base {
@@ -198,6 +199,28 @@ TEST(TomlReader, AKeyInAnotherUnitSaysByWhatToMultiply) {
                   EndsWith("did you mean `duration_s`? Its unit is another: multiply the number by 0.001"),
                   EndsWith("did you mean `velocity_mm_s`? Its unit is another: multiply the number by 1000"),
                   EndsWith("did you mean `force_N`?")));
+}
+
+/// A value per minute is a sixtieth per second, a time in minutes sixty times one in seconds.
+TEST(TomlReader, WhatAValueIsCountedPerIsToldFromATime) {
+  const std::vector<std::array<const char*, 3>> keys = {{"velocity_mm_min", "velocity_mm_s", "0.01666667"},
+                                                        {"speed_max_mm_h", "speed_max_mm_s", "0.0002777778"},
+                                                        {"rate_psi_min", "rate_psi_s", "0.01666667"},
+                                                        {"force_rate_max_N_ms", "force_rate_max_N_s", "1000"},
+                                                        {"fill_gain_per_min", "fill_gain_per_s", "0.01666667"},
+                                                        {"force_rate_max_kN_s", "force_rate_max_N_s", "1000"},
+                                                        {"velocity_um_s", "velocity_mm_s", "0.001"},
+                                                        {"rate_kPa_s", "rate_psi_s", "0.1450377"},
+                                                        {"velocity_in_min", "velocity_mm_s", "0.4233333"},
+                                                        {"timeout_min", "timeout_s", "60"},
+                                                        {"time_max_h", "time_max_s", "3600"}};
+  for (const auto& [given, meant, factor] : keys) {
+    const auto d = parse(std::string(given) + " = 12\n");
+    const auto r = d.root();
+    static_cast<void>(r.number_or(meant, 1.0));
+    EXPECT_THAT(faults(d), ElementsAre(EndsWith(std::string("did you mean `") + meant +
+                                                "`? Its unit is another: multiply the number by " + factor)));
+  }
 }
 
 TEST(TomlReader, ADecimalCommaIsNamed) {
