@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <span>
 #include <stdexcept>
 
 #include "base/formatted.hpp"
@@ -24,7 +25,8 @@ struct Admitted {
   /// Of the recording before rows are cut from it: `predict` sees the whole of it.
   double duration_s = 0.0;
   double id = 0.0;
-  RecordingQuality quality;  ///< of the rows that are left
+  RecordingQuality quality;        ///< of the rows that are left
+  bool begins_in_a_state = false;  ///< of its arms, which is among the nominal model's unknowns
 };
 
 bool position_moves(const messages::Recording& recording, const RecordingQuality& quality) {
@@ -56,6 +58,17 @@ void add_unknown_state(model::ModelSpec& spec, double recording_id, double start
   }
 }
 
+/// Whether a recording begins where another of the same clock has ended, with what that has left in the arms: a logger
+/// began a new file, or each test of a session was saved by itself. A pause as long as the other recording is taken for
+/// a rest. Recordings that all count from their own beginning say nothing of what was before.
+bool goes_on(const messages::Recording& recording, std::span<const messages::Recording> all) {
+  return std::ranges::any_of(all, [&](const messages::Recording& other) {
+    const double begin_s = other.frame.t_s.front(), end_s = other.frame.t_s.back();
+    const double pause_s = recording.frame.t_s.front() - end_s;
+    return pause_s > 0.0 && pause_s < end_s - begin_s;
+  });
+}
+
 /// An isometric recording is driven by its pressure alone: its filling is the experiment.
 bool may_be_cut(const messages::Recording& recording, const RecordingQuality& quality, const model::ModelSpec& model) {
   return position_moves(recording, quality) || !model.driven_by_pressure();
@@ -74,7 +87,8 @@ Admitted admit(messages::Recording& recording, const std::string& name, model::M
       faults.push_back(std::move(*cut));
       admitted.quality = recording_quality(recording);
     }
-    if (!t_s.empty() && t_s.front() > start_s) add_unknown_state(nominal, admitted.id, t_s.front());
+    admitted.begins_in_a_state = !t_s.empty() && t_s.front() > start_s;
+    if (admitted.begins_in_a_state) add_unknown_state(nominal, admitted.id, t_s.front());
   }
   for (const double again_s : missed_motion(recording.frame, admitted.quality.position))
     add_unknown_state(nominal, admitted.id, again_s);
@@ -163,6 +177,9 @@ void prepare(Study& study, std::vector<messages::Recording> recordings, std::vec
   std::vector<Admitted> admitted;
   for (std::size_t i = 0; i < recordings.size(); ++i)
     admitted.push_back(admit(recordings[i], names[i], nominal, study.faults));
+  for (std::size_t i = 0; i < recordings.size(); ++i)
+    if (!admitted[i].begins_in_a_state && goes_on(recordings[i], recordings))
+      add_unknown_state(nominal, admitted[i].id, recordings[i].frame.t_s.front());
   for (std::size_t i = 0; i < recordings.size(); ++i) {
     Guarded guarded = guard_recording(recordings[i], admitted[i].quality);
     study.faults.insert(study.faults.end(), guarded.faults.begin(), guarded.faults.end());

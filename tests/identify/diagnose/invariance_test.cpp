@@ -144,6 +144,30 @@ TEST(InvarianceOfSeveral, AnotherZeroOfTheForceIsNoSlip) {
   EXPECT_EQ(one.names, other.names);
 }
 
+/// The rows of `whole` from the share `from` of them up to `to`, with the clock that it has.
+messages::Recording piece(const messages::Recording& whole, double from, double to) {
+  messages::Recording r = whole;
+  const auto row = [&](double share) {
+    return static_cast<std::ptrdiff_t>(share * static_cast<double>(whole.frame.size()));
+  };
+  for (auto member :
+       {&messages::FrameSamples::t_s, &messages::FrameSamples::position_mm, &messages::FrameSamples::force_N})
+    (r.frame.*member).assign((whole.frame.*member).begin() + row(from), (whole.frame.*member).begin() + row(to));
+  return r;
+}
+
+/// A logger that begins a new file does so in mid-stroke, where the arms hold what the strokes before have left in
+/// them.
+TEST(InvarianceOfSeveral, ARecordingThatIsCutInTwo) {
+  const messages::Recording whole = test::record({.seed = 31});
+  const Found one = found_in({whole});
+  for (const double share : {0.2, 0.27, 0.4, 0.45, 0.55, 0.7, 0.8}) {
+    const Found two = found_in({piece(whole, 0.0, share), piece(whole, share, 1.0)});
+    EXPECT_EQ(two.verdict, one.verdict) << share;
+    EXPECT_EQ(two.names, one.names) << share;
+  }
+}
+
 TEST(InvarianceOfSeveral, TheOrderOfTheRecordings) {
   const Found one = found_in({with_friction(31), with_friction(32)});
   const Found other = found_in({with_friction(32), with_friction(31)});
