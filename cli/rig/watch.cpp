@@ -54,7 +54,11 @@ class Awaited {
     const auto state = status.value("state", "");
     const std::string open = status.contains("run") ? status["run"].value("id", "") : std::string();
     if (run_.empty() && !open.empty()) run_ = open;
-    if (!open.empty() && open == run_) return state == "faulted" ? std::optional<int>(kTripped) : std::nullopt;
+    if (!open.empty() && open == run_) {
+      if (state != "faulted") return std::nullopt;
+      said_ = "run " + run_ + " is stopped: isorig status says by what, and whether the rig holds its pressure";
+      return kTripped;
+    }
     if (state == "armed") was_armed_ = true;
     if (state == "armed" || state == "countdown") return std::nullopt;
     const auto last = last_id(status);

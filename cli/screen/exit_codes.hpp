@@ -10,7 +10,7 @@ enum ExitCode : int {
   kBadInput = 3,  ///< a file is wrong: protocol, rig, recording, model; each fault with file:line:column
   kNoDaemon = 4,  ///< isorigd does not answer on its socket
   kRefused = 5,   ///< isorigd answers and says no (wrong state, no interlock, limits)
-  kTripped = 6,   ///< the run ended by a limit or a fault; the rig is in its safe state
+  kTripped = 6,   ///< a limit or a fault stopped the run; it may be held under pressure
   kDataLost = 7,  ///< it worked, but samples are missing; the message says how many and where
 };
 

@@ -18,9 +18,11 @@ Host::Result Host::go(const std::string& by) {
   const std::lock_guard one_at_a_time(start_mutex_);
   const auto now = core_.status();
   if (now.control.state != RunState::kArmed) {
-    return {false,
-            std::string("the rig is ") + to_text(now.control.state) + ": a start has to be armed first (isorig start)",
-            {}};
+    const auto state = now.control.state;
+    const std::string first = state == RunState::kPaused    ? "what goes on has to be armed first (isorig resume)"
+                              : state == RunState::kFaulted ? "see to the cause, then isorig reset"
+                                                            : "a start has to be armed first (isorig start)";
+    return {false, std::string("the rig is ") + to_text(state) + ": " + first, {}};
   }
   if (now.run_loaded) {  // a paused run that goes on
     Request request;

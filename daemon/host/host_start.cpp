@@ -122,11 +122,11 @@ Host::Result Host::await_closed_run() {
     const auto now = core_.status();
     if (now.run_loaded || now.control.state == RunState::kFaulted || std::chrono::steady_clock::now() > deadline) {
       const std::string state = to_text(now.control.state);
-      return {false,
-              now.run_loaded
-                  ? "the rig is " + state + ": a run is under way; abort it first (isorig abort)"
-                  : "the rig is " + state + ": the run before this one is still being written; try again in a moment",
-              {}};
+      const std::string why = now.run_loaded ? "a run is under way; abort it first (isorig abort)"
+                              : now.control.state == RunState::kFaulted
+                                  ? "see to the cause, then isorig reset"
+                                  : "the run before this one is still being written; try again in a moment";
+      return {false, "the rig is " + state + ": " + why, {}};
     }
     if (options_.breathe) turn(now.control.mono_ns);  // one thread: there is no recorder's thread to wait for
     breathe();

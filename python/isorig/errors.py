@@ -41,7 +41,7 @@ class Refused(IsorigError):
 
 
 class Tripped(IsorigError):
-    """The run ended by a limit or a fault; the rig is in its safe state."""
+    """A limit or a fault stopped the run: it is over, or held under pressure until a reset or an abort."""
 
     exit_code = 6
 

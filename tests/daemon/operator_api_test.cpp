@@ -125,6 +125,25 @@ TEST_F(OperatorApiTest, TwoActsACountdownAndARun) {
   EXPECT_EQ(runs()[0].operator_name, "somebody");
 }
 
+/// A refusal names the act that comes first in this state.
+TEST_F(OperatorApiTest, WhatIsRefusedSaysWhatComesFirst) {
+  config_.core.operating.arm_window_s = 60.0;
+  serve();
+  ASSERT_EQ(post("/v1/start", {{"protocol", kLongProtocol}}).status, 200);
+  ASSERT_EQ(post("/v1/go").status, 200);
+  ASSERT_TRUE(reach("running"));
+  ASSERT_EQ(post("/v1/pause").status, 200);
+  ASSERT_TRUE(reach("paused"));
+  const auto paused = post("/v1/go");
+  EXPECT_EQ(paused.status, 409);
+  EXPECT_THAT(paused.text(), HasSubstr("the rig is paused: what goes on has to be armed first (isorig resume)"));
+  rig_->core().set_recorder_fault("the disk takes nothing");
+  ASSERT_TRUE(reach("faulted"));
+  const auto faulted = post("/v1/go");
+  EXPECT_EQ(faulted.status, 409);
+  EXPECT_THAT(faulted.text(), HasSubstr("the rig is faulted: see to the cause, then isorig reset"));
+}
+
 /// Who has not confirmed is told that the rig is not armed any more when it has been seen so, and not before.
 TEST_F(OperatorApiTest, AStartThatNobodyConfirmedIsTakenBackOrSaidToBeArmed) {
   config_.core.operating.arm_window_s = 3600.0;
