@@ -251,7 +251,8 @@ ROWS = [
         limit="Processor time on one thread, of three cases each: the small dots are the cases, the line is their median. From 7,500 to"
               " 120,000 readings it grows by 2.3 times, since a diagnosis works on bins. The 72 s at 3,750 readings are a case whose"
               " explanations tie there, so that an experiment is designed. Cut in two the same readings cost 2.4 times as much, in eight no"
-              " more than in four."),
+              " more than in four. These were measured before a recording that goes on where another ended was given an unknown starting state"
+              " (6ef8d1a6)."),
     Row("export", "isorig export and fv on a whole run", "", export,
         limit="HDF5 and MAT files are compressed by ISA-L at its level 1, on two threads with the reading of the log. With zlib HDF5 took 5.7 s, and MAT 12.8 s, since libmatio's level cannot be set."),
     Row("recorder", "the recorder", "lcm-logger", recorder,
