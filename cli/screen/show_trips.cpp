@@ -1,5 +1,6 @@
 #include "cli/screen/show_trips.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "base/formatted.hpp"
@@ -49,7 +50,7 @@ bool is_fault(const Json& event) {
 std::string what_was_done(const Json& trip) {
   const auto state = text_of(trip, "state"), words = text_of(trip, "step_words");
   std::string line = "the rig was " + (state.empty() ? "in no known state" : state);
-  if (!words.empty()) line += base::formatted(", step %.0f: ", number_of(trip, "step")) + words;
+  if (!words.empty()) line += base::formatted(", step %.0f: ", number_of(trip, "step") + 1.0) + words;
   if (const auto before = trip.find("before"); before != trip.end() && before->is_object()) {
     line += "; at " + words_of(number_of(*before, "position_mm"), 3) + " mm, " +
             words_of(number_of(*before, "force_N")) + " N, " + words_of(number_of(*before, "pressure_psi")) + " psi";
@@ -61,38 +62,59 @@ std::string what_the_daemon_did(const Json& trip, const Json& reaction) {
   std::string line = "the crosshead was told to stop at once";
   const auto valves = text_of(reaction, "valves");
   const auto after = span(number_of(reaction, "valves_s"));
-  if (valves == "vent") line += "; the vent valve was open " + after + " after the trip";
-  if (valves == "shut") line += "; both valves were shut " + after + " after the trip";
+  if (valves == "vent") line += "; the vent valve was told to open " + after + " after the trip";
+  if (valves == "shut") line += "; both valves were told to shut " + after + " after the trip";
   if (text_of(trip, "severity") == "program stop" && valves == "vent") line += ", since there was nothing to hold";
   return line;
 }
 
-std::string what_the_plant_did(const Json& reaction) {
-  std::string line;
-  const double at_mm = number_of(reaction, "position_at_mm");
-  if (!std::isfinite(at_mm)) {
-    line = "no sample of the frame came after it";
+/// "no sample of the frame from 3 ms before the trip to 2.67 s after it"; empty where there was no such time.
+std::string silence(const Json& reaction, const char* key, const char* of_what) {
+  const auto found = reaction.find(key);
+  if (found == reaction.end() || !found->is_array() || found->size() != 2) return {};
+  if (!(*found)[0].is_number() || !(*found)[1].is_number()) return {};
+  const double from_s = (*found)[0].get<double>(), to_s = (*found)[1].get<double>();
+  return std::string("no ") + of_what + " from " +
+         (from_s < 0.0    ? span(-from_s) + " before the trip"
+          : from_s == 0.0 ? "the trip"
+                          : span(from_s) + " after the trip") +
+         " to " + span(to_s) + " after it; ";
+}
+
+std::string what_the_frame_did(const Json& reaction) {
+  const double least_mm = number_of(reaction, "position_min_mm"), most_mm = number_of(reaction, "position_max_mm");
+  if (!std::isfinite(least_mm)) return "no sample of the frame came after it";
+  const auto silent = silence(reaction, "frame_silent_s", "sample of the frame");
+  const double at_mm = number_of(reaction, "position_at_mm"), stood_s = number_of(reaction, "stood_s");
+  std::string line = silent;
+  if (!std::isfinite(stood_s)) {
+    line += "the crosshead was not seen to stand";
+  } else if (!silent.empty()) {
+    line += "the crosshead was seen to stand from " + span(stood_s) + " on";
   } else {
-    const double way_mm =
-        std::max(number_of(reaction, "position_max_mm") - at_mm, at_mm - number_of(reaction, "position_min_mm"));
-    const double stood_s = number_of(reaction, "stood_s");
-    line = !std::isfinite(stood_s) ? "the crosshead was not seen to stand"
-           : stood_s <= 0.0        ? "the crosshead stood"
-                                   : "the crosshead stood after " + span(stood_s);
-    line += ", " + words_of(way_mm, 3) + " mm from where it was; force from " +
-            words_of(number_of(reaction, "force_min_N")) + " to " + words_of(number_of(reaction, "force_max_N")) + " N";
+    line += stood_s <= 0.0 ? "the crosshead stood" : "the crosshead stood after " + span(stood_s);
   }
+  line += std::isfinite(at_mm)
+              ? ", " + words_of(std::max(most_mm - at_mm, at_mm - least_mm), 3) + " mm from where it was"
+              : ", at " + words_of(least_mm, 3) + " to " + words_of(most_mm, 3) + " mm";
+  if (std::isfinite(at_mm) && !silent.empty()) line += " seen last before";
+  return line + "; force from " + words_of(number_of(reaction, "force_min_N")) + " to " +
+         words_of(number_of(reaction, "force_max_N")) + " N";
+}
+
+std::string what_the_pressure_did(const Json& reaction) {
   const double most_psi = number_of(reaction, "pressure_max_psi"), vented_s = number_of(reaction, "vented_s");
-  if (!std::isfinite(most_psi)) return line + "; no pressure reading came after it";
-  line += "; the pressure ";
+  if (!std::isfinite(most_psi)) return "no pressure reading came after it";
+  const auto silent = silence(reaction, "pressure_silent_s", "pressure reading");
+  std::string line = silent + "the pressure ";
   if (!std::isfinite(vented_s)) {
     line += "was " + words_of(number_of(reaction, "pressure_last_psi")) + " psi at the last reading";
-  } else if (vented_s <= 0.0) {
-    line += "was below 1 psi";
+  } else if (!silent.empty()) {
+    line += "was seen below 1 psi from " + span(vented_s) + " on";
   } else {
-    line += "was below 1 psi after " + span(vented_s);
+    line += vented_s <= 0.0 ? "was below 1 psi" : "was below 1 psi after " + span(vented_s);
   }
-  return line + ", at most " + words_of(most_psi) + " psi";
+  return line + ", at most " + words_of(most_psi) + " psi" + (silent.empty() ? "" : " of what was read");
 }
 
 /// " by ann (uid 1000) after 4.35 s, at 2026-11-23T16:40:00Z", as far as it is known.
@@ -171,7 +193,7 @@ std::string tell_trip(const Json& trip) {
   }
   if (told > 8) line("", "and " + std::to_string(told - 8) + " more");
   line("daemon", what_the_daemon_did(trip, reaction));
-  line("rig", what_the_plant_did(reaction));
+  line("rig", what_the_frame_did(reaction) + "; " + what_the_pressure_did(reaction));
   line("end", how_it_ended(events));
   if (const auto files = trip.find("files"); files != trip.end() && files->is_array()) {
     std::string names;

@@ -19,6 +19,7 @@
 #include "base/utc_text.hpp"
 #include "daemon/core/seconds.hpp"
 #include "daemon/recording/run_directory.hpp"
+#include "daemon/recording/trip_reaction.hpp"
 
 namespace isorig::daemon {
 namespace {
@@ -26,10 +27,7 @@ namespace {
 using nlohmann::ordered_json;
 
 constexpr const char* kTripFormat = "isorig-trip/1";
-constexpr std::size_t kMostEvents = 400;       // of a chain: a fault that comes and goes must not fill the disk
-constexpr std::int64_t kSlopeNs = 60'000'000;  // as the daemon's own standstill (daemon/core/standstill.hpp)
-constexpr double kStands_mm_s = 0.05;
-constexpr double kVented_psi = 1.0;
+constexpr std::size_t kMostEvents = 400;  // of a chain: a fault that comes and goes must not fill the disk
 
 template <typename Record>
 void trim(std::deque<Record>& records, std::int64_t before_ns) {
@@ -112,12 +110,6 @@ bool ends_a_trip(const EventRecord& e) {
 /// Behind it nothing belongs to the trip any more.
 bool is_recovery(const EventRecord& e) {
   return e.from != e.to && (e.to == RunState::kRunning || e.to == RunState::kIdle || e.to == RunState::kReady);
-}
-
-template <typename Record>
-auto first_from(const std::deque<Record>& records, std::int64_t ns) {
-  return std::lower_bound(records.begin(), records.end(), ns,
-                          [](const Record& r, std::int64_t at_ns) { return r.mono_ns < at_ns; });
 }
 
 }  // namespace
@@ -209,7 +201,7 @@ void TripEvidence::write_next(Trip& trip, bool has_room) {
     error_.clear();
     const auto at = first_from(control_, trip.cause.mono_ns);
     if (at != control_.begin()) trip.at = *(at - 1);
-    trip.reaction = reaction(trip);
+    trip.reaction = trip_reaction(frame_, pressure_, control_, trip.cause.mono_ns, trip.end_ns);
   }
   if (trip.next < File::kStory && !has_room) {
     if (error_.empty()) {
@@ -276,67 +268,6 @@ std::string TripEvidence::control_csv(const Trip& trip) const {
   return std::move(out.text);
 }
 
-/// What the plant did from the trip on, as its samples have it.
-std::string TripEvidence::reaction(const Trip& trip) const {
-  const std::int64_t trip_ns = trip.cause.mono_ns;
-  ordered_json out;
-  const auto after = first_from(frame_, trip_ns), frame_end = first_from(frame_, trip.end_ns);
-  if (after < frame_end) {
-    // White noise of the position, from neighbours: it must not look like a motion.
-    double sum = 0.0;
-    for (auto i = after + 1; i < frame_end; ++i) sum += std::pow(i->position_mm - (i - 1)->position_mm, 2);
-    const auto count = frame_end - after;
-    const double noise_mm = count > 1 ? std::sqrt(0.5 * sum / static_cast<double>(count - 1)) : 0.0;
-    const double most_mm = kStands_mm_s * seconds(kSlopeNs) + 6.0 * noise_mm;
-    double low_mm = after->position_mm, high_mm = low_mm, low_N = after->force_N, high_N = low_N;
-    std::int64_t moved_ns = trip_ns;
-    bool still = false;
-    auto behind = after;
-    for (auto i = after; i != frame_end; ++i) {
-      if (!std::isfinite(i->position_mm) || !std::isfinite(i->force_N)) continue;
-      low_mm = std::min(low_mm, i->position_mm);
-      high_mm = std::max(high_mm, i->position_mm);
-      low_N = std::min(low_N, i->force_N);
-      high_N = std::max(high_N, i->force_N);
-      if (i->mono_ns - after->mono_ns < kSlopeNs) continue;
-      while (i->mono_ns - behind->mono_ns > kSlopeNs) ++behind;
-      still = std::abs(i->position_mm - behind->position_mm) <= most_mm;
-      if (!still) moved_ns = i->mono_ns;
-    }
-    if (still) out["stood_s"] = seconds(moved_ns - trip_ns);
-    out["position_at_mm"] = number(after->position_mm);
-    out["position_min_mm"] = number(low_mm);
-    out["position_max_mm"] = number(high_mm);
-    out["force_min_N"] = number(low_N);
-    out["force_max_N"] = number(high_N);
-  }
-  out["frame_samples_after"] = frame_end - after;
-  const auto read = first_from(pressure_, trip_ns), pressure_end = first_from(pressure_, trip.end_ns);
-  if (read < pressure_end) {
-    double most_psi = read->pressure_psi;
-    std::int64_t pressed_ns = -1;
-    for (auto i = read; i != pressure_end; ++i) {
-      most_psi = std::max(most_psi, i->pressure_psi);
-      if (i->pressure_psi > kVented_psi) pressed_ns = i->mono_ns;
-    }
-    out["pressure_at_psi"] = number(read->pressure_psi);
-    out["pressure_max_psi"] = number(most_psi);
-    out["pressure_last_psi"] = number((pressure_end - 1)->pressure_psi);
-    if (pressed_ns < 0) {
-      out["vented_s"] = 0.0;
-    } else if (pressed_ns != (pressure_end - 1)->mono_ns) {
-      out["vented_s"] = seconds(pressed_ns - trip_ns);
-    }
-  }
-  out["pressure_samples_after"] = pressure_end - read;
-  if (const auto i = first_from(control_, trip_ns); i < first_from(control_, trip.end_ns)) {
-    const auto& c = *i;
-    out["valves"] = c.vent_permille >= 1000 ? "vent" : c.fill_permille == 0 && c.vent_permille == 0 ? "shut" : "other";
-    out["valves_s"] = seconds(c.mono_ns - trip_ns);
-  }
-  return out.dump();
-}
-
 void TripEvidence::write_story(const Trip& t) {
   const std::int64_t trip_ns = t.cause.mono_ns;
   ordered_json out{{"format", kTripFormat},
@@ -356,7 +287,7 @@ void TripEvidence::write_story(const Trip& t) {
                      {"pressure_psi", number(double{t.at->pressure_psi})},
                      {"setpoint_psi", number(double{t.at->setpoint_psi})}};
   }
-  out["reaction"] = ordered_json::parse(t.reaction);
+  out["reaction"] = t.reaction;
   out["events"] = ordered_json::array();
   for (const auto& e : t.chain) out["events"].push_back(to_json(e, trip_ns, epoch_unix_us_));
   out["files"] = t.files;

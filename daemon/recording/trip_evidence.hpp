@@ -2,6 +2,7 @@
 #include <cstdint>
 #include <deque>
 #include <filesystem>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -54,7 +55,7 @@ class TripEvidence {
     std::int64_t end_ns = 0;          ///< of its samples: kAfterNs after it, or where the next trip begins
     std::optional<ControlRecord> at;  ///< the last control record before it
     std::vector<EventRecord> chain;
-    std::string reaction;  ///< JSON of what the plant did, once its time is over
+    nlohmann::ordered_json reaction;  ///< what the plant did, once its time is over
     File next = File::kFrame;
     std::vector<std::string> files;  ///< of samples, that were written
     bool is_over = false;            ///< the rig runs or is at rest again
@@ -68,7 +69,6 @@ class TripEvidence {
   [[nodiscard]] std::string frame_csv(const Trip& trip) const;
   [[nodiscard]] std::string pressure_csv(const Trip& trip) const;
   [[nodiscard]] std::string control_csv(const Trip& trip) const;
-  [[nodiscard]] std::string reaction(const Trip& trip) const;
   [[nodiscard]] int next_number() const;
   /// The first moment of which samples are still needed, at `now_ns`.
   [[nodiscard]] std::int64_t kept_from(std::int64_t now_ns) const noexcept;

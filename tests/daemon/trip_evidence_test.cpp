@@ -122,6 +122,62 @@ TEST_F(TripEvidenceTest, TheRunUpOfAStreamThatHasDiedIsRecordedInFull) {
   EXPECT_THAT(cli::tell_trip(trip(1)), HasSubstr("no sample of the frame came after it"));
 }
 
+/// Both links die with the trip and are back 2.67 s later, with the crosshead at rest and the air out: when it came to
+/// rest, and when the air went, nobody saw.
+TEST_F(TripEvidenceTest, NothingIsToldOfATimeWithoutSamples) {
+  TripEvidence evidence(folder.path(), {});
+  for (std::int64_t i = 14'000; i < 21'000; ++i) {
+    evidence.take(control_record(i, 3));
+    if (i == kTripMs) evidence.take(stop);
+    if (i >= kTripMs - 3 && i < kTripMs + 2'670) continue;
+    auto frame = frame_record(i, 3, Keep::kFull);
+    frame.position_mm = i < kTripMs ? 1.0 : 1.5;
+    evidence.take(frame);
+    auto pressure = pressure_record(i, 3, Keep::kFull);
+    pressure.pressure_psi = i < kTripMs ? 15.0 : 0.1;
+    evidence.take(pressure);
+  }
+  evidence.finish(true);
+  const auto reaction = trip(1)["reaction"];
+  EXPECT_NEAR(reaction["frame_silent_s"][0].get<double>(), -0.004, 1e-3);
+  EXPECT_NEAR(reaction["frame_silent_s"][1].get<double>(), 2.67, 1e-3);
+  EXPECT_NEAR(reaction["stood_s"].get<double>(), 2.67, 1e-3);
+  EXPECT_NEAR(reaction["vented_s"].get<double>(), 2.67, 1e-3);
+  EXPECT_EQ(reaction["position_at_mm"], 1.0);
+  EXPECT_EQ(reaction["pressure_at_psi"], 15.0);
+  const auto story = cli::tell_trip(trip(1));
+  EXPECT_THAT(story, HasSubstr("no sample of the frame from 4 ms before the trip to 2.67 s after it; the crosshead was "
+                               "seen to stand from 2.67 s on, 0.500 mm from where it was seen last before"));
+  EXPECT_THAT(story, HasSubstr("no pressure reading from 3 ms before the trip to 2.67 s after it; the pressure was "
+                               "seen below 1 psi from 2.67 s on, at most 0.10 psi of what was read"));
+}
+
+/// It stood, and the link died: whether it stood to the end is not known. A sensor in trouble measures no pressure.
+TEST_F(TripEvidenceTest, WhatWasSeenBeforeTheSamplesEndedIsNotSaidOfTheEnd) {
+  TripEvidence evidence(folder.path(), {});
+  for (std::int64_t i = 14'000; i < 21'000; ++i) {
+    evidence.take(control_record(i, 3));
+    if (i == kTripMs) evidence.take(stop);
+    auto frame = frame_record(i, 3, Keep::kFull);
+    frame.position_mm = 1.0;
+    if (i < kTripMs + 1'000) evidence.take(frame);
+    auto pressure = pressure_record(i, 3, Keep::kFull);
+    pressure.pressure_psi = 0.1;
+    pressure.status = i < kTripMs ? 0 : 3;
+    evidence.take(pressure);
+  }
+  evidence.finish(true);
+  const auto reaction = trip(1)["reaction"];
+  EXPECT_FALSE(reaction.contains("stood_s"));
+  EXPECT_FALSE(reaction.contains("vented_s"));
+  EXPECT_EQ(reaction["pressure_samples_after"], 0);
+  const auto story = cli::tell_trip(trip(1));
+  EXPECT_THAT(story,
+              HasSubstr("no sample of the frame from 999 ms after the trip to 5.00 s after it; the crosshead was "
+                        "not seen to stand"));
+  EXPECT_THAT(story, HasSubstr("no pressure reading came after it"));
+}
+
 TEST_F(TripEvidenceTest, WhatEndsItIsAddedAndASecondTripHasFilesOfItsOwn) {
   record(40'000, 40'000,
          {stop, transition(kTripMs + 400, "frame.stop", RunState::kFaulted, RunState::kFaulted, Severity::kSafeState),
@@ -135,7 +191,7 @@ TEST_F(TripEvidenceTest, WhatEndsItIsAddedAndASecondTripHasFilesOfItsOwn) {
   ASSERT_EQ(trips.size(), 2U);
   const auto story = cli::tell_trip(trips[0]);
   EXPECT_THAT(story, HasSubstr("trip 1: limit.force, program stop"));
-  EXPECT_THAT(story, HasSubstr("before   the rig was running, step 3: hold 30 s; at "));
+  EXPECT_THAT(story, HasSubstr("before   the rig was running, step 4: hold 30 s; at "));
   EXPECT_THAT(story, HasSubstr("400 ms after: frame.stop"));
   EXPECT_THAT(story, HasSubstr("reset after 10.00 s, then resumed after 11.00 s"));
   EXPECT_THAT(story, HasSubstr("trip-1-frame.csv"));
