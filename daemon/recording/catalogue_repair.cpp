@@ -65,7 +65,7 @@ void Catalogue::settle_interrupted() {
       const auto recording = summarize_recording(root_ / id);
       note_sessions(db_, id, recording);
       state = recording.run_state();
-      if (state == "done") fault.clear();
+      fault = recording.run_fault();
     } catch (const sqlite::Error&) {
       throw;
     } catch (const std::exception& e) {
@@ -93,7 +93,7 @@ void Catalogue::adopt_recordings() {
     try {
       const auto recording = summarize_recording(entry.path());
       const auto& h = recording.header;
-      const auto state = recording.run_state();
+      const auto state = recording.run_state(), fault = recording.run_fault();
       Transaction all(db_);
       Statement(db_, "INSERT INTO specimens VALUES (?1, ?2) ON CONFLICT DO NOTHING")
           .bind(h.specimen, h.rest_length_mm)
@@ -104,8 +104,8 @@ void Catalogue::adopt_recordings() {
           " state, fault, rowid) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13) "
           "ON CONFLICT DO NOTHING")
           .bind(id, h.specimen, h.rig, protocol_of(h), h.plan_summary, recording.operator_name, recording.started_utc,
-                h.seed, h.virtual_time != 0 ? 1 : 0, h.attempt, state,
-                std::string_view(state == "done" ? "" : kInterruptedFault), make_place(db_, recording.started_utc))
+                h.seed, h.virtual_time != 0 ? 1 : 0, h.attempt, state, std::string_view(fault),
+                make_place(db_, recording.started_utc))
           .run();
       for (const auto& s : h.sessions) {
         const std::string label = base::formatted("repetition %d, %g psi", s.repetition, s.pressure_psi);

@@ -12,7 +12,23 @@ namespace {
 struct Reader : messages::RunVisitor {
   explicit Reader(RecordingSummary& s) : to(s) {}
   void segment(const std::filesystem::path& path) override { file = path.filename().string(); }
-  void header(const isorig_msgs::run_header_t& h) override { to.header = h; }
+  void header(const isorig_msgs::run_header_t& h) override {
+    if (h.attempt != to.header.attempt) to.outcome.clear();
+    to.header = h;
+  }
+  /// Core::end_run's. A countdown that was not completed takes nothing back from a run that was there before.
+  void event(const isorig_msgs::event_t& e) override {
+    const std::string_view code = e.code;
+    if (code == "run.done" || code == "run.aborted" || code == "run.failed") {
+      to.outcome = code.substr(4);
+    } else if (code == "run.not_started") {
+      to.outcome = to.header.attempt > 1 ? "interrupted" : "not started";
+    } else {
+      if (e.severity >= isorig_msgs::event_t::PROGRAM_STOP) fault = e.code + ": " + e.text;
+      return;
+    }
+    to.outcome_text = to.outcome == "failed" && !fault.empty() ? fault : e.text;
+  }
   void session(const isorig_msgs::session_mark_t& m) override {
     auto& s = to.sessions[m.session.session];
     if (m.kind == isorig_msgs::session_mark_t::BEGIN) {
@@ -38,12 +54,20 @@ struct Reader : messages::RunVisitor {
   }
   RecordingSummary& to;
   std::string file;
+  std::string fault;  // the last that stopped the rig
 };
 
 }  // namespace
 
 std::string RecordingSummary::run_state() const {
-  return report.state() == messages::RecordingState::kWhole && report.ended ? "done" : "interrupted";
+  if (report.state() == messages::RecordingState::kWhole && report.ended) return "done";
+  return outcome.empty() || outcome == "done" ? "interrupted" : outcome;
+}
+
+std::string RecordingSummary::run_fault() const {
+  const auto state = run_state();
+  if (state == "done") return {};
+  return state == "interrupted" ? kInterruptedFault : outcome_text;
 }
 
 RecordingSummary summarize_recording(const std::filesystem::path& run_dir) {

@@ -33,9 +33,13 @@ struct RecordingSummary {
   messages::ReadReport report;
   std::string started_utc;    ///< of run.toml
   std::string operator_name;  ///< empty where nobody was named
+  std::string outcome;        ///< how the last attempt ended, as its own events say; empty: they do not
+  std::string outcome_text;   ///< and why
 
-  /// done, or interrupted.
+  /// As a catalogue has it: done, aborted, failed, not started or interrupted. Done is only what is whole.
   [[nodiscard]] std::string run_state() const;
+  /// What the catalogue says of a run that was not done; empty for one that was.
+  [[nodiscard]] std::string run_fault() const;
 };
 
 /// Throws when there is nothing to be read.

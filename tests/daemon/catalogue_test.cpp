@@ -18,6 +18,7 @@
 
 #include "base/toml_reader.hpp"
 #include "daemon/recording/amendments.hpp"
+#include "daemon/recording/recording_summary.hpp"
 #include "recording_rig.hpp"
 
 namespace isorig::daemon::testing {
@@ -343,6 +344,45 @@ TEST(Catalogue, RecordingsThatAreInNoneAreEntered) {
     EXPECT_EQ(inputs.first_open_session, 0U);
     EXPECT_EQ(inputs.protocol_text, "# the protocol\n");
   }
+}
+
+/// Ended by a person, by a fault, or before it had begun: the events of the recording say so.
+TEST(Catalogue, OneMadeAnewKnowsWhoWasAbortedAndWhoFailed) {
+  const TemporaryDirectory root("catalogue");
+  const auto plan = two_sessions();
+  const auto end = [](const char* code, const char* text, Severity severity, std::int64_t ms) {
+    auto e = event_record(ms, 0, code, severity);
+    std::snprintf(e.text, sizeof e.text, "%s", text);
+    return e;
+  };
+  const auto record = [&](const std::string& id, int attempt, const std::vector<EventRecord>& events) {
+    auto info = info_for(plan);
+    Recorder recorder(recorder_options(root.path() / id), info);
+    Streams streams;
+    const std::int64_t from_ms = attempt == 1 ? 0 : 2'000;
+    run_plan(recorder, streams, {{from_ms + 500, 0, Keep::kFull}}, 50, from_ms);
+    for (const auto& e : events) streams.events.push(e);
+    EXPECT_TRUE(recorder.finish(streams, false));
+  };
+  record("a-aborted", 1, {end("run.aborted", "aborted by ann (uid 1000)", Severity::kInfo, 500)});
+  record("b-failed", 1,
+         {end("limit.force", "force outside its limits", Severity::kSafeState, 490),
+          end("run.failed", "ended by a fault", Severity::kInfo, 500)});
+  record("c-not-started", 1, {end("run.not_started", "a countdown was taken back", Severity::kInfo, 500)});
+  record("d-gone-on", 1, {end("run.aborted", "aborted by ann (uid 1000)", Severity::kInfo, 500)});
+  record("d-gone-on", 2, {});
+  record("e-told-only", 1, {});
+  const Catalogue catalogue(root.path());
+  const auto row = [&](const char* id) {
+    const auto found = catalogue.find_run(id);
+    EXPECT_TRUE(found) << id;
+    return found ? found->state + ": " + found->fault : std::string();
+  };
+  EXPECT_EQ(row("a-aborted"), "aborted: aborted by ann (uid 1000)");
+  EXPECT_EQ(row("b-failed"), "failed: limit.force: force outside its limits");
+  EXPECT_EQ(row("c-not-started"), "not started: a countdown was taken back");
+  EXPECT_EQ(row("d-gone-on"), std::string("interrupted: ") + kInterruptedFault);
+  EXPECT_EQ(row("e-told-only"), std::string("interrupted: ") + kInterruptedFault);
 }
 
 TEST(Catalogue, AKilledWritersReserveIsRemovedAndALiveOnesIsNot) {
