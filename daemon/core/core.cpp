@@ -280,8 +280,8 @@ void Core::step_plan(std::int64_t now_ns) noexcept {
 
 /// The plan counts calibrated, the frame raw.
 bool Core::move_to(std::int64_t now_ns, std::uint16_t id, double target_mm, double velocity_mm_s) noexcept {
-  if (const char* why = supervisor_.why_not(target_mm)) {
-    trip_over(now_ns, {Severity::kProgramStop, supervisor_.limit_that_binds(), why, target_mm, seen_.position_mm});
+  if (const auto kept = supervisor_.binding(target_mm)) {
+    trip_over(now_ns, {Severity::kProgramStop, kept->code, kept->why, kept->value, kept->threshold});
     return false;
   }
   const auto& cal = config_.calibration;

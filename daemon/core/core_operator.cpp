@@ -142,7 +142,7 @@ const char* Core::jog(std::int64_t now_ns, const Request& request) noexcept {
   }
   if (velocity_mm_s < l.speed_min_mm_s || velocity_mm_s <= 0.0) return "that is slower than [limits] speed_min_mm_s";
   if (std::abs(way_mm) < kJogLeast_mm) return "the crosshead is there already";
-  if (const char* why = supervisor_.why_not(target_mm)) return why;
+  if (const auto kept = supervisor_.binding(target_mm)) return kept->why;
   if ((target_mm > l.travel_max_mm && way_mm > 0.0) || (target_mm < l.travel_min_mm && way_mm < 0.0)) {
     return "the target lies outside the travel limits";
   }

@@ -82,13 +82,16 @@ class Supervisor {
   [[nodiscard]] double frame_age_s(std::int64_t now_ns) const noexcept;
   [[nodiscard]] double pressure_age_s(std::int64_t now_ns) const noexcept;
 
-  /// Why a motion from where the crosshead is to `target_mm` (calibrated) is not let through: beyond a limit only what
-  /// leads away from it is. nullptr: it is.
-  [[nodiscard]] const char* why_not(double target_mm) const noexcept;
-  /// The limit that `why_not` speaks of.
-  [[nodiscard]] const char* limit_that_binds() const noexcept {
-    return travel_.beyond != 0 ? "limit.travel" : "limit.force";
-  }
+  /// Why a motion is not let through, for people; which limit keeps it, what is measured, and the limit itself, in mm
+  /// or N.
+  struct Binding {
+    const char* why = nullptr;
+    const char* code = nullptr;
+    double value = 0.0, threshold = 0.0;
+  };
+  /// Of a motion from where the crosshead is to `target_mm` (calibrated): beyond a limit, and inside it until it is
+  /// clear (Bounds::is_clear), only what leads away from it is let through. Nothing: it is.
+  [[nodiscard]] std::optional<Binding> binding(double target_mm) const noexcept;
 
   /// What was found since the last call, and what is stale now. Valid until the next call of any member.
   [[nodiscard]] const TripList& check(std::int64_t now_ns) noexcept;

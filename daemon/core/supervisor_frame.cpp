@@ -74,17 +74,23 @@ void Supervisor::rearm_limit(Passed& passed, double value, const Bounds& b) noex
   }
 }
 
-const char* Supervisor::why_not(double target_mm) const noexcept {
+std::optional<Supervisor::Binding> Supervisor::binding(double target_mm) const noexcept {
   const auto& l = config_.limits;
   const bool target_inside = target_mm >= l.travel_min_mm && target_mm <= l.travel_max_mm;
   if (travel_.beyond * (target_mm - last_position_mm_) > 0.0 && !target_inside) {
-    return "the crosshead is beyond a travel limit: only a motion back is let through";
+    return Binding{"the crosshead is beyond a travel limit: only a motion back is let through", "limit.travel",
+                   last_position_mm_, travel_.beyond > 0 ? l.travel_max_mm : l.travel_min_mm};
   }
   // Tension falls when the specimen shortens.
   if (force_.beyond * (target_mm - last_position_mm_) > 0.0) {
-    return "the force is beyond a limit: only a motion that takes it back is let through";
+    const double limit_N = force_.beyond > 0 ? l.force_max_N : l.force_min_N;
+    const bool outside = force_.beyond * (last_force_N_ - limit_N) > 0.0;
+    return Binding{outside ? "the force is beyond a limit: only a motion that takes it back is let through"
+                           : "the force was beyond a limit and is only just inside: only a motion that takes it "
+                             "further back is let through",
+                   "limit.force", last_force_N_, limit_N};
   }
-  return nullptr;
+  return std::nullopt;
 }
 
 void Supervisor::watch_force(const FrameRecord& s) noexcept {

@@ -1,5 +1,6 @@
 #include "daemon/core/supervisor.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -275,17 +276,17 @@ TEST_F(SupervisorTest, BeyondALimitOnlyTheWayBackIsFreeAfterAReset) {
   run(100);
   position_mm = 5.1;
   EXPECT_EQ(severity(run(1), "limit.travel"), Severity::kProgramStop);
-  EXPECT_NE(supervisor->why_not(5.2), nullptr);
-  EXPECT_EQ(supervisor->why_not(4.0), nullptr);
+  EXPECT_TRUE(supervisor->binding(5.2));
+  EXPECT_FALSE(supervisor->binding(4.0));
   supervisor->rearm(now_ns);
   EXPECT_EQ(severity(run(100), "limit.travel"), Severity::kInfo) << "known";
-  EXPECT_NE(supervisor->why_not(5.2), nullptr);
-  EXPECT_EQ(supervisor->why_not(4.0), nullptr);
+  EXPECT_TRUE(supervisor->binding(5.2));
+  EXPECT_FALSE(supervisor->binding(4.0));
   position_mm = 5.4;
   EXPECT_EQ(severity(run(1), "limit.travel"), Severity::kProgramStop) << "further out";
   position_mm = 4.9;
   run(1);
-  EXPECT_EQ(supervisor->why_not(4.95), nullptr);
+  EXPECT_FALSE(supervisor->binding(4.95));
   position_mm = 5.1;
   EXPECT_EQ(severity(run(1), "limit.travel"), Severity::kProgramStop) << "armed again";
 }
@@ -313,10 +314,10 @@ TEST_F(SupervisorTest, AResetByASampleThatIsJustInsideDoesNotArmALimitThatIsPass
   for (int i = 0; i < 10; ++i) {
     EXPECT_EQ(severity(run(1), "limit.travel"), Severity::kInfo) << "it stands where it stood";
   }
-  EXPECT_NE(supervisor->why_not(5.1), nullptr);
+  EXPECT_TRUE(supervisor->binding(5.1));
   position_mm = 4.97;
   run(1);
-  EXPECT_EQ(supervisor->why_not(4.99), nullptr) << "inside the limits nothing keeps it from moving";
+  EXPECT_FALSE(supervisor->binding(4.99)) << "inside the limits nothing keeps it from moving";
   position_mm = 5.25;
   EXPECT_EQ(severity(run(1), "limit.travel"), Severity::kProgramStop) << "further out";
   position_mm = 4.9;
@@ -332,10 +333,34 @@ TEST_F(SupervisorTest, AForceLimitNearZeroIsLeftWhenTheSpecimenIsSlack) {
   run(100);
   force_N = -0.6;
   EXPECT_NE(severity(run(1), "limit.force"), Severity::kInfo);
-  EXPECT_NE(supervisor->why_not(-1.0), nullptr);
+  EXPECT_TRUE(supervisor->binding(-1.0));
   force_N = 0.0;
   run(1);
-  EXPECT_EQ(supervisor->why_not(-1.0), nullptr);
+  EXPECT_FALSE(supervisor->binding(-1.0));
+}
+
+/// The limits are -10 and 100 N: clear of one is 1.375 N inside, a quarter of 5 % of the range.
+TEST_F(SupervisorTest, AForceThatIsOnlyJustInsideSaysSoInNewtons) {
+  run(100);
+  force_N = 100.5;
+  run(1);
+  supervisor->rearm(now_ns);
+  auto kept = supervisor->binding(1.0);
+  ASSERT_TRUE(kept);
+  EXPECT_STREQ(kept->code, "limit.force");
+  EXPECT_STREQ(kept->why, "the force is beyond a limit: only a motion that takes it back is let through");
+  EXPECT_NEAR(kept->value, 100.5, 0.02);
+  EXPECT_EQ(kept->threshold, 100.0);
+  force_N = 98.7;
+  run(1);
+  kept = supervisor->binding(1.0);
+  ASSERT_TRUE(kept);
+  EXPECT_THAT(kept->why, ::testing::HasSubstr("was beyond a limit and is only just inside"));
+  EXPECT_NEAR(kept->value, 98.7, 0.02);
+  EXPECT_FALSE(supervisor->binding(-1.0)) << "the way back";
+  force_N = 98.5;
+  run(1);
+  EXPECT_FALSE(supervisor->binding(1.0));
 }
 
 TEST_F(SupervisorTest, AForceThatGoesOnRisingAfterAProgramStopIsTheSafeState) {
