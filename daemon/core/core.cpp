@@ -334,7 +334,7 @@ void Core::hand_off(std::int64_t now_ns) noexcept {
   c.overruns = overruns_;
   c.worst_wakeup_ns = static_cast<std::uint32_t>(std::min<std::int64_t>(worst_wakeup_ns_, UINT32_MAX));
   c.worst_run_ns = static_cast<std::uint32_t>(std::min<std::int64_t>(worst_run_ns_, UINT32_MAX));
-  if (cursor_ && run_begun_) {
+  if (cursor_ && run_open_ && run_begun_) {
     const auto progress = cursor_->progress(now_ns);
     c.progress = static_cast<float>(progress.fraction);
     c.remaining_s = static_cast<float>(progress.remaining_s);
