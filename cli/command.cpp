@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include "base/nearest.hpp"
+#include "base/number_text.hpp"
 #include "base/printable.hpp"
 #include "daemon/version.hpp"
 
@@ -106,6 +107,17 @@ std::string unknown_word(const CLI::App& app, int argc, const char* const* argv,
     if (word.starts_with("--")) return no_such_option(sub, word);
   }
   return {};
+}
+
+CLI::Validator within(double low, double high) {
+  const auto range = "[" + base::number_text(low) + " - " + base::number_text(high) + "]";
+  return {[low, high, range](const std::string& text) {
+            double value = 0.0;
+            const bool is_number = CLI::detail::lexical_cast(text, value);
+            return is_number && value >= low && value <= high ? std::string()
+                                                              : "Value " + text + " not in range " + range;
+          },
+          "FLOAT in " + range};
 }
 
 std::string why_not_the_command(const CLI::App& app, const CLI::ParseError& error) {

@@ -17,6 +17,9 @@
 ///   const Registration kCheck(1, add_check);
 namespace isorig::cli {
 
+/// A number from `low` to `high`. CLI::Range takes "nan" for one of its range.
+[[nodiscard]] CLI::Validator within(double low, double high);
+
 struct Command {
   CLI::App* app = nullptr;
   std::function<int()> run;  ///< returns an ExitCode; may throw base::ConfigError (kBadInput) or std::exception

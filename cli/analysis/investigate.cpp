@@ -317,7 +317,7 @@ Command add_investigate(CLI::App& app) {
       ->check(CLI::Range(1, 50));
   sub->add_option("--budget", o->budget_s, "Seconds of rig time for all of them")
       ->capture_default_str()
-      ->check(CLI::PositiveNumber);
+      ->check(within(1.0, 1e9));
   sub->add_option("--seed", o->seed, "Of the simulated rig's noise in the first round, instead of the rig file's")
       ->each([o](const std::string&) { o->has_seed = true; });
   sub->add_option("--out", o->out, "Folder for the rounds and the report; an investigation there is gone on with")

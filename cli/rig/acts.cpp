@@ -72,7 +72,7 @@ Command add_jog(CLI::App& app) {
   auto* by = sub->add_option("--by", o->by_mm, "From where it is, mm");
   auto* velocity = sub->add_option("--velocity", o->velocity_mm_s, "mm/s; else as fast as a jog may be");
   to->excludes(by);
-  velocity->check(CLI::Range(1e-6, 500.0));
+  velocity->check(within(1e-6, 500.0));
   add_common(*sub, *o);
   return {sub, [o, to, by, velocity] {
             if (to->count() + by->count() != 1) {

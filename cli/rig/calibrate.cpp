@@ -190,13 +190,13 @@ Command add_calibrate(CLI::App& app) {
   sub->add_option("--due", o->due, "The date it is due, instead of --interval-days");
   sub->add_option("--unit", o->unit, "Of the points: psi, kPa, bar; N, kg, g; mm");
   sub->add_option("--gravity", o->gravity_m_s2, "Local, for --unit kg and g (m/s2)")
-      ->check(CLI::Range(9.76, 9.84))
+      ->check(within(9.76, 9.84))
       ->capture_default_str();
   sub->add_option("--window-s", o->window_s, "A reading is the mean over this")
-      ->check(CLI::Range(0.5, 10.0))
+      ->check(within(0.5, 10.0))
       ->capture_default_str();
   sub->add_option("--settle-s", o->settle_s, "How long a reading may take to settle")
-      ->check(CLI::Range(0.0, 3600.0))
+      ->check(within(0.0, 3600.0))
       ->capture_default_str();
   sub->add_option("--drift-max", o->drift_max,
                   "A reading that moves more within its window is not settled (channel's unit)");

@@ -164,12 +164,12 @@ Command add_selftest(CLI::App& app) {
                                  "Walk every device, interlock and limit with the rig at rest, and say what to check");
   auto o = std::make_shared<SelftestOptions>();
   sub->add_flag("--with-pressure", o->with_pressure, "Fill a little, seal, measure the leak, vent");
-  sub->add_option("--pressure-psi", o->pressure_psi, "For that")->check(CLI::Range(1.0, 30.0))->capture_default_str();
+  sub->add_option("--pressure-psi", o->pressure_psi, "For that")->check(within(1.0, 30.0))->capture_default_str();
   sub->add_option("--leak-s", o->leak_s, "How long the leak is watched")
-      ->check(CLI::Range(2.0, 3600.0))
+      ->check(within(2.0, 3600.0))
       ->capture_default_str();
   sub->add_option("--window-s", o->window_s, "How long noise and rates are watched")
-      ->check(CLI::Range(1.0, 10.0))
+      ->check(within(1.0, 10.0))
       ->capture_default_str();
   sub->add_flag("--non-interactive", o->non_interactive, "Do not ask to open and close the contacts, only read them");
   sub->add_flag("--yes", o->yes, "Do not ask whether to pressurize");

@@ -335,18 +335,18 @@ Command add_import(CLI::App& app) {
       ->check(CLI::IsMember({"force", "position", "pressure"}));
   auto* load = sub->add_option("--load-N", o->load_N,
                                "Constant load where no column is the force, tension positive (position, pressure)");
-  load->check(CLI::Range(-foreign::kMostLoad_N, foreign::kMostLoad_N));
+  load->check(within(-foreign::kMostLoad_N, foreign::kMostLoad_N));
   sub->add_option("--load-kg", o->load_kg, "The same as a mass under standard gravity, 9.80665 m/s2")
-      ->check(CLI::Range(-1e5, 1e5))
+      ->check(within(-1e5, 1e5))
       ->excludes(load);
   sub->add_option("--specimen", o->specimen, "Name of the specimen");
   sub->add_option("--rest-length-mm", o->rest_length_mm,
                   "Its length without pressure and load; none where there is none (then there are no strains)");
   sub->add_option("--pressurized-rest-length-mm", o->pressurized_rest_length_mm,
                   "Its length under pressure without load, of a McKibben")
-      ->check(CLI::Range(1e-3, 1e4));
+      ->check(within(1e-3, 1e4));
   sub->add_option("--nominal-pressure-psi", o->nominal_pressure_psi, "The pressure that was set, gauge")
-      ->check(CLI::Range(-1e3, 1e3));
+      ->check(within(-1e3, 1e3));
   sub->add_option(
       "--zero-mm", o->zero_mm,
       "Position, from the unpressurized rest length, that the file calls zero; whole-length where its column "
