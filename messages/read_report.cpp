@@ -46,14 +46,23 @@ bool NumberCheck::take(std::int64_t number) {
 }
 
 RecordingState ReadReport::state() const noexcept {
-  const auto gone = std::accumulate(missing.begin(), missing.end(), std::uint64_t{0});
   const bool altered = std::any_of(damage.begin(), damage.end(), [](const auto& d) { return !d.at_end; });
-  if (altered || undecodable > 0 || repeated > 0 || !contradictions.empty() || gone > lost_messages) {
+  if (altered || undecodable > 0 || repeated > 0 || !contradictions.empty() || gone() > 0) {
     return RecordingState::kDamaged;
   }
   if (!damage.empty() || (!ended && !lone_segment)) return RecordingState::kInterrupted;
   const bool all = unfinished.empty() && dropped_records == 0 && lost_messages == 0 && faults.empty();
   return all ? RecordingState::kWhole : RecordingState::kIncomplete;
+}
+
+std::uint64_t ReadReport::gone() const noexcept {
+  const auto all = std::accumulate(missing.begin(), missing.end(), std::uint64_t{0});
+  return all > lost_messages ? all - lost_messages : 0;
+}
+
+const char* ReadReport::state_text() const noexcept {
+  const auto is = state();
+  return is == RecordingState::kInterrupted && still_written ? "being written" : to_text(is);
 }
 
 bool ReadReport::whole() const noexcept {

@@ -64,11 +64,15 @@ struct ReadReport {
   void set_against(const std::string& outcome, bool written_now);
 
   [[nodiscard]] RecordingState state() const noexcept;
+  /// In words; an end that is missing because a recorder is at it is "being written".
+  [[nodiscard]] const char* state_text() const noexcept;
   /// Everything that was recorded is here as it was recorded, and the recorder lost nothing. The plan may have been
   /// stopped before its end all the same.
   [[nodiscard]] bool whole() const noexcept;
   /// A sentence for each thing that is not as it should be.
   [[nodiscard]] std::vector<std::string> complaints() const;
+  /// Messages whose numbers never came, of all channels, without those that the recorder itself counts as lost.
+  [[nodiscard]] std::uint64_t gone() const noexcept;
 };
 
 }  // namespace isorig::messages

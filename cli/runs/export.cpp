@@ -26,7 +26,7 @@ struct ExportCommandOptions {
 };
 
 void print_json(const daemon::ExportReport& report) {
-  nlohmann::ordered_json out{{"state", messages::to_text(report.read.state())},
+  nlohmann::ordered_json out{{"state", report.read.state_text()},
                              {"whole", report.read.state() == messages::RecordingState::kWhole},
                              {"checksums", report.read.has_checksums},
                              {"complaints", report.read.complaints()},
@@ -140,7 +140,7 @@ Command add_export(CLI::App& app) {
   sub->add_option("--specimen", options->specimen,
                   "Its name, where the log has none (lcm-logger's of the live channels)");
   sub->add_option("--rest-length-mm", options->rest_length_mm, "Its unpressurized length, where the log has none")
-      ->check(CLI::Range(1e-3, 1e4));
+      ->check(within(1e-3, 1e4));
   sub->add_flag("--remap", options->remap,
                 "Map device times again, with the exchanges before and after each sample (closer than online)");
   sub->add_flag("--json", options->json, "For scripts: everything, as JSON");

@@ -86,6 +86,27 @@ void analyse(const FoundRun& run, const std::filesystem::path& folder, RunPage& 
   if (!results.empty()) all.analysis = identify::analyse_curves(std::move(results), identify::FvModel::kSlse1);
 }
 
+/// "none" only of a recording that is all there and has its end: nobody else has counted.
+bool is_counted(const RunPage& all) {
+  return all.read.ended && all.read.gone() == 0 && all.read.state() != messages::RecordingState::kDamaged;
+}
+
+identify::report::Fact losses_of(const RunPage& all) {
+  const bool none = all.lost() == 0;
+  std::string what = "samples that never came, records dropped";
+  if (all.read.gone() > 0) what += "; " + std::to_string(all.read.gone()) + " messages of the recording are missing";
+  if (!all.read.ended) what += "; after the last session's end nobody has counted yet";
+  return {"Losses",
+          !none             ? std::to_string(all.lost())
+          : is_counted(all) ? "none"
+                            : "none was counted",
+          what,
+          !none             ? Mood::kBad
+          : is_counted(all) ? Mood::kGood
+          : all.read.ended  ? Mood::kBad
+                            : Mood::kInfo};
+}
+
 Mood mood_of(const RunPage& all) {
   const std::string& outcome = all.outcome;
   if (outcome == "failed" || outcome == "refused" || all.read.state() == messages::RecordingState::kDamaged)
@@ -104,11 +125,12 @@ std::string lead_text(const RunPage& all) {
     if (m.kind == isorig_msgs::session_mark_t::END && m.complete != 0) done.insert(m.session.session);
   complete = done.size();
   const std::size_t planned = all.evidence.last_header.sessions.size();
-  std::string text =
-      std::to_string(complete) + " of " + std::to_string(planned) +
-      (planned == 1 ? " planned repetition" : " planned repetitions") + " complete in " +
-      duration_text(all.evidence.duration_s()) + "; " +
-      (all.lost() == 0 ? "nothing was lost" : std::to_string(all.lost()) + " samples or records were lost") + ".";
+  std::string text = std::to_string(complete) + " of " + std::to_string(planned) +
+                     (planned == 1 ? " planned repetition" : " planned repetitions") + " complete in " +
+                     duration_text(all.evidence.duration_s()) + "; " +
+                     (all.lost() == 0 ? is_counted(all) ? "nothing was lost" : "no loss was counted"
+                                      : std::to_string(all.lost()) + " samples or records were lost") +
+                     ".";
   if (!all.fault.empty()) text += " First fault: " + all.fault + ".";
   std::size_t ramps = 0, usable = 0;
   for (const auto& r : all.analysis.recordings)
@@ -136,11 +158,10 @@ void add_facts(Page& page, const RunPage& all) {
       {"Started", all.started.empty() ? "not known" : all.started, "lasted " + duration_text(e.duration_s())},
       {"Protocol", h.plan_summary},
       {"Outcome", all.outcome.empty() ? "in no catalogue" : all.outcome, all.fault, mood_of(all)},
-      {"Recording", all.run.still_written ? "being written" : messages::to_text(all.read.state()),
+      {"Recording", all.read.state_text(),
        number_text(static_cast<double>(all.read.bytes) * 1e-6, 3) + " MB in " + std::to_string(all.read.segments) +
            (all.read.segments == 1 ? " segment" : " segments")},
-      {"Losses", all.lost() == 0 ? "none" : std::to_string(all.lost()), "samples that never came, records dropped",
-       all.lost() == 0 ? Mood::kGood : Mood::kBad},
+      losses_of(all),
       {"Clock",
        "within " + short_time_text(std::max(e.frames.worst_bound_us, e.pressures.worst_bound_us)) + " at worst",
        "bound of every sample's time"}};

@@ -53,14 +53,9 @@ std::string operator_of(const FoundRun& found, const daemon::RunTally& s) {
   return recorded.empty() && found.row ? found.row->operator_name : recorded;
 }
 
-std::string state_of(const FoundRun& found, const messages::ReadReport& report) {
-  const bool only_begun = report.state() == messages::RecordingState::kInterrupted && found.still_written;
-  return only_begun ? "being written" : messages::to_text(report.state());
-}
-
-int exit_code(const FoundRun& found, const messages::ReadReport& report) {
-  const bool fine = report.state() == messages::RecordingState::kWhole || state_of(found, report) == "being written";
-  return fine ? kOk : kDataLost;
+int exit_code(const messages::ReadReport& report) {
+  const bool only_begun = report.still_written && report.state() == messages::RecordingState::kInterrupted;
+  return only_begun || report.state() == messages::RecordingState::kWhole ? kOk : kDataLost;
 }
 
 int print_json(const FoundRun& found, const daemon::RunTally& s, const messages::ReadReport& report) {
@@ -86,7 +81,7 @@ int print_json(const FoundRun& found, const daemon::RunTally& s, const messages:
                              {"overruns", s.overruns},
                              {"worst_wakeup_ns", s.worst_wakeup_ns},
                              {"worst_run_ns", s.worst_run_ns},
-                             {"state", state_of(found, report)},
+                             {"state", report.state_text()},
                              {"whole", report.state() == messages::RecordingState::kWhole},
                              {"checksums", report.has_checksums},
                              {"complaints", report.complaints()},
@@ -135,7 +130,7 @@ int print_json(const FoundRun& found, const daemon::RunTally& s, const messages:
   for (const auto& line : complaints) std::cerr << "isorig show: note: " << line << '\n';
   // Bytes of a damaged text need not be UTF-8.
   std::cout << out.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) << '\n';
-  return exit_code(found, report);
+  return exit_code(report);
 }
 
 void print_identity(const FoundRun& found, const daemon::RunTally& s, const messages::ReadReport& report) {
@@ -161,7 +156,7 @@ void print_identity(const FoundRun& found, const daemon::RunTally& s, const mess
     if (v.name != "operator") made += (made.empty() ? "" : "; ") + printable(v.name) + " " + printable(v.text);
   }
   if (!made.empty()) std::printf("  made with %s\n", made.c_str());
-  std::printf("  recording: %s%s; %.1f MB in %zu segment%s\n", state_of(found, report).c_str(),
+  std::printf("  recording: %s%s; %.1f MB in %zu segment%s\n", report.state_text(),
               report.has_checksums ? "" : ", without checksums (an older isorig made it)",
               static_cast<double>(report.bytes) * 1e-6, report.segments, report.segments == 1 ? "" : "s");
 }
@@ -196,15 +191,22 @@ void print_events(const daemon::RunTally& s, std::int64_t start_ns, bool all) {
   if (hidden > 0) std::printf("%zu events without consequence are shown by --events\n", hidden);
 }
 
-void print_losses(const daemon::RunTally& s) {
+/// What the recorder has counted, and how far: its counts stand in the marks of the sessions' ends.
+void print_losses(const daemon::RunTally& s, const messages::ReadReport& report) {
   const auto [frame, pressure, dropped] = s.losses();
-  if (frame + pressure + dropped == 0) {
-    std::printf("losses: none\n");
-  } else {
+  if (frame + pressure + dropped > 0) {
     std::printf(
-        "losses: %lld samples of the frame and %lld of the pressure sensor never came; %lld records were dropped\n",
+        "losses: %lld samples of the frame and %lld of the pressure sensor never came; %lld records were dropped",
         static_cast<long long>(frame), static_cast<long long>(pressure), static_cast<long long>(dropped));
+  } else if (report.ended && report.gone() == 0) {
+    std::printf("losses: none");
+  } else {
+    std::printf("losses: none was counted");
   }
+  if (report.gone() > 0)
+    std::printf("; %llu messages of the recording are missing", static_cast<unsigned long long>(report.gone()));
+  if (!report.ended) std::printf("; after the last session's end nobody has counted yet");
+  std::printf("\n");
 }
 
 void print_text(const FoundRun& found, const daemon::RunTally& s, const messages::ReadReport& report, bool all_events) {
@@ -221,7 +223,7 @@ void print_text(const FoundRun& found, const daemon::RunTally& s, const messages
   const std::int64_t start_ns = s.marks.empty() ? s.first_sample_ns : s.marks.front().mono_ns;
   print_sessions(s, start_ns);
   print_events(s, start_ns, all_events);
-  print_losses(s);
+  print_losses(s, report);
 }
 
 /// What was put right afterwards: it counts more than what the recording says.
@@ -258,7 +260,7 @@ int show(const ShowOptions& options) {
   for (const auto& line : complaints) std::cerr << "isorig show: note: " << line << '\n';
   for (const auto& line : report.notes) std::cerr << "isorig show: note: " << line << '\n';
   for (const auto& line : report.complaints()) std::cerr << "isorig show: " << line << '\n';
-  return exit_code(found, report);
+  return exit_code(report);
 }
 
 Command add_show(CLI::App& app) {

@@ -108,7 +108,8 @@ class Run:
     """A run's directory, or one segment of it.
 
     state: "whole", "incomplete", "interrupted" or "damaged", and complaints what is wrong with it: as `isorig show`
-    has both. header: the run's own (isorig_msgs.run_header_t): inputs, versions, specimen, planned sessions.
+    has both. is_being_written: a recorder is at it at this moment; "interrupted" then says no more than that it has no
+    end yet. header: the run's own (isorig_msgs.run_header_t): inputs, versions, specimen, planned sessions.
     outcome, operator: what the catalogue beside the run has of it; "" where there is none.
     """
 
@@ -122,9 +123,10 @@ class Run:
             raise located(self.path, None, "not a run: it has no segment-0001.lcm (a run is a directory in runs/; "
                           "isorig runs lists them)")
         self.outcome, self.operator = _catalogued(self.path)
+        self.is_being_written = bool(_is_held(self.path))
         state = ctypes.c_int(-1)
         _native.check(_native.library.isorig_run_state(
-            str(self.path).encode(), self.outcome.encode(), _is_held(self.path), ctypes.byref(state)))
+            str(self.path).encode(), self.outcome.encode(), int(self.is_being_written), ctypes.byref(state)))
         self.state: str = STATES[state.value]
         complaints = _native.text(_native.library.isorig_run_complaints())
         self.complaints: "tuple[str, ...]" = tuple(complaints.splitlines())
