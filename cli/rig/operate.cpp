@@ -142,6 +142,27 @@ Command add_resume(CLI::App& app) {
           }};
 }
 
+/// Who wants the rig to stop must not wait for a daemon that hangs: it answers within milliseconds, or not at all.
+constexpr std::chrono::seconds kStopPatience{5};
+
+Command add_stop(CLI::App& app, const char* name, const char* help) {
+  auto* sub = app.add_subcommand(name, help);
+  auto o = std::make_shared<Common>();
+  add_common(*sub, *o);
+  return {sub, [o, name = std::string(name)] {
+            return with_daemon([&] {
+              try {
+                return finish(Client(o->socket, kStopPatience).post("/v1/" + name), *o);
+              } catch (const NoAnswer& e) {
+                throw NoAnswer(std::string(e.what()) + " within " + std::to_string(kStopPatience.count()) +
+                               " s: it hangs or is stopped, and nobody knows whether it has taken the " + name +
+                               ". Without its heartbeat the devices stop and vent by themselves; look at the rig, and "
+                               "press the emergency stop if they do not");
+              }
+            });
+          }};
+}
+
 Command add_verb(CLI::App& app, const char* name, const char* help) {
   auto* sub = app.add_subcommand(name, help);
   auto o = std::make_shared<Common>();
@@ -152,10 +173,13 @@ Command add_verb(CLI::App& app, const char* name, const char* help) {
 }
 
 Command add_pause(CLI::App& app) {
-  return add_verb(app, "pause", "The frame stops and holds, the pressure is held, the plan waits");
+  return add_stop(app, "pause", "The frame stops and holds, the pressure is held, the plan waits");
 }
 Command add_abort(CLI::App& app) {
-  return add_verb(app, "abort", "End the run: the frame stops, the pressure vents");
+  return add_stop(app, "abort", "End the run: the frame stops, the pressure vents");
+}
+Command add_seal(CLI::App& app) {
+  return add_verb(app, "seal", "Of a paused run: both valves shut, to see whether it leaks; resume takes it up again");
 }
 Command add_reset(CLI::App& app) {
   return add_verb(app, "reset", "Clear a fault whose cause is gone; then resume, abort or start");
@@ -171,7 +195,7 @@ Command add_status(CLI::App& app) {
   add_common(*sub, *o);
   return {sub, [o] {
             return with_daemon([&] {
-              const auto answer = Client(o->socket).get("/v1/status");
+              const auto answer = Client(o->socket, kStopPatience).get("/v1/status");
               if (o->json || !answer.ok()) return finish(answer, *o);
               std::cout << base::printable_lines(status_text(answer.body));
               return static_cast<int>(kOk);
@@ -187,7 +211,7 @@ Command add_watch(CLI::App& app) {
   };
   auto* sub = app.add_subcommand("watch", "Follow a run live: step, progress, time left, force, position, pressure");
   auto o = std::make_shared<WatchCommandOptions>();
-  sub->add_option("--interval-s", o->interval_s, "Between two looks")->check(CLI::Range(0.05, 3600.0));
+  sub->add_option("--interval-s", o->interval_s, "Between two looks")->check(within(0.05, 3600.0));
   auto* until =
       sub->add_flag("--until-done", o->until_done,
                     "Return when the run has ended, with its exit code; waits for the next one if none is open");
@@ -207,6 +231,7 @@ const Registration kPause(15, add_pause);
 const Registration kResume(16, add_resume);
 const Registration kAbort(17, add_abort);
 const Registration kReset(18, add_reset);
+const Registration kSeal(27, add_seal);
 const Registration kConfirmZero(22, add_confirm_zero);
 
 }  // namespace

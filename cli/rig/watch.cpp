@@ -30,7 +30,7 @@ constexpr std::size_t kForcesKept = 400;
 /// Keys and signals are answered between two calls: an isorigd that hangs keeps nobody here for longer. An answer takes
 /// milliseconds.
 constexpr auto kAnswerPatience = std::chrono::seconds(2);
-/// For a script an isorigd that is silent for so long is not there.
+/// An isorigd that is gone for so long, or for a script one that hangs, is not coming back.
 constexpr auto kGivenUp = Client::kPatience;
 volatile std::sig_atomic_t watch_interrupted = 0;
 
@@ -43,6 +43,7 @@ class Awaited {
   /// Something once worth saying to whoever waits; "" otherwise.
   std::string first_look(const json& status) {
     last_before_ = last_id(status);
+    if (run_ == "latest") run_ = status.contains("run") ? status["run"].value("id", "") : last_before_;
     if (named_ || status.contains("run") || status.value("state", "") == "armed") return {};
     return "no run is open: waiting for the next one" +
            (last_before_.empty() ? std::string()
@@ -196,8 +197,8 @@ class Watcher {
     return kFailure;
   }
 
-  /// A look, and the exit code if it is the last one. When isorigd does not answer, what was seen before stays, and the
-  /// view says how old it is.
+  /// A look, and the exit code if it is the last one. When isorigd does not answer, or is gone, what was seen before
+  /// stays, and the view says how old it is: a service is started again within seconds.
   std::optional<int> next() {
     if (view_.silent_s == 0.0) unanswered_ = Clock::now();
     try {
@@ -205,8 +206,16 @@ class Watcher {
       const auto code = options_.until_done ? awaited_.ended(view_.status) : std::nullopt;
       heard_ = Clock::now();
       view_.silent_s = 0.0;
+      gone_.reset();
       return code;
-    } catch (const NoAnswer& e) {
+    } catch (const NoDaemon& e) {
+      // One that hangs is killed by its supervisor and started again: from then on it is gone.
+      if (dynamic_cast<const NoAnswer*>(&e) != nullptr) {
+        gone_.reset();
+      } else {
+        if (!gone_) gone_ = Clock::now();
+        if (first_ || Clock::now() - *gone_ > kGivenUp) throw;
+      }
       silence_ = e.what();
       view_.silent_s = std::chrono::duration<double>(Clock::now() - heard_).count();
       add_force(std::nan(""));
@@ -268,6 +277,7 @@ class Watcher {
   std::string planned_run_, silence_;
   Clock::time_point heard_ = Clock::now();  // when the last whole look was over
   Clock::time_point unanswered_;            // when the first look since then began
+  std::optional<Clock::time_point> gone_;   // when nobody was there first
   std::uint64_t last_event_ = 0;
   bool first_ = true, with_plan_ = false;
 };

@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cctype>
 #include <chrono>
 #include <cstdlib>
@@ -87,7 +88,7 @@ TEST_F(Watch, RespectsNoColorAndEverySignalGivesTheScreenBack) {
     EXPECT_THAT(terminal.shown(), HasSubstr(kLeave)) << number;
   }
   ::unsetenv("NO_COLOR");
-  // A daemon that goes away: the screen is given back before that is said.
+  // A daemon that goes away and does not come back within 30 s: the screen is given back before that is said.
   Terminal terminal(words(), {80, 24});
   ASSERT_TRUE(terminal.shows("q leaves the view")) << terminal.shown();
   daemon_->process().stop(SIGTERM);
@@ -129,6 +130,44 @@ TEST_F(Watch, IsLeftAtOnceWhileTheDaemonHangs) {
   })) << before->shown();
   leaves(
       *before, [&] { before->signal(SIGHUP); }, "SIGHUP");
+}
+
+/// A service that was killed is started again within seconds: whoever waits for its run for 23 hours waits on.
+TEST_F(Watch, AKilledDaemonIsWaitedForAndFollowedFurther) {
+  const auto run = started_run(daemon_->call({"start", kSmoke}));
+  Process follower(words(), dir_ / "follower.txt");
+  Process awaits(words({"--until-done", "--run", "latest"}), dir_ / "awaits.txt");
+  const auto lines = [&](const Process& of) {
+    const auto shown = of.output();
+    return std::count(shown.begin(), shown.end(), '\n');
+  };
+  ASSERT_TRUE(wait_until(20.0, [&] { return lines(follower) > 2 && lines(awaits) > 2; })) << follower.output();
+  daemon_->process().stop(SIGKILL);
+  std::this_thread::sleep_for(std::chrono::milliseconds(1500));
+  EXPECT_TRUE(follower.running()) << follower.output();
+  EXPECT_TRUE(awaits.running()) << awaits.output();
+  const auto before = lines(follower);
+  daemon_.emplace(dir_, dir_ / "rig.toml");
+  ASSERT_TRUE(daemon_->reach("ready")) << daemon_->log();
+  EXPECT_TRUE(wait_until(10.0, [&] { return lines(follower) > before; })) << follower.output();
+  EXPECT_EQ(follower.stop(SIGINT, 10.0), 0) << follower.output();
+  EXPECT_EQ(awaits.wait(10.0), 1) << awaits.output();
+  EXPECT_THAT(awaits.output(), HasSubstr("run " + run + ": interrupted"));
+  // Where none was there from the beginning, nobody waits.
+  EXPECT_EQ(daemon_->process().stop(SIGTERM), 0);
+  EXPECT_EQ(daemon_->call({"watch"}).code, 4);
+}
+
+/// An operator who wants the rig to stop is told within seconds that nobody does it.
+TEST_F(Watch, AnAbortOfADaemonThatHangsSaysSoSoon) {
+  ASSERT_EQ(::kill(daemon_->process().pid(), SIGSTOP), 0);
+  const auto from = std::chrono::steady_clock::now();
+  const auto abort = daemon_->call({"abort"});
+  EXPECT_LT(std::chrono::steady_clock::now() - from, std::chrono::seconds(10));  // 5 s, and a busy machine
+  EXPECT_EQ(abort.code, 4);
+  EXPECT_THAT(abort.text, HasSubstr("nobody knows whether it has taken the abort"));
+  EXPECT_THAT(abort.text, HasSubstr("press the emergency stop"));
+  daemon_->process().stop(SIGKILL);
 }
 
 TEST_F(Watch, UntilDoneWaitsForARunOfItsOwn) {
