@@ -100,6 +100,13 @@ Diagnostic TomlTable::where(std::string_view key) const {
   return document_->at(as_table(table_)->source(), {});
 }
 
+bool TomlTable::is_wrong(std::string_view key) const {
+  if (!has(key)) return false;
+  const auto at = where(key);
+  return std::any_of(document_->diagnostics.begin(), document_->diagnostics.end(),
+                     [&](const Diagnostic& d) { return d.line == at.line && d.column == at.column; });
+}
+
 void TomlTable::error(std::string_view key, std::string message) const {
   if (table_ == nullptr) return;  // the missing table itself was reported
   auto diagnostic = where(key);

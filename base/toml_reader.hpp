@@ -105,6 +105,8 @@ class TomlTable {
   /// What kind of value stands there: "string", "integer", "float", "boolean", "array", "table", "" (absent).
   [[nodiscard]] std::string_view type_of(std::string_view key) const;
 
+  /// An error was noted at the value of `key`: the fallback stands for it, and nothing follows from that.
+  [[nodiscard]] bool is_wrong(std::string_view key) const;
   void ignore_rest() const;  ///< further keys are allowed here
   /// Notes an error at `key` (or at the table itself, when the key is empty or absent).
   void error(std::string_view key, std::string message) const;

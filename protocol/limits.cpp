@@ -24,7 +24,9 @@ Limits read_limits(const base::TomlTable& table) {
       table.number_or("pressure_rate_max_psi_s", out.pressure_rate_max_psi_s, base::kPositive);
   out.segment_interval_min_s = table.number_or("segment_interval_min_s", 0.05, base::kPositive);
   out.turning_time_s = table.number_or("turning_time_s", Limits::kTurningTime_s, {0.0, 10.0});
-  if (out.speed_min_mm_s > out.speed_max_mm_s) {
+  const bool has_speeds =
+      table.has("speed_max_mm_s") && !table.is_wrong("speed_max_mm_s") && !table.is_wrong("speed_min_mm_s");
+  if (has_speeds && out.speed_min_mm_s > out.speed_max_mm_s) {
     table.error("speed_min_mm_s", "`speed_min_mm_s` is above `speed_max_mm_s`; swap or correct them");
   }
   return out;

@@ -1,4 +1,5 @@
 #pragma once
+#include <cmath>
 #include <cstdint>
 #include <string>
 
@@ -17,17 +18,19 @@ class Keys {
 
   [[nodiscard]] bool has(const char* key) const { return present_ && table_.has(key); }
 
-  /// `value` is what the reader made of `key`. A key that is not there has its default, which is right.
+  /// `value` is what the reader made of `key`. A key that is not there has its default, which is right. Nothing is said
+  /// of a key that the reader did not accept, nor by a range that such a key leaves empty.
   void range(const char* key, double value, double low, double high, const char* unit, const std::string& why) const {
-    if (!has(key) || (value >= low && value <= high)) return;
+    if (!has(key) || (value >= low && value <= high) || !(low < high)) return;
     fault(key, value, "from " + base::number_text(low) + " to " + base::number_text(high) + " " + unit, why);
   }
   /// The same where the default may be wrong too, beside other keys.
   void at_most(const char* key, double value, double high, const char* unit, const std::string& why) const {
-    if (!(value <= high)) fault(key, value, "at most " + base::number_text(high) + " " + unit, why);
+    if (!(value <= high) && !std::isnan(high))
+      fault(key, value, "at most " + base::number_text(high) + " " + unit, why);
   }
   void at_least(const char* key, double value, double low, const char* unit, const std::string& why) const {
-    if (!(value >= low)) fault(key, value, "at least " + base::number_text(low) + " " + unit, why);
+    if (!(value >= low) && !std::isnan(low)) fault(key, value, "at least " + base::number_text(low) + " " + unit, why);
   }
   void wrong(const char* key, const std::string& why) const {
     table_.error(present_ ? key : "", "`" + std::string(key) + "`: " + why);
@@ -35,6 +38,7 @@ class Keys {
 
  private:
   void fault(const char* key, double value, const std::string& allowed, const std::string& why) const {
+    if (present_ && table_.is_wrong(key)) return;
     table_.error(present_ ? key : "", "`" + std::string(key) + "` = " + base::number_text(value) +
                                           (has(key) ? "" : " (by default)") + "; it has to be " + allowed + ": " + why);
   }

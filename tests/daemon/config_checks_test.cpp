@@ -245,6 +245,20 @@ TEST(ConfigChecks, EveryDangerousValueIsRefusedWithItsReason) {
   }
 }
 
+/// What the reader refused has a fallback that nobody wrote: no second message quotes it, nor what follows from it.
+TEST(ConfigChecks, OfAValueThatIsNoneThereIsOneMessage) {
+  const auto shipped_rig = real("sim-wire");
+  const auto pressure = faults_of(with(shipped_rig, "limits", "pressure_max_psi", "nan"));
+  EXPECT_THAT(pressure, HasSubstr("pressure_max_psi"));
+  EXPECT_EQ(std::count(pressure.begin(), pressure.end(), '\n'), 0) << pressure;
+  auto text = with(shipped_rig, "limits", "speed_max_mm_s", "1");
+  text.erase(text.find("speed_max_mm_s = 1\n"), std::string("speed_max_mm_s = 1\n").size());
+  const auto speed = faults_of(text);
+  EXPECT_THAT(speed, HasSubstr("speed_max_mm_s"));
+  EXPECT_THAT(speed, Not(HasSubstr("from 0 to 0")));
+  EXPECT_EQ(std::count(speed.begin(), speed.end(), '\n'), 0) << speed;
+}
+
 /// What the driver asks on a slow line before a stop is confirmed takes its time. The number that is named is the least
 /// that is taken.
 TEST(ConfigChecks, ALineThatCannotConfirmAStopInTimeIsRefusedWithTheNumberToWrite) {
