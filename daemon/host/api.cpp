@@ -50,7 +50,10 @@ HttpAnswer no_such_call(const HttpRequest& q, bool only_stops) {
   return refusal(why.status, why.text);
 }
 HttpAnswer answer(const Host::Result& result) {
-  return answer(result.ok ? 200 : 409, {{"ok", result.ok}, {"text", result.text}, {"run", result.run}});
+  return answer(result.ok          ? 200
+                : result.not_found ? 404
+                                   : 409,
+                {{"ok", result.ok}, {"text", result.text}, {"run", result.run}});
 }
 
 /// The whole text, or nothing.
@@ -123,10 +126,11 @@ Api::Api(Host& host, const std::filesystem::path& socket_path, unsigned mode, Au
       listener_(socket_path, mode),
       stop_listener_(stop_socket_of(socket_path), mode),
       server_(
-          listener_.fd(), {}, [this](HttpRequest q, HttpServer::Reply r) { handle(server_, q, r); }, refusal),
+          listener_.fd(), {}, [this](const HttpRequest& q, const HttpServer::Reply& r) { handle(server_, q, r); },
+          refusal),
       stop_server_(
-          stop_listener_.fd(), {}, [this](HttpRequest q, HttpServer::Reply r) { handle(stop_server_, q, r); },
-          refusal) {}
+          stop_listener_.fd(), {},
+          [this](const HttpRequest& q, const HttpServer::Reply& r) { handle(stop_server_, q, r); }, refusal) {}
 
 Api::~Api() {
   stop();

@@ -121,12 +121,12 @@ Host::Result Host::await_closed_run() {
   while (run_open()) {
     const auto now = core_.status();
     if (now.run_loaded || now.control.state == RunState::kFaulted || std::chrono::steady_clock::now() > deadline) {
-      const std::string state = to_text(now.control.state);
-      const std::string why = now.run_loaded ? "a run is under way; abort it first (isorig abort)"
-                              : now.control.state == RunState::kFaulted
-                                  ? "see to the cause, then isorig reset"
-                                  : "the run before this one is still being written; try again in a moment";
-      return {false, "the rig is " + state + ": " + why, {}};
+      std::string why = std::string("the rig is ") + to_text(now.control.state) + ": ";
+      why += now.run_loaded ? "a run is under way; abort it first (isorig abort)"
+             : now.control.state == RunState::kFaulted
+                 ? "see to the cause, then isorig reset"
+                 : "the run before this one is still being written; try again in a moment";
+      return {false, why, {}};
     }
     if (options_.breathe) turn(now.control.mono_ns);  // one thread: there is no recorder's thread to wait for
     breathe();
@@ -196,8 +196,10 @@ std::optional<Host::Result> Host::prepare(const StartOptions& options, Prepared&
 std::optional<Host::Result> Host::take_saved_run(const StartOptions& options, Prepared& p) {
   const auto known = catalogue_.find_run(options.resume_run);
   if (!known) {
-    return Result{
-        false, "no run is called " + options.resume_run + ", nor does one name begin so; isorig runs lists them", {}};
+    return Result{false,
+                  "no run is called " + options.resume_run + ", nor does one name begin so; isorig runs lists them",
+                  {},
+                  true};
   }
   if (const auto why = why_not_a_folder(*known); !why.empty()) return Result{false, why, known->id};
   auto& run = *p.run;
@@ -304,7 +306,7 @@ nlohmann::json Host::preview(const StartOptions& options) {
 
 Host::Result Host::amend(const Correction& c) {
   const auto known = catalogue_.find_run(c.run);
-  if (!known) return {false, "no run is called " + c.run + "; isorig runs lists them", {}};
+  if (!known) return {false, "no run is called " + c.run + "; isorig runs lists them", {}, true};
   if (const auto why = why_not_a_folder(*known); !why.empty()) return {false, why, {}};
   return {true, amend_run(catalogue_, *known, c), known->id};
 }

@@ -81,6 +81,9 @@ TEST_F(ApiPathsTest, NoNameOfARunLeadsOut) {
     }
   }
   EXPECT_EQ(content(outside_), before);
+  // A name like another, of which there is no run, is not refused but not found (docs/api.md).
+  EXPECT_EQ(post("/v1/notes", {{"run", "20200101-000000-none"}, {"text", "x"}}).status, 404);
+  EXPECT_EQ(post("/v1/start", {{"resume_run", "20200101-000000-none"}}).status, 404);
 }
 
 TEST_F(ApiPathsTest, NamesOfProtocolsAndSpecimensMakeNoPath) {

@@ -10,6 +10,8 @@
 
 #include "cli/rig/acts.hpp"
 #include "cli/rig/client.hpp"
+#include "cli/rig/watch.hpp"
+#include "cli/screen/exit_codes.hpp"
 #include "daemon/recording/catalogue.hpp"
 #include "protocol/compile.hpp"
 #include "served_rig.hpp"
@@ -142,6 +144,14 @@ TEST_F(OperatorApiTest, WhatIsRefusedSaysWhatComesFirst) {
   const auto faulted = post("/v1/go");
   EXPECT_EQ(faulted.status, 409);
   EXPECT_THAT(faulted.text(), HasSubstr("the rig is faulted: see to the cause, then isorig reset"));
+  const auto another = post("/v1/start", {{"protocol", kLongProtocol}});
+  EXPECT_EQ(another.status, 409);
+  EXPECT_THAT(another.text(), HasSubstr("the rig is faulted"));
+  // A script that waits for this run is told that it is stopped, and does not wait for somebody's resume.
+  ::testing::internal::CaptureStderr();
+  EXPECT_EQ(cli::watch(cli::Client(socket_), {.interval_s = 0.05, .until_done = true, .json = true, .run = {}}),
+            cli::kTripped);
+  EXPECT_THAT(::testing::internal::GetCapturedStderr(), HasSubstr("is stopped: isorig status says by what"));
 }
 
 /// Who has not confirmed is told that the rig is not armed any more when it has been seen so, and not before.
