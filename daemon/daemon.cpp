@@ -142,6 +142,7 @@ struct Daemon::Impl {
   void stop_devices();
   bool stop_threads();
   void await_first_tick();
+  [[nodiscard]] std::string scheduling();
   void end();
   void leave_without_writing();
   [[noreturn]] void leave(int code);
@@ -347,6 +348,16 @@ void Daemon::Impl::await_first_tick() {
   }
 }
 
+/// Of the loop, as the kernel has it: with --no-realtime it may have got the priority all the same.
+std::string Daemon::Impl::scheduling() {
+  int policy = SCHED_OTHER;
+  sched_param param{};
+  if (rig.realtime.enforce || ::pthread_getschedparam(loop.front().native_handle(), &policy, &param) != 0) return {};
+  return policy == SCHED_FIFO ? " with real-time priority " + std::to_string(param.sched_priority) +
+                                    ", which --no-realtime does not insist on"
+                              : " without real-time rights (--no-realtime)";
+}
+
 Daemon::Daemon(const RigConfig& rig, const DaemonOptions& options, const StopSignals& signals) {
   raise_descriptor_limit();
   impl_ = std::make_unique<Impl>(rig, options, signals);
@@ -366,8 +377,7 @@ bool Daemon::run() {
     d.ending.clear();
     throw;
   }
-  spdlog::info("rig \"{}\" up{}", d.rig.name,
-               d.rig.realtime.enforce ? "" : " without real-time rights (--no-realtime)");
+  spdlog::info("rig \"{}\" up{}", d.rig.name, d.scheduling());
   d.notifier.ready(d.status_text());
   if (d.rig.realtime.enforce && locked_pages_may_move()) {
     spdlog::warn(

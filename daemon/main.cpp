@@ -36,7 +36,7 @@ int main(int argc, char** argv) {
       "--diagnoses", diagnoses,
       "Where diagnoses for the live page lie, beside those among the runs; `diagnoses` beside --runs if not given");
   app.add_option("--socket", socket, "The control socket, instead of the rig's [api] socket");
-  app.add_flag("--no-realtime", no_realtime, "Run without real-time rights; for a simulated rig on a desk");
+  app.add_flag("--no-realtime", no_realtime, "Do not insist on real-time rights; for a simulated rig on a desk");
   app.add_flag("--accept-late-ticks", accept_late_ticks,
                "With --no-realtime on a rig with real devices: its loop may stand still whenever the machine likes");
   app.add_flag("--check", check, "Read and validate the rig's file, then exit");
@@ -52,6 +52,10 @@ int main(int argc, char** argv) {
     auto rig = daemon::load_rig(rig_path);
     rig.realtime.enforce = !no_realtime;
     if (check) {
+      if (const auto cpus = ::sysconf(_SC_NPROCESSORS_CONF); cpus > 0 && rig.realtime.cpu >= cpus) {
+        std::cerr << "isorigd: note: [realtime] cpu = " << rig.realtime.cpu
+                  << " is none of this machine's, which has 0 to " << cpus - 1 << '\n';
+      }
       std::cout << base::printable(rig_path) << ": rig \"" << rig.name << "\" is valid\n";
       return 0;
     }
@@ -83,6 +87,10 @@ int main(int argc, char** argv) {
   } catch (const daemon::RealtimeError& e) {
     std::cerr << "isorigd: " << base::printable_lines(e.what()) << '\n';
     return 8;
+  } catch (const std::filesystem::filesystem_error& e) {
+    std::cerr << "isorigd: cannot use " << base::printable(e.path1().string()) << ": " << e.code().message()
+              << "; name another place (--runs, --socket), or check that it is a directory that you may write\n";
+    return 1;
   } catch (const std::exception& e) {
     std::cerr << "isorigd: " << base::printable_lines(e.what()) << '\n';
     return 1;

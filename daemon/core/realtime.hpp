@@ -19,7 +19,7 @@ struct RealtimeConfig {
   int priority = 80;     ///< SCHED_FIFO; above the kernel's threaded interrupts (50)
   int io_priority = 60;  ///< SCHED_FIFO of the device threads
   int cpu = -1;          ///< pins the loop; -1 leaves it to the scheduler
-  bool enforce = true;   ///< false (--no-realtime): run as an ordinary process, and say so
+  bool enforce = true;   ///< false (--no-realtime): what is refused is done without; the log says what was got
 
   /// Reads [realtime].
   static RealtimeConfig read(const base::TomlTable& table);
