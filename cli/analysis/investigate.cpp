@@ -98,7 +98,7 @@ class Loop {
  private:
   int refuse_real() {
     std::cerr << "isorig investigate: " << options_.rig
-              << " has real devices, and nobody but you starts those. One round by hand:\n"
+              << " has devices on the wire, and nobody but you starts those. One round by hand:\n"
                  "  isorig start PROTOCOL && isorig export latest --out RECORDINGS\n"
                  "  isorig diagnose RECORDINGS/* --model "
               << options_.model << " --rig " << options_.rig << " --out " << options_.out

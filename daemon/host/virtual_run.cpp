@@ -19,7 +19,8 @@ constexpr std::int64_t kEpochUnixUs = 1'767'225'600'000'000;
 VirtualRunResult run_virtual(const RigConfig& rig, const VirtualRunOptions& options) {
   if (!rig.simulated()) {
     throw std::runtime_error("virtual time needs a simulated rig, and " + rig.path.string() +
-                             " has real devices; start isorigd --rig and isorig start");
+                             (rig.emulated ? " has devices on the wire, which run in real time" : " has real devices") +
+                             "; start isorigd --rig and isorig start");
   }
   RigConfig config = with_calibration(rig, options.runs_root);
   config.core.operating.arming_required = false;  // nothing is there to be hurt, and nobody to be asked

@@ -241,7 +241,7 @@ Alignment alignment_of(const WindowFit& fit, const Refined& at, bool skew_known,
 std::string objection_to(const CoarseAlignment& coarse) {
   if (coarse.significance < 8.0)
     return formatted(
-        "the pressure shows no response to the strokes (%.1f times its own scatter at the best lag; 8 are "
+        "the pressure's response to the strokes does not stand out (%.1f times its own scatter at the best lag; 8 are "
         "asked for). A well-regulated or unconnected pressure has nothing to align by.",
         coarse.significance);
   if (coarse.second > 0.9 * coarse.score)

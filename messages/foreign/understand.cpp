@@ -42,7 +42,10 @@ Question ask_column(const Table& table, Field field, const std::vector<std::size
     for (std::size_t c = 0; c < table.columns.size(); ++c)
       if (!taken.contains(c)) among.push_back(c);
   for (std::size_t k = 0; k < among.size(); ++k) text += (k == 0 ? " " : ", ") + shown(table, among[k]);
-  return {text, "--column " + name + "=" + (among.empty() ? "NAME" : "'" + key_of(table, among.front()) + "'"),
+  // Of names that nothing is known of none is proposed.
+  const bool named = std::ranges::any_of(table.columns, [](const Column& c) { return !c.name.empty(); });
+  const bool proposed = !among.empty() && (among.size() == 1 || !candidates.empty() || !named);
+  return {text, "--column " + name + "=" + (proposed ? "'" + key_of(table, among.front()) + "'" : "NAME"),
           [table = Table{table.line, table.columns, {}}, field](std::string_view answer, Mapping& mapping) {
             if (!column_called(table, answer)) return false;
             mapping.column[field] = answer;

@@ -104,7 +104,7 @@ TEST(Align, RefusesAPressureWithoutResponse) {
     c.seed = seed;
     const auto result = align(paper_session().frame, pressure_of(paper_session().frame, c));
     EXPECT_FALSE(result.aligned);
-    EXPECT_THAT(result.refusal, ::testing::HasSubstr("no response"));
+    EXPECT_THAT(result.refusal, ::testing::HasSubstr("does not stand out"));
   }
 }
 
