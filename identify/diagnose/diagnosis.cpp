@@ -300,6 +300,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   out.faults = study.faults;
   out.decided = decided();
   out.instrument = study.noise.noise;
+  out.noise_reading_s = study.noise.reading_s;
   out.noise_source = study.noise.source;
   out.noise_N = std::hypot(study.noise.noise.white_N, study.noise.noise.coloured_N);
   const PublishedNominal nominal_published = published_nominal(search, study.selection, study.usable, options.threads);

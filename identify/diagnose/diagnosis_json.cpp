@@ -198,6 +198,7 @@ ordered_json diagnosis_json(const Diagnosis& d) {
                    {"correlation_s", d.instrument.correlation_s},
                    {"source", name_of(d.noise_source)},
                    {"from_rests", d.noise_source == NoiseSource::kRests}};
+  if (d.noise_reading_s > 0.0) json["noise"]["correlation_readings"] = d.instrument.correlation_s / d.noise_reading_s;
   json["data_faults"] = data_faults_json(d.faults);
   json["discernible"] = discernible_json(d.discernible);
   if (!d.described_by.empty())

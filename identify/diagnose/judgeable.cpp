@@ -62,9 +62,10 @@ std::optional<Unjudged> noise_beyond_the_rests(const Study& study) {
   const NoiseModel& left = study.selection.chosen().fit.noise;
   const RestsOnNoise rests = rests_on(left, study.series, study.usable);
   if (!rests.allow) return std::nullopt;
-  const std::string noise = left.coloured_N > 0.0 ? base::formatted("a noise of %.3g N that is correlated over %.2g s",
-                                                                    left.coloured_N, left.correlation_s)
-                                                  : base::formatted("a white noise of %.3g N", left.white_N);
+  const std::string noise = left.coloured_N > 0.0
+                                ? base::formatted("a noise of %.3g N that is correlated over ", left.coloured_N) +
+                                      correlation_words(left.correlation_s, study.noise.reading_s)
+                                : base::formatted("a white noise of %.3g N", left.white_N);
   return Unjudged{
       base::formatted(
           "what the model leaves looks like %s, and the %zu readings of the rests neither show such a noise "

@@ -196,6 +196,7 @@ void prepare(Study& study, std::vector<messages::Recording> recordings, std::vec
   nominal.pressure_from_psi = count_from_one_pressure(study.series, nominal.pressure_from_psi);
   share_noise(study.series);
   study.noise = instrument_noise(study.series, study.usable);
+  for (Series& each : study.series) each.noise_reading_s = study.noise.reading_s;
 }
 
 }  // namespace isorig::identify

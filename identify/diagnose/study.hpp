@@ -81,6 +81,7 @@ struct Diagnosis {
   std::vector<std::string> notes;     ///< equivalences, limits of what was shown, what stays unexplained
   double noise_N = 0.0;
   NoiseModel instrument;
+  double noise_reading_s = 0.0;  ///< InstrumentNoise::reading_s
   NoiseSource noise_source = NoiseSource::kDifferences;
   Errors nominal_errors;
   Errors model_errors;

@@ -203,7 +203,7 @@ void add_evidence(Page& page, const Argument& a) {
     items.emplace_back("No fault of the data was found: no outliers, gaps, frozen or clipped readings.");
   items.push_back("Force noise: white " + number_text(d.instrument.white_N) + " N" +
                   (d.instrument.coloured_N > 0.0 ? ", coloured " + number_text(d.instrument.coloured_N) + " N over " +
-                                                       number_text(d.instrument.correlation_s) + " s"
+                                                       correlation_words(d.instrument.correlation_s, d.noise_reading_s)
                                                  : std::string()) +
                   ", from " + std::string(name_of(d.noise_source)) +
                   (d.noise_source == NoiseSource::kRests ? "." : " (there are no rests)."));

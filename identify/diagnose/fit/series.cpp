@@ -255,6 +255,11 @@ std::size_t series_of(const model::Part& event, std::span<const Series> series) 
   return 0;
 }
 
+double noise_dt_s(const Series& series, std::size_t k) {
+  if (series.noise_reading_s <= 0.0) return series.nodes[k].dt_s;
+  return 0.5 * static_cast<double>(series.first_row[k + 1] - series.first_row[k - 1]) * series.noise_reading_s;
+}
+
 double still_mm_s(const Series& series) {
   double fastest_mm_s = 0.0;
   for (const auto& node : series.nodes) fastest_mm_s = std::max(fastest_mm_s, std::fabs(node.velocity_mm_s));

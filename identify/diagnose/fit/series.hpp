@@ -27,7 +27,12 @@ struct Series {
   std::vector<std::size_t> first_row;  ///< bin i holds rows first_row[i] .. first_row[i + 1]; one past the end last
   std::vector<double> since_corner_s;  ///< time since the last corner of the motion, per bin
   double rest_s = deciding().rest_s;   ///< without a change of velocity, from which a rest is a rest
+  double noise_reading_s = 0.0;        ///< each reading counts for so long where the noise forgets by readings; else 0
 };
+
+/// What the force's noise takes for the time from bin k - 1 to bin k (k > 0): that between their mean times, or
+/// `noise_reading_s` for each reading from the middle of the one to the middle of the other.
+[[nodiscard]] double noise_dt_s(const Series& series, std::size_t k);
 
 /// `usable` marks the rows of frame.csv that the guard left in; empty means all.
 /// The second one measures the quality itself.

@@ -13,7 +13,7 @@ Whitener::Whitener(std::span<const Series> series, const NoiseModel& noise) : co
     for (std::size_t k = 0; k < each.nodes.size(); ++k) {
       double decay = 0.0;
       if (coloured_ && k > 0) {
-        decay = std::exp(-each.nodes[k].dt_s / noise.correlation_s);
+        decay = std::exp(-noise_dt_s(each, k) / noise.correlation_s);
         variance = variance * decay * decay + coloured2 * (1.0 - decay * decay);
       }
       double gain = 0.0, scale = 0.0;
@@ -63,7 +63,7 @@ NoiseScore::NoiseScore(std::span<const Series> series, std::span<const double> r
   std::size_t row = 0;
   for (const Series& each : series)
     for (std::size_t k = 0; k < each.nodes.size(); ++k, ++row)
-      rows_.push_back({k == 0 ? -1.0 : each.nodes[k].dt_s, each.count[k], residual_N[row]});
+      rows_.push_back({k == 0 ? -1.0 : noise_dt_s(each, k), each.count[k], residual_N[row]});
   decay_.resize(rows_.size());
 }
 

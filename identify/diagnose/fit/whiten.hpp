@@ -20,7 +20,8 @@ struct NoiseModel {
 using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 /// Whitening filter of a noise: the innovations of its Kalman filter, scaled to variance one (Kailath 1968). With
-/// white w per reading, coloured c with correlation time T, n_k readings in bin k and d_k = exp(-dt_k / T)
+/// white w per reading, coloured c with correlation time T, n_k readings in bin k, dt_k = noise_dt_s(k) and
+/// d_k = exp(-dt_k / T)
 ///
 ///     P <- d_k^2 P + c^2 (1 - d_k^2)      variance of the coloured state before bin k
 ///     S  = P + w^2 / n_k                  of the innovation

@@ -1,5 +1,6 @@
 #pragma once
 #include <span>
+#include <string>
 #include <string_view>
 
 #include "identify/diagnose/fit/fit.hpp"
@@ -18,11 +19,17 @@ struct InstrumentNoise {
   NoiseModel noise;
   NoiseModel weighing;  ///< what residuals are weighed by: the same from rests, else white (noise_of_bins)
   NoiseSource source = NoiseSource::kDifferences;
+  /// Above 0 the coloured part forgets by readings and not by time, as behind a filter that takes one step for each
+  /// reading of a logger whose intervals vary: the rests are likelier so. Each reading counts for the median interval.
+  double reading_s = 0.0;
 
   [[nodiscard]] bool measured() const noexcept { return source != NoiseSource::kDifferences; }
 };
 [[nodiscard]] InstrumentNoise instrument_noise(std::span<const Series> series,
                                                std::span<const std::vector<bool>> usable);
+
+/// "0.4 s", or "8 readings" where a noise forgets by readings (InstrumentNoise::reading_s).
+[[nodiscard]] std::string correlation_words(double correlation_s, double reading_s);
 
 /// What the rests say of a noise that was found in motion.
 struct RestsOnNoise {

@@ -160,13 +160,16 @@ std::vector<messages::Recording> Replicator::draw(std::size_t hypothesis, std::m
     Wander wild(move_s_, random);
     BetweenBins left(series, discrepancy_N_.data() + first_bin);
     const double step_N = series.force_quality.step;
+    const auto noise_clock_s = [&](std::size_t row) {
+      return series.noise_reading_s > 0.0 ? static_cast<double>(row) * series.noise_reading_s : t_s[row];
+    };
     std::size_t original = 0;
     for (std::size_t k = 0; k < t_s.size(); ++k) {
       while (original < frame.size() && frame.t_s[original] < t_s[k]) ++original;
       const double white =
           noise_.white_N / std::sqrt(std::max(series.readings.empty() ? 1.0 : series.readings[k], 1e-9));
       const double drawn_N = force_N[k] + wild.at(t_s[k]) * left.at(t_s[k]) +
-                             (noise_.coloured_N > 0.0 ? noise_.coloured_N * coloured.at(t_s[k]) : 0.0) +
+                             (noise_.coloured_N > 0.0 ? noise_.coloured_N * coloured.at(noise_clock_s(k)) : 0.0) +
                              white * normal(random);
       const bool usable = study_.usable[s].empty() || study_.usable[s][k];
       if (!usable || original == frame.size() || frame.t_s[original] != t_s[k]) continue;

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <random>
 
 #include "concealed_specimen.hpp"
 #include "identify/diagnose/noise/noise.hpp"
@@ -35,6 +36,59 @@ TEST(NoiseFromRests, ColouredIsToldFromWhite) {
     EXPECT_GT(found.noise.correlation_s, 0.7);
     EXPECT_LT(found.noise.correlation_s, 6.0);
   }
+}
+
+/// Every third reading alone in every second minute, as of a logger that changes its rate.
+messages::Recording at_two_rates(const messages::Recording& recording) {
+  messages::Recording out = recording;
+  out.frame = {};
+  for (std::size_t k = 0; k < recording.frame.size(); ++k) {
+    if (std::fmod(recording.frame.t_s[k], 120.0) > 60.0 && k % 3 != 0) continue;
+    out.frame.t_s.push_back(recording.frame.t_s[k]);
+    out.frame.position_mm.push_back(recording.frame.position_mm[k]);
+    out.frame.force_N.push_back(recording.frame.force_N[k]);
+  }
+  return out;
+}
+
+/// Noise behind a filter that takes a step for each reading: it forgets by readings.
+messages::Recording filtered_by_readings(messages::Recording recording, double coloured_N, double readings,
+                                         unsigned seed) {
+  std::mt19937 random(seed);
+  std::normal_distribution<double> normal;
+  const double kept = std::exp(-1.0 / readings);
+  double state = normal(random);
+  for (double& force_N : recording.frame.force_N) {
+    force_N += coloured_N * state;
+    state = kept * state + std::sqrt(1.0 - kept * kept) * normal(random);
+  }
+  return recording;
+}
+
+/// Some 1000 readings, 8 of which know as much as 1: 1 / sqrt(2 x 125 - 2 x 11) = 7 % of its size, three of that, and a
+/// factor of two for the correlation, which is known half as well as in ColouredIsToldFromWhite's time.
+TEST(NoiseFromRests, ANoiseThatForgetsByReadingsIsToldFromOneThatForgetsByTime) {
+  for (unsigned seed = 41; seed < 45; ++seed) {
+    SCOPED_TRACE(seed);
+    const auto recording = at_two_rates(test::record({.force_step_N = 1e-4, .seed = seed}));
+    const auto filtered = filtered_by_readings(recording, 0.03, 8.0, seed);
+    const InstrumentNoise found = instrument_noise(std::vector<Series>{prepare_series("bench", filtered, {})}, {});
+    ASSERT_NEAR(found.reading_s, 0.2, 0.02);
+    EXPECT_NEAR(found.noise.coloured_N, 0.03, 0.3 * 0.03);
+    EXPECT_NEAR(found.noise.white_N, 0.02, 0.1 * 0.02);
+    EXPECT_GT(found.noise.correlation_s / found.reading_s, 4.0);
+    EXPECT_LT(found.noise.correlation_s / found.reading_s, 16.0);
+
+    const auto in_time =
+        at_two_rates(test::record({.coloured_N = 0.03, .coloured_s = 1.6, .force_step_N = 1e-4, .seed = seed}));
+    EXPECT_EQ(instrument_noise(std::vector<Series>{prepare_series("bench", in_time, {})}, {}).reading_s, 0.0);
+    // Read evenly the two are one, and time is what people ask for.
+    const auto even =
+        filtered_by_readings(test::seldom_read_at_rest(test::record({.seed = seed}), 0.15), 0.03, 8.0, seed);
+    EXPECT_EQ(instrument_noise(std::vector<Series>{prepare_series("bench", even, {})}, {}).reading_s, 0.0);
+  }
+  EXPECT_EQ(correlation_words(1.6, 0.2), "8 readings");
+  EXPECT_EQ(correlation_words(1.6, 0.0), "1.6 s");
 }
 
 TEST(NoiseFromRests, CountsTheStepOfACoarseReading) {
