@@ -50,10 +50,7 @@ HttpAnswer no_such_call(const HttpRequest& q, bool only_stops) {
   return refusal(why.status, why.text);
 }
 HttpAnswer answer(const Host::Result& result) {
-  return answer(result.ok          ? 200
-                : result.not_found ? 404
-                                   : 409,
-                {{"ok", result.ok}, {"text", result.text}, {"run", result.run}});
+  return answer(result.ok ? 200 : 409, {{"ok", result.ok}, {"text", result.text}, {"run", result.run}});
 }
 
 /// The whole text, or nothing.

@@ -91,7 +91,6 @@ class Host {
     bool ok = false;
     std::string text;
     std::string run;
-    bool not_found = false;  ///< there is no such run
   };
 
   /// A run that a fault has ended is recorded for so long after it: the evidence's time, and a second in which its last

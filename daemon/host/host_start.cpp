@@ -7,6 +7,7 @@
 #include "daemon/host/corrections.hpp"
 #include "daemon/host/host_prepared.hpp"
 #include "daemon/host/host_run.hpp"
+#include "daemon/host/not_there.hpp"
 #include "daemon/recording/amendments.hpp"
 #include "protocol/compile.hpp"
 
@@ -196,10 +197,7 @@ std::optional<Host::Result> Host::prepare(const StartOptions& options, Prepared&
 std::optional<Host::Result> Host::take_saved_run(const StartOptions& options, Prepared& p) {
   const auto known = catalogue_.find_run(options.resume_run);
   if (!known) {
-    return Result{false,
-                  "no run is called " + options.resume_run + ", nor does one name begin so; isorig runs lists them",
-                  {},
-                  true};
+    throw NotThere("no run is called " + options.resume_run + ", nor does one name begin so; isorig runs lists them");
   }
   if (const auto why = why_not_a_folder(*known); !why.empty()) return Result{false, why, known->id};
   auto& run = *p.run;
@@ -306,7 +304,7 @@ nlohmann::json Host::preview(const StartOptions& options) {
 
 Host::Result Host::amend(const Correction& c) {
   const auto known = catalogue_.find_run(c.run);
-  if (!known) return {false, "no run is called " + c.run + "; isorig runs lists them", {}, true};
+  if (!known) throw NotThere("no run is called " + c.run + "; isorig runs lists them");
   if (const auto why = why_not_a_folder(*known); !why.empty()) return {false, why, {}};
   return {true, amend_run(catalogue_, *known, c), known->id};
 }

@@ -82,8 +82,12 @@ TEST_F(ApiPathsTest, NoNameOfARunLeadsOut) {
   }
   EXPECT_EQ(content(outside_), before);
   // A name like another, of which there is no run, is not refused but not found (docs/api.md).
-  EXPECT_EQ(post("/v1/notes", {{"run", "20200101-000000-none"}, {"text", "x"}}).status, 404);
-  EXPECT_EQ(post("/v1/start", {{"resume_run", "20200101-000000-none"}}).status, 404);
+  for (const auto& answer : {post("/v1/notes", {{"run", "20200101-000000-none"}, {"text", "x"}}),
+                             post("/v1/start", {{"resume_run", "20200101-000000-none"}}),
+                             post("/v1/start", {{"resume_run", "20200101-000000-none"}, {"dry_run", true}})}) {
+    EXPECT_EQ(answer.status, 404) << answer.body;
+    EXPECT_THAT(answer.text(), HasSubstr("no run is called 20200101-000000-none"));
+  }
 }
 
 TEST_F(ApiPathsTest, NamesOfProtocolsAndSpecimensMakeNoPath) {
