@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "base/formatted.hpp"
+#include "base/number_text.hpp"
 #include "base/quantile.hpp"
 #include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/noise/noise_likelihood.hpp"
@@ -120,8 +120,8 @@ std::string_view name_of(NoiseSource source) noexcept {
 }
 
 std::string correlation_words(double correlation_s, double reading_s) {
-  return reading_s > 0.0 ? base::formatted("%.2g readings", correlation_s / reading_s)
-                         : base::formatted("%.2g s", correlation_s);
+  return reading_s > 0.0 ? base::number_text(std::round(correlation_s / reading_s)) + " readings"
+                         : base::number_text(correlation_s, 3) + " s";
 }
 
 InstrumentNoise instrument_noise(std::span<const Series> series, std::span<const std::vector<bool>> usable) {

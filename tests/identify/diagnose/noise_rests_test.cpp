@@ -88,6 +88,7 @@ TEST(NoiseFromRests, ANoiseThatForgetsByReadingsIsToldFromOneThatForgetsByTime) 
     EXPECT_EQ(instrument_noise(std::vector<Series>{prepare_series("bench", even, {})}, {}).reading_s, 0.0);
   }
   EXPECT_EQ(correlation_words(1.6, 0.2), "8 readings");
+  EXPECT_EQ(correlation_words(8.0, 0.005), "1600 readings");
   EXPECT_EQ(correlation_words(1.6, 0.0), "1.6 s");
 }
 
