@@ -55,7 +55,8 @@ Supply draw_supply(Random& random, double swing) {
   return s;
 }
 
-void draw_instruments(Case& c, Random& random) {
+/// `readings` draws what was added later, so that whatever else is drawn stays.
+void draw_instruments(Case& c, Random& random, Random readings) {
   Instruments& i = c.instruments;
   const Rig& rig = c.clean;
   i.force_noise_N = rig.peak_N * random.log_uniform(4e-4, 2e-3);
@@ -68,6 +69,7 @@ void draw_instruments(Case& c, Random& random) {
   if (trap == Trap::kColouredNoise || (trap == Trap::kNone && random.chance(0.15))) {
     i.coloured_noise_N = i.force_noise_N * random.uniform(0.3, 0.9);
     i.coloured_time_s = random.log_uniform(0.2, 5.0);
+    if (readings.chance(0.5)) i.coloured_readings = readings.log_uniform(3.0, 60.0);
   }
   if (trap == Trap::kMainsHum || (trap == Trap::kNone && random.chance(0.15))) {
     i.hum_N = i.force_noise_N * random.uniform(0.5, 2.0);
@@ -125,7 +127,7 @@ Case draw_case(std::uint64_t seed, std::size_t number, const CasePlan& plan) {
       plan.effects, [](const std::string& law) { return kind_of_law(law).effect == "pressure_coupling"; });
   const bool swings = felt || plan.trap == Trap::kSwingingPressure;
   c.clean.supply = draw_supply(random, swings ? random.log_uniform(0.02, 0.08) : random.log_uniform(0.001, 0.004));
-  draw_instruments(c, random);
+  draw_instruments(c, random, stream(seed, c.name, "noise by readings"));
   c.train = train_path(std::array{Protocol::kRamps, Protocol::kWaves, Protocol::kBoth}[random.index(3)],
                        c.clean.stroke_mm, random);
   c.heldout = heldout_path(c.clean.stroke_mm, random);
@@ -202,6 +204,7 @@ nlohmann::ordered_json label_of(const Case& c) {
   label["background"] = json_of(c.background);
   label["noise_N"] = c.instruments.force_noise_N;
   label["coloured_noise_N"] = c.instruments.coloured_noise_N;
+  label["coloured_readings"] = c.instruments.coloured_readings;
   label["hum_N"] = c.instruments.hum_N;
   label["air"] = name_of(c.clean.supply.air);
   label["fast_Hz"] = c.rates.fast_Hz;

@@ -11,12 +11,15 @@ double rounded(double value, double step) {
 }
 
 /// First-order coloured noise at the given times.
-std::vector<double> coloured(const std::vector<double>& t_s, double deviation, double time_s, Random& random) {
+std::vector<double> coloured(const std::vector<double>& t_s, const Instruments& in, Random& random) {
   std::vector<double> noise(t_s.size(), 0.0);
-  double state = deviation * random.normal();
+  double state = in.coloured_noise_N * random.normal();
   for (std::size_t i = 0; i < t_s.size(); ++i) {
-    const double keep = i == 0 ? 1.0 : std::exp(-(t_s[i] - t_s[i - 1]) / time_s);
-    state = keep * state + deviation * std::sqrt(1.0 - keep * keep) * random.normal();
+    const double forgotten = in.coloured_readings > 0.0 ? 1.0 / in.coloured_readings
+                             : i == 0                   ? 0.0
+                                                        : (t_s[i] - t_s[i - 1]) / in.coloured_time_s;
+    const double keep = std::exp(-forgotten);
+    state = keep * state + in.coloured_noise_N * std::sqrt(1.0 - keep * keep) * random.normal();
     noise[i] = state;
   }
   return noise;
@@ -37,7 +40,7 @@ std::vector<bool> lost_rows(const std::vector<double>& t_s, int gaps, Random& ra
 MadeRecording measure(const Trace& trace, const Instruments& in, double duration_s,
                       messages::RecordingMetadata metadata, Random& random) {
   std::vector<double> noise_N(trace.t_s.size(), 0.0);
-  if (in.coloured_noise_N > 0.0) noise_N = coloured(trace.t_s, in.coloured_noise_N, in.coloured_time_s, random);
+  if (in.coloured_noise_N > 0.0) noise_N = coloured(trace.t_s, in, random);
   for (std::size_t i = 0; i < noise_N.size(); ++i)
     noise_N[i] += in.force_noise_N * (1.0 + in.warming * trace.t_s[i] / duration_s) * random.normal();
   for (int n = 0; n < in.outliers; ++n)

@@ -29,6 +29,9 @@ struct Instruments {
   double force_noise_N = 0.03;
   double coloured_noise_N = 0.0;
   double coloured_time_s = 1.0;
+  /// Above 0 the coloured noise forgets by readings and not by time, as behind a filter that takes one step for each
+  /// reading of a logger with two rates: e-fold after so many.
+  double coloured_readings = 0.0;
   double position_noise_mm = 0.4e-3;
   double position_step_mm = 1e-5;
   double force_step_N = 5e-3;

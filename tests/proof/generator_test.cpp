@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <set>
@@ -126,6 +127,53 @@ TEST(ProofFit, RecoversTheNominalModelAndLeavesNothing) {
   EXPECT_NEAR(fit.coefficients[0], 2.0, 0.005);
   EXPECT_NEAR(fit.coefficients[1], 1.5, 0.01);
   EXPECT_LT(residual_size_N(fit, dense_rows(trace.t_s)), 0.01);
+}
+
+/// Correlation of neighbours among rows [from, from + count) of noise alone.
+double of_neighbours(const std::vector<double>& noise, std::size_t from, std::size_t count) {
+  double products = 0.0, squares = 0.0;
+  for (std::size_t i = from; i + 1 < from + count; ++i) {
+    products += noise[i] * noise[i + 1];
+    squares += noise[i] * noise[i];
+  }
+  return products / squares;
+}
+
+TEST(ProofNoise, ForgetsByTimeOrByReadings) {
+  constexpr std::size_t kRows = 40'000;
+  Trace trace;
+  for (std::size_t i = 0; i < 2 * kRows; ++i) {
+    trace.t_s.push_back(i == 0 ? 0.0 : trace.t_s.back() + (i < kRows ? 0.01 : 0.2));
+    trace.position_mm.push_back(0.0);
+    trace.force_N.push_back(0.0);
+  }
+  messages::RecordingMetadata metadata;
+  metadata.rest_length_mm = 90.0;
+  metadata.pressurized_rest_length_mm = 80.0;
+  const auto correlations = [&](double readings) {
+    Instruments in;
+    in.force_noise_N = 0.0;
+    in.force_step_N = 1e-9;
+    in.coloured_noise_N = 0.02;
+    in.coloured_time_s = 0.4;
+    in.coloured_readings = readings;
+    in.pressure_recorded = false;
+    Random random(5, "noise");
+    const std::vector<double> noise_N = measure(trace, in, trace.t_s.back(), metadata, random).recording.frame.force_N;
+    double squares = 0.0;
+    for (const double n : noise_N) squares += n * n;
+    // The relative variance of a mean square is 2 (1 + rho^2) / (1 - rho^2) / n: at rho = 0.975 in half of the rows it
+    // leaves the root of both halves a deviation of 1.1 %. Five of these.
+    EXPECT_NEAR(std::sqrt(squares / static_cast<double>(noise_N.size())), 0.02, 0.02 * 0.056);
+    return std::array{of_neighbours(noise_N, 0, kRows), of_neighbours(noise_N, kRows, kRows)};
+  };
+  // The deviation of a correlation rho between neighbours is sqrt((1 - rho^2) / n): 0.004 at most. Four of these.
+  const auto [fast, slow] = correlations(0.0);
+  EXPECT_NEAR(fast, std::exp(-0.01 / 0.4), 0.0045);
+  EXPECT_NEAR(slow, std::exp(-0.2 / 0.4), 0.016);
+  const auto [fast_too, slow_too] = correlations(12.0);
+  EXPECT_NEAR(fast_too, std::exp(-1.0 / 12.0), 0.008);
+  EXPECT_NEAR(slow_too, std::exp(-1.0 / 12.0), 0.008);
 }
 
 TEST(ProofPlan, HoldsEveryKindAndEveryEffect) {
