@@ -87,7 +87,7 @@ std::vector<Line> test_air(const Client& client, const SelftestOptions& o) {
   } catch (const Interrupted&) {
     throw;
   } catch (const std::runtime_error& e) {
-    return {{"air.fill", Verdict::kFail, e.what(), "supply, fill valve and its driver, dump valve energised?"}};
+    return {{"air.fill", Verdict::kFail, e.what(), "what it says; then isorig selftest --with-pressure again"}};
   }
   wait_for_rest(client, 60.0);
   std::this_thread::sleep_for(std::chrono::seconds(2));

@@ -247,6 +247,17 @@ void read_api(const base::TomlTable& t, RigConfig& rig) {
   rig.api.configure = group_names(t, "configure");
 }
 
+/// On a real rig the ages that the file leaves out end no later than the Teensy's own watchdog: it vents then, and what
+/// the daemon does afterwards comes too late.
+void default_ages_of_a_real_rig(const base::TomlTable& root, SupervisorConfig& supervisor) {
+  const auto table = root.table_if("supervisor");
+  const auto shorten = [&](const char* key, double& age_s) {
+    if (!table || !table->has(key)) age_s = std::min(age_s, kTeensyWatchdog_s);
+  };
+  shorten("pressure_age_max_s", supervisor.pressure_age_max_s);
+  shorten("late_tick_max_s", supervisor.late_tick_max_s);
+}
+
 /// A run would be refused without it, hours after somebody was told that the rig is valid.
 void check_specimen(const base::TomlTable& root, const RigConfig& rig) {
   if (rig.specimen.empty()) return;
@@ -309,6 +320,7 @@ RigConfig load_rig(const std::filesystem::path& path) {
     rig.core.supervisor = SupervisorConfig::read(t, rig.limits);
     rig.core.recorder_age_max_s = t.number_or("recorder_age_max_s", rig.core.recorder_age_max_s, {0.2, 60.0});
   });
+  if (!rig.simulated() && !rig.emulated) default_ages_of_a_real_rig(root, rig.core.supervisor);
   const bool on_the_wire = !rig.simulated();
   rig.core.operating = OperatorConfig::defaults(rig.limits, on_the_wire);
   table("operator", [&](const auto& t) { rig.core.operating = OperatorConfig::read(t, rig.limits, on_the_wire); });

@@ -134,9 +134,7 @@ void check_supervisor(const RigConfig& rig, const Keys& k, const Watchdogs& dogs
 
 void check_services(const RigConfig& rig, const Keys& k, const Watchdogs& dogs) {
   const auto& c = rig.services;
-  // docs/wire-teensy.md: 200 ms unless its firmware was built otherwise.
-  const bool real = !rig.simulated() && !rig.emulated;
-  const double shortest_s = std::min(dogs.frame_s, real ? 0.2 : dogs.pressure_s);
+  const double shortest_s = std::min(dogs.frame_s, dogs.pressure_s);
   k.range("heartbeat_period_ms", 1e3 * seconds(c.heartbeat_period_ns), 5.0, 1e3 * shortest_s / 3.0, "ms",
           "a third of the shortest device watchdog (" + number_text(shortest_s) +
               " s), so that one late heartbeat does not stop the rig");

@@ -131,8 +131,12 @@ Watchdogs watchdogs_of(const RigConfig& rig, const base::TomlTable& root) {
                                                             return Source{"controller", "watchdog_s", 3.0};
                                                           }},
                                          rig.frame);
+  if (!rig.simulated() && !rig.emulated) {
+    dogs.pressure_s = kTeensyWatchdog_s;
+    return dogs;
+  }
   const auto sim = root.table_if("sim");
-  if (!sim || !(rig.simulated() || rig.emulated)) return dogs;
+  if (!sim) return dogs;
   // Of an emulator on the wire the rest is that program's own; of a simulated rig all has been read.
   if (!rig.simulated()) sim->ignore_rest();
   // The readers of [sim] judge these numbers; whatever is wrong with them is said there.

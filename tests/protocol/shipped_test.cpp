@@ -134,7 +134,7 @@ TEST(Isovelocity, RecordsTheTwoSecondsBeforeEveryRampInFull) {
 }
 
 TEST(Shipped, AllKeepAnInstronsLimits) {
-  for (const char* name : {"vma-isovelocity", "vma-slow", "vma-cyclic", "vma-short", "vma-smoke"}) {
+  for (const char* name : {"vma-isovelocity", "vma-slow", "vma-cyclic", "vma-short", "vma-smoke", "first-motion"}) {
     SCOPED_TRACE(name);
     const Plan plan = compile_file(shipped(name), rig());
     EXPECT_EQ(plan.name, name);
@@ -172,6 +172,17 @@ TEST(Shipped, SmokeIsShortEnoughForARealTimeTest) {
   EXPECT_GE(plan.nominal_s, 30.0);
   EXPECT_LE(plan.nominal_s, 40.0);
   EXPECT_EQ(plan.sessions.size(), 2U);
+}
+
+/// docs/commissioning.md has a person pause it in a ramp, a hand on the emergency stop.
+TEST(Shipped, FirstMotionIsSlowAndEachStrokeLongEnoughToBePausedByHand) {
+  const Plan plan = compile_file(shipped("first-motion"), rig());
+  for (const Step& step : plan.steps) {
+    if (step.kind != StepKind::kRamp) continue;
+    EXPECT_LE(step.velocity_mm_s, 0.25);
+    EXPECT_GE(step.nominal_s, 4.0);
+    EXPECT_LE(std::abs(step.position_after_mm), 1.0);
+  }
 }
 
 TEST(Shipped, ShortHasEveryKindOfStepInAFewMinutes) {
