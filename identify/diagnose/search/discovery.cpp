@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <string_view>
 
 #include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/basis.hpp"
@@ -20,11 +21,15 @@ using model::Part;
 
 constexpr std::size_t kMostProducts = 3;  // that there is room for; deciding().most_products are taken
 
+/// The size of a dashpot's state is its speed: a law of its own in files, and the same product as `dashpot_rate`, with
+/// which it would share the weight of every set.
+constexpr std::string_view kTwin = "dashpot_magnitude";
+
 /// Every product at every value of its grid.
 std::vector<Part> screened_parts(const ModelSpec& base, bool has_pressure) {
   std::vector<Part> out;
   for (const model::Law& plain : model::element::discovered().laws) {
-    if (!has_pressure && plain.name.ends_with("_pressure")) continue;
+    if (plain.name == kTwin || (!has_pressure && plain.name.ends_with("_pressure"))) continue;
     const model::Law& law = model::law_at(plain, base.length_scale);
     Part part = model::make_part(model::element::discovered(), law);
     if (law.parameters.empty()) {

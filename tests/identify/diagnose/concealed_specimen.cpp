@@ -106,7 +106,8 @@ messages::Recording run(const ConcealedSpecimen& b, Script script, bool noise) {
     f += b.quadratic_N_mm2 * seen * seen + b.coupling_N_mm_psi * pressure[i] * e;
     f -= b.softening_N_mm * e * (1.0 - std::exp(-travel / b.softening_travel_mm));
     f += b.ripple_N * std::sin(2.0 * M_PI * seen / b.ripple_mm);
-    f += b.drag_N_s_mm2 * seen * dx / kStep_s + b.friction_N_mm2 * seen * seen * bristle;
+    f += b.drag_N_s2_mm2 * std::fabs(dx) * dx / (kStep_s * kStep_s) + b.drag_N_s_mm2 * seen * dx / kStep_s +
+         b.friction_N_mm2 * seen * seen * bristle;
     f += (b.arm_N_mm3 * seen * seen + b.arm_N_s_mm2 * std::fabs(dx) / kStep_s) * arm;
     f += (dx > 0.0 ? b.lengthening_N_s_mm : b.shortening_N_s_mm) * dx / kStep_s;
     f += b.lock_N_mm * seen * seen / (b.lock_mm - seen);
@@ -280,6 +281,7 @@ void PrintTo(const ConcealedSpecimen& specimen, std::ostream* out) {
       {"ripple_N", &ConcealedSpecimen::ripple_N},
       {"ripple_mm", &ConcealedSpecimen::ripple_mm},
       {"drag_N_s_mm2", &ConcealedSpecimen::drag_N_s_mm2},
+      {"drag_N_s2_mm2", &ConcealedSpecimen::drag_N_s2_mm2},
       {"friction_N_mm2", &ConcealedSpecimen::friction_N_mm2},
       {"arm_N_mm3", &ConcealedSpecimen::arm_N_mm3},
       {"arm_N_s_mm2", &ConcealedSpecimen::arm_N_s_mm2},

@@ -46,6 +46,7 @@ struct ConcealedSpecimen {
   // In no catalogue.
   double ripple_N = 0.0, ripple_mm = 0.4;
   double drag_N_s_mm2 = 0.0;    ///< of a dashpot, for each mm of the position
+  double drag_N_s2_mm2 = 0.0;   ///< times the square of the velocity, against the motion
   double friction_N_mm2 = 0.0;  ///< of the bristle, for each mm of the position squared
   double arm_N_mm3 = 0.0;       ///< of the arm, for each mm of the position squared
   double arm_N_s_mm2 = 0.0;     ///< of the arm, for each mm/s of the speed

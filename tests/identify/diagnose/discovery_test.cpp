@@ -122,8 +122,12 @@ const Concealed kArmWithPosition{
     "arm_with_position_squared", {.arm_N_mm3 = 0.3, .seed = 33}, "arm_position_squared", 0.3, "times (1 + 0.1"};
 const Concealed kArmWithSpeed{
     "arm_with_speed", {.arm_N_s_mm2 = 0.1, .seed = 34}, "arm_rate", 0.1, "with the speed: times (1 + 0.05"};
+/// Two laws of the file format are this product; the search has one of them, with all of the weight.
+const Concealed kDragWithSpeed{
+    "drag_with_speed", {.drag_N_s2_mm2 = 0.05, .seed = 35}, "dashpot_rate", 0.05, "in proportion to the speed"};
 constexpr auto kName = [](const auto& one) { return std::string(one.param.name); };
-INSTANTIATE_TEST_SUITE_P(Concealed, Discovery, testing::Values(kActiveDrag, kFriction, kArmWithPosition, kArmWithSpeed),
+INSTANTIATE_TEST_SUITE_P(Concealed, Discovery,
+                         testing::Values(kActiveDrag, kFriction, kArmWithPosition, kArmWithSpeed, kDragWithSpeed),
                          kName);
 INSTANTIATE_TEST_SUITE_P(Concealed, Published, testing::Values(kFriction, kArmWithPosition, kArmWithSpeed), kName);
 
