@@ -141,6 +141,7 @@ RunningModel::RunningModel(const ModelSpec& given, const Reference& reference) {
   std::ranges::stable_sort(by_stage, {}, [&](std::size_t i) { return stage_of(spec.parts[i]); });
 
   const bool another = is_of_others(spec, reference);
+  if (another) zero_N_ = spec.seen->zero_elsewhere_N;
   for (const std::size_t i : by_stage) {
     const Part& part = spec.parts[i];
     const bool zero_of_others = another && part.physics == &element::force_zero() && part.parameters[0] != 0.0;
@@ -207,7 +208,7 @@ void RunningModel::step_columns(Instant now, std::span<double> columns) noexcept
 
 double RunningModel::step(Instant now) noexcept {
   run(now);
-  return std::transform_reduce(work_.begin(), work_.end(), coefficients_.begin(), 0.0);
+  return std::transform_reduce(work_.begin(), work_.end(), coefficients_.begin(), zero_N_);
 }
 
 }  // namespace isorig::model

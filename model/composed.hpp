@@ -30,6 +30,9 @@ struct Seen {
   /// Which recordings, by Reference::recording_id: of a model with a part that describes those alone
   /// (describes_recording) or the zero of one. Empty: not said.
   std::vector<double> recordings;
+  /// Added in any other recording, where a part that describes those alone is missing: with it the zero there is, on
+  /// the mean over the fitted readings, that of the nominal model.
+  double zero_elsewhere_N = 0.0;
   double error_N = 0.0;  ///< rms of a reading that was left out of the fit
   /// Of what the model has beyond the nominal one, this share is predicted: what left-out readings bear (publish.hpp).
   double share = 1.0;
@@ -105,7 +108,8 @@ void fill_from_recording(Part& part, const Reference& reference);
 /// What counts time (a drift) is held at the value that it has where the longest recording that the model was fitted to
 /// ended (Seen::duration_s): whether a drift goes on, settles or turns, no recording has shown. Held it errs by the
 /// further drift alone, which the nominal model lacks whole. What describes recordings and no others (a zero that
-/// wanders) adds nothing in any other (Seen::recordings); of the zeros that each has by itself another gets the mean.
+/// wanders) gives any other (Seen::recordings) no more than a constant, Seen::zero_elsewhere_N; of the zeros that each
+/// has by itself another gets the mean.
 class RunningModel {
  public:
   RunningModel(const ModelSpec& given, const Reference& reference);
@@ -113,8 +117,8 @@ class RunningModel {
   void reset(const Instant& first) noexcept;
   /// The force at `now`, N. `now.dt_s` is 0 at the first instant.
   double step(Instant now) noexcept;
-  /// The same before the coefficients are applied: one value per coefficient, in the order of the spec. Laws
-  /// that are not linear (slack) use the coefficients set last.
+  /// The same before the coefficients are applied, without Seen::zero_elsewhere_N: one value per coefficient, in the
+  /// order of the spec. Laws that are not linear (slack) use the coefficients set last.
   void step_columns(Instant now, std::span<double> columns) noexcept;
   void set_coefficients(std::span<const double> values) noexcept;
 
@@ -136,6 +140,7 @@ class RunningModel {
   std::vector<std::size_t> order_;    // stage order -> order of the spec
   std::vector<double> coefficients_;  // in stage order
   std::vector<double> work_;
+  double zero_N_ = 0.0;  // in this recording, of a part that does not act in it
   bool piecewise_ = false;
 };
 

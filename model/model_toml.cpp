@@ -102,6 +102,7 @@ Seen read_seen(const base::TomlTable& table, double length_scale) {
   seen.travel_mm = table.number("travel_mm", base::kNonNegative);
   seen.duration_s = table.number("duration_s", base::kNonNegative);
   if (table.has("recordings")) seen.recordings = table.numbers("recordings");
+  seen.zero_elsewhere_N = table.number_or("zero_elsewhere_N", 0.0);
   seen.error_N = table.number("error_N", base::kNonNegative);
   seen.share = table.number_or("share", 1.0, {1e-6, 1.0});
   seen.covariance = table.numbers("covariance");
@@ -164,6 +165,7 @@ std::string seen_text(const Seen& seen) {
          "\ntravel_mm = " + number(seen.travel_mm) + "\npressure_psi = " + numbers_text(pressure_psi) +
          "\nduration_s = " + number(seen.duration_s) +
          (seen.recordings.empty() ? "" : "\nrecordings = " + numbers_text(seen.recordings)) +
+         (seen.zero_elsewhere_N == 0.0 ? "" : "\nzero_elsewhere_N = " + number(seen.zero_elsewhere_N)) +
          "\nerror_N = " + number(seen.error_N) + "  # rms of a reading that was left out of the fit\n" +
          (seen.share < 1.0 ? "share = " + number(seen.share) + "  # predicted of what is beyond the nominal model\n"
                            : "") +

@@ -62,13 +62,14 @@ TEST(RunningModel, ASecondStartBeginsTheTimeAnew) {
 }
 
 /// Six cosines over the recording of 100 s that they were fitted to, whose id is 7.
-double wander_N(double recording_id, std::vector<double> seen_in) {
+double wander_N(double recording_id, std::vector<double> seen_in, double zero_elsewhere_N = 0.0) {
   Part part = part_of("zero_drift", 2);
   part.parameters[0] = 100.0;
   ModelSpec spec{.name = "alone", .parts = {part}};
   spec.seen.emplace();
   spec.seen->duration_s = 100.0;
   spec.seen->recordings = std::move(seen_in);
+  spec.seen->zero_elsewhere_N = zero_elsewhere_N;
   RunningModel running(spec, {.recording_id = recording_id});
   Instant now{};
   running.reset(now);
@@ -81,6 +82,8 @@ TEST(RunningModel, AZeroThatWandersIsThatOfItsOwnRecordings) {
   EXPECT_EQ(wander_N(8.0, {5.0, 7.0}), 0.0);
   EXPECT_EQ(wander_N(0.0, {5.0, 7.0}), 0.0) << "a running rig";
   EXPECT_NEAR(wander_N(8.0, {}), kAllCosines_N, 1e-12) << "written by hand: nothing says whose it is";
+  EXPECT_NEAR(wander_N(7.0, {5.0, 7.0}, 0.4), kAllCosines_N, 1e-12);
+  EXPECT_EQ(wander_N(8.0, {5.0, 7.0}, 0.4), 0.4);
 }
 
 /// A constant of 1 N, and two recordings (7 and 9) whose zeros are 0.3 and 0.6 N above that of the longest (5).

@@ -173,7 +173,10 @@ TEST_F(Forecasts, WhatWasSeenSurvivesItsFile) {
   EXPECT_EQ(forecast(read, excitation).low95_N, forecast(learnt(), excitation).low95_N);
   model::ModelSpec of_two = learnt();
   of_two.seen->recordings = {model::kLargestRecordingId, 2.0};
-  EXPECT_EQ(model::parse_model(model::model_text(of_two), "read").seen->recordings, of_two.seen->recordings);
+  of_two.seen->zero_elsewhere_N = -0.7;
+  const model::Seen of_file = *model::parse_model(model::model_text(of_two), "read").seen;
+  EXPECT_EQ(of_file.recordings, of_two.seen->recordings);
+  EXPECT_EQ(of_file.zero_elsewhere_N, -0.7);
 }
 
 /// Zeros of 0, 0.3 and 0.6 N: s = 0.3 N, and a further one is known to s sqrt(1 + 1/3).
@@ -260,7 +263,7 @@ TEST(EveryModelOfASearch, IsWrittenReadPredictedAndRunByTheSimulatedRig) {
     const std::vector<model::Part> nominal = spec.parts;
     spec.parts.push_back(part);
     model::fill_from_recording(spec.parts.back(), excitation.reference);
-    spec.seen = model::Seen{-5.0, 5.0, 100.0, 1e4, 0.0, 40.0, 1e4, {}, 0.03, 1.0, {}, nominal};
+    spec.seen = model::Seen{-5.0, 5.0, 100.0, 1e4, 0.0, 40.0, 1e4, {}, 0.0, 0.03, 1.0, {}, nominal};
     const std::size_t n = fitted_numbers(spec).size();
     spec.seen->covariance.assign(n * (n + 1) / 2, 0.0);
     const std::string text = model::model_text(spec, "written");

@@ -4,8 +4,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "concealed_specimen.hpp"
+#include "identify/diagnose/diagnosis.hpp"
 #include "identify/diagnose/explain/passivity.hpp"
 #include "model/catalogue.hpp"
 
@@ -323,6 +325,36 @@ TEST_F(Publish, TheNominalModelWhereNothingIsBetter) {
 }
 
 // The report says of a number that it stands at a bound by the same rule that withholds its model.
+/// Six cosines and a constant share the zero of the recording that they were fitted to. What the constant is without
+/// them is chance; another recording gets the zero that the nominal model has.
+TEST(Diagnosed, AZeroThatWandersLeavesOtherRecordingsTheNominalZero) {
+  messages::Recording recording = test::record({.friction_N = 0.8, .seed = 21});
+  const double end_s = recording.frame.t_s.back();
+  for (std::size_t k = 0; k < recording.frame.size(); ++k) {
+    const double u = recording.frame.t_s[k] / end_s;
+    recording.frame.force_N[k] += 2.0 * std::cos(3.0 * M_PI * u) + 1.5 * std::cos(M_PI * u);
+  }
+  DiagnosisOptions options;
+  options.threads = 2;
+  const Diagnosis d = diagnose({recording}, {"bench"}, model::nominal_model("slse1"), options).diagnosis;
+  ASSERT_TRUE(std::ranges::any_of(d.model.parts, [](const model::Part& p) { return p.law->name == "wander"; }));
+  const Excitation excitation = reconstruct_excitation(recording);
+  const auto mean_N = [&](const model::ModelSpec& spec) {
+    model::Reference another = excitation.reference;
+    another.recording_id += 1.0;
+    model::RunningModel running(spec, another);
+    running.reset(excitation.instants.front());
+    double sum_N = 0.0;
+    for (const model::Instant& now : excitation.instants) sum_N += running.step(now);
+    return sum_N / static_cast<double>(excitation.instants.size());
+  };
+  // What a bin averages the model takes at its nodes: the means over bins and over readings differ by some millinewton.
+  EXPECT_NEAR(mean_N(d.model), mean_N(d.nominal), 0.01);
+  model::ModelSpec without = d.model;
+  without.seen->zero_elsewhere_N = 0.0;
+  EXPECT_GT(std::fabs(mean_N(without) - mean_N(d.nominal)), 0.1);
+}
+
 TEST(Bounds, ASmallSlipStandsAtNoneAndTheLargestDoes) {
   const model::Law* event = model::find_law(*model::find_physics("grip_slip"), "event");
   ASSERT_NE(event, nullptr);
