@@ -118,13 +118,47 @@ void list_alternatives(const Selection& selection, Diagnosis& out) {
   std::ranges::stable_sort(out.tried, std::greater<>(), &Explanation::weight);
 }
 
+/// Of an error of the position that begins at a corner of the motion and stays: an arm gives way to it as to any step.
+double stiffness_N_mm(const model::ModelSpec& model, double since_corner_s) {
+  double out = 0.0;
+  for (const model::Part& part : model.parts) {
+    if (part.physics == &model::element::spring()) out += part.coefficients[0];
+    if (part.physics == &model::element::maxwell())
+      out += part.coefficients[0] * std::exp(-since_corner_s / part.parameters[0]);
+  }
+  return out;
+}
+
+/// Whitened squares that the position's own uncertainty leaves in the residual of a right model: a bin's force is off
+/// by the stiffness times the error of its position, all of its readings alike. Each straight piece of the motion
+/// leaves as many squares as it has numbers (a hold one, a ramp two), times the square of position noise times
+/// stiffness over the force's noise.
+double squares_of_position(const Study& study, const model::ModelSpec& model) {
+  const NoiseModel& noise = study.noise.weighing;
+  double squares = 0.0;
+  for (const Series& series : study.series) {
+    const std::vector<double>& variance_mm2 = series.excitation.motion.position_variance_mm2;
+    if (variance_mm2.size() != series.excitation.instants.size()) continue;
+    for (std::size_t i = 0; i < series.count.size(); ++i) {
+      const std::size_t first = series.first_row[i], end = series.first_row[i + 1];
+      double sum_mm2 = 0.0;
+      for (std::size_t k = first; k < end; ++k) sum_mm2 += variance_mm2[k];
+      const double bin_N2 = noise.white_N * noise.white_N / series.count[i] + noise.coloured_N * noise.coloured_N;
+      const double k_N_mm = stiffness_N_mm(model, series.since_corner_s[i]);
+      squares += k_N_mm * k_N_mm * sum_mm2 / static_cast<double>(end - first) / bin_N2;
+    }
+  }
+  return squares;
+}
+
 void decide_verdict(const Study& study, Diagnosis& out) {
   const Selection& selection = study.selection;
   out.rows = selection.chosen().fit.rows;
   out.noise_scale = selection.noise_scale;
   out.described_by = selection.chosen().empirical;
+  const double of_position = squares_of_position(study, out.model) / selection.noise_scale;
   Explained explained{.excess_before = selection.excess[0],
-                      .excess_left = selection.excess[selection.best],
+                      .excess_left = std::max(selection.excess[selection.best] - of_position, 0.0),
                       .rows = out.rows,
                       .noise_from_rests = study.noise.source == NoiseSource::kRests,
                       .has_named_effect = !out.missing.empty(),

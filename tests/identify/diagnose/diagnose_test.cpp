@@ -150,7 +150,9 @@ INSTANTIATE_TEST_SUITE_P(Traps, Nothing,
                                          ConcealedSpecimen{.force_step_N = 0.05, .seed = 5},
                                          ConcealedSpecimen{.force_noise_N = 0.005, .force_step_N = 0.1, .seed = 13},
                                          ConcealedSpecimen{.spikes = 40, .seed = 6},
-                                         ConcealedSpecimen{.pressure_wander_psi = 0.3, .seed = 7}));
+                                         ConcealedSpecimen{.pressure_wander_psi = 0.3, .seed = 7},
+                                         ConcealedSpecimen{
+                                             .force_noise_N = 0.0024, .position_noise_mm = 1e-3, .seed = 8}));
 
 TEST(Diagnose, ACleanSecondArmIsNoEffectOfATwoArmModel) {
   const Diagnosis d = diagnose_bench({.second_arm_N_mm = 0.6, .second_arm_s = 9.0}, "slse2");
