@@ -101,6 +101,9 @@ RowWeights row_weights(const messages::FrameSamples& frame, const ChannelQuality
   }
   for (std::size_t k = 1; k + 1 < n; ++k) {
     if (spacing_of[k - 1] != spacing_of[k] || spacing_of[k + 1] != spacing_of[k]) continue;
+    // A dead channel has no noise, and would look like an amplifier that has become silent.
+    const bool repeats = force_N[k - 1] == force_N[k] && force_N[k] == force_N[k + 1];
+    if (repeats && force_quality.step < force_quality.noise) continue;
     // b = F_k - (1 - s) F_k-1 - s F_k+1 of three rows alike has the variance noise^2 (1 + s^2 + (1 - s)^2).
     const double share = (t_s[k] - t_s[k - 1]) / (t_s[k + 1] - t_s[k - 1]);
     const double bend = force_N[k] - ((1.0 - share) * force_N[k - 1] + share * force_N[k + 1]);

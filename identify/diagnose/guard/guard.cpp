@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include "base/number_text.hpp"
 #include "base/quantile.hpp"
@@ -63,18 +64,43 @@ void find_position_outliers(const messages::FrameSamples& frame, const ChannelQu
                             in_four_digits(spikes.largest) + " mm; bridged"});
 }
 
+constexpr double kNoEnd = std::numeric_limits<double>::infinity();
+
+/// Where the force comes within its noise of the end of the range, the noise is clipped on that side: the readings
+/// there show less noise than there is, and a mean that is too low.
+void leave_out_near_the_end_of_the_range(const messages::FrameSamples& frame, double least_N, double most_N,
+                                         double within_N, Guarded& out) {
+  std::size_t count = 0, first = 0, last = 0;
+  for (std::size_t k = 0; k < frame.size(); ++k) {
+    const double force_N = frame.force_N[k];
+    if (!out.usable[k] || (force_N > least_N + within_N && force_N < most_N - within_N)) continue;
+    out.usable[k] = false;
+    if (count++ == 0) first = k;
+    last = k;
+  }
+  if (count > 0)
+    out.faults.push_back({"saturation", frame.t_s[first], frame.t_s[last], count,
+                          std::to_string(count) + " force readings are within " + in_four_digits(within_N) +
+                              " N of the end of its range, which clips their noise; left out"});
+}
+
 void find_frozen(const messages::Recording& recording, const RecordingQuality& quality, Guarded& out) {
   const auto& t = recording.frame.t_s;
   const auto& f = recording.frame.force_N;
   const auto [low, high] = std::minmax_element(f.begin(), f.end());
+  bool at_least = false, at_most = false;
   for (const auto& [k, end] : flat_runs(f, quality.force)) {
     const bool edge = f[k] == *low || f[k] == *high;
+    at_least = at_least || f[k] == *low;
+    at_most = at_most || f[k] == *high;
     for (std::size_t j = k; j < end; ++j) out.usable[j] = false;
     out.faults.push_back({edge ? "saturation" : "frozen", t[k], t[end - 1], end - k,
                           edge
                               ? "force stands at the end of its range, " + in_four_digits(f[k]) + " N; left out"
                               : "force does not change at all for " + std::to_string(end - k) + " readings; left out"});
   }
+  leave_out_near_the_end_of_the_range(recording.frame, at_least ? *low : -kNoEnd, at_most ? *high : kNoEnd,
+                                      deciding().clipped_noises * quality.force.noise, out);
   for (const auto& [k, end] : flat_runs(recording.frame.position_mm, quality.position)) {
     for (std::size_t j = k; j < end; ++j) out.usable[j] = false;
     out.faults.push_back({"frozen", t[k], t[end - 1], end - k,

@@ -1,12 +1,47 @@
 #include "identify/diagnose/signal/channel_quality.hpp"
 
+#include <algorithm>
+#include <vector>
+
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/signal/noise_level.hpp"
 #include "messages/recording.hpp"
 
 namespace isorig::identify {
 
+namespace {
+
+/// The readings without those that repeat the last one for `flat_readings` or more, but for the first of each such run.
+struct Alive {
+  std::vector<double> t_s, reading;
+};
+Alive alive(std::span<const double> t_s, std::span<const double> reading) {
+  Alive out;
+  for (std::size_t k = 0; k < reading.size();) {
+    std::size_t end = k + 1;
+    while (end < reading.size() && reading[end] == reading[k]) ++end;
+    const bool dead = static_cast<double>(end - k) >= deciding().flat_readings;
+    for (std::size_t j = k; j < (dead ? k + 1 : end); ++j) {
+      out.t_s.push_back(t_s[j]);
+      out.reading.push_back(reading[j]);
+    }
+    k = end;
+  }
+  return out;
+}
+
+}  // namespace
+
 ChannelQuality channel_quality(std::span<const double> t_s, std::span<const double> reading) {
-  return {white_noise(t_s, reading), quantisation(reading)};
+  const double step = quantisation(reading);
+  // A channel that was dead for half of a recording showed no noise at all there, and none in the median. One that is
+  // read in coarse steps repeats itself alive, and one that is held for most readings was read that seldom.
+  constexpr std::size_t kFewest = 20;
+  const Alive living = alive(t_s, reading);
+  const std::size_t lost = reading.size() - living.reading.size();
+  if (lost > 0 && living.reading.size() >= std::max(kFewest, reading.size() / 4))
+    if (const double noise = white_noise(living.t_s, living.reading); step < noise) return {noise, step};
+  return {white_noise(t_s, reading), step};
 }
 
 RecordingQuality recording_quality(const messages::Recording& recording) {

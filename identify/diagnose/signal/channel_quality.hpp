@@ -11,7 +11,7 @@ namespace isorig::identify {
 /// How well a channel was read. Measured once for each channel (prepare.cpp), again only where readings were replaced
 /// (spikes, hum), and handed on: both numbers need a pass over the whole recording, one of them a sort.
 struct ChannelQuality {
-  double noise = 0.0;  ///< rms of the white noise: white_noise()
+  double noise = 0.0;  ///< rms of the white noise: white_noise(), where the channel was not dead
   double step =
       0.0;  ///< between neighbouring values that the channel can show, 0 if finer than the noise: quantisation()
 

@@ -121,8 +121,11 @@ TEST_P(Saturated, IsFoundAtThisEnd) {
   std::vector<double> sorted = force;
   std::ranges::sort(sorted);
   const double limit = sorted[sorted.size() * (GetParam() ? 93 : 7) / 100];
-  std::set<std::size_t> clipped;
+  std::set<std::size_t> clipped, near;
+  const double noise_N = recording_quality(recording).force.noise;
   for (std::size_t k = 0; k < force.size(); ++k) {
+    // Within the noise of the limit a reading is clipped as often as not: those that were not clip the mean's noise.
+    if (std::fabs(force[k] - limit) < 4.5 * noise_N) near.insert(k);
     if (GetParam() ? force[k] <= limit : force[k] >= limit) continue;
     force[k] = limit;
     clipped.insert(k);
@@ -132,11 +135,12 @@ TEST_P(Saturated, IsFoundAtThisEnd) {
   for (const std::size_t k : clipped) found += guarded.usable[k] ? 0 : 1;
   // Where the force only grazes the limit it stands there for less than a dozen readings.
   EXPECT_GT(found, clipped.size() * 9 / 10);
-  EXPECT_LE(lost(guarded).size(), found + clipped.size() / 20);
+  for (const std::size_t k : lost(guarded)) EXPECT_TRUE(clipped.contains(k) || near.contains(k)) << "row " << k;
   for (const std::string& kind : kinds(guarded)) EXPECT_EQ(kind, "saturation") << said(guarded);
   ASSERT_FALSE(guarded.faults.empty());
   for (const DataFault& fault : guarded.faults) {
-    EXPECT_TRUE(clipped.contains(row_at(recording, fault.t_start_s)));
+    const std::size_t first = row_at(recording, fault.t_start_s);
+    EXPECT_TRUE(clipped.contains(first) || near.contains(first));
     EXPECT_NE(fault.text.find("end of its range"), std::string::npos);
   }
 }
