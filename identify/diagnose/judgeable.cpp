@@ -10,17 +10,18 @@ namespace {
 
 /// Standard deviation of the force over all usable rows, about one mean.
 double force_sd_N(const Study& study) {
-  double sum = 0.0, squares = 0.0, n = 0.0;
+  // Welford 1962: of a force of 100 N that stands still, a difference of two sums would leave their rounding.
+  double mean = 0.0, squares = 0.0, n = 0.0;
   for (std::size_t i = 0; i < study.series.size(); ++i) {
     const auto& force_N = study.series[i].recording.frame.force_N;
     for (std::size_t k = 0; k < force_N.size(); ++k) {
       if (!study.usable[i].empty() && !study.usable[i][k]) continue;
-      sum += force_N[k];
-      squares += force_N[k] * force_N[k];
-      n += 1.0;
+      const double off = force_N[k] - mean;
+      mean += off / ++n;
+      squares += off * (force_N[k] - mean);
     }
   }
-  return n > 0.0 ? std::sqrt(std::max(squares / n - sum * sum / (n * n), 0.0)) : 0.0;
+  return n > 0.0 ? std::sqrt(squares / n) : 0.0;
 }
 
 }  // namespace
@@ -45,6 +46,14 @@ std::optional<Unjudged> unjudged(const Study& study, double nominal_rmse_N) {
         "one that shows what the force does follow: ramps of several velocities with rests of 20 s "
         "between them, the same one at least twice, and whatever else drives the specimen as a column of "
         "its own"};
+  }
+  if (const auto left_out_N = d.nominal_errors.heldout_rmse_N;
+      left_out_N && *left_out_N > deciding().left_out_ratio * std::max(d.noise_N, nominal_rmse_N)) {
+    return Unjudged{
+        base::formatted("the nominal model fits to %.3g N rms, and predicts the parts that were left out of "
+                        "the fit with %.3g N: so little motion does not determine it",
+                        nominal_rmse_N, *left_out_N),
+        "further strokes of the same kind, so that whatever part is left out has its like in the others"};
   }
   if (!study.noise.measured() && d.noise_scale > deciding().guessed_noise_scale) {
     return Unjudged{

@@ -9,6 +9,8 @@ namespace isorig::identify {
 /// - Too little excitation: the force varies by less than three noises rms. Any model would do.
 /// - The nominal model explains nothing: its residual has more than a tenth of the force's variance. Where noise was
 ///   not measured such a residual may be taken for noise, and no force channel has that much.
+/// - Readings that were left out of the fit are predicted three times worse than what was fitted: the recordings do not
+///   determine the model, and it is consistent with them because it could be.
 /// - The noise could not be measured, by rests, repetitions or strokes, and the residual has more than twice the
 ///   power of the guess by second differences (noise/noise.hpp): without a measured noise nothing tells whether that
 ///   residual is noise or missing physics.

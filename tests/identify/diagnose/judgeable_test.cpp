@@ -45,6 +45,24 @@ TEST(Judgeable, NotWhereTheModelExplainsTooLittleOfTheForce) {
   EXPECT_FALSE(unjudged(study_of(NoiseSource::kRests, 0.02, 1.0), 0.3).has_value()) << "9 % of the variance";
 }
 
+TEST(Judgeable, NotWhereWhatWasLeftOutIsPredictedFarWorse) {
+  Study study = study_of(NoiseSource::kRests, 0.02, 1.0);
+  study.diagnosis.nominal_errors.heldout_rmse_N = 0.05;
+  EXPECT_FALSE(unjudged(study, 0.02).has_value());
+  study.diagnosis.nominal_errors.heldout_rmse_N = 0.07;
+  const auto found = unjudged(study, 0.02);
+  ASSERT_TRUE(found.has_value());
+  EXPECT_NE(found->why.find("left out of the fit with 0.07 N"), std::string::npos) << found->why;
+}
+
+TEST(Judgeable, AForceThatStandsStillVariesByNothingHoweverLargeItIs) {
+  Study study = study_of(NoiseSource::kRests, 1e-9, 1.0);
+  study.series[0].recording.frame.force_N.assign(1000, 100.1);
+  const auto found = unjudged(study, 0.0);
+  ASSERT_TRUE(found.has_value());
+  EXPECT_NE(found->why.find("varies by 0 N"), std::string::npos) << found->why;
+}
+
 TEST(Judgeable, NotByAGuessedNoiseThatTheResidualExceeds) {
   const auto found = unjudged(study_of(NoiseSource::kDifferences, 0.02, 9.0), 0.06);
   ASSERT_TRUE(found.has_value());
