@@ -197,6 +197,7 @@ RecordingResult analyse_recording(const messages::Recording& recording, std::str
   if (out.samples > 0) out.duration_s = recording.frame.t_s.back() - recording.frame.t_s.front();
   out.ramps = analyse_ramps(recording, options.ramps);
   out.fingerprint = messages::fingerprint(recording);
+  out.reading_marks = messages::reading_marks(recording);
   state_pressure(recording, out);
   for (const Ramp& ramp : out.ramps.ramps)
     if (ramp.normalized_force && std::isfinite(ramp.move.velocity_mm_s.value))
@@ -212,8 +213,13 @@ std::vector<std::string> repeated_recordings(std::span<const RecordingResult> re
   std::map<std::uint64_t, std::string> seen;
   for (const RecordingResult& r : recordings) {
     const auto [first, is_new] = seen.emplace(r.fingerprint, r.path);
-    if (is_new) continue;
-    out.push_back(r.path + ": the same samples as " + first->second +
+    std::string as = is_new ? "" : first->second;
+    for (const RecordingResult& other : recordings) {
+      if (&other == &r || !as.empty()) break;
+      if (messages::share_readings(r.reading_marks, other.reading_marks)) as = other.path;
+    }
+    if (as.empty()) continue;
+    out.push_back(r.path + ": the same samples as " + as +
                   "; counted twice they would make the results look more certain than they are, so name one of them");
   }
   return out;

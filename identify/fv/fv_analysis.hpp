@@ -36,7 +36,8 @@ struct RecordingResult {
   std::optional<double> nominal_pressure_psi;
   std::size_t samples = 0;
   double duration_s = 0.0;
-  std::uint64_t fingerprint = 0;  ///< of the frame's samples: equal for copies of one recording
+  std::uint64_t fingerprint = 0;             ///< of the frame's samples: equal for copies of one recording
+  std::vector<std::uint64_t> reading_marks;  ///< shared by recordings that hold the same readings
   RampAnalysis ramps;
   std::vector<RampTrace> traces;
   History history;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <map>
 #include <set>
 #include <stdexcept>
@@ -9,6 +10,7 @@
 
 #include "base/number_text.hpp"
 #include "identify/diagnose/deciding/deciding.hpp"
+#include "messages/recording_id.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -71,6 +73,10 @@ void refuse_implausible(const messages::Recording& recording, const std::string&
         name + ": the position moves by " + in_three_digits(high - low) +
         " mm, more than the specimen is long (pressurized_rest_length_mm = " + in_three_digits(*length_mm) +
         " in recording.toml); is one of the two in another unit?");
+  if (const auto [least_N, most_N] = std::ranges::minmax(frame.force_N); least_N == most_N)
+    throw std::invalid_argument(name + ": the force is " + in_three_digits(least_N) +
+                                " N in every row: a load cell that is dead or not connected, or a column that nobody "
+                                "filled; nothing can be learnt from it");
   if (nominal.has("spring") && high - low > deciding().moves_noises * position_quality.noise) {
     const Trend trend = trend_of(frame.position_mm, frame.force_N);
     if (trend.correlation < deciding().turned_sign_correlation)
@@ -97,9 +103,23 @@ void refuse_repeated(std::span<const messages::Recording> recordings, std::span<
         has_pressure && a.pressure->t_s == b.pressure->t_s && a.pressure->pressure_psi == b.pressure->pressure_psi;
     return same_frame && (has_pressure ? same_pressure : has_frame);
   };
+  // Of the readings of the shorter gauge most are in the other's, or one of the two has none.
+  const auto may_share_pressure = [](const messages::Recording& a, const messages::Recording& b) {
+    if (!a.pressure || !b.pressure) return true;
+    std::vector<double> of_a = a.pressure->pressure_psi, of_b = b.pressure->pressure_psi, both;
+    std::ranges::sort(of_a);
+    std::ranges::sort(of_b);
+    std::ranges::set_intersection(of_a, of_b, std::back_inserter(both));
+    return 2 * both.size() > std::min(of_a.size(), of_b.size());
+  };
+  std::vector<std::vector<std::uint64_t>> marks;
+  for (const messages::Recording& each : recordings)
+    marks.push_back(each.metadata.output == messages::Output::kForce ? messages::reading_marks(each)
+                                                                     : std::vector<std::uint64_t>());
   for (std::size_t i = 0; i < recordings.size(); ++i)
     for (std::size_t k = i + 1; k < recordings.size(); ++k)
-      if (same(recordings[i], recordings[k]))
+      if (same(recordings[i], recordings[k]) ||
+          (messages::share_readings(marks[i], marks[k]) && may_share_pressure(recordings[i], recordings[k])))
         throw std::invalid_argument(names[k] + ": the same samples as " + names[i] +
                                     "; counted twice they would make the results look more certain than they are, so "
                                     "name one of them");

@@ -11,13 +11,14 @@
 namespace isorig::identify {
 
 /// Throws std::invalid_argument for a recording whose numbers are readable and cannot be right: a sign turned round, a
-/// length in metres, strokes that pass between two readings. A fit would explain each of them by physics.
-/// `position_quality` is how well the position was read.
+/// length in metres, a force that is one number, strokes that pass between two readings. A fit would explain each of
+/// them by physics. `position_quality` is how well the position was read.
 void refuse_implausible(const messages::Recording& recording, const std::string& name, const model::ModelSpec& nominal,
                         const ChannelQuality& position_quality);
 
-/// Throws std::invalid_argument where two recordings hold the same samples, with the names of both. Read twice, the
-/// rows that are left out of a fit have their copies in it, and every name looks surer than it is.
+/// Throws std::invalid_argument where two recordings hold the same samples, or for the most part the same readings at
+/// other times (messages::share_readings), with the names of both. Read twice, the rows that are left out of a fit have
+/// their copies in it, and every name looks surer than it is.
 void refuse_repeated(std::span<const messages::Recording> recordings, std::span<const std::string> names);
 
 /// Throws std::invalid_argument for recordings at several nominal pressures, with the recordings of each. Stiffness,

@@ -74,6 +74,37 @@ TEST(Together, RecordingsOfOneFrameAndTwoPressuresAreTwo) {
   EXPECT_THROW(refuse_repeated(std::vector{one, other}, names), std::invalid_argument);
 }
 
+/// One session exported by two clocks, a copy short of a row, and two cuts that overlap are the same readings.
+TEST(Together, TheSameReadingsAtOtherTimesAreOneRecording) {
+  const messages::Recording whole = test::record({.seed = 3});
+  const auto refused = [&](const messages::Recording& other) {
+    try {
+      refuse_repeated(std::vector{whole, other}, std::vector<std::string>{"a", "b"});
+    } catch (const std::invalid_argument&) {
+      return true;
+    }
+    return false;
+  };
+  const auto part = [&](std::size_t from, std::size_t to) {
+    messages::Recording r = whole;
+    for (auto* column : {&r.frame.t_s, &r.frame.position_mm, &r.frame.force_N}) {
+      column->resize(to);
+      column->erase(column->begin(), column->begin() + static_cast<std::ptrdiff_t>(from));
+    }
+    return r;
+  };
+  messages::Recording other_clock = whole;
+  for (double& t_s : other_clock.frame.t_s) t_s = 1.0001 * t_s + 0.013;
+  EXPECT_TRUE(refused(other_clock));
+  EXPECT_TRUE(refused(part(0, whole.frame.size() - 1)));
+  EXPECT_TRUE(refused(part(7, whole.frame.size())));
+  EXPECT_FALSE(refused(test::record({.seed = 4}))) << "the same motion with other noise";
+  const auto marks = [](const messages::Recording& r) { return messages::reading_marks(r); };
+  const std::size_t half = whole.frame.size() / 2;
+  EXPECT_FALSE(messages::share_readings(marks(part(0, half)), marks(part(half, whole.frame.size()))));
+  EXPECT_TRUE(messages::share_readings(marks(part(0, half)), marks(part(half / 4, half + half / 4))));
+}
+
 /// One zero of the pressure for all, the model says which, and a prediction counts from it too.
 TEST(Together, PressuresOfSeveralRecordingsCountFromOneZero) {
   const auto pressed = [](double nominal_psi, bool says, unsigned seed) {
