@@ -1,5 +1,6 @@
 #include "identify/fv/ramp_measurement.hpp"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <optional>
@@ -75,6 +76,38 @@ double plateau_share(const RampChannels& c, const Move& m, double t_peak_s) {
   return static_cast<double>(longest) / static_cast<double>(slices);
 }
 
+/// The force at the target where few samples lie near it: a parabola of force against position through the last six on
+/// the ramp, read at the target. A sample behind the target has relaxed already, and a line between the last one before
+/// and the first one behind it was 2 to 7 % of the viscous height too low. The force of an arm bends exponentially;
+/// what a parabola leaves of that is estimated by the cubic term, and is part of the error.
+std::optional<Estimate> force_at_target_of_few(const RampChannels& c, const Move& m, std::size_t end) {
+  constexpr std::size_t kMost = 6, kFewest = 4;
+  const double d = m.stroke_mm() > 0 ? 1.0 : -1.0, stroke_mm = std::abs(m.stroke_mm());
+  const double margin_mm = std::max(4.0 * c.sigma_x_mm, 1e-3 * stroke_mm);
+  const auto short_mm = [&](std::size_t k) { return d * (m.to_mm - c.x_mm[k]); };
+  while (end > m.first && short_mm(end - 1) < margin_mm) --end;
+  std::size_t first = end;
+  while (first > m.first && end - first < kMost && short_mm(first - 1) < 0.75 * stroke_mm) --first;
+  const std::size_t n = end - first;
+  if (n < kFewest) return std::nullopt;
+  // Powers of the way to the target, so that the first coefficient is the force there.
+  Eigen::MatrixXd powers(static_cast<Eigen::Index>(n), 4);
+  Eigen::VectorXd force_N(static_cast<Eigen::Index>(n));
+  for (std::size_t i = 0; i < n; ++i) {
+    const double u = short_mm(first + i) / short_mm(first);
+    powers.row(static_cast<Eigen::Index>(i)) << 1.0, u, u * u, u * u * u;
+    force_N[static_cast<Eigen::Index>(i)] = c.force_N[first + i];
+  }
+  const auto at_target = [&](Eigen::Index terms) {
+    return powers.leftCols(terms).colPivHouseholderQr().solve(force_N)[0];
+  };
+  const Eigen::MatrixXd parabola = powers.leftCols(3);
+  const double noise_N = c.sigma_force_N * std::sqrt((parabola.transpose() * parabola).inverse()(0, 0));
+  const double value_N = at_target(3);
+  // With as many terms as samples the cubic follows the noise; half of its difference is no more than that then.
+  return Estimate{value_N, std::hypot(noise_N, 0.5 * (at_target(4) - value_N))};
+}
+
 /// The force at the target: a line of force against position over the last stretch before arrival, read at
 /// the target. Position, not time, so that the slowing down of the crosshead does not bend it.
 std::optional<Estimate> force_at_target(const RampChannels& c, const Move& m, double t_peak_s) {
@@ -92,6 +125,9 @@ std::optional<Estimate> force_at_target(const RampChannels& c, const Move& m, do
     Line line = fit_line(c.x_mm.subspan(a, end - a), c.force_N.subspan(a, end - a));
     const double spread_mm = std::abs(c.x_mm[end - 1] - c.x_mm[a]);
     if (spread_mm > 5.0 * c.sigma_x_mm && line.residual_sd > 2.0 * c.sigma_force_N) {
+      // Few samples show the bend of the curve, and are too few to know the moment of arrival by.
+      constexpr std::size_t kFew = 8;
+      if (end - a < kFew) return force_at_target_of_few(c, m, end);
       // The force is no line of position here (a crosshead that creeps in lets the arm relax meanwhile): the
       // last samples against time instead, which is noisier.
       const std::size_t first = std::max(a, end - std::min<std::size_t>(end - a, 6));
@@ -110,11 +146,9 @@ std::optional<Estimate> force_at_target(const RampChannels& c, const Move& m, do
     }
     return Estimate{line.mean, std::max(line.se_mean, c.sigma_force_N / std::sqrt(static_cast<double>(end - a)))};
   }
-  // Sparse samples: between the two neighbours, if they belong to the end of this ramp.
-  const double gap_s = c.t_s[end] - c.t_s[end - 1];
-  if (gap_s > 0.1 * (m.t_end_s - m.t_start_s)) return std::nullopt;
-  const double w = (t_peak_s - c.t_s[end - 1]) / gap_s;
-  return Estimate{(1.0 - w) * c.force_N[end - 1] + w * c.force_N[end], c.sigma_force_N * std::hypot(w, 1.0 - w)};
+  // If the samples belong to the end of this ramp.
+  if (c.t_s[end] - c.t_s[end - 1] > 0.15 * (m.t_end_s - m.t_start_s)) return std::nullopt;
+  return force_at_target_of_few(c, m, end);
 }
 
 void pressure_of(const messages::Recording& recording, const RampOptions& options, double rest_end_s, Ramp& ramp) {
