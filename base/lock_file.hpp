@@ -40,6 +40,23 @@ class LockFile {
   int fd_ = -1;
 };
 
+/// A folder that results go into, for one command at a time: flock(2) on the folder itself, so that nothing of it
+/// stays. Makes the folder, and takes it away again if it is empty at the end. Where the file system has no locks for
+/// folders it goes without.
+class FolderLock {
+ public:
+  /// Does not wait. Throws LockError: kHeld, kUnwritable.
+  explicit FolderLock(std::filesystem::path folder);
+  ~FolderLock();
+  FolderLock(const FolderLock&) = delete;
+  FolderLock& operator=(const FolderLock&) = delete;
+
+ private:
+  std::filesystem::path folder_;
+  bool made_ = false;
+  int fd_ = -1;
+};
+
 /// Of this machine, for whoever looks where a file comes from.
 [[nodiscard]] std::string host_name();
 

@@ -9,6 +9,7 @@
 #include <stdexcept>
 
 #include "base/fingerprint.hpp"
+#include "base/lock_file.hpp"
 #include "base/number_text.hpp"
 #include "base/printable.hpp"
 #include "base/text_file.hpp"
@@ -119,6 +120,15 @@ int diagnose(const DiagnoseOptions& options) {
     std::cerr << options.out << ": " << why << '\n';
     return kFailure;
   }
+  const std::filesystem::path out = options.out;
+  for (const char* name : {"model.toml", "nominal.toml"}) {
+    std::error_code error;
+    if (!std::filesystem::equivalent(options.model, out / name, error)) continue;
+    std::cerr << options.model << ": is the model that is asked about, and the diagnosis would take its place; name "
+              << "another folder with --out\n";
+    return kFailure;
+  }
+  const base::FolderLock alone(out);
   std::vector<messages::Recording> recordings;
   for (const std::string& folder : options.recordings) {
     try {
@@ -151,12 +161,6 @@ int diagnose(const DiagnoseOptions& options) {
     return kBadInput;
   }
   progress.reset();
-  std::error_code error;
-  std::filesystem::create_directories(options.out, error);
-  if (error) {
-    std::cerr << options.out << ": " << error.message() << '\n';
-    return kFailure;
-  }
   std::vector<std::pair<std::string, std::string>> inputs{{"Nominal model", options.model}};
   for (const std::string& folder : options.recordings) inputs.emplace_back("Recording", folder);
   const auto provenance = made_by_this_call(std::move(inputs));

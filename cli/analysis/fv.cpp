@@ -4,6 +4,7 @@
 #include <memory>
 #include <optional>
 
+#include "base/lock_file.hpp"
 #include "base/printable.hpp"
 #include "cli/analysis/analyse_recordings.hpp"
 #include "cli/command.hpp"
@@ -52,6 +53,16 @@ int fv(const FvCommandOptions& options) {
     std::cerr << "isorig fv: --model slse2 needs --control FV.json, the 1-SLSE analysis of the control actuator\n";
     return kUsage;
   }
+  if (!two && !options.control.empty()) {
+    std::cerr << "isorig fv: --control is for --model slse2 alone; leave it out, or name the model\n";
+    return kUsage;
+  }
+  if (std::error_code error;
+      two && std::filesystem::equivalent(options.control, std::filesystem::path(options.out) / "fv.json", error)) {
+    std::cerr << options.control << ": is the control's own analysis, and this one would take its place; name another "
+              << "folder with --out\n";
+    return kFailure;
+  }
   if (two) {
     try {
       controls = identify::read_controls(options.control, options.control_specimen);
@@ -69,6 +80,7 @@ int fv(const FvCommandOptions& options) {
     std::cerr << options.out << ": is a recording, whose own ramps.csv would be lost; name another folder with --out\n";
     return kFailure;
   }
+  const base::FolderLock alone(options.out);
   constexpr double kReadShare = 0.3;
   auto [results, exit_code, left_out] = analyse_recordings("fv", options.recordings, kReadShare, {}, plausible);
   if (exit_code != kOk) return exit_code;

@@ -30,12 +30,13 @@ struct PredictOptions {
   std::string out;
 };
 
-/// A prediction that took the place of what was measured could not be told from it any more.
-bool is_of_recording(const std::filesystem::path& out, const std::filesystem::path& recording) {
+/// A prediction that took the place of what was measured could not be told from it any more: no file of this recording
+/// or of another, by whatever link it is named.
+bool is_of_a_recording(const std::filesystem::path& out) {
   std::error_code error;
-  const std::filesystem::path folder = std::filesystem::absolute(out).parent_path();
-  if (!std::filesystem::equivalent(folder, recording, error)) return false;
-  return out.filename() == "frame.csv" || out.filename() == "pressure.csv" || out.filename() == "recording.toml";
+  const std::filesystem::path file = std::filesystem::weakly_canonical(out, error);
+  if (error || !std::filesystem::exists(file.parent_path() / "recording.toml", error)) return false;
+  return file.filename() == "frame.csv" || file.filename() == "pressure.csv" || file.filename() == "recording.toml";
 }
 
 /// Written aside and renamed: what stands at `out` is a whole prediction or what stood there before.
@@ -67,8 +68,8 @@ bool write_whole(const std::filesystem::path& out, const std::string& text) {
 }
 
 int predict(const PredictOptions& options) {
-  if (is_of_recording(options.out, options.recording)) {
-    std::cerr << options.out << ": is of the recording itself; name another file with --out\n";
+  if (is_of_a_recording(options.out)) {
+    std::cerr << options.out << ": is part of a recording; name another file with --out\n";
     return kFailure;
   }
   if (std::error_code error; std::filesystem::equivalent(options.out, options.model, error)) {

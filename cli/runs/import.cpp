@@ -8,6 +8,7 @@
 #include <map>
 #include <memory>
 
+#include "base/lock_file.hpp"
 #include "base/number_text.hpp"
 #include "base/printable.hpp"
 #include "base/toml_reader.hpp"
@@ -277,6 +278,7 @@ bool import_files(const ImportCommandOptions& o, Told& told, std::size_t& answer
   std::string facts;
   for (const auto& line : told.lines(plan->framed)) facts += (facts.empty() ? "" : ", ") + line;
   std::printf("%s\n", base::printable_lines(facts).c_str());
+  const base::FolderLock alone(o.out);
   std::optional<Progress> progress(std::in_place, "import");
   const auto made =
       make_recordings(*plan, told.mapping,

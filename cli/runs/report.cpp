@@ -8,6 +8,7 @@
 #include <iostream>
 #include <memory>
 #include <optional>
+#include <string_view>
 
 #include "base/printable.hpp"
 #include "cli/command.hpp"
@@ -37,6 +38,17 @@ void step_back() {
   ::prctl(PR_SET_PDEATHSIG, SIGTERM);
 }
 
+/// A segment, a catalogue or a recording's table: everything but a page made earlier, by whatever link it is named.
+bool is_something_else(const std::filesystem::path& file) {
+  constexpr std::string_view kPage = "<!DOCTYPE html";
+  if (std::error_code error; !std::filesystem::is_regular_file(file, error)) return false;
+  std::string begin(kPage.size(), '\0');
+  std::ifstream in(file, std::ios::binary);
+  in.read(begin.data(), static_cast<std::streamsize>(begin.size()));
+  const auto read = static_cast<std::size_t>(in.gcount());
+  return read > 0 && begin != kPage;
+}
+
 int report(const ReportOptions& options) {
   if (options.background) step_back();
   const auto found = find_run(options.run);
@@ -45,6 +57,10 @@ int report(const ReportOptions& options) {
   const std::filesystem::path file = options.out.empty() ? directory / kRunReport : std::filesystem::path(options.out);
   if (identify::report::is_page_of_another(file.filename().string(), kRunReport)) {
     std::cerr << file.string() << ": another command calls its page so; name another file with --out\n";
+    return kUsage;
+  }
+  if (!options.out.empty() && is_something_else(file)) {
+    std::cerr << file.string() << ": is there already, and is no page; name another file with --out\n";
     return kUsage;
   }
   std::optional<Progress> progress(std::in_place, "report", !options.background);

@@ -7,6 +7,7 @@
 
 #include <csignal>
 #include <filesystem>
+#include <fstream>
 #include <optional>
 
 #include "base/text_file.hpp"
@@ -80,6 +81,27 @@ TEST_F(Lock, IsFreeWhenItsHolderIsKilled) {
   EXPECT_FALSE(refused());
   ::close(ready[0]);
   ::close(ready[1]);
+}
+
+TEST_F(Lock, AFolderIsForOneAtATimeAndNothingOfTheLockStaysInIt) {
+  const auto results = folder_ / "new" / "results";
+  {
+    const FolderLock first(results);
+    try {
+      const FolderLock second(results);
+      FAIL() << "two write into one folder";
+    } catch (const LockError& e) {
+      EXPECT_EQ(e.why(), LockError::Why::kHeld);
+      EXPECT_THAT(e.what(), HasSubstr("another command writes into this folder now"));
+    }
+    EXPECT_TRUE(std::filesystem::is_empty(results));
+  }
+  EXPECT_FALSE(std::filesystem::exists(results)) << "made for nothing";
+  {
+    const FolderLock again(results);
+    std::ofstream(results / "kept") << "x";
+  }
+  EXPECT_TRUE(std::filesystem::exists(results / "kept"));
 }
 
 TEST_F(Lock, AFileThatCannotBeMadeSaysWhatToDo) {

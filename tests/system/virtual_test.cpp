@@ -81,6 +81,27 @@ std::string run_short(const TempDir& dir, const std::string& name, const std::st
   return bytes;
 }
 
+/// By its own name or by a link, a page takes the place of an earlier page alone.
+TEST(VirtualRun, ItsPageTakesNothingElsesPlace) {
+  const TempDir dir;
+  const auto runs = (dir / "runs").string();
+  const auto answer = isorig(dir, {"run", source("config/protocols/vma-short.toml"), "--rig",
+                                   source("config/rigs/sim.toml"), "--runs", runs, "--json"});
+  const std::string directory = answer.json().value("directory", "");
+  const auto segment = std::filesystem::path(directory) / "segment-0001.lcm";
+  const auto was = slurp(segment);
+  std::filesystem::create_symlink(segment, dir / "link.html");
+  for (const auto& out : {segment.string(), (dir / "link.html").string()}) {
+    const auto refused = isorig(dir, {"report", "latest", "--runs", runs, "--out", out});
+    EXPECT_EQ(refused.code, 2) << refused.text;
+    EXPECT_THAT(refused.text, testing::HasSubstr("is there already, and is no page"));
+  }
+  EXPECT_TRUE(slurp(segment) == was);
+  for (int twice = 0; twice < 2; ++twice) {
+    EXPECT_EQ(isorig(dir, {"report", "latest", "--runs", runs, "--out", (dir / "page.html").string()}).code, 0);
+  }
+}
+
 TEST(VirtualRun, SameSeedSameBytesAnotherSeedOthers) {
   const TempDir dir;
   const auto first = run_short(dir, "first", "7");

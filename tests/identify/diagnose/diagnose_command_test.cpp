@@ -316,6 +316,9 @@ TEST_F(DiagnoseCommand, RefusesWhatIsTooLittleToJudge) {
   messages::Recording still = good();
   for (double& x : still.frame.position_mm) x = 0.0;
   expect_diagnose_refuses(still, "nothing moves");
+  messages::Recording dead = good();
+  for (double& force_N : dead.frame.force_N) force_N = -3.3;
+  expect_diagnose_refuses(dead, "the force is -3.3 N in every row");
 }
 
 TEST_F(DiagnoseCommand, SaysBeforeTheWorkThatItCannotWrite) {
@@ -329,12 +332,31 @@ TEST_F(DiagnoseCommand, SaysBeforeTheWorkThatItCannotWrite) {
   EXPECT_EQ(read(folder_ / "file"), "mine");
 }
 
+/// The same command twice would ask another model the second time.
+TEST_F(DiagnoseCommand, NeverWritesOverTheModelThatIsAskedAbout) {
+  fs::create_directories(out_);
+  for (const char* name : {"model.toml", "nominal.toml"}) {
+    fs::copy_file(model_, out_ / name, fs::copy_options::overwrite_existing);
+    const std::string was = read(out_ / name);
+    const Outcome outcome = diagnose((out_ / name).string());
+    EXPECT_EQ(outcome.code, kFailure);
+    EXPECT_THAT(outcome.text, HasSubstr("is the model that is asked about"));
+    EXPECT_EQ(read(out_ / name), was);
+  }
+}
+
 TEST_F(DiagnoseCommand, PredictNeverWritesOverTheRecordingNorHalfAFile) {
   const std::string frame = read(frame_);
   const Outcome over = predict(frame_);
   EXPECT_EQ(over.code, kFailure);
-  EXPECT_THAT(over.text, HasSubstr("is of the recording itself"));
+  EXPECT_THAT(over.text, HasSubstr("is part of a recording"));
   EXPECT_EQ(read(frame_), frame);
+  fs::create_symlink(frame_, folder_ / "latest.csv");
+  EXPECT_THAT(predict(folder_ / "latest.csv").text, HasSubstr("is part of a recording"));
+  fs::copy(recording_, folder_ / "other", fs::copy_options::recursive);
+  EXPECT_THAT(predict(folder_ / "other" / "frame.csv").text, HasSubstr("is part of a recording"));
+  EXPECT_EQ(read(frame_), frame);
+  EXPECT_EQ(read(folder_ / "other" / "frame.csv"), frame);
   const Outcome nowhere = predict(folder_ / "no" / "p.csv");
   EXPECT_EQ(nowhere.code, kFailure);
   EXPECT_THAT(nowhere.text, HasSubstr("make it first"));
