@@ -203,6 +203,8 @@ void check_twice(const std::vector<Source>& sources) {
 }  // namespace
 
 PooledCampaign pool(const std::vector<Source>& sources, const PoolOptions& options) {
+  if (std::error_code error; sources.size() == 1 && !std::filesystem::exists(sources.front().diagnosis, error))
+    throw PoolError(sources.front().diagnosis.string(), "is not there; name the folders of a whole campaign");
   if (sources.size() < 2) throw PoolError("one diagnosis is nothing to pool; name the folders of a whole campaign");
   check_twice(sources);
   PooledCampaign out;

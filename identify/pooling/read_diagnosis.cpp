@@ -31,14 +31,23 @@ int repetition_in(const std::string& further_toml) {
 }
 
 ordered_json parsed(const fs::path& file) {
+  if (std::error_code error; fs::exists(file, error) && !fs::is_regular_file(file, error))
+    throw PoolError(file.string(), "is a device, a pipe or a folder; name folders of diagnoses");
   std::ifstream in(file);
   if (!in)
     throw PoolError(file.string(), "no such file; name folders that `isorig diagnose RECORDING --out FOLDER` wrote");
   try {
     return ordered_json::parse(in);
   } catch (const ordered_json::parse_error& e) {
-    throw PoolError(file.string(), std::string("cannot be read (") + e.what() + "); diagnose its recording again");
+    throw PoolError(file.string(), "is no JSON (at byte " + std::to_string(e.byte) +
+                                       "), cut off or damaged; diagnose its recording again");
   }
+}
+
+/// What a JSON library says, without its own "[json.exception.out_of_range.403] " in front.
+std::string without_code(const std::string& what) {
+  const std::size_t end = what.starts_with('[') ? what.find("] ") : std::string::npos;
+  return end == std::string::npos ? what : what.substr(end + 2);
 }
 
 double number_or_nan(const ordered_json& value) {
@@ -220,7 +229,7 @@ ReadDiagnosis read_diagnosis(const Source& source) {
     return read_checked(source, file, json);
   } catch (const ordered_json::exception& e) {
     throw PoolError(file.string(),
-                    std::string("is no whole diagnosis (") + e.what() + "); diagnose its recording again");
+                    "is no whole diagnosis (" + without_code(e.what()) + "); diagnose its recording again");
   }
 }
 

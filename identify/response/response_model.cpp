@@ -98,6 +98,8 @@ double begin_of(const Data& data) {
 }
 
 bool is_response_model(const std::filesystem::path& file) {
+  // A device has no end, and a pipe nothing that could be read twice.
+  if (std::error_code error; !std::filesystem::is_regular_file(file, error)) return false;
   std::ifstream in(file);
   for (std::string line; std::getline(in, line);)
     if (line.starts_with("format")) return line.find(kFormat) != std::string::npos;

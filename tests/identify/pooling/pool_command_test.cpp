@@ -253,7 +253,7 @@ TEST_F(PoolCommand, WhatIsNoWholeDiagnosisIsRefused) {
   put("cut", position);
   EXPECT_THAT(with((folder_ / "cut").string()).text, HasSubstr("is of the position; only diagnoses of forces"));
   std::ofstream(folder_ / "cut" / "diagnosis.json") << "{\"format\": ";
-  EXPECT_THAT(with((folder_ / "cut").string()).text, HasSubstr("cannot be read"));
+  EXPECT_THAT(with((folder_ / "cut").string()).text, HasSubstr("is no JSON"));
 }
 
 /// Arms stand in the order of the search, and other parts between them.
