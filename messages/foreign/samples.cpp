@@ -12,6 +12,13 @@
 namespace isorig::foreign {
 namespace {
 
+/// By a thousandth or a millionth it is divided by the whole number: 1e-6 is no exact double, and 4294020000 us came
+/// out as 4294.0199999999995 s.
+double times(double factor, double number) {
+  const double parts = std::round(1.0 / factor);
+  return factor < 1.0 && parts * factor == 1.0 ? number / parts : factor * number;
+}
+
 using Fault = messages::RecordingFault;
 using messages::RecordingError;
 
@@ -120,7 +127,7 @@ class Converter {
         std::ranges::find(messages::kPhysicalRanges, unit_of(source.field), &messages::PhysicalRange::unit);
     for (std::size_t i = 0; i < out.size(); ++i) {
       const double read = out[i];
-      out[i] = source.sign * source.unit.factor * (read - source.unit.zero) + offset;
+      out[i] = source.sign * times(source.unit.factor, read - source.unit.zero) + offset;
       if (!(std::fabs(out[i]) <= range->most))
         throw RecordingError(Fault::kRange, file_, table_.rows[i].number,
                              shown(table_, source.column) + ": " + said(read, source.unit.name) + " are " +
@@ -154,7 +161,7 @@ class Converter {
               (still ? "; two rows cannot have one time: is its resolution too coarse for the rate?"
                      : "; does another test begin here? Put an empty line and its header between them"));
     }
-    for (double& t : out) t *= source.unit.factor;
+    for (double& t : out) t = times(source.unit.factor, t);
     return out;
   }
 

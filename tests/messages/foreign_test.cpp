@@ -157,6 +157,7 @@ TEST(Foreign, ACounterOf32BitsGoesOn) {
   const auto test = convert(parsed.tables[0], understand(parsed.tables[0], mapping).sources, '.', 0.0, "log");
   EXPECT_NEAR(test.pressure->t_s[2] - test.pressure->t_s[1], (4294967296.0 + 1000.0 - 4294967000.0) * 1e-6,
               1e-11);  // 4295 s in a double
+  EXPECT_EQ(test.pressure->t_s[1], 4294.967) << "a millionth of 4294967000, as somebody would write it";
   EXPECT_THAT(test.notes, ElementsAre(HasSubstr("line 3: the 32-bit counter")));
 }
 
