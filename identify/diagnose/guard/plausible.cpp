@@ -73,7 +73,8 @@ void refuse_implausible(const messages::Recording& recording, const std::string&
         name + ": the position moves by " + in_three_digits(high - low) +
         " mm, more than the specimen is long (pressurized_rest_length_mm = " + in_three_digits(*length_mm) +
         " in recording.toml); is one of the two in another unit?");
-  if (const auto [least_N, most_N] = std::ranges::minmax(frame.force_N); least_N == most_N)
+  constexpr std::size_t kEnough = 20;  // of fewer rows others say that they are too few
+  if (const auto [least_N, most_N] = std::ranges::minmax(frame.force_N); least_N == most_N && frame.size() >= kEnough)
     throw std::invalid_argument(name + ": the force is " + in_three_digits(least_N) +
                                 " N in every row: a load cell that is dead or not connected, or a column that nobody "
                                 "filled; nothing can be learnt from it");
