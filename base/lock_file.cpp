@@ -42,14 +42,11 @@ LockFile::~LockFile() {
 FolderLock::FolderLock(std::filesystem::path folder) : folder_(std::move(folder)) {
   std::error_code error;
   made_ = std::filesystem::create_directories(folder_, error);
-  if (!error) {
-    fd_ = ::open(folder_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (fd_ < 0) error.assign(errno, std::generic_category());
-  }
   if (error)
     throw LockError(LockError::Why::kUnwritable,
                     folder_.string() + ": " + error.message() + "; name a folder that you may write");
-  if (::flock(fd_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+  fd_ = ::open(folder_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (fd_ >= 0 && ::flock(fd_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
     ::close(fd_);
     throw LockError(LockError::Why::kHeld, folder_.string() +
                                                ": another command writes into this folder now; wait for it, or name "
@@ -59,7 +56,7 @@ FolderLock::FolderLock(std::filesystem::path folder) : folder_(std::move(folder)
 
 FolderLock::~FolderLock() {
   if (made_) (void)::rmdir(folder_.c_str());  // fails where something is in it
-  ::close(fd_);
+  if (fd_ >= 0) ::close(fd_);
 }
 
 std::string host_name() {

@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "base/lock_file.hpp"
 #include "base/printable.hpp"
 #include "base/whole_file.hpp"
 #include "cli/command.hpp"
@@ -138,7 +139,7 @@ int align(const AlignCommandOptions& options) {
   const auto result = identify::align(frame, pressure, how);
   progress->at(kSearched, "writing");
   const std::filesystem::path out = options.out;
-  std::filesystem::create_directories(out);
+  const base::FolderLock alone(out);
   if (!result.aligned) {
     progress.reset();
     std::printf("%s\n", result.refusal.c_str());

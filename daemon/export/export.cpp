@@ -1,12 +1,8 @@
 #include "daemon/export/export.hpp"
 
-#include <fcntl.h>
-#include <sys/file.h>
 #include <toml++/toml.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <cerrno>
 #include <cmath>
 #include <memory>
 #include <optional>
@@ -14,6 +10,7 @@
 #include <stdexcept>
 #include <thread>
 
+#include "base/lock_file.hpp"
 #include "daemon/export/metadata.hpp"
 #include "daemon/export/rows.hpp"
 #include "daemon/export/scan.hpp"
@@ -335,38 +332,12 @@ std::unique_ptr<ExportWriter> make_writer(const std::filesystem::path& out, cons
   return make_background_writer(make_csv_writer(out, options.lean), 1);
 }
 
-/// Two that write the same files leave one that is of both. While this is there, no other writes into the folder.
-class OneExporter {
- public:
-  explicit OneExporter(const std::filesystem::path& folder) : folder_(folder) {
-    made_ = std::filesystem::create_directories(folder);
-    fd_ = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    // A file system without locks leaves it to the people.
-    if (fd_ < 0 || ::flock(fd_, LOCK_EX | LOCK_NB) == 0 || errno != EWOULDBLOCK) return;
-    ::close(fd_);
-    throw std::runtime_error(folder.string() +
-                             ": another isorig writes its recordings there; wait for it, or name another folder");
-  }
-  ~OneExporter() {
-    std::error_code ignored;
-    if (made_) std::filesystem::remove(folder_, ignored);  // where nothing was written
-    if (fd_ >= 0) ::close(fd_);
-  }
-  OneExporter(const OneExporter&) = delete;
-  OneExporter& operator=(const OneExporter&) = delete;
-
- private:
-  std::filesystem::path folder_;
-  bool made_ = false;
-  int fd_ = -1;
-};
-
 }  // namespace
 
 ExportReport export_run(const std::filesystem::path& run_dir, const std::filesystem::path& out,
                         const ExportOptions& options) {
   // Before the folder is looked at: another export may just have finished its recordings there.
-  const OneExporter alone(out);
+  const base::FolderLock alone(out);
   // The names of the other formats have the run in them.
   if (options.format == ExportFormat::kCsv) refuse_recordings_of_others(out, options.run_id);
   // The log is read twice, one of the live channels three times.

@@ -95,7 +95,7 @@ TEST(ExportFormats, OfTwoIntoOneFolderAtOnceNoFileIsOfBoth) {
           is_one_of_them = is_one_of_them || there == alone[i];
         } else {
           EXPECT_EQ(codes[i], 1) << said;
-          EXPECT_THAT(said, HasSubstr("another isorig writes its recordings there")) << format;
+          EXPECT_THAT(said, HasSubstr("another command writes into this folder now")) << format;
           ++refused;
         }
       }
@@ -117,7 +117,7 @@ TEST(ExportFormats, AFolderTakesOneExportAtATime) {
     Process second({bin("isorig"), "export", "latest", "--runs", runs, "--format", format, "--out", out},
                    dir / (format + ".log"));
     EXPECT_EQ(second.wait(60.0), 1) << second.output();
-    EXPECT_THAT(second.output(), HasSubstr("out: another isorig writes its recordings there")) << format;
+    EXPECT_THAT(second.output(), HasSubstr("out: another command writes into this folder now")) << format;
   }
   EXPECT_TRUE(files_in(out).empty());
   ::close(held);
