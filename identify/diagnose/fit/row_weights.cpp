@@ -6,6 +6,7 @@
 
 #include "base/quantile.hpp"
 #include "identify/diagnose/deciding/deciding.hpp"
+#include "identify/diagnose/signal/flat_line.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -57,21 +58,6 @@ double noise_growth(const std::vector<Bend>& bends, double floor_N) {
   return certain ? slope : 0.0;
 }
 
-/// A dead channel has no noise, and would look like an amplifier that has become silent: runs of one value where the
-/// channel's step is finer than its noise.
-std::vector<bool> dead_rows(std::span<const double> force_N, const ChannelQuality& quality) {
-  std::vector<bool> out(force_N.size(), false);
-  if (quality.step >= quality.noise) return out;
-  for (std::size_t k = 0; k < force_N.size();) {
-    std::size_t end = k + 1;
-    while (end < force_N.size() && force_N[end] == force_N[k]) ++end;
-    if (static_cast<double>(end - k) >= deciding().flat_readings)
-      std::fill(out.begin() + static_cast<std::ptrdiff_t>(k), out.begin() + static_cast<std::ptrdiff_t>(end), true);
-    k = end;
-  }
-  return out;
-}
-
 /// Precision of every row under a noise that grows by exp(growth t), relative to its mean square.
 std::vector<double> precision_of(const std::vector<double>& per_row, std::span<const double> t_s, double growth_1_s) {
   std::vector<double> out = per_row;
@@ -114,7 +100,10 @@ RowWeights row_weights(const messages::FrameSamples& frame, const ChannelQuality
     spacing.sum_s += gap_s;
     ++spacing.rows;
   }
-  const std::vector<bool> is_dead = dead_rows(force_N, force_quality);
+  // A dead channel has no noise, and would look like an amplifier that has become silent.
+  std::vector<bool> is_dead(n, false);
+  for (const auto& [first, end] : flat_runs(force_N, force_quality))
+    for (std::size_t k = first; k < end; ++k) is_dead[k] = true;
   for (std::size_t k = 1; k + 1 < n; ++k) {
     if (spacing_of[k - 1] != spacing_of[k] || spacing_of[k + 1] != spacing_of[k]) continue;
     if (is_dead[k]) continue;
