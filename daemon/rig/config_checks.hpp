@@ -19,11 +19,11 @@ void check_rig(const RigConfig& rig, const base::TomlTable& root);
 /// that come from elsewhere, the records.
 [[nodiscard]] std::string why_no_calibration(const RigConfig& rig);
 
-/// The watchdogs of the rig's devices: without a heartbeat for so long they stop by themselves. Of an emulated or
-/// simulated rig as its [sim] has them; of a real one the longest that the wire protocols' documents allow.
 /// A Teensy vents so long after the last heartbeat (docs/wire-teensy.md), unless its firmware was built otherwise.
 inline constexpr double kTeensyWatchdog_s = 0.2;
 
+/// The watchdogs of the rig's devices: without a heartbeat for so long they stop by themselves. Of an emulated or
+/// simulated rig as its [sim] has them; of a real one what the wire protocols' documents say.
 struct Watchdogs {
   double frame_s = 0.5;
   double pressure_s = 0.5;
