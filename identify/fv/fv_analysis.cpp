@@ -147,6 +147,28 @@ void fit_curve(Curve& curve, FvModel model, std::span<const ControlFit> controls
   refuse_unless_finite(curve.result);
 }
 
+/// A specimen has one length at one pressure: strains of several would be points of several curves.
+void compare_lengths(const std::vector<RecordingResult>& recordings, Curve& curve) {
+  if (!curve.result.fit) return;
+  constexpr double kMountedAnew =
+      0.02;  // of the length: what a caliper and a new mounting may leave between repetitions
+  const RecordingResult* shortest = nullptr;
+  const RecordingResult* longest = nullptr;
+  for (const std::size_t i : curve.recordings) {
+    const RecordingResult& r = recordings[i];
+    if (!std::isfinite(r.reference_length_mm)) continue;
+    if (shortest == nullptr || r.reference_length_mm < shortest->reference_length_mm) shortest = &r;
+    if (longest == nullptr || r.reference_length_mm > longest->reference_length_mm) longest = &r;
+  }
+  if (shortest == nullptr || longest->reference_length_mm <= (1.0 + kMountedAnew) * shortest->reference_length_mm)
+    return;
+  curve.result.fit->statements.push_back(
+      "Its recordings contradict each other: the rest length (pressurized, where stated) is " +
+      report::number_text(shortest->reference_length_mm, 4) + " mm in " + shortest->path + " and " +
+      report::number_text(longest->reference_length_mm, 4) + " mm in " + longest->path +
+      ". Correct recording.toml, or give them names of their own.");
+}
+
 /// Specimens in the order they were given in, pressures rising: a shell sorts folders as text, 10 before 5.
 void sort_recordings(std::vector<RecordingResult>& recordings) {
   std::map<std::string, std::size_t> first;
@@ -193,6 +215,7 @@ RecordingResult analyse_recording(const messages::Recording& recording, std::str
   out.path = std::move(path);
   out.specimen = recording.metadata.specimen;
   out.nominal_pressure_psi = recording.metadata.nominal_pressure_psi;
+  out.reference_length_mm = recording.metadata.reference_length_mm();
   out.samples = recording.frame.size();
   if (out.samples > 0) out.duration_s = recording.frame.t_s.back() - recording.frame.t_s.front();
   out.ramps = analyse_ramps(recording, options.ramps);
@@ -255,6 +278,7 @@ FvAnalysis analyse_curves(std::vector<RecordingResult> recordings, FvModel model
     }
     curve.means = average(curve.points);
     fit_curve(curve, model, controls);
+    compare_lengths(out.recordings, curve);
   }
   return out;
 }

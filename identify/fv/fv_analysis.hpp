@@ -34,6 +34,7 @@ struct RecordingResult {
   std::string path;
   std::string specimen;
   std::optional<double> nominal_pressure_psi;
+  double reference_length_mm = 0.0;  ///< NaN: not stated
   std::size_t samples = 0;
   double duration_s = 0.0;
   std::uint64_t fingerprint = 0;             ///< of the frame's samples: equal for copies of one recording

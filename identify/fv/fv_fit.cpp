@@ -230,6 +230,38 @@ FvFitResult fit(std::span<const FvPoint> points, std::optional<model::FvElement>
   return result;
 }
 
+/// The zero that drifts is fitted as well, and every interval reaches over both fits.
+FvFitResult fit_both_zeros(std::span<const FvPoint> points, std::optional<model::FvElement> control) {
+  FvFitResult result = fit(points, control);
+  std::vector<FvPoint> steady(points.begin(), points.end());
+  bool wanders = false;
+  for (FvPoint& p : steady) {
+    wanders = wanders || p.normalized_force_if_zero_drifts.has_value();
+    p.normalized_force = p.normalized_force_if_zero_drifts.value_or(p.normalized_force);
+  }
+  if (!wanders || !result.fit) return result;
+  const FvFitResult other = fit(steady, control);
+  FvFit& stated = *result.fit;
+  stated.statements.clear();
+  std::string values;
+  for (std::size_t k = 0; k < stated.parameters.size(); ++k) {
+    FittedParameter& p = stated.parameters[k];
+    p.low = other.fit ? std::min(p.low, other.fit->parameters[k].low) : -kInfinity;
+    p.high = other.fit ? std::max(p.high, other.fit->parameters[k].high) : kInfinity;
+    p.identifiable = std::isfinite(p.low) && std::isfinite(p.high) && p.high < kWidest * p.low;
+    p.statement = explain(p, stated, points, control.has_value());
+    if (!p.statement.empty()) stated.statements.push_back(p.statement);
+    if (!other.fit) continue;
+    values += (values.empty() ? "" : ", ") + p.name + formatted(" = %.3g", other.fit->parameters[k].value);
+  }
+  stated.statements.push_back(
+      other.fit ? "The force at rest wanders from ramp to ramp. If the zero drifted, " + values +
+                      "; the intervals reach over both."
+                : "The force at rest wanders from ramp to ramp. If the zero drifted, there is no fit, so that nothing "
+                  "is stated as known.");
+  return result;
+}
+
 }  // namespace
 
 ParameterWords words_of(std::string_view parameter) {
@@ -250,16 +282,16 @@ std::vector<FvPoint> points_of(std::span<const Ramp> ramps) {
   for (const Ramp& r : ramps)
     if (r.usable())
       points.push_back({r.strain_rate_per_s->value, r.normalized_force->value, r.normalized_force->standard_error,
-                        *r.initial_strain, std::abs(*r.strain_step)});
+                        *r.initial_strain, std::abs(*r.strain_step), r.normalized_force_if_zero_drifts});
   return points;
 }
 
 FvFitResult fit_control(std::span<const FvPoint> points) {
-  return fit(points, std::nullopt);
+  return fit_both_zeros(points, std::nullopt);
 }
 
 FvFitResult fit_sheath(std::span<const FvPoint> points, const model::FvElement& control) {
-  return fit(points, control);
+  return fit_both_zeros(points, control);
 }
 
 }  // namespace isorig::identify

@@ -23,7 +23,8 @@ namespace isorig::identify {
 /// residual scatter or the points' own standard errors, whichever is larger, as noise. Where the sum of
 /// squares stays below its limit all the way to a bound, that side is open and the parameter is called not
 /// identifiable from these velocities, with the reason. The control's own uncertainty is not in the sheath's
-/// intervals.
+/// intervals. Where the force at rest wanders from ramp to ramp, an interval reaches over that of a second fit, to the
+/// points as they are if the zero drifted.
 
 struct FvPoint {
   double strain_rate_per_s = 0.0;  ///< extension positive
@@ -31,6 +32,7 @@ struct FvPoint {
   double standard_error = 0.0;
   double initial_strain = 0.0;  ///< eps0 > 0
   double strain_step = 0.0;     ///< deps > 0, a magnitude
+  std::optional<double> normalized_force_if_zero_drifts{};
 };
 
 /// Of the usable ramps.

@@ -47,6 +47,7 @@ Json json_of(const Ramp& r) {
           {"t_peak_s", number(r.t_peak_s)},
           {"peak_force_N", number(r.peak_force_N)},
           {"normalized_force", number(r.normalized_force)},
+          {"normalized_force_if_zero_drifts", number(r.normalized_force_if_zero_drifts)},
           {"overshoot_mm", number(r.overshoot_mm)},
           {"plateau_share", number(r.plateau_share)},
           {"pressure_before_psi", number(r.pressure_before_psi)},

@@ -47,6 +47,50 @@ std::vector<char> find_clipping(std::span<const double> values, std::size_t& cou
   return clipped;
 }
 
+/// A force at rest that is another one before each ramp from one position is not of the ramps: the zero drifts, or the
+/// specimen creeps, or its pressure wanders. The recording does not tell which. If it is the zero, which was right when
+/// the recording began, F0 = F0_i - z_i and the force at the target is F_i - z_i.
+std::string weigh_wandering_rest(std::vector<Ramp>& ramps, double begin_s) {
+  constexpr double kSamePositionShare = 0.02;  // of the stroke: the elastic force there differs by as little
+  constexpr double kSteadyShare = 0.01;        // of F0: what the curve's heights are changed by at most
+  std::string statement;
+  std::vector<char> done(ramps.size(), 0);
+  for (std::size_t i = 0; i < ramps.size(); ++i) {
+    std::vector<double> t_s, f0_N;
+    std::vector<std::size_t> same;
+    double error_N = 0.0;
+    for (std::size_t j = i; j < ramps.size(); ++j) {
+      const Ramp& ramp = ramps[j];
+      if (done[j] != 0 || !ramp.usable() ||
+          std::abs(ramp.move.from_mm - ramps[i].move.from_mm) >
+              kSamePositionShare * std::abs(ramps[i].move.stroke_mm())) {
+        continue;
+      }
+      done[j] = 1;
+      same.push_back(j);
+      t_s.push_back(ramp.move.t_start_s - begin_s);
+      f0_N.push_back(ramp.start_force_N->value);
+      error_N = std::max(error_N, ramp.start_force_N->standard_error);
+    }
+    if (same.size() < 3) continue;
+    const auto [low_N, high_N] = std::minmax_element(f0_N.begin(), f0_N.end());
+    if (*high_N - *low_N <= std::max(5.0 * error_N, kSteadyShare * f0_N.front())) continue;
+    const double at_zero_N = f0_N.front() - fit_line(t_s, f0_N).slope * t_s.front();
+    for (std::size_t k = 0; k < same.size() && at_zero_N > 0.0; ++k) {
+      Ramp& ramp = ramps[same[k]];
+      ramp.normalized_force_if_zero_drifts = (ramp.peak_force_N->value - f0_N[k] + at_zero_N) / at_zero_N;
+    }
+    if (!statement.empty()) continue;
+    std::ostringstream text;
+    text << std::setprecision(3) << "The force at rest goes from " << *low_N << " to " << *high_N << " N over the "
+         << same.size() << " ramps from " << std::round(100.0 * ramps[i].move.from_mm) / 100.0
+         << " mm. A zero that drifts bends the curve, a specimen that creeps does not; this recording does not tell "
+            "which.";
+    statement = text.str();
+  }
+  return statement;
+}
+
 }  // namespace
 
 bool Ramp::has(RampFlag flag) const noexcept {
@@ -84,6 +128,8 @@ RampAnalysis analyse_ramps(const messages::Recording& recording, const RampOptio
     const bool hold_after = frame.t_s[next] - frame.t_s[m.last] >= options.shortest_hold_s;
     out.ramps.push_back(measure_ramp(c, m, options, hold_after));
   }
+  if (auto statement = weigh_wandering_rest(out.ramps, frame.t_s.front()); !statement.empty())
+    out.statements.push_back(std::move(statement));
   if (out.moves.empty()) {
     const auto [low, high] = std::minmax_element(frame.position_mm.begin(), frame.position_mm.end());
     const double interval_s = (frame.t_s.back() - frame.t_s.front()) / static_cast<double>(frame.size() - 1);

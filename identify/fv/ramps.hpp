@@ -77,6 +77,8 @@ struct Ramp {
   std::optional<Estimate> peak_force_N;   ///< force at that moment
   std::optional<Estimate> strain_rate_per_s;
   std::optional<Estimate> normalized_force;
+  /// Given where the force at rest wanders from ramp to ramp: `normalized_force` if that is all the zero's.
+  std::optional<double> normalized_force_if_zero_drifts;
   std::optional<double> initial_strain;  ///< eps0
   std::optional<double> strain_step;     ///< signed
   std::optional<double> pressure_before_psi;

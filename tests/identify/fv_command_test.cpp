@@ -151,6 +151,34 @@ TEST_F(FvCommand, ARecordingCountsOnce) {
   EXPECT_FALSE(fs::exists(folder_ / "out"));
 }
 
+TEST_F(FvCommand, LengthsThatContradictEachOtherAreSaid) {
+  IsoVelocityTest test;
+  test.precondition = false;
+  std::string paths;
+  for (const double length_mm : {79.0, 84.0}) {
+    auto r = recording(test, "one");
+    r.metadata.pressurized_rest_length_mm = length_mm;
+    test.seed += 1;
+    paths += " " + save(r, std::to_string(static_cast<int>(length_mm))).string();
+  }
+  const Outcome o = isorig("fv" + paths + " --no-report" + out());
+  EXPECT_EQ(o.code, 0) << o.text;
+  EXPECT_THAT(o.text, HasSubstr("contradict each other: the rest length (pressurized, where stated) is 79 mm in "));
+  EXPECT_THAT(o.text, HasSubstr("84 mm in "));
+}
+
+TEST_F(FvCommand, AForceAtRestThatWandersIsSaid) {
+  IsoVelocityTest test;
+  test.precondition = false;
+  test.return_speed_mm_s = 0.05;
+  test.force_drift_N_s = 0.005;
+  const Outcome o = isorig("fv " + save(recording(test, "one"), "one").string() + " --no-report" + out());
+  EXPECT_EQ(o.code, 0) << o.text;
+  EXPECT_THAT(o.text, HasSubstr("A zero that drifts bends the curve, a specimen that creeps does not"));
+  EXPECT_THAT(o.text, HasSubstr("If the zero drifted, kappa = 0.799"));
+  EXPECT_TRUE(result()["recordings"][0]["ramps"][3]["normalized_force_if_zero_drifts"].is_number());
+}
+
 TEST_F(FvCommand, APressureThatIsNotTheRecordingsIsSaid) {
   IsoVelocityTest test;
   test.speeds_mm_s = {2, 10};
