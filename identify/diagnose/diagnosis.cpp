@@ -15,6 +15,7 @@
 #include "identify/diagnose/prepare.hpp"
 #include "identify/diagnose/publish.hpp"
 #include "identify/diagnose/search/calibration.hpp"
+#include "identify/diagnose/search/empirical.hpp"
 #include "identify/diagnose/search/events.hpp"
 #include "identify/diagnose/search/hysteresis.hpp"
 #include "identify/diagnose/search/parsimony.hpp"
@@ -23,6 +24,7 @@
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
 #include "model/length_scale.hpp"
+#include "model/one_recording.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -198,7 +200,7 @@ std::map<std::string, double> describe_what_is_left(const Search& search, const 
 double zero_elsewhere_N(const Problem& problem, std::span<const Series> series, const model::ModelSpec& nominal,
                         model::ModelSpec spec) {
   for (model::Part& part : spec.parts)
-    if (model::describes_recording(*part.law)) std::ranges::fill(part.coefficients, 0.0);
+    if (model::of_one_recording(*part.law)) std::ranges::fill(part.coefficients, 0.0);
   const Eigen::VectorXd differ_N = problem.predict(nominal) - problem.predict(spec);
   double sum_N = 0.0, readings = 0.0;
   Eigen::Index row = 0;
@@ -217,10 +219,10 @@ void remember_what_was_seen(std::span<const Series> series, const Criterion& cri
   const Problem problem(series, criterion.noise);
   model::Seen seen = ranges_of(series);
   if (std::ranges::any_of(spec.parts, [](const model::Part& part) {
-        return model::describes_recording(*part.law) || part.physics == &model::element::force_zero();
+        return model::of_one_recording(*part.law) || part.physics == &model::element::force_zero();
       }))
     for (const Series& each : series) seen.recordings.push_back(each.excitation.reference.recording_id);
-  if (std::ranges::any_of(spec.parts, [](const model::Part& part) { return model::describes_recording(*part.law); }))
+  if (std::ranges::any_of(spec.parts, [](const model::Part& part) { return model::of_one_recording(*part.law); }))
     seen.zero_elsewhere_N = zero_elsewhere_N(problem, series, nominal, spec);
   seen.error_N = error_N;
   seen.share = share;
@@ -360,7 +362,12 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   out.noise_N = std::hypot(study.noise.noise.white_N, study.noise.noise.coloured_N);
   const PublishedNominal nominal_published = published_nominal(search, study.selection, study.usable, options.threads);
   out.nominal = nominal_published.fit.spec;
-  out.model = study.selection.best == 0 ? out.nominal : study.selection.chosen().fit.spec;
+  const Hypothesis& chosen = study.selection.chosen();
+  // The nominal model and a table that no other recording has: what is predicted of others is the nominal model.
+  const bool only_tabulates = chosen.effects.empty() && tabulates_one_recording(chosen.fit.spec);
+  out.model = study.selection.best == 0 ? out.nominal : chosen.fit.spec;
+  if (only_tabulates)
+    out.model = with_table_like(search.instrument_problem(), out.nominal, chosen.fit.spec.parts.back());
   place_events(out.model, study.series, study.usable);
   name_missing_effects(search, study);
   list_alternatives(study.selection, out);
@@ -371,10 +378,9 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     out.verdict = Verdict::kCannotJudge;
     out.unjudged = few;
   }
-  const Hypothesis& chosen = study.selection.chosen();
-  Candidate whole{
-      out.model, study.selection.best == 0 ? nominal_published.criterion : criterion_of_chosen(search, study.selection),
-      chosen.effects, chosen.empirical};
+  const bool as_nominal = study.selection.best == 0 || only_tabulates;
+  Candidate whole{out.model, as_nominal ? nominal_published.criterion : criterion_of_chosen(search, study.selection),
+                  chosen.effects, chosen.empirical};
   now(0.9, "what is left");
   const std::map<std::string, double> inclusion = describe_what_is_left(search, study, options.threads, out, whole);
   for (MissingEffect& missing : out.missing)

@@ -86,6 +86,24 @@ TEST(RunningModel, AZeroThatWandersIsThatOfItsOwnRecordings) {
   EXPECT_EQ(wander_N(8.0, {5.0, 7.0}, 0.4), 0.4);
 }
 
+TEST(RunningModel, ATableOfTheTravelIsOfItsOwnRecordingsAndOneOfThePositionOfAll) {
+  for (const auto& [law_name, elsewhere_N] : {std::pair{"travel", 0.0}, std::pair{"position", 2.0}}) {
+    const Physics& tables = *find_physics("empirical_force");
+    Part part = make_part(tables, *find_law(tables, law_name));
+    part.table = {.first = 0.0, .step = 1.0, .values = {2.0, 2.0}};
+    part.coefficients = {1.0};
+    ModelSpec spec{.name = "alone", .parts = {part}};
+    spec.seen.emplace();
+    spec.seen->recordings = {7.0};
+    for (const auto& [recording_id, force_N] : {std::pair{7.0, 2.0}, std::pair{8.0, elsewhere_N}}) {
+      RunningModel running(spec, {.recording_id = recording_id});
+      Instant now{};
+      running.reset(now);
+      EXPECT_EQ(running.step(now), force_N) << law_name << " in " << recording_id;
+    }
+  }
+}
+
 /// A constant of 1 N, and two recordings (7 and 9) whose zeros are 0.3 and 0.6 N above that of the longest (5).
 ModelSpec three_zeros(std::vector<double> seen_in) {
   ModelSpec spec{.name = "zeros", .parts = {part_of("constant", 0)}};

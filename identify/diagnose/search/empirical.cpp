@@ -9,6 +9,7 @@
 #include "identify/diagnose/fit/moves.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
+#include "model/one_recording.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -205,9 +206,12 @@ class Tabulator {
     return fit_table(covariate, free, problem_.target() - problem_.predict(spec), weight_, fold_, kFolds);
   }
 
-  /// In turn: the model with the table (the last part) held, the table with the model held.
+  /// In turn: the model with the table (the last part) held, the table with the model held. A table of what passed in
+  /// one recording leaves the model as it is: numbers that are fitted beside it would be worth nothing without it, and
+  /// any other recording is predicted without it.
   [[nodiscard]] std::pair<ModelSpec, double> improve(ModelSpec spec, const Covariate& covariate, bool motion,
                                                      int rounds) const {
+    if (model::of_one_recording(*spec.parts.back().law)) return {spec, squares(spec)};
     ModelSpec kept = spec;
     double kept_squares = squares(problem_.fit(spec, 15).spec);
     for (int round = 0; round < rounds; ++round) {
@@ -307,6 +311,19 @@ model::ModelSpec learn_table_again(const Problem& problem, ModelSpec spec) {
   spec.parts.push_back(old);
   for (double& v : spec.parts.back().table.values) v = 0.0;
   return spec;
+}
+
+bool tabulates_one_recording(const ModelSpec& spec) {
+  return has_table(spec) && model::of_one_recording(*spec.parts.back().law);
+}
+
+ModelSpec with_table_like(const Problem& problem, ModelSpec base, const model::Part& like) {
+  const Tabulator tabulator(problem);
+  const auto of = std::ranges::find(tabulator.variables(), like.law->name, &Covariate::law);
+  if (of == tabulator.variables().end()) return base;
+  Table table = tabulator.fit(*of, base).table;
+  if (!table.values.empty()) base.parts.push_back(table_part(*like.physics, like.law->name, std::move(table)));
+  return base;
 }
 
 }  // namespace isorig::identify

@@ -16,4 +16,10 @@ namespace isorig::identify {
 /// The model's table learnt anew, of the same variable, beside the model's own numbers; the old table is not looked at.
 [[nodiscard]] model::ModelSpec learn_table_again(const Problem& problem, model::ModelSpec spec);
 
+/// A table of what passed in one recording (model/one_recording.hpp): any other one is predicted without it.
+[[nodiscard]] bool tabulates_one_recording(const model::ModelSpec& spec);
+
+/// `base` as it is, with the table of the variable of `like` (a part that holds one) of what it leaves.
+[[nodiscard]] model::ModelSpec with_table_like(const Problem& problem, model::ModelSpec base, const model::Part& like);
+
 }  // namespace isorig::identify

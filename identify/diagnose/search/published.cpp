@@ -28,6 +28,7 @@ model::ModelSpec learn_from(std::span<const Series> kept, const model::ModelSpec
   const Problem problem(kept, noise);
   model::ModelSpec spec = from;
   if (has_table(spec)) spec = learn_table_again(problem, spec);
+  if (tabulates_one_recording(spec)) return spec;
   if (has_relay(spec)) scan_relay(problem, spec);
   return problem.fit(std::move(spec), kIterations).spec;
 }

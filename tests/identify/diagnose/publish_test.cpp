@@ -355,6 +355,36 @@ TEST(Diagnosed, AZeroThatWandersLeavesOtherRecordingsTheNominalZero) {
   EXPECT_GT(std::fabs(mean_N(without) - mean_N(d.nominal)), 0.1);
 }
 
+/// What goes with the distance since the recording began can be told of this recording alone. Another one is predicted
+/// by the nominal model as it is without the table, not by what the fit made of it beside the table.
+TEST(Diagnosed, ATableOfTheTravelLeavesOtherRecordingsTheNominalModel) {
+  messages::Recording recording = test::record({.fast_interval_s = 0.02, .seed = 22});
+  double travelled_mm = 0.0;
+  for (std::size_t k = 0; k < recording.frame.size(); ++k) {
+    if (k > 0) travelled_mm += std::fabs(recording.frame.position_mm[k] - recording.frame.position_mm[k - 1]);
+    recording.frame.force_N[k] += 0.6 * std::sin(travelled_mm / 4.0) * std::sin(travelled_mm / 11.0);
+  }
+  DiagnosisOptions options;
+  options.threads = 2;
+  const Diagnosis d = diagnose({recording}, {"bench"}, model::nominal_model("slse1"), options).diagnosis;
+  ASSERT_EQ(d.described_by, "travel");
+  ASSERT_TRUE(d.model.has("empirical_force"));
+  const Excitation excitation = reconstruct_excitation(recording);
+  const auto apart_N = [&](const model::Reference& reference) {
+    model::RunningModel found(d.model, reference), nominal(d.nominal, reference);
+    found.reset(excitation.instants.front());
+    nominal.reset(excitation.instants.front());
+    double most_N = 0.0;
+    for (const model::Instant& now : excitation.instants)
+      most_N = std::max(most_N, std::fabs(found.step(now) - nominal.step(now)));
+    return most_N;
+  };
+  model::Reference another = excitation.reference;
+  another.recording_id += 1.0;
+  EXPECT_GT(apart_N(excitation.reference), 0.3);
+  EXPECT_LT(apart_N(another), 1e-6);
+}
+
 TEST(Bounds, ASmallSlipStandsAtNoneAndTheLargestDoes) {
   const model::Law* event = model::find_law(*model::find_physics("grip_slip"), "event");
   ASSERT_NE(event, nullptr);
