@@ -28,6 +28,8 @@ struct Unit {
   double factor;
   double zero = 0.0;
 };
+/// A time of day is no number (clock_s); its "unit".
+inline constexpr std::string_view kClock = "clock";
 /// Exact by definition: inch and foot (25.4 mm, 304.8 mm), pound-force and kilogram-force (4.4482216152605 N, 9.80665
 /// N), and psi, an lbf per square inch (BIPM, SI brochure 2019; NIST SP 811, 2008). `elvh_counts`: the bridge value of
 /// the rig's pressure sensor (messages/elvh.hpp).

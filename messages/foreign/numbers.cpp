@@ -66,6 +66,48 @@ char decimal_of(const std::vector<Table>& tables, char delimiter, const std::fil
   return comma ? ',' : '.';
 }
 
+std::optional<double> clock_s(std::string_view cell) {
+  // The time begins with the digits in front of its first colon; a date stands before them.
+  const auto colon = cell.find(':');
+  if (colon == std::string_view::npos || colon == 0) return std::nullopt;
+  const auto before = cell.substr(0, colon).find_last_not_of("0123456789");
+  const std::string_view date = before == std::string_view::npos ? "" : cell.substr(0, before + 1);
+  if (date.find_first_not_of("0123456789-./T ") != std::string_view::npos) return std::nullopt;
+  if (!date.empty() && date.back() != 'T' && date.back() != ' ') return std::nullopt;
+  std::string_view rest = cell.substr(date.size());
+  const auto digits = [&rest] {
+    const auto n = std::min(rest.find_first_not_of("0123456789"), rest.size());
+    const std::string_view taken = rest.substr(0, n);
+    rest.remove_prefix(n);
+    return taken;
+  };
+  std::vector<int> parts;
+  do {
+    if (!parts.empty()) rest.remove_prefix(1);
+    const std::string_view part = digits();
+    if (part.empty() || part.size() > 2 || parts.size() == 3) return std::nullopt;
+    parts.push_back(std::stoi(std::string(part)));
+  } while (rest.starts_with(':'));
+  std::string fraction;
+  if (rest.starts_with('.') || rest.starts_with(',')) {
+    rest.remove_prefix(1);
+    fraction = digits();
+    if (fraction.empty() || fraction.size() > 15) return std::nullopt;
+  }
+  const std::string_view suffix = rest.substr(std::min(rest.find_first_not_of(' '), rest.size()));
+  const bool pm = suffix == "PM" || suffix == "pm", am = suffix == "AM" || suffix == "am";
+  if (!suffix.empty() && suffix != "Z" && !pm && !am) return std::nullopt;
+  if (parts.size() < 2) return std::nullopt;
+  if (parts.size() == 2) {  // without a fraction these may be hours and minutes
+    if (fraction.empty() || !suffix.empty() || !date.empty()) return std::nullopt;
+    parts.insert(parts.begin(), 0);
+  }
+  if (parts[0] > (pm || am ? 12 : 23) || parts[1] > 59 || parts[2] > 59) return std::nullopt;
+  if (pm || am) parts[0] = parts[0] % 12 + (pm ? 12 : 0);
+  // As one number: 36015 + 0.37 is not always 36015.37.
+  return std::stod(std::to_string(3600 * parts[0] + 60 * parts[1] + parts[2]) + '.' + fraction);
+}
+
 std::optional<double> number_of(std::string_view cell, char decimal) {
   const char grouping = decimal == '.' ? ',' : '.';
   std::string digits;

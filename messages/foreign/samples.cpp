@@ -120,6 +120,30 @@ class Converter {
     return out;
   }
 
+  /// Seconds since midnight of the first row.
+  [[nodiscard]] std::vector<double> clock_times_s(const Source& source, std::vector<std::string>& notes) const {
+    std::vector<double> out;
+    double passed_s = 0.0, last_s = 0.0;
+    for (const Line& row : table_.rows) {
+      const auto& cell = row.cells[source.column];
+      const auto read_s = clock_s(cell);
+      if (!read_s)
+        throw RecordingError(Fault::kNotNumber, file_, row.number,
+                             shown(table_, source.column) + " is \"" + base::printable(cell.substr(0, 40)) +
+                                 "\"; a time of day is needed, as 14:05:00.25, or 05:00.25");
+      const bool has_hours = std::ranges::count(cell, ':') == 2;
+      const double again_s = has_hours ? 86400.0 : 3600.0;
+      if (!out.empty() && *read_s < last_s - 0.5 * again_s) {
+        passed_s += again_s;
+        notes.push_back("line " + std::to_string(row.number) + ": " + shown(table_, source.column) +
+                        (has_hours ? " passes midnight" : " begins another hour") + "; it was taken to go on");
+      }
+      last_s = *read_s;
+      out.push_back(*read_s + passed_s);
+    }
+    return out;
+  }
+
   /// In the recording's unit and sign, within what any machine records.
   [[nodiscard]] std::vector<double> values(const Source& source, double offset) const {
     auto out = numbers(source);
@@ -139,7 +163,9 @@ class Converter {
 
   [[nodiscard]] std::vector<double> times_s(const Source& source, std::vector<std::string>& notes) const {
     constexpr double kCounter = 4294967296.0;
-    auto out = numbers(source);
+    const bool of_day = source.unit.name == kClock;
+    auto out = of_day ? clock_times_s(source, notes) : numbers(source);
+    const std::string_view unit = of_day ? "s" : source.unit.name;
     double begun_again = 0.0;
     for (std::size_t i = 0; i < out.size(); ++i) {
       const double read = out[i];
@@ -156,8 +182,8 @@ class Converter {
       const bool still = out[i] == out[i - 1];
       throw RecordingError(
           Fault::kTime, file_, table_.rows[i].number,
-          std::string("time ") + (still ? "stands still" : "runs backwards") + ": " + said(read, source.unit.name) +
-              " after " + said(last, source.unit.name) +
+          std::string("time ") + (still ? "stands still" : "runs backwards") + ": " + said(read, unit) + " after " +
+              said(last, unit) +
               (still ? "; two rows cannot have one time: is its resolution too coarse for the rate?"
                      : "; does another test begin here? Put an empty line and its header between them"));
     }

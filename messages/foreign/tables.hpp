@@ -49,6 +49,10 @@ struct Dialect {
 /// The number that a cell holds; nothing when it is none. The other mark, blanks and apostrophes may group thousands.
 [[nodiscard]] std::optional<double> number_of(std::string_view cell, char decimal);
 
+/// Seconds since midnight of a time of day, behind a date or without: "10:15:00.25", "2026-11-29T10:15:00,25Z",
+/// "10:15:00.25 PM"; of "15:00.25", minutes and seconds, since the hour. Nothing of anything else.
+[[nodiscard]] std::optional<double> clock_s(std::string_view cell);
+
 /// A number in any notation: only what it is made of is looked at.
 [[nodiscard]] bool looks_numeric(std::string_view cell);
 

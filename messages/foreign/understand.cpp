@@ -32,6 +32,11 @@ std::string unit_text(const Table& table, const Mapping& mapping, std::size_t co
   return c.name.substr(at + 1);
 }
 
+/// A time of day says its unit by its form.
+bool is_clock(const Table& table, std::size_t column) {
+  return !table.rows.empty() && clock_s(table.rows.front().cells[column]).has_value();
+}
+
 Question ask_column(const Table& table, Field field, const std::vector<std::size_t>& candidates,
                     const std::set<std::size_t>& taken) {
   const std::string name(name_of(field));
@@ -174,7 +179,8 @@ class Understanding {
       return;
     }
     taken_.insert(*column);
-    const std::string text = unit_text(table_, mapping_, *column);
+    std::string text = unit_text(table_, mapping_, *column);
+    if (field == Field::kTime && text.empty() && is_clock(table_, *column)) text = kClock;
     const auto unit = find_unit(text);
     if (!unit || unit->field != field) {
       ask(field, ask_unit(table_, field, *column, text));

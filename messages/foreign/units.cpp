@@ -16,6 +16,7 @@ constexpr Unit kUnits[] = {
     {"us", Field::kTime, 1e-6},
     {"min", Field::kTime, 60.0},
     {"h", Field::kTime, 3600.0},
+    {kClock, Field::kTime, 1.0},
     {"mm", Field::kPosition, 1.0},
     {"cm", Field::kPosition, 10.0},
     {"m", Field::kPosition, 1e3},
@@ -75,6 +76,7 @@ std::optional<Unit> find_unit(std::string_view text) {
   std::string_view exact = text;
   for (const auto& [other, name] : kSpellings)
     if (text == other) exact = name;
+  if (small(text).starts_with("hh:mm")) exact = kClock;
   if (const auto* found = std::ranges::find(kUnits, exact, &Unit::name); found != std::end(kUnits)) return *found;
   // A recording has gauge pressure: "barg", "kPa gauge" and "psi (g)" say no more.
   for (const std::string_view gauge : {" gauge", " (g)", "(g)", " g", "g"}) {

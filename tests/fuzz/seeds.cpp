@@ -109,6 +109,7 @@ void other_programs() {
        "ngerung\";\"Standardkraft\"\r\n\"(s)\";\"(mm)\";\"(kN)\"\r\n\"0,00000\";\"0,50000\";\"0,00125\"\r\n\"0,02000\";"
        "\"1.000,25000\";\"0,00250\"\r\n");
   seed("foreign", "log", "12034,5.03\n12044,5.04\n12054,5.05\n");
+  seed("foreign", "clock", "Time,Extension (mm),Load (N)\n23:59:59.5,1,2\n0:00:00.1,2,3\n29.11.2026 12:00:01 AM,3,4\n");
   seed("foreign", "micros", "4294967200 1638\n4294967290 1700\n84 1750\n");
   seed("foreign", "tabs", "Time (ms)\tPosition (in)\tForce [lbf]\tPressure (kPa)\n0\t1\t1\t1\n1\t2\t2\t2\n");
   seed("foreign", "recording", slurp(test::source_path("/tests/formats/samples/2026-11-23/rep-1_5-psi/frame.csv")));

@@ -161,6 +161,40 @@ TEST(Foreign, ACounterOf32BitsGoesOn) {
   EXPECT_THAT(test.notes, ElementsAre(HasSubstr("line 3: the 32-bit counter")));
 }
 
+TEST(Foreign, ATimeOfDayIsSecondsSinceMidnight) {
+  for (const char* cell : {"10:15:00.37", "2026-11-29 10:15:00,37", "2026-11-29T10:15:00.370Z",
+                           "29.11.2026 10:15:00.37", "11/29/2026 10:15:00.37 AM"})
+    EXPECT_EQ(clock_s(cell), 36900.37) << cell;
+  EXPECT_EQ(clock_s("12:00:01 AM"), 1.0);
+  EXPECT_EQ(clock_s("12:00:01 pm"), 43201.0);
+  EXPECT_EQ(clock_s("7:05.25"), 425.25);
+  for (const char* cell :
+       {"", ":", "10:15", "10:15 AM", "24:00:00", "10:60:00", "10:15:60", "10:15:00.", "10:15:00 CET", "a:b:c",
+        "1:2:3:4", "100:15:00", "mon 10:15:00", "2026-11-29 15:00.25", "36900.37"})
+    EXPECT_FALSE(clock_s(cell)) << cell;
+}
+
+TEST(Foreign, ATimeOfDayIsAskedNothingAndGoesOnPastMidnight) {
+  const std::string rows[] = {"23:59:59.5,1,2\n23:59:59.9,2,3\n00:00:00.3,3,4\n",
+                              "59:59.5,1,2\n59:59.9,2,3\n00:00.3,3,4\n"};
+  const double day_s[] = {86400.0, 3600.0};
+  for (const std::string unit : {"Time", "Time (hh:mm:ss)"})
+    for (std::size_t k = 0; k < 2; ++k) {
+      const auto parsed = parse_tables(unit + ",Extension (mm),Load (N)\n" + rows[k], "log", {});
+      const auto understood = understand(parsed.tables[0], {});
+      ASSERT_TRUE(understood.questions.empty()) << understood.questions[0].text;
+      const auto test = convert(parsed.tables[0], understood.sources, '.', 0.0, "log");
+      EXPECT_THAT(test.frame->t_s, ElementsAre(day_s[k] - 0.5, ::testing::DoubleNear(day_s[k] - 0.1, 1e-10),
+                                               ::testing::DoubleNear(day_s[k] + 0.3, 1e-10)));
+      EXPECT_THAT(test.notes, ElementsAre(HasSubstr("it was taken to go on")));
+    }
+  const auto parsed = parse_tables("Time,Extension (mm),Load (N)\n10:00:00,1,2\n10:00:00,2,3\n", "log", {});
+  EXPECT_THAT(said([&] {
+                static_cast<void>(convert(parsed.tables[0], understand(parsed.tables[0], {}).sources, '.', 0.0, "log"));
+              }),
+              HasSubstr("time stands still: 36000 s after 36000 s"));
+}
+
 TEST(Foreign, NothingIsGuessed) {
   const auto why = [](const std::string& text) { return said([&] { static_cast<void>(imported(text)); }); };
   EXPECT_THAT(why("Time,Extension,Load\n0.0,1.0,2.0\n0.1,1.1,2.1\n"), HasSubstr("column \"Time\" has no unit"));
