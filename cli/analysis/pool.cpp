@@ -5,6 +5,7 @@
 #include <iostream>
 #include <memory>
 
+#include "base/lock_file.hpp"
 #include "cli/command.hpp"
 #include "cli/provenance.hpp"
 
@@ -26,6 +27,7 @@ int pool(const PoolOptions& options) {
                 << "folder with --out\n";
       return kUsage;
     }
+  const base::FolderLock alone(options.out);
   std::vector<pooling::Source> sources;
   for (const std::string& folder : options.diagnoses) sources.push_back({folder});
   try {

@@ -239,6 +239,12 @@ Alignment alignment_of(const WindowFit& fit, const Refined& at, bool skew_known,
 
 /// Why the coarse search is nothing to go on from; empty when it is.
 std::string objection_to(const CoarseAlignment& coarse) {
+  constexpr double kPlainResponse = 0.3;  // of the pressure's squares: no noise of some seconds is so like the strokes
+  if (coarse.significance < 8.0 && coarse.explained_share > kPlainResponse)
+    return formatted(
+        "the pressure follows the strokes (%.0f %% of its changes), and nearly alike at many lags: the strokes repeat "
+        "too regularly. A pause or a stroke of another size would tell them apart.",
+        100.0 * coarse.explained_share);
   if (coarse.significance < 8.0)
     return formatted(
         "the pressure's response to the strokes does not stand out (%.1f times its own scatter at the best lag; 8 are "

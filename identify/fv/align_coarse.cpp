@@ -53,7 +53,8 @@ Spectrum spectrum(Eigen::FFT<double>& fft, Vector data, std::size_t size) {
 /// noise of sigma the score has the standard deviation sigma at every lag, so that lags of different overlap can be
 /// compared.
 void correlate(Eigen::FFT<double>& fft, const Spectrum& s_spectrum, const Spectrum& p_spectrum, const Vector& s,
-               std::size_t pressure_size, CoarseAlignment& best, double skew, double gamma_per_s) {
+               const Vector& pressure, CoarseAlignment& best, double skew, double gamma_per_s) {
+  const std::size_t pressure_size = pressure.size();
   const std::size_t size = s_spectrum.size();
   Spectrum product(size);
   for (std::size_t i = 0; i < size; ++i) product[i] = s_spectrum[i] * std::conj(p_spectrum[i]);
@@ -86,13 +87,16 @@ void correlate(Eigen::FFT<double>& fft, const Spectrum& s_spectrum, const Spectr
     // Only a response of the same sign can be confused with it.
     if (score * top.second > 0.0) second = std::max(second, std::abs(score));
   }
+  double squares = 0.0;
+  for (const double p : pressure) squares += p * p;
   const double scatter = base::median(magnitude) / base::kNormalQuartile;
   best = {std::abs(top.second),
           static_cast<double>(top.first) * kGrid_s,
           skew,
           gamma_per_s,
           scatter > 0.0 ? std::abs(top.second) / scatter : 0.0,
-          second};
+          second,
+          squares > 0.0 ? top.second * top.second / squares : 0.0};
 }
 
 }  // namespace
@@ -131,8 +135,7 @@ CoarseAlignment find_coarse_alignment(const messages::FrameSamples& frame, const
     while (size < p.size() + templates.front().size()) size *= 2;
     const Spectrum p_spectrum = spectrum(fft, p, size);
     for (std::size_t g = 0; g < kGammas_per_s.size(); ++g)
-      correlate(fft, spectrum(fft, templates[g], size), p_spectrum, templates[g], p.size(), best, skew,
-                kGammas_per_s[g]);
+      correlate(fft, spectrum(fft, templates[g], size), p_spectrum, templates[g], p, best, skew, kGammas_per_s[g]);
   }
   return best;
 }

@@ -16,7 +16,8 @@ struct CoarseAlignment {
   double skew = 0.0;
   double gamma_per_s = 1.0;
   double significance = 0.0;
-  double second = 0.0;  ///< the same more than a stroke's length away
+  double second = 0.0;           ///< `score` more than a stroke's length away
+  double explained_share = 0.0;  ///< of the pressure's squares about its moving mean
 };
 
 /// Every lag, a few recoveries, skews so close together that the strokes stay within half a second. `on_progress`,

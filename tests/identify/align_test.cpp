@@ -137,6 +137,22 @@ TEST(Align, RefusesWhenStrokesRepeatWithoutAnEnd) {
   // tell.
 }
 
+TEST(Align, ResponsesThatRepeatAreNotCalledNone) {
+  // Strokes without a pause: at every half period the response fits, so that it stands out of nothing.
+  messages::FrameSamples frame;
+  for (double t = 0; t < 300; t += 0.02) {
+    frame.t_s.push_back(t);
+    frame.position_mm.push_back(2.0 * std::sin(2.0 * M_PI * t / 8.0));
+    frame.force_N.push_back(30);
+  }
+  Case c;
+  c.offset_s = 40.0;
+  const auto result = align(frame, pressure_of(frame, c));
+  EXPECT_FALSE(result.aligned);
+  EXPECT_THAT(result.refusal, ::testing::HasSubstr("follows the strokes"));
+  EXPECT_THAT(result.refusal, ::testing::Not(::testing::HasSubstr("stand out")));
+}
+
 TEST(Align, OneStrokeGivesAnOffsetButNoSkew) {
   testing::IsoVelocityTest test;
   test.speeds_mm_s = {5};
