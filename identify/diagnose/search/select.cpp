@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "base/quantile.hpp"
 #include "identify/diagnose/deciding/deciding.hpp"
@@ -40,11 +41,20 @@ std::size_t events(const Hypothesis& hypothesis, const model::Physics& effect) {
 }
 
 double block_median(const Eigen::VectorXd& residual) {
-  const auto blocks = static_cast<Eigen::Index>(deciding().noise_scale_blocks);
+  const auto blocks = static_cast<std::size_t>(deciding().noise_scale_blocks);
+  // A bin without readings has no weight and leaves exactly nothing: of a channel that died half-way the median block
+  // would be one of its end.
+  std::vector<double> squares;
+  for (const double r : residual)
+    if (r != 0.0) squares.push_back(r * r);
+  if (squares.empty()) return 0.0;
   std::vector<double> means;
-  for (Eigen::Index b = 0; b < blocks; ++b) {
-    const Eigen::Index from = residual.size() * b / blocks, to = residual.size() * (b + 1) / blocks;
-    if (to > from) means.push_back(residual.segment(from, to - from).squaredNorm() / static_cast<double>(to - from));
+  for (std::size_t b = 0; b < blocks; ++b) {
+    const std::size_t from = squares.size() * b / blocks, to = squares.size() * (b + 1) / blocks;
+    if (to == from) continue;
+    const auto at = squares.begin();
+    means.push_back(std::accumulate(at + static_cast<std::ptrdiff_t>(from), at + static_cast<std::ptrdiff_t>(to), 0.0) /
+                    static_cast<double>(to - from));
   }
   return base::quantile(std::move(means), 0.5);
 }

@@ -83,6 +83,11 @@ const Injected kInjected[] = {
      [](messages::Recording& r) { stand_still(r.frame.position_mm, row_at(r, 645.0), 25); }},
     {"lost_position_in_a_ramp", "frozen", 547.1, 547.6,
      [](messages::Recording& r) { stand_still(r.frame.position_mm, row_at(r, 547.1), 60); }},
+    {"lost_half", "frozen", 620.0, 1200.0,
+     [](messages::Recording& r) {
+       const std::size_t first = row_at(r, 620.0);
+       stand_still(r.frame.force_N, first, r.frame.size() - first);
+     }},
     {"lost_pressure", "frozen", 400.0, 430.0,
      [](messages::Recording& r) { stand_still(r.pressure->pressure_psi, 2000, 150); }},
     {"coarse_steps", "quantisation", 0.0, 1200.0,
