@@ -104,19 +104,44 @@ Admitted admit(messages::Recording& recording, const std::string& name, model::M
   return admitted;
 }
 
-/// Hum of the mains is neither white nor an Ornstein-Uhlenbeck process, so that rests measure it wrongly, and it is no
-/// physics of the specimen: it is taken out of the force.
-void take_hum_out(messages::FrameSamples& frame, ChannelQuality& quality, const std::vector<bool>& usable,
-                  std::vector<DataFault>& faults) {
-  // A row that stands for more readings is a mean, without hum.
+/// Rows that are one reading and may hold hum: one that stands for more readings is a mean, without hum.
+std::vector<bool> single_readings(const messages::FrameSamples& frame, const ChannelQuality& quality,
+                                  const std::vector<bool>& usable) {
   const RowWeights readings = row_weights(frame, quality);
   std::vector<bool> single(frame.size());
   for (std::size_t k = 0; k < single.size(); ++k)
     single[k] = (usable.empty() || usable[k]) && readings.per_row[k] < deciding().single_reading_most;
-  const auto hum = find_mains_hum(frame.t_s, frame.force_N, single);
-  if (!hum) return;
-  for (std::size_t k = 0; k < frame.size(); ++k) frame.force_N[k] -= hum->reading[k];
+  return single;
+}
+
+void take_out(const MainsHum& hum, messages::FrameSamples& frame, ChannelQuality& quality) {
+  for (std::size_t k = 0; k < frame.size(); ++k) frame.force_N[k] -= hum.reading[k];
   quality = channel_quality(frame.t_s, frame.force_N);
+}
+
+/// Hum of the mains is neither white nor an Ornstein-Uhlenbeck process, so that rests measure it wrongly, and it is no
+/// physics of the specimen: it is taken out of the force.
+void take_hum_out(messages::FrameSamples& frame, ChannelQuality& quality, const std::vector<bool>& usable,
+                  std::vector<DataFault>& faults) {
+  constexpr double kFewMeans = 0.1;  // of those that there seemed to be
+  const std::vector<bool> single = single_readings(frame, quality, usable);
+  auto hum = find_mains_hum(frame.t_s, frame.force_N, single);
+  if (!hum) return;
+  messages::FrameSamples clean = frame;
+  ChannelQuality clean_quality;
+  // Readings half a period of the mains apart are the rougher for it, and single readings that are further apart look
+  // like means beside them. Without the hum of all rows they look like what they are.
+  const std::vector<bool> all = usable.empty() ? std::vector<bool>(frame.size(), true) : usable;
+  const auto means = [&](const std::vector<bool>& of) {
+    return static_cast<double>(std::ranges::count(all, true) - std::ranges::count(of, true));
+  };
+  if (const double seeming = means(single); seeming > 0.0) {
+    if (auto of_all = find_mains_hum(frame.t_s, frame.force_N, all)) {
+      take_out(*of_all, clean, clean_quality);
+      if (means(single_readings(clean, clean_quality, usable)) < kFewMeans * seeming) hum = std::move(of_all);
+    }
+  }
+  take_out(*hum, frame, quality);
   faults.push_back({"hum", frame.t_s.front(), frame.t_s.back(), frame.size(),
                     base::formatted("the force hums with the mains: %.3g N at %.2f Hz%s; taken out", hum->amplitude,
                                     hum->frequency_Hz, hum->steady ? "" : ", wandering")});
