@@ -8,6 +8,7 @@
 
 #include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/diagnosis_notes.hpp"
+#include "identify/diagnose/first_stroke.hpp"
 #include "identify/diagnose/force_zeros.hpp"
 #include "identify/diagnose/forecast.hpp"
 #include "identify/diagnose/guard/plausible.hpp"
@@ -383,6 +384,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
                   chosen.effects, chosen.empirical};
   now(0.9, "what is left");
   const std::map<std::string, double> inclusion = describe_what_is_left(search, study, options.threads, out, whole);
+  doubt_events_of_the_first_stroke(study, out);
   for (MissingEffect& missing : out.missing)
     missing.probability = calibrated(missing.probability, out.unexplained, out.verdict == Verdict::kUnknownPhysics);
   now(0.93, "predicting what was left out");

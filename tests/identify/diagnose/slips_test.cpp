@@ -142,5 +142,23 @@ TEST(SeveralSlips, AreNotTakenForWhatFallsGradually) {
   }
 }
 
+/// Nothing tells a slip in the first stroke from the state that friction began in; one later is a slip.
+TEST(Slips, BesideFrictionOneInTheFirstStrokeIsDoubted) {
+  for (const bool first : {true, false}) {
+    const messages::Recording recording =
+        test::record({.friction_N = 0.8, .slip_mm = 0.3, .slip_s = first ? 60.0 : 400.0, .seed = 31});
+    DiagnosisOptions options;
+    options.threads = 2;
+    const Diagnosis d = diagnose({recording}, {"bench"}, model::nominal_model("slse1"), options).diagnosis;
+    const auto slip = std::ranges::find(d.missing, "grip_slip", [](const MissingEffect& m) { return m.effect->name; });
+    ASSERT_NE(slip, d.missing.end()) << first;
+    const bool said = std::ranges::any_of(d.notes, [](const std::string& note) {
+      return note.find("lies before the motion turns round for the first time") != std::string::npos;
+    });
+    EXPECT_EQ(said, first);
+    EXPECT_EQ(slip->probability > 0.5, !first) << slip->probability;
+  }
+}
+
 }  // namespace
 }  // namespace isorig::identify
