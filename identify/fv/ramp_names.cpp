@@ -32,6 +32,8 @@ std::string_view name(RampFlag flag) noexcept {
       return "force_not_positive";
     case RampFlag::kNeverReachedSpeed:
       return "never_reached_speed";
+    case RampFlag::kInterrupted:
+      return "interrupted";
     case RampFlag::kOvershot:
       return "overshot";
     case RampFlag::kUnsteadyStart:
@@ -60,6 +62,8 @@ std::string_view text(RampFlag flag) noexcept {
       return "the starting force is not told from zero, so nothing can be normalised by it";
     case RampFlag::kNeverReachedSpeed:
       return "never reached a constant speed";
+    case RampFlag::kInterrupted:
+      return "was interrupted by a pause";
     case RampFlag::kOvershot:
       return "went past its target";
     case RampFlag::kUnsteadyStart:

@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include "identify/fv/ramp_measurement.hpp"
+#include "messages/interruptions.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -98,7 +99,8 @@ bool Ramp::has(RampFlag flag) const noexcept {
 }
 
 bool Ramp::usable() const noexcept {
-  return normalized_force && strain_rate_per_s && initial_strain && strain_step && !has(RampFlag::kNeverReachedSpeed);
+  return normalized_force && strain_rate_per_s && initial_strain && strain_step && !has(RampFlag::kNeverReachedSpeed) &&
+         !has(RampFlag::kInterrupted);
 }
 
 RampAnalysis analyse_ramps(const messages::Recording& recording, const RampOptions& options) {
@@ -119,6 +121,10 @@ RampAnalysis analyse_ramps(const messages::Recording& recording, const RampOptio
                  std::max(out.force_noise_N.sigma, out.force_noise_N.quantum / std::sqrt(12.0)),
                  {}};
   c.clipped = find_clipping(frame.force_N, out.clipped_samples);
+  // From the word to the crosshead's standing: a part of a ramp ends so long after a pause, and begins so long after
+  // `resume`.
+  constexpr double kStopTakes_s = 1.0;
+  const std::vector<double> interruptions_s = messages::interruptions_s(recording.metadata);
   out.moves = find_moves(frame.t_s, frame.position_mm, options);
   for (std::size_t k = 0; k < out.moves.size(); ++k) {
     const Move& m = out.moves[k];
@@ -127,9 +133,17 @@ RampAnalysis analyse_ramps(const messages::Recording& recording, const RampOptio
     const std::size_t next = k + 1 < out.moves.size() ? out.moves[k + 1].first : frame.size() - 1;
     const bool hold_after = frame.t_s[next] - frame.t_s[m.last] >= options.shortest_hold_s;
     out.ramps.push_back(measure_ramp(c, m, options, hold_after));
+    const bool interrupted = std::ranges::any_of(interruptions_s, [&](double at_s) {
+      return at_s > m.t_start_s - kStopTakes_s && at_s < m.t_end_s + kStopTakes_s;
+    });
+    if (interrupted) out.ramps.back().flags.push_back(RampFlag::kInterrupted);
   }
   if (auto statement = weigh_wandering_rest(out.ramps, frame.t_s.front()); !statement.empty())
     out.statements.push_back(std::move(statement));
+  if (const auto n = std::ranges::count_if(out.ramps, [](const Ramp& r) { return r.has(RampFlag::kInterrupted); });
+      n > 0)
+    out.statements.push_back(std::to_string(n) + (n == 1 ? " ramp was" : " ramps were") +
+                             " interrupted by a pause (both parts of a ramp count as one each), and not used.");
   if (out.moves.empty()) {
     const auto [low, high] = std::minmax_element(frame.position_mm.begin(), frame.position_mm.end());
     const double interval_s = (frame.t_s.back() - frame.t_s.front()) / static_cast<double>(frame.size() - 1);

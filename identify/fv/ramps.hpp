@@ -44,6 +44,7 @@ enum class RampFlag {
   kGapAtPeak,          ///< no force sample near the moment the target is reached
   kForceNotPositive,   ///< F0 is not told from zero: nothing to normalise by
   kNeverReachedSpeed,  ///< no stretch of constant speed: the velocity is not a test velocity
+  kInterrupted,        ///< by a pause: a part of a ramp, or the whole with a rest in it
   kOvershot,           ///< went past its target (see `overshoot_mm`)
   kUnsteadyStart,      ///< the force was still drifting (see `drift_N_s`)
   kWentSlack,          ///< the force at the target is not told from zero: a specimen that cannot push

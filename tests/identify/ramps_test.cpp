@@ -217,6 +217,29 @@ TEST(Ramps, DriftOfTheStartingForceIsStatedWithItsError) {
   }
 }
 
+/// A ramp that is paused half-way is two strokes between holds; neither is a point of the curve.
+TEST(Ramps, APausedRampIsNotTwo) {
+  IsoVelocityTest test;
+  test.precondition = false;
+  std::vector<Truth> truth;
+  auto recording = testing::simulate(test, &truth);
+  const double paused_s = truth[4].t_start_s + 0.1, resumed_s = paused_s + 5.0;
+  for (const auto& [text, unused] :
+       {std::pair{"events = 3", 0U}, std::pair{"[[events]]\ncode = 'session.start'\nt_s = 0.0\n", 0U},
+        std::pair{"[[events]]\ncode = 'pause'\nt_s = PAUSED\n[[events]]\ncode = 'resume'\nt_s = RESUMED\n", 1U}}) {
+    std::string toml = text;
+    for (const auto& [word, at_s] : {std::pair{"PAUSED", paused_s}, std::pair{"RESUMED", resumed_s}})
+      if (const auto at = toml.find(word); at != std::string::npos)
+        toml.replace(at, std::string(word).size(), std::to_string(at_s));
+    recording.metadata.further_toml = toml;
+    const RampAnalysis found = analyse_ramps(recording);
+    ASSERT_EQ(found.ramps.size(), truth.size());
+    const auto usable = std::ranges::count_if(found.ramps, [](const Ramp& r) { return r.usable(); });
+    EXPECT_EQ(static_cast<std::size_t>(usable), truth.size() - unused) << toml;
+    EXPECT_EQ(found.ramps[4].has(RampFlag::kInterrupted), unused == 1U) << toml;
+  }
+}
+
 TEST(Ramps, ClippedForceGivesNoPeak) {
   IsoVelocityTest test;
   std::vector<Truth> truth;
