@@ -5,6 +5,7 @@
 #include <cmath>
 #include <sstream>
 
+#include "base/blank.hpp"
 #include "base/toml_reader.hpp"
 #include "calibration/date.hpp"
 
@@ -118,7 +119,7 @@ Record parse_record(const std::string& text, const std::string& name) {
   }
   r.due = date(root, "due");
   r.operator_name = root.string("operator");
-  if (r.operator_name.empty()) root.error("operator", "`operator` is empty; name who calibrated");
+  if (base::is_blank(r.operator_name)) root.error("operator", "`operator` is empty; name who calibrated");
   r.note = root.string_or("note", "");
   r.evidence_run = root.string_or("evidence_run", "");
   r.supersedes = root.string_or("supersedes", "");
@@ -127,7 +128,7 @@ Record parse_record(const std::string& text, const std::string& name) {
   r.temperature_C = root.number_or("temperature_C", 0.0);
   const auto reference = root.table("reference");
   r.reference.id = reference.string("id");
-  if (r.reference.id.empty()) reference.error("id", "`id` is empty; name the reference instrument");
+  if (base::is_blank(r.reference.id)) reference.error("id", "`id` is empty; name the reference instrument");
   r.reference.certificate = reference.string_or("certificate", "");
   r.reference.certificate_due = date(reference, "certificate_due");
   r.reference.uncertainty = reference.number("uncertainty_k2", base::kNonNegative);

@@ -17,6 +17,11 @@ constexpr double kEpsilon = 1e-9;
 /// A wave whose frequency is off by more than this share is named, unless the protocol says what it bears.
 constexpr double kFrequencyShare = 0.05;
 
+/// Of a set-point: beyond it a session is not one at its pressure. As [pressure_loop] settled_tolerance_psi.
+constexpr double kWidestTolerance_psi = 2.0;
+/// Between a set-point and the limit of the rig: overshoot, the reading's noise and what a stroke changes.
+constexpr double kRoomBelowLimit_psi = 0.3;
+
 }  // namespace
 
 using syntax::Node;
@@ -24,7 +29,7 @@ using syntax::Node;
 void Compiler::pressurize(const Node& node, Step& out) {
   const double before_psi = out.pressure_psi;
   out.pressure_psi = value(node, "pressure_psi", {0.0, 1000.0}, before_psi);
-  out.tolerance_psi = value(node, "tolerance_psi", base::kPositive, 0.1);
+  out.tolerance_psi = value(node, "tolerance_psi", {0.0, kWidestTolerance_psi, true}, 0.1);
   out.settled_for_s = value(node, "settled_for_s", {0.0, 3600.0}, 1.0);
   out.rate_psi_s = value(node, "rate_psi_s", base::kPositive, 1.0);
   out.timeout_s = value(node, "timeout_s", {0.0, 24 * 3600.0, true}, 60.0);
@@ -36,6 +41,15 @@ void Compiler::pressurize(const Node& node, Step& out) {
     note(node.table, "pressure_psi",
          said(node, "pressure_psi", out.pressure_psi) + "; the rig's regulator takes at most " +
              number_text(limits_.regulator_max_psi) + " (regulator.max_psi)");
+  } else if (out.pressure_psi > limits_.pressure_max_psi - kRoomBelowLimit_psi) {
+    auto warning = node.table.where("pressure_psi");
+    if (warned_.insert({warning.line, warning.column}).second) {
+      warning.message = said(node, "pressure_psi", out.pressure_psi) + "; the rig stops at " +
+                        number_text(limits_.pressure_max_psi) +
+                        " psi (limits.pressure_max_psi), and overshoot, noise and strokes may reach " +
+                        number_text(kRoomBelowLimit_psi) + " psi above a set-point: ask for less";
+      plan_.warnings.push_back(warning.text());
+    }
   }
   if (out.rate_psi_s > limits_.pressure_rate_max_psi_s && all_well(node, {"rate_psi_s"})) {
     note(node.table, "rate_psi_s",

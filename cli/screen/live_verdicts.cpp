@@ -72,8 +72,10 @@ Said judge_device(const nlohmann::json& link) {
 int exit_code_of(const nlohmann::json& last_run) {
   const auto outcome = last_run.value("outcome", "");
   if (outcome == "failed") return kTripped;
-  if (last_run.value("dropped_records", 0) > 0) return kDataLost;
-  return outcome == "done" ? kOk : kFailure;
+  if (outcome != "done") return kFailure;
+  for (const char* count : {"missing_samples", "lost_messages", "dropped_records"})
+    if (number(last_run, count) > 0.0) return kDataLost;
+  return kOk;
 }
 
 }  // namespace isorig::cli

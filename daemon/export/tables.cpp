@@ -56,11 +56,13 @@ void from_targets(Done& d, const std::map<std::int32_t, StepTargets>& targets) {
 std::vector<Done> steps_of(const TableInput& in) {
   std::vector<Done> all;
   for (const auto& e : in.session->marks.events) {
-    if (e.code != "step" && e.code != "mark") continue;
-    if (!all.empty()) {
+    const bool ends = e.code == "session.end";  // what is recorded behind it is the venting
+    if (e.code != "step" && e.code != "mark" && !ends) continue;
+    if (!all.empty() && !(ends && all.back().ended && all.back().end_ns < e.mono_ns)) {
       all.back().end_ns = e.mono_ns;
       all.back().ended = true;
     }
+    if (ends) continue;
     Done d;
     d.step = e.step;
     d.kind = e.code == "mark" ? "mark" : base::printable(e.text);

@@ -8,6 +8,7 @@
 #include <string_view>
 #include <vector>
 
+#include "base/blank.hpp"
 #include "base/nearest.hpp"
 #include "base/printable.hpp"
 
@@ -183,7 +184,7 @@ Request jog_request(const std::string& body) {
 std::string accepting_operator(const std::string& body) {
   const Body b("/v1/accept-rig", body, {"operator"});
   const auto name = b.line("operator", "");
-  if (name.empty()) b.fail("`operator` says who accepts the rig file, and is missing");
+  if (base::is_blank(name)) b.fail("`operator` says who accepts the rig file, and is missing");
   return name;
 }
 

@@ -3,6 +3,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "base/blank.hpp"
 #include "base/printable.hpp"
 #include "daemon/recording/amendments.hpp"
 #include "daemon/rig/specimen.hpp"
@@ -19,6 +20,8 @@ std::string amend_run(Catalogue& catalogue, const RunRow& run, const Correction&
                                "text is needed");
     }
   }
+  if (!c.operator_name.empty() && base::is_blank(c.operator_name))
+    throw std::runtime_error("the operator's name is blank; name somebody, or leave it out");
   Amendment a{utc_now(), c.by, {}, c.operator_name, c.text};
   double rest_length_mm = 0.0;
   if (!c.specimen_text.empty()) {

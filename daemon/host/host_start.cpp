@@ -179,15 +179,21 @@ std::optional<Host::Result> Host::prepare(const StartOptions& options, Prepared&
   p.recording.max_segment_bytes = rig_.recording.max_segment_bytes;
   p.recording.free_bytes = options_.free_bytes;
   const double full_s = run.plan->full_rate_s;
-  const auto needed = estimate_bytes(full_s, run.plan->nominal_s - full_s, p.recording.average_interval_s);
+  const auto whole = estimate_bytes(full_s, run.plan->nominal_s - full_s, p.recording.average_interval_s);
+  // Of a run that goes on only the rest is still to be recorded.
+  const double begin_s = run.plan->steps[run.plan->sessions[run.first_session].first_step].start_s;
+  const double rest = run.plan->nominal_s > 0.0 ? std::clamp(1.0 - begin_s / run.plan->nominal_s, 0.0, 1.0) : 1.0;
+  const auto needed = static_cast<std::uint64_t>(rest * static_cast<double>(whole));
   std::filesystem::create_directories(options_.runs_root);
   const auto free = std::filesystem::space(options_.runs_root).available;
   if (free < needed + p.recording.min_free_bytes) {
-    return Result{false,
-                  "this protocol records about " + std::to_string(needed >> 20U) + " MiB and " +
-                      std::to_string(p.recording.min_free_bytes >> 20U) + " MiB are kept free, but " +
-                      options_.runs_root.string() + " has " + std::to_string(free >> 20U) + " MiB; make room first",
-                  {}};
+    return Result{
+        false,
+        (run.first_session > 0 ? "the rest of this protocol records about " : "this protocol records about ") +
+            std::to_string(needed >> 20U) + " MiB and " + std::to_string(p.recording.min_free_bytes >> 20U) +
+            " MiB are kept free, but " + options_.runs_root.string() + " has " + std::to_string(free >> 20U) +
+            " MiB; make room first",
+        {}};
   }
   p.recording.run_dir = run.directory;
   return std::nullopt;

@@ -161,6 +161,8 @@ nlohmann::json Host::status_json() const {
     out["last_run"] = {{"id", finished_id_},
                        {"outcome", last_outcome_},
                        {"fault", last_fault_},
+                       {"missing_samples", recorder_status_.frame_missing + recorder_status_.pressure_missing},
+                       {"lost_messages", recorder_status_.lost_messages},
                        {"dropped_records", recorder_status_.dropped_records}};
   }
   return out;

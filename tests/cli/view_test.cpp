@@ -197,7 +197,8 @@ TEST(ProgressText, SaysTheTimeLeftOnceItCanBeKnownAndFits) {
 
 TEST(ExitCode, IsThatOfTheRunAndNotOfAllThatTheDaemonHasSeen) {
   EXPECT_EQ(exit_code_of({{"outcome", "done"}, {"dropped_records", 0}}), kOk);
-  EXPECT_EQ(exit_code_of({{"outcome", "done"}, {"dropped_records", 3}}), kDataLost);
+  for (const char* lost : {"dropped_records", "missing_samples", "lost_messages"})
+    EXPECT_EQ(exit_code_of({{"outcome", "done"}, {lost, 3}}), kDataLost) << lost;
   EXPECT_EQ(exit_code_of({{"outcome", "failed"}, {"dropped_records", 3}}), kTripped);
   EXPECT_EQ(exit_code_of({{"outcome", "aborted"}}), kFailure);
 }

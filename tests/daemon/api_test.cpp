@@ -231,6 +231,10 @@ TEST(Correction, WhatIsNotOnePlainLineIsNotStored) {
     EXPECT_THAT([&] { (void)amend_run(catalogue, run, c); },
                 ::testing::ThrowsMessage<std::runtime_error>(HasSubstr("\"x\\u001b[31m\" holds a control character")));
   }
+  Correction nobody;
+  nobody.operator_name = "  ";
+  EXPECT_THAT([&] { (void)amend_run(catalogue, run, nobody); },
+              ::testing::ThrowsMessage<std::runtime_error>(HasSubstr("the operator's name is blank")));
   EXPECT_TRUE(read_amendments(run.directory).empty());
   Correction c;
   c.operator_name = "Jörg";

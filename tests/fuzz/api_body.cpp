@@ -3,6 +3,7 @@
 #include <array>
 #include <nlohmann/json.hpp>
 
+#include "base/blank.hpp"
 #include "calibration/record.hpp"
 #include "daemon/host/api_requests.hpp"
 #include "daemon/rig/specimen.hpp"
@@ -34,7 +35,7 @@ constexpr std::array<void (*)(const std::string&), 8> kReaders{
     [](const std::string& body) { (void)daemon::setup_request(body); },
     [](const std::string& body) { (void)daemon::jog_request(body); },
     [](const std::string& body) {
-      fuzz::require(!daemon::accepting_operator(body).empty(), "an operator without a name");
+      fuzz::require(!base::is_blank(daemon::accepting_operator(body)), "an operator without a name");
     },
 };
 

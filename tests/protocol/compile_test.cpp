@@ -124,6 +124,21 @@ TEST(Compile, WavesHaveTheirSpeedsAndDurations) {
   EXPECT_EQ(plan.position_min_mm, -2.0);
 }
 
+TEST(Compile, ASetPointKeepsBelowTheRigsLimitAndWithinATolerance) {
+  const auto to = [](const std::string& psi, const std::string& tolerance_psi) {
+    return text_of("{ do = \"pressurize\", pressure_psi = " + psi +
+                   ", rate_psi_s = 1, tolerance_psi = " + tolerance_psi + ", settled_for_s = 1, timeout_s = 60 },\n");
+  };
+  EXPECT_THAT(plan_of(to("21.7", "0.1"), rig()).warnings, ElementsAre());
+  EXPECT_THAT(
+      plan_of(to("21.8", "0.1"), rig()).warnings,
+      ElementsAre(testing::HasSubstr("`pressure_psi` = 21.8; the rig stops at 22 psi (limits.pressure_max_psi), and "
+                                     "overshoot, noise and strokes may reach 0.3 psi above a set-point")));
+  EXPECT_THAT(faults_of(to("22.1", "0.1"), rig()), ElementsAre(testing::HasSubstr("the rig allows at most 22")));
+  EXPECT_THAT(faults_of(to("5", "2"), rig()), ElementsAre());
+  EXPECT_THAT(faults_of(to("5", "2.1"), rig()), ElementsAre(testing::HasSubstr("`tolerance_psi` = 2.1")));
+}
+
 /// The frame comes to rest at each of the 2 n + 1 ends of a wave's strokes, which the frequency asked for knows nothing
 /// of.
 TEST(Compile, AWavesTurningPointsAreInItsTimeAndNamedWhereTheyChangeItsFrequency) {
