@@ -8,6 +8,7 @@
 
 #include "base/printable.hpp"
 #include "cli/command.hpp"
+#include "cli/runs/noted_specimen.hpp"
 #include "cli/runs/run_argument.hpp"
 #include "cli/screen/progress.hpp"
 
@@ -95,6 +96,9 @@ int run_export(const ExportCommandOptions& options) {
     how.operator_name = found.row->operator_name;
     how.outcome = found.row->state;
   }
+  std::string noted_words;
+  how.noted = noted_specimen(found.directory, noted_words);
+  if (how.noted) std::cerr << "isorig export: " << noted_words << '\n';
   std::optional<Progress> progress(std::in_place, "export");
   how.on_progress = [&](double fraction) { progress->at(fraction); };
   const auto report = daemon::export_run(found.directory, options.out, how);

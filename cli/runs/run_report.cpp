@@ -6,6 +6,7 @@
 #include <set>
 
 #include "cli/protocols/protocol_input.hpp"
+#include "cli/runs/noted_specimen.hpp"
 #include "cli/runs/run_evidence.hpp"
 #include "cli/runs/run_report_parts.hpp"
 #include "daemon/export/export.hpp"
@@ -47,6 +48,8 @@ void analyse(const FoundRun& run, const std::filesystem::path& folder, RunPage& 
              const std::function<void(double, const char*)>& on_progress) {
   const ExportFolder out(folder / ".report.part");
   daemon::ExportOptions how;
+  std::string noted_words;
+  how.noted = noted_specimen(run.directory, noted_words);
   how.lean = true;  // for isorig fv's eyes alone
   how.run_id = run.id;
   how.still_written = run.still_written;
@@ -149,7 +152,9 @@ void add_facts(Page& page, const RunPage& all) {
   const auto& h = e.last_header;
   const bool virtual_time = h.virtual_time != 0;
   std::vector<identify::report::Fact> facts{
-      {"Specimen", all.specimen, number_text(h.rest_length_mm, 5) + " mm at rest, without pressure"},
+      {"Specimen", all.specimen,
+       all.rest_length_mm > 0.0 ? number_text(all.rest_length_mm, 5) + " mm at rest, without pressure"
+                                : "by a note that does not say its length"},
       {"Rig", h.rig,
        virtual_time    ? "simulated, in virtual time: no sample is of a real specimen"
        : e.simulated() ? "simulated, in real time: no sample is of a real specimen"
@@ -287,12 +292,17 @@ void write_run_report(const FoundRun& run, const std::filesystem::path& file, co
   all.read.set_against(all.outcome, run.still_written);
   const auto& h = all.evidence.last_header;
   all.specimen = h.specimen;
+  all.rest_length_mm = h.rest_length_mm;
   all.operator_name = all.evidence.text("operator");
   if (all.operator_name.empty() && run.row) all.operator_name = run.row->operator_name;
   all.started = run.row ? run.row->started_utc : std::string();
   const auto amendments = daemon::shown_amendments(run.directory);
+  std::string noted_words;
+  if (const auto noted = noted_specimen(run.directory, noted_words)) {
+    all.specimen = noted->specimen;
+    all.rest_length_mm = noted->rest_length_mm;
+  }
   for (const auto& a : amendments) {
-    if (!a.specimen.empty()) all.specimen = a.specimen;
     if (!a.operator_name.empty()) all.operator_name = a.operator_name;
   }
   const std::filesystem::path folder = std::filesystem::absolute(file).parent_path();

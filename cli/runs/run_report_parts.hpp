@@ -17,6 +17,7 @@ struct RunPage {
   RunEvidence evidence;
   messages::ReadReport read;
   std::string specimen, operator_name, started, outcome, fault;  ///< with what was put right afterwards
+  double rest_length_mm = 0.0;                                   ///< likewise; 0: a note does not say it
   std::vector<daemon::ExportedSession> sessions;
   identify::FvAnalysis analysis;
   std::vector<std::string> not_analysed;  ///< which repetition, and why

@@ -257,10 +257,11 @@ class Exporter : public RowSource {
     }
     for (std::size_t i = 0; i < kStreams; ++i) o.writer->rows(static_cast<Stream>(i), *o.block[i]);
     const auto from = provenance_of(o.e.attempt);
+    constexpr double kUnknownLength = std::numeric_limits<double>::quiet_NaN();
     SessionTail tail;
     describe_session(tail, from, o.planned, o.e, o.scanned->marks, o.start_ns);
     SessionRow row{o.e.name,       session,          o.e.attempt,
-                   o.e.repetition, o.e.pressure_psi, o.planned.pressurized_rest_length_mm,
+                   o.e.repetition, o.e.pressure_psi, tail.metadata.pressurized_rest_length_mm.value_or(kUnknownLength),
                    o.e.complete,   o.start_ns,       o.last_ns};
     if (from.header->epoch_unix_us != 0) row.start_unix_us = from.header->epoch_unix_us + o.start_ns / 1000;
     row.frame_rows = o.e.frame_rows;

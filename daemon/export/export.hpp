@@ -2,6 +2,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,6 +18,14 @@ struct ExportOptions {
   /// Of a log that does not say what it is of (a logger's file of the live channels): recording.toml has to.
   std::string specimen{};
   double rest_length_mm = 0.0;
+  /// What a note (amendments.hpp) says that the run is of, in place of what was recorded. Lengths that it does not say
+  /// are not known: those of the other specimen would be wrong ones.
+  struct Noted {
+    std::string specimen;
+    double rest_length_mm = 0.0;  ///< 0: not said
+    std::function<double(double pressure_psi)> pressurized_rest_length_mm{};
+  };
+  std::optional<Noted> noted{};
   /// Maps device times to the host's clock again, from the recorded exchanges before and after each sample.
   bool remap = false;
   /// Provenance only: `run` in recording.toml.

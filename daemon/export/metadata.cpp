@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <sstream>
 
 #include "base/formatted.hpp"
@@ -84,11 +85,17 @@ void describe_session(SessionTail& tail, const Provenance& from, const isorig_ms
   const auto& header = *from.header;
   auto& m = tail.metadata;
   m.units_stated = true;
-  m.specimen = header.specimen;
-  if (header.rest_length_mm > 0.0) m.rest_length_mm = header.rest_length_mm;
-  if (std::isfinite(planned.pressurized_rest_length_mm)) {
-    m.pressurized_rest_length_mm = planned.pressurized_rest_length_mm;
+  const auto& noted = from.options->noted;
+  m.specimen = noted ? noted->specimen : header.specimen;
+  const double rest_length_mm = noted ? noted->rest_length_mm : header.rest_length_mm;
+  if (rest_length_mm > 0.0) m.rest_length_mm = rest_length_mm;
+  double pressurized_mm = planned.pressurized_rest_length_mm;
+  if (noted) {
+    const auto& length = noted->pressurized_rest_length_mm;
+    pressurized_mm = length && std::isfinite(planned.pressure_psi) ? length(planned.pressure_psi)
+                                                                   : std::numeric_limits<double>::quiet_NaN();
   }
+  if (std::isfinite(pressurized_mm)) m.pressurized_rest_length_mm = pressurized_mm;
   if (std::isfinite(planned.pressure_psi)) m.nominal_pressure_psi = planned.pressure_psi;
   auto further = provenance_table(from);
   further.insert_or_assign("session", e.session);
@@ -116,8 +123,10 @@ void describe_session(SessionTail& tail, const Provenance& from, const isorig_ms
 }
 
 Attributes describe_run(const Provenance& from) {
-  Attributes out{{"specimen", from.header->specimen}};
-  if (from.header->rest_length_mm > 0.0) out.emplace_back("rest_length_mm", from.header->rest_length_mm);
+  const auto& noted = from.options->noted;
+  const double rest_length_mm = noted ? noted->rest_length_mm : from.header->rest_length_mm;
+  Attributes out{{"specimen", noted ? noted->specimen : from.header->specimen}};
+  if (rest_length_mm > 0.0) out.emplace_back("rest_length_mm", rest_length_mm);
   flatten(out, provenance_table(from), {});
   return out;
 }

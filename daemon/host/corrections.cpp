@@ -22,7 +22,7 @@ std::string amend_run(Catalogue& catalogue, const RunRow& run, const Correction&
   }
   if (!c.operator_name.empty() && base::is_blank(c.operator_name))
     throw std::runtime_error("the operator's name is blank; name somebody, or leave it out");
-  Amendment a{utc_now(), c.by, {}, c.operator_name, c.text};
+  Amendment a{utc_now(), c.by, {}, c.operator_name, c.text, c.specimen_text};
   double rest_length_mm = 0.0;
   if (!c.specimen_text.empty()) {
     const auto specimen = parse_specimen(c.specimen_text, c.specimen_name);

@@ -38,7 +38,8 @@ void append_amendment(const std::filesystem::path& run_dir, const Amendment& a) 
   for (const auto& [key, text] : {std::pair<const char*, const std::string&>{"by", a.by},
                                   {"specimen", a.specimen},
                                   {"operator", a.operator_name},
-                                  {"text", a.text}}) {
+                                  {"text", a.text},
+                                  {"specimen_file", a.specimen_file}}) {
     if (!text.empty()) entry.insert_or_assign(key, text);
   }
   std::ostringstream out;
@@ -73,10 +74,17 @@ std::vector<Amendment> read_amendments(const std::filesystem::path& run_dir) {
   if (root.has("format")) (void)root.choice("format", {kAmendmentsFormat});  // files of before have none
   for (const auto& t : root.tables("amendment")) {
     all.push_back({t.string("at_utc"), t.string_or("by", ""), t.string_or("specimen", ""), t.string_or("operator", ""),
-                   t.string_or("text", "")});
+                   t.string_or("text", ""), t.string_or("specimen_file", "")});
   }
   document.finish();
   return all;
+}
+
+const Amendment* last_of_specimen(const std::vector<Amendment>& amendments) {
+  const Amendment* last = nullptr;
+  for (const Amendment& a : amendments)
+    if (!a.specimen.empty()) last = &a;
+  return last;
 }
 
 std::vector<Amendment> shown_amendments(const std::filesystem::path& run_dir) {

@@ -20,6 +20,7 @@
 #include "daemon/host/host.hpp"
 #include "daemon/recording/amendments.hpp"
 #include "daemon/recording/catalogue.hpp"
+#include "daemon/rig/specimen.hpp"
 #include "recording_rig.hpp"
 #include "rig_fixture.hpp"
 
@@ -239,6 +240,27 @@ TEST(Correction, WhatIsNotOnePlainLineIsNotStored) {
   Correction c;
   c.operator_name = "Jörg";
   EXPECT_EQ(amend_run(catalogue, run, c), "run run is noted: operator Jörg (was old\\u001b[31m)");
+}
+
+TEST(Correction, KeepsTheWholeFileOfTheSpecimen) {
+  const testing::TemporaryDirectory folder("note");
+  Catalogue catalogue(folder.path());
+  RunRow run;
+  run.id = "run";
+  run.directory = folder.path() / "run";
+  std::filesystem::create_directories(run.directory);
+  Correction c;
+  c.specimen_name = "other.toml";
+  const std::string file = load_specimen(test::source("config/specimens/control2.toml")).text;
+  c.specimen_text = file;
+  (void)amend_run(catalogue, run, c);
+  c = {};
+  c.text = "a remark";
+  (void)amend_run(catalogue, run, c);
+  const auto amendments = read_amendments(run.directory);
+  ASSERT_EQ(amendments.size(), 2U);
+  ASSERT_EQ(last_of_specimen(amendments), &amendments[0]);
+  EXPECT_EQ(amendments[0].specimen_file, file);
 }
 
 /// What `curl -X POST` sends (RFC 9112, 6.3: no length is no body).

@@ -97,6 +97,22 @@ TEST(ExportFormats, CsvHasTheTablesOfTheProtocol) {
   EXPECT_GT(lines_of(folder / "setpoints.csv").size(), 3'000U);
 }
 
+TEST(ExportFormats, ANotedSpecimenCountsWithItsOwnLengthsOrNone) {
+  const TemporaryDirectory dir("formats");
+  record(dir.path() / "run");
+  const auto exported = [&](const ExportOptions::Noted& noted) {
+    (void)export_run(dir.path() / "run", dir.path() / "out", {.noted = noted});
+    return messages::read_recording(dir.path() / "out" / "rep-1_5-psi").metadata;
+  };
+  const auto other = exported({"Other", 150.0, [](double psi) { return 150.0 - psi; }});
+  EXPECT_EQ(other.specimen, "Other");
+  EXPECT_EQ(other.rest_length_mm, 150.0);
+  EXPECT_EQ(other.pressurized_rest_length_mm, 145.0);
+  const auto unknown = exported({.specimen = "Other"});
+  EXPECT_EQ(unknown.specimen, "Other");
+  EXPECT_FALSE(unknown.rest_length_mm || unknown.pressurized_rest_length_mm) << "lengths of the recorded specimen";
+}
+
 TEST(ExportFormats, LeanIsTheRecordingFormatAlone) {
   const TemporaryDirectory dir("formats");
   record(dir.path() / "run");
