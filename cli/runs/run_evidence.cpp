@@ -16,6 +16,8 @@ std::int64_t middle_ns(const Message& m, std::size_t i) {
 }  // namespace
 
 void RunEvidence::span(std::int64_t from_ns, std::int64_t to_ns) {
+  from_ns = rig_ns(from_ns);
+  to_ns = rig_ns(to_ns);
   if (!begun_) origin_ns = last_ns = from_ns;
   begun_ = true;
   last_ns = std::max(last_ns, to_ns);
@@ -39,7 +41,7 @@ void RunEvidence::frame(const isorig_msgs::frame_batch_t& m) {
   if (m.count <= 0) return;
   span(m.mono_ns, m.mono_ns + m.mono_offset_ns.back());
   for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
-    const double t = seconds(m.mono_ns + m.mono_offset_ns[i]);
+    const double t = seconds(rig_ns(m.mono_ns + m.mono_offset_ns[i]));
     force_N.add(t, m.force_N[i]);
     position_mm.add(t, m.position_mm[i]);
   }
@@ -50,7 +52,7 @@ void RunEvidence::frame_average(const isorig_msgs::frame_average_batch_t& m) {
   if (m.count <= 0) return;
   span(m.first_mono_ns.front(), m.last_mono_ns.back());
   for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
-    const double t = seconds(middle_ns(m, i)), n = m.samples[i];
+    const double t = seconds(rig_ns(middle_ns(m, i))), n = m.samples[i];
     force_N.add(t, m.min_force_N[i], m.max_force_N[i], m.mean_force_N[i], n);
     position_mm.add(t, m.min_position_mm[i], m.max_position_mm[i], m.mean_position_mm[i], n);
   }
@@ -65,7 +67,7 @@ void RunEvidence::pressure(const isorig_msgs::pressure_batch_t& m) {
       ++not_measured;
       continue;
     }
-    pressure_psi.add(seconds(m.mono_ns + m.mono_offset_ns[i]), m.pressure_psi[i]);
+    pressure_psi.add(seconds(rig_ns(m.mono_ns + m.mono_offset_ns[i])), m.pressure_psi[i]);
     temperature(m.temperature_C[i]);
   }
 }
@@ -77,8 +79,8 @@ void RunEvidence::pressure_average(const isorig_msgs::pressure_average_batch_t& 
   for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
     not_measured += static_cast<std::uint64_t>(std::max(0, m.samples[i] - m.current[i]));
     if (m.current[i] <= 0) continue;
-    pressure_psi.add(seconds(middle_ns(m, i)), m.min_pressure_psi[i], m.max_pressure_psi[i], m.mean_pressure_psi[i],
-                     m.current[i]);
+    pressure_psi.add(seconds(rig_ns(middle_ns(m, i))), m.min_pressure_psi[i], m.max_pressure_psi[i],
+                     m.mean_pressure_psi[i], m.current[i]);
     temperature(m.mean_temperature_C[i]);
   }
 }
@@ -88,7 +90,7 @@ void RunEvidence::control(const isorig_msgs::control_batch_t& m) {
   for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
     const auto& c = m.samples[i];
     span(c.mono_ns, c.mono_ns);
-    setpoint_psi.add(seconds(c.mono_ns), double{c.setpoint_psi});
+    setpoint_psi.add(seconds(rig_ns(c.mono_ns)), double{c.setpoint_psi});
   }
 }
 

@@ -17,8 +17,9 @@ struct RunEvidence : daemon::RunTally {
   void control(const isorig_msgs::control_batch_t& m) override;
   void sync(const isorig_msgs::sync_check_t& m) override;
 
-  [[nodiscard]] double seconds(std::int64_t mono_ns) const noexcept {
-    return static_cast<double>(mono_ns - origin_ns) * 1e-9;
+  /// Of a rig time (RunTally).
+  [[nodiscard]] double seconds(std::int64_t rig_ns) const noexcept {
+    return static_cast<double>(rig_ns - origin_ns) * 1e-9;
   }
   [[nodiscard]] double duration_s() const noexcept { return seconds(last_ns); }
   /// No sample is of a real specimen: in virtual time, with a driver "sim", or with devices that are emulated.

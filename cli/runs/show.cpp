@@ -40,7 +40,7 @@ bool worth_reading(const isorig_msgs::event_t& e) {
 }
 
 std::string utc_of(const daemon::RunTally& s) {
-  return base::utc_text((s.last_header.epoch_unix_us + s.first_sample_ns / 1000) / 1'000'000);
+  return base::utc_text((s.first_epoch_unix_us + s.first_sample_ns / 1000) / 1'000'000);
 }
 
 std::string started_of(const FoundRun& found, const daemon::RunTally& s) {
@@ -104,7 +104,8 @@ int print_json(const FoundRun& found, const daemon::RunTally& s, const messages:
                                  {"text", a.text}});
   }
   out["sessions"] = nlohmann::ordered_json::array();
-  for (const auto& m : s.marks) {
+  for (std::size_t i = 0; i < s.marks.size(); ++i) {
+    const auto& m = s.marks[i];
     out["sessions"].push_back({{"session", m.session.session},
                                {"repetition", m.session.repetition},
                                {"pressure_psi", m.session.pressure_psi},
@@ -113,11 +114,12 @@ int print_json(const FoundRun& found, const daemon::RunTally& s, const messages:
                                {"complete", m.complete != 0},
                                {"frame_missing", m.frame_missing},  // so far in this attempt
                                {"pressure_missing", m.pressure_missing},
-                               {"mono_ns", m.mono_ns}});
+                               {"mono_ns", m.mono_ns - s.mark_shift_ns[i]}});
   }
   out["events"] = nlohmann::ordered_json::array();
-  for (const auto& e : s.events) {
-    out["events"].push_back({{"mono_ns", e.mono_ns},
+  for (std::size_t i = 0; i < s.events.size(); ++i) {
+    const auto& e = s.events[i];
+    out["events"].push_back({{"mono_ns", e.mono_ns - s.event_shift_ns[i]},
                              {"severity", daemon::severity_text(e)},
                              {"code", e.code},
                              {"text", e.text},

@@ -21,7 +21,33 @@ const char* RunTally::Repetition::state_text() const noexcept {
   return complete ? "complete" : "stopped, or not whole";
 }
 
+void RunTally::header(const isorig_msgs::run_header_t& h) {
+  if (!has_header_) first_epoch_unix_us = h.epoch_unix_us;
+  if (has_header_ && h.attempt != last_header.attempt) {
+    begins_attempt_ = true;
+    has_overruns_ = false;
+    overruns_of_attempts_ = overruns;
+  }
+  has_header_ = true;
+  last_header = h;
+}
+
+std::int64_t RunTally::rig_ns(std::int64_t mono_ns) {
+  if (begins_attempt_) shift_ns_ = latest_ns_ - mono_ns;
+  begins_attempt_ = false;
+  latest_ns_ = std::max(latest_ns_, mono_ns + shift_ns_);
+  return mono_ns + shift_ns_;
+}
+
+void RunTally::event(const isorig_msgs::event_t& m) {
+  events.push_back(m);
+  events.back().mono_ns = rig_ns(m.mono_ns);
+  event_shift_ns.push_back(shift_ns_);
+}
+
 void RunTally::samples_span(std::int64_t from_ns, std::int64_t to_ns) {
+  from_ns = rig_ns(from_ns);
+  to_ns = rig_ns(to_ns);
   first_sample_ns = has_samples_ ? std::min(first_sample_ns, from_ns) : from_ns;
   last_sample_ns = has_samples_ ? std::max(last_sample_ns, to_ns) : to_ns;
   has_samples_ = true;
@@ -47,7 +73,10 @@ void RunTally::count_averages(Stream& stream, const Message& m) {
 
 void RunTally::session(const isorig_msgs::session_mark_t& m) {
   if (m.kind == isorig_msgs::session_mark_t::END) lost[m.attempt] = m;
-  if (m.kind != isorig_msgs::session_mark_t::CONTINUE) marks.push_back(m);
+  if (m.kind == isorig_msgs::session_mark_t::CONTINUE) return;
+  marks.push_back(m);
+  marks.back().mono_ns = rig_ns(m.mono_ns);
+  mark_shift_ns.push_back(shift_ns_);
 }
 
 void RunTally::frame(const isorig_msgs::frame_batch_t& m) {
@@ -68,7 +97,9 @@ void RunTally::pressure_average(const isorig_msgs::pressure_average_batch_t& m) 
 
 void RunTally::control(const isorig_msgs::control_batch_t& m) {
   for (std::size_t i = 0; i < static_cast<std::size_t>(m.count); ++i) {
-    overruns = std::max(overruns, m.samples[i].overruns);
+    if (!has_overruns_) overruns_before_ = m.samples[i].overruns;
+    has_overruns_ = true;
+    overruns = std::max(overruns, overruns_of_attempts_ + m.samples[i].overruns - overruns_before_);
     worst_wakeup_ns = std::max(worst_wakeup_ns, m.samples[i].worst_wakeup_ns);
     worst_run_ns = std::max(worst_run_ns, m.samples[i].worst_run_ns);
   }
