@@ -64,10 +64,10 @@ class Awaited {
     if (state == "armed" || state == "countdown") return std::nullopt;
     const auto last = last_id(status);
     if (!run_.empty()) {
-      return last == run_ ? exit_code_of(status["last_run"]) : ended_before();
+      return last == run_ ? of_last(status["last_run"]) : ended_before();
     }
-    if (last != last_before_) return exit_code_of(status["last_run"]);  // all of it between two looks
-    if (was_armed_) return kRefused;                                    // nobody gave the second act
+    if (last != last_before_) return of_last(status["last_run"]);  // all of it between two looks
+    if (was_armed_) return kRefused;                               // nobody gave the second act
     if (state == "faulted") {
       said_ = "the rig is faulted: no run can begin before isorig reset";
       return kTripped;
@@ -78,6 +78,14 @@ class Awaited {
   [[nodiscard]] const std::string& said() const { return said_; }
 
  private:
+  int of_last(const json& last_run) {
+    const int code = exit_code_of(last_run);
+    if (code == kDataLost)
+      said_ = "run " + last_run.value("id", "") + " is done, and not all of it is recorded: " + lost_words(last_run) +
+              "; isorig show " + last_run.value("id", "");
+    return code;
+  }
+
   /// The status knows the open run and the last one of this isorigd; the runs before that are in the catalogue, also
   /// those of an isorigd before this one.
   std::optional<int> ended_before() {
@@ -93,7 +101,8 @@ class Awaited {
       if (state == "running") return std::nullopt;  // opened between the status and this
       const auto fault = run.value("fault", "");
       said_ = "run " + run_ + ": " + state + (state == "done" || fault.empty() ? "" : ", " + fault);
-      // Of a run that is done no record was dropped: its recorder's fault would have made it "failed".
+      // Its recorder dropped nothing, or it would have failed; what the devices never sent is in its recording alone.
+      if (state == "done") said_ += "; whether samples are missing is not in the list of runs: isorig show " + run_;
       return exit_code_of({{"outcome", state}});
     }
     said_ = "run " + run_ + " is not among the " + std::to_string(runs.size()) + " newest of the " +

@@ -69,13 +69,22 @@ Said judge_device(const nlohmann::json& link) {
   return said;
 }
 
+std::string lost_words(const nlohmann::json& last_run) {
+  std::string out;
+  for (const auto& [count, words] :
+       {std::pair{"missing_samples", "samples never came"}, std::pair{"lost_messages", "messages were lost"},
+        std::pair{"dropped_records", "records were dropped"}}) {
+    if (number(last_run, count) > 0.0)
+      out += (out.empty() ? "" : ", ") + formatted("%.0f %s", number(last_run, count), words);
+  }
+  return out;
+}
+
 int exit_code_of(const nlohmann::json& last_run) {
   const auto outcome = last_run.value("outcome", "");
   if (outcome == "failed") return kTripped;
   if (outcome != "done") return kFailure;
-  for (const char* count : {"missing_samples", "lost_messages", "dropped_records"})
-    if (number(last_run, count) > 0.0) return kDataLost;
-  return kOk;
+  return lost_words(last_run).empty() ? kOk : kDataLost;
 }
 
 }  // namespace isorig::cli

@@ -23,8 +23,10 @@ inline constexpr double kLateShare[] = {1e-3, 5e-2};
 [[nodiscard]] Said judge_loop(const nlohmann::json& loop);
 /// A device's link of the status: connection, bound of its clock, what was lost.
 [[nodiscard]] Said judge_device(const nlohmann::json& link);
-/// The exit code for a run that has ended, from the status' `last_run`: its outcome, and whether records of this very
-/// run were dropped. The status' own count is of all that isorigd has dropped since it was started.
+/// What of a run that has ended is not recorded, from the status' `last_run`: "9449 samples never came"; "" where
+/// nothing is missing. The status' own counts are of all that isorigd has lost since it was started.
+[[nodiscard]] std::string lost_words(const nlohmann::json& last_run);
+/// The exit code for that run: its outcome, and whether anything of it was lost.
 [[nodiscard]] int exit_code_of(const nlohmann::json& last_run);
 /// "31.9 ms", "240 us"
 [[nodiscard]] std::string microseconds_text(double us);

@@ -67,6 +67,7 @@ class Exporter : public RowSource {
       }
     }
     std::vector<isorig_msgs::session_t> all;
+    all.reserve(planned.size());
     for (const auto& [index, s] : planned) all.push_back(s);
     names_.emplace(all);
   }

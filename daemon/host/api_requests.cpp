@@ -183,7 +183,7 @@ Request jog_request(const std::string& body) {
 
 std::string accepting_operator(const std::string& body) {
   const Body b("/v1/accept-rig", body, {"operator"});
-  const auto name = b.line("operator", "");
+  auto name = b.line("operator", "");
   if (base::is_blank(name)) b.fail("`operator` says who accepts the rig file, and is missing");
   return name;
 }

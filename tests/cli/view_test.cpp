@@ -197,6 +197,9 @@ TEST(ProgressText, SaysTheTimeLeftOnceItCanBeKnownAndFits) {
 
 TEST(ExitCode, IsThatOfTheRunAndNotOfAllThatTheDaemonHasSeen) {
   EXPECT_EQ(exit_code_of({{"outcome", "done"}, {"dropped_records", 0}}), kOk);
+  EXPECT_EQ(lost_words({{"outcome", "done"}, {"dropped_records", 0}, {"missing_samples", 0}}), "");
+  EXPECT_EQ(lost_words({{"missing_samples", 9449}, {"lost_messages", 0}, {"dropped_records", 2}}),
+            "9449 samples never came, 2 records were dropped");
   for (const char* lost : {"dropped_records", "missing_samples", "lost_messages"})
     EXPECT_EQ(exit_code_of({{"outcome", "done"}, {lost, 3}}), kDataLost) << lost;
   EXPECT_EQ(exit_code_of({{"outcome", "failed"}, {"dropped_records", 3}}), kTripped);
