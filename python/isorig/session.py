@@ -199,6 +199,10 @@ class Session:
         end = np.append(start[1:], end_ns)[:len(start)].astype(np.int64)
         complete = np.ones(len(begun), dtype=np.int64)
         complete[-1:] = self.complete
+        # What is recorded behind the session.end is the venting.
+        told = [each.mono_ns for each in self.events if each.code == "session.end"]
+        if told and not (self.complete and end_ns < told[-1]):
+            end[-1:], complete[-1:] = told[-1], 1
         kind = np.array([each.kind for each in done], dtype=str)
         from_mm, to_mm, velocity_mm_s, pressure_psi = (
             np.array([getattr(each, column) for each in done], dtype=np.float64)
