@@ -228,7 +228,7 @@ void add_quality(Page& page, const RunPage& all) {
     items.emplace_back("Loop: virtual time has no wake-ups that could be late.");
   } else {
     items.push_back("Loop: " + std::to_string(e.overruns) + " overruns, worst wake-up " +
-                    short_time_text(e.worst_wakeup_ns * 1e-3) + ", worst turn " +
+                    short_time_text(static_cast<double>(e.worst_wakeup_ns) * 1e-3) + ", worst turn " +
                     short_time_text(e.worst_run_ns * 1e-3) + ".");
   }
   if (e.sync_edges > 0)

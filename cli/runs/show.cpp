@@ -221,7 +221,7 @@ void print_text(const FoundRun& found, const daemon::RunTally& s, const messages
   stream("frame", s.frames);
   stream("pressure", s.pressures);
   std::printf("  loop     %lld overruns, worst wake-up %.0f us, worst run %.0f us\n",
-              static_cast<long long>(s.overruns), s.worst_wakeup_ns * 1e-3, s.worst_run_ns * 1e-3);
+              static_cast<long long>(s.overruns), static_cast<double>(s.worst_wakeup_ns) * 1e-3, s.worst_run_ns * 1e-3);
   const std::int64_t start_ns = s.marks.empty() ? s.first_sample_ns : s.marks.front().mono_ns;
   print_sessions(s, start_ns);
   print_events(s, start_ns, all_events);

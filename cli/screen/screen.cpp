@@ -121,10 +121,11 @@ void value_lines(Lines& out, const nlohmann::json& s, const StatusContext& conte
   out.add(formatted("  position  %9.4f mm  (target %.4f)", s.value("position_mm", 0.0), s.value("target_mm", 0.0)) +
               frame_age,
           tone(frame_age));
-  out.add(formatted("  pressure  %9.3f psi (set-point %.2f, fill %d, vent %d permille)", s.value("pressure_psi", 0.0),
-                    s.value("setpoint_psi", 0.0), s.value("fill_permille", 0), s.value("vent_permille", 0)) +
-              pressure_age,
-          tone(pressure_age));
+  const double pressure_psi = s.value("pressure_psi", 0.0), setpoint_psi = s.value("setpoint_psi", 0.0);
+  const auto path = s.value("sealed", false) ? formatted("(SEALED, both valves shut; was %.2f)", setpoint_psi)
+                                             : formatted("(set-point %.2f, fill %d, vent %d permille)", setpoint_psi,
+                                                         s.value("fill_permille", 0), s.value("vent_permille", 0));
+  out.add(formatted("  pressure  %9.3f psi ", pressure_psi) + path + pressure_age, tone(pressure_age));
 }
 
 void interlock_lines(Lines& out, const nlohmann::json& interlock) {

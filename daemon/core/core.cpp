@@ -44,8 +44,10 @@ void Core::tick(std::int64_t now_ns, std::int64_t late_ns, std::int64_t last_run
   read_interlock();
   read_frame();
   read_pressure();
-  // What the device did with commands that ran out while we were away is not the sensor's fault.
-  if (static_cast<double>(late_ns) > 1e9 * config_.supervisor.late_tick_max_s) guard_.restart();
+  // What the device did with commands that ran out while we were away is not the sensor's fault, and the readings of
+  // that time are still coming in.
+  if (static_cast<double>(late_ns) > 1e9 * config_.supervisor.late_tick_max_s)
+    guard_.restart(now_ns + PressureGuard::kDelayNs);
   take_requests(now_ns);
   supervise(now_ns);
   step_plan(now_ns);
@@ -101,6 +103,7 @@ void Core::read_frame() noexcept {
     seen_.segment_id = report.state.segment_id;
     frame_segment_id_ = report.state.segment_id;
     moving_ = report.state.motion == frame::Motion::kMoving;
+    if (seen_.segment_reached) commanded_velocity_mm_s_ = 0.0;
   }
   clock::Exchange exchange;
   while (frame_.exchanges.pop(exchange)) {
@@ -289,6 +292,7 @@ bool Core::move_to(std::int64_t now_ns, std::uint16_t id, double target_mm, doub
   segment.id = id;
   segment.target_mm = static_cast<float>((target_mm - cal.position_offset_mm) / cal.position_scale);
   segment.velocity_mm_s = static_cast<float>(velocity_mm_s / std::abs(cal.position_scale));
+  commanded_target_mm_ = target_mm;
   commanded_velocity_mm_s_ = std::copysign(velocity_mm_s, target_mm - seen_.position_mm);
   ++segments_commanded_;
   supervisor_.on_segment(segment, segments_commanded_, raw_position_mm_, now_ns);
@@ -328,18 +332,19 @@ void Core::hand_off(std::int64_t now_ns) noexcept {
   c.pressure_psi = static_cast<float>(pressure_psi_);
   c.fill_permille = loop_.command().fill_permille;
   c.vent_permille = loop_.command().vent_permille;
+  const bool by_plan = cursor_ && run_open_ && run_begun_;
+  c.target_mm = static_cast<float>(by_plan ? cursor_->action().segment.target_mm : commanded_target_mm_);
+  c.velocity_mm_s = static_cast<float>(commanded_velocity_mm_s_);
   c.position_mm = static_cast<float>(seen_.position_mm);
   c.force_N = static_cast<float>(seen_.force_N);
   c.ticks = ticks_;
   c.overruns = overruns_;
   c.worst_wakeup_ns = static_cast<std::uint32_t>(std::min<std::int64_t>(worst_wakeup_ns_, UINT32_MAX));
   c.worst_run_ns = static_cast<std::uint32_t>(std::min<std::int64_t>(worst_run_ns_, UINT32_MAX));
-  if (cursor_ && run_open_ && run_begun_) {
+  if (by_plan) {
     const auto progress = cursor_->progress(now_ns);
     c.progress = static_cast<float>(progress.fraction);
     c.remaining_s = static_cast<float>(progress.remaining_s);
-    c.target_mm = static_cast<float>(cursor_->action().segment.target_mm);
-    c.velocity_mm_s = static_cast<float>(commanded_velocity_mm_s_);
     now_.session = cursor_->session();
     now_.repetition = plan_->steps[step_].repetition;
   }
@@ -348,6 +353,7 @@ void Core::hand_off(std::int64_t now_ns) noexcept {
   now_.run_loaded = run_open_;
   now_.outcome = outcome_;
   now_.stopped = is_stopped(now_ns);
+  now_.sealed = loop_.is_shut();
   now_.vented_fault = vented_fault_;
   now_.operator_left_s = static_cast<float>(operator_left_s(now_ns));
   now_.zero_confirmed = zero_epoch_ != 0 && zero_epoch_ == confirmed_zero_;

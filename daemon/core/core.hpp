@@ -304,7 +304,8 @@ class Core {
   std::uint32_t force_new_ = 0;
   double setpoint_psi_ = -1.0;
   bool regaining_ = false;  ///< as the cursor was when it was last asked
-  double commanded_velocity_mm_s_ = 0.0;
+  double commanded_target_mm_ = 0.0;
+  double commanded_velocity_mm_s_ = 0.0;  // 0 from when the crosshead is there, or is told to stop
   bool moving_ = false;
   std::uint32_t stops_requested_ = 0;
   std::uint32_t zero_epoch_ = 0, confirmed_zero_ = 0;

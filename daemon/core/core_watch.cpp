@@ -75,7 +75,6 @@ bool Core::take_trips(std::int64_t now_ns, const TripList& found) noexcept {
   const Trip late = found.of("loop.late");
   const Trip first = late.severity >= Severity::kProgramStop ? late : found.worst();
   if (state_ != RunState::kFaulted && first.severity >= Severity::kProgramStop) {
-    clear_faults();
     trip_over(now_ns, first);
     fresh = true;
   }
@@ -117,7 +116,8 @@ void Core::trip_over(std::int64_t now_ns, const Trip& trip) noexcept {
   FixedText<400> words(buffer);
   describe(now_ns, trip, words);
   if (state_ != RunState::kFaulted) {
-    clear_faults();
+    // An abort of a run that a fault held has reset nothing: what comes while it vents stands behind that fault.
+    if (state_ != RunState::kStopping) clear_faults();
     FixedText text(now_.fault);
     text << trip.code << ": " << std::string_view(buffer);
     if (trip.threshold != 0.0) text << " (" << trip.value << ", limit " << trip.threshold << ")";

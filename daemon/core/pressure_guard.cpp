@@ -68,7 +68,8 @@ PressureGuard::Duties PressureGuard::duties_before(std::int64_t mono_ns) noexcep
   return all;
 }
 
-void PressureGuard::restart() noexcept {
+void PressureGuard::restart(std::int64_t judged_from_ns) noexcept {
+  judged_from_ns_ = judged_from_ns;
   last_ns_ = -1;
   short_psi_ = over_psi_ = fed_in_vain_psi_ = drained_in_vain_psi_ = hold_s_ = 0.0;
   fill_used_s_ = 0.0;
@@ -82,7 +83,7 @@ void PressureGuard::raise(const char* code, const char* what, double value, doub
 
 void PressureGuard::on_reading(std::int64_t mono_ns, double pressure_psi, double crosshead_velocity_mm_s,
                                bool is_holding) noexcept {
-  if (!std::isfinite(pressure_psi)) return;
+  if (!std::isfinite(pressure_psi) || mono_ns < judged_from_ns_) return;
   const double dt_s = static_cast<double>(mono_ns - last_ns_) * 1e-9;
   if (last_ns_ >= 0 && dt_s <= 0.0) return;
   const bool is_first = last_ns_ < 0 || dt_s > kLongestGapS;

@@ -60,8 +60,9 @@ class PressureGuard {
   void on_command(std::int64_t mono_ns, const pressure::Command& command) noexcept;
   /// A valid, fresh reading. `is_holding`: the loop has it where it wants it.
   void on_reading(std::int64_t mono_ns, double pressure_psi, double crosshead_velocity_mm_s, bool is_holding) noexcept;
-  /// Sets all sums to zero: the device was away, or an operator has reset.
-  void restart() noexcept;
+  /// Sets all sums to zero: the device was away, or an operator has reset. Readings from before `judged_from_ns` are
+  /// not judged: nobody knows what the device did with its valves then.
+  void restart(std::int64_t judged_from_ns = -1) noexcept;
 
   /// The first doubt since restart(); it stays.
   [[nodiscard]] const PressureDoubt& doubt() const noexcept { return doubt_; }
@@ -104,6 +105,7 @@ class PressureGuard {
   std::array<Duties, kSlots> taken_from_{};  // of the slots from its own to the one before split_
   std::int64_t split_ = -1, taken_first_ = -1, taken_last_ = -1;
 
+  std::int64_t judged_from_ns_ = -1;
   std::int64_t last_ns_ = -1;
   double last_psi_ = 0.0;
   double slow_psi_ = 0.0;  // a second behind

@@ -98,6 +98,8 @@ class PressureLoop {
   [[nodiscard]] double settled_for_s(std::int64_t mono_ns) const noexcept;
   /// In control, and the reading within the tolerance of the target.
   [[nodiscard]] bool is_holding() const noexcept { return mode_ == Mode::kControl && settled_since_ns_ >= 0; }
+  /// Both valves are kept shut: nothing is regulated.
+  [[nodiscard]] bool is_shut() const noexcept { return mode_ == Mode::kShut; }
   /// The set-point cannot be reached (see the configuration).
   [[nodiscard]] bool unreachable() const noexcept { return unreachable_; }
   [[nodiscard]] const pressure::Command& command() const noexcept { return command_; }

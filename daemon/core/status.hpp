@@ -49,6 +49,7 @@ struct LoopStatus {
   /// No run is open, and crosshead and vented actuator are seen to be at rest; with a latched fault the crosshead was
   /// given 2 s to.
   bool stopped = false;
+  bool sealed = false;            ///< both valves are kept shut: the pressure is regulated by nobody
   bool vented_fault = false;      ///< the fault's reaction was the safe state
   bool zero_confirmed = false;    ///< the frame's zero, since the frame was started
   float operator_left_s = -1.0F;  ///< armed: for the second act; countdown: to the motion; setup: until it is left

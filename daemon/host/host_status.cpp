@@ -90,12 +90,19 @@ json operator_and_state_json(const Status& s, const RigConfig& rig) {
 }
 
 json measured_and_commanded_json(const Status& s) {
-  return {{"position_mm", s.control.position_mm},     {"force_N", s.control.force_N},
-          {"pressure_psi", s.control.pressure_psi},   {"frame_age_s", s.frame_age_s},
-          {"pressure_age_s", s.pressure_age_s},       {"setpoint_psi", s.control.setpoint_psi},
-          {"fill_permille", s.control.fill_permille}, {"vent_permille", s.control.vent_permille},
-          {"target_mm", s.control.target_mm},         {"velocity_mm_s", s.control.velocity_mm_s},
-          {"progress", s.control.progress},           {"remaining_s", s.control.remaining_s}};
+  return {{"position_mm", s.control.position_mm},
+          {"force_N", s.control.force_N},
+          {"pressure_psi", s.control.pressure_psi},
+          {"frame_age_s", s.frame_age_s},
+          {"pressure_age_s", s.pressure_age_s},
+          {"setpoint_psi", s.control.setpoint_psi},
+          {"fill_permille", s.control.fill_permille},
+          {"vent_permille", s.control.vent_permille},
+          {"sealed", s.sealed},
+          {"target_mm", s.control.target_mm},
+          {"velocity_mm_s", s.control.velocity_mm_s},
+          {"progress", s.control.progress},
+          {"remaining_s", s.control.remaining_s}};
 }
 
 json health_json(const Status& s, const RigConfig& rig) {

@@ -70,7 +70,10 @@ double Catalogue::recorded_by_killed(const RunRow& row) const {
 }
 
 RunRow Catalogue::settle_state(RunRow row) const {
-  if (row.state == "running" && !RunLock::is_held(row.directory)) {
+  if (row.state == "running" && !RunLock::can_tell(row.directory)) {
+    row.state = "unknown";
+    row.fault = "its folder is not there, or may not be read: whether it goes on is not known here (isorig status)";
+  } else if (row.state == "running" && !RunLock::is_held(row.directory)) {
     row.state = "interrupted";
     row.fault = kInterruptedFault;
     row.recorded_s = std::max(row.recorded_s, recorded_by_killed(row));
@@ -134,7 +137,7 @@ std::optional<RunRow> Catalogue::find_run(const std::string& id_or_prefix) const
 
 std::vector<SessionRow> Catalogue::sessions_of(const std::string& id) const {
   const std::lock_guard hold(mutex_);
-  const bool alive = RunLock::is_held(root_ / id);
+  const bool is_over = RunLock::can_tell(root_ / id) && !RunLock::is_held(root_ / id);
   std::vector<SessionRow> rows;
   Statement all(db_,
                 "SELECT session, repetition, pressure_psi, label, state, attempt, first_mono_ns, last_mono_ns, segment "
@@ -151,7 +154,7 @@ std::vector<SessionRow> Catalogue::sessions_of(const std::string& id) const {
     r.first_mono_ns = all.integer(6);
     r.last_mono_ns = all.integer(7);
     r.segment = all.text(8);
-    if (r.state == "running" && !alive) r.state = "interrupted";
+    if (r.state == "running" && is_over) r.state = "interrupted";
     rows.push_back(std::move(r));
   }
   return rows;

@@ -214,4 +214,11 @@ bool RunLock::is_held(const std::filesystem::path& run_dir) {
   return held;
 }
 
+bool RunLock::can_tell(const std::filesystem::path& run_dir) {
+  std::error_code error;
+  if (!std::filesystem::is_directory(run_dir, error)) return false;
+  const auto lock = lock_file(run_dir);
+  return ::access(lock.c_str(), R_OK) == 0 || errno == ENOENT;
+}
+
 }  // namespace isorig::daemon

@@ -56,6 +56,8 @@ class RunLock {
   RunLock(const RunLock&) = delete;
   RunLock& operator=(const RunLock&) = delete;
   [[nodiscard]] static bool is_held(const std::filesystem::path& run_dir);
+  /// Whether is_held() says anything: false where the directory is not there, or its lock may not be looked at.
+  [[nodiscard]] static bool can_tell(const std::filesystem::path& run_dir);
 
  private:
   int fd_ = -1;

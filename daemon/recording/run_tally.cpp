@@ -43,6 +43,9 @@ void RunTally::event(const isorig_msgs::event_t& m) {
   events.push_back(m);
   events.back().mono_ns = rig_ns(m.mono_ns);
   event_shift_ns.push_back(shift_ns_);
+  constexpr double kMost_s = 1e9;  // of what a recording may claim
+  if (m.code == "loop.late" && m.value > 0.0 && m.value < kMost_s)
+    worst_wakeup_ns = std::max(worst_wakeup_ns, static_cast<std::int64_t>(1e9 * m.value));
 }
 
 void RunTally::samples_span(std::int64_t from_ns, std::int64_t to_ns) {
@@ -100,7 +103,7 @@ void RunTally::control(const isorig_msgs::control_batch_t& m) {
     if (!has_overruns_) overruns_before_ = m.samples[i].overruns;
     has_overruns_ = true;
     overruns = std::max(overruns, overruns_of_attempts_ + m.samples[i].overruns - overruns_before_);
-    worst_wakeup_ns = std::max(worst_wakeup_ns, m.samples[i].worst_wakeup_ns);
+    worst_wakeup_ns = std::max(worst_wakeup_ns, std::int64_t{m.samples[i].worst_wakeup_ns});
     worst_run_ns = std::max(worst_run_ns, m.samples[i].worst_run_ns);
   }
 }

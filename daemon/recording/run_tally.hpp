@@ -63,7 +63,9 @@ struct RunTally : messages::RunVisitor {
   Stream frames, pressures;
   std::uint64_t exchange_count = 0;
   std::int64_t overruns = 0;  ///< within the run: the loop counts since the daemon began
-  std::int32_t worst_wakeup_ns = 0, worst_run_ns = 0;
+  /// The controller's samples hold 2.1 s at most; how late a later one came stands in its `loop.late`.
+  std::int64_t worst_wakeup_ns = 0;
+  std::int32_t worst_run_ns = 0;
 
  protected:
   /// Rig time of a recorded one.

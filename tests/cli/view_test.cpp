@@ -175,6 +175,19 @@ TEST_F(ViewTest, CutsBetweenCharacters) {
   EXPECT_EQ(cut("x", 0), "");
 }
 
+TEST(Status, ASealedChamberIsNotCalledRegulated) {
+  auto status = running();
+  status.update({{"state", "paused"}, {"pressure_psi", 9.98}, {"setpoint_psi", 10.0}, {"sealed", true}});
+  const auto text = [&] {
+    std::string all;
+    for (const auto& line : status_lines(status)) all += line.text + "\n";
+    return all;
+  };
+  EXPECT_THAT(text(), HasSubstr("9.980 psi (SEALED, both valves shut; was 10.00)"));
+  status["sealed"] = false;
+  EXPECT_THAT(text(), AllOf(HasSubstr("(set-point 10.00, fill 0, vent 0 permille)"), Not(HasSubstr("SEALED"))));
+}
+
 TEST(ProgressText, SaysTheTimeLeftOnceItCanBeKnownAndFits) {
   EXPECT_THAT(progress_text("run", 0.25, 28.0, 30.0, "2 h 00 min of rig time", 120),
               HasSubstr("25.0 %, 30.0 s so far, about 1 min 22 s left: 2 h 00 min of rig time"));

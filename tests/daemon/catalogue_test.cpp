@@ -184,6 +184,13 @@ TEST(Catalogue, ARunWhoseDaemonWasKilledIsInterruptedAndCanGoOn) {
     EXPECT_EQ(watching.find_run("killed")->state, "running");
     EXPECT_THAT([&] { (void)watching.inputs_of("killed"); },
                 ThrowsMessage<std::runtime_error>(HasSubstr("still running")));
+    // Moved aside while it is written: nobody can see its lock there.
+    std::filesystem::rename(root.path() / "killed", root.path() / "moved");
+    EXPECT_EQ(watching.find_run("killed")->state, "unknown");
+    EXPECT_THAT(watching.find_run("killed")->fault, HasSubstr("folder is not there"));
+    EXPECT_EQ(watching.sessions_of("killed")[1].state, "running");
+    std::filesystem::rename(root.path() / "moved", root.path() / "killed");
+    EXPECT_EQ(watching.find_run("killed")->state, "running");
   }
   ASSERT_EQ(::kill(child, SIGKILL), 0);
   ASSERT_EQ(::waitpid(child, nullptr, 0), child);

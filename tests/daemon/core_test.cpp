@@ -282,6 +282,21 @@ TEST_F(TripTest, AStalledDaemonBlamesItselfAndNotTheFrame) {
   EXPECT_EQ(event("stale.frame"), nullptr);
 }
 
+TEST_F(TripTest, AFaultWhileAnAbortVentsStandsBehindTheFaultThatHeldTheRun) {
+  start(kHold);
+  ASSERT_TRUE(run_until(20.0, [&] { return std::abs(virtual_rig->rig().truth().pressure_psi - 10.0) < 0.05; }));
+  virtual_rig->core().tick(virtual_rig->now_ns() + 1, 400'000'000, 0);
+  ASSERT_TRUE(reach(RunState::kFaulted, 0.1));
+  ASSERT_TRUE(ask(Verb::kAbort).accepted);
+  ASSERT_EQ(virtual_rig->core().state(), RunState::kStopping);
+  virtual_rig->rig().interlock().estop_closed = false;
+  expect_trip("interlock.estop", Severity::kSafeState, 0.2);
+  const auto s = virtual_rig->core().status();
+  ASSERT_GE(s.fault_count, 2U);
+  EXPECT_STREQ(s.faults[0].code, "loop.late");
+  EXPECT_STREQ(s.faults[1].code, "interlock.estop");
+}
+
 TEST_F(TripTest, AnAnswerThatIsMissingOnceIsNoFault) {
   start(kHold);
   run_for(3.0);

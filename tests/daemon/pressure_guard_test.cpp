@@ -226,5 +226,26 @@ TEST(PressureLoopBounds, AReadingThatDiedAtTheSetPointMovesNoValve) {
   }
 }
 
+/// The process was stopped for 3 s while 10 psi were held; the vent is open since, and what the kernel kept comes in.
+TEST_F(GuardTest, ReadingsOfASilenceAreNotJudgedByTheCommandsBehindIt) {
+  const auto readings_of_a_silence = [&](bool is_told) {
+    EXPECT_LT(run(1.0, kShut, stands_at(10.0)), 0.0);
+    const std::int64_t stopped_ns = now_ns, woken_ns = now_ns + 3000 * kMs;
+    guard.restart(is_told ? woken_ns : -1);
+    for (std::int64_t i = 1; i <= 300; ++i) {
+      guard.on_command(woken_ns + i * kMs, kVent);
+      guard.on_reading(stopped_ns + i * 10 * kMs, 10.0, 0.0, false);
+    }
+    now_ns = woken_ns + 300 * kMs;
+    return code();
+  };
+  EXPECT_EQ(readings_of_a_silence(true), "");
+  // What is read from then on is judged again.
+  EXPECT_GT(run(0.5, kVent, stands_at(10.0)), 0.0);
+  EXPECT_EQ(code(), "pressure.no_vent");
+  guard = PressureGuard(config, 24.0);
+  EXPECT_EQ(readings_of_a_silence(false), "pressure.no_vent") << "without the word of a silence";
+}
+
 }  // namespace
 }  // namespace isorig::daemon

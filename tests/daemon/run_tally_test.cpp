@@ -162,6 +162,12 @@ TEST(RunTally, KeepsTheWorstOfTheLoop) {
   EXPECT_EQ(tally.overruns, 1) << "the loop had one before the run";
   EXPECT_EQ(tally.worst_wakeup_ns, 900);
   EXPECT_EQ(tally.worst_run_ns, 50);
+  // A sample ends at 2.1 s, the event does not.
+  event_t late{};
+  late.code = "loop.late";
+  late.value = 5.0;
+  tally.event(late);
+  EXPECT_EQ(tally.worst_wakeup_ns, 5'000'000'000);
 }
 
 TEST(RunTally, ASeverityOutOfRangeHasNoName) {

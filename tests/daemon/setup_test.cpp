@@ -86,6 +86,28 @@ TEST_F(SetupTest, AJogIsSlowAndEndsWhereItWasTold) {
   EXPECT_LT(virtual_rig->core().status().control.pressure_psi, 0.3F);
 }
 
+TEST_F(SetupTest, TheStatusHasTheTargetOfTheJogAndItsVelocityWhileItMoves) {
+  start(R"(  { do = "pressurize", pressure_psi = 0, rate_psi_s = 8, settled_for_s = 0.2, timeout_s = 20 },
+  { do = "ramp", to_mm = 3, velocity_mm_s = 1 },
+  { do = "hold", duration_s = 1 },)");
+  ASSERT_TRUE(run_until(10.0, [&] { return virtual_rig->core().status().control.velocity_mm_s != 0.0F; }));
+  EXPECT_EQ(virtual_rig->core().status().control.velocity_mm_s, 1.0F);
+  EXPECT_EQ(virtual_rig->core().status().control.target_mm, 3.0F);
+  ASSERT_TRUE(run_until(10.0, [&] { return virtual_rig->core().status().control.velocity_mm_s == 0.0F; }));
+  EXPECT_NEAR(position_mm(), 3.0, 0.02) << "the hold, at rest";
+  EXPECT_EQ(virtual_rig->core().status().control.target_mm, 3.0F);
+  ASSERT_TRUE(run_until(10.0, [&] { return virtual_rig->core().outcome() == Outcome::kDone; }));
+  ASSERT_TRUE(reach(RunState::kReady, 5.0));
+  enter();
+  ASSERT_TRUE(jog(2.0, false, 0.5).accepted);
+  run_for(0.5);
+  EXPECT_EQ(virtual_rig->core().status().control.target_mm, 2.0F);
+  EXPECT_EQ(virtual_rig->core().status().control.velocity_mm_s, -0.5F);
+  run_for(5.0);
+  EXPECT_EQ(virtual_rig->core().status().control.target_mm, 2.0F);
+  EXPECT_EQ(virtual_rig->core().status().control.velocity_mm_s, 0.0F);
+}
+
 TEST_F(SetupTest, OnlyInSetupOnlySlowlyOnlyInsideTheLimits) {
   ASSERT_TRUE(reach(RunState::kReady, 5.0));
   expect_refused(jog(1.0, false), "in setup only");

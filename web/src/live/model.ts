@@ -31,6 +31,8 @@ export interface Status {
   frame_age_s: number;
   pressure_age_s: number;
   setpoint_psi: number;
+  /** Both valves are kept shut: nothing regulates the pressure. */
+  sealed: boolean;
   fill_permille: number;
   vent_permille: number;
   target_mm: number;

@@ -51,7 +51,7 @@ function Values({ model }: { model: Model }) {
         <p>{moves(s, model.plan) ? `to ${value(s.target_mm, 3)} at ${number(Math.abs(s.velocity_mm_s), 3)} mm/s` : `target ${value(s.target_mm, 3)}`}</p>
       </Reading>
       <Reading name="pressure" unit="psi" value={value(s.pressure_psi, 2)} age_s={readingAge_s(s.pressure_age_s, status_age_ms)}>
-        <p>set {value(s.setpoint_psi, 2)} · fill {s.fill_permille} ‰ · vent {s.vent_permille} ‰</p>
+        <p>{s.sealed ? `SEALED, both valves shut; was ${value(s.setpoint_psi, 2)}` : `set ${value(s.setpoint_psi, 2)}`} · fill {s.fill_permille} ‰ · vent {s.vent_permille} ‰</p>
       </Reading>
     </div>
   );
