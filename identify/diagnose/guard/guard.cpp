@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <boost/math/distributions/binomial.hpp>
 #include <cmath>
 #include <limits>
 
@@ -19,39 +20,80 @@ std::string in_four_digits(double value) {
   return base::number_text(value, 4);
 }
 
-void find_outliers(const messages::FrameSamples& frame, const ChannelQuality& quality, Guarded& out) {
+constexpr std::size_t kHalf = 4;  // of the nine readings that an outlier is compared with
+
+/// Distance of a reading from the median of the nine round it.
+double off_median(const std::vector<double>& f, std::size_t k, std::array<double, 2 * kHalf + 1>& near) {
+  const std::size_t from = std::clamp<std::size_t>(k, kHalf, f.size() - kHalf - 1) - kHalf;
+  std::copy_n(f.begin() + static_cast<std::ptrdiff_t>(from), near.size(), near.begin());
+  const double median = base::quantile_in_place(near, 0.5);
+  for (std::size_t j = 0; j < near.size(); ++j) near[j] = std::fabs(f[from + j] - median);
+  return std::fabs(f[k] - median);
+}
+
+/// Where the crosshead's velocity changes by a tenth of its largest within three readings on either side.
+std::vector<bool> corners_of_motion(const std::vector<double>& t_s, const std::vector<double>& position_mm) {
+  constexpr std::size_t kReadings = 3;
+  constexpr double kShare = 0.1;
+  const std::size_t n = t_s.size();
+  const auto velocity = [&](std::size_t from) {
+    return (position_mm[from + kReadings] - position_mm[from]) / (t_s[from + kReadings] - t_s[from]);
+  };
+  std::vector<bool> corners(n, false);
+  if (n < 2 * kReadings + 3) return corners;
+  double fastest_mm_s = 0.0;
+  for (std::size_t k = 0; k + kReadings < n; ++k) fastest_mm_s = std::max(fastest_mm_s, std::fabs(velocity(k)));
+  for (std::size_t k = kReadings + 1; k + kReadings + 1 < n; ++k)
+    corners[k] = std::fabs(velocity(k + 1) - velocity(k - kReadings - 1)) > kShare * fastest_mm_s;
+  return corners;
+}
+
+/// A mass that is accelerated, a play that closes, make forces for a reading or two where the motion turns. Jumps that
+/// stand at corners of the motion more often than chance would have it are the machine's own, not the channel's.
+void keep_what_the_motion_makes(const messages::FrameSamples& frame, const ChannelQuality& position,
+                                std::vector<std::size_t>& rows, Guarded& out) {
+  const auto corners = corners_of_motion(frame.t_s, without_spikes(frame.t_s, frame.position_mm, position).reading_mm);
+  const auto at = static_cast<double>(std::ranges::count_if(rows, [&](std::size_t k) { return corners[k]; }));
+  const double share = static_cast<double>(std::ranges::count(corners, true)) /
+                       static_cast<double>(std::max<std::size_t>(1, corners.size()));
+  if (at < 2.0 || share <= 0.0 || share >= 1.0) return;
+  const boost::math::binomial by_chance(static_cast<double>(rows.size()), share);
+  if (cdf(complement(by_chance, at - 1.0)) > deciding().outliers_at_corners_chance) return;
+  std::erase_if(rows, [&](std::size_t k) {
+    if (corners[k]) out.usable[k] = true;
+    return corners[k];
+  });
+}
+
+void find_outliers(const messages::FrameSamples& frame, const RecordingQuality& of, Guarded& out) {
   const auto& t = frame.t_s;
   const auto& f = frame.force_N;
+  const ChannelQuality& quality = of.force;
   const std::size_t n = f.size();
   const auto [low, high] = std::minmax_element(f.begin(), f.end());
   // Simulated force may have no noise at all: then only what stands out of its range can be a fault.
   const double noise = std::max({quality.noise, quality.rounding(), 1e-4 * (*high - *low), 1e-9});
-  const Spikes spikes = find_spikes(t, f, noise, out.usable);
-  std::size_t count = spikes.rows.size();
-  double first = count > 0 ? t[spikes.rows.front()] : 0.0, last = count > 0 ? t[spikes.rows.back()] : 0.0;
-  double largest = spikes.largest;
+  std::vector<std::size_t> rows = find_spikes(t, f, noise, out.usable).rows;
   // Several close together hide each other from their neighbours, not from the median of nine. The limit
   // grows with the spread within the nine, so that steep motion is not taken for a fault.
-  constexpr std::size_t kHalf = 4;
   std::array<double, 2 * kHalf + 1> near{};
   for (std::size_t k = kHalf; k + kHalf < n; ++k) {
     if (!out.usable[k]) continue;
-    for (std::size_t j = 0; j < near.size(); ++j) near[j] = f[k - kHalf + j];
-    const double median = base::quantile_in_place(near, 0.5), away = std::fabs(f[k] - median);
+    const double away = off_median(f, k, near);
     if (away < deciding().outlier_noises * noise) continue;
-    for (std::size_t j = 0; j < near.size(); ++j) near[j] = std::fabs(f[k - kHalf + j] - median);
     if (away < deciding().outlier_ratio * base::quantile_in_place(near, 0.5)) continue;
     out.usable[k] = false;
-    first = count == 0 ? t[k] : std::min(first, t[k]);
-    last = std::max(last, t[k]);
-    largest = std::max(largest, away);
-    ++count;
+    rows.push_back(k);
   }
-  if (count > 0)
-    out.faults.push_back({"outliers", first, last, count,
-                          std::to_string(count) +
-                              " force readings jump away from their neighbours and back, by up to " +
-                              in_four_digits(largest) + " N; left out"});
+  std::ranges::sort(rows);
+  keep_what_the_motion_makes(frame, of.position, rows, out);
+  if (rows.empty()) return;
+  double largest = 0.0;
+  for (const std::size_t k : rows) largest = std::max(largest, off_median(f, k, near));
+  out.faults.push_back({"outliers", t[rows.front()], t[rows.back()], rows.size(),
+                        std::to_string(rows.size()) +
+                            " force readings jump away from their neighbours and back, by up to " +
+                            in_four_digits(largest) + " N; left out"});
 }
 
 /// The motion is reconstructed without them (motion/reconstruction.cpp); the force there is as good as elsewhere.
@@ -138,7 +180,7 @@ Guarded guard_recording(const messages::Recording& recording, const RecordingQua
   if (frame.size() < 20) return out;
   find_gaps(frame, out);
   find_frozen(recording, quality, out);
-  find_outliers(frame, quality.force, out);
+  find_outliers(frame, quality, out);
   find_position_outliers(frame, quality.position, out);
   const auto& [noise, step] = quality.force;
   if (step > deciding().coarse_step_noises * noise && step > 0.0)

@@ -10,6 +10,7 @@
 #include <set>
 
 #include "concealed_specimen.hpp"
+#include "identify/diagnose/deciding/deciding.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -89,6 +90,29 @@ TEST(Guard, FindsSingleOutliersAndLeavesOutNoOtherReading) {
   EXPECT_EQ(guarded.faults[0].t_start_s, recording.frame.t_s[*put.begin()]);
   EXPECT_EQ(guarded.faults[0].t_end_s, recording.frame.t_s[*put.rbegin()]);
   EXPECT_NE(guarded.faults[0].text.find("20 force readings"), std::string::npos);
+}
+
+/// At 50 readings a second a mass that starts to move is a reading or two off its neighbours, at each start and stop.
+TEST(Guard, WhatAMassMakesAtTheCornersOfTheMotionIsNoOutlier) {
+  constexpr double kMass_kg = 20.0;
+  messages::Recording heavy =
+      test::record({.force_noise_N = 0.005, .position_noise_mm = 1e-5, .fast_interval_s = 0.02});
+  const auto& [t_s, x_mm] = std::tie(heavy.frame.t_s, heavy.frame.position_mm);
+  for (std::size_t k = 1; k + 1 < heavy.frame.size(); ++k) {
+    const double before_s = t_s[k] - t_s[k - 1], after_s = t_s[k + 1] - t_s[k];
+    if (before_s + after_s > 0.05) continue;  // read seldom: the crosshead rests or creeps
+    const double change_mm_s = (x_mm[k + 1] - x_mm[k]) / after_s - (x_mm[k] - x_mm[k - 1]) / before_s;
+    heavy.frame.force_N[k] += kMass_kg * 1e-3 * change_mm_s / (0.5 * (before_s + after_s));
+  }
+  const Guarded guarded = guard_recording(heavy);
+  EXPECT_TRUE(guarded.faults.empty()) << said(guarded);
+  decide("outliers_at_corners_chance=0");
+  EXPECT_FALSE(guard_recording(heavy).faults.empty()) << "the case is none: nothing stands off its neighbours";
+  decide_as_stated();
+  // Jumps elsewhere are outliers beside it.
+  const std::size_t rest = row_at(heavy, 330.0);
+  heavy.frame.force_N[rest] += 1.0;
+  EXPECT_EQ(lost(guard_recording(heavy)), std::set<std::size_t>{rest});
 }
 
 /// Bursts of two to four readings, one-sided and two-sided, in a ramp and in a hold.
