@@ -70,6 +70,19 @@ model::Reference reference_of_all(std::span<const Series> series) {
   return all;
 }
 
+ModelSpec spec_without(ModelSpec spec, const model::Physics& effect) {
+  for (Part& part : spec.parts) {
+    if (part.physics != &effect || !part.law->traits.replaces_arm) continue;
+    // The linear arm that the law had replaced.
+    Part arm = model::make_part(model::element::maxwell(), model::element::maxwell().laws.front());
+    arm.parameters[0] = part.parameters[0];
+    arm.coefficients[0] = part.coefficients[0];
+    part = std::move(arm);
+  }
+  std::erase_if(spec.parts, [&](const Part& part) { return part.physics == &effect; });
+  return spec;
+}
+
 }  // namespace
 
 bool may_be_tried(const model::Physics& effect, const Hypothesis& base, std::span<const Series> series) {
@@ -181,30 +194,35 @@ std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
         add_events(*effect, law, base, out);
         continue;
       }
-      // Every arm of the nominal model may be the one whose dashpot is not linear.
-      std::vector<std::size_t> replaced{spec.parts.size()};
-      if (law.traits.replaces_arm) {
-        replaced.clear();
-        for (std::size_t i = 0; i < spec.parts.size(); ++i)
-          if (spec.parts[i].physics == &model::element::maxwell()) replaced.push_back(i);
-      }
-      std::size_t starts = 1;
-      for (const auto& parameter : law.parameters) starts = std::max(starts, parameter.starts.size());
-      for (const std::size_t arm : replaced) {
-        for (std::size_t k = 0; k < starts; ++k) {
-          Trial trial{effect, &law, spec, {}};
-          Part part = started_part(*effect, law, k, recording);
-          if (law.traits.replaces_arm) {
-            part.parameters[0] = spec.parts[arm].parameters[0];
-            trial.spec.parts.erase(trial.spec.parts.begin() + static_cast<std::ptrdiff_t>(arm));
-          }
-          trial.spec.parts.push_back(std::move(part));
-          out.push_back(std::move(trial));
-        }
-      }
+      add_started(*effect, law, spec, recording, out);
     }
   }
   return out;
+}
+
+void Search::add_started(const model::Physics& effect, const model::Law& law, const ModelSpec& spec,
+                         const model::Reference& recording, std::vector<Trial>& out) {
+  // Every arm of the nominal model may be the one whose dashpot is not linear.
+  std::vector<std::size_t> replaced{spec.parts.size()};
+  if (law.traits.replaces_arm) {
+    replaced.clear();
+    for (std::size_t i = 0; i < spec.parts.size(); ++i)
+      if (spec.parts[i].physics == &model::element::maxwell()) replaced.push_back(i);
+  }
+  std::size_t starts = 1;
+  for (const auto& parameter : law.parameters) starts = std::max(starts, parameter.starts.size());
+  for (const std::size_t arm : replaced) {
+    for (std::size_t k = 0; k < starts; ++k) {
+      Trial trial{&effect, &law, spec, {}};
+      Part part = started_part(effect, law, k, recording);
+      if (law.traits.replaces_arm) {
+        part.parameters[0] = spec.parts[arm].parameters[0];
+        trial.spec.parts.erase(trial.spec.parts.begin() + static_cast<std::ptrdiff_t>(arm));
+      }
+      trial.spec.parts.push_back(std::move(part));
+      out.push_back(std::move(trial));
+    }
+  }
 }
 
 void Search::add_events(const model::Physics& effect, const model::Law& law, const Hypothesis& base,
@@ -319,22 +337,50 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
   return best;
 }
 
+Hypothesis Search::with_other_laws(const Hypothesis& chosen) const {
+  const model::Reference recording = reference_of_all(series_);
+  const InstrumentResolution resolution = resolution_of(series_);
+  Hypothesis best = chosen;
+  for (const model::Physics* effect : chosen.effects) {
+    const auto has_event = [&](const Part& part) { return part.physics == effect && model::is_event(*part.law); };
+    if (effect->laws.size() < 2 || std::ranges::any_of(best.ls_spec.parts, has_event)) continue;
+    const ModelSpec rest = spec_without(best.ls_spec, *effect);
+    std::vector<Trial> other;
+    for (const model::Law& known : effect->laws) {
+      const model::Law& law = model::law_at(known, rest.length_scale);
+      const bool is_had = std::ranges::any_of(best.ls_spec.parts, [&](const Part& part) { return part.law == &law; });
+      if (is_had || model::is_event(law) || (model::describes_recording(law) && series_.size() > 1)) continue;
+      add_started(*effect, law, rest, recording, other);
+    }
+    for (int round = 0; round < 2; ++round) {
+      base::parallel_for(other.size(), threads_, [&](std::size_t i) {
+        other[i].fit = instrument_problem_.fit(round == 0 ? other[i].spec : other[i].fit.spec, kScreenSteps);
+      });
+      if (round == 0) keep_better_half(other);
+    }
+    std::ranges::stable_sort(other, {}, [](const Trial& t) { return t.fit.chi2; });
+    constexpr std::size_t kTried = 2;
+    other.resize(std::min(other.size(), kTried));
+    std::vector<Hypothesis> settled(other.size());
+    base::parallel_for(other.size(), threads_, [&](std::size_t i) {
+      settled[i] = best;
+      settled[i].fit = instrument_problem_.fit(other[i].fit.spec, 30);
+      settle(settled[i], false);
+    });
+    for (Hypothesis& hypothesis : settled)
+      if (hypothesis.evidence > best.evidence && !below_resolution(hypothesis.fit.spec, resolution) &&
+          !beyond_physical_size(hypothesis.fit.spec, hypothesis.effects, series_))
+        best = std::move(hypothesis);
+  }
+  return best;
+}
+
 Hypothesis Search::without(const Hypothesis& whole, const model::Physics& effect) const {
   Hypothesis out;
   out.effects = whole.effects;
   std::erase(out.effects, &effect);
   out.empirical = whole.empirical;
-  out.fit.spec = whole.fit.spec;
-  auto& parts = out.fit.spec.parts;
-  for (Part& part : parts) {
-    if (part.physics != &effect || !part.law->traits.replaces_arm) continue;
-    // The linear arm that the law had replaced.
-    Part arm = model::make_part(model::element::maxwell(), model::element::maxwell().laws.front());
-    arm.parameters[0] = part.parameters[0];
-    arm.coefficients[0] = part.coefficients[0];
-    part = std::move(arm);
-  }
-  std::erase_if(parts, [&](const Part& part) { return part.physics == &effect; });
+  out.fit.spec = spec_without(whole.fit.spec, effect);
   out.fit = instrument_problem_.fit(out.fit.spec, 25);
   settle(out, true);
   return out;

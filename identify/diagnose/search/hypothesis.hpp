@@ -51,6 +51,10 @@ class Search {
   /// fit.
   void settle(Hypothesis& hypothesis, bool restart_arms) const;
 
+  /// The same effects, each with the law that has the best evidence beside the others' present ones: a law was chosen
+  /// before the effects that came later were there.
+  [[nodiscard]] Hypothesis with_other_laws(const Hypothesis& chosen) const;
+
   /// The same explanation with one effect left out, refitted.
   [[nodiscard]] Hypothesis without(const Hypothesis& whole, const model::Physics& effect) const;
 
@@ -66,6 +70,9 @@ class Search {
     bool promising = false;  ///< its effect is one of those that leave least
   };
   [[nodiscard]] std::vector<Trial> trials(const Hypothesis& base) const;
+  /// A law from each of its starts, added to `spec`.
+  static void add_started(const model::Physics& effect, const model::Law& law, const model::ModelSpec& spec,
+                          const model::Reference& recording, std::vector<Trial>& out);
   static void keep_better_half(std::vector<Trial>& trials);
   static void drop_repeated(std::vector<Trial>& fitted);
   /// To the best trial with an event.

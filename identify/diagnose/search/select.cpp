@@ -162,8 +162,12 @@ Selection select_effects(const Search& search, const model::ModelSpec& nominal, 
   };
   for (std::size_t size = 1; size < options.most_effects; ++size) {
     now(size == 1 ? 0.35 : 0.7);
-    const auto order = ranked(pool, size);
+    auto order = ranked(pool, size);
     if (!explains_more(order)) break;
+    if (size > 1) {
+      pool[order[0]] = search.with_other_laws(pool[order[0]]);
+      order = ranked(pool, size);
+    }
     const std::size_t near = nearest(order);
     const bool nearer = pool[near].ls_chi2 < deciding().leaves_less_share * pool[order[0]].ls_chi2;
     best = std::max(best, pool[order.front()].evidence);

@@ -582,6 +582,42 @@ TEST(Extend, AZeroThatWandersIsTriedForOneRecordingAlone) {
   EXPECT_FALSE(named({wandering(1), wandering(2)}));
 }
 
+/// A force behind two poles, in one pass more than the bench's own lag.
+messages::Recording behind_two_poles(double tau_s) {
+  messages::Recording recording = test::record({.friction_N = 0.8, .lag_s = tau_s, .force_noise_N = 0.0, .seed = 9});
+  const auto& t_s = recording.frame.t_s;
+  auto& force_N = recording.frame.force_N;
+  double before_N = force_N.front(), out_N = before_N;
+  for (std::size_t k = 1; k < force_N.size(); ++k) {
+    const double dt_s = t_s[k] - t_s[k - 1], behind_N = tau_s * (force_N[k] - before_N) / dt_s;
+    out_N = force_N[k] - behind_N + (out_N - before_N + behind_N) * std::exp(-dt_s / tau_s);
+    before_N = std::exchange(force_N[k], out_N);
+  }
+  std::mt19937 random(9);
+  std::normal_distribution<double> noise(0.0, 0.01);
+  for (double& each : force_N) each += noise(random);
+  return recording;
+}
+
+/// Which law a lag has, another law of the friction beside it hides: chosen before the friction was there, it stays.
+TEST(OtherLaws, AreTriedOnceTheOtherEffectsAreThere) {
+  constexpr double kTau_s = 0.03;
+  const Searched on(behind_two_poles(kTau_s));
+  const Hypothesis first = on.with({{"coulomb_friction", "dahl"}, {"force_lag", "first_order"}});
+  const Hypothesis best = on.search.with_other_laws(first);
+  EXPECT_EQ(best.effects, first.effects);
+  EXPECT_LT(best.ls_chi2, 0.7 * first.ls_chi2);
+  const auto lag = std::ranges::find(best.fit.spec.parts, &effect("force_lag"), &model::Part::physics);
+  ASSERT_NE(lag, best.fit.spec.parts.end());
+  EXPECT_EQ(lag->law->name, "two_poles");
+  // The bench reads 5 ms apart, between which its force is no straight line.
+  EXPECT_NEAR(lag->parameters[0], kTau_s, 0.03 * kTau_s);
+  // Where the law is the right one already, it stays.
+  const Hypothesis again = on.search.with_other_laws(best);
+  EXPECT_GE(again.evidence, best.evidence);
+  EXPECT_EQ(std::ranges::count(again.fit.spec.parts, &effect("force_lag"), &model::Part::physics), 1);
+}
+
 // --- below_resolution ------------------------------------------------------------------------------------------------
 
 TEST(Resolution, APlayASlipALagAndADelayMustStandClearOfTheInstruments) {
