@@ -47,6 +47,30 @@ double normal_deviate(const Statistic& statistic) {
   return std::max(quantile(complement(boost::math::normal(), std::min(beyond, 0.5))), 0.0);
 }
 
+/// Of the sets that contain the one at `chosen` and leave far less, the one that leaves least.
+std::optional<std::size_t> larger_set_that_leaves_less(const Selection& selection, std::size_t chosen) {
+  std::optional<std::size_t> out;
+  double least = deciding().leaves_less_share * selection.pool[chosen].ls_chi2;
+  for (std::size_t i = 0; i < selection.pool.size(); ++i) {
+    const Hypothesis& larger = selection.pool[i];
+    if (!larger.empirical.empty() || larger.effects.size() <= selection.pool[chosen].effects.size()) continue;
+    const auto has = [&](const model::Physics* effect) { return larger.has(*effect); };
+    if (larger.ls_chi2 >= least || !std::ranges::all_of(selection.pool[chosen].effects, has)) continue;
+    least = larger.ls_chi2;
+    out = i;
+  }
+  return out;
+}
+
+/// How much the strokes agree on an effect of the set at `with`.
+std::optional<double> agreement_in(Selection& selection, const Search& search, std::size_t with,
+                                   const model::Physics& effect) {
+  const std::size_t rest = without_effect(selection, search, with, effect);
+  const NoiseModel noise =
+      least_squares_decide(selection) ? plain(search.instrument()) : selection.pool[with].fit.noise;
+  return agreement(search, selection.pool[with], selection.pool[rest], noise);
+}
+
 }  // namespace
 
 std::optional<double> agreement(const Search& search, const Hypothesis& with, const Hypothesis& without,
@@ -86,12 +110,15 @@ void discount_unrepeated_effects(Selection& selection, const Search& search, con
     const auto effects = selection.pool[chosen].effects;
     for (const auto* effect : effects) {
       if (is_refined(selection.pool[chosen], *effect) || !done.insert(effect).second) continue;
-      const std::size_t rest = without_effect(selection, search, chosen, *effect);
-      const NoiseModel noise =
-          least_squares_decide(selection) ? plain(search.instrument()) : selection.pool[chosen].fit.noise;
-      const std::optional<double> z = agreement(search, selection.pool[chosen], selection.pool[rest], noise);
+      std::optional<double> z = agreement_in(selection, search, chosen, *effect);
       if (!z) continue;
-      const double log_odds = 0.5 * *z * *z - prior_cost(*effect, options) - looks;
+      const auto odds = [&] { return 0.5 * *z * *z - prior_cost(*effect, options) - looks; };
+      // What a set leaves is the noise that its effects are judged in. Where a larger set leaves far less, most of that
+      // is known to be something else.
+      if (odds() <= deciding().sure_log_odds_nats)
+        if (const auto larger = larger_set_that_leaves_less(selection, chosen))
+          z = std::max(*z, agreement_in(selection, search, *larger, *effect).value_or(0.0));
+      const double log_odds = odds();
       if (log_odds > deciding().sure_log_odds_nats) continue;
       moved = move_weight(selection, search, *effect, 1.0 / (1.0 + std::exp(-log_odds)), true) || moved;
     }

@@ -318,6 +318,28 @@ TEST(RepeatedEvidence, TakesTheWeightOfAnEffectThatStrokesDoNotAgreeOnAndNoOther
   EXPECT_DOUBLE_EQ(weight_kept({.drift_N_h = 15.0, .seed = 7}), 0.99);
 }
 
+/// Friction beside a drift that nobody has in the model: what the drift leaves is no noise of the friction's. That a
+/// larger set is known which leaves far less speaks for it, though that set is not the chosen one.
+double friction_kept_beside_a_drift(bool larger_is_known) {
+  const Searched on(test::record({.friction_N = 0.05, .drift_N_h = 15.0, .seed = 7}));
+  Selection selection;
+  selection.pool.push_back(on.search.nominal(model::nominal_model("slse1")));
+  selection.pool.push_back(on.with({{"coulomb_friction", "dahl"}}));
+  if (larger_is_known) selection.pool.push_back(on.with({{"coulomb_friction", "dahl"}, {"zero_drift", "linear"}}));
+  selection.weight.assign(selection.pool.size(), 0.0);
+  selection.weight[1] = 1.0;
+  selection.excess.assign(selection.pool.size(), 0.0);
+  selection.noise_scale = 1.0;
+  count_weights(selection);
+  discount_unrepeated_effects(selection, on.search, {});
+  return selection.probability.at(&effect("coulomb_friction"));
+}
+
+TEST(RepeatedEvidence, IsLookedForInALargerSetThatLeavesFarLess) {
+  EXPECT_LT(friction_kept_beside_a_drift(false), 0.5) << "the case is none: the strokes agree beside the drift";
+  EXPECT_DOUBLE_EQ(friction_kept_beside_a_drift(true), 1.0);
+}
+
 // --- calibrated, stated_if_refused ---------------------------------------------------------------------------------
 TEST(Calibrated, NoNameIsCertainAndLessSoBesideTheUnknown) {
   EXPECT_DOUBLE_EQ(calibrated(1.0, 0.0, false), 0.985);
