@@ -48,21 +48,18 @@ std::vector<bool> corners_of_motion(const std::vector<double>& t_s, const std::v
   return corners;
 }
 
-/// A mass that is accelerated, a play that closes, make forces for a reading or two where the motion turns. Jumps that
-/// stand at corners of the motion more often than chance would have it are the machine's own, not the channel's.
-void keep_what_the_motion_makes(const messages::FrameSamples& frame, const ChannelQuality& position,
-                                std::vector<std::size_t>& rows, Guarded& out) {
+/// How many of the jumps stand at corners of the motion, where that is more than chance would put there; else 0. A mass
+/// that is accelerated, a play that closes, make forces for a reading or two there.
+std::size_t jumps_at_corners(const messages::FrameSamples& frame, const ChannelQuality& position,
+                             const std::vector<std::size_t>& rows) {
   const auto corners = corners_of_motion(frame.t_s, without_spikes(frame.t_s, frame.position_mm, position).reading_mm);
-  const auto at = static_cast<double>(std::ranges::count_if(rows, [&](std::size_t k) { return corners[k]; }));
+  const auto at = std::ranges::count_if(rows, [&](std::size_t k) { return corners[k]; });
   const double share = static_cast<double>(std::ranges::count(corners, true)) /
                        static_cast<double>(std::max<std::size_t>(1, corners.size()));
-  if (at < 2.0 || share <= 0.0 || share >= 1.0) return;
+  if (at < 2 || share <= 0.0 || share >= 1.0) return 0;
   const boost::math::binomial by_chance(static_cast<double>(rows.size()), share);
-  if (cdf(complement(by_chance, at - 1.0)) > deciding().outliers_at_corners_chance) return;
-  std::erase_if(rows, [&](std::size_t k) {
-    if (corners[k]) out.usable[k] = true;
-    return corners[k];
-  });
+  const double chance = cdf(complement(by_chance, static_cast<double>(at) - 1.0));
+  return chance > deciding().outliers_at_corners_chance ? 0 : static_cast<std::size_t>(at);
 }
 
 void find_outliers(const messages::FrameSamples& frame, const RecordingQuality& of, Guarded& out) {
@@ -86,14 +83,19 @@ void find_outliers(const messages::FrameSamples& frame, const RecordingQuality& 
     rows.push_back(k);
   }
   std::ranges::sort(rows);
-  keep_what_the_motion_makes(frame, of.position, rows, out);
   if (rows.empty()) return;
+  const std::size_t at_corners = jumps_at_corners(frame, of.position, rows);
+  const std::string corners =
+      at_corners == 0 ? ""
+                      : ", though " + std::to_string(at_corners) +
+                            " of them stand where the motion turns: a mass or a play makes such jumps, and what is "
+                            "found of it here is found without them";
   double largest = 0.0;
   for (const std::size_t k : rows) largest = std::max(largest, off_median(f, k, near));
   out.faults.push_back({"outliers", t[rows.front()], t[rows.back()], rows.size(),
                         std::to_string(rows.size()) +
                             " force readings jump away from their neighbours and back, by up to " +
-                            in_four_digits(largest) + " N; left out"});
+                            in_four_digits(largest) + " N; left out" + corners});
 }
 
 /// The motion is reconstructed without them (motion/reconstruction.cpp); the force there is as good as elsewhere.
