@@ -108,6 +108,7 @@ void Core::enter_setup(std::int64_t now_ns, const char* text) noexcept {
   step_ = kNoStep;
   jogging_ = false;
   setup_wanted_ = false;
+  clear_faults();  // of a run before
   operator_until_ns_ = after(now_ns, config_.operating.setup_max_s);
   supervisor_.rearm(now_ns);
   guard_.restart();       // a doubt from between the runs, where it trips nothing, may be hours old

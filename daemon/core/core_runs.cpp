@@ -14,7 +14,6 @@ void Core::open_run(std::int64_t now_ns, const Request& request) noexcept {
   outcome_ = Outcome::kNone;
   run_open_ = true;
   run_begun_ = regaining_ = false;
-  now_.fault[0] = '\0';
   clear_faults();
   ++now_.runs_started;
   setpoint_psi_ = -1.0;
@@ -54,6 +53,7 @@ void Core::abort(std::int64_t now_ns, const char* why) noexcept {
     if (state_ == RunState::kStopping) stopping_since_ns_ = since_ns;
     emit(now_ns, Severity::kInfo, "abort", why, pressure_psi_, 0.0);
   } else {
+    clear_faults();  // of a run before
     transition(now_ns, RunState::kStopping, Severity::kInfo, "abort", why, pressure_psi_, 0.0);
   }
 }

@@ -185,7 +185,6 @@ const char* Core::reset(std::int64_t now_ns) noexcept {
   if (const char* why = nullptr; !supervisor_.healthy(now_ns, &why)) return why;
   supervisor_.rearm(now_ns);
   guard_.restart();
-  now_.fault[0] = '\0';
   clear_faults();
   if (run_open_ && !vented_fault_) {
     transition(now_ns, RunState::kPaused, Severity::kInfo, "reset",

@@ -118,6 +118,8 @@ void Core::trip_over(std::int64_t now_ns, const Trip& trip) noexcept {
   if (state_ != RunState::kFaulted) {
     // An abort of a run that a fault held has reset nothing: what comes while it vents stands behind that fault.
     if (state_ != RunState::kStopping) clear_faults();
+  }
+  if (listed_.fault_count == 0) {
     FixedText text(now_.fault);
     text << trip.code << ": " << std::string_view(buffer);
     if (trip.threshold != 0.0) text << " (" << trip.value << ", limit " << trip.threshold << ")";
@@ -137,6 +139,7 @@ bool Core::is_listed(const Trip& trip) const noexcept {
 }
 
 void Core::clear_faults() noexcept {
+  now_.fault[0] = '\0';
   listed_.fault_count = 0;
   list_changed_ = true;
 }

@@ -292,6 +292,7 @@ TEST_F(TripTest, AFaultWhileAnAbortVentsStandsBehindTheFaultThatHeldTheRun) {
   virtual_rig->rig().interlock().estop_closed = false;
   expect_trip("interlock.estop", Severity::kSafeState, 0.2);
   const auto s = virtual_rig->core().status();
+  EXPECT_EQ(std::string(s.fault).substr(0, 9), "loop.late") << s.fault;
   ASSERT_GE(s.fault_count, 2U);
   EXPECT_STREQ(s.faults[0].code, "loop.late");
   EXPECT_STREQ(s.faults[1].code, "interlock.estop");

@@ -108,6 +108,27 @@ TEST_F(SetupTest, TheStatusHasTheTargetOfTheJogAndItsVelocityWhileItMoves) {
   EXPECT_EQ(virtual_rig->core().status().control.velocity_mm_s, 0.0F);
 }
 
+/// What held a run that was aborted is no cause of what happens in a setup afterwards.
+TEST_F(SetupTest, BeginsWithoutTheFaultsOfARunBefore) {
+  start(kHold);
+  ASSERT_TRUE(run_until(20.0, [&] { return virtual_rig->core().status().control.pressure_psi > 9.9F; }));
+  virtual_rig->core().tick(virtual_rig->now_ns() + 1, 400'000'000, 0);
+  ASSERT_TRUE(reach(RunState::kFaulted, 0.1));
+  ASSERT_TRUE(ask(Request::Verb::kAbort).accepted);
+  ASSERT_TRUE(reach(RunState::kReady, 20.0));
+  EXPECT_STREQ(virtual_rig->core().status().faults[0].code, "loop.late") << "until somebody goes on, the last is told";
+  ASSERT_EQ(virtual_rig->core().status().fault_count, 1U);
+  enter();
+  ASSERT_TRUE(ask(Request::Verb::kLeaveSetup).accepted);
+  virtual_rig->rig().interlock().estop_closed = false;
+  ASSERT_TRUE(reach(RunState::kFaulted, 0.5));
+  run_for(0.05);
+  const auto s = virtual_rig->core().status();
+  ASSERT_GE(s.fault_count, 1U);
+  EXPECT_STREQ(s.faults[0].code, "interlock.estop");
+  EXPECT_EQ(std::string(s.fault).substr(0, 15), "interlock.estop") << s.fault;
+}
+
 TEST_F(SetupTest, OnlyInSetupOnlySlowlyOnlyInsideTheLimits) {
   ASSERT_TRUE(reach(RunState::kReady, 5.0));
   expect_refused(jog(1.0, false), "in setup only");

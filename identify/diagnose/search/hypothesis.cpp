@@ -275,15 +275,18 @@ void Search::drop_repeated(std::vector<Trial>& fitted) {
   fitted = std::move(kept);
 }
 
+void Search::screen(std::vector<Trial>& trials) const {
+  base::parallel_for(trials.size(), threads_,
+                     [&](std::size_t i) { trials[i].fit = instrument_problem_.fit(trials[i].spec, kScreenSteps); });
+  keep_better_half(trials);
+  base::parallel_for(trials.size(), threads_,
+                     [&](std::size_t i) { trials[i].fit = instrument_problem_.fit(trials[i].fit.spec, kScreenSteps); });
+  std::ranges::stable_sort(trials, {}, [](const Trial& t) { return t.fit.chi2; });
+}
+
 std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep, bool thorough) const {
   std::vector<Trial> all = trials(base);
-  // Two steps from every start, two more from the better half of each effect's, then all the way from the best.
-  base::parallel_for(all.size(), threads_,
-                     [&](std::size_t i) { all[i].fit = instrument_problem_.fit(all[i].spec, kScreenSteps); });
-  keep_better_half(all);
-  base::parallel_for(all.size(), threads_,
-                     [&](std::size_t i) { all[i].fit = instrument_problem_.fit(all[i].fit.spec, kScreenSteps); });
-  std::ranges::stable_sort(all, {}, [](const Trial& t) { return t.fit.chi2; });
+  screen(all);
   std::vector<Trial> chosen;
   std::map<const model::Physics*, int> per_effect;
   std::size_t places = 0;
@@ -352,13 +355,7 @@ Hypothesis Search::with_other_laws(const Hypothesis& chosen) const {
       if (is_had || model::is_event(law) || (model::describes_recording(law) && series_.size() > 1)) continue;
       add_started(*effect, law, rest, recording, other);
     }
-    for (int round = 0; round < 2; ++round) {
-      base::parallel_for(other.size(), threads_, [&](std::size_t i) {
-        other[i].fit = instrument_problem_.fit(round == 0 ? other[i].spec : other[i].fit.spec, kScreenSteps);
-      });
-      if (round == 0) keep_better_half(other);
-    }
-    std::ranges::stable_sort(other, {}, [](const Trial& t) { return t.fit.chi2; });
+    screen(other);
     constexpr std::size_t kTried = 2;
     other.resize(std::min(other.size(), kTried));
     std::vector<Hypothesis> settled(other.size());

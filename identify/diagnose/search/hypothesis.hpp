@@ -73,6 +73,8 @@ class Search {
   /// A law from each of its starts, added to `spec`.
   static void add_started(const model::Physics& effect, const model::Law& law, const model::ModelSpec& spec,
                           const model::Reference& recording, std::vector<Trial>& out);
+  /// Two steps from every start, two more from the better half of each effect's; the best first, to go all the way.
+  void screen(std::vector<Trial>& trials) const;
   static void keep_better_half(std::vector<Trial>& trials);
   static void drop_repeated(std::vector<Trial>& fitted);
   /// To the best trial with an event.
