@@ -368,6 +368,8 @@ void Core::hand_off(std::int64_t now_ns) noexcept {
   status_.store(now_);
   worst_wakeup_ns_ = 0;
   worst_run_ns_ = 0;
+  for (std::size_t i = 0; i < answered_count_; ++i) replies.push(answered_[i]);
+  answered_count_ = 0;
 }
 
 }  // namespace isorig::daemon

@@ -194,6 +194,8 @@ class Core {
   };
   void note_clock(std::int64_t now_ns, const LinkHealth& health, ClockSeen& seen, const char* rejected,
                   const char* restarted) noexcept;
+  /// The record and the status of each control period, and of each tick with an answer. Answers go out last: a status
+  /// that is asked for after an answer holds what the answer says.
   void hand_off(std::int64_t now_ns) noexcept;
 
   /// What records are labelled with: before and after a run there is no step.
@@ -341,6 +343,8 @@ class Core {
   std::atomic<std::int64_t> recorder_turn_ns_{0};  ///< 0: nothing records
   std::uint64_t drops_before_run_ = 0;
   std::int64_t next_loss_ns_ = 0;
+  std::array<Reply, 16> answered_{};  ///< in this tick; until the status is stored
+  std::size_t answered_count_ = 0;
   std::atomic<bool> abort_wanted_{false};
   std::array<std::atomic<std::uint32_t>, 64> withdrawn_{};  ///< requests; more than can wait at once
   std::atomic<std::uint32_t> withdrawals_{0};

@@ -13,7 +13,15 @@ void Core::take_requests(std::int64_t now_ns) noexcept {
   }
   if (requests.size() > 0) {
     Request request;
-    while (requests.pop(request)) replies.push(answer(now_ns, request));
+    while (requests.pop(request)) {
+      const Reply reply = answer(now_ns, request);
+      if (answered_count_ == answered_.size()) {  // more than the queue holds came in one tick
+        replies.push(reply);
+      } else {
+        answered_[answered_count_++] = reply;
+      }
+    }
+    next_control_ns_ = now_ns;
   }
   const bool is_wanted =
       abort_wanted_.load(std::memory_order_relaxed) && abort_wanted_.exchange(false, std::memory_order_acq_rel);

@@ -1,6 +1,8 @@
 #include <gmock/gmock.h>
 
+#include <atomic>
 #include <cmath>
+#include <thread>
 
 #include "rig_fixture.hpp"
 
@@ -29,6 +31,31 @@ TEST_F(CoreTest, VerbsAreRefusedOutsideTheirStatesAndSayWhy) {
     EXPECT_FALSE(reply.accepted);
     EXPECT_NE(std::string(reply.text).find("the rig is ready"), std::string::npos) << reply.text;
   }
+}
+
+/// With a loop on a thread of its own, as in the daemon: whoever has the answer and asks for the status at once.
+TEST_F(CoreTest, AStatusAfterAnAnswerHoldsWhatTheAnswerSays) {
+  start(kHold);
+  auto& core = virtual_rig->core();
+  std::atomic<bool> is_done = false;
+  std::thread loop([&] {
+    while (!is_done) tick();
+  });
+  for (int i = 0; i < 400; ++i) {
+    Request request;
+    request.verb = i % 2 == 0 ? Verb::kPause : Verb::kResume;
+    request.id = ++last_id;
+    core.requests.push(request);
+    Reply reply;
+    while (!core.replies.pop(reply)) {
+    }
+    const auto shown = core.status().control.state;
+    EXPECT_TRUE(reply.accepted) << reply.text;
+    EXPECT_EQ(shown, i % 2 == 0 ? RunState::kPaused : RunState::kRunning) << "after " << i << " answers";
+    if (HasFailure()) break;
+  }
+  is_done = true;
+  loop.join();
 }
 
 TEST_F(CoreTest, PauseHoldsFrameAndPressureAndResumeFinishesTheRamp) {

@@ -67,6 +67,9 @@ class RigFixture : public ::testing::Test {
     Reply reply;
     EXPECT_TRUE(virtual_rig->core().replies.pop(reply));
     EXPECT_EQ(reply.id, request.id);
+    const auto shown = virtual_rig->core().status().control;
+    EXPECT_EQ(shown.mono_ns, virtual_rig->now_ns()) << "the status is of before the answer";
+    EXPECT_EQ(shown.state, virtual_rig->core().state());
     return reply;
   }
 
