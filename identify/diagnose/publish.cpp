@@ -15,17 +15,6 @@
 
 namespace isorig::identify {
 
-bool at_wrong_bound(const model::Parameter& parameter, double value) {
-  if (parameter.traits.event_time || parameter.traits.initial_state ||
-      parameter.traits.filled_by != model::FilledBy::kNothing)
-    return false;
-  const double low = to_search(parameter, parameter.lower), high = to_search(parameter, parameter.upper);
-  const double share = (to_search(parameter, value) - low) / (high - low);
-  const bool zero = !parameter.logarithmic && parameter.lower == 0.0;
-  if (share < deciding().at_bound_share) return parameter.traits.lower_limit_law.empty() && !zero;
-  return share > 1.0 - deciding().at_bound_share && parameter.traits.upper_limit_law.empty();
-}
-
 namespace {
 
 /// `whole` without one effect or without its table, refitted as the chosen explanation was.
@@ -232,7 +221,11 @@ Publication publish(const Search& search, const Selection& selection, const Leav
     out.why = std::move(why);
     out.decided_by = std::move(decided_by);
   }
-  candidate = passed ? std::move(passed->candidate) : nominal;
+  if (passed) {
+    candidate = std::move(passed->candidate);
+  } else {
+    candidate = nominal;
+  }
   out.heldout = passed ? std::move(passed->study) : leave_out.study_of_nominal(nominal.spec);
   if (passed) {
     out.share = passed->share;

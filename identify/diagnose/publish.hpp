@@ -33,10 +33,6 @@ struct Publication {
 /// that, what noise in the learnt numbers explains (LeftOut::learning_N2, 95 %) is not worse.
 [[nodiscard]] bool worse(const LeftOut& row, double noise_N);
 
-/// Within a small share of the range, as it is searched. The bound may be the law's own limit, documented as such; and
-/// zero of a number that is searched on a linear scale means that the law is the simpler one: neither is wrong.
-[[nodiscard]] bool at_wrong_bound(const model::Parameter& parameter, double value);
-
 /// The reason against a model that needs no left-out readings: it gives out work on a closed loop
 /// (explain/passivity.hpp), or a number that it has beyond the nominal model stands at a bound, to a thousandth of its
 /// range, where the law is none that is documented. "" when nothing does.

@@ -5,7 +5,7 @@
 
 #include "base/number_text.hpp"
 #include "identify/diagnose/fit/free_parameters.hpp"
-#include "identify/diagnose/publish.hpp"
+#include "identify/diagnose/search/resolution.hpp"
 #include "identify/diagnosis_report/argument.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"

@@ -143,14 +143,14 @@ const Physics& grip_slip() {
          {.name = "time_constant_s",
           .symbol = "T",
           .lower = 0.5,
-          .upper = 100.0,
+          .upper = 1000.0,
           .starts = {5.0},
           .logarithmic = true,
           .traits = {.lower_limit_law = "a sudden slip"},
           .sheet = {.what = "Time in which 63 % of the slip has happened.",
                     .unit = "s",
-                    .range = "Numerics: below 0.5 s the slip is sudden, beyond 100 s it cannot be told from a drift of "
-                             "the force zero.",
+                    .range = "Numerics: below 0.5 s the slip is sudden. One that goes on for longer than its recording "
+                             "shows before it is not claimed: it would be a drift of the force zero.",
                     .errors = "An afterslip that goes with the logarithm of time has no single one: the fit takes that "
                               "of its longest stretch. A slow arm, which settles after the slip, shifts it."}},
          recording_id()},

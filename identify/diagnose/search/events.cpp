@@ -113,8 +113,7 @@ Fit with_further_events(const Problem& problem, const Fit& from,
   const model::Physics& effect = *from.spec.parts.back().physics;
   const double force_step = from.spec.parts.back().law->traits.event_force_step;
   for (std::size_t count = 1; count < deciding().most_events; ++count) {
-    std::optional<Fit> more;
-    double least = 0.0;
+    std::vector<std::pair<double, Fit>> candidates;
     for (const EventPlace& place : event_places(problem, best.spec, problem.noise(), force_step, kTimes)) {
       for (const model::Law& known : effect.laws) {
         if (!model::is_event(known)) continue;
@@ -124,15 +123,19 @@ Fit with_further_events(const Problem& problem, const Fit& from,
         model::fill_from_recording(spec.parts.back(), problem.series()[place.series].excitation.reference);
         spec.parts.back().parameters[model::event_parameter(law)] = place.time_s;
         Fit fit = problem.fit(spec, 6);
-        const double cost = fit.chi2 + price_of_event(fit, law);
-        if ((more && cost >= least) || !may_stay(fit.spec)) continue;
-        least = cost;
-        more = std::move(fit);
+        if (may_stay(fit.spec)) candidates.emplace_back(fit.chi2 + price_of_event(fit, law), std::move(fit));
       }
     }
+    std::ranges::stable_sort(candidates, {}, &std::pair<double, Fit>::first);
+    std::optional<Fit> more;
+    for (const auto& [cost, fit] : candidates) {
+      Fit refined = refine_event(problem, fit);
+      if (!may_stay(refined.spec)) continue;
+      if (best.chi2 - refined.chi2 >= price_of_event(refined, *refined.spec.parts.back().law))
+        more = std::move(refined);
+      break;
+    }
     if (!more) break;
-    more = refine_event(problem, *more);
-    if (best.chi2 - more->chi2 < price_of_event(*more, *more->spec.parts.back().law) || !may_stay(more->spec)) break;
     best = std::move(*more);
   }
   return without_idle_events(problem, best);

@@ -70,6 +70,11 @@ model::Reference reference_of_all(std::span<const Series> series) {
   return all;
 }
 
+bool has_event(const ModelSpec& spec, const model::Physics& effect) {
+  return std::ranges::any_of(spec.parts,
+                             [&](const Part& part) { return part.physics == &effect && model::is_event(*part.law); });
+}
+
 ModelSpec spec_without(ModelSpec spec, const model::Physics& effect) {
   for (Part& part : spec.parts) {
     if (part.physics != &effect || !part.law->traits.replaces_arm) continue;
@@ -247,8 +252,10 @@ void Search::add_further_events(std::vector<Trial>& trials, const InstrumentReso
         (best == nullptr || trial.fit.chi2 < best->fit.chi2))
       best = &trial;
   if (best == nullptr || below_resolution(best->fit.spec, resolution)) return;
-  best->fit = with_further_events(instrument_problem_, best->fit,
-                                  [&](const ModelSpec& spec) { return !below_resolution(spec, resolution); });
+  const auto may_stay = [&](const ModelSpec& spec) {
+    return !below_resolution(spec, resolution) && !at_wrong_bound(spec.parts.back());
+  };
+  best->fit = with_further_events(instrument_problem_, best->fit, may_stay);
 }
 
 /// Of each effect, by what its trials leave so far.
@@ -340,36 +347,71 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
   return best;
 }
 
-Hypothesis Search::with_other_laws(const Hypothesis& chosen) const {
-  const model::Reference recording = reference_of_all(series_);
+std::vector<Hypothesis> Search::other_laws(const Hypothesis& chosen, const model::Physics& effect,
+                                           std::size_t tried) const {
   const InstrumentResolution resolution = resolution_of(series_);
+  const ModelSpec rest = spec_without(chosen.ls_spec, effect);
+  std::vector<Trial> other;
+  for (const model::Law& known : effect.laws) {
+    const model::Law& law = model::law_at(known, rest.length_scale);
+    const bool is_had = std::ranges::any_of(chosen.ls_spec.parts, [&](const Part& part) { return part.law == &law; });
+    if (is_had || model::is_event(law) || (model::describes_recording(law) && series_.size() > 1)) continue;
+    add_started(effect, law, rest, reference_of_all(series_), other);
+  }
+  screen(other);
+  other.resize(std::min(other.size(), tried));
+  std::vector<Hypothesis> settled(other.size());
+  base::parallel_for(other.size(), threads_, [&](std::size_t i) {
+    settled[i] = chosen;
+    settled[i].fit = instrument_problem_.fit(other[i].fit.spec, 30);
+    settle(settled[i], false);
+  });
+  std::erase_if(settled, [&](const Hypothesis& hypothesis) {
+    return below_resolution(hypothesis.fit.spec, resolution) ||
+           beyond_physical_size(hypothesis.fit.spec, hypothesis.effects, series_);
+  });
+  return settled;
+}
+
+Hypothesis Search::with_other_laws(const Hypothesis& chosen) const {
+  constexpr std::size_t kTried = 2;
   Hypothesis best = chosen;
   for (const model::Physics* effect : chosen.effects) {
-    const auto has_event = [&](const Part& part) { return part.physics == effect && model::is_event(*part.law); };
-    if (effect->laws.size() < 2 || std::ranges::any_of(best.ls_spec.parts, has_event)) continue;
-    const ModelSpec rest = spec_without(best.ls_spec, *effect);
-    std::vector<Trial> other;
-    for (const model::Law& known : effect->laws) {
-      const model::Law& law = model::law_at(known, rest.length_scale);
-      const bool is_had = std::ranges::any_of(best.ls_spec.parts, [&](const Part& part) { return part.law == &law; });
-      if (is_had || model::is_event(law) || (model::describes_recording(law) && series_.size() > 1)) continue;
-      add_started(*effect, law, rest, recording, other);
-    }
-    screen(other);
-    constexpr std::size_t kTried = 2;
-    other.resize(std::min(other.size(), kTried));
-    std::vector<Hypothesis> settled(other.size());
-    base::parallel_for(other.size(), threads_, [&](std::size_t i) {
-      settled[i] = best;
-      settled[i].fit = instrument_problem_.fit(other[i].fit.spec, 30);
-      settle(settled[i], false);
-    });
-    for (Hypothesis& hypothesis : settled)
-      if (hypothesis.evidence > best.evidence && !below_resolution(hypothesis.fit.spec, resolution) &&
-          !beyond_physical_size(hypothesis.fit.spec, hypothesis.effects, series_))
-        best = std::move(hypothesis);
+    if (effect->laws.size() < 2 || has_event(best.ls_spec, *effect)) continue;
+    for (Hypothesis& hypothesis : other_laws(best, *effect, kTried))
+      if (hypothesis.evidence > best.evidence) best = std::move(hypothesis);
   }
   return best;
+}
+
+std::optional<Hypothesis> Search::inside_ranges(const Hypothesis& chosen) const {
+  constexpr std::size_t kTried = 6;
+  std::optional<Hypothesis> out;
+  for (const model::Physics* effect : chosen.effects) {
+    const Hypothesis& now = out ? *out : chosen;
+    const auto at_end = [&](const Part& part) { return part.physics == effect && at_wrong_bound(part); };
+    const auto has_at_end = [&](const ModelSpec& spec) { return std::ranges::any_of(spec.parts, at_end); };
+    if (!has_at_end(now.fit.spec)) continue;
+    std::vector<Hypothesis> others;
+    if (has_event(now.fit.spec, *effect)) {
+      ModelSpec fewer = now.fit.spec;
+      std::erase_if(fewer.parts, at_end);
+      if (!fewer.has(effect->name)) continue;
+      others.push_back(now);
+      others.back().fit = instrument_problem_.fit(fewer, 30);
+      settle(others.back(), false);
+    } else {
+      others = other_laws(now, *effect, kTried);
+    }
+    const Hypothesis* best = nullptr;
+    for (const Hypothesis& other : others) {
+      if (has_at_end(other.fit.spec) || has_at_end(other.ls_spec)) continue;
+      if (other.ls_chi2 > deciding().law_leaves_ratio * chosen.ls_chi2) continue;
+      if (best == nullptr || other.evidence > best->evidence) best = &other;
+    }
+    if (best != nullptr) out = *best;
+  }
+  return out;
 }
 
 Hypothesis Search::without(const Hypothesis& whole, const model::Physics& effect) const {

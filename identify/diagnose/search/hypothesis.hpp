@@ -55,6 +55,11 @@ class Search {
   /// before the effects that came later were there.
   [[nodiscard]] Hypothesis with_other_laws(const Hypothesis& chosen) const;
 
+  /// The same effects without numbers at the end of their ranges (at_wrong_bound), with which no model is handed out:
+  /// an effect that has one gets another of its laws, a slip loses the events that have one. What is left may be
+  /// `law_leaves_ratio` times the squares; else the effect keeps what it has. Nothing when all of them do.
+  [[nodiscard]] std::optional<Hypothesis> inside_ranges(const Hypothesis& chosen) const;
+
   /// The same explanation with one effect left out, refitted.
   [[nodiscard]] Hypothesis without(const Hypothesis& whole, const model::Physics& effect) const;
 
@@ -70,6 +75,9 @@ class Search {
     bool promising = false;  ///< its effect is one of those that leave least
   };
   [[nodiscard]] std::vector<Trial> trials(const Hypothesis& base) const;
+  /// `chosen` with each of the `tried` best other laws of an effect that is no event.
+  [[nodiscard]] std::vector<Hypothesis> other_laws(const Hypothesis& chosen, const model::Physics& effect,
+                                                   std::size_t tried) const;
   /// A law from each of its starts, added to `spec`.
   static void add_started(const model::Physics& effect, const model::Law& law, const model::ModelSpec& spec,
                           const model::Reference& recording, std::vector<Trial>& out);

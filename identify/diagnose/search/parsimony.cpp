@@ -74,6 +74,25 @@ void size_by_least_squares(Selection& selection, const Search& search) {
   }
 }
 
+/// A residual far above the noise is the law's own error. Whitening would give its fastest part, at reversals and
+/// corners, the most weight; plain least squares lets the bulk of the motion decide the numbers.
+void state_by_least_squares(Selection& selection, const Search& search) {
+  Hypothesis& chosen = selection.pool[selection.best];
+  if (selection.best == 0) return;  // published_nominal
+  chosen.plain_numbers = follows_differences(search, chosen);
+  if (!least_squares_decide(selection)) return;
+  const Problem problem(search.instrument_problem().series(), plain(search.instrument()));
+  const NoiseModel noise = chosen.fit.noise;
+  Fit least = problem.fit(chosen.fit.spec, kLeastSquaresSteps);
+  if (chosen.plain_numbers) {
+    Fit other = problem.fit(chosen.ls_spec, kLeastSquaresSteps);
+    if (other.chi2 < least.chi2) least = std::move(other);
+  }
+  chosen.fit = std::move(least);
+  chosen.fit.noise = noise;
+  size_by_least_squares(selection, search);
+}
+
 }  // namespace
 
 void prefer_simpler_laws(Selection& selection, const Search& search) {
@@ -123,22 +142,12 @@ void prefer_simpler_laws(Selection& selection, const Search& search) {
       selection.pool[selection.best] = std::move(best);
     }
   }
-  // A residual far above the noise is the law's own error. Whitening would give its fastest part, at reversals and
-  // corners, the most weight; plain least squares lets the bulk of the motion decide the numbers.
-  Hypothesis& chosen = selection.pool[selection.best];
-  if (selection.best == 0) return;  // published_nominal
-  chosen.plain_numbers = follows_differences(search, chosen);
-  if (!least_squares_decide(selection)) return;
-  const Problem problem(search.instrument_problem().series(), plain(search.instrument()));
-  const NoiseModel noise = chosen.fit.noise;
-  Fit least = problem.fit(chosen.fit.spec, kLeastSquaresSteps);
-  if (chosen.plain_numbers) {
-    Fit other = problem.fit(chosen.ls_spec, kLeastSquaresSteps);
-    if (other.chi2 < least.chi2) least = std::move(other);
-  }
-  chosen.fit = std::move(least);
-  chosen.fit.noise = noise;
-  size_by_least_squares(selection, search);
+  state_by_least_squares(selection, search);
+  // Only now: what stands at an end under a noise that wanders may stand inside by least squares, or the other way.
+  auto inside = search.inside_ranges(selection.chosen());
+  if (!inside) return;
+  selection.pool[selection.best] = std::move(*inside);
+  state_by_least_squares(selection, search);
 }
 
 }  // namespace isorig::identify

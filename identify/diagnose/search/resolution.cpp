@@ -6,6 +6,7 @@
 
 #include "base/quantile.hpp"
 #include "identify/diagnose/deciding/deciding.hpp"
+#include "identify/diagnose/fit/free_parameters.hpp"
 #include "model/catalogue.hpp"
 
 namespace isorig::identify {
@@ -87,6 +88,23 @@ bool below_resolution(const model::ModelSpec& spec, const InstrumentResolution& 
       if (is_duration_of_event(*part.law, parameter) && value > shown_before(part, resolution)) return true;
     }
   }
+  return false;
+}
+
+bool at_wrong_bound(const model::Parameter& parameter, double value) {
+  if (parameter.traits.event_time || parameter.traits.initial_state ||
+      parameter.traits.filled_by != model::FilledBy::kNothing)
+    return false;
+  const double low = to_search(parameter, parameter.lower), high = to_search(parameter, parameter.upper);
+  const double share = (to_search(parameter, value) - low) / (high - low);
+  const bool zero = !parameter.logarithmic && parameter.lower == 0.0;
+  if (share < deciding().at_bound_share) return parameter.traits.lower_limit_law.empty() && !zero;
+  return share > 1.0 - deciding().at_bound_share && parameter.traits.upper_limit_law.empty();
+}
+
+bool at_wrong_bound(const model::Part& part) {
+  for (std::size_t i = 0; i < part.parameters.size(); ++i)
+    if (at_wrong_bound(part.law->parameters[i], part.parameters[i])) return true;
   return false;
 }
 

@@ -27,4 +27,11 @@ struct InstrumentResolution {
 /// bound in the model; otherwise `effect` itself.
 [[nodiscard]] const model::Physics& effect_at_bound(const model::ModelSpec& spec, const model::Physics& effect);
 
+/// Within a small share of the range, as it is searched. The bound may be the law's own limit, documented as such; and
+/// zero of a number that is searched on a linear scale means that the law is the simpler one: neither is wrong. No
+/// model is handed out with such a number (publish.hpp).
+[[nodiscard]] bool at_wrong_bound(const model::Parameter& parameter, double value);
+/// One of its numbers is.
+[[nodiscard]] bool at_wrong_bound(const model::Part& part);
+
 }  // namespace isorig::identify

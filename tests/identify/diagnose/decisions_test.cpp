@@ -640,6 +640,62 @@ TEST(OtherLaws, AreTriedOnceTheOtherEffectsAreThere) {
   EXPECT_EQ(std::ranges::count(again.fit.spec.parts, &effect("force_lag"), &model::Part::physics), 1);
 }
 
+// --- inside_ranges ---------------------------------------------------------------------------------------------------
+
+/// `explanation` with a number of an effect at the lower end of its range.
+Hypothesis at_lower_end(Hypothesis explanation, std::string_view name, std::string_view number) {
+  for (model::ModelSpec* spec : {&explanation.fit.spec, &explanation.ls_spec}) {
+    for (model::Part& part : spec->parts) {
+      if (part.physics != &effect(name)) continue;
+      const auto& numbers = part.law->parameters;
+      const auto found = std::ranges::find(numbers, number, &model::Parameter::name);
+      part.parameters[static_cast<std::size_t>(found - numbers.begin())] = found->lower;
+    }
+  }
+  return explanation;
+}
+
+TEST(Ranges, ALawWithANumberAtTheEndOfItsRangeGivesWay) {
+  const Searched on(test::record_other({.friction_N = 0.8, .presliding_mm = 0.05, .seed = 6}));
+  const Hypothesis fitted = on.with({{"coulomb_friction", "stribeck_exponential"}});
+  Hypothesis at_end = at_lower_end(fitted, "coulomb_friction", "stribeck_velocity_mm_s");
+  const auto inside = on.search.inside_ranges(at_end);
+  ASSERT_TRUE(inside);
+  EXPECT_EQ(inside->effects, fitted.effects);
+  const auto friction = std::ranges::find(inside->fit.spec.parts, &effect("coulomb_friction"), &model::Part::physics);
+  ASSERT_NE(friction, inside->fit.spec.parts.end());
+  EXPECT_NE(friction->law->name, "stribeck_exponential");
+  EXPECT_FALSE(at_wrong_bound(*friction));
+  EXPECT_LT(inside->ls_chi2, 2.0 * fitted.ls_chi2);
+  EXPECT_FALSE(on.search.inside_ranges(*inside)) << "nothing stands at an end any more";
+  // Where the other laws leave far more, the physics is in the law that stands at its end.
+  at_end.ls_chi2 *= 0.1;
+  EXPECT_FALSE(on.search.inside_ranges(at_end));
+}
+
+TEST(Ranges, ASlipLosesAnEventWithANumberAtTheEndOfItsRange) {
+  const Searched on(test::record({.slip_mm = 0.1, .slip_s = 300.0, .seed = 3}));
+  const model::Physics& slip = effect("grip_slip");
+  const auto with_creep_of = [&](double time_constant_s) {
+    Hypothesis out;
+    out.effects = {&slip};
+    out.fit.spec = model::nominal_model("slse1");
+    for (const auto& [law, time_s] : {std::pair{"event", 300.0}, std::pair{"creep", 600.0}}) {
+      out.fit.spec.parts.push_back(model::make_part(slip, *model::find_law(slip, law)));
+      out.fit.spec.parts.back().parameters[0] = time_s;
+    }
+    out.fit = on.search.fit_from(out.fit.spec, 30);
+    on.search.settle(out, false);
+    for (model::ModelSpec* spec : {&out.fit.spec, &out.ls_spec}) spec->parts.back().parameters[2] = time_constant_s;
+    return out;
+  };
+  EXPECT_FALSE(on.search.inside_ranges(with_creep_of(20.0)));
+  const auto inside = on.search.inside_ranges(with_creep_of(1000.0));
+  ASSERT_TRUE(inside);
+  ASSERT_EQ(std::ranges::count(inside->fit.spec.parts, &slip, &model::Part::physics), 1);
+  EXPECT_EQ(inside->fit.spec.parts.back().law->name, "event");
+}
+
 // --- below_resolution ------------------------------------------------------------------------------------------------
 
 TEST(Resolution, APlayASlipALagAndADelayMustStandClearOfTheInstruments) {
