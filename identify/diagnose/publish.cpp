@@ -1,12 +1,10 @@
 #include "identify/diagnose/publish.hpp"
 
 #include <algorithm>
-#include <cmath>
 
 #include "base/formatted.hpp"
 #include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/explain/passivity.hpp"
-#include "identify/diagnose/fit/free_parameters.hpp"
 #include "identify/diagnose/fit/many_starts.hpp"
 #include "identify/diagnose/search/empirical.hpp"
 #include "model/catalogue.hpp"

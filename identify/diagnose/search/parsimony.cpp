@@ -65,11 +65,12 @@ bool follows_differences(const Search& search, const Hypothesis& chosen) {
 }
 
 /// The sizes that are stated are those of the numbers that are stated.
-void size_by_least_squares(Selection& selection, const Search& search) {
+void size_again(Selection& selection, const Search& search) {
+  const bool by_least_squares = least_squares_decide(selection);
   const auto effects = selection.chosen().effects;
   for (const auto* effect : effects) {
     Hypothesis rest = selection.pool[without_effect_and_refinements(selection, search, selection.best, *effect)];
-    if (!rest.ls_spec.parts.empty()) rest.fit.spec = rest.ls_spec;
+    if (by_least_squares && !rest.ls_spec.parts.empty()) rest.fit.spec = rest.ls_spec;
     selection.size_N[effect] = size_N(search, selection.chosen(), rest);
   }
 }
@@ -90,7 +91,7 @@ void state_by_least_squares(Selection& selection, const Search& search) {
   }
   chosen.fit = std::move(least);
   chosen.fit.noise = noise;
-  size_by_least_squares(selection, search);
+  size_again(selection, search);
 }
 
 }  // namespace
@@ -148,6 +149,7 @@ void prefer_simpler_laws(Selection& selection, const Search& search) {
   if (!inside) return;
   selection.pool[selection.best] = std::move(*inside);
   state_by_least_squares(selection, search);
+  if (!least_squares_decide(selection)) size_again(selection, search);
 }
 
 }  // namespace isorig::identify

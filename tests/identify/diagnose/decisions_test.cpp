@@ -694,6 +694,18 @@ TEST(Ranges, ASlipLosesAnEventWithANumberAtTheEndOfItsRange) {
   ASSERT_TRUE(inside);
   ASSERT_EQ(std::ranges::count(inside->fit.spec.parts, &slip, &model::Part::physics), 1);
   EXPECT_EQ(inside->fit.spec.parts.back().law->name, "event");
+
+  // The size is then that of what is left, whatever it was before.
+  Selection selection;
+  selection.pool.push_back(on.search.nominal(model::nominal_model("slse1")));
+  selection.pool.push_back(with_creep_of(1000.0));
+  selection.weight = {0.0, 1.0};
+  selection.excess = {0.0, 0.0};
+  selection.best = 1;
+  selection.size_N[&slip] = 1e3;
+  prefer_simpler_laws(selection, on.search);
+  EXPECT_EQ(std::ranges::count(selection.chosen().fit.spec.parts, &slip, &model::Part::physics), 1);
+  EXPECT_NEAR(selection.size_N[&slip], size_N(on.search, *inside, selection.nominal()), 0.01);
 }
 
 // --- below_resolution ------------------------------------------------------------------------------------------------
