@@ -252,6 +252,15 @@ void Search::add_further_events(std::vector<Trial>& trials, const InstrumentReso
         (best == nullptr || trial.fit.chi2 < best->fit.chi2))
       best = &trial;
   if (best == nullptr || below_resolution(best->fit.spec, resolution)) return;
+  // Beside an effect that leaves no more than noise does, further events could only follow the noise. A shape of one
+  // recording alone is no such effect: it follows several slips, too.
+  const auto rows = static_cast<double>(best->fit.rows);
+  const double most_of_noise = rows + 2.0 * std::sqrt(2.0 * rows);
+  const bool explained = std::ranges::any_of(trials, [&](const Trial& trial) {
+    return trial.effect != best->effect && !model::describes_recording(*trial.law) && trial.fit.chi2 < most_of_noise &&
+           best->fit.chi2 > deciding().law_leaves_ratio * trial.fit.chi2;
+  });
+  if (explained) return;
   const auto may_stay = [&](const ModelSpec& spec) {
     return !below_resolution(spec, resolution) && !at_wrong_bound(spec.parts.back());
   };

@@ -85,7 +85,8 @@ class Search {
   void screen(std::vector<Trial>& trials) const;
   static void keep_better_half(std::vector<Trial>& trials);
   static void drop_repeated(std::vector<Trial>& fitted);
-  /// To the best trial with an event.
+  /// To the best trial with an event, unless another effect's trial leaves no more than noise does: not above its mean
+  /// by two standard deviations of a chi-square of as many rows, and less than half of what the event leaves.
   void add_further_events(std::vector<Trial>& trials, const InstrumentResolution& resolution) const;
   void add_events(const model::Physics& effect, const model::Law& law, const Hypothesis& base,
                   std::vector<Trial>& out) const;

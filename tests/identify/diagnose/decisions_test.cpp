@@ -604,6 +604,24 @@ TEST(Extend, AZeroThatWandersIsTriedForOneRecordingAlone) {
   EXPECT_FALSE(named({wandering(1), wandering(2)}));
 }
 
+/// As many slips as there are, or a single one where another effect explains the recording: the second to the eighth
+/// would only imitate that effect, for more than half of the diagnosis's time.
+TEST(Extend, FurtherSlipsAreLookedForWhereNothingElseExplainsTheRecording) {
+  const auto slips = [](const ConcealedSpecimen& bench) {
+    const Searched on(test::record(bench));
+    const std::vector<Hypothesis> found = on.search.extend(on.search.nominal(model::nominal_model("slse1")), 5, true);
+    const auto slipped = std::ranges::find_if(found, [](const Hypothesis& hypothesis) {
+      return std::ranges::any_of(hypothesis.fit.spec.parts,
+                                 [](const model::Part& part) { return part.law->name == "event"; });
+    });
+    return slipped == found.end()
+               ? 0
+               : std::ranges::count(slipped->fit.spec.parts, &effect("grip_slip"), &model::Part::physics);
+  };
+  EXPECT_EQ(slips({.softening_N_mm = 0.4, .softening_travel_mm = 40.0}), 1);
+  EXPECT_EQ(slips({.slip_mm = 0.1, .slip_s = 300.0, .further_slips = {{520.0, 0.06}, {700.0, 0.08}}, .seed = 3}), 3);
+}
+
 /// A force behind two poles, in one pass more than the bench's own lag.
 messages::Recording behind_two_poles(double tau_s) {
   messages::Recording recording = test::record({.friction_N = 0.8, .lag_s = tau_s, .force_noise_N = 0.0, .seed = 9});
