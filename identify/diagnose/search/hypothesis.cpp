@@ -244,6 +244,13 @@ void Search::add_events(const model::Physics& effect, const model::Law& law, con
   }
 }
 
+bool Search::explained_beside(const Trial& event, std::span<const Trial> trials, double leaves_ratio) {
+  return std::ranges::any_of(trials, [&](const Trial& trial) {
+    return trial.effect != event.effect && !model::describes_recording(*trial.law) &&
+           explained_without(event.fit, trial.fit, leaves_ratio);
+  });
+}
+
 void Search::add_further_events(std::vector<Trial>& trials, const InstrumentResolution& resolution) const {
   Trial* best = nullptr;
   // Further events follow a sudden one: a gradual one that fits best may be several sudden ones.
@@ -252,15 +259,7 @@ void Search::add_further_events(std::vector<Trial>& trials, const InstrumentReso
         (best == nullptr || trial.fit.chi2 < best->fit.chi2))
       best = &trial;
   if (best == nullptr || below_resolution(best->fit.spec, resolution)) return;
-  // Beside an effect that leaves no more than noise does, further events could only follow the noise. A shape of one
-  // recording alone is no such effect: it follows several slips, too.
-  const auto rows = static_cast<double>(best->fit.rows);
-  const double most_of_noise = rows + 2.0 * std::sqrt(2.0 * rows);
-  const bool explained = std::ranges::any_of(trials, [&](const Trial& trial) {
-    return trial.effect != best->effect && !model::describes_recording(*trial.law) && trial.fit.chi2 < most_of_noise &&
-           best->fit.chi2 > deciding().law_leaves_ratio * trial.fit.chi2;
-  });
-  if (explained) return;
+  if (explained_beside(*best, trials, deciding().law_leaves_ratio)) return;
   const auto may_stay = [&](const ModelSpec& spec) {
     return !below_resolution(spec, resolution) && !at_wrong_bound(spec.parts.back());
   };
@@ -320,9 +319,15 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
   base::parallel_for(chosen.size(), threads_, [&](std::size_t i) {
     Trial& trial = chosen[i];
     trial.fit = instrument_problem_.fit(trial.fit.spec, 30);
-    trial.fit = model::is_event(*trial.law) ? refine_event(instrument_problem_, trial.fit)
-                                            : without_idle_events(instrument_problem_, trial.fit);
+    if (!model::is_event(*trial.law)) trial.fit = without_idle_events(instrument_problem_, trial.fit);
   });
+  // A place in time that is better by a reading or two does not make up for ten times the squares.
+  constexpr double kHopeless = 10.0;
+  std::vector<Trial*> events;
+  for (Trial& trial : chosen)
+    if (model::is_event(*trial.law) && !explained_beside(trial, chosen, kHopeless)) events.push_back(&trial);
+  base::parallel_for(events.size(), threads_,
+                     [&](std::size_t i) { events[i]->fit = refine_event(instrument_problem_, events[i]->fit); });
   const InstrumentResolution resolution = resolution_of(series_);
   add_further_events(chosen, resolution);
   const auto no_law = [&](const ModelSpec& fitted, std::span<const model::Physics* const> effects) {

@@ -12,6 +12,7 @@
 #include "identify/diagnose/noise/noise.hpp"
 #include "identify/diagnose/search/calibration.hpp"
 #include "identify/diagnose/search/empirical.hpp"
+#include "identify/diagnose/search/events.hpp"
 #include "identify/diagnose/search/parsimony.hpp"
 #include "identify/diagnose/search/physical_size.hpp"
 #include "identify/diagnose/search/practical_significance.hpp"
@@ -604,22 +605,20 @@ TEST(Extend, AZeroThatWandersIsTriedForOneRecordingAlone) {
   EXPECT_FALSE(named({wandering(1), wandering(2)}));
 }
 
-/// As many slips as there are, or a single one where another effect explains the recording: the second to the eighth
-/// would only imitate that effect, for more than half of the diagnosis's time.
-TEST(Extend, FurtherSlipsAreLookedForWhereNothingElseExplainsTheRecording) {
-  const auto slips = [](const ConcealedSpecimen& bench) {
-    const Searched on(test::record(bench));
-    const std::vector<Hypothesis> found = on.search.extend(on.search.nominal(model::nominal_model("slse1")), 5, true);
-    const auto slipped = std::ranges::find_if(found, [](const Hypothesis& hypothesis) {
-      return std::ranges::any_of(hypothesis.fit.spec.parts,
-                                 [](const model::Part& part) { return part.law->name == "event"; });
-    });
-    return slipped == found.end()
-               ? 0
-               : std::ranges::count(slipped->fit.spec.parts, &effect("grip_slip"), &model::Part::physics);
+/// 2,000 rows of noise leave 2,000 squares, with a standard deviation of 63.
+TEST(Events, AreHopelessBesideAnEffectThatLeavesNoMoreThanNoise) {
+  const auto leaves = [](double squares) {
+    Fit fit;
+    fit.rows = 2000;
+    fit.chi2 = squares;
+    return fit;
   };
-  EXPECT_EQ(slips({.softening_N_mm = 0.4, .softening_travel_mm = 40.0}), 1);
-  EXPECT_EQ(slips({.slip_mm = 0.1, .slip_s = 300.0, .further_slips = {{520.0, 0.06}, {700.0, 0.08}}, .seed = 3}), 3);
+  constexpr double kTimes = 2.0;
+  EXPECT_TRUE(explained_without(leaves(5000.0), leaves(2000.0), kTimes));
+  EXPECT_TRUE(explained_without(leaves(5000.0), leaves(2120.0), kTimes));
+  EXPECT_FALSE(explained_without(leaves(5000.0), leaves(2130.0), kTimes))
+      << "two slips may leave less than this effect";
+  EXPECT_FALSE(explained_without(leaves(3900.0), leaves(2000.0), kTimes)) << "one more slip may make up for it";
 }
 
 /// A force behind two poles, in one pass more than the bench's own lag.
