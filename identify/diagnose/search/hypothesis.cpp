@@ -321,7 +321,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
     trial.fit = instrument_problem_.fit(trial.fit.spec, 30);
     if (!model::is_event(*trial.law)) trial.fit = without_idle_events(instrument_problem_, trial.fit);
   });
-  // A place in time that is better by a reading or two does not make up for ten times the squares.
+  // It stands at the best of all bins already (event_places); moving it does not make up for ten times the squares.
   constexpr double kHopeless = 10.0;
   std::vector<Trial*> events;
   for (Trial& trial : chosen)

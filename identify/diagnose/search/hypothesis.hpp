@@ -85,9 +85,9 @@ class Search {
   void screen(std::vector<Trial>& trials) const;
   static void keep_better_half(std::vector<Trial>& trials);
   static void drop_repeated(std::vector<Trial>& fitted);
-  /// Another effect's trial leaves no more than noise does (the mean of a chi-square of as many rows and two standard
-  /// deviations), and the event more than `leaves_ratio` times that: more events, or better places, would only imitate
-  /// that effect. A shape of one recording alone is no such effect, since it follows several slips, too.
+  /// Beside the trial of another effect the event is hopeless (explained_without). A law that describes one recording
+  /// alone, such as a zero that wanders, does not count: it follows several slips, too, so that it would hide the slips
+  /// that are there.
   [[nodiscard]] static bool explained_beside(const Trial& event, std::span<const Trial> trials, double leaves_ratio);
   /// To the best trial with an event, unless another effect explains the recording without (`law_leaves_ratio`).
   void add_further_events(std::vector<Trial>& trials, const InstrumentResolution& resolution) const;
