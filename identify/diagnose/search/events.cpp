@@ -170,7 +170,8 @@ Fit without_idle_events(const Problem& problem, const Fit& from) {
 
 bool explained_without(const Fit& event, const Fit& other, double leaves_ratio) noexcept {
   const auto rows = static_cast<double>(other.rows);
-  return other.chi2 < rows + 2.0 * std::sqrt(2.0 * rows) && event.chi2 > leaves_ratio * other.chi2;
+  return other.chi2 < rows + deciding().chance_deviations * std::sqrt(2.0 * rows) &&
+         event.chi2 > leaves_ratio * other.chi2;
 }
 
 RowErrors row_errors(const ModelSpec& spec, const Series& series, const std::vector<bool>& usable) {

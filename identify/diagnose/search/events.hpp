@@ -41,8 +41,8 @@ struct EventPlace {
 [[nodiscard]] Fit without_idle_events(const Problem& problem, const Fit& from);
 
 /// Of a fit with an event and one with another effect in its place: the other leaves no more than noise does, which is
-/// the mean of a chi-square of as many rows and two standard deviations, and the event more than `leaves_ratio` times
-/// that. More events, or better places of them, could then only imitate the other effect.
+/// the mean of a chi-square of as many rows and `chance_deviations` standard deviations, and the event more than
+/// `leaves_ratio` times that. More events, or better places of them, could then only imitate the other effect.
 [[nodiscard]] bool explained_without(const Fit& event, const Fit& other, double leaves_ratio) noexcept;
 
 /// The times of events to the row: bins only say between which of them they were. By the rms over the rows of each
