@@ -138,6 +138,12 @@ Part started_part(const model::Physics& effect, const model::Law& law, std::size
   return part;
 }
 
+void sort_as_in_catalogue(std::vector<const model::Physics*>& effects) {
+  std::ranges::sort(effects, {}, [](const model::Physics* p) {
+    return std::ranges::find(model::effects(), p) - model::effects().begin();
+  });
+}
+
 bool Hypothesis::has(const model::Physics& effect) const {
   return std::ranges::find(effects, &effect) != effects.end();
 }
@@ -152,6 +158,16 @@ std::string Hypothesis::key() const {
 Search::Search(std::span<const Series> series, const NoiseModel& instrument, unsigned threads,
                std::vector<const model::Physics*> withheld)
     : series_(series), instrument_problem_(series, instrument), threads_(threads), withheld_(std::move(withheld)) {}
+
+bool Search::withholds(const model::Physics& effect) const {
+  return std::ranges::find(withheld_, &effect) != withheld_.end();
+}
+
+Search Search::under(const NoiseModel& noise, const model::Physics& also_withheld) const {
+  std::vector<const model::Physics*> withheld = withheld_;
+  withheld.push_back(&also_withheld);
+  return {series_, noise, threads_, std::move(withheld)};
+}
 
 Fit Search::fit_from(const ModelSpec& spec, int iterations) const {
   return instrument_problem_.fit(spec, iterations);
@@ -190,7 +206,7 @@ std::vector<Search::Trial> Search::trials(const Hypothesis& base) const {
   const ModelSpec& spec = base.ls_spec;
   const model::Reference recording = reference_of_all(series_);
   for (const model::Physics* effect : model::effects()) {
-    if (!may_be_tried(*effect, base, series_) || std::ranges::find(withheld_, effect) != withheld_.end()) continue;
+    if (!may_be_tried(*effect, base, series_) || withholds(*effect)) continue;
     for (const model::Law& known : effect->laws) {
       const model::Law& law = model::law_at(known, spec.length_scale);
       // Of several recordings each has a shape of its own, and one for all is none of them.
@@ -344,9 +360,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
     Hypothesis& hypothesis = out[i];
     hypothesis.effects = base.effects;
     hypothesis.effects.push_back(chosen[i].effect);
-    std::ranges::sort(hypothesis.effects, {}, [](const model::Physics* p) {
-      return std::ranges::find(model::effects(), p) - model::effects().begin();
-    });
+    sort_as_in_catalogue(hypothesis.effects);
     hypothesis.fit = std::move(chosen[i].fit);
     settle(hypothesis, chosen[i].promising);
   });

@@ -23,6 +23,9 @@ struct Hypothesis {
   [[nodiscard]] std::string key() const;  ///< "coulomb_friction+zero_drift"; "nominal"
 };
 
+/// In the order of the catalogue, as Hypothesis::effects are.
+void sort_as_in_catalogue(std::vector<const model::Physics*>& effects);
+
 /// A model can have this effect, `base` lacks it, and the recordings can show it.
 [[nodiscard]] bool may_be_tried(const model::Physics& effect, const Hypothesis& base, std::span<const Series> series);
 
@@ -36,6 +39,10 @@ class Search {
   /// that a recording can be simulated whose physics the catalogue lacks (reliability/).
   Search(std::span<const Series> series, const NoiseModel& instrument, unsigned threads,
          std::vector<const model::Physics*> withheld = {});
+
+  [[nodiscard]] bool withholds(const model::Physics& effect) const;
+  /// The same search with another noise of the force channel and one more effect withheld.
+  [[nodiscard]] Search under(const NoiseModel& noise, const model::Physics& also_withheld) const;
 
   /// Nominal model from many starts of its time constants.
   [[nodiscard]] Hypothesis nominal(const model::ModelSpec& nominal) const;

@@ -24,9 +24,7 @@ std::optional<std::size_t> under_right_names(const Selection& selection, const H
   std::vector<const model::Physics*> effects;
   for (const auto* effect : hypothesis.effects) effects.push_back(&effect_at_bound(hypothesis.fit.spec, *effect));
   if (effects == hypothesis.effects) return std::nullopt;
-  std::ranges::sort(effects, {}, [](const model::Physics* p) {
-    return std::ranges::find(model::effects(), p) - model::effects().begin();
-  });
+  sort_as_in_catalogue(effects);
   return find_in_pool(selection, effects, hypothesis.empirical);
 }
 
