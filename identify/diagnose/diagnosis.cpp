@@ -15,6 +15,7 @@
 #include "identify/diagnose/judgeable.hpp"
 #include "identify/diagnose/prepare.hpp"
 #include "identify/diagnose/publish.hpp"
+#include "identify/diagnose/search/beside_a_walk.hpp"
 #include "identify/diagnose/search/calibration.hpp"
 #include "identify/diagnose/search/empirical.hpp"
 #include "identify/diagnose/search/events.hpp"
@@ -344,7 +345,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   model::ModelSpec nominal = given;
   prepare(study, std::move(recordings), std::move(names), nominal);
   model::set_length_scale_if_in_range(nominal, model::length_scale_of_stroke(stroke_mm(study.series)));
-  const Search search(study.series, study.noise.weighing, options.threads, options.withheld);
+  Search search(study.series, study.noise.weighing, options.threads, options.withheld);
   constexpr const char* kWeighing = "weighing what may be missing";
   now(0.03, kWeighing);
   SelectionOptions selecting = options_for(study.noise, options.selection);
@@ -352,6 +353,13 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
   study.selection = select_effects(search, nominal, selecting);
   now(0.85, "looking for simpler laws");
   prefer_simpler_laws(study.selection, search);
+  selecting.on_progress = [&](double) { now(0.85, "weighing again beside a zero that walks"); };
+  if (auto beside = select_beside_a_walk(search, study.selection, nominal, selecting)) {
+    search = std::move(beside->search);
+    study.selection = std::move(beside->selection);
+    study.noise.weighing = search.instrument();
+    study.diagnosis.walk = beside->walk;
+  }
   const std::optional<Unjudged> few = nothing_named_of_few_rows(study);
 
   Diagnosis& out = study.diagnosis;

@@ -199,6 +199,11 @@ ordered_json diagnosis_json(const Diagnosis& d) {
                    {"source", name_of(d.noise_source)},
                    {"from_rests", d.noise_source == NoiseSource::kRests}};
   if (d.noise_reading_s > 0.0) json["noise"]["correlation_readings"] = d.instrument.correlation_s / d.noise_reading_s;
+  if (d.walk)
+    json["zero_walk"] = {{"rms_N_per_sqrt_s", d.walk->rms_N(1.0)},
+                         {"rest_rms_N_per_sqrt_s", std::sqrt(d.walk->rest_rate_N2_s)},
+                         {"motion_rms_N_per_sqrt_s", std::sqrt(d.walk->motion_rate_N2_s)},
+                         {"log_odds_at_rest", d.walk->log_odds_nats}};
   json["data_faults"] = data_faults_json(d.faults);
   json["discernible"] = discernible_json(d.discernible);
   if (!d.described_by.empty())

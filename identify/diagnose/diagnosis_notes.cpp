@@ -78,6 +78,17 @@ void note_substitutes(Diagnosis& out) {
   }
 }
 
+void note_walk(Diagnosis& out) {
+  if (!out.walk) return;
+  constexpr double kOver_s = 100.0;
+  out.notes.push_back(base::formatted(
+      "The zero of the force walks at random: it changes by %.3g N rms over %.0f s, at rest as in motion (%.3g N and "
+      "%.3g N). Its slow part is in the model of this recording, the rest of it counts as noise; another recording has "
+      "another walk, and is predicted without.",
+      out.walk->rms_N(kOver_s), kOver_s, std::sqrt(out.walk->rest_rate_N2_s * kOver_s),
+      std::sqrt(out.walk->motion_rate_N2_s * kOver_s)));
+}
+
 /// What belongs to its recording cannot be left out of it (left_out.hpp).
 void note_states(Diagnosis& out) {
   if (std::ranges::any_of(out.model.parts, [](const model::Part& part) { return model::is_event(*part.law); }))
@@ -105,6 +116,7 @@ void add_notes(const Study& study, const Fit& nominal_fit, Diagnosis& out) {
   if (study.selection.best != 0)
     note_unfinished_fit(study, study.selection.chosen().fit, "model with what it lacked", out);
   note_states(out);
+  note_walk(out);
   if (!out.not_modelled.why.empty()) out.notes.push_back(out.not_modelled.text());
   if (!out.why_share.empty())
     out.notes.push_back(

@@ -6,6 +6,7 @@
 #include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/explain/passivity.hpp"
 #include "identify/diagnose/fit/many_starts.hpp"
+#include "identify/diagnose/noise/walking_zero.hpp"
 #include "identify/diagnose/search/empirical.hpp"
 #include "model/catalogue.hpp"
 #include "model/number_sheet.hpp"
@@ -97,7 +98,9 @@ double rms_of_all_N(const Problem& problem, const model::ModelSpec& spec, double
 }
 
 /// The candidate errs more than the nominal model over what it was fitted to: a fit under coloured noise gives up the
-/// force for its differences, and where no part of the recording shows the effect alone nothing left out tells.
+/// force for its differences, and where no part of the recording shows the effect alone nothing left out tells. Not
+/// asked beside a zero that walks: least squares over the readings follow the walk, so that the nominal model's small
+/// error is that of wrong numbers.
 std::string worse_where_fitted(double model_N, double nominal_N, double noise_N) {
   const double noises = deciding().worse_noises;
   if (model_N * model_N <= nominal_N * nominal_N + noises * noises * noise_N * noise_N) return {};
@@ -201,12 +204,13 @@ Publication publish(const Search& search, const Selection& selection, const Leav
   const Problem& problem = search.instrument_problem();
   const double white_N = search.instrument().white_N;
   const double nominal_N = rms_of_all_N(problem, nominal.spec, white_N);
+  const bool beside_a_walk = is_walk(search.instrument(), problem.series());
   std::optional<Passed> passed;
   for (; candidate; candidate = smaller(search, selection, *candidate)) {
     std::string why = unphysical(candidate->spec, problem.series(), noise_N);
     std::optional<LeftOut> decided_by;
     const double model_N = rms_of_all_N(problem, candidate->spec, white_N);
-    if (why.empty()) why = worse_where_fitted(model_N, nominal_N, noise_N);
+    if (why.empty() && !beside_a_walk) why = worse_where_fitted(model_N, nominal_N, noise_N);
     if (why.empty()) {
       auto found = at_largest_share(leave_out, *candidate, nominal, model_N <= deciding().only_noise_ratio * noise_N,
                                     noise_N, decided_by);

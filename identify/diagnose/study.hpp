@@ -14,6 +14,7 @@
 #include "identify/diagnose/fit/intervals.hpp"
 #include "identify/diagnose/guard/guard.hpp"
 #include "identify/diagnose/noise/noise.hpp"
+#include "identify/diagnose/noise/walking_zero.hpp"
 #include "identify/diagnose/search/select.hpp"
 #include "identify/diagnose/verdict.hpp"
 
@@ -83,6 +84,7 @@ struct Diagnosis {
   NoiseModel instrument;
   double noise_reading_s = 0.0;  ///< InstrumentNoise::reading_s
   NoiseSource noise_source = NoiseSource::kDifferences;
+  std::optional<WalkingZero> walk;  ///< of the force's zero, beside which all else was weighed
   Errors nominal_errors;
   Errors model_errors;
   HeldoutStudy heldout;

@@ -1,0 +1,151 @@
+#include "identify/diagnose/search/beside_a_walk.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+
+#include "identify/diagnose/fit/many_starts.hpp"
+#include "identify/diagnose/search/parsimony.hpp"
+#include "identify/diagnose/search/practical_significance.hpp"
+#include "identify/diagnose/search/published.hpp"
+#include "identify/diagnose/search/repeated_evidence.hpp"
+#include "model/catalogue.hpp"
+#include "model/elements.hpp"
+#include "model/length_scale.hpp"
+
+namespace isorig::identify {
+namespace {
+
+struct Wander {
+  const model::Physics* effect = nullptr;
+  const model::Law* law = nullptr;
+};
+
+Wander wander_of(double length_scale) {
+  for (const model::Physics* effect : model::effects())
+    for (const model::Law& law : effect->laws)
+      if (model::describes_recording(law)) return {effect, &model::law_at(law, length_scale)};
+  return {};
+}
+
+/// It takes the place of a walk: it follows the time alone, or describes anything.
+bool follows_time(const Hypothesis& hypothesis) {
+  return !hypothesis.empirical.empty() || std::ranges::any_of(hypothesis.effects, [](const model::Physics* effect) {
+    return effect->traits.depends_on.size() == 1 && effect->traits.depends_on.front() == "time";
+  });
+}
+
+/// Log evidence minus what its effects cost a priori.
+double log_posterior(const Hypothesis& hypothesis, const SelectionOptions& options) {
+  double cost = 0.0;
+  for (const auto* effect : hypothesis.effects) cost += prior_cost(*effect, options);
+  return hypothesis.evidence - cost;
+}
+
+std::optional<WalkingZero> walk_left_by(const Search& search, const Hypothesis& hypothesis) {
+  const Problem& problem = search.instrument_problem();
+  const Eigen::VectorXd residual_N = problem.target() - problem.predict(hypothesis.fit.spec);
+  return walking_zero(problem.series().front(), residual_N, search.instrument().white_N);
+}
+
+struct Found {
+  WalkingZero walk;
+  double white_N = 0.0;
+};
+
+/// In what one of the likeliest explanations leaves that do not follow the time themselves.
+std::optional<Found> find_walk(const Search& search, const Selection& selection, const SelectionOptions& options) {
+  constexpr std::size_t kLikeliest = 3;
+  std::vector<const Hypothesis*> likely;
+  for (const Hypothesis& each : selection.pool)
+    if (!follows_time(each)) likely.push_back(&each);
+  std::ranges::stable_sort(likely, std::greater<>(), [&](const auto* each) { return log_posterior(*each, options); });
+  if (likely.size() > kLikeliest) likely.resize(kLikeliest);
+  for (const Hypothesis* each : likely)
+    if (const auto walk = walk_left_by(search, *each)) return Found{*walk, each->fit.noise.white_N};
+  return std::nullopt;
+}
+
+NoiseModel noise_of(const Found& found, const Series& series) {
+  constexpr double kRecordings = 10.0;
+  const double correlation_s = kRecordings * (series.nodes.back().t_s - series.nodes.front().t_s);
+  return {found.white_N, std::sqrt(0.5 * found.walk.rate_N2_s * correlation_s), correlation_s};
+}
+
+/// Log posterior of the likeliest explanation, among those with `effect` where it is not null.
+double likeliest(const Selection& selection, const model::Physics* effect, const SelectionOptions& options) {
+  double most = -std::numeric_limits<double>::infinity();
+  for (const Hypothesis& each : selection.pool)
+    if (effect == nullptr || each.has(*effect)) most = std::max(most, log_posterior(each, options));
+  return most;
+}
+
+/// `spec` with a law for the slow part of the walk. Under the noise of the walk that law and the level of the force
+/// would be taken from the changes of the force and lie beside it: both by plain least squares, all else kept.
+model::ModelSpec followed(const Wander& wander, const Search& search, model::ModelSpec spec) {
+  const Problem problem(search.instrument_problem().series(), plain(search.instrument()));
+  std::vector<bool> were_fixed;
+  for (model::Part& part : spec.parts) {
+    were_fixed.push_back(part.fixed);
+    part.fixed = part.fixed || part.physics != &model::element::constant();
+  }
+  were_fixed.push_back(false);
+  spec.parts.push_back(started_part(*wander.effect, *wander.law, 0, problem.series().front().excitation.reference));
+  Eigen::VectorXd ignored;
+  (void)problem.solve(spec, ignored);
+  for (std::size_t i = 0; i < spec.parts.size(); ++i) spec.parts[i].fixed = were_fixed[i];
+  return spec;
+}
+
+/// The drift joins every explanation but the nominal model, and the chosen one gets its law.
+void join(const Wander& wander, const WalkingZero& walk, const Search& search, const SelectionOptions& options,
+          Selection& selection) {
+  Hypothesis with = selection.chosen();
+  with.effects.push_back(wander.effect);
+  sort_as_in_catalogue(with.effects);
+  // What it leaves and its evidence stay those under the walk, which has no cosines.
+  with.fit.spec = with.ls_spec = followed(wander, search, with.fit.spec);
+  with.fit.noise = search.instrument_problem().estimate_noise(with.fit.spec);
+  with.plain_numbers = false;
+  selection.size_N[wander.effect] = size_N(search, with, selection.chosen());
+  for (std::size_t i = 1; i < selection.pool.size(); ++i) {
+    selection.pool[i].effects.push_back(wander.effect);
+    sort_as_in_catalogue(selection.pool[i].effects);
+  }
+  if (selection.best == 0) {
+    selection.best = selection.pool.size();
+    selection.pool.push_back(with);
+    selection.weight.push_back(selection.weight[0]);
+    selection.excess.push_back(
+        std::max(with.ls_chi2 / selection.noise_scale - static_cast<double>(with.fit.rows), 0.0));
+    selection.weight[0] = 0.0;
+  }
+  selection.pool[selection.best] = std::move(with);
+  selection.probability[wander.effect] =
+      1.0 / (1.0 + std::exp(prior_cost(*wander.effect, options) - walk.log_odds_nats));
+}
+
+}  // namespace
+
+std::optional<BesideAWalk> select_beside_a_walk(const Search& search, const Selection& selection,
+                                                const model::ModelSpec& nominal, const SelectionOptions& options) {
+  const auto series = search.instrument_problem().series();
+  const Wander wander = wander_of(nominal.length_scale);
+  if (series.size() != 1 || wander.effect == nullptr || search.withholds(*wander.effect)) return std::nullopt;
+  const std::optional<Found> found = find_walk(search, selection, options);
+  if (!found) return std::nullopt;
+  Search beside = search.under(noise_of(*found, series.front()), *wander.effect);
+  Selection chosen = select_effects(beside, nominal, options);
+  prefer_simpler_laws(chosen, beside);
+  if (least_squares_decide(chosen) || !chosen.chosen().empirical.empty()) return std::nullopt;
+  const std::optional<WalkingZero> walk = walk_left_by(beside, chosen.chosen());
+  if (!walk || walk->log_odds_nats <= prior_cost(*wander.effect, options)) return std::nullopt;
+  const double beside_walk = likeliest(chosen, nullptr, options) - prior_cost(*wander.effect, options);
+  if (likeliest(selection, wander.effect, options) > beside_walk) return std::nullopt;
+  chosen.excess[0] = std::max(chosen.excess[0], selection.excess[0]);
+  join(wander, *walk, beside, options, chosen);
+  return BesideAWalk{*walk, std::move(beside), std::move(chosen)};
+}
+
+}  // namespace isorig::identify
