@@ -17,6 +17,8 @@
 namespace isorig::identify {
 namespace {
 
+constexpr double kLikelierThanNot = 0.5;
+
 struct Wander {
   const model::Physics* effect = nullptr;
   const model::Law* law = nullptr;
@@ -98,19 +100,32 @@ model::ModelSpec followed(const Wander& wander, const Search& search, model::Mod
   return spec;
 }
 
-/// The drift joins every explanation but the nominal model, and the chosen one gets its law.
-void join(const Wander& wander, const WalkingZero& walk, const Search& search, const SelectionOptions& options,
-          Selection& selection) {
-  Hypothesis with = selection.chosen();
-  with.effects.push_back(wander.effect);
-  sort_as_in_catalogue(with.effects);
-  // What it leaves and its evidence stay those under the walk, which has no cosines.
-  with.fit.spec = with.ls_spec = followed(wander, search, with.fit.spec);
-  with.fit.noise = search.instrument_problem().estimate_noise(with.fit.spec);
-  with.plain_numbers = false;
-  selection.size_N[wander.effect] = size_N(search, with, selection.chosen());
+/// The chosen explanation with the drift. What it leaves and its evidence stay those under the walk, which has no
+/// cosines.
+Hypothesis with_drift(const Wander& wander, const Search& search, Hypothesis chosen) {
+  chosen.effects.push_back(wander.effect);
+  sort_as_in_catalogue(chosen.effects);
+  chosen.fit.spec = chosen.ls_spec = followed(wander, search, chosen.fit.spec);
+  chosen.fit.noise = search.instrument_problem().estimate_noise(chosen.fit.spec);
+  chosen.plain_numbers = false;
+  return chosen;
+}
+
+/// That the zero walks: by the blocks at rest, and by its size beside the other effects, whose laws are never quite
+/// right.
+double probability_of(const WalkingZero& walk, double size_of_walk_N, const model::Physics& drift, const Search& search,
+                      const Selection& selection, const SelectionOptions& options) {
+  const double by_rests = 1.0 / (1.0 + std::exp(prior_cost(drift, options) - walk.log_odds_nats));
+  if (selection.chosen().effects.empty()) return by_rests;
+  double largest_N = size_N(search, selection.chosen(), selection.nominal());
+  for (const auto& [effect, each_N] : selection.size_N) largest_N = std::max(largest_N, each_N);
+  return by_rests * significance(search, selection.chosen(), options, size_of_walk_N, largest_N);
+}
+
+/// The drift joins every explanation but the nominal model; the chosen one is `with` it.
+void join(const model::Physics& drift, Hypothesis with, Selection& selection) {
   for (std::size_t i = 1; i < selection.pool.size(); ++i) {
-    selection.pool[i].effects.push_back(wander.effect);
+    selection.pool[i].effects.push_back(&drift);
     sort_as_in_catalogue(selection.pool[i].effects);
   }
   if (selection.best == 0) {
@@ -122,8 +137,6 @@ void join(const Wander& wander, const WalkingZero& walk, const Search& search, c
     selection.weight[0] = 0.0;
   }
   selection.pool[selection.best] = std::move(with);
-  selection.probability[wander.effect] =
-      1.0 / (1.0 + std::exp(prior_cost(*wander.effect, options) - walk.log_odds_nats));
 }
 
 }  // namespace
@@ -140,11 +153,17 @@ std::optional<BesideAWalk> select_beside_a_walk(const Search& search, const Sele
   prefer_simpler_laws(chosen, beside);
   if (least_squares_decide(chosen) || !chosen.chosen().empirical.empty()) return std::nullopt;
   const std::optional<WalkingZero> walk = walk_left_by(beside, chosen.chosen());
-  if (!walk || walk->log_odds_nats <= prior_cost(*wander.effect, options)) return std::nullopt;
+  if (!walk) return std::nullopt;
   const double beside_walk = likeliest(chosen, nullptr, options) - prior_cost(*wander.effect, options);
   if (likeliest(selection, wander.effect, options) > beside_walk) return std::nullopt;
+  Hypothesis with = with_drift(wander, beside, chosen.chosen());
+  const double size = size_N(beside, with, chosen.chosen());
+  const double probability = probability_of(*walk, size, *wander.effect, beside, chosen, options);
+  if (probability < kLikelierThanNot) return std::nullopt;
+  chosen.size_N[wander.effect] = size;
+  chosen.probability[wander.effect] = probability;
   chosen.excess[0] = std::max(chosen.excess[0], selection.excess[0]);
-  join(wander, *walk, beside, options, chosen);
+  join(*wander.effect, std::move(with), chosen);
   return BesideAWalk{*walk, std::move(beside), std::move(chosen)};
 }
 

@@ -24,7 +24,8 @@ struct BesideAWalk {
 /// is drawn and taken out, and what the law does not follow stays noise.
 ///
 /// Nothing for several recordings (each has another walk), where the search withholds that effect, where the
-/// explanation that is chosen beside the walk does not leave a walk itself, or where a drift by a law is likelier.
+/// explanation that is chosen beside the walk does not leave a walk itself, where a drift by a law is likelier, or
+/// where the walk is as small as the error of the other effects' laws (practical_significance.hpp).
 [[nodiscard]] std::optional<BesideAWalk> select_beside_a_walk(const Search& search, const Selection& selection,
                                                               const model::ModelSpec& nominal,
                                                               const SelectionOptions& options);

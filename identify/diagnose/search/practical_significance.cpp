@@ -41,6 +41,14 @@ double size_of_alike_N(const model::Physics& effect, const std::map<const model:
 
 }  // namespace
 
+double significance(const Search& search, const Hypothesis& chosen, const SelectionOptions& options, double size_N,
+                    double largest_N, double alike_N) {
+  const double error_N = std::hypot(options.model_error_noises * noise_left_N(search, chosen, options),
+                                    options.model_error_share * largest_N, deciding().alike_error_share * alike_N);
+  const double odds = std::pow(size_N / error_N, deciding().significance_exponent);
+  return odds / (1.0 + odds);
+}
+
 void discount_insignificant_effects(Selection& selection, const Search& search, const SelectionOptions& options) {
   constexpr int kRounds = 8;
   std::set<const model::Physics*> done;
@@ -69,11 +77,9 @@ void discount_insignificant_effects(Selection& selection, const Search& search, 
         smallest = effect;
     if (smallest == nullptr) break;
     done.insert(smallest);
-    const double error_N = std::hypot(
-        options.model_error_noises * noise_left_N(search, selection.pool[chosen], options),
-        options.model_error_share * largest, deciding().alike_error_share * size_of_alike_N(*smallest, sizes));
-    const double odds = std::pow(sizes[smallest] / error_N, deciding().significance_exponent);
-    move_weight(selection, search, *smallest, odds / (1.0 + odds), false);
+    const double kept = significance(search, selection.pool[chosen], options, sizes[smallest], largest,
+                                     size_of_alike_N(*smallest, sizes));
+    move_weight(selection, search, *smallest, kept, false);
     count_weights(selection);
   }
   count_weights(selection);

@@ -21,4 +21,9 @@ namespace isorig::identify {
 /// of twice its size to 94 %.
 void discount_insignificant_effects(Selection& selection, const Search& search, const SelectionOptions& options);
 
+/// What an effect of `size_N` keeps of its weight beside the others of `chosen`, the largest of which has `largest_N`
+/// (and one that it may be the error of, `alike_N`): the odds of above as a probability.
+[[nodiscard]] double significance(const Search& search, const Hypothesis& chosen, const SelectionOptions& options,
+                                  double size_N, double largest_N, double alike_N = 0.0);
+
 }  // namespace isorig::identify
