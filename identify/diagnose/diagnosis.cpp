@@ -361,6 +361,7 @@ Study diagnose(std::vector<messages::Recording> recordings, std::vector<std::str
     study.diagnosis.walk = beside->walk;
   }
   const std::optional<Unjudged> few = nothing_named_of_few_rows(study);
+  if (few) study.diagnosis.walk.reset();
 
   Diagnosis& out = study.diagnosis;
   out.faults = study.faults;

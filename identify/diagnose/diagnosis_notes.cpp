@@ -81,12 +81,14 @@ void note_substitutes(Diagnosis& out) {
 void note_walk(Diagnosis& out) {
   if (!out.walk) return;
   constexpr double kOver_s = 100.0;
+  const bool is_followed = std::ranges::any_of(
+      out.model.parts, [](const model::Part& part) { return model::describes_recording(*part.law); });
   out.notes.push_back(base::formatted(
       "The zero of the force walks at random: it changes by %.3g N rms over %.0f s, at rest as in motion (%.3g N and "
-      "%.3g N). Its slow part is in the model of this recording, the rest of it counts as noise; another recording has "
-      "another walk, and is predicted without.",
+      "%.3g N). %s counts as noise; another recording has another walk, and is predicted without.",
       out.walk->rms_N(kOver_s), kOver_s, std::sqrt(out.walk->rest_rate_N2_s * kOver_s),
-      std::sqrt(out.walk->motion_rate_N2_s * kOver_s)));
+      std::sqrt(out.walk->motion_rate_N2_s * kOver_s),
+      is_followed ? "Its slow part is in the model of this recording, the rest of it" : "All of it"));
 }
 
 /// What belongs to its recording cannot be left out of it (left_out.hpp).

@@ -7,6 +7,7 @@
 #include "identify/diagnose/explain/passivity.hpp"
 #include "identify/diagnose/fit/many_starts.hpp"
 #include "identify/diagnose/noise/walking_zero.hpp"
+#include "identify/diagnose/search/beside_a_walk.hpp"
 #include "identify/diagnose/search/empirical.hpp"
 #include "model/catalogue.hpp"
 #include "model/number_sheet.hpp"
@@ -25,7 +26,10 @@ Candidate settled(const Search& search, const Selection& selection, Hypothesis s
   const NoiseModel noise = plain_fit                   ? plain(search.instrument())
                            : smaller.empirical.empty() ? smaller.fit.noise
                                                        : search.instrument();
-  return {std::move(smaller.fit.spec), {noise, false}, std::move(smaller.effects), std::move(smaller.empirical)};
+  model::ModelSpec spec = is_walk(search.instrument(), search.instrument_problem().series())
+                              ? levelled(search, std::move(smaller.fit.spec))
+                              : std::move(smaller.fit.spec);
+  return {std::move(spec), {noise, false}, std::move(smaller.effects), std::move(smaller.empirical)};
 }
 
 /// The next smaller candidate; nothing below a single effect.

@@ -60,7 +60,9 @@ double log_likelihood(const std::vector<Block>& blocks, double length_s, const R
       variance = own + steps / 3.0;
       continue;
     }
-    variance += rates.motion_N2_s * (now.number - blocks[b - 1].number - 1.0) * length_s;
+    // No readings came, or bins at rest are wider than blocks.
+    const double between = now.at_rest && blocks[b - 1].at_rest ? rates.rest_N2_s : rates.motion_N2_s;
+    variance += between * (now.number - blocks[b - 1].number - 1.0) * length_s;
     const double total = variance + steps / 3.0 + own, with_mean = variance + steps / 2.0;
     const double innovation_N = now.residual_N - state_N;
     sum -= 0.5 * (std::log(total) + innovation_N * innovation_N / total);

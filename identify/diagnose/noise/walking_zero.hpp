@@ -37,7 +37,7 @@ struct WalkingZero {
 ///   over longer times;
 /// - so do the blocks without what six cosines over the recording follow: nothing is left of a drift by a law.
 ///
-/// Nothing where it is not, or where the recording has too few blocks at rest to tell (eight).
+/// Nothing where it is not, or with fewer than eight blocks at rest or twelve of the longer ones.
 [[nodiscard]] std::optional<WalkingZero> walking_zero(const Series& series, const Eigen::VectorXd& residual_N,
                                                       double white_N);
 

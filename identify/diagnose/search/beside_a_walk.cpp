@@ -4,7 +4,9 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <utility>
 
+#include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/many_starts.hpp"
 #include "identify/diagnose/search/parsimony.hpp"
 #include "identify/diagnose/search/practical_significance.hpp"
@@ -83,21 +85,12 @@ double likeliest(const Selection& selection, const model::Physics* effect, const
   return most;
 }
 
-/// `spec` with a law for the slow part of the walk. Under the noise of the walk that law and the level of the force
-/// would be taken from the changes of the force and lie beside it: both by plain least squares, all else kept.
-model::ModelSpec followed(const Wander& wander, const Search& search, model::ModelSpec spec) {
-  const Problem problem(search.instrument_problem().series(), plain(search.instrument()));
-  std::vector<bool> were_fixed;
-  for (model::Part& part : spec.parts) {
-    were_fixed.push_back(part.fixed);
-    part.fixed = part.fixed || part.physics != &model::element::constant();
-  }
-  were_fixed.push_back(false);
-  spec.parts.push_back(started_part(*wander.effect, *wander.law, 0, problem.series().front().excitation.reference));
-  Eigen::VectorXd ignored;
-  (void)problem.solve(spec, ignored);
-  for (std::size_t i = 0; i < spec.parts.size(); ++i) spec.parts[i].fixed = were_fixed[i];
-  return spec;
+/// More is left than noise and a walk: no walk explains it.
+bool leaves_structure(const Selection& selection) {
+  const double left = selection.excess[selection.best];
+  return !selection.chosen().empirical.empty() ||
+         (left > deciding().structure_share * static_cast<double>(selection.chosen().fit.rows) &&
+          left > deciding().structure_squares);
 }
 
 /// The chosen explanation with the drift. What it leaves and its evidence stay those under the walk, which has no
@@ -105,7 +98,9 @@ model::ModelSpec followed(const Wander& wander, const Search& search, model::Mod
 Hypothesis with_drift(const Wander& wander, const Search& search, Hypothesis chosen) {
   chosen.effects.push_back(wander.effect);
   sort_as_in_catalogue(chosen.effects);
-  chosen.fit.spec = chosen.ls_spec = followed(wander, search, chosen.fit.spec);
+  const model::Reference& recording = search.instrument_problem().series().front().excitation.reference;
+  chosen.fit.spec.parts.push_back(started_part(*wander.effect, *wander.law, 0, recording));
+  chosen.fit.spec = chosen.ls_spec = levelled(search, std::move(chosen.fit.spec));
   chosen.fit.noise = search.instrument_problem().estimate_noise(chosen.fit.spec);
   chosen.plain_numbers = false;
   return chosen;
@@ -122,48 +117,63 @@ double probability_of(const WalkingZero& walk, double size_of_walk_N, const mode
   return by_rests * significance(search, selection.chosen(), options, size_of_walk_N, largest_N);
 }
 
-/// The drift joins every explanation but the nominal model; the chosen one is `with` it.
-void join(const model::Physics& drift, Hypothesis with, Selection& selection) {
+/// The drift joins every explanation; the chosen one is `with` it. The nominal model stays the first, and has its
+/// weight as the explanation by the drift alone.
+void join(const model::Physics& drift, const Hypothesis& with, Selection& selection) {
+  Hypothesis alone = selection.nominal();
+  alone.effects = {&drift};
   for (std::size_t i = 1; i < selection.pool.size(); ++i) {
     selection.pool[i].effects.push_back(&drift);
     sort_as_in_catalogue(selection.pool[i].effects);
   }
-  if (selection.best == 0) {
-    selection.best = selection.pool.size();
-    selection.pool.push_back(with);
-    selection.weight.push_back(selection.weight[0]);
-    selection.excess.push_back(
-        std::max(with.ls_chi2 / selection.noise_scale - static_cast<double>(with.fit.rows), 0.0));
-    selection.weight[0] = 0.0;
-  }
-  selection.pool[selection.best] = std::move(with);
+  if (selection.best == 0) selection.best = selection.pool.size();
+  selection.pool.push_back(std::move(alone));
+  selection.weight.push_back(std::exchange(selection.weight[0], 0.0));
+  selection.excess.push_back(selection.excess[0]);
+  selection.pool[selection.best] = with;
 }
 
 }  // namespace
+
+model::ModelSpec levelled(const Search& search, model::ModelSpec spec) {
+  const Problem problem(search.instrument_problem().series(), plain(search.instrument()));
+  std::vector<bool> were_fixed;
+  for (model::Part& part : spec.parts) {
+    were_fixed.push_back(part.fixed);
+    const bool solved = part.physics == &model::element::constant() || model::describes_recording(*part.law);
+    part.fixed = part.fixed || !solved;
+  }
+  Eigen::VectorXd ignored;
+  (void)problem.solve(spec, ignored);
+  for (std::size_t i = 0; i < spec.parts.size(); ++i) spec.parts[i].fixed = were_fixed[i];
+  return spec;
+}
 
 std::optional<BesideAWalk> select_beside_a_walk(const Search& search, const Selection& selection,
                                                 const model::ModelSpec& nominal, const SelectionOptions& options) {
   const auto series = search.instrument_problem().series();
   const Wander wander = wander_of(nominal.length_scale);
-  if (series.size() != 1 || wander.effect == nullptr || search.withholds(*wander.effect)) return std::nullopt;
+  if (series.size() != 1 || series.front().noise_reading_s > 0.0) return std::nullopt;
+  if (wander.effect == nullptr || search.withholds(*wander.effect)) return std::nullopt;
   const std::optional<Found> found = find_walk(search, selection, options);
   if (!found) return std::nullopt;
   Search beside = search.under(noise_of(*found, series.front()), *wander.effect);
   Selection chosen = select_effects(beside, nominal, options);
   prefer_simpler_laws(chosen, beside);
-  if (least_squares_decide(chosen) || !chosen.chosen().empirical.empty()) return std::nullopt;
+  if (least_squares_decide(chosen) || leaves_structure(chosen)) return std::nullopt;
   const std::optional<WalkingZero> walk = walk_left_by(beside, chosen.chosen());
   if (!walk) return std::nullopt;
   const double beside_walk = likeliest(chosen, nullptr, options) - prior_cost(*wander.effect, options);
   if (likeliest(selection, wander.effect, options) > beside_walk) return std::nullopt;
-  Hypothesis with = with_drift(wander, beside, chosen.chosen());
+  const Hypothesis with = with_drift(wander, beside, chosen.chosen());
   const double size = size_N(beside, with, chosen.chosen());
   const double probability = probability_of(*walk, size, *wander.effect, beside, chosen, options);
   if (probability < kLikelierThanNot) return std::nullopt;
   chosen.size_N[wander.effect] = size;
   chosen.probability[wander.effect] = probability;
-  chosen.excess[0] = std::max(chosen.excess[0], selection.excess[0]);
-  join(*wander.effect, std::move(with), chosen);
+  join(*wander.effect, with, chosen);
+  // Of a walk alone nothing is in excess beside it; before, the walk was.
+  if (chosen.chosen().effects.size() == 1) chosen.excess[0] = std::max(chosen.excess[0], selection.excess[0]);
   return BesideAWalk{*walk, std::move(beside), std::move(chosen)};
 }
 

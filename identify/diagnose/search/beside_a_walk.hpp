@@ -23,11 +23,16 @@ struct BesideAWalk {
 /// recording (the drift of the zero) is withheld, and joins the explanation that is chosen: by that law its slow part
 /// is drawn and taken out, and what the law does not follow stays noise.
 ///
-/// Nothing for several recordings (each has another walk), where the search withholds that effect, where the
-/// explanation that is chosen beside the walk does not leave a walk itself, where a drift by a law is likelier, or
-/// where the walk is as small as the error of the other effects' laws (practical_significance.hpp).
+/// Nothing for several recordings (each has another walk), for a noise that forgets by readings (a walk goes on in
+/// time), where the search withholds that effect, where the explanation that is chosen beside the walk does not leave a
+/// walk itself or leaves more than noise, where a drift by a law is likelier, or where the walk is as small as the
+/// error of the other effects' laws (practical_significance.hpp).
 [[nodiscard]] std::optional<BesideAWalk> select_beside_a_walk(const Search& search, const Selection& selection,
                                                               const model::ModelSpec& nominal,
                                                               const SelectionOptions& options);
+
+/// Fitted under a walk, the level of the force and a law for the slow part of the walk are taken from the changes of
+/// the force, and lie beside it: both by plain least squares, all else kept.
+[[nodiscard]] model::ModelSpec levelled(const Search& search, model::ModelSpec spec);
 
 }  // namespace isorig::identify

@@ -41,7 +41,7 @@ bool is_named(const Diagnosis& d, std::string_view name) {
   return std::ranges::any_of(d.missing, [&](const auto& m) { return m.effect->name == name && m.probability > 0.9; });
 }
 
-constexpr double kRate_N2_s = 1e-4;  // 0.28 N rms over the 800 s of the bench, whose force goes through some 15 N
+constexpr double kRate_N2_s = 1e-4;  // 0.36 N rms over the 1270 s of the bench, whose spring alone spans 20 N
 
 /// Not the drift alone: its rate, and the specimen's own numbers, which the walk must not pull along.
 TEST(BesideAWalk, AWalkAloneIsNamedAndThePartsAreRight) {
@@ -49,11 +49,13 @@ TEST(BesideAWalk, AWalkAloneIsNamedAndThePartsAreRight) {
   EXPECT_EQ(names(d), "zero_drift ");
   EXPECT_TRUE(is_named(d, "zero_drift"));
   ASSERT_TRUE(d.walk);
-  // Some 400 blocks: 7 % of the rate, three of that.
-  EXPECT_NEAR(d.walk->rate_N2_s, kRate_N2_s, 0.21 * kRate_N2_s);
+  // 635 blocks: 5.6 % of the rate, three of that.
+  EXPECT_NEAR(d.walk->rate_N2_s, kRate_N2_s, 0.17 * kRate_N2_s);
+  // 0.36 N over a stroke of 4 mm would be 0.09 N/mm, had the stiffness followed the walk.
   const NamedValue& stiffness = d.model_numbers[0][0];
   EXPECT_LT(stiffness.low, 2.5);
   EXPECT_GT(stiffness.high, 2.5);
+  EXPECT_LT(stiffness.high - stiffness.low, 0.09);
   EXPECT_TRUE(std::ranges::any_of(
       d.notes, [](const std::string& note) { return note.find("walks at random") != std::string::npos; }));
   EXPECT_EQ(diagnosis_json(d)["zero_walk"]["rms_N_per_sqrt_s"], d.walk->rms_N(1.0));
@@ -83,7 +85,6 @@ TEST(BesideAWalk, IsNotLookedForWhereTheDriftIsWithheld) {
   options.withheld = {named.missing.front().effect};
   const Diagnosis d = diagnose({recording}, {"bench"}, model::nominal_model("slse1"), options).diagnosis;
   EXPECT_FALSE(d.walk);
-  EXPECT_FALSE(is_named(d, "zero_drift"));
 }
 
 }  // namespace
