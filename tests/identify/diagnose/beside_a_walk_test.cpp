@@ -1,4 +1,6 @@
 // A zero that walks at random is named, and what else is missing is found and measured beside it.
+#include "identify/diagnose/search/beside_a_walk.hpp"
+
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -8,6 +10,7 @@
 
 #include "concealed_specimen.hpp"
 #include "identify/diagnose/diagnosis.hpp"
+#include "model/elements.hpp"
 #include "model/number_sheet.hpp"
 
 namespace isorig::identify {
@@ -74,6 +77,33 @@ TEST(BesideAWalk, ADriftByALawKeepsItsLaw) {
   EXPECT_FALSE(d.walk);
   ASSERT_EQ(names(d), "zero_drift ");
   EXPECT_EQ(d.missing.front().law, "linear");
+}
+
+/// Least squares leave nothing that a constant could take away, and touch no other number.
+TEST(BesideAWalk, TheLevelIsThatOfTheForceAndAllElseIsKept) {
+  const std::vector<Series> series{prepare_series("bench", walked(test::record({.seed = 5}), kRate_N2_s, 21), {})};
+  const double lasts_s = series.front().nodes.back().t_s - series.front().nodes.front().t_s;
+  const Search search(series, {0.02, std::sqrt(5.0 * kRate_N2_s * lasts_s), 10.0 * lasts_s}, 1);
+  model::ModelSpec off = search.nominal(model::nominal_model("slse1")).fit.spec;
+  const auto constant = std::ranges::find(off.parts, &model::element::constant(), &model::Part::physics);
+  ASSERT_NE(constant, off.parts.end());
+  constant->coefficients[0] += 1.0;
+  const model::ModelSpec level = levelled(search, off);
+  const Problem& problem = search.instrument_problem();
+  const Eigen::VectorXd left_N = problem.target() - problem.predict(level);
+  double sum_N = 0.0, readings = 0.0;
+  for (std::size_t k = 0; k < series.front().count.size(); ++k) {
+    sum_N += series.front().count[k] * left_N[static_cast<Eigen::Index>(k)];
+    readings += series.front().count[k];
+  }
+  EXPECT_NEAR(sum_N / readings, 0.0, 1e-9);
+  for (std::size_t i = 0; i < off.parts.size(); ++i) {
+    EXPECT_EQ(level.parts[i].parameters, off.parts[i].parameters);
+    EXPECT_EQ(level.parts[i].fixed, off.parts[i].fixed);
+    if (off.parts[i].physics != &model::element::constant()) {
+      EXPECT_EQ(level.parts[i].coefficients, off.parts[i].coefficients);
+    }
+  }
 }
 
 /// The drift is withheld: nothing is to be found in its place by another way.
