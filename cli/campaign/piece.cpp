@@ -118,6 +118,13 @@ FileState state_of(const fs::path& file) {
           ns_of(found.st_ctim)};
 }
 
+/// A hard link to it, or another owner, changes the inode alone.
+bool replaced(const fs::path& program, FileState before) {
+  const FileState now = state_of(program);
+  before.changed_ns = now.changed_ns;
+  return now != before;
+}
+
 /// Exit codes that are an answer. A case that cannot be read is an error of whoever made the study.
 bool is_answer(const Ask& ask, int exit_code, const fs::path& made) {
   if (exit_code == 0) return true;
@@ -331,9 +338,9 @@ void check_inputs(const Workshop& shop) {
                         (shop.plan.ask.control.empty() ? "model" : "analysis of the controls") +
                         " back, then give the same command again");
   }
-  if (shop.program_state && state_of(shop.program) != *shop.program_state)
+  if (shop.program_state && replaced(shop.program, *shop.program_state))
     changed(shop.program.string() + ": the program was replaced");
-  if (shop.judged_state && state_of(shop.plan.ask.judged) != *shop.judged_state)
+  if (shop.judged_state && replaced(shop.plan.ask.judged, *shop.judged_state))
     changed(shop.plan.ask.judged + ": the program was replaced");
 }
 

@@ -194,6 +194,13 @@ TEST_F(Campaign, AProgramThatIsReplacedMakesNoPiece) {
               ThrowsMessage<InputsChanged>(HasSubstr("the program was replaced")));
 }
 
+/// As backups, package managers and profilers make them.
+TEST_F(Campaign, AHardLinkToTheProgramReplacesNothing) {
+  const Workshop w = workshop_of(plan(), script(kAnswers));
+  std::filesystem::create_hard_link(w.program, dir_ / "linked");
+  EXPECT_EQ(make_piece(w, recording("rep-1")).ended, Ended::kMade);
+}
+
 TEST_F(Campaign, PieceIsMadeOnceAndAgainWhenAnythingOfItChanges) {
   const std::string r = recording("lab/rep 1");
   const auto made = [&](const Workshop& w) { return make_piece(w, r).ended == Ended::kMade; };
