@@ -5,19 +5,23 @@
 namespace isorig::model::effect {
 namespace {
 
-class Polynomial : public Process {
+/// x^lowest to x^highest.
+class Powers : public Process {
  public:
-  Polynomial(bool square, bool cube) noexcept : square_(square), cube_(cube) {}
+  Powers(int lowest, int highest) noexcept : lowest_(lowest), highest_(highest) {}
   void reset(const Instant&) noexcept override {}
   void force(const Instant& now, double* columns) noexcept override {
     const double x = now.position_mm;
-    if (square_) *columns++ = x * x;
-    if (cube_) *columns = x * x * x;
+    double power = x;
+    for (int degree = 2; degree <= highest_; ++degree) {
+      power *= x;
+      if (degree >= lowest_) *columns++ = power;
+    }
   }
 
  private:
-  bool square_;
-  bool cube_;
+  int lowest_;
+  int highest_;
 };
 
 class Exponential : public Process {
@@ -98,6 +102,25 @@ const Coefficient kCubic{
               .range = "Physics: a specimen may stiffen or soften with strain, so it has no sign.",
               .errors = "A stroke to one side cannot separate it from the quadratic term. Mistaken for slack at one "
                         "end of the stroke."}};
+const Coefficient kQuartic{
+    .name = "quartic_N_mm4",
+    .symbol = "k4",
+    .sign = Sign::kFree,
+    .sheet = {.what = "A quarter of the stiffness that the fourth power adds 1 mm from the origin.",
+              .unit = "N/mm4",
+              .range = "Physics: a specimen may stiffen or soften with strain, so it has no sign.",
+              .errors = "Means little without the other powers: they share one curve, and a shift of the origin moves "
+                        "parts of it between them. Mistaken for a law of fewer numbers, which is preferred."}};
+const Coefficient kQuintic{
+    .name = "quintic_N_mm5",
+    .symbol = "k5",
+    .sign = Sign::kFree,
+    .sheet = {.what = "A fifth of the stiffness that the fifth power adds 1 mm from the origin.",
+              .unit = "N/mm5",
+              .range = "Physics: a specimen may stiffen or soften with strain, so it has no sign.",
+              .errors =
+                  "As of the fourth power. Beyond the stroke it grows as no specimen does: a prediction returns to "
+                  "the nominal model there."}};
 const Parameter kKneePosition{
     .name = "position_mm",
     .symbol = "x0",
@@ -130,8 +153,8 @@ const Physics& strain_stiffening() {
       "Elastic force that is nonlinear in strain.",
       "Tondu 2012 (McKibben: stiffness grows with length); Fung 1967 (exponential). Fibres of "
       "spread slack lengths (Decraemer 1980). A braid locks (Chou & Hannaford 1996); its force grows as near any limit "
-      "of "
-      "extension (Gent 1996). Linear and constant parts "
+      "of extension (Gent 1996). A rubber is stiff, soft and stiff again (Ogden 1972): no knee, but a curve of few "
+      "powers. Linear and constant parts "
       "belong to the spring and the tare, so the position may be counted from anywhere.",
       "Slow triangle of the largest amplitude: the loading line is curved, the same at every velocity. "
       "Mistaken "
@@ -140,17 +163,18 @@ const Physics& strain_stiffening() {
         "F = k2 x^2",
         {},
         {kQuadratic},
-        [](auto, const Reference&) { return std::make_unique<Polynomial>(true, false); }},
-       {"cubic",
-        "F = k3 x^3",
-        {},
-        {kCubic},
-        [](auto, const Reference&) { return std::make_unique<Polynomial>(false, true); }},
+        [](auto, const Reference&) { return std::make_unique<Powers>(2, 2); }},
+       {"cubic", "F = k3 x^3", {}, {kCubic}, [](auto, const Reference&) { return std::make_unique<Powers>(3, 3); }},
        {"polynomial",
         "F = k2 x^2 + k3 x^3",
         {},
         {kQuadratic, kCubic},
-        [](auto, const Reference&) { return std::make_unique<Polynomial>(true, true); }},
+        [](auto, const Reference&) { return std::make_unique<Powers>(2, 3); }},
+       {"quintic",
+        "F = k2 x^2 + k3 x^3 + k4 x^4 + k5 x^5",
+        {},
+        {kQuadratic, kCubic, kQuartic, kQuintic},
+        [](auto, const Reference&) { return std::make_unique<Powers>(2, 5); }},
        {"exponential",
         "F = k L (exp(x / L) - 1 - x / L)",
         {{.name = "length_mm",

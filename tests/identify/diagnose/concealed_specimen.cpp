@@ -111,6 +111,12 @@ messages::Recording run(const ConcealedSpecimen& b, Script script, bool noise) {
     f += (b.arm_N_mm3 * seen * seen + b.arm_N_s_mm2 * std::fabs(dx) / kStep_s) * arm;
     f += (dx > 0.0 ? b.lengthening_N_s_mm : b.shortening_N_s_mm) * dx / kStep_s;
     f += b.lock_N_mm * seen * seen / (b.lock_mm - seen);
+    const double stretch = 1.0 + seen / b.rubber_mm;
+    f += b.rubber_N_mm *
+         (2.0 * b.rubber_mm / (3.0 * b.rubber_exponent) *
+              (std::pow(stretch, b.rubber_exponent - 1.0) - std::pow(stretch, -0.5 * b.rubber_exponent - 1.0)) -
+          seen);
+    f += b.snap_N_mm * seen * (1.0 - 2.0 * b.snap_mm / std::hypot(seen, b.snap_mm));
     if (b.gas_N_psi > 0.0) {
       // What is in the chamber changes by the valve alone; the mean of both ends of the step drives it.
       const double earlier = std::pow(volume(length(seen - dx)), b.gas_exponent);
@@ -274,6 +280,11 @@ void PrintTo(const ConcealedSpecimen& specimen, std::ostream* out) {
       {"load_share", &ConcealedSpecimen::load_share},
       {"lock_N_mm", &ConcealedSpecimen::lock_N_mm},
       {"lock_mm", &ConcealedSpecimen::lock_mm},
+      {"rubber_N_mm", &ConcealedSpecimen::rubber_N_mm},
+      {"rubber_mm", &ConcealedSpecimen::rubber_mm},
+      {"rubber_exponent", &ConcealedSpecimen::rubber_exponent},
+      {"snap_N_mm", &ConcealedSpecimen::snap_N_mm},
+      {"snap_mm", &ConcealedSpecimen::snap_mm},
       {"gas_N_psi", &ConcealedSpecimen::gas_N_psi},
       {"gas_s", &ConcealedSpecimen::gas_s},
       {"braid_angle_deg", &ConcealedSpecimen::braid_angle_deg},

@@ -42,6 +42,8 @@ struct ConcealedSpecimen {
   double set_N_mm = 0.0;                                     ///< force lost per mm of the largest position
   double load_share = 0.0;                ///< of the specimen's force, on the bristle of `presliding_mm`
   double lock_N_mm = 0.0, lock_mm = 6.0;  ///< k x^2 / (L - x)
+  double rubber_N_mm = 0.0, rubber_mm = 12.0, rubber_exponent = 6.0;  ///< Ogden, its slope at rest taken off
+  double snap_N_mm = 0.0, snap_mm = 0.6;                              ///< a shallow truss of that height
   double gas_N_psi = 0.0, gas_s = 0.8, braid_angle_deg = 25.0, gas_exponent = 1.2;  ///< trapped in a braid
   // In no catalogue.
   double ripple_N = 0.0, ripple_mm = 0.4;

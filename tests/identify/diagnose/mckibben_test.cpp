@@ -118,6 +118,7 @@ const Hidden kHidden[] = {
      "polytropic",
      {{"time_constant_s", 0.8}, {"braid_angle_deg", 25.0}, {"force_N_psi", 1.0}}},
     {"ABraidThatLocks", {.lock_N_mm = 0.2, .seed = 9}, "strain_stiffening", "lock", {{"lock_mm", 6.0}}},
+    {"ARubberThatIsStiffAtBothEnds", {.rubber_N_mm = 0.2, .seed = 24}, "strain_stiffening", "quintic", {}},
 };
 INSTANTIATE_TEST_SUITE_P(Mckibben, Found, testing::ValuesIn(kHidden),
                          [](const auto& hidden) { return std::string(hidden.param.test); });
@@ -205,6 +206,15 @@ const Neighbour kNeighbours[] = {
 };
 INSTANTIATE_TEST_SUITE_P(Mckibben, NotCalled, testing::ValuesIn(kNeighbours),
                          [](const auto& neighbour) { return std::string(neighbour.param.test); });
+
+/// A truss that snaps through is an elastic force of the position as well, but no curve of few powers: it has no name,
+/// and a table of the position describes it.
+TEST(ATrussThatSnaps, IsNoStiffening) {
+  const Diagnosis d = diagnose_bench({.snap_N_mm = 0.3, .seed = 32});
+  EXPECT_EQ(d.verdict, Verdict::kUnknownPhysics) << diagnosis_json(d)["missing"].dump(1);
+  EXPECT_LT(probability_of(d, "strain_stiffening"), 0.5);
+  EXPECT_EQ(diagnosis_json(d)["described"]["function_of"], "position");
+}
 
 }  // namespace
 }  // namespace isorig::identify

@@ -252,6 +252,7 @@ const std::vector<Truth>& truths() {
       {"strain_stiffening", "quadratic", {}, {0.06}},
       {"strain_stiffening", "cubic", {}, {0.02}},
       {"strain_stiffening", "polynomial", {}, {0.06, 0.02}},
+      {"strain_stiffening", "quintic", {}, {0.06, 0.02, -0.006, 0.002}},
       {"strain_stiffening", "exponential", {2.0}, {0.3}},
       {"strain_stiffening", "knee", {0.7}, {0.6}},
       {"strain_stiffening", "smooth_knee", {0.7, 0.3}, {0.6}},

@@ -71,6 +71,7 @@ const std::vector<Case>& cases() {
       {"strain_stiffening", "quadratic", {{}}, {0.06}, 1e-12, 0, true},
       {"strain_stiffening", "cubic", {{}}, {-0.02}, 1e-12, 0, true},
       {"strain_stiffening", "polynomial", {{}}, {0.06, 0.01}, 1e-12, 0, true},
+      {"strain_stiffening", "quintic", {{}}, {0.06, 0.01, -0.004, 0.001}, 1e-12, 0, true},
       {"strain_stiffening", "exponential", {{0.6}, {50.0}}, {0.3}, 1e-12, 0, true},
       {"strain_stiffening", "knee", {{0.4}, {-3.0}}, {0.9}, 1e-12, 0, true},
       {"strain_stiffening", "smooth_knee", {{0.4, 0.2}, {-1.0, 3.0}}, {0.9}, 1e-9, 0, true},

@@ -27,9 +27,10 @@ class Sheet : public testing::TestWithParam<Named> {
 };
 
 bool has_unit(std::string_view name) {
-  constexpr std::array units{"_s",    "_mm",      "_N",        "_psi",     "_kg",         "_mm_s",     "_N_mm",
-                             "_N_h",  "_N_mm2",   "_N_mm3",    "_N_s_mm",  "_N_psi",      "_N_mm_psi", "_1_kN",
-                             "_1_mm", "_N_s_mm2", "_N_s2_mm2", "_N_s_mm3", "_N_s_mm_psi", "_deg"};
+  constexpr std::array units{"_s",        "_mm",      "_N",          "_psi",   "_kg",    "_mm_s",
+                             "_N_mm",     "_N_h",     "_N_mm2",      "_N_mm3", "_N_mm4", "_N_mm5",
+                             "_N_s_mm",   "_N_psi",   "_N_mm_psi",   "_1_kN",  "_1_mm",  "_N_s_mm2",
+                             "_N_s2_mm2", "_N_s_mm3", "_N_s_mm_psi", "_deg"};
   return std::ranges::any_of(units, [&](std::string_view unit) { return name.ends_with(unit); });
 }
 

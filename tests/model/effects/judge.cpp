@@ -391,6 +391,9 @@ void add_specimen(std::map<std::string, Judge>& of) {
   of["strain_stiffening/quadratic"] = square;
   of["strain_stiffening/cubic"] = cube;
   of["strain_stiffening/polynomial"] = several({square, cube});
+  const Judge fourth = at_point([](Numbers, const Track& t, std::size_t i) { return std::pow(t.position_mm[i], 4.0); });
+  const Judge fifth = at_point([](Numbers, const Track& t, std::size_t i) { return std::pow(t.position_mm[i], 5.0); });
+  of["strain_stiffening/quintic"] = several({square, cube, fourth, fifth});
   of["strain_stiffening/exponential"] = at_point([](Numbers p, const Track& t, std::size_t i) {
     // k L (u^2/2! + u^3/3! + ...)
     const long double u = t.position_mm[i] / p[0];
