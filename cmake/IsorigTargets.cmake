@@ -251,6 +251,14 @@ function(isorig_vm_test name)
   math(EXPR limit "${arg_TIMEOUT} + 30")  # the machine's own limit comes first, and says what it saw
   add_test(NAME vm.${name} COMMAND ${PROJECT_SOURCE_DIR}/virtual-bench/run
     --modules "${modules}" --qemu "${qemu}" --timeout ${arg_TIMEOUT} -- ${arg_COMMAND})
-  set_tests_properties(vm.${name} PROPERTIES LABELS vm RESOURCE_LOCK virtual_machine COST 1000
-    FIXTURES_REQUIRED virtual_bench TIMEOUT ${limit} ENVIRONMENT "${arg_ENVIRONMENT}")
+  isorig_vm_properties(vm.${name} ${limit} virtual_bench)
+  set_tests_properties(vm.${name} PROPERTIES ENVIRONMENT "${arg_ENVIRONMENT}")
+endfunction()
+
+# isorig_vm_properties(<test> <timeout in s> <fixtures>)
+# The machines together take longer than all other tests, so they begin first (COST). More PROCESSORS than one would leave
+# them for last: ctest gives each processor that becomes free to a test that wants no more.
+function(isorig_vm_properties test timeout fixtures)
+  set_tests_properties(${test} PROPERTIES LABELS vm RESOURCE_LOCK virtual_machine COST 1000
+    TIMEOUT ${timeout} FIXTURES_REQUIRED "${fixtures}")
 endfunction()
