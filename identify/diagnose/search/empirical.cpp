@@ -7,6 +7,7 @@
 
 #include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/moves.hpp"
+#include "identify/diagnose/search/physical_size.hpp"
 #include "model/catalogue.hpp"
 #include "model/elements.hpp"
 #include "model/one_recording.hpp"
@@ -252,7 +253,10 @@ std::optional<Hypothesis> describe_unknown(const Search& search, const Hypothesi
   Hypothesis out = base;
   const double before = tabulator.squares(base.fit.spec);
   std::vector<TableFit> fits(all.size());
-  for (std::size_t c = 0; c < all.size(); ++c) fits[c] = tabulator.fit(all[c], base.fit.spec);
+  for (std::size_t c = 0; c < all.size(); ++c) {
+    fits[c] = tabulator.fit(all[c], base.fit.spec);
+    if (all[c].law == "pressure" && beyond_physical_size(fits[c].table, problem.series())) fits[c].gain = 0.0;
+  }
   std::size_t best = 0;
   for (std::size_t c = 1; c < all.size(); ++c)
     if (fits[c].gain > fits[best].gain) best = c;

@@ -57,6 +57,20 @@ double drifts_by_N(const model::Part& part, const model::Reference& reference) {
   return highest_N - lowest_N;
 }
 
+/// Largest of all recordings.
+struct Sizes {
+  double pressure_psi = 0.0, force_N = 0.0;
+};
+
+Sizes sizes_of(std::span<const Series> series) {
+  Sizes largest;
+  for (const Series& each : series) {
+    largest.pressure_psi = std::max(largest.pressure_psi, each.excitation.reference.nominal_pressure_psi);
+    largest.force_N = std::max(largest.force_N, each.excitation.reference.largest_force_N);
+  }
+  return largest;
+}
+
 bool is_drift_of_the_channel(const model::Part& part) {
   return part.physics->stage == model::Stage::kSensor && part.law->traits.counts == model::Counts::kTime;
 }
@@ -65,11 +79,7 @@ bool is_drift_of_the_channel(const model::Part& part) {
 
 bool beyond_physical_size(const model::ModelSpec& spec, std::span<const model::Physics* const> effects,
                           std::span<const Series> series) {
-  double pressure_psi = 0.0, largest_N = 0.0;
-  for (const Series& each : series) {
-    pressure_psi = std::max(pressure_psi, each.excitation.reference.nominal_pressure_psi);
-    largest_N = std::max(largest_N, each.excitation.reference.largest_force_N);
-  }
+  const auto [pressure_psi, largest_N] = sizes_of(series);
   if (!(largest_N > 0.0)) return false;
   const auto beyond = [&](const model::Part& part, const model::Reference& reference) {
     if (!part.law->make) return false;
@@ -81,6 +91,14 @@ bool beyond_physical_size(const model::ModelSpec& spec, std::span<const model::P
     if (std::ranges::find(effects, part.physics) == effects.end()) return false;
     return std::ranges::any_of(series, [&](const Series& each) { return beyond(part, each.excitation.reference); });
   });
+}
+
+bool beyond_physical_size(const model::Table& of_pressure, std::span<const Series> series) {
+  const auto [pressure_psi, largest_N] = sizes_of(series);
+  if (!(largest_N > 0.0 && pressure_psi > 0.0) || of_pressure.values.size() < 2) return false;
+  const auto [low, high] = std::ranges::minmax(of_pressure.values);
+  const double seen_psi = of_pressure.step * static_cast<double>(of_pressure.values.size() - 1);
+  return (high - low) * pressure_psi > deciding().pressure_force_ratio * largest_N * seen_psi;
 }
 
 }  // namespace isorig::identify

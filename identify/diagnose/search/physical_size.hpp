@@ -21,4 +21,9 @@ namespace isorig::identify {
 [[nodiscard]] bool beyond_physical_size(const model::ModelSpec& spec, std::span<const model::Physics* const> effects,
                                         std::span<const Series> series);
 
+/// The same of a table of the pressure: over the pressures that were seen it changes by more than a pressure could. A
+/// pressure that swings by some mpsi as the specimen's volume does is a second reading of the position, without its
+/// noise, and a table of it describes what follows the position.
+[[nodiscard]] bool beyond_physical_size(const model::Table& of_pressure, std::span<const Series> series);
+
 }  // namespace isorig::identify

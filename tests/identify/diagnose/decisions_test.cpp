@@ -547,6 +547,21 @@ TEST(PhysicalSize, AForceThatFollowsThePressureIsHeldAgainstTheLargestForceRead)
   EXPECT_FALSE(beyond("force", {1e6}));
 }
 
+TEST(PhysicalSize, ATableOfThePressureIsHeldAgainstItToo) {
+  Series series;
+  series.excitation.reference = {.nominal_pressure_psi = 10.0, .largest_force_N = 5.0};
+  const auto beyond = [&](std::vector<double> values) {
+    return beyond_physical_size(model::Table{.first = -0.1, .step = 0.05, .values = std::move(values)},
+                                std::span(&series, 1));
+  };
+  // 10 N/psi over 0.2 psi, wherever the ends lie.
+  EXPECT_FALSE(beyond({-0.9, 0.0, 1.09, 0.0, 0.3}));
+  EXPECT_TRUE(beyond({-0.9, 0.0, 1.11, 0.0, 0.3}));
+  EXPECT_FALSE(beyond({}));
+  series.excitation.reference.nominal_pressure_psi = 0.0;
+  EXPECT_FALSE(beyond({-0.9, 0.0, 1.11, 0.0, 0.3}));
+}
+
 TEST(PhysicalSize, AForceChannelDriftsByNoMoreThanItReads) {
   Series series;
   series.excitation.reference = {.duration_s = 1800.0, .largest_force_N = 10.0};
