@@ -9,9 +9,23 @@
 #include "identify/diagnose/search/without_effect.hpp"
 
 namespace isorig::identify {
-double size_N(const Search& search, const Hypothesis& with, const Hypothesis& without) {
+namespace {
+
+Eigen::VectorXd change_N(const Search& search, const Hypothesis& with, const Hypothesis& without) {
   const Problem& problem = search.instrument_problem();
-  const Eigen::VectorXd change = problem.predict(with.fit.spec) - problem.predict(without.fit.spec);
+  return problem.predict(with.fit.spec) - problem.predict(without.fit.spec);
+}
+
+}  // namespace
+
+double meeting_share(const Eigen::VectorXd& effect_N, const Eigen::VectorXd& all_N) {
+  const Eigen::ArrayXd effect = effect_N.array().square(), all = all_N.array().square();
+  const double at_effect = (effect * all).sum() / effect.sum(), at_all = (all * all).sum() / all.sum();
+  return at_effect < at_all ? std::sqrt(at_effect / at_all) : 1.0;
+}
+
+double size_N(const Search& search, const Hypothesis& with, const Hypothesis& without) {
+  const Eigen::VectorXd change = change_N(search, with, without);
   std::vector<double> sizes(change.data(), change.data() + change.size());
   for (double& size : sizes) size = std::fabs(size);
   return base::quantile(std::move(sizes), deciding().size_quantile);
@@ -25,6 +39,10 @@ double noise_left_N(const Search& search, const Hypothesis& chosen, const Select
   const double weighed_N = std::hypot(search.instrument().white_N, search.instrument().coloured_N);
   const double left = chosen.ls_chi2 / static_cast<double>(chosen.fit.rows);
   return std::min(weighed_N * std::sqrt(std::min(left, 1.0)), options.reading_noise_N);
+}
+
+bool depends_on_time_alone(const model::Physics& effect) {
+  return effect.traits.depends_on == std::vector<std::string_view>{"time"};
 }
 
 /// The largest size of the other effects that depend on one thing alone, the same as `effect`; 0 for an effect that the
@@ -77,7 +95,13 @@ void discount_insignificant_effects(Selection& selection, const Search& search, 
         smallest = effect;
     if (smallest == nullptr) break;
     done.insert(smallest);
-    const double kept = significance(search, selection.pool[chosen], options, sizes[smallest], largest,
+    double met_N = largest;
+    if (depends_on_time_alone(*smallest)) {
+      const std::size_t rest = without_effect_and_refinements(selection, search, chosen, *smallest);
+      met_N *= meeting_share(change_N(search, selection.pool[chosen], selection.pool[rest]),
+                             change_N(search, selection.pool[chosen], selection.pool.front()));
+    }
+    const double kept = significance(search, selection.pool[chosen], options, sizes[smallest], met_N,
                                      size_of_alike_N(*smallest, sizes));
     move_weight(selection, search, *smallest, kept, false);
     count_weights(selection);

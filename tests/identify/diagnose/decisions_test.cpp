@@ -244,6 +244,33 @@ TEST(InsignificantEffects, AFaintDriftBesideFrictionIsDisbelievedAndALargeOneSta
   EXPECT_GT(probability_of_drift(15.0), 0.85);
 }
 
+TEST(InsignificantEffects, AForceIsMetByAnotherWhereBothStand) {
+  Eigen::VectorXd everywhere = Eigen::VectorXd::Constant(400, -0.3), at_corners = Eigen::VectorXd::Zero(400);
+  at_corners.head(4).setConstant(20.0);
+  EXPECT_NEAR(meeting_share(everywhere, at_corners), 0.1, 1e-12) << "a hundredth of the bins";
+  EXPECT_NEAR(meeting_share(0.1 * at_corners, at_corners), 1.0, 1e-12);
+  EXPECT_NEAR(meeting_share(everywhere, everywhere), 1.0, 1e-12);
+  // No more than all of it: a short force inside a long one.
+  EXPECT_NEAR(meeting_share(at_corners, everywhere + at_corners), 1.0, 1e-12);
+}
+
+/// A mass pulls where the velocity changes. What its law errs by stands there and is no drift, though eight hundredths
+/// of its largest pull are more than the drift.
+TEST(InsignificantEffects, AMassThatPullsAtCornersDoubtsNoDrift) {
+  const Searched on(test::record_other({.mass_kg = 20.0, .drift_N_h = 1.5, .seed = 12}));
+  Selection selection;
+  selection.pool.push_back(on.search.nominal(model::nominal_model("slse1")));
+  selection.pool.push_back(on.with({{"fixture_inertia", "rigid"}}));
+  selection.pool.push_back(on.with({{"fixture_inertia", "rigid"}, {"zero_drift", "linear"}}));
+  selection.weight = {0.0, 0.1, 0.9};
+  selection.excess = {1e4, 0.0, 0.0};
+  selection.best = 2;
+  ASSERT_LT(size_N(on.search, selection.pool[2], selection.pool[1]),
+            SelectionOptions{}.model_error_share * size_N(on.search, selection.pool[2], selection.pool[0]));
+  discount_insignificant_effects(selection, on.search, {});
+  EXPECT_GT(selection.probability.at(&effect("zero_drift")), 0.8);
+}
+
 TEST(InsignificantEffects, SizeIsWhatTheForceChangesByWithoutTheEffect) {
   const Searched on(test::record_other({.drift_N_h = 20.0, .seed = 4}));
   const Hypothesis with = on.with({{"zero_drift", "linear"}}), without = on.with({});
