@@ -30,7 +30,8 @@ void discount_insignificant_effects(Selection& selection, const Search& search, 
 ///
 ///     m^2 = (sum c^2 a^2 / sum c^2) / (sum a^4 / sum a^2),   at most 1
 ///
-/// 1 where c is a share of a; for a constant c, and an a that stands in a share f of the bins alone, sqrt(f).
+/// 1 where c is a share of a, or nothing; for a constant c, and an a that stands in a share f of the bins alone,
+/// sqrt(f).
 [[nodiscard]] double meeting_share(const Eigen::VectorXd& effect_N, const Eigen::VectorXd& all_N);
 
 /// What an effect of `size_N` keeps of its weight beside the others of `chosen`, the largest of which has `largest_N`
