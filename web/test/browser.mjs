@@ -59,13 +59,31 @@ export async function button(page, name, within = "body") {
 async function aim(page, element) {
   await element.scrollIntoView();
   const at = await page.waitForFunction((e) => {
-    const { x, y, width, height } = e.getBoundingClientRect();
+    const { x, y, width, height } = e.getClientRects()[0];  // of a name on two lines the first
     const still = e.lastSeen?.x === x && e.lastSeen?.y === y;
     e.lastSeen = { x, y };
     return still && !e.disabled && { x: x + width / 2, y: y + height / 2 };
   }, { timeout: 10_000, polling: "raf" }, element);
   const { x, y } = await at.jsonValue();
   await page.mouse.move(x, y);
+}
+
+/** Presses a button as a hand does. A page that is still loading may move it between the look and the click; the click then lands
+ * beside it and is done again. Three misses are the page's fault. */
+export async function press(page, element) {
+  const watched = await element.evaluateHandle((e) => {
+    const click = { hit: false };
+    e.addEventListener("click", () => (click.hit = true), { once: true });
+    return click;
+  });
+  for (let miss = 0; miss < 3; ++miss) {
+    await aim(page, element);
+    await page.mouse.down();
+    await page.mouse.up();
+    // What was pressed may have led to another document, which knows nothing of this one.
+    if (await watched.evaluate((w) => w.hit).catch(() => true)) return;
+  }
+  throw new Error(`"${await element.evaluate((e) => e.textContent)}" moved away from three clicks`);
 }
 
 /** Presses a button that has to be held, and lets go too early. */

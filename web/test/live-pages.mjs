@@ -4,7 +4,7 @@
 import assert from "node:assert/strict";
 import { existsSync, mkdirSync, readFileSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
-import { button, checkAccessible, hold, settled, withBrowser } from "./browser.mjs";
+import { button, checkAccessible, hold, press, settled, withBrowser } from "./browser.mjs";
 import { Rig, until } from "./rig.mjs";
 
 const [bin, source, shots] = process.argv.slice(2);
@@ -48,6 +48,16 @@ async function write(page, what) {
   await page.keyboard.press("a");
   await page.keyboard.up("Control");
   await page.evaluate((t) => document.execCommand("insertText", false, t), what);
+}
+/** In the page, from its beginning: where on the line the button of this name stood in any frame, in pixels. */
+function recordPlaces(name) {
+  globalThis.places = [];
+  const look = () => {
+    const at = [...document.querySelectorAll("button")].find((b) => b.textContent === name)?.getBoundingClientRect().x;
+    if (at !== undefined && at !== globalThis.places.at(-1)) globalThis.places.push(at);
+    requestAnimationFrame(look);
+  };
+  look();
 }
 /** Seen on a desk in both themes, and on a telephone. */
 async function look(page, name) {
@@ -100,7 +110,7 @@ try {
 
     await page.goto(rig.call("web", "--name", "Ann"), { waitUntil: "load" });
     await page.waitForSelector(".frame[data-look=ready]");
-    await (await button(page, "Take control")).click();
+    await press(page, await button(page, "Take control"));
 
     // A protocol with errors: the daemon's own words, with their places.
     await shown(page, "protocol");
@@ -120,7 +130,7 @@ try {
     assert.ok(await (await button(page, "Start this")).evaluate((b) => b.disabled), "a wrong protocol can be started");
     // A click on a message leads to its place.
     const places = await page.$$("#diagnostics li button");
-    await places[said.findIndex((s) => s.includes("to_mn"))].click();
+    await press(page, places[said.findIndex((s) => s.includes("to_mn"))]);
     await settled(page);
     assert.match(await page.evaluate(() => {
       const e = document.querySelector(".editor textarea");
@@ -138,7 +148,7 @@ try {
     assert.match(await text(page, ".plan .seen"), /expected;.*at worst.*1 pressurize, 1 ramp, 1 hold.*up to 5 psi.*within those of sim/);
     assert.equal((await page.$$(".plan .steps tbody tr")).length, 3);
     await look(page, "protocol");
-    await (await button(page, "Save")).click();
+    await press(page, await button(page, "Save"));
     await until("that it is saved", () => existsSync(join(rig.saved, "page.toml")));
     assert.equal(readFileSync(join(rig.saved, "page.toml"), "utf8"), PROTOCOL);
     // What was saved after the letter is logged: a pause would be, too.
@@ -150,11 +160,16 @@ try {
     writeFileSync(join(rig.saved, "page.toml"), theirs);
     await write(page, PROTOCOL + "# mine\n");
     await page.waitForFunction(() => JSON.parse(localStorage.getItem("protocol-draft") ?? "{}").text?.endsWith("# mine\n"));
+    await page.evaluateOnNewDocument(recordPlaces, "Save");
     await page.reload({ waitUntil: "load" });
     await page.waitForSelector(".editor textarea");
+    await page.waitForSelector(".bar select option:nth-child(2), .bar select optgroup");
+    await settled(page);
+    const stood = await page.evaluate(() => globalThis.places);
+    assert.equal(stood.length, 1, `Save moved sideways while the page came up, to ${stood}`);
     assert.equal(await page.$eval(".editor textarea", (e) => e.value), PROTOCOL + "# mine\n");
     assert.match(await text(page, "main.protocol h2"), /not saved/);
-    await (await button(page, "Save")).click();
+    await press(page, await button(page, "Save"));
     await until("the conflict", async () => /was changed by somebody else/.test((await page.$(".conflict")) ? await text(page, ".conflict") : ""));
     assert.equal(readFileSync(join(rig.saved, "page.toml"), "utf8"), theirs);
     errors.splice(0, errors.length, ...errors.filter((e) => !/status of (404|409|400)/.test(e)));  // told on the console
@@ -165,10 +180,10 @@ try {
 
     // Started from here, by the dialog that starts any; and it is in the list of all.
     await until("that it is well again", async () => /is well/.test(await text(page, "#diagnostics")));
-    await (await button(page, "Start this")).click();
+    await press(page, await button(page, "Start this"));
     await page.waitForSelector("dialog[open]");
     await page.select("dialog select", " own");
-    await (await button(page, "Check", "dialog")).click();
+    await press(page, await button(page, "Check", "dialog"));
     await page.waitForSelector("dialog .seen");
     await hold(page, await page.$("dialog button.start"));
     await page.waitForFunction(() => document.querySelector(".state")?.textContent.includes("RUNNING"), { timeout: 60_000 });
@@ -195,7 +210,7 @@ try {
     assert.match(answer.headers()["content-security-policy"], /^sandbox allow-scripts/);
     assert.equal(await own.title(), "argues null", "the page of a diagnosis has an origin of its own");
     await own.close();
-    await (await button(page, "Queue this experiment")).click();
+    await press(page, await button(page, "Queue this experiment"));
     await page.waitForSelector(".editor textarea");
     assert.equal(await page.evaluate(() => location.hash), "#protocol");
     await until("the experiment", async () => /settle-friction\.toml is well: settle-friction/.test(await text(page, "#diagnostics")));
@@ -203,10 +218,10 @@ try {
     // It is not lost to the next one in silence.
     await shown(page, "diagnosis");
     await page.waitForSelector("section.diagnosis");
-    await (await button(page, "Queue this experiment")).click();
+    await press(page, await button(page, "Queue this experiment"));
     await page.waitForSelector("dialog[open]");
     assert.match(await text(page, "dialog"), /not saved/);
-    await (await button(page, "Go and save it")).click();
+    await press(page, await button(page, "Go and save it"));
 
     // A run that was interrupted goes on from here: asked for specimen and operator as a start is.
     await page.waitForSelector(".editor textarea");
@@ -222,11 +237,11 @@ try {
     await shown(page, "runs");
     await until("the interrupted run", async () => /interrupted/.test(await text(page, "main.page")));
     await until("that the rig is ready", async () => !(await (await button(page, "Go on…")).evaluate((b) => b.disabled)));
-    await (await button(page, "Go on…")).click();
+    await press(page, await button(page, "Go on…"));
     await page.waitForSelector("dialog[open]");
     assert.ok(await (await button(page, "Check", "dialog")).evaluate((b) => b.disabled), "went on without a specimen");
     await page.select("dialog select", " own");
-    await (await button(page, "Check", "dialog")).click();
+    await press(page, await button(page, "Check", "dialog"));
     await page.waitForSelector("dialog .seen");
     assert.match(await text(page, "dialog .seen"), /from repetition 2 of 2/);
     await look(page, "go-on");

@@ -4,7 +4,7 @@
 import assert from "node:assert/strict";
 import { mkdirSync, readdirSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
-import { checkAccessible, settled, withBrowser } from "./browser.mjs";
+import { checkAccessible, press, settled, withBrowser } from "./browser.mjs";
 import { Rig, until } from "./rig.mjs";
 
 const [bin, source, shots] = process.argv.slice(2);
@@ -93,7 +93,7 @@ const kind = (page) => page.$eval(".kind", (e) => e.textContent);
 async function follow(page, name, expected) {
   const link = await page.evaluateHandle((n) => [...document.querySelectorAll("nav.links a")].find((a) => a.textContent.startsWith(n)), name);
   assert.ok(link.asElement(), `no link ${name}: ${await page.$$eval("nav.links a", (all) => all.map((a) => a.textContent))}`);
-  await link.asElement().click();
+  await press(page, link.asElement());
   await until(expected, async () => (await kind(page).catch(() => "")) === expected, 20);  // on the way there is no such element
   await page.waitForSelector("figure svg");
   assert.equal(await page.evaluate(() => self.origin), "null", `${expected} has an origin of its own`);
@@ -149,7 +149,7 @@ try {
     await page.evaluate(() => { location.hash = "runs"; });
     const link = await page.waitForSelector("main.page tbody th a");
     const opened = new Promise((done) => browser.on("targetcreated", async (t) => t.type() === "page" && done(await t.page())));
-    await link.click();
+    await press(page, link);
     const report = await opened;
     report.setDefaultTimeout(30_000);
     await report.setViewport({ width: 1280, height: 900 });
@@ -169,7 +169,7 @@ try {
       await until(`${expected} after ${step}`, async () => (await kind(report).catch(() => "")) === expected, 20);
     }
     // To the lists of the live page, with its session.
-    await (await report.$("nav.links a[href='/#diagnosis']")).click();
+    await press(report, await report.$("nav.links a[href='/#diagnosis']"));
     await report.waitForSelector("section.diagnosis");
     // One that lies elsewhere than its run, to the run and no farther: its neighbours are named by relative paths.
     await report.goto(`${base}/page${join(diagnoses, "beside", "diagnosis-report.html")}`, { waitUntil: "load" });

@@ -5,7 +5,7 @@
 import assert from "node:assert/strict";
 import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
-import { button, checkAccessible, hold, pressShortly, withBrowser } from "./browser.mjs";
+import { button, checkAccessible, hold, press, pressShortly, withBrowser } from "./browser.mjs";
 import { Rig, until } from "./rig.mjs";
 
 const [bin, source, shots] = process.argv.slice(2);
@@ -55,7 +55,7 @@ nominal = [{ physics = "spring", law = "linear", stiffness_N_mm = 5.0 }]
 
 /** Checks the run that the dialog names, and holds Start. */
 async function checkAndStart(page) {
-  await (await button(page, "Check")).click();
+  await press(page, await button(page, "Check"));
   await page.waitForSelector("dialog .seen");
   await hold(page, await page.$("dialog button.start"));
   await page.waitForFunction(() => document.querySelector(".state")?.textContent.includes("RUNNING"), { timeout: 20_000 });
@@ -101,13 +101,13 @@ async function live(browser, base) {
 
   // Start: with specimen and operator, checked first.
   assert.ok(await (await button(page, "Start…")).evaluate((b) => b.disabled), "started without control");
-  await (await button(page, "Take control")).click();
+  await press(page, await button(page, "Take control"));
   await until("control", async () => /control is here/.test(await text(page, ".who")));
   await until("the holder's name elsewhere", async () => /Ann has control/.test(await text(viewer, ".who")));
 
   // A run of a file of one's own that ends in a fault: seen on both pages, reset by holding.
   writeFileSync(join(rig.dir, "too-far.toml"), TOO_FAR);
-  await (await button(page, "Start…")).click();
+  await press(page, await button(page, "Start…"));
   await page.waitForSelector("dialog[open] option:nth-child(3)");
   await (await page.$("dialog input[type=file]")).uploadFile(join(rig.dir, "too-far.toml"));
   await (await page.$$("dialog select"))[1].select(" own");
@@ -138,16 +138,16 @@ async function live(browser, base) {
 
   // A model beside the rig, by who has control; one that is wrong pauses the run.
   writeFileSync(join(rig.models, "wrong.toml"), WRONG_MODEL);
-  await (await button(page, "Twin…")).click();
+  await press(page, await button(page, "Twin…"));
   await page.waitForSelector("dialog[open] option:nth-child(2)");
   const [chosen, parting] = await page.$$("dialog select");
   await chosen.select("wrong.toml");
   await parting.select("pause");
-  await (await button(page, "Step it")).click();
+  await press(page, await button(page, "Step it"));
   await until("the twin", async () => /wrong\.toml begins when/.test(await text(page, ".twin")), 10);
   assert.match(rig.web.logged(), /twin wrong\.toml chosen by Ann/);
 
-  await (await button(page, "Start…")).click();
+  await press(page, await button(page, "Start…"));
   await page.waitForSelector("dialog[open] option:nth-child(3)");
   const check = await button(page, "Check");
   assert.ok(await check.evaluate((b) => b.disabled), "checked without protocol and specimen");
@@ -155,7 +155,7 @@ async function live(browser, base) {
   await protocol.select("shipped/vma-smoke.toml");
   await specimen.select(" own");
   assert.equal(await page.$eval("dialog input:not([type=file])", (e) => e.value), "Ann");
-  await check.click();
+  await press(page, check);
   await page.waitForSelector("dialog .seen");
   await shot(page, "2-start");
   await pressShortly(page, await button(page, "Start"));  // Start… lies behind the dialog
@@ -193,9 +193,9 @@ async function live(browser, base) {
   assert.match(rig.web.logged(), /control taken over by Bob \(uid \d+\) from Ann/);
   assert.ok(await (await button(page, "Resume")).evaluate((b) => b.disabled));
   // Put away, or it would pause the next session, too.
-  await (await button(other, "Twin…")).click();
+  await press(other, await button(other, "Twin…"));
   await other.waitForSelector("dialog[open]");
-  await (await button(other, "Put away")).click();
+  await press(other, await button(other, "Put away"));
   await until("no twin", async () => /No model is stepped/.test(await text(other, ".twin")), 10);
   await hold(other, await button(other, "Resume"), { key: "Enter" });
   await until("running again", async () => /RUNNING/.test(await state(page)), 15);
@@ -252,12 +252,12 @@ async function live(browser, base) {
   const report = await until("the report", async () => {
     const link = await page.$("main.page tbody tr:first-child th a");
     if (link) return link;
-    await (await button(page, "Look again")).click();
+    await press(page, await button(page, "Look again"));
     return null;
   }, 30);
   assert.match(await text(page, "main.page tbody tr:first-child"), /✓ done.*Ann.*the muscle part in step/);
   assert.match(await text(page, "main.page tbody tr:nth-child(2)"), /■ aborted/);
-  await (await page.$("main.page tbody tr:first-child input")).click();
+  await press(page, await page.$("main.page tbody tr:first-child input"));
   await page.waitForSelector(".overlay svg");
   await shot(page, "8-overlay");
   await page.type("main.page input[type=search]", "aborted too-far");
