@@ -78,6 +78,7 @@ class Reading {
     }
     number_ = number;
     file_ = path;
+    if (!lone_ && report_.segments == 0) checksums_ = checksums_of_first(path);
     LogReader reader(path, checksums_);
     visitor_.segment(path);
     continues_ = false;
@@ -330,6 +331,16 @@ class Reading {
 UnknownLogVersion::UnknownLogVersion(const std::filesystem::path& segment, std::string_view format)
     : std::runtime_error(segment.string() + ": format \"" + base::printable(format) +
                          "\", this program reads 1 and 2; read it with the isorig that recorded it, or a newer one") {}
+
+Checksums checksums_of_first(const std::filesystem::path& segment) {
+  LogReader reader(segment);
+  if (reader.has_checksums() || reader.size_bytes() == 0) return Checksums::kAsFound;
+  const auto first = reader.next();
+  // The format lies within 512 bytes of the sync word: a sector has both or neither.
+  const bool header = first && reader.damage().empty() && first->channel == name_of(Channel::kHeader);
+  const auto format = header ? format_of(*first) : std::string_view();
+  return format.empty() || format == kLogFormat ? Checksums::kAlways : Checksums::kAsFound;
+}
 
 Checksums checksums_behind(const std::filesystem::path& segment, Checksums its) {
   return LogReader(segment, its).has_checksums() ? Checksums::kAlways : Checksums::kAsFound;

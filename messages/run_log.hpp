@@ -43,6 +43,11 @@ class UnknownLogVersion : public std::runtime_error {
 [[nodiscard]] std::optional<isorig_msgs::run_header_t> read_header(const std::filesystem::path& segment,
                                                                    Checksums checksums = Checksums::kAsFound);
 
+/// How the first segment in a run's folder is to be read. A power cut may leave it without a message whose checksum is
+/// right; it is one without checksums only when its header can be read and names another format than today's. A single
+/// file is not asked: one that `lcm-logger` made of a replayed recording has that header and no right checksum.
+[[nodiscard]] Checksums checksums_of_first(const std::filesystem::path& segment);
+
 /// How the segment behind this one is to be read, which was to be read by `its`. A power cut may leave a segment of
 /// which no message is whole: by itself it looks like one of a time without checksums, and zeros would be read as what
 /// was measured.

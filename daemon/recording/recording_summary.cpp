@@ -90,8 +90,10 @@ RecordingSummary summarize_recording(const std::filesystem::path& run_dir) {
 std::map<std::string, std::string> recorded_texts(const std::filesystem::path& run_dir) {
   std::map<std::string, std::string> texts;
   auto checksums = messages::Checksums::kAsFound;
+  bool first = true;
   for (const auto& segment : messages::list_segments(run_dir)) {
     try {
+      if (std::exchange(first, false)) checksums = messages::checksums_of_first(segment);
       // Of every one: a newer program may have gone on with the run.
       const auto header = messages::read_header(segment, checksums);
       checksums = messages::checksums_behind(segment, checksums);

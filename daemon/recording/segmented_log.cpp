@@ -49,7 +49,8 @@ SegmentedLog::SegmentedLog(RecorderOptions options, const RunInfo& info,
   }
   std::int32_t attempt = 1;
   const auto earlier = earlier_segments(options_.run_dir);
-  auto of_last = messages::Checksums::kAsFound, checksums = of_last;
+  auto of_last = messages::Checksums::kAsFound;
+  auto checksums = earlier.empty() ? of_last : messages::checksums_of_first(earlier.front());
   for (const auto& file : earlier) {
     segment_ = messages::segment_number(file);
     if (const auto header = messages::read_header(file, checksums)) attempt = std::max(attempt, header->attempt + 1);

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from . import _native
 from .errors import BadInput, located
-from .log import LogEvent, read_log
+from .log import LogEvent, read_log, read_segments
 from .recording import PathLike, Specimen
 from .session import Event, PlannedStep, Session, Setpoints, Stream
 
@@ -152,10 +152,9 @@ class Run:
 
     def messages(self, *channels: str) -> Iterator[LogEvent]:
         """Every message of these channels (of all, when none is named), in the order of writing."""
-        for segment in self.segments:
-            for event in read_log(segment):
-                if not channels or event.channel in channels:
-                    yield event
+        for event in read_segments(self.segments) if self.path.is_dir() else read_log(self.path):
+            if not channels or event.channel in channels:
+                yield event
 
     def sessions(self, every_attempt: bool = False) -> "list[Session]":
         """The sessions, as `isorig export` chooses them: those that have samples of the frame; of several attempts at one

@@ -5,6 +5,7 @@
 #include <random>
 #include <tuple>
 
+#include "daemon/recording/recording_summary.hpp"
 #include "messages/channels.hpp"
 #include "recording_rig.hpp"
 
@@ -177,6 +178,34 @@ TEST_F(Integrity, ASegmentWithoutAWholeMessageGivesNothing) {
   write(last, bytes.substr(0, bytes.size() - 1));  // torn, and not closed
   expect_told("the same, cut");
   EXPECT_TRUE(report_.has_checksums);
+}
+
+/// The same of a recording of one segment, which no earlier one speaks for. Its header says what it is; where a hole
+/// has taken the header, nothing that follows is believed either.
+TEST_F(Integrity, AnOnlySegmentWithoutAWholeMessageGivesNothing) {
+  std::vector<std::size_t> ends;
+  {
+    messages::LogReader reader(segments_.front());
+    while (reader.next()) ends.push_back(static_cast<std::size_t>(reader.tally().bytes));
+  }
+  auto bytes = bytes_.front();
+  for (const auto end : ends) bytes[end - messages::kLogChecksumBytes - 1] ^= '\x55';
+  const TemporaryDirectory alone("integrity");
+  const auto segment = alone.path() / messages::segment_name(1);
+  const auto read = [&](const std::string& content) {
+    std::ofstream(segment, std::ios::binary) << content;
+    Collected c;
+    const auto report = messages::read_run(alone.path(), c);
+    EXPECT_TRUE(report.has_checksums);
+    EXPECT_EQ(report.events, 0U);
+    EXPECT_FALSE(report.whole());
+    EXPECT_FALSE(report.complaints().empty());
+    EXPECT_TRUE(daemon::recorded_texts(alone.path()).empty());
+  };
+  read(bytes);
+  constexpr std::size_t kSector = 512;
+  std::fill_n(bytes.begin(), std::min(kSector, bytes.size()), '\0');
+  read(bytes);
 }
 
 /// As a power cut in the first moment of a run leaves it. Only recordings of older versions have no checksums, and this

@@ -483,6 +483,38 @@ class Runs(unittest.TestCase):
             file.write_bytes(data[:length])
             self.assertEqual(list(read_log(file)), whole[: len(list(read_log(file)))])
 
+    def test_a_segment_without_a_whole_message_gives_nothing(self) -> None:
+        def holed(segment: Path) -> bytes:
+            """A wrong byte in each message, as a power cut leaves zeros that nobody has recorded."""
+            data, at = bytearray(segment.read_bytes()), 0
+            while at < len(data):
+                channel, body = struct.unpack_from(">ii", data, at + 20)
+                at += 28 + channel + body
+                data[at - 5] ^= 0x55
+            return bytes(data)
+
+        run = self.copied()
+        first, second = run / "segment-0001.lcm", run / "segment-0002.lcm"
+        whole = list(read_log(first))
+        second.write_bytes(holed(second))
+        read = Run(run)
+        self.assertEqual(list(read.messages()), whole)
+        self.assertNotEqual(read.state, "whole")
+        # One damaged message in front does not make a log of a time without checksums of the others.
+        only = holed(first)
+        data = bytearray(first.read_bytes())
+        data[data.find(b"ISORIG_HEADER") + 40] ^= 1
+        first.write_bytes(data)
+        self.assertEqual(list(read_log(first)), whole[1:])
+        # An only segment that no other speaks for, with its header and without.
+        for bytes_left in (only, bytes(512) + only[512:]):
+            for segment in run.glob("segment-*.lcm"):
+                segment.unlink()
+            first.write_bytes(bytes_left)
+            with self.assertRaises(BadInput) as caught:
+                Run(run)
+            self.assertIn("no header of a run", str(caught.exception))
+
     def test_what_is_no_run(self) -> None:
         for path in ("/nonexistent", str(self.made.recording)):
             with self.assertRaises(BadInput) as caught:
