@@ -12,6 +12,7 @@ namespace {
 
 /// Of an effect over a faint background, the background's share of the effect's residual.
 constexpr double kFaint = 1.0 / 8.0;
+constexpr double kAlmostNone = 1e-6;  // of a strength
 
 Random stream(std::uint64_t seed, const std::string& name, const char* what) {
   return {seed, "foreign/" + name + "/" + what};
@@ -106,8 +107,14 @@ Concealed concealed_at(const Case& c, const std::string& law, double target_N, d
     kind.conceal(strength, one.shape, rig);
     return left_N(rig, c.train, c.rates);
   };
-  one.strength = strength_leaving(kind.start, kind.most, target_N * size, left_at);
-  one.residual_over_noise = left_at(one.strength) / c.instruments.force_noise_N;
+  double left = 0.0;
+  for (;;) {
+    one.strength = strength_leaving(kind.start, kind.most, target_N * size, left_at);
+    left = left_at(one.strength);
+    if (kind.stays.empty() || left_at(kAlmostNone * kind.start) < 0.5 * left) break;
+    one.shape.at(std::string(kind.stays)) *= 0.5;
+  }
+  one.residual_over_noise = left / c.instruments.force_noise_N;
   return one;
 }
 

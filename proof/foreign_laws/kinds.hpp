@@ -26,6 +26,9 @@ struct Kind {
   Shape (*draw)(Random& random, const Rig& rig, const Path& train) = nullptr;
   void (*conceal)(double strength, const Shape& shape, Rig& rig) = nullptr;
   bool one_session = false;  ///< an event, or a path of chance: nothing can predict it in another session
+  /// A number of the shape whose own effect stays where the strength goes to 0. It is halved until it is the smaller
+  /// part of what is concealed: a play of a millionth of the stroke that follows with 10 ms is a lag, and no play.
+  std::string_view stays = {};
 };
 
 inline constexpr std::string_view kUnknown = "unknown";

@@ -298,7 +298,9 @@ std::vector<Kind> kinematic_kinds() {
        [](double s, const Shape& q, Rig& rig) {
          rig.kinematics.push_back(
              [play = s * rig.stroke_mm, tau = q.at("time_s")](const Drive& d) { return compliant_play(d, play, tau); });
-       }},
+       },
+       false,
+       "time_s"},
   };
 }
 

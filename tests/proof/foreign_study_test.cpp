@@ -126,6 +126,20 @@ TEST(ForeignCase, SizesAreTheResidualsThatWereAsked) {
   }
   const Case faint = draw_case(3, 1, {Category::kBackground, Trap::kNone, {"bouc_wen"}, 1.0});
   EXPECT_NEAR(faint.background_over_noise / faint.concealed[0].residual_over_noise, 1.0 / 8.0, 0.03);
+  // Drawn with a time of 10.6 ms, it was a play of two millionths of the stroke: a lag under another name.
+  const Case play = draw_case(20261150, 23, {Category::kSingle, Trap::kNone, {"compliant_play"}, 0.25});
+  EXPECT_GT(play.concealed[0].strength, 1e-3);
+  EXPECT_LT(play.residual_over_noise, 40.0 * 0.25 * 1.1);
+  Rig lag_alone = play.clean;
+  kind_of_law("compliant_play").conceal(1e-9, play.concealed[0].shape, lag_alone);
+  const auto moved_N = [&](const Rig& rig) {
+    const Signal with = isorig::proof::foreign::play(rig, play.train).force_N;
+    const Signal without = isorig::proof::foreign::play(play.clean, play.train).force_N;
+    double squares_N2 = 0.0;
+    for (std::size_t i = 0; i < with.size(); ++i) squares_N2 += (with[i] - without[i]) * (with[i] - without[i]);
+    return std::sqrt(squares_N2);
+  };
+  EXPECT_LT(moved_N(lag_alone), 0.5 * moved_N(play.train_rig));
   const Case slip = draw_case(3, 2, {Category::kSingle, Trap::kNone, {"stick_slips"}, 1.0});
   EXPECT_EQ(slip.train_rig.kinematics.size(), 1U);
   EXPECT_TRUE(slip.heldout_rig.kinematics.empty());
