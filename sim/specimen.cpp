@@ -33,6 +33,7 @@ Specimen load_specimen(const std::filesystem::path& path) {
   s.sheath_diameter_mm = root.number_or("sheath_diameter_mm", 0.0, base::kNonNegative);
 
   model::ActuatorParameters& a = s.actuator;
+  if (root.has("rest_lengths")) root.table("rest_lengths").ignore_rest();  // measured ones are the daemon's business
   const base::TomlTable geometry = root.table("geometry");
   a.initial_length_mm = geometry.number("initial_length_mm", base::kPositive);
   s.initial_length_std_mm = geometry.number_or("initial_length_std_mm", 0.0, base::kNonNegative);

@@ -100,7 +100,8 @@ void print_table(const std::vector<daemon::RunRow>& rows) {
     }
     std::cout << cut(line, columns) << '\n';
     if (k > 0 && !rows[k - 1].fault.empty()) {
-      std::cout << cut(std::string(width[0] + 2, ' ') + printable(rows[k - 1].fault), columns) << '\n';
+      const char* was = rows[k - 1].state == "done" ? "it was held once: " : "";
+      std::cout << cut(std::string(width[0] + 2, ' ') + was + printable(rows[k - 1].fault), columns) << '\n';
     }
   }
 }

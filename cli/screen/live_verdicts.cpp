@@ -37,7 +37,11 @@ Said judge_loop(const nlohmann::json& loop) {
   const Tone share = tone_of(skipped / std::max(1.0, ticks), kLateShare);
   const Tone tone = std::max({tone_of(wakeup_us, kLate_us), tone_of(run_us, kLate_us), share});
   // The verdict and where to read on stand before what a terminal of 80 columns cuts off.
-  std::string text = formatted("worst wake-up %s: %s", microseconds_text(wakeup_us).c_str(), word_of(tone));
+  // The loop counts it in 32 bits of nanoseconds.
+  constexpr double kMostCounted_us = 4'294'967.0;
+  std::string text =
+      formatted("worst wake-up %s%s: %s", wakeup_us >= kMostCounted_us ? "more than " : "",
+                microseconds_text(wakeup_us >= kMostCounted_us ? 4.2e6 : wakeup_us).c_str(), word_of(tone));
   if (tone != Tone::kGood) text += ", see docs/threads.md";
   if (skipped > 0.0) text += formatted("; %.0f of %.0f ticks skipped", skipped, ticks);
   // The tick's own time is worth a word only where it is what is late.

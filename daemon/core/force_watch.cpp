@@ -33,7 +33,8 @@ ForceWatch::Finding ForceWatch::add(std::int64_t mono_ns, float raw_N, double fo
   back_ = find_window(mono_ns, in_order);
   if (back_ > 0) {
     const auto& old = history_[(count_ - back_) % kHistory];
-    found.rate_N_s = std::abs(force_N - old.force_N) / (static_cast<double>(mono_ns - old.mono_ns) * 1e-9);
+    found.window_s = static_cast<double>(mono_ns - old.mono_ns) * 1e-9;
+    found.rate_N_s = std::abs(force_N - old.force_N) / found.window_s;
     found.before_N = old.force_N;
     found.has_window = true;
   }

@@ -15,6 +15,7 @@ class ForceWatch {
   struct Finding {
     double rate_N_s = 0.0;  ///< magnitude, over the window; 0 while there is not enough
     double before_N = 0.0;  ///< the force at the window's begin
+    double window_s = 0.0;  ///< so long: more than was asked for behind a gap in the samples
     bool has_window = false;
     double frozen_s = 0.0;  ///< > 0: the reading has not changed for so long, and it should have
   };

@@ -218,7 +218,13 @@ struct File {
     keep_errors_off_the_terminal();
     const Handle access(H5Pcreate(H5P_FILE_ACCESS), H5Pclose);
     check(H5Pset_libver_bounds(access, H5F_LIBVER_EARLIEST, H5F_LIBVER_V18));
-    handle.emplace(H5Fcreate(aside.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, access), H5Fclose);
+    try {
+      handle.emplace(H5Fcreate(aside.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, access), H5Fclose);
+    } catch (const std::runtime_error&) {  // on a full disk it makes the file all the same
+      std::error_code ignored;
+      std::filesystem::remove(aside, ignored);
+      throw;
+    }
   }
   ~File() {
     handle.reset();

@@ -177,7 +177,9 @@ Request jog_request(const std::string& body) {
   r.relative = b.has("by_mm");
   r.target_mm = b.number(r.relative ? "by_mm" : "to_mm", 0.0);
   r.velocity_mm_s = b.number("velocity_mm_s", 0.0);
-  if (r.velocity_mm_s < 0.0) b.fail("`velocity_mm_s` has to be above 0; the direction is the target's");
+  // Without one it is the greatest that setup allows.
+  if (b.has("velocity_mm_s") && !(r.velocity_mm_s > 0.0))
+    b.fail("`velocity_mm_s` has to be above 0; the direction is the target's");
   return r;
 }
 

@@ -9,6 +9,7 @@
 #include "daemon/host/host_run.hpp"
 #include "daemon/host/not_there.hpp"
 #include "daemon/recording/amendments.hpp"
+#include "messages/segment_files.hpp"
 #include "protocol/compile.hpp"
 
 /// Host: how a run is opened.
@@ -27,6 +28,18 @@ std::string stem_of(const std::string& file_name) {
   std::replace_if(
       stem.begin(), stem.end(), [](char c) { return !std::isalnum(static_cast<unsigned char>(c)) && c != '-'; }, '-');
   return stem.empty() ? "protocol" : stem;
+}
+
+/// The first segment that is not there, with a later one or a finished repetition to show that it was; "" where none is
+/// known to be missing.
+std::string missing_segment(const RunRow& run) {
+  int due = 1;
+  for (const auto& segment : messages::list_segments(run.directory)) {
+    if (messages::segment_number(segment) != due) break;
+    ++due;
+  }
+  const bool later = messages::list_segments(run.directory).size() >= static_cast<std::size_t>(due);
+  return later || (due == 1 && run.sessions_done > 0) ? messages::segment_name(due) : std::string();
 }
 
 }  // namespace
@@ -206,6 +219,12 @@ std::optional<Host::Result> Host::take_saved_run(const StartOptions& options, Pr
     throw NotThere("no run is called " + options.resume_run + ", nor does one name begin so; isorig runs lists them");
   }
   if (const auto why = why_not_a_folder(*known); !why.empty()) return Result{false, why, known->id};
+  if (const auto gone = missing_segment(*known); !gone.empty()) {
+    return Result{false,
+                  "run " + known->id + " cannot go on: " + gone + " is missing from " + known->directory.string() +
+                      ", and what was recorded in it; put it back, or start a new run",
+                  known->id};
+  }
   auto& run = *p.run;
   const auto saved = catalogue_.inputs_of(known->id);
   run.id = known->id;

@@ -116,7 +116,9 @@ bool is_recovery(const EventRecord& e) {
 
 TripEvidence::TripEvidence(std::filesystem::path run_dir, std::vector<std::string> step_words,
                            std::int64_t epoch_unix_us)
-    : run_dir_(std::move(run_dir)), step_words_(std::move(step_words)), epoch_unix_us_(epoch_unix_us) {}
+    : run_dir_(std::move(run_dir)), step_words_(std::move(step_words)), epoch_unix_us_(epoch_unix_us) {
+  number_ = first_free(1) - 1;
+}
 
 void TripEvidence::take(const FrameRecord& record) {
   frame_.push_back(record);
@@ -140,7 +142,8 @@ void TripEvidence::take(const EventRecord& record) {
       trips_.back().end_ns = std::min(trips_.back().end_ns, record.mono_ns);
       trips_.back().is_over = true;
     }
-    if (const int free = next_number(); free <= kMostTrips) {
+    if (const int free = first_free(number_ + 1); free <= kMostTrips) {
+      number_ = free;
       auto& trip = trips_.emplace_back();
       trip.number = free;
       trip.cause = record;
@@ -159,6 +162,7 @@ void TripEvidence::take(const EventRecord& record) {
       trip.chain.push_back(record);
       trip.is_stale = true;
     }
+    if (recovers && record.to == RunState::kRunning) trip.goes_on_ns = record.mono_ns;
     trip.is_over = trip.is_over || recovers;
   }
   events_.push_back(record);
@@ -189,8 +193,7 @@ std::int64_t TripEvidence::kept_from(std::int64_t now_ns) const noexcept {
   return (owed == trips_.end() ? now_ns : std::min(now_ns, owed->cause.mono_ns)) - kBeforeNs;
 }
 
-int TripEvidence::next_number() const {
-  int number = trips_.empty() ? 1 : trips_.back().number + 1;
+int TripEvidence::first_free(int number) const {
   std::error_code ignored;
   while (number <= kMostTrips && std::filesystem::exists(run_dir_ / file_of(number, ".json"), ignored)) ++number;
   return number;
@@ -201,7 +204,9 @@ void TripEvidence::write_next(Trip& trip, bool has_room) {
     error_.clear();
     const auto at = first_from(control_, trip.cause.mono_ns);
     if (at != control_.begin()) trip.at = *(at - 1);
-    trip.reaction = trip_reaction(frame_, pressure_, control_, trip.cause.mono_ns, trip.end_ns);
+    // What a run does that goes on is no reaction.
+    trip.reaction =
+        trip_reaction(frame_, pressure_, control_, trip.cause.mono_ns, std::min(trip.end_ns, trip.goes_on_ns));
   }
   if (trip.next < File::kStory && !has_room) {
     if (error_.empty()) {

@@ -52,8 +52,9 @@ class TripEvidence {
     int number = 0;
     EventRecord cause;
     RunState before = RunState::kIdle;
-    std::int64_t end_ns = 0;          ///< of its samples: kAfterNs after it, or where the next trip begins
-    std::optional<ControlRecord> at;  ///< the last control record before it
+    std::int64_t end_ns = 0;  ///< of its samples: kAfterNs after it, or where the next trip begins
+    std::int64_t goes_on_ns = std::numeric_limits<std::int64_t>::max();  ///< the run moves again, and reacts no more
+    std::optional<ControlRecord> at;                                     ///< the last control record before it
     std::vector<EventRecord> chain;
     nlohmann::ordered_json reaction;  ///< what the plant did, once its time is over
     File next = File::kFrame;
@@ -69,7 +70,9 @@ class TripEvidence {
   [[nodiscard]] std::string frame_csv(const Trip& trip) const;
   [[nodiscard]] std::string pressure_csv(const Trip& trip) const;
   [[nodiscard]] std::string control_csv(const Trip& trip) const;
-  [[nodiscard]] int next_number() const;
+  /// From `number` on, as far as the folder can be looked into: one that is away, or a disk that does not answer, seems
+  /// to hold nothing.
+  [[nodiscard]] int first_free(int number) const;
   /// The first moment of which samples are still needed, at `now_ns`.
   [[nodiscard]] std::int64_t kept_from(std::int64_t now_ns) const noexcept;
 
@@ -85,6 +88,7 @@ class TripEvidence {
   std::deque<ControlRecord> control_;
   std::deque<EventRecord> events_;
   std::deque<Trip> trips_;  ///< the last may still be added to; those before it have to be written, no more
+  int number_ = 0;  ///< of the newest trip of the run; those of attempts before this one were looked at as it began
   std::string error_;
 };
 

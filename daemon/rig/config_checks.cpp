@@ -1,9 +1,12 @@
 #include "daemon/rig/config_checks.hpp"
 
+#include <sys/un.h>
+
 #include <algorithm>
 #include <cmath>
 #include <sstream>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "base/formatted.hpp"
@@ -135,9 +138,12 @@ void check_supervisor(const RigConfig& rig, const Keys& k, const Watchdogs& dogs
 void check_services(const RigConfig& rig, const Keys& k, const Watchdogs& dogs) {
   const auto& c = rig.services;
   const double shortest_s = std::min(dogs.frame_s, dogs.pressure_s);
-  k.range("heartbeat_period_ms", 1e3 * seconds(c.heartbeat_period_ns), 5.0, 1e3 * shortest_s / 3.0, "ms",
-          "a third of the shortest device watchdog (" + number_text(shortest_s) +
-              " s), so that one late heartbeat does not stop the rig");
+  const std::string third = "a third of the shortest device watchdog (" + number_text(shortest_s) +
+                            " s), so that one late heartbeat does not stop the rig";
+  const double heartbeat_ms = 1e3 * seconds(c.heartbeat_period_ns);
+  k.range("heartbeat_period_ms", heartbeat_ms, 5.0, 1e3 * shortest_s / 3.0, "ms", third);
+  if (!k.has("heartbeat_period_ms"))
+    k.at_most("heartbeat_period_ms", heartbeat_ms, 1e3 * shortest_s / 3.0, "ms", third);
   k.range("poll_period_ms", 1e3 * seconds(c.poll_period_ns), 1.0,
           1e3 * std::min(0.05, rig.core.supervisor.frame_age_max_s / 3.0), "ms",
           "limits are judged on what was polled, three times within frame_age_max_s");
@@ -241,6 +247,14 @@ void check_lcm(const RigConfig& rig, const TomlTable& root) {
         "nobody");
     return;
   }
+  const auto to = url.substr(9, url.find('?') == std::string::npos ? std::string::npos : url.find('?') - 9);
+  const auto colon = to.rfind(':');
+  const auto port = colon == std::string::npos ? std::string() : to.substr(colon + 1);
+  const bool digits = !port.empty() && port.size() <= 5 && port.find_first_not_of("0123456789") == std::string::npos;
+  if (colon != std::string::npos && (!digits || std::stoi(port) < 1 || std::stoi(port) > 65535)) {
+    wrong("its port \"" + port + "\" has to be a number from 1 to 65535");
+    return;
+  }
   std::string ttl;  // where it stands twice the one that is not 0: which of them LCM takes is its own business
   const auto mark = url.find('?');
   std::istringstream options(mark == std::string::npos ? "" : url.substr(mark + 1));
@@ -256,7 +270,13 @@ void check_lcm(const RigConfig& rig, const TomlTable& root) {
 
 void check_api(const RigConfig& rig, const TomlTable& root) {
   const auto table = root.table_if("api");
-  if (!table || !table->has("mode")) return;
+  if (!table) return;
+  // With ".stop" behind it, and a final zero, it has to fit the kernel's sockaddr_un.
+  constexpr std::size_t kLongestSocket = sizeof(sockaddr_un::sun_path) - 1 - std::string_view(".stop").size();
+  if (rig.api.socket.native().size() > kLongestSocket)
+    table->error("socket", "`socket` has " + std::to_string(rig.api.socket.native().size()) +
+                               " bytes; the path of a socket has " + std::to_string(kLongestSocket) + " at most");
+  if (!table->has("mode")) return;
   const std::string mode = base::formatted("%04o", rig.api.mode);
   if ((rig.api.mode & 0007U) != 0) {
     table->error("mode", "`mode` = \"" + mode +

@@ -220,6 +220,8 @@ const Dangerous kDangerous[] = {
     {"lcm", "url", "\"udpm://239.255.76.67:7667\"", "says no ttl"},
     {"lcm", "url", "\"udpm://239.255.76.67:7667?ttl=0&ttl=5\"", "its ttl is 5"},
     {"lcm", "url", "\"udpm://239.255.76.67:7667?xttl=0\"", "says no ttl"},
+    {"lcm", "url", "\"udpm://239.255.76.67:99999?ttl=0\"", "from 1 to 65535"},
+    {"lcm", "url", "\"udpm://239.255.76.67:?ttl=0\"", "from 1 to 65535"},
     {"lcm", "period_ms", "0", "1"},
     {"lcm", "period_ms", "101", "100"},
     {"api", "operate", "\"lab, \"", "has to name Unix groups"},
@@ -260,6 +262,24 @@ TEST(ConfigChecks, OfAValueThatIsNoneThereIsOneMessage) {
   EXPECT_THAT(speed, HasSubstr("speed_max_mm_s"));
   EXPECT_THAT(speed, Not(HasSubstr("from 0 to 0")));
   EXPECT_EQ(std::count(speed.begin(), speed.end(), '\n'), 0) << speed;
+}
+
+/// The default is too slow for a device whose watchdog is quicker.
+TEST(ConfigChecks, TheHeartbeatOfARigThatNamesNoneIsHeldToItsWatchdogsToo) {
+  auto text = with(shipped("sim"), "sim.frame", "heartbeat_timeout_s", "0.06");
+  EXPECT_THAT(faults_of(text), AllOf(HasSubstr("`heartbeat_period_ms` = 50 (by default); it has to be at most 20 ms"),
+                                     HasSubstr("shortest device watchdog (0.06 s)")));
+  text += text.find("[services]") == std::string::npos ? "\n[services]\nheartbeat_period_ms = 20\n" : "";
+  EXPECT_EQ(faults_of(text), "");
+}
+
+/// A path that the kernel does not take is found before the daemon begins, also with the .stop of the second socket.
+TEST(ConfigChecks, ASocketsPathFitsTheKernel) {
+  const auto socket = [](std::size_t length) {
+    return with(shipped("sim"), "api", "socket", "\"/" + std::string(length - 1, 's') + "\"");
+  };
+  EXPECT_EQ(faults_of(socket(102)), "");
+  EXPECT_THAT(faults_of(socket(103)), HasSubstr("`socket` has 103 bytes; the path of a socket has 102 at most"));
 }
 
 /// What the driver asks on a slow line before a stop is confirmed takes its time. The number that is named is the least

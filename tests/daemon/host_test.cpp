@@ -245,6 +245,25 @@ TEST_F(HostTest, ARunGoesOnAsItBeganUnlessSomebodySaysOtherwise) {
   EXPECT_THAT(trace[0].text, HasSubstr("went on with specimen \"Ecoflex1\", begun with \"Control2\""));
 }
 
+/// It would end as done without what was in the segment.
+TEST_F(HostTest, ARunWhoseFirstSegmentIsGoneDoesNotGoOn) {
+  const auto id = aborted_run();
+  StartOptions o;
+  o.resume_run = id;
+  o.resume_aborted = true;
+  const auto first = runs_ / id / messages::segment_name(1), aside = runs_ / "aside";
+  ASSERT_TRUE(host_->start(o).ok);  // a further attempt, whose segment shows that there was a first
+  ASSERT_TRUE(wait_until(60.0, [&] { return host_->recorder_status().session >= 0; }));
+  ASSERT_TRUE(host_->verb(Request::Verb::kAbort).ok);
+  ASSERT_TRUE(wait_until(60.0, [&] { return !host_->run_open() && state() == RunState::kReady; }));
+  std::filesystem::rename(first, aside);
+  const auto refused = host_->start(o);
+  EXPECT_FALSE(refused.ok);
+  EXPECT_THAT(refused.text, HasSubstr("segment-0001.lcm is missing from "));
+  std::filesystem::rename(aside, first);
+  EXPECT_TRUE(host_->start(o).ok);
+}
+
 TEST_F(HostTest, APartingIsToldOfTheOpenRunAlone) {
   const auto body = [](const std::string& run, const std::string& then) {
     return nlohmann::json{{"run", run}, {"text", "the twin is off by 3 N"}, {"then", then}}.dump();

@@ -215,6 +215,8 @@ TEST_F(OperatorApiTest, SetupAndJogAreCalls) {
   EXPECT_EQ(post("/v1/jog").status, 400);
   EXPECT_EQ(post("/v1/jog", {{"to_mm", 1.0}, {"by_mm", 1.0}}).status, 400);
   EXPECT_EQ(post("/v1/jog", {{"to_mm", "far"}}).status, 400);
+  for (const double none : {0.0, -1.0})  // 0 is not "as fast as may be", which is said by no velocity at all
+    EXPECT_THAT(post("/v1/jog", {{"to_mm", 1.0}, {"velocity_mm_s", none}}).text(), HasSubstr("has to be above 0"));
   EXPECT_THAT(post("/v1/jog", {{"to", 1.0}}).text(), HasSubstr("unknown key `to`"));
   ASSERT_TRUE(wait_until(10.0, [&] { return post("/v1/jog", {{"by_mm", 0.5}}).status == 200; }));
   ASSERT_TRUE(wait_until(20.0, [&] { return !event("jog.done").is_null(); }));

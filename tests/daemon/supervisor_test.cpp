@@ -110,6 +110,24 @@ TEST_F(SupervisorTest, ARigThatIsWellHasNothingWrong) {
   }
 }
 
+/// What has fallen behind a gap in the samples may have fallen slowly.
+TEST_F(SupervisorTest, AForceThatFellWhileNobodyLookedIsNoBrokenSpecimen) {
+  for (const int gap_ms : {0, 2000}) {
+    rebuild();
+    state = RunState::kPaused;
+    run_open = true;
+    force_N = 20.0;
+    run(1500);
+    no_frame = true;
+    run(gap_ms);
+    no_frame = false;
+    force_N = 0.5;
+    auto worst = Severity::kInfo;
+    for (int i = 0; i < 25; ++i) worst = std::max(worst, severity(run(1), "specimen.broken"));
+    EXPECT_EQ(worst, gap_ms == 0 ? Severity::kSafeState : Severity::kInfo) << gap_ms << " ms";
+  }
+}
+
 /// Each cause by itself, in every phase: the severity is that of its rule, and no other cause comes up.
 TEST_F(SupervisorTest, EveryCauseHasTheSeverityOfItsRuleInEveryPhase) {
   struct Case {

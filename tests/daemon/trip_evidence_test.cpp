@@ -200,6 +200,54 @@ TEST_F(TripEvidenceTest, WhatEndsItIsAddedAndASecondTripHasFilesOfItsOwn) {
   EXPECT_GE(lines("trip-2-frame.csv").size(), 1U + 15'000U);
 }
 
+/// The folder is away as the second trip is numbered, and seems to hold none.
+TEST_F(TripEvidenceTest, ATripThatIsNumberedWhileTheFolderIsAwayReplacesNone) {
+  const auto at = folder.path() / "run", away = folder.path() / "away";
+  std::filesystem::create_directories(at);
+  const auto write = [](TripEvidence& evidence, std::int64_t from_ms, std::int64_t trip_ms, const char* code,
+                        const std::function<void()>& before, const std::function<void()>& behind) {
+    for (std::int64_t i = from_ms; i < trip_ms; ++i) evidence.take(frame_record(i, 3, Keep::kAveraged));
+    before();
+    evidence.take(transition(trip_ms, code, RunState::kRunning, RunState::kFaulted, Severity::kProgramStop));
+    behind();
+    evidence.finish(true);
+    EXPECT_EQ(evidence.error(), "");
+  };
+  const auto nothing = [] {};
+  TripEvidence first(at, {}, 0);
+  write(first, 0, 1'000, "loop.late", nothing, nothing);
+  TripEvidence second(at, {}, 0);  // of a further attempt
+  write(
+      second, 20'000, 21'000, "recorder", [&] { std::filesystem::rename(at, away); },
+      [&] { std::filesystem::rename(away, at); });
+  std::vector<std::string> complaints;
+  const auto trips = cli::read_trips(at, complaints);
+  ASSERT_EQ(trips.size(), 2U);
+  EXPECT_EQ(trips[0]["code"], "loop.late");
+  EXPECT_EQ(trips[1]["code"], "recorder");
+}
+
+/// Reset and resumed two seconds after the trip: what the crosshead does then is the run's motion, and no stop that
+/// failed.
+TEST_F(TripEvidenceTest, TheReactionEndsWhereTheRunGoesOn) {
+  TripEvidence evidence(folder.path(), {}, 0);
+  for (std::int64_t i = 0; i < 25'000; ++i) {
+    auto r = frame_record(i, 3, Keep::kAveraged);
+    r.position_mm = i < kTripMs + 2'000 ? 1.0 : 1.0 + 1e-3 * static_cast<double>(i - kTripMs - 2'000);
+    evidence.take(r);
+    if (i == kTripMs) evidence.take(stop);
+    if (i == kTripMs + 1'500)
+      evidence.take(transition(i, "reset", RunState::kFaulted, RunState::kPaused, Severity::kInfo));
+    if (i == kTripMs + 2'000)
+      evidence.take(transition(i, "resume", RunState::kPaused, RunState::kRunning, Severity::kInfo));
+  }
+  evidence.finish(true);
+  const auto reaction = trip(1)["reaction"];
+  ASSERT_TRUE(reaction.contains("stood_s")) << reaction.dump();
+  EXPECT_NEAR(reaction["position_max_mm"].get<double>(), 1.0, 1e-6);
+  EXPECT_GE(lines("trip-1-frame.csv").size(), 1U + 15'000U) << "the samples are kept all the same";
+}
+
 EventRecord by(const char* who, EventRecord event) {
   std::snprintf(event.by, sizeof event.by, "%s", who);
   return event;

@@ -1,7 +1,9 @@
 #include "sim/physics.hpp"
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 
+#include <filesystem>
 #include <fstream>
 
 #include "driver.hpp"
@@ -16,6 +18,19 @@ constexpr const char* kHead = "format = 'isorig-model/1'\nname = 'test'\n";
 
 PhysicsConfig physics(const std::string& parts, bool replaces) {
   return {model::parse_model(kHead + parts, "test.toml"), replaces, 15.0};
+}
+
+/// Measured rest lengths, as docs/config.md has them, are the daemon's business: the simulation takes its own.
+TEST(SpecimenPhysics, ASpecimenWithMeasuredRestLengthsIsTheSameSpecimen) {
+  const auto folder = std::filesystem::temp_directory_path() / ("isorig-lengths-" + std::to_string(::getpid()));
+  std::filesystem::create_directories(folder);
+  const auto file = folder / "measured.toml";
+  std::filesystem::copy_file(testing::config_path("specimens/control2.toml"), file);
+  std::ofstream(file, std::ios::app) << "\n[rest_lengths]\npressure_psi = [5, 10]\nlength_mm = [92.8, 88.4]\n";
+  const auto plain = load_specimen(testing::config_path("specimens/control2.toml")), measured = load_specimen(file);
+  EXPECT_EQ(measured.name, plain.name);
+  EXPECT_EQ(measured.actuator.initial_length_mm, plain.actuator.initial_length_mm);
+  std::filesystem::remove_all(folder);
 }
 
 TEST(SpecimenPhysics, EffectsAddToTheActuator) {
