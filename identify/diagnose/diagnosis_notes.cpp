@@ -49,6 +49,37 @@ void note_what_cannot_be_told(Diagnosis& out) {
   }
 }
 
+/// An arm that is not linear beside as many linear ones as the nominal model has (count_arms) is one thing missing.
+/// Read otherwise, it is two.
+void note_arm_beside_the_arms(Diagnosis& out) {
+  const auto linear_arms = [](const model::ModelSpec& spec) {
+    return std::ranges::count(spec.parts, std::string_view("maxwell"),
+                              [](const model::Part& part) { return part.physics->name; });
+  };
+  for (const MissingEffect& missing : out.missing) {
+    const bool is_an_arm = std::ranges::any_of(out.model.parts, [&](const model::Part& part) {
+      return part.physics == missing.effect && part.law->traits.replaces_arm;
+    });
+    if (!is_an_arm || linear_arms(out.model) < linear_arms(out.nominal)) continue;
+    out.notes.push_back(base::formatted(
+        "The law of %s stands beside the arms of the nominal model. The same force is that of a nominal arm which "
+        "follows this law and of a further relaxation: two things missing in the place of one, which no recording of "
+        "this specimen tells apart.",
+        model::effect_words(missing.effect->name).c_str()));
+  }
+}
+
+/// Where a pressure is stated and no gauge was read.
+void note_pressure_that_nobody_read(const Study& study, Diagnosis& out) {
+  const bool stated = std::ranges::any_of(study.series, [](const Series& each) {
+    return each.recording.metadata.nominal_pressure_psi && !each.recording.pressure;
+  });
+  if (!stated) return;
+  out.notes.emplace_back(
+      "No pressure was recorded (pressure.csv), so effects of the pressure were not looked for: one of them may stand "
+      "under another name.");
+}
+
 /// Friction that is wholly in proportion to the load is friction, of which nothing is constant.
 void note_what_is_all_refinement(Diagnosis& out) {
   for (const MissingEffect& missing : out.missing) {
@@ -112,6 +143,8 @@ void add_notes(const Study& study, const Fit& nominal_fit, Diagnosis& out) {
   if (!out.decided.empty()) out.warnings.push_back(decided_text(out.decided));
   for (const Inseparable& pair : out.design.inseparable) out.notes.push_back(pair.text);
   note_what_cannot_be_told(out);
+  note_arm_beside_the_arms(out);
+  note_pressure_that_nobody_read(study, out);
   note_what_is_all_refinement(out);
   note_substitutes(out);
   note_unfinished_fit(study, nominal_fit, "nominal model", out);

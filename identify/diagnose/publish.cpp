@@ -35,6 +35,7 @@ Candidate settled(const Search& search, const Selection& selection, Hypothesis s
 /// The next smaller candidate; nothing below a single effect.
 std::optional<Candidate> smaller(const Search& search, const Selection& selection, const Candidate& from) {
   Hypothesis rest;
+  rest.nominal_arms = selection.nominal().nominal_arms;
   rest.effects = from.effects;
   if (!from.described_by.empty()) {
     const Hypothesis& chosen = selection.chosen();
@@ -78,6 +79,7 @@ std::optional<Candidate> tested(const Search& search, const Selection& selection
     from = std::move(*without_table);
   }
   Hypothesis rest;
+  rest.nominal_arms = selection.nominal().nominal_arms;
   rest.effects = from.effects;
   rest.fit.spec = from.spec;
   for (const auto* effect : untested) rest = search.without(rest, *effect);

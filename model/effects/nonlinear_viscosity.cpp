@@ -194,7 +194,7 @@ const Physics& nonlinear_viscosity() {
           .upper = 1e4,
           .starts = {0.5, 3.0},
           .logarithmic = true,
-          .traits = {.lower_limit_law = "a slipping spring", .upper_limit_law = "a spring"},
+          .traits = {.lower_bound_is = "coulomb_friction", .upper_limit_law = "a spring"},
           .sheet = {.what = "Time constant with which the arm relaxes towards its yield elongation.",
                     .unit = "s",
                     .range =

@@ -75,9 +75,30 @@ bool has_event(const ModelSpec& spec, const model::Physics& effect) {
                              [&](const Part& part) { return part.physics == &effect && model::is_event(*part.law); });
 }
 
-ModelSpec spec_without(ModelSpec spec, const model::Physics& effect) {
+std::size_t linear_arms(const ModelSpec& spec) {
+  return static_cast<std::size_t>(std::ranges::count(spec.parts, &model::element::maxwell(), &Part::physics));
+}
+
+/// The law of the nominal model's arms under another name.
+bool is_linear_arm(const model::Law& law) {
+  return law.formula == model::element::maxwell().laws.front().formula;
+}
+
+/// The effect's parts that are linear arms become arms of the model.
+void make_arms(ModelSpec& spec, const model::Physics& effect) {
+  for (Part& part : spec.parts) {
+    if (part.physics != &effect || !is_linear_arm(*part.law)) continue;
+    Part arm = model::make_part(model::element::maxwell(), model::element::maxwell().laws.front());
+    arm.parameters[0] = part.parameters[0];
+    arm.coefficients[0] = part.coefficients[0];
+    part = std::move(arm);
+  }
+}
+
+ModelSpec spec_without(ModelSpec spec, const model::Physics& effect, std::optional<std::size_t> nominal_arms) {
   for (Part& part : spec.parts) {
     if (part.physics != &effect || !part.law->traits.replaces_arm) continue;
+    if (nominal_arms && linear_arms(spec) >= *nominal_arms) continue;  // it stands beside them
     // The linear arm that the law had replaced.
     Part arm = model::make_part(model::element::maxwell(), model::element::maxwell().laws.front());
     arm.parameters[0] = part.parameters[0];
@@ -89,6 +110,22 @@ ModelSpec spec_without(ModelSpec spec, const model::Physics& effect) {
 }
 
 }  // namespace
+
+void count_arms(Hypothesis& hypothesis) {
+  if (!hypothesis.nominal_arms) return;
+  const auto replaces = [](const Part& part) { return part.law->traits.replaces_arm; };
+  if (std::ranges::none_of(hypothesis.fit.spec.parts, replaces)) return;
+  for (const model::Physics* effect : std::vector(hypothesis.effects)) {
+    const auto of_effect = [&](const Part& part) { return part.physics == effect; };
+    const auto is_arm = [&](const Part& part) { return of_effect(part) && is_linear_arm(*part.law); };
+    const auto arms = std::ranges::count_if(hypothesis.fit.spec.parts, is_arm);
+    if (arms == 0 || arms != std::ranges::count_if(hypothesis.fit.spec.parts, of_effect)) continue;
+    if (linear_arms(hypothesis.fit.spec) + static_cast<std::size_t>(arms) > *hypothesis.nominal_arms) continue;
+    make_arms(hypothesis.fit.spec, *effect);
+    make_arms(hypothesis.ls_spec, *effect);
+    std::erase(hypothesis.effects, effect);
+  }
+}
 
 bool may_be_tried(const model::Physics& effect, const Hypothesis& base, std::span<const Series> series) {
   const model::PhysicsTraits& traits = effect.traits;
@@ -197,6 +234,7 @@ Hypothesis Search::nominal(const ModelSpec& nominal) const {
   base::parallel_for(specs.size(), threads_, [&](std::size_t i) { fits[i] = instrument_problem_.fit(specs[i], 20); });
   Hypothesis best;
   best.fit = *std::ranges::min_element(fits, {}, &Fit::chi2);
+  best.nominal_arms = linear_arms(nominal);
   settle(best, false);
   return best;
 }
@@ -360,6 +398,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
     Hypothesis& hypothesis = out[i];
     hypothesis.effects = base.effects;
     hypothesis.effects.push_back(chosen[i].effect);
+    hypothesis.nominal_arms = base.nominal_arms;
     sort_as_in_catalogue(hypothesis.effects);
     hypothesis.fit = std::move(chosen[i].fit);
     settle(hypothesis, chosen[i].promising);
@@ -378,7 +417,7 @@ std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep,
 std::vector<Hypothesis> Search::other_laws(const Hypothesis& chosen, const model::Physics& effect,
                                            std::size_t tried) const {
   const InstrumentResolution resolution = resolution_of(series_);
-  const ModelSpec rest = spec_without(chosen.ls_spec, effect);
+  const ModelSpec rest = spec_without(chosen.ls_spec, effect, chosen.nominal_arms);
   std::vector<Trial> other;
   for (const model::Law& known : effect.laws) {
     const model::Law& law = model::law_at(known, rest.length_scale);
@@ -447,9 +486,11 @@ Hypothesis Search::without(const Hypothesis& whole, const model::Physics& effect
   out.effects = whole.effects;
   std::erase(out.effects, &effect);
   out.empirical = whole.empirical;
-  out.fit.spec = spec_without(whole.fit.spec, effect);
+  out.nominal_arms = whole.nominal_arms;
+  out.fit.spec = spec_without(whole.fit.spec, effect, whole.nominal_arms);
   out.fit = instrument_problem_.fit(out.fit.spec, 25);
   settle(out, true);
+  count_arms(out);
   return out;
 }
 

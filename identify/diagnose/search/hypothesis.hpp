@@ -18,10 +18,17 @@ struct Hypothesis {
   model::ModelSpec ls_spec;                    ///< the numbers that leave it: where a larger model's search begins
   bool plain_numbers = false;                  ///< the fit under its noise is far from least squares (parsimony.cpp)
   double evidence = 0.0;                       ///< log-likelihood minus half log(rows) per free number
+  std::optional<std::size_t> nominal_arms;     ///< of the nominal model that it was grown from
 
   [[nodiscard]] bool has(const model::Physics& effect) const;
   [[nodiscard]] std::string key() const;  ///< "coulomb_friction+zero_drift"; "nominal"
 };
+
+/// A law that takes the place of an arm (LawTraits::replaces_arm) beside a further arm that is linear: with no more
+/// linear arms than the nominal model has, none is missing. The further one becomes an arm of the model, its effect
+/// goes, and what is missing stands beside the arms. In seeds 20261147 to 20261151 of the proof a second relaxation was
+/// named three times beside an arm that is not linear, and never was there.
+void count_arms(Hypothesis& hypothesis);
 
 /// In the order of the catalogue, as Hypothesis::effects are.
 void sort_as_in_catalogue(std::vector<const model::Physics*>& effects);

@@ -16,6 +16,7 @@ namespace {
 
 void add(std::vector<Hypothesis>& pool, std::vector<Hypothesis> more) {
   for (Hypothesis& hypothesis : more) {
+    count_arms(hypothesis);
     const auto same = std::ranges::find_if(pool, [&](const Hypothesis& h) {
       return h.effects == hypothesis.effects && h.empirical == hypothesis.empirical;
     });

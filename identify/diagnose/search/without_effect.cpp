@@ -36,6 +36,8 @@ std::size_t without_effect(Selection& selection, const Search& search, std::size
   if (const auto same = find_in_pool(selection, rest, selection.pool[from].empirical)) return *same;
   Hypothesis fitted = search.without(selection.pool[from], effect);
   if (const auto named = under_right_names(selection, fitted)) return *named;
+  // With fewer arms another effect may have become one of the model's own (count_arms).
+  if (const auto same = find_in_pool(selection, fitted.effects, fitted.empirical)) return *same;
   selection.pool.push_back(std::move(fitted));
   selection.weight.push_back(0.0);
   selection.excess.push_back(std::max(

@@ -74,6 +74,52 @@ TEST(Settle, ComparesByTheSquaresOfTheBetterOfTwoPlaces) {
   EXPECT_NEAR(squares_of(s.search.instrument_problem(), stopped.ls_spec), stopped.ls_chi2, 1e-6 * stopped.ls_chi2);
 }
 
+// --- count_arms --------------------------------------------------------------------------------------------------
+
+/// slse1 has one arm. A law in its place and a linear arm beside it: the linear arm is the nominal model's, and what is
+/// left when the law goes is that model. With one linear arm more a relaxation is missing, too.
+TEST(CountArms, AsManyLinearArmsAsTheNominalModelHasAreItsOwn) {
+  const Searched on(test::record({.second_arm_N_mm = 1.2, .second_arm_s = 6.0, .power = 1.8}));
+  const Hypothesis nominal = on.search.nominal(model::nominal_model("slse1"));
+  const auto &viscosity = effect("nonlinear_viscosity"), &relaxation = effect("second_relaxation");
+  const auto arms = [](const model::ModelSpec& spec) {
+    return std::ranges::count(spec.parts, std::string_view("maxwell"),
+                              [](const model::Part& part) { return part.physics->name; });
+  };
+  Hypothesis both = nominal;
+  std::erase_if(both.fit.spec.parts, [](const model::Part& part) { return part.physics->name == "maxwell"; });
+  for (const auto& [physics, law] : {std::pair{&viscosity, "power_arm"}, std::pair{&relaxation, "arm"}}) {
+    both.effects.push_back(physics);
+    both.fit.spec.parts.push_back(model::make_part(*physics, *model::find_law(*physics, law)));
+  }
+  sort_as_in_catalogue(both.effects);
+  both.fit = on.search.fit_from(both.fit.spec, 30);
+  on.search.settle(both, false);
+  Hypothesis more = both, unknown = both;
+  count_arms(both);
+  EXPECT_EQ(both.key(), "nonlinear_viscosity");
+  for (const auto& [spec, before] : {std::pair{both.fit.spec, more.fit.spec}, {both.ls_spec, more.ls_spec}}) {
+    EXPECT_EQ(arms(spec), 1);
+    EXPECT_FALSE(spec.has("second_relaxation"));
+    const double squares = squares_of(on.search.instrument_problem(), before);
+    EXPECT_NEAR(squares_of(on.search.instrument_problem(), spec), squares, 1e-6 * squares);
+  }
+  EXPECT_EQ(on.search.without(both, viscosity).key(), "nominal");
+  EXPECT_EQ(arms(on.search.without(both, viscosity).fit.spec), 1);
+  // In the place of the arm, it is restored.
+  const Hypothesis in_place = on.search.without(more, relaxation);
+  ASSERT_EQ(arms(in_place.fit.spec), 0);
+  EXPECT_EQ(arms(on.search.without(in_place, viscosity).fit.spec), 1);
+
+  more.fit.spec.parts.push_back(model::make_part(*nominal.fit.spec.parts[1].physics, *nominal.fit.spec.parts[1].law));
+  ASSERT_EQ(arms(more.fit.spec), 1);
+  count_arms(more);
+  EXPECT_EQ(more.key(), "second_relaxation+nonlinear_viscosity");
+  unknown.nominal_arms.reset();
+  count_arms(unknown);
+  EXPECT_EQ(unknown.key(), "second_relaxation+nonlinear_viscosity");
+}
+
 // --- substitutes -----------------------------------------------------------------------------------------------
 
 /// Eight further effects were tried beside the leader and none beside its rival: together they have 0.93 of the weight,

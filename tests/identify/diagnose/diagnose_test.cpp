@@ -73,6 +73,22 @@ TEST(Diagnose, FindsASecondRelaxation) {
 TEST(Diagnose, FindsANonlinearDashpot) {
   expect_single({.power = 1.8}, "nonlinear_viscosity", "exponent", 1.8, 0.05);
 }
+/// Of a linear arm and one that is not, one is the nominal model's own and one is missing: not two.
+TEST(Diagnose, FindsANonlinearArmBesideTheArmOfTheNominalModel) {
+  const ConcealedSpecimen bench{.second_arm_N_mm = 1.2, .second_arm_s = 6.0, .power = 1.8};
+  const Diagnosis d = diagnose_bench(bench);
+  ASSERT_EQ(d.missing.size(), 1u) << diagnosis_json(d)["missing"].dump(1);
+  EXPECT_EQ(d.missing[0].effect->name, "nonlinear_viscosity");
+  EXPECT_GT(d.missing[0].probability, 0.9);
+  const double before = rms_against(d.nominal, test::record_other(bench));
+  EXPECT_LT(rms_against(d.model, test::record_other(bench)), 0.05 * before + 0.004) << "nominal " << before;
+  EXPECT_EQ(std::ranges::count(d.model.parts, std::string_view("maxwell"),
+                               [](const model::Part& part) { return part.physics->name; }),
+            1);
+  EXPECT_TRUE(std::ranges::any_of(d.notes, [](const std::string& note) {
+    return note.find("stands beside the arms of the nominal model") != note.npos;
+  }));
+}
 TEST(Diagnose, FindsPressureCoupling) {
   expect_single({.coupling_N_mm_psi = 0.15, .pressure_wander_psi = 0.1}, "pressure_coupling", "stiffness_N_mm_psi",
                 0.15, 0.01);
