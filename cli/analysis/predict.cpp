@@ -122,7 +122,8 @@ int predict(const PredictOptions& options) {
   excitation.reference.recording_id = recording_id;
   identify::count_as_fitted(excitation, recording, quality, spec);
   const identify::Forecast forecast = identify::forecast(
-      spec, excitation, [&](double done) { progress->at(kMotion + (kSimulated - kMotion) * done, "simulating"); });
+      spec, excitation, [&](double done) { progress->at(kMotion + (kSimulated - kMotion) * done, "simulating"); },
+      identify::unread_by(spec, recording));
   progress->at(kSimulated, "writing");
   std::vector<messages::CsvColumnView> columns{{"t_s", recording.frame.t_s}, {"force_N", forecast.force_N}};
   if (spec.seen)

@@ -6,6 +6,7 @@
 
 #include "identify/diagnose/fit/fit.hpp"
 #include "identify/diagnose/fit/running_forecast.hpp"
+#include "identify/diagnose/guard/pressure_coverage.hpp"
 
 namespace isorig::identify {
 
@@ -25,9 +26,15 @@ struct Forecast {
 ///
 /// with s the rms of readings left out of the fit, noise included, C the covariance of the fitted numbers
 /// (intervals.hpp) and J the change of F by them. s grows with d by a convention, not by a law.
-/// `on_progress`, where there is one, is told now and then which part of the rows is done.
+/// In the times of `unread` a model that reads the pressure is the nominal one, and the band as wide as the two are
+/// apart. `on_progress`, where there is one, is told now and then which part of the rows is done.
 [[nodiscard]] Forecast forecast(const model::ModelSpec& spec, const Excitation& excitation,
-                                const std::function<void(double fraction)>& on_progress = {});
+                                const std::function<void(double fraction)>& on_progress = {},
+                                const std::vector<UnreadPressure>& unread = {});
+
+/// unread_pressure() as far as this model minds: nothing where it reads no gauge, and the whole recording where that
+/// has none.
+[[nodiscard]] std::vector<UnreadPressure> unread_by(const model::ModelSpec& spec, const messages::Recording& recording);
 
 /// The row by row lower triangle of a symmetric matrix.
 [[nodiscard]] std::vector<double> lower_triangle(const Eigen::MatrixXd& matrix);

@@ -100,6 +100,7 @@ Admitted admit(messages::Recording& recording, const std::string& name, model::M
     throw std::invalid_argument(
         name + ": nothing moves in this recording, or its samples are too far apart to follow the motion");
   refuse_implausible(recording, name, nominal, admitted.quality.position);
+  refuse_two_clocks(recording, name);
   if (auto odd = odd_pressure(recording)) faults.push_back(std::move(*odd));
   return admitted;
 }

@@ -152,7 +152,8 @@ int isorig_model_predict(const isorig_model* model, const isorig_drive* drive, d
         require(force_N, "the place for force_N");
         identify::Excitation excitation = drive->excitation;
         identify::count_as_fitted(excitation, drive->recording, drive->quality, model->spec);
-        const auto forecast = identify::forecast(model->spec, excitation);
+        const auto forecast =
+            identify::forecast(model->spec, excitation, {}, identify::unread_by(model->spec, drive->recording));
         const std::size_t rows = forecast.force_N.size();
         copy_or_nan(forecast.force_N, rows, force_N);
         copy_or_nan(forecast.low95_N, rows, low95_N);

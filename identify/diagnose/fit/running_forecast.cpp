@@ -54,7 +54,7 @@ void RunningForecast::reset(const model::Instant& first) noexcept {
   for (Fading& fading : fading_) fading.begin(first);
 }
 
-RunningForecast::Row RunningForecast::step(const model::Instant& now) {
+RunningForecast::Row RunningForecast::step(const model::Instant& now, bool unread) {
   constexpr double k95 = 1.96;
   const double force_N = model_.step(now);
   if (nominal_.empty()) return {force_N, 0.0, false};
@@ -62,11 +62,12 @@ RunningForecast::Row RunningForecast::step(const model::Instant& now) {
   for (std::size_t i = 0; i < moved_.size(); ++i)
     change_N_[static_cast<Eigen::Index>(i)] = moved_[i].step(now) - force_N;
   const double variance_N2 = moved_.empty() ? 0.0 : std::max(0.0, change_N_.dot(covariance_ * change_N_));
-  const auto [d, w] = fading_.front().next(now);
+  const auto [d, seen] = fading_.front().next(now);
+  const double w = unread ? 0.0 : seen;
   const double beyond_N = force_N - nominal_N;
   const double half_N = k95 * std::sqrt((1.0 + d) * (1.0 + d) * error_N_ * error_N_ + variance_N2 + zero_variance_N2_) +
                         (1.0 - w) * std::fabs(beyond_N);
-  return {nominal_N + w * beyond_N, half_N, d > 0.0};
+  return {nominal_N + w * beyond_N, half_N, unread || d > 0.0};
 }
 
 std::vector<std::string> RunningForecast::notes() const {

@@ -22,7 +22,8 @@ class RunningForecast {
     double half_N = 0.0;  ///< of the 95 % band; 0 for a model without [seen], which has none
     bool outside = false;
   };
-  [[nodiscard]] Row step(const model::Instant& now);
+  /// `unread`: of a pressure that the model reads and nobody did; there it is the nominal model.
+  [[nodiscard]] Row step(const model::Instant& now, bool unread = false);
 
   /// What the model left of its ranges so far; for people.
   [[nodiscard]] std::vector<std::string> notes() const;

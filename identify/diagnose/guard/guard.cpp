@@ -10,6 +10,7 @@
 #include "base/quantile.hpp"
 #include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/guard/gaps.hpp"
+#include "identify/diagnose/guard/pressure_coverage.hpp"
 #include "identify/diagnose/signal/flat_line.hpp"
 #include "identify/diagnose/signal/spikes.hpp"
 
@@ -159,6 +160,23 @@ void find_frozen(const messages::Recording& recording, const RecordingQuality& q
   }
 }
 
+/// What a force depends on that nobody read is not known: the pressure is not what it was before or behind.
+void leave_out_without_pressure(const messages::Recording& recording, Guarded& out) {
+  const auto& t = recording.frame.t_s;
+  for (const UnreadPressure& unread : unread_pressure(recording)) {
+    std::size_t count = 0;
+    for (std::size_t k = 0; k < t.size(); ++k) {
+      if (t[k] < unread.from_s || t[k] > unread.to_s) continue;
+      out.usable[k] = false;
+      ++count;
+    }
+    if (count == 0) continue;  // of the force there is none either, which is said already
+    out.faults.push_back({"pressure", unread.from_s, unread.to_s, count,
+                          "pressure.csv has no readings for " + in_four_digits(unread.to_s - unread.from_s) +
+                              " s; the force meanwhile left out"});
+  }
+}
+
 void find_gaps(const messages::FrameSamples& frame, Guarded& out) {
   const auto& t = frame.t_s;
   std::vector<double> steps;
@@ -181,6 +199,7 @@ Guarded guard_recording(const messages::Recording& recording, const RecordingQua
   out.usable.assign(frame.size(), true);
   if (frame.size() < 20) return out;
   find_gaps(frame, out);
+  leave_out_without_pressure(recording, out);
   find_frozen(recording, quality, out);
   find_outliers(frame, quality, out);
   find_position_outliers(frame, quality.position, out);

@@ -63,6 +63,17 @@ std::size_t strokes_between_readings(const messages::FrameSamples& frame, double
 
 }  // namespace
 
+void refuse_two_clocks(const messages::Recording& recording, const std::string& name) {
+  const auto& frame_s = recording.frame.t_s;
+  if (!recording.pressure || recording.pressure->size() == 0 || frame_s.empty()) return;
+  const auto& gauge_s = recording.pressure->t_s;
+  if (gauge_s.back() >= frame_s.front() && gauge_s.front() <= frame_s.back()) return;
+  throw std::invalid_argument(name + ": pressure.csv (" + in_three_digits(gauge_s.front()) + " to " +
+                              in_three_digits(gauge_s.back()) + " s) and frame.csv (" +
+                              in_three_digits(frame_s.front()) + " to " + in_three_digits(frame_s.back()) +
+                              " s) have no time in common; are both on one clock? isorig align finds the offset");
+}
+
 void refuse_implausible(const messages::Recording& recording, const std::string& name, const model::ModelSpec& nominal,
                         const ChannelQuality& position_quality) {
   const auto& frame = recording.frame;

@@ -31,6 +31,9 @@ void refuse_several_pressures(std::span<const messages::Recording> recordings, s
 /// A warning where the recordings are of several specimens, by the names of all of them; "" where they are of one.
 [[nodiscard]] std::string several_specimens(std::span<const std::string> specimens);
 
+/// Throws std::invalid_argument where no reading of the pressure belongs to any row of the frame.
+void refuse_two_clocks(const messages::Recording& recording, const std::string& name);
+
 /// A pressure that stands far from the nominal one all the time: another unit, or a wrong number in
 /// recording.toml.
 [[nodiscard]] std::optional<DataFault> odd_pressure(const messages::Recording& recording);

@@ -65,6 +65,44 @@ class Forecasts : public testing::Test {
   }
 };
 
+/// A model that reads the pressure, in a recording whose gauge is dead from 100 s on, or that has none.
+TEST_F(Forecasts, WhereNobodyReadThePressureAreTheNominalModel) {
+  model::ModelSpec reads = learnt();
+  const model::Physics& coupling = *model::find_physics("pressure_coupling");
+  reads.parts.push_back(model::make_part(coupling, coupling.laws.front()));
+  reads.parts.back().coefficients.assign(reads.parts.back().coefficients.size(), 0.1);
+  reads.parts.back().fixed = true;
+  messages::Recording recording = other();
+  ASSERT_TRUE(recording.pressure);
+  EXPECT_TRUE(unread_by(reads, recording).empty());
+  auto& gauge = *recording.pressure;
+  const auto kept = static_cast<std::size_t>(std::ranges::lower_bound(gauge.t_s, 100.0) - gauge.t_s.begin());
+  gauge.t_s.resize(kept);
+  gauge.pressure_psi.resize(kept);
+  EXPECT_TRUE(unread_by(learnt(), recording).empty()) << "friction does not mind";
+  const auto unread = unread_by(reads, recording);
+  ASSERT_EQ(unread.size(), 1U);
+  const Excitation excitation = reconstruct_excitation(recording);
+  const Forecast out = forecast(reads, excitation, {}, unread), whole = forecast(reads, excitation);
+  model::ModelSpec nominal = reads;
+  nominal.parts = reads.seen->nominal;
+  nominal.seen.reset();
+  const std::vector<double> nominal_N = simulated(nominal, excitation);
+  for (std::size_t k = 0; k < nominal_N.size(); ++k) {
+    if (excitation.instants[k].t_s < unread[0].from_s) {
+      ASSERT_EQ(out.force_N[k], whole.force_N[k]) << k;
+      continue;
+    }
+    ASSERT_NEAR(out.force_N[k], nominal_N[k], 1e-9) << k;
+    ASSERT_EQ(out.outside[k], 1.0) << k;
+    ASSERT_GE(out.high95_N[k] - out.force_N[k], std::fabs(whole.force_N[k] - nominal_N[k])) << k;
+  }
+  ASSERT_FALSE(out.notes.empty());
+  EXPECT_NE(out.notes.back().find("pressure.csv has no readings from "), std::string::npos) << out.notes.back();
+  recording.pressure.reset();
+  EXPECT_EQ(unread_by(reads, recording).size(), 1U);
+}
+
 TEST_F(Forecasts, InsideWhatWasSeenAreTheModel) {
   const Excitation excitation = stretched(1.0);
   const Forecast out = forecast(learnt(), excitation);

@@ -2,6 +2,7 @@
 // none.
 #include "identify/diagnose/guard/guard.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -10,6 +11,9 @@
 #include <set>
 
 #include "concealed_specimen.hpp"
+#include "identify/diagnose/diagnosis.hpp"
+#include "identify/diagnose/guard/pressure_coverage.hpp"
+#include "model/catalogue.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -240,6 +244,7 @@ TEST(Guard, FindsAGapAndAClockThatJumps) {
     const std::size_t at = row_at(recording, 500.0);
     if (jump) {
       for (std::size_t k = at; k < frame.size(); ++k) frame.t_s[k] += 7.0;
+      for (double& t_s : recording.pressure->t_s) t_s += t_s < 500.0 ? 0.0 : 7.0;
     } else {
       const std::size_t end = row_at(recording, 530.0);
       for (auto* column : {&frame.t_s, &frame.position_mm, &frame.force_N})
@@ -284,6 +289,7 @@ TEST(Guard, FindsSeveralFaultsAtOnce) {
   frame.force_N[spike] += 2.0;
   const std::size_t at = row_at(recording, 900.0);
   for (std::size_t k = at; k < frame.size(); ++k) frame.t_s[k] += 30.0;
+  for (double& t_s : recording.pressure->t_s) t_s += t_s < 900.0 ? 0.0 : 30.0;
   const Guarded guarded = guard_recording(recording);
   std::vector<std::string> found = kinds(guarded);
   std::ranges::sort(found);
@@ -297,6 +303,50 @@ TEST(Guard, TakesARecordingTooShortToJudgeAsItIs) {
     column->resize(19);
   recording.frame.force_N[5] += 100.0;
   EXPECT_TRUE(guard_recording(recording).faults.empty());
+}
+
+/// From a third of the time on the gauge is dead: what the force depends on is not known there.
+TEST(Guard, WhatNobodyReadThePressureOfIsLeftOutAndSaid) {
+  messages::Recording half = clean();
+  ASSERT_TRUE(half.pressure);
+  EXPECT_TRUE(unread_pressure(half).empty());
+  const double begin_s = half.frame.t_s.front(), end_s = half.frame.t_s.back(),
+               dead_s = begin_s + (end_s - begin_s) / 3.0;
+  messages::PressureSamples& gauge = *half.pressure;
+  const auto kept = static_cast<std::size_t>(std::ranges::lower_bound(gauge.t_s, dead_s) - gauge.t_s.begin());
+  gauge.t_s.resize(kept);
+  gauge.pressure_psi.resize(kept);
+  const auto unread = unread_pressure(half);
+  ASSERT_EQ(unread.size(), 1U);
+  EXPECT_NEAR(unread[0].from_s, gauge.t_s.back() + 1.0, 1e-9);
+  EXPECT_NEAR(unread[0].to_s, end_s, 1e-9);
+  const Guarded guarded = guard_recording(half);
+  const auto fault = std::ranges::find(guarded.faults, std::string("pressure"), &DataFault::kind);
+  ASSERT_NE(fault, guarded.faults.end());
+  EXPECT_NE(fault->text.find("pressure.csv has no readings for "), fault->text.npos) << fault->text;
+  const std::size_t first = row_at(half, unread[0].from_s);
+  EXPECT_EQ(fault->rows, half.frame.size() - first);
+  for (std::size_t k = first; k < half.frame.size(); ++k) ASSERT_FALSE(guarded.usable[k]) << k;
+  EXPECT_TRUE(guarded.usable[row_at(half, begin_s + 10.0)]);
+  // A second that is missing is bridged; a recording without a gauge has nothing to miss.
+  messages::Recording whole = clean();
+  const auto at = static_cast<std::ptrdiff_t>(whole.pressure->t_s.size() / 2);
+  const auto last =
+      std::ranges::lower_bound(whole.pressure->t_s, whole.pressure->t_s[static_cast<std::size_t>(at)] + 0.9) -
+      whole.pressure->t_s.begin();
+  whole.pressure->t_s.erase(whole.pressure->t_s.begin() + at, whole.pressure->t_s.begin() + last);
+  EXPECT_TRUE(unread_pressure(whole).empty());
+  whole.pressure.reset();
+  EXPECT_TRUE(unread_pressure(whole).empty());
+}
+
+/// Two clocks: nothing of the gauge belongs to any row.
+TEST(Guard, AGaugeOfAnotherTimeIsRefused) {
+  messages::Recording shifted = clean();
+  for (double& t : shifted.pressure->t_s) t += 1e5;
+  EXPECT_THAT([&] { (void)diagnose({shifted}, {"bench"}, model::nominal_model("slse1"), {}); },
+              testing::ThrowsMessage<std::invalid_argument>(testing::AllOf(
+                  testing::HasSubstr("bench: pressure.csv ("), testing::HasSubstr("have no time in common"))));
 }
 
 }  // namespace
