@@ -100,7 +100,7 @@ void print_table(const std::vector<daemon::RunRow>& rows) {
     }
     std::cout << cut(line, columns) << '\n';
     if (k > 0 && !rows[k - 1].fault.empty()) {
-      const char* was = rows[k - 1].state == "done" ? "it was held once: " : "";
+      const char* was = rows[k - 1].state == "done" ? "a fault on the way: " : "";
       std::cout << cut(std::string(width[0] + 2, ' ') + was + printable(rows[k - 1].fault), columns) << '\n';
     }
   }

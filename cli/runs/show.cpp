@@ -150,7 +150,7 @@ void print_identity(const FoundRun& found, const daemon::RunTally& s, const mess
               duration_text(static_cast<double>(s.last_sample_ns - s.first_sample_ns) * 1e-9).c_str(),
               who.empty() ? "" : ("operator " + printable(who) + ", ").c_str(), h.attempt, h.attempt == 1 ? "" : "s");
   if (found.row) {
-    const char* then = found.row->fault.empty() ? "" : found.row->state == "done" ? "; it was held once: " : ", ";
+    const char* then = found.row->fault.empty() ? "" : found.row->state == "done" ? "; a fault on the way: " : ", ";
     std::printf("  outcome: %s%s%s\n", found.row->state.c_str(), then, printable(found.row->fault).c_str());
   }
   std::string made;

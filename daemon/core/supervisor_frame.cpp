@@ -11,7 +11,6 @@ namespace {
 // Beyond a limit that has tripped already the crosshead comes to rest, and may go back; further than this it trips
 // anew.
 constexpr double kTravelMargin_mm = 0.2;
-constexpr double kSeenWindows = 5.0;  // of force_rate_window_s: behind a longer time without samples a fall has no rate
 constexpr double kForceMarginShare = 0.05;  // of the range between the two limits
 
 }  // namespace
@@ -102,7 +101,8 @@ void Supervisor::watch_force(const FrameRecord& s) noexcept {
            config_.limits.force_rate_max_N_s);
     }
     // What fell while nobody looked may have fallen slowly: a Teensy that vents by itself is no broken specimen.
-    const bool seen = found.window_s <= kSeenWindows * config_.force_rate_window_s;
+    // Samples that are no further apart than they may be are seen, on a slow line, too.
+    const bool seen = found.window_s <= config_.frame_age_max_s;
     const double gone_N = std::abs(found.before_N) - std::abs(s.force_N);
     if (seen && config_.break_drop_N > 0.0 && gone_N > config_.break_drop_N &&
         gone_N > 0.5 * std::abs(found.before_N)) {

@@ -33,13 +33,12 @@ std::string stem_of(const std::string& file_name) {
 /// The first segment that is not there, with a later one or a finished repetition to show that it was; "" where none is
 /// known to be missing.
 std::string missing_segment(const RunRow& run) {
-  int due = 1;
-  for (const auto& segment : messages::list_segments(run.directory)) {
-    if (messages::segment_number(segment) != due) break;
-    ++due;
+  const auto there = messages::list_segments(run.directory);
+  for (std::size_t i = 0; i < there.size(); ++i) {
+    const int due = static_cast<int>(i) + 1;
+    if (messages::segment_number(there[i]) != due) return messages::segment_name(due);
   }
-  const bool later = messages::list_segments(run.directory).size() >= static_cast<std::size_t>(due);
-  return later || (due == 1 && run.sessions_done > 0) ? messages::segment_name(due) : std::string();
+  return there.empty() && run.sessions_done > 0 ? messages::segment_name(1) : std::string();
 }
 
 }  // namespace
