@@ -75,6 +75,7 @@ void read_sensor(const std::optional<TomlTable>& t, SensorParameters& s) {
   read_number(t, "turnaround_us", s.turnaround_us, kNonNegative);
   read_number(t, "sample_latency_ms", s.sample_latency_ms, kNonNegative);
   read_number(t, "command_delay_ms", s.command_delay_ms, kNonNegative);
+  read_number(t, "command_validity_ms", s.command_validity_ms, {20.0, 5000.0});
   read_number(t, "watchdog_s", s.watchdog_s, kPositive);
   read_clock(inner(t, "clock"), s.clock);
   read_delay(inner(t, "request"), s.request);

@@ -70,8 +70,9 @@ struct SensorParameters {
   DeviceClockParameters clock{3.0e6, 18.0, 1.0, 600.0};
   DelayParameters request, reply;
   double turnaround_us = 20.0;
-  double sample_latency_ms = 0.3;  ///< from conversion to the host
-  double command_delay_ms = 1.5;   ///< from command() to the valve driver
+  double sample_latency_ms = 0.3;      ///< from conversion to the host
+  double command_delay_ms = 1.5;       ///< from command() to the valve driver
+  double command_validity_ms = 100.0;  ///< a valve command that is not renewed by then closes both valves
   double watchdog_s = 0.5;
 };
 

@@ -29,6 +29,7 @@ SimPressure::SimPressure(const SensorParameters& p, const PneumaticParameters& v
       duty_dead_(valves.duty_dead_permille),
       duty_step_(valves.duty_step_permille),
       command_delay_ns_(static_cast<std::int64_t>((p.command_delay_ms + valves.valve_delay_ms) * 1e6)),
+      command_validity_ns_(static_cast<std::int64_t>(p.command_validity_ms * 1e6)),
       start_ns_(start_ns),
       clock_(p.clock, random_of(seed, Stream::kSensorClock), start_ns),
       noise_(random_of(seed, Stream::kSensorNoise)),
@@ -187,16 +188,19 @@ void SimPressure::check(std::int64_t now_ns) noexcept {
   }
   while (queue_read_ != queue_write_ && queue_[queue_read_ % kQueue].at_ns <= now_ns) {
     const Pending& next = queue_[queue_read_++ % kQueue];
+    commanded_ns_ = now_ns;
     if (faults.ignores_commands) continue;
     const bool vents = next.fill_permille == 0 && next.vent_permille == 1000;
     if (state_.vented_by_itself && !vents) continue;
     state_.vented_by_itself = false;
     drive(next.fill_permille, next.vent_permille, now_ns);
   }
-  if (guards_) {
-    const auto cause = guard_.tick(static_cast<std::uint64_t>(now_ns / 1000));
-    if (cause != messages::teensy::VentCause::kNone) vent_itself(cause, now_ns);
-  }
+  if (!guards_) return;
+  const bool vents = state_.fill_permille == 0 && state_.vent_permille == 1000;
+  if (!vents && !faults.ignores_commands && now_ns - commanded_ns_ > command_validity_ns_) drive(0, 0, now_ns);
+  if (const auto cause = guard_.tick(static_cast<std::uint64_t>(now_ns / 1000));
+      cause != messages::teensy::VentCause::kNone)
+    vent_itself(cause, now_ns);
 }
 
 void SimPressure::drive(std::uint16_t fill_permille, std::uint16_t vent_permille, std::int64_t now_ns) noexcept {

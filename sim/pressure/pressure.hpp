@@ -35,7 +35,8 @@ struct PressureFaults {
 /// Teensy, ELVH and valve drivers as one device: conversions on a clock of its own, a sample queue that drops
 /// the newest when the host stalls, time-sync replies with drawn delays, valve commands with a dead time, and
 /// the watchdog that vents. Vents until the first heartbeat. With limits it guards its filling as the firmware does
-/// (messages/teensy/fill_guard.hpp); without, as behind an emulated Teensy that guards for it, it fills as it is told.
+/// (messages/teensy/fill_guard.hpp), and a command that nobody renews closes both valves, unless it is a full vent;
+/// without, as behind an emulated Teensy that does all this for it, the valves stay as they were told.
 /// What it has vented by itself stays so until it is told to vent.
 class SimPressure final : public pressure::Device {
  public:
@@ -92,7 +93,7 @@ class SimPressure final : public pressure::Device {
   SensorParameters p_;
   Host& host_;
   double duty_dead_, duty_step_;
-  std::int64_t command_delay_ns_;
+  std::int64_t command_delay_ns_, command_validity_ns_;
   std::int64_t start_ns_;
   DeviceClock clock_;
   Random noise_;
@@ -126,6 +127,7 @@ class SimPressure final : public pressure::Device {
   messages::teensy::Limits limits_;  ///< what every connection begins with, once they were given
   bool heartbeat_seen_ = false;
   std::int64_t heartbeat_ns_ = 0;
+  std::int64_t commanded_ns_ = 0;  ///< the newest command reached the valves' driver
   std::int64_t next_check_ns_ = 0;
   bool connected_ = false;
 };
