@@ -8,7 +8,6 @@
 
 namespace isorig::daemon {
 namespace {
-constexpr std::int64_t kExcuseNs = 200'000'000;
 // In that time the frame's thread has taken up a request, and says what it makes of it.
 constexpr double kRenewedMax_s = 0.1;
 
@@ -52,7 +51,7 @@ void Supervisor::note(const char* code, const char* what, double value, double t
 
 void Supervisor::on_pressure_sample(std::int64_t mono_ns, double pressure_psi, bool valid) noexcept {
   if (!valid) return;  // an unusable reading does not count as one: the age limit does the rest
-  pressure_seen_ns_ = std::max(pressure_seen_ns_, mono_ns);
+  pressure_age_.on_sample(mono_ns, absence_);
   if (pressure_psi > config_.limits.pressure_max_psi) {
     note("limit.pressure", "pressure above its limit; check the fill valve and the supply", pressure_psi,
          config_.limits.pressure_max_psi);
@@ -65,7 +64,7 @@ void Supervisor::on_pressure_stuck() noexcept {
 }
 
 void Supervisor::on_regulator(std::int64_t mono_ns, double pressure_psi, double elvh_psi, bool faulty) noexcept {
-  regulator_seen_ns_ = std::max(regulator_seen_ns_, mono_ns);
+  regulator_age_.on_sample(mono_ns, absence_);
   if (faulty) note("regulator.fault", "the pressure regulator reports a fault; read its own display", 0.0, 0.0);
   const double error_psi = std::abs(pressure_psi - elvh_psi);
   if (error_psi <= config_.regulator_error_max_psi) {
@@ -109,13 +108,13 @@ void Supervisor::on_device_vented(bool is_vented, pressure::VentCause cause) noe
 }
 
 void Supervisor::on_interlock(const interlock::State& state) noexcept {
-  if (state.mono_ns <= interlock_seen_ns_) return;
+  if (state.mono_ns <= interlock_age_.seen_ns()) return;
   // Open by what it is now, or by an opening since the last reading that is over: the kernel's stamp tells of it. What
   // lies before the first reading is not news.
-  const bool has_seen = interlock_seen_ns_ >= 0;
+  const bool has_seen = interlock_age_.is_seen();
   const bool estop_opened = has_seen && state.estop_opened_ns > interlock_.estop_opened_ns;
   const bool guard_opened = has_seen && state.guard_opened_ns > interlock_.guard_opened_ns;
-  interlock_seen_ns_ = state.mono_ns;
+  interlock_age_.on_sample(state.mono_ns, absence_);
   interlock_ = state;
   // How long ago it opened, where the kernel stamped it.
   const auto ago_s = [&](std::int64_t opened_ns) { return opened_ns > 0 ? seconds(state.mono_ns - opened_ns) : 0.0; };
@@ -138,37 +137,35 @@ void Supervisor::on_interlock(const interlock::State& state) noexcept {
 }
 
 void Supervisor::on_tick_lateness(std::int64_t now_ns, std::int64_t late_ns) noexcept {
-  if (seconds(late_ns) > config_.late_tick_max_s) {
-    // What is old now is old because we were away: the cause is ours, and the streams are judged once they had
-    // the time to come in.
-    excused_until_ns_ = now_ns + kExcuseNs;
-    note("loop.late", "the real-time loop was late; check the machine's load and priorities", seconds(late_ns),
-         config_.late_tick_max_s);
-  }
+  if (seconds(late_ns) <= config_.late_tick_max_s) return;
+  absence_ = {now_ns - late_ns, now_ns};
+  for (auto* stream : streams()) stream->on_absence(absence_);
+  if (stop_pending_) stop_since_ns_ += absence_.since(stop_since_ns_);
+  note("loop.late", "the real-time loop was late; check the machine's load and priorities", seconds(late_ns),
+       config_.late_tick_max_s);
 }
 
 double Supervisor::frame_age_s(std::int64_t now_ns) const noexcept {
-  return frame_seen_ns_ < 0 ? -1.0 : seconds(now_ns - frame_seen_ns_);
+  return frame_age_.age_s(now_ns);
 }
 
 double Supervisor::pressure_age_s(std::int64_t now_ns) const noexcept {
-  return pressure_seen_ns_ < 0 ? -1.0 : seconds(now_ns - pressure_seen_ns_);
+  return pressure_age_.age_s(now_ns);
 }
 
 const TripList& Supervisor::check(std::int64_t now_ns) noexcept {
-  const auto stale = [&](std::int64_t seen_ns, double limit_s, const char* code, const char* what) {
-    if (seen_ns >= 0 && now_ns >= excused_until_ns_ && seconds(now_ns - seen_ns) > limit_s) {
-      note(code, what, seconds(now_ns - seen_ns), limit_s);
-    }
+  const auto stale = [&](const StreamAge& stream, double limit_s, const char* code, const char* what) {
+    const double age_s = stream.attended_age_s(now_ns);
+    if (age_s > limit_s) note(code, what, age_s, limit_s);
   };
-  stale(frame_seen_ns_, config_.frame_age_max_s, "stale.frame", "no sample from the frame; check its cable and power");
-  stale(pressure_seen_ns_, config_.pressure_age_max_s, "stale.pressure",
+  stale(frame_age_, config_.frame_age_max_s, "stale.frame", "no sample from the frame; check its cable and power");
+  stale(pressure_age_, config_.pressure_age_max_s, "stale.pressure",
         "no valid pressure reading; check sensor, Teensy and cable");
   if (config_.regulator_age_max_s > 0.0) {
-    stale(regulator_seen_ns_, config_.regulator_age_max_s, "stale.regulator",
+    stale(regulator_age_, config_.regulator_age_max_s, "stale.regulator",
           "the pressure regulator does not answer; check its cable and power");
   }
-  stale(interlock_seen_ns_, config_.interlock_age_max_s, "stale.interlock", "the interlock inputs are not being read");
+  stale(interlock_age_, config_.interlock_age_max_s, "stale.interlock", "the interlock inputs are not being read");
   if (segment_active_ && !segment_acknowledged_ && !stop_pending_ &&
       seconds(now_ns - segment_start_ns_) > config_.segment_ack_max_s) {
     note("frame.segment", "the frame did not take the segment; check its mode (computer control)",
@@ -176,7 +173,7 @@ const TripList& Supervisor::check(std::int64_t now_ns) noexcept {
     segment_active_ = false;
   }
   if (stop_renewed_ && seconds(now_ns - stop_since_ns_) > kRenewedMax_s) stop_renewed_ = false;
-  if (stop_pending_ && now_ns >= excused_until_ns_ && seconds(now_ns - stop_since_ns_) > config_.stop_confirm_max_s) {
+  if (stop_pending_ && seconds(now_ns - stop_since_ns_) > config_.stop_confirm_max_s) {
     note("frame.stop",
          "the crosshead was told to stop and has not been seen to stand; its heartbeat is withheld. If it moves, use "
          "its own stop",
@@ -188,17 +185,15 @@ const TripList& Supervisor::check(std::int64_t now_ns) noexcept {
 }
 
 bool Supervisor::healthy(std::int64_t now_ns, const char** why, bool guard_may_be_open) const noexcept {
-  const auto fresh = [&](std::int64_t seen_ns, double limit_s) {
-    return seen_ns >= 0 && seconds(now_ns - seen_ns) <= limit_s;
-  };
+  const auto fresh = [&](const StreamAge& stream, double limit_s) { return stream.is_fresh(now_ns, limit_s); };
   const char* reason = nullptr;
   // The chain first: a frame whose drive it has cut reports a fault for that alone.
-  if (fresh(interlock_seen_ns_, config_.interlock_age_max_s) && !interlock_.lost && !interlock_.estop_closed) {
+  if (fresh(interlock_age_, config_.interlock_age_max_s) && !interlock_.lost && !interlock_.estop_closed) {
     reason = "the emergency-stop chain is open";
-  } else if (fresh(interlock_seen_ns_, config_.interlock_age_max_s) && !interlock_.lost && !interlock_.guard_closed &&
+  } else if (fresh(interlock_age_, config_.interlock_age_max_s) && !interlock_.lost && !interlock_.guard_closed &&
              !guard_may_be_open) {
     reason = "the guard is open";
-  } else if (!fresh(frame_seen_ns_, config_.frame_age_max_s)) {
+  } else if (!fresh(frame_age_, config_.frame_age_max_s)) {
     reason = "no samples from the frame";
   } else if (number_missing_ns_ >= 0 && seconds(now_ns - number_missing_ns_) <= config_.frame_age_max_s) {
     reason = "the frame sends values that are no numbers; check its transducers";
@@ -216,15 +211,15 @@ bool Supervisor::healthy(std::int64_t now_ns, const char** why, bool guard_may_b
     reason = "the crosshead was told to stop and has not been seen to stand";
   } else if (!segment_active_ && !frame_stands_) {
     reason = "the crosshead moves";
-  } else if (!fresh(pressure_seen_ns_, config_.pressure_age_max_s)) {
+  } else if (!fresh(pressure_age_, config_.pressure_age_max_s)) {
     reason = "no valid pressure reading";
   } else if (device_vented_) {
     reason = "the Teensy holds the vent open: it missed the heartbeat";
   } else if (force_watch_.is_frozen()) {
     reason = "the force reading does not change; check the load cell";
-  } else if (config_.regulator_age_max_s > 0.0 && !fresh(regulator_seen_ns_, config_.regulator_age_max_s)) {
+  } else if (config_.regulator_age_max_s > 0.0 && !fresh(regulator_age_, config_.regulator_age_max_s)) {
     reason = "the pressure regulator does not answer";
-  } else if (!fresh(interlock_seen_ns_, config_.interlock_age_max_s)) {
+  } else if (!fresh(interlock_age_, config_.interlock_age_max_s)) {
     reason = "the interlock is not being read";
   } else if (interlock_.lost) {
     reason = "the interlock inputs cannot be read";
@@ -241,9 +236,7 @@ void Supervisor::rearm(std::int64_t now_ns) noexcept {
   force_watch_.restart();
   rearm_limit(travel_, last_position_mm_, travel_bounds());
   rearm_limit(force_, last_force_N_, force_bounds());
-  for (auto* seen : {&frame_seen_ns_, &pressure_seen_ns_, &interlock_seen_ns_, &regulator_seen_ns_}) {
-    if (*seen >= 0) *seen = std::max(*seen, now_ns);
-  }
+  for (auto* stream : streams()) stream->restart(now_ns);
 }
 
 }  // namespace isorig::daemon

@@ -1,9 +1,11 @@
 #pragma once
+#include <array>
 #include <cstdint>
 
 #include "daemon/core/force_watch.hpp"
 #include "daemon/core/links.hpp"
 #include "daemon/core/records.hpp"
+#include "daemon/core/stream_age.hpp"
 #include "daemon/core/trips.hpp"
 #include "drivers/api/frame.hpp"
 #include "drivers/api/interlock.hpp"
@@ -68,6 +70,7 @@ class Supervisor {
   void on_interlock(const interlock::State& state) noexcept;
   /// Another calibration is in force: what was read before does not compare.
   void on_calibration() noexcept { force_watch_.restart(); }
+  /// A tick that came too late: the time the loop was away is no silence of a stream, nor of a stop that is waited for.
   void on_tick_lateness(std::int64_t now_ns, std::int64_t late_ns) noexcept;
   /// The segment that was commanded, for the check that the frame does it.
   /// `number`: FrameCommand::number.
@@ -138,10 +141,11 @@ class Supervisor {
   Phase phase_ = Phase::kBetween;
   TripList found_, trips_;
   Passed travel_, force_;
-  std::int64_t frame_seen_ns_ = -1;
-  std::int64_t pressure_seen_ns_ = -1;
-  std::int64_t interlock_seen_ns_ = -1;
-  std::int64_t regulator_seen_ns_ = -1;
+  [[nodiscard]] std::array<StreamAge*, 4> streams() noexcept {
+    return {&frame_age_, &pressure_age_, &interlock_age_, &regulator_age_};
+  }
+  StreamAge frame_age_, pressure_age_, interlock_age_, regulator_age_;
+  Absence absence_;  ///< the last tick that was late
   std::int64_t disagree_since_ns_ = -1;
   interlock::State interlock_;
   frame::State frame_state_;
@@ -152,7 +156,6 @@ class Supervisor {
   std::int64_t number_missing_ns_ = -1;  ///< a sample that was no number came last
   std::uint32_t reference_epoch_ = 0;
   bool device_vented_ = false;
-  std::int64_t excused_until_ns_ = 0;  ///< after a late tick the streams get time to come in
 
   bool stop_pending_ = false;  ///< requested, and not yet seen to stand
   bool stop_renewed_ = false;  ///< ... of a crosshead that stood, told nothing since: for a moment it is believed to

@@ -16,7 +16,7 @@ constexpr double kForceMarginShare = 0.05;  // of the range between the two limi
 }  // namespace
 
 void Supervisor::on_frame_sample(const FrameRecord& s) noexcept {
-  frame_seen_ns_ = std::max(frame_seen_ns_, s.mono_ns);
+  frame_age_.on_sample(s.mono_ns, absence_);
   if (!std::isfinite(s.position_mm) || !std::isfinite(s.force_N)) {
     number_missing_ns_ = s.mono_ns;
     note("frame.number", "the frame sent a value that is not a number; check its transducers and the register map", 0.0,

@@ -100,11 +100,12 @@ inline constexpr int kFirstFault = kVerbCount;
 inline constexpr int kRepair = kFirstFault + kFaultCount;
 inline constexpr int kDiskFails = kRepair + 1;
 inline constexpr int kLoopLate = kRepair + 2;
-inline constexpr int kRecorderHangs = kRepair + 3;
-inline constexpr int kMoment = kRepair + 4;
-inline constexpr int kSecond = kRepair + 5;
-inline constexpr int kWhile = kRepair + 6;
-inline constexpr int kFirstPair = kRepair + 7;
+inline constexpr int kStopped = kRepair + 3;
+inline constexpr int kRecorderHangs = kRepair + 4;
+inline constexpr int kMoment = kRepair + 5;
+inline constexpr int kSecond = kRepair + 6;
+inline constexpr int kWhile = kRepair + 7;
+inline constexpr int kFirstPair = kRepair + 8;
 inline constexpr int kActs = kFirstPair + kPairCount;
 
 inline std::string name_of(int act) {
@@ -118,6 +119,8 @@ inline std::string name_of(int act) {
       return "disk fails";
     case kLoopLate:
       return "loop 0.4 s late";
+    case kStopped:
+      return "all threads 0.4 s late";
     case kRecorderHangs:
       return "recorder stands still";
     case kMoment:

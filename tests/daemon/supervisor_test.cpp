@@ -99,6 +99,79 @@ class SupervisorTest : public ::testing::Test {
   int count = 0;
 };
 
+/// A loop that is away for longer than any stream may be silent. What a stream was silent for before and is behind it
+/// counts, to the millisecond; the time in which nobody listened does not, nor does it start the count anew.
+TEST_F(SupervisorTest, TimeInWhichTheLoopWasAwayIsNoSilence) {
+  const auto be_away = [&](int ms) {
+    now_ns += ms * kMs;
+    supervisor->set_state(state, run_open);
+    supervisor->on_tick_lateness(now_ns, ms * kMs);
+    return supervisor->check(now_ns);
+  };
+  const struct {
+    const char* code;
+    bool* silent;
+    int limit_ms;
+  } streams[] = {{"stale.frame", &no_frame, 250},
+                 {"stale.pressure", &no_pressure, 250},
+                 {"stale.regulator", &no_regulator, 250},
+                 {"stale.interlock", &no_chain, 500}};
+  for (const auto& [code, silent, limit_ms] : streams) {
+    for (const int before_ms : {0, 1, 100, 200}) {
+      for (const auto& absences : {std::vector{400}, {3000}, {400, 400}, {260, 600, 300}}) {
+        rebuild();
+        run(100);
+        *silent = true;
+        run(before_ms);
+        int attended_ms = before_ms;
+        for (const int ms : absences) {
+          const auto found = be_away(ms);
+          EXPECT_EQ(severity(found, "loop.late"), Severity::kProgramStop);
+          EXPECT_EQ(severity(found, code), Severity::kInfo) << code << " in an absence of " << ms << " ms";
+          EXPECT_EQ(severity(run(1), code), Severity::kInfo);
+          ++attended_ms;
+        }
+        EXPECT_EQ(severity(run(limit_ms - attended_ms), code), Severity::kInfo) << code << ", " << before_ms;
+        EXPECT_EQ(severity(run(1), code), Severity::kSafeState) << code << ", " << before_ms;
+        EXPECT_EQ(severity(run(1), "loop.late"), Severity::kInfo);
+        *silent = false;
+        EXPECT_EQ(severity(run(1), code), Severity::kInfo);
+      }
+    }
+  }
+}
+
+/// The device's threads lived on: the newest sample is of the middle of the absence.
+TEST_F(SupervisorTest, ASampleOfTheTimeInWhichTheLoopWasAwayIsAsOldAsTheLoopLooked) {
+  run(100);
+  FrameRecord s;
+  s.mono_ns = now_ns + 100 * kMs;
+  s.force_N = force_N + 0.005;
+  no_frame = true;
+  now_ns += 400 * kMs;
+  supervisor->on_tick_lateness(now_ns, 400 * kMs);
+  supervisor->on_frame_sample(s);
+  EXPECT_NEAR(supervisor->frame_age_s(now_ns), 0.3, 1e-9) << "what is shown is its age";
+  const char* why = "";
+  EXPECT_FALSE(supervisor->healthy(now_ns, &why)) << "and so is what starts a run";
+  EXPECT_EQ(severity(run(250), "stale.frame"), Severity::kInfo);
+  EXPECT_EQ(severity(run(1), "stale.frame"), Severity::kSafeState);
+}
+
+/// Likewise a stop: nobody could have seen the crosshead stand.
+TEST_F(SupervisorTest, AStopIsWaitedForWhileTheLoopIsThere) {
+  run(100);
+  segment(1.0F, 1.0F);
+  run(100);
+  supervisor->on_stop(now_ns, 1);
+  report.stop_confirmed = report.stands = false;
+  run(200);
+  now_ns += 400 * kMs;
+  supervisor->on_tick_lateness(now_ns, 400 * kMs);
+  EXPECT_EQ(severity(run(99), "frame.stop"), Severity::kInfo);
+  EXPECT_EQ(severity(run(2), "frame.stop"), Severity::kSafeState);
+}
+
 TEST_F(SupervisorTest, ARigThatIsWellHasNothingWrong) {
   for (const auto s : {RunState::kIdle, RunState::kReady, RunState::kRunning, RunState::kPaused, RunState::kStopping,
                        RunState::kFaulted}) {
