@@ -170,7 +170,7 @@ void decide_verdict(const Study& study, Diagnosis& out) {
   out.unexplained = unexplained_share(explained);
   out.verdict = verdict_of(explained);
   if (out.verdict != Verdict::kUnknownPhysics || explained.has_named_effect || explained.is_described) return;
-  if ((out.unjudged = noise_beyond_the_rests(study))) {
+  if ((out.unjudged = noise_beyond_the_rests(study, likeliest_noise(study)))) {
     explained.is_noise_for_all_that_rests_say = true;
     out.verdict = verdict_of(explained);
   }

@@ -4,6 +4,7 @@
 
 #include "base/formatted.hpp"
 #include "identify/diagnose/deciding/deciding.hpp"
+#include "identify/diagnose/fit/noise_search.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -66,9 +67,18 @@ std::optional<Unjudged> unjudged(const Study& study, double nominal_rmse_N) {
   return std::nullopt;
 }
 
-std::optional<Unjudged> noise_beyond_the_rests(const Study& study) {
+NoiseModel likeliest_noise(const Study& study) {
+  const Fit& fit = study.selection.chosen().fit;
+  const Problem problem(study.series, fit.noise);
+  const auto score = [&](const NoiseModel& noise) { return problem.log_likelihood(fit.spec, noise); };
+  NoiseModel best = fit.noise;
+  double best_score = score(best);
+  climb(best, best_score, {.width = {0.1, 0.7, 1.0, 0.7}, .passes = 10, .shortest_s = 5e-3, .longest_s = 3e3}, score);
+  return best;
+}
+
+std::optional<Unjudged> noise_beyond_the_rests(const Study& study, const NoiseModel& left) {
   if (study.noise.source != NoiseSource::kRests) return std::nullopt;
-  const NoiseModel& left = study.selection.chosen().fit.noise;
   const RestsOnNoise rests = rests_on(left, study.series, study.usable);
   if (!rests.allow) return std::nullopt;
   const std::string noise = left.coloured_N > 0.0

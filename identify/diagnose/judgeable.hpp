@@ -16,8 +16,12 @@ namespace isorig::identify {
 ///   residual is noise or missing physics.
 [[nodiscard]] std::optional<Unjudged> unjudged(const Study& study, double nominal_rmse_N);
 
-/// Why what the chosen model leaves need not be physics: it looks like a noise that the rests, from which the noise was
-/// measured, are too few to rule out (`rests_on`). Nothing where they do rule it out.
-[[nodiscard]] std::optional<Unjudged> noise_beyond_the_rests(const Study& study);
+/// The noise that what the chosen model leaves is likeliest to be: from the fit's own estimate along the ridge of
+/// amplitude and correlation (fit/noise_search.hpp), on which that estimate may stand far away.
+[[nodiscard]] NoiseModel likeliest_noise(const Study& study);
+
+/// Why what the chosen model leaves, which looks like the noise `left`, need not be physics: the rests, from which the
+/// noise was measured, are too few to rule such a noise out (`rests_on`). Nothing where they do rule it out.
+[[nodiscard]] std::optional<Unjudged> noise_beyond_the_rests(const Study& study, const NoiseModel& left);
 
 }  // namespace isorig::identify

@@ -148,7 +148,9 @@ NoiseModel Problem::estimate_noise(const ModelSpec& spec) const {
       }
     }
   }
-  climb(best, best_score, {.width = {0.1, 0.7, 1.0}, .passes = 10, .shortest_s = 5e-3, .longest_s = 3e3}, score);
+  // Not along the ridge: there the noise takes up more of what an explanation leaves, and of the pairs of one looked-at
+  // seed (20261152) one lost its name to a larger noise.
+  climb(best, best_score, {.width = {0.1, 0.7, 1.0, 0.0}, .passes = 10, .shortest_s = 5e-3, .longest_s = 3e3}, score);
   return best;
 }
 

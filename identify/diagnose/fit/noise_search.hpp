@@ -31,18 +31,25 @@ void climb(Numbers& best, double& best_score, Width width, int passes, Move&& mo
 
 /// How far a search for a noise goes.
 struct NoiseSearch {
-  std::array<double, 3> width;  ///< first steps of log white, log coloured, log correlation
+  /// First steps of log white, log coloured and log correlation, and along the ridge: of log coloured, with twice as
+  /// much of log correlation.
+  std::array<double, 4> width;
   int passes = 10;
   double shortest_s = 0.0;  ///< the correlation stays within these
   double longest_s = 0.0;
 };
 
-/// The same for the three numbers of a noise. Without a coloured part only the white one is moved.
+/// The same for the three numbers of a noise. Without a coloured part only the white one is moved. Over less time than
+/// it is correlated, c, a coloured noise of s N rms is known by s^2 / c alone: a ridge on which neither number can be
+/// moved without the other.
 template <typename Score>
 void climb(NoiseModel& best, double& best_score, NoiseSearch search, Score&& score) {
   const auto move = [&search](NoiseModel& trial, std::size_t i, double factor) {
     if (i > 0 && trial.coloured_N == 0.0) return false;
-    (i == 0 ? trial.white_N : i == 1 ? trial.coloured_N : trial.correlation_s) *= factor;
+    if (i == 0) trial.white_N *= factor;
+    if (i == 1 || i == 3) trial.coloured_N *= factor;
+    if (i == 2) trial.correlation_s *= factor;
+    if (i == 3) trial.correlation_s *= factor * factor;
     trial.correlation_s = std::clamp(trial.correlation_s, search.shortest_s, search.longest_s);
     return true;
   };

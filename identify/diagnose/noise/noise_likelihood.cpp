@@ -88,8 +88,9 @@ BestNoise best_noise(std::span<const NoiseSample> samples, double start_N, doubl
       }
     }
   }
+  // Not along the ridge: in rests it is flat, since the columns take up whatever lasts, and its top is at longest_s.
   climb(out.either, out.log_likelihood,
-        {.width = {0.1, 0.5, 0.6}, .passes = 12, .shortest_s = 0.01, .longest_s = longest_s},
+        {.width = {0.1, 0.5, 0.6, 0.0}, .passes = 12, .shortest_s = 0.01, .longest_s = longest_s},
         [&](const NoiseModel& noise) { return noise_likelihood(samples, noise); });
   return out;
 }

@@ -88,9 +88,7 @@ TEST(Judgeable, WhatTheRestsAllowIsSaidAsWhatItIs) {
     Study study = study_of(source, 0.02, 1.0);
     study.series = {
         prepare_series("bench", test::record({.force_noise_N = 0.02, .force_step_N = 1e-4, .seed = 11}), {})};
-    study.selection.pool.emplace_back();
-    study.selection.pool[0].fit.noise = noise;
-    return noise_beyond_the_rests(study);
+    return noise_beyond_the_rests(study, noise);
   };
   const auto white = left_with({.white_N = 0.0202}, NoiseSource::kRests);
   ASSERT_TRUE(white.has_value());
@@ -101,6 +99,20 @@ TEST(Judgeable, WhatTheRestsAllowIsSaidAsWhatItIs) {
   EXPECT_NE(coloured->why.find("a noise of 0.003 N that is correlated over 0.5 s"), std::string::npos) << coloured->why;
   EXPECT_FALSE(left_with({.white_N = 0.023}, NoiseSource::kRests).has_value());
   EXPECT_FALSE(left_with(mixed, NoiseSource::kRepetitions).has_value()) << "no rests, nothing to hold it against";
+}
+
+/// An estimate that stands far along the ridge: the same steps, and a noise that no rest allows. The recording lasts
+/// some 100 times the 10 s in which a noise of 5 s is independent: its correlation is known to 1.5 times, three
+/// standard deviations, its amplitude to the root of that.
+TEST(Judgeable, WhatIsLeftIsTheLikeliestNoise) {
+  Study study;
+  study.series = {prepare_series("bench", test::record({.coloured_N = 0.03, .coloured_s = 5.0, .seed = 7}), {})};
+  const Search search(study.series, {0.02, 0.0, 1.0}, 2);
+  study.selection.pool.push_back(search.nominal(model::nominal_model("slse1")));
+  study.selection.pool[0].fit.noise = {0.02, 0.03 * std::sqrt(20.0), 100.0};
+  const NoiseModel left = likeliest_noise(study);
+  EXPECT_NEAR(std::log(left.correlation_s / 5.0), 0.0, std::log(1.5));
+  EXPECT_NEAR(std::log(left.coloured_N / 0.03), 0.0, 0.5 * std::log(1.5));
 }
 
 /// Coloured noise beside white noise of 20 mN. The strokes are read a thousand times a second, so that a bin of theirs

@@ -3,9 +3,13 @@
 
 #include <cmath>
 #include <random>
+#include <utility>
+#include <vector>
 
 #include "concealed_specimen.hpp"
+#include "identify/diagnose/fit/noise_search.hpp"
 #include "identify/diagnose/noise/noise.hpp"
+#include "identify/diagnose/noise/noise_likelihood.hpp"
 
 namespace isorig::identify {
 namespace {
@@ -164,6 +168,39 @@ TEST(NoiseFromRests, LeavesOutWhatTheGuardLeftOut) {
   const std::vector<std::vector<bool>> all{usable};
   const std::vector<Series> series{prepare_series("bench", std::move(recording), usable)};
   EXPECT_NEAR(instrument_noise(series, all).noise.white_N, bench.force_noise_N, 0.06 * bench.force_noise_N);
+}
+
+// 0.1 N over 5 s has the steps of 0.45 N over 100 s, and neither number alone can be moved from the second to the
+// first. 600 s are 60 times 2 * 5 s: the correlation is known to 1.7 times, three standard deviations.
+TEST(NoiseSearch, FollowsTheRidgeOfAmplitudeAndCorrelation) {
+  std::mt19937_64 random(17);
+  std::normal_distribution<double> normal;
+  const NoiseModel truth{0.33, 0.1, 5.0};
+  constexpr double kStep_s = 0.25, kReadings = 120.0;
+  NoiseSample sample;
+  double state_N = truth.coloured_N * normal(random);
+  for (int k = 0; k < 2400; ++k) {
+    const double keep = std::exp(-kStep_s / truth.correlation_s);
+    state_N = keep * state_N + truth.coloured_N * std::sqrt(1.0 - keep * keep) * normal(random);
+    sample.t_s.push_back(k * kStep_s);
+    sample.force_N.push_back(state_N + truth.white_N / std::sqrt(kReadings) * normal(random));
+    sample.readings.push_back(kReadings);
+    sample.columns.push_back({1.0});
+  }
+  const std::vector<NoiseSample> samples{sample};
+  const auto score = [&](const NoiseModel& noise) { return noise_likelihood(samples, noise); };
+  const auto climbed = [&](double along_the_ridge) {
+    std::pair<NoiseModel, double> out{{0.33, 0.45, 100.0}, 0.0};
+    out.second = score(out.first);
+    climb(out.first, out.second,
+          {.width = {0.1, 0.7, 1.0, along_the_ridge}, .passes = 10, .shortest_s = 5e-3, .longest_s = 3e3}, score);
+    return out;
+  };
+  const auto [found, likelihood] = climbed(0.7);
+  EXPECT_GE(likelihood, score(truth));
+  EXPECT_GT(found.correlation_s, 5.0 / 1.7);
+  EXPECT_LT(found.correlation_s, 5.0 * 1.7);
+  EXPECT_LT(climbed(0.0).second, score(truth)) << "this start needs no move along the ridge";
 }
 
 }  // namespace
