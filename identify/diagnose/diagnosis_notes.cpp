@@ -39,9 +39,9 @@ void note_what_cannot_be_told(Diagnosis& out) {
     const std::string nearest = model::effect_words(able->nearest->name);
     if (std::isfinite(able->told_from_N))
       out.notes.push_back(base::formatted(
-          "At its size of %.3g N these recordings cannot tell %s from %s for certain: with their motion and "
-          "noise they can from %.3g N on.",
-          missing.size_N, name.c_str(), nearest.c_str(), able->told_from_N));
+          "By their motion and noise alone these recordings tell %s from %s for certain from %.3g N on, and it has "
+          "%.3g N: what speaks for the name is how much better it fits.",
+          name.c_str(), nearest.c_str(), able->told_from_N, missing.size_N));
     else
       out.notes.push_back(
           base::formatted("These recordings cannot tell %s from %s at any size: their motion moves both alike.",
@@ -78,6 +78,23 @@ void note_pressure_that_nobody_read(const Study& study, Diagnosis& out) {
   out.notes.emplace_back(
       "No pressure was recorded (pressure.csv), so effects of the pressure were not looked for: one of them may stand "
       "under another name.");
+}
+
+/// A pressurized actuator whose length under pressure is not stated: at position 0 it is stretched, and by how much is
+/// not known.
+void note_length_that_nobody_stated(const Study& study, Diagnosis& out) {
+  const bool unstated = std::ranges::any_of(study.series, [](const Series& each) {
+    const auto& metadata = each.recording.metadata;
+    return metadata.rest_length_mm && metadata.nominal_pressure_psi && *metadata.nominal_pressure_psi > 0.0 &&
+           !metadata.pressurized_rest_length_mm;
+  });
+  if (!unstated) return;
+  out.warnings.emplace_back(
+      "recording.toml states a pressure and no pressurized_rest_length_mm: how far the actuator is stretched at "
+      "position 0 is not known, and taken for nothing. Whatever acts in proportion to the elastic force (softening, "
+      "stiffening, "
+      "slack) may stand under another name. Measure the length at which the pressurized actuator bears no force, and "
+      "state it.");
 }
 
 /// Friction that is wholly in proportion to the load is friction, of which nothing is constant.
@@ -145,6 +162,7 @@ void add_notes(const Study& study, const Fit& nominal_fit, Diagnosis& out) {
   note_what_cannot_be_told(out);
   note_arm_beside_the_arms(out);
   note_pressure_that_nobody_read(study, out);
+  note_length_that_nobody_stated(study, out);
   note_what_is_all_refinement(out);
   note_substitutes(out);
   note_unfinished_fit(study, nominal_fit, "nominal model", out);

@@ -277,5 +277,19 @@ TEST(Together, RecordingsOfSeveralSpecimensAreWarnedOf) {
   EXPECT_THAT(warnings("two"), ElementsAre(AllOf(HasSubstr("2 specimens"), HasSubstr("\"one\", \"two\""))));
 }
 
+TEST(Together, AStretchThatNobodyStatedIsWarnedOf) {
+  const auto warnings = [](const messages::Recording& recording) {
+    return diagnose({recording}, {"a"}, model::nominal_model("slse1"), {}).diagnosis.warnings;
+  };
+  messages::Recording recording = at(10.0);
+  recording.metadata.nominal_pressure_psi = 10.0;
+  recording.metadata.pressurized_rest_length_mm = recording.metadata.rest_length_mm;
+  EXPECT_THAT(warnings(recording), IsEmpty());
+  recording.metadata.pressurized_rest_length_mm.reset();
+  EXPECT_THAT(warnings(recording), ElementsAre(HasSubstr("no pressurized_rest_length_mm")));
+  recording.metadata.nominal_pressure_psi.reset();
+  EXPECT_THAT(warnings(recording), IsEmpty()) << "a spring, a tape, a tissue";
+}
+
 }  // namespace
 }  // namespace isorig::identify
