@@ -122,8 +122,9 @@ std::string paper_ramps(double stroke_mm, double velocity_mm_s, double return_mm
   return body;
 }
 
-std::vector<CandidateExperiment> candidate_experiments(const CandidateLimits& limits) {
-  Builder out(limits);
+namespace {
+
+void add_motions(const CandidateLimits& limits, Builder& out) {
   const double fastest = limits.rig.speed_max_mm_s, slowest = std::max(limits.rig.speed_min_mm_s, 0.005);
   const double stroke = limits.stroke_mm;
   // The whole stroke, and round lengths below it that are not nearly the same.
@@ -131,7 +132,7 @@ std::vector<CandidateExperiment> candidate_experiments(const CandidateLimits& li
     std::vector<double> out_mm;
     for (const double length : round)
       if (length < 0.95 * stroke) out_mm.push_back(length);
-    if (stroke > 0.0) out_mm.push_back(stroke);
+    out_mm.push_back(stroke);
     return out_mm;
   };
   std::string sweep;
@@ -181,20 +182,31 @@ std::vector<CandidateExperiment> candidate_experiments(const CandidateLimits& li
                             std::min(2.0, fastest), hold_s),
             triangle(stroke, std::min(2.0, fastest), 5) + hold(hold_s) + triangle(stroke, std::min(2.0, fastest), 5));
   }
-  if (limits.pressure_matters) {
-    for (const double step_psi : {0.5, 1.0, 2.0}) {
-      const double low = limits.nominal_psi - step_psi, high = limits.nominal_psi + step_psi;
-      if (low < 0.75 * limits.nominal_psi) continue;  // below, it would be taken for the filling
-      for (const double at_mm : {0.0, stroke}) {
-        std::string body;
-        if (at_mm > 0.0) body += ramp(at_mm, std::min(2.0, fastest)) + hold(5.0);
-        for (const double psi : {low, limits.nominal_psi, high, limits.nominal_psi})
-          if (psi <= limits.rig.pressure_max_psi) body += pressurize(psi, limits, 2.0) + hold(5.0);
-        if (at_mm > 0.0) body += ramp(0.0, std::min(2.0, fastest));
-        out.add(base::formatted("pressure steps of %.3g psi at %+.3g mm", step_psi, at_mm), body);
-      }
+}
+
+void add_pressure_steps(const CandidateLimits& limits, Builder& out) {
+  const double slow_mm_s = std::min(2.0, limits.rig.speed_max_mm_s), stroke = limits.stroke_mm;
+  for (const double step_psi : {0.5, 1.0, 2.0}) {
+    const double low = limits.nominal_psi - step_psi, high = limits.nominal_psi + step_psi;
+    if (low < 0.75 * limits.nominal_psi) continue;  // below, it would be taken for the filling
+    for (const double at_mm : stroke > 0.0 ? std::vector{0.0, stroke} : std::vector{0.0}) {
+      std::string body;
+      if (at_mm > 0.0) body += ramp(at_mm, slow_mm_s) + hold(5.0);
+      for (const double psi : {low, limits.nominal_psi, high, limits.nominal_psi})
+        if (psi <= limits.rig.pressure_max_psi) body += pressurize(psi, limits, 2.0) + hold(5.0);
+      if (at_mm > 0.0) body += ramp(0.0, slow_mm_s);
+      out.add(base::formatted("pressure steps of %.3g psi at %+.3g mm", step_psi, at_mm), body);
     }
   }
+}
+
+}  // namespace
+
+std::vector<CandidateExperiment> candidate_experiments(const CandidateLimits& limits) {
+  Builder out(limits);
+  // Where the crosshead never moved nothing says how far it may.
+  if (limits.stroke_mm > 0.0) add_motions(limits, out);
+  if (limits.pressure_matters) add_pressure_steps(limits, out);
   auto items = out.take();
   std::ranges::stable_sort(items, {}, &CandidateExperiment::duration_s);
   return items;

@@ -50,6 +50,17 @@ TEST(CandidateExperiments, KeepTheLimitsShortestFirst) {
   }
 }
 
+/// A recording in which the crosshead stood: an experiment of 0 mm was the answer.
+TEST(CandidateExperiments, MoveNoFurtherThanWasMoved) {
+  CandidateLimits limits = rig();
+  limits.stroke_mm = 0.0;
+  EXPECT_TRUE(candidate_experiments(limits).empty());
+  limits.pressure_matters = true;
+  const auto items = candidate_experiments(limits);
+  ASSERT_FALSE(items.empty());
+  for (const CandidateExperiment& item : items) EXPECT_NE(item.name.find("pressure steps"), std::string::npos);
+}
+
 TEST(CandidateExperiments, FollowWhatTheRigCan) {
   CandidateLimits limits = rig();
   EXPECT_TRUE(any_named(candidate_experiments(limits), "at 10 mm/s"));
