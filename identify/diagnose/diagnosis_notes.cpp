@@ -92,9 +92,8 @@ void note_length_that_nobody_stated(const Study& study, Diagnosis& out) {
   out.warnings.emplace_back(
       "recording.toml states a pressure and no pressurized_rest_length_mm: how far the actuator is stretched at "
       "position 0 is not known, and taken for nothing. Whatever acts in proportion to the elastic force (softening, "
-      "stiffening, "
-      "slack) may stand under another name. Measure the length at which the pressurized actuator bears no force, and "
-      "state it.");
+      "stiffening, slack) may stand under another name. Measure the length at which the pressurized actuator bears no "
+      "force, and state it.");
 }
 
 /// Friction that is wholly in proportion to the load is friction, of which nothing is constant.
