@@ -144,6 +144,10 @@ void check_services(const RigConfig& rig, const Keys& k, const Watchdogs& dogs) 
   k.range("heartbeat_period_ms", heartbeat_ms, 5.0, 1e3 * shortest_s / 3.0, "ms", third);
   if (!k.has("heartbeat_period_ms"))
     k.at_most("heartbeat_period_ms", heartbeat_ms, 1e3 * shortest_s / 3.0, "ms", third);
+  if (rig.simulated() && rig.sim)
+    k.at_most("heartbeat_period_ms", heartbeat_ms, 0.5 * rig.sim->pressure.command_validity_ms, "ms",
+              "half of [sim.pressure] command_validity_ms: commands are repeated every heartbeat_period_ms, and valves "
+              "that fall shut between two cannot regulate");
   k.range("poll_period_ms", 1e3 * seconds(c.poll_period_ns), 1.0,
           1e3 * std::min(0.05, rig.core.supervisor.frame_age_max_s / 3.0), "ms",
           "limits are judged on what was polled, three times within frame_age_max_s");

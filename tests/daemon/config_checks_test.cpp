@@ -264,6 +264,14 @@ TEST(ConfigChecks, OfAValueThatIsNoneThereIsOneMessage) {
   EXPECT_EQ(std::count(speed.begin(), speed.end(), '\n'), 0) << speed;
 }
 
+/// As of a real Teensy (`command_validity_ms` above), which has its own key for it.
+TEST(ConfigChecks, CommandsAreRepeatedBeforeTheSimulatedTeensyLetsThemEnd) {
+  EXPECT_THAT(faults_of(with(shipped("sim"), "sim.pressure", "command_validity_ms", "80")),
+              AllOf(HasSubstr("`heartbeat_period_ms` = 50 (by default); it has to be at most 40 ms"),
+                    HasSubstr("cannot regulate")));
+  EXPECT_EQ(faults_of(with(shipped("sim"), "sim.pressure", "command_validity_ms", "100")), "");
+}
+
 /// The default is too slow for a device whose watchdog is quicker.
 TEST(ConfigChecks, TheHeartbeatOfARigThatNamesNoneIsHeldToItsWatchdogsToo) {
   auto text = with(shipped("sim"), "sim.frame", "heartbeat_timeout_s", "0.06");

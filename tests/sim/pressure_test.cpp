@@ -105,6 +105,39 @@ TEST(SimPressure, VentsByItselfWhenHeartbeatsStop) {
   EXPECT_GT(rig.truth().pressure_psi, 14.5);
 }
 
+/// Heartbeats go on: it is the command that ends. Looked at every 10 ms, as the watchdog is.
+TEST(SimPressure, ClosesBothValvesWhenNobodyRenewsACommand) {
+  const auto fill_after = [](double time_s, bool has_limits, bool stands_still) {
+    Rig rig(shipped());
+    if (has_limits)
+      rig.pressure().set_limits({.pressure_max_psi = 20.0, .fill_allowance_permille = 50, .fill_max_ms = 5'000});
+    Driver d(rig);
+    d.run(1.0);
+    rig.pressure().command({300, 0, 0.0F});
+    d.run(0.05);
+    rig.pressure().faults.ignores_commands = stands_still;
+    d.run(time_s - 0.05);
+    return d.pressure_state.fill_permille;
+  };
+  EXPECT_EQ(fill_after(0.1, true, false), 300);
+  EXPECT_EQ(fill_after(0.12, true, false), 0);
+  EXPECT_EQ(fill_after(0.4, false, false), 300) << "an emulated Teensy before it does this";
+  EXPECT_EQ(fill_after(0.4, true, true), 300) << "valves that take no command take no closing either";
+}
+
+TEST(SimPressure, AFullVentNeedsNoRenewal) {
+  Rig rig(shipped());
+  rig.pressure().set_limits({.pressure_max_psi = 20.0, .fill_allowance_permille = 50, .fill_max_ms = 5'000});
+  Driver d(rig);
+  d.run(1.0);
+  rig.pressure().command({0, 1000, 0.0F});
+  d.run(2.0);
+  EXPECT_EQ(d.pressure_state.vent_permille, 1000);
+  rig.pressure().command({0, 400, 0.0F});
+  d.run(0.2);
+  EXPECT_EQ(d.pressure_state.vent_permille, 0) << "half a vent is a command like others";
+}
+
 TEST(SimPressure, GuardsItsFillingAsTheFirmwareDoes) {
   Rig rig(shipped());
   rig.pressure().set_limits({.pressure_max_psi = 12.0, .fill_allowance_permille = 50, .fill_max_ms = 5'000});
