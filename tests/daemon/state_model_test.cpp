@@ -193,6 +193,18 @@ void StateModelTest::enumerate(const std::vector<Way>& ways, int acts, std::size
   EXPECT_GT(tally.faulted_runs, 0U);
 }
 
+/// The number of docs/safety.md: no third act leads here in the suite.
+TEST_F(StateModelTest, AFillValveThatStaysOpenWhileTheLoopIsAwayPassesTheLimitByWhatFlowsIn) {
+  const Acts acts{act_of("start"), act_of("fill valve open"), act_of("loop 0.4 s late"), act_of("loop 0.4 s late")};
+  ASSERT_TRUE(play(acts)) << broken;
+  settle();
+  EXPECT_EQ(broken, "");
+  const double over_psi = tally.highest_psi - kLimit_psi;
+  std::printf("over the limit by %.2f psi\n", over_psi);
+  EXPECT_GT(over_psi, kReadMargin_psi) << "then the margin for it is too wide";
+  EXPECT_LT(over_psi, kReadMargin_psi + kAwayMargin_psi);
+}
+
 TEST_F(StateModelTest, EveryActInEverySituation) {
   enumerate(kWays, 2, 140);
   EXPECT_GT(tally.overfills, 0U);
