@@ -10,6 +10,7 @@
 #include <stdexcept>
 #include <system_error>
 
+#include "daemon/export/new_folder.hpp"
 #include "daemon/export/writer.hpp"
 #include "messages/csv.hpp"
 
@@ -145,30 +146,14 @@ class NewFile {
   bool kept_ = false;
 };
 
-/// That was made for a session goes with it while it is empty.
-struct Folder {
-  explicit Folder(std::filesystem::path where) : path(std::move(where)) {}
-  ~Folder() {
-    std::error_code ignored;
-    if (made) std::filesystem::remove(path, ignored);  // fails when something is in it
-  }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-  std::filesystem::path path;
-  bool made = false;
-};
-
 class CsvSession : public SessionWriter {
  public:
   CsvSession(std::filesystem::path folder, const SessionHead& head, bool lean)
       : folder_{std::move(folder)}, lean_(lean) {
-    std::error_code failed;
-    folder_.made = std::filesystem::create_directories(folder_.path, failed);
-    if (failed) throw std::runtime_error(folder_.path.string() + ": cannot be made: " + failed.message());
     for (std::size_t i = 0; i < kStreams; ++i) {
       if (head.rows[i] == 0 || (lean && kFixed[i] == 0)) continue;
       columns_[i] = lean ? kFixed[i] : head.schema[i].columns.size();
-      files_[i].emplace(folder_.path / kFiles[i]);
+      files_[i].emplace(folder_.path() / kFiles[i]);
       files_[i]->write(header_of(head.schema[i], columns_[i]));
     }
   }
@@ -190,32 +175,31 @@ class CsvSession : public SessionWriter {
       if (lean_) break;
       std::string text = header_of(table.schema(), table.schema().columns.size());
       put_rows(text, table, table.schema().columns.size());
-      auto& file = tables.emplace_back(folder_.path / (table.schema().name + ".csv"));
+      auto& file = tables.emplace_back(folder_.path() / (table.schema().name + ".csv"));
       file.write(text);
       file.close();
     }
     for (auto& file : files_) {
       if (file) file->close();
     }
-    NewFile metadata(folder_.path / "recording.toml");
+    NewFile metadata(folder_.path() / "recording.toml");
     metadata.fill([&](const std::filesystem::path& aside) { messages::write_recording_toml(aside, tail.metadata); });
     metadata.close();
     std::error_code ignored;
-    const bool earlier = std::filesystem::remove(folder_.path / "recording.toml", ignored);
+    const bool earlier = std::filesystem::remove(folder_.path() / "recording.toml", ignored);
     for (const auto table : messages::kRecordingTables) {
-      const auto file = folder_.path / (std::string(table) + ".csv");
+      const auto file = folder_.path() / (std::string(table) + ".csv");
       if (earlier && !std::filesystem::is_directory(file, ignored)) std::filesystem::remove(file, ignored);
     }
     for (std::size_t i = 0; i < kStreams; ++i) {
       if (files_[i]) {
         files_[i]->keep();
       } else {
-        std::filesystem::remove(folder_.path / kFiles[i], ignored);  // of an earlier export
+        std::filesystem::remove(folder_.path() / kFiles[i], ignored);  // of an earlier export
       }
     }
     for (auto& file : tables) file.keep();
     metadata.keep();
-    folder_.made = false;
   }
 
  private:
@@ -231,11 +215,11 @@ class CsvSession : public SessionWriter {
       seen[c].insert(seen[c].end(), cells.begin(), cells.end());
       views[c] = {block.schema().columns[c].name, seen[c]};
     }
-    messages::check_columns(folder_.path / kFiles[i], {views.data(), kFixed[i]}, first ? 2 : line_[i]);
+    messages::check_columns(folder_.path() / kFiles[i], {views.data(), kFixed[i]}, first ? 2 : line_[i]);
     line_[i] += block.rows() + (first ? 1 : 0);
   }
 
-  Folder folder_;  // before its files: it goes after them
+  NewFolder folder_;  // before its files: it goes after them
   bool lean_;
   std::array<std::optional<NewFile>, kStreams> files_;
   std::array<std::size_t, kStreams> columns_{};

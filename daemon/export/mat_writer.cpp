@@ -10,6 +10,7 @@
 
 #include "daemon/export/column_spool.hpp"
 #include "daemon/export/mat_file.hpp"
+#include "daemon/export/new_folder.hpp"
 #include "daemon/export/writer.hpp"
 
 /// MATLAB's level 5, compressed: every MATLAB since 7 and Octave read it, which is not so for 7.3.
@@ -138,10 +139,8 @@ Variable cells_variable(const Column& column, const Cells& cells, std::size_t ro
 
 class MatSession : public SessionWriter {
  public:
-  MatSession(const std::filesystem::path& out, const SessionHead& head) : path_(out / (head.name + ".mat")) {
-    std::error_code failed;
-    std::filesystem::create_directories(out, failed);
-    if (failed) throw std::runtime_error(out.string() + ": cannot be made: " + failed.message());
+  MatSession(const std::filesystem::path& out, const SessionHead& head)
+      : folder_(out), path_(out / (head.name + ".mat")) {
     for (std::size_t i = 0; i < kStreams; ++i) {
       schema_[i] = head.schema[i];
       rows_[i] = head.rows[i];
@@ -150,14 +149,45 @@ class MatSession : public SessionWriter {
                                  " rows, more than the 2 GiB that a variable of a MAT file holds; --format hdf5 has "
                                  "no such limit, and MATLAB reads it with h5read");
       }
-      for (std::size_t c = 0; c < schema_[i].columns.size(); ++c) {
-        columns_[i].push_back(std::make_unique<ColumnSpool>(out));
-      }
+      or_say([&] {
+        for (std::size_t c = 0; c < schema_[i].columns.size(); ++c)
+          columns_[i].push_back(std::make_unique<ColumnSpool>(out));
+      });
     }
   }
 
   void rows(Stream stream, const Table& block) override {
-    const auto i = static_cast<std::size_t>(stream);
+    or_say([&] { keep(static_cast<std::size_t>(stream), block); });
+  }
+
+  void finish(const SessionTail& tail) override {
+    auto aside = path_;
+    aside += ".new";
+    or_say([&] {
+      try {
+        write(aside, tail);
+        std::filesystem::rename(aside, path_);
+      } catch (...) {
+        std::error_code ignored;
+        std::filesystem::remove(aside, ignored);
+        throw;
+      }
+    });
+  }
+
+ private:
+  /// What goes wrong in `work` says which file it was for.
+  template <typename Work>
+  void or_say(Work&& work) const {
+    try {
+      work();
+    } catch (const std::exception& e) {
+      throw std::runtime_error(path_.string() + ": cannot be written (" + e.what() +
+                               "); check the disk's space and permissions");
+    }
+  }
+
+  void keep(std::size_t i, const Table& block) {
     std::vector<double> numbers;
     for (std::size_t c = 0; c < columns_[i].size(); ++c) {
       const auto& cells = block.cells()[c];
@@ -173,21 +203,6 @@ class MatSession : public SessionWriter {
     }
   }
 
-  void finish(const SessionTail& tail) override {
-    auto aside = path_;
-    aside += ".new";
-    try {
-      write(aside, tail);
-      std::filesystem::rename(aside, path_);
-    } catch (const std::exception& e) {
-      std::error_code ignored;
-      std::filesystem::remove(aside, ignored);
-      throw std::runtime_error(path_.string() + ": cannot be written (" + e.what() +
-                               "); check the disk's space and permissions");
-    }
-  }
-
- private:
   void write(const std::filesystem::path& aside, const SessionTail& tail) {
     MatFile file(aside);
     const auto put = [&](const Variable& v) { file.put(v.get()); };
@@ -219,6 +234,7 @@ class MatSession : public SessionWriter {
     file.close();
   }
 
+  NewFolder folder_;  // before its files: it goes after them
   std::filesystem::path path_;
   std::array<TableSchema, kStreams> schema_;
   std::array<std::size_t, kStreams> rows_{};

@@ -6,7 +6,10 @@
 #include <toml++/toml.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
+#include <cstring>
+#include <filesystem>
 #include <functional>
 #include <limits>
 #include <sstream>
@@ -14,6 +17,7 @@
 
 #include "messages/recording.hpp"
 #include "recording_rig.hpp"
+#include "small_disk.hpp"
 
 namespace isorig::daemon::testing {
 namespace {
@@ -174,6 +178,29 @@ TEST(Export, KeepsRunsApart) {
 }
 
 /// Of a plan of 5 and 10 psi only the first session is recorded at first: its name is that of the whole plan's export.
+TEST(Export, OnAFullDiskSaysWhichFileAndLeavesNoFolder) {
+  const TemporaryDirectory dir("export");
+  const SmallDisk disk(dir.path() / "disk");
+  if (!disk.mounted()) GTEST_SKIP() << "a full disk is a tmpfs, and mounting needs root: " << std::strerror(errno);
+  {
+    Streams streams;
+    Recorder recorder(recorder_options(dir.path() / "run"), two_sessions());
+    run_plan(recorder, streams, kPlan, 20);
+    recorder.finish(streams, true);
+  }
+  disk.fill();
+  const auto out = disk.path() / "out";
+  for (const auto format : {ExportFormat::kCsv, ExportFormat::kMat, ExportFormat::kHdf5}) {
+    SCOPED_TRACE(static_cast<int>(format));
+    EXPECT_THAT([&] { (void)export_run(dir.path() / "run", out, {.format = format, .run_id = "r"}); },
+                ::testing::ThrowsMessage<std::runtime_error>(
+                    ::testing::AllOf(HasSubstr(out.string()), HasSubstr("check the disk's space and permissions"))));
+    if (!std::filesystem::exists(out)) continue;
+    for (const auto& entry : std::filesystem::recursive_directory_iterator(out))
+      EXPECT_THAT(entry.path().filename().string(), ::testing::StartsWith(".")) << "was left behind";
+  }
+}
+
 TEST(Export, ASessionHasOneNameBeforeAndAfterTheOthersAreRecorded) {
   const TemporaryDirectory dir("export");
   const auto run = dir.path() / "run", out = dir.path() / "out";
