@@ -17,9 +17,11 @@ using report::Mood;
 using report::number_text;
 using report::Page;
 
-/// "between 12.1 and 14.9 s"
+/// "between 12.1 and 14.9 s"; no finer than the end is told: a recording whose first row is at 12 us begins at 0.
 std::string where_text(const Study& study, const Stretch& stretch) {
-  return "between " + number_text(stretch.from_s, 4) + " and " + number_text(stretch.to_s, 4) + " s" +
+  const double finest_s = 1e-4 * std::fmax(std::fabs(stretch.to_s), 1e-9);
+  return "between " + number_text(finest_s * std::round(stretch.from_s / finest_s), 4) + " and " +
+         number_text(stretch.to_s, 4) + " s" +
          (study.series.size() > 1 ? " of " + study.series[stretch.series].name : std::string());
 }
 
