@@ -10,6 +10,7 @@
 #include "identify/diagnose/deciding/deciding.hpp"
 #include "identify/diagnose/fit/free_parameters.hpp"
 #include "identify/diagnose/fit/many_starts.hpp"
+#include "identify/diagnose/fit/merged_bins.hpp"
 #include "identify/diagnose/search/events.hpp"
 #include "identify/diagnose/search/physical_size.hpp"
 #include "identify/diagnose/search/resolution.hpp"
@@ -194,7 +195,28 @@ std::string Hypothesis::key() const {
 
 Search::Search(std::span<const Series> series, const NoiseModel& instrument, unsigned threads,
                std::vector<const model::Physics*> withheld)
-    : series_(series), instrument_problem_(series, instrument), threads_(threads), withheld_(std::move(withheld)) {}
+    : series_(series),
+      instrument_problem_(series, instrument),
+      coarse_(coarse(series, instrument)),
+      threads_(threads),
+      withheld_(std::move(withheld)) {}
+
+std::shared_ptr<const Search::Coarse> Search::coarse(std::span<const Series> series, const NoiseModel& noise) {
+  constexpr std::size_t kBins = 1500, kMostTogether = 4;
+  std::size_t bins = 0;
+  for (const Series& each : series) bins += each.nodes.size();
+  const std::size_t together = std::min(bins / kBins, kMostTogether);
+  if (together < 2) return nullptr;
+  std::vector<Series> fewer = merged_bins(series, together);
+  Problem problem(fewer, noise);
+  return std::make_shared<const Coarse>(Coarse{std::move(fewer), std::move(problem)});
+}
+
+const Problem& Search::to_compare(const ModelSpec& base) const {
+  if (coarse_ == nullptr) return instrument_problem_;
+  const bool keeps = squares_of(coarse_->problem, base) <= squares_of(instrument_problem_, base);
+  return keeps ? coarse_->problem : instrument_problem_;
+}
 
 bool Search::withholds(const model::Physics& effect) const {
   return std::ranges::find(withheld_, &effect) != withheld_.end();
@@ -344,18 +366,19 @@ void Search::drop_repeated(std::vector<Trial>& fitted) {
   fitted = std::move(kept);
 }
 
-void Search::screen(std::vector<Trial>& trials) const {
+void Search::screen(std::vector<Trial>& trials, const ModelSpec& base) const {
+  const Problem& problem = to_compare(base);
   base::parallel_for(trials.size(), threads_,
-                     [&](std::size_t i) { trials[i].fit = instrument_problem_.fit(trials[i].spec, kScreenSteps); });
+                     [&](std::size_t i) { trials[i].fit = problem.fit(trials[i].spec, kScreenSteps); });
   keep_better_half(trials);
   base::parallel_for(trials.size(), threads_,
-                     [&](std::size_t i) { trials[i].fit = instrument_problem_.fit(trials[i].fit.spec, kScreenSteps); });
+                     [&](std::size_t i) { trials[i].fit = problem.fit(trials[i].fit.spec, kScreenSteps); });
   std::ranges::stable_sort(trials, {}, [](const Trial& t) { return t.fit.chi2; });
 }
 
 std::vector<Hypothesis> Search::extend(const Hypothesis& base, std::size_t keep, bool thorough) const {
   std::vector<Trial> all = trials(base);
-  screen(all);
+  screen(all, base.ls_spec);
   std::vector<Trial> chosen;
   std::map<const model::Physics*, int> per_effect;
   std::size_t places = 0;
@@ -425,7 +448,7 @@ std::vector<Hypothesis> Search::other_laws(const Hypothesis& chosen, const model
     if (is_had || model::is_event(law) || (model::describes_recording(law) && series_.size() > 1)) continue;
     add_started(effect, law, rest, reference_of_all(series_), other);
   }
-  screen(other);
+  screen(other, rest);
   other.resize(std::min(other.size(), tried));
   std::vector<Hypothesis> settled(other.size());
   base::parallel_for(other.size(), threads_, [&](std::size_t i) {
@@ -505,12 +528,13 @@ void Search::settle(Hypothesis& hypothesis, bool restart_arms) const {
     if (arms.size() >= 2) {
       // A few steps tell which start is the best; the rest of the steps are its own.
       constexpr int kToCompare = 4, kToTheEnd = 16;
+      const Problem& compared = to_compare(best.spec);
       std::optional<Fit> started;
       for (const auto& start : pairs) {
         ModelSpec spec = hypothesis.fit.spec;
         spec.parts[arms[0]].parameters[0] = start[0];
         spec.parts[arms[1]].parameters[0] = start[1];
-        Fit fit = instrument_problem_.fit(spec, kToCompare);
+        Fit fit = compared.fit(spec, kToCompare);
         if (!started || fit.chi2 < started->chi2) started = std::move(fit);
       }
       Fit fit = instrument_problem_.fit(started->spec, kToTheEnd);

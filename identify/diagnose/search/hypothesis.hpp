@@ -1,4 +1,5 @@
 #pragma once
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -96,7 +97,10 @@ class Search {
   static void add_started(const model::Physics& effect, const model::Law& law, const model::ModelSpec& spec,
                           const model::Reference& recording, std::vector<Trial>& out);
   /// Two steps from every start, two more from the better half of each effect's; the best first, to go all the way.
-  void screen(std::vector<Trial>& trials) const;
+  void screen(std::vector<Trial>& trials, const model::ModelSpec& base) const;
+  /// Where starts of models that contain `base` are compared: in merged bins where `base` leaves no more of them than
+  /// of the bins themselves, in those else (motion that bends within a merged bin, a hum whose phase it loses).
+  [[nodiscard]] const Problem& to_compare(const model::ModelSpec& base) const;
   static void keep_better_half(std::vector<Trial>& trials);
   static void drop_repeated(std::vector<Trial>& fitted);
   /// Beside the trial of another effect the event is hopeless (explained_without). A law that describes one recording
@@ -108,8 +112,16 @@ class Search {
   void add_events(const model::Physics& effect, const model::Law& law, const Hypothesis& base,
                   std::vector<Trial>& out) const;
 
+  /// The recordings in fewer bins.
+  struct Coarse {
+    std::vector<Series> series;
+    Problem problem;
+  };
+  [[nodiscard]] static std::shared_ptr<const Coarse> coarse(std::span<const Series> series, const NoiseModel& noise);
+
   std::span<const Series> series_;
   Problem instrument_problem_;
+  std::shared_ptr<const Coarse> coarse_;  ///< none where the bins are few already
   unsigned threads_;
   std::vector<const model::Physics*> withheld_;
 };
