@@ -151,7 +151,7 @@ RunningModel::RunningModel(const ModelSpec& given, const Reference& reference) {
                                                : part.law->make(part.parameters, reference),
                         stage_of(part), coefficients_.size(),
                         spec.seen && part.law->traits.counts == Counts::kTime ? spec.seen->duration_s : kNoEnd, kNoEnd,
-                        !(another && of_one_recording(*part.law))});
+                        !(another && of_one_recording(part))});
     for (std::size_t c = 0; c < part.coefficients.size(); ++c) {
       coefficients_.push_back(part.coefficients[c]);
       order_.push_back(first_of_part[i] + c);

@@ -202,7 +202,7 @@ std::map<std::string, double> describe_what_is_left(const Search& search, const 
 double zero_elsewhere_N(const Problem& problem, std::span<const Series> series, const model::ModelSpec& nominal,
                         model::ModelSpec spec) {
   for (model::Part& part : spec.parts)
-    if (model::of_one_recording(*part.law)) std::ranges::fill(part.coefficients, 0.0);
+    if (model::of_one_recording(part)) std::ranges::fill(part.coefficients, 0.0);
   const Eigen::VectorXd differ_N = problem.predict(nominal) - problem.predict(spec);
   double sum_N = 0.0, readings = 0.0;
   Eigen::Index row = 0;
@@ -221,10 +221,10 @@ void remember_what_was_seen(std::span<const Series> series, const Criterion& cri
   const Problem problem(series, criterion.noise);
   model::Seen seen = ranges_of(series);
   if (std::ranges::any_of(spec.parts, [](const model::Part& part) {
-        return model::of_one_recording(*part.law) || part.physics == &model::element::force_zero();
+        return model::of_one_recording(part) || part.physics == &model::element::force_zero();
       }))
     for (const Series& each : series) seen.recordings.push_back(each.excitation.reference.recording_id);
-  if (std::ranges::any_of(spec.parts, [](const model::Part& part) { return model::of_one_recording(*part.law); }))
+  if (std::ranges::any_of(spec.parts, &model::of_one_recording))
     seen.zero_elsewhere_N = zero_elsewhere_N(problem, series, nominal, spec);
   seen.error_N = error_N;
   seen.share = share;

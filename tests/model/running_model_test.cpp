@@ -1,6 +1,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <optional>
 #include <string_view>
 #include <utility>
@@ -8,6 +9,7 @@
 
 #include "model/catalogue.hpp"
 #include "model/composed.hpp"
+#include "model/elements.hpp"
 
 namespace isorig::model {
 namespace {
@@ -100,6 +102,29 @@ TEST(RunningModel, ATableOfTheTravelIsOfItsOwnRecordingsAndOneOfThePositionOfAll
       Instant now{};
       running.reset(now);
       EXPECT_EQ(running.step(now), force_N) << law_name << " in " << recording_id;
+    }
+  }
+}
+
+/// Nobody knows its phase elsewhere.
+TEST(RunningModel, AWaveInTimeWithoutANameIsOfItsOwnRecordingsAndABranchOfAll) {
+  for (const auto& [law_name, elsewhere_N] : {std::pair{"wave", 0.0}, std::pair{"branch", 2.0}}) {
+    const Physics& memory = element::empirical_memory();
+    Part part = make_part(memory, *find_law(memory, law_name));
+    const auto force_N = std::ranges::find(
+        part.law->coefficients, law_name == std::string_view("wave") ? "cosine_N" : "force_N", &Coefficient::name);
+    ASSERT_NE(force_N, part.law->coefficients.end());
+    std::ranges::fill(part.coefficients, 0.0);
+    part.coefficients.at(static_cast<std::size_t>(force_N - part.law->coefficients.begin())) = 2.0;
+    ModelSpec spec{.name = "alone", .parts = {part}};
+    spec.seen.emplace();
+    spec.seen->recordings = {7.0};
+    for (const auto& [recording_id, expected_N] : {std::pair{7.0, 2.0}, std::pair{8.0, elsewhere_N}}) {
+      RunningModel running(spec, {.recording_id = recording_id});
+      Instant now{};
+      now.position_mm = now.elongation_mm = 2.0;  // beyond the branch's upper end
+      running.reset(now);
+      EXPECT_EQ(running.step(now), expected_N) << law_name << " in " << recording_id;
     }
   }
 }

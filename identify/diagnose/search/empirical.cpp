@@ -212,7 +212,7 @@ class Tabulator {
   /// any other recording is predicted without it.
   [[nodiscard]] std::pair<ModelSpec, double> improve(ModelSpec spec, const Covariate& covariate, bool motion,
                                                      int rounds) const {
-    if (model::of_one_recording(*spec.parts.back().law)) return {spec, squares(spec)};
+    if (model::of_one_recording(spec.parts.back())) return {spec, squares(spec)};
     ModelSpec kept = spec;
     double kept_squares = squares(problem_.fit(spec, 15).spec);
     for (int round = 0; round < rounds; ++round) {
@@ -318,7 +318,7 @@ model::ModelSpec learn_table_again(const Problem& problem, ModelSpec spec) {
 }
 
 bool tabulates_one_recording(const ModelSpec& spec) {
-  return has_table(spec) && model::of_one_recording(*spec.parts.back().law);
+  return has_table(spec) && model::of_one_recording(spec.parts.back());
 }
 
 ModelSpec with_table_like(const Problem& problem, ModelSpec base, const model::Part& like) {
