@@ -357,6 +357,11 @@ Progress Cursor::progress(std::int64_t now_ns) const noexcept {
   const double done_s = step.start_s + std::min(out.step_elapsed_s, step.nominal_s);
   out.fraction = plan_->nominal_s > 0.0 ? std::min(1.0, done_s / plan_->nominal_s) : 0.0;
   out.remaining_s = std::max(0.0, plan_->nominal_s - done_s);
+  if (action_.approaching) {
+    // No step of the plan: its time is that of its deadline, without the slack. Too long by 5 % of what has passed.
+    const std::int64_t at_ns = action_.state == CursorState::kPaused ? pause_ns_ : now_ns;
+    out.remaining_s += std::max(0.0, (to_s(deadline_ns_ - at_ns) - kMotionSlack_s) / (1.0 + kMotionSlackShare));
+  }
   return out;
 }
 
